@@ -1,0 +1,17 @@
+//! Patches of strangers: decoding ends, and what was decoded is encoded again without loss.
+#![no_main]
+
+use farfield_proto::patch::{Decoder, EncodedMaps, Encoder, Maps};
+use libfuzzer_sys::fuzz_target;
+
+fuzz_target!(|input: (u16, u16, u8, &[u8])| {
+    let (width, height, keypoints, bytes) = input;
+    let encoded = EncodedMaps { width, height, keypoints, bytes: bytes.to_vec() };
+    let mut maps = Maps::default();
+    if Decoder::new().decode(&encoded, &mut maps).is_ok() {
+        let again = Encoder::new().encode(&maps, 0);
+        let mut twice = Maps::default();
+        Decoder::new().decode(&again, &mut twice).expect("an encoder's own bytes can be decoded");
+        assert_eq!(maps, twice);
+    }
+});

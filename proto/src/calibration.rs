@@ -1,0 +1,504 @@
+//! The calibration file: where every camera stands and how its lens draws.
+//!
+//! Two flavours are read, as other tools write them. One table per camera (aniposelib, Pose2Sim,
+//! FreeMoCap), with a `name` and a Rodrigues `rotation`; and Caliscope's, `[cameras.0]` or
+//! `[cam_0]`, with a `cam_id` and a 3 x 3 `rotation`, whose cameras are called `cam_<id>` after
+//! its video files. Fields and tables that are not a camera's are ignored.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use toml::{Table, Value};
+
+use crate::camera::{CameraError, CameraModel, Distortion, Intrinsics};
+use crate::frames::Transform;
+use crate::toml_file::{FileError, Place, TomlFile};
+
+/// Two cameras of one venue are at most this far apart, metres; more means other units.
+pub const MAX_DISTANCE_M: f64 = 500.0;
+
+/// How far R R' of a 3 x 3 rotation may be from the identity: files keep six digits or more.
+const ROTATION_TOLERANCE: f64 = 1e-3;
+
+/// The fields by which a table is known as a camera's.
+const CAMERA_FIELDS: [&str; 5] = ["size", "matrix", "distortions", "rotation", "translation"];
+
+/// All calibrated cameras of a file.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Calibration {
+    /// The cameras by their names.
+    pub cameras: BTreeMap<String, CameraModel>,
+    /// Fingerprint of the file's text: 16 hexadecimal digits.
+    pub hash: String,
+}
+
+impl Calibration {
+    /// Reads the text of a calibration file; `path` is only named in errors.
+    ///
+    /// # Errors
+    /// [`FileError`] naming file, line, table and field: broken syntax, missing or impossible
+    /// numbers, a fisheye model, a lens model that folds, cameras too far apart for metres.
+    pub fn parse(text: &str, path: &Path) -> Result<Self, FileError> {
+        let file = TomlFile::parse(text, path)?;
+        let root: Table = file.read()?;
+        let mut cameras = BTreeMap::new();
+        for (place, name, table) in camera_tables(&root) {
+            let entry = Entry {
+                file: &file,
+                table,
+                place,
+            };
+            if entry.flag("ignore")? {
+                continue;
+            }
+            let model = entry.camera(&name)?;
+            if cameras.insert(model.name().to_owned(), model).is_some() {
+                return Err(entry.error("name", format!("a second camera is called `{name}`")));
+            }
+        }
+        if cameras.is_empty() {
+            return Err(FileError::new(
+                path,
+                "no camera is in this file; expected one table per camera",
+            ));
+        }
+        check_distances(&cameras, path)?;
+        Ok(Self {
+            cameras,
+            hash: crate::venue::fingerprint(text),
+        })
+    }
+}
+
+/// Every table that describes a camera, with its place and the name it has there.
+fn camera_tables(root: &Table) -> Vec<(Place, String, &Table)> {
+    let is_camera = |table: &Table| CAMERA_FIELDS.iter().any(|field| table.contains_key(*field));
+    let mut found = Vec::new();
+    for (key, value) in root {
+        let Some(table) = value.as_table().filter(|_| key != "metadata") else {
+            continue;
+        };
+        if is_camera(table) {
+            found.push((Place::field(key), key.clone(), table));
+        } else if key == "cameras" {
+            let inner = table
+                .iter()
+                .filter_map(|(id, v)| Some((id, v.as_table().filter(|t| is_camera(t))?)));
+            found.extend(inner.map(|(id, t)| (Place::field(key).key(id), format!("cam_{id}"), t)));
+        }
+    }
+    found
+        .into_iter()
+        .map(|(place, key, table)| {
+            let named = table.get("name").and_then(Value::as_str).map(str::to_owned);
+            let numbered = table
+                .get("cam_id")
+                .and_then(Value::as_integer)
+                .map(|id| format!("cam_{id}"));
+            (place, named.or(numbered).unwrap_or(key), table)
+        })
+        .collect()
+}
+
+/// One camera's table.
+struct Entry<'a> {
+    file: &'a TomlFile<'a>,
+    table: &'a Table,
+    place: Place,
+}
+
+impl Entry<'_> {
+    fn error(&self, field: &str, problem: impl Into<String>) -> FileError {
+        self.file.error(&self.place.key(field), problem)
+    }
+
+    fn camera(&self, name: &str) -> Result<CameraModel, FileError> {
+        if self.flag("fisheye")? {
+            return Err(self.error(
+                "fisheye",
+                format!("camera `{name}` has a fisheye model, which is not supported yet"),
+            ));
+        }
+        let size_px = self.size()?;
+        let intrinsics = self.intrinsics()?;
+        let distortion = self.distortion()?;
+        let rotation = self.rotation()?;
+        let translation = Translation3::from(Vector3::from(self.numbers::<3>("translation")?));
+        // The file's extrinsics take world coordinates to the camera's.
+        let camera_from_world = Transform::new(Isometry3::from_parts(translation, rotation));
+        CameraModel::new(name, size_px, intrinsics, distortion, camera_from_world).map_err(
+            |error| {
+                let field = match error {
+                    CameraError::EmptyImage { .. } => "size",
+                    CameraError::Intrinsics { .. } => "matrix",
+                    CameraError::Distortion { .. } | CameraError::Folds { .. } => "distortions",
+                    CameraError::Extrinsics { .. } => "rotation",
+                    CameraError::Translation { .. } => "translation",
+                };
+                self.error(field, error.to_string())
+            },
+        )
+    }
+
+    fn get(&self, field: &str) -> Result<&Value, FileError> {
+        self.table
+            .get(field)
+            .ok_or_else(|| self.error(field, "the field is missing"))
+    }
+
+    fn flag(&self, field: &str) -> Result<bool, FileError> {
+        match self.table.get(field) {
+            None => Ok(false),
+            Some(Value::Boolean(flag)) => Ok(*flag),
+            Some(other) => Err(self.error(
+                field,
+                format!("found {}, expected true or false", other.type_str()),
+            )),
+        }
+    }
+
+    fn size(&self) -> Result<[u32; 2], FileError> {
+        let wrong = |found: &str| {
+            self.error(
+                "size",
+                format!("found {found}, expected [width, height] in pixels above 0"),
+            )
+        };
+        let size = self
+            .numbers::<2>("size")
+            .map_err(|error| wrong(&error.problem))?;
+        let whole = size
+            .iter()
+            .all(|&s| s.fract() == 0.0 && (1.0..=65536.0).contains(&s));
+        if whole {
+            Ok(size.map(|s| s as u32))
+        } else {
+            Err(wrong(&format!("{size:?}")))
+        }
+    }
+
+    fn intrinsics(&self) -> Result<Intrinsics, FileError> {
+        let m = self.matrix("matrix")?;
+        let wrong =
+            |what: &str| Err(self.error("matrix", format!("found {}: {what}", rows_text(&m))));
+        if m.fixed_view::<1, 3>(2, 0) != nalgebra::RowVector3::new(0.0, 0.0, 1.0) || m.m21 != 0.0 {
+            return wrong("expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]");
+        }
+        if m.m11 * m.m22 == 0.0 {
+            return wrong("the matrix is singular, expected focal lengths above 0");
+        }
+        if m.m12 != 0.0 {
+            return wrong("it has a skew, which is not supported");
+        }
+        Ok(Intrinsics {
+            fx_px: m.m11,
+            fy_px: m.m22,
+            cx_px: m.m13,
+            cy_px: m.m23,
+        })
+    }
+
+    fn distortion(&self) -> Result<Distortion, FileError> {
+        let list = self.list(self.get("distortions")?, "distortions")?;
+        let mut c = [0.0; 8];
+        if !matches!(list.len(), 4 | 5 | 8) {
+            return Err(self.error(
+                "distortions",
+                format!(
+                    "found {} values, expected 4, 5 or 8 in OpenCV's order",
+                    list.len()
+                ),
+            ));
+        }
+        c[..list.len()].copy_from_slice(&list);
+        Ok(Distortion {
+            k1: c[0],
+            k2: c[1],
+            p1: c[2],
+            p2: c[3],
+            k3: c[4],
+            k4: c[5],
+            k5: c[6],
+            k6: c[7],
+        })
+    }
+
+    /// Rodrigues vector or 3 x 3 matrix.
+    fn rotation(&self) -> Result<UnitQuaternion<f64>, FileError> {
+        let is_matrix = self
+            .get("rotation")?
+            .as_array()
+            .is_some_and(|rows| rows.iter().any(Value::is_array));
+        if !is_matrix {
+            return Ok(UnitQuaternion::from_scaled_axis(Vector3::from(
+                self.numbers::<3>("rotation")?,
+            )));
+        }
+        let m = self.matrix("rotation")?;
+        let off = (m * m.transpose() - Matrix3::identity()).abs().max();
+        if off > ROTATION_TOLERANCE || m.determinant() < 0.0 {
+            return Err(self.error(
+                "rotation",
+                format!("found {}, which is not a rotation", rows_text(&m)),
+            ));
+        }
+        Ok(UnitQuaternion::from_rotation_matrix(
+            &Rotation3::from_matrix(&m),
+        ))
+    }
+
+    fn matrix(&self, field: &str) -> Result<Matrix3<f64>, FileError> {
+        let wrong = |found: String| {
+            self.error(
+                field,
+                format!("found {found}, expected 3 rows of 3 numbers"),
+            )
+        };
+        let rows = self
+            .get(field)?
+            .as_array()
+            .ok_or_else(|| wrong("no array".to_owned()))?;
+        let rows = rows
+            .iter()
+            .map(|row| self.list(row, field))
+            .collect::<Result<Vec<_>, _>>()?;
+        if rows.len() != 3 || rows.iter().any(|row| row.len() != 3) {
+            return Err(wrong(format!(
+                "rows of {:?} numbers",
+                rows.iter().map(Vec::len).collect::<Vec<_>>()
+            )));
+        }
+        Ok(Matrix3::from_row_iterator(rows.into_iter().flatten()))
+    }
+
+    fn numbers<const N: usize>(&self, field: &str) -> Result<[f64; N], FileError> {
+        let list = self.list(self.get(field)?, field)?;
+        list.try_into().map_err(|list: Vec<f64>| {
+            self.error(field, format!("found {} numbers, expected {N}", list.len()))
+        })
+    }
+
+    /// An array of finite numbers.
+    fn list(&self, value: &Value, field: &str) -> Result<Vec<f64>, FileError> {
+        let wrong =
+            |found: &str| self.error(field, format!("found {found}, expected finite numbers"));
+        let array = value.as_array().ok_or_else(|| wrong(value.type_str()))?;
+        array
+            .iter()
+            .map(|v| match v {
+                Value::Float(number) if number.is_finite() => Ok(*number),
+                Value::Float(number) => Err(wrong(&number.to_string())),
+                Value::Integer(number) => Ok(*number as f64),
+                other => Err(wrong(other.type_str())),
+            })
+            .collect()
+    }
+}
+
+fn rows_text(m: &Matrix3<f64>) -> String {
+    let rows: Vec<String> = m
+        .row_iter()
+        .map(|r| format!("[{:?}, {:?}, {:?}]", r[0], r[1], r[2]))
+        .collect();
+    format!("[{}]", rows.join(", "))
+}
+
+fn check_distances(cameras: &BTreeMap<String, CameraModel>, path: &Path) -> Result<(), FileError> {
+    let centers: Vec<_> = cameras
+        .values()
+        .map(|c| (c.name(), c.center().coordinates_m()))
+        .collect();
+    for (i, (a, center_a)) in centers.iter().enumerate() {
+        for (b, center_b) in &centers[i + 1..] {
+            let distance_m = (center_a - center_b).norm();
+            if distance_m > MAX_DISTANCE_M {
+                let problem = format!(
+                    "cameras `{a}` and `{b}` are {distance_m:.0} m apart, expected at most {MAX_DISTANCE_M:.0} m: \
+                     the file looks like millimetres, expected metres"
+                );
+                return Err(FileError::new(path, problem).at_field("translation"));
+            }
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const CAMERA: &str = r#"
+name = "a"
+size = [1280, 720]
+matrix = [[900.0, 0.0, 640.0], [0.0, 910.0, 360.0], [0.0, 0.0, 1.0]]
+distortions = [-0.1, 0.02, 0.001, -0.001, 0.0]
+rotation = [1.2, -0.3, 0.4]
+translation = [0.5, 1.0, 3.0]
+fisheye = false
+"#;
+
+    fn parse(text: &str) -> Result<Calibration, FileError> {
+        Calibration::parse(text, Path::new("cal.toml"))
+    }
+
+    /// What is said about the camera with one line changed.
+    fn refusal(from: &str, to: &str) -> String {
+        assert!(CAMERA.contains(from));
+        parse(&format!("[one]{}", CAMERA.replace(from, to)))
+            .unwrap_err()
+            .to_string()
+    }
+
+    #[test]
+    fn one_table_per_camera_is_read() {
+        let text = format!("[one]{CAMERA}error = 0.3\n[metadata]\nadjusted = true\nsize = 3\n");
+        let calibration = parse(&text).unwrap();
+        let camera = &calibration.cameras["a"];
+        assert_eq!(camera.size_px(), [1280, 720]);
+        assert!((camera.intrinsics().fy_px - 910.0).abs() < 1e-12);
+        assert!((camera.distortion().p2 - -0.001).abs() < 1e-12);
+        let moved = camera.camera_from_world().isometry();
+        assert!((moved.rotation.scaled_axis() - Vector3::new(1.2, -0.3, 0.4)).norm() < 1e-12);
+        assert_eq!(calibration.hash.len(), 16);
+    }
+
+    #[test]
+    fn both_tables_of_caliscope_are_read() {
+        let camera = "cam_id = 3\nrotation_count = 0\nsize = [1280, 720]\n\
+            matrix = [[900.0, 0.0, 640.0], [0.0, 910.0, 360.0], [0.0, 0.0, 1.0]]\n\
+            distortions = [0.0, 0.0, 0.0, 0.0, 0.0]\ntranslation = [0.1, 0.2, 0.3]\n\
+            rotation = [[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]]\n";
+        let rest = "[capture_volume]\nstage = 2\n[charuco]\ncolumns = 4\n";
+        for table in ["[cameras.3]", "[cam_3]"] {
+            let text =
+                format!("CreationDate = 2023-03-31T09:56:43.193358\n{table}\n{camera}{rest}");
+            let calibration = parse(&text).unwrap();
+            let motion = calibration.cameras["cam_3"].camera_from_world().isometry();
+            let turned = motion.rotation * Vector3::x();
+            assert!((turned - Vector3::new(0.0, 0.0, -1.0)).norm() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn what_is_wrong_is_named_with_table_field_and_line() {
+        assert_eq!(
+            refusal("fisheye = false", "fisheye = true"),
+            "cal.toml:8: `one.fisheye`: camera `a` has a fisheye model, which is not supported yet"
+        );
+        assert_eq!(
+            refusal(
+                "translation = [0.5, 1.0, 3.0]",
+                "translation = [0.5, nan, 3.0]"
+            ),
+            "cal.toml:7: `one.translation`: found NaN, expected finite numbers"
+        );
+        assert_eq!(
+            refusal("size = [1280, 720]", "size = [1280, -720]"),
+            "cal.toml:3: `one.size`: found [1280.0, -720.0], expected [width, height] in pixels above 0"
+        );
+        assert_eq!(
+            refusal("-0.001, 0.0]", "-0.001, 0.0, 0.1]"),
+            "cal.toml:5: `one.distortions`: found 6 values, expected 4, 5 or 8 in OpenCV's order"
+        );
+    }
+
+    #[test]
+    fn wrong_matrices_are_refused() {
+        let singular = refusal("[0.0, 910.0, 360.0]", "[0.0, 0.0, 360.0]");
+        assert!(
+            singular.starts_with("cal.toml:4: `one.matrix`") && singular.contains("singular"),
+            "{singular}"
+        );
+        let skew = refusal("[900.0, 0.0, 640.0]", "[900.0, 0.2, 640.0]");
+        assert!(skew.contains("skew"), "{skew}");
+        let shape = refusal("[0.0, 910.0, 360.0], ", "");
+        assert!(shape.contains("expected 3 rows of 3 numbers"), "{shape}");
+        let stretched = refusal(
+            "rotation = [1.2, -0.3, 0.4]",
+            "rotation = [[1, 0, 0], [0, 2, 0], [0, 0, 1]]",
+        );
+        assert!(stretched.contains("not a rotation"), "{stretched}");
+        let mirrored = refusal(
+            "rotation = [1.2, -0.3, 0.4]",
+            "rotation = [[1, 0, 0], [0, -1, 0], [0, 0, 1]]",
+        );
+        assert!(mirrored.contains("not a rotation"), "{mirrored}");
+    }
+
+    #[test]
+    fn a_missing_field_is_named() {
+        let missing = refusal("translation = [0.5, 1.0, 3.0]", "");
+        assert_eq!(
+            missing,
+            "cal.toml:1: `one.translation`: the field is missing"
+        );
+    }
+
+    #[test]
+    fn a_lens_that_folds_is_refused_at_its_distortions() {
+        let folds = refusal("[-0.1, 0.02,", "[-2.0, 0.02,");
+        assert!(
+            folds.starts_with(
+                "cal.toml:5: `one.distortions`: camera `a`: its lens distortion folds"
+            ),
+            "{folds}"
+        );
+    }
+
+    #[test]
+    fn cameras_in_millimetres_are_refused() {
+        let far = CAMERA
+            .replace("\"a\"", "\"b\"")
+            .replace("[0.5, 1.0, 3.0]", "[500.0, 1000.0, 3000.0]");
+        let refused = parse(&format!("[one]{CAMERA}[two]{far}"))
+            .unwrap_err()
+            .to_string();
+        assert!(refused.contains("looks like millimetres"), "{refused}");
+    }
+
+    #[test]
+    fn numbers_beyond_belief_are_refused_where_they_stand() {
+        for (from, to, said) in [
+            (
+                "[900.0, 0.0, 640.0]",
+                "[1e300, 0.0, 640.0]",
+                "4: `one.matrix`: camera `a`: `fx`: found 1e300, expected a number from 1 to 1000000 pixels",
+            ),
+            (
+                "[0.0, 910.0, 360.0]",
+                "[0.0, 0.5, 360.0]",
+                "4: `one.matrix`: camera `a`: `fy`: found 0.5, expected a number from 1 to 1000000 pixels",
+            ),
+            (
+                "[900.0, 0.0, 640.0]",
+                "[900.0, 0.0, -2e6]",
+                "4: `one.matrix`: camera `a`: `cx`: found -2000000.0, expected a number from -1000000 to 1000000 pixels",
+            ),
+            (
+                "[0.5, 1.0, 3.0]",
+                "[0.5, 1e300, 3.0]",
+                "7: `one.translation`: camera `a`: found [0.5, 1e300, 3.0], expected metres from -100000 to 100000",
+            ),
+        ] {
+            assert_eq!(refusal(from, to), format!("cal.toml:{said}"));
+        }
+    }
+
+    #[test]
+    fn the_same_name_twice_and_no_camera_at_all_are_refused() {
+        let twice = parse(&format!("[one]{CAMERA}[two]{CAMERA}"))
+            .unwrap_err()
+            .to_string();
+        assert!(
+            twice.ends_with("`two.name`: a second camera is called `a`"),
+            "{twice}"
+        );
+        assert!(
+            parse("[metadata]\nsize = 3\n")
+                .unwrap_err()
+                .problem
+                .contains("no camera")
+        );
+    }
+}

@@ -1,0 +1,55 @@
+//! Where a node listens or connects to, as text: `tcp/127.0.0.1:7447`.
+
+/// What nodes may talk over; Zenoh is built with these alone.
+const SCHEMES: [&str; 2] = ["tcp", "tls"];
+
+/// Whether `text` is an endpoint: a scheme, `/`, a host and a port, and perhaps options of Zenoh behind
+/// `?` or `#`. An IPv6 address stands in brackets. Whether the host exists only the network can tell.
+pub fn is_endpoint(text: &str) -> bool {
+    let Some((scheme, rest)) = text.split_once('/') else {
+        return false;
+    };
+    let address = rest.split(['?', '#']).next().unwrap_or_default();
+    let Some((host, port)) = address.rsplit_once(':') else {
+        return false;
+    };
+    let bracketed = host.starts_with('[') && host.ends_with(']');
+    let is_host = !host.is_empty()
+        && !host.contains(|c: char| c.is_whitespace() || c == '/')
+        && (bracketed || !host.contains(':'));
+    let is_port = port.bytes().all(|b| b.is_ascii_digit()) && port.parse::<u16>().is_ok();
+    SCHEMES.contains(&scheme) && is_host && is_port
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_endpoint_has_a_scheme_a_host_and_a_port() {
+        for good in [
+            "tcp/0.0.0.0:7447",
+            "tls/fusion.local:7447",
+            "tcp/[::1]:0",
+            "tls/fusion.local:7447#root_ca_certificate=ca.pem",
+        ] {
+            assert!(is_endpoint(good), "{good}");
+        }
+        for bad in [
+            "",
+            "garbage",
+            "127.0.0.1:7447",
+            "tcp/",
+            "tcp/7447",
+            "tcp/:7447",
+            "tcp/host:",
+            "tcp/host:+7",
+            "tcp/host:70000",
+            "tcp/::1:7447",
+            "udp/host:7447",
+            "tcp/a b:7447",
+        ] {
+            assert!(!is_endpoint(bad), "{bad}");
+        }
+    }
+}

@@ -1,0 +1,89 @@
+//! Where the cells of a map lie in the image: the geometry of a crop, as both sides need it.
+
+use nalgebra::Vector2;
+use serde::{Deserialize, Serialize};
+
+use crate::frames::{Pixel, Undistorted};
+
+/// The grid of a heatmap laid over the undistorted image: a similarity from cells to pixels.
+///
+/// ```text
+///   pixel(x, y) = origin + x step + y perp(step),   perp((a, b)) = (-b, a)
+/// ```
+///
+/// `x` runs along the crop's width, `y` down its height; |step| is native pixels per cell.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct CellGrid {
+    /// Undistorted pixel of the centre of cell (0, 0).
+    pub origin_px: [f32; 2],
+    /// Undistorted pixels from one cell to its right neighbour.
+    pub step_px: [f32; 2],
+    /// Cells in a row.
+    pub width: u16,
+    /// Rows.
+    pub height: u16,
+}
+
+impl CellGrid {
+    /// The undistorted pixel of a cell position (cells may be fractional).
+    pub fn pixel(&self, x: f64, y: f64) -> Pixel<Undistorted> {
+        let (sx, sy) = (f64::from(self.step_px[0]), f64::from(self.step_px[1]));
+        Pixel::new(
+            f64::from(self.origin_px[0]) + x * sx - y * sy,
+            f64::from(self.origin_px[1]) + x * sy + y * sx,
+        )
+    }
+
+    /// The fractional cell position (x, y) of an undistorted pixel; inverse of [`Self::pixel`].
+    pub fn cell(&self, pixel: Pixel<Undistorted>) -> Vector2<f64> {
+        let (sx, sy) = (f64::from(self.step_px[0]), f64::from(self.step_px[1]));
+        let dx = pixel.x() - f64::from(self.origin_px[0]);
+        let dy = pixel.y() - f64::from(self.origin_px[1]);
+        let norm = sx * sx + sy * sy;
+        Vector2::new((dx * sx + dy * sy) / norm, (dy * sx - dx * sy) / norm)
+    }
+
+    /// Native image pixels per cell; above 1 the crop was shrunk, below 1 it was enlarged.
+    pub fn pixels_per_cell(&self) -> f64 {
+        f64::from(self.step_px[0]).hypot(f64::from(self.step_px[1]))
+    }
+
+    /// Whether every number is finite, the step is not zero and the grid is within
+    /// [`crate::patch::MAX_SIDE`].
+    pub fn is_valid(&self) -> bool {
+        let finite = self
+            .origin_px
+            .iter()
+            .chain(&self.step_px)
+            .all(|v| v.is_finite());
+        let sides = [self.width, self.height];
+        finite
+            && self.pixels_per_cell() > 1e-6
+            && sides
+                .iter()
+                .all(|&s| s > 0 && usize::from(s) <= crate::patch::MAX_SIDE)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    proptest! {
+        #[test]
+        fn cell_and_pixel_are_inverse(
+            origin in prop::array::uniform2(-4000.0f32..4000.0),
+            angle in -3.2f32..3.2,
+            scale in 0.1f32..40.0,
+            x in -10.0f64..100.0,
+            y in -10.0f64..100.0,
+        ) {
+            let step_px = [scale * angle.cos(), scale * angle.sin()];
+            let grid = CellGrid { origin_px: origin, step_px, width: 48, height: 64 };
+            let back = grid.cell(grid.pixel(x, y));
+            prop_assert!((back.x - x).abs() < 1e-6 && (back.y - y).abs() < 1e-6);
+        }
+    }
+}

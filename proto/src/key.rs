@@ -1,0 +1,93 @@
+//! Zenoh key expressions, all under the venue's name.
+
+/// Builds the key expressions of one venue.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Keys {
+    venue: String,
+}
+
+impl Keys {
+    /// Keys under the venue `name`, which the venue file has checked with [`is_key_chunk`].
+    pub fn new(name: &str) -> Self {
+        Self {
+            venue: name.to_owned(),
+        }
+    }
+
+    /// Patch sets of a viewpoint.
+    pub fn patch(&self, viewpoint: &str) -> String {
+        format!("{}/patch/{viewpoint}", self.venue)
+    }
+
+    /// Patch sets of all viewpoints.
+    pub fn patches(&self) -> String {
+        self.patch("*")
+    }
+
+    /// Boxes for a viewpoint.
+    pub fn boxes(&self, viewpoint: &str) -> String {
+        format!("{}/box/{viewpoint}", self.venue)
+    }
+
+    /// Sightings of a viewpoint.
+    pub fn sighting(&self, viewpoint: &str) -> String {
+        format!("{}/sighting/{viewpoint}", self.venue)
+    }
+
+    /// Sightings of all viewpoints.
+    pub fn sightings(&self) -> String {
+        self.sighting("*")
+    }
+
+    /// Poses of a tick.
+    pub fn pose(&self) -> String {
+        format!("{}/pose", self.venue)
+    }
+
+    /// Status of a node.
+    pub fn status(&self, node: &str) -> String {
+        format!("{}/status/{node}", self.venue)
+    }
+
+    /// Status of all nodes.
+    pub fn statuses(&self) -> String {
+        self.status("*")
+    }
+
+    /// Liveliness token of a node.
+    pub fn alive(&self, node: &str) -> String {
+        format!("{}/alive/{node}", self.venue)
+    }
+
+    /// Liveliness tokens of all nodes.
+    pub fn all_alive(&self) -> String {
+        self.alive("*")
+    }
+}
+
+/// Whether `name` can stand as one chunk of a key expression: not empty, at most 64 bytes, and
+/// only ASCII letters, digits, `-`, `_` and `.`.
+pub fn is_key_chunk(name: &str) -> bool {
+    let allowed = |b: u8| b.is_ascii_alphanumeric() || matches!(b, b'-' | b'_' | b'.');
+    !name.is_empty() && name.len() <= 64 && name.bytes().all(allowed)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_that_would_change_the_key_are_not_chunks() {
+        for bad in ["", "a/b", "a*", "$x", "a b", "über", "q?"] {
+            assert!(!is_key_chunk(bad), "{bad:?}");
+        }
+        assert!(is_key_chunk("north-east_1.a"));
+    }
+
+    #[test]
+    fn keys_stand_under_the_venue() {
+        let keys = Keys::new("hall-3");
+        assert_eq!(keys.patch("ne"), "hall-3/patch/ne");
+        assert_eq!(keys.sightings(), "hall-3/sighting/*");
+    }
+}

@@ -1,0 +1,82 @@
+//! Which keypoints a network knows. Their number is never a constant of the wire.
+
+/// The 17 COCO keypoints, in COCO's order.
+pub const COCO17: [&str; 17] = [
+    "nose",
+    "left_eye",
+    "right_eye",
+    "left_ear",
+    "right_ear",
+    "left_shoulder",
+    "right_shoulder",
+    "left_elbow",
+    "right_elbow",
+    "left_wrist",
+    "right_wrist",
+    "left_hip",
+    "right_hip",
+    "left_knee",
+    "right_knee",
+    "left_ankle",
+    "right_ankle",
+];
+
+/// The names of a network's keypoints, in the order of its maps.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct KeypointSet {
+    names: Vec<String>,
+}
+
+impl KeypointSet {
+    /// The 17 COCO keypoints.
+    pub fn coco17() -> Self {
+        Self {
+            names: COCO17.map(str::to_owned).to_vec(),
+        }
+    }
+
+    /// A network's own list.
+    pub fn new(names: Vec<String>) -> Self {
+        Self { names }
+    }
+
+    /// The names in map order.
+    pub fn names(&self) -> &[String] {
+        &self.names
+    }
+
+    /// How many.
+    pub fn len(&self) -> usize {
+        self.names.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.names.is_empty()
+    }
+
+    /// Position of `name`, if the network knows it.
+    pub fn index_of(&self, name: &str) -> Option<usize> {
+        self.names.iter().position(|n| n == name)
+    }
+
+    /// Whether the keypoint comes from the rotated crop when there is one: everything above the
+    /// hips. The legs come from the upright crop (paper, below eq. (4)).
+    pub fn is_upper(&self, index: usize) -> bool {
+        const LOWER: [&str; 6] = ["hip", "knee", "ankle", "heel", "toe", "foot"];
+        self.names
+            .get(index)
+            .is_some_and(|n| !LOWER.iter().any(|part| n.contains(part)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn eleven_coco_keypoints_come_from_the_rotated_crop() {
+        let set = KeypointSet::coco17();
+        assert_eq!((0..set.len()).filter(|&i| set.is_upper(i)).count(), 11);
+    }
+}

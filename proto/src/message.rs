@@ -1,0 +1,269 @@
+//! What nodes say to each other. Framing, bounds and versions are in [`crate::wire`].
+
+use serde::{Deserialize, Serialize};
+
+use crate::bounding_box::{BoundingBox, BoxRate};
+use crate::grid::CellGrid;
+use crate::id::{CameraIndex, PersonId, SessionId, ViewpointIndex};
+use crate::patch::EncodedMaps;
+use crate::tick::Tick;
+
+/// Most persons in one message, and of one viewpoint at one tick.
+pub const MAX_PERSONS: usize = 256;
+/// Most crops that the maps of one person in one camera may come from.
+pub const MAX_CROPS: usize = 4;
+/// Farthest that a frame may be from its tick, microseconds (0.1 s): beyond, it is not a frame of the
+/// same tick at any rate that people are tracked at, 10 Hz and more.
+pub const MAX_CAPTURE_OFFSET_US: i32 = 100_000;
+/// Most sightings in one message, and of one viewpoint at one tick.
+pub const MAX_SIGHTINGS: usize = 256;
+
+/// Edge to fusion: the persons of one viewpoint at one tick, or a part of them, readable alone.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct PatchSet {
+    /// The session whose person ids are meant.
+    pub session: SessionId,
+    /// The tick of the pictures.
+    pub tick: Tick,
+    /// Who sends.
+    pub viewpoint: ViewpointIndex,
+    /// This message's number among those of the tick, from 0.
+    pub part: u16,
+    /// How many messages the tick has from this viewpoint, at least 1.
+    pub parts: u16,
+    /// How many [`SightingSet`] messages belong to this tick from this viewpoint (0: the edge did
+    /// not look).
+    pub sighting_parts: u16,
+    /// The persons of this part.
+    pub persons: Vec<PersonPatch>,
+}
+
+/// The part confidence maps of one person in one camera at one tick, encoded.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct PersonPatch {
+    /// Who.
+    pub person: PersonId,
+    /// The camera that the edge chose.
+    pub camera: CameraIndex,
+    /// The tick of the box that the crop came from.
+    pub box_tick: Tick,
+    /// Capture instant of the frame less the tick's time, microseconds, at most
+    /// [`MAX_CAPTURE_OFFSET_US`] either way.
+    pub capture_offset_us: i32,
+    /// The grids of the crops, in undistorted pixels of `camera`.
+    pub crops: Vec<CellGrid>,
+    /// Per keypoint of the network's card: which of `crops` its map lies on.
+    pub crop_of_keypoint: Vec<u8>,
+    /// The maps, one per keypoint.
+    pub maps: EncodedMaps,
+}
+
+/// Fusion to edge: where each person will be at a tick, and what else the edge shall do then.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct BoxSet {
+    /// Fusion's session.
+    pub session: SessionId,
+    /// The tick that the boxes are made for.
+    pub tick: Tick,
+    /// For whom.
+    pub viewpoint: ViewpointIndex,
+    /// What the edge shall do at this tick.
+    pub order: Order,
+    /// Where the persons will be.
+    pub persons: Vec<PersonBoxes>,
+}
+
+/// What an edge shall do at a tick.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Order {
+    /// Make patches for the boxes.
+    Track,
+    /// Make patches for the boxes, and look for people without boxes.
+    TrackAndSight,
+    /// The run is over: leave.
+    End,
+}
+
+/// Where one person will be in the cameras of one viewpoint.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct PersonBoxes {
+    /// Who.
+    pub person: PersonId,
+    /// One per camera of the viewpoint that could see the person.
+    pub cameras: Vec<CameraBox>,
+}
+
+/// Where one person will be in one camera.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct CameraBox {
+    /// The camera.
+    pub camera: CameraIndex,
+    /// The region.
+    pub bounding_box: BoundingBox,
+    /// Its change per tick.
+    pub rate: BoxRate,
+    /// Projected pelvis ("torso", n(1) of the paper), undistorted pixels.
+    pub torso_px: [f32; 2],
+    /// Projected neck (n(6) of the paper), undistorted pixels.
+    pub neck_px: [f32; 2],
+}
+
+/// Edge to fusion: people found without a box.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct SightingSet {
+    /// The session that asked.
+    pub session: SessionId,
+    /// The tick of the pictures.
+    pub tick: Tick,
+    /// Who sends.
+    pub viewpoint: ViewpointIndex,
+    /// This message's number among those of the tick, from 0.
+    pub part: u16,
+    /// How many messages the tick has, at least 1.
+    pub parts: u16,
+    /// The people seen, in any camera of the viewpoint.
+    pub sightings: Vec<Sighting>,
+}
+
+/// One person found by a detector in one camera.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Sighting {
+    /// The camera.
+    pub camera: CameraIndex,
+    /// The detector's confidence, 0 to 1.
+    pub score: f32,
+    /// Per keypoint of the network's card: where its best peak is; `None` when there is none.
+    pub keypoints: Vec<Option<KeypointPeak>>,
+}
+
+/// A peak of one keypoint's map.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct KeypointPeak {
+    /// Undistorted pixels (x, y).
+    pub position_px: [f32; 2],
+    /// Height of the peak, 0 to 1.
+    pub score: f32,
+}
+
+/// Fusion to all: the persons of a tick.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct PoseSet {
+    /// Fusion's session.
+    pub session: SessionId,
+    /// The tick.
+    pub tick: Tick,
+    /// The persons, by id.
+    pub persons: Vec<PersonPose>,
+}
+
+/// Where a person is in its life, as published.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum PersonState {
+    /// Newly born, not yet confirmed.
+    Tentative,
+    /// Seen well enough.
+    Tracked,
+    /// Carried by the model alone until views return.
+    Coasting,
+}
+
+/// One person's skeleton at one tick.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct PersonPose {
+    /// Who.
+    pub person: PersonId,
+    /// State of the track.
+    pub state: PersonState,
+    /// The 29 joints, world, metres, in the order of the skeletal model.
+    pub joints_m: Vec<[f32; 3]>,
+    /// The keypoints' sites, world, metres, in the order of the network's card.
+    pub keypoints_m: Vec<[f32; 3]>,
+    /// The 40 reported angles, radians (root translations: metres), in the model's order.
+    pub angles: Vec<f32>,
+    /// Bit i: angle i is carried by a prior, not by what was seen.
+    pub unobserved: u64,
+    /// Viewpoints that gave evidence at this tick.
+    pub views: u16,
+}
+
+/// Each node to all, once a second, and while waiting for the start: who and how it is.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Status {
+    /// Name of the node: the viewpoint's name, or "fusion".
+    pub node: String,
+    /// A number that no other edge has, to tell two of one name apart; 0 for fusion.
+    pub process: u64,
+    /// The viewpoint, for an edge.
+    pub viewpoint: Option<ViewpointIndex>,
+    /// Whether everything is open and matched, and the node only waits for its first order.
+    pub ready: bool,
+    /// Fingerprint of the venue file.
+    pub venue_hash: String,
+    /// Fingerprint of the calibration.
+    pub calibration_hash: String,
+    /// Fingerprint of the network and detector, with the backend's name; empty without a network.
+    pub network_hash: String,
+    /// Inference backend, for people to read; empty without a network.
+    pub backend: String,
+    /// The ticks that all of an edge's recorded sources hold, first and one past the last; `None`
+    /// for fusion and for live sources.
+    pub ticks: Option<[Tick; 2]>,
+    /// The last tick that was worked on.
+    pub tick: Option<Tick>,
+    /// Messages that could not be read, since the start.
+    pub unreadable: u64,
+    /// Why the node gave up, when it did.
+    pub failure: Option<String>,
+    /// How long each stage took; only in an edge's last word, when the run is over.
+    pub stages: Vec<StageTime>,
+}
+
+/// Most stages in one status.
+pub const MAX_STAGES: usize = 32;
+
+/// How long one stage of a node took, over all ticks of a run.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct StageTime {
+    /// Which stage.
+    pub stage: String,
+    /// Number of measurements.
+    pub count: u64,
+    /// Median, microseconds.
+    pub p50_us: u32,
+    /// 99th percentile, microseconds.
+    pub p99_us: u32,
+    /// Largest, microseconds.
+    pub max_us: u32,
+}
+
+impl StageTime {
+    /// Sums `samples_us` up (nearest rank); sorts them in place. `None` when there are none.
+    pub fn from_samples(stage: &str, samples_us: &mut [u32]) -> Option<Self> {
+        samples_us.sort_unstable();
+        let rank = |share: f64| (share * samples_us.len() as f64).ceil().max(1.0) as usize - 1;
+        Some(Self {
+            stage: stage.to_owned(),
+            count: samples_us.len() as u64,
+            p50_us: *samples_us.get(rank(0.5))?,
+            p99_us: *samples_us.get(rank(0.99))?,
+            max_us: *samples_us.last()?,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn percentiles_are_taken_by_nearest_rank() {
+        let mut samples: Vec<u32> = (1..=200).rev().collect();
+        let time = StageTime::from_samples("step", &mut samples).unwrap();
+        assert_eq!(
+            (time.count, time.p50_us, time.p99_us, time.max_us),
+            (200, 100, 198, 200)
+        );
+        assert_eq!(StageTime::from_samples("step", &mut []), None);
+    }
+}

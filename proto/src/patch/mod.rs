@@ -1,0 +1,376 @@
+//! The patch codec: the part confidence maps of one person in one camera, as bytes.
+//!
+//! Almost every cell of a map is zero. Cells below a floor are dropped, the others are kept as
+//! 8 bit values, without loss, by [`Encoder`] and [`Decoder`]. A [`Decoder`] reads bytes of
+//! strangers: it never panics, and never holds more than [`MAX_CELLS`] bytes of maps.
+
+mod decode;
+mod encode;
+mod range_coder;
+mod walk;
+
+use serde::{Deserialize, Serialize};
+
+pub use decode::Decoder;
+pub use encode::Encoder;
+
+/// Largest width and height of a map, cells.
+pub const MAX_SIDE: usize = 256;
+/// Most maps of a patch.
+pub const MAX_KEYPOINTS: usize = 64;
+/// Most cells of a patch; the decoder allocates one byte for each.
+pub const MAX_CELLS: usize = MAX_SIDE * MAX_SIDE * MAX_KEYPOINTS;
+
+/// The maps of one person in one camera as they travel.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct EncodedMaps {
+    /// Cells in a row.
+    pub width: u16,
+    /// Rows.
+    pub height: u16,
+    /// Maps.
+    pub keypoints: u8,
+    /// What [`Encoder`] made of the cells.
+    pub bytes: Vec<u8>,
+}
+
+impl EncodedMaps {
+    /// Checks the size, before anything is allocated for it.
+    ///
+    /// # Errors
+    /// [`PatchError::Size`] when a side is zero or above [`MAX_SIDE`], or there are no or more than
+    /// [`MAX_KEYPOINTS`] maps.
+    pub fn check_size(&self) -> Result<(), PatchError> {
+        let sides = [self.width, self.height].map(usize::from);
+        let keypoints = usize::from(self.keypoints);
+        if sides.iter().all(|s| (1..=MAX_SIDE).contains(s))
+            && (1..=MAX_KEYPOINTS).contains(&keypoints)
+        {
+            Ok(())
+        } else {
+            let [width, height] = sides;
+            Err(PatchError::Size {
+                width,
+                height,
+                keypoints,
+            })
+        }
+    }
+}
+
+/// Why encoded maps cannot be read.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum PatchError {
+    /// The stated size is impossible.
+    #[error(
+        "{keypoints} maps of {width} x {height} cells, expected 1 to {MAX_KEYPOINTS} of at most {MAX_SIDE} x {MAX_SIDE}"
+    )]
+    Size {
+        /// Cells in a row.
+        width: usize,
+        /// Rows.
+        height: usize,
+        /// Maps.
+        keypoints: usize,
+    },
+    /// The bytes end before the maps do.
+    #[error("the bytes end within map {keypoint}")]
+    TooShort {
+        /// The map, from 0.
+        keypoint: usize,
+    },
+    /// The maps end before the bytes do.
+    #[error("{left} bytes are left over after the maps")]
+    TooLong {
+        /// How many.
+        left: usize,
+    },
+}
+
+/// Part confidence maps: one map of `width` x `height` cells per keypoint, value = cell / 255.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Maps {
+    width: usize,
+    height: usize,
+    keypoints: usize,
+    cells: Vec<u8>,
+}
+
+impl Maps {
+    /// Empty maps (all cells 0). Sides above [`MAX_SIDE`] and more keypoints than [`MAX_KEYPOINTS`]
+    /// are cut to these.
+    pub fn new(width: usize, height: usize, keypoints: usize) -> Self {
+        let mut maps = Self::default();
+        maps.resize(width, height, keypoints);
+        maps
+    }
+
+    /// Makes these maps of the given size, all cells 0, without giving memory back. Sides above
+    /// [`MAX_SIDE`] and more keypoints than [`MAX_KEYPOINTS`] are cut to these.
+    pub fn resize(&mut self, width: usize, height: usize, keypoints: usize) {
+        self.width = width.min(MAX_SIDE);
+        self.height = height.min(MAX_SIDE);
+        self.keypoints = keypoints.min(MAX_KEYPOINTS);
+        self.cells.clear();
+        self.cells
+            .resize(self.width * self.height * self.keypoints, 0);
+    }
+
+    /// Cells in a row.
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Rows.
+    pub fn height(&self) -> usize {
+        self.height
+    }
+
+    /// Maps.
+    pub fn keypoints(&self) -> usize {
+        self.keypoints
+    }
+
+    /// The map of keypoint `k` (below [`Self::keypoints`]), row by row.
+    ///
+    /// # Panics
+    /// When there is no such keypoint.
+    pub fn cells(&self, k: usize) -> &[u8] {
+        let area = self.width * self.height;
+        &self.cells[k * area..(k + 1) * area]
+    }
+
+    /// The map of keypoint `k` (below [`Self::keypoints`]), row by row, to be written.
+    ///
+    /// # Panics
+    /// When there is no such keypoint.
+    pub fn cells_mut(&mut self, k: usize) -> &mut [u8] {
+        let area = self.width * self.height;
+        &mut self.cells[k * area..(k + 1) * area]
+    }
+}
+
+/// A probability as a cell: clamped to 0..1, rounded to the nearest 255th; NaN is 0.
+pub fn quantize(value: f32) -> u8 {
+    // `as` saturates and takes NaN to 0.
+    (value * 255.0).round() as u8
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    /// The usual floor: 0.06 of 255.
+    const FLOOR: u8 = 15;
+
+    /// A Gaussian of `height` around (x, y), sigma in cells, laid over what is there.
+    fn draw(cells: &mut [u8], width: usize, peak: [f32; 2], sigma: f32, height: f32) {
+        for (i, cell) in cells.iter_mut().enumerate() {
+            let (dx, dy) = ((i % width) as f32 - peak[0], (i / width) as f32 - peak[1]);
+            let value = height * (-(dx * dx + dy * dy) / (2.0 * sigma * sigma)).exp();
+            *cell = quantize(value).max(*cell);
+        }
+    }
+
+    /// Where 17 keypoints of an upright person lie on a map of 48 x 64 cells.
+    const BODY: [[f32; 2]; 17] = [
+        [24.2, 9.1],
+        [25.4, 8.0],
+        [22.9, 8.1],
+        [27.1, 8.9],
+        [21.2, 9.2],
+        [30.3, 16.4],
+        [17.6, 16.7],
+        [33.9, 24.2],
+        [13.8, 24.9],
+        [34.7, 31.6],
+        [12.4, 31.1],
+        [28.1, 32.8],
+        [20.2, 32.5],
+        [28.9, 43.7],
+        [19.1, 43.9],
+        [29.3, 55.2],
+        [18.4, 54.6],
+    ];
+
+    fn body(sigma: f32, second_peak: f32) -> Maps {
+        let mut maps = Maps::new(48, 64, BODY.len());
+        for (k, peak) in BODY.into_iter().enumerate() {
+            let height = 0.55 + 0.025 * k as f32;
+            draw(maps.cells_mut(k), 48, peak, sigma, height);
+            draw(
+                maps.cells_mut(k),
+                48,
+                BODY[(k + 5) % BODY.len()],
+                sigma,
+                height * second_peak,
+            );
+        }
+        maps
+    }
+
+    fn above(maps: &Maps, floor: u8) -> Maps {
+        let mut kept = maps.clone();
+        for k in 0..kept.keypoints() {
+            kept.cells_mut(k)
+                .iter_mut()
+                .filter(|c| **c < floor)
+                .for_each(|c| *c = 0);
+        }
+        kept
+    }
+
+    fn check(maps: &Maps, floor: u8) -> usize {
+        let encoded = Encoder::new().encode(maps, floor);
+        let mut decoded = Maps::default();
+        Decoder::new().decode(&encoded, &mut decoded).unwrap();
+        assert_eq!(decoded, above(maps, floor));
+        encoded.bytes.len()
+    }
+
+    #[test]
+    fn a_person_costs_some_hundreds_of_bytes() {
+        let cells: usize = (0..17)
+            .map(|k| {
+                above(&body(2.0, 0.0), FLOOR)
+                    .cells(k)
+                    .iter()
+                    .filter(|c| **c > 0)
+                    .count()
+            })
+            .sum();
+        let bytes = check(&body(2.0, 0.0), FLOOR);
+        let with_second = check(&body(2.0, 0.4), FLOOR);
+        let finer = check(&body(3.0, 0.0), FLOOR);
+        println!(
+            "17 maps of 48 x 64, {cells} cells above the floor: {bytes} bytes; with second peaks {with_second}; sigma 3: {finer}"
+        );
+        assert!(bytes < 500, "{bytes}");
+        assert!(with_second < 900, "{with_second}");
+    }
+
+    #[test]
+    fn empty_maps_cost_next_to_nothing() {
+        assert!(check(&Maps::new(256, 256, 64), FLOOR) <= 6);
+    }
+
+    #[test]
+    fn an_encoder_forgets_the_patch_before() {
+        let mut encoder = Encoder::new();
+        let first = encoder.encode(&body(2.0, 0.3), FLOOR);
+        encoder.encode(&body(3.0, 0.0), 0);
+        assert_eq!(encoder.encode(&body(2.0, 0.3), FLOOR), first);
+    }
+
+    #[test]
+    fn impossible_sizes_are_refused_before_anything_is_allocated() {
+        for (width, height, keypoints) in [
+            (0, 8, 1),
+            (8, 0, 1),
+            (8, 8, 0),
+            (257, 8, 1),
+            (8, 257, 1),
+            (8, 8, 65),
+        ] {
+            let encoded = EncodedMaps {
+                width,
+                height,
+                keypoints,
+                bytes: vec![0; 40],
+            };
+            let mut maps = Maps::default();
+            let refused = Decoder::new().decode(&encoded, &mut maps);
+            assert!(matches!(refused, Err(PatchError::Size { .. })));
+            assert_eq!(maps.cells.capacity(), 0);
+        }
+    }
+
+    #[test]
+    fn a_cut_or_lengthened_patch_is_refused() {
+        let whole = Encoder::new().encode(&body(2.0, 0.0), FLOOR);
+        let mut maps = Maps::default();
+        let mut cut = whole.clone();
+        cut.bytes.truncate(whole.bytes.len() / 2);
+        assert!(matches!(
+            Decoder::new().decode(&cut, &mut maps),
+            Err(PatchError::TooShort { .. })
+        ));
+        let mut long = whole;
+        long.bytes.push(7);
+        assert_eq!(
+            Decoder::new().decode(&long, &mut maps),
+            Err(PatchError::TooLong { left: 1 })
+        );
+    }
+
+    #[test]
+    fn a_probability_is_rounded_to_a_cell() {
+        assert_eq!(
+            [0.0, 1.0, 2.0, -1.0, f32::NAN, 0.5].map(quantize),
+            [0, 255, 255, 0, 0, 128]
+        );
+    }
+
+    fn any_maps() -> impl Strategy<Value = Maps> {
+        (1usize..40, 1usize..40, 1usize..5, 0u8..=255).prop_flat_map(
+            |(width, height, keypoints, sparse)| {
+                let cell = (any::<u8>(), any::<u8>())
+                    .prop_map(move |(c, keep)| if keep < sparse { 0 } else { c });
+                prop::collection::vec(cell, width * height * keypoints).prop_map(move |cells| {
+                    let mut maps = Maps::new(width, height, keypoints);
+                    maps.cells.copy_from_slice(&cells);
+                    maps
+                })
+            },
+        )
+    }
+
+    /// Decodes what may be anything: it must end, and hold no more than was stated.
+    fn check_hostile(encoded: &EncodedMaps) {
+        let mut maps = Maps::default();
+        let result = Decoder::new().decode(encoded, &mut maps);
+        assert!(maps.cells.capacity() <= MAX_CELLS);
+        if result.is_ok() {
+            let [width, height] = [encoded.width, encoded.height].map(usize::from);
+            assert_eq!(
+                maps.cells.len(),
+                width * height * usize::from(encoded.keypoints)
+            );
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn cells_above_the_floor_come_back(maps in any_maps(), floor in any::<u8>()) {
+            check(&maps, floor);
+        }
+
+        #[test]
+        fn random_bytes_never_panic(
+            width in 0u16..300, height in 0u16..300, keypoints in 0u8..70,
+            bytes in prop::collection::vec(any::<u8>(), 0..600),
+        ) {
+            check_hostile(&EncodedMaps { width, height, keypoints, bytes });
+        }
+
+        #[test]
+        fn damaged_bytes_never_panic(
+            changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..8),
+            length in any::<prop::sample::Index>(),
+            sides in prop::option::of((1u16..=256, 1u16..=256)),
+        ) {
+            let mut encoded = Encoder::new().encode(&body(2.0, 0.4), FLOOR);
+            let len = encoded.bytes.len();
+            for (at, byte) in changes {
+                encoded.bytes[at.index(len)] = byte;
+            }
+            encoded.bytes.truncate(1 + length.index(2 * len));
+            if let Some((width, height)) = sides {
+                (encoded.width, encoded.height) = (width, height);
+            }
+            check_hostile(&encoded);
+        }
+    }
+}

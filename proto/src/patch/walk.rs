@@ -1,0 +1,413 @@
+//! The one walk over a map that both directions take, and what it expects at every step.
+//!
+//! Per map: whether it is empty; its first row, against that of the map before (keypoints of one
+//! body lie near each other); then row by row where the row begins and ends, against the row
+//! before, and the cells in between. A cell is expected from its neighbours as if the peak were a
+//! product of a column and a row, which every upright Gaussian is; what is coded is the difference,
+//! in contexts of how wrong the neighbours' expectations were.
+
+use std::cmp::Ordering;
+
+use super::range_coder::{BitCoder, Probability};
+
+/// Sides of a map: what both directions know beforehand.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Shape {
+    pub(super) width: usize,
+    pub(super) height: usize,
+    /// Least cell that is not zero, at least 1.
+    pub(super) floor: u8,
+}
+
+/// What has been learnt in the patch so far.
+#[derive(Debug, Clone)]
+pub(super) struct Model {
+    floor: [Probability; 8],
+    empty_map: [Probability; 2],
+    empty_row: [Probability; 2],
+    first_row: Signed,
+    rows: Unsigned,
+    first_start: Signed,
+    first_width: Unsigned,
+    start: [Signed; 3],
+    end: [Signed; 3],
+    zero: [Probability; 8],
+    cell: [[Signed; ERROR_CLASSES]; 5],
+    /// Whether the map before was empty, and where its first row and that row's first cell were.
+    last_empty: bool,
+    last_first: [usize; 2],
+    /// How wrong the expectation was, by column, in the row above up to here and in this row so far.
+    errors: Vec<u8>,
+}
+
+const ERROR_CLASSES: usize = 4;
+
+/// Where a row begins and ends: first and last cell that is not zero.
+#[derive(Debug, Clone, Copy)]
+struct Span {
+    start: usize,
+    end: usize,
+}
+
+impl Model {
+    /// Nothing learnt yet, for maps of `shape`.
+    pub(super) fn new() -> Self {
+        let even = Probability::even();
+        Self {
+            floor: [even; 8],
+            empty_map: [even; 2],
+            empty_row: [even; 2],
+            first_row: Signed::new(),
+            rows: Unsigned::new(),
+            first_start: Signed::new(),
+            first_width: Unsigned::new(),
+            start: [Signed::new(); 3],
+            end: [Signed::new(); 3],
+            zero: [even; 8],
+            cell: [[Signed::new(); ERROR_CLASSES]; 5],
+            last_empty: false,
+            last_first: [0; 2],
+            errors: Vec::new(),
+        }
+    }
+
+    /// Forgets everything, keeping memory.
+    pub(super) fn reset(&mut self, width: usize, height: usize) {
+        let mut errors = std::mem::take(&mut self.errors);
+        errors.clear();
+        errors.resize(width, 0);
+        *self = Self {
+            errors,
+            last_first: [height / 2, width / 2],
+            ..Self::new()
+        };
+    }
+
+    /// Codes the floor (at least 1) of the patch.
+    pub(super) fn floor<C: BitCoder>(&mut self, coder: &mut C, floor: u8) -> u8 {
+        let bits = self.floor.iter_mut().enumerate();
+        let coded = bits.fold(0, |sum, (i, p)| {
+            sum | u8::from(coder.code(floor >> i & 1 == 1, p)) << i
+        });
+        coded.max(1)
+    }
+
+    /// Codes one map: `cells` are read, or written over zeros.
+    pub(super) fn map<C: BitCoder>(&mut self, coder: &mut C, shape: Shape, cells: &mut [u8]) {
+        let Shape { width, height, .. } = shape;
+        let is_empty = |cells: &[u8]| cells.iter().fold(0, |any, &c| any | c) == 0;
+        let empty_rows =
+            |row: usize, cells: &[u8]| is_empty(&cells[row * width..(row + 1) * width]);
+        let empty = coder.code(
+            C::WRITES && is_empty(cells),
+            &mut self.empty_map[usize::from(self.last_empty)],
+        );
+        self.last_empty = empty;
+        if empty {
+            return;
+        }
+        let (mut first, mut last) = (0, 0);
+        if C::WRITES {
+            first = (0..height).find(|&y| !empty_rows(y, cells)).unwrap_or(0);
+            last = (0..height)
+                .rfind(|&y| !empty_rows(y, cells))
+                .unwrap_or(first);
+        }
+        first = self
+            .first_row
+            .near(coder, first, self.last_first[0], height - 1);
+        last = first
+            + self
+                .rows
+                .code(coder, last.saturating_sub(first), height - 1 - first);
+        self.errors.fill(0);
+        let mut above: Option<(Span, Ordering)> = None;
+        let mut row_above_empty = false;
+        for y in first..=last {
+            let inner = y != first && y != last;
+            let row_empty = inner
+                && coder.code(
+                    C::WRITES && empty_rows(y, cells),
+                    &mut self.empty_row[usize::from(row_above_empty)],
+                );
+            row_above_empty = row_empty;
+            if row_empty {
+                self.errors.fill(0);
+                continue;
+            }
+            let row = &cells[y * width..(y + 1) * width];
+            let known = if C::WRITES {
+                span_of(row)
+            } else {
+                Span { start: 0, end: 0 }
+            };
+            let (span, drift) = self.span(coder, known, above, width);
+            if above.is_none() {
+                self.last_first = [first, span.start];
+            }
+            above = Some((span, drift));
+            self.row(coder, shape, y, span, cells);
+        }
+    }
+
+    /// Codes where a row begins and ends; also returns which way its start moved from the row before.
+    fn span<C: BitCoder>(
+        &mut self,
+        coder: &mut C,
+        known: Span,
+        above: Option<(Span, Ordering)>,
+        width: usize,
+    ) -> (Span, Ordering) {
+        let Some((before, drift)) = above else {
+            let start = self
+                .first_start
+                .near(coder, known.start, self.last_first[1], width - 1);
+            let end = start
+                + self
+                    .first_width
+                    .code(coder, known.end.saturating_sub(start), width - 1 - start);
+            return (Span { start, end }, Ordering::Less);
+        };
+        let start = self.start[class_of(drift)].near(coder, known.start, before.start, width - 1);
+        let moved = start.cmp(&before.start);
+        let end =
+            self.end[class_of(moved)].near(coder, known.end.max(start), before.end, width - 1);
+        (
+            Span {
+                start,
+                end: end.max(start),
+            },
+            moved,
+        )
+    }
+
+    /// Codes the cells of row `y` within `span`; the first and the last of them are not zero.
+    fn row<C: BitCoder>(
+        &mut self,
+        coder: &mut C,
+        shape: Shape,
+        y: usize,
+        span: Span,
+        cells: &mut [u8],
+    ) {
+        let (above, rest) = cells.split_at_mut(y * shape.width);
+        let row = &mut rest[..shape.width];
+        self.errors[..span.start].fill(0);
+        self.errors[span.end + 1..].fill(0);
+        let mut around = Around::before(above, shape.width, span.start);
+        let cells = row.iter_mut().enumerate();
+        for (x, cell) in cells.take(span.end + 1).skip(span.start) {
+            around.move_to(x);
+            let maybe_zero = x != span.start && x != span.end;
+            if maybe_zero && coder.code(*cell == 0, &mut self.zero[around.zero_context()]) {
+                self.errors[x] = 0;
+                continue;
+            }
+            let (expected, kind) = around.expect(shape.floor);
+            let left_error = if x > 0 { self.errors[x - 1] } else { 0 };
+            let error = usize::from(left_error) + usize::from(self.errors[x]);
+            let contexts = &mut self.cell[kind][error_class(error)];
+            // Coded as steps above the floor: there is no cell between it and zero.
+            let [floor, expected] = [shape.floor, expected].map(usize::from);
+            let step = usize::from(*cell).saturating_sub(floor);
+            let step = contexts.near(coder, step, expected - floor, 255 - floor);
+            *cell = (floor + step) as u8;
+            around.set(*cell);
+            self.errors[x] = (floor + step).abs_diff(expected) as u8;
+        }
+    }
+}
+
+fn span_of(row: &[u8]) -> Span {
+    let start = row.iter().position(|&c| c != 0).unwrap_or(0);
+    Span {
+        start,
+        end: row.iter().rposition(|&c| c != 0).unwrap_or(start),
+    }
+}
+
+fn class_of(moved: Ordering) -> usize {
+    match moved {
+        Ordering::Less => 0,
+        Ordering::Equal => 1,
+        Ordering::Greater => 2,
+    }
+}
+
+/// Class of the summed errors of the left and the upper expectation.
+fn error_class(sum: usize) -> usize {
+    match sum {
+        0..=1 => 0,
+        2..=4 => 1,
+        5..=12 => 2,
+        _ => 3,
+    }
+}
+
+/// How far expectations look: rows above and cells to the left.
+const REACH: usize = 3;
+
+/// The cells around one cell that are known before it, by rows up and cells back; 0 where there is
+/// none. It moves along a row, so that every cell is loaded once for each row below it.
+struct Around<'a> {
+    above: [&'a [u8]; REACH],
+    cells: [[u32; REACH + 1]; REACH + 1],
+    above_right: u32,
+}
+
+impl<'a> Around<'a> {
+    /// Before cell `x` of the row under `above`, which is all rows so far.
+    fn before(above: &'a [u8], width: usize, x: usize) -> Self {
+        let mut rows = above.rchunks_exact(width);
+        let above = [(); REACH].map(|()| rows.next().unwrap_or(&[]));
+        let mut around = Self {
+            above,
+            cells: [[0; REACH + 1]; REACH + 1],
+            above_right: 0,
+        };
+        for x in x.saturating_sub(REACH)..x {
+            around.move_to(x);
+        }
+        around
+    }
+
+    fn move_to(&mut self, x: usize) {
+        for row in &mut self.cells {
+            row.copy_within(..REACH, 1);
+            row[0] = 0;
+        }
+        let loaded = |row: &[u8], x: usize| row.get(x).copied().map_or(0, u32::from);
+        for (row, above) in self.cells[1..].iter_mut().zip(self.above) {
+            row[0] = loaded(above, x);
+        }
+        self.above_right = loaded(self.above[0], x + 1);
+    }
+
+    /// Says what the cell itself is.
+    fn set(&mut self, cell: u8) {
+        self.cells[0][0] = cell.into();
+    }
+
+    /// Context of whether the cell is zero: which of left, above and above right are.
+    fn zero_context(&self) -> usize {
+        let [left, above] = [self.cells[0][1], self.cells[1][0]];
+        usize::from(left == 0)
+            | usize::from(above == 0) << 1
+            | usize::from(self.above_right == 0) << 2
+    }
+
+    /// The value that the neighbours suggest, `floor`..=255, and the kind of suggestion.
+    fn expect(&self, floor: u8) -> (u8, usize) {
+        let cells = &self.cells;
+        let (left, up) = (cells[0][1], cells[1][0]);
+        let from_left = scaled(left, [1, 2, 3].map(|k| (cells[k][0], cells[k][1])));
+        let from_up = scaled(up, [1, 2, 3].map(|k| (cells[0][k], cells[1][k])));
+        let (value, kind) = match (from_left, from_up) {
+            (Some(a), Some(b)) => ((a + b).div_ceil(2), 0),
+            (Some(one), None) | (None, Some(one)) => (one, 1),
+            (None, None) if left > 0 => (scaled(left, [(left, cells[0][2])]).unwrap_or(left), 2),
+            (None, None) if up > 0 => (scaled(up, [(up, cells[2][0])]).unwrap_or(up), 3),
+            (None, None) => (u32::from(floor), 4),
+        };
+        (value.clamp(floor.into(), 255) as u8, kind)
+    }
+}
+
+/// `value` times the ratio of the summed pairs, of which both must be above zero.
+fn scaled<const N: usize>(value: u32, pairs: [(u32, u32); N]) -> Option<u32> {
+    // Without branches: which neighbours are zero cannot be foreseen.
+    let (a, b) = pairs.into_iter().fold((0, 0), |(a, b), (next_a, next_b)| {
+        let known = u32::from(next_a > 0 && next_b > 0);
+        (a + known * next_a, b + known * next_b)
+    });
+    (value > 0 && b > 0).then(|| (value * a + b / 2) / b)
+}
+
+/// Contexts of a small number: its length in bits, then its highest bits.
+#[derive(Debug, Clone, Copy)]
+struct Unsigned {
+    length: [Probability; Self::MOST_BITS],
+    second: [Probability; Self::MOST_BITS],
+}
+
+impl Unsigned {
+    /// Numbers plus one have at most so many bits after the first.
+    const MOST_BITS: usize = 8;
+
+    fn new() -> Self {
+        Self {
+            length: [Probability::even(); Self::MOST_BITS],
+            second: [Probability::even(); Self::MOST_BITS],
+        }
+    }
+
+    /// Codes `number`, which is at most `limit` (at most 255); what is read is cut to that.
+    fn code<C: BitCoder>(&mut self, coder: &mut C, number: usize, limit: usize) -> usize {
+        if limit == 0 {
+            return 0;
+        }
+        let whole = number + 1;
+        let bits = whole.ilog2() as usize;
+        let mut length = 0;
+        while length < Self::MOST_BITS && coder.code(length < bits, &mut self.length[length]) {
+            length += 1;
+        }
+        let mut coded = 1;
+        for i in (0..length).rev() {
+            // Bits below the second are as good as random.
+            let mut even = Probability::even();
+            let probability = if i + 1 == length {
+                &mut self.second[i]
+            } else {
+                &mut even
+            };
+            coded = coded << 1 | usize::from(coder.code(whole >> i & 1 == 1, probability));
+        }
+        (coded - 1).min(limit)
+    }
+}
+
+/// Contexts of a number near an expected one.
+#[derive(Debug, Clone, Copy)]
+struct Signed {
+    other: Probability,
+    less: Probability,
+    distance: [Unsigned; 2],
+}
+
+impl Signed {
+    fn new() -> Self {
+        Self {
+            other: Probability::even(),
+            less: Probability::even(),
+            distance: [Unsigned::new(); 2],
+        }
+    }
+
+    /// Codes `number`, expected to be near `expected`; both are at most `limit`.
+    fn near<C: BitCoder>(
+        &mut self,
+        coder: &mut C,
+        number: usize,
+        expected: usize,
+        limit: usize,
+    ) -> usize {
+        if limit == 0 || !coder.code(number != expected, &mut self.other) {
+            return expected;
+        }
+        // At an end of the range there is only one way to go.
+        let less = match expected {
+            0 => false,
+            end if end == limit => true,
+            _ => coder.code(number < expected, &mut self.less),
+        };
+        let room = if less { expected } else { limit - expected };
+        let distance = number.abs_diff(expected).saturating_sub(1);
+        let distance = 1 + self.distance[usize::from(less)].code(coder, distance, room - 1);
+        if less {
+            expected - distance
+        } else {
+            expected + distance
+        }
+    }
+}

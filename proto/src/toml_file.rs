@@ -1,0 +1,388 @@
+//! Reading TOML so that every refusal names the file, the line and the field.
+//!
+//! [`TomlFile::read`] turns the text into a typed value and explains what serde found wrong;
+//! [`TomlFile::error`] does the same for what a later check finds.
+
+use std::fmt;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+
+use serde::de::DeserializeOwned;
+use toml::Spanned;
+use toml::de::{DeTable, DeValue};
+
+/// What is wrong in a file, and where.
+///
+/// Reads as ``hall.toml:12: `rate_hz`: found -3, expected a number above 0``.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct FileError {
+    /// The file as it was named by the caller.
+    pub path: PathBuf,
+    /// Line, from 1, where it is known.
+    pub line: Option<usize>,
+    /// The field, from the file's root, where there is one.
+    pub field: Option<String>,
+    /// What was found and what was expected.
+    pub problem: String,
+}
+
+impl FileError {
+    /// A problem with the file as a whole.
+    pub fn new(path: impl Into<PathBuf>, problem: impl Into<String>) -> Self {
+        Self {
+            path: path.into(),
+            line: None,
+            field: None,
+            problem: problem.into(),
+        }
+    }
+
+    /// The same, said of one field.
+    #[must_use]
+    pub fn at_field(self, field: impl Into<String>) -> Self {
+        Self {
+            field: Some(field.into()),
+            ..self
+        }
+    }
+
+    /// The same, said of one line (from 1).
+    #[must_use]
+    pub fn at_line(self, line: usize) -> Self {
+        Self {
+            line: Some(line),
+            ..self
+        }
+    }
+}
+
+impl fmt::Display for FileError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}", self.path.display())?;
+        if let Some(line) = self.line {
+            write!(f, ":{line}")?;
+        }
+        if let Some(field) = &self.field {
+            write!(f, ": `{field}`")?;
+        }
+        write!(f, ": {}", self.problem)
+    }
+}
+
+impl std::error::Error for FileError {}
+
+/// One step from a value to a value inside it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+enum Step {
+    Key(String),
+    Index(usize),
+}
+
+/// Where in a TOML file a value stands: `viewpoint[0].camera[1].name`.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Place {
+    steps: Vec<Step>,
+}
+
+impl Place {
+    /// The field `name` of the file's root table.
+    pub fn field(name: &str) -> Self {
+        Self::default().key(name)
+    }
+
+    /// The field `name` inside this table.
+    #[must_use]
+    pub fn key(&self, name: &str) -> Self {
+        self.then(Step::Key(name.to_owned()))
+    }
+
+    /// The element at `index` (from 0) of this array.
+    #[must_use]
+    pub fn index(&self, index: usize) -> Self {
+        self.then(Step::Index(index))
+    }
+
+    fn then(&self, step: Step) -> Self {
+        let mut steps = self.steps.clone();
+        steps.push(step);
+        Self { steps }
+    }
+}
+
+impl fmt::Display for Place {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (i, step) in self.steps.iter().enumerate() {
+            match step {
+                Step::Key(name) if i == 0 => write!(f, "{name}")?,
+                Step::Key(name) => write!(f, ".{name}")?,
+                Step::Index(index) => write!(f, "[{index}]")?,
+            }
+        }
+        Ok(())
+    }
+}
+
+/// A TOML text whose syntax is right, with the place of every value in it.
+pub struct TomlFile<'a> {
+    path: &'a Path,
+    text: &'a str,
+    root: Spanned<DeTable<'a>>,
+}
+
+impl<'a> TomlFile<'a> {
+    /// Reads the syntax of `text`; `path` is only named in errors.
+    ///
+    /// # Errors
+    /// [`FileError`] with the line when the text is not TOML.
+    pub fn parse(text: &'a str, path: &'a Path) -> Result<Self, FileError> {
+        match DeTable::parse(text) {
+            Ok(root) => Ok(Self { path, text, root }),
+            Err(error) => {
+                let problem = format!("not valid TOML: {}", one_line(error.message()));
+                let line = error.span().map(|span| line_of(text, span.start));
+                Err(FileError {
+                    line,
+                    ..FileError::new(path, problem)
+                })
+            }
+        }
+    }
+
+    /// The file as it was named by the caller.
+    pub fn path(&self) -> &'a Path {
+        self.path
+    }
+
+    /// `name` against the folder of this file, as paths inside it are meant.
+    pub fn resolve(&self, name: &str) -> PathBuf {
+        self.path.parent().unwrap_or(Path::new("")).join(name)
+    }
+
+    /// The whole file as a `T`.
+    ///
+    /// # Errors
+    /// [`FileError`] with line and field for a missing, unknown (with the nearest known name) or
+    /// mistyped field.
+    pub fn read<T: DeserializeOwned>(&self) -> Result<T, FileError> {
+        toml::from_str(self.text).map_err(|error| self.explain(&error))
+    }
+
+    /// A problem with the value at `place`; the line is that of the innermost part that exists.
+    pub fn error(&self, place: &Place, problem: impl Into<String>) -> FileError {
+        let error = FileError::new(self.path, problem).at_field(place.to_string());
+        FileError {
+            line: self.line(place),
+            ..error
+        }
+    }
+
+    /// The line of `place`, or of the innermost table around it that exists.
+    fn line(&self, place: &Place) -> Option<usize> {
+        let mut found = None;
+        let mut table = Some(self.root.get_ref());
+        let mut value: Option<&Spanned<DeValue<'_>>> = None;
+        for step in &place.steps {
+            let next = match step {
+                Step::Key(name) => table
+                    .and_then(|t| t.iter().find(|(key, _)| key.get_ref() == name))
+                    .map(|(key, v)| {
+                        found = Some(key.span().start);
+                        v
+                    }),
+                Step::Index(index) => value
+                    .and_then(|v| v.get_ref().as_array())
+                    .and_then(|a| a.get(*index)),
+            };
+            let Some(next) = next else { break };
+            if matches!(step, Step::Index(_)) {
+                found = Some(next.span().start);
+            }
+            value = Some(next);
+            table = next.get_ref().as_table();
+        }
+        found.map(|offset| line_of(self.text, offset))
+    }
+
+    fn explain(&self, error: &toml::de::Error) -> FileError {
+        let message = one_line(error.message());
+        let quoted = backquoted(&message);
+        let span = error.span();
+        let root = self.root.get_ref();
+        let around = span
+            .as_ref()
+            .and_then(|span| find_in_table(root, &Place::default(), span));
+        let around = around.unwrap_or_default();
+        let (place, problem) = if message.starts_with("unknown field") && !quoted.is_empty() {
+            (around, unknown_name("field", quoted[0], &quoted[1..]))
+        } else if message.starts_with("missing field") && !quoted.is_empty() {
+            (around.key(quoted[0]), "the field is missing".to_owned())
+        } else if message.starts_with("unknown variant") && !quoted.is_empty() {
+            (around, unknown_name("value", quoted[0], &quoted[1..]))
+        } else {
+            let problem = message
+                .strip_prefix("invalid type: ")
+                .or(message.strip_prefix("invalid value: "));
+            (
+                around,
+                problem.map_or(message.clone(), |rest| format!("found {rest}")),
+            )
+        };
+        let field = (!place.steps.is_empty()).then(|| place.to_string());
+        let line = span.map(|span| line_of(self.text, span.start));
+        FileError {
+            path: self.path.to_owned(),
+            line,
+            field,
+            problem,
+        }
+    }
+}
+
+/// "unknown `kind` `name`", with the nearest of `known` or all of them.
+pub fn unknown_name(kind: &str, name: &str, known: &[&str]) -> String {
+    let nearest = known
+        .iter()
+        .map(|k| (strsim::damerau_levenshtein(k, name), *k))
+        .min();
+    match nearest {
+        Some((distance, nearest)) if distance <= 2.max(name.len() / 3) => {
+            format!("unknown {kind} `{name}`, did you mean `{nearest}`?")
+        }
+        Some(_) => format!(
+            "unknown {kind} `{name}`, expected one of `{}`",
+            known.join("`, `")
+        ),
+        None => format!("unknown {kind} `{name}`"),
+    }
+}
+
+/// The names between backquotes in one of serde's messages.
+fn backquoted(message: &str) -> Vec<&str> {
+    message.split('`').skip(1).step_by(2).collect()
+}
+
+fn one_line(message: &str) -> String {
+    message
+        .lines()
+        .map(str::trim)
+        .filter(|line| !line.is_empty())
+        .collect::<Vec<_>>()
+        .join("; ")
+}
+
+/// Line, from 1, of a byte offset.
+fn line_of(text: &str, offset: usize) -> usize {
+    1 + text.bytes().take(offset).filter(|&b| b == b'\n').count()
+}
+
+/// The innermost field under `table`, which stands at `around`, whose key or value covers `span`.
+///
+/// A table's own span may be its header alone, so every table is looked into.
+fn find_in_table(table: &DeTable<'_>, around: &Place, span: &Range<usize>) -> Option<Place> {
+    table.iter().find_map(|(key, value)| {
+        let place = around.key(key.get_ref());
+        let inner = find_in_value(value, &place, span);
+        inner.or_else(|| covers(&key.span(), span).then_some(place))
+    })
+}
+
+fn find_in_value(value: &Spanned<DeValue<'_>>, at: &Place, span: &Range<usize>) -> Option<Place> {
+    let inner = match value.get_ref() {
+        DeValue::Table(table) => find_in_table(table, at, span),
+        DeValue::Array(array) => {
+            (0..array.len()).find_map(|i| find_in_value(&array[i], &at.index(i), span))
+        }
+        _ => None,
+    };
+    inner.or_else(|| covers(&value.span(), span).then(|| at.clone()))
+}
+
+fn covers(outer: &Range<usize>, inner: &Range<usize>) -> bool {
+    outer.start <= inner.start && inner.end <= outer.end
+}
+
+#[cfg(test)]
+mod tests {
+    use serde::Deserialize;
+
+    use super::*;
+
+    #[derive(Debug, Deserialize)]
+    #[serde(deny_unknown_fields)]
+    #[expect(dead_code, reason = "only the refusals matter")]
+    struct Hall {
+        rate_hz: f64,
+        #[serde(default)]
+        room: Vec<Room>,
+    }
+
+    #[derive(Debug, Deserialize)]
+    #[serde(deny_unknown_fields)]
+    #[expect(dead_code, reason = "only the refusals matter")]
+    struct Room {
+        name: String,
+        size_m: [f64; 2],
+    }
+
+    fn refusal(text: &str) -> String {
+        let file = TomlFile::parse(text, Path::new("hall.toml"));
+        file.and_then(|file| file.read::<Hall>())
+            .unwrap_err()
+            .to_string()
+    }
+
+    #[test]
+    fn an_unknown_field_is_answered_with_the_nearest_name() {
+        let message = refusal("rate_hz = 60\n[[room]]\nname = \"a\"\nsize = [1, 2]\n");
+        assert_eq!(
+            message,
+            "hall.toml:4: `room[0].size`: unknown field `size`, did you mean `size_m`?"
+        );
+        let message = refusal("\nrate = 60\n");
+        assert_eq!(
+            message,
+            "hall.toml:2: `rate`: unknown field `rate`, expected one of `rate_hz`, `room`"
+        );
+    }
+
+    #[test]
+    fn a_mistyped_field_is_named_with_its_line() {
+        let message = refusal("rate_hz = 60\n[[room]]\nname = \"a\"\nsize_m = [1, \"x\"]\n");
+        assert_eq!(
+            message,
+            "hall.toml:4: `room[0].size_m[1]`: found string \"x\", expected f64"
+        );
+    }
+
+    #[test]
+    fn a_missing_field_is_named() {
+        let message = refusal("rate_hz = 60\n[[room]]\nname = \"a\"\n");
+        assert_eq!(
+            message,
+            "hall.toml:2: `room[0].size_m`: the field is missing"
+        );
+    }
+
+    #[test]
+    fn broken_syntax_is_named_with_its_line() {
+        assert!(refusal("rate_hz = 60\nroom = [\n").starts_with("hall.toml:"));
+        assert!(refusal("rate_hz = 60\nroom == 3\n").starts_with("hall.toml:2: not valid TOML"));
+    }
+
+    #[test]
+    fn a_later_check_finds_the_line_of_its_field() {
+        let text =
+            "rate_hz = 60\n[[room]]\nname = \"a\"\n[[room]]\nname = \"a\"\nsize_m = [0,\n 1]\n";
+        let file = TomlFile::parse(text, Path::new("hall.toml")).unwrap();
+        let second = Place::field("room").index(1);
+        assert_eq!(
+            file.error(&second.key("name"), "twice").to_string(),
+            "hall.toml:5: `room[1].name`: twice"
+        );
+        assert_eq!(
+            file.error(&second.key("size_m").index(1), "x").line,
+            Some(7)
+        );
+        assert_eq!(file.error(&second.key("absent"), "x").line, Some(4));
+    }
+}

@@ -1,0 +1,331 @@
+//! From the file as written to a venue that can be trusted.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use super::raw::{RawField, RawFusion, RawPerson, RawVenue, RawViewpoint};
+use super::source::source;
+use super::{
+    Endpoints, Field, GivenPerson, Parameters, Source, Venue, VenueCamera, VenueHash, Viewpoint,
+    ranges,
+};
+use crate::calibration::Calibration;
+use crate::endpoint::is_endpoint;
+use crate::id::{CameraIndex, ViewpointIndex};
+use crate::key::is_key_chunk;
+use crate::keypoints::COCO17;
+use crate::tick::Tick;
+use crate::toml_file::{FileError, Place, TomlFile, unknown_name};
+use crate::wire::MAX_CAMERAS;
+
+/// How far the default field reaches beyond the cameras, metres.
+const FIELD_MARGIN_M: f64 = 5.0;
+/// Height range of the default field, metres.
+const FIELD_HEIGHT_M: [f64; 2] = [-0.3, 2.6];
+/// Largest coordinate of a field, metres.
+const MAX_COORDINATE_M: f64 = 1e4;
+/// Largest rate, ticks per second.
+const MAX_RATE_HZ: f64 = 1000.0;
+/// Least keypoints of a person given by hand: those of a trunk and one more.
+const MIN_GIVEN_KEYPOINTS: usize = 5;
+/// Ticks farther from zero have no exact time in seconds.
+const MAX_TICK: i64 = 1 << 53;
+/// Most viewpoints of a venue.
+const MAX_VIEWPOINTS: usize = 256;
+
+pub(super) fn venue(
+    file: &TomlFile<'_>,
+    raw: RawVenue,
+    calibration: Calibration,
+    hashes: VenueHash,
+) -> Result<Venue, FileError> {
+    check_key_chunk(file, &Place::field("name"), &raw.name)?;
+    if !(raw.rate_hz > 0.0 && raw.rate_hz <= MAX_RATE_HZ) {
+        let problem = format!(
+            "found {:?}, expected a number above 0 and up to {MAX_RATE_HZ}",
+            raw.rate_hz
+        );
+        return Err(file.error(&Place::field("rate_hz"), problem));
+    }
+    let (viewpoints, cameras) = viewpoints(file, raw.viewpoint, calibration)?;
+    if raw.network.is_none() {
+        check_no_network(file, &viewpoints, &cameras)?;
+    }
+    let parameters = Parameters {
+        lattice: raw.lattice,
+        occlusion: raw.occlusion,
+        ik: raw.ik,
+        smoothing: raw.smoothing,
+        prediction: raw.prediction,
+        range_of_motion: raw.range_of_motion,
+        boxes: raw.boxes,
+        births: raw.births,
+        link: raw.link,
+    };
+    ranges::check(file, &parameters)?;
+    Ok(Venue {
+        field: field(file, raw.field.as_ref(), &cameras)?,
+        given_persons: given_persons(file, raw.person, raw.network.is_some())?,
+        endpoints: endpoints(file, raw.fusion)?,
+        calibration_path: path(file, "calibration", &raw.calibration)?,
+        network: raw
+            .network
+            .map(|name| path(file, "network", &name))
+            .transpose()?,
+        detector: raw
+            .detector
+            .map(|name| path(file, "detector", &name))
+            .transpose()?,
+        name: raw.name,
+        rate_hz: raw.rate_hz,
+        first_tick: tick(file, &Place::field("first_tick"), raw.first_tick)?,
+        viewpoints,
+        cameras,
+        parameters,
+        hashes,
+    })
+}
+
+fn tick(file: &TomlFile<'_>, place: &Place, tick: i64) -> Result<Tick, FileError> {
+    if (-MAX_TICK..=MAX_TICK).contains(&tick) {
+        return Ok(Tick(tick));
+    }
+    let problem = format!(
+        "found {tick}, expected a tick from {} to {MAX_TICK}",
+        -MAX_TICK
+    );
+    Err(file.error(place, problem))
+}
+
+fn path(file: &TomlFile<'_>, field: &str, name: &str) -> Result<std::path::PathBuf, FileError> {
+    if name.is_empty() {
+        return Err(file.error(
+            &Place::field(field),
+            "found \"\", expected the name of a file",
+        ));
+    }
+    Ok(file.resolve(name))
+}
+
+fn check_key_chunk(file: &TomlFile<'_>, place: &Place, name: &str) -> Result<(), FileError> {
+    if is_key_chunk(name) {
+        return Ok(());
+    }
+    let problem =
+        format!("found {name:?}, expected 1 to 64 ASCII letters, digits, `-`, `_` or `.`");
+    Err(file.error(place, problem))
+}
+
+fn viewpoints(
+    file: &TomlFile<'_>,
+    raw: Vec<RawViewpoint>,
+    calibration: Calibration,
+) -> Result<(Vec<Viewpoint>, Vec<VenueCamera>), FileError> {
+    let all = Place::field("viewpoint");
+    if raw.is_empty() || raw.len() > MAX_VIEWPOINTS {
+        return Err(file.error(
+            &all,
+            format!(
+                "found {}, expected 1 to {MAX_VIEWPOINTS} viewpoints",
+                raw.len()
+            ),
+        ));
+    }
+    let asked: BTreeSet<String> = raw
+        .iter()
+        .flat_map(|viewpoint| viewpoint.camera.iter().map(|camera| camera.name.clone()))
+        .collect();
+    let names: Vec<String> = calibration.cameras.keys().cloned().collect();
+    let mut unused = calibration.cameras;
+    let mut viewpoints: Vec<Viewpoint> = Vec::new();
+    let mut cameras = Vec::new();
+    for (i, viewpoint) in raw.into_iter().enumerate() {
+        let place = all.index(i);
+        check_key_chunk(file, &place.key("name"), &viewpoint.name)?;
+        if viewpoint.name == "fusion" {
+            return Err(file.error(
+                &place.key("name"),
+                "found \"fusion\", which is the name of the fusion node",
+            ));
+        }
+        if viewpoints.iter().any(|v| v.name == viewpoint.name) {
+            let problem = format!(
+                "a second viewpoint is called `{}`, expected names that differ",
+                viewpoint.name
+            );
+            return Err(file.error(&place.key("name"), problem));
+        }
+        if viewpoint.camera.is_empty() || viewpoint.camera.len() > MAX_CAMERAS {
+            let problem = format!(
+                "found {}, expected 1 to {MAX_CAMERAS} cameras",
+                viewpoint.camera.len()
+            );
+            return Err(file.error(&place.key("camera"), problem));
+        }
+        let mut indices = Vec::new();
+        for (j, camera) in viewpoint.camera.into_iter().enumerate() {
+            let place = place.key("camera").index(j);
+            let model = unused.remove(&camera.name).ok_or_else(|| {
+                let problem = no_camera(&camera.name, &names, &asked);
+                file.error(&place.key("name"), problem)
+            })?;
+            indices.push(CameraIndex(cameras.len() as u16));
+            let source = source(file, &place.key("source"), camera.source)?;
+            cameras.push(VenueCamera {
+                viewpoint: ViewpointIndex(i as u16),
+                model,
+                source,
+            });
+        }
+        viewpoints.push(Viewpoint {
+            name: viewpoint.name,
+            cameras: indices,
+        });
+    }
+    Ok((viewpoints, cameras))
+}
+
+/// Why there is no camera `name` to use, of `known` cameras of the calibration.
+fn no_camera(name: &String, known: &[String], asked: &BTreeSet<String>) -> String {
+    if known.contains(name) {
+        return format!("camera `{name}` is used twice");
+    }
+    // Whoever mistypes a name means none of the cameras that the venue names elsewhere.
+    let free = known.iter().filter(|camera| !asked.contains(*camera));
+    let free: Vec<&str> = free.map(String::as_str).collect();
+    unknown_name("camera of the calibration", name, &free)
+}
+
+/// Without a network every source must be keypoints.
+fn check_no_network(
+    file: &TomlFile<'_>,
+    viewpoints: &[Viewpoint],
+    cameras: &[VenueCamera],
+) -> Result<(), FileError> {
+    let pictures = cameras
+        .iter()
+        .find(|camera| !matches!(camera.source, Source::Keypoints { .. }));
+    pictures.map_or(Ok(()), |camera| {
+        let viewpoint = &viewpoints[usize::from(camera.viewpoint.0)].name;
+        let problem = format!(
+            "the field is missing: camera `{}` of viewpoint `{viewpoint}` gives pictures, which need a network's card",
+            camera.model.name()
+        );
+        Err(file.error(&Place::field("network"), problem))
+    })
+}
+
+fn field(
+    file: &TomlFile<'_>,
+    raw: Option<&RawField>,
+    cameras: &[VenueCamera],
+) -> Result<Field, FileError> {
+    let Some(&RawField { min_m, max_m }) = raw else {
+        return Ok(default_field(cameras));
+    };
+    let place = Place::field("field");
+    for (name, corner) in [("min_m", min_m), ("max_m", max_m)] {
+        if let Some(wrong) = corner
+            .iter()
+            .find(|v| v.is_nan() || v.abs() > MAX_COORDINATE_M)
+        {
+            let problem = format!(
+                "found {wrong:?}, expected metres from {} to {MAX_COORDINATE_M}",
+                -MAX_COORDINATE_M
+            );
+            return Err(file.error(&place.key(name), problem));
+        }
+    }
+    if let Some(axis) = (0..3).find(|&axis| min_m[axis] >= max_m[axis]) {
+        let problem = format!(
+            "found {:?}, expected more than `min_m` ({:?})",
+            max_m[axis], min_m[axis]
+        );
+        return Err(file.error(&place.key("max_m").index(axis), problem));
+    }
+    Ok(Field { min_m, max_m })
+}
+
+fn default_field(cameras: &[VenueCamera]) -> Field {
+    let [low, high] = FIELD_HEIGHT_M;
+    let mut field = Field {
+        min_m: [f64::INFINITY, f64::INFINITY, low],
+        max_m: [f64::NEG_INFINITY, f64::NEG_INFINITY, high],
+    };
+    for camera in cameras {
+        let center = camera.model.center().coordinates_m();
+        for axis in 0..2 {
+            field.min_m[axis] = field.min_m[axis].min(center[axis] - FIELD_MARGIN_M);
+            field.max_m[axis] = field.max_m[axis].max(center[axis] + FIELD_MARGIN_M);
+        }
+    }
+    field
+}
+
+fn endpoints(file: &TomlFile<'_>, raw: RawFusion) -> Result<Endpoints, FileError> {
+    for (field, list) in [("listen", &raw.listen), ("connect", &raw.connect)] {
+        // Zenoh's own words about a bad endpoint name no file.
+        if let Some(i) = list.iter().position(|text| !is_endpoint(text)) {
+            let problem = format!(
+                "found \"{}\", expected an endpoint such as \"tcp/127.0.0.1:7447\"",
+                list[i]
+            );
+            return Err(file.error(&Place::field("fusion").key(field).index(i), problem));
+        }
+    }
+    Ok(Endpoints {
+        listen: raw.listen,
+        connect: raw.connect,
+    })
+}
+
+fn given_persons(
+    file: &TomlFile<'_>,
+    raw: Vec<RawPerson>,
+    has_network: bool,
+) -> Result<Vec<GivenPerson>, FileError> {
+    let mut persons = Vec::new();
+    for (i, RawPerson { tick, keypoints_m }) in raw.into_iter().enumerate() {
+        let person = Place::field("person").index(i);
+        let tick = self::tick(file, &person.key("tick"), tick)?;
+        let place = person.key("keypoints_m");
+        check_given(file, &place, &keypoints_m, has_network)?;
+        persons.push(GivenPerson { tick, keypoints_m });
+    }
+    Ok(persons)
+}
+
+fn check_given(
+    file: &TomlFile<'_>,
+    place: &Place,
+    keypoints_m: &BTreeMap<String, [f64; 3]>,
+    has_network: bool,
+) -> Result<(), FileError> {
+    for (name, position) in keypoints_m {
+        // A network may know more than COCO's; without one these are all there are.
+        if !has_network && !COCO17.contains(&name.as_str()) {
+            return Err(file.error(&place.key(name), unknown_name("keypoint", name, &COCO17)));
+        }
+        if let Some(wrong) = position
+            .iter()
+            .find(|v| v.is_nan() || v.abs() > MAX_COORDINATE_M)
+        {
+            return Err(file.error(&place.key(name), format!("found {wrong}, expected metres")));
+        }
+    }
+    check_shows_a_body(keypoints_m).map_err(|problem| file.error(place, problem))
+}
+
+/// A body cannot be fitted to less, and would be missing without a word.
+fn check_shows_a_body(keypoints_m: &BTreeMap<String, [f64; 3]>) -> Result<(), String> {
+    if keypoints_m.len() < MIN_GIVEN_KEYPOINTS {
+        return Err(format!(
+            "found {}, expected at least {MIN_GIVEN_KEYPOINTS} keypoints",
+            keypoints_m.len()
+        ));
+    }
+    let has_both = |left, right| keypoints_m.contains_key(left) && keypoints_m.contains_key(right);
+    if has_both("left_shoulder", "right_shoulder") || has_both("left_hip", "right_hip") {
+        return Ok(());
+    }
+    Err("found neither both shoulders nor both hips, expected `left_shoulder` and `right_shoulder`, or `left_hip` and `right_hip`".to_owned())
+}

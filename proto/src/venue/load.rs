@@ -1,0 +1,30 @@
+//! Reading a venue and its calibration from files: the only file access of this crate.
+
+use std::fs;
+use std::path::Path;
+
+use super::Venue;
+use super::raw::RawVenue;
+use crate::calibration::Calibration;
+use crate::toml_file::{FileError, Place, TomlFile};
+
+impl Venue {
+    /// Reads the venue file at `path` and the calibration that it names.
+    ///
+    /// # Errors
+    /// [`FileError`] when a file cannot be read, and as [`Venue::parse`] and [`Calibration::parse`].
+    pub fn load(path: &Path) -> Result<Self, FileError> {
+        let text = fs::read_to_string(path).map_err(|error| {
+            FileError::new(path, format!("cannot read the venue file: {error}"))
+        })?;
+        let file = TomlFile::parse(&text, path)?;
+        let raw: RawVenue = file.read()?;
+        let calibration_path = file.resolve(&raw.calibration);
+        let calibration_text = fs::read_to_string(&calibration_path).map_err(|error| {
+            let problem = format!("cannot read {}: {error}", calibration_path.display());
+            file.error(&Place::field("calibration"), problem)
+        })?;
+        let calibration = Calibration::parse(&calibration_text, &calibration_path)?;
+        Self::parse(&text, path, calibration)
+    }
+}

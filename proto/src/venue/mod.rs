@@ -1,0 +1,156 @@
+//! The venue file: one installation, its viewpoints, cameras, sources and parameters.
+//!
+//! Everything is refused here, at start, with file, line and field; nothing is refused at tick
+//! 900. [`Venue::load`] is the only place of this crate that reads files.
+
+mod check;
+mod load;
+pub mod parameters;
+mod ranges;
+mod raw;
+mod source;
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+pub use parameters::Parameters;
+pub use source::Source;
+
+use crate::calibration::Calibration;
+use crate::camera::CameraModel;
+use crate::id::{CameraIndex, ViewpointIndex};
+use crate::tick::Tick;
+use crate::toml_file::{FileError, TomlFile};
+
+/// One installation, read and checked.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Venue {
+    /// First part of every Zenoh key.
+    pub name: String,
+    /// Ticks per second.
+    pub rate_hz: f64,
+    /// Tick of the first frame of recorded sources.
+    pub first_tick: Tick,
+    /// The calibration file.
+    pub calibration_path: PathBuf,
+    /// The keypoint network's card; there is one unless every source is keypoints.
+    pub network: Option<PathBuf>,
+    /// The detector's card.
+    pub detector: Option<PathBuf>,
+    /// Where fusion listens and edges connect.
+    pub endpoints: Endpoints,
+    /// Where people are tracked.
+    pub field: Field,
+    /// The viewpoints in file order; a [`ViewpointIndex`] counts them.
+    pub viewpoints: Vec<Viewpoint>,
+    /// The cameras of all viewpoints in file order; a [`CameraIndex`] counts them.
+    pub cameras: Vec<VenueCamera>,
+    /// People given by hand.
+    pub given_persons: Vec<GivenPerson>,
+    /// The tunable parts of the method.
+    pub parameters: Parameters,
+    /// What tells this venue from any other.
+    pub hashes: VenueHash,
+}
+
+/// Zenoh endpoints; empty lists mean that the command chooses.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Endpoints {
+    /// Where fusion listens.
+    pub listen: Vec<String>,
+    /// Where edges connect.
+    pub connect: Vec<String>,
+}
+
+/// The box in which people are tracked, world, metres.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Field {
+    /// Least x, y and z.
+    pub min_m: [f64; 3],
+    /// Largest x, y and z.
+    pub max_m: [f64; 3],
+}
+
+/// One place with one edge and its cameras.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Viewpoint {
+    /// Its name, a part of Zenoh keys.
+    pub name: String,
+    /// Its cameras, at least one.
+    pub cameras: Vec<CameraIndex>,
+}
+
+/// One camera with its place and its pictures.
+#[derive(Debug, Clone, PartialEq)]
+pub struct VenueCamera {
+    /// Whose camera it is.
+    pub viewpoint: ViewpointIndex,
+    /// Its calibration.
+    pub model: CameraModel,
+    /// Where its pictures come from.
+    pub source: Source,
+}
+
+/// A person given by hand instead of found.
+#[derive(Debug, Clone, PartialEq)]
+pub struct GivenPerson {
+    /// When.
+    pub tick: Tick,
+    /// Known keypoints by name, world, metres.
+    pub keypoints_m: BTreeMap<String, [f64; 3]>,
+}
+
+/// Fingerprints of the files that all nodes must share: 16 hexadecimal digits each.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct VenueHash {
+    /// Of the venue file.
+    pub venue: String,
+    /// Of the calibration file.
+    pub calibration: String,
+}
+
+impl Venue {
+    /// Reads the text of a venue file. `path` gives the folder that its paths are relative to, and
+    /// is named in errors; `calibration` is what the file's `calibration` says.
+    ///
+    /// # Errors
+    /// [`FileError`] naming line and field for anything that is missing, unknown, out of its range
+    /// or at odds with the calibration.
+    pub fn parse(text: &str, path: &Path, calibration: Calibration) -> Result<Self, FileError> {
+        let file = TomlFile::parse(text, path)?;
+        let raw = file.read()?;
+        let hashes = VenueHash {
+            venue: fingerprint(text),
+            calibration: calibration.hash.clone(),
+        };
+        check::venue(&file, raw, calibration, hashes)
+    }
+
+    /// The camera at `index`.
+    pub fn camera(&self, index: CameraIndex) -> Option<&VenueCamera> {
+        self.cameras.get(usize::from(index.0))
+    }
+
+    /// The viewpoint called `name`.
+    pub fn viewpoint_named(&self, name: &str) -> Option<ViewpointIndex> {
+        self.viewpoints
+            .iter()
+            .position(|v| v.name == name)
+            .map(|i| ViewpointIndex(i as u16))
+    }
+
+    /// Whether every source is a file of keypoints, so that no network is needed.
+    pub fn keypoint_files_only(&self) -> bool {
+        self.cameras
+            .iter()
+            .all(|camera| matches!(camera.source, Source::Keypoints { .. }))
+    }
+}
+
+/// The first 16 hexadecimal digits of the text's BLAKE3 hash.
+pub(crate) fn fingerprint(text: &str) -> String {
+    blake3::hash(text.as_bytes()).to_hex()[..16].to_owned()
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,84 @@
+//! The venue file as it is written, before it is checked.
+
+use std::collections::BTreeMap;
+
+use serde::Deserialize;
+
+use super::parameters::{
+    BirthParameters, BoxParameters, IkParameters, LatticeParameters, LinkParameters,
+    OcclusionParameters, PredictionParameters, RangeOfMotionParameters, SmoothingParameters,
+};
+use super::source::RawSource;
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct RawVenue {
+    pub(super) name: String,
+    pub(super) rate_hz: f64,
+    #[serde(default)]
+    pub(super) first_tick: i64,
+    pub(super) calibration: String,
+    pub(super) network: Option<String>,
+    pub(super) detector: Option<String>,
+    #[serde(default)]
+    pub(super) fusion: RawFusion,
+    pub(super) field: Option<RawField>,
+    #[serde(default)]
+    pub(super) viewpoint: Vec<RawViewpoint>,
+    #[serde(default)]
+    pub(super) person: Vec<RawPerson>,
+    #[serde(default)]
+    pub(super) lattice: LatticeParameters,
+    #[serde(default)]
+    pub(super) occlusion: OcclusionParameters,
+    #[serde(default)]
+    pub(super) ik: IkParameters,
+    #[serde(default)]
+    pub(super) smoothing: SmoothingParameters,
+    #[serde(default)]
+    pub(super) prediction: PredictionParameters,
+    #[serde(default)]
+    pub(super) range_of_motion: RangeOfMotionParameters,
+    #[serde(default)]
+    pub(super) boxes: BoxParameters,
+    #[serde(default)]
+    pub(super) births: BirthParameters,
+    #[serde(default)]
+    pub(super) link: LinkParameters,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct RawFusion {
+    pub(super) listen: Vec<String>,
+    pub(super) connect: Vec<String>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct RawField {
+    pub(super) min_m: [f64; 3],
+    pub(super) max_m: [f64; 3],
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct RawViewpoint {
+    pub(super) name: String,
+    #[serde(default)]
+    pub(super) camera: Vec<RawCamera>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct RawCamera {
+    pub(super) name: String,
+    pub(super) source: RawSource,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct RawPerson {
+    pub(super) tick: i64,
+    pub(super) keypoints_m: BTreeMap<String, [f64; 3]>,
+}

@@ -1,0 +1,145 @@
+//! Where a camera's pictures come from.
+
+use std::path::PathBuf;
+
+use serde::Deserialize;
+
+use crate::patch::MAX_SIDE;
+use crate::toml_file::{FileError, Place, TomlFile, unknown_name};
+
+/// Cells of the maps drawn from keypoints: width, height.
+const DEFAULT_GRID: [u16; 2] = [48, 64];
+/// Sigma of a drawn peak, cells.
+const DEFAULT_SIGMA_CELLS: f64 = 2.0;
+
+/// Where a camera's pictures, or what was found in them, come from.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Source {
+    /// A video file.
+    Video {
+        /// The file.
+        path: PathBuf,
+    },
+    /// Numbered pictures.
+    Images {
+        /// The files, with a number pattern such as `%06d`.
+        path: PathBuf,
+    },
+    /// A file of 2D keypoint candidates, from which maps are drawn.
+    Keypoints {
+        /// The file.
+        path: PathBuf,
+        /// Cells of a drawn map: width, height. Default 48 x 64.
+        grid: [u16; 2],
+        /// Sigma of a drawn peak, cells. Default 2.
+        sigma_cells: f64,
+    },
+    /// A camera of this machine.
+    V4l {
+        /// Its device file.
+        device: PathBuf,
+    },
+    /// Anything that ffmpeg opens.
+    Ffmpeg {
+        /// Its address.
+        url: String,
+    },
+}
+
+/// A source as it is written: all kinds' fields, so that a wrong one can be named.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct RawSource {
+    kind: String,
+    path: Option<String>,
+    device: Option<String>,
+    url: Option<String>,
+    grid: Option<[u16; 2]>,
+    sigma_cells: Option<f64>,
+}
+
+const KINDS: [&str; 5] = ["video", "images", "keypoints", "v4l", "ffmpeg"];
+
+/// Checks the source at `place`.
+pub(super) fn source(
+    file: &TomlFile<'_>,
+    place: &Place,
+    raw: RawSource,
+) -> Result<Source, FileError> {
+    let RawSource {
+        kind,
+        path,
+        device,
+        url,
+        grid,
+        sigma_cells,
+    } = raw;
+    let given = [
+        ("path", path.is_some()),
+        ("device", device.is_some()),
+        ("url", url.is_some()),
+        ("grid", grid.is_some()),
+        ("sigma_cells", sigma_cells.is_some()),
+    ];
+    let allowed: &[&str] = match kind.as_str() {
+        "video" | "images" => &["path"],
+        "keypoints" => &["path", "grid", "sigma_cells"],
+        "v4l" => &["device"],
+        "ffmpeg" => &["url"],
+        other => return Err(file.error(&place.key("kind"), unknown_name("kind", other, &KINDS))),
+    };
+    if let Some((field, _)) = given
+        .iter()
+        .find(|(field, is_given)| *is_given && !allowed.contains(field))
+    {
+        let problem = format!(
+            "a source of kind \"{kind}\" has no such field, expected `{}`",
+            allowed.join("`, `")
+        );
+        return Err(file.error(&place.key(field), problem));
+    }
+    let needed = |field: &str, value: Option<String>| match value {
+        Some(text) if !text.is_empty() => Ok(text),
+        Some(_) => Err(file.error(&place.key(field), "found \"\", expected a name")),
+        None => Err(file.error(
+            &place.key(field),
+            format!("the field is missing in a source of kind \"{kind}\""),
+        )),
+    };
+    match kind.as_str() {
+        "video" => Ok(Source::Video {
+            path: file.resolve(&needed("path", path)?),
+        }),
+        "images" => Ok(Source::Images {
+            path: file.resolve(&needed("path", path)?),
+        }),
+        "v4l" => Ok(Source::V4l {
+            device: file.resolve(&needed("device", device)?),
+        }),
+        "ffmpeg" => Ok(Source::Ffmpeg {
+            url: needed("url", url)?,
+        }),
+        _ => {
+            let path = file.resolve(&needed("path", path)?);
+            let grid = grid.unwrap_or(DEFAULT_GRID);
+            let sigma_cells = sigma_cells.unwrap_or(DEFAULT_SIGMA_CELLS);
+            if grid
+                .iter()
+                .any(|&side| !(1..=MAX_SIDE).contains(&usize::from(side)))
+            {
+                let problem =
+                    format!("found {grid:?}, expected [width, height] of 1 to {MAX_SIDE} cells");
+                return Err(file.error(&place.key("grid"), problem));
+            }
+            if !(0.3..=32.0).contains(&sigma_cells) {
+                let problem = format!("found {sigma_cells}, expected a number from 0.3 to 32");
+                return Err(file.error(&place.key("sigma_cells"), problem));
+            }
+            Ok(Source::Keypoints {
+                path,
+                grid,
+                sigma_cells,
+            })
+        }
+    }
+}

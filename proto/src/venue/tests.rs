@@ -1,0 +1,354 @@
+//! The venue file as a user gets to know it.
+
+use std::path::Path;
+
+use nalgebra::{Isometry3, Vector3};
+
+use super::*;
+use crate::camera::{Distortion, Intrinsics};
+use crate::frames::Transform;
+
+const VENUE: &str = r#"name = "hall-3"
+rate_hz = 60.0
+calibration = "calibration.toml"
+network = "models/net.toml"
+first_tick = 300
+
+[fusion]
+listen = ["tcp/127.0.0.1:7447"]
+
+[field]
+min_m = [-12.0, -8.0, 0.0]
+max_m = [12.0, 8.0, 2.5]
+
+[[viewpoint]]
+name = "north-east"
+[[viewpoint.camera]]
+name = "ne-left"
+source = { kind = "video", path = "videos/ne-left.mp4" }
+[[viewpoint.camera]]
+name = "ne-right"
+source = { kind = "keypoints", path = "ne-right.jsonl", grid = [96, 128] }
+
+[[viewpoint]]
+name = "south"
+[[viewpoint.camera]]
+name = "south"
+source = { kind = "v4l", device = "/dev/video0" }
+
+[[person]]
+tick = 301
+keypoints_m = { left_shoulder = [0.1, 0.2, 1.4], right_shoulder = [-0.2, 0.2, 1.4], left_hip = [0.0, 0.2, 0.9], left_knee = [0.0, 0.2, 0.5], nose = [0.0, 0.3, 1.6] }
+
+[lattice]
+half_width_m = 0.3
+"#;
+
+fn calibration() -> Calibration {
+    let intrinsics = Intrinsics {
+        fx_px: 900.0,
+        fy_px: 900.0,
+        cx_px: 640.0,
+        cy_px: 360.0,
+    };
+    let cameras = [
+        ("ne-left", 3.0),
+        ("ne-right", 4.0),
+        ("south", -7.0),
+        ("spare", 90.0),
+    ]
+    .map(|(name, x)| {
+        // Cameras at (x, 2 x, 1), not turned.
+        let place = Transform::new(Isometry3::new(
+            Vector3::new(-x, -2.0 * x, -1.0),
+            Vector3::zeros(),
+        ));
+        let model = CameraModel::new(name, [1280, 720], intrinsics, Distortion::default(), place);
+        (name.to_owned(), model.unwrap())
+    });
+    Calibration {
+        cameras: cameras.into(),
+        hash: "0123456789abcdef".to_owned(),
+    }
+}
+
+fn parse(text: &str) -> Result<Venue, FileError> {
+    Venue::parse(text, Path::new("venues/hall.toml"), calibration())
+}
+
+fn refusal(from: &str, to: &str) -> String {
+    assert!(VENUE.contains(from));
+    parse(&VENUE.replace(from, to)).unwrap_err().to_string()
+}
+
+fn check(from: &str, to: &str, expected: &str) {
+    assert_eq!(refusal(from, to), format!("venues/hall.toml:{expected}"));
+}
+
+#[test]
+fn a_whole_venue_is_read() {
+    let venue = parse(VENUE).unwrap();
+    assert_eq!(
+        (venue.name.as_str(), venue.first_tick),
+        ("hall-3", Tick(300))
+    );
+    assert_eq!(venue.calibration_path, Path::new("venues/calibration.toml"));
+    assert_eq!(
+        venue.network.as_deref(),
+        Some(Path::new("venues/models/net.toml"))
+    );
+    assert_eq!(
+        venue.viewpoints[0].cameras,
+        [CameraIndex(0), CameraIndex(1)]
+    );
+    let south = venue.viewpoint_named("south").unwrap();
+    assert_eq!(south, ViewpointIndex(1));
+    let camera = venue.camera(CameraIndex(2)).unwrap();
+    assert_eq!((camera.viewpoint, camera.model.name()), (south, "south"));
+    assert_eq!(
+        camera.source,
+        Source::V4l {
+            device: "/dev/video0".into()
+        }
+    );
+    assert_eq!(
+        venue.cameras[1].source,
+        Source::Keypoints {
+            path: "venues/ne-right.jsonl".into(),
+            grid: [96, 128],
+            sigma_cells: 2.0
+        }
+    );
+    assert!((venue.parameters.lattice.half_width_m - 0.3).abs() < 1e-12);
+    assert_eq!(
+        venue.parameters.births,
+        parameters::BirthParameters::default()
+    );
+    assert!(!venue.keypoint_files_only());
+    assert_eq!(
+        (venue.hashes.venue.len(), venue.hashes.calibration.as_str()),
+        (16, "0123456789abcdef")
+    );
+}
+
+#[test]
+fn without_a_field_people_are_tracked_around_the_cameras() {
+    let cut = VENUE.find("[field]").unwrap()..VENUE.find("[[viewpoint]]").unwrap();
+    let mut text = VENUE.to_owned();
+    text.replace_range(cut, "");
+    let field = parse(&text).unwrap().field;
+    let corners = [-12.0, -19.0, -0.3, 9.0, 13.0, 2.6];
+    let found = field.min_m.into_iter().chain(field.max_m);
+    assert!(
+        found.zip(corners).all(|(a, b)| (a - b).abs() < 1e-9),
+        "{field:?}"
+    );
+}
+
+#[test]
+fn keypoint_files_need_no_network_and_pictures_do() {
+    let text = "name = \"k\"\nrate_hz = 20\ncalibration = \"c.toml\"\n[[viewpoint]]\nname = \"v\"\n\
+        [[viewpoint.camera]]\nname = \"south\"\nsource = { kind = \"keypoints\", path = \"k.jsonl\" }\n";
+    assert!(parse(text).unwrap().keypoint_files_only());
+    let refused = refusal("network = \"models/net.toml\"\n", "");
+    assert!(
+        refused.contains(
+            "`network`: the field is missing: camera `ne-left` of viewpoint `north-east`"
+        ),
+        "{refused}"
+    );
+}
+
+#[test]
+fn unknown_names_are_answered_with_the_nearest() {
+    check(
+        "rate_hz",
+        "rate_herz",
+        "2: `rate_herz`: unknown field `rate_herz`, did you mean `rate_hz`?",
+    );
+    check(
+        "half_width_m",
+        "halfwidth_m",
+        "34: `lattice.halfwidth_m`: unknown field `halfwidth_m`, did you mean `half_width_m`?",
+    );
+    check(
+        "\"video\"",
+        "\"vidoe\"",
+        "18: `viewpoint[0].camera[0].source.kind`: unknown kind `vidoe`, did you mean `video`?",
+    );
+    check(
+        "[lattice]",
+        "[latice]",
+        "33: `latice`: unknown field `latice`, did you mean `lattice`?",
+    );
+    check(
+        "name = \"ne-left\"",
+        "name = \"ne-lest\"",
+        "17: `viewpoint[0].camera[0].name`: unknown camera of the calibration `ne-lest`, did you mean `ne-left`?",
+    );
+}
+
+#[test]
+fn a_mistyped_camera_is_never_answered_with_one_in_use() {
+    // The nearest name is `ne-right`, which the venue uses two lines further down.
+    check(
+        "name = \"ne-left\"",
+        "name = \"ne-rigth\"",
+        "17: `viewpoint[0].camera[0].name`: unknown camera of the calibration `ne-rigth`, expected one of `ne-left`, `spare`",
+    );
+}
+
+#[test]
+fn cameras_and_viewpoints_have_one_place() {
+    check(
+        "name = \"ne-right\"",
+        "name = \"ne-left\"",
+        "20: `viewpoint[0].camera[1].name`: camera `ne-left` is used twice",
+    );
+    check(
+        "name = \"south\"\n[[",
+        "name = \"north-east\"\n[[",
+        "24: `viewpoint[1].name`: a second viewpoint is called `north-east`, expected names that differ",
+    );
+    check(
+        "name = \"north-east\"",
+        "name = \"north/east\"",
+        "15: `viewpoint[0].name`: found \"north/east\", expected 1 to 64 ASCII letters, digits, `-`, `_` or `.`",
+    );
+    check(
+        "name = \"north-east\"",
+        "name = \"fusion\"",
+        "15: `viewpoint[0].name`: found \"fusion\", which is the name of the fusion node",
+    );
+}
+
+#[test]
+fn a_source_has_the_fields_of_its_kind() {
+    check(
+        "path = \"videos/ne-left.mp4\"",
+        "device = \"/dev/video1\"",
+        "18: `viewpoint[0].camera[0].source.device`: a source of kind \"video\" has no such field, expected `path`",
+    );
+    check(
+        "kind = \"video\", path = \"videos/ne-left.mp4\"",
+        "kind = \"ffmpeg\"",
+        "18: `viewpoint[0].camera[0].source.url`: the field is missing in a source of kind \"ffmpeg\"",
+    );
+    check(
+        "[96, 128]",
+        "[96, 1280]",
+        "21: `viewpoint[0].camera[1].source.grid`: found [96, 1280], expected [width, height] of 1 to 256 cells",
+    );
+}
+
+#[test]
+fn numbers_out_of_their_range_are_refused() {
+    check(
+        "rate_hz = 60.0",
+        "rate_hz = -3",
+        "2: `rate_hz`: found -3.0, expected a number above 0 and up to 1000",
+    );
+    check(
+        "half_width_m = 0.3",
+        "half_width_m = nan",
+        "34: `lattice.half_width_m`: found NaN, expected a number from 0.01 to 2",
+    );
+    check(
+        "[12.0, 8.0, 2.5]",
+        "[12.0, -8.0, 2.5]",
+        "12: `field.max_m[1]`: found -8.0, expected more than `min_m` (-8.0)",
+    );
+    check(
+        "[lattice]\nhalf_width_m = 0.3",
+        "[boxes]\nrotate_until_deg = 60",
+        "34: `boxes.rotate_until_deg`: found 60.0, expected at most `rotate_from_deg` (40.0)",
+    );
+    check(
+        "[0.1, 0.2, 1.4]",
+        "[0.1, inf, 1.4]",
+        "31: `person[0].keypoints_m.left_shoulder`: found inf, expected metres",
+    );
+    check(
+        "tcp/127.0.0.1:7447",
+        "127.0.0.1:7447",
+        "8: `fusion.listen[0]`: found \"127.0.0.1:7447\", expected an endpoint such as \"tcp/127.0.0.1:7447\"",
+    );
+}
+
+#[test]
+fn a_person_given_by_hand_must_show_a_body() {
+    // Symptom to prevent: no body could be fitted to such a person, who was missing without a word.
+    check(
+        ", nose = [0.0, 0.3, 1.6]",
+        "",
+        "31: `person[0].keypoints_m`: found 4, expected at least 5 keypoints",
+    );
+    check(
+        "right_shoulder",
+        "right_ear",
+        "31: `person[0].keypoints_m`: found neither both shoulders nor both hips, expected `left_shoulder` and `right_shoulder`, or `left_hip` and `right_hip`",
+    );
+    let hips = VENUE
+        .replace("right_shoulder", "right_ear")
+        .replace("left_knee", "right_hip");
+    assert_eq!(parse(&hips).unwrap().given_persons[0].keypoints_m.len(), 5);
+}
+
+#[test]
+fn without_a_network_the_names_given_by_hand_are_those_of_coco() {
+    let text = "name = \"k\"\nrate_hz = 20\ncalibration = \"c.toml\"\n[[viewpoint]]\nname = \"v\"\n\
+        [[viewpoint.camera]]\nname = \"south\"\nsource = { kind = \"keypoints\", path = \"k.jsonl\" }\n\
+        [[person]]\ntick = 0\n[person.keypoints_m]\nleft_sholder = [0, 0, 1.4]\n";
+    let refused = parse(text).unwrap_err().to_string();
+    assert_eq!(
+        refused,
+        "venues/hall.toml:12: `person[0].keypoints_m.left_sholder`: unknown keypoint `left_sholder`, did you mean `left_shoulder`?"
+    );
+}
+
+#[test]
+fn huge_numbers_are_named_in_few_digits() {
+    check(
+        "half_width_m = 0.3",
+        "half_width_m = 1e300",
+        "34: `lattice.half_width_m`: found 1e300, expected a number from 0.01 to 2",
+    );
+    check(
+        "rate_hz = 60.0",
+        "rate_hz = 1e300",
+        "2: `rate_hz`: found 1e300, expected a number above 0 and up to 1000",
+    );
+}
+
+#[test]
+fn ticks_without_an_exact_time_are_refused() {
+    check(
+        "first_tick = 300",
+        "first_tick = 9007199254740993",
+        "5: `first_tick`: found 9007199254740993, expected a tick from -9007199254740992 to 9007199254740992",
+    );
+    check(
+        "tick = 301",
+        "tick = -9223372036854775808",
+        "30: `person[0].tick`: found -9223372036854775808, expected a tick from -9007199254740992 to 9007199254740992",
+    );
+    let last = VENUE.replace("first_tick = 300", "first_tick = 9007199254740992");
+    assert_eq!(parse(&last).unwrap().first_tick, Tick(1 << 53));
+}
+
+#[test]
+fn every_default_is_in_its_range() {
+    let file = TomlFile::parse("", Path::new("empty.toml")).unwrap();
+    ranges::check(&file, &Parameters::default()).unwrap();
+}
+
+#[test]
+fn a_file_that_cannot_be_read_is_named() {
+    let refused = Venue::load(Path::new("no/such/venue.toml"))
+        .unwrap_err()
+        .to_string();
+    assert!(
+        refused.starts_with("no/such/venue.toml: cannot read the venue file"),
+        "{refused}"
+    );
+}

@@ -1,0 +1,297 @@
+//! Messages as bytes: a version byte, then `postcard`, bounded in size and checked.
+//!
+//! A decoded message can be trusted in its form: counts, grids, boxes and numbers are valid.
+//! Whether it makes sense (a camera that exists, a session that lives) is for the node to see.
+
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+
+use crate::grid::CellGrid;
+use crate::key::is_key_chunk;
+use crate::message::{
+    BoxSet, CameraBox, MAX_CAPTURE_OFFSET_US, MAX_CROPS, MAX_PERSONS, MAX_SIGHTINGS, MAX_STAGES,
+    PatchSet, PersonPatch, PersonPose, PoseSet, Sighting, SightingSet, Status,
+};
+use crate::patch::MAX_KEYPOINTS;
+
+/// Version of the messages; any change of their fields or of the patch codec raises it.
+pub const VERSION: u8 = 1;
+/// Longest message, bytes. It bounds what decoding may allocate, too: room is made for elements
+/// that are there, not for those that a message says it has, so less than 64 bytes for each of its own.
+pub const MAX_MESSAGE_BYTES: usize = 1 << 20;
+/// Most messages that a viewpoint may send for one tick.
+pub const MAX_PARTS: u16 = 1024;
+/// Most cameras of one viewpoint.
+pub const MAX_CAMERAS: usize = 64;
+/// Most joints of a skeleton, and most of its angles (one bit each in `unobserved`).
+pub const MAX_JOINTS: usize = 64;
+/// Longest text of a status, bytes; who says more says [`cut_text`] of it.
+pub const MAX_TEXT_BYTES: usize = 8192;
+
+/// What travels between nodes.
+pub trait Message: Serialize + DeserializeOwned {
+    /// Checks counts, sizes and numbers.
+    ///
+    /// # Errors
+    /// What is wrong, in a few words.
+    fn check(&self) -> Result<(), &'static str>;
+}
+
+/// Why bytes are not a message.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum WireError {
+    /// There is nothing.
+    #[error("the message is empty")]
+    Empty,
+    /// It is longer than any message may be.
+    #[error("the message has {got} bytes, at most {MAX_MESSAGE_BYTES} are read")]
+    TooLong {
+        /// Its length.
+        got: usize,
+    },
+    /// It was written by another version.
+    #[error("the message is of version {got}, expected {VERSION}")]
+    Version {
+        /// Its version.
+        got: u8,
+    },
+    /// The bytes are not this kind of message.
+    #[error("the message cannot be read: {problem}")]
+    Unreadable {
+        /// What postcard says.
+        problem: String,
+    },
+    /// The message goes on after its end.
+    #[error("{left} bytes are left over after the message")]
+    LeftOver {
+        /// How many.
+        left: usize,
+    },
+    /// The content is impossible.
+    #[error("the message is not valid: {0}")]
+    Invalid(&'static str),
+}
+
+/// The message as bytes, version first.
+///
+/// # Panics
+/// Never for the messages of [`crate::message`]: all their sequences know their length.
+pub fn encode<M: Message>(message: &M) -> Vec<u8> {
+    postcard::to_extend(message, vec![VERSION])
+        .expect("writing to memory a type whose sequences know their length")
+}
+
+/// The beginning of `text`, as much as a status may carry, cut between characters.
+pub fn cut_text(mut text: String) -> String {
+    text.truncate(text.floor_char_boundary(MAX_TEXT_BYTES));
+    text
+}
+
+/// Reads a message of kind `M`.
+///
+/// # Errors
+/// [`WireError`] when the bytes are not exactly one valid message of this version.
+pub fn decode<M: Message>(bytes: &[u8]) -> Result<M, WireError> {
+    if bytes.len() > MAX_MESSAGE_BYTES {
+        return Err(WireError::TooLong { got: bytes.len() });
+    }
+    let (&version, body) = bytes.split_first().ok_or(WireError::Empty)?;
+    if version != VERSION {
+        return Err(WireError::Version { got: version });
+    }
+    let (message, rest): (M, &[u8]) =
+        postcard::take_from_bytes(body).map_err(|error| WireError::Unreadable {
+            problem: error.to_string(),
+        })?;
+    if !rest.is_empty() {
+        return Err(WireError::LeftOver { left: rest.len() });
+    }
+    message.check().map_err(WireError::Invalid)?;
+    Ok(message)
+}
+
+impl Message for PatchSet {
+    fn check(&self) -> Result<(), &'static str> {
+        check_parts(self.part, self.parts)?;
+        ensure(
+            self.sighting_parts <= MAX_PARTS,
+            "more sighting parts than a tick may have",
+        )?;
+        ensure(
+            self.persons.len() <= MAX_PERSONS,
+            "more persons than a message may have",
+        )?;
+        self.persons.iter().try_for_each(check_patch)
+    }
+}
+
+fn check_patch(patch: &PersonPatch) -> Result<(), &'static str> {
+    ensure(
+        patch.capture_offset_us.unsigned_abs() <= MAX_CAPTURE_OFFSET_US.unsigned_abs(),
+        "a capture too far from its tick",
+    )?;
+    let maps = &patch.maps;
+    maps.check_size()
+        .map_err(|_| "maps of an impossible size")?;
+    ensure(
+        (1..=MAX_CROPS).contains(&patch.crops.len()),
+        "an impossible number of crops",
+    )?;
+    ensure(
+        patch.crops.iter().all(CellGrid::is_valid),
+        "an impossible crop",
+    )?;
+    let same_size = patch
+        .crops
+        .iter()
+        .all(|c| (c.width, c.height) == (maps.width, maps.height));
+    ensure(same_size, "a crop of another size than its maps")?;
+    let of_keypoint = &patch.crop_of_keypoint;
+    ensure(
+        of_keypoint.len() == usize::from(maps.keypoints),
+        "not one crop index per keypoint",
+    )?;
+    ensure(
+        of_keypoint
+            .iter()
+            .all(|&c| usize::from(c) < patch.crops.len()),
+        "a crop index without a crop",
+    )
+}
+
+impl Message for BoxSet {
+    fn check(&self) -> Result<(), &'static str> {
+        ensure(
+            self.persons.len() <= MAX_PERSONS,
+            "more persons than a message may have",
+        )?;
+        let few_cameras = self.persons.iter().all(|p| p.cameras.len() <= MAX_CAMERAS);
+        ensure(few_cameras, "more cameras than a viewpoint may have")?;
+        self.persons
+            .iter()
+            .flat_map(|p| &p.cameras)
+            .try_for_each(check_box)
+    }
+}
+
+fn check_box(camera: &CameraBox) -> Result<(), &'static str> {
+    ensure(camera.bounding_box.is_valid(), "an impossible box")?;
+    let rate = &camera.rate;
+    let rates = rate
+        .center_px
+        .iter()
+        .chain(&rate.size_px)
+        .chain([&rate.rotation_rad]);
+    ensure(all_finite(rates), "a rate that is not finite")?;
+    ensure(
+        all_finite(camera.torso_px.iter().chain(&camera.neck_px)),
+        "a torso or neck that is not finite",
+    )
+}
+
+impl Message for SightingSet {
+    fn check(&self) -> Result<(), &'static str> {
+        check_parts(self.part, self.parts)?;
+        ensure(
+            self.sightings.len() <= MAX_SIGHTINGS,
+            "more sightings than a message may have",
+        )?;
+        self.sightings.iter().try_for_each(check_sighting)
+    }
+}
+
+fn check_sighting(sighting: &Sighting) -> Result<(), &'static str> {
+    ensure(
+        (0.0..=1.0).contains(&sighting.score),
+        "a score outside 0 to 1",
+    )?;
+    ensure(
+        sighting.keypoints.len() <= MAX_KEYPOINTS,
+        "more keypoints than a network may have",
+    )?;
+    sighting.keypoints.iter().flatten().try_for_each(|peak| {
+        ensure((0.0..=1.0).contains(&peak.score), "a score outside 0 to 1")?;
+        ensure(
+            all_finite(&peak.position_px),
+            "a position that is not finite",
+        )
+    })
+}
+
+impl Message for PoseSet {
+    fn check(&self) -> Result<(), &'static str> {
+        ensure(
+            self.persons.len() <= MAX_PERSONS,
+            "more persons than a message may have",
+        )?;
+        self.persons.iter().try_for_each(check_pose)
+    }
+}
+
+fn check_pose(pose: &PersonPose) -> Result<(), &'static str> {
+    ensure(
+        pose.joints_m.len() <= MAX_JOINTS,
+        "more joints than a skeleton may have",
+    )?;
+    ensure(
+        pose.angles.len() <= MAX_JOINTS,
+        "more angles than a skeleton may have",
+    )?;
+    ensure(
+        pose.keypoints_m.len() <= MAX_KEYPOINTS,
+        "more keypoints than a network may have",
+    )?;
+    let positions = pose.joints_m.iter().chain(&pose.keypoints_m).flatten();
+    ensure(
+        all_finite(positions.chain(&pose.angles)),
+        "a number that is not finite",
+    )
+}
+
+impl Message for Status {
+    fn check(&self) -> Result<(), &'static str> {
+        ensure(
+            is_key_chunk(&self.node),
+            "a node name that cannot stand in a key",
+        )?;
+        let texts = [
+            &self.venue_hash,
+            &self.calibration_hash,
+            &self.network_hash,
+            &self.backend,
+        ];
+        let short = texts
+            .into_iter()
+            .chain(&self.failure)
+            .chain(self.stages.iter().map(|s| &s.stage))
+            .all(|text| text.len() <= MAX_TEXT_BYTES);
+        ensure(short, "a text that is too long")?;
+        ensure(
+            self.stages.len() <= MAX_STAGES,
+            "more stages than a node may have",
+        )?;
+        let in_order = self.ticks.is_none_or(|[first, end]| first <= end);
+        ensure(in_order, "ticks that end before they begin")
+    }
+}
+
+fn check_parts(part: u16, parts: u16) -> Result<(), &'static str> {
+    ensure(
+        (1..=MAX_PARTS).contains(&parts),
+        "an impossible number of parts",
+    )?;
+    ensure(part < parts, "a part past the last one")
+}
+
+fn all_finite<'a>(numbers: impl IntoIterator<Item = &'a f32>) -> bool {
+    numbers.into_iter().all(|v| v.is_finite())
+}
+
+fn ensure(holds: bool, otherwise: &'static str) -> Result<(), &'static str> {
+    if holds { Ok(()) } else { Err(otherwise) }
+}
+
+#[cfg(test)]
+mod laws;
+#[cfg(test)]
+mod tests;

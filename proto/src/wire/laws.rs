@@ -1,0 +1,267 @@
+//! Laws of the wire: every message comes back, and no bytes bring the reader down.
+
+use proptest::prelude::*;
+
+use super::tests::stage;
+use super::*;
+use crate::bounding_box::{BoundingBox, BoxRate};
+use crate::grid::CellGrid;
+use crate::id::{CameraIndex, PersonId, SessionId, ViewpointIndex};
+use crate::message::{KeypointPeak, Order, PersonBoxes, PersonState};
+use crate::patch::EncodedMaps;
+use crate::tick::Tick;
+
+fn check_round_trip<M: Message + PartialEq + std::fmt::Debug>(message: &M) {
+    assert_eq!(decode::<M>(&encode(message)).as_ref(), Ok(message));
+}
+
+fn decode_all(bytes: &[u8]) {
+    // Only that they return.
+    drop((
+        decode::<PatchSet>(bytes),
+        decode::<BoxSet>(bytes),
+        decode::<SightingSet>(bytes),
+    ));
+    drop((decode::<PoseSet>(bytes), decode::<Status>(bytes)));
+}
+
+fn px() -> impl Strategy<Value = [f32; 2]> {
+    prop::array::uniform2(-5000.0f32..5000.0)
+}
+
+fn any_patch_set() -> impl Strategy<Value = PatchSet> {
+    let patch = (
+        (
+            any::<u32>(),
+            any::<u16>(),
+            any::<i64>(),
+            -MAX_CAPTURE_OFFSET_US..=MAX_CAPTURE_OFFSET_US,
+        ),
+        1u8..=64,
+        1usize..=MAX_CROPS,
+        px(),
+        any::<Vec<u8>>(),
+    );
+    let persons = prop::collection::vec(patch, 0..6);
+    (
+        any::<(u64, i64, u16)>(),
+        1..=MAX_PARTS,
+        0..=MAX_PARTS,
+        persons,
+    )
+        .prop_map(|(head, parts, sighting_parts, persons)| {
+            let persons = persons.into_iter().map(
+                |((person, camera, box_tick, offset), keypoints, n_crops, origin_px, bytes)| {
+                    let crop = CellGrid {
+                        origin_px,
+                        step_px: [3.0, 0.5],
+                        width: 72,
+                        height: 96,
+                    };
+                    PersonPatch {
+                        person: PersonId(person),
+                        camera: CameraIndex(camera),
+                        box_tick: Tick(box_tick),
+                        capture_offset_us: offset,
+                        crops: vec![crop; n_crops],
+                        crop_of_keypoint: (0..keypoints).map(|k| k % n_crops as u8).collect(),
+                        maps: EncodedMaps {
+                            width: 72,
+                            height: 96,
+                            keypoints,
+                            bytes,
+                        },
+                    }
+                },
+            );
+            PatchSet {
+                session: SessionId(head.0),
+                tick: Tick(head.1),
+                viewpoint: ViewpointIndex(head.2),
+                part: parts - 1,
+                parts,
+                sighting_parts,
+                persons: persons.collect(),
+            }
+        })
+}
+
+fn any_box_set() -> impl Strategy<Value = BoxSet> {
+    let camera =
+        (any::<u16>(), px(), px(), px(), -4.0f32..4.0).prop_map(|(camera, a, b, c, turn)| {
+            CameraBox {
+                camera: CameraIndex(camera),
+                bounding_box: BoundingBox {
+                    center_px: a,
+                    size_px: b.map(|v| v.abs() + 1.0),
+                    rotation_rad: turn,
+                },
+                rate: BoxRate {
+                    center_px: c,
+                    size_px: b,
+                    rotation_rad: turn,
+                },
+                torso_px: b,
+                neck_px: c,
+            }
+        });
+    let person =
+        (any::<u32>(), prop::collection::vec(camera, 0..5)).prop_map(|(person, cameras)| {
+            PersonBoxes {
+                person: PersonId(person),
+                cameras,
+            }
+        });
+    let order = prop::sample::select(vec![Order::Track, Order::TrackAndSight, Order::End]);
+    (
+        any::<(u64, i64, u16)>(),
+        order,
+        prop::collection::vec(person, 0..8),
+    )
+        .prop_map(|(head, order, persons)| BoxSet {
+            session: SessionId(head.0),
+            tick: Tick(head.1),
+            viewpoint: ViewpointIndex(head.2),
+            order,
+            persons,
+        })
+}
+
+fn any_sighting_set() -> impl Strategy<Value = SightingSet> {
+    let peak =
+        (px(), 0.0f32..=1.0).prop_map(|(position_px, score)| KeypointPeak { position_px, score });
+    let sighting = (
+        any::<u16>(),
+        0.0f32..=1.0,
+        prop::collection::vec(prop::option::of(peak), 0..26),
+    )
+        .prop_map(|(camera, score, keypoints)| Sighting {
+            camera: CameraIndex(camera),
+            score,
+            keypoints,
+        });
+    (
+        any::<(u64, i64, u16)>(),
+        1..=MAX_PARTS,
+        prop::collection::vec(sighting, 0..8),
+    )
+        .prop_map(|(head, parts, sightings)| {
+            let (session, tick, viewpoint) =
+                (SessionId(head.0), Tick(head.1), ViewpointIndex(head.2));
+            SightingSet {
+                session,
+                tick,
+                viewpoint,
+                part: 0,
+                parts,
+                sightings,
+            }
+        })
+}
+
+fn any_pose_set() -> impl Strategy<Value = PoseSet> {
+    let state = prop::sample::select(vec![
+        PersonState::Tentative,
+        PersonState::Tracked,
+        PersonState::Coasting,
+    ]);
+    let points = || prop::collection::vec(prop::array::uniform3(-100.0f32..100.0), 0..=29);
+    let pose = (
+        any::<(u32, u64, u16)>(),
+        state,
+        points(),
+        points(),
+        prop::collection::vec(-4.0f32..4.0, 0..=40),
+    )
+        .prop_map(
+            |((person, unobserved, views), state, joints_m, keypoints_m, angles)| PersonPose {
+                person: PersonId(person),
+                state,
+                joints_m,
+                keypoints_m,
+                angles,
+                unobserved,
+                views,
+            },
+        );
+    (any::<(u64, i64)>(), prop::collection::vec(pose, 0..8)).prop_map(|(head, persons)| PoseSet {
+        session: SessionId(head.0),
+        tick: Tick(head.1),
+        persons,
+    })
+}
+
+fn any_status() -> impl Strategy<Value = Status> {
+    let texts = prop::array::uniform5("\\PC{0,40}");
+    (
+        "[a-z0-9_.-]{1,64}",
+        texts,
+        any::<(Option<u16>, bool, Option<i64>, u64, bool)>(),
+        any::<u64>(),
+    )
+        .prop_map(|(node, texts, rest, process)| {
+            let (viewpoint, ready, tick, unreadable, failed) = rest;
+            let [venue_hash, calibration_hash, network_hash, backend, failure] = texts;
+            Status {
+                node,
+                process,
+                viewpoint: viewpoint.map(ViewpointIndex),
+                ready,
+                venue_hash,
+                calibration_hash,
+                network_hash,
+                backend,
+                ticks: tick.map(|t| [Tick(t), Tick(t) + 100]),
+                tick: tick.map(Tick),
+                unreadable,
+                failure: failed.then_some(failure),
+                stages: vec![stage(unreadable); usize::from(failed)],
+            }
+        })
+}
+
+proptest! {
+    #[test]
+    fn patches_come_back(message in any_patch_set()) {
+        check_round_trip(&message);
+    }
+
+    #[test]
+    fn boxes_come_back(message in any_box_set()) {
+        check_round_trip(&message);
+    }
+
+    #[test]
+    fn sightings_come_back(message in any_sighting_set()) {
+        check_round_trip(&message);
+    }
+
+    #[test]
+    fn poses_come_back(message in any_pose_set()) {
+        check_round_trip(&message);
+    }
+
+    #[test]
+    fn statuses_come_back(message in any_status()) {
+        check_round_trip(&message);
+    }
+
+    #[test]
+    fn random_bytes_never_panic(mut bytes in prop::collection::vec(any::<u8>(), 1..400)) {
+        bytes[0] = VERSION;
+        decode_all(&bytes);
+    }
+
+    #[test]
+    fn damaged_messages_never_panic(
+        message in any_patch_set(),
+        changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6),
+    ) {
+        let mut bytes = encode(&message);
+        let len = bytes.len();
+        for (at, byte) in changes {
+            bytes[at.index(len)] = byte;
+        }
+        decode_all(&bytes);
+    }
+}
