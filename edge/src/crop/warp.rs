@@ -1,0 +1,163 @@
+//! Where each pixel of the input is taken from: undistorted crop to distorted picture.
+//!
+//! Without distortion the way is a similarity and is followed exactly. With distortion the lens
+//! model is evaluated on a mesh of every [`MESH_STEP`]th pixel and interpolated bilinearly between.
+//! The error of that is at most h^2 / 8 of the second derivatives, h the mesh step in image pixels:
+//! below 0.05 px for a crop of 1000 px under a lens that bends the image's corner by 100 px (see the
+//! test), far below what resampling itself does.
+
+use farfield_proto::camera::CameraModel;
+
+use super::geometry::CropGeometry;
+
+/// Input pixels between two mesh nodes.
+const MESH_STEP: usize = 8;
+
+/// The way from input pixels to distorted pixels. Owns its buffers, set up per crop.
+#[derive(Debug, Default)]
+pub(super) struct Warp {
+    /// Distorted positions of the nodes, row by row; NaN where the lens model ends.
+    nodes: Vec<[f64; 2]>,
+    columns: usize,
+    rows: usize,
+    step: [usize; 2],
+    bent: bool,
+}
+
+impl Warp {
+    /// Sets the mesh up for one crop.
+    pub(super) fn prepare(&mut self, crop: &CropGeometry, camera: Option<&CameraModel>) {
+        let [width, height] = crop.input_px();
+        self.bent = camera.is_some_and(|camera| !camera.distortion().is_none());
+        // A similarity is bilinear: its corners say all.
+        self.step = if self.bent {
+            [MESH_STEP, MESH_STEP]
+        } else {
+            [(width - 1).max(1), (height - 1).max(1)]
+        };
+        self.columns = (width - 1).div_ceil(self.step[0]) + 1;
+        self.rows = (height - 1).div_ceil(self.step[1]) + 1;
+        self.nodes.clear();
+        for row in 0..self.rows {
+            for column in 0..self.columns {
+                let (x, y) = (column * self.step[0], row * self.step[1]);
+                self.nodes.push(self.exact(crop, camera, x, y));
+            }
+        }
+    }
+
+    fn exact(
+        &self,
+        crop: &CropGeometry,
+        camera: Option<&CameraModel>,
+        x: usize,
+        y: usize,
+    ) -> [f64; 2] {
+        let undistorted = crop.pixel(x as f64, y as f64);
+        let Some(camera) = camera.filter(|_| self.bent) else {
+            return [undistorted.x(), undistorted.y()];
+        };
+        camera
+            .distort(undistorted)
+            .map_or([f64::NAN; 2], |p| [p.x(), p.y()])
+    }
+
+    /// The smallest rectangle around all source positions, [left, top, right, bottom] in distorted
+    /// pixels; `None` when a part of the crop is beyond the lens model.
+    pub(super) fn bounds(&self) -> Option<[f64; 4]> {
+        let start = [
+            f64::INFINITY,
+            f64::INFINITY,
+            f64::NEG_INFINITY,
+            f64::NEG_INFINITY,
+        ];
+        self.nodes.iter().try_fold(start, |[l, t, r, b], &[x, y]| {
+            (!x.is_nan()).then(|| [l.min(x), t.min(y), r.max(x), b.max(y)])
+        })
+    }
+
+    /// Writes the distorted position of every pixel of input row `y`; NaN where there is none.
+    pub(super) fn row(
+        &self,
+        crop: &CropGeometry,
+        camera: Option<&CameraModel>,
+        y: usize,
+        into: &mut [[f64; 2]],
+    ) {
+        let row = (y / self.step[1]).min(self.rows.saturating_sub(2));
+        let v = (y - row * self.step[1]) as f64 / self.step[1] as f64;
+        let above = &self.nodes[row * self.columns..][..self.columns];
+        let below = &self.nodes[(row + 1).min(self.rows - 1) * self.columns..][..self.columns];
+        let node = |i: usize| {
+            let (a, b) = (above[i], below[i]);
+            [a[0] + v * (b[0] - a[0]), a[1] + v * (b[1] - a[1])]
+        };
+        for (i, block) in into.chunks_mut(self.step[0]).enumerate() {
+            let (left, right) = (
+                node(i.min(self.columns - 1)),
+                node((i + 1).min(self.columns - 1)),
+            );
+            if left[0].is_nan() || right[0].is_nan() {
+                for (j, p) in block.iter_mut().enumerate() {
+                    *p = self.exact(crop, camera, i * self.step[0] + j, y);
+                }
+                continue;
+            }
+            let slope = [0, 1].map(|k| (right[k] - left[k]) / self.step[0] as f64);
+            for (j, p) in block.iter_mut().enumerate() {
+                *p = [left[0] + j as f64 * slope[0], left[1] + j as f64 * slope[1]];
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use farfield_proto::bounding_box::BoundingBox;
+    use farfield_proto::model_card::CellToInput;
+
+    use super::*;
+    use crate::crop::CropShape;
+    use crate::pipeline::fixtures::{bent, pinhole};
+
+    fn largest_error(camera: &CameraModel, b: BoundingBox) -> f64 {
+        let shape = CropShape {
+            input_px: [192, 256],
+            cells: [48, 64],
+            cell_to_input: CellToInput {
+                scale: 4.0,
+                offset: 0.0,
+            },
+        };
+        let crop = CropGeometry::new(&b, shape).unwrap();
+        let mut warp = Warp::default();
+        warp.prepare(&crop, Some(camera));
+        let mut row = vec![[0.0; 2]; 192];
+        let mut worst: f64 = 0.0;
+        for y in 0..256 {
+            warp.row(&crop, Some(camera), y, &mut row);
+            for (x, p) in row.iter().enumerate() {
+                let exact = camera.distort(crop.pixel(x as f64, y as f64)).unwrap();
+                worst = worst.max((p[0] - exact.x()).hypot(p[1] - exact.y()));
+            }
+        }
+        worst
+    }
+
+    const LARGE: BoundingBox = BoundingBox {
+        center_px: [900.0, 600.0],
+        size_px: [750.0, 1000.0],
+        rotation_rad: 0.3,
+    };
+
+    #[test]
+    fn a_pinhole_is_followed_exactly() {
+        assert!(largest_error(&pinhole("a", [1920, 1200]), LARGE) < 1e-9);
+    }
+
+    #[test]
+    fn the_mesh_follows_a_bent_lens_to_a_twentieth_of_a_pixel() {
+        let error = largest_error(&bent("a", [1920, 1200]), LARGE);
+        assert!(error > 1e-6 && error < 0.05, "{error}");
+    }
+}

@@ -1,0 +1,300 @@
+//! People found in whole pictures, by a detector of an ONNX file: where boxes come from before
+//! fusion has any.
+//!
+//! Two output layouts are read: YOLOX's raw grid, whose overlapping boxes are thinned out here,
+//! and RTMDet's finished detections.
+
+use std::cmp::Ordering;
+use std::path::Path;
+
+use farfield_proto::bounding_box::BoundingBox;
+use farfield_proto::model_card::{Decode, DetectorCard, Letterbox};
+use image::RgbImage;
+
+use crate::crop::{CropGeometry, CropShape, Cropper, PixelFormat};
+use crate::network::{Axis, Contract, OnnxModel, read_card};
+use crate::pipeline::{Detection, NetworkError, PersonDetector};
+
+/// Least confidence of a detection. Low: fusion asks for a second viewpoint and several keypoints
+/// before it believes in a person.
+const MIN_SCORE: f32 = 0.3;
+
+/// Overlap (intersection over union) from which two boxes are one person; YOLOX's own default.
+const SAME_PERSON: f32 = 0.45;
+
+/// Strides of YOLOX's three grids, input pixels.
+const YOLOX_STRIDES: [usize; 3] = [8, 16, 32];
+
+/// Values of a YOLOX cell before its class scores: x, y, width, height, objectness.
+const YOLOX_HEAD: usize = 5;
+
+/// Box and score in input pixels: x0, y0, x1, y1 counted from the outer edge of the first pixel.
+type RawDetection = ([f32; 4], f32);
+
+/// A detector from an ONNX file and its card.
+#[derive(Debug)]
+pub struct OnnxDetector {
+    card: DetectorCard,
+    model: OnnxModel,
+    format: PixelFormat,
+    cropper: Cropper,
+    input: Vec<f32>,
+}
+
+impl OnnxDetector {
+    /// Reads the card at `card_path` and loads the detector that it names; one empty picture is
+    /// run to check the real output.
+    ///
+    /// # Errors
+    /// [`NetworkError`] naming the file when a file cannot be read, the model is not ONNX, or its
+    /// input or output is not what the card says; when no backend starts.
+    pub fn load(card_path: &Path) -> Result<Self, NetworkError> {
+        let text = read_card(card_path)?;
+        let card = DetectorCard::parse(&text, card_path)?;
+        let cells = yolox_cells(&card);
+        let (yolox, rtmdet);
+        let axes: &[Axis] = match card.decode {
+            Decode::Yolox => {
+                yolox = [
+                    Axis::Batch,
+                    Axis::Fixed("cells, three grids of the input's size", cells),
+                    Axis::Any,
+                ];
+                &yolox
+            }
+            Decode::Rtmdet => {
+                rtmdet = [
+                    Axis::Batch,
+                    Axis::Any,
+                    Axis::Fixed("values per detection", 5),
+                ];
+                &rtmdet
+            }
+        };
+        let contract = Contract {
+            input: &card.input,
+            output: &card.output.name,
+            axes,
+        };
+        let mut model = OnnxModel::load(&card.file, text.as_bytes(), &contract)?;
+        model.try_out(&contract)?;
+        let format = PixelFormat::new(&card.input, &card.normalize);
+        let input = vec![0.0; 3 * card.input.width as usize * card.input.height as usize];
+        Ok(Self {
+            card,
+            model,
+            format,
+            cropper: Cropper::default(),
+            input,
+        })
+    }
+
+    /// Fingerprint of the model's file and its card: 16 hexadecimal digits.
+    pub fn model_hash(&self) -> &str {
+        self.model.hash()
+    }
+}
+
+impl PersonDetector for OnnxDetector {
+    fn detect(&mut self, image: &RgbImage) -> Result<Vec<Detection>, NetworkError> {
+        let letterbox = self.card.input.letterbox.unwrap_or(Letterbox::TopLeft);
+        let size_px = [
+            self.card.input.width as usize,
+            self.card.input.height as usize,
+        ];
+        let Some(crop) = letterboxed(image, size_px, letterbox) else {
+            return Ok(Vec::new());
+        };
+        self.cropper
+            .crop(image, None, &crop, &self.format, &mut self.input);
+        let (decode, person) = (self.card.decode, self.card.output.person_class);
+        let batch = self.model.batch().unwrap_or(1);
+        self.input.resize(batch * 3 * size_px[0] * size_px[1], 0.0);
+        let mut found = self
+            .model
+            .run_with(batch, &self.input, |shape, values, labels| {
+                let [_, n, length] =
+                    [0, 1, 2].map(|i| shape.get(i).map_or(0, |&s| s.max(0) as usize));
+                // Only the first entry of a fixed batch is a picture.
+                let values = values.get(..n * length).unwrap_or_default();
+                Ok(match decode {
+                    Decode::Yolox => decode_yolox(values, length, size_px, person),
+                    Decode::Rtmdet => decode_rtmdet(values, labels, person),
+                })
+            })?;
+        self.input.truncate(3 * size_px[0] * size_px[1]);
+        found.retain(|([x0, y0, x1, y1], _)| {
+            x1 > x0 && y1 > y0 && (x1 - x0).is_finite() && (y1 - y0).is_finite()
+        });
+        let kept = thinned_out(found);
+        let to_image = |x: f32, y: f32| {
+            let p = crop.pixel(f64::from(x) - 0.5, f64::from(y) - 0.5);
+            [p.x() as f32, p.y() as f32]
+        };
+        let detection = |([x0, y0, x1, y1], score): RawDetection| Detection {
+            min_px: to_image(x0, y0),
+            max_px: to_image(x1, y1),
+            score: score.min(1.0),
+        };
+        Ok(kept.into_iter().map(detection).collect())
+    }
+}
+
+/// The whole picture laid into an input of `size_px` (width, height), its aspect kept.
+fn letterboxed(
+    image: &RgbImage,
+    size_px: [usize; 2],
+    letterbox: Letterbox,
+) -> Option<CropGeometry> {
+    let (width, height) = (image.width() as f32, image.height() as f32);
+    let [input_width, input_height] = size_px.map(|s| s as f32);
+    let pixels_per_input = (width / input_width).max(height / input_height);
+    let size = [
+        input_width * pixels_per_input,
+        input_height * pixels_per_input,
+    ];
+    let center_px = match letterbox {
+        Letterbox::TopLeft => [size[0] / 2.0 - 0.5, size[1] / 2.0 - 0.5],
+        Letterbox::Centre => [width / 2.0 - 0.5, height / 2.0 - 0.5],
+    };
+    let whole = BoundingBox {
+        center_px,
+        size_px: size,
+        rotation_rad: 0.0,
+    };
+    CropGeometry::new(&whole, CropShape::without_maps(size_px))
+}
+
+fn yolox_cells(card: &DetectorCard) -> usize {
+    let [width, height] = [card.input.width as usize, card.input.height as usize];
+    YOLOX_STRIDES
+        .iter()
+        .map(|stride| (width / stride) * (height / stride))
+        .sum()
+}
+
+/// Reads YOLOX's grids: per cell x and y (strides from the cell's corner), log of width and height
+/// (strides), objectness, one score per class.
+fn decode_yolox(
+    values: &[f32],
+    length: usize,
+    [width, height]: [usize; 2],
+    person: usize,
+) -> Vec<RawDetection> {
+    let mut found = Vec::new();
+    if length <= YOLOX_HEAD + person {
+        return found;
+    }
+    let grids = YOLOX_STRIDES.iter().flat_map(|&stride| {
+        let columns = width / stride;
+        (0..columns * (height / stride))
+            .map(move |i| (stride as f32, (i % columns) as f32, (i / columns) as f32))
+    });
+    for (cell, (stride, column, row)) in values.chunks_exact(length).zip(grids) {
+        let score = cell[4] * cell[YOLOX_HEAD + person];
+        if score >= MIN_SCORE {
+            let (x, y) = ((cell[0] + column) * stride, (cell[1] + row) * stride);
+            let (w, h) = (cell[2].exp() * stride, cell[3].exp() * stride);
+            found.push(([x - w / 2.0, y - h / 2.0, x + w / 2.0, y + h / 2.0], score));
+        }
+    }
+    found
+}
+
+/// Reads RTMDet's detections: x0, y0, x1, y1, score; without labels all are persons.
+fn decode_rtmdet(values: &[f32], labels: Option<&[i64]>, person: usize) -> Vec<RawDetection> {
+    let is_person = |i: usize| {
+        labels
+            .and_then(|l| l.get(i))
+            .is_none_or(|&l| usize::try_from(l) == Ok(person))
+    };
+    let all = values.chunks_exact(5).enumerate();
+    let persons = all.filter(|&(i, d)| d[4] >= MIN_SCORE && is_person(i));
+    persons
+        .map(|(_, d)| ([d[0], d[1], d[2], d[3]], d[4]))
+        .collect()
+}
+
+/// Non-maximum suppression: the surest first, and of overlapping boxes only the surest.
+fn thinned_out(mut found: Vec<RawDetection>) -> Vec<RawDetection> {
+    found.sort_by(|(_, a), (_, b)| b.partial_cmp(a).unwrap_or(Ordering::Equal));
+    let mut kept: Vec<RawDetection> = Vec::new();
+    for (candidate, score) in found {
+        if kept
+            .iter()
+            .all(|(other, _)| overlap(other, &candidate) < SAME_PERSON)
+        {
+            kept.push((candidate, score));
+        }
+    }
+    kept
+}
+
+/// Intersection over union.
+fn overlap(a: &[f32; 4], b: &[f32; 4]) -> f32 {
+    let area = |r: &[f32; 4]| (r[2] - r[0]).max(0.0) * (r[3] - r[1]).max(0.0);
+    let both = area(&[
+        a[0].max(b[0]),
+        a[1].max(b[1]),
+        a[2].min(b[2]),
+        a[3].min(b[3]),
+    ]);
+    both / (area(a) + area(b) - both).max(f32::MIN_POSITIVE)
+}
+
+#[cfg(test)]
+mod tests {
+    use farfield_proto::frames::Pixel;
+
+    use super::*;
+
+    #[test]
+    fn a_letterbox_keeps_the_aspect_and_its_corner() {
+        let image = RgbImage::new(1080, 1920);
+        let crop = letterboxed(&image, [416, 416], Letterbox::TopLeft).unwrap();
+        let at = |x, y| crop.input(Pixel::new(x, y));
+        assert!((at(-0.5, -0.5) - nalgebra::Vector2::new(-0.5, -0.5)).norm() < 1e-3);
+        assert!((at(1079.5, 1919.5) - nalgebra::Vector2::new(233.5, 415.5)).norm() < 1e-3);
+        let crop = letterboxed(&image, [416, 416], Letterbox::Centre).unwrap();
+        let middle = crop.input(Pixel::new(539.5, 959.5));
+        assert!((middle - nalgebra::Vector2::new(207.5, 207.5)).norm() < 1e-3);
+    }
+
+    #[test]
+    fn a_yolox_cell_is_decoded_on_its_own_grid() {
+        // An input of 64 x 32: 32 + 8 + 2 cells. The 3rd cell of the second row of stride 16.
+        let (length, cells) = (YOLOX_HEAD + 2, 42);
+        let mut values = vec![0.0; cells * length];
+        let cell = 32 + 4 + 2;
+        values[cell * length..][..length].copy_from_slice(&[0.5, 0.25, 1.0, 2.0, 0.9, 0.1, 0.8]);
+        let found = decode_yolox(&values, length, [64, 32], 1);
+        assert_eq!(found.len(), 1);
+        let ([x0, y0, x1, y1], score) = found[0];
+        assert!((score - 0.72).abs() < 1e-6);
+        assert!((x0.midpoint(x1) - 40.0).abs() < 1e-3 && (y0.midpoint(y1) - 20.0).abs() < 1e-3);
+        assert!(
+            (x1 - x0 - 16.0 * 1f32.exp()).abs() < 1e-3
+                && (y1 - y0 - 16.0 * 2f32.exp()).abs() < 1e-3
+        );
+        assert!(
+            decode_yolox(&values, length, [64, 32], 0).is_empty(),
+            "another class"
+        );
+    }
+
+    #[test]
+    fn of_overlapping_boxes_the_surest_stays() {
+        let at = |x: f32, score| ([x, 0.0, x + 10.0, 20.0], score);
+        let kept = thinned_out(vec![at(0.0, 0.5), at(1.0, 0.9), at(30.0, 0.4)]);
+        assert_eq!(kept, [at(1.0, 0.9), at(30.0, 0.4)]);
+    }
+
+    #[test]
+    fn rtmdet_detections_of_other_classes_are_left_out() {
+        let values = [
+            1.0, 2.0, 3.0, 4.0, 0.9, 5.0, 6.0, 7.0, 8.0, 0.8, 0.0, 0.0, 1.0, 1.0, 0.1,
+        ];
+        assert_eq!(decode_rtmdet(&values, Some(&[0, 3, 0]), 0).len(), 1);
+        assert_eq!(decode_rtmdet(&values, None, 0).len(), 2);
+    }
+}

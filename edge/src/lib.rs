@@ -1,0 +1,18 @@
+//! Pixels in, patches out: what runs in the edge box of one viewpoint.
+//!
+//! The core ([`choose`], [`crop`], [`gaussian_maps`], [`peaks`], [`pipeline`]) computes and never waits;
+//! [`source`] reads frames, [`network`] runs ONNX, and `node` owns Zenoh, time and threads.
+//! This crate never sees another viewpoint, and never a 3D pose.
+
+pub mod choose;
+pub mod crop;
+#[cfg(feature = "network")]
+pub mod detector;
+pub mod gaussian_maps;
+#[cfg(feature = "network")]
+pub mod network;
+#[cfg(feature = "node")]
+pub mod node;
+pub mod peaks;
+pub mod pipeline;
+pub mod source;

@@ -1,0 +1,18 @@
+//! The lean edge binary, for boxes that run nothing else.
+
+use std::process::ExitCode;
+
+use clap::Parser;
+use farfield_edge::node::{self, EdgeArgs};
+
+/// The edge node of one viewpoint: pixels in, patches out.
+#[derive(Debug, Parser)]
+#[command(name = "farfield-edge", version)]
+struct Cli {
+    #[command(flatten)]
+    edge: EdgeArgs,
+}
+
+fn main() -> ExitCode {
+    node::main(Cli::parse().edge)
+}

@@ -1,0 +1,168 @@
+//! The inference backend of this process: ONNX Runtime where it is found, else `ort-tract`.
+
+use std::path::Path;
+use std::sync::OnceLock;
+
+use ort::environment::Environment;
+use tracing::{info, warn};
+
+use super::library::{Places, VARIABLE};
+use crate::pipeline::NetworkError;
+
+/// What to start.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Choice {
+    /// ONNX Runtime where it is found, else `ort-tract`.
+    #[default]
+    Best,
+    /// `ort-tract`, even where ONNX Runtime is found.
+    Tract,
+}
+
+/// The running backend. One per process: the library behind it is global.
+#[derive(Debug)]
+pub struct Backend {
+    environment: Environment,
+    description: String,
+    is_tract: bool,
+}
+
+static BACKEND: OnceLock<Result<Backend, String>> = OnceLock::new();
+
+impl Backend {
+    /// Starts the backend, or gives the one that runs already. Logs the one line that says which.
+    ///
+    /// ONNX Runtime is looked for in `$ORT_DYLIB_PATH`, beside the binary, in the system's library
+    /// folders and in installed `onnxruntime` Python packages, in that order.
+    ///
+    /// # Errors
+    /// [`NetworkError::Backend`] when `$ORT_DYLIB_PATH` is set and is no usable library; when
+    /// [`Choice::Tract`] is asked for after ONNX Runtime was started.
+    pub fn start(choice: Choice) -> Result<&'static Self, NetworkError> {
+        let started = BACKEND.get_or_init(|| {
+            let backend = match choice {
+                Choice::Best => Self::best(&Places::of_process()),
+                Choice::Tract => Self::tract("asked for"),
+            };
+            if let Ok(backend) = &backend {
+                if backend.is_tract {
+                    warn!("{}", backend.description);
+                } else {
+                    info!("{}", backend.description);
+                }
+            }
+            backend
+        });
+        match started {
+            Err(problem) => Err(NetworkError::Backend {
+                problem: problem.clone(),
+            }),
+            Ok(backend) if choice == Choice::Tract && !backend.is_tract => {
+                Err(NetworkError::Backend {
+                    problem: format!("already running: {}", backend.description),
+                })
+            }
+            Ok(backend) => Ok(backend),
+        }
+    }
+
+    /// One line for people: which backend, from where, and what it costs.
+    pub fn describe(&self) -> &str {
+        &self.description
+    }
+
+    /// Whether the slow fall-back runs.
+    pub fn is_tract(&self) -> bool {
+        self.is_tract
+    }
+
+    pub(super) fn environment(&self) -> &Environment {
+        &self.environment
+    }
+
+    fn best(places: &Places) -> Result<Self, String> {
+        if let Some(path) = &places.variable {
+            let named = |problem| format!("${VARIABLE} names `{}`: {problem}", path.display());
+            return Self::onnx_runtime(path).map_err(named);
+        }
+        let mut refused = Vec::new();
+        // Python is asked only when nothing is installed.
+        for find in [Places::installed, Places::of_python_packages] {
+            for path in find(places) {
+                match Self::onnx_runtime(&path) {
+                    Ok(backend) => return Ok(backend),
+                    Err(problem) => {
+                        refused.push(format!("; `{}` cannot be used: {problem}", path.display()));
+                    }
+                }
+            }
+        }
+        Self::tract(&format!(
+            "no ONNX Runtime library was found{}",
+            refused.concat()
+        ))
+    }
+
+    fn onnx_runtime(path: &Path) -> Result<Self, String> {
+        if !path.is_file() {
+            return Err("there is no such file".to_owned());
+        }
+        let library = ort::init_from(path).map_err(|e| e.to_string())?;
+        let environment = library
+            .with_telemetry(false)
+            .build()
+            .map_err(|e| e.to_string())?;
+        // Every message of the library below a warning would be made and thrown away.
+        environment.set_log_level(ort::logging::LogLevel::Warning);
+        let description = format!("inference by ONNX Runtime (`{}`)", path.display());
+        Ok(Self {
+            environment,
+            description,
+            is_tract: false,
+        })
+    }
+
+    fn tract(reason: &str) -> Result<Self, String> {
+        ort::set_api(ort_tract::api());
+        let environment = ort::init()
+            .with_telemetry(false)
+            .build()
+            .map_err(|e| e.to_string())?;
+        let description = format!(
+            "inference by ort-tract ({reason}): about 20 times slower than ONNX Runtime; \
+             install the Python package `onnxruntime` or set ${VARIABLE} to the library"
+        );
+        Ok(Self {
+            environment,
+            description,
+            is_tract: true,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::PathBuf;
+
+    use super::*;
+
+    fn refusal(variable: PathBuf) -> String {
+        let places = Places {
+            variable: Some(variable),
+            ..Places::default()
+        };
+        Backend::best(&places).err().unwrap()
+    }
+
+    #[test]
+    fn a_variable_that_names_no_library_is_an_error_that_names_it() {
+        let problem = refusal("/nowhere/libonnxruntime.so".into());
+        assert!(
+            problem.contains("$ORT_DYLIB_PATH") && problem.contains("/nowhere/libonnxruntime.so")
+        );
+        let folder = tempfile::tempdir().unwrap();
+        let text = folder.path().join("libonnxruntime.so");
+        std::fs::write(&text, "no library").unwrap();
+        assert!(refusal(text).contains("$ORT_DYLIB_PATH"));
+    }
+}

@@ -1,0 +1,110 @@
+//! Networks of ONNX files, run by ONNX Runtime where it is found and by `ort-tract` elsewhere.
+//!
+//! [`Backend`] finds and starts the one or the other, once per process; [`OnnxKeypointNetwork`] is a
+//! network of the pipeline. A file that does not fit its card is refused at start.
+
+mod backend;
+mod library;
+mod model;
+mod outputs;
+
+use std::path::Path;
+
+use farfield_proto::model_card::HeatmapCard;
+
+use crate::pipeline::{InputTensor, KeypointNetwork, NetworkError};
+
+pub use backend::{Backend, Choice};
+pub(crate) use model::{Axis, Contract, OnnxModel, read_card};
+
+/// A network that turns crops into part confidence maps, from an ONNX file and its card.
+#[derive(Debug)]
+pub struct OnnxKeypointNetwork {
+    card: HeatmapCard,
+    model: OnnxModel,
+    /// All inputs of a call, one after the other.
+    values: Vec<f32>,
+}
+
+impl OnnxKeypointNetwork {
+    /// Reads the card at `card_path` and loads the network that it names. One zero crop is run, so
+    /// that exports which do not state their shapes are checked too.
+    ///
+    /// # Errors
+    /// [`NetworkError`] naming the file when a file cannot be read, the model is not ONNX, or its
+    /// input or output is not what the card says; when no backend starts.
+    pub fn load(card_path: &Path) -> Result<Self, NetworkError> {
+        let text = read_card(card_path)?;
+        let card = HeatmapCard::parse(&text, card_path)?;
+        let [keypoints, height, width] = output_shape(&card);
+        let contract = Contract {
+            input: &card.input,
+            output: &card.output.name,
+            axes: &[
+                Axis::Batch,
+                Axis::Fixed("maps, as the card lists keypoints", keypoints),
+                Axis::Fixed("rows", height),
+                Axis::Fixed("columns", width),
+            ],
+        };
+        let mut model = OnnxModel::load(&card.file, text.as_bytes(), &contract)?;
+        model.try_out(&contract)?;
+        Ok(Self {
+            card,
+            model,
+            values: Vec::new(),
+        })
+    }
+
+    /// Fingerprint of the model's file and its card: 16 hexadecimal digits.
+    pub fn model_hash(&self) -> &str {
+        self.model.hash()
+    }
+}
+
+impl KeypointNetwork for OnnxKeypointNetwork {
+    fn card(&self) -> &HeatmapCard {
+        &self.card
+    }
+
+    fn infer(&mut self, inputs: &[InputTensor]) -> Result<Vec<f32>, NetworkError> {
+        let per_crop: usize = output_shape(&self.card).iter().product();
+        let mut maps = Vec::with_capacity(inputs.len() * per_crop);
+        // An export with a fixed batch takes that many at a time, the last ones filled with zeros.
+        for inputs in inputs.chunks(self.model.batch().unwrap_or(inputs.len()).max(1)) {
+            let batch = self.model.batch().unwrap_or(inputs.len());
+            self.values.clear();
+            for input in inputs {
+                self.values.extend_from_slice(&input.values);
+            }
+            let got = self.values.len();
+            let per_input = self.model.values_per_input();
+            if got != inputs.len() * per_input {
+                return Err(NetworkError::Length {
+                    got,
+                    expected: inputs.len() * per_input,
+                });
+            }
+            self.values.resize(batch * per_input, 0.0);
+            self.model.run(batch, &self.values, |_, values| {
+                if values.len() != batch * per_crop {
+                    return Err(NetworkError::Length {
+                        got: values.len(),
+                        expected: batch * per_crop,
+                    });
+                }
+                maps.extend_from_slice(&values[..inputs.len() * per_crop]);
+                Ok(())
+            })?;
+        }
+        Ok(maps)
+    }
+}
+
+fn output_shape(card: &HeatmapCard) -> [usize; 3] {
+    [
+        card.output.keypoints.len(),
+        card.output.height as usize,
+        card.output.width as usize,
+    ]
+}

@@ -1,0 +1,301 @@
+//! One ONNX file, loaded and held to what its card says.
+
+use std::any::Any;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::{Path, PathBuf};
+
+use farfield_proto::model_card::NetworkInput;
+use farfield_proto::toml_file::FileError;
+use ort::session::Session;
+use ort::session::builder::GraphOptimizationLevel;
+use ort::value::{Outlet, TensorElementType, TensorRef, ValueType};
+
+use super::backend::{Backend, Choice};
+use super::outputs::{LABELS, LABELS_AS_FLOATS, reduced};
+use crate::pipeline::NetworkError;
+
+/// Threads of one network. Edges share their cores with decoders and, in tests, with each other;
+/// one thread also keeps sums in one order.
+const INTRA_THREADS: usize = 1;
+
+/// What one axis of an output must be.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Axis {
+    /// One entry per input.
+    Batch,
+    /// That many; the words name the entries in errors.
+    Fixed(&'static str, usize),
+    /// Any number.
+    Any,
+}
+
+/// What a card says of its network.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Contract<'a> {
+    pub(crate) input: &'a NetworkInput,
+    pub(crate) output: &'a str,
+    pub(crate) axes: &'a [Axis],
+}
+
+/// A loaded network with one input [batch, 3, height, width] of f32.
+#[derive(Debug)]
+pub(crate) struct OnnxModel {
+    session: Session,
+    path: PathBuf,
+    hash: String,
+    input: String,
+    output: String,
+    /// Height and width of the input.
+    size_px: [usize; 2],
+    /// The batch that the export is fixed to, if it is.
+    batch: Option<usize>,
+}
+
+/// Reads the text of a model card.
+pub(crate) fn read_card(path: &Path) -> Result<String, NetworkError> {
+    std::fs::read_to_string(path)
+        .map_err(|e| FileError::new(path, format!("the model card cannot be read: {e}")).into())
+}
+
+impl OnnxModel {
+    /// Loads `path` on the backend of this process and checks the shapes that the file states.
+    ///
+    /// `card` is the text of the card, which is part of the fingerprint.
+    pub(crate) fn load(
+        path: &Path,
+        card: &[u8],
+        contract: &Contract<'_>,
+    ) -> Result<Self, NetworkError> {
+        let refuse = |problem: String| NetworkError::Model {
+            path: path.to_owned(),
+            problem,
+        };
+        let bytes =
+            std::fs::read(path).map_err(|e| refuse(format!("the model cannot be read: {e}")))?;
+        let hash = blake3::Hasher::new()
+            .update(&bytes)
+            .update(card)
+            .finalize()
+            .to_hex()[..16]
+            .to_owned();
+        let backend = Backend::start(Choice::Best)?;
+        let session = guarded(|| open(backend, path, &bytes, contract.output)).map_err(|e| {
+            let advice = if backend.is_tract() {
+                " (ort-tract cannot run every network: install the Python package `onnxruntime`)"
+            } else {
+                ""
+            };
+            refuse(format!("not an ONNX model that can be run: {e}{advice}"))
+        })?;
+        let NetworkInput {
+            name,
+            width,
+            height,
+            ..
+        } = contract.input;
+        let size_px = [*height as usize, *width as usize];
+        let input_axes = [
+            Axis::Batch,
+            Axis::Fixed("channels", 3),
+            Axis::Fixed("rows", size_px[0]),
+            Axis::Fixed("columns", size_px[1]),
+        ];
+        let stated = stated_shape(session.inputs(), "input", name).map_err(refuse)?;
+        check_shape("input", name, &stated, &input_axes, None).map_err(refuse)?;
+        let batch = stated
+            .first()
+            .and_then(|&n| usize::try_from(n).ok())
+            .filter(|&n| n > 0);
+        if let [_, more, ..] = session.inputs() {
+            return Err(refuse(format!(
+                "it has a second input `{}`, expected only `{name}`",
+                more.name()
+            )));
+        }
+        let stated = stated_shape(session.outputs(), "output", contract.output).map_err(refuse)?;
+        check_shape("output", contract.output, &stated, contract.axes, None).map_err(refuse)?;
+        let (input, output) = (name.clone(), contract.output.to_owned());
+        Ok(Self {
+            session,
+            path: path.to_owned(),
+            hash,
+            input,
+            output,
+            size_px,
+            batch,
+        })
+    }
+
+    /// Runs one input of zeros and checks the shape that really comes out.
+    pub(crate) fn try_out(&mut self, contract: &Contract<'_>) -> Result<(), NetworkError> {
+        let batch = self.batch.unwrap_or(1);
+        let zeros = vec![0.0; batch * self.values_per_input()];
+        let path = self.path.clone();
+        let refuse = |problem| NetworkError::Model {
+            path: path.clone(),
+            problem,
+        };
+        let outcome = guarded(|| {
+            Ok(self.run(batch, &zeros, |shape, _| {
+                check_shape("output", contract.output, shape, contract.axes, Some(batch))
+                    .map_err(refuse)
+            }))
+        });
+        outcome.unwrap_or_else(|problem| Err(refuse(format!("cannot be run: {problem}"))))
+    }
+
+    /// Fingerprint of the file and its card: 16 hexadecimal digits.
+    pub(crate) fn hash(&self) -> &str {
+        &self.hash
+    }
+
+    /// The batch that the export is fixed to, if it is.
+    pub(crate) fn batch(&self) -> Option<usize> {
+        self.batch
+    }
+
+    pub(crate) fn values_per_input(&self) -> usize {
+        3 * self.size_px[0] * self.size_px[1]
+    }
+
+    /// Runs `batch` inputs, one after the other in `values`, and hands shape and values of the
+    /// output to `read`.
+    pub(crate) fn run<R>(
+        &mut self,
+        batch: usize,
+        values: &[f32],
+        read: impl FnOnce(&[i64], &[f32]) -> Result<R, NetworkError>,
+    ) -> Result<R, NetworkError> {
+        self.run_with(batch, values, |shape, values, _| read(shape, values))
+    }
+
+    /// As [`Self::run`], with the values of the output named `labels` too, where there is one.
+    pub(crate) fn run_with<R>(
+        &mut self,
+        batch: usize,
+        values: &[f32],
+        read: impl FnOnce(&[i64], &[f32], Option<&[i64]>) -> Result<R, NetworkError>,
+    ) -> Result<R, NetworkError> {
+        let path = self.path.clone();
+        let failed = |e: ort::Error| NetworkError::Run {
+            path: path.clone(),
+            problem: e.to_string(),
+        };
+        let shape = [batch, 3, self.size_px[0], self.size_px[1]];
+        let input = TensorRef::from_array_view((shape, values)).map_err(failed)?;
+        let outputs = self
+            .session
+            .run(ort::inputs![self.input.as_str() => input])
+            .map_err(failed)?;
+        let output = outputs.get(&self.output).ok_or_else(|| NetworkError::Run {
+            path: path.clone(),
+            problem: format!("no output `{}` came back", self.output),
+        })?;
+        let (shape, values) = output.try_extract_tensor::<f32>().map_err(failed)?;
+        let labels = outputs
+            .get(LABELS)
+            .and_then(|labels| labels.try_extract_tensor::<i64>().ok());
+        // Whole numbers, which the file's cut-down form gives as floats.
+        let from_floats: Option<Vec<i64>> = outputs
+            .get(LABELS_AS_FLOATS)
+            .and_then(|labels| labels.try_extract_tensor::<f32>().ok())
+            .map(|(_, labels)| labels.iter().map(|&label| label as i64).collect());
+        let labels = labels.map(|(_, labels)| labels);
+        read(shape, values, labels.or(from_floats.as_deref()))
+    }
+}
+
+/// Runs what may panic inside a backend; its message is the error.
+fn guarded<R>(work: impl FnOnce() -> Result<R, String>) -> Result<R, String> {
+    // What the work borrows is thrown away when it fails.
+    catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|panic| Err(panic_message(&*panic)))
+}
+
+fn panic_message(panic: &(dyn Any + Send)) -> String {
+    let text = panic.downcast_ref::<String>().map(String::as_str);
+    let text = text.or_else(|| panic.downcast_ref::<&str>().copied());
+    first_line(text.unwrap_or("the backend panicked"))
+}
+
+fn open(backend: &Backend, path: &Path, bytes: &[u8], output: &str) -> Result<Session, String> {
+    let text = |e: &dyn std::fmt::Display| first_line(&e.to_string());
+    let reduced = backend.is_tract().then(|| reduced(bytes, output)).flatten();
+    let mut builder = Session::builder(backend.environment())
+        .map_err(|e| text(&e))?
+        // Without a level, tract does not optimise at all.
+        .with_optimization_level(GraphOptimizationLevel::Level3)
+        .map_err(|e| text(&e))?
+        .with_intra_threads(INTRA_THREADS)
+        .map_err(|e| text(&e))?;
+    match reduced {
+        Some(model) => builder.commit_from_memory(&model),
+        // By its name, for weights may lie in files beside it.
+        None => builder.commit_from_file(path),
+    }
+    .map_err(|e| text(&e))
+}
+
+/// The backends' messages may hold a back trace; people need their first line.
+fn first_line(message: &str) -> String {
+    message.lines().next().unwrap_or_default().trim().to_owned()
+}
+
+/// The shape of the input or output `name` as the file states it, -1 where it is left open.
+fn stated_shape(outlets: &[Outlet], kind: &str, name: &str) -> Result<Vec<i64>, String> {
+    let Some(outlet) = outlets.iter().find(|outlet| outlet.name() == name) else {
+        let names: Vec<String> = outlets
+            .iter()
+            .map(|outlet| format!("`{}`", outlet.name()))
+            .collect();
+        return Err(format!(
+            "it has no {kind} `{name}`, but {}",
+            names.join(", ")
+        ));
+    };
+    match outlet.dtype() {
+        ValueType::Tensor {
+            ty: TensorElementType::Float32,
+            shape,
+            ..
+        } => Ok(shape.to_vec()),
+        other => Err(format!(
+            "its {kind} `{name}` is {other}, expected a tensor of 32-bit floats"
+        )),
+    }
+}
+
+/// Holds a shape to what is expected; a size below 0 is left open by the file.
+fn check_shape(
+    kind: &str,
+    name: &str,
+    got: &[i64],
+    axes: &[Axis],
+    batch: Option<usize>,
+) -> Result<(), String> {
+    if got.len() != axes.len() {
+        return Err(format!(
+            "its {kind} `{name}` has {} axes, expected {}",
+            got.len(),
+            axes.len()
+        ));
+    }
+    for (&got, &axis) in got.iter().zip(axes) {
+        let (what, expected) = match (axis, batch) {
+            (Axis::Fixed(what, expected), _) => (what, expected),
+            (Axis::Batch, Some(batch)) => ("entries in its batch", batch),
+            (Axis::Batch, None) | (Axis::Any, _) => continue,
+        };
+        if got >= 0 && usize::try_from(got) != Ok(expected) {
+            return Err(format!(
+                "its {kind} `{name}` has {got} {}, expected {expected} {}",
+                first_word(what),
+                what
+            ));
+        }
+    }
+    Ok(())
+}
+
+fn first_word(words: &str) -> &str {
+    words.split(',').next().unwrap_or(words)
+}

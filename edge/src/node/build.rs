@@ -1,0 +1,165 @@
+//! Everything of an edge that can fail before the first tick: sources, networks, the pipeline.
+
+use std::hash::{BuildHasher as _, Hasher as _, RandomState};
+use std::ops::Range;
+
+use anyhow::Context as _;
+use farfield_proto::message::Status;
+use farfield_proto::tick::Tick;
+use farfield_proto::venue::{Source, Venue, VenueCamera};
+use farfield_proto::wire;
+
+use super::config::Config;
+use super::process::NodeError;
+use super::worker::Work;
+use crate::detector::OnnxDetector;
+use crate::network::{Backend, Choice, OnnxKeypointNetwork};
+use crate::pipeline::{KeypointNetwork, NetworkError, PersonDetector, Pipeline};
+use crate::source::{self, SourceError, SourceInfo};
+
+/// An edge that is ready to connect.
+pub(super) struct Built {
+    pub(super) work: Work,
+    /// How it introduces itself.
+    pub(super) status: Status,
+}
+
+/// The networks of a venue, loaded and checked against their cards.
+pub struct Networks {
+    keypoints: Option<OnnxKeypointNetwork>,
+    detector: Option<OnnxDetector>,
+    /// Fingerprint of both and of the backend; empty without a network.
+    pub hash: String,
+    /// The line that says which backend runs, and what that costs; empty without a network.
+    pub backend: String,
+}
+
+/// Loads the networks that `venue` names; none of them when every one of `cameras` is a file of keypoints.
+///
+/// # Errors
+/// When no backend starts, or a file is missing, is not ONNX or does not fit its card.
+pub fn load_networks<'a>(
+    venue: &Venue,
+    cameras: impl IntoIterator<Item = &'a VenueCamera>,
+) -> Result<Networks, NetworkError> {
+    let pictures = cameras
+        .into_iter()
+        .any(|camera| !matches!(camera.source, Source::Keypoints { .. }));
+    if !pictures {
+        return Ok(Networks {
+            keypoints: None,
+            detector: None,
+            hash: String::new(),
+            backend: String::new(),
+        });
+    }
+    let backend = Backend::start(Choice::Best)?;
+    let keypoints = venue
+        .network
+        .as_deref()
+        .map(OnnxKeypointNetwork::load)
+        .transpose()?;
+    let detector = venue
+        .detector
+        .as_deref()
+        .map(OnnxDetector::load)
+        .transpose()?;
+    let hashes = [
+        keypoints.as_ref().map(OnnxKeypointNetwork::model_hash),
+        detector.as_ref().map(OnnxDetector::model_hash),
+    ];
+    // Runtime and tract agree to 1e-7, which is not bit for bit.
+    let kind = if backend.is_tract() {
+        "tract"
+    } else {
+        "onnxruntime"
+    };
+    let parts: Vec<&str> = hashes.into_iter().flatten().chain([kind]).collect();
+    let hash = parts.join("+");
+    Ok(Networks {
+        keypoints,
+        detector,
+        hash,
+        backend: backend.describe().to_owned(),
+    })
+}
+
+/// Probes the sources of `cameras`; what is known of each, by the camera's name.
+///
+/// # Errors
+/// Of the first camera whose source is not what the venue and the calibration say.
+pub fn probe_sources<'a>(
+    venue: &Venue,
+    cameras: impl IntoIterator<Item = &'a VenueCamera>,
+) -> Result<Vec<(String, SourceInfo)>, SourceError> {
+    let probe = |camera: &VenueCamera| {
+        source::probe(camera, venue).map(|info| (camera.model.name().to_owned(), info))
+    };
+    cameras.into_iter().map(probe).collect()
+}
+
+/// Opens everything but the network connection.
+pub(super) fn build(config: &Config) -> Result<Built, NodeError> {
+    let venue = &config.venue;
+    let infos = probe_sources(venue, config.cameras()).map_err(NodeError::refused)?;
+    let ticks = shared_ticks(&infos, config.ticks.as_ref()).map_err(NodeError::refused)?;
+    let networks = load_networks(venue, config.cameras()).map_err(NodeError::refused)?;
+    let Networks {
+        keypoints,
+        detector,
+        hash,
+        backend,
+    } = networks;
+    let keypoints = keypoints.map(|network| Box::new(network) as Box<dyn KeypointNetwork>);
+    let detector = detector.map(|detector| Box::new(detector) as Box<dyn PersonDetector>);
+    let pipeline = Pipeline::new(venue, config.viewpoint, keypoints, detector);
+    let pipeline = pipeline
+        .with_context(|| format!("viewpoint {}", config.name))
+        .map_err(NodeError::Refused)?;
+    let cameras = venue
+        .viewpoints
+        .get(usize::from(config.viewpoint.0))
+        .map(|v| v.cameras.clone())
+        .unwrap_or_default();
+    let from = config.ticks.as_ref().map(|ticks| ticks.start);
+    let work = Work::new(venue.clone(), cameras, pipeline, from).map_err(NodeError::Refused)?;
+    let status = Status {
+        node: config.name.clone(),
+        process: RandomState::new().build_hasher().finish(),
+        viewpoint: Some(config.viewpoint),
+        ready: false,
+        venue_hash: venue.hashes.venue.clone(),
+        calibration_hash: venue.hashes.calibration.clone(),
+        network_hash: hash,
+        // It names the library's file.
+        backend: wire::cut_text(backend),
+        ticks: ticks.map(|ticks| [ticks.start, ticks.end]),
+        tick: None,
+        unreadable: 0,
+        failure: None,
+        stages: Vec::new(),
+    };
+    Ok(Built { work, status })
+}
+
+/// The ticks that fusion may ask for: all that every recording holds; `None` when all sources are live.
+fn shared_ticks(
+    infos: &[(String, SourceInfo)],
+    asked: Option<&Range<Tick>>,
+) -> Result<Option<Range<Tick>>, SourceError> {
+    if infos.iter().all(|(_, info)| info.ticks.is_none()) {
+        return Ok(None);
+    }
+    if let Some(asked) = asked {
+        source::common_ticks(infos, Some(asked.clone()))?;
+    }
+    match source::common_ticks(infos, None) {
+        // Fusion may have been told which ticks to take; if not, it refuses by the same numbers.
+        Err(SourceError::Lengths {
+            shared: Some(shared),
+            ..
+        }) => Ok(Some(shared)),
+        Err(error) => Err(error),
+        Ok(ticks) => Ok(Some(ticks)),
+    }
+}

@@ -1,0 +1,87 @@
+//! The frame of a given tick, from sources that only know the next one.
+
+use farfield_proto::tick::Tick;
+
+use crate::source::{Frame, FrameSource, SourceError};
+
+/// One camera's frames, asked for by tick. Ticks must not go back.
+pub(super) struct FramesAt {
+    source: Box<dyn FrameSource>,
+    /// A frame that came before its tick was asked for.
+    ahead: Option<Frame>,
+    ended: bool,
+}
+
+impl FramesAt {
+    pub(super) fn new(source: Box<dyn FrameSource>) -> Self {
+        Self {
+            source,
+            ahead: None,
+            ended: false,
+        }
+    }
+
+    /// The frame of `tick`; `None` when the camera has none then. Frames of earlier ticks are dropped.
+    ///
+    /// # Errors
+    /// What the source says; it is not asked again.
+    pub(super) fn at(&mut self, tick: Tick) -> Result<Option<Frame>, SourceError> {
+        loop {
+            match self.ahead.take() {
+                Some(frame) if frame.tick == tick => return Ok(Some(frame)),
+                Some(frame) if frame.tick > tick => {
+                    self.ahead = Some(frame);
+                    return Ok(None);
+                }
+                _ if self.ended => return Ok(None),
+                _ => {}
+            }
+            self.ended = true;
+            self.ahead = self.source.next_frame()?;
+            self.ended = self.ahead.is_none();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::source::{Content, KeypointFrame};
+
+    struct Recorded(Vec<i64>);
+
+    impl FrameSource for Recorded {
+        fn next_frame(&mut self) -> Result<Option<Frame>, SourceError> {
+            if self.0.is_empty() {
+                return Ok(None);
+            }
+            let tick = Tick(self.0.remove(0));
+            Ok(Some(Frame {
+                tick,
+                capture_offset_us: 0,
+                content: Content::Keypoints(KeypointFrame::default()),
+            }))
+        }
+    }
+
+    fn ticks_found(recorded: &[i64], asked: &[i64]) -> Vec<Option<i64>> {
+        let mut frames = FramesAt::new(Box::new(Recorded(recorded.to_vec())));
+        asked
+            .iter()
+            .map(|&t| frames.at(Tick(t)).unwrap().map(|f| f.tick.0))
+            .collect()
+    }
+
+    #[test]
+    fn a_tick_without_a_frame_is_a_gap_and_later_frames_wait_for_theirs() {
+        assert_eq!(
+            ticks_found(&[1, 2, 5], &[1, 2, 3, 4, 5, 6]),
+            [Some(1), Some(2), None, None, Some(5), None]
+        );
+    }
+
+    #[test]
+    fn frames_before_the_tick_are_dropped() {
+        assert_eq!(ticks_found(&[1, 2, 3, 4], &[3, 4]), [Some(3), Some(4)]);
+    }
+}

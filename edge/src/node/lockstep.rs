@@ -1,0 +1,204 @@
+//! The loop of an edge in lock-step: a box set arrives, the pipeline works on its tick, the patches go out.
+//!
+//! The loop waits for nothing but events; the pipeline's thread reads, computes and queues the messages.
+
+use std::time::Duration;
+
+use anyhow::{Context as _, anyhow};
+use farfield_proto::message::{BoxSet, Order, Status};
+use farfield_proto::tick::Tick;
+use farfield_proto::wire;
+use tokio::time::{MissedTickBehavior, interval};
+use tokio_util::sync::CancellationToken;
+use tracing::debug;
+
+use super::link::{Ends, Heard, Said};
+use super::process::{Ending, NodeError};
+use super::worker::Worker;
+
+/// How often an edge says that it is ready, until the first boxes come.
+const CALL_EVERY: Duration = Duration::from_millis(100);
+/// Calls per status once the run has begun: one a second.
+const CALLS_PER_STATUS: u32 = 10;
+
+/// An edge at work.
+pub(super) struct LockStep {
+    /// What the edge says of itself.
+    pub(super) status: Status,
+    /// The tick of the newest boxes that were handed to the pipeline.
+    ordered: Option<Tick>,
+    n_calls: u32,
+}
+
+impl LockStep {
+    /// An edge that introduces itself as `status`.
+    pub(super) fn new(status: Status) -> Self {
+        Self {
+            status,
+            ordered: None,
+            n_calls: 0,
+        }
+    }
+
+    /// Works until fusion says that the run is over.
+    ///
+    /// # Errors
+    /// When a file differs from fusion's, fusion fails or leaves, or the pipeline fails.
+    pub(super) async fn run(
+        &mut self,
+        ends: &mut Ends,
+        worker: &mut Worker,
+        stop: &CancellationToken,
+    ) -> Result<Ending, NodeError> {
+        let mut calls = interval(CALL_EVERY);
+        calls.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        loop {
+            tokio::select! {
+                () = stop.cancelled() => return Ok(Ending::Interrupted),
+                heard = ends.heard.recv() => {
+                    let heard = heard.context("the subscriptions have ended").map_err(NodeError::Failed)?;
+                    if let Some(ending) = self.hear(heard, worker)? {
+                        return Ok(ending);
+                    }
+                }
+                done = worker.done.recv() => {
+                    let done = done.context("the pipeline has ended").and_then(|done| done);
+                    self.status.tick = Some(done.map_err(NodeError::Failed)?);
+                }
+                _ = calls.tick() => self.call(ends),
+            }
+        }
+    }
+
+    /// Notes that the edge leaves, and why if it gives up: as much of it as a status may say.
+    pub(super) fn leaves(&mut self, error: Option<&NodeError>) {
+        self.status.ready = false;
+        self.status.failure = error.map(|error| wire::cut_text(error.to_string()));
+    }
+
+    /// Sends the status now.
+    pub(super) fn say(&self, ends: &Ends) {
+        if ends
+            .say
+            .try_send(Said::Status(wire::encode(&self.status)))
+            .is_err()
+        {
+            debug!("a status was not sent: the queue is full");
+        }
+    }
+
+    fn call(&mut self, ends: &Ends) {
+        self.status.ready = *ends.matched.borrow();
+        if self.ordered.is_none() || self.n_calls.is_multiple_of(CALLS_PER_STATUS) {
+            self.say(ends);
+        }
+        self.n_calls = self.n_calls.wrapping_add(1);
+    }
+
+    fn hear(&mut self, heard: Heard, worker: &Worker) -> Result<Option<Ending>, NodeError> {
+        match heard {
+            Heard::Boxes(boxes) => self.obey(boxes, worker).map_err(NodeError::Failed),
+            Heard::Fusion(fusion) => self.compare(&fusion).map(|()| None),
+            // Before the first boxes there is nothing to lose: fusion may start again.
+            Heard::FusionGone if self.ordered.is_none() => Ok(None),
+            Heard::FusionGone => Err(NodeError::Failed(anyhow!(
+                "fusion has left{}",
+                self.at_tick()
+            ))),
+            Heard::Unreadable(key) => Err(NodeError::Failed(anyhow!(
+                "a message on {key} cannot be read: does fusion run another version of farfield?"
+            ))),
+        }
+    }
+
+    fn obey(&mut self, boxes: BoxSet, worker: &Worker) -> anyhow::Result<Option<Ending>> {
+        if boxes.order == Order::End {
+            return Ok(Some(Ending::Done));
+        }
+        if self.ordered.is_some_and(|ordered| boxes.tick <= ordered) {
+            debug!(tick = boxes.tick.0, "boxes for a tick that is done");
+            return Ok(None);
+        }
+        self.ordered = Some(boxes.tick);
+        worker.step(boxes)?;
+        Ok(None)
+    }
+
+    fn compare(&self, fusion: &Status) -> Result<(), NodeError> {
+        let files = [
+            ("venue file", &self.status.venue_hash, &fusion.venue_hash),
+            (
+                "calibration",
+                &self.status.calibration_hash,
+                &fusion.calibration_hash,
+            ),
+        ];
+        for (what, ours, theirs) in files {
+            if ours != theirs {
+                return Err(NodeError::Refused(anyhow!(
+                    "fusion holds another {what} than viewpoint {}: its fingerprint there is {theirs}, here {ours}; copy the same file to both",
+                    self.status.node
+                )));
+            }
+        }
+        match &fusion.failure {
+            Some(failure) => Err(NodeError::Failed(anyhow!(
+                "fusion has ended the run{}: {failure}",
+                self.at_tick()
+            ))),
+            None => Ok(()),
+        }
+    }
+
+    fn at_tick(&self) -> String {
+        self.ordered
+            .map_or_else(String::new, |tick| format!(" at tick {tick}"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn status(calibration_hash: &str) -> Status {
+        Status {
+            node: "ne".to_owned(),
+            process: 7,
+            viewpoint: None,
+            ready: true,
+            venue_hash: "v".to_owned(),
+            calibration_hash: calibration_hash.to_owned(),
+            network_hash: String::new(),
+            backend: String::new(),
+            ticks: None,
+            tick: None,
+            unreadable: 0,
+            failure: None,
+            stages: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn another_calibration_than_fusions_is_refused_by_name() {
+        let edge = LockStep::new(status("here"));
+        edge.compare(&status("here")).unwrap();
+        let error = edge.compare(&status("there")).unwrap_err();
+        assert!(matches!(error, NodeError::Refused(_)));
+        let text = error.to_string();
+        assert!(
+            text.contains("calibration") && text.contains("viewpoint ne") && text.contains("there"),
+            "{text}"
+        );
+    }
+
+    #[test]
+    fn a_long_failure_is_cut_and_still_read_by_fusion() {
+        let mut edge = LockStep::new(status("here"));
+        let error = NodeError::Failed(anyhow!("tick 7: {}", "\u{2026}".repeat(5000)));
+        edge.leaves(Some(&error));
+        let heard: Status = wire::decode(&wire::encode(&edge.status)).unwrap();
+        assert!(heard.failure.unwrap().starts_with("tick 7: \u{2026}"));
+        edge.leaves(None);
+        assert_eq!(edge.status.failure, None);
+    }
+}

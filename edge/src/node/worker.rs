@@ -1,0 +1,200 @@
+//! The thread that computes: reads the frames of a tick, runs the pipeline, encodes the messages.
+
+use std::collections::BTreeMap;
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::thread::JoinHandle;
+
+use anyhow::{Context as _, anyhow};
+use farfield_proto::id::CameraIndex;
+use farfield_proto::message::{BoxSet, StageTime};
+use farfield_proto::tick::Tick;
+use farfield_proto::venue::{Venue, VenueCamera};
+use farfield_proto::wire;
+use tokio::sync::mpsc;
+
+use super::clock;
+use super::frames_at::FramesAt;
+use super::link::Said;
+use crate::pipeline::{EdgeOutput, Pipeline, Stage};
+use crate::source::{self, Frame};
+
+/// What the thread says after each tick.
+pub(super) type Done = anyhow::Result<Tick>;
+
+/// Everything that the thread owns.
+pub(super) struct Work {
+    venue: Venue,
+    cameras: Vec<CameraIndex>,
+    /// Opened in advance at this tick, when the run's first tick is known before the start.
+    opened: Option<(Tick, Vec<FramesAt>)>,
+    pipeline: Pipeline,
+    samples_us: BTreeMap<&'static str, Vec<u32>>,
+}
+
+impl Work {
+    /// Opens the cameras at tick `from`, if that is known already.
+    ///
+    /// # Errors
+    /// When a source cannot be opened.
+    pub(super) fn new(
+        venue: Venue,
+        cameras: Vec<CameraIndex>,
+        pipeline: Pipeline,
+        from: Option<Tick>,
+    ) -> anyhow::Result<Self> {
+        let mut work = Self {
+            venue,
+            cameras,
+            opened: None,
+            pipeline,
+            samples_us: BTreeMap::new(),
+        };
+        if let Some(from) = from {
+            work.open(from)?;
+        }
+        Ok(work)
+    }
+
+    fn open(&mut self, from: Tick) -> anyhow::Result<&mut Vec<FramesAt>> {
+        let cameras = self
+            .cameras
+            .iter()
+            .filter_map(|&index| self.venue.camera(index));
+        let open =
+            |camera: &VenueCamera| source::open(camera, &self.venue, from).map(FramesAt::new);
+        let frames = cameras.map(open).collect::<Result<_, _>>()?;
+        Ok(&mut self.opened.insert((from, frames)).1)
+    }
+
+    /// One tick: the frames, the pipeline, the messages in the order they shall go out.
+    fn step(&mut self, boxes: &BoxSet) -> anyhow::Result<Vec<Said>> {
+        let start = clock::now();
+        let frames = self.read(boxes.tick)?;
+        self.count("read", start);
+        let mut lap = clock::now();
+        let samples_us = &mut self.samples_us;
+        let output = self
+            .pipeline
+            .step_marked(&frames, boxes, &mut |stage| {
+                let samples = samples_us.entry(name(stage)).or_default();
+                samples.push(clock::micros_since(lap));
+                lap = clock::now();
+            })
+            .with_context(|| format!("tick {}", boxes.tick))?;
+        let start = clock::now();
+        let messages = encode(&output);
+        self.count("messages", start);
+        Ok(messages)
+    }
+
+    fn read(&mut self, tick: Tick) -> anyhow::Result<Vec<Option<Frame>>> {
+        let frames = match &mut self.opened {
+            Some((from, frames)) if *from <= tick => frames,
+            _ => self.open(tick)?,
+        };
+        frames
+            .iter_mut()
+            .map(|camera| camera.at(tick).with_context(|| format!("tick {tick}")))
+            .collect()
+    }
+
+    fn count(&mut self, stage: &'static str, start: std::time::Instant) {
+        self.samples_us
+            .entry(stage)
+            .or_default()
+            .push(clock::micros_since(start));
+    }
+
+    fn stages(mut self) -> Vec<StageTime> {
+        self.samples_us
+            .iter_mut()
+            .filter_map(|(stage, samples)| StageTime::from_samples(stage, samples))
+            .collect()
+    }
+}
+
+fn name(stage: Stage) -> &'static str {
+    match stage {
+        Stage::Crop => "crop",
+        Stage::Infer => "infer",
+        Stage::Encode => "encode",
+    }
+}
+
+/// Sightings first: fusion knows from the patches how many to wait for.
+fn encode(output: &EdgeOutput) -> Vec<Said> {
+    let sightings = output
+        .sighting_sets
+        .iter()
+        .map(|set| Said::Sightings(wire::encode(set)));
+    let patches = output
+        .patch_sets
+        .iter()
+        .map(|set| Said::Patches(wire::encode(set)));
+    sightings.chain(patches).collect()
+}
+
+/// The loop's handle on the thread.
+pub(super) struct Worker {
+    jobs: SyncSender<BoxSet>,
+    /// One word per tick, in order; closed when the thread has ended.
+    pub(super) done: mpsc::Receiver<Done>,
+    thread: JoinHandle<Vec<StageTime>>,
+}
+
+impl Worker {
+    /// Starts the thread, which sends its messages straight to the publisher.
+    ///
+    /// # Errors
+    /// When the system has no thread left.
+    pub(super) fn spawn(work: Work, say: mpsc::Sender<Said>) -> std::io::Result<Self> {
+        // Lock-step has one tick under way; the second place lets the loop never wait.
+        let (jobs, to_do) = sync_channel(2);
+        let (done_tx, done) = mpsc::channel(2);
+        let thread = std::thread::Builder::new().name("pipeline".to_owned());
+        let thread = thread.spawn(move || run(work, &to_do, &say, &done_tx))?;
+        Ok(Self { jobs, done, thread })
+    }
+
+    /// Hands the boxes of a tick over.
+    ///
+    /// # Errors
+    /// When the thread has ended, or still has two ticks to do.
+    pub(super) fn step(&self, boxes: BoxSet) -> anyhow::Result<()> {
+        self.jobs
+            .try_send(boxes)
+            .map_err(|error| anyhow!("the pipeline does not take a tick: {error}"))
+    }
+
+    /// Ends the thread and returns its times.
+    pub(super) async fn finish(self) -> anyhow::Result<Vec<StageTime>> {
+        drop((self.jobs, self.done));
+        let joined = tokio::task::spawn_blocking(move || self.thread.join())
+            .await
+            .context("waiting for the pipeline")?;
+        joined.map_err(|_| anyhow!("the pipeline has panicked"))
+    }
+}
+
+fn run(
+    mut work: Work,
+    to_do: &Receiver<BoxSet>,
+    say: &mpsc::Sender<Said>,
+    done: &mpsc::Sender<Done>,
+) -> Vec<StageTime> {
+    while let Ok(boxes) = to_do.recv() {
+        let tick = boxes.tick;
+        let result = work.step(&boxes).and_then(|messages| {
+            // When full, this thread waits for the network; the loop never does.
+            let sent = messages
+                .into_iter()
+                .try_for_each(|message| say.blocking_send(message));
+            sent.map_err(|_| anyhow!("the publisher has ended"))
+        });
+        let failed = result.is_err();
+        if done.blocking_send(result.map(|()| tick)).is_err() || failed {
+            break;
+        }
+    }
+    work.stages()
+}

@@ -1,0 +1,128 @@
+//! The cameras of a viewpoint, and what must hold for them before the first tick and at each.
+
+use farfield_proto::camera::CameraModel;
+use farfield_proto::id::{CameraIndex, ViewpointIndex};
+use farfield_proto::keypoints::{COCO17, KeypointSet};
+use farfield_proto::patch::{MAX_KEYPOINTS, MAX_SIDE};
+use farfield_proto::venue::{Source, Venue};
+
+use super::batch::Batch;
+use super::error::PipelineError;
+use crate::crop::CropShape;
+use crate::source::Content;
+
+/// How the maps of a camera without pictures are drawn.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Drawing {
+    pub(super) shape: CropShape,
+    pub(super) sigma_cells: f64,
+}
+
+/// One camera of the viewpoint.
+pub(super) struct EdgeCamera {
+    pub(super) index: CameraIndex,
+    pub(super) model: CameraModel,
+    pub(super) drawing: Option<Drawing>,
+}
+
+impl EdgeCamera {
+    /// What is wrong with a frame of this camera, if anything.
+    pub(super) fn mismatch(&self, content: &Content, n_keypoints: usize) -> Option<String> {
+        match (content, self.drawing.is_some()) {
+            (Content::Image(image), false) => {
+                let (got, expected) = ([image.width(), image.height()], self.model.size_px());
+                (got != expected).then(|| {
+                    let ([w, h], [calibrated_w, calibrated_h]) = (got, expected);
+                    format!("its frame is {w} x {h} pixels, its calibration {calibrated_w} x {calibrated_h}")
+                })
+            }
+            (Content::Keypoints(keypoints), true) => {
+                let of_persons = keypoints.persons.iter().map(Vec::len);
+                let wrong = of_persons
+                    .chain([keypoints.peaks.len()])
+                    .find(|&n| n != n_keypoints);
+                wrong.map(|n| format!("its frame has {n} keypoints, expected {n_keypoints}"))
+            }
+            (Content::Image(_), true) => {
+                Some("a picture came from a source of keypoints".to_owned())
+            }
+            (Content::Keypoints(_), false) => {
+                Some("keypoints came from a source of pictures".to_owned())
+            }
+        }
+    }
+}
+
+/// The cameras of a viewpoint, in the venue's order.
+pub(super) fn cameras_of(
+    venue: &Venue,
+    viewpoint: ViewpointIndex,
+) -> Result<Vec<EdgeCamera>, PipelineError> {
+    let unknown = || PipelineError::UnknownViewpoint { index: viewpoint };
+    let viewpoint = venue
+        .viewpoints
+        .get(usize::from(viewpoint.0))
+        .ok_or_else(unknown)?;
+    let camera = |&index: &CameraIndex| {
+        let camera = venue.camera(index).ok_or_else(unknown)?;
+        let drawing = match camera.source {
+            Source::Keypoints {
+                grid, sigma_cells, ..
+            } => Some(Drawing {
+                shape: CropShape::of_grid(grid),
+                sigma_cells,
+            }),
+            _ => None,
+        };
+        Ok(EdgeCamera {
+            index,
+            model: camera.model.clone(),
+            drawing,
+        })
+    };
+    viewpoint.cameras.iter().map(camera).collect()
+}
+
+/// Refuses what cannot be sent, or cannot be made: maps too large, pictures without a network,
+/// keypoints of two kinds.
+pub(super) fn check_shapes(
+    cameras: &[EdgeCamera],
+    keypoints: &KeypointSet,
+    batch: Option<&Batch>,
+) -> Result<(), PipelineError> {
+    let fits = |what, got: usize, limit: usize| {
+        if got > limit {
+            Err(PipelineError::TooLarge { what, got, limit })
+        } else {
+            Ok(())
+        }
+    };
+    fits(
+        "the network's number of keypoints",
+        keypoints.len(),
+        MAX_KEYPOINTS,
+    )?;
+    for side in batch.iter().flat_map(|b| b.shape().cells) {
+        fits("a side of the network's maps", side.into(), MAX_SIDE)?;
+    }
+    for camera in cameras {
+        let name = || camera.model.name().to_owned();
+        match &camera.drawing {
+            None if batch.is_none() => return Err(PipelineError::NoNetwork { camera: name() }),
+            Some(_) if keypoints.names() != COCO17 => {
+                return Err(PipelineError::OtherKeypoints { camera: name() });
+            }
+            Some(drawing) => {
+                for side in drawing.shape.cells {
+                    fits(
+                        "a side of a keypoint source's `grid`",
+                        side.into(),
+                        MAX_SIDE,
+                    )?;
+                }
+            }
+            None => {}
+        }
+    }
+    Ok(())
+}

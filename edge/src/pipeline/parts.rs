@@ -1,0 +1,166 @@
+//! Splits what a tick has to say into messages that are readable alone.
+
+use farfield_proto::message::{PatchSet, PersonPatch, Sighting, SightingSet};
+use farfield_proto::wire;
+
+/// Size of a message that fits one Ethernet frame with the overhead of Zenoh and TCP, bytes. A
+/// person whose maps alone are larger gets a message of its own.
+pub const MESSAGE_BYTES: usize = 1200;
+
+/// The patch sets of a tick: `head` with the persons shared out, at least one, numbered.
+pub(super) fn patch_sets(head: &PatchSet, persons: Vec<PersonPatch>) -> Vec<PatchSet> {
+    let mut probe = PatchSet {
+        persons: Vec::new(),
+        ..head.clone()
+    };
+    let empty = wire::encode(&probe).len();
+    let groups = grouped(persons, empty, |person| {
+        probe.persons.push(person);
+        let bytes = wire::encode(&probe).len() - empty;
+        (probe.persons.pop(), bytes)
+    });
+    let parts = groups.len() as u16;
+    let numbered = (0..).zip(groups);
+    numbered
+        .map(|(part, persons)| PatchSet {
+            part,
+            parts,
+            persons,
+            ..head.clone()
+        })
+        .collect()
+}
+
+/// The sighting sets of a tick: `head` with the sightings shared out, at least one, numbered.
+pub(super) fn sighting_sets(head: &SightingSet, sightings: Vec<Sighting>) -> Vec<SightingSet> {
+    let mut probe = SightingSet {
+        sightings: Vec::new(),
+        ..head.clone()
+    };
+    let empty = wire::encode(&probe).len();
+    let groups = grouped(sightings, empty, |sighting| {
+        probe.sightings.push(sighting);
+        let bytes = wire::encode(&probe).len() - empty;
+        (probe.sightings.pop(), bytes)
+    });
+    let parts = groups.len() as u16;
+    let numbered = (0..).zip(groups);
+    numbered
+        .map(|(part, sightings)| SightingSet {
+            part,
+            parts,
+            sightings,
+            ..head.clone()
+        })
+        .collect()
+}
+
+/// Fills groups in order until [`MESSAGE_BYTES`]; at least one group, none but the first empty.
+///
+/// `measure` gives the item back with the bytes that it adds to a message of `empty` bytes.
+fn grouped<T>(
+    items: Vec<T>,
+    empty: usize,
+    mut measure: impl FnMut(T) -> (Option<T>, usize),
+) -> Vec<Vec<T>> {
+    // Part numbers and counts of more than one byte.
+    const SLACK: usize = 8;
+    let mut groups = vec![Vec::new()];
+    let mut bytes = empty + SLACK;
+    for item in items {
+        let (Some(item), more) = measure(item) else {
+            continue;
+        };
+        let group = groups
+            .last_mut()
+            .filter(|group| group.is_empty() || bytes + more <= MESSAGE_BYTES);
+        if let Some(group) = group {
+            group.push(item);
+            bytes += more;
+        } else {
+            groups.push(vec![item]);
+            bytes = empty + SLACK + more;
+        }
+    }
+    groups
+}
+
+#[cfg(test)]
+mod tests {
+    use farfield_proto::id::{CameraIndex, PersonId, SessionId, ViewpointIndex};
+    use farfield_proto::patch::EncodedMaps;
+    use farfield_proto::tick::Tick;
+
+    use super::*;
+
+    fn head() -> PatchSet {
+        PatchSet {
+            session: SessionId(u64::MAX),
+            tick: Tick(1_000_000),
+            viewpoint: ViewpointIndex(3),
+            part: 0,
+            parts: 1,
+            sighting_parts: 0,
+            persons: Vec::new(),
+        }
+    }
+
+    fn person(id: u32, bytes: usize) -> PersonPatch {
+        PersonPatch {
+            person: PersonId(id),
+            camera: CameraIndex(0),
+            box_tick: Tick(1_000_000),
+            capture_offset_us: 0,
+            crops: Vec::new(),
+            crop_of_keypoint: Vec::new(),
+            maps: EncodedMaps {
+                width: 48,
+                height: 64,
+                keypoints: 17,
+                bytes: vec![7; bytes],
+            },
+        }
+    }
+
+    #[test]
+    fn a_tick_without_persons_is_one_empty_message() {
+        let sets = patch_sets(&head(), Vec::new());
+        assert_eq!(sets.len(), 1);
+        assert_eq!(
+            (sets[0].part, sets[0].parts, sets[0].persons.len()),
+            (0, 1, 0)
+        );
+    }
+
+    #[test]
+    fn small_persons_share_messages_and_every_message_fits() {
+        let sets = patch_sets(&head(), (0..20).map(|i| person(i, 300)).collect());
+        assert!(sets.len() > 1 && sets.len() < 10, "{}", sets.len());
+        assert!(
+            sets.iter()
+                .all(|set| wire::encode(set).len() <= MESSAGE_BYTES)
+        );
+        let ids: Vec<u32> = sets
+            .iter()
+            .flat_map(|s| &s.persons)
+            .map(|p| p.person.0)
+            .collect();
+        assert_eq!(ids, (0..20).collect::<Vec<_>>());
+        for (i, set) in sets.iter().enumerate() {
+            assert_eq!(
+                (usize::from(set.part), usize::from(set.parts)),
+                (i, sets.len())
+            );
+        }
+    }
+
+    #[test]
+    fn a_person_larger_than_a_message_travels_alone() {
+        let sets = patch_sets(
+            &head(),
+            vec![person(1, 100), person(2, 3000), person(3, 100)],
+        );
+        let counts: Vec<usize> = sets.iter().map(|s| s.persons.len()).collect();
+        assert_eq!(counts, [1, 1, 1]);
+    }
+}

@@ -1,0 +1,419 @@
+//! The steps of an edge, with a network that answers with what it is shown.
+
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use farfield_proto::bounding_box::{BoundingBox, BoxRate};
+use farfield_proto::frames::Pixel;
+use farfield_proto::grid::CellGrid;
+use farfield_proto::model_card::HeatmapCard;
+use farfield_proto::patch::Decoder;
+use farfield_proto::wire;
+use image::RgbImage;
+
+use super::fixtures::venue;
+use super::*;
+use crate::peaks::best_peak;
+use crate::source::{Candidate, KeypointFrame};
+
+const PICTURES: &str = "{ kind = \"video\", path = \"a.mp4\" }";
+const KEYPOINTS: &str = "{ kind = \"keypoints\", path = \"a.jsonl\" }";
+const CARD: &str = r#"
+kind = "heatmap"
+file = "n.onnx"
+input = { name = "x", layout = "nchw", width = 48, height = 64, channels = "rgb" }
+normalize = { scale = 0.00392156862745098, mean = [0.0, 0.0, 0.0], std = [1.0, 1.0, 1.0] }
+output = { name = "y", width = 12, height = 16, keypoints = "coco17" }
+cell_to_input = { scale = 4.0, offset = 1.5 }
+box_margin = 1.25
+"#;
+
+/// Each of its maps is the red of the crop, averaged over the pixels of a cell.
+struct Mirror {
+    card: HeatmapCard,
+    calls: Arc<AtomicUsize>,
+}
+
+/// The network, and how often it was called.
+fn mirror() -> (Box<dyn KeypointNetwork>, Arc<AtomicUsize>) {
+    let calls = Arc::new(AtomicUsize::new(0));
+    let card = HeatmapCard::parse(CARD, Path::new("n.toml")).unwrap();
+    let network = Mirror {
+        card,
+        calls: calls.clone(),
+    };
+    (Box::new(network), calls)
+}
+
+impl KeypointNetwork for Mirror {
+    fn card(&self) -> &HeatmapCard {
+        &self.card
+    }
+
+    fn infer(&mut self, inputs: &[InputTensor]) -> Result<Vec<f32>, NetworkError> {
+        self.calls.fetch_add(1, Ordering::Relaxed);
+        let cell = |input: &InputTensor, i: usize| {
+            let (x, y) = (4 * (i % 12), 4 * (i / 12));
+            (0..16)
+                .map(|j| input.values[(y + j / 4) * 48 + x + j % 4])
+                .sum::<f32>()
+                / 16.0
+        };
+        let map = |input| (0..12 * 16).map(move |i| cell(input, i));
+        Ok(inputs
+            .iter()
+            .flat_map(|input| (0..17).flat_map(move |_| map(input)))
+            .collect())
+    }
+}
+
+/// Always finds the same box.
+struct Finds(Vec<Detection>);
+
+impl PersonDetector for Finds {
+    fn detect(&mut self, _: &RgbImage) -> Result<Vec<Detection>, NetworkError> {
+        Ok(self.0.clone())
+    }
+}
+
+fn frame(content: Content) -> Frame {
+    Frame {
+        tick: Tick(40),
+        capture_offset_us: -250,
+        content,
+    }
+}
+
+/// A black picture with a red disc.
+fn disc(x: f64, y: f64) -> Frame {
+    let image = RgbImage::from_fn(640, 480, |px, py| {
+        let near = (f64::from(px) - x).hypot(f64::from(py) - y) < 12.0;
+        image::Rgb([if near { 255 } else { 0 }, 0, 0])
+    });
+    frame(Content::Image(image))
+}
+
+fn box_at(camera: u16, center_px: [f32; 2], rotation_rad: f32) -> CameraBox {
+    CameraBox {
+        camera: CameraIndex(camera),
+        bounding_box: BoundingBox {
+            center_px,
+            size_px: [96.0, 128.0],
+            rotation_rad,
+        },
+        rate: BoxRate::default(),
+        torso_px: center_px,
+        neck_px: center_px,
+    }
+}
+
+fn boxes(order: Order, persons: Vec<Vec<CameraBox>>) -> BoxSet {
+    let numbered = (1..).zip(persons);
+    let persons = numbered
+        .map(|(i, cameras)| PersonBoxes {
+            person: PersonId(i),
+            cameras,
+        })
+        .collect();
+    BoxSet {
+        session: SessionId(9),
+        tick: Tick(40),
+        viewpoint: ViewpointIndex(0),
+        order,
+        persons,
+    }
+}
+
+fn pipeline(sources: &[&str]) -> Pipeline {
+    let (network, _) = mirror();
+    Pipeline::new(&venue(sources), ViewpointIndex(0), Some(network), None).unwrap()
+}
+
+fn patches(output: &EdgeOutput) -> Vec<&PersonPatch> {
+    output
+        .patch_sets
+        .iter()
+        .flat_map(|set| &set.persons)
+        .collect()
+}
+
+/// Where the map of a keypoint has its peak, undistorted pixels.
+fn peak_of(patch: &PersonPatch, keypoint: usize) -> Option<[f64; 2]> {
+    let mut maps = Maps::new(1, 1, 1);
+    Decoder::new().decode(&patch.maps, &mut maps).unwrap();
+    let values: Vec<f32> = maps
+        .cells(keypoint)
+        .iter()
+        .map(|&c| f32::from(c) / 255.0)
+        .collect();
+    let grid: &CellGrid = &patch.crops[usize::from(patch.crop_of_keypoint[keypoint])];
+    let peak = best_peak(&values, grid.width.into(), 0.05)?;
+    let pixel = grid.pixel(peak.cell[0], peak.cell[1]);
+    Some([pixel.x(), pixel.y()])
+}
+
+fn assert_near(peak: Option<[f64; 2]>, x: f64, y: f64) {
+    let [px, py] = peak.expect("a peak");
+    // A cell is 8 px here, and 11 in the crop around a box turned by 45 degrees.
+    assert!(
+        (px - x).hypot(py - y) < 4.0,
+        "({px}, {py}) is not ({x}, {y})"
+    );
+}
+
+#[test]
+fn what_the_network_sees_is_where_the_picture_has_it() {
+    let mut edge = pipeline(&[PICTURES]);
+    let output = edge.step(
+        &[Some(disc(330.0, 220.0))],
+        &boxes(Order::Track, vec![vec![box_at(0, [320.0, 240.0], 0.0)]]),
+    );
+    let output = output.unwrap();
+    let patch = patches(&output)[0];
+    assert_eq!(
+        (patch.crops.len(), patch.capture_offset_us, patch.box_tick),
+        (1, -250, Tick(40))
+    );
+    assert_near(peak_of(patch, 3), 330.0, 220.0);
+    assert!(output.sighting_sets.is_empty());
+}
+
+#[test]
+fn a_turned_box_gives_the_legs_an_upright_crop() {
+    let mut edge = pipeline(&[PICTURES]);
+    for (rotation_rad, crops) in [(0.1, 1), (0.785, 2), (-2.5, 2), (6.2, 1)] {
+        let persons = vec![vec![box_at(0, [320.0, 240.0], rotation_rad)]];
+        let output = edge
+            .step(&[Some(disc(330.0, 220.0))], &boxes(Order::Track, persons))
+            .unwrap();
+        let patch = patches(&output)[0];
+        assert_eq!(patch.crops.len(), crops);
+        let from_second: usize = patch.crop_of_keypoint.iter().map(|&c| usize::from(c)).sum();
+        assert_eq!(from_second, if crops == 2 { 6 } else { 0 });
+        assert_near(peak_of(patch, 0), 330.0, 220.0);
+        assert_near(peak_of(patch, 16), 330.0, 220.0);
+    }
+}
+
+#[test]
+fn a_dead_camera_is_replaced_within_the_tick() {
+    let mut edge = pipeline(&[PICTURES, PICTURES]);
+    let both = vec![vec![
+        box_at(0, [320.0, 240.0], 0.0),
+        box_at(1, [200.0, 240.0], 0.0),
+    ]];
+    let boxes = boxes(Order::Track, both);
+    let first = edge
+        .step(
+            &[Some(disc(320.0, 240.0)), Some(disc(200.0, 240.0))],
+            &boxes,
+        )
+        .unwrap();
+    assert_eq!(patches(&first)[0].camera, CameraIndex(0));
+    let second = edge
+        .step(&[None, Some(disc(200.0, 240.0))], &boxes)
+        .unwrap();
+    assert_eq!(patches(&second)[0].camera, CameraIndex(1));
+    let dark = edge.step(&[None, None], &boxes).unwrap();
+    assert!(patches(&dark).is_empty());
+    assert_eq!(
+        (dark.patch_sets.len(), dark.patch_sets[0].tick),
+        (1, Tick(40))
+    );
+}
+
+#[test]
+fn nothing_is_sent_for_a_person_that_no_camera_sees() {
+    let mut edge = pipeline(&[PICTURES]);
+    let persons = vec![vec![box_at(0, [-500.0, 240.0], 0.0)], vec![]];
+    let output = edge
+        .step(&[Some(disc(1.0, 1.0))], &boxes(Order::Track, persons))
+        .unwrap();
+    assert!(patches(&output).is_empty());
+    assert_eq!(output.patch_sets[0].parts, 1);
+}
+
+#[test]
+fn an_old_box_is_moved_on() {
+    let mut edge = pipeline(&[PICTURES]);
+    let mut camera_box = box_at(0, [200.0, 240.0], 0.0);
+    camera_box.rate.center_px = [20.0, 0.0];
+    let mut boxes = boxes(Order::Track, vec![vec![camera_box]]);
+    boxes.tick = Tick(34);
+    let output = edge.step(&[Some(disc(320.0, 240.0))], &boxes).unwrap();
+    let patch = patches(&output)[0];
+    assert_eq!(
+        (output.patch_sets[0].tick, patch.box_tick),
+        (Tick(40), Tick(34))
+    );
+    assert_near(peak_of(patch, 0), 320.0, 240.0);
+}
+
+#[test]
+fn all_crops_of_a_tick_are_one_inference() {
+    let (network, calls) = mirror();
+    let found = Detection {
+        min_px: [290.0, 200.0],
+        max_px: [350.0, 280.0],
+        score: 0.7,
+    };
+    let detector: Box<dyn PersonDetector> = Box::new(Finds(vec![found]));
+    let venue = venue(&[PICTURES, PICTURES]);
+    let mut edge = Pipeline::new(&venue, ViewpointIndex(0), Some(network), Some(detector)).unwrap();
+    let person = || {
+        vec![
+            box_at(0, [320.0, 240.0], 0.7),
+            box_at(1, [300.0, 240.0], 0.7),
+        ]
+    };
+    let frames = [Some(disc(320.0, 240.0)), Some(disc(310.0, 230.0))];
+    let output = edge
+        .step(
+            &frames,
+            &boxes(Order::TrackAndSight, vec![person(), person(), person()]),
+        )
+        .unwrap();
+    assert_eq!(calls.load(Ordering::Relaxed), 1);
+    assert_eq!(patches(&output).len(), 3);
+    let sightings: Vec<&Sighting> = output
+        .sighting_sets
+        .iter()
+        .flat_map(|s| &s.sightings)
+        .collect();
+    assert_eq!(
+        sightings.iter().map(|s| s.camera.0).collect::<Vec<_>>(),
+        [0, 1]
+    );
+    for (sighting, expected) in sightings.iter().zip([[320.0, 240.0], [310.0, 230.0]]) {
+        let peak = sighting.keypoints[5].unwrap();
+        assert_near(
+            Some(peak.position_px.map(f64::from)),
+            expected[0],
+            expected[1],
+        );
+    }
+    let parts = output.sighting_sets.len();
+    assert!(
+        output
+            .patch_sets
+            .iter()
+            .all(|set| usize::from(set.sighting_parts) == parts)
+    );
+}
+
+fn candidates(x: f64, y: f64) -> KeypointFrame {
+    let candidate = Candidate {
+        position: Pixel::new(x, y),
+        score: 0.9,
+    };
+    KeypointFrame {
+        persons: vec![vec![Some(candidate); 17]],
+        peaks: vec![vec![candidate]; 17],
+    }
+}
+
+#[test]
+fn keypoint_sources_need_no_network_and_are_sighted_as_grouped() {
+    let mut edge = Pipeline::new(&venue(&[KEYPOINTS]), ViewpointIndex(0), None, None).unwrap();
+    let frames = [Some(frame(Content::Keypoints(candidates(333.0, 222.0))))];
+    let persons = vec![vec![box_at(0, [320.0, 240.0], 1.2)]];
+    let output = edge
+        .step(&frames, &boxes(Order::TrackAndSight, persons))
+        .unwrap();
+    let patch = patches(&output)[0];
+    assert_eq!(
+        (
+            patch.crops.len(),
+            patch.crops[0].width,
+            patch.crops[0].height
+        ),
+        (1, 48, 64)
+    );
+    let [x, y] = peak_of(patch, 11).unwrap();
+    assert!((x - 333.0).hypot(y - 222.0) < 0.2);
+    assert_eq!(output.sighting_sets[0].sightings.len(), 1);
+    assert_eq!(output.patch_sets[0].sighting_parts, 1);
+    let all = output
+        .patch_sets
+        .iter()
+        .map(|set| wire::decode::<PatchSet>(&wire::encode(set)).unwrap());
+    assert_eq!(all.collect::<Vec<_>>(), output.patch_sets);
+}
+
+#[test]
+fn a_look_that_finds_nobody_is_said_and_an_edge_that_cannot_look_says_nothing() {
+    let mut edge = Pipeline::new(&venue(&[KEYPOINTS]), ViewpointIndex(0), None, None).unwrap();
+    let output = edge
+        .step(&[None], &boxes(Order::TrackAndSight, Vec::new()))
+        .unwrap();
+    assert_eq!(
+        (
+            output.sighting_sets.len(),
+            output.patch_sets[0].sighting_parts
+        ),
+        (1, 1)
+    );
+    let mut blind = pipeline(&[PICTURES]);
+    let output = blind
+        .step(
+            &[Some(disc(5.0, 5.0))],
+            &boxes(Order::TrackAndSight, Vec::new()),
+        )
+        .unwrap();
+    assert_eq!(
+        (
+            output.sighting_sets.len(),
+            output.patch_sets[0].sighting_parts
+        ),
+        (0, 0)
+    );
+}
+
+#[test]
+fn pictures_and_keypoints_may_be_mixed_in_one_viewpoint() {
+    let mut edge = pipeline(&[PICTURES, KEYPOINTS]);
+    let frames = [
+        Some(disc(330.0, 220.0)),
+        Some(frame(Content::Keypoints(candidates(333.0, 222.0)))),
+    ];
+    let persons = vec![
+        vec![box_at(0, [320.0, 240.0], 0.0)],
+        vec![box_at(1, [320.0, 240.0], 0.0)],
+    ];
+    let output = edge.step(&frames, &boxes(Order::Track, persons)).unwrap();
+    let widths: Vec<u16> = patches(&output).iter().map(|p| p.maps.width).collect();
+    assert_eq!(widths, [12, 48]);
+}
+
+#[test]
+fn what_does_not_belong_together_is_refused() {
+    let refused =
+        |sources: &[&str]| Pipeline::new(&venue(sources), ViewpointIndex(0), None, None).err();
+    assert!(
+        matches!(refused(&[PICTURES]), Some(PipelineError::NoNetwork { camera }) if camera == "c0")
+    );
+    let mut edge = pipeline(&[PICTURES]);
+    let boxes = boxes(Order::Track, Vec::new());
+    assert!(matches!(
+        edge.step(&[], &boxes),
+        Err(PipelineError::FrameCount {
+            got: 0,
+            expected: 1
+        })
+    ));
+    let small = Some(frame(Content::Image(RgbImage::new(320, 240))));
+    let error = edge.step(&[small], &boxes).unwrap_err().to_string();
+    assert!(
+        error.contains("320 x 240") && error.contains("640 x 480"),
+        "{error}"
+    );
+    let other = BoxSet {
+        viewpoint: ViewpointIndex(3),
+        ..boxes
+    };
+    assert!(matches!(
+        edge.step(&[None], &other),
+        Err(PipelineError::OtherViewpoint { .. })
+    ));
+}

@@ -1,0 +1,250 @@
+//! What can be wrong with a source, said so that an operator can act on it: the file, the camera,
+//! the field or line, what was found and what was expected.
+
+use std::fmt;
+use std::ops::Range;
+
+use farfield_proto::tick::Tick;
+use thiserror::Error;
+
+/// The recording or device a message is about, and the camera it belongs to.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Origin {
+    /// The camera's name in the venue and in the calibration.
+    pub camera: String,
+    /// File, pattern, device or URL of the camera's `source`.
+    pub place: String,
+}
+
+impl fmt::Display for Origin {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: camera `{}`", self.place, self.camera)
+    }
+}
+
+/// Why frames cannot be had from a source.
+#[derive(Debug, Clone, PartialEq, Error)]
+pub enum SourceError {
+    /// The file or device named in the venue is not there, or may not be read.
+    #[error("{at}: `source`: cannot be opened: {problem}")]
+    NotThere {
+        /// Which source.
+        at: Origin,
+        /// What the operating system says.
+        problem: String,
+    },
+    /// The content is not what its kind says.
+    #[error("{at}: cannot be read: {problem}")]
+    Unreadable {
+        /// Which source.
+        at: Origin,
+        /// What the decoder says.
+        problem: String,
+    },
+    /// A program that decodes video is not installed.
+    #[error(
+        "{at}: needs the program `{tool}`, which is not installed: install ffmpeg \
+         (Debian, Ubuntu: `apt install ffmpeg`; Fedora: `dnf install ffmpeg`; macOS: `brew install ffmpeg`; \
+         Windows: `winget install ffmpeg`)"
+    )]
+    ToolMissing {
+        /// Which source.
+        at: Origin,
+        /// `ffmpeg` or `ffprobe`.
+        tool: &'static str,
+    },
+    /// This build has no reader for the kind.
+    #[error(
+        "{at}: `source.kind`: this build cannot read \"{kind}\", build it with the feature `{feature}`"
+    )]
+    NotBuilt {
+        /// Which source.
+        at: Origin,
+        /// The kind in the venue file.
+        kind: &'static str,
+        /// The Cargo feature that brings it.
+        feature: &'static str,
+    },
+    /// The images are not of the size that the camera was calibrated for.
+    #[error(
+        "{at}: its images have {}x{} pixels, the calibration's `size` of this camera is {}x{}",
+        found_px[0], found_px[1], expected_px[0], expected_px[1]
+    )]
+    PixelSize {
+        /// Which source.
+        at: Origin,
+        /// Width and height as decoded (rotation metadata applied).
+        found_px: [u32; 2],
+        /// Width and height in the calibration.
+        expected_px: [u32; 2],
+    },
+    /// The recording runs at another rate than the venue.
+    #[error("{at}: has {} frames per second, the venue's `rate_hz` is {expected_hz:?}", rounded(*found_hz, 3))]
+    Rate {
+        /// Which source.
+        at: Origin,
+        /// Mean rate of the recording.
+        found_hz: f64,
+        /// `rate_hz` of the venue.
+        expected_hz: f64,
+    },
+    /// Frames are missing or doubled in time, so the n-th frame is not the n-th tick.
+    #[error(
+        "{at}: variable frame rate: {} s between frames {before} and {}, expected {} s; \
+         make it constant first (`ffmpeg -i IN -fps_mode cfr -r RATE OUT`)",
+        rounded(*gap_s, 4), before + 1, rounded(*period_s, 4)
+    )]
+    VariableRate {
+        /// Which source.
+        at: Origin,
+        /// The frame before the odd interval, counted from 0.
+        before: usize,
+        /// The interval found.
+        gap_s: f64,
+        /// The interval of the venue's rate.
+        period_s: f64,
+    },
+    /// The file was cut: it announces more frames than it holds.
+    #[error("{at}: holds {found} frames, its header announces {announced}: the file was cut{said}")]
+    Cut {
+        /// Which source.
+        at: Origin,
+        /// Frames in the file.
+        found: u64,
+        /// Frames that the container announces.
+        announced: u64,
+        /// What the program that reads it said, led by a separator; may be empty.
+        said: String,
+    },
+    /// The recording stopped before its end, or a live source stopped at all.
+    #[error("{at}: ended after {read} frames{}{said}", expected.map(|n| format!(", expected {n}")).unwrap_or_default())]
+    Ended {
+        /// Which source.
+        at: Origin,
+        /// Frames read.
+        read: u64,
+        /// Frames that should have come; `None` for live sources.
+        expected: Option<u64>,
+        /// What the program that decodes said, led by a separator; may be empty.
+        said: String,
+    },
+    /// More frames were decoded than the file was found to hold.
+    #[error("{at}: has more frames than the {expected} that its index lists")]
+    Surplus {
+        /// Which source.
+        at: Origin,
+        /// Frames that should have come.
+        expected: u64,
+    },
+    /// A line of a keypoint file is wrong.
+    #[error("{}:{line}: camera `{}`: {}{problem}", at.place, at.camera,
+        field.as_ref().map(|field| format!("`{field}`: ")).unwrap_or_default())]
+    Line {
+        /// Which source.
+        at: Origin,
+        /// The line, counted from 1.
+        line: usize,
+        /// Path of the field in the line, such as `persons[0].keypoints[5]`; `None` when the line as
+        /// a whole is wrong.
+        field: Option<String>,
+        /// What was found and what was expected.
+        problem: String,
+    },
+    /// The `path` of an image sequence has no usable number pattern, or nothing fits it.
+    #[error("{at}: `source.path`: {problem}")]
+    Pattern {
+        /// Which source.
+        at: Origin,
+        /// What was found and what was expected.
+        problem: String,
+    },
+    /// The recording goes on beyond the ticks that have an exact time.
+    #[error("{at}: holds {frames} frames from tick {first} on, more than ticks can be told apart")]
+    TooLong {
+        /// Which source.
+        at: Origin,
+        /// The venue's `first_tick`.
+        first: Tick,
+        /// Frames of the recording.
+        frames: u64,
+    },
+    /// An image sequence lacks numbers in the middle.
+    #[error("{at}: image {before} is followed by image {after}: there must be no gap")]
+    Gap {
+        /// Which source.
+        at: Origin,
+        /// The last number before the gap.
+        before: u64,
+        /// The first number after it.
+        after: u64,
+    },
+    /// A tick outside the recording was asked for.
+    #[error(
+        "`--ticks` {}..{} is outside the recording of camera `{camera}`, which has {}..{}",
+        asked.start, asked.end, has.start, has.end
+    )]
+    OutsideClip {
+        /// The camera whose recording is too short.
+        camera: String,
+        /// The ticks asked for.
+        asked: Range<Tick>,
+        /// The ticks that it has.
+        has: Range<Tick>,
+    },
+    /// `--ticks` holds no tick.
+    #[error("`--ticks` {}..{} holds no tick", asked.start, asked.end)]
+    NoTicks {
+        /// The ticks asked for.
+        asked: Range<Tick>,
+    },
+    /// The recordings of a venue cover different ticks.
+    #[error(
+        "the recordings differ in length: camera `{}` has ticks {}..{}, camera `{}` has {}..{}; \
+         choose ticks that all have with `--ticks`{}",
+        a.0, a.1.start, a.1.end, b.0, b.1.start, b.1.end,
+        shared.as_ref().map(|r| format!(" (at most {}..{})", r.start, r.end)).unwrap_or_default()
+    )]
+    Lengths {
+        /// One camera and its ticks.
+        a: (String, Range<Tick>),
+        /// A camera whose ticks differ.
+        b: (String, Range<Tick>),
+        /// The ticks that all recordings have, if there are any.
+        shared: Option<Range<Tick>>,
+    },
+    /// Every source is live, so nothing says when to stop.
+    #[error("every source is live: say how many ticks to run with `--ticks`")]
+    Endless,
+}
+
+/// `value` with so many decimals, and in few digits where it is beyond all measure.
+fn rounded(value: f64, decimals: usize) -> String {
+    if value.abs() < 1e9 {
+        format!("{value:.decimals$}")
+    } else {
+        format!("{value:?}")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn huge_rates_are_named_in_few_digits() {
+        let at = Origin {
+            camera: "a".to_owned(),
+            place: "a.mp4".to_owned(),
+        };
+        let wrong = SourceError::Rate {
+            at,
+            found_hz: 1e300,
+            expected_hz: 60.0,
+        };
+        assert_eq!(
+            wrong.to_string(),
+            "a.mp4: camera `a`: has 1e300 frames per second, the venue's `rate_hz` is 60.0"
+        );
+        assert_eq!(rounded(29.97, 3), "29.970");
+    }
+}

@@ -1,0 +1,292 @@
+//! The child process that decodes: how it is started, what it says, how it ends.
+//!
+//! It writes each picture as a binary PPM, that is RGB bytes behind their own width and height: the
+//! decoded size decides (a phone's rotation is applied by then), no picture is taken for two halves
+//! of others, and a partial last one is noticed. `ffmpeg-sidecar` finds the program and starts it;
+//! its own event loop is left aside because it copies every frame.
+
+use std::collections::VecDeque;
+use std::ffi::OsString;
+use std::io::{self, BufRead, BufReader, Read};
+use std::path::Path;
+use std::process::ChildStdout;
+use std::thread::JoinHandle;
+
+use ffmpeg_sidecar::child::FfmpegChild;
+use ffmpeg_sidecar::command::FfmpegCommand;
+use image::RgbImage;
+
+use super::{Origin, SourceError};
+
+/// Input devices of ffmpeg that a URL may begin with, as in `avfoundation:0`.
+const DEVICES: [&str; 6] = [
+    "v4l2",
+    "avfoundation",
+    "dshow",
+    "decklink",
+    "x11grab",
+    "lavfi",
+];
+
+/// Arguments for a recording. The prefix keeps a name with a colon from being a URL.
+pub(super) fn file_input(path: &Path) -> Vec<OsString> {
+    let mut url = OsString::from("file:");
+    url.push(path);
+    vec!["-i".into(), url]
+}
+
+/// Arguments for a live source: an RTSP or other stream, `/dev/video0`, or `DEVICE:INPUT` with one of
+/// ffmpeg's input devices.
+pub(super) fn live_input(url: &str) -> Vec<OsString> {
+    let mut args: Vec<OsString> = ["-fflags", "nobuffer", "-flags", "low_delay"]
+        .map(Into::into)
+        .into();
+    let device = url
+        .split_once(':')
+        .filter(|(device, _)| DEVICES.contains(device));
+    let input = if let Some((device, input)) = device {
+        args.extend(["-f".into(), device.into()]);
+        input
+    } else {
+        if url.starts_with("/dev/video") {
+            args.extend(["-f".into(), "v4l2".into()]);
+        } else if url.starts_with("rtsp") {
+            // UDP loses packets and with them slices of the picture.
+            args.extend(["-rtsp_transport".into(), "tcp".into()]);
+        }
+        url
+    };
+    args.extend(["-i".into(), input.into()]);
+    args
+}
+
+/// A running ffmpeg. Dropping it ends the process.
+pub(super) struct Ffmpeg {
+    child: FfmpegChild,
+    messages: Option<JoinHandle<String>>,
+}
+
+impl Ffmpeg {
+    /// Starts decoding `input`, leaving out the first `skip` frames; pictures come out of the pipe,
+    /// see [`read_picture`].
+    pub(super) fn spawn(
+        input: Vec<OsString>,
+        skip: u64,
+        at: &Origin,
+    ) -> Result<(Self, ChildStdout), SourceError> {
+        let mut command = FfmpegCommand::new();
+        command
+            .args(["-nostdin", "-hide_banner", "-loglevel", "error"])
+            .args(input);
+        command.args(["-map", "0:v:0", "-fps_mode", "passthrough"]);
+        if skip > 0 {
+            command.args(["-vf".to_owned(), format!("select=gte(n\\,{skip})")]);
+        }
+        command.args(["-pix_fmt", "rgb24", "-c:v", "ppm", "-f", "image2pipe", "-"]);
+        own_process_group(&mut command);
+        let mut child = command
+            .spawn()
+            .map_err(|problem| start_problem(at, "ffmpeg", &problem))?;
+        drop(child.take_stdin());
+        let (Some(stdout), Some(stderr)) = (child.take_stdout(), child.take_stderr()) else {
+            return Err(SourceError::Unreadable {
+                at: at.clone(),
+                problem: "ffmpeg was started without its pipes".to_owned(),
+            });
+        };
+        Ok((
+            Self {
+                child,
+                messages: Some(collect_messages(stderr)),
+            },
+            stdout,
+        ))
+    }
+
+    /// Waits for the end; says whether it ended well, and what it had to say.
+    pub(super) fn finish(&mut self) -> (bool, String) {
+        let success = self
+            .child
+            .as_inner_mut()
+            .wait()
+            .is_ok_and(|status| status.success());
+        let messages = self.messages.take().and_then(|thread| thread.join().ok());
+        (success, said("ffmpeg", &messages.unwrap_or_default()))
+    }
+
+    #[cfg(test)]
+    pub(super) fn id(&mut self) -> u32 {
+        self.child.as_inner().id()
+    }
+
+    /// Ends the process and waits until it is gone.
+    pub(super) fn stop(&mut self) {
+        // Both fail only when it has ended already.
+        self.child.kill().ok();
+        self.child.as_inner_mut().wait().ok();
+        if let Some(thread) = self.messages.take() {
+            thread.join().ok();
+        }
+    }
+}
+
+impl Drop for Ffmpeg {
+    fn drop(&mut self) {
+        self.stop();
+    }
+}
+
+/// Ctrl-C on a terminal reaches a whole process group: without its own, ffmpeg would end before the
+/// node that reads from it has decided how to stop.
+fn own_process_group(command: &mut FfmpegCommand) {
+    #[cfg(unix)]
+    std::os::unix::process::CommandExt::process_group(command.as_inner_mut(), 0);
+    #[cfg(not(unix))]
+    let _ = command;
+}
+
+/// The error for a program that could not be started.
+pub(super) fn start_problem(at: &Origin, tool: &'static str, problem: &io::Error) -> SourceError {
+    match problem.kind() {
+        io::ErrorKind::NotFound => SourceError::ToolMissing {
+            at: at.clone(),
+            tool,
+        },
+        _ => SourceError::Unreadable {
+            at: at.clone(),
+            problem: format!("`{tool}` cannot be started: {problem}"),
+        },
+    }
+}
+
+/// Reads what a program writes to its standard error, on a thread so that the program never waits
+/// for room, and keeps the last lines.
+pub(super) fn collect_messages(stderr: impl Read + Send + 'static) -> JoinHandle<String> {
+    /// The last lines tell why a decoder gave up.
+    const KEPT_LINES: usize = 3;
+    const LINE_BYTES: u64 = 400;
+    std::thread::spawn(move || {
+        let mut stderr = BufReader::new(stderr);
+        let mut kept = VecDeque::new();
+        let mut line = Vec::new();
+        while stderr
+            .by_ref()
+            .take(LINE_BYTES)
+            .read_until(b'\n', &mut line)
+            .is_ok_and(|n| n > 0)
+        {
+            let text = String::from_utf8_lossy(&line).trim().to_owned();
+            line.clear();
+            if !text.is_empty() && kept.back() != Some(&text) {
+                kept.push_back(text);
+            }
+            if kept.len() > KEPT_LINES {
+                kept.pop_front();
+            }
+        }
+        Vec::from(kept).join("; ")
+    })
+}
+
+/// A program's messages as the end of an error's sentence; empty for none.
+pub(super) fn said(tool: &str, messages: &str) -> String {
+    if messages.is_empty() {
+        return String::new();
+    }
+    let hint = if messages.contains("fps_mode") {
+        " (ffmpeg 5.1 or later is needed)"
+    } else {
+        ""
+    };
+    format!("; {tool} says: {messages}{hint}")
+}
+
+/// Why no picture could be read from the pipe.
+#[derive(Debug, PartialEq)]
+pub(super) enum PictureError {
+    /// It has another width and height than expected.
+    Size([u32; 2]),
+    /// Something else than pictures came.
+    Foreign,
+}
+
+/// Reads the next picture. `None` at the end, also when the last picture is not whole: whoever
+/// counts frames then finds one too few.
+pub(super) fn read_picture(
+    reader: &mut impl BufRead,
+    size_px: [u32; 2],
+) -> Result<Option<RgbImage>, PictureError> {
+    let (Some(magic), Some(size), Some(depth)) = (
+        header_line(reader),
+        header_line(reader),
+        header_line(reader),
+    ) else {
+        return Ok(None);
+    };
+    let found_px = size
+        .split_once(' ')
+        .and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
+    match found_px {
+        Some(found_px) if magic == "P6" && depth == "255" => {
+            if found_px != size_px {
+                return Err(PictureError::Size(found_px));
+            }
+        }
+        _ => return Err(PictureError::Foreign),
+    }
+    let [width, height] = size_px;
+    let n_bytes = width as usize * height as usize * 3;
+    let mut rgb = Vec::with_capacity(n_bytes);
+    // An error of the pipe ends the pictures like its end does.
+    reader.take(n_bytes as u64).read_to_end(&mut rgb).ok();
+    Ok(RgbImage::from_raw(width, height, rgb))
+}
+
+/// A short line of a PPM header; `None` at the end of the pipe.
+fn header_line(reader: &mut impl BufRead) -> Option<String> {
+    const MAX_BYTES: u64 = 24;
+    let mut line = Vec::new();
+    let n = reader.take(MAX_BYTES).read_until(b'\n', &mut line).ok()?;
+    (n > 0).then(|| String::from_utf8_lossy(line.trim_ascii_end()).into_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pictures_are_read_until_the_last_whole_one() {
+        let bytes = b"P6\n2 1\n255\nabcdefP6\n2 1\n255\nghijklP6\n2 1\n255\nmno";
+        let mut reader = bytes.as_slice();
+        let first = read_picture(&mut reader, [2, 1]).unwrap().unwrap();
+        assert_eq!(first.as_raw(), b"abcdef");
+        let second = read_picture(&mut reader, [2, 1]).unwrap().unwrap();
+        assert_eq!(second.as_raw(), b"ghijkl");
+        assert_eq!(read_picture(&mut reader, [2, 1]), Ok(None));
+    }
+
+    #[test]
+    fn another_size_or_other_bytes_are_refused() {
+        let wrong = |bytes: &[u8]| read_picture(&mut &*bytes, [2, 1]).unwrap_err();
+        assert_eq!(
+            wrong(b"P6\n4000000000 4000000000\n255\n"),
+            PictureError::Size([4_000_000_000; 2])
+        );
+        assert_eq!(wrong(b"P6\n2\n255\nabcdef"), PictureError::Foreign);
+        assert_eq!(wrong(&[0; 100]), PictureError::Foreign);
+    }
+
+    #[test]
+    fn live_urls_choose_their_input_device() {
+        let args = |url| {
+            live_input(url)
+                .join(&OsString::from(" "))
+                .into_string()
+                .unwrap()
+        };
+        assert!(args("rtsp://cam/1").ends_with("-rtsp_transport tcp -i rtsp://cam/1"));
+        assert!(args("/dev/video0").ends_with("-f v4l2 -i /dev/video0"));
+        assert!(args("avfoundation:0").ends_with("-f avfoundation -i 0"));
+        assert!(args("http://cam/mjpg").ends_with("low_delay -i http://cam/mjpg"));
+    }
+}

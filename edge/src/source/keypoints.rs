@@ -1,0 +1,352 @@
+//! Files of 2D keypoint candidates, one JSON line per tick: how recordings that exist only as
+//! keypoints are fused.
+//!
+//! Lines name their own ticks (the venue's `first_tick` does not move them); they are sorted and
+//! without gaps. Unknown fields are ignored, for other tools write these files too.
+
+use std::fs::File;
+use std::io::{BufRead as _, BufReader, Read as _};
+use std::ops::Range;
+use std::path::Path;
+
+use farfield_proto::frames::Pixel;
+use farfield_proto::keypoints::COCO17;
+use farfield_proto::tick::Tick;
+use serde_json::Value;
+
+use super::{
+    Candidate, Content, Expected, Frame, FrameSource, KeypointFrame, MAX_TICK, SourceError,
+    SourceInfo,
+};
+
+/// Longest line that is read, bytes: 100 people with 17 candidates each take 60 kB.
+const MAX_LINE_BYTES: u64 = 1 << 22;
+
+/// Scores above 1 that are taken for 1: `OpenPose` overshoots by a few percent. A higher one is on
+/// another scale.
+const MAX_SCORE: f64 = 1.25;
+
+/// No pixel is farther from zero; keeps sums of them exact.
+const MAX_PX: f64 = 1e12;
+
+pub(super) fn probe(path: &Path, expected: &Expected) -> Result<SourceInfo, SourceError> {
+    let mut lines = Lines::open(path, expected)?;
+    let Some((first, _)) = lines.next()? else {
+        return Err(SourceError::Unreadable {
+            at: expected.at.clone(),
+            problem: "it has no lines".to_owned(),
+        });
+    };
+    let mut last = first;
+    while let Some((tick, _)) = lines.next()? {
+        last = tick;
+    }
+    Ok(SourceInfo {
+        ticks: Some(first..last + 1),
+        ..SourceInfo::default()
+    })
+}
+
+pub(super) fn open(
+    path: &Path,
+    expected: &Expected,
+    from: Tick,
+) -> Result<KeypointSource, SourceError> {
+    let ticks = probe(path, expected)?.ticks.unwrap_or(from..from);
+    let mut lines = Lines::open(path, expected)?;
+    for _ in 0..expected.skip(&ticks, from)? {
+        lines.next()?;
+    }
+    Ok(KeypointSource {
+        lines,
+        ticks,
+        read: 0,
+    })
+}
+
+/// Reads a keypoint file tick by tick.
+#[derive(Debug)]
+pub(super) struct KeypointSource {
+    lines: Lines,
+    ticks: Range<Tick>,
+    read: u64,
+}
+
+impl FrameSource for KeypointSource {
+    fn next_frame(&mut self) -> Result<Option<Frame>, SourceError> {
+        match self.lines.next()? {
+            Some((tick, keypoints)) => {
+                self.read += 1;
+                Ok(Some(Frame {
+                    tick,
+                    capture_offset_us: 0,
+                    content: Content::Keypoints(keypoints),
+                }))
+            }
+            None if self
+                .lines
+                .last
+                .is_some_and(|last| last + 1 < self.ticks.end) =>
+            {
+                Err(SourceError::Ended {
+                    at: self.lines.expected.at.clone(),
+                    read: self.read,
+                    expected: Some((self.ticks.end - self.ticks.start).unsigned_abs()),
+                    said: String::new(),
+                })
+            }
+            None => Ok(None),
+        }
+    }
+}
+
+/// The checked lines of a keypoint file.
+#[derive(Debug)]
+struct Lines {
+    reader: BufReader<File>,
+    expected: Expected,
+    line: usize,
+    last: Option<Tick>,
+    text: Vec<u8>,
+}
+
+impl Lines {
+    fn open(path: &Path, expected: &Expected) -> Result<Self, SourceError> {
+        let not_there = |problem: std::io::Error| SourceError::NotThere {
+            at: expected.at.clone(),
+            problem: problem.to_string(),
+        };
+        let file = File::open(path).map_err(not_there)?;
+        if file.metadata().map_err(not_there)?.is_dir() {
+            return Err(not_there(std::io::ErrorKind::IsADirectory.into()));
+        }
+        let reader = BufReader::new(file);
+        Ok(Self {
+            reader,
+            expected: expected.clone(),
+            line: 0,
+            last: None,
+            text: Vec::new(),
+        })
+    }
+
+    /// The next line that is not blank; `None` at the end of the file.
+    fn next(&mut self) -> Result<Option<(Tick, KeypointFrame)>, SourceError> {
+        while self.read_line()? {
+            if self.text.iter().all(u8::is_ascii_whitespace) {
+                continue;
+            }
+            let parsed = std::str::from_utf8(&self.text)
+                .map_err(|problem| FieldError::new("", problem.to_string()))
+                .and_then(parse_line)
+                .and_then(|(tick, frame)| self.follow(tick).map(|()| (tick, frame)));
+            return match parsed {
+                Ok(found) => Ok(Some(found)),
+                Err(wrong) => Err(self.at_line(wrong)),
+            };
+        }
+        Ok(None)
+    }
+
+    /// Whether there was a line to read into `text`.
+    fn read_line(&mut self) -> Result<bool, SourceError> {
+        self.text.clear();
+        self.line += 1;
+        let mut bounded = self.reader.by_ref().take(MAX_LINE_BYTES);
+        let n = bounded
+            .read_until(b'\n', &mut self.text)
+            .map_err(|problem| SourceError::Unreadable {
+                at: self.expected.at.clone(),
+                problem: problem.to_string(),
+            })?;
+        if n as u64 == MAX_LINE_BYTES {
+            let problem = format!("the line is longer than {MAX_LINE_BYTES} bytes");
+            return Err(self.at_line(FieldError::new("", problem)));
+        }
+        Ok(n > 0)
+    }
+
+    /// Checks that `tick` comes right after the last one.
+    fn follow(&mut self, tick: Tick) -> Result<(), FieldError> {
+        if let Some(last) = self.last
+            && tick != last + 1
+        {
+            let problem = match tick - last {
+                0 => format!("found {tick} twice"),
+                ..0 => format!("found {tick} after {last}: ticks must be in order"),
+                _ => format!("found {tick} after {last}: there must be no gap"),
+            };
+            return Err(FieldError::new("tick", problem));
+        }
+        self.last = Some(tick);
+        Ok(())
+    }
+
+    fn at_line(&self, wrong: FieldError) -> SourceError {
+        SourceError::Line {
+            at: self.expected.at.clone(),
+            line: self.line,
+            field: (!wrong.field.is_empty()).then_some(wrong.field),
+            problem: wrong.problem,
+        }
+    }
+}
+
+/// What is wrong with one field of a line.
+#[derive(Debug)]
+struct FieldError {
+    /// Empty for the line as a whole.
+    field: String,
+    problem: String,
+}
+
+impl FieldError {
+    fn new(field: impl Into<String>, problem: impl Into<String>) -> Self {
+        Self {
+            field: field.into(),
+            problem: problem.into(),
+        }
+    }
+}
+
+fn parse_line(text: &str) -> Result<(Tick, KeypointFrame), FieldError> {
+    // Without its newline: a line that is cut short ends where its text does.
+    let value: Value = serde_json::from_str(text.trim_end())
+        .map_err(|problem| FieldError::new("", json_problem(&problem)))?;
+    let Value::Object(line) = &value else {
+        return Err(wrong_kind("", &value, "an object"));
+    };
+    let tick = line.get("tick").ok_or_else(|| missing("tick"))?;
+    let tick = tick
+        .as_i64()
+        .filter(|t| (-MAX_TICK..=MAX_TICK).contains(t))
+        .ok_or_else(|| {
+            let expected = format!("a tick between {} and {MAX_TICK}", -MAX_TICK);
+            wrong_kind("tick", tick, &expected)
+        })?;
+    let persons = match line.get("persons") {
+        None => return Err(missing("persons")),
+        Some(value) => parse_persons(value)?,
+    };
+    let peaks = match line.get("peaks") {
+        None | Some(Value::Null) => peaks_of(&persons),
+        Some(value) => parse_peaks(value)?,
+    };
+    Ok((Tick(tick), KeypointFrame { persons, peaks }))
+}
+
+/// `serde_json`'s message without its "line 1": the line is that of the file.
+fn json_problem(problem: &serde_json::Error) -> String {
+    if problem.is_eof() {
+        return "not JSON: the line ends early".to_owned();
+    }
+    let said = problem.to_string();
+    let said = said.split(" at line ").next().unwrap_or_default();
+    match problem.column() {
+        0 => format!("not JSON: {said}"),
+        column => format!("not JSON at column {column}: {said}"),
+    }
+}
+
+fn parse_persons(value: &Value) -> Result<Vec<Vec<Option<Candidate>>>, FieldError> {
+    let persons = array("persons", value)?;
+    let mut parsed = Vec::with_capacity(persons.len());
+    for (i, person) in persons.iter().enumerate() {
+        let field = format!("persons[{i}].keypoints");
+        let keypoints = array(
+            &field,
+            person.get("keypoints").ok_or_else(|| missing(&field))?,
+        )?;
+        check_count(&field, keypoints)?;
+        let candidates = keypoints
+            .iter()
+            .enumerate()
+            .map(|(k, keypoint)| match keypoint {
+                Value::Null => Ok(None),
+                found => parse_candidate(|| format!("{field}[{k}]"), found).map(Some),
+            });
+        parsed.push(candidates.collect::<Result<_, _>>()?);
+    }
+    Ok(parsed)
+}
+
+fn parse_peaks(value: &Value) -> Result<Vec<Vec<Candidate>>, FieldError> {
+    let keypoints = array("peaks", value)?;
+    check_count("peaks", keypoints)?;
+    let mut parsed = Vec::with_capacity(keypoints.len());
+    for (k, candidates) in keypoints.iter().enumerate() {
+        let field = format!("peaks[{k}]");
+        let candidates = array(&field, candidates)?.iter().enumerate();
+        let candidates =
+            candidates.map(|(i, found)| parse_candidate(|| format!("{field}[{i}]"), found));
+        parsed.push(candidates.collect::<Result<_, _>>()?);
+    }
+    Ok(parsed)
+}
+
+/// The candidates of each keypoint that the grouped persons hold.
+fn peaks_of(persons: &[Vec<Option<Candidate>>]) -> Vec<Vec<Candidate>> {
+    (0..COCO17.len())
+        .map(|k| persons.iter().filter_map(|person| person[k]).collect())
+        .collect()
+}
+
+fn parse_candidate(field: impl Fn() -> String, value: &Value) -> Result<Candidate, FieldError> {
+    let numbers: Option<Vec<f64>> = value
+        .as_array()
+        .and_then(|v| v.iter().map(Value::as_f64).collect());
+    let Some(&[x, y, score]) = numbers.as_deref() else {
+        return Err(wrong_kind(&field(), value, "[x, y, score]"));
+    };
+    // serde_json refuses NaN, and numbers that overflow.
+    if x.abs().max(y.abs()) > MAX_PX {
+        return Err(FieldError::new(
+            field(),
+            format!("found ({x:?}, {y:?}), expected pixels"),
+        ));
+    }
+    if !(0.0..=MAX_SCORE).contains(&score) {
+        let problem = format!("found a score of {score:?}, expected 0 to 1");
+        return Err(FieldError::new(field(), problem));
+    }
+    Ok(Candidate {
+        position: Pixel::new(x, y),
+        score: score.min(1.0) as f32,
+    })
+}
+
+fn array<'a>(field: &str, value: &'a Value) -> Result<&'a [Value], FieldError> {
+    match value {
+        Value::Array(items) => Ok(items),
+        other => Err(wrong_kind(field, other, "an array")),
+    }
+}
+
+fn check_count(field: &str, keypoints: &[Value]) -> Result<(), FieldError> {
+    if keypoints.len() == COCO17.len() {
+        return Ok(());
+    }
+    let problem = format!(
+        "found {} keypoints, expected {}",
+        keypoints.len(),
+        COCO17.len()
+    );
+    Err(FieldError::new(field, problem))
+}
+
+fn missing(field: &str) -> FieldError {
+    FieldError::new(field, "missing")
+}
+
+fn wrong_kind(field: &str, found: &Value, expected: &str) -> FieldError {
+    /// Enough to recognise the value by.
+    const SHOWN_CHARS: usize = 40;
+    let text = found.to_string();
+    let shown: String = text.chars().take(SHOWN_CHARS).collect();
+    let dots = if shown.len() < text.len() { "..." } else { "" };
+    FieldError::new(field, format!("found {shown}{dots}, expected {expected}"))
+}
+
+#[cfg(test)]
+#[path = "keypoints_tests.rs"]
+mod tests;

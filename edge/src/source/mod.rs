@@ -1,0 +1,295 @@
+//! Where frames come from: recordings, live cameras and files of 2D keypoints.
+//!
+//! First in the pipeline, and the only part of the core that touches files; the readers that need a
+//! child process or a kernel device sit behind the features `node` and `v4l`. Every source is
+//! [`probe`]d before the first tick, so that what is wrong is said then and not at frame 900. A
+//! recording that ends early is an error, never a quiet end. Recorded frames are numbered by their
+//! place in the recording, live frames by their order of arrival; no reader looks at a clock.
+
+mod error;
+#[cfg(feature = "node")]
+mod ffmpeg;
+#[cfg(feature = "node")]
+mod ffprobe;
+mod images;
+mod keypoints;
+mod queue;
+mod ticks;
+#[cfg(feature = "v4l")]
+mod v4l;
+#[cfg(feature = "node")]
+mod video;
+
+use std::ops::Range;
+
+use farfield_proto::frames::{Distorted, Pixel};
+use farfield_proto::tick::Tick;
+use farfield_proto::venue::{Source, Venue, VenueCamera};
+use image::RgbImage;
+
+pub use error::{Origin, SourceError};
+pub use ticks::common_ticks;
+
+/// What one camera saw at one tick.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Content {
+    /// The raw picture, with the lens's distortion, of the calibration's size.
+    Image(RgbImage),
+    /// 2D keypoints that somebody else found in it.
+    Keypoints(KeypointFrame),
+}
+
+/// 2D keypoint candidates of one picture, in COCO's order.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct KeypointFrame {
+    /// Candidates grouped into persons: `[person][keypoint]`, `None` where one was not seen.
+    pub persons: Vec<Vec<Option<Candidate>>>,
+    /// All candidates of each keypoint, whosever they are: `[keypoint][candidate]`.
+    pub peaks: Vec<Vec<Candidate>>,
+}
+
+/// One place where a keypoint may be.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Candidate {
+    /// Where, in pixels of the raw picture.
+    pub position: Pixel<Distorted>,
+    /// How sure the detector was, 0 to 1.
+    pub score: f32,
+}
+
+/// The picture of one camera at one tick.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Frame {
+    /// The tick it stands for.
+    pub tick: Tick,
+    /// Time of the real capture minus the tick's time, microseconds; within
+    /// [`farfield_proto::message::MAX_CAPTURE_OFFSET_US`] either way, or fusion refuses it.
+    pub capture_offset_us: i32,
+    /// What was seen.
+    pub content: Content,
+}
+
+/// Frames of one camera, one after the other.
+pub trait FrameSource: Send {
+    /// The next frame, waiting for it if need be; in tick order. `None` at the end of a recording.
+    /// Live sources leave out frames that nobody took in time: the newest counts, and the ticks of
+    /// the lost ones are skipped.
+    ///
+    /// # Errors
+    /// The frame cannot be decoded, has another size than the calibration says, or the recording
+    /// ends before its announced end. Nothing follows an error.
+    fn next_frame(&mut self) -> Result<Option<Frame>, SourceError>;
+}
+
+/// What is known of a source before its first frame.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct SourceInfo {
+    /// The ticks of a recording, half-open; `None` for live sources.
+    pub ticks: Option<Range<Tick>>,
+    /// Width and height of its pictures; `None` for keypoints and where only the first frame tells.
+    pub size_px: Option<[u32; 2]>,
+    /// Frames per second, where the recording says so.
+    pub rate_hz: Option<f64>,
+}
+
+/// Ticks farther from zero have no exact time in seconds; sums of two others do not overflow.
+const MAX_TICK: i64 = 1 << 53;
+
+/// What the venue expects of one camera's source.
+#[derive(Debug, Clone)]
+struct Expected {
+    at: Origin,
+    size_px: [u32; 2],
+    #[cfg_attr(
+        not(feature = "node"),
+        expect(dead_code, reason = "only videos know a rate")
+    )]
+    rate_hz: f64,
+    first_tick: Tick,
+}
+
+impl Expected {
+    fn new(camera: &VenueCamera, venue: &Venue) -> Self {
+        let place = match &camera.source {
+            Source::Video { path }
+            | Source::Images { path }
+            | Source::Keypoints { path, .. }
+            | Source::V4l { device: path } => path.display().to_string(),
+            Source::Ffmpeg { url } => without_password(url),
+        };
+        Self {
+            at: Origin {
+                camera: camera.model.name().to_owned(),
+                place,
+            },
+            size_px: camera.model.size_px(),
+            rate_hz: venue.rate_hz,
+            first_tick: venue.first_tick,
+        }
+    }
+
+    /// The ticks of a recording of `frames` frames.
+    ///
+    /// # Errors
+    /// [`SourceError::TooLong`] when they reach beyond [`MAX_TICK`].
+    fn ticks(&self, frames: u64) -> Result<Range<Tick>, SourceError> {
+        let end = i64::try_from(frames)
+            .ok()
+            .and_then(|frames| self.first_tick.0.checked_add(frames))
+            .filter(|&end| end <= MAX_TICK + 1);
+        match end {
+            Some(end) => Ok(self.first_tick..Tick(end)),
+            None => Err(SourceError::TooLong {
+                at: self.at.clone(),
+                first: self.first_tick,
+                frames,
+            }),
+        }
+    }
+
+    /// # Errors
+    /// [`SourceError::PixelSize`] when pictures of `found_px` do not fit the calibration.
+    fn check_size(&self, found_px: [u32; 2]) -> Result<(), SourceError> {
+        if found_px == self.size_px {
+            Ok(())
+        } else {
+            Err(SourceError::PixelSize {
+                at: self.at.clone(),
+                found_px,
+                expected_px: self.size_px,
+            })
+        }
+    }
+
+    /// Frames to skip in a recording that has `has` to begin at `from`.
+    ///
+    /// # Errors
+    /// [`SourceError::OutsideClip`] when the recording has no such tick.
+    fn skip(&self, has: &Range<Tick>, from: Tick) -> Result<u64, SourceError> {
+        if has.contains(&from) {
+            Ok((from - has.start).unsigned_abs())
+        } else {
+            Err(SourceError::OutsideClip {
+                camera: self.at.camera.clone(),
+                asked: from..from + 1,
+                has: has.clone(),
+            })
+        }
+    }
+}
+
+/// A URL as it may be shown: RTSP cameras carry their password in it.
+fn without_password(url: &str) -> String {
+    let Some((scheme, rest)) = url.split_once("://") else {
+        return url.to_owned();
+    };
+    let authority = rest.split('/').next().unwrap_or(rest);
+    match authority.rfind('@') {
+        Some(end) => format!("{scheme}://…{}", &rest[end..]),
+        None => url.to_owned(),
+    }
+}
+
+/// Looks at the source of `camera` without decoding pictures: is it there, whole, of the
+/// calibration's size and at the venue's rate? Cost: one pass over the container's packets, the
+/// headers of all images, or all lines of a keypoint file. Live sources are only looked up; their
+/// first frame tells the rest.
+///
+/// # Errors
+/// [`SourceError`], naming the file and what is wrong with it.
+pub fn probe(camera: &VenueCamera, venue: &Venue) -> Result<SourceInfo, SourceError> {
+    let expected = Expected::new(camera, venue);
+    match &camera.source {
+        Source::Keypoints { path, .. } => keypoints::probe(path, &expected),
+        Source::Images { path } => images::probe(path, &expected),
+        #[cfg(feature = "node")]
+        Source::Video { path } => video::probe(path, &expected),
+        #[cfg(feature = "node")]
+        Source::Ffmpeg { url } => video::probe_live(url, &expected),
+        #[cfg(feature = "v4l")]
+        Source::V4l { device } => v4l::probe(device, &expected),
+        #[cfg(not(feature = "node"))]
+        Source::Video { .. } => Err(not_built(expected, "video", "node")),
+        #[cfg(not(feature = "node"))]
+        Source::Ffmpeg { .. } => Err(not_built(expected, "ffmpeg", "node")),
+        #[cfg(not(feature = "v4l"))]
+        Source::V4l { .. } => Err(not_built(expected, "v4l", "v4l")),
+    }
+}
+
+/// Opens the source of `camera`; the first frame of a recording is the one of tick `from`, the
+/// first frame of a live source is given that tick. Recordings are probed again: hours may lie
+/// between. Dropping the source ends its thread and its child process.
+///
+/// # Errors
+/// All of [`probe`]'s, and [`SourceError::OutsideClip`] when the recording has no tick `from`.
+pub fn open(
+    camera: &VenueCamera,
+    venue: &Venue,
+    from: Tick,
+) -> Result<Box<dyn FrameSource>, SourceError> {
+    let expected = Expected::new(camera, venue);
+    match &camera.source {
+        Source::Keypoints { path, .. } => Ok(Box::new(keypoints::open(path, &expected, from)?)),
+        Source::Images { path } => Ok(Box::new(images::open(path, expected, from)?)),
+        #[cfg(feature = "node")]
+        Source::Video { path } => Ok(Box::new(video::open(path, expected, from)?)),
+        #[cfg(feature = "node")]
+        Source::Ffmpeg { url } => Ok(Box::new(video::open_live(url, expected, from)?)),
+        #[cfg(feature = "v4l")]
+        Source::V4l { device } => Ok(Box::new(v4l::open(device, expected, from)?)),
+        #[cfg(not(feature = "node"))]
+        Source::Video { .. } => Err(not_built(expected, "video", "node")),
+        #[cfg(not(feature = "node"))]
+        Source::Ffmpeg { .. } => Err(not_built(expected, "ffmpeg", "node")),
+        #[cfg(not(feature = "v4l"))]
+        Source::V4l { .. } => Err(not_built(expected, "v4l", "v4l")),
+    }
+}
+
+#[cfg(not(all(feature = "node", feature = "v4l")))]
+fn not_built(expected: Expected, kind: &'static str, feature: &'static str) -> SourceError {
+    SourceError::NotBuilt {
+        at: expected.at,
+        kind,
+        feature,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_recording_beyond_the_last_tick_is_refused() {
+        let expected = Expected {
+            at: Origin {
+                camera: "a".to_owned(),
+                place: "a.mp4".to_owned(),
+            },
+            size_px: [4, 4],
+            rate_hz: 60.0,
+            first_tick: Tick(MAX_TICK),
+        };
+        assert_eq!(expected.ticks(1), Ok(Tick(MAX_TICK)..Tick(MAX_TICK + 1)));
+        for frames in [2, u64::MAX] {
+            assert!(matches!(
+                expected.ticks(frames),
+                Err(SourceError::TooLong { .. })
+            ));
+        }
+    }
+
+    #[test]
+    fn a_password_in_a_url_is_not_shown() {
+        assert_eq!(
+            without_password("rtsp://me:p@ss@cam.local/1"),
+            "rtsp://…@cam.local/1"
+        );
+        assert_eq!(
+            without_password("rtsp://cam.local/a@b"),
+            "rtsp://cam.local/a@b"
+        );
+        assert_eq!(without_password("/dev/video0"), "/dev/video0");
+    }
+}

@@ -1,0 +1,213 @@
+//! The short queue between the thread that decodes and the one that takes frames, so that decoding
+//! the next frames overlaps with inference on this one.
+//!
+//! It holds [`CAPACITY`] frames. When it is full, a recording waits and a live source loses its
+//! oldest frame.
+
+use std::collections::VecDeque;
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
+
+use super::{Frame, SourceError};
+
+/// Frames decoded ahead: one being waited for and one to spare. A frame of 1920 x 1200 is 7 MB.
+const CAPACITY: usize = 2;
+
+/// What happens to a frame for which there is no room.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum WhenFull {
+    /// Decoding waits: every frame of a recording counts.
+    Wait,
+    /// The oldest frame is lost: the newest counts.
+    #[cfg_attr(
+        not(feature = "node"),
+        expect(dead_code, reason = "only live sources lose frames")
+    )]
+    DropOldest,
+}
+
+#[derive(Debug)]
+struct State {
+    frames: VecDeque<Result<Frame, SourceError>>,
+    ended: bool,
+    abandoned: bool,
+}
+
+#[derive(Debug)]
+struct Shared {
+    state: Mutex<State>,
+    changed: Condvar,
+    when_full: WhenFull,
+}
+
+impl Shared {
+    fn lock(&self) -> MutexGuard<'_, State> {
+        // A poisoned queue is as good as any: each of its fields is valid on its own.
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn wait<'a>(&self, state: MutexGuard<'a, State>) -> MutexGuard<'a, State> {
+        self.changed
+            .wait(state)
+            .unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// The decoding thread's end. Dropping it, also by a panic of that thread, ends the queue.
+#[derive(Debug)]
+pub(super) struct Sender(Arc<Shared>);
+
+impl Sender {
+    /// Hands over a frame or the reason why there is none. `false` when nobody takes frames any more.
+    pub(super) fn push(&self, frame: Result<Frame, SourceError>) -> bool {
+        let mut state = self.0.lock();
+        while state.frames.len() >= CAPACITY && !state.abandoned {
+            match self.0.when_full {
+                WhenFull::Wait => state = self.0.wait(state),
+                WhenFull::DropOldest => drop(state.frames.pop_front()),
+            }
+        }
+        if state.abandoned {
+            return false;
+        }
+        state.frames.push_back(frame);
+        self.0.changed.notify_all();
+        true
+    }
+}
+
+impl Drop for Sender {
+    fn drop(&mut self) {
+        self.0.lock().ended = true;
+        self.0.changed.notify_all();
+    }
+}
+
+/// Frames decoded ahead by a thread of their own.
+#[derive(Debug)]
+pub(super) struct Prefetch {
+    shared: Arc<Shared>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Prefetch {
+    /// Starts `decode` on its own thread; it ends by itself, or when [`Sender::push`] says `false`.
+    pub(super) fn spawn(
+        when_full: WhenFull,
+        decode: impl FnOnce(Sender) + Send + 'static,
+    ) -> std::io::Result<Self> {
+        let shared = Arc::new(Shared {
+            state: Mutex::new(State {
+                frames: VecDeque::new(),
+                ended: false,
+                abandoned: false,
+            }),
+            changed: Condvar::new(),
+            when_full,
+        });
+        let sender = Sender(Arc::clone(&shared));
+        let thread = std::thread::Builder::new()
+            .name("frames".to_owned())
+            .spawn(move || decode(sender))?;
+        Ok(Self {
+            shared,
+            thread: Some(thread),
+        })
+    }
+
+    /// Waits for the next frame; `None` when the decoding thread has ended and all was taken.
+    pub(super) fn pop(&self) -> Option<Result<Frame, SourceError>> {
+        let mut state = self.shared.lock();
+        loop {
+            if let Some(frame) = state.frames.pop_front() {
+                self.shared.changed.notify_all();
+                return Some(frame);
+            }
+            if state.ended {
+                return None;
+            }
+            state = self.shared.wait(state);
+        }
+    }
+
+    /// Lets the decoding thread stop at its next frame, without waiting for it.
+    pub(super) fn abandon(&self) {
+        self.shared.lock().abandoned = true;
+        self.shared.changed.notify_all();
+    }
+}
+
+impl Drop for Prefetch {
+    fn drop(&mut self) {
+        self.abandon();
+        if let Some(thread) = self.thread.take()
+            && thread.join().is_err()
+        {
+            tracing::error!("the thread that decodes frames panicked");
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use farfield_proto::tick::Tick;
+
+    use super::super::{Content, KeypointFrame};
+    use super::*;
+
+    fn frame(tick: i64) -> Frame {
+        Frame {
+            tick: Tick(tick),
+            capture_offset_us: 0,
+            content: Content::Keypoints(KeypointFrame::default()),
+        }
+    }
+
+    #[test]
+    fn a_recording_loses_nothing() {
+        let prefetch = Prefetch::spawn(WhenFull::Wait, |sender| {
+            for tick in 0..100 {
+                assert!(sender.push(Ok(frame(tick))));
+            }
+        })
+        .unwrap();
+        let got: Vec<i64> = std::iter::from_fn(|| prefetch.pop())
+            .map(|f| f.unwrap().tick.0)
+            .collect();
+        assert_eq!(got, (0..100).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn a_live_source_keeps_the_newest() {
+        let mut prefetch = Prefetch::spawn(WhenFull::DropOldest, |sender| {
+            for tick in 0..100 {
+                assert!(sender.push(Ok(frame(tick))));
+            }
+        })
+        .unwrap();
+        prefetch.thread.take().unwrap().join().unwrap();
+        let got: Vec<i64> = std::iter::from_fn(|| prefetch.pop())
+            .map(|f| f.unwrap().tick.0)
+            .collect();
+        assert_eq!(got, [98, 99]);
+    }
+
+    #[test]
+    fn dropping_the_taker_ends_a_thread_that_waits_for_room() {
+        let prefetch = Prefetch::spawn(WhenFull::Wait, |sender| {
+            let mut tick = 0;
+            while sender.push(Ok(frame(tick))) {
+                tick += 1;
+            }
+        })
+        .unwrap();
+        assert!(prefetch.pop().is_some());
+        drop(prefetch);
+    }
+
+    #[test]
+    fn a_thread_that_panics_ends_the_queue() {
+        let prefetch = Prefetch::spawn(WhenFull::Wait, |_sender| panic!("on purpose")).unwrap();
+        assert!(prefetch.pop().is_none());
+    }
+}

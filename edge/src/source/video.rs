@@ -1,0 +1,243 @@
+//! Video files, RTSP streams and webcams, decoded by an `ffmpeg` child process (5.1 or later).
+//!
+//! The n-th decoded frame of a recording is the n-th tick: no frame is repeated or left out to keep a
+//! rate, so a recording of another rate than the venue's, or of a variable one, is refused.
+
+use std::io::BufReader;
+use std::path::Path;
+use std::process::ChildStdout;
+
+use farfield_proto::tick::Tick;
+
+use super::ffmpeg::{self, Ffmpeg, PictureError, read_picture};
+use super::ffprobe::{self, VideoStream};
+use super::queue::{Prefetch, Sender, WhenFull};
+use super::{Content, Expected, Frame, FrameSource, Origin, SourceError, SourceInfo};
+
+/// Largest relative difference between a recording's rate and the venue's: 59.94 is as good as 60.
+const RATE_TOLERANCE: f64 = 0.005;
+
+/// Time between two frames, in periods, outside which one was lost or doubled.
+const GAP_PERIODS: std::ops::Range<f64> = 0.5..1.5;
+
+pub(super) fn probe(path: &Path, expected: &Expected) -> Result<SourceInfo, SourceError> {
+    if let Err(problem) = std::fs::File::open(path) {
+        return Err(SourceError::NotThere {
+            at: expected.at.clone(),
+            problem: problem.to_string(),
+        });
+    }
+    let stream = ffprobe::read_stream(path, &expected.at)?;
+    check(&stream, expected)?;
+    Ok(SourceInfo {
+        ticks: Some(expected.ticks(stream.frames)?),
+        size_px: Some(stream.size_px),
+        rate_hz: stream.rate_hz,
+    })
+}
+
+/// Whether the recording is whole and fits the calibration and the venue.
+fn check(stream: &VideoStream, expected: &Expected) -> Result<(), SourceError> {
+    let at = || expected.at.clone();
+    if let Some(announced) = stream
+        .announced
+        .filter(|&announced| stream.packets < announced)
+    {
+        let said = stream.said.clone();
+        return Err(SourceError::Cut {
+            at: at(),
+            found: stream.packets,
+            announced,
+            said,
+        });
+    }
+    if stream.frames == 0 {
+        let problem = format!("it has no frames{}", stream.said);
+        return Err(SourceError::Unreadable { at: at(), problem });
+    }
+    expected.check_size(stream.size_px)?;
+    if let Some(found_hz) = stream.rate_hz
+        && (found_hz / expected.rate_hz - 1.0).abs() > RATE_TOLERANCE
+    {
+        return Err(SourceError::Rate {
+            at: at(),
+            found_hz,
+            expected_hz: expected.rate_hz,
+        });
+    }
+    let period_s = expected.rate_hz.recip();
+    let gaps_s = stream.times_s.windows(2).map(|pair| pair[1] - pair[0]);
+    match gaps_s
+        .enumerate()
+        .find(|(_, gap_s)| !GAP_PERIODS.contains(&(gap_s / period_s)))
+    {
+        Some((before, gap_s)) => Err(SourceError::VariableRate {
+            at: at(),
+            before,
+            gap_s,
+            period_s,
+        }),
+        None => Ok(()),
+    }
+}
+
+/// A live source has nothing to probe but the device that its name may point to.
+pub(super) fn probe_live(url: &str, expected: &Expected) -> Result<SourceInfo, SourceError> {
+    if url.starts_with("/dev/")
+        && let Err(problem) = std::fs::metadata(url)
+    {
+        return Err(SourceError::NotThere {
+            at: expected.at.clone(),
+            problem: problem.to_string(),
+        });
+    }
+    Ok(SourceInfo::default())
+}
+
+pub(super) fn open(
+    path: &Path,
+    expected: Expected,
+    from: Tick,
+) -> Result<VideoSource, SourceError> {
+    let ticks = probe(path, &expected)?.ticks.unwrap_or(from..from);
+    let skip = expected.skip(&ticks, from)?;
+    let (ffmpeg, stdout) = Ffmpeg::spawn(ffmpeg::file_input(path), skip, &expected.at)?;
+    let mut source = VideoSource::new(ffmpeg, stdout, expected, from, WhenFull::Wait)?;
+    source.read = skip;
+    source.expected = Some((ticks.end - ticks.start).unsigned_abs());
+    Ok(source)
+}
+
+pub(super) fn open_live(
+    url: &str,
+    expected: Expected,
+    from: Tick,
+) -> Result<VideoSource, SourceError> {
+    probe_live(url, &expected)?;
+    let (ffmpeg, stdout) = Ffmpeg::spawn(ffmpeg::live_input(url), 0, &expected.at)?;
+    VideoSource::new(ffmpeg, stdout, expected, from, WhenFull::DropOldest)
+}
+
+/// Frames that a child process decodes, while those before them are worked on.
+pub(super) struct VideoSource {
+    prefetch: Prefetch,
+    ffmpeg: Ffmpeg,
+    at: Origin,
+    /// Frames taken, and those skipped before them.
+    read: u64,
+    /// Frames of a recording; `None` for live sources.
+    expected: Option<u64>,
+    done: bool,
+}
+
+impl VideoSource {
+    fn new(
+        ffmpeg: Ffmpeg,
+        stdout: ChildStdout,
+        expected: Expected,
+        from: Tick,
+        when_full: WhenFull,
+    ) -> Result<Self, SourceError> {
+        let at = expected.at.clone();
+        let decode = move |sender: Sender| read_frames(stdout, &expected, from, &sender);
+        let prefetch =
+            Prefetch::spawn(when_full, decode).map_err(|problem| SourceError::Unreadable {
+                at: at.clone(),
+                problem: problem.to_string(),
+            })?;
+        Ok(Self {
+            prefetch,
+            ffmpeg,
+            at,
+            read: 0,
+            expected: None,
+            done: false,
+        })
+    }
+
+    /// Called once, after the last frame.
+    fn end(&mut self) -> Result<Option<Frame>, SourceError> {
+        let (success, said) = self.ffmpeg.finish();
+        if self.expected != Some(self.read) {
+            let (at, read, expected) = (self.at.clone(), self.read, self.expected);
+            return Err(SourceError::Ended {
+                at,
+                read,
+                expected,
+                said,
+            });
+        }
+        if !success || !said.is_empty() {
+            tracing::warn!(camera = %self.at.camera, said, "frames of the recording are damaged");
+        }
+        Ok(None)
+    }
+}
+
+impl FrameSource for VideoSource {
+    fn next_frame(&mut self) -> Result<Option<Frame>, SourceError> {
+        if self.done {
+            return Ok(None);
+        }
+        match self.prefetch.pop() {
+            Some(Ok(frame)) => {
+                if let Some(expected) = self.expected.filter(|&expected| self.read >= expected) {
+                    self.done = true;
+                    return Err(SourceError::Surplus {
+                        at: self.at.clone(),
+                        expected,
+                    });
+                }
+                self.read += 1;
+                Ok(Some(frame))
+            }
+            Some(Err(problem)) => {
+                self.done = true;
+                Err(problem)
+            }
+            None => {
+                self.done = true;
+                self.end()
+            }
+        }
+    }
+}
+
+impl Drop for VideoSource {
+    fn drop(&mut self) {
+        // First let go of the thread, then of the pipe that it reads from; it is joined after that.
+        self.prefetch.abandon();
+        self.ffmpeg.stop();
+    }
+}
+
+fn read_frames(stdout: ChildStdout, expected: &Expected, from: Tick, sender: &Sender) {
+    let mut reader = BufReader::new(stdout);
+    for tick in from.0.. {
+        let frame = match read_picture(&mut reader, expected.size_px) {
+            Ok(None) => return,
+            Ok(Some(image)) => Ok(Frame {
+                tick: Tick(tick),
+                capture_offset_us: 0,
+                content: Content::Image(image),
+            }),
+            Err(PictureError::Size(found_px)) => Err(SourceError::PixelSize {
+                at: expected.at.clone(),
+                found_px,
+                expected_px: expected.size_px,
+            }),
+            Err(PictureError::Foreign) => Err(SourceError::Unreadable {
+                at: expected.at.clone(),
+                problem: "ffmpeg wrote something else than pictures".to_owned(),
+            }),
+        };
+        let failed = frame.is_err();
+        if !sender.push(frame) || failed {
+            return;
+        }
+    }
+}
+
+#[cfg(test)]
+#[path = "video_tests.rs"]
+mod tests;

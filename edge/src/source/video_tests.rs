@@ -1,0 +1,335 @@
+//! Small recordings made on the spot: whole, cut, turned, of other sizes and rates.
+
+use std::path::PathBuf;
+use std::process::Command;
+
+use image::RgbImage;
+
+use super::*;
+
+const SIZE_PX: [u32; 2] = [96, 64];
+const FRAMES: usize = 24;
+
+fn expected() -> Expected {
+    Expected {
+        at: Origin {
+            camera: "left".to_owned(),
+            place: "videos/left.mp4".to_owned(),
+        },
+        size_px: SIZE_PX,
+        rate_hz: 30.0,
+        first_tick: Tick(100),
+    }
+}
+
+/// Where recordings are made; `None`, and a line on standard output, where there is no ffmpeg.
+fn studio() -> Option<Studio> {
+    if ffmpeg_sidecar::command::ffmpeg_is_installed() {
+        return Some(Studio(tempfile::tempdir().unwrap()));
+    }
+    println!("skipped: ffmpeg is not installed");
+    None
+}
+
+struct Studio(tempfile::TempDir);
+
+impl Studio {
+    /// Runs ffmpeg with `args`, writing to `name`.
+    fn record(&self, args: &str, name: &str) -> PathBuf {
+        let path = self.0.path().join(name);
+        let done = Command::new("ffmpeg")
+            .args(["-nostdin", "-v", "error", "-y"])
+            .args(args.split_whitespace())
+            .arg(&path)
+            .current_dir(self.0.path())
+            .status()
+            .unwrap();
+        assert!(done.success(), "ffmpeg {args} {name}");
+        path
+    }
+
+    /// A lossless recording of [`FRAMES`] frames at 30 Hz whose index comes first.
+    fn clip(&self) -> PathBuf {
+        self.record(
+            "-f lavfi -i testsrc2=size=96x64:rate=30 -frames:v 24 -c:v png -movflags +faststart",
+            "clip.mp4",
+        )
+    }
+
+    /// The first `share` of the bytes of `path`.
+    fn cut(&self, path: &Path, share: f64) -> PathBuf {
+        let bytes = std::fs::read(path).unwrap();
+        let cut = self
+            .0
+            .path()
+            .join(format!("cut-{}", path.file_name().unwrap().display()));
+        std::fs::write(&cut, &bytes[..(bytes.len() as f64 * share) as usize]).unwrap();
+        cut
+    }
+
+    /// What the generator drew, frame by frame.
+    fn truth(&self) -> Vec<RgbImage> {
+        self.record(
+            "-f lavfi -i testsrc2=size=96x64:rate=30 -frames:v 24 -pix_fmt rgb24",
+            "%d.png",
+        );
+        (1..=FRAMES)
+            .map(|n| {
+                image::open(self.0.path().join(format!("{n}.png")))
+                    .unwrap()
+                    .into_rgb8()
+            })
+            .collect()
+    }
+}
+
+fn images(mut source: impl FrameSource) -> Vec<(i64, RgbImage)> {
+    std::iter::from_fn(|| source.next_frame().unwrap())
+        .map(|frame| match frame.content {
+            Content::Image(image) => (frame.tick.0, image),
+            Content::Keypoints(_) => panic!("an image was asked for"),
+        })
+        .collect()
+}
+
+fn refusal(path: &Path) -> String {
+    let said = probe(path, &expected()).unwrap_err().to_string();
+    assert!(
+        said.starts_with("videos/left.mp4: camera `left`: "),
+        "{said}"
+    );
+    said
+}
+
+#[test]
+fn every_frame_comes_once_and_unchanged() {
+    let Some(studio) = studio() else { return };
+    let clip = studio.clip();
+    let info = probe(&clip, &expected()).unwrap();
+    assert_eq!(info.ticks, Some(Tick(100)..Tick(124)));
+    assert_eq!((info.size_px, info.rate_hz), (Some(SIZE_PX), Some(30.0)));
+    let got = images(open(&clip, expected(), Tick(100)).unwrap());
+    let truth: Vec<_> = (100..).zip(studio.truth()).collect();
+    assert!(got == truth, "{} of {} frames", got.len(), truth.len());
+}
+
+#[test]
+fn a_run_from_the_middle_begins_with_exactly_that_frame() {
+    let Some(studio) = studio() else { return };
+    // Compressed with references between frames: seeking by key frames would not be exact.
+    let clip = studio.record(
+        "-f lavfi -i testsrc2=size=96x64:rate=30 -frames:v 24 -c:v mpeg4 -g 12 -bf 2 -q:v 2",
+        "clip.mp4",
+    );
+    let whole = images(open(&clip, expected(), Tick(100)).unwrap());
+    let rest = images(open(&clip, expected(), Tick(117)).unwrap());
+    assert!(rest == whole[17..], "{} frames", rest.len());
+    assert!(matches!(
+        open(&clip, expected(), Tick(124)),
+        Err(SourceError::OutsideClip { .. })
+    ));
+    assert!(matches!(
+        open(&clip, expected(), Tick(99)),
+        Err(SourceError::OutsideClip { .. })
+    ));
+}
+
+#[test]
+fn a_video_cut_in_the_middle_is_refused_before_the_first_tick() {
+    let Some(studio) = studio() else { return };
+    let mkv = studio.record(
+        "-f lavfi -i testsrc2=size=96x64:rate=30 -frames:v 24 -c:v png",
+        "a.mkv",
+    );
+    for (clip, announced) in [(studio.clip(), 24), (mkv, 23)] {
+        let said = refusal(&studio.cut(&clip, 0.6));
+        let says = format!("its header announces {announced}: the file was cut");
+        assert!(said.contains(&says), "{said}");
+    }
+    let without_index = studio.record("-i clip.mp4 -c copy", "plain.mp4");
+    let said = refusal(&studio.cut(&without_index, 0.6));
+    assert!(
+        said.contains("cannot be read") && said.contains("moov atom not found"),
+        "{said}"
+    );
+}
+
+#[test]
+fn a_recording_that_shrinks_after_the_probe_does_not_end_quietly() {
+    let Some(studio) = studio() else { return };
+    let cut = studio.cut(&studio.clip(), 0.6);
+    let (ffmpeg, stdout) = Ffmpeg::spawn(ffmpeg::file_input(&cut), 0, &expected().at).unwrap();
+    let mut source =
+        VideoSource::new(ffmpeg, stdout, expected(), Tick(100), WhenFull::Wait).unwrap();
+    source.expected = Some(FRAMES as u64);
+    let problem = loop {
+        match source.next_frame() {
+            Ok(frame) => assert!(frame.is_some(), "ended quietly"),
+            Err(problem) => break problem.to_string(),
+        }
+    };
+    assert!(
+        problem.contains("ended after") && problem.contains("expected 24"),
+        "{problem}"
+    );
+    assert_eq!(source.next_frame(), Ok(None));
+}
+
+#[test]
+fn another_pixel_size_is_refused_with_both_sizes() {
+    let Some(studio) = studio() else { return };
+    let clip = studio.record(
+        "-f lavfi -i testsrc2=size=64x96:rate=30 -frames:v 3",
+        "a.mp4",
+    );
+    let said = refusal(&clip);
+    assert!(
+        said.contains("64x96 pixels") && said.contains("`size` of this camera is 96x64"),
+        "{said}"
+    );
+}
+
+#[test]
+fn a_phone_video_has_the_size_it_is_decoded_to() {
+    let Some(studio) = studio() else { return };
+    studio.record(
+        "-f lavfi -i testsrc2=size=64x96:rate=30 -frames:v 3 -c:v mpeg4",
+        "upright.mp4",
+    );
+    let turned = studio.record(
+        "-i upright.mp4 -c copy -metadata:s:v:0 rotate=90",
+        "turned.mp4",
+    );
+    let size_px = ffprobe::read_stream(&turned, &expected().at)
+        .unwrap()
+        .size_px;
+    if size_px == [64, 96] {
+        println!("skipped: this ffmpeg does not write rotation that way");
+        return;
+    }
+    assert_eq!(size_px, SIZE_PX);
+    assert_eq!(
+        images(open(&turned, expected(), Tick(100)).unwrap()).len(),
+        3
+    );
+}
+
+#[test]
+fn another_rate_is_refused_with_both_rates() {
+    let Some(studio) = studio() else { return };
+    let record = |rate: &str| {
+        let args = format!("-f lavfi -i testsrc2=size=96x64:rate={rate} -frames:v 30");
+        studio.record(&args, "rate.mp4")
+    };
+    let said = refusal(&record("25"));
+    assert!(
+        said.contains("25.000 frames per second") && said.contains("`rate_hz` is 30.0"),
+        "{said}"
+    );
+    assert!(probe(&record("30000/1001"), &expected()).is_ok());
+}
+
+#[test]
+fn a_variable_rate_is_refused_with_the_frame() {
+    let Some(studio) = studio() else { return };
+    // Frame 5 is left out and the last ones come faster, so that the mean rate is kept.
+    let clip = studio.record(
+        "-f lavfi -i testsrc2=size=96x64:rate=30 -frames:v 20 \
+         -vf setpts=(N+gt(N\\,4)-0.3*gte(N\\,18)-0.7*gte(N\\,19))/30/TB -fps_mode passthrough",
+        "variable.mkv",
+    );
+    let said = refusal(&clip);
+    assert!(
+        said.contains("variable frame rate") && said.contains("between frames 4 and 5"),
+        "{said}"
+    );
+}
+
+#[test]
+fn edit_lists_shorten_a_recording_and_are_counted() {
+    let Some(studio) = studio() else { return };
+    studio.record(
+        "-f lavfi -i testsrc2=size=96x64:rate=30 -frames:v 24 -c:v mpeg4 -g 24 -bf 0",
+        "whole.mp4",
+    );
+    let trimmed = studio.record("-ss 0.2 -i whole.mp4 -c copy", "trimmed.mp4");
+    let ticks = probe(&trimmed, &expected()).unwrap().ticks.unwrap();
+    let decoded = images(open(&trimmed, expected(), Tick(100)).unwrap());
+    assert_eq!(ticks, Tick(100)..Tick(decoded[decoded.len() - 1].0 + 1));
+}
+
+#[test]
+fn files_that_hold_no_video_are_refused_by_name() {
+    let Some(studio) = studio() else { return };
+    let path = studio.0.path().join("x.mp4");
+    assert!(refusal(&path).contains("`source`: cannot be opened"));
+    for bytes in [&b""[..], b"no video at all", &[0; 5000]] {
+        std::fs::write(&path, bytes).unwrap();
+        assert!(refusal(&path).contains("cannot be read"));
+    }
+    let sound = studio.record("-f lavfi -i sine=duration=0.2", "sound.wav");
+    assert!(refusal(&sound).contains("no video stream"));
+    assert!(refusal(studio.0.path()).contains("cannot be read"));
+}
+
+#[test]
+fn a_missing_program_is_named_with_how_to_install_it() {
+    let said = ffmpeg::start_problem(
+        &expected().at,
+        "ffmpeg",
+        &std::io::ErrorKind::NotFound.into(),
+    );
+    assert!(said.to_string().contains("`apt install ffmpeg`"), "{said}");
+}
+
+#[test]
+fn a_live_source_counts_arrivals_and_its_end_is_an_error() {
+    let Some(_studio) = studio() else { return };
+    let url = "lavfi:testsrc2=size=96x64:rate=30:duration=0.5";
+    assert_eq!(probe_live(url, &expected()).unwrap(), SourceInfo::default());
+    let mut source = open_live(url, expected(), Tick(7)).unwrap();
+    let mut last = Tick(6);
+    let problem = loop {
+        match source.next_frame() {
+            Ok(frame) => {
+                let tick = frame.expect("a live source never ends quietly").tick;
+                assert!(tick > last);
+                last = tick;
+            }
+            Err(problem) => break problem,
+        }
+    };
+    assert!(
+        matches!(problem, SourceError::Ended { expected: None, .. }),
+        "{problem}"
+    );
+    // 15 frames, with or without the one that ffmpeg looks at before it starts.
+    assert!(
+        (Tick(20)..=Tick(21)).contains(&last),
+        "the newest frame is never the one that is lost: {last}"
+    );
+}
+
+#[test]
+fn a_live_source_of_another_size_is_refused() {
+    let Some(_studio) = studio() else { return };
+    let mut source = open_live("lavfi:testsrc2=size=64x96", expected(), Tick(0)).unwrap();
+    assert!(matches!(
+        source.next_frame(),
+        Err(SourceError::PixelSize { .. })
+    ));
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn dropping_a_source_leaves_no_process_behind() {
+    let Some(_studio) = studio() else { return };
+    let mut source = open_live("lavfi:testsrc2=size=96x64", expected(), Tick(0)).unwrap();
+    assert!(source.next_frame().unwrap().is_some());
+    let id = source.ffmpeg.id();
+    let process = PathBuf::from(format!("/proc/{id}"));
+    assert!(process.exists());
+    drop(source);
+    // A zombie would still be listed.
+    assert!(!process.exists());
+}

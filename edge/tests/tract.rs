@@ -1,0 +1,27 @@
+//! `ort-tract` gives what the network means. A binary of its own: a process has one backend.
+#![cfg(feature = "network")]
+
+mod hues;
+
+use farfield_edge::network::{Backend, Choice};
+
+#[test]
+fn tract_agrees_with_the_reference_and_says_what_it_costs() {
+    let backend = Backend::start(Choice::Tract).unwrap();
+    assert!(backend.is_tract());
+    let line = backend.describe();
+    assert!(
+        line.contains("20 times slower") && !line.contains('\n'),
+        "{line}"
+    );
+    hues::check_against_reference();
+}
+
+/// RTMDet's layout ended the process: tract counts the integers of `labels` symbolically, `ort`
+/// knows no such type and panics. The output is cast to floats before the file is loaded.
+#[test]
+fn a_detector_with_integer_labels_runs_on_tract() {
+    assert!(Backend::start(Choice::Tract).unwrap().is_tract());
+    hues::check_detector();
+    hues::check_labels();
+}
