@@ -1,0 +1,456 @@
+//! Patch and sighting sets of one tick, gathered from all viewpoints.
+//!
+//! Sans-I/O: messages are fed in, and the caller asks whether the tick is complete. No clock: a
+//! deadline is the caller's affair. Whatever does not belong to the tick is refused with its
+//! reason, so that the caller can count it.
+
+use std::collections::BTreeSet;
+
+use farfield_proto::id::{PersonId, SessionId, ViewpointIndex};
+use farfield_proto::message::{MAX_PERSONS, MAX_SIGHTINGS, PatchSet, SightingSet};
+use farfield_proto::tick::Tick;
+
+/// Everything that belongs to one tick, ordered by viewpoint and part whatever the order of arrival.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct TickGroup {
+    /// The tick.
+    pub tick: Tick,
+    /// Patches, by (viewpoint, part).
+    pub patch_sets: Vec<PatchSet>,
+    /// Sightings, by (viewpoint, part).
+    pub sighting_sets: Vec<SightingSet>,
+}
+
+/// Why a message was not taken.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum Refused {
+    /// It belongs to another life of fusion.
+    #[error("of another session")]
+    OtherSession,
+    /// It belongs to a tick that is over.
+    #[error("late")]
+    Late,
+    /// It belongs to a tick that has not begun.
+    #[error("early")]
+    Early,
+    /// The venue has no such viewpoint.
+    #[error("of an unknown viewpoint")]
+    UnknownViewpoint,
+    /// The part was already there, or contradicts what came before.
+    #[error("a repeated or contradictory part")]
+    RepeatedPart,
+    /// With it the viewpoint would have sent more than [`MAX_PERSONS`] or [`MAX_SIGHTINGS`].
+    #[error("of more persons or sightings than a viewpoint may send for one tick")]
+    TooMany,
+    /// The viewpoint has sent the person already.
+    #[error("of a person that the viewpoint has sent already")]
+    RepeatedPerson,
+}
+
+/// What one viewpoint has sent for the tick.
+#[derive(Debug, Clone, Default)]
+struct Progress {
+    parts: Option<u16>,
+    /// As the first message said it that came, of either kind.
+    sighting_parts: Option<u16>,
+    seen_parts: u16,
+    seen_sighting_parts: u16,
+    persons: BTreeSet<PersonId>,
+    n_sightings: usize,
+}
+
+impl Progress {
+    fn is_complete(&self) -> bool {
+        self.parts.is_some_and(|parts| self.seen_parts >= parts)
+            && self
+                .sighting_parts
+                .is_some_and(|parts| self.seen_sighting_parts >= parts)
+    }
+
+    /// Whether `set` goes with what came before.
+    fn check_patches(&self, set: &PatchSet) -> Result<(), Refused> {
+        let contradicts = contradicts(self.parts, set.parts)
+            || contradicts(self.sighting_parts, set.sighting_parts);
+        if contradicts || set.part >= set.parts {
+            return Err(Refused::RepeatedPart);
+        }
+        if self.persons.len() + set.persons.len() > MAX_PERSONS {
+            return Err(Refused::TooMany);
+        }
+        let mut persons = BTreeSet::new();
+        let is_new = |id| !self.persons.contains(&id) && persons.insert(id);
+        if set.persons.iter().map(|patch| patch.person).all(is_new) {
+            Ok(())
+        } else {
+            Err(Refused::RepeatedPerson)
+        }
+    }
+
+    /// Whether `set` goes with what came before.
+    fn check_sightings(&self, set: &SightingSet) -> Result<(), Refused> {
+        if contradicts(self.sighting_parts, set.parts) || set.part >= set.parts {
+            return Err(Refused::RepeatedPart);
+        }
+        if self.n_sightings + set.sightings.len() > MAX_SIGHTINGS {
+            return Err(Refused::TooMany);
+        }
+        Ok(())
+    }
+}
+
+/// Whether `announced` differs from what is known.
+fn contradicts(known: Option<u16>, announced: u16) -> bool {
+    known.is_some_and(|known| known != announced)
+}
+
+/// Gathers the messages of one tick after the other.
+#[derive(Debug, Clone)]
+pub struct Gather {
+    session: SessionId,
+    group: TickGroup,
+    progress: Vec<Progress>,
+}
+
+impl Gather {
+    /// Starts with `tick`, for the viewpoints `0..n_viewpoints` of the venue.
+    pub fn new(session: SessionId, tick: Tick, n_viewpoints: usize) -> Self {
+        let group = TickGroup {
+            tick,
+            ..TickGroup::default()
+        };
+        Self {
+            session,
+            group,
+            progress: vec![Progress::default(); n_viewpoints],
+        }
+    }
+
+    /// The tick being gathered.
+    pub fn tick(&self) -> Tick {
+        self.group.tick
+    }
+
+    /// Takes a patch set.
+    ///
+    /// # Errors
+    /// [`Refused`] when it does not belong here; the set is dropped.
+    pub fn add_patches(&mut self, set: PatchSet) -> Result<(), Refused> {
+        self.place(set.session, set.tick, set.viewpoint)?;
+        let key = (set.viewpoint, set.part);
+        let Err(at) = self
+            .group
+            .patch_sets
+            .binary_search_by_key(&key, |s| (s.viewpoint, s.part))
+        else {
+            return Err(Refused::RepeatedPart);
+        };
+        let progress = &mut self.progress[usize::from(set.viewpoint.0)];
+        progress.check_patches(&set)?;
+        progress.parts = Some(set.parts);
+        progress.sighting_parts = Some(set.sighting_parts);
+        progress.seen_parts += 1;
+        progress
+            .persons
+            .extend(set.persons.iter().map(|patch| patch.person));
+        self.group.patch_sets.insert(at, set);
+        Ok(())
+    }
+
+    /// Takes a sighting set.
+    ///
+    /// # Errors
+    /// [`Refused`] when it does not belong here; the set is dropped.
+    pub fn add_sightings(&mut self, set: SightingSet) -> Result<(), Refused> {
+        self.place(set.session, set.tick, set.viewpoint)?;
+        let key = (set.viewpoint, set.part);
+        let Err(at) = self
+            .group
+            .sighting_sets
+            .binary_search_by_key(&key, |s| (s.viewpoint, s.part))
+        else {
+            return Err(Refused::RepeatedPart);
+        };
+        let progress = &mut self.progress[usize::from(set.viewpoint.0)];
+        progress.check_sightings(&set)?;
+        progress.sighting_parts = Some(set.parts);
+        progress.seen_sighting_parts += 1;
+        progress.n_sightings += set.sightings.len();
+        self.group.sighting_sets.insert(at, set);
+        Ok(())
+    }
+
+    /// Whether every viewpoint has sent all it announced.
+    pub fn is_complete(&self) -> bool {
+        self.progress.iter().all(Progress::is_complete)
+    }
+
+    /// The viewpoints that are still awaited.
+    pub fn missing(&self) -> Vec<ViewpointIndex> {
+        let waiting = self
+            .progress
+            .iter()
+            .enumerate()
+            .filter(|(_, p)| !p.is_complete());
+        waiting.map(|(i, _)| ViewpointIndex(i as u16)).collect()
+    }
+
+    /// Hands out what has come and begins the next tick.
+    pub fn take(&mut self) -> TickGroup {
+        let next = TickGroup {
+            tick: self.group.tick + 1,
+            ..TickGroup::default()
+        };
+        self.progress.fill(Progress::default());
+        std::mem::replace(&mut self.group, next)
+    }
+
+    fn place(
+        &self,
+        session: SessionId,
+        tick: Tick,
+        viewpoint: ViewpointIndex,
+    ) -> Result<(), Refused> {
+        if session != self.session {
+            return Err(Refused::OtherSession);
+        }
+        if usize::from(viewpoint.0) >= self.progress.len() {
+            return Err(Refused::UnknownViewpoint);
+        }
+        match tick.cmp(&self.group.tick) {
+            std::cmp::Ordering::Less => Err(Refused::Late),
+            std::cmp::Ordering::Greater => Err(Refused::Early),
+            std::cmp::Ordering::Equal => Ok(()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    use farfield_proto::id::CameraIndex;
+    use farfield_proto::message::{PersonPatch, Sighting};
+    use farfield_proto::patch::EncodedMaps;
+
+    const SESSION: SessionId = SessionId(7);
+
+    fn patches(viewpoint: u16, part: u16, parts: u16, sighting_parts: u16) -> PatchSet {
+        let viewpoint = ViewpointIndex(viewpoint);
+        PatchSet {
+            session: SESSION,
+            tick: Tick(5),
+            viewpoint,
+            part,
+            parts,
+            sighting_parts,
+            persons: Vec::new(),
+        }
+    }
+
+    fn of_persons(ids: impl IntoIterator<Item = u32>, mut set: PatchSet) -> PatchSet {
+        let patch = |id| PersonPatch {
+            person: PersonId(id),
+            camera: CameraIndex(0),
+            box_tick: Tick(5),
+            capture_offset_us: 0,
+            crops: Vec::new(),
+            crop_of_keypoint: Vec::new(),
+            maps: EncodedMaps {
+                width: 1,
+                height: 1,
+                keypoints: 1,
+                bytes: Vec::new(),
+            },
+        };
+        set.persons = ids.into_iter().map(patch).collect();
+        set
+    }
+
+    fn many_sightings(n: usize, part: u16, parts: u16) -> SightingSet {
+        let sighting = Sighting {
+            camera: CameraIndex(0),
+            score: 1.0,
+            keypoints: Vec::new(),
+        };
+        SightingSet {
+            part,
+            parts,
+            sightings: vec![sighting; n],
+            ..sightings(0)
+        }
+    }
+
+    fn sightings(viewpoint: u16) -> SightingSet {
+        let viewpoint = ViewpointIndex(viewpoint);
+        SightingSet {
+            session: SESSION,
+            tick: Tick(5),
+            viewpoint,
+            part: 0,
+            parts: 1,
+            sightings: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn a_tick_is_complete_when_every_viewpoint_has_sent_all_it_announced() {
+        let mut gather = Gather::new(SESSION, Tick(5), 2);
+        gather.add_patches(patches(1, 1, 2, 1)).unwrap();
+        gather.add_patches(patches(0, 0, 1, 0)).unwrap();
+        gather.add_patches(patches(1, 0, 2, 1)).unwrap();
+        assert_eq!(
+            gather.missing(),
+            [ViewpointIndex(1)],
+            "its sightings are still on the way"
+        );
+        gather.add_sightings(sightings(1)).unwrap();
+        assert!(gather.is_complete());
+        let order: Vec<_> = gather
+            .take()
+            .patch_sets
+            .iter()
+            .map(|s| (s.viewpoint.0, s.part))
+            .collect();
+        assert_eq!(
+            order,
+            [(0, 0), (1, 0), (1, 1)],
+            "the order of arrival must not reach a result"
+        );
+        assert_eq!(gather.tick(), Tick(6));
+        assert!(!gather.is_complete());
+    }
+
+    #[test]
+    fn a_sighting_that_overtakes_its_patches_is_kept() {
+        let mut gather = Gather::new(SESSION, Tick(5), 1);
+        gather.add_sightings(sightings(0)).unwrap();
+        assert!(!gather.is_complete());
+        gather.add_patches(patches(0, 0, 1, 1)).unwrap();
+        assert!(gather.is_complete());
+    }
+
+    #[test]
+    fn what_does_not_belong_to_the_tick_is_refused_with_its_reason() {
+        let mut gather = Gather::new(SESSION, Tick(5), 1);
+        let late = PatchSet {
+            tick: Tick(4),
+            ..patches(0, 0, 1, 0)
+        };
+        let early = PatchSet {
+            tick: Tick(6),
+            ..patches(0, 0, 1, 0)
+        };
+        let stranger = PatchSet {
+            session: SessionId(8),
+            ..patches(0, 0, 1, 0)
+        };
+        assert_eq!(gather.add_patches(late), Err(Refused::Late));
+        assert_eq!(gather.add_patches(early), Err(Refused::Early));
+        assert_eq!(gather.add_patches(stranger), Err(Refused::OtherSession));
+        assert_eq!(
+            gather.add_patches(patches(3, 0, 1, 0)),
+            Err(Refused::UnknownViewpoint)
+        );
+        gather.add_patches(patches(0, 0, 2, 0)).unwrap();
+        assert_eq!(
+            gather.add_patches(patches(0, 0, 2, 0)),
+            Err(Refused::RepeatedPart)
+        );
+        assert_eq!(
+            gather.add_patches(patches(0, 1, 3, 0)),
+            Err(Refused::RepeatedPart)
+        );
+        assert!(!gather.is_complete());
+    }
+
+    #[test]
+    fn sightings_are_counted_over_all_parts_of_a_viewpoints_tick() {
+        // Symptom to prevent: each of 1,024 parts within the bound, and the search for births over
+        // all of their pairs without an end.
+        let mut gather = Gather::new(SESSION, Tick(5), 2);
+        let gathered = |gather: &Gather| gather.group.sighting_sets.len();
+        gather
+            .add_sightings(many_sightings(MAX_SIGHTINGS - 1, 0, 3))
+            .unwrap();
+        assert_eq!(
+            gather.add_sightings(many_sightings(2, 1, 3)),
+            Err(Refused::TooMany)
+        );
+        assert_eq!(gathered(&gather), 1, "what is refused leaves no trace");
+        gather.add_sightings(many_sightings(1, 1, 3)).unwrap();
+        let of_another = SightingSet {
+            viewpoint: ViewpointIndex(1),
+            ..many_sightings(MAX_SIGHTINGS, 0, 1)
+        };
+        gather.add_sightings(of_another).unwrap();
+        gather.take();
+        let of_next_tick = SightingSet {
+            tick: Tick(6),
+            ..many_sightings(MAX_SIGHTINGS, 0, 1)
+        };
+        gather.add_sightings(of_next_tick).unwrap();
+    }
+
+    #[test]
+    fn persons_are_counted_over_all_parts_of_a_viewpoints_tick() {
+        let mut gather = Gather::new(SESSION, Tick(5), 1);
+        let most = MAX_PERSONS as u32;
+        gather
+            .add_patches(of_persons(1..most, patches(0, 0, 2, 0)))
+            .unwrap();
+        assert_eq!(
+            gather.add_patches(of_persons([most, most + 1], patches(0, 1, 2, 0))),
+            Err(Refused::TooMany)
+        );
+        gather
+            .add_patches(of_persons([most], patches(0, 1, 2, 0)))
+            .unwrap();
+        assert!(gather.is_complete());
+    }
+
+    #[test]
+    fn a_viewpoint_sends_a_person_once_a_tick() {
+        let mut gather = Gather::new(SESSION, Tick(5), 2);
+        let twice = of_persons([1, 1], patches(0, 0, 2, 0));
+        assert_eq!(gather.add_patches(twice), Err(Refused::RepeatedPerson));
+        gather
+            .add_patches(of_persons([1, 2], patches(0, 0, 2, 0)))
+            .unwrap();
+        let same_part = of_persons([1, 2], patches(0, 0, 2, 0));
+        assert_eq!(gather.add_patches(same_part), Err(Refused::RepeatedPart));
+        let again = of_persons([3, 2], patches(0, 1, 2, 0));
+        assert_eq!(gather.add_patches(again), Err(Refused::RepeatedPerson));
+        gather
+            .add_patches(of_persons([1, 2], patches(1, 0, 1, 0)))
+            .unwrap();
+    }
+
+    #[test]
+    fn patches_and_sightings_must_agree_on_the_parts_whichever_comes_first() {
+        let mut gather = Gather::new(SESSION, Tick(5), 1);
+        gather.add_sightings(many_sightings(1, 0, 2)).unwrap();
+        assert_eq!(
+            gather.add_patches(patches(0, 0, 1, 1)),
+            Err(Refused::RepeatedPart)
+        );
+        gather.add_patches(patches(0, 0, 1, 2)).unwrap();
+        assert_eq!(
+            gather.add_sightings(many_sightings(1, 1, 3)),
+            Err(Refused::RepeatedPart)
+        );
+        assert_eq!(
+            gather.add_sightings(many_sightings(1, 2, 2)),
+            Err(Refused::RepeatedPart),
+            "a part past the last one"
+        );
+        gather.add_sightings(many_sightings(1, 1, 2)).unwrap();
+        assert!(gather.is_complete());
+
+        let mut did_not_look = Gather::new(SESSION, Tick(5), 1);
+        did_not_look.add_patches(patches(0, 0, 1, 0)).unwrap();
+        assert_eq!(
+            did_not_look.add_sightings(sightings(0)),
+            Err(Refused::RepeatedPart)
+        );
+    }
+}

@@ -1,0 +1,540 @@
+//! Predicted joints to the image regions that edges crop: paper, eq. (2) and (4).
+//!
+//! A box holds every joint with the margin m, and the projected lattice around every joint, because
+//! outside a crop there is no information. Joints behind a camera have no projection: they are left
+//! out, and links that cross the near plane are cut there. Nothing here assumes an upright person.
+
+use farfield_proto::bounding_box::{BoundingBox, BoxRate};
+use farfield_proto::camera::CameraModel;
+use farfield_proto::frames::Pixel;
+use farfield_proto::id::CameraIndex;
+use farfield_proto::message::CameraBox;
+use farfield_proto::venue::parameters::BoxParameters;
+use nalgebra::{Matrix3x4, Rotation2, Vector2, Vector3};
+
+use crate::predict::Joints;
+use crate::skeleton::Joint;
+
+/// Depth below which a joint has no useful projection, metres: nearer, a hand fills the image.
+const NEAR_M: f64 = 0.3;
+/// Joints that must lie in front of a camera for a box; fewer do not show where the body is.
+const LEAST_JOINTS_IN_FRONT: usize = 10;
+/// Smallest side of a box, pixels: below it a crop is a smear of a few pixels.
+const LEAST_SIDE_PX: f64 = 16.0;
+/// How far outside the image a projected point counts, in image sizes: a limb beside a near camera
+/// projects anywhere, and must not blow the box up.
+const FARTHEST_IMAGES: f64 = 1.0;
+/// Share of `end_on_ratio` below which a box that is already turned goes upright.
+const END_ON_HYSTERESIS: f64 = 0.8;
+/// Points per side of the raster that is asked whether the camera sees any of a box.
+const RASTER: usize = 7;
+
+/// How large boxes are and when they turn.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BoxShape {
+    /// The margin m of eq. (2): the venue's, else that of the network's card.
+    pub margin: f64,
+    /// Half width of the lattice around each joint, metres; its projection lies inside the box.
+    pub lattice_half_width_m: f64,
+    /// Whether and when boxes turn.
+    pub parameters: BoxParameters,
+}
+
+/// The boxes of one person in the cameras of the venue. Remembers where boxes were turned.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Boxes {
+    /// Per camera, whether the last box was turned.
+    turned: Vec<bool>,
+}
+
+impl Boxes {
+    /// The box in `camera` of a person with joints `now_m` at the box's tick and `next_m` one tick
+    /// later (world, metres).
+    ///
+    /// ```text
+    ///   size = max(m (max - min), extent of the projected lattices)      along the box's own axes
+    ///   rotation = atan2(vx, -vy), v = neck - pelvis in the image        = -B' of eq. (4)
+    /// ```
+    ///
+    /// The pelvis is the paper's torso n(1), the neck its n(6). The box turns when the rotation
+    /// passes `rotate_from_deg` and goes upright below `rotate_until_deg`, or when the trunk is seen
+    /// end-on. The rates are the difference to the box of `next_m`. `None` when the person is behind
+    /// the camera or nothing of the box is in the image. Where the neck is behind the camera,
+    /// `neck_px` is `torso_px`.
+    ///
+    /// Cost: eight projections per joint, twice.
+    pub fn camera_box(
+        &mut self,
+        camera: CameraIndex,
+        model: &CameraModel,
+        (now_m, next_m): (&Joints, &Joints),
+        shape: &BoxShape,
+    ) -> Option<CameraBox> {
+        let index = usize::from(camera.0);
+        if self.turned.len() <= index {
+            self.turned.resize(index + 1, false);
+        }
+        let trunk = Trunk::seen_by(model, now_m)?;
+        let turned = trunk.turns(self.turned[index], &shape.parameters);
+        let rotation = |trunk: &Trunk| if turned { trunk.rotation_rad() } else { 0.0 };
+        let now = Region::around(model, now_m, rotation(&trunk), shape)?;
+        self.turned[index] = turned;
+        if !now.touches_image(model) {
+            return None;
+        }
+        let next = Trunk::seen_by(model, next_m)
+            .and_then(|next_trunk| Region::around(model, next_m, rotation(&next_trunk), shape));
+        Some(CameraBox {
+            camera,
+            bounding_box: now.bounding_box(),
+            rate: next.map_or_else(BoxRate::default, |next| now.rate_to(&next)),
+            torso_px: single(trunk.pelvis_px),
+            neck_px: single(trunk.neck_px.unwrap_or(trunk.pelvis_px)),
+        })
+    }
+}
+
+/// The trunk in one image: what turns a box.
+struct Trunk {
+    pelvis_px: Vector2<f64>,
+    /// `None` when it is behind the camera.
+    neck_px: Option<Vector2<f64>>,
+    /// Length in the image over the length of the same trunk seen from the side.
+    broadside: f64,
+}
+
+impl Trunk {
+    fn seen_by(model: &CameraModel, joints_m: &Joints) -> Option<Self> {
+        let p = model.projection_matrix();
+        let [pelvis_m, neck_m] = [Joint::Pelvis, Joint::Neck].map(|joint| joints_m[joint as usize]);
+        let pelvis = p * pelvis_m.push(1.0);
+        let pelvis_px = in_front(pelvis)?;
+        let neck_px = in_front(p * neck_m.push(1.0));
+        let focal_px = 0.5 * (model.intrinsics().fx_px + model.intrinsics().fy_px);
+        let from_the_side_px = (neck_m - pelvis_m).norm() * focal_px / pelvis.z;
+        let broadside = neck_px.map_or(0.0, |neck| {
+            (neck - pelvis_px).norm() / from_the_side_px.max(1e-9)
+        });
+        Some(Self {
+            pelvis_px,
+            neck_px,
+            broadside,
+        })
+    }
+
+    /// Minus B' of eq. (4): 0 for a trunk that points up in the image, positive clockwise.
+    fn rotation_rad(&self) -> f64 {
+        self.neck_px.map_or(0.0, |neck| {
+            let v = neck - self.pelvis_px;
+            v.x.atan2(-v.y)
+        })
+    }
+
+    /// Whether the box turns with the trunk, given whether the last one did.
+    fn turns(&self, did: bool, parameters: &BoxParameters) -> bool {
+        let (least_deg, least_broadside) = if did {
+            (
+                parameters.rotate_until_deg,
+                parameters.end_on_ratio * END_ON_HYSTERESIS,
+            )
+        } else {
+            (parameters.rotate_from_deg, parameters.end_on_ratio)
+        };
+        let tilt_deg = self.rotation_rad().abs().to_degrees();
+        parameters.rotate && tilt_deg > least_deg && self.broadside >= least_broadside
+    }
+}
+
+/// A box in f64.
+#[derive(Debug, Clone, Copy)]
+struct Region {
+    center_px: Vector2<f64>,
+    size_px: Vector2<f64>,
+    rotation_rad: f64,
+}
+
+impl Region {
+    /// The region of eq. (2), measured along axes turned by `rotation_rad`.
+    fn around(
+        model: &CameraModel,
+        joints_m: &Joints,
+        rotation_rad: f64,
+        shape: &BoxShape,
+    ) -> Option<Self> {
+        let p = model.projection_matrix();
+        let depth_m = |joint: Joint| (p.row(2) * joints_m[joint as usize].push(1.0)).x;
+        let in_front = Joint::ALL
+            .iter()
+            .filter(|&&joint| depth_m(joint) >= NEAR_M)
+            .count();
+        if in_front < LEAST_JOINTS_IN_FRONT {
+            return None;
+        }
+        let to_box = Rotation2::new(-rotation_rad);
+        let far_px = model.size_px().map(f64::from);
+        let add = |extent: &mut Extent, px: Vector2<f64>| {
+            let kept = |v: f64, size: f64| {
+                v.clamp(-FARTHEST_IMAGES * size, (1.0 + FARTHEST_IMAGES) * size)
+            };
+            extent.add(to_box * Vector2::new(kept(px.x, far_px[0]), kept(px.y, far_px[1])));
+        };
+        let (mut body, mut lattice) = (Extent::EMPTY, Extent::EMPTY);
+        for joint in Joint::ALL {
+            let depth = depth_m(joint);
+            if depth >= NEAR_M {
+                let h = p * joints_m[joint as usize].push(1.0);
+                add(&mut body, Vector2::new(h.x, h.y) / h.z);
+                for corner in cube_corners(&p, h, shape.lattice_half_width_m) {
+                    add(&mut lattice, corner);
+                }
+            }
+            // Where a link crosses the near plane, the body goes on to the crossing.
+            let parent_m = joint
+                .parent()
+                .map(|parent| (depth_m(parent), joints_m[parent as usize]));
+            if let Some((parent_depth, parent_m)) = parent_m
+                && (depth >= NEAR_M) != (parent_depth >= NEAR_M)
+            {
+                let t = (NEAR_M - depth) / (parent_depth - depth);
+                let h = p * joints_m[joint as usize].lerp(&parent_m, t).push(1.0);
+                add(&mut body, Vector2::new(h.x, h.y) / h.z);
+            }
+        }
+        let half = body.size() * (0.5 * shape.margin);
+        lattice.add(body.center() - half);
+        lattice.add(body.center() + half);
+        let size_px = lattice.size().map(|side| side.max(LEAST_SIDE_PX));
+        let center_px = to_box.inverse() * lattice.center();
+        size_px.iter().all(|v| v.is_finite()).then_some(Self {
+            center_px,
+            size_px,
+            rotation_rad,
+        })
+    }
+
+    /// Whether the camera sees any point of a raster over the region.
+    fn touches_image(&self, model: &CameraModel) -> bool {
+        let from_box = Rotation2::new(self.rotation_rad);
+        let share = |i: usize| i as f64 / (RASTER - 1) as f64 - 0.5;
+        (0..RASTER * RASTER).any(|i| {
+            // From the middle outwards: the first question is mostly the last.
+            let i = (i + RASTER * RASTER / 2) % (RASTER * RASTER);
+            let local =
+                Vector2::new(share(i % RASTER), share(i / RASTER)).component_mul(&self.size_px);
+            let px = self.center_px + from_box * local;
+            model.sees(Pixel::new(px.x, px.y))
+        })
+    }
+
+    fn bounding_box(&self) -> BoundingBox {
+        BoundingBox {
+            center_px: single(self.center_px),
+            size_px: single(self.size_px),
+            rotation_rad: self.rotation_rad as f32,
+        }
+    }
+
+    fn rate_to(&self, next: &Self) -> BoxRate {
+        let turn = Rotation2::new(next.rotation_rad - self.rotation_rad).angle();
+        BoxRate {
+            center_px: single(next.center_px - self.center_px),
+            size_px: single(next.size_px - self.size_px),
+            rotation_rad: turn as f32,
+        }
+    }
+}
+
+/// Smallest and largest coordinates.
+struct Extent {
+    least: Vector2<f64>,
+    most: Vector2<f64>,
+}
+
+impl Extent {
+    const EMPTY: Self = Self {
+        least: Vector2::new(f64::INFINITY, f64::INFINITY),
+        most: Vector2::new(f64::NEG_INFINITY, f64::NEG_INFINITY),
+    };
+
+    fn add(&mut self, p: Vector2<f64>) {
+        self.least = self.least.inf(&p);
+        self.most = self.most.sup(&p);
+    }
+
+    fn size(&self) -> Vector2<f64> {
+        self.most - self.least
+    }
+
+    fn center(&self) -> Vector2<f64> {
+        (self.most + self.least) * 0.5
+    }
+}
+
+/// The projected corners of a cube of `half_width_m` around a point that projects to the
+/// homogeneous pixel `h`; corners behind the near plane are left out.
+fn cube_corners(
+    p: &Matrix3x4<f64>,
+    h: Vector3<f64>,
+    half_width_m: f64,
+) -> impl Iterator<Item = Vector2<f64>> {
+    let sides: [Vector3<f64>; 3] = [0, 1, 2].map(|i| p.column(i) * half_width_m);
+    (0..8).filter_map(move |corner| {
+        let signed = |i: usize| {
+            if corner >> i & 1 == 0 {
+                sides[i]
+            } else {
+                -sides[i]
+            }
+        };
+        in_front(h + signed(0) + signed(1) + signed(2))
+    })
+}
+
+/// The pixel of a homogeneous pixel whose third number is a depth in metres.
+fn in_front(h: Vector3<f64>) -> Option<Vector2<f64>> {
+    (h.z >= NEAR_M).then(|| Vector2::new(h.x, h.y) / h.z)
+}
+
+/// The wire's precision.
+fn single(v: Vector2<f64>) -> [f32; 2] {
+    [v.x as f32, v.y as f32]
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::{FRAC_PI_2, PI};
+
+    use farfield_proto::camera::{Distortion, Intrinsics};
+    use farfield_proto::frames::{Point, Transform};
+    use nalgebra::{Isometry3, Point3, Rotation3, Translation3, UnitQuaternion};
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::skeleton::{Kinematics, Pose, Proportions, Skeleton};
+
+    /// Boxes travel in single precision.
+    const TOLERANCE_PX: f64 = 0.01;
+
+    fn shape() -> BoxShape {
+        BoxShape {
+            margin: 1.25,
+            lattice_half_width_m: 0.25,
+            parameters: BoxParameters::default(),
+        }
+    }
+
+    /// 1920 x 1200 at (-8, 0, 1), looking along world +x.
+    fn model() -> CameraModel {
+        let intrinsics = Intrinsics {
+            fx_px: 1000.0,
+            fy_px: 1000.0,
+            cx_px: 959.5,
+            cy_px: 599.5,
+        };
+        let axes = Rotation3::from_matrix_unchecked(nalgebra::Matrix3::new(
+            0.0, -1.0, 0.0, //
+            0.0, 0.0, -1.0, //
+            1.0, 0.0, 0.0,
+        ));
+        let rotation = UnitQuaternion::from_rotation_matrix(&axes);
+        let isometry = Isometry3::from_parts(
+            Translation3::from(-(axes * Vector3::new(-8.0, 0.0, 1.0))),
+            rotation,
+        );
+        CameraModel::new(
+            "test",
+            [1920, 1200],
+            intrinsics,
+            Distortion::default(),
+            Transform::new(isometry),
+        )
+        .unwrap()
+    }
+
+    /// A person of 1.7 m in neutral pose, turned about its pelvis and put there.
+    fn posed(rotation: Rotation3<f64>, at_m: [f64; 3]) -> Joints {
+        let mut kinematics = Kinematics::default();
+        let pose = Pose::neutral(at_m.into(), UnitQuaternion::from_rotation_matrix(&rotation));
+        Skeleton::new(&Proportions::from_stature(1.7)).forward(&pose, &mut kinematics);
+        kinematics.joints_m
+    }
+
+    fn camera_box(boxes: &mut Boxes, joints: &Joints) -> Option<CameraBox> {
+        boxes.camera_box(CameraIndex(1), &model(), (joints, joints), &shape())
+    }
+
+    /// Where a pixel lies in a box, in half sizes: inside within -1..=1.
+    fn within(b: &CameraBox, px: Vector2<f64>) -> Vector2<f64> {
+        let b = b.bounding_box;
+        let center = Vector2::from(b.center_px.map(f64::from));
+        let local = Rotation2::new(-f64::from(b.rotation_rad)) * (px - center);
+        local.component_div(&(Vector2::from(b.size_px.map(f64::from)) * 0.5))
+    }
+
+    fn pixel(p_m: Vector3<f64>) -> Vector2<f64> {
+        model()
+            .project(Point::new(Point3::from(p_m)))
+            .unwrap()
+            .vector_px()
+    }
+
+    proptest! {
+        #[test]
+        fn a_box_holds_every_joint_with_its_lattice_however_the_person_lies(
+            axis_angle in prop::array::uniform3(-3.0f64..3.0), at in prop::array::uniform3(-2.0f64..2.0),
+            inside in prop::array::uniform3(-0.25f64..0.25),
+        ) {
+            let joints = posed(Rotation3::new(axis_angle.into()), at);
+            let b = camera_box(&mut Boxes::default(), &joints).unwrap();
+            for joint in joints {
+                let place = within(&b, pixel(joint + Vector3::from(inside)));
+                prop_assert!(place.amax() <= 1.0 + 1e-4, "{place}");
+            }
+        }
+
+        #[test]
+        fn the_rotation_follows_a_person_that_turns_in_the_image(roll in -PI..PI) {
+            // The camera looks along +x, so a turn about +x is clockwise on the screen.
+            let joints = posed(Rotation3::from_axis_angle(&Vector3::x_axis(), roll), [0.0, 0.0, 1.0]);
+            let b = camera_box(&mut Boxes::default(), &joints).unwrap();
+            let expected = if roll.abs().to_degrees() > 40.0 { roll } else { 0.0 };
+            let off = Rotation2::new(f64::from(b.bounding_box.rotation_rad) - expected).angle();
+            prop_assert!(off.abs() < 1e-4, "{roll} {:?}", b.bounding_box);
+        }
+
+        #[test]
+        fn numbers_stay_finite_and_sizes_positive_anywhere(
+            axis_angle in prop::array::uniform3(-3.0f64..3.0), x in -10.0f64..-6.0, y in -1.5f64..1.5,
+        ) {
+            let joints = posed(Rotation3::new(axis_angle.into()), [x, y, 1.0]);
+            if let Some(b) = camera_box(&mut Boxes::default(), &joints) {
+                prop_assert!(b.bounding_box.is_valid());
+                prop_assert!(b.bounding_box.size_px.iter().all(|&v| v < 10_000.0));
+                prop_assert!(b.torso_px.iter().chain(&b.neck_px).all(|v| v.is_finite()));
+            }
+        }
+    }
+
+    #[test]
+    fn an_upright_person_has_an_upright_box_with_the_margin() {
+        let joints = posed(Rotation3::identity(), [0.0, 0.0, 1.0]);
+        let b = camera_box(&mut Boxes::default(), &joints).unwrap();
+        assert!(b.bounding_box.rotation_rad.abs() < 1e-9);
+        let rows = joints.map(|joint| pixel(joint).y);
+        let body_px = rows.iter().fold(f64::MIN, |a, &b| a.max(b))
+            - rows.iter().fold(f64::MAX, |a, &b| a.min(b));
+        assert!(f64::from(b.bounding_box.size_px[1]) >= 1.25 * body_px - TOLERANCE_PX);
+        assert!((f64::from(b.torso_px[1]) - 599.5).abs() < TOLERANCE_PX);
+        assert!(b.neck_px[1] < b.torso_px[1]);
+    }
+
+    #[test]
+    fn head_to_the_right_is_a_quarter_turn_and_upside_down_is_a_half_one() {
+        let turned = |roll: f64| {
+            let joints = posed(
+                Rotation3::from_axis_angle(&Vector3::x_axis(), roll),
+                [0.0, 0.0, 1.0],
+            );
+            camera_box(&mut Boxes::default(), &joints).unwrap()
+        };
+        let lying = turned(FRAC_PI_2);
+        assert!(lying.neck_px[0] > lying.torso_px[0]);
+        assert!((f64::from(lying.bounding_box.rotation_rad) - FRAC_PI_2).abs() < 1e-6);
+        // Sizes are along the body: long from feet to head.
+        assert!(lying.bounding_box.size_px[1] > lying.bounding_box.size_px[0]);
+        assert!((f64::from(turned(PI).bounding_box.rotation_rad).abs() - PI).abs() < 1e-6);
+    }
+
+    #[test]
+    fn a_turned_box_stays_turned_until_the_lower_threshold() {
+        let mut boxes = Boxes::default();
+        let mut turned_at = |deg: f64| {
+            let roll = Rotation3::from_axis_angle(&Vector3::x_axis(), deg.to_radians());
+            camera_box(&mut boxes, &posed(roll, [0.0, 0.0, 1.0]))
+                .unwrap()
+                .bounding_box
+                .rotation_rad
+                != 0.0
+        };
+        assert!(
+            !turned_at(35.0)
+                && turned_at(45.0)
+                && turned_at(35.0)
+                && !turned_at(25.0)
+                && !turned_at(35.0)
+        );
+    }
+
+    #[test]
+    fn a_trunk_seen_end_on_does_not_turn_the_box() {
+        // Lying along the view, head to the camera and a little to the side: a tilt without meaning.
+        let along = Rotation3::from_axis_angle(&Vector3::z_axis(), 0.2)
+            * Rotation3::from_axis_angle(&Vector3::y_axis(), -FRAC_PI_2);
+        let b = camera_box(&mut Boxes::default(), &posed(along, [0.0, 0.0, 1.0])).unwrap();
+        assert!(b.bounding_box.rotation_rad.abs() < 1e-9);
+    }
+
+    #[test]
+    fn boxes_that_must_not_turn_do_not() {
+        let lying = posed(
+            Rotation3::from_axis_angle(&Vector3::x_axis(), FRAC_PI_2),
+            [0.0, 0.0, 1.0],
+        );
+        let mut shape = shape();
+        shape.parameters.rotate = false;
+        let b = Boxes::default()
+            .camera_box(CameraIndex(0), &model(), (&lying, &lying), &shape)
+            .unwrap();
+        assert!(
+            b.bounding_box.rotation_rad.abs() < 1e-9
+                && b.bounding_box.size_px[0] > b.bounding_box.size_px[1]
+        );
+    }
+
+    #[test]
+    fn people_behind_the_camera_or_out_of_its_image_have_no_box() {
+        let at =
+            |at: [f64; 3]| camera_box(&mut Boxes::default(), &posed(Rotation3::identity(), at));
+        assert!(at([-12.0, 0.0, 1.0]).is_none());
+        assert!(at([0.0, 14.0, 1.0]).is_none());
+        assert!(
+            at([0.0, 8.2, 1.0]).is_some(),
+            "an arm is still in the image"
+        );
+    }
+
+    #[test]
+    fn the_rate_is_the_motion_of_one_tick() {
+        let now = posed(Rotation3::identity(), [0.0, 0.0, 1.0]);
+        let next = posed(Rotation3::identity(), [0.0, -0.08, 1.0]);
+        let b = Boxes::default()
+            .camera_box(CameraIndex(0), &model(), (&now, &next), &shape())
+            .unwrap();
+        // World -y is the image's right: 0.08 m at 8 m and 1000 px.
+        assert!(
+            (f64::from(b.rate.center_px[0]) - 10.0).abs() < 0.5,
+            "{:?}",
+            b.rate
+        );
+        assert!(b.rate.size_px.iter().all(|v| v.abs() < 0.5));
+    }
+
+    #[test]
+    fn a_rate_across_half_a_turn_goes_the_short_way() {
+        let rolled = |roll: f64| {
+            posed(
+                Rotation3::from_axis_angle(&Vector3::x_axis(), roll),
+                [0.0, 0.0, 1.0],
+            )
+        };
+        let b = Boxes::default()
+            .camera_box(
+                CameraIndex(0),
+                &model(),
+                (&rolled(PI - 0.02), &rolled(PI + 0.03)),
+                &shape(),
+            )
+            .unwrap();
+        assert!((f64::from(b.rate.rotation_rad) - 0.05).abs() < 1e-4);
+    }
+}

@@ -1,0 +1,43 @@
+//! A small person for the tests of this folder: two joints, one keypoint, three angles.
+
+use farfield_proto::id::{PersonId, SessionId};
+use farfield_proto::message::{PersonPose, PersonState, PoseSet};
+use farfield_proto::tick::Tick;
+
+use super::{AngleColumn, Layout};
+
+pub(crate) fn layout() -> Layout {
+    let knee = AngleColumn {
+        range_rad: Some([0.0, 2.268_928]),
+        ..AngleColumn::named("knee_angle_l")
+    };
+    Layout {
+        joints: vec!["pelvis".to_owned(), "left_knee".to_owned()],
+        keypoints: vec!["left_knee".to_owned()],
+        angles: vec![
+            AngleColumn::named("pelvis_tilt"),
+            AngleColumn::named("pelvis_tx"),
+            knee,
+        ],
+    }
+}
+
+pub(crate) fn pose(person: u32, state: PersonState) -> PersonPose {
+    PersonPose {
+        person: PersonId(person),
+        state,
+        joints_m: vec![[1.0, 2.0, 0.9], [1.25, -2.000_004, 0.5]],
+        keypoints_m: vec![[1.26, -2.0, 0.5]],
+        angles: vec![std::f32::consts::FRAC_PI_6, 2.5, 0.41],
+        unobserved: 0b100,
+        views: 4,
+    }
+}
+
+pub(crate) fn poses(tick: i64, persons: &[(u32, PersonState)]) -> PoseSet {
+    PoseSet {
+        session: SessionId(1),
+        tick: Tick(tick),
+        persons: persons.iter().map(|&(id, state)| pose(id, state)).collect(),
+    }
+}

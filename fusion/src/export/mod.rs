@@ -1,0 +1,79 @@
+//! Turns poses into the files that others read: `poses.jsonl`, TRC and MOT per person, `summary.json`.
+//!
+//! [`Layout`] names what a pose holds by position. [`mod@line`], [`trc`] and [`mot`] are text and know no
+//! file; [`pose_files`] alone writes, each file under a temporary name until it is whole.
+//! [`summary`] is what a run says of itself.
+
+pub mod line;
+pub mod mot;
+pub mod pose_files;
+pub mod rounding;
+pub mod summary;
+pub mod trc;
+pub mod unfinished;
+
+/// What the numbers of a [`PersonPose`](farfield_proto::message::PersonPose) are called.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Layout {
+    /// Names of the joints, in the order of the skeletal model.
+    pub joints: Vec<String>,
+    /// Names of the keypoints, in the order of the network's card.
+    pub keypoints: Vec<String>,
+    /// The reported angles, in the model's order.
+    pub angles: Vec<AngleColumn>,
+}
+
+/// One reported angle, or one of the root's translations.
+#[derive(Debug, Clone, PartialEq)]
+pub struct AngleColumn {
+    /// Its name, as OpenSim's full-body model calls it where it has it.
+    pub name: String,
+    /// What its numbers are.
+    pub unit: AngleUnit,
+    /// The range of motion that was enforced, radians: written numbers do not leave it by rounding.
+    pub range_rad: Option<[f64; 2]>,
+}
+
+/// What the numbers of an [`AngleColumn`] are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum AngleUnit {
+    /// An angle.
+    Radian,
+    /// A translation of the root.
+    Metre,
+}
+
+impl AngleColumn {
+    /// A column of this name without a range; `pelvis_tx`, `pelvis_ty` and `pelvis_tz` are metres.
+    pub fn named(name: impl Into<String>) -> Self {
+        let name = name.into();
+        let unit = match name.as_str() {
+            "pelvis_tx" | "pelvis_ty" | "pelvis_tz" => AngleUnit::Metre,
+            _ => AngleUnit::Radian,
+        };
+        Self {
+            name,
+            unit,
+            range_rad: None,
+        }
+    }
+}
+
+impl Layout {
+    /// The markers of a TRC file: the joints, then the keypoints, each name once. A keypoint that is
+    /// called like a joint is `keypoint_<name>`: the two differ where the network means another
+    /// point than the anatomical centre.
+    pub fn markers(&self) -> Vec<String> {
+        let keypoints = self.keypoints.iter().map(|name| {
+            if self.joints.contains(name) {
+                format!("keypoint_{name}")
+            } else {
+                name.clone()
+            }
+        });
+        self.joints.iter().cloned().chain(keypoints).collect()
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod fixture;

@@ -1,0 +1,168 @@
+//! `summary.json`: what a run did.
+//!
+//! Two equal lock-step runs give equal summaries but for [`Summary::timing`]: whatever a clock, a
+//! socket or another process has a say in belongs there.
+
+use std::collections::BTreeMap;
+
+use farfield_proto::tick::Tick;
+use serde::{Deserialize, Serialize};
+
+use super::pose_files::Presence;
+
+/// A run, as `summary.json` tells it.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct Summary {
+    /// Name of the venue.
+    pub venue: String,
+    /// Fingerprint of the venue file.
+    pub venue_hash: String,
+    /// Fingerprint of the calibration.
+    pub calibration_hash: String,
+    /// Ticks per second.
+    pub rate_hz: f64,
+    /// Whether the run came to its end, or was interrupted.
+    pub complete: bool,
+    /// What was worked on.
+    pub ticks: TickSpan,
+    /// Who was there, by id.
+    pub people: Vec<PersonSummary>,
+    /// Per viewpoint, what went over its link.
+    pub links: BTreeMap<String, LinkSummary>,
+    /// What was lost, over all links.
+    pub drops: DropSummary,
+    /// Per node that runs a network: the inference backend.
+    pub backends: BTreeMap<String, String>,
+    /// Per model file (network, detector): its fingerprint.
+    pub models: BTreeMap<String, String>,
+    /// Per program and library: its version.
+    pub versions: BTreeMap<String, String>,
+    /// All that may differ between two equal runs.
+    pub timing: TimingSummary,
+}
+
+/// The ticks of a run, `end` not among them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct TickSpan {
+    /// First tick.
+    pub first: Tick,
+    /// The tick after the last.
+    pub end: Tick,
+    /// How many were finished.
+    pub done: u64,
+}
+
+/// One person of a run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct PersonSummary {
+    /// The id.
+    pub person: u32,
+    /// First tick with a pose.
+    pub first_tick: Tick,
+    /// Last tick with a pose.
+    pub last_tick: Tick,
+    /// Ticks with a pose.
+    pub ticks: u64,
+}
+
+impl From<Presence> for PersonSummary {
+    fn from(presence: Presence) -> Self {
+        Self {
+            person: presence.person.0,
+            first_tick: presence.first_tick,
+            last_tick: presence.last_tick,
+            ticks: presence.ticks,
+        }
+    }
+}
+
+/// Messages and payload bytes of one viewpoint's link, without what the protocol adds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct LinkSummary {
+    /// Patch messages that fusion received.
+    pub patch_messages: u64,
+    /// Their bytes.
+    pub patch_bytes: u64,
+    /// Persons in them: one per person and tick.
+    pub patches: u64,
+    /// Sighting messages that fusion received.
+    pub sighting_messages: u64,
+    /// Their bytes.
+    pub sighting_bytes: u64,
+    /// Box messages that fusion sent.
+    pub box_messages: u64,
+    /// Their bytes.
+    pub box_bytes: u64,
+}
+
+/// What did not make it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct DropSummary {
+    /// Messages that could not be read.
+    pub unreadable: u64,
+    /// Patches that could be read, but made no sense: of a person or camera that is not there.
+    pub unusable: u64,
+    /// Patch messages that came after their tick was closed.
+    pub late: u64,
+    /// Messages whose number was missing among those of their tick.
+    pub missing: u64,
+}
+
+/// What a clock measured.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct TimingSummary {
+    /// From the first tick to the last, seconds.
+    pub elapsed_s: f64,
+    /// Finished ticks per second.
+    pub ticks_per_s: f64,
+    /// Per stage of a tick: how long it took.
+    pub stages: BTreeMap<String, StageTiming>,
+    /// Per viewpoint: bytes on the wire with protocol overhead, where they can be measured.
+    pub link_bytes_on_wire: BTreeMap<String, u64>,
+}
+
+/// How long one stage took, microseconds per tick.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct StageTiming {
+    /// Median.
+    pub p50_us: f64,
+    /// 99th percentile.
+    pub p99_us: f64,
+    /// Longest.
+    pub max_us: f64,
+}
+
+impl Summary {
+    /// The file's text.
+    #[expect(clippy::missing_panics_doc, reason = "see the message")]
+    pub fn to_json(&self) -> String {
+        let mut text = serde_json::to_string_pretty(self)
+            .expect("a map with string keys and numbers always serialises");
+        text.push('\n');
+        text
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_clocks_measure_stays_in_timing() {
+        let slow = TimingSummary {
+            elapsed_s: 9.0,
+            ..TimingSummary::default()
+        };
+        let summary = Summary {
+            timing: slow,
+            ..Summary::default()
+        };
+        let mut a: serde_json::Value = serde_json::from_str(&summary.to_json()).unwrap();
+        let mut b = serde_json::to_value(Summary::default()).unwrap();
+        assert_ne!(a, b);
+        for value in [&mut a, &mut b] {
+            value.as_object_mut().unwrap().remove("timing");
+        }
+        assert_eq!(a, b);
+    }
+}

@@ -1,0 +1,29 @@
+//! Inverse kinematics: the pose whose joints lie nearest to targets, paper (10)-(12) and (14)-(15).
+//!
+//! ```text
+//!   argmin_q  ½ Σₜ wₜ |pₜ(q) - yₜ|² + ½ Σᵢ vᵢ³ (qᵢ - restᵢ)²/σᵢ² + ½ Σᵢ vᵢ² (qᵢ - lastᵢ)²/ςᵢ²     lo <= q <= hi
+//! ```
+//!
+//! (For a target that is known across a ray dₜ only, pₜ - yₜ is freed of its part along dₜ.)
+//!
+//! Damped Gauss-Newton (Levenberg-Marquardt) with the analytic Jacobian. The normal equations keep
+//! the sparsity of the tree (`normal.rs`): a target only meets the DoF it hangs from. Bounds are an
+//! active set and hold exactly.
+//!
+//! The weight vᵢ is why the priors do not bias what the targets determine. With Σᵢ the variance that
+//! the targets alone leave to DoF i (each DoF being even over its clinical range before), and τᵢ the
+//! deviation at which it counts as unknown, vᵢ = Σᵢ / (Σᵢ + τᵢ²): near 0 where the targets know, near
+//! 1 where they do not. The rest pose has one power more, so that it gives way first: it errs in every
+//! tick alike and its pull would stay, while the pull to the last pose is gone once a person is still.
+//! The same test, Σᵢ > τᵢ² after the solve, flags a reported angle as unobserved.
+
+mod normal;
+mod observability;
+mod priors;
+mod solver;
+
+pub use priors::Priors;
+pub use solver::{IkSolver, Solution, Target};
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,21 @@
+//! Patches in, skeletons and boxes out: what runs in the fusion node.
+//!
+//! The core is pure: values in, values out, no clock, no socket, no lock. It never sees an image.
+//! `node` owns Zenoh, time and threads; [`export`] turns poses into files that others read.
+
+pub mod align;
+pub mod boxes;
+pub mod evidence;
+pub mod export;
+pub mod ik;
+pub mod lattice;
+#[cfg(feature = "node")]
+pub mod node;
+pub mod occlusion;
+pub mod person;
+pub mod pipeline;
+pub mod predict;
+pub mod score;
+pub mod skeleton;
+pub mod smooth;
+pub mod triangulate;

@@ -1,0 +1,122 @@
+//! Fusion's link against a real Zenoh client on the loopback.
+
+use std::path::Path;
+use std::time::Duration;
+
+use farfield_proto::calibration::Calibration;
+use farfield_proto::id::{SessionId, ViewpointIndex};
+use farfield_proto::message::PatchSet;
+use farfield_proto::tick::Tick;
+use farfield_proto::venue::Venue;
+use farfield_proto::wire;
+use tokio::time::timeout;
+use tokio_util::sync::CancellationToken;
+use tokio_util::task::TaskTracker;
+
+use super::{Ends, Heard, Link, Presence, Said};
+
+/// Far above what a loaded machine takes; a test that waits as long has failed.
+const PATIENCE: Duration = Duration::from_secs(20);
+
+fn venue() -> Venue {
+    let calibration = "[c]\nname = \"c\"\nsize = [640, 480]\nmatrix = [[500.0, 0.0, 320.0], [0.0, 500.0, 240.0], [0.0, 0.0, 1.0]]\n\
+                       distortions = [0.0, 0.0, 0.0, 0.0, 0.0]\nrotation = [1.5707963, 0.0, 0.0]\ntranslation = [0.0, 1.0, 5.0]\n";
+    let text = "name = \"link-test\"\nrate_hz = 30.0\ncalibration = \"c.toml\"\n[[viewpoint]]\nname = \"a\"\n[[viewpoint.camera]]\n\
+                name = \"c\"\nsource = { kind = \"keypoints\", path = \"c.jsonl\" }\n";
+    let calibration = Calibration::parse(calibration, Path::new("c.toml")).unwrap();
+    Venue::parse(text, Path::new("venue.toml"), calibration).unwrap()
+}
+
+async fn next(ends: &mut Ends) -> Heard {
+    timeout(PATIENCE, ends.heard.recv())
+        .await
+        .expect("fusion hears nothing")
+        .expect("the subscriptions have ended")
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn an_edge_is_heard_answered_and_missed() {
+    let link = Link::open(&venue(), &["tcp/127.0.0.1:0".to_owned()])
+        .await
+        .unwrap();
+    let endpoint = link.locators().await[0].clone();
+    let (tasks, leave) = (TaskTracker::new(), CancellationToken::new());
+    let mut ends = link.spawn(&tasks, &leave);
+
+    let mut config = zenoh::Config::default();
+    for (key, value) in [
+        ("mode", "\"client\"".to_owned()),
+        ("scouting/multicast/enabled", "false".to_owned()),
+        ("connect/endpoints", format!("[\"{endpoint}\"]")),
+    ] {
+        config.insert_json5(key, &value).unwrap();
+    }
+    let edge = zenoh::open(config).await.unwrap();
+    let token = edge
+        .liveliness()
+        .declare_token("link-test/alive/a")
+        .await
+        .unwrap();
+    let boxes = edge.declare_subscriber("link-test/box/a").await.unwrap();
+    loop {
+        // Fusion hears its own token, too.
+        if matches!(next(&mut ends).await, Heard::Alive(node, Presence::There) if node == "a") {
+            break;
+        }
+    }
+
+    let set = PatchSet {
+        session: SessionId(1 << 63),
+        tick: Tick(4),
+        viewpoint: ViewpointIndex(0),
+        part: 0,
+        parts: 1,
+        sighting_parts: 0,
+        persons: Vec::new(),
+    };
+    let bytes = wire::encode(&set);
+    edge.put("link-test/patch/a", bytes.clone()).await.unwrap();
+    match next(&mut ends).await {
+        Heard::Patches(heard, n) => assert_eq!((heard, n), (set, bytes.len() as u64)),
+        other => panic!("{other:?}"),
+    }
+    edge.put("link-test/patch/a", vec![0xff; 40]).await.unwrap();
+    match next(&mut ends).await {
+        Heard::Unreadable(key) => assert_eq!(key, "link-test/patch/a"),
+        other => panic!("{other:?}"),
+    }
+
+    while !*ends.matched.borrow() {
+        ends.say.send(Said::Status(Vec::new())).await.unwrap();
+        timeout(PATIENCE, ends.matched.changed())
+            .await
+            .expect("the boxes have no listener")
+            .unwrap();
+    }
+    ends.say.send(Said::Boxes(0, vec![1, 2, 3])).await.unwrap();
+    let sample = timeout(PATIENCE, boxes.recv_async())
+        .await
+        .expect("the boxes do not come")
+        .unwrap();
+    assert_eq!(*sample.payload().to_bytes(), [1, 2, 3]);
+
+    drop(token);
+    edge.close().await.unwrap();
+    loop {
+        if matches!(next(&mut ends).await, Heard::Alive(node, Presence::Gone) if node == "a") {
+            break;
+        }
+    }
+    timeout(PATIENCE, ends.close(&tasks, &leave))
+        .await
+        .expect("the tasks do not end");
+}
+
+#[test]
+fn zenohs_words_are_shown_without_places_in_its_source() {
+    let said = "Can not create a new TCP listener at [::]:1: [tcp: Address in use (os error 98) at /r/src/a-1/unicast.rs:367.] at /r/src/b-2/tcp.rs:12. - Caused by x";
+    assert_eq!(
+        super::without_places(said),
+        "Can not create a new TCP listener at [::]:1: [tcp: Address in use (os error 98)] - Caused by x"
+    );
+}

@@ -1,0 +1,380 @@
+//! Who is ready, and whether all nodes hold the same files. Sans-I/O: statuses in, an answer out.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::ops::Range;
+
+use farfield_proto::message::Status;
+use farfield_proto::tick::Tick;
+use farfield_proto::venue::Venue;
+
+/// Why a run cannot begin.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub(super) enum RollCallError {
+    /// An edge has read another file than fusion.
+    #[error(
+        "viewpoint {viewpoint} holds another {what} than fusion: its fingerprint there is {theirs}, here {ours}; copy the same file to both"
+    )]
+    OtherFile {
+        viewpoint: String,
+        what: &'static str,
+        theirs: String,
+        ours: String,
+    },
+    /// Two edges run different networks, whose maps do not compare.
+    #[error(
+        "viewpoints {first} and {second} run different networks: {first_hash} and {second_hash}"
+    )]
+    OtherNetwork {
+        first: String,
+        first_hash: String,
+        second: String,
+        second_hash: String,
+    },
+    /// Two edges have the same name, and both are there.
+    #[error("two nodes call themselves {0}")]
+    TwoOfAName(String),
+    /// A node of this name is not in the venue.
+    #[error("a node named {0} is not a viewpoint of the venue")]
+    UnknownNode(String),
+    /// The sources do not hold the ticks that are asked for.
+    #[error(
+        "viewpoint {viewpoint} holds ticks {from}..{to}, but {asked_from}..{asked_to} are asked for"
+    )]
+    TicksOutside {
+        viewpoint: String,
+        from: Tick,
+        to: Tick,
+        asked_from: Tick,
+        asked_to: Tick,
+    },
+    /// Sources of different lengths, and nobody said which ticks to take.
+    #[error(
+        "viewpoint {first} holds ticks {first_from}..{first_to}, viewpoint {second} {second_from}..{second_to}; say --ticks A..B inside both"
+    )]
+    OtherTicks {
+        first: String,
+        first_from: Tick,
+        first_to: Tick,
+        second: String,
+        second_from: Tick,
+        second_to: Tick,
+    },
+    /// All sources are live.
+    #[error("no viewpoint has a recorded source, so lock-step needs --ticks A..B")]
+    NoTicks,
+}
+
+/// Gathers a ready status of every viewpoint.
+#[derive(Debug)]
+pub(super) struct RollCall {
+    venue_hash: String,
+    calibration_hash: String,
+    asked: Option<Range<Tick>>,
+    nodes: BTreeMap<String, Option<Status>>,
+    speakers: BTreeMap<String, Speakers>,
+}
+
+/// The processes that have called themselves by one name. An edge may start again before the old
+/// one's leave has come through; one that speaks after its follower has never left.
+#[derive(Debug)]
+struct Speakers {
+    current: u64,
+    former: BTreeSet<u64>,
+}
+
+/// Whether a word can be relied on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Voice {
+    Known,
+    /// The first word of a process that follows another. Were both there, the other would speak before
+    /// the next one.
+    Follower,
+}
+
+impl RollCall {
+    /// For the viewpoints of `venue`, and the ticks that were asked for, if any.
+    pub(super) fn new(venue: &Venue, asked: Option<Range<Tick>>) -> Self {
+        let nodes = venue
+            .viewpoints
+            .iter()
+            .map(|v| (v.name.clone(), None))
+            .collect();
+        Self {
+            venue_hash: venue.hashes.venue.clone(),
+            calibration_hash: venue.hashes.calibration.clone(),
+            asked,
+            nodes,
+            speakers: BTreeMap::new(),
+        }
+    }
+
+    /// Takes a node's word. A node that is not ready is noted once it is.
+    pub(super) fn hear(&mut self, status: &Status) -> Result<(), RollCallError> {
+        let viewpoint = status.node.clone();
+        if !self.nodes.contains_key(&viewpoint) {
+            return Err(RollCallError::UnknownNode(viewpoint));
+        }
+        let files = [
+            ("venue file", &status.venue_hash, &self.venue_hash),
+            (
+                "calibration",
+                &status.calibration_hash,
+                &self.calibration_hash,
+            ),
+        ];
+        for (what, theirs, ours) in files {
+            if theirs != ours {
+                return Err(RollCallError::OtherFile {
+                    viewpoint,
+                    what,
+                    theirs: theirs.clone(),
+                    ours: ours.clone(),
+                });
+            }
+        }
+        self.check_network(status)?;
+        self.check_ticks(status)?;
+        let counts = self.voice(status)? == Voice::Known && status.ready;
+        if counts || self.is_noted_of_another(status) {
+            self.nodes.insert(viewpoint, counts.then(|| status.clone()));
+        }
+        Ok(())
+    }
+
+    /// A node has left before the start.
+    pub(super) fn forget(&mut self, node: &str) {
+        if let Some(status) = self.nodes.get_mut(node) {
+            *status = None;
+        }
+    }
+
+    /// The viewpoints that are not ready yet.
+    pub(super) fn missing(&self) -> Vec<&str> {
+        self.nodes
+            .iter()
+            .filter(|(_, status)| status.is_none())
+            .map(|(name, _)| name.as_str())
+            .collect()
+    }
+
+    /// What the nodes said, by viewpoint, of those that are ready.
+    pub(super) fn ready(&self) -> impl Iterator<Item = &Status> {
+        self.nodes.values().flatten()
+    }
+
+    /// The ticks of the run; `None` while someone is missing.
+    pub(super) fn ticks(&self) -> Result<Option<Range<Tick>>, RollCallError> {
+        if !self.missing().is_empty() {
+            return Ok(None);
+        }
+        if let Some(asked) = &self.asked {
+            return Ok(Some(asked.clone()));
+        }
+        let mut recorded = self
+            .ready()
+            .filter_map(|s| s.ticks.map(|ticks| (&s.node, ticks)));
+        let (first, [from, to]) = recorded.next().ok_or(RollCallError::NoTicks)?;
+        if let Some((second, [second_from, second_to])) =
+            recorded.find(|(_, ticks)| *ticks != [from, to])
+        {
+            let (first, second) = (first.clone(), second.clone());
+            return Err(RollCallError::OtherTicks {
+                first,
+                first_from: from,
+                first_to: to,
+                second,
+                second_from,
+                second_to,
+            });
+        }
+        Ok(Some(from..to))
+    }
+
+    fn voice(&mut self, status: &Status) -> Result<Voice, RollCallError> {
+        let speakers = self
+            .speakers
+            .entry(status.node.clone())
+            .or_insert_with(|| Speakers {
+                current: status.process,
+                former: BTreeSet::new(),
+            });
+        if speakers.current == status.process {
+            return Ok(Voice::Known);
+        }
+        if speakers.former.contains(&status.process) {
+            return Err(RollCallError::TwoOfAName(status.node.clone()));
+        }
+        speakers.former.insert(speakers.current);
+        speakers.current = status.process;
+        Ok(Voice::Follower)
+    }
+
+    fn is_noted_of_another(&self, status: &Status) -> bool {
+        let noted = self.nodes.get(&status.node).and_then(Option::as_ref);
+        noted.is_some_and(|noted| noted.process != status.process)
+    }
+
+    fn check_network(&self, status: &Status) -> Result<(), RollCallError> {
+        let other = self.ready().find(|s| {
+            // A viewpoint of keypoint files runs no network, and fits any.
+            s.node != status.node
+                && !s.network_hash.is_empty()
+                && !status.network_hash.is_empty()
+                && s.network_hash != status.network_hash
+        });
+        other.map_or(Ok(()), |other| {
+            Err(RollCallError::OtherNetwork {
+                first: other.node.clone(),
+                first_hash: other.network_hash.clone(),
+                second: status.node.clone(),
+                second_hash: status.network_hash.clone(),
+            })
+        })
+    }
+
+    fn check_ticks(&self, status: &Status) -> Result<(), RollCallError> {
+        let (Some(asked), Some([from, to])) = (&self.asked, status.ticks) else {
+            return Ok(());
+        };
+        if asked.start >= from && asked.end <= to {
+            return Ok(());
+        }
+        let viewpoint = status.node.clone();
+        Err(RollCallError::TicksOutside {
+            viewpoint,
+            from,
+            to,
+            asked_from: asked.start,
+            asked_to: asked.end,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn roll_call(asked: Option<Range<Tick>>) -> RollCall {
+        let nodes = [("a".to_owned(), None), ("b".to_owned(), None)].into();
+        RollCall {
+            venue_hash: "v1".to_owned(),
+            calibration_hash: "c1".to_owned(),
+            asked,
+            nodes,
+            speakers: BTreeMap::new(),
+        }
+    }
+
+    fn status(node: &str) -> Status {
+        Status {
+            node: node.to_owned(),
+            process: 1,
+            viewpoint: None,
+            ready: true,
+            venue_hash: "v1".to_owned(),
+            calibration_hash: "c1".to_owned(),
+            network_hash: "n1".to_owned(),
+            backend: "tract".to_owned(),
+            ticks: Some([Tick(0), Tick(100)]),
+            tick: None,
+            unreadable: 0,
+            failure: None,
+            stages: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn the_run_begins_when_every_viewpoint_is_ready() {
+        let mut roll_call = roll_call(None);
+        roll_call.hear(&status("a")).unwrap();
+        assert_eq!(roll_call.ticks(), Ok(None));
+        roll_call
+            .hear(&Status {
+                ready: false,
+                ..status("b")
+            })
+            .unwrap();
+        assert_eq!(roll_call.missing(), ["b"]);
+        roll_call.hear(&status("b")).unwrap();
+        assert_eq!(roll_call.ticks(), Ok(Some(Tick(0)..Tick(100))));
+        roll_call.forget("a");
+        assert_eq!(roll_call.missing(), ["a"]);
+    }
+
+    #[test]
+    fn two_edges_of_one_name_are_refused_but_one_may_start_again() {
+        let mut roll_call = roll_call(None);
+        let second = Status {
+            process: 2,
+            ..status("a")
+        };
+        roll_call.hear(&status("a")).unwrap();
+        roll_call.hear(&status("b")).unwrap();
+        roll_call.hear(&second).unwrap();
+        assert_eq!(roll_call.missing(), ["a"], "the first may still be there");
+        roll_call.hear(&second).unwrap();
+        assert!(roll_call.missing().is_empty());
+        assert_eq!(
+            roll_call.hear(&status("a")).unwrap_err().to_string(),
+            "two nodes call themselves a"
+        );
+    }
+
+    #[test]
+    fn another_calibration_is_refused_by_viewpoint_and_file() {
+        let error = roll_call(None)
+            .hear(&Status {
+                calibration_hash: "c2".to_owned(),
+                ..status("b")
+            })
+            .unwrap_err();
+        let text = error.to_string();
+        assert!(
+            text.contains("viewpoint b")
+                && text.contains("calibration")
+                && text.contains("c2")
+                && text.contains("c1"),
+            "{text}"
+        );
+    }
+
+    #[test]
+    fn different_networks_are_refused_but_keypoint_files_fit_any() {
+        let mut roll_call = roll_call(None);
+        roll_call
+            .hear(&Status {
+                network_hash: String::new(),
+                ..status("a")
+            })
+            .unwrap();
+        roll_call.hear(&status("b")).unwrap();
+        let error = roll_call
+            .hear(&Status {
+                network_hash: "n2".to_owned(),
+                ..status("a")
+            })
+            .unwrap_err();
+        assert!(matches!(error, RollCallError::OtherNetwork { .. }));
+    }
+
+    #[test]
+    fn sources_of_different_lengths_need_ticks_inside_all() {
+        let shorter = Status {
+            ticks: Some([Tick(0), Tick(90)]),
+            ..status("b")
+        };
+        let mut open = roll_call(None);
+        open.hear(&status("a")).unwrap();
+        open.hear(&shorter).unwrap();
+        assert!(matches!(
+            open.ticks(),
+            Err(RollCallError::OtherTicks { .. })
+        ));
+        let mut asked = roll_call(Some(Tick(10)..Tick(60)));
+        asked.hear(&status("a")).unwrap();
+        asked.hear(&shorter).unwrap();
+        assert_eq!(asked.ticks(), Ok(Some(Tick(10)..Tick(60))));
+        let mut outside = roll_call(Some(Tick(10)..Tick(95)));
+        assert!(outside.hear(&shorter).is_err());
+    }
+}

@@ -1,0 +1,117 @@
+//! What a run says of itself at its end, for `summary.json`.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::time::Duration;
+
+use anyhow::Context as _;
+use farfield_proto::message::{StageTime, Status};
+use farfield_proto::tick::Tick;
+
+use super::config::Config;
+use super::lockstep::LockStep;
+use super::process::Ending;
+use super::start::Start;
+use crate::export::pose_files::Presence;
+use crate::export::summary::{DropSummary, StageTiming, Summary, TickSpan, TimingSummary};
+use crate::export::unfinished::write_whole;
+
+/// What is known when a run is over.
+pub(super) struct Facts<'a> {
+    pub(super) start: &'a Start,
+    pub(super) run: &'a LockStep<'a>,
+    /// How it ended; `None` when it failed.
+    pub(super) ending: Option<Ending>,
+    pub(super) people: Vec<Presence>,
+    /// The last tick that went through the core.
+    pub(super) last: Option<Tick>,
+    /// Times of fusion's own stages.
+    pub(super) stages: Vec<StageTime>,
+    /// The last statuses of the edges, with their times.
+    pub(super) last_words: &'a [Status],
+    pub(super) elapsed: Duration,
+}
+
+/// Puts the facts together; nothing outside `timing` depends on a clock or another process.
+pub(super) fn summarize(config: &Config, facts: &Facts<'_>) -> Summary {
+    let Facts { start, run, .. } = facts;
+    let done = facts
+        .last
+        .map_or(0, |last| last + 1 - start.ticks.start)
+        .unsigned_abs();
+    let by_edge = |text: fn(&Status) -> &String| -> BTreeMap<String, String> {
+        start
+            .edges
+            .iter()
+            .filter(|edge| !text(edge).is_empty())
+            .map(|edge| (edge.node.clone(), text(edge).clone()))
+            .collect()
+    };
+    let elapsed_s = facts.elapsed.as_secs_f64();
+    Summary {
+        venue: config.venue.name.clone(),
+        venue_hash: config.venue.hashes.venue.clone(),
+        calibration_hash: config.venue.hashes.calibration.clone(),
+        rate_hz: config.venue.rate_hz,
+        complete: facts.ending == Some(Ending::Done),
+        ticks: TickSpan {
+            first: start.ticks.start,
+            end: start.ticks.end,
+            done,
+        },
+        people: facts.people.iter().copied().map(Into::into).collect(),
+        links: run.tally.links(),
+        drops: DropSummary {
+            unreadable: facts
+                .last_words
+                .iter()
+                .map(|status| status.unreadable)
+                .sum(),
+            unusable: run.tally.unusable,
+            late: run.tally.refused,
+            missing: 0,
+        },
+        backends: by_edge(|status| &status.backend),
+        models: by_edge(|status| &status.network_hash),
+        versions: [
+            ("farfield".to_owned(), env!("CARGO_PKG_VERSION").to_owned()),
+            ("wire".to_owned(), farfield_proto::wire::VERSION.to_string()),
+        ]
+        .into(),
+        timing: TimingSummary {
+            elapsed_s,
+            ticks_per_s: done as f64 / elapsed_s.max(1e-9),
+            stages: stages(&facts.stages, facts.last_words),
+            link_bytes_on_wire: BTreeMap::new(),
+        },
+    }
+}
+
+/// `fusion/step`, `<viewpoint>/read` and so on.
+fn stages(fusion: &[StageTime], last_words: &[Status]) -> BTreeMap<String, StageTiming> {
+    let of_edges = last_words.iter().flat_map(|status| {
+        status
+            .stages
+            .iter()
+            .map(|stage| (status.node.as_str(), stage))
+    });
+    let all = fusion
+        .iter()
+        .map(|stage| (super::link::NODE, stage))
+        .chain(of_edges);
+    let timing = |stage: &StageTime| StageTiming {
+        p50_us: f64::from(stage.p50_us),
+        p99_us: f64::from(stage.p99_us),
+        max_us: f64::from(stage.max_us),
+    };
+    all.map(|(node, stage)| (format!("{node}/{}", stage.stage), timing(stage)))
+        .collect()
+}
+
+/// Writes `summary.json` into `folder`.
+pub(super) fn write(folder: &Path, summary: &Summary) -> anyhow::Result<()> {
+    let path = folder.join("summary.json");
+    let text = summary.to_json();
+    write_whole(path.clone(), text.as_bytes())
+        .with_context(|| format!("writing {}", path.display()))
+}

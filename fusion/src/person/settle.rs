@@ -1,0 +1,76 @@
+//! A tentative person is confirmed: its lengths are estimated from all its ticks, and the ticks are
+//! solved again with them, so that the lengths are the same from the first published pose to the last.
+
+use farfield_proto::message::{PersonPose, PersonState};
+use farfield_proto::tick::Tick;
+
+use super::fit::fit;
+use super::observed::ObservedJoints;
+use super::track::{Method, TentativeTick, Track};
+use crate::lattice::KeypointEstimate;
+
+impl Track {
+    /// Settles the body and returns the poses of the tentative ticks, in order.
+    pub(super) fn settle(&mut self, method: &Method) -> Vec<(Tick, PersonPose)> {
+        let ticks = std::mem::take(&mut self.tentative);
+        // The fit poses the last of its ticks: backwards, that is the first sighting.
+        let backwards: Vec<ObservedJoints> = ticks
+            .iter()
+            .rev()
+            .map(|t| observed(&t.estimates, method))
+            .collect();
+        let body = fit(
+            &backwards,
+            &method.parameters.ik,
+            method.range_of_motion.as_ref(),
+        );
+        // Without a fit its first body stays: that fitted the first sighting.
+        let (skeleton, pose) = body.map_or_else(
+            |_| (self.skeleton.clone(), self.pose),
+            |body| (body.skeleton, body.pose),
+        );
+        self.restart(skeleton, &pose);
+        ticks
+            .iter()
+            .enumerate()
+            .map(|(index, tick)| self.replay(index, tick, method))
+            .collect()
+    }
+
+    fn replay(
+        &mut self,
+        index: usize,
+        tick: &TentativeTick,
+        method: &Method,
+    ) -> (Tick, PersonPose) {
+        self.estimates.clone_from(&tick.estimates);
+        // At the first sighting the pose is the fit itself: there is nothing to smooth with.
+        self.begin(method);
+        self.fit_keypoints(method);
+        if index > 0 {
+            self.smooth(method);
+        }
+        self.fit_joints(method);
+        (
+            tick.tick,
+            PersonPose {
+                state: PersonState::Tentative,
+                ..self.published(method)
+            },
+        )
+    }
+}
+
+/// The keypoints with evidence from two viewpoints.
+fn observed(estimates: &[KeypointEstimate], method: &Method) -> ObservedJoints {
+    let mut observed = ObservedJoints::default();
+    for (estimate, site) in estimates.iter().zip(&method.sites) {
+        if let Some(site) = site
+            && estimate.views >= 2
+            && observed.point(site.joint).is_none()
+        {
+            observed.set_site(site, estimate.position_m, estimate.weight);
+        }
+    }
+    observed
+}

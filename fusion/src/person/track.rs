@@ -1,0 +1,410 @@
+//! One person from tick to tick: from the patches of all views to the skeleton of the tick and the
+//! prediction for the next.
+//!
+//! The stages of a tick are methods of their own, because persons meet between some of them (the
+//! occlusion weights need everybody's prediction) and because each is timed. A track owns every
+//! buffer it needs: in steady state a tick allocates nothing but the messages it makes (boxes, poses).
+
+use farfield_proto::camera::CameraModel;
+use farfield_proto::id::{CameraIndex, PersonId, ViewpointIndex};
+use farfield_proto::keypoints::KeypointSet;
+use farfield_proto::message::{PersonBoxes, PersonPatch, PersonPose};
+use farfield_proto::patch::Decoder;
+use farfield_proto::tick::Tick;
+use farfield_proto::venue::Parameters;
+use nalgebra::Vector3;
+
+use crate::align::TickGroup;
+use crate::boxes::{BoxShape, Boxes};
+use crate::evidence::View;
+use crate::ik::{IkSolver, Priors, Target};
+use crate::lattice::{KeypointEstimate, LatticeSearch};
+use crate::occlusion::{Body, view_weight};
+use crate::predict::{Joints, Motion};
+use crate::skeleton::{
+    Joint, Kinematics, N_JOINTS, Pose, RangeOfMotion, Site, Skeleton, reported_angles,
+};
+use crate::smooth::Smoother;
+
+use super::life::{Evidence, Life};
+
+/// What all tracks of a venue share.
+#[derive(Debug, Clone)]
+pub struct Method {
+    /// The tunable parts.
+    pub parameters: Parameters,
+    /// Time from tick to tick, seconds.
+    pub dt_s: f64,
+    /// The keypoints of the network.
+    pub keypoints: KeypointSet,
+    /// Per keypoint: where it sits on the model, if anywhere.
+    pub sites: Vec<Option<Site>>,
+    /// The bounds of the second IK, when they are enabled.
+    pub range_of_motion: Option<RangeOfMotion>,
+    /// How large boxes are and when they turn.
+    pub box_shape: BoxShape,
+}
+
+/// The keypoint positions of one tick of a tentative person, kept until it is confirmed.
+#[derive(Debug, Clone)]
+pub(super) struct TentativeTick {
+    pub(super) tick: Tick,
+    pub(super) estimates: Vec<KeypointEstimate>,
+}
+
+/// A camera of the venue, as tracks need it; in the order of [`CameraIndex`].
+#[derive(Debug, Clone)]
+pub struct VenueView {
+    /// Whose camera it is.
+    pub viewpoint: ViewpointIndex,
+    /// Its calibration.
+    pub model: CameraModel,
+}
+
+/// One person.
+pub struct Track {
+    id: PersonId,
+    pub(super) life: Life,
+    pub(super) skeleton: Skeleton,
+    /// Q of (14).
+    pub(super) pose: Pose,
+    unobserved: u64,
+    motion: Motion,
+    smoother: Smoother,
+    /// Joints predicted for the tick being worked on.
+    ahead_m: Joints,
+    views: Vec<View>,
+    n_views: usize,
+    pub(super) estimates: Vec<KeypointEstimate>,
+    targets: Vec<Target>,
+    kinematics: Kinematics,
+    measured_m: Joints,
+    /// Predicted keypoints at the tick.
+    predicted_m: Vec<Vector3<f64>>,
+    search: LatticeSearch,
+    solver: IkSolver,
+    decoder: Decoder,
+    boxes: Boxes,
+    pub(super) tentative: Vec<TentativeTick>,
+}
+
+impl Track {
+    /// A person with the body `skeleton` in `pose`.
+    pub fn new(id: PersonId, life: Life, skeleton: Skeleton, pose: Pose, method: &Method) -> Self {
+        let mut kinematics = Kinematics::default();
+        skeleton.forward(&pose, &mut kinematics);
+        let joints_m = joints_of(&kinematics);
+        let n_keypoints = method.sites.len();
+        Self {
+            id,
+            life,
+            skeleton,
+            pose,
+            unobserved: 0,
+            motion: Motion::at_rest(joints_m),
+            smoother: Smoother::new(&joints_m),
+            ahead_m: joints_m,
+            views: Vec::new(),
+            n_views: 0,
+            estimates: Vec::with_capacity(n_keypoints),
+            targets: Vec::with_capacity((2 * n_keypoints).max(N_JOINTS)),
+            kinematics,
+            measured_m: joints_m,
+            predicted_m: Vec::with_capacity(n_keypoints),
+            search: LatticeSearch::new(&method.keypoints),
+            solver: IkSolver::new(&method.parameters.ik),
+            decoder: Decoder::new(),
+            boxes: Boxes::default(),
+            tentative: Vec::new(),
+        }
+    }
+
+    /// Who.
+    pub fn id(&self) -> PersonId {
+        self.id
+    }
+
+    /// The joints of the newest pose, world, metres.
+    pub fn joints_m(&self) -> &Joints {
+        self.motion.newest_m()
+    }
+
+    /// Positions, velocities and history that predictions start from.
+    pub fn motion(&self) -> &Motion {
+        &self.motion
+    }
+
+    /// The keypoint sites of the newest pose, world, metres; the pelvis for a keypoint without a site.
+    pub fn keypoints_m(&self, method: &Method) -> Vec<Vector3<f64>> {
+        let site_m = |site: &Option<Site>| {
+            site.map_or(self.pose.root_m, |site| self.kinematics.site_m(&site))
+        };
+        method.sites.iter().map(site_m).collect()
+    }
+
+    /// How many viewpoints gave evidence at this tick.
+    pub fn n_views(&self) -> u16 {
+        self.estimates.iter().map(|e| e.views).max().unwrap_or(0)
+    }
+
+    /// Begins a tick: predicts the joints and forgets the last tick's views.
+    pub fn begin(&mut self, method: &Method) {
+        self.motion.predict(
+            1.0,
+            method.dt_s,
+            &method.parameters.prediction,
+            &mut self.ahead_m,
+        );
+        self.n_views = 0;
+    }
+
+    /// The body as others are occluded by it at this tick.
+    pub fn body(&self, method: &Method) -> Body {
+        Body::from_joints(&self.ahead_m, &method.parameters.occlusion)
+    }
+
+    /// Takes the patch of one viewpoint; returns whether it was taken. A patch that cannot be read,
+    /// whose maps do not fit the venue's keypoints, or that is the viewpoint's second is dropped.
+    pub fn see(
+        &mut self,
+        patch: &PersonPatch,
+        viewpoint: ViewpointIndex,
+        camera: &CameraModel,
+        method: &Method,
+    ) -> bool {
+        let seen = &self.views[..self.n_views];
+        let is_second = seen.iter().any(|view| view.viewpoint == viewpoint);
+        if is_second || usize::from(patch.maps.keypoints) != method.sites.len() {
+            return false;
+        }
+        if self.views.len() == self.n_views {
+            self.views.push(View::default());
+        }
+        let view = &mut self.views[self.n_views];
+        let taken = view
+            .fill(&mut self.decoder, patch, viewpoint, camera)
+            .is_ok();
+        self.n_views += usize::from(taken);
+        taken
+    }
+
+    /// Takes every patch of this person that `group` holds; returns how many could not be used.
+    pub fn see_all(&mut self, group: &TickGroup, cameras: &[VenueView], method: &Method) -> u32 {
+        let (id, mut unusable) = (self.id, 0);
+        for set in &group.patch_sets {
+            for patch in set.persons.iter().filter(|patch| patch.person == id) {
+                let camera = cameras.get(usize::from(patch.camera.0));
+                let own = camera.filter(|camera| camera.viewpoint == set.viewpoint);
+                let taken =
+                    own.is_some_and(|own| self.see(patch, set.viewpoint, &own.model, method));
+                unusable += u32::from(!taken);
+            }
+        }
+        unusable
+    }
+
+    /// Says where each view's keypoints are expected at its own capture instant, and what they are
+    /// worth behind the bodies of `others`.
+    pub fn place_views<'a>(
+        &mut self,
+        others: &(impl Iterator<Item = &'a Body> + Clone),
+        method: &Method,
+    ) {
+        let mut at_capture_m = self.ahead_m;
+        for view in &mut self.views[..self.n_views] {
+            let horizon = 1.0 + view.capture_offset_s / method.dt_s;
+            self.motion.predict(
+                horizon,
+                method.dt_s,
+                &method.parameters.prediction,
+                &mut at_capture_m,
+            );
+            for (k, site) in method.sites.iter().enumerate() {
+                let Some(site) = site else { continue };
+                let expected_m = site_near(&self.kinematics, site, &at_capture_m);
+                view.predicted_m[k] = expected_m;
+                view.occlusion[k] = view_weight(
+                    view.center_m(),
+                    expected_m,
+                    others.clone(),
+                    &method.parameters.occlusion,
+                );
+            }
+        }
+        self.predicted_m.clear();
+        let predicted = |site: &Option<Site>| {
+            site.map_or_else(Vector3::zeros, |site| {
+                site_near(&self.kinematics, &site, &self.ahead_m)
+            })
+        };
+        self.predicted_m.extend(method.sites.iter().map(predicted));
+    }
+
+    /// Finds the most probable keypoint positions, paper (6)-(9).
+    pub fn search(&mut self, method: &Method) {
+        let views = &self.views[..self.n_views];
+        self.search.search(
+            views,
+            &self.predicted_m,
+            &method.parameters.lattice,
+            &mut self.estimates,
+        );
+    }
+
+    /// First inverse kinematics, paper (10)-(12): the joints that fit the keypoints, without range of motion.
+    pub fn fit_keypoints(&mut self, method: &Method) {
+        self.aim_at_keypoints(method);
+        let priors = Priors::new(&method.parameters.ik, &self.pose, method.dt_s);
+        let solution = self
+            .solver
+            .solve(&self.skeleton, &self.pose, &self.targets, &priors, None);
+        self.unobserved = solution.unobserved;
+        self.skeleton.forward(&solution.pose, &mut self.kinematics);
+        self.measured_m = joints_of(&self.kinematics);
+    }
+
+    /// Low-pass filter on the innovation, paper (13). Without evidence the person coasts.
+    pub fn smooth(&mut self, method: &Method) {
+        if self.evidence(method) == Evidence::Missing {
+            self.smoother
+                .coast(method.dt_s, &method.parameters.smoothing);
+        } else {
+            self.smoother
+                .step(&self.measured_m, method.dt_s, &method.parameters.smoothing);
+        }
+    }
+
+    /// Second inverse kinematics, paper (14)-(15): all 29 smoothed joints, inside the range of motion.
+    pub fn fit_joints(&mut self, method: &Method) {
+        let sigma_m = method.parameters.ik.joint_sigma_m;
+        let weight = 1.0 / (sigma_m * sigma_m);
+        self.targets.clear();
+        let smoothed = Joint::ALL.iter().zip(self.smoother.position_m());
+        self.targets
+            .extend(smoothed.map(|(&joint, &position_m)| Target {
+                joint,
+                offset_m: Vector3::zeros(),
+                position_m,
+                weight,
+                across: None,
+            }));
+        let priors = Priors::new(&method.parameters.ik, &self.pose, method.dt_s);
+        let solution = self.solver.solve(
+            &self.skeleton,
+            &self.pose,
+            &self.targets,
+            &priors,
+            method.range_of_motion.as_ref(),
+        );
+        self.pose = solution.pose;
+        self.skeleton.forward(&self.pose, &mut self.kinematics);
+        let joints_m = joints_of(&self.kinematics);
+        self.motion.push(&joints_m, self.smoother.velocity_m_s());
+    }
+
+    /// Whether this tick brought evidence from two viewpoints.
+    pub fn evidence(&self, method: &Method) -> Evidence {
+        let seen = self
+            .estimates
+            .iter()
+            .filter(|e| e.weight > 0.0 && e.views >= 2)
+            .count();
+        if seen >= method.parameters.births.min_seen_keypoints as usize {
+            Evidence::Seen
+        } else {
+            Evidence::Missing
+        }
+    }
+
+    /// Where the person will be in `cameras`, `horizon_ticks` after the newest pose, paper (2) and (4);
+    /// `None` when none of them will see it.
+    pub fn boxes(
+        &mut self,
+        cameras: &[(CameraIndex, &CameraModel)],
+        horizon_ticks: f64,
+        method: &Method,
+    ) -> Option<PersonBoxes> {
+        let (mut now_m, mut next_m) = (self.ahead_m, self.ahead_m);
+        let prediction = &method.parameters.prediction;
+        self.motion
+            .predict(horizon_ticks, method.dt_s, prediction, &mut now_m);
+        self.motion
+            .predict(horizon_ticks + 1.0, method.dt_s, prediction, &mut next_m);
+        let seen = cameras.iter().filter_map(|(index, model)| {
+            self.boxes
+                .camera_box(*index, model, (&now_m, &next_m), &method.box_shape)
+        });
+        let cameras: Vec<_> = seen.collect();
+        (!cameras.is_empty()).then_some(PersonBoxes {
+            person: self.id,
+            cameras,
+        })
+    }
+
+    /// The pose as it is published.
+    pub fn published(&self, method: &Method) -> PersonPose {
+        let to_f32 = |p: &Vector3<f64>| [p.x as f32, p.y as f32, p.z as f32];
+        PersonPose {
+            person: self.id,
+            state: self.life.published(),
+            joints_m: self.joints_m().iter().map(to_f32).collect(),
+            keypoints_m: self.keypoints_m(method).iter().map(to_f32).collect(),
+            angles: reported_angles(&self.pose)
+                .iter()
+                .map(|a| *a as f32)
+                .collect(),
+            unobserved: self.unobserved,
+            views: self.n_views(),
+        }
+    }
+
+    /// Starts over with another body and pose, at the same place in life.
+    pub(super) fn restart(&mut self, skeleton: Skeleton, pose: &Pose) {
+        self.skeleton = skeleton;
+        self.pose = *pose;
+        self.skeleton.forward(&self.pose, &mut self.kinematics);
+        let joints_m = joints_of(&self.kinematics);
+        self.motion = Motion::at_rest(joints_m);
+        self.smoother.reset(&joints_m);
+    }
+
+    fn aim_at_keypoints(&mut self, method: &Method) {
+        let ik = &method.parameters.ik;
+        let full = 1.0 / (ik.keypoint_sigma_m * ik.keypoint_sigma_m);
+        self.targets.clear();
+        for (estimate, site) in self.estimates.iter().zip(&method.sites) {
+            let Some(site) = site else { continue };
+            let weight = if estimate.weight > 0.0 {
+                estimate.weight.max(ik.min_weight)
+            } else {
+                ik.prediction_weight
+            };
+            let target = Target {
+                joint: site.joint,
+                offset_m: site.offset_m,
+                position_m: estimate.position_m,
+                weight: weight * full,
+                across: estimate.ray,
+            };
+            self.targets.push(target);
+            if estimate.ray.is_some() {
+                // Along the ray nothing was seen: there the prediction carries the limb on.
+                let weight = ik.prediction_weight * full;
+                self.targets.push(Target {
+                    weight,
+                    across: None,
+                    ..target
+                });
+            }
+        }
+    }
+}
+
+/// A site's place for predicted joints: the joint as predicted, the offset as it last was turned.
+fn site_near(kinematics: &Kinematics, site: &Site, joints_m: &Joints) -> Vector3<f64> {
+    joints_m[site.joint.index()] + kinematics.rotation(site.joint.link()) * site.offset_m
+}
+
+fn joints_of(kinematics: &Kinematics) -> Joints {
+    Joint::ALL.map(|joint| kinematics.joint_m(joint))
+}

@@ -1,0 +1,244 @@
+//! One step of fusion: the patches and sightings of a tick in, skeletons and the next boxes out.
+//!
+//! Pure: the same groups in the same order give the same bits. Persons are worked on in parallel,
+//! between barriers where they meet (the occlusion weights need everybody's prediction).
+
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicU32, Ordering};
+
+use farfield_proto::id::{CameraIndex, SessionId, ViewpointIndex};
+use farfield_proto::keypoints::KeypointSet;
+use farfield_proto::message::{BoxSet, Order, PoseSet};
+use farfield_proto::model_card::HeatmapCard;
+use farfield_proto::tick::Tick;
+use farfield_proto::venue::Venue;
+use rayon::prelude::*;
+
+use crate::align::TickGroup;
+use crate::boxes::BoxShape;
+use crate::occlusion::Body;
+use crate::person::crowd::Crowd;
+use crate::person::journal::Journal;
+use crate::person::track::{Method, Track, VenueView};
+use crate::skeleton::{RangeOfMotion, sites_of};
+
+/// Margin of a box when neither the venue nor a network's card says one.
+const DEFAULT_BOX_MARGIN: f64 = 1.25;
+
+/// A part of a step, for whoever measures how long each takes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Stage {
+    /// Decoding patches.
+    Decode,
+    /// Predicting views and occlusion weights.
+    Occlusion,
+    /// The lattice search.
+    Lattice,
+    /// The first inverse kinematics.
+    Ik1,
+    /// The low-pass filter.
+    Filter,
+    /// The second inverse kinematics.
+    Ik2,
+    /// Births, lives and deaths.
+    Persons,
+    /// The boxes of the next tick.
+    Boxes,
+}
+
+/// What a step came to.
+#[derive(Debug, Clone, PartialEq)]
+pub struct StepOutput {
+    /// The persons of this tick as they look now; tentative ones are left out.
+    pub poses: PoseSet,
+    /// Ticks whose poses are final, in order: with the tentative ticks of persons who were confirmed.
+    pub finished: Vec<PoseSet>,
+    /// One per viewpoint, for the next tick.
+    pub boxes: Vec<BoxSet>,
+    /// Patches that could not be used.
+    pub unusable_patches: u32,
+    /// Sightings that could not be used.
+    pub unusable_sightings: u32,
+}
+
+/// The fusion node's core.
+pub struct Pipeline {
+    session: SessionId,
+    cameras: Vec<VenueView>,
+    viewpoints: Vec<Vec<CameraIndex>>,
+    method: Method,
+    crowd: Crowd,
+    journal: Journal,
+    bodies: Vec<Body>,
+}
+
+impl Pipeline {
+    /// The core for `venue`, whose network has the card `card` (`None`: the 17 COCO keypoints, as
+    /// keypoint files have them).
+    pub fn new(venue: &Venue, card: Option<&HeatmapCard>, session: SessionId) -> Self {
+        let keypoints = card.map_or_else(KeypointSet::coco17, |card| card.output.keypoints.clone());
+        let no_offsets = BTreeMap::new();
+        let parameters = venue.parameters.clone();
+        let margin = parameters
+            .boxes
+            .margin
+            .or(card.map(|card| card.box_margin))
+            .unwrap_or(DEFAULT_BOX_MARGIN);
+        let range = &parameters.range_of_motion;
+        let method = Method {
+            dt_s: 1.0 / venue.rate_hz,
+            sites: sites_of(
+                &keypoints,
+                card.map_or(&no_offsets, |card| &card.keypoint_offsets),
+            ),
+            range_of_motion: range.enabled.then(|| RangeOfMotion::new(range.factor)),
+            box_shape: BoxShape {
+                margin,
+                lattice_half_width_m: parameters.lattice.half_width_m,
+                parameters: parameters.boxes.clone(),
+            },
+            keypoints,
+            parameters,
+        };
+        Self {
+            session,
+            crowd: Crowd::new(venue, method.keypoints.clone()),
+            cameras: venue
+                .cameras
+                .iter()
+                .map(|camera| VenueView {
+                    viewpoint: camera.viewpoint,
+                    model: camera.model.clone(),
+                })
+                .collect(),
+            viewpoints: venue
+                .viewpoints
+                .iter()
+                .map(|viewpoint| viewpoint.cameras.clone())
+                .collect(),
+            method,
+            journal: Journal::default(),
+            bodies: Vec::new(),
+        }
+    }
+
+    /// The keypoints that patches must have maps of.
+    pub fn keypoints(&self) -> &KeypointSet {
+        &self.method.keypoints
+    }
+
+    /// The boxes with which a run begins at `tick`: everybody looks for people.
+    pub fn first_boxes(&mut self, tick: Tick) -> Vec<BoxSet> {
+        self.crowd.begin(tick, &self.method);
+        self.boxes_for(tick)
+    }
+
+    /// Works on one tick. `mark` is told after each stage, for whoever measures.
+    pub fn step(&mut self, group: &TickGroup, mark: &mut dyn FnMut(Stage)) -> StepOutput {
+        let unusable_patches = self.see(group);
+        mark(Stage::Decode);
+        self.occlude();
+        mark(Stage::Occlusion);
+        self.solve(Track::search);
+        mark(Stage::Lattice);
+        self.solve(Track::fit_keypoints);
+        mark(Stage::Ik1);
+        self.solve(Track::smooth);
+        mark(Stage::Filter);
+        self.solve(Track::fit_joints);
+        mark(Stage::Ik2);
+        let lived = self.crowd.live(group, &self.method);
+        let poses = PoseSet {
+            session: self.session,
+            tick: group.tick,
+            persons: self.crowd.published(&self.method),
+        };
+        self.journal.push(poses.clone());
+        self.journal.insert(lived.confirmed);
+        let finished = self.journal.release(self.crowd.undecided_from());
+        mark(Stage::Persons);
+        let boxes = self.boxes_for(group.tick + 1);
+        mark(Stage::Boxes);
+        StepOutput {
+            poses,
+            finished,
+            boxes,
+            unusable_patches,
+            unusable_sightings: lived.unusable_sightings,
+        }
+    }
+
+    /// Ends the run: the ticks that were still held back, without those who were never confirmed.
+    pub fn finish(&mut self) -> Vec<PoseSet> {
+        self.journal.release(None)
+    }
+
+    fn see(&mut self, group: &TickGroup) -> u32 {
+        let (cameras, unusable) = (&self.cameras, AtomicU32::new(0));
+        // A sum of counts is the same in any order.
+        each(self.crowd.tracks_mut(), |_, track| {
+            track.begin(&self.method);
+            let dropped = track.see_all(group, cameras, &self.method);
+            unusable.fetch_add(dropped, Ordering::Relaxed);
+        });
+        unusable.into_inner()
+    }
+
+    fn occlude(&mut self) {
+        let (bodies, method) = (&mut self.bodies, &self.method);
+        bodies.clear();
+        bodies.extend(self.crowd.tracks().iter().map(|track| track.body(method)));
+        each(self.crowd.tracks_mut(), |index, track| {
+            let others = bodies.iter().enumerate();
+            let others = others.filter(|(i, _)| *i != index).map(|(_, body)| body);
+            track.place_views(&others, method);
+        });
+    }
+
+    fn solve(&mut self, stage: fn(&mut Track, &Method)) {
+        each(self.crowd.tracks_mut(), |_, track| {
+            stage(track, &self.method);
+        });
+    }
+
+    fn boxes_for(&mut self, tick: Tick) -> Vec<BoxSet> {
+        let order = if self.crowd.sights_at(tick) {
+            Order::TrackAndSight
+        } else {
+            Order::Track
+        };
+        let (session, cameras, method) = (self.session, &self.cameras, &self.method);
+        let viewpoints = self.viewpoints.iter().enumerate();
+        let tracks = self.crowd.tracks_mut();
+        let set = |(index, own): (usize, &Vec<CameraIndex>)| {
+            let own: Vec<_> = own
+                .iter()
+                .filter_map(|&c| Some((c, &cameras.get(usize::from(c.0))?.model)))
+                .collect();
+            let persons = tracks
+                .iter_mut()
+                .filter_map(|track| track.boxes(&own, 1.0, method))
+                .collect();
+            BoxSet {
+                session,
+                tick,
+                viewpoint: ViewpointIndex(index as u16),
+                order,
+                persons,
+            }
+        };
+        viewpoints.map(set).collect()
+    }
+}
+
+/// Runs a stage for every person with its position, in parallel where there are several.
+fn each(tracks: &mut [Track], stage: impl Fn(usize, &mut Track) + Sync) {
+    match tracks {
+        [] => {}
+        [only] => stage(0, only),
+        tracks => tracks
+            .par_iter_mut()
+            .enumerate()
+            .for_each(|(index, track)| stage(index, track)),
+    }
+}

@@ -1,0 +1,326 @@
+//! The degrees of freedom: which link each one turns, about which axis, and what lies below it.
+//!
+//! The 40 DoF are the root's 6 (translation along the world's x, y, z; then rotation about the
+//! pelvis' own x, y, z), the trunk's 3, the neck's 3, and 14 for the right and 14 for the left side.
+//! [`Pose::dof`](super::Pose) holds the 34 that follow the root; DoF `i` of the pose is DoF
+//! `N_ROOT_DOF + i` of the whole. A DoF comes after all that it hangs from, so that the normal
+//! equations can be eliminated from the leaves without fill-in.
+//!
+//! Joints with three axes turn as in OpenSim's Rajagopal model: flexion about the mediolateral axis,
+//! then bending or adduction about the anteroposterior, then rotation about the longitudinal one
+//! (its z, x, y, which are our -y, x, z), each axis carried along by the ones before. The shoulder
+//! alone is different, see `shoulder.rs`.
+
+use super::joint::{Joint, Link, N_LINKS, Side};
+
+/// All degrees of freedom.
+pub const N_DOF: usize = 40;
+/// Those of the root.
+pub const N_ROOT_DOF: usize = 6;
+/// Those of the joints: the length of [`Pose::dof`](super::Pose).
+pub const N_JOINT_DOF: usize = N_DOF - N_ROOT_DOF;
+/// Most DoF that move one point: root, trunk, scapula, shoulder and elbow.
+pub const MAX_CHAIN: usize = 16;
+
+/// Index in [`Pose::dof`](super::Pose) of the trunk's extension, bending and rotation.
+pub const LUMBAR: usize = 0;
+/// Index of the neck's flexion, bending and rotation.
+pub const NECK: usize = 3;
+
+/// A joint of one side of the body.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Part {
+    /// Elevation, protraction, tilt.
+    Scapula,
+    /// Raising swing, inward swing, twist.
+    Shoulder,
+    /// Flexion.
+    Elbow,
+    /// Flexion, adduction, rotation.
+    Hip,
+    /// Flexion.
+    Knee,
+    /// Dorsiflexion, inversion, toe-in.
+    Ankle,
+}
+
+/// Index in [`Pose::dof`](super::Pose) of the first DoF of a joint.
+pub const fn first_of(side: Side, part: Part) -> usize {
+    let base = match side {
+        Side::Right => 6,
+        Side::Left => 20,
+    };
+    base + match part {
+        Part::Scapula => 0,
+        Part::Shoulder => 3,
+        Part::Elbow => 6,
+        Part::Hip => 7,
+        Part::Knee => 10,
+        Part::Ankle => 11,
+    }
+}
+
+/// An axis of a link frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Axis {
+    X,
+    Y,
+    Z,
+}
+
+/// An elementary rotation: about an axis of the link frame, by `sign` times the coordinate.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Turn {
+    pub(crate) axis: Axis,
+    pub(crate) sign: f64,
+}
+
+const fn turn(axis: Axis, sign: f64) -> Turn {
+    Turn { axis, sign }
+}
+
+/// How a link moves against its parent.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Motion {
+    /// Freely: the pelvis in the world.
+    Free,
+    /// By elementary rotations, one after the other.
+    Turns(&'static [Turn]),
+    /// By swing and twist.
+    Shoulder(Side),
+}
+
+/// What the tree knows of one link.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct LinkSpec {
+    pub(crate) parent: Link,
+    /// The joint that is the link's origin and the centre of its rotations.
+    pub(crate) origin: Joint,
+    /// The first DoF, of all 40.
+    pub(crate) first_dof: usize,
+    pub(crate) motion: Motion,
+}
+
+impl Motion {
+    const fn n_dof(&self) -> usize {
+        match self {
+            Self::Free => N_ROOT_DOF,
+            Self::Turns(turns) => turns.len(),
+            Self::Shoulder(_) => 3,
+        }
+    }
+}
+
+const TRUNK: [Turn; 3] = [turn(Axis::Y, -1.0), turn(Axis::X, 1.0), turn(Axis::Z, 1.0)];
+// The neck is not in the Rajagopal model: flexion is positive, as its name says.
+const NECK_TURNS: [Turn; 3] = [turn(Axis::Y, 1.0), turn(Axis::X, 1.0), turn(Axis::Z, 1.0)];
+const ELBOW: [Turn; 1] = [turn(Axis::Y, -1.0)];
+const KNEE: [Turn; 1] = [turn(Axis::Y, 1.0)];
+/// Hip and ankle: flexion (dorsiflexion), adduction (inversion), internal rotation (toe-in).
+const LEG_RIGHT: [Turn; 3] = [turn(Axis::Y, -1.0), turn(Axis::X, 1.0), turn(Axis::Z, 1.0)];
+const LEG_LEFT: [Turn; 3] = [
+    turn(Axis::Y, -1.0),
+    turn(Axis::X, -1.0),
+    turn(Axis::Z, -1.0),
+];
+/// Elevation (up), protraction (forward), tilt (the top forward).
+const SCAPULA_RIGHT: [Turn; 3] = [turn(Axis::X, -1.0), turn(Axis::Z, 1.0), turn(Axis::Y, 1.0)];
+const SCAPULA_LEFT: [Turn; 3] = [turn(Axis::X, 1.0), turn(Axis::Z, -1.0), turn(Axis::Y, 1.0)];
+
+/// The elementary rotations of a scapula.
+pub(crate) const fn scapula_turns(side: Side) -> &'static [Turn; 3] {
+    match side {
+        Side::Right => &SCAPULA_RIGHT,
+        Side::Left => &SCAPULA_LEFT,
+    }
+}
+
+const fn spec(parent: Link, origin: Joint, first: usize, motion: Motion) -> LinkSpec {
+    LinkSpec {
+        parent,
+        origin,
+        first_dof: N_ROOT_DOF + first,
+        motion,
+    }
+}
+
+/// The tree, in the order of [`Link::ALL`]. (The pelvis is its own parent.)
+pub(crate) const LINKS: [LinkSpec; N_LINKS] = {
+    use Side::{Left, Right};
+    let (leg_r, leg_l) = (Motion::Turns(&LEG_RIGHT), Motion::Turns(&LEG_LEFT));
+    let (elbow, knee) = (Motion::Turns(&ELBOW), Motion::Turns(&KNEE));
+    let (arm_r, arm_l) = (Motion::Shoulder(Right), Motion::Shoulder(Left));
+    let (scapula_r, scapula_l) = (Motion::Turns(&SCAPULA_RIGHT), Motion::Turns(&SCAPULA_LEFT));
+    [
+        LinkSpec {
+            parent: Link::Pelvis,
+            origin: Joint::Pelvis,
+            first_dof: 0,
+            motion: Motion::Free,
+        },
+        spec(Link::Pelvis, Joint::Spine, LUMBAR, Motion::Turns(&TRUNK)),
+        spec(Link::Trunk, Joint::Neck, NECK, Motion::Turns(&NECK_TURNS)),
+        spec(
+            Link::Trunk,
+            Joint::RightScapula,
+            first_of(Right, Part::Scapula),
+            scapula_r,
+        ),
+        spec(
+            Link::RightScapula,
+            Joint::RightShoulder,
+            first_of(Right, Part::Shoulder),
+            arm_r,
+        ),
+        spec(
+            Link::RightUpperArm,
+            Joint::RightElbow,
+            first_of(Right, Part::Elbow),
+            elbow,
+        ),
+        spec(
+            Link::Pelvis,
+            Joint::RightHip,
+            first_of(Right, Part::Hip),
+            leg_r,
+        ),
+        spec(
+            Link::RightThigh,
+            Joint::RightKnee,
+            first_of(Right, Part::Knee),
+            knee,
+        ),
+        spec(
+            Link::RightShank,
+            Joint::RightAnkle,
+            first_of(Right, Part::Ankle),
+            leg_r,
+        ),
+        spec(
+            Link::Trunk,
+            Joint::LeftScapula,
+            first_of(Left, Part::Scapula),
+            scapula_l,
+        ),
+        spec(
+            Link::LeftScapula,
+            Joint::LeftShoulder,
+            first_of(Left, Part::Shoulder),
+            arm_l,
+        ),
+        spec(
+            Link::LeftUpperArm,
+            Joint::LeftElbow,
+            first_of(Left, Part::Elbow),
+            elbow,
+        ),
+        spec(
+            Link::Pelvis,
+            Joint::LeftHip,
+            first_of(Left, Part::Hip),
+            leg_l,
+        ),
+        spec(
+            Link::LeftThigh,
+            Joint::LeftKnee,
+            first_of(Left, Part::Knee),
+            knee,
+        ),
+        spec(
+            Link::LeftShank,
+            Joint::LeftAnkle,
+            first_of(Left, Part::Ankle),
+            leg_l,
+        ),
+    ]
+};
+
+/// The DoF that move one link, ascending.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Chain {
+    dofs: [usize; MAX_CHAIN],
+    len: usize,
+}
+
+impl Chain {
+    pub(crate) fn dofs(&self) -> &[usize] {
+        &self.dofs[..self.len]
+    }
+}
+
+/// The chain of every link.
+pub(crate) const CHAINS: [Chain; N_LINKS] = {
+    let mut chains = [Chain {
+        dofs: [0; MAX_CHAIN],
+        len: 0,
+    }; N_LINKS];
+    let mut l = 0;
+    while l < N_LINKS {
+        let mut chain = chains[LINKS[l].parent as usize];
+        let mut k = 0;
+        while k < LINKS[l].motion.n_dof() {
+            chain.dofs[chain.len] = LINKS[l].first_dof + k;
+            chain.len += 1;
+            k += 1;
+        }
+        chains[l] = chain;
+        l += 1;
+    }
+    chains
+};
+
+/// The DoF that `link` hangs from, of all 40, ascending: the only ones with a Jacobian column that
+/// is not zero for its points.
+pub fn chain_of(link: Link) -> &'static [usize] {
+    static STORED: [Chain; N_LINKS] = CHAINS;
+    STORED[link as usize].dofs()
+}
+
+/// The DoF that each DoF hangs from, ascending, without itself.
+pub(crate) static ANCESTORS: [Chain; N_DOF] = {
+    let mut ancestors = [Chain {
+        dofs: [0; MAX_CHAIN],
+        len: 0,
+    }; N_DOF];
+    let mut l = 0;
+    while l < N_LINKS {
+        let mut k = 0;
+        while k < CHAINS[l].len {
+            let dof = CHAINS[l].dofs[k];
+            ancestors[dof] = Chain {
+                dofs: CHAINS[l].dofs,
+                len: k,
+            };
+            k += 1;
+        }
+        l += 1;
+    }
+    ancestors
+};
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_dof_belongs_to_exactly_one_link_and_follows_its_ancestors() {
+        let mut owners = [0; N_DOF];
+        for link in LINKS {
+            for k in 0..link.motion.n_dof() {
+                owners[link.first_dof + k] += 1;
+            }
+        }
+        assert_eq!(owners, [1; N_DOF]);
+        for (dof, chain) in ANCESTORS.iter().enumerate() {
+            assert!(chain.dofs().iter().all(|&a| a < dof), "{dof}");
+        }
+        assert_eq!(chain_of(Link::RightForearm).len(), MAX_CHAIN);
+    }
+
+    #[test]
+    fn a_link_turns_about_a_joint_that_its_parent_carries() {
+        for link in LINKS {
+            assert_eq!(link.origin.link(), link.parent);
+        }
+    }
+}
