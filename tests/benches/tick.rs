@@ -1,0 +1,218 @@
+//! Microseconds per person and tick, stage by stage, at 4 and 12 viewpoints, and per patch for the codec.
+//!
+//! `cargo bench -p farfield-testbed`
+#![expect(clippy::unwrap_used, reason = "a bench without its ring is no bench")]
+
+use std::hint::black_box;
+use std::path::PathBuf;
+use std::sync::OnceLock;
+
+use anyhow::Context as _;
+use divan::Bencher;
+use farfield_fusion::align::TickGroup;
+use farfield_fusion::person::track::{Method, Track};
+use farfield_proto::id::CameraIndex;
+use farfield_proto::message::PatchSet;
+use farfield_proto::patch::{Decoder, Encoder, Maps};
+use farfield_proto::tick::Tick;
+use farfield_testbed::in_process::InProcess;
+use farfield_testbed::ring::Ring;
+
+const VIEWPOINTS: [usize; 2] = [4, 12];
+/// Ticks of the walk that a bench goes round.
+const TICKS: i64 = 60;
+
+/// The default of `link.floor`, 0.06, as cells have it.
+const FLOOR: u8 = 15;
+
+fn main() {
+    let (kind, maps) = maps();
+    let mut encoder = Encoder::new();
+    let bytes: usize = maps
+        .iter()
+        .map(|maps| encoder.encode(maps, FLOOR).bytes.len())
+        .sum();
+    println!(
+        "{} {kind} patches of 17 maps: {} bytes on average",
+        maps.len(),
+        bytes / maps.len().max(1)
+    );
+    divan::main();
+}
+
+/// A track that has followed the walker for a while, and the groups to go on with.
+struct Walk {
+    ring: Ring,
+    method: Method,
+    track: Track,
+    groups: Vec<TickGroup>,
+    at: usize,
+}
+
+impl Walk {
+    fn new(n_viewpoints: usize) -> Self {
+        let ring = Ring::new(n_viewpoints).unwrap();
+        let method = Ring::method();
+        let track = ring.track(&method).unwrap();
+        // There and back again, so that the walk can go on for ever without a jump.
+        let there = (0..TICKS).chain((1..TICKS - 1).rev());
+        let groups = there.map(|tick| ring.group(Tick(tick)).unwrap()).collect();
+        let mut walk = Self {
+            ring,
+            method,
+            track,
+            groups,
+            at: 0,
+        };
+        for _ in 0..TICKS {
+            walk.tick();
+        }
+        walk
+    }
+
+    fn see(&mut self) {
+        let group = &self.groups[self.at % self.groups.len()];
+        self.at += 1;
+        self.track.begin(&self.method);
+        for (set, camera) in group.patch_sets.iter().zip(self.ring.cameras()) {
+            assert!(
+                self.track
+                    .see(&set.persons[0], set.viewpoint, camera, &self.method)
+            );
+        }
+        self.track.place_views(&std::iter::empty(), &self.method);
+    }
+
+    fn tick(&mut self) {
+        self.see();
+        self.track.search(&self.method);
+        self.track.fit_keypoints(&self.method);
+        self.track.smooth(&self.method);
+        self.track.fit_joints(&self.method);
+    }
+
+    fn boxes(&mut self) {
+        for (index, camera) in self.ring.cameras().iter().enumerate() {
+            black_box(
+                self.track
+                    .boxes(&[(CameraIndex(index as u16), camera)], 1.0, &self.method),
+            );
+        }
+    }
+}
+
+#[divan::bench(args = VIEWPOINTS)]
+fn one_person_whole_tick(bencher: Bencher<'_, '_>, n_viewpoints: usize) {
+    let mut walk = Walk::new(n_viewpoints);
+    bencher.bench_local(|| {
+        walk.tick();
+        walk.boxes();
+    });
+}
+
+#[divan::bench(args = VIEWPOINTS)]
+fn stage_0_decode_and_place(bencher: Bencher<'_, '_>, n_viewpoints: usize) {
+    let mut walk = Walk::new(n_viewpoints);
+    bencher.bench_local(|| walk.see());
+}
+
+#[divan::bench(args = VIEWPOINTS)]
+fn stage_1_lattice(bencher: Bencher<'_, '_>, n_viewpoints: usize) {
+    let mut walk = Walk::new(n_viewpoints);
+    bencher.bench_local(|| walk.track.search(&walk.method));
+}
+
+#[divan::bench(args = VIEWPOINTS)]
+fn stage_2_ik_1(bencher: Bencher<'_, '_>, n_viewpoints: usize) {
+    let mut walk = Walk::new(n_viewpoints);
+    bencher.bench_local(|| walk.track.fit_keypoints(&walk.method));
+}
+
+#[divan::bench(args = VIEWPOINTS)]
+fn stage_3_filter(bencher: Bencher<'_, '_>, n_viewpoints: usize) {
+    let mut walk = Walk::new(n_viewpoints);
+    bencher.bench_local(|| walk.track.smooth(&walk.method));
+}
+
+#[divan::bench(args = VIEWPOINTS)]
+fn stage_4_ik_2(bencher: Bencher<'_, '_>, n_viewpoints: usize) {
+    let mut walk = Walk::new(n_viewpoints);
+    bencher.bench_local(|| walk.track.fit_joints(&walk.method));
+}
+
+#[divan::bench(args = VIEWPOINTS)]
+fn stage_5_boxes(bencher: Bencher<'_, '_>, n_viewpoints: usize) {
+    let mut walk = Walk::new(n_viewpoints);
+    bencher.bench_local(|| walk.boxes());
+}
+
+/// Maps of the treadmill recording made by its real network, where both are there; else drawn ones.
+fn maps() -> &'static (&'static str, Vec<Maps>) {
+    static MAPS: OnceLock<(&str, Vec<Maps>)> = OnceLock::new();
+    MAPS.get_or_init(|| match real_maps() {
+        Ok(maps) => ("real", maps),
+        Err(error) => {
+            println!("SKIPPED real maps ({error:#}): the patch benches use drawn ones");
+            (
+                "drawn",
+                decoded(&Ring::new(4).unwrap().group(Tick(0)).unwrap().patch_sets),
+            )
+        }
+    })
+}
+
+fn real_maps() -> anyhow::Result<Vec<Maps>> {
+    let beside = concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared");
+    let root = std::env::var_os("FARFIELD_DATA").map_or_else(|| beside.into(), PathBuf::from);
+    let mut run = InProcess::open(&root.join("data/pose2sim/single/venue.toml"), None)?;
+    let mut maps = Vec::new();
+    for _ in 0..6 {
+        let trace = run
+            .step()?
+            .context("the recording is shorter than six ticks")?;
+        maps.extend(
+            trace
+                .edges
+                .iter()
+                .flat_map(|edge| decoded(&edge.patch_sets)),
+        );
+    }
+    Ok(maps)
+}
+
+fn decoded(sets: &[PatchSet]) -> Vec<Maps> {
+    let mut decoder = Decoder::new();
+    let patches = sets.iter().flat_map(|set| &set.persons);
+    let decoded = patches.map(|patch| {
+        let mut maps = Maps::new(1, 1, 1);
+        decoder.decode(&patch.maps, &mut maps).unwrap();
+        maps
+    });
+    decoded.collect()
+}
+
+/// All patches one after the other, so that the mean is over real variety.
+#[divan::bench]
+fn patch_encode(bencher: Bencher<'_, '_>) {
+    let (_, maps) = maps();
+    let (mut encoder, mut next) = (Encoder::new(), 0);
+    bencher.bench_local(|| {
+        next += 1;
+        encoder.encode(black_box(&maps[next % maps.len()]), FLOOR)
+    });
+}
+
+#[divan::bench]
+fn patch_decode(bencher: Bencher<'_, '_>) {
+    let (_, maps) = maps();
+    let mut encoder = Encoder::new();
+    let encoded: Vec<_> = maps
+        .iter()
+        .map(|maps| encoder.encode(maps, FLOOR))
+        .collect();
+    let (mut decoder, mut into, mut next) = (Decoder::new(), Maps::new(1, 1, 1), 0);
+    bencher.bench_local(|| {
+        next += 1;
+        decoder.decode(black_box(&encoded[next % encoded.len()]), &mut into)
+    });
+}

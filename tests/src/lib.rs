@@ -1,0 +1,8 @@
+//! The simulated venue of Farfield: people whose truth is a pure function of time, cameras that
+//! see them, and the loop of edges and fusion inside one process, for tests and studies.
+
+pub mod in_process;
+pub mod keypoint_venue;
+pub mod leave_one_out;
+pub mod ring;
+pub mod walker;
