@@ -1,0 +1,100 @@
+//! What can be said on the command line. Wrong usage ends with exit code 2.
+
+use std::ops::Range;
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand};
+use farfield_edge::node::EdgeArgs;
+use farfield_fusion::node::FusionArgs;
+use farfield_proto::tick::{Tick, parse_range};
+
+use crate::evaluate::EvaluateArgs;
+
+/// Markerless motion capture for wide fields.
+///
+/// Exit codes: 0 done, 1 ran but failed, 2 wrong input or usage, 130 interrupted.
+#[derive(Debug, Parser)]
+#[command(name = "farfield", version)]
+pub(crate) struct Cli {
+    #[command(subcommand)]
+    pub(crate) command: Command,
+}
+
+/// One thing to do.
+#[derive(Debug, Subcommand)]
+pub(crate) enum Command {
+    /// Bring up all nodes of a venue on this machine and work through its recordings.
+    Run(RunArgs),
+    /// Start the edge node of one viewpoint.
+    Edge(EdgeArgs),
+    /// Start the fusion node.
+    Fusion(FusionArgs),
+    /// Score poses against a truth.
+    Evaluate(EvaluateArgs),
+}
+
+/// Arguments of `farfield run`.
+#[derive(Debug, Args)]
+pub(crate) struct RunArgs {
+    /// The venue file.
+    pub(crate) venue: PathBuf,
+    /// Work on these ticks only (half-open); all recordings must hold them.
+    #[arg(long, value_name = "A..B", value_parser = parse_range, allow_hyphen_values = true)]
+    pub(crate) ticks: Option<Range<Tick>>,
+    /// Folder for the results; must be empty or not there. Default: `farfield-out/VENUE-N`.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) out: Option<PathBuf>,
+    /// Draw the skeletons over every camera's picture of this tick; without a tick, of the middle one.
+    #[arg(long, value_name = "TICK", num_args = 0..=1, allow_negative_numbers = true)]
+    #[expect(
+        clippy::option_option,
+        reason = "absent, without and with a tick: how clap says it"
+    )]
+    pub(crate) overlay: Option<Option<i64>>,
+    /// Print the summary as JSON.
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn run_args(args: &[&str]) -> RunArgs {
+        match Cli::try_parse_from([&["farfield", "run", "venue.toml"], args].concat())
+            .unwrap()
+            .command
+        {
+            Command::Run(args) => args,
+            other => panic!("{other:?}"),
+        }
+    }
+
+    #[test]
+    fn an_overlay_may_name_its_tick() {
+        assert_eq!(run_args(&[]).overlay, None);
+        assert_eq!(run_args(&["--overlay"]).overlay, Some(None));
+        assert_eq!(
+            run_args(&["--overlay", "42", "--json"]).overlay,
+            Some(Some(42))
+        );
+    }
+
+    #[test]
+    fn ticks_are_a_half_open_range() {
+        assert_eq!(
+            run_args(&["--ticks", "300..900"]).ticks,
+            Some(Tick(300)..Tick(900))
+        );
+        let error =
+            Cli::try_parse_from(["farfield", "run", "v.toml", "--ticks", "9..3"]).unwrap_err();
+        assert_eq!(error.exit_code(), 2);
+        assert!(error.to_string().contains("9..3"), "{error}");
+    }
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        use clap::CommandFactory as _;
+        Cli::command().debug_assert();
+    }
+}

@@ -1,0 +1,25 @@
+//! The operator's one command: brings a venue up, and looks at what came out.
+
+mod cli;
+mod evaluate;
+mod output;
+mod overlay;
+mod run;
+#[cfg(test)]
+mod samples;
+
+use std::process::ExitCode;
+
+use clap::Parser as _;
+use farfield_fusion::node::{Ending, exit_code};
+
+use crate::cli::{Cli, Command};
+
+fn main() -> ExitCode {
+    match Cli::parse().command {
+        Command::Run(args) => run::main(args),
+        Command::Edge(args) => farfield_edge::node::main(args),
+        Command::Fusion(args) => farfield_fusion::node::main(args),
+        Command::Evaluate(args) => exit_code(evaluate::evaluate(&args).map(|()| Ending::Done)),
+    }
+}

@@ -1,0 +1,84 @@
+//! Everything that a run can be refused for, before a process starts or a file is made.
+
+use std::ops::Range;
+use std::path::PathBuf;
+
+use anyhow::anyhow;
+use farfield_edge::node::{load_networks, probe_sources};
+use farfield_edge::source::common_ticks;
+use farfield_fusion::node::{
+    NodeError, check_folder, check_given_keypoints, check_given_ticks, check_names, load_card,
+};
+use farfield_proto::tick::Tick;
+use farfield_proto::venue::Venue;
+
+use crate::cli::RunArgs;
+
+/// A run that nothing speaks against.
+#[derive(Debug)]
+pub(super) struct Plan {
+    pub(super) venue_path: PathBuf,
+    pub(super) venue: Venue,
+    pub(super) ticks: Range<Tick>,
+    /// Where the results shall go, if anyone said so.
+    pub(super) out: Option<PathBuf>,
+    /// The tick to draw, if one shall be drawn.
+    pub(super) overlay: Option<Tick>,
+    /// Which inference backend will run; empty when every source is keypoints.
+    pub(super) backend: String,
+}
+
+/// Reads the venue, probes every source and loads every network once.
+pub(super) fn check(args: RunArgs) -> Result<Plan, NodeError> {
+    let venue = Venue::load(&args.venue).map_err(NodeError::refused)?;
+    check_names(&venue).map_err(NodeError::Refused)?;
+    if let Some(out) = &args.out {
+        check_folder(out).map_err(NodeError::Refused)?;
+    }
+    let infos = probe_sources(&venue, &venue.cameras).map_err(NodeError::refused)?;
+    let ticks = common_ticks(&infos, args.ticks).map_err(NodeError::refused)?;
+    check_given_ticks(&venue, &args.venue, &ticks).map_err(NodeError::refused)?;
+    let overlay = args
+        .overlay
+        .map(|tick| overlay_tick(tick.map(Tick), &ticks))
+        .transpose()?;
+    let backend = load_networks(&venue, &venue.cameras)
+        .map_err(NodeError::refused)?
+        .backend;
+    let card = load_card(&venue).map_err(NodeError::Refused)?;
+    check_given_keypoints(&venue, &args.venue, card.as_ref()).map_err(NodeError::refused)?;
+    Ok(Plan {
+        venue_path: args.venue,
+        venue,
+        ticks,
+        out: args.out,
+        overlay,
+        backend,
+    })
+}
+
+fn overlay_tick(asked: Option<Tick>, ticks: &Range<Tick>) -> Result<Tick, NodeError> {
+    let tick = asked.unwrap_or(ticks.start + (ticks.end - ticks.start) / 2);
+    if ticks.contains(&tick) {
+        return Ok(tick);
+    }
+    Err(NodeError::Refused(anyhow!(
+        "`--overlay` {tick} is outside the ticks of the run, {}..{}",
+        ticks.start,
+        ticks.end
+    )))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_middle_tick_is_drawn_unless_another_of_the_run_is_named() {
+        let ticks = Tick(0)..Tick(120);
+        assert_eq!(overlay_tick(None, &ticks).unwrap(), Tick(60));
+        assert_eq!(overlay_tick(Some(Tick(119)), &ticks).unwrap(), Tick(119));
+        let error = overlay_tick(Some(Tick(120)), &ticks).unwrap_err();
+        assert!(error.to_string().contains("120"), "{error}");
+    }
+}

@@ -1,0 +1,75 @@
+//! `farfield run`: every node of a venue as a process of this machine, in lock-step over loopback.
+//!
+//! Check (everything that can be refused, before anything is made) -> claim -> watch -> report.
+
+mod check;
+mod children;
+mod draw;
+mod progress;
+mod report;
+mod signals;
+mod verdict;
+mod watch;
+
+use std::path::Path;
+use std::process::ExitCode;
+
+use anyhow::Context as _;
+use farfield_fusion::node::{Claim, Ending, NodeError, exit_code, say, start_log};
+
+use self::check::{Plan, check};
+use self::signals::Signals;
+use self::verdict::{End, Verdict};
+use self::watch::watch;
+use crate::cli::RunArgs;
+
+/// Runs a venue to its end and says what came out.
+pub(crate) fn main(args: RunArgs) -> ExitCode {
+    start_log();
+    exit_code(run(args))
+}
+
+fn run(args: RunArgs) -> Result<Ending, NodeError> {
+    let json = args.json;
+    let plan = check(args)?;
+    if !plan.backend.is_empty() {
+        say(format_args!("{}", plan.backend));
+    }
+    let runtime = tokio::runtime::Builder::new_multi_thread()
+        .worker_threads(2)
+        .enable_all()
+        .build();
+    let runtime = runtime
+        .context("starting the runtime")
+        .map_err(NodeError::Failed)?;
+    let entered = runtime.enter();
+    let signals = Signals::listen()
+        .context("listening for signals")
+        .map_err(NodeError::Failed)?;
+    drop(entered);
+    // From here on an interruption is heard: the folder is the sign that the run has begun.
+    let claim = Claim::take(plan.out.as_deref(), &plan.venue.name).map_err(NodeError::Refused)?;
+    let end = runtime
+        .block_on(watch(&plan, claim.folder(), signals))
+        .map_err(NodeError::Failed)?;
+    finish(&plan, claim.folder(), end, json)
+}
+
+fn finish(plan: &Plan, out: &Path, end: End, json: bool) -> Result<Ending, NodeError> {
+    if end.last.is_none() {
+        report::discard_unfinished(out);
+    }
+    if let (Verdict::Done, Some(tick)) = (&end.verdict, plan.overlay) {
+        draw::draw(plan, out, tick).map_err(NodeError::Failed)?;
+    }
+    let printed = report::print(out, json).map_err(NodeError::Failed);
+    if report::has_unfinished(out) {
+        let files = out.join("*.tmp");
+        say(format_args!("unfinished files are in {}", files.display()));
+    }
+    match end.verdict {
+        Verdict::Done => printed.map(|()| Ending::Done),
+        Verdict::Interrupted => printed.map(|()| Ending::Interrupted),
+        Verdict::Failed(error) => Err(error),
+    }
+}

@@ -1,0 +1,128 @@
+//! What a run came to, for people or as the JSON of `summary.json`.
+
+use std::fmt::Write as _;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use anyhow::Context as _;
+use farfield_fusion::export::summary::Summary;
+
+use crate::output;
+
+/// Prints the summary of the run in `out` on standard output; nothing when the run left none.
+pub(super) fn print(out: &Path, json: bool) -> anyhow::Result<()> {
+    let path = out.join("summary.json");
+    if !path.exists() {
+        return Ok(());
+    }
+    let text =
+        std::fs::read_to_string(&path).with_context(|| format!("reading {}", path.display()))?;
+    if json {
+        return output::print(&text);
+    }
+    let summary: Summary =
+        serde_json::from_str(&text).with_context(|| format!("reading {}", path.display()))?;
+    output::print(&for_people(&summary, &out.display().to_string()))
+}
+
+/// Whether a node that was killed has left files behind that are not whole.
+pub(super) fn has_unfinished(out: &Path) -> bool {
+    unfinished(out).is_ok_and(|files| !files.is_empty())
+}
+
+/// Takes away what a run without a tick has begun to write.
+pub(super) fn discard_unfinished(out: &Path) {
+    for path in unfinished(out).unwrap_or_default() {
+        // What stays is told of as unfinished.
+        drop(std::fs::remove_file(path));
+    }
+}
+
+fn unfinished(out: &Path) -> io::Result<Vec<PathBuf>> {
+    let mut files = Vec::new();
+    for entry in out.read_dir()? {
+        let path = entry?.path();
+        if path.extension().is_some_and(|extension| extension == "tmp") {
+            files.push(path);
+        }
+    }
+    Ok(files)
+}
+
+fn for_people(summary: &Summary, out: &str) -> String {
+    let ticks = &summary.ticks;
+    let mut text = String::new();
+    let mut line = |shown: std::fmt::Arguments<'_>| {
+        // Writing to a String cannot fail.
+        let _infallible = writeln!(text, "{shown}");
+    };
+    let whole = if summary.complete { "" } else { ", cut short" };
+    line(format_args!(
+        "{}: {} of {} ticks from {}{whole}, {:.1} ticks/s",
+        summary.venue,
+        ticks.done,
+        ticks.end - ticks.first,
+        ticks.first,
+        summary.timing.ticks_per_s
+    ));
+    for person in &summary.people {
+        line(format_args!(
+            "person {}: ticks {} to {}, {} poses",
+            person.person, person.first_tick, person.last_tick, person.ticks
+        ));
+    }
+    if summary.people.is_empty() {
+        line(format_args!("nobody was found"));
+    }
+    let patches: u64 = summary.links.values().map(|link| link.patches).sum();
+    let bytes: u64 = summary.links.values().map(|link| link.patch_bytes).sum();
+    if patches > 0 {
+        line(format_args!(
+            "{:.0} bytes per person, view and tick",
+            bytes as f64 / patches as f64
+        ));
+    }
+    line(format_args!("results in {out}"));
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use farfield_fusion::export::summary::{LinkSummary, PersonSummary, TickSpan};
+    use farfield_proto::tick::Tick;
+
+    use super::*;
+
+    #[test]
+    fn people_read_who_was_there_and_what_a_view_costs() {
+        let link = LinkSummary {
+            patches: 10,
+            patch_bytes: 4200,
+            ..LinkSummary::default()
+        };
+        let person = PersonSummary {
+            person: 1,
+            first_tick: Tick(3),
+            last_tick: Tick(9),
+            ticks: 7,
+        };
+        let summary = Summary {
+            venue: "hall".to_owned(),
+            ticks: TickSpan {
+                first: Tick(0),
+                end: Tick(20),
+                done: 10,
+            },
+            people: vec![person],
+            links: [("ne".to_owned(), link)].into(),
+            ..Summary::default()
+        };
+        let text = for_people(&summary, "out");
+        assert!(text.contains("10 of 20 ticks from 0, cut short"), "{text}");
+        assert!(text.contains("person 1: ticks 3 to 9, 7 poses"), "{text}");
+        assert!(
+            text.contains("420 bytes per person, view and tick"),
+            "{text}"
+        );
+    }
+}

@@ -1,0 +1,126 @@
+//! The samples beside the code are read by the code: they parse, and state the true defaults.
+
+use std::path::{Path, PathBuf};
+
+use clap::Parser as _;
+use farfield_proto::calibration::Calibration;
+use farfield_proto::venue::{Parameters, Venue};
+use serde::Serialize;
+use toml::{Table, Value};
+
+use crate::cli::Cli;
+
+fn path(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join(name)
+}
+
+fn read(name: &str) -> String {
+    std::fs::read_to_string(path(name)).unwrap_or_else(|error| panic!("{name}: {error}"))
+}
+
+/// Compares a table of the sample with the defaults of the code, in both directions.
+fn check(sample: &Table, name: &str, defaults: &impl Serialize) {
+    let defaults = Table::try_from(defaults).unwrap();
+    let stated = sample[name].as_table().unwrap();
+    assert_eq!(
+        stated, &defaults,
+        "[{name}]: the sample on the left, the code's defaults on the right"
+    );
+}
+
+#[test]
+fn the_sample_venue_parses_and_states_every_default() {
+    let text = read("venue.sample.toml");
+    let calibration_path = path("calibration.sample.toml");
+    let calibration =
+        Calibration::parse(&read("calibration.sample.toml"), &calibration_path).unwrap();
+    let venue = Venue::parse(&text, &path("venue.sample.toml"), calibration).unwrap();
+    assert_eq!(venue.cameras.len(), 3);
+    assert_eq!(venue.parameters, Parameters::default());
+    let sample: Table = toml::from_str(&text).unwrap();
+    let p = Parameters::default();
+    check(&sample, "lattice", &p.lattice);
+    check(&sample, "occlusion", &p.occlusion);
+    check(&sample, "ik", &p.ik);
+    check(&sample, "smoothing", &p.smoothing);
+    check(&sample, "prediction", &p.prediction);
+    check(&sample, "range_of_motion", &p.range_of_motion);
+    check(&sample, "boxes", &p.boxes);
+    check(&sample, "births", &p.births);
+    check(&sample, "link", &p.link);
+}
+
+#[test]
+fn the_sample_venue_says_what_else_there_is() {
+    let text = read("venue.sample.toml");
+    // Without a default of its own, and live sources, which no sample can open.
+    for shown in ["# margin = 1.25", "kind = \"v4l\"", "kind = \"ffmpeg\""] {
+        assert!(text.contains(shown), "{shown}");
+    }
+    let sample: Table = toml::from_str(&text).unwrap();
+    let mut tables: Vec<&str> = sample
+        .iter()
+        .filter(|(_, v)| matches!(v, Value::Table(_)))
+        .map(|(k, _)| k.as_str())
+        .collect();
+    tables.sort_unstable();
+    let known = [
+        "births",
+        "boxes",
+        "field",
+        "fusion",
+        "ik",
+        "lattice",
+        "link",
+        "occlusion",
+        "prediction",
+        "range_of_motion",
+        "smoothing",
+    ];
+    assert_eq!(tables, known);
+}
+
+/// The command of a unit, as the shell of the operator's command would take it.
+fn command_of(unit: &str) -> Vec<String> {
+    let text = read(unit);
+    for section in ["[Unit]", "[Service]", "[Install]"] {
+        assert!(
+            text.lines().any(|line| line == section),
+            "{unit} has no {section}"
+        );
+    }
+    let known = |line: &str| {
+        line.is_empty() || line.starts_with(['#', '[']) || line.split_once('=').is_some()
+    };
+    assert!(
+        text.lines().all(known),
+        "{unit} has a line that is no setting"
+    );
+    let start = text
+        .lines()
+        .find_map(|line| line.strip_prefix("ExecStart="))
+        .unwrap();
+    start
+        .split_whitespace()
+        .map(|word| word.replace("%i", "north-east"))
+        .collect()
+}
+
+#[test]
+fn the_units_start_nodes_with_arguments_that_the_nodes_know() {
+    for (unit, node) in [
+        ("systemd/farfield-edge@.service", "edge"),
+        ("systemd/farfield-fusion.service", "fusion"),
+    ] {
+        let command = command_of(unit);
+        assert!(
+            command[0].ends_with(&format!("/farfield-{node}")),
+            "{}",
+            command[0]
+        );
+        let words = ["farfield", node]
+            .into_iter()
+            .chain(command[1..].iter().map(String::as_str));
+        Cli::try_parse_from(words).unwrap_or_else(|error| panic!("{unit}: {error}"));
+    }
+}

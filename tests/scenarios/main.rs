@@ -1,0 +1,16 @@
+//! Whole-system scenarios: the built `farfield` binary with real processes, sockets and files.
+#![expect(
+    clippy::unwrap_used,
+    reason = "what goes wrong in a scenario fails it, with its place"
+)]
+
+mod bad_input;
+mod data;
+mod farfield;
+mod lockstep;
+mod nodes_by_hand;
+mod outputs;
+mod shelf;
+mod stopping;
+mod tidy;
+mod treadmill;
