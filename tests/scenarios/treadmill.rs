@@ -87,7 +87,7 @@ fn residuals(venue: &Path, withheld: Option<usize>) -> BTreeMap<usize, (Vec<f64>
     let views: Vec<usize> = withheld.map_or_else(|| (0..4).collect(), |v| vec![v]);
     views
         .into_iter()
-        .map(|v| (v, recording.residuals_px(v, &BODY_KEYPOINTS)))
+        .map(|v| (v, recording.residuals_px(v, BODY_KEYPOINTS)))
         .collect()
 }
 

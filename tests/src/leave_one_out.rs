@@ -10,7 +10,7 @@ use farfield_fusion::triangulate::{Observation, weighted_dlt};
 use farfield_proto::camera::CameraModel;
 use farfield_proto::frames::{Pixel, Point, Undistorted};
 use farfield_proto::id::{PersonId, ViewpointIndex};
-use farfield_proto::keypoints::KeypointSet;
+use farfield_proto::keypoints::{COCO17, KeypointSet};
 use farfield_proto::message::{PersonPatch, PoseSet};
 use farfield_proto::patch::{Decoder, Maps};
 use farfield_proto::tick::Tick;
@@ -18,21 +18,8 @@ use nalgebra::{Point3, Vector3};
 
 use crate::in_process::InProcess;
 
-/// The 12 keypoints below the head, by their COCO names.
-pub const BODY_KEYPOINTS: [&str; 12] = [
-    "left_shoulder",
-    "right_shoulder",
-    "left_elbow",
-    "right_elbow",
-    "left_wrist",
-    "right_wrist",
-    "left_hip",
-    "right_hip",
-    "left_knee",
-    "right_knee",
-    "left_ankle",
-    "right_ankle",
-];
+/// The 12 keypoints below the head, by their COCO names: those after the five of the face.
+pub const BODY_KEYPOINTS: &[&str] = COCO17.split_at(5).1;
 
 /// Least height of a peak that is used, by triangulation and as a judge.
 const MIN_PEAK: f32 = 0.3;
