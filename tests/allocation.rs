@@ -38,7 +38,7 @@ fn a_tick_in_steady_state_allocates_nothing() {
     assert!(counts[20..].iter().all(|n| *n == 0), "{counts:?}");
     let last = Tick(59);
     let error_m: Vec<f64> = track
-        .keypoints_m(&method)
+        .keypoints_m()
         .iter()
         .zip(ring.truth_m(last))
         .map(|(a, b)| (a - b).norm())

@@ -203,7 +203,10 @@ mod tests {
             eye.into(),
             point.into(),
             others,
-            &OcclusionParameters::default(),
+            &OcclusionParameters {
+                weight: G,
+                ..OcclusionParameters::default()
+            },
         );
         assert!(
             (weight - expected).abs() < 1e-12,
@@ -211,12 +214,13 @@ mod tests {
         );
     }
 
+    const G: f64 = 0.3;
     const EYE: [f64; 3] = [-10.0, 0.0, 1.2];
     const KEYPOINT: [f64; 3] = [0.0, 0.0, 1.2];
 
     #[test]
     fn a_person_in_front_lowers_the_weight_to_g() {
-        check(EYE, KEYPOINT, &[post(-3.0, 0.0)], 0.3);
+        check(EYE, KEYPOINT, &[post(-3.0, 0.0)], G);
     }
 
     #[test]
@@ -236,7 +240,7 @@ mod tests {
 
     #[test]
     fn a_person_pressed_against_the_near_side_hides_the_keypoint() {
-        check(EYE, KEYPOINT, &[post(-0.10, 0.0)], 0.3);
+        check(EYE, KEYPOINT, &[post(-0.10, 0.0)], G);
     }
 
     #[test]

@@ -16,6 +16,7 @@ use rayon::prelude::*;
 
 use crate::align::TickGroup;
 use crate::boxes::BoxShape;
+use crate::ik::relative_sigmas;
 use crate::occlusion::Body;
 use crate::person::crowd::Crowd;
 use crate::person::journal::Journal;
@@ -91,6 +92,7 @@ impl Pipeline {
                 &keypoints,
                 card.map_or(&no_offsets, |card| &card.keypoint_offsets),
             ),
+            relative_sigmas: relative_sigmas(&keypoints),
             range_of_motion: range.enabled.then(|| RangeOfMotion::new(range.factor)),
             box_shape: BoxShape {
                 margin,
@@ -127,6 +129,11 @@ impl Pipeline {
         &self.method.keypoints
     }
 
+    /// Everybody as the last step left them, tentative ones too, by id: for studies of the stages.
+    pub fn tracks(&self) -> &[Track] {
+        self.crowd.tracks()
+    }
+
     /// The boxes with which a run begins at `tick`: everybody looks for people.
     pub fn first_boxes(&mut self, tick: Tick) -> Vec<BoxSet> {
         self.crowd.begin(tick, &self.method);
@@ -151,7 +158,7 @@ impl Pipeline {
         let poses = PoseSet {
             session: self.session,
             tick: group.tick,
-            persons: self.crowd.published(&self.method),
+            persons: self.crowd.published(),
         };
         self.journal.push(poses.clone());
         self.journal.insert(lived.confirmed);

@@ -14,9 +14,9 @@
 //! 0.77 for every cutoff up to 0.45 of the rate.
 //!
 //! **The lag that remains** is that of acceleration: at a constant acceleration A the output stays
-//! behind by A (q dt/(1 - q))^2, which is A/w^2 for slow cutoffs. At 6 Hz and 60 Hz that is 3.3 mm
-//! per m/s^2; the cutoff therefore rises with the innovation (One-Euro style), so that fast motion
-//! is not held back while a still person stays still.
+//! behind by A (q dt/(1 - q))^2, which is A/w^2 for slow cutoffs: at 6 Hz and 60 Hz 3.3 mm per m/s^2.
+//! The cutoff therefore rises with the low-passed innovation and with the speed (One-Euro style): fast
+//! motion is not held back, while a still person stays still.
 
 use std::f64::consts::TAU;
 
@@ -83,7 +83,8 @@ impl Smoother {
             let innovation = measured - ahead;
             self.innovation_m[n] += (innovation - self.innovation_m[n]) * keep;
             let raised_hz = parameters.cutoff_hz
-                + parameters.cutoff_rise_hz_per_m * self.innovation_m[n].norm();
+                + parameters.cutoff_rise_hz_per_m * self.innovation_m[n].norm()
+                + parameters.cutoff_rise_per_m * self.velocity_m_s[n].norm();
             let q = pole(raised_hz.min(highest_hz), dt_s);
             self.position_m[n] = ahead + innovation * (1.0 - q * q);
             self.velocity_m_s[n] += innovation * ((1.0 - q) * (1.0 - q) / dt_s);
@@ -122,6 +123,7 @@ mod tests {
     const FIXED: SmoothingParameters = SmoothingParameters {
         cutoff_hz: 6.0,
         cutoff_rise_hz_per_m: 0.0,
+        cutoff_rise_per_m: 0.0,
         innovation_cutoff_hz: 4.0,
         coast_decay_s: 0.25,
     };

@@ -9,6 +9,7 @@ use farfield_edge::gaussian_maps::draw_maps;
 use farfield_edge::source::Candidate;
 use farfield_fusion::align::TickGroup;
 use farfield_fusion::boxes::BoxShape;
+use farfield_fusion::ik::relative_sigmas;
 use farfield_fusion::person::fit::fit;
 use farfield_fusion::person::life::Life;
 use farfield_fusion::person::observed::ObservedJoints;
@@ -86,6 +87,7 @@ impl Ring {
         Method {
             dt_s: 1.0 / RATE_HZ,
             sites: sites_of(&keypoints, &std::collections::BTreeMap::new()),
+            relative_sigmas: relative_sigmas(&keypoints),
             keypoints,
             range_of_motion: Some(RangeOfMotion::new(1.0)),
             box_shape: BoxShape {

@@ -20,9 +20,11 @@
 mod normal;
 mod observability;
 mod priors;
+mod relative_sigma;
 mod solver;
 
 pub use priors::Priors;
+pub use relative_sigma::relative_sigmas;
 pub use solver::{IkSolver, Solution, Target};
 
 #[cfg(test)]

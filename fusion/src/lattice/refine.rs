@@ -41,11 +41,12 @@ pub(super) fn best_neighbour(
 ///   (H + lambda I) delta = g - lambda d,    lambda = S/sigma^2,    then: = g
 /// ```
 ///
-/// g and -H are gradient and curvature of S from a quadratic per view (least squares over 5 x 5
-/// cells around the projection), curvatures that point the wrong way left out, so H + lambda I is
-/// positive definite. The steps with lambda d seek the maximum of F, which lies towards the
-/// prediction; the others take that pull back where the views determine the position, and leave it
-/// where they do not (along the ray of a single view).
+/// Each view's map counts once more by its own value (S here is the sum of its squares): a network
+/// that is unsure draws a lower peak, and is wrong by more. g and -H are gradient and curvature of S
+/// from a quadratic per view (least squares over 5 x 5 cells around the projection), curvatures that
+/// point the wrong way left out, so H + lambda I is positive definite. The steps with lambda d seek the
+/// maximum of F, which lies towards the prediction; the others take that pull back where the views
+/// determine the position, and leave it where they do not (along the ray of a single view).
 pub(super) fn newton(
     witnesses: &Witnesses,
     views: &[View],
@@ -97,9 +98,10 @@ impl Local {
         let jacobian: Matrix2x3<f64> =
             (m.fixed_view::<2, 3>(0, 0) - cell * m.fixed_view::<1, 3>(2, 0)) / h.z;
         let (value, gradient, curvature) = quadratic(view.cells(keypoint), view.map_size(), cell);
-        self.value += witness.weight * value;
-        self.gradient += jacobian.transpose() * gradient * witness.weight;
-        self.curvature += jacobian.transpose() * hill(curvature) * jacobian * witness.weight;
+        let weight = witness.weight * value.max(0.0);
+        self.value += weight * value;
+        self.gradient += jacobian.transpose() * gradient * weight;
+        self.curvature += jacobian.transpose() * hill(curvature) * jacobian * weight;
     }
 }
 

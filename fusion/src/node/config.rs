@@ -12,6 +12,7 @@ use farfield_proto::venue::Venue;
 use super::given::{check_given_keypoints, check_given_ticks};
 use super::link::NODE;
 use super::process::{Managed, NodeError};
+use super::progress::Detail;
 
 /// Where fusion listens when nobody says where: reachable from this machine only.
 const DEFAULT_ENDPOINT: &str = "tcp/127.0.0.1:7447";
@@ -33,6 +34,9 @@ pub struct FusionArgs {
     /// Report as JSON lines on standard output, and end when standard input closes.
     #[arg(long, hide = true)]
     pub managed: bool,
+    /// With `--managed`: report where the persons are at every tick.
+    #[arg(long, hide = true, requires = "managed")]
+    pub report_bodies: bool,
 }
 
 /// The validated start of a fusion node.
@@ -48,6 +52,7 @@ pub(super) struct Config {
     /// Where to write; claimed already by a parent.
     pub(super) out: Option<PathBuf>,
     pub(super) managed: Managed,
+    pub(super) detail: Detail,
 }
 
 impl Config {
@@ -87,6 +92,11 @@ impl Config {
             ticks: args.ticks,
             out: args.out,
             managed,
+            detail: if args.report_bodies {
+                Detail::Bodies
+            } else {
+                Detail::Counts
+            },
         })
     }
 }

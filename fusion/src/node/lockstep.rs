@@ -19,7 +19,7 @@ use tracing::debug;
 
 use super::link::{Ends, Heard, Presence, Said};
 use super::process::Ending;
-use super::progress::{Progress, Reporter};
+use super::progress::Reporter;
 use super::start::Start;
 use super::tally::Tally;
 use super::worker::{Stepped, Worker};
@@ -199,11 +199,7 @@ impl<'a> LockStep<'a> {
         if !over {
             self.send_boxes(&stepped.boxes, ends)?;
         }
-        reporter.tick(&Progress {
-            tick,
-            persons: stepped.poses.persons.len(),
-            bytes: self.tally.total_bytes(),
-        });
+        reporter.tick(&stepped.poses, self.tally.total_bytes());
         Ok(over)
     }
 

@@ -24,5 +24,5 @@ pub use self::output::{Claim, check_folder};
 pub use self::process::{
     EXIT_INTERRUPTED, EXIT_REFUSED, Ending, NodeError, exit_code, say, start_log,
 };
-pub use self::progress::{Progress, Report};
+pub use self::progress::{Body, Progress, Report};
 pub use self::run::main;

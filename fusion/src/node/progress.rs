@@ -3,6 +3,7 @@
 use std::io::Write as _;
 use std::time::{Duration, Instant};
 
+use farfield_proto::message::{PersonPose, PoseSet};
 use farfield_proto::tick::Tick;
 use serde::{Deserialize, Serialize};
 
@@ -27,7 +28,7 @@ pub enum Report {
 }
 
 /// How far a run is.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Progress {
     /// The tick that is done.
     pub tick: Tick,
@@ -35,6 +36,36 @@ pub struct Progress {
     pub persons: usize,
     /// Payload bytes since the start, over all links.
     pub bytes: u64,
+    /// Where the persons are, when the node was started with `--report-bodies`.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub bodies: Vec<Body>,
+}
+
+/// One person of a tick, as it looks to a live listener.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Body {
+    /// The id.
+    pub person: u32,
+    /// The 29 joints, world, metres, in the order of the skeletal model.
+    pub joints_m: Vec<[f32; 3]>,
+}
+
+impl From<&PersonPose> for Body {
+    fn from(pose: &PersonPose) -> Self {
+        Self {
+            person: pose.person.0,
+            joints_m: pose.joints_m.clone(),
+        }
+    }
+}
+
+/// What a managed node says of a tick.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Detail {
+    /// How many persons there are.
+    Counts,
+    /// Where they are, too.
+    Bodies,
 }
 
 /// How often a node started by hand says how far it is.
@@ -43,13 +74,15 @@ const EVERY: Duration = Duration::from_secs(5);
 /// Reports to whoever started the node.
 pub(super) struct Reporter {
     managed: Managed,
+    detail: Detail,
     last: Option<Instant>,
 }
 
 impl Reporter {
-    pub(super) fn new(managed: Managed) -> Self {
+    pub(super) fn new(managed: Managed, detail: Detail) -> Self {
         Self {
             managed,
+            detail,
             last: None,
         }
     }
@@ -74,9 +107,19 @@ impl Reporter {
         }
     }
 
-    pub(super) fn tick(&mut self, progress: &Progress) {
+    /// A tick is done, after which `bytes` of payload have passed over all links.
+    pub(super) fn tick(&mut self, poses: &PoseSet, bytes: u64) {
         if self.managed == Managed::Yes {
-            send(&Report::Tick(progress.clone()));
+            let bodies = match self.detail {
+                Detail::Counts => Vec::new(),
+                Detail::Bodies => poses.persons.iter().map(Body::from).collect(),
+            };
+            send(&Report::Tick(Progress {
+                tick: poses.tick,
+                persons: poses.persons.len(),
+                bytes,
+                bodies,
+            }));
             return;
         }
         let now = clock::now();
@@ -87,9 +130,9 @@ impl Reporter {
             self.last = Some(now);
             say(format_args!(
                 "tick {}, {} persons, {} kB",
-                progress.tick,
-                progress.persons,
-                progress.bytes / 1000
+                poses.tick,
+                poses.persons.len(),
+                bytes / 1000
             ));
         }
     }

@@ -76,7 +76,7 @@ async fn run(config: &Config, session: SessionId, pipeline: Pipeline) -> Result<
         (Some(out), Managed::Yes) => Claim::of_parent(out.clone()),
         (out, _) => Claim::take(out.as_deref(), &config.venue.name).map_err(NodeError::Refused)?,
     };
-    let mut reporter = Reporter::new(config.managed);
+    let mut reporter = Reporter::new(config.managed, config.detail);
     let link = Link::open(&config.venue, &config.listen)
         .await
         .map_err(NodeError::Failed)?;

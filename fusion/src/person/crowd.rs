@@ -94,12 +94,12 @@ impl Crowd {
     }
 
     /// The poses of those who are confirmed.
-    pub fn published(&self, method: &Method) -> Vec<PersonPose> {
+    pub fn published(&self) -> Vec<PersonPose> {
         let confirmed = self
             .tracks
             .iter()
             .filter(|track| !track.life.is_tentative());
-        confirmed.map(|track| track.published(method)).collect()
+        confirmed.map(Track::published).collect()
     }
 
     /// The first tick of the oldest person who is still tentative.
@@ -124,7 +124,12 @@ impl Crowd {
                 });
             }
             match track.life.tick(track.evidence(method), rate_hz, births) {
-                Change::None => true,
+                Change::None => {
+                    if !track.life.is_tentative() {
+                        track.remeasure(method);
+                    }
+                    true
+                }
                 Change::Gone => false,
                 Change::Confirmed => {
                     confirmed.extend(track.settle(method));
@@ -172,19 +177,17 @@ impl Crowd {
                 }
             }
         }
-        for person in self.finder.find(&sightings, &self.bodies(method)) {
+        for person in self.finder.find(&sightings, &self.bodies()) {
             self.bear(&person, group.tick, method);
         }
-        let unexplained = self
-            .finder
-            .leaves_unexplained(&sightings, &self.bodies(method));
+        let unexplained = self.finder.leaves_unexplained(&sightings, &self.bodies());
         self.look_again(group.tick, unexplained);
         unusable
     }
 
-    fn bodies(&self, method: &Method) -> Vec<TrackedBody> {
+    fn bodies(&self) -> Vec<TrackedBody> {
         let body = |track: &Track| TrackedBody {
-            keypoints_m: track.keypoints_m(method),
+            keypoints_m: track.keypoints_m(),
         };
         self.tracks.iter().map(body).collect()
     }

@@ -21,13 +21,16 @@ pub mod observed;
 pub mod track;
 
 mod association;
+mod feet;
 mod initial_pose;
 mod limbs;
 mod plausibility;
 mod proportions;
 mod reconstruct;
+mod remeasure;
 #[cfg(test)]
 mod scene;
 mod segment;
 mod settle;
+mod sites;
 mod witness;

@@ -55,7 +55,7 @@ impl Track {
             tick.tick,
             PersonPose {
                 state: PersonState::Tentative,
-                ..self.published(method)
+                ..self.published()
             },
         )
     }

@@ -26,7 +26,14 @@ use crate::skeleton::{
 };
 use crate::smooth::Smoother;
 
+use super::feet::Feet;
 use super::life::{Evidence, Life};
+use super::remeasure::Remeasure;
+use super::sites::{learn, observed};
+
+/// Root mean square distance of the second inverse kinematics' joints from the smoothed ones, metres,
+/// from which it is solved a second time from elsewhere.
+const STUCK_M: f64 = 0.012;
 
 /// What all tracks of a venue share.
 #[derive(Debug, Clone)]
@@ -39,6 +46,8 @@ pub struct Method {
     pub keypoints: KeypointSet,
     /// Per keypoint: where it sits on the model, if anywhere.
     pub sites: Vec<Option<Site>>,
+    /// Per keypoint: its expected error over that of the average keypoint.
+    pub relative_sigmas: Vec<f64>,
     /// The bounds of the second IK, when they are enabled.
     pub range_of_motion: Option<RangeOfMotion>,
     /// How large boxes are and when they turn.
@@ -68,6 +77,8 @@ pub struct Track {
     pub(super) skeleton: Skeleton,
     /// Q of (14).
     pub(super) pose: Pose,
+    /// What the first inverse kinematics found, without bounds.
+    free_pose: Pose,
     unobserved: u64,
     motion: Motion,
     smoother: Smoother,
@@ -85,6 +96,10 @@ pub struct Track {
     solver: IkSolver,
     decoder: Decoder,
     boxes: Boxes,
+    remeasure: Remeasure,
+    /// Where the keypoints sit on this person.
+    sites: Vec<Option<Site>>,
+    feet: Feet,
     pub(super) tentative: Vec<TentativeTick>,
 }
 
@@ -100,6 +115,7 @@ impl Track {
             life,
             skeleton,
             pose,
+            free_pose: pose,
             unobserved: 0,
             motion: Motion::at_rest(joints_m),
             smoother: Smoother::new(&joints_m),
@@ -115,6 +131,9 @@ impl Track {
             solver: IkSolver::new(&method.parameters.ik),
             decoder: Decoder::new(),
             boxes: Boxes::default(),
+            remeasure: Remeasure::new(),
+            sites: method.sites.clone(),
+            feet: Feet::default(),
             tentative: Vec::new(),
         }
     }
@@ -129,17 +148,47 @@ impl Track {
         self.motion.newest_m()
     }
 
+    /// Whether the person is not confirmed yet.
+    pub fn is_tentative(&self) -> bool {
+        self.life.is_tentative()
+    }
+
+    /// The body: link lengths that stay the same from tick to tick.
+    pub fn skeleton(&self) -> &Skeleton {
+        &self.skeleton
+    }
+
+    /// Where the keypoints of the last tick were expected, world, metres, by keypoint.
+    pub fn predicted_m(&self) -> &[Vector3<f64>] {
+        &self.predicted_m
+    }
+
+    /// What the lattice search of the last tick found, by keypoint.
+    pub fn estimates(&self) -> &[KeypointEstimate] {
+        &self.estimates
+    }
+
+    /// The joints after the first inverse kinematics of the last tick, world, metres.
+    pub fn measured_m(&self) -> &Joints {
+        &self.measured_m
+    }
+
+    /// The joints after the filter of the last tick, world, metres.
+    pub fn smoothed_m(&self) -> &Joints {
+        self.smoother.position_m()
+    }
+
     /// Positions, velocities and history that predictions start from.
     pub fn motion(&self) -> &Motion {
         &self.motion
     }
 
     /// The keypoint sites of the newest pose, world, metres; the pelvis for a keypoint without a site.
-    pub fn keypoints_m(&self, method: &Method) -> Vec<Vector3<f64>> {
+    pub fn keypoints_m(&self) -> Vec<Vector3<f64>> {
         let site_m = |site: &Option<Site>| {
             site.map_or(self.pose.root_m, |site| self.kinematics.site_m(&site))
         };
-        method.sites.iter().map(site_m).collect()
+        self.sites.iter().map(site_m).collect()
     }
 
     /// How many viewpoints gave evidence at this tick.
@@ -219,7 +268,7 @@ impl Track {
                 &method.parameters.prediction,
                 &mut at_capture_m,
             );
-            for (k, site) in method.sites.iter().enumerate() {
+            for (k, site) in self.sites.iter().enumerate() {
                 let Some(site) = site else { continue };
                 let expected_m = site_near(&self.kinematics, site, &at_capture_m);
                 view.predicted_m[k] = expected_m;
@@ -237,7 +286,7 @@ impl Track {
                 site_near(&self.kinematics, &site, &self.ahead_m)
             })
         };
-        self.predicted_m.extend(method.sites.iter().map(predicted));
+        self.predicted_m.extend(self.sites.iter().map(predicted));
     }
 
     /// Finds the most probable keypoint positions, paper (6)-(9).
@@ -259,8 +308,12 @@ impl Track {
             .solver
             .solve(&self.skeleton, &self.pose, &self.targets, &priors, None);
         self.unobserved = solution.unobserved;
+        self.free_pose = solution.pose;
         self.skeleton.forward(&solution.pose, &mut self.kinematics);
         self.measured_m = joints_of(&self.kinematics);
+        if !self.life.is_tentative() {
+            learn(&mut self.sites, &self.estimates, &self.kinematics, method);
+        }
     }
 
     /// Low-pass filter on the innovation, paper (13). Without evidence the person coasts.
@@ -279,27 +332,52 @@ impl Track {
         let sigma_m = method.parameters.ik.joint_sigma_m;
         let weight = 1.0 / (sigma_m * sigma_m);
         self.targets.clear();
-        let smoothed = Joint::ALL.iter().zip(self.smoother.position_m());
-        self.targets
-            .extend(smoothed.map(|(&joint, &position_m)| Target {
-                joint,
-                offset_m: Vector3::zeros(),
-                position_m,
-                weight,
-                across: None,
-            }));
-        let priors = Priors::new(&method.parameters.ik, &self.pose, method.dt_s);
-        let solution = self.solver.solve(
-            &self.skeleton,
-            &self.pose,
-            &self.targets,
-            &priors,
-            method.range_of_motion.as_ref(),
+        let (smoothed_m, velocity_m_s) = (self.smoother.position_m(), self.smoother.velocity_m_s());
+        self.feet.step(smoothed_m, velocity_m_s, method.dt_s);
+        let feet = &self.feet;
+        self.targets.extend(
+            Joint::ALL
+                .iter()
+                .zip(smoothed_m)
+                .map(|(&joint, &position_m)| Target {
+                    joint,
+                    offset_m: Vector3::zeros(),
+                    position_m: feet.place_of(joint).unwrap_or(position_m),
+                    weight,
+                    across: None,
+                }),
         );
-        self.pose = solution.pose;
+        let last = self.pose;
+        let misfit_m = self.fit_joints_from(&last, &last, method);
+        if misfit_m > STUCK_M && method.range_of_motion.is_some() {
+            // An arm that straightened and bent again may have come out behind: no way leads back to
+            // the bounds from there, but from the same arm with its elbow turned about.
+            let stuck = self.pose;
+            let free = self.free_pose.with_elbows_forward();
+            let other_m = self.fit_joints_from(&free, &last, method);
+            if other_m >= misfit_m {
+                self.pose = stuck;
+            }
+        }
         self.skeleton.forward(&self.pose, &mut self.kinematics);
         let joints_m = joints_of(&self.kinematics);
         self.motion.push(&joints_m, self.smoother.velocity_m_s());
+    }
+
+    /// Solves for the smoothed joints from `start`; takes the pose, and returns how far its joints are
+    /// from them, root mean square, metres.
+    fn fit_joints_from(&mut self, start: &Pose, last: &Pose, method: &Method) -> f64 {
+        let priors = Priors::new(&method.parameters.ik, last, method.dt_s);
+        let bounds = method.range_of_motion.as_ref();
+        self.pose = self
+            .solver
+            .solve(&self.skeleton, start, &self.targets, &priors, bounds)
+            .pose;
+        self.skeleton.forward(&self.pose, &mut self.kinematics);
+        let apart = |target: &Target| {
+            (self.kinematics.joint_m(target.joint) - target.position_m).norm_squared()
+        };
+        (self.targets.iter().map(apart).sum::<f64>() / self.targets.len() as f64).sqrt()
     }
 
     /// Whether this tick brought evidence from two viewpoints.
@@ -342,19 +420,28 @@ impl Track {
     }
 
     /// The pose as it is published.
-    pub fn published(&self, method: &Method) -> PersonPose {
+    pub fn published(&self) -> PersonPose {
         let to_f32 = |p: &Vector3<f64>| [p.x as f32, p.y as f32, p.z as f32];
         PersonPose {
             person: self.id,
             state: self.life.published(),
             joints_m: self.joints_m().iter().map(to_f32).collect(),
-            keypoints_m: self.keypoints_m(method).iter().map(to_f32).collect(),
+            keypoints_m: self.keypoints_m().iter().map(to_f32).collect(),
             angles: reported_angles(&self.pose)
                 .iter()
                 .map(|a| *a as f32)
                 .collect(),
             unobserved: self.unobserved,
             views: self.n_views(),
+        }
+    }
+
+    /// Measures the link lengths anew when it is time to; the pose stays, and the next tick fits it.
+    pub(super) fn remeasure(&mut self, method: &Method) {
+        let (estimates, sites, kinematics) = (&self.estimates, &self.sites, &self.kinematics);
+        let joints = || observed(estimates, sites, kinematics);
+        if let Some(skeleton) = self.remeasure.tick(joints, method) {
+            self.skeleton = skeleton;
         }
     }
 
@@ -372,8 +459,10 @@ impl Track {
         let ik = &method.parameters.ik;
         let full = 1.0 / (ik.keypoint_sigma_m * ik.keypoint_sigma_m);
         self.targets.clear();
-        for (estimate, site) in self.estimates.iter().zip(&method.sites) {
+        let keypoints = self.estimates.iter().zip(&self.sites);
+        for ((estimate, site), sigma) in keypoints.zip(&method.relative_sigmas) {
             let Some(site) = site else { continue };
+            let full = full / (sigma * sigma);
             let weight = if estimate.weight > 0.0 {
                 estimate.weight.max(ik.min_weight)
             } else {

@@ -19,6 +19,8 @@ pub struct Tally {
     compared_points: u64,
     missing_points: u64,
     error_sum_m: f64,
+    site_error_sum_m: f64,
+    compared_sites: u64,
     within: [u64; 2],
     limbs: u64,
     correct_limbs: [u64; 3],
@@ -56,6 +58,16 @@ impl Tally {
         for limb in points.limbs() {
             self.add_limb(limb, truth, pose);
         }
+        let sites = |body: &Body| body.sites_m;
+        for (a, b) in pose
+            .iter()
+            .flat_map(|pose| sites(truth).into_iter().zip(sites(pose)))
+        {
+            if let (Some(a), Some(b)) = (a, b) {
+                self.site_error_sum_m += (a - b).norm();
+                self.compared_sites += 1;
+            }
+        }
     }
 
     /// Percentage of correct parts, in its three readings (see [`ActorScore`]).
@@ -80,8 +92,9 @@ impl Tally {
         }
     }
 
-    /// The figures. `motion` is that of the poses that were matched to the same actor.
-    pub fn finish(&self, motion: &Motion, rate_hz: Option<f64>) -> ActorScore {
+    /// The figures. `motion` is that of the poses that were matched to the same actor, `id_switches`
+    /// how often their id changed.
+    pub fn finish(&self, motion: &Motion, id_switches: u64, rate_hz: Option<f64>) -> ActorScore {
         let [pcp_both_ends, pcp_mean_end, pcp_midpoint] =
             self.correct_limbs.map(|n| percent(n, self.limbs));
         let [pck_50, pck_100] = self.within.map(|n| percent(n, self.points));
@@ -90,15 +103,19 @@ impl Tally {
             success_150: percent(self.successes, self.frames),
             mpjpe_mm: (self.compared_points > 0)
                 .then(|| 1000.0 * self.error_sum_m / self.compared_points as f64),
+            mpjpe_sites_mm: (self.compared_sites > 0)
+                .then(|| 1000.0 * self.site_error_sum_m / self.compared_sites as f64),
             pcp_both_ends,
             pcp_mean_end,
             pcp_midpoint,
             pck_50,
             pck_100,
             gaps: self.gaps,
+            id_switches,
             missing_points: self.missing_points,
             jitter_m_s3: rate_hz.and_then(|rate| motion.jitter_m_s3(rate)),
             foot_slide_mm_s: rate_hz.and_then(|rate| motion.foot_slide_mm_s(rate)),
+            ankle_slide_mm_s: rate_hz.and_then(|rate| motion.ankle_slide_mm_s(rate)),
         }
     }
 }

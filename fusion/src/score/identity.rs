@@ -66,6 +66,11 @@ impl IdentityTally {
         self.clear.add(distances);
     }
 
+    /// Times that the id of `actor` changed.
+    pub(super) fn switches_of(&self, actor: u32) -> u64 {
+        self.clear.switches.get(&actor).copied().unwrap_or(0)
+    }
+
     pub(super) fn finish(&self, truth_partial: bool) -> IdentityScore {
         let is_false = |(id, &ticks): (&u32, &u64)| {
             2 * self.matched_ticks.get(id).copied().unwrap_or(0) < ticks
@@ -78,7 +83,7 @@ impl IdentityTally {
         let n_truths: u64 = self.true_ticks.values().sum();
         let n_poses: u64 = self.pose_ticks.values().sum();
         IdentityScore {
-            switches: self.clear.switches,
+            switches: self.clear.switches.values().sum(),
             fragmentations: self
                 .clear
                 .found_again
@@ -117,7 +122,8 @@ impl IdentityTally {
 #[derive(Debug, Clone, Default)]
 struct Clear {
     true_positives: u64,
-    switches: u64,
+    /// Per actor: how often its id changed.
+    switches: BTreeMap<u32, u64>,
     /// Per actor: the id that it had last, whenever that was.
     last_id: BTreeMap<u32, u32>,
     /// Per actor: the id that it had at the tick before.
@@ -149,7 +155,9 @@ impl Clear {
         }
         for (&actor, &id) in &current {
             let before = self.last_id.insert(actor, id);
-            self.switches += u64::from(before.is_some_and(|before| before != id));
+            if before.is_some_and(|before| before != id) {
+                *self.switches.entry(actor).or_default() += 1;
+            }
             if !self.previous.contains_key(&actor) {
                 *self.found_again.entry(actor).or_default() += 1;
             }
@@ -159,7 +167,7 @@ impl Clear {
     }
 
     fn mota(&self, n_truths: u64, n_poses: u64) -> f64 {
-        let wrong = (n_poses - self.true_positives) + self.switches;
+        let wrong = (n_poses - self.true_positives) + self.switches.values().sum::<u64>();
         percent(self.true_positives, n_truths) - percent(wrong, n_truths)
     }
 }

@@ -77,6 +77,21 @@ impl Recording {
         })
     }
 
+    /// The people of a run that was never written: `people` by tick and id, gathered with `points`.
+    pub fn from_people(points: PointSet, people: BTreeMap<Tick, BTreeMap<u32, Body>>) -> Self {
+        let mut spans: BTreeMap<u32, Span> = BTreeMap::new();
+        for (tick, bodies) in &people {
+            for id in bodies.keys() {
+                spans.entry(*id).or_default().add(*tick);
+            }
+        }
+        Self {
+            points,
+            partial: spans.values().any(Span::has_holes),
+            people,
+        }
+    }
+
     /// Which points were kept.
     pub fn points(&self) -> PointSet {
         self.points
@@ -197,7 +212,8 @@ fn parse_line(text: &str, role: Role, points: PointSet) -> Result<ParsedLine, Fa
         (_, Role::Poses) => keypoints.get(name).copied(),
         (_, Role::Truth) => keypoints.get(name).or_else(|| joints.get(name)).copied(),
     };
-    let body = Body::gather(points, point, |name| joints.get(name).copied());
+    let mut body = Body::gather(points, point, |name| joints.get(name).copied());
+    body.set_sites(|name| keypoints.get(name).copied());
     Ok(ParsedLine { tick, person, body })
 }
 

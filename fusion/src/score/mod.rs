@@ -13,8 +13,9 @@ pub mod assign;
 pub mod identity;
 pub mod lines;
 pub mod motion;
+pub mod plot;
 pub mod points;
-mod table;
+pub mod table;
 
 use std::collections::BTreeMap;
 
@@ -62,6 +63,9 @@ pub struct ActorScore {
     pub success_150: f64,
     /// Mean distance over points and matched frames, millimetres. Gaps are left out.
     pub mpjpe_mm: Option<f64>,
+    /// The same from the true sites of the 12 keypoints (`keypoints` of a line) to the pose's, where
+    /// both are known.
+    pub mpjpe_sites_mm: Option<f64>,
     /// Share of the limbs with both ends within half the limb's length, percent.
     pub pcp_both_ends: f64,
     /// Share of the limbs whose end errors are on average within half the length, percent.
@@ -74,6 +78,8 @@ pub struct ActorScore {
     pub pck_100: f64,
     /// Frames without a pose within [`GATE_M`].
     pub gaps: u64,
+    /// Times that the pose had another id than the actor's pose before.
+    pub id_switches: u64,
     /// Points that the truth knows and the matched pose lacks: wrong in the percentages, left out of
     /// the MPJPE.
     pub missing_points: u64,
@@ -81,6 +87,9 @@ pub struct ActorScore {
     pub jitter_m_s3: Option<f64>,
     /// Mean horizontal speed of heel and toe while the true foot is still, millimetres per second.
     pub foot_slide_mm_s: Option<f64>,
+    /// Mean horizontal speed of the ankle while the true foot is still, millimetres per second: also
+    /// known of poses without heel and toe.
+    pub ankle_slide_mm_s: Option<f64>,
 }
 
 /// Means over actors of the figures of [`ActorScore`]; an actor that lacks a figure is left out of
@@ -94,15 +103,18 @@ pub struct MeanScore {
     pub frames: f64,
     pub success_150: f64,
     pub mpjpe_mm: Option<f64>,
+    pub mpjpe_sites_mm: Option<f64>,
     pub pcp_both_ends: f64,
     pub pcp_mean_end: f64,
     pub pcp_midpoint: f64,
     pub pck_50: f64,
     pub pck_100: f64,
     pub gaps: f64,
+    pub id_switches: f64,
     pub missing_points: f64,
     pub jitter_m_s3: Option<f64>,
     pub foot_slide_mm_s: Option<f64>,
+    pub ankle_slide_mm_s: Option<f64>,
 }
 
 /// Scores `poses` against `truth`, both read with the same [`PointSet`] and ticks.
@@ -129,7 +141,7 @@ pub fn score(poses: &Recording, truth: &Recording, rate_hz: Option<f64>) -> Scor
     }
     let actors: BTreeMap<u32, ActorScore> = actors
         .into_iter()
-        .map(|(id, (tally, motion))| (id, tally.finish(&motion, rate_hz)))
+        .map(|(id, (tally, motion))| (id, tally.finish(&motion, identity.switches_of(id), rate_hz)))
         .collect();
     let averaged: Vec<&ActorScore> = actors
         .iter()
@@ -144,6 +156,39 @@ pub fn score(poses: &Recording, truth: &Recording, rate_hz: Option<f64>) -> Scor
         rate_hz,
         actors,
     }
+}
+
+/// Mean error of each actor at each tick, metres, under the matching that [`score`] uses; `None` at
+/// a gap. Ticks rise.
+pub fn errors_over_time(
+    poses: &Recording,
+    truth: &Recording,
+) -> BTreeMap<u32, Vec<(Tick, Option<f64>)>> {
+    let nobody = BTreeMap::new();
+    let mut errors: BTreeMap<u32, Vec<(Tick, Option<f64>)>> = BTreeMap::new();
+    for tick in truth.ticks() {
+        let true_bodies = truth.people_at(tick).unwrap_or(&nobody);
+        let pose_bodies = poses.people_at(tick).unwrap_or(&nobody);
+        let distances = Distances::new(true_bodies, pose_bodies);
+        for (i, (&actor, pose)) in true_bodies.keys().zip(distances.matches()).enumerate() {
+            let error_m = pose.and_then(|j| distances.within_gate(i, j));
+            errors.entry(actor).or_default().push((tick, error_m));
+        }
+    }
+    errors
+}
+
+/// Whose pose is whose at one tick, under the matching that [`score`] uses: per actor the pose's id.
+pub fn matches_at(tick: Tick, poses: &Recording, truth: &Recording) -> BTreeMap<u32, u32> {
+    let (Some(true_bodies), Some(pose_bodies)) = (truth.people_at(tick), poses.people_at(tick))
+    else {
+        return BTreeMap::new();
+    };
+    let distances = Distances::new(true_bodies, pose_bodies);
+    let pairs = true_bodies.keys().zip(distances.matches());
+    pairs
+        .filter_map(|(&actor, j)| Some((actor, distances.pose_ids[j?])))
+        .collect()
 }
 
 fn scored_ticks(poses: &Recording, truth: &Recording) -> Vec<Tick> {
@@ -210,15 +255,18 @@ impl MeanScore {
             frames: mean(|a| a.frames as f64),
             success_150: mean(|a| a.success_150),
             mpjpe_mm: mean_of(actors.iter().map(|a| a.mpjpe_mm)),
+            mpjpe_sites_mm: mean_of(actors.iter().map(|a| a.mpjpe_sites_mm)),
             pcp_both_ends: mean(|a| a.pcp_both_ends),
             pcp_mean_end: mean(|a| a.pcp_mean_end),
             pcp_midpoint: mean(|a| a.pcp_midpoint),
             pck_50: mean(|a| a.pck_50),
             pck_100: mean(|a| a.pck_100),
             gaps: mean(|a| a.gaps as f64),
+            id_switches: mean(|a| a.id_switches as f64),
             missing_points: mean(|a| a.missing_points as f64),
             jitter_m_s3: mean_of(actors.iter().map(|a| a.jitter_m_s3)),
             foot_slide_mm_s: mean_of(actors.iter().map(|a| a.foot_slide_mm_s)),
+            ankle_slide_mm_s: mean_of(actors.iter().map(|a| a.ankle_slide_mm_s)),
         }
     }
 }

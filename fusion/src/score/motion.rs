@@ -1,19 +1,26 @@
 //! How smooth the poses of one actor are: jitter, and feet that slide while they should stand.
+//!
+//! A foot slides by its heel and toe. Whoever has neither (triangulated keypoints) is compared by the
+//! ankle: its horizontal speed while the same true feet are still.
 
 use farfield_proto::tick::Tick;
 use nalgebra::Vector3;
 
-use super::points::{Body, N_POINTS};
+use super::points::{Body, LIMB_POINTS, N_POINTS};
 
+/// The scored limb points, of which the ankles, left and right, are the last.
+const N_LIMB_POINTS: usize = LIMB_POINTS.len();
 /// Speed of heel and toe below which the true foot is still, metres per second.
 const STILL_M_S: f64 = 0.05;
 
-/// A foot's change over one tick: of the truth (3D) and of the pose (horizontal), metres per tick,
-/// the truth's being the faster of heel and toe, the pose's their mean.
+/// A foot's change over one tick, metres per tick: of the truth (3D, the faster of heel and toe), and
+/// of the pose (horizontal, the mean of heel and toe, and the ankle).
 #[derive(Debug, Clone, Copy)]
+#[expect(clippy::struct_field_names, reason = "the unit is in every name")]
 struct FootStep {
     true_m: f64,
-    horizontal_m: f64,
+    foot_m: Option<f64>,
+    ankle_m: Option<f64>,
 }
 
 /// Sums over the ticks of one actor. Differences are taken over consecutive ticks that all have a
@@ -53,16 +60,23 @@ impl Motion {
         }
         if let Some((_, last_truth, last_pose)) = self.recent.last() {
             let steps = [0, 1].map(|side| {
-                let change = |now: &Body, before: &Body| foot_change(now, before, side);
-                let (true_change, change) = (change(truth, last_truth)?, change(pose, last_pose)?);
+                let true_change = foot_change(truth, last_truth, side)?;
                 let true_m = true_change
                     .map(|v| v.norm())
                     .into_iter()
                     .fold(0.0, f64::max);
-                let horizontal = change.map(|v| v.xy().norm());
+                let foot_m = foot_change(pose, last_pose, side).map(|change| {
+                    let [heel, toe] = change.map(|v| v.xy().norm());
+                    f64::midpoint(heel, toe)
+                });
+                let ankle = N_LIMB_POINTS - 2 + side;
+                let ankle_m = pose.points_m[ankle]
+                    .zip(last_pose.points_m[ankle])
+                    .map(|(now, before)| (now - before).xy().norm());
                 Some(FootStep {
                     true_m,
-                    horizontal_m: f64::midpoint(horizontal[0], horizontal[1]),
+                    foot_m,
+                    ankle_m,
                 })
             });
             self.foot_steps.extend(steps.into_iter().flatten());
@@ -82,11 +96,21 @@ impl Motion {
     /// Mean horizontal speed of heel and toe while the true foot (its heel and its toe) is slower
     /// than 0.05 m/s, mm/s.
     pub fn foot_slide_mm_s(&self, rate_hz: f64) -> Option<f64> {
+        self.slide_mm_s(rate_hz, |step| step.foot_m)
+    }
+
+    /// The same of the ankle.
+    pub fn ankle_slide_mm_s(&self, rate_hz: f64) -> Option<f64> {
+        self.slide_mm_s(rate_hz, |step| step.ankle_m)
+    }
+
+    fn slide_mm_s(&self, rate_hz: f64, of: fn(&FootStep) -> Option<f64>) -> Option<f64> {
         let still: Vec<f64> = self
             .foot_steps
             .iter()
             .filter(|step| step.true_m * rate_hz < STILL_M_S)
-            .map(|step| 1000.0 * step.horizontal_m * rate_hz)
+            .filter_map(of)
+            .map(|moved_m| 1000.0 * moved_m * rate_hz)
             .collect();
         (!still.is_empty()).then(|| still.iter().sum::<f64>() / still.len() as f64)
     }
@@ -148,5 +172,18 @@ mod tests {
             motion.add(Tick(t), &body(0.0, true_x), Some(&body(0.0, x)));
         }
         assert!((motion.foot_slide_mm_s(10.0).unwrap() - 20.0).abs() < 1e-9);
+        assert_eq!(motion.ankle_slide_mm_s(10.0), None);
+    }
+
+    #[test]
+    fn who_has_no_feet_slides_by_the_ankle() {
+        let mut motion = Motion::default();
+        for t in 0..4 {
+            let mut pose = Body::default();
+            pose.points_m[10] = Some(Vector3::new(0.003 * t as f64, 0.0, 0.01 * t as f64));
+            motion.add(Tick(t), &body(0.0, 0.0), Some(&pose));
+        }
+        assert!((motion.ankle_slide_mm_s(10.0).unwrap() - 30.0).abs() < 1e-9);
+        assert_eq!(motion.foot_slide_mm_s(10.0), None);
     }
 }

@@ -122,6 +122,8 @@ pub struct Body {
     pub points_m: [Option<Vector3<f64>>; N_POINTS],
     /// `[left, right][heel, toe]`, always of the joints.
     pub feet_m: [[Option<Vector3<f64>>; 2]; 2],
+    /// The sites of the keypoints under the names of [`LIMB_POINTS`], whatever is compared.
+    pub sites_m: [Option<Vector3<f64>>; LIMB_POINTS.len()],
 }
 
 impl Body {
@@ -146,6 +148,11 @@ impl Body {
         }
         body.feet_m = FOOT_POINTS.map(|foot| foot.map(&joint));
         body
+    }
+
+    /// Notes the keypoint sites: `keypoint` gives the position under a keypoint's name.
+    pub fn set_sites(&mut self, keypoint: impl Fn(&str) -> Option<Vector3<f64>>) {
+        self.sites_m = LIMB_POINTS.map(keypoint);
     }
 
     /// Mean distance over the points that both know, metres; `None` when they share none.

@@ -1,6 +1,7 @@
 //! One person's body: the constant offsets of its joints, its pose, and where keypoints sit on it.
 
 use std::collections::BTreeMap;
+use std::f64::consts::PI;
 
 use farfield_proto::keypoints::KeypointSet;
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
@@ -41,6 +42,21 @@ impl Pose {
             root_rotation,
             dof,
         }
+    }
+
+    /// The same directions of all limbs with elbows that bend forwards: an elbow that is bent backwards
+    /// is the elbow of an upper arm turned by half a turn about itself.
+    #[must_use]
+    pub fn with_elbows_forward(mut self) -> Self {
+        for side in Side::BOTH {
+            let elbow = first_of(side, Part::Elbow);
+            let twist = first_of(side, Part::Shoulder) + 2;
+            if self.dof[elbow] < 0.0 {
+                self.dof[elbow] = -self.dof[elbow];
+                self.dof[twist] = wrap(self.dof[twist] + PI);
+            }
+        }
+        self
     }
 
     /// The pose after a small motion: translation in the world (metres), rotation vector in the

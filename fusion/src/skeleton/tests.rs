@@ -439,3 +439,18 @@ fn feet_of_larger_networks_have_sites_and_unknown_names_have_none() {
         .collect();
     assert_eq!(joints, [Some(Joint::LeftToe), Some(Joint::RightHeel), None]);
 }
+
+#[test]
+fn an_elbow_that_is_bent_backwards_has_a_forward_twin_with_the_same_wrist() {
+    for side in Side::BOTH {
+        let mut pose = standing();
+        let (arm, elbow) = (first_of(side, Part::Shoulder), first_of(side, Part::Elbow));
+        pose.dof[arm + 2] = -2.0;
+        pose.dof[elbow] = -1.4;
+        let twin = pose.with_elbows_forward();
+        assert!(twin.dof[elbow] > 0.0 && twin.dof[arm + 2].abs() < PI);
+        let wrist = [Joint::RightWrist, Joint::LeftWrist][usize::from(side == Side::Left)];
+        let apart_m = (placed(&pose).joint_m(wrist) - placed(&twin).joint_m(wrist)).norm();
+        assert!(apart_m < EXACT, "{apart_m} m");
+    }
+}

@@ -45,8 +45,8 @@ parameters! {
 parameters! {
     /// `[occlusion]`: what a map is worth while another body stands in front, paper (9).
     OcclusionParameters {
-        /// The weight g of an occluded view, 0 to 1. Default 0.3.
-        weight: f64 = 0.3,
+        /// The weight g of an occluded view, 0 to 1. Default 0.4.
+        weight: f64 = 0.4,
         /// Radius of limbs, metres. Default 0.07.
         limb_radius_m: f64 = 0.07,
         /// Radius of the trunk, metres. Default 0.14.
@@ -82,11 +82,14 @@ parameters! {
 parameters! {
     /// `[smoothing]`: the low-pass filter on the innovation, paper (13).
     SmoothingParameters {
-        /// Closed-loop -3 dB frequency, hertz. Default 6.
-        cutoff_hz: f64 = 6.0,
+        /// Closed-loop -3 dB frequency for a joint at rest, hertz. Default 1.5.
+        cutoff_hz: f64 = 1.5,
         /// How much the cutoff rises with the filtered innovation, hertz per metre: fast motion is
-        /// not held back. Default 100.
-        cutoff_rise_hz_per_m: f64 = 100.0,
+        /// not held back. Default 1000.
+        cutoff_rise_hz_per_m: f64 = 1000.0,
+        /// How much the cutoff rises with the joint's speed, hertz per metre per second: what moves fast
+        /// is not held back, what stands stays. Default 4.
+        cutoff_rise_per_m: f64 = 4.0,
         /// Cutoff of the low-pass that the innovation goes through before it raises the cutoff, hertz.
         /// High enough to notice the start of a kick within two or three ticks, low enough that the
         /// noise of single ticks averages out. Default 4.
@@ -130,6 +133,19 @@ parameters! {
     }
 }
 
+/// Which camera of a viewpoint looks at a person, paper (5).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum CameraChoice {
+    /// The one that sees most of the person, then with the most pixels, then nearest its centre; kept
+    /// until another is clearly better.
+    #[default]
+    BestView,
+    /// The paper's: the one whose image centre is nearest to the projected torso, in pixels,
+    /// whatever it sees. For comparisons.
+    NearestCenter,
+}
+
 parameters! {
     /// `[boxes]`: the predicted image regions, paper (2) and (4).
     BoxParameters {
@@ -144,6 +160,8 @@ parameters! {
         /// A trunk that is seen shorter than this share of its length is seen end-on, and the box
         /// stays upright. Default 0.5.
         end_on_ratio: f64 = 0.5,
+        /// Which camera of a viewpoint looks at a person. Default `best-view`.
+        camera_choice: CameraChoice = CameraChoice::default(),
     }
 }
 
@@ -170,6 +188,9 @@ parameters! {
         look_again_ticks: u32 = 5,
         /// Least keypoints with evidence from two viewpoints for a person to count as seen. Default 4.
         min_seen_keypoints: u32 = 4,
+        /// Until when a person's link lengths are measured anew, 2, 4, 8, ... seconds after its birth,
+        /// seconds; 0: those of the birth stay. Default 16.
+        measure_s: f64 = 16.0,
         /// Two persons whose joints are closer than this on average stand in one place, metres. Default 0.15.
         same_place_m: f64 = 0.15,
         /// For how long two persons may stand in one place until one of them is taken for a ghost,
