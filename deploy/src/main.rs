@@ -9,16 +9,18 @@ mod run;
 mod samples;
 
 use std::process::ExitCode;
+use std::sync::Arc;
 
 use clap::Parser as _;
 use farfield_fusion::node::{Ending, exit_code};
+use farfield_testbed::simulated::VenueSources;
 
 use crate::cli::{Cli, Command};
 
 fn main() -> ExitCode {
     match Cli::parse().command {
         Command::Run(args) => run::main(args),
-        Command::Edge(args) => farfield_edge::node::main(args),
+        Command::Edge(args) => farfield_edge::node::main(args, Arc::new(VenueSources::default())),
         Command::Fusion(args) => farfield_fusion::node::main(args),
         Command::Evaluate(args) => exit_code(evaluate::evaluate(&args).map(|()| Ending::Done)),
     }

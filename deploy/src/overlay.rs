@@ -4,7 +4,7 @@
 //! raw picture. Where a source has no pictures, its keypoint candidates are drawn on a dark canvas.
 
 use anyhow::Context as _;
-use farfield_edge::source::{self, Content, KeypointFrame};
+use farfield_edge::source::{Candidate, Content, Sources};
 use farfield_fusion::skeleton::Joint;
 use farfield_proto::camera::{CameraModel, NEAR_PLANE_M};
 use farfield_proto::frames::{Point, World};
@@ -31,12 +31,14 @@ const CLIP_DEPTH_M: f64 = NEAR_PLANE_M * 1.01;
 /// # Errors
 /// The source cannot be opened at `tick`, or its frame cannot be read.
 pub(crate) fn overlay(
+    sources: &dyn Sources,
     venue: &Venue,
     camera: &VenueCamera,
     tick: Tick,
     persons: &[PersonPose],
 ) -> anyhow::Result<RgbImage> {
-    let frame = source::open(camera, venue, tick)?
+    let frame = sources
+        .open(camera, venue, tick)?
         .next_frame()?
         .with_context(|| format!("camera `{}` has no tick {tick}", camera.model.name()))?;
     let mut image = match frame.content {
@@ -44,7 +46,14 @@ pub(crate) fn overlay(
         Content::Keypoints(keypoints) => {
             let [width, height] = camera.model.size_px();
             let mut canvas = RgbImage::from_pixel(width, height, CANVAS);
-            draw_candidates(&mut canvas, &keypoints);
+            draw_candidates(&mut canvas, keypoints.peaks.iter().flatten());
+            canvas
+        }
+        Content::Painted(painter) => {
+            let [width, height] = camera.model.size_px();
+            let mut canvas = RgbImage::from_pixel(width, height, CANVAS);
+            let found = painter.persons();
+            draw_candidates(&mut canvas, found.iter().flatten().flatten());
             canvas
         }
     };
@@ -115,9 +124,9 @@ fn person_colour(person: PersonId) -> [u8; 3] {
 }
 
 /// Small crosses where keypoints may be, brighter with their score.
-fn draw_candidates(image: &mut RgbImage, keypoints: &KeypointFrame) {
+fn draw_candidates<'a>(image: &mut RgbImage, found: impl Iterator<Item = &'a Candidate>) {
     let arm_px = stroke_radius_px(image) * 2.0;
-    for candidate in keypoints.peaks.iter().flatten() {
+    for candidate in found {
         let at = candidate.position.vector_px();
         let share = 0.35 + 0.65 * f64::from(candidate.score).clamp(0.0, 1.0);
         let colour = CANDIDATE.map(|c| (f64::from(c) * share) as u8);

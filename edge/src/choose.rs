@@ -8,6 +8,7 @@ use farfield_proto::bounding_box::BoundingBox;
 use farfield_proto::camera::CameraModel;
 use farfield_proto::frames::{Pixel, Undistorted};
 use farfield_proto::message::CameraBox;
+use farfield_proto::venue::parameters::CameraChoice;
 
 /// Samples per side of a box that are tested for being inside the image.
 const SAMPLES_PER_SIDE: usize = 8;
@@ -87,6 +88,14 @@ fn point_of(b: &BoundingBox, u: f64, v: f64) -> Pixel<Undistorted> {
         f64::from(b.center_px[0]) + along * cos - down * sin,
         f64::from(b.center_px[1]) + along * sin + down * cos,
     )
+}
+
+/// Chooses the camera for one person as the venue asks: see [`choose_camera`] and [`nearest_center`].
+pub fn choose(choice: CameraChoice, views: &[View<'_>], last: Option<usize>) -> Option<usize> {
+    match choice {
+        CameraChoice::BestView => choose_camera(views, last),
+        CameraChoice::NearestCenter => nearest_center(views),
+    }
 }
 
 /// Chooses the camera for one person: position in `views`, `None` when no camera sees the person.

@@ -1,9 +1,11 @@
 //! The lean edge binary, for boxes that run nothing else.
 
 use std::process::ExitCode;
+use std::sync::Arc;
 
 use clap::Parser;
 use farfield_edge::node::{self, EdgeArgs};
+use farfield_edge::source::RecordedSources;
 
 /// The edge node of one viewpoint: pixels in, patches out.
 #[derive(Debug, Parser)]
@@ -14,5 +16,5 @@ struct Cli {
 }
 
 fn main() -> ExitCode {
-    node::main(Cli::parse().edge)
+    node::main(Cli::parse().edge, Arc::new(RecordedSources))
 }

@@ -4,18 +4,21 @@
 use std::ops::Range;
 use std::path::Path;
 
-use anyhow::Context as _;
+use anyhow::{Context as _, ensure};
 use farfield_edge::detector::OnnxDetector;
 use farfield_edge::network::OnnxKeypointNetwork;
 use farfield_edge::pipeline::{EdgeOutput, KeypointNetwork, PersonDetector};
-use farfield_edge::source::{self, FrameSource};
+use farfield_edge::source::{FrameSource, Sources as _, common_ticks};
 use farfield_fusion::align::TickGroup;
+use farfield_fusion::person::track::Track;
 use farfield_proto::id::{SessionId, ViewpointIndex};
 use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::message::{BoxSet, PoseSet};
 use farfield_proto::model_card::HeatmapCard;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::Venue;
+
+use crate::simulated::VenueSources;
 
 /// One viewpoint: its cameras' sources and its pipeline.
 struct Edge {
@@ -40,6 +43,8 @@ pub struct TickTrace {
     pub tick: Tick,
     /// What the edges made, the withheld one too, by viewpoint.
     pub edges: Vec<EdgeOutput>,
+    /// What a live listener gets at this tick: the persons as they look now.
+    pub poses: PoseSet,
     /// Ticks whose poses have become final.
     pub finished: Vec<PoseSet>,
 }
@@ -51,32 +56,52 @@ impl InProcess {
     /// Whatever the venue's files, networks or sources are refused for.
     pub fn open(path: &Path, withheld: Option<ViewpointIndex>) -> anyhow::Result<Self> {
         let venue = Venue::load(path)?;
+        let known = VenueSources::default();
         let infos = venue
             .cameras
             .iter()
-            .map(|camera| {
-                Ok((
-                    camera.model.name().to_owned(),
-                    source::probe(camera, &venue)?,
-                ))
-            })
+            .map(|camera| Ok((camera.model.name().to_owned(), known.probe(camera, &venue)?)))
             .collect::<anyhow::Result<Vec<_>>>()?;
-        let ticks = source::common_ticks(&infos, None)?;
+        let ticks = common_ticks(&infos, None)?;
+        let sources = venue
+            .cameras
+            .iter()
+            .map(|camera| Ok(known.open(camera, &venue, ticks.start)?))
+            .collect::<anyhow::Result<Vec<_>>>()?;
+        let mut this = Self::new(venue, sources, ticks)?;
+        this.withheld = withheld;
+        Ok(this)
+    }
+
+    /// Brings up a venue that need not be a file. `sources` has one entry per camera of the venue, in
+    /// its order, each with its next frame at the start of `ticks`.
+    ///
+    /// # Errors
+    /// When a network or detector of the venue cannot be loaded, its maps do not fit the wire, or
+    /// the number of sources is not that of the cameras.
+    pub fn new(
+        venue: Venue,
+        sources: Vec<Box<dyn FrameSource>>,
+        ticks: Range<Tick>,
+    ) -> anyhow::Result<Self> {
+        let (got, expected) = (sources.len(), venue.cameras.len());
+        ensure!(got == expected, "{got} sources for {expected} cameras");
+        let mut sources: Vec<Option<Box<dyn FrameSource>>> =
+            sources.into_iter().map(Some).collect();
         let edges = (0..venue.viewpoints.len())
-            .map(|index| Edge::open(&venue, ViewpointIndex(index as u16), ticks.start))
+            .map(|index| Edge::new(&venue, ViewpointIndex(index as u16), &mut sources))
             .collect::<anyhow::Result<Vec<_>>>()?;
         let card = venue.network.as_deref().map(read_card).transpose()?;
-        let fusion = farfield_fusion::pipeline::Pipeline::new(&venue, card.as_ref(), SessionId(1));
-        let mut this = Self {
+        let mut fusion =
+            farfield_fusion::pipeline::Pipeline::new(&venue, card.as_ref(), SessionId(1));
+        Ok(Self {
+            boxes: fusion.first_boxes(ticks.start),
             venue,
             edges,
             fusion,
-            boxes: Vec::new(),
             ticks,
-            withheld,
-        };
-        this.boxes = this.fusion.first_boxes(this.ticks.start);
-        Ok(this)
+            withheld: None,
+        })
     }
 
     /// The venue.
@@ -87,6 +112,11 @@ impl InProcess {
     /// The names of the network's keypoints.
     pub fn keypoints(&self) -> &KeypointSet {
         self.fusion.keypoints()
+    }
+
+    /// Everybody as fusion left them at the last tick, tentative ones too.
+    pub fn tracks(&self) -> &[Track] {
+        self.fusion.tracks()
     }
 
     /// Works on the next tick; `None` at the end of the recording.
@@ -135,6 +165,7 @@ impl InProcess {
         Ok(Some(TickTrace {
             tick,
             edges,
+            poses: step.poses,
             finished: step.finished,
         }))
     }
@@ -146,31 +177,32 @@ impl InProcess {
 }
 
 impl Edge {
-    fn open(venue: &Venue, viewpoint: ViewpointIndex, from: Tick) -> anyhow::Result<Self> {
-        let network = venue
-            .network
-            .as_deref()
-            .map(OnnxKeypointNetwork::load)
-            .transpose()?;
-        let detector = venue
-            .detector
-            .as_deref()
-            .map(OnnxDetector::load)
-            .transpose()?;
+    /// Takes the sources of its cameras out of `sources`.
+    fn new(
+        venue: &Venue,
+        viewpoint: ViewpointIndex,
+        sources: &mut [Option<Box<dyn FrameSource>>],
+    ) -> anyhow::Result<Self> {
+        let cameras = &venue.viewpoints[usize::from(viewpoint.0)].cameras;
+        let models = cameras.iter().filter_map(|index| venue.camera(*index));
+        let pictures = models.into_iter().any(|c| c.source.gives_pictures());
+        let network = venue.network.as_deref().filter(|_| pictures);
+        let network = network.map(OnnxKeypointNetwork::load).transpose()?;
+        let detector = venue.detector.as_deref().filter(|_| pictures);
+        let detector = detector.map(OnnxDetector::load).transpose()?;
         let pipeline = farfield_edge::pipeline::Pipeline::new(
             venue,
             viewpoint,
             network.map(|n| Box::new(n) as Box<dyn KeypointNetwork>),
             detector.map(|d| Box::new(d) as Box<dyn PersonDetector>),
         )?;
-        let cameras = &venue.viewpoints[usize::from(viewpoint.0)].cameras;
         let sources = cameras
             .iter()
             .map(|index| {
-                let camera = venue
-                    .camera(*index)
-                    .context("a viewpoint names its cameras")?;
-                Ok(source::open(camera, venue, from)?)
+                let source = sources.get_mut(usize::from(index.0));
+                source
+                    .and_then(Option::take)
+                    .context("a camera belongs to one viewpoint and has one source")
             })
             .collect::<anyhow::Result<Vec<_>>>()?;
         Ok(Self { sources, pipeline })

@@ -15,6 +15,7 @@ use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 use serde_json::{Value, json};
 
+use crate::scene::write::calibration_text;
 use crate::walker::Walker;
 
 /// What is simulated.
@@ -117,36 +118,7 @@ impl KeypointVenue {
 
     /// The cameras in the calibration format.
     pub fn calibration_text(&self) -> String {
-        let mut text = String::new();
-        for camera in &self.cameras {
-            let (i, d, [w, h]) = (camera.intrinsics(), camera.distortion(), camera.size_px());
-            let isometry = camera.camera_from_world().isometry();
-            let (r, t) = (isometry.rotation.scaled_axis(), isometry.translation.vector);
-            let _infallible = write!(
-                text,
-                "[{name}]\nname = \"{name}\"\nsize = [{w}, {h}]\n\
-                 matrix = [[{:?}, 0.0, {:?}], [0.0, {:?}, {:?}], [0.0, 0.0, 1.0]]\n\
-                 distortions = [{:?}, {:?}, {:?}, {:?}, {:?}]\n\
-                 rotation = [{:?}, {:?}, {:?}]\ntranslation = [{:?}, {:?}, {:?}]\nfisheye = false\n\n",
-                i.fx_px,
-                i.cx_px,
-                i.fy_px,
-                i.cy_px,
-                d.k1,
-                d.k2,
-                d.p1,
-                d.p2,
-                d.k3,
-                r.x,
-                r.y,
-                r.z,
-                t.x,
-                t.y,
-                t.z,
-                name = camera.name(),
-            );
-        }
-        text
+        calibration_text(&self.cameras)
     }
 
     fn truth_text(&self) -> String {

@@ -5,18 +5,17 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use anyhow::Context as _;
-use farfield_edge::peaks::best_peak;
 use farfield_fusion::triangulate::{Observation, weighted_dlt};
 use farfield_proto::camera::CameraModel;
-use farfield_proto::frames::{Pixel, Point, Undistorted};
+use farfield_proto::frames::Point;
 use farfield_proto::id::{PersonId, ViewpointIndex};
 use farfield_proto::keypoints::{COCO17, KeypointSet};
-use farfield_proto::message::{PersonPatch, PoseSet};
-use farfield_proto::patch::{Decoder, Maps};
+use farfield_proto::message::PoseSet;
 use farfield_proto::tick::Tick;
 use nalgebra::{Point3, Vector3};
 
 use crate::in_process::InProcess;
+use crate::view_peaks::{PeakReader, ViewPeak};
 
 /// The 12 keypoints below the head, by their COCO names: those after the five of the face.
 pub const BODY_KEYPOINTS: &[&str] = COCO17.split_at(5).1;
@@ -24,15 +23,8 @@ pub const BODY_KEYPOINTS: &[&str] = COCO17.split_at(5).1;
 /// Least height of a peak that is used, by triangulation and as a judge.
 const MIN_PEAK: f32 = 0.3;
 
-/// The best peak of one keypoint in one view.
-#[derive(Debug, Clone, Copy)]
-struct Peak {
-    pixel: Pixel<Undistorted>,
-    height: f32,
-}
-
 /// Peaks of one tick: per viewpoint and keypoint.
-type TickPeaks = Vec<Vec<Option<Peak>>>;
+type TickPeaks = Vec<Vec<Option<ViewPeak>>>;
 
 /// One person's run through a venue, with the peaks that every view saw.
 pub struct Recording {
@@ -65,11 +57,7 @@ impl Recording {
             .iter()
             .map(|c| c.model.clone())
             .collect();
-        let mut reader = PeakReader {
-            decoder: Decoder::new(),
-            maps: Maps::new(1, 1, 1),
-            map: Vec::new(),
-        };
+        let mut reader = PeakReader::default();
         let peaks = patches
             .iter()
             .map(|(tick, edges)| {
@@ -154,7 +142,7 @@ impl Recording {
         (mean(&ours), mean(&dlt))
     }
 
-    fn peak(&self, tick: Tick, view: usize, keypoint: usize) -> Option<Peak> {
+    fn peak(&self, tick: Tick, view: usize, keypoint: usize) -> Option<ViewPeak> {
         let peak = (*self.peaks.get(&tick)?.get(view)?.get(keypoint)?)?;
         (peak.height >= MIN_PEAK).then_some(peak)
     }
@@ -173,40 +161,6 @@ impl Recording {
             })
             .collect();
         weighted_dlt(&seen).ok().map(|p| p.coordinates_m().coords)
-    }
-}
-
-struct PeakReader {
-    decoder: Decoder,
-    maps: Maps,
-    map: Vec<f32>,
-}
-
-impl PeakReader {
-    fn read(&mut self, patch: &PersonPatch) -> Vec<Option<Peak>> {
-        if self.decoder.decode(&patch.maps, &mut self.maps).is_err() {
-            return Vec::new();
-        }
-        let n_keypoints = self.maps.keypoints();
-        (0..n_keypoints)
-            .map(|k| {
-                let crop = patch
-                    .crops
-                    .get(usize::from(*patch.crop_of_keypoint.get(k)?))?;
-                self.map.clear();
-                self.map.extend(
-                    self.maps
-                        .cells(k)
-                        .iter()
-                        .map(|&cell| f32::from(cell) / 255.0),
-                );
-                let peak = best_peak(&self.map, self.maps.width(), 0.0)?;
-                Some(Peak {
-                    pixel: crop.pixel(peak.cell[0], peak.cell[1]),
-                    height: peak.value,
-                })
-            })
-            .collect()
     }
 }
 

@@ -1,11 +1,18 @@
 //! The simulated venue of Farfield: people whose truth is a pure function of time, cameras that
 //! see them, and the loop of edges and fusion inside one process, for tests and studies.
 
+pub mod body;
+pub mod embedded;
+pub mod faults;
 #[cfg(feature = "loop")]
 pub mod in_process;
 pub mod keypoint_venue;
 #[cfg(feature = "loop")]
 pub mod leave_one_out;
 pub mod motion;
+pub mod render;
 pub mod ring;
+pub mod scene;
+pub mod simulated;
+pub mod view_peaks;
 pub mod walker;

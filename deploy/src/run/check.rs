@@ -4,57 +4,58 @@ use std::ops::Range;
 use std::path::PathBuf;
 
 use anyhow::anyhow;
-use farfield_edge::node::{load_networks, probe_sources};
+use farfield_edge::node::{Networks, load_networks, probe_sources};
 use farfield_edge::source::common_ticks;
 use farfield_fusion::node::{
     NodeError, check_folder, check_given_keypoints, check_given_ticks, check_names, load_card,
 };
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::Venue;
+use farfield_testbed::simulated::VenueSources;
 
 use crate::cli::RunArgs;
 
 /// A run that nothing speaks against.
-#[derive(Debug)]
-pub(super) struct Plan {
-    pub(super) venue_path: PathBuf,
-    pub(super) venue: Venue,
-    pub(super) ticks: Range<Tick>,
+pub(crate) struct Plan {
+    pub(crate) venue_path: PathBuf,
+    pub(crate) venue: Venue,
+    /// How its sources are opened.
+    pub(crate) sources: VenueSources,
+    pub(crate) ticks: Range<Tick>,
     /// Where the results shall go, if anyone said so.
-    pub(super) out: Option<PathBuf>,
+    pub(crate) out: Option<PathBuf>,
     /// The tick to draw, if one shall be drawn.
-    pub(super) overlay: Option<Tick>,
-    /// Which inference backend will run; empty when every source is keypoints.
-    pub(super) backend: String,
+    pub(crate) overlay: Option<Tick>,
 }
 
-/// Reads the venue, probes every source and loads every network once.
-pub(super) fn check(args: RunArgs) -> Result<Plan, NodeError> {
+/// Reads the venue, probes every source and loads every network once: the edges will load them for
+/// themselves.
+pub(crate) fn check(args: RunArgs) -> Result<(Plan, Networks), NodeError> {
     let venue = Venue::load(&args.venue).map_err(NodeError::refused)?;
+    let sources = VenueSources::default();
     check_names(&venue).map_err(NodeError::Refused)?;
     if let Some(out) = &args.out {
         check_folder(out).map_err(NodeError::Refused)?;
     }
-    let infos = probe_sources(&venue, &venue.cameras).map_err(NodeError::refused)?;
+    let infos = probe_sources(&sources, &venue, &venue.cameras).map_err(NodeError::refused)?;
     let ticks = common_ticks(&infos, args.ticks).map_err(NodeError::refused)?;
     check_given_ticks(&venue, &args.venue, &ticks).map_err(NodeError::refused)?;
     let overlay = args
         .overlay
         .map(|tick| overlay_tick(tick.map(Tick), &ticks))
         .transpose()?;
-    let backend = load_networks(&venue, &venue.cameras)
-        .map_err(NodeError::refused)?
-        .backend;
+    let networks = load_networks(&venue, &venue.cameras).map_err(NodeError::refused)?;
     let card = load_card(&venue).map_err(NodeError::Refused)?;
     check_given_keypoints(&venue, &args.venue, card.as_ref()).map_err(NodeError::refused)?;
-    Ok(Plan {
+    let plan = Plan {
         venue_path: args.venue,
         venue,
+        sources,
         ticks,
         out: args.out,
         overlay,
-        backend,
-    })
+    };
+    Ok((plan, networks))
 }
 
 fn overlay_tick(asked: Option<Tick>, ticks: &Range<Tick>) -> Result<Tick, NodeError> {

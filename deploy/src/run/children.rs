@@ -15,6 +15,7 @@ use tokio_util::task::TaskTracker;
 use tracing::debug;
 
 use super::check::Plan;
+use super::follow::Detail;
 
 /// Fusion's name among the nodes.
 pub(super) const FUSION: &str = "fusion";
@@ -83,12 +84,20 @@ impl Children {
     }
 
     /// Starts fusion on a free port of the loopback, with its results in `out`.
-    pub(super) fn start_fusion(&self, plan: &Plan, out: &Path) -> anyhow::Result<ChildStdin> {
+    pub(super) fn start_fusion(
+        &self,
+        plan: &Plan,
+        out: &Path,
+        detail: Detail,
+    ) -> anyhow::Result<ChildStdin> {
         let mut command = node(plan, FUSION)?;
         command
             .args(["--listen", "tcp/127.0.0.1:0"])
             .arg("--out")
             .arg(out);
+        if detail == Detail::Bodies {
+            command.arg("--report-bodies");
+        }
         command.stdout(Stdio::piped());
         self.start(FUSION, command)
     }

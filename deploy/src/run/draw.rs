@@ -31,7 +31,7 @@ pub(super) fn draw(plan: &Plan, out: &Path, tick: Tick) -> anyhow::Result<()> {
     let persons = recorded(&out.join("poses.jsonl"), tick)?;
     for camera in &plan.venue.cameras {
         let path = out.join(format!("overlay_{}_{tick}.png", camera.model.name()));
-        let image = overlay(&plan.venue, camera, tick, &persons)?;
+        let image = overlay(&plan.sources, &plan.venue, camera, tick, &persons)?;
         let bytes = png(&image).with_context(|| format!("encoding {}", path.display()))?;
         write_whole(path.clone(), &bytes).with_context(|| format!("writing {}", path.display()))?;
     }

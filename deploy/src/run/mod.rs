@@ -5,8 +5,10 @@
 mod check;
 mod children;
 mod draw;
+mod follow;
 mod progress;
 mod report;
+mod session;
 mod signals;
 mod verdict;
 mod watch;
@@ -14,13 +16,16 @@ mod watch;
 use std::path::Path;
 use std::process::ExitCode;
 
-use anyhow::Context as _;
 use farfield_fusion::node::{Claim, Ending, NodeError, exit_code, say, start_log};
 
-use self::check::{Plan, check};
-use self::signals::Signals;
-use self::verdict::{End, Verdict};
-use self::watch::watch;
+pub(crate) use self::check::{Plan, check};
+pub(crate) use self::follow::{Detail, Follow};
+pub(crate) use self::report::done;
+pub(crate) use self::session::Session;
+pub(crate) use self::signals::Signals;
+pub(crate) use self::verdict::{End, Verdict};
+
+use self::progress::ProgressLine;
 use crate::cli::RunArgs;
 
 /// Runs a venue to its end and says what came out.
@@ -31,31 +36,20 @@ pub(crate) fn main(args: RunArgs) -> ExitCode {
 
 fn run(args: RunArgs) -> Result<Ending, NodeError> {
     let json = args.json;
-    let plan = check(args)?;
-    if !plan.backend.is_empty() {
-        say(format_args!("{}", plan.backend));
+    let (plan, networks) = check(args)?;
+    if !networks.backend.is_empty() {
+        say(format_args!("{}", networks.backend));
     }
-    let runtime = tokio::runtime::Builder::new_multi_thread()
-        .worker_threads(2)
-        .enable_all()
-        .build();
-    let runtime = runtime
-        .context("starting the runtime")
-        .map_err(NodeError::Failed)?;
-    let entered = runtime.enter();
-    let signals = Signals::listen()
-        .context("listening for signals")
-        .map_err(NodeError::Failed)?;
-    drop(entered);
+    drop(networks);
+    let mut session = Session::open()?;
     // From here on an interruption is heard: the folder is the sign that the run has begun.
     let claim = Claim::take(plan.out.as_deref(), &plan.venue.name).map_err(NodeError::Refused)?;
-    let end = runtime
-        .block_on(watch(&plan, claim.folder(), signals))
-        .map_err(NodeError::Failed)?;
+    let end = session.watch(&plan, claim.folder(), &mut ProgressLine::new(&plan))?;
     finish(&plan, claim.folder(), end, json)
 }
 
-fn finish(plan: &Plan, out: &Path, end: End, json: bool) -> Result<Ending, NodeError> {
+/// Draws and prints what the run has left in `out`.
+pub(crate) fn finish(plan: &Plan, out: &Path, end: End, json: bool) -> Result<Ending, NodeError> {
     if end.last.is_none() {
         report::discard_unfinished(out);
     }

@@ -3,11 +3,12 @@
 use std::io::{IsTerminal as _, stderr};
 use std::time::Duration;
 
-use farfield_fusion::node::{Progress as Tick, say};
+use farfield_fusion::node::{Progress, say};
 use indicatif::{HumanBytes, ProgressBar, ProgressStyle};
 use tokio::time::Instant;
 
 use super::check::Plan;
+use super::follow::{Detail, Follow};
 
 /// How often a line is printed where there is no terminal.
 const LINE_EVERY: Duration = Duration::from_secs(10);
@@ -16,7 +17,7 @@ const LINE_EVERY: Duration = Duration::from_secs(10);
 const FIRST_LINE_AFTER: Duration = Duration::from_secs(1);
 
 /// Shows the progress of one run on standard error.
-pub(super) struct Progress {
+pub(super) struct ProgressLine {
     bar: Option<ProgressBar>,
     first: i64,
     total: i64,
@@ -24,7 +25,7 @@ pub(super) struct Progress {
     last_line: Option<Instant>,
 }
 
-impl Progress {
+impl ProgressLine {
     pub(super) fn new(plan: &Plan) -> Self {
         let total = plan.ticks.end - plan.ticks.start;
         let bar = stderr().is_terminal().then(|| {
@@ -44,8 +45,20 @@ impl Progress {
         }
     }
 
-    /// A tick is done.
-    pub(super) fn tick(&mut self, tick: &Tick) {
+    fn is_line_due(&self, now: Instant, elapsed: Duration) -> bool {
+        match self.last_line {
+            Some(last) => now.duration_since(last) >= LINE_EVERY,
+            None => elapsed >= FIRST_LINE_AFTER,
+        }
+    }
+}
+
+impl Follow for ProgressLine {
+    fn detail(&self) -> Detail {
+        Detail::Counts
+    }
+
+    fn tick(&mut self, tick: &Progress) {
         let now = Instant::now();
         let elapsed = now.duration_since(*self.began.get_or_insert(now));
         let elapsed_s = elapsed.as_secs_f64();
@@ -76,14 +89,7 @@ impl Progress {
         }
     }
 
-    fn is_line_due(&self, now: Instant, elapsed: Duration) -> bool {
-        match self.last_line {
-            Some(last) => now.duration_since(last) >= LINE_EVERY,
-            None => elapsed >= FIRST_LINE_AFTER,
-        }
-    }
-
-    pub(super) fn finish(&self) {
+    fn finish(&mut self) {
         if let Some(bar) = &self.bar {
             bar.finish_and_clear();
         }

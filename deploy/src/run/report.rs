@@ -2,27 +2,42 @@
 
 use std::fmt::Write as _;
 use std::io;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
 use farfield_fusion::export::summary::Summary;
+use farfield_proto::tick::Tick;
 
 use crate::output;
 
 /// Prints the summary of the run in `out` on standard output; nothing when the run left none.
 pub(super) fn print(out: &Path, json: bool) -> anyhow::Result<()> {
-    let path = out.join("summary.json");
-    if !path.exists() {
+    let Some((summary, text)) = read(out)? else {
         return Ok(());
-    }
-    let text =
-        std::fs::read_to_string(&path).with_context(|| format!("reading {}", path.display()))?;
+    };
     if json {
         return output::print(&text);
     }
-    let summary: Summary =
-        serde_json::from_str(&text).with_context(|| format!("reading {}", path.display()))?;
     output::print(&for_people(&summary, &out.display().to_string()))
+}
+
+/// The ticks that the run in `out` has finished; `None` when it left no summary. An interrupted
+/// fusion finishes the tick that it is at, and reports it no more.
+pub(crate) fn done(out: &Path) -> anyhow::Result<Option<Range<Tick>>> {
+    let ticks = read(out)?.map(|(summary, _)| summary.ticks);
+    Ok(ticks.map(|ticks| ticks.first..ticks.first + ticks.done.cast_signed()))
+}
+
+fn read(out: &Path) -> anyhow::Result<Option<(Summary, String)>> {
+    let path = out.join("summary.json");
+    if !path.exists() {
+        return Ok(None);
+    }
+    let reading = || format!("reading {}", path.display());
+    let text = std::fs::read_to_string(&path).with_context(reading)?;
+    let summary = serde_json::from_str(&text).with_context(reading)?;
+    Ok(Some((summary, text)))
 }
 
 /// Whether a node that was killed has left files behind that are not whole.
@@ -88,10 +103,24 @@ fn for_people(summary: &Summary, out: &str) -> String {
 
 #[cfg(test)]
 mod tests {
-    use farfield_fusion::export::summary::{LinkSummary, PersonSummary, TickSpan};
-    use farfield_proto::tick::Tick;
-
     use super::*;
+    use farfield_fusion::export::summary::{LinkSummary, PersonSummary, TickSpan};
+
+    #[test]
+    fn what_is_done_is_what_the_summary_says() {
+        let folder = tempfile::tempdir().unwrap();
+        assert_eq!(done(folder.path()).unwrap(), None);
+        let summary = Summary {
+            ticks: TickSpan {
+                first: Tick(5),
+                end: Tick(20),
+                done: 3,
+            },
+            ..Summary::default()
+        };
+        std::fs::write(folder.path().join("summary.json"), summary.to_json()).unwrap();
+        assert_eq!(done(folder.path()).unwrap(), Some(Tick(5)..Tick(8)));
+    }
 
     #[test]
     fn people_read_who_was_there_and_what_a_view_costs() {

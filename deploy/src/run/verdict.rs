@@ -8,7 +8,7 @@ use super::children::{Exit, FUSION};
 
 /// How a run ended.
 #[derive(Debug)]
-pub(super) enum Verdict {
+pub(crate) enum Verdict {
     /// Fusion has worked on every tick.
     Done,
     /// Someone asked the run to stop.
@@ -18,10 +18,10 @@ pub(super) enum Verdict {
 
 /// The end of a run.
 #[derive(Debug)]
-pub(super) struct End {
-    pub(super) verdict: Verdict,
+pub(crate) struct End {
+    pub(crate) verdict: Verdict,
     /// The last tick that fusion has reported.
-    pub(super) last: Option<Tick>,
+    pub(crate) last: Option<Tick>,
 }
 
 /// The ends of the nodes as they come.

@@ -12,24 +12,29 @@ use tokio::time::{Instant, sleep_until};
 
 use super::check::Plan;
 use super::children::{Children, Event, Exit, FUSION};
-use super::progress::Progress;
+use super::follow::Follow;
 use super::signals::Signals;
 use super::verdict::{End, Ends, Sign, Told};
 
 /// How long the nodes may take to finish their files and leave, once they shall.
 const GRACE: Duration = Duration::from_secs(10);
 
-/// Runs all nodes to their end, with the results in `out`.
+/// Runs all nodes to their end, with the results in `out`; `follow` hears of every tick.
 ///
 /// # Errors
 /// When a node cannot be started or watched.
-pub(super) async fn watch(plan: &Plan, out: &Path, mut signals: Signals) -> anyhow::Result<End> {
+pub(super) async fn watch(
+    plan: &Plan,
+    out: &Path,
+    signals: &mut Signals,
+    follow: &mut dyn Follow,
+) -> anyhow::Result<End> {
     let (children, mut events) = Children::new();
     let mut watch = Watch {
         plan,
         children,
         inputs: BTreeMap::new(),
-        progress: Progress::new(plan),
+        follow,
         started: false,
         last: None,
         interrupted: false,
@@ -37,7 +42,9 @@ pub(super) async fn watch(plan: &Plan, out: &Path, mut signals: Signals) -> anyh
         leave_by: None,
         ends: Ends::default(),
     };
-    let input = watch.children.start_fusion(plan, out)?;
+    let input = watch
+        .children
+        .start_fusion(plan, out, watch.follow.detail())?;
     watch.inputs.insert(FUSION.to_owned(), Some(input));
     while !watch.inputs.is_empty() {
         let leave_by = watch.leave_by;
@@ -51,7 +58,7 @@ pub(super) async fn watch(plan: &Plan, out: &Path, mut signals: Signals) -> anyh
             }
         }
     }
-    watch.progress.finish();
+    watch.follow.finish();
     Ok(End {
         verdict: watch.ends.verdict(watch.interrupted, watch.last),
         last: watch.last,
@@ -63,7 +70,7 @@ struct Watch<'a> {
     children: Children,
     /// Nodes that run. A node whose input is `None` has been asked to leave.
     inputs: BTreeMap<String, Option<ChildStdin>>,
-    progress: Progress,
+    follow: &'a mut dyn Follow,
     started: bool,
     last: Option<Tick>,
     interrupted: bool,
@@ -83,7 +90,7 @@ impl Watch<'_> {
             Event::Report(Report::Started { .. }) => self.started = true,
             Event::Report(Report::Tick(tick)) => {
                 self.last = Some(tick.tick);
-                self.progress.tick(&tick);
+                self.follow.tick(&tick);
             }
             Event::Exited(exit) => self.exited(exit),
         }

@@ -2,20 +2,23 @@
 
 use std::hash::{BuildHasher as _, Hasher as _, RandomState};
 use std::ops::Range;
+use std::sync::Arc;
+use std::time::Duration;
 
 use anyhow::Context as _;
 use farfield_proto::message::Status;
 use farfield_proto::tick::Tick;
-use farfield_proto::venue::{Source, Venue, VenueCamera};
+use farfield_proto::venue::{Venue, VenueCamera};
 use farfield_proto::wire;
 
+use super::clock;
 use super::config::Config;
 use super::process::NodeError;
 use super::worker::Work;
 use crate::detector::OnnxDetector;
 use crate::network::{Backend, Choice, OnnxKeypointNetwork};
-use crate::pipeline::{KeypointNetwork, NetworkError, PersonDetector, Pipeline};
-use crate::source::{self, SourceError, SourceInfo};
+use crate::pipeline::{InputTensor, KeypointNetwork, NetworkError, PersonDetector, Pipeline};
+use crate::source::{self, SourceError, SourceInfo, Sources};
 
 /// An edge that is ready to connect.
 pub(super) struct Built {
@@ -34,7 +37,28 @@ pub struct Networks {
     pub backend: String,
 }
 
-/// Loads the networks that `venue` names; none of them when every one of `cameras` is a file of keypoints.
+impl Networks {
+    /// How long the keypoint network takes for one crop here and now; `None` without one.
+    ///
+    /// # Errors
+    /// When the backend fails.
+    pub fn crop_time(&mut self) -> Result<Option<Duration>, NetworkError> {
+        let Some(network) = &mut self.keypoints else {
+            return Ok(None);
+        };
+        let input = &network.card().input;
+        let input = InputTensor {
+            values: vec![0.0; 3 * input.width as usize * input.height as usize],
+        };
+        // The first run of a backend also makes its buffers.
+        network.infer(std::slice::from_ref(&input))?;
+        let start = clock::now();
+        network.infer(std::slice::from_ref(&input))?;
+        Ok(Some(clock::now().duration_since(start)))
+    }
+}
+
+/// Loads the networks that `venue` names; none of them when none of `cameras` gives pictures.
 ///
 /// # Errors
 /// When no backend starts, or a file is missing, is not ONNX or does not fit its card.
@@ -44,7 +68,7 @@ pub fn load_networks<'a>(
 ) -> Result<Networks, NetworkError> {
     let pictures = cameras
         .into_iter()
-        .any(|camera| !matches!(camera.source, Source::Keypoints { .. }));
+        .any(|camera| camera.source.gives_pictures());
     if !pictures {
         return Ok(Networks {
             keypoints: None,
@@ -84,16 +108,18 @@ pub fn load_networks<'a>(
     })
 }
 
-/// Probes the sources of `cameras`; what is known of each, by the camera's name.
+/// Probes the sources of `cameras` as `sources` knows them; what is known of each, by the camera's name.
 ///
 /// # Errors
 /// Of the first camera whose source is not what the venue and the calibration say.
 pub fn probe_sources<'a>(
+    sources: &dyn Sources,
     venue: &Venue,
     cameras: impl IntoIterator<Item = &'a VenueCamera>,
 ) -> Result<Vec<(String, SourceInfo)>, SourceError> {
     let probe = |camera: &VenueCamera| {
-        source::probe(camera, venue).map(|info| (camera.model.name().to_owned(), info))
+        let info = sources.probe(camera, venue)?;
+        Ok((camera.model.name().to_owned(), info))
     };
     cameras.into_iter().map(probe).collect()
 }
@@ -101,7 +127,9 @@ pub fn probe_sources<'a>(
 /// Opens everything but the network connection.
 pub(super) fn build(config: &Config) -> Result<Built, NodeError> {
     let venue = &config.venue;
-    let infos = probe_sources(venue, config.cameras()).map_err(NodeError::refused)?;
+    let sources = &config.sources;
+    let infos = probe_sources(sources.as_ref(), venue, config.cameras());
+    let infos = infos.map_err(NodeError::refused)?;
     let ticks = shared_ticks(&infos, config.ticks.as_ref()).map_err(NodeError::refused)?;
     let networks = load_networks(venue, config.cameras()).map_err(NodeError::refused)?;
     let Networks {
@@ -121,8 +149,10 @@ pub(super) fn build(config: &Config) -> Result<Built, NodeError> {
         .get(usize::from(config.viewpoint.0))
         .map(|v| v.cameras.clone())
         .unwrap_or_default();
-    let from = config.ticks.as_ref().map(|ticks| ticks.start);
-    let work = Work::new(venue.clone(), cameras, pipeline, from).map_err(NodeError::Refused)?;
+    let mut work = Work::new(venue.clone(), cameras, pipeline, Arc::clone(sources));
+    if let Some(from) = config.ticks.as_ref().map(|ticks| ticks.start) {
+        work.open(from).map_err(NodeError::Refused)?;
+    }
     let status = Status {
         node: config.name.clone(),
         process: RandomState::new().build_hasher().finish(),

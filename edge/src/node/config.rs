@@ -2,6 +2,7 @@
 
 use std::ops::Range;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use anyhow::anyhow;
 use farfield_proto::endpoint::is_endpoint;
@@ -10,6 +11,7 @@ use farfield_proto::tick::{Tick, parse_range};
 use farfield_proto::venue::{Venue, VenueCamera, Viewpoint};
 
 use super::process::{Managed, NodeError};
+use crate::source::Sources;
 
 /// Where fusion is looked for when nobody says where: on this machine.
 const DEFAULT_ENDPOINT: &str = "tcp/127.0.0.1:7447";
@@ -37,6 +39,8 @@ pub struct EdgeArgs {
 #[derive(Debug)]
 pub(super) struct Config {
     pub(super) venue: Venue,
+    /// How the sources of the cameras are opened.
+    pub(super) sources: Arc<dyn Sources>,
     pub(super) viewpoint: ViewpointIndex,
     pub(super) name: String,
     pub(super) connect: Vec<String>,
@@ -46,7 +50,7 @@ pub(super) struct Config {
 
 impl Config {
     /// Reads the venue and its calibration.
-    pub(super) fn load(args: EdgeArgs) -> Result<Self, NodeError> {
+    pub(super) fn load(args: EdgeArgs, sources: Arc<dyn Sources>) -> Result<Self, NodeError> {
         let venue = Venue::load(&args.venue).map_err(NodeError::refused)?;
         let viewpoint = venue.viewpoint_named(&args.viewpoint).ok_or_else(|| {
             let known: Vec<&str> = venue.viewpoints.iter().map(|v| v.name.as_str()).collect();
@@ -78,6 +82,7 @@ impl Config {
         };
         Ok(Self {
             venue,
+            sources,
             viewpoint,
             name: args.viewpoint,
             connect,

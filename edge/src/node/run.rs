@@ -17,6 +17,7 @@ use super::link::{Ends, Link};
 use super::lockstep::LockStep;
 use super::process::{Ending, Managed, NodeError, exit_code, say, start_log, stop_when_told};
 use super::worker::Worker;
+use crate::source::Sources;
 
 /// How long the tasks may take to end.
 const DRAIN: Duration = Duration::from_secs(5);
@@ -27,14 +28,15 @@ const SILENCE: Duration = Duration::from_millis(500);
 /// How often a person is told so again.
 const REMIND_EVERY: Duration = Duration::from_secs(10);
 
-/// Runs an edge node to its end and says on standard error what went wrong.
-pub fn main(args: EdgeArgs) -> ExitCode {
+/// Runs an edge node, whose cameras `sources` opens, to its end and says on standard error what went
+/// wrong.
+pub fn main(args: EdgeArgs, sources: Arc<dyn Sources>) -> ExitCode {
     start_log();
-    exit_code(load_and_run(args))
+    exit_code(load_and_run(args, sources))
 }
 
-fn load_and_run(args: EdgeArgs) -> Result<Ending, NodeError> {
-    let config = Arc::new(Config::load(args)?);
+fn load_and_run(args: EdgeArgs, sources: Arc<dyn Sources>) -> Result<Ending, NodeError> {
+    let config = Arc::new(Config::load(args, sources)?);
     let runtime = tokio::runtime::Builder::new_multi_thread()
         .worker_threads(2)
         .enable_all()

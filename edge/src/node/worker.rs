@@ -1,6 +1,7 @@
 //! The thread that computes: reads the frames of a tick, runs the pipeline, encodes the messages.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::JoinHandle;
 
@@ -16,7 +17,7 @@ use super::clock;
 use super::frames_at::FramesAt;
 use super::link::Said;
 use crate::pipeline::{EdgeOutput, Pipeline, Stage};
-use crate::source::{self, Frame};
+use crate::source::{Frame, SourceError, Sources};
 
 /// What the thread says after each tick.
 pub(super) type Done = anyhow::Result<Tick>;
@@ -25,6 +26,7 @@ pub(super) type Done = anyhow::Result<Tick>;
 pub(super) struct Work {
     venue: Venue,
     cameras: Vec<CameraIndex>,
+    sources: Arc<dyn Sources>,
     /// Opened in advance at this tick, when the run's first tick is known before the start.
     opened: Option<(Tick, Vec<FramesAt>)>,
     pipeline: Pipeline,
@@ -32,37 +34,37 @@ pub(super) struct Work {
 }
 
 impl Work {
-    /// Opens the cameras at tick `from`, if that is known already.
-    ///
-    /// # Errors
-    /// When a source cannot be opened.
+    /// The cameras are opened when the run's first tick is known.
     pub(super) fn new(
         venue: Venue,
         cameras: Vec<CameraIndex>,
         pipeline: Pipeline,
-        from: Option<Tick>,
-    ) -> anyhow::Result<Self> {
-        let mut work = Self {
+        sources: Arc<dyn Sources>,
+    ) -> Self {
+        Self {
             venue,
             cameras,
+            sources,
             opened: None,
             pipeline,
             samples_us: BTreeMap::new(),
-        };
-        if let Some(from) = from {
-            work.open(from)?;
         }
-        Ok(work)
     }
 
-    fn open(&mut self, from: Tick) -> anyhow::Result<&mut Vec<FramesAt>> {
+    /// Opens the cameras at tick `from`.
+    ///
+    /// # Errors
+    /// When a source cannot be opened.
+    pub(super) fn open(&mut self, from: Tick) -> anyhow::Result<&mut Vec<FramesAt>> {
         let cameras = self
             .cameras
             .iter()
             .filter_map(|&index| self.venue.camera(index));
-        let open =
-            |camera: &VenueCamera| source::open(camera, &self.venue, from).map(FramesAt::new);
-        let frames = cameras.map(open).collect::<Result<_, _>>()?;
+        let open = |camera: &VenueCamera| {
+            let source = self.sources.open(camera, &self.venue, from)?;
+            Ok(FramesAt::new(source))
+        };
+        let frames = cameras.map(open).collect::<Result<_, SourceError>>()?;
         Ok(&mut self.opened.insert((from, frames)).1)
     }
 

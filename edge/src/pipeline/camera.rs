@@ -4,14 +4,14 @@ use farfield_proto::camera::CameraModel;
 use farfield_proto::id::{CameraIndex, ViewpointIndex};
 use farfield_proto::keypoints::{COCO17, KeypointSet};
 use farfield_proto::patch::{MAX_KEYPOINTS, MAX_SIDE};
-use farfield_proto::venue::{Source, Venue};
+use farfield_proto::venue::Venue;
 
 use super::batch::Batch;
 use super::error::PipelineError;
 use crate::crop::CropShape;
 use crate::source::Content;
 
-/// How the maps of a camera without pictures are drawn.
+/// How the maps of a camera without pictures are made.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Drawing {
     pub(super) shape: CropShape,
@@ -43,6 +43,8 @@ impl EdgeCamera {
                     .find(|&n| n != n_keypoints);
                 wrong.map(|n| format!("its frame has {n} keypoints, expected {n_keypoints}"))
             }
+            (Content::Painted(_), true) => None,
+            (Content::Painted(_), false) => Some("maps came from a source of pictures".to_owned()),
             (Content::Image(_), true) => {
                 Some("a picture came from a source of keypoints".to_owned())
             }
@@ -65,15 +67,10 @@ pub(super) fn cameras_of(
         .ok_or_else(unknown)?;
     let camera = |&index: &CameraIndex| {
         let camera = venue.camera(index).ok_or_else(unknown)?;
-        let drawing = match camera.source {
-            Source::Keypoints {
-                grid, sigma_cells, ..
-            } => Some(Drawing {
-                shape: CropShape::of_grid(grid),
-                sigma_cells,
-            }),
-            _ => None,
-        };
+        let drawing = camera.source.drawing().map(|(grid, sigma_cells)| Drawing {
+            shape: CropShape::of_grid(grid),
+            sigma_cells,
+        });
         Ok(EdgeCamera {
             index,
             model: camera.model.clone(),
@@ -114,11 +111,7 @@ pub(super) fn check_shapes(
             }
             Some(drawing) => {
                 for side in drawing.shape.cells {
-                    fits(
-                        "a side of a keypoint source's `grid`",
-                        side.into(),
-                        MAX_SIDE,
-                    )?;
+                    fits("a side of a source's `grid`", side.into(), MAX_SIDE)?;
                 }
             }
             None => {}

@@ -3,7 +3,7 @@
 //! Per person the box is moved on to the tick, a camera chosen, the crop cut; all crops of the tick,
 //! those of detections too, go through the network together; the maps are quantised, encoded and
 //! shared out to messages. Cameras whose source is a file of keypoints have their maps drawn
-//! instead. Pure but for what network and detector do: no clock, no file, no socket.
+//! instead, and cameras without pixels have them painted. Pure but for what network and detector do: no clock, no file, no socket.
 
 mod batch;
 mod camera;
@@ -16,6 +16,7 @@ mod sighting;
 #[cfg(test)]
 mod tests;
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 use farfield_proto::id::{CameraIndex, PersonId, SessionId, ViewpointIndex};
@@ -26,14 +27,15 @@ use farfield_proto::message::{
 use farfield_proto::patch::{Encoder, Maps, quantize};
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::Venue;
+use farfield_proto::venue::parameters::CameraChoice;
 
 use self::batch::Batch;
 use self::camera::{EdgeCamera, cameras_of, check_shapes};
 use self::sighting::Pending;
-use crate::choose::{View, choose_camera};
+use crate::choose::{View, choose};
 use crate::crop::{CropGeometry, enclosing_upright};
 use crate::gaussian_maps::draw_maps;
-use crate::source::{Content, Frame};
+use crate::source::{Content, Frame, MapCrop};
 
 pub use error::PipelineError;
 pub use inference::{Detection, InputTensor, KeypointNetwork, NetworkError, PersonDetector};
@@ -68,6 +70,8 @@ struct Tracked {
     person: PersonId,
     /// Position among the cameras of the viewpoint.
     camera: usize,
+    /// Where that camera should see them.
+    region: CameraBox,
     crops: Vec<CropGeometry>,
     crop_of_keypoint: Vec<u8>,
     /// Number of the first crop in the batch.
@@ -80,6 +84,7 @@ pub struct Pipeline {
     cameras: Vec<EdgeCamera>,
     keypoints: KeypointSet,
     floor: f32,
+    choice: CameraChoice,
     batch: Option<Batch>,
     detector: Option<Box<dyn PersonDetector>>,
     encoder: Encoder,
@@ -93,7 +98,7 @@ impl Pipeline {
     ///
     /// # Errors
     /// [`PipelineError`] when the viewpoint does not exist, a camera gives pictures without a
-    /// `network`, or the maps of the network or of a keypoint source do not fit the wire.
+    /// `network`, or the maps of the network or a source's `grid` do not fit the wire.
     pub fn new(
         venue: &Venue,
         viewpoint: ViewpointIndex,
@@ -111,6 +116,7 @@ impl Pipeline {
             cameras,
             keypoints,
             floor: venue.parameters.link.floor as f32,
+            choice: venue.parameters.boxes.camera_choice,
             batch,
             detector,
             encoder: Encoder::new(),
@@ -269,8 +275,9 @@ impl Pipeline {
         }
         let last = self.last_camera.get(&boxes.person);
         let last = last.and_then(|&index| at.iter().position(|&i| self.cameras[i].index == index));
-        let chosen = choose_camera(&views, last)?;
-        let (camera, bounding_box) = (at[chosen], views[chosen].camera_box.bounding_box);
+        let chosen = choose(self.choice, &views, last)?;
+        let (camera, region) = (at[chosen], views[chosen].camera_box);
+        let bounding_box = region.bounding_box;
         self.last_camera
             .insert(boxes.person, self.cameras[camera].index);
         let EdgeCamera { model, drawing, .. } = &self.cameras[camera];
@@ -281,6 +288,7 @@ impl Pipeline {
             return Some(Tracked {
                 person: boxes.person,
                 camera,
+                region,
                 crops,
                 crop_of_keypoint,
                 input: 0,
@@ -308,6 +316,7 @@ impl Pipeline {
         Some(Tracked {
             person: boxes.person,
             camera,
+            region,
             crops,
             crop_of_keypoint,
             input: inputs[0],
@@ -356,17 +365,12 @@ impl Pipeline {
                     sighting::read(p, &camera.model, batch, self.keypoints.len(), self.floor)
                 }));
             }
-            if let Some(Frame {
-                content: Content::Keypoints(keypoints),
-                ..
-            }) = frame
-            {
-                sightings.extend(sighting::from_keypoints(
-                    keypoints,
-                    camera.index,
-                    &camera.model,
-                ));
-            }
+            let given = match frame.as_ref().map(|f| &f.content) {
+                Some(Content::Keypoints(keypoints)) => Cow::Borrowed(&keypoints.persons[..]),
+                Some(Content::Painted(painter)) => Cow::Owned(painter.persons()),
+                Some(Content::Image(_)) | None => continue,
+            };
+            sightings.extend(sighting::from_persons(&given, camera.index, &camera.model));
         }
         sighting::bounded(sightings)
     }
@@ -394,6 +398,21 @@ impl Pipeline {
                     drawing.sigma_cells,
                     &mut self.maps,
                 );
+            }
+            (Content::Painted(painter), Some(drawing), _) => {
+                self.maps.resize(
+                    first.width.into(),
+                    first.height.into(),
+                    self.keypoints.len(),
+                );
+                let crop = MapCrop {
+                    region: &tracked.region,
+                    grid: &first,
+                    sigma_cells: drawing.sigma_cells,
+                    camera: model,
+                    floor: quantize(self.floor),
+                };
+                painter.paint(&crop, &mut self.maps);
             }
             (Content::Image(_), None, Some(batch)) => {
                 self.maps.resize(

@@ -11,7 +11,7 @@ use super::batch::Batch;
 use super::inference::Detection;
 use crate::crop::CropGeometry;
 use crate::peaks::best_peak;
-use crate::source::KeypointFrame;
+use crate::source::Candidate;
 
 /// A detection whose crop waits for the network.
 pub(super) struct Pending {
@@ -77,14 +77,14 @@ pub(super) fn read(
     }
 }
 
-/// The grouped persons of a keypoint file; their score is the mean of their keypoints'.
-pub(super) fn from_keypoints(
-    frame: &KeypointFrame,
+/// Persons whose keypoints somebody else grouped; their score is the mean of their keypoints'.
+pub(super) fn from_persons(
+    persons: &[Vec<Option<Candidate>>],
     camera: CameraIndex,
     model: &CameraModel,
 ) -> Vec<Sighting> {
     let mut sightings = Vec::new();
-    for person in &frame.persons {
+    for person in persons {
         let keypoints: Vec<Option<KeypointPeak>> = person
             .iter()
             .map(|candidate| {
@@ -152,7 +152,6 @@ fn undistorted_box(detection: &Detection, model: &CameraModel, margin: f64) -> O
 mod tests {
     use super::*;
     use crate::pipeline::fixtures::{bent, pinhole};
-    use crate::source::Candidate;
 
     fn assert_near(got: [f32; 2], expected: [f32; 2]) {
         let distance = (got[0] - expected[0]).hypot(got[1] - expected[1]);
@@ -195,14 +194,11 @@ mod tests {
                 score,
             })
         };
-        let frame = KeypointFrame {
-            persons: vec![
-                vec![None, None, None],
-                vec![seen(5.0, 0.4), None, seen(7.0, 0.8)],
-            ],
-            peaks: vec![Vec::new(); 3],
-        };
-        let sightings = from_keypoints(&frame, CameraIndex(2), &pinhole("a", [640, 480]));
+        let persons = [
+            vec![None, None, None],
+            vec![seen(5.0, 0.4), None, seen(7.0, 0.8)],
+        ];
+        let sightings = from_persons(&persons, CameraIndex(2), &pinhole("a", [640, 480]));
         assert_eq!(sightings.len(), 1);
         assert!((sightings[0].score - 0.6).abs() < 1e-6);
         assert_eq!(sightings[0].keypoints[1], None);

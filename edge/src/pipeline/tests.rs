@@ -15,10 +15,11 @@ use image::RgbImage;
 use super::fixtures::venue;
 use super::*;
 use crate::peaks::best_peak;
-use crate::source::{Candidate, KeypointFrame};
+use crate::source::{Candidate, KeypointFrame, MapPainter};
 
 const PICTURES: &str = "{ kind = \"video\", path = \"a.mp4\" }";
 const KEYPOINTS: &str = "{ kind = \"keypoints\", path = \"a.jsonl\" }";
+const PAINTED: &str = "{ kind = \"simulated\", path = \"s.toml\", content = \"maps\", grid = [72, 96], sigma_cells = 3.0 }";
 const CARD: &str = r#"
 kind = "heatmap"
 file = "n.onnx"
@@ -339,6 +340,51 @@ fn keypoint_sources_need_no_network_and_are_sighted_as_grouped() {
         .iter()
         .map(|set| wire::decode::<PatchSet>(&wire::encode(set)).unwrap());
     assert_eq!(all.collect::<Vec<_>>(), output.patch_sets);
+}
+
+/// Paints one cell of every map at the middle of the box that it is given.
+#[derive(Debug)]
+struct Painter;
+
+impl MapPainter for Painter {
+    fn paint(&self, crop: &MapCrop<'_>, into: &mut Maps) {
+        let [x, y] = crop.region.torso_px.map(f64::from);
+        let cell = crop.grid.cell(Pixel::new(x, y));
+        let at = cell.y.round() as usize * into.width() + cell.x.round() as usize;
+        assert_eq!((into.keypoints(), crop.floor), (17, 15));
+        assert!((crop.sigma_cells - 3.0).abs() < 1e-12);
+        for keypoint in 0..into.keypoints() {
+            into.cells_mut(keypoint)[at] = 200;
+        }
+    }
+
+    fn persons(&self) -> Vec<Vec<Option<Candidate>>> {
+        candidates(333.0, 222.0).persons
+    }
+}
+
+#[test]
+fn painted_maps_are_asked_for_the_box_at_the_frames_tick() {
+    let mut edge = Pipeline::new(&venue(&[PAINTED]), ViewpointIndex(0), None, None).unwrap();
+    let mut camera_box = box_at(0, [280.0, 240.0], 1.2);
+    camera_box.rate.center_px = [10.0, 0.0];
+    let mut boxes = boxes(Order::TrackAndSight, vec![vec![camera_box]]);
+    boxes.tick = Tick(36);
+    let frames = [Some(frame(Content::Painted(Arc::new(Painter))))];
+    let output = edge.step(&frames, &boxes).unwrap();
+    let patch = patches(&output)[0];
+    assert_eq!(
+        (
+            patch.crops[0].width,
+            patch.crops[0].height,
+            patch.capture_offset_us
+        ),
+        (72, 96, -250)
+    );
+    assert_near(peak_of(patch, 16), 320.0, 240.0);
+    let sighting = &output.sighting_sets[0].sightings[0];
+    let found_px = sighting.keypoints[3].unwrap().position_px;
+    assert_near(Some(found_px.map(f64::from)), 333.0, 222.0);
 }
 
 #[test]

@@ -65,6 +65,23 @@ pub enum SourceError {
         /// The Cargo feature that brings it.
         feature: &'static str,
     },
+    /// This program has no simulated people.
+    #[error(
+        "{at}: `source.kind`: found \"simulated\", but only the command `farfield` has simulated \
+         sources (`farfield edge` in place of `farfield-edge`)"
+    )]
+    NoSimulation {
+        /// Which source.
+        at: Origin,
+    },
+    /// The scene of a simulated camera cannot be used.
+    #[error("camera `{camera}`: {problem}")]
+    Scene {
+        /// The camera's name.
+        camera: String,
+        /// What was found and what was expected, with the scene's file and field.
+        problem: String,
+    },
     /// The images are not of the size that the camera was calibrated for.
     #[error(
         "{at}: its images have {}x{} pixels, the calibration's `size` of this camera is {}x{}",

@@ -270,7 +270,7 @@ mod tests {
         std::iter::from_fn(|| source.next_frame().unwrap())
             .map(|frame| match frame.content {
                 Content::Image(image) => (frame.tick.0, image.get_pixel(0, 0)[0]),
-                Content::Keypoints(_) => panic!("an image was asked for"),
+                Content::Keypoints(_) | Content::Painted(_) => panic!("an image was asked for"),
             })
             .collect()
     }

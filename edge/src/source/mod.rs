@@ -13,7 +13,9 @@ mod ffmpeg;
 mod ffprobe;
 mod images;
 mod keypoints;
+mod painted;
 mod queue;
+mod sources;
 mod ticks;
 #[cfg(feature = "v4l")]
 mod v4l;
@@ -21,6 +23,7 @@ mod v4l;
 mod video;
 
 use std::ops::Range;
+use std::sync::Arc;
 
 use farfield_proto::frames::{Distorted, Pixel};
 use farfield_proto::tick::Tick;
@@ -28,15 +31,31 @@ use farfield_proto::venue::{Source, Venue, VenueCamera};
 use image::RgbImage;
 
 pub use error::{Origin, SourceError};
+pub use painted::{MapCrop, MapPainter};
+pub use sources::{RecordedSources, Sources};
 pub use ticks::common_ticks;
 
 /// What one camera saw at one tick.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone)]
 pub enum Content {
     /// The raw picture, with the lens's distortion, of the calibration's size.
     Image(RgbImage),
     /// 2D keypoints that somebody else found in it.
     Keypoints(KeypointFrame),
+    /// What somebody else paints the maps from, crop by crop.
+    Painted(Arc<dyn MapPainter>),
+}
+
+/// Two paintings are equal only when they are the same one.
+impl PartialEq for Content {
+    fn eq(&self, other: &Self) -> bool {
+        match (self, other) {
+            (Self::Image(a), Self::Image(b)) => a == b,
+            (Self::Keypoints(a), Self::Keypoints(b)) => a == b,
+            (Self::Painted(a), Self::Painted(b)) => Arc::ptr_eq(a, b),
+            _ => false,
+        }
+    }
 }
 
 /// 2D keypoint candidates of one picture, in COCO's order.
@@ -114,6 +133,7 @@ impl Expected {
             Source::Video { path }
             | Source::Images { path }
             | Source::Keypoints { path, .. }
+            | Source::Simulated { path, .. }
             | Source::V4l { device: path } => path.display().to_string(),
             Source::Ffmpeg { url } => without_password(url),
         };
@@ -208,6 +228,7 @@ pub fn probe(camera: &VenueCamera, venue: &Venue) -> Result<SourceInfo, SourceEr
         Source::Ffmpeg { url } => video::probe_live(url, &expected),
         #[cfg(feature = "v4l")]
         Source::V4l { device } => v4l::probe(device, &expected),
+        Source::Simulated { .. } => Err(SourceError::NoSimulation { at: expected.at }),
         #[cfg(not(feature = "node"))]
         Source::Video { .. } => Err(not_built(expected, "video", "node")),
         #[cfg(not(feature = "node"))]
@@ -238,6 +259,7 @@ pub fn open(
         Source::Ffmpeg { url } => Ok(Box::new(video::open_live(url, expected, from)?)),
         #[cfg(feature = "v4l")]
         Source::V4l { device } => Ok(Box::new(v4l::open(device, expected, from)?)),
+        Source::Simulated { .. } => Err(SourceError::NoSimulation { at: expected.at }),
         #[cfg(not(feature = "node"))]
         Source::Video { .. } => Err(not_built(expected, "video", "node")),
         #[cfg(not(feature = "node"))]

@@ -5,8 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use super::raw::{RawField, RawFusion, RawPerson, RawVenue, RawViewpoint};
 use super::source::source;
 use super::{
-    Endpoints, Field, GivenPerson, Parameters, Source, Venue, VenueCamera, VenueHash, Viewpoint,
-    ranges,
+    Endpoints, Field, GivenPerson, Parameters, Venue, VenueCamera, VenueHash, Viewpoint, ranges,
 };
 use crate::calibration::Calibration;
 use crate::endpoint::is_endpoint;
@@ -195,15 +194,13 @@ fn no_camera(name: &String, known: &[String], asked: &BTreeSet<String>) -> Strin
     unknown_name("camera of the calibration", name, &free)
 }
 
-/// Without a network every source must be keypoints.
+/// Without a network no source may give pictures.
 fn check_no_network(
     file: &TomlFile<'_>,
     viewpoints: &[Viewpoint],
     cameras: &[VenueCamera],
 ) -> Result<(), FileError> {
-    let pictures = cameras
-        .iter()
-        .find(|camera| !matches!(camera.source, Source::Keypoints { .. }));
+    let pictures = cameras.iter().find(|camera| camera.source.gives_pictures());
     pictures.map_or(Ok(()), |camera| {
         let viewpoint = &viewpoints[usize::from(camera.viewpoint.0)].name;
         let problem = format!(

@@ -14,7 +14,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 pub use parameters::Parameters;
-pub use source::Source;
+pub use source::{SimulatedContent, Source};
 
 use crate::calibration::Calibration;
 use crate::camera::CameraModel;
@@ -33,7 +33,7 @@ pub struct Venue {
     pub first_tick: Tick,
     /// The calibration file.
     pub calibration_path: PathBuf,
-    /// The keypoint network's card; there is one unless every source is keypoints.
+    /// The keypoint network's card; there is one unless no source gives pictures.
     pub network: Option<PathBuf>,
     /// The detector's card.
     pub detector: Option<PathBuf>,
@@ -139,11 +139,11 @@ impl Venue {
             .map(|i| ViewpointIndex(i as u16))
     }
 
-    /// Whether every source is a file of keypoints, so that no network is needed.
-    pub fn keypoint_files_only(&self) -> bool {
+    /// Whether any source gives pictures, which need a network to become maps.
+    pub fn needs_network(&self) -> bool {
         self.cameras
             .iter()
-            .all(|camera| matches!(camera.source, Source::Keypoints { .. }))
+            .any(|camera| camera.source.gives_pictures())
     }
 }
 

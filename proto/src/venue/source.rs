@@ -44,6 +44,66 @@ pub enum Source {
         /// Its address.
         url: String,
     },
+    /// A camera of a simulated scene; the camera has the same name there.
+    Simulated {
+        /// The scene file.
+        path: PathBuf,
+        /// Whether pictures are rendered or maps are made from the truth.
+        content: SimulatedContent,
+        /// Cells of a made map: width, height. Default 48 x 64. Nothing to pictures.
+        grid: [u16; 2],
+        /// Sigma of a made peak, cells. Default 2. Nothing to pictures.
+        sigma_cells: f64,
+    },
+}
+
+/// What a simulated camera gives.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SimulatedContent {
+    /// Rendered pictures, for a network to read.
+    Pixels,
+    /// Maps made from the truth with the scene's faults, without a network.
+    Maps,
+}
+
+impl SimulatedContent {
+    /// As it is written in a venue file.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Pixels => "pixels",
+            Self::Maps => "maps",
+        }
+    }
+}
+
+impl Source {
+    /// Whether the camera gives pictures, which need a network to become maps.
+    pub fn gives_pictures(&self) -> bool {
+        match self {
+            Self::Keypoints { .. } => false,
+            Self::Simulated { content, .. } => *content == SimulatedContent::Pixels,
+            Self::Video { .. } | Self::Images { .. } | Self::V4l { .. } | Self::Ffmpeg { .. } => {
+                true
+            }
+        }
+    }
+
+    /// Grid (width, height) and sigma of the maps that are made without a network, in cells; `None`
+    /// for pictures.
+    pub fn drawing(&self) -> Option<([u16; 2], f64)> {
+        match self {
+            Self::Keypoints {
+                grid, sigma_cells, ..
+            }
+            | Self::Simulated {
+                content: SimulatedContent::Maps,
+                grid,
+                sigma_cells,
+                ..
+            } => Some((*grid, *sigma_cells)),
+            _ => None,
+        }
+    }
 }
 
 /// A source as it is written: all kinds' fields, so that a wrong one can be named.
@@ -56,9 +116,23 @@ pub(super) struct RawSource {
     url: Option<String>,
     grid: Option<[u16; 2]>,
     sigma_cells: Option<f64>,
+    content: Option<String>,
 }
 
-const KINDS: [&str; 5] = ["video", "images", "keypoints", "v4l", "ffmpeg"];
+const KINDS: [&str; 6] = ["video", "images", "keypoints", "v4l", "ffmpeg", "simulated"];
+const CONTENTS: [SimulatedContent; 2] = [SimulatedContent::Pixels, SimulatedContent::Maps];
+
+/// The fields of a source of `kind`; `None` for an unknown one.
+fn fields_of(kind: &str) -> Option<&'static [&'static str]> {
+    Some(match kind {
+        "video" | "images" => &["path"],
+        "keypoints" => &["path", "grid", "sigma_cells"],
+        "v4l" => &["device"],
+        "ffmpeg" => &["url"],
+        "simulated" => &["path", "content", "grid", "sigma_cells"],
+        _ => return None,
+    })
+}
 
 /// Checks the source at `place`.
 pub(super) fn source(
@@ -73,6 +147,7 @@ pub(super) fn source(
         url,
         grid,
         sigma_cells,
+        content,
     } = raw;
     let given = [
         ("path", path.is_some()),
@@ -80,14 +155,12 @@ pub(super) fn source(
         ("url", url.is_some()),
         ("grid", grid.is_some()),
         ("sigma_cells", sigma_cells.is_some()),
+        ("content", content.is_some()),
     ];
-    let allowed: &[&str] = match kind.as_str() {
-        "video" | "images" => &["path"],
-        "keypoints" => &["path", "grid", "sigma_cells"],
-        "v4l" => &["device"],
-        "ffmpeg" => &["url"],
-        other => return Err(file.error(&place.key("kind"), unknown_name("kind", other, &KINDS))),
-    };
+    let allowed = fields_of(&kind).ok_or_else(|| {
+        let problem = unknown_name("kind", &kind, &KINDS);
+        file.error(&place.key("kind"), problem)
+    })?;
     if let Some((field, _)) = given
         .iter()
         .find(|(field, is_given)| *is_given && !allowed.contains(field))
@@ -119,22 +192,21 @@ pub(super) fn source(
         "ffmpeg" => Ok(Source::Ffmpeg {
             url: needed("url", url)?,
         }),
+        "simulated" => {
+            let path = file.resolve(&needed("path", path)?);
+            let name = needed("content", content)?;
+            let content = self::content(file, &place.key("content"), &name)?;
+            let (grid, sigma_cells) = drawing(file, place, grid, sigma_cells)?;
+            Ok(Source::Simulated {
+                path,
+                content,
+                grid,
+                sigma_cells,
+            })
+        }
         _ => {
             let path = file.resolve(&needed("path", path)?);
-            let grid = grid.unwrap_or(DEFAULT_GRID);
-            let sigma_cells = sigma_cells.unwrap_or(DEFAULT_SIGMA_CELLS);
-            if grid
-                .iter()
-                .any(|&side| !(1..=MAX_SIDE).contains(&usize::from(side)))
-            {
-                let problem =
-                    format!("found {grid:?}, expected [width, height] of 1 to {MAX_SIDE} cells");
-                return Err(file.error(&place.key("grid"), problem));
-            }
-            if !(0.3..=32.0).contains(&sigma_cells) {
-                let problem = format!("found {sigma_cells}, expected a number from 0.3 to 32");
-                return Err(file.error(&place.key("sigma_cells"), problem));
-            }
+            let (grid, sigma_cells) = drawing(file, place, grid, sigma_cells)?;
             Ok(Source::Keypoints {
                 path,
                 grid,
@@ -142,4 +214,37 @@ pub(super) fn source(
             })
         }
     }
+}
+
+fn content(file: &TomlFile<'_>, place: &Place, name: &str) -> Result<SimulatedContent, FileError> {
+    CONTENTS
+        .into_iter()
+        .find(|content| content.name() == name)
+        .ok_or_else(|| {
+            let known = CONTENTS.map(SimulatedContent::name);
+            file.error(place, unknown_name("content", name, &known))
+        })
+}
+
+/// Grid and sigma of maps that are made without a network.
+fn drawing(
+    file: &TomlFile<'_>,
+    place: &Place,
+    grid: Option<[u16; 2]>,
+    sigma_cells: Option<f64>,
+) -> Result<([u16; 2], f64), FileError> {
+    let grid = grid.unwrap_or(DEFAULT_GRID);
+    let sigma_cells = sigma_cells.unwrap_or(DEFAULT_SIGMA_CELLS);
+    if grid
+        .iter()
+        .any(|&side| !(1..=MAX_SIDE).contains(&usize::from(side)))
+    {
+        let problem = format!("found {grid:?}, expected [width, height] of 1 to {MAX_SIDE} cells");
+        return Err(file.error(&place.key("grid"), problem));
+    }
+    if !(0.3..=32.0).contains(&sigma_cells) {
+        let problem = format!("found {sigma_cells}, expected a number from 0.3 to 32");
+        return Err(file.error(&place.key("sigma_cells"), problem));
+    }
+    Ok((grid, sigma_cells))
 }

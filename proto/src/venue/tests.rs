@@ -124,7 +124,7 @@ fn a_whole_venue_is_read() {
         venue.parameters.births,
         parameters::BirthParameters::default()
     );
-    assert!(!venue.keypoint_files_only());
+    assert!(venue.needs_network());
     assert_eq!(
         (venue.hashes.venue.len(), venue.hashes.calibration.as_str()),
         (16, "0123456789abcdef")
@@ -149,12 +149,65 @@ fn without_a_field_people_are_tracked_around_the_cameras() {
 fn keypoint_files_need_no_network_and_pictures_do() {
     let text = "name = \"k\"\nrate_hz = 20\ncalibration = \"c.toml\"\n[[viewpoint]]\nname = \"v\"\n\
         [[viewpoint.camera]]\nname = \"south\"\nsource = { kind = \"keypoints\", path = \"k.jsonl\" }\n";
-    assert!(parse(text).unwrap().keypoint_files_only());
+    assert!(!parse(text).unwrap().needs_network());
     let refused = refusal("network = \"models/net.toml\"\n", "");
     assert!(
         refused.contains(
             "`network`: the field is missing: camera `ne-left` of viewpoint `north-east`"
         ),
+        "{refused}"
+    );
+}
+
+#[test]
+fn a_simulated_camera_names_its_scene_and_what_it_gives() {
+    let simulated = |more: &str| {
+        let text = format!("kind = \"simulated\", path = \"scene.toml\"{more}");
+        VENUE.replace("kind = \"video\", path = \"videos/ne-left.mp4\"", &text)
+    };
+    let venue = parse(&simulated(", content = \"pixels\"")).unwrap();
+    assert_eq!(
+        venue.cameras[0].source,
+        Source::Simulated {
+            path: "venues/scene.toml".into(),
+            content: SimulatedContent::Pixels,
+            grid: [48, 64],
+            sigma_cells: 2.0
+        }
+    );
+    assert!(venue.cameras[0].source.gives_pictures());
+    let maps = ", content = \"maps\", grid = [72, 96], sigma_cells = 3.0";
+    let source = parse(&simulated(maps)).unwrap().cameras[0].source.clone();
+    assert!(!source.gives_pictures());
+    assert_eq!(source.drawing(), Some(([72, 96], 3.0)));
+    for (more, expected) in [
+        (
+            "",
+            "18: `viewpoint[0].camera[0].source.content`: the field is missing in a source of kind \"simulated\"",
+        ),
+        (
+            ", content = \"map\"",
+            "18: `viewpoint[0].camera[0].source.content`: unknown content `map`, did you mean `maps`?",
+        ),
+    ] {
+        let refused = parse(&simulated(more)).unwrap_err().to_string();
+        assert_eq!(refused, format!("venues/hall.toml:{expected}"));
+    }
+}
+
+#[test]
+fn simulated_maps_need_no_network_and_simulated_pictures_do() {
+    let text = |content: &str| {
+        format!(
+            "name = \"k\"\nrate_hz = 20\ncalibration = \"c.toml\"\n[[viewpoint]]\nname = \"v\"\n\
+            [[viewpoint.camera]]\nname = \"south\"\n\
+            source = {{ kind = \"simulated\", path = \"s.toml\", content = \"{content}\" }}\n"
+        )
+    };
+    assert_eq!(parse(&text("maps")).unwrap().network, None);
+    let refused = parse(&text("pixels")).unwrap_err().to_string();
+    assert!(
+        refused.contains("`network`: the field is missing: camera `south`"),
         "{refused}"
     );
 }

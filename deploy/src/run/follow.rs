@@ -1,0 +1,24 @@
+//! Whoever looks on while the nodes of a run work.
+
+use farfield_fusion::node::Progress;
+
+/// How much fusion shall tell of each tick.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Detail {
+    /// How many persons there are.
+    Counts,
+    /// Where they are, too.
+    Bodies,
+}
+
+/// Shows a run under way.
+pub(crate) trait Follow {
+    /// What it wants to hear of each tick.
+    fn detail(&self) -> Detail;
+
+    /// A tick is done.
+    fn tick(&mut self, progress: &Progress);
+
+    /// There will be no more ticks.
+    fn finish(&mut self);
+}

@@ -1,0 +1,83 @@
+"""Exports the averaged weights of a checkpoint as ONNX.
+
+    python export.py RUN/latest.pt farfield_hrnet.onnx
+"""
+
+import argparse
+import warnings
+from pathlib import Path
+
+import numpy as np
+import onnx
+import torch
+from onnx import helper, numpy_helper
+
+from measure import OnnxNetwork
+from network import Network, Shape
+
+# Read by tract 0.23 and by every ONNX Runtime of the last years.
+OPSET = 13
+# Weights of larger tensors are stored with 16 bits: runtimes make 32 of them when they load the file.
+HALVED_FROM = 50_000
+
+
+def halve(model: onnx.ModelProto) -> None:
+    """Stores large weights with 16 bits, each widened by a node of its own."""
+    casts = []
+    for weights in model.graph.initializer:
+        values = numpy_helper.to_array(weights)
+        if values.size < HALVED_FROM or values.dtype != np.float32:
+            continue
+        name = weights.name
+        weights.CopyFrom(numpy_helper.from_array(values.astype(np.float16), f"{name}.half"))
+        casts.append(helper.make_node("Cast", [f"{name}.half"], [name], to=onnx.TensorProto.FLOAT))
+    nodes = casts + list(model.graph.node)
+    del model.graph.node[:]
+    model.graph.node.extend(nodes)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("checkpoint", type=Path)
+    parser.add_argument("model", type=Path)
+    args = parser.parse_args()
+    checkpoint = torch.load(args.checkpoint)
+    shape = Shape(**checkpoint["shape"])
+    network = Network(shape)
+    network.load_state_dict(checkpoint["average"])
+    network.eval()
+    x = torch.randn(2, 3, shape.height_px, shape.width_px)
+    with warnings.catch_warnings():
+        # The exporter by tracing says that there is a newer one, which needs more packages.
+        warnings.simplefilter("ignore")
+        torch.onnx.export(
+            network,
+            (x,),
+            str(args.model),
+            dynamo=False,
+            opset_version=OPSET,
+            input_names=["image"],
+            output_names=["heatmap"],
+            dynamic_axes={"image": {0: "n"}, "heatmap": {0: "n"}},
+        )
+    model = onnx.load(args.model)
+    for node in model.graph.node:
+        # The exporter keeps the paths of the sources here.
+        node.ClearField("doc_string")
+    halve(model)
+    onnx.checker.check_model(model)
+    onnx.save(model, args.model)
+    with torch.no_grad():
+        difference = (OnnxNetwork(args.model)(x) - network(x)).abs().max().item()
+    if not difference < 5e-3:
+        raise SystemExit(f"the exported network differs by {difference}")
+    operators = sorted({node.op_type for node in model.graph.node})
+    print(
+        f"{args.model}: {args.model.stat().st_size / 1e6:.2f} MB, {', '.join(operators)}; trained on"
+        f" {checkpoint['crops']} crops ({checkpoint['different']} different) in"
+        f" {checkpoint['minutes']:.0f} minutes; differs from PyTorch by {np.format_float_scientific(difference, 1)}"
+    )
+
+
+if __name__ == "__main__":
+    main()

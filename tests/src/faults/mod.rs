@@ -1,0 +1,88 @@
+//! Heatmaps made straight from truth, with the faults that real networks have: a venue without
+//! pixels, for studies that pixels would make too slow.
+//!
+//! [`MapFaults`] is what one camera's network would say. At every tick the keypoints of everybody in
+//! the image are projected, the bodies that cover them are found ([`crate::body::Volume::covers`]),
+//! and the faults of the scene's [`FaultProfile`] added; each [`Observation`] then paints the maps of
+//! any crop. Every draw comes from the scene's seed, so that two runs make the same maps.
+
+mod cover;
+mod crowd;
+mod observe;
+mod paint;
+mod profile;
+mod streams;
+
+use std::sync::Arc;
+
+use farfield_proto::tick::Tick;
+
+use self::observe::CameraFaults;
+use crate::scene::Scene;
+
+pub use crowd::Crowd;
+pub use observe::Observation;
+pub use profile::{Bias, Definition, FaultProfile, Hidden, Jitter, Leak, Mirror, Missing, Noise};
+
+/// The maps of one camera of a scene, tick after tick.
+#[derive(Debug)]
+pub struct MapFaults {
+    crowd: Arc<Crowd>,
+    camera: CameraFaults,
+}
+
+impl MapFaults {
+    /// Camera `camera` of [`Scene::cameras`], with the scene's faults.
+    ///
+    /// # Panics
+    /// When the scene has no such camera.
+    pub fn new(scene: Arc<Scene>, camera: usize) -> Self {
+        Self::of(Arc::new(Crowd::new(scene)), camera)
+    }
+
+    /// The same, for cameras that share their people: bodies are the larger part of the work, and
+    /// made only once for all.
+    ///
+    /// # Panics
+    /// When the scene has no such camera.
+    pub fn of(crowd: Arc<Crowd>, camera: usize) -> Self {
+        let scene = crowd.scene();
+        let camera = CameraFaults::new(
+            scene.cameras()[camera].clone(),
+            camera,
+            scene.people().len(),
+            scene.faults().clone(),
+            (scene.seed(), scene.rate_hz()),
+        );
+        Self { crowd, camera }
+    }
+
+    /// The offset of the camera's captures from their ticks, microseconds: 0 unless the scene's
+    /// cameras are free-running, and then constant and within half a frame.
+    pub fn capture_offset_us(&self) -> i32 {
+        self.camera.capture_offset_us()
+    }
+
+    /// What the camera's maps hold at `tick` of the scene (ticks below 0 count as 0): the truth at
+    /// the moment of capture, with the faults of the tick.
+    ///
+    /// Any order of ticks gives the same answers. Forwards it costs the draws of the ticks between,
+    /// backwards those from tick 0.
+    pub fn observe(&mut self, tick: Tick) -> Observation {
+        let rate_hz = self.crowd.scene().rate_hz();
+        let time_s = tick.seconds(rate_hz) + f64::from(self.capture_offset_us()) * 1e-6;
+        let people = self.crowd.at(time_s);
+        self.camera.observe(tick.0.max(0).unsigned_abs(), &people)
+    }
+}
+
+/// The keypoint of the opposite limb, for elbows, wrists, knees and ankles in COCO's order.
+fn opposite(keypoint: usize) -> Option<usize> {
+    match keypoint {
+        7..=10 | 13..=16 => Some(((keypoint - 1) ^ 1) + 1),
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests;

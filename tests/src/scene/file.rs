@@ -1,0 +1,366 @@
+//! The scene file: who moves where, seen by which cameras, with which faults.
+//!
+//! Strict: an unknown field is answered with the nearest known name, a number out of its range
+//! with file, line and field. Nothing is opened here; paths are those of the file, resolved.
+
+use std::path::{Path, PathBuf};
+
+use farfield_proto::toml_file::{FileError, TomlFile};
+use serde::Deserialize;
+use serde::de::IgnoredAny;
+
+use super::check::Check;
+use crate::faults::FaultProfile;
+
+/// Most people of a scene.
+pub const MAX_PEOPLE: usize = 200;
+/// Most cameras of a scene.
+pub const MAX_CAMERAS: usize = 64;
+/// Most ticks of a scene: an hour at 60 Hz.
+pub const MAX_TICKS: f64 = 216_000.0;
+/// Most seconds of all people together; paths are planned when a scene is loaded.
+pub const MAX_PERSON_SECONDS: f64 = 20_000.0;
+
+/// A scene as it is written, every number inside its range.
+#[derive(Debug, Clone)]
+pub struct SceneFile {
+    /// Ticks per second.
+    pub rate_hz: f64,
+    /// Length, seconds.
+    pub seconds: f64,
+    /// Seed of every draw.
+    pub seed: u64,
+    /// Field, x by y, centred on the origin, metres.
+    pub size_m: [f64; 2],
+    /// Where cameras come from.
+    pub cameras: CameraSource,
+    /// The people, in file order.
+    pub people: Vec<PersonEntry>,
+    /// Whether there is a ball.
+    pub ball: bool,
+    /// Faults of maps without pixels.
+    pub faults: FaultProfile,
+}
+
+/// Where the cameras of a scene come from.
+#[derive(Debug, Clone)]
+pub enum CameraSource {
+    /// Made for the field.
+    Generated(GeneratedCameras),
+    /// A calibration file and who stands where, as in a venue.
+    Calibrated {
+        /// The calibration file.
+        calibration: PathBuf,
+        /// Name of every viewpoint, with the names of its cameras.
+        viewpoints: Vec<(String, Vec<String>)>,
+    },
+}
+
+/// The table `[cameras]`.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct GeneratedCameras {
+    /// Number of viewpoints: corners first, then evenly along the edge.
+    pub viewpoints: usize,
+    /// Cameras of each viewpoint; together they cover the field.
+    pub per_viewpoint: usize,
+    /// Height of the cameras above the floor, metres.
+    #[serde(default = "default_height_m")]
+    pub height_m: f64,
+    /// How far outside the field's edge they stand, metres.
+    #[serde(default = "default_setback_m")]
+    pub setback_m: f64,
+    /// Width and height of their images, pixels.
+    #[serde(default = "default_size_px")]
+    pub size_px: [u32; 2],
+}
+
+/// One person.
+#[derive(Debug, Clone)]
+pub struct PersonEntry {
+    /// Name, unique in the scene.
+    pub name: String,
+    /// Motion clips in the order in which they are played.
+    pub clips: Vec<PathBuf>,
+    /// How long one clip blends into the next, seconds.
+    pub blend_s: f64,
+    /// Where the pelvis is at first, metres.
+    pub at_m: [f64; 2],
+    /// Where it faces at first, from +x towards +y, radians.
+    pub heading_rad: f64,
+    /// Stature, metres.
+    pub height_m: f64,
+    /// Whether its way is turned back into the field.
+    pub keep_inside: bool,
+    /// People of one group share their clips' coordinate frame.
+    pub group: Option<String>,
+    /// When it appears, seconds.
+    pub enter_s: f64,
+    /// When it is gone, seconds.
+    pub leave_s: f64,
+    /// What it walks along instead of the clip's own way.
+    pub path: Option<PathEntry>,
+}
+
+/// A path, walked to its end and back again.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PathEntry {
+    /// Corners, metres on the floor.
+    pub points_m: Vec<[f64; 2]>,
+    /// Speed along it, metres per second; 0 stands at the first point.
+    pub speed_m_s: f64,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct RawScene {
+    pub(super) rate_hz: f64,
+    pub(super) seconds: f64,
+    #[serde(default)]
+    pub(super) seed: u64,
+    pub(super) size_m: [f64; 2],
+    pub(super) cameras: Option<GeneratedCameras>,
+    pub(super) calibration: Option<String>,
+    #[serde(default)]
+    pub(super) viewpoint: Vec<RawViewpoint>,
+    #[serde(default)]
+    pub(super) person: Vec<RawPerson>,
+    pub(super) ball: Option<RawBall>,
+    #[serde(default)]
+    pub(super) faults: FaultProfile,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct RawViewpoint {
+    pub(super) name: String,
+    #[serde(default)]
+    pub(super) camera: Vec<RawCamera>,
+}
+
+/// As in a venue, where a source belongs to it; a scene makes its own frames.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct RawCamera {
+    pub(super) name: String,
+    #[serde(default, rename = "source")]
+    pub(super) _source: IgnoredAny,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct RawBall {}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct RawPerson {
+    pub(super) name: String,
+    pub(super) clips: Vec<String>,
+    #[serde(default = "default_blend_s")]
+    pub(super) blend_s: f64,
+    #[serde(default)]
+    pub(super) at_m: [f64; 2],
+    #[serde(default)]
+    pub(super) heading_rad: f64,
+    pub(super) height_m: f64,
+    #[serde(default = "default_keep_inside")]
+    pub(super) keep_inside: bool,
+    pub(super) group: Option<String>,
+    #[serde(default)]
+    pub(super) enter_s: f64,
+    pub(super) leave_s: Option<f64>,
+    pub(super) path: Option<PathEntry>,
+}
+
+fn default_height_m() -> f64 {
+    2.5
+}
+
+fn default_setback_m() -> f64 {
+    1.5
+}
+
+fn default_size_px() -> [u32; 2] {
+    [1920, 1200]
+}
+
+fn default_blend_s() -> f64 {
+    0.3
+}
+
+fn default_keep_inside() -> bool {
+    true
+}
+
+impl SceneFile {
+    /// Reads a scene's text; `path` is what paths inside it are relative to, and named in errors.
+    ///
+    /// # Errors
+    /// [`FileError`] with line and field for broken syntax, a missing, unknown or mistyped field, a
+    /// number out of its range, and names that are taken twice.
+    pub fn parse(text: &str, path: &Path) -> Result<Self, FileError> {
+        let file = TomlFile::parse(text, path)?;
+        let raw: RawScene = file.read()?;
+        let check = Check { file: &file };
+        check.scene(&raw)?;
+        let cameras = check.cameras(&raw)?;
+        check.people(&raw)?;
+        let leave_default_s = raw.seconds;
+        let people = raw.person.into_iter();
+        let people = people.map(|person| PersonEntry {
+            clips: person.clips.iter().map(|clip| file.resolve(clip)).collect(),
+            name: person.name,
+            blend_s: person.blend_s,
+            at_m: person.at_m,
+            heading_rad: person.heading_rad,
+            height_m: person.height_m,
+            keep_inside: person.keep_inside,
+            group: person.group,
+            enter_s: person.enter_s,
+            leave_s: person.leave_s.unwrap_or(leave_default_s),
+            path: person.path,
+        });
+        Ok(Self {
+            rate_hz: raw.rate_hz,
+            seconds: raw.seconds,
+            seed: raw.seed,
+            size_m: raw.size_m,
+            cameras,
+            people: people.collect(),
+            ball: raw.ball.is_some(),
+            faults: raw.faults,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const CAMERAS: &str = "[cameras]\nviewpoints = 4\nper_viewpoint = 2\n";
+    const PERSON: &str = "[[person]]\nname = \"1\"\nclips = [\"a.bvh\"]\nheight_m = 1.8\n";
+
+    fn parse(top: &str, rest: &str) -> Result<SceneFile, FileError> {
+        let text =
+            format!("rate_hz = 60\nseconds = 20\nsize_m = [7, 5]\n{top}{CAMERAS}{PERSON}{rest}");
+        SceneFile::parse(&text, Path::new("scenes/a.toml"))
+    }
+
+    fn refusal(top: &str, rest: &str) -> String {
+        parse(top, rest).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn what_is_left_out_has_its_default() {
+        let scene = parse("", "").unwrap();
+        let CameraSource::Generated(cameras) = &scene.cameras else {
+            panic!("{:?}", scene.cameras);
+        };
+        assert_eq!(cameras.size_px, [1920, 1200]);
+        let person = &scene.people[0];
+        assert_eq!(person.clips, [Path::new("scenes/a.bvh")]);
+        assert!(person.keep_inside && person.path.is_none() && person.group.is_none());
+        assert!((person.blend_s - 0.3).abs() < 1e-12 && (person.leave_s - 20.0).abs() < 1e-12);
+        assert!(!scene.ball);
+        assert_eq!(scene.faults, FaultProfile::none());
+    }
+
+    #[test]
+    fn an_unknown_field_is_answered_with_the_nearest() {
+        assert_eq!(
+            refusal("", "heigth_m = 1.7\n"),
+            "scenes/a.toml:11: `person[0].heigth_m`: unknown field `heigth_m`, did you mean `height_m`?"
+        );
+        let message = refusal("", "path = { points = [[0, 0]], speed_m_s = 1 }\n");
+        assert!(message.contains("did you mean `points_m`?"), "{message}");
+        let message = refusal("sed = 3\n", "");
+        assert!(message.contains("did you mean `seed`?"), "{message}");
+        assert!(refusal("", "[ball]\ncolour = 1\n").contains("unknown field `colour`"));
+        assert!(refusal("", "[faults]\nprofil = \"none\"\n").contains("did you mean `profile`?"));
+    }
+
+    #[test]
+    fn a_number_out_of_its_range_is_refused_with_line_and_field() {
+        assert_eq!(
+            refusal("", "blend_s = -1\n"),
+            "scenes/a.toml:11: `person[0].blend_s`: found -1.0, expected a number from 0 to 10"
+        );
+        for (wrong, field) in [
+            ("at_m = [nan, 0]\n", "`person[0].at_m[0]`"),
+            ("heading_rad = inf\n", "`person[0].heading_rad`"),
+            ("enter_s = 5\nleave_s = 3\n", "`person[0].leave_s`"),
+            (
+                "path = { points_m = [], speed_m_s = 1 }\n",
+                "`person[0].path.points_m`",
+            ),
+            (
+                "path = { points_m = [[0, 0]], speed_m_s = 50 }\n",
+                "`person[0].path.speed_m_s`",
+            ),
+            (
+                "path = { points_m = [[0, 0], [1e-3, 0]], speed_m_s = 9 }\n",
+                "`person[0].path.points_m`",
+            ),
+        ] {
+            let message = refusal("", wrong);
+            assert!(message.contains(field), "{message}");
+        }
+    }
+
+    #[test]
+    fn what_would_take_for_ever_is_refused() {
+        let text = |rate: &str, seconds: &str| {
+            format!("rate_hz = {rate}\nseconds = {seconds}\nsize_m = [7, 5]\n{CAMERAS}")
+        };
+        for (rate, seconds) in [
+            ("0", "1"),
+            ("60", "1e9"),
+            ("nan", "1"),
+            ("60", "-1"),
+            ("60", "nan"),
+        ] {
+            assert!(SceneFile::parse(&text(rate, seconds), Path::new("a.toml")).is_err());
+        }
+        let crowd: String = (2..210)
+            .map(|i| PERSON.replace("\"1\"", &format!("\"{i}\"")))
+            .collect();
+        assert!(refusal("", &crowd).contains("`person`: found 209, expected from 0 to 200"));
+    }
+
+    #[test]
+    fn names_are_unique() {
+        assert!(refusal("", PERSON).contains("`person[1].name`: a second `1`"));
+    }
+
+    #[test]
+    fn cameras_are_said_once() {
+        let message = refusal("calibration = \"c.toml\"\n", "");
+        assert!(message.contains("expected one of the two"), "{message}");
+        let text = "rate_hz = 60\nseconds = 1\nsize_m = [7, 5]\n";
+        let message = SceneFile::parse(text, Path::new("a.toml"))
+            .unwrap_err()
+            .to_string();
+        assert!(message.contains("found neither"), "{message}");
+    }
+
+    #[test]
+    fn viewpoints_are_those_of_a_venue() {
+        let text = "rate_hz = 60\nseconds = 1\nsize_m = [7, 5]\ncalibration = \"c.toml\"\n\
+                    [[viewpoint]]\nname = \"north\"\n[[viewpoint.camera]]\nname = \"n1\"\n\
+                    source = { kind = \"video\", path = \"n1.mp4\" }\n[[viewpoint.camera]]\nname = \"n2\"\n";
+        let scene = SceneFile::parse(text, Path::new("scenes/a.toml")).unwrap();
+        let CameraSource::Calibrated {
+            calibration,
+            viewpoints,
+        } = scene.cameras
+        else {
+            panic!("{:?}", scene.cameras);
+        };
+        assert_eq!(calibration, Path::new("scenes/c.toml"));
+        assert_eq!(
+            viewpoints,
+            [("north".to_owned(), vec!["n1".to_owned(), "n2".to_owned()])]
+        );
+    }
+}
