@@ -1,4 +1,5 @@
-//! `farfield evaluate POSES TRUTH`: how good a `poses.jsonl` is against a `truth.jsonl`.
+//! `farfield evaluate POSES TRUTH`: how good a `poses.jsonl` is against a `truth.jsonl`. (With `--suite`,
+//! how good the system is in fixed scenes: [`crate::suite`].)
 //!
 //! What can go wrong is mostly wrong input: a file that is not there, a line that cannot be read, a
 //! truth with nothing to compare. That the result cannot be printed is not.
@@ -8,77 +9,161 @@ use std::io::BufReader;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context as _, bail, ensure};
+use anyhow::{Context as _, anyhow, bail, ensure};
 use farfield_fusion::node::NodeError;
 use farfield_fusion::score::lines::{Recording, Role};
+use farfield_fusion::score::plot::plot_of;
 use farfield_fusion::score::points::PointSet;
+use farfield_fusion::score::table::side_by_side;
 use farfield_fusion::score::{Scores, score};
 use farfield_proto::tick::{Tick, parse_range};
 
-use crate::output;
+use crate::{output, suite};
 
 /// What `farfield evaluate` is told.
 #[derive(Debug, Clone, clap::Args)]
 pub(crate) struct EvaluateArgs {
     /// The poses, as `farfield run` writes them.
-    pub poses: PathBuf,
+    #[arg(required_unless_present = "suite", conflicts_with = "suite")]
+    pub poses: Option<PathBuf>,
     /// The truth: one line per tick and person, with those joints and keypoints that are known.
-    pub truth: PathBuf,
+    #[arg(required_unless_present = "suite", conflicts_with = "suite")]
+    pub truth: Option<PathBuf>,
+    /// Other poses of the same truth, to stand beside: such as those of a run without range of motion.
+    #[arg(long, value_name = "POSES", conflicts_with = "suite")]
+    pub beside: Option<PathBuf>,
     /// Which points to compare: joints, keypoints or shelf14.
-    #[arg(long, default_value = "joints")]
+    #[arg(long, default_value = "joints", conflicts_with = "suite")]
     pub points: PointSet,
     /// Only these ticks, A..B (B not among them).
-    #[arg(long, value_parser = parse_range, value_name = "A..B", allow_hyphen_values = true)]
+    #[arg(long, value_parser = parse_range, value_name = "A..B", allow_hyphen_values = true,
+          conflicts_with = "suite")]
     pub ticks: Option<Range<Tick>>,
     /// Ticks per second, for jitter and foot slide. Default: that of the summary.json beside POSES,
-    /// else that of the venue.toml beside TRUTH; without any the two are left out.
+    /// else that of the venue.toml beside TRUTH; without any the two are left out. Of a suite, the
+    /// rate to run its scenes at instead of their own.
     #[arg(long, value_name = "HZ")]
     pub rate_hz: Option<f64>,
     /// Print JSON instead of a table.
     #[arg(long)]
     pub json: bool,
+    /// Draw the error of each actor over time as SVG: into this file, of a suite into this folder, one
+    /// file per scene.
+    #[arg(long, value_name = "PATH")]
+    pub plot: Option<PathBuf>,
+    /// Run these suites (paper, identity, own) or scene files in this process and score them, with and
+    /// without range of motion, beside plain triangulation. The fixed scenes are looked for below
+    /// `$FARFIELD_DATA`, else ../shared; where they are not there, scenes of the project's own clips run.
+    #[arg(long, value_name = "NAME|FILE", num_args = 1..)]
+    pub suite: Vec<String>,
+    /// Render pictures and read them with the embedded network, instead of making maps from the truth.
+    #[arg(long, requires = "suite", conflicts_with = "poses")]
+    pub pixels: bool,
+    /// Only the first seconds of each scene.
+    #[arg(long, value_name = "S", requires = "suite", conflicts_with = "poses")]
+    pub seconds: Option<f64>,
+    /// End with exit code 1 when a figure is behind the loose limits that no change may fall behind;
+    /// leaves out the studies of single parts.
+    #[arg(long, requires = "suite", conflicts_with = "poses")]
+    pub check: bool,
 }
 
-/// Scores the poses and prints the result.
+/// What is printed as JSON: the scores, and what stands beside them.
+#[derive(Debug, serde::Serialize)]
+struct Evaluation {
+    #[serde(flatten)]
+    scores: Scores,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    beside: Option<Scores>,
+}
+
+/// The files that are compared.
+struct Files<'a> {
+    poses: &'a Path,
+    truth: &'a Path,
+}
+
+/// Scores the poses, or runs the suite, and prints the result.
 ///
 /// # Errors
-/// When a file is missing or wrong, when the truth holds nothing to compare, or when the result
-/// cannot be printed.
+/// When a file is missing or wrong, when the truth holds nothing to compare, when a suite fails, or when
+/// the result cannot be printed or drawn.
 pub(crate) fn evaluate(args: &EvaluateArgs) -> Result<(), NodeError> {
-    let scores = scores_of(args).map_err(NodeError::Refused)?;
+    if let Some(rate) = args.rate_hz.filter(|&rate| !is_rate(rate)) {
+        let problem = anyhow!("--rate-hz: found {rate}, expected a number above 0");
+        return Err(NodeError::Refused(problem));
+    }
+    let (Some(poses), Some(truth)) = (&args.poses, &args.truth) else {
+        return suite::suite(args);
+    };
+    let (evaluation, plot) =
+        scores_of(&Files { poses, truth }, args).map_err(NodeError::Refused)?;
+    if let Some(path) = &args.plot {
+        std::fs::write(path, plot)
+            .with_context(|| format!("writing {}", path.display()))
+            .map_err(NodeError::Refused)?;
+    }
     let text = if args.json {
-        serde_json::to_string_pretty(&scores).map_err(NodeError::failed)?
+        serde_json::to_string_pretty(&evaluation).map_err(NodeError::failed)?
     } else {
-        scores.to_string()
+        evaluation.table()
     };
     output::print(&format!("{text}\n")).map_err(NodeError::Failed)
 }
 
-fn scores_of(args: &EvaluateArgs) -> anyhow::Result<Scores> {
-    let truth = read(&args.truth, Role::Truth, args)?;
+impl Evaluation {
+    fn table(&self) -> String {
+        let Some(beside) = &self.beside else {
+            return self.scores.to_string();
+        };
+        let named = [("POSES", &self.scores), ("--beside", beside)];
+        format!(
+            "{}\nPOSES: {}\n--beside: {}",
+            side_by_side(15, &named),
+            self.scores.identity_line(),
+            beside.identity_line()
+        )
+    }
+}
+
+/// The scores, and the plot of them.
+fn scores_of(files: &Files<'_>, args: &EvaluateArgs) -> anyhow::Result<(Evaluation, String)> {
+    let truth = read(files.truth, Role::Truth, args)?;
     if truth.is_empty() {
         match &args.ticks {
             Some(ticks) => {
                 bail!(
                     "{}: nobody is there in ticks {}..{}",
-                    args.truth.display(),
+                    files.truth.display(),
                     ticks.start,
                     ticks.end
                 )
             }
             None => bail!(
                 "{}: no line, expected one per tick and person",
-                args.truth.display()
+                files.truth.display()
             ),
         }
     }
     ensure!(
         truth.has_points(),
         "{}: none of the points that are compared is known of anybody",
-        args.truth.display()
+        files.truth.display()
     );
-    let poses = read(&args.poses, Role::Poses, args)?;
-    Ok(score(&poses, &truth, rate_hz(args)?))
+    let poses = read(files.poses, Role::Poses, args)?;
+    let rate_hz = rate_hz(files, args);
+    let beside = args.beside.as_ref().map(|path| {
+        let poses = read(path, Role::Poses, args)?;
+        Ok::<_, anyhow::Error>(score(&poses, &truth, rate_hz))
+    });
+    let title = format!("{}: mean error", files.poses.display());
+    // Without a rate, time is counted in ticks.
+    let plot = plot_of(&title, &poses, &truth, rate_hz.unwrap_or(1.0));
+    let evaluation = Evaluation {
+        scores: score(&poses, &truth, rate_hz),
+        beside: beside.transpose()?,
+    };
+    Ok((evaluation, plot))
 }
 
 fn read(path: &Path, role: Role, args: &EvaluateArgs) -> anyhow::Result<Recording> {
@@ -95,28 +180,22 @@ fn read(path: &Path, role: Role, args: &EvaluateArgs) -> anyhow::Result<Recordin
 
 /// The rate that was asked for, or the one that a file beside the lines tells. A neighbour that
 /// tells none, or is not there, is no error: it was not named.
-fn rate_hz(args: &EvaluateArgs) -> anyhow::Result<Option<f64>> {
-    if let Some(rate) = args.rate_hz {
-        ensure!(
-            is_rate(rate),
-            "--rate-hz: found {rate}, expected a number above 0"
-        );
-        return Ok(Some(rate));
-    }
+fn rate_hz(files: &Files<'_>, args: &EvaluateArgs) -> Option<f64> {
     let of_summary = || {
-        let text = fs::read_to_string(args.poses.with_file_name("summary.json")).ok()?;
+        let text = fs::read_to_string(files.poses.with_file_name("summary.json")).ok()?;
         serde_json::from_str::<serde_json::Value>(&text)
             .ok()?
             .get("rate_hz")?
             .as_f64()
     };
     let of_venue = || {
-        let text = fs::read_to_string(args.truth.with_file_name("venue.toml")).ok()?;
+        let text = fs::read_to_string(files.truth.with_file_name("venue.toml")).ok()?;
         let rate = text.parse::<toml::Table>().ok()?.remove("rate_hz")?;
         rate.as_float()
             .or_else(|| rate.as_integer().map(|rate| rate as f64))
     };
-    Ok(of_summary().or_else(of_venue).filter(|&rate| is_rate(rate)))
+    let told = || of_summary().or_else(of_venue).filter(|&rate| is_rate(rate));
+    args.rate_hz.or_else(told)
 }
 
 fn is_rate(rate_hz: f64) -> bool {
@@ -129,32 +208,80 @@ mod tests {
 
     const LINE: &str = "{\"tick\": 5, \"person\": 1, \"joints\": {\"left_hip\": [0, 0, 1]}}\n";
 
+    #[derive(clap::Parser)]
+    struct Line {
+        #[command(flatten)]
+        args: EvaluateArgs,
+    }
+
+    fn parsed(words: &[&str]) -> Result<EvaluateArgs, clap::Error> {
+        let words = [&["evaluate"], words].concat();
+        <Line as clap::Parser>::try_parse_from(words).map(|line| line.args)
+    }
+
     fn folder_with(truth: &str) -> (tempfile::TempDir, EvaluateArgs) {
         let folder = tempfile::tempdir().unwrap();
-        let args = EvaluateArgs {
-            poses: folder.path().join("poses.jsonl"),
-            truth: folder.path().join("truth.jsonl"),
-            points: PointSet::Joints,
-            ticks: None,
-            rate_hz: None,
-            json: false,
-        };
-        fs::write(&args.poses, LINE).unwrap();
-        fs::write(&args.truth, truth).unwrap();
+        let (poses, true_path) = (
+            folder.path().join("poses.jsonl"),
+            folder.path().join("truth.jsonl"),
+        );
+        fs::write(&poses, LINE).unwrap();
+        fs::write(&true_path, truth).unwrap();
+        let args = parsed(&[poses.to_str().unwrap(), true_path.to_str().unwrap()]).unwrap();
         (folder, args)
     }
 
+    fn files(args: &EvaluateArgs) -> Files<'_> {
+        Files {
+            poses: args.poses.as_deref().unwrap(),
+            truth: args.truth.as_deref().unwrap(),
+        }
+    }
+
+    #[test]
+    fn two_files_or_a_suite_but_not_both() {
+        assert!(parsed(&[]).is_err());
+        assert!(parsed(&["poses.jsonl"]).is_err());
+        assert!(parsed(&["poses.jsonl", "truth.jsonl", "--suite", "own"]).is_err());
+        assert!(parsed(&["poses.jsonl", "truth.jsonl", "--pixels"]).is_err());
+        let args = parsed(&["--suite", "own", "x.toml", "--seconds", "2", "--json"]).unwrap();
+        assert_eq!(args.suite, ["own", "x.toml"]);
+        assert!(args.json && args.poses.is_none());
+    }
+
+    #[test]
+    fn other_poses_stand_beside_row_by_row() {
+        let (folder, mut args) = folder_with(LINE);
+        let other = folder.path().join("other.jsonl");
+        fs::write(&other, LINE.replace("[0, 0, 1]", "[0, 0, 1.1]")).unwrap();
+        args.beside = Some(other);
+        let (evaluation, plot) = scores_of(&files(&args), &args).unwrap();
+        let table = evaluation.table();
+        assert!(
+            table.contains("POSES") && table.contains("100.0"),
+            "{table}"
+        );
+        let json = serde_json::to_value(&evaluation).unwrap();
+        assert_eq!(json["actors"]["1"]["frames"], 1);
+        assert_eq!(json["beside"]["actors"]["1"]["frames"], 1);
+        assert!(plot.starts_with("<svg"));
+    }
+
     fn refused(args: &EvaluateArgs) -> String {
-        format!("{:#}", scores_of(args).unwrap_err())
+        format!("{:#}", scores_of(&files(args), args).err().unwrap())
     }
 
     #[test]
     fn a_truth_without_anything_to_compare_is_refused() {
         let (_folder, mut args) = folder_with("");
         assert!(refused(&args).ends_with("truth.jsonl: no line, expected one per tick and person"));
-        fs::write(&args.truth, LINE.replace("left_hip", "spine")).unwrap();
+        fs::write(
+            args.truth.as_ref().unwrap(),
+            LINE.replace("left_hip", "spine"),
+        )
+        .unwrap();
         assert!(refused(&args).contains("none of the points"));
-        fs::write(&args.truth, LINE).unwrap();
+        fs::write(args.truth.as_ref().unwrap(), LINE).unwrap();
         args.ticks = Some(Tick(0)..Tick(5));
         assert!(refused(&args).ends_with("nobody is there in ticks 0..5"));
     }
@@ -162,21 +289,21 @@ mod tests {
     #[test]
     fn a_missing_file_is_named() {
         let (folder, args) = folder_with(LINE);
-        fs::remove_file(&args.poses).unwrap();
+        fs::remove_file(args.poses.as_ref().unwrap()).unwrap();
         assert!(refused(&args).contains(&folder.path().join("poses.jsonl").display().to_string()));
     }
 
     #[test]
     fn the_rate_comes_from_the_caller_then_the_summary_then_the_venue() {
         let (folder, mut args) = folder_with(LINE);
-        assert_eq!(rate_hz(&args).unwrap(), None);
+        assert_eq!(rate_hz(&files(&args), &args), None);
         fs::write(folder.path().join("venue.toml"), "rate_hz = 25").unwrap();
-        assert_eq!(rate_hz(&args).unwrap(), Some(25.0));
+        assert_eq!(rate_hz(&files(&args), &args), Some(25.0));
         fs::write(folder.path().join("summary.json"), "{\"rate_hz\": 60.0}").unwrap();
-        assert_eq!(rate_hz(&args).unwrap(), Some(60.0));
+        assert_eq!(rate_hz(&files(&args), &args), Some(60.0));
         args.rate_hz = Some(50.0);
-        assert_eq!(rate_hz(&args).unwrap(), Some(50.0));
+        assert_eq!(rate_hz(&files(&args), &args), Some(50.0));
         args.rate_hz = Some(0.0);
-        assert!(rate_hz(&args).is_err());
+        assert!(evaluate(&args).is_err());
     }
 }

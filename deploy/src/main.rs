@@ -7,6 +7,8 @@ mod overlay;
 mod run;
 #[cfg(test)]
 mod samples;
+mod suite;
+mod venue_folder;
 
 use std::process::ExitCode;
 use std::sync::Arc;

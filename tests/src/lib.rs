@@ -14,5 +14,7 @@ pub mod render;
 pub mod ring;
 pub mod scene;
 pub mod simulated;
+#[cfg(feature = "loop")]
+pub mod suite;
 pub mod view_peaks;
 pub mod walker;

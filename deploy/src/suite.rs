@@ -1,0 +1,153 @@
+//! `farfield evaluate --suite`: fixed scenes through the whole system in this process, scored beside what
+//! plain triangulation gets out of the same maps.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use anyhow::Context as _;
+use farfield_fusion::node::NodeError;
+use farfield_testbed::scene::Scene;
+use farfield_testbed::simulated::without_map_faults;
+use farfield_testbed::suite::bars::{Verdict, behind_limits, verdicts};
+use farfield_testbed::suite::report::SceneReport;
+use farfield_testbed::suite::scenes::{Named, choose};
+use farfield_testbed::suite::studies::{Study, camera_choices, predictors};
+use farfield_testbed::suite::venue::Input;
+use serde::Serialize;
+use tempfile::TempDir;
+
+use crate::evaluate::EvaluateArgs;
+use crate::output;
+use crate::venue_folder::write_network;
+
+/// The folder of scenes and recordings where `FARFIELD_DATA` says nothing.
+const DATA: &str = "../shared";
+
+/// All figures of a suite, as `--json` prints them.
+#[derive(Debug, Serialize)]
+struct SuiteReport {
+    /// That other scenes stand in, and why.
+    note: Option<String>,
+    scenes: Vec<SceneReport>,
+    studies: Vec<Study>,
+    bars: Vec<Verdict>,
+    /// What is worse than the loose limits.
+    behind_limits: Vec<String>,
+}
+
+/// Runs the suites and scenes that `args` name, and prints their figures: the table of each scene as
+/// soon as it is there, or JSON in the end.
+///
+/// # Errors
+/// When a scene is missing or wrong, when a run fails, when a plot cannot be written, and, if `--check`
+/// is asked for, when a figure is behind its limit.
+pub(crate) fn suite(args: &EvaluateArgs) -> Result<(), NodeError> {
+    let root = std::env::var_os("FARFIELD_DATA").map_or_else(|| PathBuf::from(DATA), PathBuf::from);
+    let chosen = choose(&args.suite, &root).map_err(NodeError::Refused)?;
+    let (input, _network) = input(args).map_err(NodeError::Failed)?;
+    if let Some(folder) = &args.plot {
+        std::fs::create_dir_all(folder)
+            .with_context(|| format!("creating {}", folder.display()))
+            .map_err(NodeError::Refused)?;
+    }
+    let say = |text: &str| {
+        if args.json {
+            Ok(())
+        } else {
+            output::print(&format!("{text}\n"))
+        }
+    };
+    if let Some(note) = &chosen.note {
+        say(&format!("NOTE: {note}\n")).map_err(NodeError::Failed)?;
+    }
+    let report = run(args, &input, chosen.scenes, chosen.note, &say).map_err(NodeError::Failed)?;
+    if args.json {
+        let text = serde_json::to_string_pretty(&report).map_err(NodeError::failed)?;
+        output::print(&format!("{text}\n")).map_err(NodeError::Failed)?;
+    }
+    if args.check && !report.behind_limits.is_empty() {
+        let text = report.behind_limits.join("\n");
+        return Err(NodeError::Failed(anyhow::anyhow!(
+            "behind its limit: {text}"
+        )));
+    }
+    Ok(())
+}
+
+fn run(
+    args: &EvaluateArgs,
+    input: &Input,
+    scenes: Vec<Named>,
+    note: Option<String>,
+    say: &dyn Fn(&str) -> anyhow::Result<()>,
+) -> anyhow::Result<SuiteReport> {
+    let mut report = SuiteReport {
+        note,
+        scenes: Vec::new(),
+        studies: Vec::new(),
+        bars: Vec::new(),
+        behind_limits: Vec::new(),
+    };
+    for Named { name, scene } in scenes {
+        let mut scene = scene;
+        if let Some(seconds) = args.seconds {
+            scene = scene.shortened(seconds);
+        }
+        if let Some(rate_hz) = args.rate_hz {
+            scene = scene.with_rate(rate_hz);
+        }
+        if args.pixels {
+            scene = without_map_faults(scene);
+        }
+        let scene = Arc::new(scene);
+        let of_scene = SceneReport::make(&name, &scene, input)
+            .with_context(|| format!("running scene {name}"))?;
+        say(&format!("{of_scene}\n"))?;
+        if let Some(folder) = &args.plot {
+            write_plot(&folder.join(format!("{}.svg", file_name(&name))), &of_scene)?;
+        }
+        report.scenes.push(of_scene);
+        if *input == Input::Maps && !args.check {
+            for study in studies(&name, scene)? {
+                say(&format!("{study}\n"))?;
+                report.studies.push(study);
+            }
+        }
+    }
+    report.bars = verdicts(&report.scenes);
+    report.behind_limits = behind_limits(&report.scenes);
+    if args.seconds.is_none() && args.rate_hz.is_none() {
+        let lines: Vec<String> = report.bars.iter().map(ToString::to_string).collect();
+        say(&format!("bars\n{}", lines.join("\n")))?;
+    }
+    Ok(report)
+}
+
+/// What is studied in a scene of this name, beside its figures.
+fn studies(name: &str, scene: Arc<Scene>) -> anyhow::Result<Vec<Study>> {
+    if name.ends_with("futsal") {
+        return Ok(vec![camera_choices(name, &scene)?]);
+    }
+    if !name.ends_with("sprint") {
+        return Ok(Vec::new());
+    }
+    Ok(vec![predictors(name, scene)?])
+}
+
+/// What the cameras give, and the folder that holds the network while it is used.
+fn input(args: &EvaluateArgs) -> anyhow::Result<(Input, Option<TempDir>)> {
+    if !args.pixels {
+        return Ok((Input::Maps, None));
+    }
+    let folder = tempfile::tempdir().context("making a folder for the embedded network")?;
+    let network = folder.path().join(write_network(folder.path())?);
+    Ok((Input::Pixels { network }, Some(folder)))
+}
+
+fn file_name(scene: &str) -> String {
+    scene.replace(' ', "-")
+}
+
+fn write_plot(path: &Path, report: &SceneReport) -> anyhow::Result<()> {
+    std::fs::write(path, report.plot()).with_context(|| format!("writing {}", path.display()))
+}

@@ -1,0 +1,109 @@
+//! The files of a venue folder that is made from a scene.
+
+use std::fs;
+use std::io::Write as _;
+use std::ops::Range;
+use std::path::Path;
+
+use anyhow::Context as _;
+use farfield_fusion::export::unfinished::Unfinished;
+use farfield_proto::tick::Tick;
+use farfield_testbed::embedded;
+use farfield_testbed::scene::Scene;
+use farfield_testbed::scene::write::{calibration_text, truth_line};
+use tempfile::TempDir;
+
+/// The calibration's name in a venue folder.
+pub(crate) const CALIBRATION: &str = "calibration.toml";
+
+/// Writes a file, and the folder that it lies in.
+///
+/// # Errors
+/// Names the file.
+pub(crate) fn write(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
+    let write = || {
+        if let Some(folder) = path.parent() {
+            fs::create_dir_all(folder)?;
+        }
+        fs::write(path, bytes)
+    };
+    write().with_context(|| format!("writing {}", path.display()))
+}
+
+/// Writes the calibration of the scene's cameras.
+///
+/// # Errors
+/// Names the file.
+pub(crate) fn write_calibration(scene: &Scene, folder: &Path) -> anyhow::Result<()> {
+    write(
+        &folder.join(CALIBRATION),
+        calibration_text(scene.cameras()).as_bytes(),
+    )
+}
+
+/// Writes the truth of `ticks`, one line per tick and person; the file has its name when it is whole.
+///
+/// # Errors
+/// Names the file.
+pub(crate) fn write_truth(scene: &Scene, ticks: &Range<Tick>, path: &Path) -> anyhow::Result<()> {
+    let write = || {
+        let mut file = Unfinished::create(path)?;
+        let mut order: Vec<usize> = (0..scene.people().len()).collect();
+        order.sort_by_key(|&person| scene.people()[person].number);
+        for tick in (ticks.start.0..ticks.end.0).map(Tick) {
+            for &person in &order {
+                if let Some(truth) = scene.person_at(person, scene.time_s(tick)) {
+                    let number = scene.people()[person].number;
+                    writeln!(file, "{}", truth_line(tick, number, &truth))?;
+                }
+            }
+        }
+        file.finish()
+    };
+    write().with_context(|| format!("writing {}", path.display()))
+}
+
+/// Writes the embedded network and its card; the card's name, relative to `folder`.
+///
+/// # Errors
+/// Names the file.
+pub(crate) fn write_network(folder: &Path) -> anyhow::Result<String> {
+    let card = embedded::write_network(&folder.join("models"))?;
+    Ok(format!("models/{card}"))
+}
+
+/// A folder without a name of its own beside the one that will be `out`, whose parent is made.
+///
+/// # Errors
+/// Names the folder that cannot be made.
+pub(crate) fn beside(out: &Path) -> anyhow::Result<TempDir> {
+    let parent = match out.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    };
+    fs::create_dir_all(parent).with_context(|| format!("making {}", parent.display()))?;
+    tempfile::Builder::new()
+        .prefix(".farfield-")
+        .tempdir_in(parent)
+        .with_context(|| format!("making a folder in {}", parent.display()))
+}
+
+/// Gives a folder its name; an empty folder of that name makes room.
+///
+/// # Errors
+/// When there is something by then.
+pub(crate) fn give_name(folder: TempDir, out: &Path) -> anyhow::Result<()> {
+    let made = folder.keep();
+    let renamed = open_to_all(&made).and_then(|()| fs::rename(&made, out));
+    if renamed.is_err() {
+        // The failure to rename is the one to tell of.
+        drop(fs::remove_dir_all(&made));
+    }
+    renamed.with_context(|| format!("naming the finished folder {}", out.display()))
+}
+
+/// A temporary folder is its maker's alone; a finished one is like any other.
+fn open_to_all(folder: &Path) -> std::io::Result<()> {
+    use std::os::unix::fs::PermissionsExt as _;
+    fs::set_permissions(folder, fs::Permissions::from_mode(0o755))
+}

@@ -1,0 +1,109 @@
+//! One scene with changed parameters: a line of figures, and where the error comes from.
+//!
+//! ```text
+//! cargo run -p farfield-testbed --example study -- SCENE [SECONDS] [--set TABLE.FIELD=VALUE]...
+//!     [--faults none] [--rate HZ] [--no-dlt] [--actors]
+//! ```
+//!
+//! SCENE is a scene file or the name of an embedded scene; VALUE is TOML. Columns of the budget:
+//! `predict` prediction to site, `p99.9` half width of the lattice that would hold 99.9 % of the
+//! prediction errors, `lost%` without support, `lattice` to site, `IK1`, `filter`, `IK2` to joint,
+//! `IK2site` to site, `const` the part of IK2 that is constant in the axes of the pelvis, `along*`
+//! signed error along the motion (minus is behind), `DLT` to site without a filter, `def` joint to
+//! site.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use anyhow::{Context as _, bail};
+use farfield_fusion::score::table;
+use farfield_testbed::embedded;
+use farfield_testbed::faults::FaultProfile;
+use farfield_testbed::scene::Scene;
+use farfield_testbed::suite::budget::Budget;
+use farfield_testbed::suite::overrides::parameters;
+use farfield_testbed::suite::report::Baseline;
+use farfield_testbed::suite::run::{Plan, SceneRun};
+use farfield_testbed::suite::venue::Input;
+
+struct Args {
+    scene: String,
+    seconds: Option<f64>,
+    overrides: String,
+    faultless: bool,
+    rate_hz: Option<f64>,
+    dlt: bool,
+    actors: bool,
+}
+
+fn args() -> anyhow::Result<Args> {
+    let mut given = std::env::args().skip(1);
+    let mut args = Args {
+        scene: given.next().context("SCENE is missing")?,
+        seconds: None,
+        overrides: String::new(),
+        faultless: false,
+        rate_hz: None,
+        dlt: true,
+        actors: false,
+    };
+    while let Some(arg) = given.next() {
+        let mut value = || given.next().with_context(|| format!("{arg} needs a value"));
+        match arg.as_str() {
+            "--set" => {
+                args.overrides.push_str(&value()?);
+                args.overrides.push('\n');
+            }
+            "--faults" if value()? == "none" => args.faultless = true,
+            "--rate" => args.rate_hz = Some(value()?.parse()?),
+            "--no-dlt" => args.dlt = false,
+            "--actors" => args.actors = true,
+            seconds => match seconds.parse() {
+                Ok(seconds) => args.seconds = Some(seconds),
+                Err(_) => bail!("`{seconds}` is not known"),
+            },
+        }
+    }
+    Ok(args)
+}
+
+fn main() -> anyhow::Result<()> {
+    let args = args()?;
+    let mut scene = if Path::new(&args.scene).exists() {
+        Scene::load(Path::new(&args.scene))?
+    } else {
+        embedded::scene(&args.scene)?
+    };
+    if let Some(seconds) = args.seconds {
+        scene = scene.shortened(seconds);
+    }
+    if let Some(rate_hz) = args.rate_hz {
+        scene = scene.with_rate(rate_hz);
+    }
+    if args.faultless {
+        scene = scene.with_faults(FaultProfile::none());
+    }
+    let plan = Plan {
+        parameters: parameters(&args.overrides)?,
+        keep_peaks: args.dlt,
+        keep_stages: true,
+    };
+    let run = SceneRun::make(&Arc::new(scene), &Input::Maps, plan)?;
+    let found = run.found();
+    let scores = run.score(&run.causal, &found);
+    println!("{}", table::head(10));
+    if args.actors {
+        for (actor, score) in &scores.actors {
+            println!("{}", table::line(10, &actor.to_string(), &score.row()));
+        }
+    }
+    println!("{}", table::line(10, "ours", &scores.mean.row()));
+    if args.dlt {
+        let baseline = Baseline::best(&run, &found);
+        let name = format!("DLT {} Hz", baseline.cutoff_hz);
+        println!("{}", table::line(10, &name, &baseline.scores.mean.row()));
+    }
+    println!("{}", scores.identity_line());
+    println!("{}", Budget::of(&run));
+    Ok(())
+}

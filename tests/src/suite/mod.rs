@@ -1,0 +1,15 @@
+//! Scenes run through the whole system and scored, beside what plain triangulation gets.
+
+pub mod bars;
+pub mod baseline;
+pub mod bodies;
+pub mod budget;
+pub mod butterworth;
+pub mod outliers;
+pub mod overrides;
+pub mod report;
+pub mod run;
+pub mod scenes;
+pub mod studies;
+pub mod tee;
+pub mod venue;

@@ -1,0 +1,284 @@
+//! One scene through the whole system, in lock-step in this process, with what studies ask for kept.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use farfield_edge::pipeline::EdgeOutput;
+use farfield_edge::source::FrameSource;
+use farfield_fusion::person::track::Track;
+use farfield_fusion::predict::Joints;
+use farfield_fusion::score::lines::Recording;
+use farfield_fusion::score::points::PointSet;
+use farfield_fusion::score::{Scores, matches_at, score};
+use farfield_proto::keypoints::KeypointSet;
+use farfield_proto::tick::Tick;
+use farfield_proto::venue::Parameters;
+use nalgebra::{Matrix3x4, Vector3};
+
+use super::baseline::PersonView;
+use super::bodies::{People, add_poses, truth_of};
+use super::tee::tee;
+use super::venue::{Input, sources_of, venue_of};
+use crate::in_process::InProcess;
+use crate::scene::Scene;
+use crate::view_peaks::PeakReader;
+
+/// How a scene is run.
+#[derive(Debug, Clone, Default)]
+pub struct Plan {
+    /// The method's parameters.
+    pub parameters: Parameters,
+    /// Whether the peaks of every patch are kept, for the baseline.
+    pub keep_peaks: bool,
+    /// Whether the stages of every track are kept, for the error budget.
+    pub keep_stages: bool,
+}
+
+impl Plan {
+    /// Runs with `parameters`, and keeps the poses alone.
+    pub fn with(parameters: Parameters) -> Self {
+        Self {
+            parameters,
+            ..Self::default()
+        }
+    }
+}
+
+/// One person of fusion between the stages of a tick, world metres.
+#[derive(Debug, Clone)]
+pub struct Stages {
+    /// Where the keypoints were expected.
+    pub predicted_m: Vec<Vector3<f64>>,
+    /// What the lattice found, and whether any view supports it.
+    pub lattice_m: Vec<(Vector3<f64>, bool)>,
+    /// After the first inverse kinematics.
+    pub ik1_m: Joints,
+    /// After the filter.
+    pub filtered_m: Joints,
+    /// After the second inverse kinematics: what is published.
+    pub ik2_m: Joints,
+    /// The filter's velocity, m/s.
+    pub velocity_m_s: Joints,
+}
+
+impl Stages {
+    fn of(track: &Track) -> Self {
+        let lattice = track.estimates().iter();
+        Self {
+            predicted_m: track.predicted_m().to_vec(),
+            lattice_m: lattice.map(|e| (e.position_m, e.weight > 0.0)).collect(),
+            ik1_m: *track.measured_m(),
+            filtered_m: *track.smoothed_m(),
+            ik2_m: *track.joints_m(),
+            velocity_m_s: *track.motion().velocity_m_s(),
+        }
+    }
+}
+
+/// What a scene came to.
+pub struct SceneRun {
+    /// The scene.
+    pub scene: Arc<Scene>,
+    /// The true people, by number.
+    pub truth: Recording,
+    /// What a live listener gets at each tick.
+    pub causal: Recording,
+    /// What the files hold in the end: the same, with the tentative ticks of those who were
+    /// confirmed later.
+    pub finished: Recording,
+    /// The keypoints of the maps.
+    pub keypoints: KeypointSet,
+    /// Per camera of the venue, world metres to homogeneous undistorted pixels.
+    pub pixel_from_world: Vec<Matrix3x4<f64>>,
+    /// Bytes of all patches: what the edges sent, without the protocol's own.
+    pub patch_bytes: u64,
+    /// Per tick and id of fusion, what each camera showed; empty unless the plan keeps it.
+    peaks: BTreeMap<Tick, BTreeMap<u32, Vec<PersonView>>>,
+    /// Per tick and id of fusion; empty unless the plan keeps it.
+    stages: BTreeMap<Tick, BTreeMap<u32, Stages>>,
+}
+
+/// A run under way.
+struct Running {
+    nodes: InProcess,
+    plan: Plan,
+    reader: PeakReader,
+    causal: People,
+    finished: People,
+    patch_bytes: u64,
+    peaks: BTreeMap<Tick, BTreeMap<u32, Vec<PersonView>>>,
+    stages: BTreeMap<Tick, BTreeMap<u32, Stages>>,
+}
+
+impl Running {
+    fn new(nodes: InProcess, plan: Plan) -> Self {
+        Self {
+            nodes,
+            plan,
+            reader: PeakReader::default(),
+            causal: People::new(),
+            finished: People::new(),
+            patch_bytes: 0,
+            peaks: BTreeMap::new(),
+            stages: BTreeMap::new(),
+        }
+    }
+
+    /// Works on the next tick; whether there was one.
+    fn step(&mut self) -> anyhow::Result<bool> {
+        let Some(trace) = self.nodes.step()? else {
+            return Ok(false);
+        };
+        let keypoints = self.nodes.keypoints();
+        add_poses(&mut self.causal, &trace.poses, keypoints);
+        for poses in &trace.finished {
+            add_poses(&mut self.finished, poses, keypoints);
+        }
+        let bytes = patches(&trace.edges).map(|patch| patch.maps.bytes.len() as u64);
+        self.patch_bytes += bytes.sum::<u64>();
+        if self.plan.keep_peaks {
+            let views = views_of(&trace.edges, &mut self.reader);
+            self.peaks.insert(trace.tick, views);
+        }
+        if self.plan.keep_stages {
+            let tracks = self.nodes.tracks().iter();
+            let tracks = tracks.filter(|track| !track.is_tentative());
+            let of_tick = tracks.map(|track| (track.id().0, Stages::of(track)));
+            self.stages.insert(trace.tick, of_tick.collect());
+        }
+        Ok(true)
+    }
+
+    fn finish(mut self, scene: &Arc<Scene>) -> SceneRun {
+        let keypoints = self.nodes.keypoints().clone();
+        for poses in self.nodes.finish() {
+            add_poses(&mut self.finished, &poses, &keypoints);
+        }
+        let cameras = self.nodes.venue().cameras.iter();
+        SceneRun {
+            scene: Arc::clone(scene),
+            truth: truth_of(scene, scene.ticks()),
+            causal: Recording::from_people(PointSet::Joints, self.causal),
+            finished: Recording::from_people(PointSet::Joints, self.finished),
+            keypoints,
+            pixel_from_world: cameras.map(|c| c.model.projection_matrix()).collect(),
+            patch_bytes: self.patch_bytes,
+            peaks: self.peaks,
+            stages: self.stages,
+        }
+    }
+}
+
+impl SceneRun {
+    /// Runs `scene` once.
+    ///
+    /// # Errors
+    /// When the network cannot be loaded or fails, or no thread is left to render with.
+    pub fn make(scene: &Arc<Scene>, input: &Input, plan: Plan) -> anyhow::Result<Self> {
+        let [run] = Self::make_all(scene, input, [plan])?;
+        Ok(run)
+    }
+
+    /// Runs `scene` once per plan, over the same frames, which are made once.
+    ///
+    /// # Errors
+    /// As [`Self::make`].
+    pub fn make_all<const N: usize>(
+        scene: &Arc<Scene>,
+        input: &Input,
+        plans: [Plan; N],
+    ) -> anyhow::Result<[Self; N]> {
+        let mut sources: [Vec<Box<dyn FrameSource>>; N] = std::array::from_fn(|_| Vec::new());
+        for source in sources_of(scene, input)? {
+            for (branches, branch) in sources.iter_mut().zip(tee(source, N)) {
+                branches.push(branch);
+            }
+        }
+        let mut runs = Vec::with_capacity(N);
+        for (plan, sources) in plans.into_iter().zip(sources) {
+            let venue = venue_of(scene, input, plan.parameters.clone());
+            let nodes = InProcess::new(venue, sources, scene.ticks())?;
+            runs.push(Running::new(nodes, plan));
+        }
+        let mut goes_on = true;
+        while goes_on {
+            for run in &mut runs {
+                goes_on = run.step()?;
+            }
+        }
+        let runs: Vec<Self> = runs.into_iter().map(|run| run.finish(scene)).collect();
+        runs.try_into()
+            .map_err(|_| anyhow::anyhow!("as many runs as plans"))
+    }
+
+    /// Per actor, the first tick at which a live listener gets it; an actor that is never found is not
+    /// in it.
+    pub fn found(&self) -> BTreeMap<u32, Tick> {
+        let mut found = BTreeMap::new();
+        for tick in self.truth.ticks() {
+            for actor in matches_at(tick, &self.causal, &self.truth).into_keys() {
+                found.entry(actor).or_insert(tick);
+            }
+        }
+        found
+    }
+
+    /// The truth from `found` on: until then a live listener has nobody yet. All of an actor that is
+    /// not in `found`.
+    pub fn truth_since(&self, found: &BTreeMap<u32, Tick>) -> Recording {
+        let mut people = People::new();
+        for tick in self.truth.ticks() {
+            let there = self.truth.people_at(tick).into_iter().flatten();
+            let counts =
+                there.filter(|(actor, _)| found.get(actor).is_none_or(|first| *first <= tick));
+            let counts: BTreeMap<_, _> = counts.map(|(id, body)| (*id, body.clone())).collect();
+            if !counts.is_empty() {
+                people.insert(tick, counts);
+            }
+        }
+        Recording::from_people(PointSet::Joints, people)
+    }
+
+    /// Scores `poses` against the truth since each actor was `found`.
+    pub fn score(&self, poses: &Recording, found: &BTreeMap<u32, Tick>) -> Scores {
+        score(poses, &self.truth_since(found), Some(self.scene.rate_hz()))
+    }
+
+    /// What the cameras showed of `actor` (a number of the truth) at each tick: the crops of whoever
+    /// of fusion's persons was that actor then.
+    pub fn views_of(&self, actor: u32) -> BTreeMap<Tick, Vec<PersonView>> {
+        let at = |(&tick, people): (&Tick, &BTreeMap<u32, Vec<PersonView>>)| {
+            let id = *matches_at(tick, &self.finished, &self.truth).get(&actor)?;
+            Some((tick, people.get(&id)?.clone()))
+        };
+        self.peaks.iter().filter_map(at).collect()
+    }
+
+    /// Each true person (by position in the scene) with the stages of its track, tick after tick.
+    pub fn matched_stages(&self) -> impl Iterator<Item = (Tick, usize, &Stages)> {
+        self.stages.iter().flat_map(|(&tick, people)| {
+            let matches = matches_at(tick, &self.causal, &self.truth);
+            let numbers = self.scene.people().iter().enumerate();
+            numbers.filter_map(move |(i, who)| {
+                let stages = people.get(matches.get(&who.number)?)?;
+                Some((tick, i, stages))
+            })
+        })
+    }
+}
+
+fn patches(edges: &[EdgeOutput]) -> impl Iterator<Item = &farfield_proto::message::PersonPatch> {
+    let sets = edges.iter().flat_map(|edge| &edge.patch_sets);
+    sets.flat_map(|set| &set.persons)
+}
+
+fn views_of(edges: &[EdgeOutput], reader: &mut PeakReader) -> BTreeMap<u32, Vec<PersonView>> {
+    let mut views: BTreeMap<u32, Vec<PersonView>> = BTreeMap::new();
+    for patch in patches(edges) {
+        views.entry(patch.person.0).or_default().push(PersonView {
+            camera: usize::from(patch.camera.0),
+            peaks: reader.read(patch),
+        });
+    }
+    views
+}
