@@ -8,7 +8,9 @@ use farfield_edge::node::EdgeArgs;
 use farfield_fusion::node::FusionArgs;
 use farfield_proto::tick::{Tick, parse_range};
 
+use crate::demo::DemoArgs;
 use crate::evaluate::EvaluateArgs;
+use crate::simulate::SimulateArgs;
 
 /// Markerless motion capture for wide fields.
 ///
@@ -31,6 +33,10 @@ pub(crate) enum Command {
     Fusion(FusionArgs),
     /// Score poses against a truth.
     Evaluate(EvaluateArgs),
+    /// Show the whole system at work on people who do not exist, and how far it is from the truth.
+    Demo(DemoArgs),
+    /// Record a simulated scene as a venue that `farfield run` takes.
+    Simulate(SimulateArgs),
 }
 
 /// Arguments of `farfield run`.

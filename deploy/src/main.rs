@@ -1,12 +1,14 @@
 //! The operator's one command: brings a venue up, and looks at what came out.
 
 mod cli;
+mod demo;
 mod evaluate;
 mod output;
 mod overlay;
 mod run;
 #[cfg(test)]
 mod samples;
+mod simulate;
 mod suite;
 mod venue_folder;
 
@@ -24,6 +26,8 @@ fn main() -> ExitCode {
         Command::Run(args) => run::main(args),
         Command::Edge(args) => farfield_edge::node::main(args, Arc::new(VenueSources::default())),
         Command::Fusion(args) => farfield_fusion::node::main(args),
+        Command::Demo(args) => demo::main(&args),
+        Command::Simulate(args) => simulate::main(args),
         Command::Evaluate(args) => exit_code(evaluate::evaluate(&args).map(|()| Ending::Done)),
     }
 }

@@ -5,6 +5,8 @@ use std::path::{Path, PathBuf};
 use clap::Parser as _;
 use farfield_proto::calibration::Calibration;
 use farfield_proto::venue::{Parameters, Venue};
+use farfield_testbed::faults::FaultProfile;
+use farfield_testbed::scene::Scene;
 use serde::Serialize;
 use toml::{Table, Value};
 
@@ -54,7 +56,12 @@ fn the_sample_venue_parses_and_states_every_default() {
 fn the_sample_venue_says_what_else_there_is() {
     let text = read("venue.sample.toml");
     // Without a default of its own, and live sources, which no sample can open.
-    for shown in ["# margin = 1.25", "kind = \"v4l\"", "kind = \"ffmpeg\""] {
+    for shown in [
+        "# margin = 1.25",
+        "kind = \"v4l\"",
+        "kind = \"ffmpeg\"",
+        "kind = \"simulated\", path = \"scene.toml\", content = \"maps\"",
+    ] {
         assert!(text.contains(shown), "{shown}");
     }
     let sample: Table = toml::from_str(&text).unwrap();
@@ -78,6 +85,13 @@ fn the_sample_venue_says_what_else_there_is() {
         "smoothing",
     ];
     assert_eq!(tables, known);
+}
+
+#[test]
+fn the_sample_scene_parses_and_states_the_standard_faults() {
+    let scene = Scene::load(&path("scene.sample.toml")).unwrap_or_else(|e| panic!("{e}"));
+    assert_eq!((scene.people().len(), scene.cameras().len()), (2, 8));
+    assert_eq!(*scene.faults(), FaultProfile::standard());
 }
 
 /// The command of a unit, as the shell of the operator's command would take it.

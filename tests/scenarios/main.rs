@@ -6,11 +6,13 @@
 
 mod bad_input;
 mod data;
+mod demo;
 mod farfield;
 mod lockstep;
 mod nodes_by_hand;
 mod outputs;
 mod shelf;
 mod stopping;
+mod suite;
 mod tidy;
 mod treadmill;

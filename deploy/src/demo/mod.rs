@@ -1,0 +1,139 @@
+//! `farfield demo`: people on a court who do not exist, cameras that see them, and every node of a
+//! venue around them, scored against the truth. Needs nothing beside the program.
+//!
+//! Check -> claim -> write the venue -> run it as `farfield run` does -> score.
+
+mod live_error;
+mod play;
+mod score;
+mod ticker;
+mod words;
+
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use farfield_fusion::node::{Claim, Ending, NodeError, exit_code, start_log};
+use farfield_proto::tick::Tick;
+
+use self::play::{Play, Script};
+use self::ticker::Ticker;
+use self::words::Backend;
+use crate::cli::RunArgs;
+use crate::run::{self, Session};
+use crate::{output, venue_folder};
+
+/// The folder of the simulated venue, in that of the results.
+const VENUE: &str = "venue";
+/// Name of the venue, and of the folders of results.
+const NAME: &str = "demo";
+
+/// Arguments of `farfield demo`.
+#[derive(Debug, clap::Args)]
+pub(crate) struct DemoArgs {
+    /// How many ticks to run.
+    #[arg(long, value_name = "N", default_value_t = 300, conflicts_with = "forever",
+          value_parser = clap::value_parser!(u32).range(1..))]
+    pub(crate) ticks: u32,
+    /// Run until Ctrl-C. Every five minutes of the people's time they start anew, and with them the
+    /// files: in `farfield-out/demo-N`, or DIR, DIR-2 and so on.
+    #[arg(long)]
+    pub(crate) forever: bool,
+    /// Make maps from the truth in place of pictures: no rendering, no network, many times faster.
+    #[arg(long)]
+    pub(crate) maps: bool,
+    /// Folder for the results; must be empty or not there. Default: `farfield-out/demo-N`.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) out: Option<PathBuf>,
+    /// Another scene than the court.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) scene: Option<PathBuf>,
+    /// Draw the skeletons over every camera's picture of this tick; without a tick, of the middle one.
+    #[arg(long, value_name = "TICK", num_args = 0..=1)]
+    #[expect(
+        clippy::option_option,
+        reason = "absent, without and with a tick: how clap says it"
+    )]
+    pub(crate) overlay: Option<Option<i64>>,
+}
+
+/// Runs the demo and says how good it was.
+pub(crate) fn main(args: &DemoArgs) -> ExitCode {
+    start_log();
+    exit_code(demo(args))
+}
+
+fn demo(args: &DemoArgs) -> Result<Ending, NodeError> {
+    let script = Script::choose(args).map_err(NodeError::Refused)?;
+    let mut session = Session::open()?;
+    if !args.forever {
+        return show(args, &script, args.out.as_deref(), &mut session);
+    }
+    for round in 1.. {
+        let out = args.out.as_deref().map(|out| out_of(out, round));
+        let script = script.of_round(round);
+        if show(args, &script, out.as_deref(), &mut session)? == Ending::Interrupted {
+            break;
+        }
+    }
+    Ok(Ending::Interrupted)
+}
+
+/// Where a round of many goes, when the first goes to `out`.
+fn out_of(out: &Path, round: u32) -> PathBuf {
+    let mut name = out.as_os_str().to_owned();
+    if round > 1 {
+        name.push(format!("-{round}"));
+    }
+    name.into()
+}
+
+/// Plays `script` once, and says how good it was.
+fn show(
+    args: &DemoArgs,
+    script: &Script,
+    out: Option<&Path>,
+    session: &mut Session,
+) -> Result<Ending, NodeError> {
+    let claim = Claim::take(out, NAME).map_err(NodeError::Refused)?;
+    let out = claim.folder();
+    let (play, undo) = Play::stage(script, &out.join(VENUE)).map_err(NodeError::Failed)?;
+    let (plan, networks) = run::check(RunArgs {
+        venue: play.venue.clone(),
+        ticks: None,
+        out: None,
+        overlay: args.overlay,
+        json: false,
+    })?;
+    undo.keep();
+    let backend = Backend::of(networks).map_err(NodeError::failed)?;
+    let words = words::beginning(&play, &backend, out);
+    output::print(&words).map_err(NodeError::Failed)?;
+    let end = session.watch(&plan, out, &mut Ticker::new(&play))?;
+    let done = run::done(out).map_err(NodeError::Failed)?;
+    let Some(ticks) = done.filter(|ticks| !ticks.is_empty()) else {
+        return run::finish(&plan, out, end, false);
+    };
+    let truth = out.join("truth.jsonl");
+    venue_folder::write_truth(&play.scene, &ticks, &truth).map_err(NodeError::Failed)?;
+    let ending = run::finish(&plan, out, end, false)?;
+    tell_score(out, &truth, &ticks, play.scene.rate_hz()).map_err(NodeError::Failed)?;
+    Ok(ending)
+}
+
+fn tell_score(out: &Path, truth: &Path, ticks: &Range<Tick>, rate_hz: f64) -> anyhow::Result<()> {
+    let text = score::table(&out.join("poses.jsonl"), truth, ticks, rate_hz)?;
+    output::print(&text)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_round_has_a_folder_of_its_own() {
+        let out = Path::new("a/b.c");
+        assert_eq!(out_of(out, 1), Path::new("a/b.c"));
+        assert_eq!(out_of(out, 2), Path::new("a/b.c-2"));
+    }
+}

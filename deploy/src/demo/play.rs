@@ -1,0 +1,245 @@
+//! The scene of a demo, and the venue folder that is made of it for the nodes to read.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use anyhow::{Context as _, anyhow, ensure};
+use farfield_fusion::predict::Joints;
+use farfield_proto::camera::CameraModel;
+use farfield_proto::tick::Tick;
+use farfield_proto::venue::SimulatedContent;
+use farfield_testbed::embedded;
+use farfield_testbed::scene::Scene;
+use farfield_testbed::scene::file::{MAX_PERSON_SECONDS, MAX_TICKS};
+use farfield_testbed::simulated::{VenueText, quoted, without_map_faults};
+use toml::{Table, Value};
+
+use super::{DemoArgs, NAME};
+use crate::venue_folder::{self, CALIBRATION};
+
+/// The scene that the project carries for the demo.
+const SCENE: &str = "court";
+
+/// Length of one round of many, seconds: planning it takes every process a moment.
+const ROUND_S: f64 = 300.0;
+
+/// Whose scene is played.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Origin {
+    /// The project's; its clips are written beside it.
+    Embedded,
+    /// Somebody's; it names its clips where they are.
+    File,
+}
+
+/// A scene that nothing speaks against, not yet written anywhere.
+#[derive(Clone)]
+pub(super) struct Script {
+    /// The scene file, as long as the demo shall be.
+    table: Table,
+    origin: Origin,
+    content: SimulatedContent,
+    ticks: u32,
+    /// Whether nothing follows it.
+    is_last: bool,
+}
+
+impl Script {
+    /// What was asked for.
+    ///
+    /// # Errors
+    /// Names the scene file and what is wrong with it.
+    pub(super) fn choose(args: &DemoArgs) -> anyhow::Result<Self> {
+        let (mut table, origin) = match &args.scene {
+            Some(path) => (of_file(path)?, Origin::File),
+            None => (embedded_scene()?, Origin::Embedded),
+        };
+        let rate_hz = table.get("rate_hz").and_then(as_number);
+        let rate_hz = rate_hz.context("the scene has no rate")?;
+        let most = most_ticks(&table, rate_hz);
+        ensure!(
+            args.ticks <= most,
+            "`--ticks`: found {}, expected at most {most}: scenes are planned ahead",
+            args.ticks
+        );
+        let ticks = if args.forever {
+            most.min((ROUND_S * rate_hz).round() as u32)
+        } else {
+            args.ticks
+        };
+        table.insert(
+            "seconds".to_owned(),
+            Value::from(f64::from(ticks) / rate_hz),
+        );
+        Ok(Self {
+            table,
+            origin,
+            content: if args.maps {
+                SimulatedContent::Maps
+            } else {
+                SimulatedContent::Pixels
+            },
+            ticks,
+            is_last: !args.forever,
+        })
+    }
+
+    /// The same, a little different each time.
+    pub(super) fn of_round(&self, round: u32) -> Self {
+        let mut script = self.clone();
+        if let Some(Value::Integer(seed)) = script.table.get_mut("seed") {
+            *seed = seed.saturating_add(i64::from(round) - 1);
+        }
+        script
+    }
+}
+
+/// How long a scene with these people may be.
+fn most_ticks(scene: &Table, rate_hz: f64) -> u32 {
+    let people = scene.get("person").and_then(Value::as_array);
+    let people = people.map_or(1, Vec::len).max(1) as f64;
+    (MAX_PERSON_SECONDS / people * rate_hz)
+        .min(MAX_TICKS)
+        .floor() as u32
+}
+
+/// The court as the program carries it.
+fn embedded_scene() -> anyhow::Result<Table> {
+    let text = embedded::SCENES.iter().find(|(name, _)| *name == SCENE);
+    let (_, text) = text.context("the program carries no demo scene")?;
+    text.parse().context("reading the demo scene")
+}
+
+/// Somebody's scene, with full names for the files that it names.
+fn of_file(path: &Path) -> anyhow::Result<Table> {
+    // Says by line and field what may be wrong with it.
+    Scene::load(path)?;
+    let text = std::fs::read_to_string(path).with_context(|| path.display().to_string())?;
+    let mut table: Table = text.parse().with_context(|| path.display().to_string())?;
+    let folder = path.parent().unwrap_or(Path::new(""));
+    let full = |name: &str| -> anyhow::Result<String> {
+        let named = folder.join(name);
+        let full = std::fs::canonicalize(&named).with_context(|| named.display().to_string())?;
+        let full = full.into_os_string().into_string();
+        full.map_err(|name| anyhow!("{}: found a name that is not UTF-8", name.display()))
+    };
+    each_clip(&mut table, full)?;
+    if let Some(Value::String(calibration)) = table.get_mut("calibration") {
+        *calibration = full(calibration)?;
+    }
+    Ok(table)
+}
+
+/// Renames every clip that the scene names.
+fn each_clip(
+    scene: &mut Table,
+    mut rename: impl FnMut(&str) -> anyhow::Result<String>,
+) -> anyhow::Result<()> {
+    let people = scene.get_mut("person").and_then(Value::as_array_mut);
+    for person in people.into_iter().flatten() {
+        let clips = person.get_mut("clips").and_then(Value::as_array_mut);
+        for clip in clips.into_iter().flatten() {
+            if let Value::String(name) = clip {
+                *name = rename(name)?;
+            }
+        }
+    }
+    Ok(())
+}
+
+fn as_number(value: &Value) -> Option<f64> {
+    value
+        .as_float()
+        .or_else(|| value.as_integer().map(|number| number as f64))
+}
+
+/// A demo whose venue lies on disk.
+pub(super) struct Play {
+    pub(super) scene: Arc<Scene>,
+    pub(super) ticks: u32,
+    /// Whether nothing follows it.
+    pub(super) is_last: bool,
+    /// The venue file.
+    pub(super) venue: PathBuf,
+}
+
+/// A folder that is taken away again unless it is kept.
+#[must_use]
+pub(super) struct Undo(Option<PathBuf>);
+
+impl Undo {
+    pub(super) fn keep(mut self) {
+        self.0 = None;
+    }
+}
+
+impl Drop for Undo {
+    fn drop(&mut self) {
+        if let Some(folder) = &self.0 {
+            // What cannot be taken away stays in the folder of the results.
+            drop(std::fs::remove_dir_all(folder));
+        }
+    }
+}
+
+impl Play {
+    /// Writes the venue into `folder`, which must not be there.
+    ///
+    /// # Errors
+    /// When a file cannot be written, or the scene cannot be read as it was written.
+    pub(super) fn stage(script: &Script, folder: &Path) -> anyhow::Result<(Self, Undo)> {
+        let undo = Undo(Some(folder.to_owned()));
+        let scene_path = match script.origin {
+            Origin::Embedded => embedded::write_scene(SCENE, folder)?,
+            Origin::File => folder.join("scene.toml"),
+        };
+        let text = toml::to_string(&script.table).context("writing the scene")?;
+        venue_folder::write(&scene_path, text.as_bytes())?;
+        let scene = Scene::load(&scene_path)?;
+        let is_pixels = script.content == SimulatedContent::Pixels;
+        let scene = Arc::new(if is_pixels {
+            without_map_faults(scene)
+        } else {
+            scene
+        });
+        venue_folder::write_calibration(&scene, folder)?;
+        let network = is_pixels
+            .then(|| venue_folder::write_network(folder))
+            .transpose()?;
+        let content = script.content.name();
+        let path = scene_path.strip_prefix(folder).unwrap_or(&scene_path);
+        let path = quoted(&path.display().to_string());
+        let source = |_: &CameraModel| {
+            format!("{{ kind = \"simulated\", path = {path}, content = \"{content}\" }}")
+        };
+        let text = VenueText {
+            scene: &scene,
+            name: NAME,
+            head: "Written by `farfield demo`; `farfield run` takes it, too.",
+            calibration: CALIBRATION,
+            network: network.as_deref(),
+            detector: None,
+            source: &source,
+            first_tick: Tick(0),
+            // Maps come with sightings; in pictures nobody is looked for without a detector.
+            given: is_pixels.then(|| scene.ticks()),
+        };
+        let venue = folder.join("venue.toml");
+        venue_folder::write(&venue, text.to_toml().as_bytes())?;
+        let play = Self {
+            scene,
+            ticks: script.ticks,
+            is_last: script.is_last,
+            venue,
+        };
+        Ok((play, undo))
+    }
+
+    /// The true joints of everybody who is there at `tick`, world, metres.
+    pub(super) fn joints_at(&self, tick: Tick) -> Vec<Joints> {
+        let time_s = self.scene.time_s(tick);
+        let people = 0..self.scene.people().len();
+        let truth = people.filter_map(|person| self.scene.person_at(person, time_s));
+        truth.map(|person| person.joints_m).collect()
+    }
+}

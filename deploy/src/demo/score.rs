@@ -1,0 +1,40 @@
+//! The score of a demo against its truth: what `farfield evaluate` prints.
+
+use std::fs::File;
+use std::io::BufReader;
+use std::ops::Range;
+use std::path::Path;
+
+use anyhow::Context as _;
+use farfield_fusion::score::lines::{Recording, Role};
+use farfield_fusion::score::points::PointSet;
+use farfield_fusion::score::score;
+use farfield_proto::tick::Tick;
+
+/// The table of the score, to joints.
+pub(super) fn table(
+    poses: &Path,
+    truth: &Path,
+    ticks: &Range<Tick>,
+    rate_hz: f64,
+) -> anyhow::Result<String> {
+    let poses = read(poses, Role::Poses, ticks)?;
+    let truth = read(truth, Role::Truth, ticks)?;
+    if truth.is_empty() {
+        return Ok("nobody was there to score against\n".to_owned());
+    }
+    let scores = score(&poses, &truth, Some(rate_hz));
+    Ok(format!("{scores}\n"))
+}
+
+fn read(path: &Path, role: Role, ticks: &Range<Tick>) -> anyhow::Result<Recording> {
+    let file = File::open(path).with_context(|| format!("opening {}", path.display()))?;
+    let reader = BufReader::new(file);
+    Ok(Recording::read(
+        reader,
+        path,
+        role,
+        PointSet::Joints,
+        Some(ticks),
+    )?)
+}

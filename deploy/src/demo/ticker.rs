@@ -1,0 +1,165 @@
+//! What a demo shows of itself while it works, for whoever sees it for the first time: one line per
+//! second of the people's time, and one per second of the reader's while theirs takes longer.
+
+use std::time::Duration;
+
+use farfield_fusion::node::{Body, Progress};
+use farfield_proto::tick::Tick;
+use tokio::time::Instant;
+
+use super::live_error::mean_error_m;
+use super::play::Play;
+use crate::output;
+use crate::run::{Detail, Follow};
+
+/// The longest time without a line.
+const EVERY: Duration = Duration::from_secs(1);
+
+/// Prints the lines on standard output.
+pub(super) struct Ticker<'a> {
+    play: &'a Play,
+    /// When the last line was printed, and how far the run was then.
+    last: Option<(Instant, Tick, u64)>,
+    /// A tick that no line has told of yet.
+    untold: Option<Progress>,
+}
+
+impl<'a> Ticker<'a> {
+    pub(super) fn new(play: &'a Play) -> Self {
+        Self {
+            play,
+            last: None,
+            untold: None,
+        }
+    }
+
+    /// Whether a full second of the people's time ends with `tick`.
+    fn is_full(&self, tick: Tick) -> bool {
+        let rate_hz = self.play.scene.rate_hz();
+        let second = |tick: Tick| tick.seconds(rate_hz).floor();
+        second(tick + 1) > second(tick)
+    }
+
+    fn tell(&mut self, progress: &Progress, now: Instant) {
+        let (since, from, bytes) = self.last.unwrap_or((now, progress.tick, progress.bytes));
+        self.last = Some((now, progress.tick, progress.bytes));
+        self.untold = None;
+        let elapsed_s = now.duration_since(since).as_secs_f64();
+        let ticks = (progress.tick - from).unsigned_abs() as f64;
+        let rates = (elapsed_s > 0.0 && ticks > 0.0).then(|| Rates {
+            ticks_per_s: ticks / elapsed_s,
+            bytes_per_tick: progress.bytes.saturating_sub(bytes) as f64 / ticks,
+        });
+        let line = line(self.play, progress.tick, &progress.bodies, rates);
+        // The run goes on when nobody reads: its files are what counts.
+        drop(output::print(&line));
+    }
+}
+
+impl Follow for Ticker<'_> {
+    fn detail(&self) -> Detail {
+        Detail::Bodies
+    }
+
+    fn tick(&mut self, progress: &Progress) {
+        let now = Instant::now();
+        match self.last {
+            None => self.last = Some((now, progress.tick, progress.bytes)),
+            Some((last, ..))
+                if now.duration_since(last) >= EVERY || self.is_full(progress.tick) =>
+            {
+                self.tell(progress, now);
+                return;
+            }
+            Some(_) => {}
+        }
+        self.untold = Some(progress.clone());
+    }
+
+    fn finish(&mut self) {
+        if let Some(progress) = self.untold.take() {
+            self.tell(&progress, Instant::now());
+        }
+    }
+}
+
+/// What passes since the last line.
+#[derive(Debug, Clone, Copy)]
+struct Rates {
+    ticks_per_s: f64,
+    /// Payload over all links.
+    bytes_per_tick: f64,
+}
+
+fn line(play: &Play, tick: Tick, bodies: &[Body], rates: Option<Rates>) -> String {
+    let rate_hz = play.scene.rate_hz();
+    let time_s = (tick + 1).seconds(rate_hz);
+    let whole_s = f64::from(play.ticks) / rate_hz;
+    let truth = play.joints_at(tick);
+    let error = mean_error_m(bodies, &truth).map_or_else(
+        || "none near the truth".to_owned(),
+        |error_m| format!("{:3.0} mm off", error_m * 1e3),
+    );
+    let rates = rates.map_or_else(String::new, |rates| {
+        let links = play.scene.viewpoints().len().max(1) as f64;
+        format!(
+            "   {:5.1} ticks/s   {:.0} kB/s per viewpoint",
+            rates.ticks_per_s,
+            rates.bytes_per_tick * rate_hz / links / 1e3
+        )
+    });
+    format!(
+        "{time_s:6.1} of {whole_s:.1} s   {} of {} people tracked   {error}{rates}\n",
+        bodies.len(),
+        truth.len(),
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn play() -> Play {
+        let scene = farfield_testbed::embedded::scene("court").unwrap();
+        Play {
+            scene: scene.into(),
+            ticks: 300,
+            is_last: true,
+            venue: "venue.toml".into(),
+        }
+    }
+
+    #[test]
+    fn a_line_says_when_who_how_well_how_fast_and_how_much() {
+        let play = play();
+        let true_joints = play.joints_at(Tick(29));
+        let shifted = |(person, joints): (u32, &farfield_fusion::predict::Joints)| Body {
+            person,
+            joints_m: joints
+                .iter()
+                .map(|m| [m.x as f32, m.y as f32, m.z as f32 + 0.02])
+                .collect(),
+        };
+        let bodies: Vec<Body> = (1..).zip(&true_joints).map(shifted).collect();
+        let rates = Rates {
+            ticks_per_s: 12.34,
+            bytes_per_tick: 8000.0,
+        };
+        assert_eq!(
+            line(&play, Tick(29), &bodies, Some(rates)),
+            "   1.0 of 10.0 s   4 of 4 people tracked    20 mm off    12.3 ticks/s   60 kB/s per viewpoint\n"
+        );
+        assert_eq!(
+            line(&play, Tick(29), &[], None),
+            "   1.0 of 10.0 s   0 of 4 people tracked   none near the truth\n"
+        );
+    }
+
+    #[test]
+    fn seconds_of_the_scene_are_full_at_their_last_tick() {
+        let play = play();
+        let ticker = Ticker::new(&play);
+        let full: Vec<i64> = (0..90).filter(|&tick| ticker.is_full(Tick(tick))).collect();
+        assert_eq!(full, [29, 59, 89]);
+    }
+}

@@ -1,0 +1,100 @@
+//! What simulated cameras record.
+
+use std::process::{Command, Stdio};
+
+use anyhow::ensure;
+use clap::ValueEnum;
+use farfield_fusion::node::say;
+use farfield_testbed::simulated::quoted;
+
+/// A kind of recording.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Kind {
+    /// One MP4 file per camera; needs ffmpeg.
+    Videos,
+    /// One folder of JPEG pictures per camera.
+    Images,
+    /// One file of 2D keypoints per camera, with the scene's faults; needs no network.
+    Keypoints,
+}
+
+impl Kind {
+    /// What was asked for, or what this machine can write.
+    ///
+    /// # Errors
+    /// When videos are asked for and ffmpeg is not installed.
+    pub(super) fn choose(asked: Option<Self>) -> anyhow::Result<Self> {
+        match asked {
+            Some(Self::Videos) => {
+                ensure!(
+                    has_ffmpeg(),
+                    "`--as videos` needs the program `ffmpeg`, which is not installed: install it, \
+                     or write images with `--as images`"
+                );
+                Ok(Self::Videos)
+            }
+            Some(kind) => Ok(kind),
+            None if has_ffmpeg() => Ok(Self::Videos),
+            None => {
+                say(format_args!(
+                    "ffmpeg is not installed: images in place of videos"
+                ));
+                Ok(Self::Images)
+            }
+        }
+    }
+
+    /// As it is said on the command line.
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Self::Videos => "videos",
+            Self::Images => "images",
+            Self::Keypoints => "keypoints",
+        }
+    }
+
+    /// Where the recording of `camera` lies, relative to the venue's folder.
+    pub(super) fn path(self, camera: &str) -> String {
+        match self {
+            Self::Videos => format!("videos/{camera}.mp4"),
+            Self::Images => format!("images/{camera}/%06d.jpg"),
+            Self::Keypoints => format!("keypoints/{camera}.jsonl"),
+        }
+    }
+
+    /// The `source` of `camera` in the venue file.
+    pub(super) fn source(self, camera: &str) -> String {
+        let kind = match self {
+            Self::Videos => "video",
+            Self::Images => "images",
+            Self::Keypoints => "keypoints",
+        };
+        let path = quoted(&self.path(camera));
+        format!("{{ kind = \"{kind}\", path = {path} }}")
+    }
+}
+
+fn has_ffmpeg() -> bool {
+    let started = Command::new("ffmpeg")
+        .arg("-version")
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .status();
+    started.is_ok_and(|status| status.success())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_kind_has_a_source_that_a_venue_can_name() {
+        assert_eq!(
+            Kind::Images.source("ne-1"),
+            r#"{ kind = "images", path = "images/ne-1/%06d.jpg" }"#
+        );
+        assert_eq!(Kind::Videos.path("ne-1"), "videos/ne-1.mp4");
+        assert_eq!(Kind::Keypoints.name(), "keypoints");
+    }
+}

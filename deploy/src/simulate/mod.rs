@@ -1,0 +1,205 @@
+//! `farfield simulate`: a scene as a venue folder that looks as if it had been recorded.
+//!
+//! Check (everything that can be refused) -> record into a folder beside the one asked for -> give it
+//! that name when it is whole. Whatever goes wrong on the way, nothing half-written stays.
+
+mod keypoints;
+mod kind;
+mod pictures;
+mod progress;
+mod summary;
+mod work;
+
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::Arc;
+
+use anyhow::{Context as _, anyhow, ensure};
+use farfield_fusion::node::{Ending, NodeError, check_folder, exit_code, say, start_log};
+use farfield_proto::camera::CameraModel;
+use farfield_proto::tick::{Tick, parse_range};
+use farfield_proto::venue::SimulatedContent;
+use farfield_testbed::faults::Crowd;
+use farfield_testbed::scene::Scene;
+use farfield_testbed::simulated::{SimulatedSource, VenueText, without_map_faults};
+
+use self::kind::Kind;
+use self::work::Interrupt;
+use crate::output;
+use crate::venue_folder::{self, CALIBRATION};
+
+/// Arguments of `farfield simulate`.
+#[derive(Debug, clap::Args)]
+pub(crate) struct SimulateArgs {
+    /// The scene file.
+    pub(crate) scene: PathBuf,
+    /// Folder for the venue; must be empty or not there.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) out: PathBuf,
+    /// What the cameras record. Default: videos where ffmpeg is installed, else images.
+    #[arg(long = "as", value_name = "KIND")]
+    pub(crate) kind: Option<Kind>,
+    /// Record these ticks only (half-open).
+    #[arg(long, value_name = "A..B", value_parser = parse_range, allow_hyphen_values = true)]
+    pub(crate) ticks: Option<Range<Tick>>,
+    /// Card of a detector that finds the people in the pictures. Without one the venue gives them by
+    /// hand where they first are.
+    #[arg(long, value_name = "CARD")]
+    pub(crate) detector: Option<PathBuf>,
+}
+
+/// A recording that nothing speaks against.
+struct Plan {
+    scene: Arc<Scene>,
+    /// Its people, for all cameras.
+    crowd: Arc<Crowd>,
+    name: String,
+    /// The scene file as it was named.
+    from: String,
+    kind: Kind,
+    ticks: Range<Tick>,
+    detector: Option<String>,
+    out: PathBuf,
+}
+
+impl Plan {
+    /// The frames of a camera, numbered as the scene's ticks.
+    fn frames(&self, camera: usize, content: SimulatedContent) -> anyhow::Result<SimulatedSource> {
+        let ticks = self.ticks.clone();
+        Ok(SimulatedSource::new(
+            &self.crowd,
+            camera,
+            content,
+            ticks,
+            Tick(0),
+        )?)
+    }
+}
+
+/// Records a scene and says what came out.
+pub(crate) fn main(args: SimulateArgs) -> ExitCode {
+    start_log();
+    exit_code(simulate(args))
+}
+
+fn simulate(args: SimulateArgs) -> Result<Ending, NodeError> {
+    let plan = check(args).map_err(NodeError::Refused)?;
+    let interrupt = Interrupt::listen()
+        .context("listening for signals")
+        .map_err(NodeError::Failed)?;
+    // Taken away with all that is in it, unless it gets its name.
+    let folder = venue_folder::beside(&plan.out).map_err(NodeError::Refused)?;
+    let recorded = record(&plan, folder.path(), &interrupt).map_err(NodeError::Failed)?;
+    if recorded == Ending::Done {
+        venue_folder::give_name(folder, &plan.out).map_err(NodeError::Failed)?;
+        output::print(&summary::of(&plan)).map_err(NodeError::Failed)?;
+    }
+    Ok(recorded)
+}
+
+fn check(args: SimulateArgs) -> anyhow::Result<Plan> {
+    let scene = Scene::load(&args.scene)?;
+    check_folder(&args.out)?;
+    let all = scene.ticks();
+    let ticks = args.ticks.unwrap_or_else(|| all.clone());
+    ensure!(
+        ticks.start >= all.start && ticks.end <= all.end && ticks.start < ticks.end,
+        "`--ticks` {}..{} is not inside the scene {}, which has {}..{}",
+        ticks.start,
+        ticks.end,
+        args.scene.display(),
+        all.start,
+        all.end
+    );
+    let kind = Kind::choose(args.kind)?;
+    let scene = Arc::new(match kind {
+        Kind::Keypoints => scene,
+        // The truth of pictures is what they show.
+        Kind::Videos | Kind::Images => without_map_faults(scene),
+    });
+    let detector = args
+        .detector
+        .as_deref()
+        .map(|card| detector_card(card, kind))
+        .transpose()?;
+    Ok(Plan {
+        name: venue_name(&args.scene),
+        from: args.scene.display().to_string(),
+        crowd: Arc::new(Crowd::new(Arc::clone(&scene))),
+        scene,
+        kind,
+        ticks,
+        detector,
+        out: args.out,
+    })
+}
+
+/// The card's full name: the venue lies elsewhere.
+fn detector_card(card: &Path, kind: Kind) -> anyhow::Result<String> {
+    ensure!(
+        kind != Kind::Keypoints,
+        "`--detector` {}: a venue of keypoints has no pictures to look into",
+        card.display()
+    );
+    let full =
+        std::fs::canonicalize(card).with_context(|| format!("`--detector` {}", card.display()))?;
+    full.into_os_string()
+        .into_string()
+        .map_err(|_| anyhow!("`--detector` {}: its name is not UTF-8", card.display()))
+}
+
+/// The scene's name as a part of Zenoh keys.
+fn venue_name(scene: &Path) -> String {
+    let stem = scene.file_stem().unwrap_or_default().to_string_lossy();
+    let letter = |c: char| {
+        if c.is_ascii_alphanumeric() || "-_.".contains(c) {
+            c
+        } else {
+            '-'
+        }
+    };
+    let name: String = stem.chars().take(64).map(letter).collect();
+    if name.is_empty() {
+        "scene".to_owned()
+    } else {
+        name
+    }
+}
+
+/// Writes everything into `folder`.
+fn record(plan: &Plan, folder: &Path, interrupt: &Interrupt) -> anyhow::Result<Ending> {
+    let Plan { scene, ticks, .. } = plan;
+    say(format_args!(
+        "recording {} ticks of {} cameras as {}",
+        ticks.end - ticks.start,
+        scene.cameras().len(),
+        plan.kind.name()
+    ));
+    venue_folder::write_calibration(scene, folder)?;
+    venue_folder::write_truth(scene, ticks, &folder.join("truth.jsonl"))?;
+    let network = match plan.kind {
+        Kind::Keypoints => None,
+        Kind::Videos | Kind::Images => Some(venue_folder::write_network(folder)?),
+    };
+    let ending = match plan.kind {
+        Kind::Keypoints => keypoints::write(plan, folder, interrupt)?,
+        Kind::Videos | Kind::Images => pictures::write(plan, folder, interrupt)?,
+    };
+    let source = |camera: &CameraModel| plan.kind.source(camera.name());
+    // Keypoint files hold sightings of their own, and a detector finds whoever is there.
+    let is_given = plan.kind != Kind::Keypoints && plan.detector.is_none();
+    let text = VenueText {
+        scene,
+        name: &plan.name,
+        head: &format!("Simulated from {}; the truth is in truth.jsonl.", plan.from),
+        calibration: CALIBRATION,
+        network: network.as_deref(),
+        detector: plan.detector.as_deref(),
+        source: &source,
+        first_tick: ticks.start,
+        given: is_given.then(|| ticks.clone()),
+    };
+    venue_folder::write(&folder.join("venue.toml"), text.to_toml().as_bytes())?;
+    Ok(ending)
+}
