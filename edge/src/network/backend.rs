@@ -129,7 +129,7 @@ impl Backend {
             .build()
             .map_err(|e| e.to_string())?;
         let description = format!(
-            "inference by ort-tract ({reason}): about 20 times slower than ONNX Runtime; \
+            "inference by ort-tract ({reason}): 5 to 20 times slower than ONNX Runtime; \
              install the Python package `onnxruntime` or set ${VARIABLE} to the library"
         );
         Ok(Self {
