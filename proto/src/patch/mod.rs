@@ -4,6 +4,7 @@
 //! 8 bit values, without loss, by [`Encoder`] and [`Decoder`]. A [`Decoder`] reads bytes of
 //! strangers: it never panics, and never holds more than [`MAX_CELLS`] bytes of maps.
 
+mod around;
 mod decode;
 mod encode;
 mod range_coder;

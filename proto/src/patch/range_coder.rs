@@ -12,6 +12,20 @@ const BYTE_DUE: u32 = 1 << 24;
 /// ends with one.
 const READ_AHEAD: usize = 3;
 
+/// Fraction bits of [`RECIPROCALS`]: with these, products with 16 bits are the quotients, exactly.
+const RECIPROCAL_BITS: u32 = 23;
+/// 1/(n + 2), rounded up, for n bits seen: up to [`Probability::MEMORY`], and on to a power of two, so
+/// that no index needs a check.
+const RECIPROCALS: [u32; 64] = {
+    let mut table = [0; 64];
+    let mut n = 0;
+    while n < table.len() {
+        table[n] = (1u32 << RECIPROCAL_BITS).div_ceil(n as u32 + 2);
+        n += 1;
+    }
+    table
+};
+
 /// How probable a `false` is, learnt from the bits so far: fast at first, then slower.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Probability {
@@ -33,16 +47,22 @@ impl Probability {
         }
     }
 
+    /// Moves towards what was seen by 1/2, 1/3, 1/4 and so on of the way there.
+    ///
+    /// A `false` is learnt as a `true` of the complement, so that no branch depends on the bit.
     fn learn(&mut self, bit: bool) {
-        let target = if bit {
-            i32::from(LEAST)
-        } else {
-            65_536 - i32::from(LEAST)
-        };
-        let share = (target - i32::from(self.of_false)) / i32::from(self.seen + 2);
-        // Between the two targets, so within 16 bits.
-        self.of_false = (i32::from(self.of_false) + share) as u16;
+        let mirror = u16::from(bit).wrapping_sub(1);
+        let mirrored = self.of_false ^ mirror;
+        // Between its two ends at all times, so nothing here leaves 16 bits.
+        let way = mirrored + u16::from(!bit) - LEAST;
+        self.of_false = (mirrored - self.part_of(way)) ^ mirror;
         self.seen = (self.seen + 1).min(Self::MEMORY);
+    }
+
+    /// `way / (seen + 2)`, without the division.
+    fn part_of(self, way: u16) -> u16 {
+        let reciprocal = RECIPROCALS[usize::from(self.seen) % RECIPROCALS.len()];
+        ((u64::from(way) * u64::from(reciprocal)) >> RECIPROCAL_BITS) as u16
     }
 
     /// The part of `range` that stands for `false`: above 0 and below `range`.
@@ -173,15 +193,18 @@ impl<'a> Reader<'a> {
 impl BitCoder for Reader<'_> {
     const WRITES: bool = false;
 
+    #[inline]
     fn code(&mut self, _bit: bool, probability: &mut Probability) -> bool {
         let share = probability.share_of(self.range);
         let bit = self.code >= share;
-        if bit {
-            self.code -= share;
-            self.range -= share;
+        // Chosen, not branched to: the bits are what cannot be foreseen.
+        let (from, size) = if bit {
+            (share, self.range - share)
         } else {
-            self.range = share;
-        }
+            (0, share)
+        };
+        self.code -= from;
+        self.range = size;
         probability.learn(bit);
         while self.range < BYTE_DUE {
             self.range <<= 8;
@@ -236,6 +259,22 @@ mod tests {
             check(&bits, 1);
             let inverse: Vec<bool> = bits.iter().map(|b| !b).collect();
             check(&inverse, 1);
+        }
+    }
+
+    #[test]
+    fn a_bit_moves_its_probability_by_the_stated_share_of_the_way() {
+        let ends = [65_536 - i32::from(LEAST), i32::from(LEAST)];
+        for seen in 0..=Probability::MEMORY {
+            for of_false in LEAST..=(65_536 - u32::from(LEAST)) as u16 {
+                for bit in [false, true] {
+                    let mut learnt = Probability { of_false, seen };
+                    learnt.learn(bit);
+                    let way = ends[usize::from(bit)] - i32::from(of_false);
+                    let expected = i32::from(of_false) + way / i32::from(seen + 2);
+                    assert_eq!(i32::from(learnt.of_false), expected);
+                }
+            }
         }
     }
 

@@ -8,6 +8,7 @@
 
 use std::cmp::Ordering;
 
+use super::around::Around;
 use super::range_coder::{BitCoder, Probability};
 
 /// Sides of a map: what both directions know beforehand.
@@ -242,85 +243,6 @@ fn error_class(sum: usize) -> usize {
         5..=12 => 2,
         _ => 3,
     }
-}
-
-/// How far expectations look: rows above and cells to the left.
-const REACH: usize = 3;
-
-/// The cells around one cell that are known before it, by rows up and cells back; 0 where there is
-/// none. It moves along a row, so that every cell is loaded once for each row below it.
-struct Around<'a> {
-    above: [&'a [u8]; REACH],
-    cells: [[u32; REACH + 1]; REACH + 1],
-    above_right: u32,
-}
-
-impl<'a> Around<'a> {
-    /// Before cell `x` of the row under `above`, which is all rows so far.
-    fn before(above: &'a [u8], width: usize, x: usize) -> Self {
-        let mut rows = above.rchunks_exact(width);
-        let above = [(); REACH].map(|()| rows.next().unwrap_or(&[]));
-        let mut around = Self {
-            above,
-            cells: [[0; REACH + 1]; REACH + 1],
-            above_right: 0,
-        };
-        for x in x.saturating_sub(REACH)..x {
-            around.move_to(x);
-        }
-        around
-    }
-
-    fn move_to(&mut self, x: usize) {
-        for row in &mut self.cells {
-            row.copy_within(..REACH, 1);
-            row[0] = 0;
-        }
-        let loaded = |row: &[u8], x: usize| row.get(x).copied().map_or(0, u32::from);
-        for (row, above) in self.cells[1..].iter_mut().zip(self.above) {
-            row[0] = loaded(above, x);
-        }
-        self.above_right = loaded(self.above[0], x + 1);
-    }
-
-    /// Says what the cell itself is.
-    fn set(&mut self, cell: u8) {
-        self.cells[0][0] = cell.into();
-    }
-
-    /// Context of whether the cell is zero: which of left, above and above right are.
-    fn zero_context(&self) -> usize {
-        let [left, above] = [self.cells[0][1], self.cells[1][0]];
-        usize::from(left == 0)
-            | usize::from(above == 0) << 1
-            | usize::from(self.above_right == 0) << 2
-    }
-
-    /// The value that the neighbours suggest, `floor`..=255, and the kind of suggestion.
-    fn expect(&self, floor: u8) -> (u8, usize) {
-        let cells = &self.cells;
-        let (left, up) = (cells[0][1], cells[1][0]);
-        let from_left = scaled(left, [1, 2, 3].map(|k| (cells[k][0], cells[k][1])));
-        let from_up = scaled(up, [1, 2, 3].map(|k| (cells[0][k], cells[1][k])));
-        let (value, kind) = match (from_left, from_up) {
-            (Some(a), Some(b)) => ((a + b).div_ceil(2), 0),
-            (Some(one), None) | (None, Some(one)) => (one, 1),
-            (None, None) if left > 0 => (scaled(left, [(left, cells[0][2])]).unwrap_or(left), 2),
-            (None, None) if up > 0 => (scaled(up, [(up, cells[2][0])]).unwrap_or(up), 3),
-            (None, None) => (u32::from(floor), 4),
-        };
-        (value.clamp(floor.into(), 255) as u8, kind)
-    }
-}
-
-/// `value` times the ratio of the summed pairs, of which both must be above zero.
-fn scaled<const N: usize>(value: u32, pairs: [(u32, u32); N]) -> Option<u32> {
-    // Without branches: which neighbours are zero cannot be foreseen.
-    let (a, b) = pairs.into_iter().fold((0, 0), |(a, b), (next_a, next_b)| {
-        let known = u32::from(next_a > 0 && next_b > 0);
-        (a + known * next_a, b + known * next_b)
-    });
-    (value > 0 && b > 0).then(|| (value * a + b / 2) / b)
 }
 
 /// Contexts of a small number: its length in bits, then its highest bits.
