@@ -2,6 +2,7 @@
 
 use std::ops::Range;
 use std::path::PathBuf;
+use std::str::FromStr;
 
 use clap::{Args, Parser, Subcommand};
 use farfield_edge::node::EdgeArgs;
@@ -50,16 +51,35 @@ pub(crate) struct RunArgs {
     /// Folder for the results; must be empty or not there. Default: `farfield-out/VENUE-N`.
     #[arg(long, value_name = "DIR")]
     pub(crate) out: Option<PathBuf>,
-    /// Draw the skeletons over every camera's picture of this tick; without a tick, of the middle one.
-    #[arg(long, value_name = "TICK", num_args = 0..=1, allow_negative_numbers = true)]
+    /// Draw the skeletons over every camera's picture of these ticks; without any, of the middle one.
+    #[arg(long, value_name = "TICK[,TICK]...", num_args = 0..=1, allow_negative_numbers = true)]
     #[expect(
         clippy::option_option,
-        reason = "absent, without and with a tick: how clap says it"
+        reason = "absent, without and with ticks: how clap says it"
     )]
-    pub(crate) overlay: Option<Option<i64>>,
+    pub(crate) overlay: Option<Option<TickList>>,
     /// Print the summary as JSON.
     #[arg(long)]
     pub(crate) json: bool,
+}
+
+/// Ticks as the command line names them: numbers with commas between.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct TickList(pub(crate) Vec<Tick>);
+
+impl FromStr for TickList {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let tick = |part: &str| {
+            let number = part.trim().parse().map(Tick);
+            number.map_err(|_| format!("`{part}` is not a tick, expected a number"))
+        };
+        text.split(',')
+            .map(tick)
+            .collect::<Result<_, _>>()
+            .map(Self)
+    }
 }
 
 #[cfg(test)]
@@ -77,13 +97,28 @@ mod tests {
     }
 
     #[test]
-    fn an_overlay_may_name_its_tick() {
+    fn an_overlay_may_name_its_ticks() {
+        let ticks = |ticks: &[i64]| Some(Some(TickList(ticks.iter().copied().map(Tick).collect())));
         assert_eq!(run_args(&[]).overlay, None);
         assert_eq!(run_args(&["--overlay"]).overlay, Some(None));
+        assert_eq!(run_args(&["--overlay", "--json"]).overlay, Some(None));
         assert_eq!(
             run_args(&["--overlay", "42", "--json"]).overlay,
-            Some(Some(42))
+            ticks(&[42])
         );
+        assert_eq!(run_args(&["--overlay", "-3"]).overlay, ticks(&[-3]));
+        assert_eq!(
+            run_args(&["--overlay=-3,42, 50"]).overlay,
+            ticks(&[-3, 42, 50])
+        );
+    }
+
+    #[test]
+    fn a_tick_that_is_no_number_is_refused_by_name() {
+        let args = ["farfield", "run", "v.toml", "--overlay", "3,x"];
+        let error = Cli::try_parse_from(args).unwrap_err();
+        assert_eq!(error.exit_code(), 2);
+        assert!(error.to_string().contains("`x`"), "{error}");
     }
 
     #[test]

@@ -2,6 +2,9 @@
 //!
 //! Joints go through the camera's projection and its lens distortion, so that the drawing sits on the
 //! raw picture. Where a source has no pictures, its keypoint candidates are drawn on a dark canvas.
+//! Every person's id stands over its head.
+
+mod number;
 
 use anyhow::Context as _;
 use farfield_edge::source::{Candidate, Content, Sources};
@@ -15,12 +18,16 @@ use farfield_proto::venue::{Venue, VenueCamera};
 use image::{Rgb, RgbImage};
 use nalgebra::{Point3, Vector2};
 
+use self::number::draw_number;
+
 /// Behind keypoint candidates.
 const CANVAS: Rgb<u8> = Rgb([24, 26, 30]);
 /// Candidates; brighter with their score.
 const CANDIDATE: [u8; 3] = [150, 155, 165];
 /// Around bones, so that they show on any background.
 const OUTLINE: [u8; 3] = [0, 0, 0];
+/// How far over the head an id stands, in half widths of a bone: clear of the face.
+const HEAD_STROKES: f64 = 12.0;
 /// Straight pieces of a bone: lines in the world are curves behind a lens.
 const PIECES: u32 = 8;
 /// Bones begin this much in front of the near plane, where projections are still finite.
@@ -67,8 +74,19 @@ pub(crate) fn overlay(
             &bones,
             person_colour(person.person),
         );
+        draw_id(&mut image, &camera.model, &joints_m, person.person);
     }
     Ok(image)
+}
+
+/// Writes the id of a person over its head, where that is in the picture.
+fn draw_id(image: &mut RgbImage, camera: &CameraModel, joints_m: &[[f64; 3]], person: PersonId) {
+    let radius_px = stroke_radius_px(image);
+    let head = joints_m.get(Joint::Head.index());
+    if let Some(at) = head.and_then(|&m| pixel(camera, Point::new(Point3::from(m)))) {
+        let foot = at - Vector2::new(0.0, HEAD_STROKES * radius_px);
+        draw_number(image, person.0, foot, radius_px, person_colour(person));
+    }
 }
 
 /// Every joint with its parent, as positions in the order of the skeletal model.

@@ -74,6 +74,7 @@ fn the_sample_venue_says_what_else_there_is() {
     let known = [
         "births",
         "boxes",
+        "contact",
         "field",
         "fusion",
         "ik",

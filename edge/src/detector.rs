@@ -4,23 +4,19 @@
 //! Two output layouts are read: YOLOX's raw grid, whose overlapping boxes are thinned out here,
 //! and RTMDet's finished detections.
 
-use std::cmp::Ordering;
 use std::path::Path;
 
-use farfield_proto::bounding_box::BoundingBox;
 use farfield_proto::model_card::{Decode, DetectorCard, Letterbox};
 use image::RgbImage;
 
 use crate::crop::{CropGeometry, CropShape, Cropper, PixelFormat};
 use crate::network::{Axis, Contract, OnnxModel, read_card};
 use crate::pipeline::{Detection, NetworkError, PersonDetector};
+use crate::tiles::{DetectorInput, Window, thinned_out};
 
 /// Least confidence of a detection. Low: fusion asks for a second viewpoint and several keypoints
 /// before it believes in a person.
 const MIN_SCORE: f32 = 0.3;
-
-/// Overlap (intersection over union) from which two boxes are one person; YOLOX's own default.
-const SAME_PERSON: f32 = 0.45;
 
 /// Strides of YOLOX's three grids, input pixels.
 const YOLOX_STRIDES: [usize; 3] = [8, 16, 32];
@@ -96,13 +92,24 @@ impl OnnxDetector {
 }
 
 impl PersonDetector for OnnxDetector {
-    fn detect(&mut self, image: &RgbImage) -> Result<Vec<Detection>, NetworkError> {
-        let letterbox = self.card.input.letterbox.unwrap_or(Letterbox::TopLeft);
+    fn input(&self) -> DetectorInput {
+        DetectorInput {
+            size_px: [self.card.input.width, self.card.input.height],
+            letterbox: self.card.input.letterbox.unwrap_or(Letterbox::TopLeft),
+        }
+    }
+
+    fn detect(
+        &mut self,
+        image: &RgbImage,
+        window: &Window,
+    ) -> Result<Vec<Detection>, NetworkError> {
         let size_px = [
             self.card.input.width as usize,
             self.card.input.height as usize,
         ];
-        let Some(crop) = letterboxed(image, size_px, letterbox) else {
+        let shape = CropShape::without_maps(size_px);
+        let Some(crop) = CropGeometry::new(&window.bounding_box(), shape) else {
             return Ok(Vec::new());
         };
         self.cropper
@@ -126,7 +133,6 @@ impl PersonDetector for OnnxDetector {
         found.retain(|([x0, y0, x1, y1], _)| {
             x1 > x0 && y1 > y0 && (x1 - x0).is_finite() && (y1 - y0).is_finite()
         });
-        let kept = thinned_out(found);
         let to_image = |x: f32, y: f32| {
             let p = crop.pixel(f64::from(x) - 0.5, f64::from(y) - 0.5);
             [p.x() as f32, p.y() as f32]
@@ -136,33 +142,10 @@ impl PersonDetector for OnnxDetector {
             max_px: to_image(x1, y1),
             score: score.min(1.0),
         };
-        Ok(kept.into_iter().map(detection).collect())
+        let mut found: Vec<Detection> = found.into_iter().map(detection).collect();
+        found.sort_by(|a, b| b.score.total_cmp(&a.score));
+        Ok(thinned_out(found))
     }
-}
-
-/// The whole picture laid into an input of `size_px` (width, height), its aspect kept.
-fn letterboxed(
-    image: &RgbImage,
-    size_px: [usize; 2],
-    letterbox: Letterbox,
-) -> Option<CropGeometry> {
-    let (width, height) = (image.width() as f32, image.height() as f32);
-    let [input_width, input_height] = size_px.map(|s| s as f32);
-    let pixels_per_input = (width / input_width).max(height / input_height);
-    let size = [
-        input_width * pixels_per_input,
-        input_height * pixels_per_input,
-    ];
-    let center_px = match letterbox {
-        Letterbox::TopLeft => [size[0] / 2.0 - 0.5, size[1] / 2.0 - 0.5],
-        Letterbox::Centre => [width / 2.0 - 0.5, height / 2.0 - 0.5],
-    };
-    let whole = BoundingBox {
-        center_px,
-        size_px: size,
-        rotation_rad: 0.0,
-    };
-    CropGeometry::new(&whole, CropShape::without_maps(size_px))
 }
 
 fn yolox_cells(card: &DetectorCard) -> usize {
@@ -215,50 +198,9 @@ fn decode_rtmdet(values: &[f32], labels: Option<&[i64]>, person: usize) -> Vec<R
         .collect()
 }
 
-/// Non-maximum suppression: the surest first, and of overlapping boxes only the surest.
-fn thinned_out(mut found: Vec<RawDetection>) -> Vec<RawDetection> {
-    found.sort_by(|(_, a), (_, b)| b.partial_cmp(a).unwrap_or(Ordering::Equal));
-    let mut kept: Vec<RawDetection> = Vec::new();
-    for (candidate, score) in found {
-        if kept
-            .iter()
-            .all(|(other, _)| overlap(other, &candidate) < SAME_PERSON)
-        {
-            kept.push((candidate, score));
-        }
-    }
-    kept
-}
-
-/// Intersection over union.
-fn overlap(a: &[f32; 4], b: &[f32; 4]) -> f32 {
-    let area = |r: &[f32; 4]| (r[2] - r[0]).max(0.0) * (r[3] - r[1]).max(0.0);
-    let both = area(&[
-        a[0].max(b[0]),
-        a[1].max(b[1]),
-        a[2].min(b[2]),
-        a[3].min(b[3]),
-    ]);
-    both / (area(a) + area(b) - both).max(f32::MIN_POSITIVE)
-}
-
 #[cfg(test)]
 mod tests {
-    use farfield_proto::frames::Pixel;
-
     use super::*;
-
-    #[test]
-    fn a_letterbox_keeps_the_aspect_and_its_corner() {
-        let image = RgbImage::new(1080, 1920);
-        let crop = letterboxed(&image, [416, 416], Letterbox::TopLeft).unwrap();
-        let at = |x, y| crop.input(Pixel::new(x, y));
-        assert!((at(-0.5, -0.5) - nalgebra::Vector2::new(-0.5, -0.5)).norm() < 1e-3);
-        assert!((at(1079.5, 1919.5) - nalgebra::Vector2::new(233.5, 415.5)).norm() < 1e-3);
-        let crop = letterboxed(&image, [416, 416], Letterbox::Centre).unwrap();
-        let middle = crop.input(Pixel::new(539.5, 959.5));
-        assert!((middle - nalgebra::Vector2::new(207.5, 207.5)).norm() < 1e-3);
-    }
 
     #[test]
     fn a_yolox_cell_is_decoded_on_its_own_grid() {
@@ -280,13 +222,6 @@ mod tests {
             decode_yolox(&values, length, [64, 32], 0).is_empty(),
             "another class"
         );
-    }
-
-    #[test]
-    fn of_overlapping_boxes_the_surest_stays() {
-        let at = |x: f32, score| ([x, 0.0, x + 10.0, 20.0], score);
-        let kept = thinned_out(vec![at(0.0, 0.5), at(1.0, 0.9), at(30.0, 0.4)]);
-        assert_eq!(kept, [at(1.0, 0.9), at(30.0, 0.4)]);
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! Pixels in, patches out: what runs in the edge box of one viewpoint.
 //!
-//! The core ([`choose`], [`crop`], [`gaussian_maps`], [`peaks`], [`pipeline`]) computes and never waits;
+//! The core ([`choose`], [`crop`], [`gaussian_maps`], [`peaks`], [`pipeline`], [`tiles`]) computes and never waits;
 //! [`source`] reads frames, [`network`] runs ONNX, and `node` owns Zenoh, time and threads.
 //! This crate never sees another viewpoint, and never a 3D pose.
 
@@ -16,3 +16,4 @@ pub mod node;
 pub mod peaks;
 pub mod pipeline;
 pub mod source;
+pub mod tiles;

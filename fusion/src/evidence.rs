@@ -5,6 +5,9 @@
 //! keypoints that are predicted where the view knows something. This module never judges a map; it
 //! knows where its cells lie.
 
+mod edit;
+mod seen_cells;
+
 use farfield_proto::camera::CameraModel;
 use farfield_proto::grid::CellGrid;
 use farfield_proto::id::{CameraIndex, ViewpointIndex};
@@ -12,9 +15,8 @@ use farfield_proto::message::PersonPatch;
 use farfield_proto::patch::{Decoder, Maps, PatchError};
 use nalgebra::{Matrix3, Matrix3x4, Vector2, Vector3};
 
-/// Every how many cells the camera is asked whether it sees a cell. Its field of view has a smooth
-/// edge; a cell counts as known only when all asked cells around it are.
-const ASK_EVERY_CELLS: usize = 4;
+pub(crate) use self::edit::Notch;
+use self::seen_cells::SeenCells;
 
 /// Why a patch is no evidence.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -44,8 +46,7 @@ pub enum EvidenceError {
 #[derive(Debug, Clone)]
 struct Crop {
     grid: CellGrid,
-    /// Per cell, row by row; empty when every cell is known.
-    known: Vec<bool>,
+    seen: SeenCells,
 }
 
 /// One person in one camera at one tick, decoded. Reused from tick to tick: [`View::fill`]
@@ -69,8 +70,6 @@ pub struct View {
     crop_of_keypoint: Vec<u8>,
     pixel_from_world: Matrix3x4<f64>,
     center_m: Vector3<f64>,
-    /// Scratch of [`View::extend_into_unknown`]: per cell, its nearest known cell.
-    nearest: Vec<u32>,
 }
 
 impl Default for View {
@@ -87,7 +86,6 @@ impl Default for View {
             crop_of_keypoint: Vec::new(),
             pixel_from_world: Matrix3x4::zeros(),
             center_m: Vector3::zeros(),
-            nearest: Vec::new(),
         }
     }
 }
@@ -174,11 +172,16 @@ impl View {
             if index == self.crops.len() {
                 self.crops.push(Crop {
                     grid,
-                    known: Vec::new(),
+                    seen: SeenCells::default(),
                 });
             }
-            self.crops[index].look_through(grid, model);
-            self.extend_into_unknown(index);
+            let crop = &mut self.crops[index];
+            crop.grid = grid;
+            crop.seen.look_through(&grid, model);
+        }
+        for (keypoint, &crop) in self.crop_of_keypoint.iter().enumerate() {
+            let seen = &self.crops[usize::from(crop)].seen;
+            seen.extend(self.maps.cells_mut(keypoint));
         }
         Ok(())
     }
@@ -261,12 +264,8 @@ impl View {
             cell.x.round().max(0.0) as usize,
             cell.y.round().max(0.0) as usize,
         );
-        let index = row.min(height - 1) * width + column.min(width - 1);
-        self.crop(keypoint)
-            .known
-            .get(index)
-            .copied()
-            .unwrap_or(true)
+        let (column, row) = (column.min(width - 1), row.min(height - 1));
+        self.crop(keypoint).seen.knows(column, row)
     }
 
     /// Raises the cells of one map to `value(x, y)`; where that is negative, clears them.
@@ -285,110 +284,6 @@ impl View {
 
     fn crop(&self, keypoint: usize) -> &Crop {
         &self.crops[usize::from(self.crop_of_keypoint[keypoint])]
-    }
-
-    /// Gives the unknown cells of one crop's maps the value of the nearest known cell, so that the
-    /// search may clamp its samples instead of asking for every one of them.
-    fn extend_into_unknown(&mut self, index: usize) {
-        let known = &self.crops[index].known;
-        if known.is_empty() || !known.contains(&true) {
-            return;
-        }
-        nearest_known(known, self.maps.width(), &mut self.nearest);
-        for (keypoint, _) in self
-            .crop_of_keypoint
-            .iter()
-            .enumerate()
-            .filter(|&(_, &c)| usize::from(c) == index)
-        {
-            let cells = self.maps.cells_mut(keypoint);
-            for (cell, &from) in self.nearest.iter().enumerate() {
-                cells[cell] = cells[from as usize];
-            }
-        }
-    }
-}
-
-impl Crop {
-    /// Takes over `grid` and asks the camera which of its cells it sees.
-    fn look_through(&mut self, grid: CellGrid, model: &CameraModel) {
-        self.grid = grid;
-        self.known.clear();
-        let (w, h) = (usize::from(grid.width), usize::from(grid.height));
-        let sees = |x: usize, y: usize| model.sees(grid.pixel(x as f64, y as f64));
-        // Images are convex but for their lens: a grid whose rim is seen is seen as a whole.
-        let rim = [0, w / 2, w - 1]
-            .into_iter()
-            .flat_map(|x| [0, h / 2, h - 1].map(|y| (x, y)));
-        if rim.into_iter().all(|(x, y)| sees(x, y)) {
-            return;
-        }
-        self.known.resize(w * h, true);
-        for y in (0..h + ASK_EVERY_CELLS - 1).step_by(ASK_EVERY_CELLS) {
-            for x in (0..w + ASK_EVERY_CELLS - 1).step_by(ASK_EVERY_CELLS) {
-                if !sees(x.min(w - 1), y.min(h - 1)) {
-                    self.forget_around(x, y);
-                }
-            }
-        }
-    }
-
-    /// Marks every cell nearer than one asking step to (`x`, `y`) as unknown.
-    fn forget_around(&mut self, x: usize, y: usize) {
-        let (w, h) = (usize::from(self.grid.width), usize::from(self.grid.height));
-        let reach = ASK_EVERY_CELLS - 1;
-        let columns = x.min(w - 1).saturating_sub(reach)..(x + reach + 1).min(w);
-        for row in y.min(h - 1).saturating_sub(reach)..(y + reach + 1).min(h) {
-            self.known[row * w..][columns.clone()].fill(false);
-        }
-    }
-}
-
-/// For every cell of a grid with rows of `width`: the index of (about) the nearest known cell, by
-/// two sweeps. At least one cell is known.
-fn nearest_known(known: &[bool], width: usize, nearest: &mut Vec<u32>) {
-    const NONE: u32 = u32::MAX;
-    nearest.clear();
-    nearest.extend(
-        known
-            .iter()
-            .enumerate()
-            .map(|(i, &k)| if k { i as u32 } else { NONE }),
-    );
-    let height = known.len() / width;
-    let distance2 = |cell: usize, seed: u32| {
-        let (dx, dy) = (
-            (cell % width).abs_diff(seed as usize % width),
-            (cell / width).abs_diff(seed as usize / width),
-        );
-        dx * dx + dy * dy
-    };
-    let mut offer = |cell: usize, from: usize| {
-        let seed = nearest[from];
-        if seed != NONE
-            && (nearest[cell] == NONE || distance2(cell, seed) < distance2(cell, nearest[cell]))
-        {
-            nearest[cell] = seed;
-        }
-    };
-    // The backward sweep runs twice: a seed in the middle reaches the upper right only then.
-    for _ in 0..2 {
-        for cell in 0..known.len() {
-            if cell % width > 0 {
-                offer(cell, cell - 1);
-            }
-            if cell / width > 0 {
-                offer(cell, cell - width);
-            }
-        }
-        for cell in (0..known.len()).rev() {
-            if cell % width + 1 < width {
-                offer(cell, cell + 1);
-            }
-            if cell / width + 1 < height {
-                offer(cell, cell + width);
-            }
-        }
     }
 }
 
@@ -555,16 +450,6 @@ mod tests {
                 .all(|&cell| cell == row[last_known]),
             "{row:?}"
         );
-    }
-
-    #[test]
-    fn every_unknown_cell_finds_a_known_one() {
-        let mut nearest = Vec::new();
-        for seed in 0..12 * 16 {
-            let known: Vec<bool> = (0..12 * 16).map(|i| i == seed).collect();
-            nearest_known(&known, 12, &mut nearest);
-            assert!(nearest.iter().all(|&n| n as usize == seed));
-        }
     }
 
     #[test]

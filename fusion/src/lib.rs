@@ -4,6 +4,7 @@
 //! `node` owns Zenoh, time and threads; [`export`] turns poses into files that others read.
 
 pub mod align;
+pub mod assign;
 pub mod boxes;
 pub mod evidence;
 pub mod export;
@@ -19,3 +20,4 @@ pub mod score;
 pub mod skeleton;
 pub mod smooth;
 pub mod triangulate;
+pub mod uncertainty;

@@ -5,11 +5,15 @@
 //! centre to the predicted keypoint passes through a capsule of another person that is nearer to
 //! the camera. People do not occlude themselves here: the network has learned that.
 
+mod touch;
+
 use farfield_proto::venue::parameters::OcclusionParameters;
 use nalgebra::Vector3;
 
 use crate::predict::Joints;
 use crate::skeleton::Joint;
+
+pub(crate) use self::touch::Touch;
 
 /// Width of the soft edge of a capsule, metres: across it the weight goes from g to 1, so that a
 /// passing limb does not switch a view on and off.
@@ -86,6 +90,17 @@ impl Body {
             center_m,
             reach_m: reach_m + EDGE_M,
         }
+    }
+
+    /// Whether the two bodies may cover each other, in part, as seen from `eye_m` (world, metres):
+    /// whether the cones around their spheres touch.
+    pub(crate) fn overlaps(&self, other: &Self, eye_m: Vector3<f64>) -> bool {
+        let (a, b) = (self.center_m - eye_m, other.center_m - eye_m);
+        let half_rad = |reach_m: f64, distance_m: f64| (reach_m / distance_m).min(1.0).asin();
+        let half_rad = half_rad(self.reach_m, a.norm()) + half_rad(other.reach_m, b.norm());
+        // Cones that cannot be compared count as touching.
+        let apart_rad = a.angle(&b);
+        apart_rad.is_nan() || apart_rad <= half_rad
     }
 
     /// How far inside this body's nearest capsule the view from `eye_m` to `point_m` (world,

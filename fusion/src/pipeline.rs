@@ -18,9 +18,12 @@ use crate::align::TickGroup;
 use crate::boxes::BoxShape;
 use crate::ik::relative_sigmas;
 use crate::occlusion::Body;
+use crate::person::contests::Contests;
 use crate::person::crowd::Crowd;
 use crate::person::journal::Journal;
-use crate::person::track::{Method, Track, VenueView};
+use crate::person::method::{Method, VenueView};
+use crate::person::separation::Separation;
+use crate::person::track::Track;
 use crate::skeleton::{RangeOfMotion, sites_of};
 
 /// Margin of a box when neither the venue nor a network's card says one.
@@ -33,6 +36,8 @@ pub enum Stage {
     Decode,
     /// Predicting views and occlusion weights.
     Occlusion,
+    /// Whose the peaks are where maps show one peak twice, and which side is which.
+    Contests,
     /// The lattice search.
     Lattice,
     /// The first inverse kinematics.
@@ -71,6 +76,8 @@ pub struct Pipeline {
     crowd: Crowd,
     journal: Journal,
     bodies: Vec<Body>,
+    contests: Contests,
+    separation: Separation,
 }
 
 impl Pipeline {
@@ -105,6 +112,7 @@ impl Pipeline {
         Self {
             session,
             crowd: Crowd::new(venue, method.keypoints.clone()),
+            contests: Contests::new(&method.keypoints, venue.viewpoints.len()),
             cameras: venue
                 .cameras
                 .iter()
@@ -119,6 +127,7 @@ impl Pipeline {
                 .map(|viewpoint| viewpoint.cameras.clone())
                 .collect(),
             method,
+            separation: Separation::default(),
             journal: Journal::default(),
             bodies: Vec::new(),
         }
@@ -129,7 +138,7 @@ impl Pipeline {
         &self.method.keypoints
     }
 
-    /// Everybody as the last step left them, tentative ones too, by id: for studies of the stages.
+    /// Everybody as the last step left them, tentative ones too, in the order of their births: for studies of the stages.
     pub fn tracks(&self) -> &[Track] {
         self.crowd.tracks()
     }
@@ -146,12 +155,15 @@ impl Pipeline {
         mark(Stage::Decode);
         self.occlude();
         mark(Stage::Occlusion);
+        self.share_out();
+        mark(Stage::Contests);
         self.solve(Track::search);
         mark(Stage::Lattice);
         self.solve(Track::fit_keypoints);
         mark(Stage::Ik1);
         self.solve(Track::smooth);
         mark(Stage::Filter);
+        self.separate();
         self.solve(Track::fit_joints);
         mark(Stage::Ik2);
         let lived = self.crowd.live(group, &self.method);
@@ -202,6 +214,24 @@ impl Pipeline {
         });
     }
 
+    fn share_out(&mut self) {
+        self.solve(Track::undo_exchanges);
+        let (contests, method) = (&mut self.contests, &self.method);
+        contests.decide(self.crowd.tracks(), &self.bodies, method);
+        let contests = &*contests;
+        each(self.crowd.tracks_mut(), |index, track| {
+            contests.settle(index, track);
+        });
+    }
+
+    fn separate(&mut self) {
+        let (separation, method) = (&mut self.separation, &self.method);
+        separation.find(self.crowd.tracks(), &self.bodies, method);
+        for (index, track) in self.crowd.tracks_mut().iter_mut().enumerate() {
+            track.push(separation.push_m(index));
+        }
+    }
+
     fn solve(&mut self, stage: fn(&mut Track, &Method)) {
         each(self.crowd.tracks_mut(), |_, track| {
             stage(track, &self.method);
@@ -209,15 +239,15 @@ impl Pipeline {
     }
 
     fn boxes_for(&mut self, tick: Tick) -> Vec<BoxSet> {
-        let order = if self.crowd.sights_at(tick) {
-            Order::TrackAndSight
-        } else {
-            Order::Track
-        };
         let (session, cameras, method) = (self.session, &self.cameras, &self.method);
-        let viewpoints = self.viewpoints.iter().enumerate();
+        let looks: Vec<Vec<CameraIndex>> = self
+            .viewpoints
+            .iter()
+            .map(|own| self.crowd.looking(own))
+            .collect();
+        let viewpoints = self.viewpoints.iter().zip(looks).enumerate();
         let tracks = self.crowd.tracks_mut();
-        let set = |(index, own): (usize, &Vec<CameraIndex>)| {
+        let set = |(index, (own, look)): (usize, (&Vec<CameraIndex>, Vec<CameraIndex>))| {
             let own: Vec<_> = own
                 .iter()
                 .filter_map(|&c| Some((c, &cameras.get(usize::from(c.0))?.model)))
@@ -230,7 +260,8 @@ impl Pipeline {
                 session,
                 tick,
                 viewpoint: ViewpointIndex(index as u16),
-                order,
+                order: Order::Track,
+                look,
                 persons,
             }
         };

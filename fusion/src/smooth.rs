@@ -24,7 +24,7 @@ use farfield_proto::venue::parameters::SmoothingParameters;
 use nalgebra::Vector3;
 
 use crate::predict::Joints;
-use crate::skeleton::N_JOINTS;
+use crate::skeleton::{Joint, N_JOINTS};
 
 /// -3 dB frequency of H over w: sqrt(3 + sqrt(10)).
 const CUTOFF_OVER_W: f64 = 2.482_39;
@@ -90,6 +90,29 @@ impl Smoother {
             self.velocity_m_s[n] += innovation * ((1.0 - q) * (1.0 - q) / dt_s);
         }
         &self.position_m
+    }
+
+    /// Sets everything moving at `velocity_m_s` (world).
+    pub fn set_velocity(&mut self, velocity_m_s: Vector3<f64>) {
+        self.velocity_m_s.fill(velocity_m_s);
+    }
+
+    /// Lets the velocity of the joints that are `carried` fade, over `dt_s`, to that of `body`: what nothing was seen
+    /// of keeps the body's motion alone. The time constant is `coast_decay_s`.
+    pub fn fade_against(
+        &mut self,
+        body: Joint,
+        carried: impl Fn(Joint) -> bool,
+        dt_s: f64,
+        parameters: &SmoothingParameters,
+    ) {
+        let fade = (-dt_s.max(0.0) / parameters.coast_decay_s).exp();
+        let of_body = self.velocity_m_s[body.index()];
+        for joint in Joint::ALL.into_iter().filter(|&joint| carried(joint)) {
+            let own = &mut self.velocity_m_s[joint.index()];
+            *own = of_body + (*own - of_body) * fade;
+            self.innovation_m[joint.index()] *= fade;
+        }
     }
 
     /// Moves on by `dt_s` without a measurement: the velocity carries the joints and fades with
@@ -249,6 +272,24 @@ mod tests {
         }
         assert!((smoother.position_m()[0].x - before - 2.0 * FIXED.coast_decay_s).abs() < 1e-6);
         assert!(smoother.velocity_m_s()[0].norm() < 1e-6);
+    }
+
+    #[test]
+    fn a_limb_that_is_not_seen_keeps_the_bodys_motion_alone() {
+        let mut smoother = Smoother::new(&all(0.0));
+        smoother.set_velocity(Vector3::new(2.0, 0.0, 0.0));
+        let wrist = Joint::LeftWrist.index();
+        smoother.velocity_m_s[wrist].z = 3.0;
+        for _ in 0..60 {
+            smoother.fade_against(
+                Joint::Pelvis,
+                |joint| joint == Joint::LeftWrist,
+                DT_S,
+                &FIXED,
+            );
+        }
+        let left = smoother.velocity_m_s()[wrist] - smoother.velocity_m_s()[0];
+        assert!((left.norm() - 3.0 * (-1.0 / FIXED.coast_decay_s).exp()).abs() < 1e-9);
     }
 
     proptest! {

@@ -69,6 +69,9 @@ pub struct BoxSet {
     pub viewpoint: ViewpointIndex,
     /// What the edge shall do at this tick.
     pub order: Order,
+    /// The cameras of this viewpoint that look for people without boxes at this tick, ascending; most
+    /// often none. All viewpoints look at the same ticks, because rays of different ticks do not meet.
+    pub look: Vec<CameraIndex>,
     /// Where the persons will be.
     pub persons: Vec<PersonBoxes>,
 }
@@ -76,10 +79,8 @@ pub struct BoxSet {
 /// What an edge shall do at a tick.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Order {
-    /// Make patches for the boxes.
+    /// Make patches for the boxes, and look for people where [`BoxSet::look`] says.
     Track,
-    /// Make patches for the boxes, and look for people without boxes.
-    TrackAndSight,
     /// The run is over: leave.
     End,
 }
@@ -179,6 +180,9 @@ pub struct PersonPose {
     pub joints_m: Vec<[f32; 3]>,
     /// The keypoints' sites, world, metres, in the order of the network's card.
     pub keypoints_m: Vec<[f32; 3]>,
+    /// Per joint, one standard deviation of its place per axis (sqrt(trace/3) of the covariance),
+    /// metres; empty while it is not known.
+    pub sigma_m: Vec<f32>,
     /// The 40 reported angles, radians (root translations: metres), in the model's order.
     pub angles: Vec<f32>,
     /// Bit i: angle i is carried by a prior, not by what was seen.
@@ -222,6 +226,9 @@ pub struct Status {
 /// Most stages in one status.
 pub const MAX_STAGES: usize = 32;
 
+/// Name of an edge's stage of looking for people without boxes: detector and keypoints.
+pub const LOOK_STAGE: &str = "look";
+
 /// How long one stage of a node took, over all ticks of a run.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct StageTime {
@@ -229,6 +236,8 @@ pub struct StageTime {
     pub stage: String,
     /// Number of measurements.
     pub count: u64,
+    /// Their sum, microseconds.
+    pub total_us: u64,
     /// Median, microseconds.
     pub p50_us: u32,
     /// 99th percentile, microseconds.
@@ -241,10 +250,12 @@ impl StageTime {
     /// Sums `samples_us` up (nearest rank); sorts them in place. `None` when there are none.
     pub fn from_samples(stage: &str, samples_us: &mut [u32]) -> Option<Self> {
         samples_us.sort_unstable();
+        let total_us = samples_us.iter().map(|&us| u64::from(us)).sum();
         let rank = |share: f64| (share * samples_us.len() as f64).ceil().max(1.0) as usize - 1;
         Some(Self {
             stage: stage.to_owned(),
             count: samples_us.len() as u64,
+            total_us,
             p50_us: *samples_us.get(rank(0.5))?,
             p99_us: *samples_us.get(rank(0.99))?,
             max_us: *samples_us.last()?,
@@ -261,8 +272,14 @@ mod tests {
         let mut samples: Vec<u32> = (1..=200).rev().collect();
         let time = StageTime::from_samples("step", &mut samples).unwrap();
         assert_eq!(
-            (time.count, time.p50_us, time.p99_us, time.max_us),
-            (200, 100, 198, 200)
+            (
+                time.count,
+                time.total_us,
+                time.p50_us,
+                time.p99_us,
+                time.max_us
+            ),
+            (200, 20_100, 100, 198, 200)
         );
         assert_eq!(StageTime::from_samples("step", &mut []), None);
     }

@@ -15,7 +15,7 @@ use crate::message::{
 use crate::patch::MAX_KEYPOINTS;
 
 /// Version of the messages; any change of their fields or of the patch codec raises it.
-pub const VERSION: u8 = 1;
+pub const VERSION: u8 = 2;
 /// Longest message, bytes. It bounds what decoding may allocate, too: room is made for elements
 /// that are there, not for those that a message says it has, so less than 64 bytes for each of its own.
 pub const MAX_MESSAGE_BYTES: usize = 1 << 20;
@@ -166,7 +166,14 @@ impl Message for BoxSet {
             "more persons than a message may have",
         )?;
         let few_cameras = self.persons.iter().all(|p| p.cameras.len() <= MAX_CAMERAS);
-        ensure(few_cameras, "more cameras than a viewpoint may have")?;
+        ensure(
+            few_cameras && self.look.len() <= MAX_CAMERAS,
+            "more cameras than a viewpoint may have",
+        )?;
+        ensure(
+            self.look.is_sorted_by(|a, b| a < b),
+            "cameras that look out of order or twice",
+        )?;
         self.persons
             .iter()
             .flat_map(|p| &p.cameras)
@@ -240,6 +247,14 @@ fn check_pose(pose: &PersonPose) -> Result<(), &'static str> {
     ensure(
         pose.keypoints_m.len() <= MAX_KEYPOINTS,
         "more keypoints than a network may have",
+    )?;
+    ensure(
+        pose.sigma_m.len() <= pose.joints_m.len(),
+        "more uncertainties than joints",
+    )?;
+    ensure(
+        pose.sigma_m.iter().all(|s| s.is_finite() && *s >= 0.0),
+        "an uncertainty that is not a length",
     )?;
     let positions = pose.joints_m.iter().chain(&pose.keypoints_m).flatten();
     ensure(

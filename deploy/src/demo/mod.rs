@@ -19,7 +19,7 @@ use farfield_proto::tick::Tick;
 use self::play::{Play, Script};
 use self::ticker::Ticker;
 use self::words::Backend;
-use crate::cli::RunArgs;
+use crate::cli::{RunArgs, TickList};
 use crate::run::{self, Session};
 use crate::{output, venue_folder};
 
@@ -42,19 +42,22 @@ pub(crate) struct DemoArgs {
     /// Make maps from the truth in place of pictures: no rendering, no network, many times faster.
     #[arg(long)]
     pub(crate) maps: bool,
+    /// Give people by hand where they come in, instead of finding them in the pictures.
+    #[arg(long, conflicts_with = "maps")]
+    pub(crate) given: bool,
     /// Folder for the results; must be empty or not there. Default: `farfield-out/demo-N`.
     #[arg(long, value_name = "DIR")]
     pub(crate) out: Option<PathBuf>,
     /// Another scene than the court.
     #[arg(long, value_name = "FILE")]
     pub(crate) scene: Option<PathBuf>,
-    /// Draw the skeletons over every camera's picture of this tick; without a tick, of the middle one.
-    #[arg(long, value_name = "TICK", num_args = 0..=1)]
+    /// Draw the skeletons over every camera's picture of these ticks; without any, of the middle one.
+    #[arg(long, value_name = "TICK[,TICK]...", num_args = 0..=1)]
     #[expect(
         clippy::option_option,
-        reason = "absent, without and with a tick: how clap says it"
+        reason = "absent, without and with ticks: how clap says it"
     )]
-    pub(crate) overlay: Option<Option<i64>>,
+    pub(crate) overlay: Option<Option<TickList>>,
 }
 
 /// Runs the demo and says how good it was.
@@ -102,7 +105,7 @@ fn show(
         venue: play.venue.clone(),
         ticks: None,
         out: None,
-        overlay: args.overlay,
+        overlay: args.overlay.clone(),
         json: false,
     })?;
     undo.keep();

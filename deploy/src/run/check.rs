@@ -13,7 +13,7 @@ use farfield_proto::tick::Tick;
 use farfield_proto::venue::Venue;
 use farfield_testbed::simulated::VenueSources;
 
-use crate::cli::RunArgs;
+use crate::cli::{RunArgs, TickList};
 
 /// A run that nothing speaks against.
 pub(crate) struct Plan {
@@ -24,8 +24,8 @@ pub(crate) struct Plan {
     pub(crate) ticks: Range<Tick>,
     /// Where the results shall go, if anyone said so.
     pub(crate) out: Option<PathBuf>,
-    /// The tick to draw, if one shall be drawn.
-    pub(crate) overlay: Option<Tick>,
+    /// The ticks to draw, if any shall be drawn; in order.
+    pub(crate) overlay: Vec<Tick>,
 }
 
 /// Reads the venue, probes every source and loads every network once: the edges will load them for
@@ -42,8 +42,7 @@ pub(crate) fn check(args: RunArgs) -> Result<(Plan, Networks), NodeError> {
     check_given_ticks(&venue, &args.venue, &ticks).map_err(NodeError::refused)?;
     let overlay = args
         .overlay
-        .map(|tick| overlay_tick(tick.map(Tick), &ticks))
-        .transpose()?;
+        .map_or(Ok(Vec::new()), |asked| overlay_ticks(asked, &ticks))?;
     let networks = load_networks(&venue, &venue.cameras).map_err(NodeError::refused)?;
     let card = load_card(&venue).map_err(NodeError::Refused)?;
     check_given_keypoints(&venue, &args.venue, card.as_ref()).map_err(NodeError::refused)?;
@@ -58,16 +57,19 @@ pub(crate) fn check(args: RunArgs) -> Result<(Plan, Networks), NodeError> {
     Ok((plan, networks))
 }
 
-fn overlay_tick(asked: Option<Tick>, ticks: &Range<Tick>) -> Result<Tick, NodeError> {
-    let tick = asked.unwrap_or(ticks.start + (ticks.end - ticks.start) / 2);
-    if ticks.contains(&tick) {
-        return Ok(tick);
+fn overlay_ticks(asked: Option<TickList>, ticks: &Range<Tick>) -> Result<Vec<Tick>, NodeError> {
+    let middle = ticks.start + (ticks.end - ticks.start) / 2;
+    let mut drawn = asked.map_or_else(|| vec![middle], |list| list.0);
+    drawn.sort_unstable();
+    drawn.dedup();
+    if let Some(tick) = drawn.iter().find(|tick| !ticks.contains(tick)) {
+        return Err(NodeError::Refused(anyhow!(
+            "`--overlay` {tick} is outside the ticks of the run, {}..{}",
+            ticks.start,
+            ticks.end
+        )));
     }
-    Err(NodeError::Refused(anyhow!(
-        "`--overlay` {tick} is outside the ticks of the run, {}..{}",
-        ticks.start,
-        ticks.end
-    )))
+    Ok(drawn)
 }
 
 #[cfg(test)]
@@ -75,11 +77,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_middle_tick_is_drawn_unless_another_of_the_run_is_named() {
+    fn the_middle_tick_is_drawn_unless_others_of_the_run_are_named() {
         let ticks = Tick(0)..Tick(120);
-        assert_eq!(overlay_tick(None, &ticks).unwrap(), Tick(60));
-        assert_eq!(overlay_tick(Some(Tick(119)), &ticks).unwrap(), Tick(119));
-        let error = overlay_tick(Some(Tick(120)), &ticks).unwrap_err();
+        let named = |named: &[i64]| TickList(named.iter().copied().map(Tick).collect());
+        assert_eq!(overlay_ticks(None, &ticks).unwrap(), [Tick(60)]);
+        assert_eq!(
+            overlay_ticks(Some(named(&[119, 3, 3])), &ticks).unwrap(),
+            [Tick(3), Tick(119)]
+        );
+        let error = overlay_ticks(Some(named(&[3, 120])), &ticks).unwrap_err();
         assert!(error.to_string().contains("120"), "{error}");
     }
 }

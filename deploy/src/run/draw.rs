@@ -1,4 +1,4 @@
-//! `--overlay`: the skeletons of one tick over the picture of every camera.
+//! `--overlay`: the skeletons of single ticks over the picture of every camera.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -26,14 +26,22 @@ struct Line {
     joints: BTreeMap<String, [f32; 3]>,
 }
 
-/// Writes `overlay_<camera>_<tick>.png` for every camera, with the poses that the run has recorded.
-pub(super) fn draw(plan: &Plan, out: &Path, tick: Tick) -> anyhow::Result<()> {
-    let persons = recorded(&out.join("poses.jsonl"), tick)?;
-    for camera in &plan.venue.cameras {
-        let path = out.join(format!("overlay_{}_{tick}.png", camera.model.name()));
-        let image = overlay(&plan.sources, &plan.venue, camera, tick, &persons)?;
-        let bytes = png(&image).with_context(|| format!("encoding {}", path.display()))?;
-        write_whole(path.clone(), &bytes).with_context(|| format!("writing {}", path.display()))?;
+/// Writes `overlay_<camera>_<tick>.png` for every camera and every tick that the plan asks for, with
+/// the poses that the run has recorded.
+pub(super) fn draw(plan: &Plan, out: &Path) -> anyhow::Result<()> {
+    if plan.overlay.is_empty() {
+        return Ok(());
+    }
+    let recorded = recorded(&out.join("poses.jsonl"), &plan.overlay)?;
+    for &tick in &plan.overlay {
+        let persons = recorded.get(&tick).map_or(&[][..], Vec::as_slice);
+        for camera in &plan.venue.cameras {
+            let path = out.join(format!("overlay_{}_{tick}.png", camera.model.name()));
+            let image = overlay(&plan.sources, &plan.venue, camera, tick, persons)?;
+            let bytes = png(&image).with_context(|| format!("encoding {}", path.display()))?;
+            write_whole(path.clone(), &bytes)
+                .with_context(|| format!("writing {}", path.display()))?;
+        }
     }
     Ok(())
 }
@@ -44,19 +52,20 @@ fn png(image: &RgbImage) -> anyhow::Result<Vec<u8>> {
     Ok(bytes.into_inner())
 }
 
-fn recorded(path: &Path, tick: Tick) -> anyhow::Result<Vec<PersonPose>> {
+/// The poses of `ticks`, of which some may have none.
+fn recorded(path: &Path, ticks: &[Tick]) -> anyhow::Result<BTreeMap<Tick, Vec<PersonPose>>> {
     let file = File::open(path).with_context(|| format!("opening {}", path.display()))?;
-    let mut persons = Vec::new();
+    let mut persons: BTreeMap<Tick, Vec<PersonPose>> = BTreeMap::new();
     for line in BufReader::new(file).lines() {
         let line = line.with_context(|| format!("reading {}", path.display()))?;
         let line: Line =
             serde_json::from_str(&line).with_context(|| format!("reading {}", path.display()))?;
         // Lines are sorted by tick.
-        if line.tick > tick {
+        if ticks.last().is_none_or(|&last| line.tick > last) {
             break;
         }
-        if line.tick == tick {
-            persons.push(pose(&line));
+        if ticks.contains(&line.tick) {
+            persons.entry(line.tick).or_default().push(pose(&line));
         }
     }
     Ok(persons)
@@ -74,6 +83,7 @@ fn pose(line: &Line) -> PersonPose {
         state: line.state,
         joints_m: Joint::ALL.iter().map(joint).collect(),
         keypoints_m: Vec::new(),
+        sigma_m: Vec::new(),
         angles: Vec::new(),
         unobserved: 0,
         views: 0,
@@ -85,7 +95,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_persons_of_the_tick_are_read_from_the_recording() {
+    fn the_persons_of_the_ticks_are_read_from_the_recording() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("poses.jsonl");
         let line = |tick: i64, person: u32| {
@@ -98,13 +108,17 @@ mod tests {
             [line(4, 1), line(5, 1), line(5, 2), line(6, 1)].concat(),
         )
         .unwrap();
-        let persons = recorded(&path, Tick(5)).unwrap();
+        let persons = recorded(&path, &[Tick(3), Tick(4), Tick(5)]).unwrap();
+        let ids = |tick| {
+            persons[&Tick(tick)]
+                .iter()
+                .map(|p| p.person.0)
+                .collect::<Vec<_>>()
+        };
+        assert_eq!(persons.len(), 2, "nobody is there at tick 3");
+        assert_eq!((ids(4), ids(5)), (vec![1], vec![1, 2]));
         assert_eq!(
-            persons.iter().map(|p| p.person.0).collect::<Vec<_>>(),
-            [1, 2]
-        );
-        assert_eq!(
-            persons[0].joints_m[Joint::Pelvis.index()].map(f32::to_bits),
+            persons[&Tick(5)][0].joints_m[Joint::Pelvis.index()].map(f32::to_bits),
             [1.0f32, 2.0, 0.9].map(f32::to_bits)
         );
     }

@@ -53,8 +53,8 @@ pub(crate) fn finish(plan: &Plan, out: &Path, end: End, json: bool) -> Result<En
     if end.last.is_none() {
         report::discard_unfinished(out);
     }
-    if let (Verdict::Done, Some(tick)) = (&end.verdict, plan.overlay) {
-        draw::draw(plan, out, tick).map_err(NodeError::Failed)?;
+    if matches!(end.verdict, Verdict::Done) {
+        draw::draw(plan, out).map_err(NodeError::Failed)?;
     }
     let printed = report::print(out, json).map_err(NodeError::Failed);
     if report::has_unfinished(out) {

@@ -11,6 +11,9 @@ use farfield_proto::tick::Tick;
 
 use crate::output;
 
+/// All stages of a tick together, as the summary names them.
+const FUSION_STEP: &str = "fusion/step";
+
 /// Prints the summary of the run in `out` on standard output; nothing when the run left none.
 pub(super) fn print(out: &Path, json: bool) -> anyhow::Result<()> {
     let Some((summary, text)) = read(out)? else {
@@ -97,6 +100,21 @@ fn for_people(summary: &Summary, out: &str) -> String {
             bytes as f64 / patches as f64
         ));
     }
+    if let Some(step) = summary.timing.stages.get(FUSION_STEP) {
+        line(format_args!(
+            "fusion {:.1} ms per tick at the median, {:.1} at the 99th percentile",
+            step.p50_us / 1000.0,
+            step.p99_us / 1000.0
+        ));
+    }
+    let looks = &summary.timing.look_share;
+    let longest = looks.iter().max_by(|a, b| a.1.total_cmp(b.1));
+    if let Some((viewpoint, share)) = longest.filter(|(_, share)| **share > 0.0) {
+        line(format_args!(
+            "looking for people took up to {:.1} % of an edge's work ({viewpoint})",
+            100.0 * share
+        ));
+    }
     line(format_args!("results in {out}"));
     text
 }
@@ -104,7 +122,9 @@ fn for_people(summary: &Summary, out: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use farfield_fusion::export::summary::{LinkSummary, PersonSummary, TickSpan};
+    use farfield_fusion::export::summary::{
+        LinkSummary, PersonSummary, StageTiming, TickSpan, TimingSummary,
+    };
 
     #[test]
     fn what_is_done_is_what_the_summary_says() {
@@ -129,6 +149,11 @@ mod tests {
             patch_bytes: 4200,
             ..LinkSummary::default()
         };
+        let step = StageTiming {
+            p50_us: 3120.0,
+            p99_us: 8960.0,
+            max_us: 9000.0,
+        };
         let person = PersonSummary {
             person: 1,
             first_tick: Tick(3),
@@ -144,6 +169,11 @@ mod tests {
             },
             people: vec![person],
             links: [("ne".to_owned(), link)].into(),
+            timing: TimingSummary {
+                stages: [(FUSION_STEP.to_owned(), step)].into(),
+                look_share: [("ne".to_owned(), 0.024), ("sw".to_owned(), 0.012)].into(),
+                ..TimingSummary::default()
+            },
             ..Summary::default()
         };
         let text = for_people(&summary, "out");
@@ -153,5 +183,8 @@ mod tests {
             text.contains("420 bytes per person, view and tick"),
             "{text}"
         );
+        let time = "fusion 3.1 ms per tick at the median, 9.0 at the 99th percentile";
+        assert!(text.contains(time), "{text}");
+        assert!(text.contains("2.4 % of an edge's work (ne)"), "{text}");
     }
 }

@@ -19,6 +19,9 @@ use super::link::Said;
 use crate::pipeline::{EdgeOutput, Pipeline, Stage};
 use crate::source::{Frame, SourceError, Sources};
 
+/// The stage of looking for people without boxes, as summaries name it.
+const LOOK: &str = farfield_proto::message::LOOK_STAGE;
+
 /// What the thread says after each tick.
 pub(super) type Done = anyhow::Result<Tick>;
 
@@ -74,15 +77,20 @@ impl Work {
         let frames = self.read(boxes.tick)?;
         self.count("read", start);
         let mut lap = clock::now();
-        let samples_us = &mut self.samples_us;
+        let mut laps = Vec::with_capacity(4);
         let output = self
             .pipeline
             .step_marked(&frames, boxes, &mut |stage| {
-                let samples = samples_us.entry(name(stage)).or_default();
-                samples.push(clock::micros_since(lap));
+                laps.push((stage, clock::micros_since(lap)));
                 lap = clock::now();
             })
             .with_context(|| format!("tick {}", boxes.tick))?;
+        let looks = !boxes.look.is_empty();
+        for (stage, us) in split_looks(&laps, self.pipeline.looked_share()) {
+            if stage != LOOK || looks {
+                self.samples_us.entry(stage).or_default().push(us);
+            }
+        }
         let start = clock::now();
         let messages = encode(&output);
         self.count("messages", start);
@@ -115,9 +123,26 @@ impl Work {
     }
 }
 
+/// The stages' times by name, with the keypoints of sightings, `share` of the inference, counted as
+/// looking: what looks cost is told apart from what following people costs.
+fn split_looks(laps: &[(Stage, u32)], share: f64) -> [(&'static str, u32); 4] {
+    let of = |wanted: Stage| {
+        let laps = laps.iter().filter(|(stage, _)| *stage == wanted);
+        laps.map(|(_, us)| us).sum::<u32>()
+    };
+    let keypoints_us = (f64::from(of(Stage::Infer)) * share).round() as u32;
+    [
+        (name(Stage::Crop), of(Stage::Crop)),
+        (LOOK, of(Stage::Look) + keypoints_us),
+        (name(Stage::Infer), of(Stage::Infer) - keypoints_us),
+        (name(Stage::Encode), of(Stage::Encode)),
+    ]
+}
+
 fn name(stage: Stage) -> &'static str {
     match stage {
         Stage::Crop => "crop",
+        Stage::Look => LOOK,
         Stage::Infer => "infer",
         Stage::Encode => "encode",
     }

@@ -55,6 +55,11 @@ impl Batch {
         self.n = 0;
     }
 
+    /// How many crops were pushed since.
+    pub(super) fn len(&self) -> usize {
+        self.n
+    }
+
     /// Adds a crop; the number by which [`Self::map`] knows it.
     pub(super) fn push(
         &mut self,

@@ -6,6 +6,8 @@ use farfield_proto::model_card::HeatmapCard;
 use farfield_proto::toml_file::FileError;
 use image::RgbImage;
 
+use crate::tiles::{DetectorInput, Window};
+
 /// One crop as a network takes it: [3, height, width], normalised, in the card's channel order.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct InputTensor {
@@ -27,16 +29,20 @@ pub trait KeypointNetwork: Send {
     fn infer(&mut self, inputs: &[InputTensor]) -> Result<Vec<f32>, NetworkError>;
 }
 
-/// A detector that finds people in a whole picture.
+/// A detector that finds people in pictures.
 pub trait PersonDetector: Send {
-    /// The people in `image`, the surest first.
+    /// What it takes.
+    fn input(&self) -> DetectorInput;
+
+    /// The people in the part of `image` that `window` is, the surest first, in pixels of the image.
     ///
     /// # Errors
     /// [`NetworkError`] when the backend fails or gives something else than the card says.
-    fn detect(&mut self, image: &RgbImage) -> Result<Vec<Detection>, NetworkError>;
+    fn detect(&mut self, image: &RgbImage, window: &Window)
+    -> Result<Vec<Detection>, NetworkError>;
 }
 
-/// One person found in a whole picture.
+/// One person found in a picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Detection {
     /// Upper left corner (x, y) of the box, distorted pixels.

@@ -3,7 +3,8 @@
 //! Per person the box is moved on to the tick, a camera chosen, the crop cut; all crops of the tick,
 //! those of detections too, go through the network together; the maps are quantised, encoded and
 //! shared out to messages. Cameras whose source is a file of keypoints have their maps drawn
-//! instead, and cameras without pixels have them painted. Pure but for what network and detector do: no clock, no file, no socket.
+//! instead, and cameras without pixels have them painted. Pure but for what network and detector do:
+//! no clock, no file, no socket.
 
 mod batch;
 mod camera;
@@ -11,19 +12,19 @@ mod error;
 #[cfg(test)]
 pub(crate) mod fixtures;
 mod inference;
+mod looker;
+mod looks;
 mod parts;
 mod sighting;
 #[cfg(test)]
 mod tests;
+mod tracked;
 
-use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 use farfield_proto::id::{CameraIndex, PersonId, SessionId, ViewpointIndex};
 use farfield_proto::keypoints::KeypointSet;
-use farfield_proto::message::{
-    BoxSet, CameraBox, Order, PatchSet, PersonBoxes, PersonPatch, Sighting, SightingSet,
-};
+use farfield_proto::message::{BoxSet, PatchSet, PersonPatch, SightingSet};
 use farfield_proto::patch::{Encoder, Maps, quantize};
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::Venue;
@@ -31,9 +32,9 @@ use farfield_proto::venue::parameters::CameraChoice;
 
 use self::batch::Batch;
 use self::camera::{EdgeCamera, cameras_of, check_shapes};
-use self::sighting::Pending;
-use crate::choose::{View, choose};
-use crate::crop::{CropGeometry, enclosing_upright};
+use self::looker::Looker;
+use self::tracked::Tracked;
+use crate::crop::CropGeometry;
 use crate::gaussian_maps::draw_maps;
 use crate::source::{Content, Frame, MapCrop};
 
@@ -41,15 +42,13 @@ pub use error::PipelineError;
 pub use inference::{Detection, InputTensor, KeypointNetwork, NetworkError, PersonDetector};
 pub use parts::MESSAGE_BYTES;
 
-/// Tilt of a box from which the legs get an upright crop of their own, radians (10 degrees): below,
-/// one crop serves networks that were trained on people turned by up to 40 degrees.
-const TWO_CROPS_FROM_RAD: f32 = 0.175;
-
 /// A part of a step, for whoever measures how long each takes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Stage {
-    /// Choosing cameras, detecting, cutting crops.
+    /// Choosing cameras, cutting crops of persons with boxes.
     Crop,
+    /// Looking for people without boxes: detecting, cutting the crops of whom was found.
+    Look,
     /// The network on all crops.
     Infer,
     /// Reading peaks, drawing, quantising and encoding maps.
@@ -65,19 +64,6 @@ pub struct EdgeOutput {
     pub sighting_sets: Vec<SightingSet>,
 }
 
-/// One person at this tick: who, in which camera, on which crops.
-struct Tracked {
-    person: PersonId,
-    /// Position among the cameras of the viewpoint.
-    camera: usize,
-    /// Where that camera should see them.
-    region: CameraBox,
-    crops: Vec<CropGeometry>,
-    crop_of_keypoint: Vec<u8>,
-    /// Number of the first crop in the batch.
-    input: usize,
-}
-
 /// The edge of one viewpoint.
 pub struct Pipeline {
     viewpoint: ViewpointIndex,
@@ -86,11 +72,12 @@ pub struct Pipeline {
     floor: f32,
     choice: CameraChoice,
     batch: Option<Batch>,
-    detector: Option<Box<dyn PersonDetector>>,
+    looker: Option<Looker>,
     encoder: Encoder,
     maps: Maps,
     session: SessionId,
     last_camera: BTreeMap<PersonId, CameraIndex>,
+    looked_share: f64,
 }
 
 impl Pipeline {
@@ -118,11 +105,12 @@ impl Pipeline {
             floor: venue.parameters.link.floor as f32,
             choice: venue.parameters.boxes.camera_choice,
             batch,
-            detector,
+            looker: detector.map(|detector| Looker::new(venue, detector)),
             encoder: Encoder::new(),
             maps: Maps::new(1, 1, 1),
             session: SessionId::default(),
             last_camera: BTreeMap::new(),
+            looked_share: 0.0,
         })
     }
 
@@ -166,13 +154,17 @@ impl Pipeline {
             .iter()
             .filter_map(|p| self.track(p, age, frames))
             .collect();
-        let looks = boxes.order == Order::TrackAndSight && self.can_sight();
+        mark(Stage::Crop);
+        let looks = !boxes.look.is_empty() && self.can_sight();
+        let n_tracked = self.batch.as_ref().map_or(0, Batch::len);
         let pending = if looks {
-            self.detect(frames)?
+            self.detect(frames, &boxes.look)?
         } else {
             Vec::new()
         };
-        mark(Stage::Crop);
+        let n_crops = self.batch.as_ref().map_or(0, Batch::len);
+        self.looked_share = (n_crops - n_tracked) as f64 / n_crops.max(1) as f64;
+        mark(Stage::Look);
         if let Some(batch) = &mut self.batch {
             batch.infer()?;
         }
@@ -188,7 +180,8 @@ impl Pipeline {
                 parts: 1,
                 sightings: Vec::new(),
             };
-            sighting_sets = parts::sighting_sets(&head, self.sightings(&pending, frames));
+            let sightings = self.sightings(&pending, frames, &boxes.look);
+            sighting_sets = parts::sighting_sets(&head, sightings);
         }
         let persons = tracked
             .into_iter()
@@ -208,6 +201,11 @@ impl Pipeline {
             patch_sets: parts::patch_sets(&head, persons),
             sighting_sets,
         })
+    }
+
+    /// Which share of the last step's inference, by crops, was on people without boxes, 0 to 1.
+    pub fn looked_share(&self) -> f64 {
+        self.looked_share
     }
 
     /// The tick of the frames, if there are any; refuses what does not belong together.
@@ -248,131 +246,6 @@ impl Pipeline {
             }
         }
         Ok(tick)
-    }
-
-    /// Chooses the camera for a person, and cuts the crops; `None` when no camera sees the person.
-    fn track(
-        &mut self,
-        boxes: &PersonBoxes,
-        age: i64,
-        frames: &[Option<Frame>],
-    ) -> Option<Tracked> {
-        let mut at = Vec::with_capacity(self.cameras.len());
-        let mut views = Vec::with_capacity(self.cameras.len());
-        for (i, camera) in self
-            .cameras
-            .iter()
-            .enumerate()
-            .filter(|&(i, _)| frames[i].is_some())
-        {
-            if let Some(camera_box) = boxes.cameras.iter().find(|b| b.camera == camera.index) {
-                at.push(i);
-                views.push(View {
-                    model: &camera.model,
-                    camera_box: moved_on(camera_box, age),
-                });
-            }
-        }
-        let last = self.last_camera.get(&boxes.person);
-        let last = last.and_then(|&index| at.iter().position(|&i| self.cameras[i].index == index));
-        let chosen = choose(self.choice, &views, last)?;
-        let (camera, region) = (at[chosen], views[chosen].camera_box);
-        let bounding_box = region.bounding_box;
-        self.last_camera
-            .insert(boxes.person, self.cameras[camera].index);
-        let EdgeCamera { model, drawing, .. } = &self.cameras[camera];
-        let mut crop_of_keypoint = vec![0; self.keypoints.len()];
-        if let Some(drawing) = drawing {
-            // What is drawn does not depend on how the crop is turned.
-            let crops = vec![CropGeometry::new(&bounding_box, drawing.shape)?];
-            return Some(Tracked {
-                person: boxes.person,
-                camera,
-                region,
-                crops,
-                crop_of_keypoint,
-                input: 0,
-            });
-        }
-        let (batch, Content::Image(image)) =
-            (self.batch.as_mut()?, &frames[camera].as_ref()?.content)
-        else {
-            return None;
-        };
-        let mut crops = vec![CropGeometry::new(&bounding_box, batch.shape())?];
-        if turned_by(bounding_box.rotation_rad) > TWO_CROPS_FROM_RAD {
-            crops.push(CropGeometry::new(
-                &enclosing_upright(&bounding_box),
-                batch.shape(),
-            )?);
-            for (keypoint, crop) in crop_of_keypoint.iter_mut().enumerate() {
-                *crop = u8::from(!self.keypoints.is_upper(keypoint));
-            }
-        }
-        let inputs: Vec<usize> = crops
-            .iter()
-            .map(|crop| batch.push(image, model, crop))
-            .collect();
-        Some(Tracked {
-            person: boxes.person,
-            camera,
-            region,
-            crops,
-            crop_of_keypoint,
-            input: inputs[0],
-        })
-    }
-
-    /// Whether this edge can find people without boxes at all.
-    fn can_sight(&self) -> bool {
-        let reads_pictures = self.detector.is_some() && self.batch.is_some();
-        self.cameras
-            .iter()
-            .any(|c| c.drawing.is_some() || reads_pictures)
-    }
-
-    /// Runs the detector on every picture and puts the crops into the batch.
-    fn detect(&mut self, frames: &[Option<Frame>]) -> Result<Vec<Pending>, PipelineError> {
-        let mut pending = Vec::new();
-        let (Some(detector), Some(batch)) = (&mut self.detector, &mut self.batch) else {
-            return Ok(pending);
-        };
-        for (camera, frame) in self.cameras.iter().zip(frames) {
-            if let Some(Frame {
-                content: Content::Image(image),
-                ..
-            }) = frame
-            {
-                let detections = detector.detect(image)?;
-                pending.extend(sighting::enqueue(
-                    &detections,
-                    image,
-                    (camera.index, &camera.model),
-                    batch,
-                ));
-            }
-        }
-        Ok(pending)
-    }
-
-    /// The sightings of all cameras, after inference.
-    fn sightings(&self, pending: &[Pending], frames: &[Option<Frame>]) -> Vec<Sighting> {
-        let mut sightings = Vec::new();
-        for (camera, frame) in self.cameras.iter().zip(frames) {
-            if let Some(batch) = &self.batch {
-                let of_camera = pending.iter().filter(|p| p.camera() == camera.index);
-                sightings.extend(of_camera.map(|p| {
-                    sighting::read(p, &camera.model, batch, self.keypoints.len(), self.floor)
-                }));
-            }
-            let given = match frame.as_ref().map(|f| &f.content) {
-                Some(Content::Keypoints(keypoints)) => Cow::Borrowed(&keypoints.persons[..]),
-                Some(Content::Painted(painter)) => Cow::Owned(painter.persons()),
-                Some(Content::Image(_)) | None => continue,
-            };
-            sightings.extend(sighting::from_persons(&given, camera.index, &camera.model));
-        }
-        sighting::bounded(sightings)
     }
 
     /// Packs the maps of one person.
@@ -439,22 +312,4 @@ impl Pipeline {
             maps: self.encoder.encode(&self.maps, quantize(self.floor)),
         })
     }
-}
-
-/// The box and the projected joints of a person, moved on by `ticks`.
-fn moved_on(camera_box: &CameraBox, ticks: i64) -> CameraBox {
-    let n = ticks.max(0) as f32;
-    let along = |p: [f32; 2]| [0, 1].map(|i| p[i] + n * camera_box.rate.center_px[i]);
-    CameraBox {
-        bounding_box: camera_box.bounding_box.moved_on(&camera_box.rate, ticks),
-        torso_px: along(camera_box.torso_px),
-        neck_px: along(camera_box.neck_px),
-        ..*camera_box
-    }
-}
-
-/// How far a rotation is from upright, 0 to pi.
-fn turned_by(rotation_rad: f32) -> f32 {
-    let turn = rotation_rad.rem_euclid(std::f32::consts::TAU);
-    turn.min(std::f32::consts::TAU - turn)
 }

@@ -7,7 +7,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use farfield_proto::bounding_box::{BoundingBox, BoxRate};
 use farfield_proto::frames::Pixel;
 use farfield_proto::grid::CellGrid;
-use farfield_proto::model_card::HeatmapCard;
+use farfield_proto::message::{CameraBox, Order, PersonBoxes, Sighting};
+use farfield_proto::model_card::{HeatmapCard, Letterbox};
 use farfield_proto::patch::Decoder;
 use farfield_proto::wire;
 use image::RgbImage;
@@ -16,6 +17,7 @@ use super::fixtures::venue;
 use super::*;
 use crate::peaks::best_peak;
 use crate::source::{Candidate, KeypointFrame, MapPainter};
+use crate::tiles::{DetectorInput, Window};
 
 const PICTURES: &str = "{ kind = \"video\", path = \"a.mp4\" }";
 const KEYPOINTS: &str = "{ kind = \"keypoints\", path = \"a.jsonl\" }";
@@ -73,7 +75,14 @@ impl KeypointNetwork for Mirror {
 struct Finds(Vec<Detection>);
 
 impl PersonDetector for Finds {
-    fn detect(&mut self, _: &RgbImage) -> Result<Vec<Detection>, NetworkError> {
+    fn input(&self) -> DetectorInput {
+        DetectorInput {
+            size_px: [640, 480],
+            letterbox: Letterbox::TopLeft,
+        }
+    }
+
+    fn detect(&mut self, _: &RgbImage, _: &Window) -> Result<Vec<Detection>, NetworkError> {
         Ok(self.0.clone())
     }
 }
@@ -109,7 +118,8 @@ fn box_at(camera: u16, center_px: [f32; 2], rotation_rad: f32) -> CameraBox {
     }
 }
 
-fn boxes(order: Order, persons: Vec<Vec<CameraBox>>) -> BoxSet {
+/// The boxes of a tick at which the cameras `look` look for people.
+fn boxes(look: &[u16], persons: Vec<Vec<CameraBox>>) -> BoxSet {
     let numbered = (1..).zip(persons);
     let persons = numbered
         .map(|(i, cameras)| PersonBoxes {
@@ -121,7 +131,8 @@ fn boxes(order: Order, persons: Vec<Vec<CameraBox>>) -> BoxSet {
         session: SessionId(9),
         tick: Tick(40),
         viewpoint: ViewpointIndex(0),
-        order,
+        order: Order::Track,
+        look: look.iter().copied().map(CameraIndex).collect(),
         persons,
     }
 }
@@ -168,7 +179,7 @@ fn what_the_network_sees_is_where_the_picture_has_it() {
     let mut edge = pipeline(&[PICTURES]);
     let output = edge.step(
         &[Some(disc(330.0, 220.0))],
-        &boxes(Order::Track, vec![vec![box_at(0, [320.0, 240.0], 0.0)]]),
+        &boxes(&[], vec![vec![box_at(0, [320.0, 240.0], 0.0)]]),
     );
     let output = output.unwrap();
     let patch = patches(&output)[0];
@@ -186,7 +197,7 @@ fn a_turned_box_gives_the_legs_an_upright_crop() {
     for (rotation_rad, crops) in [(0.1, 1), (0.785, 2), (-2.5, 2), (6.2, 1)] {
         let persons = vec![vec![box_at(0, [320.0, 240.0], rotation_rad)]];
         let output = edge
-            .step(&[Some(disc(330.0, 220.0))], &boxes(Order::Track, persons))
+            .step(&[Some(disc(330.0, 220.0))], &boxes(&[], persons))
             .unwrap();
         let patch = patches(&output)[0];
         assert_eq!(patch.crops.len(), crops);
@@ -204,7 +215,7 @@ fn a_dead_camera_is_replaced_within_the_tick() {
         box_at(0, [320.0, 240.0], 0.0),
         box_at(1, [200.0, 240.0], 0.0),
     ]];
-    let boxes = boxes(Order::Track, both);
+    let boxes = boxes(&[], both);
     let first = edge
         .step(
             &[Some(disc(320.0, 240.0)), Some(disc(200.0, 240.0))],
@@ -229,7 +240,7 @@ fn nothing_is_sent_for_a_person_that_no_camera_sees() {
     let mut edge = pipeline(&[PICTURES]);
     let persons = vec![vec![box_at(0, [-500.0, 240.0], 0.0)], vec![]];
     let output = edge
-        .step(&[Some(disc(1.0, 1.0))], &boxes(Order::Track, persons))
+        .step(&[Some(disc(1.0, 1.0))], &boxes(&[], persons))
         .unwrap();
     assert!(patches(&output).is_empty());
     assert_eq!(output.patch_sets[0].parts, 1);
@@ -240,7 +251,7 @@ fn an_old_box_is_moved_on() {
     let mut edge = pipeline(&[PICTURES]);
     let mut camera_box = box_at(0, [200.0, 240.0], 0.0);
     camera_box.rate.center_px = [20.0, 0.0];
-    let mut boxes = boxes(Order::Track, vec![vec![camera_box]]);
+    let mut boxes = boxes(&[], vec![vec![camera_box]]);
     boxes.tick = Tick(34);
     let output = edge.step(&[Some(disc(320.0, 240.0))], &boxes).unwrap();
     let patch = patches(&output)[0];
@@ -270,10 +281,7 @@ fn all_crops_of_a_tick_are_one_inference() {
     };
     let frames = [Some(disc(320.0, 240.0)), Some(disc(310.0, 230.0))];
     let output = edge
-        .step(
-            &frames,
-            &boxes(Order::TrackAndSight, vec![person(), person(), person()]),
-        )
+        .step(&frames, &boxes(&[0, 1], vec![person(), person(), person()]))
         .unwrap();
     assert_eq!(calls.load(Ordering::Relaxed), 1);
     assert_eq!(patches(&output).len(), 3);
@@ -303,6 +311,20 @@ fn all_crops_of_a_tick_are_one_inference() {
     );
 }
 
+#[test]
+fn only_the_cameras_that_are_asked_look() {
+    let venue = venue(&[KEYPOINTS, KEYPOINTS]);
+    let mut edge = Pipeline::new(&venue, ViewpointIndex(0), None, None).unwrap();
+    let frames = [1.0, 2.0].map(|x| Some(frame(Content::Keypoints(candidates(x, 2.0)))));
+    for asked in [&[0][..], &[1], &[0, 1]] {
+        let output = edge.step(&frames, &boxes(asked, Vec::new())).unwrap();
+        let sightings = output.sighting_sets.iter().flat_map(|s| &s.sightings);
+        assert_eq!(sightings.map(|s| s.camera.0).collect::<Vec<_>>(), asked);
+    }
+    let output = edge.step(&frames, &boxes(&[], Vec::new())).unwrap();
+    assert!(output.sighting_sets.is_empty());
+}
+
 fn candidates(x: f64, y: f64) -> KeypointFrame {
     let candidate = Candidate {
         position: Pixel::new(x, y),
@@ -319,9 +341,7 @@ fn keypoint_sources_need_no_network_and_are_sighted_as_grouped() {
     let mut edge = Pipeline::new(&venue(&[KEYPOINTS]), ViewpointIndex(0), None, None).unwrap();
     let frames = [Some(frame(Content::Keypoints(candidates(333.0, 222.0))))];
     let persons = vec![vec![box_at(0, [320.0, 240.0], 1.2)]];
-    let output = edge
-        .step(&frames, &boxes(Order::TrackAndSight, persons))
-        .unwrap();
+    let output = edge.step(&frames, &boxes(&[0, 1], persons)).unwrap();
     let patch = patches(&output)[0];
     assert_eq!(
         (
@@ -368,7 +388,7 @@ fn painted_maps_are_asked_for_the_box_at_the_frames_tick() {
     let mut edge = Pipeline::new(&venue(&[PAINTED]), ViewpointIndex(0), None, None).unwrap();
     let mut camera_box = box_at(0, [280.0, 240.0], 1.2);
     camera_box.rate.center_px = [10.0, 0.0];
-    let mut boxes = boxes(Order::TrackAndSight, vec![vec![camera_box]]);
+    let mut boxes = boxes(&[0, 1], vec![vec![camera_box]]);
     boxes.tick = Tick(36);
     let frames = [Some(frame(Content::Painted(Arc::new(Painter))))];
     let output = edge.step(&frames, &boxes).unwrap();
@@ -390,9 +410,7 @@ fn painted_maps_are_asked_for_the_box_at_the_frames_tick() {
 #[test]
 fn a_look_that_finds_nobody_is_said_and_an_edge_that_cannot_look_says_nothing() {
     let mut edge = Pipeline::new(&venue(&[KEYPOINTS]), ViewpointIndex(0), None, None).unwrap();
-    let output = edge
-        .step(&[None], &boxes(Order::TrackAndSight, Vec::new()))
-        .unwrap();
+    let output = edge.step(&[None], &boxes(&[0, 1], Vec::new())).unwrap();
     assert_eq!(
         (
             output.sighting_sets.len(),
@@ -402,10 +420,7 @@ fn a_look_that_finds_nobody_is_said_and_an_edge_that_cannot_look_says_nothing() 
     );
     let mut blind = pipeline(&[PICTURES]);
     let output = blind
-        .step(
-            &[Some(disc(5.0, 5.0))],
-            &boxes(Order::TrackAndSight, Vec::new()),
-        )
+        .step(&[Some(disc(5.0, 5.0))], &boxes(&[0, 1], Vec::new()))
         .unwrap();
     assert_eq!(
         (
@@ -427,7 +442,7 @@ fn pictures_and_keypoints_may_be_mixed_in_one_viewpoint() {
         vec![box_at(0, [320.0, 240.0], 0.0)],
         vec![box_at(1, [320.0, 240.0], 0.0)],
     ];
-    let output = edge.step(&frames, &boxes(Order::Track, persons)).unwrap();
+    let output = edge.step(&frames, &boxes(&[], persons)).unwrap();
     let widths: Vec<u16> = patches(&output).iter().map(|p| p.maps.width).collect();
     assert_eq!(widths, [12, 48]);
 }
@@ -440,7 +455,7 @@ fn what_does_not_belong_together_is_refused() {
         matches!(refused(&[PICTURES]), Some(PipelineError::NoNetwork { camera }) if camera == "c0")
     );
     let mut edge = pipeline(&[PICTURES]);
-    let boxes = boxes(Order::Track, Vec::new());
+    let boxes = boxes(&[], Vec::new());
     assert!(matches!(
         edge.step(&[], &boxes),
         Err(PipelineError::FrameCount {

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use farfield_edge::detector::OnnxDetector;
 use farfield_edge::network::OnnxKeypointNetwork;
 use farfield_edge::pipeline::{InputTensor, KeypointNetwork as _, PersonDetector as _};
+use farfield_edge::tiles::{DetectorInput, Window};
 use image::{Rgb, RgbImage};
 
 const WIDTH: usize = 96;
@@ -121,9 +122,15 @@ pub(crate) fn check_detector() {
     let mut detector =
         OnnxDetector::load(&testdata("chroma_160.toml")).expect("the detector fits its card");
     let grey = RgbImage::from_pixel(640, 480, Rgb([90; 3]));
-    let none = detector.detect(&grey).expect("a picture is searched");
+    let DetectorInput { size_px, letterbox } = detector.input();
+    let whole = Window::whole([640, 480], size_px, letterbox);
+    let none = detector
+        .detect(&grey, &whole)
+        .expect("a picture is searched");
     assert!(none.is_empty());
-    let found = detector.detect(&picture()).expect("a picture is searched");
+    let found = detector
+        .detect(&picture(), &whole)
+        .expect("a picture is searched");
     assert_eq!(found.len(), 1);
     // One input pixel is four of the picture.
     let near = |a: [f32; 2], b: [f32; 2]| (a[0] - b[0]).abs() < 5.0 && (a[1] - b[1]).abs() < 5.0;
@@ -144,6 +151,10 @@ pub(crate) fn check_labels() {
     let model = "chroma_160.onnx";
     std::fs::copy(testdata(model), folder.path().join(model)).expect("the model is committed");
     let mut detector = OnnxDetector::load(&path).expect("the detector fits its card");
-    let found = detector.detect(&picture()).expect("a picture is searched");
+    let DetectorInput { size_px, letterbox } = detector.input();
+    let whole = Window::whole([640, 480], size_px, letterbox);
+    let found = detector
+        .detect(&picture(), &whole)
+        .expect("a picture is searched");
     assert!(found.is_empty(), "{found:?}");
 }

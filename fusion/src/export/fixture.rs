@@ -28,6 +28,7 @@ pub(crate) fn pose(person: u32, state: PersonState) -> PersonPose {
         state,
         joints_m: vec![[1.0, 2.0, 0.9], [1.25, -2.000_004, 0.5]],
         keypoints_m: vec![[1.26, -2.0, 0.5]],
+        sigma_m: vec![0.012, 0.023_46],
         angles: vec![std::f32::consts::FRAC_PI_6, 2.5, 0.41],
         unobserved: 0b100,
         views: 4,

@@ -11,11 +11,13 @@ use super::{AngleColumn, Layout};
 
 /// Decimals of positions, metres.
 pub(super) const POSITION_DECIMALS: u32 = 5;
+/// Decimals of standard deviations, metres.
+const SIGMA_DECIMALS: u32 = 4;
 /// Decimals of angles, radians.
 pub(super) const ANGLE_DECIMALS: u32 = 6;
 
-/// A person at a tick, ready to be serialised: positions in world metres with 5 decimals, angles in
-/// radians with 6, rounded inward at a bound of their range. Fields and points come in the order of
+/// A person at a tick, ready to be serialised: positions in world metres with 5 decimals,
+/// standard deviations in metres with 4, angles in radians with 6, rounded inward at a bound of their range. Fields and points come in the order of
 /// the model, so that equal poses are equal bytes.
 #[derive(Debug, Clone, Copy)]
 pub struct PoseLine<'a> {
@@ -49,12 +51,15 @@ impl Serialize for PoseLine<'_> {
             .filter(|(i, _)| pose.unobserved >> i & 1 == 1)
             .map(|(_, angle)| angle.name.as_str())
             .collect();
-        let mut map = serializer.serialize_map(Some(8))?;
+        let mut map = serializer.serialize_map(None)?;
         map.serialize_entry("tick", &self.tick)?;
         map.serialize_entry("person", &pose.person)?;
         map.serialize_entry("state", &pose.state)?;
         map.serialize_entry("joints", &Points(&layout.joints, &pose.joints_m))?;
         map.serialize_entry("keypoints", &Points(&layout.keypoints, &pose.keypoints_m))?;
+        if !pose.sigma_m.is_empty() {
+            map.serialize_entry("sigma_m", &Sigmas(&layout.joints, &pose.sigma_m))?;
+        }
         map.serialize_entry("angles", &Angles(&layout.angles, &pose.angles))?;
         map.serialize_entry("unobserved", &unobserved)?;
         map.serialize_entry("views", &pose.views)?;
@@ -67,6 +72,15 @@ struct Points<'a>(&'a [String], &'a [[f32; 3]]);
 impl Serialize for Points<'_> {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let rounded = |p: &[f32; 3]| p.map(|v| round(f64::from(v), POSITION_DECIMALS));
+        serializer.collect_map(self.0.iter().zip(self.1.iter().map(rounded)))
+    }
+}
+
+struct Sigmas<'a>(&'a [String], &'a [f32]);
+
+impl Serialize for Sigmas<'_> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let rounded = |s: &f32| round(f64::from(*s), SIGMA_DECIMALS);
         serializer.collect_map(self.0.iter().zip(self.1.iter().map(rounded)))
     }
 }
@@ -118,9 +132,23 @@ mod tests {
             "{\"tick\":300,\"person\":1,\"state\":\"tracked\",\
              \"joints\":{\"pelvis\":[1.0,2.0,0.9],\"left_knee\":[1.25,-2.0,0.5]},\
              \"keypoints\":{\"left_knee\":[1.26,-2.0,0.5]},\
+             \"sigma_m\":{\"pelvis\":0.012,\"left_knee\":0.0235},\
              \"angles\":{\"pelvis_tilt\":0.523599,\"pelvis_tx\":2.5,\"knee_angle_l\":0.41},\
              \"unobserved\":[\"knee_angle_l\"],\"views\":4}\n"
         );
+    }
+
+    #[test]
+    fn a_pose_that_does_not_know_how_sure_it_is_says_nothing_of_it() {
+        let layout = fixture::layout();
+        let mut pose = fixture::pose(1, PersonState::Tentative);
+        pose.sigma_m.clear();
+        let line = PoseLine {
+            tick: Tick(300),
+            pose: &pose,
+            layout: &layout,
+        };
+        assert!(!json(line).contains("sigma_m"));
     }
 
     #[test]

@@ -17,12 +17,14 @@
 //! tick alike and its pull would stay, while the pull to the last pose is gone once a person is still.
 //! The same test, Σᵢ > τᵢ² after the solve, flags a reported angle as unobserved.
 
+mod covariance;
 mod normal;
 mod observability;
 mod priors;
 mod relative_sigma;
 mod solver;
 
+pub use covariance::{JointSpread, PointInformation};
 pub use priors::Priors;
 pub use relative_sigma::relative_sigmas;
 pub use solver::{IkSolver, Solution, Target};

@@ -5,7 +5,7 @@
 //! factorization of the joint-space inertia matrix for branched kinematic trees", IJRR 2005). A
 //! factor costs about 2,000 multiplications instead of the 10,700 of a dense one.
 
-use nalgebra::{Unit, Vector3};
+use nalgebra::{Matrix3, Unit, Vector3};
 
 use crate::skeleton::dof::{ANCESTORS, MAX_CHAIN};
 use crate::skeleton::{Kinematics, Link, N_DOF, chain_of};
@@ -55,6 +55,27 @@ impl NormalEquations {
             // P P = P: one side of each product is enough.
             let weighted = without_part_along(across, columns[n]) * weight;
             self.g[i] += weighted.dot(residual_m);
+            let row = &mut self.h[i];
+            for (column, &j) in columns[..=n].iter().zip(chain) {
+                row[j] += weighted.dot(column);
+            }
+        }
+    }
+
+    /// Adds what is known of a point fixed to `link`: `information` is the inverse covariance of its
+    /// place, 1/m². The gradient stays.
+    pub(super) fn add_information(
+        &mut self,
+        body: &Kinematics,
+        link: Link,
+        point_m: &Vector3<f64>,
+        information: &Matrix3<f64>,
+    ) {
+        let chain = chain_of(link);
+        let mut columns = [Vector3::zeros(); MAX_CHAIN];
+        for (n, &i) in chain.iter().enumerate() {
+            columns[n] = body.moving_column(i, point_m);
+            let weighted = information * columns[n];
             let row = &mut self.h[i];
             for (column, &j) in columns[..=n].iter().zip(chain) {
                 row[j] += weighted.dot(column);
@@ -177,5 +198,21 @@ impl Factor {
             }
         }
         variance
+    }
+
+    /// Trace of J H⁻¹ Jᵀ for a point that hangs from the DoF of `chain` alone; `columns` are those of
+    /// its Jacobian J, in the order of the chain, and are overwritten.
+    pub(super) fn trace_of(&self, chain: &[usize], columns: &mut [Vector3<f64>]) -> f64 {
+        let mut trace = 0.0;
+        for (n, &k) in chain.iter().enumerate().rev() {
+            let row = &self.l[k];
+            let (above, rest) = columns.split_at_mut(n);
+            let column = rest[0] / row[k];
+            trace += column.norm_squared();
+            for (other, &j) in above.iter_mut().zip(chain) {
+                *other -= column * row[j];
+            }
+        }
+        trace
     }
 }

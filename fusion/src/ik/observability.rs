@@ -35,14 +35,7 @@ pub(super) struct Observability {
 
 impl Observability {
     pub(super) fn new() -> Self {
-        let joints = spread_rad();
-        let spread: [f64; N_DOF] = std::array::from_fn(|i| {
-            if i < N_ROOT_DOF {
-                ROOT_SPREAD[i]
-            } else {
-                joints[i - N_ROOT_DOF]
-            }
-        });
+        let spread = spread_before();
         let unknown = std::array::from_fn(|i| {
             let limit = match i {
                 0..3 => UNKNOWN_M,
@@ -103,6 +96,19 @@ impl Observability {
             .rev()
             .fold(0, |bits, &bit| bits << 1 | u64::from(bit))
     }
+}
+
+/// Standard deviation of each DoF before anything is seen: metres for the root's translation, else
+/// radians.
+pub(super) fn spread_before() -> [f64; N_DOF] {
+    let joints = spread_rad();
+    std::array::from_fn(|i| {
+        if i < N_ROOT_DOF {
+            ROOT_SPREAD[i]
+        } else {
+            joints[i - N_ROOT_DOF]
+        }
+    })
 }
 
 /// Whether DoF `i` of all 40 is one of a hip's or a shoulder's.

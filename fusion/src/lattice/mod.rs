@@ -29,7 +29,7 @@ mod witness;
 
 use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::venue::parameters::LatticeParameters;
-use nalgebra::{Unit, Vector3};
+use nalgebra::{Matrix3, Unit, Vector3};
 
 use self::coarse::CoarsePass;
 use self::sides::{Sides, decide_sides};
@@ -52,6 +52,9 @@ pub struct KeypointEstimate {
     /// Set when one independent viewpoint alone supports the position: it is then known across this
     /// ray (from the camera, world axes), and along it the prediction was kept.
     pub ray: Option<Unit<Vector3<f64>>>,
+    /// Inverse covariance of the position, 1/m², zero until [`crate::uncertainty::weigh_views`] has
+    /// asked the views: how sure the position is, not what it weighs.
+    pub information: Matrix3<f64>,
 }
 
 impl KeypointEstimate {
@@ -63,6 +66,7 @@ impl KeypointEstimate {
             weight: 0.0,
             views: 0,
             ray: None,
+            information: Matrix3::zeros(),
         }
     }
 }

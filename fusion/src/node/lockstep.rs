@@ -122,6 +122,7 @@ impl<'a> LockStep<'a> {
                 tick,
                 viewpoint,
                 order: Order::End,
+                look: Vec::new(),
                 persons: Vec::new(),
             };
             if say(

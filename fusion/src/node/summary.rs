@@ -5,7 +5,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use anyhow::Context as _;
-use farfield_proto::message::{StageTime, Status};
+use farfield_proto::message::{LOOK_STAGE, StageTime, Status};
 use farfield_proto::tick::Tick;
 
 use super::config::Config;
@@ -82,6 +82,7 @@ pub(super) fn summarize(config: &Config, facts: &Facts<'_>) -> Summary {
             elapsed_s,
             ticks_per_s: done as f64 / elapsed_s.max(1e-9),
             stages: stages(&facts.stages, facts.last_words),
+            look_share: look_shares(facts.last_words),
             link_bytes_on_wire: BTreeMap::new(),
         },
     }
@@ -106,6 +107,19 @@ fn stages(fusion: &[StageTime], last_words: &[Status]) -> BTreeMap<String, Stage
     };
     all.map(|(node, stage)| (format!("{node}/{}", stage.stage), timing(stage)))
         .collect()
+}
+
+/// What looking for people cost each edge, of all its work.
+fn look_shares(last_words: &[Status]) -> BTreeMap<String, f64> {
+    let share = |status: &Status| {
+        let of = |looks: bool| {
+            let stages = status.stages.iter();
+            let stages = stages.filter(|s| !looks || s.stage == LOOK_STAGE);
+            stages.map(|s| s.total_us).sum::<u64>() as f64
+        };
+        (of(false) > 0.0).then(|| (status.node.clone(), of(true) / of(false)))
+    };
+    last_words.iter().filter_map(share).collect()
 }
 
 /// Writes `summary.json` into `folder`.

@@ -1,23 +1,30 @@
-//! Everybody in the venue: who is born, who is confirmed, who leaves, and when the edges look for people.
+//! Everybody in the venue: who is born, who is confirmed, who leaves and comes back.
 
-use farfield_proto::id::{PersonId, ViewpointIndex};
+mod arrivals;
+mod returns;
+
+use farfield_proto::id::{CameraIndex, PersonId, ViewpointIndex};
 use farfield_proto::keypoints::KeypointSet;
-use farfield_proto::message::{MAX_PERSONS, PersonPose, Sighting};
+use farfield_proto::message::PersonPose;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::parameters::BirthParameters;
 use farfield_proto::venue::{Field, GivenPerson, Venue};
 use nalgebra::Vector3;
 
 use crate::align::TickGroup;
-use crate::lattice::KeypointEstimate;
-use crate::skeleton::{Joint, Pose};
+use crate::predict::Joints;
 
-use super::birth::{BirthFinder, SightedKeypoint, SightedPerson, TrackedBody};
-use super::fit::fit;
-use super::ghosts::Ghosts;
-use super::life::{Change, Life};
-use super::observed::ObservedJoints;
-use super::track::{Method, TentativeTick, Track};
+use super::birth::{BirthFinder, TrackedBody};
+use super::ghosts::{Ghosts, distance_m};
+use super::life::{Change, Verdict};
+use super::lookout::Lookout;
+use super::memory::{Departed, Memory};
+use super::method::{Method, TentativeTick};
+use super::still::Pictures;
+use super::track::Track;
+
+/// Two people whose pelvises are farther apart do not stand in each other's place, metres.
+const APART_M: f64 = 0.6;
 
 /// What became of everybody after a tick.
 pub struct Lived {
@@ -27,7 +34,7 @@ pub struct Lived {
     pub unusable_sightings: u32,
 }
 
-/// All persons, tentative ones too, by id.
+/// All persons, tentative ones too, in the order of their births.
 pub struct Crowd {
     tracks: Vec<Track>,
     next_id: u32,
@@ -36,18 +43,23 @@ pub struct Crowd {
     field: Field,
     given: Vec<GivenPerson>,
     rate_hz: f64,
-    first_tick: Tick,
-    looks_left: u32,
+    lookout: Lookout,
     ghosts: Ghosts,
+    pictures: Pictures,
+    memory: Memory,
     /// Per camera, whose it is.
     viewpoint_of_camera: Vec<ViewpointIndex>,
+    /// Buffer: everybody's joints, and whether it is surely they.
+    places: Vec<(Joints, bool)>,
+    /// Buffer: everybody's pelvis, world metres.
+    pelvises_m: Vec<Vector3<f64>>,
 }
 
 impl Crowd {
     /// Nobody yet.
     pub fn new(venue: &Venue, keypoints: KeypointSet) -> Self {
         let births = venue.parameters.births.clone();
-        let cameras = venue
+        let cameras: Vec<_> = venue
             .cameras
             .iter()
             .map(|camera| (camera.viewpoint, camera.model.clone()))
@@ -55,51 +67,52 @@ impl Crowd {
         Self {
             tracks: Vec::new(),
             next_id: 1,
+            viewpoint_of_camera: cameras.iter().map(|camera| camera.0).collect(),
+            lookout: Lookout::new(cameras.clone(), venue.field, &births, venue.rate_hz),
             finder: BirthFinder::new(cameras, keypoints, &venue.field, &births),
             births,
             field: venue.field,
             given: venue.given_persons.clone(),
             rate_hz: venue.rate_hz,
-            first_tick: Tick::default(),
-            looks_left: 0,
             ghosts: Ghosts::default(),
-            viewpoint_of_camera: venue
-                .cameras
-                .iter()
-                .map(|camera| camera.viewpoint)
-                .collect(),
+            pictures: Pictures::default(),
+            memory: Memory::default(),
+            places: Vec::new(),
+            pelvises_m: Vec::new(),
         }
     }
 
     /// Begins a run at `tick`.
     pub fn begin(&mut self, tick: Tick, method: &Method) {
-        self.first_tick = tick;
+        self.lookout.begin(tick);
         self.bear_given(tick, method);
     }
 
-    /// Everybody, by id.
+    /// Everybody, in the order of their births.
     pub fn tracks(&self) -> &[Track] {
         &self.tracks
     }
 
-    /// Everybody, by id.
+    /// Everybody, in the order of their births.
     pub fn tracks_mut(&mut self) -> &mut [Track] {
         &mut self.tracks
     }
 
-    /// Whether the edges shall look for people at `tick`: all at the same ticks, because rays of
-    /// different ticks do not meet.
-    pub fn sights_at(&self, tick: Tick) -> bool {
-        self.is_regular(tick) || self.looks_left > 0
+    /// Which of the cameras `own` shall look for people at the tick that comes.
+    pub fn looking(&self, own: &[CameraIndex]) -> Vec<CameraIndex> {
+        self.lookout.looking(own)
     }
 
-    /// The poses of those who are confirmed.
+    /// The poses of those who are confirmed, by id.
     pub fn published(&self) -> Vec<PersonPose> {
         let confirmed = self
             .tracks
             .iter()
             .filter(|track| !track.life.is_tentative());
-        confirmed.map(Track::published).collect()
+        let mut poses: Vec<PersonPose> = confirmed.map(Track::published).collect();
+        // Who was recognised has an older id than its place.
+        poses.sort_by_key(|pose| pose.person);
+        poses
     }
 
     /// The first tick of the oldest person who is still tentative.
@@ -112,42 +125,110 @@ impl Crowd {
     }
 
     /// Moves every life on by the tick that has just been solved: confirms, lets go, and bears those
-    /// who were sighted.
+    /// who were sighted. Plans who looks at the next tick.
     pub fn live(&mut self, group: &TickGroup, method: &Method) -> Lived {
-        let mut confirmed = Vec::new();
+        let tick = group.tick;
+        let just_confirmed = self.age(tick, method);
+        let mut confirmed = self.welcome(&just_confirmed, method);
+        self.let_go_outside();
+        self.give_way(tick, method);
+        let ghosts = self.ghosts.found(&self.tracks, self.rate_hz, &self.births);
+        self.let_go(|track| ghosts.contains(&track.id()));
+        self.note_who_is_seen(tick);
+        self.memory.forget(tick, self.births.return_s, self.rate_hz);
+        self.pictures.forget(tick, self.rate_hz);
+        // The pose of the tick itself is in the poses of the tick; and who is let go was nobody.
+        let is_here = |id| self.tracks.iter().any(|track| track.id() == id);
+        confirmed.retain(|(at, pose)| *at < tick && is_here(pose.person));
+        let unusable_sightings = self.bear_sighted(group, method);
+        self.bear_given(tick + 1, method);
+        self.plan_looks(tick);
+        Lived {
+            confirmed,
+            unusable_sightings,
+        }
+    }
+
+    /// Counts a tick in every life; returns who is confirmed by it (wire ids).
+    fn age(&mut self, tick: Tick, method: &Method) -> Vec<PersonId> {
         let (rate_hz, births) = (self.rate_hz, &self.births);
-        self.tracks.retain_mut(|track| {
+        let (mut confirmed, mut gone) = (Vec::new(), Vec::new());
+        let held = self.in_somebodys_place();
+        for track in &mut self.tracks {
+            track.lived_ticks = track.lived_ticks.saturating_add(1);
+            let mut verdict = Verdict::Somebody;
             if track.life.is_tentative() {
                 track.tentative.push(TentativeTick {
-                    tick: group.tick,
+                    tick,
                     estimates: track.estimates.clone(),
                 });
+                verdict = track.trial.verdict(&track.tentative, method);
+                if verdict == Verdict::Somebody && held.contains(&track.wire_id()) {
+                    verdict = Verdict::Open;
+                }
             }
-            match track.life.tick(track.evidence(method), rate_hz, births) {
+            match track
+                .life
+                .tick(track.evidence(method), verdict, rate_hz, births)
+            {
                 Change::None => {
                     if !track.life.is_tentative() {
                         track.remeasure(method);
                     }
-                    true
                 }
-                Change::Gone => false,
-                Change::Confirmed => {
-                    confirmed.extend(track.settle(method));
-                    true
+                Change::Confirmed => confirmed.push(track.wire_id()),
+                Change::Gone => {
+                    gone.push(track.wire_id());
+                    if verdict == Verdict::Picture {
+                        self.pictures.add(track.keypoints_m(), tick);
+                    }
                 }
             }
+        }
+        self.let_go(|track| gone.contains(&track.wire_id()));
+        confirmed
+    }
+
+    /// The tentative who stand in the place of somebody who is confirmed (wire ids).
+    fn in_somebodys_place(&self) -> Vec<PersonId> {
+        let are = |tentative: bool| {
+            let tracks = self.tracks.iter();
+            tracks.filter(move |track| track.life.is_tentative() == tentative)
+        };
+        let near_m = self.births.same_place_m;
+        let held = are(true).filter(|track| {
+            are(false).any(|other| distance_m(track.joints_m(), other.joints_m()) < near_m)
         });
-        self.let_go_outside();
-        let ghosts = self.ghosts.found(&self.tracks, rate_hz, &self.births);
-        self.tracks.retain(|track| !ghosts.contains(&track.id()));
-        // The pose of the tick itself is in the poses of the tick; and who is let go was nobody.
-        let is_here = |id| self.tracks.binary_search_by_key(&id, Track::id).is_ok();
-        confirmed.retain(|(tick, pose)| *tick < group.tick && is_here(pose.person));
-        let unusable_sightings = self.bear_sighted(group, method);
-        self.bear_given(group.tick + 1, method);
-        Lived {
-            confirmed,
-            unusable_sightings,
+        held.map(Track::wire_id).collect()
+    }
+
+    /// Who was lost and comes to stand in the place of somebody who is surely there has followed what was
+    /// seen of that one.
+    fn give_way(&mut self, tick: Tick, method: &Method) {
+        let places = &mut self.places;
+        places.clear();
+        places.extend(self.tracks.iter().map(|track| {
+            // A newborn that never stood alone was born on somebody's body.
+            let is_itself = !track.life.is_tentative() || track.was_apart();
+            let is_sure = !track.life.is_doubtful() && is_itself;
+            (*track.joints_m(), is_sure)
+        }));
+        let places = &*places;
+        let near_m = self.births.same_place_m;
+        for (index, track) in self.tracks.iter_mut().enumerate() {
+            let own_m = places[index].0;
+            let others = || {
+                let others = places.iter().enumerate().filter(move |(i, _)| *i != index);
+                others.map(|(_, other)| other)
+            };
+            if others().all(|(other_m, _)| (other_m[0] - own_m[0]).norm() > APART_M) {
+                track.is_apart_at(tick);
+            } else if track.life.is_doubtful()
+                && others()
+                    .any(|(other_m, is_sure)| *is_sure && distance_m(&own_m, other_m) < near_m)
+            {
+                track.steps_back(tick, method);
+            }
         }
     }
 
@@ -156,113 +237,61 @@ impl Crowd {
         let margin_m = self.births.outside_field_m;
         let inside =
             |value: f64, i: usize| (min_m[i] - margin_m..=max_m[i] + margin_m).contains(&value);
-        self.tracks
-            .retain(|track| (0..3).all(|i| inside(track.joints_m()[0][i], i)));
+        self.let_go(|track| !(0..3).all(|i| inside(track.joints_m()[0][i], i)));
     }
 
-    /// Bears those whom the sightings show; returns how many sightings could not be used.
-    fn bear_sighted(&mut self, group: &TickGroup, method: &Method) -> u32 {
-        if !self.sights_at(group.tick) {
-            return 0;
-        }
-        let n_keypoints = method.sites.len();
-        let (mut sightings, mut unusable) = (Vec::<Sighting>::new(), 0);
-        for set in &group.sighting_sets {
-            for sighting in &set.sightings {
-                let owner = self.viewpoint_of_camera.get(usize::from(sighting.camera.0));
-                if owner == Some(&set.viewpoint) && sighting.keypoints.len() == n_keypoints {
-                    sightings.push(sighting.clone());
-                } else {
-                    unusable += 1;
-                }
+    /// Lets people go, and remembers those who were published.
+    fn let_go(&mut self, leaves: impl Fn(&Track) -> bool) {
+        let (memory, rate_hz) = (&mut self.memory, self.rate_hz);
+        self.tracks.retain(|track| {
+            let stays = !leaves(track);
+            if !stays
+                && !track.life.was_tentative()
+                && let Some(departed) = Departed::of(track, rate_hz)
+            {
+                memory.remember(departed);
+            }
+            stays
+        });
+    }
+
+    /// Takes note of where people are who are surely themselves.
+    fn note_who_is_seen(&mut self, tick: Tick) {
+        let pelvises_m = &mut self.pelvises_m;
+        pelvises_m.clear();
+        pelvises_m.extend(self.tracks.iter().map(|track| track.joints_m()[0]));
+        for (index, track) in self.tracks.iter_mut().enumerate() {
+            let mut others = pelvises_m
+                .iter()
+                .enumerate()
+                .filter(|(other, _)| *other != index);
+            let alone = others.all(|(_, other_m)| (other_m - pelvises_m[index]).norm() > APART_M);
+            let is_new = track.last_seen.is_none() && !track.life.is_tentative();
+            if track.life.missing_ticks() == 0 && (alone || is_new) {
+                track.is_seen_at(tick);
             }
         }
-        for person in self.finder.find(&sightings, &self.bodies()) {
-            self.bear(&person, group.tick, method);
-        }
-        let unexplained = self.finder.leaves_unexplained(&sightings, &self.bodies());
-        self.look_again(group.tick, unexplained);
-        unusable
     }
 
-    fn bodies(&self) -> Vec<TrackedBody> {
+    /// Everybody who is where the track says, and the pictures on the walls; with `lost` also those who
+    /// may be elsewhere by now.
+    fn bodies(&self, lost: Lost) -> Vec<TrackedBody> {
+        let counts = |track: &&Track| lost == Lost::Too || !track.life.is_lost();
         let body = |track: &Track| TrackedBody {
             keypoints_m: track.keypoints_m(),
         };
-        self.tracks.iter().map(body).collect()
+        let people = self.tracks.iter().filter(counts).map(body);
+        people.chain(self.pictures.bodies()).collect()
     }
 
-    /// A sighting that nothing explains makes fusion ask for the next few ticks.
-    fn look_again(&mut self, tick: Tick, unexplained: bool) {
-        self.looks_left = match (unexplained, self.is_regular(tick)) {
-            (false, _) => 0,
-            (true, true) => self.births.look_again_ticks,
-            (true, false) => self.looks_left.saturating_sub(1),
-        };
-    }
-
-    fn is_regular(&self, tick: Tick) -> bool {
-        let period = (self.births.sight_every_s * self.rate_hz).round().max(1.0) as i64;
-        (tick - self.first_tick) % period == 0
-    }
-
-    fn bear(&mut self, person: &SightedPerson, tick: Tick, method: &Method) {
-        if self.tracks.len() >= MAX_PERSONS {
-            return;
+    fn plan_looks(&mut self, tick: Tick) {
+        for track in self.tracks.iter().filter(|t| t.life.is_lost()) {
+            let lost_s = f64::from(track.life.missing_ticks()) / self.rate_hz;
+            let reach_m = self.births.return_speed_m_s * lost_s;
+            self.lookout
+                .ask_for_lost(tick, track.joints_m()[0], reach_m);
         }
-        let observed = ObservedJoints::from_sighted(person, &method.sites);
-        let Ok(body) = fit(
-            &[observed],
-            &method.parameters.ik,
-            method.range_of_motion.as_ref(),
-        ) else {
-            return;
-        };
-        let mut track = Track::new(
-            self.new_id(),
-            Life::newborn(),
-            body.skeleton,
-            body.pose,
-            method,
-        );
-        track.estimates = estimates_of(person);
-        track.tentative.push(TentativeTick {
-            tick,
-            estimates: track.estimates.clone(),
-        });
-        self.tracks.push(track);
-    }
-
-    fn bear_given(&mut self, tick: Tick, method: &Method) {
-        let given: Vec<GivenPerson> = self
-            .given
-            .iter()
-            .filter(|person| person.tick == tick)
-            .cloned()
-            .collect();
-        for person in given {
-            let observed = given_joints(&person, method);
-            let Ok(body) = fit(
-                &[observed],
-                &method.parameters.ik,
-                method.range_of_motion.as_ref(),
-            ) else {
-                continue;
-            };
-            self.make_room_for(&body.pose);
-            if self.tracks.len() < MAX_PERSONS {
-                let (id, life) = (self.new_id(), Life::given());
-                self.tracks
-                    .push(Track::new(id, life, body.skeleton, body.pose, method));
-            }
-        }
-    }
-
-    /// Who was found where a person is given by hand is that person: the hand knows better.
-    fn make_room_for(&mut self, given: &Pose) {
-        let near_m = self.births.explained_m;
-        self.tracks
-            .retain(|track| (track.joints_m()[0] - given.root_m).norm() >= near_m);
+        self.lookout.plan(tick + 1);
     }
 
     fn new_id(&mut self) -> PersonId {
@@ -272,38 +301,15 @@ impl Crowd {
     }
 }
 
-/// A person's keypoints as the venue file gives them: on the sites of the network's keypoints, and on
-/// joints for names that only the model knows.
-fn given_joints(person: &GivenPerson, method: &Method) -> ObservedJoints {
-    let mut observed = ObservedJoints::default();
-    for (name, position) in &person.keypoints_m {
-        let site = method
-            .keypoints
-            .index_of(name)
-            .and_then(|k| method.sites[k]);
-        match (site, Joint::from_name(name)) {
-            (Some(site), _) => observed.set_site(&site, Vector3::from(*position), 1.0),
-            (None, Some(joint)) => observed.set(joint, Vector3::from(*position), 1.0),
-            (None, None) => {}
-        }
-    }
-    observed
+/// Whether those count who are carried by the model.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Lost {
+    /// They do.
+    Too,
+    /// They do not.
+    Not,
 }
 
-/// The sighted keypoints as the lattice would have found them.
-fn estimates_of(person: &SightedPerson) -> Vec<KeypointEstimate> {
-    let unsupported = KeypointEstimate::unsupported(Vector3::repeat(f64::NAN), 0.0);
-    let estimate = |point: &Option<SightedKeypoint>| {
-        point.as_ref().map_or_else(
-            || unsupported.clone(),
-            |p| KeypointEstimate {
-                position_m: p.position_m,
-                support: p.score,
-                weight: p.score,
-                views: p.views,
-                ..unsupported.clone()
-            },
-        )
-    };
-    person.keypoints_m.iter().map(estimate).collect()
-}
+#[cfg(test)]
+#[path = "crowd/tests.rs"]
+mod tests;

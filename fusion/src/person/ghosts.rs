@@ -11,6 +11,8 @@ use crate::skeleton::Joint;
 #[derive(Debug, Clone, Default)]
 pub(super) struct Ghosts {
     pairs: Vec<(PersonId, PersonId, u32)>,
+    /// Buffer: those of the tick before.
+    before: Vec<(PersonId, PersonId, u32)>,
 }
 
 impl Ghosts {
@@ -22,24 +24,25 @@ impl Ghosts {
         births: &BirthParameters,
     ) -> Vec<PersonId> {
         let limit = (births.same_place_s * rate_hz).ceil() as u32;
-        let (mut now, mut ghosts) = (Vec::new(), Vec::new());
+        std::mem::swap(&mut self.pairs, &mut self.before);
+        self.pairs.clear();
+        let mut ghosts = Vec::new();
         for (index, a) in tracks.iter().enumerate() {
             for b in &tracks[index + 1..] {
                 if distance_m(a.joints_m(), b.joints_m()) >= births.same_place_m {
                     continue;
                 }
                 let before = self
-                    .pairs
+                    .before
                     .iter()
                     .find(|(c, d, _)| (*c, *d) == (a.id(), b.id()));
                 let ticks = before.map_or(1, |(_, _, ticks)| ticks + 1);
                 if ticks > limit {
                     ghosts.push(weaker(a, b).id());
                 }
-                now.push((a.id(), b.id(), ticks));
+                self.pairs.push((a.id(), b.id(), ticks));
             }
         }
-        self.pairs = now;
         ghosts
     }
 }
@@ -57,7 +60,7 @@ fn weaker<'a>(older: &'a Track, younger: &'a Track) -> &'a Track {
 
 /// Mean distance of the joints of two bodies, metres; the smaller of left on left and left on right,
 /// because a ghost may face the other way.
-fn distance_m(a: &Joints, b: &Joints) -> f64 {
+pub(super) fn distance_m(a: &Joints, b: &Joints) -> f64 {
     let mean = |other: &dyn Fn(Joint) -> Joint| {
         let gaps = Joint::ALL
             .iter()

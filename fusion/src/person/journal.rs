@@ -1,11 +1,12 @@
 //! Ticks whose poses are not final yet, because a tentative person may still be confirmed.
 //!
 //! In lock-step a confirmed person's tentative ticks are written too, so a tick leaves the journal
-//! only when nobody who was tentative in it is undecided.
+//! only when nobody who was tentative in it is undecided. One flat body that stands still, undecided for
+//! `births.still_s`, holds the ticks of all back for as long.
 
 use std::collections::VecDeque;
 
-use farfield_proto::message::{PersonPose, PoseSet};
+use farfield_proto::message::{PersonPose, PersonState, PoseSet};
 use farfield_proto::tick::Tick;
 
 /// Ticks in order, held back until they are final.
@@ -32,8 +33,13 @@ impl Journal {
                 continue;
             };
             let persons = &mut self.pending[at].persons;
-            if let Err(place) = persons.binary_search_by_key(&pose.person, |p| p.person) {
-                persons.insert(place, pose);
+            match persons.binary_search_by_key(&pose.person, |p| p.person) {
+                Err(place) => persons.insert(place, pose),
+                // Where the person was only carried on, what was seen of it takes the place.
+                Ok(place) if persons[place].state == PersonState::Coasting => {
+                    persons[place] = pose;
+                }
+                Ok(_) => {}
             }
         }
     }
@@ -53,7 +59,6 @@ impl Journal {
 #[cfg(test)]
 mod tests {
     use farfield_proto::id::{PersonId, SessionId};
-    use farfield_proto::message::PersonState;
 
     use super::*;
 
@@ -63,6 +68,7 @@ mod tests {
             state: PersonState::Tentative,
             joints_m: Vec::new(),
             keypoints_m: Vec::new(),
+            sigma_m: Vec::new(),
             angles: Vec::new(),
             unobserved: 0,
             views: 2,
@@ -75,6 +81,29 @@ mod tests {
             tick: Tick(tick),
             persons: persons.iter().copied().map(pose).collect(),
         }
+    }
+
+    #[test]
+    fn who_is_recognised_takes_the_place_of_whom_the_model_carried() {
+        let with_state = |state, views| PersonPose {
+            state,
+            views,
+            ..pose(1)
+        };
+        let mut journal = Journal::default();
+        for (tick, state) in [(0, PersonState::Tracked), (1, PersonState::Coasting)] {
+            let mut set = set(tick, &[]);
+            set.persons.push(with_state(state, 0));
+            journal.push(set);
+        }
+        let seen = with_state(PersonState::Tentative, 3);
+        journal.insert([(Tick(0), seen.clone()), (Tick(1), seen)]);
+        let views: Vec<u16> = journal
+            .release(None)
+            .iter()
+            .map(|set| set.persons[0].views)
+            .collect();
+        assert_eq!(views, [0, 3]);
     }
 
     #[test]

@@ -3,6 +3,7 @@
 use nalgebra::Vector3;
 
 use super::birth::SightedPerson;
+use crate::lattice::KeypointEstimate;
 use crate::skeleton::{Joint, N_JOINTS, Site};
 
 /// A point that stands for a joint.
@@ -52,6 +53,21 @@ impl ObservedJoints {
                 && observed.point(site.joint).is_none()
             {
                 observed.set_site(site, point.position_m, point.score);
+            }
+        }
+        observed
+    }
+
+    /// The keypoints of a tick with evidence from two viewpoints; of two on one joint the first stands
+    /// for it.
+    pub fn from_estimates(estimates: &[KeypointEstimate], sites: &[Option<Site>]) -> Self {
+        let mut observed = Self::default();
+        for (estimate, site) in estimates.iter().zip(sites) {
+            if let Some(site) = site
+                && estimate.views >= 2
+                && observed.point(site.joint).is_none()
+            {
+                observed.set_site(site, estimate.position_m, estimate.weight);
             }
         }
         observed

@@ -6,8 +6,8 @@
 //! confirmation, until `births.measure_s`; from then on they stay.
 
 use super::fit::fit;
+use super::method::Method;
 use super::observed::ObservedJoints;
-use super::track::Method;
 use crate::skeleton::Skeleton;
 
 /// Most samples that are kept; when they are that many, every second goes and the step doubles.

@@ -5,19 +5,26 @@ use farfield_proto::message::{PersonPose, PersonState};
 use farfield_proto::tick::Tick;
 
 use super::fit::fit;
+use super::initial_pose::PoseFinder;
+use super::method::{Method, TentativeTick};
 use super::observed::ObservedJoints;
-use super::track::{Method, TentativeTick, Track};
-use crate::lattice::KeypointEstimate;
+use super::track::Track;
+use crate::skeleton::Skeleton;
 
 impl Track {
-    /// Settles the body and returns the poses of the tentative ticks, in order.
-    pub(super) fn settle(&mut self, method: &Method) -> Vec<(Tick, PersonPose)> {
+    /// Settles the body and returns the poses of the tentative ticks, in order. Who was here before has
+    /// the body that is `known`.
+    pub(super) fn settle(
+        &mut self,
+        known: Option<&Skeleton>,
+        method: &Method,
+    ) -> Vec<(Tick, PersonPose)> {
         let ticks = std::mem::take(&mut self.tentative);
         // The fit poses the last of its ticks: backwards, that is the first sighting.
         let backwards: Vec<ObservedJoints> = ticks
             .iter()
             .rev()
-            .map(|t| observed(&t.estimates, method))
+            .map(|t| ObservedJoints::from_estimates(&t.estimates, &method.sites))
             .collect();
         let body = fit(
             &backwards,
@@ -29,7 +36,16 @@ impl Track {
             |_| (self.skeleton.clone(), self.pose),
             |body| (body.skeleton, body.pose),
         );
+        let bounds = method.range_of_motion.as_ref();
+        let as_known = known.and_then(|known| {
+            let mut finder = PoseFinder::new(&method.parameters.ik, bounds);
+            Some((known.clone(), finder.find(known, backwards.last()?)?))
+        });
+        let (skeleton, pose) = as_known.unwrap_or((skeleton, pose));
         self.restart(skeleton, &pose);
+        self.uncertainty.reset();
+        // Who is near now says nothing about the ticks before.
+        self.push(None);
         ticks
             .iter()
             .enumerate()
@@ -59,18 +75,4 @@ impl Track {
             },
         )
     }
-}
-
-/// The keypoints with evidence from two viewpoints.
-fn observed(estimates: &[KeypointEstimate], method: &Method) -> ObservedJoints {
-    let mut observed = ObservedJoints::default();
-    for (estimate, site) in estimates.iter().zip(&method.sites) {
-        if let Some(site) = site
-            && estimate.views >= 2
-            && observed.point(site.joint).is_none()
-        {
-            observed.set_site(site, estimate.position_m, estimate.weight);
-        }
-    }
-    observed
 }

@@ -13,8 +13,8 @@
 
 use nalgebra::Vector3;
 
+use super::method::Method;
 use super::observed::ObservedJoints;
-use super::track::Method;
 use crate::lattice::KeypointEstimate;
 use crate::skeleton::{Joint, Kinematics, Site};
 
@@ -58,20 +58,15 @@ pub(super) fn learn(
 }
 
 /// The joints that the keypoints with evidence from two viewpoints show, freed of their offsets.
-pub(super) fn observed(
+pub(super) fn without_offsets(
     estimates: &[KeypointEstimate],
     sites: &[Option<Site>],
     kinematics: &Kinematics,
 ) -> ObservedJoints {
-    let mut observed = ObservedJoints::default();
-    for (estimate, site) in estimates.iter().zip(sites) {
-        if let Some(site) = site
-            && estimate.views >= 2
-            && observed.point(site.joint).is_none()
-        {
-            let offset_m: Vector3<f64> = kinematics.rotation(site.joint.link()) * site.offset_m;
-            observed.set(site.joint, estimate.position_m - offset_m, estimate.weight);
-        }
+    let mut joints = ObservedJoints::default();
+    for (joint, point) in ObservedJoints::from_estimates(estimates, sites).iter() {
+        let offset_m: Vector3<f64> = kinematics.rotation(joint.link()) * point.offset_m;
+        joints.set(joint, point.position_m - offset_m, point.weight);
     }
-    observed
+    joints
 }

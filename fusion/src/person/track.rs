@@ -5,102 +5,85 @@
 //! occlusion weights need everybody's prediction) and because each is timed. A track owns every
 //! buffer it needs: in steady state a tick allocates nothing but the messages it makes (boxes, poses).
 
+mod coasting;
+mod identity;
+mod meeting;
+
 use farfield_proto::camera::CameraModel;
-use farfield_proto::id::{CameraIndex, PersonId, ViewpointIndex};
-use farfield_proto::keypoints::KeypointSet;
-use farfield_proto::message::{PersonBoxes, PersonPatch, PersonPose};
+use farfield_proto::id::{PersonId, ViewpointIndex};
+use farfield_proto::message::PersonPatch;
 use farfield_proto::patch::Decoder;
-use farfield_proto::tick::Tick;
-use farfield_proto::venue::Parameters;
 use nalgebra::Vector3;
 
 use crate::align::TickGroup;
-use crate::boxes::{BoxShape, Boxes};
+use crate::boxes::Boxes;
 use crate::evidence::View;
 use crate::ik::{IkSolver, Priors, Target};
 use crate::lattice::{KeypointEstimate, LatticeSearch};
 use crate::occlusion::{Body, view_weight};
 use crate::predict::{Joints, Motion};
-use crate::skeleton::{
-    Joint, Kinematics, N_JOINTS, Pose, RangeOfMotion, Site, Skeleton, reported_angles,
-};
+use crate::skeleton::{Joint, Kinematics, N_JOINTS, Pose, Site, Skeleton};
 use crate::smooth::Smoother;
+use crate::uncertainty::{Uncertainty, weigh_views};
 
+use self::identity::Apart;
+use super::exchange::Exchanges;
 use super::feet::Feet;
-use super::life::{Evidence, Life};
+use super::life::Life;
+use super::memory::LastSeen;
+use super::method::{Method, TentativeTick, VenueView};
 use super::remeasure::Remeasure;
-use super::sites::{learn, observed};
+use super::sites::{learn, without_offsets};
+use super::trial::Trial;
 
 /// Root mean square distance of the second inverse kinematics' joints from the smoothed ones, metres,
 /// from which it is solved a second time from elsewhere.
 const STUCK_M: f64 = 0.012;
 
-/// What all tracks of a venue share.
-#[derive(Debug, Clone)]
-pub struct Method {
-    /// The tunable parts.
-    pub parameters: Parameters,
-    /// Time from tick to tick, seconds.
-    pub dt_s: f64,
-    /// The keypoints of the network.
-    pub keypoints: KeypointSet,
-    /// Per keypoint: where it sits on the model, if anywhere.
-    pub sites: Vec<Option<Site>>,
-    /// Per keypoint: its expected error over that of the average keypoint.
-    pub relative_sigmas: Vec<f64>,
-    /// The bounds of the second IK, when they are enabled.
-    pub range_of_motion: Option<RangeOfMotion>,
-    /// How large boxes are and when they turn.
-    pub box_shape: BoxShape,
-}
-
-/// The keypoint positions of one tick of a tentative person, kept until it is confirmed.
-#[derive(Debug, Clone)]
-pub(super) struct TentativeTick {
-    pub(super) tick: Tick,
-    pub(super) estimates: Vec<KeypointEstimate>,
-}
-
-/// A camera of the venue, as tracks need it; in the order of [`CameraIndex`].
-#[derive(Debug, Clone)]
-pub struct VenueView {
-    /// Whose camera it is.
-    pub viewpoint: ViewpointIndex,
-    /// Its calibration.
-    pub model: CameraModel,
-}
-
 /// One person.
 pub struct Track {
-    id: PersonId,
+    pub(super) id: PersonId,
+    /// By which the edges know the person; it stays when the person is recognised.
+    pub(super) wire_id: PersonId,
     pub(super) life: Life,
     pub(super) skeleton: Skeleton,
     /// Q of (14).
     pub(super) pose: Pose,
     /// What the first inverse kinematics found, without bounds.
     free_pose: Pose,
-    unobserved: u64,
-    motion: Motion,
-    smoother: Smoother,
+    pub(super) unobserved: u64,
+    pub(super) motion: Motion,
+    pub(super) smoother: Smoother,
     /// Joints predicted for the tick being worked on.
-    ahead_m: Joints,
+    pub(super) ahead_m: Joints,
     views: Vec<View>,
     n_views: usize,
     pub(super) estimates: Vec<KeypointEstimate>,
     targets: Vec<Target>,
-    kinematics: Kinematics,
+    pub(super) kinematics: Kinematics,
     measured_m: Joints,
     /// Predicted keypoints at the tick.
     predicted_m: Vec<Vector3<f64>>,
+    exchanges: Exchanges,
     search: LatticeSearch,
     solver: IkSolver,
     decoder: Decoder,
-    boxes: Boxes,
+    pub(super) boxes: Boxes,
     remeasure: Remeasure,
     /// Where the keypoints sit on this person.
-    sites: Vec<Option<Site>>,
+    pub(super) sites: Vec<Option<Site>>,
     feet: Feet,
+    /// By how much the aims of the second inverse kinematics move at this tick.
+    push_m: Joints,
+    pub(super) uncertainty: Uncertainty,
     pub(super) tentative: Vec<TentativeTick>,
+    pub(super) trial: Trial,
+    /// Ticks of life so far, an earlier life's too.
+    pub(super) lived_ticks: u32,
+    pub(super) last_seen: Option<LastSeen>,
+    apart: Option<Apart>,
+    /// The pelvis at birth, world, metres.
+    pub(super) born_m: Vector3<f64>,
 }
 
 impl Track {
@@ -112,6 +95,7 @@ impl Track {
         let n_keypoints = method.sites.len();
         Self {
             id,
+            wire_id: id,
             life,
             skeleton,
             pose,
@@ -127,6 +111,7 @@ impl Track {
             kinematics,
             measured_m: joints_m,
             predicted_m: Vec::with_capacity(n_keypoints),
+            exchanges: Exchanges::new(&method.keypoints),
             search: LatticeSearch::new(&method.keypoints),
             solver: IkSolver::new(&method.parameters.ik),
             decoder: Decoder::new(),
@@ -134,7 +119,14 @@ impl Track {
             remeasure: Remeasure::new(),
             sites: method.sites.clone(),
             feet: Feet::default(),
+            push_m: [Vector3::zeros(); N_JOINTS],
+            uncertainty: Uncertainty::default(),
             tentative: Vec::new(),
+            trial: Trial::default(),
+            lived_ticks: 0,
+            last_seen: None,
+            apart: None,
+            born_m: pose.root_m,
         }
     }
 
@@ -239,7 +231,7 @@ impl Track {
 
     /// Takes every patch of this person that `group` holds; returns how many could not be used.
     pub fn see_all(&mut self, group: &TickGroup, cameras: &[VenueView], method: &Method) -> u32 {
-        let (id, mut unusable) = (self.id, 0);
+        let (id, mut unusable) = (self.wire_id, 0);
         for set in &group.patch_sets {
             for patch in set.persons.iter().filter(|patch| patch.person == id) {
                 let camera = cameras.get(usize::from(patch.camera.0));
@@ -298,6 +290,12 @@ impl Track {
             &method.parameters.lattice,
             &mut self.estimates,
         );
+        weigh_views(
+            views,
+            &self.predicted_m,
+            &method.relative_sigmas,
+            &mut self.estimates,
+        );
     }
 
     /// First inverse kinematics, paper (10)-(12): the joints that fit the keypoints, without range of motion.
@@ -316,17 +314,6 @@ impl Track {
         }
     }
 
-    /// Low-pass filter on the innovation, paper (13). Without evidence the person coasts.
-    pub fn smooth(&mut self, method: &Method) {
-        if self.evidence(method) == Evidence::Missing {
-            self.smoother
-                .coast(method.dt_s, &method.parameters.smoothing);
-        } else {
-            self.smoother
-                .step(&self.measured_m, method.dt_s, &method.parameters.smoothing);
-        }
-    }
-
     /// Second inverse kinematics, paper (14)-(15): all 29 smoothed joints, inside the range of motion.
     pub fn fit_joints(&mut self, method: &Method) {
         let sigma_m = method.parameters.ik.joint_sigma_m;
@@ -334,7 +321,7 @@ impl Track {
         self.targets.clear();
         let (smoothed_m, velocity_m_s) = (self.smoother.position_m(), self.smoother.velocity_m_s());
         self.feet.step(smoothed_m, velocity_m_s, method.dt_s);
-        let feet = &self.feet;
+        let (feet, push_m) = (&self.feet, &self.push_m);
         self.targets.extend(
             Joint::ALL
                 .iter()
@@ -342,7 +329,7 @@ impl Track {
                 .map(|(&joint, &position_m)| Target {
                     joint,
                     offset_m: Vector3::zeros(),
-                    position_m: feet.place_of(joint).unwrap_or(position_m),
+                    position_m: feet.place_of(joint).unwrap_or(position_m) + push_m[joint.index()],
                     weight,
                     across: None,
                 }),
@@ -362,6 +349,7 @@ impl Track {
         self.skeleton.forward(&self.pose, &mut self.kinematics);
         let joints_m = joints_of(&self.kinematics);
         self.motion.push(&joints_m, self.smoother.velocity_m_s());
+        self.doubt(method.dt_s, method);
     }
 
     /// Solves for the smoothed joints from `start`; takes the pose, and returns how far its joints are
@@ -380,79 +368,13 @@ impl Track {
         (self.targets.iter().map(apart).sum::<f64>() / self.targets.len() as f64).sqrt()
     }
 
-    /// Whether this tick brought evidence from two viewpoints.
-    pub fn evidence(&self, method: &Method) -> Evidence {
-        let seen = self
-            .estimates
-            .iter()
-            .filter(|e| e.weight > 0.0 && e.views >= 2)
-            .count();
-        if seen >= method.parameters.births.min_seen_keypoints as usize {
-            Evidence::Seen
-        } else {
-            Evidence::Missing
-        }
-    }
-
-    /// Where the person will be in `cameras`, `horizon_ticks` after the newest pose, paper (2) and (4);
-    /// `None` when none of them will see it.
-    pub fn boxes(
-        &mut self,
-        cameras: &[(CameraIndex, &CameraModel)],
-        horizon_ticks: f64,
-        method: &Method,
-    ) -> Option<PersonBoxes> {
-        let (mut now_m, mut next_m) = (self.ahead_m, self.ahead_m);
-        let prediction = &method.parameters.prediction;
-        self.motion
-            .predict(horizon_ticks, method.dt_s, prediction, &mut now_m);
-        self.motion
-            .predict(horizon_ticks + 1.0, method.dt_s, prediction, &mut next_m);
-        let seen = cameras.iter().filter_map(|(index, model)| {
-            self.boxes
-                .camera_box(*index, model, (&now_m, &next_m), &method.box_shape)
-        });
-        let cameras: Vec<_> = seen.collect();
-        (!cameras.is_empty()).then_some(PersonBoxes {
-            person: self.id,
-            cameras,
-        })
-    }
-
-    /// The pose as it is published.
-    pub fn published(&self) -> PersonPose {
-        let to_f32 = |p: &Vector3<f64>| [p.x as f32, p.y as f32, p.z as f32];
-        PersonPose {
-            person: self.id,
-            state: self.life.published(),
-            joints_m: self.joints_m().iter().map(to_f32).collect(),
-            keypoints_m: self.keypoints_m().iter().map(to_f32).collect(),
-            angles: reported_angles(&self.pose)
-                .iter()
-                .map(|a| *a as f32)
-                .collect(),
-            unobserved: self.unobserved,
-            views: self.n_views(),
-        }
-    }
-
     /// Measures the link lengths anew when it is time to; the pose stays, and the next tick fits it.
     pub(super) fn remeasure(&mut self, method: &Method) {
         let (estimates, sites, kinematics) = (&self.estimates, &self.sites, &self.kinematics);
-        let joints = || observed(estimates, sites, kinematics);
+        let joints = || without_offsets(estimates, sites, kinematics);
         if let Some(skeleton) = self.remeasure.tick(joints, method) {
             self.skeleton = skeleton;
         }
-    }
-
-    /// Starts over with another body and pose, at the same place in life.
-    pub(super) fn restart(&mut self, skeleton: Skeleton, pose: &Pose) {
-        self.skeleton = skeleton;
-        self.pose = *pose;
-        self.skeleton.forward(&self.pose, &mut self.kinematics);
-        let joints_m = joints_of(&self.kinematics);
-        self.motion = Motion::at_rest(joints_m);
-        self.smoother.reset(&joints_m);
     }
 
     fn aim_at_keypoints(&mut self, method: &Method) {

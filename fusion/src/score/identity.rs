@@ -10,7 +10,7 @@ use serde::Serialize;
 
 use super::Distances;
 use super::accuracy::percent;
-use super::assign::assign;
+use crate::assign::assign;
 
 /// What a pair of the tick before is worth to CLEAR's matching, beside a similarity of at most 1.
 const CONTINUATION: f64 = 1000.0;
@@ -25,15 +25,19 @@ pub struct IdentityScore {
     pub fragmentations: u64,
     /// Ids that are matched in fewer than half of their ticks; 0 where the truth is partial.
     pub false_births: u64,
-    /// Identity F1, percent.
+    /// Identity F1, percent. Where the truth is partial, poses that are nobody's in it do not count.
     pub idf1: f64,
-    /// Multiple object tracking accuracy, percent; negative when more is wrong than there is.
+    /// Multiple object tracking accuracy, percent; negative when more is wrong than there is. Where the
+    /// truth is partial, poses that are nobody's in it do not count.
     pub mota: f64,
 }
 
 /// Counts over the ticks.
 #[derive(Debug, Clone, Default)]
 pub(super) struct IdentityTally {
+    /// Whether the truth leaves people out. Poses that are nobody's in it then count neither for nor
+    /// against: they may be of those people (`TrackEval` takes such regions out beforehand).
+    truth_partial: bool,
     clear: Clear,
     /// Ticks per actor and per id.
     true_ticks: BTreeMap<u32, u64>,
@@ -45,13 +49,24 @@ pub(super) struct IdentityTally {
 }
 
 impl IdentityTally {
+    /// Nothing counted yet; `truth_partial` as [`super::Scores::truth_partial`].
+    pub(super) fn new(truth_partial: bool) -> Self {
+        Self {
+            truth_partial,
+            ..Self::default()
+        }
+    }
+
     /// Takes in one tick; `matched` is the matching of the accuracy, per truth.
     pub(super) fn add(&mut self, distances: &Distances, matched: &[Option<usize>]) {
         for &id in &distances.true_ids {
             *self.true_ticks.entry(id).or_default() += 1;
         }
-        for &id in &distances.pose_ids {
-            *self.pose_ticks.entry(id).or_default() += 1;
+        for (j, &id) in distances.pose_ids.iter().enumerate() {
+            let mut actors = 0..distances.true_ids.len();
+            if !self.truth_partial || actors.any(|i| distances.within_gate(i, j).is_some()) {
+                *self.pose_ticks.entry(id).or_default() += 1;
+            }
         }
         for &j in matched.iter().flatten() {
             *self.matched_ticks.entry(distances.pose_ids[j]).or_default() += 1;
@@ -71,7 +86,7 @@ impl IdentityTally {
         self.clear.switches.get(&actor).copied().unwrap_or(0)
     }
 
-    pub(super) fn finish(&self, truth_partial: bool) -> IdentityScore {
+    pub(super) fn finish(&self) -> IdentityScore {
         let is_false = |(id, &ticks): (&u32, &u64)| {
             2 * self.matched_ticks.get(id).copied().unwrap_or(0) < ticks
         };
@@ -90,7 +105,7 @@ impl IdentityTally {
                 .values()
                 .map(|n| n.saturating_sub(1))
                 .sum(),
-            false_births: if truth_partial { 0 } else { false_births },
+            false_births: if self.truth_partial { 0 } else { false_births },
             idf1: percent(2 * self.identity_true_positives(), n_truths + n_poses),
             mota: self.clear.mota(n_truths, n_poses),
         }

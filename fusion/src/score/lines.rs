@@ -8,12 +8,16 @@ use std::io::BufRead;
 use std::ops::Range;
 use std::path::Path;
 
+use farfield_proto::message::PersonState;
 use farfield_proto::tick::Tick;
 use farfield_proto::toml_file::FileError;
 use nalgebra::Vector3;
-use serde_json::Value;
+use serde::Deserialize as _;
+use serde_json::{Map, Value};
 
+use super::calibration::{Detail, Sureness};
 use super::points::{Body, PointSet};
+use crate::skeleton::{Joint, N_JOINTS};
 
 /// Whose lines are read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -102,6 +106,15 @@ impl Recording {
     /// truth with holes was annotated in part, and what is not in it may still be there.
     pub fn is_partial(&self) -> bool {
         self.partial
+    }
+
+    /// The same, where it is known that whoever is left out is not there.
+    #[must_use]
+    pub fn whole(self) -> Self {
+        Self {
+            partial: false,
+            ..self
+        }
     }
 
     /// The ticks that hold people, rising.
@@ -214,7 +227,50 @@ fn parse_line(text: &str, role: Role, points: PointSet) -> Result<ParsedLine, Fa
     };
     let mut body = Body::gather(points, point, |name| joints.get(name).copied());
     body.set_sites(|name| keypoints.get(name).copied());
+    let sureness = match role {
+        Role::Poses => read_sureness(object)?,
+        Role::Truth => None,
+    };
+    if sureness.is_some() || role == Role::Truth && !joints.is_empty() {
+        let detail = Detail::gather(|name| joints.get(name).copied(), sureness);
+        body.detail = Some(Box::new(detail));
+    }
     Ok(ParsedLine { tick, person, body })
+}
+
+/// How sure the pose of a line is, where it says so.
+fn read_sureness(object: &Map<String, Value>) -> Result<Option<Sureness>, Fault> {
+    let sigmas = match object.get("sigma_m") {
+        None | Some(Value::Null) => return Ok(None),
+        Some(Value::Object(sigmas)) => sigmas,
+        other => return Err(Fault::expected("sigma_m", other, "an object of lengths")),
+    };
+    let mut sigma_m = [f32::NAN; N_JOINTS];
+    for (name, value) in sigmas {
+        let sigma = value.as_f64().filter(|sigma| *sigma >= 0.0);
+        let sigma = sigma.ok_or_else(|| {
+            Fault::expected(
+                &format!("sigma_m.{name}"),
+                Some(value),
+                "a length in metres",
+            )
+        })?;
+        if let Some(joint) = Joint::from_name(name) {
+            sigma_m[joint.index()] = sigma as f32;
+        }
+    }
+    let state = object.get("state");
+    let known = state.and_then(|state| PersonState::deserialize(state).ok());
+    let words = "tentative, tracked or coasting";
+    let views = object.get("views");
+    let n_views = views
+        .and_then(Value::as_u64)
+        .and_then(|n| u16::try_from(n).ok());
+    Ok(Some(Sureness {
+        state: known.ok_or_else(|| Fault::expected("state", state, words))?,
+        views: n_views.ok_or_else(|| Fault::expected("views", views, "a number from 0"))?,
+        sigma_m,
+    }))
 }
 
 fn read_points<'a>(
@@ -287,6 +343,33 @@ mod tests {
             "truth.jsonl:2: `person`: 1 is there twice at tick 1"
         );
         assert!(refused("{\"tick\": 1, \"per").starts_with("truth.jsonl:1: not JSON: EOF"));
+    }
+
+    #[test]
+    fn a_pose_that_says_how_sure_it_is_says_its_state_and_views_too() {
+        let line = |rest: &str| {
+            let text = format!("{{\"tick\": 1, \"person\": 1, {rest}}}");
+            read(&text, Role::Poses, PointSet::Joints)
+        };
+        let good = line("\"sigma_m\": {\"nose\": 0.01}, \"state\": \"coasting\", \"views\": 1");
+        let recording = good.unwrap();
+        let body = &recording.people_at(Tick(1)).unwrap()[&1];
+        let sureness = body.detail.as_ref().unwrap().sureness.as_ref().unwrap();
+        assert_eq!((sureness.state, sureness.views), (PersonState::Coasting, 1));
+        assert!((sureness.sigma_m[Joint::Nose.index()] - 0.01).abs() < 1e-6);
+        assert!(
+            line("\"views\": 1").unwrap().people_at(Tick(1)).unwrap()[&1]
+                .detail
+                .is_none()
+        );
+        assert_eq!(
+            line("\"sigma_m\": {\"nose\": -1}").unwrap_err(),
+            "truth.jsonl:1: `sigma_m.nose`: found -1, expected a length in metres"
+        );
+        assert_eq!(
+            line("\"sigma_m\": {}, \"state\": \"lost\"").unwrap_err(),
+            "truth.jsonl:1: `state`: found \"lost\", expected tentative, tracked or coasting"
+        );
     }
 
     #[test]

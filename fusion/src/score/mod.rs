@@ -2,16 +2,18 @@
 //!
 //! Two files of lines come in ([`lines`]), one [`Scores`] comes out. Each tick, truths and poses are
 //! matched one to one ([`assign`]) on the mean distance of the points that both know; then come the
-//! errors of each actor ([`accuracy`]), the smoothness of what it was given ([`motion`]) and the ids
-//! ([`identity`]). World coordinates, metres; what is reported is in millimetres and percent.
+//! errors of each actor ([`accuracy`]), the smoothness of what it was given ([`motion`]), the ids
+//! ([`identity`]), how people came ([`lives`]) and, where poses say how sure they are, whether that is
+//! true ([`calibration`]). World coordinates, metres; what is reported is in millimetres and percent.
 //!
 //! Nothing here forgives: a truth without a pose is a gap and wrong in every percentage, and so is a
 //! point that the truth knows and the pose does not have.
 
 pub mod accuracy;
-pub mod assign;
+pub mod calibration;
 pub mod identity;
 pub mod lines;
+pub mod lives;
 pub mod motion;
 pub mod plot;
 pub mod points;
@@ -22,9 +24,13 @@ use std::collections::BTreeMap;
 use farfield_proto::tick::Tick;
 use serde::Serialize;
 
+use crate::assign::assign;
+
 use accuracy::Tally;
+use calibration::{Calibration, CalibrationTally};
 use identity::{IdentityScore, IdentityTally};
 use lines::Recording;
+use lives::Lives;
 use motion::Motion;
 use points::{Body, PointSet};
 
@@ -44,6 +50,8 @@ pub struct Scores {
     pub mean: MeanScore,
     /// Ids, over all actors.
     pub identity: IdentityScore,
+    /// How people came: births and returns.
+    pub lives: Lives,
     /// Which points were compared.
     pub points: PointSet,
     /// Whether the truth leaves out ticks of a person that it holds on both sides of them: then
@@ -52,6 +60,10 @@ pub struct Scores {
     /// The rate that [`ActorScore::jitter_m_s3`] and [`ActorScore::foot_slide_mm_s`] were computed
     /// with; without one they are absent.
     pub rate_hz: Option<f64>,
+    /// How the errors go with what the poses say of themselves; `None` where they say nothing, and
+    /// where the truth is partial.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub calibration: Option<Calibration>,
 }
 
 /// Figures of one actor. `None` is "nothing to measure": no matched tick, no rate, no foot.
@@ -125,13 +137,17 @@ pub fn score(poses: &Recording, truth: &Recording, rate_hz: Option<f64>) -> Scor
     let points = truth.points();
     let nobody = BTreeMap::new();
     let mut actors: BTreeMap<u32, (Tally, Motion)> = BTreeMap::new();
-    let mut identity = IdentityTally::default();
+    let mut identity = IdentityTally::new(truth.is_partial());
+    let mut calibration = CalibrationTally::default();
     for tick in scored_ticks(poses, truth) {
         let true_bodies = truth.people_at(tick).unwrap_or(&nobody);
         let pose_bodies = poses.people_at(tick).unwrap_or(&nobody);
         let distances = Distances::new(true_bodies, pose_bodies);
         let matched = distances.matches();
         identity.add(&distances, &matched);
+        if !truth.is_partial() {
+            calibration.add(true_bodies, pose_bodies, distances.pairs(&matched));
+        }
         for ((&actor, body), pose_idx) in true_bodies.iter().zip(matched) {
             let pose = pose_idx.and_then(|j| pose_bodies.get(&distances.pose_ids[j]));
             let (tally, motion) = actors.entry(actor).or_default();
@@ -150,10 +166,12 @@ pub fn score(poses: &Recording, truth: &Recording, rate_hz: Option<f64>) -> Scor
         .collect();
     Scores {
         mean: MeanScore::of(&averaged),
-        identity: identity.finish(truth.is_partial()),
+        identity: identity.finish(),
+        lives: Lives::of(poses, truth, rate_hz),
         points,
         truth_partial: truth.is_partial(),
         rate_hz,
+        calibration: calibration.finish(),
         actors,
     }
 }
@@ -234,9 +252,15 @@ impl Distances {
         (d <= GATE_M).then_some(d)
     }
 
+    /// Actor and id of the `matched` pairs.
+    fn pairs<'a>(&'a self, matched: &'a [Option<usize>]) -> impl Iterator<Item = (u32, u32)> + 'a {
+        let pairs = self.true_ids.iter().zip(matched);
+        pairs.filter_map(|(&actor, j)| Some((actor, self.pose_ids[(*j)?])))
+    }
+
     /// Per truth the index of its pose: most pairs within the gate, then least distance.
     fn matches(&self) -> Vec<Option<usize>> {
-        let mut assigned = assign::assign(self.true_ids.len(), self.pose_ids.len(), |i, j| {
+        let mut assigned = assign(self.true_ids.len(), self.pose_ids.len(), |i, j| {
             self.within_gate(i, j).unwrap_or(BEYOND_GATE)
         });
         for (i, pose_idx) in assigned.iter_mut().enumerate() {

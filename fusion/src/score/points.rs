@@ -5,6 +5,8 @@ use std::str::FromStr;
 use nalgebra::Vector3;
 use serde::Serialize;
 
+use super::calibration::Detail;
+
 /// Which points are compared.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
 #[serde(rename_all = "lowercase")]
@@ -124,6 +126,8 @@ pub struct Body {
     pub feet_m: [[Option<Vector3<f64>>; 2]; 2],
     /// The sites of the keypoints under the names of [`LIMB_POINTS`], whatever is compared.
     pub sites_m: [Option<Vector3<f64>>; LIMB_POINTS.len()],
+    /// All joints, and how sure they are, where that is compared.
+    pub detail: Option<Box<Detail>>,
 }
 
 impl Body {

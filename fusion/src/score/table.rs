@@ -32,7 +32,10 @@ impl fmt::Display for Scores {
             writeln!(f, "{}", line(5, &actor.to_string(), &score.row()))?;
         }
         writeln!(f, "{}", line(5, "mean", &self.mean.row()))?;
-        write!(f, "{}", self.identity_line())?;
+        write!(f, "{}\n{}", self.identity_line(), self.lives)?;
+        if let Some(calibration) = &self.calibration {
+            write!(f, "\n{calibration}")?;
+        }
         if self.rate_hz.is_none() {
             write!(
                 f,

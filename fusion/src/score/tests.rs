@@ -239,6 +239,22 @@ fn poses_where_a_whole_truth_has_nobody_count_and_where_a_partial_truth_is_silen
 }
 
 #[test]
+fn people_whom_a_partial_truth_leaves_out_are_not_held_against_the_poses() {
+    let both = |t| exact(t, 1, 0.0) + &exact(t, 2, 5.0);
+    let poses: String = (0..4).map(both).collect();
+    // Person 2 is there all the time; the truth knows it at the first and the last tick.
+    let partial = [both(0), exact(1, 1, 0.0), exact(2, 1, 0.0), both(3)].concat();
+    let identity = scored(&poses, &partial).identity;
+    check(identity.mota, 100.0);
+    check(identity.idf1, 100.0);
+    // A second pose of one whom the truth does know is wrong all the same.
+    let doubled = poses + &exact(3, 3, 0.1);
+    let identity = scored(&doubled, &partial).identity;
+    check(identity.mota, 100.0 * 5.0 / 6.0);
+    check(identity.idf1, 100.0 * 12.0 / 13.0);
+}
+
+#[test]
 fn without_poses_all_is_gaps() {
     let scores = scored("", &exact(0, 1, 0.0));
     let one = &scores.actors[&1];

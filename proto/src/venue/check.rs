@@ -52,6 +52,7 @@ pub(super) fn venue(
     let parameters = Parameters {
         lattice: raw.lattice,
         occlusion: raw.occlusion,
+        contact: raw.contact,
         ik: raw.ik,
         smoothing: raw.smoothing,
         prediction: raw.prediction,

@@ -57,6 +57,28 @@ parameters! {
 }
 
 parameters! {
+    /// `[contact]`: persons who meet, and sides that are taken for one another.
+    ContactParameters {
+        /// Share of a peak that a person loses when it is another's beyond doubt, 0 to 1; 0: peaks are
+        /// not shared out. Default 0.8.
+        yield_share: f64 = 0.8,
+        /// Expected error of the prediction of a keypoint that two viewpoints showed at the last tick,
+        /// metres. Default 0.06.
+        seen_sigma_m: f64 = 0.06,
+        /// The same for one that they did not show. Default 0.12.
+        unseen_sigma_m: f64 = 0.12,
+        /// How much higher, 0 to 1, both maps of a left and a right must be crosswise than straight for
+        /// the view to have exchanged them; above 1: exchanges are not undone. Default 0.25.
+        exchange_margin: f64 = 0.25,
+        /// What it costs that limbs of two persons reach into each other, as a share of a fully
+        /// supported keypoint's weight; 0: they may. Default 0.01.
+        separation_weight: f64 = 0.01,
+        /// How thick bodies are that keep apart, as a share of the radii of `[occlusion]`. Default 0.6.
+        body_share: f64 = 0.6,
+    }
+}
+
+parameters! {
     /// `[ik]`: both inverse kinematics, paper (10)-(12) and (14)-(15).
     IkParameters {
         /// Most Gauss-Newton iterations of one solve. Default 10.
@@ -170,6 +192,9 @@ parameters! {
     BirthParameters {
         /// Time between two looks for people without boxes, seconds. Default 1.
         sight_every_s: f64 = 1.0,
+        /// Most tiles that the detector looks at beside the whole picture, per camera and look, where
+        /// people are too small in it; if more are needed, parts of the field take turns; 0: none. Default 8.
+        tiles_per_look: u32 = 8,
         /// Largest distance between the rays of one keypoint from two viewpoints, metres. Default 0.12.
         ray_distance_m: f64 = 0.12,
         /// Least score of a sighted keypoint that counts. Default 0.3.
@@ -182,10 +207,29 @@ parameters! {
         tentative_s: f64 = 0.2,
         /// How long a person is carried by the model alone, seconds. Default 1.
         coast_s: f64 = 1.0,
+        /// How long a person is carried on while a single viewpoint sees it, seconds. Default 5.
+        one_view_s: f64 = 5.0,
+        /// For how long a person who is gone can come back under its id, seconds; 0: never (whoever is still
+        /// carried on is found again in any case). Default 60.
+        return_s: f64 = 60.0,
+        /// Fastest that a person who is not seen can have moved, metres per second. Default 8.
+        return_speed_m_s: f64 = 8.0,
+        /// Keypoints that lie within this of one plane, root mean square, each by its expected error over
+        /// the average one's, may be those of a picture, metres. Default 0.04.
+        flat_m: f64 = 0.04,
+        /// How far a flat body's keypoints must move to be a person's, the median of them, metres. Default 0.06.
+        moved_m: f64 = 0.06,
+        /// How long a flat body that does not move stays tentative until it is taken for a picture,
+        /// seconds; the finished ticks of all are held back until it is decided. Default 5.
+        still_s: f64 = 5.0,
         /// A sighting within this distance of a tracked person is explained by it, metres. Default 0.35.
         explained_m: f64 = 0.35,
         /// Ticks in a row in which the edges look again when a sighting is explained by nobody. Default 5.
         look_again_ticks: u32 = 5,
+        /// Most of its ticks in which a camera looks for people, as a share, 0 to 1: what fusion asks for
+        /// beside the regular looks waits when there was more. The bound over any n ticks is this share
+        /// of n, `look_again_ticks`, and the regular looks. Default 0.25.
+        look_share: f64 = 0.25,
         /// Least keypoints with evidence from two viewpoints for a person to count as seen. Default 4.
         min_seen_keypoints: u32 = 4,
         /// Until when a person's link lengths are measured anew, 2, 4, 8, ... seconds after its birth,
@@ -218,6 +262,8 @@ pub struct Parameters {
     pub lattice: LatticeParameters,
     /// `[occlusion]`
     pub occlusion: OcclusionParameters,
+    /// `[contact]`
+    pub contact: ContactParameters,
     /// `[ik]`
     pub ik: IkParameters,
     /// `[smoothing]`

@@ -5,8 +5,9 @@ use std::collections::BTreeMap;
 use serde::Deserialize;
 
 use super::parameters::{
-    BirthParameters, BoxParameters, IkParameters, LatticeParameters, LinkParameters,
-    OcclusionParameters, PredictionParameters, RangeOfMotionParameters, SmoothingParameters,
+    BirthParameters, BoxParameters, ContactParameters, IkParameters, LatticeParameters,
+    LinkParameters, OcclusionParameters, PredictionParameters, RangeOfMotionParameters,
+    SmoothingParameters,
 };
 use super::source::RawSource;
 
@@ -31,6 +32,8 @@ pub(super) struct RawVenue {
     pub(super) lattice: LatticeParameters,
     #[serde(default)]
     pub(super) occlusion: OcclusionParameters,
+    #[serde(default)]
+    pub(super) contact: ContactParameters,
     #[serde(default)]
     pub(super) ik: IkParameters,
     #[serde(default)]

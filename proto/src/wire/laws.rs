@@ -112,17 +112,20 @@ fn any_box_set() -> impl Strategy<Value = BoxSet> {
                 cameras,
             }
         });
-    let order = prop::sample::select(vec![Order::Track, Order::TrackAndSight, Order::End]);
+    let order = prop::sample::select(vec![Order::Track, Order::End]);
+    let look = prop::collection::btree_set(any::<u16>(), 0..5);
     (
         any::<(u64, i64, u16)>(),
         order,
+        look,
         prop::collection::vec(person, 0..8),
     )
-        .prop_map(|(head, order, persons)| BoxSet {
+        .prop_map(|(head, order, look, persons)| BoxSet {
             session: SessionId(head.0),
             tick: Tick(head.1),
             viewpoint: ViewpointIndex(head.2),
             order,
+            look: look.into_iter().map(CameraIndex).collect(),
             persons,
         })
 }
@@ -171,17 +174,25 @@ fn any_pose_set() -> impl Strategy<Value = PoseSet> {
         state,
         points(),
         points(),
+        any::<bool>(),
         prop::collection::vec(-4.0f32..4.0, 0..=40),
     )
         .prop_map(
-            |((person, unobserved, views), state, joints_m, keypoints_m, angles)| PersonPose {
-                person: PersonId(person),
-                state,
-                joints_m,
-                keypoints_m,
-                angles,
-                unobserved,
-                views,
+            |((person, unobserved, views), state, joints_m, keypoints_m, sure, angles)| {
+                PersonPose {
+                    person: PersonId(person),
+                    state,
+                    sigma_m: joints_m
+                        .iter()
+                        .filter(|_| sure)
+                        .map(|p| p[0].abs())
+                        .collect(),
+                    joints_m,
+                    keypoints_m,
+                    angles,
+                    unobserved,
+                    views,
+                }
             },
         );
     (any::<(u64, i64)>(), prop::collection::vec(pose, 0..8)).prop_map(|(head, persons)| PoseSet {

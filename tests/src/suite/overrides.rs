@@ -25,6 +25,7 @@ pub fn parameters(text: &str) -> anyhow::Result<Parameters> {
     take!(
         lattice,
         occlusion,
+        contact,
         ik,
         smoothing,
         prediction,

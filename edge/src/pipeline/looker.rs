@@ -1,0 +1,72 @@
+//! The detector of an edge and where in its pictures it looks.
+
+use farfield_proto::camera::CameraModel;
+use farfield_proto::id::CameraIndex;
+use farfield_proto::tick::Tick;
+use farfield_proto::venue::{Venue, VenueCamera};
+use image::RgbImage;
+
+use super::inference::{Detection, NetworkError, PersonDetector};
+use crate::tiles::{self, TilePlan};
+
+/// Looks for people in the pictures of a venue.
+pub(super) struct Looker {
+    detector: Box<dyn PersonDetector>,
+    /// Of every camera of the venue that gives pictures.
+    plans: Vec<(CameraIndex, TilePlan)>,
+    /// Ticks from one look to the next: the cells of the field take turns at this pace, so that looks
+    /// that follow each other at once, because of somebody new, are at the same cell.
+    ticks_per_look: i64,
+}
+
+impl Looker {
+    /// Plans where to look in the pictures of all cameras.
+    pub(super) fn new(venue: &Venue, detector: Box<dyn PersonDetector>) -> Self {
+        let cameras: Vec<(CameraIndex, &CameraModel)> = (0..)
+            .map(CameraIndex)
+            .zip(&venue.cameras)
+            .filter(|(_, camera): &(_, &VenueCamera)| camera.source.gives_pictures())
+            .map(|(index, camera)| (index, &camera.model))
+            .collect();
+        let models: Vec<&CameraModel> = cameras.iter().map(|(_, model)| *model).collect();
+        let births = &venue.parameters.births;
+        let plans = tiles::plan(
+            &models,
+            &venue.field,
+            detector.input(),
+            births.tiles_per_look as usize,
+        );
+        let ticks_per_look = (births.sight_every_s * venue.rate_hz).round().max(1.0) as i64;
+        Self {
+            detector,
+            plans: cameras.iter().map(|(index, _)| *index).zip(plans).collect(),
+            ticks_per_look,
+        }
+    }
+
+    /// Who is in the picture that `camera` took at `tick`, the surest first.
+    ///
+    /// # Errors
+    /// [`NetworkError`] when the detector fails.
+    pub(super) fn look(
+        &mut self,
+        image: &RgbImage,
+        camera: CameraIndex,
+        tick: Tick,
+    ) -> Result<Vec<Detection>, NetworkError> {
+        let look = tick.0.div_euclid(self.ticks_per_look);
+        let Some((_, plan)) = self.plans.iter().find(|(index, _)| *index == camera) else {
+            return Ok(Vec::new());
+        };
+        let found = plan
+            .passes(look)
+            .map(|window| Ok((window, self.detector.detect(image, &window)?)))
+            .collect::<Result<Vec<_>, NetworkError>>()?;
+        let picture_px = [image.width(), image.height()];
+        Ok(tiles::merged(
+            &found,
+            self.detector.input().size_px,
+            picture_px,
+        ))
+    }
+}

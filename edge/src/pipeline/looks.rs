@@ -1,0 +1,76 @@
+//! Looking for people without boxes, with the cameras that fusion names.
+
+use std::borrow::Cow;
+
+use farfield_proto::id::CameraIndex;
+use farfield_proto::message::Sighting;
+
+use super::sighting::{self, Pending};
+use super::{Pipeline, PipelineError};
+use crate::source::{Content, Frame};
+
+impl Pipeline {
+    /// Whether this edge can find people without boxes at all.
+    pub(super) fn can_sight(&self) -> bool {
+        let reads_pictures = self.looker.is_some() && self.batch.is_some();
+        self.cameras
+            .iter()
+            .any(|c| c.drawing.is_some() || reads_pictures)
+    }
+
+    /// Runs the detector on the pictures of the cameras that `look` and puts the crops into the batch.
+    pub(super) fn detect(
+        &mut self,
+        frames: &[Option<Frame>],
+        look: &[CameraIndex],
+    ) -> Result<Vec<Pending>, PipelineError> {
+        let mut pending = Vec::new();
+        let (Some(looker), Some(batch)) = (&mut self.looker, &mut self.batch) else {
+            return Ok(pending);
+        };
+        let cameras = self.cameras.iter().zip(frames);
+        for (camera, frame) in cameras.filter(|(camera, _)| look.contains(&camera.index)) {
+            if let Some(Frame {
+                content: Content::Image(image),
+                tick,
+                ..
+            }) = frame
+            {
+                let detections = looker.look(image, camera.index, *tick)?;
+                pending.extend(sighting::enqueue(
+                    &detections,
+                    image,
+                    (camera.index, &camera.model),
+                    batch,
+                ));
+            }
+        }
+        Ok(pending)
+    }
+
+    /// The sightings of the cameras that `look`, after inference.
+    pub(super) fn sightings(
+        &self,
+        pending: &[Pending],
+        frames: &[Option<Frame>],
+        look: &[CameraIndex],
+    ) -> Vec<Sighting> {
+        let mut sightings = Vec::new();
+        let cameras = self.cameras.iter().zip(frames);
+        for (camera, frame) in cameras.filter(|(camera, _)| look.contains(&camera.index)) {
+            if let Some(batch) = &self.batch {
+                let of_camera = pending.iter().filter(|p| p.camera() == camera.index);
+                sightings.extend(of_camera.map(|p| {
+                    sighting::read(p, &camera.model, batch, self.keypoints.len(), self.floor)
+                }));
+            }
+            let given = match frame.as_ref().map(|f| &f.content) {
+                Some(Content::Keypoints(keypoints)) => Cow::Borrowed(&keypoints.persons[..]),
+                Some(Content::Painted(painter)) => Cow::Owned(painter.persons()),
+                Some(Content::Image(_)) | None => continue,
+            };
+            sightings.extend(sighting::from_persons(&given, camera.index, &camera.model));
+        }
+        sighting::bounded(sightings)
+    }
+}

@@ -1,0 +1,114 @@
+//! How large people are in a picture: somebody stands on the floor, here and there.
+
+use farfield_proto::camera::CameraModel;
+use farfield_proto::frames::{Distorted, Pixel, Point, World};
+use farfield_proto::venue::Field;
+
+use super::cells::Cell;
+
+/// Stature of the person that tiles are planned for, metres.
+const STATURE_M: f64 = 1.7;
+
+/// Places that are tried along each side of the field and of the picture.
+const STEPS: usize = 64;
+/// Pictures are tried as far below their lower edge as this share of their height: there stand those
+/// whose heads are still in sight.
+const BELOW: f64 = 0.6;
+/// Half the width of a person's box, statures: arms held out, or a long stride.
+const HALF_WIDTH: f64 = 0.3;
+/// Above the head and below the feet, statures: a raised hand, a lens that bends.
+const OVER: f64 = 0.08;
+/// Breadth of the shoulders, statures: what is left of a person's height for a camera above them.
+const SHOULDERS: f64 = 0.25;
+
+/// Somebody who stands somewhere in the field, as a camera sees them.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Standing {
+    /// Left, top, right and bottom, pixels from the picture's outer corner; not cut by its edges.
+    pub(super) around_px: [f64; 4],
+    /// From the feet to the crown, or from shoulder to shoulder where that is longer, pixels.
+    pub(super) long_px: f64,
+}
+
+/// Height of the floor: 0, as far as the field reaches it.
+pub(super) fn floor_m(field: &Field) -> f64 {
+    0.0_f64.clamp(field.min_m[2], field.max_m[2].max(field.min_m[2]))
+}
+
+/// Somebody at `feet_m` (world, metres) as `camera` draws them; `None` when no part is in its picture.
+pub(super) fn standing(camera: &CameraModel, feet_m: [f64; 3]) -> Option<Standing> {
+    let drawn = |[x, y, z]: [f64; 3]| -> Option<Pixel<Distorted>> {
+        let p_w = Point::<World>::new([x, y, z].into());
+        camera.distort(camera.project(p_w)?)
+    };
+    let [x, y, z] = feet_m;
+    let (feet, crown) = (drawn(feet_m)?, drawn([x, y, z + STATURE_M])?);
+    let upright_px = (feet.vector_px() - crown.vector_px()).norm();
+    // As tall as they would be for a camera at their own height.
+    let full_px = upright_px.max(STATURE_M * pixels_per_metre(camera, feet_m)?);
+    let long_px = upright_px.max(SHOULDERS * full_px);
+    let beside = HALF_WIDTH * full_px;
+    // From above, arms reach beyond head and feet.
+    let lying = 1.0 - (feet.y() - crown.y()).abs() / full_px;
+    let over = (OVER + (HALF_WIDTH - OVER) * lying) * full_px;
+    let around_px = [
+        feet.x().min(crown.x()) - beside + 0.5,
+        feet.y().min(crown.y()) - over + 0.5,
+        feet.x().max(crown.x()) + beside + 0.5,
+        feet.y().max(crown.y()) + over + 0.5,
+    ];
+    let [width, height] = camera.size_px().map(f64::from);
+    let [l, t, r, b] = around_px;
+    (l < width && r > 0.0 && t < height && b > 0.0).then_some(Standing { around_px, long_px })
+}
+
+/// Pixels of `camera` per metre across its line of sight, at the nearer of feet and crown; `None` behind
+/// the camera.
+fn pixels_per_metre(camera: &CameraModel, [x, y, z]: [f64; 3]) -> Option<f64> {
+    let depth_m = |z: f64| {
+        let p_w = Point::<World>::new([x, y, z].into());
+        (*camera.camera_from_world() * p_w).coordinates_m().z
+    };
+    let nearest_m = depth_m(z).min(depth_m(z + STATURE_M));
+    let k = camera.intrinsics();
+    (nearest_m > 0.0).then(|| k.fx_px.min(k.fy_px) / nearest_m)
+}
+
+/// Where somebody stands (world x and y, metres), and how they look.
+pub(super) type Placed = ([f64; 2], Standing);
+
+/// People on a grid of a cell of the field, as `camera` draws them; fine enough, with `cells` cells in
+/// the field, that neighbours far away differ little.
+pub(super) fn on_floor(
+    camera: &CameraModel,
+    cell: &Cell,
+    cells: usize,
+    floor_m: f64,
+) -> impl Iterator<Item = Standing> {
+    let steps = (STEPS as f64 / (cells as f64).sqrt()).ceil() as usize + 4;
+    let share = move |i: usize| i as f64 / (steps - 1) as f64;
+    (0..steps * steps).filter_map(move |i| {
+        let [x, y] = cell.at([share(i % steps), share(i / steps)]);
+        standing(camera, [x, y, floor_m])
+    })
+}
+
+/// People whose feet are under the points of a grid of the picture, so that neighbours near the
+/// camera differ little.
+pub(super) fn under_picture(camera: &CameraModel, floor_m: f64) -> Vec<Placed> {
+    let share = |i: usize| i as f64 / (STEPS - 1) as f64;
+    let [width, height] = camera.size_px().map(f64::from);
+    let person = |i: usize| {
+        let pixel = Pixel::<Distorted>::new(
+            share(i % STEPS) * width - 0.5,
+            share(i / STEPS) * height * (1.0 + BELOW) - 0.5,
+        );
+        let ray = camera.ray(camera.undistort(pixel)?);
+        let eye = ray.origin.coordinates_m();
+        let steps = (floor_m - eye.z) / ray.direction.z;
+        let at = eye + ray.direction.into_inner() * steps;
+        let is_ahead = steps > 0.0 && steps.is_finite();
+        Some(([at.x, at.y], standing(camera, [at.x, at.y, floor_m])?)).filter(|_| is_ahead)
+    };
+    (0..STEPS * STEPS).filter_map(person).collect()
+}

@@ -1,0 +1,135 @@
+//! What may be changed in the maps of a view, once it is known whose peaks they show.
+
+use std::ops::Range;
+
+use nalgebra::Vector2;
+
+use super::View;
+
+/// Sigma of a network's peaks, as a share of the width of its maps: 2 cells of 48, 3 of 72.
+const PEAK_SIGMA_OF_WIDTH: f64 = 1.0 / 24.0;
+/// Up to here, in sigmas of a peak, a notch is as deep as it gets...
+const NOTCH_FLOOR_SIGMAS: f64 = 2.0;
+/// ...and here it ends. Flat where the peak is, so that what is left of the peak keeps its form.
+const NOTCH_END_SIGMAS: f64 = 3.5;
+
+/// A peak that is another's, in one map.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Notch {
+    /// Where the peak is, cells.
+    pub(crate) at: Vector2<f64>,
+    /// Its height, 0 to 1.
+    pub(crate) height: f64,
+    /// A peak of the map that stays (cells, height): where the two run into each other, each cell is
+    /// shared out by what either puts there.
+    pub(crate) stays: Option<(Vector2<f64>, f64)>,
+    /// Share of the peak that is taken away, 0 to 1.
+    pub(crate) depth: f64,
+}
+
+impl View {
+    /// Sigma of a peak in the maps, cells.
+    pub(crate) fn peak_sigma_cells(&self) -> f64 {
+        self.maps.width() as f64 * PEAK_SIGMA_OF_WIDTH
+    }
+
+    /// Whether two keypoints have their maps on one crop.
+    pub(crate) fn share_a_crop(&self, a: usize, b: usize) -> bool {
+        let crop = |k: usize| self.crop_of_keypoint.get(k);
+        crop(a).is_some() && crop(a) == crop(b)
+    }
+
+    /// The highest value of a map among the cells that lie within `reach` of `cell` along both axes
+    /// (cells), 0 to 1.
+    ///
+    /// # Panics
+    /// When the view has no such keypoint.
+    pub(crate) fn highest_near(&self, keypoint: usize, cell: Vector2<f64>, reach: f64) -> f64 {
+        let rows = self.rows_near(keypoint, cell, reach);
+        let highest = rows.flat_map(|(_, row)| row.iter().copied()).max();
+        f64::from(highest.unwrap_or(0)) / 255.0
+    }
+
+    /// The cells of a map that lie within `reach` of `cell` along both axes (cells): row by row, each
+    /// with the index of its first cell in the map.
+    ///
+    /// # Panics
+    /// When the view has no such keypoint.
+    pub(crate) fn rows_near(
+        &self,
+        keypoint: usize,
+        cell: Vector2<f64>,
+        reach: f64,
+    ) -> impl Iterator<Item = (usize, &[u8])> {
+        let (width, height) = self.map_size();
+        let columns = span(cell.x, reach, width);
+        let cells = self.cells(keypoint);
+        span(cell.y, reach, height).map(move |y| {
+            let first = y * width + columns.start;
+            (first, &cells[first..first + columns.len()])
+        })
+    }
+
+    /// Exchanges the maps of two keypoints; without effect where they lie on different crops.
+    pub(crate) fn exchange(&mut self, a: usize, b: usize) {
+        if a == b || !self.share_a_crop(a, b) {
+            return;
+        }
+        for cell in 0..self.maps.cells(a).len() {
+            let (of_a, of_b) = (self.maps.cells(a)[cell], self.maps.cells(b)[cell]);
+            self.maps.cells_mut(a)[cell] = of_b;
+            self.maps.cells_mut(b)[cell] = of_a;
+        }
+    }
+
+    /// Takes a peak that is another's out of the map of `keypoint`, softly.
+    ///
+    /// # Panics
+    /// When the view has no such keypoint.
+    pub(crate) fn carve(&mut self, keypoint: usize, notch: &Notch) {
+        let sigma = self.peak_sigma_cells();
+        let gauss = |r2: f64| (-0.5 * r2 / (sigma * sigma)).exp();
+        let width = self.maps.width();
+        let size = self.map_size();
+        let cells = self.maps.cells_mut(keypoint);
+        disc(size, notch.at, NOTCH_END_SIGMAS * sigma, |index, r2| {
+            let place = Vector2::new((index % width) as f64, (index / width) as f64);
+            let share = notch.stays.map_or(1.0, |(stays, height)| {
+                let own = height * gauss((place - stays).norm_squared());
+                let other = notch.height * gauss(r2);
+                other / (own + other).max(f64::MIN_POSITIVE)
+            });
+            let out =
+                (r2.sqrt() / sigma - NOTCH_FLOOR_SIGMAS) / (NOTCH_END_SIGMAS - NOTCH_FLOOR_SIGMAS);
+            let inside = 1.0 - out.clamp(0.0, 1.0);
+            let keep = 1.0 - notch.depth.clamp(0.0, 1.0) * share * inside;
+            cells[index] = (f64::from(cells[index]) * keep).round() as u8;
+        });
+    }
+}
+
+/// The cells, of `size` in a row, within `reach` of `center`.
+fn span(center: f64, reach: f64, size: usize) -> Range<usize> {
+    // Plain casts take what is negative or not a number for 0.
+    let first = (center - reach).ceil().max(0.0) as usize;
+    let end = ((center + reach).floor() + 1.0).max(0.0) as usize;
+    let end = end.min(size);
+    first.min(end)..end
+}
+
+/// Every cell of a map of `width` x `height` within `radius` of `center`, with its squared distance.
+fn disc(
+    (width, height): (usize, usize),
+    center: Vector2<f64>,
+    radius: f64,
+    mut each: impl FnMut(usize, f64),
+) {
+    for y in span(center.y, radius, height) {
+        for x in span(center.x, radius, width) {
+            let r2 = (x as f64 - center.x).powi(2) + (y as f64 - center.y).powi(2);
+            if r2 <= radius * radius {
+                each(y * width + x, r2);
+            }
+        }
+    }
+}
