@@ -21,6 +21,10 @@ use farfield_proto::tick::{Tick, parse_range};
 use crate::{output, suite};
 
 /// What `farfield evaluate` is told.
+#[expect(
+    clippy::struct_excessive_bools,
+    reason = "each is a switch of the command line"
+)]
 #[derive(Debug, Clone, clap::Args)]
 pub(crate) struct EvaluateArgs {
     /// The poses, as `farfield run` writes them.
@@ -56,9 +60,12 @@ pub(crate) struct EvaluateArgs {
     /// `$FARFIELD_DATA`, else ../shared; where they are not there, scenes of the project's own clips run.
     #[arg(long, value_name = "NAME|FILE", num_args = 1..)]
     pub suite: Vec<String>,
-    /// Render pictures and read them with the embedded network, instead of making maps from the truth.
+    /// Render pictures and read them with the embedded networks, instead of making maps from the truth.
     #[arg(long, requires = "suite", conflicts_with = "poses")]
     pub pixels: bool,
+    /// With `--pixels`: give people by hand where they come in, instead of finding them in the pictures.
+    #[arg(long, requires = "pixels")]
+    pub given: bool,
     /// Only the first seconds of each scene.
     #[arg(long, value_name = "S", requires = "suite", conflicts_with = "poses")]
     pub seconds: Option<f64>,
@@ -118,10 +125,12 @@ impl Evaluation {
         };
         let named = [("POSES", &self.scores), ("--beside", beside)];
         format!(
-            "{}\nPOSES: {}\n--beside: {}",
+            "{}\nPOSES: {}\n--beside: {}\nPOSES: {}\n--beside: {}",
             side_by_side(15, &named),
             self.scores.identity_line(),
-            beside.identity_line()
+            beside.identity_line(),
+            self.scores.lives,
+            beside.lives
         )
     }
 }

@@ -4,11 +4,14 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use anyhow::Context as _;
+use anyhow::{Context as _, anyhow};
 use farfield_fusion::node::NodeError;
+use farfield_fusion::score::calibration::Calibration;
 use farfield_testbed::scene::Scene;
 use farfield_testbed::simulated::without_map_faults;
-use farfield_testbed::suite::bars::{Verdict, behind_limits, verdicts};
+use farfield_testbed::suite::bars::{Verdict, verdicts};
+use farfield_testbed::suite::limits::behind_limits;
+use farfield_testbed::suite::overview::Overview;
 use farfield_testbed::suite::report::SceneReport;
 use farfield_testbed::suite::scenes::{Named, choose};
 use farfield_testbed::suite::studies::{Study, camera_choices, predictors};
@@ -18,7 +21,7 @@ use tempfile::TempDir;
 
 use crate::evaluate::EvaluateArgs;
 use crate::output;
-use crate::venue_folder::write_network;
+use crate::venue_folder::{write_detector, write_network};
 
 /// The folder of scenes and recordings where `FARFIELD_DATA` says nothing.
 const DATA: &str = "../shared";
@@ -26,11 +29,13 @@ const DATA: &str = "../shared";
 /// All figures of a suite, as `--json` prints them.
 #[derive(Debug, Serialize)]
 struct SuiteReport {
-    /// That other scenes stand in, and why.
+    /// That other scenes stand in or are left out, and why.
     note: Option<String>,
     scenes: Vec<SceneReport>,
     studies: Vec<Study>,
     bars: Vec<Verdict>,
+    /// How sure the live poses of all scenes said they were, against their errors.
+    calibration: Calibration,
     /// What is worse than the loose limits.
     behind_limits: Vec<String>,
 }
@@ -39,11 +44,20 @@ struct SuiteReport {
 /// soon as it is there, or JSON in the end.
 ///
 /// # Errors
-/// When a scene is missing or wrong, when a run fails, when a plot cannot be written, and, if `--check`
+/// When a scene is missing or wrong, when none is left to run, when a run fails, when a plot cannot be written, and, if `--check`
 /// is asked for, when a figure is behind its limit.
 pub(crate) fn suite(args: &EvaluateArgs) -> Result<(), NodeError> {
     let root = std::env::var_os("FARFIELD_DATA").map_or_else(|| PathBuf::from(DATA), PathBuf::from);
-    let chosen = choose(&args.suite, &root).map_err(NodeError::Refused)?;
+    let mut chosen = choose(&args.suite, &root).map_err(NodeError::Refused)?;
+    if args.pixels {
+        chosen.leave_out_what_pictures_cannot_show();
+    }
+    if chosen.scenes.is_empty() {
+        let why = chosen.note.unwrap_or_default();
+        return Err(NodeError::Refused(anyhow!(
+            "no scene is left to run: {why}"
+        )));
+    }
     let (input, _network) = input(args).map_err(NodeError::Failed)?;
     if let Some(folder) = &args.plot {
         std::fs::create_dir_all(folder)
@@ -67,9 +81,7 @@ pub(crate) fn suite(args: &EvaluateArgs) -> Result<(), NodeError> {
     }
     if args.check && !report.behind_limits.is_empty() {
         let text = report.behind_limits.join("\n");
-        return Err(NodeError::Failed(anyhow::anyhow!(
-            "behind its limit: {text}"
-        )));
+        return Err(NodeError::Failed(anyhow!("behind its limit: {text}")));
     }
     Ok(())
 }
@@ -86,6 +98,7 @@ fn run(
         scenes: Vec::new(),
         studies: Vec::new(),
         bars: Vec::new(),
+        calibration: Calibration::default(),
         behind_limits: Vec::new(),
     };
     for Named { name, scene } in scenes {
@@ -106,6 +119,9 @@ fn run(
         if let Some(folder) = &args.plot {
             write_plot(&folder.join(format!("{}.svg", file_name(&name))), &of_scene)?;
         }
+        if let Some(calibration) = &of_scene.with_range_of_motion.calibration {
+            report.calibration.add(calibration);
+        }
         report.scenes.push(of_scene);
         if *input == Input::Maps && !args.check {
             for study in studies(&name, scene)? {
@@ -114,6 +130,10 @@ fn run(
             }
         }
     }
+    if report.scenes.len() > 1 && !report.calibration.is_empty() {
+        say(&format!("all scenes\n{}\n", report.calibration))?;
+    }
+    say(&format!("{}\n", Overview(&report.scenes)))?;
     report.bars = verdicts(&report.scenes);
     report.behind_limits = behind_limits(&report.scenes);
     if args.seconds.is_none() && args.rate_hz.is_none() {
@@ -134,14 +154,19 @@ fn studies(name: &str, scene: Arc<Scene>) -> anyhow::Result<Vec<Study>> {
     Ok(vec![predictors(name, scene)?])
 }
 
-/// What the cameras give, and the folder that holds the network while it is used.
+/// What the cameras give, and the folder that holds the networks while they are used.
 fn input(args: &EvaluateArgs) -> anyhow::Result<(Input, Option<TempDir>)> {
     if !args.pixels {
         return Ok((Input::Maps, None));
     }
-    let folder = tempfile::tempdir().context("making a folder for the embedded network")?;
+    let folder = tempfile::tempdir().context("making a folder for the embedded networks")?;
     let network = folder.path().join(write_network(folder.path())?);
-    Ok((Input::Pixels { network }, Some(folder)))
+    let detector = if args.given {
+        None
+    } else {
+        Some(folder.path().join(write_detector(folder.path())?))
+    };
+    Ok((Input::Pixels { network, detector }, Some(folder)))
 }
 
 fn file_name(scene: &str) -> String {

@@ -1,7 +1,6 @@
 //! The files of a venue folder that is made from a scene.
 
 use std::fs;
-use std::io::Write as _;
 use std::ops::Range;
 use std::path::Path;
 
@@ -10,7 +9,7 @@ use farfield_fusion::export::unfinished::Unfinished;
 use farfield_proto::tick::Tick;
 use farfield_testbed::embedded;
 use farfield_testbed::scene::Scene;
-use farfield_testbed::scene::write::{calibration_text, truth_line};
+use farfield_testbed::scene::write::{calibration_text, write_truth as write_lines};
 use tempfile::TempDir;
 
 /// The calibration's name in a venue folder.
@@ -48,16 +47,7 @@ pub(crate) fn write_calibration(scene: &Scene, folder: &Path) -> anyhow::Result<
 pub(crate) fn write_truth(scene: &Scene, ticks: &Range<Tick>, path: &Path) -> anyhow::Result<()> {
     let write = || {
         let mut file = Unfinished::create(path)?;
-        let mut order: Vec<usize> = (0..scene.people().len()).collect();
-        order.sort_by_key(|&person| scene.people()[person].number);
-        for tick in (ticks.start.0..ticks.end.0).map(Tick) {
-            for &person in &order {
-                if let Some(truth) = scene.person_at(person, scene.time_s(tick)) {
-                    let number = scene.people()[person].number;
-                    writeln!(file, "{}", truth_line(tick, number, &truth))?;
-                }
-            }
-        }
+        write_lines(scene, ticks, &mut file)?;
         file.finish()
     };
     write().with_context(|| format!("writing {}", path.display()))
@@ -69,6 +59,15 @@ pub(crate) fn write_truth(scene: &Scene, ticks: &Range<Tick>, path: &Path) -> an
 /// Names the file.
 pub(crate) fn write_network(folder: &Path) -> anyhow::Result<String> {
     let card = embedded::write_network(&folder.join("models"))?;
+    Ok(format!("models/{card}"))
+}
+
+/// Writes the embedded detector and its card; the card's name, relative to `folder`.
+///
+/// # Errors
+/// Names the file.
+pub(crate) fn write_detector(folder: &Path) -> anyhow::Result<String> {
+    let card = embedded::write_detector(&folder.join("models"))?;
     Ok(format!("models/{card}"))
 }
 

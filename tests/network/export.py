@@ -10,30 +10,13 @@ from pathlib import Path
 import numpy as np
 import onnx
 import torch
-from onnx import helper, numpy_helper
 
+from halving import OPSET, halve
 from measure import OnnxNetwork
 from network import Network, Shape
 
-# Read by tract 0.23 and by every ONNX Runtime of the last years.
-OPSET = 13
-# Weights of larger tensors are stored with 16 bits: runtimes make 32 of them when they load the file.
+# Weights of tensors of this size and larger are stored with 16 bits.
 HALVED_FROM = 50_000
-
-
-def halve(model: onnx.ModelProto) -> None:
-    """Stores large weights with 16 bits, each widened by a node of its own."""
-    casts = []
-    for weights in model.graph.initializer:
-        values = numpy_helper.to_array(weights)
-        if values.size < HALVED_FROM or values.dtype != np.float32:
-            continue
-        name = weights.name
-        weights.CopyFrom(numpy_helper.from_array(values.astype(np.float16), f"{name}.half"))
-        casts.append(helper.make_node("Cast", [f"{name}.half"], [name], to=onnx.TensorProto.FLOAT))
-    nodes = casts + list(model.graph.node)
-    del model.graph.node[:]
-    model.graph.node.extend(nodes)
 
 
 def main() -> None:
@@ -64,7 +47,7 @@ def main() -> None:
     for node in model.graph.node:
         # The exporter keeps the paths of the sources here.
         node.ClearField("doc_string")
-    halve(model)
+    halve(model, HALVED_FROM)
     onnx.checker.check_model(model)
     onnx.save(model, args.model)
     with torch.no_grad():

@@ -85,9 +85,9 @@ class Exchange(nn.Module):
         return nn.Identity()
 
     def forward(self, branches: list[Tensor]) -> list[Tensor]:
-        return [self._target(j, paths, branches) for j, paths in enumerate(self.paths)]
+        return [self.target(j, paths, branches) for j, paths in enumerate(self.paths)]
 
-    def _target(self, j: int, paths: nn.ModuleList, branches: list[Tensor]) -> Tensor:
+    def target(self, j: int, paths: nn.ModuleList, branches: list[Tensor]) -> Tensor:
         total = paths[j](branches[j]) if j < len(branches) else None
         # From the coarsest up, so that each resolution is enlarged only once, with the sum of all
         # coarser ones already in it.

@@ -7,6 +7,7 @@
 mod bad_input;
 mod data;
 mod demo;
+mod far_people;
 mod farfield;
 mod lockstep;
 mod nodes_by_hand;

@@ -1,7 +1,19 @@
 //! Five cameras, up to four people, real keypoint candidates (`OpenPose`, not HRNet), hand-made truth.
 
+use std::path::Path;
+
+use serde_json::Value;
+
 use crate::data::recording;
 use crate::farfield::{farfield, run};
+
+/// Mean-end PCP of actor 1 when keypoints are triangulated from the candidates nearest to our own
+/// (within 30 pixels), percent: its head is bent in some frames, and head points follow the nose.
+const TRIANGULATED_A1: f64 = 99.1;
+/// The best that others reach with these candidates on the 8 limbs, actors 1-3: 4D Association.
+const BEST_PEER_BOTH_ENDS: f64 = 96.2;
+/// And the least mean error: Pose2Sim.
+const BEST_PEER_MPJPE_MM: f64 = 51.0;
 
 #[test]
 fn the_shelf_runs_and_is_scored() {
@@ -27,22 +39,46 @@ fn the_shelf_runs_and_is_scored() {
             scored.stdout
         );
     }
-    let json = farfield(&[
+    let shelf14 = score(&poses, &truth, "shelf14");
+    let mean_end = |actor: &str| number(&shelf14, &["actors", actor, "pcp_mean_end"]);
+    assert!(mean_end("1") >= TRIANGULATED_A1, "{}", mean_end("1"));
+    assert!(mean_end("2") >= 93.0, "{}", mean_end("2"));
+    assert!(mean_end("3") >= 97.3, "{}", mean_end("3"));
+    let mean = ["1", "2", "3"].map(mean_end).iter().sum::<f64>() / 3.0;
+    assert!(mean >= 96.9, "{mean}");
+    assert!(number(&shelf14, &["mean", "pcp_both_ends"]) >= 94.5);
+    let keypoints = score(&poses, &truth, "keypoints");
+    let of_three = |figure: &str| {
+        let of = |actor| number(&keypoints, &["actors", actor, figure]);
+        ["1", "2", "3"].map(of).iter().sum::<f64>() / 3.0
+    };
+    let both_ends = of_three("pcp_both_ends");
+    assert!(both_ends >= BEST_PEER_BOTH_ENDS, "{both_ends}");
+    let mpjpe_mm = of_three("mpjpe_mm");
+    assert!(mpjpe_mm <= BEST_PEER_MPJPE_MM, "{mpjpe_mm}");
+    for actor in ["1", "2", "3", "4"] {
+        assert!(number(&keypoints, &["actors", actor, "gaps"]) < 0.5);
+    }
+    assert!(number(&keypoints, &["identity", "switches"]) < 0.5);
+}
+
+/// What `farfield evaluate --json` says of the poses.
+fn score(poses: &Path, truth: &Path, points: &str) -> Value {
+    let said = farfield(&[
         "evaluate".as_ref(),
         poses.as_os_str(),
         truth.as_os_str(),
         "--points".as_ref(),
-        "shelf14".as_ref(),
+        points.as_ref(),
         "--json".as_ref(),
     ]);
-    let score: serde_json::Value = serde_json::from_str(&json.stdout).unwrap();
-    for actor in ["1", "2", "3"] {
-        for pcp in ["pcp_both_ends", "pcp_mean_end", "pcp_midpoint"] {
-            let value = score["actors"][actor][pcp].as_f64().unwrap();
-            assert!(
-                value > 50.0,
-                "actor {actor} {pcp}: {value}: the loop has lost the person"
-            );
-        }
-    }
+    assert_eq!(said.code, 0, "{}", said.stderr);
+    serde_json::from_str(&said.stdout).unwrap()
+}
+
+fn number(score: &Value, path: &[&str]) -> f64 {
+    let found = path.iter().fold(score, |value, key| &value[*key]);
+    found
+        .as_f64()
+        .unwrap_or_else(|| panic!("{path:?}: {found}"))
 }

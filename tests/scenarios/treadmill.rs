@@ -2,7 +2,7 @@
 //! plain weighted triangulation (DLT) of the same maps' peaks.
 
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use farfield_testbed::leave_one_out::{BODY_KEYPOINTS, Recording, median};
 use serde_json::Value;
@@ -79,6 +79,88 @@ fn the_man_has_one_id_at_every_tick_and_his_skeleton_sits_on_him() {
         ticks[0],
         finished.stdout.trim()
     );
+}
+
+/// The venue of the recording as a file in `folder`, without the viewpoints `left_out`, and with the
+/// tables of `added`.
+fn changed_venue(venue: &Path, folder: &Path, left_out: &[&str], added: &str) -> PathBuf {
+    let root = venue.parent().unwrap().canonicalize().unwrap();
+    let absolute = |path: &toml::Value| {
+        let path = root.join(path.as_str().unwrap()).canonicalize().unwrap();
+        toml::Value::from(path.to_str().unwrap())
+    };
+    let mut table: toml::Table = std::fs::read_to_string(venue).unwrap().parse().unwrap();
+    for field in ["calibration", "network", "detector"] {
+        table[field] = absolute(&table[field]);
+    }
+    let viewpoints = table["viewpoint"].as_array_mut().unwrap();
+    viewpoints.retain(|viewpoint| !left_out.contains(&viewpoint["name"].as_str().unwrap()));
+    for viewpoint in viewpoints {
+        let source = &mut viewpoint["camera"][0]["source"];
+        source["path"] = absolute(&source["path"]);
+    }
+    table.extend(added.parse::<toml::Table>().unwrap());
+    let path = folder.join("venue.toml");
+    std::fs::write(&path, table.to_string()).unwrap();
+    path
+}
+
+/// That one person is in `lines`, from within half a second to the end: the ids of all, and the ticks.
+fn is_the_man_alone(lines: &[Value]) {
+    let mut ids: Vec<u64> = lines
+        .iter()
+        .map(|p| p["person"].as_u64().unwrap())
+        .collect();
+    ids.sort_unstable();
+    ids.dedup();
+    assert_eq!(
+        ids.len(),
+        1,
+        "somebody else is born, or the man twice: {ids:?}"
+    );
+    let ticks = ticks_of(lines, ids[0]);
+    assert!(
+        ticks[0] < 30,
+        "born half a second late or more: tick {}",
+        ticks[0]
+    );
+    let to_the_end: Vec<i64> = (ticks[0]..100).collect();
+    assert_eq!(ticks, to_the_end, "a pose at every tick to the end");
+}
+
+/// The bystander stands in the pictures of cam01 and cam02. Without cam02 she is what a bystander
+/// behind glass is: somebody in one camera, with a ray and no place.
+#[test]
+fn a_bystander_whom_one_camera_sees_is_not_born() {
+    let Some(venue) = recording(SCENARIO, "data/pose2sim/single/venue.toml") else {
+        return;
+    };
+    if !onnx_runtime(SCENARIO) {
+        return;
+    }
+    let dir = tempfile::tempdir().unwrap();
+    let venue = changed_venue(&venue, dir.path(), &["cam02"], "");
+    let out = dir.path().join("out");
+    run(&venue, &out, &[]);
+    is_the_man_alone(&poses(&out));
+}
+
+/// With all four cameras the bystander has a place, behind cam03: a field around the treadmill leaves
+/// her out.
+#[test]
+fn a_bystander_outside_the_field_is_not_born() {
+    let Some(venue) = recording(SCENARIO, "data/pose2sim/single/venue.toml") else {
+        return;
+    };
+    if !onnx_runtime(SCENARIO) {
+        return;
+    }
+    let dir = tempfile::tempdir().unwrap();
+    let field = "[field]\nmin_m = [-2.5, -1.8, -0.3]\nmax_m = [0.6, 1.5, 2.8]\n";
+    let venue = changed_venue(&venue, dir.path(), &[], field);
+    let out = dir.path().join("out");
+    run(&venue, &out, &[]);
+    is_the_man_alone(&poses(&out));
 }
 
 /// Distances of both methods to the peaks of the view that was (or was not) withheld, pixels.

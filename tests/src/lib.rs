@@ -1,6 +1,7 @@
 //! The simulated venue of Farfield: people whose truth is a pure function of time, cameras that
 //! see them, and the loop of edges and fusion inside one process, for tests and studies.
 
+pub mod afar;
 pub mod body;
 pub mod embedded;
 pub mod faults;

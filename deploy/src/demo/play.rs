@@ -39,6 +39,8 @@ pub(super) struct Script {
     table: Table,
     origin: Origin,
     content: SimulatedContent,
+    /// Whether the people are given by hand instead of found in the pictures.
+    is_given: bool,
     ticks: u32,
     /// Whether nothing follows it.
     is_last: bool,
@@ -79,6 +81,7 @@ impl Script {
             } else {
                 SimulatedContent::Pixels
             },
+            is_given: args.given,
             ticks,
             is_last: !args.forever,
         })
@@ -206,6 +209,10 @@ impl Play {
         let network = is_pixels
             .then(|| venue_folder::write_network(folder))
             .transpose()?;
+        // Maps come with sightings.
+        let detector = (is_pixels && !script.is_given)
+            .then(|| venue_folder::write_detector(folder))
+            .transpose()?;
         let content = script.content.name();
         let path = scene_path.strip_prefix(folder).unwrap_or(&scene_path);
         let path = quoted(&path.display().to_string());
@@ -218,11 +225,10 @@ impl Play {
             head: "Written by `farfield demo`; `farfield run` takes it, too.",
             calibration: CALIBRATION,
             network: network.as_deref(),
-            detector: None,
+            detector: detector.as_deref(),
             source: &source,
             first_tick: Tick(0),
-            // Maps come with sightings; in pictures nobody is looked for without a detector.
-            given: is_pixels.then(|| scene.ticks()),
+            given: script.is_given.then(|| scene.ticks()),
         };
         let venue = folder.join("venue.toml");
         venue_folder::write(&venue, text.to_toml().as_bytes())?;
@@ -235,11 +241,10 @@ impl Play {
         Ok((play, undo))
     }
 
-    /// The true joints of everybody who is there at `tick`, world, metres.
+    /// The true joints of everybody whom the truth holds at `tick`, world, metres.
     pub(super) fn joints_at(&self, tick: Tick) -> Vec<Joints> {
-        let time_s = self.scene.time_s(tick);
         let people = 0..self.scene.people().len();
-        let truth = people.filter_map(|person| self.scene.person_at(person, time_s));
+        let truth = people.filter_map(|person| self.scene.truth_at(person, tick));
         truth.map(|person| person.joints_m).collect()
     }
 }

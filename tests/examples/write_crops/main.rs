@@ -3,7 +3,9 @@
 //!
 //! CLIP is a BVH file. What the records of `OUT/crops_*.bin` hold is stated in [`record`].
 
+mod camera;
 mod moment;
+mod people;
 mod photo;
 mod record;
 mod scenery;

@@ -1,5 +1,7 @@
 //! What happens to a picture between the scene and the network: things in the way, lens, sensor and codec.
 
+use std::ops::Range;
+
 use image::codecs::jpeg::{JpegDecoder, JpegEncoder};
 use image::{DynamicImage, ImageDecoder as _, Rgb, RgbImage};
 use rand::RngExt as _;
@@ -57,10 +59,11 @@ impl Occluder {
     }
 }
 
-/// The picture as a real camera might have taken it.
-pub(crate) fn taken(picture: RgbImage, rng: &mut ChaCha8Rng) -> RgbImage {
+/// The picture as a real camera might have taken it; `blur_px` is how far out of focus
+/// it may be.
+pub(crate) fn taken(picture: RgbImage, blur_px: Range<f32>, rng: &mut ChaCha8Rng) -> RgbImage {
     let blurred = if rng.random_bool(0.4) {
-        image::imageops::fast_blur(&picture, rng.random_range(0.3..1.6))
+        image::imageops::fast_blur(&picture, rng.random_range(blur_px))
     } else {
         picture
     };

@@ -4,6 +4,8 @@
 //! network's normalisation), then 17 keypoints in COCO's order: x, y (input pixels, the centre
 //! of the first one at 0) and a [state](State), as little-endian 32-bit floats.
 
+use std::ops::Range;
+
 use farfield_edge::crop::{Cropper, PixelFormat};
 use farfield_fusion::skeleton::Joint;
 use farfield_proto::frames::Point;
@@ -15,13 +17,17 @@ use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 
 use crate::INPUT_PX;
-use crate::moment::{self, Moment, Person};
+use crate::moment;
+use crate::people::{Moment, Person};
 use crate::photo::{self, Occluder};
 use crate::scenery::Scenery;
 use crate::viewing::{self, Viewing};
 
 /// The mean of `ImageNet`, as bytes.
 const MEAN: [f32; 3] = [123.675, 116.28, 103.53];
+
+/// How far pictures are out of focus, pixels.
+const BLUR_PX: Range<f32> = 0.3..1.6;
 
 /// What is known of a keypoint.
 #[derive(Debug, Clone, Copy)]
@@ -72,7 +78,7 @@ impl Record {
         for occluder in &occluders {
             occluder.paint(&mut picture);
         }
-        let picture = photo::taken(picture, rng);
+        let picture = photo::taken(picture, BLUR_PX, rng);
         let [width, height] = INPUT_PX;
         let mut planes = vec![0.0; 3 * width * height];
         Cropper::default().crop(&picture, None, &viewing.crop, &format(), &mut planes);

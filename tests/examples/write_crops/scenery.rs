@@ -6,7 +6,7 @@ use image::RgbImage;
 use rand::RngExt as _;
 use rand_chacha::ChaCha8Rng;
 
-use crate::moment::Moment;
+use crate::people::Moment;
 
 /// Different sensors; each keeps a table of noise that takes longer to make than a picture.
 const SENSORS: u64 = 96;
@@ -38,14 +38,15 @@ impl Scenery {
         let eye_m = camera.center().coordinates_m().coords;
         let surroundings = Surroundings::new(moment.field_m, &[eye_m], rng.random());
         let view = View::of_camera(camera);
-        let figures: Vec<_> = moment
-            .people
-            .iter()
-            .map(|person| Figure::Person {
-                build: &person.build,
-                moments: vec![person.volume.clone()],
-            })
-            .collect();
+        let people = moment.people.iter().map(|person| Figure::Person {
+            build: &person.build,
+            moments: vec![person.volume.clone()],
+        });
+        let things = moment.things.iter().map(|(color, cone)| Figure::Thing {
+            color: *color,
+            moments: vec![vec![cone.clone()]],
+        });
+        let figures: Vec<_> = people.chain(things).collect();
         // Pictures larger than the crop are averaged when it is cut out.
         let [width, height] = camera.size_px();
         let samples = if width * height > MANY_PX { 1 } else { 2 };

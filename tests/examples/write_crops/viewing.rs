@@ -6,16 +6,16 @@ use farfield_edge::crop::{CropGeometry, CropShape, enclosing_upright};
 use farfield_fusion::boxes::{BoxShape, Boxes};
 use farfield_fusion::predict::Joints;
 use farfield_proto::bounding_box::BoundingBox;
-use farfield_proto::camera::{CameraModel, Distortion, Intrinsics};
-use farfield_proto::frames::Transform;
+use farfield_proto::camera::CameraModel;
 use farfield_proto::id::CameraIndex;
 use farfield_proto::model_card::CellToInput;
 use farfield_proto::venue::parameters::{BoxParameters, LatticeParameters};
-use nalgebra::{Isometry3, Matrix3, Rotation3, Vector3};
+use nalgebra::Vector3;
 use rand::RngExt as _;
 use rand_chacha::ChaCha8Rng;
 
 use crate::INPUT_PX;
+use crate::camera::{camera, log_uniform, looking};
 
 /// Share of crops at any rotation.
 const ANY_ROTATION: f64 = 0.15;
@@ -54,7 +54,7 @@ pub(crate) fn draw(joints_m: &Joints, stature_m: f64, rng: &mut ChaCha8Rng) -> O
     let b = jittered(box_of(&camera, joints_m, rng)?, rng);
     let [left, top, right, bottom] = window(&b, rng);
     let size_px = [right - left, bottom - top].map(|side| side.round().max(8.0) as u32);
-    let camera = self::camera(focal_px, [-left, -top], size_px, axes, eye)?;
+    let camera = crate::camera::camera(focal_px, [-left, -top], size_px, axes, eye)?;
     let b = BoundingBox {
         center_px: [b.center_px[0] - left as f32, b.center_px[1] - top as f32],
         ..b
@@ -69,47 +69,6 @@ pub(crate) fn draw(joints_m: &Joints, stature_m: f64, rng: &mut ChaCha8Rng) -> O
     };
     let crop = CropGeometry::new(&b, shape)?;
     Some(Viewing { camera, crop })
-}
-
-/// Camera axes from world axes: the person is anywhere in the picture of a wide lens, and cameras hang
-/// a little askew.
-fn looking(eye: Vector3<f64>, at: Vector3<f64>, rng: &mut ChaCha8Rng) -> Matrix3<f64> {
-    let forward = (at - eye).normalize();
-    let right = forward.cross(&Vector3::z()).normalize();
-    let down = forward.cross(&right);
-    let towards = Matrix3::from_rows(&[right.transpose(), down.transpose(), forward.transpose()]);
-    let turn = Rotation3::from_euler_angles(
-        rng.random_range(-0.3..0.3),
-        rng.random_range(-0.5..0.5),
-        0.0,
-    );
-    let roll = Rotation3::from_axis_angle(&Vector3::z_axis(), rng.random_range(-0.06..0.06));
-    roll.matrix() * turn.matrix() * towards
-}
-
-fn camera(
-    focal_px: f64,
-    principal_px: [f64; 2],
-    size_px: [u32; 2],
-    axes: Matrix3<f64>,
-    eye: Vector3<f64>,
-) -> Option<CameraModel> {
-    let intrinsics = Intrinsics {
-        fx_px: focal_px,
-        fy_px: focal_px,
-        cx_px: principal_px[0],
-        cy_px: principal_px[1],
-    };
-    let rotation = Rotation3::from_matrix(&axes);
-    let motion = Isometry3::from_parts((-(rotation * eye)).into(), rotation.into());
-    CameraModel::new(
-        "crop",
-        size_px,
-        intrinsics,
-        Distortion::default(),
-        Transform::new(motion),
-    )
-    .ok()
 }
 
 /// The box as fusion would ask for it, or another of the rotations that the network must know.
@@ -171,8 +130,4 @@ fn window(b: &BoundingBox, rng: &mut ChaCha8Rng) -> [f64; 4] {
         sides[side] += if side < 2 { cut } else { -cut };
     }
     sides.map(f64::round)
-}
-
-fn log_uniform(range: std::ops::Range<f64>, rng: &mut ChaCha8Rng) -> f64 {
-    rng.random_range(range.start.ln()..range.end.ln()).exp()
 }

@@ -51,6 +51,27 @@ impl Volume {
         }
     }
 
+    /// The same with every point moved to `center_m` + `squeeze` x (point - `center_m`). A squeeze that
+    /// takes all depth away leaves no body: it must have an inverse, else nothing changes.
+    #[must_use]
+    pub fn squeezed(mut self, squeeze: &Matrix3<f64>, center_m: &Vector3<f64>) -> Self {
+        let Some(back) = squeeze.try_inverse() else {
+            return self;
+        };
+        let moved = |p: &Vector3<f64>| center_m + squeeze * (p - center_m);
+        for cone in &mut self.cones {
+            cone.to_local *= back;
+            cone.origin_m = moved(&cone.origin_m);
+            cone.tip_m = moved(&cone.tip_m);
+        }
+        for (at_m, _) in [&mut self.head_m, &mut self.chest_m, &mut self.pelvis_m] {
+            *at_m = moved(at_m);
+        }
+        self.eyes_m = self.eyes_m.map(|eye| moved(&eye));
+        self.bound_m.0 = moved(&self.bound_m.0);
+        self
+    }
+
     /// Whether this body hides `point_m` from `eye_m` (world metres).
     ///
     /// `own_keypoint` is the point's place in COCO's list when it is a keypoint of this very body:

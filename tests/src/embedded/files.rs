@@ -36,4 +36,10 @@ pub const SCENES: &[(&str, &str)] = &[
     ("sprint", include_str!("../../scenes/sprint.toml")),
     ("enter", include_str!("../../scenes/enter.toml")),
     ("cross", include_str!("../../scenes/cross.toml")),
+    ("hug", include_str!("../../scenes/hug.toml")),
+    ("scrum", include_str!("../../scenes/scrum.toml")),
+    ("lost", include_str!("../../scenes/lost.toml")),
+    ("return", include_str!("../../scenes/return.toml")),
+    ("mirror", include_str!("../../scenes/mirror.toml")),
+    ("poster", include_str!("../../scenes/poster.toml")),
 ];

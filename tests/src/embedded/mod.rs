@@ -14,7 +14,7 @@ use std::sync::Arc;
 use farfield_proto::toml_file::FileError;
 
 pub use self::files::{CLIPS, SCENES};
-pub use self::network::write_network;
+pub use self::network::{write_detector, write_network};
 use crate::motion::Clip;
 use crate::scene::Scene;
 use crate::scene::file::SceneFile;
@@ -43,10 +43,8 @@ pub fn write_scene(name: &str, folder: &Path) -> Result<PathBuf, FileError> {
     let path = scene_path(name);
     let text = text_of(SCENES, name, &path)?;
     let on_disk = folder.join(&path);
-    for person in SceneFile::parse(text, &on_disk)?.people {
-        for clip in person.clips {
-            write(&clip, clip_text(&clip)?.as_bytes())?;
-        }
+    for clip in SceneFile::parse(text, &on_disk)?.clips() {
+        write(clip, clip_text(clip)?.as_bytes())?;
     }
     write(&on_disk, text.as_bytes())?;
     Ok(on_disk)

@@ -1,4 +1,4 @@
-//! The network that the project carries: trained on rendered crops, for simulated venues.
+//! The networks that the project carries: trained on rendered pictures, for simulated venues.
 
 use std::path::Path;
 
@@ -13,6 +13,13 @@ const ONNX_NAME: &str = "farfield_hrnet.onnx";
 const CARD: &str = include_str!("../../network/farfield_hrnet.toml");
 const ONNX: &[u8] = include_bytes!("../../network/farfield_hrnet.onnx");
 
+/// Name of the detector's card.
+const DETECTOR_CARD_NAME: &str = "farfield_detector.toml";
+/// Name of the detector, as its card says it.
+const DETECTOR_ONNX_NAME: &str = "farfield_detector.onnx";
+const DETECTOR_CARD: &str = include_str!("../../network/detector/farfield_detector.toml");
+const DETECTOR_ONNX: &[u8] = include_bytes!("../../network/detector/farfield_detector.onnx");
+
 /// Writes the network and its card into `folder`, and returns the card's file name.
 ///
 /// # Errors
@@ -23,9 +30,19 @@ pub fn write_network(folder: &Path) -> Result<&'static str, FileError> {
     Ok(CARD_NAME)
 }
 
+/// Writes the detector and its card into `folder`, and returns the card's file name.
+///
+/// # Errors
+/// [`FileError`] for a folder or file that cannot be written.
+pub fn write_detector(folder: &Path) -> Result<&'static str, FileError> {
+    write(&folder.join(DETECTOR_ONNX_NAME), DETECTOR_ONNX)?;
+    write(&folder.join(DETECTOR_CARD_NAME), DETECTOR_CARD.as_bytes())?;
+    Ok(DETECTOR_CARD_NAME)
+}
+
 #[cfg(test)]
 mod tests {
-    use farfield_proto::model_card::HeatmapCard;
+    use farfield_proto::model_card::{DetectorCard, HeatmapCard};
 
     use super::*;
 
@@ -41,5 +58,19 @@ mod tests {
         let card = write_network(&folder.path().join("models")).unwrap();
         assert!(folder.path().join("models").join(card).is_file());
         assert!(folder.path().join("models").join(ONNX_NAME).is_file());
+    }
+
+    /// What the detector may take of it, bytes.
+    const MOST_DETECTOR_BYTES: usize = 1 << 20;
+
+    #[test]
+    fn the_detectors_card_names_the_detector_beside_it() {
+        let card = DetectorCard::parse(DETECTOR_CARD, Path::new(DETECTOR_CARD_NAME)).unwrap();
+        assert_eq!(card.file, Path::new(DETECTOR_ONNX_NAME));
+        assert!(DETECTOR_ONNX.len() <= MOST_DETECTOR_BYTES);
+        let folder = tempfile::tempdir().unwrap();
+        let card = write_detector(folder.path()).unwrap();
+        assert!(folder.path().join(card).is_file());
+        assert!(folder.path().join(DETECTOR_ONNX_NAME).is_file());
     }
 }

@@ -3,6 +3,7 @@
 use nalgebra::Vector3;
 
 use super::crowd::Subject;
+use super::in_sight::Standpoint;
 
 /// What covers a keypoint.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -22,6 +23,7 @@ impl Cover {
 pub(super) struct Bodies<'a> {
     eye_m: Vector3<f64>,
     subjects: &'a [Option<Subject>],
+    standpoint: Option<&'a Standpoint>,
     /// The nearest pelvis first.
     balls: Vec<Ball>,
 }
@@ -41,7 +43,11 @@ struct Ball {
 
 impl<'a> Bodies<'a> {
     /// Those of `subjects` who are there, from a camera at `eye_m` (world).
-    pub(super) fn new(eye_m: Vector3<f64>, subjects: &'a [Option<Subject>]) -> Self {
+    pub(super) fn new(
+        eye_m: Vector3<f64>,
+        subjects: &'a [Option<Subject>],
+        standpoint: Option<&'a Standpoint>,
+    ) -> Self {
         let ball = |(person, subject): (usize, &'a Option<Subject>)| {
             let subject = subject.as_ref()?;
             let (center_m, radius_m) = subject.volume.bound_m;
@@ -65,6 +71,7 @@ impl<'a> Bodies<'a> {
         Self {
             eye_m,
             subjects,
+            standpoint,
             balls,
         }
     }
@@ -75,8 +82,20 @@ impl<'a> Bodies<'a> {
             return Vec::new();
         };
         let others = self.balls.iter().filter(|ball| ball.person != person);
-        let before = others.filter(|ball| ball.may_cover(own));
+        let before =
+            others.filter(|ball| ball.may_cover(own) && self.may_hide(ball.person, person));
         before.map(|ball| ball.person).collect()
+    }
+
+    fn may_hide(&self, other: usize, person: usize) -> bool {
+        let (Some(at), Some(other), Some(person)) = (
+            self.standpoint,
+            &self.subjects[other],
+            &self.subjects[person],
+        ) else {
+            return true;
+        };
+        at.may_hide(other, person)
     }
 
     /// What covers the `keypoint`-th site of `person`; `before` as [`Self::before`] says.
@@ -125,7 +144,7 @@ mod tests {
             Vector3::new(1.0, -0.3, 1.0),
             Vector3::new(2.0, 1.0, 12.0),
         ] {
-            let bodies = Bodies::new(eye_m, &subjects);
+            let bodies = Bodies::new(eye_m, &subjects, None);
             let mut left_out = 0;
             for (person, subject) in subjects.iter().enumerate() {
                 let before = bodies.before(person);
@@ -148,7 +167,7 @@ mod tests {
             None,
             Some(standing(-3.0, 0.0)),
         ];
-        let bodies = Bodies::new(Vector3::new(-6.0, 0.0, 1.0), &subjects);
+        let bodies = Bodies::new(Vector3::new(-6.0, 0.0, 1.0), &subjects, None);
         assert_eq!(bodies.before(0), [3, 1]);
         assert_eq!(bodies.cover(0, 11, &bodies.before(0)).by_other, Some(3));
         assert_eq!(bodies.cover(3, 11, &bodies.before(3)).by_other, None);

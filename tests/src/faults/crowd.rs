@@ -1,22 +1,36 @@
-//! The people of a scene at one moment, as all its cameras need them.
+//! The people of a scene at one moment, as all its cameras need them: bodies, what mirrors show of
+//! them, and pictures of people.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use farfield_fusion::predict::Joints;
 use farfield_fusion::skeleton::Joint;
 use nalgebra::Vector3;
 
 use super::streams::N_KEYPOINTS;
 use crate::body::{Build, Volume};
-use crate::scene::Scene;
+use crate::scene::{PersonTruth, Scene, ViewpointMask};
 
 /// Moments that are remembered: the cameras of a run are a few ticks apart at most.
 const MOMENTS: usize = 8;
 
-/// One person at one moment, world metres.
+/// What it is that looks like a person.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Figure {
+    /// A person.
+    Body,
+    /// What this mirror of the scene shows of a person.
+    Reflection(usize),
+    /// This poster of the scene.
+    Poster(usize),
+}
+
+/// One person, or what looks like one, at one moment, world metres.
 #[derive(Debug, Clone)]
 pub(super) struct Subject {
+    pub(super) figure: Figure,
+    /// The viewpoints that see it, unless something stands in between.
+    pub(super) seen_by: ViewpointMask,
     pub(super) stature_m: f64,
     pub(super) torso_m: Vector3<f64>,
     pub(super) neck_m: Vector3<f64>,
@@ -26,23 +40,26 @@ pub(super) struct Subject {
 }
 
 impl Subject {
-    /// The person with these joints and keypoint sites.
-    pub(super) fn new(
-        joints_m: &Joints,
-        sites_m: &[Vector3<f64>; N_KEYPOINTS],
-        build: &Build,
-    ) -> Self {
+    /// The person with these joints and keypoint sites, seen by all.
+    pub(super) fn new(truth: &PersonTruth, build: &Build) -> Self {
+        Self::of(truth, build.stature_m, Volume::new(&truth.joints_m, build))
+    }
+
+    fn of(truth: &PersonTruth, stature_m: f64, volume: Volume) -> Self {
         Self {
-            stature_m: build.stature_m,
-            torso_m: joints_m[Joint::Pelvis.index()],
-            neck_m: joints_m[Joint::Neck.index()],
-            sites_m: *sites_m,
-            volume: Volume::new(joints_m, build),
+            figure: Figure::Body,
+            seen_by: ViewpointMask::MAX,
+            stature_m,
+            torso_m: truth.joint_m(Joint::Pelvis),
+            neck_m: truth.joint_m(Joint::Neck),
+            sites_m: truth.sites_m,
+            volume,
         }
     }
 }
 
-/// Everybody at one moment: one entry per person of the scene, `None` for who is not there.
+/// Everybody at one moment: one entry per person of the scene, then one per mirror and person, then
+/// one per poster; `None` for who is not there.
 type Moment = Arc<[Option<Subject>]>;
 
 /// The people of a scene, whose bodies are made once for all cameras that ask for the same moment.
@@ -52,6 +69,7 @@ type Moment = Arc<[Option<Subject>]>;
 pub struct Crowd {
     scene: Arc<Scene>,
     builds: Vec<Build>,
+    posters: Vec<Subject>,
     /// The moments asked for last, by their time in seconds (as bits).
     recent: Mutex<VecDeque<(u64, Moment)>>,
 }
@@ -59,14 +77,19 @@ pub struct Crowd {
 impl Crowd {
     /// The people of `scene`.
     pub fn new(scene: Arc<Scene>) -> Self {
-        let builds = scene
-            .people()
-            .iter()
-            .map(|person| Build::from_seed(person.stature_m, person.build_seed))
-            .collect();
+        let people = scene.people().iter();
+        let builds = people.map(|person| Build::from_seed(person.stature_m, person.build_seed));
+        let posters = scene.posters().iter().enumerate().map(|(index, poster)| {
+            let build = Build::from_seed(poster.stature_m, poster.build_seed);
+            Subject {
+                figure: Figure::Poster(index),
+                ..Subject::of(&poster.printed(), poster.stature_m, poster.volume(&build))
+            }
+        });
         Self {
+            builds: builds.collect(),
+            posters: posters.collect(),
             scene,
-            builds,
             recent: Mutex::default(),
         }
     }
@@ -74,6 +97,11 @@ impl Crowd {
     /// The scene.
     pub fn scene(&self) -> &Arc<Scene> {
         &self.scene
+    }
+
+    /// How many look like people: entries of [`Self::at`].
+    pub(super) fn n_subjects(&self) -> usize {
+        self.builds.len() * (1 + self.scene.mirrors().len()) + self.posters.len()
     }
 
     /// Everybody at `time_s`. Whoever else asks for a moment meanwhile waits: it is the same one in
@@ -85,17 +113,39 @@ impl Crowd {
         if let Some((_, moment)) = recent.iter().find(|(time, _)| *time == key) {
             return Arc::clone(moment);
         }
-        let people = self.builds.iter().enumerate();
-        let moment: Moment = people
-            .map(|(person, build)| {
-                let truth = self.scene.person_at(person, time_s)?;
-                Some(Subject::new(&truth.joints_m, &truth.sites_m, build))
-            })
-            .collect();
+        let moment = self.moment(time_s);
         if recent.len() == MOMENTS {
             recent.pop_front();
         }
         recent.push_back((key, Arc::clone(&moment)));
         moment
+    }
+
+    fn moment(&self, time_s: f64) -> Moment {
+        let people = 0..self.builds.len();
+        let truths: Vec<Option<PersonTruth>> = people
+            .map(|person| self.scene.person_at(person, time_s))
+            .collect();
+        let bodies = truths.iter().enumerate().map(|(person, truth)| {
+            let body = Subject::new(truth.as_ref()?, &self.builds[person]);
+            let seen_by = self.scene.seen_by(person, time_s);
+            Some(Subject { seen_by, ..body })
+        });
+        let mut moment: Vec<Option<Subject>> = bodies.collect();
+        for (index, mirror) in self.scene.mirrors().iter().enumerate() {
+            let reflections = truths.iter().enumerate().map(|(person, truth)| {
+                let before = truth.as_ref();
+                let before = before.filter(|t| mirror.is_before(&t.joint_m(Joint::Pelvis)))?;
+                let seen = mirror.reflected_person(before);
+                Some(Subject {
+                    figure: Figure::Reflection(index),
+                    seen_by: self.scene.seen_by(person, time_s),
+                    ..Subject::new(&seen, &self.builds[person])
+                })
+            });
+            moment.extend(reflections);
+        }
+        moment.extend(self.posters.iter().cloned().map(Some));
+        moment.into()
     }
 }

@@ -4,10 +4,11 @@
 //! [`MapFaults`] is what one camera's network would say. At every tick the keypoints of everybody in
 //! the image are projected, the bodies that cover them are found ([`crate::body::Volume::covers`]),
 //! and the faults of the scene's [`FaultProfile`] added; each [`Observation`] then paints the maps of
-//! any crop. Every draw comes from the scene's seed, so that two runs make the same maps.
+//! any crop. What mirrors and posters show is painted as people are, though nobody is there. Every draw comes from the scene's seed, so that two runs make the same maps.
 
 mod cover;
 mod crowd;
+mod in_sight;
 mod observe;
 mod paint;
 mod profile;
@@ -17,6 +18,7 @@ use std::sync::Arc;
 
 use farfield_proto::tick::Tick;
 
+use self::in_sight::Standpoint;
 use self::observe::CameraFaults;
 use crate::scene::Scene;
 
@@ -50,10 +52,11 @@ impl MapFaults {
         let camera = CameraFaults::new(
             scene.cameras()[camera].clone(),
             camera,
-            scene.people().len(),
+            crowd.n_subjects(),
             scene.faults().clone(),
             (scene.seed(), scene.rate_hz()),
-        );
+        )
+        .standing(Standpoint::new(scene, camera));
         Self { crowd, camera }
     }
 

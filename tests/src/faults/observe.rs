@@ -4,6 +4,8 @@
 //! Where several faults meet: a keypoint that another body covers is hidden and leaks, its peak has
 //! the leak's height. A keypoint that is missing, or hidden without a peak, has no mirrored peak
 //! either, as that is measured in the true one; the peak of another person that leaks in stays.
+//! Where no body covers a keypoint, what a mirror or a poster shows of the nearest figure leaks in as a
+//! body's keypoint does: a network cannot know which of two figures side by side is nobody.
 
 use std::sync::Arc;
 
@@ -14,7 +16,8 @@ use rand::RngExt as _;
 
 use super::FaultProfile;
 use super::cover::{Bodies, Cover};
-use super::crowd::Subject;
+use super::crowd::{Figure, Subject};
+use super::in_sight::Standpoint;
 use super::streams::{Draws, Fault, KeypointStreams, N_KEYPOINTS, Owner, stream};
 
 /// COCO's OKS constants, in COCO's order.
@@ -38,6 +41,8 @@ pub(super) struct CameraFaults {
     seed: u64,
     rate_hz: f64,
     index: u16,
+    /// `None`: nothing stands in between, and everybody is seen.
+    standpoint: Option<Standpoint>,
     capture_offset_us: i32,
     tick: u64,
     /// `[person][keypoint]`.
@@ -99,6 +104,7 @@ impl Observation {
 
 /// A person as the camera meets them.
 struct View {
+    figure: Figure,
     /// Undistorted pixels.
     torso_px: Vector2<f64>,
     neck_px: Vector2<f64>,
@@ -122,6 +128,7 @@ impl CameraFaults {
             seed,
             rate_hz,
             index: index as u16,
+            standpoint: None,
             capture_offset_us: 0,
             tick: 0,
             streams: Vec::with_capacity(n_people),
@@ -136,6 +143,12 @@ impl CameraFaults {
         }
         faults.restart(n_people);
         faults
+    }
+
+    /// The same among the mirrors and posters of a scene.
+    pub(super) fn standing(mut self, at: Standpoint) -> Self {
+        self.standpoint = Some(at);
+        self
     }
 
     fn restart(&mut self, n_people: usize) {
@@ -177,7 +190,7 @@ impl CameraFaults {
     pub(super) fn observe(&mut self, tick: u64, subjects: &[Option<Subject>]) -> Observation {
         self.go_to(tick);
         let eye_m = self.camera.center().coordinates_m().coords;
-        let bodies = Bodies::new(eye_m, subjects);
+        let bodies = Bodies::new(eye_m, subjects, self.standpoint.as_ref());
         let views: Vec<Option<View>> = (0..subjects.len())
             .map(|person| self.view(person, subjects[person].as_ref()?, &bodies))
             .collect();
@@ -202,15 +215,21 @@ impl CameraFaults {
     /// How the camera meets somebody, and where it finds their keypoints; `None` where none of them
     /// is in the image, or pelvis and neck lie behind the camera.
     fn view(&self, person: usize, subject: &Subject, bodies: &Bodies<'_>) -> Option<View> {
+        let at = self.standpoint.as_ref();
+        if at.is_some_and(|at| !at.faces(subject)) {
+            return None;
+        }
         let project = |p: &Vector3<f64>| self.camera.project(Point::new((*p).into()));
         let sites_px = subject.sites_m.each_ref().map(|site_m| {
-            let px = project(site_m).filter(|px| self.camera.sees(*px));
-            px.map(|px| px.vector_px())
+            let px = project(site_m).filter(|px| self.camera.sees(*px))?;
+            let reached = at.is_none_or(|at| at.reaches(subject, site_m));
+            reached.then(|| px.vector_px())
         });
         sites_px.iter().flatten().next()?;
         let torso_px = project(&subject.torso_m).map(|px| px.vector_px());
         let neck_px = project(&subject.neck_m).map(|px| px.vector_px());
         let mut view = View {
+            figure: subject.figure,
             torso_px: torso_px.or(neck_px)?,
             neck_px: neck_px.or(torso_px)?,
             covered: [Cover::default(); N_KEYPOINTS],
@@ -253,11 +272,19 @@ impl CameraFaults {
     /// The peaks of one person; `None` where nothing of them is in the image.
     fn seen(&self, person: usize, views: &[Option<View>]) -> Option<Seen> {
         let view = views[person].as_ref()?;
+        let nobody = nobody_beside(view, views);
         let mut keypoints = [Evidence::default(); N_KEYPOINTS];
         for (k, evidence) in keypoints.iter_mut().enumerate() {
             if let Some(at_px) = view.found_px[k] {
                 let draws = self.streams[person][k].draws();
                 *evidence = self.evidence(k, at_px, &draws, (view, views));
+                let shown = nobody.filter(|_| draws.leaks && evidence.in_the_open);
+                if let Some((leak, nobody)) = self.profile.leak.zip(shown) {
+                    evidence.leaked = nobody.in_the_open(k).map(|at_px| Peak {
+                        at_px,
+                        height: leak.height,
+                    });
+                }
             }
         }
         Some(Seen {
@@ -299,6 +326,23 @@ impl CameraFaults {
             in_the_open: by_other.is_none(),
         }
     }
+}
+
+impl View {
+    /// Where keypoint `k` is found, if no other body covers it.
+    fn in_the_open(&self, k: usize) -> Option<Vector2<f64>> {
+        self.found_px[k].filter(|_| self.covered[k].by_other.is_none())
+    }
+}
+
+/// The reflection or poster that is seen nearest to the person of `view`.
+fn nobody_beside<'a>(view: &View, views: &'a [Option<View>]) -> Option<&'a View> {
+    if view.figure != Figure::Body {
+        return None;
+    }
+    let apart_px = |other: &View| (other.torso_px - view.torso_px).norm();
+    let shown = views.iter().flatten().filter(|v| v.figure != Figure::Body);
+    shown.min_by(|a, b| apart_px(a).total_cmp(&apart_px(b)))
 }
 
 /// A number that looks like none before (the finaliser of splitmix64).

@@ -13,6 +13,7 @@ use super::*;
 use crate::body::Build;
 use crate::embedded;
 use crate::keypoint_venue::look_at;
+use crate::scene::PersonTruth;
 
 const RATE_HZ: f64 = 60.0;
 const STATURE_M: f64 = 1.75;
@@ -49,7 +50,11 @@ pub(super) fn standing(x: f64, y: f64) -> Subject {
     let joints_m: Joints = body.joints_m;
     let site = |name| joints_m[Joint::from_name(name).unwrap().index()];
     let build = Build::from_seed(STATURE_M, 3);
-    Subject::new(&joints_m, &COCO17.map(site), &build)
+    let truth = PersonTruth {
+        joints_m,
+        sites_m: COCO17.map(site),
+    };
+    Subject::new(&truth, &build)
 }
 
 /// All of these are there.

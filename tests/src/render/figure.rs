@@ -6,6 +6,7 @@ use super::light::Light;
 use super::look::{Spot, color_at};
 use super::surroundings::times;
 use crate::body::{Build, Color, Cone, Part, Volume};
+use crate::scene::Poster;
 
 /// Someone or something in the picture, at each moment of the shutter.
 #[derive(Debug, Clone)]
@@ -17,6 +18,8 @@ pub enum Figure<'a> {
         /// The body at each moment, all made with `build`.
         moments: Vec<Volume>,
     },
+    /// A picture of a person.
+    Print(&'a Print),
     /// A thing of one colour, e.g. the ball.
     Thing {
         /// Reflectance.
@@ -26,10 +29,38 @@ pub enum Figure<'a> {
     },
 }
 
+/// A picture of a person: the light is that of when it was taken, the shadows are those that fall on it.
+#[derive(Debug, Clone)]
+pub struct Print {
+    poster: Poster,
+    build: Build,
+    body: Volume,
+    flat: Volume,
+}
+
+impl Print {
+    /// What `poster` shows.
+    pub fn new(poster: &Poster) -> Self {
+        let build = Build::from_seed(poster.stature_m, poster.build_seed);
+        Self {
+            body: poster.volume_before(&build),
+            flat: poster.volume(&build),
+            poster: poster.clone(),
+            build,
+        }
+    }
+
+    /// Whether the printed side is seen from a point (world, metres).
+    pub fn faces(&self, eye_m: &Vector3<f64>) -> bool {
+        self.poster.is_before(eye_m)
+    }
+}
+
 impl Figure<'_> {
     pub(super) fn cones(&self, moment: usize) -> &[Cone] {
         match self {
             Figure::Person { moments, .. } => &moments[moment % moments.len()].cones,
+            Figure::Print(print) => &print.flat.cones,
             Figure::Thing { moments, .. } => &moments[moment % moments.len()],
         }
     }
@@ -37,6 +68,7 @@ impl Figure<'_> {
     pub(super) fn n_moments(&self) -> usize {
         match self {
             Figure::Person { moments, .. } => moments.len(),
+            Figure::Print(_) => 1,
             Figure::Thing { moments, .. } => moments.len(),
         }
     }
@@ -45,6 +77,7 @@ impl Figure<'_> {
     pub(super) fn has_detail(&self, cone: usize) -> bool {
         match self {
             Figure::Person { moments, .. } => moments[0].cones[cone].part == Part::Head,
+            Figure::Print(print) => print.flat.cones[cone].part == Part::Head,
             Figure::Thing { .. } => false,
         }
     }
@@ -59,12 +92,15 @@ impl Figure<'_> {
         light: &Light,
         sunlit: impl Fn(&Vector3<f32>) -> f32,
     ) -> [f32; 3] {
-        let cone = &self.cones(moment)[cone];
-        let local = cone.to_local * (point_m - cone.origin_m);
+        let (cone, body_m) = match self {
+            Figure::Print(print) => (&print.body.cones[cone], print.poster.before_print(&point_m)),
+            Figure::Person { .. } | Figure::Thing { .. } => (&self.cones(moment)[cone], point_m),
+        };
+        let local = cone.to_local * (body_m - cone.origin_m);
         let normal = cone.to_local.tr_mul(&normal_at(cone, &local)).normalize();
         let spot = Spot {
             cone,
-            point_m,
+            point_m: body_m,
             normal,
             along: (local.z / cone.length.max(1e-6)).clamp(0.0, 1.0),
         };
@@ -73,6 +109,11 @@ impl Figure<'_> {
                 let volume = &moments[moment % moments.len()];
                 let out = (point_m - volume.bound_m.0).normalize();
                 (color_at(&spot, volume, build), normal.dot(&out) as f32)
+            }
+            Figure::Print(print) => {
+                let out = (body_m - print.body.bound_m.0).normalize();
+                let color = color_at(&spot, &print.body, &print.build);
+                (color, normal.dot(&out) as f32)
             }
             Figure::Thing { color, .. } => (*color, 1.0),
         };

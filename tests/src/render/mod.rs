@@ -20,7 +20,7 @@ mod tiles;
 mod view;
 
 pub use backdrop::Backdrop;
-pub use figure::Figure;
+pub use figure::{Figure, Print};
 pub use light::Light;
 pub use paint::{Shot, paint};
 pub use renderer::{RenderSettings, Renderer};

@@ -7,14 +7,14 @@ use image::RgbImage;
 use nalgebra::Vector3;
 
 use super::backdrop::Backdrop;
-use super::figure::Figure;
+use super::figure::{Figure, Print};
 use super::grain;
 use super::paint::{Shot, paint};
 use super::sensor::Sensor;
 use super::surroundings::Surroundings;
 use super::view::View;
 use crate::body::{Build, Cone, Part, Volume};
-use crate::scene::{BALL_RADIUS_M, Scene};
+use crate::scene::{BALL_RADIUS_M, Scene, ViewpointMask};
 
 /// Reflectance of the ball.
 const BALL: [f32; 3] = [0.85, 0.55, 0.1];
@@ -44,7 +44,7 @@ impl Default for RenderSettings {
     }
 }
 
-/// Paints what one camera of a scene sees.
+/// Paints what one camera of a scene sees. Mirrors are not painted.
 #[derive(Debug)]
 pub struct Renderer {
     scene: Arc<Scene>,
@@ -55,6 +55,10 @@ pub struct Renderer {
     backdrop: Backdrop,
     sensor: Sensor,
     builds: Vec<Build>,
+    /// The posters that face the camera.
+    prints: Vec<Print>,
+    /// The camera's viewpoint as a bit.
+    viewpoint: ViewpointMask,
 }
 
 impl Renderer {
@@ -77,7 +81,14 @@ impl Renderer {
             .iter()
             .map(|p| Build::from_seed(p.stature_m, p.build_seed))
             .collect();
+        let eye_m = model.center().coordinates_m().coords;
+        let prints = scene.posters().iter().map(Print::new);
+        let prints = prints.filter(|print| print.faces(&eye_m)).collect();
+        let mut viewpoints = scene.viewpoints().iter();
+        let viewpoint = viewpoints.position(|v| v.cameras.contains(&camera))?;
         Some(Self {
+            prints,
+            viewpoint: 1 << viewpoint,
             scene,
             camera,
             settings,
@@ -129,6 +140,9 @@ impl Renderer {
             .iter()
             .enumerate()
             .filter_map(|(person, build)| {
+                if self.scene.seen_by(person, time_s) & self.viewpoint == 0 {
+                    return None;
+                }
                 let now = self.scene.person_at(person, time_s)?;
                 let at = |&t: &f64| {
                     let truth = self.scene.person_at(person, t);
@@ -140,6 +154,7 @@ impl Renderer {
                 })
             })
             .collect();
+        figures.extend(self.prints.iter().map(Figure::Print));
         let balls: Option<Vec<_>> = times
             .iter()
             .map(|&t| Some(vec![ball(self.scene.ball_at(t)?)]))
@@ -154,4 +169,63 @@ impl Renderer {
 
 fn ball(center_m: Vector3<f64>) -> Cone {
     Cone::round(Part::Thing, [center_m; 2], [BALL_RADIUS_M; 2])
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+    use crate::embedded::CLIPS;
+    use crate::motion::Clip;
+
+    /// What the cameras of two opposite viewpoints see at 0 s and 1 s of a field with `added` in it.
+    fn pictures(added: &str) -> [[RgbImage; 2]; 2] {
+        let text = format!(
+            "rate_hz = 60\nseconds = 2\nsize_m = [5, 5]\n\
+             [cameras]\nviewpoints = 2\nper_viewpoint = 1\nsize_px = [240, 150]\n{added}"
+        );
+        let idle = CLIPS.iter().find(|(name, _)| *name == "idle").unwrap();
+        let clip = &mut |path: &Path| Ok(Arc::new(Clip::parse(idle.1, path)?));
+        let scene = Arc::new(Scene::parse(&text, Path::new("a.toml"), clip).unwrap());
+        let settings = RenderSettings {
+            noise: 0.0,
+            ..RenderSettings::default()
+        };
+        ["north-east", "south-west"].map(|name| {
+            let mut viewpoints = scene.viewpoints().iter();
+            let camera = viewpoints.find(|v| v.name == name).unwrap().cameras[0];
+            let renderer = Renderer::new(Arc::clone(&scene), camera, settings).unwrap();
+            [0.0, 1.0].map(|time_s| renderer.render(time_s))
+        })
+    }
+
+    fn differing(a: &RgbImage, b: &RgbImage) -> usize {
+        a.pixels().zip(b.pixels()).filter(|(a, b)| a != b).count()
+    }
+
+    #[test]
+    fn a_poster_is_painted_for_those_before_it_and_stays_as_it_is() {
+        let nobody = pictures("");
+        // It faces north-east.
+        let poster = "[[poster]]\nat_m = [0, 0]\nheading_rad = 0.785\nheight_m = 1.8\n\
+                      clip = \"idle.bvh\"\n";
+        let [before, behind] = pictures(poster);
+        let painted = differing(&before[0], &nobody[0][0]);
+        assert!(painted > 200, "{painted} pixels");
+        assert_eq!(differing(&before[0], &before[1]), 0);
+        assert_eq!(differing(&behind[0], &nobody[1][0]), 0);
+    }
+
+    #[test]
+    fn who_is_lost_is_painted_for_the_excepted_alone() {
+        let person = "[[person]]\nname = \"1\"\nclips = [\"idle.bvh\"]\nheight_m = 1.8\n\
+                      [[lost]]\nperson = \"1\"\nfrom_s = 0.5\nuntil_s = 2\n\
+                      except = [\"north-east\"]\n";
+        let (seen, nobody) = (pictures(person), pictures(""));
+        for (second, expected) in [[true, true], [true, false]].into_iter().enumerate() {
+            let is_painted = [0, 1].map(|v| differing(&seen[v][second], &nobody[v][second]) > 200);
+            assert_eq!(is_painted, expected, "at {second} s");
+        }
+    }
 }

@@ -5,8 +5,8 @@ use std::collections::BTreeSet;
 use farfield_proto::toml_file::{FileError, Place, TomlFile};
 
 use super::file::{
-    CameraSource, GeneratedCameras, MAX_CAMERAS, MAX_PEOPLE, MAX_PERSON_SECONDS, MAX_TICKS,
-    RawPerson, RawScene, RawViewpoint,
+    CameraSource, GeneratedCameras, MAX_CAMERAS, MAX_FIGURES, MAX_MIRRORS, MAX_PEOPLE,
+    MAX_PERSON_SECONDS, MAX_TICKS, RawPerson, RawScene, RawViewpoint,
 };
 
 /// Most clips of one person, and most points of one path.
@@ -164,6 +164,49 @@ impl Check<'_> {
                 );
                 return Err(self.file.error(&place.key("clips"), problem));
             }
+        }
+        Ok(())
+    }
+
+    /// What stands in the scene beside people, and what is hidden of these.
+    pub(super) fn surroundings(&self, raw: &RawScene) -> Result<(), FileError> {
+        let (mirrors, posters) = (Place::field("mirror"), Place::field("poster"));
+        self.count(&mirrors, raw.mirror.len(), [0, MAX_MIRRORS])?;
+        let shown = raw.person.len() * (1 + raw.mirror.len());
+        let Some(most) = MAX_FIGURES.checked_sub(shown) else {
+            let problem = format!(
+                "found {}, which make {shown} figures of {} people, expected at most {MAX_FIGURES}",
+                raw.mirror.len(),
+                raw.person.len()
+            );
+            return Err(self.file.error(&mirrors, problem));
+        };
+        self.count(&posters, raw.poster.len(), [0, most])?;
+        for (i, mirror) in raw.mirror.iter().enumerate() {
+            let place = mirrors.index(i);
+            self.point(&place.key("from_m"), mirror.from_m)?;
+            self.point(&place.key("to_m"), mirror.to_m)?;
+            self.range(&place.key("height_m"), mirror.height_m, [0.1, 100.0])?;
+            let width_m = distance_m(mirror.from_m, mirror.to_m);
+            if width_m < 0.1 {
+                let problem =
+                    format!("found {width_m:.3} m from `from_m`, expected at least 0.1 m");
+                return Err(self.file.error(&place.key("to_m"), problem));
+            }
+        }
+        for (i, poster) in raw.poster.iter().enumerate() {
+            let place = posters.index(i);
+            self.point(&place.key("at_m"), poster.at_m)?;
+            let heading = place.key("heading_rad");
+            self.range(&heading, poster.heading_rad, [-100.0, 100.0])?;
+            self.range(&place.key("height_m"), poster.height_m, [0.3, 2.6])?;
+            self.range(&place.key("time_s"), poster.time_s, [0.0, 1e6])?;
+        }
+        self.count(&Place::field("lost"), raw.lost.len(), [0, MAX_LIST])?;
+        for (i, lost) in raw.lost.iter().enumerate() {
+            let place = Place::field("lost").index(i);
+            self.range(&place.key("from_s"), lost.from_s, [0.0, 1e6])?;
+            self.range(&place.key("until_s"), lost.until_s, [lost.from_s, 1e6])?;
         }
         Ok(())
     }

@@ -10,10 +10,17 @@ use serde::Deserialize;
 use serde::de::IgnoredAny;
 
 use super::check::Check;
+use super::mirror::MirrorEntry;
+use super::poster::PosterEntry;
+use super::sight::LostEntry;
 use crate::faults::FaultProfile;
 
 /// Most people of a scene.
 pub const MAX_PEOPLE: usize = 200;
+/// Most mirrors of a scene.
+pub const MAX_MIRRORS: usize = 8;
+/// Most people, what mirrors show of them, and posters together.
+pub const MAX_FIGURES: usize = 400;
 /// Most cameras of a scene.
 pub const MAX_CAMERAS: usize = 64;
 /// Most ticks of a scene: an hour at 60 Hz.
@@ -36,6 +43,12 @@ pub struct SceneFile {
     pub cameras: CameraSource,
     /// The people, in file order.
     pub people: Vec<PersonEntry>,
+    /// Mirrors.
+    pub mirrors: Vec<MirrorEntry>,
+    /// Pictures of people.
+    pub posters: Vec<PosterEntry>,
+    /// Who is lost for a while.
+    pub lost: Vec<LostEntry>,
     /// Whether there is a ball.
     pub ball: bool,
     /// Faults of maps without pixels.
@@ -100,6 +113,8 @@ pub struct PersonEntry {
     pub leave_s: f64,
     /// What it walks along instead of the clip's own way.
     pub path: Option<PathEntry>,
+    /// Names of the only viewpoints that see it, as behind glass; `None`: all.
+    pub seen_by: Option<Vec<String>>,
 }
 
 /// A path, walked to its end and back again.
@@ -126,6 +141,12 @@ pub(super) struct RawScene {
     pub(super) viewpoint: Vec<RawViewpoint>,
     #[serde(default)]
     pub(super) person: Vec<RawPerson>,
+    #[serde(default)]
+    pub(super) mirror: Vec<MirrorEntry>,
+    #[serde(default)]
+    pub(super) poster: Vec<RawPoster>,
+    #[serde(default)]
+    pub(super) lost: Vec<LostEntry>,
     pub(super) ball: Option<RawBall>,
     #[serde(default)]
     pub(super) faults: FaultProfile,
@@ -171,6 +192,18 @@ pub(super) struct RawPerson {
     pub(super) enter_s: f64,
     pub(super) leave_s: Option<f64>,
     pub(super) path: Option<PathEntry>,
+    pub(super) seen_by: Option<Vec<String>>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct RawPoster {
+    pub(super) at_m: [f64; 2],
+    pub(super) heading_rad: f64,
+    pub(super) height_m: f64,
+    pub(super) clip: String,
+    #[serde(default)]
+    pub(super) time_s: f64,
 }
 
 fn default_height_m() -> f64 {
@@ -194,6 +227,13 @@ fn default_keep_inside() -> bool {
 }
 
 impl SceneFile {
+    /// Every motion clip that the scene names.
+    pub fn clips(&self) -> impl Iterator<Item = &Path> {
+        let of_people = self.people.iter().flat_map(|person| &person.clips);
+        let of_posters = self.posters.iter().map(|poster| &poster.clip);
+        of_people.chain(of_posters).map(PathBuf::as_path)
+    }
+
     /// Reads a scene's text; `path` is what paths inside it are relative to, and named in errors.
     ///
     /// # Errors
@@ -206,6 +246,7 @@ impl SceneFile {
         check.scene(&raw)?;
         let cameras = check.cameras(&raw)?;
         check.people(&raw)?;
+        check.surroundings(&raw)?;
         let leave_default_s = raw.seconds;
         let people = raw.person.into_iter();
         let people = people.map(|person| PersonEntry {
@@ -220,6 +261,14 @@ impl SceneFile {
             enter_s: person.enter_s,
             leave_s: person.leave_s.unwrap_or(leave_default_s),
             path: person.path,
+            seen_by: person.seen_by,
+        });
+        let posters = raw.poster.into_iter().map(|poster| PosterEntry {
+            clip: file.resolve(&poster.clip),
+            at_m: poster.at_m,
+            heading_rad: poster.heading_rad,
+            height_m: poster.height_m,
+            time_s: poster.time_s,
         });
         Ok(Self {
             rate_hz: raw.rate_hz,
@@ -228,6 +277,9 @@ impl SceneFile {
             size_m: raw.size_m,
             cameras,
             people: people.collect(),
+            mirrors: raw.mirror,
+            posters: posters.collect(),
+            lost: raw.lost,
             ball: raw.ball.is_some(),
             faults: raw.faults,
         })
@@ -326,6 +378,27 @@ mod tests {
             .map(|i| PERSON.replace("\"1\"", &format!("\"{i}\"")))
             .collect();
         assert!(refusal("", &crowd).contains("`person`: found 209, expected from 0 to 200"));
+    }
+
+    #[test]
+    fn mirrors_count_for_everybody_whom_they_show() {
+        let people: String = (2..=50)
+            .map(|i| PERSON.replace("\"1\"", &format!("\"{i}\"")))
+            .collect();
+        let mirror = "[[mirror]]\nfrom_m = [3, 2]\nto_m = [-3, 2]\nheight_m = 2\n";
+        let crowd = |mirrors: usize| people.clone() + &mirror.repeat(mirrors);
+        assert!(parse("", &crowd(7)).is_ok());
+        let message = refusal("", &crowd(8));
+        let expected =
+            "`mirror`: found 8, which make 450 figures of 50 people, expected at most 400";
+        assert!(message.contains(expected), "{message}");
+        let poster =
+            "[[poster]]\nat_m = [0, 0]\nheading_rad = 0\nheight_m = 1.8\nclip = \"a.bvh\"\n";
+        let message = refusal("", &(crowd(7) + poster));
+        assert!(
+            message.contains("`poster`: found 1, expected from 0 to 0"),
+            "{message}"
+        );
     }
 
     #[test]

@@ -10,25 +10,26 @@ mod cameras;
 mod check;
 mod draws;
 pub mod file;
+mod load;
+mod mirror;
 mod path;
 mod plan;
+mod poster;
 pub mod range_of_motion;
+mod sight;
 mod steer;
 mod table;
 mod timeline;
 pub mod truth;
 pub mod write;
 
-use std::collections::BTreeMap;
-use std::fs;
 use std::ops::Range;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 
-use farfield_proto::calibration::Calibration;
 use farfield_proto::camera::CameraModel;
 use farfield_proto::tick::Tick;
-use farfield_proto::toml_file::{FileError, Place, TomlFile, unknown_name};
+use farfield_proto::toml_file::{FileError, TomlFile};
 use nalgebra::Vector3;
 use rand::RngExt as _;
 
@@ -37,9 +38,14 @@ pub use self::ball::BALL_RADIUS_M;
 use self::ball::Ball;
 use self::cameras::Rig;
 use self::draws::{Purpose, draws};
-use self::file::{CameraSource, SceneFile};
+use self::file::SceneFile;
+use self::load::{Clips, mount, numbers_of, posters_of, read};
+pub use self::mirror::{Mirror, MirrorEntry};
 pub use self::plan::EDGE_M;
 use self::plan::Plan;
+pub use self::poster::{Poster, PosterEntry};
+use self::sight::Sight;
+pub use self::sight::{Lost, LostEntry, ViewpointMask};
 use self::truth::DefinitionOffsets;
 pub use self::truth::{N_SITES, PersonTruth, SITE_JOINTS};
 use crate::faults::FaultProfile;
@@ -92,6 +98,9 @@ pub struct Scene {
     rig: Rig,
     people: Vec<ScenePerson>,
     plan: Plan,
+    mirrors: Vec<Mirror>,
+    posters: Vec<Poster>,
+    sight: Sight,
     ball: Option<Ball>,
     faults: FaultProfile,
 }
@@ -119,7 +128,10 @@ impl Scene {
         let file = SceneFile::parse(text, path)?;
         let toml = TomlFile::parse(text, path)?;
         let rig = mount(&file, &toml)?;
-        let clips = clips_of(&file, clips)?;
+        let sight = Sight::new(&file, &rig.viewpoints, &toml)?;
+        let mut clips = Clips::new(clips);
+        let posters = posters_of(&file, &mut clips)?;
+        let clips = clips.of_people(&file)?;
         let plan = Plan::new(&file, &clips);
         let numbers = numbers_of(&file);
         let statures_m = Plan::statures_m(&file, &clips);
@@ -143,6 +155,9 @@ impl Scene {
             rig,
             people,
             plan,
+            mirrors: file.mirrors.iter().map(Mirror::new).collect(),
+            posters,
+            sight,
             ball: None,
             faults: file.faults,
         };
@@ -207,6 +222,32 @@ impl Scene {
         &self.people
     }
 
+    /// The mirrors.
+    pub fn mirrors(&self) -> &[Mirror] {
+        &self.mirrors
+    }
+
+    /// The pictures of people.
+    pub fn posters(&self) -> &[Poster] {
+        &self.posters
+    }
+
+    /// Who is lost when, and to whom.
+    pub fn lost(&self) -> &[Lost] {
+        &self.sight.lost
+    }
+
+    /// The viewpoints whose cameras show the `person`-th at `time_s`, unless something stands in
+    /// between.
+    pub fn seen_by(&self, person: usize, time_s: f64) -> ViewpointMask {
+        self.sight.seen_by(person, time_s)
+    }
+
+    /// Whether the truth holds the `person`-th: not who is behind glass for all viewpoints but one.
+    pub fn is_in_truth(&self, person: usize) -> bool {
+        self.sight.can_be_found(person)
+    }
+
     /// The faults of maps that are made without pixels.
     pub fn faults(&self) -> &FaultProfile {
         &self.faults
@@ -232,6 +273,13 @@ impl Scene {
         let joints_m = self.plan.joints_m(person, time_s);
         let length_m = self.faults.definition.map_or(0.0, |fault| fault.offset_m);
         Some(PersonTruth::new(&joints_m, &who.definition, length_m))
+    }
+
+    /// What the truth holds of the `person`-th at `tick`: as [`Self::person_at`], of those whom
+    /// anybody could find ([`Self::is_in_truth`]).
+    pub fn truth_at(&self, person: usize, tick: Tick) -> Option<PersonTruth> {
+        let counts = self.is_in_truth(person);
+        counts.then(|| self.person_at(person, self.time_s(tick)))?
     }
 
     /// The centre of the ball at `time_s`, metres; `None` without one. A pure function.
@@ -261,80 +309,6 @@ impl Scene {
         let seconds = seconds.max(0.0).min(self.seconds);
         Self { seconds, ..self }
     }
-}
-
-/// The text of a file.
-fn read(path: &Path) -> Result<String, FileError> {
-    fs::read_to_string(path).map_err(|e| FileError::new(path, format!("cannot be read: {e}")))
-}
-
-/// The cameras of a scene.
-fn mount(file: &SceneFile, toml: &TomlFile<'_>) -> Result<Rig, FileError> {
-    let (calibration, viewpoints) = match &file.cameras {
-        CameraSource::Generated(wanted) => {
-            return cameras::generate(wanted, file.size_m, file.seed)
-                .map_err(|problem| toml.error(&Place::field("cameras"), problem));
-        }
-        CameraSource::Calibrated {
-            calibration,
-            viewpoints,
-        } => (calibration, viewpoints),
-    };
-    let calibration = Calibration::parse(&read(calibration)?, calibration)?;
-    let mut rig = Rig::default();
-    for (i, (name, cameras)) in viewpoints.iter().enumerate() {
-        let first = rig.cameras.len();
-        for (j, camera) in cameras.iter().enumerate() {
-            let Some(model) = calibration.cameras.get(camera) else {
-                let known: Vec<&str> = calibration.cameras.keys().map(String::as_str).collect();
-                let place = Place::field("viewpoint").index(i).key("camera").index(j);
-                return Err(toml.error(&place.key("name"), unknown_name("camera", camera, &known)));
-            };
-            rig.cameras.push(model.clone());
-        }
-        rig.viewpoints.push(SceneViewpoint {
-            name: name.clone(),
-            cameras: (first..rig.cameras.len()).collect(),
-        });
-    }
-    Ok(rig)
-}
-
-/// The clips of every person, each file once.
-fn clips_of(
-    file: &SceneFile,
-    load: &mut dyn FnMut(&Path) -> Result<Arc<Clip>, FileError>,
-) -> Result<Vec<Vec<Arc<Clip>>>, FileError> {
-    let mut loaded: BTreeMap<&PathBuf, Arc<Clip>> = BTreeMap::new();
-    let mut all = Vec::with_capacity(file.people.len());
-    for person in &file.people {
-        let mut clips = Vec::with_capacity(person.clips.len());
-        for path in &person.clips {
-            let clip = match loaded.get(path) {
-                Some(clip) => clip.clone(),
-                None => loaded.entry(path).or_insert(load(path)?).clone(),
-            };
-            clips.push(clip);
-        }
-        all.push(clips);
-    }
-    Ok(all)
-}
-
-/// The numbers of people in truth files.
-fn numbers_of(file: &SceneFile) -> Vec<u32> {
-    let written: Option<Vec<u32>> = file
-        .people
-        .iter()
-        .map(|person| person.name.parse().ok().filter(|n| *n > 0))
-        .collect();
-    let counted = || (1..).take(file.people.len()).collect();
-    // "1" and "01" are two names, and one number.
-    let distinct = |numbers: &Vec<u32>| {
-        let unique: std::collections::BTreeSet<_> = numbers.iter().collect();
-        unique.len() == numbers.len()
-    };
-    written.filter(distinct).unwrap_or_else(counted)
 }
 
 #[cfg(test)]

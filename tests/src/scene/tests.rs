@@ -1,6 +1,9 @@
 //! The fixed scenes, as far as they are at hand: people move as people can. Without the data
 //! these tests say so and pass.
 
+use std::fs;
+use std::path::PathBuf;
+
 use farfield_fusion::skeleton::Joint;
 use nalgebra::Vector2;
 

@@ -2,6 +2,7 @@
 
 use std::fmt::Write as _;
 use std::io;
+use std::ops::Range;
 
 use farfield_fusion::skeleton::Joint;
 use farfield_proto::camera::CameraModel;
@@ -79,22 +80,18 @@ fn push_points<'a>(line: &mut String, points: impl Iterator<Item = (&'a str, &'a
     }
 }
 
-/// Writes the lines of all ticks and people of `scene`, sorted by tick, then number.
+/// Writes the lines of `ticks` and all people of `scene`, sorted by tick, then number.
 ///
 /// # Errors
 /// What `out` answers.
-pub fn write_truth(scene: &Scene, out: &mut impl io::Write) -> io::Result<()> {
+pub fn write_truth(scene: &Scene, ticks: &Range<Tick>, out: &mut impl io::Write) -> io::Result<()> {
     let mut order: Vec<usize> = (0..scene.people().len()).collect();
     order.sort_by_key(|&person| scene.people()[person].number);
-    for tick in scene.ticks().start.0..scene.ticks().end.0 {
-        let tick = Tick(tick);
+    for tick in (ticks.start.0..ticks.end.0).map(Tick) {
         for &person in &order {
-            if let Some(truth) = scene.person_at(person, scene.time_s(tick)) {
-                writeln!(
-                    out,
-                    "{}",
-                    truth_line(tick, scene.people()[person].number, &truth)
-                )?;
+            if let Some(truth) = scene.truth_at(person, tick) {
+                let number = scene.people()[person].number;
+                writeln!(out, "{}", truth_line(tick, number, &truth))?;
             }
         }
     }

@@ -42,7 +42,8 @@ impl SimulatedSource {
     /// cameras capture off their ticks; pictures have none of the scene's other faults.
     ///
     /// # Errors
-    /// [`SourceError::Scene`] when the scene has no such camera, or the system no thread left.
+    /// [`SourceError::Scene`] when the scene has no such camera, or a mirror, which pictures cannot show,
+    /// or the system no thread left.
     pub fn new(
         crowd: &Arc<Crowd>,
         camera: usize,
@@ -58,6 +59,12 @@ impl SimulatedSource {
             });
         };
         let name = model.name().to_owned();
+        if content == SimulatedContent::Pixels && !scene.mirrors().is_empty() {
+            return Err(SourceError::Scene {
+                camera: name,
+                problem: "the scene has a `[[mirror]]`, which pictures cannot show: only maps and keypoints can".to_owned(),
+            });
+        }
         let maps = MapFaults::of(Arc::clone(crowd), camera);
         let (next, end) = (ticks.start, ticks.end);
         let frames = match content {

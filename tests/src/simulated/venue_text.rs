@@ -103,7 +103,7 @@ fn first_seen(
     let [min_m, max_m] = scene.field_bounds_m();
     let is_inside = |site: &Vector3<f64>| (0..3).all(|i| (min_m[i]..=max_m[i]).contains(&site[i]));
     (ticks.start.0..ticks.end.0).map(Tick).find_map(|tick| {
-        let truth = scene.person_at(person, scene.time_s(tick))?;
+        let truth = scene.truth_at(person, tick)?;
         let is_there = truth.sites_m.iter().all(is_inside);
         is_there.then_some((tick, truth.sites_m))
     })

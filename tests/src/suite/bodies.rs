@@ -1,18 +1,17 @@
 //! People as they are scored: the truth of a scene, and what the system says.
 
 use std::collections::BTreeMap;
-use std::ops::Range;
 
 use farfield_fusion::predict::Joints;
-use farfield_fusion::score::lines::Recording;
+use farfield_fusion::score::calibration::{Detail, Sureness};
 use farfield_fusion::score::points::{Body, PointSet};
-use farfield_fusion::skeleton::Joint;
+use farfield_fusion::skeleton::{Joint, N_JOINTS};
 use farfield_proto::keypoints::{COCO17, KeypointSet};
 use farfield_proto::message::{PersonPose, PoseSet};
 use farfield_proto::tick::Tick;
 use nalgebra::Vector3;
 
-use crate::scene::{PersonTruth, Scene};
+use crate::scene::PersonTruth;
 
 /// People by tick and id.
 pub type People = BTreeMap<Tick, BTreeMap<u32, Body>>;
@@ -25,21 +24,8 @@ pub fn true_body(truth: &PersonTruth) -> Body {
         let index = COCO17.iter().position(|keypoint| *keypoint == name)?;
         Some(truth.sites_m[index])
     });
+    body.detail = Some(Box::new(Detail::gather(joint, None)));
     body
-}
-
-/// Everybody of `scene` at `ticks`, by number.
-pub fn truth_of(scene: &Scene, ticks: Range<Tick>) -> Recording {
-    let at = |tick: Tick| {
-        let there = scene.people().iter().enumerate().filter_map(|(i, who)| {
-            let truth = scene.person_at(i, scene.time_s(tick))?;
-            Some((who.number, true_body(&truth)))
-        });
-        (tick, there.collect::<BTreeMap<_, _>>())
-    };
-    let ticks = (ticks.start.0..ticks.end.0).map(Tick);
-    let people = ticks.map(at).filter(|(_, there)| !there.is_empty());
-    Recording::from_people(PointSet::Joints, people.collect())
 }
 
 /// A pose as it is scored.
@@ -54,6 +40,16 @@ pub fn pose_body(pose: &PersonPose, keypoints: &KeypointSet) -> Body {
         let index = keypoints.index_of(name)?;
         pose.keypoints_m.get(index).map(to_f64)
     });
+    body.detail = <[f32; N_JOINTS]>::try_from(pose.sigma_m.as_slice())
+        .ok()
+        .map(|sigma_m| {
+            let sureness = Sureness {
+                state: pose.state,
+                views: pose.views,
+                sigma_m,
+            };
+            Box::new(Detail::gather(joint, Some(sureness)))
+        });
     body
 }
 

@@ -15,7 +15,9 @@ use serde::Serialize;
 use super::baseline::{CUTOFFS_HZ, Trajectory};
 use super::bodies::People;
 use super::butterworth::ZeroPhase;
+use super::meetings::meetings;
 use super::outliers::Thresholds;
+use super::recovery::Recovery;
 use super::run::{Plan, SceneRun};
 use super::venue::Input;
 use crate::scene::Scene;
@@ -106,7 +108,8 @@ pub struct SceneReport {
     pub rate_hz: f64,
     /// Share of the moments at which the truth is outside the clinical range of motion, percent.
     pub outside_range_of_motion: f64,
-    /// Per actor, the ticks until a live listener got it; they are not scored. `None`: never.
+    /// Per actor, the ticks from when it could be asked for until a live listener got it; they are not
+    /// scored. `None`: never.
     pub found_after_ticks: BTreeMap<u32, Option<i64>>,
     /// What a live listener gets, with range of motion.
     pub with_range_of_motion: Scores,
@@ -116,6 +119,13 @@ pub struct SceneReport {
     pub baseline: Baseline,
     /// What the files hold in the end, with range of motion, over all ticks.
     pub as_written: Scores,
+    /// How often two of the people come near each other and part, in the truth.
+    pub meetings: u64,
+    /// Gaps of what a live listener gets, with range of motion, that nothing excuses
+    /// ([`super::gaps`]).
+    pub gaps_to_answer_for: u64,
+    /// What became of the people whom the scene lost for a while, live.
+    pub recoveries: Vec<Recovery>,
     /// Mean bytes of all patches of a tick.
     pub patch_bytes_per_tick: f64,
     /// What a live listener gets, with range of motion.
@@ -144,25 +154,31 @@ impl SceneReport {
             *later = tick.max(*later);
         }
         let (samples, outside) = range_of_motion_excess(scene).total();
-        let (first, n_ticks) = (scene.ticks().start, scene.ticks().end - scene.ticks().start);
-        let numbers = scene.people().iter().map(|who| who.number);
+        let n_ticks = scene.ticks().end - scene.ticks().start;
+        let after = |(&actor, &since): (&u32, &Tick)| {
+            let after = found.get(&actor).map(|&tick| tick - since);
+            (actor, after)
+        };
+        let with_range_of_motion = bounded.score(&bounded.causal, &found);
+        let gaps = bounded.gaps_to_answer_for(&bounded.causal, &found, &with_range_of_motion);
         Ok(Self {
             scene: name.to_owned(),
             input: match input {
                 Input::Maps => "maps",
                 Input::Pixels { .. } => "pixels",
             },
-            people: scene.people().len(),
+            people: bounded.since.len(),
             ticks: n_ticks,
             rate_hz: scene.rate_hz(),
             outside_range_of_motion: 100.0 * outside as f64 / samples.max(1) as f64,
-            found_after_ticks: numbers
-                .map(|actor| (actor, found.get(&actor).map(|&tick| tick - first)))
-                .collect(),
-            with_range_of_motion: bounded.score(&bounded.causal, &found),
+            found_after_ticks: bounded.since.iter().map(after).collect(),
+            with_range_of_motion,
             without_range_of_motion: free.score(&free.causal, &found),
             baseline: Baseline::best(&bounded, &found),
             as_written: score(&bounded.finished, &bounded.truth, Some(scene.rate_hz())),
+            meetings: meetings(scene),
+            gaps_to_answer_for: gaps.len() as u64,
+            recoveries: Recovery::all(scene, &bounded.causal, &bounded.truth),
             patch_bytes_per_tick: bounded.patch_bytes as f64 / n_ticks.max(1) as f64,
             causal: bounded.causal,
             truth: bounded.truth,
@@ -204,6 +220,10 @@ impl fmt::Display for SceneReport {
             table::line(NAME_WIDTH, "as written, all", &self.as_written.mean.row())
         )?;
         writeln!(f, "{}", self.with_range_of_motion.identity_line())?;
+        writeln!(f, "{}", self.with_range_of_motion.lives)?;
+        for recovery in &self.recoveries {
+            writeln!(f, "{recovery}")?;
+        }
         let found: Vec<String> = self
             .found_after_ticks
             .iter()
@@ -214,9 +234,15 @@ impl fmt::Display for SceneReport {
             .collect();
         write!(
             f,
-            "found {}, scored from then on; patches of {:.0} bytes a tick",
+            "found {}, scored from then on; {} gaps to answer for; {} meetings; patches of {:.0} bytes a tick",
             found.join(", "),
+            self.gaps_to_answer_for,
+            self.meetings,
             self.patch_bytes_per_tick
-        )
+        )?;
+        match &self.with_range_of_motion.calibration {
+            Some(calibration) => write!(f, "\n{calibration}"),
+            None => Ok(()),
+        }
     }
 }

@@ -1,6 +1,6 @@
 //! One scene through the whole system, in lock-step in this process, with what studies ask for kept.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use farfield_edge::pipeline::EdgeOutput;
@@ -8,6 +8,7 @@ use farfield_edge::source::FrameSource;
 use farfield_fusion::person::track::Track;
 use farfield_fusion::predict::Joints;
 use farfield_fusion::score::lines::Recording;
+use farfield_fusion::score::lives::Lives;
 use farfield_fusion::score::points::PointSet;
 use farfield_fusion::score::{Scores, matches_at, score};
 use farfield_proto::keypoints::KeypointSet;
@@ -16,7 +17,9 @@ use farfield_proto::venue::Parameters;
 use nalgebra::{Matrix3x4, Vector3};
 
 use super::baseline::PersonView;
-use super::bodies::{People, add_poses, truth_of};
+use super::bodies::{People, add_poses};
+use super::gaps;
+use super::presence::Presence;
 use super::tee::tee;
 use super::venue::{Input, sources_of, venue_of};
 use crate::in_process::InProcess;
@@ -79,9 +82,12 @@ impl Stages {
 pub struct SceneRun {
     /// The scene.
     pub scene: Arc<Scene>,
-    /// The true people, by number.
+    /// The true people, by number, while they can be asked for.
     pub truth: Recording,
-    /// What a live listener gets at each tick.
+    /// The first tick of each in the truth.
+    pub since: BTreeMap<u32, Tick>,
+    /// What a live listener gets at each tick; here and in the files, poses of people who cannot be
+    /// asked for are left out.
     pub causal: Recording,
     /// What the files hold in the end: the same, with the tentative ticks of those who were
     /// confirmed later.
@@ -90,10 +96,13 @@ pub struct SceneRun {
     pub keypoints: KeypointSet,
     /// Per camera of the venue, world metres to homogeneous undistorted pixels.
     pub pixel_from_world: Vec<Matrix3x4<f64>>,
+    presence: Presence,
     /// Bytes of all patches: what the edges sent, without the protocol's own.
     pub patch_bytes: u64,
-    /// Per tick and id of fusion, what each camera showed; empty unless the plan keeps it.
+    /// Per tick and id on the wire, what each camera showed; empty unless the plan keeps it.
     peaks: BTreeMap<Tick, BTreeMap<u32, Vec<PersonView>>>,
+    /// Per id on the wire: whose it was in the end. Who comes back has one for each stay.
+    id_of_wire: BTreeMap<u32, u32>,
     /// Per tick and id of fusion; empty unless the plan keeps it.
     stages: BTreeMap<Tick, BTreeMap<u32, Stages>>,
 }
@@ -107,6 +116,7 @@ struct Running {
     finished: People,
     patch_bytes: u64,
     peaks: BTreeMap<Tick, BTreeMap<u32, Vec<PersonView>>>,
+    id_of_wire: BTreeMap<u32, u32>,
     stages: BTreeMap<Tick, BTreeMap<u32, Stages>>,
 }
 
@@ -120,6 +130,7 @@ impl Running {
             finished: People::new(),
             patch_bytes: 0,
             peaks: BTreeMap::new(),
+            id_of_wire: BTreeMap::new(),
             stages: BTreeMap::new(),
         }
     }
@@ -139,6 +150,9 @@ impl Running {
         if self.plan.keep_peaks {
             let views = views_of(&trace.edges, &mut self.reader);
             self.peaks.insert(trace.tick, views);
+            let tracks = self.nodes.tracks().iter();
+            self.id_of_wire
+                .extend(tracks.map(|track| (track.wire_id().0, track.id().0)));
         }
         if self.plan.keep_stages {
             let tracks = self.nodes.tracks().iter();
@@ -155,15 +169,23 @@ impl Running {
             add_poses(&mut self.finished, &poses, &keypoints);
         }
         let cameras = self.nodes.venue().cameras.iter();
+        let presence = Presence::of(scene);
+        let asked_for = |people| {
+            let poses = Recording::from_people(PointSet::Joints, people);
+            presence.asked_for(&poses)
+        };
         SceneRun {
             scene: Arc::clone(scene),
-            truth: truth_of(scene, scene.ticks()),
-            causal: Recording::from_people(PointSet::Joints, self.causal),
-            finished: Recording::from_people(PointSet::Joints, self.finished),
+            truth: presence.truth.clone(),
+            since: presence.since.clone(),
+            causal: asked_for(self.causal),
+            finished: asked_for(self.finished),
             keypoints,
             pixel_from_world: cameras.map(|c| c.model.projection_matrix()).collect(),
+            presence,
             patch_bytes: self.patch_bytes,
             peaks: self.peaks,
+            id_of_wire: self.id_of_wire,
             stages: self.stages,
         }
     }
@@ -236,12 +258,28 @@ impl SceneRun {
                 people.insert(tick, counts);
             }
         }
-        Recording::from_people(PointSet::Joints, people)
+        Recording::from_people(PointSet::Joints, people).whole()
     }
 
-    /// Scores `poses` against the truth since each actor was `found`.
+    /// Scores `poses` against the truth since each actor was `found`; births against all of it.
     pub fn score(&self, poses: &Recording, found: &BTreeMap<u32, Tick>) -> Scores {
-        score(poses, &self.truth_since(found), Some(self.scene.rate_hz()))
+        let (rate_hz, poses) = (Some(self.scene.rate_hz()), self.presence.asked_for(poses));
+        Scores {
+            lives: Lives::of(&poses, &self.truth, rate_hz),
+            ..score(&poses, &self.truth_since(found), rate_hz)
+        }
+    }
+
+    /// The gaps of `poses` since each actor was `found` that nothing excuses; `scores` are those of
+    /// [`Self::score`] for the same.
+    pub fn gaps_to_answer_for(
+        &self,
+        poses: &Recording,
+        found: &BTreeMap<u32, Tick>,
+        scores: &Scores,
+    ) -> BTreeSet<(Tick, u32)> {
+        let (poses, truth) = (self.presence.asked_for(poses), self.truth_since(found));
+        gaps::to_answer_for(&self.scene, &poses, &truth, &scores.lives.return_gaps)
     }
 
     /// What the cameras showed of `actor` (a number of the truth) at each tick: the crops of whoever
@@ -249,7 +287,10 @@ impl SceneRun {
     pub fn views_of(&self, actor: u32) -> BTreeMap<Tick, Vec<PersonView>> {
         let at = |(&tick, people): (&Tick, &BTreeMap<u32, Vec<PersonView>>)| {
             let id = *matches_at(tick, &self.finished, &self.truth).get(&actor)?;
-            Some((tick, people.get(&id)?.clone()))
+            let views = people
+                .iter()
+                .find(|(wire, _)| self.id_of_wire.get(*wire) == Some(&id));
+            Some((tick, views?.1.clone()))
         };
         self.peaks.iter().filter_map(at).collect()
     }

@@ -2,10 +2,12 @@
 //! suite on the project's own motion clips.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use anyhow::Context as _;
 
 use crate::embedded;
+use crate::motion::Clip;
 use crate::scene::Scene;
 use crate::scene::file::SceneFile;
 
@@ -18,7 +20,23 @@ pub struct Suite {
     pub fixed: &'static [&'static str],
     /// The project's own that stand in for them.
     pub own: &'static [&'static str],
+    /// The project's own that run in any case: what they probe no fixed scene does.
+    pub probes: &'static [&'static str],
 }
+
+/// A fixed scene to which something is added.
+struct Variant {
+    name: &'static str,
+    of: &'static str,
+    /// TOML that is added to the file's.
+    added: &'static str,
+}
+
+const VARIANTS: [Variant; 1] = [Variant {
+    name: "futsal-lost",
+    of: "futsal",
+    added: include_str!("../../scenes/lost-in-futsal.toml"),
+}];
 
 /// All suites.
 pub const SUITES: [Suite; 3] = [
@@ -26,16 +44,19 @@ pub const SUITES: [Suite; 3] = [
         name: "paper",
         fixed: &["a", "b", "c", "d", "e", "f", "g", "h", "futsal", "sprint"],
         own: &OWN,
+        probes: &[],
     },
     Suite {
         name: "identity",
-        fixed: &["enter", "hug", "cross", "stadium"],
-        own: &["enter", "cross"],
+        fixed: &["hug", "futsal-lost", "enter", "cross", "stadium"],
+        own: &["hug", "lost", "enter", "cross"],
+        probes: &["mirror", "poster", "return", "scrum"],
     },
     Suite {
         name: "own",
         fixed: &[],
         own: &OWN,
+        probes: &[],
     },
 ];
 
@@ -62,11 +83,11 @@ pub struct Named {
 pub struct Chosen {
     /// In the order asked.
     pub scenes: Vec<Named>,
-    /// What a reader of the figures must know: that other scenes stand in, and why.
+    /// What a reader of the figures must know: that other scenes stand in or are left out, and why.
     pub note: Option<String>,
 }
 
-/// The scenes of a suite's name, or of scene files. `root` holds the folder `scenes`.
+/// The scenes of a suite's name, of variants of fixed scenes, or of scene files. `root` holds the folder `scenes`.
 ///
 /// # Errors
 /// When neither a suite nor a file has the name, or a scene that is there cannot be read.
@@ -78,20 +99,51 @@ pub fn choose(asked: &[String], root: &Path) -> anyhow::Result<Chosen> {
     for name in asked {
         match SUITES.iter().find(|suite| suite.name == name) {
             Some(suite) => suite.add(root, &mut chosen)?,
+            None if VARIANTS.iter().any(|variant| variant.name == name) => {
+                chosen.scenes.push(fixed(root, name)?);
+            }
             None => chosen.scenes.push(one(name)?),
         }
     }
     Ok(chosen)
 }
 
+impl Chosen {
+    /// Leaves out the scenes that pictures cannot show, those with mirrors, and says so in the note.
+    pub fn leave_out_what_pictures_cannot_show(&mut self) {
+        let mut left_out = Vec::new();
+        self.scenes.retain(|Named { name, scene }| {
+            let is_shown = scene.mirrors().is_empty();
+            if !is_shown {
+                left_out.push(name.clone());
+            }
+            is_shown
+        });
+        if left_out.is_empty() {
+            return;
+        }
+        let left_out = format!(
+            "left out, as pictures cannot show mirrors: {}",
+            left_out.join(", ")
+        );
+        self.note = Some(match self.note.take() {
+            Some(note) => format!("{note}; {left_out}"),
+            None => left_out,
+        });
+    }
+}
+
 impl Suite {
     fn add(&self, root: &Path, chosen: &mut Chosen) -> anyhow::Result<()> {
-        let files: Vec<PathBuf> = self
-            .fixed
-            .iter()
-            .map(|name| root.join("scenes").join(name).with_extension("toml"))
-            .collect();
-        let missing = files.iter().find_map(|file| missing_of(file));
+        let own = |name: &&str| -> anyhow::Result<Named> {
+            let scene = embedded::scene(name)?;
+            let name = format!("own {name}");
+            Ok(Named { name, scene })
+        };
+        for name in self.probes {
+            chosen.scenes.push(own(name)?);
+        }
+        let missing = self.fixed.iter().find_map(|name| missing_of(root, name));
         if self.fixed.is_empty() || missing.is_some() {
             chosen.note = missing.map(|path| {
                 format!(
@@ -102,30 +154,47 @@ impl Suite {
                 )
             });
             for name in self.own {
-                let scene = embedded::scene(name)?;
-                let name = format!("own {name}");
-                chosen.scenes.push(Named { name, scene });
+                chosen.scenes.push(own(name)?);
             }
             return Ok(());
         }
-        for (name, file) in self.fixed.iter().zip(&files) {
-            let scene = Scene::load(file)?;
-            let name = (*name).to_owned();
-            chosen.scenes.push(Named { name, scene });
+        for name in self.fixed {
+            chosen.scenes.push(fixed(root, name)?);
         }
         Ok(())
     }
 }
 
-/// The first file that a scene needs and that is not there: itself or a clip.
-fn missing_of(file: &Path) -> Option<PathBuf> {
-    let Ok(text) = std::fs::read_to_string(file) else {
-        return Some(file.to_owned());
+/// The file of a fixed scene or of a variant of one, and what is added to it.
+fn file_of(root: &Path, name: &str) -> (PathBuf, &'static str) {
+    let variant = VARIANTS.iter().find(|variant| variant.name == name);
+    let (of, added) = variant.map_or((name, ""), |variant| (variant.of, variant.added));
+    let file = root.join("scenes").join(of).with_extension("toml");
+    (file, added)
+}
+
+fn fixed(root: &Path, name: &str) -> anyhow::Result<Named> {
+    let (file, added) = file_of(root, name);
+    let text =
+        std::fs::read_to_string(&file).with_context(|| format!("reading {}", file.display()))?;
+    let text = format!("{text}\n{added}");
+    let load = &mut |clip: &Path| Ok(Arc::new(Clip::load(clip)?));
+    Ok(Named {
+        name: name.to_owned(),
+        scene: Scene::parse(&text, &file, load)?,
+    })
+}
+
+/// The first file that a fixed scene needs and that is not there: itself or a clip.
+fn missing_of(root: &Path, name: &str) -> Option<PathBuf> {
+    let (file, _) = file_of(root, name);
+    let Ok(text) = std::fs::read_to_string(&file) else {
+        return Some(file);
     };
     // What is wrong in it is said when it is read.
-    let scene = SceneFile::parse(&text, file).ok()?;
-    let mut clips = scene.people.into_iter().flat_map(|person| person.clips);
-    clips.find(|clip| !clip.exists())
+    let scene = SceneFile::parse(&text, &file).ok()?;
+    let missing = scene.clips().find(|clip| !clip.exists());
+    missing.map(Path::to_owned)
 }
 
 fn one(name: &str) -> anyhow::Result<Named> {
@@ -157,6 +226,20 @@ mod tests {
         let note = chosen.note.unwrap();
         assert!(note.contains("a.toml is not there"), "{note}");
         assert!(note.contains("own motion clips"), "{note}");
+    }
+
+    #[test]
+    fn what_pictures_cannot_show_is_left_out_and_it_is_said() {
+        let mut chosen = choose(&["identity".to_owned()], Path::new("nowhere")).unwrap();
+        let all = chosen.scenes.len();
+        chosen.leave_out_what_pictures_cannot_show();
+        assert_eq!(chosen.scenes.len(), all - 1);
+        let note = chosen.note.unwrap();
+        assert!(note.contains("hug.toml is not there"), "{note}");
+        assert!(note.ends_with("mirrors: own mirror"), "{note}");
+        let mut shown = choose(&["hug".to_owned()], Path::new("nowhere")).unwrap();
+        shown.leave_out_what_pictures_cannot_show();
+        assert_eq!((shown.scenes.len(), shown.note), (1, None));
     }
 
     #[test]

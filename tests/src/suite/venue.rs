@@ -28,11 +28,13 @@ const SIGMA_CELLS: f64 = 2.0;
 pub enum Input {
     /// Maps made from the truth with the scene's faults. People are found unaided.
     Maps,
-    /// Rendered pictures, read by the network with this card. There is no detector: people are given
-    /// by hand where they come in.
+    /// Rendered pictures, read by the network with this card.
     Pixels {
         /// The network's card.
         network: PathBuf,
+        /// The card of the detector that finds the people; without one they are given by hand where
+        /// they come in.
+        detector: Option<PathBuf>,
     },
 }
 
@@ -69,17 +71,19 @@ pub fn venue_of(scene: &Scene, input: &Input, parameters: Parameters) -> Venue {
         });
     }
     let [min_m, max_m] = scene.field_bounds_m();
-    let (network, given_persons) = match input {
-        Input::Maps => (None, Vec::new()),
-        Input::Pixels { network } => (Some(network.clone()), given(scene)),
+    let (network, detector) = match input {
+        Input::Maps => (None, None),
+        Input::Pixels { network, detector } => (Some(network.clone()), detector.clone()),
     };
+    let is_given = network.is_some() && detector.is_none();
+    let given_persons = if is_given { given(scene) } else { Vec::new() };
     Venue {
         name: "suite".to_owned(),
         rate_hz: scene.rate_hz(),
         first_tick: Tick(0),
         calibration_path: PathBuf::new(),
         network,
-        detector: None,
+        detector,
         endpoints: Endpoints::default(),
         field: Field { min_m, max_m },
         viewpoints,
@@ -121,7 +125,7 @@ fn given(scene: &Scene) -> Vec<GivenPerson> {
     let Range { start, end } = scene.ticks();
     let of_person = |person: usize| {
         (start.0..end.0).map(Tick).find_map(|tick| {
-            let truth = scene.person_at(person, scene.time_s(tick))?;
+            let truth = scene.truth_at(person, tick)?;
             let inside = |i: usize| {
                 let site = &truth.sites_m[i];
                 (0..2).all(|axis| (min_m[axis]..=max_m[axis]).contains(&site[axis]))
