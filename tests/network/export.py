@@ -8,10 +8,9 @@ import warnings
 from pathlib import Path
 
 import numpy as np
-import onnx
 import torch
 
-from halving import OPSET, halve
+from halving import OPSET, finish
 from measure import OnnxNetwork
 from network import Network, Shape
 
@@ -43,18 +42,11 @@ def main() -> None:
             output_names=["heatmap"],
             dynamic_axes={"image": {0: "n"}, "heatmap": {0: "n"}},
         )
-    model = onnx.load(args.model)
-    for node in model.graph.node:
-        # The exporter keeps the paths of the sources here.
-        node.ClearField("doc_string")
-    halve(model, HALVED_FROM)
-    onnx.checker.check_model(model)
-    onnx.save(model, args.model)
+    operators = finish(args.model, HALVED_FROM)
     with torch.no_grad():
         difference = (OnnxNetwork(args.model)(x) - network(x)).abs().max().item()
     if not difference < 5e-3:
         raise SystemExit(f"the exported network differs by {difference}")
-    operators = sorted({node.op_type for node in model.graph.node})
     print(
         f"{args.model}: {args.model.stat().st_size / 1e6:.2f} MB, {', '.join(operators)}; trained on"
         f" {checkpoint['crops']} crops ({checkpoint['different']} different) in"

@@ -166,7 +166,7 @@ fn predicted_cell(view: &View, keypoint: usize) -> Option<Vector2<f64>> {
 mod tests {
     use farfield_proto::keypoints::COCO17;
 
-    use super::super::meeting::{Drawn, LEFT_ELBOW, LEFT_WRIST, Meeting, RIGHT_WRIST};
+    use super::super::meeting_fixture::{Drawn, LEFT_ELBOW, LEFT_WRIST, Meeting, RIGHT_WRIST};
     use super::*;
 
     const MARGIN: f64 = 0.25;

@@ -34,7 +34,7 @@ mod initial_pose;
 mod limbs;
 mod lookout;
 #[cfg(test)]
-mod meeting;
+mod meeting_fixture;
 mod memory;
 mod plausibility;
 mod proportions;

@@ -87,7 +87,7 @@ fn moves(touch: &Touch, [e_a, e_b]: [f64; 2], w: f64) -> [Vector3<f64>; 2] {
 
 #[cfg(test)]
 mod tests {
-    use super::super::meeting::Meeting;
+    use super::super::meeting_fixture::Meeting;
     use super::*;
     use crate::skeleton::Joint;
 

@@ -1,10 +1,31 @@
 //! Cameras anywhere around a person, and anyhow.
 
+use std::f64::consts::TAU;
+
 use farfield_proto::camera::{CameraModel, Distortion, Intrinsics};
 use farfield_proto::frames::Transform;
 use nalgebra::{Isometry3, Matrix3, Rotation3, Vector3};
 use rand::RngExt as _;
 use rand_chacha::ChaCha8Rng;
+
+/// A place (world, metres) `distance_m` from `middle`, in any direction and up to `highest_m` above the
+/// floor.
+pub(crate) fn eye_around(
+    middle: Vector3<f64>,
+    distance_m: f64,
+    highest_m: f64,
+    rng: &mut ChaCha8Rng,
+) -> Vector3<f64> {
+    let height_m = rng.random_range(0.8..highest_m);
+    let bearing = rng.random_range(0.0..TAU);
+    let ground_m = distance_m.powi(2) - (height_m - middle.z).powi(2);
+    let ground_m = ground_m.max(1.0).sqrt();
+    Vector3::new(
+        middle.x + ground_m * bearing.cos(),
+        middle.y + ground_m * bearing.sin(),
+        height_m,
+    )
+}
 
 /// Camera axes from world axes: the person is anywhere in the picture of a wide lens, and cameras hang
 /// a little askew.

@@ -1,6 +1,6 @@
 //! Where the camera stands and what is cut out of its picture.
 
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::PI;
 
 use farfield_edge::crop::{CropGeometry, CropShape, enclosing_upright};
 use farfield_fusion::boxes::{BoxShape, Boxes};
@@ -15,7 +15,7 @@ use rand::RngExt as _;
 use rand_chacha::ChaCha8Rng;
 
 use crate::INPUT_PX;
-use crate::camera::{camera, log_uniform, looking};
+use crate::camera::{camera, eye_around, log_uniform, looking};
 
 /// Share of crops at any rotation.
 const ANY_ROTATION: f64 = 0.15;
@@ -37,15 +37,7 @@ pub(crate) fn draw(joints_m: &Joints, stature_m: f64, rng: &mut ChaCha8Rng) -> O
     let middle = joints_m.iter().sum::<Vector3<f64>>() / joints_m.len() as f64;
     let distance_m: f64 = log_uniform(3.0..40.0, rng);
     let highest_m = f64::min(12.0, 1.2 + 0.8 * distance_m);
-    let height_m = rng.random_range(0.8..highest_m);
-    let bearing = rng.random_range(0.0..TAU);
-    let ground_m = distance_m.powi(2) - (height_m - middle.z).powi(2);
-    let ground_m = ground_m.max(1.0).sqrt();
-    let eye = Vector3::new(
-        middle.x + ground_m * bearing.cos(),
-        middle.y + ground_m * bearing.sin(),
-        height_m,
-    );
+    let eye = eye_around(middle, distance_m, highest_m, rng);
     // How tall the person is in the picture: as many small ones as large ones.
     let tall_px: f64 = log_uniform(40.0..320.0, rng);
     let focal_px = tall_px * (middle - eye).norm() / stature_m;

@@ -11,7 +11,7 @@ use rand::RngExt as _;
 use rand_chacha::ChaCha8Rng;
 
 use crate::FRAME_PX;
-use crate::camera::{camera, log_uniform, looking};
+use crate::camera::{camera, eye_around, log_uniform, looking};
 use crate::people::{Moment, Person};
 
 /// Share of pictures without anybody.
@@ -75,15 +75,7 @@ pub(crate) fn draw(clips: &[Clip], rng: &mut ChaCha8Rng) -> Option<Glance> {
 fn aimed(middle: Vector3<f64>, rng: &mut ChaCha8Rng) -> Option<CameraModel> {
     let distance_m: f64 = log_uniform(2.5..120.0, rng);
     let highest_m = f64::min(15.0, 1.2 + 0.7 * distance_m);
-    let height_m = rng.random_range(0.8..highest_m);
-    let bearing = rng.random_range(0.0..TAU);
-    let ground_m = distance_m.powi(2) - (height_m - middle.z).powi(2);
-    let ground_m = ground_m.max(1.0).sqrt();
-    let eye = Vector3::new(
-        middle.x + ground_m * bearing.cos(),
-        middle.y + ground_m * bearing.sin(),
-        height_m,
-    );
+    let eye = eye_around(middle, distance_m, highest_m, rng);
     let focal_px = log_uniform(TALL_PX, rng) * (middle - eye).norm() / 1.75;
     let axes = looking(eye, middle, rng);
     let wide = camera(focal_px, [0.0, 0.0], [1 << 15, 1 << 15], axes, eye)?;

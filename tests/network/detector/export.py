@@ -8,7 +8,6 @@ import sys
 import warnings
 from pathlib import Path
 
-import onnx
 import torch
 
 from accuracy import OnnxDetector
@@ -16,7 +15,7 @@ from detector import Detector
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from halving import OPSET, halve  # noqa: E402
+from halving import OPSET, finish  # noqa: E402
 
 # Weights of tensors of this size and larger are stored with 16 bits.
 HALVED_FROM = 4_000
@@ -46,18 +45,11 @@ def main() -> None:
             input_names=["image"],
             output_names=["cells"],
         )
-    model = onnx.load(args.model)
-    for node in model.graph.node:
-        # The exporter keeps the paths of the sources here.
-        node.ClearField("doc_string")
-    halve(model, HALVED_FROM)
-    onnx.checker.check_model(model)
-    onnx.save(model, args.model)
+    operators = finish(args.model, HALVED_FROM)
     with torch.no_grad():
         difference = (OnnxDetector(args.model)(x) - network(x)).abs().max().item()
     if not difference < 2e-2:
         raise SystemExit(f"the exported detector differs by {difference}")
-    operators = sorted({node.op_type for node in model.graph.node})
     print(
         f"{args.model}: {args.model.stat().st_size / 1e6:.2f} MB, {', '.join(operators)}; trained on"
         f" {checkpoint['frames']} pictures ({checkpoint['different']} different) in"

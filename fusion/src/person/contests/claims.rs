@@ -398,7 +398,7 @@ fn is_highest(cells: &[u8], (width, height): (usize, usize), cell: usize) -> boo
 mod tests {
     use proptest::prelude::*;
 
-    use super::super::super::meeting::{LEFT_WRIST, Meeting};
+    use super::super::super::meeting_fixture::{LEFT_WRIST, Meeting};
     use super::*;
 
     #[test]

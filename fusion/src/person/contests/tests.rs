@@ -4,7 +4,7 @@
 use nalgebra::Vector3;
 use proptest::prelude::*;
 
-use super::super::meeting::{Drawn, LEFT_WRIST, Meeting, RIGHT_WRIST};
+use super::super::meeting_fixture::{Drawn, LEFT_WRIST, Meeting, RIGHT_WRIST};
 use super::*;
 
 /// What is left of a peak of 0.9 that somebody loses beyond doubt, with a little for the grid.
@@ -42,6 +42,19 @@ fn with(mut drawn: Vec<Drawn>, keypoint: usize, peaks: &[(Vector3<f64>, f64)]) -
     drawn
 }
 
+/// The first person's map of the left wrist shows `shown` of the second, whom `camera` sees: the first
+/// loses that peak and the second keeps it.
+fn goes_to_its_owner(mut meeting: Meeting, shown: usize, camera: usize) {
+    let theirs = keypoint(&meeting, 1, shown);
+    let leaked = with(meeting.as_they_are(0), LEFT_WRIST, &[(theirs, 0.9)]);
+    let clean = meeting.as_they_are(1);
+    meeting.show(0, 0, &leaked);
+    meeting.show(1, camera, &clean);
+    place_and_settle(&mut meeting);
+    assert!(meeting.value(0, 0, LEFT_WRIST, theirs) < LOST);
+    assert!(meeting.value(1, 0, shown, theirs) > KEPT);
+}
+
 #[test]
 fn a_peak_that_leaks_into_anothers_map_goes_and_the_own_one_stays() {
     let mut meeting = two();
@@ -63,15 +76,7 @@ fn a_peak_that_leaks_into_anothers_map_goes_and_the_own_one_stays() {
 
 #[test]
 fn a_leaked_peak_goes_also_where_nothing_else_is_seen() {
-    let mut meeting = two();
-    let theirs = keypoint(&meeting, 1, LEFT_WRIST);
-    let leaked = with(meeting.as_they_are(0), LEFT_WRIST, &[(theirs, 0.9)]);
-    let clean = meeting.as_they_are(1);
-    meeting.show(0, 0, &leaked);
-    meeting.show(1, 0, &clean);
-    place_and_settle(&mut meeting);
-    assert!(meeting.value(0, 0, LEFT_WRIST, theirs) < LOST);
-    assert!(meeting.value(1, 0, LEFT_WRIST, theirs) > KEPT);
+    goes_to_its_owner(two(), LEFT_WRIST, 0);
 }
 
 #[test]
@@ -100,27 +105,12 @@ fn a_peak_that_is_seen_from_two_cameras_of_one_viewpoint_is_one_peak() {
     let eye = meeting.hall.cameras[0].1.center().coordinates_m() + Vector3::new(0.1, -0.17, 0.0);
     let beside = super::super::scene::looking_at_the_middle("beside", eye);
     meeting.hall.cameras.push((ViewpointIndex(0), beside));
-    let theirs = keypoint(&meeting, 1, LEFT_WRIST);
-    let leaked = with(meeting.as_they_are(0), LEFT_WRIST, &[(theirs, 0.9)]);
-    let clean = meeting.as_they_are(1);
-    meeting.show(0, 0, &leaked);
-    meeting.show(1, 4, &clean);
-    place_and_settle(&mut meeting);
-    assert!(meeting.value(0, 0, LEFT_WRIST, theirs) < LOST);
-    assert!(meeting.value(1, 0, LEFT_WRIST, theirs) > KEPT);
+    goes_to_its_owner(meeting, LEFT_WRIST, 4);
 }
 
 #[test]
 fn the_other_ones_other_side_is_a_rival_too() {
-    let mut meeting = two();
-    let theirs = keypoint(&meeting, 1, RIGHT_WRIST);
-    let leaked = with(meeting.as_they_are(0), LEFT_WRIST, &[(theirs, 0.9)]);
-    let clean = meeting.as_they_are(1);
-    meeting.show(0, 0, &leaked);
-    meeting.show(1, 0, &clean);
-    place_and_settle(&mut meeting);
-    assert!(meeting.value(0, 0, LEFT_WRIST, theirs) < LOST);
-    assert!(meeting.value(1, 0, RIGHT_WRIST, theirs) > KEPT);
+    goes_to_its_owner(two(), RIGHT_WRIST, 0);
 }
 
 #[test]
