@@ -243,6 +243,7 @@ mod tests {
             part,
             parts,
             sighting_parts,
+            timing: None,
             persons: Vec::new(),
         }
     }

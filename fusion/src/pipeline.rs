@@ -261,6 +261,7 @@ impl Pipeline {
                 tick,
                 viewpoint: ViewpointIndex(index as u16),
                 order: Order::Track,
+                live: None,
                 look,
                 persons,
             }

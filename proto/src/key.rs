@@ -44,6 +44,21 @@ impl Keys {
         format!("{}/pose", self.venue)
     }
 
+    /// Poses of the fixed-lag smoother.
+    pub fn smooth(&self) -> String {
+        format!("{}/smooth", self.venue)
+    }
+
+    /// The venue's files, to be asked for: fusion hands them out.
+    pub fn config(&self) -> String {
+        format!("{}/config", self.venue)
+    }
+
+    /// What an edge has stored of its patch sets, to be asked for.
+    pub fn fill(&self, viewpoint: &str) -> String {
+        format!("{}/fill/{viewpoint}", self.venue)
+    }
+
     /// Status of a node.
     pub fn status(&self, node: &str) -> String {
         format!("{}/status/{node}", self.venue)
@@ -89,5 +104,8 @@ mod tests {
         let keys = Keys::new("hall-3");
         assert_eq!(keys.patch("ne"), "hall-3/patch/ne");
         assert_eq!(keys.sightings(), "hall-3/sighting/*");
+        assert_eq!(keys.fill("ne"), "hall-3/fill/ne");
+        assert_eq!(keys.smooth(), "hall-3/smooth");
+        assert_eq!(keys.config(), "hall-3/config");
     }
 }

@@ -13,6 +13,7 @@ pub mod grid;
 pub mod id;
 pub mod key;
 pub mod keypoints;
+pub mod live;
 pub mod message;
 pub mod model_card;
 pub mod patch;

@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 use crate::bounding_box::{BoundingBox, BoxRate};
 use crate::grid::CellGrid;
 use crate::id::{CameraIndex, PersonId, SessionId, ViewpointIndex};
+use crate::live::{LiveBoxes, LiveStatus, PatchTiming};
 use crate::patch::EncodedMaps;
 use crate::tick::Tick;
 
@@ -34,6 +35,8 @@ pub struct PatchSet {
     /// How many [`SightingSet`] messages belong to this tick from this viewpoint (0: the edge did
     /// not look).
     pub sighting_parts: u16,
+    /// When it was sent and what was heard by then; `None` in lock-step.
+    pub timing: Option<PatchTiming>,
     /// The persons of this part.
     pub persons: Vec<PersonPatch>,
 }
@@ -69,6 +72,8 @@ pub struct BoxSet {
     pub viewpoint: ViewpointIndex,
     /// What the edge shall do at this tick.
     pub order: Order,
+    /// Clock and link; `None` in lock-step.
+    pub live: Option<LiveBoxes>,
     /// The cameras of this viewpoint that look for people without boxes at this tick, ascending; most
     /// often none. All viewpoints look at the same ticks, because rays of different ticks do not meet.
     pub look: Vec<CameraIndex>,
@@ -219,8 +224,10 @@ pub struct Status {
     pub unreadable: u64,
     /// Why the node gave up, when it did.
     pub failure: Option<String>,
-    /// How long each stage took; only in an edge's last word, when the run is over.
+    /// How long each stage took; in lock-step only in an edge's last word, when the run is over.
     pub stages: Vec<StageTime>,
+    /// How it runs live; `None` in lock-step.
+    pub live: Option<LiveStatus>,
 }
 
 /// Most stages in one status.
@@ -242,6 +249,8 @@ pub struct StageTime {
     pub p50_us: u32,
     /// 99th percentile, microseconds.
     pub p99_us: u32,
+    /// 99.9th percentile, microseconds.
+    pub p999_us: u32,
     /// Largest, microseconds.
     pub max_us: u32,
 }
@@ -258,6 +267,7 @@ impl StageTime {
             total_us,
             p50_us: *samples_us.get(rank(0.5))?,
             p99_us: *samples_us.get(rank(0.99))?,
+            p999_us: *samples_us.get(rank(0.999))?,
             max_us: *samples_us.last()?,
         })
     }
@@ -277,9 +287,10 @@ mod tests {
                 time.total_us,
                 time.p50_us,
                 time.p99_us,
+                time.p999_us,
                 time.max_us
             ),
-            (200, 20_100, 100, 198, 200)
+            (200, 20_100, 100, 198, 200, 200)
         );
         assert_eq!(StageTime::from_samples("step", &mut []), None);
     }

@@ -8,6 +8,7 @@ use serde::de::DeserializeOwned;
 
 use crate::grid::CellGrid;
 use crate::key::is_key_chunk;
+use crate::live::{LiveStatus, MAX_CLOCK_CORRECTION_US, MAX_EDGES};
 use crate::message::{
     BoxSet, CameraBox, MAX_CAPTURE_OFFSET_US, MAX_CROPS, MAX_PERSONS, MAX_SIGHTINGS, MAX_STAGES,
     PatchSet, PersonPatch, PersonPose, PoseSet, Sighting, SightingSet, Status,
@@ -15,7 +16,7 @@ use crate::message::{
 use crate::patch::MAX_KEYPOINTS;
 
 /// Version of the messages; any change of their fields or of the patch codec raises it.
-pub const VERSION: u8 = 2;
+pub const VERSION: u8 = 3;
 /// Longest message, bytes. It bounds what decoding may allocate, too: room is made for elements
 /// that are there, not for those that a message says it has, so less than 64 bytes for each of its own.
 pub const MAX_MESSAGE_BYTES: usize = 1 << 20;
@@ -117,6 +118,10 @@ impl Message for PatchSet {
             self.sighting_parts <= MAX_PARTS,
             "more sighting parts than a tick may have",
         )?;
+        let timing = self.timing.iter();
+        timing
+            .map(|timing| timing.clock_correction_us)
+            .try_for_each(check_correction)?;
         ensure(
             self.persons.len() <= MAX_PERSONS,
             "more persons than a message may have",
@@ -170,6 +175,9 @@ impl Message for BoxSet {
             few_cameras && self.look.len() <= MAX_CAMERAS,
             "more cameras than a viewpoint may have",
         )?;
+        let live = self.live.iter();
+        live.map(|live| live.clock_correction_us)
+            .try_for_each(check_correction)?;
         ensure(
             self.look.is_sorted_by(|a, b| a < b),
             "cameras that look out of order or twice",
@@ -286,8 +294,45 @@ impl Message for Status {
             "more stages than a node may have",
         )?;
         let in_order = self.ticks.is_none_or(|[first, end]| first <= end);
-        ensure(in_order, "ticks that end before they begin")
+        ensure(in_order, "ticks that end before they begin")?;
+        self.live.iter().try_for_each(check_live)
     }
+}
+
+fn check_live(live: &LiveStatus) -> Result<(), &'static str> {
+    check_correction(live.clock_correction_us)?;
+    ensure(live.every_nth_tick > 0, "every 0th tick")?;
+    ensure(
+        live.cameras.len() <= MAX_CAMERAS,
+        "more cameras than a viewpoint may have",
+    )?;
+    ensure(
+        live.edges.len() <= MAX_EDGES,
+        "more edges than a venue may have",
+    )?;
+    let rates = live.cameras.iter().map(|c| &c.frames_per_s);
+    ensure(
+        all_finite(rates.chain(live.edges.iter().map(|e| &e.horizon_ticks))),
+        "a number that is not finite",
+    )?;
+    live.edges.iter().try_for_each(|edge| {
+        ensure(
+            is_key_chunk(&edge.viewpoint),
+            "a node name that cannot stand in a key",
+        )?;
+        let refused = edge.refused.iter();
+        ensure(
+            refused.clone().all(|text| text.len() <= MAX_TEXT_BYTES),
+            "a text that is too long",
+        )
+    })
+}
+
+fn check_correction(us: i32) -> Result<(), &'static str> {
+    ensure(
+        us.unsigned_abs() <= MAX_CLOCK_CORRECTION_US.unsigned_abs(),
+        "a clock correction past any clock",
+    )
 }
 
 fn check_parts(part: u16, parts: u16) -> Result<(), &'static str> {

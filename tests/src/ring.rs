@@ -152,6 +152,7 @@ impl Ring {
                 part: 0,
                 parts: 1,
                 sighting_parts: 0,
+                timing: None,
                 persons: vec![patch],
             })
         });

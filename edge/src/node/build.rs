@@ -168,6 +168,7 @@ pub(super) fn build(config: &Config) -> Result<Built, NodeError> {
         unreadable: 0,
         failure: None,
         stages: Vec::new(),
+        live: None,
     };
     Ok(Built { work, status })
 }

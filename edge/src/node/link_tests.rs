@@ -87,6 +87,7 @@ async fn boxes_arrive_patches_leave_in_order_and_fusion_is_missed() {
         tick: Tick(3),
         viewpoint: ViewpointIndex(0),
         order: Order::Track,
+        live: None,
         look: Vec::new(),
         persons: Vec::new(),
     };

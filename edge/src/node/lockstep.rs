@@ -175,6 +175,7 @@ mod tests {
             unreadable: 0,
             failure: None,
             stages: Vec::new(),
+            live: None,
         }
     }
 

@@ -195,6 +195,7 @@ impl Pipeline {
             part: 0,
             parts: 1,
             sighting_parts: sighting_sets.len() as u16,
+            timing: None,
             persons: Vec::new(),
         };
         Ok(EdgeOutput {

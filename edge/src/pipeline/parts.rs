@@ -101,6 +101,7 @@ mod tests {
             part: 0,
             parts: 1,
             sighting_parts: 0,
+            timing: None,
             persons: Vec::new(),
         }
     }

@@ -132,6 +132,7 @@ fn boxes(look: &[u16], persons: Vec<Vec<CameraBox>>) -> BoxSet {
         tick: Tick(40),
         viewpoint: ViewpointIndex(0),
         order: Order::Track,
+        live: None,
         look: look.iter().copied().map(CameraIndex).collect(),
         persons,
     }

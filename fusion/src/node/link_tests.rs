@@ -72,6 +72,7 @@ async fn an_edge_is_heard_answered_and_missed() {
         part: 0,
         parts: 1,
         sighting_parts: 0,
+        timing: None,
         persons: Vec::new(),
     };
     let bytes = wire::encode(&set);

@@ -122,6 +122,7 @@ impl<'a> LockStep<'a> {
                 tick,
                 viewpoint,
                 order: Order::End,
+                live: None,
                 look: Vec::new(),
                 persons: Vec::new(),
             };

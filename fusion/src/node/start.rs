@@ -48,6 +48,7 @@ pub(super) fn own_status(hashes: &VenueHash) -> Status {
         unreadable: 0,
         failure: None,
         stages: Vec::new(),
+        live: None,
     }
 }
 

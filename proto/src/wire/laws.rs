@@ -7,6 +7,7 @@ use super::*;
 use crate::bounding_box::{BoundingBox, BoxRate};
 use crate::grid::CellGrid;
 use crate::id::{CameraIndex, PersonId, SessionId, ViewpointIndex};
+use crate::live::{BoxEcho, HeardPatches, LiveBoxes, LiveStatus, PatchTiming};
 use crate::message::{KeypointPeak, Order, PersonBoxes, PersonState};
 use crate::patch::EncodedMaps;
 use crate::tick::Tick;
@@ -27,6 +28,32 @@ fn decode_all(bytes: &[u8]) {
 
 fn px() -> impl Strategy<Value = [f32; 2]> {
     prop::array::uniform2(-5000.0f32..5000.0)
+}
+
+/// In every other message.
+fn timing(seed: u16) -> Option<PatchTiming> {
+    seed.is_multiple_of(2).then(|| PatchTiming {
+        sent_after_us: i32::from(seed) - 500,
+        clock_correction_us: -i32::from(seed),
+        echo: seed.is_multiple_of(4).then(|| BoxEcho {
+            sequence: u32::from(seed),
+            held_us: 7 * u32::from(seed),
+        }),
+    })
+}
+
+/// In every other message.
+fn live_boxes(seed: i64) -> Option<LiveBoxes> {
+    (seed % 2 == 0).then_some(LiveBoxes {
+        sequence: seed as u32,
+        epoch_us: seed as u64,
+        clock_correction_us: (seed % 1_000_000) as i32,
+        heard: (seed % 4 == 0).then_some(HeardPatches {
+            tick: Tick(seed),
+            one_way_us: seed as i32,
+            bytes: seed as u32,
+        }),
+    })
 }
 
 fn any_patch_set() -> impl Strategy<Value = PatchSet> {
@@ -81,6 +108,7 @@ fn any_patch_set() -> impl Strategy<Value = PatchSet> {
                 part: parts - 1,
                 parts,
                 sighting_parts,
+                timing: timing(parts),
                 persons: persons.collect(),
             }
         })
@@ -125,6 +153,7 @@ fn any_box_set() -> impl Strategy<Value = BoxSet> {
             tick: Tick(head.1),
             viewpoint: ViewpointIndex(head.2),
             order,
+            live: live_boxes(head.1),
             look: look.into_iter().map(CameraIndex).collect(),
             persons,
         })
@@ -227,6 +256,11 @@ fn any_status() -> impl Strategy<Value = Status> {
                 unreadable,
                 failure: failed.then_some(failure),
                 stages: vec![stage(unreadable); usize::from(failed)],
+                live: ready.then(|| LiveStatus {
+                    every_nth_tick: 1,
+                    held_back: process,
+                    ..LiveStatus::default()
+                }),
             }
         })
 }

@@ -4,6 +4,9 @@ use super::*;
 use crate::bounding_box::{BoundingBox, BoxRate};
 use crate::grid::CellGrid;
 use crate::id::{CameraIndex, PersonId, SessionId, ViewpointIndex};
+use crate::live::{
+    BoxEcho, CameraHealth, CameraStatus, EdgeLink, HeardPatches, LiveBoxes, PatchTiming,
+};
 use crate::message::{KeypointPeak, Order, PersonBoxes, PersonState, StageTime};
 use crate::patch::EncodedMaps;
 use crate::tick::Tick;
@@ -36,6 +39,14 @@ fn patch_set() -> PatchSet {
         part: 0,
         parts: 1,
         sighting_parts: 2,
+        timing: Some(PatchTiming {
+            sent_after_us: 9_000,
+            clock_correction_us: -20_000,
+            echo: Some(BoxEcho {
+                sequence: 299,
+                held_us: 4_000,
+            }),
+        }),
         persons: vec![patch],
     }
 }
@@ -61,6 +72,16 @@ fn box_set() -> BoxSet {
         tick: Tick(-5),
         viewpoint: ViewpointIndex(0),
         order: Order::Track,
+        live: Some(LiveBoxes {
+            sequence: 300,
+            epoch_us: 1_700_000_000_000_000,
+            clock_correction_us: -20_000,
+            heard: Some(HeardPatches {
+                tick: Tick(-17),
+                one_way_us: 40_100,
+                bytes: 120_000,
+            }),
+        }),
         look: vec![CameraIndex(0), CameraIndex(3)],
         persons: vec![PersonBoxes {
             person: PersonId(1),
@@ -114,7 +135,41 @@ pub(super) fn stage(count: u64) -> StageTime {
         total_us: 70,
         p50_us: 40,
         p99_us: 300,
+        p999_us: 600,
         max_us: 1000,
+    }
+}
+
+fn live_status() -> LiveStatus {
+    let camera = CameraStatus {
+        camera: CameraIndex(4),
+        health: CameraHealth::Frozen,
+        frames_per_s: 59.5,
+        capture_offset_us: -3_000,
+    };
+    let edge = EdgeLink {
+        viewpoint: "north".to_owned(),
+        live: false,
+        refused: Some("clock".to_owned()),
+        round_trip_us: Some(80_000),
+        clock_offset_us: Some(-20_000),
+        horizon_ticks: 6.5,
+        bytes_per_s: 100_000,
+        late: 3,
+        missing: 4,
+        unreadable: 5,
+    };
+    LiveStatus {
+        epoch_us: Some(1_700_000_000_000_000),
+        clock_correction_us: 20_000,
+        quality: 3,
+        persons_per_tick: Some(6),
+        every_nth_tick: 2,
+        bytes_per_s: 110_000,
+        held_back: 7,
+        missed_ticks: 8,
+        cameras: vec![camera],
+        edges: vec![edge],
     }
 }
 
@@ -133,16 +188,17 @@ fn status() -> Status {
         unreadable: 300,
         failure: Some("lost".to_owned()),
         stages: vec![stage(3)],
+        live: Some(live_status()),
     }
 }
 
 /// One message of each kind, in hexadecimal.
 const GOLDEN: [&str; 5] = [
-    "0284868808d80401000102010703d604ef0101000020410000a441000080400000803e304002000030400203010203",
-    "0209090000020003010101030000c84200004843000048420000b4420000003f0000803f000080bf000000000000003f000000000000c842000052430000ca4200002a43",
-    "0209800102010201000000803f02010000c03f000000c00000403f00",
-    "0209800101020201000000000000003f0000803f010000803f000000bf00000040010000803c010000803e80808080801004",
-    "02056e6f7274688101010201026162026364000001d804a00600ac0201046c6f7374010463726f70034628ac02e807",
+    "0384868808d8040100010201d08c01bfb80201ab02a01f010703d604ef0101000020410000a441000080400000803e304002000030400203010203",
+    "030909000001ac028080f9c0c1c48203bfb8020121c8f204c0a907020003010101030000c84200004843000048420000b4420000003f0000803f000080bf000000000000003f000000000000c842000052430000ca4200002a43",
+    "0309800102010201000000803f02010000c03f000000c00000403f00",
+    "0309800101020201000000000000003f0000803f010000803f000000bf00000040010000803c010000803e80808080801004",
+    "03056e6f7274688101010201026162026364000001d804a00600ac0201046c6f7374010463726f70034628ac02d804e80701018080f9c0c1c48203c0b80203010602b0db06070801040100006e42ef2e01056e6f727468000105636c6f636b0180f10401bfb8020000d040a08d06030405",
 ];
 
 fn hex(bytes: &[u8]) -> String {
@@ -295,6 +351,42 @@ fn impossible_numbers_are_refused() {
         |m| m.failure = Some("x".repeat(MAX_TEXT_BYTES + 1)),
         "a text that is too long",
     );
+}
+
+#[test]
+fn what_is_said_of_a_link_is_checked() {
+    let live = |m: &mut Status, spoil: fn(&mut LiveStatus)| m.live.iter_mut().for_each(spoil);
+    check_refused(
+        status(),
+        |m| live(m, |l| l.every_nth_tick = 0),
+        "every 0th tick",
+    );
+    check_refused(
+        status(),
+        |m| live(m, |l| l.edges[0].horizon_ticks = f32::NAN),
+        "a number that is not finite",
+    );
+    check_refused(
+        status(),
+        |m| live(m, |l| l.edges[0].viewpoint = "a/*".to_owned()),
+        "a node name that cannot stand in a key",
+    );
+    check_refused(
+        status(),
+        |m| live(m, |l| l.edges = vec![l.edges[0].clone(); MAX_EDGES + 1]),
+        "more edges than a venue may have",
+    );
+    let past = "a clock correction past any clock";
+    let timing = |m: &mut PatchSet| {
+        let timing = m.timing.iter_mut();
+        timing.for_each(|t| t.clock_correction_us = i32::MIN);
+    };
+    check_refused(patch_set(), timing, past);
+    let correction = |m: &mut BoxSet| {
+        let live = m.live.iter_mut();
+        live.for_each(|l| l.clock_correction_us = i32::MAX);
+    };
+    check_refused(box_set(), correction, past);
 }
 
 #[test]

@@ -1,0 +1,140 @@
+//! What nodes say of clocks, delays and links when they run live. In lock-step none of it travels.
+//!
+//! Fusion learns round trip and clock offset of every edge from the box sets that it sends and the
+//! patch sets that come back, as NTP does (RFC 5905, section 8): the sending of box set `sequence` is t1, its
+//! arrival at the edge t2 = t3 - `held_us`, the sending of the patch set t3, its arrival t4.
+
+use serde::{Deserialize, Serialize};
+
+use crate::id::CameraIndex;
+use crate::tick::Tick;
+
+/// Largest correction of an edge's clock that travels, microseconds (an hour): what is wrong by more is refused
+/// long before.
+pub const MAX_CLOCK_CORRECTION_US: i32 = i32::MAX / 2;
+/// Most edges of which a fusion node's status speaks.
+pub const MAX_EDGES: usize = 256;
+
+/// In a patch set: when it was sent, and what the edge had heard by then.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct PatchTiming {
+    /// Sending instant by the edge's corrected clock, less the tick's time, microseconds.
+    pub sent_after_us: i32,
+    /// The correction of the edge's clock that is in force, microseconds: corrected = own + correction.
+    pub clock_correction_us: i32,
+    /// The newest box set that the edge has heard in this session.
+    pub echo: Option<BoxEcho>,
+}
+
+/// A box set that an edge has heard.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct BoxEcho {
+    /// Its [`LiveBoxes::sequence`].
+    pub sequence: u32,
+    /// How long ago it arrived, microseconds.
+    pub held_us: u32,
+}
+
+/// In a box set: the clock of the venue, and what fusion hears of the edge.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct LiveBoxes {
+    /// Number of this box set among all that were sent to this viewpoint in this session.
+    pub sequence: u32,
+    /// Unix time of tick 0, microseconds.
+    pub epoch_us: u64,
+    /// What the edge shall add to its clock, microseconds.
+    pub clock_correction_us: i32,
+    /// The newest patch set that has arrived from the viewpoint.
+    pub heard: Option<HeardPatches>,
+}
+
+/// What fusion has heard of an edge: by it the edge sees how full its link is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct HeardPatches {
+    /// Tick of the newest patch set.
+    pub tick: Tick,
+    /// Its arrival by fusion's clock less its sending by the edge's corrected clock, microseconds. Its
+    /// changes tell of queues, whatever the clocks' offset.
+    pub one_way_us: i32,
+    /// Payload that has arrived from the viewpoint in the last second, bytes.
+    pub bytes: u32,
+}
+
+/// In a status: how a node runs live.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct LiveStatus {
+    /// Unix time of tick 0, microseconds; `None` while the node does not know it.
+    pub epoch_us: Option<u64>,
+    /// An edge's correction of its clock in force, microseconds.
+    pub clock_correction_us: i32,
+    /// Quality in which an edge packs its patches: 0 is the best.
+    pub quality: u8,
+    /// Persons that an edge sends at most per tick, of those that it has boxes for; `None`: all.
+    pub persons_per_tick: Option<u16>,
+    /// An edge works on every so manieth tick, at least 1.
+    pub every_nth_tick: u16,
+    /// Payload that an edge has handed to the network in the last second, bytes.
+    pub bytes_per_s: u32,
+    /// Messages that an edge did not send because its budget was used up, since the start.
+    pub held_back: u64,
+    /// Ticks for which the node was too late, since the start.
+    pub missed_ticks: u64,
+    /// How the edge's cameras are.
+    pub cameras: Vec<CameraStatus>,
+    /// How fusion hears its edges, by viewpoint; empty for an edge.
+    pub edges: Vec<EdgeLink>,
+}
+
+/// How one camera of an edge is.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct CameraStatus {
+    /// Which.
+    pub camera: CameraIndex,
+    /// Its health.
+    pub health: CameraHealth,
+    /// Frames in the last second.
+    pub frames_per_s: f32,
+    /// Capture instants of its frames less their ticks' times, mean of the last second, microseconds.
+    pub capture_offset_us: i32,
+}
+
+/// The health of a camera.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum CameraHealth {
+    /// It gives new pictures.
+    Works,
+    /// It gives the same picture over and over.
+    Frozen,
+    /// Its pictures are black.
+    Black,
+    /// It gives no pictures.
+    Silent,
+    /// It has failed, and is being opened again.
+    Failed,
+}
+
+/// How fusion hears one edge.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct EdgeLink {
+    /// The viewpoint's name.
+    pub viewpoint: String,
+    /// Whether it takes part: it speaks, and is not refused.
+    pub live: bool,
+    /// Why it is refused, when it is.
+    pub refused: Option<String>,
+    /// Round trip without what the edge holds, least of the last seconds, microseconds.
+    pub round_trip_us: Option<u32>,
+    /// The edge's own clock less fusion's, before any correction, microseconds.
+    pub clock_offset_us: Option<i32>,
+    /// How many ticks ahead its boxes are made.
+    pub horizon_ticks: f32,
+    /// Payload that has arrived in the last second, bytes.
+    pub bytes_per_s: u32,
+    /// Patch sets that came after their tick was worked on, since the start.
+    pub late: u64,
+    /// Ticks of which nothing came, since the edge's first.
+    pub missing: u64,
+    /// Messages that could not be read, since the start.
+    pub unreadable: u64,
+}
