@@ -50,6 +50,7 @@ fn the_sample_venue_parses_and_states_every_default() {
     check(&sample, "boxes", &p.boxes);
     check(&sample, "births", &p.births);
     check(&sample, "link", &p.link);
+    check(&sample, "recording", &p.recording);
 }
 
 #[test]
@@ -58,6 +59,7 @@ fn the_sample_venue_says_what_else_there_is() {
     // Without a default of its own, and live sources, which no sample can open.
     for shown in [
         "# margin = 1.25",
+        "# quality = \"default\"",
         "kind = \"v4l\"",
         "kind = \"ffmpeg\"",
         "kind = \"simulated\", path = \"scene.toml\", content = \"maps\"",
@@ -83,6 +85,7 @@ fn the_sample_venue_says_what_else_there_is() {
         "occlusion",
         "prediction",
         "range_of_motion",
+        "recording",
         "smoothing",
     ];
     assert_eq!(tables, known);

@@ -9,7 +9,7 @@ use farfield_fusion::export::unfinished::Unfinished;
 use farfield_proto::tick::Tick;
 use farfield_testbed::embedded;
 use farfield_testbed::scene::Scene;
-use farfield_testbed::scene::write::{calibration_text, write_truth as write_lines};
+use farfield_testbed::scene::write::{calibration_text, write_truth_at as write_lines};
 use tempfile::TempDir;
 
 /// The calibration's name in a venue folder.
@@ -45,9 +45,22 @@ pub(crate) fn write_calibration(scene: &Scene, folder: &Path) -> anyhow::Result<
 /// # Errors
 /// Names the file.
 pub(crate) fn write_truth(scene: &Scene, ticks: &Range<Tick>, path: &Path) -> anyhow::Result<()> {
+    let ticks = (ticks.start.0..ticks.end.0).map(Tick);
+    write_truth_at(scene, ticks.map(|tick| (tick, scene.time_s(tick))), path)
+}
+
+/// As [`write_truth`], with the scene's time that every tick shows, seconds.
+///
+/// # Errors
+/// Names the file.
+pub(crate) fn write_truth_at(
+    scene: &Scene,
+    moments: impl Iterator<Item = (Tick, f64)>,
+    path: &Path,
+) -> anyhow::Result<()> {
     let write = || {
         let mut file = Unfinished::create(path)?;
-        write_lines(scene, ticks, &mut file)?;
+        write_lines(scene, moments, &mut file)?;
         file.finish()
     };
     write().with_context(|| format!("writing {}", path.display()))

@@ -9,6 +9,7 @@ pub mod crop;
 #[cfg(feature = "network")]
 pub mod detector;
 pub mod gaussian_maps;
+pub mod live;
 #[cfg(feature = "network")]
 pub mod network;
 #[cfg(feature = "node")]

@@ -184,6 +184,22 @@ impl Gather {
         self.progress.iter().all(Progress::is_complete)
     }
 
+    /// Whether `viewpoint` has sent all it announced.
+    pub fn is_complete_of(&self, viewpoint: ViewpointIndex) -> bool {
+        let progress = self.progress.get(usize::from(viewpoint.0));
+        progress.is_some_and(Progress::is_complete)
+    }
+
+    /// What has come so far.
+    pub fn group(&self) -> &TickGroup {
+        &self.group
+    }
+
+    /// Hands out what has come, and ends.
+    pub fn into_group(self) -> TickGroup {
+        self.group
+    }
+
     /// The viewpoints that are still awaited.
     pub fn missing(&self) -> Vec<ViewpointIndex> {
         let waiting = self

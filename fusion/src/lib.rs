@@ -10,6 +10,7 @@ pub mod evidence;
 pub mod export;
 pub mod ik;
 pub mod lattice;
+pub mod live;
 #[cfg(feature = "node")]
 pub mod node;
 pub mod occlusion;

@@ -29,6 +29,9 @@ use crate::skeleton::{RangeOfMotion, sites_of};
 /// Margin of a box when neither the venue nor a network's card says one.
 const DEFAULT_BOX_MARGIN: f64 = 1.25;
 
+/// Farthest that boxes are made ahead, ticks: what lies beyond says nothing about a person any more.
+pub const LONGEST_HORIZON_TICKS: i64 = 240;
+
 /// A part of a step, for whoever measures how long each takes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Stage {
@@ -59,7 +62,7 @@ pub struct StepOutput {
     pub poses: PoseSet,
     /// Ticks whose poses are final, in order: with the tentative ticks of persons who were confirmed.
     pub finished: Vec<PoseSet>,
-    /// One per viewpoint, for the next tick.
+    /// One per viewpoint, for the tick that its horizon says.
     pub boxes: Vec<BoxSet>,
     /// Patches that could not be used.
     pub unusable_patches: u32,
@@ -72,6 +75,8 @@ pub struct Pipeline {
     session: SessionId,
     cameras: Vec<VenueView>,
     viewpoints: Vec<Vec<CameraIndex>>,
+    /// Per viewpoint: for how many ticks ahead its boxes are made.
+    horizons: Vec<i64>,
     method: Method,
     crowd: Crowd,
     journal: Journal,
@@ -126,6 +131,7 @@ impl Pipeline {
                 .iter()
                 .map(|viewpoint| viewpoint.cameras.clone())
                 .collect(),
+            horizons: vec![1; venue.viewpoints.len()],
             method,
             separation: Separation::default(),
             journal: Journal::default(),
@@ -143,10 +149,29 @@ impl Pipeline {
         self.crowd.tracks()
     }
 
+    /// Sets for how many ticks after the one that was just stepped each viewpoint's boxes are made:
+    /// `BoxSet.tick = tick + round(horizon)`. One number per viewpoint of the venue, in its order; 1 (the
+    /// next tick) until it is set. Below 1, or not finite, counts as 1; above [`LONGEST_HORIZON_TICKS`] as
+    /// that. Missing ones stay as they are, surplus ones are not looked at. Who looks for people is planned
+    /// as far ahead as the longest horizon, so that all viewpoints are told the same ticks.
+    pub fn set_horizons(&mut self, horizons: &[f64]) {
+        for (kept, horizon) in self.horizons.iter_mut().zip(horizons) {
+            let whole = if horizon.is_finite() {
+                horizon.round() as i64
+            } else {
+                1
+            };
+            *kept = whole.clamp(1, LONGEST_HORIZON_TICKS);
+        }
+        let longest = self.horizons.iter().copied().max().unwrap_or(1);
+        self.crowd.look_ahead(longest);
+    }
+
     /// The boxes with which a run begins at `tick`: everybody looks for people.
     pub fn first_boxes(&mut self, tick: Tick) -> Vec<BoxSet> {
         self.crowd.begin(tick, &self.method);
-        self.boxes_for(tick)
+        let next = vec![1; self.viewpoints.len()];
+        self.boxes_after(tick + -1, &next)
     }
 
     /// Works on one tick. `mark` is told after each stage, for whoever measures.
@@ -176,7 +201,9 @@ impl Pipeline {
         self.journal.insert(lived.confirmed);
         let finished = self.journal.release(self.crowd.undecided_from());
         mark(Stage::Persons);
-        let boxes = self.boxes_for(group.tick + 1);
+        let horizons = std::mem::take(&mut self.horizons);
+        let boxes = self.boxes_after(group.tick, &horizons);
+        self.horizons = horizons;
         mark(Stage::Boxes);
         StepOutput {
             poses,
@@ -238,27 +265,25 @@ impl Pipeline {
         });
     }
 
-    fn boxes_for(&mut self, tick: Tick) -> Vec<BoxSet> {
+    /// The boxes per viewpoint, `horizons` (ticks, one per viewpoint) after `tick`, which was just stepped.
+    fn boxes_after(&mut self, tick: Tick, horizons: &[i64]) -> Vec<BoxSet> {
         let (session, cameras, method) = (self.session, &self.cameras, &self.method);
-        let looks: Vec<Vec<CameraIndex>> = self
-            .viewpoints
-            .iter()
-            .map(|own| self.crowd.looking(own))
-            .collect();
-        let viewpoints = self.viewpoints.iter().zip(looks).enumerate();
-        let tracks = self.crowd.tracks_mut();
-        let set = |(index, (own, look)): (usize, (&Vec<CameraIndex>, Vec<CameraIndex>))| {
+        let viewpoints = self.viewpoints.iter().zip(horizons).enumerate();
+        let crowd = &mut self.crowd;
+        let set = |(index, (own, &horizon)): (usize, (&Vec<CameraIndex>, &i64))| {
+            let look = crowd.looking(own, tick + horizon);
             let own: Vec<_> = own
                 .iter()
                 .filter_map(|&c| Some((c, &cameras.get(usize::from(c.0))?.model)))
                 .collect();
-            let persons = tracks
+            let persons = crowd
+                .tracks_mut()
                 .iter_mut()
-                .filter_map(|track| track.boxes(&own, 1.0, method))
+                .filter_map(|track| track.boxes(&own, horizon as f64, method))
                 .collect();
             BoxSet {
                 session,
-                tick,
+                tick: tick + horizon,
                 viewpoint: ViewpointIndex(index as u16),
                 order: Order::Track,
                 live: None,

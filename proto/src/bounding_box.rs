@@ -35,14 +35,14 @@ pub const WIDENING_PER_TICK: f32 = 0.02;
 pub const WIDENING_MAX: f32 = 1.5;
 
 impl BoundingBox {
-    /// The box moved on by `ticks` (negative or zero: as it is) and widened a little per tick.
+    /// The box moved on by `ticks`, back where that is negative, and widened a little per tick either way.
     #[must_use]
     pub fn moved_on(&self, rate: &BoxRate, ticks: i64) -> Self {
-        if ticks <= 0 {
+        if ticks == 0 {
             return *self;
         }
         let n = ticks as f32;
-        let widening = (1.0 + WIDENING_PER_TICK * n).min(WIDENING_MAX);
+        let widening = (1.0 + WIDENING_PER_TICK * n.abs()).min(WIDENING_MAX);
         let grown = |i: usize| {
             ((self.size_px[i] + n * rate.size_px[i]).max(self.size_px[i] * 0.5)) * widening
         };
@@ -93,7 +93,7 @@ mod tests {
     }
 
     #[test]
-    fn a_box_of_this_tick_or_of_the_future_stays_as_it_is() {
+    fn a_box_of_a_later_tick_is_moved_back_and_one_of_this_tick_stays_as_it_is() {
         let b = BoundingBox {
             center_px: [1.0, 2.0],
             size_px: [3.0, 4.0],
@@ -104,6 +104,8 @@ mod tests {
             ..BoxRate::default()
         };
         assert_eq!(b.moved_on(&rate, 0), b);
-        assert_eq!(b.moved_on(&rate, -3), b);
+        let back = b.moved_on(&rate, -3);
+        assert!((back.center_px[0] + 26.0).abs() < 1e-3 && (back.center_px[1] + 25.0).abs() < 1e-3);
+        assert!(back.size_px[0] > 3.0);
     }
 }

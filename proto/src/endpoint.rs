@@ -1,7 +1,7 @@
 //! Where a node listens or connects to, as text: `tcp/127.0.0.1:7447`.
 
 /// What nodes may talk over; Zenoh is built with these alone.
-const SCHEMES: [&str; 2] = ["tcp", "tls"];
+const SCHEMES: [&str; 4] = ["tcp", "udp", "tls", "quic"];
 
 /// Whether `text` is an endpoint: a scheme, `/`, a host and a port, and perhaps options of Zenoh behind
 /// `?` or `#`. An IPv6 address stands in brackets. Whether the host exists only the network can tell.
@@ -32,6 +32,8 @@ mod tests {
             "tls/fusion.local:7447",
             "tcp/[::1]:0",
             "tls/fusion.local:7447#root_ca_certificate=ca.pem",
+            "quic/10.0.0.1:7447?mixed_rel=1",
+            "udp/10.0.0.1:7447?rel=1;mixed_rel=1",
         ] {
             assert!(is_endpoint(good), "{good}");
         }
@@ -46,7 +48,7 @@ mod tests {
             "tcp/host:+7",
             "tcp/host:70000",
             "tcp/::1:7447",
-            "udp/host:7447",
+            "ws/host:7447",
             "tcp/a b:7447",
         ] {
             assert!(!is_endpoint(bad), "{bad}");

@@ -54,6 +54,16 @@ impl Keys {
         format!("{}/config", self.venue)
     }
 
+    /// What fusion used for a tick.
+    pub fn decision(&self) -> String {
+        format!("{}/decision", self.venue)
+    }
+
+    /// Everything that is said under the venue's name.
+    pub fn all(&self) -> String {
+        format!("{}/**", self.venue)
+    }
+
     /// What an edge has stored of its patch sets, to be asked for.
     pub fn fill(&self, viewpoint: &str) -> String {
         format!("{}/fill/{viewpoint}", self.venue)

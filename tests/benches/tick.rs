@@ -14,7 +14,7 @@ use farfield_fusion::person::method::Method;
 use farfield_fusion::person::track::Track;
 use farfield_proto::id::CameraIndex;
 use farfield_proto::message::PatchSet;
-use farfield_proto::patch::{Decoder, Encoder, Maps};
+use farfield_proto::patch::{Decoder, Encoder, Maps, Quality};
 use farfield_proto::tick::Tick;
 use farfield_testbed::in_process::InProcess;
 use farfield_testbed::ring::Ring;
@@ -23,15 +23,12 @@ const VIEWPOINTS: [usize; 2] = [4, 12];
 /// Ticks of the walk that a bench goes round.
 const TICKS: i64 = 60;
 
-/// The default of `link.floor`, 0.06, as cells have it.
-const FLOOR: u8 = 15;
-
 fn main() {
     let (kind, maps) = maps();
     let mut encoder = Encoder::new();
     let bytes: usize = maps
         .iter()
-        .map(|maps| encoder.encode(maps, FLOOR).bytes.len())
+        .map(|maps| encoder.encode(maps, Quality::LOSSLESS).bytes.len())
         .sum();
     println!(
         "{} {kind} patches of 17 maps: {} bytes on average",
@@ -199,7 +196,7 @@ fn patch_encode(bencher: Bencher<'_, '_>) {
     let (mut encoder, mut next) = (Encoder::new(), 0);
     bencher.bench_local(|| {
         next += 1;
-        encoder.encode(black_box(&maps[next % maps.len()]), FLOOR)
+        encoder.encode(black_box(&maps[next % maps.len()]), Quality::LOSSLESS)
     });
 }
 
@@ -209,7 +206,7 @@ fn patch_decode(bencher: Bencher<'_, '_>) {
     let mut encoder = Encoder::new();
     let encoded: Vec<_> = maps
         .iter()
-        .map(|maps| encoder.encode(maps, FLOOR))
+        .map(|maps| encoder.encode(maps, Quality::LOSSLESS))
         .collect();
     let (mut decoder, mut into, mut next) = (Decoder::new(), Maps::new(1, 1, 1), 0);
     bencher.bench_local(|| {

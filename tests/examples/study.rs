@@ -87,6 +87,7 @@ fn main() -> anyhow::Result<()> {
         parameters: parameters(&args.overrides)?,
         keep_peaks: args.dlt,
         keep_stages: true,
+        stand_in: None,
     };
     let run = SceneRun::make(&Arc::new(scene), &Input::Maps, plan)?;
     let found = run.found();

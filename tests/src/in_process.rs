@@ -7,7 +7,7 @@ use std::path::Path;
 use anyhow::{Context as _, ensure};
 use farfield_edge::detector::OnnxDetector;
 use farfield_edge::network::OnnxKeypointNetwork;
-use farfield_edge::pipeline::{EdgeOutput, KeypointNetwork, PersonDetector};
+use farfield_edge::pipeline::{EdgeOutput, KeypointNetwork, PersonDetector, StandIn};
 use farfield_edge::source::{FrameSource, Sources as _, common_ticks};
 use farfield_fusion::align::TickGroup;
 use farfield_fusion::person::track::Track;
@@ -112,6 +112,13 @@ impl InProcess {
     /// The names of the network's keypoints.
     pub fn keypoints(&self) -> &KeypointSet {
         self.fusion.keypoints()
+    }
+
+    /// Lets `stand_in` make a codec for every edge that takes the place of ours.
+    pub fn set_stand_in(&mut self, stand_in: &dyn Fn() -> Box<dyn StandIn>) {
+        for edge in &mut self.edges {
+            edge.pipeline.set_stand_in(stand_in());
+        }
     }
 
     /// Everybody as fusion left them at the last tick, tentative ones too.

@@ -10,7 +10,10 @@ pub mod in_process;
 pub mod keypoint_venue;
 #[cfg(feature = "loop")]
 pub mod leave_one_out;
+pub mod maps_file;
 pub mod motion;
+pub mod namespaces;
+pub mod relay;
 pub mod render;
 pub mod ring;
 pub mod scene;

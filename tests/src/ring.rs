@@ -22,7 +22,7 @@ use farfield_proto::frames::Point;
 use farfield_proto::id::{CameraIndex, PersonId, SessionId, ViewpointIndex};
 use farfield_proto::keypoints::{COCO17, KeypointSet};
 use farfield_proto::message::{PatchSet, PersonPatch};
-use farfield_proto::patch::{Encoder, Maps};
+use farfield_proto::patch::{Encoder, Maps, Quality};
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::Parameters;
 use nalgebra::Vector3;
@@ -34,8 +34,6 @@ use crate::walker::Walker;
 pub const RATE_HZ: f64 = 60.0;
 /// Cells of a map, as TinyPose and small networks have them.
 const CELLS: [u16; 2] = [48, 64];
-/// Map values below this are not sent.
-const FLOOR: u8 = 15;
 
 /// One camera per viewpoint around one walker.
 pub struct Ring {
@@ -143,7 +141,7 @@ impl Ring {
                 capture_offset_us: 0,
                 crops: vec![grid],
                 crop_of_keypoint: vec![0; COCO17.len()],
-                maps: encoder.encode(&grid_maps, FLOOR),
+                maps: encoder.encode(&grid_maps, Quality::LOSSLESS),
             };
             Ok(PatchSet {
                 session: SessionId(1),

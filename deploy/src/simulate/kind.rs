@@ -16,6 +16,9 @@ pub(crate) enum Kind {
     Images,
     /// One file of 2D keypoints per camera, with the scene's faults; needs no network.
     Keypoints,
+    /// One file per camera of maps as a network would make them, with the scene's faults: cheap to
+    /// play in real time; needs no network.
+    Maps,
 }
 
 impl Kind {
@@ -50,7 +53,13 @@ impl Kind {
             Self::Videos => "videos",
             Self::Images => "images",
             Self::Keypoints => "keypoints",
+            Self::Maps => "maps",
         }
+    }
+
+    /// Whether pictures are recorded, which need a network to become maps.
+    pub(super) fn gives_pictures(self) -> bool {
+        matches!(self, Self::Videos | Self::Images)
     }
 
     /// Where the recording of `camera` lies, relative to the venue's folder.
@@ -59,6 +68,7 @@ impl Kind {
             Self::Videos => format!("videos/{camera}.mp4"),
             Self::Images => format!("images/{camera}/%06d.jpg"),
             Self::Keypoints => format!("keypoints/{camera}.jsonl"),
+            Self::Maps => format!("maps/{camera}.maps"),
         }
     }
 
@@ -68,6 +78,7 @@ impl Kind {
             Self::Videos => "video",
             Self::Images => "images",
             Self::Keypoints => "keypoints",
+            Self::Maps => "maps",
         };
         let path = quoted(&self.path(camera));
         format!("{{ kind = \"{kind}\", path = {path} }}")

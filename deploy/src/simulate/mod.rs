@@ -5,6 +5,7 @@
 
 mod keypoints;
 mod kind;
+mod maps;
 mod pictures;
 mod progress;
 mod summary;
@@ -21,6 +22,7 @@ use farfield_proto::camera::CameraModel;
 use farfield_proto::tick::{Tick, parse_range};
 use farfield_proto::venue::SimulatedContent;
 use farfield_testbed::faults::Crowd;
+use farfield_testbed::maps_file::Course;
 use farfield_testbed::scene::Scene;
 use farfield_testbed::simulated::{SimulatedSource, VenueText, without_map_faults};
 
@@ -43,6 +45,9 @@ pub(crate) struct SimulateArgs {
     /// Record these ticks only (half-open).
     #[arg(long, value_name = "A..B", value_parser = parse_range, allow_hyphen_values = true)]
     pub(crate) ticks: Option<Range<Tick>>,
+    /// Let people go back the way they came, so that the recording has no end; only with `--as maps`.
+    #[arg(long)]
+    pub(crate) there_and_back: bool,
     /// Card of a detector that finds the people in the pictures. Without one the venue gives them by
     /// hand where they first are.
     #[arg(long, value_name = "CARD")]
@@ -59,6 +64,8 @@ struct Plan {
     from: String,
     kind: Kind,
     ticks: Range<Tick>,
+    /// Which moments a recording of maps shows, and in how many ticks.
+    course: (Course, u32),
     detector: Option<String>,
     out: PathBuf,
 }
@@ -113,10 +120,15 @@ fn check(args: SimulateArgs) -> anyhow::Result<Plan> {
         all.end
     );
     let kind = Kind::choose(args.kind)?;
-    let scene = Arc::new(match kind {
-        Kind::Keypoints => scene,
-        // The truth of pictures is what they show.
-        Kind::Videos | Kind::Images => without_map_faults(scene),
+    ensure!(
+        kind == Kind::Maps || !args.there_and_back,
+        "`--there-and-back` needs `--as maps`: other recordings are played once"
+    );
+    // The truth of pictures is what they show.
+    let scene = Arc::new(if kind.gives_pictures() {
+        without_map_faults(scene)
+    } else {
+        scene
     });
     let detector = args
         .detector
@@ -127,6 +139,7 @@ fn check(args: SimulateArgs) -> anyhow::Result<Plan> {
         name: venue_name(&args.scene),
         from: args.scene.display().to_string(),
         crowd: Arc::new(Crowd::new(Arc::clone(&scene))),
+        course: Course::new(&scene, &ticks, args.there_and_back),
         scene,
         kind,
         ticks,
@@ -138,9 +151,10 @@ fn check(args: SimulateArgs) -> anyhow::Result<Plan> {
 /// The card's full name: the venue lies elsewhere.
 fn detector_card(card: &Path, kind: Kind) -> anyhow::Result<String> {
     ensure!(
-        kind != Kind::Keypoints,
-        "`--detector` {}: a venue of keypoints has no pictures to look into",
-        card.display()
+        kind.gives_pictures(),
+        "`--detector` {}: a venue of {} has no pictures to look into",
+        card.display(),
+        kind.name()
     );
     let full =
         std::fs::canonicalize(card).with_context(|| format!("`--detector` {}", card.display()))?;
@@ -177,18 +191,18 @@ fn record(plan: &Plan, folder: &Path, interrupt: &Interrupt) -> anyhow::Result<E
         plan.kind.name()
     ));
     venue_folder::write_calibration(scene, folder)?;
-    venue_folder::write_truth(scene, ticks, &folder.join("truth.jsonl"))?;
-    let network = match plan.kind {
-        Kind::Keypoints => None,
-        Kind::Videos | Kind::Images => Some(venue_folder::write_network(folder)?),
-    };
+    write_truth(plan, &folder.join("truth.jsonl"))?;
+    let pictures = plan.kind.gives_pictures();
+    let network = pictures.then(|| venue_folder::write_network(folder));
+    let network = network.transpose()?;
     let ending = match plan.kind {
         Kind::Keypoints => keypoints::write(plan, folder, interrupt)?,
+        Kind::Maps => maps::write(plan, folder, interrupt)?,
         Kind::Videos | Kind::Images => pictures::write(plan, folder, interrupt)?,
     };
     let source = |camera: &CameraModel| plan.kind.source(camera.name());
-    // Keypoint files hold sightings of their own, and a detector finds whoever is there.
-    let is_given = plan.kind != Kind::Keypoints && plan.detector.is_none();
+    // Keypoints and maps hold sightings of their own, and a detector finds whoever is there.
+    let is_given = pictures && plan.detector.is_none();
     let text = VenueText {
         scene,
         name: &plan.name,
@@ -202,4 +216,18 @@ fn record(plan: &Plan, folder: &Path, interrupt: &Interrupt) -> anyhow::Result<E
     };
     venue_folder::write(&folder.join("venue.toml"), text.to_toml().as_bytes())?;
     Ok(ending)
+}
+
+/// The truth of every tick of the recording, of a whole period where it repeats.
+fn write_truth(plan: &Plan, path: &Path) -> anyhow::Result<()> {
+    let Plan { scene, ticks, .. } = plan;
+    if plan.kind != Kind::Maps {
+        return venue_folder::write_truth(scene, ticks, path);
+    }
+    let (course, n) = plan.course;
+    let moments = (0..i64::from(n)).map(|i| {
+        let elapsed_s = Tick(i).seconds(scene.rate_hz());
+        (ticks.start + i, course.time_s(elapsed_s))
+    });
+    venue_folder::write_truth_at(scene, moments, path)
 }

@@ -8,6 +8,7 @@ use anyhow::anyhow;
 use farfield_proto::endpoint::is_endpoint;
 use farfield_proto::id::ViewpointIndex;
 use farfield_proto::tick::{Tick, parse_range};
+use farfield_proto::transport::EdgeTransport;
 use farfield_proto::venue::{Venue, VenueCamera, Viewpoint};
 
 use super::process::{Managed, NodeError};
@@ -89,6 +90,15 @@ impl Config {
             ticks: args.ticks,
             managed,
         })
+    }
+
+    /// How the edge reaches fusion.
+    pub(super) fn transport(&self) -> EdgeTransport<'_> {
+        EdgeTransport {
+            venue: &self.venue.name,
+            connect: &self.connect,
+            identity: None,
+        }
     }
 
     /// The cameras of the viewpoint, in file order.

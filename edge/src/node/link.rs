@@ -3,11 +3,10 @@
 //! Everything is reliable and blocks, at one priority: lock-step can wait, but must not lose or
 //! reorder. Nothing is scouted for; the endpoints are in the venue file.
 
-use std::time::Duration;
-
 use anyhow::{Context as _, anyhow};
 use farfield_proto::key::Keys;
 use farfield_proto::message::{BoxSet, Status};
+use farfield_proto::transport::{EdgeTransport, FUSION};
 use farfield_proto::wire;
 use tokio::sync::{mpsc, watch};
 use tokio_util::sync::CancellationToken;
@@ -20,10 +19,6 @@ use zenoh::qos::{CongestionControl, Priority};
 use zenoh::sample::{Sample, SampleKind};
 use zenoh::{Session, Wait as _};
 
-/// Fusion's name among the nodes.
-const FUSION: &str = "fusion";
-/// After this long without a sign of life a silent node counts as gone.
-const LEASE: Duration = Duration::from_secs(5);
 /// Messages that wait between Zenoh and the loop; lock-step has one tick under way.
 const QUEUE: usize = 64;
 
@@ -90,32 +85,11 @@ fn without_places(text: &str) -> String {
     kept
 }
 
-fn config(connect: &[String]) -> anyhow::Result<zenoh::Config> {
-    let endpoints = serde_json::to_string(connect)?;
-    let lease = LEASE.as_millis().to_string();
+fn config(transport: &EdgeTransport<'_>) -> anyhow::Result<zenoh::Config> {
     let mut config = zenoh::Config::default();
-    let settings = [
-        ("mode", "\"client\""),
-        ("scouting/multicast/enabled", "false"),
-        ("scouting/gossip/enabled", "false"),
-        ("connect/endpoints", endpoints.as_str()),
-        // An edge may start before fusion, and waits for it.
-        ("connect/timeout_ms", "-1"),
-        ("connect/exit_on_failure", "false"),
-        (
-            "connect/retry",
-            "{ period_init_ms: 100, period_max_ms: 1000, period_increase_factor: 2 }",
-        ),
-        ("transport/link/tx/lease", lease.as_str()),
-        // A fusion node that is busy for long must slow the edge down, not cut it off.
-        (
-            "transport/link/tx/queue/congestion_control/block/wait_before_close",
-            "60000000",
-        ),
-    ];
-    for (key, value) in settings {
+    for (key, value) in transport.settings() {
         config
-            .insert_json5(key, value)
+            .insert_json5(&key, &value)
             .map_err(zenoh_error)
             .with_context(|| format!("setting {key} to {value}"))?;
     }
@@ -123,18 +97,19 @@ fn config(connect: &[String]) -> anyhow::Result<zenoh::Config> {
 }
 
 impl Link {
-    /// Connects to `connect`, waiting for fusion as long as it takes, and declares what the viewpoint needs.
+    /// Connects as `transport` says, waiting for fusion as long as it takes, and declares what the
+    /// viewpoint needs.
     pub(super) async fn open(
-        venue: &str,
+        transport: &EdgeTransport<'_>,
         viewpoint: &str,
-        connect: &[String],
     ) -> anyhow::Result<Self> {
-        let config = config(connect)?;
+        let config = config(transport)?;
         // Opening blocks its thread until fusion is there; only so can the wait be called off.
         let session = tokio::task::spawn_blocking(|| zenoh::open(config).wait()).await;
         let session = session.context("opening the session")?.map_err(zenoh_error);
-        let session = session.with_context(|| format!("connecting to {}", connect.join(", ")))?;
-        let keys = Keys::new(venue);
+        let session =
+            session.with_context(|| format!("connecting to {}", transport.connect.join(", ")))?;
+        let keys = Keys::new(transport.venue);
         let subscribers = vec![
             (
                 Topic::Boxes,

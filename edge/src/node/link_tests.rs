@@ -5,6 +5,7 @@ use std::time::Duration;
 use farfield_proto::id::{SessionId, ViewpointIndex};
 use farfield_proto::message::{BoxSet, Order};
 use farfield_proto::tick::Tick;
+use farfield_proto::transport::EdgeTransport;
 use farfield_proto::wire;
 use tokio::time::timeout;
 use tokio_util::sync::CancellationToken;
@@ -48,7 +49,12 @@ async fn boxes_arrive_patches_leave_in_order_and_fusion_is_missed() {
         .declare_subscriber("link-test/sighting/*")
         .await
         .unwrap();
-    let link = timeout(PATIENCE, Link::open("link-test", "a", &[endpoint]))
+    let transport = EdgeTransport {
+        venue: "link-test",
+        connect: &[endpoint],
+        identity: None,
+    };
+    let link = timeout(PATIENCE, Link::open(&transport, "a"))
         .await
         .expect("no connection")
         .unwrap();

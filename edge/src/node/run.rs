@@ -86,7 +86,8 @@ async fn open(config: &Arc<Config>) -> Result<(Built, Link), NodeError> {
     if config.managed == Managed::No && !built.status.backend.is_empty() {
         say(format_args!("{}: {}", config.name, built.status.backend));
     }
-    let link = Link::open(&config.venue.name, &config.name, &config.connect);
+    let transport = config.transport();
+    let link = Link::open(&transport, &config.name);
     let link = tokio::select! {
         link = link => link,
         never = remind(config) => match never {},

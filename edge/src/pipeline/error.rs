@@ -56,6 +56,14 @@ pub enum PipelineError {
         /// The tick of the frames before it.
         expected: Tick,
     },
+    /// The frames are of another tick than the orders.
+    #[error("frames of tick {got} for orders of tick {expected}")]
+    OtherTick {
+        /// The tick of the frames.
+        got: Tick,
+        /// The tick of the orders.
+        expected: Tick,
+    },
     /// A frame is not what the calibration or the venue file says of its camera.
     #[error("camera `{camera}`: {problem}")]
     WrongFrame {

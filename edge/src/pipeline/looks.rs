@@ -60,9 +60,10 @@ impl Pipeline {
         for (camera, frame) in cameras.filter(|(camera, _)| look.contains(&camera.index)) {
             if let Some(batch) = &self.batch {
                 let of_camera = pending.iter().filter(|p| p.camera() == camera.index);
-                sightings.extend(of_camera.map(|p| {
-                    sighting::read(p, &camera.model, batch, self.keypoints.len(), self.floor)
-                }));
+                sightings.extend(
+                    of_camera
+                        .map(|p| sighting::read(p, &camera.model, batch, self.keypoints.len())),
+                );
             }
             let given = match frame.as_ref().map(|f| &f.content) {
                 Some(Content::Keypoints(keypoints)) => Cow::Borrowed(&keypoints.persons[..]),

@@ -14,6 +14,7 @@ pub(crate) mod fixtures;
 mod inference;
 mod looker;
 mod looks;
+mod orders;
 mod parts;
 mod sighting;
 #[cfg(test)]
@@ -25,7 +26,7 @@ use std::collections::BTreeMap;
 use farfield_proto::id::{CameraIndex, PersonId, SessionId, ViewpointIndex};
 use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::message::{BoxSet, PatchSet, PersonPatch, SightingSet};
-use farfield_proto::patch::{Encoder, Maps, quantize};
+use farfield_proto::patch::{Encoder, FLOOR, Maps, Quality, quantize};
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::Venue;
 use farfield_proto::venue::parameters::CameraChoice;
@@ -40,6 +41,7 @@ use crate::source::{Content, Frame, MapCrop};
 
 pub use error::PipelineError;
 pub use inference::{Detection, InputTensor, KeypointNetwork, NetworkError, PersonDetector};
+pub use orders::Orders;
 pub use parts::MESSAGE_BYTES;
 
 /// A part of a step, for whoever measures how long each takes.
@@ -64,12 +66,19 @@ pub struct EdgeOutput {
     pub sighting_sets: Vec<SightingSet>,
 }
 
+/// Another codec in the place of ours, for studies: what it makes of the maps is then sent exactly.
+pub trait StandIn: Send {
+    /// Turns `maps`, of which nothing was left out yet, into what its decoder would give.
+    fn recode(&mut self, maps: &mut Maps);
+}
+
 /// The edge of one viewpoint.
 pub struct Pipeline {
     viewpoint: ViewpointIndex,
     cameras: Vec<EdgeCamera>,
     keypoints: KeypointSet,
-    floor: f32,
+    quality: Quality,
+    stand_in: Option<Box<dyn StandIn>>,
     choice: CameraChoice,
     batch: Option<Batch>,
     looker: Option<Looker>,
@@ -102,7 +111,8 @@ impl Pipeline {
             viewpoint,
             cameras,
             keypoints,
-            floor: venue.parameters.link.floor as f32,
+            quality: venue.parameters.link.quality.unwrap_or(Quality::LOSSLESS),
+            stand_in: None,
             choice: venue.parameters.boxes.camera_choice,
             batch,
             looker: detector.map(|detector| Looker::new(venue, detector)),
@@ -139,6 +149,37 @@ impl Pipeline {
         mark: &mut dyn FnMut(Stage),
     ) -> Result<EdgeOutput, PipelineError> {
         let tick = self.check(frames, boxes)?.unwrap_or(boxes.tick);
+        self.obey(frames, &Orders::of(boxes, tick), mark)
+    }
+
+    /// As [`Self::step_marked`], for an edge that chooses itself whom it works on, and with boxes that may
+    /// be of another tick than the frames.
+    ///
+    /// # Errors
+    /// As [`Self::step`], and when the frames are not of the tick.
+    pub fn step_live(
+        &mut self,
+        frames: &[Option<Frame>],
+        orders: &Orders<'_>,
+        mark: &mut dyn FnMut(Stage),
+    ) -> Result<EdgeOutput, PipelineError> {
+        let of_frames = self.check(frames, orders.boxes)?.unwrap_or(orders.tick);
+        if of_frames != orders.tick {
+            return Err(PipelineError::OtherTick {
+                got: of_frames,
+                expected: orders.tick,
+            });
+        }
+        self.obey(frames, orders, mark)
+    }
+
+    fn obey(
+        &mut self,
+        frames: &[Option<Frame>],
+        orders: &Orders<'_>,
+        mark: &mut dyn FnMut(Stage),
+    ) -> Result<EdgeOutput, PipelineError> {
+        let Orders { tick, boxes, look, .. } = *orders;
         if boxes.session != self.session {
             self.session = boxes.session;
             self.last_camera.clear();
@@ -152,13 +193,14 @@ impl Pipeline {
         let tracked: Vec<Tracked> = boxes
             .persons
             .iter()
+            .filter(|p| orders.includes(p.person))
             .filter_map(|p| self.track(p, age, frames))
             .collect();
         mark(Stage::Crop);
-        let looks = !boxes.look.is_empty() && self.can_sight();
+        let looks = !look.is_empty() && self.can_sight();
         let n_tracked = self.batch.as_ref().map_or(0, Batch::len);
         let pending = if looks {
-            self.detect(frames, &boxes.look)?
+            self.detect(frames, look)?
         } else {
             Vec::new()
         };
@@ -180,7 +222,7 @@ impl Pipeline {
                 parts: 1,
                 sightings: Vec::new(),
             };
-            let sightings = self.sightings(&pending, frames, &boxes.look);
+            let sightings = self.sightings(&pending, frames, look);
             sighting_sets = parts::sighting_sets(&head, sightings);
         }
         let persons = tracked
@@ -195,13 +237,24 @@ impl Pipeline {
             part: 0,
             parts: 1,
             sighting_parts: sighting_sets.len() as u16,
-            timing: None,
+            timing: orders.timing,
             persons: Vec::new(),
         };
         Ok(EdgeOutput {
             patch_sets: parts::patch_sets(&head, persons),
             sighting_sets,
         })
+    }
+
+    /// How closely the maps of the next steps are kept; at first what the venue says, else without
+    /// loss.
+    pub fn set_quality(&mut self, quality: Quality) {
+        self.quality = quality;
+    }
+
+    /// Lets `stand_in` do the codec's work from now on, whatever the quality.
+    pub fn set_stand_in(&mut self, stand_in: Box<dyn StandIn>) {
+        self.stand_in = Some(stand_in);
     }
 
     /// Which share of the last step's inference, by crops, was on people without boxes, 0 to 1.
@@ -284,7 +337,7 @@ impl Pipeline {
                     grid: &first,
                     sigma_cells: drawing.sigma_cells,
                     camera: model,
-                    floor: quantize(self.floor),
+                    floor: self.stand_in.as_ref().map_or(FLOOR, |_| 0),
                 };
                 painter.paint(&crop, &mut self.maps);
             }
@@ -303,6 +356,12 @@ impl Pipeline {
             }
             _ => return None,
         }
+        let maps = if let Some(stand_in) = &mut self.stand_in {
+            stand_in.recode(&mut self.maps);
+            self.encoder.encode_above(&self.maps, 0)
+        } else {
+            self.encoder.encode(&self.maps, self.quality)
+        };
         Some(PersonPatch {
             person: tracked.person,
             camera: *index,
@@ -310,7 +369,7 @@ impl Pipeline {
             capture_offset_us: frame.capture_offset_us,
             crops: tracked.crops.iter().map(CropGeometry::grid).collect(),
             crop_of_keypoint: tracked.crop_of_keypoint,
-            maps: self.encoder.encode(&self.maps, quantize(self.floor)),
+            maps,
         })
     }
 }

@@ -13,6 +13,9 @@ use crate::crop::CropGeometry;
 use crate::peaks::best_peak;
 use crate::source::Candidate;
 
+/// A sighted keypoint's peak is at least this high, 0 to 1: below is what a network says of nothing.
+const LEAST_PEAK: f32 = 0.06;
+
 /// A detection whose crop waits for the network.
 pub(super) struct Pending {
     camera: CameraIndex,
@@ -59,11 +62,11 @@ pub(super) fn read(
     model: &CameraModel,
     batch: &Batch,
     n_keypoints: usize,
-    floor: f32,
 ) -> Sighting {
     let grid = pending.crop.grid();
     let peak = |keypoint| {
-        let peak = best_peak(batch.map(pending.input, keypoint), grid.width.into(), floor)?;
+        let map = batch.map(pending.input, keypoint);
+        let peak = best_peak(map, grid.width.into(), LEAST_PEAK)?;
         let pixel = grid.pixel(peak.cell[0], peak.cell[1]);
         model.sees(pixel).then(|| KeypointPeak {
             position_px: [pixel.x() as f32, pixel.y() as f32],

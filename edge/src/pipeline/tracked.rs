@@ -13,6 +13,9 @@ use crate::source::{Content, Frame};
 /// one crop serves networks that were trained on people turned by up to 40 degrees.
 const TWO_CROPS_FROM_RAD: f32 = 0.175;
 
+/// Most ticks that a box is moved on or back: beyond, its rates say nothing, and it stays where it got to.
+const MOST_TICKS: i64 = 60;
+
 /// One person at this tick: who, in which camera, on which crops.
 pub(super) struct Tracked {
     pub(super) person: PersonId,
@@ -101,9 +104,10 @@ impl Pipeline {
     }
 }
 
-/// The box and the projected joints of a person, moved on by `ticks`.
+/// The box and the projected joints of a person, moved on by `ticks`, back where that is negative.
 fn moved_on(camera_box: &CameraBox, ticks: i64) -> CameraBox {
-    let n = ticks.max(0) as f32;
+    let ticks = ticks.clamp(-MOST_TICKS, MOST_TICKS);
+    let n = ticks as f32;
     let along = |p: [f32; 2]| [0, 1].map(|i| p[i] + n * camera_box.rate.center_px[i]);
     CameraBox {
         bounding_box: camera_box.bounding_box.moved_on(&camera_box.rate, ticks),

@@ -67,7 +67,7 @@ pub enum SourceError {
     },
     /// This program has no simulated people.
     #[error(
-        "{at}: `source.kind`: found \"simulated\", but only the command `farfield` has simulated \
+        "{at}: `source.kind`: found a simulated camera, but only the command `farfield` has simulated \
          sources (`farfield edge` in place of `farfield-edge`)"
     )]
     NoSimulation {

@@ -134,6 +134,7 @@ impl Expected {
             | Source::Images { path }
             | Source::Keypoints { path, .. }
             | Source::Simulated { path, .. }
+            | Source::Maps { path, .. }
             | Source::V4l { device: path } => path.display().to_string(),
             Source::Ffmpeg { url } => without_password(url),
         };
@@ -228,7 +229,9 @@ pub fn probe(camera: &VenueCamera, venue: &Venue) -> Result<SourceInfo, SourceEr
         Source::Ffmpeg { url } => video::probe_live(url, &expected),
         #[cfg(feature = "v4l")]
         Source::V4l { device } => v4l::probe(device, &expected),
-        Source::Simulated { .. } => Err(SourceError::NoSimulation { at: expected.at }),
+        Source::Simulated { .. } | Source::Maps { .. } => {
+            Err(SourceError::NoSimulation { at: expected.at })
+        }
         #[cfg(not(feature = "node"))]
         Source::Video { .. } => Err(not_built(expected, "video", "node")),
         #[cfg(not(feature = "node"))]
@@ -259,7 +262,9 @@ pub fn open(
         Source::Ffmpeg { url } => Ok(Box::new(video::open_live(url, expected, from)?)),
         #[cfg(feature = "v4l")]
         Source::V4l { device } => Ok(Box::new(v4l::open(device, expected, from)?)),
-        Source::Simulated { .. } => Err(SourceError::NoSimulation { at: expected.at }),
+        Source::Simulated { .. } | Source::Maps { .. } => {
+            Err(SourceError::NoSimulation { at: expected.at })
+        }
         #[cfg(not(feature = "node"))]
         Source::Video { .. } => Err(not_built(expected, "video", "node")),
         #[cfg(not(feature = "node"))]

@@ -33,6 +33,11 @@ pub trait MapPainter: Debug + Send + Sync {
     /// Paints the 17 maps of `crop` into `into`, which has the grid's size and is 0 everywhere.
     fn paint(&self, crop: &MapCrop<'_>, into: &mut Maps);
 
+    /// Whether the picture would be black.
+    fn is_black(&self) -> bool {
+        false
+    }
+
     /// The people that a detector finds in the whole picture: `[person][keypoint]`, 17 each, `None`
     /// where one was not found.
     fn persons(&self) -> Vec<Vec<Option<Candidate>>>;

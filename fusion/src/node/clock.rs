@@ -1,5 +1,7 @@
 //! The one place that reads this machine's clock.
 
+use std::sync::Arc;
+use std::sync::atomic::{AtomicI64, Ordering};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 /// Now, for spans.
@@ -21,4 +23,53 @@ pub(crate) fn unix_time() -> Duration {
     SystemTime::now()
         .duration_since(UNIX_EPOCH)
         .unwrap_or_default()
+}
+
+/// Fastest that a [`VenueClock`] follows the system's clock, microseconds per second: far above what
+/// any oscillator drifts by, far below what a tick would notice.
+const SLEW_US_PER_S: i64 = 1000;
+
+/// The clock that the venue goes by: Unix time that never jumps, whatever is done to the system's
+/// clock. Clones show the same time.
+#[derive(Debug, Clone)]
+pub(crate) struct VenueClock {
+    start: Instant,
+    /// Unix time at `start`, microseconds.
+    at_start_us: Arc<AtomicI64>,
+}
+
+impl VenueClock {
+    pub(crate) fn start() -> Self {
+        let start = now();
+        Self {
+            start,
+            at_start_us: Arc::new(AtomicI64::new(unix_us())),
+        }
+    }
+
+    /// Microseconds since 1970.
+    pub(crate) fn now_us(&self) -> i64 {
+        self.at_start_us.load(Ordering::Relaxed) + self.elapsed_us()
+    }
+
+    /// The instant at which the clock shows `us`; now, for what is over.
+    pub(crate) fn instant_at(&self, us: i64) -> Instant {
+        let ahead_us = us.saturating_sub(self.now_us()).max(0);
+        now() + Duration::from_micros(ahead_us.unsigned_abs())
+    }
+
+    /// Follows the system's clock by a little; to be called once a second.
+    pub(crate) fn discipline(&self) {
+        let error_us = unix_us() - self.now_us();
+        let step_us = error_us.clamp(-SLEW_US_PER_S, SLEW_US_PER_S);
+        self.at_start_us.fetch_add(step_us, Ordering::Relaxed);
+    }
+
+    fn elapsed_us(&self) -> i64 {
+        i64::try_from(now().duration_since(self.start).as_micros()).unwrap_or(i64::MAX)
+    }
+}
+
+fn unix_us() -> i64 {
+    i64::try_from(unix_time().as_micros()).unwrap_or(i64::MAX)
 }

@@ -1,13 +1,14 @@
 //! Fusion's side of the wire: one Zenoh router that all edges connect to.
 //!
-//! Everything is reliable and blocks, at one priority: lock-step can wait, but must not lose or
-//! reorder. Nothing is scouted for; the endpoints are in the venue file.
-
-use std::time::Duration;
+//! In lock-step everything is reliable and blocks, at one priority: it can wait, but must not lose or
+//! reorder. Live, boxes and poses are best effort, and nothing blocks. Nothing is scouted for; the
+//! endpoints are in the venue file.
 
 use anyhow::{Context as _, anyhow};
 use farfield_proto::key::Keys;
 use farfield_proto::message::{PatchSet, SightingSet, Status};
+pub(super) use farfield_proto::transport::FUSION as NODE;
+use farfield_proto::transport::FusionTransport;
 use farfield_proto::venue::Venue;
 use farfield_proto::wire;
 use tokio::sync::mpsc;
@@ -17,30 +18,47 @@ use tracing::{debug, warn};
 use zenoh::handlers::{FifoChannel, FifoChannelHandler};
 use zenoh::liveliness::LivelinessToken;
 use zenoh::pubsub::{Publisher, Subscriber};
-use zenoh::qos::{CongestionControl, Priority};
+use zenoh::qos::{CongestionControl, Priority, Reliability};
 use zenoh::sample::{Sample, SampleKind};
 use zenoh::{Session, Wait as _};
 
-/// Fusion's name among the nodes.
-pub(super) const NODE: &str = "fusion";
-/// After this long without a sign of life a silent node counts as gone.
-const LEASE: Duration = Duration::from_secs(5);
+use super::clock::VenueClock;
+use super::tap::{TapHandle, TapMessage};
+
 /// Messages that wait between Zenoh and the loop; when full, Zenoh stops reading, and the edges wait.
 const QUEUE: usize = 256;
 
 /// What the network tells the loop.
 #[derive(Debug)]
 pub(super) enum Heard {
-    /// Patches, and the bytes they took.
-    Patches(PatchSet, u64),
-    /// Sightings, and the bytes they took.
-    Sightings(SightingSet, u64),
+    /// Patches.
+    Patches(PatchSet, Arrival),
+    /// Sightings.
+    Sightings(SightingSet, Arrival),
     /// A node says how it is.
     Status(Box<Status>),
     /// A node has joined or left.
     Alive(String, Presence),
     /// A message that cannot be read, by its key.
     Unreadable(String),
+}
+
+/// How a message came.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Arrival {
+    /// The bytes it took.
+    pub(super) bytes: u64,
+    /// When, microseconds since 1970.
+    pub(super) at_us: i64,
+}
+
+/// What messages are worth.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Mode {
+    /// All of them come, in order, however long it takes.
+    LockStep,
+    /// The newest counts; what cannot go at once is dropped.
+    Live,
 }
 
 /// Whether a node is there.
@@ -59,6 +77,8 @@ pub(super) enum Said {
     Boxes(usize, Vec<u8>),
     /// The persons of a tick.
     Poses(Vec<u8>),
+    /// The persons of a tick, as the fixed-lag smoother sees them.
+    Smooth(Vec<u8>),
     /// How fusion is.
     Status(Vec<u8>),
 }
@@ -66,11 +86,17 @@ pub(super) enum Said {
 /// The open session with all that is declared on it.
 pub(super) struct Link {
     session: Session,
-    boxes: Vec<Publisher<'static>>,
-    poses: Publisher<'static>,
-    status: Publisher<'static>,
+    mouths: Mouths,
     subscribers: Vec<(Topic, Subscriber<FifoChannelHandler<Sample>>)>,
     token: LivelinessToken,
+}
+
+/// All that fusion publishes on.
+struct Mouths {
+    boxes: Vec<Publisher<'static>>,
+    poses: Publisher<'static>,
+    smooth: Publisher<'static>,
+    status: Publisher<'static>,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -103,26 +129,18 @@ fn without_places(text: &str) -> String {
     kept
 }
 
-fn config(listen: &[String]) -> anyhow::Result<zenoh::Config> {
-    let endpoints = serde_json::to_string(listen)?;
-    let lease = LEASE.as_millis().to_string();
+fn config(venue: &Venue, listen: &[String]) -> anyhow::Result<zenoh::Config> {
+    let viewpoints: Vec<&str> = venue.viewpoints.iter().map(|v| v.name.as_str()).collect();
+    let transport = FusionTransport {
+        venue: &venue.name,
+        viewpoints: &viewpoints,
+        listen,
+        identity: None,
+    };
     let mut config = zenoh::Config::default();
-    let settings = [
-        ("mode", "\"router\""),
-        ("scouting/multicast/enabled", "false"),
-        ("scouting/gossip/enabled", "false"),
-        ("listen/endpoints", endpoints.as_str()),
-        ("listen/exit_on_failure", "true"),
-        ("transport/link/tx/lease", lease.as_str()),
-        // A node that is busy for long must slow the others down, not be cut off.
-        (
-            "transport/link/tx/queue/congestion_control/block/wait_before_close",
-            "60000000",
-        ),
-    ];
-    for (key, value) in settings {
+    for (key, value) in transport.settings() {
         config
-            .insert_json5(key, value)
+            .insert_json5(&key, &value)
             .map_err(zenoh_error)
             .with_context(|| format!("setting {key} to {value}"))?;
     }
@@ -131,8 +149,10 @@ fn config(listen: &[String]) -> anyhow::Result<zenoh::Config> {
 
 impl Link {
     /// Listens on `listen` and declares everything that the edges of `venue` need.
-    pub(super) async fn open(venue: &Venue, listen: &[String]) -> anyhow::Result<Self> {
-        let session = zenoh::open(config(listen)?).await.map_err(zenoh_error);
+    pub(super) async fn open(venue: &Venue, listen: &[String], mode: Mode) -> anyhow::Result<Self> {
+        let session = zenoh::open(config(venue, listen)?)
+            .await
+            .map_err(zenoh_error);
         let session = session.map_err(|error| {
             // Zenoh has no kind for it.
             let taken = error.to_string().contains("in use");
@@ -146,7 +166,7 @@ impl Link {
         let keys = Keys::new(&venue.name);
         let mut boxes = Vec::new();
         for viewpoint in &venue.viewpoints {
-            boxes.push(publisher(&session, keys.boxes(&viewpoint.name)).await?);
+            boxes.push(publisher(&session, keys.boxes(&viewpoint.name), mode).await?);
         }
         let subscribers = vec![
             (Topic::Patches, subscriber(&session, keys.patches()).await?),
@@ -160,8 +180,12 @@ impl Link {
             ),
             (Topic::Alive, liveliness(&session, keys.all_alive()).await?),
         ];
-        let poses = publisher(&session, keys.pose()).await?;
-        let status = publisher(&session, keys.status(NODE)).await?;
+        let mouths = Mouths {
+            boxes,
+            poses: publisher(&session, keys.pose(), mode).await?,
+            smooth: publisher(&session, keys.smooth(), mode).await?,
+            status: status_publisher(&session, keys.status(NODE), mode).await?,
+        };
         let token = session
             .liveliness()
             .declare_token(keys.alive(NODE))
@@ -169,9 +193,7 @@ impl Link {
             .map_err(zenoh_error)?;
         Ok(Self {
             session,
-            boxes,
-            poses,
-            status,
+            mouths,
             subscribers,
             token,
         })
@@ -189,17 +211,17 @@ impl Link {
     }
 
     /// Starts the tasks that carry messages to and from the loop.
-    pub(super) fn spawn(self, tasks: &TaskTracker, stop: &CancellationToken) -> Ends {
+    pub(super) fn spawn(self, tasks: &TaskTracker, stop: &CancellationToken, ear: &Ear) -> Ends {
         let (heard_tx, heard) = mpsc::channel(QUEUE);
         for (topic, subscriber) in self.subscribers {
-            tasks.spawn(listen(topic, subscriber, heard_tx.clone(), stop.clone()));
+            let (ear, heard_tx) = (ear.clone(), heard_tx.clone());
+            tasks.spawn(listen(topic, subscriber, ear, heard_tx, stop.clone()));
         }
         // Lock-step has at most one box set per viewpoint, one pose set and a few statuses under way.
-        let (say, said) = mpsc::channel(4 * (self.boxes.len() + 4));
+        let (say, said) = mpsc::channel(4 * (self.mouths.boxes.len() + 4));
         let (matched_tx, matched) = tokio::sync::watch::channel(false);
-        tasks.spawn_blocking(move || {
-            speak(&self.boxes, &self.poses, &self.status, said, &matched_tx);
-        });
+        let (mouths, own_ear) = (self.mouths, ear.clone());
+        tasks.spawn_blocking(move || speak(&mouths, said, &own_ear, &matched_tx));
         Ends {
             heard,
             say,
@@ -207,6 +229,29 @@ impl Link {
             session: self.session,
             _token: self.token,
         }
+    }
+}
+
+/// What every message passes on its way in or out: the clock, and whoever listens in.
+#[derive(Debug, Clone)]
+pub(super) struct Ear {
+    pub(super) clock: VenueClock,
+    pub(super) tap: TapHandle,
+}
+
+impl Ear {
+    fn received(&self, key: &str, bytes: &[u8]) -> Arrival {
+        let at_us = self.clock.now_us();
+        self.tap.received(TapMessage { key, bytes, at_us });
+        Arrival {
+            bytes: bytes.len() as u64,
+            at_us,
+        }
+    }
+
+    fn published(&self, key: &str, bytes: &[u8]) {
+        let at_us = self.clock.now_us();
+        self.tap.published(TapMessage { key, bytes, at_us });
     }
 }
 
@@ -236,10 +281,37 @@ impl Ends {
     }
 }
 
-async fn publisher(session: &Session, key: String) -> anyhow::Result<Publisher<'static>> {
+async fn publisher(
+    session: &Session,
+    key: String,
+    mode: Mode,
+) -> anyhow::Result<Publisher<'static>> {
+    declare(session, key, mode, Reliability::BestEffort).await
+}
+
+/// Statuses are said once a second: a lost one would be missed.
+async fn status_publisher(
+    session: &Session,
+    key: String,
+    mode: Mode,
+) -> anyhow::Result<Publisher<'static>> {
+    declare(session, key, mode, Reliability::Reliable).await
+}
+
+async fn declare(
+    session: &Session,
+    key: String,
+    mode: Mode,
+    live: Reliability,
+) -> anyhow::Result<Publisher<'static>> {
+    let (congestion, reliability) = match mode {
+        Mode::LockStep => (CongestionControl::Block, Reliability::Reliable),
+        Mode::Live => (CongestionControl::Drop, live),
+    };
     let declared = session
         .declare_publisher(key.clone())
-        .congestion_control(CongestionControl::Block)
+        .congestion_control(congestion)
+        .reliability(reliability)
         .priority(Priority::RealTime)
         .express(true);
     declared
@@ -280,6 +352,7 @@ async fn liveliness(
 async fn listen(
     topic: Topic,
     subscriber: Subscriber<FifoChannelHandler<Sample>>,
+    ear: Ear,
     heard: mpsc::Sender<Heard>,
     stop: CancellationToken,
 ) {
@@ -289,30 +362,29 @@ async fn listen(
             () = stop.cancelled() => return,
         };
         let Ok(sample) = sample else { return };
-        if heard.send(read(topic, &sample)).await.is_err() {
+        if heard.send(read(topic, &sample, &ear)).await.is_err() {
             return;
         }
     }
 }
 
-fn read(topic: Topic, sample: &Sample) -> Heard {
+fn read(topic: Topic, sample: &Sample, ear: &Ear) -> Heard {
     let key = sample.key_expr().as_str();
+    if let Topic::Alive = topic {
+        let node = key.rsplit('/').next().unwrap_or(key).to_owned();
+        let presence = match sample.kind() {
+            SampleKind::Put => Presence::There,
+            SampleKind::Delete => Presence::Gone,
+        };
+        return Heard::Alive(node, presence);
+    }
     let payload = sample.payload().to_bytes();
-    let bytes = payload.len() as u64;
+    let arrival = ear.received(key, &payload);
     let heard = match topic {
-        Topic::Patches => wire::decode(&payload).map(|set| Heard::Patches(set, bytes)),
-        Topic::Sightings => wire::decode(&payload).map(|set| Heard::Sightings(set, bytes)),
-        Topic::Statuses => wire::decode(&payload).map(|status| Heard::Status(Box::new(status))),
-        Topic::Alive => {
-            let node = key.rsplit('/').next().unwrap_or(key).to_owned();
-            Ok(Heard::Alive(
-                node,
-                if sample.kind() == SampleKind::Put {
-                    Presence::There
-                } else {
-                    Presence::Gone
-                },
-            ))
+        Topic::Patches => wire::decode(&payload).map(|set| Heard::Patches(set, arrival)),
+        Topic::Sightings => wire::decode(&payload).map(|set| Heard::Sightings(set, arrival)),
+        Topic::Statuses | Topic::Alive => {
+            wire::decode(&payload).map(|status| Heard::Status(Box::new(status)))
         }
     };
     heard.unwrap_or_else(|error| {
@@ -323,23 +395,24 @@ fn read(topic: Topic, sample: &Sample) -> Heard {
 
 /// Thread, as Zenoh blocks it while the network is congested: everything that fusion says, in order; ends when the loop drops its end of the queue.
 fn speak(
-    boxes: &[Publisher<'static>],
-    poses: &Publisher<'static>,
-    status: &Publisher<'static>,
+    mouths: &Mouths,
     mut said: mpsc::Receiver<Said>,
+    ear: &Ear,
     matched: &tokio::sync::watch::Sender<bool>,
 ) {
     while let Some(message) = said.blocking_recv() {
         let (publisher, bytes) = match message {
-            Said::Boxes(viewpoint, bytes) => (boxes.get(viewpoint), bytes),
-            Said::Poses(bytes) => (Some(poses), bytes),
+            Said::Boxes(viewpoint, bytes) => (mouths.boxes.get(viewpoint), bytes),
+            Said::Poses(bytes) => (Some(&mouths.poses), bytes),
+            Said::Smooth(bytes) => (Some(&mouths.smooth), bytes),
             Said::Status(bytes) => {
                 // Statuses go out several times a second until the start: the moment to look.
-                matched.send_replace(all_match(boxes));
-                (Some(status), bytes)
+                matched.send_replace(all_match(&mouths.boxes));
+                (Some(&mouths.status), bytes)
             }
         };
         let Some(publisher) = publisher else { continue };
+        ear.published(publisher.key_expr().as_str(), &bytes);
         if let Err(error) = publisher.put(bytes).wait() {
             warn!(key = %publisher.key_expr(), %error, "not sent");
         }

@@ -1,6 +1,7 @@
 //! Fusion's link against a real Zenoh client on the loopback.
 
 use std::path::Path;
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use farfield_proto::calibration::Calibration;
@@ -13,7 +14,28 @@ use tokio::time::timeout;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
-use super::{Ends, Heard, Link, Presence, Said};
+use super::{Ear, Ends, Heard, Link, Mode, Presence, Said};
+use crate::node::clock::VenueClock;
+use crate::node::tap::{Decided, Tap, TapHandle, TapMessage};
+
+/// The keys of what has passed.
+#[derive(Default)]
+struct Kept {
+    received: Mutex<Vec<String>>,
+    published: Mutex<Vec<String>>,
+}
+
+impl Tap for Kept {
+    fn received(&self, message: TapMessage<'_>) {
+        self.received.lock().unwrap().push(message.key.to_owned());
+    }
+
+    fn published(&self, message: TapMessage<'_>) {
+        self.published.lock().unwrap().push(message.key.to_owned());
+    }
+
+    fn decided(&self, _: Decided<'_>) {}
+}
 
 /// Far above what a loaded machine takes; a test that waits as long has failed.
 const PATIENCE: Duration = Duration::from_secs(20);
@@ -36,12 +58,16 @@ async fn next(ends: &mut Ends) -> Heard {
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn an_edge_is_heard_answered_and_missed() {
-    let link = Link::open(&venue(), &["tcp/127.0.0.1:0".to_owned()])
+    let link = Link::open(&venue(), &["tcp/127.0.0.1:0".to_owned()], Mode::LockStep)
         .await
         .unwrap();
+    let kept = Arc::new(Kept::default());
+    let tap = TapHandle::new(Some(Arc::clone(&kept) as Arc<dyn Tap>));
+    let clock = VenueClock::start();
+    let ear = Ear { clock, tap };
     let endpoint = link.locators().await[0].clone();
     let (tasks, leave) = (TaskTracker::new(), CancellationToken::new());
-    let mut ends = link.spawn(&tasks, &leave);
+    let mut ends = link.spawn(&tasks, &leave, &ear);
 
     let mut config = zenoh::Config::default();
     for (key, value) in [
@@ -78,7 +104,11 @@ async fn an_edge_is_heard_answered_and_missed() {
     let bytes = wire::encode(&set);
     edge.put("link-test/patch/a", bytes.clone()).await.unwrap();
     match next(&mut ends).await {
-        Heard::Patches(heard, n) => assert_eq!((heard, n), (set, bytes.len() as u64)),
+        Heard::Patches(heard, arrival) => {
+            assert_eq!((heard, arrival.bytes), (set, bytes.len() as u64));
+            let received = kept.received.lock().unwrap().clone();
+            assert_eq!(received, ["link-test/patch/a"]);
+        }
         other => panic!("{other:?}"),
     }
     edge.put("link-test/patch/a", vec![0xff; 40]).await.unwrap();
@@ -100,6 +130,8 @@ async fn an_edge_is_heard_answered_and_missed() {
         .expect("the boxes do not come")
         .unwrap();
     assert_eq!(*sample.payload().to_bytes(), [1, 2, 3]);
+    let published = kept.published.lock().unwrap().clone();
+    assert_eq!(published.last().unwrap(), "link-test/box/a");
 
     drop(token);
     edge.close().await.unwrap();

@@ -22,6 +22,7 @@ use super::process::Ending;
 use super::progress::Reporter;
 use super::start::Start;
 use super::tally::Tally;
+use super::tap::{Decided, TapHandle};
 use super::worker::{Stepped, Worker};
 use crate::align::Gather;
 
@@ -41,6 +42,7 @@ pub(super) struct LockStep<'a> {
     session: SessionId,
     ticks: Range<Tick>,
     gather: Gather,
+    tap: TapHandle,
     /// What has passed over the links.
     pub(super) tally: Tally,
     /// The last tick that is done.
@@ -54,7 +56,7 @@ pub(super) struct LockStep<'a> {
 
 impl<'a> LockStep<'a> {
     /// A run over the ticks of `start`, which must not be empty.
-    pub(super) fn new(venue: &'a Venue, session: SessionId, start: &Start) -> Self {
+    pub(super) fn new(venue: &'a Venue, session: SessionId, start: &Start, tap: TapHandle) -> Self {
         let ticks = start.ticks.clone();
         let process = |edge: &Status| (edge.node.clone(), edge.process);
         let gather = Gather::new(session, ticks.start, venue.viewpoints.len());
@@ -63,6 +65,7 @@ impl<'a> LockStep<'a> {
             session,
             ticks,
             gather,
+            tap,
             tally: Tally::new(venue),
             last: None,
             gone: BTreeSet::new(),
@@ -98,7 +101,13 @@ impl<'a> LockStep<'a> {
                     }
                     if self.deadline.is_some() && self.gather.is_complete() {
                         self.deadline = None;
-                        worker.step(self.gather.take())?;
+                        let group = self.gather.take();
+                        self.tap.decided(Decided {
+                            group: &group,
+                            late: &[],
+                            horizons: &[],
+                        });
+                        worker.step(group)?;
                     }
                 }
                 stepped = worker.done.recv() => {
@@ -139,14 +148,15 @@ impl<'a> LockStep<'a> {
 
     /// Takes a message; returns the node that has left, if one has.
     fn hear(&mut self, heard: Heard) -> anyhow::Result<Option<String>> {
-        let refused = match heard {
-            Heard::Patches(set, bytes) => {
-                self.tally.patches(set.viewpoint, set.persons.len(), bytes);
-                self.gather.add_patches(set).err()
+        let taken = match heard {
+            Heard::Patches(set, arrival) => {
+                self.tally
+                    .patches(set.viewpoint, set.persons.len(), arrival.bytes);
+                self.gather.add_patches(set)
             }
-            Heard::Sightings(set, bytes) => {
-                self.tally.sightings(set.viewpoint, bytes);
-                self.gather.add_sightings(set).err()
+            Heard::Sightings(set, arrival) => {
+                self.tally.sightings(set.viewpoint, arrival.bytes);
+                self.gather.add_sightings(set)
             }
             Heard::Status(status) => {
                 self.check_name(&status)?;
@@ -156,7 +166,7 @@ impl<'a> LockStep<'a> {
                 self.gone.insert(node.clone());
                 return Ok(Some(node));
             }
-            Heard::Alive(..) => None,
+            Heard::Alive(..) => return Ok(None),
             // The tick would never be complete.
             Heard::Unreadable(key) => {
                 return Err(anyhow!(
@@ -165,7 +175,7 @@ impl<'a> LockStep<'a> {
                 ));
             }
         };
-        if let Some(reason) = refused {
+        if let Err(reason) = taken {
             debug!(%reason, "message refused");
             self.tally.refused += 1;
         }

@@ -16,6 +16,7 @@ mod run;
 mod start;
 mod summary;
 mod tally;
+mod tap;
 mod worker;
 
 pub use self::config::{FusionArgs, check_names, load_card};
@@ -26,3 +27,4 @@ pub use self::process::{
 };
 pub use self::progress::{Body, Progress, Report};
 pub use self::run::main;
+pub use self::tap::{Decided, Tap, TapMessage};

@@ -15,7 +15,7 @@ use tracing::warn;
 
 use super::clock;
 use super::config::{Config, FusionArgs};
-use super::link::{Ends, Heard, Link, Presence, Said};
+use super::link::{Ear, Ends, Heard, Link, Mode, Presence, Said};
 use super::lockstep::{LockStep, Outside};
 use super::output::Claim;
 use super::process::{Ending, Managed, NodeError, exit_code, start_log, stop_when_told};
@@ -23,6 +23,7 @@ use super::progress::Reporter;
 use super::recorder::Recorder;
 use super::start::{Start, failed_status, roll_call};
 use super::summary::{self, Facts, summarize};
+use super::tap::TapHandle;
 use super::worker::Worker;
 use crate::pipeline::Pipeline;
 
@@ -77,11 +78,15 @@ async fn run(config: &Config, session: SessionId, pipeline: Pipeline) -> Result<
         (out, _) => Claim::take(out.as_deref(), &config.venue.name).map_err(NodeError::Refused)?,
     };
     let mut reporter = Reporter::new(config.managed, config.detail);
-    let link = Link::open(&config.venue, &config.listen)
+    let link = Link::open(&config.venue, &config.listen, Mode::LockStep)
         .await
         .map_err(NodeError::Failed)?;
     reporter.listening(link.locators().await);
-    let mut ends = link.spawn(&tasks, &leave);
+    let ear = Ear {
+        clock: clock::VenueClock::start(),
+        tap: TapHandle::new(None),
+    };
+    let mut ends = link.spawn(&tasks, &leave, &ear);
     let mut outside = Outside {
         ends: &mut ends,
         reporter: &mut reporter,
@@ -94,6 +99,7 @@ async fn run(config: &Config, session: SessionId, pipeline: Pipeline) -> Result<
                 session,
                 out: claim.folder(),
                 start: &start,
+                tap: &ear.tap,
             };
             run.lock_step(pipeline, &mut outside).await
         }
@@ -118,6 +124,7 @@ struct Run<'a> {
     /// Where the results go.
     out: &'a Path,
     start: &'a Start,
+    tap: &'a TapHandle,
 }
 
 impl Run<'_> {
@@ -136,7 +143,7 @@ impl Run<'_> {
         let mut worker = Worker::spawn(pipeline, recorder)
             .context("starting the core's thread")
             .map_err(NodeError::Failed)?;
-        let mut run = LockStep::new(venue, self.session, self.start);
+        let mut run = LockStep::new(venue, self.session, self.start, self.tap.clone());
         let outcome = run
             .run(&first, &mut worker, outside)
             .await

@@ -98,9 +98,14 @@ impl Crowd {
         &mut self.tracks
     }
 
-    /// Which of the cameras `own` shall look for people at the tick that comes.
-    pub fn looking(&self, own: &[CameraIndex]) -> Vec<CameraIndex> {
-        self.lookout.looking(own)
+    /// Which of the cameras `own` shall look for people at `tick`, as far ahead as it is planned.
+    pub fn looking(&self, own: &[CameraIndex], tick: Tick) -> Vec<CameraIndex> {
+        self.lookout.looking(own, tick)
+    }
+
+    /// Plans from now on who looks `ticks` ahead, at least 1.
+    pub fn look_ahead(&mut self, ticks: i64) {
+        self.lookout.look_ahead(ticks);
     }
 
     /// The poses of those who are confirmed, by id.

@@ -5,10 +5,15 @@
 //! and then for those who are lost. A sighting that was asked about in vain (a bystander whom one viewpoint sees,
 //! a mirror) is asked about less and less often for as long as it stays where it is.
 //!
+//! Who looks is planned as many ticks ahead as the boxes are made: what is asked for now is looked at
+//! then.
+//!
 //! **What looking may cost.** A camera may be asked for [`BirthParameters::look_share`] of its ticks.
 //! It has an allowance of looks, which grows by that share per tick up to `look_again_ticks`; each look, a
 //! regular one too, takes one, and a camera without a whole one left is not asked. So in any n ticks a
 //! camera looks at most `look_again_ticks + look_share n` times, or whenever looks are regular.
+
+use std::collections::VecDeque;
 
 use farfield_proto::camera::CameraModel;
 use farfield_proto::frames::Point;
@@ -70,8 +75,11 @@ pub(super) struct Lookout {
     allowance: Vec<f64>,
     kept: Vec<Kept>,
     asks: Vec<Ask>,
-    /// Who looks at the tick that is under way.
-    looks: Vec<bool>,
+    /// Per tick from `planned_from` on: who looks.
+    planned: VecDeque<Vec<bool>>,
+    planned_from: Tick,
+    /// How many ticks ahead is planned, at least 1.
+    ahead: i64,
 }
 
 impl Lookout {
@@ -93,41 +101,76 @@ impl Lookout {
             allowance: vec![again_ticks as f64; n],
             kept: Vec::new(),
             asks: Vec::new(),
-            looks: vec![false; n],
+            planned: VecDeque::new(),
+            planned_from: Tick::default(),
+            ahead: 1,
         }
     }
 
     /// Begins a run at `tick`, at which everybody looks.
     pub(super) fn begin(&mut self, tick: Tick) {
         self.first_tick = tick;
-        self.looks.fill(true);
+        self.planned_from = tick;
+        self.planned.clear();
+        self.planned.push_back(vec![true; self.cameras.len()]);
     }
 
-    /// Per camera, whether it looks at the tick that was planned last.
-    pub(super) fn looks(&self) -> &[bool] {
-        &self.looks
+    /// Plans `ticks` ahead from now on, at least 1.
+    pub(super) fn look_ahead(&mut self, ticks: i64) {
+        self.ahead = ticks.max(1);
     }
 
-    /// The cameras among `own` that look at the tick that was planned last.
-    pub(super) fn looking(&self, own: &[CameraIndex]) -> Vec<CameraIndex> {
-        let looks = |camera: &CameraIndex| self.looks.get(usize::from(camera.0)) == Some(&true);
+    /// Per camera, whether it looks at `tick`; empty where nothing is planned (any more).
+    pub(super) fn looks_at(&self, tick: Tick) -> &[bool] {
+        let at = usize::try_from(tick - self.planned_from).ok();
+        at.and_then(|at| self.planned.get(at))
+            .map_or(&[], Vec::as_slice)
+    }
+
+    /// The cameras among `own` that look at `tick`.
+    pub(super) fn looking(&self, own: &[CameraIndex], tick: Tick) -> Vec<CameraIndex> {
+        let looks = self.looks_at(tick);
+        let looks = |camera: &CameraIndex| looks.get(usize::from(camera.0)) == Some(&true);
         own.iter().copied().filter(looks).collect()
     }
 
-    /// Whether anybody looks at the tick that was planned last.
-    pub(super) fn is_look(&self) -> bool {
-        self.looks.contains(&true)
+    /// Whether anybody looks at `tick`.
+    pub(super) fn is_look(&self, tick: Tick) -> bool {
+        self.looks_at(tick).contains(&true)
     }
 
-    /// Plans who looks at `tick`, the next one.
+    /// Plans who looks from `tick` on, the next one, as far ahead as is to be planned.
     pub(super) fn plan(&mut self, tick: Tick) {
+        let mut spare = Vec::new();
+        while self.planned_from < tick && !self.planned.is_empty() {
+            spare = self.planned.pop_front().unwrap_or_default();
+            self.planned_from = self.planned_from + 1;
+        }
+        if self.planned.is_empty() {
+            self.planned_from = tick;
+        }
+        loop {
+            let next = self.planned_from + self.planned.len() as i64;
+            if next >= tick + self.ahead {
+                break;
+            }
+            let mut looks = std::mem::take(&mut spare);
+            self.plan_one(next, &mut looks);
+            self.planned.push_back(looks);
+        }
+    }
+
+    /// Plans who looks at `tick`.
+    fn plan_one(&mut self, tick: Tick, looks: &mut Vec<bool>) {
         let regular = (tick - self.first_tick) % self.period == 0;
         let most = (self.again_ticks as f64).max(1.0);
+        looks.clear();
         for (camera, left) in self.allowance.iter_mut().enumerate() {
             *left = (*left + self.share).min(most);
             let asked = self.asks.iter().any(|ask| ask.cameras[camera]);
-            self.looks[camera] = regular || asked && *left >= 1.0;
-            if self.looks[camera] {
+            let look = regular || asked && *left >= 1.0;
+            looks.push(look);
+            if look {
                 *left = (*left - 1.0).max(0.0);
             }
         }
@@ -209,7 +252,7 @@ impl Lookout {
 
     fn ask_where(&mut self, tick: Tick, ticks: i64, sees: impl Fn(&CameraModel) -> bool) {
         let cameras = self.cameras.iter().map(|(_, model)| sees(model)).collect();
-        let until = tick + ticks;
+        let until = tick + (self.ahead - 1 + ticks);
         if ticks > 0 {
             self.asks.push(Ask { until, cameras });
         }

@@ -40,10 +40,10 @@ fn looks(lookout: &mut Lookout, n: i64, camera: usize, unexplained: &[Witness]) 
         if tick > 0 {
             lookout.plan(Tick(tick));
         }
-        if lookout.looks()[camera] {
+        if lookout.looks_at(Tick(tick))[camera] {
             at.push(tick);
         }
-        if lookout.looks()[0] {
+        if lookout.looks_at(Tick(tick))[0] {
             lookout.keep(Tick(tick), unexplained.iter());
         }
     }
@@ -86,7 +86,7 @@ fn who_cannot_see_an_unexplained_sighting_is_not_asked() {
     let mut lookout = Lookout::new(cameras, field(), &BirthParameters::default(), RATE_HZ);
     lookout.keep(Tick(3), seen_by_one(0.0).iter());
     lookout.plan(Tick(4));
-    assert_eq!(lookout.looks(), [true, true, true, true, false]);
+    assert_eq!(lookout.looks_at(Tick(4)), [true, true, true, true, false]);
 }
 
 #[test]
@@ -112,7 +112,28 @@ fn who_is_new_is_asked_about_at_once() {
     lookout.plan(Tick(10));
     lookout.keep(Tick(10), one.iter().chain(&other));
     lookout.plan(Tick(11));
-    assert!(lookout.is_look());
+    assert!(lookout.is_look(Tick(11)));
+}
+
+#[test]
+fn who_looks_is_planned_as_far_ahead_as_boxes_are_made() {
+    let mut lookout = lookout(&BirthParameters::default());
+    lookout.look_ahead(6);
+    let mut at = Vec::new();
+    for tick in 1..40 {
+        lookout.plan(Tick(tick));
+        let ahead = Tick(tick + 5);
+        let told = lookout.looking(&[CameraIndex(1)], ahead).len();
+        assert_eq!(told == 1, lookout.is_look(ahead));
+        assert!(lookout.looks_at(ahead + 1).is_empty(), "nothing beyond");
+        if lookout.is_look(Tick(tick)) {
+            at.push(tick);
+        }
+        if tick == 12 {
+            lookout.keep(Tick(tick), seen_by_one(0.0).iter());
+        }
+    }
+    assert_eq!(at, [10, 18, 19, 20, 21, 22, 30], "asked about at 12");
 }
 
 #[test]
@@ -121,18 +142,18 @@ fn a_newborn_and_a_lost_person_are_looked_for_by_those_who_see_them() {
     let body = standing(0.0, 0.0, 1.75, &mut Noise(2));
     let mut of_newborn = lookout(&births);
     of_newborn.plan(Tick(1));
-    assert!(!of_newborn.is_look());
+    assert!(!of_newborn.is_look(Tick(1)));
     of_newborn.ask_about_newborn(Tick(1), &body);
     of_newborn.plan(Tick(2));
-    assert_eq!(of_newborn.looks()[..4], [true; 4]);
+    assert_eq!(of_newborn.looks_at(Tick(2))[..4], [true; 4]);
     let mut of_lost = lookout(&births);
     of_lost.ask_for_lost(Tick(5), Vector3::new(0.0, 0.0, 0.9), 0.5);
     of_lost.plan(Tick(6));
-    assert_eq!(of_lost.looks()[..4], [true; 4]);
+    assert_eq!(of_lost.looks_at(Tick(6))[..4], [true; 4]);
     of_lost.plan(Tick(7));
-    assert!(!of_lost.is_look());
+    assert!(!of_lost.is_look(Tick(7)));
     let own = [CameraIndex(1), CameraIndex(2)];
-    assert!(of_lost.looking(&own).is_empty());
+    assert!(of_lost.looking(&own, Tick(7)).is_empty());
 }
 
 proptest! {
@@ -147,7 +168,7 @@ proptest! {
         let mut asked = 0;
         for tick in 1..from + n {
             lookout.plan(Tick(tick));
-            asked += i32::from(tick >= from && lookout.looks()[1] && tick % 10 != 0);
+            asked += i32::from(tick >= from && lookout.looks_at(Tick(tick))[1] && tick % 10 != 0);
             lookout.keep(Tick(tick), unexplained.iter());
             lookout.ask_for_lost(Tick(tick), Vector3::new(0.0, 0.0, 0.9), 1.0);
         }
@@ -166,5 +187,5 @@ fn a_ray_that_leaves_the_field_asks_nobody() {
     }
     lookout.keep(Tick(0), up.iter());
     lookout.plan(Tick(1));
-    assert!(!lookout.is_look());
+    assert!(!lookout.is_look(Tick(1)));
 }

@@ -1,25 +1,37 @@
 //! Bytes to maps.
 
-use super::range_coder::Reader;
-use super::walk::{Model, Shape};
-use super::{EncodedMaps, Maps, PatchError};
+use super::correction::Grid;
+use super::encode::{FLOOR_BITS, QUALITY_BITS};
+use super::mode::{Mode, Scale};
+use super::modes;
+use super::range_coder::{BitCoder as _, Reader};
+use super::recipe::Recipe;
+use super::symbol::plain;
+use super::walk::{self, Shape};
+use super::{EncodedMaps, Maps, PatchError, Quality};
 
 /// Turns bytes back into maps; keeps its memory from patch to patch.
 #[derive(Debug, Clone)]
 pub struct Decoder {
-    model: Model,
+    exact: walk::Model,
+    model: modes::Model,
+    grid: Grid,
+    modes: Vec<Mode>,
 }
 
 impl Decoder {
     /// A new decoder.
     pub fn new() -> Self {
         Self {
-            model: Model::new(),
+            exact: walk::Model::new(),
+            model: modes::Model::new(),
+            grid: Grid::default(),
+            modes: Vec::new(),
         }
     }
 
     /// Decodes `encoded` into `into`, whose memory is used again. Allocates at most
-    /// [`super::MAX_CELLS`] bytes, whatever the bytes say.
+    /// [`super::MAX_CELLS`] bytes and two for each cell of one map, whatever the bytes say.
     ///
     /// # Errors
     /// [`PatchError`] when the size is impossible or the bytes do not fit it; `into` then holds
@@ -32,23 +44,65 @@ impl Decoder {
             encoded.keypoints.into(),
         );
         let mut reader = Reader::new(&encoded.bytes);
-        self.model.reset(into.width(), into.height());
-        let floor = self.model.floor(&mut reader, 0);
-        let shape = Shape {
-            width: into.width(),
-            height: into.height(),
-            floor,
-        };
-        for keypoint in 0..into.keypoints() {
-            self.model.map(&mut reader, shape, into.cells_mut(keypoint));
-            if reader.is_past_end() {
-                return Err(PatchError::TooShort { keypoint });
-            }
-        }
+        let level = plain(&mut reader, QUALITY_BITS, 0) as u8;
+        match Recipe::of(Quality::new(level)) {
+            None => self.exact(&mut reader, into),
+            Some(recipe) => self.modes(&mut reader, &recipe, into),
+        }?;
         match reader.left() {
             0 => Ok(()),
             left => Err(PatchError::TooLong { left }),
         }
+    }
+
+    fn exact(&mut self, reader: &mut Reader<'_>, into: &mut Maps) -> Result<(), PatchError> {
+        let floor = plain(reader, FLOOR_BITS, 0) as u8;
+        let shape = Shape {
+            width: into.width(),
+            height: into.height(),
+            floor: floor.max(1),
+        };
+        self.exact.reset(shape.width, shape.height);
+        for keypoint in 0..into.keypoints() {
+            self.exact.map(reader, shape, into.cells_mut(keypoint));
+            within(reader, keypoint)?;
+        }
+        Ok(())
+    }
+
+    fn modes(
+        &mut self,
+        reader: &mut Reader<'_>,
+        recipe: &Recipe,
+        into: &mut Maps,
+    ) -> Result<(), PatchError> {
+        let scale = Scale::of(into);
+        self.model.reset(into.keypoints(), &scale);
+        for keypoint in 0..into.keypoints() {
+            self.modes.clear();
+            self.model.modes(reader, recipe, &mut self.modes);
+            let cells = into.cells_mut(keypoint);
+            for mode in &self.modes {
+                mode.draw(&scale, cells);
+            }
+            let contexts = &mut self.model.contexts;
+            if reader.code(false, contexts.corrected(self.modes.len())) {
+                self.grid.reset(&scale, &recipe.correction);
+                self.grid.code(reader, contexts, cells, &scale);
+                self.grid.apply(cells, recipe.correction.step, &scale);
+            }
+            within(reader, keypoint)?;
+        }
+        Ok(())
+    }
+}
+
+/// Refuses to go on past the end of the bytes.
+fn within(reader: &Reader<'_>, keypoint: usize) -> Result<(), PatchError> {
+    if reader.is_past_end() {
+        Err(PatchError::TooShort { keypoint })
+    } else {
+        Ok(())
     }
 }
 

@@ -5,15 +5,26 @@
 //! strangers: it never panics, and never holds more than [`MAX_CELLS`] bytes of maps.
 
 mod around;
+mod body;
+mod contexts;
+mod correction;
 mod decode;
 mod encode;
+mod explain;
+mod fit;
+mod mode;
+mod modes;
+mod quality;
 mod range_coder;
+mod recipe;
+mod symbol;
 mod walk;
 
 use serde::{Deserialize, Serialize};
 
 pub use decode::Decoder;
 pub use encode::Encoder;
+pub use quality::{FLOOR, Quality, UnknownQuality};
 
 /// Largest width and height of a map, cells.
 pub const MAX_SIDE: usize = 256;
@@ -163,9 +174,6 @@ mod tests {
 
     use super::*;
 
-    /// The usual floor: 0.06 of 255.
-    const FLOOR: u8 = 15;
-
     /// A Gaussian of `height` around (x, y), sigma in cells, laid over what is there.
     fn draw(cells: &mut [u8], width: usize, peak: [f32; 2], sigma: f32, height: f32) {
         for (i, cell) in cells.iter_mut().enumerate() {
@@ -224,7 +232,7 @@ mod tests {
     }
 
     fn check(maps: &Maps, floor: u8) -> usize {
-        let encoded = Encoder::new().encode(maps, floor);
+        let encoded = Encoder::new().encode_above(maps, floor);
         let mut decoded = Maps::default();
         Decoder::new().decode(&encoded, &mut decoded).unwrap();
         assert_eq!(decoded, above(maps, floor));
@@ -260,9 +268,9 @@ mod tests {
     #[test]
     fn an_encoder_forgets_the_patch_before() {
         let mut encoder = Encoder::new();
-        let first = encoder.encode(&body(2.0, 0.3), FLOOR);
-        encoder.encode(&body(3.0, 0.0), 0);
-        assert_eq!(encoder.encode(&body(2.0, 0.3), FLOOR), first);
+        let first = encoder.encode(&body(2.0, 0.3), Quality::LOSSLESS);
+        encoder.encode(&body(3.0, 0.0), Quality::SMALL);
+        assert_eq!(encoder.encode(&body(2.0, 0.3), Quality::LOSSLESS), first);
     }
 
     #[test]
@@ -290,7 +298,7 @@ mod tests {
 
     #[test]
     fn a_cut_or_lengthened_patch_is_refused() {
-        let whole = Encoder::new().encode(&body(2.0, 0.0), FLOOR);
+        let whole = Encoder::new().encode(&body(2.0, 0.0), Quality::LOSSLESS);
         let mut maps = Maps::default();
         let mut cut = whole.clone();
         cut.bytes.truncate(whole.bytes.len() / 2);
@@ -362,7 +370,7 @@ mod tests {
             length in any::<prop::sample::Index>(),
             sides in prop::option::of((1u16..=256, 1u16..=256)),
         ) {
-            let mut encoded = Encoder::new().encode(&body(2.0, 0.4), FLOOR);
+            let mut encoded = Encoder::new().encode(&body(2.0, 0.4), Quality::LOSSLESS);
             let len = encoded.bytes.len();
             for (at, byte) in changes {
                 encoded.bytes[at.index(len)] = byte;

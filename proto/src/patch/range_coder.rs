@@ -38,12 +38,27 @@ pub(super) struct Probability {
 impl Probability {
     /// Over how many bits is averaged in the end.
     const MEMORY: u16 = 60;
+    /// As how many bits counts what is known beforehand.
+    const BEFOREHAND: u16 = 10;
 
     /// Nothing known.
     pub(super) const fn even() -> Self {
         Self {
             of_false: 1 << 15,
             seen: 0,
+        }
+    }
+
+    /// The probability of `false`, of 65,536.
+    pub(super) fn of_false(&self) -> u16 {
+        self.of_false
+    }
+
+    /// Known beforehand as if from some bits already.
+    pub(super) const fn known(of_false: u16) -> Self {
+        Self {
+            of_false,
+            seen: Self::BEFOREHAND,
         }
     }
 

@@ -23,7 +23,6 @@ pub(super) struct Shape {
 /// What has been learnt in the patch so far.
 #[derive(Debug, Clone)]
 pub(super) struct Model {
-    floor: [Probability; 8],
     empty_map: [Probability; 2],
     empty_row: [Probability; 2],
     first_row: Signed,
@@ -55,7 +54,6 @@ impl Model {
     pub(super) fn new() -> Self {
         let even = Probability::even();
         Self {
-            floor: [even; 8],
             empty_map: [even; 2],
             empty_row: [even; 2],
             first_row: Signed::new(),
@@ -82,15 +80,6 @@ impl Model {
             last_first: [height / 2, width / 2],
             ..Self::new()
         };
-    }
-
-    /// Codes the floor (at least 1) of the patch.
-    pub(super) fn floor<C: BitCoder>(&mut self, coder: &mut C, floor: u8) -> u8 {
-        let bits = self.floor.iter_mut().enumerate();
-        let coded = bits.fold(0, |sum, (i, p)| {
-            sum | u8::from(coder.code(floor >> i & 1 == 1, p)) << i
-        });
-        coded.max(1)
     }
 
     /// Codes one map: `cells` are read, or written over zeros.

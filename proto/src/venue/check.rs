@@ -14,6 +14,7 @@ use crate::key::is_key_chunk;
 use crate::keypoints::COCO17;
 use crate::tick::Tick;
 use crate::toml_file::{FileError, Place, TomlFile, unknown_name};
+use crate::transport::{FUSION, READER};
 use crate::wire::MAX_CAMERAS;
 
 /// How far the default field reaches beyond the cameras, metres.
@@ -28,6 +29,12 @@ const MAX_RATE_HZ: f64 = 1000.0;
 const MIN_GIVEN_KEYPOINTS: usize = 5;
 /// Ticks farther from zero have no exact time in seconds.
 const MAX_TICK: i64 = 1 << 53;
+/// Names that no viewpoint may have, and who has them.
+const TAKEN_NAMES: [(&str, &str); 3] = [
+    (FUSION, "the fusion node"),
+    (READER, "those who only listen"),
+    ("ca", "the venue's authority"),
+];
 /// Most viewpoints of a venue.
 const MAX_VIEWPOINTS: usize = 256;
 
@@ -60,6 +67,7 @@ pub(super) fn venue(
         boxes: raw.boxes,
         births: raw.births,
         link: raw.link,
+        recording: raw.recording,
     };
     ranges::check(file, &parameters)?;
     Ok(Venue {
@@ -141,11 +149,9 @@ fn viewpoints(
     for (i, viewpoint) in raw.into_iter().enumerate() {
         let place = all.index(i);
         check_key_chunk(file, &place.key("name"), &viewpoint.name)?;
-        if viewpoint.name == "fusion" {
-            return Err(file.error(
-                &place.key("name"),
-                "found \"fusion\", which is the name of the fusion node",
-            ));
+        if let Some((name, whose)) = TAKEN_NAMES.iter().find(|(name, _)| *name == viewpoint.name) {
+            let problem = format!("found \"{name}\", which is the name of {whose}");
+            return Err(file.error(&place.key("name"), problem));
         }
         if viewpoints.iter().any(|v| v.name == viewpoint.name) {
             let problem = format!(

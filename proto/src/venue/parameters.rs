@@ -3,6 +3,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::patch::Quality;
+
 macro_rules! parameters {
     ($(#[$outer:meta])* $name:ident { $($(#[$inner:meta])* $field:ident : $kind:ty = $default:expr,)* }) => {
         $(#[$outer])*
@@ -248,10 +250,38 @@ parameters! {
 parameters! {
     /// `[link]`: bytes and delays.
     LinkParameters {
-        /// Map values below this are not sent, 0 to 1. Default 0.06.
-        floor: f64 = 0.06,
+        /// How closely maps are kept on the wire, a name or a level. Default: `lossless` in lock-step,
+        /// `default` live, where the link may lower it.
+        quality: Option<Quality> = None,
         /// Longest wait for a node in lock-step before the run fails, seconds. Default 60.
         lockstep_timeout_s: f64 = 60.0,
+        /// Most that an edge hands to the network in any second, with what the protocols below add to each
+        /// message, bytes; 0: no bound but what its link carries. Default 0.
+        budget_bytes_per_s: f64 = 0.0,
+        /// Live: longest after a tick that fusion waits for its patches, milliseconds. It waits no longer than
+        /// links really take. Default 400.
+        deadline_ms: f64 = 400.0,
+        /// Live: an edge whose clock is surely off by more is refused, milliseconds. Default 100.
+        clock_bound_ms: f64 = 100.0,
+    }
+}
+
+parameters! {
+    /// `[recording]`: what is kept of a run, and what edges keep for it.
+    RecordingParameters {
+        /// Length of a chunk, seconds: what a recording loses at most when its process is killed. Default 1.
+        chunk_s: f64 = 1.0,
+        /// Whether poses are recorded as JSON too, for other programs to read: about 3 kB per person and
+        /// tick. Default true.
+        json_poses: bool = true,
+        /// Recordings in the same folder that are older are deleted, days; 0: none. Default 0.
+        retention_days: f64 = 0.0,
+        /// What an edge keeps on disk of what it sent or could not send when it runs live, MiB; 0:
+        /// nothing. Default 32.
+        ring_mib: u32 = 32,
+        /// Share of a link's budget that fusion may use to get what an outage has kept from it, 0 to 1;
+        /// 0: holes stay. Default 0.1.
+        fill_share: f64 = 0.1,
     }
 }
 
@@ -278,4 +308,6 @@ pub struct Parameters {
     pub births: BirthParameters,
     /// `[link]`
     pub link: LinkParameters,
+    /// `[recording]`
+    pub recording: RecordingParameters,
 }

@@ -96,8 +96,14 @@ fn ranges(p: &Parameters) -> Vec<Bounded> {
         bounds!(p.births.measure_s: 0.0, 3600.0),
         bounds!(p.births.same_place_s: 0.0, 3600.0),
         bounds!(p.births.outside_field_m: 0.0, 1e3),
-        bounds!(p.link.floor: 0.0, 1.0),
         bounds!(p.link.lockstep_timeout_s: 0.1, 86400.0),
+        bounds!(p.link.budget_bytes_per_s: 0.0, 1e9),
+        bounds!(p.link.deadline_ms: 1.0, 5000.0),
+        bounds!(p.link.clock_bound_ms: 1.0, 10_000.0),
+        bounds!(p.recording.chunk_s: 0.05, 60.0),
+        bounds!(p.recording.retention_days: 0.0, 36500.0),
+        bounds!(p.recording.ring_mib: 0.0, 65536.0),
+        bounds!(p.recording.fill_share: 0.0, 1.0),
     ];
     let margin = p.boxes.margin;
     all.extend(margin.map(|margin| ("boxes", "margin", margin, 1.0, 4.0)));

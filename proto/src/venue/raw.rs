@@ -7,7 +7,7 @@ use serde::Deserialize;
 use super::parameters::{
     BirthParameters, BoxParameters, ContactParameters, IkParameters, LatticeParameters,
     LinkParameters, OcclusionParameters, PredictionParameters, RangeOfMotionParameters,
-    SmoothingParameters,
+    RecordingParameters, SmoothingParameters,
 };
 use super::source::RawSource;
 
@@ -48,6 +48,8 @@ pub(super) struct RawVenue {
     pub(super) births: BirthParameters,
     #[serde(default)]
     pub(super) link: LinkParameters,
+    #[serde(default)]
+    pub(super) recording: RecordingParameters,
 }
 
 #[derive(Debug, Default, Deserialize)]

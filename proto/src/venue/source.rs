@@ -44,6 +44,15 @@ pub enum Source {
         /// Its address.
         url: String,
     },
+    /// Maps of a simulated camera that were made beforehand.
+    Maps {
+        /// The file.
+        path: PathBuf,
+        /// Cells of a made map: width, height. Default 48 x 64.
+        grid: [u16; 2],
+        /// Sigma of a made peak, cells. Default 2.
+        sigma_cells: f64,
+    },
     /// A camera of a simulated scene; the camera has the same name there.
     Simulated {
         /// The scene file.
@@ -80,7 +89,7 @@ impl Source {
     /// Whether the camera gives pictures, which need a network to become maps.
     pub fn gives_pictures(&self) -> bool {
         match self {
-            Self::Keypoints { .. } => false,
+            Self::Keypoints { .. } | Self::Maps { .. } => false,
             Self::Simulated { content, .. } => *content == SimulatedContent::Pixels,
             Self::Video { .. } | Self::Images { .. } | Self::V4l { .. } | Self::Ffmpeg { .. } => {
                 true
@@ -93,6 +102,9 @@ impl Source {
     pub fn drawing(&self) -> Option<([u16; 2], f64)> {
         match self {
             Self::Keypoints {
+                grid, sigma_cells, ..
+            }
+            | Self::Maps {
                 grid, sigma_cells, ..
             }
             | Self::Simulated {
@@ -119,14 +131,22 @@ pub(super) struct RawSource {
     content: Option<String>,
 }
 
-const KINDS: [&str; 6] = ["video", "images", "keypoints", "v4l", "ffmpeg", "simulated"];
+const KINDS: [&str; 7] = [
+    "video",
+    "images",
+    "keypoints",
+    "v4l",
+    "ffmpeg",
+    "simulated",
+    "maps",
+];
 const CONTENTS: [SimulatedContent; 2] = [SimulatedContent::Pixels, SimulatedContent::Maps];
 
 /// The fields of a source of `kind`; `None` for an unknown one.
 fn fields_of(kind: &str) -> Option<&'static [&'static str]> {
     Some(match kind {
         "video" | "images" => &["path"],
-        "keypoints" => &["path", "grid", "sigma_cells"],
+        "keypoints" | "maps" => &["path", "grid", "sigma_cells"],
         "v4l" => &["device"],
         "ffmpeg" => &["url"],
         "simulated" => &["path", "content", "grid", "sigma_cells"],
@@ -207,11 +227,24 @@ pub(super) fn source(
         _ => {
             let path = file.resolve(&needed("path", path)?);
             let (grid, sigma_cells) = drawing(file, place, grid, sigma_cells)?;
-            Ok(Source::Keypoints {
-                path,
-                grid,
-                sigma_cells,
-            })
+            Ok(drawn(&kind, path, grid, sigma_cells))
+        }
+    }
+}
+
+/// A source whose maps are made without a network, from a file of its own.
+fn drawn(kind: &str, path: PathBuf, grid: [u16; 2], sigma_cells: f64) -> Source {
+    if kind == "maps" {
+        Source::Maps {
+            path,
+            grid,
+            sigma_cells,
+        }
+    } else {
+        Source::Keypoints {
+            path,
+            grid,
+            sigma_cells,
         }
     }
 }

@@ -9,6 +9,7 @@
 mod cover;
 mod crowd;
 mod in_sight;
+mod kept;
 mod observe;
 mod paint;
 mod profile;
@@ -23,6 +24,7 @@ use self::observe::CameraFaults;
 use crate::scene::Scene;
 
 pub use crowd::Crowd;
+pub use kept::KeptObservation;
 pub use observe::Observation;
 pub use profile::{Bias, Definition, FaultProfile, Hidden, Jitter, Leak, Mirror, Missing, Noise};
 
@@ -74,6 +76,12 @@ impl MapFaults {
     pub fn observe(&mut self, tick: Tick) -> Observation {
         let rate_hz = self.crowd.scene().rate_hz();
         let time_s = tick.seconds(rate_hz) + f64::from(self.capture_offset_us()) * 1e-6;
+        self.observe_at(tick, time_s)
+    }
+
+    /// As [`Self::observe`], of people as they are at `time_s` of the scene: for recordings in which
+    /// its time does not run as the ticks do. Errors are those of `tick`.
+    pub fn observe_at(&mut self, tick: Tick, time_s: f64) -> Observation {
         let people = self.crowd.at(time_s);
         self.camera.observe(tick.0.max(0).unsigned_abs(), &people)
     }

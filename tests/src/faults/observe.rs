@@ -100,6 +100,17 @@ impl Observation {
     pub fn capture_offset_us(&self) -> i32 {
         self.capture_offset_us
     }
+
+    /// A black picture: nobody, and not even noise.
+    pub fn black(camera: &Arc<CameraModel>) -> Self {
+        Self {
+            camera: Arc::clone(camera),
+            capture_offset_us: 0,
+            people: Vec::new(),
+            noise: 0.0,
+            noise_key: 0,
+        }
+    }
 }
 
 /// A person as the camera meets them.

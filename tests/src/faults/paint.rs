@@ -48,6 +48,10 @@ impl MapPainter for Observation {
         }
     }
 
+    fn is_black(&self) -> bool {
+        self.people.is_empty() && self.noise <= 0.0 && self.noise_key == 0
+    }
+
     /// Who has at least six keypoints in the image that no other body covers. A keypoint is where
     /// its highest peak is, be it the wrong one, as a network's maps of that person would say.
     fn persons(&self) -> Vec<Vec<Option<Candidate>>> {

@@ -85,11 +85,26 @@ fn push_points<'a>(line: &mut String, points: impl Iterator<Item = (&'a str, &'a
 /// # Errors
 /// What `out` answers.
 pub fn write_truth(scene: &Scene, ticks: &Range<Tick>, out: &mut impl io::Write) -> io::Result<()> {
+    let ticks = (ticks.start.0..ticks.end.0).map(Tick);
+    write_truth_at(scene, ticks.map(|tick| (tick, scene.time_s(tick))), out)
+}
+
+/// As [`write_truth`], of recordings in which the scene's time does not run as the ticks do: every
+/// tick with the time that it shows, seconds.
+///
+/// # Errors
+/// What `out` answers.
+pub fn write_truth_at(
+    scene: &Scene,
+    moments: impl Iterator<Item = (Tick, f64)>,
+    out: &mut impl io::Write,
+) -> io::Result<()> {
     let mut order: Vec<usize> = (0..scene.people().len()).collect();
     order.sort_by_key(|&person| scene.people()[person].number);
-    for tick in (ticks.start.0..ticks.end.0).map(Tick) {
+    order.retain(|&person| scene.is_in_truth(person));
+    for (tick, time_s) in moments {
         for &person in &order {
-            if let Some(truth) = scene.truth_at(person, tick) {
+            if let Some(truth) = scene.person_at(person, time_s) {
                 let number = scene.people()[person].number;
                 writeln!(out, "{}", truth_line(tick, number, &truth))?;
             }

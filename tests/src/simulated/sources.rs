@@ -15,17 +15,20 @@ use farfield_proto::venue::{Source, Venue, VenueCamera};
 
 use super::SimulatedSource;
 use crate::faults::Crowd;
+use crate::maps_file::{MapsFile, MapsSource, load, ticks_of};
 use crate::scene::Scene;
 
 /// Rates that differ by less are the same, as a share: a file may hold fewer digits.
 const RATE_TOLERANCE: f64 = 1e-6;
 
-/// Opens recorded, live and simulated sources. Scenes are read once.
+/// Opens recorded, live and simulated sources, and maps made beforehand. Scenes and maps are read once.
 #[derive(Debug, Default)]
 pub struct VenueSources {
     recorded: RecordedSources,
     /// The people of every scene, by its file.
     crowds: Mutex<BTreeMap<PathBuf, Arc<Crowd>>>,
+    /// Maps made beforehand, by their file.
+    maps: Mutex<BTreeMap<PathBuf, Arc<MapsFile>>>,
 }
 
 /// A camera of a scene that fits the venue's.
@@ -45,6 +48,21 @@ impl VenueSources {
         let crowd = Arc::new(Crowd::new(Arc::new(Scene::load(path)?)));
         crowds.insert(path.to_owned(), Arc::clone(&crowd));
         Ok(crowd)
+    }
+
+    fn maps(
+        &self,
+        path: &Path,
+        camera: &VenueCamera,
+        venue: &Venue,
+    ) -> Result<Arc<MapsFile>, SourceError> {
+        let mut maps = self.maps.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(file) = maps.get(path) {
+            return Ok(Arc::clone(file));
+        }
+        let file = Arc::new(load(path, camera, venue)?);
+        maps.insert(path.to_owned(), Arc::clone(&file));
+        Ok(file)
     }
 
     /// Finds the scene's camera, and refuses what does not fit the venue.
@@ -72,7 +90,7 @@ impl VenueSources {
             place: path.display().to_string(),
         };
         let (found_hz, expected_hz) = (scene.rate_hz(), venue.rate_hz);
-        if (found_hz - expected_hz).abs() > RATE_TOLERANCE * expected_hz {
+        if !same_rate(found_hz, expected_hz) {
             return Err(SourceError::Rate {
                 at: at(),
                 found_hz,
@@ -97,8 +115,21 @@ impl VenueSources {
     }
 }
 
+/// Whether a recording's rate is the venue's.
+pub(crate) fn same_rate(found_hz: f64, expected_hz: f64) -> bool {
+    (found_hz - expected_hz).abs() <= RATE_TOLERANCE * expected_hz
+}
+
 impl Sources for VenueSources {
     fn probe(&self, camera: &VenueCamera, venue: &Venue) -> Result<SourceInfo, SourceError> {
+        if let Source::Maps { path, .. } = &camera.source {
+            let file = self.maps(path, camera, venue)?;
+            return Ok(SourceInfo {
+                ticks: Some(ticks_of(&file, venue.first_tick)),
+                size_px: Some(file.header().size_px),
+                rate_hz: Some(file.header().rate_hz),
+            });
+        }
         let Source::Simulated { path, .. } = &camera.source else {
             return self.recorded.probe(camera, venue);
         };
@@ -116,6 +147,11 @@ impl Sources for VenueSources {
         venue: &Venue,
         from: Tick,
     ) -> Result<Box<dyn FrameSource>, SourceError> {
+        if let Source::Maps { path, .. } = &camera.source {
+            let file = self.maps(path, camera, venue)?;
+            let source = MapsSource::new(file, path, camera, (venue.first_tick, from))?;
+            return Ok(Box::new(source));
+        }
         let Source::Simulated { path, content, .. } = &camera.source else {
             return self.recorded.open(camera, venue, from);
         };

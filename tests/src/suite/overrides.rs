@@ -32,7 +32,8 @@ pub fn parameters(text: &str) -> anyhow::Result<Parameters> {
         range_of_motion,
         boxes,
         births,
-        link
+        link,
+        recording
     );
     if let Some(unknown) = changes.keys().next() {
         bail!("`{unknown}` is no table of parameters");

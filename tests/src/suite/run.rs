@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-use farfield_edge::pipeline::EdgeOutput;
+use farfield_edge::pipeline::{EdgeOutput, StandIn};
 use farfield_edge::source::FrameSource;
 use farfield_fusion::person::track::Track;
 use farfield_fusion::predict::Joints;
@@ -27,7 +27,7 @@ use crate::scene::Scene;
 use crate::view_peaks::PeakReader;
 
 /// How a scene is run.
-#[derive(Debug, Clone, Default)]
+#[derive(Clone, Default)]
 pub struct Plan {
     /// The method's parameters.
     pub parameters: Parameters,
@@ -35,6 +35,8 @@ pub struct Plan {
     pub keep_peaks: bool,
     /// Whether the stages of every track are kept, for the error budget.
     pub keep_stages: bool,
+    /// Makes a codec that takes the place of ours, one for every edge.
+    pub stand_in: Option<Arc<dyn Fn() -> Box<dyn StandIn>>>,
 }
 
 impl Plan {
@@ -219,7 +221,10 @@ impl SceneRun {
         let mut runs = Vec::with_capacity(N);
         for (plan, sources) in plans.into_iter().zip(sources) {
             let venue = venue_of(scene, input, plan.parameters.clone());
-            let nodes = InProcess::new(venue, sources, scene.ticks())?;
+            let mut nodes = InProcess::new(venue, sources, scene.ticks())?;
+            if let Some(stand_in) = &plan.stand_in {
+                nodes.set_stand_in(&**stand_in);
+            }
             runs.push(Running::new(nodes, plan));
         }
         let mut goes_on = true;

@@ -20,7 +20,7 @@ impl Crowd {
     /// Bears those whom the sightings show, and takes back those who were lost; returns how many sightings
     /// could not be used: at a tick at which nobody looks, all of them.
     pub(super) fn bear_sighted(&mut self, group: &TickGroup, method: &Method) -> u32 {
-        if !self.lookout.is_look() {
+        if !self.lookout.is_look(group.tick) {
             let sets = group.sighting_sets.iter();
             return sets.map(|set| set.sightings.len() as u32).sum();
         }
@@ -54,7 +54,11 @@ impl Crowd {
                 }
             }
         }
-        let asked = self.lookout.looks().iter().zip(&self.viewpoint_of_camera);
+        let asked = self
+            .lookout
+            .looks_at(group.tick)
+            .iter()
+            .zip(&self.viewpoint_of_camera);
         let answered = |viewpoint| group.sighting_sets.iter().any(|s| s.viewpoint == viewpoint);
         let looked = asked.map(|(&asked, &viewpoint)| asked && answered(viewpoint));
         (self.finder.look(&sightings, looked.collect()), unusable)

@@ -141,7 +141,7 @@ impl Stage {
         };
         let set = |&viewpoint: &u16| {
             let camera = CameraIndex(viewpoint);
-            let looks = self.crowd.looking(&[camera]) == [camera];
+            let looks = self.crowd.looking(&[camera], self.tick) == [camera];
             looks.then(|| SightingSet {
                 session: SessionId(1),
                 tick: self.tick,

@@ -1,0 +1,132 @@
+//! What was sent in the last second, and whether more may be.
+//!
+//! A sliding window, not a bucket that fills: a bucket lets a burst through on top of its rate. The bound holds
+//! over every window of a second, wherever it begins, and a little beyond it, because the network may push
+//! together what was sent apart.
+
+use super::{Micros, SECOND_US};
+
+/// Width of a slot of the window, microseconds.
+const SLOT_US: Micros = 10_000;
+/// The window: a second, 50 ms for the network's jitter, and the slot that has only begun.
+const SLOTS: usize = (SECOND_US / SLOT_US) as usize + 5 + 1;
+
+/// Bytes in a sliding window, of constant size.
+#[derive(Debug, Clone)]
+pub struct ByteBudget {
+    /// Most bytes in any second; `None`: no bound.
+    most: Option<u64>,
+    slots: [u64; SLOTS],
+    /// Number of the newest slot, by time.
+    newest: i64,
+}
+
+impl ByteBudget {
+    /// At most `bytes_per_s` in any second; 0: no bound.
+    pub fn new(bytes_per_s: f64) -> Self {
+        Self {
+            most: (bytes_per_s > 0.0).then_some(bytes_per_s as u64),
+            slots: [0; SLOTS],
+            newest: i64::MIN / 2,
+        }
+    }
+
+    /// The bound, bytes per second.
+    pub fn most(&self) -> Option<u64> {
+        self.most
+    }
+
+    /// Counts `bytes` as sent at `now_us` if they fit; says whether they do.
+    pub fn take(&mut self, bytes: usize, now_us: Micros) -> bool {
+        self.advance(now_us);
+        let bytes = bytes as u64;
+        let used: u64 = self.slots.iter().sum();
+        if self.most.is_some_and(|most| used + bytes > most) {
+            return false;
+        }
+        self.slots[slot(self.newest)] += bytes;
+        true
+    }
+
+    /// Bytes that still fit at `now_us`; `None`: any number.
+    pub fn left(&mut self, now_us: Micros) -> Option<u64> {
+        self.advance(now_us);
+        let used: u64 = self.slots.iter().sum();
+        self.most.map(|most| most.saturating_sub(used))
+    }
+
+    /// Bytes sent in the last second.
+    pub fn sent(&mut self, now_us: Micros) -> u64 {
+        self.advance(now_us);
+        let second = (SECOND_US / SLOT_US) as usize;
+        (0..second as i64)
+            .map(|back| self.slots[slot(self.newest - back)])
+            .sum()
+    }
+
+    /// A clock that goes back stays in the slot where it was.
+    fn advance(&mut self, now_us: Micros) {
+        let now = now_us.div_euclid(SLOT_US);
+        let passed = (now - self.newest).clamp(0, SLOTS as i64);
+        for back in 0..passed {
+            self.slots[slot(now - back)] = 0;
+        }
+        self.newest = self.newest.max(now);
+    }
+}
+
+fn slot(number: i64) -> usize {
+    number.rem_euclid(SLOTS as i64) as usize
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    #[test]
+    fn without_a_bound_all_fits_and_is_counted() {
+        let mut budget = ByteBudget::new(0.0);
+        assert!(budget.take(1 << 30, 0) && budget.take(1 << 30, 0));
+        assert_eq!(budget.sent(0), 1 << 31);
+        assert_eq!(budget.left(0), None);
+    }
+
+    #[test]
+    fn what_was_sent_is_forgotten_after_the_window() {
+        let mut budget = ByteBudget::new(1000.0);
+        assert!(budget.take(1000, 5));
+        assert!(!budget.take(1, SECOND_US));
+        assert!(budget.take(1, SECOND_US + SLOTS as i64 * SLOT_US));
+    }
+
+    proptest! {
+        #[test]
+        fn no_second_holds_more_than_the_bound(
+            sends in prop::collection::vec((0i64..60_000, 1usize..400), 1..400), start in 0i64..1_000_000,
+        ) {
+            let most = 5000;
+            let mut budget = ByteBudget::new(f64::from(most));
+            let mut now = start;
+            let mut sent: Vec<(Micros, usize)> = Vec::new();
+            for (gap, bytes) in sends {
+                now += gap;
+                if budget.take(bytes, now) {
+                    sent.push((now, bytes));
+                }
+            }
+            for (from, _) in &sent {
+                let within = sent.iter().filter(|(at, _)| (*from..from + SECOND_US).contains(at));
+                prop_assert!(within.map(|(_, b)| b).sum::<usize>() <= most as usize);
+            }
+        }
+
+        #[test]
+        fn after_a_window_of_silence_everything_fits_again(first in 1usize..1000, pause in 1_100_000i64..10_000_000) {
+            let mut budget = ByteBudget::new(1000.0);
+            prop_assert!(budget.take(first, 0));
+            prop_assert!(budget.take(1000, pause));
+        }
+    }
+}

@@ -1,0 +1,267 @@
+//! How much the edge's link carries, found from delay and loss alone.
+//!
+//! Fusion says of the newest patches that arrived how long they took. The least of the last seconds is the way
+//! itself; what comes on top is a queue that the edge itself has filled (LEDBAT, RFC 6817, section 2.4.2). A queue
+//! that stands, or a loss above what radio links have, means that less must be sent: a little less than what
+//! arrives, so that the queue empties. Without either, the rate grows: fast up to where it was full the last
+//! time, slowly beyond.
+
+use farfield_proto::live::HeardPatches;
+use farfield_proto::tick::Tick;
+
+use super::{Micros, SECOND_US};
+
+/// A queue that stands and is longer is one too many, microseconds: more than a tick at 60 Hz.
+const QUEUE_US: Micros = 20_000;
+/// Below, the link has room, microseconds.
+const EMPTY_US: Micros = 8_000;
+/// A queue stands when nothing came faster for so long, microseconds: jitter does not last.
+const STANDS_US: Micros = 120_000;
+/// For how long the fastest way is remembered, microseconds, in two halves.
+const WAY_US: Micros = 20 * SECOND_US;
+/// Loss above this is the link's fullness, not its noise.
+const LOSS: f64 = 0.15;
+/// Shortest time between two steps down, microseconds: a step must be seen before the next.
+const SETTLE_US: Micros = 250_000;
+/// After this long without a word the link counts as cut, microseconds.
+const SILENCE_US: Micros = 500_000;
+/// What fusion says of the last second is whole after so long, microseconds.
+const WHOLE_US: Micros = 3 * SECOND_US / 2;
+/// The rate never falls below, bytes per second: one person every few ticks.
+const LEAST_RATE: f64 = 1_000.0;
+/// Growth per second far below where the link was full, near that, and where it is not known.
+const GROWTH_PER_S: [f64; 3] = [2.0, 1.02, 1.3];
+/// Ticks of which it is remembered when they were sent.
+const TICKS: usize = 512;
+/// Width of a slot of what was sent, microseconds, and how many there are: five seconds.
+const SLOT_US: Micros = 20_000;
+const SLOTS: usize = 250;
+
+/// What one link can take.
+#[derive(Debug, Clone)]
+pub struct LinkLoad {
+    /// Bytes per second with overhead; infinite until the link was full for the first time.
+    rate: f64,
+    /// What arrived when it was full, bytes per second.
+    full_at: Option<f64>,
+    way: WindowMin,
+    recent: [(Micros, Micros); 16],
+    n_recent: usize,
+    loss: f64,
+    sent: SentLog,
+    since_us: Option<Micros>,
+    newest: Option<(Tick, Micros)>,
+    settled_at_us: Micros,
+    grown_at_us: Micros,
+}
+
+impl Default for LinkLoad {
+    fn default() -> Self {
+        Self {
+            rate: f64::INFINITY,
+            full_at: None,
+            way: WindowMin::default(),
+            recent: [(Micros::MIN, 0); 16],
+            n_recent: 0,
+            loss: 0.0,
+            sent: SentLog::default(),
+            since_us: None,
+            newest: None,
+            settled_at_us: Micros::MIN,
+            grown_at_us: Micros::MIN,
+        }
+    }
+}
+
+impl LinkLoad {
+    /// What may be sent, bytes per second with overhead.
+    pub fn rate(&self) -> f64 {
+        self.rate
+    }
+
+    /// Notes a message of `tick`: its payload, and what it is with all that the protocols add.
+    pub fn sent(&mut self, tick: Option<Tick>, payload: usize, total: usize, now_us: Micros) {
+        self.sent.note(tick, payload, total, now_us);
+    }
+
+    /// Payload that was sent in the last second, bytes.
+    pub fn payload_per_s(&self, now_us: Micros) -> u64 {
+        self.sent.second_before(now_us).0
+    }
+
+    /// Whether nothing was heard of what was sent for so long that the link must be cut.
+    pub fn is_silent(&self, now_us: Micros) -> bool {
+        self.newest
+            .is_some_and(|(_, heard_us)| now_us - heard_us > SILENCE_US)
+    }
+
+    /// Clocks were stepped or fusion is another: delays so far mean nothing, the rate still does.
+    pub fn forget_delays(&mut self, now_us: Micros) {
+        self.way = WindowMin::default();
+        self.n_recent = 0;
+        self.loss = 0.0;
+        self.newest = None;
+        // What is under way was sent by the old clock.
+        self.since_us = Some(now_us + SILENCE_US);
+    }
+
+    /// Takes what fusion says at `now_us`. `correction_us`: of the own clock, in force; `limited`: whether
+    /// more would be sent if the rate allowed it.
+    pub fn hear(
+        &mut self,
+        heard: &HeardPatches,
+        correction_us: i32,
+        limited: bool,
+        now_us: Micros,
+    ) {
+        if self.newest.is_some_and(|(tick, _)| heard.tick <= tick) {
+            return;
+        }
+        let since_us = *self.since_us.get_or_insert(now_us);
+        self.newest = Some((heard.tick, now_us));
+        if now_us < since_us {
+            return;
+        }
+        // Against the own clock as it is, so that corrections do not look like queues.
+        let way_us = Micros::from(heard.one_way_us) + Micros::from(correction_us);
+        self.way.add(way_us, now_us);
+        self.recent[self.n_recent % self.recent.len()] = (now_us, way_us);
+        self.n_recent += 1;
+        let queue_us = self.queue_us(now_us);
+        let sent_us = self.sent.when(heard.tick).unwrap_or(now_us);
+        let (payload, total) = self.sent.second_before(sent_us);
+        let is_whole = now_us - since_us >= WHOLE_US;
+        if is_whole && payload > 0 {
+            let lost = 1.0 - f64::from(heard.bytes) / payload as f64;
+            self.loss += 0.05 * (lost.clamp(0.0, 1.0) - self.loss);
+        }
+        let arrived = if is_whole && payload > 0 {
+            f64::from(heard.bytes) * total as f64 / payload as f64
+        } else {
+            0.8 * total as f64
+        };
+        if queue_us.is_some_and(|us| us > QUEUE_US) || self.loss > LOSS {
+            self.slow_down(arrived, queue_us.unwrap_or(0), now_us - sent_us, now_us);
+        } else if limited && queue_us.is_none_or(|us| us < EMPTY_US) {
+            self.speed_up(now_us);
+        } else {
+            self.grown_at_us = now_us;
+        }
+    }
+
+    /// The queue that stands, microseconds; `None` while too little is known.
+    fn queue_us(&self, now_us: Micros) -> Option<Micros> {
+        let known = &self.recent[..self.n_recent.min(self.recent.len())];
+        let fresh = known.iter().filter(|(at, _)| now_us - at <= STANDS_US);
+        // A single late word is not a queue.
+        if fresh.clone().count() < 3 {
+            return None;
+        }
+        let fastest = fresh.map(|(_, way)| *way).min()?;
+        Some(fastest - self.way.min()?)
+    }
+
+    fn slow_down(&mut self, arrived: f64, queue_us: Micros, loop_us: Micros, now_us: Micros) {
+        self.grown_at_us = now_us;
+        if now_us < self.settled_at_us {
+            return;
+        }
+        // The longer the queue, the faster it has to go.
+        let share = (0.92 - queue_us as f64 / SECOND_US as f64).clamp(0.5, 0.92);
+        self.rate = self.rate.min(arrived * share).max(LEAST_RATE);
+        self.full_at = Some(arrived.max(LEAST_RATE));
+        self.loss = 0.0;
+        self.settled_at_us = now_us + loop_us.max(0) + SETTLE_US;
+    }
+
+    fn speed_up(&mut self, now_us: Micros) {
+        let dt_s = ((now_us - self.grown_at_us.max(now_us - SECOND_US)) as f64) / SECOND_US as f64;
+        self.grown_at_us = now_us;
+        if now_us < self.settled_at_us || !self.rate.is_finite() {
+            return;
+        }
+        let [fast, near, unknown] = GROWTH_PER_S;
+        let growth = match self.full_at {
+            Some(full) if self.rate < 0.85 * full => fast,
+            Some(full) if self.rate < 1.15 * full => near,
+            _ => {
+                self.full_at = None;
+                unknown
+            }
+        };
+        self.rate *= growth.powf(dt_s);
+    }
+}
+
+/// The least of the last [`WAY_US`], to half of that: two halves that take turns.
+#[derive(Debug, Clone, Default)]
+struct WindowMin {
+    halves: [Option<Micros>; 2],
+    turned_at_us: Option<Micros>,
+}
+
+impl WindowMin {
+    fn add(&mut self, value: Micros, now_us: Micros) {
+        let turned_at_us = *self.turned_at_us.get_or_insert(now_us);
+        if now_us - turned_at_us > WAY_US / 2 {
+            self.halves = [None, self.halves[0]];
+            self.turned_at_us = Some(now_us);
+        }
+        let least = self.halves[0].map_or(value, |least| least.min(value));
+        self.halves[0] = Some(least);
+    }
+
+    fn min(&self) -> Option<Micros> {
+        self.halves.iter().flatten().copied().min()
+    }
+}
+
+/// What was sent in the last seconds, of constant size.
+#[derive(Debug, Clone)]
+struct SentLog {
+    /// Payload and total per slot, with the slot's number.
+    slots: Box<[(i64, u64, u64); SLOTS]>,
+    ticks: Box<[(Tick, Micros); TICKS]>,
+}
+
+impl Default for SentLog {
+    fn default() -> Self {
+        Self {
+            slots: Box::new([(i64::MIN, 0, 0); SLOTS]),
+            ticks: Box::new([(Tick(i64::MIN), 0); TICKS]),
+        }
+    }
+}
+
+impl SentLog {
+    fn note(&mut self, tick: Option<Tick>, payload: usize, total: usize, now_us: Micros) {
+        let number = now_us.div_euclid(SLOT_US);
+        let slot = &mut self.slots[number.rem_euclid(SLOTS as i64) as usize];
+        if slot.0 != number {
+            *slot = (number, 0, 0);
+        }
+        slot.1 += payload as u64;
+        slot.2 += total as u64;
+        if let Some(tick) = tick {
+            self.ticks[tick.0.rem_euclid(TICKS as i64) as usize] = (tick, now_us);
+        }
+    }
+
+    /// When `tick` was sent.
+    fn when(&self, tick: Tick) -> Option<Micros> {
+        let (known, at) = self.ticks[tick.0.rem_euclid(TICKS as i64) as usize];
+        (known == tick).then_some(at)
+    }
+
+    /// Payload and total of the second that ends at `at_us`.
+    fn second_before(&self, at_us: Micros) -> (u64, u64) {
+        let last = at_us.div_euclid(SLOT_US);
+        let within = last - SECOND_US / SLOT_US + 1..=last;
+        let slots = self.slots.iter().filter(|slot| within.contains(&slot.0));
+        slots.fold((0, 0), |sum, slot| (sum.0 + slot.1, sum.1 + slot.2))
+    }
+}
+
+#[cfg(test)]
+#[path = "load_tests.rs"]
+mod tests;

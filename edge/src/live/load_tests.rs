@@ -1,0 +1,101 @@
+//! What delay and loss say, one word at a time; the closed loop is in `rate_tests`.
+
+use super::*;
+
+fn heard(tick: i64, one_way_us: i32, bytes: u32) -> HeardPatches {
+    HeardPatches {
+        tick: Tick(tick),
+        one_way_us,
+        bytes,
+    }
+}
+
+/// 60 ticks a second of 1000 bytes for `ticks` ticks from `from`, heard 40 ms later with `way_us`.
+fn run(load: &mut LinkLoad, from: i64, ticks: i64, way_us: impl Fn(i64) -> i32, share: f64) {
+    for tick in from..from + ticks {
+        let now = tick * SECOND_US / 60;
+        load.sent(Some(Tick(tick)), 900, 1000, now);
+        let bytes = (54_000.0 * share) as u32;
+        load.hear(&heard(tick - 2, way_us(tick), bytes), 0, true, now);
+    }
+}
+
+#[test]
+fn a_steady_way_is_no_queue_however_long_it_is() {
+    let mut load = LinkLoad::default();
+    run(&mut load, 0, 600, |_| 900_000, 1.0);
+    assert!(load.rate().is_infinite());
+}
+
+#[test]
+fn a_queue_that_stands_brings_the_rate_below_what_arrives() {
+    let mut load = LinkLoad::default();
+    run(&mut load, 0, 240, |_| 10_000, 1.0);
+    run(&mut load, 240, 60, |_| 60_000, 1.0);
+    assert!(
+        load.rate() < 60_000.0 && load.rate() > 25_000.0,
+        "{}",
+        load.rate()
+    );
+}
+
+#[test]
+fn jitter_is_no_queue() {
+    let mut load = LinkLoad::default();
+    run(
+        &mut load,
+        0,
+        900,
+        |tick| 10_000 + 3_000 * (tick % 7) as i32,
+        1.0,
+    );
+    assert!(load.rate().is_infinite());
+}
+
+#[test]
+fn noise_of_a_radio_link_is_no_fullness_but_a_third_lost_is() {
+    let mut load = LinkLoad::default();
+    run(&mut load, 0, 900, |_| 10_000, 0.93);
+    assert!(load.rate().is_infinite());
+    run(&mut load, 900, 120, |_| 10_000, 0.66);
+    assert!(load.rate() < 45_000.0, "{}", load.rate());
+}
+
+#[test]
+fn a_corrected_clock_is_no_queue() {
+    let mut load = LinkLoad::default();
+    for tick in 0..600 {
+        let now = tick * SECOND_US / 60;
+        load.sent(Some(Tick(tick)), 900, 1000, now);
+        // The clock is slewed by 80 ms: what is sent seems sent earlier.
+        let correction = -(tick as i32) * 133;
+        load.hear(
+            &heard(tick - 2, 10_000 - correction, 54_000),
+            correction,
+            true,
+            now,
+        );
+    }
+    assert!(load.rate().is_infinite());
+}
+
+#[test]
+fn words_that_come_twice_or_late_change_nothing() {
+    let mut load = LinkLoad::default();
+    run(&mut load, 0, 300, |_| 10_000, 1.0);
+    for _ in 0..100 {
+        load.hear(&heard(200, 900_000, 0), 0, true, 5 * SECOND_US);
+    }
+    assert!(load.rate().is_infinite());
+}
+
+#[test]
+fn a_cut_link_is_silent_until_it_is_heard_of_again() {
+    let mut load = LinkLoad::default();
+    assert!(!load.is_silent(9 * SECOND_US));
+    run(&mut load, 0, 60, |_| 10_000, 1.0);
+    assert!(!load.is_silent(SECOND_US));
+    assert!(load.is_silent(2 * SECOND_US));
+    run(&mut load, 120, 1, |_| 10_000, 1.0);
+    assert!(!load.is_silent(2 * SECOND_US));
+}

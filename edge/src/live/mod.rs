@@ -1,0 +1,20 @@
+//! The pure parts of an edge that runs live: what the time is, which boxes count, how much may be sent,
+//! and how the cameras are.
+//!
+//! Time is an argument everywhere, as microseconds of a clock that the caller reads; the same calls give the
+//! same answers. The shell that reads clocks, cameras and sockets is `node::live`.
+
+pub mod budget;
+pub mod health;
+pub mod load;
+pub mod newest_boxes;
+pub mod rate;
+pub mod tick_clock;
+pub mod timecode;
+pub mod turns;
+
+/// Microseconds of a clock: since 1970 for the wall's, since anything for spans.
+pub type Micros = i64;
+
+/// Microseconds of a second.
+pub const SECOND_US: Micros = 1_000_000;

@@ -1,0 +1,183 @@
+//! What an edge sends of a tick, so that its link's queue stays empty: quality first, then fewer persons
+//! per tick in turn, then fewer ticks.
+
+use farfield_proto::live::HeardPatches;
+use farfield_proto::patch::Quality;
+use farfield_proto::tick::Tick;
+
+use super::Micros;
+use super::load::LinkLoad;
+
+/// What Zenoh and the protocols below it add to a message, bytes: an upper estimate for TLS over TCP over
+/// IPv4 with one message per segment, and what its acknowledgement costs the other way.
+pub const OVERHEAD_BYTES: usize = 110;
+/// What a message says beside its persons, bytes.
+const HEAD_BYTES: f64 = 40.0;
+/// Share of a byte budget that patches may plan with: the rest is for statuses and sightings.
+const PATCH_SHARE: f64 = 0.85;
+/// How long a better quality must have room before it is taken, microseconds.
+const PATIENCE_US: Micros = 1_000_000;
+/// Share of the room that a better quality may take at first.
+const ROOM: f64 = 0.85;
+/// Fewest ticks are every so manieth.
+const MAX_NTH: u16 = 60;
+/// While the link is cut, every so manieth tick is sent nevertheless: one may get through.
+const PROBE_EVERY: i64 = 8;
+/// Levels of quality.
+const LEVELS: usize = Quality::SMALLEST.level() as usize + 1;
+/// What a person costs at each quality before it was measured, bytes.
+const USUAL_BYTES: [f64; LEVELS] = [560.0, 400.0, 340.0, 260.0, 210.0, 180.0, 160.0];
+
+/// What to send of a tick.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Plan {
+    /// How closely maps are kept.
+    pub quality: Quality,
+    /// Most persons; `None`: all.
+    pub persons: Option<usize>,
+    /// Only ticks that this divides are worked on, at least 1.
+    pub every_nth: u16,
+}
+
+/// Finds the plan for every tick from what the link carries and what persons cost.
+#[derive(Debug, Clone)]
+pub struct RateController {
+    rate_hz: f64,
+    best: Quality,
+    budget: Option<f64>,
+    message_bytes: usize,
+    load: LinkLoad,
+    /// Per level, bytes per person as measured.
+    measured: [Option<f64>; LEVELS],
+    /// What persons cost against the usual.
+    scale: f64,
+    plan: Plan,
+    limited: bool,
+    room_since_us: Option<Micros>,
+}
+
+impl RateController {
+    /// Never better than `best`; `budget_bytes_per_s` 0: no bound but the link's. `message_bytes`: where
+    /// messages are split.
+    pub fn new(rate_hz: f64, best: Quality, budget_bytes_per_s: f64, message_bytes: usize) -> Self {
+        Self {
+            rate_hz,
+            best,
+            budget: (budget_bytes_per_s > 0.0).then_some(PATCH_SHARE * budget_bytes_per_s),
+            message_bytes,
+            load: LinkLoad::default(),
+            measured: [None; LEVELS],
+            scale: 1.0,
+            plan: Plan {
+                quality: best,
+                persons: None,
+                every_nth: 1,
+            },
+            limited: false,
+            room_since_us: None,
+        }
+    }
+
+    /// Clocks were stepped or fusion is another: delays so far mean nothing.
+    pub fn forget_delays(&mut self, now_us: Micros) {
+        self.load.forget_delays(now_us);
+    }
+
+    /// Takes what fusion says of the link. `correction_us`: of the own clock, in force.
+    pub fn hear(&mut self, heard: &HeardPatches, correction_us: i32, now_us: Micros) {
+        self.load.hear(heard, correction_us, self.limited, now_us);
+    }
+
+    /// Notes a message that was sent, of `tick` where it carries patches.
+    pub fn sent(&mut self, tick: Option<Tick>, payload: usize, now_us: Micros) {
+        self.load
+            .sent(tick, payload, payload + OVERHEAD_BYTES, now_us);
+    }
+
+    /// Notes what the `persons` of a tick came to at a quality, all messages together.
+    pub fn packed(&mut self, quality: Quality, persons: usize, messages: usize, payload: usize) {
+        /// How fast the mean follows.
+        const SHARE: f64 = 0.05;
+        if persons == 0 {
+            return;
+        }
+        let level = usize::from(quality.level());
+        let bytes = (payload as f64 - HEAD_BYTES * messages as f64).max(1.0) / persons as f64;
+        let mean = self.measured[level].unwrap_or(bytes);
+        self.measured[level] = Some(mean + SHARE * (bytes - mean));
+        self.scale += SHARE * (bytes / USUAL_BYTES[level] - self.scale);
+    }
+
+    /// Payload that was sent in the last second, bytes.
+    pub fn payload_per_s(&self, now_us: Micros) -> u64 {
+        self.load.payload_per_s(now_us)
+    }
+
+    /// What may be sent, bytes per second with overhead; infinite where nothing bounds it.
+    pub fn rate(&self) -> f64 {
+        self.load.rate().min(self.budget.unwrap_or(f64::INFINITY))
+    }
+
+    /// The plan that was made last.
+    pub fn last_plan(&self) -> Plan {
+        self.plan
+    }
+
+    /// Whether patches of `tick` go out at all: of a link that is cut only some do, as probes.
+    pub fn may_send(&self, tick: Tick, now_us: Micros) -> bool {
+        !self.load.is_silent(now_us) || tick.0.rem_euclid(PROBE_EVERY) == 0
+    }
+
+    /// What to send of the next tick, at which there are boxes of `persons`.
+    pub fn plan(&mut self, persons: usize, now_us: Micros) -> Plan {
+        let per_tick = self.rate() / self.rate_hz;
+        let mut quality = self.plan.quality.max(self.best);
+        while self.cost(quality, persons) > per_tick
+            && let Some(coarser) = quality.coarser()
+        {
+            quality = coarser;
+        }
+        let finer = quality.finer().filter(|finer| *finer >= self.best);
+        let has_room = finer.is_some_and(|finer| self.cost(finer, persons) <= ROOM * per_tick);
+        if quality != self.plan.quality || !has_room {
+            self.room_since_us = None;
+        } else if now_us - *self.room_since_us.get_or_insert(now_us) >= PATIENCE_US {
+            quality = finer.unwrap_or(quality);
+            self.room_since_us = None;
+        }
+        let fits = (0..=persons)
+            .rev()
+            .find(|&n| self.cost(quality, n) <= per_tick);
+        let (most, every_nth) = match fits {
+            Some(n) if n == persons => (None, 1),
+            Some(n) if n > 0 => (Some(n), 1),
+            _ => (Some(1), self.nth(quality, per_tick)),
+        };
+        self.limited = quality > self.best || most.is_some();
+        self.plan = Plan {
+            quality,
+            persons: most,
+            every_nth,
+        };
+        self.plan
+    }
+
+    fn nth(&self, quality: Quality, per_tick: f64) -> u16 {
+        let nth = (self.cost(quality, 1) / per_tick).ceil();
+        nth.clamp(1.0, f64::from(MAX_NTH)) as u16
+    }
+
+    /// Bytes of a tick with overhead.
+    fn cost(&self, quality: Quality, persons: usize) -> f64 {
+        let level = usize::from(quality.level());
+        let each = self.measured[level].unwrap_or(self.scale * USUAL_BYTES[level]);
+        let bytes = persons as f64 * each;
+        let room = (self.message_bytes as f64 - HEAD_BYTES).max(1.0);
+        let messages = (bytes / room).ceil().max(1.0);
+        bytes + messages * (HEAD_BYTES + OVERHEAD_BYTES as f64)
+    }
+}
+
+#[cfg(test)]
+#[path = "rate_tests.rs"]
+mod tests;

@@ -1,0 +1,201 @@
+//! Which tick it is: the venue's clock as this machine tells it.
+//!
+//! ```text
+//!   tick = round((own clock + correction - epoch) x rate)
+//! ```
+//!
+//! Epoch and correction are fusion's to say. A small change of the correction is slewed, so that ticks keep
+//! their length; a large one is a step, as with NTP.
+
+use farfield_proto::live::LiveBoxes;
+use farfield_proto::tick::Tick;
+
+use super::{Micros, SECOND_US};
+
+/// A change of the correction from which the clock is stepped, microseconds: a tick at 60 Hz. To slew
+/// more would take seconds in which every tick is wrong.
+pub const STEP_FROM_US: Micros = 16_667;
+/// How fast the clock is slewed, microseconds per second: half a percent, so that a tick of 60 Hz
+/// changes by 83 microseconds.
+pub const SLEW_US_PER_S: Micros = 5_000;
+
+/// The venue's ticks on this machine's clock.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TickClock {
+    rate_hz: f64,
+    epoch_us: Option<u64>,
+    /// In force.
+    correction_us: Micros,
+    /// Where it is slewed to.
+    wanted_us: Micros,
+    slewed_at_us: Option<Micros>,
+}
+
+impl TickClock {
+    /// A clock that does not know the epoch yet.
+    pub fn new(rate_hz: f64) -> Self {
+        Self {
+            rate_hz,
+            epoch_us: None,
+            correction_us: 0,
+            wanted_us: 0,
+            slewed_at_us: None,
+        }
+    }
+
+    /// Takes what fusion says at `now_us` of the own clock; says whether the clock was stepped, so that
+    /// earlier differences of times mean nothing any more.
+    pub fn set(&mut self, live: &LiveBoxes, now_us: Micros) -> bool {
+        self.slew(now_us);
+        let stepped = self.epoch_us.replace(live.epoch_us) != Some(live.epoch_us);
+        self.wanted_us = live.clock_correction_us.into();
+        if (self.wanted_us - self.correction_us).abs() >= STEP_FROM_US {
+            self.correction_us = self.wanted_us;
+            return true;
+        }
+        stepped
+    }
+
+    /// Moves the correction towards the wanted one for the time since the last call.
+    pub fn slew(&mut self, now_us: Micros) {
+        let since_us = self.slewed_at_us.map_or(0, |at| (now_us - at).max(0));
+        let most_us = since_us.saturating_mul(SLEW_US_PER_S) / SECOND_US;
+        // What is too short for a microsecond of slew is kept for the next call.
+        if most_us > 0 || self.slewed_at_us.is_none() {
+            self.slewed_at_us = Some(now_us);
+        }
+        self.correction_us += (self.wanted_us - self.correction_us).clamp(-most_us, most_us);
+    }
+
+    /// Unix time of tick 0, microseconds; `None` until fusion has said it.
+    pub fn epoch_us(&self) -> Option<u64> {
+        self.epoch_us
+    }
+
+    /// The correction in force, microseconds.
+    pub fn correction_us(&self) -> i32 {
+        self.correction_us as i32
+    }
+
+    /// The tick nearest to `own_us`.
+    pub fn tick_at(&self, own_us: Micros) -> Option<Tick> {
+        let since_us = self.since_epoch_us(own_us)?;
+        Some(Tick((since_us as f64 * self.rate_hz / 1e6).round() as i64))
+    }
+
+    /// When `tick` is, by the own clock, microseconds.
+    pub fn own_time_us(&self, tick: Tick) -> Option<Micros> {
+        let epoch_us = Micros::try_from(self.epoch_us?).ok()?;
+        let since_us = (tick.seconds(self.rate_hz) * 1e6).round() as Micros;
+        Some(
+            epoch_us
+                .saturating_add(since_us)
+                .saturating_sub(self.correction_us),
+        )
+    }
+
+    /// How long `own_us` is after `tick`, microseconds.
+    pub fn after_us(&self, own_us: Micros, tick: Tick) -> Option<Micros> {
+        Some(own_us.saturating_sub(self.own_time_us(tick)?))
+    }
+
+    /// From one tick to the next, microseconds.
+    pub fn period_us(&self) -> Micros {
+        (1e6 / self.rate_hz).round() as Micros
+    }
+
+    fn since_epoch_us(&self, own_us: Micros) -> Option<Micros> {
+        let epoch_us = Micros::try_from(self.epoch_us?).ok()?;
+        Some(
+            own_us
+                .saturating_add(self.correction_us)
+                .saturating_sub(epoch_us),
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn live(epoch_us: u64, clock_correction_us: i32) -> LiveBoxes {
+        LiveBoxes {
+            sequence: 0,
+            epoch_us,
+            clock_correction_us,
+            heard: None,
+        }
+    }
+
+    #[test]
+    fn without_an_epoch_there_is_no_tick() {
+        let clock = TickClock::new(60.0);
+        assert_eq!(clock.tick_at(5), None);
+        assert_eq!(clock.own_time_us(Tick(5)), None);
+    }
+
+    #[test]
+    fn a_tick_is_the_nearest_one() {
+        let mut clock = TickClock::new(50.0);
+        clock.set(&live(1_000_000, 0), 0);
+        assert_eq!(clock.tick_at(1_000_000), Some(Tick(0)));
+        assert_eq!(clock.tick_at(1_009_999), Some(Tick(0)));
+        assert_eq!(clock.tick_at(1_010_001), Some(Tick(1)));
+        assert_eq!(clock.tick_at(985_000), Some(Tick(-1)));
+        assert_eq!(clock.after_us(1_023_000, Tick(1)), Some(3_000));
+    }
+
+    #[test]
+    fn a_large_correction_is_a_step_and_a_small_one_takes_its_time() {
+        let mut clock = TickClock::new(60.0);
+        assert!(clock.set(&live(0, 500_000), 0));
+        assert_eq!(clock.correction_us(), 500_000);
+        assert!(!clock.set(&live(0, 490_000), 0));
+        assert_eq!(clock.correction_us(), 500_000);
+        clock.slew(SECOND_US);
+        assert_eq!(clock.correction_us(), 495_000);
+        clock.slew(10 * SECOND_US);
+        assert_eq!(clock.correction_us(), 490_000);
+    }
+
+    #[test]
+    fn another_epoch_is_a_step() {
+        let mut clock = TickClock::new(60.0);
+        assert!(clock.set(&live(5, 0), 0));
+        assert!(!clock.set(&live(5, 0), 1));
+        assert!(clock.set(&live(6, 0), 2));
+    }
+
+    proptest! {
+        #[test]
+        fn the_time_of_a_tick_is_of_that_tick(
+            tick in -1_000_000_000_000i64..1_000_000_000_000, rate_hz in 10.0f64..1000.0,
+            correction in -1_000_000i32..1_000_000,
+        ) {
+            let mut clock = TickClock::new(rate_hz);
+            clock.set(&live(1_700_000_000_000_000, correction), 0);
+            let at = clock.own_time_us(Tick(tick)).unwrap();
+            prop_assert_eq!(clock.tick_at(at), Some(Tick(tick)));
+            let half = clock.period_us() / 2;
+            prop_assert!(clock.after_us(at, Tick(tick)).unwrap().abs() <= 1);
+            prop_assert_eq!(clock.tick_at(at + half - 2), Some(Tick(tick)));
+        }
+
+        #[test]
+        fn however_it_is_called_a_slew_has_one_speed(steps in prop::collection::vec(1i64..3000, 1..200)) {
+            let mut clock = TickClock::new(60.0);
+            clock.set(&live(0, 0), 0);
+            clock.set(&live(0, 10_000), 0);
+            let mut now = 0;
+            for step in steps {
+                now += step;
+                clock.slew(now);
+            }
+            let wanted = (now * SLEW_US_PER_S / SECOND_US).min(10_000);
+            prop_assert!((Micros::from(clock.correction_us()) - wanted).abs() <= 1 + wanted / 2);
+            prop_assert!(Micros::from(clock.correction_us()) <= wanted);
+        }
+    }
+}

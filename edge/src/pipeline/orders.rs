@@ -1,0 +1,39 @@
+//! What an edge shall do at a tick.
+
+use farfield_proto::id::{CameraIndex, PersonId};
+use farfield_proto::live::PatchTiming;
+use farfield_proto::message::BoxSet;
+use farfield_proto::tick::Tick;
+
+/// What an edge shall do at a tick: in lock-step what fusion says, live what there is time and room for.
+#[derive(Debug, Clone, Copy)]
+pub struct Orders<'a> {
+    /// The tick of the frames.
+    pub tick: Tick,
+    /// Where people are; made for any tick.
+    pub boxes: &'a BoxSet,
+    /// The cameras that look for people without boxes.
+    pub look: &'a [CameraIndex],
+    /// Who is worked on of those who have boxes, ascending; `None`: all.
+    pub persons: Option<&'a [PersonId]>,
+    /// What stands in the messages until they are sent; it takes part in their size.
+    pub timing: Option<PatchTiming>,
+}
+
+impl<'a> Orders<'a> {
+    /// What fusion says in `boxes`, at `tick`.
+    pub(super) fn of(boxes: &'a BoxSet, tick: Tick) -> Self {
+        Self {
+            tick,
+            boxes,
+            look: &boxes.look,
+            persons: None,
+            timing: None,
+        }
+    }
+
+    pub(super) fn includes(&self, person: PersonId) -> bool {
+        self.persons
+            .is_none_or(|persons| persons.binary_search(&person).is_ok())
+    }
+}

@@ -1,0 +1,169 @@
+//! How long after a tick an edge's messages come, and so how long it is worth to wait for them.
+//!
+//! Ticks at which an edge looks for people take it longer, and are counted apart.
+
+use super::{Micros, SECOND_US};
+
+/// Arrivals that are kept: four seconds at 60 Hz.
+const KEPT: usize = 256;
+/// Arrivals of looks that are kept: looks are a second apart.
+const KEPT_LOOKS: usize = 16;
+/// Share of the arrivals that shall be in time.
+const IN_TIME: f64 = 0.99;
+/// How much longer than the slowest of those is waited, microseconds: what timers and threads need.
+const MARGIN_US: Micros = 1_500;
+/// From so many arrivals on they say something.
+const ENOUGH: usize = 8;
+/// Arrivals that are older say nothing any more.
+const LIFE_US: Micros = 10 * SECOND_US;
+
+/// What a tick asks of an edge.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Task {
+    /// Patches.
+    Follow,
+    /// Patches, and looking for people.
+    Look,
+}
+
+/// The delays of one edge's latest messages.
+#[derive(Debug, Clone, Default)]
+pub struct Arrivals {
+    followed: Ring<KEPT>,
+    looked: Ring<KEPT_LOOKS>,
+}
+
+impl Arrivals {
+    /// A message came at `now_us`, `delay_us` after its tick.
+    pub fn add(&mut self, task: Task, delay_us: Micros, now_us: Micros) {
+        match task {
+            Task::Follow => self.followed.add(delay_us, now_us),
+            Task::Look => self.looked.add(delay_us, now_us),
+        }
+    }
+
+    /// How long after a tick its messages are worth waiting for, at most `most_us`, which it also is while
+    /// nothing is known.
+    pub fn wait_us(&mut self, task: Task, now_us: Micros, most_us: Micros) -> Micros {
+        let slowest = match task {
+            Task::Follow => self.followed.share(IN_TIME, ENOUGH, now_us),
+            Task::Look => self.looked.share(1.0, 1, now_us),
+        };
+        slowest.map_or(most_us, |us| (us + MARGIN_US).clamp(0, most_us))
+    }
+}
+
+/// The newest `N` delays, with the times at which they were noted.
+#[derive(Debug, Clone)]
+struct Ring<const N: usize> {
+    kept: Vec<(Micros, Micros)>,
+    next: usize,
+    sorted: Vec<Micros>,
+}
+
+impl<const N: usize> Default for Ring<N> {
+    fn default() -> Self {
+        Self {
+            kept: Vec::with_capacity(N),
+            next: 0,
+            sorted: Vec::with_capacity(N),
+        }
+    }
+}
+
+impl<const N: usize> Ring<N> {
+    fn add(&mut self, delay_us: Micros, now_us: Micros) {
+        if self.kept.len() < N {
+            self.kept.push((delay_us, now_us));
+        } else {
+            self.kept[self.next] = (delay_us, now_us);
+        }
+        self.next = (self.next + 1) % N;
+    }
+
+    /// The delay that a `share` of them does not pass, nearest rank; `None` with fewer than `enough`.
+    fn share(&mut self, share: f64, enough: usize, now_us: Micros) -> Option<Micros> {
+        let fresh = self.kept.iter().filter(|(_, at)| now_us - at <= LIFE_US);
+        self.sorted.clear();
+        self.sorted.extend(fresh.map(|(delay, _)| *delay));
+        if self.sorted.len() < enough.max(1) {
+            return None;
+        }
+        let rank = (share * self.sorted.len() as f64).ceil().max(1.0) as usize - 1;
+        Some(*self.sorted.select_nth_unstable(rank).1)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    const MOST_US: Micros = 400_000;
+
+    #[test]
+    fn what_is_not_known_is_waited_for_to_the_bound() {
+        let mut arrivals = Arrivals::default();
+        assert_eq!(arrivals.wait_us(Task::Follow, 0, MOST_US), MOST_US);
+        (0..ENOUGH as i64).for_each(|i| arrivals.add(Task::Follow, 10_000, i));
+        assert_eq!(
+            arrivals.wait_us(Task::Follow, 10, MOST_US),
+            10_000 + MARGIN_US
+        );
+        assert_eq!(arrivals.wait_us(Task::Look, 10, MOST_US), MOST_US);
+        assert_eq!(arrivals.wait_us(Task::Follow, 10, 5_000), 5_000);
+        assert_eq!(
+            arrivals.wait_us(Task::Follow, LIFE_US + 20, MOST_US),
+            MOST_US
+        );
+    }
+
+    #[test]
+    fn one_straggler_in_a_hundred_is_not_waited_for_and_more_are() {
+        let mut arrivals = Arrivals::default();
+        for i in 0..KEPT as i64 {
+            arrivals.add(Task::Follow, if i % 128 == 0 { 90_000 } else { 8_000 }, i);
+        }
+        assert_eq!(
+            arrivals.wait_us(Task::Follow, 256, MOST_US),
+            8_000 + MARGIN_US
+        );
+        for i in 0..4 {
+            arrivals.add(Task::Follow, 60_000, 256 + i);
+        }
+        assert!(arrivals.wait_us(Task::Follow, 260, MOST_US) > 60_000);
+    }
+
+    #[test]
+    fn looks_are_waited_for_as_long_as_they_take() {
+        let mut arrivals = Arrivals::default();
+        (0..100).for_each(|i| arrivals.add(Task::Follow, 8_000, i));
+        arrivals.add(Task::Look, 120_000, 100);
+        assert_eq!(
+            arrivals.wait_us(Task::Look, 101, MOST_US),
+            120_000 + MARGIN_US
+        );
+        assert_eq!(
+            arrivals.wait_us(Task::Follow, 101, MOST_US),
+            8_000 + MARGIN_US
+        );
+    }
+
+    proptest! {
+        #[test]
+        fn the_wait_is_bounded_whatever_comes(
+            delays in prop::collection::vec(any::<i32>(), 0..600), most in 1i64..5_000_000,
+        ) {
+            let mut arrivals = Arrivals::default();
+            for (i, delay) in delays.iter().enumerate() {
+                let task = if i % 60 == 0 { Task::Look } else { Task::Follow };
+                arrivals.add(task, Micros::from(*delay), i as Micros);
+                for task in [Task::Follow, Task::Look] {
+                    prop_assert!((0..=most).contains(&arrivals.wait_us(task, i as Micros, most)));
+                }
+            }
+            prop_assert!(arrivals.followed.kept.len() <= KEPT && arrivals.looked.kept.len() <= KEPT_LOOKS);
+        }
+    }
+}

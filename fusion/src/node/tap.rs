@@ -1,0 +1,82 @@
+//! Where a recorder listens in: every message that comes or goes, and what each step was made of.
+//!
+//! With the decisions in the order of their ticks, a run can be solved again bit for bit:
+//! [`crate::pipeline::Pipeline::first_boxes`] at the first one's tick, then per decision the late sets, the
+//! horizons (where there are any), and the step.
+
+use std::fmt;
+use std::sync::Arc;
+
+use farfield_proto::message::PatchSet;
+
+use crate::align::TickGroup;
+
+/// A message as it was on the wire.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct TapMessage<'a> {
+    /// Its Zenoh key.
+    pub key: &'a str,
+    /// Its payload.
+    pub bytes: &'a [u8],
+    /// When it came or went, microseconds of Unix time by fusion's clock.
+    pub at_us: i64,
+}
+
+/// What one step of the core is made of.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Decided<'a> {
+    /// The tick, and the messages that its step uses. The ticks of a run follow each other without a gap.
+    pub group: &'a TickGroup,
+    /// Sets of earlier ticks, given to the smoother before this step, in this order.
+    pub late: &'a [PatchSet],
+    /// What [`crate::pipeline::Pipeline::set_horizons`] is given before this step; empty: it is not
+    /// called.
+    pub horizons: &'a [f64],
+}
+
+/// Someone who listens in. Called from the threads that carry messages and from the loop: it must not
+/// wait for anything, and drop (and count) what it has no room for.
+pub trait Tap: Send + Sync {
+    /// A message has come, readable or not.
+    fn received(&self, message: TapMessage<'_>);
+
+    /// A message goes out.
+    fn published(&self, message: TapMessage<'_>);
+
+    /// The core steps a tick.
+    fn decided(&self, decided: Decided<'_>);
+}
+
+/// The tap of a run, if it has one.
+#[derive(Clone, Default)]
+pub(super) struct TapHandle(Option<Arc<dyn Tap>>);
+
+impl TapHandle {
+    pub(super) fn new(tap: Option<Arc<dyn Tap>>) -> Self {
+        Self(tap)
+    }
+
+    pub(super) fn received(&self, message: TapMessage<'_>) {
+        if let Some(tap) = &self.0 {
+            tap.received(message);
+        }
+    }
+
+    pub(super) fn published(&self, message: TapMessage<'_>) {
+        if let Some(tap) = &self.0 {
+            tap.published(message);
+        }
+    }
+
+    pub(super) fn decided(&self, decided: Decided<'_>) {
+        if let Some(tap) = &self.0 {
+            tap.decided(decided);
+        }
+    }
+}
+
+impl fmt::Debug for TapHandle {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_tuple("TapHandle").field(&self.0.is_some()).finish()
+    }
+}

@@ -1,0 +1,115 @@
+//! Everything that is learnt within a patch, and what is known before its first bit.
+
+use super::body::CLASSES;
+use super::range_coder::Probability;
+use super::symbol::NUMBER;
+
+/// How many contexts of each kind, in the order in which they lie.
+const POSITIONS: usize = 2 * CLASSES * NUMBER;
+const HEIGHTS: usize = HEIGHT_CLASSES * HEIGHT_NODES;
+const WIDTHS: usize = 3 * WIDTH_CLASSES * 3 * NUMBER;
+const COUNTS: usize = 3 * COUNT_NODES;
+const CORRECTED: usize = 3;
+const WINDOWS: usize = 4 * NUMBER;
+const ZEROS: usize = ZERO_CLASSES;
+const SIGNS: usize = 5;
+const SIZES: usize = SIZE_CLASSES * SIZE_NODES;
+const TOTAL: usize =
+    POSITIONS + HEIGHTS + WIDTHS + COUNTS + CORRECTED + WINDOWS + ZEROS + SIGNS + SIZES;
+
+/// Classes of a height: no mode before, a low, a middle, a high one, a further peak.
+const HEIGHT_CLASSES: usize = 5;
+const HEIGHT_NODES: usize = 15;
+/// Classes of a width: steps of 1, of 2, and coarser ones.
+const WIDTH_CLASSES: usize = 3;
+const COUNT_NODES: usize = super::recipe::MAX_MODES;
+/// Classes of a correction that may be zero: four of its neighbours', four of what is drawn there.
+pub(super) const ZERO_CLASSES: usize = 20;
+/// Classes of a correction's size, by its neighbours'.
+pub(super) const SIZE_CLASSES: usize = 3;
+/// Sizes after the first; beyond, the rest is a number without contexts.
+pub(super) const SIZE_NODES: usize = 12;
+
+/// The contexts of one patch.
+#[derive(Debug, Clone)]
+pub(super) struct Contexts {
+    all: [Probability; TOTAL],
+}
+
+impl Contexts {
+    /// What is known beforehand.
+    pub(super) const fn new() -> Self {
+        Self {
+            all: [Probability::even(); TOTAL],
+        }
+    }
+
+    /// Forgets what was learnt.
+    pub(super) fn reset(&mut self) {
+        self.all = KNOWN.all;
+    }
+
+    fn part(&mut self, first: usize, length: usize) -> &mut [Probability] {
+        &mut self.all[first..first + length]
+    }
+
+    /// Those of a position along an axis, in a class of [`super::body`].
+    pub(super) fn position(&mut self, class: usize, axis: usize) -> &mut [Probability] {
+        self.part((2 * class + axis) * NUMBER, NUMBER)
+    }
+
+    /// Those of the upper four bits of a height.
+    pub(super) fn height(&mut self, class: usize) -> &mut [Probability] {
+        self.part(POSITIONS + class * HEIGHT_NODES, HEIGHT_NODES)
+    }
+
+    /// Those of a width along an axis, or (axis 2) of the correlation; by the step and by how unusual
+    /// the last one was.
+    pub(super) fn width(&mut self, step: i32, axis: usize, last: i32) -> &mut [Probability] {
+        let class = usize::from(step > 1) + usize::from(step > 2);
+        let unusual = last.unsigned_abs().min(2) as usize;
+        let index = (class * 3 + axis) * 3 + unusual;
+        self.part(POSITIONS + HEIGHTS + index * NUMBER, NUMBER)
+    }
+
+    /// Those of how many modes a map has, by how many the last one had.
+    pub(super) fn count(&mut self, last: usize) -> &mut [Probability] {
+        let first = POSITIONS + HEIGHTS + WIDTHS;
+        self.part(first + last.min(2) * COUNT_NODES, COUNT_NODES)
+    }
+
+    /// That of whether a map is corrected, by how many modes it has.
+    pub(super) fn corrected(&mut self, modes: usize) -> &mut Probability {
+        &mut self.all[POSITIONS + HEIGHTS + WIDTHS + COUNTS + modes.min(2)]
+    }
+
+    /// Those of a side of the window of corrections.
+    pub(super) fn window(&mut self, side: usize) -> &mut [Probability] {
+        let first = POSITIONS + HEIGHTS + WIDTHS + COUNTS + CORRECTED;
+        self.part(first + side * NUMBER, NUMBER)
+    }
+
+    /// Those of one correction.
+    pub(super) fn corrections(&mut self) -> Corrections<'_> {
+        let first = POSITIONS + HEIGHTS + WIDTHS + COUNTS + CORRECTED + WINDOWS;
+        let (zero, rest) = self.all[first..].split_at_mut(ZEROS);
+        let (sign, size) = rest.split_at_mut(SIGNS);
+        Corrections { zero, sign, size }
+    }
+
+    /// What was learnt, as [`KNOWN`] is written.
+    pub(super) fn learnt(&self) -> impl Iterator<Item = u16> {
+        self.all.iter().map(Probability::of_false)
+    }
+}
+
+/// The contexts of corrections.
+pub(super) struct Corrections<'a> {
+    pub(super) zero: &'a mut [Probability],
+    pub(super) sign: &'a mut [Probability],
+    /// [`SIZE_CLASSES`] times [`SIZE_NODES`].
+    pub(super) size: &'a mut [Probability],
+}
+
+/// What is known before the first bit.
+static KNOWN: Contexts = Contexts::new();

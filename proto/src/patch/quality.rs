@@ -1,0 +1,179 @@
+//! How much of a map is worth its bytes: the codec's one knob.
+
+use std::fmt;
+use std::str::FromStr;
+
+use serde::de::{Unexpected, Visitor};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+/// Cells below this of 255 are sent at no quality: 0.06 of the highest.
+pub const FLOOR: u8 = 15;
+
+/// How closely maps are kept: 0 is without loss above [`FLOOR`], every level after it takes fewer
+/// bytes, down to [`Quality::SMALLEST`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct Quality(u8);
+
+impl Quality {
+    /// 8 bit cells above [`FLOOR`], exactly.
+    pub const LOSSLESS: Self = Self(0);
+    /// What a live link starts with.
+    pub const DEFAULT: Self = Self(2);
+    /// For thin links.
+    pub const SMALL: Self = Self(4);
+    /// The fewest bytes that there are.
+    pub const SMALLEST: Self = Self(6);
+
+    /// The quality of this level; levels past the smallest are the smallest.
+    pub const fn new(level: u8) -> Self {
+        if level > Self::SMALLEST.0 {
+            Self::SMALLEST
+        } else {
+            Self(level)
+        }
+    }
+
+    /// Its level, 0 (best) to that of [`Self::SMALLEST`].
+    pub const fn level(self) -> u8 {
+        self.0
+    }
+
+    /// The next level with fewer bytes; the smallest has none.
+    pub fn coarser(self) -> Option<Self> {
+        (self < Self::SMALLEST).then_some(Self(self.0 + 1))
+    }
+
+    /// The next level with more bytes; without loss there is none.
+    pub fn finer(self) -> Option<Self> {
+        self.0.checked_sub(1).map(Self)
+    }
+
+    /// All levels, the best first.
+    pub fn all() -> impl Iterator<Item = Self> {
+        (0..=Self::SMALLEST.0).map(Self)
+    }
+}
+
+impl Default for Quality {
+    fn default() -> Self {
+        Self::DEFAULT
+    }
+}
+
+/// Levels that have a name.
+const NAMES: [(&str, Quality); 4] = [
+    ("lossless", Quality::LOSSLESS),
+    ("default", Quality::DEFAULT),
+    ("small", Quality::SMALL),
+    ("smallest", Quality::SMALLEST),
+];
+
+impl fmt::Display for Quality {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match NAMES.iter().find(|(_, quality)| quality == self) {
+            Some((name, _)) => f.write_str(name),
+            None => self.0.fmt(f),
+        }
+    }
+}
+
+/// A text that is no quality.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "found `{0}`, expected \"lossless\", \"default\", \"small\", \"smallest\" or a level from 0 to {max}",
+    max = Quality::SMALLEST.0
+)]
+pub struct UnknownQuality(String);
+
+impl FromStr for Quality {
+    type Err = UnknownQuality;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let named = NAMES.iter().find(|(name, _)| *name == text);
+        let level = || text.parse().ok().filter(|&l| l <= Self::SMALLEST.0);
+        named
+            .map(|&(_, quality)| quality)
+            .or_else(|| level().map(Self))
+            .ok_or_else(|| UnknownQuality(text.to_owned()))
+    }
+}
+
+impl Serialize for Quality {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        if NAMES.iter().any(|(_, quality)| quality == self) {
+            serializer.collect_str(self)
+        } else {
+            serializer.serialize_u8(self.0)
+        }
+    }
+}
+
+impl<'de> Deserialize<'de> for Quality {
+    /// From a file: a name or a level.
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        deserializer.deserialize_any(Written)
+    }
+}
+
+struct Written;
+
+impl Visitor<'_> for Written {
+    type Value = Quality;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "\"lossless\", \"default\", \"small\", \"smallest\" or a level from 0 to {}",
+            Quality::SMALLEST.0
+        )
+    }
+
+    fn visit_str<E: serde::de::Error>(self, text: &str) -> Result<Quality, E> {
+        text.parse()
+            .map_err(|_| E::invalid_value(Unexpected::Str(text), &self))
+    }
+
+    fn visit_i64<E: serde::de::Error>(self, level: i64) -> Result<Quality, E> {
+        u8::try_from(level)
+            .ok()
+            .filter(|&level| level <= Quality::SMALLEST.0)
+            .map(Quality)
+            .ok_or_else(|| E::invalid_value(Unexpected::Signed(level), &self))
+    }
+
+    fn visit_u64<E: serde::de::Error>(self, level: u64) -> Result<Quality, E> {
+        self.visit_i64(level.try_into().unwrap_or(i64::MAX))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_level_is_read_as_it_is_written() {
+        for quality in Quality::all() {
+            assert_eq!(quality.to_string().parse(), Ok(quality));
+            let value = toml::Value::try_from(quality).unwrap();
+            assert_eq!(value.try_into::<Quality>().unwrap(), quality);
+        }
+    }
+
+    #[test]
+    fn every_level_has_neighbours_but_the_ends() {
+        assert_eq!(Quality::LOSSLESS.finer(), None);
+        assert_eq!(Quality::SMALLEST.coarser(), None);
+        for quality in Quality::all() {
+            if let Some(coarser) = quality.coarser() {
+                assert_eq!(coarser.finer(), Some(quality));
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_no_quality_is_refused_by_name() {
+        let refused = "fine".parse::<Quality>().unwrap_err();
+        assert!(refused.to_string().contains("`fine`"), "{refused}");
+        assert!(toml::Value::Integer(99).try_into::<Quality>().is_err());
+    }
+}

@@ -1,0 +1,287 @@
+//! How both nodes set Zenoh up: pure settings, (key, JSON5 value) pairs, nothing opened.
+//!
+//! One set serves lock-step and live: whether a message waits or is dropped is said per message, and
+//! the queues are short for both, as what waits in a queue is late. Nothing is scouted for.
+//!
+//! Endpoints and what they carry (see [`crate::endpoint`]):
+//!
+//! | endpoint | encrypted | best-effort messages | reliable messages |
+//! | --- | --- | --- | --- |
+//! | `quic/host:port` | yes | datagrams | streams |
+//! | `tls/host:port` | yes | wait behind lost packets | one stream |
+//! | `udp/host:port` | no | datagrams | streams |
+//! | `tcp/host:port` | no | wait behind lost packets | one stream |
+//!
+//! The first and the third are QUIC, the third without keys. Zenoh has to be asked for datagrams
+//! (`?mixed_rel=1`), and for streams over UDP (`?rel=1`, without which a lost declaration stays lost);
+//! that and [`MIN_WINDOW_BYTES`] are added to endpoints that say nothing else behind `?` and `#`.
+
+mod access;
+mod json;
+
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use json::{list, quoted};
+
+pub use access::{FUSION, READER, common_name};
+
+/// After this long without a sign of life a silent node counts as gone.
+pub const LEASE: Duration = Duration::from_secs(5);
+/// How long one try to connect may take; the next one starts with fresh timers, which a link that
+/// comes back after a cut is found sooner by.
+const OPEN_TIMEOUT: Duration = Duration::from_secs(3);
+/// A node that is busy for long must slow the others down, not be cut off.
+const WAIT_BEFORE_CLOSE: Duration = Duration::from_mins(1);
+/// Largest message that is put together from fragments, bytes: twice what [`crate::wire`] reads.
+const MAX_ASSEMBLED_BYTES: usize = 2 << 20;
+/// What the kernel may hold back of a TCP or TLS link, bytes: what waits there is late, and nobody can
+/// drop it any more.
+const SEND_BUFFER_BYTES: u32 = 64 << 10;
+
+/// What may be in flight on a QUIC connection whatever was lost, bytes: the edge keeps the rate, and
+/// knows a lost packet from a full queue. 64 KiB are 2.6 Mbit/s at 200 ms there and back.
+pub const MIN_WINDOW_BYTES: u32 = 64 << 10;
+/// Best-effort messages that may wait for the network, bytes; the oldest go first.
+pub const DATAGRAM_BUFFER_BYTES: u32 = 32 << 10;
+
+/// One setting of Zenoh: its key, and its value as JSON5.
+pub type Setting = (String, String);
+
+/// The files by which a node proves who it is.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Identity {
+    /// The certificate of the venue's authority (CA), PEM.
+    pub authority: PathBuf,
+    /// The node's certificate, PEM.
+    pub certificate: PathBuf,
+    /// The node's private key, PEM.
+    pub key: PathBuf,
+}
+
+impl Identity {
+    /// The files of `node` in a folder that `farfield certs` has written.
+    pub fn in_folder(folder: &Path, node: &str) -> Self {
+        Self {
+            authority: folder.join("ca.pem"),
+            certificate: folder.join(format!("{node}.pem")),
+            key: folder.join(format!("{node}.key")),
+        }
+    }
+}
+
+/// What an edge tells Zenoh.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct EdgeTransport<'a> {
+    /// The venue's name.
+    pub venue: &'a str,
+    /// The endpoints of fusion, tried in turn until one answers, and again when it has gone.
+    pub connect: &'a [String],
+    /// Who the edge is; `None` without TLS.
+    pub identity: Option<&'a Identity>,
+}
+
+impl EdgeTransport<'_> {
+    /// The settings, in the order to apply them in. With an identity only fusion is listened to, and
+    /// only under the venue's name: a certificate of the world's authorities, which Zenoh trusts too,
+    /// does not make a fusion node.
+    pub fn settings(&self) -> Vec<Setting> {
+        let mut settings = common("client", self.connect);
+        settings.extend(pairs([
+            ("connect/endpoints", list(&completed(self.connect))),
+            // An edge may start before fusion, and waits for it.
+            ("connect/timeout_ms", "-1".to_owned()),
+            ("connect/exit_on_failure", "false".to_owned()),
+            (
+                "connect/retry",
+                "{ period_init_ms: 100, period_max_ms: 1000, period_increase_factor: 2 }"
+                    .to_owned(),
+            ),
+        ]));
+        if let Some(identity) = self.identity {
+            settings.push(tls(identity));
+            settings.push(access::at_edge(self.venue));
+        }
+        settings
+    }
+}
+
+/// What fusion tells Zenoh.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct FusionTransport<'a> {
+    /// The venue's name.
+    pub venue: &'a str,
+    /// The names of the venue's viewpoints.
+    pub viewpoints: &'a [&'a str],
+    /// Where to listen.
+    pub listen: &'a [String],
+    /// Who fusion is; `None` without TLS.
+    pub identity: Option<&'a Identity>,
+}
+
+impl FusionTransport<'_> {
+    /// The settings, in the order to apply them in. With an identity every node can publish only under
+    /// its own name, and read only what it needs.
+    pub fn settings(&self) -> Vec<Setting> {
+        let mut settings = common("router", self.listen);
+        settings.extend(pairs([
+            ("listen/endpoints", list(&completed(self.listen))),
+            ("listen/exit_on_failure", "true".to_owned()),
+        ]));
+        if let Some(identity) = self.identity {
+            settings.push(tls(identity));
+            settings.push(access::at_fusion(self.venue, self.viewpoints));
+        }
+        settings
+    }
+}
+
+/// Endpoints with what the module's head says is added.
+fn completed(endpoints: &[String]) -> Vec<String> {
+    endpoints.iter().map(|text| complete(text)).collect()
+}
+
+fn complete(endpoint: &str) -> String {
+    let asked = match endpoint.split_once('/') {
+        Some(("quic", _)) => "?mixed_rel=1",
+        Some(("udp", _)) => "?rel=1;mixed_rel=1",
+        _ => return endpoint.to_owned(),
+    };
+    let (address, config) = match endpoint.split_once('#') {
+        Some((address, config)) => (address, config.to_owned()),
+        None => (
+            endpoint,
+            format!("min_window={MIN_WINDOW_BYTES};datagram_buffer={DATAGRAM_BUFFER_BYTES}"),
+        ),
+    };
+    let asked = if address.contains('?') { "" } else { asked };
+    format!("{address}{asked}#{config}")
+}
+
+fn common(mode: &str, endpoints: &[String]) -> Vec<Setting> {
+    let mut schemes: Vec<&str> = endpoints
+        .iter()
+        .filter_map(|endpoint| endpoint.split_once('/'))
+        .map(|(scheme, _)| scheme)
+        .collect();
+    schemes.sort_unstable();
+    schemes.dedup();
+    let queue = "transport/link/tx/queue";
+    let mut settings = pairs([
+        ("mode", quoted(mode)),
+        ("scouting/multicast/enabled", "false".to_owned()),
+        ("scouting/gossip/enabled", "false".to_owned()),
+        (
+            "transport/unicast/open_timeout",
+            OPEN_TIMEOUT.as_millis().to_string(),
+        ),
+        ("transport/link/protocols", list(&schemes)),
+        ("transport/link/tx/lease", LEASE.as_millis().to_string()),
+        (
+            "transport/link/rx/max_message_size",
+            MAX_ASSEMBLED_BYTES.to_string(),
+        ),
+    ]);
+    settings.push((
+        format!("{queue}/congestion_control/block/wait_before_close"),
+        WAIT_BEFORE_CLOSE.as_micros().to_string(),
+    ));
+    for scheme in ["tcp", "tls"] {
+        settings.push((
+            format!("transport/link/{scheme}/so_sndbuf"),
+            SEND_BUFFER_BYTES.to_string(),
+        ));
+    }
+    settings
+}
+
+fn tls(identity: &Identity) -> Setting {
+    let file = |path: &Path| quoted(&path.to_string_lossy());
+    let (certificate, key) = (file(&identity.certificate), file(&identity.key));
+    let value = format!(
+        "{{ root_ca_certificate: {}, enable_mtls: true, verify_name_on_connect: true, \
+         close_link_on_expiration: true, so_sndbuf: {SEND_BUFFER_BYTES}, \
+         listen_certificate: {certificate}, listen_private_key: {key}, \
+         connect_certificate: {certificate}, connect_private_key: {key} }}",
+        file(&identity.authority),
+    );
+    ("transport/link/tls".to_owned(), value)
+}
+
+fn pairs<const N: usize>(settings: [(&str, String); N]) -> Vec<Setting> {
+    settings
+        .into_iter()
+        .map(|(key, value)| (key.to_owned(), value))
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn value<'a>(settings: &'a [Setting], key: &str) -> Option<&'a str> {
+        settings
+            .iter()
+            .find(|(known, _)| known == key)
+            .map(|(_, value)| value.as_str())
+    }
+
+    #[test]
+    fn nothing_is_spoken_but_what_the_endpoints_name() {
+        let connect = [
+            "quic/fusion.lan:7447?mixed_rel=1".to_owned(),
+            "tls/10.0.0.1:7448".to_owned(),
+        ];
+        let settings = EdgeTransport {
+            venue: "hall",
+            connect: &connect,
+            identity: None,
+        }
+        .settings();
+        let protocols = value(&settings, "transport/link/protocols");
+        assert_eq!(protocols, Some(r#"["quic","tls"]"#));
+        assert_eq!(
+            value(&settings, "scouting/multicast/enabled"),
+            Some("false")
+        );
+    }
+
+    #[test]
+    fn best_effort_is_asked_for_unless_the_endpoint_says_otherwise() {
+        let added =
+            format!("min_window={MIN_WINDOW_BYTES};datagram_buffer={DATAGRAM_BUFFER_BYTES}");
+        for (said, meant) in [
+            ("quic/h:1", format!("quic/h:1?mixed_rel=1#{added}")),
+            ("udp/h:1", format!("udp/h:1?rel=1;mixed_rel=1#{added}")),
+            ("udp/h:1?rel=0", format!("udp/h:1?rel=0#{added}")),
+            (
+                "quic/h:1#bind=h:2",
+                "quic/h:1?mixed_rel=1#bind=h:2".to_owned(),
+            ),
+            ("tls/h:1", "tls/h:1".to_owned()),
+        ] {
+            assert_eq!(complete(said), meant);
+        }
+    }
+
+    #[test]
+    fn without_an_identity_there_is_neither_tls_nor_access_control() {
+        let listen = ["tcp/127.0.0.1:0".to_owned()];
+        let mut transport = FusionTransport {
+            venue: "hall",
+            viewpoints: &["ne"],
+            listen: &listen,
+            identity: None,
+        };
+        let settings = transport.settings();
+        assert_eq!(value(&settings, "access_control"), None);
+        assert_eq!(value(&settings, "transport/link/tls"), None);
+        let identity = Identity::in_folder(Path::new("certs"), FUSION);
+        transport.identity = Some(&identity);
+        let settings = transport.settings();
+        let tls = value(&settings, "transport/link/tls").unwrap();
+        assert!(tls.contains("enable_mtls: true"), "{tls}");
+        assert!(tls.contains("\"certs/fusion.key\""), "{tls}");
+        assert!(value(&settings, "access_control").is_some());
+    }
+}

@@ -1,0 +1,195 @@
+//! Who may say and hear what, as Zenoh's access control: everything is denied but what is listed.
+//!
+//! A node is known by the common name of its certificate, which stands for exactly one node, or for
+//! all readers. Directions are those of the node that the rules are for: `ingress` comes in.
+
+use super::Setting;
+use super::json::{list, quoted};
+use crate::key::Keys;
+
+/// Fusion's name among the nodes.
+pub const FUSION: &str = "fusion";
+/// What all who only listen have in common: they may hear poses and statuses, and say nothing.
+pub const READER: &str = "reader";
+
+/// The common name in the certificate of `node`: its name under the venue's, so that an authority
+/// that serves two venues lets no node into the other one.
+pub fn common_name(venue: &str, node: &str) -> String {
+    format!("{venue}/{node}")
+}
+
+/// Everything that can be said to be done on a key.
+const ALL_MESSAGES: [&str; 9] = [
+    "put",
+    "delete",
+    "declare_subscriber",
+    "query",
+    "declare_queryable",
+    "reply",
+    "liveliness_token",
+    "declare_liveliness_subscriber",
+    "liveliness_query",
+];
+const LISTEN: [&str; 1] = ["declare_subscriber"];
+const SPEAK: [&str; 1] = ["put"];
+const BE: [&str; 1] = ["liveliness_token"];
+const WATCH: [&str; 2] = ["declare_liveliness_subscriber", "liveliness_query"];
+const ASK: [&str; 1] = ["query"];
+const ANSWER: [&str; 2] = ["reply", "declare_queryable"];
+
+/// One allowance.
+struct Rule<'a> {
+    flow: &'static str,
+    messages: &'a [&'static str],
+    keys: Vec<String>,
+}
+
+/// Rules that come in and rules that go out.
+fn rules<const N: usize, const M: usize>(
+    ingress: [(&'static [&'static str], Vec<String>); N],
+    egress: [(&'static [&'static str], Vec<String>); M],
+) -> Vec<Rule<'static>> {
+    let of = |flow| {
+        move |(messages, keys)| Rule {
+            flow,
+            messages,
+            keys,
+        }
+    };
+    let ingress = ingress.into_iter().map(of("ingress"));
+    ingress
+        .chain(egress.into_iter().map(of("egress")))
+        .collect()
+}
+
+/// What a viewpoint may do at fusion.
+fn of_edge(keys: &Keys, viewpoint: &str) -> Vec<Rule<'static>> {
+    let spoken = vec![
+        keys.patch(viewpoint),
+        keys.sighting(viewpoint),
+        keys.status(viewpoint),
+    ];
+    let heard = vec![keys.boxes(viewpoint), keys.status(FUSION)];
+    rules(
+        [
+            (&SPEAK, spoken),
+            (&LISTEN, heard.clone()),
+            (&BE, vec![keys.alive(viewpoint)]),
+            (&WATCH, vec![keys.alive(FUSION)]),
+            (&ASK, vec![keys.config()]),
+            (&ANSWER, vec![keys.fill(viewpoint)]),
+        ],
+        [
+            (&SPEAK, heard),
+            (
+                &LISTEN,
+                vec![keys.patches(), keys.sightings(), keys.statuses()],
+            ),
+            (&BE, vec![keys.alive(FUSION)]),
+            (&WATCH, vec![keys.all_alive()]),
+            (&ASK, vec![keys.fill(viewpoint)]),
+            (&ANSWER, vec![keys.config()]),
+        ],
+    )
+}
+
+/// What one who only listens may do at fusion.
+fn of_reader(keys: &Keys) -> Vec<Rule<'static>> {
+    let heard = vec![keys.pose(), keys.smooth(), keys.statuses()];
+    rules(
+        [(&LISTEN, heard.clone()), (&WATCH, vec![keys.all_alive()])],
+        [(&SPEAK, heard), (&BE, vec![keys.all_alive()])],
+    )
+}
+
+/// Fusion's access control for edges at `viewpoints`, and for readers.
+pub(super) fn at_fusion(venue: &str, viewpoints: &[&str]) -> Setting {
+    let keys = Keys::new(venue);
+    let mut subjects: Vec<(&str, Vec<Rule<'_>>)> = viewpoints
+        .iter()
+        .map(|viewpoint| (*viewpoint, of_edge(&keys, viewpoint)))
+        .collect();
+    subjects.push((READER, of_reader(&keys)));
+    setting(venue, &subjects)
+}
+
+/// An edge's access control: fusion may do what it likes under the venue's name, and nobody else.
+pub(super) fn at_edge(venue: &str) -> Setting {
+    let all = vec![format!("{venue}/**")];
+    let rules = rules([(&ALL_MESSAGES, all.clone())], [(&ALL_MESSAGES, all)]);
+    setting(venue, &[(FUSION, rules)])
+}
+
+fn setting(venue: &str, subjects: &[(&str, Vec<Rule<'_>>)]) -> Setting {
+    let (mut rules, mut names, mut policies) = (Vec::new(), Vec::new(), Vec::new());
+    for (node, allowed) in subjects {
+        let mut ids = Vec::new();
+        for rule in allowed {
+            let id = format!("{node} {}", ids.len());
+            rules.push(format!(
+                "{{id:{},permission:\"allow\",flows:[{}],messages:{},key_exprs:{}}}",
+                quoted(&id),
+                quoted(rule.flow),
+                list(rule.messages),
+                list(&rule.keys),
+            ));
+            ids.push(id);
+        }
+        names.push(format!(
+            "{{id:{},cert_common_names:{}}}",
+            quoted(node),
+            list(&[common_name(venue, node)]),
+        ));
+        policies.push(format!(
+            "{{rules:{},subjects:{}}}",
+            list(&ids),
+            list(&[*node])
+        ));
+    }
+    let value = format!(
+        "{{enabled:true,default_permission:\"deny\",rules:[{}],subjects:[{}],policies:[{}]}}",
+        rules.join(","),
+        names.join(","),
+        policies.join(","),
+    );
+    ("access_control".to_owned(), value)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_edge_publishes_under_its_own_name_only() {
+        let keys = Keys::new("hall");
+        for rule in of_edge(&keys, "ne") {
+            if rule.flow == "ingress" && rule.messages == SPEAK {
+                assert_eq!(
+                    rule.keys,
+                    ["hall/patch/ne", "hall/sighting/ne", "hall/status/ne"]
+                );
+            }
+            let speaks_elsewhere = rule.flow == "ingress" && rule.messages.contains(&"delete");
+            assert!(!speaks_elsewhere);
+        }
+    }
+
+    #[test]
+    fn a_reader_says_nothing() {
+        let says = |rule: &Rule<'_>| {
+            rule.flow == "ingress"
+                && !rule
+                    .messages
+                    .iter()
+                    .all(|m| LISTEN.contains(m) || WATCH.contains(m))
+        };
+        assert!(!of_reader(&Keys::new("hall")).iter().any(says));
+    }
+
+    #[test]
+    fn names_of_one_venue_are_none_of_another() {
+        let (_, access) = at_fusion("hall", &["ne"]);
+        assert!(access.contains(r#"["hall/ne"]"#), "{access}");
+        assert!(access.contains(r#"["hall/reader"]"#), "{access}");
+    }
+}
