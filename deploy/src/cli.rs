@@ -6,12 +6,14 @@ use std::str::FromStr;
 
 use clap::{Args, Parser, Subcommand};
 use farfield_edge::node::EdgeArgs;
-use farfield_fusion::node::FusionArgs;
+use farfield_fusion::node::{FusionArgs, RecordArgs, ReplayArgs};
 use farfield_proto::tick::{Tick, parse_range};
 
+use crate::certs::CertsArgs;
 use crate::demo::DemoArgs;
 use crate::evaluate::EvaluateArgs;
 use crate::simulate::SimulateArgs;
+use crate::study::Study;
 
 /// Markerless motion capture for wide fields.
 ///
@@ -32,10 +34,22 @@ pub(crate) enum Command {
     Edge(EdgeArgs),
     /// Start the fusion node.
     Fusion(FusionArgs),
+    /// Record everything that is said in a venue, as an MCAP file.
+    Record(RecordArgs),
+    /// Solve a recording again: as it was, or with other parameters or another calibration.
+    Replay(ReplayArgs),
     /// Score poses against a truth.
     Evaluate(EvaluateArgs),
+    /// Make figures about the method anew.
+    Study {
+        /// Which.
+        #[command(subcommand)]
+        study: Study,
+    },
     /// Show the whole system at work on people who do not exist, and how far it is from the truth.
     Demo(DemoArgs),
+    /// Make the keys of a venue: an authority, and one certificate per node.
+    Certs(CertsArgs),
     /// Record a simulated scene as a venue that `farfield run` takes.
     Simulate(SimulateArgs),
 }
@@ -45,6 +59,10 @@ pub(crate) enum Command {
 pub(crate) struct RunArgs {
     /// The venue file.
     pub(crate) venue: PathBuf,
+    /// Run live: cameras as their pictures come, recordings as fast as they were made; nobody waits. Without
+    /// it, in lock-step.
+    #[arg(long)]
+    pub(crate) live: bool,
     /// Work on these ticks only (half-open); all recordings must hold them.
     #[arg(long, value_name = "A..B", value_parser = parse_range, allow_hyphen_values = true)]
     pub(crate) ticks: Option<Range<Tick>>,
@@ -58,6 +76,14 @@ pub(crate) struct RunArgs {
         reason = "absent, without and with ticks: how clap says it"
     )]
     pub(crate) overlay: Option<Option<TickList>>,
+    /// Record everything that fusion hears and says, and what it used for each tick, as an MCAP file that
+    /// `farfield replay` takes. Default: `recording.mcap` in the folder of the results.
+    #[arg(long, value_name = "FILE", num_args = 0..=1)]
+    #[expect(
+        clippy::option_option,
+        reason = "absent, without and with a file: how clap says it"
+    )]
+    pub(crate) record: Option<Option<PathBuf>>,
     /// Print the summary as JSON.
     #[arg(long)]
     pub(crate) json: bool,

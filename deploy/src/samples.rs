@@ -86,6 +86,7 @@ fn the_sample_venue_says_what_else_there_is() {
         "prediction",
         "range_of_motion",
         "recording",
+        "security",
         "smoothing",
     ];
     assert_eq!(tables, known);

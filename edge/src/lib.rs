@@ -16,5 +16,6 @@ pub mod network;
 pub mod node;
 pub mod peaks;
 pub mod pipeline;
+pub mod ring;
 pub mod source;
 pub mod tiles;

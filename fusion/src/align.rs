@@ -6,6 +6,7 @@
 
 use std::collections::BTreeSet;
 
+use farfield_proto::decision::{Decision, UsedSet};
 use farfield_proto::id::{PersonId, SessionId, ViewpointIndex};
 use farfield_proto::message::{MAX_PERSONS, MAX_SIGHTINGS, PatchSet, SightingSet};
 use farfield_proto::tick::Tick;
@@ -19,6 +20,30 @@ pub struct TickGroup {
     pub patch_sets: Vec<PatchSet>,
     /// Sightings, by (viewpoint, part).
     pub sighting_sets: Vec<SightingSet>,
+}
+
+impl TickGroup {
+    /// What is in it, for whoever wants to gather it again; `first` is the tick of the session's first
+    /// boxes.
+    pub fn decision(&self, session: SessionId, first: Tick) -> Decision {
+        let used = |viewpoint, part| UsedSet { viewpoint, part };
+        Decision {
+            session,
+            first,
+            tick: self.tick,
+            horizons_ticks: Vec::new(),
+            patches: self
+                .patch_sets
+                .iter()
+                .map(|set| used(set.viewpoint, set.part))
+                .collect(),
+            sightings: self
+                .sighting_sets
+                .iter()
+                .map(|set| used(set.viewpoint, set.part))
+                .collect(),
+        }
+    }
 }
 
 /// Why a message was not taken.

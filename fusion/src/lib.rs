@@ -17,8 +17,11 @@ pub mod occlusion;
 pub mod person;
 pub mod pipeline;
 pub mod predict;
+#[cfg(feature = "recording")]
+pub mod recording;
 pub mod score;
 pub mod skeleton;
 pub mod smooth;
+pub mod smoother;
 pub mod triangulate;
 pub mod uncertainty;

@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 
 use farfield_proto::id::{CameraIndex, SessionId, ViewpointIndex};
 use farfield_proto::keypoints::KeypointSet;
-use farfield_proto::message::{BoxSet, Order, PoseSet};
+use farfield_proto::message::{BoxSet, Order, PatchSet, PoseSet};
 use farfield_proto::model_card::HeatmapCard;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::Venue;
@@ -25,6 +25,7 @@ use crate::person::method::{Method, VenueView};
 use crate::person::separation::Separation;
 use crate::person::track::Track;
 use crate::skeleton::{RangeOfMotion, sites_of};
+use crate::smoother::{Delay, Smoother};
 
 /// Margin of a box when neither the venue nor a network's card says one.
 const DEFAULT_BOX_MARGIN: f64 = 1.25;
@@ -62,6 +63,9 @@ pub struct StepOutput {
     pub poses: PoseSet,
     /// Ticks whose poses are final, in order: with the tentative ticks of persons who were confirmed.
     pub finished: Vec<PoseSet>,
+    /// Ticks whose smoothed poses are final now, in order: mostly the one that lies `smoothing.delay_ms` before
+    /// this. Empty while that long has not passed, and without a delay.
+    pub smoothed: Vec<PoseSet>,
     /// One per viewpoint, for the tick that its horizon says.
     pub boxes: Vec<BoxSet>,
     /// Patches that could not be used.
@@ -83,6 +87,7 @@ pub struct Pipeline {
     bodies: Vec<Body>,
     contests: Contests,
     separation: Separation,
+    smoother: Option<Smoother>,
 }
 
 impl Pipeline {
@@ -114,8 +119,10 @@ impl Pipeline {
             keypoints,
             parameters,
         };
+        let delay = Delay::of_ms(method.parameters.smoothing.delay_ms, venue.rate_hz);
         Self {
             session,
+            smoother: delay.map(|delay| Smoother::new(session, delay, &method)),
             crowd: Crowd::new(venue, method.keypoints.clone()),
             contests: Contests::new(&method.keypoints, venue.viewpoints.len()),
             cameras: venue
@@ -200,6 +207,7 @@ impl Pipeline {
         self.journal.push(poses.clone());
         self.journal.insert(lived.confirmed);
         let finished = self.journal.release(self.crowd.undecided_from());
+        let smoothed = self.smoothed(group.tick);
         mark(Stage::Persons);
         let horizons = std::mem::take(&mut self.horizons);
         let boxes = self.boxes_after(group.tick, &horizons);
@@ -208,6 +216,7 @@ impl Pipeline {
         StepOutput {
             poses,
             finished,
+            smoothed,
             boxes,
             unusable_patches,
             unusable_sightings: lived.unusable_sightings,
@@ -217,6 +226,41 @@ impl Pipeline {
     /// Ends the run: the ticks that were still held back, without those who were never confirmed.
     pub fn finish(&mut self) -> Vec<PoseSet> {
         self.journal.release(None)
+    }
+
+    /// Ends the run: the smoothed poses of the ticks that were still inside the delay, in order.
+    pub fn finish_smoothed(&mut self) -> Vec<PoseSet> {
+        let smoother = self.smoother.as_mut();
+        smoother.map_or_else(Vec::new, |smoother| smoother.finish(&self.method))
+    }
+
+    /// Smooths in two passes, forward and back, instead of with the delay of the venue: for recordings. To be
+    /// called before the first step. [`StepOutput::smoothed`] then comes in blocks of some seconds, and holds
+    /// everybody whom [`StepOutput::finished`] holds.
+    pub fn smooth_in_two_passes(&mut self) {
+        let delay = Delay::two_passes(1.0 / self.method.dt_s);
+        self.smoother = Some(Smoother::new(self.session, delay, &self.method));
+    }
+
+    /// Gives the smoothed poses a set that came after its tick was stepped; returns how many persons it is of
+    /// use for: none without a delay, of another session, or when its tick has left the delay. Live poses,
+    /// boxes and who is who do not change by it.
+    pub fn add_late(&mut self, set: &PatchSet) -> u32 {
+        let smoother = self
+            .smoother
+            .as_mut()
+            .filter(|_| set.session == self.session);
+        smoother.map_or(0, |smoother| {
+            smoother.add_late(set, &self.cameras, &self.method)
+        })
+    }
+
+    fn smoothed(&mut self, tick: Tick) -> Vec<PoseSet> {
+        let Some(smoother) = &mut self.smoother else {
+            return Vec::new();
+        };
+        let crowd = &self.crowd;
+        smoother.step(tick, crowd.tracks(), crowd.undecided_from(), &self.method)
     }
 
     fn see(&mut self, group: &TickGroup) -> u32 {

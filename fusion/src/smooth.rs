@@ -149,6 +149,7 @@ mod tests {
         cutoff_rise_per_m: 0.0,
         innovation_cutoff_hz: 4.0,
         coast_decay_s: 0.25,
+        delay_ms: 0.0,
     };
 
     fn all(x: f64) -> Joints {

@@ -1,6 +1,8 @@
 //! Messages of strangers: the first byte chooses the kind, the rest is the message.
 #![no_main]
 
+use farfield_proto::decision::Decision;
+use farfield_proto::fill::{FillRequest, Filled};
 use farfield_proto::message::{BoxSet, PatchSet, PoseSet, SightingSet, Status};
 use farfield_proto::wire::{Message, decode, encode};
 use libfuzzer_sys::fuzz_target;
@@ -12,12 +14,17 @@ fn check<M: Message>(bytes: &[u8]) {
 }
 
 fuzz_target!(|bytes: &[u8]| {
-    let Some((kind, bytes)) = bytes.split_first() else { return };
-    match kind % 5 {
+    let Some((kind, bytes)) = bytes.split_first() else {
+        return;
+    };
+    match kind % 8 {
         0 => check::<PatchSet>(bytes),
         1 => check::<BoxSet>(bytes),
         2 => check::<SightingSet>(bytes),
         3 => check::<PoseSet>(bytes),
-        _ => check::<Status>(bytes),
+        4 => check::<Status>(bytes),
+        5 => check::<Decision>(bytes),
+        6 => check::<FillRequest>(bytes),
+        _ => check::<Filled>(bytes),
     }
 });

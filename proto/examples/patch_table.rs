@@ -97,14 +97,58 @@ fn line(name: &str, all: &[Maps], encode: impl Fn(&mut Encoder, &Maps) -> Encode
     );
 }
 
+/// Prints the mean of what an encoder has learnt after every patch, when it forgets nothing; patches of
+/// all files and lossy qualities take turns.
+fn print_priors(files: &[String]) -> std::io::Result<()> {
+    const ROUNDS: usize = 150;
+    const WARM: usize = 15;
+    let all = files.iter().map(|file| {
+        let every = read(file)?;
+        let step = every.len().div_ceil(ROUNDS).max(1);
+        Ok(every.into_iter().step_by(step).collect())
+    });
+    let all: Vec<Vec<Maps>> = all.collect::<std::io::Result<_>>()?;
+    let mut encoder = Encoder::new();
+    let mut sums: Vec<f64> = Vec::new();
+    for round in 0..ROUNDS {
+        for maps in all
+            .iter()
+            .filter_map(|maps| maps.get(round % maps.len().max(1)))
+        {
+            for quality in Quality::all().skip(2) {
+                encoder.encode_on(maps, quality);
+            }
+        }
+        if round >= WARM {
+            let learnt = encoder.learnt();
+            sums.resize(learnt.len(), 0.0);
+            for (sum, probability) in sums.iter_mut().zip(learnt) {
+                *sum += f64::from(probability);
+            }
+        }
+    }
+    let even = f64::from(1u16 << 15) * (ROUNDS - WARM) as f64;
+    let table = sums.iter().map(|&sum| {
+        let share = (sum / even * 128.0).round().clamp(1.0, 255.0);
+        // Nothing that occurs stays even to the last bit.
+        if sum.to_bits() == even.to_bits() {
+            "0".to_owned()
+        } else {
+            share.to_string()
+        }
+    });
+    for row in table.collect::<Vec<String>>().chunks(20) {
+        println!("    {},", row.join(", "));
+    }
+    Ok(())
+}
+
 fn main() -> std::io::Result<()> {
     let args: Vec<String> = std::env::args().skip(1).collect();
-    let (learn, files) = match args.split_first() {
-        Some((first, rest)) if first == "--learn" => (true, rest),
-        _ => (false, &args[..]),
-    };
+    let learn = args.first().is_some_and(|first| first == "--learn");
+    let files = &args[usize::from(learn)..];
     if learn {
-        return Ok(());
+        return print_priors(files);
     }
     for file in files {
         let every: Vec<Maps> = read(file)?;

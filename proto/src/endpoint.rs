@@ -6,11 +6,7 @@ const SCHEMES: [&str; 4] = ["tcp", "udp", "tls", "quic"];
 /// Whether `text` is an endpoint: a scheme, `/`, a host and a port, and perhaps options of Zenoh behind
 /// `?` or `#`. An IPv6 address stands in brackets. Whether the host exists only the network can tell.
 pub fn is_endpoint(text: &str) -> bool {
-    let Some((scheme, rest)) = text.split_once('/') else {
-        return false;
-    };
-    let address = rest.split(['?', '#']).next().unwrap_or_default();
-    let Some((host, port)) = address.rsplit_once(':') else {
+    let Some((host, port)) = address(text).rsplit_once(':') else {
         return false;
     };
     let bracketed = host.starts_with('[') && host.ends_with(']');
@@ -18,7 +14,29 @@ pub fn is_endpoint(text: &str) -> bool {
         && !host.contains(|c: char| c.is_whitespace() || c == '/')
         && (bracketed || !host.contains(':'));
     let is_port = port.bytes().all(|b| b.is_ascii_digit()) && port.parse::<u16>().is_ok();
-    SCHEMES.contains(&scheme) && is_host && is_port
+    SCHEMES.contains(&scheme(text)) && is_host && is_port
+}
+
+/// What an endpoint is spoken over: what stands before the first `/`.
+pub fn scheme(endpoint: &str) -> &str {
+    endpoint.split_once('/').map_or("", |(scheme, _)| scheme)
+}
+
+/// The host of an endpoint, an IPv6 address without its brackets.
+pub fn host(endpoint: &str) -> &str {
+    let host = address(endpoint)
+        .rsplit_once(':')
+        .map_or("", |(host, _)| host);
+    let bare = host
+        .strip_prefix('[')
+        .and_then(|host| host.strip_suffix(']'));
+    bare.unwrap_or(host)
+}
+
+/// Host and port.
+fn address(endpoint: &str) -> &str {
+    let rest = endpoint.split_once('/').map_or("", |(_, rest)| rest);
+    rest.split(['?', '#']).next().unwrap_or_default()
 }
 
 #[cfg(test)]
@@ -53,5 +71,12 @@ mod tests {
         ] {
             assert!(!is_endpoint(bad), "{bad}");
         }
+    }
+
+    #[test]
+    fn the_parts_of_an_endpoint_are_found() {
+        assert_eq!(scheme("quic/a.lan:1?mixed_rel=1"), "quic");
+        assert_eq!(host("quic/a.lan:1?mixed_rel=1"), "a.lan");
+        assert_eq!(host("tcp/[::1]:1"), "::1");
     }
 }

@@ -3,6 +3,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::id::SessionId;
 use crate::tick::Tick;
 use crate::wire::{MAX_MESSAGE_BYTES, Message};
 
@@ -17,6 +18,8 @@ pub const MAX_TICKS: i64 = 1 << 20;
 /// Fusion to edge, as the payload of a query: what have you stored of these ticks?
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct FillRequest {
+    /// Of which life of fusion.
+    pub session: SessionId,
     /// First tick.
     pub from: Tick,
     /// The tick after the last.
@@ -29,7 +32,7 @@ pub struct FillRequest {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Filled {
     /// The tick after the last that the answer is about. Of earlier ticks of the question the edge has
-    /// nothing more than this.
+    /// nothing more than this. The question's first: the edge has no room on its link now.
     pub to: Tick,
     /// The messages, as they were sent or would have been.
     pub stored: Vec<StoredSet>,
@@ -95,6 +98,7 @@ mod tests {
     fn a_question_is_about_some_ticks_and_not_about_all() {
         let asked = |from, to, max_bytes| {
             let request = FillRequest {
+                session: SessionId(7),
                 from: Tick(from),
                 to: Tick(to),
                 max_bytes,

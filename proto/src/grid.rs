@@ -5,6 +5,11 @@ use serde::{Deserialize, Serialize};
 
 use crate::frames::{Pixel, Undistorted};
 
+/// Short origins are whole numbers of these to a pixel.
+const ORIGINS_PER_PX: f32 = 4.0;
+/// Short steps are whole numbers of these to a pixel.
+const STEPS_PER_PX: f32 = 256.0;
+
 /// The grid of a heatmap laid over the undistorted image: a similarity from cells to pixels.
 ///
 /// ```text
@@ -48,6 +53,50 @@ impl CellGrid {
         f64::from(self.step_px[0]).hypot(f64::from(self.step_px[1]))
     }
 
+    /// The grid next to this one whose numbers are short on the wire: its origin on quarter pixels, its
+    /// step in 1/256 pixels. Steps so small that this would change them by more than a hundredth stay
+    /// as they are.
+    ///
+    /// Whoever cuts crops cuts them where such a grid says: then nothing is lost.
+    #[must_use]
+    pub fn snapped(&self) -> Self {
+        // A zero has no sign on the wire.
+        let near = |value: f32, per_px: f32| (value * per_px).round() / per_px + 0.0;
+        if self.pixels_per_cell() * f64::from(STEPS_PER_PX) < 50.0 {
+            return *self;
+        }
+        Self {
+            origin_px: self.origin_px.map(|value| near(value, ORIGINS_PER_PX)),
+            step_px: self.step_px.map(|value| near(value, STEPS_PER_PX)),
+            ..*self
+        }
+    }
+
+    /// Origin and step as whole numbers, where they are.
+    pub(crate) fn short(&self) -> Option<[i32; 4]> {
+        let whole = |value: f32, per_px: f32| {
+            let scaled = value * per_px;
+            let whole = scaled as i32;
+            // Equal as they travel, bit for bit: nothing that is not a number, no negative zero.
+            let back = whole as f32 / per_px;
+            (whole.unsigned_abs() < 1 << 20 && back.to_bits() == value.to_bits()).then_some(whole)
+        };
+        let [ox, oy] = self.origin_px.map(|value| whole(value, ORIGINS_PER_PX));
+        let [sx, sy] = self.step_px.map(|value| whole(value, STEPS_PER_PX));
+        Some([ox?, oy?, sx?, sy?])
+    }
+
+    /// The grid of [`Self::short`].
+    pub(crate) fn from_short(short: [i32; 4], width: u16, height: u16) -> Self {
+        let [ox, oy, sx, sy] = short.map(|value| value as f32);
+        Self {
+            origin_px: [ox / ORIGINS_PER_PX, oy / ORIGINS_PER_PX],
+            step_px: [sx / STEPS_PER_PX, sy / STEPS_PER_PX],
+            width,
+            height,
+        }
+    }
+
     /// Whether every number is finite, the step is not zero and the grid is within
     /// [`crate::patch::MAX_SIDE`].
     pub fn is_valid(&self) -> bool {
@@ -72,6 +121,21 @@ mod tests {
     use super::*;
 
     proptest! {
+        #[test]
+        fn a_snapped_grid_is_short_and_near(
+            origin in prop::array::uniform2(-4000.0f32..9000.0),
+            angle in -3.2f32..3.2,
+            scale in 0.2f32..40.0,
+        ) {
+            let step_px = [scale * angle.cos(), scale * angle.sin()];
+            let grid = CellGrid { origin_px: origin, step_px, width: 48, height: 64 };
+            let snapped = grid.snapped();
+            let short = snapped.short().unwrap();
+            prop_assert_eq!(CellGrid::from_short(short, 48, 64), snapped);
+            let off = grid.pixel(47.0, 63.0).vector_px() - snapped.pixel(47.0, 63.0).vector_px();
+            prop_assert!(off.norm() < 0.4, "{off}");
+        }
+
         #[test]
         fn cell_and_pixel_are_inverse(
             origin in prop::array::uniform2(-4000.0f32..4000.0),

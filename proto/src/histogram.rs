@@ -2,7 +2,7 @@
 //!
 //! Buckets grow with what they hold: [`PER_OCTAVE`] of one width from each power of two to the next, so that
 //! a percentile is at most 1 / [`PER_OCTAVE`] above the truth (3 %). What is below [`PER_OCTAVE`] is exact,
-//! and so are count, sum and largest. The idea is Gil Tene's HdrHistogram.
+//! and so are count, sum and largest. The idea is Gil Tene's `HdrHistogram`.
 
 use crate::message::StageTime;
 
@@ -157,7 +157,9 @@ mod tests {
             mut samples in prop::collection::vec(0u32..3_000_000, 1..300),
         ) {
             let mut h = Histogram::default();
-            samples.iter().for_each(|&us| h.record(us));
+            for &us in &samples {
+                h.record(us);
+            }
             let exact = StageTime::from_samples("s", &mut samples).unwrap();
             let got = h.stage_time("s").unwrap();
             prop_assert_eq!((got.count, got.total_us, got.max_us), (exact.count, exact.total_us, exact.max_us));
@@ -172,7 +174,9 @@ mod tests {
         ) {
             let of = |samples: &[u32]| {
                 let mut h = Histogram::default();
-                samples.iter().for_each(|&us| h.record(us));
+                for &us in samples {
+                h.record(us);
+            }
                 h
             };
             let mut merged = of(&a);

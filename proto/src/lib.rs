@@ -12,6 +12,7 @@ pub mod endpoint;
 pub mod fill;
 pub mod frames;
 pub mod grid;
+pub mod handout;
 pub mod histogram;
 pub mod id;
 pub mod key;

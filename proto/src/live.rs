@@ -83,6 +83,8 @@ pub struct LiveStatus {
     pub cameras: Vec<CameraStatus>,
     /// How fusion hears its edges, by viewpoint; empty for an edge.
     pub edges: Vec<EdgeLink>,
+    /// Why fusion's recording has ended before the run, when it has.
+    pub recording_failure: Option<String>,
 }
 
 /// How one camera of an edge is.
@@ -137,4 +139,50 @@ pub struct EdgeLink {
     pub missing: u64,
     /// Messages that could not be read, since the start.
     pub unreadable: u64,
+}
+
+impl EdgeLink {
+    /// Notes that a second node, of the number `process`, calls itself by the name of an edge that is there:
+    /// that one is refused, and the first goes on.
+    pub fn refuse_second(&mut self, process: u64) {
+        let name = &self.viewpoint;
+        self.refused = Some(format!(
+            "a second node calls itself {name}: {}",
+            refused_process(process)
+        ));
+    }
+
+    /// Whether the node of the number `process` is refused as the second of its name.
+    pub fn refuses_process(&self, process: u64) -> bool {
+        let refused = self.refused.as_deref();
+        refused.is_some_and(|text| text.ends_with(&refused_process(process)))
+    }
+}
+
+fn refused_process(process: u64) -> String {
+    format!("process {process} is refused")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_second_of_a_name_knows_that_it_is_meant() {
+        let mut link = EdgeLink {
+            viewpoint: "north".to_owned(),
+            live: true,
+            refused: None,
+            round_trip_us: None,
+            clock_offset_us: None,
+            horizon_ticks: 1.0,
+            bytes_per_s: 0,
+            late: 0,
+            missing: 0,
+            unreadable: 0,
+        };
+        assert!(!link.refuses_process(17));
+        link.refuse_second(17);
+        assert!(link.refuses_process(17) && !link.refuses_process(7));
+    }
 }

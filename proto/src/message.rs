@@ -1,5 +1,7 @@
 //! What nodes say to each other. Framing, bounds and versions are in [`crate::wire`].
 
+mod patch_form;
+
 use serde::{Deserialize, Serialize};
 
 use crate::bounding_box::{BoundingBox, BoxRate};
@@ -20,7 +22,7 @@ pub const MAX_CAPTURE_OFFSET_US: i32 = 100_000;
 pub const MAX_SIGHTINGS: usize = 256;
 
 /// Edge to fusion: the persons of one viewpoint at one tick, or a part of them, readable alone.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct PatchSet {
     /// The session whose person ids are meant.
     pub session: SessionId,
@@ -42,7 +44,7 @@ pub struct PatchSet {
 }
 
 /// The part confidence maps of one person in one camera at one tick, encoded.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct PersonPatch {
     /// Who.
     pub person: PersonId,

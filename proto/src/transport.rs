@@ -17,6 +17,7 @@
 //! that and [`MIN_WINDOW_BYTES`] are added to endpoints that say nothing else behind `?` and `#`.
 
 mod access;
+mod exposure;
 mod json;
 
 use std::path::{Path, PathBuf};
@@ -24,7 +25,10 @@ use std::time::Duration;
 
 use json::{list, quoted};
 
-pub use access::{FUSION, READER, common_name};
+use crate::endpoint::scheme;
+
+pub use access::{FUSION, READER, RECORDER, common_name};
+pub use exposure::{Exposure, ExposureError};
 
 /// After this long without a sign of life a silent node counts as gone.
 pub const LEASE: Duration = Duration::from_secs(5);
@@ -159,11 +163,7 @@ fn complete(endpoint: &str) -> String {
 }
 
 fn common(mode: &str, endpoints: &[String]) -> Vec<Setting> {
-    let mut schemes: Vec<&str> = endpoints
-        .iter()
-        .filter_map(|endpoint| endpoint.split_once('/'))
-        .map(|(scheme, _)| scheme)
-        .collect();
+    let mut schemes: Vec<&str> = endpoints.iter().map(|text| scheme(text)).collect();
     schemes.sort_unstable();
     schemes.dedup();
     let queue = "transport/link/tx/queue";

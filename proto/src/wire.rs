@@ -310,6 +310,11 @@ fn check_live(live: &LiveStatus) -> Result<(), &'static str> {
         live.edges.len() <= MAX_EDGES,
         "more edges than a venue may have",
     )?;
+    let failure = live.recording_failure.iter();
+    ensure(
+        failure.clone().all(|text| text.len() <= MAX_TEXT_BYTES),
+        "a text that is too long",
+    )?;
     let rates = live.cameras.iter().map(|c| &c.frames_per_s);
     ensure(
         all_finite(rates.chain(live.edges.iter().map(|e| &e.horizon_ticks))),

@@ -22,19 +22,28 @@ use farfield_testbed::ring::Ring;
 const VIEWPOINTS: [usize; 2] = [4, 12];
 /// Ticks of the walk that a bench goes round.
 const TICKS: i64 = 60;
+/// Without loss, and what a live link goes through from its default on.
+const QUALITIES: [u8; 4] = [
+    Quality::LOSSLESS.level(),
+    Quality::DEFAULT.level(),
+    Quality::SMALL.level(),
+    Quality::SMALLEST.level(),
+];
 
 fn main() {
     let (kind, maps) = maps();
     let mut encoder = Encoder::new();
-    let bytes: usize = maps
-        .iter()
-        .map(|maps| encoder.encode(maps, Quality::LOSSLESS).bytes.len())
-        .sum();
-    println!(
-        "{} {kind} patches of 17 maps: {} bytes on average",
-        maps.len(),
-        bytes / maps.len().max(1)
-    );
+    for level in QUALITIES {
+        let quality = Quality::new(level);
+        let sizes = maps
+            .iter()
+            .map(|maps| encoder.encode(maps, quality).bytes.len());
+        println!(
+            "{} {kind} patches of 17 maps at quality {level}: {} bytes on average",
+            maps.len(),
+            sizes.sum::<usize>() / maps.len().max(1)
+        );
+    }
     divan::main();
 }
 
@@ -189,24 +198,67 @@ fn decoded(sets: &[PatchSet]) -> Vec<Maps> {
     decoded.collect()
 }
 
-/// All patches one after the other, so that the mean is over real variety.
-#[divan::bench]
-fn patch_encode(bencher: Bencher<'_, '_>) {
+/// Maps with half as many cells again along each side, as a finer network's.
+fn finer(maps: &Maps) -> Maps {
+    let (width, height) = (maps.width() * 3 / 2, maps.height() * 3 / 2);
+    let mut into = Maps::new(width, height, maps.keypoints());
+    for k in 0..maps.keypoints() {
+        for (i, cell) in into.cells_mut(k).iter_mut().enumerate() {
+            // Between the cells, by their distances.
+            let at = |place: usize, size: usize| {
+                let x = place as f64 / 1.5;
+                let first = (x as usize).min(size - 1);
+                (first, (first + 1).min(size - 1), x - first as f64)
+            };
+            let (x0, x1, fx) = at(i % width, maps.width());
+            let (y0, y1, fy) = at(i / width, maps.height());
+            let of = |x: usize, y: usize| f64::from(maps.cells(k)[y * maps.width() + x]);
+            let upper = of(x0, y0) + fx * (of(x1, y0) - of(x0, y0));
+            let lower = of(x0, y1) + fx * (of(x1, y1) - of(x0, y1));
+            *cell = (upper + fy * (lower - upper)).round() as u8;
+        }
+    }
+    into
+}
+
+/// Both ways at the qualities that links use; `fine` is on 72 x 96 cells instead of 48 x 64. All patches
+/// one after the other, so that the mean is over real variety.
+#[divan::bench(args = QUALITIES, consts = [false, true])]
+fn patch_encode_and_decode<const FINE: bool>(bencher: Bencher<'_, '_>, level: u8) {
     let (_, maps) = maps();
-    let (mut encoder, mut next) = (Encoder::new(), 0);
+    let maps: Vec<Maps> = if FINE {
+        maps.iter().map(finer).collect()
+    } else {
+        maps.clone()
+    };
+    let (mut encoder, mut decoder) = (Encoder::new(), Decoder::new());
+    let (mut into, mut next) = (Maps::new(1, 1, 1), 0);
     bencher.bench_local(|| {
         next += 1;
-        encoder.encode(black_box(&maps[next % maps.len()]), Quality::LOSSLESS)
+        let encoded = encoder.encode(black_box(&maps[next % maps.len()]), Quality::new(level));
+        decoder.decode(&encoded, &mut into)
     });
 }
 
-#[divan::bench]
-fn patch_decode(bencher: Bencher<'_, '_>) {
+#[divan::bench(args = QUALITIES)]
+fn patch_encode(bencher: Bencher<'_, '_>, level: u8) {
+    let (_, maps) = maps();
+    let (mut encoder, mut bytes, mut next) = (Encoder::new(), Vec::new(), 0);
+    bencher.bench_local(|| {
+        next += 1;
+        let maps = black_box(&maps[next % maps.len()]);
+        encoder.encode_into(maps, Quality::new(level), &mut bytes);
+    });
+}
+
+#[divan::bench(args = QUALITIES)]
+fn patch_decode(bencher: Bencher<'_, '_>, level: u8) {
     let (_, maps) = maps();
     let mut encoder = Encoder::new();
+    let quality = Quality::new(level);
     let encoded: Vec<_> = maps
         .iter()
-        .map(|maps| encoder.encode(maps, Quality::LOSSLESS))
+        .map(|maps| encoder.encode(maps, quality))
         .collect();
     let (mut decoder, mut into, mut next) = (Decoder::new(), Maps::new(1, 1, 1), 0);
     bencher.bench_local(|| {

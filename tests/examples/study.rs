@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! cargo run -p farfield-testbed --example study -- SCENE [SECONDS] [--set TABLE.FIELD=VALUE]...
-//!     [--faults none] [--rate HZ] [--no-dlt] [--actors]
+//!     [--faults none] [--rate HZ] [--no-dlt] [--actors] [--two-passes] [--sureness]
 //! ```
 //!
 //! SCENE is a scene file or the name of an embedded scene; VALUE is TOML. Columns of the budget:
@@ -26,6 +26,7 @@ use farfield_testbed::suite::report::Baseline;
 use farfield_testbed::suite::run::{Plan, SceneRun};
 use farfield_testbed::suite::venue::Input;
 
+#[expect(clippy::struct_excessive_bools, reason = "the flags of a command line")]
 struct Args {
     scene: String,
     seconds: Option<f64>,
@@ -34,6 +35,8 @@ struct Args {
     rate_hz: Option<f64>,
     dlt: bool,
     actors: bool,
+    two_passes: bool,
+    sureness: bool,
 }
 
 fn args() -> anyhow::Result<Args> {
@@ -46,6 +49,8 @@ fn args() -> anyhow::Result<Args> {
         rate_hz: None,
         dlt: true,
         actors: false,
+        two_passes: false,
+        sureness: false,
     };
     while let Some(arg) = given.next() {
         let mut value = || given.next().with_context(|| format!("{arg} needs a value"));
@@ -57,6 +62,8 @@ fn args() -> anyhow::Result<Args> {
             "--faults" if value()? == "none" => args.faultless = true,
             "--rate" => args.rate_hz = Some(value()?.parse()?),
             "--no-dlt" => args.dlt = false,
+            "--two-passes" => args.two_passes = true,
+            "--sureness" => args.sureness = true,
             "--actors" => args.actors = true,
             seconds => match seconds.parse() {
                 Ok(seconds) => args.seconds = Some(seconds),
@@ -87,11 +94,14 @@ fn main() -> anyhow::Result<()> {
         parameters: parameters(&args.overrides)?,
         keep_peaks: args.dlt,
         keep_stages: true,
+        cuts: None,
+        two_passes: args.two_passes,
         stand_in: None,
     };
     let run = SceneRun::make(&Arc::new(scene), &Input::Maps, plan)?;
     let found = run.found();
     let scores = run.score(&run.causal, &found);
+    let mut sureness = vec![("ours", scores.calibration.clone())];
     println!("{}", table::head(10));
     if args.actors {
         for (actor, score) in &scores.actors {
@@ -99,12 +109,22 @@ fn main() -> anyhow::Result<()> {
         }
     }
     println!("{}", table::line(10, "ours", &scores.mean.row()));
+    if run.smoothed.ticks().next().is_some() {
+        let smoothed = run.score(&run.smoothed, &found);
+        println!("{}", table::line(10, "smoothed", &smoothed.mean.row()));
+        sureness.push(("smoothed", smoothed.calibration));
+    }
     if args.dlt {
         let baseline = Baseline::best(&run, &found);
         let name = format!("DLT {} Hz", baseline.cutoff_hz);
         println!("{}", table::line(10, &name, &baseline.scores.mean.row()));
     }
     println!("{}", scores.identity_line());
+    for (name, calibration) in sureness {
+        if let Some(calibration) = calibration.filter(|_| args.sureness) {
+            println!("{name}: {calibration}");
+        }
+    }
     println!("{}", Budget::of(&run));
     Ok(())
 }

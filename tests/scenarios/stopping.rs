@@ -234,7 +234,7 @@ fn a_wrong_endpoint_is_refused_and_a_taken_port_named() {
     assert_eq!(wrong.code, 2);
     assert_eq!(
         wrong.stderr,
-        "error: `--listen`: found `garbage`, expected for example tcp/0.0.0.0:7447\n"
+        "error: `--listen`: found `garbage`, expected for example quic/0.0.0.0:7447\n"
     );
     let holder = TcpListener::bind("127.0.0.1:0").unwrap();
     let taken = fusion(&format!("tcp/{}", holder.local_addr().unwrap()));

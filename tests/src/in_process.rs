@@ -1,6 +1,7 @@
 //! The loop of edges and fusion inside one process, in lock-step and without a network: for studies
 //! that must see what the wire carries, and for tests of the cores together.
 
+use std::collections::VecDeque;
 use std::ops::Range;
 use std::path::Path;
 
@@ -13,12 +14,31 @@ use farfield_fusion::align::TickGroup;
 use farfield_fusion::person::track::Track;
 use farfield_proto::id::{SessionId, ViewpointIndex};
 use farfield_proto::keypoints::KeypointSet;
-use farfield_proto::message::{BoxSet, PoseSet};
+use farfield_proto::message::{BoxSet, PatchSet, PoseSet};
 use farfield_proto::model_card::HeatmapCard;
+use farfield_proto::patch::Quality;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::Venue;
 
 use crate::simulated::VenueSources;
+
+/// Times at which nothing of what the edges say reaches fusion.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Cuts {
+    /// From the beginning of one cut to that of the next, ticks; the first begins after as long.
+    pub every: i64,
+    /// How long a cut lasts, ticks.
+    pub lasts: i64,
+    /// By how many ticks what was cut off comes late; `None`: never.
+    pub late: Option<i64>,
+}
+
+impl Cuts {
+    /// Whether fusion hears nothing at `tick`.
+    pub fn holds(&self, tick: Tick) -> bool {
+        tick.0 >= self.every && tick.0 % self.every.max(1) < self.lasts
+    }
+}
 
 /// One viewpoint: its cameras' sources and its pipeline.
 struct Edge {
@@ -35,6 +55,9 @@ pub struct InProcess {
     ticks: Range<Tick>,
     /// The viewpoint whose patches and sightings fusion does not get.
     withheld: Option<ViewpointIndex>,
+    cuts: Option<Cuts>,
+    /// What is under way to fusion, late.
+    late: VecDeque<PatchSet>,
 }
 
 /// What one tick brought.
@@ -47,6 +70,8 @@ pub struct TickTrace {
     pub poses: PoseSet,
     /// Ticks whose poses have become final.
     pub finished: Vec<PoseSet>,
+    /// The smoothed poses that left the delay, if one was asked for.
+    pub smoothed: Vec<PoseSet>,
 }
 
 impl InProcess {
@@ -101,7 +126,16 @@ impl InProcess {
             fusion,
             ticks,
             withheld: None,
+            cuts: None,
+            late: VecDeque::new(),
         })
+    }
+
+    /// Cuts fusion off from all edges now and then.
+    #[must_use]
+    pub fn with_cuts(mut self, cuts: Option<Cuts>) -> Self {
+        self.cuts = cuts;
+        self
     }
 
     /// The venue.
@@ -118,6 +152,13 @@ impl InProcess {
     pub fn set_stand_in(&mut self, stand_in: &dyn Fn() -> Box<dyn StandIn>) {
         for edge in &mut self.edges {
             edge.pipeline.set_stand_in(stand_in());
+        }
+    }
+
+    /// How closely every edge keeps its maps from now on.
+    pub fn set_quality(&mut self, quality: Quality) {
+        for edge in &mut self.edges {
+            edge.pipeline.set_quality(quality);
         }
     }
 
@@ -161,7 +202,17 @@ impl InProcess {
             tick,
             ..TickGroup::default()
         };
-        for (_, output) in heard {
+        let is_cut = self.cuts.is_some_and(|cuts| cuts.holds(tick));
+        let late = self.cuts.filter(|_| is_cut).and_then(|cuts| cuts.late);
+        if late.is_some() {
+            let sets = edges.iter().flat_map(|edge| &edge.patch_sets);
+            self.late.extend(sets.cloned());
+        }
+        let late = self.cuts.and_then(|cuts| cuts.late).unwrap_or_default();
+        while let Some(set) = self.late.pop_front_if(|set| set.tick + late <= tick) {
+            self.fusion.add_late(&set);
+        }
+        for (_, output) in heard.filter(|_| !is_cut) {
             group.patch_sets.extend(output.patch_sets.iter().cloned());
             group
                 .sighting_sets
@@ -174,7 +225,20 @@ impl InProcess {
             edges,
             poses: step.poses,
             finished: step.finished,
+            smoothed: step.smoothed,
         }))
+    }
+
+    /// Smooths in two passes, from the first tick on.
+    #[must_use]
+    pub fn in_two_passes(mut self) -> Self {
+        self.fusion.smooth_in_two_passes();
+        self
+    }
+
+    /// The smoothed poses of the last ticks, if a delay was asked for.
+    pub fn finish_smoothed(&mut self) -> Vec<PoseSet> {
+        self.fusion.finish_smoothed()
     }
 
     /// The poses that were still undecided when the recording ended.

@@ -3,6 +3,8 @@
 
 pub mod afar;
 pub mod body;
+#[cfg(feature = "loop")]
+pub mod bytes;
 pub mod embedded;
 pub mod faults;
 #[cfg(feature = "loop")]
@@ -10,6 +12,8 @@ pub mod in_process;
 pub mod keypoint_venue;
 #[cfg(feature = "loop")]
 pub mod leave_one_out;
+#[cfg(feature = "loop")]
+pub mod live_venue;
 pub mod maps_file;
 pub mod motion;
 pub mod namespaces;

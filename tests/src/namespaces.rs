@@ -28,6 +28,7 @@ impl Namespaces {
     /// # Errors
     /// Why there are none: for people to read, and for tests to say when they skip.
     pub fn make(n: usize) -> Result<Self, String> {
+        take_away_what_is_left()?;
         // Taken away again where one of them fails.
         let mut made = Self(Vec::new());
         let block = free_block()?;
@@ -85,11 +86,32 @@ impl Namespace {
 
 impl Drop for Namespace {
     fn drop(&mut self) {
-        // The cable first: a namespace goes when the last process in it has gone, a cable at once.
-        // Where making failed half way there is nothing to take away.
-        drop(ip(&["link", "delete", &format!("{}h", self.name)]));
-        drop(ip(&["netns", "delete", &self.name]));
+        take_away(&self.name);
     }
+}
+
+/// Takes away the namespaces of processes that were killed before they could.
+fn take_away_what_is_left() -> Result<(), String> {
+    for line in ip(&["netns", "list"])?.lines() {
+        let name = line.split(' ').next().unwrap_or_default();
+        let maker = name
+            .strip_prefix("ff")
+            .and_then(|rest| rest.split_once('n'));
+        let Some((pid, _)) = maker.filter(|(pid, _)| pid.parse::<u32>().is_ok()) else {
+            continue;
+        };
+        if !std::path::Path::new("/proc").join(pid).exists() {
+            take_away(name);
+        }
+    }
+    Ok(())
+}
+
+/// The cable first: a namespace goes when the last process in it has gone, a cable at once.
+fn take_away(name: &str) {
+    // What is not there need not be taken away.
+    drop(ip(&["link", "delete", &format!("{name}h")]));
+    drop(ip(&["netns", "delete", name]));
 }
 
 /// The third number of addresses 198.18.x.y (RFC 2544: for measurements) that nobody here uses.

@@ -102,9 +102,11 @@ fn show(
     let out = claim.folder();
     let (play, undo) = Play::stage(script, &out.join(VENUE)).map_err(NodeError::Failed)?;
     let (plan, networks) = run::check(RunArgs {
+        live: false,
         venue: play.venue.clone(),
         ticks: None,
         out: None,
+        record: None,
         overlay: args.overlay.clone(),
         json: false,
     })?;

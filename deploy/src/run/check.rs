@@ -5,9 +5,10 @@ use std::path::PathBuf;
 
 use anyhow::anyhow;
 use farfield_edge::node::{Networks, load_networks, probe_sources};
-use farfield_edge::source::common_ticks;
+use farfield_edge::source::{SourceError, common_ticks};
 use farfield_fusion::node::{
-    NodeError, check_folder, check_given_keypoints, check_given_ticks, check_names, load_card,
+    NodeError, check_folder, check_given_keypoints, check_given_ticks, check_names, check_place,
+    load_card,
 };
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::Venue;
@@ -15,17 +16,41 @@ use farfield_testbed::simulated::VenueSources;
 
 use crate::cli::{RunArgs, TickList};
 
+/// What sets the pace of a run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Pace {
+    /// Every node waits for the others.
+    LockStep,
+    /// The clock.
+    Live,
+}
+
 /// A run that nothing speaks against.
 pub(crate) struct Plan {
     pub(crate) venue_path: PathBuf,
     pub(crate) venue: Venue,
     /// How its sources are opened.
     pub(crate) sources: VenueSources,
-    pub(crate) ticks: Range<Tick>,
+    pub(crate) pace: Pace,
+    /// The ticks to work on; `None`: live, until somebody stops it.
+    pub(crate) ticks: Option<Range<Tick>>,
     /// Where the results shall go, if anyone said so.
     pub(crate) out: Option<PathBuf>,
+    /// Where to record, if that is wanted: `None` in the folder of the results.
+    #[expect(clippy::option_option, reason = "as on the command line")]
+    pub(crate) record: Option<Option<PathBuf>>,
     /// The ticks to draw, if any shall be drawn; in order.
     pub(crate) overlay: Vec<Tick>,
+}
+
+impl Plan {
+    /// Where fusion listens: a free port of this machine.
+    pub(super) fn loopback(&self) -> &'static str {
+        match self.venue.security.certificates {
+            Some(_) => "quic/127.0.0.1:0",
+            None => "tcp/127.0.0.1:0",
+        }
+    }
 }
 
 /// Reads the venue, probes every source and loads every network once: the edges will load them for
@@ -37,12 +62,31 @@ pub(crate) fn check(args: RunArgs) -> Result<(Plan, Networks), NodeError> {
     if let Some(out) = &args.out {
         check_folder(out).map_err(NodeError::Refused)?;
     }
+    if let Some(Some(record)) = &args.record {
+        check_place(record).map_err(NodeError::Refused)?;
+    }
     let infos = probe_sources(&sources, &venue, &venue.cameras).map_err(NodeError::refused)?;
-    let ticks = common_ticks(&infos, args.ticks).map_err(NodeError::refused)?;
-    check_given_ticks(&venue, &args.venue, &ticks).map_err(NodeError::refused)?;
-    let overlay = args
-        .overlay
-        .map_or(Ok(Vec::new()), |asked| overlay_ticks(asked, &ticks))?;
+    let pace = if args.live {
+        Pace::Live
+    } else {
+        Pace::LockStep
+    };
+    let ticks = match common_ticks(&infos, args.ticks) {
+        Err(SourceError::Endless) if pace == Pace::Live => None,
+        ticks => Some(ticks.map_err(NodeError::refused)?),
+    };
+    if let Some(ticks) = &ticks {
+        check_given_ticks(&venue, &args.venue, ticks).map_err(NodeError::refused)?;
+    }
+    let overlay = match (args.overlay, &ticks) {
+        (None, _) => Vec::new(),
+        (Some(asked), Some(ticks)) => overlay_ticks(asked, ticks)?,
+        (Some(_), None) => {
+            return Err(NodeError::Refused(anyhow!(
+                "`--overlay` needs --ticks A..B: cameras cannot be asked for a picture again"
+            )));
+        }
+    };
     let networks = load_networks(&venue, &venue.cameras).map_err(NodeError::refused)?;
     let card = load_card(&venue).map_err(NodeError::Refused)?;
     check_given_keypoints(&venue, &args.venue, card.as_ref()).map_err(NodeError::refused)?;
@@ -50,8 +94,10 @@ pub(crate) fn check(args: RunArgs) -> Result<(Plan, Networks), NodeError> {
         venue_path: args.venue,
         venue,
         sources,
+        pace,
         ticks,
         out: args.out,
+        record: args.record,
         overlay,
     };
     Ok((plan, networks))

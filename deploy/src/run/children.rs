@@ -14,9 +14,11 @@ use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 use tracing::debug;
 
-use super::check::Plan;
+use super::check::{Pace, Plan};
 use super::follow::Detail;
 
+/// Folder in that of the results for what edges keep on disk while a run lasts.
+pub(super) const RINGS: &str = "ring";
 /// Fusion's name among the nodes.
 pub(super) const FUSION: &str = "fusion";
 /// Lines of a node's standard error that are kept, the newest.
@@ -92,9 +94,18 @@ impl Children {
     ) -> anyhow::Result<ChildStdin> {
         let mut command = node(plan, FUSION)?;
         command
-            .args(["--listen", "tcp/127.0.0.1:0"])
+            .args(["--listen", plan.loopback()])
             .arg("--out")
             .arg(out);
+        if plan.pace == Pace::Live {
+            command.arg("--live");
+        }
+        if let Some(record) = &plan.record {
+            let own = || out.join("recording.mcap");
+            command
+                .arg("--record")
+                .arg(record.clone().unwrap_or_else(own));
+        }
         if detail == Detail::Bodies {
             command.arg("--report-bodies");
         }
@@ -102,10 +113,11 @@ impl Children {
         self.start(FUSION, command)
     }
 
-    /// Starts the edge of a viewpoint.
+    /// Starts the edge of a viewpoint; live, it keeps its sets below `out` for as long as the run lasts.
     pub(super) fn start_edge(
         &self,
         plan: &Plan,
+        out: &Path,
         viewpoint: &str,
         endpoint: &str,
     ) -> anyhow::Result<ChildStdin> {
@@ -113,6 +125,9 @@ impl Children {
         command
             .args(["--viewpoint", viewpoint, "--connect", endpoint])
             .stdout(Stdio::null());
+        if plan.pace == Pace::Live {
+            command.arg("--ring").arg(out.join(RINGS).join(viewpoint));
+        }
         self.start(viewpoint, command)
     }
 
@@ -140,9 +155,10 @@ fn node(plan: &Plan, kind: &str) -> anyhow::Result<Command> {
     let binary = std::env::current_exe().context("finding this program's own file")?;
     let mut command = Command::new(binary);
     command.arg(kind).arg(&plan.venue_path).arg("--managed");
-    command
-        .arg("--ticks")
-        .arg(format!("{}..{}", plan.ticks.start, plan.ticks.end));
+    if let Some(ticks) = &plan.ticks {
+        let ticks = format!("{}..{}", ticks.start, ticks.end);
+        command.arg("--ticks").arg(ticks);
+    }
     // A group of its own: Ctrl-C reaches this process only, which ends the others in order.
     command.process_group(0).kill_on_drop(true);
     command.stdin(Stdio::piped()).stderr(Stdio::piped());

@@ -1,6 +1,6 @@
 //! Whoever looks on while the nodes of a run work.
 
-use farfield_fusion::node::Progress;
+use farfield_fusion::node::{LinkProgress, Progress};
 
 /// How much fusion shall tell of each tick.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -18,6 +18,9 @@ pub(crate) trait Follow {
 
     /// A tick is done.
     fn tick(&mut self, progress: &Progress);
+
+    /// Live, once a second: how the edges are heard.
+    fn links(&mut self, _links: &LinkProgress) {}
 
     /// There will be no more ticks.
     fn finish(&mut self);

@@ -3,7 +3,8 @@
 use std::io::{IsTerminal as _, stderr};
 use std::time::Duration;
 
-use farfield_fusion::node::{Progress, say};
+use farfield_fusion::node::{LinkProgress, Progress, say};
+use farfield_proto::live::EdgeLink;
 use indicatif::{HumanBytes, ProgressBar, ProgressStyle};
 use tokio::time::Instant;
 
@@ -19,18 +20,26 @@ const FIRST_LINE_AFTER: Duration = Duration::from_secs(1);
 /// Shows the progress of one run on standard error.
 pub(super) struct ProgressLine {
     bar: Option<ProgressBar>,
-    first: i64,
-    total: i64,
+    first: Option<i64>,
+    total: Option<i64>,
+    /// Live: the delay of the poses, and how every edge is.
+    links: Option<String>,
     began: Option<Instant>,
     last_line: Option<Instant>,
 }
 
 impl ProgressLine {
     pub(super) fn new(plan: &Plan) -> Self {
-        let total = plan.ticks.end - plan.ticks.start;
+        let total = plan.ticks.as_ref().map(|ticks| ticks.end - ticks.start);
         let bar = stderr().is_terminal().then(|| {
-            let bar = ProgressBar::new(total.unsigned_abs());
-            if let Ok(style) = ProgressStyle::with_template("{bar:30} {pos}/{len} {msg} {eta}") {
+            let (bar, shown) = match total {
+                Some(total) => (
+                    ProgressBar::new(total.unsigned_abs()),
+                    "{bar:30} {pos}/{len} {msg} {eta}",
+                ),
+                None => (ProgressBar::new_spinner(), "{spinner} {msg}"),
+            };
+            if let Ok(style) = ProgressStyle::with_template(shown) {
                 bar.set_style(style);
             }
             bar.set_message("starting");
@@ -38,8 +47,9 @@ impl ProgressLine {
         });
         Self {
             bar,
-            first: plan.ticks.start.0,
+            first: plan.ticks.as_ref().map(|ticks| ticks.start.0),
             total,
+            links: None,
             began: None,
             last_line: None,
         }
@@ -53,6 +63,25 @@ impl ProgressLine {
     }
 }
 
+/// Delay and edges, as the end of a line.
+fn shown(links: &LinkProgress) -> String {
+    let ms = |us: u32| f64::from(us) / 1e3;
+    let delay = links.delay_us.map_or_else(String::new, |(p50_us, p99_us)| {
+        format!(", delay {:.0} ms (99 %: {:.0} ms)", ms(p50_us), ms(p99_us))
+    });
+    let edge = |link: &EdgeLink| {
+        let name = &link.viewpoint;
+        match (link.live, link.round_trip_us) {
+            (true, Some(us)) => format!("; {name} {:.1} ms", ms(us)),
+            (true, None) => format!("; {name} there"),
+            (false, _) if link.refused.is_some() => format!("; {name} refused"),
+            (false, _) => format!("; {name} silent"),
+        }
+    };
+    let edges: String = links.edges.iter().map(edge).collect();
+    format!("{delay}{edges}")
+}
+
 impl Follow for ProgressLine {
     fn detail(&self) -> Detail {
         Detail::Counts
@@ -62,7 +91,7 @@ impl Follow for ProgressLine {
         let now = Instant::now();
         let elapsed = now.duration_since(*self.began.get_or_insert(now));
         let elapsed_s = elapsed.as_secs_f64();
-        let done = tick.tick.0 - self.first + 1;
+        let done = tick.tick.0 - *self.first.get_or_insert(tick.tick.0) + 1;
         // The first report comes when a tick has passed already: rates count from there.
         let rate = if elapsed_s > 0.0 {
             (done - 1) as f64 / elapsed_s
@@ -74,8 +103,9 @@ impl Follow for ProgressLine {
         } else {
             0.0
         };
+        let links = self.links.as_deref().unwrap_or_default();
         let message = format!(
-            "tick {}, {rate:.1} ticks/s, {} persons, {}/s",
+            "tick {}, {rate:.1} ticks/s, {} persons, {}/s{links}",
             tick.tick,
             tick.persons,
             HumanBytes(bytes_per_s as u64)
@@ -85,13 +115,53 @@ impl Follow for ProgressLine {
             bar.set_message(message);
         } else if self.is_line_due(now, elapsed) {
             self.last_line = Some(now);
-            say(format_args!("{done} of {}: {message}", self.total));
+            match self.total {
+                Some(total) => say(format_args!("{done} of {total}: {message}")),
+                None => say(format_args!("{message}")),
+            }
         }
+    }
+
+    fn links(&mut self, links: &LinkProgress) {
+        self.links = Some(shown(links));
     }
 
     fn finish(&mut self) {
         if let Some(bar) = &self.bar {
             bar.finish_and_clear();
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn live_the_line_says_how_late_poses_are_and_how_every_edge_is() {
+        let edge = |name: &str, live, refused: Option<&str>| EdgeLink {
+            viewpoint: name.to_owned(),
+            live,
+            refused: refused.map(str::to_owned),
+            round_trip_us: Some(1_240),
+            clock_offset_us: None,
+            horizon_ticks: 2.0,
+            bytes_per_s: 0,
+            late: 0,
+            missing: 0,
+            unreadable: 0,
+        };
+        let links = LinkProgress {
+            delay_us: Some((31_400, 44_000)),
+            edges: vec![
+                edge("north", true, None),
+                edge("east", false, None),
+                edge("south", false, Some("its clock is off")),
+            ],
+        };
+        assert_eq!(
+            shown(&links),
+            ", delay 31 ms (99 %: 44 ms); north 1.2 ms; east silent; south refused"
+        );
     }
 }

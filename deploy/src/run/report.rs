@@ -115,6 +115,21 @@ fn for_people(summary: &Summary, out: &str) -> String {
             100.0 * share
         ));
     }
+    if let Some(recording) = &summary.timing.recording {
+        line(format_args!("recorded in {}", recording.file.display()));
+        if recording.lost > 0 {
+            line(format_args!(
+                "{} messages are not in it: the disk was too slow",
+                recording.lost
+            ));
+        }
+        if recording.holes > 0 {
+            line(format_args!("{} ticks are missing in it", recording.holes));
+        }
+        if let Some(failure) = &recording.failure {
+            line(format_args!("error: {failure}"));
+        }
+    }
     line(format_args!("results in {out}"));
     text
 }
@@ -152,6 +167,7 @@ mod tests {
         let step = StageTiming {
             p50_us: 3120.0,
             p99_us: 8960.0,
+            p999_us: 8990.0,
             max_us: 9000.0,
         };
         let person = PersonSummary {

@@ -5,19 +5,22 @@ use std::path::Path;
 use std::time::Duration;
 
 use anyhow::Context as _;
-use farfield_fusion::node::Report;
+use farfield_fusion::node::{EXIT_REFUSED, Report, say};
 use farfield_proto::tick::Tick;
 use tokio::process::ChildStdin;
 use tokio::time::{Instant, sleep_until};
 
-use super::check::Plan;
-use super::children::{Children, Event, Exit, FUSION};
+use super::check::{Pace, Plan};
+use super::children::{Children, Event, Exit, FUSION, RINGS};
 use super::follow::Follow;
 use super::signals::Signals;
 use super::verdict::{End, Ends, Sign, Told};
 
 /// How long the nodes may take to finish their files and leave, once they shall.
 const GRACE: Duration = Duration::from_secs(10);
+
+/// Live, an edge that has ended is started again after this.
+const START_AGAIN: Duration = Duration::from_secs(1);
 
 /// Runs all nodes to their end, with the results in `out`; `follow` hears of every tick.
 ///
@@ -32,6 +35,7 @@ pub(super) async fn watch(
     let (children, mut events) = Children::new();
     let mut watch = Watch {
         plan,
+        out,
         children,
         inputs: BTreeMap::new(),
         follow,
@@ -40,6 +44,8 @@ pub(super) async fn watch(
         interrupted: false,
         killed: false,
         leave_by: None,
+        endpoint: String::new(),
+        start_again: None,
         ends: Ends::default(),
     };
     let input = watch
@@ -48,6 +54,7 @@ pub(super) async fn watch(
     watch.inputs.insert(FUSION.to_owned(), Some(input));
     while !watch.inputs.is_empty() {
         let leave_by = watch.leave_by;
+        let start_again = watch.start_again.as_ref().map(|(at, _)| *at);
         tokio::select! {
             event = events.recv() => watch.take(event.context("the nodes are out of sight")?)?,
             () = signals.next(), if !watch.interrupted => watch.interrupt(),
@@ -56,8 +63,13 @@ pub(super) async fn watch(
                 watch.killed = true;
                 watch.children.kill();
             }
+            () = sleep_until(start_again.unwrap_or_else(Instant::now)), if start_again.is_some() => {
+                watch.start_those_that_ended()?;
+            }
         }
     }
+    // They are of no use to anybody once fusion's session is over.
+    drop(std::fs::remove_dir_all(out.join(RINGS)));
     watch.follow.finish();
     Ok(End {
         verdict: watch.ends.verdict(watch.interrupted, watch.last),
@@ -67,6 +79,8 @@ pub(super) async fn watch(
 
 struct Watch<'a> {
     plan: &'a Plan,
+    /// Where the results go.
+    out: &'a Path,
     children: Children,
     /// Nodes that run. A node whose input is `None` has been asked to leave.
     inputs: BTreeMap<String, Option<ChildStdin>>,
@@ -77,6 +91,10 @@ struct Watch<'a> {
     killed: bool,
     /// When whoever still runs is killed.
     leave_by: Option<Instant>,
+    /// Where fusion listens.
+    endpoint: String,
+    /// Live: when these viewpoints' edges are started again.
+    start_again: Option<(Instant, Vec<String>)>,
     ends: Ends,
 }
 
@@ -84,34 +102,75 @@ impl Watch<'_> {
     fn take(&mut self, event: Event) -> anyhow::Result<()> {
         match event {
             Event::Report(Report::Listening(endpoints)) => {
-                let endpoint = endpoints.first().context("fusion listens nowhere")?;
-                self.start_edges(endpoint)?;
+                let endpoint = endpoints.into_iter().next();
+                self.endpoint = endpoint.context("fusion listens nowhere")?;
+                self.start_edges()?;
             }
             Event::Report(Report::Started { .. }) => self.started = true,
             Event::Report(Report::Tick(tick)) => {
                 self.last = Some(tick.tick);
                 self.follow.tick(&tick);
             }
+            Event::Report(Report::Links(links)) => self.follow.links(&links),
             Event::Exited(exit) => self.exited(exit),
         }
         Ok(())
     }
 
-    fn start_edges(&mut self, endpoint: &str) -> anyhow::Result<()> {
-        if self.leave_by.is_some() {
-            return Ok(());
-        }
+    fn start_edges(&mut self) -> anyhow::Result<()> {
         for viewpoint in &self.plan.venue.viewpoints {
-            let input = self
-                .children
-                .start_edge(self.plan, &viewpoint.name, endpoint)?;
-            self.inputs.insert(viewpoint.name.clone(), Some(input));
+            self.start_edge(&viewpoint.name)?;
         }
         Ok(())
     }
 
+    fn start_edge(&mut self, viewpoint: &str) -> anyhow::Result<()> {
+        if self.leave_by.is_some() {
+            return Ok(());
+        }
+        let input = self
+            .children
+            .start_edge(self.plan, self.out, viewpoint, &self.endpoint)?;
+        self.inputs.insert(viewpoint.to_owned(), Some(input));
+        Ok(())
+    }
+
+    fn start_those_that_ended(&mut self) -> anyhow::Result<()> {
+        let ended = self.start_again.take().map(|(_, ended)| ended);
+        ended
+            .unwrap_or_default()
+            .iter()
+            .try_for_each(|viewpoint| self.start_edge(viewpoint))
+    }
+
+    /// Live, the others go on without an edge that has ended, and it is started again unless its input is
+    /// wrong; false when the run must end.
+    fn does_without(&mut self, exit: &Exit) -> bool {
+        let others_run = self.inputs.keys().any(|node| *node != FUSION);
+        let is_refused = exit.code() == Some(i32::from(EXIT_REFUSED));
+        let goes_on = self.plan.pace == Pace::Live && self.started && self.leave_by.is_none();
+        if !goes_on || exit.node == FUSION || exit.code() == Some(0) || is_refused && !others_run {
+            return false;
+        }
+        say(format_args!("{}: {}", exit.node, exit.reason()));
+        if !is_refused {
+            let at = Instant::now() + START_AGAIN;
+            let (_, ended) = self.start_again.get_or_insert((at, Vec::new()));
+            ended.push(exit.node.clone());
+        }
+        true
+    }
+
     fn exited(&mut self, exit: Exit) {
         let is_fusion = exit.node == FUSION;
+        if self.inputs.get(&exit.node).is_some_and(Option::is_some) {
+            let input = self.inputs.remove(&exit.node);
+            if self.does_without(&exit) {
+                return;
+            }
+            self.inputs
+                .extend(input.map(|input| (exit.node.clone(), input)));
+        }
         let told = match self.inputs.remove(&exit.node) {
             _ if self.killed => Told::Killed,
             Some(Some(_)) => Told::Nothing,

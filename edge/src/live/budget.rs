@@ -9,14 +9,14 @@ use super::{Micros, SECOND_US};
 /// Width of a slot of the window, microseconds.
 const SLOT_US: Micros = 10_000;
 /// The window: a second, 50 ms for the network's jitter, and the slot that has only begun.
-const SLOTS: usize = (SECOND_US / SLOT_US) as usize + 5 + 1;
+const SLOTS: i64 = SECOND_US / SLOT_US + 5 + 1;
 
 /// Bytes in a sliding window, of constant size.
 #[derive(Debug, Clone)]
 pub struct ByteBudget {
     /// Most bytes in any second; `None`: no bound.
     most: Option<u64>,
-    slots: [u64; SLOTS],
+    slots: [u64; SLOTS as usize],
     /// Number of the newest slot, by time.
     newest: i64,
 }
@@ -26,7 +26,7 @@ impl ByteBudget {
     pub fn new(bytes_per_s: f64) -> Self {
         Self {
             most: (bytes_per_s > 0.0).then_some(bytes_per_s as u64),
-            slots: [0; SLOTS],
+            slots: [0; SLOTS as usize],
             newest: i64::MIN / 2,
         }
     }
@@ -58,8 +58,7 @@ impl ByteBudget {
     /// Bytes sent in the last second.
     pub fn sent(&mut self, now_us: Micros) -> u64 {
         self.advance(now_us);
-        let second = (SECOND_US / SLOT_US) as usize;
-        (0..second as i64)
+        (0..SECOND_US / SLOT_US)
             .map(|back| self.slots[slot(self.newest - back)])
             .sum()
     }
@@ -67,7 +66,7 @@ impl ByteBudget {
     /// A clock that goes back stays in the slot where it was.
     fn advance(&mut self, now_us: Micros) {
         let now = now_us.div_euclid(SLOT_US);
-        let passed = (now - self.newest).clamp(0, SLOTS as i64);
+        let passed = (now - self.newest).clamp(0, SLOTS);
         for back in 0..passed {
             self.slots[slot(now - back)] = 0;
         }
@@ -76,7 +75,7 @@ impl ByteBudget {
 }
 
 fn slot(number: i64) -> usize {
-    number.rem_euclid(SLOTS as i64) as usize
+    number.rem_euclid(SLOTS) as usize
 }
 
 #[cfg(test)]
@@ -98,7 +97,7 @@ mod tests {
         let mut budget = ByteBudget::new(1000.0);
         assert!(budget.take(1000, 5));
         assert!(!budget.take(1, SECOND_US));
-        assert!(budget.take(1, SECOND_US + SLOTS as i64 * SLOT_US));
+        assert!(budget.take(1, SECOND_US + SLOTS * SLOT_US));
     }
 
     proptest! {

@@ -16,26 +16,30 @@ const QUEUE_US: Micros = 20_000;
 /// Below, the link has room, microseconds.
 const EMPTY_US: Micros = 8_000;
 /// A queue stands when nothing came faster for so long, microseconds: jitter does not last.
-const STANDS_US: Micros = 120_000;
+const STANDS_US: Micros = 200_000;
 /// For how long the fastest way is remembered, microseconds, in two halves.
 const WAY_US: Micros = 20 * SECOND_US;
 /// Loss above this is the link's fullness, not its noise.
 const LOSS: f64 = 0.15;
 /// Shortest time between two steps down, microseconds: a step must be seen before the next.
 const SETTLE_US: Micros = 250_000;
-/// After this long without a word the link counts as cut, microseconds.
-const SILENCE_US: Micros = 500_000;
+/// When so long nothing was heard of what was sent, the link counts as cut, microseconds.
+const SILENCE_US: Micros = 700_000;
 /// What fusion says of the last second is whole after so long, microseconds.
 const WHOLE_US: Micros = 3 * SECOND_US / 2;
 /// The rate never falls below, bytes per second: one person every few ticks.
 const LEAST_RATE: f64 = 1_000.0;
-/// Growth per second far below where the link was full, near that, and where it is not known.
-const GROWTH_PER_S: [f64; 3] = [2.0, 1.02, 1.3];
+/// Growth per second far below where the link was full, at first when near that, and at most.
+const GROWTH_PER_S: [f64; 3] = [2.0, 1.02, 1.5];
+/// Near where the link was full, growth doubles in so long without a queue, microseconds.
+const BOLDER_US: Micros = 2 * SECOND_US;
+/// Steps down in a row that do not halve a queue until it is taken for somebody else's, or for a longer way.
+const VAIN_STEPS: u32 = 6;
 /// Ticks of which it is remembered when they were sent.
-const TICKS: usize = 512;
+const TICKS: i64 = 512;
 /// Width of a slot of what was sent, microseconds, and how many there are: five seconds.
 const SLOT_US: Micros = 20_000;
-const SLOTS: usize = 250;
+const SLOTS: i64 = 250;
 
 /// What one link can take.
 #[derive(Debug, Clone)]
@@ -50,9 +54,14 @@ pub struct LinkLoad {
     loss: f64,
     sent: SentLog,
     since_us: Option<Micros>,
-    newest: Option<(Tick, Micros)>,
+    newest: Option<Tick>,
+    /// When the first was sent of those since the last word.
+    unanswered_us: Option<Micros>,
     settled_at_us: Micros,
     grown_at_us: Micros,
+    /// Steps down since the queue was last empty, with the queue and the rate before the first.
+    steps: u32,
+    before: (Micros, f64),
 }
 
 impl Default for LinkLoad {
@@ -67,8 +76,11 @@ impl Default for LinkLoad {
             sent: SentLog::default(),
             since_us: None,
             newest: None,
+            unanswered_us: None,
             settled_at_us: Micros::MIN,
             grown_at_us: Micros::MIN,
+            steps: 0,
+            before: (0, f64::INFINITY),
         }
     }
 }
@@ -82,6 +94,9 @@ impl LinkLoad {
     /// Notes a message of `tick`: its payload, and what it is with all that the protocols add.
     pub fn sent(&mut self, tick: Option<Tick>, payload: usize, total: usize, now_us: Micros) {
         self.sent.note(tick, payload, total, now_us);
+        if tick.is_some() {
+            self.unanswered_us.get_or_insert(now_us);
+        }
     }
 
     /// Payload that was sent in the last second, bytes.
@@ -91,8 +106,8 @@ impl LinkLoad {
 
     /// Whether nothing was heard of what was sent for so long that the link must be cut.
     pub fn is_silent(&self, now_us: Micros) -> bool {
-        self.newest
-            .is_some_and(|(_, heard_us)| now_us - heard_us > SILENCE_US)
+        let unanswered_us = self.unanswered_us.filter(|_| self.newest.is_some());
+        unanswered_us.is_some_and(|since_us| now_us - since_us > SILENCE_US)
     }
 
     /// Clocks were stepped or fusion is another: delays so far mean nothing, the rate still does.
@@ -101,8 +116,8 @@ impl LinkLoad {
         self.n_recent = 0;
         self.loss = 0.0;
         self.newest = None;
-        // What is under way was sent by the old clock.
-        self.since_us = Some(now_us + SILENCE_US);
+        // What is under way was sent by the old clock, and the last second is not whole.
+        self.since_us = Some(now_us + SECOND_US);
     }
 
     /// Takes what fusion says at `now_us`. `correction_us`: of the own clock, in force; `limited`: whether
@@ -114,11 +129,16 @@ impl LinkLoad {
         limited: bool,
         now_us: Micros,
     ) {
-        if self.newest.is_some_and(|(tick, _)| heard.tick <= tick) {
+        if self.newest.is_some_and(|tick| heard.tick <= tick) {
             return;
         }
+        if self.is_silent(now_us) {
+            // The link is back. What was lost meanwhile says nothing of what it carries.
+            self.forget_delays(now_us);
+        }
         let since_us = *self.since_us.get_or_insert(now_us);
-        self.newest = Some((heard.tick, now_us));
+        self.newest = Some(heard.tick);
+        self.unanswered_us = None;
         if now_us < since_us {
             return;
         }
@@ -142,8 +162,13 @@ impl LinkLoad {
         };
         if queue_us.is_some_and(|us| us > QUEUE_US) || self.loss > LOSS {
             self.slow_down(arrived, queue_us.unwrap_or(0), now_us - sent_us, now_us);
-        } else if limited && queue_us.is_none_or(|us| us < EMPTY_US) {
-            self.speed_up(now_us);
+        } else if queue_us.is_none_or(|us| us < EMPTY_US) {
+            self.steps = 0;
+            if limited {
+                self.speed_up(now_us);
+            } else {
+                self.grown_at_us = now_us;
+            }
         } else {
             self.grown_at_us = now_us;
         }
@@ -151,19 +176,36 @@ impl LinkLoad {
 
     /// The queue that stands, microseconds; `None` while too little is known.
     fn queue_us(&self, now_us: Micros) -> Option<Micros> {
-        let known = &self.recent[..self.n_recent.min(self.recent.len())];
-        let fresh = known.iter().filter(|(at, _)| now_us - at <= STANDS_US);
-        // A single late word is not a queue.
-        if fresh.clone().count() < 3 {
+        /// A few late words are not a queue.
+        const FEWEST: usize = 4;
+        let known = self.n_recent.min(self.recent.len());
+        let newest_first =
+            (1..=known).map(|back| self.recent[(self.n_recent - back) % self.recent.len()]);
+        let standing = newest_first
+            .enumerate()
+            .take_while(|(n, (at_us, _))| *n < FEWEST || now_us - at_us <= STANDS_US);
+        let (mut fastest_us, mut since_us, mut words) = (Micros::MAX, now_us, 0);
+        for (_, (at_us, way_us)) in standing {
+            (fastest_us, since_us, words) = (fastest_us.min(way_us), at_us, words + 1);
+        }
+        // Nor is what comes all at once after a pause.
+        if words < FEWEST || now_us - since_us < STANDS_US / 2 {
             return None;
         }
-        let fastest = fresh.map(|(_, way)| *way).min()?;
-        Some(fastest - self.way.min()?)
+        Some(fastest_us - self.way.min()?)
     }
 
     fn slow_down(&mut self, arrived: f64, queue_us: Micros, loop_us: Micros, now_us: Micros) {
         self.grown_at_us = now_us;
         if now_us < self.settled_at_us {
+            return;
+        }
+        if self.steps == 0 {
+            self.before = (queue_us, self.rate);
+        }
+        self.steps += 1;
+        if self.steps > VAIN_STEPS && 2 * queue_us > self.before.0 && self.loss <= LOSS {
+            self.take_for_the_way();
             return;
         }
         // The longer the queue, the faster it has to go.
@@ -174,19 +216,27 @@ impl LinkLoad {
         self.settled_at_us = now_us + loop_us.max(0) + SETTLE_US;
     }
 
+    /// What does not go away when less is sent is not the edge's own queue.
+    fn take_for_the_way(&mut self) {
+        self.way = WindowMin::default();
+        self.n_recent = 0;
+        self.rate = self.before.1;
+        self.full_at = None;
+        self.steps = 0;
+    }
+
     fn speed_up(&mut self, now_us: Micros) {
         let dt_s = ((now_us - self.grown_at_us.max(now_us - SECOND_US)) as f64) / SECOND_US as f64;
         self.grown_at_us = now_us;
         if now_us < self.settled_at_us || !self.rate.is_finite() {
             return;
         }
-        let [fast, near, unknown] = GROWTH_PER_S;
+        let [fast, near, most] = GROWTH_PER_S;
         let growth = match self.full_at {
             Some(full) if self.rate < 0.85 * full => fast,
-            Some(full) if self.rate < 1.15 * full => near,
             _ => {
-                self.full_at = None;
-                unknown
+                let calm = (now_us - self.settled_at_us) as f64 / BOLDER_US as f64;
+                (1.0 + (near - 1.0) * calm.exp2()).min(most)
             }
         };
         self.rate *= growth.powf(dt_s);
@@ -220,15 +270,15 @@ impl WindowMin {
 #[derive(Debug, Clone)]
 struct SentLog {
     /// Payload and total per slot, with the slot's number.
-    slots: Box<[(i64, u64, u64); SLOTS]>,
-    ticks: Box<[(Tick, Micros); TICKS]>,
+    slots: Box<[(i64, u64, u64); SLOTS as usize]>,
+    ticks: Box<[(Tick, Micros); TICKS as usize]>,
 }
 
 impl Default for SentLog {
     fn default() -> Self {
         Self {
-            slots: Box::new([(i64::MIN, 0, 0); SLOTS]),
-            ticks: Box::new([(Tick(i64::MIN), 0); TICKS]),
+            slots: Box::new([(i64::MIN, 0, 0); SLOTS as usize]),
+            ticks: Box::new([(Tick(i64::MIN), 0); TICKS as usize]),
         }
     }
 }
@@ -236,20 +286,20 @@ impl Default for SentLog {
 impl SentLog {
     fn note(&mut self, tick: Option<Tick>, payload: usize, total: usize, now_us: Micros) {
         let number = now_us.div_euclid(SLOT_US);
-        let slot = &mut self.slots[number.rem_euclid(SLOTS as i64) as usize];
+        let slot = &mut self.slots[number.rem_euclid(SLOTS) as usize];
         if slot.0 != number {
             *slot = (number, 0, 0);
         }
         slot.1 += payload as u64;
         slot.2 += total as u64;
         if let Some(tick) = tick {
-            self.ticks[tick.0.rem_euclid(TICKS as i64) as usize] = (tick, now_us);
+            self.ticks[tick.0.rem_euclid(TICKS) as usize] = (tick, now_us);
         }
     }
 
     /// When `tick` was sent.
     fn when(&self, tick: Tick) -> Option<Micros> {
-        let (known, at) = self.ticks[tick.0.rem_euclid(TICKS as i64) as usize];
+        let (known, at) = self.ticks[tick.0.rem_euclid(TICKS) as usize];
         (known == tick).then_some(at)
     }
 

@@ -94,8 +94,16 @@ fn a_cut_link_is_silent_until_it_is_heard_of_again() {
     let mut load = LinkLoad::default();
     assert!(!load.is_silent(9 * SECOND_US));
     run(&mut load, 0, 60, |_| 10_000, 1.0);
-    assert!(!load.is_silent(SECOND_US));
+    load.sent(Some(Tick(60)), 900, 1000, SECOND_US);
+    assert!(!load.is_silent(SECOND_US + SILENCE_US));
     assert!(load.is_silent(2 * SECOND_US));
     run(&mut load, 120, 1, |_| 10_000, 1.0);
     assert!(!load.is_silent(2 * SECOND_US));
+}
+
+#[test]
+fn an_edge_that_sends_seldom_is_not_cut_off() {
+    let mut load = LinkLoad::default();
+    run(&mut load, 0, 2, |_| 10_000, 1.0);
+    assert!(!load.is_silent(9 * SECOND_US));
 }

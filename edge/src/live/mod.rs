@@ -5,6 +5,7 @@
 //! same answers. The shell that reads clocks, cameras and sockets is `node::live`.
 
 pub mod budget;
+pub mod capture;
 pub mod health;
 pub mod load;
 pub mod newest_boxes;

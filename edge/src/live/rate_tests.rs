@@ -18,6 +18,25 @@ struct Line {
     one_way_us: i64,
     jitter_us: i64,
     loss: f64,
+    /// When nothing gets through, either way, seconds.
+    cut_s: std::ops::Range<i64>,
+    /// From when on the way takes how long, seconds and microseconds.
+    then: (i64, i64),
+}
+
+impl Line {
+    fn way_us(&self, at_us: i64) -> i64 {
+        let (from_s, then_us) = self.then;
+        if at_us / SECOND_US < from_s {
+            self.one_way_us
+        } else {
+            then_us
+        }
+    }
+
+    fn is_cut(&self, at_us: i64) -> bool {
+        self.cut_s.contains(&(at_us / SECOND_US))
+    }
 }
 
 /// What came of a run.
@@ -66,7 +85,9 @@ fn run(
         let second_half = tick - from_s * 60 > ticks / 2;
         while words.front().is_some_and(|(at, _)| *at <= now) {
             let (at, word) = words.pop_front().unwrap();
-            controller.hear(&word, 0, at);
+            if !line.is_cut(at) {
+                controller.hear(&word, 0, at);
+            }
         }
         let plan = controller.plan(persons, now);
         outcome.plan = Some(plan);
@@ -79,17 +100,20 @@ fn run(
             controller.packed(plan.quality, n, messages, bytes + 40 * messages);
             for _ in 0..messages {
                 let payload = bytes / messages + 40;
-                controller.sent(Some(Tick(tick)), payload, now);
+                controller.sent(Message::Patches(Tick(tick)), payload, now);
                 let start = free_at.max(now);
                 let takes = ((payload + OVERHEAD_BYTES) as f64 / line.bytes_per_s * 1e6) as i64;
                 sent_n += f64::from(u8::from(second_half));
-                if start - now > line.longest_queue_us || random.next() < line.loss {
+                if start - now > line.longest_queue_us
+                    || random.next() < line.loss
+                    || line.is_cut(now)
+                {
                     lost_n += f64::from(u8::from(second_half));
                     continue;
                 }
                 free_at = start + takes;
                 let jitter = (random.next() * line.jitter_us as f64) as i64;
-                under_way.push_back((free_at + line.one_way_us + jitter, tick, now, payload));
+                under_way.push_back((free_at + line.way_us(now) + jitter, tick, now, payload));
                 if second_half {
                     outcome.worst_queue_us = outcome.worst_queue_us.max(start - now);
                     bytes_n += (payload + OVERHEAD_BYTES) as f64;
@@ -113,7 +137,7 @@ fn run(
                 one_way_us: way as i32,
                 bytes,
             };
-            words.push_back((now + line.one_way_us, word));
+            words.push_back((now + line.way_us(now), word));
         }
     }
     let half_s = seconds as f64 / 2.0;
@@ -134,6 +158,8 @@ fn wide() -> Line {
         one_way_us: 5_000,
         jitter_us: 0,
         loss: 0.0,
+        cut_s: 0..0,
+        then: (i64::MAX, 0),
     }
 }
 
@@ -235,6 +261,39 @@ fn quality_comes_back_when_the_link_does() {
     let got = run(&mut edge, &thin, 8, 20, 0);
     assert!(got.plan.unwrap().quality > Quality::DEFAULT, "{got:?}");
     let got = run(&mut edge, &wide(), 8, 60, 20);
+    assert_eq!(
+        got.plan.map(|plan| (plan.quality, plan.persons)),
+        Some((Quality::DEFAULT, None)),
+        "{got:?}"
+    );
+}
+
+#[test]
+fn a_way_that_gets_longer_for_good_is_no_queue_for_long() {
+    let line = Line {
+        then: (10, 150_000),
+        ..wide()
+    };
+    let got = run(&mut controller(0.0), &line, 8, 30, 0);
+    assert_eq!(
+        got.plan.map(|plan| (plan.quality, plan.persons)),
+        Some((Quality::DEFAULT, None)),
+        "{got:?}"
+    );
+}
+
+#[test]
+fn a_link_that_was_cut_carries_what_it_did_before() {
+    let mut edge = controller(0.0);
+    let line = Line {
+        cut_s: 10..15,
+        ..wide()
+    };
+    let got = run(&mut edge, &line, 8, 14, 0);
+    let now = 14 * SECOND_US;
+    let sent = (0..80).filter(|tick| edge.may_send(Tick(*tick), now));
+    assert_eq!(sent.count(), 10, "{got:?}");
+    let got = run(&mut edge, &line, 8, 6, 14);
     assert_eq!(
         got.plan.map(|plan| (plan.quality, plan.persons)),
         Some((Quality::DEFAULT, None)),

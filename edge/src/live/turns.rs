@@ -78,7 +78,9 @@ mod tests {
             for tick in 0..100 {
                 turns.choose(ids(n), most, &mut chosen);
                 prop_assert_eq!(chosen.len(), most.min(n as usize));
-                waited.iter_mut().for_each(|w| *w += 1);
+                for w in &mut waited {
+                    *w += 1;
+                }
                 for person in &chosen {
                     turns.served(*person, Tick(tick));
                     waited[person.0 as usize - 1] = 0;

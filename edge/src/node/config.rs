@@ -1,21 +1,21 @@
 //! What an edge is started with. Nothing is opened here but the files that describe the venue.
 
 use std::ops::Range;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::anyhow;
 use farfield_proto::endpoint::is_endpoint;
 use farfield_proto::id::ViewpointIndex;
 use farfield_proto::tick::{Tick, parse_range};
-use farfield_proto::transport::EdgeTransport;
-use farfield_proto::venue::{Venue, VenueCamera, Viewpoint};
+use farfield_proto::transport::{EdgeTransport, Exposure, Identity};
+use farfield_proto::venue::{Venue, VenueCamera, Viewpoint, identity};
 
 use super::process::{Managed, NodeError};
 use crate::source::Sources;
 
-/// Where fusion is looked for when nobody says where: on this machine.
-const DEFAULT_ENDPOINT: &str = "tcp/127.0.0.1:7447";
+/// Where rings lie when nobody names a folder.
+const RINGS: &str = "farfield-ring";
 
 /// Arguments of an edge node.
 #[derive(Debug, Clone, clap::Args)]
@@ -25,15 +25,40 @@ pub struct EdgeArgs {
     /// Name of the viewpoint whose cameras this node has.
     #[arg(long, value_name = "NAME")]
     pub viewpoint: String,
-    /// Where fusion listens, for example `tcp/10.0.0.1:7447`; the venue file's, if left out.
+    /// Where fusion listens, for example `quic/10.0.0.1:7447`; the venue file's, if left out.
     #[arg(long, value_name = "ENDPOINT")]
     pub connect: Vec<String>,
+    /// Talk to other machines without TLS: everyone in the network may read and send along.
+    #[arg(long)]
+    pub allow_plaintext: bool,
+    /// Before the start fetch from fusion what differs of the venue file, its calibration and its networks.
+    #[arg(long)]
+    pub from_fusion: bool,
+    /// With `--from-fusion`: the venue's name, while there is no venue file to say it.
+    #[arg(long, value_name = "NAME", requires = "from_fusion")]
+    pub venue_name: Option<String>,
+    /// Folder of this node's keys; the venue file's, if left out.
+    #[arg(long, value_name = "DIR")]
+    pub certificates: Option<PathBuf>,
     /// Refuse to start unless the recordings hold these ticks (half-open).
     #[arg(long, value_name = "A..B", value_parser = parse_range, allow_hyphen_values = true)]
     pub ticks: Option<Range<Tick>>,
+    /// Folder for what is kept of the patches when fusion runs live, see `[recording] ring_mib`. Default:
+    /// `farfield-ring/VENUE/VIEWPOINT`.
+    #[arg(long, value_name = "DIR")]
+    pub ring: Option<PathBuf>,
     /// End when standard input closes.
     #[arg(long, hide = true)]
     pub managed: bool,
+    /// Put the clock forward, for tests: milliseconds.
+    #[arg(
+        long,
+        hide = true,
+        value_name = "N",
+        default_value_t = 0,
+        allow_hyphen_values = true
+    )]
+    pub clock_shift_ms: i64,
 }
 
 /// The validated start of an edge node.
@@ -45,8 +70,14 @@ pub(super) struct Config {
     pub(super) viewpoint: ViewpointIndex,
     pub(super) name: String,
     pub(super) connect: Vec<String>,
+    /// By what the edge proves who it is; `None` without TLS.
+    pub(super) identity: Option<Identity>,
     pub(super) ticks: Option<Range<Tick>>,
     pub(super) managed: Managed,
+    /// Where the sets are kept that were sent or could not be sent.
+    pub(super) ring: PathBuf,
+    /// How far the clock is wrong on purpose.
+    pub(super) clock_shift_us: i64,
 }
 
 impl Config {
@@ -64,31 +95,38 @@ impl Config {
         })?;
         if let Some(wrong) = args.connect.iter().find(|text| !is_endpoint(text)) {
             return Err(NodeError::refused(anyhow!(
-                "`--connect`: found `{wrong}`, expected for example {DEFAULT_ENDPOINT}"
+                "`--connect`: found `{wrong}`, expected for example quic/10.0.0.1:7447"
             )));
         }
-        let connect = [
-            args.connect,
-            venue.endpoints.connect.clone(),
-            vec![DEFAULT_ENDPOINT.to_owned()],
-        ];
-        let connect = connect
-            .into_iter()
-            .find(|endpoints| !endpoints.is_empty())
-            .unwrap_or_default();
+        let keys = args.certificates.as_ref();
+        let identity = keys
+            .or(venue.security.certificates.as_ref())
+            .map(|keys| identity(keys, &args.viewpoint))
+            .transpose()
+            .map_err(NodeError::refused)?;
+        let exposure = Exposure {
+            has_keys: identity.is_some(),
+            allow_plaintext: args.allow_plaintext || venue.security.allow_plaintext,
+        };
+        let connect = exposure.choose(args.connect, &venue.endpoints.connect);
+        let connect = connect.map_err(NodeError::refused)?;
         let managed = if args.managed {
             Managed::Yes
         } else {
             Managed::No
         };
+        let own_ring = || Path::new(RINGS).join(&venue.name).join(&args.viewpoint);
         Ok(Self {
+            ring: args.ring.unwrap_or_else(own_ring),
             venue,
             sources,
             viewpoint,
             name: args.viewpoint,
             connect,
+            identity,
             ticks: args.ticks,
             managed,
+            clock_shift_us: args.clock_shift_ms.saturating_mul(1000),
         })
     }
 
@@ -97,7 +135,7 @@ impl Config {
         EdgeTransport {
             venue: &self.venue.name,
             connect: &self.connect,
-            identity: None,
+            identity: self.identity.as_ref(),
         }
     }
 

@@ -19,6 +19,8 @@ use zenoh::qos::{CongestionControl, Priority};
 use zenoh::sample::{Sample, SampleKind};
 use zenoh::{Session, Wait as _};
 
+use super::live::Mouths;
+
 /// Messages that wait between Zenoh and the loop; lock-step has one tick under way.
 const QUEUE: usize = 64;
 
@@ -64,7 +66,7 @@ enum Topic {
 }
 
 #[expect(clippy::needless_pass_by_value, reason = "what `map_err` takes")]
-fn zenoh_error(error: zenoh::Error) -> anyhow::Error {
+pub(super) fn zenoh_error(error: zenoh::Error) -> anyhow::Error {
     anyhow!(without_places(&error.to_string()))
 }
 
@@ -96,6 +98,15 @@ fn config(transport: &EdgeTransport<'_>) -> anyhow::Result<zenoh::Config> {
     Ok(config)
 }
 
+/// A session with fusion, waited for as long as it takes.
+pub(super) async fn connect(transport: &EdgeTransport<'_>) -> anyhow::Result<Session> {
+    let config = config(transport)?;
+    // Opening blocks its thread until fusion is there; only so can the wait be called off.
+    let session = tokio::task::spawn_blocking(|| zenoh::open(config).wait()).await;
+    let session = session.context("opening the session")?.map_err(zenoh_error);
+    session.with_context(|| format!("connecting to {}", transport.connect.join(", ")))
+}
+
 impl Link {
     /// Connects as `transport` says, waiting for fusion as long as it takes, and declares what the
     /// viewpoint needs.
@@ -103,12 +114,7 @@ impl Link {
         transport: &EdgeTransport<'_>,
         viewpoint: &str,
     ) -> anyhow::Result<Self> {
-        let config = config(transport)?;
-        // Opening blocks its thread until fusion is there; only so can the wait be called off.
-        let session = tokio::task::spawn_blocking(|| zenoh::open(config).wait()).await;
-        let session = session.context("opening the session")?.map_err(zenoh_error);
-        let session =
-            session.with_context(|| format!("connecting to {}", transport.connect.join(", ")))?;
+        let session = connect(transport).await?;
         let keys = Keys::new(transport.venue);
         let subscribers = vec![
             (
@@ -182,6 +188,16 @@ pub(super) struct Ends {
 }
 
 impl Ends {
+    /// The open session.
+    pub(super) fn session(&self) -> Session {
+        self.session.clone()
+    }
+
+    /// What a live edge publishes on, of the viewpoint of `venue`.
+    pub(super) async fn mouths(&self, venue: &str, viewpoint: &str) -> anyhow::Result<Mouths> {
+        Mouths::declare(&self.session, venue, viewpoint).await
+    }
+
     /// Lets the publisher finish what is queued, then closes the session.
     pub(super) async fn close(self, tasks: &TaskTracker, leave: &CancellationToken) {
         drop((self.say, self.heard));

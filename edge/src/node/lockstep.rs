@@ -12,6 +12,7 @@ use tokio::time::{MissedTickBehavior, interval};
 use tokio_util::sync::CancellationToken;
 use tracing::debug;
 
+use super::compare::compare_files;
 use super::link::{Ends, Heard, Said};
 use super::process::{Ending, NodeError};
 use super::worker::Worker;
@@ -20,6 +21,23 @@ use super::worker::Worker;
 const CALL_EVERY: Duration = Duration::from_millis(100);
 /// Calls per status once the run has begun: one a second.
 const CALLS_PER_STATUS: u32 = 10;
+
+/// How lock-step ends.
+pub(super) enum Turn {
+    /// With the run.
+    End(Ending),
+    /// Before it began: fusion runs live, as it has said here.
+    Live(Heard),
+}
+
+/// Whether it is said by a fusion that runs live.
+fn is_live(heard: &Heard) -> bool {
+    match heard {
+        Heard::Boxes(boxes) => boxes.live.is_some(),
+        Heard::Fusion(status) => status.live.is_some(),
+        Heard::FusionGone | Heard::Unreadable(_) => false,
+    }
+}
 
 /// An edge at work.
 pub(super) struct LockStep {
@@ -40,7 +58,7 @@ impl LockStep {
         }
     }
 
-    /// Works until fusion says that the run is over.
+    /// Works until fusion says that the run is over, or that it runs live.
     ///
     /// # Errors
     /// When a file differs from fusion's, fusion fails or leaves, or the pipeline fails.
@@ -49,16 +67,16 @@ impl LockStep {
         ends: &mut Ends,
         worker: &mut Worker,
         stop: &CancellationToken,
-    ) -> Result<Ending, NodeError> {
+    ) -> Result<Turn, NodeError> {
         let mut calls = interval(CALL_EVERY);
         calls.set_missed_tick_behavior(MissedTickBehavior::Delay);
         loop {
             tokio::select! {
-                () = stop.cancelled() => return Ok(Ending::Interrupted),
+                () = stop.cancelled() => return Ok(Turn::End(Ending::Interrupted)),
                 heard = ends.heard.recv() => {
                     let heard = heard.context("the subscriptions have ended").map_err(NodeError::Failed)?;
-                    if let Some(ending) = self.hear(heard, worker)? {
-                        return Ok(ending);
+                    if let Some(turn) = self.hear(heard, worker)? {
+                        return Ok(turn);
                     }
                 }
                 done = worker.done.recv() => {
@@ -95,9 +113,13 @@ impl LockStep {
         self.n_calls = self.n_calls.wrapping_add(1);
     }
 
-    fn hear(&mut self, heard: Heard, worker: &Worker) -> Result<Option<Ending>, NodeError> {
+    fn hear(&mut self, heard: Heard, worker: &Worker) -> Result<Option<Turn>, NodeError> {
         match heard {
-            Heard::Boxes(boxes) => self.obey(boxes, worker).map_err(NodeError::Failed),
+            heard if self.ordered.is_none() && is_live(&heard) => Ok(Some(Turn::Live(heard))),
+            Heard::Boxes(boxes) => {
+                let ending = self.obey(boxes, worker).map_err(NodeError::Failed)?;
+                Ok(ending.map(Turn::End))
+            }
             Heard::Fusion(fusion) => self.compare(&fusion).map(|()| None),
             // Before the first boxes there is nothing to lose: fusion may start again.
             Heard::FusionGone if self.ordered.is_none() => Ok(None),
@@ -125,22 +147,7 @@ impl LockStep {
     }
 
     fn compare(&self, fusion: &Status) -> Result<(), NodeError> {
-        let files = [
-            ("venue file", &self.status.venue_hash, &fusion.venue_hash),
-            (
-                "calibration",
-                &self.status.calibration_hash,
-                &fusion.calibration_hash,
-            ),
-        ];
-        for (what, ours, theirs) in files {
-            if ours != theirs {
-                return Err(NodeError::Refused(anyhow!(
-                    "fusion holds another {what} than viewpoint {}: its fingerprint there is {theirs}, here {ours}; copy the same file to both",
-                    self.status.node
-                )));
-            }
-        }
+        compare_files(&self.status, fusion)?;
         match &fusion.failure {
             Some(failure) => Err(NodeError::Failed(anyhow!(
                 "fusion has ended the run{}: {failure}",

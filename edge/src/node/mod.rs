@@ -1,15 +1,20 @@
 //! The async shell of an edge: it owns Zenoh, time and threads, and works on a tick when fusion's boxes
-//! for it arrive.
+//! for it arrive; where fusion runs live, when the tick comes.
 //!
 //! Load (nothing opened) -> build (everything that can fail is opened) -> run -> drain.
 
+mod attempts;
 mod build;
 mod clock;
+mod compare;
 mod config;
 mod frames_at;
+mod handout;
 mod link;
+mod live;
 mod lockstep;
 mod process;
+mod ring;
 mod run;
 mod worker;
 

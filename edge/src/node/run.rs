@@ -6,16 +6,21 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::Context as _;
+use farfield_proto::message::Status;
 use tokio::time::{MissedTickBehavior, interval, timeout};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 use tracing::warn;
 
+use super::attempts;
 use super::build::{Built, build};
 use super::config::{Config, EdgeArgs};
-use super::link::{Ends, Link};
-use super::lockstep::LockStep;
+use super::handout;
+use super::link::{Ends, Heard, Link};
+use super::live::Live;
+use super::lockstep::{LockStep, Turn};
 use super::process::{Ending, Managed, NodeError, exit_code, say, start_log, stop_when_told};
+use super::ring::{RingThread, answer_questions};
 use super::worker::Worker;
 use crate::source::Sources;
 
@@ -36,6 +41,9 @@ pub fn main(args: EdgeArgs, sources: Arc<dyn Sources>) -> ExitCode {
 }
 
 fn load_and_run(args: EdgeArgs, sources: Arc<dyn Sources>) -> Result<Ending, NodeError> {
+    if args.from_fusion && !handout::fetch(&args)? {
+        return Ok(Ending::Interrupted);
+    }
     let config = Arc::new(Config::load(args, sources)?);
     let runtime = tokio::runtime::Builder::new_multi_thread()
         .worker_threads(2)
@@ -50,7 +58,7 @@ fn load_and_run(args: EdgeArgs, sources: Arc<dyn Sources>) -> Result<Ending, Nod
     ending
 }
 
-async fn run(config: &Arc<Config>) -> Result<Ending, NodeError> {
+pub(super) async fn run(config: &Arc<Config>) -> Result<Ending, NodeError> {
     // `stop` asks the node to end; `leave` ends the tasks that carry messages, once all is said.
     let (tasks, stop, leave) = (
         TaskTracker::new(),
@@ -60,14 +68,24 @@ async fn run(config: &Arc<Config>) -> Result<Ending, NodeError> {
     stop_when_told(&tasks, &stop, config.managed)
         .context("listening for signals")
         .map_err(NodeError::Failed)?;
-    let Some((built, link)) = stop.run_until_cancelled(open(config)).await.transpose()? else {
+    let Some((built, link)) = stop
+        .run_until_cancelled(Box::pin(open(config)))
+        .await
+        .transpose()?
+    else {
         return Ok(Ending::Interrupted);
     };
     let mut ends = link.spawn(&tasks, &leave);
     let worker =
         Worker::spawn(built.work, ends.say.clone()).context("starting the pipeline's thread");
     let worker = worker.map_err(NodeError::Failed)?;
-    let outcome = work(LockStep::new(built.status), worker, &mut ends, &stop).await;
+    let outcome = work(
+        config,
+        LockStep::new(built.status),
+        worker,
+        (&mut ends, &stop),
+    )
+    .await;
     stop.cancel();
     if timeout(DRAIN, ends.close(&tasks, &leave)).await.is_err() {
         warn!("tasks still running, leaving anyway");
@@ -104,8 +122,9 @@ async fn remind(config: &Config) -> Infallible {
         reminders.tick().await;
         if config.managed == Managed::No {
             let endpoints = config.connect.join(", ");
+            let why = attempts::last_failure().map_or(String::new(), |why| format!(" ({why})"));
             say(format_args!(
-                "{}: waiting for fusion at {endpoints}",
+                "{}: waiting for fusion at {endpoints}{why}",
                 config.name
             ));
         }
@@ -114,12 +133,18 @@ async fn remind(config: &Config) -> Infallible {
 
 /// Runs the loop, and says at its end how it went.
 async fn work(
+    config: &Config,
     mut run: LockStep,
     mut worker: Worker,
-    ends: &mut Ends,
-    stop: &CancellationToken,
+    (ends, stop): (&mut Ends, &CancellationToken),
 ) -> Result<Ending, NodeError> {
-    let outcome = run.run(ends, &mut worker, stop).await;
+    let outcome = match run.run(ends, &mut worker, stop).await {
+        Ok(Turn::Live(heard)) => {
+            return work_live(config, run.status, worker, heard, (ends, stop)).await;
+        }
+        Ok(Turn::End(ending)) => Ok(ending),
+        Err(error) => Err(error),
+    };
     run.leaves(outcome.as_ref().err());
     if let Ok(stages) = timeout(DRAIN, worker.finish()).await {
         run.status.stages = stages.map_err(NodeError::Failed)?;
@@ -132,4 +157,80 @@ async fn work(
         tokio::time::sleep(REFUSAL).await;
     }
     outcome
+}
+
+/// The same for an edge that runs live, with what fusion said first.
+async fn work_live(
+    config: &Config,
+    status: Status,
+    worker: Worker,
+    first: Heard,
+    (ends, stop): (&mut Ends, &CancellationToken),
+) -> Result<Ending, NodeError> {
+    let work = worker.recall().await.map_err(NodeError::Failed)?;
+    let ring = open_ring(config);
+    let mut work = work.into_live(config.clock_shift_us, config.viewpoint);
+    work.ring = ring.as_ref().map(RingThread::handle);
+    let mouths = ends.mouths(&config.venue.name, &config.name).await;
+    let live = Live::spawn(work, status, mouths.map_err(NodeError::Failed)?);
+    let mut live = live
+        .context("starting the threads")
+        .map_err(NodeError::Failed)?;
+    let outcome = match live.hear(first) {
+        Ok(Some(ending)) => Ok(ending),
+        Ok(None) => {
+            let answers = answers(config, ends.session(), &live, ring.as_ref(), stop);
+            tokio::select! {
+                outcome = live.run(ends, stop) => outcome,
+                never = answers => match never {},
+            }
+        }
+        Err(error) => Err(error),
+    };
+    live.leave(outcome.as_ref().err());
+    if let Some(ring) = ring {
+        // What is left to write is a queue's worth.
+        drop(tokio::task::spawn_blocking(move || ring.finish()).await);
+    }
+    // Fusion reads it before the session goes.
+    tokio::time::sleep(REFUSAL).await;
+    outcome
+}
+
+/// The ring on disk, if the venue wants one. Without it the edge works as well.
+fn open_ring(config: &Config) -> Option<RingThread> {
+    let bytes = u64::from(config.venue.parameters.recording.ring_mib) << 20;
+    if bytes == 0 {
+        return None;
+    }
+    match RingThread::start(&config.ring, bytes) {
+        Ok(ring) => Some(ring),
+        Err(error) => {
+            say(format_args!(
+                "{}: sets are not kept: {error:#}",
+                config.name
+            ));
+            None
+        }
+    }
+}
+
+/// Answers fusion's questions for what it has missed, for as long as it is polled.
+fn answers(
+    config: &Config,
+    session: zenoh::Session,
+    live: &Live,
+    ring: Option<&RingThread>,
+    stop: &CancellationToken,
+) -> impl Future<Output = Infallible> + use<> {
+    let names = [config.venue.name.clone(), config.name.clone()];
+    let (ring, admit, stop) = (ring.map(RingThread::handle), live.admission(), stop.clone());
+    async move {
+        if let Some(ring) = ring
+            && let Err(error) = answer_questions(session, names, ring, admit, stop).await
+        {
+            warn!(%error, "fusion cannot fetch what it has missed");
+        }
+        std::future::pending().await
+    }
 }

@@ -6,7 +6,7 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::JoinHandle;
 
 use anyhow::{Context as _, anyhow};
-use farfield_proto::id::CameraIndex;
+use farfield_proto::id::{CameraIndex, ViewpointIndex};
 use farfield_proto::message::{BoxSet, StageTime};
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::{Venue, VenueCamera};
@@ -16,6 +16,7 @@ use tokio::sync::mpsc;
 use super::clock;
 use super::frames_at::FramesAt;
 use super::link::Said;
+use super::live::LiveWork;
 use crate::pipeline::{EdgeOutput, Pipeline, Stage};
 use crate::source::{Frame, SourceError, Sources};
 
@@ -51,6 +52,19 @@ impl Work {
             opened: None,
             pipeline,
             samples_us: BTreeMap::new(),
+        }
+    }
+
+    /// What a live edge works with. Cameras that are open are closed.
+    pub(super) fn into_live(self, clock_shift_us: i64, viewpoint: ViewpointIndex) -> LiveWork {
+        LiveWork {
+            venue: Arc::new(self.venue),
+            viewpoint,
+            cameras: self.cameras,
+            sources: self.sources,
+            pipeline: self.pipeline,
+            clock_shift_us,
+            ring: None,
         }
     }
 
@@ -125,7 +139,7 @@ impl Work {
 
 /// The stages' times by name, with the keypoints of sightings, `share` of the inference, counted as
 /// looking: what looks cost is told apart from what following people costs.
-fn split_looks(laps: &[(Stage, u32)], share: f64) -> [(&'static str, u32); 4] {
+pub(super) fn split_looks(laps: &[(Stage, u32)], share: f64) -> [(&'static str, u32); 4] {
     let of = |wanted: Stage| {
         let laps = laps.iter().filter(|(stage, _)| *stage == wanted);
         laps.map(|(_, us)| us).sum::<u32>()
@@ -166,7 +180,7 @@ pub(super) struct Worker {
     jobs: SyncSender<BoxSet>,
     /// One word per tick, in order; closed when the thread has ended.
     pub(super) done: mpsc::Receiver<Done>,
-    thread: JoinHandle<Vec<StageTime>>,
+    thread: JoinHandle<Work>,
 }
 
 impl Worker {
@@ -195,6 +209,11 @@ impl Worker {
 
     /// Ends the thread and returns its times.
     pub(super) async fn finish(self) -> anyhow::Result<Vec<StageTime>> {
+        self.recall().await.map(Work::stages)
+    }
+
+    /// Ends the thread and returns what it owned.
+    pub(super) async fn recall(self) -> anyhow::Result<Work> {
         drop((self.jobs, self.done));
         let joined = tokio::task::spawn_blocking(move || self.thread.join())
             .await
@@ -208,7 +227,7 @@ fn run(
     to_do: &Receiver<BoxSet>,
     say: &mpsc::Sender<Said>,
     done: &mpsc::Sender<Done>,
-) -> Vec<StageTime> {
+) -> Work {
     while let Ok(boxes) = to_do.recv() {
         let tick = boxes.tick;
         let result = work.step(&boxes).and_then(|messages| {
@@ -223,5 +242,5 @@ fn run(
             break;
         }
     }
-    work.stages()
+    work
 }

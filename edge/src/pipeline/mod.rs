@@ -179,7 +179,9 @@ impl Pipeline {
         orders: &Orders<'_>,
         mark: &mut dyn FnMut(Stage),
     ) -> Result<EdgeOutput, PipelineError> {
-        let Orders { tick, boxes, look, .. } = *orders;
+        let Orders {
+            tick, boxes, look, ..
+        } = *orders;
         if boxes.session != self.session {
             self.session = boxes.session;
             self.last_camera.clear();

@@ -153,6 +153,14 @@ pub enum SourceError {
         /// Frames that should have come.
         expected: u64,
     },
+    /// A recording whose timecode shall count has none that can.
+    #[error("{at}: `tick_from` is \"timecode\": {problem}")]
+    Timecode {
+        /// Which source.
+        at: Origin,
+        /// What was found and what was expected.
+        problem: String,
+    },
     /// A line of a keypoint file is wrong.
     #[error("{}:{line}: camera `{}`: {}{problem}", at.place, at.camera,
         field.as_ref().map(|field| format!("`{field}`: ")).unwrap_or_default())]

@@ -15,7 +15,8 @@ use super::{Origin, SourceError};
 
 const ENTRIES: &str = "packet=pts,flags:\
     stream=width,height,time_base,r_frame_rate,avg_frame_rate,nb_frames,duration:\
-    stream_tags=rotate,DURATION,NUMBER_OF_FRAMES:stream_side_data=rotation";
+    stream_tags=rotate,DURATION,NUMBER_OF_FRAMES,timecode:stream_side_data=rotation:\
+    format_tags=timecode";
 
 /// The first video stream of a recording.
 #[derive(Debug, Clone, PartialEq)]
@@ -33,6 +34,8 @@ pub(super) struct VideoStream {
     /// Presentation times of the frames in order, seconds; empty where the container has none or they
     /// are too coarse for the rate.
     pub(super) times_s: Vec<f64>,
+    /// The SMPTE timecode of the first frame, where the recording has one.
+    pub(super) timecode: Option<String>,
     /// What `ffprobe` had to say, as the end of a sentence.
     pub(super) said: String,
 }
@@ -103,6 +106,8 @@ struct Listing {
     /// In the stream's time base; a frame without a time makes it unusable.
     pts: Vec<i64>,
     stream: BTreeMap<String, String>,
+    /// Of the container, where the stream has none.
+    timecode: Option<String>,
 }
 
 impl Listing {
@@ -123,6 +128,11 @@ impl Listing {
             self.frames += 1;
             self.pts
                 .extend(value("pts").and_then(|pts| pts.parse::<i64>().ok()));
+        } else if line.starts_with("format|") {
+            let mut fields = fields;
+            self.timecode = fields
+                .find(|(key, _)| *key == "tag:timecode")
+                .map(|(_, value)| value.to_owned());
         } else if line.contains("stream|") && self.stream.is_empty() {
             self.stream = fields
                 .map(|(key, value)| (key.to_owned(), value.to_owned()))
@@ -156,7 +166,9 @@ impl Listing {
         }
         self.pts.sort_unstable();
         let unit_s = unit_s.unwrap_or(1.0);
+        let timecode = self.stream.remove("tag:timecode").or(self.timecode.take());
         Some(VideoStream {
+            timecode,
             packets: self.packets,
             frames: self.frames,
             announced,
@@ -234,6 +246,18 @@ mod tests {
     fn a_container_without_a_count_announces_its_duration() {
         let line = "stream|width=96|height=64|avg_frame_rate=30/1|duration=N/A|nb_frames=N/A|tag:DURATION=00:01:00.000000000";
         assert_eq!(stream(&[line]).unwrap().announced, Some(1799));
+    }
+
+    #[test]
+    fn the_timecode_of_the_stream_counts_before_that_of_the_container() {
+        let line = "stream|width=96|height=64|avg_frame_rate=30/1|nb_frames=20";
+        assert_eq!(stream(&[line]).unwrap().timecode, None);
+        let of_format = "format|tag:timecode=01:00:00:00";
+        let got = stream(&[line, of_format]).unwrap().timecode;
+        assert_eq!(got.as_deref(), Some("01:00:00:00"));
+        let own = format!("{line}|tag:timecode=00:59:58;02");
+        let got = stream(&[&own, of_format]).unwrap().timecode;
+        assert_eq!(got.as_deref(), Some("00:59:58;02"));
     }
 
     #[test]

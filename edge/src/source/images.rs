@@ -241,6 +241,8 @@ impl Pattern {
 
 #[cfg(test)]
 mod tests {
+    use farfield_proto::venue::TickFrom;
+
     use super::super::Origin;
     use super::*;
 
@@ -253,6 +255,7 @@ mod tests {
             size_px,
             rate_hz: 60.0,
             first_tick: Tick(10),
+            tick_from: TickFrom::Clock,
         }
     }
 

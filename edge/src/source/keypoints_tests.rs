@@ -2,6 +2,7 @@
 
 use std::io::Write as _;
 
+use farfield_proto::venue::TickFrom;
 use proptest::prelude::*;
 
 use super::super::Origin;
@@ -16,6 +17,7 @@ fn expected() -> Expected {
         size_px: [640, 480],
         rate_hz: 20.0,
         first_tick: Tick(0),
+        tick_from: TickFrom::Clock,
     }
 }
 

@@ -27,7 +27,7 @@ use std::sync::Arc;
 
 use farfield_proto::frames::{Distorted, Pixel};
 use farfield_proto::tick::Tick;
-use farfield_proto::venue::{Source, Venue, VenueCamera};
+use farfield_proto::venue::{Source, TickFrom, Venue, VenueCamera};
 use image::RgbImage;
 
 pub use error::{Origin, SourceError};
@@ -98,6 +98,12 @@ pub trait FrameSource: Send {
     /// The frame cannot be decoded, has another size than the calibration says, or the recording
     /// ends before its announced end. Nothing follows an error.
     fn next_frame(&mut self) -> Result<Option<Frame>, SourceError>;
+
+    /// When the driver says that the last frame was captured, on a clock of its own, microseconds; `None`
+    /// from sources that do not know.
+    fn stamp_us(&self) -> Option<i64> {
+        None
+    }
 }
 
 /// What is known of a source before its first frame.
@@ -125,6 +131,11 @@ struct Expected {
     )]
     rate_hz: f64,
     first_tick: Tick,
+    #[cfg_attr(
+        not(feature = "node"),
+        expect(dead_code, reason = "only videos have a timecode")
+    )]
+    tick_from: TickFrom,
 }
 
 impl Expected {
@@ -146,6 +157,7 @@ impl Expected {
             size_px: camera.model.size_px(),
             rate_hz: venue.rate_hz,
             first_tick: venue.first_tick,
+            tick_from: camera.tick_from,
         }
     }
 
@@ -297,6 +309,7 @@ mod tests {
             size_px: [4, 4],
             rate_hz: 60.0,
             first_tick: Tick(MAX_TICK),
+            tick_from: TickFrom::Clock,
         };
         assert_eq!(expected.ticks(1), Ok(Tick(MAX_TICK)..Tick(MAX_TICK + 1)));
         for frames in [2, u64::MAX] {

@@ -33,9 +33,10 @@ pub trait MapPainter: Debug + Send + Sync {
     /// Paints the 17 maps of `crop` into `into`, which has the grid's size and is 0 everywhere.
     fn paint(&self, crop: &MapCrop<'_>, into: &mut Maps);
 
-    /// Whether the picture would be black.
-    fn is_black(&self) -> bool {
-        false
+    /// A number that repeats only when the picture does, and the picture's mean brightness, 0 to 255, for
+    /// whoever watches the camera's health; `None` where nothing can be said.
+    fn glance(&self) -> Option<(u64, f64)> {
+        None
     }
 
     /// The people that a detector finds in the whole picture: `[person][keypoint]`, 17 each, `None`

@@ -27,26 +27,26 @@ pub(super) enum WhenFull {
 }
 
 #[derive(Debug)]
-struct State {
-    frames: VecDeque<Result<Frame, SourceError>>,
+struct State<T> {
+    frames: VecDeque<Result<T, SourceError>>,
     ended: bool,
     abandoned: bool,
 }
 
 #[derive(Debug)]
-struct Shared {
-    state: Mutex<State>,
+struct Shared<T> {
+    state: Mutex<State<T>>,
     changed: Condvar,
     when_full: WhenFull,
 }
 
-impl Shared {
-    fn lock(&self) -> MutexGuard<'_, State> {
+impl<T> Shared<T> {
+    fn lock(&self) -> MutexGuard<'_, State<T>> {
         // A poisoned queue is as good as any: each of its fields is valid on its own.
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn wait<'a>(&self, state: MutexGuard<'a, State>) -> MutexGuard<'a, State> {
+    fn wait<'a>(&self, state: MutexGuard<'a, State<T>>) -> MutexGuard<'a, State<T>> {
         self.changed
             .wait(state)
             .unwrap_or_else(PoisonError::into_inner)
@@ -55,11 +55,11 @@ impl Shared {
 
 /// The decoding thread's end. Dropping it, also by a panic of that thread, ends the queue.
 #[derive(Debug)]
-pub(super) struct Sender(Arc<Shared>);
+pub(super) struct Sender<T = Frame>(Arc<Shared<T>>);
 
-impl Sender {
+impl<T> Sender<T> {
     /// Hands over a frame or the reason why there is none. `false` when nobody takes frames any more.
-    pub(super) fn push(&self, frame: Result<Frame, SourceError>) -> bool {
+    pub(super) fn push(&self, frame: Result<T, SourceError>) -> bool {
         let mut state = self.0.lock();
         while state.frames.len() >= CAPACITY && !state.abandoned {
             match self.0.when_full {
@@ -76,7 +76,7 @@ impl Sender {
     }
 }
 
-impl Drop for Sender {
+impl<T> Drop for Sender<T> {
     fn drop(&mut self) {
         self.0.lock().ended = true;
         self.0.changed.notify_all();
@@ -85,17 +85,20 @@ impl Drop for Sender {
 
 /// Frames decoded ahead by a thread of their own.
 #[derive(Debug)]
-pub(super) struct Prefetch {
-    shared: Arc<Shared>,
+pub(super) struct Prefetch<T = Frame> {
+    shared: Arc<Shared<T>>,
     thread: Option<JoinHandle<()>>,
 }
 
-impl Prefetch {
+impl<T> Prefetch<T> {
     /// Starts `decode` on its own thread; it ends by itself, or when [`Sender::push`] says `false`.
     pub(super) fn spawn(
         when_full: WhenFull,
-        decode: impl FnOnce(Sender) + Send + 'static,
-    ) -> std::io::Result<Self> {
+        decode: impl FnOnce(Sender<T>) + Send + 'static,
+    ) -> std::io::Result<Self>
+    where
+        T: Send + 'static,
+    {
         let shared = Arc::new(Shared {
             state: Mutex::new(State {
                 frames: VecDeque::new(),
@@ -116,7 +119,7 @@ impl Prefetch {
     }
 
     /// Waits for the next frame; `None` when the decoding thread has ended and all was taken.
-    pub(super) fn pop(&self) -> Option<Result<Frame, SourceError>> {
+    pub(super) fn pop(&self) -> Option<Result<T, SourceError>> {
         let mut state = self.shared.lock();
         loop {
             if let Some(frame) = state.frames.pop_front() {
@@ -137,7 +140,7 @@ impl Prefetch {
     }
 }
 
-impl Drop for Prefetch {
+impl<T> Drop for Prefetch<T> {
     fn drop(&mut self) {
         self.abandon();
         if let Some(thread) = self.thread.take()
@@ -207,7 +210,8 @@ mod tests {
 
     #[test]
     fn a_thread_that_panics_ends_the_queue() {
-        let prefetch = Prefetch::spawn(WhenFull::Wait, |_sender| panic!("on purpose")).unwrap();
+        let prefetch =
+            Prefetch::spawn(WhenFull::Wait, |_sender: Sender| panic!("on purpose")).unwrap();
         assert!(prefetch.pop().is_none());
     }
 }

@@ -51,21 +51,26 @@ pub(super) fn open(
         Stream::with_buffers(&device, Type::VideoCapture, BUFFERS).map_err(unreadable)?;
     stream.set_timeout(SILENCE);
     let at = expected.clone();
-    let capture = move |sender: Sender| capture(&mut stream, &format, from, &at, &sender);
+    let capture = move |sender: Sender<Stamped>| capture(&mut stream, &format, from, &at, &sender);
     let prefetch = Prefetch::spawn(WhenFull::DropOldest, capture).map_err(unreadable)?;
     Ok(V4lSource {
         prefetch,
         expected,
         read: 0,
+        stamp_us: None,
     })
 }
 
 /// Frames of a kernel device, the newest first when nobody takes them in time.
 pub(super) struct V4lSource {
-    prefetch: Prefetch,
+    prefetch: Prefetch<Stamped>,
     expected: Expected,
     read: u64,
+    stamp_us: Option<i64>,
 }
+
+/// A frame with the driver's time of its capture, microseconds.
+type Stamped = (Frame, i64);
 
 impl FrameSource for V4lSource {
     fn next_frame(&mut self) -> Result<Option<Frame>, SourceError> {
@@ -75,9 +80,14 @@ impl FrameSource for V4lSource {
             expected: None,
             said: String::new(),
         };
-        let frame = self.prefetch.pop().ok_or_else(ended)??;
+        let (frame, stamp_us) = self.prefetch.pop().ok_or_else(ended)??;
         self.read += 1;
+        self.stamp_us = Some(stamp_us);
         Ok(Some(frame))
+    }
+
+    fn stamp_us(&self) -> Option<i64> {
+        self.stamp_us
     }
 }
 
@@ -149,7 +159,7 @@ fn capture(
     format: &Format,
     from: Tick,
     expected: &Expected,
-    sender: &Sender,
+    sender: &Sender<Stamped>,
 ) {
     let mut tick = from;
     let mut last_sequence = None;
@@ -165,11 +175,15 @@ fn capture(
                 }
                 let n = (about.bytesused as usize).min(bytes.len());
                 match to_rgb(&bytes[..n], format) {
-                    Some(image) => Ok(Frame {
-                        tick,
-                        capture_offset_us: 0,
-                        content: Content::Image(image),
-                    }),
+                    Some(image) => {
+                        let frame = Frame {
+                            tick,
+                            capture_offset_us: 0,
+                            content: Content::Image(image),
+                        };
+                        let stamp = about.timestamp;
+                        Ok((frame, stamp.sec * 1_000_000 + stamp.usec))
+                    }
                     // Webcams send a broken JPEG now and then; the next one is whole.
                     None => continue,
                 }
@@ -236,6 +250,8 @@ fn yuyv_row(row: &[u8]) -> impl Iterator<Item = u8> {
 
 #[cfg(test)]
 mod tests {
+    use farfield_proto::venue::TickFrom;
+
     use super::super::Origin;
     use super::*;
 
@@ -263,6 +279,7 @@ mod tests {
             size_px: [8, 8],
             rate_hz: 60.0,
             first_tick: Tick(0),
+            tick_from: TickFrom::Clock,
         };
         let said = probe(Path::new("/dev/video-none"), &expected)
             .unwrap_err()

@@ -1,18 +1,22 @@
 //! Video files, RTSP streams and webcams, decoded by an `ffmpeg` child process (5.1 or later).
 //!
 //! The n-th decoded frame of a recording is the n-th tick: no frame is repeated or left out to keep a
-//! rate, so a recording of another rate than the venue's, or of a variable one, is refused.
+//! rate, so a recording of another rate than the venue's, or of a variable one, is refused. Where the venue goes
+//! by timecode, the first frame's says which tick it is.
 
+use std::borrow::Cow;
 use std::io::BufReader;
 use std::path::Path;
 use std::process::ChildStdout;
 
 use farfield_proto::tick::Tick;
+use farfield_proto::venue::TickFrom;
 
 use super::ffmpeg::{self, Ffmpeg, PictureError, read_picture};
 use super::ffprobe::{self, VideoStream};
 use super::queue::{Prefetch, Sender, WhenFull};
 use super::{Content, Expected, Frame, FrameSource, Origin, SourceError, SourceInfo};
+use crate::live::timecode::Timecode;
 
 /// Largest relative difference between a recording's rate and the venue's: 59.94 is as good as 60.
 const RATE_TOLERANCE: f64 = 0.005;
@@ -29,11 +33,33 @@ pub(super) fn probe(path: &Path, expected: &Expected) -> Result<SourceInfo, Sour
     }
     let stream = ffprobe::read_stream(path, &expected.at)?;
     check(&stream, expected)?;
+    let expected = by_timecode(&stream, expected)?;
     Ok(SourceInfo {
         ticks: Some(expected.ticks(stream.frames)?),
         size_px: Some(stream.size_px),
         rate_hz: stream.rate_hz,
     })
+}
+
+/// With the first tick that the recording's timecode says, where the venue goes by it.
+fn by_timecode<'a>(
+    stream: &VideoStream,
+    expected: &'a Expected,
+) -> Result<Cow<'a, Expected>, SourceError> {
+    if expected.tick_from != TickFrom::Timecode {
+        return Ok(Cow::Borrowed(expected));
+    }
+    let wrong = |problem: String| SourceError::Timecode {
+        at: expected.at.clone(),
+        problem,
+    };
+    let text = stream.timecode.as_deref();
+    let text = text.ok_or_else(|| wrong("found none in the recording".to_owned()))?;
+    let rate_hz = stream.rate_hz.unwrap_or(expected.rate_hz);
+    let first = Timecode::parse(text, rate_hz).map_err(|error| wrong(error.to_string()))?;
+    let mut expected = expected.clone();
+    expected.first_tick = Tick(first.frames());
+    Ok(Cow::Owned(expected))
 }
 
 /// Whether the recording is whole and fits the calibration and the venue.

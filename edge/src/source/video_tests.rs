@@ -19,6 +19,7 @@ fn expected() -> Expected {
         size_px: SIZE_PX,
         rate_hz: 30.0,
         first_tick: Tick(100),
+        tick_from: TickFrom::Clock,
     }
 }
 
@@ -99,6 +100,35 @@ fn refusal(path: &Path) -> String {
         "{said}"
     );
     said
+}
+
+#[test]
+fn the_timecode_of_a_recording_is_its_first_tick_where_the_venue_says_so() {
+    let Some(studio) = studio() else { return };
+    let by_timecode = Expected {
+        tick_from: TickFrom::Timecode,
+        ..expected()
+    };
+    let path = studio.record(
+        "-f lavfi -i testsrc2=size=96x64:rate=30 -frames:v 24 -c:v mpeg4 -timecode 01:00:00:10",
+        "coded.mov",
+    );
+    let first = Tick(108_010);
+    assert_eq!(
+        probe(&path, &by_timecode).unwrap().ticks,
+        Some(first..first + 24)
+    );
+    assert_eq!(
+        probe(&path, &expected()).unwrap().ticks,
+        Some(Tick(100)..Tick(124))
+    );
+    let mut source = open(&path, by_timecode.clone(), first + 3).unwrap();
+    assert_eq!(source.next_frame().unwrap().unwrap().tick, first + 3);
+    let said = probe(&studio.clip(), &by_timecode).unwrap_err().to_string();
+    assert!(
+        said.contains("`tick_from`") && said.contains("found none"),
+        "{said}"
+    );
 }
 
 #[test]

@@ -4,6 +4,7 @@
 //! socket or another process has a say in belongs there.
 
 use std::collections::BTreeMap;
+use std::path::PathBuf;
 
 use farfield_proto::tick::Tick;
 use serde::{Deserialize, Serialize};
@@ -104,8 +105,14 @@ pub struct DropSummary {
     pub unusable: u64,
     /// Patch messages that came after their tick was closed.
     pub late: u64,
-    /// Messages whose number was missing among those of their tick.
+    /// Live: ticks of which nothing came in time from an edge that had begun to speak.
     pub missing: u64,
+    /// Live: messages of strangers, of another session, of refused edges, or repeated.
+    #[serde(default)]
+    pub refused: u64,
+    /// Live: messages that fusion had no room to send.
+    #[serde(default)]
+    pub unsent: u64,
 }
 
 /// What a clock measured.
@@ -121,6 +128,24 @@ pub struct TimingSummary {
     pub look_share: BTreeMap<String, f64>,
     /// Per viewpoint: bytes on the wire with protocol overhead, where they can be measured.
     pub link_bytes_on_wire: BTreeMap<String, u64>,
+    /// The recording, where one was made.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub recording: Option<RecordingSummary>,
+}
+
+/// What a recording came to.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct RecordingSummary {
+    /// The file.
+    pub file: PathBuf,
+    /// Messages that came faster than the disk took them, and are not in it.
+    pub lost: u64,
+    /// Messages in it that an edge delivered after an outage.
+    pub filled: u64,
+    /// Ticks that are missing in it, summed over the viewpoints.
+    pub holes: u64,
+    /// Why it ended before the run did.
+    pub failure: Option<String>,
 }
 
 /// How long one stage took, microseconds per tick.
@@ -130,6 +155,9 @@ pub struct StageTiming {
     pub p50_us: f64,
     /// 99th percentile.
     pub p99_us: f64,
+    /// 99.9th percentile.
+    #[serde(default)]
+    pub p999_us: f64,
     /// Longest.
     pub max_us: f64,
 }

@@ -4,18 +4,20 @@
 
 use super::{Micros, SECOND_US};
 
-/// Arrivals that are kept: four seconds at 60 Hz.
+/// Arrivals that are kept: enough for three seconds at 80 Hz.
 const KEPT: usize = 256;
 /// Arrivals of looks that are kept: looks are a second apart.
 const KEPT_LOOKS: usize = 16;
 /// Share of the arrivals that shall be in time.
-const IN_TIME: f64 = 0.99;
+const IN_TIME: f64 = 0.98;
 /// How much longer than the slowest of those is waited, microseconds: what timers and threads need.
 const MARGIN_US: Micros = 1_500;
 /// From so many arrivals on they say something.
 const ENOUGH: usize = 8;
-/// Arrivals that are older say nothing any more.
-const LIFE_US: Micros = 10 * SECOND_US;
+/// Arrivals that are older say nothing any more: what held them up once is over.
+const LIFE_US: Micros = 3 * SECOND_US;
+/// The same for looks.
+const LOOK_LIFE_US: Micros = 12 * SECOND_US;
 
 /// What a tick asks of an edge.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -46,8 +48,8 @@ impl Arrivals {
     /// nothing is known.
     pub fn wait_us(&mut self, task: Task, now_us: Micros, most_us: Micros) -> Micros {
         let slowest = match task {
-            Task::Follow => self.followed.share(IN_TIME, ENOUGH, now_us),
-            Task::Look => self.looked.share(1.0, 1, now_us),
+            Task::Follow => self.followed.share(IN_TIME, ENOUGH, now_us - LIFE_US),
+            Task::Look => self.looked.share(1.0, 1, now_us - LOOK_LIFE_US),
         };
         slowest.map_or(most_us, |us| (us + MARGIN_US).clamp(0, most_us))
     }
@@ -81,9 +83,10 @@ impl<const N: usize> Ring<N> {
         self.next = (self.next + 1) % N;
     }
 
-    /// The delay that a `share` of them does not pass, nearest rank; `None` with fewer than `enough`.
-    fn share(&mut self, share: f64, enough: usize, now_us: Micros) -> Option<Micros> {
-        let fresh = self.kept.iter().filter(|(_, at)| now_us - at <= LIFE_US);
+    /// The delay that a `share` of those since `since_us` does not pass, nearest rank; `None` with fewer than
+    /// `enough`.
+    fn share(&mut self, share: f64, enough: usize, since_us: Micros) -> Option<Micros> {
+        let fresh = self.kept.iter().filter(|(_, at)| *at >= since_us);
         self.sorted.clear();
         self.sorted.extend(fresh.map(|(delay, _)| *delay));
         if self.sorted.len() < enough.max(1) {
@@ -106,7 +109,7 @@ mod tests {
     fn what_is_not_known_is_waited_for_to_the_bound() {
         let mut arrivals = Arrivals::default();
         assert_eq!(arrivals.wait_us(Task::Follow, 0, MOST_US), MOST_US);
-        (0..ENOUGH as i64).for_each(|i| arrivals.add(Task::Follow, 10_000, i));
+        (0..8).for_each(|i| arrivals.add(Task::Follow, 10_000, i));
         assert_eq!(
             arrivals.wait_us(Task::Follow, 10, MOST_US),
             10_000 + MARGIN_US
@@ -122,14 +125,15 @@ mod tests {
     #[test]
     fn one_straggler_in_a_hundred_is_not_waited_for_and_more_are() {
         let mut arrivals = Arrivals::default();
-        for i in 0..KEPT as i64 {
-            arrivals.add(Task::Follow, if i % 128 == 0 { 90_000 } else { 8_000 }, i);
+        for i in 0..256 {
+            let delay_us = if i % 100 == 0 { 90_000 } else { 8_000 };
+            arrivals.add(Task::Follow, delay_us, i);
         }
         assert_eq!(
             arrivals.wait_us(Task::Follow, 256, MOST_US),
             8_000 + MARGIN_US
         );
-        for i in 0..4 {
+        for i in 0..6 {
             arrivals.add(Task::Follow, 60_000, 256 + i);
         }
         assert!(arrivals.wait_us(Task::Follow, 260, MOST_US) > 60_000);
@@ -156,11 +160,11 @@ mod tests {
             delays in prop::collection::vec(any::<i32>(), 0..600), most in 1i64..5_000_000,
         ) {
             let mut arrivals = Arrivals::default();
-            for (i, delay) in delays.iter().enumerate() {
+            for (i, delay) in (0i64..).zip(&delays) {
                 let task = if i % 60 == 0 { Task::Look } else { Task::Follow };
-                arrivals.add(task, Micros::from(*delay), i as Micros);
+                arrivals.add(task, Micros::from(*delay), i);
                 for task in [Task::Follow, Task::Look] {
-                    prop_assert!((0..=most).contains(&arrivals.wait_us(task, i as Micros, most)));
+                    prop_assert!((0..=most).contains(&arrivals.wait_us(task, i, most)));
                 }
             }
             prop_assert!(arrivals.followed.kept.len() <= KEPT && arrivals.looked.kept.len() <= KEPT_LOOKS);

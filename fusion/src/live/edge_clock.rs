@@ -23,6 +23,8 @@ const SPAN_US: Micros = SECOND_US / 4;
 const ENOUGH: u32 = 4;
 /// The correction is told anew when it is wrong by more: less is the restlessness of queues.
 const DEAD_BAND_US: Micros = 500;
+/// Largest offset that is measured: a machine that was never told the time is in 1970.
+const LARGEST_US: Micros = 100 * 365 * 86_400 * SECOND_US;
 /// What is longer, or earlier, is no exchange.
 const LONGEST_US: Micros = 60 * SECOND_US;
 
@@ -42,6 +44,7 @@ pub struct Exchange {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[expect(clippy::struct_field_names, reason = "the unit is part of each name")]
 struct Measured {
     at_us: Micros,
     round_trip_us: Micros,
@@ -119,7 +122,7 @@ impl EdgeClock {
             .then_some(self.usual_round_trip_us as Micros)
     }
 
-    /// What the edge shall add to its clock; 0 until it is known.
+    /// What the edge shall add to its clock; 0 until it is known, and where it is more than can be told.
     pub fn correction_us(&self) -> i32 {
         i32::try_from(self.told_us).unwrap_or(0)
     }
@@ -148,8 +151,7 @@ fn measure(exchange: &Exchange) -> Option<Measured> {
     let round_trip_us = t4.saturating_sub(t1).saturating_sub(held_us);
     let offset_us = (t2.saturating_sub(t1)).saturating_add(t3.saturating_sub(t4)) / 2;
     let possible = (0..LONGEST_US).contains(&round_trip_us) && held_us >= 0;
-    let near = offset_us.abs() < Micros::from(i32::MAX / 2)
-        && correction_us.abs() < Micros::from(i32::MAX / 2);
+    let near = offset_us.abs() < LARGEST_US && correction_us.abs() < LARGEST_US;
     (possible && near).then_some(Measured {
         at_us: t4,
         round_trip_us,
@@ -235,14 +237,14 @@ mod tests {
             offset in -200_000i64..200_000,
         ) {
             let mut clock = EdgeClock::default();
-            for (i, (there, back)) in waits.iter().enumerate() {
-                clock.add(&exchange(i as i64 * 16_667, offset, 5_000 + there, 5_000 + back));
+            for (i, (there, back)) in (0i64..).zip(&waits) {
+                clock.add(&exchange(i * 16_667, offset, 5_000 + there, 5_000 + back));
             }
             let found = clock.offset_us().unwrap();
             let round_trip = clock.round_trip_us().unwrap();
             prop_assert!((found - offset).abs() <= (round_trip - 10_000) / 2 + 1);
             prop_assert!(Micros::from(clock.correction_us() + found as i32).abs() <= DEAD_BAND_US);
-            prop_assert!(clock.best.len() as i64 <= LIFE_US / SPAN_US + 2);
+            prop_assert!(clock.best.len() <= (LIFE_US / SPAN_US + 2) as usize);
         }
     }
 }

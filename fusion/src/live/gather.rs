@@ -147,7 +147,7 @@ impl LiveGather {
     /// Whether anything has come from `viewpoint` for `tick`, which is open or was not long ago.
     pub fn has_any(&self, tick: Tick, viewpoint: ViewpointIndex) -> bool {
         let of = |key: &(ViewpointIndex, u16)| key.0 == viewpoint;
-        match usize::try_from(self.next - tick - 1) {
+        match usize::try_from((self.next - tick).saturating_sub(1)) {
             Ok(age) => self
                 .closed
                 .get(age)

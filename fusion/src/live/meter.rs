@@ -4,13 +4,13 @@ use super::{Micros, SECOND_US};
 
 /// Parts of the second that are counted apart, and the one that has begun: the answer is of the last second,
 /// and up to one part more.
-const BINS: usize = 21;
-const BIN_US: Micros = SECOND_US / 20;
+const BINS: Micros = 21;
+const BIN_US: Micros = SECOND_US / (BINS - 1);
 
 /// Counts bytes per second.
 #[derive(Debug, Clone, Default)]
 pub struct Meter {
-    bins: [u32; BINS],
+    bins: [u32; BINS as usize],
     /// Number of the newest bin since 1970.
     newest: Micros,
 }
@@ -33,7 +33,7 @@ impl Meter {
 
     fn advance(&mut self, now_us: Micros) {
         let now = now_us.div_euclid(BIN_US);
-        let passed = now.saturating_sub(self.newest).clamp(0, BINS as Micros);
+        let passed = now.saturating_sub(self.newest).clamp(0, BINS);
         for bin in 0..passed {
             self.bins[index(now - bin)] = 0;
         }
@@ -42,7 +42,7 @@ impl Meter {
 }
 
 fn index(bin: Micros) -> usize {
-    bin.rem_euclid(BINS as Micros) as usize
+    bin.rem_euclid(BINS) as usize
 }
 
 #[cfg(test)]

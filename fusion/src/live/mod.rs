@@ -5,9 +5,11 @@
 //! same answers. The shell that reads the clock and the sockets is `node::live`.
 
 pub mod arrivals;
+pub mod edge;
 pub mod edge_clock;
 pub mod gather;
 pub mod horizon;
+pub mod membership;
 pub mod meter;
 pub mod queue;
 pub mod tick_time;

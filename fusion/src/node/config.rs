@@ -2,35 +2,54 @@
 
 use std::ops::Range;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use anyhow::{Context as _, anyhow};
 use farfield_proto::endpoint::is_endpoint;
 use farfield_proto::model_card::HeatmapCard;
 use farfield_proto::tick::{Tick, parse_range};
-use farfield_proto::venue::Venue;
+use farfield_proto::transport::{Exposure, Identity};
+use farfield_proto::venue::{Venue, identity};
 
 use super::given::{check_given_keypoints, check_given_ticks};
-use super::link::NODE;
+use super::handout::Handout;
+use super::link::{Door, Mode, NODE};
 use super::process::{Managed, NodeError};
 use super::progress::Detail;
-
-/// Where fusion listens when nobody says where: reachable from this machine only.
-const DEFAULT_ENDPOINT: &str = "tcp/127.0.0.1:7447";
+use super::recording::check_place;
 
 /// Arguments of the fusion node.
 #[derive(Debug, Clone, clap::Args)]
+#[expect(
+    clippy::struct_excessive_bools,
+    reason = "each is a switch of the command line"
+)]
 pub struct FusionArgs {
     /// The venue file.
     pub venue: PathBuf,
-    /// Where to listen for edges, for example `tcp/0.0.0.0:7447`; the venue file's, if left out.
+    /// Run live: at every tick of the clock, over what the edges have sent by then. Without it, in
+    /// lock-step.
+    #[arg(long)]
+    pub live: bool,
+    /// Where to listen for edges, for example `quic/0.0.0.0:7447`; the venue file's, if left out.
     #[arg(long, value_name = "ENDPOINT")]
     pub listen: Vec<String>,
+    /// Talk to other machines without TLS: everyone in the network may read and send along.
+    #[arg(long)]
+    pub allow_plaintext: bool,
+    /// Folder of fusion's keys; the venue file's, if left out.
+    #[arg(long, value_name = "DIR")]
+    pub certificates: Option<PathBuf>,
     /// Work on these ticks only (half-open).
     #[arg(long, value_name = "A..B", value_parser = parse_range, allow_hyphen_values = true)]
     pub ticks: Option<Range<Tick>>,
     /// Folder for the results; must be empty or not there.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
+    /// Record everything that is heard and said, and what was used for each tick, as an MCAP file: this
+    /// one, which must not be there, or a new one in this folder.
+    #[arg(long, value_name = "FILE")]
+    pub record: Option<PathBuf>,
     /// Report as JSON lines on standard output, and end when standard input closes.
     #[arg(long, hide = true)]
     pub managed: bool,
@@ -48,14 +67,40 @@ pub(super) struct Config {
     /// The network's card, when the venue has one.
     pub(super) card: Option<HeatmapCard>,
     pub(super) listen: Vec<String>,
+    pub(super) mode: Mode,
+    /// By what fusion proves who it is; `None` without TLS.
+    pub(super) identity: Option<Identity>,
+    /// The files that edges may ask for.
+    pub(super) handout: Arc<Handout>,
     pub(super) ticks: Option<Range<Tick>>,
     /// Where to write; claimed already by a parent.
     pub(super) out: Option<PathBuf>,
+    /// Where to record.
+    pub(super) record: Option<PathBuf>,
     pub(super) managed: Managed,
     pub(super) detail: Detail,
 }
 
 impl Config {
+    /// What a test starts with: `venue`, and nothing that anybody said.
+    #[cfg(test)]
+    pub(super) fn of_venue(venue: Venue) -> Self {
+        Self {
+            venue,
+            venue_path: PathBuf::from("venue.toml"),
+            card: None,
+            listen: Vec::new(),
+            identity: None,
+            handout: Arc::default(),
+            mode: Mode::LockStep,
+            ticks: None,
+            out: None,
+            record: None,
+            managed: Managed::No,
+            detail: Detail::Counts,
+        }
+    }
+
     /// Reads the venue, its calibration and its network's card.
     pub(super) fn load(args: FusionArgs) -> Result<Self, NodeError> {
         let venue = Venue::load(&args.venue).map_err(NodeError::refused)?;
@@ -67,18 +112,26 @@ impl Config {
         }
         if let Some(wrong) = args.listen.iter().find(|text| !is_endpoint(text)) {
             return Err(NodeError::refused(anyhow!(
-                "`--listen`: found `{wrong}`, expected for example tcp/0.0.0.0:7447"
+                "`--listen`: found `{wrong}`, expected for example quic/0.0.0.0:7447"
             )));
         }
-        let listen = [
-            args.listen,
-            venue.endpoints.listen.clone(),
-            vec![DEFAULT_ENDPOINT.to_owned()],
-        ];
-        let listen = listen
-            .into_iter()
-            .find(|endpoints| !endpoints.is_empty())
-            .unwrap_or_default();
+        if let Some(record) = &args.record {
+            check_place(record).map_err(NodeError::Refused)?;
+        }
+        let keys = args.certificates.as_ref();
+        let identity = keys
+            .or(venue.security.certificates.as_ref())
+            .map(|keys| identity(keys, NODE))
+            .transpose()
+            .map_err(NodeError::refused)?;
+        let exposure = Exposure {
+            has_keys: identity.is_some(),
+            allow_plaintext: args.allow_plaintext || venue.security.allow_plaintext,
+        };
+        let listen = exposure.choose(args.listen, &venue.endpoints.listen);
+        let listen = listen.map_err(NodeError::refused)?;
+        let handout = Handout::load(&args.venue, &venue, identity.as_ref());
+        let handout = Arc::new(handout.map_err(NodeError::Refused)?);
         let managed = if args.managed {
             Managed::Yes
         } else {
@@ -89,8 +142,16 @@ impl Config {
             venue_path: args.venue,
             card,
             listen,
+            mode: if args.live {
+                Mode::Live
+            } else {
+                Mode::LockStep
+            },
+            identity,
+            handout,
             ticks: args.ticks,
             out: args.out,
+            record: args.record,
             managed,
             detail: if args.report_bodies {
                 Detail::Bodies
@@ -98,6 +159,16 @@ impl Config {
                 Detail::Counts
             },
         })
+    }
+}
+
+impl Config {
+    /// Where edges find fusion.
+    pub(super) fn door(&self) -> Door<'_> {
+        Door {
+            listen: &self.listen,
+            identity: self.identity.as_ref(),
+        }
     }
 }
 

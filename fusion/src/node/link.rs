@@ -4,13 +4,16 @@
 //! reorder. Live, boxes and poses are best effort, and nothing blocks. Nothing is scouted for; the
 //! endpoints are in the venue file.
 
+use std::sync::Arc;
+
 use anyhow::{Context as _, anyhow};
+use farfield_proto::id::ViewpointIndex;
 use farfield_proto::key::Keys;
 use farfield_proto::message::{PatchSet, SightingSet, Status};
 pub(super) use farfield_proto::transport::FUSION as NODE;
-use farfield_proto::transport::FusionTransport;
+use farfield_proto::transport::{FusionTransport, Identity};
 use farfield_proto::venue::Venue;
-use farfield_proto::wire;
+use farfield_proto::wire::{self, WireError};
 use tokio::sync::mpsc;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
@@ -79,8 +82,18 @@ pub(super) enum Said {
     Poses(Vec<u8>),
     /// The persons of a tick, as the fixed-lag smoother sees them.
     Smooth(Vec<u8>),
+    /// What was used for a tick, for whoever records elsewhere.
+    Decision(Vec<u8>),
     /// How fusion is.
     Status(Vec<u8>),
+}
+
+/// Where fusion listens, and by what it proves who it is.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Door<'a> {
+    pub(super) listen: &'a [String],
+    /// `None` without TLS.
+    pub(super) identity: Option<&'a Identity>,
 }
 
 /// The open session with all that is declared on it.
@@ -96,6 +109,7 @@ struct Mouths {
     boxes: Vec<Publisher<'static>>,
     poses: Publisher<'static>,
     smooth: Publisher<'static>,
+    decisions: Publisher<'static>,
     status: Publisher<'static>,
 }
 
@@ -108,7 +122,7 @@ enum Topic {
 }
 
 #[expect(clippy::needless_pass_by_value, reason = "what `map_err` takes")]
-fn zenoh_error(error: zenoh::Error) -> anyhow::Error {
+pub(super) fn zenoh_error(error: zenoh::Error) -> anyhow::Error {
     anyhow!(without_places(&error.to_string()))
 }
 
@@ -129,14 +143,7 @@ fn without_places(text: &str) -> String {
     kept
 }
 
-fn config(venue: &Venue, listen: &[String]) -> anyhow::Result<zenoh::Config> {
-    let viewpoints: Vec<&str> = venue.viewpoints.iter().map(|v| v.name.as_str()).collect();
-    let transport = FusionTransport {
-        venue: &venue.name,
-        viewpoints: &viewpoints,
-        listen,
-        identity: None,
-    };
+fn config(transport: &FusionTransport<'_>) -> anyhow::Result<zenoh::Config> {
     let mut config = zenoh::Config::default();
     for (key, value) in transport.settings() {
         config
@@ -148,11 +155,16 @@ fn config(venue: &Venue, listen: &[String]) -> anyhow::Result<zenoh::Config> {
 }
 
 impl Link {
-    /// Listens on `listen` and declares everything that the edges of `venue` need.
-    pub(super) async fn open(venue: &Venue, listen: &[String], mode: Mode) -> anyhow::Result<Self> {
-        let session = zenoh::open(config(venue, listen)?)
-            .await
-            .map_err(zenoh_error);
+    /// Listens where `door` says and declares everything that the edges of `venue` need.
+    pub(super) async fn open(venue: &Venue, door: &Door<'_>, mode: Mode) -> anyhow::Result<Self> {
+        let viewpoints: Vec<&str> = venue.viewpoints.iter().map(|v| v.name.as_str()).collect();
+        let transport = FusionTransport {
+            venue: &venue.name,
+            viewpoints: &viewpoints,
+            listen: door.listen,
+            identity: door.identity,
+        };
+        let session = zenoh::open(config(&transport)?).await.map_err(zenoh_error);
         let session = session.map_err(|error| {
             // Zenoh has no kind for it.
             let taken = error.to_string().contains("in use");
@@ -161,7 +173,7 @@ impl Link {
             } else {
                 ""
             };
-            anyhow!("listening on {}: {error:#}{hint}", listen.join(", "))
+            anyhow!("listening on {}: {error:#}{hint}", door.listen.join(", "))
         })?;
         let keys = Keys::new(&venue.name);
         let mut boxes = Vec::new();
@@ -184,6 +196,7 @@ impl Link {
             boxes,
             poses: publisher(&session, keys.pose(), mode).await?,
             smooth: publisher(&session, keys.smooth(), mode).await?,
+            decisions: publisher(&session, keys.decision(), mode).await?,
             status: status_publisher(&session, keys.status(NODE), mode).await?,
         };
         let token = session
@@ -197,6 +210,11 @@ impl Link {
             subscribers,
             token,
         })
+    }
+
+    /// The session, for others who declare something on it.
+    pub(super) fn session(&self) -> Session {
+        self.session.clone()
     }
 
     /// The endpoints that edges can connect to, with the ports that were really taken.
@@ -217,7 +235,8 @@ impl Link {
             let (ear, heard_tx) = (ear.clone(), heard_tx.clone());
             tasks.spawn(listen(topic, subscriber, ear, heard_tx, stop.clone()));
         }
-        // Lock-step has at most one box set per viewpoint, one pose set and a few statuses under way.
+        // Lock-step has at most one box set per viewpoint, one pose set, one decision and a few statuses
+        // under way.
         let (say, said) = mpsc::channel(4 * (self.mouths.boxes.len() + 4));
         let (matched_tx, matched) = tokio::sync::watch::channel(false);
         let (mouths, own_ear) = (self.mouths, ear.clone());
@@ -237,9 +256,26 @@ impl Link {
 pub(super) struct Ear {
     pub(super) clock: VenueClock,
     pub(super) tap: TapHandle,
+    /// Names of the viewpoints, by index.
+    names: Arc<[String]>,
 }
 
 impl Ear {
+    pub(super) fn new(venue: &Venue, clock: VenueClock, tap: TapHandle) -> Self {
+        let names = venue.viewpoints.iter().map(|v| v.name.clone());
+        Self {
+            clock,
+            tap,
+            names: names.collect(),
+        }
+    }
+
+    /// Whether who may publish under `key` may speak for `viewpoint`.
+    fn may_speak(&self, key: &str, viewpoint: ViewpointIndex) -> bool {
+        let name = self.names.get(usize::from(viewpoint.0));
+        name.is_some_and(|name| key.rsplit('/').next() == Some(name))
+    }
+
     fn received(&self, key: &str, bytes: &[u8]) -> Arrival {
         let at_us = self.clock.now_us();
         self.tap.received(TapMessage { key, bytes, at_us });
@@ -268,6 +304,11 @@ pub(super) struct Ends {
 }
 
 impl Ends {
+    /// The open session.
+    pub(super) fn session(&self) -> Session {
+        self.session.clone()
+    }
+
     /// Lets the publisher finish what is queued, then closes the session.
     pub(super) async fn close(self, tasks: &TaskTracker, stop: &CancellationToken) {
         drop(self.say);
@@ -380,9 +421,17 @@ fn read(topic: Topic, sample: &Sample, ear: &Ear) -> Heard {
     }
     let payload = sample.payload().to_bytes();
     let arrival = ear.received(key, &payload);
+    let own = |viewpoint| {
+        let may = ear.may_speak(key, viewpoint);
+        may.then_some(())
+            .ok_or(WireError::Invalid("under the key of another viewpoint"))
+    };
     let heard = match topic {
-        Topic::Patches => wire::decode(&payload).map(|set| Heard::Patches(set, arrival)),
-        Topic::Sightings => wire::decode(&payload).map(|set| Heard::Sightings(set, arrival)),
+        Topic::Patches => wire::decode(&payload)
+            .and_then(|set: PatchSet| own(set.viewpoint).map(|()| Heard::Patches(set, arrival))),
+        Topic::Sightings => wire::decode(&payload).and_then(|set: SightingSet| {
+            own(set.viewpoint).map(|()| Heard::Sightings(set, arrival))
+        }),
         Topic::Statuses | Topic::Alive => {
             wire::decode(&payload).map(|status| Heard::Status(Box::new(status)))
         }
@@ -405,6 +454,7 @@ fn speak(
             Said::Boxes(viewpoint, bytes) => (mouths.boxes.get(viewpoint), bytes),
             Said::Poses(bytes) => (Some(&mouths.poses), bytes),
             Said::Smooth(bytes) => (Some(&mouths.smooth), bytes),
+            Said::Decision(bytes) => (Some(&mouths.decisions), bytes),
             Said::Status(bytes) => {
                 // Statuses go out several times a second until the start: the moment to look.
                 matched.send_replace(all_match(&mouths.boxes));

@@ -14,7 +14,7 @@ use tokio::time::timeout;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
-use super::{Ear, Ends, Heard, Link, Mode, Presence, Said};
+use super::{Door, Ear, Ends, Heard, Link, Mode, Presence, Said};
 use crate::node::clock::VenueClock;
 use crate::node::tap::{Decided, Tap, TapHandle, TapMessage};
 
@@ -56,15 +56,30 @@ async fn next(ends: &mut Ends) -> Heard {
         .expect("the subscriptions have ended")
 }
 
+async fn what_cannot_be_used_is_told(edge: &zenoh::Session, ends: &mut Ends, set: PatchSet) {
+    let of_another = wire::encode(&PatchSet {
+        viewpoint: ViewpointIndex(1),
+        ..set
+    });
+    for bytes in [of_another, vec![0xff; 40]] {
+        edge.put("link-test/patch/a", bytes).await.unwrap();
+        match next(ends).await {
+            Heard::Unreadable(key) => assert_eq!(key, "link-test/patch/a"),
+            other => panic!("{other:?}"),
+        }
+    }
+}
+
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn an_edge_is_heard_answered_and_missed() {
-    let link = Link::open(&venue(), &["tcp/127.0.0.1:0".to_owned()], Mode::LockStep)
-        .await
-        .unwrap();
+    let door = Door {
+        listen: &["tcp/127.0.0.1:0".to_owned()],
+        identity: None,
+    };
+    let link = Link::open(&venue(), &door, Mode::LockStep).await.unwrap();
     let kept = Arc::new(Kept::default());
     let tap = TapHandle::new(Some(Arc::clone(&kept) as Arc<dyn Tap>));
-    let clock = VenueClock::start();
-    let ear = Ear { clock, tap };
+    let ear = Ear::new(&venue(), VenueClock::start(), tap);
     let endpoint = link.locators().await[0].clone();
     let (tasks, leave) = (TaskTracker::new(), CancellationToken::new());
     let mut ends = link.spawn(&tasks, &leave, &ear);
@@ -105,17 +120,13 @@ async fn an_edge_is_heard_answered_and_missed() {
     edge.put("link-test/patch/a", bytes.clone()).await.unwrap();
     match next(&mut ends).await {
         Heard::Patches(heard, arrival) => {
-            assert_eq!((heard, arrival.bytes), (set, bytes.len() as u64));
+            assert_eq!((&heard, arrival.bytes), (&set, bytes.len() as u64));
             let received = kept.received.lock().unwrap().clone();
             assert_eq!(received, ["link-test/patch/a"]);
         }
         other => panic!("{other:?}"),
     }
-    edge.put("link-test/patch/a", vec![0xff; 40]).await.unwrap();
-    match next(&mut ends).await {
-        Heard::Unreadable(key) => assert_eq!(key, "link-test/patch/a"),
-        other => panic!("{other:?}"),
-    }
+    what_cannot_be_used_is_told(&edge, &mut ends, set).await;
 
     while !*ends.matched.borrow() {
         ends.say.send(Said::Status(Vec::new())).await.unwrap();

@@ -107,6 +107,8 @@ impl<'a> LockStep<'a> {
                             late: &[],
                             horizons: &[],
                         });
+                        let decision = group.decision(self.session, self.ticks.start);
+                        say(ends, Said::Decision(wire::encode(&decision)))?;
                         worker.step(group)?;
                     }
                 }
@@ -207,6 +209,9 @@ impl<'a> LockStep<'a> {
         let poses = wire::encode(&stepped.poses);
         self.tally.pose_bytes += poses.len() as u64;
         say(ends, Said::Poses(poses))?;
+        for set in &stepped.smoothed {
+            say(ends, Said::Smooth(wire::encode(set)))?;
+        }
         let over = tick + 1 >= self.ticks.end;
         if !over {
             self.send_boxes(&stepped.boxes, ends)?;

@@ -1,16 +1,23 @@
-//! The async shell of fusion: it owns Zenoh, time, threads and files, and runs the core in lock-step.
+//! The async shell of fusion: it owns Zenoh, time, threads and files, and runs the core, in
+//! lock-step or live.
 //!
 //! Load (nothing opened) -> build (everything that can fail is opened) -> run -> drain.
 
 mod clock;
 mod config;
+mod doorman;
 mod given;
+mod handout;
 mod link;
+mod live;
 mod lockstep;
 mod output;
 mod process;
 mod progress;
+mod record;
 mod recorder;
+mod recording;
+mod replay;
 mod roll_call;
 mod run;
 mod start;
@@ -25,6 +32,9 @@ pub use self::output::{Claim, check_folder};
 pub use self::process::{
     EXIT_INTERRUPTED, EXIT_REFUSED, Ending, NodeError, exit_code, say, start_log,
 };
-pub use self::progress::{Body, Progress, Report};
+pub use self::progress::{Body, LinkProgress, Progress, Report};
+pub use self::record::{RecordArgs, main as record};
+pub use self::recording::check_place;
+pub use self::replay::{ReplayArgs, main as replay};
 pub use self::run::main;
 pub use self::tap::{Decided, Tap, TapMessage};

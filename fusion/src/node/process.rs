@@ -7,7 +7,11 @@ use std::process::ExitCode;
 use tokio::signal::unix::{SignalKind, signal};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
-use tracing_subscriber::EnvFilter;
+use tracing_subscriber::layer::SubscriberExt as _;
+use tracing_subscriber::util::SubscriberInitExt as _;
+use tracing_subscriber::{EnvFilter, Layer as _};
+
+use super::doorman;
 
 /// Exit code of a run that was interrupted: 128 + SIGINT.
 pub const EXIT_INTERRUPTED: u8 = 130;
@@ -79,10 +83,13 @@ pub fn say(line: fmt::Arguments<'_>) {
 pub fn start_log() {
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(LOGGED));
     // A second call in one process (tests) finds the first log in place.
-    let already_started = tracing_subscriber::fmt()
-        .with_env_filter(filter)
+    let lines = tracing_subscriber::fmt::layer()
         .with_writer(stderr)
         .with_ansi(stderr().is_terminal())
+        .with_filter(filter);
+    let already_started = tracing_subscriber::registry()
+        .with(lines)
+        .with(doorman::layer())
         .try_init();
     drop(already_started);
 }

@@ -3,6 +3,7 @@
 use std::io::Write as _;
 use std::time::{Duration, Instant};
 
+use farfield_proto::live::EdgeLink;
 use farfield_proto::message::{PersonPose, PoseSet};
 use farfield_proto::tick::Tick;
 use serde::{Deserialize, Serialize};
@@ -20,11 +21,23 @@ pub enum Report {
     Started {
         /// The first tick.
         from: Tick,
-        /// One past the last.
-        to: Tick,
+        /// One past the last; `None` live, when nobody has said when to end.
+        to: Option<Tick>,
     },
     /// A tick is done.
     Tick(Progress),
+    /// Live, once a second: how the edges are heard.
+    Links(LinkProgress),
+}
+
+/// How a live run is.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct LinkProgress {
+    /// From the capture of pictures to the poses made of them, in the last second, microseconds: median
+    /// and 99th percentile.
+    pub delay_us: Option<(u32, u32)>,
+    /// The edges, in the order of the venue's viewpoints.
+    pub edges: Vec<EdgeLink>,
 }
 
 /// How far a run is.
@@ -76,6 +89,7 @@ pub(super) struct Reporter {
     managed: Managed,
     detail: Detail,
     last: Option<Instant>,
+    delay_us: Option<(u32, u32)>,
 }
 
 impl Reporter {
@@ -84,6 +98,7 @@ impl Reporter {
             managed,
             detail,
             last: None,
+            delay_us: None,
         }
     }
 
@@ -100,10 +115,21 @@ impl Reporter {
         }
     }
 
-    pub(super) fn started(&self, from: Tick, to: Tick) {
-        match self.managed {
-            Managed::Yes => send(&Report::Started { from, to }),
-            Managed::No => say(format_args!("all viewpoints are ready: ticks {from}..{to}")),
+    /// The ticks begin; `to` is one past the last, if there is one.
+    pub(super) fn started(&self, from: Tick, to: Option<Tick>) {
+        match (self.managed, to) {
+            (Managed::Yes, to) => send(&Report::Started { from, to }),
+            (Managed::No, Some(to)) => say(format_args!("the run begins: ticks {from}..{to}")),
+            (Managed::No, None) => say(format_args!("the run begins: tick {from}")),
+        }
+    }
+
+    /// Live, once a second: the delay of the poses, and how the edges are heard.
+    pub(super) fn links(&mut self, delay_us: Option<(u32, u32)>, edges: Vec<EdgeLink>) {
+        if self.managed == Managed::Yes {
+            send(&Report::Links(LinkProgress { delay_us, edges }));
+        } else {
+            self.delay_us = delay_us;
         }
     }
 
@@ -128,8 +154,12 @@ impl Reporter {
             .is_none_or(|last| now.duration_since(last) >= EVERY)
         {
             self.last = Some(now);
+            let delay = self.delay_us.map_or_else(String::new, |(p50_us, p99_us)| {
+                let [p50, p99] = [p50_us, p99_us].map(|us| f64::from(us) / 1e3);
+                format!(", delay {p50:.0} ms (99 %: {p99:.0} ms)")
+            });
             say(format_args!(
-                "tick {}, {} persons, {} kB",
+                "tick {}, {} persons, {} kB{delay}",
                 poses.tick,
                 poses.persons.len(),
                 bytes / 1000

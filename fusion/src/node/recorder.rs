@@ -1,6 +1,6 @@
 //! The files of a run: finished ticks in, whole files at the end.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
 use farfield_proto::keypoints::KeypointSet;
@@ -11,9 +11,17 @@ use crate::export::pose_files::{PoseFiles, Presence};
 use crate::export::{AngleColumn, AngleUnit, Layout};
 use crate::skeleton::{ANGLE_NAMES, Joint, RangeOfMotion};
 
+/// The folder of the smoothed poses in that of the run's.
+const SMOOTH: &str = "smooth";
+
 /// Writes poses as they become final.
 pub(super) struct Recorder {
+    folder: PathBuf,
+    layout: Layout,
+    rate_hz: f64,
     files: PoseFiles,
+    /// Those of the fixed-lag smoother, once there are some.
+    smooth: Option<PoseFiles>,
 }
 
 impl Recorder {
@@ -23,10 +31,35 @@ impl Recorder {
         venue: &Venue,
         keypoints: &KeypointSet,
     ) -> anyhow::Result<Self> {
-        let files = PoseFiles::create(folder, layout(venue, keypoints), venue.rate_hz);
+        let layout = layout(venue, keypoints);
+        let files = PoseFiles::create(folder, layout.clone(), venue.rate_hz);
         Ok(Self {
+            folder: folder.to_owned(),
+            layout,
+            rate_hz: venue.rate_hz,
             files: files.context("starting the recording")?,
+            smooth: None,
         })
+    }
+
+    /// Writes smoothed ticks, in order, into a folder of their own.
+    pub(super) fn write_smoothed(&mut self, smoothed: &[PoseSet]) -> anyhow::Result<()> {
+        if smoothed.is_empty() {
+            return Ok(());
+        }
+        let files = if let Some(files) = &mut self.smooth {
+            files
+        } else {
+            let folder = self.folder.join(SMOOTH);
+            std::fs::create_dir_all(&folder)
+                .with_context(|| format!("making {}", folder.display()))?;
+            let files = PoseFiles::create(folder, self.layout.clone(), self.rate_hz)?;
+            self.smooth.insert(files)
+        };
+        smoothed
+            .iter()
+            .try_for_each(|poses| files.write(poses))
+            .context("recording the smoothed poses")
     }
 
     /// Writes ticks that will not change any more, in order.
@@ -39,11 +72,17 @@ impl Recorder {
 
     /// Completes all files, and says who was there.
     pub(super) fn finish(self) -> anyhow::Result<Vec<Presence>> {
+        if let Some(smooth) = self.smooth {
+            smooth
+                .finish()
+                .context("finishing the recording of the smoothed poses")?;
+        }
         self.files.finish().context("finishing the recording")
     }
 }
 
-fn layout(venue: &Venue, keypoints: &KeypointSet) -> Layout {
+/// What the numbers of a pose of `venue` are called.
+pub(super) fn layout(venue: &Venue, keypoints: &KeypointSet) -> Layout {
     let parameters = &venue.parameters.range_of_motion;
     let range = RangeOfMotion::new(parameters.factor);
     let angle = |(index, name): (usize, &&str)| {

@@ -12,7 +12,7 @@ use farfield_proto::venue::Venue;
 pub(super) enum RollCallError {
     /// An edge has read another file than fusion.
     #[error(
-        "viewpoint {viewpoint} holds another {what} than fusion: its fingerprint there is {theirs}, here {ours}; copy the same file to both"
+        "viewpoint {viewpoint} holds another {what} than fusion: its fingerprint there is {theirs}, here {ours}; start that edge with --from-fusion to fetch it, or copy the same file to both"
     )]
     OtherFile {
         viewpoint: String,
@@ -69,6 +69,8 @@ pub(super) enum RollCallError {
 pub(super) struct RollCall {
     venue_hash: String,
     calibration_hash: String,
+    /// How the fingerprint of an edge's networks must begin, where that is known.
+    models: Option<String>,
     asked: Option<Range<Tick>>,
     nodes: BTreeMap<String, Option<Status>>,
     speakers: BTreeMap<String, Speakers>,
@@ -102,10 +104,16 @@ impl RollCall {
         Self {
             venue_hash: venue.hashes.venue.clone(),
             calibration_hash: venue.hashes.calibration.clone(),
+            models: None,
             asked,
             nodes,
             speakers: BTreeMap::new(),
         }
+    }
+
+    /// Refuses edges whose networks' fingerprint does not begin with `models`, where that is known.
+    pub(super) fn expect_models(&mut self, models: Option<&str>) {
+        self.models = models.map(str::to_owned);
     }
 
     /// Takes a node's word. A node that is not ready is noted once it is.
@@ -215,6 +223,19 @@ impl RollCall {
     }
 
     fn check_network(&self, status: &Status) -> Result<(), RollCallError> {
+        if let Some(models) = &self.models {
+            let theirs = status.network_hash.rsplit_once('+');
+            if let Some((theirs, _backend)) = theirs
+                && theirs != models
+            {
+                return Err(RollCallError::OtherFile {
+                    viewpoint: status.node.clone(),
+                    what: "network",
+                    theirs: theirs.to_owned(),
+                    ours: models.clone(),
+                });
+            }
+        }
         let other = self.ready().find(|s| {
             // A viewpoint of keypoint files runs no network, and fits any.
             s.node != status.node
@@ -259,6 +280,7 @@ mod tests {
         RollCall {
             venue_hash: "v1".to_owned(),
             calibration_hash: "c1".to_owned(),
+            models: None,
             asked,
             nodes,
             speakers: BTreeMap::new(),
@@ -282,6 +304,26 @@ mod tests {
             stages: Vec::new(),
             live: None,
         }
+    }
+
+    #[test]
+    fn an_edge_with_another_network_than_fusions_files_is_refused_by_name() {
+        let mut roll = roll_call(None);
+        roll.expect_models(Some("n1+d1"));
+        let mut same = status("a");
+        same.network_hash = "n1+d1+onnxruntime".to_owned();
+        roll.hear(&same).unwrap();
+        let mut other = status("b");
+        other.network_hash = "n2+d1+onnxruntime".to_owned();
+        let text = roll.hear(&other).unwrap_err().to_string();
+        assert!(
+            text.contains("network") && text.contains("viewpoint b"),
+            "{text}"
+        );
+        assert!(text.contains("--from-fusion"), "{text}");
+        // Keypoint files need none.
+        other.network_hash = String::new();
+        roll.hear(&other).unwrap();
     }
 
     #[test]

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 use std::process::ExitCode;
+use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::Context as _;
@@ -15,14 +16,18 @@ use tracing::warn;
 
 use super::clock;
 use super::config::{Config, FusionArgs};
-use super::link::{Ear, Ends, Heard, Link, Mode, Presence, Said};
+use super::doorman;
+use super::handout;
+use super::link::{Ear, Ends, Heard, Link, Mode, NODE, Presence, Said};
+use super::live::{Surroundings, live};
 use super::lockstep::{LockStep, Outside};
 use super::output::Claim;
 use super::process::{Ending, Managed, NodeError, exit_code, start_log, stop_when_told};
 use super::progress::Reporter;
 use super::recorder::Recorder;
+use super::recording::{Place, RecordingThread, head};
 use super::start::{Start, failed_status, roll_call};
-use super::summary::{self, Facts, summarize};
+use super::summary::{self, Facts, Lost, summarize};
 use super::tap::TapHandle;
 use super::worker::Worker;
 use crate::pipeline::Pipeline;
@@ -54,6 +59,7 @@ fn load_and_run(args: FusionArgs) -> Result<Ending, NodeError> {
     let ending = runtime.block_on(run(&config, session, pipeline));
     // A publisher that a congested network holds must not hold up the end.
     runtime.shutdown_timeout(Duration::from_millis(200));
+    doorman::sum_up();
     ending
 }
 
@@ -78,72 +84,127 @@ async fn run(config: &Config, session: SessionId, pipeline: Pipeline) -> Result<
         (out, _) => Claim::take(out.as_deref(), &config.venue.name).map_err(NodeError::Refused)?,
     };
     let mut reporter = Reporter::new(config.managed, config.detail);
-    let link = Link::open(&config.venue, &config.listen, Mode::LockStep)
+    let link = Link::open(&config.venue, &config.door(), config.mode)
         .await
         .map_err(NodeError::Failed)?;
+    let venue = config.venue.name.clone();
+    let handout = Arc::clone(&config.handout);
+    tasks.spawn(handout::serve(
+        link.session(),
+        venue,
+        handout,
+        leave.clone(),
+    ));
     reporter.listening(link.locators().await);
-    let ear = Ear {
-        clock: clock::VenueClock::start(),
-        tap: TapHandle::new(None),
-    };
+    let recording = record(config, session, &pipeline).map_err(NodeError::Failed)?;
+    let tap = TapHandle::new(recording.as_ref().map(RecordingThread::tap));
+    let ear = Ear::new(&config.venue, clock::VenueClock::start(), tap);
     let mut ends = link.spawn(&tasks, &leave, &ear);
-    let mut outside = Outside {
-        ends: &mut ends,
-        reporter: &mut reporter,
-        stop: &stop,
-    };
-    let outcome = match roll_call(config, &mut outside).await {
-        Ok(Some(start)) => {
-            let run = Run {
+    let outcome = match config.mode {
+        Mode::LockStep => {
+            let mut outside = Outside {
+                ends: &mut ends,
+                reporter: &mut reporter,
+                stop: &stop,
+            };
+            let run = Begin {
                 config,
                 session,
                 out: claim.folder(),
-                start: &start,
                 tap: &ear.tap,
+                recording: recording.as_ref(),
             };
-            run.lock_step(pipeline, &mut outside).await
+            Box::pin(run.lock_step(pipeline, &mut outside)).await
         }
-        Ok(None) => Ok(Ending::Interrupted),
-        Err(error) => {
-            say_failure(config, &ends, &error);
-            tokio::time::sleep(REFUSAL).await;
-            Err(error)
+        Mode::Live => {
+            if let Some(recording) = &recording {
+                let fillers = recording.fillers(&ear.clock);
+                fillers.spawn(&ends.session(), &config.venue, &tasks, &leave);
+            }
+            let surroundings = Surroundings {
+                config,
+                session,
+                out: claim.folder(),
+                recording: recording.as_ref(),
+                ear: &ear,
+                ends: &mut ends,
+                reporter: &mut reporter,
+                stop: &stop,
+            };
+            Box::pin(live(surroundings, pipeline)).await
         }
     };
     stop.cancel();
     if timeout(DRAIN, ends.close(&tasks, &leave)).await.is_err() {
         warn!("tasks still running, leaving anyway");
     }
+    if let Some(recording) = recording {
+        recording.finish().await.map_err(NodeError::Failed)?;
+    }
     outcome
 }
 
-/// A run that all edges are ready for.
-struct Run<'a> {
+/// Begins the recording, if one is wanted.
+fn record(
+    config: &Config,
+    session: SessionId,
+    pipeline: &Pipeline,
+) -> anyhow::Result<Option<RecordingThread>> {
+    let Some(asked) = &config.record else {
+        return Ok(None);
+    };
+    let venue = &config.venue;
+    let head = head(venue, &config.venue_path, pipeline.keypoints(), NODE)?;
+    let place = Place::make(asked, &venue.name)?;
+    RecordingThread::start(place, head, session, &venue.parameters.recording).map(Some)
+}
+
+/// A run in lock-step.
+struct Begin<'a> {
     config: &'a Config,
     session: SessionId,
     /// Where the results go.
     out: &'a Path,
-    start: &'a Start,
     tap: &'a TapHandle,
+    recording: Option<&'a RecordingThread>,
 }
 
-impl Run<'_> {
+impl Begin<'_> {
+    /// Waits for all edges, and runs.
     async fn lock_step(
         &self,
+        pipeline: Pipeline,
+        outside: &mut Outside<'_>,
+    ) -> Result<Ending, NodeError> {
+        match roll_call(self.config, outside).await {
+            Ok(Some(start)) => Box::pin(self.run(&start, pipeline, outside)).await,
+            Ok(None) => Ok(Ending::Interrupted),
+            Err(error) => {
+                say_failure(self.config, outside.ends, &error);
+                tokio::time::sleep(REFUSAL).await;
+                Err(error)
+            }
+        }
+    }
+
+    /// Runs; all edges are ready.
+    async fn run(
+        &self,
+        start: &Start,
         mut pipeline: Pipeline,
         outside: &mut Outside<'_>,
     ) -> Result<Ending, NodeError> {
         let venue = &self.config.venue;
-        let ticks = &self.start.ticks;
-        outside.reporter.started(ticks.start, ticks.end);
+        let ticks = &start.ticks;
+        outside.reporter.started(ticks.start, Some(ticks.end));
         let began = clock::now();
         let first = pipeline.first_boxes(ticks.start);
         let keypoints = pipeline.keypoints().clone();
         let recorder = Recorder::create(self.out, venue, &keypoints).map_err(NodeError::Failed)?;
-        let mut worker = Worker::spawn(pipeline, recorder)
+        let mut worker = Worker::spawn(pipeline, recorder, Mode::LockStep)
             .context("starting the core's thread")
             .map_err(NodeError::Failed)?;
-        let mut run = LockStep::new(venue, self.session, self.start, self.tap.clone());
+        let mut run = LockStep::new(venue, self.session, start, self.tap.clone());
         let outcome = run
             .run(&first, &mut worker, outside)
             .await
@@ -160,14 +221,21 @@ impl Run<'_> {
             return outcome;
         }
         let facts = Facts {
-            start: self.start,
-            run: &run,
+            ticks: start.ticks.clone(),
+            edges: &start.edges,
+            tally: &run.tally,
+            lost: Lost {
+                late: run.tally.refused,
+                ..Lost::default()
+            },
             ending: outcome.as_ref().ok().copied(),
             people,
             last: finished.last,
             stages: finished.stages,
+            ways: Vec::new(),
             last_words: &last_words,
             elapsed: clock::now().duration_since(began),
+            recording: self.recording.map(RecordingThread::so_far),
         };
         summary::write(self.out, &summarize(self.config, &facts)).map_err(NodeError::Failed)?;
         outcome

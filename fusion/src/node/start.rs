@@ -79,6 +79,7 @@ pub(super) async fn roll_call(
         stop,
     } = outside;
     let mut roll = RollCall::new(&config.venue, config.ticks.clone());
+    roll.expect_models(config.handout.models());
     let patience = Duration::from_secs_f64(config.venue.parameters.link.lockstep_timeout_s);
     let deadline = Instant::now() + patience;
     let mut calls = interval(CALL_EVERY);

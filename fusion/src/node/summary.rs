@@ -1,6 +1,7 @@
 //! What a run says of itself at its end, for `summary.json`.
 
 use std::collections::BTreeMap;
+use std::ops::Range;
 use std::path::Path;
 use std::time::Duration;
 
@@ -9,17 +10,23 @@ use farfield_proto::message::{LOOK_STAGE, StageTime, Status};
 use farfield_proto::tick::Tick;
 
 use super::config::Config;
-use super::lockstep::LockStep;
 use super::process::Ending;
-use super::start::Start;
+use super::tally::Tally;
 use crate::export::pose_files::Presence;
-use crate::export::summary::{DropSummary, StageTiming, Summary, TickSpan, TimingSummary};
+use crate::export::summary::{
+    DropSummary, RecordingSummary, StageTiming, Summary, TickSpan, TimingSummary,
+};
 use crate::export::unfinished::write_whole;
 
 /// What is known when a run is over.
 pub(super) struct Facts<'a> {
-    pub(super) start: &'a Start,
-    pub(super) run: &'a LockStep<'a>,
+    /// The ticks of the run.
+    pub(super) ticks: Range<Tick>,
+    /// The first words of the edges, with their networks.
+    pub(super) edges: &'a [Status],
+    pub(super) tally: &'a Tally,
+    /// What came too late, or not at all.
+    pub(super) lost: Lost,
     /// How it ended; `None` when it failed.
     pub(super) ending: Option<Ending>,
     pub(super) people: Vec<Presence>,
@@ -27,20 +34,37 @@ pub(super) struct Facts<'a> {
     pub(super) last: Option<Tick>,
     /// Times of fusion's own stages.
     pub(super) stages: Vec<StageTime>,
+    /// Times of the ways between the nodes, by node; none in lock-step.
+    pub(super) ways: Vec<(String, StageTime)>,
     /// The last statuses of the edges, with their times.
     pub(super) last_words: &'a [Status],
     pub(super) elapsed: Duration,
+    /// What was recorded, when anything was.
+    pub(super) recording: Option<RecordingSummary>,
+}
+
+/// Messages that no step has used.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(super) struct Lost {
+    /// Those that fusion could not read.
+    pub(super) unreadable: u64,
+    pub(super) late: u64,
+    pub(super) missing: u64,
+    /// Of strangers, of another session, of refused edges, or repeated.
+    pub(super) refused: u64,
+    /// What fusion had no room to send.
+    pub(super) unsent: u64,
 }
 
 /// Puts the facts together; nothing outside `timing` depends on a clock or another process.
 pub(super) fn summarize(config: &Config, facts: &Facts<'_>) -> Summary {
-    let Facts { start, run, .. } = facts;
+    let Facts { ticks, lost, .. } = facts;
     let done = facts
         .last
-        .map_or(0, |last| last + 1 - start.ticks.start)
+        .map_or(0, |last| last + 1 - ticks.start)
         .unsigned_abs();
     let by_edge = |text: fn(&Status) -> &String| -> BTreeMap<String, String> {
-        start
+        facts
             .edges
             .iter()
             .filter(|edge| !text(edge).is_empty())
@@ -55,54 +79,63 @@ pub(super) fn summarize(config: &Config, facts: &Facts<'_>) -> Summary {
         rate_hz: config.venue.rate_hz,
         complete: facts.ending == Some(Ending::Done),
         ticks: TickSpan {
-            first: start.ticks.start,
-            end: start.ticks.end,
+            first: ticks.start,
+            end: ticks.end,
             done,
         },
         people: facts.people.iter().copied().map(Into::into).collect(),
-        links: run.tally.links(),
+        links: facts.tally.links(),
         drops: DropSummary {
             unreadable: facts
                 .last_words
                 .iter()
                 .map(|status| status.unreadable)
-                .sum(),
-            unusable: run.tally.unusable,
-            late: run.tally.refused,
-            missing: 0,
+                .sum::<u64>()
+                + lost.unreadable,
+            unusable: facts.tally.unusable,
+            late: lost.late,
+            missing: lost.missing,
+            refused: lost.refused,
+            unsent: lost.unsent,
         },
         backends: by_edge(|status| &status.backend),
         models: by_edge(|status| &status.network_hash),
-        versions: [
-            ("farfield".to_owned(), env!("CARGO_PKG_VERSION").to_owned()),
-            ("wire".to_owned(), farfield_proto::wire::VERSION.to_string()),
-        ]
-        .into(),
+        versions: versions(),
         timing: TimingSummary {
             elapsed_s,
             ticks_per_s: done as f64 / elapsed_s.max(1e-9),
-            stages: stages(&facts.stages, facts.last_words),
+            stages: stages(facts),
             look_share: look_shares(facts.last_words),
             link_bytes_on_wire: BTreeMap::new(),
+            recording: facts.recording.clone(),
         },
     }
 }
 
+/// Per program and library: its version.
+pub(super) fn versions() -> BTreeMap<String, String> {
+    [
+        ("farfield".to_owned(), env!("CARGO_PKG_VERSION").to_owned()),
+        ("wire".to_owned(), farfield_proto::wire::VERSION.to_string()),
+    ]
+    .into()
+}
+
 /// `fusion/step`, `<viewpoint>/read` and so on.
-fn stages(fusion: &[StageTime], last_words: &[Status]) -> BTreeMap<String, StageTiming> {
-    let of_edges = last_words.iter().flat_map(|status| {
+fn stages(facts: &Facts<'_>) -> BTreeMap<String, StageTiming> {
+    let of_edges = facts.last_words.iter().flat_map(|status| {
         status
             .stages
             .iter()
             .map(|stage| (status.node.as_str(), stage))
     });
-    let all = fusion
-        .iter()
-        .map(|stage| (super::link::NODE, stage))
-        .chain(of_edges);
+    let ways = facts.ways.iter().map(|(node, way)| (node.as_str(), way));
+    let own = facts.stages.iter().map(|stage| (super::link::NODE, stage));
+    let all = own.chain(of_edges).chain(ways);
     let timing = |stage: &StageTime| StageTiming {
         p50_us: f64::from(stage.p50_us),
         p99_us: f64::from(stage.p99_us),
+        p999_us: f64::from(stage.p999_us),
         max_us: f64::from(stage.max_us),
     };
     all.map(|(node, stage)| (format!("{node}/{}", stage.stage), timing(stage)))

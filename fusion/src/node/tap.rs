@@ -45,6 +45,11 @@ pub trait Tap: Send + Sync {
 
     /// The core steps a tick.
     fn decided(&self, decided: Decided<'_>);
+
+    /// Why it listens no more, if it does not.
+    fn failure(&self) -> Option<String> {
+        None
+    }
 }
 
 /// The tap of a run, if it has one.
@@ -72,6 +77,13 @@ impl TapHandle {
         if let Some(tap) = &self.0 {
             tap.decided(decided);
         }
+    }
+}
+
+impl TapHandle {
+    /// Why nobody listens any more, if somebody did.
+    pub(super) fn failure(&self) -> Option<String> {
+        self.0.as_ref()?.failure()
     }
 }
 

@@ -3,28 +3,54 @@
 use std::collections::BTreeMap;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::JoinHandle;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, anyhow};
-use farfield_proto::message::{BoxSet, PoseSet, StageTime};
+use farfield_proto::histogram::Histogram;
+use farfield_proto::message::{BoxSet, PatchSet, PoseSet, StageTime};
 use farfield_proto::tick::Tick;
 use tokio::sync::mpsc;
 
 use super::clock;
+use super::link::Mode;
+use super::process::say;
 use super::recorder::Recorder;
 use crate::align::TickGroup;
 use crate::export::pose_files::Presence;
 use crate::pipeline::{Pipeline, Stage};
+
+/// A tick to work on.
+#[derive(Debug, Default)]
+pub(super) struct Job {
+    pub(super) group: TickGroup,
+    /// Sets of earlier ticks that have come since.
+    pub(super) late: Vec<PatchSet>,
+    /// How many ticks ahead the boxes are made, by viewpoint; empty: as before.
+    pub(super) horizons: Vec<f64>,
+}
+
+impl From<TickGroup> for Job {
+    fn from(group: TickGroup) -> Self {
+        Self {
+            group,
+            ..Self::default()
+        }
+    }
+}
 
 /// What a tick came to.
 #[derive(Debug)]
 pub(super) struct Stepped {
     /// The poses of the tick, as they look now.
     pub(super) poses: PoseSet,
+    /// Ticks that the fixed-lag smoother is done with, as it sees them.
+    pub(super) smoothed: Vec<PoseSet>,
     /// Where to look at the next tick, one set per viewpoint.
     pub(super) boxes: Vec<BoxSet>,
     /// Patches that were readable, but made no sense.
     pub(super) unusable: u32,
+    /// How long the core's stages have taken so far, told once a second.
+    pub(super) stages: Option<Vec<StageTime>>,
 }
 
 /// What the thread leaves behind.
@@ -40,23 +66,38 @@ pub(super) struct Finished {
 
 /// The loop's handle on the thread.
 pub(super) struct Worker {
-    jobs: SyncSender<TickGroup>,
+    jobs: SyncSender<Job>,
     /// Results, in the order of the jobs; closed when the thread has ended.
     pub(super) done: mpsc::Receiver<Stepped>,
     thread: JoinHandle<Finished>,
 }
 
 impl Worker {
-    /// Starts the thread.
+    /// Starts the thread. Where the files cannot be written it ends, unless the run is live: then that is said,
+    /// and the people are followed on.
     ///
     /// # Errors
     /// When the system has no thread left.
-    pub(super) fn spawn(pipeline: Pipeline, recorder: Recorder) -> std::io::Result<Self> {
-        // Lock-step has one tick under way; the second place lets the loop never wait.
+    pub(super) fn spawn(
+        pipeline: Pipeline,
+        recorder: Recorder,
+        mode: Mode,
+    ) -> std::io::Result<Self> {
+        // There is one tick under way; the second place lets the loop never wait.
         let (jobs, to_do) = sync_channel(2);
         let (done_tx, done) = mpsc::channel(2);
         let thread = std::thread::Builder::new().name("core".to_owned());
-        let thread = thread.spawn(move || work(pipeline, recorder, &to_do, &done_tx))?;
+        let thread = thread.spawn(move || {
+            Work {
+                pipeline,
+                recorder,
+                mode,
+                written: Ok(()),
+                last: None,
+                laps: Laps::default(),
+            }
+            .run(&to_do, &done_tx)
+        })?;
         Ok(Self { jobs, done, thread })
     }
 
@@ -64,9 +105,9 @@ impl Worker {
     ///
     /// # Errors
     /// When the thread has ended, or still has two ticks to do.
-    pub(super) fn step(&self, group: TickGroup) -> anyhow::Result<()> {
+    pub(super) fn step(&self, job: impl Into<Job>) -> anyhow::Result<()> {
         self.jobs
-            .try_send(group)
+            .try_send(job.into())
             .map_err(|error| anyhow!("the core does not take a tick: {error}"))
     }
 
@@ -80,49 +121,98 @@ impl Worker {
     }
 }
 
-fn work(
-    mut pipeline: Pipeline,
-    mut recorder: Recorder,
-    to_do: &Receiver<TickGroup>,
-    done: &mpsc::Sender<Stepped>,
-) -> Finished {
-    let mut laps = Laps::default();
-    let mut written = Ok(());
-    let mut last = None;
-    while let (Ok(group), Ok(())) = (to_do.recv(), &written) {
+/// Poses that do not change any more.
+struct ToWrite {
+    poses: Vec<PoseSet>,
+    smoothed: Vec<PoseSet>,
+}
+
+/// What the thread owns.
+struct Work {
+    pipeline: Pipeline,
+    recorder: Recorder,
+    mode: Mode,
+    /// Why nothing more is written, if so.
+    written: anyhow::Result<()>,
+    last: Option<Tick>,
+    laps: Laps,
+}
+
+impl Work {
+    fn run(mut self, to_do: &Receiver<Job>, done: &mpsc::Sender<Stepped>) -> Finished {
+        while let Ok(job) = to_do.recv() {
+            let (stepped, finished) = self.step(&job);
+            // Who listens has left when the run was stopped; the files are finished all the same.
+            let listening = done.blocking_send(stepped).is_ok();
+            let start = clock::now();
+            self.write(&finished.poses, &finished.smoothed);
+            self.laps.lap("write", start);
+            if !listening || self.written.is_err() && self.mode == Mode::LockStep {
+                break;
+            }
+        }
+        let Self {
+            mut pipeline,
+            mut recorder,
+            written,
+            last,
+            laps,
+            ..
+        } = self;
+        let people = if last.is_none() {
+            // Files without a tick would only be in the way: dropped, they go.
+            written.map(|()| Vec::new())
+        } else {
+            written
+                .and_then(|()| recorder.write(&pipeline.finish()))
+                .and_then(|()| recorder.write_smoothed(&pipeline.finish_smoothed()))
+                .and_then(|()| recorder.finish())
+        };
+        Finished {
+            people,
+            last,
+            stages: laps.times(),
+        }
+    }
+
+    fn step(&mut self, job: &Job) -> (Stepped, ToWrite) {
         let start = clock::now();
         let mut lap_start = start;
-        let output = pipeline.step(&group, &mut |stage| {
+        if !job.horizons.is_empty() {
+            self.pipeline.set_horizons(&job.horizons);
+        }
+        for set in &job.late {
+            self.pipeline.add_late(set);
+        }
+        let laps = &mut self.laps;
+        let output = self.pipeline.step(&job.group, &mut |stage| {
             lap_start = laps.lap(name(stage), lap_start);
         });
         laps.lap("step", start);
-        last = Some(group.tick);
-        // Who listens has left when the run was stopped; the files are finished all the same.
+        self.last = Some(job.group.tick);
         let stepped = Stepped {
+            unusable: output.unusable_patches + output.unusable_sightings,
+            stages: self.laps.told_once_a_second(start),
+            smoothed: output.smoothed.clone(),
             poses: output.poses,
             boxes: output.boxes,
-            unusable: output.unusable_patches + output.unusable_sightings,
         };
-        let listening = done.blocking_send(stepped).is_ok();
-        let start = clock::now();
-        written = recorder.write(&output.finished);
-        laps.lap("write", start);
-        if !listening {
-            break;
-        }
+        let to_write = ToWrite {
+            poses: output.finished,
+            smoothed: output.smoothed,
+        };
+        (stepped, to_write)
     }
-    let people = if last.is_none() {
-        // Files without a tick would only be in the way: dropped, they go.
-        written.map(|()| Vec::new())
-    } else {
-        written
-            .and_then(|()| recorder.write(&pipeline.finish()))
-            .and_then(|()| recorder.finish())
-    };
-    Finished {
-        people,
-        last,
-        stages: laps.times(),
+
+    fn write(&mut self, finished: &[PoseSet], smoothed: &[PoseSet]) {
+        if self.written.is_err() {
+            return;
+        }
+        let written = self.recorder.write(finished);
+        self.written = written.and_then(|()| self.recorder.write_smoothed(smoothed));
+        if let (Err(error), Mode::Live) = (&self.written, self.mode) {
+            say(format_args!("no more poses are written: {error:#}"));
+        }
     }
 }
 
@@ -140,24 +230,34 @@ fn name(stage: Stage) -> &'static str {
     }
 }
 
-/// Times of the stages, four bytes per stage and tick.
+/// Times of the stages.
 #[derive(Debug, Default)]
 struct Laps {
-    samples_us: BTreeMap<&'static str, Vec<u32>>,
+    of_stage: BTreeMap<&'static str, Histogram>,
+    told: Option<Instant>,
 }
 
 impl Laps {
     /// Notes that `stage` has lasted since `start`; returns now.
     fn lap(&mut self, stage: &'static str, start: Instant) -> Instant {
-        let samples = self.samples_us.entry(stage).or_default();
-        samples.push(clock::micros_since(start));
+        let histogram = self.of_stage.entry(stage).or_default();
+        histogram.record(clock::micros_since(start));
         clock::now()
     }
 
-    fn times(mut self) -> Vec<StageTime> {
-        let samples = self.samples_us.iter_mut();
-        samples
-            .filter_map(|(stage, samples)| StageTime::from_samples(stage, samples))
+    fn times(&self) -> Vec<StageTime> {
+        let stages = self.of_stage.iter();
+        stages
+            .filter_map(|(stage, histogram)| histogram.stage_time(stage))
             .collect()
+    }
+
+    fn told_once_a_second(&mut self, now: Instant) -> Option<Vec<StageTime>> {
+        let is_due = |told: Instant| now.duration_since(told) >= Duration::from_secs(1);
+        if !self.told.is_none_or(is_due) {
+            return None;
+        }
+        self.told = Some(now);
+        Some(self.times())
     }
 }

@@ -48,13 +48,13 @@ struct Place {
 
 /// Both feet of a person.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Feet {
+pub(crate) struct Feet {
     places: [Option<Place>; 2],
 }
 
 impl Feet {
     /// Puts feet down and takes them up, from the smoothed joints (world, metres) and their velocities.
-    pub(super) fn step(&mut self, joints_m: &Joints, velocity_m_s: &Joints, dt_s: f64) {
+    pub(crate) fn step(&mut self, joints_m: &Joints, velocity_m_s: &Joints, dt_s: f64) {
         let share = (dt_s / FOLLOW_S).clamp(0.0, 1.0);
         for (place, [ankle, knee, heel, toe]) in self.places.iter_mut().zip(JOINTS) {
             let at = |joint: Joint| joints_m[joint.index()];
@@ -80,7 +80,7 @@ impl Feet {
     }
 
     /// Where a joint of a standing foot is, if it is one.
-    pub(super) fn place_of(&self, joint: Joint) -> Option<Vector3<f64>> {
+    pub(crate) fn place_of(&self, joint: Joint) -> Option<Vector3<f64>> {
         let of = |side: Side| self.places[usize::from(side == Side::Right)];
         match joint {
             Joint::LeftHeel => of(Side::Left).map(|place| place.heel_m),

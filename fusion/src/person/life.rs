@@ -11,6 +11,9 @@
 use farfield_proto::message::PersonState;
 use farfield_proto::venue::parameters::BirthParameters;
 
+use super::method::Method;
+use crate::lattice::KeypointEstimate;
+
 /// How long a confirmed person lacks evidence from two viewpoints until it is lost, and has it again until
 /// it is not, seconds.
 const LOST_S: f64 = 0.1;
@@ -197,6 +200,24 @@ pub enum Evidence {
     OneView,
     /// Less.
     Missing,
+}
+
+impl Evidence {
+    /// What `estimates` bring of a person.
+    pub(crate) fn of(estimates: &[KeypointEstimate], method: &Method) -> Self {
+        let enough = method.parameters.births.min_seen_keypoints as usize;
+        let seen_by = |views: u16| {
+            let seen = |e: &&KeypointEstimate| e.weight > 0.0 && e.views >= views;
+            estimates.iter().filter(seen).count() >= enough
+        };
+        if seen_by(2) {
+            Self::Seen
+        } else if seen_by(1) {
+            Self::OneView
+        } else {
+            Self::Missing
+        }
+    }
 }
 
 #[cfg(test)]

@@ -150,7 +150,7 @@ impl Lookout {
             self.planned_from = tick;
         }
         loop {
-            let next = self.planned_from + self.planned.len() as i64;
+            let next = self.planned_from + self.planned.len().cast_signed() as i64;
             if next >= tick + self.ahead {
                 break;
             }

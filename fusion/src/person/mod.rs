@@ -13,6 +13,7 @@
 //! Everything is compared in the world, in metres: cameras differ, and people lie, crouch and stand
 //! on their hands.
 
+pub(crate) mod aims;
 pub mod birth;
 pub mod contests;
 pub mod crowd;
@@ -29,7 +30,7 @@ mod association;
 mod contradiction;
 mod exchange;
 mod explain;
-mod feet;
+pub(crate) mod feet;
 mod initial_pose;
 mod limbs;
 mod lookout;

@@ -67,6 +67,7 @@ impl Track {
             self.smooth(method);
         }
         self.fit_joints(method);
+        self.tell_anew(tick.tick);
         (
             tick.tick,
             PersonPose {

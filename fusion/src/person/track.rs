@@ -8,11 +8,13 @@
 mod coasting;
 mod identity;
 mod meeting;
+mod moment;
 
 use farfield_proto::camera::CameraModel;
 use farfield_proto::id::{PersonId, ViewpointIndex};
 use farfield_proto::message::PersonPatch;
 use farfield_proto::patch::Decoder;
+use farfield_proto::tick::Tick;
 use nalgebra::Vector3;
 
 use crate::align::TickGroup;
@@ -27,6 +29,8 @@ use crate::smooth::Smoother;
 use crate::uncertainty::{Uncertainty, weigh_views};
 
 use self::identity::Apart;
+pub use self::moment::Moment;
+use super::aims::aim_at_keypoints;
 use super::exchange::Exchanges;
 use super::feet::Feet;
 use super::life::Life;
@@ -84,6 +88,9 @@ pub struct Track {
     apart: Option<Apart>,
     /// The pelvis at birth, world, metres.
     pub(super) born_m: Vector3<f64>,
+    /// What the last tick changed of those before.
+    told_anew: Vec<Moment>,
+    mistaken_since: Option<Tick>,
 }
 
 impl Track {
@@ -127,6 +134,8 @@ impl Track {
             last_seen: None,
             apart: None,
             born_m: pose.root_m,
+            told_anew: Vec::new(),
+            mistaken_since: None,
         }
     }
 
@@ -148,6 +157,11 @@ impl Track {
     /// The body: link lengths that stay the same from tick to tick.
     pub fn skeleton(&self) -> &Skeleton {
         &self.skeleton
+    }
+
+    /// Where the keypoints sit on this person, by keypoint.
+    pub fn sites(&self) -> &[Option<Site>] {
+        &self.sites
     }
 
     /// Where the keypoints of the last tick were expected, world, metres, by keypoint.
@@ -197,6 +211,8 @@ impl Track {
             &mut self.ahead_m,
         );
         self.n_views = 0;
+        self.told_anew = Vec::new();
+        self.mistaken_since = None;
     }
 
     /// The body as others are occluded by it at this tick.
@@ -300,7 +316,7 @@ impl Track {
 
     /// First inverse kinematics, paper (10)-(12): the joints that fit the keypoints, without range of motion.
     pub fn fit_keypoints(&mut self, method: &Method) {
-        self.aim_at_keypoints(method);
+        aim_at_keypoints(&self.estimates, &self.sites, method, &mut self.targets);
         let priors = Priors::new(&method.parameters.ik, &self.pose, method.dt_s);
         let solution = self
             .solver
@@ -374,39 +390,6 @@ impl Track {
         let joints = || without_offsets(estimates, sites, kinematics);
         if let Some(skeleton) = self.remeasure.tick(joints, method) {
             self.skeleton = skeleton;
-        }
-    }
-
-    fn aim_at_keypoints(&mut self, method: &Method) {
-        let ik = &method.parameters.ik;
-        let full = 1.0 / (ik.keypoint_sigma_m * ik.keypoint_sigma_m);
-        self.targets.clear();
-        let keypoints = self.estimates.iter().zip(&self.sites);
-        for ((estimate, site), sigma) in keypoints.zip(&method.relative_sigmas) {
-            let Some(site) = site else { continue };
-            let full = full / (sigma * sigma);
-            let weight = if estimate.weight > 0.0 {
-                estimate.weight.max(ik.min_weight)
-            } else {
-                ik.prediction_weight
-            };
-            let target = Target {
-                joint: site.joint,
-                offset_m: site.offset_m,
-                position_m: estimate.position_m,
-                weight: weight * full,
-                across: estimate.ray,
-            };
-            self.targets.push(target);
-            if estimate.ray.is_some() {
-                // Along the ray nothing was seen: there the prediction carries the limb on.
-                let weight = ik.prediction_weight * full;
-                self.targets.push(Target {
-                    weight,
-                    across: None,
-                    ..target
-                });
-            }
         }
     }
 }

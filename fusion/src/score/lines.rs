@@ -30,7 +30,7 @@ pub enum Role {
 }
 
 /// The people of one file, by tick and id.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Recording {
     points: PointSet,
     partial: bool,

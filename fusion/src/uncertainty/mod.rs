@@ -21,27 +21,18 @@
 mod drift;
 mod known;
 mod lasting;
+mod told;
 mod views;
 
 pub use known::Known;
+pub(crate) use told::Told;
 pub use views::weigh_views;
 
-use nalgebra::Matrix3;
-
-use crate::ik::{JointSpread, PointInformation};
+use crate::ik::JointSpread;
 use crate::lattice::KeypointEstimate;
 use crate::predict::Joints;
 use crate::skeleton::{Joint, Kinematics, N_JOINTS, Site};
 
-/// What is known of a keypoint per viewpoint and axis of its image where nobody kept more than how many
-/// saw it, metres: of a sighting at a birth.
-const SIGHTED_M: f64 = 0.03;
-/// Share of the variance of heel and toe about the ankle that is left: feet do not use all of the
-/// range of motion of an ankle.
-const FOOT_SHARE: f64 = 0.55;
-/// By what one viewpoint's poses are less sure than their keypoints: the size of a body, from which its
-/// distance follows, is no better known than to some percent.
-const ONE_VIEW_FACTOR: f64 = 2.0;
 /// Share of the misfit between pose and keypoints that is the pose's error.
 const MISFIT_SHARE: f64 = 0.5;
 /// Over which the misfit is averaged, seconds.
@@ -87,6 +78,8 @@ pub struct Uncertainty {
     is_known: bool,
     /// Per axis.
     variance_m2: [f64; N_JOINTS],
+    /// What the views of the last tick alone knew, without what no tick can know; infinite without any.
+    of_tick_m2: [f64; N_JOINTS],
     /// Mean square distance per axis between the keypoint on a joint and the pose.
     misfit_m2: [f64; N_JOINTS],
     /// When each joint was last seen.
@@ -110,6 +103,7 @@ impl Default for Uncertainty {
             spread: JointSpread::default(),
             is_known: false,
             variance_m2: [0.0; N_JOINTS],
+            of_tick_m2: [f64::INFINITY; N_JOINTS],
             misfit_m2: [0.0; N_JOINTS],
             held_m2: [0.0; N_JOINTS],
             unseen_s: [0.0; N_JOINTS],
@@ -126,6 +120,22 @@ impl Uncertainty {
     /// Per joint one standard deviation per axis, metres; `None` until the person was seen.
     pub fn sigma_m(&self) -> Option<[f64; N_JOINTS]> {
         self.is_known.then(|| self.variance_m2.map(f64::sqrt))
+    }
+
+    /// Per joint the variance per axis, m²; `None` until the person was seen.
+    pub fn variance_m2(&self) -> Option<[f64; N_JOINTS]> {
+        self.is_known.then_some(self.variance_m2)
+    }
+
+    /// Per joint how sure the views of the last tick alone were of it, variance per axis, m²: without the
+    /// ticks before, and without what is the same in all ticks. Infinite where they said nothing.
+    pub fn of_tick_m2(&self) -> [f64; N_JOINTS] {
+        self.of_tick_m2
+    }
+
+    /// What the last pose was made of.
+    pub fn made_of(&self) -> MadeOf {
+        self.made_of
     }
 
     /// Forgets what is known.
@@ -151,6 +161,7 @@ impl Uncertainty {
                 drift::of_body_m2(self.lost_speed_m_s, self.coasted_s, tick.coast_decay_s)
             }
         };
+        self.of_tick_m2 = [f64::INFINITY; N_JOINTS];
         match tick.made_of {
             MadeOf::Motion => self.coast(),
             MadeOf::Views | MadeOf::OneView => self.see(tick),
@@ -170,7 +181,10 @@ impl Uncertainty {
         let mut seen_m2 = self.seen_m2(tick);
         if tick.made_of == MadeOf::OneView {
             for variance_m2 in &mut seen_m2 {
-                *variance_m2 *= ONE_VIEW_FACTOR * ONE_VIEW_FACTOR;
+                *variance_m2 *= told::ONE_VIEW_M2;
+            }
+            for variance_m2 in &mut self.of_tick_m2 {
+                *variance_m2 *= told::ONE_VIEW_M2;
             }
         }
         if !self.is_known {
@@ -198,20 +212,13 @@ impl Uncertainty {
 
     /// What this tick alone knows of each joint, and what it cannot know.
     fn seen_m2(&mut self, tick: &Moment<'_>) -> [f64; N_JOINTS] {
-        let points = tick.estimates.iter().zip(tick.sites);
-        let points = points.filter_map(|(estimate, site)| {
-            Some(PointInformation {
-                site: (*site)?,
-                information: information_of(estimate),
-            })
-        });
-        let mut seen_m2 = self.spread.variances_m2(tick.body, points);
-        for [ankle, heel, toe] in FEET {
-            for end in [heel, toe] {
-                let about_ankle_m2 = seen_m2[end.index()] - seen_m2[ankle.index()];
-                seen_m2[end.index()] -= (1.0 - FOOT_SHARE) * about_ankle_m2.max(0.0);
-            }
-        }
+        let told = Told {
+            estimates: tick.estimates,
+            sites: tick.sites,
+            body: tick.body,
+        };
+        let mut seen_m2 = told.variances_m2(&mut self.spread, MadeOf::Views);
+        self.of_tick_m2 = seen_m2;
         self.compare(tick);
         let misfits_m2 = self.misfit_m2.iter().zip(Joint::ALL);
         for (variance_m2, (misfit_m2, joint)) in seen_m2.iter_mut().zip(misfits_m2) {
@@ -235,23 +242,6 @@ impl Uncertainty {
             }
         }
     }
-}
-
-/// Ankle, heel and toe of a side.
-const FEET: [[Joint; 3]; 2] = [
-    [Joint::LeftAnkle, Joint::LeftHeel, Joint::LeftToe],
-    [Joint::RightAnkle, Joint::RightHeel, Joint::RightToe],
-];
-
-/// What the views told of a keypoint; of a sighted one, that so many views saw it.
-fn information_of(estimate: &KeypointEstimate) -> Matrix3<f64> {
-    let is_sighted = estimate.weight > 0.0 && estimate.views >= 2;
-    if is_sighted && estimate.information == Matrix3::zeros() {
-        // Each view tells two of three directions.
-        let per_view = 2.0 / 3.0 / (SIGHTED_M * SIGHTED_M);
-        return Matrix3::identity() * (per_view * f64::from(estimate.views));
-    }
-    estimate.information
 }
 
 #[cfg(test)]

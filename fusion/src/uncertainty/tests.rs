@@ -1,7 +1,8 @@
 //! What must hold whatever the numbers are.
 
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
+use super::told::SIGHTED_M;
 use super::*;
 use crate::skeleton::{Pose, Proportions, Skeleton};
 

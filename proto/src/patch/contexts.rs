@@ -1,6 +1,7 @@
 //! Everything that is learnt within a patch, and what is known before its first bit.
 
 use super::body::CLASSES;
+use super::priors::PRIORS;
 use super::range_coder::Probability;
 use super::symbol::NUMBER;
 
@@ -14,7 +15,7 @@ const WINDOWS: usize = 4 * NUMBER;
 const ZEROS: usize = ZERO_CLASSES;
 const SIGNS: usize = 5;
 const SIZES: usize = SIZE_CLASSES * SIZE_NODES;
-const TOTAL: usize =
+pub(super) const TOTAL: usize =
     POSITIONS + HEIGHTS + WIDTHS + COUNTS + CORRECTED + WINDOWS + ZEROS + SIGNS + SIZES;
 
 /// Classes of a height: no mode before, a low, a middle, a high one, a further peak.
@@ -99,7 +100,7 @@ impl Contexts {
 
     /// What was learnt, as [`KNOWN`] is written.
     pub(super) fn learnt(&self) -> impl Iterator<Item = u16> {
-        self.all.iter().map(Probability::of_false)
+        self.all.iter().map(|context| context.of_false())
     }
 }
 
@@ -112,4 +113,15 @@ pub(super) struct Corrections<'a> {
 }
 
 /// What is known before the first bit.
-static KNOWN: Contexts = Contexts::new();
+static KNOWN: Contexts = {
+    let mut known = Contexts::new();
+    let mut i = 0;
+    while i < TOTAL {
+        // What never occurred in what was measured is not known.
+        if PRIORS[i] > 0 {
+            known.all[i] = Probability::known((PRIORS[i] as u16) << 8);
+        }
+        i += 1;
+    }
+    known
+};

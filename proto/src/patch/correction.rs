@@ -5,76 +5,87 @@ use std::ops::Range;
 use super::contexts::{Contexts, Corrections, SIZE_CLASSES, SIZE_NODES, ZERO_CLASSES};
 use super::mode::Scale;
 use super::range_coder::{BitCoder, Probability};
-use super::recipe::Correction;
 use super::symbol::number;
+
+/// Sides of the window are mostly near this.
+const USUAL: i32 = 8;
+/// The largest size that contexts say.
+const MOST_SIZE: i32 = 12;
+const _: () = assert!(ZERO_CLASSES == 20 && SIZE_NODES == MOST_SIZE as usize);
 
 /// The corrections of one map.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Grid {
     /// Cells from one to the next, at least 1.
     pitch: f32,
-    columns: usize,
-    rows: usize,
-    /// Row by row.
-    values: Vec<i16>,
-    /// Where values are not zero.
+    /// The cells, along columns and rows, next to the places of the grid.
+    places: [Vec<u16>; 2],
+    /// Where corrections are, columns and rows.
     window: [Range<usize>; 2],
-    /// Per column of the map within the window: the value to its left, and how far it is from there.
+    /// Those of the window, row by row.
+    values: Vec<i16>,
+    /// Per column of the map within the window: the place to its left and how far it is from there.
     left: Vec<(usize, f32)>,
 }
 
 impl Grid {
-    /// Makes room for a map of `scale`; nothing is corrected.
-    pub(super) fn reset(&mut self, scale: &Scale, correction: &Correction) {
-        self.pitch = (scale.cells * f32::from(correction.pitch)).max(1.0);
-        let along = |size: usize| ((size - 1) as f32 / self.pitch).ceil() as usize + 1;
-        (self.columns, self.rows) = (along(scale.width), along(scale.height));
-        self.values.clear();
-        self.values.resize(self.columns * self.rows, 0);
+    /// Makes room for maps of `scale`.
+    pub(super) fn reset(&mut self, scale: &Scale) {
+        self.pitch = scale.cells.max(1.0);
+        for (places, size) in self.places.iter_mut().zip([scale.width, scale.height]) {
+            let n = ((size - 1) as f32 / self.pitch).ceil() as usize + 1;
+            let cell = |place: usize| ((place as f32 * self.pitch + 0.5) as usize).min(size - 1);
+            places.clear();
+            places.extend((0..n).map(|place| cell(place) as u16));
+        }
         self.window = [0..0, 0..0];
     }
 
-    /// Takes what is between `cells` and what the modes `show`, in steps; whether any is left.
-    pub(super) fn measure(
-        &mut self,
-        cells: &[u8],
-        show: &[u8],
-        floor: u8,
-        step: u8,
-        scale: &Scale,
-    ) -> bool {
-        let step = i32::from(step);
+    /// Takes what is between a map and what its modes show, in steps; whether any is left.
+    pub(super) fn measure(&mut self, seen: &Seen<'_>, step: u8, scale: &Scale) -> bool {
+        let step = i16::from(step);
+        // A little less than half a step is not worth its bits.
+        let given = step * 2 / 5;
+        let least = (step - given) as u8;
         let mut window: Option<[Range<usize>; 2]> = None;
-        for j in 0..self.rows {
-            let y = self.cell(j, scale.height) * scale.width;
-            for i in 0..self.columns {
-                let at = y + self.cell(i, scale.width);
-                let (cell, show) = (cells[at], show[at]);
-                if cell.max(show) < floor {
-                    continue;
-                }
-                let cell = if cell < floor { 0 } else { cell };
-                let off = i32::from(cell) - i32::from(show);
-                // A little less than half a step is not worth its bits.
-                let steps = off.signum() * ((off.abs() + step * 2 / 5) / step);
-                if steps != 0 {
-                    self.values[j * self.columns + i] = steps as i16;
-                    window = Some(window.map_or([i..i + 1, j..j + 1], |[columns, rows]| {
-                        [
-                            columns.start.min(i)..columns.end.max(i + 1),
-                            rows.start..j + 1,
-                        ]
-                    }));
-                }
+        for (j, &y) in self.places[1].iter().enumerate() {
+            let y = usize::from(y);
+            if seen.off[y] < least {
+                continue;
             }
+            let is_off = |&x: &u16| {
+                seen.off(y * scale.width + usize::from(x)).unsigned_abs() >= least.into()
+            };
+            let places = &self.places[0];
+            let (Some(first), Some(last)) = (
+                places.iter().position(is_off),
+                places.iter().rposition(is_off),
+            ) else {
+                continue;
+            };
+            window = Some(
+                window.map_or([first..last + 1, j..j + 1], |[columns, rows]| {
+                    [
+                        columns.start.min(first)..columns.end.max(last + 1),
+                        rows.start..j + 1,
+                    ]
+                }),
+            );
         }
-        self.window = window.clone().unwrap_or([0..0, 0..0]);
-        window.is_some()
-    }
-
-    /// The cell next to a place of the grid.
-    fn cell(&self, place: usize, size: usize) -> usize {
-        ((place as f32 * self.pitch + 0.5) as usize).min(size - 1)
+        let Some(window) = window else {
+            return false;
+        };
+        self.values.clear();
+        for &y in &self.places[1][window[1].clone()] {
+            let row = usize::from(y) * scale.width;
+            self.values
+                .extend(self.places[0][window[0].clone()].iter().map(|&x| {
+                    let off = seen.off(row + usize::from(x));
+                    off.signum() * ((off.abs() + given) / step)
+                }));
+        }
+        self.window = window;
+        true
     }
 
     /// Codes the corrections; `show` is what the modes show.
@@ -86,86 +97,112 @@ impl Grid {
         scale: &Scale,
     ) {
         for axis in 0..2 {
-            let size = [self.columns, self.rows][axis];
+            let size = whole(self.places[axis].len());
             let Range { start, end } = self.window[axis].clone();
-            let middle = (size / 2) as i32;
-            let start = number(coder, contexts.window(2 * axis), start as i32 - middle) + middle;
-            let start = start.clamp(0, size as i32 - 1) as usize;
-            let length = end.saturating_sub(start) as i32;
-            let length = number(coder, contexts.window(2 * axis + 1), length - 8) + 8;
-            self.window[axis] = start..(start + length.max(1) as usize).min(size);
+            let middle = size / 2;
+            let first = number(coder, contexts.window(2 * axis), whole(start) - middle) + middle;
+            let first = first.clamp(0, size - 1);
+            let length = whole(end) - whole(start);
+            let length = number(coder, contexts.window(2 * axis + 1), length - USUAL) + USUAL;
+            let end = (first + length.max(1)).min(size);
+            self.window[axis] = first as usize..end as usize;
         }
         let [columns, rows] = self.window.clone();
+        let n = columns.len();
+        self.values.resize(n * rows.len(), 0);
         let mut contexts = contexts.corrections();
-        for j in rows {
-            let y = self.cell(j, scale.height) * scale.width;
-            for i in columns.clone() {
-                let at = j * self.columns + i;
-                let around = self.around(i, j);
-                let shown = show[y + self.cell(i, scale.width)];
-                self.values[at] = value(coder, &mut contexts, self.values[at], around, shown);
+        let columns = &self.places[0][columns];
+        let (mut above, mut rest) = (&mut [][..], &mut self.values[..]);
+        for &y in &self.places[1][rows] {
+            let (row, below) = rest.split_at_mut(n);
+            let show = &show[usize::from(y) * scale.width..];
+            let (mut left, mut above_left) = (0, 0);
+            for (i, (value, &x)) in row.iter_mut().zip(columns).enumerate() {
+                let up = above.get(i).copied().unwrap_or(0);
+                let above_right = above.get(i + 1).copied().unwrap_or(0);
+                let around = [left, up, above_left, above_right];
+                left = self::value(coder, &mut contexts, *value, around, show[usize::from(x)]);
+                *value = left;
+                above_left = up;
             }
+            (above, rest) = (row, below);
         }
-    }
-
-    /// The values to the left, above, above left and above right.
-    fn around(&self, i: usize, j: usize) -> [i16; 4] {
-        let at = |i: usize, j: usize| self.values[j * self.columns + i];
-        let left = if i > 0 { at(i - 1, j) } else { 0 };
-        let Some(up) = j.checked_sub(1) else {
-            return [left, 0, 0, 0];
-        };
-        let above_left = if i > 0 { at(i - 1, up) } else { 0 };
-        let above_right = if i + 1 < self.columns {
-            at(i + 1, up)
-        } else {
-            0
-        };
-        [left, at(i, up), above_left, above_right]
     }
 
     /// Adds the corrections to the map.
     pub(super) fn apply(&mut self, cells: &mut [u8], step: u8, scale: &Scale) {
         let [columns, rows] = self.window.clone();
-        if columns.is_empty() || rows.is_empty() {
-            return;
+        let step = i16::from(step);
+        if self.pitch > 1.0 {
+            return self.interpolate(cells, step.into(), scale);
         }
+        for (values, y) in self.values.chunks_exact(columns.len()).zip(rows) {
+            let row = &mut cells[y * scale.width..][columns.clone()];
+            for (cell, &value) in row.iter_mut().zip(values) {
+                *cell = (i16::from(*cell) + step * value).clamp(0, 255) as u8;
+            }
+        }
+    }
+
+    fn interpolate(&mut self, cells: &mut [u8], step: f32, scale: &Scale) {
+        let [columns, rows] = self.window.clone();
+        let pitch = self.pitch;
         let reach = |places: &Range<usize>, size: usize| {
-            let first = (places.start as f32 - 1.0) * self.pitch;
-            let end = places.end as f32 * self.pitch;
+            let first = (places.start as f32 - 1.0) * pitch;
+            let end = places.end as f32 * pitch;
             // Plain casts take what is negative for 0.
-            (first.floor() as usize + usize::from(first >= 0.0)).min(size)
-                ..(end.ceil() as usize).min(size)
+            (first as usize).min(size)..(end as usize + 1).min(size)
         };
         let (across, down) = (reach(&columns, scale.width), reach(&rows, scale.height));
-        let (pitch, last) = (self.pitch, self.columns - 1);
+        let split = |cell: usize| {
+            let place = cell as f32 / pitch;
+            (place as usize, place - (place as usize) as f32)
+        };
         self.left.clear();
-        self.left
-            .extend(across.clone().map(|x| split(x, pitch, last)));
-        let step = f32::from(step);
+        self.left.extend(across.clone().map(split));
+        let n = columns.len();
+        let at = |i: usize, j: usize| {
+            let inside = columns.contains(&i) && rows.contains(&j);
+            let value = || self.values[(j - rows.start) * n + i - columns.start];
+            if inside { f32::from(value()) } else { 0.0 }
+        };
         for y in down {
-            let (j, fy) = split(y, pitch, self.rows - 1);
-            let upper = &self.values[j * self.columns..][..self.columns];
-            let lower = &self.values[(j + 1).min(self.rows - 1) * self.columns..][..self.columns];
+            let (j, fy) = split(y);
             let row = &mut cells[y * scale.width..][across.clone()];
             for (cell, &(i, fx)) in row.iter_mut().zip(&self.left) {
-                let next = (i + 1).min(last);
-                let between = |values: &[i16]| {
-                    f32::from(values[i]) + fx * f32::from(values[next] - values[i])
-                };
-                let (a, b) = (between(upper), between(lower));
+                let upper = at(i, j) + fx * (at(i + 1, j) - at(i, j));
+                let lower = at(i, j + 1) + fx * (at(i + 1, j + 1) - at(i, j + 1));
                 // Casts saturate: what is below zero is zero.
-                *cell = (f32::from(*cell) + step * (a + fy * (b - a)) + 0.5) as u8;
+                *cell = (f32::from(*cell) + step * (upper + fy * (lower - upper)) + 0.5) as u8;
             }
         }
     }
 }
 
-/// The place of the grid at or before a cell, and how far the cell is from there to the next, 0 to 1.
-fn split(cell: usize, pitch: f32, last: usize) -> (usize, f32) {
-    let place = cell as f32 / pitch;
-    let before = (place as usize).min(last);
-    (before, place - before as f32)
+/// A map beside what its modes show.
+pub(super) struct Seen<'a> {
+    pub(super) cells: &'a [u8],
+    pub(super) shown: &'a [u8],
+    /// Per row of the map, by how much any cell is off.
+    pub(super) off: &'a [u8],
+    /// Cells below are as good as zero, where nothing is shown either.
+    pub(super) floor: u8,
+}
+
+impl Seen<'_> {
+    /// By how much the map is above what is shown.
+    fn off(&self, at: usize) -> i16 {
+        let (cell, shown) = (self.cells[at], self.shown[at]);
+        if cell.max(shown) < self.floor {
+            return 0;
+        }
+        i16::from(cell) - i16::from(shown)
+    }
+}
+
+/// A number of places, which are few.
+fn whole(places: usize) -> i32 {
+    i32::try_from(places).unwrap_or(i32::MAX)
 }
 
 /// Codes one value, next to those `around` it and on what is `shown` there.
@@ -191,7 +228,6 @@ fn value<C: BitCoder>(
         40..=119 => 2,
         _ => 3,
     };
-    const _: () = assert!(ZERO_CLASSES == 20);
     if !coder.code(value != 0, &mut contexts.zero[busy * 4 + height]) {
         return 0;
     }
@@ -201,10 +237,13 @@ fn value<C: BitCoder>(
     let sizes = &mut contexts.size[class * SIZE_NODES..][..SIZE_NODES];
     let size = i32::from(value.unsigned_abs());
     let mut coded = 1;
-    while coded <= SIZE_NODES as i32 && coder.code(coded < size, &mut sizes[coded as usize - 1]) {
+    for context in sizes {
+        if !coder.code(coded < size, context) {
+            break;
+        }
         coded += 1;
     }
-    if coded > SIZE_NODES as i32 {
+    if coded > MOST_SIZE {
         // No context is worth its place for what hardly ever happens.
         let mut even = [Probability::even(); super::symbol::NUMBER];
         coded += number(coder, &mut even, size - coded).abs();

@@ -1,11 +1,11 @@
 //! Bytes to maps.
 
 use super::correction::Grid;
-use super::encode::{FLOOR_BITS, QUALITY_BITS};
+use super::encode::{FLOOR_BITS, QUALITY_BITS, STEP_BITS};
 use super::mode::{Mode, Scale};
 use super::modes;
 use super::range_coder::{BitCoder as _, Reader};
-use super::recipe::Recipe;
+use super::recipe::{Recipe, STEPS_DOWN};
 use super::symbol::plain;
 use super::walk::{self, Shape};
 use super::{EncodedMaps, Maps, PatchError, Quality};
@@ -77,7 +77,10 @@ impl Decoder {
         into: &mut Maps,
     ) -> Result<(), PatchError> {
         let scale = Scale::of(into);
-        self.model.reset(into.keypoints(), &scale);
+        let rest = STEPS_DOWN[plain(reader, STEP_BITS, 0) as usize % STEPS_DOWN.len()];
+        self.model.contexts.reset();
+        self.model.begin(into.keypoints(), &scale);
+        self.grid.reset(&scale);
         for keypoint in 0..into.keypoints() {
             self.modes.clear();
             self.model.modes(reader, recipe, &mut self.modes);
@@ -86,10 +89,9 @@ impl Decoder {
                 mode.draw(&scale, cells);
             }
             let contexts = &mut self.model.contexts;
-            if reader.code(false, contexts.corrected(self.modes.len())) {
-                self.grid.reset(&scale, &recipe.correction);
+            if rest.step > 0 && reader.code(false, contexts.corrected(self.modes.len())) {
                 self.grid.code(reader, contexts, cells, &scale);
-                self.grid.apply(cells, recipe.correction.step, &scale);
+                self.grid.apply(cells, rest.step, &scale);
             }
             within(reader, keypoint)?;
         }

@@ -1,11 +1,11 @@
 //! Maps to bytes.
 
 use super::correction::Grid;
-use super::explain::Explainer;
+use super::explain::{Explained, Explainer};
 use super::mode::{Mode, Scale};
 use super::modes;
 use super::range_coder::{BitCoder as _, Writer};
-use super::recipe::Recipe;
+use super::recipe::{NO_CORRECTION, Recipe, Rest, STEPS_DOWN};
 use super::symbol::plain;
 use super::walk::{self, Shape};
 use super::{EncodedMaps, FLOOR, Maps, Quality};
@@ -13,6 +13,8 @@ use super::{EncodedMaps, FLOOR, Maps, Quality};
 /// Bits of the quality at the head of a patch, and of the floor after that of lossless ones.
 pub(super) const QUALITY_BITS: u32 = 4;
 pub(super) const FLOOR_BITS: u32 = 8;
+/// Bits of the step down of patches of modes.
+pub(super) const STEP_BITS: u32 = 4;
 
 /// Turns maps into bytes; keeps its memory from patch to patch.
 #[derive(Debug, Clone)]
@@ -22,8 +24,12 @@ pub struct Encoder {
     kept: Vec<u8>,
     model: modes::Model,
     explainer: Explainer,
+    /// What was found in each map of the patch.
+    explained: Vec<Explained>,
     grid: Grid,
     modes: Vec<Mode>,
+    /// Whether every patch begins with what is known beforehand.
+    forgets: bool,
 }
 
 impl Encoder {
@@ -34,8 +40,10 @@ impl Encoder {
             kept: Vec::new(),
             model: modes::Model::new(),
             explainer: Explainer::new(),
+            explained: Vec::new(),
             grid: Grid::default(),
             modes: Vec::new(),
+            forgets: true,
         }
     }
 
@@ -74,7 +82,8 @@ impl Encoder {
         let mut bytes = Vec::new();
         if let Some(mut recipe) = Recipe::of(quality) {
             recipe.modes = most.min(recipe.modes);
-            recipe.correction.tolerance = u8::MAX;
+            recipe.first = NO_CORRECTION;
+            recipe.most_bytes = usize::MAX;
             self.modes(maps, quality, &recipe, &mut bytes);
         }
         encoded(maps, bytes)
@@ -102,30 +111,88 @@ impl Encoder {
     }
 
     fn modes(&mut self, maps: &Maps, quality: Quality, recipe: &Recipe, bytes: &mut Vec<u8>) {
+        let last = STEPS_DOWN.len() - 1;
+        let (mut down, mut explained_from) = (recipe.first, None);
+        loop {
+            let further = recipe.floor.max(STEPS_DOWN[down].further);
+            if explained_from != Some(further) {
+                self.explain(maps, recipe, further);
+                explained_from = Some(further);
+            }
+            bytes.clear();
+            let mut writer = Writer::new(std::mem::take(bytes));
+            plain(&mut writer, QUALITY_BITS, quality.level().into());
+            plain(&mut writer, STEP_BITS, down as u32);
+            self.write(&mut writer, maps, recipe, STEPS_DOWN[down]);
+            *bytes = writer.finish();
+            if bytes.len() <= recipe.most_bytes || down == last {
+                return;
+            }
+            // Each step halves them or does less.
+            down += (bytes.len() / recipe.most_bytes).clamp(1, last - down);
+        }
+    }
+
+    fn explain(&mut self, maps: &Maps, recipe: &Recipe, further: u8) {
         let scale = Scale::of(maps);
-        let mut writer = Writer::new(std::mem::take(bytes));
-        plain(&mut writer, QUALITY_BITS, quality.level().into());
-        self.model.reset(maps.keypoints(), &scale);
-        for k in 0..maps.keypoints() {
-            let cells = maps.cells(k);
-            self.explainer.explain(cells, recipe, &scale);
+        let n = maps.keypoints();
+        self.explained
+            .resize_with(n.max(self.explained.len()), Explained::default);
+        for (k, into) in self.explained[..n].iter_mut().enumerate() {
+            self.explainer
+                .explain(maps.cells(k), recipe, further, &scale, into);
+        }
+    }
+
+    fn write(&mut self, writer: &mut Writer, maps: &Maps, recipe: &Recipe, rest: Rest) {
+        let scale = Scale::of(maps);
+        if self.forgets {
+            self.model.contexts.reset();
+        }
+        self.model.begin(maps.keypoints(), &scale);
+        self.grid.reset(&scale);
+        for (k, explained) in self.explained[..maps.keypoints()].iter().enumerate() {
             self.modes.clear();
-            self.modes.extend_from_slice(self.explainer.modes());
-            self.model.modes(&mut writer, recipe, &mut self.modes);
-            let correction = &recipe.correction;
-            let off = self.explainer.off(cells, recipe.floor);
-            let shown = self.explainer.shown();
-            let corrected = off > correction.tolerance && {
-                self.grid.reset(&scale, correction);
-                let step = correction.step;
-                self.grid.measure(cells, shown, recipe.floor, step, &scale)
-            };
+            self.modes.extend_from_slice(&explained.modes);
+            self.model.modes(writer, recipe, &mut self.modes);
+            if rest.step == 0 {
+                continue;
+            }
+            let seen = explained.beside(maps.cells(k), recipe.floor);
+            let corrected = seen.off.iter().any(|&off| off > rest.tolerance)
+                && self.grid.measure(&seen, rest.step, &scale);
             let contexts = &mut self.model.contexts;
             if writer.code(corrected, contexts.corrected(self.modes.len())) {
-                self.grid.code(&mut writer, contexts, shown, &scale);
+                self.grid.code(writer, contexts, seen.shown, &scale);
             }
         }
-        *bytes = writer.finish();
+    }
+
+    /// The highest peak of each map, fitted: column and row, cells, and height, of 255; `None` where no
+    /// cell is above the floor. What is read where only keypoints are sent, for comparisons.
+    pub fn peaks(&mut self, maps: &Maps) -> Vec<Option<([f32; 2], f32)>> {
+        let scale = Scale::of(maps);
+        let Some(mut recipe) = Recipe::of(Quality::new(1)) else {
+            return Vec::new();
+        };
+        recipe.modes = 1;
+        let mut explained = Explained::default();
+        let peak = |k: usize| {
+            self.explainer
+                .explain(maps.cells(k), &recipe, recipe.floor, &scale, &mut explained);
+            let mode = explained.modes.first()?;
+            Some((mode.center(&scale), mode.height.into()))
+        };
+        (0..maps.keypoints()).map(peak).collect()
+    }
+
+    /// As [`Self::encode`], without forgetting what was learnt from the maps before: for measuring what
+    /// is worth knowing beforehand.
+    pub fn encode_on(&mut self, maps: &Maps, quality: Quality) -> EncodedMaps {
+        self.forgets = false;
+        let encoded = self.encode(maps, quality);
+        self.forgets = true;
+        encoded
     }
 
     /// The probabilities after the last patch that was not without loss: what those known beforehand

@@ -9,6 +9,10 @@ const LEAST_SHARE: f32 = 0.12;
 /// Cells below do not count, of 255.
 const LEAST: f32 = 8.0;
 
+/// Most columns that a peak is looked at in: the stride is such that there are at most twice the reach
+/// in units, and one.
+const MOST_COLUMNS: usize = 20;
+
 /// Fits Gaussians; holds a table of logarithms.
 #[derive(Debug, Clone)]
 pub(super) struct Fitter {
@@ -113,45 +117,62 @@ impl Fitter {
         let columns = at[0] - at[0].min(most * stride) / stride * stride;
         let rows = at[1] - at[1].min(most * stride) / stride * stride;
         let end = |at: usize, size: usize| (at + most * stride + 1).min(size);
+        let columns = columns..end(at[0], scale.width);
+        // Per column: the powers that weights are multiplied by, then those for logarithms.
+        let mut powers = [[0.0f32; 8]; MOST_COLUMNS];
+        for (powers, x) in powers.iter_mut().zip(columns.clone().step_by(stride)) {
+            let dx = (x as f32 - at[0] as f32) / reach;
+            let square = dx * dx;
+            *powers = [
+                1.0,
+                dx,
+                square,
+                square * dx,
+                square * square,
+                1.0,
+                dx,
+                square,
+            ];
+        }
         for y in (rows..end(at[1], scale.height)).step_by(stride) {
-            let (mut w, mut l) = ([0.0f32; 5], [0.0f32; 3]);
             let row = y * scale.width;
-            let mut add = |x: usize, cell: u8, explained: u8| {
+            let (of_map, of_others) = (&cells[row..], &explained[row..]);
+            let mut sums = [0.0f32; 8];
+            for (x, powers) in columns.clone().step_by(stride).zip(&powers) {
+                let cell = of_map[x];
                 let value = f32::from(cell);
-                let counts = value >= least && cell / 2 >= explained;
+                let counts = value >= least && cell / 2 >= of_others[x];
                 let weight = if counts { value * value } else { 0.0 };
                 let logarithm = weight * self.logarithms[usize::from(cell)];
-                let dx = (x as f32 - at[0] as f32) / reach;
-                let square = dx * dx;
-                let powers = [1.0, dx, square, square * dx, square * square];
-                for (sum, power) in w.iter_mut().zip(powers) {
-                    *sum += weight * power;
+                let (w, l) = (weight, logarithm);
+                let factors = [w, w, w, w, w, l, l, l];
+                for i in 0..8 {
+                    sums[i] += factors[i] * powers[i];
                 }
-                for (sum, power) in l.iter_mut().zip(powers) {
-                    *sum += logarithm * power;
-                }
-            };
-            let columns = columns..end(at[0], scale.width);
-            let (of_map, of_others) = (&cells[row..], &explained[row..]);
-            for x in columns.step_by(stride) {
-                add(x, of_map[x], of_others[x]);
             }
             let dy = (f64::from(y as u32) - f64::from(at[1] as u32)) / f64::from(reach);
-            moments.add_row(&w, &l, dy);
+            moments.add_row(&sums, dy);
         }
         moments
     }
 }
 
 impl Moments {
-    fn add_row(&mut self, weight: &[f32; 5], logarithm: &[f32; 3], dy: f64) {
+    /// Adds the sums of a row: five of weights, three of logarithms.
+    fn add_row(&mut self, sums: &[f32; 8], dy: f64) {
+        let (weight, logarithm) = sums.split_at(5);
         let mut power = 1.0;
         for q in 0..5 {
-            for p in 0..5 - q {
-                self.weight[p][q] += f64::from(weight[p]) * power;
+            for (sums, row) in self.weight.iter_mut().zip(weight).take(5 - q) {
+                sums[q] += f64::from(*row) * power;
             }
-            for p in 0..3usize.saturating_sub(q) {
-                self.logarithm[p][q] += f64::from(logarithm[p]) * power;
+            for (sums, row) in self
+                .logarithm
+                .iter_mut()
+                .zip(logarithm)
+                .take(3usize.saturating_sub(q))
+            {
+                sums[q] += f64::from(*row) * power;
             }
             power *= dy;
         }

@@ -8,7 +8,7 @@ use super::Maps;
 
 /// Positions are whole numbers of this many to a unit.
 pub(super) const STEPS: i32 = 16;
-/// Sigma of a network's usual peak, units: HRNets are trained with 2, what they answer is a little wider.
+/// Sigma of a network's usual peak, units: networks are mostly trained with 2, what they answer is a little wider.
 const SIGMA: f32 = 2.05;
 /// Steps of a width for a doubling.
 const PER_OCTAVE: f32 = 12.0;

@@ -34,9 +34,8 @@ impl Model {
         }
     }
 
-    /// Forgets everything, before so many maps of this size.
-    pub(super) fn reset(&mut self, keypoints: usize, scale: &Scale) {
-        self.contexts.reset();
+    /// Forgets the maps before, but not the contexts, ahead of so many maps of this size.
+    pub(super) fn begin(&mut self, keypoints: usize, scale: &Scale) {
         self.last = scale.last();
         self.body.reset(keypoints, self.last);
         self.last_count = 1;
@@ -76,7 +75,7 @@ impl Model {
             let bits = QUARTER_BITS - recipe.position_bits;
             let fine = (mode.at[axis] >> recipe.position_bits) as u32 & ((1 << bits) - 1);
             let fine = plain(coder, bits, fine) << recipe.position_bits;
-            let at = (expected + off) << QUARTER_BITS | fine as i32;
+            let at = (expected + off) << QUARTER_BITS | fine.cast_signed();
             mode.at[axis] = at.clamp(-OUTSIDE * STEPS, self.last[axis] + OUTSIDE * STEPS);
         }
         let of_height = match self.last_height {

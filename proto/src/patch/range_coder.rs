@@ -50,7 +50,7 @@ impl Probability {
     }
 
     /// The probability of `false`, of 65,536.
-    pub(super) fn of_false(&self) -> u16 {
+    pub(super) fn of_false(self) -> u16 {
         self.of_false
     }
 

@@ -18,19 +18,47 @@ pub(super) struct Recipe {
     pub(super) width_step: i32,
     /// Correlations are multiples of so many steps.
     pub(super) tilt_step: i32,
-    /// What the modes leave is corrected.
-    pub(super) correction: Correction,
+    /// The first of [`STEPS_DOWN`] that is tried.
+    pub(super) first: usize,
+    /// A patch of more bytes is made again, one step further down.
+    pub(super) most_bytes: usize,
 }
 
-/// How what the modes of a map leave is corrected.
+/// What is kept beside the highest peak of each map.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Correction {
-    /// Where no cell is off by more, nothing is.
+pub(super) struct Rest {
+    /// Where no cell is off what the modes show by more, nothing is corrected.
     pub(super) tolerance: u8,
-    /// Corrections are multiples of this.
+    /// Corrections are multiples of this; 0: there are none.
     pub(super) step: u8,
-    /// Units from one correction to the next; between them it is interpolated.
-    pub(super) pitch: u8,
+    /// Least height of a map's further modes.
+    pub(super) further: u8,
+}
+
+/// From all that can be seen to next to nothing. A patch says which of these it is.
+pub(super) const STEPS_DOWN: [Rest; 11] = [
+    rest(6, 4, 0),
+    rest(12, 8, 0),
+    rest(20, 12, 0),
+    rest(28, 20, 32),
+    rest(40, 24, 40),
+    rest(48, 32, 48),
+    rest(64, 40, 64),
+    rest(u8::MAX, 0, 32),
+    rest(u8::MAX, 0, 64),
+    rest(u8::MAX, 0, 96),
+    rest(u8::MAX, 0, 128),
+];
+
+/// The first step without corrections.
+pub(super) const NO_CORRECTION: usize = 7;
+
+const fn rest(tolerance: u8, step: u8, further: u8) -> Rest {
+    Rest {
+        tolerance,
+        step,
+        further,
+    }
 }
 
 /// Most modes of a map at any quality.
@@ -39,17 +67,21 @@ pub(super) const MAX_MODES: usize = 4;
 impl Recipe {
     /// That of `quality`; there is none for what is kept without loss.
     pub(super) const fn of(quality: Quality) -> Option<Self> {
-        let (floor, modes, [position_bits, height_bits], [width_step, tilt_step], correction) =
-            match quality.level() {
-                0 => return None,
-                1 => (FLOOR, 4, [0, 0], [1, 1], [6, 4, 1]),
-                2 => (18, 4, [0, 1], [1, 1], [12, 8, 1]),
-                3 => (20, 4, [1, 2], [1, 1], [20, 12, 1]),
-                4 => (25, 4, [1, 3], [2, 2], [36, 24, 2]),
-                5 => (30, 3, [2, 4], [3, 2], [64, 40, 2]),
-                _ => (38, 2, [2, 4], [4, 8], [255, 64, 2]),
-            };
-        let [tolerance, step, pitch] = correction;
+        let (
+            floor,
+            modes,
+            [position_bits, height_bits],
+            [width_step, tilt_step],
+            [first, most_bytes],
+        ) = match quality.level() {
+            0 => return None,
+            1 => (FLOOR, 4, [0, 0], [1, 1], [0, usize::MAX]),
+            2 => (18, 4, [0, 1], [1, 1], [1, 290]),
+            3 => (20, 4, [1, 2], [1, 1], [2, 190]),
+            4 => (25, 4, [1, 3], [2, 2], [4, 115]),
+            5 => (30, 3, [2, 4], [3, 2], [7, 80]),
+            _ => (38, 2, [2, 4], [4, 8], [7, 50]),
+        };
         Some(Self {
             floor,
             modes,
@@ -57,11 +89,8 @@ impl Recipe {
             height_bits,
             width_step,
             tilt_step,
-            correction: Correction {
-                tolerance,
-                step,
-                pitch,
-            },
+            first,
+            most_bytes,
         })
     }
 
@@ -88,6 +117,6 @@ impl Recipe {
 
     /// The height of a step of heights.
     pub(super) fn height(&self, step: u32) -> u8 {
-        (step << self.height_bits | (1 << self.height_bits) / 2) as u8
+        ((step << self.height_bits) | ((1 << self.height_bits) / 2)) as u8
     }
 }

@@ -12,6 +12,9 @@ pub const FUSION: &str = "fusion";
 /// What all who only listen have in common: they may hear poses and statuses, and say nothing.
 pub const READER: &str = "reader";
 
+/// The node that records: it may hear everything, and says nothing.
+pub const RECORDER: &str = "recorder";
+
 /// The common name in the certificate of `node`: its name under the venue's, so that an authority
 /// that serves two venues lets no node into the other one.
 pub fn common_name(venue: &str, node: &str) -> String {
@@ -102,6 +105,17 @@ fn of_reader(keys: &Keys) -> Vec<Rule<'static>> {
     )
 }
 
+/// What the recorder may do at fusion.
+fn of_recorder(keys: &Keys) -> Vec<Rule<'static>> {
+    rules(
+        [
+            (&LISTEN, vec![keys.all()]),
+            (&WATCH, vec![keys.all_alive()]),
+        ],
+        [(&SPEAK, vec![keys.all()]), (&BE, vec![keys.all_alive()])],
+    )
+}
+
 /// Fusion's access control for edges at `viewpoints`, and for readers.
 pub(super) fn at_fusion(venue: &str, viewpoints: &[&str]) -> Setting {
     let keys = Keys::new(venue);
@@ -110,12 +124,13 @@ pub(super) fn at_fusion(venue: &str, viewpoints: &[&str]) -> Setting {
         .map(|viewpoint| (*viewpoint, of_edge(&keys, viewpoint)))
         .collect();
     subjects.push((READER, of_reader(&keys)));
+    subjects.push((RECORDER, of_recorder(&keys)));
     setting(venue, &subjects)
 }
 
 /// An edge's access control: fusion may do what it likes under the venue's name, and nobody else.
 pub(super) fn at_edge(venue: &str) -> Setting {
-    let all = vec![format!("{venue}/**")];
+    let all = vec![Keys::new(venue).all()];
     let rules = rules([(&ALL_MESSAGES, all.clone())], [(&ALL_MESSAGES, all)]);
     setting(venue, &[(FUSION, rules)])
 }
@@ -175,7 +190,7 @@ mod tests {
     }
 
     #[test]
-    fn a_reader_says_nothing() {
+    fn a_reader_and_the_recorder_say_nothing() {
         let says = |rule: &Rule<'_>| {
             rule.flow == "ingress"
                 && !rule
@@ -183,7 +198,9 @@ mod tests {
                     .iter()
                     .all(|m| LISTEN.contains(m) || WATCH.contains(m))
         };
-        assert!(!of_reader(&Keys::new("hall")).iter().any(says));
+        let keys = Keys::new("hall");
+        assert!(!of_reader(&keys).iter().any(says));
+        assert!(!of_recorder(&keys).iter().any(says));
     }
 
     #[test]

@@ -2,10 +2,11 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::raw::{RawField, RawFusion, RawPerson, RawVenue, RawViewpoint};
-use super::source::source;
+use super::raw::{RawField, RawFusion, RawPerson, RawSecurity, RawVenue, RawViewpoint};
+use super::source::{source, timing};
 use super::{
-    Endpoints, Field, GivenPerson, Parameters, Venue, VenueCamera, VenueHash, Viewpoint, ranges,
+    Endpoints, Field, GivenPerson, Parameters, Security, Venue, VenueCamera, VenueHash, Viewpoint,
+    ranges,
 };
 use crate::calibration::Calibration;
 use crate::endpoint::is_endpoint;
@@ -14,7 +15,7 @@ use crate::key::is_key_chunk;
 use crate::keypoints::COCO17;
 use crate::tick::Tick;
 use crate::toml_file::{FileError, Place, TomlFile, unknown_name};
-use crate::transport::{FUSION, READER};
+use crate::transport::{FUSION, READER, RECORDER};
 use crate::wire::MAX_CAMERAS;
 
 /// How far the default field reaches beyond the cameras, metres.
@@ -30,9 +31,10 @@ const MIN_GIVEN_KEYPOINTS: usize = 5;
 /// Ticks farther from zero have no exact time in seconds.
 const MAX_TICK: i64 = 1 << 53;
 /// Names that no viewpoint may have, and who has them.
-const TAKEN_NAMES: [(&str, &str); 3] = [
+const TAKEN_NAMES: [(&str, &str); 4] = [
     (FUSION, "the fusion node"),
     (READER, "those who only listen"),
+    (RECORDER, "the node that records"),
     ("ca", "the venue's authority"),
 ];
 /// Most viewpoints of a venue.
@@ -74,6 +76,7 @@ pub(super) fn venue(
         field: field(file, raw.field.as_ref(), &cameras)?,
         given_persons: given_persons(file, raw.person, raw.network.is_some())?,
         endpoints: endpoints(file, raw.fusion)?,
+        security: security(file, raw.security)?,
         calibration_path: path(file, "calibration", &raw.calibration)?,
         network: raw
             .network
@@ -176,10 +179,18 @@ fn viewpoints(
             })?;
             indices.push(CameraIndex(cameras.len() as u16));
             let source = source(file, &place.key("source"), camera.source)?;
+            let (tick_from, capture_delay_s) = timing(
+                file,
+                &place,
+                &source,
+                (camera.tick_from, camera.capture_delay_ms),
+            )?;
             cameras.push(VenueCamera {
                 viewpoint: ViewpointIndex(i as u16),
                 model,
                 source,
+                tick_from,
+                capture_delay_s,
             });
         }
         viewpoints.push(Viewpoint {
@@ -279,6 +290,21 @@ fn endpoints(file: &TomlFile<'_>, raw: RawFusion) -> Result<Endpoints, FileError
     Ok(Endpoints {
         listen: raw.listen,
         connect: raw.connect,
+    })
+}
+
+fn security(file: &TomlFile<'_>, raw: RawSecurity) -> Result<Security, FileError> {
+    let folder = |name: String| {
+        if name.is_empty() {
+            let place = Place::field("security").key("certificates");
+            return Err(file.error(&place, "found \"\", expected the name of a folder"));
+        }
+        Ok(file.resolve(&name))
+    };
+    Ok(Security {
+        certificates: raw.certificates.map(folder).transpose()?,
+        allow_plaintext: raw.allow_plaintext,
+        pictures: raw.pictures,
     })
 }
 

@@ -7,6 +7,7 @@ use super::Venue;
 use super::raw::RawVenue;
 use crate::calibration::Calibration;
 use crate::toml_file::{FileError, Place, TomlFile};
+use crate::transport::Identity;
 
 impl Venue {
     /// Reads the venue file at `path` and the calibration that it names.
@@ -27,4 +28,27 @@ impl Venue {
         let calibration = Calibration::parse(&calibration_text, &calibration_path)?;
         Self::parse(&text, path, calibration)
     }
+}
+
+/// The files in `folder` by which `node` proves who it is.
+///
+/// # Errors
+/// [`FileError`] naming the first of them that cannot be read.
+pub fn identity(folder: &Path, node: &str) -> Result<Identity, FileError> {
+    let identity = Identity::in_folder(folder, node);
+    let files = [
+        (
+            &identity.authority,
+            "the certificate of the venue's authority",
+        ),
+        (&identity.certificate, "the certificate of this node"),
+        (&identity.key, "the key of this node"),
+    ];
+    for (path, what) in files {
+        fs::File::open(path).map_err(|error| {
+            let problem = format!("cannot read {what}: {error}; `farfield certs` makes it");
+            FileError::new(path, problem)
+        })?;
+    }
+    Ok(identity)
 }

@@ -13,6 +13,7 @@ mod source;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+pub use load::identity;
 pub use parameters::Parameters;
 pub use source::{SimulatedContent, Source};
 
@@ -39,6 +40,8 @@ pub struct Venue {
     pub detector: Option<PathBuf>,
     /// Where fusion listens and edges connect.
     pub endpoints: Endpoints,
+    /// Who may talk to whom, and what may leave an edge.
+    pub security: Security,
     /// Where people are tracked.
     pub field: Field,
     /// The viewpoints in file order; a [`ViewpointIndex`] counts them.
@@ -60,6 +63,18 @@ pub struct Endpoints {
     pub listen: Vec<String>,
     /// Where edges connect.
     pub connect: Vec<String>,
+}
+
+/// `[security]`: who may talk to whom, and what may leave an edge.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Security {
+    /// The folder of `ca.pem`, `NODE.pem` and `NODE.key`; `None`: there is no TLS.
+    pub certificates: Option<PathBuf>,
+    /// Whether nodes may talk to other machines without TLS.
+    pub allow_plaintext: bool,
+    /// Whether pictures may leave an edge or be recorded. No message carries pictures; who adds one
+    /// asks here.
+    pub pictures: bool,
 }
 
 /// The box in which people are tracked, world, metres.
@@ -89,6 +104,34 @@ pub struct VenueCamera {
     pub model: CameraModel,
     /// Where its pictures come from.
     pub source: Source,
+    /// What says which tick a frame is of.
+    pub tick_from: TickFrom,
+    /// How long before it arrives, or before its driver stamps it, a live frame is captured, seconds.
+    pub capture_delay_s: f64,
+}
+
+/// What says which tick a frame is of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum TickFrom {
+    /// Live: the time of its capture, by clocks that PTP or NTP keep together. Recorded: its place in the
+    /// recording, which begins at `first_tick`.
+    #[default]
+    Clock,
+    /// Live: the camera's own count of the frames that a hardware trigger has taken.
+    Count,
+    /// Recorded: the SMPTE timecode that the recording begins with, in frames since midnight.
+    Timecode,
+}
+
+impl TickFrom {
+    /// As it is written in a venue file.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Clock => "clock",
+            Self::Count => "count",
+            Self::Timecode => "timecode",
+        }
+    }
 }
 
 /// A person given by hand instead of found.

@@ -121,6 +121,9 @@ parameters! {
         /// Time constant of the velocity's decay while nothing is measured, seconds: limbs that coast
         /// at full speed leave the body within half a second. Default 0.25.
         coast_decay_s: f64 = 0.25,
+        /// Delay of a second output that is smoothed with what came after it, milliseconds; 0: there is
+        /// none. Default 0.
+        delay_ms: f64 = 0.0,
     }
 }
 

@@ -69,6 +69,7 @@ fn ranges(p: &Parameters) -> Vec<Bounded> {
         bounds!(p.smoothing.cutoff_rise_per_m: 0.0, 1e3),
         bounds!(p.smoothing.innovation_cutoff_hz: 0.01, 1000.0),
         bounds!(p.smoothing.coast_decay_s: 1e-3, 1e3),
+        bounds!(p.smoothing.delay_ms: 0.0, 2000.0),
         bounds!(p.prediction.velocity_decay_s: 1e-3, 1e3),
         bounds!(p.range_of_motion.factor: 0.5, 2.0),
         bounds!(p.boxes.rotate_from_deg: 0.0, 180.0),

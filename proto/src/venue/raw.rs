@@ -23,6 +23,8 @@ pub(super) struct RawVenue {
     pub(super) detector: Option<String>,
     #[serde(default)]
     pub(super) fusion: RawFusion,
+    #[serde(default)]
+    pub(super) security: RawSecurity,
     pub(super) field: Option<RawField>,
     #[serde(default)]
     pub(super) viewpoint: Vec<RawViewpoint>,
@@ -59,6 +61,14 @@ pub(super) struct RawFusion {
     pub(super) connect: Vec<String>,
 }
 
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct RawSecurity {
+    pub(super) certificates: Option<String>,
+    pub(super) allow_plaintext: bool,
+    pub(super) pictures: bool,
+}
+
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct RawField {
@@ -79,6 +89,8 @@ pub(super) struct RawViewpoint {
 pub(super) struct RawCamera {
     pub(super) name: String,
     pub(super) source: RawSource,
+    pub(super) tick_from: Option<String>,
+    pub(super) capture_delay_ms: Option<f64>,
 }
 
 #[derive(Debug, Deserialize)]

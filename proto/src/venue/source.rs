@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use serde::Deserialize;
 
+use super::TickFrom;
 use crate::patch::MAX_SIDE;
 use crate::toml_file::{FileError, Place, TomlFile, unknown_name};
 
@@ -97,6 +98,11 @@ impl Source {
         }
     }
 
+    /// Whether it gives what a camera sees now, and not a recording or a simulation.
+    pub fn is_live(&self) -> bool {
+        matches!(self, Self::V4l { .. } | Self::Ffmpeg { .. })
+    }
+
     /// Grid (width, height) and sigma of the maps that are made without a network, in cells; `None`
     /// for pictures.
     pub fn drawing(&self) -> Option<([u16; 2], f64)> {
@@ -152,6 +158,50 @@ fn fields_of(kind: &str) -> Option<&'static [&'static str]> {
         "simulated" => &["path", "content", "grid", "sigma_cells"],
         _ => return None,
     })
+}
+
+/// Longest time from a frame's capture to its arrival that a venue may state, milliseconds.
+const MAX_CAPTURE_DELAY_MS: f64 = 10_000.0;
+
+/// What says which tick a frame is of, and the delay of its capture, seconds, of the camera at `place`.
+pub(super) fn timing(
+    file: &TomlFile<'_>,
+    place: &Place,
+    source: &Source,
+    (tick_from, delay_ms): (Option<String>, Option<f64>),
+) -> Result<(TickFrom, f64), FileError> {
+    const ALL: [TickFrom; 3] = [TickFrom::Clock, TickFrom::Count, TickFrom::Timecode];
+    let wrong = |field: &str, problem: String| file.error(&place.key(field), problem);
+    let tick_from = tick_from.map_or(Ok(TickFrom::Clock), |name| {
+        let found = ALL.into_iter().find(|known| known.name() == name);
+        found.ok_or_else(|| {
+            let problem = unknown_name("tick source", &name, &ALL.map(TickFrom::name));
+            wrong("tick_from", problem)
+        })
+    })?;
+    let fits = match tick_from {
+        TickFrom::Clock => true,
+        TickFrom::Count => source.is_live(),
+        TickFrom::Timecode => matches!(source, Source::Video { .. }),
+    };
+    if !fits {
+        let kinds = match tick_from {
+            TickFrom::Timecode => "\"video\"",
+            _ => "\"v4l\" or \"ffmpeg\"",
+        };
+        let problem = format!(
+            "found \"{}\", which only sources of kind {kinds} have",
+            tick_from.name()
+        );
+        return Err(wrong("tick_from", problem));
+    }
+    let delay_ms = delay_ms.unwrap_or(0.0);
+    if !(0.0..=MAX_CAPTURE_DELAY_MS).contains(&delay_ms) {
+        let problem =
+            format!("found {delay_ms:?}, expected milliseconds from 0 to {MAX_CAPTURE_DELAY_MS}");
+        return Err(wrong("capture_delay_ms", problem));
+    }
+    Ok((tick_from, delay_ms / 1000.0))
 }
 
 /// Checks the source at `place`.

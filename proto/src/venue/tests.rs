@@ -86,6 +86,27 @@ fn check(from: &str, to: &str, expected: &str) {
 }
 
 #[test]
+fn a_camera_says_what_its_ticks_come_from() {
+    let with = |line: &str| {
+        let south = "source = { kind = \"v4l\", device = \"/dev/video0\" }";
+        let text = VENUE.replace(south, &format!("{south}\n{line}"));
+        Venue::parse(&text, Path::new("venue.toml"), calibration())
+    };
+    let venue = with("tick_from = \"count\"\ncapture_delay_ms = 12.5").unwrap();
+    assert_eq!(venue.cameras[2].tick_from, TickFrom::Count);
+    assert!((venue.cameras[2].capture_delay_s - 0.0125).abs() < 1e-12);
+    assert_eq!(venue.cameras[0].tick_from, TickFrom::Clock);
+    for (wrong, expected) in [
+        ("tick_from = \"timecode\"", "kind \"video\""),
+        ("tick_from = \"cuont\"", "count"),
+        ("capture_delay_ms = -1.0", "0 to 10000"),
+    ] {
+        let said = with(wrong).unwrap_err().to_string();
+        assert!(said.contains(expected), "{said}");
+    }
+}
+
+#[test]
 fn a_whole_venue_is_read() {
     let venue = parse(VENUE).unwrap();
     assert_eq!(

@@ -38,6 +38,7 @@ pub const SCENES: &[(&str, &str)] = &[
     ("cross", include_str!("../../scenes/cross.toml")),
     ("hug", include_str!("../../scenes/hug.toml")),
     ("scrum", include_str!("../../scenes/scrum.toml")),
+    ("legs", include_str!("../../scenes/legs.toml")),
     ("lost", include_str!("../../scenes/lost.toml")),
     ("return", include_str!("../../scenes/return.toml")),
     ("mirror", include_str!("../../scenes/mirror.toml")),

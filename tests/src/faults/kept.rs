@@ -9,6 +9,9 @@ use serde::{Deserialize, Serialize};
 use super::observe::{Evidence, Observation, Peak, Seen};
 use super::streams::N_KEYPOINTS;
 
+/// Highest peak that is read: a mirrored one may be higher than the true one, which is at most 1.
+const MAX_HEIGHT: f32 = 16.0;
+
 /// What one camera's maps hold at one tick, apart from the camera. Places are f32: what is painted
 /// from it differs from the original by at most a step of a cell's value here and there.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -46,6 +49,19 @@ impl KeptObservation {
             noise: observation.noise as f32,
             noise_key: observation.noise_key,
         }
+    }
+
+    /// Checks every number.
+    ///
+    /// # Errors
+    /// In a few words, what no observation can hold.
+    pub fn check(&self) -> Result<(), &'static str> {
+        if !(0.0..=1.0).contains(&self.noise) {
+            return Err("noise outside 0 to 1");
+        }
+        self.people
+            .iter()
+            .try_for_each(|person| person.restore().map(drop))
     }
 
     /// The maps that `camera` saw, `capture_offset_us` after the tick's time.
@@ -114,8 +130,8 @@ impl KeptPeak {
 
     fn restore(self) -> Result<Peak, &'static str> {
         let [x, y, height] = self.0;
-        if !(0.0..=1.0).contains(&height) {
-            return Err("a peak whose height is outside 0 to 1");
+        if !(0.0..=MAX_HEIGHT).contains(&height) {
+            return Err("a peak of an impossible height");
         }
         Ok(Peak {
             at_px: restored_px([x, y])?,

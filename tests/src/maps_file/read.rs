@@ -83,7 +83,8 @@ impl MapsFile {
         for tick in 0..header.ticks {
             let place = format!("tick {tick} of {}", header.ticks);
             let range = record(&bytes, &mut at, &place)?;
-            read::<KeptObservation>(&bytes[range.clone()], &place)?;
+            let kept: KeptObservation = read(&bytes[range.clone()], &place)?;
+            kept.check().map_err(|problem| damaged(&place, problem))?;
             ticks.push(range);
         }
         let checksum = take(&bytes, &mut at, CHECKSUM_BYTES, "its checksum")?;
@@ -125,10 +126,14 @@ impl MapsFile {
         let restored = kept.restore(camera, self.header.capture_offset_us);
         restored
             .map(Some)
-            .map_err(|problem| MapsFileError::Damaged {
-                place,
-                problem: problem.to_owned(),
-            })
+            .map_err(|problem| damaged(&place, problem))
+    }
+}
+
+fn damaged(place: &str, problem: &str) -> MapsFileError {
+    MapsFileError::Damaged {
+        place: place.to_owned(),
+        problem: problem.to_owned(),
     }
 }
 
@@ -185,13 +190,12 @@ fn record(bytes: &[u8], at: &mut usize, place: &str) -> Result<Range<usize>, Map
 
 /// A record that is nothing else.
 fn read<T: DeserializeOwned>(bytes: &[u8], place: &str) -> Result<T, MapsFileError> {
-    let damaged = |problem: String| MapsFileError::Damaged {
-        place: place.to_owned(),
-        problem,
-    };
     match postcard::take_from_bytes(bytes) {
         Ok((value, [])) => Ok(value),
-        Ok((_, rest)) => Err(damaged(format!("{} bytes are left over", rest.len()))),
-        Err(error) => Err(damaged(error.to_string())),
+        Ok((_, rest)) => Err(damaged(
+            place,
+            &format!("{} bytes are left over", rest.len()),
+        )),
+        Err(error) => Err(damaged(place, &error.to_string())),
     }
 }

@@ -99,6 +99,14 @@ fn maps_made_beforehand_are_those_that_would_be_made() {
 }
 
 #[test]
+fn what_was_written_can_be_read_whatever_the_faults_drew() {
+    // Every fault of the standard profile many times over: mirrored peaks higher than 1 among them.
+    let scene = Arc::new(embedded::scene("futsal").unwrap());
+    let file = MapsFile::parse(written(&scene, (Course::Once { start_s: 0.0 }, 120)));
+    assert_eq!(file.map(|file| file.header().ticks), Ok(120));
+}
+
+#[test]
 fn a_recording_that_leads_back_is_repeated() {
     let scene = court();
     let course = Course::new(&scene, &(Tick(0)..Tick(1)), true);

@@ -111,10 +111,16 @@ proptest! {
         run(&mut link, &traffic);
         if let Some(rate) = steady.rate_bytes_s {
             // A second may begin within a datagram.
-            let most = u64::from(rate) + 1400 + HEADER_BYTES as u64;
+            let most = u64::from(rate) + on_the_wire(1400) as u64;
             prop_assert!(link.counts().delivered.peak_bytes_s <= most);
         }
     }
+}
+
+#[test]
+fn headers_take_their_part_of_the_rate() {
+    // Datagrams that are cut in two by IP have a header more.
+    assert_eq!([0, 100, 1472, 1473].map(on_the_wire), [28, 128, 1500, 1521]);
 }
 
 #[test]

@@ -10,8 +10,18 @@ use rand_chacha::ChaCha8Rng;
 
 use super::meter::Meter;
 
-/// What IPv4 and UDP add to a datagram, bytes. Rates, queues and counts include it.
-pub const HEADER_BYTES: usize = 28;
+/// Bytes of an IPv4 packet on Ethernet without its own header.
+const FRAGMENT_BYTES: usize = 1480;
+/// What IPv4 adds to each packet, and UDP to each datagram, bytes.
+const HEADERS_BYTES: [usize; 2] = [20, 8];
+
+/// What a datagram of `payload` bytes takes on the way, with the headers of IPv4 and UDP, bytes. Rates,
+/// queues and counts of a [`Link`] are of this.
+pub fn on_the_wire(payload: usize) -> usize {
+    let [ip, udp] = HEADERS_BYTES;
+    let datagram = payload + udp;
+    datagram + ip * datagram.div_ceil(FRAGMENT_BYTES)
+}
 
 /// What a link does to its datagrams in one direction. The default does nothing.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -127,9 +137,9 @@ impl<T: Clone> Link<T> {
         self.cut_until_us = self.cut_until_us.max(until_us);
     }
 
-    /// A datagram of `bytes` (without headers) comes at `now_us`, which never goes back.
-    pub fn offer(&mut self, now_us: u64, bytes: usize, item: T) {
-        let bytes = (bytes + HEADER_BYTES) as u64;
+    /// A datagram of `payload` bytes comes at `now_us`, which never goes back.
+    pub fn offer(&mut self, now_us: u64, payload: usize, item: T) {
+        let bytes = on_the_wire(payload) as u64;
         self.counts.offered.count(now_us, bytes);
         let draws = self.draw();
         if now_us < self.cut_until_us {

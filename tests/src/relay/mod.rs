@@ -12,6 +12,6 @@ mod link;
 mod meter;
 mod udp;
 
-pub use link::{Counts, HEADER_BYTES, Impairment, Link};
+pub use link::{Counts, Impairment, Link, on_the_wire};
 pub use meter::Meter;
 pub use udp::{Direction, UdpRelay};

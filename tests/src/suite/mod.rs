@@ -16,6 +16,7 @@ pub mod recovery;
 pub mod report;
 pub mod run;
 pub mod scenes;
+pub mod smoothed;
 pub mod studies;
 pub mod tee;
 pub mod venue;

@@ -179,7 +179,7 @@ impl SceneReport {
             meetings: meetings(scene),
             gaps_to_answer_for: gaps.len() as u64,
             recoveries: Recovery::all(scene, &bounded.causal, &bounded.truth),
-            patch_bytes_per_tick: bounded.patch_bytes as f64 / n_ticks.max(1) as f64,
+            patch_bytes_per_tick: bounded.traffic.map_bytes as f64 / n_ticks.max(1) as f64,
             causal: bounded.causal,
             truth: bounded.truth,
         })

@@ -10,7 +10,7 @@ use farfield_fusion::predict::Joints;
 use farfield_fusion::score::lines::Recording;
 use farfield_fusion::score::lives::Lives;
 use farfield_fusion::score::points::PointSet;
-use farfield_fusion::score::{Scores, matches_at, score};
+use farfield_fusion::score::{Scores, errors_over_time, matches_at, score};
 use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::Parameters;
@@ -22,7 +22,8 @@ use super::gaps;
 use super::presence::Presence;
 use super::tee::tee;
 use super::venue::{Input, sources_of, venue_of};
-use crate::in_process::InProcess;
+use crate::bytes::run::Traffic;
+use crate::in_process::{Cuts, InProcess};
 use crate::scene::Scene;
 use crate::view_peaks::PeakReader;
 
@@ -35,6 +36,10 @@ pub struct Plan {
     pub keep_peaks: bool,
     /// Whether the stages of every track are kept, for the error budget.
     pub keep_stages: bool,
+    /// Whether poses are smoothed in two passes, instead of with the delay of the parameters.
+    pub two_passes: bool,
+    /// When nothing of what the edges say reaches fusion.
+    pub cuts: Option<Cuts>,
     /// Makes a codec that takes the place of ours, one for every edge.
     pub stand_in: Option<Arc<dyn Fn() -> Box<dyn StandIn>>>,
 }
@@ -94,13 +99,15 @@ pub struct SceneRun {
     /// What the files hold in the end: the same, with the tentative ticks of those who were
     /// confirmed later.
     pub finished: Recording,
+    /// What came out of the delay, where one was asked for.
+    pub smoothed: Recording,
     /// The keypoints of the maps.
     pub keypoints: KeypointSet,
     /// Per camera of the venue, world metres to homogeneous undistorted pixels.
     pub pixel_from_world: Vec<Matrix3x4<f64>>,
     presence: Presence,
-    /// Bytes of all patches: what the edges sent, without the protocol's own.
-    pub patch_bytes: u64,
+    /// What the edges sent.
+    pub traffic: Traffic,
     /// Per tick and id on the wire, what each camera showed; empty unless the plan keeps it.
     peaks: BTreeMap<Tick, BTreeMap<u32, Vec<PersonView>>>,
     /// Per id on the wire: whose it was in the end. Who comes back has one for each stay.
@@ -116,7 +123,8 @@ struct Running {
     reader: PeakReader,
     causal: People,
     finished: People,
-    patch_bytes: u64,
+    smoothed: People,
+    traffic: Traffic,
     peaks: BTreeMap<Tick, BTreeMap<u32, Vec<PersonView>>>,
     id_of_wire: BTreeMap<u32, u32>,
     stages: BTreeMap<Tick, BTreeMap<u32, Stages>>,
@@ -130,7 +138,8 @@ impl Running {
             reader: PeakReader::default(),
             causal: People::new(),
             finished: People::new(),
-            patch_bytes: 0,
+            smoothed: People::new(),
+            traffic: Traffic::default(),
             peaks: BTreeMap::new(),
             id_of_wire: BTreeMap::new(),
             stages: BTreeMap::new(),
@@ -147,8 +156,10 @@ impl Running {
         for poses in &trace.finished {
             add_poses(&mut self.finished, poses, keypoints);
         }
-        let bytes = patches(&trace.edges).map(|patch| patch.maps.bytes.len() as u64);
-        self.patch_bytes += bytes.sum::<u64>();
+        self.traffic.add(&trace.edges);
+        for poses in &trace.smoothed {
+            add_poses(&mut self.smoothed, poses, keypoints);
+        }
         if self.plan.keep_peaks {
             let views = views_of(&trace.edges, &mut self.reader);
             self.peaks.insert(trace.tick, views);
@@ -170,6 +181,9 @@ impl Running {
         for poses in self.nodes.finish() {
             add_poses(&mut self.finished, &poses, &keypoints);
         }
+        for poses in self.nodes.finish_smoothed() {
+            add_poses(&mut self.smoothed, &poses, &keypoints);
+        }
         let cameras = self.nodes.venue().cameras.iter();
         let presence = Presence::of(scene);
         let asked_for = |people| {
@@ -182,10 +196,11 @@ impl Running {
             since: presence.since.clone(),
             causal: asked_for(self.causal),
             finished: asked_for(self.finished),
+            smoothed: asked_for(self.smoothed),
             keypoints,
             pixel_from_world: cameras.map(|c| c.model.projection_matrix()).collect(),
             presence,
-            patch_bytes: self.patch_bytes,
+            traffic: self.traffic,
             peaks: self.peaks,
             id_of_wire: self.id_of_wire,
             stages: self.stages,
@@ -221,7 +236,10 @@ impl SceneRun {
         let mut runs = Vec::with_capacity(N);
         for (plan, sources) in plans.into_iter().zip(sources) {
             let venue = venue_of(scene, input, plan.parameters.clone());
-            let mut nodes = InProcess::new(venue, sources, scene.ticks())?;
+            let mut nodes = InProcess::new(venue, sources, scene.ticks())?.with_cuts(plan.cuts);
+            if plan.two_passes {
+                nodes = nodes.in_two_passes();
+            }
             if let Some(stand_in) = &plan.stand_in {
                 nodes.set_stand_in(&**stand_in);
             }
@@ -285,6 +303,21 @@ impl SceneRun {
     ) -> BTreeSet<(Tick, u32)> {
         let (poses, truth) = (self.presence.asked_for(poses), self.truth_since(found));
         gaps::to_answer_for(&self.scene, &poses, &truth, &scores.lives.return_gaps)
+    }
+
+    /// Mean and largest error of `poses`, metres, at the ticks that `counts`, since each actor was `found`;
+    /// `None` where no actor has a pose.
+    pub fn errors_at(
+        &self,
+        poses: &Recording,
+        found: &BTreeMap<u32, Tick>,
+        counts: impl Fn(Tick) -> bool,
+    ) -> Option<(f64, f64)> {
+        let errors = errors_over_time(&self.presence.asked_for(poses), &self.truth_since(found));
+        let of_ticks = errors.values().flatten().filter(|(tick, _)| counts(*tick));
+        let errors_m: Vec<f64> = of_ticks.filter_map(|(_, error_m)| *error_m).collect();
+        let most_m = errors_m.iter().copied().reduce(f64::max)?;
+        Some((errors_m.iter().sum::<f64>() / errors_m.len() as f64, most_m))
     }
 
     /// What the cameras showed of `actor` (a number of the truth) at each tick: the crops of whoever

@@ -10,8 +10,8 @@ use farfield_proto::id::{CameraIndex, ViewpointIndex};
 use farfield_proto::keypoints::COCO17;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::{
-    Endpoints, Field, GivenPerson, Parameters, SimulatedContent, Source, Venue, VenueCamera,
-    VenueHash, Viewpoint,
+    Endpoints, Field, GivenPerson, Parameters, Security, SimulatedContent, Source, TickFrom, Venue,
+    VenueCamera, VenueHash, Viewpoint,
 };
 
 use crate::faults::Crowd;
@@ -61,6 +61,8 @@ pub fn venue_of(scene: &Scene, input: &Input, parameters: Parameters) -> Venue {
                 grid: GRID,
                 sigma_cells: SIGMA_CELLS,
             },
+            tick_from: TickFrom::Clock,
+            capture_delay_s: 0.0,
         });
         let first = cameras.len();
         cameras.extend(of_scene);
@@ -85,6 +87,7 @@ pub fn venue_of(scene: &Scene, input: &Input, parameters: Parameters) -> Venue {
         network,
         detector,
         endpoints: Endpoints::default(),
+        security: Security::default(),
         field: Field { min_m, max_m },
         viewpoints,
         cameras,

@@ -11,18 +11,7 @@ use crate::skeleton::Joint;
 impl Track {
     /// What this tick brought of the person.
     pub fn evidence(&self, method: &Method) -> Evidence {
-        let enough = method.parameters.births.min_seen_keypoints as usize;
-        let seen_by = |views: u16| {
-            let seen = |e: &&crate::lattice::KeypointEstimate| e.weight > 0.0 && e.views >= views;
-            self.estimates.iter().filter(seen).count() >= enough
-        };
-        if seen_by(2) {
-            Evidence::Seen
-        } else if seen_by(1) {
-            Evidence::OneView
-        } else {
-            Evidence::Missing
-        }
+        Evidence::of(&self.estimates, method)
     }
 
     /// Low-pass filter on the innovation, paper (13). Without evidence the person coasts, and so does a

@@ -82,6 +82,7 @@ impl Track {
         };
         let ticks = u32::try_from(tick - apart.tick).unwrap_or(0).max(1);
         self.life.was_mistaken_for(ticks);
+        self.mistaken_since = Some(apart.tick);
         self.estimates.clear();
         let skeleton = self.skeleton.clone();
         self.restart(skeleton, &apart.pose);
@@ -130,6 +131,7 @@ impl Track {
         let joints_m = joints_of(&self.kinematics);
         self.motion = Motion::at_rest(joints_m);
         self.smoother.reset(&joints_m);
+        self.measured_m = joints_m;
     }
 
     /// Moves the whole body at `velocity_m_s` (world) from here.

@@ -1,0 +1,40 @@
+//! What stands beside the keys: which file goes where.
+
+use farfield_proto::venue::Venue;
+
+use super::authority::{Bearer, Role};
+
+/// The text of the folder's README.
+pub(super) fn text(venue: &Venue, bearers: &[Bearer]) -> String {
+    let head = format!(
+        "Keys of the venue \"{}\", made by `farfield certs`.\n\n\
+         Each node gets ca.pem and the two files with its own name, in the folder that the venue\n\
+         file names as `[security] certificates`. No node needs another node's .key.\n\n",
+        venue.name
+    );
+    let line = |Bearer { node, role }: &Bearer| {
+        let (who, what) = match role {
+            Role::Fusion(hosts) => ("the fusion node", format!("good for {}", hosts.join(", "))),
+            Role::Edge => (
+                "an edge",
+                format!("publishes as {node} only, hears its own boxes"),
+            ),
+            Role::Recorder => (
+                "`farfield record`",
+                "hears everything, publishes nothing".to_owned(),
+            ),
+            Role::Reader => (
+                "whoever only listens",
+                "hears poses and statuses, publishes nothing".to_owned(),
+            ),
+        };
+        format!("{node}.pem, {node}.key: {who}; {what}\n")
+    };
+    let lines: String = bearers.iter().map(line).collect();
+    let foot = "\nca.key makes new keys for this venue. Keep it apart from all nodes, offline if you can;\n\
+         only `farfield certs VENUE --out DIR --renew NODE` needs it (`--authority DIR` says where it is).\n\
+         If a node's key has come into other hands: make all keys anew, as certificates are not\n\
+         called back. If fusion is to be reached by another name: `--renew fusion` with every\n\
+         `--host NAME` that the venue file does not say.\n";
+    head + &lines + foot
+}

@@ -1,0 +1,172 @@
+//! `farfield certs`: the keys of a venue. Nothing of a key is ever printed.
+
+mod authority;
+mod files;
+mod guide;
+mod hosts;
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context as _, anyhow};
+use clap::Args;
+use farfield_fusion::node::{NodeError, say};
+use farfield_proto::key::is_key_chunk;
+use farfield_proto::transport::{FUSION, READER, RECORDER};
+use farfield_proto::venue::Venue;
+
+use authority::{Authority, Bearer};
+use files::Folder;
+
+/// Arguments of `farfield certs`.
+#[derive(Debug, Args)]
+pub(crate) struct CertsArgs {
+    /// The venue file.
+    pub(crate) venue: PathBuf,
+    /// Folder for the keys; the venue file names it as `[security] certificates`.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) out: PathBuf,
+    /// Another name or address that fusion is reached by, besides those of the venue's endpoints.
+    #[arg(long, value_name = "NAME|IP")]
+    pub(crate) host: Vec<String>,
+    /// Make a key for someone who only listens, too.
+    #[arg(long, value_name = "NAME")]
+    pub(crate) node: Vec<String>,
+    /// Issue this node's key again, or the key of a node that came later.
+    #[arg(long, value_name = "NODE")]
+    pub(crate) renew: Vec<String>,
+    /// Folder of the authority's key, `ca.key`; it belongs to no node. Default: the folder of the keys.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) authority: Option<PathBuf>,
+    /// How long the nodes' certificates hold, days; the authority's holds five times as long.
+    #[arg(long, value_name = "N", default_value_t = 825, value_parser = clap::value_parser!(u32).range(1..=7300))]
+    pub(crate) days: u32,
+}
+
+/// Makes the keys, or those that are to be renewed.
+///
+/// # Errors
+/// When the venue, a name or a host is wrong, a file is there already, or one cannot be written.
+pub(crate) fn certs(args: &CertsArgs) -> Result<(), NodeError> {
+    make(args).map_err(NodeError::Refused)
+}
+
+fn make(args: &CertsArgs) -> anyhow::Result<()> {
+    let venue = Venue::load(&args.venue)?;
+    let bearers = bearers(&venue, args)?;
+    let folder = Folder::new(&args.out);
+    let keys_of_authority = args.authority.as_deref().unwrap_or(&args.out);
+    if args.renew.is_empty() {
+        let authority = Authority::new(&venue.name, args.days)?;
+        create(&folder, keys_of_authority, &authority, &bearers)?;
+        folder.write("README.txt", &guide::text(&venue, &bearers))?;
+    } else {
+        let authority = read_authority(&folder, keys_of_authority)?;
+        for bearer in &bearers {
+            folder.replace(
+                &bearer.node,
+                &authority.issue(&venue.name, bearer, args.days)?,
+            )?;
+        }
+    }
+    for bearer in &bearers {
+        say(format_args!(
+            "{}: {}",
+            bearer.node,
+            args.out.join(format!("{}.pem", bearer.node)).display()
+        ));
+    }
+    if args.renew.is_empty() {
+        let key = keys_of_authority.join(files::AUTHORITY_KEY);
+        say(format_args!(
+            "{} makes new keys for this venue: keep it apart from the nodes; who goes where is in {}",
+            key.display(),
+            args.out.join("README.txt").display()
+        ));
+    }
+    Ok(())
+}
+
+/// Who gets a key now.
+fn bearers(venue: &Venue, args: &CertsArgs) -> anyhow::Result<Vec<Bearer>> {
+    let viewpoints: Vec<&str> = venue.viewpoints.iter().map(|v| v.name.as_str()).collect();
+    let mut seen = BTreeSet::new();
+    for name in &args.node {
+        let is_taken = viewpoints.contains(&name.as_str())
+            || [FUSION, READER, RECORDER, "ca"].contains(&name.as_str());
+        anyhow::ensure!(
+            is_key_chunk(name) && !is_taken && seen.insert(name),
+            "`--node`: found `{name}`, expected a name that no other node has, of up to 64 ASCII letters, digits, `-`, `_` or `.`"
+        );
+    }
+    let hosts = hosts::of_fusion(venue, &args.host)?;
+    let mut all = vec![Bearer::fusion(hosts)];
+    all.extend(viewpoints.iter().map(|name| Bearer::edge(name)));
+    all.push(Bearer::recorder());
+    all.extend(args.node.iter().map(|name| Bearer::reader(name)));
+    if args.renew.is_empty() {
+        return Ok(all);
+    }
+    let mut renewed = Vec::new();
+    for name in &args.renew {
+        let known = all.iter().find(|bearer| bearer.node == *name);
+        let known = known
+            .cloned()
+            .or_else(|| is_reader(&args.out, name).then(|| Bearer::reader(name)));
+        renewed.push(known.ok_or_else(|| {
+            anyhow!(
+                "`--renew`: found `{name}`, expected {FUSION}, a viewpoint ({}), or the name of a reader's certificate",
+                viewpoints.join(", ")
+            )
+        })?);
+    }
+    Ok(renewed)
+}
+
+/// Whoever has a certificate here and is neither fusion nor a viewpoint only listens.
+fn is_reader(out: &Path, name: &str) -> bool {
+    is_key_chunk(name) && name != "ca" && out.join(format!("{name}.pem")).is_file()
+}
+
+fn create(
+    folder: &Folder,
+    keys_of_authority: &Path,
+    authority: &Authority,
+    bearers: &[Bearer],
+) -> anyhow::Result<()> {
+    let apart = Folder::new(keys_of_authority);
+    let mut names = vec![files::AUTHORITY.to_owned(), "README.txt".to_owned()];
+    for bearer in bearers {
+        names.extend([
+            format!("{}.pem", bearer.node),
+            format!("{}.key", bearer.node),
+        ]);
+    }
+    folder.check_free(&names)?;
+    apart.check_free(&[files::AUTHORITY_KEY.to_owned()])?;
+    folder.make()?;
+    apart.make()?;
+    // All are made before the first is written.
+    let pairs: Vec<_> = bearers
+        .iter()
+        .map(|bearer| authority.issue(&authority.venue, bearer, authority.days))
+        .collect::<Result<_, _>>()?;
+    folder.write(files::AUTHORITY, &authority.certificate())?;
+    apart.write_secret(files::AUTHORITY_KEY, &authority.key())?;
+    for (bearer, pair) in bearers.iter().zip(&pairs) {
+        folder.write(&format!("{}.pem", bearer.node), &pair.certificate)?;
+        folder.write_secret(&format!("{}.key", bearer.node), &pair.key)?;
+    }
+    Ok(())
+}
+
+fn read_authority(folder: &Folder, keys_of_authority: &Path) -> anyhow::Result<Authority> {
+    let certificate = folder.read(files::AUTHORITY)?;
+    let key = Folder::new(keys_of_authority)
+        .read(files::AUTHORITY_KEY)
+        .context("the authority's key is needed; say where it is with --authority DIR")?;
+    Authority::read(&certificate, &key)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,121 @@
+use std::os::unix::fs::PermissionsExt as _;
+
+use clap::Parser as _;
+
+use super::*;
+use crate::cli::{Cli, Command};
+
+struct Scratch {
+    folder: tempfile::TempDir,
+}
+
+impl Scratch {
+    fn new() -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let calibration = "[c]\nname = \"c\"\nsize = [640, 480]\nmatrix = [[500.0, 0.0, 320.0], [0.0, 500.0, 240.0], [0.0, 0.0, 1.0]]\n\
+                           distortions = [0.0, 0.0, 0.0, 0.0, 0.0]\nrotation = [1.5707963, 0.0, 0.0]\ntranslation = [0.0, 1.0, 5.0]\n";
+        let venue = "name = \"hall\"\nrate_hz = 30.0\ncalibration = \"c.toml\"\n[fusion]\nlisten = [\"quic/0.0.0.0:7447\"]\n\
+                     connect = [\"quic/fusion.lan:7447\"]\n[[viewpoint]]\nname = \"ne\"\n[[viewpoint.camera]]\nname = \"c\"\n\
+                     source = { kind = \"keypoints\", path = \"c.jsonl\" }\n";
+        std::fs::write(folder.path().join("c.toml"), calibration).unwrap();
+        std::fs::write(folder.path().join("venue.toml"), venue).unwrap();
+        Self { folder }
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn run(&self, more: &[&str]) -> anyhow::Result<()> {
+        let (venue, out) = (self.path("venue.toml"), self.path("certs"));
+        let words = [
+            "farfield",
+            "certs",
+            venue.to_str().unwrap(),
+            "--out",
+            out.to_str().unwrap(),
+        ];
+        match Cli::try_parse_from([&words, more].concat())
+            .unwrap()
+            .command
+        {
+            Command::Certs(args) => make(&args),
+            other => panic!("{other:?}"),
+        }
+    }
+
+    fn read(&self, name: &str) -> String {
+        std::fs::read_to_string(self.path("certs").join(name)).unwrap()
+    }
+}
+
+#[test]
+fn every_node_gets_a_key_that_only_its_owner_can_read() {
+    let scratch = Scratch::new();
+    scratch.run(&["--node", "screen"]).unwrap();
+    for node in ["ca", "fusion", "ne", "screen"] {
+        let path = scratch.path("certs").join(format!("{node}.key"));
+        let mode = std::fs::metadata(path).unwrap().permissions().mode();
+        assert_eq!(mode & 0o777, 0o600, "{node}.key");
+        assert!(
+            scratch
+                .read(&format!("{node}.pem"))
+                .starts_with("-----BEGIN CERTIFICATE-----")
+        );
+    }
+    let readme = scratch.read("README.txt");
+    assert!(
+        readme.contains("fusion.lan") && !readme.contains("0.0.0.0"),
+        "{readme}"
+    );
+}
+
+#[test]
+fn keys_are_not_written_over() {
+    let scratch = Scratch::new();
+    scratch.run(&[]).unwrap();
+    let before = scratch.read("ne.key");
+    let error = scratch.run(&[]).unwrap_err();
+    assert!(
+        format!("{error:#}").contains("is there already"),
+        "{error:#}"
+    );
+    assert_eq!(scratch.read("ne.key"), before);
+}
+
+#[test]
+fn one_key_is_renewed_with_an_authority_that_is_kept_apart() {
+    let scratch = Scratch::new();
+    let apart = scratch.path("apart");
+    let apart = apart.to_str().unwrap();
+    scratch
+        .run(&["--authority", apart, "--node", "screen"])
+        .unwrap();
+    assert!(!scratch.path("certs").join("ca.key").exists());
+    let before = [scratch.read("ne.key"), scratch.read("fusion.key")];
+    assert!(scratch.run(&["--renew", "ne"]).is_err(), "without the key");
+    scratch
+        .run(&["--renew", "ne", "--renew", "screen", "--authority", apart])
+        .unwrap();
+    assert_ne!(scratch.read("ne.key"), before[0]);
+    assert_eq!(scratch.read("fusion.key"), before[1]);
+    let error = scratch
+        .run(&["--renew", "nowhere", "--authority", apart])
+        .unwrap_err();
+    assert!(error.to_string().contains("nowhere"), "{error}");
+}
+
+#[test]
+fn names_and_hosts_that_cannot_be_are_refused() {
+    let scratch = Scratch::new();
+    for wrong in [
+        ["--node", "ne"],
+        ["--node", "fusion"],
+        ["--node", "a/b"],
+        ["--host", "a:1"],
+        ["--host", ""],
+    ] {
+        assert!(scratch.run(&wrong).is_err(), "{wrong:?}");
+    }
+    assert!(!scratch.path("certs").exists());
+}

@@ -1,0 +1,240 @@
+//! Of which tick a camera's frame is, and how far from it: by the clock, or by a trigger's count.
+
+use farfield_proto::message::MAX_CAPTURE_OFFSET_US;
+use farfield_proto::tick::Tick;
+use farfield_proto::venue::TickFrom;
+
+use super::tick_clock::TickClock;
+use super::{Micros, SECOND_US};
+
+/// For how long the quickest delivery is remembered, microseconds, in two halves: clocks that are 100 ppm apart
+/// drift by 6 ms meanwhile.
+const DELIVERY_US: Micros = 60 * SECOND_US;
+/// Time between two frames, in periods of the count, from which one was lost without being counted.
+const GAP_PERIODS: f64 = 1.5;
+
+/// A frame as it came: its number, and when.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Arrived {
+    /// The source's own count.
+    pub number: i64,
+    /// The driver's time stamp, on a clock of its own, microseconds.
+    pub stamp_us: Option<Micros>,
+    /// Arrival by the own clock, microseconds.
+    pub now_us: Micros,
+}
+
+/// Where a frame belongs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Placed {
+    /// Its tick.
+    pub tick: Tick,
+    /// Its capture less the tick's time, microseconds.
+    pub offset_us: i32,
+    /// How long after its capture it arrived, microseconds.
+    pub lag_us: Micros,
+}
+
+/// Why a frame belongs to no tick.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum Misplaced {
+    /// Nobody has said yet when tick 0 is.
+    #[error("the venue's time is not known yet")]
+    NoEpoch,
+    /// The trigger has drifted away from the venue's ticks.
+    #[error(
+        "its frames are {} ms off the ticks that the trigger's count says, at most {} ms can be corrected: give trigger and clocks one source of time",
+        offset_us / 1000, MAX_CAPTURE_OFFSET_US / 1000
+    )]
+    Drifted {
+        /// Capture less the time of the tick, microseconds.
+        offset_us: Micros,
+    },
+}
+
+/// Places the frames of one live camera.
+#[derive(Debug, Clone)]
+pub struct FramePlacer {
+    tick_from: TickFrom,
+    delay_us: Micros,
+    /// Least arrival less time stamp, of this and the last half of [`DELIVERY_US`].
+    quickest_us: [Option<Micros>; 2],
+    turned_at_us: Option<Micros>,
+    /// Number, tick and capture of the last frame.
+    last: Option<(i64, Tick, Micros)>,
+}
+
+impl FramePlacer {
+    /// `delay_us`: how long before its arrival, or its time stamp, a frame was captured.
+    pub fn new(tick_from: TickFrom, delay_us: Micros) -> Self {
+        Self {
+            tick_from,
+            delay_us,
+            quickest_us: [None; 2],
+            turned_at_us: None,
+            last: None,
+        }
+    }
+
+    /// Where a frame belongs. By the clock: to the tick nearest to its capture. By the count: as many
+    /// ticks after the frame before as the count says, or as its time says where that is more; only the first
+    /// is placed by the clock.
+    ///
+    /// # Errors
+    /// [`Misplaced`]; later frames may fit again.
+    pub fn place(&mut self, frame: Arrived, clock: &TickClock) -> Result<Placed, Misplaced> {
+        let captured_us = self.captured_us(frame);
+        let by_clock = clock.tick_at(captured_us).ok_or(Misplaced::NoEpoch)?;
+        let tick = match (self.tick_from, self.last) {
+            (TickFrom::Count, Some((number, tick, at_us))) => {
+                let periods = (captured_us - at_us) as f64 / clock.period_us() as f64;
+                let counted = (frame.number - number).max(1);
+                let uncounted = periods > counted as f64 - 1.0 + GAP_PERIODS;
+                tick + if uncounted {
+                    periods.round() as i64
+                } else {
+                    counted
+                }
+            }
+            _ => by_clock,
+        };
+        let offset_us = clock
+            .after_us(captured_us, tick)
+            .ok_or(Misplaced::NoEpoch)?;
+        if offset_us.abs() > MAX_CAPTURE_OFFSET_US.into() {
+            return Err(Misplaced::Drifted { offset_us });
+        }
+        self.last = Some((frame.number, tick, captured_us));
+        Ok(Placed {
+            tick,
+            offset_us: offset_us as i32,
+            lag_us: (frame.now_us - captured_us).max(0),
+        })
+    }
+
+    /// Capture by the own clock: the time stamp where there is one, carried over by the quickest delivery.
+    fn captured_us(&mut self, frame: Arrived) -> Micros {
+        let Some(stamp_us) = frame.stamp_us else {
+            return frame.now_us - self.delay_us;
+        };
+        let took_us = frame.now_us - stamp_us;
+        let turned_at_us = *self.turned_at_us.get_or_insert(frame.now_us);
+        if frame.now_us - turned_at_us > DELIVERY_US / 2 {
+            self.quickest_us = [None, self.quickest_us[0]];
+            self.turned_at_us = Some(frame.now_us);
+        }
+        let quickest_us = self.quickest_us[0].map_or(took_us, |least| least.min(took_us));
+        self.quickest_us[0] = Some(quickest_us);
+        let quickest_us = self.quickest_us[1].map_or(quickest_us, |least| least.min(quickest_us));
+        stamp_us + quickest_us - self.delay_us
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use farfield_proto::live::LiveBoxes;
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn clock() -> TickClock {
+        let mut clock = TickClock::new(50.0);
+        let live = LiveBoxes {
+            sequence: 0,
+            epoch_us: 0,
+            clock_correction_us: 0,
+            heard: None,
+        };
+        clock.set(&live, 0);
+        clock
+    }
+
+    fn arrived(number: i64, stamp_us: Option<Micros>, now_us: Micros) -> Arrived {
+        Arrived {
+            number,
+            stamp_us,
+            now_us,
+        }
+    }
+
+    #[test]
+    fn before_the_epoch_is_known_no_frame_has_a_tick() {
+        let mut placer = FramePlacer::new(TickFrom::Clock, 0);
+        let placed = placer.place(arrived(0, None, 5), &TickClock::new(50.0));
+        assert_eq!(placed, Err(Misplaced::NoEpoch));
+    }
+
+    #[test]
+    fn a_free_running_camera_is_placed_at_the_nearest_tick_with_its_offset() {
+        let mut placer = FramePlacer::new(TickFrom::Clock, 2_000);
+        let placed = placer.place(arrived(9, None, 1_009_000), &clock()).unwrap();
+        assert_eq!(
+            (placed.tick, placed.offset_us, placed.lag_us),
+            (Tick(50), 7_000, 2_000)
+        );
+        let placed = placer.place(arrived(9, None, 1_013_000), &clock()).unwrap();
+        assert_eq!((placed.tick, placed.offset_us), (Tick(51), -9_000));
+    }
+
+    #[test]
+    fn the_drivers_stamp_takes_the_jitter_of_delivery_away() {
+        let mut placer = FramePlacer::new(TickFrom::Clock, 0);
+        let mut offsets = Vec::new();
+        for n in 0..50 {
+            let captured = 1_000_000 + n * 20_000;
+            let jitter = (n * 7919) % 9000;
+            // The driver's clock began at another time.
+            let frame = arrived(n, Some(captured - 777_777), captured + 500 + jitter);
+            offsets.push(placer.place(frame, &clock()).unwrap().offset_us);
+        }
+        assert!(offsets.iter().all(|&us| us == 500), "{offsets:?}");
+    }
+
+    #[test]
+    fn a_trigger_counts_on_where_the_clock_would_waver() {
+        let mut placer = FramePlacer::new(TickFrom::Count, 0);
+        // Captured half a period off the ticks: the clock says one tick or the other.
+        for n in 0..20 {
+            let wobble = if n % 2 == 0 { -300 } else { 300 };
+            let frame = arrived(n, None, 1_010_000 + n * 20_000 + wobble);
+            assert_eq!(placer.place(frame, &clock()).unwrap().tick, Tick(50 + n));
+        }
+    }
+
+    #[test]
+    fn frames_lost_with_and_without_being_counted_leave_holes() {
+        let mut placer = FramePlacer::new(TickFrom::Count, 0);
+        let mut tick = |number, now_us| {
+            placer
+                .place(arrived(number, None, now_us), &clock())
+                .unwrap()
+                .tick
+                .0
+        };
+        assert_eq!(tick(0, 1_000_000), 50);
+        assert_eq!(tick(3, 1_060_000), 53);
+        assert_eq!(tick(4, 1_140_000), 57);
+        assert_eq!(tick(5, 1_160_000), 58);
+    }
+
+    #[test]
+    fn a_trigger_that_drifts_away_is_refused_with_the_numbers() {
+        let mut placer = FramePlacer::new(TickFrom::Count, 0);
+        // A percent too slow.
+        let refused = (0..2000).find_map(|n| {
+            let frame = arrived(n, None, 1_000_000 + n * 20_200);
+            placer.place(frame, &clock()).err()
+        });
+        let said = refused.unwrap().to_string();
+        assert!(said.contains("100 ms"), "{said}");
+    }
+
+    proptest! {
+        #[test]
+        fn by_the_clock_no_offset_is_above_half_a_period(now_us in 0i64..1_000_000_000_000) {
+            let mut placer = FramePlacer::new(TickFrom::Clock, 0);
+            let placed = placer.place(arrived(0, None, now_us), &clock()).unwrap();
+            prop_assert!(placed.offset_us.abs() <= 10_000);
+        }
+    }
+}

@@ -1,0 +1,93 @@
+//! Why the last try to reach fusion failed, in words that help: Zenoh says it in its log only, and in the
+//! words of its parts.
+
+use std::fmt;
+use std::sync::{Mutex, PoisonError};
+
+use tracing::field::{Field, Visit};
+use tracing::level_filters::LevelFilter;
+use tracing::{Event, Subscriber};
+use tracing_subscriber::Layer;
+use tracing_subscriber::filter::Targets;
+use tracing_subscriber::layer::Context;
+
+/// Where Zenoh logs its tries.
+const TRIES: &str = "zenoh::net::runtime::orchestrator";
+/// How the line of a failed try begins.
+const FAILED: &str = "Unable to connect to";
+
+static LAST: Mutex<Option<&'static str>> = Mutex::new(None);
+
+/// Why the last try failed; `None` when there was none yet, or its reason is not known.
+pub(super) fn last_failure() -> Option<&'static str> {
+    *LAST.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// The listener on Zenoh's log, with what it listens to.
+pub(super) fn layer<S>() -> impl Layer<S>
+where
+    S: Subscriber + for<'a> tracing_subscriber::registry::LookupSpan<'a>,
+{
+    Attempts.with_filter(Targets::new().with_target(TRIES, LevelFilter::DEBUG))
+}
+
+struct Attempts;
+
+impl<S: Subscriber> Layer<S> for Attempts {
+    fn on_event(&self, event: &Event<'_>, _: Context<'_, S>) {
+        let mut text = Text::default();
+        event.record(&mut text);
+        if text.0.starts_with(FAILED) {
+            *LAST.lock().unwrap_or_else(PoisonError::into_inner) = reason(&text.0);
+        }
+    }
+}
+
+/// What Zenoh's words mean.
+fn reason(text: &str) -> Option<&'static str> {
+    let reasons = [
+        (
+            "NotValidForName",
+            "fusion's certificate is not good for that address: `farfield certs --renew fusion --host` makes one that is",
+        ),
+        (
+            "UnknownIssuer",
+            "whoever answers there has a certificate of another venue",
+        ),
+        ("Expired", "fusion's certificate has run out"),
+        (
+            "NotValidYet",
+            "fusion's certificate is not valid yet: is this machine's clock right?",
+        ),
+        ("refused", "nobody listens there"),
+        ("imed out", "nobody answers there"),
+        ("elapsed", "nobody answers there"),
+        ("imeout", "nobody answers there"),
+        (
+            "lost",
+            "fusion answered and hung up: it does not take this edge's certificate",
+        ),
+        (
+            "losed",
+            "fusion answered and hung up: it does not take this edge's certificate",
+        ),
+        (
+            "lert",
+            "fusion answered and hung up: it does not take this edge's certificate",
+        ),
+    ];
+    let found = reasons.iter().find(|(sign, _)| text.contains(sign));
+    found.map(|(_, reason)| *reason)
+}
+
+/// The message of an event.
+#[derive(Default)]
+struct Text(String);
+
+impl Visit for Text {
+    fn record_debug(&mut self, field: &Field, value: &dyn fmt::Debug) {
+        if field.name() == "message" {
+            self.0 = format!("{value:?}");
+        }
+    }
+}

@@ -1,0 +1,111 @@
+//! Questions to fusion, asked again until they are answered: the way may be long, and fusion not there yet.
+
+use std::path::Path;
+use std::time::Duration;
+
+use anyhow::anyhow;
+use farfield_proto::handout::{Chunk, HandoutRequest, SharedFile, SignedList};
+use farfield_proto::key::Keys;
+use farfield_proto::wire::{self, Message};
+use tracing::{debug, warn};
+use zenoh::Session;
+use zenoh::qos::{CongestionControl, Priority};
+
+use super::place::Part;
+
+/// How long an answer may take: a chunk over a link of 64 kbit/s.
+const PATIENCE: Duration = Duration::from_secs(15);
+/// How long after a question without an answer it is asked again.
+const AGAIN: Duration = Duration::from_millis(300);
+/// How often a chunk is asked for before the file is given up.
+const TRIES: u32 = 20;
+
+/// A fusion node that files are asked of.
+pub(super) struct Fusion {
+    session: Session,
+    key: String,
+}
+
+impl Fusion {
+    pub(super) fn new(session: Session, venue: &str) -> Self {
+        Self {
+            session,
+            key: Keys::new(venue).config(),
+        }
+    }
+
+    /// The list of files; waits for fusion as long as it takes.
+    pub(super) async fn list(&self) -> SignedList {
+        loop {
+            match self.ask(&HandoutRequest::List).await {
+                Ok(list) => return list,
+                Err(error) => debug!(%error, "no list of files"),
+            }
+            tokio::time::sleep(AGAIN).await;
+        }
+    }
+
+    /// Fetches a file of the list, to be finished at `target`.
+    pub(super) async fn file(
+        &self,
+        index: u16,
+        file: &SharedFile,
+        target: &Path,
+    ) -> anyhow::Result<Part> {
+        let mut part = Part::create(target, file)?;
+        let mut from = 0;
+        while from < file.bytes {
+            let chunk = self.chunk(index, from).await?;
+            anyhow::ensure!(
+                !chunk.is_empty(),
+                "{} has become shorter on fusion's machine since fusion started: start fusion again",
+                target.display()
+            );
+            part.write(&chunk)?;
+            from += chunk.len() as u64;
+        }
+        part.check()?;
+        Ok(part)
+    }
+
+    async fn chunk(&self, file: u16, from: u64) -> anyhow::Result<Vec<u8>> {
+        let mut tries = 0;
+        loop {
+            match self.ask(&HandoutRequest::Chunk { file, from }).await {
+                Ok(Chunk { bytes }) => return Ok(bytes),
+                Err(error) if tries == TRIES => return Err(error),
+                Err(error) => debug!(%error, "no chunk"),
+            }
+            tries += 1;
+            tokio::time::sleep(AGAIN).await;
+        }
+    }
+
+    async fn ask<M: Message>(&self, question: &HandoutRequest) -> anyhow::Result<M> {
+        let replies = self
+            .session
+            .get(self.key.as_str())
+            .payload(wire::encode(question))
+            .priority(Priority::DataLow)
+            .congestion_control(CongestionControl::Block)
+            .timeout(PATIENCE)
+            .await;
+        let replies = replies.map_err(|error| anyhow!("{error}"))?;
+        let reply = replies.recv_async().await;
+        let reply = reply.map_err(|_| anyhow!("fusion hands no files out (yet)"))?;
+        match reply.result() {
+            Ok(sample) => Ok(wire::decode(&sample.payload().to_bytes())?),
+            Err(refusal) => {
+                let bytes = refusal.payload().to_bytes();
+                Err(anyhow!("fusion says: {}", String::from_utf8_lossy(&bytes)))
+            }
+        }
+    }
+
+    /// Leaves.
+    pub(super) async fn close(self) {
+        if let Err(error) = self.session.close().await {
+            warn!(%error, "the session did not close well");
+        }
+    }
+}

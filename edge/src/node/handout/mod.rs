@@ -1,0 +1,166 @@
+//! `--from-fusion`: before it starts, an edge fetches from fusion what differs of the venue file, the
+//! calibration and the networks.
+
+mod ask;
+mod place;
+mod verify;
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context as _, anyhow};
+use farfield_proto::handout::{FileKind, FileList, SharedFile};
+use farfield_proto::transport::{EdgeTransport, Exposure, Identity};
+use farfield_proto::venue::{self, Venue};
+use farfield_proto::wire;
+use tokio_util::sync::CancellationToken;
+use tokio_util::task::TaskTracker;
+
+use super::config::EdgeArgs;
+use super::link;
+use super::process::{Managed, NodeError, say, stop_when_told};
+use ask::Fusion;
+use place::Part;
+
+/// Where keys are looked for when there is no venue file to say it: beside where it will be.
+const CERTIFICATES: &str = "certs";
+
+/// How an edge reaches fusion before it has a venue file that it can rely on.
+struct Way {
+    venue: String,
+    connect: Vec<String>,
+    identity: Option<Identity>,
+}
+
+/// Fetches what differs; `false` when told to stop before.
+///
+/// # Errors
+/// When it is not known where fusion is or what the venue is called, a signature or a hash is wrong, a file
+/// would lie outside the venue's folder, or cannot be written.
+pub(super) fn fetch(args: &EdgeArgs) -> Result<bool, NodeError> {
+    let way = way(args)?;
+    let runtime = tokio::runtime::Builder::new_multi_thread()
+        .worker_threads(1)
+        .enable_all()
+        .build()
+        .context("starting the runtime")
+        .map_err(NodeError::Failed)?;
+    let done = runtime.block_on(async {
+        let (tasks, stop) = (TaskTracker::new(), CancellationToken::new());
+        let managed = if args.managed {
+            Managed::Yes
+        } else {
+            Managed::No
+        };
+        stop_when_told(&tasks, &stop, managed)
+            .context("listening for signals")
+            .map_err(NodeError::Failed)?;
+        let fetched = stop.run_until_cancelled(fetch_by(args, &way)).await;
+        stop.cancel();
+        fetched.transpose().map(|fetched| fetched.is_some())
+    });
+    runtime.shutdown_timeout(std::time::Duration::from_millis(200));
+    done
+}
+
+fn way(args: &EdgeArgs) -> Result<Way, NodeError> {
+    // A venue file that cannot be read is as good as none: fusion's takes its place.
+    let known = Venue::load(&args.venue).ok();
+    let named = known.as_ref().map(|venue| venue.name.clone());
+    let venue = args.venue_name.clone().or(named).ok_or_else(|| {
+        NodeError::Refused(anyhow!(
+            "{} cannot be read yet: say with --venue-name NAME which venue to ask fusion for",
+            args.venue.display()
+        ))
+    })?;
+    let beside = folder(&args.venue).join(CERTIFICATES);
+    let keys = args
+        .certificates
+        .clone()
+        .or_else(|| {
+            known
+                .as_ref()
+                .and_then(|venue| venue.security.certificates.clone())
+        })
+        .or_else(|| beside.is_dir().then_some(beside));
+    let identity = keys.map(|keys| venue::identity(&keys, &args.viewpoint));
+    let identity = identity.transpose().map_err(NodeError::refused)?;
+    let exposure = Exposure {
+        has_keys: identity.is_some(),
+        allow_plaintext: args.allow_plaintext
+            || known
+                .as_ref()
+                .is_some_and(|venue| venue.security.allow_plaintext),
+    };
+    let endpoints = known.map(|venue| venue.endpoints.connect);
+    let connect = exposure.choose(args.connect.clone(), &endpoints.unwrap_or_default());
+    let connect = connect.map_err(NodeError::refused)?;
+    Ok(Way {
+        venue,
+        connect,
+        identity,
+    })
+}
+
+fn folder(venue: &Path) -> PathBuf {
+    venue.parent().unwrap_or(Path::new("")).to_owned()
+}
+
+async fn fetch_by(args: &EdgeArgs, way: &Way) -> Result<(), NodeError> {
+    let transport = EdgeTransport {
+        venue: &way.venue,
+        connect: &way.connect,
+        identity: way.identity.as_ref(),
+    };
+    let endpoints = way.connect.join(", ");
+    if !args.managed {
+        say(format_args!(
+            "{}: asking fusion at {endpoints} for the files of venue {}",
+            args.viewpoint, way.venue
+        ));
+    }
+    let session = link::connect(&transport).await.map_err(NodeError::Failed)?;
+    let fusion = Fusion::new(session, &way.venue);
+    let signed = fusion.list().await;
+    let list = match &way.identity {
+        Some(identity) => verify::verify(&signed, identity).map_err(NodeError::Refused)?,
+        None => &signed.list,
+    };
+    let list: FileList = wire::decode(list)
+        .context("fusion's list of files")
+        .map_err(NodeError::Failed)?;
+    if list.venue != way.venue {
+        return Err(NodeError::Refused(anyhow!(
+            "fusion hands out the files of venue {}, not of {}",
+            list.venue,
+            way.venue
+        )));
+    }
+    let taken = take(args, &fusion, &list).await;
+    fusion.close().await;
+    taken
+}
+
+/// Fetches all that differs, then puts all of it in place, the venue file last.
+async fn take(args: &EdgeArgs, fusion: &Fusion, list: &FileList) -> Result<(), NodeError> {
+    let mut parts: Vec<(&SharedFile, Part)> = Vec::new();
+    for (index, file) in list.files.iter().enumerate() {
+        let target = place::target(&args.venue, file).map_err(NodeError::Refused)?;
+        let Some(target) = target else { continue };
+        let part = fusion.file(index as u16, file, &target).await;
+        parts.push((file, part.map_err(NodeError::Failed)?));
+    }
+    parts.sort_by_key(|(file, _)| file.kind == FileKind::Venue);
+    for (file, part) in parts {
+        let target = part.finish().map_err(NodeError::Failed)?;
+        if !args.managed {
+            say(format_args!(
+                "{}: the {} is fusion's now: {} ({} bytes)",
+                args.viewpoint,
+                file.kind.name(),
+                target.display(),
+                file.bytes
+            ));
+        }
+    }
+    Ok(())
+}

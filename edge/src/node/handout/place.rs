@@ -1,0 +1,182 @@
+//! Where a fetched file goes: into the folder of the venue file and nowhere else, under another name until
+//! it is whole.
+
+use std::fs::{self, File};
+use std::io::{self, Read as _, Write as _};
+use std::path::{Component, Path, PathBuf};
+
+use anyhow::{Context as _, bail};
+use farfield_proto::handout::{FileKind, SharedFile};
+
+/// Bytes that are read at once.
+const BUFFER_BYTES: usize = 64 * 1024;
+
+/// Where `file` must be written, for a venue file at `venue`; `None` when it is there already.
+///
+/// # Errors
+/// When it would lie outside the folder of the venue file, and is not there already.
+pub(super) fn target(venue: &Path, file: &SharedFile) -> anyhow::Result<Option<PathBuf>> {
+    let place = Path::new(&file.path);
+    let folder = venue.parent().unwrap_or(Path::new(""));
+    let target = match file.kind {
+        FileKind::Venue => venue.to_owned(),
+        _ => folder.join(place),
+    };
+    if is_there(&target, file) {
+        return Ok(None);
+    }
+    let inside = !file.path.is_empty()
+        && place
+            .components()
+            .all(|component| matches!(component, Component::Normal(_)));
+    if file.kind != FileKind::Venue && !inside {
+        bail!(
+            "fusion's {} lies at `{}`, outside the folder of its venue file, and differs from the one here: move it inside there, or copy it by hand",
+            file.kind.name(),
+            file.path
+        );
+    }
+    Ok(Some(target))
+}
+
+fn is_there(path: &Path, file: &SharedFile) -> bool {
+    hash(path).is_ok_and(|there| there == file.blake3)
+}
+
+fn hash(path: &Path) -> io::Result<[u8; 32]> {
+    let (mut hasher, mut file) = (blake3::Hasher::new(), File::open(path)?);
+    let mut buffer = vec![0; BUFFER_BYTES];
+    loop {
+        match file.read(&mut buffer)? {
+            0 => return Ok(*hasher.finalize().as_bytes()),
+            n => hasher.update(&buffer[..n]),
+        };
+    }
+}
+
+/// A file on its way: gone again unless it is finished.
+pub(super) struct Part {
+    target: PathBuf,
+    path: PathBuf,
+    file: Option<File>,
+    hasher: blake3::Hasher,
+    expected: [u8; 32],
+}
+
+impl Part {
+    /// Begins `file`, to be found at `target` once it is finished.
+    pub(super) fn create(target: &Path, file: &SharedFile) -> anyhow::Result<Self> {
+        if let Some(folder) = target.parent() {
+            fs::create_dir_all(folder)
+                .with_context(|| format!("making the folder {}", folder.display()))?;
+        }
+        let mut name = target.file_name().unwrap_or_default().to_owned();
+        name.push(".part");
+        let path = target.with_file_name(name);
+        let open = File::create(&path).with_context(|| format!("writing {}", path.display()))?;
+        Ok(Self {
+            target: target.to_owned(),
+            path,
+            file: Some(open),
+            hasher: blake3::Hasher::new(),
+            expected: file.blake3,
+        })
+    }
+
+    /// The next bytes.
+    pub(super) fn write(&mut self, bytes: &[u8]) -> anyhow::Result<()> {
+        self.hasher.update(bytes);
+        let Some(file) = &mut self.file else {
+            return Ok(());
+        };
+        file.write_all(bytes)
+            .with_context(|| format!("writing {}", self.path.display()))
+    }
+
+    /// All bytes are there: whether they are the right ones.
+    pub(super) fn check(&self) -> anyhow::Result<()> {
+        anyhow::ensure!(
+            *self.hasher.finalize().as_bytes() == self.expected,
+            "{} has changed on fusion's machine since fusion started: start fusion again",
+            self.target.display()
+        );
+        Ok(())
+    }
+
+    /// Puts the file in its place.
+    pub(super) fn finish(mut self) -> anyhow::Result<PathBuf> {
+        let place = || format!("writing {}", self.target.display());
+        if let Some(file) = self.file.take() {
+            file.sync_all().with_context(place)?;
+        }
+        fs::rename(&self.path, &self.target).with_context(place)?;
+        Ok(self.target.clone())
+    }
+}
+
+impl Drop for Part {
+    fn drop(&mut self) {
+        // After `finish` there is nothing of this name any more.
+        drop(fs::remove_file(&self.path));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn shared(kind: FileKind, path: &str, text: &str) -> SharedFile {
+        SharedFile {
+            kind,
+            path: path.to_owned(),
+            bytes: text.len() as u64,
+            blake3: *blake3::hash(text.as_bytes()).as_bytes(),
+        }
+    }
+
+    #[test]
+    fn nothing_is_written_outside_the_folder_of_the_venue_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let venue = folder.path().join("hall/venue.toml");
+        for outside in ["../c.toml", "/etc/passwd", "", "a/../../b"] {
+            let file = shared(FileKind::Calibration, outside, "x");
+            assert!(target(&venue, &file).is_err(), "{outside}");
+        }
+        let inside = shared(FileKind::Calibration, "sub/c.toml", "x");
+        assert_eq!(
+            target(&venue, &inside).unwrap(),
+            Some(folder.path().join("hall/sub/c.toml"))
+        );
+    }
+
+    #[test]
+    fn what_is_there_already_is_left_alone_wherever_it_lies() {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::create_dir(folder.path().join("hall")).unwrap();
+        let venue = folder.path().join("hall/venue.toml");
+        std::fs::write(folder.path().join("c.toml"), "same").unwrap();
+        let file = shared(FileKind::Calibration, "../c.toml", "same");
+        assert_eq!(target(&venue, &file).unwrap(), None);
+    }
+
+    #[test]
+    fn a_file_appears_only_when_it_is_whole_and_right() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("venue.toml");
+        std::fs::write(&path, "old").unwrap();
+        let file = shared(FileKind::Venue, "", "new");
+        let mut part = Part::create(&path, &file).unwrap();
+        part.write(b"nex").unwrap();
+        assert!(part.check().is_err());
+        drop(part);
+        assert_eq!(std::fs::read_to_string(&path).unwrap(), "old");
+
+        let mut part = Part::create(&path, &file).unwrap();
+        part.write(b"ne").unwrap();
+        part.write(b"w").unwrap();
+        part.check().unwrap();
+        part.finish().unwrap();
+        assert_eq!(std::fs::read_to_string(&path).unwrap(), "new");
+        assert_eq!(folder.path().read_dir().unwrap().count(), 1);
+    }
+}

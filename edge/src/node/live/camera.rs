@@ -1,0 +1,220 @@
+//! The thread of one camera: reads frames as they come and hands them to the tick that they are of.
+//!
+//! A recording is played: its frame of a tick comes at that tick's time. A source that fails is opened
+//! again, less and less often.
+
+use std::ops::Range;
+use std::sync::Arc;
+
+use farfield_proto::id::CameraIndex;
+use farfield_proto::tick::Tick;
+use farfield_proto::venue::{Venue, VenueCamera};
+
+use super::frames::Delivery;
+use super::shared::Shared;
+use crate::live::capture::{Arrived, FramePlacer, Misplaced};
+use crate::live::health::{Glance, glance};
+use crate::live::{Micros, SECOND_US};
+use crate::node::process::say;
+use crate::source::{Content, Frame, FrameSource, SourceError, Sources};
+
+/// How often it is looked whether the venue's time is known.
+const LOOK_EVERY_US: Micros = 10_000;
+/// A recording is opened so long before its first tick; farther ahead means that time has been set back.
+const AHEAD_US: Micros = 2 * SECOND_US;
+/// Frames of a recording that are later than so many periods are dropped unseen.
+const LATE_PERIODS: i64 = 2;
+
+/// One camera and where its frames go.
+pub(super) struct Camera {
+    pub(super) shared: Arc<Shared>,
+    pub(super) venue: Arc<Venue>,
+    pub(super) sources: Arc<dyn Sources>,
+    pub(super) index: CameraIndex,
+    /// Its position in the viewpoint.
+    pub(super) at: usize,
+}
+
+/// Why a source is not read any more.
+enum Pause {
+    /// The edge ends.
+    Stopped,
+    /// The recording is over, or its time has not come.
+    NoTick,
+    /// It has failed.
+    Failed(SourceError),
+}
+
+impl Camera {
+    /// Reads until the edge ends.
+    pub(super) fn run(self) {
+        let Some(camera) = self.venue.camera(self.index).cloned() else {
+            return;
+        };
+        // Said again only when it is another.
+        let mut said = String::new();
+        while !self.shared.is_stopped() {
+            let pause = if camera.source.is_live() {
+                self.watch(&camera)
+            } else {
+                self.play(&camera)
+            };
+            match pause {
+                Pause::Stopped => return,
+                Pause::NoTick => drop(self.shared.pause(LOOK_EVERY_US)),
+                Pause::Failed(error) => {
+                    let text = error.to_string();
+                    if text != said {
+                        say(format_args!("{text}; it is opened again until it works"));
+                        said = text;
+                    }
+                    let wait_us = self.shared.frames.failed(self.at);
+                    if !self.shared.pause(wait_us) {
+                        return;
+                    }
+                }
+            }
+        }
+    }
+
+    /// Plays a recording from the tick on that it is now.
+    fn play(&self, camera: &VenueCamera) -> Pause {
+        let ticks = match self.sources.probe(camera, &self.venue) {
+            Ok(info) => info.ticks,
+            Err(error) => return Pause::Failed(error),
+        };
+        let Some(ticks) = ticks else {
+            return Pause::NoTick;
+        };
+        let mut from = None;
+        while from.is_none() {
+            if !self.shared.pause(LOOK_EVERY_US) {
+                return Pause::Stopped;
+            }
+            from = self.next_tick(&ticks);
+        }
+        let source = self
+            .sources
+            .open(camera, &self.venue, from.unwrap_or(ticks.start));
+        let mut source = match source {
+            Ok(source) => source,
+            Err(error) => return Pause::Failed(error),
+        };
+        loop {
+            match source.next_frame() {
+                Ok(Some(frame)) => {
+                    if let Err(pause) = self.show(frame) {
+                        return pause;
+                    }
+                }
+                Ok(None) => return Pause::NoTick,
+                Err(error) => return Pause::Failed(error),
+            }
+        }
+    }
+
+    /// The tick to open a recording at; `None` while its time has not come, or when it is over.
+    fn next_tick(&self, ticks: &Range<Tick>) -> Option<Tick> {
+        let now_us = self.shared.clock.now_us();
+        let ledger = self.shared.ledger();
+        let first_us = ledger.ticks.own_time_us(ticks.start)?;
+        let next = (ledger.ticks.tick_at(now_us)? + 1).max(ticks.start);
+        (first_us - now_us <= AHEAD_US && next < ticks.end).then_some(next)
+    }
+
+    /// Hands a recorded frame over at its time.
+    fn show(&self, frame: Frame) -> Result<(), Pause> {
+        let offset_us = Micros::from(frame.capture_offset_us);
+        let (due_us, period_us) = {
+            let ledger = self.shared.ledger();
+            let due_us = ledger.ticks.own_time_us(frame.tick);
+            (
+                due_us.ok_or(Pause::NoTick)? + offset_us,
+                ledger.ticks.period_us(),
+            )
+        };
+        let now_us = self.shared.clock.now_us();
+        if due_us - now_us > AHEAD_US {
+            return Err(Pause::NoTick);
+        }
+        if now_us - due_us > LATE_PERIODS * period_us {
+            return Ok(());
+        }
+        let glance = look_at(&frame.content);
+        if !self.shared.sleep_until(due_us) {
+            return Err(Pause::Stopped);
+        }
+        let delivery = Delivery {
+            frame,
+            glance,
+            lag_us: 0,
+        };
+        self.shared
+            .frames
+            .put(self.at, delivery, self.shared.clock.now_us());
+        Ok(())
+    }
+
+    /// Watches a live source.
+    fn watch(&self, camera: &VenueCamera) -> Pause {
+        let mut source = match self.sources.open(camera, &self.venue, Tick(0)) {
+            Ok(source) => source,
+            Err(error) => return Pause::Failed(error),
+        };
+        let delay_us = (camera.capture_delay_s * 1e6).round() as Micros;
+        let mut placer = FramePlacer::new(camera.tick_from, delay_us);
+        let mut was_misplaced = false;
+        loop {
+            let frame = match source.next_frame() {
+                Ok(Some(frame)) => frame,
+                Ok(None) => return Pause::NoTick,
+                Err(error) => return Pause::Failed(error),
+            };
+            if self.shared.is_stopped() {
+                return Pause::Stopped;
+            }
+            let misplaced = self.place(frame, source.as_ref(), &mut placer).err();
+            if let (Some(why @ Misplaced::Drifted { .. }), false) = (misplaced, was_misplaced) {
+                say(format_args!("camera `{}`: {why}", camera.model.name()));
+            }
+            was_misplaced = misplaced.is_some();
+        }
+    }
+
+    /// Hands a live frame over, to the tick that it belongs to.
+    fn place(
+        &self,
+        frame: Frame,
+        source: &dyn FrameSource,
+        placer: &mut FramePlacer,
+    ) -> Result<(), Misplaced> {
+        let now_us = self.shared.clock.now_us();
+        let arrived = Arrived {
+            number: frame.tick.0,
+            stamp_us: source.stamp_us(),
+            now_us,
+        };
+        let placed = placer.place(arrived, &self.shared.ledger().ticks)?;
+        let glance = look_at(&frame.content);
+        let frame = Frame {
+            tick: placed.tick,
+            capture_offset_us: placed.offset_us,
+            ..frame
+        };
+        let delivery = Delivery {
+            frame,
+            glance,
+            lag_us: placed.lag_us,
+        };
+        self.shared.frames.put(self.at, delivery, now_us);
+        Ok(())
+    }
+}
+
+fn look_at(content: &Content) -> Option<Glance> {
+    match content {
+        Content::Image(image) => Some(glance(image)),
+        Content::Painted(maps) => maps.glance().map(|(hash, mean)| Glance { hash, mean }),
+        Content::Keypoints(_) => None,
+    }
+}

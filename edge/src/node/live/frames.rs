@@ -1,0 +1,254 @@
+//! The newest frames of each camera, waiting for their tick.
+
+use std::collections::VecDeque;
+use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use farfield_proto::id::CameraIndex;
+use farfield_proto::live::{CameraHealth, CameraStatus};
+use farfield_proto::tick::Tick;
+
+use crate::live::Micros;
+use crate::live::health::{CameraWatch, Glance};
+use crate::source::Frame;
+
+/// Frames of a camera that are kept, the newest: the pipeline may be so many ticks late.
+const KEPT: usize = 4;
+/// Most periods that the frames of a slow camera are waited for after their tick.
+const MAX_LAG_PERIODS: i64 = 4;
+/// How fast a camera's lag is forgotten: by so much of it with each frame.
+const LAG_DECAY: f64 = 0.02;
+
+/// A frame as a camera's thread hands it over.
+pub(super) struct Delivery {
+    pub(super) frame: Frame,
+    /// Of a picture.
+    pub(super) glance: Option<Glance>,
+    /// From its capture to now, microseconds.
+    pub(super) lag_us: Micros,
+}
+
+/// The newest frames of all cameras of the viewpoint.
+pub(super) struct FrameStore {
+    slots: Mutex<Vec<Slot>>,
+    changed: Condvar,
+    period_us: Micros,
+}
+
+struct Slot {
+    camera: CameraIndex,
+    frames: VecDeque<Frame>,
+    watch: CameraWatch,
+    lag_us: f64,
+}
+
+impl FrameStore {
+    pub(super) fn new(cameras: &[CameraIndex], period_us: Micros) -> Self {
+        let slot = |&camera: &CameraIndex| Slot {
+            camera,
+            frames: VecDeque::with_capacity(KEPT),
+            watch: CameraWatch::new(period_us),
+            lag_us: 0.0,
+        };
+        Self {
+            slots: Mutex::new(cameras.iter().map(slot).collect()),
+            changed: Condvar::new(),
+            period_us,
+        }
+    }
+
+    /// Keeps a frame of the camera at position `at`; the oldest is lost when there are too many.
+    pub(super) fn put(&self, at: usize, delivery: Delivery, now_us: Micros) {
+        let mut slots = self.lock();
+        let Some(slot) = slots.get_mut(at) else {
+            return;
+        };
+        slot.watch
+            .saw(delivery.glance, delivery.frame.capture_offset_us, now_us);
+        let most_us = (MAX_LAG_PERIODS * self.period_us) as f64;
+        slot.lag_us = (slot.lag_us * (1.0 - LAG_DECAY)).max((delivery.lag_us as f64).min(most_us));
+        // Two frames of one tick, or a tick that comes again: the newest counts.
+        slot.frames.retain(|kept| kept.tick < delivery.frame.tick);
+        if slot.frames.len() == KEPT {
+            slot.frames.pop_front();
+        }
+        slot.frames.push_back(delivery.frame);
+        drop(slots);
+        self.changed.notify_all();
+    }
+
+    /// Notes that a camera has failed; how long to wait until it is opened again, microseconds.
+    pub(super) fn failed(&self, at: usize) -> Micros {
+        let mut slots = self.lock();
+        let wait_us = slots.get_mut(at).map(|slot| slot.watch.failed());
+        wait_us.unwrap_or(Micros::MAX)
+    }
+
+    /// From a tick's time to when its frames should be there, microseconds.
+    pub(super) fn lag_us(&self) -> Micros {
+        let slots = self.lock();
+        slots
+            .iter()
+            .map(|slot| slot.lag_us as Micros)
+            .max()
+            .unwrap_or(0)
+    }
+
+    /// Waits until every camera that delivers has a frame of `tick`, at most for `timeout`; whether it
+    /// has. `now_us` reads the clock.
+    pub(super) fn wait(&self, tick: Tick, timeout: Duration, now_us: impl Fn() -> Micros) -> bool {
+        let is_there = |slots: &mut Vec<Slot>| {
+            let now_us = now_us();
+            let mut delivering = slots
+                .iter()
+                .filter(|slot| delivers(slot.watch.health(now_us)))
+                .peekable();
+            delivering.peek().is_some()
+                && delivering.all(|slot| slot.frames.back().is_some_and(|f| f.tick >= tick))
+        };
+        let waited = self
+            .changed
+            .wait_timeout_while(self.lock(), timeout, |slots| !is_there(slots));
+        let (slots, result) = waited.unwrap_or_else(PoisonError::into_inner);
+        drop(slots);
+        !result.timed_out()
+    }
+
+    /// Takes the frames of `tick`, one per camera, `None` where there is none or the camera shows nothing
+    /// that is to be believed. Frames of earlier ticks are dropped.
+    pub(super) fn take(&self, tick: Tick, now_us: Micros, into: &mut Vec<Option<Frame>>) {
+        into.clear();
+        let mut slots = self.lock();
+        into.extend(slots.iter_mut().map(|slot| {
+            while slot.frames.front().is_some_and(|frame| frame.tick < tick) {
+                slot.frames.pop_front();
+            }
+            let is_there = slot.frames.front().is_some_and(|frame| frame.tick == tick);
+            let frame = is_there.then(|| slot.frames.pop_front()).flatten();
+            let blind = [CameraHealth::Black, CameraHealth::Frozen];
+            frame.filter(|_| !blind.contains(&slot.watch.health(now_us)))
+        }));
+    }
+
+    /// How the cameras are.
+    pub(super) fn status(&self, now_us: Micros) -> Vec<CameraStatus> {
+        let mut slots = self.lock();
+        let status = |slot: &mut Slot| {
+            let (frames_per_s, capture_offset_us) = slot.watch.rate(now_us);
+            CameraStatus {
+                camera: slot.camera,
+                health: slot.watch.health(now_us),
+                frames_per_s,
+                capture_offset_us,
+            }
+        };
+        slots.iter_mut().map(status).collect()
+    }
+
+    /// Wakes whoever waits.
+    pub(super) fn wake(&self) {
+        self.changed.notify_all();
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Vec<Slot>> {
+        self.slots.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Whether frames still come.
+fn delivers(health: CameraHealth) -> bool {
+    !matches!(health, CameraHealth::Silent | CameraHealth::Failed)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::source::{Content, KeypointFrame};
+
+    const PERIOD: Micros = 16_667;
+
+    fn store() -> FrameStore {
+        FrameStore::new(&[CameraIndex(4), CameraIndex(5)], PERIOD)
+    }
+
+    fn put(store: &FrameStore, at: usize, tick: i64, glance: Option<Glance>) {
+        let frame = Frame {
+            tick: Tick(tick),
+            capture_offset_us: 100,
+            content: Content::Keypoints(KeypointFrame::default()),
+        };
+        let delivery = Delivery {
+            frame,
+            glance,
+            lag_us: 3_000,
+        };
+        store.put(at, delivery, tick * PERIOD);
+    }
+
+    fn ticks(store: &FrameStore, tick: i64) -> Vec<Option<i64>> {
+        let mut frames = Vec::new();
+        store.take(Tick(tick), tick * PERIOD, &mut frames);
+        frames
+            .iter()
+            .map(|f| f.as_ref().map(|f| f.tick.0))
+            .collect()
+    }
+
+    fn is_there(store: &FrameStore, tick: i64, now: i64) -> bool {
+        store.wait(Tick(tick), Duration::ZERO, || now * PERIOD)
+    }
+
+    #[test]
+    fn frames_wait_for_their_tick_and_late_ones_are_dropped() {
+        let store = store();
+        for tick in 1..=3 {
+            put(&store, 0, tick, None);
+        }
+        put(&store, 1, 2, None);
+        assert_eq!(ticks(&store, 2), [Some(2), Some(2)]);
+        assert_eq!(ticks(&store, 3), [Some(3), None]);
+        assert_eq!(ticks(&store, 3), [None, None]);
+    }
+
+    #[test]
+    fn only_cameras_that_deliver_are_waited_for() {
+        let store = store();
+        assert!(!is_there(&store, 1, 1));
+        put(&store, 0, 1, None);
+        assert!(is_there(&store, 1, 1));
+        put(&store, 1, 0, None);
+        assert!(!is_there(&store, 1, 1));
+        store.failed(1);
+        assert!(is_there(&store, 1, 1));
+    }
+
+    #[test]
+    fn a_store_nobody_takes_from_stays_small() {
+        let store = store();
+        for tick in 0..1000 {
+            put(&store, 0, tick, None);
+        }
+        assert_eq!(store.lock()[0].frames.len(), KEPT);
+        assert_eq!(store.lag_us(), 3_000);
+    }
+
+    #[test]
+    fn fake_a_black_camera_is_left_out_of_the_tick_and_named_in_the_status() {
+        let store = store();
+        let black = Glance { hash: 1, mean: 0.0 };
+        put(&store, 0, 7, Some(black));
+        put(
+            &store,
+            1,
+            7,
+            Some(Glance {
+                hash: 2,
+                mean: 90.0,
+            }),
+        );
+        assert_eq!(ticks(&store, 7), [None, Some(7)]);
+        let status = store.status(7 * PERIOD);
+        let health: Vec<_> = status.iter().map(|s| (s.camera.0, s.health)).collect();
+        assert_eq!(health, [(4, CameraHealth::Black), (5, CameraHealth::Works)]);
+    }
+}

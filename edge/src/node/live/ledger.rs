@@ -1,0 +1,101 @@
+//! The pure state of a live edge behind one lock: clock, boxes, rate, budget, counts.
+
+use farfield_proto::live::{LiveStatus, PatchTiming};
+use farfield_proto::message::BoxSet;
+use farfield_proto::tick::Tick;
+use farfield_proto::venue::parameters::LinkParameters;
+
+use crate::live::Micros;
+use crate::live::budget::ByteBudget;
+use crate::live::newest_boxes::{Arrival, NewestBoxes};
+use crate::live::rate::{Message, OVERHEAD_BYTES, RateController};
+use crate::live::tick_clock::TickClock;
+use crate::pipeline::MESSAGE_BYTES;
+
+/// What a live edge knows and counts.
+#[derive(Debug)]
+pub(super) struct Ledger {
+    pub(super) ticks: TickClock,
+    pub(super) boxes: NewestBoxes,
+    pub(super) rate: RateController,
+    budget: ByteBudget,
+    held_back: u64,
+    /// Ticks that nobody worked on.
+    pub(super) missed: u64,
+    /// The tick that was worked on last.
+    pub(super) last: Option<Tick>,
+}
+
+impl Ledger {
+    pub(super) fn new(rate_hz: f64, link: &LinkParameters) -> Self {
+        let best = link.quality.unwrap_or_default();
+        let budget = link.budget_bytes_per_s;
+        Self {
+            ticks: TickClock::new(rate_hz),
+            boxes: NewestBoxes::default(),
+            rate: RateController::new(rate_hz, best, budget, MESSAGE_BYTES),
+            budget: ByteBudget::new(budget),
+            held_back: 0,
+            missed: 0,
+            last: None,
+        }
+    }
+
+    /// Takes boxes that arrived at `now_us`.
+    pub(super) fn hear(&mut self, boxes: BoxSet, now_us: Micros) -> Arrival {
+        let live = boxes.live;
+        let arrival = self.boxes.hear(boxes.into(), now_us);
+        let (Some(live), false) = (live, arrival == Arrival::Stale) else {
+            return arrival;
+        };
+        if self.ticks.set(&live, now_us) || arrival == Arrival::NewSession {
+            self.rate.forget_delays(now_us);
+            // Ticks may begin again.
+            self.last = None;
+        }
+        if let Some(heard) = &live.heard {
+            self.rate.hear(heard, self.ticks.correction_us(), now_us);
+        }
+        arrival
+    }
+
+    /// Whether a message of `payload` bytes may go now; counts it either way.
+    pub(super) fn admit(&mut self, message: Message, payload: usize, now_us: Micros) -> bool {
+        if self.budget.take(payload + OVERHEAD_BYTES, now_us) {
+            self.rate.sent(message, payload, now_us);
+            true
+        } else {
+            self.held_back += 1;
+            false
+        }
+    }
+
+    /// What stands in patches of `tick` that are sent at `now_us`.
+    pub(super) fn timing(&self, tick: Tick, now_us: Micros) -> Option<PatchTiming> {
+        let after_us = self.ticks.after_us(now_us, tick)?;
+        Some(PatchTiming {
+            sent_after_us: after_us.clamp(i32::MIN.into(), i32::MAX.into()) as i32,
+            clock_correction_us: self.ticks.correction_us(),
+            echo: self.boxes.echo(now_us),
+        })
+    }
+
+    /// What the status says, without the cameras.
+    pub(super) fn describe(&self, now_us: Micros) -> LiveStatus {
+        let plan = self.rate.last_plan();
+        let most = u16::MAX.into();
+        LiveStatus {
+            epoch_us: self.ticks.epoch_us(),
+            clock_correction_us: self.ticks.correction_us(),
+            quality: plan.quality.level(),
+            persons_per_tick: plan.persons.map(|n| n.min(most) as u16),
+            every_nth_tick: plan.every_nth,
+            bytes_per_s: u32::try_from(self.rate.payload_per_s(now_us)).unwrap_or(u32::MAX),
+            held_back: self.held_back,
+            missed_ticks: self.missed,
+            cameras: Vec::new(),
+            edges: Vec::new(),
+            recording_failure: None,
+        }
+    }
+}

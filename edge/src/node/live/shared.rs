@@ -1,0 +1,138 @@
+//! What the threads of a live edge share.
+
+use std::collections::BTreeMap;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use farfield_proto::histogram::Histogram;
+use farfield_proto::live::LiveStatus;
+use farfield_proto::message::{BoxSet, StageTime};
+use farfield_proto::tick::Tick;
+use tokio_util::sync::CancellationToken;
+
+use super::frames::FrameStore;
+use super::ledger::Ledger;
+use super::mouths::Mouths;
+use super::work::LiveWork;
+use crate::live::Micros;
+use crate::live::newest_boxes::Arrival;
+use crate::live::rate::Message;
+use crate::node::clock::VenueClock;
+use crate::node::ring::RingHandle;
+use crate::ring::record::Label;
+
+/// Longest time until a thread that sleeps sees that it shall stop.
+const NAP: Duration = Duration::from_millis(50);
+
+/// The clock, the state, the frames and the way out.
+pub(super) struct Shared {
+    pub(super) clock: VenueClock,
+    pub(super) frames: FrameStore,
+    ledger: Mutex<Ledger>,
+    stages: Mutex<BTreeMap<&'static str, Histogram>>,
+    mouths: Mouths,
+    ring: Option<RingHandle>,
+    stop: CancellationToken,
+}
+
+impl Shared {
+    pub(super) fn new(work: &LiveWork, mouths: Mouths) -> Self {
+        let venue = &work.venue;
+        let period_us = (1e6 / venue.rate_hz).round() as Micros;
+        Self {
+            clock: VenueClock::start(work.clock_shift_us),
+            frames: FrameStore::new(&work.cameras, period_us),
+            ledger: Mutex::new(Ledger::new(venue.rate_hz, &venue.parameters.link)),
+            stages: Mutex::default(),
+            mouths,
+            ring: work.ring.clone(),
+            stop: CancellationToken::new(),
+        }
+    }
+
+    /// The state, for microseconds.
+    pub(super) fn ledger(&self) -> MutexGuard<'_, Ledger> {
+        // All parts are valid on their own, whatever a thread that panicked left undone.
+        self.ledger.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Takes boxes that have just arrived.
+    pub(super) fn hear(&self, boxes: BoxSet) -> Arrival {
+        let now_us = self.clock.now_us();
+        self.ledger().hear(boxes, now_us)
+    }
+
+    /// Sends a message if the budget allows it; whether it does.
+    pub(super) fn send(&self, message: Message, bytes: Vec<u8>) -> bool {
+        let now_us = self.clock.now_us();
+        let admitted = self.ledger().admit(message, bytes.len(), now_us);
+        if admitted {
+            self.mouths.put(message, bytes);
+        }
+        admitted
+    }
+
+    /// Keeps a message on disk, whether it is sent or not.
+    pub(super) fn keep(&self, label: Label, message: &[u8]) {
+        if let Some(ring) = &self.ring {
+            ring.store(label, message);
+        }
+    }
+
+    /// Whether the budget lets so many bytes pass beside the patches now.
+    pub(super) fn admits(&self, bytes: usize) -> bool {
+        let now_us = self.clock.now_us();
+        self.ledger().admit(Message::Status, bytes, now_us)
+    }
+
+    /// Counts how long a stage took.
+    pub(super) fn count(&self, stage: &'static str, us: u32) {
+        self.lock_stages().entry(stage).or_default().record(us);
+    }
+
+    /// All stages so far.
+    pub(super) fn stages(&self) -> Vec<StageTime> {
+        let stages = self.lock_stages();
+        let times = stages.iter().filter_map(|(stage, h)| h.stage_time(stage));
+        times.collect()
+    }
+
+    /// How the edge is, but for its cameras.
+    pub(super) fn describe(&self, now_us: Micros) -> LiveStatus {
+        self.ledger().describe(now_us)
+    }
+
+    pub(super) fn last_tick(&self) -> Option<Tick> {
+        self.ledger().last
+    }
+
+    pub(super) fn stop(&self) {
+        self.stop.cancel();
+        self.frames.wake();
+    }
+
+    pub(super) fn is_stopped(&self) -> bool {
+        self.stop.is_cancelled()
+    }
+
+    /// Sleeps until the clock shows `until_us`; `false` when the edge shall stop.
+    pub(super) fn sleep_until(&self, until_us: Micros) -> bool {
+        while !self.is_stopped() {
+            let left_us = until_us - self.clock.now_us();
+            if left_us <= 0 {
+                return true;
+            }
+            std::thread::sleep(Duration::from_micros(left_us.unsigned_abs()).min(NAP));
+        }
+        false
+    }
+
+    /// Sleeps; `false` when the edge shall stop.
+    pub(super) fn pause(&self, us: Micros) -> bool {
+        self.sleep_until(self.clock.now_us().saturating_add(us))
+    }
+
+    fn lock_stages(&self) -> MutexGuard<'_, BTreeMap<&'static str, Histogram>> {
+        self.stages.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}

@@ -1,0 +1,260 @@
+//! The thread that computes: the frames of a tick and the newest boxes in, messages out, tick after tick.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use anyhow::Context as _;
+use farfield_proto::fill::SetKind;
+use farfield_proto::id::{CameraIndex, PersonId, ViewpointIndex};
+use farfield_proto::live::{BoxEcho, PatchTiming};
+use farfield_proto::message::{BoxSet, Order, PatchSet};
+use farfield_proto::tick::Tick;
+use farfield_proto::wire;
+use tracing::debug;
+
+use super::shared::Shared;
+use crate::live::Micros;
+use crate::live::rate::{Message, Plan};
+use crate::live::turns::Turns;
+use crate::node::clock;
+use crate::node::worker::split_looks;
+use crate::pipeline::{EdgeOutput, Orders, Pipeline, Stage};
+use crate::ring::record::Label;
+use crate::source::Frame;
+
+/// Name of the stage from the capture of a tick to the sending of its last patch.
+const CAPTURE_TO_SENT: &str = "capture to sent";
+/// How long it waits where there is nothing to wait for, microseconds.
+const IDLE_US: Micros = 10_000;
+/// Ticks in a row that may fail; after more the edge gives up.
+const MAX_FAILURES: u32 = 60;
+/// The largest timing: what messages are measured with before their own is known.
+const LARGEST_TIMING: PatchTiming = PatchTiming {
+    sent_after_us: i32::MIN,
+    clock_correction_us: i32::MIN,
+    echo: Some(BoxEcho {
+        sequence: u32::MAX,
+        held_us: u32::MAX,
+    }),
+};
+
+/// Works on tick after tick.
+pub(super) struct Ticker {
+    shared: Arc<Shared>,
+    pipeline: Pipeline,
+    viewpoint: ViewpointIndex,
+    turns: Turns,
+    frames: Vec<Option<Frame>>,
+    chosen: Vec<PersonId>,
+    laps: Vec<(Stage, u32)>,
+    failures: u32,
+}
+
+/// What is known at the start of a tick.
+struct Task {
+    tick: Tick,
+    boxes: Arc<BoxSet>,
+    look: Vec<CameraIndex>,
+    plan: Plan,
+    may_send: bool,
+}
+
+impl Ticker {
+    pub(super) fn new(shared: Arc<Shared>, pipeline: Pipeline, viewpoint: ViewpointIndex) -> Self {
+        Self {
+            shared,
+            pipeline,
+            viewpoint,
+            turns: Turns::default(),
+            frames: Vec::new(),
+            chosen: Vec::new(),
+            laps: Vec::new(),
+            failures: 0,
+        }
+    }
+
+    /// Works until the edge ends.
+    ///
+    /// # Errors
+    /// When the pipeline fails tick after tick.
+    pub(super) fn run(&mut self) -> anyhow::Result<()> {
+        while !self.shared.is_stopped() {
+            let Some((tick, until_us)) = self.next_tick() else {
+                self.shared.pause(IDLE_US);
+                continue;
+            };
+            let left_us = until_us - self.shared.clock.now_us();
+            let left = Duration::from_micros(left_us.max(0).unsigned_abs());
+            self.shared
+                .frames
+                .wait(tick, left, || self.shared.clock.now_us());
+            let Some(task) = self.begin(tick) else {
+                continue;
+            };
+            match self.step(&task) {
+                Ok(()) => self.failures = 0,
+                Err(error) if self.failures < MAX_FAILURES => {
+                    debug!(tick = tick.0, error = format!("{error:#}"), "tick not done");
+                    self.failures += 1;
+                    self.shared.ledger().missed += 1;
+                }
+                Err(error) => return Err(error),
+            }
+        }
+        Ok(())
+    }
+
+    /// The tick to work on next, and how long its frames are waited for; `None` while nobody knows.
+    /// Ticks that are over are counted and left out.
+    fn next_tick(&self) -> Option<(Tick, Micros)> {
+        let now_us = self.shared.clock.now_us();
+        let lag_us = self.shared.frames.lag_us();
+        let mut ledger = self.shared.ledger();
+        ledger.ticks.slew(now_us);
+        ledger.boxes.session()?;
+        let nth = i64::from(ledger.rate.last_plan().every_nth);
+        let half_us = ledger.ticks.period_us() / 2;
+        // The last tick whose frames should all be there.
+        let due = ledger.ticks.tick_at(now_us - lag_us - half_us)?;
+        let tick = match ledger.last {
+            Some(last) if last + 1 < due => {
+                let over = due - last - 1;
+                ledger.missed += (over / nth).unsigned_abs();
+                due
+            }
+            Some(last) => last + 1,
+            None => due,
+        };
+        let aligned =
+            Tick(tick.0.div_euclid(nth) * nth + if tick.0.rem_euclid(nth) == 0 { 0 } else { nth });
+        let until_us = ledger.ticks.own_time_us(aligned)? + lag_us + half_us;
+        Some((aligned, until_us))
+    }
+
+    fn begin(&mut self, tick: Tick) -> Option<Task> {
+        let now_us = self.shared.clock.now_us();
+        self.shared.frames.take(tick, now_us, &mut self.frames);
+        let mut ledger = self.shared.ledger();
+        let session = ledger.boxes.session()?;
+        let boxes = ledger.boxes.at(now_us).cloned().unwrap_or_else(|| {
+            Arc::new(BoxSet {
+                session,
+                tick,
+                viewpoint: self.viewpoint,
+                order: Order::Track,
+                live: None,
+                look: Vec::new(),
+                persons: Vec::new(),
+            })
+        });
+        let look = ledger.boxes.take_look(tick);
+        let plan = ledger.rate.plan(boxes.persons.len(), now_us);
+        ledger.last = Some(tick);
+        Some(Task {
+            tick,
+            boxes,
+            look,
+            plan,
+            may_send: ledger.rate.may_send(tick, now_us),
+        })
+    }
+
+    fn step(&mut self, task: &Task) -> anyhow::Result<()> {
+        let persons = task.boxes.persons.iter().map(|p| p.person);
+        if let Some(most) = task.plan.persons {
+            self.turns.choose(persons, most, &mut self.chosen);
+        }
+        let orders = Orders {
+            tick: task.tick,
+            boxes: &task.boxes,
+            look: &task.look,
+            persons: task.plan.persons.map(|_| &self.chosen[..]),
+            timing: Some(LARGEST_TIMING),
+        };
+        self.pipeline.set_quality(task.plan.quality);
+        self.laps.clear();
+        let (laps, mut lap) = (&mut self.laps, clock::now());
+        let output = self
+            .pipeline
+            .step_live(&self.frames, &orders, &mut |stage| {
+                laps.push((stage, clock::micros_since(lap)));
+                lap = clock::now();
+            })
+            .with_context(|| format!("tick {}", task.tick))?;
+        self.count_laps(!task.look.is_empty());
+        let start = clock::now();
+        self.send(task, output);
+        self.shared.count("messages", clock::micros_since(start));
+        self.count_delay(task.tick);
+        Ok(())
+    }
+
+    fn send(&mut self, task: &Task, output: EdgeOutput) {
+        let label = |session, kind| Label {
+            session,
+            tick: task.tick,
+            kind,
+        };
+        for set in &output.sighting_sets {
+            let bytes = wire::encode(set);
+            self.shared
+                .keep(label(set.session, SetKind::Sightings), &bytes);
+            self.shared.send(Message::Sightings, bytes);
+        }
+        if task.plan.persons.is_some() {
+            self.skip_unseen(task.tick, &output.patch_sets);
+        }
+        let messages = output.patch_sets.len();
+        let (mut persons, mut payload) = (0, 0);
+        for mut set in output.patch_sets {
+            let now_us = self.shared.clock.now_us();
+            set.timing = self.shared.ledger().timing(task.tick, now_us);
+            let bytes = wire::encode(&set);
+            self.shared
+                .keep(label(set.session, SetKind::Patches), &bytes);
+            persons += set.persons.len();
+            payload += bytes.len();
+            let held_back = task.may_send && !self.shared.send(Message::Patches(task.tick), bytes);
+            if task.plan.persons.is_some() && !held_back {
+                let served = set.persons.iter().map(|p| p.person);
+                served.for_each(|person| self.turns.served(person, task.tick));
+            }
+        }
+        let mut ledger = self.shared.ledger();
+        ledger
+            .rate
+            .packed(task.plan.quality, persons, messages, payload);
+    }
+
+    /// Whom no camera sees has had their turn, too, or nobody else would get one.
+    fn skip_unseen(&mut self, tick: Tick, sets: &[PatchSet]) {
+        let seen = |person| {
+            let mut patches = sets.iter().flat_map(|set| &set.persons);
+            patches.any(|patch| patch.person == person)
+        };
+        for &person in self.chosen.iter().filter(|person| !seen(**person)) {
+            self.turns.served(person, tick);
+        }
+    }
+
+    fn count_laps(&mut self, looks: bool) {
+        let stages = split_looks(&self.laps, self.pipeline.looked_share());
+        for (stage, us) in stages {
+            if stage != farfield_proto::message::LOOK_STAGE || looks {
+                self.shared.count(stage, us);
+            }
+        }
+    }
+
+    fn count_delay(&self, tick: Tick) {
+        let offsets = self.frames.iter().flatten().map(|f| f.capture_offset_us);
+        let Some(first_us) = offsets.min() else {
+            return;
+        };
+        let now_us = self.shared.clock.now_us();
+        let after_us = self.shared.ledger().ticks.after_us(now_us, tick);
+        let delay_us = after_us.unwrap_or(0) - Micros::from(first_us);
+        self.shared
+            .count(CAPTURE_TO_SENT, delay_us.clamp(0, u32::MAX.into()) as u32);
+    }
+}

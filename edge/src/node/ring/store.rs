@@ -1,0 +1,323 @@
+//! The segments as files.
+
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, Write as _};
+use std::os::unix::fs::FileExt as _;
+use std::path::{Path, PathBuf};
+
+use farfield_proto::fill::{FillRequest, Filled, StoredSet};
+
+use crate::ring::index::{Index, Place};
+use crate::ring::record::{
+    Label, RECORD_HEAD_BYTES, SEGMENT_HEAD_BYTES, put_record, record_at, records, segment_head,
+    segment_number,
+};
+
+/// Segments of a ring: the oldest of them is given up when the newest is full.
+const SEGMENTS: usize = 8;
+/// Most records of a segment: bounds the index in memory where sets are tiny.
+const MAX_RECORDS: usize = 1 << 14;
+/// Name of the file by which one process holds the ring.
+const LOCK: &str = "ring.lock";
+
+/// A ring on disk.
+pub(super) struct Ring {
+    segments: Vec<Segment>,
+    segment_bytes: u64,
+    /// The segment that is written to.
+    current: usize,
+    index: Index,
+    /// Torn records that were found when the ring was opened: at most one per kill.
+    pub(super) torn: u64,
+    buffer: Vec<u8>,
+    /// Held for as long as the process lives.
+    _lock: File,
+}
+
+/// One file of the ring.
+struct Segment {
+    file: File,
+    number: u64,
+    bytes: u64,
+    records: usize,
+}
+
+impl Ring {
+    /// Opens the ring in `folder`, or makes it, with at most `bytes` on disk.
+    ///
+    /// # Errors
+    /// When the folder or a file cannot be made or read, or another process has the ring.
+    pub(super) fn open(folder: &Path, bytes: u64) -> io::Result<Self> {
+        fs::create_dir_all(folder)?;
+        let lock = open_file(&folder.join(LOCK))?;
+        lock.try_lock().map_err(io::Error::from)?;
+        let segment_bytes = (bytes / SEGMENTS as u64).max(SEGMENT_HEAD_BYTES as u64);
+        let mut this = Self {
+            segments: Vec::with_capacity(SEGMENTS),
+            segment_bytes,
+            current: 0,
+            index: Index::default(),
+            torn: 0,
+            buffer: Vec::new(),
+            _lock: lock,
+        };
+        for i in 0..SEGMENTS {
+            let segment = this.open_segment(&path(folder, i), i)?;
+            this.segments.push(segment);
+        }
+        let newest = this.segments.iter().enumerate();
+        this.current = newest.max_by_key(|(_, s)| s.number).map_or(0, |(i, _)| i);
+        Ok(this)
+    }
+
+    /// Records that can be asked for.
+    pub(super) fn len(&self) -> usize {
+        self.index.len()
+    }
+
+    /// Keeps a message; the oldest give way.
+    ///
+    /// # Errors
+    /// When it cannot be written; the ring stays as it was.
+    pub(super) fn store(&mut self, label: Label, message: &[u8]) -> io::Result<()> {
+        let mut record = std::mem::take(&mut self.buffer);
+        record.clear();
+        put_record(label, message, &mut record);
+        let stored = self.append(label, &record);
+        self.buffer = record;
+        stored
+    }
+
+    /// What there is of the ticks that are asked for.
+    ///
+    /// # Errors
+    /// When a file cannot be read.
+    pub(super) fn answer(&mut self, request: &FillRequest) -> io::Result<Filled> {
+        let found = self.index.find(request);
+        let mut stored = Vec::with_capacity(found.places.len());
+        for place in found.places {
+            let Some(segment) = self.segments.get(place.segment) else {
+                continue;
+            };
+            self.buffer.resize(RECORD_HEAD_BYTES + place.len, 0);
+            segment.file.read_exact_at(&mut self.buffer, place.at)?;
+            // A disk may forget, too.
+            if let Some(record) = record_at(&self.buffer, 0) {
+                stored.push(StoredSet {
+                    kind: record.label.kind,
+                    bytes: record.message.to_owned(),
+                });
+            }
+        }
+        Ok(Filled {
+            to: found.to,
+            stored,
+        })
+    }
+
+    fn open_segment(&mut self, path: &Path, index: usize) -> io::Result<Segment> {
+        let mut file = open_file(path)?;
+        if file.metadata()?.len() > self.segment_bytes {
+            // The ring was larger once.
+            file.set_len(0)?;
+        }
+        let content = fs::read(path)?;
+        let Some(number) = segment_number(&content) else {
+            file.set_len(0)?;
+            file.write_all(&segment_head(0))?;
+            return Ok(Segment {
+                file,
+                number: 0,
+                bytes: SEGMENT_HEAD_BYTES as u64,
+                records: 0,
+            });
+        };
+        let (found, end) = records(&content);
+        for record in &found {
+            let place = Place {
+                segment: index,
+                at: record.at as u64,
+                len: record.message.len(),
+            };
+            self.index.add(record.label, place);
+        }
+        if end < content.len() {
+            self.torn += 1;
+            file.set_len(end as u64)?;
+        }
+        Ok(Segment {
+            file,
+            number,
+            bytes: end as u64,
+            records: found.len(),
+        })
+    }
+
+    fn append(&mut self, label: Label, record: &[u8]) -> io::Result<()> {
+        let len = record.len() as u64;
+        if len + SEGMENT_HEAD_BYTES as u64 > self.segment_bytes {
+            return Err(io::Error::other("the ring is too small for the message"));
+        }
+        let full = self.segments.get(self.current).is_none_or(|segment| {
+            segment.bytes + len > self.segment_bytes || segment.records >= MAX_RECORDS
+        });
+        if full {
+            self.turn()?;
+        }
+        let current = self.current;
+        let Some(segment) = self.segments.get_mut(current) else {
+            return Ok(());
+        };
+        let at = segment.bytes;
+        // In place: what a failed attempt has left is written over by the next.
+        segment.file.write_all_at(record, at)?;
+        segment.bytes += len;
+        segment.records += 1;
+        let place = Place {
+            segment: current,
+            at,
+            len: record.len() - RECORD_HEAD_BYTES,
+        };
+        self.index.add(label, place);
+        Ok(())
+    }
+
+    /// Begins the next segment, over the oldest.
+    fn turn(&mut self) -> io::Result<()> {
+        let number = self.segments.get(self.current).map_or(0, |s| s.number) + 1;
+        let next = (self.current + 1) % SEGMENTS;
+        let Some(segment) = self.segments.get_mut(next) else {
+            return Ok(());
+        };
+        self.index.forget(next);
+        segment.file.set_len(0)?;
+        segment.file.write_all_at(&segment_head(number), 0)?;
+        (segment.number, segment.bytes, segment.records) = (number, SEGMENT_HEAD_BYTES as u64, 0);
+        self.current = next;
+        Ok(())
+    }
+}
+
+fn path(folder: &Path, segment: usize) -> PathBuf {
+    folder.join(format!("ring-{segment}.seg"))
+}
+
+fn open_file(path: &Path) -> io::Result<File> {
+    let mut options = OpenOptions::new();
+    options
+        .read(true)
+        .write(true)
+        .create(true)
+        .truncate(false)
+        .open(path)
+}
+
+#[cfg(test)]
+mod tests {
+    use farfield_proto::fill::{MAX_ANSWER_BYTES, SetKind};
+    use farfield_proto::id::SessionId;
+    use farfield_proto::tick::Tick;
+
+    use super::*;
+
+    fn label(tick: i64) -> Label {
+        Label {
+            session: SessionId(1),
+            tick: Tick(tick),
+            kind: SetKind::Patches,
+        }
+    }
+
+    fn message(tick: i64) -> Vec<u8> {
+        vec![tick as u8; 200]
+    }
+
+    fn stored(ring: &mut Ring, from: i64, to: i64) -> Vec<Vec<u8>> {
+        let mut found = Vec::new();
+        let mut request = FillRequest {
+            session: SessionId(1),
+            from: Tick(from),
+            to: Tick(to),
+            max_bytes: MAX_ANSWER_BYTES,
+        };
+        while request.from < request.to {
+            let filled = ring.answer(&request).unwrap();
+            found.extend(filled.stored.into_iter().map(|set| set.bytes));
+            request.from = filled.to;
+        }
+        found
+    }
+
+    fn on_disk(folder: &Path) -> u64 {
+        let entries = fs::read_dir(folder).unwrap();
+        entries.map(|e| e.unwrap().metadata().unwrap().len()).sum()
+    }
+
+    #[test]
+    fn the_newest_sets_stay_and_the_disk_holds_no_more_than_was_allowed() {
+        let dir = tempfile::tempdir().unwrap();
+        let mut ring = Ring::open(dir.path(), 64 << 10).unwrap();
+        for tick in 0..2000 {
+            ring.store(label(tick), &message(tick)).unwrap();
+            assert!(on_disk(dir.path()) <= 64 << 10);
+        }
+        let kept = stored(&mut ring, 0, 2000);
+        let least = (7 * (8 << 10)) / 225 - 7;
+        assert!(kept.len() >= least, "{} of {least}", kept.len());
+        let newest: Vec<Vec<u8>> = (2000 - kept.len().cast_signed() as i64..2000)
+            .map(message)
+            .collect();
+        assert_eq!(kept, newest);
+    }
+
+    #[test]
+    fn a_ring_is_found_again_and_a_torn_record_noticed() {
+        let dir = tempfile::tempdir().unwrap();
+        let mut ring = Ring::open(dir.path(), 64 << 10).unwrap();
+        for tick in 0..50 {
+            ring.store(label(tick), &message(tick)).unwrap();
+        }
+        let current = path(dir.path(), ring.current);
+        drop(ring);
+        let file = OpenOptions::new().write(true).open(current).unwrap();
+        let len = file.metadata().unwrap().len();
+        file.set_len(len - 7).unwrap();
+        let mut ring = Ring::open(dir.path(), 64 << 10).unwrap();
+        assert_eq!(ring.torn, 1);
+        assert_eq!(stored(&mut ring, 0, 50).len(), 49);
+        ring.store(label(49), &message(49)).unwrap();
+        drop(ring);
+        let mut ring = Ring::open(dir.path(), 64 << 10).unwrap();
+        assert_eq!((ring.torn, ring.len()), (0, 50));
+        let all: Vec<Vec<u8>> = (0..50).map(message).collect();
+        assert_eq!(stored(&mut ring, 0, 50), all);
+    }
+
+    #[test]
+    fn files_that_are_no_segments_are_begun_anew() {
+        let dir = tempfile::tempdir().unwrap();
+        fs::write(path(dir.path(), 3), [7; 5000]).unwrap();
+        fs::write(path(dir.path(), 4), vec![7; 50_000]).unwrap();
+        let mut ring = Ring::open(dir.path(), 64 << 10).unwrap();
+        assert_eq!(ring.len(), 0);
+        ring.store(label(1), &message(1)).unwrap();
+        assert_eq!(stored(&mut ring, 0, 9).len(), 1);
+    }
+
+    #[test]
+    fn a_ring_has_one_owner() {
+        let dir = tempfile::tempdir().unwrap();
+        let first = Ring::open(dir.path(), 64 << 10).unwrap();
+        assert!(Ring::open(dir.path(), 64 << 10).is_err());
+        drop(first);
+        Ring::open(dir.path(), 64 << 10).unwrap();
+    }
+
+    #[test]
+    fn a_message_that_is_larger_than_a_segment_is_refused() {
+        let dir = tempfile::tempdir().unwrap();
+        let mut ring = Ring::open(dir.path(), 8 << 10).unwrap();
+        assert!(ring.store(label(1), &[0; 2000]).is_err());
+        ring.store(label(2), &[0; 500]).unwrap();
+    }
+}

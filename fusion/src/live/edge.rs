@@ -1,0 +1,341 @@
+//! How fusion hears one edge: its clock, its delays, what was sent to it, and what went wrong.
+
+use std::collections::VecDeque;
+
+use farfield_proto::live::{EdgeLink, HeardPatches, LiveBoxes, PatchTiming};
+use farfield_proto::message::{BoxSet, PatchSet};
+use farfield_proto::tick::Tick;
+
+use super::arrivals::{Arrivals, Task};
+use super::edge_clock::{EdgeClock, Exchange};
+use super::horizon::Horizon;
+use super::meter::Meter;
+use super::tick_time::TickTime;
+use super::{Micros, SECOND_US};
+
+/// An edge that has said nothing for so long is not waited for.
+const SILENT_US: Micros = SECOND_US / 2;
+/// Box sets that are remembered: more than any round trip takes.
+const SENT: usize = 512;
+/// Ticks at which the edge was told to look that are remembered.
+const LOOKS: usize = 256;
+/// Messages whose ticks are remembered, to see which were overtaken.
+const RECENT: usize = 64;
+/// When a message of a later tick has come, those of the tick before are waited for so much longer: links
+/// seldom let one overtake another by more.
+const OVERTAKEN_US: Micros = SECOND_US / 50;
+/// The same at ticks at which the edge looks: what it saw travels apart from its patches.
+const LOOK_OVERTAKEN_US: Micros = SECOND_US / 10;
+/// A message that comes so long before or after its tick says nothing of its link.
+const FAR_US: Micros = 10 * SECOND_US;
+/// A clock that was refused is let in again when it is within this share of the bound.
+const FORGIVEN: f64 = 0.9;
+
+/// A box set that went out.
+#[derive(Debug, Clone, Copy)]
+struct Sent {
+    sequence: u32,
+    tick: Tick,
+    at_us: Micros,
+}
+
+/// A message that came.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Came {
+    /// When.
+    pub at_us: Micros,
+    /// The bytes it took.
+    pub bytes: u64,
+}
+
+/// What a patch set says of the way that it and its boxes took, microseconds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Trip {
+    /// From the capture of its pictures to its sending.
+    pub sent_us: Option<u32>,
+    /// From its sending to its arrival.
+    pub arrived_us: Option<u32>,
+    /// From the sending of the boxes that it was made with to its own.
+    pub box_used_us: Option<u32>,
+}
+
+/// One viewpoint's edge, as fusion hears it.
+#[derive(Debug, Clone, Default)]
+pub struct Edge {
+    name: String,
+    clock_bound_us: Micros,
+    clock: EdgeClock,
+    is_clock_refused: bool,
+    arrivals: Arrivals,
+    horizon: Horizon,
+    meter: Meter,
+    sequence: u32,
+    sent: VecDeque<Sent>,
+    looks: VecDeque<Tick>,
+    heard: Option<(Tick, i32)>,
+    /// Ticks of the newest patch sets, and when they came.
+    recent: VecDeque<(Tick, Micros)>,
+    heard_us: Option<Micros>,
+    expected_until_us: Option<Micros>,
+    first: Option<Tick>,
+    /// Patch sets that came after their tick was worked on.
+    pub late: u64,
+    /// Ticks of which nothing came, since the edge's first.
+    pub missing: u64,
+    /// Messages that could not be read.
+    pub unreadable: u64,
+}
+
+impl Edge {
+    /// The edge of the viewpoint `name`. Its clock may be off by `clock_bound_ms`.
+    pub fn new(name: &str, clock_bound_ms: f64) -> Self {
+        Self {
+            name: name.to_owned(),
+            clock_bound_us: (clock_bound_ms * 1e3) as Micros,
+            ..Self::default()
+        }
+    }
+
+    /// Another node speaks for the viewpoint: what was known of the last one says nothing.
+    pub fn start_again(&mut self) {
+        self.clock.clear();
+        self.is_clock_refused = false;
+        self.arrivals = Arrivals::default();
+        self.horizon = Horizon::default();
+        self.recent.clear();
+        (self.heard, self.heard_us) = (None, None);
+    }
+
+    /// Notes that `boxes` go out at `now_us`, and says what they tell of clock and link.
+    pub fn send(&mut self, boxes: &BoxSet, time: &TickTime, now_us: Micros) -> LiveBoxes {
+        self.sequence = self.sequence.wrapping_add(1);
+        push_bounded(
+            &mut self.sent,
+            Sent {
+                sequence: self.sequence,
+                tick: boxes.tick,
+                at_us: now_us,
+            },
+            SENT,
+        );
+        if !boxes.look.is_empty() && self.looks.back() != Some(&boxes.tick) {
+            push_bounded(&mut self.looks, boxes.tick, LOOKS);
+        }
+        let bytes = self.meter.bytes_per_s(now_us);
+        let heard = |(tick, one_way_us)| HeardPatches {
+            tick,
+            one_way_us,
+            bytes,
+        };
+        LiveBoxes {
+            sequence: self.sequence,
+            epoch_us: time.epoch_us(),
+            clock_correction_us: self.clock.correction_us(),
+            heard: self.heard.map(heard),
+        }
+    }
+
+    /// Takes note of a patch set, used or not.
+    pub fn hear_patches(&mut self, set: &PatchSet, came: Came, time: &TickTime) -> Trip {
+        self.hear(set.tick, came, time);
+        // A clock that is far off is measured, too: it must be told.
+        let sent_us = set.timing.map(|timing| {
+            let sent_us = time
+                .at(set.tick)
+                .saturating_add(timing.sent_after_us.into());
+            self.measure(timing, sent_us, came.at_us);
+            sent_us
+        });
+        if !is_near(set.tick, came, time) {
+            return Trip::default();
+        }
+        push_bounded(&mut self.recent, (set.tick, came.at_us), RECENT);
+        self.first = Some(self.first.map_or(set.tick, |first| first.min(set.tick)));
+        let Some(sent_us) = sent_us else {
+            return Trip::default();
+        };
+        let one_way_us = came.at_us - sent_us;
+        if self.heard.is_none_or(|(tick, _)| set.tick >= tick) {
+            let one_way_us = one_way_us.clamp(i32::MIN.into(), i32::MAX.into());
+            self.heard = Some((set.tick, one_way_us as i32));
+        }
+        let mut trip = Trip {
+            arrived_us: u32::try_from(one_way_us).ok(),
+            ..Trip::default()
+        };
+        if let Some(patch) = set.persons.first() {
+            let captured_us = time.at(set.tick) + i64::from(patch.capture_offset_us);
+            trip.sent_us = u32::try_from(sent_us - captured_us).ok();
+            self.horizon.used(set.tick - patch.box_tick, came.at_us);
+            let boxes = self.sent_as(|sent| sent.tick == patch.box_tick);
+            trip.box_used_us = boxes.and_then(|sent| u32::try_from(sent_us - sent.at_us).ok());
+        }
+        trip
+    }
+
+    fn measure(&mut self, timing: PatchTiming, sent_us: Micros, arrived_us: Micros) {
+        let Some(echo) = timing.echo else { return };
+        let Some(sent) = self.sent_as(|sent| sent.sequence == echo.sequence) else {
+            return;
+        };
+        self.clock.add(&Exchange {
+            boxes_sent_us: sent.at_us,
+            held_us: echo.held_us.into(),
+            patches_sent_us: sent_us,
+            correction_us: timing.clock_correction_us.into(),
+            arrived_us,
+        });
+        self.judge_clock();
+    }
+
+    /// Takes note of any message for `tick`.
+    pub fn hear(&mut self, tick: Tick, came: Came, time: &TickTime) {
+        let Came { at_us, bytes } = came;
+        self.meter.add(bytes, at_us);
+        self.heard_us = Some(self.heard_us.map_or(at_us, |last| last.max(at_us)));
+        if is_near(tick, came, time) {
+            let delay_us = at_us.saturating_sub(time.at(tick));
+            self.arrivals.add(self.task(tick), delay_us, at_us);
+        }
+    }
+
+    /// It has left: it is not waited for.
+    pub fn leave(&mut self) {
+        self.heard_us = None;
+    }
+
+    /// It is about to speak: until then it is waited for.
+    pub fn expect(&mut self, until_us: Micros) {
+        self.expected_until_us = Some(until_us);
+    }
+
+    /// Whether its messages are worth waiting for at all: it speaks, or is about to, and its clock is near
+    /// enough.
+    pub fn is_awaited(&self, now_us: Micros) -> bool {
+        let is_expected = self.heard_us.is_none()
+            && self
+                .expected_until_us
+                .is_some_and(|until_us| now_us < until_us);
+        is_expected || self.is_heard(now_us) && self.is_on_time()
+    }
+
+    /// Whether it has spoken of late.
+    pub fn is_heard(&self, now_us: Micros) -> bool {
+        self.heard_us.is_some_and(|at| now_us - at <= SILENT_US)
+    }
+
+    /// Whether its clock is near enough; before it is known, whether its patches have come at a time at which
+    /// those of a right clock could have.
+    pub fn is_on_time(&self) -> bool {
+        if self.clock.is_known() {
+            return !self.is_clock_refused;
+        }
+        let bound_us = self.clock_bound_us;
+        let possible = -bound_us..=bound_us + SILENT_US;
+        self.heard
+            .is_some_and(|(_, one_way_us)| possible.contains(&one_way_us.into()))
+    }
+
+    /// Until when what it says of `tick` is worth waiting for, at most `most_us` after the tick.
+    pub fn deadline_us(
+        &mut self,
+        tick: Tick,
+        time: &TickTime,
+        now_us: Micros,
+        most_us: Micros,
+    ) -> Micros {
+        let task = self.task(tick);
+        let slack_us = match task {
+            Task::Follow => OVERTAKEN_US,
+            Task::Look => LOOK_OVERTAKEN_US,
+        };
+        let deadline_us = time.at(tick) + self.arrivals.wait_us(task, now_us, most_us);
+        // Of an edge that works on every other tick only, or whose message was lost, nothing comes.
+        let later = self.recent.iter().filter(|(of, _)| *of > tick);
+        let overtaken_us = later.map(|(_, at_us)| at_us + slack_us).min();
+        overtaken_us.map_or(deadline_us, |us| us.min(deadline_us))
+    }
+
+    /// How many ticks ahead its boxes are made, when boxes leave `publish_us` after their tick.
+    pub fn horizon_ticks(&mut self, publish_us: f64, period_us: f64) -> f64 {
+        if let Some(round_trip_us) = self.clock.usual_round_trip_us() {
+            let one_way_us = round_trip_us as f64 / 2.0;
+            self.horizon.set_way(publish_us, one_way_us, period_us);
+        }
+        self.horizon.ticks() as f64
+    }
+
+    /// Notes that `tick` was worked on, of which nothing has come.
+    pub fn miss(&mut self, tick: Tick) {
+        if self.first.is_some_and(|first| first <= tick) {
+            self.missing += 1;
+        }
+    }
+
+    /// Why its clock is refused, if it is.
+    pub fn refused_clock(&self) -> Option<String> {
+        let offset_ms = self.clock.offset_us().unwrap_or(0) as f64 / 1e3;
+        self.is_clock_refused.then(|| {
+            format!(
+                "its clock is off by {offset_ms:.0} ms, at most {} are borne (`clock_bound_ms`): set it, by NTP or PTP",
+                self.clock_bound_us / 1000
+            )
+        })
+    }
+
+    /// For the status. Who may take part is not known here.
+    pub fn link(&mut self, now_us: Micros) -> EdgeLink {
+        let round_trip_us = self.clock.round_trip_us();
+        let offset_us = self.clock.offset_us();
+        EdgeLink {
+            viewpoint: self.name.clone(),
+            live: self.is_heard(now_us) && self.is_on_time(),
+            refused: self.refused_clock(),
+            round_trip_us: round_trip_us.and_then(|us| u32::try_from(us).ok()),
+            clock_offset_us: offset_us.and_then(|us| i32::try_from(us).ok()),
+            horizon_ticks: self.horizon.ticks() as f32,
+            bytes_per_s: self.meter.bytes_per_s(now_us),
+            late: self.late,
+            missing: self.missing,
+            unreadable: self.unreadable,
+        }
+    }
+
+    fn judge_clock(&mut self) {
+        let surely_us = self.clock.surely_off_us();
+        let bound_us = self.clock_bound_us;
+        self.is_clock_refused = if self.is_clock_refused {
+            surely_us as f64 > FORGIVEN * bound_us as f64
+        } else {
+            surely_us > bound_us
+        };
+    }
+
+    fn task(&self, tick: Tick) -> Task {
+        if self.looks.iter().rev().any(|&look| look == tick) {
+            Task::Look
+        } else {
+            Task::Follow
+        }
+    }
+
+    fn sent_as(&self, is: impl Fn(&Sent) -> bool) -> Option<Sent> {
+        self.sent.iter().rev().copied().find(is)
+    }
+}
+
+/// Whether a message came when one of its tick could have.
+fn is_near(tick: Tick, came: Came, time: &TickTime) -> bool {
+    came.at_us.saturating_sub(time.at(tick)).abs() < FAR_US
+}
+
+fn push_bounded<T>(queue: &mut VecDeque<T>, item: T, most: usize) {
+    if queue.len() >= most {
+        queue.pop_front();
+    }
+    queue.push_back(item);
+}
+
+#[cfg(test)]
+#[path = "edge_tests.rs"]
+mod tests;

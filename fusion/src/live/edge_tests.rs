@@ -1,0 +1,273 @@
+//! An edge on a link that we know, and what fusion finds out about it.
+
+use farfield_proto::id::PersonId;
+use farfield_proto::id::{CameraIndex, SessionId, ViewpointIndex};
+use farfield_proto::live::{BoxEcho, PatchTiming};
+use farfield_proto::message::{Order, PersonPatch};
+use farfield_proto::patch::EncodedMaps;
+
+use super::*;
+
+const BOUND_MS: f64 = 100.0;
+const START_US: Micros = 1_700_000_000 * SECOND_US;
+
+fn time() -> TickTime {
+    TickTime::with_tick_at(Tick(0), START_US, 60.0)
+}
+
+fn boxes(tick: i64, look: bool) -> BoxSet {
+    BoxSet {
+        session: SessionId(1),
+        tick: Tick(tick),
+        viewpoint: ViewpointIndex(0),
+        order: Order::Track,
+        live: None,
+        look: if look {
+            vec![CameraIndex(0)]
+        } else {
+            Vec::new()
+        },
+        persons: Vec::new(),
+    }
+}
+
+fn patches(tick: i64, timing: PatchTiming, box_tick: Option<i64>) -> PatchSet {
+    let patch = |box_tick| PersonPatch {
+        person: PersonId(1),
+        camera: CameraIndex(0),
+        box_tick: Tick(box_tick),
+        capture_offset_us: 1_000,
+        crops: Vec::new(),
+        crop_of_keypoint: Vec::new(),
+        maps: EncodedMaps {
+            width: 1,
+            height: 1,
+            keypoints: 1,
+            bytes: Vec::new(),
+        },
+    };
+    PatchSet {
+        session: SessionId(1),
+        tick: Tick(tick),
+        viewpoint: ViewpointIndex(0),
+        part: 0,
+        parts: 1,
+        sighting_parts: 0,
+        timing: Some(timing),
+        persons: box_tick.map(patch).into_iter().collect(),
+    }
+}
+
+/// Runs an edge whose own clock is off by `offset_us`, `way_us` away, which works on each tick 5 ms after
+/// it, with the newest boxes, for `ticks`. Boxes leave 30 ms after their tick.
+fn run(edge: &mut Edge, ticks: Range<i64>, offset_us: Micros, way_us: Micros) -> Trip {
+    let time = time();
+    let mut told: VecDeque<(u32, i64, i32, Micros)> = VecDeque::new();
+    let mut trip = Trip::default();
+    for tick in ticks {
+        let sent_us = time.at(Tick(tick)) + 5_000;
+        let heard = told.iter().rev().find(|(.., at)| at + way_us <= sent_us);
+        let timing = heard.map_or(
+            PatchTiming {
+                sent_after_us: (5_000 + offset_us) as i32,
+                clock_correction_us: 0,
+                echo: None,
+            },
+            |&(sequence, _, correction, at)| PatchTiming {
+                sent_after_us: (5_000 + offset_us) as i32 + correction,
+                clock_correction_us: correction,
+                echo: Some(BoxEcho {
+                    sequence,
+                    held_us: (sent_us - at - way_us) as u32,
+                }),
+            },
+        );
+        let set = patches(tick, timing, heard.map(|told| told.1));
+        let came = Came {
+            at_us: sent_us + way_us,
+            bytes: 500,
+        };
+        trip = edge.hear_patches(&set, came, &time);
+        let publish_us = time.at(Tick(tick)) + 30_000 + way_us;
+        let horizon = edge.horizon_ticks(30_000.0 + way_us as f64, time.period_us()) as i64;
+        let set = boxes(tick + horizon, false);
+        let live = edge.send(&set, &time, publish_us);
+        told.push_back((
+            live.sequence,
+            set.tick.0,
+            live.clock_correction_us,
+            publish_us,
+        ));
+    }
+    trip
+}
+
+use std::ops::Range;
+
+#[test]
+fn a_clock_that_is_a_little_off_is_corrected_and_shown() {
+    let mut edge = Edge::new("north", BOUND_MS);
+    run(&mut edge, 0..120, 20_000, 40_000);
+    let link = edge.link(time().at(Tick(121)));
+    assert_eq!(link.round_trip_us, Some(80_000));
+    assert_eq!(link.clock_offset_us, Some(20_000));
+    assert!(edge.is_on_time() && link.refused.is_none());
+    let live = edge.send(&boxes(130, false), &time(), START_US);
+    assert_eq!(live.clock_correction_us, -20_000);
+    let heard = live.heard.unwrap();
+    assert_eq!((heard.tick, heard.one_way_us), (Tick(119), 40_000));
+}
+
+#[test]
+fn a_clock_that_is_far_off_is_refused_by_name_until_it_is_set() {
+    let mut edge = Edge::new("north", BOUND_MS);
+    run(&mut edge, 0..120, 500_000, 2_000);
+    assert!(!edge.is_on_time());
+    let refused = edge.link(0).refused.unwrap();
+    assert!(
+        refused.contains("500 ms") && refused.contains("100"),
+        "{refused}"
+    );
+    run(&mut edge, 120..900, 0, 2_000);
+    assert!(edge.is_on_time() && edge.link(0).refused.is_none());
+}
+
+#[test]
+fn boxes_are_made_for_the_tick_at_which_they_are_used() {
+    for way_us in [0, 10_000, 40_000, 100_000] {
+        let mut edge = Edge::new("north", BOUND_MS);
+        run(&mut edge, 0..600, 0, way_us);
+        let time = time();
+        let horizon = edge.horizon_ticks(30_000.0 + way_us as f64, time.period_us()) as i64;
+        // Boxes of tick 0 arrive at 30 ms and twice the way; pictures are worked on 5 ms after their tick.
+        let arrive_us = (30_000 + 2 * way_us - 5_000) as f64;
+        let used = (arrive_us / time.period_us()).ceil() as i64;
+        assert!(
+            (horizon - used).abs() <= 1,
+            "way {way_us}: {horizon} for {used}"
+        );
+    }
+}
+
+#[test]
+fn the_way_of_patches_and_boxes_is_measured() {
+    let mut edge = Edge::new("north", BOUND_MS);
+    let trip = run(&mut edge, 0..300, 0, 10_000);
+    assert_eq!(
+        trip.sent_us,
+        Some(4_000),
+        "the pictures were taken 1 ms after their tick"
+    );
+    assert_eq!(trip.arrived_us, Some(10_000));
+    let used_us = trip.box_used_us.unwrap();
+    assert!(
+        (10_000..10_000 + 2 * 16_667).contains(&used_us),
+        "{used_us}"
+    );
+}
+
+#[test]
+fn a_silent_edge_is_not_heard_and_a_new_one_starts_unknown() {
+    let mut edge = Edge::new("north", BOUND_MS);
+    run(&mut edge, 0..60, 0, 1_000);
+    let last_us = time().at(Tick(59)) + 6_000;
+    assert!(edge.is_heard(last_us + SILENT_US) && !edge.is_heard(last_us + SILENT_US + 1));
+    edge.start_again();
+    assert!(!edge.is_heard(last_us) && !edge.is_on_time());
+}
+
+#[test]
+fn who_is_about_to_speak_is_waited_for_a_while() {
+    let mut edge = Edge::new("north", BOUND_MS);
+    assert!(!edge.is_awaited(START_US));
+    edge.expect(START_US + SECOND_US);
+    assert!(edge.is_awaited(START_US) && !edge.is_awaited(START_US + SECOND_US));
+    run(&mut edge, 0..2, 0, 1_000);
+    assert!(edge.is_awaited(time().at(Tick(2))));
+    assert!(
+        !edge.is_awaited(START_US + SECOND_US),
+        "it has fallen silent"
+    );
+}
+
+#[test]
+fn a_tick_that_cannot_be_says_nothing_of_the_link() {
+    let mut edge = Edge::new("north", BOUND_MS);
+    run(&mut edge, 0..60, 0, 1_000);
+    let before = edge.send(&boxes(70, false), &time(), START_US).heard;
+    for tick in [i64::MIN, -1 << 40, 1 << 40, i64::MAX] {
+        let timing = PatchTiming {
+            sent_after_us: i32::MAX,
+            clock_correction_us: 0,
+            echo: None,
+        };
+        let came = Came {
+            at_us: time().at(Tick(60)),
+            bytes: 9,
+        };
+        let trip = edge.hear_patches(&patches(tick, timing, Some(tick)), came, &time());
+        assert_eq!(trip, Trip::default());
+    }
+    let after = edge.send(&boxes(71, false), &time(), START_US).heard;
+    assert_eq!(before.map(|h| h.tick), after.map(|h| h.tick));
+}
+
+#[test]
+fn what_is_missing_counts_from_the_first_tick_that_came() {
+    let mut edge = Edge::new("north", BOUND_MS);
+    edge.miss(Tick(3));
+    run(&mut edge, 10..12, 0, 1_000);
+    edge.miss(Tick(9));
+    edge.miss(Tick(12));
+    assert_eq!(edge.missing, 1);
+}
+
+#[test]
+fn looks_are_waited_for_longer_than_other_ticks() {
+    let mut edge = Edge::new("north", BOUND_MS);
+    run(&mut edge, 0..60, 0, 1_000);
+    let time = time();
+    edge.send(&boxes(70, true), &time, time.at(Tick(60)));
+    let came = Came {
+        at_us: time.at(Tick(70)) + 90_000,
+        bytes: 10,
+    };
+    edge.hear(Tick(70), came, &time);
+    edge.send(&boxes(80, true), &time, time.at(Tick(71)));
+    let now_us = time.at(Tick(71));
+    let mut waits =
+        |tick| edge.deadline_us(Tick(tick), &time, now_us, 400_000) - time.at(Tick(tick));
+    assert!(waits(80) >= 90_000);
+    assert!(waits(79) < 20_000);
+}
+
+#[test]
+fn a_tick_that_was_left_out_is_not_waited_for_once_a_later_one_has_come() {
+    let mut edge = Edge::new("north", BOUND_MS);
+    let time = time();
+    let silent = PatchTiming {
+        sent_after_us: 5_000,
+        clock_correction_us: 0,
+        echo: None,
+    };
+    // All came half a second late once: whoever is waited for is waited for to the bound.
+    for tick in 0..20 {
+        let came = Came {
+            at_us: time.at(Tick(20)) + 500_000,
+            bytes: 500,
+        };
+        edge.hear_patches(&patches(tick, silent, None), came, &time);
+    }
+    let now_us = time.at(Tick(51));
+    let waits = |edge: &mut Edge, tick| {
+        edge.deadline_us(Tick(tick), &time, now_us, 400_000) - time.at(Tick(tick))
+    };
+    assert_eq!(waits(&mut edge, 51), 400_000);
+    let came = Came {
+        at_us: time.at(Tick(52)) + 6_000,
+        bytes: 500,
+    };
+    edge.hear_patches(&patches(52, silent, None), came, &time);
+    assert!(waits(&mut edge, 51) < 50_000);
+    assert_eq!(waits(&mut edge, 53), 400_000);
+}

@@ -1,0 +1,119 @@
+//! How long everything takes, from the capture of pictures to the poses made of them, in the room of a few
+//! histograms.
+
+use farfield_proto::histogram::Histogram;
+use farfield_proto::message::StageTime;
+use farfield_proto::venue::Venue;
+
+use crate::live::Micros;
+use crate::live::edge::Trip;
+
+/// From the capture of a tick's pictures to its poses' sending.
+pub(super) const CAPTURE_TO_POSE: &str = "capture_to_pose";
+/// From the arrival of the last of a tick's messages to its poses' sending.
+const POSE_OUT: &str = "pose_out";
+/// From the capture of pictures to the sending of the patches made of them.
+const PATCH_SENT: &str = "patch_sent";
+/// From the sending of patches to their arrival.
+const PATCH_ARRIVED: &str = "patch_arrived";
+/// From the sending of boxes to the sending of the patches made with them.
+const BOX_USED: &str = "box_used";
+
+/// The ways of one edge's messages.
+#[derive(Debug, Default)]
+struct Ways {
+    name: String,
+    patch_sent: Histogram,
+    patch_arrived: Histogram,
+    box_used: Histogram,
+}
+
+/// All delays of a run.
+#[derive(Debug, Default)]
+pub(super) struct Delays {
+    capture_to_pose: Histogram,
+    /// The same, since it was last asked for.
+    recent: Histogram,
+    pose_out: Histogram,
+    edges: Vec<Ways>,
+}
+
+/// The delay of the last second's poses, microseconds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Recent {
+    pub(super) p50_us: u32,
+    pub(super) p99_us: u32,
+}
+
+impl Delays {
+    pub(super) fn new(venue: &Venue) -> Self {
+        let ways = |name: &String| Ways {
+            name: name.clone(),
+            ..Ways::default()
+        };
+        Self {
+            edges: venue.viewpoints.iter().map(|v| ways(&v.name)).collect(),
+            ..Self::default()
+        }
+    }
+
+    /// A patch set has come from the viewpoint of this index.
+    pub(super) fn trip(&mut self, index: usize, trip: Trip) {
+        let Some(ways) = self.edges.get_mut(index) else {
+            return;
+        };
+        let all = [
+            (&mut ways.patch_sent, trip.sent_us),
+            (&mut ways.patch_arrived, trip.arrived_us),
+            (&mut ways.box_used, trip.box_used_us),
+        ];
+        for (histogram, us) in all {
+            if let Some(us) = us {
+                histogram.record(us);
+            }
+        }
+    }
+
+    /// Poses go out at `now_us`: of pictures captured at `captured_us`, from messages of which the last came
+    /// at `arrived_us`.
+    pub(super) fn pose(&mut self, captured_us: Micros, arrived_us: Option<Micros>, now_us: Micros) {
+        let span = |from_us: Micros| u32::try_from((now_us - from_us).max(0)).unwrap_or(u32::MAX);
+        self.capture_to_pose.record(span(captured_us));
+        self.recent.record(span(captured_us));
+        if let Some(us) = arrived_us {
+            self.pose_out.record(span(us));
+        }
+    }
+
+    /// The delay of the poses since the last call.
+    pub(super) fn take_recent(&mut self) -> Option<Recent> {
+        let recent = Recent {
+            p50_us: self.recent.quantile(0.5)?,
+            p99_us: self.recent.quantile(0.99)?,
+        };
+        self.recent.clear();
+        Some(recent)
+    }
+
+    /// Fusion's own.
+    pub(super) fn own(&self) -> Vec<StageTime> {
+        let own = [
+            self.capture_to_pose.stage_time(CAPTURE_TO_POSE),
+            self.pose_out.stage_time(POSE_OUT),
+        ];
+        own.into_iter().flatten().collect()
+    }
+
+    /// Those of every edge, by the viewpoint's name.
+    pub(super) fn of_edges(&self) -> impl Iterator<Item = (&str, StageTime)> {
+        self.edges.iter().flat_map(|ways| {
+            let all = [
+                ways.patch_sent.stage_time(PATCH_SENT),
+                ways.patch_arrived.stage_time(PATCH_ARRIVED),
+                ways.box_used.stage_time(BOX_USED),
+            ];
+            let name = ways.name.as_str();
+            all.into_iter().flatten().map(move |time| (name, time))
+        })
+    }
+}

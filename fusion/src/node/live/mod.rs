@@ -1,0 +1,105 @@
+//! Live: nobody waits for anybody. Edges come and go, messages get lost, clocks are off, and at every tick
+//! there are poses and boxes.
+
+mod delays;
+mod hearing;
+mod run;
+mod saying;
+mod start;
+mod status;
+
+use std::path::Path;
+use std::time::Duration;
+
+use anyhow::Context as _;
+use farfield_proto::id::SessionId;
+use tokio_util::sync::CancellationToken;
+
+use self::run::Live;
+use self::start::clock_start;
+use super::clock;
+use super::config::Config;
+use super::link::{Ear, Ends, Mode};
+use super::process::{Ending, NodeError};
+use super::progress::Reporter;
+use super::recorder::Recorder;
+use super::recording::RecordingThread;
+use super::summary::{self, Facts, summarize};
+use super::worker::Worker;
+use crate::pipeline::Pipeline;
+
+/// How long the edges may take to deliver what the recording lacks, when the run is over.
+const FILL_PATIENCE: Duration = Duration::from_secs(30);
+/// The same when somebody stops it.
+const HURRY: Duration = Duration::from_secs(2);
+
+/// What a live run works with.
+pub(super) struct Surroundings<'a> {
+    pub(super) config: &'a Config,
+    pub(super) session: SessionId,
+    /// Where the results go.
+    pub(super) out: &'a Path,
+    /// Who records, if anybody does.
+    pub(super) recording: Option<&'a RecordingThread>,
+    pub(super) ear: &'a Ear,
+    pub(super) ends: &'a mut Ends,
+    pub(super) reporter: &'a mut Reporter,
+    pub(super) stop: &'a CancellationToken,
+}
+
+/// Runs until someone asks it to stop, or the ticks are over that were asked for or recorded.
+///
+/// # Errors
+/// When a thread or file cannot be made, or the poses could not be written; never for what an edge does.
+pub(super) async fn live(
+    mut around: Surroundings<'_>,
+    mut pipeline: Pipeline,
+) -> Result<Ending, NodeError> {
+    let Some(start) = clock_start(&mut around).await.map_err(NodeError::Failed)? else {
+        return Ok(Ending::Interrupted);
+    };
+    let config = around.config;
+    let venue = &config.venue;
+    let began = clock::now();
+    let first = start.first;
+    let boxes = pipeline.first_boxes(first);
+    let recorder =
+        Recorder::create(around.out, venue, pipeline.keypoints()).map_err(NodeError::Failed)?;
+    let mut worker = Worker::spawn(pipeline, recorder, Mode::Live)
+        .context("starting the core's thread")
+        .map_err(NodeError::Failed)?;
+    let mut run = Live::new(&around, start);
+    let outcome = run.run(boxes, &mut worker, &mut around).await;
+    if let Some(recording) = around.recording {
+        let patience = match outcome {
+            Ok(Ending::Done) => FILL_PATIENCE,
+            _ => HURRY,
+        };
+        recording.fillers(&around.ear.clock).finish(patience).await;
+    }
+    let last_words = run.farewell(around.ends).await;
+    let finished = worker.finish().await.map_err(NodeError::Failed)?;
+    let people = finished.people.map_err(NodeError::Failed)?;
+    let Some(last) = finished.last else {
+        return outcome.map_err(NodeError::Failed);
+    };
+    let facts = Facts {
+        ticks: first..run.end().unwrap_or(last + 1),
+        edges: &run.first_words(),
+        tally: &run.tally,
+        lost: run.lost(),
+        ending: outcome.as_ref().ok().copied(),
+        people,
+        last: finished.last,
+        stages: finished.stages,
+        ways: run.ways(),
+        last_words: &last_words,
+        elapsed: clock::now().duration_since(began),
+        recording: around.recording.map(RecordingThread::so_far),
+    };
+    summary::write(around.out, &summarize(config, &facts)).map_err(NodeError::Failed)?;
+    outcome.map_err(NodeError::Failed)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,348 @@
+//! The loop of a live run: messages in, a tick to the core when it is its turn, poses and boxes out.
+//!
+//! It never waits for the network, nor for an edge past a tick's deadline: what it says goes into a bounded
+//! queue, and is dropped when that is full.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::time::Duration;
+
+use anyhow::Context as _;
+use farfield_proto::decision::Decision;
+use farfield_proto::id::{SessionId, ViewpointIndex};
+use farfield_proto::message::{BoxSet, PatchSet, StageTime, Status};
+use farfield_proto::tick::Tick;
+use farfield_proto::wire;
+use tokio::time::{MissedTickBehavior, interval, sleep_until};
+
+use super::super::config::Config;
+use super::super::link::{Ear, Ends, NODE, Said as Say};
+use super::super::process::Ending;
+use super::super::summary::Lost;
+use super::super::tally::Tally;
+use super::super::tap::Decided;
+use super::super::worker::{Job, Worker};
+use super::Surroundings;
+use super::delays::Delays;
+use super::start::{LiveStart, is_recorded};
+use crate::align::TickGroup;
+use crate::live::edge::Edge;
+use crate::live::gather::LiveGather;
+use crate::live::membership::Membership;
+use crate::live::queue::{Next, Queue, Waiting};
+use crate::live::tick_time::TickTime;
+use crate::live::{Micros, SECOND_US};
+
+/// How often the loop looks after what nothing else wakes it for.
+const BEAT: Duration = Duration::from_millis(100);
+/// Beats per status: one a second.
+const BEATS_PER_STATUS: u32 = 10;
+/// When no tick was done for so long, the newest boxes are sent again: edges learn the clock by them.
+const RESEND_AFTER_US: Micros = SECOND_US / 10;
+/// Ticks that are open at once, and for which late messages are kept apart from repeated ones, seconds.
+const OPEN_S: f64 = 2.0;
+const LATE_S: f64 = 10.0;
+/// How long after the first tick the edges' first messages are waited for: at that tick all look for people.
+const FIRST_WORD_US: Micros = SECOND_US / 2;
+/// Messages that are heard before the loop looks after ticks again.
+const AT_ONCE: usize = 64;
+
+/// A tick that the core works on.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct InFlight {
+    pub(super) captured_us: Micros,
+    pub(super) arrived_us: Option<Micros>,
+}
+
+/// A live run under way.
+pub(super) struct Live<'a> {
+    pub(super) config: &'a Config,
+    pub(super) ear: &'a Ear,
+    pub(super) session: SessionId,
+    pub(super) first: Tick,
+    pub(super) time: TickTime,
+    pub(super) members: Membership,
+    pub(super) edges: Vec<Edge>,
+    pub(super) present: BTreeSet<String>,
+    pub(super) gather: LiveGather,
+    pub(super) queue: Queue,
+    /// Per open tick: when its last message came.
+    pub(super) arrived: BTreeMap<Tick, Micros>,
+    pub(super) late: Vec<PatchSet>,
+    pub(super) in_flight: Option<InFlight>,
+    /// How long after their ticks boxes go out, microseconds: a running mean.
+    pub(super) publish_us: f64,
+    pub(super) newest: Vec<BoxSet>,
+    pub(super) sent_us: Micros,
+    /// What has passed over the links.
+    pub(super) tally: Tally,
+    pub(super) delays: Delays,
+    pub(super) core_stages: Vec<StageTime>,
+    /// The last tick that is done.
+    pub(super) last: Option<Tick>,
+    /// Ticks that were stepped over nothing because the core was behind.
+    pub(super) over_nothing: u64,
+    /// Messages that could not be read, of nobody in particular.
+    pub(super) unreadable: u64,
+    /// Messages that fusion had no room to send.
+    pub(super) unsent: u64,
+    pub(super) refusals: Vec<Option<String>>,
+    /// Until when those are waited for who have not spoken yet.
+    pub(super) expect_until_us: Micros,
+    /// What was seen when edges looked, and came too late.
+    pub(super) late_looks: u32,
+}
+
+impl<'a> Live<'a> {
+    pub(super) fn new(around: &Surroundings<'a>, start: LiveStart) -> Self {
+        let config = around.config;
+        let venue = &config.venue;
+        let bound_ms = venue.parameters.link.clock_bound_ms;
+        let names = venue.viewpoints.iter().map(|v| &v.name);
+        let mut edges: Vec<Edge> = names.map(|name| Edge::new(name, bound_ms)).collect();
+        let ticks = |seconds: f64| (seconds * venue.rate_hz).ceil() as usize;
+        let LiveStart {
+            time,
+            first,
+            members,
+            present,
+        } = start;
+        let expect_until_us = time.at(first) + FIRST_WORD_US;
+        let expect = |edge: &mut Edge| edge.expect(expect_until_us);
+        edges.iter_mut().for_each(expect);
+        around.reporter.started(first, config_end(config, &members));
+        Self {
+            config,
+            ear: around.ear,
+            session: around.session,
+            first,
+            time,
+            members,
+            present,
+            gather: LiveGather::new(
+                around.session,
+                first,
+                edges.len(),
+                [ticks(LATE_S), ticks(OPEN_S)],
+            ),
+            refusals: vec![None; edges.len()],
+            edges,
+            queue: Queue::default(),
+            arrived: BTreeMap::new(),
+            late: Vec::new(),
+            in_flight: None,
+            publish_us: 0.0,
+            newest: Vec::new(),
+            sent_us: 0,
+            tally: Tally::new(venue),
+            delays: Delays::new(venue),
+            core_stages: Vec::new(),
+            last: None,
+            over_nothing: 0,
+            unreadable: 0,
+            unsent: 0,
+            expect_until_us,
+            late_looks: 0,
+        }
+    }
+
+    /// Runs from the first boxes to the last tick.
+    ///
+    /// # Errors
+    /// When the core or the subscriptions have ended.
+    pub(super) async fn run(
+        &mut self,
+        first: Vec<BoxSet>,
+        worker: &mut Worker,
+        around: &mut Surroundings<'_>,
+    ) -> anyhow::Result<Ending> {
+        let Surroundings {
+            ends,
+            reporter,
+            stop,
+            ..
+        } = around;
+        self.send_boxes(first, ends);
+        let mut beats = interval(BEAT);
+        beats.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        let mut n_beats = 0u32;
+        loop {
+            let wake_us = self.advance(worker, ends)?;
+            if self.in_flight.is_none() && self.is_over() {
+                return Ok(Ending::Done);
+            }
+            let wake = self.ear.clock.instant_at(wake_us.unwrap_or(0));
+            tokio::select! {
+                () = stop.cancelled() => return Ok(Ending::Interrupted),
+                stepped = worker.done.recv() => {
+                    let stepped = stepped.context("the core has ended")?;
+                    let bytes = self.publish(stepped, ends);
+                    if let Some((poses, bytes)) = bytes {
+                        reporter.tick(&poses, bytes);
+                    }
+                }
+                heard = ends.heard.recv() => {
+                    self.hear(heard.context("the subscriptions have ended")?);
+                    for _ in 0..AT_ONCE {
+                        let Ok(heard) = ends.heard.try_recv() else { break };
+                        self.hear(heard);
+                    }
+                }
+                () = sleep_until(wake.into()), if wake_us.is_some() => {}
+                _ = beats.tick() => {
+                    n_beats = n_beats.wrapping_add(1);
+                    self.beat(ends);
+                    if n_beats.is_multiple_of(BEATS_PER_STATUS) {
+                        self.ear.clock.discipline();
+                        let now_us = self.ear.clock.now_us();
+                        let status = self.status(self.config, now_us);
+                        self.say(ends, Say::Status(wire::encode(&status)));
+                        let recent = self.delays.take_recent();
+                        let edges = status.live.map(|live| live.edges).unwrap_or_default();
+                        self.tell_refusals(&edges);
+                        reporter.links(recent.map(|r| (r.p50_us, r.p99_us)), edges);
+                    }
+                }
+            }
+        }
+    }
+
+    /// The tick after the last of the run, if there is one.
+    pub(super) fn end(&self) -> Option<Tick> {
+        config_end(self.config, &self.members)
+    }
+
+    /// Hands the core the next tick when it is its turn; else says when to look again.
+    fn advance(&mut self, worker: &Worker, ends: &Ends) -> anyhow::Result<Option<Micros>> {
+        if self.in_flight.is_some() || self.is_over() {
+            return Ok(None);
+        }
+        let tick = self.gather.next();
+        let now_us = self.ear.clock.now_us();
+        let waiting = self.waiting(tick, now_us);
+        let next = self.queue.next(self.time.at(tick), waiting, now_us);
+        if let Next::WaitUntil(us) = next {
+            return Ok(Some(us));
+        }
+        self.note_missing(tick);
+        let mut group = self.gather.take();
+        let mut arrived_us = self.arrived.remove(&tick);
+        if next == Next::StepOverNothing {
+            self.over_nothing += 1;
+            let sets = std::mem::take(&mut group.patch_sets);
+            group.sighting_sets.clear();
+            for set in sets {
+                self.keep_late(set);
+            }
+            arrived_us = None;
+        }
+        self.queue.stepped();
+        self.in_flight = Some(InFlight {
+            captured_us: self.time.at(tick) + earliest_capture_us(&group),
+            arrived_us,
+        });
+        let (publish_us, period_us) = (self.publish_us, self.time.period_us());
+        let edges = self.edges.iter_mut();
+        let horizons = edges
+            .map(|edge| edge.horizon_ticks(publish_us, period_us))
+            .collect();
+        let job = Job {
+            group,
+            late: std::mem::take(&mut self.late),
+            horizons,
+        };
+        self.ear.tap.decided(Decided {
+            group: &job.group,
+            late: &job.late,
+            horizons: &job.horizons,
+        });
+        let decision = Decision {
+            horizons_ticks: job.horizons.clone(),
+            ..job.group.decision(self.session, self.first)
+        };
+        self.say(ends, Say::Decision(wire::encode(&decision)));
+        worker.step(job)?;
+        Ok(None)
+    }
+
+    fn is_over(&self) -> bool {
+        self.end().is_some_and(|end| self.gather.next() >= end)
+    }
+
+    /// Whether viewpoint `index` takes part: its files are ours, and its clock is near enough.
+    pub(super) fn takes_part(&self, index: usize) -> bool {
+        self.members.is_welcome(index) && self.edges[index].is_on_time()
+    }
+
+    fn waiting(&mut self, tick: Tick, now_us: Micros) -> Waiting {
+        let most_us = (self.config.venue.parameters.link.deadline_ms * 1e3) as Micros;
+        let mut until_us = None;
+        for index in 0..self.edges.len() {
+            let viewpoint = ViewpointIndex(index as u16);
+            let awaited = self.members.is_welcome(index) && self.edges[index].is_awaited(now_us);
+            if awaited && !self.gather.has_all(tick, viewpoint) {
+                let edge = &mut self.edges[index];
+                let deadline_us = edge.deadline_us(tick, &self.time, now_us, most_us);
+                until_us = until_us.max(Some(deadline_us));
+            }
+        }
+        until_us.map_or(Waiting::ForNobody, Waiting::Until)
+    }
+
+    fn note_missing(&mut self, tick: Tick) {
+        for (index, edge) in self.edges.iter_mut().enumerate() {
+            if !self.gather.has_any(tick, ViewpointIndex(index as u16)) {
+                edge.miss(tick);
+            }
+        }
+    }
+
+    fn beat(&mut self, ends: &Ends) {
+        let now_us = self.ear.clock.now_us();
+        if now_us - self.sent_us >= RESEND_AFTER_US {
+            self.send_newest(ends);
+        }
+        // What came for ticks that no step will ever take.
+        let next = self.gather.next();
+        self.arrived.retain(|tick, _| *tick >= next);
+    }
+
+    /// The edges that spoke.
+    pub(super) fn first_words(&self) -> Vec<Status> {
+        self.members.last_words().cloned().collect()
+    }
+
+    /// What no step has used.
+    pub(super) fn lost(&self) -> Lost {
+        let sum = |of: fn(&Edge) -> u64| self.edges.iter().map(of).sum::<u64>();
+        Lost {
+            unreadable: sum(|edge| edge.unreadable) + self.unreadable,
+            late: sum(|edge| edge.late),
+            missing: sum(|edge| edge.missing),
+            refused: self.tally.refused,
+            unsent: self.unsent,
+        }
+    }
+
+    /// How long the ways take, by node.
+    pub(super) fn ways(&self) -> Vec<(String, StageTime)> {
+        let own = self.delays.own().into_iter();
+        let own = own.map(|time| (NODE.to_owned(), time));
+        let edges = self.delays.of_edges();
+        own.chain(edges.map(|(name, time)| (name.to_owned(), time)))
+            .collect()
+    }
+}
+
+/// The tick after the last that was asked for, or is recorded.
+fn config_end(config: &Config, members: &Membership) -> Option<Tick> {
+    let asked = config.ticks.as_ref().map(|ticks| ticks.end);
+    let recorded = || members.recorded().filter(|_| is_recorded(&config.venue));
+    asked.or_else(|| recorded().map(|ticks| ticks.end))
+}
+
+/// When the first of a tick's pictures was captured, less the tick's time.
+fn earliest_capture_us(group: &TickGroup) -> Micros {
+    let patches = group.patch_sets.iter().flat_map(|set| &set.persons);
+    let earliest = patches.map(|patch| patch.capture_offset_us).min();
+    earliest.unwrap_or(0).into()
+}

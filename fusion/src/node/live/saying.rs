@@ -1,0 +1,125 @@
+//! What a live run says: boxes and poses of every tick, and at its end that it is over.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use farfield_proto::id::ViewpointIndex;
+use farfield_proto::message::{BoxSet, Order, PoseSet, Status};
+use farfield_proto::wire;
+use tokio::time::timeout;
+use tracing::warn;
+
+use super::super::link::{Ends, Heard, NODE, Presence, Said as Say};
+use super::super::worker::Stepped;
+use super::run::Live;
+
+/// How much one tick says of how long after their ticks boxes go out.
+const WEIGHT: f64 = 0.05;
+/// How long the edges may take to say their last word.
+const FAREWELL: Duration = Duration::from_secs(3);
+
+impl Live<'_> {
+    /// Publishes a tick: boxes first, as edges wait for them. Returns the poses and the bytes so far.
+    pub(super) fn publish(&mut self, stepped: Stepped, ends: &Ends) -> Option<(PoseSet, u64)> {
+        let Stepped {
+            poses,
+            smoothed,
+            boxes,
+            unusable,
+            stages,
+        } = stepped;
+        let tick = poses.tick;
+        self.last = Some(tick);
+        self.tally.unusable += u64::from(unusable);
+        if let Some(stages) = stages {
+            self.core_stages = stages;
+        }
+        self.send_boxes(boxes, ends);
+        let bytes = wire::encode(&poses);
+        self.tally.pose_bytes += bytes.len() as u64;
+        self.say(ends, Say::Poses(bytes));
+        for set in &smoothed {
+            self.say(ends, Say::Smooth(wire::encode(set)));
+        }
+        let now_us = self.ear.clock.now_us();
+        let after_us = (now_us - self.time.at(tick)) as f64;
+        let weight = if self.publish_us > 0.0 { WEIGHT } else { 1.0 };
+        self.publish_us += weight * (after_us - self.publish_us);
+        let flight = self.in_flight.take()?;
+        self.delays
+            .pose(flight.captured_us, flight.arrived_us, now_us);
+        Some((poses, self.tally.total_bytes()))
+    }
+
+    pub(super) fn send_boxes(&mut self, sets: Vec<BoxSet>, ends: &Ends) {
+        self.newest = sets;
+        self.send_newest(ends);
+    }
+
+    pub(super) fn send_newest(&mut self, ends: &Ends) {
+        let now_us = self.ear.clock.now_us();
+        self.sent_us = now_us;
+        let mut sets = std::mem::take(&mut self.newest);
+        for set in &mut sets {
+            let index = usize::from(set.viewpoint.0);
+            if !self.members.is_welcome(index) {
+                // It still learns the clock, and why it is refused.
+                set.persons.clear();
+                set.look.clear();
+            }
+            set.live = Some(self.edges[index].send(set, &self.time, now_us));
+            let bytes = wire::encode(set);
+            self.tally.boxes(set.viewpoint, bytes.len() as u64);
+            self.say(ends, Say::Boxes(index, bytes));
+        }
+        self.newest = sets;
+    }
+
+    pub(super) fn say(&mut self, ends: &Ends, said: Say) {
+        if ends.say.try_send(said).is_err() {
+            self.unsent += 1;
+        }
+    }
+
+    /// Tells the edges that the run is over, and hears them out.
+    pub(super) async fn farewell(&mut self, ends: &mut Ends) -> Vec<Status> {
+        let tick = self.gather.next();
+        for index in 0..self.edges.len() {
+            let mut set = BoxSet {
+                session: self.session,
+                tick,
+                viewpoint: ViewpointIndex(index as u16),
+                order: Order::End,
+                live: None,
+                look: Vec::new(),
+                persons: Vec::new(),
+            };
+            let now_us = self.ear.clock.now_us();
+            set.live = Some(self.edges[index].send(&set, &self.time, now_us));
+            self.say(ends, Say::Boxes(index, wire::encode(&set)));
+        }
+        let mut last_words: BTreeMap<String, Status> = BTreeMap::new();
+        let present = &mut self.present;
+        present.remove(NODE);
+        let hear_out = async {
+            while !present.is_empty() {
+                match ends.heard.recv().await {
+                    Some(Heard::Status(status)) if status.viewpoint.is_some() => {
+                        last_words.insert(status.node.clone(), *status);
+                    }
+                    Some(Heard::Alive(node, Presence::Gone)) => drop(present.remove(&node)),
+                    Some(_) => {}
+                    None => break,
+                }
+            }
+        };
+        if timeout(FAREWELL, hear_out).await.is_err() {
+            warn!(still = ?self.present, "not every edge has left");
+        }
+        let earlier = self.members.last_words().cloned();
+        for status in earlier {
+            last_words.entry(status.node.clone()).or_insert(status);
+        }
+        last_words.into_values().collect()
+    }
+}

@@ -1,0 +1,165 @@
+//! When the venue's ticks begin.
+//!
+//! Ticks of cameras are those of the clock: tick 0 was in 1970, and fusion may start again without changing
+//! anything. Recordings are played from a tick that fusion sets, as soon as the edges are there; but if one of
+//! them plays already, fusion was here before, and goes on by that.
+
+use std::collections::BTreeSet;
+use std::time::Duration;
+
+use anyhow::Context as _;
+use farfield_proto::live::LiveStatus;
+use farfield_proto::message::Status;
+use farfield_proto::tick::Tick;
+use farfield_proto::venue::{Source, Venue};
+use farfield_proto::wire;
+use tokio::time::{Instant, MissedTickBehavior, interval, sleep_until};
+
+use super::super::link::{Heard, NODE, Presence, Said as Say};
+use super::super::start::own_status;
+use super::Surroundings;
+use crate::live::membership::Membership;
+use crate::live::tick_time::TickTime;
+use crate::live::{Micros, SECOND_US};
+
+/// How often fusion says that it is there until the ticks begin.
+const CALL_EVERY: Duration = Duration::from_millis(100);
+/// How long those who play recordings are waited for, once one is ready.
+const PATIENCE: Duration = Duration::from_secs(20);
+/// From the choice of the first tick to it.
+const RUN_UP_US: Micros = SECOND_US;
+/// Where ticks are under way already, the first is so far ahead: all shall hear in time that they look for
+/// people then.
+const FIRST_WORD_US: Micros = SECOND_US / 4;
+/// Statuses between two reminders of who is missing.
+const REMIND_EVERY: u32 = 100;
+
+/// What is known when the ticks begin.
+#[derive(Debug)]
+pub(super) struct LiveStart {
+    pub(super) time: TickTime,
+    pub(super) first: Tick,
+    pub(super) members: Membership,
+    /// The nodes that are there, as their tokens say.
+    pub(super) present: BTreeSet<String>,
+}
+
+/// Whether all pictures are recorded, or simulated: then they are played from a tick that fusion sets.
+pub(super) fn is_recorded(venue: &Venue) -> bool {
+    let plays = |source: &Source| !matches!(source, Source::V4l { .. } | Source::Ffmpeg { .. });
+    venue.cameras.iter().all(|camera| plays(&camera.source))
+}
+
+/// Finds the time of the ticks, and the first; `None` when told to stop before.
+///
+/// # Errors
+/// When the subscriptions end.
+pub(super) async fn clock_start(
+    around: &mut Surroundings<'_>,
+) -> anyhow::Result<Option<LiveStart>> {
+    let Surroundings {
+        config,
+        ear,
+        ends,
+        reporter,
+        stop,
+        ..
+    } = around;
+    let venue = &config.venue;
+    let mut members = Membership::new(venue);
+    members.expect_models(config.handout.models());
+    let mut present = BTreeSet::new();
+    let asked = config.ticks.as_ref().map(|ticks| ticks.start);
+    if !is_recorded(venue) {
+        let time = TickTime::new(0, venue.rate_hz);
+        let now = time.first_from(ear.clock.now_us() + FIRST_WORD_US);
+        return Ok(Some(LiveStart {
+            time,
+            first: asked.map_or(now, |first| first.max(now)),
+            members,
+            present,
+        }));
+    }
+    let status = wire::encode(&waiting_status(&own_status(&venue.hashes)));
+    let mut calls = interval(CALL_EVERY);
+    calls.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    let (mut n_calls, mut leave_out_at) = (0u32, None);
+    loop {
+        let until: Option<Instant> = leave_out_at;
+        let mut is_enough = false;
+        tokio::select! {
+            () = stop.cancelled() => return Ok(None),
+            heard = ends.heard.recv() => {
+                match heard.context("the subscriptions have ended")? {
+                    Heard::Status(status) if status.node != NODE => {
+                        members.hear(&status, ear.clock.now_us());
+                        if status.ready && leave_out_at.is_none() {
+                            leave_out_at = Some(Instant::now() + PATIENCE);
+                        }
+                    }
+                    Heard::Alive(node, Presence::There) => drop(present.insert(node)),
+                    Heard::Alive(node, Presence::Gone) => drop(present.remove(&node)),
+                    _ => {}
+                }
+            }
+            _ = calls.tick() => {
+                n_calls = n_calls.wrapping_add(1);
+                if n_calls % REMIND_EVERY == REMIND_EVERY / 4 {
+                    reporter.waiting(&members.missing());
+                }
+                drop(ends.say.try_send(Say::Status(status.clone())));
+            }
+            () = sleep_until(until.unwrap_or_else(Instant::now)), if until.is_some() => is_enough = true,
+        }
+        let now_us = ear.clock.now_us();
+        if let Some(epoch_us) = members.epoch_us() {
+            let time = TickTime::new(epoch_us, venue.rate_hz);
+            return Ok(Some(LiveStart {
+                time,
+                first: time.first_from(now_us + FIRST_WORD_US),
+                members,
+                present,
+            }));
+        }
+        if (is_enough || members.missing().is_empty())
+            && let Some(first) = asked.or(members.recorded().map(|ticks| ticks.start))
+        {
+            let time = TickTime::with_tick_at(first, now_us + RUN_UP_US, venue.rate_hz);
+            return Ok(Some(LiveStart {
+                time,
+                first,
+                members,
+                present,
+            }));
+        }
+    }
+}
+
+/// A status by which edges know that the run is live.
+fn waiting_status(own: &Status) -> Status {
+    Status {
+        live: Some(LiveStatus {
+            every_nth_tick: 1,
+            ..LiveStatus::default()
+        }),
+        ..own.clone()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use farfield_proto::venue::VenueHash;
+
+    use super::*;
+
+    #[test]
+    fn a_status_says_from_the_beginning_that_the_run_is_live() {
+        let hashes = VenueHash {
+            venue: "v".to_owned(),
+            calibration: "c".to_owned(),
+        };
+        let status = waiting_status(&own_status(&hashes));
+        let heard: Status = wire::decode(&wire::encode(&status)).unwrap();
+        assert_eq!(heard.live.unwrap().epoch_us, None);
+    }
+}

@@ -1,0 +1,307 @@
+//! A live run over real sockets, with edges that follow a script.
+
+use std::path::Path;
+use std::time::Duration;
+
+use farfield_proto::calibration::Calibration;
+use farfield_proto::live::{BoxEcho, EdgeLink, PatchTiming};
+use farfield_proto::message::{BoxSet, Order, PatchSet, PoseSet, Status};
+use farfield_proto::tick::Tick;
+use farfield_proto::venue::Venue;
+use farfield_proto::wire;
+use tokio::time::{sleep, timeout};
+use tokio_util::task::TaskTracker;
+use zenoh::Session;
+use zenoh::qos::{CongestionControl, Reliability};
+
+use super::super::clock::VenueClock;
+use super::super::link::{Door, Link};
+use super::super::process::Managed;
+use super::super::progress::Detail;
+use super::super::tap::TapHandle;
+use super::*;
+use crate::export::summary::Summary;
+use crate::live::tick_time::TickTime;
+
+/// Far above what a loaded machine takes; a test that waits as long has failed.
+const PATIENCE: Duration = Duration::from_secs(40);
+const RATE_HZ: f64 = 30.0;
+const TICKS: i64 = 90;
+const NAMES: [&str; 4] = ["a", "b", "c", "d"];
+
+fn venue() -> Venue {
+    let camera = |name: &&str| {
+        format!(
+            "[{name}]\nname = \"{name}\"\nsize = [640, 480]\nmatrix = [[500.0, 0.0, 320.0], [0.0, 500.0, 240.0], [0.0, 0.0, 1.0]]\n\
+             distortions = [0.0, 0.0, 0.0, 0.0, 0.0]\nrotation = [1.5707963, 0.0, 0.0]\ntranslation = [0.0, 1.0, 5.0]\n"
+        )
+    };
+    let viewpoint = |name: &&str| {
+        format!(
+            "[[viewpoint]]\nname = \"{name}\"\n[[viewpoint.camera]]\nname = \"{name}\"\n\
+             source = {{ kind = \"keypoints\", path = \"{name}.jsonl\" }}\n"
+        )
+    };
+    let calibration: String = NAMES.iter().map(camera).collect();
+    let viewpoints: String = NAMES.iter().map(viewpoint).collect();
+    let head = format!("name = \"live-test\"\nrate_hz = {RATE_HZ:?}\ncalibration = \"c.toml\"\n");
+    let calibration = Calibration::parse(&calibration, Path::new("c.toml")).unwrap();
+    Venue::parse(&(head + &viewpoints), Path::new("venue.toml"), calibration).unwrap()
+}
+
+async fn client(endpoint: &str) -> Session {
+    let mut config = zenoh::Config::default();
+    for (key, value) in [
+        ("mode", "\"client\"".to_owned()),
+        ("scouting/multicast/enabled", "false".to_owned()),
+        ("connect/endpoints", format!("[\"{endpoint}\"]")),
+    ] {
+        config.insert_json5(key, &value).unwrap();
+    }
+    zenoh::open(config).await.unwrap()
+}
+
+/// An edge that sees nobody.
+struct Scripted {
+    index: u16,
+    /// How far its clock is off.
+    shift_us: i64,
+    calibration_hash: String,
+    venue_hash: String,
+    /// It sends some bytes that are no message with every tick.
+    babbles: bool,
+    clock: VenueClock,
+}
+
+impl Scripted {
+    fn name(&self) -> &'static str {
+        NAMES[usize::from(self.index)]
+    }
+
+    fn status(&self) -> Status {
+        Status {
+            node: self.name().to_owned(),
+            process: u64::from(self.index) + 1,
+            viewpoint: Some(farfield_proto::id::ViewpointIndex(self.index)),
+            ready: true,
+            venue_hash: self.venue_hash.clone(),
+            calibration_hash: self.calibration_hash.clone(),
+            network_hash: String::new(),
+            backend: String::new(),
+            ticks: Some([Tick(0), Tick(TICKS)]),
+            tick: None,
+            unreadable: 0,
+            failure: None,
+            stages: Vec::new(),
+            live: None,
+        }
+    }
+
+    /// Works until the run is over; returns how many box sets it has heard.
+    async fn run(self, endpoint: String) -> u32 {
+        let session = client(&endpoint).await;
+        let name = self.name();
+        let alive = format!("live-test/alive/{name}");
+        let token = session.liveliness().declare_token(alive).await.unwrap();
+        let boxes = session
+            .declare_subscriber(format!("live-test/box/{name}"))
+            .await
+            .unwrap();
+        let patches = session
+            .declare_publisher(format!("live-test/patch/{name}"))
+            .congestion_control(CongestionControl::Drop)
+            .reliability(Reliability::BestEffort)
+            .await
+            .unwrap();
+        let own_us = || self.clock.now_us() + self.shift_us;
+        let mut newest: Option<(BoxSet, i64)> = None;
+        let (mut last, mut heard, mut statuses) = (None, 0, 0u32);
+        loop {
+            while let Ok(Some(sample)) = boxes.try_recv() {
+                let set: BoxSet = wire::decode(&sample.payload().to_bytes()).unwrap();
+                if set.order == Order::End {
+                    drop(token);
+                    session.close().await.unwrap();
+                    return heard;
+                }
+                heard += 1;
+                newest = Some((set, own_us()));
+            }
+            statuses += 1;
+            if statuses % 100 == 1 {
+                let key = format!("live-test/status/{name}");
+                session
+                    .put(key, wire::encode(&self.status()))
+                    .await
+                    .unwrap();
+            }
+            if let Some((set, heard_us)) = &newest {
+                let live = set.live.unwrap();
+                let time = TickTime::new(live.epoch_us, RATE_HZ);
+                let now_us = own_us() + i64::from(live.clock_correction_us);
+                let tick = time.first_from(now_us) + -1;
+                if tick >= Tick(0) && last.is_none_or(|last| tick > last) {
+                    last = Some(tick);
+                    let timing = PatchTiming {
+                        sent_after_us: (now_us - time.at(tick)) as i32,
+                        clock_correction_us: live.clock_correction_us,
+                        echo: Some(BoxEcho {
+                            sequence: live.sequence,
+                            held_us: (own_us() - heard_us) as u32,
+                        }),
+                    };
+                    let set = PatchSet {
+                        session: set.session,
+                        tick,
+                        viewpoint: set.viewpoint,
+                        part: 0,
+                        parts: 1,
+                        sighting_parts: 0,
+                        timing: Some(timing),
+                        persons: Vec::new(),
+                    };
+                    patches.put(wire::encode(&set)).await.unwrap();
+                    if self.babbles {
+                        patches.put(vec![0xff; 30]).await.unwrap();
+                    }
+                }
+            }
+            sleep(Duration::from_millis(2)).await;
+        }
+    }
+}
+
+/// What somebody hears who listens to poses and fusion's status.
+async fn listen(endpoint: String, stop: CancellationToken) -> (Vec<i64>, Vec<EdgeLink>) {
+    let session = client(&endpoint).await;
+    let poses = session.declare_subscriber("live-test/pose").await.unwrap();
+    let status = session
+        .declare_subscriber("live-test/status/fusion")
+        .await
+        .unwrap();
+    let (mut ticks, mut links) = (Vec::new(), Vec::new());
+    loop {
+        tokio::select! {
+            () = stop.cancelled() => break,
+            sample = poses.recv_async() => {
+                let set: PoseSet = wire::decode(&sample.unwrap().payload().to_bytes()).unwrap();
+                ticks.push(set.tick.0);
+            }
+            sample = status.recv_async() => {
+                let status: Status = wire::decode(&sample.unwrap().payload().to_bytes()).unwrap();
+                let edges = status.live.map(|live| live.edges).unwrap_or_default();
+                if !edges.is_empty() {
+                    links = edges;
+                }
+            }
+        }
+    }
+    session.close().await.unwrap();
+    (ticks, links)
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn everybody_goes_on_while_one_babbles_one_is_refused_and_clocks_are_off() {
+    let out = tempfile::tempdir().unwrap();
+    let config = Config {
+        mode: Mode::Live,
+        ..Config::of_venue(venue())
+    };
+    let door = Door {
+        listen: &["tcp/127.0.0.1:0".to_owned()],
+        identity: None,
+    };
+    let link = Link::open(&config.venue, &door, Mode::Live).await.unwrap();
+    let endpoint = link.locators().await[0].clone();
+    let (tasks, leave, stop) = (
+        TaskTracker::new(),
+        CancellationToken::new(),
+        CancellationToken::new(),
+    );
+    let clock = VenueClock::start();
+    let ear = Ear::new(&config.venue, clock.clone(), TapHandle::new(None));
+    let mut ends = link.spawn(&tasks, &leave, &ear);
+    let edge = |index: u16, shift_ms: i64| Scripted {
+        index,
+        shift_us: shift_ms * 1000,
+        calibration_hash: config.venue.hashes.calibration.clone(),
+        venue_hash: config.venue.hashes.venue.clone(),
+        babbles: false,
+        clock: clock.clone(),
+    };
+    let edges = [
+        Scripted {
+            babbles: true,
+            ..edge(0, 0)
+        },
+        edge(1, 20),
+        edge(2, 500),
+        Scripted {
+            calibration_hash: "another".to_owned(),
+            ..edge(3, 0)
+        },
+    ];
+    let listener = tasks.spawn(listen(endpoint.clone(), leave.clone()));
+    let edges: Vec<_> = edges
+        .map(|edge| tasks.spawn(edge.run(endpoint.clone())))
+        .into();
+    let session = SessionId(1 << 63);
+    let pipeline = Pipeline::new(&config.venue, None, session);
+    let mut reporter = Reporter::new(Managed::No, Detail::Counts);
+    let around = Surroundings {
+        config: &config,
+        session,
+        out: out.path(),
+        recording: None,
+        ear: &ear,
+        ends: &mut ends,
+        reporter: &mut reporter,
+        stop: &stop,
+    };
+    let ending = timeout(PATIENCE, Box::pin(live(around, pipeline)))
+        .await
+        .unwrap();
+    assert_eq!(ending.unwrap(), Ending::Done);
+    for edge in edges {
+        let heard = timeout(PATIENCE, edge).await.unwrap().unwrap();
+        assert!(
+            heard > TICKS as u32 / 2,
+            "boxes go out at every tick: {heard}"
+        );
+    }
+    timeout(PATIENCE, ends.close(&tasks, &leave)).await.unwrap();
+    let (ticks, links) = timeout(PATIENCE, listener).await.unwrap().unwrap();
+    assert!(ticks.is_sorted_by(|a, b| a < b), "{ticks:?}");
+    check_links(&links);
+    let text = std::fs::read_to_string(out.path().join("summary.json")).unwrap();
+    check_summary(&serde_json::from_str(&text).unwrap());
+}
+
+fn check_links(links: &[EdgeLink]) {
+    let [a, b, c, d] = links else {
+        panic!("{links:?}");
+    };
+    assert!(a.live && a.refused.is_none() && a.unreadable > 10, "{a:?}");
+    assert!(b.live && b.refused.is_none(), "{b:?}");
+    let off_us = |link: &EdgeLink| link.clock_offset_us.unwrap();
+    // The round trip over loopback bounds the error.
+    assert!((off_us(a)).abs() < 10_000 && (off_us(b) - 20_000).abs() < 10_000);
+    let refused = c.refused.as_deref().unwrap();
+    assert!(!c.live && refused.contains("clock_bound_ms"), "{c:?}");
+    let refused = d.refused.as_deref().unwrap();
+    assert!(!d.live && refused.contains("calibration"), "{d:?}");
+}
+
+fn check_summary(summary: &Summary) {
+    assert!(summary.complete);
+    assert_eq!((summary.ticks.first, summary.ticks.done), (Tick(0), 90));
+    assert!(summary.drops.unreadable > 10 && summary.drops.refused > 10);
+    for stage in [
+        "fusion/capture_to_pose",
+        "fusion/pose_out",
+        "a/patch_arrived",
+    ] {
+        let time = summary.timing.stages.get(stage).unwrap();
+        assert!(time.p50_us > 0.0 && time.p999_us <= time.max_us, "{stage}");
+    }
+}

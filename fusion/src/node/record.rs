@@ -1,0 +1,227 @@
+//! `farfield record`: a node of its own that listens to everything under the venue's name, and records it.
+//!
+//! It hears what fusion hears, but for what the links between lose, and not always in time: what fusion
+//! used for each tick it takes from fusion's own word ([`farfield_proto::decision`]).
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::time::Duration;
+
+use anyhow::{Context as _, anyhow};
+use farfield_proto::endpoint::is_endpoint;
+use farfield_proto::id::SessionId;
+use farfield_proto::key::Keys;
+use farfield_proto::keypoints::KeypointSet;
+use farfield_proto::message::Status;
+use farfield_proto::transport::{EdgeTransport, Exposure, RECORDER};
+use farfield_proto::venue::{Venue, identity};
+use farfield_proto::wire;
+use tokio_util::sync::CancellationToken;
+use tokio_util::task::TaskTracker;
+use zenoh::handlers::FifoChannel;
+use zenoh::sample::{Sample, SampleKind};
+use zenoh::{Session, Wait as _};
+
+use super::clock::VenueClock;
+use super::config::{check_names, load_card};
+use super::link::{NODE, zenoh_error};
+use super::process::{Ending, Managed, NodeError, exit_code, say, start_log, stop_when_told};
+use super::recording::{Place, RecordingThread, check_place, head};
+
+/// Messages that wait between Zenoh and the recorder's own queue.
+const QUEUE: usize = 1024;
+/// How often somebody who watches is told how it goes.
+const TELL_EVERY: Duration = Duration::from_secs(5);
+
+/// Arguments of the recording node.
+#[derive(Debug, Clone, clap::Args)]
+pub struct RecordArgs {
+    /// The venue file.
+    pub venue: PathBuf,
+    /// Where fusion listens, for example `quic/10.0.0.1:7447`; the venue file's, if left out.
+    #[arg(long, value_name = "ENDPOINT")]
+    pub connect: Vec<String>,
+    /// Talk to other machines without TLS: everyone in the network may read and send along.
+    #[arg(long)]
+    pub allow_plaintext: bool,
+    /// Folder of the recorder's keys; the venue file's, if left out.
+    #[arg(long, value_name = "DIR")]
+    pub certificates: Option<PathBuf>,
+    /// The recording: a file that is not there yet, or a folder for a new one.
+    #[arg(long, value_name = "FILE.mcap")]
+    pub out: PathBuf,
+}
+
+/// Records until it is told to stop, and says on standard error what went wrong.
+pub fn main(args: RecordArgs) -> ExitCode {
+    start_log();
+    exit_code(load_and_record(args))
+}
+
+fn load_and_record(args: RecordArgs) -> Result<Ending, NodeError> {
+    let venue = Venue::load(&args.venue).map_err(NodeError::refused)?;
+    check_names(&venue).map_err(NodeError::Refused)?;
+    check_place(&args.out).map_err(NodeError::Refused)?;
+    if let Some(wrong) = args.connect.iter().find(|text| !is_endpoint(text)) {
+        return Err(NodeError::Refused(anyhow!(
+            "`--connect`: found `{wrong}`, expected for example quic/10.0.0.1:7447"
+        )));
+    }
+    let runtime = tokio::runtime::Builder::new_multi_thread()
+        .worker_threads(2)
+        .enable_all()
+        .build();
+    let runtime = runtime
+        .context("starting the runtime")
+        .map_err(NodeError::Failed)?;
+    let ending = runtime.block_on(record(args, &venue));
+    runtime.shutdown_timeout(Duration::from_millis(200));
+    ending
+}
+
+async fn record(args: RecordArgs, venue: &Venue) -> Result<Ending, NodeError> {
+    let (tasks, stop) = (TaskTracker::new(), CancellationToken::new());
+    stop_when_told(&tasks, &stop, Managed::No)
+        .context("listening for signals")
+        .map_err(NodeError::Failed)?;
+    let keys = args.certificates.as_ref();
+    let identity = keys
+        .or(venue.security.certificates.as_ref())
+        .map(|keys| identity(keys, RECORDER))
+        .transpose()
+        .map_err(NodeError::refused)?;
+    let exposure = Exposure {
+        has_keys: identity.is_some(),
+        allow_plaintext: args.allow_plaintext || venue.security.allow_plaintext,
+    };
+    let endpoints = exposure.choose(args.connect.clone(), &venue.endpoints.connect);
+    let endpoints = endpoints.map_err(NodeError::refused)?;
+    let transport = EdgeTransport {
+        venue: &venue.name,
+        connect: &endpoints,
+        identity: identity.as_ref(),
+    };
+    say(format_args!(
+        "waiting for fusion at {}",
+        endpoints.join(", ")
+    ));
+    let Some(session) = stop.run_until_cancelled(open(&transport)).await else {
+        return Ok(Ending::Interrupted);
+    };
+    let session = session.map_err(NodeError::Failed)?;
+    let recording = begin(&args, venue)?;
+    let outcome = listen(venue, &session, &recording, &stop).await;
+    stop.cancel();
+    tasks.close();
+    let summary = recording.so_far();
+    recording.finish().await.map_err(NodeError::Failed)?;
+    say(format_args!("recorded in {}", summary.file.display()));
+    if let Err(error) = session.close().await {
+        tracing::warn!(%error, "the session did not close well");
+    }
+    outcome?;
+    match summary.failure {
+        Some(failure) => Err(NodeError::Failed(anyhow!(failure))),
+        None => Ok(Ending::Done),
+    }
+}
+
+/// Connects, waiting for fusion as long as it takes.
+async fn open(transport: &EdgeTransport<'_>) -> anyhow::Result<Session> {
+    let mut config = zenoh::Config::default();
+    for (key, value) in transport.settings() {
+        config
+            .insert_json5(&key, &value)
+            .map_err(zenoh_error)
+            .with_context(|| format!("setting {key} to {value}"))?;
+    }
+    // Opening blocks its thread until fusion is there; only so can the wait be called off.
+    let session = tokio::task::spawn_blocking(|| zenoh::open(config).wait()).await;
+    let session = session.context("opening the session")?.map_err(zenoh_error);
+    session.with_context(|| format!("connecting to {}", transport.connect.join(", ")))
+}
+
+fn begin(args: &RecordArgs, venue: &Venue) -> Result<RecordingThread, NodeError> {
+    let card = load_card(venue).map_err(NodeError::Refused)?;
+    let keypoints = card.map_or_else(KeypointSet::coco17, |card| card.output.keypoints);
+    let head = head(venue, &args.venue, &keypoints, "record").map_err(NodeError::Failed)?;
+    let place = Place::make(&args.out, &venue.name).map_err(NodeError::Failed)?;
+    // Whose session it is comes with the messages; nobody asks the edges for what is missing.
+    let (session, parameters) = (SessionId::default(), &venue.parameters.recording);
+    RecordingThread::start(place, head, session, parameters).map_err(NodeError::Failed)
+}
+
+/// Notes all that is said until somebody stops it.
+async fn listen(
+    venue: &Venue,
+    session: &Session,
+    recording: &RecordingThread,
+    stop: &CancellationToken,
+) -> Result<(), NodeError> {
+    let keys = Keys::new(&venue.name);
+    let failed = |error: zenoh::Error| NodeError::Failed(zenoh_error(error));
+    let messages = session
+        .declare_subscriber(keys.all())
+        .with(FifoChannel::new(QUEUE))
+        .await
+        .map_err(failed)?;
+    let nodes = session
+        .liveliness()
+        .declare_subscriber(keys.all_alive())
+        .history(true)
+        .with(FifoChannel::new(QUEUE))
+        .await
+        .map_err(failed)?;
+    let (clock, queue) = (VenueClock::start(), recording.queue());
+    let fusion = keys.status(NODE);
+    let mut tell = tokio::time::interval(TELL_EVERY);
+    let mut n_messages = 0u64;
+    loop {
+        let sample: Sample = tokio::select! {
+            () = stop.cancelled() => return Ok(()),
+            sample = messages.recv_async() => sample.map_err(failed)?,
+            node = nodes.recv_async() => {
+                let node = node.map_err(failed)?;
+                let there: &[u8] = match node.kind() {
+                    SampleKind::Put => b"{\"there\":true}",
+                    SampleKind::Delete => b"{\"there\":false}",
+                };
+                queue.note(node.key_expr().as_str(), there, clock.now_us());
+                continue;
+            }
+            _ = tell.tick() => {
+                clock.discipline();
+                if recording.so_far().failure.is_some() {
+                    // It has been said why; there is nothing left to do.
+                    return Ok(());
+                }
+                tracing::info!(n_messages, "recording");
+                continue;
+            }
+        };
+        let (key, payload) = (sample.key_expr().as_str(), sample.payload().to_bytes());
+        queue.note(key, &payload, clock.now_us());
+        n_messages += 1;
+        if key == fusion
+            && let Ok(status) = wire::decode::<Status>(&payload)
+        {
+            check_files(venue, &status)?;
+        }
+    }
+}
+
+/// The recording carries this node's files: they must be those that fusion works with.
+fn check_files(venue: &Venue, fusion: &Status) -> Result<(), NodeError> {
+    let hashes = &venue.hashes;
+    for (what, ours, theirs) in [
+        ("venue file", &hashes.venue, &fusion.venue_hash),
+        ("calibration", &hashes.calibration, &fusion.calibration_hash),
+    ] {
+        if ours != theirs {
+            return Err(NodeError::Refused(anyhow!(
+                "fusion holds another {what}: its fingerprint there is {theirs}, here {ours}; copy the same file to both"
+            )));
+        }
+    }
+    Ok(())
+}

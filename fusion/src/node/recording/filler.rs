@@ -1,0 +1,214 @@
+//! Fetches from the edges' rings what an outage has kept from the recording: in the background, at the
+//! lowest priority, within a share of the link's budget.
+
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use farfield_proto::fill::{FillRequest, Filled, MAX_ANSWER_BYTES, SetKind, StoredSet};
+use farfield_proto::id::{SessionId, ViewpointIndex};
+use farfield_proto::key::Keys;
+use farfield_proto::message::{PatchSet, SightingSet};
+use farfield_proto::tick::Tick;
+use farfield_proto::venue::Venue;
+use farfield_proto::wire;
+use tokio::time::{Instant, sleep, timeout};
+use tokio_util::sync::CancellationToken;
+use tokio_util::task::TaskTracker;
+use tracing::debug;
+use zenoh::Session;
+use zenoh::qos::{CongestionControl, Priority};
+use zenoh::query::ConsolidationMode;
+
+use super::super::clock::VenueClock;
+use super::queue::Queue;
+use crate::recording::channels::filled_topic;
+use crate::recording::holes::Holes;
+
+/// Budget of a link where the venue states none, bytes per second: 1 Mbit/s.
+const DEFAULT_BUDGET_BYTES_PER_S: f64 = 125_000.0;
+/// How much is asked for at once, seconds of the share.
+const PACE_S: f64 = 0.25;
+/// Least that is asked for at once, bytes.
+const MIN_ANSWER_BYTES: f64 = 512.0;
+/// What question and answer take on the wire beside the answer's payload, about, bytes.
+const EXCHANGE_BYTES: f64 = 200.0;
+/// How long an answer may take.
+const PATIENCE: Duration = Duration::from_secs(3);
+/// How often it is looked for holes, and for room on a link that had none.
+const REST: Duration = Duration::from_millis(250);
+
+/// The holes, as recorder and fillers share them.
+#[derive(Clone)]
+pub(in crate::node) struct SharedHoles(Arc<Mutex<Holes>>);
+
+impl SharedHoles {
+    pub(in crate::node) fn new(holes: Holes) -> Self {
+        Self(Arc::new(Mutex::new(holes)))
+    }
+
+    pub(in crate::node) fn lock(&self) -> MutexGuard<'_, Holes> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// What all fillers of a recording share.
+#[derive(Clone)]
+pub(in crate::node) struct Fillers {
+    pub(super) session: SessionId,
+    pub(super) queue: Arc<Queue>,
+    pub(super) holes: SharedHoles,
+    pub(super) clock: VenueClock,
+}
+
+impl Fillers {
+    /// Starts one task per viewpoint of `venue`; none when the venue wants holes to stay.
+    pub(in crate::node) fn spawn(
+        &self,
+        zenoh: &Session,
+        venue: &Venue,
+        tasks: &TaskTracker,
+        stop: &CancellationToken,
+    ) {
+        let share = venue.parameters.recording.fill_share;
+        if share <= 0.0 {
+            return;
+        }
+        let stated = venue.parameters.link.budget_bytes_per_s;
+        let budget = if stated > 0.0 {
+            stated
+        } else {
+            DEFAULT_BUDGET_BYTES_PER_S
+        };
+        let keys = Keys::new(&venue.name);
+        for (index, viewpoint) in venue.viewpoints.iter().enumerate() {
+            let filler = Filler {
+                shared: self.clone(),
+                zenoh: zenoh.clone(),
+                viewpoint: ViewpointIndex(index as u16),
+                key: keys.fill(&viewpoint.name),
+                topics: [SetKind::Patches, SetKind::Sightings]
+                    .map(|kind| filled_topic(&keys, &viewpoint.name, kind)),
+                bytes_per_s: share * budget,
+            };
+            let stop = stop.clone();
+            tasks.spawn(async move {
+                stop.run_until_cancelled(filler.run()).await;
+            });
+        }
+    }
+
+    /// The run is over: waits until its holes are filled, as long as somebody fills them, and at most
+    /// for `patience`.
+    pub(in crate::node) async fn finish(&self, patience: Duration) {
+        self.holes.lock().over();
+        let deadline = Instant::now() + patience;
+        let n_viewpoints = self.holes.lock().viewpoints();
+        while Instant::now() < deadline {
+            let open = (0..n_viewpoints).any(|v| self.holes.lock().oldest(v).is_some());
+            if !open {
+                return;
+            }
+            sleep(Duration::from_millis(20)).await;
+        }
+    }
+}
+
+/// Fills the holes of one viewpoint.
+struct Filler {
+    shared: Fillers,
+    zenoh: Session,
+    viewpoint: ViewpointIndex,
+    key: String,
+    /// Of filled patches and sightings.
+    topics: [String; 2],
+    bytes_per_s: f64,
+}
+
+impl Filler {
+    async fn run(self) {
+        let index = usize::from(self.viewpoint.0);
+        loop {
+            let hole = self.shared.holes.lock().oldest(index);
+            let Some([from, to]) = hole else {
+                sleep(REST).await;
+                continue;
+            };
+            let wanted = (PACE_S * self.bytes_per_s).max(MIN_ANSWER_BYTES) as u32;
+            let request = FillRequest {
+                session: self.shared.session,
+                from,
+                to,
+                max_bytes: wanted.min(MAX_ANSWER_BYTES),
+            };
+            let answer = timeout(PATIENCE, self.ask(&request)).await;
+            let Some((filled, bytes)) = answer.ok().flatten() else {
+                sleep(REST).await;
+                continue;
+            };
+            if filled.to <= from || filled.to > to {
+                // The edge has no room on its link.
+                sleep(REST).await;
+                continue;
+            }
+            self.take(&filled, [from, filled.to]);
+            self.shared.holes.lock().answered(index, [from, filled.to]);
+            let cost = bytes as f64 + EXCHANGE_BYTES;
+            sleep(Duration::from_secs_f64(cost / self.bytes_per_s)).await;
+        }
+    }
+
+    /// The edge's answer, and its length in bytes.
+    async fn ask(&self, request: &FillRequest) -> Option<(Filled, usize)> {
+        let replies = self
+            .zenoh
+            .get(&self.key)
+            .payload(wire::encode(request))
+            .priority(Priority::Background)
+            .congestion_control(CongestionControl::Drop)
+            .consolidation(ConsolidationMode::None)
+            .timeout(PATIENCE)
+            .await
+            .ok()?;
+        while let Ok(reply) = replies.recv_async().await {
+            let Ok(sample) = reply.result() else { continue };
+            let payload = sample.payload().to_bytes();
+            match wire::decode::<Filled>(&payload) {
+                Ok(filled) => return Some((filled, payload.len())),
+                Err(error) => debug!(key = self.key, %error, "an answer that cannot be read"),
+            }
+        }
+        None
+    }
+
+    /// Records the sets that answer the question.
+    fn take(&self, filled: &Filled, ticks: [Tick; 2]) {
+        let at_us = self.shared.clock.now_us();
+        for set in &filled.stored {
+            if self.belongs(set, ticks) {
+                let topic = match set.kind {
+                    SetKind::Patches => &self.topics[0],
+                    SetKind::Sightings => &self.topics[1],
+                };
+                self.shared.queue.note(topic, &set.bytes, at_us);
+            }
+        }
+    }
+
+    fn belongs(&self, set: &StoredSet, [from, to]: [Tick; 2]) -> bool {
+        let found = match set.kind {
+            SetKind::Patches => wire::decode::<PatchSet>(&set.bytes)
+                .map(|set| (set.session, set.viewpoint, set.tick)),
+            SetKind::Sightings => wire::decode::<SightingSet>(&set.bytes)
+                .map(|set| (set.session, set.viewpoint, set.tick)),
+        };
+        found.is_ok_and(|(session, viewpoint, tick)| {
+            session == self.shared.session
+                && viewpoint == self.viewpoint
+                && (from..to).contains(&tick)
+        })
+    }
+}
+
+#[cfg(test)]
+#[path = "filler_tests.rs"]
+mod tests;

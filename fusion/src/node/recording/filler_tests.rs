@@ -1,0 +1,140 @@
+//! Fusion's fillers against an edge on a real Zenoh link.
+
+use std::path::Path;
+use std::time::Duration;
+
+use farfield_proto::calibration::Calibration;
+use farfield_proto::decision::Decision;
+use zenoh::query::Query;
+
+use super::super::queue::Note;
+use super::*;
+use crate::align::TickGroup;
+
+const SESSION: SessionId = SessionId(7);
+/// Far above what a loaded machine takes.
+const PATIENCE: Duration = Duration::from_secs(20);
+
+fn venue() -> Venue {
+    let calibration = "[c]\nname = \"c\"\nsize = [640, 480]\nmatrix = [[500.0, 0.0, 320.0], [0.0, 500.0, 240.0], [0.0, 0.0, 1.0]]\n\
+                       distortions = [0.0, 0.0, 0.0, 0.0, 0.0]\nrotation = [1.5707963, 0.0, 0.0]\ntranslation = [0.0, 1.0, 5.0]\n";
+    let text = "name = \"fill-test\"\nrate_hz = 30.0\ncalibration = \"c.toml\"\n[[viewpoint]]\nname = \"a\"\n[[viewpoint.camera]]\n\
+                name = \"c\"\nsource = { kind = \"keypoints\", path = \"c.jsonl\" }\n[recording]\nfill_share = 1.0\n";
+    let calibration = Calibration::parse(calibration, Path::new("c.toml")).unwrap();
+    Venue::parse(text, Path::new("venue.toml"), calibration).unwrap()
+}
+
+async fn open(settings: &[(&str, String)]) -> Session {
+    let mut config = zenoh::Config::default();
+    config
+        .insert_json5("scouting/multicast/enabled", "false")
+        .unwrap();
+    for (key, value) in settings {
+        config.insert_json5(key, value).unwrap();
+    }
+    zenoh::open(config).await.unwrap()
+}
+
+fn patches(session: SessionId, tick: i64) -> PatchSet {
+    PatchSet {
+        session,
+        tick: Tick(tick),
+        viewpoint: ViewpointIndex(0),
+        part: 0,
+        parts: 1,
+        sighting_parts: 0,
+        timing: None,
+        persons: Vec::new(),
+    }
+}
+
+/// Two ticks at a time, at first none, and what nobody asked for beside them.
+fn answer(request: &FillRequest, question: usize) -> Filled {
+    let to = request.to.min(request.from + 2);
+    let ticks = (request.from.0..to.0).map(|tick| patches(SESSION, tick));
+    let stranger = patches(SessionId(9), request.from.0);
+    let far = patches(SESSION, request.from.0 - 100);
+    let stored = ticks.chain([stranger, far]).map(|set| StoredSet {
+        kind: SetKind::Patches,
+        bytes: wire::encode(&set),
+    });
+    let rubbish = StoredSet {
+        kind: SetKind::Sightings,
+        bytes: b"rubbish".to_vec(),
+    };
+    if question == 0 {
+        return Filled {
+            to: request.from,
+            stored: Vec::new(),
+        };
+    }
+    Filled {
+        to,
+        stored: stored.chain([rubbish]).collect(),
+    }
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn what_was_missed_is_fetched_and_nothing_else() {
+    let fusion = open(&[
+        ("mode", "\"router\"".to_owned()),
+        ("listen/endpoints", "[\"tcp/127.0.0.1:0\"]".to_owned()),
+    ])
+    .await;
+    let endpoint = fusion.info().locators().await[0].to_string();
+    let edge = open(&[
+        ("mode", "\"client\"".to_owned()),
+        ("connect/endpoints", format!("[\"{endpoint}\"]")),
+    ])
+    .await;
+    let questions = edge.declare_queryable("fill-test/fill/a").await.unwrap();
+    let (tasks, stop) = (TaskTracker::new(), CancellationToken::new());
+    tasks.spawn(async move {
+        let mut n = 0;
+        while let Ok(question) = questions.recv_async().await {
+            let question: Query = question;
+            let request = question.payload().unwrap().to_bytes();
+            let request = wire::decode::<FillRequest>(&request).unwrap();
+            let answer = wire::encode(&answer(&request, n));
+            question.reply("fill-test/fill/a", answer).await.unwrap();
+            n += 1;
+        }
+    });
+
+    let (queue, notes) = Queue::open("fill-test", SESSION);
+    let fillers = Fillers {
+        session: SESSION,
+        queue: Arc::new(queue),
+        holes: SharedHoles::new(Holes::new(SESSION, 1, 10)),
+        clock: VenueClock::start(),
+    };
+    let group = |tick| TickGroup {
+        tick: Tick(tick),
+        ..TickGroup::default()
+    };
+    for tick in 0..30 {
+        if !(10..17).contains(&tick) {
+            fillers.holes.lock().patches(&patches(SESSION, tick));
+        }
+        let decision: Decision = group(tick).decision(SESSION, Tick(0));
+        fillers.holes.lock().worked_on(decision.tick);
+    }
+    assert_eq!(fillers.holes.lock().left(), 7);
+    fillers.spawn(&fusion, &venue(), &tasks, &stop);
+    fillers.finish(PATIENCE).await;
+    stop.cancel();
+    assert_eq!(fillers.holes.lock().left(), 0);
+    let ticks: Vec<i64> = notes
+        .try_iter()
+        .filter_map(|note| match note {
+            Note::Passed(passed) => {
+                assert_eq!(passed.topic, "fill-test/fill/a/patch");
+                let set = wire::decode::<PatchSet>(&passed.bytes).unwrap();
+                assert_eq!(set.session, SESSION);
+                Some(set.tick.0)
+            }
+            Note::End => None,
+        })
+        .collect();
+    assert_eq!(ticks, (10..17).collect::<Vec<i64>>());
+}

@@ -1,0 +1,239 @@
+//! What waits for the thread that writes a recording.
+//!
+//! Whoever passes something on never waits: what finds no place is counted, and missing in the record.
+
+use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+
+use farfield_proto::decision::Decision;
+use farfield_proto::id::SessionId;
+use farfield_proto::key::Keys;
+use farfield_proto::tick::Tick;
+use farfield_proto::wire;
+
+use super::super::clock;
+use super::super::link::NODE;
+use super::super::tap::{Decided, Tap, TapMessage};
+
+/// Messages that wait for the recorder.
+const QUEUE: usize = 8192;
+/// Their bytes: a disk that hangs must not fill the memory.
+const QUEUE_BYTES: usize = 64 << 20;
+
+/// Hands on what passes.
+pub(in crate::node) struct Queue {
+    notes: SyncSender<Note>,
+    state: Arc<QueueState>,
+    session: SessionId,
+    decisions: String,
+    own_status: String,
+    /// The tick of the first decision: that of the session's first boxes.
+    first: OnceLock<Tick>,
+}
+
+/// What queue and writer know of each other.
+#[derive(Debug, Default)]
+pub(in crate::node) struct QueueState {
+    queued_bytes: AtomicUsize,
+    lost: AtomicU64,
+    failure: Mutex<Option<String>>,
+}
+
+/// Something that passed.
+#[derive(Debug)]
+pub(in crate::node) enum Note {
+    /// A message.
+    Passed(Passed),
+    /// Nothing more will come.
+    End,
+}
+
+/// A message that passed.
+#[derive(Debug)]
+pub(in crate::node) struct Passed {
+    /// Under which key.
+    pub(super) topic: String,
+    /// As it travels.
+    pub(super) bytes: Vec<u8>,
+    /// When: Unix time, nanoseconds.
+    pub(super) at_ns: u64,
+}
+
+impl Queue {
+    /// A queue for what passes fusion in `session`, and the end at which its notes come out.
+    pub(in crate::node) fn open(venue: &str, session: SessionId) -> (Self, Receiver<Note>) {
+        let (queue, notes) = sync_channel(QUEUE);
+        let keys = Keys::new(venue);
+        let this = Self {
+            notes: queue,
+            state: Arc::default(),
+            session,
+            decisions: keys.decision(),
+            own_status: keys.status(NODE),
+            first: OnceLock::new(),
+        };
+        (this, notes)
+    }
+
+    /// What queue and writer share.
+    pub(super) fn state(&self) -> &Arc<QueueState> {
+        &self.state
+    }
+
+    /// Notes a message that passed at `at_us`, microseconds of Unix time.
+    pub(in crate::node) fn note(&self, topic: &str, bytes: &[u8], at_us: i64) {
+        let before = self
+            .state
+            .queued_bytes
+            .fetch_add(bytes.len(), Ordering::Relaxed);
+        let sent = if before > QUEUE_BYTES {
+            Err(false)
+        } else {
+            let passed = Passed {
+                topic: topic.to_owned(),
+                bytes: bytes.to_owned(),
+                at_ns: u64::try_from(at_us).unwrap_or(0).saturating_mul(1000),
+            };
+            let sent = self.notes.try_send(Note::Passed(passed));
+            // After a recording has failed nobody counts any more.
+            sent.map_err(|error| matches!(error, TrySendError::Disconnected(_)))
+        };
+        if let Err(over) = sent {
+            self.state.taken(bytes.len());
+            self.state
+                .lost
+                .fetch_add(u64::from(!over), Ordering::Relaxed);
+        }
+    }
+
+    /// Says that nothing more will come. Waits for a place in the queue.
+    pub(super) fn end(&self) {
+        // A writer that has failed is gone already.
+        drop(self.notes.send(Note::End));
+    }
+}
+
+impl Tap for Queue {
+    fn received(&self, message: TapMessage<'_>) {
+        // What fusion says itself is noted when it is said.
+        if message.key != self.own_status {
+            self.note(message.key, message.bytes, message.at_us);
+        }
+    }
+
+    fn published(&self, message: TapMessage<'_>) {
+        // Decisions are noted when they are made: none may be missing.
+        if message.key != self.decisions {
+            self.note(message.key, message.bytes, message.at_us);
+        }
+    }
+
+    fn decided(&self, decided: Decided<'_>) {
+        let first = *self.first.get_or_init(|| decided.group.tick);
+        let decision = Decision {
+            horizons_ticks: decided.horizons.to_vec(),
+            ..decided.group.decision(self.session, first)
+        };
+        self.note(
+            &self.decisions,
+            &wire::encode(&decision),
+            i64::try_from(clock::unix_time().as_micros()).unwrap_or(i64::MAX),
+        );
+    }
+
+    fn failure(&self) -> Option<String> {
+        self.state.failure()
+    }
+}
+
+impl QueueState {
+    /// The recorder has taken a message of so many bytes.
+    pub(super) fn taken(&self, bytes: usize) {
+        self.queued_bytes.fetch_sub(bytes, Ordering::Relaxed);
+    }
+
+    /// Messages that found no place, since the start.
+    pub(super) fn lost(&self) -> u64 {
+        self.lost.load(Ordering::Relaxed)
+    }
+
+    /// Says why the recording has ended early.
+    pub(super) fn fail(&self, reason: String) {
+        let mut failure = self.failure.lock().unwrap_or_else(PoisonError::into_inner);
+        *failure = Some(reason);
+    }
+
+    /// Why the recording has ended early, if it has.
+    pub(super) fn failure(&self) -> Option<String> {
+        let failure = self.failure.lock().unwrap_or_else(PoisonError::into_inner);
+        failure.clone()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::align::TickGroup;
+
+    fn open() -> (Queue, Receiver<Note>) {
+        Queue::open("hall", SessionId(7))
+    }
+
+    #[test]
+    fn a_full_queue_is_counted_and_never_waited_for() {
+        let (queue, notes) = open();
+        for _ in 0..QUEUE + 3 {
+            queue.note("hall/pose", b"x", 0);
+        }
+        assert_eq!(queue.state().lost(), 3);
+        drop(notes);
+        queue.note("hall/pose", b"x", 0);
+        assert_eq!(queue.state().lost(), 3, "nobody listens any more");
+    }
+
+    #[test]
+    fn large_messages_fill_the_queue_by_their_bytes() {
+        let (queue, notes) = open();
+        let large = vec![0; QUEUE_BYTES / 4];
+        for _ in 0..8 {
+            queue.note("hall/pose", &large, 0);
+        }
+        assert_eq!(queue.state().lost(), 3);
+        assert!(matches!(notes.recv(), Ok(Note::Passed(p)) if p.bytes.len() == large.len()));
+        queue.state().taken(large.len());
+        queue.note("hall/pose", &large, 0);
+        assert_eq!(queue.state().lost(), 3, "there is room again");
+    }
+
+    #[test]
+    fn decisions_are_noted_once_and_name_the_first_tick() {
+        let (queue, notes) = open();
+        for tick in [40, 41] {
+            let group = TickGroup {
+                tick: Tick(tick),
+                ..TickGroup::default()
+            };
+            queue.decided(Decided {
+                group: &group,
+                late: &[],
+                horizons: &[2.5],
+            });
+            queue.published(TapMessage {
+                key: "hall/decision",
+                bytes: b"the same once more",
+                at_us: 0,
+            });
+        }
+        let noted: Vec<Decision> = notes
+            .try_iter()
+            .filter_map(|note| match note {
+                Note::Passed(passed) => wire::decode(&passed.bytes).ok(),
+                Note::End => None,
+            })
+            .collect();
+        let ticks: Vec<_> = noted.iter().map(|d| (d.first.0, d.tick.0)).collect();
+        assert_eq!(ticks, [(40, 40), (40, 41)]);
+        assert_eq!(noted[0].horizons_ticks, [2.5]);
+    }
+}

@@ -1,0 +1,120 @@
+//! How long recordings are kept: those of ours that are older than the venue says are deleted.
+
+use std::fs::{self, File};
+use std::io::Read as _;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use tracing::{debug, warn};
+
+use super::super::clock;
+use crate::recording::is_ours;
+
+/// Bytes of a file's beginning that tell whose it is.
+const HEAD_BYTES: usize = 64;
+
+/// Deletes the recordings beside `current` that have not been written to for `days`; 0: none.
+/// Files of other programs stay, whatever they are called, and so does `current`.
+pub(super) fn delete_old(current: &Path, days: f64) -> Vec<PathBuf> {
+    let Ok(keep) = Duration::try_from_secs_f64(days * 86_400.0) else {
+        return Vec::new();
+    };
+    if keep.is_zero() {
+        return Vec::new();
+    }
+    let folder = match current.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    };
+    let entries = match folder.read_dir() {
+        Ok(entries) => entries,
+        Err(error) => {
+            warn!(folder = %folder.display(), %error, "old recordings are not looked for");
+            return Vec::new();
+        }
+    };
+    let own_name = current.file_name();
+    let mut deleted = Vec::new();
+    for entry in entries.flatten() {
+        let path = entry.path();
+        if path.file_name() == own_name || !is_old(&path, keep) || !is_recording(&path) {
+            continue;
+        }
+        match fs::remove_file(&path) {
+            Ok(()) => deleted.push(path),
+            Err(error) => warn!(path = %path.display(), %error, "an old recording stays"),
+        }
+    }
+    if !deleted.is_empty() {
+        debug!(?deleted, "old recordings deleted");
+    }
+    deleted
+}
+
+/// Whether `path` is a file that was last written to longer than `keep` ago.
+fn is_old(path: &Path, keep: Duration) -> bool {
+    let Ok(metadata) = fs::symlink_metadata(path) else {
+        return false;
+    };
+    let modified = metadata.modified().ok();
+    let modified = modified.and_then(|time| time.duration_since(std::time::UNIX_EPOCH).ok());
+    metadata.is_file() && modified.is_some_and(|at| clock::unix_time().saturating_sub(at) > keep)
+}
+
+/// Whether `path` is called a recording and begins as ours do.
+fn is_recording(path: &Path) -> bool {
+    if path.extension().is_none_or(|extension| extension != "mcap") {
+        return false;
+    }
+    let mut head = Vec::with_capacity(HEAD_BYTES);
+    let read =
+        File::open(path).and_then(|file| file.take(HEAD_BYTES as u64).read_to_end(&mut head));
+    read.is_ok() && is_ours(&head)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::SystemTime;
+
+    use super::*;
+    use crate::recording::PROFILE;
+
+    fn file(path: &Path, content: &[u8], days: u64) {
+        fs::write(path, content).unwrap();
+        let file = File::options().write(true).open(path).unwrap();
+        file.set_modified(SystemTime::now() - Duration::from_secs(86_400 * days))
+            .unwrap();
+    }
+
+    /// The first bytes of an MCAP file of a profile.
+    fn head(profile: &str) -> Vec<u8> {
+        let mut writer = mcap::WriteOptions::new()
+            .profile(profile)
+            .disable_seeking(true);
+        writer = writer.compression(None);
+        let mut sink = Vec::new();
+        let writer = writer.create(mcap::write::NoSeek::new(&mut sink)).unwrap();
+        let _sink = writer.into_inner();
+        sink
+    }
+
+    #[test]
+    fn only_our_own_old_recordings_go() {
+        let dir = tempfile::tempdir().unwrap();
+        let at = |name: &str| dir.path().join(name);
+        let ours = head(PROFILE);
+        for (name, content, days) in [
+            ("old.mcap", &ours[..], 9),
+            ("current.mcap", &ours, 9),
+            ("new.mcap", &ours, 2),
+            ("old.txt", &ours, 9),
+            ("robot.mcap", &head("ros2"), 9),
+            ("text.mcap", b"not even MCAP", 9),
+        ] {
+            file(&at(name), content, days);
+        }
+        assert!(delete_old(&at("current.mcap"), 0.0).is_empty());
+        assert_eq!(delete_old(&at("current.mcap"), 7.0), [at("old.mcap")]);
+        assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 5);
+    }
+}

@@ -1,0 +1,243 @@
+//! `farfield replay`: solves a recording again, as it was or in another way.
+
+mod report;
+mod venue;
+
+use std::fs::File;
+use std::io::BufReader;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::{Context as _, anyhow};
+use tokio_util::sync::CancellationToken;
+use tokio_util::task::TaskTracker;
+
+use self::report::{Done, FileFacts};
+use self::venue::{Changes, replay_venue};
+use super::clock;
+use super::config::check_names;
+use super::output::{Claim, check_folder};
+use super::process::{Ending, Managed, NodeError, exit_code, say, start_log, stop_when_told};
+use super::recorder::Recorder;
+use super::summary;
+use crate::pipeline::Pipeline;
+use crate::recording::reader::{Recording, SessionPart};
+use crate::recording::replay::{Choice, Names, Replay};
+
+/// Arguments of a replay.
+#[derive(Debug, Clone, clap::Args)]
+pub struct ReplayArgs {
+    /// The recording, an MCAP file of `farfield record` or of `--record`.
+    pub file: PathBuf,
+    /// Folder for the results; must be empty or not there. Default: `farfield-out/VENUE-N`.
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Use this venue file instead of the recorded one; its viewpoints and cameras must be the same.
+    #[arg(long, value_name = "VENUE.toml")]
+    pub venue: Option<PathBuf>,
+    /// Use this calibration instead of the recorded one.
+    #[arg(long, value_name = "FILE")]
+    pub calibration: Option<PathBuf>,
+    /// Use another value of a parameter of the venue file, for example `smoothing.cutoff_hz=3`.
+    #[arg(long, value_name = "TABLE.FIELD=VALUE")]
+    pub set: Vec<String>,
+    /// Use all sets, those too that came late or were delivered after an outage, instead of those that
+    /// fusion used then.
+    #[arg(long)]
+    pub late: bool,
+    /// Write the poses of two passes, forward and back over the recording, instead of those that a live
+    /// listener could have had.
+    #[arg(long)]
+    pub smooth: bool,
+    /// Which life of fusion, where the recording has several: from 1, as they are listed. Default: the
+    /// one with the most ticks.
+    #[arg(long, value_name = "N")]
+    pub session: Option<usize>,
+    /// Print the summary as JSON.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Replays a recording to its end and says on standard error what went wrong.
+pub fn main(args: &ReplayArgs, print: fn(&str) -> anyhow::Result<()>) -> ExitCode {
+    start_log();
+    exit_code(replay(args, print))
+}
+
+fn replay(args: &ReplayArgs, print: fn(&str) -> anyhow::Result<()>) -> Result<Ending, NodeError> {
+    if let Some(out) = &args.out {
+        check_folder(out).map_err(NodeError::Refused)?;
+    }
+    let refused = |error| NodeError::Refused(error);
+    let recording = open(&args.file).map_err(refused)?;
+    let part = choose(args, recording.sessions()).map_err(refused)?;
+    let changes = Changes {
+        venue: args.venue.as_deref(),
+        calibration: args.calibration.as_deref(),
+        set: &args.set,
+    };
+    let (venue, card) = replay_venue(&args.file, &recording, &changes).map_err(refused)?;
+    check_names(&venue).map_err(refused)?;
+    let as_it_was = changes.none() && !args.late && !part.decisions.is_empty();
+    let names = if as_it_was {
+        Names::AsRecorded
+    } else {
+        Names::ByPlace
+    };
+    let choice = if args.late {
+        Choice::All
+    } else {
+        Choice::Decided
+    };
+    if part.decisions.is_empty() && !args.late {
+        say(format_args!(
+            "{}: nobody recorded what fusion used for each tick; every set is used",
+            args.file.display()
+        ));
+    }
+    let file = FileFacts::of(&recording);
+    let span = part.ticks;
+    let mut pipeline = Pipeline::new(&venue, card.as_ref(), part.session);
+    if args.smooth {
+        pipeline.smooth_in_two_passes();
+    }
+    let keypoints = pipeline.keypoints().clone();
+    let replay = Replay::new(recording, part, pipeline, choice, names)
+        .with_context(|| args.file.display().to_string())
+        .map_err(refused)?;
+    let claim = Claim::take(args.out.as_deref(), &venue.name).map_err(refused)?;
+    let recorder =
+        Recorder::create(claim.folder(), &venue, &keypoints).map_err(NodeError::Failed)?;
+    let done = Solving {
+        replay,
+        recorder,
+        smooth: args.smooth,
+    }
+    .run()
+    .map_err(NodeError::Failed)?;
+    let summary = done.summary(&venue, span);
+    summary::write(claim.folder(), &summary).map_err(NodeError::Failed)?;
+    let text = if args.json {
+        done.json(&summary, &file).map_err(NodeError::Failed)?
+    } else {
+        done.words(claim.folder())
+    };
+    print(&text).map_err(NodeError::Failed)?;
+    Ok(done.ending)
+}
+
+/// Reads the recording through, and says what is missing of it.
+fn open(path: &Path) -> anyhow::Result<Recording<BufReader<File>>> {
+    let shown = path.display();
+    let file = File::open(path).with_context(|| format!("opening the recording {shown}"))?;
+    let recording = Recording::open(BufReader::new(file));
+    let recording = recording.map_err(|error| anyhow!("{shown}: {error}"))?;
+    let end = recording.end();
+    if !end.whole {
+        say(format_args!(
+            "{shown}: the recording was cut off: {} of its {} bytes can be read",
+            end.read_bytes, end.file_bytes
+        ));
+    }
+    for (count, what) in [
+        (
+            end.damaged_chunks,
+            "chunks are damaged and were passed over",
+        ),
+        (recording.unreadable(), "messages cannot be read"),
+        (
+            recording.lost(),
+            "messages were not recorded: the disk was too slow",
+        ),
+    ] {
+        if count > 0 {
+            say(format_args!("{shown}: {count} {what}"));
+        }
+    }
+    Ok(recording)
+}
+
+/// The life of fusion that is asked for.
+fn choose(args: &ReplayArgs, sessions: &[SessionPart]) -> anyhow::Result<SessionPart> {
+    let shown = args.file.display();
+    let number = args.session.unwrap_or(1);
+    let chosen = number.checked_sub(1).and_then(|i| sessions.get(i));
+    let list = || {
+        let line = |(i, part): (usize, &SessionPart)| {
+            let [from, to] = part.ticks;
+            format!("{}: ticks {from} to {to}, {} sets", i + 1, part.sets)
+        };
+        let lines: Vec<String> = sessions.iter().enumerate().map(line).collect();
+        lines.join("; ")
+    };
+    if sessions.len() > 1 && args.session.is_none() {
+        say(format_args!(
+            "{shown}: fusion was restarted while it was recorded, and its first life here is replayed (--session N takes another): {}",
+            list()
+        ));
+    }
+    chosen.cloned().ok_or_else(|| {
+        if sessions.is_empty() {
+            anyhow!("{shown}: there is no tick in the recording")
+        } else {
+            anyhow!("`--session` {number}: {shown} has {}", list())
+        }
+    })
+}
+
+/// A replay under way.
+struct Solving {
+    replay: Replay<BufReader<File>>,
+    recorder: Recorder,
+    /// Whether the poses of two passes are written.
+    smooth: bool,
+}
+
+impl Solving {
+    fn run(mut self) -> anyhow::Result<Done> {
+        let began = clock::now();
+        let (stop, runtime) = watch_signals()?;
+        let mut ending = Ending::Done;
+        while let Some(output) = self.replay.step(&mut |_| {})? {
+            let written = if self.smooth {
+                &output.smoothed
+            } else {
+                &output.finished
+            };
+            self.recorder.write(written)?;
+            if stop.is_cancelled() && self.replay.left() > 0 {
+                ending = Ending::Interrupted;
+                break;
+            }
+        }
+        stop.cancel();
+        runtime.shutdown_background();
+        let last = if self.smooth {
+            self.replay.finish_smoothed()
+        } else {
+            self.replay.finish()
+        };
+        self.recorder.write(&last)?;
+        Ok(Done {
+            ending,
+            choice: self.replay.choice(),
+            tally: self.replay.tally(),
+            people: self.recorder.finish()?,
+            elapsed_s: clock::now().duration_since(began).as_secs_f64(),
+        })
+    }
+}
+
+/// A token that is cancelled when somebody wants the process to end.
+fn watch_signals() -> anyhow::Result<(CancellationToken, tokio::runtime::Runtime)> {
+    let runtime = tokio::runtime::Builder::new_multi_thread()
+        .worker_threads(1)
+        .enable_all()
+        .build()
+        .context("starting the runtime")?;
+    let (tasks, stop) = (TaskTracker::new(), CancellationToken::new());
+    let entered = runtime.enter();
+    stop_when_told(&tasks, &stop, Managed::No).context("listening for signals")?;
+    drop(entered);
+    Ok((stop, runtime))
+}

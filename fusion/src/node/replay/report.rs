@@ -1,0 +1,191 @@
+//! What a replay says of itself.
+
+use std::fmt::Write as _;
+use std::io::{Read, Seek};
+use std::path::Path;
+
+use anyhow::Context as _;
+use farfield_proto::tick::Tick;
+use farfield_proto::venue::Venue;
+use serde::Serialize;
+
+use super::super::process::Ending;
+use super::super::summary;
+use crate::export::pose_files::Presence;
+use crate::export::summary::{Summary, TickSpan, TimingSummary};
+use crate::recording::reader::Recording;
+use crate::recording::replay::{Choice, ReplayTally};
+
+/// A replay that is over.
+pub(super) struct Done {
+    pub(super) ending: Ending,
+    pub(super) choice: Choice,
+    pub(super) tally: ReplayTally,
+    pub(super) people: Vec<Presence>,
+    pub(super) elapsed_s: f64,
+}
+
+/// What is known of the file.
+pub(super) struct FileFacts {
+    file_whole: bool,
+    read_bytes: u64,
+    file_bytes: u64,
+    damaged_chunks: u64,
+    unreadable: u64,
+    lost: u64,
+}
+
+impl FileFacts {
+    pub(super) fn of<R: Read + Seek>(recording: &Recording<R>) -> Self {
+        let end = recording.end();
+        Self {
+            file_whole: end.whole,
+            read_bytes: end.read_bytes,
+            file_bytes: end.file_bytes,
+            damaged_chunks: end.damaged_chunks,
+            unreadable: recording.unreadable(),
+            lost: recording.lost(),
+        }
+    }
+
+    fn with(&self, done: &Done) -> Facts {
+        let tally = &done.tally;
+        Facts {
+            all_sets: done.choice == Choice::All,
+            file_whole: self.file_whole,
+            read_bytes: self.read_bytes,
+            file_bytes: self.file_bytes,
+            damaged_chunks: self.damaged_chunks,
+            unreadable: self.unreadable,
+            lost: self.lost,
+            sets: tally.sets,
+            missing_sets: tally.missing,
+            undecided_ticks: tally.undecided,
+            same_ticks: tally.same,
+            different_ticks: tally.different,
+            nobodys_patches: tally.nobodys,
+        }
+    }
+}
+
+/// What a replay says of itself.
+#[derive(Debug, Serialize)]
+struct Report<'a> {
+    /// As `summary.json` has it.
+    #[serde(flatten)]
+    summary: &'a Summary,
+    replay: Facts,
+}
+
+/// What a replay has found in its recording.
+#[derive(Debug, Serialize)]
+struct Facts {
+    /// Whether sets were used that fusion did not use then.
+    all_sets: bool,
+    /// Whether the file's end was written.
+    file_whole: bool,
+    /// Bytes of the file that were read.
+    read_bytes: u64,
+    /// Bytes that it has.
+    file_bytes: u64,
+    /// Chunks with a wrong checksum, passed over.
+    damaged_chunks: u64,
+    /// Messages that could not be read.
+    unreadable: u64,
+    /// Messages that the recorder lost, by its own account.
+    lost: u64,
+    /// Sets that were used.
+    sets: u64,
+    /// Sets that fusion used then and that are not in the file.
+    missing_sets: u64,
+    /// Ticks of which it is not known what fusion used then.
+    undecided_ticks: u64,
+    /// Ticks with the poses that were published then, bit for bit.
+    same_ticks: u64,
+    /// Ticks with other poses.
+    different_ticks: u64,
+    /// Patches of persons whom the replay does not have.
+    nobodys_patches: u64,
+}
+
+impl Done {
+    /// The replay as JSON: its summary, and what it has found in its recording.
+    pub(super) fn json(&self, summary: &Summary, file: &FileFacts) -> anyhow::Result<String> {
+        let report = Report {
+            summary,
+            replay: file.with(self),
+        };
+        let json = serde_json::to_string_pretty(&report).context("writing the summary")?;
+        Ok(json + "\n")
+    }
+
+    /// For `summary.json`; the recording's ticks go from `first` to `last`.
+    pub(super) fn summary(&self, venue: &Venue, [first, last]: [Tick; 2]) -> Summary {
+        Summary {
+            venue: venue.name.clone(),
+            venue_hash: venue.hashes.venue.clone(),
+            calibration_hash: venue.hashes.calibration.clone(),
+            rate_hz: venue.rate_hz,
+            complete: self.ending == Ending::Done,
+            ticks: TickSpan {
+                first,
+                end: last + 1,
+                done: self.tally.ticks,
+            },
+            people: self.people.iter().copied().map(Into::into).collect(),
+            versions: summary::versions(),
+            timing: TimingSummary {
+                elapsed_s: self.elapsed_s,
+                ticks_per_s: self.tally.ticks as f64 / self.elapsed_s.max(1e-9),
+                ..TimingSummary::default()
+            },
+            ..Summary::default()
+        }
+    }
+
+    /// For people.
+    pub(super) fn words(&self, out: &Path) -> String {
+        let tally = &self.tally;
+        let sets = match self.choice {
+            Choice::Decided => "those sets that fusion used then",
+            Choice::All => "every set",
+        };
+        let published = match (tally.same, tally.different) {
+            (0, 0) => "what was published then is not in the recording".to_owned(),
+            (same, 0) => format!(
+                "the poses of all {same} ticks are those that were published then, bit for bit"
+            ),
+            (same, different) => format!(
+                "the poses of {same} ticks are those that were published then, of {different} they differ"
+            ),
+        };
+        let mut text = format!(
+            "{} ticks solved from {sets} ({}), {} people, {:.0} ticks/s\n{published}\n",
+            tally.ticks,
+            tally.sets,
+            self.people.len(),
+            tally.ticks as f64 / self.elapsed_s.max(1e-9)
+        );
+        for (count, what) in [
+            (
+                tally.undecided,
+                "ticks were solved from all of their sets: what fusion used then is not in the recording",
+            ),
+            (
+                tally.missing,
+                "sets that fusion used then are not in the recording",
+            ),
+            (tally.refused, "sets contradict another of their tick"),
+            (
+                tally.nobodys,
+                "patches are of people whom this replay does not have",
+            ),
+        ] {
+            if count > 0 {
+                // Writing to a String cannot fail.
+                let _infallible = writeln!(text, "{count} {what}");
+            }
+        }
+        text + &format!("results in {}\n", out.display())
+    }
+}

@@ -1,0 +1,116 @@
+//! The channels of a recording: what stands under which key.
+
+use farfield_proto::fill::SetKind;
+use farfield_proto::key::Keys;
+
+/// What the messages of a channel are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Content {
+    /// Patch or sighting sets as they came.
+    Sets(SetKind),
+    /// Patch or sighting sets that an edge delivered after an outage.
+    Filled(SetKind),
+    /// Boxes for a viewpoint.
+    Boxes,
+    /// The persons of a tick.
+    Poses,
+    /// The persons of a tick, smoothed with a delay.
+    Smoothed,
+    /// How a node is.
+    Status,
+    /// What fusion used for a tick.
+    Decisions,
+    /// The persons of a tick as JSON.
+    JsonPoses,
+    /// Nodes that came and went, as JSON.
+    Presence,
+    /// What the recorder says of itself, as JSON.
+    Recorder,
+}
+
+/// One channel.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Channel {
+    /// The topic: a Zenoh key, or what stands below one.
+    pub topic: String,
+    /// What it carries.
+    pub content: Content,
+}
+
+/// Every channel that a recording of the venue `name` may have: what comes under another key is not
+/// recorded, so that a stranger cannot fill a file with channels.
+pub fn channels(name: &str, viewpoints: &[&str]) -> Vec<Channel> {
+    let keys = Keys::new(name);
+    let channel = |topic: String, content| Channel { topic, content };
+    let mut all = vec![
+        channel(keys.pose(), Content::Poses),
+        channel(keys.smooth(), Content::Smoothed),
+        channel(keys.decision(), Content::Decisions),
+        channel(json_poses(&keys), Content::JsonPoses),
+        channel(format!("{name}/recorder"), Content::Recorder),
+    ];
+    for kind in [SetKind::Patches, SetKind::Sightings] {
+        for viewpoint in viewpoints {
+            all.push(channel(
+                live_topic(&keys, viewpoint, kind),
+                Content::Sets(kind),
+            ));
+            all.push(channel(
+                filled_topic(&keys, viewpoint, kind),
+                Content::Filled(kind),
+            ));
+        }
+    }
+    for viewpoint in viewpoints {
+        all.push(channel(keys.boxes(viewpoint), Content::Boxes));
+    }
+    for node in viewpoints.iter().chain(&["fusion"]) {
+        all.push(channel(keys.status(node), Content::Status));
+        all.push(channel(keys.alive(node), Content::Presence));
+    }
+    all
+}
+
+/// The topic of the poses as JSON.
+pub fn json_poses(keys: &Keys) -> String {
+    format!("{}/json", keys.pose())
+}
+
+/// The topic of sets that came by themselves.
+pub fn live_topic(keys: &Keys, viewpoint: &str, kind: SetKind) -> String {
+    match kind {
+        SetKind::Patches => keys.patch(viewpoint),
+        SetKind::Sightings => keys.sighting(viewpoint),
+    }
+}
+
+/// The topic of sets that were asked for.
+pub fn filled_topic(keys: &Keys, viewpoint: &str, kind: SetKind) -> String {
+    let below = match kind {
+        SetKind::Patches => "patch",
+        SetKind::Sightings => "sighting",
+    };
+    format!("{}/{below}", keys.fill(viewpoint))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use super::*;
+
+    #[test]
+    fn every_channel_has_a_topic_of_its_own() {
+        let all = channels("hall", &["ne", "sw"]);
+        let topics: BTreeSet<&str> = all.iter().map(|c| c.topic.as_str()).collect();
+        assert_eq!(topics.len(), all.len());
+        for topic in [
+            "hall/patch/ne",
+            "hall/fill/sw/sighting",
+            "hall/pose/json",
+            "hall/status/fusion",
+        ] {
+            assert!(topics.contains(topic), "{topic}");
+        }
+    }
+}

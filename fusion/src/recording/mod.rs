@@ -1,0 +1,45 @@
+//! Recordings: MCAP files of everything that fusion heard and said, and of what it used for each tick.
+//!
+//! [`writer`] writes to whatever takes bytes, [`reader`] reads from whatever has them, [`replay`] solves a
+//! recording again. No file is opened here, and no clock read: times come with the messages. A recording
+//! holds no pictures: none ever reach fusion.
+//!
+//! Channels are Zenoh keys with the bytes as they travelled (message encoding `farfield-wire`); log time
+//! is arrival, publish time sending. What an edge delivered after an outage stands in channels of its own,
+//! `{venue}/fill/{viewpoint}/patch` and `.../sighting`. Poses stand there once more as JSON.
+
+pub mod channels;
+mod framing;
+pub mod holes;
+pub mod poses_json;
+pub mod reader;
+mod renumber;
+pub mod replay;
+pub mod writer;
+
+/// Profile of the files' header: what tells our recordings from other MCAP files.
+pub const PROFILE: &str = "farfield";
+/// Message encoding of what travelled.
+pub const WIRE_ENCODING: &str = "farfield-wire";
+/// Name of the metadata record with [`writer::Head::facts`].
+pub const FACTS: &str = "farfield";
+/// Name of the attached venue file.
+pub const VENUE_FILE: &str = "venue.toml";
+/// Name of the attached calibration.
+pub const CALIBRATION_FILE: &str = "calibration.toml";
+/// Name of the attached card of the keypoint network.
+pub const CARD_FILE: &str = "network.toml";
+
+/// Whether a file that begins with `head` (64 bytes are enough) is a recording of ours.
+pub fn is_ours(head: &[u8]) -> bool {
+    // Magic, opcode and length of the header, length of the profile.
+    let profile_at = mcap::MAGIC.len() + 1 + 8 + 4;
+    let profile = head.get(profile_at..profile_at + PROFILE.len());
+    let len = head.get(profile_at - 4..profile_at);
+    head.starts_with(mcap::MAGIC)
+        && len == Some(&(PROFILE.len() as u32).to_le_bytes()[..])
+        && profile == Some(PROFILE.as_bytes())
+}
+
+#[cfg(test)]
+mod tests;

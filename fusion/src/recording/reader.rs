@@ -1,0 +1,363 @@
+//! Reads a recording: once through for what is where, then tick by tick.
+//!
+//! What is kept in memory is 48 bytes per set and the decisions; the sets themselves are read when
+//! their tick's turn comes.
+
+use std::collections::BTreeMap;
+use std::io::{Read, Seek, SeekFrom};
+
+use farfield_proto::decision::Decision;
+use farfield_proto::fill::SetKind;
+use farfield_proto::id::{SessionId, ViewpointIndex};
+use farfield_proto::live::MAX_EDGES;
+use farfield_proto::message::{PatchSet, PoseSet, SightingSet};
+use farfield_proto::tick::Tick;
+use farfield_proto::wire;
+use serde::Deserialize;
+
+use super::channels::{Content, channels};
+use super::framing::{FileEnd, FramingError, Met, walk};
+use super::{CALIBRATION_FILE, CARD_FILE, FACTS, PROFILE, VENUE_FILE};
+
+/// Why a file cannot be replayed.
+#[derive(Debug, thiserror::Error)]
+pub enum RecordingError {
+    /// The file is none, or broken.
+    #[error(transparent)]
+    Framing(#[from] FramingError),
+    /// Another program's.
+    #[error("an MCAP file of profile {0:?}, not of \"{PROFILE}\"")]
+    Foreign(String),
+    /// It ends before it has said what it is a recording of.
+    #[error("it ends before its head does: nothing was recorded")]
+    NoHead,
+    /// A place that was a message is none any more.
+    #[error("byte {0}: the file has changed while it was read")]
+    Changed(u64),
+}
+
+/// Where a recorded message stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+struct Place {
+    at: u64,
+    len: u32,
+}
+
+/// One recorded set, in the order in which the sets of a tick are wanted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+struct SetEntry {
+    session: SessionId,
+    tick: Tick,
+    kind: SetKind,
+    viewpoint: ViewpointIndex,
+    part: u16,
+    /// Whether it was asked for after an outage.
+    filled: bool,
+    place: Place,
+}
+
+/// A patch or sighting set out of a recording.
+#[derive(Debug, Clone, PartialEq)]
+pub enum AnySet {
+    /// Patches.
+    Patches(PatchSet),
+    /// Sightings.
+    Sightings(SightingSet),
+}
+
+/// One life of fusion in a recording.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SessionPart {
+    /// Which.
+    pub session: SessionId,
+    /// What fusion used, in the order of the ticks; empty when nobody recorded it.
+    pub decisions: Vec<Decision>,
+    /// First and last tick of which there are sets or a decision.
+    pub ticks: [Tick; 2],
+    /// Distinct sets, filled ones too.
+    pub sets: usize,
+    /// Distinct sets that are there only because they were asked for after an outage.
+    pub filled: usize,
+}
+
+/// A recording that has been read through.
+pub struct Recording<R> {
+    file: R,
+    facts: BTreeMap<String, String>,
+    files: BTreeMap<String, Vec<u8>>,
+    sets: Vec<SetEntry>,
+    poses: BTreeMap<(SessionId, Tick), Place>,
+    sessions: Vec<SessionPart>,
+    end: FileEnd,
+    unreadable: u64,
+    lost: u64,
+}
+
+impl<R: Read + Seek> Recording<R> {
+    /// Reads `file` through.
+    ///
+    /// # Errors
+    /// [`RecordingError`] when it is not a recording of ours, or broken otherwise than by an early end.
+    pub fn open(mut file: R) -> Result<Self, RecordingError> {
+        let mut index = Index::default();
+        let end = walk(&mut file, &mut |met| index.meet(met))?;
+        match index.profile {
+            None => return Err(RecordingError::NoHead),
+            Some(profile) if profile != PROFILE => return Err(RecordingError::Foreign(profile)),
+            Some(_) => {}
+        }
+        if index.facts.is_empty() {
+            return Err(RecordingError::NoHead);
+        }
+        index.sets.sort_unstable();
+        index
+            .sets
+            .dedup_by_key(|set| (set.session, set.tick, set.kind, set.viewpoint, set.part));
+        let sessions = sessions(&index.sets, index.decisions);
+        Ok(Self {
+            file,
+            facts: index.facts,
+            files: index.files,
+            sets: index.sets,
+            poses: index.poses,
+            sessions,
+            end,
+            unreadable: index.unreadable,
+            lost: index.lost,
+        })
+    }
+
+    /// Versions, fingerprints, who recorded.
+    pub fn facts(&self) -> &BTreeMap<String, String> {
+        &self.facts
+    }
+
+    /// The attached file `name`, as text.
+    pub fn file(&self, name: &str) -> Option<&str> {
+        std::str::from_utf8(self.files.get(name)?).ok()
+    }
+
+    /// The lives of fusion in it, the one with the most ticks first.
+    pub fn sessions(&self) -> &[SessionPart] {
+        &self.sessions
+    }
+
+    /// How the file ended.
+    pub fn end(&self) -> &FileEnd {
+        &self.end
+    }
+
+    /// Messages that are not of this version of the wire, or broken.
+    pub fn unreadable(&self) -> u64 {
+        self.unreadable
+    }
+
+    /// Messages that its recorder could not write, by its own account.
+    pub fn lost(&self) -> u64 {
+        self.lost
+    }
+
+    /// Every recorded set of a tick, by kind, viewpoint and part; of two that are the same part, the one
+    /// that came by itself, and first.
+    ///
+    /// # Errors
+    /// When the file cannot be read any more.
+    pub fn sets(&mut self, session: SessionId, tick: Tick) -> Result<Vec<AnySet>, RecordingError> {
+        let from = self
+            .sets
+            .partition_point(|set| (set.session, set.tick) < (session, tick));
+        let mut found = Vec::new();
+        for i in from..self.sets.len() {
+            let set = self.sets[i];
+            if (set.session, set.tick) != (session, tick) {
+                break;
+            }
+            let bytes = self.bytes(set.place)?;
+            let changed = |_| RecordingError::Changed(set.place.at);
+            found.push(match set.kind {
+                SetKind::Patches => AnySet::Patches(wire::decode(&bytes).map_err(changed)?),
+                SetKind::Sightings => AnySet::Sightings(wire::decode(&bytes).map_err(changed)?),
+            });
+        }
+        Ok(found)
+    }
+
+    /// The poses that fusion published for a tick, if they were recorded.
+    ///
+    /// # Errors
+    /// When the file cannot be read any more.
+    pub fn poses(
+        &mut self,
+        session: SessionId,
+        tick: Tick,
+    ) -> Result<Option<PoseSet>, RecordingError> {
+        let Some(&place) = self.poses.get(&(session, tick)) else {
+            return Ok(None);
+        };
+        let bytes = self.bytes(place)?;
+        let poses = wire::decode(&bytes).map_err(|_| RecordingError::Changed(place.at))?;
+        Ok(Some(poses))
+    }
+
+    fn bytes(&mut self, place: Place) -> Result<Vec<u8>, RecordingError> {
+        let mut bytes = vec![0; place.len as usize];
+        self.file
+            .seek(SeekFrom::Start(place.at))
+            .and_then(|_| self.file.read_exact(&mut bytes))
+            .map_err(FramingError::Io)?;
+        Ok(bytes)
+    }
+}
+
+/// What is gathered on the way through.
+#[derive(Default)]
+struct Index {
+    profile: Option<String>,
+    facts: BTreeMap<String, String>,
+    files: BTreeMap<String, Vec<u8>>,
+    /// What stands under which topic, once the facts are known.
+    topics: BTreeMap<String, Content>,
+    contents: BTreeMap<u16, Content>,
+    sets: Vec<SetEntry>,
+    poses: BTreeMap<(SessionId, Tick), Place>,
+    decisions: Vec<Decision>,
+    unreadable: u64,
+    lost: u64,
+}
+
+/// What a recorder says of itself.
+#[derive(Deserialize)]
+struct RecorderSays {
+    lost: u64,
+}
+
+impl Index {
+    fn meet(&mut self, met: Met<'_>) {
+        match met {
+            Met::Header { profile } => self.profile = self.profile.take().or(Some(profile)),
+            Met::Metadata { name, fields } if name == FACTS && self.facts.is_empty() => {
+                let owned = |(key, value): (&str, &str)| (key.to_owned(), value.to_owned());
+                self.facts = fields.into_iter().map(owned).collect();
+                self.topics = topics(&self.facts);
+            }
+            Met::Attachment { name, data } => {
+                let ours = [VENUE_FILE, CALIBRATION_FILE, CARD_FILE].contains(&name);
+                if ours && !self.files.contains_key(name) {
+                    self.files.insert(name.to_owned(), data.to_owned());
+                }
+            }
+            Met::Channel { id, topic } => {
+                if let Some(&content) = self.topics.get(topic) {
+                    self.contents.insert(id, content);
+                }
+            }
+            Met::Message { channel, at, data } => {
+                if let (Some(&content), Ok(len)) =
+                    (self.contents.get(&channel), u32::try_from(data.len()))
+                {
+                    self.message(content, Place { at, len }, data);
+                }
+            }
+            Met::Metadata { .. } => {}
+        }
+    }
+
+    fn message(&mut self, content: Content, place: Place, data: &[u8]) {
+        let read = match content {
+            Content::Sets(kind) => self.set(kind, false, place, data),
+            Content::Filled(kind) => self.set(kind, true, place, data),
+            Content::Decisions => wire::decode(data).map(|decision| self.decisions.push(decision)),
+            Content::Poses => wire::decode::<PoseSet>(data).map(|poses| {
+                self.poses
+                    .entry((poses.session, poses.tick))
+                    .or_insert(place);
+            }),
+            Content::Recorder => {
+                let says = serde_json::from_slice::<RecorderSays>(data);
+                self.lost = says.map_or(self.lost, |says| says.lost);
+                Ok(())
+            }
+            _ => Ok(()),
+        };
+        self.unreadable += u64::from(read.is_err());
+    }
+
+    fn set(
+        &mut self,
+        kind: SetKind,
+        filled: bool,
+        place: Place,
+        data: &[u8],
+    ) -> Result<(), wire::WireError> {
+        let (session, tick, viewpoint, part) = match kind {
+            SetKind::Patches => {
+                let set: PatchSet = wire::decode(data)?;
+                (set.session, set.tick, set.viewpoint, set.part)
+            }
+            SetKind::Sightings => {
+                let set: SightingSet = wire::decode(data)?;
+                (set.session, set.tick, set.viewpoint, set.part)
+            }
+        };
+        self.sets.push(SetEntry {
+            session,
+            tick,
+            kind,
+            viewpoint,
+            part,
+            filled,
+            place,
+        });
+        Ok(())
+    }
+}
+
+/// The topics of the venue that `facts` name.
+fn topics(facts: &BTreeMap<String, String>) -> BTreeMap<String, Content> {
+    let (Some(venue), Some(viewpoints)) = (facts.get("venue"), facts.get("viewpoints")) else {
+        return BTreeMap::new();
+    };
+    let viewpoints: Vec<&str> = viewpoints.split(' ').take(MAX_EDGES).collect();
+    channels(venue, &viewpoints)
+        .into_iter()
+        .map(|channel| (channel.topic, channel.content))
+        .collect()
+}
+
+/// The lives of fusion, from all sets (in order) and decisions.
+fn sessions(sets: &[SetEntry], decisions: Vec<Decision>) -> Vec<SessionPart> {
+    let mut parts: BTreeMap<SessionId, SessionPart> = BTreeMap::new();
+    for set in sets {
+        let part = entry(&mut parts, set.session, set.tick);
+        part.sets += 1;
+        part.filled += usize::from(set.filled);
+    }
+    for decision in decisions {
+        let part = entry(&mut parts, decision.session, decision.tick);
+        part.decisions.push(decision);
+    }
+    let mut parts: Vec<SessionPart> = parts.into_values().collect();
+    for part in &mut parts {
+        part.decisions.sort_by_key(|decision| decision.tick);
+        part.decisions.dedup_by_key(|decision| decision.tick);
+    }
+    parts.sort_by_key(|part| std::cmp::Reverse((part.decisions.len(), part.sets)));
+    parts
+}
+
+/// The life `session`, grown to hold `tick`.
+fn entry(
+    parts: &mut BTreeMap<SessionId, SessionPart>,
+    session: SessionId,
+    tick: Tick,
+) -> &mut SessionPart {
+    let part = parts.entry(session).or_insert_with(|| SessionPart {
+        session,
+        decisions: Vec::new(),
+        ticks: [tick, tick],
+        sets: 0,
+        filled: 0,
+    });
+    part.ticks = [part.ticks[0].min(tick), part.ticks[1].max(tick)];
+    part
+}

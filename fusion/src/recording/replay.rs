@@ -1,0 +1,254 @@
+//! Solves a recording again, tick by tick, in lock-step with the file.
+
+use std::io::{Read, Seek};
+
+use farfield_proto::decision::{Decision, UsedSet};
+use farfield_proto::message::{BoxSet, PoseSet};
+use farfield_proto::tick::Tick;
+
+use super::reader::{AnySet, Recording, RecordingError, SessionPart};
+use super::renumber::Renumber;
+use crate::align::{Gather, TickGroup};
+use crate::pipeline::{Pipeline, Stage, StepOutput};
+
+/// Ticks without any set that a replay goes through per set that is there, and beside them: what is
+/// farther apart is no recording of one run.
+const MAX_EMPTY_PER_SET: u64 = 64;
+/// See [`MAX_EMPTY_PER_SET`].
+const MAX_EMPTY: u64 = 36_000;
+
+/// Which of the recorded sets a replay uses.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Choice {
+    /// Those that fusion used then.
+    Decided,
+    /// All: those that came late and those that were delivered after an outage, too.
+    All,
+}
+
+/// Whose the patches are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Names {
+    /// The person's whom they name: the replay numbers people as the recorded run did, because it gets
+    /// the same input.
+    AsRecorded,
+    /// The person's whose predicted boxes they fit: births may come otherwise.
+    ByPlace,
+}
+
+/// What a replay has gone through so far.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct ReplayTally {
+    /// Ticks that were computed.
+    pub ticks: u64,
+    /// Ticks whose poses are those that were published then, bit for bit.
+    pub same: u64,
+    /// Ticks whose poses differ from those that were published then.
+    pub different: u64,
+    /// Sets that were used.
+    pub sets: u64,
+    /// Ticks of which it is not known what fusion used: all of their sets were used.
+    pub undecided: u64,
+    /// Sets that fusion used then, and that are not in the file.
+    pub missing: u64,
+    /// Sets that contradict another of their tick.
+    pub refused: u64,
+    /// Patches of persons whom the replay does not have (see [`Names::ByPlace`]).
+    pub nobodys: u64,
+}
+
+/// Why a recording cannot be solved.
+#[derive(Debug, thiserror::Error)]
+pub enum ReplayError {
+    /// The file cannot be read.
+    #[error(transparent)]
+    Recording(#[from] RecordingError),
+    /// The ticks are not those of one run.
+    #[error("its ticks lie too far apart for {sets} sets: {from} to {to}")]
+    Span {
+        /// First tick.
+        from: Tick,
+        /// Last tick.
+        to: Tick,
+        /// Sets in the file.
+        sets: usize,
+    },
+}
+
+/// A session of a recording on its way through the core.
+pub struct Replay<R> {
+    recording: Recording<R>,
+    part: SessionPart,
+    pipeline: Pipeline,
+    n_viewpoints: usize,
+    choice: Choice,
+    renumber: Option<Renumber>,
+    boxes: Vec<BoxSet>,
+    /// The ticks to go through, the last first.
+    to_do: Vec<Tick>,
+    tally: ReplayTally,
+}
+
+impl<R: Read + Seek> Replay<R> {
+    /// Begins `part` of `recording`. `pipeline` must be new, and of the part's session. Without recorded
+    /// decisions, every set is used.
+    ///
+    /// # Errors
+    /// [`ReplayError::Span`].
+    pub fn new(
+        recording: Recording<R>,
+        part: SessionPart,
+        mut pipeline: Pipeline,
+        choice: Choice,
+        names: Names,
+    ) -> Result<Self, ReplayError> {
+        let choice = if part.decisions.is_empty() {
+            Choice::All
+        } else {
+            choice
+        };
+        let mut to_do = ticks(&part)?;
+        let first = part.decisions.first().map(|decision| decision.first);
+        let boxes = first.or(to_do.first().copied());
+        let boxes = boxes.map(|first| pipeline.first_boxes(first));
+        to_do.reverse();
+        Ok(Self {
+            recording,
+            part,
+            n_viewpoints: boxes.as_ref().map_or(0, Vec::len),
+            boxes: boxes.unwrap_or_default(),
+            pipeline,
+            choice,
+            renumber: (names == Names::ByPlace).then(Renumber::default),
+            to_do,
+            tally: ReplayTally::default(),
+        })
+    }
+
+    /// Computes the next tick; `None` when there is none. `mark` is told after each stage.
+    ///
+    /// # Errors
+    /// When the file cannot be read any more.
+    pub fn step(
+        &mut self,
+        mark: &mut dyn FnMut(Stage),
+    ) -> Result<Option<StepOutput>, RecordingError> {
+        let Some(tick) = self.to_do.pop() else {
+            return Ok(None);
+        };
+        let decision = self.decision(tick);
+        let is_undecided = decision.is_none() && self.choice == Choice::Decided;
+        self.tally.undecided += u64::from(is_undecided);
+        let mut group = self.group(tick, decision.as_ref())?;
+        if let Some(decision) = decision.filter(|_| self.renumber.is_none())
+            && !decision.horizons_ticks.is_empty()
+        {
+            // They say for which ticks everybody was told to look for people.
+            self.pipeline.set_horizons(&decision.horizons_ticks);
+        }
+        if let Some(renumber) = &mut self.renumber {
+            self.tally.nobodys += renumber.apply(&mut group, &self.boxes);
+        }
+        let output = self.pipeline.step(&group, mark);
+        self.boxes.clone_from(&output.boxes);
+        self.tally.ticks += 1;
+        if let Some(published) = self.recording.poses(self.part.session, tick)? {
+            let count = if published == output.poses {
+                &mut self.tally.same
+            } else {
+                &mut self.tally.different
+            };
+            *count += 1;
+        }
+        Ok(Some(output))
+    }
+
+    /// The ticks that were still held back when the last was done.
+    pub fn finish(&mut self) -> Vec<PoseSet> {
+        self.pipeline.finish()
+    }
+
+    /// The smoothed poses that were still held back when the last tick was done, where the pipeline
+    /// smooths.
+    pub fn finish_smoothed(&mut self) -> Vec<PoseSet> {
+        self.pipeline.finish_smoothed()
+    }
+
+    /// What has been gone through so far.
+    pub fn tally(&self) -> ReplayTally {
+        self.tally
+    }
+
+    /// Which sets are used.
+    pub fn choice(&self) -> Choice {
+        self.choice
+    }
+
+    /// Ticks that are still to be done.
+    pub fn left(&self) -> usize {
+        self.to_do.len()
+    }
+
+    /// The sets of a tick, held to the same rules as messages from the network.
+    fn group(
+        &mut self,
+        tick: Tick,
+        decision: Option<&Decision>,
+    ) -> Result<TickGroup, RecordingError> {
+        let session = self.part.session;
+        let used = |sets: &[UsedSet], viewpoint, part| {
+            sets.binary_search(&UsedSet { viewpoint, part }).is_ok()
+        };
+        let wanted = |set: &AnySet| match (decision, set) {
+            (None, _) => true,
+            (Some(d), AnySet::Patches(set)) => used(&d.patches, set.viewpoint, set.part),
+            (Some(d), AnySet::Sightings(set)) => used(&d.sightings, set.viewpoint, set.part),
+        };
+        let mut gather = Gather::new(session, tick, self.n_viewpoints);
+        let mut taken = 0;
+        for set in self.recording.sets(session, tick)? {
+            if !wanted(&set) {
+                continue;
+            }
+            let added = match set {
+                AnySet::Patches(set) => gather.add_patches(set),
+                AnySet::Sightings(set) => gather.add_sightings(set),
+            };
+            taken += u64::from(added.is_ok());
+            self.tally.refused += u64::from(added.is_err());
+        }
+        self.tally.sets += taken;
+        if let Some(decision) = decision {
+            let there = (decision.patches.len() + decision.sightings.len()) as u64;
+            self.tally.missing += there.saturating_sub(taken);
+        }
+        Ok(gather.take())
+    }
+
+    fn decision(&self, tick: Tick) -> Option<Decision> {
+        if self.choice == Choice::All {
+            return None;
+        }
+        let decisions = &self.part.decisions;
+        let found = decisions.binary_search_by_key(&tick, |decision| decision.tick);
+        found.ok().and_then(|i| decisions.get(i)).cloned()
+    }
+}
+
+/// The ticks to go through, rising: those of a run follow each other without a gap.
+fn ticks(part: &SessionPart) -> Result<Vec<Tick>, ReplayError> {
+    let span = match (part.decisions.first(), part.decisions.last()) {
+        (Some(first), Some(last)) => [first.tick, last.tick],
+        _ => part.ticks,
+    };
+    let [from, to] = span;
+    let there = (part.sets + part.decisions.len()) as u64;
+    if (to - from).unsigned_abs() > there * MAX_EMPTY_PER_SET + MAX_EMPTY {
+        return Err(ReplayError::Span {
+            from,
+            to,
+            sets: part.sets,
+        });
+    }
+    Ok((from.0..=to.0).map(Tick).collect())
+}

@@ -1,0 +1,373 @@
+//! Recordings, written and read in memory: whole, torn, damaged and made up.
+
+use std::collections::BTreeMap;
+use std::io::{self, Cursor, Write};
+
+use farfield_proto::decision::{Decision, UsedSet};
+use farfield_proto::id::{SessionId, ViewpointIndex};
+use farfield_proto::live::{LiveBoxes, PatchTiming};
+use farfield_proto::message::{BoxSet, Order, PatchSet, PersonState, PoseSet, SightingSet};
+use farfield_proto::tick::Tick;
+use farfield_proto::wire::{self, Message};
+use proptest::prelude::*;
+
+use super::framing::FramingError;
+use super::reader::{AnySet, Recording, RecordingError};
+use super::writer::{Head, Passed, RecordingWriter};
+use super::*;
+use crate::export::fixture;
+
+const SESSION: SessionId = SessionId(1 << 63);
+
+fn head() -> Head {
+    let facts = [("venue", "hall"), ("viewpoints", "ne sw")];
+    Head {
+        venue: "hall".to_owned(),
+        viewpoints: vec!["ne".to_owned(), "sw".to_owned()],
+        rate_hz: 50.0,
+        started_ns: 5,
+        files: vec![(VENUE_FILE.to_owned(), b"name = \"hall\"\n".to_vec())],
+        facts: BTreeMap::from(facts.map(|(k, v)| (k.to_owned(), v.to_owned()))),
+        json_poses: Some(fixture::layout()),
+    }
+}
+
+fn patches(tick: i64, viewpoint: u16) -> PatchSet {
+    PatchSet {
+        session: SESSION,
+        tick: Tick(tick),
+        viewpoint: ViewpointIndex(viewpoint),
+        part: 0,
+        parts: 1,
+        sighting_parts: 0,
+        timing: None,
+        persons: Vec::new(),
+    }
+}
+
+fn decision(tick: i64, viewpoints: &[u16]) -> Decision {
+    let used = |&viewpoint| UsedSet {
+        viewpoint: ViewpointIndex(viewpoint),
+        part: 0,
+    };
+    Decision {
+        session: SESSION,
+        first: Tick(0),
+        tick: Tick(tick),
+        horizons_ticks: Vec::new(),
+        patches: viewpoints.iter().map(used).collect(),
+        sightings: Vec::new(),
+    }
+}
+
+fn poses(tick: i64) -> PoseSet {
+    PoseSet {
+        session: SESSION,
+        tick: Tick(tick),
+        persons: vec![fixture::pose(1, PersonState::Tracked)],
+    }
+}
+
+fn put<W: Write, M: Message>(writer: &mut RecordingWriter<W>, topic: &str, message: &M) {
+    let bytes = wire::encode(message);
+    let passed = Passed {
+        topic,
+        bytes: &bytes,
+        log_ns: 1_000,
+    };
+    assert!(writer.write(&passed).unwrap().is_some(), "{topic}");
+}
+
+/// Three ticks in a chunk each; of the second, `sw` came late, of the third it was filled.
+fn recording() -> Vec<u8> {
+    let mut writer = RecordingWriter::create(Vec::new(), head()).unwrap();
+    for tick in 0..3 {
+        put(&mut writer, "hall/patch/ne", &patches(tick, 0));
+        if tick == 0 {
+            put(&mut writer, "hall/patch/sw", &patches(tick, 1));
+        }
+        let there: &[u16] = if tick == 0 { &[0, 1] } else { &[0] };
+        put(&mut writer, "hall/decision", &decision(tick, there));
+        put(&mut writer, "hall/pose", &poses(tick));
+        if tick == 1 {
+            put(&mut writer, "hall/patch/sw", &patches(tick, 1));
+        }
+        writer.flush().unwrap();
+    }
+    put(&mut writer, "hall/fill/sw/patch", &patches(2, 1));
+    writer.finish().unwrap()
+}
+
+fn open(bytes: &[u8]) -> Result<Recording<Cursor<&[u8]>>, RecordingError> {
+    Recording::open(Cursor::new(bytes))
+}
+
+#[test]
+fn what_was_written_is_read() {
+    let bytes = recording();
+    let mut recording = open(&bytes).unwrap();
+    assert!(recording.end().whole && recording.unreadable() == 0);
+    assert_eq!(recording.file(VENUE_FILE), Some("name = \"hall\"\n"));
+    let part = recording.sessions()[0].clone();
+    assert_eq!((part.sets, part.filled), (6, 1));
+    assert_eq!(part.decisions[1], decision(1, &[0]));
+    for tick in 0..3 {
+        let sets = recording.sets(SESSION, Tick(tick)).unwrap();
+        let expected = [0, 1].map(|viewpoint| AnySet::Patches(patches(tick, viewpoint)));
+        assert_eq!(sets, expected);
+        let published = recording.poses(SESSION, Tick(tick)).unwrap();
+        assert_eq!(published, Some(poses(tick)));
+    }
+}
+
+#[test]
+fn other_readers_of_mcap_find_the_messages_and_the_json() {
+    let bytes = recording();
+    let messages: Vec<mcap::Message<'_>> = mcap::MessageStream::new(&bytes)
+        .unwrap()
+        .collect::<Result<_, _>>()
+        .unwrap();
+    let of = |topic: &str| -> Vec<&mcap::Message<'_>> {
+        let messages = messages.iter();
+        messages.filter(|m| m.channel.topic == topic).collect()
+    };
+    assert_eq!(of("hall/patch/ne").len(), 3);
+    assert_eq!(
+        of("hall/patch/ne")[0].channel.message_encoding,
+        WIRE_ENCODING
+    );
+    let json = of("hall/pose/json");
+    assert_eq!(json.len(), 3);
+    let schema = json[0].channel.schema.as_ref().unwrap();
+    assert_eq!(schema.encoding, "jsonschema");
+    let value: serde_json::Value = serde_json::from_slice(&json[2].data).unwrap();
+    assert_eq!(value["persons"][0]["person"], 1);
+    let summary = mcap::Summary::read(&bytes).unwrap().unwrap();
+    assert_eq!(summary.attachment_indexes.len(), 1);
+}
+
+#[test]
+fn patches_are_stamped_with_their_sending() {
+    let mut writer = RecordingWriter::create(Vec::new(), head()).unwrap();
+    let boxes = BoxSet {
+        session: SESSION,
+        tick: Tick(0),
+        viewpoint: ViewpointIndex(0),
+        order: Order::Track,
+        live: Some(LiveBoxes {
+            sequence: 0,
+            epoch_us: 7_000_000,
+            clock_correction_us: 0,
+            heard: None,
+        }),
+        look: Vec::new(),
+        persons: Vec::new(),
+    };
+    put(&mut writer, "hall/box/ne", &boxes);
+    let sent = PatchSet {
+        timing: Some(PatchTiming {
+            sent_after_us: 30_000,
+            clock_correction_us: 0,
+            echo: None,
+        }),
+        ..patches(100, 0)
+    };
+    put(&mut writer, "hall/patch/ne", &sent);
+    let bytes = writer.finish().unwrap();
+    let last = mcap::MessageStream::new(&bytes).unwrap().last();
+    // 7 s, 100 ticks at 50 Hz, 30 ms.
+    assert_eq!(last.unwrap().unwrap().publish_time, 9_030_000_000);
+}
+
+#[test]
+fn a_key_that_the_venue_does_not_have_is_not_recorded() {
+    let mut writer = RecordingWriter::create(Vec::new(), head()).unwrap();
+    let passed = Passed {
+        topic: "hall/patch/stranger",
+        bytes: b"x",
+        log_ns: 0,
+    };
+    assert_eq!(writer.write(&passed).unwrap(), None);
+}
+
+#[test]
+fn a_torn_file_is_read_to_its_last_finished_chunk() {
+    let bytes = recording();
+    let mut ticks = Vec::new();
+    for len in 0..bytes.len() {
+        match open(&bytes[..len]) {
+            Ok(recording) => {
+                let sessions = recording.sessions();
+                assert!(!recording.end().whole || len + mcap::MAGIC.len() >= bytes.len());
+                assert!(recording.end().read_bytes <= len as u64);
+                ticks.push(sessions.first().map_or(0, |part| part.decisions.len()));
+            }
+            Err(error) => {
+                let early = matches!(
+                    error,
+                    RecordingError::NoHead | RecordingError::Framing(FramingError::NotMcap)
+                );
+                assert!(early && ticks.is_empty(), "{len} bytes: {error}");
+            }
+        }
+    }
+    assert!(ticks.is_sorted(), "more bytes never hold fewer ticks");
+    ticks.dedup();
+    assert_eq!(ticks, [0, 1, 2, 3]);
+}
+
+#[test]
+fn a_chunk_with_a_wrong_checksum_is_passed_over_and_counted() {
+    let mut bytes = recording();
+    // In the pose of the second tick, as the first byte that differs between ticks 1 and 2 would be.
+    let needle = wire::encode(&poses(1));
+    let at = bytes
+        .windows(needle.len())
+        .position(|w| w == needle)
+        .unwrap();
+    bytes[at + needle.len() - 1] ^= 1;
+    let recording = open(&bytes).unwrap();
+    assert_eq!(recording.end().damaged_chunks, 1);
+    let decisions = &recording.sessions()[0].decisions;
+    assert_eq!(decisions.len(), 2);
+}
+
+#[test]
+fn what_is_no_recording_of_ours_is_named() {
+    let refused = |bytes: &[u8]| open(bytes).err().unwrap().to_string();
+    assert!(refused(b"").contains("not an MCAP file"));
+    assert!(refused(&[b'x'; 4000]).contains("not an MCAP file"));
+    let options = mcap::WriteOptions::new().profile("ros2").compression(None);
+    let mut foreign = Cursor::new(Vec::new());
+    options.create(&mut foreign).unwrap().finish().unwrap();
+    assert!(refused(foreign.get_ref()).contains("ros2"));
+}
+
+#[test]
+fn two_lives_of_fusion_are_told_apart() {
+    let mut writer = RecordingWriter::create(Vec::new(), head()).unwrap();
+    let second = SessionId(7);
+    put(&mut writer, "hall/patch/ne", &patches(1, 0));
+    for tick in [2, 3] {
+        let set = PatchSet {
+            session: second,
+            ..patches(tick, 0)
+        };
+        put(&mut writer, "hall/patch/ne", &set);
+    }
+    let sightings = SightingSet {
+        session: second,
+        tick: Tick(3),
+        viewpoint: ViewpointIndex(0),
+        part: 0,
+        parts: 1,
+        sightings: Vec::new(),
+    };
+    put(&mut writer, "hall/sighting/ne", &sightings);
+    let bytes = writer.finish().unwrap();
+    let mut recording = open(&bytes).unwrap();
+    let parts: Vec<_> = recording
+        .sessions()
+        .iter()
+        .map(|p| (p.session, p.sets))
+        .collect();
+    assert_eq!(parts, [(second, 3), (SESSION, 1)]);
+    assert_eq!(recording.sets(second, Tick(3)).unwrap().len(), 2);
+    assert!(recording.sets(SESSION, Tick(3)).unwrap().is_empty());
+}
+
+/// Takes so many bytes and no more, as a full disk does.
+struct Disk {
+    left: usize,
+    written: Vec<u8>,
+}
+
+impl Write for &mut Disk {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let taken = bytes.len().min(self.left);
+        if taken == 0 {
+            return Err(io::ErrorKind::StorageFull.into());
+        }
+        self.left -= taken;
+        self.written.extend_from_slice(&bytes[..taken]);
+        Ok(taken)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+#[test]
+fn a_full_disk_is_an_error_and_what_was_written_can_be_read() {
+    let whole = recording().len();
+    let mut disk = Disk {
+        left: 3 * whole,
+        written: Vec::new(),
+    };
+    let mut writer = RecordingWriter::create(&mut disk, head()).unwrap();
+    let mut written = Ok(());
+    for tick in 0.. {
+        let bytes = wire::encode(&decision(tick, &[0]));
+        let passed = Passed {
+            topic: "hall/decision",
+            bytes: &bytes,
+            log_ns: 0,
+        };
+        written = writer.write(&passed).and_then(|_content| writer.flush());
+        if written.is_err() {
+            break;
+        }
+    }
+    assert_eq!(written.unwrap_err().kind(), io::ErrorKind::StorageFull);
+    assert!(writer.finish().is_err(), "and it stays one");
+    let recording = open(&disk.written).unwrap();
+    assert!(recording.sessions()[0].decisions.len() > 3);
+}
+
+proptest! {
+    #[test]
+    fn no_bytes_bring_the_reader_down(bytes in any::<Vec<u8>>()) {
+        drop(open(&bytes));
+        drop(open(&[mcap::MAGIC, &bytes[..]].concat()));
+    }
+
+    #[test]
+    fn no_change_of_a_recording_brings_the_reader_down(
+        changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..8),
+    ) {
+        let mut bytes = recording();
+        for (at, byte) in changes {
+            let at = at.index(bytes.len());
+            bytes[at] = byte;
+        }
+        if let Ok(mut recording) = open(&bytes) {
+            let parts = recording.sessions().to_vec();
+            for part in parts {
+                drop(recording.sets(part.session, part.ticks[0]));
+            }
+        }
+    }
+
+    #[test]
+    fn every_set_comes_back_whatever_the_order(
+        ticks in prop::collection::btree_set((-1_000_000_000_000i64..1_000_000_000_000, 0u16..2), 1..40),
+        seed in any::<u64>(),
+    ) {
+        let mut order: Vec<(i64, u16)> = ticks.into_iter().collect();
+        let n = order.len();
+        order.rotate_left(seed as usize % n);
+        let mut writer = RecordingWriter::create(Vec::new(), head()).unwrap();
+        for &(tick, viewpoint) in &order {
+            let topic = ["hall/patch/ne", "hall/patch/sw"][usize::from(viewpoint)];
+            put(&mut writer, topic, &patches(tick, viewpoint));
+        }
+        let bytes = writer.finish().unwrap();
+        let mut recording = open(&bytes).unwrap();
+        prop_assert_eq!(recording.sessions()[0].sets, n);
+        for (tick, viewpoint) in order {
+            let sets = recording.sets(SESSION, Tick(tick)).unwrap();
+            prop_assert!(sets.contains(&AnySet::Patches(patches(tick, viewpoint))));
+        }
+    }
+}
