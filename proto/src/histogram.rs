@@ -1,7 +1,7 @@
 //! How long things took, over days in the room of a few kilobytes.
 //!
-//! Buckets grow with what they hold: [`PER_OCTAVE`] of one width from each power of two to the next, so that
-//! a percentile is at most 1 / [`PER_OCTAVE`] above the truth (3 %). What is below [`PER_OCTAVE`] is exact,
+//! Buckets grow with what they hold: `PER_OCTAVE` of one width from each power of two to the next, so that
+//! a percentile is at most 1 / `PER_OCTAVE` above the truth (3 %). What is below `PER_OCTAVE` is exact,
 //! and so are count, sum and largest. The idea is Gil Tene's `HdrHistogram`.
 
 use crate::message::StageTime;

@@ -21,10 +21,24 @@ fn venue() -> PathBuf {
     checkout().join("examples/walk/venue.toml")
 }
 
+/// The sample in `dir`, with chunks so short that a run of half a second has several.
+fn short_chunks(dir: &Path) -> PathBuf {
+    let folder = dir.join("walk");
+    fs::create_dir_all(&folder).unwrap();
+    for entry in fs::read_dir(checkout().join("examples/walk")).unwrap() {
+        let from = entry.unwrap().path();
+        fs::copy(&from, folder.join(from.file_name().unwrap())).unwrap();
+    }
+    let venue = folder.join("venue.toml");
+    let text = fs::read_to_string(&venue).unwrap() + "\n[recording]\nchunk_s = 0.05\n";
+    fs::write(&venue, text).unwrap();
+    venue
+}
+
 /// Runs the sample with `more`, recorded; the recording and the folder of the results.
 fn recorded(dir: &Path, more: &[&str]) -> (PathBuf, PathBuf) {
     let out = dir.join("run");
-    run(&venue(), &out, &[&["--record"], more].concat());
+    run(&short_chunks(dir), &out, &[&["--record"], more].concat());
     (out.join("recording.mcap"), out)
 }
 
@@ -135,7 +149,7 @@ fn live(dir: &Path) -> Nodes {
     let endpoint = format!("tcp/{}", free.local_addr().unwrap());
     drop(free);
     let place = Place {
-        venue: venue(),
+        venue: short_chunks(dir),
         dir,
         listen: endpoint.clone(),
         connect: endpoint,
@@ -184,7 +198,9 @@ fn a_killed_fusion_leaves_a_recording_that_can_be_replayed() {
     assert_eq!(said["replay"]["file_whole"], false);
     let ticks = said["ticks"]["done"].as_u64().unwrap();
     assert!(ticks > 0);
-    assert_eq!(said["replay"]["same_ticks"].as_u64(), Some(ticks));
+    // What was published of the last tick may stand in the chunk that was lost.
+    assert_eq!(said["replay"]["different_ticks"], 0);
+    assert!(said["replay"]["same_ticks"].as_u64().unwrap() + 1 >= ticks);
 }
 
 #[test]
@@ -237,7 +253,9 @@ fn a_torn_recording_is_replayed_to_its_last_finished_chunk() {
     let said: serde_json::Value = serde_json::from_str(&finished.stdout).unwrap();
     let ticks = said["ticks"]["done"].as_u64().unwrap();
     assert!(ticks > 0);
-    assert_eq!(said["replay"]["same_ticks"].as_u64(), Some(ticks));
+    // What was published of the last tick may stand in the chunk that was lost.
+    assert_eq!(said["replay"]["different_ticks"], 0);
+    assert!(said["replay"]["same_ticks"].as_u64().unwrap() + 1 >= ticks);
 }
 
 #[test]
@@ -284,7 +302,7 @@ fn a_full_disk_ends_the_recording_and_nothing_else() {
     let limited = format!("trap '' XFSZ; ulimit -f {limit}; exec \"$@\"");
     let finished = Command::new("sh")
         .args(["-c", &limited, "sh", env!("CARGO_BIN_EXE_farfield"), "run"])
-        .arg(venue())
+        .arg(short_chunks(dir.path()))
         .arg("--record")
         .arg("--out")
         .arg(&out)

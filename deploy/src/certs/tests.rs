@@ -1,3 +1,5 @@
+//! Keys as `farfield certs` leaves them: who gets which, and what is refused.
+
 use std::os::unix::fs::PermissionsExt as _;
 
 use clap::Parser as _;

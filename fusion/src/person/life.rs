@@ -39,6 +39,8 @@ pub struct Life {
 enum State {
     Tentative {
         supported: u32,
+        /// Ticks for which it cannot be seen, until it was seen again.
+        awaited: u32,
     },
     Confirmed,
     /// Whether it was published before.
@@ -72,10 +74,14 @@ pub enum Verdict {
 }
 
 impl Life {
-    /// A newborn, seen at its first tick.
-    pub fn newborn() -> Self {
+    /// A newborn, seen at its first tick, whose first crops come `awaited` ticks later than the next: it is
+    /// not gone before they can have come.
+    pub fn newborn(awaited: u32) -> Self {
         Self {
-            state: State::Tentative { supported: 1 },
+            state: State::Tentative {
+                supported: 1,
+                awaited,
+            },
             missing: 0,
             unseen: 0,
             streak: 0,
@@ -143,14 +149,17 @@ impl Life {
         let seconds = |ticks: u32| f64::from(ticks) / rate_hz;
         let (missing_s, unseen_s) = (seconds(self.missing), seconds(self.unseen));
         let leaves = match &mut self.state {
-            State::Tentative { supported } => {
-                *supported += u32::from(evidence == Evidence::Seen);
+            State::Tentative { supported, awaited } => {
+                if evidence == Evidence::Seen {
+                    *supported += 1;
+                    *awaited = 0;
+                }
                 if *supported >= births.confirm_ticks && verdict == Verdict::Somebody {
                     self.state = State::Confirmed;
                     return Change::Confirmed;
                 }
                 matches!(verdict, Verdict::Nobody | Verdict::Picture)
-                    || missing_s > births.tentative_s
+                    || missing_s > births.tentative_s + seconds(*awaited)
             }
             State::Confirmed => {
                 let streak_s = seconds(self.streak);
@@ -236,7 +245,7 @@ mod tests {
 
     #[test]
     fn a_newborn_is_confirmed_after_enough_ticks_with_evidence() {
-        let mut life = Life::newborn();
+        let mut life = Life::newborn(0);
         assert_eq!(live(&mut life, Evidence::Seen, 10), []);
         assert_eq!(life.published(), PersonState::Tentative);
         assert_eq!(live(&mut life, Evidence::Seen, 1), [Change::Confirmed]);
@@ -244,8 +253,19 @@ mod tests {
     }
 
     #[test]
+    fn a_newborn_far_away_is_not_gone_before_its_crops_can_have_come() {
+        let mut life = Life::newborn(15);
+        assert_eq!(live(&mut life, Evidence::Missing, 25), []);
+        live(&mut life, Evidence::Seen, 1);
+        assert_eq!(live(&mut life, Evidence::Missing, 10), []);
+        assert_eq!(live(&mut life, Evidence::Missing, 1), [Change::Gone]);
+        let mut life = Life::newborn(15);
+        assert_eq!(live(&mut life, Evidence::Missing, 26), [Change::Gone]);
+    }
+
+    #[test]
     fn a_newborn_that_is_not_seen_again_is_gone_soon() {
-        let mut life = Life::newborn();
+        let mut life = Life::newborn(0);
         assert_eq!(live(&mut life, Evidence::Missing, 10), []);
         assert_eq!(live(&mut life, Evidence::Missing, 1), [Change::Gone]);
     }
@@ -271,13 +291,13 @@ mod tests {
     #[test]
     fn an_open_verdict_holds_a_birth_back_and_a_picture_is_gone() {
         let births = BirthParameters::default();
-        let mut life = Life::newborn();
+        let mut life = Life::newborn(0);
         let mut tick = |verdict| life.tick(Evidence::Seen, verdict, RATE_HZ, &births);
         for _ in 0..100 {
             assert_eq!(tick(Verdict::Open), Change::None);
         }
         assert_eq!(tick(Verdict::Picture), Change::Gone);
-        let mut life = Life::newborn();
+        let mut life = Life::newborn(0);
         let mut tick = |verdict| life.tick(Evidence::Seen, verdict, RATE_HZ, &births);
         assert_eq!(tick(Verdict::Nobody), Change::Gone);
     }

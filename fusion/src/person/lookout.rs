@@ -120,6 +120,11 @@ impl Lookout {
         self.ahead = ticks.max(1);
     }
 
+    /// How much later than at the next tick boxes that are made now are used.
+    pub(super) fn awaited_ticks(&self) -> u32 {
+        u32::try_from(self.ahead - 1).unwrap_or(0)
+    }
+
     /// Per camera, whether it looks at `tick`; empty where nothing is planned (any more).
     pub(super) fn looks_at(&self, tick: Tick) -> &[bool] {
         let at = usize::try_from(tick - self.planned_from).ok();

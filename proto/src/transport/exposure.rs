@@ -1,6 +1,6 @@
 //! Which endpoints a node may use: without TLS only those that nobody else can reach.
 
-use std::net::IpAddr;
+use core::net::IpAddr;
 
 use crate::endpoint::{host, scheme};
 

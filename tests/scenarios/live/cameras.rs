@@ -29,7 +29,7 @@ fn check(kind: FailureKind, expected: CameraHealth) {
     stage.go_on(2.0);
     assert_eq!(stage.ids(), ids);
     let other = stage.live.venue().viewpoints[1].name.clone();
-    assert_eq!(ill(&stage.watch.seen(), &other), None);
+    assert_eq!(ill(&stage.seen(), &other), None);
     before.assert_flat(&stage.takes());
 }
 

@@ -24,7 +24,7 @@ fn a_clock_that_is_20_ms_off_is_shown_and_corrected() {
         live.is_some_and(|l| (l.clock_correction_us + 20_000).abs() < MEASURED_WITHIN_US)
     });
     stage.go_on(1.0);
-    let seen = stage.watch.seen();
+    let seen = stage.seen();
     assert!(heard(&seen, &viewpoint).unwrap().live);
 }
 

@@ -3,6 +3,8 @@
 use std::collections::BTreeMap;
 
 use farfield_proto::key::Keys;
+use farfield_proto::message::{BoxSet, PatchSet, PoseSet, SightingSet, Status};
+use farfield_proto::wire::decode;
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 
@@ -12,6 +14,16 @@ use super::stage::{PEOPLE, Stage, heard};
 const MESSAGES: usize = 150;
 /// Longest message that is made of noise alone, bytes.
 const NOISE_BYTES: usize = 2000;
+
+/// Whether some node would take `bytes` for a message: then they are a lie, and it is for certificates and
+/// access control to keep those out who tell them.
+fn can_be_read(bytes: &[u8]) -> bool {
+    decode::<PatchSet>(bytes).is_ok()
+        || decode::<BoxSet>(bytes).is_ok()
+        || decode::<SightingSet>(bytes).is_ok()
+        || decode::<PoseSet>(bytes).is_ok()
+        || decode::<Status>(bytes).is_ok()
+}
 
 /// Bytes that nobody should send: noise, noise with a fitting version, and real messages that were cut,
 /// changed or lengthened.
@@ -55,7 +67,7 @@ fn hostile_bytes_on_every_key_are_counted_and_change_nothing() {
         .iter()
         .map(|viewpoint| viewpoint.name.clone())
         .collect();
-    let heard_bytes: BTreeMap<String, Vec<u8>> = stage.watch.seen().newest_bytes.clone();
+    let heard_bytes: BTreeMap<String, Vec<u8>> = stage.seen().newest_bytes.clone();
     let mut targets = vec![
         keys.pose(),
         keys.smooth(),
@@ -79,7 +91,10 @@ fn hostile_bytes_on_every_key_are_counted_and_change_nothing() {
     for _ in 0..MESSAGES {
         for key in &targets {
             let bytes = hostile(&mut rng, heard_bytes.get(key));
-            stage.watch.put(key, &bytes).unwrap();
+            if can_be_read(&bytes) {
+                continue;
+            }
+            stage.watch().put(key, &bytes).unwrap();
         }
     }
     stage.wait("fusion counts what it cannot read", |seen| {
@@ -93,7 +108,6 @@ fn hostile_bytes_on_every_key_are_counted_and_change_nothing() {
         let of = |v: &String| seen.statuses.get(v).is_some_and(|s| s.unreadable > 0);
         viewpoints.iter().all(of)
     });
-    // What can be read and is a lie may move a person for a tick; the next ones are true again.
     stage.go_on(2.0);
     assert_eq!(stage.ids().len(), PEOPLE);
     before.assert_flat(&stage.takes());

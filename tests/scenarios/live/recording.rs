@@ -6,7 +6,7 @@ use std::process::Command;
 
 use farfield_fusion::recording::reader::Recording;
 
-use super::stage::{PEOPLE, Stage};
+use super::stage::Stage;
 
 /// Room on the small disk: less than a minute of the stage, more than the head of a recording.
 const SIZE: &str = "size=600k";
@@ -52,9 +52,7 @@ fn a_full_disk_ends_the_recording_with_a_clear_error_and_capture_goes_on() {
     let record = disk.0.join("run.mcap");
     let out = stage.out("first");
     let path = record.to_str().unwrap();
-    stage.live.start_fusion(&out, &["--record", path]).unwrap();
-    stage.live.start_edges().unwrap();
-    stage.wait("everybody is tracked", |seen| seen.tracked() == PEOPLE);
+    stage.start_with(&out, &["--record", path]);
     let fusion = || stage.live.fusion.as_ref().unwrap();
     stage.wait("the recording ends", |_| {
         fusion().said().contains("has ended")

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::fs::{self, File};
 use std::io::{BufWriter, Write as _};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, MutexGuard};
 use std::time::Duration;
 
 use farfield_proto::camera::CameraModel;
@@ -61,7 +61,8 @@ path = { points_m = [[2.0, 1.5], [-2.0, 1.5], [-2.0, 1.0], [2.0, 1.0]], speed_m_
 /// A venue, its nodes and what is heard of them.
 pub(super) struct Stage {
     pub(super) live: LiveVenue,
-    pub(super) watch: Watch,
+    /// Once fusion was started.
+    watch: Option<Watch>,
     pub(super) folder: TempDir,
 }
 
@@ -75,10 +76,9 @@ impl Stage {
         let venue = write_venue(folder.path(), failures, parameters);
         let program = Path::new(env!("CARGO_BIN_EXE_farfield"));
         let live = LiveVenue::prepare(program, &venue, None).unwrap();
-        let watch = live.watch().unwrap();
         Self {
             live,
-            watch,
+            watch: None,
             folder,
         }
     }
@@ -93,9 +93,25 @@ impl Stage {
     /// Starts every node, and waits until everybody is tracked.
     pub(super) fn start(&mut self) {
         let out = self.out("first");
-        self.live.start_fusion(&out, &[]).unwrap();
+        self.start_with(&out, &[]);
+    }
+
+    /// The same, with more arguments of fusion and its results in `out`.
+    pub(super) fn start_with(&mut self, out: &Path, more: &[&str]) {
+        self.live.start_fusion(out, more).unwrap();
+        self.watch = Some(self.live.watch().unwrap());
         self.live.start_edges().unwrap();
         self.wait("everybody is tracked", |seen| seen.tracked() == PEOPLE);
+    }
+
+    /// What was heard so far.
+    pub(super) fn seen(&self) -> MutexGuard<'_, Seen> {
+        self.watch().seen()
+    }
+
+    /// The listener.
+    pub(super) fn watch(&self) -> &Watch {
+        self.watch.as_ref().unwrap()
     }
 
     /// Where a run of that name leaves its results.
@@ -106,12 +122,12 @@ impl Stage {
     /// Waits until something is so.
     pub(super) fn wait(&self, what: &str, is_so: impl Fn(&Seen) -> bool) {
         for _ in 0..PATIENCE.as_millis() / PAUSE.as_millis() {
-            if is_so(&self.watch.seen()) {
+            if is_so(&self.seen()) {
                 return;
             }
             std::thread::sleep(PAUSE);
         }
-        let seen = self.watch.seen().clone();
+        let seen = self.seen().clone();
         panic!(
             "{what}: not within {PATIENCE:?}\nfusion: {:?}\nnewest poses: {:?}\n{}",
             seen.statuses.get("fusion"),
@@ -122,7 +138,7 @@ impl Stage {
 
     /// Waits until so many more poses have come, with everybody in the last.
     pub(super) fn go_on(&self, seconds: f64) {
-        let from = self.watch.seen().poses;
+        let from = self.seen().poses;
         let more = (seconds * RATE_HZ) as u64;
         self.wait("poses go on", |seen| {
             seen.poses >= from + more && seen.tracked() == PEOPLE
@@ -131,7 +147,7 @@ impl Stage {
 
     /// The ids of the newest poses.
     pub(super) fn ids(&self) -> BTreeSet<u32> {
-        let seen = self.watch.seen();
+        let seen = self.seen();
         let persons = seen.newest.iter().flat_map(|set| &set.persons);
         persons.map(|person| person.person.0).collect()
     }

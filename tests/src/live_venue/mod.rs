@@ -135,7 +135,8 @@ impl LiveVenue {
             .arg("edge")
             .arg(venue_path.unwrap_or(&self.venue_path))
             .args(["--managed", "--allow-plaintext", "--viewpoint", &name])
-            .args(["--connect", &endpoint])
+            .args(["--connect", &endpoint, "--ring"])
+            .arg(self.venue_path.with_file_name("rings").join(&name))
             .args(more);
         self.edges[i] = Some(Node::start(&name, command)?);
         Ok(())

@@ -37,7 +37,7 @@ pub struct Seen {
     pub arrivals: Vec<Arrival>,
     /// The newest status of every node.
     pub statuses: BTreeMap<String, Status>,
-    /// The newest message of every key, at most [`MAX_KEYS`] of them.
+    /// The newest message of every key, at most `MAX_KEYS` of them.
     pub newest_bytes: BTreeMap<String, Vec<u8>>,
 }
 
@@ -97,7 +97,8 @@ pub fn percentile(sorted: &[u64], share: f64) -> Option<u64> {
 }
 
 impl Watch {
-    /// Connects to the fusion of venue `name` at `endpoint`, now or as soon as it is there.
+    /// Connects to the fusion of venue `name` at `endpoint`; waits until it is there, and finds it again
+    /// when it was started anew.
     ///
     /// # Errors
     /// What Zenoh says.
@@ -161,9 +162,7 @@ impl Seen {
 fn session(endpoint: &str) -> anyhow::Result<Session> {
     let mut config = zenoh::Config::default();
     for (key, value) in [
-        // A client would wait here until fusion is there; a peer looks for it in the background.
-        ("mode", "\"peer\"".to_owned()),
-        ("listen/endpoints", "[]".to_owned()),
+        ("mode", "\"client\"".to_owned()),
         ("scouting/multicast/enabled", "false".to_owned()),
         ("scouting/gossip/enabled", "false".to_owned()),
         ("connect/endpoints", format!("[\"{endpoint}\"]")),

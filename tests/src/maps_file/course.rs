@@ -17,7 +17,7 @@ pub enum Course {
         /// The scene's time at the first tick, seconds.
         start_s: f64,
     },
-    /// There and back, again and again: at either end time slows down to a halt within [`TURN_S`] and
+    /// There and back, again and again: at either end time slows down to a halt within `TURN_S` and
     /// then runs the other way, so that nobody jumps and nobody's speed does.
     ThereAndBack {
         /// The scene's time at the first tick, seconds.

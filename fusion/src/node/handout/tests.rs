@@ -1,3 +1,5 @@
+//! What fusion hands out: the list, its signature, the chunks.
+
 use super::*;
 
 const CALIBRATION: &str = "[c]\nname = \"c\"\nsize = [640, 480]\nmatrix = [[500.0, 0.0, 320.0], [0.0, 500.0, 240.0], [0.0, 0.0, 1.0]]\n\

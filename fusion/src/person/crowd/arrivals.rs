@@ -78,7 +78,7 @@ impl Crowd {
         };
         let mut track = Track::new(
             self.new_id(),
-            Life::newborn(),
+            Life::newborn(self.lookout.awaited_ticks()),
             body.skeleton,
             body.pose,
             method,

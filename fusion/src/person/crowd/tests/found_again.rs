@@ -38,7 +38,7 @@ fn add_on_the_first(stage: &mut Stage, life: Life) {
 #[test]
 fn who_was_just_found_again_stays_where_a_newborn_stands_on_its_body() {
     let mut stage = just_found();
-    add_on_the_first(&mut stage, Life::newborn());
+    add_on_the_first(&mut stage, Life::newborn(0));
     stage.crowd.give_way(stage.tick, &stage.method);
     assert_eq!(stage.crowd.tracks()[0].life.missing_ticks(), 0);
 }
