@@ -11,7 +11,7 @@ use farfield_proto::transport::{EdgeTransport, Identity};
 use farfield_proto::wire;
 use tempfile::TempDir;
 use tokio::time::timeout;
-use zenoh::Session;
+use zenoh::{Session, Wait as _};
 
 use crate::data::checkout;
 use crate::farfield::{command, farfield, finish, poses, run};
@@ -136,10 +136,19 @@ async fn enter(
     for (key, value) in transport.settings() {
         config.insert_json5(&key, &value).unwrap();
     }
+    // Opening blocks its thread: Zenoh itself must give up.
+    let patience_ms = patience.as_millis().to_string();
+    for (key, value) in [
+        ("connect/timeout_ms", patience_ms.as_str()),
+        ("connect/exit_on_failure", "true"),
+    ] {
+        config.insert_json5(key, value).unwrap();
+    }
     for (key, value) in change {
         config.insert_json5(key, value).unwrap();
     }
-    timeout(patience, zenoh::open(config)).await.ok()?.ok()
+    let open = tokio::task::spawn_blocking(|| zenoh::open(config).wait());
+    open.await.unwrap().ok()
 }
 
 #[test]
