@@ -3,8 +3,11 @@
 //! ```text
 //! cargo run -p farfield-testbed --example study -- SCENE [SECONDS] [--set TABLE.FIELD=VALUE]...
 //!     [--faults none] [--rate HZ] [--no-dlt] [--actors] [--two-passes] [--sureness]
+//!     [--ahead TICKS] [--loss SHARE] [--seed N]
 //! ```
 //!
+//! `--ahead` and `--loss` put links between edges and fusion over which boxes are used that many ticks after
+//! the one that made them, and that lose that share of the messages each way.
 //! SCENE is a scene file or the name of an embedded scene; VALUE is TOML. Columns of the budget:
 //! `predict` prediction to site, `p99.9` half width of the lattice that would hold 99.9 % of the
 //! prediction errors, `lost%` without support, `lattice` to site, `IK1`, `filter`, `IK2` to joint,
@@ -17,6 +20,7 @@ use std::sync::Arc;
 
 use anyhow::{Context as _, bail};
 use farfield_fusion::score::table;
+use farfield_testbed::conditions::FarLinks;
 use farfield_testbed::embedded;
 use farfield_testbed::faults::FaultProfile;
 use farfield_testbed::scene::Scene;
@@ -37,6 +41,7 @@ struct Args {
     actors: bool,
     two_passes: bool,
     sureness: bool,
+    links: FarLinks,
 }
 
 fn args() -> anyhow::Result<Args> {
@@ -51,6 +56,7 @@ fn args() -> anyhow::Result<Args> {
         actors: false,
         two_passes: false,
         sureness: false,
+        links: FarLinks::default(),
     };
     while let Some(arg) = given.next() {
         let mut value = || given.next().with_context(|| format!("{arg} needs a value"));
@@ -64,6 +70,9 @@ fn args() -> anyhow::Result<Args> {
             "--no-dlt" => args.dlt = false,
             "--two-passes" => args.two_passes = true,
             "--sureness" => args.sureness = true,
+            "--ahead" => args.links.ahead = value()?.parse()?,
+            "--loss" => args.links.loss = value()?.parse()?,
+            "--seed" => args.links.seed = value()?.parse()?,
             "--actors" => args.actors = true,
             seconds => match seconds.parse() {
                 Ok(seconds) => args.seconds = Some(seconds),
@@ -95,6 +104,7 @@ fn main() -> anyhow::Result<()> {
         keep_peaks: args.dlt,
         keep_stages: true,
         cuts: None,
+        links: args.links,
         two_passes: args.two_passes,
         stand_in: None,
     };

@@ -11,6 +11,7 @@ use farfield_proto::transport::{EdgeTransport, Identity};
 use farfield_proto::wire;
 use tempfile::TempDir;
 use tokio::time::timeout;
+use zenoh::sample::Locality;
 use zenoh::{Session, Wait as _};
 
 use crate::data::checkout;
@@ -193,11 +194,13 @@ async fn strangers_are_refused_and_the_honest_notice_nothing() {
     );
 
     // With edge north-east's key: as another edge, as fusion, and where only readers may listen.
-    let box_of_another = edge
-        .declare_subscriber("walk/box/north-west")
-        .await
-        .unwrap();
-    let poses_heard = edge.declare_subscriber("walk/pose").await.unwrap();
+    // What a session says itself it hears without fusion.
+    let listen = async |session: &Session, key: &'static str| {
+        let subscriber = session.declare_subscriber(key);
+        subscriber.allowed_origin(Locality::Remote).await.unwrap()
+    };
+    let box_of_another = listen(&edge, "walk/box/north-west").await;
+    let poses_heard = listen(&edge, "walk/pose").await;
     let _token = edge
         .liveliness()
         .declare_token("walk/alive/nobody")
@@ -206,8 +209,8 @@ async fn strangers_are_refused_and_the_honest_notice_nothing() {
     // With a reader's key: listens, and says what it must not.
     let screen = enter(&hall, &hall.identity("certs", "screen"), &[], PATIENCE).await;
     let screen = screen.expect("a reader is let in");
-    let shown = screen.declare_subscriber("walk/pose").await.unwrap();
-    let statuses = screen.declare_subscriber("walk/status/*").await.unwrap();
+    let shown = listen(&screen, "walk/pose").await;
+    let statuses = listen(&screen, "walk/status/*").await;
     let lie = async {
         loop {
             // In lock-step one unreadable message, or a status of nobody, ends the run.

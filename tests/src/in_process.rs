@@ -8,7 +8,7 @@ use std::path::Path;
 use anyhow::{Context as _, ensure};
 use farfield_edge::detector::OnnxDetector;
 use farfield_edge::network::OnnxKeypointNetwork;
-use farfield_edge::pipeline::{EdgeOutput, KeypointNetwork, PersonDetector, StandIn};
+use farfield_edge::pipeline::{EdgeOutput, KeypointNetwork, Orders, PersonDetector, StandIn};
 use farfield_edge::source::{FrameSource, Sources as _, common_ticks};
 use farfield_fusion::align::TickGroup;
 use farfield_fusion::person::track::Track;
@@ -20,25 +20,8 @@ use farfield_proto::patch::Quality;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::Venue;
 
+use crate::conditions::{Cuts, FarLinks, OnTheWay};
 use crate::simulated::VenueSources;
-
-/// Times at which nothing of what the edges say reaches fusion.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Cuts {
-    /// From the beginning of one cut to that of the next, ticks; the first begins after as long.
-    pub every: i64,
-    /// How long a cut lasts, ticks.
-    pub lasts: i64,
-    /// By how many ticks what was cut off comes late; `None`: never.
-    pub late: Option<i64>,
-}
-
-impl Cuts {
-    /// Whether fusion hears nothing at `tick`.
-    pub fn holds(&self, tick: Tick) -> bool {
-        tick.0 >= self.every && tick.0 % self.every.max(1) < self.lasts
-    }
-}
 
 /// One viewpoint: its cameras' sources and its pipeline.
 struct Edge {
@@ -56,6 +39,7 @@ pub struct InProcess {
     /// The viewpoint whose patches and sightings fusion does not get.
     withheld: Option<ViewpointIndex>,
     cuts: Option<Cuts>,
+    links: OnTheWay,
     /// What is under way to fusion, late.
     late: VecDeque<PatchSet>,
 }
@@ -127,6 +111,7 @@ impl InProcess {
             ticks,
             withheld: None,
             cuts: None,
+            links: OnTheWay::new(FarLinks::default()),
             late: VecDeque::new(),
         })
     }
@@ -135,6 +120,15 @@ impl InProcess {
     #[must_use]
     pub fn with_cuts(mut self, cuts: Option<Cuts>) -> Self {
         self.cuts = cuts;
+        self
+    }
+
+    /// Puts far and lossy links between all edges and fusion, from the first tick on.
+    #[must_use]
+    pub fn with_links(mut self, links: FarLinks) -> Self {
+        let horizons = vec![links.ahead as f64; self.edges.len()];
+        self.fusion.set_horizons(&horizons);
+        self.links = OnTheWay::new(links);
         self
     }
 
@@ -183,7 +177,7 @@ impl InProcess {
                 .edges
                 .iter_mut()
                 .zip(boxes)
-                .map(|(edge, boxes)| scope.spawn(move || edge.step(boxes)))
+                .map(|(edge, boxes)| scope.spawn(move || edge.step(tick, boxes)))
                 .collect();
             work.into_iter()
                 .map(|thread| {
@@ -193,7 +187,8 @@ impl InProcess {
                 })
                 .collect()
         });
-        let edges = outputs.into_iter().collect::<anyhow::Result<Vec<_>>>()?;
+        let mut edges = outputs.into_iter().collect::<anyhow::Result<Vec<_>>>()?;
+        self.links.lose(&mut edges);
         let heard = edges
             .iter()
             .enumerate()
@@ -219,7 +214,7 @@ impl InProcess {
                 .extend(output.sighting_sets.iter().cloned());
         }
         let step = self.fusion.step(&group, &mut |_| {});
-        self.boxes = step.boxes;
+        self.links.send_boxes(step.boxes, &mut self.boxes);
         Ok(Some(TickTrace {
             tick,
             edges,
@@ -279,13 +274,21 @@ impl Edge {
         Ok(Self { sources, pipeline })
     }
 
-    fn step(&mut self, boxes: &BoxSet) -> anyhow::Result<EdgeOutput> {
+    fn step(&mut self, tick: Tick, boxes: &BoxSet) -> anyhow::Result<EdgeOutput> {
         let frames = self
             .sources
             .iter_mut()
             .map(|source| source.next_frame())
             .collect::<Result<Vec<_>, _>>()?;
-        Ok(self.pipeline.step(&frames, boxes)?)
+        let is_of_tick = boxes.tick == tick;
+        let orders = Orders {
+            tick,
+            boxes,
+            look: if is_of_tick { &boxes.look } else { &[] },
+            persons: None,
+            timing: None,
+        };
+        Ok(self.pipeline.step_live(&frames, &orders, &mut |_| {})?)
     }
 }
 

@@ -23,7 +23,8 @@ use super::presence::Presence;
 use super::tee::tee;
 use super::venue::{Input, sources_of, venue_of};
 use crate::bytes::run::Traffic;
-use crate::in_process::{Cuts, InProcess};
+use crate::conditions::{Cuts, FarLinks};
+use crate::in_process::InProcess;
 use crate::scene::Scene;
 use crate::view_peaks::PeakReader;
 
@@ -40,6 +41,8 @@ pub struct Plan {
     pub two_passes: bool,
     /// When nothing of what the edges say reaches fusion.
     pub cuts: Option<Cuts>,
+    /// How far and lossy the links are.
+    pub links: FarLinks,
     /// Makes a codec that takes the place of ours, one for every edge.
     pub stand_in: Option<Arc<dyn Fn() -> Box<dyn StandIn>>>,
 }
@@ -237,6 +240,9 @@ impl SceneRun {
         for (plan, sources) in plans.into_iter().zip(sources) {
             let venue = venue_of(scene, input, plan.parameters.clone());
             let mut nodes = InProcess::new(venue, sources, scene.ticks())?.with_cuts(plan.cuts);
+            if plan.links != FarLinks::default() {
+                nodes = nodes.with_links(plan.links);
+            }
             if plan.two_passes {
                 nodes = nodes.in_two_passes();
             }

@@ -7,7 +7,7 @@ use farfield_fusion::score::lines::Recording;
 use farfield_proto::tick::Tick;
 
 use super::run::SceneRun;
-use crate::in_process::Cuts;
+use crate::conditions::Cuts;
 
 /// What came of one output of a run.
 #[derive(Debug, Clone, PartialEq)]
