@@ -115,6 +115,12 @@ impl NewestBoxes {
         }
     }
 
+    /// The first tick from `tick` on at which a camera looks, as far as it is known.
+    pub fn next_look(&self, tick: Tick) -> Option<Tick> {
+        let mut looks = self.looks.iter().map(|(of, _)| *of);
+        looks.find(|of| *of >= tick)
+    }
+
     fn keep_look(&mut self, boxes: &BoxSet) {
         if boxes.look.is_empty() {
             return;

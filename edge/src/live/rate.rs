@@ -20,8 +20,8 @@ const PATCH_SHARE: f64 = 0.85;
 const PATIENCE_US: Micros = 1_000_000;
 /// Share of the room that a better quality may take at first.
 const ROOM: f64 = 0.85;
-/// Fewest ticks are every so manieth.
-const MAX_NTH: u16 = 60;
+/// Fewest ticks are every so manieth: a power of two, as all of these are.
+const MAX_NTH: u16 = 64;
 /// While the link is cut, every so manieth tick is sent nevertheless: one may get through.
 const PROBE_EVERY: i64 = 8;
 /// Levels of quality.
@@ -36,7 +36,7 @@ pub struct Plan {
     pub quality: Quality,
     /// Most persons; `None`: all.
     pub persons: Option<usize>,
-    /// Only ticks that this divides are worked on, at least 1.
+    /// Only ticks that this divides are worked on: 1, 2, 4, 8, ..., so that edges with links of their own meet.
     pub every_nth: u16,
 }
 
@@ -181,7 +181,7 @@ impl RateController {
 
     fn nth(&self, quality: Quality, per_tick: f64) -> u16 {
         let nth = (self.cost(quality, 1) / per_tick).ceil();
-        nth.clamp(1.0, f64::from(MAX_NTH)) as u16
+        (nth.clamp(1.0, f64::from(MAX_NTH)) as u16).next_power_of_two()
     }
 
     /// Bytes of a tick with overhead.

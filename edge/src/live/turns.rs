@@ -1,44 +1,25 @@
-//! Whose turn it is when not everybody fits into a tick: who has waited longest goes first.
-
-use std::collections::BTreeMap;
+//! Whose turn it is when not everybody fits into a tick.
+//!
+//! A person is measured where two viewpoints show it at the same tick, so turns are no edge's own business: they
+//! follow from the tick and the person alone. A round takes 1, 2, 4, 8, ... ticks, so that an edge with little room
+//! serves a person at some of the ticks at which one with more room does.
 
 use farfield_proto::id::PersonId;
 use farfield_proto::tick::Tick;
 
-/// When each person was last sent.
-#[derive(Debug, Clone, Default)]
-pub struct Turns {
-    last: BTreeMap<PersonId, Option<Tick>>,
-    /// Kept for its memory.
-    order: Vec<(Option<Tick>, PersonId)>,
-}
-
-impl Turns {
-    /// Puts into `chosen` those `most` of `persons` who have waited longest, new ones first, in order of
-    /// their ids. Who is not among `persons` any more is forgotten.
-    pub fn choose(
-        &mut self,
-        persons: impl Iterator<Item = PersonId> + Clone,
-        most: usize,
-        chosen: &mut Vec<PersonId>,
-    ) {
-        self.last
-            .retain(|known, _| persons.clone().any(|person| person == *known));
-        self.order.clear();
-        for person in persons {
-            let last = *self.last.entry(person).or_default();
-            self.order.push((last, person));
-        }
-        self.order.sort_unstable();
-        chosen.clear();
-        chosen.extend(self.order.iter().take(most).map(|(_, person)| *person));
-        chosen.sort_unstable();
-    }
-
-    /// Notes that `person` had its turn at `tick`.
-    pub fn served(&mut self, person: PersonId, tick: Tick) {
-        self.last.insert(person, Some(tick));
-    }
+/// Puts into `chosen` those of `persons` whose turn it is at the `number`th of the ticks that are worked on, in
+/// order of their ids: such that on average no more than `most` (at least 1) go at a tick.
+pub fn choose(
+    persons: impl Iterator<Item = PersonId> + Clone,
+    most: usize,
+    number: Tick,
+    chosen: &mut Vec<PersonId>,
+) {
+    let round = persons.clone().count().div_ceil(most.max(1));
+    let round = round.next_power_of_two() as i64;
+    chosen.clear();
+    chosen.extend(persons.filter(|person| (number.0 + i64::from(person.0)).rem_euclid(round) == 0));
+    chosen.sort_unstable();
 }
 
 #[cfg(test)]
@@ -51,51 +32,40 @@ mod tests {
         (1..=n).map(PersonId)
     }
 
-    #[test]
-    fn everybody_goes_when_there_is_room() {
+    fn at(n: u32, most: usize, tick: i64) -> Vec<PersonId> {
         let mut chosen = Vec::new();
-        Turns::default().choose(ids(3), 9, &mut chosen);
-        assert_eq!(chosen, ids(3).collect::<Vec<_>>());
+        choose(ids(n), most, Tick(tick), &mut chosen);
+        chosen
     }
 
     #[test]
-    fn who_was_held_back_goes_first_the_next_time() {
-        let mut turns = Turns::default();
-        let mut chosen = Vec::new();
-        turns.choose(ids(3), 2, &mut chosen);
-        turns.served(PersonId(1), Tick(0));
-        turns.choose(ids(3), 1, &mut chosen);
-        assert_eq!(chosen, [PersonId(2)]);
+    fn everybody_goes_when_there_is_room() {
+        assert_eq!(at(3, 9, 7), ids(3).collect::<Vec<_>>());
+        assert_eq!(at(0, 1, 7), []);
+    }
+
+    #[test]
+    fn no_more_go_than_there_is_room_for_on_average() {
+        for tick in 0..8 {
+            assert_eq!(at(8, 2, tick).len(), 2);
+        }
     }
 
     proptest! {
         #[test]
-        fn nobody_waits_longer_than_one_round(n in 1u32..20, most in 1usize..20) {
-            let mut turns = Turns::default();
-            let mut chosen = Vec::new();
-            let round = (n as usize).div_ceil(most);
-            let mut waited = vec![0usize; n as usize];
-            for tick in 0..100 {
-                turns.choose(ids(n), most, &mut chosen);
-                prop_assert_eq!(chosen.len(), most.min(n as usize));
-                for w in &mut waited {
-                    *w += 1;
-                }
-                for person in &chosen {
-                    turns.served(*person, Tick(tick));
-                    waited[person.0 as usize - 1] = 0;
-                }
-                prop_assert!(waited.iter().all(|&w| w < round), "{:?}", waited);
-            }
+        fn everybody_goes_once_in_a_round(n in 1u32..20, most in 1usize..20, start in -1000i64..1000) {
+            let round = (n as usize).div_ceil(most).next_power_of_two() as i64;
+            let mut turns: Vec<_> = (start..start + round).flat_map(|tick| at(n, most, tick)).collect();
+            turns.sort_unstable();
+            prop_assert_eq!(turns, ids(n).collect::<Vec<_>>());
         }
 
         #[test]
-        fn those_who_leave_are_forgotten(n in 1u32..20) {
-            let mut turns = Turns::default();
-            let mut chosen = Vec::new();
-            turns.choose(ids(n), 1, &mut chosen);
-            turns.choose(ids(0), 1, &mut chosen);
-            prop_assert!(turns.last.is_empty() && chosen.is_empty());
+        fn who_goes_at_a_thin_link_goes_at_a_wider_one_too(
+            n in 1u32..20, thin in 1usize..20, more in 0usize..20, tick in 0i64..1000,
+        ) {
+            let wide = at(n, thin + more, tick);
+            prop_assert!(at(n, thin, tick).iter().all(|person| wide.contains(person)));
         }
     }
 }

@@ -7,7 +7,7 @@ use anyhow::Context as _;
 use farfield_proto::fill::SetKind;
 use farfield_proto::id::{CameraIndex, PersonId, ViewpointIndex};
 use farfield_proto::live::{BoxEcho, PatchTiming};
-use farfield_proto::message::{BoxSet, Order, PatchSet};
+use farfield_proto::message::{BoxSet, Order};
 use farfield_proto::tick::Tick;
 use farfield_proto::wire;
 use tracing::debug;
@@ -15,7 +15,7 @@ use tracing::debug;
 use super::shared::Shared;
 use crate::live::Micros;
 use crate::live::rate::{Message, Plan};
-use crate::live::turns::Turns;
+use crate::live::turns;
 use crate::node::clock;
 use crate::node::worker::split_looks;
 use crate::pipeline::{EdgeOutput, Orders, Pipeline, Stage};
@@ -43,7 +43,6 @@ pub(super) struct Ticker {
     shared: Arc<Shared>,
     pipeline: Pipeline,
     viewpoint: ViewpointIndex,
-    turns: Turns,
     frames: Vec<Option<Frame>>,
     chosen: Vec<PersonId>,
     laps: Vec<(Stage, u32)>,
@@ -65,7 +64,6 @@ impl Ticker {
             shared,
             pipeline,
             viewpoint,
-            turns: Turns::default(),
             frames: Vec::new(),
             chosen: Vec::new(),
             laps: Vec::new(),
@@ -127,6 +125,9 @@ impl Ticker {
         };
         let aligned =
             Tick(tick.0.div_euclid(nth) * nth + if tick.0.rem_euclid(nth) == 0 { 0 } else { nth });
+        // Looks are planned for all viewpoints alike.
+        let look = ledger.boxes.next_look(tick);
+        let aligned = look.map_or(aligned, |look| aligned.min(look));
         let until_us = ledger.ticks.own_time_us(aligned)? + lag_us + half_us;
         Some((aligned, until_us))
     }
@@ -162,7 +163,12 @@ impl Ticker {
     fn step(&mut self, task: &Task) -> anyhow::Result<()> {
         let persons = task.boxes.persons.iter().map(|p| p.person);
         if let Some(most) = task.plan.persons {
-            self.turns.choose(persons, most, &mut self.chosen);
+            let nth = i64::from(task.plan.every_nth);
+            self.chosen.clear();
+            if task.tick.0.rem_euclid(nth) == 0 {
+                let number = Tick(task.tick.0.div_euclid(nth));
+                turns::choose(persons, most, number, &mut self.chosen);
+            }
         }
         let orders = Orders {
             tick: task.tick,
@@ -201,9 +207,6 @@ impl Ticker {
                 .keep(label(set.session, SetKind::Sightings), &bytes);
             self.shared.send(Message::Sightings, bytes);
         }
-        if task.plan.persons.is_some() {
-            self.skip_unseen(task.tick, &output.patch_sets);
-        }
         let messages = output.patch_sets.len();
         let (mut persons, mut payload) = (0, 0);
         for mut set in output.patch_sets {
@@ -214,27 +217,14 @@ impl Ticker {
                 .keep(label(set.session, SetKind::Patches), &bytes);
             persons += set.persons.len();
             payload += bytes.len();
-            let held_back = task.may_send && !self.shared.send(Message::Patches(task.tick), bytes);
-            if task.plan.persons.is_some() && !held_back {
-                let served = set.persons.iter().map(|p| p.person);
-                served.for_each(|person| self.turns.served(person, task.tick));
+            if task.may_send {
+                self.shared.send(Message::Patches(task.tick), bytes);
             }
         }
         let mut ledger = self.shared.ledger();
         ledger
             .rate
             .packed(task.plan.quality, persons, messages, payload);
-    }
-
-    /// Whom no camera sees has had their turn, too, or nobody else would get one.
-    fn skip_unseen(&mut self, tick: Tick, sets: &[PatchSet]) {
-        let seen = |person| {
-            let mut patches = sets.iter().flat_map(|set| &set.persons);
-            patches.any(|patch| patch.person == person)
-        };
-        for &person in self.chosen.iter().filter(|person| !seen(**person)) {
-            self.turns.served(person, tick);
-        }
     }
 
     fn count_laps(&mut self, looks: bool) {
