@@ -40,6 +40,19 @@ pub struct BoxShape {
     pub parameters: BoxParameters,
 }
 
+impl BoxShape {
+    /// The shape of boxes `horizon_s` ahead: wider by what an acceleration that nobody foresees comes to,
+    /// a t²/2 each way.
+    #[must_use]
+    pub fn after(&self, horizon_s: f64) -> Self {
+        let unforeseen_m = 0.5 * self.parameters.acceleration_m_s2 * horizon_s * horizon_s;
+        Self {
+            lattice_half_width_m: self.lattice_half_width_m + unforeseen_m,
+            ..self.clone()
+        }
+    }
+}
+
 /// The boxes of one person in the cameras of the venue. Remembers where boxes were turned.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Boxes {

@@ -267,6 +267,7 @@ impl Pipeline {
         let (cameras, unusable) = (&self.cameras, AtomicU32::new(0));
         // A sum of counts is the same in any order.
         each(self.crowd.tracks_mut(), |_, track| {
+            track.forget_changes();
             track.begin(&self.method);
             let dropped = track.see_all(group, cameras, &self.method);
             unusable.fetch_add(dropped, Ordering::Relaxed);

@@ -58,17 +58,18 @@ impl Motion {
     ///
     /// ```text
     ///   paper                  P + h a/2                      h = 1: 3/2 P(t) - P(t-1) + 1/2 P(t-2)
-    ///   damped velocity        P + v tau (1 - exp(-h dt/tau))
-    ///   constant acceleration  P + h u + h^2 a/2              h = 1: 3 P(t) - 3 P(t-1) + P(t-2)
+    ///   damped velocity        P + u g(tau_body) + (v - u) g(tau),  g(tau) = tau (1 - exp(-h dt/tau)),
+    ///                          u = the mean of all joints' v
+    ///   constant acceleration  P + h w + h^2 a/2              h = 1: 3 P(t) - 3 P(t-1) + P(t-2)
     ///
-    ///   a = P(t) - 2 P(t-1) + P(t-2),   u = (3 P(t) - 4 P(t-1) + P(t-2))/2   per tick
+    ///   a = P(t) - 2 P(t-1) + P(t-2),   w = (3 P(t) - 4 P(t-1) + P(t-2))/2   per tick
     /// ```
     ///
     /// The first is the paper's, eq. (3), for h = 1. For longer horizons the paper has nothing; we
     /// add its step, half of the last change of velocity, once per tick. Feeding it its own output
     /// instead would turn a constant velocity into a motion *backwards* from the second tick on.
     ///
-    /// While fewer than three poses are known, a = 0 and u is the last difference.
+    /// While fewer than three poses are known, a = 0 and w is the last difference.
     pub fn predict(
         &self,
         horizon_ticks: f64,
@@ -85,10 +86,16 @@ impl Motion {
                 }
             }
             Predictor::DampedVelocity => {
-                let tau = parameters.velocity_decay_s.max(f64::MIN_POSITIVE);
-                let gain_s = -tau * (-h * dt_s / tau).exp_m1();
+                let gain_s = |decay_s: f64| {
+                    let tau = decay_s.max(f64::MIN_POSITIVE);
+                    -tau * (-h * dt_s / tau).exp_m1()
+                };
+                let own_gain_s = gain_s(parameters.velocity_decay_s);
+                let body_gain_s = gain_s(parameters.body_velocity_decay_s);
+                let of_body = self.velocity_m_s.iter().sum::<Vector3<f64>>() / N_JOINTS as f64;
+                let by_body_m = of_body * (body_gain_s - own_gain_s);
                 for (n, ahead) in ahead_m.iter_mut().enumerate() {
-                    *ahead = p0[n] + self.velocity_m_s[n] * gain_s;
+                    *ahead = p0[n] + self.velocity_m_s[n] * own_gain_s + by_body_m;
                 }
             }
             Predictor::ConstantAcceleration => {
@@ -178,7 +185,8 @@ mod tests {
         ) {
             let motion = history(Vector3::zeros(), v, Vector3::zeros());
             let moved = predicted(&motion, Predictor::DampedVelocity, h);
-            let tau = PredictionParameters::default().velocity_decay_s;
+            // All joints move alike: that is the body.
+            let tau = PredictionParameters::default().body_velocity_decay_s;
             prop_assert!(moved.norm() <= v.norm() * (tau.min(h * DT_S)) + TOLERANCE_M);
             let soon = predicted(&motion, Predictor::DampedVelocity, 1e-3);
             prop_assert!((soon - v * (1e-3 * DT_S)).norm() < 1e-8);

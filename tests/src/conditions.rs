@@ -92,3 +92,64 @@ impl OnTheWay {
         self.links.loss > 0.0 && self.lots.random_bool(self.links.loss.min(1.0))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::*;
+    use crate::embedded;
+    use crate::suite::run::{Plan, SceneRun};
+    use crate::suite::venue::Input;
+
+    /// Boxes that come back 233 ms later, over a link of 200 ms.
+    const FAR: FarLinks = FarLinks {
+        ahead: 14,
+        loss: 0.0,
+        seed: 1,
+    };
+
+    fn run(scene: &str, seconds: f64, links: FarLinks) -> SceneRun {
+        let scene = embedded::scene(scene).unwrap().shortened(seconds);
+        let plan = Plan {
+            links,
+            ..Plan::default()
+        };
+        SceneRun::make(&Arc::new(scene), &Input::Maps, plan).unwrap()
+    }
+
+    #[test]
+    fn who_runs_is_found_and_followed_over_a_far_link() {
+        let run = run("sprint", 3.0, FAR);
+        let found = run.found();
+        assert!(!found.is_empty(), "nobody was found");
+        let scores = run.score(&run.causal, &found);
+        assert!(scores.mean.gaps < 0.5, "{} gaps", scores.mean.gaps);
+    }
+
+    #[test]
+    fn a_far_and_lossy_link_costs_little_and_exchanges_nobody() {
+        let far = run("futsal", 5.0, FarLinks { loss: 0.05, ..FAR });
+        let near = run("futsal", 5.0, FarLinks::default());
+        let [far, near] = [far, near].map(|run| {
+            let found = run.found();
+            assert_eq!(found.len(), 8, "everybody is found");
+            run.score(&run.causal, &found)
+        });
+        println!(
+            "MPJPE over a far and lossy link {:?}, over none {:?}",
+            far.mean.mpjpe_mm, near.mean.mpjpe_mm
+        );
+        assert_eq!(far.identity.switches, 0);
+    }
+
+    #[test]
+    fn messages_are_lost_as_often_as_it_was_said_and_the_same_ones_again() {
+        let lost = || {
+            let mut way = OnTheWay::new(FarLinks { loss: 0.05, ..FAR });
+            (0..10_000).filter(|_| way.is_lost()).collect::<Vec<_>>()
+        };
+        assert!((400..600).contains(&lost().len()));
+        assert_eq!(lost(), lost());
+    }
+}

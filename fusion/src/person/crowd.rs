@@ -1,6 +1,7 @@
 //! Everybody in the venue: who is born, who is confirmed, who leaves and comes back.
 
 mod arrivals;
+mod newborns;
 mod returns;
 
 use farfield_proto::id::{CameraIndex, PersonId, ViewpointIndex};
@@ -16,7 +17,7 @@ use crate::predict::Joints;
 
 use super::birth::{BirthFinder, TrackedBody};
 use super::ghosts::{Ghosts, distance_m};
-use super::life::{Change, Verdict};
+use super::life::{Change, Life, Verdict};
 use super::lookout::Lookout;
 use super::memory::{Departed, Memory};
 use super::method::{Method, TentativeTick};
@@ -279,9 +280,10 @@ impl Crowd {
     }
 
     /// Everybody who is where the track says, and the pictures on the walls; with `lost` also those who
-    /// may be elsewhere by now.
+    /// may be elsewhere by now: the lost, and newborns who wait for their first crops.
     fn bodies(&self, lost: Lost) -> Vec<TrackedBody> {
-        let counts = |track: &&Track| lost == Lost::Too || !track.life.is_lost();
+        let may_be_elsewhere = |life: &Life| life.is_lost() || life.is_awaited();
+        let counts = |track: &&Track| lost == Lost::Too || !may_be_elsewhere(&track.life);
         let body = |track: &Track| TrackedBody {
             keypoints_m: track.keypoints_m(),
         };

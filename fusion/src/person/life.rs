@@ -107,6 +107,11 @@ impl Life {
         matches!(self.state, State::Tentative { .. })
     }
 
+    /// Whether the first crops of a newborn are still on the way.
+    pub fn is_awaited(&self) -> bool {
+        matches!(self.state, State::Tentative { awaited, .. } if awaited > 0)
+    }
+
     /// Whether nobody heard of the person: it is tentative, or was when it went.
     pub fn was_tentative(&self) -> bool {
         match self.state {

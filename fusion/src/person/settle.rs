@@ -3,6 +3,7 @@
 
 use farfield_proto::message::{PersonPose, PersonState};
 use farfield_proto::tick::Tick;
+use nalgebra::Vector3;
 
 use super::fit::fit;
 use super::initial_pose::PoseFinder;
@@ -43,6 +44,9 @@ impl Track {
         });
         let (skeleton, pose) = as_known.unwrap_or((skeleton, pose));
         self.restart(skeleton, &pose);
+        if self.born_m_s != Vector3::zeros() {
+            self.set_velocity(self.born_m_s);
+        }
         self.uncertainty.reset();
         // Who is near now says nothing about the ticks before.
         self.push(None);

@@ -26,9 +26,10 @@ impl Track {
             .predict(horizon_ticks, method.dt_s, prediction, &mut now_m);
         self.motion
             .predict(horizon_ticks + 1.0, method.dt_s, prediction, &mut next_m);
+        let shape = method.box_shape.after(horizon_ticks * method.dt_s);
         let seen = cameras.iter().filter_map(|(index, model)| {
             self.boxes
-                .camera_box(*index, model, (&now_m, &next_m), &method.box_shape)
+                .camera_box(*index, model, (&now_m, &next_m), &shape)
         });
         let cameras: Vec<_> = seen.collect();
         (!cameras.is_empty()).then_some(PersonBoxes {

@@ -86,8 +86,11 @@ pub struct Track {
     pub(super) lived_ticks: u32,
     pub(super) last_seen: Option<LastSeen>,
     apart: Option<Apart>,
-    /// The pelvis at birth, world, metres.
+    /// The pelvis at birth, world, metres, and how fast it moved there, metres per second.
     pub(super) born_m: Vector3<f64>,
+    pub(super) born_m_s: Vector3<f64>,
+    /// Where and when it was sighted first, if it has been born anew since.
+    sighted_first: Option<(Tick, Vector3<f64>)>,
     /// What the last tick changed of those before.
     told_anew: Vec<Moment>,
     mistaken_since: Option<Tick>,
@@ -134,6 +137,8 @@ impl Track {
             last_seen: None,
             apart: None,
             born_m: pose.root_m,
+            born_m_s: Vector3::zeros(),
+            sighted_first: None,
             told_anew: Vec::new(),
             mistaken_since: None,
         }
@@ -211,7 +216,11 @@ impl Track {
             &mut self.ahead_m,
         );
         self.n_views = 0;
-        self.told_anew = Vec::new();
+    }
+
+    /// Forgets what the last tick changed of those before.
+    pub fn forget_changes(&mut self) {
+        self.told_anew.clear();
         self.mistaken_since = None;
     }
 

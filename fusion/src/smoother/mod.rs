@@ -6,8 +6,9 @@
 //!     -> the pose set of the tick that the delay lies behind
 //! ```
 //!
-//! Who a pose belongs to and whether it is one are what is known at the end of the delay: the first ticks of
-//! a person who was confirmed since are there, with its newest lengths; what turned out to be somebody
+//! Who a pose belongs to and whether it is one are what is known at the end of the delay: of a person who was
+//! confirmed since, the first ticks that the delay still holds are there, with its newest lengths (all of them in
+//! two passes; a delay that is shorter than it takes to confirm somebody begins later); what turned out to be somebody
 //! else's is taken back; who was lost for less than the delay is carried from where it was last seen to where
 //! it was seen again. The live output does not change by it: nothing flows back.
 //!

@@ -93,10 +93,14 @@ impl Window {
         }
     }
 
-    /// What was seen after `tick` was somebody else's.
+    /// What was seen after `tick` was somebody else's: the person is thought to have waited where the newest
+    /// moment has it.
     fn take_back(&mut self, tick: Tick) {
+        let Some(back) = self.moments.back().cloned() else {
+            return;
+        };
         let mistaken = self.moments.iter_mut().filter(|moment| moment.tick > tick);
-        mistaken.for_each(Moment::withdraw);
+        mistaken.for_each(|moment| moment.withdraw(&back));
         if self.last.is_some_and(|last| last > tick) {
             self.before.clear();
         }

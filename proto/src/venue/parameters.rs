@@ -145,8 +145,11 @@ parameters! {
     PredictionParameters {
         /// The formula. Default `damped-velocity`.
         predictor: Predictor = Predictor::default(),
-        /// Time constant of the velocity's decay, seconds. Default 0.25.
+        /// Time constant of the decay of what joints move by beside the body as a whole, seconds. Default 0.25.
         velocity_decay_s: f64 = 0.25,
+        /// Time constant of the decay of the body's velocity, the mean of its joints', seconds: a limb turns
+        /// back soon, who runs goes on. Default 1.0.
+        body_velocity_decay_s: f64 = 1.0,
     }
 }
 
@@ -187,6 +190,9 @@ parameters! {
         /// A trunk that is seen shorter than this share of its length is seen end-on, and the box
         /// stays upright. Default 0.5.
         end_on_ratio: f64 = 0.5,
+        /// How much people speed up or turn while a box is on its way, metres per second squared: boxes
+        /// hold where they may be by then. Default 3.
+        acceleration_m_s2: f64 = 3.0,
         /// Which camera of a viewpoint looks at a person. Default `best-view`.
         camera_choice: CameraChoice = CameraChoice::default(),
     }

@@ -25,13 +25,14 @@ impl Crowd {
             return sets.map(|set| set.sightings.len() as u32).sum();
         }
         let (look, unusable) = self.look(group, method.sites.len());
+        let found = self.finder.find_in(&look, &self.bodies(Lost::Not));
+        let found = self.follow_newborns(found, group.tick, method);
         for track in self.tracks.iter_mut().filter(|t| t.life.is_tentative()) {
             let body = TrackedBody {
                 keypoints_m: track.keypoints_m(),
             };
             track.trial.hear(self.finder.verdicts(&look, &body));
         }
-        let found = self.finder.find_in(&look, &self.bodies(Lost::Not));
         for person in self.take_back(found, group.tick, method) {
             self.bear(&person, group.tick, method);
         }

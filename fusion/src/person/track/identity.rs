@@ -6,6 +6,7 @@ use nalgebra::Vector3;
 
 use super::{Method, Track, joints_of};
 use crate::person::birth::SightedPerson;
+use crate::person::fit::Fitted;
 use crate::person::initial_pose::PoseFinder;
 use crate::person::memory::{Departed, KnownBody, LastSeen};
 use crate::person::observed::ObservedJoints;
@@ -123,6 +124,19 @@ impl Track {
         true
     }
 
+    /// Starts over at `tick` with another sighting, moving as fast as it must have since the first one.
+    pub(in crate::person) fn is_born_anew(&mut self, body: Fitted, tick: Tick, dt_s: f64) {
+        let born = self.tentative.first().map_or(tick, |first| first.tick);
+        let (first, place_m) = *self.sighted_first.get_or_insert((born, self.born_m));
+        let since_s = (tick - first) as f64 * dt_s;
+        self.born_m = body.pose.root_m;
+        if since_s > 0.0 {
+            self.born_m_s = (self.born_m - place_m) / since_s;
+        }
+        self.restart(body.skeleton, &body.pose);
+        self.set_velocity(self.born_m_s);
+    }
+
     /// Starts over with another body and pose, at the same place in life.
     pub(in crate::person) fn restart(&mut self, skeleton: Skeleton, pose: &Pose) {
         self.skeleton = skeleton;
@@ -135,7 +149,7 @@ impl Track {
     }
 
     /// Moves the whole body at `velocity_m_s` (world) from here.
-    fn set_velocity(&mut self, velocity_m_s: Vector3<f64>) {
+    pub(in crate::person) fn set_velocity(&mut self, velocity_m_s: Vector3<f64>) {
         self.smoother.set_velocity(velocity_m_s);
         let joints_m = *self.smoother.position_m();
         self.motion.push(&joints_m, self.smoother.velocity_m_s());

@@ -76,9 +76,13 @@ impl Clone for Moment {
 }
 
 impl Moment {
-    /// What was seen was somebody else's.
-    pub(crate) fn withdraw(&mut self) {
+    /// What was seen was somebody else's: all that is known is where the person has gone `back` to.
+    pub(crate) fn withdraw(&mut self, back: &Self) {
         self.estimates.clear();
+        self.measured_m = back.joints_m;
+        self.velocity_m_s = back.velocity_m_s;
+        (self.pose, self.joints_m) = (back.pose, back.joints_m);
+        self.published_m2 = back.published_m2;
         self.variance_m2 = [f64::INFINITY; N_JOINTS];
         self.made_of = MadeOf::Motion;
         self.state = PersonState::Coasting;
