@@ -1,5 +1,6 @@
 //! What nodes say to each other. Framing, bounds and versions are in [`crate::wire`].
 
+mod box_form;
 mod patch_form;
 
 use serde::{Deserialize, Serialize};
@@ -102,7 +103,7 @@ pub struct PersonBoxes {
 }
 
 /// Where one person will be in one camera.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CameraBox {
     /// The camera.
     pub camera: CameraIndex,

@@ -31,7 +31,7 @@ impl Track {
             self.boxes
                 .camera_box(*index, model, (&now_m, &next_m), &shape)
         });
-        let cameras: Vec<_> = seen.collect();
+        let cameras: Vec<_> = seen.map(|seen| seen.snapped()).collect();
         (!cameras.is_empty()).then_some(PersonBoxes {
             person: self.wire_id,
             cameras,
