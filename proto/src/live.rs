@@ -83,7 +83,8 @@ pub struct LiveStatus {
     pub cameras: Vec<CameraStatus>,
     /// How fusion hears its edges, by viewpoint; empty for an edge.
     pub edges: Vec<EdgeLink>,
-    /// Why fusion's recording has ended before the run, when it has.
+    /// Why fusion's recording has ended before the run, or why an edge's ring does not hold all of its
+    /// sets, when that is so.
     pub recording_failure: Option<String>,
 }
 

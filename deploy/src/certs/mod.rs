@@ -15,8 +15,8 @@ use farfield_proto::key::is_key_chunk;
 use farfield_proto::transport::{FUSION, READER, RECORDER};
 use farfield_proto::venue::Venue;
 
-use authority::{Authority, Bearer};
-use files::Folder;
+use authority::{Authority, Bearer, Pair};
+use files::{Folder, Old, write_together};
 
 /// Arguments of `farfield certs`.
 #[derive(Debug, Args)]
@@ -58,16 +58,22 @@ fn make(args: &CertsArgs) -> anyhow::Result<()> {
     let keys_of_authority = args.authority.as_deref().unwrap_or(&args.out);
     if args.renew.is_empty() {
         let authority = Authority::new(&venue.name, args.days)?;
-        create(&folder, keys_of_authority, &authority, &bearers)?;
-        folder.write("README.txt", &guide::text(&venue, &bearers))?;
+        let guide = guide::text(&venue, &bearers);
+        create(
+            [&folder, &Folder::new(keys_of_authority)],
+            &authority,
+            &bearers,
+            &guide,
+        )?;
     } else {
         let authority = read_authority(&folder, keys_of_authority)?;
-        for bearer in &bearers {
-            folder.replace(
-                &bearer.node,
-                &authority.issue(&venue.name, bearer, args.days)?,
-            )?;
-        }
+        let issue = |bearer| authority.issue(&venue.name, bearer, args.days);
+        let pairs: Vec<Pair> = bearers.iter().map(issue).collect::<Result<_, _>>()?;
+        let renewed = bearers.iter().zip(&pairs);
+        let files: Vec<_> = renewed
+            .flat_map(|(bearer, pair)| folder.pair(&bearer.node, pair))
+            .collect();
+        write_together(&files, Old::Replaced)?;
     }
     for bearer in &bearers {
         say(format_args!(
@@ -108,7 +114,8 @@ fn bearers(venue: &Venue, args: &CertsArgs) -> anyhow::Result<Vec<Bearer>> {
         return Ok(all);
     }
     let mut renewed = Vec::new();
-    for name in &args.renew {
+    let names: BTreeSet<&String> = args.renew.iter().collect();
+    for name in names {
         let known = all.iter().find(|bearer| bearer.node == *name);
         let known = known
             .cloned()
@@ -128,13 +135,13 @@ fn is_reader(out: &Path, name: &str) -> bool {
     is_key_chunk(name) && name != "ca" && out.join(format!("{name}.pem")).is_file()
 }
 
+/// Makes all keys, those of the authority in the folder `apart`, or none.
 fn create(
-    folder: &Folder,
-    keys_of_authority: &Path,
+    [folder, apart]: [&Folder; 2],
     authority: &Authority,
     bearers: &[Bearer],
+    guide: &str,
 ) -> anyhow::Result<()> {
-    let apart = Folder::new(keys_of_authority);
     let mut names = vec![files::AUTHORITY.to_owned(), "README.txt".to_owned()];
     for bearer in bearers {
         names.extend([
@@ -147,17 +154,20 @@ fn create(
     folder.make()?;
     apart.make()?;
     // All are made before the first is written.
-    let pairs: Vec<_> = bearers
+    let (certificate, key) = (authority.certificate(), authority.key());
+    let pairs: Vec<Pair> = bearers
         .iter()
         .map(|bearer| authority.issue(&authority.venue, bearer, authority.days))
         .collect::<Result<_, _>>()?;
-    folder.write(files::AUTHORITY, &authority.certificate())?;
-    apart.write_secret(files::AUTHORITY_KEY, &authority.key())?;
+    let mut all = vec![
+        folder.public(files::AUTHORITY, &certificate),
+        apart.secret(files::AUTHORITY_KEY, &key),
+        folder.public("README.txt", guide),
+    ];
     for (bearer, pair) in bearers.iter().zip(&pairs) {
-        folder.write(&format!("{}.pem", bearer.node), &pair.certificate)?;
-        folder.write_secret(&format!("{}.key", bearer.node), &pair.key)?;
+        all.extend(folder.pair(&bearer.node, pair));
     }
-    Ok(())
+    write_together(&all, Old::None)
 }
 
 fn read_authority(folder: &Folder, keys_of_authority: &Path) -> anyhow::Result<Authority> {

@@ -97,7 +97,16 @@ fn one_key_is_renewed_with_an_authority_that_is_kept_apart() {
     let before = [scratch.read("ne.key"), scratch.read("fusion.key")];
     assert!(scratch.run(&["--renew", "ne"]).is_err(), "without the key");
     scratch
-        .run(&["--renew", "ne", "--renew", "screen", "--authority", apart])
+        .run(&[
+            "--renew",
+            "ne",
+            "--renew",
+            "screen",
+            "--renew",
+            "ne",
+            "--authority",
+            apart,
+        ])
         .unwrap();
     assert_ne!(scratch.read("ne.key"), before[0]);
     assert_eq!(scratch.read("fusion.key"), before[1]);

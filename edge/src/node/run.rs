@@ -106,27 +106,28 @@ async fn open(config: &Arc<Config>) -> Result<(Built, Link), NodeError> {
     }
     let transport = config.transport();
     let link = Link::open(&transport, &config.name);
+    let waiting = || {
+        let endpoints = config.connect.join(", ");
+        let why = attempts::last_failure().map_or(String::new(), |why| format!(" ({why})"));
+        let line = format!("{}: waiting for fusion at {endpoints}{why}", config.name);
+        (config.managed == Managed::No).then_some(line)
+    };
     let link = tokio::select! {
         link = link => link,
-        never = remind(config) => match never {},
+        never = remind(waiting) => match never {},
     };
     Ok((built, link.map_err(NodeError::Failed)?))
 }
 
-/// Tells a person now and then what the edge waits for.
-async fn remind(config: &Config) -> Infallible {
+/// Tells a person now and then what the edge waits for: what `waiting` says, if it says anything.
+pub(super) async fn remind(waiting: impl Fn() -> Option<String>) -> Infallible {
     tokio::time::sleep(SILENCE).await;
     let mut reminders = interval(REMIND_EVERY);
     reminders.set_missed_tick_behavior(MissedTickBehavior::Delay);
     loop {
         reminders.tick().await;
-        if config.managed == Managed::No {
-            let endpoints = config.connect.join(", ");
-            let why = attempts::last_failure().map_or(String::new(), |why| format!(" ({why})"));
-            say(format_args!(
-                "{}: waiting for fusion at {endpoints}{why}",
-                config.name
-            ));
+        if let Some(line) = waiting() {
+            say(format_args!("{line}"));
         }
     }
 }
@@ -189,8 +190,9 @@ async fn work_live(
     };
     live.leave(outcome.as_ref().err());
     if let Some(ring) = ring {
-        // What is left to write is a queue's worth.
-        drop(tokio::task::spawn_blocking(move || ring.finish()).await);
+        // What is left to write is a queue's worth; a disk that hangs is not waited for.
+        let finished = tokio::task::spawn_blocking(move || ring.finish());
+        drop(timeout(DRAIN, finished).await);
     }
     // Fusion reads it before the session goes.
     tokio::time::sleep(REFUSAL).await;

@@ -142,7 +142,8 @@ pub struct RecordingSummary {
     pub lost: u64,
     /// Messages in it that an edge delivered after an outage.
     pub filled: u64,
-    /// Ticks that are missing in it, summed over the viewpoints.
+    /// Ticks of which it lacks sets, summed over the viewpoints: they came neither in time nor late, and
+    /// no edge delivered them afterwards. Ticks that a viewpoint leaves out by its rate are none.
     pub holes: u64,
     /// Why it ended before the run did.
     pub failure: Option<String>,

@@ -6,8 +6,8 @@
 
 use std::collections::VecDeque;
 
-use farfield_proto::id::{SessionId, ViewpointIndex};
-use farfield_proto::message::{PatchSet, SightingSet};
+use farfield_proto::id::{PersonId, SessionId, ViewpointIndex};
+use farfield_proto::message::{MAX_PERSONS, PatchSet, SightingSet};
 use farfield_proto::tick::Tick;
 
 use crate::align::{Gather, Refused, TickGroup};
@@ -15,6 +15,9 @@ use crate::align::{Gather, Refused, TickGroup};
 /// Most payload of one viewpoint that waits for its ticks, bytes: far above what any link carries in the
 /// time that ticks are open.
 const MAX_WAITING_BYTES: u64 = 16 << 20;
+
+/// Most late patches that are handed back between two ticks: each costs the smoother as much as one in time.
+const MAX_LATE_PATCHES: usize = 1024;
 
 /// What became of a message.
 #[derive(Debug, Clone, PartialEq)]
@@ -40,6 +43,38 @@ struct Opened {
 struct Closed {
     patches: Vec<(ViewpointIndex, u16)>,
     sightings: Vec<(ViewpointIndex, u16)>,
+    persons: Vec<(ViewpointIndex, PersonId)>,
+}
+
+impl Closed {
+    fn clear(&mut self) {
+        self.patches.clear();
+        self.sightings.clear();
+        self.persons.clear();
+    }
+
+    /// Notes what a set says that comes late.
+    fn note_patches(&mut self, set: &PatchSet) -> Result<(), Refused> {
+        let key = (set.viewpoint, set.part);
+        if set.part >= set.parts || self.patches.contains(&key) {
+            return Err(Refused::RepeatedPart);
+        }
+        let before = self.persons.len();
+        let own = self.persons.iter().filter(|(of, _)| *of == set.viewpoint);
+        if own.count() + set.persons.len() > MAX_PERSONS {
+            return Err(Refused::TooMany);
+        }
+        for patch in &set.persons {
+            let person = (set.viewpoint, patch.person);
+            if self.persons.contains(&person) {
+                self.persons.truncate(before);
+                return Err(Refused::RepeatedPerson);
+            }
+            self.persons.push(person);
+        }
+        self.patches.push(key);
+        Ok(())
+    }
 }
 
 /// Gathers the messages of the ticks from the next one on.
@@ -58,6 +93,8 @@ pub struct LiveGather {
     closed: VecDeque<Closed>,
     /// For how many ticks late messages are told from repeated ones.
     behind: usize,
+    /// Late patches that were handed back since the last tick was taken.
+    late_patches: usize,
 }
 
 impl LiveGather {
@@ -78,6 +115,7 @@ impl LiveGather {
             ahead: ahead.max(1),
             closed: VecDeque::new(),
             behind,
+            late_patches: 0,
         }
     }
 
@@ -88,16 +126,19 @@ impl LiveGather {
 
     /// Takes a patch set that took `bytes`.
     pub fn add_patches(&mut self, set: PatchSet, bytes: u64) -> Taken<PatchSet> {
-        let key = (set.viewpoint, set.part);
+        let late_patches = self.late_patches + set.persons.len();
         match self.place(set.session, set.tick, set.viewpoint, bytes) {
             Err(refused) => Taken::Refused(refused),
-            Ok(Place::Closed(closed)) => {
-                if note(&mut closed.patches, key) {
-                    Taken::Late(set)
-                } else {
-                    Taken::Refused(Refused::RepeatedPart)
-                }
+            Ok(Place::Closed(_)) if late_patches > MAX_LATE_PATCHES => {
+                Taken::Refused(Refused::TooMany)
             }
+            Ok(Place::Closed(closed)) => match closed.note_patches(&set) {
+                Ok(()) => {
+                    self.late_patches = late_patches;
+                    Taken::Late(set)
+                }
+                Err(refused) => Taken::Refused(refused),
+            },
             Ok(Place::Open(open)) => {
                 let index = usize::from(set.viewpoint.0);
                 match open.gather.add_patches(set) {
@@ -177,8 +218,14 @@ impl LiveGather {
         } else {
             Closed::default()
         };
-        closed.patches.clear();
-        closed.sightings.clear();
+        closed.clear();
+        self.late_patches = 0;
+        for set in &group.patch_sets {
+            let persons = set.persons.iter();
+            closed
+                .persons
+                .extend(persons.map(|patch| (set.viewpoint, patch.person)));
+        }
         let patches = group.patch_sets.iter();
         closed
             .patches

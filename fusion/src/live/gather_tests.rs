@@ -1,5 +1,8 @@
 //! What becomes of messages that come in any order, twice, late, early, or from strangers.
 
+use farfield_proto::id::CameraIndex;
+use farfield_proto::message::PersonPatch;
+use farfield_proto::patch::EncodedMaps;
 use proptest::prelude::*;
 
 use super::*;
@@ -63,6 +66,60 @@ fn what_comes_after_its_tick_is_late_once_and_then_repeated() {
     (0..8).for_each(|_| drop(gather.take()));
     let forgotten = gather.add_patches(patches(10, 2, 0, 1), 50);
     assert_eq!(forgotten, Taken::Refused(Refused::Late));
+}
+
+fn patch(person: u32) -> PersonPatch {
+    PersonPatch {
+        person: PersonId(person),
+        camera: CameraIndex(0),
+        box_tick: Tick(0),
+        capture_offset_us: 0,
+        crops: Vec::new(),
+        crop_of_keypoint: Vec::new(),
+        maps: EncodedMaps {
+            width: 1,
+            height: 1,
+            keypoints: 1,
+            bytes: Vec::new(),
+        },
+    }
+}
+
+fn of_persons(mut set: PatchSet, persons: std::ops::Range<u32>) -> PatchSet {
+    set.persons = persons.map(patch).collect();
+    set
+}
+
+#[test]
+fn a_person_comes_once_for_a_tick_also_when_the_tick_is_over() {
+    let mut gather = gather();
+    let first = of_persons(patches(10, 0, 0, 1000), 0..2);
+    assert_eq!(gather.add_patches(first, 50), Taken::Open);
+    gather.take();
+    let again = of_persons(patches(10, 0, 1, 1000), 1..3);
+    let refused = Taken::Refused(Refused::RepeatedPerson);
+    assert_eq!(gather.add_patches(again, 50), refused);
+    let new = of_persons(patches(10, 0, 2, 1000), 2..4);
+    assert!(matches!(gather.add_patches(new, 50), Taken::Late(_)));
+    let of_another = of_persons(patches(10, 1, 0, 1), 0..2);
+    assert!(matches!(gather.add_patches(of_another, 50), Taken::Late(_)));
+}
+
+#[test]
+fn only_so_many_late_patches_come_between_two_ticks() {
+    let mut gather = gather();
+    (0..8).for_each(|_| drop(gather.take()));
+    let mut late = 0;
+    let send = |gather: &mut LiveGather, tick, viewpoint| {
+        let set = of_persons(patches(tick, viewpoint, 0, 1), 0..MAX_PERSONS as u32);
+        matches!(gather.add_patches(set, 50), Taken::Late(_))
+    };
+    for tick in 10..16 {
+        late += usize::from(send(&mut gather, tick, 0));
+    }
+    assert_eq!(late, MAX_LATE_PATCHES / MAX_PERSONS);
+    gather.take();
+    assert!(send(&mut gather, 16, 0), "there is room again");
 }
 
 #[test]

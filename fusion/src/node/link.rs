@@ -18,17 +18,17 @@ use tokio::sync::mpsc;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 use tracing::{debug, warn};
-use zenoh::handlers::{FifoChannel, FifoChannelHandler};
 use zenoh::liveliness::LivelinessToken;
-use zenoh::pubsub::{Publisher, Subscriber};
+use zenoh::pubsub::Publisher;
 use zenoh::qos::{CongestionControl, Priority, Reliability};
 use zenoh::sample::{Sample, SampleKind};
 use zenoh::{Session, Wait as _};
 
 use super::clock::VenueClock;
+use super::inbox::{Inbox, liveliness, subscriber};
 use super::tap::{TapHandle, TapMessage};
 
-/// Messages that wait between Zenoh and the loop; when full, Zenoh stops reading, and the edges wait.
+/// Messages that wait for the loop; when it is full, what has come waits in its subscription's inbox.
 const QUEUE: usize = 256;
 
 /// What the network tells the loop.
@@ -100,7 +100,7 @@ pub(super) struct Door<'a> {
 pub(super) struct Link {
     session: Session,
     mouths: Mouths,
-    subscribers: Vec<(Topic, Subscriber<FifoChannelHandler<Sample>>)>,
+    subscribers: Vec<(Topic, Inbox)>,
     token: LivelinessToken,
 }
 
@@ -181,14 +181,17 @@ impl Link {
             boxes.push(publisher(&session, keys.boxes(&viewpoint.name), mode).await?);
         }
         let subscribers = vec![
-            (Topic::Patches, subscriber(&session, keys.patches()).await?),
+            (
+                Topic::Patches,
+                subscriber(&session, keys.patches(), mode).await?,
+            ),
             (
                 Topic::Sightings,
-                subscriber(&session, keys.sightings()).await?,
+                subscriber(&session, keys.sightings(), mode).await?,
             ),
             (
                 Topic::Statuses,
-                subscriber(&session, keys.statuses()).await?,
+                subscriber(&session, keys.statuses(), mode).await?,
             ),
             (Topic::Alive, liveliness(&session, keys.all_alive()).await?),
         ];
@@ -231,9 +234,9 @@ impl Link {
     /// Starts the tasks that carry messages to and from the loop.
     pub(super) fn spawn(self, tasks: &TaskTracker, stop: &CancellationToken, ear: &Ear) -> Ends {
         let (heard_tx, heard) = mpsc::channel(QUEUE);
-        for (topic, subscriber) in self.subscribers {
+        for (topic, inbox) in self.subscribers {
             let (ear, heard_tx) = (ear.clone(), heard_tx.clone());
-            tasks.spawn(listen(topic, subscriber, ear, heard_tx, stop.clone()));
+            tasks.spawn(listen(topic, inbox, ear, heard_tx, stop.clone()));
         }
         // Lock-step has at most one box set per viewpoint, one pose set, one decision and a few statuses
         // under way.
@@ -361,48 +364,20 @@ async fn declare(
         .with_context(|| format!("declaring the publisher of {key}"))
 }
 
-async fn subscriber(
-    session: &Session,
-    key: String,
-) -> anyhow::Result<Subscriber<FifoChannelHandler<Sample>>> {
-    let declared = session
-        .declare_subscriber(key.clone())
-        .with(FifoChannel::new(QUEUE))
-        .await;
-    declared
-        .map_err(zenoh_error)
-        .with_context(|| format!("subscribing to {key}"))
-}
-
-async fn liveliness(
-    session: &Session,
-    key: String,
-) -> anyhow::Result<Subscriber<FifoChannelHandler<Sample>>> {
-    let declared = session
-        .liveliness()
-        .declare_subscriber(key.clone())
-        .history(true)
-        .with(FifoChannel::new(QUEUE))
-        .await;
-    declared
-        .map_err(zenoh_error)
-        .with_context(|| format!("watching {key}"))
-}
-
 /// Task: one subscription, decoded, to the loop.
 async fn listen(
     topic: Topic,
-    subscriber: Subscriber<FifoChannelHandler<Sample>>,
+    inbox: Inbox,
     ear: Ear,
     heard: mpsc::Sender<Heard>,
     stop: CancellationToken,
 ) {
     loop {
         let sample = tokio::select! {
-            sample = subscriber.recv_async() => sample,
+            sample = inbox.next() => sample,
             () = stop.cancelled() => return,
         };
-        let Ok(sample) = sample else { return };
+        let Some(sample) = sample else { return };
         if heard.send(read(topic, &sample, &ear)).await.is_err() {
             return;
         }

@@ -8,6 +8,7 @@ mod config;
 mod doorman;
 mod given;
 mod handout;
+mod inbox;
 mod link;
 mod live;
 mod lockstep;

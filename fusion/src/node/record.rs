@@ -14,7 +14,7 @@ use farfield_proto::key::Keys;
 use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::message::Status;
 use farfield_proto::transport::{EdgeTransport, Exposure, RECORDER};
-use farfield_proto::venue::{Venue, identity};
+use farfield_proto::venue::{Venue, VenueHash, identity};
 use farfield_proto::wire;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
@@ -30,6 +30,9 @@ use super::recording::{Place, RecordingThread, check_place, head};
 
 /// Messages that wait between Zenoh and the recorder's own queue.
 const QUEUE: usize = 1024;
+/// For how long every status of fusion must name other files than ours until that is believed, microseconds:
+/// some statuses.
+const DIFFERS_US: i64 = 5_000_000;
 /// How often somebody who watches is told how it goes.
 const TELL_EVERY: Duration = Duration::from_secs(5);
 
@@ -113,8 +116,7 @@ async fn record(args: RecordArgs, venue: &Venue) -> Result<Ending, NodeError> {
     let outcome = listen(venue, &session, &recording, &stop).await;
     stop.cancel();
     tasks.close();
-    let summary = recording.so_far();
-    recording.finish().await.map_err(NodeError::Failed)?;
+    let summary = recording.finish().await.map_err(NodeError::Failed)?;
     say(format_args!("recorded in {}", summary.file.display()));
     if let Err(error) = session.close().await {
         tracing::warn!(%error, "the session did not close well");
@@ -174,6 +176,7 @@ async fn listen(
         .map_err(failed)?;
     let (clock, queue) = (VenueClock::start(), recording.queue());
     let fusion = keys.status(NODE);
+    let mut agreement = Agreement::default();
     let mut tell = tokio::time::interval(TELL_EVERY);
     let mut n_messages = 0u64;
     loop {
@@ -205,23 +208,92 @@ async fn listen(
         if key == fusion
             && let Ok(status) = wire::decode::<Status>(&payload)
         {
-            check_files(venue, &status)?;
+            let different = difference(&venue.hashes, &status);
+            match agreement.hear(different, clock.now_us()) {
+                Heard::Same => {}
+                Heard::Differs(what) => say(format_args!("{what}")),
+                Heard::StillDiffers(what) => return Err(NodeError::Refused(anyhow!(what))),
+            }
         }
     }
 }
 
-/// The recording carries this node's files: they must be those that fusion works with.
-fn check_files(venue: &Venue, fusion: &Status) -> Result<(), NodeError> {
-    let hashes = &venue.hashes;
-    for (what, ours, theirs) in [
-        ("venue file", &hashes.venue, &fusion.venue_hash),
-        ("calibration", &hashes.calibration, &fusion.calibration_hash),
-    ] {
-        if ours != theirs {
-            return Err(NodeError::Refused(anyhow!(
-                "fusion holds another {what}: its fingerprint there is {theirs}, here {ours}; copy the same file to both"
-            )));
+/// Whether fusion works with the files that the recording carries.
+#[derive(Debug, Default)]
+struct Agreement {
+    /// Since when every status said otherwise, microseconds.
+    differs_since_us: Option<i64>,
+    is_told: bool,
+}
+
+/// What a status means for the recording.
+#[derive(Debug, PartialEq, Eq)]
+enum Heard {
+    /// Nothing new.
+    Same,
+    /// For the first time: worth a warning, and no more, as without keys anybody may say so.
+    Differs(String),
+    /// For so long that it must be true.
+    StillDiffers(String),
+}
+
+impl Agreement {
+    /// Takes how a status of `now_us` differs from the own files, if it does.
+    fn hear(&mut self, different: Option<String>, now_us: i64) -> Heard {
+        let Some(what) = different else {
+            self.differs_since_us = None;
+            return Heard::Same;
+        };
+        match self.differs_since_us {
+            None => {
+                self.differs_since_us = Some(now_us);
+                if std::mem::replace(&mut self.is_told, true) {
+                    Heard::Same
+                } else {
+                    Heard::Differs(what)
+                }
+            }
+            Some(since_us) if now_us - since_us >= DIFFERS_US => Heard::StillDiffers(what),
+            Some(_) => Heard::Same,
         }
     }
-    Ok(())
+}
+
+/// Which of fusion's files is not the one of `ours`.
+fn difference(ours: &VenueHash, fusion: &Status) -> Option<String> {
+    [
+        ("venue file", &ours.venue, &fusion.venue_hash),
+        ("calibration", &ours.calibration, &fusion.calibration_hash),
+    ]
+    .into_iter()
+    .find(|(_, ours, theirs)| ours != theirs)
+    .map(|(what, ours, theirs)| {
+        format!(
+            "fusion holds another {what}: its fingerprint there is {theirs}, here {ours}; copy the same file to both"
+        )
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_status_of_a_stranger_does_not_end_a_recording_but_fusion_with_other_files_does() {
+        let other = || Some("another venue file".to_owned());
+        let mut agreement = Agreement::default();
+        let second = |n: i64| n * 1_000_000;
+        let first = agreement.hear(other(), second(0));
+        assert!(matches!(first, Heard::Differs(_)));
+        // Fusion's own word comes once a second between.
+        for n in 1..20 {
+            assert_eq!(agreement.hear(None, second(n)), Heard::Same);
+            assert_eq!(agreement.hear(other(), second(n) + 1), Heard::Same);
+        }
+        assert_eq!(agreement.hear(None, second(20) - 1), Heard::Same);
+        assert_eq!(agreement.hear(other(), second(20)), Heard::Same);
+        assert_eq!(agreement.hear(other(), second(21)), Heard::Same);
+        let last = agreement.hear(other(), second(20) + DIFFERS_US);
+        assert!(matches!(last, Heard::StillDiffers(_)));
+    }
 }

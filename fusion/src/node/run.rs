@@ -139,7 +139,8 @@ async fn run(config: &Config, session: SessionId, pipeline: Pipeline) -> Result<
         warn!("tasks still running, leaving anyway");
     }
     if let Some(recording) = recording {
-        recording.finish().await.map_err(NodeError::Failed)?;
+        let recorded = recording.finish().await.map_err(NodeError::Failed)?;
+        summary::complete(claim.folder(), &recorded).map_err(NodeError::Failed)?;
     }
     outcome
 }

@@ -112,6 +112,24 @@ pub(super) fn summarize(config: &Config, facts: &Facts<'_>) -> Summary {
     }
 }
 
+/// Says in the summary in `folder` what the recording has come to in the end: what failed after the summary
+/// was written, too.
+pub(super) fn complete(folder: &Path, recording: &RecordingSummary) -> anyhow::Result<()> {
+    let path = folder.join("summary.json");
+    if !path.exists() {
+        // A run without a tick leaves none.
+        return Ok(());
+    }
+    let reading = || format!("reading {}", path.display());
+    let text = std::fs::read_to_string(&path).with_context(reading)?;
+    let mut summary: Summary = serde_json::from_str(&text).with_context(reading)?;
+    let known = summary.timing.recording.replace(recording.clone());
+    if known.as_ref() == Some(recording) {
+        return Ok(());
+    }
+    write(folder, &summary)
+}
+
 /// Per program and library: its version.
 pub(super) fn versions() -> BTreeMap<String, String> {
     [

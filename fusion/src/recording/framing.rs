@@ -11,7 +11,7 @@ use mcap::records::op;
 /// Longest chunk that is read, bytes: ours have 4 MiB and one message.
 const MAX_CHUNK_BYTES: u64 = 64 << 20;
 /// Longest other record that is read, bytes; what is longer is passed over.
-const MAX_RECORD_BYTES: u64 = 16 << 20;
+pub(super) const MAX_RECORD_BYTES: u64 = 16 << 20;
 /// Opcode and length.
 const HEAD_BYTES: u64 = 9;
 

@@ -1,8 +1,9 @@
 //! Which ticks of which viewpoints a recording lacks.
 //!
 //! A tick that a viewpoint has not sent whole some time after it was worked on is a hole, once the viewpoint
-//! was heard of. Who fills holes asks for the oldest first: an edge's ring
-//! gives up its oldest, too.
+//! was heard of, and stays one until all of its sets are written: an answer to who asked for it only ends the
+//! asking, as a ring may have lost what it is asked for. Who fills holes asks for the oldest first: an edge's
+//! ring gives up its oldest, too.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -10,6 +11,8 @@ use farfield_proto::fill::{MAX_TICKS, SetKind};
 use farfield_proto::id::SessionId;
 use farfield_proto::message::{PatchSet, SightingSet};
 use farfield_proto::tick::Tick;
+
+use super::tick_ranges::TickRanges;
 
 /// Most holes of one viewpoint; of more, the oldest stay holes.
 const MAX_HOLES: usize = 4096;
@@ -38,8 +41,13 @@ struct Track {
     /// Where the ticks before `settled` begin of which nothing came and that are no hole yet.
     gap: Option<Tick>,
     open: BTreeMap<Tick, Seen>,
-    /// First tick and the tick after the last.
-    holes: BTreeMap<Tick, Tick>,
+    /// What has come of ticks before `settled` that are not whole, or in the gap.
+    partly: BTreeMap<Tick, Seen>,
+    /// Ticks that are not whole.
+    holes: TickRanges,
+    /// Those of them that nobody has answered for yet.
+    to_ask: TickRanges,
+    /// Ticks of holes that there was no room to remember.
     given_up: u64,
     /// The edge works on every so manieth tick: shorter gaps are no holes.
     every_nth: i64,
@@ -74,27 +82,26 @@ impl Holes {
         }
     }
 
-    /// A patch set was recorded.
+    /// A patch set was written, whichever way it came.
     pub fn patches(&mut self, set: &PatchSet) {
         if set.session != self.session {
             return;
         }
-        let one = set.parts == 1 && set.sighting_parts == 0;
-        if let Some(seen) = self.seen(usize::from(set.viewpoint.0), set.tick, one) {
+        self.note(usize::from(set.viewpoint.0), set.tick, |seen| {
             seen.parts = Some(set.parts);
             seen.sighting_parts = Some(set.sighting_parts);
             seen.arrived.insert((SetKind::Patches, set.part));
-        }
+        });
     }
 
-    /// A sighting set was recorded.
+    /// A sighting set was written, whichever way it came.
     pub fn sightings(&mut self, set: &SightingSet) {
         if set.session != self.session {
             return;
         }
-        if let Some(seen) = self.seen(usize::from(set.viewpoint.0), set.tick, false) {
+        self.note(usize::from(set.viewpoint.0), set.tick, |seen| {
             seen.arrived.insert((SetKind::Sightings, set.part));
-        }
+        });
     }
 
     /// The edge of a viewpoint works on every `nth` tick now.
@@ -118,19 +125,19 @@ impl Holes {
         }
     }
 
-    /// The oldest ticks that are missing of a viewpoint which is heard; the first and the tick after the
-    /// last.
+    /// The oldest ticks to ask for of a viewpoint which is heard; the first and the tick after the last.
     pub fn oldest(&self, viewpoint: usize) -> Option<[Tick; 2]> {
         let track = self.tracks.get(viewpoint)?;
         let is_heard = track.newest? + self.settle >= self.last?;
-        let (&from, &to) = track.holes.first_key_value().filter(|_| is_heard)?;
+        let [from, to] = track.to_ask.first().filter(|_| is_heard)?;
         Some([from, to.min(from + MAX_TICKS)])
     }
 
-    /// The edge has delivered what it had of these ticks, half-open.
-    pub fn answered(&mut self, viewpoint: usize, [from, to]: [Tick; 2]) {
+    /// The edge has said what it has of these ticks, half-open: they are not asked for again. What of them
+    /// is not written in the end is missing.
+    pub fn answered(&mut self, viewpoint: usize, ticks: [Tick; 2]) {
         if let Some(track) = self.tracks.get_mut(viewpoint) {
-            track.cut(from, to);
+            track.to_ask.cut(ticks);
         }
     }
 
@@ -141,13 +148,7 @@ impl Holes {
 
     /// Ticks that are missing, summed over the viewpoints.
     pub fn left(&self) -> u64 {
-        let of = |track: &Track| {
-            let holes = track.holes.iter();
-            holes
-                .map(|(&from, &to)| (to - from).unsigned_abs())
-                .sum::<u64>()
-                + track.given_up
-        };
+        let of = |track: &Track| track.holes.ticks() + track.given_up;
         self.tracks.iter().map(of).sum()
     }
 
@@ -157,26 +158,22 @@ impl Holes {
         }
     }
 
-    /// Where a set of `tick` is noted; `None` when that has no use any more. `one`: it is all that its
-    /// tick has.
-    fn seen(&mut self, viewpoint: usize, tick: Tick, one: bool) -> Option<&mut Seen> {
+    /// Notes a set of `tick`, as `set` does it.
+    fn note(&mut self, viewpoint: usize, tick: Tick, set: impl FnOnce(&mut Seen)) {
         let far = self
             .last
             .is_some_and(|last| tick - last > MAX_OPEN.cast_signed() as i64);
-        let track = self.tracks.get_mut(viewpoint).filter(|_| !far)?;
+        let Some(track) = self.tracks.get_mut(viewpoint).filter(|_| !far) else {
+            return;
+        };
         track.newest = track.newest.max(Some(tick));
         let first = self.first.map_or(tick, |first| first.min(tick));
         let settled = *track.settled.get_or_insert(first);
         if tick < settled {
-            if one {
-                track.cut(tick, tick + 1);
-            }
-            return None;
+            track.note_late(tick, set);
+        } else if track.open.len() < MAX_OPEN || track.open.contains_key(&tick) {
+            set(track.open.entry(tick).or_default());
         }
-        if track.open.len() >= MAX_OPEN && !track.open.contains_key(&tick) {
-            return None;
-        }
-        Some(track.open.entry(tick).or_default())
     }
 }
 
@@ -192,6 +189,8 @@ impl Track {
             if seen.is_whole() {
                 self.add(from, tick);
                 from = tick + 1;
+            } else {
+                self.keep_part(tick, seen);
             }
         }
         if self.add(from, until) {
@@ -201,44 +200,58 @@ impl Track {
         self.settled = Some(until);
     }
 
-    /// Whether `from..to` is long enough for a hole, and is one now.
-    fn add(&mut self, from: Tick, to: Tick) -> bool {
-        if to - from < self.every_nth.max(1) {
-            return false;
+    /// Notes a set of a tick before `settled`.
+    fn note_late(&mut self, tick: Tick, set: impl FnOnce(&mut Seen)) {
+        let in_gap = self.gap.is_some_and(|gap| gap <= tick);
+        if !in_gap && !self.holes.contains(tick) {
+            return;
         }
-        if let Some(mut last) = self.holes.last_entry()
-            && *last.get() == from
-        {
-            last.insert(to);
-            return true;
+        let mut seen = self.partly.remove(&tick).unwrap_or_default();
+        set(&mut seen);
+        if seen.is_whole() && !in_gap {
+            self.fill(tick);
+        } else {
+            self.keep_part(tick, seen);
         }
-        self.holes.insert(from, to);
-        if self.holes.len() > MAX_HOLES
-            && let Some((from, to)) = self.holes.pop_first()
-        {
-            self.given_up += (to - from).unsigned_abs();
-        }
-        true
     }
 
-    /// Takes `from..to` out of the holes.
-    fn cut(&mut self, from: Tick, to: Tick) {
-        let touched: Vec<(Tick, Tick)> = self
-            .holes
-            .range(..to)
-            .rev()
-            .take_while(|(_, end)| **end > from)
-            .map(|(&start, &end)| (start, end))
-            .collect();
-        for (start, end) in touched {
-            self.holes.remove(&start);
-            if start < from {
-                self.holes.insert(start, from);
-            }
-            if to < end {
-                self.holes.insert(to, end);
-            }
+    /// Remembers what has come of a tick; of too many, the oldest are forgotten.
+    fn keep_part(&mut self, tick: Tick, seen: Seen) {
+        self.partly.insert(tick, seen);
+        if self.partly.len() > MAX_OPEN {
+            self.partly.pop_first();
         }
+    }
+
+    fn fill(&mut self, tick: Tick) {
+        self.holes.cut([tick, tick + 1]);
+        self.to_ask.cut([tick, tick + 1]);
+    }
+
+    /// Whether `from..to` is long enough for a hole, and is one now.
+    fn add(&mut self, from: Tick, to: Tick) -> bool {
+        let least = self.every_nth.max(1);
+        if to - from < least {
+            return false;
+        }
+        self.holes.push([from, to], least);
+        self.to_ask.push([from, to], 1);
+        // What came while it was not known yet whether there is a hole.
+        let late = self.partly.range(from..to);
+        let whole = late.filter(|(_, seen)| seen.is_whole());
+        let whole: Vec<Tick> = whole.map(|(&tick, _)| tick).collect();
+        for tick in whole {
+            self.partly.remove(&tick);
+            self.fill(tick);
+        }
+        if self.holes.len() > MAX_HOLES
+            && let Some([from, to]) = self.holes.first()
+        {
+            self.given_up += (to - from).unsigned_abs();
+            self.holes.cut([from, to]);
+            self.to_ask.cut([from, to]);
+        }
+        true
     }
 }
 
@@ -265,8 +278,7 @@ mod tests {
     }
 
     fn holes_of(holes: &Holes) -> Vec<[i64; 2]> {
-        let track = &holes.tracks[0];
-        track.holes.iter().map(|(a, b)| [a.0, b.0]).collect()
+        holes.tracks[0].holes.all()
     }
 
     #[test]
@@ -280,9 +292,11 @@ mod tests {
         assert_eq!(holes.oldest(0), Some([Tick(120), Tick(150)]));
         assert_eq!(holes.oldest(1), None, "it was never heard");
         holes.answered(0, [Tick(120), Tick(130)]);
-        assert_eq!(holes.left(), 20);
-        holes.answered(0, [Tick(130), Tick(150)]);
-        assert_eq!(holes.left(), 0);
+        assert_eq!(holes.oldest(0), Some([Tick(130), Tick(150)]));
+        for tick in 120..150 {
+            holes.patches(&patches(tick, 0, 1, 0));
+        }
+        assert_eq!((holes.left(), holes.oldest(0)), (0, None));
         holes.worked_on(Tick(172));
         holes.over();
         assert_eq!(holes_of(&holes), [[170, 173]]);
@@ -309,6 +323,35 @@ mod tests {
     }
 
     #[test]
+    fn an_answer_ends_the_asking_and_only_a_written_set_fills() {
+        let mut holes = Holes::new(SESSION, 1, 2);
+        for tick in [0, 9] {
+            holes.patches(&patches(tick, 0, 1, 0));
+            holes.worked_on(Tick(tick));
+        }
+        assert_eq!(holes_of(&holes), [[1, 7]]);
+        // A ring that was written over, made elsewhere or lost sets has nothing of them.
+        holes.answered(0, [Tick(1), Tick(7)]);
+        assert_eq!((holes.oldest(0), holes.left()), (None, 6));
+        holes.patches(&patches(3, 0, 2, 0));
+        assert_eq!(holes.left(), 6, "one part of two");
+        holes.patches(&patches(3, 1, 2, 0));
+        assert_eq!(holes_of(&holes), [[1, 3], [4, 7]]);
+        assert_eq!((holes.oldest(0), holes.left()), (None, 5));
+    }
+
+    #[test]
+    fn parts_that_came_by_themselves_and_parts_that_were_delivered_make_a_tick_whole() {
+        let mut holes = Holes::new(SESSION, 1, 2);
+        holes.patches(&patches(0, 0, 1, 0));
+        holes.patches(&patches(1, 0, 2, 0));
+        holes.worked_on(Tick(6));
+        assert_eq!(holes_of(&holes), [[1, 4]]);
+        holes.patches(&patches(1, 1, 2, 0));
+        assert_eq!(holes_of(&holes), [[2, 4]]);
+    }
+
+    #[test]
     fn a_late_set_closes_its_hole_and_a_silent_edge_is_not_asked() {
         let mut holes = Holes::new(SESSION, 1, 2);
         holes.patches(&patches(0, 0, 1, 0));
@@ -332,6 +375,9 @@ mod tests {
             holes.worked_on(Tick(tick));
         }
         assert_eq!(holes_of(&holes), [[10, 13]]);
+        holes.answered(0, [Tick(10), Tick(11)]);
+        holes.patches(&patches(12, 0, 1, 0));
+        assert_eq!(holes.left(), 0, "the others were never made");
     }
 
     #[test]
@@ -358,7 +404,7 @@ mod tests {
         #[test]
         fn the_holes_are_the_ticks_that_did_not_come(
             came in prop::collection::btree_set(0i64..200, 1..150),
-            answers in prop::collection::vec((0i64..200, 1i64..50), 0..20),
+            filled in prop::collection::vec((0i64..200, 1i64..50), 0..20),
         ) {
             let mut holes = Holes::new(SESSION, 1, 5);
             for tick in 0..200 {
@@ -370,8 +416,11 @@ mod tests {
             holes.over();
             let mut missing: BTreeSet<i64> = (0..200).filter(|t| !came.contains(t)).collect();
             prop_assert_eq!(holes.left(), missing.len() as u64);
-            for (from, len) in answers {
+            for (from, len) in filled {
                 holes.answered(0, [Tick(from), Tick(from + len)]);
+                for tick in from..from + len {
+                    holes.patches(&patches(tick, 0, 1, 0));
+                }
                 missing.retain(|t| !(from..from + len).contains(t));
                 prop_assert_eq!(holes.left(), missing.len() as u64);
             }

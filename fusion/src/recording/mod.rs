@@ -15,6 +15,7 @@ pub mod poses_json;
 pub mod reader;
 mod renumber;
 pub mod replay;
+mod tick_ranges;
 pub mod writer;
 
 /// Profile of the files' header: what tells our recordings from other MCAP files.
@@ -29,6 +30,28 @@ pub const VENUE_FILE: &str = "venue.toml";
 pub const CALIBRATION_FILE: &str = "calibration.toml";
 /// Name of the attached card of the keypoint network.
 pub const CARD_FILE: &str = "network.toml";
+
+/// Most bytes of an attached file: a replay takes no longer ones.
+pub const MAX_ATTACHED_BYTES: u64 = framing::MAX_RECORD_BYTES - 4096;
+
+/// Of which venue a file is that begins with `head`; `None` when it is no recording of ours, or `head` too
+/// short. The metadata stand first: some thousands of bytes are enough.
+pub fn venue_of(head: &[u8]) -> Option<String> {
+    let mut venue = None;
+    let mut meet = |met: framing::Met<'_>| {
+        if let framing::Met::Metadata {
+            name: FACTS,
+            fields,
+        } = met
+        {
+            let found = fields.into_iter().find(|(key, _)| *key == "venue");
+            venue = venue.take().or(found.map(|(_, name)| name.to_owned()));
+        }
+    };
+    // What comes after the metadata is cut off somewhere: that is no matter here.
+    drop(framing::walk(&mut std::io::Cursor::new(head), &mut meet));
+    venue.filter(|_| is_ours(head))
+}
 
 /// Whether a file that begins with `head` (64 bytes are enough) is a recording of ours.
 pub fn is_ours(head: &[u8]) -> bool {

@@ -14,7 +14,7 @@ use crate::pipeline::{Pipeline, Stage, StepOutput};
 /// Ticks without any set that a replay goes through per set that is there, and beside them: what is
 /// farther apart is no recording of one run.
 const MAX_EMPTY_PER_SET: u64 = 64;
-/// See [`MAX_EMPTY_PER_SET`].
+/// See [`MAX_EMPTY_PER_SET`]; a decision that is farther from its neighbours is none of the run's.
 const MAX_EMPTY: u64 = 36_000;
 
 /// Which of the recorded sets a replay uses.
@@ -55,6 +55,8 @@ pub struct ReplayTally {
     pub refused: u64,
     /// Patches of persons whom the replay does not have (see [`Names::ByPlace`]).
     pub nobodys: u64,
+    /// Decisions of ticks far from those of the run, which were left out.
+    pub far: u64,
 }
 
 /// Why a recording cannot be solved.
@@ -97,7 +99,7 @@ impl<R: Read + Seek> Replay<R> {
     /// [`ReplayError::Span`].
     pub fn new(
         recording: Recording<R>,
-        part: SessionPart,
+        mut part: SessionPart,
         mut pipeline: Pipeline,
         choice: Choice,
         names: Names,
@@ -107,6 +109,7 @@ impl<R: Read + Seek> Replay<R> {
         } else {
             choice
         };
+        let far = leave_out_far(&mut part);
         let mut to_do = ticks(&part)?;
         let first = part.decisions.first().map(|decision| decision.first);
         let boxes = first.or(to_do.first().copied());
@@ -121,7 +124,10 @@ impl<R: Read + Seek> Replay<R> {
             choice,
             renumber: (names == Names::ByPlace).then(Renumber::default),
             to_do,
-            tally: ReplayTally::default(),
+            tally: ReplayTally {
+                far,
+                ..ReplayTally::default()
+            },
         })
     }
 
@@ -184,6 +190,11 @@ impl<R: Read + Seek> Replay<R> {
         self.choice
     }
 
+    /// The first and the last tick that are still to be done.
+    pub fn span(&self) -> Option<[Tick; 2]> {
+        Some([*self.to_do.last()?, *self.to_do.first()?])
+    }
+
     /// Ticks that are still to be done.
     pub fn left(&self) -> usize {
         self.to_do.len()
@@ -235,15 +246,38 @@ impl<R: Read + Seek> Replay<R> {
     }
 }
 
-/// The ticks to go through, rising: those of a run follow each other without a gap.
-fn ticks(part: &SessionPart) -> Result<Vec<Tick>, ReplayError> {
-    let span = match (part.decisions.first(), part.decisions.last()) {
+/// Where the decisions lie too far apart for one run, leaves all out but those of the longest stretch: one
+/// that somebody made up must not cost the recording. Returns how many went.
+fn leave_out_far(part: &mut SessionPart) -> u64 {
+    if !is_too_long(part, span(part)) {
+        return 0;
+    }
+    let decisions = std::mem::take(&mut part.decisions);
+    let n = decisions.len();
+    let is_near = |a: &Decision, b: &Decision| (b.tick - a.tick).unsigned_abs() <= MAX_EMPTY;
+    let stretches = decisions.chunk_by(is_near);
+    // Of two that are equally long, the first.
+    let longest = stretches.rev().max_by_key(|stretch| stretch.len());
+    part.decisions = longest.unwrap_or_default().to_vec();
+    (n - part.decisions.len()) as u64
+}
+
+fn span(part: &SessionPart) -> [Tick; 2] {
+    match (part.decisions.first(), part.decisions.last()) {
         (Some(first), Some(last)) => [first.tick, last.tick],
         _ => part.ticks,
-    };
-    let [from, to] = span;
+    }
+}
+
+fn is_too_long(part: &SessionPart, [from, to]: [Tick; 2]) -> bool {
     let there = (part.sets + part.decisions.len()) as u64;
-    if (to - from).unsigned_abs() > there * MAX_EMPTY_PER_SET + MAX_EMPTY {
+    (to - from).unsigned_abs() > there * MAX_EMPTY_PER_SET + MAX_EMPTY
+}
+
+/// The ticks to go through, rising: those of a run follow each other without a gap.
+fn ticks(part: &SessionPart) -> Result<Vec<Tick>, ReplayError> {
+    let [from, to] = span(part);
+    if is_too_long(part, [from, to]) {
         return Err(ReplayError::Span {
             from,
             to,
@@ -251,4 +285,45 @@ fn ticks(part: &SessionPart) -> Result<Vec<Tick>, ReplayError> {
         });
     }
     Ok((from.0..=to.0).map(Tick).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use farfield_proto::id::SessionId;
+
+    use super::*;
+
+    fn part(ticks: &[i64]) -> SessionPart {
+        let decision = |&tick: &i64| Decision {
+            session: SessionId(1),
+            first: Tick(ticks[0]),
+            tick: Tick(tick),
+            horizons_ticks: Vec::new(),
+            patches: Vec::new(),
+            sightings: Vec::new(),
+        };
+        SessionPart {
+            session: SessionId(1),
+            decisions: ticks.iter().map(decision).collect(),
+            ticks: [Tick(ticks[0]), Tick(ticks[ticks.len() - 1])],
+            sets: 0,
+            filled: 0,
+        }
+    }
+
+    #[test]
+    fn decisions_far_from_all_others_are_left_out() {
+        for far in [[i64::MIN, 0, 1, 2], [0, 1, 2, 1 << 40], [0, 1, 2, i64::MAX]] {
+            let mut part = part(&far);
+            assert_eq!(leave_out_far(&mut part), 1);
+            assert_eq!(ticks(&part).unwrap(), [0, 1, 2].map(Tick));
+        }
+    }
+
+    #[test]
+    fn a_long_outage_leaves_nothing_out() {
+        let mut part = part(&[0, 1, 2, 30_000]);
+        assert_eq!(leave_out_far(&mut part), 0);
+        assert_eq!(ticks(&part).unwrap().len(), 30_001);
+    }
 }

@@ -248,5 +248,40 @@ fn value<C: BitCoder>(
         let mut even = [Probability::even(); super::symbol::NUMBER];
         coded += number(coder, &mut even, size - coded).abs();
     }
-    (if negative { -coded } else { coded }) as i16
+    // No cell is off by more; what strangers' bytes say beyond would not fit once it is multiplied.
+    let coded = coded.min(255) as i16;
+    if negative { -coded } else { coded }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::range_coder::{Reader, Writer};
+    use super::*;
+
+    #[test]
+    fn no_bytes_correct_a_cell_by_more_than_a_cell_can_be_off() {
+        let mut contexts = Contexts::new();
+        let mut writer = Writer::new(Vec::new());
+        value(&mut writer, &mut contexts.corrections(), 1036, [0; 4], 0);
+        let bytes = writer.finish();
+        contexts.reset();
+        let mut reader = Reader::new(&bytes);
+        let read = value(&mut reader, &mut contexts.corrections(), 0, [0; 4], 0);
+        let mut grid = Grid {
+            pitch: 1.0,
+            window: [0..1, 0..1],
+            values: vec![read],
+            ..Grid::default()
+        };
+        let (mut cells, scale) = (
+            [9],
+            Scale {
+                width: 1,
+                height: 1,
+                cells: 1.0,
+            },
+        );
+        grid.apply(&mut cells, u8::MAX, &scale);
+        assert_eq!(cells, [255]);
+    }
 }

@@ -5,7 +5,10 @@ use proptest::prelude::*;
 use super::tests::stage;
 use super::*;
 use crate::bounding_box::{BoundingBox, BoxRate};
+use crate::decision::Decision;
+use crate::fill::{FillRequest, Filled};
 use crate::grid::CellGrid;
+use crate::handout::{Chunk, FileList, HandoutRequest, SignedList};
 use crate::id::{CameraIndex, PersonId, SessionId, ViewpointIndex};
 use crate::live::{BoxEcho, HeardPatches, LiveBoxes, LiveStatus, PatchTiming};
 use crate::message::{KeypointPeak, Order, PersonBoxes, PersonState};
@@ -24,6 +27,10 @@ fn decode_all(bytes: &[u8]) {
         decode::<SightingSet>(bytes),
     ));
     drop((decode::<PoseSet>(bytes), decode::<Status>(bytes)));
+    drop((decode::<HandoutRequest>(bytes), decode::<FileList>(bytes)));
+    drop((decode::<SignedList>(bytes), decode::<Chunk>(bytes)));
+    drop((decode::<FillRequest>(bytes), decode::<Filled>(bytes)));
+    drop(decode::<Decision>(bytes));
 }
 
 fn px() -> impl Strategy<Value = [f32; 2]> {

@@ -1,12 +1,13 @@
 //! Questions to fusion, asked again until they are answered: the way may be long, and fusion not there yet.
 
 use std::path::Path;
+use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
 use anyhow::anyhow;
 use farfield_proto::handout::{Chunk, HandoutRequest, SharedFile, SignedList};
 use farfield_proto::key::Keys;
-use farfield_proto::wire::{self, Message};
+use farfield_proto::wire::{self, Message, WireError};
 use tracing::{debug, warn};
 use zenoh::Session;
 use zenoh::qos::{CongestionControl, Priority};
@@ -24,6 +25,8 @@ const TRIES: u32 = 20;
 pub(super) struct Fusion {
     session: Session,
     key: String,
+    /// Why the last question was not answered.
+    failure: Mutex<Option<String>>,
 }
 
 impl Fusion {
@@ -31,18 +34,29 @@ impl Fusion {
         Self {
             session,
             key: Keys::new(venue).config(),
+            failure: Mutex::default(),
         }
     }
 
     /// The list of files; waits for fusion as long as it takes.
-    pub(super) async fn list(&self) -> SignedList {
+    ///
+    /// # Errors
+    /// When fusion speaks another version of the wire: that does not pass.
+    pub(super) async fn list(&self) -> anyhow::Result<SignedList> {
         loop {
             match self.ask(&HandoutRequest::List).await {
-                Ok(list) => return list,
+                Ok(list) => return Ok(list),
+                Err(error) if is_final(&error) => return Err(error),
                 Err(error) => debug!(%error, "no list of files"),
             }
             tokio::time::sleep(AGAIN).await;
         }
+    }
+
+    /// Why the last question was not answered; `None` when it was.
+    pub(super) fn failure(&self) -> Option<String> {
+        let failure = self.failure.lock().unwrap_or_else(PoisonError::into_inner);
+        failure.clone()
     }
 
     /// Fetches a file of the list, to be finished at `target`.
@@ -61,8 +75,13 @@ impl Fusion {
                 "{} has become shorter on fusion's machine since fusion started: start fusion again",
                 target.display()
             );
-            part.write(&chunk)?;
             from += chunk.len() as u64;
+            anyhow::ensure!(
+                from <= file.bytes,
+                "{} has become longer on fusion's machine since fusion started: start fusion again",
+                target.display()
+            );
+            part.write(&chunk)?;
         }
         part.check()?;
         Ok(part)
@@ -73,7 +92,7 @@ impl Fusion {
         loop {
             match self.ask(&HandoutRequest::Chunk { file, from }).await {
                 Ok(Chunk { bytes }) => return Ok(bytes),
-                Err(error) if tries == TRIES => return Err(error),
+                Err(error) if tries == TRIES || is_final(&error) => return Err(error),
                 Err(error) => debug!(%error, "no chunk"),
             }
             tries += 1;
@@ -82,6 +101,13 @@ impl Fusion {
     }
 
     async fn ask<M: Message>(&self, question: &HandoutRequest) -> anyhow::Result<M> {
+        let answer = self.try_to_ask(question).await;
+        let failure = answer.as_ref().err().map(|error| format!("{error:#}"));
+        *self.failure.lock().unwrap_or_else(PoisonError::into_inner) = failure;
+        answer
+    }
+
+    async fn try_to_ask<M: Message>(&self, question: &HandoutRequest) -> anyhow::Result<M> {
         let replies = self
             .session
             .get(self.key.as_str())
@@ -108,4 +134,10 @@ impl Fusion {
             warn!(%error, "the session did not close well");
         }
     }
+}
+
+/// Whether asking again cannot help.
+fn is_final(error: &anyhow::Error) -> bool {
+    let error = error.downcast_ref();
+    matches!(error, Some(WireError::Version { .. }))
 }

@@ -2,12 +2,14 @@
 //! calibration and the networks.
 
 mod ask;
+mod names;
 mod place;
 mod verify;
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context as _, anyhow};
+use anyhow::{Context as _, anyhow, ensure};
 use farfield_proto::handout::{FileKind, FileList, SharedFile};
 use farfield_proto::transport::{EdgeTransport, Exposure, Identity};
 use farfield_proto::venue::{self, Venue};
@@ -16,9 +18,11 @@ use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
 use super::config::EdgeArgs;
-use super::link;
 use super::process::{Managed, NodeError, say, stop_when_told};
+use super::run::remind;
+use super::{attempts, link};
 use ask::Fusion;
+use names::Names;
 use place::Part;
 
 /// Where keys are looked for when there is no venue file to say it: beside where it will be.
@@ -118,9 +122,20 @@ async fn fetch_by(args: &EdgeArgs, way: &Way) -> Result<(), NodeError> {
             args.viewpoint, way.venue
         ));
     }
-    let session = link::connect(&transport).await.map_err(NodeError::Failed)?;
+    let waiting = |why: Option<String>| {
+        let why = why.map_or(String::new(), |why| format!(" ({why})"));
+        let line = format!("{}: waiting for fusion at {endpoints}{why}", args.viewpoint);
+        (!args.managed).then_some(line)
+    };
+    let session = tokio::select! {
+        session = link::connect(&transport) => session.map_err(NodeError::Failed)?,
+        never = remind(|| waiting(attempts::last_failure().map(str::to_owned))) => match never {},
+    };
     let fusion = Fusion::new(session, &way.venue);
-    let signed = fusion.list().await;
+    let signed = tokio::select! {
+        list = fusion.list() => list.context("fusion's list of files").map_err(NodeError::Failed)?,
+        never = remind(|| waiting(fusion.failure())) => match never {},
+    };
     let list = match &way.identity {
         Some(identity) => verify::verify(&signed, identity).map_err(NodeError::Refused)?,
         None => &signed.list,
@@ -135,19 +150,48 @@ async fn fetch_by(args: &EdgeArgs, way: &Way) -> Result<(), NodeError> {
             way.venue
         )));
     }
-    let taken = take(args, &fusion, &list).await;
+    let taken = tokio::select! {
+        taken = take(args, way, &fusion, &list) => taken,
+        never = remind(|| waiting(Some(fusion.failure()?))) => match never {},
+    };
     fusion.close().await;
     taken
 }
 
 /// Fetches all that differs, then puts all of it in place, the venue file last.
-async fn take(args: &EdgeArgs, fusion: &Fusion, list: &FileList) -> Result<(), NodeError> {
+async fn take(
+    args: &EdgeArgs,
+    way: &Way,
+    fusion: &Fusion,
+    list: &FileList,
+) -> Result<(), NodeError> {
+    let folder = folder(&args.venue);
+    let mut keys = vec![folder.join(CERTIFICATES)];
+    keys.extend(way.identity.as_ref().and_then(|identity| {
+        let folder = identity.authority.parent()?;
+        Some(folder.to_owned())
+    }));
+    let mut names = Names::new(&folder, keys);
+    let mut files: Vec<(usize, &SharedFile)> = list.files.iter().enumerate().collect();
+    files.sort_by_key(|(_, file)| names::order(file.kind));
+    check_kinds(list).map_err(NodeError::Refused)?;
     let mut parts: Vec<(&SharedFile, Part)> = Vec::new();
-    for (index, file) in list.files.iter().enumerate() {
+    for (index, file) in files {
         let target = place::target(&args.venue, file).map_err(NodeError::Refused)?;
-        let Some(target) = target else { continue };
-        let part = fusion.file(index as u16, file, &target).await;
-        parts.push((file, part.map_err(NodeError::Failed)?));
+        let mut text_at = place::whole(&args.venue, file);
+        if let Some(target) = target {
+            names.check(file, &target).map_err(NodeError::Refused)?;
+            let part = fusion.file(index as u16, file, &target).await;
+            let part = part.map_err(NodeError::Failed)?;
+            part.path().clone_into(&mut text_at);
+            parts.push((file, part));
+        }
+        if names::names_others(file.kind) {
+            let text = std::fs::read_to_string(&text_at);
+            let text = text.with_context(|| format!("reading {}", text_at.display()));
+            let learnt = text.and_then(|text| names.learn(file, &text));
+            learnt.map_err(NodeError::Refused)?;
+        }
     }
     parts.sort_by_key(|(file, _)| file.kind == FileKind::Venue);
     for (file, part) in parts {
@@ -161,6 +205,20 @@ async fn take(args: &EdgeArgs, fusion: &Fusion, list: &FileList) -> Result<(), N
                 file.bytes
             ));
         }
+    }
+    Ok(())
+}
+
+/// Refuses a list with two files of one kind.
+fn check_kinds(list: &FileList) -> anyhow::Result<()> {
+    let mut seen = BTreeSet::new();
+    for file in &list.files {
+        let is_new = seen.insert(file.kind);
+        ensure!(
+            is_new,
+            "fusion's list has two files of a kind: {}",
+            file.kind.name()
+        );
     }
     Ok(())
 }

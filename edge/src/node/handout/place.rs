@@ -2,12 +2,14 @@
 //! it is whole.
 
 use std::fs::{self, File};
-use std::io::{self, Read as _, Write as _};
+use std::io::{self, ErrorKind, Read as _, Write as _};
 use std::path::{Component, Path, PathBuf};
 
 use anyhow::{Context as _, bail};
 use farfield_proto::handout::{FileKind, SharedFile};
 
+/// Most files of one name that may be on their way at once, or were left by processes that were killed.
+const MAX_PARTS: u32 = 1000;
 /// Bytes that are read at once.
 const BUFFER_BYTES: usize = 64 * 1024;
 
@@ -17,11 +19,7 @@ const BUFFER_BYTES: usize = 64 * 1024;
 /// When it would lie outside the folder of the venue file, and is not there already.
 pub(super) fn target(venue: &Path, file: &SharedFile) -> anyhow::Result<Option<PathBuf>> {
     let place = Path::new(&file.path);
-    let folder = venue.parent().unwrap_or(Path::new(""));
-    let target = match file.kind {
-        FileKind::Venue => venue.to_owned(),
-        _ => folder.join(place),
-    };
+    let target = whole(venue, file);
     if is_there(&target, file) {
         return Ok(None);
     }
@@ -39,8 +37,19 @@ pub(super) fn target(venue: &Path, file: &SharedFile) -> anyhow::Result<Option<P
     Ok(Some(target))
 }
 
+/// Where `file` is once it is whole, for a venue file at `venue`.
+pub(super) fn whole(venue: &Path, file: &SharedFile) -> PathBuf {
+    let folder = venue.parent().unwrap_or(Path::new(""));
+    match file.kind {
+        FileKind::Venue => venue.to_owned(),
+        _ => folder.join(&file.path),
+    }
+}
+
 fn is_there(path: &Path, file: &SharedFile) -> bool {
-    hash(path).is_ok_and(|there| there == file.blake3)
+    // Whoever wrote the list may have named a device that never ends.
+    let fits = |there: fs::Metadata| there.is_file() && there.len() == file.bytes;
+    fs::metadata(path).is_ok_and(fits) && hash(path).is_ok_and(|there| there == file.blake3)
 }
 
 fn hash(path: &Path) -> io::Result<[u8; 32]> {
@@ -70,10 +79,8 @@ impl Part {
             fs::create_dir_all(folder)
                 .with_context(|| format!("making the folder {}", folder.display()))?;
         }
-        let mut name = target.file_name().unwrap_or_default().to_owned();
-        name.push(".part");
-        let path = target.with_file_name(name);
-        let open = File::create(&path).with_context(|| format!("writing {}", path.display()))?;
+        let (path, open) =
+            create_part(target).with_context(|| format!("writing {}", target.display()))?;
         Ok(Self {
             target: target.to_owned(),
             path,
@@ -103,6 +110,11 @@ impl Part {
         Ok(())
     }
 
+    /// What has come so far.
+    pub(super) fn path(&self) -> &Path {
+        &self.path
+    }
+
     /// Puts the file in its place.
     pub(super) fn finish(mut self) -> anyhow::Result<PathBuf> {
         let place = || format!("writing {}", self.target.display());
@@ -112,6 +124,22 @@ impl Part {
         fs::rename(&self.path, &self.target).with_context(place)?;
         Ok(self.target.clone())
     }
+}
+
+/// A new file beside `target`, that no other process writes to: edges may fetch into one folder.
+fn create_part(target: &Path) -> io::Result<(PathBuf, File)> {
+    let name = target.file_name().unwrap_or_default();
+    for n in 0..MAX_PARTS {
+        let mut name = name.to_owned();
+        name.push(format!(".{}-{n}.part", std::process::id()));
+        let path = target.with_file_name(name);
+        match File::create_new(&path) {
+            Ok(file) => return Ok((path, file)),
+            Err(error) if error.kind() == ErrorKind::AlreadyExists => {}
+            Err(error) => return Err(error),
+        }
+    }
+    Err(ErrorKind::AlreadyExists.into())
 }
 
 impl Drop for Part {
@@ -138,7 +166,7 @@ mod tests {
     fn nothing_is_written_outside_the_folder_of_the_venue_file() {
         let folder = tempfile::tempdir().unwrap();
         let venue = folder.path().join("hall/venue.toml");
-        for outside in ["../c.toml", "/etc/passwd", "", "a/../../b"] {
+        for outside in ["../c.toml", "/etc/passwd", "", "a/../../b", "/dev/zero"] {
             let file = shared(FileKind::Calibration, outside, "x");
             assert!(target(&venue, &file).is_err(), "{outside}");
         }
@@ -178,5 +206,22 @@ mod tests {
         part.finish().unwrap();
         assert_eq!(std::fs::read_to_string(&path).unwrap(), "new");
         assert_eq!(folder.path().read_dir().unwrap().count(), 1);
+    }
+
+    #[test]
+    fn two_who_fetch_into_one_folder_do_not_write_into_each_others_files() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("venue.toml");
+        let file = shared(FileKind::Venue, "", "new");
+        let mut parts = [(); 2].map(|()| Part::create(&path, &file).unwrap());
+        assert_ne!(parts[0].path(), parts[1].path());
+        for part in &mut parts {
+            part.write(b"new").unwrap();
+        }
+        for part in parts {
+            part.check().unwrap();
+            part.finish().unwrap();
+        }
+        assert_eq!(std::fs::read_to_string(&path).unwrap(), "new");
     }
 }

@@ -147,6 +147,7 @@ impl Live {
         self.status.stages = self.shared.stages();
         self.status.live = Some(LiveStatus {
             cameras: self.shared.frames.status(now_us),
+            recording_failure: self.shared.ring_failure().map(wire::cut_text),
             ..self.shared.describe(now_us)
         });
         self.status.tick = self.shared.last_tick();

@@ -79,6 +79,11 @@ impl Shared {
         }
     }
 
+    /// Why not all messages are kept, when that is so.
+    pub(super) fn ring_failure(&self) -> Option<String> {
+        self.ring.as_ref().and_then(RingHandle::failure)
+    }
+
     /// Whether the budget lets so many bytes pass beside the patches now.
     pub(super) fn admits(&self, bytes: usize) -> bool {
         let now_us = self.clock.now_us();

@@ -1,19 +1,25 @@
 //! Answers fusion's questions for what an outage has kept from it.
 
+use std::time::Duration;
+
 use farfield_proto::fill::{FillRequest, Filled};
 use farfield_proto::key::Keys;
 use farfield_proto::wire;
+use tokio::time::timeout;
 use tokio_util::sync::CancellationToken;
 use tracing::debug;
 use zenoh::Session;
-use zenoh::handlers::FifoChannel;
+use zenoh::handlers::RingChannel;
 use zenoh::query::Query;
 
 use super::super::link::zenoh_error;
 use super::thread::RingHandle;
 
-/// Questions that wait.
+/// Questions that wait; of more, the oldest are dropped: who asked has given them up first, and Zenoh's
+/// threads must not wait.
 const QUEUE: usize = 4;
+/// How long the disk may take for an answer: less than fusion waits for it.
+const PATIENCE: Duration = Duration::from_secs(2);
 
 /// Task: answers what is asked for under `{venue}/fill/{viewpoint}` until `stop`. An answer goes out
 /// with the question's priority, which fusion makes the lowest, and only when `admit` lets so many bytes pass.
@@ -30,7 +36,7 @@ pub(in crate::node) async fn answer_questions(
     let key = Keys::new(&venue).fill(&viewpoint);
     let questions = session
         .declare_queryable(&key)
-        .with(FifoChannel::new(QUEUE))
+        .with(RingChannel::new(QUEUE))
         .await
         .map_err(zenoh_error)?;
     loop {
@@ -45,7 +51,8 @@ pub(in crate::node) async fn answer_questions(
             debug!("a question that cannot be read");
             continue;
         };
-        let Some(filled) = ring.answer(request).await else {
+        let Ok(Some(filled)) = timeout(PATIENCE, ring.answer(request)).await else {
+            debug!("the ring is busy, or the disk hangs");
             continue;
         };
         let mut bytes = wire::encode(&filled);

@@ -6,6 +6,7 @@ use std::os::unix::fs::FileExt as _;
 use std::path::{Path, PathBuf};
 
 use farfield_proto::fill::{FillRequest, Filled, StoredSet};
+use tracing::warn;
 
 use crate::ring::index::{Index, Place};
 use crate::ring::record::{
@@ -19,6 +20,15 @@ const SEGMENTS: usize = 8;
 const MAX_RECORDS: usize = 1 << 14;
 /// Name of the file by which one process holds the ring.
 const LOCK: &str = "ring.lock";
+
+/// What became of a message.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Stored {
+    /// It is kept.
+    Kept,
+    /// It is larger than a segment: no ring of this size can keep it.
+    TooLarge,
+}
 
 /// A ring on disk.
 pub(super) struct Ring {
@@ -78,8 +88,8 @@ impl Ring {
     /// Keeps a message; the oldest give way.
     ///
     /// # Errors
-    /// When it cannot be written; the ring stays as it was.
-    pub(super) fn store(&mut self, label: Label, message: &[u8]) -> io::Result<()> {
+    /// When it cannot be written; the ring stays as it was, and the next may be.
+    pub(super) fn store(&mut self, label: Label, message: &[u8]) -> io::Result<Stored> {
         let mut record = std::mem::take(&mut self.buffer);
         record.clear();
         put_record(label, message, &mut record);
@@ -88,11 +98,8 @@ impl Ring {
         stored
     }
 
-    /// What there is of the ticks that are asked for.
-    ///
-    /// # Errors
-    /// When a file cannot be read.
-    pub(super) fn answer(&mut self, request: &FillRequest) -> io::Result<Filled> {
+    /// What there is of the ticks that are asked for, without what cannot be read any more.
+    pub(super) fn answer(&mut self, request: &FillRequest) -> Filled {
         let found = self.index.find(request);
         let mut stored = Vec::with_capacity(found.places.len());
         for place in found.places {
@@ -100,7 +107,10 @@ impl Ring {
                 continue;
             };
             self.buffer.resize(RECORD_HEAD_BYTES + place.len, 0);
-            segment.file.read_exact_at(&mut self.buffer, place.at)?;
+            if let Err(error) = segment.file.read_exact_at(&mut self.buffer, place.at) {
+                warn!(%error, "a set cannot be read from the ring");
+                continue;
+            }
             // A disk may forget, too.
             if let Some(record) = record_at(&self.buffer, 0) {
                 stored.push(StoredSet {
@@ -109,10 +119,22 @@ impl Ring {
                 });
             }
         }
-        Ok(Filled {
+        Filled {
             to: found.to,
             stored,
-        })
+        }
+    }
+
+    /// As if the disk took nothing more, or took everything again.
+    #[cfg(test)]
+    pub(super) fn refuse_writes(&mut self, folder: &Path, refuse: bool) {
+        for (i, segment) in self.segments.iter_mut().enumerate() {
+            let opened = OpenOptions::new()
+                .read(true)
+                .write(!refuse)
+                .open(path(folder, i));
+            segment.file = opened.unwrap();
+        }
     }
 
     fn open_segment(&mut self, path: &Path, index: usize) -> io::Result<Segment> {
@@ -153,10 +175,10 @@ impl Ring {
         })
     }
 
-    fn append(&mut self, label: Label, record: &[u8]) -> io::Result<()> {
+    fn append(&mut self, label: Label, record: &[u8]) -> io::Result<Stored> {
         let len = record.len() as u64;
         if len + SEGMENT_HEAD_BYTES as u64 > self.segment_bytes {
-            return Err(io::Error::other("the ring is too small for the message"));
+            return Ok(Stored::TooLarge);
         }
         let full = self.segments.get(self.current).is_none_or(|segment| {
             segment.bytes + len > self.segment_bytes || segment.records >= MAX_RECORDS
@@ -165,9 +187,8 @@ impl Ring {
             self.turn()?;
         }
         let current = self.current;
-        let Some(segment) = self.segments.get_mut(current) else {
-            return Ok(());
-        };
+        let segment = self.segments.get_mut(current);
+        let segment = segment.ok_or_else(|| io::Error::other("the ring has no segments"))?;
         let at = segment.bytes;
         // In place: what a failed attempt has left is written over by the next.
         segment.file.write_all_at(record, at)?;
@@ -179,7 +200,7 @@ impl Ring {
             len: record.len() - RECORD_HEAD_BYTES,
         };
         self.index.add(label, place);
-        Ok(())
+        Ok(Stored::Kept)
     }
 
     /// Begins the next segment, over the oldest.
@@ -241,7 +262,7 @@ mod tests {
             max_bytes: MAX_ANSWER_BYTES,
         };
         while request.from < request.to {
-            let filled = ring.answer(&request).unwrap();
+            let filled = ring.answer(&request);
             found.extend(filled.stored.into_iter().map(|set| set.bytes));
             request.from = filled.to;
         }
@@ -317,7 +338,7 @@ mod tests {
     fn a_message_that_is_larger_than_a_segment_is_refused() {
         let dir = tempfile::tempdir().unwrap();
         let mut ring = Ring::open(dir.path(), 8 << 10).unwrap();
-        assert!(ring.store(label(1), &[0; 2000]).is_err());
-        ring.store(label(2), &[0; 500]).unwrap();
+        assert_eq!(ring.store(label(1), &[0; 2000]).unwrap(), Stored::TooLarge);
+        assert_eq!(ring.store(label(2), &[0; 500]).unwrap(), Stored::Kept);
     }
 }

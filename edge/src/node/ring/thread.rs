@@ -1,22 +1,28 @@
 //! The thread that owns the ring: it writes what it is handed, and answers questions.
 
 use std::path::Path;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
 
 use anyhow::Context as _;
 use farfield_proto::fill::{FillRequest, Filled};
 use tokio::sync::oneshot;
 use tracing::{debug, warn};
 
+use super::super::clock;
 use super::super::process::say;
-use super::store::Ring;
+use super::store::{Ring, Stored};
 use crate::ring::record::Label;
 
 /// Messages that wait for the disk: some seconds of a busy viewpoint.
 const QUEUE: usize = 1024;
+/// How long after a write has failed the next is tried: a disk that is full may be emptied.
+const AGAIN: Duration = Duration::from_secs(5);
+/// What is said where nothing is wrong but that messages came too fast.
+const TOO_SLOW: &str = "the disk was too slow";
 
 enum Command {
     Store(Label, Vec<u8>),
@@ -34,7 +40,16 @@ pub(in crate::node) struct RingThread {
 #[derive(Clone)]
 pub(in crate::node) struct RingHandle {
     commands: SyncSender<Command>,
-    lost: Arc<AtomicU64>,
+    state: Arc<RingState>,
+}
+
+/// What the ring's thread and its handles know of each other.
+#[derive(Debug, Default)]
+struct RingState {
+    /// Messages that are not kept, since the start.
+    lost: AtomicU64,
+    /// Why the last of them is not, where the disk was not just too slow.
+    reason: Mutex<Option<String>>,
 }
 
 impl RingThread {
@@ -47,13 +62,16 @@ impl RingThread {
         let ring = ring.with_context(|| format!("opening the ring in {}", folder.display()))?;
         debug!(records = ring.len(), torn = ring.torn, "the ring is open");
         let (commands, to_do) = sync_channel(QUEUE);
+        let state = Arc::<RingState>::default();
+        let mut keeper = Keeper {
+            ring,
+            state: Arc::clone(&state),
+            try_at: None,
+        };
         let thread = std::thread::Builder::new().name("ring".to_owned());
-        let thread = thread.spawn(move || work(ring, &to_do));
+        let thread = thread.spawn(move || keeper.work(&to_do));
         Ok(Self {
-            handle: RingHandle {
-                commands,
-                lost: Arc::default(),
-            },
+            handle: RingHandle { commands, state },
             thread: thread.context("starting the ring's thread")?,
         })
     }
@@ -65,9 +83,8 @@ impl RingThread {
 
     /// Writes what has been handed over, and ends.
     pub(in crate::node) fn finish(self) {
-        let lost = self.handle.lost.load(Ordering::Relaxed);
-        if lost > 0 {
-            warn!(lost, "sets not kept: the disk was too slow");
+        if let Some(failure) = self.handle.failure() {
+            warn!("{failure}");
         }
         // A ring that has failed is gone already.
         drop(self.handle.commands.send(Command::End));
@@ -82,7 +99,7 @@ impl RingHandle {
     pub(in crate::node) fn store(&self, label: Label, message: &[u8]) {
         let command = Command::Store(label, message.to_owned());
         if let Err(TrySendError::Full(_)) = self.commands.try_send(command) {
-            self.lost.fetch_add(1, Ordering::Relaxed);
+            self.state.lost.fetch_add(1, Ordering::Relaxed);
         }
     }
 
@@ -94,26 +111,143 @@ impl RingHandle {
             .ok()?;
         answer.await.ok()
     }
+
+    /// How many messages are not kept, and why; `None` when all are.
+    pub(in crate::node) fn failure(&self) -> Option<String> {
+        let lost = self.state.lost.load(Ordering::Relaxed);
+        let reason = self.state.reason();
+        (lost > 0).then(|| {
+            let reason = reason.as_deref().unwrap_or(TOO_SLOW);
+            format!("{lost} sets are not kept for after an outage: {reason}")
+        })
+    }
 }
 
-fn work(mut ring: Ring, to_do: &Receiver<Command>) {
-    // After a write has failed the ring is only read: the disk is full, or gone.
-    let mut works = true;
-    while let Ok(command) = to_do.recv() {
-        match command {
-            Command::Store(label, message) if works => {
-                if let Err(error) = ring.store(label, &message) {
-                    works = false;
-                    say(format_args!("sets are not kept any more: {error}"));
+impl RingState {
+    /// Counts a message that is not kept.
+    fn lose(&self, reason: &str) {
+        self.lost.fetch_add(1, Ordering::Relaxed);
+        let mut known = self.reason.lock().unwrap_or_else(PoisonError::into_inner);
+        if known.as_deref() != Some(reason) {
+            *known = Some(reason.to_owned());
+        }
+    }
+
+    fn reason(&self) -> Option<String> {
+        let reason = self.reason.lock().unwrap_or_else(PoisonError::into_inner);
+        reason.clone()
+    }
+}
+
+/// What the thread owns.
+struct Keeper {
+    ring: Ring,
+    state: Arc<RingState>,
+    /// A write has failed; nothing is written before then.
+    try_at: Option<Instant>,
+}
+
+impl Keeper {
+    fn work(&mut self, to_do: &Receiver<Command>) {
+        while let Ok(command) = to_do.recv() {
+            match command {
+                Command::Store(label, message) => self.store(label, &message, clock::now()),
+                // Who asked may have given up while the disk was busy.
+                Command::Answer(_, reply) if reply.is_closed() => {}
+                Command::Answer(request, reply) => drop(reply.send(self.ring.answer(&request))),
+                Command::End => return,
+            }
+        }
+    }
+
+    /// Keeps a message, unless a write has failed shortly before `now`.
+    fn store(&mut self, label: Label, message: &[u8], now: Instant) {
+        if self.try_at.is_some_and(|try_at| now < try_at) {
+            let reason = self.state.reason().unwrap_or_default();
+            self.state.lose(&reason);
+            return;
+        }
+        match self.ring.store(label, message) {
+            Ok(Stored::Kept) => {
+                if self.try_at.take().is_some() {
+                    say(format_args!("sets are kept again"));
                 }
             }
-            Command::Store(..) => {}
-            Command::Answer(request, reply) => match ring.answer(&request) {
-                // Who asked may have gone.
-                Ok(filled) => drop(reply.send(filled)),
-                Err(error) => warn!(%error, "the ring cannot be read"),
-            },
-            Command::End => return,
+            Ok(Stored::TooLarge) => {
+                let too_large = format!(
+                    "a set of {} bytes is too large for the ring: raise `ring_mib` in [recording]",
+                    message.len()
+                );
+                self.state.lose(&too_large);
+            }
+            Err(error) => {
+                self.state.lose(&error.to_string());
+                if self.try_at.replace(now + AGAIN).is_none() {
+                    say(format_args!("sets are not kept for now: {error}"));
+                }
+            }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use farfield_proto::fill::SetKind;
+    use farfield_proto::id::SessionId;
+    use farfield_proto::tick::Tick;
+
+    use super::*;
+
+    fn label(tick: i64) -> Label {
+        Label {
+            session: SessionId(1),
+            tick: Tick(tick),
+            kind: SetKind::Patches,
+        }
+    }
+
+    fn keeper(folder: &Path) -> (Keeper, RingHandle) {
+        let state = Arc::<RingState>::default();
+        let keeper = Keeper {
+            ring: Ring::open(folder, 64 << 10).unwrap(),
+            state: Arc::clone(&state),
+            try_at: None,
+        };
+        let (commands, _) = sync_channel(1);
+        (keeper, RingHandle { commands, state })
+    }
+
+    #[test]
+    fn a_message_that_is_too_large_costs_itself_only() {
+        let dir = tempfile::tempdir().unwrap();
+        let (mut keeper, handle) = keeper(dir.path());
+        let now = clock::now();
+        keeper.store(label(1), &[0; 100], now);
+        assert_eq!(handle.failure(), None);
+        keeper.store(label(2), &vec![0; 60_000], now);
+        keeper.store(label(3), &[0; 100], now);
+        assert_eq!(keeper.ring.len(), 2);
+        let failure = handle.failure().unwrap();
+        assert!(failure.starts_with("1 sets") && failure.contains("ring_mib"));
+    }
+
+    #[test]
+    fn a_disk_that_failed_is_tried_again_and_what_was_lost_is_counted() {
+        let dir = tempfile::tempdir().unwrap();
+        let (mut keeper, handle) = keeper(dir.path());
+        let now = clock::now();
+        // Every segment is opened for reading only: no write goes through.
+        keeper.ring.refuse_writes(dir.path(), true);
+        for (tick, after) in [(1, 0), (2, 1), (3, 4), (4, 5)] {
+            keeper.store(label(tick), &[0; 100], now + Duration::from_secs(after));
+        }
+        let failure = handle.failure().unwrap();
+        assert!(failure.starts_with("4 sets"), "{failure}");
+        keeper.ring.refuse_writes(dir.path(), false);
+        keeper.store(label(5), &[0; 100], now + Duration::from_secs(9));
+        keeper.store(label(6), &[0; 100], now + Duration::from_secs(10));
+        keeper.store(label(7), &[0; 100], now + Duration::from_secs(10));
+        assert_eq!(keeper.ring.len(), 2, "it works again");
+        assert!(handle.failure().unwrap().starts_with("5 sets"));
     }
 }

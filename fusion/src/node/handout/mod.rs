@@ -8,7 +8,7 @@ use std::os::unix::fs::FileExt as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use anyhow::Context as _;
+use anyhow::{Context as _, ensure};
 use farfield_proto::handout::{
     CHUNK_BYTES, Chunk, FileKind, FileList, HandoutRequest, SharedFile, SignedList,
 };
@@ -19,11 +19,11 @@ use farfield_proto::venue::Venue;
 use farfield_proto::wire;
 use tokio_util::sync::CancellationToken;
 use tracing::debug;
-use zenoh::Session;
-use zenoh::handlers::FifoChannel;
+use zenoh::handlers::RingChannel;
 use zenoh::query::Query;
+use zenoh::{Session, Wait as _};
 
-/// Questions that wait.
+/// Questions that wait; of more, the oldest are dropped, and asked again.
 const QUEUE: usize = 16;
 
 /// The files of a venue, listed and signed once; their bytes are read when they are asked for.
@@ -40,7 +40,7 @@ impl Handout {
     /// Lists the files of the venue at `venue_path`. Networks that are not on this machine are left out.
     ///
     /// # Errors
-    /// When a file cannot be read, or the venue file is not the one that was loaded any more.
+    /// When a file cannot be read, or venue file or calibration are not those that were loaded any more.
     pub(super) fn load(
         venue_path: &Path,
         venue: &Venue,
@@ -71,6 +71,7 @@ impl Handout {
             venue: venue.name.clone(),
             files: shared.collect::<Result<_, _>>()?,
         };
+        check_unchanged(venue, &list.files)?;
         let list = wire::encode(&list);
         let signature = identity
             .map(|identity| sign::sign(&list, identity))
@@ -99,6 +100,24 @@ impl Handout {
             }
         }
     }
+}
+
+/// Files may have been edited since they were loaded: an edge must not get others than fusion works with.
+fn check_unchanged(venue: &Venue, files: &[SharedFile]) -> anyhow::Result<()> {
+    for file in files {
+        let loaded = match file.kind {
+            FileKind::Venue => &venue.hashes.venue,
+            FileKind::Calibration => &venue.hashes.calibration,
+            _ => continue,
+        };
+        let found = blake3::Hash::from_bytes(file.blake3).to_hex();
+        ensure!(
+            found.starts_with(loaded.as_str()),
+            "the {} was changed while fusion started: start it again",
+            file.kind.name()
+        );
+    }
+    Ok(())
 }
 
 /// The card at `card` and its model, where both are on this machine.
@@ -174,7 +193,7 @@ pub(super) async fn serve(
     let key = Keys::new(&venue).config();
     let declared = session
         .declare_queryable(key)
-        .with(FifoChannel::new(QUEUE))
+        .with(RingChannel::new(QUEUE))
         .await;
     let questions = match declared {
         Ok(questions) => questions,
@@ -193,22 +212,23 @@ pub(super) async fn serve(
     }
 }
 
+/// Reading waits for the disk, and replying for a link that is full: neither may hold up the runtime.
 async fn reply(handout: &Arc<Handout>, query: Query) {
-    let question = query.payload().map(|bytes| bytes.to_bytes().into_owned());
     let handout = Arc::clone(handout);
-    let answer = move || handout.answer(&question.unwrap_or_default());
-    let answer = tokio::task::spawn_blocking(answer).await;
-    let key = query.key_expr().clone();
-    let sent = match answer {
-        Ok(Ok(bytes)) => {
-            // At the question's priority: behind everything that a tick needs.
-            query.reply(key, bytes).await
+    let answer = move || {
+        let question = query.payload().map(|bytes| bytes.to_bytes().into_owned());
+        match handout.answer(&question.unwrap_or_default()) {
+            Ok(bytes) => {
+                // At the question's priority: behind everything that a tick needs.
+                query.reply(query.key_expr().clone(), bytes).wait()
+            }
+            Err(error) => query.reply_err(format!("{error:#}")).wait(),
         }
-        Ok(Err(error)) => query.reply_err(format!("{error:#}")).await,
-        Err(error) => query.reply_err(error.to_string()).await,
     };
-    if let Err(error) = sent {
-        debug!(%error, "a question for files was not answered");
+    match tokio::task::spawn_blocking(answer).await {
+        Ok(Ok(())) => {}
+        Ok(Err(error)) => debug!(%error, "a question for files was not answered"),
+        Err(error) => debug!(%error, "a question for files ended early"),
     }
 }
 

@@ -50,3 +50,21 @@ fn a_question_that_makes_no_sense_is_refused() {
     let question = HandoutRequest::Chunk { file: 3, from: 0 };
     assert!(handout.answer(&wire::encode(&question)).is_err());
 }
+
+#[test]
+fn a_file_that_was_changed_since_it_was_loaded_is_not_handed_out() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("venue.toml");
+    std::fs::create_dir(folder.path().join("sub")).unwrap();
+    let calibration = folder.path().join("sub/c.toml");
+    for (changed, what) in [(&path, "venue file"), (&calibration, "calibration")] {
+        std::fs::write(&path, VENUE).unwrap();
+        std::fs::write(&calibration, CALIBRATION).unwrap();
+        let venue = Venue::load(&path).unwrap();
+        Handout::load(&path, &venue, None).unwrap();
+        let text = std::fs::read_to_string(changed).unwrap();
+        std::fs::write(changed, text + "# edited\n").unwrap();
+        let refused = Handout::load(&path, &venue, None).unwrap_err().to_string();
+        assert!(refused.contains(what), "{refused}");
+    }
+}

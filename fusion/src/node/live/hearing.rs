@@ -6,7 +6,7 @@ use farfield_proto::message::{PatchSet, SightingSet, Status};
 use farfield_proto::tick::Tick;
 use tracing::debug;
 
-use super::super::link::{Arrival, Heard, NODE, Presence};
+use super::super::link::{Arrival, Ends, Heard, NODE, Presence};
 use super::super::process::say;
 use super::run::Live;
 use crate::align::Refused;
@@ -22,6 +22,17 @@ const MAX_LATE: usize = 256;
 const LATE_LOOKS_TOLD: u32 = 5;
 
 impl Live<'_> {
+    /// Hears on until `done`: a queue that nobody empties would hold up the answers to others, too.
+    pub(super) async fn hear_until(&mut self, ends: &mut Ends, done: impl Future<Output = ()>) {
+        tokio::pin!(done);
+        loop {
+            tokio::select! {
+                () = &mut done => return,
+                Some(heard) = ends.heard.recv() => self.hear(heard),
+            }
+        }
+    }
+
     pub(super) fn hear(&mut self, heard: Heard) {
         match heard {
             Heard::Patches(set, arrival) => self.hear_patches(set, arrival),

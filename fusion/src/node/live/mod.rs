@@ -75,7 +75,8 @@ pub(super) async fn live(
             Ok(Ending::Done) => FILL_PATIENCE,
             _ => HURRY,
         };
-        recording.fillers(&around.ear.clock).finish(patience).await;
+        let fillers = recording.fillers(&around.ear.clock);
+        run.hear_until(around.ends, fillers.finish(patience)).await;
     }
     let last_words = run.farewell(around.ends).await;
     let finished = worker.finish().await.map_err(NodeError::Failed)?;

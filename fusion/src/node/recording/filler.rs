@@ -103,13 +103,18 @@ impl Fillers {
         self.holes.lock().over();
         let deadline = Instant::now() + patience;
         let n_viewpoints = self.holes.lock().viewpoints();
-        while Instant::now() < deadline {
+        while Instant::now() < deadline && !self.has_failed() {
             let open = (0..n_viewpoints).any(|v| self.holes.lock().oldest(v).is_some());
             if !open {
                 return;
             }
             sleep(Duration::from_millis(20)).await;
         }
+    }
+
+    /// Whether there is no recording any more that could be filled.
+    fn has_failed(&self) -> bool {
+        self.queue.state().failure().is_some()
     }
 }
 
@@ -127,7 +132,7 @@ struct Filler {
 impl Filler {
     async fn run(self) {
         let index = usize::from(self.viewpoint.0);
-        loop {
+        while !self.shared.has_failed() {
             let hole = self.shared.holes.lock().oldest(index);
             let Some([from, to]) = hole else {
                 sleep(REST).await;

@@ -48,10 +48,14 @@ fn patches(session: SessionId, tick: i64) -> PatchSet {
     }
 }
 
+/// A tick that the edge's ring has lost.
+const LOST: i64 = 14;
+
 /// Two ticks at a time, at first none, and what nobody asked for beside them.
 fn answer(request: &FillRequest, question: usize) -> Filled {
     let to = request.to.min(request.from + 2);
-    let ticks = (request.from.0..to.0).map(|tick| patches(SESSION, tick));
+    let kept = (request.from.0..to.0).filter(|tick| *tick != LOST);
+    let ticks = kept.map(|tick| patches(SESSION, tick));
     let stranger = patches(SessionId(9), request.from.0);
     let far = patches(SESSION, request.from.0 - 100);
     let stored = ticks.chain([stranger, far]).map(|set| StoredSet {
@@ -123,18 +127,23 @@ async fn what_was_missed_is_fetched_and_nothing_else() {
     fillers.spawn(&fusion, &venue(), &tasks, &stop);
     fillers.finish(PATIENCE).await;
     stop.cancel();
-    assert_eq!(fillers.holes.lock().left(), 0);
-    let ticks: Vec<i64> = notes
+    assert_eq!(fillers.holes.lock().left(), 7, "nothing is written yet");
+    let sets: Vec<PatchSet> = notes
         .try_iter()
         .filter_map(|note| match note {
             Note::Passed(passed) => {
                 assert_eq!(passed.topic, "fill-test/fill/a/patch");
                 let set = wire::decode::<PatchSet>(&passed.bytes).unwrap();
                 assert_eq!(set.session, SESSION);
-                Some(set.tick.0)
+                Some(set)
             }
             Note::End => None,
         })
         .collect();
-    assert_eq!(ticks, (10..17).collect::<Vec<i64>>());
+    let ticks: Vec<i64> = sets.iter().map(|set| set.tick.0).collect();
+    assert_eq!(ticks, [10, 11, 12, 13, 15, 16]);
+    for set in &sets {
+        fillers.holes.lock().patches(set);
+    }
+    assert_eq!(fillers.holes.lock().left(), 1, "the ring has lost one");
 }

@@ -13,7 +13,7 @@ use farfield_proto::wire;
 use super::super::clock;
 use super::super::recorder::layout;
 use crate::recording::writer::Head;
-use crate::recording::{CALIBRATION_FILE, CARD_FILE, VENUE_FILE};
+use crate::recording::{CALIBRATION_FILE, CARD_FILE, MAX_ATTACHED_BYTES, VENUE_FILE};
 
 /// The head of a recording of `venue`, whose file is `path`; `recorder` says who records.
 ///
@@ -60,7 +60,14 @@ pub(in crate::node) fn head(
 }
 
 fn read(path: &Path) -> anyhow::Result<Vec<u8>> {
-    fs::read(path).with_context(|| format!("reading {} for the recording", path.display()))
+    let reading = || format!("reading {} for the recording", path.display());
+    let bytes = fs::metadata(path).with_context(reading)?.len();
+    ensure!(
+        bytes <= MAX_ATTACHED_BYTES,
+        "{} has {bytes} bytes; a recording carries files of at most {MAX_ATTACHED_BYTES}",
+        path.display()
+    );
+    fs::read(path).with_context(reading)
 }
 
 /// The files may have been edited since the node read them; a recording must not carry others.
@@ -79,4 +86,21 @@ fn check_unchanged(venue: &Venue, path: &Path, files: &[(String, Vec<u8>)]) -> a
         path.display()
     );
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_that_no_replay_would_take_is_refused_by_name() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("calibration.toml");
+        let file = fs::File::create(&path).unwrap();
+        file.set_len(MAX_ATTACHED_BYTES + 1).unwrap();
+        let refused = read(&path).unwrap_err().to_string();
+        assert!(refused.contains("calibration.toml"), "{refused}");
+        file.set_len(MAX_ATTACHED_BYTES).unwrap();
+        assert_eq!(read(&path).unwrap().len() as u64, MAX_ATTACHED_BYTES);
+    }
 }

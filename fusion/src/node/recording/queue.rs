@@ -148,7 +148,7 @@ impl Tap for Queue {
 }
 
 impl QueueState {
-    /// The recorder has taken a message of so many bytes.
+    /// The recorder has written a message of so many bytes.
     pub(super) fn taken(&self, bytes: usize) {
         self.queued_bytes.fetch_sub(bytes, Ordering::Relaxed);
     }

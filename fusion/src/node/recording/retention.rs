@@ -1,4 +1,4 @@
-//! How long recordings are kept: those of ours that are older than the venue says are deleted.
+//! How long recordings are kept: those of a venue that are older than its file says are deleted.
 
 use std::fs::{self, File};
 use std::io::Read as _;
@@ -8,14 +8,16 @@ use std::time::Duration;
 use tracing::{debug, warn};
 
 use super::super::clock;
-use crate::recording::is_ours;
+use crate::recording::venue_of;
 
-/// Bytes of a file's beginning that tell whose it is.
-const HEAD_BYTES: usize = 64;
+/// Bytes of a file's beginning that tell whose it is: header and metadata, with the longest names of the
+/// most viewpoints.
+const HEAD_BYTES: usize = 64 * 1024;
 
-/// Deletes the recordings beside `current` that have not been written to for `days`; 0: none.
-/// Files of other programs stay, whatever they are called, and so does `current`.
-pub(super) fn delete_old(current: &Path, days: f64) -> Vec<PathBuf> {
+/// Deletes the recordings of `venue` beside `current` that have not been written to for `days`; 0: none.
+/// Files of other programs stay, whatever they are called, and so do `current` and those of other venues,
+/// which have a word of their own on it.
+pub(super) fn delete_old(current: &Path, venue: &str, days: f64) -> Vec<PathBuf> {
     let Ok(keep) = Duration::try_from_secs_f64(days * 86_400.0) else {
         return Vec::new();
     };
@@ -37,7 +39,7 @@ pub(super) fn delete_old(current: &Path, days: f64) -> Vec<PathBuf> {
     let mut deleted = Vec::new();
     for entry in entries.flatten() {
         let path = entry.path();
-        if path.file_name() == own_name || !is_old(&path, keep) || !is_recording(&path) {
+        if path.file_name() == own_name || !is_old(&path, keep) || !is_of(&path, venue) {
             continue;
         }
         match fs::remove_file(&path) {
@@ -61,15 +63,15 @@ fn is_old(path: &Path, keep: Duration) -> bool {
     metadata.is_file() && modified.is_some_and(|at| clock::unix_time().saturating_sub(at) > keep)
 }
 
-/// Whether `path` is called a recording and begins as ours do.
-fn is_recording(path: &Path) -> bool {
+/// Whether `path` is called a recording, and is one of `venue`.
+fn is_of(path: &Path, venue: &str) -> bool {
     if path.extension().is_none_or(|extension| extension != "mcap") {
         return false;
     }
-    let mut head = Vec::with_capacity(HEAD_BYTES);
+    let mut head = Vec::new();
     let read =
         File::open(path).and_then(|file| file.take(HEAD_BYTES as u64).read_to_end(&mut head));
-    read.is_ok() && is_ours(&head)
+    read.is_ok() && venue_of(&head).is_some_and(|found| found == venue)
 }
 
 #[cfg(test)]
@@ -77,7 +79,7 @@ mod tests {
     use std::time::SystemTime;
 
     use super::*;
-    use crate::recording::PROFILE;
+    use crate::recording::{FACTS, PROFILE};
 
     fn file(path: &Path, content: &[u8], days: u64) {
         fs::write(path, content).unwrap();
@@ -86,14 +88,19 @@ mod tests {
             .unwrap();
     }
 
-    /// The first bytes of an MCAP file of a profile.
-    fn head(profile: &str) -> Vec<u8> {
+    /// The first bytes of an MCAP file of a profile, of a venue.
+    fn head(profile: &str, venue: &str) -> Vec<u8> {
         let mut writer = mcap::WriteOptions::new()
             .profile(profile)
             .disable_seeking(true);
         writer = writer.compression(None);
         let mut sink = Vec::new();
-        let writer = writer.create(mcap::write::NoSeek::new(&mut sink)).unwrap();
+        let mut writer = writer.create(mcap::write::NoSeek::new(&mut sink)).unwrap();
+        let facts = mcap::records::Metadata {
+            name: FACTS.to_owned(),
+            metadata: [("venue".to_owned(), venue.to_owned())].into(),
+        };
+        writer.write_metadata(&facts).unwrap();
         let _sink = writer.into_inner();
         sink
     }
@@ -102,19 +109,21 @@ mod tests {
     fn only_our_own_old_recordings_go() {
         let dir = tempfile::tempdir().unwrap();
         let at = |name: &str| dir.path().join(name);
-        let ours = head(PROFILE);
+        let ours = head(PROFILE, "hall");
         for (name, content, days) in [
             ("old.mcap", &ours[..], 9),
             ("current.mcap", &ours, 9),
             ("new.mcap", &ours, 2),
             ("old.txt", &ours, 9),
-            ("robot.mcap", &head("ros2"), 9),
+            ("robot.mcap", &head("ros2", "hall"), 9),
+            ("court.mcap", &head(PROFILE, "court"), 9),
             ("text.mcap", b"not even MCAP", 9),
         ] {
             file(&at(name), content, days);
         }
-        assert!(delete_old(&at("current.mcap"), 0.0).is_empty());
-        assert_eq!(delete_old(&at("current.mcap"), 7.0), [at("old.mcap")]);
-        assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 5);
+        assert!(delete_old(&at("current.mcap"), "hall", 0.0).is_empty());
+        let deleted = delete_old(&at("current.mcap"), "hall", 7.0);
+        assert_eq!(deleted, [at("old.mcap")]);
+        assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 6);
     }
 }

@@ -1,5 +1,6 @@
 //! The thread that writes a recording: what passed in, chunks of a second out.
 
+use std::collections::BTreeSet;
 use std::fs::File;
 use std::io::{self, BufWriter};
 use std::path::PathBuf;
@@ -42,7 +43,8 @@ pub(in crate::node) struct RecordingThread {
     holes: SharedHoles,
     filled: Arc<AtomicU64>,
     queue: Arc<Queue>,
-    thread: JoinHandle<()>,
+    /// `None` once it is waited for.
+    thread: Option<JoinHandle<()>>,
 }
 
 impl RecordingThread {
@@ -57,7 +59,7 @@ impl RecordingThread {
         parameters: &RecordingParameters,
     ) -> anyhow::Result<Self> {
         let Place { path, file } = place;
-        let recorder = head.venue.clone() + "/recorder";
+        let (venue, recorder) = (head.venue.clone(), head.venue.clone() + "/recorder");
         let (n_viewpoints, rate_hz) = (head.viewpoints.len(), head.rate_hz);
         let (queue, notes) = Queue::open(&head.venue, session);
         let writer = RecordingWriter::create(BufWriter::new(file), head);
@@ -68,6 +70,7 @@ impl RecordingThread {
         let holes = SharedHoles::new(Holes::new(session, n_viewpoints, settle));
         let filled = Arc::<AtomicU64>::default();
         let work = Work {
+            venue,
             recorder,
             chunk: Duration::try_from_secs_f64(parameters.chunk_s)?,
             retention_days: parameters.retention_days,
@@ -76,6 +79,7 @@ impl RecordingThread {
             lost: 0,
             holes: holes.clone(),
             filled: Arc::clone(&filled),
+            rings: BTreeSet::new(),
         };
         let thread = std::thread::Builder::new().name("recorder".to_owned());
         let thread = thread.spawn(move || work.run(writer, &notes));
@@ -85,7 +89,7 @@ impl RecordingThread {
             holes,
             filled,
             queue: Arc::new(queue),
-            thread: thread.context("starting the recorder's thread")?,
+            thread: Some(thread.context("starting the recorder's thread")?),
         })
     }
 
@@ -120,23 +124,30 @@ impl RecordingThread {
         }
     }
 
-    /// Writes what has been noted so far and the file's end.
+    /// Writes what has been noted so far and the file's end, and says what the recording has come to:
+    /// what could not be written at the very end is a failure as well.
     ///
     /// # Errors
     /// When the thread has panicked.
-    pub(in crate::node) async fn finish(self) -> anyhow::Result<()> {
+    pub(in crate::node) async fn finish(mut self) -> anyhow::Result<RecordingSummary> {
+        let (queue, thread) = (Arc::clone(&self.queue), self.thread.take());
         let finish = move || {
-            self.queue.end();
-            self.thread.join()
+            queue.end();
+            thread.map_or(Ok(()), JoinHandle::join)
         };
         let joined = tokio::task::spawn_blocking(finish).await;
         joined
             .context("waiting for the recorder")?
-            .map_err(|_| anyhow!("the recorder has panicked"))
+            .map_err(|_| anyhow!("the recorder has panicked"))?;
+        // Only now is everything written that there will be.
+        self.holes.lock().over();
+        Ok(self.so_far())
     }
 }
 
 struct Work {
+    /// Whose recordings are kept for so long.
+    venue: String,
     /// Topic of what the recorder says of itself.
     recorder: String,
     chunk: Duration,
@@ -147,6 +158,8 @@ struct Work {
     lost: u64,
     holes: SharedHoles,
     filled: Arc<AtomicU64>,
+    /// The viewpoints that do not keep all that they send.
+    rings: BTreeSet<usize>,
 }
 
 impl Work {
@@ -173,7 +186,7 @@ impl Work {
         loop {
             let now = clock::now();
             if now >= clean_at {
-                delete_old(&self.file, self.retention_days);
+                delete_old(&self.file, &self.venue, self.retention_days);
                 clean_at = now + CLEAN_EVERY;
             }
             if now >= flush_at {
@@ -183,7 +196,6 @@ impl Work {
             }
             match notes.recv_timeout(until(flush_at.min(clean_at), now)) {
                 Ok(Note::Passed(passed)) => {
-                    self.state.taken(passed.bytes.len());
                     let content = writer.write(&Passed {
                         topic: &passed.topic,
                         bytes: &passed.bytes,
@@ -192,6 +204,7 @@ impl Work {
                     if let Some(content) = content {
                         self.count(content, &passed.bytes);
                     }
+                    self.state.taken(passed.bytes.len());
                 }
                 Ok(Note::End) | Err(RecvTimeoutError::Disconnected) => {
                     return self.say_losses(writer);
@@ -202,14 +215,18 @@ impl Work {
     }
 
     /// Keeps account of what is there, and what is missing.
-    fn count(&self, content: Content, bytes: &[u8]) {
+    fn count(&mut self, content: Content, bytes: &[u8]) {
+        if let Content::Filled(_) = content {
+            self.filled.fetch_add(1, Ordering::Relaxed);
+        }
         match content {
-            Content::Sets(SetKind::Patches) => {
+            // However a set came: it is there only now that it is written.
+            Content::Sets(SetKind::Patches) | Content::Filled(SetKind::Patches) => {
                 if let Ok(set) = wire::decode(bytes) {
                     self.holes.lock().patches(&set);
                 }
             }
-            Content::Sets(SetKind::Sightings) => {
+            Content::Sets(SetKind::Sightings) | Content::Filled(SetKind::Sightings) => {
                 if let Ok(set) = wire::decode(bytes) {
                     self.holes.lock().sightings(&set);
                 }
@@ -220,15 +237,30 @@ impl Work {
                 }
             }
             Content::Status => {
-                let status = wire::decode::<Status>(bytes).ok();
-                let nth = status.and_then(|s| Some((s.viewpoint?, s.live?.every_nth_tick)));
-                if let Some((viewpoint, nth)) = nth {
+                if let Ok(status) = wire::decode::<Status>(bytes)
+                    && let (Some(viewpoint), Some(live)) = (status.viewpoint, status.live)
+                {
                     let index = usize::from(viewpoint.0);
+                    let nth = live.every_nth_tick;
                     self.holes.lock().works_on_every(index, nth);
+                    self.tell_ring(index, &status.node, live.recording_failure.as_deref());
                 }
             }
-            Content::Filled(_) => drop(self.filled.fetch_add(1, Ordering::Relaxed)),
             _ => {}
+        }
+    }
+
+    /// Says once that an edge does not keep what it sends: an outage leaves holes then.
+    fn tell_ring(&mut self, index: usize, name: &str, failure: Option<&str>) {
+        match failure {
+            None => drop(self.rings.remove(&index)),
+            // Its numbers change all the time. Without keys anybody may make viewpoints up.
+            Some(failure) => {
+                let is_known = index < self.holes.lock().viewpoints();
+                if is_known && self.rings.insert(index) {
+                    say(format_args!("viewpoint {name}: {failure}"));
+                }
+            }
         }
     }
 
@@ -254,4 +286,45 @@ impl Work {
 
 fn until(then: Instant, now: Instant) -> Duration {
     then.saturating_duration_since(now)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+    use std::os::fd::OwnedFd;
+
+    use super::*;
+
+    /// The head that every recording has.
+    fn head() -> Head {
+        Head {
+            venue: "hall".to_owned(),
+            viewpoints: vec!["ne".to_owned()],
+            rate_hz: 60.0,
+            started_ns: 1,
+            files: Vec::new(),
+            facts: BTreeMap::new(),
+            json_poses: None,
+        }
+    }
+
+    #[tokio::test]
+    async fn what_cannot_be_written_at_the_very_end_is_a_failure() {
+        let (reader, disk) = io::pipe().unwrap();
+        let place = Place {
+            path: PathBuf::from("end.mcap"),
+            file: File::from(OwnedFd::from(disk)),
+        };
+        let parameters = RecordingParameters {
+            chunk_s: 3600.0,
+            ..RecordingParameters::default()
+        };
+        let recording = RecordingThread::start(place, head(), SessionId(1), &parameters).unwrap();
+        recording.queue().note("hall/pose", b"x", 0);
+        assert_eq!(recording.so_far().failure, None);
+        drop(reader);
+        let summary = recording.finish().await.unwrap();
+        let failure = summary.failure.unwrap();
+        assert!(failure.contains("end.mcap has ended"), "{failure}");
+    }
 }

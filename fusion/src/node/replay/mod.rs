@@ -96,7 +96,7 @@ fn replay(args: &ReplayArgs, print: fn(&str) -> anyhow::Result<()>) -> Result<En
         ));
     }
     let file = FileFacts::of(&recording);
-    let span = part.ticks;
+    let recorded = part.ticks;
     let mut pipeline = Pipeline::new(&venue, card.as_ref(), part.session);
     if args.smooth {
         pipeline.smooth_in_two_passes();
@@ -105,6 +105,7 @@ fn replay(args: &ReplayArgs, print: fn(&str) -> anyhow::Result<()>) -> Result<En
     let replay = Replay::new(recording, part, pipeline, choice, names)
         .with_context(|| args.file.display().to_string())
         .map_err(refused)?;
+    let span = replay.span().unwrap_or(recorded);
     let claim = Claim::take(args.out.as_deref(), &venue.name).map_err(refused)?;
     let recorder =
         Recorder::create(claim.folder(), &venue, &keypoints).map_err(NodeError::Failed)?;

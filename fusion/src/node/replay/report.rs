@@ -61,6 +61,7 @@ impl FileFacts {
             sets: tally.sets,
             missing_sets: tally.missing,
             undecided_ticks: tally.undecided,
+            far_decisions: tally.far,
             same_ticks: tally.same,
             different_ticks: tally.different,
             nobodys_patches: tally.nobodys,
@@ -100,6 +101,8 @@ struct Facts {
     missing_sets: u64,
     /// Ticks of which it is not known what fusion used then.
     undecided_ticks: u64,
+    /// Decisions of ticks far from those of the run, left out.
+    far_decisions: u64,
     /// Ticks with the poses that were published then, bit for bit.
     same_ticks: u64,
     /// Ticks with other poses.
@@ -170,6 +173,10 @@ impl Done {
             (
                 tally.undecided,
                 "ticks were solved from all of their sets: what fusion used then is not in the recording",
+            ),
+            (
+                tally.far,
+                "decisions were left out: their ticks lie far from those of the run",
             ),
             (
                 tally.missing,
