@@ -9,9 +9,9 @@ use serde::{Deserialize, Serialize};
 use crate::id::CameraIndex;
 use crate::tick::Tick;
 
-/// Largest correction of an edge's clock that travels, microseconds (an hour): what is wrong by more is refused
-/// long before.
-pub const MAX_CLOCK_CORRECTION_US: i32 = i32::MAX / 2;
+/// Largest correction of an edge's clock that is told, applied or read, microseconds (half an hour, near what
+/// 32 bits hold): what is wrong by more is refused long before.
+pub const MAX_CLOCK_CORRECTION_US: i32 = 1_800_000_000;
 /// Most edges of which a fusion node's status speaks.
 pub const MAX_EDGES: usize = 256;
 
@@ -42,8 +42,9 @@ pub struct LiveBoxes {
     pub sequence: u32,
     /// Unix time of tick 0, microseconds.
     pub epoch_us: u64,
-    /// What the edge shall add to its clock, microseconds.
-    pub clock_correction_us: i32,
+    /// What the edge shall add to its clock, microseconds; `None` while fusion does not know: what the edge
+    /// was told before, by a fusion that has gone, is better than nothing.
+    pub clock_correction_us: Option<i32>,
     /// The newest patch set that has arrived from the viewpoint.
     pub heard: Option<HeardPatches>,
 }

@@ -28,6 +28,11 @@ pub const MAX_CAMERAS: usize = 64;
 pub const MAX_JOINTS: usize = 64;
 /// Longest text of a status, bytes; who says more says [`cut_text`] of it.
 pub const MAX_TEXT_BYTES: usize = 8192;
+/// Longest reason for which fusion says that it refuses an edge, bytes: with one for every edge that a venue
+/// may have, its status is still a message.
+pub const MAX_REFUSAL_BYTES: usize = 1024;
+/// Longest fingerprint in a status, bytes: two of them stand in one refusal.
+pub const MAX_HASH_BYTES: usize = 256;
 
 /// What travels between nodes.
 pub trait Message: Serialize + DeserializeOwned {
@@ -83,8 +88,17 @@ pub fn encode<M: Message>(message: &M) -> Vec<u8> {
 }
 
 /// The beginning of `text`, as much as a status may carry, cut between characters.
-pub fn cut_text(mut text: String) -> String {
-    text.truncate(text.floor_char_boundary(MAX_TEXT_BYTES));
+pub fn cut_text(text: String) -> String {
+    cut(text, MAX_TEXT_BYTES)
+}
+
+/// The beginning of why an edge is refused, as much as fusion says of one, cut between characters.
+pub fn cut_refusal(text: String) -> String {
+    cut(text, MAX_REFUSAL_BYTES)
+}
+
+fn cut(mut text: String, most_bytes: usize) -> String {
+    text.truncate(text.floor_char_boundary(most_bytes));
     text
 }
 
@@ -176,7 +190,7 @@ impl Message for BoxSet {
             "more cameras than a viewpoint may have",
         )?;
         let live = self.live.iter();
-        live.map(|live| live.clock_correction_us)
+        live.filter_map(|live| live.clock_correction_us)
             .try_for_each(check_correction)?;
         ensure(
             self.look.is_sorted_by(|a, b| a < b),
@@ -277,13 +291,10 @@ impl Message for Status {
             is_key_chunk(&self.node),
             "a node name that cannot stand in a key",
         )?;
-        let texts = [
-            &self.venue_hash,
-            &self.calibration_hash,
-            &self.network_hash,
-            &self.backend,
-        ];
-        let short = texts
+        let hashes = [&self.venue_hash, &self.calibration_hash, &self.network_hash];
+        let short = hashes.iter().all(|hash| hash.len() <= MAX_HASH_BYTES);
+        ensure(short, "a fingerprint that is too long")?;
+        let short = [&self.backend]
             .into_iter()
             .chain(&self.failure)
             .chain(self.stages.iter().map(|s| &s.stage))

@@ -237,7 +237,7 @@ fn box_set() -> BoxSet {
         live: Some(LiveBoxes {
             sequence: 300,
             epoch_us: 1_700_000_000_000_000,
-            clock_correction_us: -20_000,
+            clock_correction_us: Some(-20_000),
             heard: None,
         }),
         look: vec![CameraIndex(0), CameraIndex(3)],

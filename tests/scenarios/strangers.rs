@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Stdio};
 use std::time::Duration;
 
+use farfield_proto::id::ViewpointIndex;
 use farfield_proto::message::{PoseSet, Status};
 use farfield_proto::transport::{EdgeTransport, Identity};
 use farfield_proto::wire;
@@ -275,6 +276,45 @@ async fn strangers_are_refused_and_the_honest_notice_nothing() {
     let alone = hall.path("alone");
     run(&hall.path("venue.toml"), &alone, &["--ticks", TICKS]);
     assert_eq!(poses(&hall.path("out")), poses(&alone));
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn an_edge_that_calls_itself_by_anothers_name_under_its_own_key_is_not_believed() {
+    let hall = Hall::new();
+    let fusion = hall.fusion("out");
+    let edge = enter(&hall, &hall.identity("certs", "north-east"), &[], PATIENCE).await;
+    let edge = edge.expect("an honest key is let in");
+    let lie = Status {
+        node: "north-west".to_owned(),
+        process: 7,
+        viewpoint: Some(ViewpointIndex(1)),
+        ready: true,
+        venue_hash: "v".to_owned(),
+        calibration_hash: "c".to_owned(),
+        network_hash: String::new(),
+        backend: String::new(),
+        ticks: None,
+        tick: None,
+        unreadable: 0,
+        failure: None,
+        stages: Vec::new(),
+        live: None,
+    };
+    let lie = async {
+        loop {
+            let bytes = wire::encode(&lie);
+            edge.put("walk/status/north-east", bytes).await.unwrap();
+            tokio::time::sleep(Duration::from_millis(20)).await;
+        }
+    };
+    // In lock-step one message that nobody may send ends the run, and its key is named.
+    let end = timeout(PATIENCE, tokio::task::spawn_blocking(|| fusion.end()));
+    let (code, said) = tokio::select! {
+        ended = end => ended.expect("fusion goes on").unwrap(),
+        () = lie => unreachable!("it never ends"),
+    };
+    assert_eq!(code, 1, "{said}");
+    assert!(said.contains("walk/status/north-east"), "{said}");
 }
 
 #[test]

@@ -62,6 +62,8 @@ pub struct FramePlacer {
     turned_at_us: Option<Micros>,
     /// Number, tick and capture of the last frame.
     last: Option<(i64, Tick, Micros)>,
+    /// Of the clock, when it was placed.
+    steps: u64,
 }
 
 impl FramePlacer {
@@ -73,17 +75,22 @@ impl FramePlacer {
             quickest_us: [None; 2],
             turned_at_us: None,
             last: None,
+            steps: 0,
         }
     }
 
     /// Where a frame belongs. By the clock: to the tick nearest to its capture. By the count: as many
     /// ticks after the frame before as the count says, or as its time says where that is more; only the first
-    /// is placed by the clock.
+    /// is placed by the clock, and the first after a step of the clock or after one that has drifted.
     ///
     /// # Errors
     /// [`Misplaced`]; later frames may fit again.
     pub fn place(&mut self, frame: Arrived, clock: &TickClock) -> Result<Placed, Misplaced> {
         let captured_us = self.captured_us(frame);
+        if self.steps != clock.steps() {
+            // The tick of the last frame was that of a clock which was wrong.
+            (self.steps, self.last) = (clock.steps(), None);
+        }
         let by_clock = clock.tick_at(captured_us).ok_or(Misplaced::NoEpoch)?;
         let tick = match (self.tick_from, self.last) {
             (TickFrom::Count, Some((number, tick, at_us))) => {
@@ -102,6 +109,7 @@ impl FramePlacer {
             .after_us(captured_us, tick)
             .ok_or(Misplaced::NoEpoch)?;
         if offset_us.abs() > MAX_CAPTURE_OFFSET_US.into() {
+            self.last = None;
             return Err(Misplaced::Drifted { offset_us });
         }
         self.last = Some((frame.number, tick, captured_us));
@@ -142,7 +150,7 @@ mod tests {
         let live = LiveBoxes {
             sequence: 0,
             epoch_us: 0,
-            clock_correction_us: 0,
+            clock_correction_us: None,
             heard: None,
         };
         clock.set(&live, 0);
@@ -227,6 +235,35 @@ mod tests {
         });
         let said = refused.unwrap().to_string();
         assert!(said.contains("100 ms"), "{said}");
+    }
+
+    #[test]
+    fn a_trigger_is_counted_from_the_right_clock_once_that_is_known() {
+        // Symptom to prevent: the first frame was placed before the clock was corrected, and all others counted
+        // from there: off by the clock's error for as long as the edge ran.
+        let mut placer = FramePlacer::new(TickFrom::Count, 0);
+        let mut clock = clock();
+        let frame = |n: i64| arrived(n, None, 1_000_000 + n * 20_000);
+        assert_eq!(placer.place(frame(0), &clock).unwrap().tick, Tick(50));
+        let corrected = LiveBoxes {
+            sequence: 1,
+            epoch_us: 0,
+            clock_correction_us: Some(-80_000),
+            heard: None,
+        };
+        assert!(clock.set(&corrected, 1_000_000));
+        let placed = placer.place(frame(1), &clock).unwrap();
+        assert_eq!((placed.tick, placed.offset_us), (Tick(47), 0));
+        assert_eq!(placer.place(frame(2), &clock).unwrap().tick, Tick(48));
+    }
+
+    #[test]
+    fn a_trigger_that_has_drifted_away_starts_anew_by_the_clock() {
+        let mut placer = FramePlacer::new(TickFrom::Count, 0);
+        let place = |n: i64| placer.place(arrived(n, None, 1_000_000 + n * 20_200), &clock());
+        let refused = (0..2000).map(place).filter(Result::is_err).count();
+        // A tenth of a second is drifted in 500 frames.
+        assert_eq!(refused, 3);
     }
 
     proptest! {

@@ -129,7 +129,9 @@ impl LinkLoad {
         limited: bool,
         now_us: Micros,
     ) {
-        if self.newest.is_some_and(|tick| heard.tick <= tick) {
+        // What was never sent cannot have arrived; and after it nothing would be new any more.
+        let was_sent = self.sent.last.is_some_and(|last| heard.tick <= last);
+        if !was_sent || self.newest.is_some_and(|tick| heard.tick <= tick) {
             return;
         }
         if self.is_silent(now_us) {
@@ -272,6 +274,7 @@ struct SentLog {
     /// Payload and total per slot, with the slot's number.
     slots: Box<[(i64, u64, u64); SLOTS as usize]>,
     ticks: Box<[(Tick, Micros); TICKS as usize]>,
+    last: Option<Tick>,
 }
 
 impl Default for SentLog {
@@ -279,6 +282,7 @@ impl Default for SentLog {
         Self {
             slots: Box::new([(i64::MIN, 0, 0); SLOTS as usize]),
             ticks: Box::new([(Tick(i64::MIN), 0); TICKS as usize]),
+            last: None,
         }
     }
 }
@@ -293,6 +297,7 @@ impl SentLog {
         slot.1 += payload as u64;
         slot.2 += total as u64;
         if let Some(tick) = tick {
+            self.last = Some(tick);
             self.ticks[tick.0.rem_euclid(TICKS) as usize] = (tick, now_us);
         }
     }

@@ -107,3 +107,17 @@ fn an_edge_that_sends_seldom_is_not_cut_off() {
     run(&mut load, 0, 2, |_| 10_000, 1.0);
     assert!(!load.is_silent(9 * SECOND_US));
 }
+
+#[test]
+fn a_word_of_what_was_never_sent_changes_nothing() {
+    // Symptom to prevent: after one word of the last tick of all, every real one was old news, and the link
+    // counted as cut for ever.
+    let mut load = LinkLoad::default();
+    load.hear(&heard(5, 0, 0), 0, true, 0);
+    run(&mut load, 0, 60, |_| 10_000, 1.0);
+    for tick in [60, 1 << 40, i64::MAX] {
+        load.hear(&heard(tick, i32::MAX, 0), 0, true, SECOND_US);
+    }
+    run(&mut load, 60, 120, |_| 10_000, 1.0);
+    assert!(!load.is_silent(3 * SECOND_US) && load.rate().is_infinite());
+}

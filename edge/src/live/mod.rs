@@ -9,6 +9,7 @@ pub mod capture;
 pub mod health;
 pub mod load;
 pub mod newest_boxes;
+pub mod objections;
 pub mod rate;
 pub mod tick_clock;
 pub mod timecode;

@@ -1,7 +1,8 @@
 //! The newest boxes that fusion has sent, and the looks that it has asked for.
 //!
 //! Box sets get lost, come twice and overtake each other: only what is newer than all before counts, so
-//! that a duplicate or a late one changes nothing. Looks are planned by tick and for all viewpoints alike, so
+//! that a duplicate or a late one changes nothing. Without keys anybody on the machine may send some: what would
+//! shut fusion out is not believed while fusion speaks, and does not last when it was. Looks are planned by tick and for all viewpoints alike, so
 //! those of a set that a newer one has replaced are kept until their tick.
 
 use std::collections::VecDeque;
@@ -17,6 +18,12 @@ use super::{Micros, SECOND_US};
 /// Boxes that are older say nothing any more about where somebody is, microseconds: as long as fusion
 /// carries somebody on by default without seeing them.
 pub const LIFE_US: Micros = SECOND_US;
+/// Another session is believed when the one that is followed has said nothing new for so long, microseconds: a
+/// fusion that lives does so ten times a second at least, and none starts again in less.
+const TAKEOVER_US: Micros = 3 * SECOND_US / 10;
+/// What seems to be over is believed after [`LIFE_US`] without anything new, when so many sets of it have come in
+/// order.
+const KEEPS_COMING: u32 = 3;
 /// Ticks whose looks are kept: past the longest horizon of boxes at any rate.
 const MAX_LOOKS: usize = 256;
 /// Sessions of fusion that are known to be over.
@@ -31,6 +38,16 @@ pub enum Arrival {
     Newer,
     /// A duplicate, overtaken by a newer one, or of a session that is over.
     Stale,
+    /// Of another session, while the one that is followed goes on.
+    Foreign,
+}
+
+/// Sets that are stale but keep coming.
+#[derive(Debug, Clone, Copy)]
+struct Claim {
+    session: SessionId,
+    sequence: u32,
+    sets: u32,
 }
 
 /// The newest boxes of fusion's newest session.
@@ -40,6 +57,7 @@ pub struct NewestBoxes {
     /// In order of tick.
     looks: VecDeque<(Tick, Vec<CameraIndex>)>,
     past: VecDeque<SessionId>,
+    claim: Option<Claim>,
 }
 
 impl NewestBoxes {
@@ -48,31 +66,72 @@ impl NewestBoxes {
         let Some(sequence) = boxes.live.map(|live| live.sequence) else {
             return Arrival::Stale;
         };
-        if self.past.contains(&boxes.session) {
-            return Arrival::Stale;
+        let arrival = self.judge(&boxes, sequence, now_us);
+        match arrival {
+            Arrival::Foreign => return arrival,
+            Arrival::NewSession => self.leave_session(boxes.session),
+            Arrival::Newer | Arrival::Stale => {}
         }
-        let arrival = match &self.newest {
-            Some((newest, last, _)) if newest.session == boxes.session => {
-                if !is_after(sequence, *last) {
-                    // Its looks may still be ahead.
-                    self.keep_look(&boxes);
-                    return Arrival::Stale;
-                }
-                Arrival::Newer
-            }
-            Some((newest, ..)) => {
-                if self.past.len() == MAX_PAST_SESSIONS {
-                    self.past.pop_front();
-                }
-                self.past.push_back(newest.session);
-                self.looks.clear();
-                Arrival::NewSession
-            }
-            None => Arrival::NewSession,
-        };
-        self.keep_look(&boxes);
-        self.newest = Some((boxes, sequence, now_us));
+        // Those of a stale one may still be ahead.
+        if arrival != Arrival::Stale || self.session() == Some(boxes.session) {
+            self.keep_look(&boxes);
+        }
+        if arrival != Arrival::Stale {
+            self.claim = None;
+            self.newest = Some((boxes, sequence, now_us));
+        }
         arrival
+    }
+
+    fn judge(&mut self, boxes: &BoxSet, sequence: u32, now_us: Micros) -> Arrival {
+        let Some((newest, last, heard_us)) = &self.newest else {
+            return Arrival::NewSession;
+        };
+        let silent_us = now_us - heard_us;
+        let is_same = newest.session == boxes.session;
+        if is_same && is_after(sequence, *last) {
+            return Arrival::Newer;
+        }
+        if !is_same && !self.past.contains(&boxes.session) {
+            return if silent_us > TAKEOVER_US {
+                Arrival::NewSession
+            } else {
+                Arrival::Foreign
+            };
+        }
+        if silent_us <= LIFE_US || !self.keeps_coming(boxes.session, sequence) {
+            Arrival::Stale
+        } else if is_same {
+            Arrival::Newer
+        } else {
+            Arrival::NewSession
+        }
+    }
+
+    fn keeps_coming(&mut self, session: SessionId, sequence: u32) -> bool {
+        let claim = self.claim.get_or_insert(Claim {
+            session,
+            sequence,
+            sets: 1,
+        });
+        if claim.session != session {
+            (claim.session, claim.sequence, claim.sets) = (session, sequence, 1);
+        } else if is_after(sequence, claim.sequence) {
+            (claim.sequence, claim.sets) = (sequence, claim.sets + 1);
+        }
+        claim.sets >= KEEPS_COMING
+    }
+
+    /// The session that is followed is over, and `next` is not.
+    fn leave_session(&mut self, next: SessionId) {
+        self.past.retain(|past| *past != next);
+        if let Some(last) = self.session() {
+            if self.past.len() == MAX_PAST_SESSIONS {
+                self.past.pop_front();
+            }
+            self.past.push_back(last);
+            self.looks.clear();
+        }
     }
 
     /// The newest boxes, if they arrived at most [`LIFE_US`] before `now_us`.
@@ -158,7 +217,7 @@ mod tests {
             live: Some(LiveBoxes {
                 sequence,
                 epoch_us: 0,
-                clock_correction_us: 0,
+                clock_correction_us: None,
                 heard: None,
             }),
             look: if sequence.is_multiple_of(7) {
@@ -174,9 +233,66 @@ mod tests {
     fn boxes_of_a_session_that_is_over_do_not_come_back() {
         let mut newest = NewestBoxes::default();
         assert_eq!(newest.hear(boxes(1, 50), 0), Arrival::NewSession);
-        assert_eq!(newest.hear(boxes(2, 3), 1), Arrival::NewSession);
-        assert_eq!(newest.hear(boxes(1, 51), 2), Arrival::Stale);
+        let later_us = TAKEOVER_US + 1;
+        assert_eq!(newest.hear(boxes(2, 3), later_us), Arrival::NewSession);
+        assert_eq!(newest.hear(boxes(1, 51), later_us + 1), Arrival::Stale);
         assert_eq!(newest.session(), Some(SessionId(2)));
+    }
+
+    #[test]
+    fn a_foreign_session_is_not_believed_while_fusion_speaks() {
+        // Symptom to prevent: one forged set made the real session one of the past, for ever.
+        let mut newest = NewestBoxes::default();
+        for sequence in 0..100 {
+            let now_us = i64::from(sequence) * SECOND_US / 10;
+            newest.hear(boxes(1, sequence), now_us);
+            let forged = boxes(2 + u64::from(sequence), 1 << 20);
+            assert_eq!(newest.hear(forged, now_us + 1), Arrival::Foreign);
+        }
+        assert_eq!(newest.session(), Some(SessionId(1)));
+        assert_eq!(newest.at(10 * SECOND_US).unwrap().tick, Tick(199));
+    }
+
+    /// Fusion goes on from `from` ten times a second; how long until the edge follows it again.
+    fn back_after_us(newest: &mut NewestBoxes, from: u32, since_us: Micros) -> Micros {
+        let back = (from..from + 100).find_map(|sequence| {
+            let us = i64::from(sequence - from) * SECOND_US / 10;
+            let arrival = newest.hear(boxes(1, sequence), since_us + us);
+            matches!(arrival, Arrival::Newer | Arrival::NewSession).then_some(us)
+        });
+        back.unwrap()
+    }
+
+    #[test]
+    fn a_foreign_session_that_was_believed_in_an_outage_does_not_last() {
+        let mut newest = NewestBoxes::default();
+        newest.hear(boxes(1, 7), 0);
+        assert_eq!(newest.hear(boxes(2, 0), SECOND_US), Arrival::NewSession);
+        assert!(back_after_us(&mut newest, 8, SECOND_US) <= 3 * SECOND_US / 2);
+        assert_eq!(newest.session(), Some(SessionId(1)));
+        // The liar is of the past now.
+        assert_eq!(newest.hear(boxes(2, 1), 3 * SECOND_US), Arrival::Stale);
+    }
+
+    #[test]
+    fn a_number_far_ahead_does_not_shut_fusion_out() {
+        // Symptom to prevent: after one forged set all real ones were stale, for half of all numbers.
+        let mut newest = NewestBoxes::default();
+        newest.hear(boxes(1, 7), 0);
+        assert_eq!(newest.hear(boxes(1, 7 + (1 << 30)), 1), Arrival::Newer);
+        assert!(back_after_us(&mut newest, 8, 2) <= 3 * SECOND_US / 2);
+        assert_eq!(newest.echo(0).map(|echo| echo.sequence < 100), Some(true));
+        let next = newest.echo(0).unwrap().sequence + 1;
+        assert_eq!(newest.hear(boxes(1, next), 9), Arrival::Newer);
+    }
+
+    #[test]
+    fn a_duplicate_after_an_outage_is_still_stale() {
+        let mut newest = NewestBoxes::default();
+        newest.hear(boxes(1, 7), 0);
+        for _ in 0..10 {
+            assert_eq!(newest.hear(boxes(1, 6), 2 * LIFE_US), Arrival::Stale);
+        }
     }
 
     #[test]

@@ -29,6 +29,7 @@ pub struct TickClock {
     /// Where it is slewed to.
     wanted_us: Micros,
     slewed_at_us: Option<Micros>,
+    steps: u64,
 }
 
 impl TickClock {
@@ -40,6 +41,7 @@ impl TickClock {
             correction_us: 0,
             wanted_us: 0,
             slewed_at_us: None,
+            steps: 0,
         }
     }
 
@@ -47,13 +49,22 @@ impl TickClock {
     /// earlier differences of times mean nothing any more.
     pub fn set(&mut self, live: &LiveBoxes, now_us: Micros) -> bool {
         self.slew(now_us);
-        let stepped = self.epoch_us.replace(live.epoch_us) != Some(live.epoch_us);
-        self.wanted_us = live.clock_correction_us.into();
+        let mut stepped = self.epoch_us.replace(live.epoch_us) != Some(live.epoch_us);
+        // A fusion that has just started does not know the clock yet; the one before it did.
+        self.wanted_us = live
+            .clock_correction_us
+            .map_or(self.wanted_us, Micros::from);
         if (self.wanted_us - self.correction_us).abs() >= STEP_FROM_US {
             self.correction_us = self.wanted_us;
-            return true;
+            stepped = true;
         }
+        self.steps += u64::from(stepped);
         stepped
+    }
+
+    /// How often the clock was stepped: what was counted on from a tick before a step is of another time.
+    pub fn steps(&self) -> u64 {
+        self.steps
     }
 
     /// Moves the correction towards the wanted one for the time since the last call.
@@ -124,7 +135,7 @@ mod tests {
         LiveBoxes {
             sequence: 0,
             epoch_us,
-            clock_correction_us,
+            clock_correction_us: Some(clock_correction_us),
             heard: None,
         }
     }
@@ -158,6 +169,24 @@ mod tests {
         assert_eq!(clock.correction_us(), 495_000);
         clock.slew(10 * SECOND_US);
         assert_eq!(clock.correction_us(), 490_000);
+    }
+
+    #[test]
+    fn a_correction_outlives_the_fusion_that_has_told_it() {
+        // Symptom to prevent: a fusion that had just started told a correction of 0 until it knew better, and
+        // a clock that was right stepped away.
+        let mut clock = TickClock::new(60.0);
+        clock.set(&live(0, -80_000), 0);
+        let not_known = LiveBoxes {
+            clock_correction_us: None,
+            ..live(0, 0)
+        };
+        assert!(!clock.set(&not_known, SECOND_US));
+        assert_eq!(clock.correction_us(), -80_000);
+        // A slew that is under way goes on.
+        clock.set(&live(0, -81_000), SECOND_US);
+        assert!(!clock.set(&not_known, 2 * SECOND_US));
+        assert_eq!(clock.correction_us(), -81_000);
     }
 
     #[test]

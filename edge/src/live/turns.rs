@@ -15,8 +15,11 @@ pub fn choose(
     number: Tick,
     chosen: &mut Vec<PersonId>,
 ) {
-    let round = persons.clone().count().div_ceil(most.max(1));
-    let round = round.next_power_of_two() as i64;
+    let least = persons.clone().count().div_ceil(most.max(1));
+    let mut round: i64 = 1;
+    while round.unsigned_abs() < least as u64 {
+        round *= 2;
+    }
     chosen.clear();
     chosen.extend(persons.filter(|person| (number.0 + i64::from(person.0)).rem_euclid(round) == 0));
     chosen.sort_unstable();
@@ -54,7 +57,7 @@ mod tests {
     proptest! {
         #[test]
         fn everybody_goes_once_in_a_round(n in 1u32..20, most in 1usize..20, start in -1000i64..1000) {
-            let round = (n as usize).div_ceil(most).next_power_of_two() as i64;
+            let round = i64::try_from((n as usize).div_ceil(most).next_power_of_two()).unwrap();
             let mut turns: Vec<_> = (start..start + round).flat_map(|tick| at(n, most, tick)).collect();
             turns.sort_unstable();
             prop_assert_eq!(turns, ids(n).collect::<Vec<_>>());

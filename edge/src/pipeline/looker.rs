@@ -36,7 +36,7 @@ impl Looker {
             detector.input(),
             births.tiles_per_look as usize,
         );
-        let ticks_per_look = (births.sight_every_s * venue.rate_hz).round().max(1.0) as i64;
+        let ticks_per_look = births.ticks_per_look(venue.rate_hz);
         Self {
             detector,
             plans: cameras.iter().map(|(index, _)| *index).zip(plans).collect(),

@@ -4,12 +4,22 @@ use std::borrow::Cow;
 
 use farfield_proto::id::CameraIndex;
 use farfield_proto::message::Sighting;
+use farfield_proto::tick::Tick;
 
 use super::sighting::{self, Pending};
 use super::{Pipeline, PipelineError};
 use crate::source::{Content, Frame};
 
 impl Pipeline {
+    /// The cameras that look at `tick` when nobody says: all of them, now and then.
+    pub fn regular_look(&self, tick: Tick) -> Vec<CameraIndex> {
+        if tick.0.rem_euclid(self.ticks_per_look) == 0 {
+            self.cameras.iter().map(|camera| camera.index).collect()
+        } else {
+            Vec::new()
+        }
+    }
+
     /// Whether this edge can find people without boxes at all.
     pub(super) fn can_sight(&self) -> bool {
         let reads_pictures = self.looker.is_some() && self.batch.is_some();

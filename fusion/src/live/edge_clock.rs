@@ -13,6 +13,8 @@
 
 use std::collections::VecDeque;
 
+use farfield_proto::live::MAX_CLOCK_CORRECTION_US;
+
 use super::{Micros, SECOND_US};
 
 /// How long an exchange counts.
@@ -60,7 +62,7 @@ pub struct EdgeClock {
     exchanges: u32,
     /// Round trips as they mostly are, microseconds: a running mean.
     usual_round_trip_us: f64,
-    told_us: Micros,
+    told_us: Option<Micros>,
 }
 
 impl EdgeClock {
@@ -89,10 +91,10 @@ impl EdgeClock {
         while self.best.front().is_some_and(|m| m.at_us < oldest_us) {
             self.best.pop_front();
         }
-        if let Some(offset_us) = self.offset_us()
-            && (offset_us + self.told_us).abs() > DEAD_BAND_US
-        {
-            self.told_us = -offset_us;
+        if let Some(offset_us) = self.offset_us() {
+            let told_us = self.told_us.unwrap_or(0);
+            let is_wrong = (offset_us + told_us).abs() > DEAD_BAND_US;
+            self.told_us = Some(if is_wrong { -offset_us } else { told_us });
         }
     }
 
@@ -122,9 +124,10 @@ impl EdgeClock {
             .then_some(self.usual_round_trip_us as Micros)
     }
 
-    /// What the edge shall add to its clock; 0 until it is known, and where it is more than can be told.
-    pub fn correction_us(&self) -> i32 {
-        i32::try_from(self.told_us).unwrap_or(0)
+    /// What the edge shall add to its clock; `None` until it is known, and where it is more than can be told.
+    pub fn correction_us(&self) -> Option<i32> {
+        let told_us = i32::try_from(self.told_us?).ok()?;
+        (told_us.unsigned_abs() <= MAX_CLOCK_CORRECTION_US.unsigned_abs()).then_some(told_us)
     }
 
     /// By how much the clock is off at least, whichever share of the round trip each way takes.
@@ -182,12 +185,12 @@ mod tests {
         let mut clock = EdgeClock::default();
         for i in 0..3 {
             clock.add(&exchange(i * 16_667, 20_000, 40_000, 40_000));
-            assert_eq!((clock.offset_us(), clock.correction_us()), (None, 0));
+            assert_eq!((clock.offset_us(), clock.correction_us()), (None, None));
         }
         clock.add(&exchange(60_000, 20_000, 40_000, 40_000));
         assert_eq!(clock.offset_us(), Some(20_000));
         assert_eq!(clock.round_trip_us(), Some(80_000));
-        assert_eq!(clock.correction_us(), -20_000);
+        assert_eq!(clock.correction_us(), Some(-20_000));
         assert_eq!(
             clock.surely_off_us(),
             0,
@@ -207,7 +210,26 @@ mod tests {
         let mut clock = EdgeClock::default();
         (0..100).for_each(|i| clock.add(&exchange(i * 16_667, 500_000, 1_000, 1_000)));
         (100..800).for_each(|i| clock.add(&exchange(i * 16_667, 0, 1_200, 1_200)));
-        assert_eq!((clock.offset_us(), clock.correction_us()), (Some(0), 0));
+        assert_eq!(
+            (clock.offset_us(), clock.correction_us()),
+            (Some(0), Some(0))
+        );
+    }
+
+    #[test]
+    fn what_is_told_can_be_read_up_to_the_bound_and_beyond_nothing_is_told() {
+        let most_us = Micros::from(MAX_CLOCK_CORRECTION_US);
+        for (offset_us, told) in [
+            (most_us, Some(-MAX_CLOCK_CORRECTION_US)),
+            (-most_us, Some(MAX_CLOCK_CORRECTION_US)),
+            (most_us + 1, None),
+            (-most_us - 1, None),
+            (1 << 40, None),
+        ] {
+            let mut clock = EdgeClock::default();
+            (0..10).for_each(|i| clock.add(&exchange(i * 16_667, offset_us, 100, 100)));
+            assert_eq!(clock.correction_us(), told, "{offset_us}");
+        }
     }
 
     #[test]
@@ -243,7 +265,7 @@ mod tests {
             let found = clock.offset_us().unwrap();
             let round_trip = clock.round_trip_us().unwrap();
             prop_assert!((found - offset).abs() <= (round_trip - 10_000) / 2 + 1);
-            prop_assert!(Micros::from(clock.correction_us() + found as i32).abs() <= DEAD_BAND_US);
+            prop_assert!(Micros::from(clock.correction_us().unwrap() + found as i32).abs() <= DEAD_BAND_US);
             prop_assert!(clock.best.len() <= (LIFE_US / SPAN_US + 2) as usize);
         }
     }

@@ -95,7 +95,7 @@ fn run(edge: &mut Edge, ticks: Range<i64>, offset_us: Micros, way_us: Micros) ->
         told.push_back((
             live.sequence,
             set.tick.0,
-            live.clock_correction_us,
+            live.clock_correction_us.unwrap_or(0),
             publish_us,
         ));
     }
@@ -113,7 +113,7 @@ fn a_clock_that_is_a_little_off_is_corrected_and_shown() {
     assert_eq!(link.clock_offset_us, Some(20_000));
     assert!(edge.is_on_time() && link.refused.is_none());
     let live = edge.send(&boxes(130, false), &time(), START_US);
-    assert_eq!(live.clock_correction_us, -20_000);
+    assert_eq!(live.clock_correction_us, Some(-20_000));
     let heard = live.heard.unwrap();
     assert_eq!((heard.tick, heard.one_way_us), (Tick(119), 40_000));
 }

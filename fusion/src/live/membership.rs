@@ -164,10 +164,25 @@ impl Membership {
         missing.map(|m| m.name.as_str()).collect()
     }
 
-    /// The epoch that an edge goes by: fusion was here before.
-    pub fn epoch_us(&self) -> Option<u64> {
-        self.last_words()
-            .find_map(|status| status.live.as_ref()?.epoch_us)
+    /// The epoch that a welcome edge goes by: fusion was here before. `tick_by` says which tick it is now by an
+    /// epoch; that must be one that the edge's recordings hold and that was `asked` for, or the run would be
+    /// over before it begins.
+    pub fn epoch_us(
+        &self,
+        tick_by: impl Fn(u64) -> Tick,
+        asked: Option<&Range<Tick>>,
+    ) -> Option<u64> {
+        let welcome = self.members.iter().filter(|m| m.refused.is_none());
+        let mut words = welcome.filter_map(|m| m.last_word.as_ref());
+        words.find_map(|status| {
+            let epoch_us = status.live.as_ref()?.epoch_us?;
+            let now = tick_by(epoch_us);
+            let is_held = status
+                .ticks
+                .is_none_or(|[from, to]| (from..to).contains(&now));
+            let is_asked = asked.is_none_or(|asked| asked.contains(&now));
+            (is_held && is_asked).then_some(epoch_us)
+        })
     }
 
     /// All ticks that any of the recordings holds; `None` while no edge has said that it plays one.

@@ -1,5 +1,7 @@
 //! Who is let in, and who is refused by name.
 
+use farfield_proto::live::LiveStatus;
+
 use super::*;
 
 fn membership() -> Membership {
@@ -125,6 +127,42 @@ fn a_run_goes_over_all_that_is_recorded() {
     members.hear(&later, 0);
     assert_eq!(members.recorded(), Some(Tick(0)..Tick(200)));
     assert!(members.missing().is_empty());
+}
+
+/// A hundred recorded ticks that are played from `epoch_us` on, one per microsecond.
+fn plays(node: &str, epoch_us: u64) -> Status {
+    Status {
+        live: Some(LiveStatus {
+            epoch_us: Some(epoch_us),
+            ..LiveStatus::default()
+        }),
+        ..status(node, 1)
+    }
+}
+
+#[test]
+fn the_time_goes_on_by_an_edge_that_is_welcome_and_still_plays() {
+    // Symptom to prevent: by the epoch of an edge that was refused, or had played to its end, the run was
+    // over at once.
+    let now_us = 5_050;
+    let tick_by = |epoch_us: u64| Tick(now_us - epoch_us.cast_signed());
+    let mut members = membership();
+    let stranger = Status {
+        calibration_hash: "c2".to_owned(),
+        ..plays("a", 5_020)
+    };
+    members.hear(&stranger, 0);
+    assert_eq!(members.epoch_us(tick_by, None), None, "it is refused");
+    for epoch_us in [0, 4_950, 5_051, 1 << 40] {
+        members.hear(&plays("b", epoch_us), 0);
+        assert_eq!(members.epoch_us(tick_by, None), None, "{epoch_us}");
+    }
+    members.hear(&plays("b", 5_000), 0);
+    assert_eq!(members.epoch_us(tick_by, None), Some(5_000));
+    let asked = Tick(0)..Tick(50);
+    assert_eq!(members.epoch_us(tick_by, Some(&asked)), None);
+    let asked = Tick(0)..Tick(51);
+    assert_eq!(members.epoch_us(tick_by, Some(&asked)), Some(5_000));
 }
 
 #[test]

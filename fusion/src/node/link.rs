@@ -261,6 +261,7 @@ pub(super) struct Ear {
     pub(super) tap: TapHandle,
     /// Names of the viewpoints, by index.
     names: Arc<[String]>,
+    venue_hash: Arc<str>,
 }
 
 impl Ear {
@@ -270,6 +271,7 @@ impl Ear {
             clock,
             tap,
             names: names.collect(),
+            venue_hash: venue.hashes.venue.as_str().into(),
         }
     }
 
@@ -277,6 +279,15 @@ impl Ear {
     fn may_speak(&self, key: &str, viewpoint: ViewpointIndex) -> bool {
         let name = self.names.get(usize::from(viewpoint.0));
         name.is_some_and(|name| key.rsplit('/').next() == Some(name))
+    }
+
+    /// Whether who may publish under `key` may say `status`. Who holds another venue file may count its
+    /// viewpoints in another way: it is refused for that, by name.
+    fn may_say(&self, key: &str, status: &Status) -> bool {
+        let index = self.names.iter().position(|name| *name == status.node);
+        let same_index = status.viewpoint.map(|v| usize::from(v.0)) == index;
+        key.rsplit('/').next() == Some(&status.node)
+            && (same_index || status.venue_hash != *self.venue_hash)
     }
 
     fn received(&self, key: &str, bytes: &[u8]) -> Arrival {
@@ -407,9 +418,11 @@ fn read(topic: Topic, sample: &Sample, ear: &Ear) -> Heard {
         Topic::Sightings => wire::decode(&payload).and_then(|set: SightingSet| {
             own(set.viewpoint).map(|()| Heard::Sightings(set, arrival))
         }),
-        Topic::Statuses | Topic::Alive => {
-            wire::decode(&payload).map(|status| Heard::Status(Box::new(status)))
-        }
+        Topic::Statuses | Topic::Alive => wire::decode(&payload).and_then(|status| {
+            let may = ear.may_say(key, &status);
+            may.then(|| Heard::Status(Box::new(status)))
+                .ok_or(WireError::Invalid("under the key of another node"))
+        }),
     };
     heard.unwrap_or_else(|error| {
         debug!(%key, %error, "message not readable");

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use farfield_proto::calibration::Calibration;
 use farfield_proto::id::{SessionId, ViewpointIndex};
-use farfield_proto::message::PatchSet;
+use farfield_proto::message::{PatchSet, Status};
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::Venue;
 use farfield_proto::wire;
@@ -16,6 +16,7 @@ use tokio_util::task::TaskTracker;
 
 use super::{Door, Ear, Ends, Heard, Link, Mode, Presence, Said};
 use crate::node::clock::VenueClock;
+use crate::node::start::own_status;
 use crate::node::tap::{Decided, Tap, TapHandle, TapMessage};
 
 /// The keys of what has passed.
@@ -154,6 +155,34 @@ async fn an_edge_is_heard_answered_and_missed() {
     timeout(PATIENCE, ends.close(&tasks, &leave))
         .await
         .expect("the tasks do not end");
+}
+
+#[test]
+fn a_node_speaks_under_its_own_name_only() {
+    // Symptom to prevent: by a status under its own key, edge a put another process in the place of b.
+    let venue = venue();
+    let ear = Ear::new(&venue, VenueClock::start(), TapHandle::new(None));
+    let says = |node: &str, viewpoint: Option<u16>| Status {
+        node: node.to_owned(),
+        viewpoint: viewpoint.map(ViewpointIndex),
+        ..own_status(&venue.hashes)
+    };
+    assert!(ear.may_say("link-test/status/a", &says("a", Some(0))));
+    assert!(ear.may_say("link-test/status/fusion", &says("fusion", None)));
+    assert!(ear.may_say("link-test/status/screen", &says("screen", None)));
+    for (node, viewpoint) in [("b", None), ("a", None), ("a", Some(1)), ("fusion", None)] {
+        assert!(
+            !ear.may_say("link-test/status/a", &says(node, viewpoint)),
+            "{node} {viewpoint:?}"
+        );
+    }
+    assert!(!ear.may_say("link-test/status/screen", &says("screen", Some(0))));
+    // Its own file says another place: that it is another file must be told, not that it cannot be read.
+    let elsewhere = Status {
+        venue_hash: "another".to_owned(),
+        ..says("a", Some(1))
+    };
+    assert!(ear.may_say("link-test/status/a", &elsewhere));
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! Which cameras look for people, and when.
 //!
-//! Every camera looks regularly, all at the same ticks. In between, cameras are asked: for the next
+//! Every camera looks regularly, all at the same ticks: those that the period divides, so that edges know them
+//! without being told. In between, cameras are asked: for the next
 //! few ticks by a sighting that nothing explains and by a newborn whom others should see too, and now
 //! and then for those who are lost. A sighting that was asked about in vain (a bystander whom one viewpoint sees,
 //! a mirror) is asked about less and less often for as long as it stays where it is.
@@ -70,7 +71,6 @@ pub(super) struct Lookout {
     period: i64,
     again_ticks: i64,
     share: f64,
-    first_tick: Tick,
     /// Per camera: looks that it may still be asked for.
     allowance: Vec<f64>,
     kept: Vec<Kept>,
@@ -94,10 +94,9 @@ impl Lookout {
         Self {
             cameras,
             field,
-            period: (births.sight_every_s * rate_hz).round().max(1.0) as i64,
+            period: births.ticks_per_look(rate_hz),
             again_ticks,
             share: births.look_share,
-            first_tick: Tick::default(),
             allowance: vec![again_ticks as f64; n],
             kept: Vec::new(),
             asks: Vec::new(),
@@ -109,7 +108,6 @@ impl Lookout {
 
     /// Begins a run at `tick`, at which everybody looks.
     pub(super) fn begin(&mut self, tick: Tick) {
-        self.first_tick = tick;
         self.planned_from = tick;
         self.planned.clear();
         self.planned.push_back(vec![true; self.cameras.len()]);
@@ -167,7 +165,7 @@ impl Lookout {
 
     /// Plans who looks at `tick`.
     fn plan_one(&mut self, tick: Tick, looks: &mut Vec<bool>) {
-        let regular = (tick - self.first_tick) % self.period == 0;
+        let regular = tick.0.rem_euclid(self.period) == 0;
         let most = (self.again_ticks as f64).max(1.0);
         looks.clear();
         for (camera, left) in self.allowance.iter_mut().enumerate() {
@@ -238,7 +236,7 @@ impl Lookout {
     /// Asks, now and then, those who see where a lost person could have got to, `reach_m` around
     /// `place_m` (world).
     pub(super) fn ask_for_lost(&mut self, tick: Tick, place_m: Vector3<f64>, reach_m: f64) {
-        if (tick - self.first_tick) % LOST_EVERY_TICKS != 0 {
+        if tick.0.rem_euclid(LOST_EVERY_TICKS) != 0 {
             return;
         }
         let reach = reach_m.min(LOST_REACH_M);

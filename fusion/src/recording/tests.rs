@@ -157,7 +157,7 @@ fn patches_are_stamped_with_their_sending() {
         live: Some(LiveBoxes {
             sequence: 0,
             epoch_us: 7_000_000,
-            clock_correction_us: 0,
+            clock_correction_us: None,
             heard: None,
         }),
         look: Vec::new(),

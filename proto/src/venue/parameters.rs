@@ -256,6 +256,13 @@ parameters! {
     }
 }
 
+impl BirthParameters {
+    /// Ticks from one regular look to the next, at least 1: all viewpoints look at the ticks that this divides.
+    pub fn ticks_per_look(&self, rate_hz: f64) -> i64 {
+        (self.sight_every_s * rate_hz).round().max(1.0) as i64
+    }
+}
+
 parameters! {
     /// `[link]`: bytes and delays.
     LinkParameters {

@@ -54,7 +54,7 @@ fn live_boxes(seed: i64) -> Option<LiveBoxes> {
     (seed % 2 == 0).then_some(LiveBoxes {
         sequence: seed as u32,
         epoch_us: seed as u64,
-        clock_correction_us: (seed % 1_000_000) as i32,
+        clock_correction_us: (seed % 3 != 0).then_some((seed % 1_000_000) as i32),
         heard: (seed % 4 == 0).then_some(HeardPatches {
             tick: Tick(seed),
             one_way_us: seed as i32,

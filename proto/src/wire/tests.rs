@@ -75,7 +75,7 @@ fn box_set() -> BoxSet {
         live: Some(LiveBoxes {
             sequence: 300,
             epoch_us: 1_700_000_000_000_000,
-            clock_correction_us: -20_000,
+            clock_correction_us: Some(-20_000),
             heard: Some(HeardPatches {
                 tick: Tick(-17),
                 one_way_us: 40_100,
@@ -196,7 +196,7 @@ fn status() -> Status {
 /// One message of each kind, in hexadecimal.
 const GOLDEN: [&str; 5] = [
     "0384868808d8040100010201d08c01bfb80201ab02a01f01070302ef010050a401801080010330400203010203",
-    "030909000001ac028080f9c0c1c48203bfb8020121c8f204c0a9070200030101010003a006c00c9003d005005008ef018004201f001000",
+    "030909000001ac028080f9c0c1c4820301bfb8020121c8f204c0a9070200030101010003a006c00c9003d005005008ef018004201f001000",
     "0309800102010201000000803f02010000c03f000000c00000403f00",
     "0309800101020201000000000000003f0000803f010000803f000000bf00000040010000803c010000803e80808080801004",
     "03056e6f7274688101010201026162026364000001d804a00600ac0201046c6f7374010463726f70034628ac02d804e80701018080f9c0c1c48203c0b80203010602b0db06070801040100006e42ef2e01056e6f727468000105636c6f636b0180f10401bfb8020000d040a08d0603040500",
@@ -352,6 +352,11 @@ fn impossible_numbers_are_refused() {
         |m| m.failure = Some("x".repeat(MAX_TEXT_BYTES + 1)),
         "a text that is too long",
     );
+    check_refused(
+        status(),
+        |m| m.network_hash = "x".repeat(MAX_HASH_BYTES + 1),
+        "a fingerprint that is too long",
+    );
 }
 
 #[test]
@@ -385,9 +390,48 @@ fn what_is_said_of_a_link_is_checked() {
     check_refused(patch_set(), timing, past);
     let correction = |m: &mut BoxSet| {
         let live = m.live.iter_mut();
-        live.for_each(|l| l.clock_correction_us = i32::MAX);
+        live.for_each(|l| l.clock_correction_us = Some(i32::MAX));
     };
     check_refused(box_set(), correction, past);
+}
+
+#[test]
+fn a_correction_at_the_bound_and_one_that_is_not_known_are_read() {
+    for correction in [
+        None,
+        Some(MAX_CLOCK_CORRECTION_US),
+        Some(-MAX_CLOCK_CORRECTION_US),
+    ] {
+        let mut set = box_set();
+        let live = set.live.iter_mut();
+        live.for_each(|l| l.clock_correction_us = correction);
+        assert_eq!(decode(&encode(&set)), Ok(set));
+    }
+    check_refused(
+        box_set(),
+        |m| {
+            let live = m.live.iter_mut();
+            live.for_each(|l| l.clock_correction_us = Some(MAX_CLOCK_CORRECTION_US + 1));
+        },
+        "a clock correction past any clock",
+    );
+}
+
+#[test]
+fn a_refusal_of_every_edge_that_a_venue_may_have_is_one_message() {
+    let refused = EdgeLink {
+        refused: Some(cut_refusal("x".repeat(MAX_TEXT_BYTES))),
+        ..live_status().edges.swap_remove(0)
+    };
+    let live = LiveStatus {
+        edges: vec![refused; MAX_EDGES],
+        ..live_status()
+    };
+    let status = Status {
+        live: Some(live),
+        ..status()
+    };
+    assert_eq!(decode(&encode(&status)), Ok(status));
 }
 
 #[test]

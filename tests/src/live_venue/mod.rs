@@ -39,6 +39,7 @@ pub struct LiveVenue {
     /// UDP for the edges, TCP for whoever watches.
     ports: [u16; 2],
     namespaces: Option<Namespaces>,
+    is_fusion_managed: bool,
 }
 
 impl LiveVenue {
@@ -72,6 +73,7 @@ impl LiveVenue {
             venue,
             ports,
             namespaces,
+            is_fusion_managed: true,
         })
     }
 
@@ -93,6 +95,12 @@ impl LiveVenue {
         Watch::open(&self.venue.name, &self.endpoint())
     }
 
+    /// From now on fusion is started as by hand or by systemd: it does not report, and has no parent that would
+    /// end the edges with it.
+    pub fn fusion_by_hand(&mut self) {
+        self.is_fusion_managed = false;
+    }
+
     /// Starts fusion with its results in `out`, and `more` arguments.
     ///
     /// # Errors
@@ -103,8 +111,11 @@ impl LiveVenue {
         let mut command = Command::new(&self.program);
         command.arg("fusion").arg(&self.venue_path);
         // Between the namespaces of this machine there are no strangers.
-        command.args(["--live", "--managed", "--allow-plaintext", "--out"]);
+        command.args(["--live", "--allow-plaintext", "--out"]);
         command.arg(out);
+        if self.is_fusion_managed {
+            command.arg("--managed");
+        }
         let endpoints = [format!("udp/127.0.0.1:{}", self.ports[0]), self.endpoint()];
         for endpoint in &endpoints {
             command.args(["--listen", endpoint]);

@@ -45,7 +45,8 @@ impl Ledger {
     pub(super) fn hear(&mut self, boxes: BoxSet, now_us: Micros) -> Arrival {
         let live = boxes.live;
         let arrival = self.boxes.hear(boxes.into(), now_us);
-        let (Some(live), false) = (live, arrival == Arrival::Stale) else {
+        let is_followed = matches!(arrival, Arrival::NewSession | Arrival::Newer);
+        let (Some(live), true) = (live, is_followed) else {
             return arrival;
         };
         if self.ticks.set(&live, now_us) || arrival == Arrival::NewSession {

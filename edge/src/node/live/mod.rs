@@ -16,7 +16,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::{Context as _, anyhow};
-use farfield_proto::live::LiveStatus;
+use farfield_proto::live::{EdgeLink, LiveStatus};
 use farfield_proto::message::{Order, Status};
 use farfield_proto::wire;
 use tokio::sync::oneshot;
@@ -27,6 +27,7 @@ use super::compare::compare_files;
 use super::link::{Ends, Heard};
 use super::process::{Ending, NodeError, say};
 use crate::live::newest_boxes::Arrival;
+use crate::live::objections::Objections;
 use crate::live::rate::Message;
 
 use self::shared::Shared;
@@ -44,6 +45,9 @@ pub(super) struct Live {
     shared: Arc<Shared>,
     /// Why fusion refuses the viewpoint, as it was said last.
     refused: Option<String>,
+    /// Why the edge should end, as fusion said last.
+    objection: Option<NodeError>,
+    objections: Objections,
     failed: oneshot::Receiver<anyhow::Error>,
 }
 
@@ -60,6 +64,8 @@ impl Live {
             status,
             shared,
             refused: None,
+            objection: None,
+            objections: Objections::default(),
             failed,
         })
     }
@@ -70,28 +76,35 @@ impl Live {
         move |bytes| shared.admits(bytes)
     }
 
-    /// Takes a message; says how the run has ended, if it has.
+    /// Takes a message; says how the run has ended, if it has. Without keys anybody on the machine may say
+    /// anything: what would end the edge counts from the session that it follows, or when it is said again
+    /// and again.
     ///
     /// # Errors
     /// As [`Self::run`].
     pub(super) fn hear(&mut self, heard: Heard) -> Result<Option<Ending>, NodeError> {
         match heard {
-            Heard::Boxes(boxes) if boxes.order == Order::End => return Ok(Some(Ending::Done)),
-            Heard::Boxes(boxes) if boxes.live.is_none() => {
-                return Err(NodeError::Failed(anyhow!(
-                    "fusion runs in lock-step now: start the edge again"
-                )));
-            }
-            Heard::Boxes(boxes) if Some(boxes.viewpoint) != self.status.viewpoint => {
+            // A fusion in lock-step says so in its status, too.
+            Heard::Boxes(boxes)
+                if boxes.live.is_none() || Some(boxes.viewpoint) != self.status.viewpoint =>
+            {
                 self.status.unreadable += 1;
             }
-            Heard::Boxes(boxes) => {
-                if self.shared.hear(boxes) == Arrival::NewSession {
-                    // Fusion uses nothing of an edge before it knows what files it holds.
-                    self.say();
-                }
+            Heard::Boxes(boxes)
+                if boxes.order == Order::End && self.shared.session() == Some(boxes.session) =>
+            {
+                return Ok(Some(Ending::Done));
             }
-            Heard::Fusion(fusion) => self.compare(&fusion)?,
+            Heard::Boxes(boxes) => match self.shared.hear(boxes) {
+                // Fusion uses nothing of an edge before it knows what files it holds.
+                Arrival::NewSession => self.say(),
+                Arrival::Foreign => self.status.unreadable += 1,
+                Arrival::Newer | Arrival::Stale => {}
+            },
+            Heard::Fusion(fusion) => {
+                self.weigh(&fusion);
+                return self.give_up();
+            }
             // It comes back, and finds the cameras open.
             Heard::FusionGone => {}
             Heard::Unreadable(_) => self.status.unreadable += 1,
@@ -127,6 +140,9 @@ impl Live {
                 _ = statuses.tick() => {
                     self.shared.clock.discipline();
                     self.say();
+                    if let Some(ending) = self.give_up()? {
+                        return Ok(ending);
+                    }
                 }
             }
         }
@@ -155,16 +171,17 @@ impl Live {
             .send(Message::Status, wire::encode(&self.status));
     }
 
-    fn compare(&mut self, fusion: &Status) -> Result<(), NodeError> {
-        compare_files(&self.status, fusion)?;
+    /// Takes what fusion says of the edge.
+    fn weigh(&mut self, fusion: &Status) {
         let mut edges = fusion.live.iter().flat_map(|live| &live.edges);
         let link = edges.find(|edge| edge.viewpoint == self.status.node);
-        if link.is_some_and(|link| link.refuses_process(self.status.process)) {
-            return Err(NodeError::Failed(anyhow!(
-                "another node speaks for viewpoint {}: end one of the two",
-                self.status.node
-            )));
+        self.objection = object(&self.status, fusion, link).err();
+        if self.objection.is_some() {
+            self.status.unreadable += 1;
+            self.objections.raise(self.shared.clock.now_us());
+            return;
         }
+        self.objections.clear();
         // What is said while the edge takes part is of another of its name.
         let refused = link.filter(|link| !link.live);
         let refused = refused.and_then(|link| link.refused.clone());
@@ -181,8 +198,32 @@ impl Live {
             .map(|why| format!("refused by fusion: {why}"));
         self.status.failure = failure.map(wire::cut_text);
         self.refused = refused;
-        Ok(())
     }
+
+    /// Ends the edge when fusion's objections stand.
+    fn give_up(&mut self) -> Result<Option<Ending>, NodeError> {
+        if !self.objections.stand(self.shared.clock.now_us()) {
+            return Ok(None);
+        }
+        self.objection.take().map_or(Ok(None), Err)
+    }
+}
+
+/// Whether an edge of the status `own` can work with a fusion that says this of itself, and this of the edge.
+fn object(own: &Status, fusion: &Status, link: Option<&EdgeLink>) -> Result<(), NodeError> {
+    if fusion.live.is_none() {
+        return Err(NodeError::Failed(anyhow!(
+            "fusion runs in lock-step now: start the edge again"
+        )));
+    }
+    compare_files(own, fusion)?;
+    if link.is_some_and(|link| link.refuses_process(own.process)) {
+        return Err(NodeError::Failed(anyhow!(
+            "another node speaks for viewpoint {}: end one of the two",
+            own.node
+        )));
+    }
+    Ok(())
 }
 
 #[cfg(test)]

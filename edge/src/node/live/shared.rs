@@ -5,6 +5,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use farfield_proto::histogram::Histogram;
+use farfield_proto::id::SessionId;
 use farfield_proto::live::LiveStatus;
 use farfield_proto::message::{BoxSet, StageTime};
 use farfield_proto::tick::Tick;
@@ -60,6 +61,11 @@ impl Shared {
     pub(super) fn hear(&self, boxes: BoxSet) -> Arrival {
         let now_us = self.clock.now_us();
         self.ledger().hear(boxes, now_us)
+    }
+
+    /// Fusion's session, once there is one.
+    pub(super) fn session(&self) -> Option<SessionId> {
+        self.ledger().boxes.session()
     }
 
     /// Sends a message if the budget allows it; whether it does.

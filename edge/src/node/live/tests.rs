@@ -108,6 +108,12 @@ impl Script {
 
     /// Says where the person is, for the tick after next.
     async fn say_boxes(&mut self, persons: u32, look: bool, order: Order) {
+        self.sequence += 1;
+        let boxes = self.boxes(persons, look, order);
+        self.boxes.put(wire::encode(&boxes)).await.unwrap();
+    }
+
+    fn boxes(&self, persons: u32, look: bool, order: Order) -> BoxSet {
         let camera_box = CameraBox {
             camera: CameraIndex(0),
             bounding_box: BoundingBox {
@@ -123,8 +129,7 @@ impl Script {
             person: PersonId(id),
             cameras: vec![camera_box],
         };
-        self.sequence += 1;
-        let boxes = BoxSet {
+        BoxSet {
             session: self.life,
             tick: self.now() + 2,
             viewpoint: ViewpointIndex(0),
@@ -132,7 +137,7 @@ impl Script {
             live: Some(LiveBoxes {
                 sequence: self.sequence,
                 epoch_us: self.epoch_us as u64,
-                clock_correction_us: 0,
+                clock_correction_us: None,
                 heard: None,
             }),
             look: if look {
@@ -141,12 +146,16 @@ impl Script {
                 Vec::new()
             },
             persons: (1..=persons).map(person).collect(),
-        };
-        self.boxes.put(wire::encode(&boxes)).await.unwrap();
+        }
     }
 
     async fn say_status(&self, calibration_hash: &str, edges: Vec<EdgeLink>) {
-        let status = Status {
+        let status = self.status(calibration_hash, edges);
+        self.status.put(wire::encode(&status)).await.unwrap();
+    }
+
+    fn status(&self, calibration_hash: &str, edges: Vec<EdgeLink>) -> Status {
+        Status {
             node: "fusion".to_owned(),
             process: 0,
             viewpoint: None,
@@ -165,8 +174,7 @@ impl Script {
                 edges,
                 ..LiveStatus::default()
             }),
-        };
-        self.status.put(wire::encode(&status)).await.unwrap();
+        }
     }
 
     fn own_calibration(&self) -> String {
@@ -305,18 +313,7 @@ async fn a_refused_edge_says_so_and_waits_but_ends_when_the_files_differ() {
     let mut fusion = Script::open(&venue, "tcp/127.0.0.1:0", 1, None).await;
     let edge = start_edge(&venue, &fusion.endpoint.clone());
     fusion.until(0, |f| &f.patches, |_: &PatchSet| true).await;
-    let refused = EdgeLink {
-        viewpoint: "a".to_owned(),
-        live: false,
-        refused: Some("its clock is 500 ms off".to_owned()),
-        round_trip_us: None,
-        clock_offset_us: Some(500_000),
-        horizon_ticks: 1.0,
-        bytes_per_s: 0,
-        late: 0,
-        missing: 0,
-        unreadable: 0,
-    };
+    let refused = link(false, "its clock is 500 ms off");
     let calibration = fusion.own_calibration();
     fusion.say_status(&calibration, vec![refused]).await;
     let status: Status = fusion
@@ -335,9 +332,95 @@ async fn a_refused_edge_says_so_and_waits_but_ends_when_the_files_differ() {
             |status: &Status| status.failure.is_none() && status.ready,
         )
         .await;
-    fusion.say_status("another", Vec::new()).await;
-    let ending = timeout(PATIENCE, edge).await.expect("the edge goes on");
+    let said = async {
+        while !edge.is_finished() {
+            fusion.say_status("another", Vec::new()).await;
+            tokio::time::sleep(Duration::from_millis(100)).await;
+        }
+    };
+    timeout(PATIENCE, said).await.expect("the edge goes on");
+    let ending = edge.await;
     let error = ending.unwrap().unwrap_err();
     assert!(matches!(&error, NodeError::Refused(_)));
     assert!(error.to_string().contains("calibration"), "{error}");
+}
+
+fn link(live: bool, refused: &str) -> EdgeLink {
+    EdgeLink {
+        viewpoint: "a".to_owned(),
+        live,
+        refused: Some(refused.to_owned()),
+        round_trip_us: None,
+        clock_offset_us: None,
+        horizon_ticks: 1.0,
+        bytes_per_s: 0,
+        late: 0,
+        missing: 0,
+        unreadable: 0,
+    }
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn no_single_message_whatever_it_says_ends_an_edge_or_silences_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let venue = venue(folder.path());
+    let mut fusion = Script::open(&venue, "tcp/127.0.0.1:0", 1, None).await;
+    let edge = start_edge(&venue, &fusion.endpoint.clone());
+    let with_person = |set: &PatchSet| !set.persons.is_empty();
+    fusion.until(1, |f| &f.patches, with_person).await;
+    let hello: Status = fusion.until(1, |f| &f.statuses, |_: &Status| true).await;
+
+    let track = |f: &Script| f.boxes(0, false, Order::Track);
+    let forged = [
+        BoxSet {
+            session: SessionId(77),
+            ..fusion.boxes(0, false, Order::End)
+        },
+        BoxSet {
+            viewpoint: ViewpointIndex(9),
+            ..fusion.boxes(0, false, Order::End)
+        },
+        BoxSet {
+            live: None,
+            ..track(&fusion)
+        },
+        BoxSet {
+            session: SessionId(78),
+            ..track(&fusion)
+        },
+    ];
+    for lie in &forged {
+        fusion.boxes.put(wire::encode(lie)).await.unwrap();
+    }
+    let calibration = fusion.own_calibration();
+    let second = format!("process {} is refused", hello.process);
+    let lies = [
+        fusion.status(&calibration, vec![link(true, &second)]),
+        fusion.status("another", Vec::new()),
+        Status {
+            live: None,
+            ..fusion.status(&calibration, Vec::new())
+        },
+    ];
+    for lie in &lies {
+        fusion.status.put(wire::encode(lie)).await.unwrap();
+        fusion.say_status(&calibration, Vec::new()).await;
+    }
+
+    // On a machine that stands still for long enough the foreign sessions are believed for a while.
+    let counted = |status: &Status| status.unreadable >= 5 && status.failure.is_none();
+    fusion.until(1, |f| &f.statuses, counted).await;
+    fusion.until(1, |f| &f.patches, with_person).await;
+    // Nor does one that says of itself to be far ahead of all others.
+    let now = fusion.now();
+    fusion.sequence += 1 << 30;
+    fusion
+        .boxes
+        .put(wire::encode(&track(&fusion)))
+        .await
+        .unwrap();
+    fusion.sequence -= 1 << 30;
+    let again = |set: &PatchSet| set.tick > now + 2 * RATE_HZ && !set.persons.is_empty();
+    fusion.until(1, |f| &f.patches, again).await;
+    fusion.end(edge).await;
 }

@@ -137,8 +137,12 @@ impl Ticker {
         self.shared.frames.take(tick, now_us, &mut self.frames);
         let mut ledger = self.shared.ledger();
         let session = ledger.boxes.session()?;
-        let boxes = ledger.boxes.at(now_us).cloned().unwrap_or_else(|| {
-            Arc::new(BoxSet {
+        let look = ledger.boxes.take_look(tick);
+        let (boxes, look) = if let Some(boxes) = ledger.boxes.at(now_us) {
+            (Arc::clone(boxes), look)
+        } else {
+            // Fusion is gone: what there is to see is for whoever asks for it later.
+            let nobody = Arc::new(BoxSet {
                 session,
                 tick,
                 viewpoint: self.viewpoint,
@@ -146,9 +150,9 @@ impl Ticker {
                 live: None,
                 look: Vec::new(),
                 persons: Vec::new(),
-            })
-        });
-        let look = ledger.boxes.take_look(tick);
+            });
+            (nobody, self.pipeline.regular_look(tick))
+        };
         let plan = ledger.rate.plan(boxes.persons.len(), now_us);
         ledger.last = Some(tick);
         Some(Task {

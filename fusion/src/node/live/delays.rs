@@ -104,6 +104,21 @@ impl Delays {
         own.into_iter().flatten().collect()
     }
 
+    /// Those of all edges together, which a status has room for.
+    pub(super) fn of_all_edges(&self) -> Vec<StageTime> {
+        let all = |stage: &str, of: fn(&Ways) -> &Histogram| {
+            let mut sum = Histogram::default();
+            self.edges.iter().for_each(|ways| sum.merge(of(ways)));
+            sum.stage_time(stage)
+        };
+        let all = [
+            all(PATCH_SENT, |ways| &ways.patch_sent),
+            all(PATCH_ARRIVED, |ways| &ways.patch_arrived),
+            all(BOX_USED, |ways| &ways.box_used),
+        ];
+        all.into_iter().flatten().collect()
+    }
+
     /// Those of every edge, by the viewpoint's name.
     pub(super) fn of_edges(&self) -> impl Iterator<Item = (&str, StageTime)> {
         self.edges.iter().flat_map(|ways| {

@@ -9,6 +9,7 @@ use tracing::debug;
 use super::super::link::{Arrival, Ends, Heard, NODE, Presence};
 use super::super::process::say;
 use super::run::Live;
+use super::start::note_present;
 use crate::align::Refused;
 use crate::live::Micros;
 use crate::live::edge::Came;
@@ -40,7 +41,9 @@ impl Live<'_> {
             // Fusion hears itself, too.
             Heard::Status(status) if status.node == NODE => {}
             Heard::Status(status) => self.hear_status(&status),
-            Heard::Alive(node, Presence::There) => drop(self.present.insert(node)),
+            Heard::Alive(node, Presence::There) => {
+                note_present(&self.config.venue, &mut self.present, node);
+            }
             Heard::Alive(node, Presence::Gone) => {
                 self.present.remove(&node);
                 if let Some(index) = self.members.leave(&node) {

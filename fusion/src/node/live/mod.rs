@@ -20,7 +20,7 @@ use self::start::clock_start;
 use super::clock;
 use super::config::Config;
 use super::link::{Ear, Ends, Mode};
-use super::process::{Ending, NodeError};
+use super::process::{Ending, Managed, NodeError};
 use super::progress::Reporter;
 use super::recorder::Recorder;
 use super::recording::RecordingThread;
@@ -78,7 +78,13 @@ pub(super) async fn live(
         let fillers = recording.fillers(&around.ear.clock);
         run.hear_until(around.ends, fillers.finish(patience)).await;
     }
-    let last_words = run.farewell(around.ends).await;
+    // Fusion that is stopped, or fails, may start again, and finds its edges at work. Under a parent all end.
+    let is_over = matches!(outcome, Ok(Ending::Done)) || config.managed == Managed::Yes;
+    let last_words = if is_over {
+        run.end_edges(around.ends).await
+    } else {
+        run.last_words()
+    };
     let finished = worker.finish().await.map_err(NodeError::Failed)?;
     let people = finished.people.map_err(NodeError::Failed)?;
     let Some(last) = finished.last else {

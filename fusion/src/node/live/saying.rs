@@ -1,15 +1,15 @@
 //! What a live run says: boxes and poses of every tick, and at its end that it is over.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
 use farfield_proto::id::ViewpointIndex;
 use farfield_proto::message::{BoxSet, Order, PoseSet, Status};
 use farfield_proto::wire;
-use tokio::time::timeout;
+use tokio::time::{MissedTickBehavior, interval, timeout};
 use tracing::warn;
 
-use super::super::link::{Ends, Heard, NODE, Presence, Said as Say};
+use super::super::link::{Ends, Heard, Presence, Said as Say};
 use super::super::worker::Stepped;
 use super::run::Live;
 
@@ -17,6 +17,8 @@ use super::run::Live;
 const WEIGHT: f64 = 0.05;
 /// How long the edges may take to say their last word.
 const FAREWELL: Duration = Duration::from_secs(3);
+/// How often those who have not left are told again that the run is over.
+const END_EVERY: Duration = Duration::from_millis(100);
 
 impl Live<'_> {
     /// Publishes a tick: boxes first, as edges wait for them. Returns the poses and the bytes so far.
@@ -82,9 +84,54 @@ impl Live<'_> {
     }
 
     /// Tells the edges that the run is over, and hears them out.
-    pub(super) async fn farewell(&mut self, ends: &mut Ends) -> Vec<Status> {
+    pub(super) async fn end_edges(&mut self, ends: &mut Ends) -> Vec<Status> {
+        let everybody: BTreeSet<String> = self.names().map(str::to_owned).collect();
+        self.send_end(&everybody, ends);
+        let mut last_words: BTreeMap<String, Status> = BTreeMap::new();
+        let mut repeats = interval(END_EVERY);
+        repeats.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        repeats.reset();
+        let hear_out = async {
+            while !self.present.is_empty() {
+                tokio::select! {
+                    // The link may lose it.
+                    _ = repeats.tick() => {
+                        let present = self.present.clone();
+                        self.send_end(&present, ends);
+                    }
+                    heard = ends.heard.recv() => match heard {
+                        Some(Heard::Status(status)) if status.viewpoint.is_some() => {
+                            last_words.insert(status.node.clone(), *status);
+                        }
+                        Some(Heard::Alive(node, Presence::Gone)) => drop(self.present.remove(&node)),
+                        Some(_) => {}
+                        None => break,
+                    }
+                }
+            }
+        };
+        if timeout(FAREWELL, hear_out).await.is_err() {
+            warn!(still = ?self.present, "not every edge has left");
+        }
+        for status in self.last_words() {
+            last_words.entry(status.node.clone()).or_insert(status);
+        }
+        last_words.into_values().collect()
+    }
+
+    /// What the edges have said last, by name.
+    pub(super) fn last_words(&self) -> Vec<Status> {
+        let mut words: Vec<Status> = self.members.last_words().cloned().collect();
+        words.sort_by(|a, b| a.node.cmp(&b.node));
+        words
+    }
+
+    fn send_end(&mut self, to: &BTreeSet<String>, ends: &Ends) {
         let tick = self.gather.next();
         for index in 0..self.edges.len() {
+            if !to.contains(&self.config.venue.viewpoints[index].name) {
+                continue;
+            }
             let mut set = BoxSet {
                 session: self.session,
                 tick,
@@ -98,28 +145,10 @@ impl Live<'_> {
             set.live = Some(self.edges[index].send(&set, &self.time, now_us));
             self.say(ends, Say::Boxes(index, wire::encode(&set)));
         }
-        let mut last_words: BTreeMap<String, Status> = BTreeMap::new();
-        let present = &mut self.present;
-        present.remove(NODE);
-        let hear_out = async {
-            while !present.is_empty() {
-                match ends.heard.recv().await {
-                    Some(Heard::Status(status)) if status.viewpoint.is_some() => {
-                        last_words.insert(status.node.clone(), *status);
-                    }
-                    Some(Heard::Alive(node, Presence::Gone)) => drop(present.remove(&node)),
-                    Some(_) => {}
-                    None => break,
-                }
-            }
-        };
-        if timeout(FAREWELL, hear_out).await.is_err() {
-            warn!(still = ?self.present, "not every edge has left");
-        }
-        let earlier = self.members.last_words().cloned();
-        for status in earlier {
-            last_words.entry(status.node.clone()).or_insert(status);
-        }
-        last_words.into_values().collect()
+    }
+
+    fn names(&self) -> impl Iterator<Item = &str> {
+        let viewpoints = &self.config.venue.viewpoints;
+        viewpoints.iter().map(|viewpoint| viewpoint.name.as_str())
     }
 }

@@ -40,7 +40,7 @@ pub(super) struct LiveStart {
     pub(super) time: TickTime,
     pub(super) first: Tick,
     pub(super) members: Membership,
-    /// The nodes that are there, as their tokens say.
+    /// The edges of the venue that are there, as their tokens say.
     pub(super) present: BTreeSet<String>,
 }
 
@@ -97,7 +97,7 @@ pub(super) async fn clock_start(
                             leave_out_at = Some(Instant::now() + PATIENCE);
                         }
                     }
-                    Heard::Alive(node, Presence::There) => drop(present.insert(node)),
+                    Heard::Alive(node, Presence::There) => note_present(venue, &mut present, node),
                     Heard::Alive(node, Presence::Gone) => drop(present.remove(&node)),
                     _ => {}
                 }
@@ -112,19 +112,20 @@ pub(super) async fn clock_start(
             () = sleep_until(until.unwrap_or_else(Instant::now)), if until.is_some() => is_enough = true,
         }
         let now_us = ear.clock.now_us();
-        if let Some(epoch_us) = members.epoch_us() {
+        let tick_by = |epoch_us| {
             let time = TickTime::new(epoch_us, venue.rate_hz);
-            return Ok(Some(LiveStart {
-                time,
-                first: time.first_from(now_us + FIRST_WORD_US),
-                members,
-                present,
-            }));
-        }
-        if (is_enough || members.missing().is_empty())
-            && let Some(first) = asked.or(members.recorded().map(|ticks| ticks.start))
-        {
-            let time = TickTime::with_tick_at(first, now_us + RUN_UP_US, venue.rate_hz);
+            time.first_from(now_us + FIRST_WORD_US)
+        };
+        let asked_for = || asked.or(members.recorded().map(|ticks| ticks.start));
+        let begins = match members.epoch_us(tick_by, config.ticks.as_ref()) {
+            Some(us) => Some((TickTime::new(us, venue.rate_hz), tick_by(us))),
+            None if is_enough || members.missing().is_empty() => asked_for().map(|first| {
+                let at_us = now_us + RUN_UP_US;
+                (TickTime::with_tick_at(first, at_us, venue.rate_hz), first)
+            }),
+            None => None,
+        };
+        if let Some((time, first)) = begins {
             return Ok(Some(LiveStart {
                 time,
                 first,
@@ -132,6 +133,13 @@ pub(super) async fn clock_start(
                 present,
             }));
         }
+    }
+}
+
+/// Notes that an edge is there; strangers may declare tokens as they like, under any number of names.
+pub(super) fn note_present(venue: &Venue, present: &mut BTreeSet<String>, node: String) {
+    if venue.viewpoint_named(&node).is_some() {
+        present.insert(node);
     }
 }
 
@@ -150,7 +158,17 @@ fn waiting_status(own: &Status) -> Status {
 mod tests {
     use farfield_proto::venue::VenueHash;
 
+    use super::super::tests::venue;
     use super::*;
+
+    #[test]
+    fn the_tokens_of_strangers_take_no_room() {
+        let mut present = BTreeSet::new();
+        for node in ["a", "fusion", "stranger-1", "stranger-2", "b", "a"] {
+            note_present(&venue(), &mut present, node.to_owned());
+        }
+        assert_eq!(present, ["a", "b"].map(str::to_owned).into());
+    }
 
     #[test]
     fn a_status_says_from_the_beginning_that_the_run_is_live() {

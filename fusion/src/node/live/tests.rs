@@ -29,7 +29,7 @@ const RATE_HZ: f64 = 30.0;
 const TICKS: i64 = 90;
 const NAMES: [&str; 4] = ["a", "b", "c", "d"];
 
-fn venue() -> Venue {
+pub(super) fn venue() -> Venue {
     let camera = |name: &&str| {
         format!(
             "[{name}]\nname = \"{name}\"\nsize = [640, 480]\nmatrix = [[500.0, 0.0, 320.0], [0.0, 500.0, 240.0], [0.0, 0.0, 1.0]]\n\
@@ -138,13 +138,14 @@ impl Scripted {
             if let Some((set, heard_us)) = &newest {
                 let live = set.live.unwrap();
                 let time = TickTime::new(live.epoch_us, RATE_HZ);
-                let now_us = own_us() + i64::from(live.clock_correction_us);
+                let correction_us = live.clock_correction_us.unwrap_or(0);
+                let now_us = own_us() + i64::from(correction_us);
                 let tick = time.first_from(now_us) + -1;
                 if tick >= Tick(0) && last.is_none_or(|last| tick > last) {
                     last = Some(tick);
                     let timing = PatchTiming {
                         sent_after_us: (now_us - time.at(tick)) as i32,
-                        clock_correction_us: live.clock_correction_us,
+                        clock_correction_us: correction_us,
                         echo: Some(BoxEcho {
                             sequence: live.sequence,
                             held_us: (own_us() - heard_us) as u32,
@@ -171,15 +172,15 @@ impl Scripted {
     }
 }
 
-/// What somebody hears who listens to poses and fusion's status.
-async fn listen(endpoint: String, stop: CancellationToken) -> (Vec<i64>, Vec<EdgeLink>) {
+/// What somebody hears who listens to poses and fusion's status: ticks, and the last status with edges.
+async fn listen(endpoint: String, stop: CancellationToken) -> (Vec<i64>, Option<Status>) {
     let session = client(&endpoint).await;
     let poses = session.declare_subscriber("live-test/pose").await.unwrap();
     let status = session
         .declare_subscriber("live-test/status/fusion")
         .await
         .unwrap();
-    let (mut ticks, mut links) = (Vec::new(), Vec::new());
+    let (mut ticks, mut newest) = (Vec::new(), None);
     loop {
         tokio::select! {
             () = stop.cancelled() => break,
@@ -189,15 +190,14 @@ async fn listen(endpoint: String, stop: CancellationToken) -> (Vec<i64>, Vec<Edg
             }
             sample = status.recv_async() => {
                 let status: Status = wire::decode(&sample.unwrap().payload().to_bytes()).unwrap();
-                let edges = status.live.map(|live| live.edges).unwrap_or_default();
-                if !edges.is_empty() {
-                    links = edges;
+                if status.live.as_ref().is_some_and(|live| !live.edges.is_empty()) {
+                    newest = Some(status);
                 }
             }
         }
     }
     session.close().await.unwrap();
-    (ticks, links)
+    (ticks, newest)
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
@@ -270,9 +270,14 @@ async fn everybody_goes_on_while_one_babbles_one_is_refused_and_clocks_are_off()
         );
     }
     timeout(PATIENCE, ends.close(&tasks, &leave)).await.unwrap();
-    let (ticks, links) = timeout(PATIENCE, listener).await.unwrap().unwrap();
+    let (ticks, newest) = timeout(PATIENCE, listener).await.unwrap().unwrap();
     assert!(ticks.is_sorted_by(|a, b| a < b), "{ticks:?}");
-    check_links(&links);
+    let newest = newest.unwrap();
+    for stage in ["capture_to_pose", "pose_out", "patch_arrived"] {
+        let said = newest.stages.iter().find(|said| said.stage == stage);
+        assert!(said.is_some_and(|said| said.count > 10), "{stage}");
+    }
+    check_links(&newest.live.unwrap().edges);
     let text = std::fs::read_to_string(out.path().join("summary.json")).unwrap();
     check_summary(&serde_json::from_str(&text).unwrap());
 }
