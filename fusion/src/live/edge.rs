@@ -10,6 +10,7 @@ use super::arrivals::{Arrivals, Task};
 use super::edge_clock::{EdgeClock, Exchange};
 use super::horizon::Horizon;
 use super::meter::Meter;
+use super::pace::Pace;
 use super::tick_time::TickTime;
 use super::{Micros, SECOND_US};
 
@@ -68,6 +69,7 @@ pub struct Edge {
     is_clock_refused: bool,
     arrivals: Arrivals,
     horizon: Horizon,
+    pace: Pace,
     meter: Meter,
     sequence: u32,
     sent: VecDeque<Sent>,
@@ -94,6 +96,23 @@ impl Edge {
             clock_bound_us: (clock_bound_ms * 1e3) as Micros,
             ..Self::default()
         }
+    }
+
+    /// Sends boxes as `pace` says.
+    #[must_use]
+    pub fn at_pace(mut self, pace: Pace) -> Self {
+        self.pace = pace;
+        self
+    }
+
+    /// Whether `boxes` go out at all: those with looks do, the others as the link carries them.
+    pub fn is_sent(&self, boxes: &BoxSet) -> bool {
+        !boxes.look.is_empty() || boxes.tick.0.rem_euclid(self.pace.nth()) == 0
+    }
+
+    /// Notes how many bytes a box set took.
+    pub fn sent_bytes(&mut self, bytes: usize) {
+        self.pace.sent(bytes);
     }
 
     /// Another node speaks for the viewpoint: what was known of the last one says nothing.
@@ -185,6 +204,13 @@ impl Edge {
             correction_us: timing.clock_correction_us.into(),
             arrived_us,
         });
+        let (newest_us, shortest_us) = (
+            self.clock.newest_round_trip_us(),
+            self.clock.round_trip_us(),
+        );
+        if let (Some(newest_us), Some(shortest_us)) = (newest_us, shortest_us) {
+            self.pace.hear(newest_us, shortest_us, arrived_us);
+        }
         self.judge_clock();
     }
 

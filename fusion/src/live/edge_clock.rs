@@ -60,6 +60,7 @@ pub struct EdgeClock {
     /// The best of each span, oldest first.
     best: VecDeque<Measured>,
     exchanges: u32,
+    newest_round_trip_us: Option<Micros>,
     /// Round trips as they mostly are, microseconds: a running mean.
     usual_round_trip_us: f64,
     told_us: Option<Micros>,
@@ -71,6 +72,7 @@ impl EdgeClock {
         let Some(measured) = measure(exchange) else {
             return;
         };
+        self.newest_round_trip_us = Some(measured.round_trip_us);
         let round_trip_us = measured.round_trip_us as f64;
         let weight = if self.exchanges == 0 { 1.0 } else { 0.05 };
         self.usual_round_trip_us += weight * (round_trip_us - self.usual_round_trip_us);
@@ -116,6 +118,11 @@ impl EdgeClock {
     /// The shortest round trip of the last seconds; `None` until it is known.
     pub fn round_trip_us(&self) -> Option<Micros> {
         self.shortest().map(|m| m.round_trip_us)
+    }
+
+    /// The round trip of the newest exchange.
+    pub fn newest_round_trip_us(&self) -> Option<Micros> {
+        self.newest_round_trip_us
     }
 
     /// The round trip as it mostly is; `None` until it is known.

@@ -11,6 +11,7 @@ pub mod gather;
 pub mod horizon;
 pub mod membership;
 pub mod meter;
+pub mod pace;
 pub mod queue;
 pub mod tick_time;
 

@@ -28,6 +28,7 @@ use crate::align::TickGroup;
 use crate::live::edge::Edge;
 use crate::live::gather::LiveGather;
 use crate::live::membership::Membership;
+use crate::live::pace::Pace;
 use crate::live::queue::{Next, Queue, Waiting};
 use crate::live::tick_time::TickTime;
 use crate::live::{Micros, SECOND_US};
@@ -98,7 +99,9 @@ impl<'a> Live<'a> {
         let venue = &config.venue;
         let bound_ms = venue.parameters.link.clock_bound_ms;
         let names = venue.viewpoints.iter().map(|v| &v.name);
-        let mut edges: Vec<Edge> = names.map(|name| Edge::new(name, bound_ms)).collect();
+        let pace = Pace::new(venue.parameters.link.budget_bytes_per_s, venue.rate_hz);
+        let edge = |name| Edge::new(name, bound_ms).at_pace(pace.clone());
+        let mut edges: Vec<Edge> = names.map(|name| edge(name)).collect();
         let ticks = |seconds: f64| (seconds * venue.rate_hz).ceil() as usize;
         let LiveStart {
             time,
@@ -299,7 +302,7 @@ impl<'a> Live<'a> {
     fn beat(&mut self, ends: &Ends) {
         let now_us = self.ear.clock.now_us();
         if now_us - self.sent_us >= RESEND_AFTER_US {
-            self.send_newest(ends);
+            self.send_newest(ends, true);
         }
         // What came for ticks that no step will ever take.
         let next = self.gather.next();

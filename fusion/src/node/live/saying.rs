@@ -55,10 +55,11 @@ impl Live<'_> {
 
     pub(super) fn send_boxes(&mut self, sets: Vec<BoxSet>, ends: &Ends) {
         self.newest = sets;
-        self.send_newest(ends);
+        self.send_newest(ends, false);
     }
 
-    pub(super) fn send_newest(&mut self, ends: &Ends) {
+    /// Sends the newest boxes, `again` as a sign of life: then whatever the links carry.
+    pub(super) fn send_newest(&mut self, ends: &Ends, again: bool) {
         let now_us = self.ear.clock.now_us();
         self.sent_us = now_us;
         let mut sets = std::mem::take(&mut self.newest);
@@ -69,8 +70,12 @@ impl Live<'_> {
                 set.persons.clear();
                 set.look.clear();
             }
+            if !again && !self.edges[index].is_sent(set) {
+                continue;
+            }
             set.live = Some(self.edges[index].send(set, &self.time, now_us));
             let bytes = wire::encode(set);
+            self.edges[index].sent_bytes(bytes.len());
             self.tally.boxes(set.viewpoint, bytes.len() as u64);
             self.say(ends, Say::Boxes(index, bytes));
         }
