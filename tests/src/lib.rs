@@ -5,6 +5,7 @@ pub mod afar;
 pub mod body;
 #[cfg(feature = "loop")]
 pub mod bytes;
+#[cfg(feature = "loop")]
 pub mod conditions;
 pub mod embedded;
 pub mod faults;

@@ -26,6 +26,9 @@ const MEMORY_SLACK_BYTES: f64 = 4e6;
 /// Share of the memory by which it may differ.
 const MEMORY_SHARE: f64 = 0.05;
 
+/// Share of the poses that must have everybody, or the venue did not run. Far below what a quiet machine gives.
+const LEAST_WHOLE: f64 = 0.5;
+
 /// Arguments of `farfield study soak`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct SoakArgs {
@@ -49,7 +52,7 @@ pub(crate) struct SoakArgs {
 /// Runs the soak and prints what every node took, and how late the poses were.
 ///
 /// # Errors
-/// When the scene or the folder is refused, a node ends early, or anything grew.
+/// When the scene or the folder is refused, a node ends early, people are not tracked, or anything grew.
 pub(crate) fn soak(args: &SoakArgs) -> Result<(), NodeError> {
     let scratch = tempfile::tempdir().map_err(NodeError::failed)?;
     let folder = args.out.as_deref().unwrap_or(scratch.path());
@@ -105,18 +108,25 @@ fn run(
             ));
         }
     }
-    let (poses, delays_us) = {
+    let (poses, delays_us, whole) = {
         let seen = watch.seen();
         let delays_us = seen.delays_us(live.venue().rate_hz, Tick(i64::MIN));
-        (seen.poses, delays_us)
+        (seen.poses, delays_us, seen.share_with_everybody())
     };
     ensure!(poses > 0, "no pose has come\n{}", live.said());
+    ensure!(
+        whole >= LEAST_WHOLE,
+        "everybody is tracked in {:.1} % of the poses alone\n{}",
+        100.0 * whole,
+        live.said()
+    );
     let mut text = format!(
-        "{:.1} min, {poses} poses: {:.2} per second; round trip {} ms, loss {} %\n\
+        "{:.1} min, {poses} poses: {:.2} per second, {:.2} % of them with everybody tracked; round trip {} ms, loss {} %\n\
          capture to pose, ms: P50 {}, P99 {}, P99.9 {}, max {}\n\n\
          node             memory MB  first   last   threads  first  last  handles  first  last  cores\n",
         args.minutes,
         poses as f64 / length.as_secs_f64(),
+        100.0 * whole,
         args.round_trip,
         args.loss,
         ms(&delays_us, 0.5),

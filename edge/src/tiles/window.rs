@@ -1,5 +1,6 @@
 //! A part of a picture as a detector's input.
 
+#[cfg(feature = "network")]
 use farfield_proto::bounding_box::BoundingBox;
 use farfield_proto::model_card::Letterbox;
 
@@ -51,6 +52,7 @@ impl Window {
     }
 
     /// The same as a box, centres of pixels at whole numbers.
+    #[cfg(feature = "network")]
     pub(crate) fn bounding_box(&self) -> BoundingBox {
         BoundingBox {
             center_px: [0, 1].map(|i| (self.min_px[i] + self.size_px[i] / 2.0 - 0.5) as f32),

@@ -15,8 +15,8 @@ use super::method::Method;
 use crate::lattice::KeypointEstimate;
 
 /// How long a confirmed person lacks evidence from two viewpoints until it is lost, and has it again until
-/// it is not, seconds.
-const LOST_S: f64 = 0.1;
+/// it is not, seconds: longer than eight ticks at 60 Hz, a round of turns on a thin link.
+const LOST_S: f64 = 0.15;
 /// How long who was lost must be seen again until nobody doubts that it is the same, seconds.
 const FOUND_S: f64 = 0.5;
 
@@ -310,11 +310,11 @@ mod tests {
     #[test]
     fn who_was_lost_is_doubtful_for_a_while() {
         let mut life = Life::given();
-        live(&mut life, Evidence::OneView, 4);
+        live(&mut life, Evidence::OneView, 7);
         assert!(!life.is_lost());
         live(&mut life, Evidence::OneView, 1);
         assert!(life.is_lost() && life.is_doubtful());
-        live(&mut life, Evidence::Seen, 5);
+        live(&mut life, Evidence::Seen, 8);
         assert!(!life.is_lost() && life.is_doubtful());
         live(&mut life, Evidence::Seen, 20);
         assert!(!life.is_doubtful());

@@ -65,6 +65,18 @@ impl Seen {
         self.newest.as_ref().map_or(0, tracked)
     }
 
+    /// Share of the poses, the first fifth left out, in which as many are tracked as ever were; 0 where nobody
+    /// ever was.
+    pub fn share_with_everybody(&self) -> f64 {
+        let settled = self.arrivals.iter().skip(self.arrivals.len() / 5);
+        let most = settled.clone().map(|arrival| arrival.tracked).max();
+        let Some(most) = most.filter(|most| *most > 0) else {
+            return 0.0;
+        };
+        let whole = settled.clone().filter(|arrival| arrival.tracked >= most);
+        whole.count() as f64 / settled.count().max(1) as f64
+    }
+
     /// From the capture of each tick to the arrival of its poses, microseconds, sorted; empty as long as
     /// fusion has not said when its ticks began. Of the poses from tick `from` on.
     pub fn delays_us(&self, rate_hz: f64, from: Tick) -> Vec<u64> {

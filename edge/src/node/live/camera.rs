@@ -163,7 +163,7 @@ impl Camera {
         };
         let delay_us = (camera.capture_delay_s * 1e6).round() as Micros;
         let mut placer = FramePlacer::new(camera.tick_from, delay_us);
-        let mut was_misplaced = false;
+        let (mut was_misplaced, mut was_late) = (false, false);
         loop {
             let frame = match source.next_frame() {
                 Ok(Some(frame)) => frame,
@@ -173,7 +173,20 @@ impl Camera {
             if self.shared.is_stopped() {
                 return Pause::Stopped;
             }
-            let misplaced = self.place(frame, source.as_ref(), &mut placer).err();
+            let placed = self.place(frame, source.as_ref(), &mut placer);
+            let most_us = self.shared.frames.most_lag_us();
+            if let (Ok(lag_us), false) = (placed, was_late)
+                && lag_us > most_us
+            {
+                was_late = true;
+                say(format_args!(
+                    "camera `{}`: its pictures come {} ms after their capture, and `deadline_ms` in [link] is {}: they are not used",
+                    camera.model.name(),
+                    lag_us / 1000,
+                    most_us / 1000
+                ));
+            }
+            let misplaced = placed.err();
             if let (Some(why @ Misplaced::Drifted { .. }), false) = (misplaced, was_misplaced) {
                 say(format_args!("camera `{}`: {why}", camera.model.name()));
             }
@@ -181,13 +194,13 @@ impl Camera {
         }
     }
 
-    /// Hands a live frame over, to the tick that it belongs to.
+    /// Hands a live frame over, to the tick that it belongs to; how long after its capture, microseconds.
     fn place(
         &self,
         frame: Frame,
         source: &dyn FrameSource,
         placer: &mut FramePlacer,
-    ) -> Result<(), Misplaced> {
+    ) -> Result<Micros, Misplaced> {
         let now_us = self.shared.clock.now_us();
         let arrived = Arrived {
             number: frame.tick.0,
@@ -207,7 +220,7 @@ impl Camera {
             lag_us: placed.lag_us,
         };
         self.shared.frames.put(self.at, delivery, now_us);
-        Ok(())
+        Ok(placed.lag_us)
     }
 }
 

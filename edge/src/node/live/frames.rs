@@ -12,10 +12,11 @@ use crate::live::Micros;
 use crate::live::health::{CameraWatch, Glance};
 use crate::source::Frame;
 
-/// Frames of a camera that are kept, the newest: the pipeline may be so many ticks late.
-const KEPT: usize = 4;
-/// Most periods that the frames of a slow camera are waited for after their tick.
-const MAX_LAG_PERIODS: i64 = 4;
+/// Frames of a camera that are kept beside those for which a slower camera is waited for: the pipeline may be so
+/// many ticks late.
+const SPARE: usize = 4;
+/// Most frames that are kept of a camera, whatever it is waited for: of pictures they take gigabytes.
+const MOST_KEPT: usize = 64;
 /// How fast a camera's lag is forgotten: by so much of it with each frame.
 const LAG_DECAY: f64 = 0.02;
 
@@ -32,7 +33,9 @@ pub(super) struct Delivery {
 pub(super) struct FrameStore {
     slots: Mutex<Vec<Slot>>,
     changed: Condvar,
-    period_us: Micros,
+    /// Longest after their tick that frames are waited for, microseconds.
+    most_lag_us: Micros,
+    kept: usize,
 }
 
 struct Slot {
@@ -43,18 +46,26 @@ struct Slot {
 }
 
 impl FrameStore {
-    pub(super) fn new(cameras: &[CameraIndex], period_us: Micros) -> Self {
+    /// For frames every `period_us`, of which slow cameras are waited for up to `most_lag_us` after their tick.
+    pub(super) fn new(cameras: &[CameraIndex], period_us: Micros, most_lag_us: Micros) -> Self {
+        let waiting = usize::try_from(most_lag_us / period_us.max(1)).unwrap_or(0);
         let slot = |&camera: &CameraIndex| Slot {
             camera,
-            frames: VecDeque::with_capacity(KEPT),
+            frames: VecDeque::new(),
             watch: CameraWatch::new(period_us),
             lag_us: 0.0,
         };
         Self {
             slots: Mutex::new(cameras.iter().map(slot).collect()),
             changed: Condvar::new(),
-            period_us,
+            most_lag_us,
+            kept: waiting.saturating_add(SPARE).min(MOST_KEPT),
         }
+    }
+
+    /// Longest after their tick that frames are waited for, microseconds.
+    pub(super) fn most_lag_us(&self) -> Micros {
+        self.most_lag_us
     }
 
     /// Keeps a frame of the camera at position `at`; the oldest is lost when there are too many.
@@ -65,11 +76,11 @@ impl FrameStore {
         };
         slot.watch
             .saw(delivery.glance, delivery.frame.capture_offset_us, now_us);
-        let most_us = (MAX_LAG_PERIODS * self.period_us) as f64;
-        slot.lag_us = (slot.lag_us * (1.0 - LAG_DECAY)).max((delivery.lag_us as f64).min(most_us));
+        let lag_us = delivery.lag_us.min(self.most_lag_us) as f64;
+        slot.lag_us = (slot.lag_us * (1.0 - LAG_DECAY)).max(lag_us);
         // Two frames of one tick, or a tick that comes again: the newest counts.
         slot.frames.retain(|kept| kept.tick < delivery.frame.tick);
-        if slot.frames.len() == KEPT {
+        if slot.frames.len() == self.kept {
             slot.frames.pop_front();
         }
         slot.frames.push_back(delivery.frame);
@@ -84,14 +95,14 @@ impl FrameStore {
         wait_us.unwrap_or(Micros::MAX)
     }
 
-    /// From a tick's time to when its frames should be there, microseconds.
-    pub(super) fn lag_us(&self) -> Micros {
+    /// From a tick's time to when the frames of the cameras that deliver should be there, microseconds.
+    pub(super) fn lag_us(&self, now_us: Micros) -> Micros {
         let slots = self.lock();
-        slots
+        let delivering = slots
             .iter()
-            .map(|slot| slot.lag_us as Micros)
-            .max()
-            .unwrap_or(0)
+            .filter(|slot| delivers(slot.watch.health(now_us)));
+        let lags_us = delivering.map(|slot| slot.lag_us as Micros);
+        lags_us.max().unwrap_or(0)
     }
 
     /// Waits until every camera that delivers has a frame of `tick`, at most for `timeout`; whether it
@@ -168,7 +179,7 @@ mod tests {
     const PERIOD: Micros = 16_667;
 
     fn store() -> FrameStore {
-        FrameStore::new(&[CameraIndex(4), CameraIndex(5)], PERIOD)
+        FrameStore::new(&[CameraIndex(4), CameraIndex(5)], PERIOD, 6 * PERIOD)
     }
 
     fn put(store: &FrameStore, at: usize, tick: i64, glance: Option<Glance>) {
@@ -228,8 +239,27 @@ mod tests {
         for tick in 0..1000 {
             put(&store, 0, tick, None);
         }
-        assert_eq!(store.lock()[0].frames.len(), KEPT);
-        assert_eq!(store.lag_us(), 3_000);
+        assert_eq!(store.lock()[0].frames.len(), 10);
+        assert_eq!(store.lag_us(1000 * PERIOD), 3_000);
+    }
+
+    #[test]
+    fn the_frames_of_a_fast_camera_wait_for_those_of_a_slow_one() {
+        let store = store();
+        for tick in 1..=9 {
+            put(&store, 0, tick, None);
+        }
+        put(&store, 1, 3, None);
+        assert_eq!(ticks(&store, 3), [Some(3), Some(3)]);
+    }
+
+    #[test]
+    fn a_camera_that_has_failed_delays_nobody() {
+        let store = store();
+        put(&store, 0, 1, None);
+        assert_eq!(store.lag_us(PERIOD), 3_000);
+        store.failed(0);
+        assert_eq!(store.lag_us(PERIOD), 0);
     }
 
     #[test]

@@ -40,9 +40,10 @@ impl Shared {
     pub(super) fn new(work: &LiveWork, mouths: Mouths) -> Self {
         let venue = &work.venue;
         let period_us = (1e6 / venue.rate_hz).round() as Micros;
+        let most_lag_us = (venue.parameters.link.deadline_ms * 1e3) as Micros;
         Self {
             clock: VenueClock::start(work.clock_shift_us),
-            frames: FrameStore::new(&work.cameras, period_us),
+            frames: FrameStore::new(&work.cameras, period_us, most_lag_us),
             ledger: Mutex::new(Ledger::new(venue.rate_hz, &venue.parameters.link)),
             stages: Mutex::default(),
             mouths,

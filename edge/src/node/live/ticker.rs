@@ -106,7 +106,7 @@ impl Ticker {
     /// Ticks that are over are counted and left out.
     fn next_tick(&self) -> Option<(Tick, Micros)> {
         let now_us = self.shared.clock.now_us();
-        let lag_us = self.shared.frames.lag_us();
+        let lag_us = self.shared.frames.lag_us(now_us);
         let mut ledger = self.shared.ledger();
         ledger.ticks.slew(now_us);
         ledger.boxes.session()?;
