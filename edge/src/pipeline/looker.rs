@@ -2,7 +2,6 @@
 
 use farfield_proto::camera::CameraModel;
 use farfield_proto::id::CameraIndex;
-use farfield_proto::tick::Tick;
 use farfield_proto::venue::{Venue, VenueCamera};
 use image::RgbImage;
 
@@ -14,9 +13,6 @@ pub(super) struct Looker {
     detector: Box<dyn PersonDetector>,
     /// Of every camera of the venue that gives pictures.
     plans: Vec<(CameraIndex, TilePlan)>,
-    /// Ticks from one look to the next: the cells of the field take turns at this pace, so that looks
-    /// that follow each other at once, because of somebody new, are at the same cell.
-    ticks_per_look: i64,
 }
 
 impl Looker {
@@ -36,15 +32,14 @@ impl Looker {
             detector.input(),
             births.tiles_per_look as usize,
         );
-        let ticks_per_look = births.ticks_per_look(venue.rate_hz);
         Self {
             detector,
             plans: cameras.iter().map(|(index, _)| *index).zip(plans).collect(),
-            ticks_per_look,
         }
     }
 
-    /// Who is in the picture that `camera` took at `tick`, the surest first.
+    /// Who is in a picture of `camera`, the surest first; the cells of the field take turns by the `number`
+    /// of the look.
     ///
     /// # Errors
     /// [`NetworkError`] when the detector fails.
@@ -52,14 +47,13 @@ impl Looker {
         &mut self,
         image: &RgbImage,
         camera: CameraIndex,
-        tick: Tick,
+        number: i64,
     ) -> Result<Vec<Detection>, NetworkError> {
-        let look = tick.0.div_euclid(self.ticks_per_look);
         let Some((_, plan)) = self.plans.iter().find(|(index, _)| *index == camera) else {
             return Ok(Vec::new());
         };
         let found = plan
-            .passes(look)
+            .passes(number)
             .map(|window| Ok((window, self.detector.detect(image, &window)?)))
             .collect::<Result<Vec<_>, NetworkError>>()?;
         let picture_px = [image.width(), image.height()];

@@ -46,7 +46,9 @@ impl Pipeline {
                 ..
             }) = frame
             {
-                let detections = looker.look(image, camera.index, *tick)?;
+                // Looks that follow each other at once, because of somebody new, are at the same cells.
+                let number = tick.0.div_euclid(self.ticks_per_look);
+                let detections = looker.look(image, camera.index, number)?;
                 pending.extend(sighting::enqueue(
                     &detections,
                     image,
