@@ -17,8 +17,11 @@ use crate::source::Frame;
 const SPARE: usize = 4;
 /// Most frames that are kept of a camera, whatever it is waited for: of pictures they take gigabytes.
 const MOST_KEPT: usize = 64;
-/// How fast a camera's lag is forgotten: by so much of it with each frame.
-const LAG_DECAY: f64 = 0.02;
+/// How fast a camera's usual lag follows, and what it had beyond is forgotten: by so much with each frame.
+const LAG_SHARE: f64 = 0.02;
+/// Most periods that frames are waited for beyond the usual lag of their camera: one that stops for a moment
+/// delays nobody for long.
+const MAX_HITCH_PERIODS: i64 = 4;
 
 /// A frame as a camera's thread hands it over.
 pub(super) struct Delivery {
@@ -35,6 +38,7 @@ pub(super) struct FrameStore {
     changed: Condvar,
     /// Longest after their tick that frames are waited for, microseconds.
     most_lag_us: Micros,
+    most_hitch_us: Micros,
     kept: usize,
 }
 
@@ -42,7 +46,30 @@ struct Slot {
     camera: CameraIndex,
     frames: VecDeque<Frame>,
     watch: CameraWatch,
-    lag_us: f64,
+    lag: Lag,
+}
+
+/// From the capture of a camera's frames to when they come, microseconds.
+#[derive(Debug, Clone, Copy, Default)]
+struct Lag {
+    /// A running mean; `None` before the first frame.
+    usual_us: Option<f64>,
+    /// The most of late beyond that.
+    hitch_us: f64,
+}
+
+impl Lag {
+    fn add(&mut self, lag_us: Micros, most_hitch_us: Micros) {
+        let lag_us = lag_us.max(0) as f64;
+        let usual_us = self.usual_us.get_or_insert(lag_us);
+        *usual_us += (lag_us - *usual_us) * LAG_SHARE;
+        let hitch_us = (lag_us - *usual_us).min(most_hitch_us as f64);
+        self.hitch_us = (self.hitch_us * (1.0 - LAG_SHARE)).max(hitch_us);
+    }
+
+    fn us(&self) -> Micros {
+        (self.usual_us.unwrap_or(0.0) + self.hitch_us) as Micros
+    }
 }
 
 impl FrameStore {
@@ -53,12 +80,13 @@ impl FrameStore {
             camera,
             frames: VecDeque::new(),
             watch: CameraWatch::new(period_us),
-            lag_us: 0.0,
+            lag: Lag::default(),
         };
         Self {
             slots: Mutex::new(cameras.iter().map(slot).collect()),
             changed: Condvar::new(),
             most_lag_us,
+            most_hitch_us: MAX_HITCH_PERIODS * period_us,
             kept: waiting.saturating_add(SPARE).min(MOST_KEPT),
         }
     }
@@ -76,8 +104,7 @@ impl FrameStore {
         };
         slot.watch
             .saw(delivery.glance, delivery.frame.capture_offset_us, now_us);
-        let lag_us = delivery.lag_us.min(self.most_lag_us) as f64;
-        slot.lag_us = (slot.lag_us * (1.0 - LAG_DECAY)).max(lag_us);
+        slot.lag.add(delivery.lag_us, self.most_hitch_us);
         // Two frames of one tick, or a tick that comes again: the newest counts.
         slot.frames.retain(|kept| kept.tick < delivery.frame.tick);
         if slot.frames.len() == self.kept {
@@ -101,8 +128,8 @@ impl FrameStore {
         let delivering = slots
             .iter()
             .filter(|slot| delivers(slot.watch.health(now_us)));
-        let lags_us = delivering.map(|slot| slot.lag_us as Micros);
-        lags_us.max().unwrap_or(0)
+        let lags_us = delivering.map(|slot| slot.lag.us());
+        lags_us.max().unwrap_or(0).min(self.most_lag_us)
     }
 
     /// Waits until every camera that delivers has a frame of `tick`, at most for `timeout`; whether it
@@ -251,6 +278,22 @@ mod tests {
         }
         put(&store, 1, 3, None);
         assert_eq!(ticks(&store, 3), [Some(3), Some(3)]);
+    }
+
+    #[test]
+    fn a_slow_camera_is_waited_for_and_one_that_stops_for_a_moment_hardly() {
+        let lag_after = |lags_us: &[Micros]| {
+            let mut lag = Lag::default();
+            for us in lags_us {
+                lag.add(*us, 4 * PERIOD);
+            }
+            lag.us()
+        };
+        assert_eq!(lag_after(&[150_000; 100]), 150_000);
+        let hitch = [[3_000; 50].as_slice(), &[400_000]].concat();
+        assert!(lag_after(&hitch) < 80_000);
+        let over = [hitch.as_slice(), &[3_000; 300]].concat();
+        assert!(lag_after(&over) < 6_000);
     }
 
     #[test]
