@@ -4,14 +4,11 @@
 use farfield_proto::live::HeardPatches;
 use farfield_proto::patch::Quality;
 use farfield_proto::tick::Tick;
+use farfield_proto::transport::MESSAGE_OVERHEAD_BYTES;
 
 use super::Micros;
 use super::load::LinkLoad;
 
-/// What Zenoh and the protocols below it add to a message, bytes. Counted on the loopback of a namespace with an
-/// MTU of 1500: about 70 for TCP over IPv4, acknowledgements the other way included; a TLS record adds 22. The
-/// rest is for Ethernet.
-pub const OVERHEAD_BYTES: usize = 110;
 /// What a message says beside its persons, bytes.
 const HEAD_BYTES: f64 = 40.0;
 /// Share of a byte budget that patches may plan with: the rest is for statuses and sightings.
@@ -103,7 +100,7 @@ impl RateController {
 
     /// Notes a message that was sent.
     pub fn sent(&mut self, message: Message, payload: usize, now_us: Micros) {
-        let total = payload + OVERHEAD_BYTES;
+        let total = payload + MESSAGE_OVERHEAD_BYTES;
         match message {
             Message::Patches(tick) => self.load.sent(Some(tick), payload, total, now_us),
             Message::Sightings => self.load.sent(None, payload, total, now_us),
@@ -180,8 +177,13 @@ impl RateController {
     }
 
     fn nth(&self, quality: Quality, per_tick: f64) -> u16 {
-        let nth = (self.cost(quality, 1) / per_tick).ceil();
-        (nth.clamp(1.0, f64::from(MAX_NTH)) as u16).next_power_of_two()
+        let least = |per_tick: f64| {
+            let nth = (self.cost(quality, 1) / per_tick).ceil();
+            (nth.clamp(1.0, f64::from(MAX_NTH)) as u16).next_power_of_two()
+        };
+        // Half as many more is a long step: it is taken when there is room for it.
+        let last = self.plan.every_nth;
+        least(per_tick).max(last.min(least(ROOM * per_tick)))
     }
 
     /// Bytes of a tick with overhead.
@@ -191,7 +193,7 @@ impl RateController {
         let bytes = persons as f64 * each;
         let room = (self.message_bytes as f64 - HEAD_BYTES).max(1.0);
         let messages = (bytes / room).ceil().max(1.0);
-        bytes + messages * (HEAD_BYTES + OVERHEAD_BYTES as f64)
+        bytes + messages * (HEAD_BYTES + MESSAGE_OVERHEAD_BYTES as f64)
     }
 }
 

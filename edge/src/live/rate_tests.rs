@@ -102,7 +102,8 @@ fn run(
                 let payload = bytes / messages + 40;
                 controller.sent(Message::Patches(Tick(tick)), payload, now);
                 let start = free_at.max(now);
-                let takes = ((payload + OVERHEAD_BYTES) as f64 / line.bytes_per_s * 1e6) as i64;
+                let takes =
+                    ((payload + MESSAGE_OVERHEAD_BYTES) as f64 / line.bytes_per_s * 1e6) as i64;
                 sent_n += f64::from(u8::from(second_half));
                 if start - now > line.longest_queue_us
                     || random.next() < line.loss
@@ -116,7 +117,7 @@ fn run(
                 under_way.push_back((free_at + line.way_us(now) + jitter, tick, now, payload));
                 if second_half {
                     outcome.worst_queue_us = outcome.worst_queue_us.max(start - now);
-                    bytes_n += (payload + OVERHEAD_BYTES) as f64;
+                    bytes_n += (payload + MESSAGE_OVERHEAD_BYTES) as f64;
                 }
             }
             persons_n += n as f64 * f64::from(u8::from(second_half));
@@ -245,7 +246,7 @@ fn a_very_thin_link_gets_fewer_persons_and_then_fewer_ticks() {
     };
     let got = run(&mut controller(0.0), &line, 8, 60, 0);
     assert!(
-        got.plan.unwrap().every_nth > 1 && got.worst_queue_us < 250_000,
+        got.plan.unwrap().every_nth > 1 && got.worst_queue_us < 200_000,
         "{got:?}"
     );
 }

@@ -4,10 +4,14 @@
 //! to wait on the way there and back, sets become fewer by half; when nothing waits any more, more are tried again,
 //! after ever longer if it was too early. Only ticks that 1, 2, 4 or 8 divides are left.
 
+use farfield_proto::transport::MESSAGE_OVERHEAD_BYTES;
+
 use super::{Micros, SECOND_US};
 
 /// Fewest sets are those of every so manieth tick.
 const MOST_NTH: i64 = 8;
+/// The same where a budget bounds them, a power of two.
+const SPARSEST: i64 = 1024;
 /// How long messages may wait on average, microseconds and share of the shortest round trip (which varies by as much).
 const WAIT_US: f64 = 30_000.0;
 const WAIT_SHARE: f64 = 0.25;
@@ -20,8 +24,6 @@ const SETTLE_US: Micros = SECOND_US;
 /// How long nothing must have waited until more is tried, the first time and at most.
 const PATIENCE_US: Micros = 4 * SECOND_US;
 const MOST_PATIENCE_US: Micros = 64 * SECOND_US;
-/// What Zenoh and the protocols below it add to a message, bytes.
-const OVERHEAD_BYTES: f64 = 110.0;
 /// Share of a byte budget that boxes may take: the rest is for statuses and what is asked for.
 const BOX_SHARE: f64 = 0.85;
 
@@ -30,7 +32,7 @@ const BOX_SHARE: f64 = 0.85;
 pub struct Pace {
     /// Bytes per tick that a budget leaves, with overhead.
     budget: Option<f64>,
-    /// Of the last sets, with overhead: a running mean.
+    /// What a set takes with overhead: the largest of late, forgotten slowly, as a budget holds for every second.
     set_bytes: f64,
     nth: i64,
     waited_us: f64,
@@ -70,16 +72,14 @@ impl Pace {
                 .is_none_or(|budget| self.set_bytes <= budget * *nth as f64)
         };
         let powers = std::iter::successors(Some(1), |nth| Some(nth * 2));
-        let by_budget = powers.take_while(|nth| *nth <= 1 << 10).find(fits);
-        self.nth.max(by_budget.unwrap_or(1 << 10))
+        let mut powers = powers.take_while(|nth| *nth <= SPARSEST);
+        self.nth.max(powers.find(fits).unwrap_or(SPARSEST))
     }
 
     /// Notes a set of `bytes` that goes out.
     pub fn sent(&mut self, bytes: usize) {
-        let bytes = bytes as f64 + OVERHEAD_BYTES;
-        self.set_bytes += (bytes - self.set_bytes) * WEIGHT.max(f64::from(self.set_bytes < 1.0));
-        // A budget holds for what there is now, not on average.
-        self.set_bytes = self.set_bytes.max(bytes);
+        let bytes = (bytes + MESSAGE_OVERHEAD_BYTES) as f64;
+        self.set_bytes = bytes.max(self.set_bytes + (bytes - self.set_bytes) * WEIGHT);
     }
 
     /// At `now_us` a round trip of `round_trip_us` is measured, where `shortest_us` is the least of the last seconds.
@@ -129,8 +129,8 @@ mod tests {
             }
             if tick % pace.nth() == 0 {
                 pace.sent(SET_BYTES);
-                queue_bytes += SET_BYTES as f64 + OVERHEAD_BYTES;
-                of_second += SET_BYTES as f64 + OVERHEAD_BYTES;
+                queue_bytes += (SET_BYTES + MESSAGE_OVERHEAD_BYTES) as f64;
+                of_second += (SET_BYTES + MESSAGE_OVERHEAD_BYTES) as f64;
                 fullest = fullest.max(of_second);
             }
             let waited_us = queue_bytes / bytes_per_s * 1e6;
