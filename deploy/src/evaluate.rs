@@ -11,12 +11,12 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, anyhow, bail, ensure};
 use farfield_fusion::node::NodeError;
-use farfield_fusion::score::lines::{Recording, Role};
-use farfield_fusion::score::plot::plot_of;
-use farfield_fusion::score::points::PointSet;
-use farfield_fusion::score::table::side_by_side;
-use farfield_fusion::score::{Scores, score};
 use farfield_proto::tick::{Tick, parse_range};
+use farfield_score::lines::{Recording, Role};
+use farfield_score::plot::plot_of;
+use farfield_score::points::PointSet;
+use farfield_score::table::side_by_side;
+use farfield_score::{Scores, score};
 
 use crate::{output, suite};
 

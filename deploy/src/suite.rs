@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use anyhow::{Context as _, anyhow};
 use farfield_fusion::node::NodeError;
-use farfield_fusion::score::calibration::Calibration;
+use farfield_score::calibration::Calibration;
 use farfield_testbed::scene::Scene;
 use farfield_testbed::simulated::without_map_faults;
 use farfield_testbed::suite::bars::{Verdict, verdicts};

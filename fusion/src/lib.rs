@@ -19,7 +19,6 @@ pub mod pipeline;
 pub mod predict;
 #[cfg(feature = "recording")]
 pub mod recording;
-pub mod score;
 pub mod skeleton;
 pub mod smooth;
 pub mod smoother;

@@ -11,7 +11,7 @@
 use std::sync::Arc;
 
 use anyhow::Context as _;
-use farfield_fusion::score::lines::Recording;
+use farfield_score::lines::Recording;
 use farfield_testbed::conditions::Cuts;
 use farfield_testbed::embedded;
 use farfield_testbed::suite::overrides::parameters;

@@ -19,7 +19,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use anyhow::{Context as _, bail};
-use farfield_fusion::score::table;
+use farfield_score::table;
 use farfield_testbed::conditions::FarLinks;
 use farfield_testbed::embedded;
 use farfield_testbed::faults::FaultProfile;

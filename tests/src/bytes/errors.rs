@@ -2,9 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use farfield_fusion::score::lines::Recording;
-use farfield_fusion::score::matches_at;
-use farfield_fusion::score::points::Body;
+use farfield_score::lines::Recording;
+use farfield_score::matches_at;
+use farfield_score::points::Body;
 use serde::Serialize;
 
 /// Errors of single points over a run, millimetres.

@@ -3,7 +3,7 @@
 
 use std::fmt;
 
-use farfield_fusion::score::MeanScore;
+use farfield_score::MeanScore;
 use serde::Serialize;
 
 use super::recovery::slowest_s;

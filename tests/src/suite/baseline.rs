@@ -8,10 +8,10 @@
 use std::collections::BTreeMap;
 use std::ops::RangeInclusive;
 
-use farfield_fusion::score::points::{Body, PointSet};
 use farfield_fusion::triangulate::Observation;
 use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::tick::Tick;
+use farfield_score::points::{Body, PointSet};
 use nalgebra::{Matrix3x4, Vector3};
 
 use super::butterworth::ZeroPhase;

@@ -6,9 +6,9 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use farfield_fusion::score::lines::Recording;
-use farfield_fusion::score::matches_at;
 use farfield_proto::tick::Tick;
+use farfield_score::lines::Recording;
+use farfield_score::matches_at;
 
 use crate::scene::Scene;
 
@@ -46,7 +46,7 @@ pub fn to_answer_for(
 
 #[cfg(test)]
 mod tests {
-    use farfield_fusion::score::points::{Body, PointSet};
+    use farfield_score::points::{Body, PointSet};
     use nalgebra::Vector3;
 
     use super::super::bodies::People;

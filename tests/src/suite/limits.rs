@@ -1,7 +1,7 @@
 //! The loose limits that no change may fall behind. They hold for scenes of a few seconds as well, where
 //! the bars ([`super::bars`]) are too strict a test.
 
-use farfield_fusion::score::Scores;
+use farfield_score::Scores;
 
 use super::bars::Bound;
 use super::recovery::{Recovery, slowest_s};
@@ -90,10 +90,10 @@ fn of_identity(scores: &Scores, recoveries: &[Recovery]) -> Vec<Figure> {
 mod tests {
     use std::collections::BTreeMap;
 
-    use farfield_fusion::score::lines::Recording;
-    use farfield_fusion::score::points::{Body, PointSet};
-    use farfield_fusion::score::score;
     use farfield_proto::tick::Tick;
+    use farfield_score::lines::Recording;
+    use farfield_score::points::{Body, PointSet};
+    use farfield_score::score;
     use nalgebra::Vector3;
 
     use super::*;

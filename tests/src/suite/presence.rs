@@ -3,12 +3,12 @@
 
 use std::collections::BTreeMap;
 
-use farfield_fusion::score::lines::Recording;
-use farfield_fusion::score::matches_at;
-use farfield_fusion::score::points::PointSet;
 use farfield_fusion::skeleton::Joint;
 use farfield_proto::frames::Point;
 use farfield_proto::tick::Tick;
+use farfield_score::lines::Recording;
+use farfield_score::matches_at;
+use farfield_score::points::PointSet;
 
 use super::bodies::{People, true_body};
 use crate::scene::{PersonTruth, Scene};

@@ -3,9 +3,9 @@
 
 use std::fmt;
 
-use farfield_fusion::score::lines::Recording;
-use farfield_fusion::score::{errors_over_time, matches_at};
 use farfield_proto::tick::Tick;
+use farfield_score::lines::Recording;
+use farfield_score::{errors_over_time, matches_at};
 use serde::Serialize;
 
 use crate::scene::Scene;
@@ -129,7 +129,7 @@ pub fn slowest_s(recoveries: &[Recovery]) -> Option<f64> {
 mod tests {
     use std::collections::BTreeMap;
 
-    use farfield_fusion::score::points::{Body, PointSet};
+    use farfield_score::points::{Body, PointSet};
     use nalgebra::Vector3;
 
     use super::*;

@@ -4,12 +4,12 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::sync::Arc;
 
-use farfield_fusion::score::lines::Recording;
-use farfield_fusion::score::plot::plot_of;
-use farfield_fusion::score::points::PointSet;
-use farfield_fusion::score::table;
-use farfield_fusion::score::{Scores, score};
 use farfield_proto::tick::Tick;
+use farfield_score::lines::Recording;
+use farfield_score::plot::plot_of;
+use farfield_score::points::PointSet;
+use farfield_score::table;
+use farfield_score::{Scores, score};
 use serde::Serialize;
 
 use super::baseline::{CUTOFFS_HZ, Trajectory};

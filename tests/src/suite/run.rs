@@ -7,13 +7,13 @@ use farfield_edge::pipeline::{EdgeOutput, StandIn};
 use farfield_edge::source::FrameSource;
 use farfield_fusion::person::track::Track;
 use farfield_fusion::predict::Joints;
-use farfield_fusion::score::lines::Recording;
-use farfield_fusion::score::lives::Lives;
-use farfield_fusion::score::points::PointSet;
-use farfield_fusion::score::{Scores, errors_over_time, matches_at, score};
 use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::Parameters;
+use farfield_score::lines::Recording;
+use farfield_score::lives::Lives;
+use farfield_score::points::PointSet;
+use farfield_score::{Scores, errors_over_time, matches_at, score};
 use nalgebra::{Matrix3x4, Vector3};
 
 use super::baseline::PersonView;

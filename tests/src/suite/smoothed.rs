@@ -2,9 +2,9 @@
 
 use std::fmt;
 
-use farfield_fusion::score::MeanScore;
-use farfield_fusion::score::lines::Recording;
 use farfield_proto::tick::Tick;
+use farfield_score::MeanScore;
+use farfield_score::lines::Recording;
 
 use super::run::SceneRun;
 use crate::conditions::Cuts;

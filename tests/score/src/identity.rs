@@ -10,7 +10,7 @@ use serde::Serialize;
 
 use super::Distances;
 use super::accuracy::percent;
-use crate::assign::assign;
+use farfield_fusion::assign::assign;
 
 /// What a pair of the tick before is worth to CLEAR's matching, beside a similarity of at most 1.
 const CONTINUATION: f64 = 1000.0;

@@ -24,7 +24,7 @@ use std::collections::BTreeMap;
 use farfield_proto::tick::Tick;
 use serde::Serialize;
 
-use crate::assign::assign;
+use farfield_fusion::assign::assign;
 
 use accuracy::Tally;
 use calibration::{Calibration, CalibrationTally};
