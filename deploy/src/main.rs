@@ -19,7 +19,7 @@ use std::sync::Arc;
 
 use clap::Parser as _;
 use farfield_fusion::node::{Ending, exit_code};
-use farfield_testbed::simulated::VenueSources;
+use farfield_sim::simulated::VenueSources;
 
 use crate::cli::{Cli, Command};
 

@@ -12,8 +12,8 @@ use std::sync::Arc;
 
 use anyhow::Context as _;
 use farfield_score::lines::Recording;
+use farfield_sim::embedded;
 use farfield_testbed::conditions::Cuts;
-use farfield_testbed::embedded;
 use farfield_testbed::suite::overrides::parameters;
 use farfield_testbed::suite::run::{Plan, SceneRun};
 use farfield_testbed::suite::smoothed::{HEAD, Worth};

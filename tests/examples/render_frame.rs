@@ -9,8 +9,8 @@ use farfield_edge::crop::{CropGeometry, CropShape};
 use farfield_proto::bounding_box::BoundingBox;
 use farfield_proto::frames::Point;
 use farfield_proto::tick::Tick;
-use farfield_testbed::render::{RenderSettings, Renderer};
-use farfield_testbed::scene::Scene;
+use farfield_sim::render::{RenderSettings, Renderer};
+use farfield_sim::scene::Scene;
 
 fn main() -> anyhow::Result<()> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();

@@ -20,10 +20,10 @@ use std::sync::Arc;
 
 use anyhow::{Context as _, bail};
 use farfield_score::table;
+use farfield_sim::embedded;
+use farfield_sim::faults::FaultProfile;
+use farfield_sim::scene::Scene;
 use farfield_testbed::conditions::FarLinks;
-use farfield_testbed::embedded;
-use farfield_testbed::faults::FaultProfile;
-use farfield_testbed::scene::Scene;
 use farfield_testbed::suite::budget::Budget;
 use farfield_testbed::suite::overrides::parameters;
 use farfield_testbed::suite::report::Baseline;

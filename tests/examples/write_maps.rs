@@ -18,10 +18,10 @@ use std::sync::{Arc, Mutex};
 use anyhow::Context as _;
 use farfield_edge::pipeline::StandIn;
 use farfield_proto::patch::Maps;
-use farfield_testbed::embedded;
+use farfield_sim::embedded;
+use farfield_sim::scene::Scene;
+use farfield_sim::simulated::without_map_faults;
 use farfield_testbed::in_process::InProcess;
-use farfield_testbed::scene::Scene;
-use farfield_testbed::simulated::without_map_faults;
 use farfield_testbed::suite::run::{Plan, SceneRun};
 use farfield_testbed::suite::venue::Input;
 

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use anyhow::Context as _;
-use farfield_testbed::keypoint_venue::KeypointVenue;
+use farfield_sim::keypoint_venue::KeypointVenue;
 
 fn main() -> anyhow::Result<()> {
     let dir = std::env::args_os()

@@ -15,7 +15,7 @@ use farfield_fusion::recording::reader::{AnySet, Recording};
 use farfield_proto::message::PatchSet;
 use farfield_proto::tick::Tick;
 use farfield_proto::wire;
-use farfield_testbed::keypoint_venue::KeypointVenue;
+use farfield_sim::keypoint_venue::KeypointVenue;
 
 use crate::data::checkout;
 use crate::farfield::{Finished, command, farfield, poses, run};

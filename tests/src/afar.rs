@@ -106,7 +106,7 @@ mod tests {
     use farfield_proto::frames::Point;
 
     use super::*;
-    use crate::embedded;
+    use farfield_sim::embedded;
 
     #[test]
     fn a_point_of_the_picture_stays_under_the_camera_that_sees_it() {

@@ -98,9 +98,9 @@ mod tests {
     use std::sync::Arc;
 
     use super::*;
-    use crate::embedded;
     use crate::suite::run::{Plan, SceneRun};
     use crate::suite::venue::Input;
+    use farfield_sim::embedded;
 
     /// Boxes that come back 233 ms later, over a link of 200 ms.
     const FAR: FarLinks = FarLinks {

@@ -21,7 +21,7 @@ use farfield_proto::tick::Tick;
 use farfield_proto::venue::Venue;
 
 use crate::conditions::{Cuts, FarLinks, OnTheWay};
-use crate::simulated::VenueSources;
+use farfield_sim::simulated::VenueSources;
 
 /// One viewpoint: its cameras' sources and its pipeline.
 struct Edge {

@@ -27,8 +27,8 @@ use farfield_proto::tick::Tick;
 use farfield_proto::venue::Parameters;
 use nalgebra::Vector3;
 
-use crate::keypoint_venue::look_at;
-use crate::walker::Walker;
+use farfield_sim::keypoint_venue::look_at;
+use farfield_sim::walker::Walker;
 
 /// Rate of the ring, hertz.
 pub const RATE_HZ: f64 = 60.0;

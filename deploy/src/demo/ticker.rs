@@ -120,7 +120,7 @@ mod tests {
     use super::*;
 
     fn play() -> Play {
-        let scene = farfield_testbed::embedded::scene("court").unwrap();
+        let scene = farfield_sim::embedded::scene("court").unwrap();
         Play {
             scene: scene.into(),
             ticks: 300,

@@ -12,7 +12,7 @@ use farfield_fusion::node::{
 };
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::Venue;
-use farfield_testbed::simulated::VenueSources;
+use farfield_sim::simulated::VenueSources;
 
 use crate::cli::{RunArgs, TickList};
 

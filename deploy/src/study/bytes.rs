@@ -5,10 +5,10 @@ use std::sync::Arc;
 
 use anyhow::{Context as _, anyhow};
 use farfield_fusion::node::NodeError;
+use farfield_sim::simulated::without_map_faults;
 use farfield_testbed::bytes::codec::Codec;
 use farfield_testbed::bytes::plot::svg;
 use farfield_testbed::bytes::run::Curve;
-use farfield_testbed::simulated::without_map_faults;
 use farfield_testbed::suite::scenes::{Named, choose};
 use farfield_testbed::suite::venue::Input;
 

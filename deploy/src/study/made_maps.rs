@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use anyhow::{Context as _, ensure};
-use farfield_testbed::embedded;
+use farfield_sim::embedded;
 
 /// The scene of a study where none is named: eight players on a court with four viewpoints.
 const SCENE: &str = "futsal";

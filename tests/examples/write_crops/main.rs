@@ -14,7 +14,7 @@ mod viewing;
 use std::path::PathBuf;
 
 use anyhow::{Context as _, bail};
-use farfield_testbed::motion::Clip;
+use farfield_sim::motion::Clip;
 use rayon::prelude::*;
 
 use record::Record;

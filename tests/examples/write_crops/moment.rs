@@ -2,8 +2,8 @@
 
 use std::f64::consts::TAU;
 
-use farfield_testbed::body::Build;
-use farfield_testbed::motion::Clip;
+use farfield_sim::body::Build;
+use farfield_sim::motion::Clip;
 use nalgebra::Vector3;
 use rand::RngExt as _;
 use rand_chacha::ChaCha8Rng;

@@ -3,8 +3,8 @@
 use std::f64::consts::{PI, TAU};
 
 use farfield_fusion::predict::Joints;
-use farfield_testbed::body::{Build, Color, Cone, Volume};
-use farfield_testbed::motion::{Clip, Posture};
+use farfield_sim::body::{Build, Color, Cone, Volume};
+use farfield_sim::motion::{Clip, Posture};
 use nalgebra::{Rotation3, Unit, Vector3};
 use rand::RngExt as _;
 use rand_chacha::ChaCha8Rng;

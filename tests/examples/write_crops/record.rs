@@ -11,7 +11,7 @@ use farfield_fusion::skeleton::Joint;
 use farfield_proto::frames::Point;
 use farfield_proto::keypoints::COCO17;
 use farfield_proto::model_card::{Channels, NetworkInput, Normalize};
-use farfield_testbed::motion::Clip;
+use farfield_sim::motion::Clip;
 use nalgebra::Point3;
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;

@@ -1,7 +1,7 @@
 //! The picture of the people in a place that is drawn anew each time.
 
 use farfield_proto::camera::CameraModel;
-use farfield_testbed::render::{Backdrop, Figure, Sensor, Shot, Surroundings, View, paint};
+use farfield_sim::render::{Backdrop, Figure, Sensor, Shot, Surroundings, View, paint};
 use image::RgbImage;
 use rand::RngExt as _;
 use rand_chacha::ChaCha8Rng;

@@ -4,8 +4,8 @@ use std::f64::consts::TAU;
 
 use farfield_proto::camera::CameraModel;
 use farfield_proto::frames::{Pixel, Point};
-use farfield_testbed::body::{Build, Cone, Part};
-use farfield_testbed::motion::Clip;
+use farfield_sim::body::{Build, Cone, Part};
+use farfield_sim::motion::Clip;
 use nalgebra::Vector3;
 use rand::RngExt as _;
 use rand_chacha::ChaCha8Rng;

@@ -17,7 +17,7 @@ mod scenery;
 use std::path::PathBuf;
 
 use anyhow::{Context as _, bail};
-use farfield_testbed::motion::Clip;
+use farfield_sim::motion::Clip;
 use rayon::prelude::*;
 
 use record::Record;

@@ -9,7 +9,7 @@ use std::ops::Range;
 
 use farfield_proto::camera::CameraModel;
 use farfield_proto::frames::Point;
-use farfield_testbed::motion::Clip;
+use farfield_sim::motion::Clip;
 use image::{Rgb, RgbImage};
 use nalgebra::{Point3, Vector3};
 use rand::{RngExt as _, SeedableRng as _};

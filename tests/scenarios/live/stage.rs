@@ -10,14 +10,14 @@ use std::time::Duration;
 use farfield_proto::camera::CameraModel;
 use farfield_proto::live::EdgeLink;
 use farfield_proto::tick::Tick;
-use farfield_testbed::embedded::CLIPS;
-use farfield_testbed::faults::Crowd;
+use farfield_sim::embedded::CLIPS;
+use farfield_sim::faults::Crowd;
+use farfield_sim::maps_file::{CameraFailure, Course, write_maps};
+use farfield_sim::motion::Clip;
+use farfield_sim::scene::Scene;
+use farfield_sim::scene::write::calibration_text;
+use farfield_sim::simulated::VenueText;
 use farfield_testbed::live_venue::{LiveVenue, Node, Seen, Vitals, Watch};
-use farfield_testbed::maps_file::{CameraFailure, Course, write_maps};
-use farfield_testbed::motion::Clip;
-use farfield_testbed::scene::Scene;
-use farfield_testbed::scene::write::calibration_text;
-use farfield_testbed::simulated::VenueText;
 use tempfile::TempDir;
 
 /// How many people walk there.

@@ -20,10 +20,10 @@ use super::codec::{Codec, Rival, Sent};
 use super::errors::Errors;
 use super::framing::{TCP_IP_BYTES, TLS_BYTES, ZENOH_BYTES};
 use crate::in_process::InProcess;
-use crate::scene::Scene;
 use crate::suite::bodies::People;
 use crate::suite::run::{Plan, SceneRun};
 use crate::suite::venue::Input;
+use farfield_sim::scene::Scene;
 
 /// One packing of one codec in one place.
 #[derive(Debug, Clone, PartialEq, Serialize)]

@@ -11,7 +11,7 @@ use farfield_score::calibration::{Detail, Sureness};
 use farfield_score::points::{Body, PointSet};
 use nalgebra::Vector3;
 
-use crate::scene::PersonTruth;
+use farfield_sim::scene::PersonTruth;
 
 /// People by tick and id.
 pub type People = BTreeMap<Tick, BTreeMap<u32, Body>>;

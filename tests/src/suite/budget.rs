@@ -12,7 +12,7 @@ use serde::Serialize;
 use super::baseline::Trajectory;
 use super::outliers::Thresholds;
 use super::run::SceneRun;
-use crate::scene::SITE_JOINTS;
+use farfield_sim::scene::SITE_JOINTS;
 
 /// Kinds of keypoints, with the beginnings of their positions in COCO's order.
 const KINDS: [(&str, std::ops::Range<usize>); 7] = [

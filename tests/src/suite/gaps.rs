@@ -10,7 +10,7 @@ use farfield_proto::tick::Tick;
 use farfield_score::lines::Recording;
 use farfield_score::matches_at;
 
-use crate::scene::Scene;
+use farfield_sim::scene::Scene;
 
 /// Viewpoints that a place takes.
 const LEAST_VIEWPOINTS: u32 = 2;
@@ -51,7 +51,7 @@ mod tests {
 
     use super::super::bodies::People;
     use super::*;
-    use crate::embedded;
+    use farfield_sim::embedded;
 
     /// Persons 1 to 3, each 3 m from the next.
     fn recording(at: impl Iterator<Item = (i64, u32)>) -> Recording {

@@ -4,7 +4,7 @@
 use farfield_fusion::skeleton::Joint;
 use farfield_proto::tick::Tick;
 
-use crate::scene::Scene;
+use farfield_sim::scene::Scene;
 
 /// Pelvises that come as near as this have met, metres: shoulder to shoulder.
 const NEAR_M: f64 = 0.7;
@@ -40,7 +40,7 @@ pub fn meetings(scene: &Scene) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::embedded;
+    use farfield_sim::embedded;
 
     #[test]
     fn each_pass_of_two_who_walk_up_and_down_is_a_meeting() {

@@ -11,7 +11,7 @@ use farfield_score::matches_at;
 use farfield_score::points::PointSet;
 
 use super::bodies::{People, true_body};
-use crate::scene::{PersonTruth, Scene};
+use farfield_sim::scene::{PersonTruth, Scene};
 
 /// Keypoints that an image must hold of somebody: as many as let a detector find them.
 const LEAST_KEYPOINTS: usize = 6;
@@ -102,7 +102,7 @@ fn is_present(scene: &Scene, truth: &PersonTruth) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::embedded;
+    use farfield_sim::embedded;
 
     #[test]
     fn who_leaves_the_field_is_not_asked_for_until_the_return() {

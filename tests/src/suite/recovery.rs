@@ -8,7 +8,7 @@ use farfield_score::lines::Recording;
 use farfield_score::{errors_over_time, matches_at};
 use serde::Serialize;
 
-use crate::scene::Scene;
+use farfield_sim::scene::Scene;
 
 /// Error up to which a skeleton sits, metres.
 pub const SITS_M: f64 = 0.05;

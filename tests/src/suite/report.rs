@@ -20,8 +20,8 @@ use super::outliers::Thresholds;
 use super::recovery::Recovery;
 use super::run::{Plan, SceneRun};
 use super::venue::Input;
-use crate::scene::Scene;
-use crate::scene::range_of_motion::range_of_motion_excess;
+use farfield_sim::scene::Scene;
+use farfield_sim::scene::range_of_motion::range_of_motion_excess;
 
 /// Width of the names in front of a row.
 const NAME_WIDTH: usize = 17;

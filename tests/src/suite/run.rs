@@ -25,8 +25,8 @@ use super::venue::{Input, sources_of, venue_of};
 use crate::bytes::run::Traffic;
 use crate::conditions::{Cuts, FarLinks};
 use crate::in_process::InProcess;
-use crate::scene::Scene;
 use crate::view_peaks::PeakReader;
+use farfield_sim::scene::Scene;
 
 /// How a scene is run.
 #[derive(Clone, Default)]

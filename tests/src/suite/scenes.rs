@@ -6,10 +6,10 @@ use std::sync::Arc;
 
 use anyhow::Context as _;
 
-use crate::embedded;
-use crate::motion::Clip;
-use crate::scene::Scene;
-use crate::scene::file::SceneFile;
+use farfield_sim::embedded;
+use farfield_sim::motion::Clip;
+use farfield_sim::scene::Scene;
+use farfield_sim::scene::file::SceneFile;
 
 /// A suite with a name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -248,7 +248,7 @@ mod tests {
         let scenes = dir.path().join("scenes");
         std::fs::create_dir(&scenes).unwrap();
         for name in SUITES[0].fixed {
-            let text = crate::embedded::SCENES[0].1;
+            let text = farfield_sim::embedded::SCENES[0].1;
             std::fs::write(scenes.join(name).with_extension("toml"), text).unwrap();
         }
         let chosen = choose(&["paper".to_owned()], dir.path()).unwrap();

@@ -59,10 +59,10 @@ mod tests {
     use std::sync::Arc;
 
     use super::*;
-    use crate::embedded;
     use crate::suite::overrides::parameters;
     use crate::suite::run::Plan;
     use crate::suite::venue::Input;
+    use farfield_sim::embedded;
 
     /// Six ticks of every second: less than the delay of 200 ms.
     const CUTS: Cuts = Cuts {

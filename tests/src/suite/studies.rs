@@ -13,7 +13,7 @@ use serde::Serialize;
 
 use super::run::{Plan, SceneRun};
 use super::venue::Input;
-use crate::scene::{SITE_JOINTS, Scene};
+use farfield_sim::scene::{SITE_JOINTS, Scene};
 
 /// Share of the prediction errors, per axis, that a lattice has to hold.
 const HELD: f64 = 0.999;

@@ -14,9 +14,9 @@ use farfield_proto::venue::{
     VenueCamera, VenueHash, Viewpoint,
 };
 
-use crate::faults::Crowd;
-use crate::scene::Scene;
-use crate::simulated::SimulatedSource;
+use farfield_sim::faults::Crowd;
+use farfield_sim::scene::Scene;
+use farfield_sim::simulated::SimulatedSource;
 
 /// Cells of the maps that are made without pixels: width, height.
 const GRID: [u16; 2] = [48, 64];
@@ -103,7 +103,7 @@ pub fn venue_of(scene: &Scene, input: &Input, parameters: Parameters) -> Venue {
 /// The frames of every camera of the venue that [`venue_of`] makes, in its order.
 ///
 /// Pictures have none of the faults of maps: for [`Input::Pixels`] the scene must come from
-/// [`crate::simulated::without_map_faults`], or its truth has sites that no picture shows.
+/// [`farfield_sim::simulated::without_map_faults`], or its truth has sites that no picture shows.
 ///
 /// # Errors
 /// When the system has no thread left to render with.
