@@ -6,16 +6,16 @@ use std::sync::Arc;
 
 use anyhow::{Context as _, anyhow};
 use farfield_fusion::node::NodeError;
+use farfield_lab::suite::bars::{Verdict, verdicts};
+use farfield_lab::suite::limits::behind_limits;
+use farfield_lab::suite::overview::Overview;
+use farfield_lab::suite::report::SceneReport;
+use farfield_lab::suite::scenes::{Named, choose};
+use farfield_lab::suite::studies::{Study, camera_choices, predictors};
+use farfield_lab::suite::venue::Input;
 use farfield_score::calibration::Calibration;
 use farfield_sim::scene::Scene;
 use farfield_sim::simulated::without_map_faults;
-use farfield_testbed::suite::bars::{Verdict, verdicts};
-use farfield_testbed::suite::limits::behind_limits;
-use farfield_testbed::suite::overview::Overview;
-use farfield_testbed::suite::report::SceneReport;
-use farfield_testbed::suite::scenes::{Named, choose};
-use farfield_testbed::suite::studies::{Study, camera_choices, predictors};
-use farfield_testbed::suite::venue::Input;
 use serde::Serialize;
 use tempfile::TempDir;
 

@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use farfield_testbed::leave_one_out::{BODY_KEYPOINTS, Recording, median};
+use farfield_lab::leave_one_out::{BODY_KEYPOINTS, Recording, median};
 use serde_json::Value;
 
 use crate::data::{onnx_runtime, recording};

@@ -5,12 +5,12 @@ use std::sync::Arc;
 
 use anyhow::{Context as _, anyhow};
 use farfield_fusion::node::NodeError;
+use farfield_lab::bytes::codec::Codec;
+use farfield_lab::bytes::plot::svg;
+use farfield_lab::bytes::run::Curve;
+use farfield_lab::suite::scenes::{Named, choose};
+use farfield_lab::suite::venue::Input;
 use farfield_sim::simulated::without_map_faults;
-use farfield_testbed::bytes::codec::Codec;
-use farfield_testbed::bytes::plot::svg;
-use farfield_testbed::bytes::run::Curve;
-use farfield_testbed::suite::scenes::{Named, choose};
-use farfield_testbed::suite::venue::Input;
 
 use crate::output;
 use crate::venue_folder::{write_detector, write_network};

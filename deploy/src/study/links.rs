@@ -14,14 +14,14 @@ use std::time::Duration;
 
 use anyhow::{Context as _, bail, ensure};
 use farfield_fusion::node::{NodeError, say};
+use farfield_lab::live_venue::{LiveVenue, Node, percentile};
+use farfield_lab::namespaces::Namespaces;
+use farfield_lab::relay::{Direction, Impairment};
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::Venue;
 use farfield_score::lines::{Recording, Role};
 use farfield_score::points::PointSet;
 use farfield_score::score;
-use farfield_testbed::live_venue::{LiveVenue, Node, percentile};
-use farfield_testbed::namespaces::Namespaces;
-use farfield_testbed::relay::{Direction, Impairment};
 
 use self::report::{Report, Row};
 use super::made_maps::{self, MadeMaps};

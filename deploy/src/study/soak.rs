@@ -11,10 +11,10 @@ use std::time::Duration;
 
 use anyhow::{Context as _, anyhow, ensure};
 use farfield_fusion::node::{NodeError, say};
+use farfield_lab::live_venue::{LiveVenue, Vitals, percentile};
+use farfield_lab::namespaces::Namespaces;
+use farfield_lab::relay::{Direction, Impairment};
 use farfield_proto::tick::Tick;
-use farfield_testbed::live_venue::{LiveVenue, Vitals, percentile};
-use farfield_testbed::namespaces::Namespaces;
-use farfield_testbed::relay::{Direction, Impairment};
 
 use super::made_maps::{self, MadeMaps};
 use crate::output;

@@ -1,8 +1,8 @@
 //! Cameras that fail, as fakes: one freezes, one turns black, one dies. Each viewpoint has two.
 
+use farfield_lab::live_venue::Seen;
 use farfield_proto::live::CameraHealth;
 use farfield_sim::maps_file::{CameraFailure, FailureKind};
-use farfield_testbed::live_venue::Seen;
 
 use super::stage::{RATE_HZ, Stage};
 

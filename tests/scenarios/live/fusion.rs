@@ -3,7 +3,7 @@
 use std::process::Command;
 use std::time::Duration;
 
-use farfield_testbed::live_venue::Node;
+use farfield_lab::live_venue::Node;
 
 use super::stage::{PEOPLE, RATE_HZ, Stage};
 

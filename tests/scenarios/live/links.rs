@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use farfield_testbed::relay::Impairment;
+use farfield_lab::relay::Impairment;
 
 use super::stage::Stage;
 use crate::farfield::poses;

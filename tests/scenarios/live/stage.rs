@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, MutexGuard};
 use std::time::Duration;
 
+use farfield_lab::live_venue::{LiveVenue, Node, Seen, Vitals, Watch};
 use farfield_proto::camera::CameraModel;
 use farfield_proto::live::EdgeLink;
 use farfield_proto::tick::Tick;
@@ -17,7 +18,6 @@ use farfield_sim::motion::Clip;
 use farfield_sim::scene::Scene;
 use farfield_sim::scene::write::calibration_text;
 use farfield_sim::simulated::VenueText;
-use farfield_testbed::live_venue::{LiveVenue, Node, Seen, Vitals, Watch};
 use tempfile::TempDir;
 
 /// How many people walk there.

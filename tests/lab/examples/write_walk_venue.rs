@@ -1,4 +1,4 @@
-//! Writes the sample venue `examples/walk` anew: `cargo run -p farfield-testbed --example write_walk_venue -- examples/walk`.
+//! Writes the sample venue `examples/walk` anew: `cargo run -p farfield-lab --example write_walk_venue -- examples/walk`.
 
 use std::path::PathBuf;
 

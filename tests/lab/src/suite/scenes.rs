@@ -35,7 +35,7 @@ struct Variant {
 const VARIANTS: [Variant; 1] = [Variant {
     name: "futsal-lost",
     of: "futsal",
-    added: include_str!("../../scenes/lost-in-futsal.toml"),
+    added: include_str!("../../../scenes/lost-in-futsal.toml"),
 }];
 
 /// All suites.

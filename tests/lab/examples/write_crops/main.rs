@@ -1,5 +1,5 @@
 //! Writes rendered crops of people, with their keypoints, to train and measure the embedded network on:
-//! `cargo run --release -p farfield-testbed --no-default-features --example write_crops -- OUT CROPS SEED CLIP...`.
+//! `cargo run --release -p farfield-lab --example write_crops -- OUT CROPS SEED CLIP...`.
 //!
 //! CLIP is a BVH file. What the records of `OUT/crops_*.bin` hold is stated in [`record`].
 

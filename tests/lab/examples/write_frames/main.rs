@@ -1,5 +1,5 @@
 //! Writes rendered pictures with the boxes of the people in them, to train and measure the embedded detector on:
-//! `cargo run --release -p farfield-testbed --no-default-features --example write_frames -- OUT FRAMES SEED CLIP...`.
+//! `cargo run --release -p farfield-lab --example write_frames -- OUT FRAMES SEED CLIP...`.
 //!
 //! CLIP is a BVH file. What the records of `OUT/frames_*.bin` hold is stated in [`record`].
 

@@ -1,7 +1,7 @@
 //! One scene with changed parameters: a line of figures, and where the error comes from.
 //!
 //! ```text
-//! cargo run -p farfield-testbed --example study -- SCENE [SECONDS] [--set TABLE.FIELD=VALUE]...
+//! cargo run -p farfield-lab --example study -- SCENE [SECONDS] [--set TABLE.FIELD=VALUE]...
 //!     [--faults none] [--rate HZ] [--no-dlt] [--actors] [--two-passes] [--sureness]
 //!     [--ahead TICKS] [--loss SHARE] [--seed N]
 //! ```
@@ -19,16 +19,16 @@ use std::path::Path;
 use std::sync::Arc;
 
 use anyhow::{Context as _, bail};
+use farfield_lab::conditions::FarLinks;
+use farfield_lab::suite::budget::Budget;
+use farfield_lab::suite::overrides::parameters;
+use farfield_lab::suite::report::Baseline;
+use farfield_lab::suite::run::{Plan, SceneRun};
+use farfield_lab::suite::venue::Input;
 use farfield_score::table;
 use farfield_sim::embedded;
 use farfield_sim::faults::FaultProfile;
 use farfield_sim::scene::Scene;
-use farfield_testbed::conditions::FarLinks;
-use farfield_testbed::suite::budget::Budget;
-use farfield_testbed::suite::overrides::parameters;
-use farfield_testbed::suite::report::Baseline;
-use farfield_testbed::suite::run::{Plan, SceneRun};
-use farfield_testbed::suite::venue::Input;
 
 #[expect(clippy::struct_excessive_bools, reason = "the flags of a command line")]
 struct Args {

@@ -1,5 +1,5 @@
 //! Writes whole inputs for the fuzz targets of binary formats, which a fuzzer would be long in finding:
-//! `cargo run -p farfield-testbed --example write_fuzz_seeds -- fuzz/corpus`. To be run again when a format
+//! `cargo run -p farfield-lab --example write_fuzz_seeds -- fuzz/corpus`. To be run again when a format
 //! has changed.
 
 use std::collections::BTreeMap;

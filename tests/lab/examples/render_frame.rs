@@ -1,5 +1,5 @@
 //! Writes pictures of a scene as PNG files, and says how long they took:
-//! `cargo run --release -p farfield-testbed --no-default-features --example render_frame -- SCENE CAMERA TICK [TICK...] DIR`.
+//! `cargo run --release -p farfield-lab --example render_frame -- SCENE CAMERA TICK [TICK...] DIR`.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;

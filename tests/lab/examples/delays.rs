@@ -1,7 +1,7 @@
 //! What a delay is worth: live, smoothed with 50, 100 and 200 ms, and in two passes, over the same maps.
 //!
 //! ```text
-//! cargo run --release -p farfield-testbed --example delays -- [SECONDS] [--cuts EVERY_S LASTS_S [--late TICKS]]
+//! cargo run --release -p farfield-lab --example delays -- [SECONDS] [--cuts EVERY_S LASTS_S [--late TICKS]]
 //!     SCENE...
 //! ```
 //!
@@ -11,13 +11,13 @@
 use std::sync::Arc;
 
 use anyhow::Context as _;
+use farfield_lab::conditions::Cuts;
+use farfield_lab::suite::overrides::parameters;
+use farfield_lab::suite::run::{Plan, SceneRun};
+use farfield_lab::suite::smoothed::{HEAD, Worth};
+use farfield_lab::suite::venue::Input;
 use farfield_score::lines::Recording;
 use farfield_sim::embedded;
-use farfield_testbed::conditions::Cuts;
-use farfield_testbed::suite::overrides::parameters;
-use farfield_testbed::suite::run::{Plan, SceneRun};
-use farfield_testbed::suite::smoothed::{HEAD, Worth};
-use farfield_testbed::suite::venue::Input;
 
 /// What is compared, the live output first.
 const OUTPUTS: [&str; 5] = ["live", "50 ms", "100 ms", "200 ms", "two passes"];

@@ -3,8 +3,8 @@
 
 use std::alloc::System;
 
+use farfield_lab::ring::Ring;
 use farfield_proto::tick::Tick;
-use farfield_testbed::ring::Ring;
 use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
 
 #[global_allocator]

@@ -1,6 +1,6 @@
 //! Microseconds per person and tick, stage by stage, at 4 and 12 viewpoints, and per patch for the codec.
 //!
-//! `cargo bench -p farfield-testbed`
+//! `cargo bench -p farfield-lab`
 #![expect(clippy::unwrap_used, reason = "a bench without its ring is no bench")]
 
 use std::hint::black_box;
@@ -12,12 +12,12 @@ use divan::Bencher;
 use farfield_fusion::align::TickGroup;
 use farfield_fusion::person::method::Method;
 use farfield_fusion::person::track::Track;
+use farfield_lab::in_process::InProcess;
+use farfield_lab::ring::Ring;
 use farfield_proto::id::CameraIndex;
 use farfield_proto::message::PatchSet;
 use farfield_proto::patch::{Decoder, Encoder, Maps, Quality};
 use farfield_proto::tick::Tick;
-use farfield_testbed::in_process::InProcess;
-use farfield_testbed::ring::Ring;
 
 const VIEWPOINTS: [usize; 2] = [4, 12];
 /// Ticks of the walk that a bench goes round.
@@ -169,7 +169,7 @@ fn maps() -> &'static (&'static str, Vec<Maps>) {
 }
 
 fn real_maps() -> anyhow::Result<Vec<Maps>> {
-    let beside = concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared");
+    let beside = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared");
     let root = std::env::var_os("FARFIELD_DATA").map_or_else(|| beside.into(), PathBuf::from);
     let mut run = InProcess::open(&root.join("data/pose2sim/single/venue.toml"), None)?;
     let mut maps = Vec::new();

@@ -2,8 +2,8 @@
 //! contexts are measured on.
 //!
 //! ```text
-//! cargo run --release -p farfield-testbed --example write_maps -- OUT VENUE.toml [TICKS]
-//! cargo run --release -p farfield-testbed --example write_maps -- OUT SCENE SECONDS [CARD.toml]
+//! cargo run --release -p farfield-lab --example write_maps -- OUT VENUE.toml [TICKS]
+//! cargo run --release -p farfield-lab --example write_maps -- OUT SCENE SECONDS [CARD.toml]
 //! ```
 //!
 //! SCENE is a scene file or an embedded scene's name; with a network's card its pictures are read by
@@ -17,13 +17,13 @@ use std::sync::{Arc, Mutex};
 
 use anyhow::Context as _;
 use farfield_edge::pipeline::StandIn;
+use farfield_lab::in_process::InProcess;
+use farfield_lab::suite::run::{Plan, SceneRun};
+use farfield_lab::suite::venue::Input;
 use farfield_proto::patch::Maps;
 use farfield_sim::embedded;
 use farfield_sim::scene::Scene;
 use farfield_sim::simulated::without_map_faults;
-use farfield_testbed::in_process::InProcess;
-use farfield_testbed::suite::run::{Plan, SceneRun};
-use farfield_testbed::suite::venue::Input;
 
 /// Writes down what passes.
 struct Tap(Arc<Mutex<BufWriter<File>>>);
