@@ -14,6 +14,7 @@ use crate::demo::DemoArgs;
 use crate::evaluate::EvaluateArgs;
 use crate::simulate::SimulateArgs;
 use crate::study::Study;
+use crate::suite::SuiteArgs;
 
 /// Markerless motion capture for wide fields.
 ///
@@ -40,6 +41,8 @@ pub(crate) enum Command {
     Replay(ReplayArgs),
     /// Score poses against a truth.
     Evaluate(EvaluateArgs),
+    /// Run fixed scenes and score them, beside plain triangulation.
+    Suite(SuiteArgs),
     /// Make figures about the method anew.
     Study {
         /// Which.

@@ -1,4 +1,4 @@
-//! `farfield evaluate --suite`: fixed scenes through the whole system in this process, scored beside what
+//! `farfield suite`: fixed scenes through the whole system in this process, scored beside what
 //! plain triangulation gets out of the same maps.
 
 use std::path::{Path, PathBuf};
@@ -19,12 +19,54 @@ use farfield_sim::simulated::without_map_faults;
 use serde::Serialize;
 use tempfile::TempDir;
 
-use crate::evaluate::EvaluateArgs;
 use crate::output;
 use crate::venue_folder::{write_detector, write_network};
 
 /// The folder of scenes and recordings where `FARFIELD_DATA` says nothing.
 const DATA: &str = "../shared";
+
+/// What `farfield suite` is told.
+#[expect(
+    clippy::struct_excessive_bools,
+    reason = "each is a switch of the command line"
+)]
+#[derive(Debug, Clone, clap::Args)]
+pub(crate) struct SuiteArgs {
+    /// Suites (paper, identity, own), scene files or embedded scenes to run in this process and score,
+    /// with and without range of motion, beside plain triangulation. The fixed scenes are looked for
+    /// below `$FARFIELD_DATA`, else ../shared; where they are not there, scenes of the project's own
+    /// clips run.
+    #[arg(value_name = "NAME|FILE", required = true)]
+    scenes: Vec<String>,
+    /// Run the scenes at this rate instead of their own, ticks per second.
+    #[arg(long, value_name = "HZ", value_parser = rate_hz)]
+    rate_hz: Option<f64>,
+    /// Print JSON instead of tables.
+    #[arg(long)]
+    json: bool,
+    /// Draw the error of each actor over time as SVG into this folder, one file per scene.
+    #[arg(long, value_name = "DIR")]
+    plot: Option<PathBuf>,
+    /// Render pictures and read them with the embedded networks, instead of making maps from the truth.
+    #[arg(long)]
+    pixels: bool,
+    /// With `--pixels`: give people by hand where they come in, instead of finding them in the pictures.
+    #[arg(long, requires = "pixels")]
+    given: bool,
+    /// Only the first seconds of each scene.
+    #[arg(long, value_name = "S")]
+    seconds: Option<f64>,
+    /// End with exit code 1 when a figure is behind the loose limits that no change may fall behind;
+    /// leaves out the studies of single parts.
+    #[arg(long)]
+    check: bool,
+}
+
+fn rate_hz(text: &str) -> Result<f64, String> {
+    let rate = text.parse().ok();
+    rate.filter(|rate: &f64| rate.is_finite() && *rate > 0.0)
+        .ok_or_else(|| format!("found {text}, expected a number above 0"))
+}
 
 /// All figures of a suite, as `--json` prints them.
 #[derive(Debug, Serialize)]
@@ -46,9 +88,9 @@ struct SuiteReport {
 /// # Errors
 /// When a scene is missing or wrong, when none is left to run, when a run fails, when a plot cannot be written, and, if `--check`
 /// is asked for, when a figure is behind its limit.
-pub(crate) fn suite(args: &EvaluateArgs) -> Result<(), NodeError> {
+pub(crate) fn suite(args: &SuiteArgs) -> Result<(), NodeError> {
     let root = std::env::var_os("FARFIELD_DATA").map_or_else(|| PathBuf::from(DATA), PathBuf::from);
-    let mut chosen = choose(&args.suite, &root).map_err(NodeError::Refused)?;
+    let mut chosen = choose(&args.scenes, &root).map_err(NodeError::Refused)?;
     if args.pixels {
         chosen.leave_out_what_pictures_cannot_show();
     }
@@ -87,7 +129,7 @@ pub(crate) fn suite(args: &EvaluateArgs) -> Result<(), NodeError> {
 }
 
 fn run(
-    args: &EvaluateArgs,
+    args: &SuiteArgs,
     input: &Input,
     scenes: Vec<Named>,
     note: Option<String>,
@@ -155,7 +197,7 @@ fn studies(name: &str, scene: Arc<Scene>) -> anyhow::Result<Vec<Study>> {
 }
 
 /// What the cameras give, and the folder that holds the networks while they are used.
-fn input(args: &EvaluateArgs) -> anyhow::Result<(Input, Option<TempDir>)> {
+fn input(args: &SuiteArgs) -> anyhow::Result<(Input, Option<TempDir>)> {
     if !args.pixels {
         return Ok((Input::Maps, None));
     }
@@ -175,4 +217,43 @@ fn file_name(scene: &str) -> String {
 
 fn write_plot(path: &Path, report: &SceneReport) -> anyhow::Result<()> {
     std::fs::write(path, report.plot()).with_context(|| format!("writing {}", path.display()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[derive(Debug, clap::Parser)]
+    struct Line {
+        #[command(flatten)]
+        args: SuiteArgs,
+    }
+
+    fn parsed(words: &[&str]) -> Result<SuiteArgs, clap::Error> {
+        let words = [&["suite"], words].concat();
+        <Line as clap::Parser>::try_parse_from(words).map(|line| line.args)
+    }
+
+    #[test]
+    fn at_least_one_scene_is_named() {
+        assert!(parsed(&[]).is_err());
+        assert!(parsed(&["own", "--given"]).is_err());
+        let args = parsed(&["own", "x.toml", "--seconds", "2", "--json"]).unwrap();
+        assert_eq!(args.scenes, ["own", "x.toml"]);
+        assert!(args.json && args.seconds == Some(2.0));
+    }
+
+    #[test]
+    fn a_rate_that_is_none_is_refused() {
+        assert_eq!(
+            parsed(&["own", "--rate-hz", "30"]).unwrap().rate_hz,
+            Some(30.0)
+        );
+        for rate in ["0", "-5", "inf", "fast"] {
+            assert!(
+                parsed(&["own", &format!("--rate-hz={rate}")]).is_err(),
+                "{rate}"
+            );
+        }
+    }
 }

@@ -1,10 +1,10 @@
-//! `farfield evaluate --suite`: scenes in one process, scored, on clips that the project carries.
+//! `farfield suite`: scenes in one process, scored, on clips that the project carries.
 
 use crate::farfield::farfield;
 
 /// Runs a suite for two seconds of its scenes and returns standard output.
 fn suite(words: &[&str]) -> String {
-    let mut args = vec!["evaluate", "--suite"];
+    let mut args = vec!["suite"];
     args.extend(words);
     args.extend(["--seconds", "2"]);
     let run = farfield(&args);
@@ -61,15 +61,7 @@ fn the_json_of_a_suite_has_the_figures_of_every_scene() {
 
 #[test]
 fn a_mirror_bears_nobody_and_who_is_lost_for_a_second_keeps_the_id() {
-    let run = farfield(&[
-        "evaluate",
-        "--suite",
-        "mirror",
-        "lost",
-        "--seconds",
-        "4",
-        "--json",
-    ]);
+    let run = farfield(&["suite", "mirror", "lost", "--seconds", "4", "--json"]);
     assert_eq!(run.code, 0, "{}", run.stderr);
     let json: serde_json::Value = serde_json::from_str(&run.stdout).unwrap();
     for scene in json["scenes"].as_array().unwrap() {
@@ -90,14 +82,14 @@ fn a_mirror_bears_nobody_and_who_is_lost_for_a_second_keeps_the_id() {
 
 #[test]
 fn a_suite_of_which_nothing_can_be_run_does_not_pass() {
-    let run = farfield(&["evaluate", "--suite", "mirror", "--pixels", "--check"]);
+    let run = farfield(&["suite", "mirror", "--pixels", "--check"]);
     assert_eq!(run.code, 2, "{}", run.stdout);
     assert!(run.stderr.contains("own mirror"), "{}", run.stderr);
 }
 
 #[test]
 fn an_unknown_suite_is_wrong_usage() {
-    let run = farfield(&["evaluate", "--suite", "papr"]);
+    let run = farfield(&["suite", "papr"]);
     assert_eq!(run.code, 2);
     assert!(run.stderr.contains("papr"), "{}", run.stderr);
 }
