@@ -13,8 +13,6 @@ use crate::certs::CertsArgs;
 use crate::demo::DemoArgs;
 use crate::evaluate::EvaluateArgs;
 use crate::simulate::SimulateArgs;
-use crate::study::Study;
-use crate::suite::SuiteArgs;
 
 /// Markerless motion capture for wide fields.
 ///
@@ -41,14 +39,6 @@ pub(crate) enum Command {
     Replay(ReplayArgs),
     /// Score poses against a truth.
     Evaluate(EvaluateArgs),
-    /// Run fixed scenes and score them, beside plain triangulation.
-    Suite(SuiteArgs),
-    /// Make figures about the method anew.
-    Study {
-        /// Which.
-        #[command(subcommand)]
-        study: Study,
-    },
     /// Show the whole system at work on people who do not exist, and how far it is from the truth.
     Demo(DemoArgs),
     /// Make the keys of a venue: an authority, and one certificate per node.

@@ -13,8 +13,6 @@ mod run;
 #[cfg(test)]
 mod samples;
 mod simulate;
-mod study;
-mod suite;
 mod venue_folder;
 
 use std::process::ExitCode;
@@ -38,8 +36,6 @@ pub fn main() -> ExitCode {
         Command::Replay(args) => farfield_fusion::node::replay(&args, output::print),
         Command::Demo(args) => demo::main(&args),
         Command::Simulate(args) => simulate::main(args),
-        Command::Suite(args) => exit_code(suite::suite(&args).map(|()| Ending::Done)),
-        Command::Study { study } => exit_code(study::study(&study).map(|()| Ending::Done)),
         Command::Certs(args) => exit_code(certs::certs(&args).map(|()| Ending::Done)),
         Command::Evaluate(args) => exit_code(evaluate::evaluate(&args).map(|()| Ending::Done)),
     }

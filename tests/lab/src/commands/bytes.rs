@@ -1,19 +1,19 @@
-//! `farfield study bytes`: bytes per person, view and tick against errors.
+//! `lab bytes`: bytes per person, view and tick against errors.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use crate::bytes::codec::Codec;
+use crate::bytes::plot::svg;
+use crate::bytes::run::Curve;
+use crate::suite::scenes::{Named, choose};
+use crate::suite::venue::Input;
 use anyhow::{Context as _, anyhow};
 use farfield_fusion::node::NodeError;
-use farfield_lab::bytes::codec::Codec;
-use farfield_lab::bytes::plot::svg;
-use farfield_lab::bytes::run::Curve;
-use farfield_lab::suite::scenes::{Named, choose};
-use farfield_lab::suite::venue::Input;
 use farfield_sim::simulated::without_map_faults;
 
-use crate::output;
-use crate::venue_folder::{write_detector, write_network};
+use farfield::output;
+use farfield_sim::embedded::{write_detector, write_network};
 
 /// The folder of scenes and recordings where `FARFIELD_DATA` says nothing.
 const DATA: &str = "../shared";
@@ -23,7 +23,7 @@ const SHELF: &str = "shelf";
 /// not do, and the Shelf.
 const USUAL: [&str; 3] = ["paper", "legs", SHELF];
 
-/// What `farfield study bytes` is told.
+/// What `lab bytes` is told.
 #[derive(Debug, Clone, clap::Args)]
 pub(crate) struct BytesArgs {
     /// Suites (paper, identity, own), scene files, embedded scenes, or `shelf`, the recording of that

@@ -3,7 +3,6 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::Command;
 
 /// A file that is longer has a second subject in it.
 const MAX_LINES: usize = 500;
@@ -50,8 +49,9 @@ const SKIPPED: [&str; 7] = [
 fn root() -> PathBuf {
     let manifest = Path::new(env!("CARGO_MANIFEST_DIR"));
     manifest
-        .parent()
-        .expect("the package lies in a folder of the workspace")
+        .ancestors()
+        .nth(2)
+        .expect("the package lies two folders below the workspace")
         .to_owned()
 }
 
@@ -269,54 +269,4 @@ fn the_architecture_can_be_read_in_one_sitting_and_names_what_exists() {
         }
     }
     check(&faults);
-}
-
-#[test]
-fn the_commands_of_the_readme_exist() {
-    let readme = fs::read_to_string(root().join("README.md")).unwrap();
-    let help = Command::new(env!("CARGO_BIN_EXE_farfield"))
-        .arg("--help")
-        .output()
-        .unwrap();
-    let help = String::from_utf8_lossy(&help.stdout);
-    let subcommands: Vec<&str> = help
-        .lines()
-        .filter_map(|line| line.strip_prefix("  ")?.split_whitespace().next())
-        .collect();
-    let mut faults = Vec::new();
-    let mut seen = 0;
-    for line in shell_lines(&readme) {
-        let called = line
-            .split_once("cargo run --release -- ")
-            .map(|(_, rest)| rest)
-            .or_else(|| line.strip_prefix("farfield "));
-        let Some(called) = called else { continue };
-        seen += 1;
-        let mut words = called.split_whitespace();
-        let subcommand = words.next().unwrap_or_default();
-        if !subcommands.contains(&subcommand) {
-            faults.push(format!("README.md: farfield has no `{subcommand}`: {line}"));
-        }
-        for file in words.filter(|word| word.starts_with("examples/")) {
-            if !root().join(file).exists() {
-                faults.push(format!("README.md: {file} is not there"));
-            }
-        }
-    }
-    assert!(seen > 0, "the README shows no command");
-    check(&faults);
-}
-
-/// The lines of the `sh` blocks of a Markdown text.
-fn shell_lines(markdown: &str) -> Vec<&str> {
-    let mut inside = false;
-    let mut lines = Vec::new();
-    for line in markdown.lines() {
-        if line.starts_with("```") {
-            inside = !inside && line == "```sh";
-        } else if inside {
-            lines.push(line.trim());
-        }
-    }
-    lines
 }

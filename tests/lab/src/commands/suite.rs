@@ -1,31 +1,31 @@
-//! `farfield suite`: fixed scenes through the whole system in this process, scored beside what
+//! `lab suite`: fixed scenes through the whole system in this process, scored beside what
 //! plain triangulation gets out of the same maps.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use crate::suite::bars::{Verdict, verdicts};
+use crate::suite::limits::behind_limits;
+use crate::suite::overview::Overview;
+use crate::suite::report::SceneReport;
+use crate::suite::scenes::{Named, choose};
+use crate::suite::studies::{Study, camera_choices, predictors};
+use crate::suite::venue::Input;
 use anyhow::{Context as _, anyhow};
 use farfield_fusion::node::NodeError;
-use farfield_lab::suite::bars::{Verdict, verdicts};
-use farfield_lab::suite::limits::behind_limits;
-use farfield_lab::suite::overview::Overview;
-use farfield_lab::suite::report::SceneReport;
-use farfield_lab::suite::scenes::{Named, choose};
-use farfield_lab::suite::studies::{Study, camera_choices, predictors};
-use farfield_lab::suite::venue::Input;
 use farfield_score::calibration::Calibration;
 use farfield_sim::scene::Scene;
 use farfield_sim::simulated::without_map_faults;
 use serde::Serialize;
 use tempfile::TempDir;
 
-use crate::output;
-use crate::venue_folder::{write_detector, write_network};
+use farfield::output;
+use farfield_sim::embedded::{write_detector, write_network};
 
 /// The folder of scenes and recordings where `FARFIELD_DATA` says nothing.
 const DATA: &str = "../shared";
 
-/// What `farfield suite` is told.
+/// What `lab suite` is told.
 #[expect(
     clippy::struct_excessive_bools,
     reason = "each is a switch of the command line"

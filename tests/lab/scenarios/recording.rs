@@ -304,7 +304,7 @@ fn a_full_disk_ends_the_recording_and_nothing_else() {
     // No file may grow beyond the limit: to whoever writes, a full disk.
     let limited = format!("trap '' XFSZ; ulimit -f {limit}; exec \"$@\"");
     let finished = Command::new("sh")
-        .args(["-c", &limited, "sh", env!("CARGO_BIN_EXE_farfield"), "run"])
+        .args(["-c", &limited, "sh", env!("CARGO_BIN_EXE_lab"), "run"])
         .arg(short_chunks(dir.path()))
         .arg("--record")
         .arg("--out")

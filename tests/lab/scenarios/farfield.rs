@@ -12,7 +12,7 @@ pub(crate) struct Finished {
 
 /// The binary, not yet started, quiet and without a terminal.
 pub(crate) fn command() -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_farfield"));
+    let mut command = Command::new(env!("CARGO_BIN_EXE_lab"));
     command.stdin(Stdio::null()).env_remove("RUST_LOG");
     command
 }

@@ -1,4 +1,4 @@
-//! `farfield study soak`: a venue that runs live for long, and whether anything grows.
+//! `lab soak`: a venue that runs live for long, and whether anything grows.
 //!
 //! People walk the scene there and back without end. Memory, threads and file handles of every node are
 //! sampled from `/proc` while they run; the first fifth of the samples is for buffers to find their size.
@@ -9,15 +9,15 @@ use std::path::PathBuf;
 use std::thread;
 use std::time::Duration;
 
+use crate::live_venue::{LiveVenue, Vitals, percentile};
+use crate::namespaces::Namespaces;
+use crate::relay::{Direction, Impairment};
 use anyhow::{Context as _, anyhow, ensure};
 use farfield_fusion::node::{NodeError, say};
-use farfield_lab::live_venue::{LiveVenue, Vitals, percentile};
-use farfield_lab::namespaces::Namespaces;
-use farfield_lab::relay::{Direction, Impairment};
 use farfield_proto::tick::Tick;
 
 use super::made_maps::{self, MadeMaps};
-use crate::output;
+use farfield::output;
 
 /// Samples of a run.
 const SAMPLES: u32 = 120;
@@ -29,7 +29,7 @@ const MEMORY_SHARE: f64 = 0.05;
 /// Share of the poses that must have everybody, or the venue did not run. Far below what a quiet machine gives.
 const LEAST_WHOLE: f64 = 0.5;
 
-/// Arguments of `farfield study soak`.
+/// Arguments of `lab soak`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct SoakArgs {
     /// How long to run, minutes.

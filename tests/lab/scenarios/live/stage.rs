@@ -74,7 +74,7 @@ impl Stage {
     pub(super) fn prepare(failures: &[(usize, CameraFailure)], parameters: &str) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let venue = write_venue(folder.path(), failures, parameters);
-        let program = Path::new(env!("CARGO_BIN_EXE_farfield"));
+        let program = Path::new(env!("CARGO_BIN_EXE_lab"));
         let live = LiveVenue::prepare(program, &venue, None).unwrap();
         Self {
             live,

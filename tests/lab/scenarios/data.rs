@@ -35,5 +35,5 @@ pub(crate) fn onnx_runtime(scenario: &str) -> bool {
 
 /// The root of the checkout.
 pub(crate) fn checkout() -> &'static Path {
-    Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/.."))
+    Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../.."))
 }

@@ -1,4 +1,4 @@
-//! `farfield study links`: how good a venue is over links that are far, thin and lossy.
+//! `lab links`: how good a venue is over links that are far, thin and lossy.
 //!
 //! A scene's maps are made beforehand. Then, per line of the table, all nodes run live as processes of
 //! this machine, each edge in a network namespace of its own behind our relay of datagrams; the poses
@@ -12,11 +12,11 @@ use std::path::{Path, PathBuf};
 use std::thread;
 use std::time::Duration;
 
+use crate::live_venue::{LiveVenue, Node, percentile};
+use crate::namespaces::Namespaces;
+use crate::relay::{Direction, Impairment};
 use anyhow::{Context as _, bail, ensure};
 use farfield_fusion::node::{NodeError, say};
-use farfield_lab::live_venue::{LiveVenue, Node, percentile};
-use farfield_lab::namespaces::Namespaces;
-use farfield_lab::relay::{Direction, Impairment};
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::Venue;
 use farfield_score::lines::{Recording, Role};
@@ -25,7 +25,7 @@ use farfield_score::score;
 
 use self::report::{Report, Row};
 use super::made_maps::{self, MadeMaps};
-use crate::output;
+use farfield::output;
 
 /// How long a run may take beyond the scene itself: starting, and finishing what is on the way.
 const GRACE: Duration = Duration::from_mins(1);
@@ -34,7 +34,7 @@ const LOOK_EVERY: Duration = Duration::from_millis(20);
 /// Share of the delay by which it varies.
 const JITTER_SHARE: f64 = 0.05;
 
-/// Arguments of `farfield study links`.
+/// Arguments of `lab links`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct LinksArgs {
     /// The scene file. Default: the embedded scene of eight players.
