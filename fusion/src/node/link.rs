@@ -7,6 +7,7 @@
 use std::sync::Arc;
 
 use anyhow::{Context as _, anyhow};
+use farfield_node::clock::VenueClock;
 use farfield_proto::id::ViewpointIndex;
 use farfield_proto::key::Keys;
 use farfield_proto::message::{PatchSet, SightingSet, Status};
@@ -24,7 +25,6 @@ use zenoh::qos::{CongestionControl, Priority, Reliability};
 use zenoh::sample::{Sample, SampleKind};
 use zenoh::{Session, Wait as _};
 
-use super::clock::VenueClock;
 use super::inbox::{Inbox, liveliness, subscriber};
 use super::tap::{TapHandle, TapMessage};
 

@@ -4,6 +4,7 @@ use std::path::Path;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
+use farfield_node::clock::VenueClock;
 use farfield_proto::calibration::Calibration;
 use farfield_proto::id::{SessionId, ViewpointIndex};
 use farfield_proto::message::{PatchSet, Status};
@@ -15,7 +16,6 @@ use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
 use super::{Door, Ear, Ends, Heard, Link, Mode, Presence, Said};
-use crate::node::clock::VenueClock;
 use crate::node::start::own_status;
 use crate::node::tap::{Decided, Tap, TapHandle, TapMessage};
 

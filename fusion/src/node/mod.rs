@@ -3,7 +3,6 @@
 //!
 //! Load (nothing opened) -> build (everything that can fail is opened) -> run -> drain.
 
-mod clock;
 mod config;
 mod doorman;
 mod given;

@@ -8,6 +8,7 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use anyhow::{Context as _, anyhow};
+use farfield_node::clock::VenueClock;
 use farfield_proto::endpoint::is_endpoint;
 use farfield_proto::id::SessionId;
 use farfield_proto::key::Keys;
@@ -22,7 +23,6 @@ use zenoh::handlers::FifoChannel;
 use zenoh::sample::{Sample, SampleKind};
 use zenoh::{Session, Wait as _};
 
-use super::clock::VenueClock;
 use super::config::{check_names, load_card};
 use super::link::{NODE, zenoh_error};
 use super::process::{Ending, Managed, NodeError, exit_code, say, start_log, stop_when_told};

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::Context as _;
+use farfield_node::clock;
 use farfield_proto::id::SessionId;
 use farfield_proto::message::Status;
 use farfield_proto::wire;
@@ -14,7 +15,6 @@ use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 use tracing::warn;
 
-use super::clock;
 use super::config::{Config, FusionArgs};
 use super::doorman;
 use super::handout;

@@ -9,17 +9,17 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
     clippy::disallowed_methods,
     reason = "this is the place that the lint points to"
 )]
-pub(crate) fn now() -> Instant {
+pub fn now() -> Instant {
     Instant::now()
 }
 
 /// Microseconds since `start`, at most `u32::MAX` (71 minutes).
-pub(crate) fn micros_since(start: Instant) -> u32 {
+pub fn micros_since(start: Instant) -> u32 {
     u32::try_from(now().duration_since(start).as_micros()).unwrap_or(u32::MAX)
 }
 
 /// Time since 1970, zero on a machine whose clock is before that.
-pub(crate) fn unix_time() -> Duration {
+pub fn unix_time() -> Duration {
     SystemTime::now()
         .duration_since(UNIX_EPOCH)
         .unwrap_or_default()
@@ -32,14 +32,15 @@ const SLEW_US_PER_S: i64 = 1000;
 /// The clock that the venue goes by: Unix time that never jumps, whatever is done to the system's
 /// clock. Clones show the same time.
 #[derive(Debug, Clone)]
-pub(crate) struct VenueClock {
+pub struct VenueClock {
     start: Instant,
     /// Unix time at `start`, microseconds.
     at_start_us: Arc<AtomicI64>,
 }
 
 impl VenueClock {
-    pub(crate) fn start() -> Self {
+    /// Starts with the system's time.
+    pub fn start() -> Self {
         let start = now();
         Self {
             start,
@@ -48,18 +49,18 @@ impl VenueClock {
     }
 
     /// Microseconds since 1970.
-    pub(crate) fn now_us(&self) -> i64 {
+    pub fn now_us(&self) -> i64 {
         self.at_start_us.load(Ordering::Relaxed) + self.elapsed_us()
     }
 
     /// The instant at which the clock shows `us`; now, for what is over.
-    pub(crate) fn instant_at(&self, us: i64) -> Instant {
+    pub fn instant_at(&self, us: i64) -> Instant {
         let ahead_us = us.saturating_sub(self.now_us()).max(0);
         now() + Duration::from_micros(ahead_us.unsigned_abs())
     }
 
     /// Follows the system's clock by a little; to be called once a second.
-    pub(crate) fn discipline(&self) {
+    pub fn discipline(&self) {
         let error_us = unix_us() - self.now_us();
         let step_us = error_us.clamp(-SLEW_US_PER_S, SLEW_US_PER_S);
         self.at_start_us.fetch_add(step_us, Ordering::Relaxed);
