@@ -50,7 +50,9 @@ impl VenueClock {
 
     /// Microseconds since 1970.
     pub fn now_us(&self) -> i64 {
-        self.at_start_us.load(Ordering::Relaxed) + self.elapsed_us()
+        self.at_start_us
+            .load(Ordering::Relaxed)
+            .saturating_add(self.elapsed_us())
     }
 
     /// The instant at which the clock shows `us`; now, for what is over.
@@ -61,7 +63,7 @@ impl VenueClock {
 
     /// Follows the system's clock by a little; to be called once a second.
     pub fn discipline(&self) {
-        let error_us = unix_us() - self.now_us();
+        let error_us = unix_us().saturating_sub(self.now_us());
         let step_us = error_us.clamp(-SLEW_US_PER_S, SLEW_US_PER_S);
         self.at_start_us.fetch_add(step_us, Ordering::Relaxed);
     }
@@ -73,4 +75,20 @@ impl VenueClock {
 
 fn unix_us() -> i64 {
     i64::try_from(unix_time().as_micros()).unwrap_or(i64::MAX)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn at_the_end_of_time_the_clock_stands_still() {
+        let clock = VenueClock {
+            start: now() - Duration::from_millis(5),
+            at_start_us: Arc::new(AtomicI64::new(i64::MAX)),
+        };
+        assert_eq!(clock.now_us(), i64::MAX);
+        clock.discipline();
+        assert!(clock.now_us() > i64::MAX - 2 * SLEW_US_PER_S);
+    }
 }
