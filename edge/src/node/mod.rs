@@ -5,7 +5,6 @@
 
 mod attempts;
 mod build;
-mod clock;
 mod compare;
 mod config;
 mod frames_at;

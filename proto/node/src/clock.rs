@@ -29,22 +29,29 @@ pub fn unix_time() -> Duration {
 /// any oscillator drifts by, far below what a tick would notice.
 const SLEW_US_PER_S: i64 = 1000;
 
-/// The clock that the venue goes by: Unix time that never jumps, whatever is done to the system's
-/// clock. Clones show the same time.
+/// The clock that the venue goes by: Unix time, by PTP or NTP the same on all machines, that never jumps,
+/// whatever is done to the system's clock. Clones show the same time.
 #[derive(Debug, Clone)]
 pub struct VenueClock {
     start: Instant,
     /// Unix time at `start`, microseconds.
     at_start_us: Arc<AtomicI64>,
+    /// How far it is wrong on purpose, microseconds.
+    shift_us: i64,
 }
 
 impl VenueClock {
     /// Starts with the system's time.
     pub fn start() -> Self {
-        let start = now();
+        Self::start_shifted(0)
+    }
+
+    /// Starts with the system's time put forward by `shift_us` microseconds, and keeps that distance.
+    pub fn start_shifted(shift_us: i64) -> Self {
         Self {
-            start,
-            at_start_us: Arc::new(AtomicI64::new(unix_us())),
+            start: now(),
+            at_start_us: Arc::new(AtomicI64::new(unix_us().saturating_add(shift_us))),
+            shift_us,
         }
     }
 
@@ -63,7 +70,8 @@ impl VenueClock {
 
     /// Follows the system's clock by a little; to be called once a second.
     pub fn discipline(&self) {
-        let error_us = unix_us().saturating_sub(self.now_us());
+        let shown_us = unix_us().saturating_add(self.shift_us);
+        let error_us = shown_us.saturating_sub(self.now_us());
         let step_us = error_us.clamp(-SLEW_US_PER_S, SLEW_US_PER_S);
         self.at_start_us.fetch_add(step_us, Ordering::Relaxed);
     }
@@ -86,6 +94,7 @@ mod tests {
         let clock = VenueClock {
             start: now() - Duration::from_millis(5),
             at_start_us: Arc::new(AtomicI64::new(i64::MAX)),
+            shift_us: 0,
         };
         assert_eq!(clock.now_us(), i64::MAX);
         clock.discipline();

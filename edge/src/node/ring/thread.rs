@@ -8,11 +8,11 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use anyhow::Context as _;
+use farfield_node::clock;
 use farfield_proto::fill::{FillRequest, Filled};
 use tokio::sync::oneshot;
 use tracing::{debug, warn};
 
-use super::super::clock;
 use super::super::process::say;
 use super::store::{Ring, Stored};
 use crate::ring::record::Label;
