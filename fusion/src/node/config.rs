@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use anyhow::{Context as _, anyhow};
+use farfield_node::process::{Managed, NodeError};
 use farfield_proto::endpoint::is_endpoint;
 use farfield_proto::model_card::HeatmapCard;
 use farfield_proto::tick::{Tick, parse_range};
@@ -14,7 +15,6 @@ use farfield_proto::venue::{Venue, identity};
 use super::given::{check_given_keypoints, check_given_ticks};
 use super::handout::Handout;
 use super::link::{Door, Mode, NODE};
-use super::process::{Managed, NodeError};
 use super::progress::Detail;
 use super::recording::check_place;
 

@@ -9,6 +9,8 @@ use std::time::Duration;
 
 use anyhow::{Context as _, anyhow};
 use farfield_node::clock::VenueClock;
+use farfield_node::log::start_log_with;
+use farfield_node::process::{Ending, Managed, NodeError, exit_code, say, stop_when_told};
 use farfield_proto::endpoint::is_endpoint;
 use farfield_proto::id::SessionId;
 use farfield_proto::key::Keys;
@@ -24,8 +26,8 @@ use zenoh::sample::{Sample, SampleKind};
 use zenoh::{Session, Wait as _};
 
 use super::config::{check_names, load_card};
+use super::doorman;
 use super::link::{NODE, zenoh_error};
-use super::process::{Ending, Managed, NodeError, exit_code, say, start_log, stop_when_told};
 use super::recording::{Place, RecordingThread, check_place, head};
 
 /// Messages that wait between Zenoh and the recorder's own queue.
@@ -57,7 +59,7 @@ pub struct RecordArgs {
 
 /// Records until it is told to stop, and says on standard error what went wrong.
 pub fn main(args: RecordArgs) -> ExitCode {
-    start_log();
+    start_log_with(doorman::layer());
     exit_code(load_and_record(args))
 }
 

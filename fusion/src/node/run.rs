@@ -7,6 +7,8 @@ use std::time::Duration;
 
 use anyhow::Context as _;
 use farfield_node::clock;
+use farfield_node::log::start_log_with;
+use farfield_node::process::{Ending, Managed, NodeError, exit_code, stop_when_told};
 use farfield_proto::id::SessionId;
 use farfield_proto::message::Status;
 use farfield_proto::wire;
@@ -22,7 +24,6 @@ use super::link::{Ear, Ends, Heard, Link, Mode, NODE, Presence, Said};
 use super::live::{Surroundings, live};
 use super::lockstep::{LockStep, Outside};
 use super::output::Claim;
-use super::process::{Ending, Managed, NodeError, exit_code, start_log, stop_when_told};
 use super::progress::Reporter;
 use super::recorder::Recorder;
 use super::recording::{Place, RecordingThread, head};
@@ -41,7 +42,7 @@ const DRAIN: Duration = Duration::from_secs(5);
 
 /// Runs a fusion node to its end and says on standard error what went wrong.
 pub fn main(args: FusionArgs) -> ExitCode {
-    start_log();
+    start_log_with(doorman::layer());
     exit_code(load_and_run(args))
 }
 

@@ -1,6 +1,9 @@
 //! What the shell of every Farfield node needs, written once: edge, fusion and recorder are processes with
-//! the same clock.
+//! the same clock, the same signals and the same log.
 //!
-//! [`clock`] is the only file of the workspace's nodes that reads the machine's clock.
+//! Start with [`process`]: how a node ends, and what it says then. [`clock`] is the only file of the
+//! workspace's nodes that reads the machine's clock.
 
 pub mod clock;
+pub mod log;
+pub mod process;

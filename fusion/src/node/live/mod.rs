@@ -13,6 +13,7 @@ use std::time::Duration;
 
 use anyhow::Context as _;
 use farfield_node::clock;
+use farfield_node::process::{Ending, Managed, NodeError};
 use farfield_proto::id::SessionId;
 use tokio_util::sync::CancellationToken;
 
@@ -20,7 +21,6 @@ use self::run::Live;
 use self::start::clock_start;
 use super::config::Config;
 use super::link::{Ear, Ends, Mode};
-use super::process::{Ending, Managed, NodeError};
 use super::progress::Reporter;
 use super::recorder::Recorder;
 use super::recording::RecordingThread;

@@ -4,6 +4,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use farfield_node::clock::VenueClock;
+use farfield_node::process::Managed;
 use farfield_proto::calibration::Calibration;
 use farfield_proto::live::{BoxEcho, EdgeLink, PatchTiming};
 use farfield_proto::message::{BoxSet, Order, PatchSet, PoseSet, Status};
@@ -16,7 +17,6 @@ use zenoh::Session;
 use zenoh::qos::{CongestionControl, Reliability};
 
 use super::super::link::{Door, Link};
-use super::super::process::Managed;
 use super::super::progress::Detail;
 use super::super::tap::TapHandle;
 use super::*;

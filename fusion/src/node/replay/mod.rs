@@ -10,6 +10,8 @@ use std::process::ExitCode;
 
 use anyhow::{Context as _, anyhow};
 use farfield_node::clock;
+use farfield_node::log::start_log;
+use farfield_node::process::{Ending, Managed, NodeError, exit_code, say, stop_when_told};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
@@ -17,7 +19,6 @@ use self::report::{Done, FileFacts};
 use self::venue::{Changes, replay_venue};
 use super::config::check_names;
 use super::output::{Claim, check_folder};
-use super::process::{Ending, Managed, NodeError, exit_code, say, start_log, stop_when_told};
 use super::recorder::Recorder;
 use super::summary;
 use crate::pipeline::Pipeline;
