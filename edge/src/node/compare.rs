@@ -1,9 +1,8 @@
 //! Whether an edge and fusion hold the same files.
 
 use anyhow::anyhow;
+use farfield_node::process::NodeError;
 use farfield_proto::message::Status;
-
-use super::process::NodeError;
 
 /// Compares the files of this edge with fusion's.
 ///

@@ -5,13 +5,13 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::anyhow;
+use farfield_node::process::{Managed, NodeError};
 use farfield_proto::endpoint::is_endpoint;
 use farfield_proto::id::ViewpointIndex;
 use farfield_proto::tick::{Tick, parse_range};
 use farfield_proto::transport::{EdgeTransport, Exposure, Identity};
 use farfield_proto::venue::{Venue, VenueCamera, Viewpoint, identity};
 
-use super::process::{Managed, NodeError};
 use crate::source::Sources;
 
 /// Where rings lie when nobody names a folder.

@@ -12,7 +12,6 @@ mod handout;
 mod link;
 mod live;
 mod lockstep;
-mod process;
 mod ring;
 mod run;
 mod worker;

@@ -6,6 +6,8 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::Context as _;
+use farfield_node::log::start_log_with;
+use farfield_node::process::{Ending, Managed, NodeError, exit_code, say, stop_when_told};
 use farfield_proto::message::Status;
 use tokio::time::{MissedTickBehavior, interval, timeout};
 use tokio_util::sync::CancellationToken;
@@ -19,7 +21,6 @@ use super::handout;
 use super::link::{Ends, Heard, Link};
 use super::live::Live;
 use super::lockstep::{LockStep, Turn};
-use super::process::{Ending, Managed, NodeError, exit_code, say, start_log, stop_when_told};
 use super::ring::{RingThread, answer_questions};
 use super::worker::Worker;
 use crate::source::Sources;
@@ -36,7 +37,7 @@ const REMIND_EVERY: Duration = Duration::from_secs(10);
 /// Runs an edge node, whose cameras `sources` opens, to its end and says on standard error what went
 /// wrong.
 pub fn main(args: EdgeArgs, sources: Arc<dyn Sources>) -> ExitCode {
-    start_log();
+    start_log_with(attempts::layer());
     exit_code(load_and_run(args, sources))
 }
 

@@ -10,6 +10,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, anyhow, ensure};
+use farfield_node::process::{Managed, NodeError, say, stop_when_told};
 use farfield_proto::handout::{FileKind, FileList, SharedFile};
 use farfield_proto::transport::{EdgeTransport, Exposure, Identity};
 use farfield_proto::venue::{self, Venue};
@@ -18,7 +19,6 @@ use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
 use super::config::EdgeArgs;
-use super::process::{Managed, NodeError, say, stop_when_told};
 use super::run::remind;
 use super::{attempts, link};
 use ask::Fusion;

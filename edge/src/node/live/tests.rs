@@ -5,6 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use farfield_node::clock::VenueClock;
+use farfield_node::process::{Ending, NodeError};
 use farfield_proto::bounding_box::{BoundingBox, BoxRate};
 use farfield_proto::id::{CameraIndex, PersonId, SessionId, ViewpointIndex};
 use farfield_proto::live::{EdgeLink, LiveBoxes, LiveStatus};
@@ -22,7 +23,6 @@ use zenoh::pubsub::{Publisher, Subscriber};
 use zenoh::sample::Sample;
 
 use crate::node::config::{Config, EdgeArgs};
-use crate::node::process::{Ending, NodeError};
 use crate::node::run::run;
 use crate::source::RecordedSources;
 

@@ -9,11 +9,11 @@ use std::time::{Duration, Instant};
 
 use anyhow::Context as _;
 use farfield_node::clock;
+use farfield_node::process::say;
 use farfield_proto::fill::{FillRequest, Filled};
 use tokio::sync::oneshot;
 use tracing::{debug, warn};
 
-use super::super::process::say;
 use super::store::{Ring, Stored};
 use crate::ring::record::Label;
 
