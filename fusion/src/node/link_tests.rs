@@ -184,12 +184,3 @@ fn a_node_speaks_under_its_own_name_only() {
     };
     assert!(ear.may_say("link-test/status/a", &elsewhere));
 }
-
-#[test]
-fn zenohs_words_are_shown_without_places_in_its_source() {
-    let said = "Can not create a new TCP listener at [::]:1: [tcp: Address in use (os error 98) at /r/src/a-1/unicast.rs:367.] at /r/src/b-2/tcp.rs:12. - Caused by x";
-    assert_eq!(
-        super::without_places(said),
-        "Can not create a new TCP listener at [::]:1: [tcp: Address in use (os error 98)] - Caused by x"
-    );
-}

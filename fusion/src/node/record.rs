@@ -11,6 +11,7 @@ use anyhow::{Context as _, anyhow};
 use farfield_node::clock::VenueClock;
 use farfield_node::log::start_log_with;
 use farfield_node::process::{Ending, Managed, NodeError, exit_code, say, stop_when_told};
+use farfield_node::session::{self, zenoh_error};
 use farfield_proto::endpoint::is_endpoint;
 use farfield_proto::id::SessionId;
 use farfield_proto::key::Keys;
@@ -21,13 +22,12 @@ use farfield_proto::venue::{Venue, VenueHash, identity};
 use farfield_proto::wire;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
-use zenoh::handlers::FifoChannel;
+use zenoh::Session;
 use zenoh::sample::{Sample, SampleKind};
-use zenoh::{Session, Wait as _};
 
 use super::config::{check_names, load_card};
 use super::doorman;
-use super::link::{NODE, zenoh_error};
+use super::link::NODE;
 use super::recording::{Place, RecordingThread, check_place, head};
 
 /// Messages that wait between Zenoh and the recorder's own queue.
@@ -110,7 +110,7 @@ async fn record(args: RecordArgs, venue: &Venue) -> Result<Ending, NodeError> {
         "waiting for fusion at {}",
         endpoints.join(", ")
     ));
-    let Some(session) = stop.run_until_cancelled(open(&transport)).await else {
+    let Some(session) = stop.run_until_cancelled(session::connect(&transport)).await else {
         return Ok(Ending::Interrupted);
     };
     let session = session.map_err(NodeError::Failed)?;
@@ -120,29 +120,12 @@ async fn record(args: RecordArgs, venue: &Venue) -> Result<Ending, NodeError> {
     tasks.close();
     let summary = recording.finish().await.map_err(NodeError::Failed)?;
     say(format_args!("recorded in {}", summary.file.display()));
-    if let Err(error) = session.close().await {
-        tracing::warn!(%error, "the session did not close well");
-    }
+    session::close(&session).await;
     outcome?;
     match summary.failure {
         Some(failure) => Err(NodeError::Failed(anyhow!(failure))),
         None => Ok(Ending::Done),
     }
-}
-
-/// Connects, waiting for fusion as long as it takes.
-async fn open(transport: &EdgeTransport<'_>) -> anyhow::Result<Session> {
-    let mut config = zenoh::Config::default();
-    for (key, value) in transport.settings() {
-        config
-            .insert_json5(&key, &value)
-            .map_err(zenoh_error)
-            .with_context(|| format!("setting {key} to {value}"))?;
-    }
-    // Opening blocks its thread until fusion is there; only so can the wait be called off.
-    let session = tokio::task::spawn_blocking(|| zenoh::open(config).wait()).await;
-    let session = session.context("opening the session")?.map_err(zenoh_error);
-    session.with_context(|| format!("connecting to {}", transport.connect.join(", ")))
 }
 
 fn begin(args: &RecordArgs, venue: &Venue) -> Result<RecordingThread, NodeError> {
@@ -164,18 +147,10 @@ async fn listen(
 ) -> Result<(), NodeError> {
     let keys = Keys::new(&venue.name);
     let failed = |error: zenoh::Error| NodeError::Failed(zenoh_error(error));
-    let messages = session
-        .declare_subscriber(keys.all())
-        .with(FifoChannel::new(QUEUE))
-        .await
-        .map_err(failed)?;
-    let nodes = session
-        .liveliness()
-        .declare_subscriber(keys.all_alive())
-        .history(true)
-        .with(FifoChannel::new(QUEUE))
-        .await
-        .map_err(failed)?;
+    let messages = session::subscriber(session, keys.all(), QUEUE).await;
+    let messages = messages.map_err(NodeError::Failed)?;
+    let nodes = session::liveliness(session, keys.all_alive(), QUEUE).await;
+    let nodes = nodes.map_err(NodeError::Failed)?;
     let (clock, queue) = (VenueClock::start(), recording.queue());
     let fusion = keys.status(NODE);
     let mut agreement = Agreement::default();
