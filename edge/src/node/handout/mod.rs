@@ -11,6 +11,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, anyhow, ensure};
 use farfield_node::process::{Managed, NodeError, say, stop_when_told};
+use farfield_node::session;
 use farfield_proto::handout::{FileKind, FileList, SharedFile};
 use farfield_proto::transport::{EdgeTransport, Exposure, Identity};
 use farfield_proto::venue::{self, Venue};
@@ -18,9 +19,9 @@ use farfield_proto::wire;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
+use super::attempts;
 use super::config::EdgeArgs;
 use super::run::remind;
-use super::{attempts, link};
 use ask::Fusion;
 use names::Names;
 use place::Part;
@@ -128,7 +129,7 @@ async fn fetch_by(args: &EdgeArgs, way: &Way) -> Result<(), NodeError> {
         (!args.managed).then_some(line)
     };
     let session = tokio::select! {
-        session = link::connect(&transport) => session.map_err(NodeError::Failed)?,
+        session = session::connect(&transport) => session.map_err(NodeError::Failed)?,
         never = remind(|| waiting(attempts::last_failure().map(str::to_owned))) => match never {},
     };
     let fusion = Fusion::new(session, &way.venue);
