@@ -5,12 +5,13 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::anyhow;
+use farfield_node::files::{load_identity, load_venue};
 use farfield_node::process::{Managed, NodeError};
 use farfield_proto::endpoint::is_endpoint;
 use farfield_proto::id::ViewpointIndex;
 use farfield_proto::tick::{Tick, parse_range};
 use farfield_proto::transport::{EdgeTransport, Exposure, Identity};
-use farfield_proto::venue::{Venue, VenueCamera, Viewpoint, identity};
+use farfield_proto::venue::{Venue, VenueCamera, Viewpoint};
 
 use crate::source::Sources;
 
@@ -83,7 +84,7 @@ pub(super) struct Config {
 impl Config {
     /// Reads the venue and its calibration.
     pub(super) fn load(args: EdgeArgs, sources: Arc<dyn Sources>) -> Result<Self, NodeError> {
-        let venue = Venue::load(&args.venue).map_err(NodeError::refused)?;
+        let venue = load_venue(&args.venue).map_err(NodeError::refused)?;
         let viewpoint = venue.viewpoint_named(&args.viewpoint).ok_or_else(|| {
             let known: Vec<&str> = venue.viewpoints.iter().map(|v| v.name.as_str()).collect();
             NodeError::refused(anyhow!(
@@ -101,7 +102,7 @@ impl Config {
         let keys = args.certificates.as_ref();
         let identity = keys
             .or(venue.security.certificates.as_ref())
-            .map(|keys| identity(keys, &args.viewpoint))
+            .map(|keys| load_identity(keys, &args.viewpoint))
             .transpose()
             .map_err(NodeError::refused)?;
         let exposure = Exposure {

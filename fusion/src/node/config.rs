@@ -5,12 +5,13 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use anyhow::{Context as _, anyhow};
+use farfield_node::files::{load_identity, load_venue};
 use farfield_node::process::{Managed, NodeError};
 use farfield_proto::endpoint::is_endpoint;
 use farfield_proto::model_card::HeatmapCard;
 use farfield_proto::tick::{Tick, parse_range};
 use farfield_proto::transport::{Exposure, Identity};
-use farfield_proto::venue::{Venue, identity};
+use farfield_proto::venue::Venue;
 
 use super::given::{check_given_keypoints, check_given_ticks};
 use super::handout::Handout;
@@ -103,7 +104,7 @@ impl Config {
 
     /// Reads the venue, its calibration and its network's card.
     pub(super) fn load(args: FusionArgs) -> Result<Self, NodeError> {
-        let venue = Venue::load(&args.venue).map_err(NodeError::refused)?;
+        let venue = load_venue(&args.venue).map_err(NodeError::refused)?;
         check_names(&venue).map_err(NodeError::refused)?;
         let card = load_card(&venue).map_err(NodeError::refused)?;
         check_given_keypoints(&venue, &args.venue, card.as_ref()).map_err(NodeError::refused)?;
@@ -121,7 +122,7 @@ impl Config {
         let keys = args.certificates.as_ref();
         let identity = keys
             .or(venue.security.certificates.as_ref())
-            .map(|keys| identity(keys, NODE))
+            .map(|keys| load_identity(keys, NODE))
             .transpose()
             .map_err(NodeError::refused)?;
         let exposure = Exposure {

@@ -9,6 +9,7 @@ use std::time::Duration;
 
 use anyhow::{Context as _, anyhow};
 use farfield_node::clock::VenueClock;
+use farfield_node::files::{load_identity, load_venue};
 use farfield_node::log::start_log_with;
 use farfield_node::process::{Ending, Managed, NodeError, exit_code, say, stop_when_told};
 use farfield_node::session::{self, zenoh_error};
@@ -18,7 +19,7 @@ use farfield_proto::key::Keys;
 use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::message::Status;
 use farfield_proto::transport::{EdgeTransport, Exposure, RECORDER};
-use farfield_proto::venue::{Venue, VenueHash, identity};
+use farfield_proto::venue::{Venue, VenueHash};
 use farfield_proto::wire;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
@@ -64,7 +65,7 @@ pub fn main(args: RecordArgs) -> ExitCode {
 }
 
 fn load_and_record(args: RecordArgs) -> Result<Ending, NodeError> {
-    let venue = Venue::load(&args.venue).map_err(NodeError::refused)?;
+    let venue = load_venue(&args.venue).map_err(NodeError::refused)?;
     check_names(&venue).map_err(NodeError::Refused)?;
     check_place(&args.out).map_err(NodeError::Refused)?;
     if let Some(wrong) = args.connect.iter().find(|text| !is_endpoint(text)) {
@@ -92,7 +93,7 @@ async fn record(args: RecordArgs, venue: &Venue) -> Result<Ending, NodeError> {
     let keys = args.certificates.as_ref();
     let identity = keys
         .or(venue.security.certificates.as_ref())
-        .map(|keys| identity(keys, RECORDER))
+        .map(|keys| load_identity(keys, RECORDER))
         .transpose()
         .map_err(NodeError::refused)?;
     let exposure = Exposure {

@@ -10,11 +10,11 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, anyhow, ensure};
+use farfield_node::files::{load_identity, load_venue};
 use farfield_node::process::{Managed, NodeError, say, stop_when_told};
 use farfield_node::session;
 use farfield_proto::handout::{FileKind, FileList, SharedFile};
 use farfield_proto::transport::{EdgeTransport, Exposure, Identity};
-use farfield_proto::venue::{self, Venue};
 use farfield_proto::wire;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
@@ -69,7 +69,7 @@ pub(super) fn fetch(args: &EdgeArgs) -> Result<bool, NodeError> {
 
 fn way(args: &EdgeArgs) -> Result<Way, NodeError> {
     // A venue file that cannot be read is as good as none: fusion's takes its place.
-    let known = Venue::load(&args.venue).ok();
+    let known = load_venue(&args.venue).ok();
     let named = known.as_ref().map(|venue| venue.name.clone());
     let venue = args.venue_name.clone().or(named).ok_or_else(|| {
         NodeError::Refused(anyhow!(
@@ -87,7 +87,7 @@ fn way(args: &EdgeArgs) -> Result<Way, NodeError> {
                 .and_then(|venue| venue.security.certificates.clone())
         })
         .or_else(|| beside.is_dir().then_some(beside));
-    let identity = keys.map(|keys| venue::identity(&keys, &args.viewpoint));
+    let identity = keys.map(|keys| load_identity(&keys, &args.viewpoint));
     let identity = identity.transpose().map_err(NodeError::refused)?;
     let exposure = Exposure {
         has_keys: identity.is_some(),

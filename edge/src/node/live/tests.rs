@@ -5,6 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use farfield_node::clock::VenueClock;
+use farfield_node::files::load_venue;
 use farfield_node::process::{Ending, NodeError};
 use farfield_proto::bounding_box::{BoundingBox, BoxRate};
 use farfield_proto::id::{CameraIndex, PersonId, SessionId, ViewpointIndex};
@@ -96,7 +97,7 @@ impl Script {
             _session: session,
             clock,
             endpoint,
-            venue: Venue::load(venue).unwrap(),
+            venue: load_venue(venue).unwrap(),
             life: SessionId(life),
             sequence: 0,
         }
