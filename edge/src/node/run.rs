@@ -108,7 +108,7 @@ async fn open(config: &Arc<Config>) -> Result<(Built, Link), NodeError> {
     let transport = config.transport();
     let link = Link::open(&transport, &config.name);
     let waiting = || {
-        let endpoints = config.connect.join(", ");
+        let endpoints = config.reach.endpoints.join(", ");
         let why = attempts::last_failure().map_or(String::new(), |why| format!(" ({why})"));
         let line = format!("{}: waiting for fusion at {endpoints}{why}", config.name);
         (config.managed == Managed::No).then_some(line)

@@ -4,13 +4,12 @@ use std::ops::Range;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use anyhow::{Context as _, anyhow};
-use farfield_node::files::{load_identity, load_venue};
+use anyhow::Context as _;
+use farfield_node::endpoints::{Asked, Reach, Side};
+use farfield_node::files::load_venue;
 use farfield_node::process::{Managed, NodeError};
-use farfield_proto::endpoint::is_endpoint;
 use farfield_proto::model_card::HeatmapCard;
 use farfield_proto::tick::{Tick, parse_range};
-use farfield_proto::transport::{Exposure, Identity};
 use farfield_proto::venue::Venue;
 
 use super::given::{check_given_keypoints, check_given_ticks};
@@ -67,10 +66,9 @@ pub(super) struct Config {
     pub(super) venue_path: PathBuf,
     /// The network's card, when the venue has one.
     pub(super) card: Option<HeatmapCard>,
-    pub(super) listen: Vec<String>,
+    /// Where to listen, and by what fusion proves who it is.
+    pub(super) reach: Reach,
     pub(super) mode: Mode,
-    /// By what fusion proves who it is; `None` without TLS.
-    pub(super) identity: Option<Identity>,
     /// The files that edges may ask for.
     pub(super) handout: Arc<Handout>,
     pub(super) ticks: Option<Range<Tick>>,
@@ -90,8 +88,10 @@ impl Config {
             venue,
             venue_path: PathBuf::from("venue.toml"),
             card: None,
-            listen: Vec::new(),
-            identity: None,
+            reach: Reach {
+                endpoints: Vec::new(),
+                identity: None,
+            },
             handout: Arc::default(),
             mode: Mode::LockStep,
             ticks: None,
@@ -111,27 +111,18 @@ impl Config {
         if let Some(ticks) = &args.ticks {
             check_given_ticks(&venue, &args.venue, ticks).map_err(NodeError::refused)?;
         }
-        if let Some(wrong) = args.listen.iter().find(|text| !is_endpoint(text)) {
-            return Err(NodeError::refused(anyhow!(
-                "`--listen`: found `{wrong}`, expected for example quic/0.0.0.0:7447"
-            )));
-        }
         if let Some(record) = &args.record {
             check_place(record).map_err(NodeError::Refused)?;
         }
-        let keys = args.certificates.as_ref();
-        let identity = keys
-            .or(venue.security.certificates.as_ref())
-            .map(|keys| load_identity(keys, NODE))
-            .transpose()
-            .map_err(NodeError::refused)?;
-        let exposure = Exposure {
-            has_keys: identity.is_some(),
-            allow_plaintext: args.allow_plaintext || venue.security.allow_plaintext,
+        let asked = Asked {
+            side: Side::Listen,
+            node: NODE,
+            endpoints: &args.listen,
+            certificates: args.certificates.as_deref(),
+            allow_plaintext: args.allow_plaintext,
         };
-        let listen = exposure.choose(args.listen, &venue.endpoints.listen);
-        let listen = listen.map_err(NodeError::refused)?;
-        let handout = Handout::load(&args.venue, &venue, identity.as_ref());
+        let reach = asked.in_venue(&venue)?;
+        let handout = Handout::load(&args.venue, &venue, reach.identity.as_ref());
         let handout = Arc::new(handout.map_err(NodeError::Refused)?);
         let managed = if args.managed {
             Managed::Yes
@@ -142,13 +133,12 @@ impl Config {
             venue,
             venue_path: args.venue,
             card,
-            listen,
+            reach,
             mode: if args.live {
                 Mode::Live
             } else {
                 Mode::LockStep
             },
-            identity,
             handout,
             ticks: args.ticks,
             out: args.out,
@@ -167,8 +157,8 @@ impl Config {
     /// Where edges find fusion.
     pub(super) fn door(&self) -> Door<'_> {
         Door {
-            listen: &self.listen,
-            identity: self.identity.as_ref(),
+            listen: &self.reach.endpoints,
+            identity: self.reach.identity.as_ref(),
         }
     }
 }

@@ -9,16 +9,16 @@ use std::time::Duration;
 
 use anyhow::{Context as _, anyhow};
 use farfield_node::clock::VenueClock;
-use farfield_node::files::{load_identity, load_venue};
+use farfield_node::endpoints::{Asked, Reach, Side};
+use farfield_node::files::load_venue;
 use farfield_node::log::start_log_with;
 use farfield_node::process::{Ending, Managed, NodeError, exit_code, say, stop_when_told};
 use farfield_node::session::{self, zenoh_error};
-use farfield_proto::endpoint::is_endpoint;
 use farfield_proto::id::SessionId;
 use farfield_proto::key::Keys;
 use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::message::Status;
-use farfield_proto::transport::{EdgeTransport, Exposure, RECORDER};
+use farfield_proto::transport::{EdgeTransport, RECORDER};
 use farfield_proto::venue::{Venue, VenueHash};
 use farfield_proto::wire;
 use tokio_util::sync::CancellationToken;
@@ -68,11 +68,14 @@ fn load_and_record(args: RecordArgs) -> Result<Ending, NodeError> {
     let venue = load_venue(&args.venue).map_err(NodeError::refused)?;
     check_names(&venue).map_err(NodeError::Refused)?;
     check_place(&args.out).map_err(NodeError::Refused)?;
-    if let Some(wrong) = args.connect.iter().find(|text| !is_endpoint(text)) {
-        return Err(NodeError::Refused(anyhow!(
-            "`--connect`: found `{wrong}`, expected for example quic/10.0.0.1:7447"
-        )));
-    }
+    let asked = Asked {
+        side: Side::Connect,
+        node: RECORDER,
+        endpoints: &args.connect,
+        certificates: args.certificates.as_deref(),
+        allow_plaintext: args.allow_plaintext,
+    };
+    let reach = asked.in_venue(&venue)?;
     let runtime = tokio::runtime::Builder::new_multi_thread()
         .worker_threads(2)
         .enable_all()
@@ -80,36 +83,24 @@ fn load_and_record(args: RecordArgs) -> Result<Ending, NodeError> {
     let runtime = runtime
         .context("starting the runtime")
         .map_err(NodeError::Failed)?;
-    let ending = runtime.block_on(record(args, &venue));
+    let ending = runtime.block_on(record(args, &venue, &reach));
     runtime.shutdown_timeout(Duration::from_millis(200));
     ending
 }
 
-async fn record(args: RecordArgs, venue: &Venue) -> Result<Ending, NodeError> {
+async fn record(args: RecordArgs, venue: &Venue, reach: &Reach) -> Result<Ending, NodeError> {
     let (tasks, stop) = (TaskTracker::new(), CancellationToken::new());
     stop_when_told(&tasks, &stop, Managed::No)
         .context("listening for signals")
         .map_err(NodeError::Failed)?;
-    let keys = args.certificates.as_ref();
-    let identity = keys
-        .or(venue.security.certificates.as_ref())
-        .map(|keys| load_identity(keys, RECORDER))
-        .transpose()
-        .map_err(NodeError::refused)?;
-    let exposure = Exposure {
-        has_keys: identity.is_some(),
-        allow_plaintext: args.allow_plaintext || venue.security.allow_plaintext,
-    };
-    let endpoints = exposure.choose(args.connect.clone(), &venue.endpoints.connect);
-    let endpoints = endpoints.map_err(NodeError::refused)?;
     let transport = EdgeTransport {
         venue: &venue.name,
-        connect: &endpoints,
-        identity: identity.as_ref(),
+        connect: &reach.endpoints,
+        identity: reach.identity.as_ref(),
     };
     say(format_args!(
         "waiting for fusion at {}",
-        endpoints.join(", ")
+        reach.endpoints.join(", ")
     ));
     let Some(session) = stop.run_until_cancelled(session::connect(&transport)).await else {
         return Ok(Ending::Interrupted);

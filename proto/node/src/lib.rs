@@ -5,6 +5,7 @@
 //! workspace's nodes that reads the machine's clock.
 
 pub mod clock;
+pub mod endpoints;
 pub mod files;
 pub mod log;
 pub mod process;
