@@ -8,6 +8,7 @@ use std::time::Duration;
 use anyhow::Context as _;
 use farfield_node::log::start_log_with;
 use farfield_node::process::{Ending, Managed, NodeError, exit_code, say, stop_when_told};
+use farfield_node::runtime;
 use farfield_proto::message::Status;
 use tokio::time::{MissedTickBehavior, interval, timeout};
 use tokio_util::sync::CancellationToken;
@@ -46,17 +47,7 @@ fn load_and_run(args: EdgeArgs, sources: Arc<dyn Sources>) -> Result<Ending, Nod
         return Ok(Ending::Interrupted);
     }
     let config = Arc::new(Config::load(args, sources)?);
-    let runtime = tokio::runtime::Builder::new_multi_thread()
-        .worker_threads(2)
-        .enable_all()
-        .build();
-    let runtime = runtime
-        .context("starting the runtime")
-        .map_err(NodeError::Failed)?;
-    let ending = runtime.block_on(run(&config));
-    // Neither a camera that gives no frame nor a fusion that is not there must hold up the end.
-    runtime.shutdown_timeout(Duration::from_millis(200));
-    ending
+    runtime::block_on(2, run(&config))
 }
 
 pub(super) async fn run(config: &Arc<Config>) -> Result<Ending, NodeError> {

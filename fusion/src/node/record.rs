@@ -13,6 +13,7 @@ use farfield_node::endpoints::{Asked, Reach, Side};
 use farfield_node::files::load_venue;
 use farfield_node::log::start_log_with;
 use farfield_node::process::{Ending, Managed, NodeError, exit_code, say, stop_when_told};
+use farfield_node::runtime;
 use farfield_node::session::{self, zenoh_error};
 use farfield_proto::id::SessionId;
 use farfield_proto::key::Keys;
@@ -76,16 +77,7 @@ fn load_and_record(args: RecordArgs) -> Result<Ending, NodeError> {
         allow_plaintext: args.allow_plaintext,
     };
     let reach = asked.in_venue(&venue)?;
-    let runtime = tokio::runtime::Builder::new_multi_thread()
-        .worker_threads(2)
-        .enable_all()
-        .build();
-    let runtime = runtime
-        .context("starting the runtime")
-        .map_err(NodeError::Failed)?;
-    let ending = runtime.block_on(record(args, &venue, &reach));
-    runtime.shutdown_timeout(Duration::from_millis(200));
-    ending
+    runtime::block_on(2, record(args, &venue, &reach))
 }
 
 async fn record(args: RecordArgs, venue: &Venue, reach: &Reach) -> Result<Ending, NodeError> {

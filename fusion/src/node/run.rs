@@ -9,6 +9,7 @@ use anyhow::Context as _;
 use farfield_node::clock;
 use farfield_node::log::start_log_with;
 use farfield_node::process::{Ending, Managed, NodeError, exit_code, stop_when_told};
+use farfield_node::runtime;
 use farfield_proto::id::SessionId;
 use farfield_proto::message::Status;
 use farfield_proto::wire;
@@ -50,16 +51,7 @@ fn load_and_run(args: FusionArgs) -> Result<Ending, NodeError> {
     let config = Config::load(args)?;
     let session = new_session();
     let pipeline = Pipeline::new(&config.venue, config.card.as_ref(), session);
-    let runtime = tokio::runtime::Builder::new_multi_thread()
-        .worker_threads(2)
-        .enable_all()
-        .build();
-    let runtime = runtime
-        .context("starting the runtime")
-        .map_err(NodeError::Failed)?;
-    let ending = runtime.block_on(run(&config, session, pipeline));
-    // A publisher that a congested network holds must not hold up the end.
-    runtime.shutdown_timeout(Duration::from_millis(200));
+    let ending = runtime::block_on(2, run(&config, session, pipeline));
     doorman::sum_up();
     ending
 }

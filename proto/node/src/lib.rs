@@ -9,4 +9,5 @@ pub mod endpoints;
 pub mod files;
 pub mod log;
 pub mod process;
+pub mod runtime;
 pub mod session;

@@ -12,6 +12,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context as _, anyhow, ensure};
 use farfield_node::files::{load_identity, load_venue};
 use farfield_node::process::{Managed, NodeError, say, stop_when_told};
+use farfield_node::runtime;
 use farfield_node::session;
 use farfield_proto::handout::{FileKind, FileList, SharedFile};
 use farfield_proto::transport::{EdgeTransport, Exposure, Identity};
@@ -43,13 +44,7 @@ struct Way {
 /// would lie outside the venue's folder, or cannot be written.
 pub(super) fn fetch(args: &EdgeArgs) -> Result<bool, NodeError> {
     let way = way(args)?;
-    let runtime = tokio::runtime::Builder::new_multi_thread()
-        .worker_threads(1)
-        .enable_all()
-        .build()
-        .context("starting the runtime")
-        .map_err(NodeError::Failed)?;
-    let done = runtime.block_on(async {
+    runtime::block_on(1, async {
         let (tasks, stop) = (TaskTracker::new(), CancellationToken::new());
         let managed = if args.managed {
             Managed::Yes
@@ -62,9 +57,7 @@ pub(super) fn fetch(args: &EdgeArgs) -> Result<bool, NodeError> {
         let fetched = stop.run_until_cancelled(fetch_by(args, &way)).await;
         stop.cancel();
         fetched.transpose().map(|fetched| fetched.is_some())
-    });
-    runtime.shutdown_timeout(std::time::Duration::from_millis(200));
-    done
+    })
 }
 
 fn way(args: &EdgeArgs) -> Result<Way, NodeError> {
