@@ -19,6 +19,7 @@ use farfield_proto::id::SessionId;
 use farfield_proto::key::Keys;
 use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::message::Status;
+use farfield_proto::same_files::{OtherFile, OwnFiles};
 use farfield_proto::transport::{EdgeTransport, RECORDER};
 use farfield_proto::venue::{Venue, VenueHash};
 use farfield_proto::wire;
@@ -222,13 +223,8 @@ impl Agreement {
 
 /// Which of fusion's files is not the one of `ours`.
 fn difference(ours: &VenueHash, fusion: &Status) -> Option<String> {
-    [
-        ("venue file", &ours.venue, &fusion.venue_hash),
-        ("calibration", &ours.calibration, &fusion.calibration_hash),
-    ]
-    .into_iter()
-    .find(|(_, ours, theirs)| ours != theirs)
-    .map(|(what, ours, theirs)| {
+    let other = OwnFiles::from(ours).other_file(fusion);
+    other.map(|OtherFile { what, theirs, ours }| {
         format!(
             "fusion holds another {what}: its fingerprint there is {theirs}, here {ours}; copy the same file to both"
         )
