@@ -8,8 +8,8 @@
 use std::collections::BTreeMap;
 use std::ops::RangeInclusive;
 
+use farfield_fusion::estimate::triangulate::Observation;
 use farfield_fusion::score::points::{Body, PointSet};
-use farfield_fusion::triangulate::Observation;
 use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::tick::Tick;
 use nalgebra::{Matrix3x4, Vector3};

@@ -3,10 +3,10 @@
 
 use std::collections::BTreeMap;
 
+use farfield_fusion::body::skeleton::Joint;
 use farfield_fusion::score::lines::Recording;
 use farfield_fusion::score::matches_at;
 use farfield_fusion::score::points::PointSet;
-use farfield_fusion::skeleton::Joint;
 use farfield_proto::frames::Point;
 use farfield_proto::tick::Tick;
 

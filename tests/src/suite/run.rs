@@ -5,8 +5,8 @@ use std::sync::Arc;
 
 use farfield_edge::pipeline::{EdgeOutput, StandIn};
 use farfield_edge::source::FrameSource;
-use farfield_fusion::person::track::Track;
-use farfield_fusion::predict::Joints;
+use farfield_fusion::estimate::predict::Joints;
+use farfield_fusion::identity::track::Track;
 use farfield_fusion::score::lines::Recording;
 use farfield_fusion::score::lives::Lives;
 use farfield_fusion::score::points::PointSet;
