@@ -13,7 +13,7 @@ use farfield_proto::venue::parameters::BoxParameters;
 use nalgebra::{Matrix3x4, Rotation2, Vector2, Vector3};
 
 use crate::body::skeleton::Joint;
-use crate::estimate::predict::Joints;
+use crate::body::skeleton::Joints;
 
 /// Depth below which a joint has no useful projection, metres: nearer, a hand fills the image.
 const NEAR_M: f64 = 0.3;

@@ -3,12 +3,10 @@
 use farfield_proto::camera::CameraModel;
 use farfield_proto::id::ViewpointIndex;
 use farfield_proto::keypoints::KeypointSet;
-use farfield_proto::tick::Tick;
 use farfield_proto::venue::Parameters;
 
 use crate::body::skeleton::{RangeOfMotion, Site};
 use crate::boxes::BoxShape;
-use crate::estimate::lattice::KeypointEstimate;
 
 /// What all tracks of a venue share.
 #[derive(Debug, Clone)]
@@ -29,11 +27,11 @@ pub struct Method {
     pub box_shape: BoxShape,
 }
 
-/// The keypoint positions of one tick of a tentative person, kept until it is confirmed.
-#[derive(Debug, Clone)]
-pub(crate) struct TentativeTick {
-    pub(crate) tick: Tick,
-    pub(crate) estimates: Vec<KeypointEstimate>,
+impl Method {
+    /// From how many keypoints a person counts as seen.
+    pub fn enough_keypoints(&self) -> usize {
+        self.parameters.births.min_seen_keypoints as usize
+    }
 }
 
 /// A camera of the venue, as tracks need it; in the order of [`farfield_proto::id::CameraIndex`].

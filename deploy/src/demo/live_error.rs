@@ -1,7 +1,7 @@
 //! How far the poses of one tick are from the truth, at once and without a file.
 
 use farfield_fusion::body::skeleton::Joint;
-use farfield_fusion::estimate::predict::Joints;
+use farfield_fusion::body::skeleton::Joints;
 use farfield_fusion::node::Body;
 use farfield_fusion::score::GATE_M;
 use farfield_fusion::score::points::LIMB_POINTS;

@@ -82,9 +82,9 @@ mod tests {
 
     use super::super::observed::ObservedPoint;
     use super::*;
+    use crate::body::fixture::{Noise, coco_only, joints, postures};
     use crate::body::skeleton::dof::{Part, first_of};
     use crate::body::skeleton::{Joint, Kinematics, Proportions, Side, Site};
-    use crate::sightings::fixture::{Noise, coco_only, joints, postures};
 
     /// What the priors' pull leaves of exact keypoints, metres.
     const EXACT_M: f64 = 0.005;

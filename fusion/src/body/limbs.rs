@@ -220,8 +220,8 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
+    use crate::body::fixture::{Noise, coco_only, joints, postures};
     use crate::body::skeleton::Proportions;
-    use crate::sightings::fixture::{Noise, coco_only, joints, postures};
 
     /// What straight limbs may leave: a twist that does not move any keypoint.
     const TOLERANCE_M: f64 = 1e-9;

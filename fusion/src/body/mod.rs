@@ -9,8 +9,11 @@
 //! on their hands.
 
 pub mod fit;
+#[cfg(test)]
+pub(crate) mod fixture;
 pub mod ik;
 pub(crate) mod initial_pose;
+pub mod keypoint_estimate;
 mod limbs;
 pub mod observed;
 pub(crate) mod proportions;

@@ -2,9 +2,8 @@
 
 use nalgebra::Vector3;
 
+use crate::body::keypoint_estimate::KeypointEstimate;
 use crate::body::skeleton::{Joint, N_JOINTS, Site};
-use crate::estimate::lattice::KeypointEstimate;
-use crate::sightings::finder::SightedPerson;
 
 /// A point that stands for a joint.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -39,20 +38,6 @@ impl ObservedJoints {
         for (name, position) in points {
             if let Some(joint) = Joint::from_name(name) {
                 observed.set(joint, Vector3::from(position), 1.0);
-            }
-        }
-        observed
-    }
-
-    /// The keypoints of a person that several viewpoints saw, weighted by their scores. `sites` are
-    /// those of the network's keypoints; of two keypoints on one joint the first stands for it.
-    pub fn from_sighted(person: &SightedPerson, sites: &[Option<Site>]) -> Self {
-        let mut observed = Self::default();
-        for (site, point) in sites.iter().zip(&person.keypoints_m) {
-            if let (Some(site), Some(point)) = (site, point)
-                && observed.point(site.joint).is_none()
-            {
-                observed.set_site(site, point.position_m, point.score);
             }
         }
         observed

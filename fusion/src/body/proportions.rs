@@ -142,8 +142,8 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
+    use crate::body::fixture::{Noise, coco_only, joints, postures};
     use crate::body::skeleton::Skeleton;
-    use crate::sightings::fixture::{Noise, coco_only, joints, postures};
 
     /// What noise-free keypoints leave of a length's error: the stature's pull on 15 ticks.
     const EXACT_SHARE: f64 = 0.01;

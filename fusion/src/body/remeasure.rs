@@ -5,10 +5,11 @@
 //! of all ticks since are sampled, and the lengths fitted to them again 2, 4, 8, ... seconds after the
 //! confirmation, until `births.measure_s`; from then on they stay.
 
+use farfield_proto::venue::parameters::IkParameters;
+
 use super::fit::fit;
 use super::observed::ObservedJoints;
 use crate::body::skeleton::Skeleton;
-use crate::method::Method;
 
 /// Most samples that are kept; when they are that many, every second goes and the step doubles.
 const MAX_SAMPLES: usize = 64;
@@ -26,6 +27,17 @@ pub(crate) struct Remeasure {
     next_s: f64,
 }
 
+/// What decides when lengths are measured anew, and how.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Pace<'a> {
+    /// Time from tick to tick, seconds.
+    pub(crate) dt_s: f64,
+    /// How long after the confirmation lengths are measured anew, seconds.
+    pub(crate) measure_s: f64,
+    /// Of the fit.
+    pub(crate) ik: &'a IkParameters,
+}
+
 impl Remeasure {
     pub(crate) fn new() -> Self {
         Self {
@@ -40,9 +52,9 @@ impl Remeasure {
     pub(crate) fn tick(
         &mut self,
         observe: impl FnOnce() -> ObservedJoints,
-        method: &Method,
+        pace: &Pace<'_>,
     ) -> Option<Skeleton> {
-        if self.next_s > method.parameters.births.measure_s {
+        if self.next_s > pace.measure_s {
             return None;
         }
         self.lived_ticks += 1;
@@ -52,12 +64,12 @@ impl Remeasure {
                 self.keep(observed);
             }
         }
-        if f64::from(self.lived_ticks) * method.dt_s < self.next_s {
+        if f64::from(self.lived_ticks) * pace.dt_s < self.next_s {
             return None;
         }
         self.next_s *= 2.0;
         // The pose that comes with the fit is not used: the track has a better one.
-        fit(&self.samples, &method.parameters.ik, None)
+        fit(&self.samples, pace.ik, None)
             .ok()
             .map(|body| body.skeleton)
     }

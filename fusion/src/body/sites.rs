@@ -14,9 +14,8 @@
 use nalgebra::Vector3;
 
 use super::observed::ObservedJoints;
+use crate::body::keypoint_estimate::KeypointEstimate;
 use crate::body::skeleton::{Joint, Kinematics, Site};
-use crate::estimate::lattice::KeypointEstimate;
-use crate::method::Method;
 
 /// The joints whose keypoints are learned: those that lie deep in the body.
 const DEEP: [Joint; 4] = [
@@ -34,14 +33,16 @@ const FORGET_S: f64 = 10.0;
 /// What a single tick may count, metres.
 const LARGEST_M: f64 = 0.06;
 
-/// Moves the sites of deep joints towards where the keypoints were seen.
+/// Moves the sites of deep joints towards where the keypoints were seen, `dt_s` after the last tick. `of_card`
+/// are the sites that the network's card gives.
 pub(crate) fn learn(
     sites: &mut [Option<Site>],
+    of_card: &[Option<Site>],
     estimates: &[KeypointEstimate],
     kinematics: &Kinematics,
-    method: &Method,
+    dt_s: f64,
 ) {
-    for ((site, card), estimate) in sites.iter_mut().zip(&method.sites).zip(estimates) {
+    for ((site, card), estimate) in sites.iter_mut().zip(of_card).zip(estimates) {
         let (Some(site), Some(card)) = (site, card) else {
             continue;
         };
@@ -52,7 +53,7 @@ pub(crate) fn learn(
         let r = kinematics.rotation(site.joint.link()).transpose() * off_m;
         let r = r * (LARGEST_M / r.norm().max(LARGEST_M));
         let learned = site.offset_m - card.offset_m;
-        let learned = learned + r * (method.dt_s / FOLLOW_S) - learned * (method.dt_s / FORGET_S);
+        let learned = learned + r * (dt_s / FOLLOW_S) - learned * (dt_s / FORGET_S);
         site.offset_m = card.offset_m + learned * (FARTHEST_M / learned.norm().max(FARTHEST_M));
     }
 }

@@ -9,8 +9,8 @@
 
 use nalgebra::Vector3;
 
+use crate::body::skeleton::Joints;
 use crate::body::skeleton::{Joint, Side};
-use crate::estimate::predict::Joints;
 
 /// Ankle height above the floor (z = 0) up to which a foot may stand, metres.
 const LOW_M: f64 = 0.16;

@@ -1,8 +1,8 @@
 //! What the first inverse kinematics aims at: the keypoints of a tick.
 
 use crate::body::ik::Target;
+use crate::body::keypoint_estimate::KeypointEstimate;
 use crate::body::skeleton::Site;
-use crate::estimate::lattice::KeypointEstimate;
 use crate::method::Method;
 
 /// Fills `targets` with the keypoints that `estimates` found, at their `sites`: each weighed by what it is

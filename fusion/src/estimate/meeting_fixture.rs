@@ -14,10 +14,10 @@ use farfield_proto::venue::Parameters;
 use nalgebra::{UnitQuaternion, Vector2, Vector3};
 
 use crate::body::ik::relative_sigmas;
+use crate::body::keypoint_estimate::KeypointEstimate;
 use crate::body::skeleton::{Pose, Proportions, Skeleton, sites_of};
 use crate::boxes::BoxShape;
 use crate::estimate::evidence::{View, bilinear};
-use crate::estimate::lattice::KeypointEstimate;
 use crate::estimate::occlusion::Body;
 use crate::identity::phase::Life;
 use crate::identity::track::Track;

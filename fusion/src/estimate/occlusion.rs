@@ -11,7 +11,7 @@ use farfield_proto::venue::parameters::OcclusionParameters;
 use nalgebra::Vector3;
 
 use crate::body::skeleton::Joint;
-use crate::estimate::predict::Joints;
+use crate::body::skeleton::Joints;
 
 pub(crate) use self::touch::Touch;
 

@@ -8,10 +8,7 @@
 use farfield_proto::venue::parameters::{PredictionParameters, Predictor};
 use nalgebra::Vector3;
 
-use crate::body::skeleton::N_JOINTS;
-
-/// The 29 joints of one person, world, metres, in the order of [`crate::body::skeleton::Joint`].
-pub type Joints = [Vector3<f64>; N_JOINTS];
+use crate::body::skeleton::{Joints, N_JOINTS};
 
 /// What a prediction starts from: the last poses P' of eq. (14), one per tick, and the velocity of
 /// the filter.

@@ -18,9 +18,9 @@
 
 use nalgebra::Vector3;
 
+use crate::body::skeleton::Joints;
 use crate::body::skeleton::N_JOINTS;
 use crate::estimate::occlusion::{Body, Touch};
-use crate::estimate::predict::Joints;
 use crate::identity::track::Track;
 use crate::method::Method;
 

@@ -10,7 +10,8 @@ use crate::body::fit::fit;
 use crate::body::initial_pose::PoseFinder;
 use crate::body::observed::ObservedJoints;
 use crate::body::skeleton::Skeleton;
-use crate::method::{Method, TentativeTick};
+use crate::identity::tentative::TentativeTick;
+use crate::method::Method;
 
 impl Track {
     /// Settles the body and returns the poses of the tentative ticks, in order. Who was here before has

@@ -5,7 +5,8 @@ use nalgebra::Isometry3;
 use proptest::prelude::*;
 
 use super::*;
-use crate::sightings::fixture::{Noise, hall, standing};
+use crate::body::fixture::{Noise, standing};
+use crate::sightings::fixture::hall;
 use crate::sightings::rays::witnesses;
 
 const RATE_HZ: f64 = 10.0;

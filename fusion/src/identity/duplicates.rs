@@ -5,7 +5,7 @@ use farfield_proto::venue::parameters::BirthParameters;
 
 use super::track::Track;
 use crate::body::skeleton::Joint;
-use crate::estimate::predict::Joints;
+use crate::body::skeleton::Joints;
 
 /// Pairs of persons in one place, and for how many ticks in a row.
 #[derive(Debug, Clone, Default)]

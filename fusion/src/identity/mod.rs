@@ -16,5 +16,6 @@ pub mod phase;
 mod poster;
 mod recognise;
 pub mod registry;
+mod tentative;
 pub mod track;
 mod trial;

@@ -7,8 +7,7 @@ use nalgebra::Vector3;
 
 use super::track::Track;
 use crate::body::skeleton::reported_angles;
-use crate::estimate::uncertainty::{MadeOf, Moment};
-use crate::identity::phase::Evidence;
+use crate::estimate::uncertainty::Moment;
 use crate::method::Method;
 
 impl Track {
@@ -60,11 +59,7 @@ impl Track {
 
     /// Says how sure the new pose is, `dt_s` after the last one.
     pub(crate) fn doubt(&mut self, dt_s: f64, method: &Method) {
-        let made_of = match self.evidence(method) {
-            Evidence::Seen => MadeOf::Views,
-            Evidence::OneView => MadeOf::OneView,
-            Evidence::Missing => MadeOf::Motion,
-        };
+        let made_of = self.made_of(method);
         self.uncertainty.step(&Moment {
             estimates: &self.estimates,
             sites: &self.sites,

@@ -11,8 +11,7 @@
 use farfield_proto::message::PersonState;
 use farfield_proto::venue::parameters::BirthParameters;
 
-use crate::estimate::lattice::KeypointEstimate;
-use crate::method::Method;
+use crate::estimate::uncertainty::MadeOf;
 
 /// How long a confirmed person lacks evidence from two viewpoints until it is lost, and has it again until
 /// it is not, seconds: longer than eight ticks at 60 Hz, a round of turns on a thin link.
@@ -138,24 +137,24 @@ impl Life {
     /// Counts one tick with what it brought; `verdict` counts for who is tentative.
     pub fn tick(
         &mut self,
-        evidence: Evidence,
+        evidence: MadeOf,
         verdict: Verdict,
         rate_hz: f64,
         births: &BirthParameters,
     ) -> Change {
         let counted = |since: u32, seen: bool| if seen { 0 } else { since.saturating_add(1) };
-        self.streak = if evidence == Evidence::Seen {
+        self.streak = if evidence == MadeOf::Views {
             self.streak.saturating_add(1)
         } else {
             0
         };
-        self.missing = counted(self.missing, evidence == Evidence::Seen);
-        self.unseen = counted(self.unseen, evidence != Evidence::Missing);
+        self.missing = counted(self.missing, evidence == MadeOf::Views);
+        self.unseen = counted(self.unseen, evidence != MadeOf::Motion);
         let seconds = |ticks: u32| f64::from(ticks) / rate_hz;
         let (missing_s, unseen_s) = (seconds(self.missing), seconds(self.unseen));
         let leaves = match &mut self.state {
             State::Tentative { supported, awaited } => {
-                if evidence == Evidence::Seen {
+                if evidence == MadeOf::Views {
                     *supported += 1;
                     *awaited = 0;
                 }
@@ -205,42 +204,13 @@ impl Life {
     }
 }
 
-/// What a tick brought of a person.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Evidence {
-    /// Enough keypoints that two viewpoints agree on.
-    Seen,
-    /// Enough keypoints, but not from two viewpoints.
-    OneView,
-    /// Less.
-    Missing,
-}
-
-impl Evidence {
-    /// What `estimates` bring of a person.
-    pub(crate) fn of(estimates: &[KeypointEstimate], method: &Method) -> Self {
-        let enough = method.parameters.births.min_seen_keypoints as usize;
-        let seen_by = |views: u16| {
-            let seen = |e: &&KeypointEstimate| e.weight > 0.0 && e.views >= views;
-            estimates.iter().filter(seen).count() >= enough
-        };
-        if seen_by(2) {
-            Self::Seen
-        } else if seen_by(1) {
-            Self::OneView
-        } else {
-            Self::Missing
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     const RATE_HZ: f64 = 50.0;
 
-    fn live(life: &mut Life, evidence: Evidence, ticks: u32) -> Vec<Change> {
+    fn live(life: &mut Life, evidence: MadeOf, ticks: u32) -> Vec<Change> {
         let births = BirthParameters::default();
         (0..ticks)
             .map(|_| life.tick(evidence, Verdict::Somebody, RATE_HZ, &births))
@@ -251,72 +221,72 @@ mod tests {
     #[test]
     fn a_newborn_is_confirmed_after_enough_ticks_with_evidence() {
         let mut life = Life::newborn(0);
-        assert_eq!(live(&mut life, Evidence::Seen, 10), []);
+        assert_eq!(live(&mut life, MadeOf::Views, 10), []);
         assert_eq!(life.published(), PersonState::Tentative);
-        assert_eq!(live(&mut life, Evidence::Seen, 1), [Change::Confirmed]);
+        assert_eq!(live(&mut life, MadeOf::Views, 1), [Change::Confirmed]);
         assert_eq!(life.published(), PersonState::Tracked);
     }
 
     #[test]
     fn a_newborn_far_away_is_not_gone_before_its_crops_can_have_come() {
         let mut life = Life::newborn(15);
-        assert_eq!(live(&mut life, Evidence::Missing, 25), []);
-        live(&mut life, Evidence::Seen, 1);
-        assert_eq!(live(&mut life, Evidence::Missing, 10), []);
-        assert_eq!(live(&mut life, Evidence::Missing, 1), [Change::Gone]);
+        assert_eq!(live(&mut life, MadeOf::Motion, 25), []);
+        live(&mut life, MadeOf::Views, 1);
+        assert_eq!(live(&mut life, MadeOf::Motion, 10), []);
+        assert_eq!(live(&mut life, MadeOf::Motion, 1), [Change::Gone]);
         let mut life = Life::newborn(15);
-        assert_eq!(live(&mut life, Evidence::Missing, 26), [Change::Gone]);
+        assert_eq!(live(&mut life, MadeOf::Motion, 26), [Change::Gone]);
     }
 
     #[test]
     fn a_newborn_that_is_not_seen_again_is_gone_soon() {
         let mut life = Life::newborn(0);
-        assert_eq!(live(&mut life, Evidence::Missing, 10), []);
-        assert_eq!(live(&mut life, Evidence::Missing, 1), [Change::Gone]);
+        assert_eq!(live(&mut life, MadeOf::Motion, 10), []);
+        assert_eq!(live(&mut life, MadeOf::Motion, 1), [Change::Gone]);
     }
 
     #[test]
     fn a_confirmed_person_coasts_and_comes_back() {
         let mut life = Life::given();
-        assert_eq!(live(&mut life, Evidence::Missing, 50), []);
+        assert_eq!(live(&mut life, MadeOf::Motion, 50), []);
         assert_eq!(life.published(), PersonState::Coasting);
-        live(&mut life, Evidence::Seen, 1);
+        live(&mut life, MadeOf::Views, 1);
         assert_eq!(life.published(), PersonState::Tracked);
-        assert_eq!(live(&mut life, Evidence::Missing, 60), [Change::Gone]);
+        assert_eq!(live(&mut life, MadeOf::Motion, 60), [Change::Gone]);
     }
 
     #[test]
     fn one_view_carries_a_person_on_for_longer_but_not_for_good() {
         let mut life = Life::given();
-        assert_eq!(live(&mut life, Evidence::OneView, 250), []);
+        assert_eq!(live(&mut life, MadeOf::OneView, 250), []);
         assert_eq!(life.published(), PersonState::Coasting);
-        assert_eq!(live(&mut life, Evidence::OneView, 1), [Change::Gone]);
+        assert_eq!(live(&mut life, MadeOf::OneView, 1), [Change::Gone]);
     }
 
     #[test]
     fn an_open_verdict_holds_a_birth_back_and_a_picture_is_gone() {
         let births = BirthParameters::default();
         let mut life = Life::newborn(0);
-        let mut tick = |verdict| life.tick(Evidence::Seen, verdict, RATE_HZ, &births);
+        let mut tick = |verdict| life.tick(MadeOf::Views, verdict, RATE_HZ, &births);
         for _ in 0..100 {
             assert_eq!(tick(Verdict::Open), Change::None);
         }
         assert_eq!(tick(Verdict::Picture), Change::Gone);
         let mut life = Life::newborn(0);
-        let mut tick = |verdict| life.tick(Evidence::Seen, verdict, RATE_HZ, &births);
+        let mut tick = |verdict| life.tick(MadeOf::Views, verdict, RATE_HZ, &births);
         assert_eq!(tick(Verdict::Nobody), Change::Gone);
     }
 
     #[test]
     fn who_was_lost_is_doubtful_for_a_while() {
         let mut life = Life::given();
-        live(&mut life, Evidence::OneView, 7);
+        live(&mut life, MadeOf::OneView, 7);
         assert!(!life.is_lost());
-        live(&mut life, Evidence::OneView, 1);
+        live(&mut life, MadeOf::OneView, 1);
         assert!(life.is_lost() && life.is_doubtful());
-        live(&mut life, Evidence::Seen, 8);
+        live(&mut life, MadeOf::Views, 8);
         assert!(!life.is_lost() && life.is_doubtful());
-        live(&mut life, Evidence::Seen, 20);
+        live(&mut life, MadeOf::Views, 20);
         assert!(!life.is_doubtful());
     }
 }

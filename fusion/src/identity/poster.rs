@@ -10,7 +10,7 @@ use farfield_proto::tick::Tick;
 use farfield_proto::venue::parameters::BirthParameters;
 use nalgebra::{Matrix3, Vector3};
 
-use crate::method::TentativeTick;
+use crate::identity::tentative::TentativeTick;
 use crate::sightings::explanation::TrackedBody;
 use crate::sightings::rays::median;
 
@@ -132,10 +132,10 @@ impl Pictures {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::body::fixture::{Noise, coco, joints, standing};
     use crate::body::ik::relative_sigmas;
+    use crate::body::keypoint_estimate::KeypointEstimate;
     use crate::body::skeleton::{Pose, Proportions, Skeleton};
-    use crate::estimate::lattice::KeypointEstimate;
-    use crate::sightings::fixture::{Noise, coco, joints, standing};
     use farfield_proto::keypoints::KeypointSet;
     use nalgebra::UnitQuaternion;
 

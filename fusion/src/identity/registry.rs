@@ -13,7 +13,7 @@ use farfield_proto::venue::{Field, GivenPerson, Venue};
 use nalgebra::Vector3;
 
 use crate::align::TickGroup;
-use crate::estimate::predict::Joints;
+use crate::body::skeleton::Joints;
 
 use super::memory::{Departed, Memory};
 use super::track::Track;
@@ -21,7 +21,8 @@ use crate::identity::detection_scheduler::Lookout;
 use crate::identity::duplicates::{Ghosts, distance_m};
 use crate::identity::phase::{Change, Life, Verdict};
 use crate::identity::poster::Pictures;
-use crate::method::{Method, TentativeTick};
+use crate::identity::tentative::TentativeTick;
+use crate::method::Method;
 use crate::sightings::finder::{BirthFinder, TrackedBody};
 
 /// Two people whose pelvises are farther apart do not stand in each other's place, metres.
@@ -175,7 +176,7 @@ impl Crowd {
             }
             match track
                 .life
-                .tick(track.evidence(method), verdict, rate_hz, births)
+                .tick(track.made_of(method), verdict, rate_hz, births)
             {
                 Change::None => {
                     if !track.life.is_tentative() {

@@ -19,26 +19,29 @@ use nalgebra::Vector3;
 
 use crate::align::TickGroup;
 use crate::body::ik::{IkSolver, Priors, Target};
+use crate::body::keypoint_estimate::KeypointEstimate;
+use crate::body::skeleton::Joints;
 use crate::body::skeleton::{Joint, Kinematics, N_JOINTS, Pose, Site, Skeleton};
 use crate::boxes::Boxes;
 use crate::estimate::evidence::View;
 use crate::estimate::joint_filter::Smoother;
-use crate::estimate::lattice::{KeypointEstimate, LatticeSearch};
+use crate::estimate::lattice::LatticeSearch;
 use crate::estimate::occlusion::{Body, view_weight};
-use crate::estimate::predict::{Joints, Motion};
+use crate::estimate::predict::Motion;
 use crate::estimate::uncertainty::{Uncertainty, weigh_views};
 
 use self::identity::Apart;
 pub use self::moment::Moment;
 use super::memory::LastSeen;
 use super::trial::Trial;
-use crate::body::remeasure::Remeasure;
+use crate::body::remeasure::{Pace, Remeasure};
 use crate::body::sites::{learn, without_offsets};
 use crate::estimate::feet::Feet;
 use crate::estimate::keypoint_targets::aim_at_keypoints;
 use crate::estimate::left_right_swap::Exchanges;
 use crate::identity::phase::Life;
-use crate::method::{Method, TentativeTick, VenueView};
+use crate::identity::tentative::TentativeTick;
+use crate::method::{Method, VenueView};
 
 /// Root mean square distance of the second inverse kinematics' joints from the smoothed ones, metres,
 /// from which it is solved a second time from elsewhere.
@@ -335,7 +338,13 @@ impl Track {
         self.skeleton.forward(&solution.pose, &mut self.kinematics);
         self.measured_m = joints_of(&self.kinematics);
         if !self.life.is_tentative() {
-            learn(&mut self.sites, &self.estimates, &self.kinematics, method);
+            learn(
+                &mut self.sites,
+                &method.sites,
+                &self.estimates,
+                &self.kinematics,
+                method.dt_s,
+            );
         }
     }
 
@@ -396,8 +405,13 @@ impl Track {
     /// Measures the link lengths anew when it is time to; the pose stays, and the next tick fits it.
     pub(crate) fn remeasure(&mut self, method: &Method) {
         let (estimates, sites, kinematics) = (&self.estimates, &self.sites, &self.kinematics);
+        let pace = Pace {
+            dt_s: method.dt_s,
+            measure_s: method.parameters.births.measure_s,
+            ik: &method.parameters.ik,
+        };
         let joints = || without_offsets(estimates, sites, kinematics);
-        if let Some(skeleton) = self.remeasure.tick(joints, method) {
+        if let Some(skeleton) = self.remeasure.tick(joints, &pace) {
             self.skeleton = skeleton;
         }
     }

@@ -3,7 +3,8 @@
 
 use crate::identity::phase::Verdict;
 use crate::identity::poster::Stillness;
-use crate::method::{Method, TentativeTick};
+use crate::identity::tentative::TentativeTick;
+use crate::method::Method;
 
 /// Looks before contradictions can end a trial: detectors miss people now and then.
 const MIN_LOOKS: u32 = 3;

@@ -11,9 +11,9 @@ use nalgebra::Vector3;
 use super::association::{Gates, associate};
 use super::contradiction::Look;
 use super::plausibility::is_plausible;
+use crate::body::keypoint_estimate::KeypointEstimate;
 use crate::body::observed::ObservedJoints;
-use crate::body::skeleton::Joint;
-use crate::estimate::lattice::KeypointEstimate;
+use crate::body::skeleton::{Joint, Site};
 pub use crate::sightings::explanation::TrackedBody;
 use crate::sightings::explanation::{body_distance_m, explained};
 use crate::sightings::rays::{Witness, witnesses};
@@ -33,6 +33,20 @@ pub struct SightedPerson {
 }
 
 impl SightedPerson {
+    /// The sighted keypoints, weighted by their scores. `sites` are those of the network's keypoints; of two
+    /// keypoints on one joint the first stands for it.
+    pub fn observed(&self, sites: &[Option<Site>]) -> ObservedJoints {
+        let mut observed = ObservedJoints::default();
+        for (site, point) in sites.iter().zip(&self.keypoints_m) {
+            if let (Some(site), Some(point)) = (site, point)
+                && observed.point(site.joint).is_none()
+            {
+                observed.set_site(site, point.position_m, point.score);
+            }
+        }
+        observed
+    }
+
     /// The sighted keypoints as the lattice would have found them.
     pub(crate) fn estimates(&self) -> Vec<KeypointEstimate> {
         let unsupported = KeypointEstimate::unsupported(Vector3::repeat(f64::NAN), 0.0);

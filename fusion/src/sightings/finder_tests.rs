@@ -6,7 +6,8 @@ use nalgebra::{Point3, Rotation3};
 use proptest::prelude::*;
 
 use super::*;
-use crate::sightings::fixture::{Hall, Noise, hall, looking_at_the_middle, standing};
+use crate::body::fixture::{Noise, standing};
+use crate::sightings::fixture::{Hall, hall, looking_at_the_middle};
 
 /// Mean error of a keypoint that 2 to 4 cameras see with 5 px of noise at 5 to 9 m (27 to 45 mm
 /// per view and axis), metres.

@@ -8,9 +8,9 @@ use farfield_proto::message::PersonPose;
 use nalgebra::Vector3;
 
 use crate::body::ik::{IkSolver, Priors, Target};
+use crate::body::skeleton::Joints;
 use crate::body::skeleton::{Joint, Kinematics, N_JOINTS, Pose, Site, Skeleton, reported_angles};
 use crate::estimate::feet::Feet;
-use crate::estimate::predict::Joints;
 use crate::identity::track::{Moment, Track};
 use crate::method::Method;
 

@@ -2,7 +2,7 @@
 
 use std::f64::consts::{PI, TAU};
 
-use farfield_fusion::estimate::predict::Joints;
+use farfield_fusion::body::skeleton::Joints;
 use farfield_testbed::body::{Build, Color, Cone, Volume};
 use farfield_testbed::motion::{Clip, Posture};
 use nalgebra::{Rotation3, Unit, Vector3};

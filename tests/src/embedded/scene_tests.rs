@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use std::sync::LazyLock;
 
 use farfield_fusion::body::skeleton::Joint;
-use farfield_fusion::estimate::predict::Joints;
+use farfield_fusion::body::skeleton::Joints;
 use rayon::prelude::*;
 
 use super::*;

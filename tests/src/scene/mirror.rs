@@ -6,7 +6,7 @@
 //! out, and so is what a mirror makes of a poster.
 
 use farfield_fusion::body::skeleton::Joint;
-use farfield_fusion::estimate::predict::Joints;
+use farfield_fusion::body::skeleton::Joints;
 use nalgebra::{Vector2, Vector3};
 use serde::Deserialize;
 

@@ -9,7 +9,7 @@
 use std::sync::Arc;
 
 use farfield_fusion::body::skeleton::Joint;
-use farfield_fusion::estimate::predict::Joints;
+use farfield_fusion::body::skeleton::Joints;
 use nalgebra::{Vector2, Vector3};
 
 use super::aside::{Neighbours, step_aside};

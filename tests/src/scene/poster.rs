@@ -6,7 +6,7 @@
 use std::path::PathBuf;
 
 use farfield_fusion::body::skeleton::Joint;
-use farfield_fusion::estimate::predict::Joints;
+use farfield_fusion::body::skeleton::Joints;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
 use super::truth::{PersonTruth, SITE_JOINTS};

@@ -6,7 +6,7 @@
 //! the thigh (knees).
 
 use farfield_fusion::body::skeleton::Joint;
-use farfield_fusion::estimate::predict::Joints;
+use farfield_fusion::body::skeleton::Joints;
 use farfield_proto::keypoints::COCO17;
 use nalgebra::{Matrix3, Rotation3, UnitVector3, Vector3};
 use rand::RngExt as _;

@@ -2,8 +2,8 @@
 
 use std::collections::BTreeMap;
 
+use farfield_fusion::body::skeleton::Joints;
 use farfield_fusion::body::skeleton::{Joint, N_JOINTS};
-use farfield_fusion::estimate::predict::Joints;
 use farfield_fusion::score::calibration::{Detail, Sureness};
 use farfield_fusion::score::points::{Body, PointSet};
 use farfield_proto::keypoints::{COCO17, KeypointSet};

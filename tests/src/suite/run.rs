@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use farfield_edge::pipeline::{EdgeOutput, StandIn};
 use farfield_edge::source::FrameSource;
-use farfield_fusion::estimate::predict::Joints;
+use farfield_fusion::body::skeleton::Joints;
 use farfield_fusion::identity::track::Track;
 use farfield_fusion::score::lines::Recording;
 use farfield_fusion::score::lives::Lives;

@@ -10,6 +10,9 @@ use super::joint::{Joint, Link, N_JOINTS, N_LINKS};
 use super::model::{Pose, Site, Skeleton};
 use super::shoulder::turn_about;
 
+/// The 29 joints of one person, world, metres, in the order of [`Joint`].
+pub type Joints = [Vector3<f64>; N_JOINTS];
+
 /// A body in one pose: filled by [`Skeleton::forward`], reused from call to call.
 #[derive(Debug, Clone)]
 pub struct Kinematics {

@@ -16,7 +16,7 @@ mod shoulder;
 pub use angles::{ANGLE_NAMES, N_ANGLES, reported_angles};
 pub use dof::{N_DOF, N_JOINT_DOF, N_ROOT_DOF, chain_of};
 pub use joint::{Joint, Link, N_JOINTS, N_LINKS, Side};
-pub use kinematics::Kinematics;
+pub use kinematics::{Joints, Kinematics};
 pub use model::{Pose, Site, Skeleton, shoulder_coordinates, sites_of};
 pub use proportions::{Proportions, ProportionsError};
 pub use range_of_motion::RangeOfMotion;

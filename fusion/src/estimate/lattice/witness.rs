@@ -3,7 +3,7 @@
 use farfield_proto::venue::parameters::LatticeParameters;
 use nalgebra::{Matrix3x4, Unit, Vector2, Vector3};
 
-use super::KeypointEstimate;
+use crate::body::keypoint_estimate::KeypointEstimate;
 use crate::estimate::evidence::{View, bilinear};
 
 /// Native pixels per map cell from which a crop counts fully. The usual networks have four input

@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 
 use super::{Body, CAPSULES, Capsule, closest_between};
 use crate::body::skeleton::Joint;
-use crate::estimate::predict::Joints;
+use crate::body::skeleton::Joints;
 
 /// Axes closer than this have no direction from one to the other, metres.
 const LEAST_APART_M: f64 = 1e-6;

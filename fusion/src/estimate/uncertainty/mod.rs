@@ -29,9 +29,9 @@ pub(crate) use told::Told;
 pub use views::weigh_views;
 
 use crate::body::ik::JointSpread;
+use crate::body::keypoint_estimate::KeypointEstimate;
+use crate::body::skeleton::Joints;
 use crate::body::skeleton::{Joint, Kinematics, N_JOINTS, Site};
-use crate::estimate::lattice::KeypointEstimate;
-use crate::estimate::predict::Joints;
 
 /// Share of the misfit between pose and keypoints that is the pose's error.
 const MISFIT_SHARE: f64 = 0.5;
@@ -49,6 +49,24 @@ pub enum MadeOf {
     OneView,
     /// Nothing: it was carried on.
     Motion,
+}
+
+impl MadeOf {
+    /// What a tick is made of that brought `estimates`: with at least `enough` keypoints that two viewpoints
+    /// agree on, or that any shows.
+    pub fn from_estimates(estimates: &[KeypointEstimate], enough: usize) -> Self {
+        let seen_by = |views: u16| {
+            let seen = |e: &&KeypointEstimate| e.weight > 0.0 && e.views >= views;
+            estimates.iter().filter(seen).count() >= enough
+        };
+        if seen_by(2) {
+            Self::Views
+        } else if seen_by(1) {
+            Self::OneView
+        } else {
+            Self::Motion
+        }
+    }
 }
 
 /// What a tick brought, for one person.

@@ -4,8 +4,8 @@ use nalgebra::Matrix3;
 
 use super::{MadeOf, lasting};
 use crate::body::ik::{JointSpread, PointInformation};
+use crate::body::keypoint_estimate::KeypointEstimate;
 use crate::body::skeleton::{Joint, Kinematics, N_JOINTS, Site};
-use crate::estimate::lattice::KeypointEstimate;
 
 /// What is known of a keypoint per viewpoint and axis of its image where nobody kept more than how many
 /// saw it, metres: of a sighting at a birth.

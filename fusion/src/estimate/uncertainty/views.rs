@@ -12,8 +12,8 @@
 
 use nalgebra::{Matrix3, Vector2, Vector3};
 
+use crate::body::keypoint_estimate::KeypointEstimate;
 use crate::estimate::evidence::{View, bilinear};
-use crate::estimate::lattice::KeypointEstimate;
 
 /// b: error of a network's limb keypoint in one view per axis of the image, metres at the person, where
 /// it is seen well. Networks err by some 0.4 of COCO's annotators in two dimensions (0.084 of a scale

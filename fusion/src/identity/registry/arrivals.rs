@@ -11,8 +11,9 @@ use crate::body::fit::fit;
 use crate::body::observed::ObservedJoints;
 use crate::body::skeleton::{Joint, Pose};
 use crate::identity::phase::Life;
+use crate::identity::tentative::TentativeTick;
 use crate::identity::track::Track;
-use crate::method::{Method, TentativeTick};
+use crate::method::Method;
 use crate::sightings::contradiction::Look;
 use crate::sightings::finder::{SightedPerson, TrackedBody};
 
@@ -69,7 +70,7 @@ impl Crowd {
         if self.tracks.len() >= MAX_PERSONS {
             return;
         }
-        let observed = ObservedJoints::from_sighted(person, &method.sites);
+        let observed = person.observed(&method.sites);
         let Ok(body) = fit(
             &[observed],
             &method.parameters.ik,

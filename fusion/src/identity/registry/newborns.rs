@@ -9,9 +9,9 @@ use farfield_proto::tick::Tick;
 
 use super::Crowd;
 use crate::body::fit::{Fitted, fit};
-use crate::body::observed::ObservedJoints;
 use crate::identity::phase::Life;
-use crate::method::{Method, TentativeTick};
+use crate::identity::tentative::TentativeTick;
+use crate::method::Method;
 use crate::sightings::finder::SightedPerson;
 
 /// How far off its place somebody who stands may be sighted, metres.
@@ -75,7 +75,7 @@ impl Crowd {
 
 /// The body of a sighted person; `None` where it cannot be one.
 fn fitted(person: &SightedPerson, method: &Method) -> Option<Fitted> {
-    let observed = ObservedJoints::from_sighted(person, &method.sites);
+    let observed = person.observed(&method.sites);
     let bounds = method.range_of_motion.as_ref();
     fit(&[observed], &method.parameters.ik, bounds).ok()
 }

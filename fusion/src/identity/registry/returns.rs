@@ -167,7 +167,7 @@ fn newborn(track: &Track, method: &Method) -> (Appearance, Tick) {
 
 /// A person as one tick's sightings show it.
 fn sighted(person: &SightedPerson, method: &Method) -> Option<Appearance> {
-    let observed = ObservedJoints::from_sighted(person, &method.sites);
+    let observed = person.observed(&method.sites);
     let bounds = method.range_of_motion.as_ref();
     let body = fit(&[observed], &method.parameters.ik, bounds).ok()?;
     Some(Appearance {

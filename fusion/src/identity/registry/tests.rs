@@ -9,11 +9,12 @@ use farfield_proto::id::SessionId;
 use farfield_proto::message::{PersonState, SightingSet};
 
 use super::*;
+use crate::body::fixture::{Noise, standing};
 use crate::body::ik::relative_sigmas;
+use crate::body::keypoint_estimate::KeypointEstimate;
 use crate::body::skeleton::{RangeOfMotion, sites_of};
 use crate::boxes::BoxShape;
-use crate::estimate::lattice::KeypointEstimate;
-use crate::sightings::fixture::{Hall, Noise, hall, standing};
+use crate::sightings::fixture::{Hall, hall};
 
 #[path = "tests/found_again.rs"]
 mod found_again;

@@ -6,19 +6,19 @@
 
 use super::{Method, Track};
 use crate::body::skeleton::Joint;
-use crate::identity::phase::Evidence;
+use crate::estimate::uncertainty::MadeOf;
 
 impl Track {
     /// What this tick brought of the person.
-    pub fn evidence(&self, method: &Method) -> Evidence {
-        Evidence::of(&self.estimates, method)
+    pub fn made_of(&self, method: &Method) -> MadeOf {
+        MadeOf::from_estimates(&self.estimates, method.enough_keypoints())
     }
 
     /// Low-pass filter on the innovation, paper (13). Without evidence the person coasts, and so does a
     /// limb.
     pub fn smooth(&mut self, method: &Method) {
         let parameters = &method.parameters.smoothing;
-        if self.evidence(method) == Evidence::Missing {
+        if self.made_of(method) == MadeOf::Motion {
             self.smoother.coast(method.dt_s, parameters);
             return;
         }

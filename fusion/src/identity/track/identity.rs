@@ -7,7 +7,6 @@ use nalgebra::Vector3;
 use super::{Method, Track, joints_of};
 use crate::body::fit::Fitted;
 use crate::body::initial_pose::PoseFinder;
-use crate::body::observed::ObservedJoints;
 use crate::body::skeleton::{Pose, Skeleton};
 use crate::estimate::predict::Motion;
 use crate::estimate::uncertainty::Known;
@@ -94,7 +93,7 @@ impl Track {
     /// Takes a lost person back to where it was sighted at `tick`, with the body that is known; returns
     /// whether that body can be so.
     pub(crate) fn revive(&mut self, person: &SightedPerson, tick: Tick, method: &Method) -> bool {
-        let observed = ObservedJoints::from_sighted(person, &self.sites);
+        let observed = person.observed(&self.sites);
         let bounds = method.range_of_motion.as_ref();
         let mut finder = PoseFinder::new(&method.parameters.ik, bounds);
         let Some(pose) = finder.find(&self.skeleton, &observed) else {

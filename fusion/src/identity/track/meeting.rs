@@ -4,9 +4,9 @@ use farfield_proto::venue::parameters::IkParameters;
 use nalgebra::Vector3;
 
 use super::{Method, Track};
+use crate::body::skeleton::Joints;
 use crate::body::skeleton::{Joint, N_JOINTS};
 use crate::estimate::evidence::View;
-use crate::estimate::predict::Joints;
 
 /// Joints of which networks show no keypoint, and those that speak for them.
 const SPOKEN_FOR: [(Joint, [Joint; 2]); 10] = [

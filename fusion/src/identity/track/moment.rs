@@ -5,9 +5,9 @@ use farfield_proto::tick::Tick;
 use nalgebra::Vector3;
 
 use super::Track;
+use crate::body::keypoint_estimate::KeypointEstimate;
+use crate::body::skeleton::Joints;
 use crate::body::skeleton::{N_JOINTS, Pose};
-use crate::estimate::lattice::KeypointEstimate;
-use crate::estimate::predict::Joints;
 use crate::estimate::uncertainty::MadeOf;
 
 /// One person at one tick.
