@@ -16,7 +16,7 @@ use nalgebra::Vector3;
 use serde::ser::{Serialize, SerializeMap as _, Serializer};
 
 use super::points::{Body, LIMB_POINTS};
-use farfield_fusion::skeleton::{Joint, N_JOINTS};
+use farfield_fusion::body::skeleton::{Joint, N_JOINTS};
 
 /// Bins per decade of sigma: 1.2 % wide, finer than the decimals of a small sigma.
 const BINS_PER_DECADE: f64 = 200.0;

@@ -8,8 +8,8 @@
 
 use std::sync::Arc;
 
-use farfield_fusion::predict::Joints;
-use farfield_fusion::skeleton::Joint;
+use farfield_fusion::body::skeleton::Joint;
+use farfield_fusion::body::skeleton::Joints;
 use nalgebra::{Vector2, Vector3};
 
 use super::aside::{Neighbours, step_aside};

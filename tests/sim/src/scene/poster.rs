@@ -5,8 +5,8 @@
 
 use std::path::PathBuf;
 
-use farfield_fusion::predict::Joints;
-use farfield_fusion::skeleton::Joint;
+use farfield_fusion::body::skeleton::Joint;
+use farfield_fusion::body::skeleton::Joints;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
 use super::truth::{PersonTruth, SITE_JOINTS};
