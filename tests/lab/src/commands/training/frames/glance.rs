@@ -10,9 +10,9 @@ use nalgebra::Vector3;
 use rand::RngExt as _;
 use rand_chacha::ChaCha8Rng;
 
-use crate::FRAME_PX;
-use crate::camera::{camera, eye_around, log_uniform, looking};
-use crate::people::{Moment, Person};
+use super::FRAME_PX;
+use crate::commands::training::camera::{camera, eye_around, log_uniform, looking};
+use crate::commands::training::people::{Moment, Person};
 
 /// Share of pictures without anybody.
 const EMPTY: f64 = 0.08;

@@ -1,14 +1,14 @@
-//! Writes whole inputs for the fuzz targets of binary formats, which a fuzzer would be long in finding:
-//! `cargo run -p farfield-lab --example write_fuzz_seeds -- fuzz/corpus`. To be run again when a format
-//! has changed.
+//! `lab fuzz-seeds`: whole inputs for the fuzz targets of binary formats, which a fuzzer would be long in
+//! finding. To be run again when a format has changed.
 
 use std::collections::BTreeMap;
 use std::fs;
 use std::io::Cursor;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, ensure};
 use farfield_edge::ring::record::{Label, put_record, records, segment_head};
+use farfield_fusion::node::NodeError;
 use farfield_fusion::recording::reader::Recording;
 use farfield_fusion::recording::writer::{Head, Passed, RecordingWriter};
 use farfield_fusion::recording::{CALIBRATION_FILE, VENUE_FILE};
@@ -33,9 +33,23 @@ const SESSION: SessionId = SessionId(1 << 63);
 const TICK: Tick = Tick(300);
 const VIEWPOINT: ViewpointIndex = ViewpointIndex(0);
 
-fn main() -> anyhow::Result<()> {
-    let corpus = std::env::args().nth(1).context("where is the corpus?")?;
-    let corpus = Path::new(&corpus);
+/// What `lab fuzz-seeds` is told.
+#[derive(Debug, clap::Args)]
+pub(super) struct FuzzSeedsArgs {
+    /// The folder of all corpora: `fuzz/corpus` of a checkout.
+    #[arg(value_name = "DIR")]
+    corpus: PathBuf,
+}
+
+/// Writes the seeds of every target.
+///
+/// # Errors
+/// Names the file that cannot be written, and a seed that does not read back.
+pub(super) fn write_seeds(args: &FuzzSeedsArgs) -> Result<(), NodeError> {
+    write_all(&args.corpus).map_err(NodeError::Failed)
+}
+
+fn write_all(corpus: &Path) -> anyhow::Result<()> {
     for (name, encoded) in patches()? {
         // As `arbitrary` reads (u16, u16, u8, &[u8]).
         let mut seed = encoded.width.to_le_bytes().to_vec();

@@ -14,8 +14,8 @@ use nalgebra::Vector3;
 use rand::RngExt as _;
 use rand_chacha::ChaCha8Rng;
 
-use crate::INPUT_PX;
-use crate::camera::{camera, eye_around, log_uniform, looking};
+use super::INPUT_PX;
+use crate::commands::training::camera::{camera, eye_around, log_uniform, looking};
 
 /// Share of crops at any rotation.
 const ANY_ROTATION: f64 = 0.15;
@@ -46,7 +46,7 @@ pub(crate) fn draw(joints_m: &Joints, stature_m: f64, rng: &mut ChaCha8Rng) -> O
     let b = jittered(box_of(&camera, joints_m, rng)?, rng);
     let [left, top, right, bottom] = window(&b, rng);
     let size_px = [right - left, bottom - top].map(|side| side.round().max(8.0) as u32);
-    let camera = crate::camera::camera(focal_px, [-left, -top], size_px, axes, eye)?;
+    let camera = super::super::camera::camera(focal_px, [-left, -top], size_px, axes, eye)?;
     let b = BoundingBox {
         center_px: [b.center_px[0] - left as f32, b.center_px[1] - top as f32],
         ..b

@@ -2,7 +2,7 @@
 //!
 //! The record is the crop's pixels, rows of RGB bytes (what lies outside the picture has the mean of the
 //! network's normalisation), then 17 keypoints in COCO's order: x, y (input pixels, the centre
-//! of the first one at 0) and a [state](State), as little-endian 32-bit floats.
+//! of the first one at 0) and a [state](KeypointState), as little-endian 32-bit floats.
 
 use std::ops::Range;
 
@@ -16,12 +16,12 @@ use nalgebra::Point3;
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 
-use crate::INPUT_PX;
-use crate::moment;
-use crate::people::{Moment, Person};
-use crate::photo::{self, Occluder};
-use crate::scenery::Scenery;
-use crate::viewing::{self, Viewing};
+use super::INPUT_PX;
+use super::moment;
+use super::viewing::{self, Viewing};
+use crate::commands::training::people::{Moment, Person};
+use crate::commands::training::photo::{self, Occluder};
+use crate::commands::training::scenery::Scenery;
 
 /// The mean of `ImageNet`, as bytes.
 const MEAN: [f32; 3] = [123.675, 116.28, 103.53];
@@ -31,7 +31,7 @@ const BLUR_PX: Range<f32> = 0.3..1.6;
 
 /// What is known of a keypoint.
 #[derive(Debug, Clone, Copy)]
-pub(crate) enum State {
+pub(crate) enum KeypointState {
     /// Not in the crop.
     Outside = 0,
     /// In the crop, but behind something or outside the picture.
@@ -41,12 +41,12 @@ pub(crate) enum State {
 }
 
 /// One crop with its keypoints.
-pub(crate) struct Record {
+pub(crate) struct CropRecord {
     pixels: Vec<u8>,
-    keypoints: [(f32, f32, State); COCO17.len()],
+    keypoints: [(f32, f32, KeypointState); COCO17.len()],
 }
 
-impl Record {
+impl CropRecord {
     /// Draws crop `number` of a set: the same one whatever was drawn before.
     pub(crate) fn make(clips: &[Clip], scenery: &Scenery, seed: u64, number: u64) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
@@ -124,16 +124,16 @@ fn keypoint(
     people: &[Person],
     viewing: &Viewing,
     occluders: &[Occluder],
-) -> (f32, f32, State) {
+) -> (f32, f32, KeypointState) {
     let joint = Joint::from_name(COCO17[k]).expect("COCO's keypoints are joints");
     let at_m = people[0].joints_m[joint as usize];
     let Some(px) = viewing.camera.project(Point::new(Point3::from(at_m))) else {
-        return (0.0, 0.0, State::Outside);
+        return (0.0, 0.0, KeypointState::Outside);
     };
     let input = viewing.crop.input(px);
     let [width, height] = INPUT_PX.map(|side| side as f64 - 0.5);
     if !(-0.5..width).contains(&input.x) || !(-0.5..height).contains(&input.y) {
-        return (input.x as f32, input.y as f32, State::Outside);
+        return (input.x as f32, input.y as f32, KeypointState::Outside);
     }
     let eye_m = viewing.camera.center().coordinates_m().coords;
     let is_hidden = !viewing.camera.sees(px)
@@ -145,9 +145,9 @@ fn keypoint(
             person.volume.covers(&eye_m, &at_m, own)
         });
     let state = if is_hidden {
-        State::Hidden
+        KeypointState::Hidden
     } else {
-        State::Visible
+        KeypointState::Visible
     };
     (input.x as f32, input.y as f32, state)
 }

@@ -15,11 +15,11 @@ use nalgebra::{Point3, Vector3};
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 
-use crate::FRAME_PX;
-use crate::glance::{self, Glance};
-use crate::people::Person;
-use crate::photo::{self, Occluder};
-use crate::scenery::Scenery;
+use super::FRAME_PX;
+use super::glance::{self, Glance};
+use crate::commands::training::people::Person;
+use crate::commands::training::photo::{self, Occluder};
+use crate::commands::training::scenery::Scenery;
 
 /// Boxes of a record.
 const MOST: usize = 16;
@@ -34,12 +34,12 @@ const BLUR_PX: Range<f32> = 0.2..0.9;
 const LEAST_PX: f64 = 2.0;
 
 /// A picture and the boxes of its people.
-pub(crate) struct Record {
+pub(crate) struct FrameRecord {
     picture: RgbImage,
     boxes: Vec<[f32; 5]>,
 }
 
-impl Record {
+impl FrameRecord {
     /// Draws picture `number` of a set: the same one whatever was drawn before.
     pub(crate) fn make(clips: &[Clip], scenery: &Scenery, seed: u64, number: u64) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);

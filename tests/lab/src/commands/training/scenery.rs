@@ -6,7 +6,7 @@ use image::RgbImage;
 use rand::RngExt as _;
 use rand_chacha::ChaCha8Rng;
 
-use crate::people::Moment;
+use crate::commands::training::people::Moment;
 
 /// Different sensors; each keeps a table of noise that takes longer to make than a picture.
 const SENSORS: u64 = 96;

@@ -8,7 +8,7 @@ use nalgebra::Vector3;
 use rand::RngExt as _;
 use rand_chacha::ChaCha8Rng;
 
-use crate::people::{Moment, Person};
+use crate::commands::training::people::{Moment, Person};
 
 /// Draws one: the person that the crop is of comes first, then the others.
 pub(crate) fn draw(clips: &[Clip], rng: &mut ChaCha8Rng) -> Moment {
