@@ -13,7 +13,7 @@ use crate::suite::studies::{Study, camera_choices, predictors};
 use crate::suite::venue::Input;
 use anyhow::{Context as _, anyhow};
 use farfield_fusion::node::NodeError;
-use farfield_score::calibration::Calibration;
+use farfield_score::uncertainty_calibration::UncertaintyCalibration;
 use farfield_sim::scene::Scene;
 use farfield_sim::simulated::without_map_faults;
 use serde::Serialize;
@@ -77,7 +77,7 @@ struct SuiteReport {
     studies: Vec<Study>,
     bars: Vec<Verdict>,
     /// How sure the live poses of all scenes said they were, against their errors.
-    calibration: Calibration,
+    calibration: UncertaintyCalibration,
     /// What is worse than the loose limits.
     behind_limits: Vec<String>,
 }
@@ -140,7 +140,7 @@ fn run(
         scenes: Vec::new(),
         studies: Vec::new(),
         bars: Vec::new(),
-        calibration: Calibration::default(),
+        calibration: UncertaintyCalibration::default(),
         behind_limits: Vec::new(),
     };
     for Named { name, scene } in scenes {

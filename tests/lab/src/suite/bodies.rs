@@ -7,7 +7,7 @@ use farfield_fusion::skeleton::{Joint, N_JOINTS};
 use farfield_proto::keypoints::{COCO17, KeypointSet};
 use farfield_proto::message::{PersonPose, PoseSet};
 use farfield_proto::tick::Tick;
-use farfield_score::calibration::{Detail, Sureness};
+use farfield_score::detail::{Detail, Sureness};
 use farfield_score::points::{Body, PointSet};
 use nalgebra::Vector3;
 

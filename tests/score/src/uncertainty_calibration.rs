@@ -15,8 +15,9 @@ use farfield_proto::message::PersonState;
 use nalgebra::Vector3;
 use serde::ser::{Serialize, SerializeMap as _, Serializer};
 
+use super::detail::{Detail, Sureness};
 use super::points::{Body, LIMB_POINTS};
-use farfield_fusion::skeleton::{Joint, N_JOINTS};
+use farfield_fusion::skeleton::Joint;
 
 /// Bins per decade of sigma: 1.2 % wide, finer than the decimals of a small sigma.
 const BINS_PER_DECADE: f64 = 200.0;
@@ -24,44 +25,6 @@ const BINS_PER_DECADE: f64 = 200.0;
 const FIRST_M: f64 = 1e-5;
 /// Views from which a tracked pose is more than two views' work.
 const MANY_VIEWS: u16 = 3;
-
-/// The joints of one line, and what it says of them; world, metres, NaN where unknown.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Detail {
-    /// The 29 joints. (f32 is 0.01 mm within 100 m.)
-    pub joints_m: [[f32; 3]; N_JOINTS],
-    /// How sure the pose is; none of a truth, and of poses that do not say.
-    pub sureness: Option<Sureness>,
-}
-
-/// How sure a pose says it is.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Sureness {
-    /// Its state.
-    pub state: PersonState,
-    /// Viewpoints that gave evidence.
-    pub views: u16,
-    /// One standard deviation per joint and axis, metres; NaN where unknown.
-    pub sigma_m: [f32; N_JOINTS],
-}
-
-impl Detail {
-    /// The joints that `joint` knows.
-    pub fn gather(
-        joint: impl Fn(&str) -> Option<Vector3<f64>>,
-        sureness: Option<Sureness>,
-    ) -> Self {
-        let unknown = Vector3::repeat(f64::NAN);
-        let at = |j: Joint| {
-            let at_m = joint(j.name()).unwrap_or(unknown);
-            [at_m.x as f32, at_m.y as f32, at_m.z as f32]
-        };
-        Self {
-            joints_m: Joint::ALL.map(at),
-            sureness,
-        }
-    }
-}
 
 /// What a pose was made of.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -181,12 +144,12 @@ impl Rows {
 
 /// The errors of all poses that said how sure they were.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Calibration {
+pub struct UncertaintyCalibration {
     limbs: Histogram,
     all: Histogram,
 }
 
-impl Calibration {
+impl UncertaintyCalibration {
     /// Whether no pose said how sure it was.
     pub fn is_empty(&self) -> bool {
         self.all.is_empty()
@@ -247,7 +210,7 @@ impl Calibration {
     }
 }
 
-impl Serialize for Calibration {
+impl Serialize for UncertaintyCalibration {
     /// The rows of the limbs as `fifths` and `states`, and those of all joints under `all_joints`.
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let limbs = self.limb_rows();
@@ -259,7 +222,7 @@ impl Serialize for Calibration {
     }
 }
 
-impl fmt::Display for Calibration {
+impl fmt::Display for UncertaintyCalibration {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let head = format!(
             "{:>8} {:>8} {:>7} {:>6} {:>6}",
@@ -295,13 +258,13 @@ impl fmt::Display for Calibration {
 
 /// Gathers the errors tick by tick.
 #[derive(Debug, Clone, Default)]
-pub(super) struct CalibrationTally {
+pub(super) struct UncertaintyTally {
     /// Whom each pose was when it was last seen.
     last: BTreeMap<u32, u32>,
-    calibration: Calibration,
+    calibration: UncertaintyCalibration,
 }
 
-impl CalibrationTally {
+impl UncertaintyTally {
     /// Takes in one tick; `matched` holds pairs of an actor and the id of its pose.
     pub(super) fn add(
         &mut self,
@@ -331,13 +294,15 @@ impl CalibrationTally {
     }
 
     /// What it came to; `None` where no pose said how sure it was.
-    pub(super) fn finish(self) -> Option<Calibration> {
+    pub(super) fn finish(self) -> Option<UncertaintyCalibration> {
         (!self.calibration.is_empty()).then_some(self.calibration)
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use farfield_fusion::skeleton::N_JOINTS;
+
     use super::*;
 
     /// A body whose joints all lie at `x_m`, `y_m`, 1.
@@ -371,7 +336,7 @@ mod tests {
 
     #[test]
     fn errors_are_counted_per_axis() {
-        let mut tally = CalibrationTally::default();
+        let mut tally = UncertaintyTally::default();
         let pose = body(0.03, 0.015, Some(sure(PersonState::Tracked, 4, 0.02)));
         tally.add(&one(body(0.0, 0.0, None)), &one(pose), [(1, 1)].into_iter());
         let calibration = tally.finish().unwrap();
@@ -389,7 +354,7 @@ mod tests {
 
     #[test]
     fn states_are_told_apart_and_tentative_poses_are_nobodys() {
-        let mut tally = CalibrationTally::default();
+        let mut tally = UncertaintyTally::default();
         for (state, views) in [
             (PersonState::Tentative, 4),
             (PersonState::Tracked, 3),
@@ -413,7 +378,7 @@ mod tests {
 
     #[test]
     fn a_coasting_pose_is_held_against_whom_it_was_however_far() {
-        let mut tally = CalibrationTally::default();
+        let mut tally = UncertaintyTally::default();
         let truths = BTreeMap::from([(1, body(0.0, 0.0, None)), (2, body(9.0, 0.0, None))]);
         let tracked = body(0.0, 0.0, Some(sure(PersonState::Tracked, 4, 0.02)));
         tally.add(&truths, &one(tracked), [(1, 1)].into_iter());
@@ -426,7 +391,7 @@ mod tests {
 
     #[test]
     fn fifths_are_of_equal_size_and_rise() {
-        let mut tally = CalibrationTally::default();
+        let mut tally = UncertaintyTally::default();
         for step in 1..=50u16 {
             let pose = body(
                 0.0,
@@ -442,7 +407,7 @@ mod tests {
 
     #[test]
     fn runs_add_up_and_poses_without_sigmas_count_nothing() {
-        let mut tally = CalibrationTally::default();
+        let mut tally = UncertaintyTally::default();
         let truth = one(body(0.0, 0.0, None));
         tally.add(&truth, &one(body(0.0, 0.0, None)), [(1, 1)].into_iter());
         assert_eq!(tally.clone().finish(), None);
