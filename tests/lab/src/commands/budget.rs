@@ -6,7 +6,7 @@ use std::sync::Arc;
 use farfield::output;
 use farfield_fusion::node::NodeError;
 use farfield_score::table;
-use farfield_sim::faults::FaultProfile;
+use farfield_sim::fault_profile::FaultProfile;
 
 use super::scene_argument::SceneArgument;
 use crate::conditions::FarLinks;

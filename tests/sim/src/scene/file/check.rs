@@ -4,9 +4,10 @@ use std::collections::BTreeSet;
 
 use farfield_proto::toml_file::{FileError, Place, TomlFile};
 
-use super::file::{
+use super::raw::{RawPerson, RawScene, RawViewpoint};
+use super::{
     CameraSource, GeneratedCameras, MAX_CAMERAS, MAX_FIGURES, MAX_MIRRORS, MAX_PEOPLE,
-    MAX_PERSON_SECONDS, MAX_TICKS, RawPerson, RawScene, RawViewpoint,
+    MAX_PERSON_SECONDS, MAX_TICKS,
 };
 
 /// Most clips of one person, and most points of one path.

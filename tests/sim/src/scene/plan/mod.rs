@@ -1,10 +1,16 @@
 //! Who is where: the way of every person through the scene, planned once when it is loaded.
 //!
 //! People are planned as units (one person, or a group), in the order of the file, each around
-//! those before it. A unit plays its clips ([`super::timeline`]), is turned back into the field
-//! ([`super::steer`]) or walks its path ([`super::path`]), and steps aside ([`super::aside`]). What
+//! those before it. A unit plays its clips ([`timeline`]), is turned back into the field
+//! ([`steer`]) or walks its path ([`path`]), and steps aside ([`aside`]). What
 //! is planned are corrections: how much the clips' world is turned and shifted at any time. They
 //! are smooth functions of time, so where a person is between two ticks is as exact as at them.
+
+mod aside;
+mod path;
+mod steer;
+mod table;
+mod timeline;
 
 use std::sync::Arc;
 
@@ -12,13 +18,14 @@ use farfield_fusion::predict::Joints;
 use farfield_fusion::skeleton::Joint;
 use nalgebra::{Vector2, Vector3};
 
-use super::aside::{Neighbours, step_aside};
-use super::file::{PersonEntry, SceneFile};
-use super::path::Walk;
-use super::steer::{SAMPLES_PER_S, Surroundings, Way, steer};
-use super::table::Table;
-use super::timeline::{Member, Timeline, turned};
+pub use self::aside::KEEP_M;
+use self::aside::{Neighbours, step_aside};
+use self::path::Walk;
+use self::steer::{SAMPLES_PER_S, Surroundings, Way, steer};
+use self::table::Table;
+use self::timeline::{Member, Timeline, turned};
 use crate::motion::Clip;
+use crate::scene::file::{PersonEntry, SceneFile};
 
 /// How far pelvises stay from the field's edge, metres.
 pub const EDGE_M: f64 = 0.4;

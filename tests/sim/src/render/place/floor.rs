@@ -3,8 +3,8 @@
 use rand::RngExt as _;
 use rand_chacha::ChaCha8Rng;
 
-use super::grain;
-use super::surroundings::color;
+use super::color::color;
+use crate::render::grain;
 
 /// Past this distance fine texture is finer than a pixel and only its mean is drawn, metres.
 const FINE_M: f32 = 12.0;

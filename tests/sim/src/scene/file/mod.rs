@@ -3,17 +3,19 @@
 //! Strict: an unknown field is answered with the nearest known name, a number out of its range
 //! with file, line and field. Nothing is opened here; paths are those of the file, resolved.
 
+mod check;
+mod entries;
+mod raw;
+
 use std::path::{Path, PathBuf};
 
+use self::check::Check;
+pub use self::entries::{
+    CameraSource, GeneratedCameras, LostEntry, MirrorEntry, PathEntry, PersonEntry, PosterEntry,
+};
+use self::raw::RawScene;
+use crate::fault_profile::FaultProfile;
 use farfield_proto::toml_file::{FileError, TomlFile};
-use serde::Deserialize;
-use serde::de::IgnoredAny;
-
-use super::check::Check;
-use super::mirror::MirrorEntry;
-use super::poster::PosterEntry;
-use super::sight::LostEntry;
-use crate::faults::FaultProfile;
 
 /// Most people of a scene.
 pub const MAX_PEOPLE: usize = 200;
@@ -53,177 +55,6 @@ pub struct SceneFile {
     pub ball: bool,
     /// Faults of maps without pixels.
     pub faults: FaultProfile,
-}
-
-/// Where the cameras of a scene come from.
-#[derive(Debug, Clone)]
-pub enum CameraSource {
-    /// Made for the field.
-    Generated(GeneratedCameras),
-    /// A calibration file and who stands where, as in a venue.
-    Calibrated {
-        /// The calibration file.
-        calibration: PathBuf,
-        /// Name of every viewpoint, with the names of its cameras.
-        viewpoints: Vec<(String, Vec<String>)>,
-    },
-}
-
-/// The table `[cameras]`.
-#[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct GeneratedCameras {
-    /// Number of viewpoints: corners first, then evenly along the edge.
-    pub viewpoints: usize,
-    /// Cameras of each viewpoint; together they cover the field.
-    pub per_viewpoint: usize,
-    /// Height of the cameras above the floor, metres.
-    #[serde(default = "default_height_m")]
-    pub height_m: f64,
-    /// How far outside the field's edge they stand, metres.
-    #[serde(default = "default_setback_m")]
-    pub setback_m: f64,
-    /// Width and height of their images, pixels.
-    #[serde(default = "default_size_px")]
-    pub size_px: [u32; 2],
-}
-
-/// One person.
-#[derive(Debug, Clone)]
-pub struct PersonEntry {
-    /// Name, unique in the scene.
-    pub name: String,
-    /// Motion clips in the order in which they are played.
-    pub clips: Vec<PathBuf>,
-    /// How long one clip blends into the next, seconds.
-    pub blend_s: f64,
-    /// Where the pelvis is at first, metres.
-    pub at_m: [f64; 2],
-    /// Where it faces at first, from +x towards +y, radians.
-    pub heading_rad: f64,
-    /// Stature, metres.
-    pub height_m: f64,
-    /// Whether its way is turned back into the field.
-    pub keep_inside: bool,
-    /// People of one group share their clips' coordinate frame.
-    pub group: Option<String>,
-    /// When it appears, seconds.
-    pub enter_s: f64,
-    /// When it is gone, seconds.
-    pub leave_s: f64,
-    /// What it walks along instead of the clip's own way.
-    pub path: Option<PathEntry>,
-    /// Names of the only viewpoints that see it, as behind glass; `None`: all.
-    pub seen_by: Option<Vec<String>>,
-}
-
-/// A path, walked to its end and back again.
-#[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct PathEntry {
-    /// Corners, metres on the floor.
-    pub points_m: Vec<[f64; 2]>,
-    /// Speed along it, metres per second; 0 stands at the first point.
-    pub speed_m_s: f64,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(super) struct RawScene {
-    pub(super) rate_hz: f64,
-    pub(super) seconds: f64,
-    #[serde(default)]
-    pub(super) seed: u64,
-    pub(super) size_m: [f64; 2],
-    pub(super) cameras: Option<GeneratedCameras>,
-    pub(super) calibration: Option<String>,
-    #[serde(default)]
-    pub(super) viewpoint: Vec<RawViewpoint>,
-    #[serde(default)]
-    pub(super) person: Vec<RawPerson>,
-    #[serde(default)]
-    pub(super) mirror: Vec<MirrorEntry>,
-    #[serde(default)]
-    pub(super) poster: Vec<RawPoster>,
-    #[serde(default)]
-    pub(super) lost: Vec<LostEntry>,
-    pub(super) ball: Option<RawBall>,
-    #[serde(default)]
-    pub(super) faults: FaultProfile,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(super) struct RawViewpoint {
-    pub(super) name: String,
-    #[serde(default)]
-    pub(super) camera: Vec<RawCamera>,
-}
-
-/// As in a venue, where a source belongs to it; a scene makes its own frames.
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(super) struct RawCamera {
-    pub(super) name: String,
-    #[serde(default, rename = "source")]
-    pub(super) _source: IgnoredAny,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(super) struct RawBall {}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(super) struct RawPerson {
-    pub(super) name: String,
-    pub(super) clips: Vec<String>,
-    #[serde(default = "default_blend_s")]
-    pub(super) blend_s: f64,
-    #[serde(default)]
-    pub(super) at_m: [f64; 2],
-    #[serde(default)]
-    pub(super) heading_rad: f64,
-    pub(super) height_m: f64,
-    #[serde(default = "default_keep_inside")]
-    pub(super) keep_inside: bool,
-    pub(super) group: Option<String>,
-    #[serde(default)]
-    pub(super) enter_s: f64,
-    pub(super) leave_s: Option<f64>,
-    pub(super) path: Option<PathEntry>,
-    pub(super) seen_by: Option<Vec<String>>,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(super) struct RawPoster {
-    pub(super) at_m: [f64; 2],
-    pub(super) heading_rad: f64,
-    pub(super) height_m: f64,
-    pub(super) clip: String,
-    #[serde(default)]
-    pub(super) time_s: f64,
-}
-
-fn default_height_m() -> f64 {
-    2.5
-}
-
-fn default_setback_m() -> f64 {
-    1.5
-}
-
-fn default_size_px() -> [u32; 2] {
-    [1920, 1200]
-}
-
-fn default_blend_s() -> f64 {
-    0.3
-}
-
-fn default_keep_inside() -> bool {
-    true
 }
 
 impl SceneFile {

@@ -58,7 +58,7 @@ impl Light {
 
     /// Light that falls on a surface: `normal` is a unit vector, `sunlit` and `open` say how much
     /// of the sun and of the rest reaches it, 0 to 1.
-    pub(super) fn on(&self, normal: &Vector3<f32>, sunlit: f32, open: f32) -> [f32; 3] {
+    pub(in crate::render) fn on(&self, normal: &Vector3<f32>, sunlit: f32, open: f32) -> [f32; 3] {
         let direct = normal.dot(&self.to_sun).max(0.0) * sunlit;
         let above = (0.5 + 0.5 * normal.z) * open;
         let below = (0.5 - 0.5 * normal.z) * open;

@@ -9,8 +9,8 @@ use std::f64::consts::{PI, TAU};
 
 use nalgebra::Vector2;
 
-use super::file::PathEntry;
 use super::timeline::{STEEPEST, smooth_step};
+use crate::scene::file::PathEntry;
 
 /// Largest acceleration in a corner, metres per second squared: 1.5 g, what a sprinter's cut has.
 /// At half of it the fastest players of a court would rarely come up to speed between its corners.

@@ -1,12 +1,18 @@
 //! What stands around the people: floor, field, walls, stands, sky and clutter, drawn from a seed.
 
+mod color;
+mod floor;
+mod light;
+
 use nalgebra::Vector3;
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 
-use super::floor::Floor;
+use self::color::color;
+pub(super) use self::color::times;
+use self::floor::Floor;
+pub use self::light::Light;
 use super::grain;
-use super::light::Light;
 
 /// Clutter nearer than this to a camera would fill its picture, metres.
 const CLEAR_M: f32 = 2.0;
@@ -300,15 +306,4 @@ fn block(rng: &mut ChaCha8Rng, half: [f32; 2], room: [f32; 2]) -> Block {
         },
         stripe_m: rng.random_range(0.2..1.5),
     }
-}
-
-/// A paint: greys and pale colours are more likely than strong ones.
-pub(super) fn color(rng: &mut ChaCha8Rng) -> [f32; 3] {
-    let value: f32 = rng.random_range(0.08..0.8_f32).powi(2) + 0.03;
-    let strength: f32 = rng.random_range(0.0..1.0_f32).powi(2) * 0.8;
-    std::array::from_fn(|_| value * (1.0 - strength * rng.random_range(0.0..1.0)))
-}
-
-pub(super) fn times(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
-    [a[0] * b[0], a[1] * b[1], a[2] * b[2]]
 }
