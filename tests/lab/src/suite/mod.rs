@@ -19,4 +19,5 @@ pub mod scenes;
 pub mod smoothed;
 pub mod studies;
 pub mod tee;
+pub mod traffic;
 pub mod venue;
