@@ -19,7 +19,7 @@ use super::codec::{Codec, Rival, Sent};
 use super::errors::Errors;
 use super::framing::{TCP_IP_BYTES, TLS_BYTES, ZENOH_BYTES};
 use crate::in_process::InProcess;
-use crate::suite::bodies::People;
+use crate::suite::people::bodies::People;
 use crate::suite::run::{Plan, SceneRun};
 use crate::suite::traffic::Traffic;
 use crate::suite::venue::Input;

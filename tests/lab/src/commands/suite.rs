@@ -4,10 +4,10 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use crate::suite::bars::{Verdict, verdicts};
-use crate::suite::limits::behind_limits;
-use crate::suite::overview::Overview;
 use crate::suite::report::SceneReport;
+use crate::suite::report::bars::{Verdict, verdicts};
+use crate::suite::report::limits::behind_limits;
+use crate::suite::report::overview::Overview;
 use crate::suite::scenes::{Named, choose};
 use crate::suite::studies::{Study, camera_choices, predictors};
 use crate::suite::venue::Input;

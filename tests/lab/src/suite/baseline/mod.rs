@@ -5,6 +5,9 @@
 //! every crop is known from the truth, gaps are interpolated, and the filter sees the future. It has
 //! no heels and toes, so that its feet slide by their ankles.
 
+pub mod butterworth;
+pub mod outliers;
+
 use std::collections::BTreeMap;
 use std::ops::RangeInclusive;
 
@@ -14,8 +17,8 @@ use farfield_proto::tick::Tick;
 use farfield_score::points::{Body, PointSet};
 use nalgebra::{Matrix3x4, Vector3};
 
-use super::butterworth::ZeroPhase;
-use super::outliers::{Thresholds, triangulate};
+use crate::suite::baseline::butterworth::ZeroPhase;
+use crate::suite::baseline::outliers::{Thresholds, triangulate};
 use crate::view_peaks::ViewPeak;
 
 /// The cutoffs of which the best one counts, hertz.

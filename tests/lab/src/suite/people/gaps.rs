@@ -49,8 +49,8 @@ mod tests {
     use farfield_score::points::{Body, PointSet};
     use nalgebra::Vector3;
 
-    use super::super::bodies::People;
     use super::*;
+    use crate::suite::people::bodies::People;
     use farfield_sim::embedded;
 
     /// Persons 1 to 3, each 3 m from the next.

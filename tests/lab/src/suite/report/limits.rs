@@ -3,9 +3,9 @@
 
 use farfield_score::Scores;
 
-use super::bars::Bound;
-use super::recovery::{Recovery, slowest_s};
-use super::report::SceneReport;
+use crate::suite::people::recovery::{Recovery, slowest_s};
+use crate::suite::report::SceneReport;
+use crate::suite::report::bars::Bound;
 
 /// Worst MPJPE of a scene in which everybody stays in sight, millimetres: half as much again as the bars.
 pub const LIMIT_MPJPE_MM: f64 = 35.0;

@@ -6,8 +6,8 @@ use std::fmt;
 use farfield_score::MeanScore;
 use serde::Serialize;
 
-use super::recovery::slowest_s;
-use super::report::SceneReport;
+use crate::suite::people::recovery::slowest_s;
+use crate::suite::report::SceneReport;
 
 /// On which side of its number a figure must be.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]

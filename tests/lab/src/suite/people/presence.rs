@@ -10,7 +10,7 @@ use farfield_score::lines::Recording;
 use farfield_score::matches_at;
 use farfield_score::points::PointSet;
 
-use super::bodies::{People, true_body};
+use crate::suite::people::bodies::{People, true_body};
 use farfield_sim::scene::{PersonTruth, Scene};
 
 /// Keypoints that an image must hold of somebody: as many as let a detector find them.

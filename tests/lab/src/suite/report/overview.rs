@@ -2,8 +2,8 @@
 
 use std::fmt;
 
-use super::recovery::slowest_s;
-use super::report::SceneReport;
+use crate::suite::people::recovery::slowest_s;
+use crate::suite::report::SceneReport;
 
 /// The heads of the columns, and their widths.
 const COLUMNS: [(&str, usize); 14] = [

@@ -1,5 +1,9 @@
 //! The figures of one scene: ours with and without range of motion, and the baseline on the same maps.
 
+pub mod bars;
+pub mod limits;
+pub mod overview;
+
 use std::collections::BTreeMap;
 use std::fmt;
 use std::sync::Arc;
@@ -12,14 +16,14 @@ use farfield_score::table;
 use farfield_score::{Scores, score};
 use serde::Serialize;
 
-use super::baseline::{CUTOFFS_HZ, Trajectory};
-use super::bodies::People;
-use super::butterworth::ZeroPhase;
-use super::meetings::meetings;
-use super::outliers::Thresholds;
-use super::recovery::Recovery;
-use super::run::{Plan, SceneRun};
-use super::venue::Input;
+use crate::suite::baseline::butterworth::ZeroPhase;
+use crate::suite::baseline::outliers::Thresholds;
+use crate::suite::baseline::{CUTOFFS_HZ, Trajectory};
+use crate::suite::people::bodies::People;
+use crate::suite::people::meetings::meetings;
+use crate::suite::people::recovery::Recovery;
+use crate::suite::run::{Plan, SceneRun};
+use crate::suite::venue::Input;
 use farfield_sim::scene::Scene;
 use farfield_sim::scene::range_of_motion::range_of_motion_excess;
 
@@ -122,7 +126,7 @@ pub struct SceneReport {
     /// How often two of the people come near each other and part, in the truth.
     pub meetings: u64,
     /// Gaps of what a live listener gets, with range of motion, that nothing excuses
-    /// ([`super::gaps`]).
+    /// ([`crate::suite::people::gaps`]).
     pub gaps_to_answer_for: u64,
     /// What became of the people whom the scene lost for a while, live.
     pub recoveries: Vec<Recovery>,
