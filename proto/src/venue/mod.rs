@@ -1,10 +1,10 @@
 //! The venue file: one installation, its viewpoints, cameras, sources and parameters.
 //!
 //! Everything is refused here, at start, with file, line and field; nothing is refused at tick
-//! 900. [`Venue::load`] is the only place of this crate that reads files.
+//! 900. Text in, venue out: who opens the files is the caller.
 
 mod check;
-mod load;
+mod named_calibration;
 pub mod parameters;
 mod ranges;
 mod raw;
@@ -13,7 +13,6 @@ mod source;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-pub use load::identity;
 pub use parameters::Parameters;
 pub use source::{SimulatedContent, Source};
 

@@ -415,14 +415,3 @@ fn every_default_is_in_its_range() {
     let file = TomlFile::parse("", Path::new("empty.toml")).unwrap();
     ranges::check(&file, &Parameters::default()).unwrap();
 }
-
-#[test]
-fn a_file_that_cannot_be_read_is_named() {
-    let refused = Venue::load(Path::new("no/such/venue.toml"))
-        .unwrap_err()
-        .to_string();
-    assert!(
-        refused.starts_with("no/such/venue.toml: cannot read the venue file"),
-        "{refused}"
-    );
-}

@@ -135,7 +135,7 @@ fn a_real_man_of_a_few_pixels_is_found_in_tiles_alone() {
     if !onnx_runtime(SCENARIO) {
         return;
     }
-    let venue = Venue::load(&path).unwrap();
+    let venue = farfield_node::files::load_venue(&path).unwrap();
     let afar = Afar {
         scale: 0.05,
         size_px: [1920, 1200],

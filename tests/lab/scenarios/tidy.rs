@@ -12,8 +12,7 @@ const MAX_ARCHITECTURE_LINES: usize = 220;
 /// The cores: values in, values out.
 const CORES: [&str; 3] = ["proto/src", "edge/src", "fusion/src"];
 /// What in their folders is shell. Everything else knows no file, socket, clock or runtime.
-const SHELLS: [&str; 8] = [
-    "proto/src/venue/load.rs",
+const SHELLS: [&str; 7] = [
     "edge/src/node",
     "edge/src/source",
     "edge/src/network",

@@ -64,7 +64,7 @@ impl InProcess {
     /// # Errors
     /// Whatever the venue's files, networks or sources are refused for.
     pub fn open(path: &Path, withheld: Option<ViewpointIndex>) -> anyhow::Result<Self> {
-        let venue = Venue::load(path)?;
+        let venue = farfield_node::files::load_venue(path)?;
         let known = VenueSources::default();
         let infos = venue
             .cameras

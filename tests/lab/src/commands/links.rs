@@ -18,7 +18,6 @@ use crate::relay::{Direction, Impairment};
 use anyhow::{Context as _, bail, ensure};
 use farfield_fusion::node::{NodeError, say};
 use farfield_proto::tick::Tick;
-use farfield_proto::venue::Venue;
 use farfield_score::lines::{Recording, Role};
 use farfield_score::points::PointSet;
 use farfield_score::score;
@@ -170,7 +169,7 @@ impl<'a> Study<'a> {
             bytes => format!("[link]\nbudget_bytes_per_s = {bytes}.0\n"),
         };
         let maps = made_maps::make(args.scene.as_deref(), folder, &[], &budget)?;
-        let venue = Venue::load(&maps.venue)?;
+        let venue = farfield_node::files::load_venue(&maps.venue)?;
         let tick = |seconds: u32| Tick((f64::from(seconds) * venue.rate_hz) as i64);
         let (ticks, scored) = (
             Tick(0)..tick(args.seconds),

@@ -74,7 +74,7 @@ fn run(
     maps: &MadeMaps,
     folder: &std::path::Path,
 ) -> anyhow::Result<(String, Vec<String>)> {
-    let n = farfield_proto::venue::Venue::load(&maps.venue)?
+    let n = farfield_node::files::load_venue(&maps.venue)?
         .viewpoints
         .len();
     let mut live = LiveVenue::prepare(&maps.program, &maps.venue, Namespaces::make(n).ok())?;

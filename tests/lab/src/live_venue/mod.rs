@@ -53,7 +53,7 @@ impl LiveVenue {
         venue_path: &Path,
         namespaces: Option<Namespaces>,
     ) -> anyhow::Result<Self> {
-        let venue = Venue::load(venue_path)?;
+        let venue = farfield_node::files::load_venue(venue_path)?;
         let ports = free_ports().context("looking for free ports")?;
         let server = SocketAddr::from((Ipv4Addr::LOCALHOST, ports[0]));
         let n = venue.viewpoints.len();

@@ -1,25 +1,17 @@
-//! How a node behaves as a process: its log, the ways it is told to stop, its exit code.
+//! How a node behaves as a process: what tells it to stop, what it says, its exit code.
 
 use std::fmt;
-use std::io::{IsTerminal as _, Read as _, Write as _, stderr};
+use std::io::{Read as _, Write as _, stderr};
 use std::process::ExitCode;
 
 use tokio::signal::unix::{SignalKind, signal};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
-use tracing_subscriber::layer::SubscriberExt as _;
-use tracing_subscriber::util::SubscriberInitExt as _;
-use tracing_subscriber::{EnvFilter, Layer as _};
-
-use super::doorman;
 
 /// Exit code of a run that was interrupted: 128 + SIGINT.
 pub const EXIT_INTERRUPTED: u8 = 130;
 /// Exit code for wrong input or usage.
 pub const EXIT_REFUSED: u8 = 2;
-/// What is logged unless `RUST_LOG` says otherwise. Zenoh warns about every peer that leaves: the nodes
-/// say that themselves, by name. So they do with the backend.
-const LOGGED: &str = "warn,zenoh=error,ort=error,farfield_edge::network::backend=error";
 
 /// How a node ended when nothing went wrong.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -79,27 +71,12 @@ pub fn say(line: fmt::Arguments<'_>) {
     drop(writeln!(stderr(), "{line}"));
 }
 
-/// Sends the log to standard error: warnings and worse, unless `RUST_LOG` says otherwise.
-pub fn start_log() {
-    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(LOGGED));
-    // A second call in one process (tests) finds the first log in place.
-    let lines = tracing_subscriber::fmt::layer()
-        .with_writer(stderr)
-        .with_ansi(stderr().is_terminal())
-        .with_filter(filter);
-    let already_started = tracing_subscriber::registry()
-        .with(lines)
-        .with(doorman::layer())
-        .try_init();
-    drop(already_started);
-}
-
 /// Cancels `stop` at SIGINT or SIGTERM, and with `managed` when standard input closes: the parent has
 /// gone, or wants the node to end.
 ///
 /// # Errors
 /// When the signals cannot be listened for, or no thread starts.
-pub(super) fn stop_when_told(
+pub fn stop_when_told(
     tasks: &TaskTracker,
     stop: &CancellationToken,
     managed: Managed,
@@ -123,7 +100,7 @@ pub(super) fn stop_when_told(
 
 /// Whether a parent process holds the node's standard input for as long as the node shall live.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Managed {
+pub enum Managed {
     /// Started by hand or by systemd: standard input means nothing.
     No,
     /// Started by `farfield run`.
