@@ -12,6 +12,7 @@ mod overlay;
 mod run;
 #[cfg(test)]
 mod samples;
+mod signals;
 mod simulate;
 mod venue_folder;
 

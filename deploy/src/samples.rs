@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::Parser as _;
 use farfield_proto::calibration::Calibration;
 use farfield_proto::venue::{Parameters, Venue};
-use farfield_sim::faults::FaultProfile;
+use farfield_sim::fault_profile::FaultProfile;
 use farfield_sim::scene::Scene;
 use serde::Serialize;
 use toml::{Table, Value};

@@ -19,8 +19,7 @@ use farfield_proto::tick::Tick;
 use self::play::{Play, Script};
 use self::ticker::Ticker;
 use self::words::Backend;
-use crate::cli::{RunArgs, TickList};
-use crate::run::{self, Session};
+use crate::run::{self, RunArgs, Session, TickList};
 use crate::{output, venue_folder};
 
 /// The folder of the simulated venue, in that of the results.

@@ -14,7 +14,7 @@ use farfield_proto::tick::Tick;
 use farfield_proto::venue::Venue;
 use farfield_sim::simulated::VenueSources;
 
-use crate::cli::{RunArgs, TickList};
+use super::args::{RunArgs, TickList};
 
 /// What sets the pace of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -2,6 +2,7 @@
 //!
 //! Check (everything that can be refused, before anything is made) -> claim -> watch -> report.
 
+mod args;
 mod check;
 mod children;
 mod draw;
@@ -9,7 +10,6 @@ mod follow;
 mod progress;
 mod report;
 mod session;
-mod signals;
 mod verdict;
 mod watch;
 
@@ -18,15 +18,14 @@ use std::process::ExitCode;
 
 use farfield_fusion::node::{Claim, Ending, NodeError, exit_code, say, start_log};
 
+pub(crate) use self::args::{RunArgs, TickList};
 pub(crate) use self::check::{Plan, check};
 pub(crate) use self::follow::{Detail, Follow};
 pub(crate) use self::report::done;
 pub(crate) use self::session::Session;
-pub(crate) use self::signals::Signals;
 pub(crate) use self::verdict::{End, Verdict};
 
 use self::progress::ProgressLine;
-use crate::cli::RunArgs;
 
 /// Runs a venue to its end and says what came out.
 pub(crate) fn main(args: RunArgs) -> ExitCode {

@@ -8,9 +8,9 @@ use tokio::runtime::Runtime;
 
 use super::check::Plan;
 use super::follow::Follow;
-use super::signals::Signals;
 use super::verdict::End;
 use super::watch::watch;
+use crate::signals::Signals;
 
 /// A process that hears signals: from here on Ctrl-C no longer ends it.
 pub(crate) struct Session {

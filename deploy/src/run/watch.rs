@@ -13,8 +13,8 @@ use tokio::time::{Instant, sleep_until};
 use super::check::{Pace, Plan};
 use super::children::{Children, Event, Exit, FUSION, RINGS};
 use super::follow::Follow;
-use super::signals::Signals;
 use super::verdict::{End, Ends, Sign, Told};
+use crate::signals::Signals;
 
 /// How long the nodes may take to finish their files and leave, once they shall.
 const GRACE: Duration = Duration::from_secs(10);

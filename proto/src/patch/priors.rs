@@ -1,5 +1,5 @@
 //! What is known before the first bit: of every context how probable a `false` is, of 256; 0 where
-//! it never occurred. Written by the example `patch_table -- --learn` over maps of TinyPose (twice),
+//! it never occurred. Written by `lab codec --learn` over maps of TinyPose (twice),
 //! of simulated people, of the rendered ones of the project's own network, and of the Shelf.
 
 use super::contexts::TOTAL;

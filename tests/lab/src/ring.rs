@@ -27,7 +27,7 @@ use farfield_proto::tick::Tick;
 use farfield_proto::venue::Parameters;
 use nalgebra::Vector3;
 
-use farfield_sim::keypoint_venue::look_at;
+use farfield_sim::look_at::look_at;
 use farfield_sim::walker::Walker;
 
 /// Rate of the ring, hertz.

@@ -4,13 +4,13 @@
 //! matched one to one ([`assign`]) on the mean distance of the points that both know; then come the
 //! errors of each actor ([`accuracy`]), the smoothness of what it was given ([`motion`]), the ids
 //! ([`identity`]), how people came ([`lives`]) and, where poses say how sure they are, whether that is
-//! true ([`calibration`]). World coordinates, metres; what is reported is in millimetres and percent.
+//! true ([`uncertainty_calibration`]). World coordinates, metres; what is reported is in millimetres and percent.
 //!
 //! Nothing here forgives: a truth without a pose is a gap and wrong in every percentage, and so is a
 //! point that the truth knows and the pose does not have.
 
 pub mod accuracy;
-pub mod calibration;
+pub mod detail;
 pub mod identity;
 pub mod lines;
 pub mod lives;
@@ -18,6 +18,7 @@ pub mod motion;
 pub mod plot;
 pub mod points;
 pub mod table;
+pub mod uncertainty_calibration;
 
 use std::collections::BTreeMap;
 
@@ -27,12 +28,12 @@ use serde::Serialize;
 use farfield_fusion::assign::assign;
 
 use accuracy::Tally;
-use calibration::{Calibration, CalibrationTally};
 use identity::{IdentityScore, IdentityTally};
 use lines::Recording;
 use lives::Lives;
 use motion::Motion;
 use points::{Body, PointSet};
+use uncertainty_calibration::{UncertaintyCalibration, UncertaintyTally};
 
 /// Farthest mean distance at which a pose can be a truth's, metres.
 pub const GATE_M: f64 = 0.5;
@@ -63,7 +64,7 @@ pub struct Scores {
     /// How the errors go with what the poses say of themselves; `None` where they say nothing, and
     /// where the truth is partial.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub calibration: Option<Calibration>,
+    pub calibration: Option<UncertaintyCalibration>,
 }
 
 /// Figures of one actor. `None` is "nothing to measure": no matched tick, no rate, no foot.
@@ -138,7 +139,7 @@ pub fn score(poses: &Recording, truth: &Recording, rate_hz: Option<f64>) -> Scor
     let nobody = BTreeMap::new();
     let mut actors: BTreeMap<u32, (Tally, Motion)> = BTreeMap::new();
     let mut identity = IdentityTally::new(truth.is_partial());
-    let mut calibration = CalibrationTally::default();
+    let mut calibration = UncertaintyTally::default();
     for tick in scored_ticks(poses, truth) {
         let true_bodies = truth.people_at(tick).unwrap_or(&nobody);
         let pose_bodies = poses.people_at(tick).unwrap_or(&nobody);

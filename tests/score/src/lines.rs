@@ -15,7 +15,7 @@ use nalgebra::Vector3;
 use serde::Deserialize as _;
 use serde_json::{Map, Value};
 
-use super::calibration::{Detail, Sureness};
+use super::detail::{Detail, Sureness};
 use super::points::{Body, PointSet};
 use farfield_fusion::body::skeleton::{Joint, N_JOINTS};
 

@@ -5,7 +5,7 @@ use std::str::FromStr;
 use nalgebra::Vector3;
 use serde::Serialize;
 
-use super::calibration::Detail;
+use super::detail::Detail;
 
 /// Which points are compared.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]

@@ -8,13 +8,14 @@ use std::path::Path;
 
 use anyhow::Context as _;
 use farfield_proto::camera::{CameraModel, Distortion, Intrinsics};
-use farfield_proto::frames::{Point, Transform};
+use farfield_proto::frames::Point;
 use farfield_proto::keypoints::COCO17;
-use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::Vector3;
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 use serde_json::{Value, json};
 
+use crate::look_at::look_at;
 use crate::scene::write::calibration_text;
 use crate::walker::Walker;
 
@@ -232,22 +233,6 @@ fn four_corners(half_side_m: f64, height_m: f64) -> anyhow::Result<Vec<CameraMod
         .into_iter()
         .collect::<Result<_, _>>()
         .map_err(Into::into)
-}
-
-/// The pose of a camera at `eye` whose optical axis goes through `target`, upright.
-pub fn look_at(
-    eye: Vector3<f64>,
-    target: Vector3<f64>,
-) -> Transform<farfield_proto::frames::Camera, farfield_proto::frames::World> {
-    let forward = (target - eye).normalize();
-    let right = forward.cross(&Vector3::z()).normalize();
-    let down = forward.cross(&right);
-    let rows = Matrix3::from_rows(&[right.transpose(), down.transpose(), forward.transpose()]);
-    let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(rows));
-    Transform::new(Isometry3::from_parts(
-        Translation3::from(-(rotation * eye)),
-        rotation,
-    ))
 }
 
 fn gaussian(rng: &mut ChaCha8Rng) -> f64 {

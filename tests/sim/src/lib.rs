@@ -3,8 +3,11 @@
 
 pub mod body;
 pub mod embedded;
+mod embedded_files;
+pub mod fault_profile;
 pub mod faults;
 pub mod keypoint_venue;
+pub mod look_at;
 pub mod maps_file;
 pub mod motion;
 pub mod render;

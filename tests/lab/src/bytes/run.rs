@@ -6,11 +6,10 @@ use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use anyhow::Context as _;
-use farfield_edge::pipeline::{EdgeOutput, StandIn};
+use farfield_edge::pipeline::StandIn;
 use farfield_fusion::body::skeleton::Joint;
 use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::message::PoseSet;
-use farfield_proto::wire;
 use farfield_score::lines::{Recording, Role};
 use farfield_score::points::{Body, PointSet};
 use nalgebra::Vector3;
@@ -20,8 +19,9 @@ use super::codec::{Codec, Rival, Sent};
 use super::errors::Errors;
 use super::framing::{TCP_IP_BYTES, TLS_BYTES, ZENOH_BYTES};
 use crate::in_process::InProcess;
-use crate::suite::bodies::People;
+use crate::suite::people::bodies::People;
 use crate::suite::run::{Plan, SceneRun};
+use crate::suite::traffic::Traffic;
 use crate::suite::venue::Input;
 use farfield_sim::scene::Scene;
 
@@ -55,32 +55,6 @@ pub struct Curve {
     pub patches: u64,
     /// Every packing.
     pub rows: Vec<Row>,
-}
-
-/// What edges sent in a run.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct Traffic {
-    /// Persons, views and ticks.
-    pub patches: u64,
-    /// Bytes of their maps.
-    pub map_bytes: u64,
-    /// Bytes of all patch messages.
-    pub message_bytes: u64,
-    /// How many messages.
-    pub messages: u64,
-}
-
-impl Traffic {
-    /// Adds what the edges sent at a tick.
-    pub fn add(&mut self, edges: &[EdgeOutput]) {
-        for set in edges.iter().flat_map(|edge| &edge.patch_sets) {
-            let maps = set.persons.iter().map(|person| person.maps.bytes.len());
-            self.patches += set.persons.len() as u64;
-            self.map_bytes += maps.sum::<usize>() as u64;
-            self.message_bytes += wire::encode(set).len() as u64;
-            self.messages += 1;
-        }
-    }
 }
 
 /// One codec's run: its poses and what was sent.

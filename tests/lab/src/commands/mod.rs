@@ -4,21 +4,39 @@
 //! command of `farfield` is handed on to it, unseen in the help: `lab edge VENUE ...` is an edge, and the
 //! scenarios test the operator's commands through the same program. Exit codes are those of `farfield`.
 
+mod budget;
 mod bytes;
+mod codec;
+mod delays;
+mod fuzz_seeds;
 mod links;
 mod made_maps;
+mod maps;
+mod render;
+mod scene_argument;
 mod soak;
 mod suite;
+mod training;
+mod walk_venue;
 
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 use farfield_fusion::node::{Ending, exit_code};
 
+use self::budget::BudgetArgs;
 use self::bytes::BytesArgs;
+use self::codec::CodecArgs;
+use self::delays::DelaysArgs;
+use self::fuzz_seeds::FuzzSeedsArgs;
 use self::links::LinksArgs;
+use self::maps::MapsArgs;
+use self::render::RenderArgs;
 use self::soak::SoakArgs;
 use self::suite::SuiteArgs;
+use self::training::crops::CropsArgs;
+use self::training::frames::FramesArgs;
+use self::walk_venue::WalkVenueArgs;
 
 /// How good Farfield is, and why: suites and studies over simulated venues and recordings.
 ///
@@ -42,6 +60,24 @@ enum Command {
     Links(LinksArgs),
     /// Whether anything grows in a venue that runs live for long.
     Soak(SoakArgs),
+    /// One scene with changed parameters: its figures, and where the error comes from.
+    Budget(BudgetArgs),
+    /// What a delay is worth: live, smoothed with 50, 100 and 200 ms, and in two passes.
+    Delays(DelaysArgs),
+    /// Render ticks of a scene as one camera sees them, and say how long it took.
+    Render(RenderArgs),
+    /// Write down the maps of a scene or a venue, before any codec.
+    Maps(MapsArgs),
+    /// What each quality of the codec makes of maps that were written down.
+    Codec(CodecArgs),
+    /// Render crops of people with their keypoints, to train the embedded pose network on.
+    TrainingCrops(CropsArgs),
+    /// Render pictures with the boxes of their people, to train the embedded detector on.
+    TrainingFrames(FramesArgs),
+    /// Write whole inputs for the fuzz targets of binary formats.
+    FuzzSeeds(FuzzSeedsArgs),
+    /// Write the sample venue of two walkers anew.
+    WalkVenue(WalkVenueArgs),
 }
 
 /// Does what the command line of this process says.
@@ -57,6 +93,15 @@ pub fn main() -> ExitCode {
         Command::Bytes(args) => bytes::study(&args),
         Command::Links(args) => links::links(&args),
         Command::Soak(args) => soak::soak(&args),
+        Command::Budget(args) => budget::budget(&args),
+        Command::Delays(args) => delays::delays(&args),
+        Command::Render(args) => render::render(&args),
+        Command::Maps(args) => maps::write(&args),
+        Command::Codec(args) => codec::measure(&args),
+        Command::TrainingCrops(args) => training::crops::write(&args),
+        Command::TrainingFrames(args) => training::frames::write(&args),
+        Command::FuzzSeeds(args) => fuzz_seeds::write_seeds(&args),
+        Command::WalkVenue(args) => walk_venue::write(&args),
     };
     exit_code(done.map(|()| Ending::Done))
 }

@@ -4,16 +4,16 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use crate::suite::bars::{Verdict, verdicts};
-use crate::suite::limits::behind_limits;
-use crate::suite::overview::Overview;
 use crate::suite::report::SceneReport;
+use crate::suite::report::bars::{Verdict, verdicts};
+use crate::suite::report::limits::behind_limits;
+use crate::suite::report::overview::Overview;
 use crate::suite::scenes::{Named, choose};
 use crate::suite::studies::{Study, camera_choices, predictors};
 use crate::suite::venue::Input;
 use anyhow::{Context as _, anyhow};
 use farfield_fusion::node::NodeError;
-use farfield_score::calibration::Calibration;
+use farfield_score::uncertainty_calibration::UncertaintyCalibration;
 use farfield_sim::scene::Scene;
 use farfield_sim::simulated::without_map_faults;
 use serde::Serialize;
@@ -77,7 +77,7 @@ struct SuiteReport {
     studies: Vec<Study>,
     bars: Vec<Verdict>,
     /// How sure the live poses of all scenes said they were, against their errors.
-    calibration: Calibration,
+    calibration: UncertaintyCalibration,
     /// What is worse than the loose limits.
     behind_limits: Vec<String>,
 }
@@ -140,7 +140,7 @@ fn run(
         scenes: Vec::new(),
         studies: Vec::new(),
         bars: Vec::new(),
-        calibration: Calibration::default(),
+        calibration: UncertaintyCalibration::default(),
         behind_limits: Vec::new(),
     };
     for Named { name, scene } in scenes {

@@ -10,7 +10,7 @@ use nalgebra::Vector3;
 use serde::Serialize;
 
 use super::baseline::Trajectory;
-use super::outliers::Thresholds;
+use super::baseline::outliers::Thresholds;
 use super::run::SceneRun;
 use farfield_sim::scene::SITE_JOINTS;
 

@@ -17,12 +17,12 @@ use farfield_score::{Scores, errors_over_time, matches_at, score};
 use nalgebra::{Matrix3x4, Vector3};
 
 use super::baseline::PersonView;
-use super::bodies::{People, add_poses};
-use super::gaps;
-use super::presence::Presence;
+use super::people::bodies::{People, add_poses};
+use super::people::gaps;
+use super::people::presence::Presence;
 use super::tee::tee;
+use super::traffic::Traffic;
 use super::venue::{Input, sources_of, venue_of};
-use crate::bytes::run::Traffic;
 use crate::conditions::{Cuts, FarLinks};
 use crate::in_process::InProcess;
 use crate::view_peaks::PeakReader;

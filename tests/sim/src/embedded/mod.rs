@@ -4,7 +4,6 @@
 //! [`scene`] reads an embedded scene without touching a disk; [`write_scene`] writes one with its clips into a
 //! folder, for processes that read files.
 
-mod files;
 mod network;
 
 use std::fs;
@@ -13,8 +12,8 @@ use std::sync::Arc;
 
 use farfield_proto::toml_file::FileError;
 
-pub use self::files::{CLIPS, SCENES};
 pub use self::network::{write_detector, write_network};
+pub use crate::embedded_files::{CLIPS, SCENES};
 use crate::motion::Clip;
 use crate::scene::Scene;
 use crate::scene::file::SceneFile;

@@ -79,7 +79,7 @@ mod tests {
     use super::super::observe::{Observation, Seen};
     use super::super::{Crowd, MapFaults};
     use super::*;
-    use crate::embedded::CLIPS;
+    use crate::embedded_files::CLIPS;
     use crate::motion::Clip;
 
     /// One who stands in the middle, two viewpoints in the south and two in the north, no faults but

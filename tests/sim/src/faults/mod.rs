@@ -3,7 +3,7 @@
 //!
 //! [`MapFaults`] is what one camera's network would say. At every tick the keypoints of everybody in
 //! the image are projected, the bodies that cover them are found ([`crate::body::Volume::covers`]),
-//! and the faults of the scene's [`FaultProfile`] added; each [`Observation`] then paints the maps of
+//! and the faults of the scene's [`FaultProfile`](crate::fault_profile::FaultProfile) added; each [`Observation`] then paints the maps of
 //! any crop. What mirrors and posters show is painted as people are, though nobody is there. Every draw comes from the scene's seed, so that two runs make the same maps.
 
 mod cover;
@@ -12,7 +12,6 @@ mod in_sight;
 mod kept;
 mod observe;
 mod paint;
-mod profile;
 mod streams;
 
 use std::sync::Arc;
@@ -26,7 +25,6 @@ use crate::scene::Scene;
 pub use crowd::Crowd;
 pub use kept::KeptObservation;
 pub use observe::Observation;
-pub use profile::{Bias, Definition, FaultProfile, Hidden, Jitter, Leak, Mirror, Missing, Noise};
 
 /// The maps of one camera of a scene, tick after tick.
 #[derive(Debug)]

@@ -14,11 +14,11 @@ use farfield_proto::frames::Point;
 use nalgebra::{Vector2, Vector3};
 use rand::RngExt as _;
 
-use super::FaultProfile;
 use super::cover::{Bodies, Cover};
 use super::crowd::{Figure, Subject};
 use super::in_sight::Standpoint;
 use super::streams::{Draws, Fault, KeypointStreams, N_KEYPOINTS, Owner, stream};
+use crate::fault_profile::FaultProfile;
 
 /// COCO's OKS constants, in COCO's order.
 const SIGMAS: [f64; N_KEYPOINTS] = [

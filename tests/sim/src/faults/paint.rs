@@ -209,8 +209,8 @@ mod tests {
     use super::super::tests::{
         LEFT_KNEE, NOSE, all, assert_near, camera, faults, projected, standing,
     };
-    use super::super::{FaultProfile, Leak};
     use super::*;
+    use crate::fault_profile::{FaultProfile, Leak};
 
     /// The crop of a box around somebody, with cells of 6 pixels.
     struct Crop {

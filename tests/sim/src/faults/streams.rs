@@ -9,7 +9,7 @@ use std::f64::consts::{FRAC_1_SQRT_2, TAU};
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 
-use super::FaultProfile;
+use crate::fault_profile::FaultProfile;
 
 /// Keypoints of a person: COCO's.
 pub(super) const N_KEYPOINTS: usize = 17;
@@ -287,7 +287,7 @@ impl KeypointStreams {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::faults::{Bias, Hidden, Leak, Mirror, Missing};
+    use crate::fault_profile::{Bias, Hidden, Leak, Mirror, Missing};
 
     const RATE_HZ: f64 = 60.0;
     /// Ticks of a long run, and streams that are averaged over: sampling errors of a few percent.

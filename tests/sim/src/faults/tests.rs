@@ -12,7 +12,8 @@ use super::observe::{CameraFaults, Evidence, Observation, Seen};
 use super::*;
 use crate::body::Build;
 use crate::embedded;
-use crate::keypoint_venue::look_at;
+use crate::fault_profile::{Bias, FaultProfile, Jitter, Leak, Mirror};
+use crate::look_at::look_at;
 use crate::scene::PersonTruth;
 
 const RATE_HZ: f64 = 60.0;

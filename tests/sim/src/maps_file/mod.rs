@@ -24,7 +24,7 @@ use serde::{Deserialize, Serialize};
 pub use course::Course;
 pub use read::{MapsFile, MapsFileError};
 pub use source::MapsSource;
-pub(crate) use source::{load, ticks_of};
+pub(crate) use source::{load, same_rate, ticks_of};
 pub use write::write_maps;
 
 /// What a file begins with; the last byte is the version.

@@ -13,7 +13,9 @@ use farfield_proto::venue::{Venue, VenueCamera};
 use super::read::MAX_FILE_BYTES;
 use super::{CameraFailure, FailureKind, MapsFile};
 use crate::faults::Observation;
-use crate::simulated::same_rate;
+
+/// Rates that differ by less are the same, as a share: a file may hold fewer digits.
+const RATE_TOLERANCE: f64 = 1e-6;
 
 /// Ticks of a recording that repeats: at 1000 a second it lasts 35 years.
 const ENDLESS: i64 = 1 << 40;
@@ -183,4 +185,9 @@ impl FrameSource for MapsSource {
             content: Content::Painted(painter),
         }))
     }
+}
+
+/// Whether a recording's rate is the venue's.
+pub(crate) fn same_rate(found_hz: f64, expected_hz: f64) -> bool {
+    (found_hz - expected_hz).abs() <= RATE_TOLERANCE * expected_hz
 }

@@ -3,8 +3,8 @@
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
+use super::place::Surroundings;
 use super::sensor::Sensor;
-use super::surroundings::Surroundings;
 use super::view::{TILE, View};
 
 /// Brightness of the stored value 1.

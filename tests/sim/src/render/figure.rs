@@ -2,9 +2,8 @@
 
 use nalgebra::Vector3;
 
-use super::light::Light;
 use super::look::{Spot, color_at};
-use super::surroundings::times;
+use super::place::{Light, times};
 use crate::body::{Build, Color, Cone, Part, Volume};
 use crate::scene::Poster;
 

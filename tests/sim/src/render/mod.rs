@@ -7,25 +7,22 @@
 mod backdrop;
 mod cast;
 mod figure;
-mod floor;
 mod grain;
-mod light;
 mod look;
 mod paint;
+mod place;
 mod renderer;
 mod sensor;
 mod shade;
-mod surroundings;
 mod tiles;
 mod view;
 
 pub use backdrop::Backdrop;
 pub use figure::{Figure, Print};
-pub use light::Light;
 pub use paint::{Shot, paint};
+pub use place::{Light, Surroundings};
 pub use renderer::{RenderSettings, Renderer};
 pub use sensor::Sensor;
-pub use surroundings::Surroundings;
 pub use view::View;
 
 #[cfg(test)]

@@ -8,7 +8,7 @@ use super::backdrop::{Backdrop, shifts_px};
 use super::cast::{Hits, NOTHING};
 use super::figure::Figure;
 use super::grain;
-use super::light::Light;
+use super::place::Light;
 use super::sensor::Sensor;
 use super::shade::Shade;
 use super::tiles::{Moment, Owner, shadow_box};

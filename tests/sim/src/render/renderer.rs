@@ -10,8 +10,8 @@ use super::backdrop::Backdrop;
 use super::figure::{Figure, Print};
 use super::grain;
 use super::paint::{Shot, paint};
+use super::place::Surroundings;
 use super::sensor::Sensor;
-use super::surroundings::Surroundings;
 use super::view::View;
 use crate::body::{Build, Cone, Part, Volume};
 use crate::scene::{BALL_RADIUS_M, Scene, ViewpointMask};
@@ -176,7 +176,7 @@ mod tests {
     use std::path::Path;
 
     use super::*;
-    use crate::embedded::CLIPS;
+    use crate::embedded_files::CLIPS;
     use crate::motion::Clip;
 
     /// What the cameras of two opposite viewpoints see at 0 s and 1 s of a field with `added` in it.

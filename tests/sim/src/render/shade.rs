@@ -3,7 +3,7 @@
 
 use nalgebra::Vector3;
 
-use super::light::Light;
+use super::place::Light;
 use crate::body::Cone;
 
 /// Cell of the map of heights, metres.

@@ -10,7 +10,7 @@ use nalgebra::{Point3, Vector2, Vector3};
 use super::{Backdrop, Figure, Sensor, Shot, Surroundings, View, paint};
 use crate::body::standing::standing;
 use crate::body::{Build, Cone, Part, Volume};
-use crate::keypoint_venue::look_at;
+use crate::look_at::look_at;
 
 const SIZE_PX: [u32; 2] = [322, 202];
 

@@ -12,7 +12,7 @@ use rand::RngExt as _;
 
 use super::draws::{Purpose, draws};
 use super::file::GeneratedCameras;
-use crate::keypoint_venue::look_at;
+use crate::look_at::look_at;
 
 /// How far beyond the field's edge bodies are still seen, metres; never more than half of the way
 /// to the cameras.

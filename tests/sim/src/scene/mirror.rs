@@ -8,21 +8,9 @@
 use farfield_fusion::body::skeleton::Joint;
 use farfield_fusion::body::skeleton::Joints;
 use nalgebra::{Vector2, Vector3};
-use serde::Deserialize;
 
+use super::file::MirrorEntry;
 use super::truth::{N_SITES, PersonTruth};
-
-/// A mirror as it is written.
-#[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct MirrorEntry {
-    /// The lower corner on the right of whoever looks into it, metres on the floor.
-    pub from_m: [f64; 2],
-    /// The one on the left.
-    pub to_m: [f64; 2],
-    /// How high it reaches from the floor, metres.
-    pub height_m: f64,
-}
 
 /// A mirror.
 #[derive(Debug, Clone, PartialEq)]

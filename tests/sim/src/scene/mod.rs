@@ -4,22 +4,16 @@
 //! everybody's way. After that nothing is drawn or remembered: the same scene answers any time, in
 //! any order, with the same truth ([`truth`]), in some ten microseconds per person.
 
-mod aside;
 mod ball;
 mod cameras;
-mod check;
 mod draws;
 pub mod file;
 mod load;
 mod mirror;
-mod path;
 mod plan;
 mod poster;
 pub mod range_of_motion;
 mod sight;
-mod steer;
-mod table;
-mod timeline;
 pub mod truth;
 pub mod write;
 
@@ -33,22 +27,21 @@ use farfield_proto::toml_file::{FileError, TomlFile};
 use nalgebra::Vector3;
 use rand::RngExt as _;
 
-pub use self::aside::KEEP_M;
 pub use self::ball::BALL_RADIUS_M;
 use self::ball::Ball;
 use self::cameras::Rig;
 use self::draws::{Purpose, draws};
 use self::file::SceneFile;
 use self::load::{Clips, mount, numbers_of, posters_of, read};
-pub use self::mirror::{Mirror, MirrorEntry};
-pub use self::plan::EDGE_M;
+pub use self::mirror::Mirror;
 use self::plan::Plan;
-pub use self::poster::{Poster, PosterEntry};
+pub use self::plan::{EDGE_M, KEEP_M};
+pub use self::poster::Poster;
 use self::sight::Sight;
-pub use self::sight::{Lost, LostEntry, ViewpointMask};
+pub use self::sight::{Lost, ViewpointMask};
 use self::truth::DefinitionOffsets;
 pub use self::truth::{N_SITES, PersonTruth, SITE_JOINTS};
-use crate::faults::FaultProfile;
+use crate::fault_profile::FaultProfile;
 use crate::motion::Clip;
 
 /// Height of the field that people are tracked in above its floor, metres: a raised hand in a jump.

@@ -3,33 +3,17 @@
 //! What is printed is the outline of somebody who looks out of the picture; the paper around it is
 //! left out. Seen from behind there is nothing on it.
 
-use std::path::PathBuf;
-
 use farfield_fusion::body::skeleton::Joint;
 use farfield_fusion::body::skeleton::Joints;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
+use super::file::PosterEntry;
 use super::truth::{PersonTruth, SITE_JOINTS};
 use crate::body::{Build, Volume};
 use crate::motion::Clip;
 
 /// What is left of the depth of a body in print: enough that front and back are still told apart.
 const RELIEF: f64 = 0.02;
-
-/// A poster as it is written, its clip not yet read.
-#[derive(Debug, Clone)]
-pub struct PosterEntry {
-    /// Where the pelvis is, metres on the floor.
-    pub at_m: [f64; 2],
-    /// Where the picture faces, from +x towards +y, radians.
-    pub heading_rad: f64,
-    /// Stature of who is in it, metres.
-    pub height_m: f64,
-    /// The motion clip that it is taken from.
-    pub clip: PathBuf,
-    /// When in the clip, seconds.
-    pub time_s: f64,
-}
 
 /// A picture of a person.
 #[derive(Debug, Clone, PartialEq)]
@@ -108,8 +92,10 @@ impl Poster {
 
 #[cfg(test)]
 mod tests {
+    use std::path::PathBuf;
+
     use super::*;
-    use crate::embedded::CLIPS;
+    use crate::embedded_files::CLIPS;
 
     fn poster(heading_rad: f64) -> Poster {
         let (name, text) = CLIPS[0];

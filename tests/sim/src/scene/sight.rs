@@ -7,25 +7,9 @@
 use std::collections::BTreeMap;
 
 use farfield_proto::toml_file::{FileError, Place, TomlFile, unknown_name};
-use serde::Deserialize;
 
 use super::SceneViewpoint;
 use super::file::SceneFile;
-
-/// A person lost to all but some viewpoints, as it is written.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct LostEntry {
-    /// Name of the person.
-    pub person: String,
-    /// From when, seconds.
-    pub from_s: f64,
-    /// Until when, seconds.
-    pub until_s: f64,
-    /// The viewpoints that see the person all the same.
-    #[serde(default)]
-    pub except: Vec<String>,
-}
 
 /// Viewpoints as bits: the n-th of the scene is bit n.
 pub type ViewpointMask = u64;
@@ -126,7 +110,7 @@ mod tests {
     use std::sync::Arc;
 
     use super::super::Scene;
-    use crate::embedded::CLIPS;
+    use crate::embedded_files::CLIPS;
     use crate::motion::Clip;
 
     fn refusal(added: &str) -> String {

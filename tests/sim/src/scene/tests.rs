@@ -9,7 +9,7 @@ use nalgebra::Vector2;
 
 use super::range_of_motion::range_of_motion_excess;
 use super::*;
-use crate::faults::Definition;
+use crate::fault_profile::Definition;
 
 /// Fastest pelvis of any clip, metres per second: a runner's 8, and what a recording's spikes add.
 const FASTEST_M_S: f64 = 12.0;

@@ -7,12 +7,11 @@ mod camera;
 mod sources;
 mod venue_text;
 
-use crate::faults::FaultProfile;
+use crate::fault_profile::FaultProfile;
 use crate::scene::Scene;
 
 pub use camera::SimulatedSource;
 pub use sources::VenueSources;
-pub(crate) use sources::same_rate;
 pub use venue_text::{VenueText, quoted};
 
 /// The scene as pictures show it: its cameras may be free-running, all other faults are those of

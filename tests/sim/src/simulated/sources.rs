@@ -15,11 +15,8 @@ use farfield_proto::venue::{Source, Venue, VenueCamera};
 
 use super::SimulatedSource;
 use crate::faults::Crowd;
-use crate::maps_file::{MapsFile, MapsSource, load, ticks_of};
+use crate::maps_file::{MapsFile, MapsSource, load, same_rate, ticks_of};
 use crate::scene::Scene;
-
-/// Rates that differ by less are the same, as a share: a file may hold fewer digits.
-const RATE_TOLERANCE: f64 = 1e-6;
 
 /// Opens recorded, live and simulated sources, and maps made beforehand. Scenes and maps are read once.
 #[derive(Debug, Default)]
@@ -113,11 +110,6 @@ impl VenueSources {
             crowd,
         })
     }
-}
-
-/// Whether a recording's rate is the venue's.
-pub(crate) fn same_rate(found_hz: f64, expected_hz: f64) -> bool {
-    (found_hz - expected_hz).abs() <= RATE_TOLERANCE * expected_hz
 }
 
 impl Sources for VenueSources {
