@@ -137,7 +137,7 @@ mod tests {
     use farfield_proto::id::CameraIndex;
 
     use super::*;
-    use crate::pipeline::fixtures::pinhole;
+    use crate::fixtures::pinhole;
 
     fn at(center_px: [f32; 2], size_px: [f32; 2]) -> CameraBox {
         CameraBox {

@@ -10,9 +10,9 @@ use farfield_proto::model_card::{Decode, DetectorCard, Letterbox};
 use image::RgbImage;
 
 use crate::crop::{CropGeometry, CropShape, Cropper, PixelFormat};
+use crate::inference::{Detection, DetectorInput, NetworkError, PersonDetector, Window};
 use crate::network::{Axis, Contract, OnnxModel, read_card};
-use crate::pipeline::{Detection, NetworkError, PersonDetector};
-use crate::tiles::{DetectorInput, Window, thinned_out};
+use crate::tiles::thinned_out;
 
 /// Least confidence of a detection. Low: fusion asks for a second viewpoint and several keypoints
 /// before it believes in a person.

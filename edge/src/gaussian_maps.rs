@@ -70,8 +70,8 @@ mod tests {
 
     use super::*;
     use crate::crop::{CropGeometry, CropShape};
+    use crate::fixtures::{bent, pinhole};
     use crate::peaks::find_peaks;
-    use crate::pipeline::fixtures::{bent, pinhole};
 
     fn grid() -> CellGrid {
         let b = BoundingBox {

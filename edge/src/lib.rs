@@ -8,7 +8,10 @@ pub mod choose;
 pub mod crop;
 #[cfg(feature = "network")]
 pub mod detector;
+#[cfg(test)]
+mod fixtures;
 pub mod gaussian_maps;
+pub mod inference;
 pub mod live;
 #[cfg(feature = "network")]
 pub mod network;

@@ -7,8 +7,9 @@ use std::path::Path;
 
 use anyhow::{Context as _, ensure};
 use farfield_edge::detector::OnnxDetector;
+use farfield_edge::inference::{KeypointNetwork, PersonDetector};
 use farfield_edge::network::OnnxKeypointNetwork;
-use farfield_edge::pipeline::{EdgeOutput, KeypointNetwork, Orders, PersonDetector, StandIn};
+use farfield_edge::pipeline::{EdgeOutput, Orders, StandIn};
 use farfield_edge::source::{FrameSource, Sources as _, common_ticks};
 use farfield_fusion::align::TickGroup;
 use farfield_fusion::person::track::Track;

@@ -242,7 +242,7 @@ mod tests {
 
     use super::*;
     use crate::crop::CropShape;
-    use crate::pipeline::fixtures::{bent, pinhole};
+    use crate::fixtures::{bent, pinhole};
 
     const PLAIN: PixelFormat = PixelFormat {
         gain: [1.0; 3],

@@ -118,7 +118,7 @@ mod tests {
 
     use super::*;
     use crate::crop::CropShape;
-    use crate::pipeline::fixtures::{bent, pinhole};
+    use crate::fixtures::{bent, pinhole};
 
     fn largest_error(camera: &CameraModel, b: BoundingBox) -> f64 {
         let shape = CropShape {

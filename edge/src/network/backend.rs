@@ -7,7 +7,7 @@ use ort::environment::Environment;
 use tracing::{info, warn};
 
 use super::library::{Places, VARIABLE};
-use crate::pipeline::NetworkError;
+use crate::inference::NetworkError;
 
 /// What to start.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

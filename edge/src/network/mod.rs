@@ -12,7 +12,7 @@ use std::path::Path;
 
 use farfield_proto::model_card::HeatmapCard;
 
-use crate::pipeline::{InputTensor, KeypointNetwork, NetworkError};
+use crate::inference::{InputTensor, KeypointNetwork, NetworkError};
 
 pub use backend::{Backend, Choice};
 pub(crate) use model::{Axis, Contract, OnnxModel, read_card};

@@ -12,7 +12,7 @@ use ort::value::{Outlet, TensorElementType, TensorRef, ValueType};
 
 use super::backend::{Backend, Choice};
 use super::outputs::{LABELS, LABELS_AS_FLOATS, reduced};
-use crate::pipeline::NetworkError;
+use crate::inference::NetworkError;
 
 /// Threads of one network. Edges share their cores with decoders and, in tests, with each other;
 /// one thread also keeps sums in one order.

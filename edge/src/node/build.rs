@@ -16,8 +16,9 @@ use super::config::Config;
 use super::process::NodeError;
 use super::worker::Work;
 use crate::detector::OnnxDetector;
+use crate::inference::{InputTensor, KeypointNetwork, NetworkError, PersonDetector};
 use crate::network::{Backend, Choice, OnnxKeypointNetwork};
-use crate::pipeline::{InputTensor, KeypointNetwork, NetworkError, PersonDetector, Pipeline};
+use crate::pipeline::Pipeline;
 use crate::source::{self, SourceError, SourceInfo, Sources};
 
 /// An edge that is ready to connect.

@@ -3,7 +3,7 @@
 use farfield_proto::id::ViewpointIndex;
 use farfield_proto::tick::Tick;
 
-use super::inference::NetworkError;
+use crate::inference::NetworkError;
 
 /// Why an edge cannot start, or a step cannot be taken.
 #[derive(Debug, thiserror::Error)]

@@ -5,7 +5,7 @@ use farfield_proto::id::CameraIndex;
 use farfield_proto::venue::{Venue, VenueCamera};
 use image::RgbImage;
 
-use super::inference::{Detection, NetworkError, PersonDetector};
+use crate::inference::{Detection, NetworkError, PersonDetector};
 use crate::tiles::{self, TilePlan};
 
 /// Looks for people in the pictures of a venue.

@@ -9,9 +9,6 @@
 mod batch;
 mod camera;
 mod error;
-#[cfg(test)]
-pub(crate) mod fixtures;
-mod inference;
 mod looker;
 mod looks;
 mod orders;
@@ -37,10 +34,10 @@ use self::looker::Looker;
 use self::tracked::Tracked;
 use crate::crop::CropGeometry;
 use crate::gaussian_maps::draw_maps;
+use crate::inference::{KeypointNetwork, PersonDetector};
 use crate::source::{Content, Frame, MapCrop};
 
 pub use error::PipelineError;
-pub use inference::{Detection, InputTensor, KeypointNetwork, NetworkError, PersonDetector};
 pub use orders::Orders;
 pub use parts::MESSAGE_BYTES;
 

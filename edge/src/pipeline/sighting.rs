@@ -8,8 +8,8 @@ use farfield_proto::message::{KeypointPeak, MAX_SIGHTINGS, Sighting};
 use image::RgbImage;
 
 use super::batch::Batch;
-use super::inference::Detection;
 use crate::crop::CropGeometry;
+use crate::inference::Detection;
 use crate::peaks::best_peak;
 use crate::source::Candidate;
 
@@ -154,7 +154,7 @@ fn undistorted_box(detection: &Detection, model: &CameraModel, margin: f64) -> O
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::pipeline::fixtures::{bent, pinhole};
+    use crate::fixtures::{bent, pinhole};
 
     fn assert_near(got: [f32; 2], expected: [f32; 2]) {
         let distance = (got[0] - expected[0]).hypot(got[1] - expected[1]);

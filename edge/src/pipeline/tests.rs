@@ -13,11 +13,11 @@ use farfield_proto::patch::Decoder;
 use farfield_proto::wire;
 use image::RgbImage;
 
-use super::fixtures::venue;
 use super::*;
+use crate::fixtures::venue;
+use crate::inference::{Detection, DetectorInput, InputTensor, NetworkError, Window};
 use crate::peaks::best_peak;
 use crate::source::{Candidate, KeypointFrame, MapPainter};
-use crate::tiles::{DetectorInput, Window};
 
 const PICTURES: &str = "{ kind = \"video\", path = \"a.mp4\" }";
 const KEYPOINTS: &str = "{ kind = \"keypoints\", path = \"a.jsonl\" }";

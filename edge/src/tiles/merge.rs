@@ -1,7 +1,6 @@
 //! One list out of what overlapping windows of a picture found.
 
-use super::window::Window;
-use crate::pipeline::Detection;
+use crate::inference::{Detection, Window};
 
 /// Overlap (intersection over union) from which two boxes are one person; YOLOX's own default.
 const SAME_PERSON: f32 = 0.45;

@@ -3,7 +3,7 @@
 //!
 //! From the calibration and the field alone a [`plan`] knows how tall somebody who stands anywhere in
 //! the field is in each part of a picture. The whole picture is one pass always; where a person would
-//! be less than [`TALL_ENOUGH_PX`] in it, overlapping [`Window`]s at a finer scale are added. What all
+//! be less than [`TALL_ENOUGH_PX`] in it, overlapping [`crate::inference::Window`]s at a finer scale are added. What all
 //! passes find is [`merged`] to one list. Pure: no picture is touched here.
 
 mod cells;
@@ -12,11 +12,9 @@ mod plan;
 mod standing;
 #[cfg(test)]
 mod tests;
-mod window;
 
 pub use self::merge::{merged, thinned_out};
-pub use self::plan::{DetectorInput, TilePlan, plan};
-pub use self::window::Window;
+pub use self::plan::{TilePlan, plan};
 
 /// Height of a standing person in a detector's input, pixels, from which its pass over the picture is
 /// enough: the smaller people are, the more of them small detectors miss (for the embedded one,

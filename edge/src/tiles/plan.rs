@@ -6,13 +6,12 @@
 //! of the venue, so nothing has to be agreed on.
 
 use farfield_proto::camera::CameraModel;
-use farfield_proto::model_card::Letterbox;
 use farfield_proto::venue::Field;
 
 use super::TALL_ENOUGH_PX;
 use super::cells::{Cell, cells};
 use super::standing::{Placed, Standing, floor_m, on_floor, under_picture};
-use super::window::Window;
+use crate::inference::{DetectorInput, Window};
 
 /// Finest scale of a tile, input pixels per pixel of the picture: beyond it there is nothing to see.
 pub(super) const FINEST_SCALE: f64 = 1.0;
@@ -32,15 +31,6 @@ const MOST_TILES: usize = 256;
 /// Least side of an input that is worth tiles, pixels: into less, people as tall as the first scale
 /// that shows them well enough has them (up to 96 pixels, and what is around them) do not fit.
 const LEAST_INPUT_PX: u32 = 128;
-
-/// What a detector takes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct DetectorInput {
-    /// Width and height, pixels.
-    pub size_px: [u32; 2],
-    /// Where a picture of another aspect is put.
-    pub letterbox: Letterbox,
-}
 
 /// What the detector looks at in the pictures of one camera.
 #[derive(Debug, Clone, PartialEq)]

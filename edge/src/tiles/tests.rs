@@ -10,6 +10,7 @@ use proptest::prelude::*;
 use super::plan::FINEST_SCALE;
 use super::standing::standing;
 use super::*;
+use crate::inference::{DetectorInput, Window};
 
 const INPUT: DetectorInput = DetectorInput {
     size_px: [416, 256],

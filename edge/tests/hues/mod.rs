@@ -3,9 +3,10 @@
 use std::path::PathBuf;
 
 use farfield_edge::detector::OnnxDetector;
+use farfield_edge::inference::{
+    DetectorInput, InputTensor, KeypointNetwork as _, PersonDetector as _, Window,
+};
 use farfield_edge::network::OnnxKeypointNetwork;
-use farfield_edge::pipeline::{InputTensor, KeypointNetwork as _, PersonDetector as _};
-use farfield_edge::tiles::{DetectorInput, Window};
 use image::{Rgb, RgbImage};
 
 const WIDTH: usize = 96;

@@ -1,12 +1,14 @@
 //! What the pipeline asks of a network and of a detector, whoever runs them.
 
+mod window;
+
 use std::path::PathBuf;
 
-use farfield_proto::model_card::HeatmapCard;
+use farfield_proto::model_card::{HeatmapCard, Letterbox};
 use farfield_proto::toml_file::FileError;
 use image::RgbImage;
 
-use crate::tiles::{DetectorInput, Window};
+pub use window::Window;
 
 /// One crop as a network takes it: [3, height, width], normalised, in the card's channel order.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -27,6 +29,15 @@ pub trait KeypointNetwork: Send {
     /// # Errors
     /// [`NetworkError`] when the backend fails or gives something else than the card says.
     fn infer(&mut self, inputs: &[InputTensor]) -> Result<Vec<f32>, NetworkError>;
+}
+
+/// What a detector takes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct DetectorInput {
+    /// Width and height, pixels.
+    pub size_px: [u32; 2],
+    /// Where a picture of another aspect is put.
+    pub letterbox: Letterbox,
 }
 
 /// A detector that finds people in pictures.
