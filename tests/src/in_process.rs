@@ -289,7 +289,7 @@ impl Edge {
             persons: None,
             timing: None,
         };
-        Ok(self.pipeline.step_live(&frames, &orders, &mut |_| {})?)
+        Ok(self.pipeline.step(&frames, &orders, &mut |_| {})?)
     }
 }
 

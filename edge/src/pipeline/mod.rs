@@ -123,61 +123,19 @@ impl Pipeline {
         })
     }
 
-    /// Works on one tick. `frames` has one entry per camera of the viewpoint, in the venue's order,
-    /// `None` for a camera that gave nothing.
+    /// Processes one tick. `frames` has one entry per camera of the viewpoint, in the venue's order, `None` for
+    /// a camera that gave nothing; `mark` is called after each stage, for whoever measures.
     ///
     /// # Errors
-    /// [`PipelineError`] when the frames or boxes do not belong to this viewpoint or the network
-    /// fails. The pipeline can be used again.
+    /// [`PipelineError`] when the frames are not of the tick, frames or boxes do not belong to this viewpoint, or
+    /// the network fails. The pipeline can be used again.
     pub fn step(
         &mut self,
         frames: &[Option<Frame>],
-        boxes: &BoxSet,
-    ) -> Result<EdgeOutput, PipelineError> {
-        self.step_marked(frames, boxes, &mut |_| {})
-    }
-
-    /// As [`Self::step`]; `mark` is told after each stage, for whoever measures.
-    ///
-    /// # Errors
-    /// As [`Self::step`].
-    pub fn step_marked(
-        &mut self,
-        frames: &[Option<Frame>],
-        boxes: &BoxSet,
-        mark: &mut dyn FnMut(Stage),
-    ) -> Result<EdgeOutput, PipelineError> {
-        let tick = self.check(frames, boxes)?.unwrap_or(boxes.tick);
-        self.obey(frames, &Orders::of(boxes, tick), mark)
-    }
-
-    /// As [`Self::step_marked`], for an edge that chooses itself whom it works on, and with boxes that may
-    /// be of another tick than the frames.
-    ///
-    /// # Errors
-    /// As [`Self::step`], and when the frames are not of the tick.
-    pub fn step_live(
-        &mut self,
-        frames: &[Option<Frame>],
         orders: &Orders<'_>,
         mark: &mut dyn FnMut(Stage),
     ) -> Result<EdgeOutput, PipelineError> {
-        let of_frames = self.check(frames, orders.boxes)?.unwrap_or(orders.tick);
-        if of_frames != orders.tick {
-            return Err(PipelineError::OtherTick {
-                got: of_frames,
-                expected: orders.tick,
-            });
-        }
-        self.obey(frames, orders, mark)
-    }
-
-    fn obey(
-        &mut self,
-        frames: &[Option<Frame>],
-        orders: &Orders<'_>,
-        mark: &mut dyn FnMut(Stage),
-    ) -> Result<EdgeOutput, PipelineError> {
+        self.check(frames, orders)?;
         let Orders {
             tick, boxes, look, ..
         } = *orders;
@@ -263,15 +221,11 @@ impl Pipeline {
         self.looked_share
     }
 
-    /// The tick of the frames, if there are any; refuses what does not belong together.
-    fn check(
-        &self,
-        frames: &[Option<Frame>],
-        boxes: &BoxSet,
-    ) -> Result<Option<Tick>, PipelineError> {
-        if boxes.viewpoint != self.viewpoint {
+    /// Refuses what does not belong together.
+    fn check(&self, frames: &[Option<Frame>], orders: &Orders<'_>) -> Result<(), PipelineError> {
+        if orders.boxes.viewpoint != self.viewpoint {
             return Err(PipelineError::OtherViewpoint {
-                got: boxes.viewpoint,
+                got: orders.boxes.viewpoint,
                 expected: self.viewpoint,
             });
         }
@@ -300,7 +254,13 @@ impl Pipeline {
                 });
             }
         }
-        Ok(tick)
+        match tick {
+            Some(got) if got != orders.tick => Err(PipelineError::OtherTick {
+                got,
+                expected: orders.tick,
+            }),
+            _ => Ok(()),
+        }
     }
 
     /// Packs the maps of one person.

@@ -21,10 +21,10 @@ pub struct Orders<'a> {
 }
 
 impl<'a> Orders<'a> {
-    /// What fusion says in `boxes`, at `tick`.
-    pub(super) fn of(boxes: &'a BoxSet, tick: Tick) -> Self {
+    /// All that fusion asks for in `boxes`, at their tick.
+    pub fn of(boxes: &'a BoxSet) -> Self {
         Self {
-            tick,
+            tick: boxes.tick,
             boxes,
             look: &boxes.look,
             persons: None,
