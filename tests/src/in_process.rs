@@ -9,7 +9,7 @@ use anyhow::{Context as _, ensure};
 use farfield_edge::detector::OnnxDetector;
 use farfield_edge::inference::{KeypointNetwork, PersonDetector};
 use farfield_edge::network::OnnxKeypointNetwork;
-use farfield_edge::pipeline::{EdgeOutput, Orders, StandIn};
+use farfield_edge::pipeline::{EdgeOutput, StandIn, StepRequest};
 use farfield_edge::source::{FrameSource, Sources as _, common_ticks};
 use farfield_fusion::align::TickGroup;
 use farfield_fusion::person::track::Track;
@@ -282,14 +282,14 @@ impl Edge {
             .map(|source| source.next_frame())
             .collect::<Result<Vec<_>, _>>()?;
         let is_of_tick = boxes.tick == tick;
-        let orders = Orders {
+        let request = StepRequest {
             tick,
             boxes,
             look: if is_of_tick { &boxes.look } else { &[] },
             persons: None,
             timing: None,
         };
-        Ok(self.pipeline.step(&frames, &orders, &mut |_| {})?)
+        Ok(self.pipeline.step(&frames, &request, &mut |_| {})?)
     }
 }
 

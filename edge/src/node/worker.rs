@@ -17,7 +17,7 @@ use super::clock;
 use super::frames_at::FramesAt;
 use super::link::Said;
 use super::live::LiveWork;
-use crate::pipeline::{EdgeOutput, Orders, Pipeline, Stage};
+use crate::pipeline::{EdgeOutput, Pipeline, Stage, StepRequest};
 use crate::source::{Frame, SourceError, Sources};
 
 /// The stage of looking for people without boxes, as summaries name it.
@@ -94,7 +94,7 @@ impl Work {
         let mut laps = Vec::with_capacity(4);
         let output = self
             .pipeline
-            .step(&frames, &Orders::of(boxes), &mut |stage| {
+            .step(&frames, &StepRequest::of(boxes), &mut |stage| {
                 laps.push((stage, clock::micros_since(lap)));
                 lap = clock::now();
             })

@@ -56,12 +56,12 @@ pub enum PipelineError {
         /// The tick of the frames before it.
         expected: Tick,
     },
-    /// The frames are of another tick than the orders.
-    #[error("frames of tick {got} for orders of tick {expected}")]
+    /// The frames are of another tick than the request.
+    #[error("frames of tick {got} for a request of tick {expected}")]
     OtherTick {
         /// The tick of the frames.
         got: Tick,
-        /// The tick of the orders.
+        /// The tick of the request.
         expected: Tick,
     },
     /// A frame is not what the calibration or the venue file says of its camera.

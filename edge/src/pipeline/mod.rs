@@ -11,8 +11,8 @@ mod camera;
 mod error;
 mod looker;
 mod looks;
-mod orders;
 mod parts;
+mod request;
 mod sighting;
 #[cfg(test)]
 mod tests;
@@ -38,8 +38,8 @@ use crate::inference::{KeypointNetwork, PersonDetector};
 use crate::source::{Content, Frame, MapCrop};
 
 pub use error::PipelineError;
-pub use orders::Orders;
 pub use parts::MESSAGE_BYTES;
+pub use request::StepRequest;
 
 /// A part of a step, for whoever measures how long each takes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -132,13 +132,13 @@ impl Pipeline {
     pub fn step(
         &mut self,
         frames: &[Option<Frame>],
-        orders: &Orders<'_>,
+        request: &StepRequest<'_>,
         mark: &mut dyn FnMut(Stage),
     ) -> Result<EdgeOutput, PipelineError> {
-        self.check(frames, orders)?;
-        let Orders {
+        self.check(frames, request)?;
+        let StepRequest {
             tick, boxes, look, ..
-        } = *orders;
+        } = *request;
         if boxes.session != self.session {
             self.session = boxes.session;
             self.last_camera.clear();
@@ -152,7 +152,7 @@ impl Pipeline {
         let tracked: Vec<Tracked> = boxes
             .persons
             .iter()
-            .filter(|p| orders.includes(p.person))
+            .filter(|p| request.includes(p.person))
             .filter_map(|p| self.track(p, age, frames))
             .collect();
         mark(Stage::Crop);
@@ -196,7 +196,7 @@ impl Pipeline {
             part: 0,
             parts: 1,
             sighting_parts: sighting_sets.len() as u16,
-            timing: orders.timing,
+            timing: request.timing,
             persons: Vec::new(),
         };
         Ok(EdgeOutput {
@@ -222,10 +222,14 @@ impl Pipeline {
     }
 
     /// Refuses what does not belong together.
-    fn check(&self, frames: &[Option<Frame>], orders: &Orders<'_>) -> Result<(), PipelineError> {
-        if orders.boxes.viewpoint != self.viewpoint {
+    fn check(
+        &self,
+        frames: &[Option<Frame>],
+        request: &StepRequest<'_>,
+    ) -> Result<(), PipelineError> {
+        if request.boxes.viewpoint != self.viewpoint {
             return Err(PipelineError::OtherViewpoint {
-                got: orders.boxes.viewpoint,
+                got: request.boxes.viewpoint,
                 expected: self.viewpoint,
             });
         }
@@ -255,9 +259,9 @@ impl Pipeline {
             }
         }
         match tick {
-            Some(got) if got != orders.tick => Err(PipelineError::OtherTick {
+            Some(got) if got != request.tick => Err(PipelineError::OtherTick {
                 got,
-                expected: orders.tick,
+                expected: request.tick,
             }),
             _ => Ok(()),
         }

@@ -149,11 +149,11 @@ fn step(
     frames: &[Option<Frame>],
     boxes: &BoxSet,
 ) -> Result<EdgeOutput, PipelineError> {
-    let orders = Orders {
+    let request = StepRequest {
         tick: Tick(40),
-        ..Orders::of(boxes)
+        ..StepRequest::of(boxes)
     };
-    edge.step(frames, &orders, &mut |_| {})
+    edge.step(frames, &request, &mut |_| {})
 }
 
 fn patches(output: &EdgeOutput) -> Vec<&PersonPatch> {

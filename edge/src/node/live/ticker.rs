@@ -18,7 +18,7 @@ use crate::live::rate::{Message, Plan};
 use crate::live::turns;
 use crate::node::clock;
 use crate::node::worker::split_looks;
-use crate::pipeline::{EdgeOutput, Orders, Pipeline, Stage};
+use crate::pipeline::{EdgeOutput, Pipeline, Stage, StepRequest};
 use crate::ring::record::Label;
 use crate::source::Frame;
 
@@ -174,7 +174,7 @@ impl Ticker {
                 turns::choose(persons, most, number, &mut self.chosen);
             }
         }
-        let orders = Orders {
+        let request = StepRequest {
             tick: task.tick,
             boxes: &task.boxes,
             look: &task.look,
@@ -186,7 +186,7 @@ impl Ticker {
         let (laps, mut lap) = (&mut self.laps, clock::now());
         let output = self
             .pipeline
-            .step(&self.frames, &orders, &mut |stage| {
+            .step(&self.frames, &request, &mut |stage| {
                 laps.push((stage, clock::micros_since(lap)));
                 lap = clock::now();
             })

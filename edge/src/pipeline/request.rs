@@ -7,7 +7,7 @@ use farfield_proto::tick::Tick;
 
 /// What an edge shall do at a tick: in lock-step what fusion says, live what there is time and room for.
 #[derive(Debug, Clone, Copy)]
-pub struct Orders<'a> {
+pub struct StepRequest<'a> {
     /// The tick of the frames.
     pub tick: Tick,
     /// Where people are; made for any tick.
@@ -20,7 +20,7 @@ pub struct Orders<'a> {
     pub timing: Option<PatchTiming>,
 }
 
-impl<'a> Orders<'a> {
+impl<'a> StepRequest<'a> {
     /// All that fusion asks for in `boxes`, at their tick.
     pub fn of(boxes: &'a BoxSet) -> Self {
         Self {
