@@ -240,7 +240,7 @@ fn box_set() -> BoxSet {
             clock_correction_us: Some(-20_000),
             heard: None,
         }),
-        look: vec![CameraIndex(0), CameraIndex(3)],
+        detection_cameras: vec![CameraIndex(0), CameraIndex(3)],
         persons: vec![PersonBoxes {
             person: PersonId(7),
             cameras: vec![camera],

@@ -285,7 +285,11 @@ impl Edge {
         let request = StepRequest {
             tick,
             boxes,
-            look: if is_of_tick { &boxes.look } else { &[] },
+            detection_cameras: if is_of_tick {
+                &boxes.detection_cameras
+            } else {
+                &[]
+            },
             persons: None,
             timing: None,
         };

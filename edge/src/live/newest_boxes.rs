@@ -25,7 +25,7 @@ const TAKEOVER_US: Micros = 3 * SECOND_US / 10;
 /// order.
 const KEEPS_COMING: u32 = 3;
 /// Ticks whose looks are kept: past the longest horizon of boxes at any rate.
-const MAX_LOOKS: usize = 256;
+const MAX_DETECTION_REQUESTS: usize = 256;
 /// Sessions of fusion that are known to be over.
 const MAX_PAST_SESSIONS: usize = 8;
 
@@ -55,7 +55,7 @@ struct Claim {
 pub struct NewestBoxes {
     newest: Option<(Arc<BoxSet>, u32, Micros)>,
     /// In order of tick.
-    looks: VecDeque<(Tick, Vec<CameraIndex>)>,
+    detection_requests: VecDeque<(Tick, Vec<CameraIndex>)>,
     past: VecDeque<SessionId>,
     claim: Option<Claim>,
 }
@@ -74,7 +74,7 @@ impl NewestBoxes {
         }
         // Those of a stale one may still be ahead.
         if arrival != Arrival::Stale || self.session() == Some(boxes.session) {
-            self.keep_look(&boxes);
+            self.keep_detection_request(&boxes);
         }
         if arrival != Arrival::Stale {
             self.claim = None;
@@ -130,7 +130,7 @@ impl NewestBoxes {
                 self.past.pop_front();
             }
             self.past.push_back(last);
-            self.looks.clear();
+            self.detection_requests.clear();
         }
     }
 
@@ -160,36 +160,47 @@ impl NewestBoxes {
     }
 
     /// The cameras that look at `tick`; those of earlier ticks are forgotten. Ticks must not go back.
-    pub fn take_look(&mut self, tick: Tick) -> Vec<CameraIndex> {
-        while self.looks.front().is_some_and(|(of, _)| *of < tick) {
-            self.looks.pop_front();
+    pub fn take_detection_request(&mut self, tick: Tick) -> Vec<CameraIndex> {
+        while self
+            .detection_requests
+            .front()
+            .is_some_and(|(of, _)| *of < tick)
+        {
+            self.detection_requests.pop_front();
         }
-        match self.looks.front() {
+        match self.detection_requests.front() {
             Some((of, _)) if *of == tick => self
-                .looks
+                .detection_requests
                 .pop_front()
-                .map(|(_, look)| look)
+                .map(|(_, cameras)| cameras)
                 .unwrap_or_default(),
             _ => Vec::new(),
         }
     }
 
     /// The first tick from `tick` on at which a camera looks, as far as it is known.
-    pub fn next_look(&self, tick: Tick) -> Option<Tick> {
-        let mut looks = self.looks.iter().map(|(of, _)| *of);
-        looks.find(|of| *of >= tick)
+    pub fn next_detection_tick(&self, tick: Tick) -> Option<Tick> {
+        let mut requests = self.detection_requests.iter().map(|(of, _)| *of);
+        requests.find(|of| *of >= tick)
     }
 
-    fn keep_look(&mut self, boxes: &BoxSet) {
-        if boxes.look.is_empty() {
+    fn keep_detection_request(&mut self, boxes: &BoxSet) {
+        if boxes.detection_cameras.is_empty() {
             return;
         }
-        let at = self.looks.partition_point(|(of, _)| *of < boxes.tick);
-        if self.looks.get(at).is_none_or(|(of, _)| *of != boxes.tick) {
-            self.looks.insert(at, (boxes.tick, boxes.look.clone()));
+        let at = self
+            .detection_requests
+            .partition_point(|(of, _)| *of < boxes.tick);
+        if self
+            .detection_requests
+            .get(at)
+            .is_none_or(|(of, _)| *of != boxes.tick)
+        {
+            self.detection_requests
+                .insert(at, (boxes.tick, boxes.detection_cameras.clone()));
         }
-        if self.looks.len() > MAX_LOOKS {
-            self.looks.pop_front();
+        if self.detection_requests.len() > MAX_DETECTION_REQUESTS {
+            self.detection_requests.pop_front();
         }
     }
 }
@@ -220,7 +231,7 @@ mod tests {
                 clock_correction_us: None,
                 heard: None,
             }),
-            look: if sequence.is_multiple_of(7) {
+            detection_cameras: if sequence.is_multiple_of(7) {
                 vec![CameraIndex(1)]
             } else {
                 Vec::new()
@@ -317,11 +328,11 @@ mod tests {
         for sequence in 0..20 {
             newest.hear(boxes(1, sequence), 0);
         }
-        assert_eq!(newest.take_look(Tick(106)), []);
-        assert_eq!(newest.take_look(Tick(107)), [CameraIndex(1)]);
-        assert_eq!(newest.take_look(Tick(107)), []);
-        assert_eq!(newest.take_look(Tick(115)), []);
-        assert!(newest.looks.is_empty());
+        assert_eq!(newest.take_detection_request(Tick(106)), []);
+        assert_eq!(newest.take_detection_request(Tick(107)), [CameraIndex(1)]);
+        assert_eq!(newest.take_detection_request(Tick(107)), []);
+        assert_eq!(newest.take_detection_request(Tick(115)), []);
+        assert!(newest.detection_requests.is_empty());
     }
 
     proptest! {
@@ -339,7 +350,7 @@ mod tests {
                 most = most.max(Some(sequence));
                 prop_assert_eq!(newest.echo(0).map(|echo| echo.sequence), most);
             }
-            let looked: Vec<i64> = (100..130).filter(|&t| !newest.take_look(Tick(t)).is_empty()).collect();
+            let looked: Vec<i64> = (100..130).filter(|&t| !newest.take_detection_request(Tick(t)).is_empty()).collect();
             prop_assert_eq!(looked, [100, 107, 114, 121, 128]);
         }
     }

@@ -21,7 +21,7 @@ use crate::pipeline::{EdgeOutput, Pipeline, Stage, StepRequest};
 use crate::source::{Frame, SourceError, Sources};
 
 /// The stage of looking for people without boxes, as summaries name it.
-const LOOK: &str = farfield_proto::message::LOOK_STAGE;
+const LOOK: &str = farfield_proto::message::DETECTION_STAGE;
 
 /// What the thread says after each tick.
 pub(super) type Done = anyhow::Result<Tick>;
@@ -99,8 +99,8 @@ impl Work {
                 lap = clock::now();
             })
             .with_context(|| format!("tick {}", boxes.tick))?;
-        let looks = !boxes.look.is_empty();
-        for (stage, us) in split_looks(&laps, self.pipeline.looked_share()) {
+        let looks = !boxes.detection_cameras.is_empty();
+        for (stage, us) in split_detection(&laps, self.pipeline.detection_share()) {
             if stage != LOOK || looks {
                 self.samples_us.entry(stage).or_default().push(us);
             }
@@ -139,7 +139,7 @@ impl Work {
 
 /// The stages' times by name, with the keypoints of sightings, `share` of the inference, counted as
 /// looking: what looks cost is told apart from what following people costs.
-pub(super) fn split_looks(laps: &[(Stage, u32)], share: f64) -> [(&'static str, u32); 4] {
+pub(super) fn split_detection(laps: &[(Stage, u32)], share: f64) -> [(&'static str, u32); 4] {
     let of = |wanted: Stage| {
         let laps = laps.iter().filter(|(stage, _)| *stage == wanted);
         laps.map(|(_, us)| us).sum::<u32>()
@@ -147,7 +147,7 @@ pub(super) fn split_looks(laps: &[(Stage, u32)], share: f64) -> [(&'static str, 
     let keypoints_us = (f64::from(of(Stage::Infer)) * share).round() as u32;
     [
         (name(Stage::Crop), of(Stage::Crop)),
-        (LOOK, of(Stage::Look) + keypoints_us),
+        (LOOK, of(Stage::Detect) + keypoints_us),
         (name(Stage::Infer), of(Stage::Infer) - keypoints_us),
         (name(Stage::Encode), of(Stage::Encode)),
     ]
@@ -156,7 +156,7 @@ pub(super) fn split_looks(laps: &[(Stage, u32)], share: f64) -> [(&'static str, 
 fn name(stage: Stage) -> &'static str {
     match stage {
         Stage::Crop => "crop",
-        Stage::Look => LOOK,
+        Stage::Detect => LOOK,
         Stage::Infer => "infer",
         Stage::Encode => "encode",
     }

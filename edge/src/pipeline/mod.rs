@@ -8,14 +8,14 @@
 
 mod batch;
 mod camera;
+mod detection_pass;
 mod error;
-mod looker;
-mod looks;
 mod parts;
 mod request;
 mod sighting;
 #[cfg(test)]
 mod tests;
+mod tiled_detector;
 mod tracked;
 
 use std::collections::BTreeMap;
@@ -30,7 +30,7 @@ use farfield_proto::venue::parameters::CameraChoice;
 
 use self::batch::Batch;
 use self::camera::{EdgeCamera, cameras_of, check_shapes};
-use self::looker::Looker;
+use self::tiled_detector::TiledDetector;
 use self::tracked::Tracked;
 use crate::crop::CropGeometry;
 use crate::gaussian_maps::draw_maps;
@@ -47,7 +47,7 @@ pub enum Stage {
     /// Choosing cameras, cutting crops of persons with boxes.
     Crop,
     /// Looking for people without boxes: detecting, cutting the crops of whom was found.
-    Look,
+    Detect,
     /// The network on all crops.
     Infer,
     /// Reading peaks, drawing, quantising and encoding maps.
@@ -78,13 +78,13 @@ pub struct Pipeline {
     stand_in: Option<Box<dyn StandIn>>,
     choice: CameraChoice,
     batch: Option<Batch>,
-    looker: Option<Looker>,
-    ticks_per_look: i64,
+    detector: Option<TiledDetector>,
+    ticks_per_pass: i64,
     encoder: Encoder,
     maps: Maps,
     session: SessionId,
     last_camera: BTreeMap<PersonId, CameraIndex>,
-    looked_share: f64,
+    detection_share: f64,
 }
 
 impl Pipeline {
@@ -113,13 +113,13 @@ impl Pipeline {
             stand_in: None,
             choice: venue.parameters.boxes.camera_choice,
             batch,
-            looker: detector.map(|detector| Looker::new(venue, detector)),
-            ticks_per_look: venue.parameters.births.ticks_per_look(venue.rate_hz),
+            detector: detector.map(|detector| TiledDetector::new(venue, detector)),
+            ticks_per_pass: venue.parameters.births.ticks_per_look(venue.rate_hz),
             encoder: Encoder::new(),
             maps: Maps::new(1, 1, 1),
             session: SessionId::default(),
             last_camera: BTreeMap::new(),
-            looked_share: 0.0,
+            detection_share: 0.0,
         })
     }
 
@@ -137,7 +137,10 @@ impl Pipeline {
     ) -> Result<EdgeOutput, PipelineError> {
         self.check(frames, request)?;
         let StepRequest {
-            tick, boxes, look, ..
+            tick,
+            boxes,
+            detection_cameras,
+            ..
         } = *request;
         if boxes.session != self.session {
             self.session = boxes.session;
@@ -156,22 +159,22 @@ impl Pipeline {
             .filter_map(|p| self.track(p, age, frames))
             .collect();
         mark(Stage::Crop);
-        let looks = !look.is_empty() && self.can_sight();
+        let detects = !detection_cameras.is_empty() && self.can_sight();
         let n_tracked = self.batch.as_ref().map_or(0, Batch::len);
-        let pending = if looks {
-            self.detect(frames, look)?
+        let pending = if detects {
+            self.detect(frames, detection_cameras)?
         } else {
             Vec::new()
         };
         let n_crops = self.batch.as_ref().map_or(0, Batch::len);
-        self.looked_share = (n_crops - n_tracked) as f64 / n_crops.max(1) as f64;
-        mark(Stage::Look);
+        self.detection_share = (n_crops - n_tracked) as f64 / n_crops.max(1) as f64;
+        mark(Stage::Detect);
         if let Some(batch) = &mut self.batch {
             batch.infer()?;
         }
         mark(Stage::Infer);
         let mut sighting_sets = Vec::new();
-        if looks {
+        if detects {
             let (session, viewpoint) = (self.session, self.viewpoint);
             let head = SightingSet {
                 session,
@@ -181,7 +184,7 @@ impl Pipeline {
                 parts: 1,
                 sightings: Vec::new(),
             };
-            let sightings = self.sightings(&pending, frames, look);
+            let sightings = self.sightings(&pending, frames, detection_cameras);
             sighting_sets = parts::sighting_sets(&head, sightings);
         }
         let persons = tracked
@@ -217,8 +220,8 @@ impl Pipeline {
     }
 
     /// Which share of the last step's inference, by crops, was on people without boxes, 0 to 1.
-    pub fn looked_share(&self) -> f64 {
-        self.looked_share
+    pub fn detection_share(&self) -> f64 {
+        self.detection_share
     }
 
     /// Refuses what does not belong together.

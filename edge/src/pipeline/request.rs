@@ -13,7 +13,7 @@ pub struct StepRequest<'a> {
     /// Where people are; made for any tick.
     pub boxes: &'a BoxSet,
     /// The cameras that look for people without boxes.
-    pub look: &'a [CameraIndex],
+    pub detection_cameras: &'a [CameraIndex],
     /// Who is worked on of those who have boxes, ascending; `None`: all.
     pub persons: Option<&'a [PersonId]>,
     /// What stands in the messages until they are sent; it takes part in their size.
@@ -26,7 +26,7 @@ impl<'a> StepRequest<'a> {
         Self {
             tick: boxes.tick,
             boxes,
-            look: &boxes.look,
+            detection_cameras: &boxes.detection_cameras,
             persons: None,
             timing: None,
         }

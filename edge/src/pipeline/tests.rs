@@ -133,7 +133,7 @@ fn boxes(look: &[u16], persons: Vec<Vec<CameraBox>>) -> BoxSet {
         viewpoint: ViewpointIndex(0),
         order: Order::Track,
         live: None,
-        look: look.iter().copied().map(CameraIndex).collect(),
+        detection_cameras: look.iter().copied().map(CameraIndex).collect(),
         persons,
     }
 }

@@ -43,15 +43,15 @@ pub struct TilePlan {
 
 impl TilePlan {
     /// The passes of look number `look`: the cells take turns.
-    pub fn passes(&self, look: i64) -> impl Iterator<Item = Window> + '_ {
+    pub fn windows(&self, pass: i64) -> impl Iterator<Item = Window> + '_ {
         let turn = i64::try_from(self.cells.len().max(1)).unwrap_or(i64::MAX);
-        let cell = look.rem_euclid(turn) as usize;
+        let cell = pass.rem_euclid(turn) as usize;
         let tiles = self.cells.get(cell).into_iter().flatten();
         std::iter::once(self.whole).chain(tiles.copied())
     }
 
     /// Passes of the look that has most of them.
-    pub(super) fn most_passes(&self) -> usize {
+    pub(super) fn most_windows(&self) -> usize {
         1 + self.cells.iter().map(Vec::len).max().unwrap_or(0)
     }
 }
@@ -61,9 +61,9 @@ impl TilePlan {
 /// far as the picture itself has them whole. Who is seen from above is taken for a quarter of that
 /// height at least: so wide are shoulders.
 ///
-/// With 0 `tiles_per_look`, or an input of less than 128 pixels a side, there are no tiles, and only the
+/// With 0 `tiles_per_pass`, or an input of less than 128 pixels a side, there are no tiles, and only the
 /// whole pictures are looked at. Else the field is cut into as few cells (a power of two) as leave each
-/// camera at most `tiles_per_look` tiles a look, and into 256 at most. All plans have the same number of
+/// camera at most `tiles_per_pass` tiles a look, and into 256 at most. All plans have the same number of
 /// cells. Where a 256th of the field would still need more than 256 tiles of a camera, it gets the 256
 /// coarsest, and people far away may be missed.
 ///
@@ -72,10 +72,10 @@ pub fn plan(
     cameras: &[&CameraModel],
     field: &Field,
     input: DetectorInput,
-    tiles_per_look: usize,
+    tiles_per_pass: usize,
 ) -> Vec<TilePlan> {
-    let tiles_per_look = match input.size_px.iter().min() {
-        Some(&least) if least >= LEAST_INPUT_PX => tiles_per_look.min(MOST_TILES),
+    let tiles_per_pass = match input.size_px.iter().min() {
+        Some(&least) if least >= LEAST_INPUT_PX => tiles_per_pass.min(MOST_TILES),
         _ => 0,
     };
     let floor_m = floor_m(field);
@@ -85,7 +85,7 @@ pub fn plan(
         .collect();
     let mut count = 1;
     loop {
-        let cells = match tiles_per_look {
+        let cells = match tiles_per_pass {
             0 => Vec::new(),
             _ => cells(field, count),
         };
@@ -94,7 +94,7 @@ pub fn plan(
             .zip(&under)
             .map(|(camera, under)| plan_in_cells(camera, under, &cells, floor_m, input))
             .collect();
-        let fits = plans.iter().all(|p| p.most_passes() <= 1 + tiles_per_look);
+        let fits = plans.iter().all(|p| p.most_windows() <= 1 + tiles_per_pass);
         if fits || count >= MOST_CELLS {
             let cells = plans.iter_mut().flat_map(|plan| &mut plan.cells);
             cells.for_each(|tiles| tiles.truncate(MOST_TILES));

@@ -22,7 +22,7 @@ fn boxes(tick: i64, look: bool) -> BoxSet {
         viewpoint: ViewpointIndex(0),
         order: Order::Track,
         live: None,
-        look: if look {
+        detection_cameras: if look {
             vec![CameraIndex(0)]
         } else {
             Vec::new()

@@ -160,7 +160,7 @@ fn patches_are_stamped_with_their_sending() {
             clock_correction_us: None,
             heard: None,
         }),
-        look: Vec::new(),
+        detection_cameras: Vec::new(),
         persons: Vec::new(),
     };
     put(&mut writer, "hall/box/ne", &boxes);

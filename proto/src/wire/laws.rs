@@ -167,7 +167,7 @@ fn any_box_set() -> impl Strategy<Value = BoxSet> {
             viewpoint: ViewpointIndex(head.2),
             order,
             live: live_boxes(head.1),
-            look: look.into_iter().map(CameraIndex).collect(),
+            detection_cameras: look.into_iter().map(CameraIndex).collect(),
             persons,
         })
 }

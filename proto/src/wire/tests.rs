@@ -82,7 +82,7 @@ fn box_set() -> BoxSet {
                 bytes: 120_000,
             }),
         }),
-        look: vec![CameraIndex(0), CameraIndex(3)],
+        detection_cameras: vec![CameraIndex(0), CameraIndex(3)],
         persons: vec![PersonBoxes {
             person: PersonId(1),
             cameras: vec![camera],

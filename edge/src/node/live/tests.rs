@@ -140,7 +140,7 @@ impl Script {
                 clock_correction_us: None,
                 heard: None,
             }),
-            look: if look {
+            detection_cameras: if look {
                 vec![CameraIndex(0)]
             } else {
                 Vec::new()

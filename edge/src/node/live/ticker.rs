@@ -17,7 +17,7 @@ use crate::live::Micros;
 use crate::live::rate::{Message, Plan};
 use crate::live::turns;
 use crate::node::clock;
-use crate::node::worker::split_looks;
+use crate::node::worker::split_detection;
 use crate::pipeline::{EdgeOutput, Pipeline, Stage, StepRequest};
 use crate::ring::record::Label;
 use crate::source::Frame;
@@ -53,7 +53,7 @@ pub(super) struct Ticker {
 struct Task {
     tick: Tick,
     boxes: Arc<BoxSet>,
-    look: Vec<CameraIndex>,
+    detection_cameras: Vec<CameraIndex>,
     plan: Plan,
     may_send: bool,
 }
@@ -126,7 +126,7 @@ impl Ticker {
         let aligned =
             Tick(tick.0.div_euclid(nth) * nth + if tick.0.rem_euclid(nth) == 0 { 0 } else { nth });
         // Looks are planned for all viewpoints alike.
-        let look = ledger.boxes.next_look(tick);
+        let look = ledger.boxes.next_detection_tick(tick);
         let aligned = look.map_or(aligned, |look| aligned.min(look));
         let until_us = ledger.ticks.own_time_us(aligned)? + lag_us + half_us;
         Some((aligned, until_us))
@@ -137,7 +137,7 @@ impl Ticker {
         self.shared.frames.take(tick, now_us, &mut self.frames);
         let mut ledger = self.shared.ledger();
         let session = ledger.boxes.session()?;
-        let look = ledger.boxes.take_look(tick);
+        let look = ledger.boxes.take_detection_request(tick);
         let (boxes, look) = if let Some(boxes) = ledger.boxes.at(now_us) {
             (Arc::clone(boxes), look)
         } else {
@@ -148,17 +148,17 @@ impl Ticker {
                 viewpoint: self.viewpoint,
                 order: Order::Track,
                 live: None,
-                look: Vec::new(),
+                detection_cameras: Vec::new(),
                 persons: Vec::new(),
             });
-            (nobody, self.pipeline.regular_look(tick))
+            (nobody, self.pipeline.regular_detection_cameras(tick))
         };
         let plan = ledger.rate.plan(boxes.persons.len(), now_us);
         ledger.last = Some(tick);
         Some(Task {
             tick,
             boxes,
-            look,
+            detection_cameras: look,
             plan,
             may_send: ledger.rate.may_send(tick, now_us),
         })
@@ -177,7 +177,7 @@ impl Ticker {
         let request = StepRequest {
             tick: task.tick,
             boxes: &task.boxes,
-            look: &task.look,
+            detection_cameras: &task.detection_cameras,
             persons: task.plan.persons.map(|_| &self.chosen[..]),
             timing: Some(LARGEST_TIMING),
         };
@@ -191,7 +191,7 @@ impl Ticker {
                 lap = clock::now();
             })
             .with_context(|| format!("tick {}", task.tick))?;
-        self.count_laps(!task.look.is_empty());
+        self.count_laps(!task.detection_cameras.is_empty());
         let start = clock::now();
         self.send(task, output);
         self.shared.count("messages", clock::micros_since(start));
@@ -232,9 +232,9 @@ impl Ticker {
     }
 
     fn count_laps(&mut self, looks: bool) {
-        let stages = split_looks(&self.laps, self.pipeline.looked_share());
+        let stages = split_detection(&self.laps, self.pipeline.detection_share());
         for (stage, us) in stages {
-            if stage != farfield_proto::message::LOOK_STAGE || looks {
+            if stage != farfield_proto::message::DETECTION_STAGE || looks {
                 self.shared.count(stage, us);
             }
         }

@@ -9,13 +9,13 @@ use crate::inference::{Detection, NetworkError, PersonDetector};
 use crate::tiles::{self, TilePlan};
 
 /// Looks for people in the pictures of a venue.
-pub(super) struct Looker {
+pub(super) struct TiledDetector {
     detector: Box<dyn PersonDetector>,
     /// Of every camera of the venue that gives pictures.
     plans: Vec<(CameraIndex, TilePlan)>,
 }
 
-impl Looker {
+impl TiledDetector {
     /// Plans where to look in the pictures of all cameras.
     pub(super) fn new(venue: &Venue, detector: Box<dyn PersonDetector>) -> Self {
         let cameras: Vec<(CameraIndex, &CameraModel)> = (0..)
@@ -43,7 +43,7 @@ impl Looker {
     ///
     /// # Errors
     /// [`NetworkError`] when the detector fails.
-    pub(super) fn look(
+    pub(super) fn detect_in(
         &mut self,
         image: &RgbImage,
         camera: CameraIndex,
@@ -53,7 +53,7 @@ impl Looker {
             return Ok(Vec::new());
         };
         let found = plan
-            .passes(number)
+            .windows(number)
             .map(|window| Ok((window, self.detector.detect(image, &window)?)))
             .collect::<Result<Vec<_>, NetworkError>>()?;
         let picture_px = [image.width(), image.height()];

@@ -12,8 +12,8 @@ use crate::source::{Content, Frame};
 
 impl Pipeline {
     /// The cameras that look at `tick` when nobody says: all of them, now and then.
-    pub fn regular_look(&self, tick: Tick) -> Vec<CameraIndex> {
-        if tick.0.rem_euclid(self.ticks_per_look) == 0 {
+    pub fn regular_detection_cameras(&self, tick: Tick) -> Vec<CameraIndex> {
+        if tick.0.rem_euclid(self.ticks_per_pass) == 0 {
             self.cameras.iter().map(|camera| camera.index).collect()
         } else {
             Vec::new()
@@ -22,7 +22,7 @@ impl Pipeline {
 
     /// Whether this edge can find people without boxes at all.
     pub(super) fn can_sight(&self) -> bool {
-        let reads_pictures = self.looker.is_some() && self.batch.is_some();
+        let reads_pictures = self.detector.is_some() && self.batch.is_some();
         self.cameras
             .iter()
             .any(|c| c.drawing.is_some() || reads_pictures)
@@ -32,14 +32,14 @@ impl Pipeline {
     pub(super) fn detect(
         &mut self,
         frames: &[Option<Frame>],
-        look: &[CameraIndex],
+        cameras: &[CameraIndex],
     ) -> Result<Vec<Pending>, PipelineError> {
         let mut pending = Vec::new();
-        let (Some(looker), Some(batch)) = (&mut self.looker, &mut self.batch) else {
+        let (Some(detector), Some(batch)) = (&mut self.detector, &mut self.batch) else {
             return Ok(pending);
         };
-        let cameras = self.cameras.iter().zip(frames);
-        for (camera, frame) in cameras.filter(|(camera, _)| look.contains(&camera.index)) {
+        let with_frames = self.cameras.iter().zip(frames);
+        for (camera, frame) in with_frames.filter(|(camera, _)| cameras.contains(&camera.index)) {
             if let Some(Frame {
                 content: Content::Image(image),
                 tick,
@@ -47,8 +47,8 @@ impl Pipeline {
             }) = frame
             {
                 // Looks that follow each other at once, because of somebody new, are at the same cells.
-                let number = tick.0.div_euclid(self.ticks_per_look);
-                let detections = looker.look(image, camera.index, number)?;
+                let number = tick.0.div_euclid(self.ticks_per_pass);
+                let detections = detector.detect_in(image, camera.index, number)?;
                 pending.extend(sighting::enqueue(
                     &detections,
                     image,
@@ -65,11 +65,11 @@ impl Pipeline {
         &self,
         pending: &[Pending],
         frames: &[Option<Frame>],
-        look: &[CameraIndex],
+        cameras: &[CameraIndex],
     ) -> Vec<Sighting> {
         let mut sightings = Vec::new();
-        let cameras = self.cameras.iter().zip(frames);
-        for (camera, frame) in cameras.filter(|(camera, _)| look.contains(&camera.index)) {
+        let with_frames = self.cameras.iter().zip(frames);
+        for (camera, frame) in with_frames.filter(|(camera, _)| cameras.contains(&camera.index)) {
             if let Some(batch) = &self.batch {
                 let of_camera = pending.iter().filter(|p| p.camera() == camera.index);
                 sightings.extend(
