@@ -1,4 +1,4 @@
-//! What each quality makes of maps that were written down, and what the codec should know beforehand.
+//! What each compression level makes of maps that were written down, and what the codec should know beforehand.
 //!
 //! ```text
 //! cargo run --release -p farfield-proto --example patch_table -- MAPS...        a table
@@ -12,7 +12,7 @@
 
 use std::time::Instant;
 
-use farfield_proto::patch::{Decoder, EncodedMaps, Encoder, FLOOR, Maps, Quality};
+use farfield_proto::patch::{CompressionLevel, Decoder, EncodedMaps, Encoder, FLOOR, Maps};
 
 fn read(path: &str) -> std::io::Result<Vec<Maps>> {
     let bytes = std::fs::read(path)?;
@@ -98,7 +98,7 @@ fn line(name: &str, all: &[Maps], encode: impl Fn(&mut Encoder, &Maps) -> Encode
 }
 
 /// Prints the mean of what an encoder has learnt after every patch, when it forgets nothing; patches of
-/// all files and lossy qualities take turns.
+/// all files and lossy compression levels take turns.
 fn print_priors(files: &[String]) -> std::io::Result<()> {
     const ROUNDS: usize = 150;
     const WARM: usize = 15;
@@ -115,8 +115,8 @@ fn print_priors(files: &[String]) -> std::io::Result<()> {
             .iter()
             .filter_map(|maps| maps.get(round % maps.len().max(1)))
         {
-            for quality in Quality::all().skip(2) {
-                encoder.encode_on(maps, quality);
+            for level in CompressionLevel::all().skip(2) {
+                encoder.encode_on(maps, level);
             }
         }
         if round >= WARM {
@@ -155,21 +155,21 @@ fn main() -> std::io::Result<()> {
         let step = every.len().div_ceil(300).max(1);
         let all: Vec<Maps> = every.into_iter().step_by(step).collect();
         println!("{file}: {} patches", all.len());
-        for quality in Quality::all() {
-            line(&quality.to_string(), &all, |encoder, maps| {
-                encoder.encode(maps, quality)
+        for level in CompressionLevel::all() {
+            line(&level.to_string(), &all, |encoder, maps| {
+                encoder.encode(maps, level)
             });
         }
         for most in [1, 2] {
             let name = format!("{most} Gaussian");
             line(&name, &all, |encoder, maps| {
-                encoder.encode_gaussians(maps, Quality::DEFAULT, most)
+                encoder.encode_gaussians(maps, CompressionLevel::DEFAULT, most)
             });
         }
         let fine: Vec<Maps> = all.iter().map(|maps| enlarged(maps, 72, 96)).collect();
-        for quality in [Quality::DEFAULT, Quality::SMALL] {
-            line(&format!("72x96 {quality}"), &fine, |encoder, maps| {
-                encoder.encode(maps, quality)
+        for level in [CompressionLevel::DEFAULT, CompressionLevel::SMALL] {
+            line(&format!("72x96 {level}"), &fine, |encoder, maps| {
+                encoder.encode(maps, level)
             });
         }
     }

@@ -25,7 +25,7 @@ use farfield_proto::message::{
     BoxSet, CameraBox, KeypointPeak, Order, PatchSet, PersonBoxes, PersonPatch, PersonPose,
     PersonState, PoseSet, Sighting, SightingSet, Status,
 };
-use farfield_proto::patch::{Decoder, EncodedMaps, Encoder, Maps, Quality};
+use farfield_proto::patch::{CompressionLevel, Decoder, EncodedMaps, Encoder, Maps};
 use farfield_proto::tick::Tick;
 use farfield_proto::wire::{self, Message};
 
@@ -69,7 +69,7 @@ fn write(corpus: &Path, target: &str, name: &str, seed: &[u8]) -> anyhow::Result
     fs::write(&path, seed).with_context(|| format!("writing {}", path.display()))
 }
 
-/// Two peaks, a smear and nothing, in several qualities.
+/// Two peaks, a smear and nothing, in several compression levels.
 fn patches() -> anyhow::Result<Vec<(String, EncodedMaps)>> {
     let mut maps = Maps::new(24, 32, 4);
     let peaks = [
@@ -87,9 +87,9 @@ fn patches() -> anyhow::Result<Vec<(String, EncodedMaps)>> {
     }
     let mut encoder = Encoder::new();
     let mut all = vec![("lossless".to_owned(), encoder.encode_above(&maps, 0))];
-    for quality in Quality::all().step_by(4) {
-        let name = format!("quality_{}", quality.level());
-        all.push((name, encoder.encode(&maps, quality)));
+    for level in CompressionLevel::all().step_by(4) {
+        let name = format!("quality_{}", level.number());
+        all.push((name, encoder.encode(&maps, level)));
     }
     for (name, encoded) in &all {
         let decoded = Decoder::new().decode(encoded, &mut Maps::default());

@@ -17,7 +17,7 @@ use farfield_proto::id::{SessionId, ViewpointIndex};
 use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::message::{BoxSet, PatchSet, PoseSet};
 use farfield_proto::model_card::HeatmapCard;
-use farfield_proto::patch::Quality;
+use farfield_proto::patch::CompressionLevel;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::Venue;
 
@@ -151,9 +151,9 @@ impl InProcess {
     }
 
     /// How closely every edge keeps its maps from now on.
-    pub fn set_quality(&mut self, quality: Quality) {
+    pub fn set_compression_level(&mut self, level: CompressionLevel) {
         for edge in &mut self.edges {
-            edge.pipeline.set_quality(quality);
+            edge.pipeline.set_compression_level(level);
         }
     }
 

@@ -22,7 +22,7 @@ use farfield_proto::frames::Point;
 use farfield_proto::id::{CameraIndex, PersonId, SessionId, ViewpointIndex};
 use farfield_proto::keypoints::{COCO17, KeypointSet};
 use farfield_proto::message::{PatchSet, PersonPatch};
-use farfield_proto::patch::{Encoder, Maps, Quality};
+use farfield_proto::patch::{CompressionLevel, Encoder, Maps};
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::Parameters;
 use nalgebra::Vector3;
@@ -141,7 +141,7 @@ impl Ring {
                 capture_offset_us: 0,
                 crops: vec![grid],
                 crop_of_keypoint: vec![0; COCO17.len()],
-                maps: encoder.encode(&grid_maps, Quality::LOSSLESS),
+                maps: encoder.encode(&grid_maps, CompressionLevel::LOSSLESS),
             };
             Ok(PatchSet {
                 session: SessionId(1),

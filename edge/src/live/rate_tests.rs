@@ -95,9 +95,9 @@ fn run(
             let n = plan.persons.unwrap_or(persons).min(persons);
             let wobble = 0.8 + 0.4 * random.next();
             let bytes =
-                (n as f64 * TRUE_BYTES[usize::from(plan.quality.level())] as f64 * wobble) as usize;
+                (n as f64 * TRUE_BYTES[usize::from(plan.level.number())] as f64 * wobble) as usize;
             let messages = bytes.div_ceil(MESSAGE_BYTES - 40).max(1);
-            controller.packed(plan.quality, n, messages, bytes + 40 * messages);
+            controller.packed(plan.level, n, messages, bytes + 40 * messages);
             for _ in 0..messages {
                 let payload = bytes / messages + 40;
                 controller.sent(Message::Patches(Tick(tick)), payload, now);
@@ -149,7 +149,7 @@ fn run(
 }
 
 fn controller(budget: f64) -> RateController {
-    RateController::new(RATE_HZ, Quality::DEFAULT, budget, MESSAGE_BYTES)
+    RateController::new(RATE_HZ, CompressionLevel::DEFAULT, budget, MESSAGE_BYTES)
 }
 
 fn wide() -> Line {
@@ -168,7 +168,7 @@ fn wide() -> Line {
 fn a_wide_link_carries_everybody_at_the_best_quality() {
     let got = run(&mut controller(0.0), &wide(), 8, 10, 0);
     let all = Plan {
-        quality: Quality::DEFAULT,
+        level: CompressionLevel::DEFAULT,
         persons: None,
         every_nth: 1,
     };
@@ -219,8 +219,8 @@ fn a_lossy_and_jittery_link_that_is_wide_is_used_in_full() {
         };
         let got = run(&mut controller(0.0), &line, 8, 30, 0);
         assert_eq!(
-            got.plan.map(|plan| plan.quality),
-            Some(Quality::DEFAULT),
+            got.plan.map(|plan| plan.level),
+            Some(CompressionLevel::DEFAULT),
             "{loss}: {got:?}"
         );
     }
@@ -235,7 +235,7 @@ fn a_very_thin_link_gets_fewer_persons_and_then_fewer_ticks() {
     };
     let got = run(&mut controller(0.0), &line, 8, 40, 0);
     let plan = got.plan.unwrap();
-    assert_eq!(plan.quality, Quality::SMALLEST);
+    assert_eq!(plan.level, CompressionLevel::SMALLEST);
     assert!(
         plan.persons.is_some() && got.worst_queue_us < 100_000,
         "{got:?}"
@@ -260,11 +260,14 @@ fn quality_comes_back_when_the_link_does() {
         ..wide()
     };
     let got = run(&mut edge, &thin, 8, 20, 0);
-    assert!(got.plan.unwrap().quality > Quality::DEFAULT, "{got:?}");
+    assert!(
+        got.plan.unwrap().level > CompressionLevel::DEFAULT,
+        "{got:?}"
+    );
     let got = run(&mut edge, &wide(), 8, 60, 20);
     assert_eq!(
-        got.plan.map(|plan| (plan.quality, plan.persons)),
-        Some((Quality::DEFAULT, None)),
+        got.plan.map(|plan| (plan.level, plan.persons)),
+        Some((CompressionLevel::DEFAULT, None)),
         "{got:?}"
     );
 }
@@ -277,8 +280,8 @@ fn a_way_that_gets_longer_for_good_is_no_queue_for_long() {
     };
     let got = run(&mut controller(0.0), &line, 8, 30, 0);
     assert_eq!(
-        got.plan.map(|plan| (plan.quality, plan.persons)),
-        Some((Quality::DEFAULT, None)),
+        got.plan.map(|plan| (plan.level, plan.persons)),
+        Some((CompressionLevel::DEFAULT, None)),
         "{got:?}"
     );
 }
@@ -296,8 +299,8 @@ fn a_link_that_was_cut_carries_what_it_did_before() {
     assert_eq!(sent.count(), 10, "{got:?}");
     let got = run(&mut edge, &line, 8, 6, 14);
     assert_eq!(
-        got.plan.map(|plan| (plan.quality, plan.persons)),
-        Some((Quality::DEFAULT, None)),
+        got.plan.map(|plan| (plan.level, plan.persons)),
+        Some((CompressionLevel::DEFAULT, None)),
         "{got:?}"
     );
 }
@@ -307,12 +310,15 @@ fn a_budget_is_planned_for_without_a_word_from_fusion() {
     let mut edge = controller(50_000.0);
     let plan = edge.plan(8, 0);
     assert!(
-        edge.cost(plan.quality, plan.persons.unwrap_or(8)) * RATE_HZ / f64::from(plan.every_nth)
+        edge.cost(plan.level, plan.persons.unwrap_or(8)) * RATE_HZ / f64::from(plan.every_nth)
             <= 50_000.0
     );
     let mut edge = controller(1_000.0);
     let plan = edge.plan(8, 0);
-    assert_eq!((plan.quality, plan.persons), (Quality::SMALLEST, Some(1)));
+    assert_eq!(
+        (plan.level, plan.persons),
+        (CompressionLevel::SMALLEST, Some(1))
+    );
     assert!(plan.every_nth > 10);
 }
 
@@ -321,7 +327,7 @@ fn nobody_in_sight_costs_only_a_sign_of_life() {
     let mut edge = controller(0.0);
     let plan = edge.plan(0, 0);
     assert_eq!(
-        (plan.quality, plan.persons, plan.every_nth),
-        (Quality::DEFAULT, None, 1)
+        (plan.level, plan.persons, plan.every_nth),
+        (CompressionLevel::DEFAULT, None, 1)
     );
 }

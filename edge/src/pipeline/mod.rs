@@ -23,7 +23,7 @@ use std::collections::BTreeMap;
 use farfield_proto::id::{CameraIndex, PersonId, SessionId, ViewpointIndex};
 use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::message::{BoxSet, PatchSet, PersonPatch, SightingSet};
-use farfield_proto::patch::{Encoder, FLOOR, Maps, Quality, quantize};
+use farfield_proto::patch::{CompressionLevel, Encoder, FLOOR, Maps, quantize};
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::Venue;
 use farfield_proto::venue::parameters::CameraChoice;
@@ -74,7 +74,7 @@ pub struct Pipeline {
     viewpoint: ViewpointIndex,
     cameras: Vec<EdgeCamera>,
     keypoints: KeypointSet,
-    quality: Quality,
+    level: CompressionLevel,
     stand_in: Option<Box<dyn StandIn>>,
     choice: CameraChoice,
     batch: Option<Batch>,
@@ -109,7 +109,11 @@ impl Pipeline {
             viewpoint,
             cameras,
             keypoints,
-            quality: venue.parameters.link.quality.unwrap_or(Quality::LOSSLESS),
+            level: venue
+                .parameters
+                .link
+                .quality
+                .unwrap_or(CompressionLevel::LOSSLESS),
             stand_in: None,
             choice: venue.parameters.boxes.camera_choice,
             batch,
@@ -210,11 +214,11 @@ impl Pipeline {
 
     /// How closely the maps of the next steps are kept; at first what the venue says, else without
     /// loss.
-    pub fn set_quality(&mut self, quality: Quality) {
-        self.quality = quality;
+    pub fn set_compression_level(&mut self, level: CompressionLevel) {
+        self.level = level;
     }
 
-    /// Lets `stand_in` do the codec's work from now on, whatever the quality.
+    /// Lets `stand_in` do the codec's work from now on, whatever the compression level.
     pub fn set_stand_in(&mut self, stand_in: Box<dyn StandIn>) {
         self.stand_in = Some(stand_in);
     }
@@ -328,7 +332,7 @@ impl Pipeline {
             stand_in.recode(&mut self.maps);
             self.encoder.encode_above(&self.maps, 0)
         } else {
-            self.encoder.encode(&self.maps, self.quality)
+            self.encoder.encode(&self.maps, self.level)
         };
         Some(PersonPatch {
             person: tracked.person,

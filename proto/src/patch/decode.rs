@@ -1,14 +1,14 @@
 //! Bytes to maps.
 
 use super::correction::Grid;
-use super::encode::{FLOOR_BITS, QUALITY_BITS, STEP_BITS};
+use super::encode::{FLOOR_BITS, LEVEL_BITS, STEP_BITS};
 use super::mode::{Mode, Scale};
 use super::modes;
 use super::range_coder::{BitCoder as _, Reader};
 use super::recipe::{Recipe, STEPS_DOWN};
 use super::symbol::plain;
 use super::walk::{self, Shape};
-use super::{EncodedMaps, Maps, PatchError, Quality};
+use super::{CompressionLevel, EncodedMaps, Maps, PatchError};
 
 /// Turns bytes back into maps; keeps its memory from patch to patch.
 #[derive(Debug, Clone)]
@@ -44,8 +44,8 @@ impl Decoder {
             encoded.keypoints.into(),
         );
         let mut reader = Reader::new(&encoded.bytes);
-        let level = plain(&mut reader, QUALITY_BITS, 0) as u8;
-        match Recipe::of(Quality::new(level)) {
+        let level = plain(&mut reader, LEVEL_BITS, 0) as u8;
+        match Recipe::of(CompressionLevel::new(level)) {
             None => self.exact(&mut reader, into),
             Some(recipe) => self.modes(&mut reader, &recipe, into),
         }?;

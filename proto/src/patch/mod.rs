@@ -2,7 +2,7 @@
 //!
 //! Almost every cell of a map is zero, and almost every other belongs to one peak that is nearly a
 //! Gaussian. Each map is therefore written as its peaks, a few whole numbers each, and, where these are
-//! not good enough for the [`Quality`] that was asked for, as corrections of what they show. Without
+//! not good enough for the [`CompressionLevel`] that was asked for, as corrections of what they show. Without
 //! loss, cells above a floor are kept as 8 bit values. Everything is coded in adaptive contexts that
 //! begin with what is known of people and networks; nothing depends on the patch before.
 //!
@@ -12,6 +12,7 @@
 
 mod around;
 mod body;
+mod compression_level;
 mod contexts;
 mod correction;
 mod decode;
@@ -21,7 +22,6 @@ mod fit;
 mod mode;
 mod modes;
 mod priors;
-mod quality;
 mod range_coder;
 mod recipe;
 mod symbol;
@@ -29,9 +29,9 @@ mod walk;
 
 use serde::{Deserialize, Serialize};
 
+pub use compression_level::{CompressionLevel, FLOOR, UnknownCompressionLevel};
 pub use decode::Decoder;
 pub use encode::Encoder;
-pub use quality::{FLOOR, Quality, UnknownQuality};
 
 /// Largest width and height of a map, cells.
 pub const MAX_SIDE: usize = 256;
@@ -272,8 +272,8 @@ mod tests {
         assert!(check(&Maps::new(256, 256, 64), FLOOR) <= 6);
     }
 
-    fn decoded(maps: &Maps, quality: Quality) -> (Maps, usize) {
-        let encoded = Encoder::new().encode(maps, quality);
+    fn decoded(maps: &Maps, level: CompressionLevel) -> (Maps, usize) {
+        let encoded = Encoder::new().encode(maps, level);
         let mut decoded = Maps::default();
         Decoder::new().decode(&encoded, &mut decoded).unwrap();
         (decoded, encoded.bytes.len())
@@ -286,22 +286,24 @@ mod tests {
     }
 
     #[test]
-    fn every_quality_takes_fewer_bytes_than_the_one_before() {
+    fn every_level_takes_fewer_bytes_than_the_one_before() {
         let maps = body(2.1, 0.5);
-        let bytes: Vec<usize> = Quality::all().map(|q| decoded(&maps, q).1).collect();
+        let bytes: Vec<usize> = CompressionLevel::all()
+            .map(|q| decoded(&maps, q).1)
+            .collect();
         assert!(bytes.is_sorted_by(|a, b| a >= b), "{bytes:?}");
         assert!(bytes[0] > 10 * bytes[bytes.len() - 1], "{bytes:?}");
     }
 
     #[test]
-    fn two_peaks_stay_two_at_every_quality() {
+    fn two_peaks_stay_two_at_every_level() {
         let maps = body(2.0, 0.8);
-        for quality in Quality::all() {
-            let (decoded, bytes) = decoded(&maps, quality);
-            assert!(off(&maps, &decoded) < 50, "{quality}");
+        for level in CompressionLevel::all() {
+            let (decoded, bytes) = decoded(&maps, level);
+            assert!(off(&maps, &decoded) < 50, "{level}");
             assert!(
-                quality == Quality::LOSSLESS || bytes < 180,
-                "{quality}: {bytes}"
+                level == CompressionLevel::LOSSLESS || bytes < 180,
+                "{level}: {bytes}"
             );
         }
     }
@@ -310,7 +312,7 @@ mod tests {
     fn the_default_is_off_by_no_more_than_it_says() {
         for (sigma, second) in [(1.7, 0.0), (2.0, 0.5), (2.6, 0.9), (3.5, 0.3)] {
             let maps = body(sigma, second);
-            let (decoded, bytes) = decoded(&maps, Quality::DEFAULT);
+            let (decoded, bytes) = decoded(&maps, CompressionLevel::DEFAULT);
             // The tolerance of its first step, and the floor under which nothing is seen.
             assert!(off(&maps, &decoded) <= 18, "{sigma} {second}");
             assert!(bytes <= 290);
@@ -329,14 +331,15 @@ mod tests {
                 0.55 + 0.025 * k as f32,
             );
         }
-        for quality in [Quality::DEFAULT, Quality::SMALL, Quality::SMALLEST] {
-            let (of_fine, of_coarse) = (
-                decoded(&fine, quality).1,
-                decoded(&body(2.0, 0.0), quality).1,
-            );
+        for level in [
+            CompressionLevel::DEFAULT,
+            CompressionLevel::SMALL,
+            CompressionLevel::SMALLEST,
+        ] {
+            let (of_fine, of_coarse) = (decoded(&fine, level).1, decoded(&body(2.0, 0.0), level).1);
             assert!(
                 of_fine.abs_diff(of_coarse) <= of_coarse / 10,
-                "{quality}: {of_fine} {of_coarse}"
+                "{level}: {of_fine} {of_coarse}"
             );
         }
     }
@@ -344,9 +347,12 @@ mod tests {
     #[test]
     fn an_encoder_forgets_the_patch_before() {
         let mut encoder = Encoder::new();
-        let first = encoder.encode(&body(2.0, 0.3), Quality::LOSSLESS);
-        encoder.encode(&body(3.0, 0.0), Quality::SMALL);
-        assert_eq!(encoder.encode(&body(2.0, 0.3), Quality::LOSSLESS), first);
+        let first = encoder.encode(&body(2.0, 0.3), CompressionLevel::LOSSLESS);
+        encoder.encode(&body(3.0, 0.0), CompressionLevel::SMALL);
+        assert_eq!(
+            encoder.encode(&body(2.0, 0.3), CompressionLevel::LOSSLESS),
+            first
+        );
     }
 
     #[test]
@@ -374,7 +380,7 @@ mod tests {
 
     #[test]
     fn a_cut_or_lengthened_patch_is_refused() {
-        let whole = Encoder::new().encode(&body(2.0, 0.0), Quality::LOSSLESS);
+        let whole = Encoder::new().encode(&body(2.0, 0.0), CompressionLevel::LOSSLESS);
         let mut maps = Maps::default();
         let mut cut = whole.clone();
         cut.bytes.truncate(whole.bytes.len() / 2);
@@ -433,12 +439,12 @@ mod tests {
         }
 
         #[test]
-        fn any_maps_can_be_sent_at_any_quality(maps in any_maps(), level in 0u8..8) {
-            let quality = Quality::new(level);
-            let (decoded, bytes) = decoded(&maps, quality);
+        fn any_maps_can_be_sent_at_any_level(maps in any_maps(), level in 0u8..8) {
+            let level = CompressionLevel::new(level);
+            let (decoded, bytes) = decoded(&maps, level);
             assert_eq!((decoded.width, decoded.height), (maps.width, maps.height));
             // Whatever it is: what is left of it in the end is bounded.
-            assert!(quality < Quality::SMALLEST || bytes <= 95);
+            assert!(level < CompressionLevel::SMALLEST || bytes <= 95);
         }
 
         #[test]
@@ -456,7 +462,7 @@ mod tests {
             level in 0u8..7,
             sides in prop::option::of((1u16..=256, 1u16..=256)),
         ) {
-            let mut encoded = Encoder::new().encode(&body(2.0, 0.4), Quality::new(level));
+            let mut encoded = Encoder::new().encode(&body(2.0, 0.4), CompressionLevel::new(level));
             let len = encoded.bytes.len();
             for (at, byte) in changes {
                 encoded.bytes[at.index(len)] = byte;

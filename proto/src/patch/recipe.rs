@@ -1,9 +1,9 @@
-//! What a quality means: how finely modes are written, and what is corrected after them.
+//! What a compression level means: how finely modes are written, and what is corrected after them.
 
+use super::compression_level::{CompressionLevel, FLOOR};
 use super::mode::{MOST_TILTED, Mode};
-use super::quality::{FLOOR, Quality};
 
-/// How maps become bytes at one quality. The decoder needs the steps, all else is the encoder's own.
+/// How maps become bytes at one compression level. The decoder needs the steps, all else is the encoder's own.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Recipe {
     /// Least height of a mode.
@@ -61,19 +61,19 @@ const fn rest(tolerance: u8, step: u8, further: u8) -> Rest {
     }
 }
 
-/// Most modes of a map at any quality.
+/// Most modes of a map at any compression level.
 pub(super) const MAX_MODES: usize = 4;
 
 impl Recipe {
-    /// That of `quality`; there is none for what is kept without loss.
-    pub(super) const fn of(quality: Quality) -> Option<Self> {
+    /// That of `level`; there is none for what is kept without loss.
+    pub(super) const fn of(level: CompressionLevel) -> Option<Self> {
         let (
             floor,
             modes,
             [position_bits, height_bits],
             [width_step, tilt_step],
             [first, most_bytes],
-        ) = match quality.level() {
+        ) = match level.number() {
             0 => return None,
             1 => (FLOOR, 4, [0, 0], [1, 1], [0, usize::MAX]),
             2 => (18, 4, [0, 1], [1, 1], [1, 290]),

@@ -181,7 +181,7 @@ impl Ticker {
             persons: task.plan.persons.map(|_| &self.chosen[..]),
             timing: Some(LARGEST_TIMING),
         };
-        self.pipeline.set_quality(task.plan.quality);
+        self.pipeline.set_compression_level(task.plan.level);
         self.laps.clear();
         let (laps, mut lap) = (&mut self.laps, clock::now());
         let output = self
@@ -228,7 +228,7 @@ impl Ticker {
         let mut ledger = self.shared.ledger();
         ledger
             .rate
-            .packed(task.plan.quality, persons, messages, payload);
+            .packed(task.plan.level, persons, messages, payload);
     }
 
     fn count_laps(&mut self, looks: bool) {
