@@ -18,7 +18,7 @@ const EMPTY_US: Micros = 8_000;
 /// A queue stands when nothing came faster for so long, microseconds: jitter does not last.
 const STANDS_US: Micros = 200_000;
 /// For how long the fastest way is remembered, microseconds, in two halves.
-const WAY_US: Micros = 20 * SECOND_US;
+const BASE_DELAY_WINDOW_US: Micros = 20 * SECOND_US;
 /// Loss above this is the link's fullness, not its noise.
 const LOSS: f64 = 0.15;
 /// Shortest time between two steps down, microseconds: a step must be seen before the next.
@@ -34,7 +34,7 @@ const GROWTH_PER_S: [f64; 3] = [2.0, 1.02, 1.5];
 /// Near where the link was full, growth doubles in so long without a queue, microseconds.
 const BOLDER_US: Micros = 2 * SECOND_US;
 /// Steps down in a row that do not halve a queue until it is taken for somebody else's, or for a longer way.
-const VAIN_STEPS: u32 = 6;
+const FUTILE_STEPS: u32 = 6;
 /// Ticks of which it is remembered when they were sent.
 const TICKS: i64 = 512;
 /// Width of a slot of what was sent, microseconds, and how many there are: five seconds.
@@ -48,7 +48,7 @@ pub struct LinkLoad {
     rate: f64,
     /// What arrived when it was full, bytes per second.
     full_at: Option<f64>,
-    way: WindowMin,
+    base_delay: WindowMin,
     recent: [(Micros, Micros); 16],
     n_recent: usize,
     loss: f64,
@@ -69,7 +69,7 @@ impl Default for LinkLoad {
         Self {
             rate: f64::INFINITY,
             full_at: None,
-            way: WindowMin::default(),
+            base_delay: WindowMin::default(),
             recent: [(Micros::MIN, 0); 16],
             n_recent: 0,
             loss: 0.0,
@@ -112,7 +112,7 @@ impl LinkLoad {
 
     /// Clocks were stepped or fusion is another: delays so far mean nothing, the rate still does.
     pub fn forget_delays(&mut self, now_us: Micros) {
-        self.way = WindowMin::default();
+        self.base_delay = WindowMin::default();
         self.n_recent = 0;
         self.loss = 0.0;
         self.newest = None;
@@ -145,9 +145,9 @@ impl LinkLoad {
             return;
         }
         // Against the own clock as it is, so that corrections do not look like queues.
-        let way_us = Micros::from(heard.one_way_us) + Micros::from(correction_us);
-        self.way.add(way_us, now_us);
-        self.recent[self.n_recent % self.recent.len()] = (now_us, way_us);
+        let delay_us = Micros::from(heard.one_way_us) + Micros::from(correction_us);
+        self.base_delay.add(delay_us, now_us);
+        self.recent[self.n_recent % self.recent.len()] = (now_us, delay_us);
         self.n_recent += 1;
         let queue_us = self.queue_us(now_us);
         let sent_us = self.sent.when(heard.tick).unwrap_or(now_us);
@@ -186,15 +186,15 @@ impl LinkLoad {
         let standing = newest_first
             .enumerate()
             .take_while(|(n, (at_us, _))| *n < FEWEST || now_us - at_us <= STANDS_US);
-        let (mut fastest_us, mut since_us, mut words) = (Micros::MAX, now_us, 0);
-        for (_, (at_us, way_us)) in standing {
-            (fastest_us, since_us, words) = (fastest_us.min(way_us), at_us, words + 1);
+        let (mut least_us, mut since_us, mut words) = (Micros::MAX, now_us, 0);
+        for (_, (at_us, delay_us)) in standing {
+            (least_us, since_us, words) = (least_us.min(delay_us), at_us, words + 1);
         }
         // Nor is what comes all at once after a pause.
         if words < FEWEST || now_us - since_us < STANDS_US / 2 {
             return None;
         }
-        Some(fastest_us - self.way.min()?)
+        Some(least_us - self.base_delay.min()?)
     }
 
     fn slow_down(&mut self, arrived: f64, queue_us: Micros, loop_us: Micros, now_us: Micros) {
@@ -206,8 +206,8 @@ impl LinkLoad {
             self.before = (queue_us, self.rate);
         }
         self.steps += 1;
-        if self.steps > VAIN_STEPS && 2 * queue_us > self.before.0 && self.loss <= LOSS {
-            self.take_for_the_way();
+        if self.steps > FUTILE_STEPS && 2 * queue_us > self.before.0 && self.loss <= LOSS {
+            self.take_for_base_delay();
             return;
         }
         // The longer the queue, the faster it has to go.
@@ -219,8 +219,8 @@ impl LinkLoad {
     }
 
     /// What does not go away when less is sent is not the edge's own queue.
-    fn take_for_the_way(&mut self) {
-        self.way = WindowMin::default();
+    fn take_for_base_delay(&mut self) {
+        self.base_delay = WindowMin::default();
         self.n_recent = 0;
         self.rate = self.before.1;
         self.full_at = None;
@@ -245,7 +245,7 @@ impl LinkLoad {
     }
 }
 
-/// The least of the last [`WAY_US`], to half of that: two halves that take turns.
+/// The least of the last [`BASE_DELAY_WINDOW_US`], to half of that: two halves that take turns.
 #[derive(Debug, Clone, Default)]
 struct WindowMin {
     halves: [Option<Micros>; 2],
@@ -255,7 +255,7 @@ struct WindowMin {
 impl WindowMin {
     fn add(&mut self, value: Micros, now_us: Micros) {
         let turned_at_us = *self.turned_at_us.get_or_insert(now_us);
-        if now_us - turned_at_us > WAY_US / 2 {
+        if now_us - turned_at_us > BASE_DELAY_WINDOW_US / 2 {
             self.halves = [None, self.halves[0]];
             self.turned_at_us = Some(now_us);
         }

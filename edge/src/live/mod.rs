@@ -9,11 +9,11 @@ pub mod capture;
 pub mod health;
 pub mod load;
 pub mod newest_boxes;
-pub mod objections;
 pub mod rate;
+pub mod refusal;
+pub mod round_robin;
 pub mod tick_clock;
 pub mod timecode;
-pub mod turns;
 
 /// Microseconds of a clock: since 1970 for the wall's, since anything for spans.
 pub type Micros = i64;

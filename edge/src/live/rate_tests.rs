@@ -25,7 +25,7 @@ struct Line {
 }
 
 impl Line {
-    fn way_us(&self, at_us: i64) -> i64 {
+    fn delay_us(&self, at_us: i64) -> i64 {
         let (from_s, then_us) = self.then;
         if at_us / SECOND_US < from_s {
             self.one_way_us
@@ -114,7 +114,7 @@ fn run(
                 }
                 free_at = start + takes;
                 let jitter = (random.next() * line.jitter_us as f64) as i64;
-                under_way.push_back((free_at + line.way_us(now) + jitter, tick, now, payload));
+                under_way.push_back((free_at + line.delay_us(now) + jitter, tick, now, payload));
                 if second_half {
                     outcome.worst_queue_us = outcome.worst_queue_us.max(start - now);
                     bytes_n += (payload + MESSAGE_OVERHEAD_BYTES) as f64;
@@ -138,7 +138,7 @@ fn run(
                 one_way_us: way as i32,
                 bytes,
             };
-            words.push_back((now + line.way_us(now), word));
+            words.push_back((now + line.delay_us(now), word));
         }
     }
     let half_s = seconds as f64 / 2.0;

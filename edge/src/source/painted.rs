@@ -35,7 +35,7 @@ pub trait MapPainter: Debug + Send + Sync {
 
     /// A number that repeats only when the picture does, and the picture's mean brightness, 0 to 255, for
     /// whoever watches the camera's health; `None` where nothing can be said.
-    fn glance(&self) -> Option<(u64, f64)> {
+    fn picture_sample(&self) -> Option<(u64, f64)> {
         None
     }
 

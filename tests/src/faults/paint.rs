@@ -51,7 +51,7 @@ impl MapPainter for Observation {
     }
 
     /// No two ticks of a camera have the same noise, and only a black picture has none to tell it by.
-    fn glance(&self) -> Option<(u64, f64)> {
+    fn picture_sample(&self) -> Option<(u64, f64)> {
         let is_black = self.noise_key == 0;
         Some((self.noise_key, if is_black { 0.0 } else { BRIGHTNESS }))
     }

@@ -27,8 +27,8 @@ use super::compare::compare_files;
 use super::link::{Ends, Heard};
 use super::process::{Ending, NodeError, say};
 use crate::live::newest_boxes::Arrival;
-use crate::live::objections::Objections;
 use crate::live::rate::Message;
+use crate::live::refusal::RepeatedRefusal;
 
 use self::shared::Shared;
 
@@ -47,7 +47,7 @@ pub(super) struct Live {
     refused: Option<String>,
     /// Why the edge should end, as fusion said last.
     objection: Option<NodeError>,
-    objections: Objections,
+    refusal: RepeatedRefusal,
     failed: oneshot::Receiver<anyhow::Error>,
 }
 
@@ -65,7 +65,7 @@ impl Live {
             shared,
             refused: None,
             objection: None,
-            objections: Objections::default(),
+            refusal: RepeatedRefusal::default(),
             failed,
         })
     }
@@ -178,10 +178,10 @@ impl Live {
         self.objection = object(&self.status, fusion, link).err();
         if self.objection.is_some() {
             self.status.unreadable += 1;
-            self.objections.raise(self.shared.clock.now_us());
+            self.refusal.note_refusal(self.shared.clock.now_us());
             return;
         }
-        self.objections.clear();
+        self.refusal.note_acceptance();
         // What is said while the edge takes part is of another of its name.
         let refused = link.filter(|link| !link.live);
         let refused = refused.and_then(|link| link.refused.clone());
@@ -202,7 +202,7 @@ impl Live {
 
     /// Ends the edge when fusion's objections stand.
     fn give_up(&mut self) -> Result<Option<Ending>, NodeError> {
-        if !self.objections.stand(self.shared.clock.now_us()) {
+        if !self.refusal.is_confirmed(self.shared.clock.now_us()) {
             return Ok(None);
         }
         self.objection.take().map_or(Ok(None), Err)

@@ -15,7 +15,7 @@ use tracing::debug;
 use super::shared::Shared;
 use crate::live::Micros;
 use crate::live::rate::{Message, Plan};
-use crate::live::turns;
+use crate::live::round_robin;
 use crate::node::clock;
 use crate::node::worker::split_detection;
 use crate::pipeline::{EdgeOutput, Pipeline, Stage, StepRequest};
@@ -171,7 +171,7 @@ impl Ticker {
             self.chosen.clear();
             if task.tick.0.rem_euclid(nth) == 0 {
                 let number = Tick(task.tick.0.div_euclid(nth));
-                turns::choose(persons, most, number, &mut self.chosen);
+                round_robin::choose(persons, most, number, &mut self.chosen);
             }
         }
         let request = StepRequest {

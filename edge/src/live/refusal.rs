@@ -9,25 +9,25 @@ const LASTS_US: Micros = 3 * SECOND_US / 2;
 
 /// How long something has been objected to without a word to the contrary.
 #[derive(Debug, Clone, Default)]
-pub struct Objections {
+pub struct RepeatedRefusal {
     since_us: Option<Micros>,
     said: u32,
 }
 
-impl Objections {
+impl RepeatedRefusal {
     /// Fusion objects at `now_us`.
-    pub fn raise(&mut self, now_us: Micros) {
+    pub fn note_refusal(&mut self, now_us: Micros) {
         self.since_us.get_or_insert(now_us);
         self.said = self.said.saturating_add(1);
     }
 
     /// Fusion says that all is well.
-    pub fn clear(&mut self) {
+    pub fn note_acceptance(&mut self) {
         *self = Self::default();
     }
 
     /// Whether it is to be believed.
-    pub fn stand(&self, now_us: Micros) -> bool {
+    pub fn is_confirmed(&self, now_us: Micros) -> bool {
         let lasts = self.since_us.is_some_and(|at| now_us - at >= LASTS_US);
         lasts && self.said >= ENOUGH
     }
@@ -39,30 +39,30 @@ mod tests {
 
     #[test]
     fn what_is_said_once_a_second_stands_after_the_third_time() {
-        let mut objections = Objections::default();
+        let mut refusal = RepeatedRefusal::default();
         for (second, stands) in [(0, false), (1, false), (2, true)] {
-            objections.raise(second * SECOND_US);
-            assert_eq!(objections.stand(second * SECOND_US), stands);
+            refusal.note_refusal(second * SECOND_US);
+            assert_eq!(refusal.is_confirmed(second * SECOND_US), stands);
         }
     }
 
     #[test]
     fn neither_one_word_nor_many_at_once_stand_for_themselves() {
-        let mut objections = Objections::default();
-        objections.raise(0);
-        assert!(!objections.stand(i64::MAX));
-        let mut objections = Objections::default();
-        (0..100).for_each(|_| objections.raise(0));
-        assert!(!objections.stand(0));
+        let mut refusal = RepeatedRefusal::default();
+        refusal.note_refusal(0);
+        assert!(!refusal.is_confirmed(i64::MAX));
+        let mut refusal = RepeatedRefusal::default();
+        (0..100).for_each(|_| refusal.note_refusal(0));
+        assert!(!refusal.is_confirmed(0));
     }
 
     #[test]
     fn lies_between_honest_words_never_stand() {
-        let mut objections = Objections::default();
+        let mut refusal = RepeatedRefusal::default();
         for second in 0..100 {
-            (0..10).for_each(|_| objections.raise(second * SECOND_US));
-            assert!(!objections.stand(second * SECOND_US));
-            objections.clear();
+            (0..10).for_each(|_| refusal.note_refusal(second * SECOND_US));
+            assert!(!refusal.is_confirmed(second * SECOND_US));
+            refusal.note_acceptance();
         }
     }
 }
