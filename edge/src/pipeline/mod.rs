@@ -22,7 +22,7 @@ use std::collections::BTreeMap;
 
 use farfield_proto::id::{CameraIndex, PersonId, SessionId, ViewpointIndex};
 use farfield_proto::keypoints::KeypointSet;
-use farfield_proto::message::{BoxSet, PatchSet, PersonPatch, SightingSet};
+use farfield_proto::message::{PatchSet, PersonPatch, SightingSet};
 use farfield_proto::patch::{CompressionLevel, Encoder, FLOOR, Maps, quantize};
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::Venue;

@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use farfield_proto::bounding_box::{BoundingBox, BoxRate};
 use farfield_proto::frames::Pixel;
 use farfield_proto::grid::CellGrid;
-use farfield_proto::message::{CameraBox, Order, PersonBoxes, Sighting};
+use farfield_proto::message::{BoxSet, CameraBox, Order, PersonBoxes, Sighting};
 use farfield_proto::model_card::{HeatmapCard, Letterbox};
 use farfield_proto::patch::Decoder;
 use farfield_proto::wire;
