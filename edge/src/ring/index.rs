@@ -16,7 +16,7 @@ const STORED_HEAD_BYTES: usize = 8;
 
 /// Where a record is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Place {
+pub struct RecordLocation {
     /// Position of its segment in the ring.
     pub segment: usize,
     /// Where it begins there.
@@ -28,7 +28,7 @@ pub struct Place {
 /// All records by session and tick, in the order in which they were stored.
 #[derive(Debug, Default)]
 pub struct Index {
-    places: BTreeMap<(SessionId, Tick, u64), Place>,
+    places: BTreeMap<(SessionId, Tick, u64), RecordLocation>,
     next: u64,
 }
 
@@ -36,14 +36,14 @@ pub struct Index {
 #[derive(Debug, PartialEq, Eq)]
 pub struct Found {
     /// The records.
-    pub places: Vec<Place>,
+    pub places: Vec<RecordLocation>,
     /// The tick after the last that they are about.
     pub to: Tick,
 }
 
 impl Index {
     /// Notes a record.
-    pub fn add(&mut self, label: Label, place: Place) {
+    pub fn add(&mut self, label: Label, place: RecordLocation) {
         self.places
             .insert((label.session, label.tick, self.next), place);
         self.next += 1;
@@ -116,7 +116,7 @@ mod tests {
                 tick: Tick(tick),
                 kind: SetKind::Patches,
             };
-            let place = Place {
+            let place = RecordLocation {
                 segment: i % 2,
                 at: i as u64,
                 len,

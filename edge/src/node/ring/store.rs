@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use farfield_proto::fill::{FillRequest, Filled, StoredSet};
 use tracing::warn;
 
-use crate::ring::index::{Index, Place};
+use crate::ring::index::{Index, RecordLocation};
 use crate::ring::record::{
     Label, RECORD_HEAD_BYTES, SEGMENT_HEAD_BYTES, put_record, record_at, records, segment_head,
     segment_number,
@@ -156,7 +156,7 @@ impl Ring {
         };
         let (found, end) = records(&content);
         for record in &found {
-            let place = Place {
+            let place = RecordLocation {
                 segment: index,
                 at: record.at as u64,
                 len: record.message.len(),
@@ -194,7 +194,7 @@ impl Ring {
         segment.file.write_all_at(record, at)?;
         segment.bytes += len;
         segment.records += 1;
-        let place = Place {
+        let place = RecordLocation {
             segment: current,
             at,
             len: record.len() - RECORD_HEAD_BYTES,
