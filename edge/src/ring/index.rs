@@ -27,7 +27,7 @@ pub struct RecordLocation {
 
 /// All records by session and tick, in the order in which they were stored.
 #[derive(Debug, Default)]
-pub struct Index {
+pub struct RingIndex {
     places: BTreeMap<(SessionId, Tick, u64), RecordLocation>,
     next: u64,
 }
@@ -41,7 +41,7 @@ pub struct Found {
     pub to: Tick,
 }
 
-impl Index {
+impl RingIndex {
     /// Notes a record.
     pub fn add(&mut self, label: Label, place: RecordLocation) {
         self.places
@@ -108,8 +108,8 @@ mod tests {
 
     use super::*;
 
-    fn index(records: &[(u64, i64, usize)]) -> Index {
-        let mut index = Index::default();
+    fn index(records: &[(u64, i64, usize)]) -> RingIndex {
+        let mut index = RingIndex::default();
         for (i, &(session, tick, len)) in records.iter().enumerate() {
             let label = Label {
                 session: SessionId(session),
@@ -126,7 +126,7 @@ mod tests {
         index
     }
 
-    fn ask(index: &Index, from: i64, to: i64, max_bytes: u32) -> (Vec<u64>, i64) {
+    fn ask(index: &RingIndex, from: i64, to: i64, max_bytes: u32) -> (Vec<u64>, i64) {
         let found = index.find(&FillRequest {
             session: SessionId(1),
             from: Tick(from),

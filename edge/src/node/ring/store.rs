@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use farfield_proto::fill::{FillRequest, Filled, StoredSet};
 use tracing::warn;
 
-use crate::ring::index::{Index, RecordLocation};
+use crate::ring::index::{RecordLocation, RingIndex};
 use crate::ring::record::{
     Label, RECORD_HEAD_BYTES, SEGMENT_HEAD_BYTES, put_record, record_at, records, segment_head,
     segment_number,
@@ -36,7 +36,7 @@ pub(super) struct Ring {
     segment_bytes: u64,
     /// The segment that is written to.
     current: usize,
-    index: Index,
+    index: RingIndex,
     /// Torn records that were found when the ring was opened: at most one per kill.
     pub(super) torn: u64,
     buffer: Vec<u8>,
@@ -66,7 +66,7 @@ impl Ring {
             segments: Vec::with_capacity(SEGMENTS),
             segment_bytes,
             current: 0,
-            index: Index::default(),
+            index: RingIndex::default(),
             torn: 0,
             buffer: Vec::new(),
             _lock: lock,
