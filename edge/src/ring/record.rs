@@ -27,7 +27,7 @@ pub struct Label {
 
 /// A record in a segment.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Record<'a> {
+pub struct RingRecord<'a> {
     /// What it is about.
     pub label: Label,
     /// The message as it travels.
@@ -68,7 +68,7 @@ pub fn put_record(label: Label, message: &[u8], bytes: &mut Vec<u8>) {
 }
 
 /// The whole records of a segment up to the first that is torn, and where that is.
-pub fn records(segment: &[u8]) -> (Vec<Record<'_>>, usize) {
+pub fn records(segment: &[u8]) -> (Vec<RingRecord<'_>>, usize) {
     let (mut found, mut at) = (Vec::new(), SEGMENT_HEAD_BYTES);
     while let Some(record) = record_at(segment, at) {
         at += RECORD_HEAD_BYTES + record.message.len();
@@ -78,7 +78,7 @@ pub fn records(segment: &[u8]) -> (Vec<Record<'_>>, usize) {
 }
 
 /// The record that begins at `at`; `None` when it is torn, or there is none.
-pub fn record_at(segment: &[u8], at: usize) -> Option<Record<'_>> {
+pub fn record_at(segment: &[u8], at: usize) -> Option<RingRecord<'_>> {
     let rest = segment.get(at..)?;
     let (len, rest) = rest.split_first_chunk()?;
     let (checksum, rest) = rest.split_first_chunk()?;
@@ -103,7 +103,7 @@ pub fn record_at(segment: &[u8], at: usize) -> Option<Record<'_>> {
         tick: Tick(i64::from_le_bytes(*tick)),
         kind,
     };
-    Some(Record { label, message, at })
+    Some(RingRecord { label, message, at })
 }
 
 #[cfg(test)]
