@@ -17,7 +17,7 @@ use super::clock;
 use super::frames_at::FramesAt;
 use super::link::Said;
 use super::live::LiveWork;
-use crate::pipeline::{EdgeOutput, Pipeline, Stage, StepRequest};
+use crate::pipeline::{EdgeOutput, EdgeStage, Pipeline, StepRequest};
 use crate::source::{Frame, SourceError, Sources};
 
 /// The stage of looking for people without boxes, as summaries name it.
@@ -139,26 +139,26 @@ impl Work {
 
 /// The stages' times by name, with the keypoints of sightings, `share` of the inference, counted as
 /// looking: what looks cost is told apart from what following people costs.
-pub(super) fn split_detection(laps: &[(Stage, u32)], share: f64) -> [(&'static str, u32); 4] {
-    let of = |wanted: Stage| {
+pub(super) fn split_detection(laps: &[(EdgeStage, u32)], share: f64) -> [(&'static str, u32); 4] {
+    let of = |wanted: EdgeStage| {
         let laps = laps.iter().filter(|(stage, _)| *stage == wanted);
         laps.map(|(_, us)| us).sum::<u32>()
     };
-    let keypoints_us = (f64::from(of(Stage::Infer)) * share).round() as u32;
+    let keypoints_us = (f64::from(of(EdgeStage::Infer)) * share).round() as u32;
     [
-        (name(Stage::Crop), of(Stage::Crop)),
-        (LOOK, of(Stage::Detect) + keypoints_us),
-        (name(Stage::Infer), of(Stage::Infer) - keypoints_us),
-        (name(Stage::Encode), of(Stage::Encode)),
+        (name(EdgeStage::Crop), of(EdgeStage::Crop)),
+        (LOOK, of(EdgeStage::Detect) + keypoints_us),
+        (name(EdgeStage::Infer), of(EdgeStage::Infer) - keypoints_us),
+        (name(EdgeStage::Encode), of(EdgeStage::Encode)),
     ]
 }
 
-fn name(stage: Stage) -> &'static str {
+fn name(stage: EdgeStage) -> &'static str {
     match stage {
-        Stage::Crop => "crop",
-        Stage::Detect => LOOK,
-        Stage::Infer => "infer",
-        Stage::Encode => "encode",
+        EdgeStage::Crop => "crop",
+        EdgeStage::Detect => LOOK,
+        EdgeStage::Infer => "infer",
+        EdgeStage::Encode => "encode",
     }
 }
 

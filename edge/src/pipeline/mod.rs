@@ -43,7 +43,7 @@ pub use request::StepRequest;
 
 /// A part of a step, for whoever measures how long each takes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Stage {
+pub enum EdgeStage {
     /// Choosing cameras, cutting crops of persons with boxes.
     Crop,
     /// Looking for people without boxes: detecting, cutting the crops of whom was found.
@@ -137,7 +137,7 @@ impl Pipeline {
         &mut self,
         frames: &[Option<Frame>],
         request: &StepRequest<'_>,
-        mark: &mut dyn FnMut(Stage),
+        mark: &mut dyn FnMut(EdgeStage),
     ) -> Result<EdgeOutput, PipelineError> {
         self.check(frames, request)?;
         let StepRequest {
@@ -162,7 +162,7 @@ impl Pipeline {
             .filter(|p| request.includes(p.person))
             .filter_map(|p| self.track(p, age, frames))
             .collect();
-        mark(Stage::Crop);
+        mark(EdgeStage::Crop);
         let detects = !detection_cameras.is_empty() && self.can_sight();
         let n_tracked = self.batch.as_ref().map_or(0, Batch::len);
         let pending = if detects {
@@ -172,11 +172,11 @@ impl Pipeline {
         };
         let n_crops = self.batch.as_ref().map_or(0, Batch::len);
         self.detection_share = (n_crops - n_tracked) as f64 / n_crops.max(1) as f64;
-        mark(Stage::Detect);
+        mark(EdgeStage::Detect);
         if let Some(batch) = &mut self.batch {
             batch.infer()?;
         }
-        mark(Stage::Infer);
+        mark(EdgeStage::Infer);
         let mut sighting_sets = Vec::new();
         if detects {
             let (session, viewpoint) = (self.session, self.viewpoint);
@@ -195,7 +195,7 @@ impl Pipeline {
             .into_iter()
             .filter_map(|t| self.patch(t, frames, boxes.tick))
             .collect();
-        mark(Stage::Encode);
+        mark(EdgeStage::Encode);
         let head = PatchSet {
             session: self.session,
             tick,

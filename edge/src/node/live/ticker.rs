@@ -18,7 +18,7 @@ use crate::live::rate::{Message, Plan};
 use crate::live::round_robin;
 use crate::node::clock;
 use crate::node::worker::split_detection;
-use crate::pipeline::{EdgeOutput, Pipeline, Stage, StepRequest};
+use crate::pipeline::{EdgeOutput, EdgeStage, Pipeline, StepRequest};
 use crate::ring::record::Label;
 use crate::source::Frame;
 
@@ -45,7 +45,7 @@ pub(super) struct Ticker {
     viewpoint: ViewpointIndex,
     frames: Vec<Option<Frame>>,
     chosen: Vec<PersonId>,
-    laps: Vec<(Stage, u32)>,
+    laps: Vec<(EdgeStage, u32)>,
     failures: u32,
 }
 
