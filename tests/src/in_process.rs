@@ -27,7 +27,7 @@ use crate::simulated::VenueSources;
 /// One viewpoint: its cameras' sources and its pipeline.
 struct Edge {
     sources: Vec<Box<dyn FrameSource>>,
-    pipeline: farfield_edge::pipeline::Pipeline,
+    pipeline: farfield_edge::pipeline::EdgePipeline,
 }
 
 /// All nodes of a venue, tick after tick.
@@ -257,7 +257,7 @@ impl Edge {
         let network = network.map(OnnxKeypointNetwork::load).transpose()?;
         let detector = venue.detector.as_deref().filter(|_| pictures);
         let detector = detector.map(OnnxDetector::load).transpose()?;
-        let pipeline = farfield_edge::pipeline::Pipeline::new(
+        let pipeline = farfield_edge::pipeline::EdgePipeline::new(
             venue,
             viewpoint,
             network.map(|n| Box::new(n) as Box<dyn KeypointNetwork>),

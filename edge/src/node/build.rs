@@ -18,7 +18,7 @@ use super::worker::Work;
 use crate::detector::OnnxDetector;
 use crate::inference::{InputTensor, KeypointNetwork, NetworkError, PersonDetector};
 use crate::network::{Backend, Choice, OnnxKeypointNetwork};
-use crate::pipeline::Pipeline;
+use crate::pipeline::EdgePipeline;
 use crate::source::{self, SourceError, SourceInfo, Sources};
 
 /// An edge that is ready to connect.
@@ -141,7 +141,7 @@ pub(super) fn build(config: &Config) -> Result<Built, NodeError> {
     } = networks;
     let keypoints = keypoints.map(|network| Box::new(network) as Box<dyn KeypointNetwork>);
     let detector = detector.map(|detector| Box::new(detector) as Box<dyn PersonDetector>);
-    let pipeline = Pipeline::new(venue, config.viewpoint, keypoints, detector);
+    let pipeline = EdgePipeline::new(venue, config.viewpoint, keypoints, detector);
     let pipeline = pipeline
         .with_context(|| format!("viewpoint {}", config.name))
         .map_err(NodeError::Refused)?;

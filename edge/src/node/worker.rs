@@ -17,7 +17,7 @@ use super::clock;
 use super::frames_at::FramesAt;
 use super::link::Said;
 use super::live::LiveWork;
-use crate::pipeline::{EdgeOutput, EdgeStage, Pipeline, StepRequest};
+use crate::pipeline::{EdgeOutput, EdgePipeline, EdgeStage, StepRequest};
 use crate::source::{Frame, SourceError, Sources};
 
 /// The stage of looking for people without boxes, as summaries name it.
@@ -33,7 +33,7 @@ pub(super) struct Work {
     sources: Arc<dyn Sources>,
     /// Opened in advance at this tick, when the run's first tick is known before the start.
     opened: Option<(Tick, Vec<FramesAt>)>,
-    pipeline: Pipeline,
+    pipeline: EdgePipeline,
     samples_us: BTreeMap<&'static str, Vec<u32>>,
 }
 
@@ -42,7 +42,7 @@ impl Work {
     pub(super) fn new(
         venue: Venue,
         cameras: Vec<CameraIndex>,
-        pipeline: Pipeline,
+        pipeline: EdgePipeline,
         sources: Arc<dyn Sources>,
     ) -> Self {
         Self {

@@ -7,10 +7,10 @@ use farfield_proto::message::Sighting;
 use farfield_proto::tick::Tick;
 
 use super::sighting::{self, Pending};
-use super::{Pipeline, PipelineError};
+use super::{EdgePipeline, PipelineError};
 use crate::source::{Content, Frame};
 
-impl Pipeline {
+impl EdgePipeline {
     /// The cameras that look at `tick` when nobody says: all of them, now and then.
     pub fn regular_detection_cameras(&self, tick: Tick) -> Vec<CameraIndex> {
         if tick.0.rem_euclid(self.ticks_per_pass) == 0 {

@@ -70,7 +70,7 @@ pub trait StandIn: Send {
 }
 
 /// The edge of one viewpoint.
-pub struct Pipeline {
+pub struct EdgePipeline {
     viewpoint: ViewpointIndex,
     cameras: Vec<EdgeCamera>,
     keypoints: KeypointSet,
@@ -87,7 +87,7 @@ pub struct Pipeline {
     detection_share: f64,
 }
 
-impl Pipeline {
+impl EdgePipeline {
     /// The edge of `viewpoint`. Without a `detector`, cameras with pictures give no sightings.
     ///
     /// # Errors

@@ -138,14 +138,14 @@ fn boxes(look: &[u16], persons: Vec<Vec<CameraBox>>) -> BoxSet {
     }
 }
 
-fn pipeline(sources: &[&str]) -> Pipeline {
+fn pipeline(sources: &[&str]) -> EdgePipeline {
     let (network, _) = mirror();
-    Pipeline::new(&venue(sources), ViewpointIndex(0), Some(network), None).unwrap()
+    EdgePipeline::new(&venue(sources), ViewpointIndex(0), Some(network), None).unwrap()
 }
 
 /// All that fusion asks for in `boxes`, at the tick of the frames.
 fn step(
-    edge: &mut Pipeline,
+    edge: &mut EdgePipeline,
     frames: &[Option<Frame>],
     boxes: &BoxSet,
 ) -> Result<EdgeOutput, PipelineError> {
@@ -281,7 +281,8 @@ fn all_crops_of_a_tick_are_one_inference() {
     };
     let detector: Box<dyn PersonDetector> = Box::new(Finds(vec![found]));
     let venue = venue(&[PICTURES, PICTURES]);
-    let mut edge = Pipeline::new(&venue, ViewpointIndex(0), Some(network), Some(detector)).unwrap();
+    let mut edge =
+        EdgePipeline::new(&venue, ViewpointIndex(0), Some(network), Some(detector)).unwrap();
     let person = || {
         vec![
             box_at(0, [320.0, 240.0], 0.7),
@@ -326,7 +327,7 @@ fn all_crops_of_a_tick_are_one_inference() {
 #[test]
 fn only_the_cameras_that_are_asked_look() {
     let venue = venue(&[KEYPOINTS, KEYPOINTS]);
-    let mut edge = Pipeline::new(&venue, ViewpointIndex(0), None, None).unwrap();
+    let mut edge = EdgePipeline::new(&venue, ViewpointIndex(0), None, None).unwrap();
     let frames = [1.0, 2.0].map(|x| Some(frame(Content::Keypoints(candidates(x, 2.0)))));
     for asked in [&[0][..], &[1], &[0, 1]] {
         let output = step(&mut edge, &frames, &boxes(asked, Vec::new())).unwrap();
@@ -350,7 +351,7 @@ fn candidates(x: f64, y: f64) -> KeypointFrame {
 
 #[test]
 fn keypoint_sources_need_no_network_and_are_sighted_as_grouped() {
-    let mut edge = Pipeline::new(&venue(&[KEYPOINTS]), ViewpointIndex(0), None, None).unwrap();
+    let mut edge = EdgePipeline::new(&venue(&[KEYPOINTS]), ViewpointIndex(0), None, None).unwrap();
     let frames = [Some(frame(Content::Keypoints(candidates(333.0, 222.0))))];
     let persons = vec![vec![box_at(0, [320.0, 240.0], 1.2)]];
     let output = step(&mut edge, &frames, &boxes(&[0, 1], persons)).unwrap();
@@ -397,7 +398,7 @@ impl MapPainter for Painter {
 
 #[test]
 fn painted_maps_are_asked_for_the_box_at_the_frames_tick() {
-    let mut edge = Pipeline::new(&venue(&[PAINTED]), ViewpointIndex(0), None, None).unwrap();
+    let mut edge = EdgePipeline::new(&venue(&[PAINTED]), ViewpointIndex(0), None, None).unwrap();
     let mut camera_box = box_at(0, [280.0, 240.0], 1.2);
     camera_box.rate.center_px = [10.0, 0.0];
     let mut boxes = boxes(&[0, 1], vec![vec![camera_box]]);
@@ -421,7 +422,7 @@ fn painted_maps_are_asked_for_the_box_at_the_frames_tick() {
 
 #[test]
 fn a_look_that_finds_nobody_is_said_and_an_edge_that_cannot_look_says_nothing() {
-    let mut edge = Pipeline::new(&venue(&[KEYPOINTS]), ViewpointIndex(0), None, None).unwrap();
+    let mut edge = EdgePipeline::new(&venue(&[KEYPOINTS]), ViewpointIndex(0), None, None).unwrap();
     let output = step(&mut edge, &[None], &boxes(&[0, 1], Vec::new())).unwrap();
     assert_eq!(
         (
@@ -465,7 +466,7 @@ fn pictures_and_keypoints_may_be_mixed_in_one_viewpoint() {
 #[test]
 fn what_does_not_belong_together_is_refused() {
     let refused =
-        |sources: &[&str]| Pipeline::new(&venue(sources), ViewpointIndex(0), None, None).err();
+        |sources: &[&str]| EdgePipeline::new(&venue(sources), ViewpointIndex(0), None, None).err();
     assert!(
         matches!(refused(&[PICTURES]), Some(PipelineError::NoNetwork { camera }) if camera == "c0")
     );

@@ -3,7 +3,7 @@
 use farfield_proto::id::PersonId;
 use farfield_proto::message::{CameraBox, PersonBoxes};
 
-use super::Pipeline;
+use super::EdgePipeline;
 use super::camera::EdgeCamera;
 use crate::choose::{View, choose};
 use crate::crop::{CropGeometry, enclosing_upright};
@@ -29,7 +29,7 @@ pub(super) struct Tracked {
     pub(super) input: usize,
 }
 
-impl Pipeline {
+impl EdgePipeline {
     /// Chooses the camera for a person, and cuts the crops; `None` when no camera sees the person.
     pub(super) fn track(
         &mut self,

@@ -18,7 +18,7 @@ use crate::live::rate::{Message, Plan};
 use crate::live::round_robin;
 use crate::node::clock;
 use crate::node::worker::split_detection;
-use crate::pipeline::{EdgeOutput, EdgeStage, Pipeline, StepRequest};
+use crate::pipeline::{EdgeOutput, EdgePipeline, EdgeStage, StepRequest};
 use crate::ring::record::Label;
 use crate::source::Frame;
 
@@ -41,7 +41,7 @@ const LARGEST_TIMING: PatchTiming = PatchTiming {
 /// Works on tick after tick.
 pub(super) struct Ticker {
     shared: Arc<Shared>,
-    pipeline: Pipeline,
+    pipeline: EdgePipeline,
     viewpoint: ViewpointIndex,
     frames: Vec<Option<Frame>>,
     chosen: Vec<PersonId>,
@@ -59,7 +59,11 @@ struct Task {
 }
 
 impl Ticker {
-    pub(super) fn new(shared: Arc<Shared>, pipeline: Pipeline, viewpoint: ViewpointIndex) -> Self {
+    pub(super) fn new(
+        shared: Arc<Shared>,
+        pipeline: EdgePipeline,
+        viewpoint: ViewpointIndex,
+    ) -> Self {
         Self {
             shared,
             pipeline,
