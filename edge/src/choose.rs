@@ -27,14 +27,14 @@ const HYSTERESIS: f64 = 1.1;
 
 /// One camera that has a picture, and where the person should be in it.
 #[derive(Debug, Clone, Copy)]
-pub struct View<'a> {
+pub struct CameraCandidate<'a> {
     /// The camera.
     pub model: &'a CameraModel,
     /// The person's box in it, moved on to the tick of the picture.
     pub camera_box: CameraBox,
 }
 
-impl View<'_> {
+impl CameraCandidate<'_> {
     /// Share of the box that lies inside the image, 0 to 1, from an 8 x 8 grid of samples.
     pub fn inside(&self) -> f64 {
         let b = &self.camera_box.bounding_box;
@@ -91,7 +91,11 @@ fn point_of(b: &BoundingBox, u: f64, v: f64) -> Pixel<Undistorted> {
 }
 
 /// Chooses the camera for one person as the venue asks: see [`choose_camera`] and [`nearest_center`].
-pub fn choose(choice: CameraChoice, views: &[View<'_>], last: Option<usize>) -> Option<usize> {
+pub fn choose(
+    choice: CameraChoice,
+    views: &[CameraCandidate<'_>],
+    last: Option<usize>,
+) -> Option<usize> {
     match choice {
         CameraChoice::BestView => choose_camera(views, last),
         CameraChoice::NearestCenter => nearest_center(views),
@@ -102,7 +106,7 @@ pub fn choose(choice: CameraChoice, views: &[View<'_>], last: Option<usize>) -> 
 ///
 /// A box half outside counts where nothing better is there. `last` is the position of the camera
 /// that was chosen at the last tick, which another must beat by 10 %. Equal views: the first.
-pub fn choose_camera(views: &[View<'_>], last: Option<usize>) -> Option<usize> {
+pub fn choose_camera(views: &[CameraCandidate<'_>], last: Option<usize>) -> Option<usize> {
     let mut best: Option<(usize, f64)> = None;
     for (i, view) in views.iter().enumerate() {
         let Some(worth) = view.worth() else { continue };
@@ -120,7 +124,7 @@ pub fn choose_camera(views: &[View<'_>], last: Option<usize>) -> Option<usize> {
 
 /// Plain eq. (5) of the paper, to be measured against: the camera whose image centre lies nearest
 /// to the projected torso, in pixels, whatever it sees. Position in `views`; the first of equals.
-pub fn nearest_center(views: &[View<'_>]) -> Option<usize> {
+pub fn nearest_center(views: &[CameraCandidate<'_>]) -> Option<usize> {
     let mut best: Option<(usize, f64)> = None;
     for (i, view) in views.iter().enumerate() {
         let distance = view.distance_to_center_px();
@@ -157,11 +161,11 @@ mod tests {
     fn the_camera_that_sees_the_person_in_its_middle_is_chosen() {
         let model = pinhole("a", [640, 480]);
         let views = [
-            View {
+            CameraCandidate {
                 model: &model,
                 camera_box: at([500.0, 240.0], [100.0, 200.0]),
             },
-            View {
+            CameraCandidate {
                 model: &model,
                 camera_box: at([320.0, 240.0], [100.0, 200.0]),
             },
@@ -173,11 +177,11 @@ mod tests {
     #[test]
     fn a_box_half_outside_counts_only_where_nothing_better_is_there() {
         let model = pinhole("a", [640, 480]);
-        let cut = View {
+        let cut = CameraCandidate {
             model: &model,
             camera_box: at([0.0, 240.0], [100.0, 200.0]),
         };
-        let whole = View {
+        let whole = CameraCandidate {
             model: &model,
             camera_box: at([580.0, 360.0], [100.0, 200.0]),
         };
@@ -189,7 +193,7 @@ mod tests {
     #[test]
     fn a_person_outside_every_image_is_seen_by_no_camera() {
         let model = pinhole("a", [640, 480]);
-        let outside = View {
+        let outside = CameraCandidate {
             model: &model,
             camera_box: at([-200.0, 240.0], [100.0, 200.0]),
         };
@@ -200,11 +204,11 @@ mod tests {
     #[test]
     fn the_tele_lens_wins_although_its_torso_is_more_pixels_from_the_centre() {
         let model = pinhole("a", [1920, 1200]);
-        let wide = View {
+        let wide = CameraCandidate {
             model: &model,
             camera_box: at([1000.0, 600.0], [30.0, 60.0]),
         };
-        let tele = View {
+        let tele = CameraCandidate {
             model: &model,
             camera_box: at([1250.0, 600.0], [200.0, 400.0]),
         };
@@ -215,17 +219,17 @@ mod tests {
     #[test]
     fn the_last_camera_is_kept_until_another_is_clearly_better() {
         let model = pinhole("a", [640, 480]);
-        let here = View {
+        let here = CameraCandidate {
             model: &model,
             camera_box: at([330.0, 240.0], [100.0, 200.0]),
         };
-        let there = View {
+        let there = CameraCandidate {
             model: &model,
             camera_box: at([400.0, 240.0], [100.0, 200.0]),
         };
         assert_eq!(choose_camera(&[here, there], None), Some(0));
         assert_eq!(choose_camera(&[here, there], Some(1)), Some(1));
-        let far = View {
+        let far = CameraCandidate {
             model: &model,
             camera_box: at([630.0, 240.0], [100.0, 200.0]),
         };

@@ -5,7 +5,7 @@ use farfield_proto::message::{CameraBox, PersonBoxes};
 
 use super::EdgePipeline;
 use super::camera::EdgeCamera;
-use crate::choose::{View, choose};
+use crate::choose::{CameraCandidate, choose};
 use crate::crop::{CropGeometry, enclosing_upright};
 use crate::source::{Content, Frame};
 
@@ -47,7 +47,7 @@ impl EdgePipeline {
         {
             if let Some(camera_box) = boxes.cameras.iter().find(|b| b.camera == camera.index) {
                 at.push(i);
-                views.push(View {
+                views.push(CameraCandidate {
                     model: &camera.model,
                     camera_box: moved_on(camera_box, age),
                 });
