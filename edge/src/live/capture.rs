@@ -26,7 +26,7 @@ pub struct Arrived {
 
 /// Where a frame belongs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Placed {
+pub struct PlacedFrame {
     /// Its tick.
     pub tick: Tick,
     /// Its capture less the tick's time, microseconds.
@@ -85,7 +85,7 @@ impl FramePlacer {
     ///
     /// # Errors
     /// [`Misplaced`]; later frames may fit again.
-    pub fn place(&mut self, frame: Arrived, clock: &TickClock) -> Result<Placed, Misplaced> {
+    pub fn place(&mut self, frame: Arrived, clock: &TickClock) -> Result<PlacedFrame, Misplaced> {
         let captured_us = self.captured_us(frame);
         if self.steps != clock.steps() {
             // The tick of the last frame was that of a clock which was wrong.
@@ -113,7 +113,7 @@ impl FramePlacer {
             return Err(Misplaced::Drifted { offset_us });
         }
         self.last = Some((frame.number, tick, captured_us));
-        Ok(Placed {
+        Ok(PlacedFrame {
             tick,
             offset_us: offset_us as i32,
             lag_us: (frame.now_us - captured_us).max(0),
