@@ -10,7 +10,7 @@ use farfield_proto::venue::Field;
 
 use super::TALL_ENOUGH_PX;
 use super::cells::{Cell, cells};
-use super::standing::{Placed, Standing, floor_m, on_floor, under_picture};
+use super::standing::{Standing, StandingAt, floor_m, on_floor, under_picture};
 use crate::inference::{DetectorInput, Window};
 
 /// Finest scale of a tile, input pixels per pixel of the picture: beyond it there is nothing to see.
@@ -79,7 +79,7 @@ pub fn plan(
         _ => 0,
     };
     let floor_m = floor_m(field);
-    let under: Vec<Vec<Placed>> = cameras
+    let under: Vec<Vec<StandingAt>> = cameras
         .iter()
         .map(|camera| under_picture(camera, floor_m))
         .collect();
@@ -106,7 +106,7 @@ pub fn plan(
 
 fn plan_in_cells(
     camera: &CameraModel,
-    under: &[Placed],
+    under: &[StandingAt],
     cells: &[Cell],
     floor_m: f64,
     input: DetectorInput,

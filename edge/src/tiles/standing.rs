@@ -75,7 +75,7 @@ fn pixels_per_metre(camera: &CameraModel, [x, y, z]: [f64; 3]) -> Option<f64> {
 }
 
 /// Where somebody stands (world x and y, metres), and how they look.
-pub(super) type Placed = ([f64; 2], Standing);
+pub(super) type StandingAt = ([f64; 2], Standing);
 
 /// People on a grid of a cell of the field, as `camera` draws them; fine enough, with `cells` cells in
 /// the field, that neighbours far away differ little.
@@ -95,7 +95,7 @@ pub(super) fn on_floor(
 
 /// People whose feet are under the points of a grid of the picture, so that neighbours near the
 /// camera differ little.
-pub(super) fn under_picture(camera: &CameraModel, floor_m: f64) -> Vec<Placed> {
+pub(super) fn under_picture(camera: &CameraModel, floor_m: f64) -> Vec<StandingAt> {
     let share = |i: usize| i as f64 / (STEPS - 1) as f64;
     let [width, height] = camera.size_px().map(f64::from);
     let person = |i: usize| {
