@@ -28,7 +28,7 @@ const USUAL_BYTES: [f64; LEVELS] = [450.0, 300.0, 240.0, 190.0, 150.0, 125.0, 10
 
 /// What to send of a tick.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Plan {
+pub struct SendPlan {
     /// How closely maps are kept.
     pub level: CompressionLevel,
     /// Most persons; `None`: all.
@@ -61,7 +61,7 @@ pub struct RateController {
     measured: [Option<f64>; LEVELS],
     /// What persons cost against the usual.
     scale: f64,
-    plan: Plan,
+    plan: SendPlan,
     limited: bool,
     room_since_us: Option<Micros>,
 }
@@ -83,7 +83,7 @@ impl RateController {
             load: LinkLoad::default(),
             measured: [None; LEVELS],
             scale: 1.0,
-            plan: Plan {
+            plan: SendPlan {
                 level: best,
                 persons: None,
                 every_nth: 1,
@@ -144,7 +144,7 @@ impl RateController {
     }
 
     /// The plan that was made last.
-    pub fn last_plan(&self) -> Plan {
+    pub fn last_plan(&self) -> SendPlan {
         self.plan
     }
 
@@ -154,7 +154,7 @@ impl RateController {
     }
 
     /// What to send of the next tick, at which there are boxes of `persons`.
-    pub fn plan(&mut self, persons: usize, now_us: Micros) -> Plan {
+    pub fn plan(&mut self, persons: usize, now_us: Micros) -> SendPlan {
         let per_tick = self.rate() / self.rate_hz;
         let mut level = self.plan.level.max(self.best);
         while self.cost(level, persons) > per_tick
@@ -179,7 +179,7 @@ impl RateController {
             _ => (Some(1), self.nth(level, per_tick)),
         };
         self.limited = level > self.best || most.is_some();
-        self.plan = Plan {
+        self.plan = SendPlan {
             level,
             persons: most,
             every_nth,

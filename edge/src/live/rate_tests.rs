@@ -46,7 +46,7 @@ struct Outcome {
     worst_queue_us: i64,
     arrived_bytes_per_s: f64,
     lost: f64,
-    plan: Option<Plan>,
+    plan: Option<SendPlan>,
     /// Persons sent per second, of all that there are.
     persons_share: f64,
 }
@@ -167,7 +167,7 @@ fn wide() -> Line {
 #[test]
 fn a_wide_link_carries_everybody_at_the_best_quality() {
     let got = run(&mut controller(0.0), &wide(), 8, 10, 0);
-    let all = Plan {
+    let all = SendPlan {
         level: CompressionLevel::DEFAULT,
         persons: None,
         every_nth: 1,

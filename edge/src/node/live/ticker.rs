@@ -14,7 +14,7 @@ use tracing::debug;
 
 use super::shared::Shared;
 use crate::live::Micros;
-use crate::live::rate::{Message, Plan};
+use crate::live::rate::{Message, SendPlan};
 use crate::live::round_robin;
 use crate::node::clock;
 use crate::node::worker::split_detection;
@@ -54,7 +54,7 @@ struct Task {
     tick: Tick,
     boxes: Arc<BoxSet>,
     detection_cameras: Vec<CameraIndex>,
-    plan: Plan,
+    plan: SendPlan,
     may_send: bool,
 }
 
