@@ -39,7 +39,7 @@ pub struct SendPlan {
 
 /// What an edge sends.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Message {
+pub enum MessageKind {
     /// Patches of a tick.
     Patches(Tick),
     /// Sightings.
@@ -104,12 +104,12 @@ impl RateController {
     }
 
     /// Notes a message that was sent.
-    pub fn sent(&mut self, message: Message, payload: usize, now_us: Micros) {
+    pub fn sent(&mut self, message: MessageKind, payload: usize, now_us: Micros) {
         let total = payload + MESSAGE_OVERHEAD_BYTES;
         match message {
-            Message::Patches(tick) => self.load.sent(Some(tick), payload, total, now_us),
-            Message::Sightings => self.load.sent(None, payload, total, now_us),
-            Message::Status => self.load.sent(None, 0, total, now_us),
+            MessageKind::Patches(tick) => self.load.sent(Some(tick), payload, total, now_us),
+            MessageKind::Sightings => self.load.sent(None, payload, total, now_us),
+            MessageKind::Status => self.load.sent(None, 0, total, now_us),
         }
     }
 

@@ -100,7 +100,7 @@ fn run(
             controller.packed(plan.level, n, messages, bytes + 40 * messages);
             for _ in 0..messages {
                 let payload = bytes / messages + 40;
-                controller.sent(Message::Patches(Tick(tick)), payload, now);
+                controller.sent(MessageKind::Patches(Tick(tick)), payload, now);
                 let start = free_at.max(now);
                 let takes =
                     ((payload + MESSAGE_OVERHEAD_BYTES) as f64 / line.bytes_per_s * 1e6) as i64;

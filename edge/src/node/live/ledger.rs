@@ -9,7 +9,7 @@ use farfield_proto::venue::parameters::LinkParameters;
 use crate::live::Micros;
 use crate::live::budget::ByteBudget;
 use crate::live::newest_boxes::{Arrival, NewestBoxes};
-use crate::live::rate::{Message, RateController};
+use crate::live::rate::{MessageKind, RateController};
 use crate::live::tick_clock::TickClock;
 use crate::pipeline::MESSAGE_BYTES;
 
@@ -62,7 +62,7 @@ impl Ledger {
     }
 
     /// Whether a message of `payload` bytes may go now; counts it either way.
-    pub(super) fn admit(&mut self, message: Message, payload: usize, now_us: Micros) -> bool {
+    pub(super) fn admit(&mut self, message: MessageKind, payload: usize, now_us: Micros) -> bool {
         if self.budget.take(payload + MESSAGE_OVERHEAD_BYTES, now_us) {
             self.rate.sent(message, payload, now_us);
             true

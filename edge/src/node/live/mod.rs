@@ -27,7 +27,7 @@ use super::compare::compare_files;
 use super::link::{Ends, Heard};
 use super::process::{Ending, NodeError, say};
 use crate::live::newest_boxes::Arrival;
-use crate::live::rate::Message;
+use crate::live::rate::MessageKind;
 use crate::live::refusal::RepeatedRefusal;
 
 use self::shared::Shared;
@@ -168,7 +168,7 @@ impl Live {
         });
         self.status.tick = self.shared.last_tick();
         self.shared
-            .send(Message::Status, wire::encode(&self.status));
+            .send(MessageKind::Status, wire::encode(&self.status));
     }
 
     /// Takes what fusion says of the edge.

@@ -7,7 +7,7 @@ use zenoh::pubsub::Publisher;
 use zenoh::qos::{CongestionControl, Priority, Reliability};
 use zenoh::{Session, Wait as _};
 
-use crate::live::rate::Message;
+use crate::live::rate::MessageKind;
 use crate::node::link::zenoh_error;
 
 /// The publishers of a live edge: patches best effort, as the next are better; sightings and statuses reliable,
@@ -38,11 +38,11 @@ impl Mouths {
     }
 
     /// Hands a message to the network.
-    pub(super) fn put(&self, message: Message, bytes: Vec<u8>) {
+    pub(super) fn put(&self, message: MessageKind, bytes: Vec<u8>) {
         let publisher = match message {
-            Message::Patches(_) => &self.patches,
-            Message::Sightings => &self.sightings,
-            Message::Status => &self.status,
+            MessageKind::Patches(_) => &self.patches,
+            MessageKind::Sightings => &self.sightings,
+            MessageKind::Status => &self.status,
         };
         // While fusion is away there is nobody to send to.
         if let Err(error) = publisher.put(bytes).wait() {

@@ -17,7 +17,7 @@ use super::mouths::Mouths;
 use super::work::LiveWork;
 use crate::live::Micros;
 use crate::live::newest_boxes::Arrival;
-use crate::live::rate::Message;
+use crate::live::rate::MessageKind;
 use crate::node::clock::VenueClock;
 use crate::node::ring::RingHandle;
 use crate::ring::record::Label;
@@ -70,7 +70,7 @@ impl Shared {
     }
 
     /// Sends a message if the budget allows it; whether it does.
-    pub(super) fn send(&self, message: Message, bytes: Vec<u8>) -> bool {
+    pub(super) fn send(&self, message: MessageKind, bytes: Vec<u8>) -> bool {
         let now_us = self.clock.now_us();
         let admitted = self.ledger().admit(message, bytes.len(), now_us);
         if admitted {
@@ -94,7 +94,7 @@ impl Shared {
     /// Whether the budget lets so many bytes pass beside the patches now.
     pub(super) fn admits(&self, bytes: usize) -> bool {
         let now_us = self.clock.now_us();
-        self.ledger().admit(Message::Status, bytes, now_us)
+        self.ledger().admit(MessageKind::Status, bytes, now_us)
     }
 
     /// Counts how long a stage took.

@@ -14,7 +14,7 @@ use tracing::debug;
 
 use super::shared::Shared;
 use crate::live::Micros;
-use crate::live::rate::{Message, SendPlan};
+use crate::live::rate::{MessageKind, SendPlan};
 use crate::live::round_robin;
 use crate::node::clock;
 use crate::node::worker::split_detection;
@@ -213,7 +213,7 @@ impl Ticker {
             let bytes = wire::encode(set);
             self.shared
                 .keep(label(set.session, SetKind::Sightings), &bytes);
-            self.shared.send(Message::Sightings, bytes);
+            self.shared.send(MessageKind::Sightings, bytes);
         }
         let messages = output.patch_sets.len();
         let (mut persons, mut payload) = (0, 0);
@@ -226,7 +226,7 @@ impl Ticker {
             persons += set.persons.len();
             payload += bytes.len();
             if task.may_send {
-                self.shared.send(Message::Patches(task.tick), bytes);
+                self.shared.send(MessageKind::Patches(task.tick), bytes);
             }
         }
         let mut ledger = self.shared.ledger();
