@@ -31,7 +31,7 @@ const MAX_PAST_SESSIONS: usize = 8;
 
 /// What came of a box set that arrived.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Arrival {
+pub enum BoxSetArrival {
     /// The first of a session.
     NewSession,
     /// Newer than all before.
@@ -62,49 +62,49 @@ pub struct NewestBoxes {
 
 impl NewestBoxes {
     /// Takes a box set that arrived at `now_us`; what is not made for a live edge is stale.
-    pub fn hear(&mut self, boxes: Arc<BoxSet>, now_us: Micros) -> Arrival {
+    pub fn hear(&mut self, boxes: Arc<BoxSet>, now_us: Micros) -> BoxSetArrival {
         let Some(sequence) = boxes.live.map(|live| live.sequence) else {
-            return Arrival::Stale;
+            return BoxSetArrival::Stale;
         };
         let arrival = self.judge(&boxes, sequence, now_us);
         match arrival {
-            Arrival::Foreign => return arrival,
-            Arrival::NewSession => self.leave_session(boxes.session),
-            Arrival::Newer | Arrival::Stale => {}
+            BoxSetArrival::Foreign => return arrival,
+            BoxSetArrival::NewSession => self.leave_session(boxes.session),
+            BoxSetArrival::Newer | BoxSetArrival::Stale => {}
         }
         // Those of a stale one may still be ahead.
-        if arrival != Arrival::Stale || self.session() == Some(boxes.session) {
+        if arrival != BoxSetArrival::Stale || self.session() == Some(boxes.session) {
             self.keep_detection_request(&boxes);
         }
-        if arrival != Arrival::Stale {
+        if arrival != BoxSetArrival::Stale {
             self.claim = None;
             self.newest = Some((boxes, sequence, now_us));
         }
         arrival
     }
 
-    fn judge(&mut self, boxes: &BoxSet, sequence: u32, now_us: Micros) -> Arrival {
+    fn judge(&mut self, boxes: &BoxSet, sequence: u32, now_us: Micros) -> BoxSetArrival {
         let Some((newest, last, heard_us)) = &self.newest else {
-            return Arrival::NewSession;
+            return BoxSetArrival::NewSession;
         };
         let silent_us = now_us - heard_us;
         let is_same = newest.session == boxes.session;
         if is_same && is_after(sequence, *last) {
-            return Arrival::Newer;
+            return BoxSetArrival::Newer;
         }
         if !is_same && !self.past.contains(&boxes.session) {
             return if silent_us > TAKEOVER_US {
-                Arrival::NewSession
+                BoxSetArrival::NewSession
             } else {
-                Arrival::Foreign
+                BoxSetArrival::Foreign
             };
         }
         if silent_us <= LIFE_US || !self.keeps_coming(boxes.session, sequence) {
-            Arrival::Stale
+            BoxSetArrival::Stale
         } else if is_same {
-            Arrival::Newer
+            BoxSetArrival::Newer
         } else {
-            Arrival::NewSession
+            BoxSetArrival::NewSession
         }
     }
 
@@ -243,10 +243,16 @@ mod tests {
     #[test]
     fn boxes_of_a_session_that_is_over_do_not_come_back() {
         let mut newest = NewestBoxes::default();
-        assert_eq!(newest.hear(boxes(1, 50), 0), Arrival::NewSession);
+        assert_eq!(newest.hear(boxes(1, 50), 0), BoxSetArrival::NewSession);
         let later_us = TAKEOVER_US + 1;
-        assert_eq!(newest.hear(boxes(2, 3), later_us), Arrival::NewSession);
-        assert_eq!(newest.hear(boxes(1, 51), later_us + 1), Arrival::Stale);
+        assert_eq!(
+            newest.hear(boxes(2, 3), later_us),
+            BoxSetArrival::NewSession
+        );
+        assert_eq!(
+            newest.hear(boxes(1, 51), later_us + 1),
+            BoxSetArrival::Stale
+        );
         assert_eq!(newest.session(), Some(SessionId(2)));
     }
 
@@ -258,7 +264,7 @@ mod tests {
             let now_us = i64::from(sequence) * SECOND_US / 10;
             newest.hear(boxes(1, sequence), now_us);
             let forged = boxes(2 + u64::from(sequence), 1 << 20);
-            assert_eq!(newest.hear(forged, now_us + 1), Arrival::Foreign);
+            assert_eq!(newest.hear(forged, now_us + 1), BoxSetArrival::Foreign);
         }
         assert_eq!(newest.session(), Some(SessionId(1)));
         assert_eq!(newest.at(10 * SECOND_US).unwrap().tick, Tick(199));
@@ -269,7 +275,7 @@ mod tests {
         let back = (from..from + 100).find_map(|sequence| {
             let us = i64::from(sequence - from) * SECOND_US / 10;
             let arrival = newest.hear(boxes(1, sequence), since_us + us);
-            matches!(arrival, Arrival::Newer | Arrival::NewSession).then_some(us)
+            matches!(arrival, BoxSetArrival::Newer | BoxSetArrival::NewSession).then_some(us)
         });
         back.unwrap()
     }
@@ -278,11 +284,17 @@ mod tests {
     fn a_foreign_session_that_was_believed_in_an_outage_does_not_last() {
         let mut newest = NewestBoxes::default();
         newest.hear(boxes(1, 7), 0);
-        assert_eq!(newest.hear(boxes(2, 0), SECOND_US), Arrival::NewSession);
+        assert_eq!(
+            newest.hear(boxes(2, 0), SECOND_US),
+            BoxSetArrival::NewSession
+        );
         assert!(back_after_us(&mut newest, 8, SECOND_US) <= 3 * SECOND_US / 2);
         assert_eq!(newest.session(), Some(SessionId(1)));
         // The liar is of the past now.
-        assert_eq!(newest.hear(boxes(2, 1), 3 * SECOND_US), Arrival::Stale);
+        assert_eq!(
+            newest.hear(boxes(2, 1), 3 * SECOND_US),
+            BoxSetArrival::Stale
+        );
     }
 
     #[test]
@@ -290,11 +302,14 @@ mod tests {
         // Symptom to prevent: after one forged set all real ones were stale, for half of all numbers.
         let mut newest = NewestBoxes::default();
         newest.hear(boxes(1, 7), 0);
-        assert_eq!(newest.hear(boxes(1, 7 + (1 << 30)), 1), Arrival::Newer);
+        assert_eq!(
+            newest.hear(boxes(1, 7 + (1 << 30)), 1),
+            BoxSetArrival::Newer
+        );
         assert!(back_after_us(&mut newest, 8, 2) <= 3 * SECOND_US / 2);
         assert_eq!(newest.echo(0).map(|echo| echo.sequence < 100), Some(true));
         let next = newest.echo(0).unwrap().sequence + 1;
-        assert_eq!(newest.hear(boxes(1, next), 9), Arrival::Newer);
+        assert_eq!(newest.hear(boxes(1, next), 9), BoxSetArrival::Newer);
     }
 
     #[test]
@@ -302,7 +317,7 @@ mod tests {
         let mut newest = NewestBoxes::default();
         newest.hear(boxes(1, 7), 0);
         for _ in 0..10 {
-            assert_eq!(newest.hear(boxes(1, 6), 2 * LIFE_US), Arrival::Stale);
+            assert_eq!(newest.hear(boxes(1, 6), 2 * LIFE_US), BoxSetArrival::Stale);
         }
     }
 
@@ -346,7 +361,7 @@ mod tests {
             let mut most = None;
             for sequence in order {
                 let arrival = newest.hear(boxes(1, sequence), 0);
-                prop_assert_eq!(arrival == Arrival::Stale, most.is_some_and(|m| sequence <= m));
+                prop_assert_eq!(arrival == BoxSetArrival::Stale, most.is_some_and(|m| sequence <= m));
                 most = most.max(Some(sequence));
                 prop_assert_eq!(newest.echo(0).map(|echo| echo.sequence), most);
             }

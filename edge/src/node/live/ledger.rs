@@ -8,7 +8,7 @@ use farfield_proto::venue::parameters::LinkParameters;
 
 use crate::live::Micros;
 use crate::live::budget::ByteBudget;
-use crate::live::newest_boxes::{Arrival, NewestBoxes};
+use crate::live::newest_boxes::{BoxSetArrival, NewestBoxes};
 use crate::live::rate::{MessageKind, RateController};
 use crate::live::tick_clock::TickClock;
 use crate::pipeline::MESSAGE_BYTES;
@@ -43,14 +43,14 @@ impl Ledger {
     }
 
     /// Takes boxes that arrived at `now_us`.
-    pub(super) fn hear(&mut self, boxes: BoxSet, now_us: Micros) -> Arrival {
+    pub(super) fn hear(&mut self, boxes: BoxSet, now_us: Micros) -> BoxSetArrival {
         let live = boxes.live;
         let arrival = self.boxes.hear(boxes.into(), now_us);
-        let is_followed = matches!(arrival, Arrival::NewSession | Arrival::Newer);
+        let is_followed = matches!(arrival, BoxSetArrival::NewSession | BoxSetArrival::Newer);
         let (Some(live), true) = (live, is_followed) else {
             return arrival;
         };
-        if self.ticks.set(&live, now_us) || arrival == Arrival::NewSession {
+        if self.ticks.set(&live, now_us) || arrival == BoxSetArrival::NewSession {
             self.rate.forget_delays(now_us);
             // Ticks may begin again.
             self.last = None;

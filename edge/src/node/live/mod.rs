@@ -26,7 +26,7 @@ use tokio_util::sync::CancellationToken;
 use super::compare::compare_files;
 use super::link::{Ends, Heard};
 use super::process::{Ending, NodeError, say};
-use crate::live::newest_boxes::Arrival;
+use crate::live::newest_boxes::BoxSetArrival;
 use crate::live::rate::MessageKind;
 use crate::live::refusal::RepeatedRefusal;
 
@@ -97,9 +97,9 @@ impl Live {
             }
             Heard::Boxes(boxes) => match self.shared.hear(boxes) {
                 // Fusion uses nothing of an edge before it knows what files it holds.
-                Arrival::NewSession => self.say(),
-                Arrival::Foreign => self.status.unreadable += 1,
-                Arrival::Newer | Arrival::Stale => {}
+                BoxSetArrival::NewSession => self.say(),
+                BoxSetArrival::Foreign => self.status.unreadable += 1,
+                BoxSetArrival::Newer | BoxSetArrival::Stale => {}
             },
             Heard::Fusion(fusion) => {
                 self.weigh(&fusion);

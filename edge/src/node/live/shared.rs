@@ -16,7 +16,7 @@ use super::ledger::Ledger;
 use super::mouths::Mouths;
 use super::work::LiveWork;
 use crate::live::Micros;
-use crate::live::newest_boxes::Arrival;
+use crate::live::newest_boxes::BoxSetArrival;
 use crate::live::rate::MessageKind;
 use crate::node::clock::VenueClock;
 use crate::node::ring::RingHandle;
@@ -59,7 +59,7 @@ impl Shared {
     }
 
     /// Takes boxes that have just arrived.
-    pub(super) fn hear(&self, boxes: BoxSet) -> Arrival {
+    pub(super) fn hear(&self, boxes: BoxSet) -> BoxSetArrival {
         let now_us = self.clock.now_us();
         self.ledger().hear(boxes, now_us)
     }
