@@ -44,7 +44,7 @@ pub enum BoxSetArrival {
 
 /// Sets that are stale but keep coming.
 #[derive(Debug, Clone, Copy)]
-struct Claim {
+struct StaleSequence {
     session: SessionId,
     sequence: u32,
     sets: u32,
@@ -57,7 +57,7 @@ pub struct NewestBoxes {
     /// In order of tick.
     detection_requests: VecDeque<(Tick, Vec<CameraIndex>)>,
     past: VecDeque<SessionId>,
-    claim: Option<Claim>,
+    claim: Option<StaleSequence>,
 }
 
 impl NewestBoxes {
@@ -109,7 +109,7 @@ impl NewestBoxes {
     }
 
     fn keeps_coming(&mut self, session: SessionId, sequence: u32) -> bool {
-        let claim = self.claim.get_or_insert(Claim {
+        let claim = self.claim.get_or_insert(StaleSequence {
             session,
             sequence,
             sets: 1,
