@@ -11,7 +11,7 @@ const MESSAGE_BYTES: usize = 1200;
 const TRUE_BYTES: [usize; LEVELS] = [700, 450, 380, 300, 250, 215, 190];
 
 /// A link and the fusion behind it.
-struct Line {
+struct SimulatedLink {
     bytes_per_s: f64,
     /// What does not get through within so long is dropped, microseconds; 0: no queue at all.
     longest_queue_us: i64,
@@ -24,7 +24,7 @@ struct Line {
     then: (i64, i64),
 }
 
-impl Line {
+impl SimulatedLink {
     fn delay_us(&self, at_us: i64) -> i64 {
         let (from_s, then_us) = self.then;
         if at_us / SECOND_US < from_s {
@@ -65,7 +65,7 @@ impl Random {
 
 fn run(
     controller: &mut RateController,
-    line: &Line,
+    line: &SimulatedLink,
     persons: usize,
     seconds: i64,
     from_s: i64,
@@ -152,8 +152,8 @@ fn controller(budget: f64) -> RateController {
     RateController::new(RATE_HZ, CompressionLevel::DEFAULT, budget, MESSAGE_BYTES)
 }
 
-fn wide() -> Line {
-    Line {
+fn wide() -> SimulatedLink {
+    SimulatedLink {
         bytes_per_s: 1e8,
         longest_queue_us: SECOND_US,
         one_way_us: 5_000,
@@ -178,7 +178,7 @@ fn a_wide_link_carries_everybody_at_the_best_quality() {
 #[test]
 fn one_megabit_carries_eight_persons_at_a_lower_quality_without_a_queue() {
     for one_way_us in [0, 10_000, 40_000, 100_000] {
-        let line = Line {
+        let line = SimulatedLink {
             bytes_per_s: 125_000.0,
             one_way_us,
             ..wide()
@@ -195,7 +195,7 @@ fn one_megabit_carries_eight_persons_at_a_lower_quality_without_a_queue() {
 
 #[test]
 fn a_link_that_drops_what_it_cannot_carry_is_found_by_its_losses() {
-    let line = Line {
+    let line = SimulatedLink {
         bytes_per_s: 60_000.0,
         longest_queue_us: 0,
         one_way_us: 20_000,
@@ -211,7 +211,7 @@ fn a_link_that_drops_what_it_cannot_carry_is_found_by_its_losses() {
 #[test]
 fn a_lossy_and_jittery_link_that_is_wide_is_used_in_full() {
     for (loss, jitter_us) in [(0.01, 5_000), (0.05, 20_000), (0.05, 0)] {
-        let line = Line {
+        let line = SimulatedLink {
             loss,
             jitter_us,
             one_way_us: 40_000,
@@ -228,7 +228,7 @@ fn a_lossy_and_jittery_link_that_is_wide_is_used_in_full() {
 
 #[test]
 fn a_very_thin_link_gets_fewer_persons_and_then_fewer_ticks() {
-    let line = Line {
+    let line = SimulatedLink {
         bytes_per_s: 30_000.0,
         one_way_us: 20_000,
         ..wide()
@@ -240,7 +240,7 @@ fn a_very_thin_link_gets_fewer_persons_and_then_fewer_ticks() {
         plan.persons.is_some() && got.worst_queue_us < 100_000,
         "{got:?}"
     );
-    let line = Line {
+    let line = SimulatedLink {
         bytes_per_s: 6_000.0,
         ..line
     };
@@ -254,7 +254,7 @@ fn a_very_thin_link_gets_fewer_persons_and_then_fewer_ticks() {
 #[test]
 fn quality_comes_back_when_the_link_does() {
     let mut edge = controller(0.0);
-    let thin = Line {
+    let thin = SimulatedLink {
         bytes_per_s: 40_000.0,
         one_way_us: 10_000,
         ..wide()
@@ -274,7 +274,7 @@ fn quality_comes_back_when_the_link_does() {
 
 #[test]
 fn a_way_that_gets_longer_for_good_is_no_queue_for_long() {
-    let line = Line {
+    let line = SimulatedLink {
         then: (10, 150_000),
         ..wide()
     };
@@ -289,7 +289,7 @@ fn a_way_that_gets_longer_for_good_is_no_queue_for_long() {
 #[test]
 fn a_link_that_was_cut_carries_what_it_did_before() {
     let mut edge = controller(0.0);
-    let line = Line {
+    let line = SimulatedLink {
         cut_s: 10..15,
         ..wide()
     };
