@@ -41,7 +41,7 @@ impl SimulatedLink {
 
 /// What came of a run.
 #[derive(Debug, Default)]
-struct Outcome {
+struct RunOutcome {
     /// Of the last half.
     worst_queue_us: i64,
     arrived_bytes_per_s: f64,
@@ -69,7 +69,7 @@ fn run(
     persons: usize,
     seconds: i64,
     from_s: i64,
-) -> Outcome {
+) -> RunOutcome {
     let mut random = Random(7);
     let mut free_at = 0i64;
     // Arrivals: (when, tick, sent, payload).
@@ -77,7 +77,7 @@ fn run(
     let mut arrived: VecDeque<(i64, usize)> = VecDeque::new();
     let mut newest: Option<(i64, i64)> = None;
     let mut words: VecDeque<(i64, HeardPatches)> = VecDeque::new();
-    let mut outcome = Outcome::default();
+    let mut outcome = RunOutcome::default();
     let (mut sent_n, mut lost_n, mut persons_n, mut bytes_n) = (0.0, 0.0, 0.0, 0.0);
     let ticks = seconds * 60;
     for tick in from_s * 60..from_s * 60 + ticks {
