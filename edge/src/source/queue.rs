@@ -34,13 +34,13 @@ struct State<T> {
 }
 
 #[derive(Debug)]
-struct Shared<T> {
+struct QueueShared<T> {
     state: Mutex<State<T>>,
     changed: Condvar,
     when_full: WhenFull,
 }
 
-impl<T> Shared<T> {
+impl<T> QueueShared<T> {
     fn lock(&self) -> MutexGuard<'_, State<T>> {
         // A poisoned queue is as good as any: each of its fields is valid on its own.
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
@@ -55,7 +55,7 @@ impl<T> Shared<T> {
 
 /// The decoding thread's end. Dropping it, also by a panic of that thread, ends the queue.
 #[derive(Debug)]
-pub(super) struct Sender<T = Frame>(Arc<Shared<T>>);
+pub(super) struct Sender<T = Frame>(Arc<QueueShared<T>>);
 
 impl<T> Sender<T> {
     /// Hands over a frame or the reason why there is none. `false` when nobody takes frames any more.
@@ -86,7 +86,7 @@ impl<T> Drop for Sender<T> {
 /// Frames decoded ahead by a thread of their own.
 #[derive(Debug)]
 pub(super) struct Prefetch<T = Frame> {
-    shared: Arc<Shared<T>>,
+    shared: Arc<QueueShared<T>>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -99,7 +99,7 @@ impl<T> Prefetch<T> {
     where
         T: Send + 'static,
     {
-        let shared = Arc::new(Shared {
+        let shared = Arc::new(QueueShared {
             state: Mutex::new(State {
                 frames: VecDeque::new(),
                 ended: false,
