@@ -27,7 +27,7 @@ pub(super) enum WhenFull {
 }
 
 #[derive(Debug)]
-struct State<T> {
+struct QueueState<T> {
     frames: VecDeque<Result<T, SourceError>>,
     ended: bool,
     abandoned: bool,
@@ -35,18 +35,18 @@ struct State<T> {
 
 #[derive(Debug)]
 struct QueueShared<T> {
-    state: Mutex<State<T>>,
+    state: Mutex<QueueState<T>>,
     changed: Condvar,
     when_full: WhenFull,
 }
 
 impl<T> QueueShared<T> {
-    fn lock(&self) -> MutexGuard<'_, State<T>> {
+    fn lock(&self) -> MutexGuard<'_, QueueState<T>> {
         // A poisoned queue is as good as any: each of its fields is valid on its own.
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn wait<'a>(&self, state: MutexGuard<'a, State<T>>) -> MutexGuard<'a, State<T>> {
+    fn wait<'a>(&self, state: MutexGuard<'a, QueueState<T>>) -> MutexGuard<'a, QueueState<T>> {
         self.changed
             .wait(state)
             .unwrap_or_else(PoisonError::into_inner)
@@ -100,7 +100,7 @@ impl<T> Prefetch<T> {
         T: Send + 'static,
     {
         let shared = Arc::new(QueueShared {
-            state: Mutex::new(State {
+            state: Mutex::new(QueueState {
                 frames: VecDeque::new(),
                 ended: false,
                 abandoned: false,
