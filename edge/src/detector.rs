@@ -11,7 +11,7 @@ use image::RgbImage;
 
 use crate::crop::{CropGeometry, CropShape, Cropper, PixelFormat};
 use crate::inference::{Detection, DetectorInput, NetworkError, PersonDetector, Window};
-use crate::network::{Axis, Contract, OnnxModel, read_card};
+use crate::network::{Contract, OnnxModel, TensorAxis, read_card};
 use crate::tiles::thinned_out;
 
 /// Least confidence of a detection. Low: fusion asks for a second viewpoint and several keypoints
@@ -49,20 +49,20 @@ impl OnnxDetector {
         let card = DetectorCard::parse(&text, card_path)?;
         let cells = yolox_cells(&card);
         let (yolox, rtmdet);
-        let axes: &[Axis] = match card.decode {
+        let axes: &[TensorAxis] = match card.decode {
             Decode::Yolox => {
                 yolox = [
-                    Axis::Batch,
-                    Axis::Fixed("cells, three grids of the input's size", cells),
-                    Axis::Any,
+                    TensorAxis::Batch,
+                    TensorAxis::Fixed("cells, three grids of the input's size", cells),
+                    TensorAxis::Any,
                 ];
                 &yolox
             }
             Decode::Rtmdet => {
                 rtmdet = [
-                    Axis::Batch,
-                    Axis::Any,
-                    Axis::Fixed("values per detection", 5),
+                    TensorAxis::Batch,
+                    TensorAxis::Any,
+                    TensorAxis::Fixed("values per detection", 5),
                 ];
                 &rtmdet
             }

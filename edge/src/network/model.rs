@@ -20,7 +20,7 @@ const INTRA_THREADS: usize = 1;
 
 /// What one axis of an output must be.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Axis {
+pub(crate) enum TensorAxis {
     /// One entry per input.
     Batch,
     /// That many; the words name the entries in errors.
@@ -34,7 +34,7 @@ pub(crate) enum Axis {
 pub(crate) struct Contract<'a> {
     pub(crate) input: &'a NetworkInput,
     pub(crate) output: &'a str,
-    pub(crate) axes: &'a [Axis],
+    pub(crate) axes: &'a [TensorAxis],
 }
 
 /// A loaded network with one input [batch, 3, height, width] of f32.
@@ -95,10 +95,10 @@ impl OnnxModel {
         } = contract.input;
         let size_px = [*height as usize, *width as usize];
         let input_axes = [
-            Axis::Batch,
-            Axis::Fixed("channels", 3),
-            Axis::Fixed("rows", size_px[0]),
-            Axis::Fixed("columns", size_px[1]),
+            TensorAxis::Batch,
+            TensorAxis::Fixed("channels", 3),
+            TensorAxis::Fixed("rows", size_px[0]),
+            TensorAxis::Fixed("columns", size_px[1]),
         ];
         let stated = stated_shape(session.inputs(), "input", name).map_err(refuse)?;
         check_shape("input", name, &stated, &input_axes, None).map_err(refuse)?;
@@ -269,7 +269,7 @@ fn check_shape(
     kind: &str,
     name: &str,
     got: &[i64],
-    axes: &[Axis],
+    axes: &[TensorAxis],
     batch: Option<usize>,
 ) -> Result<(), String> {
     if got.len() != axes.len() {
@@ -281,9 +281,9 @@ fn check_shape(
     }
     for (&got, &axis) in got.iter().zip(axes) {
         let (what, expected) = match (axis, batch) {
-            (Axis::Fixed(what, expected), _) => (what, expected),
-            (Axis::Batch, Some(batch)) => ("entries in its batch", batch),
-            (Axis::Batch, None) | (Axis::Any, _) => continue,
+            (TensorAxis::Fixed(what, expected), _) => (what, expected),
+            (TensorAxis::Batch, Some(batch)) => ("entries in its batch", batch),
+            (TensorAxis::Batch, None) | (TensorAxis::Any, _) => continue,
         };
         if got >= 0 && usize::try_from(got) != Ok(expected) {
             return Err(format!(
