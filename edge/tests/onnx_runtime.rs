@@ -5,11 +5,11 @@ mod hues;
 
 use std::path::{Path, PathBuf};
 
-use farfield_edge::network::{Backend, Choice, OnnxKeypointNetwork};
+use farfield_edge::network::{Choice, InferenceBackend, OnnxKeypointNetwork};
 
 #[test]
 fn the_best_backend_agrees_with_the_reference() {
-    let backend = Backend::start(Choice::Best).unwrap();
+    let backend = InferenceBackend::start(Choice::Best).unwrap();
     if backend.is_tract() {
         println!("skipped ONNX Runtime: {}", backend.describe());
     }

@@ -21,22 +21,22 @@ pub enum Choice {
 
 /// The running backend. One per process: the library behind it is global.
 #[derive(Debug)]
-pub struct Backend {
+pub struct InferenceBackend {
     environment: Environment,
     description: String,
     is_tract: bool,
 }
 
-static BACKEND: OnceLock<Result<Backend, String>> = OnceLock::new();
+static BACKEND: OnceLock<Result<InferenceBackend, String>> = OnceLock::new();
 
-impl Backend {
+impl InferenceBackend {
     /// Starts the backend, or gives the one that runs already. Logs the one line that says which.
     ///
     /// ONNX Runtime is looked for in `$ORT_DYLIB_PATH`, beside the binary, in the system's library
     /// folders and in installed `onnxruntime` Python packages, in that order.
     ///
     /// # Errors
-    /// [`NetworkError::Backend`] when `$ORT_DYLIB_PATH` is set and is no usable library; when
+    /// [`NetworkError::InferenceBackend`] when `$ORT_DYLIB_PATH` is set and is no usable library; when
     /// [`Choice::Tract`] is asked for after ONNX Runtime was started.
     pub fn start(choice: Choice) -> Result<&'static Self, NetworkError> {
         let started = BACKEND.get_or_init(|| {
@@ -151,7 +151,7 @@ mod tests {
             variable: Some(variable),
             ..Places::default()
         };
-        Backend::best(&places).err().unwrap()
+        InferenceBackend::best(&places).err().unwrap()
     }
 
     #[test]

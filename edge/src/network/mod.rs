@@ -1,6 +1,6 @@
 //! Networks of ONNX files, run by ONNX Runtime where it is found and by `ort-tract` elsewhere.
 //!
-//! [`Backend`] finds and starts the one or the other, once per process; [`OnnxKeypointNetwork`] is a
+//! [`InferenceBackend`] finds and starts the one or the other, once per process; [`OnnxKeypointNetwork`] is a
 //! network of the pipeline. A file that does not fit its card is refused at start.
 
 mod backend;
@@ -14,7 +14,7 @@ use farfield_proto::model_card::HeatmapCard;
 
 use crate::inference::{InputTensor, KeypointNetwork, NetworkError};
 
-pub use backend::{Backend, Choice};
+pub use backend::{Choice, InferenceBackend};
 pub(crate) use model::{Contract, OnnxModel, TensorAxis, read_card};
 
 /// A network that turns crops into part confidence maps, from an ONNX file and its card.

@@ -10,7 +10,7 @@ use ort::session::Session;
 use ort::session::builder::GraphOptimizationLevel;
 use ort::value::{Outlet, TensorElementType, TensorRef, ValueType};
 
-use super::backend::{Backend, Choice};
+use super::backend::{Choice, InferenceBackend};
 use super::outputs::{LABELS, LABELS_AS_FLOATS, reduced};
 use crate::inference::NetworkError;
 
@@ -78,7 +78,7 @@ impl OnnxModel {
             .finalize()
             .to_hex()[..16]
             .to_owned();
-        let backend = Backend::start(Choice::Best)?;
+        let backend = InferenceBackend::start(Choice::Best)?;
         let session = guarded(|| open(backend, path, &bytes, contract.output)).map_err(|e| {
             let advice = if backend.is_tract() {
                 " (ort-tract cannot run every network: install the Python package `onnxruntime`)"
@@ -217,7 +217,12 @@ fn panic_message(panic: &(dyn Any + Send)) -> String {
     first_line(text.unwrap_or("the backend panicked"))
 }
 
-fn open(backend: &Backend, path: &Path, bytes: &[u8], output: &str) -> Result<Session, String> {
+fn open(
+    backend: &InferenceBackend,
+    path: &Path,
+    bytes: &[u8],
+    output: &str,
+) -> Result<Session, String> {
     let text = |e: &dyn std::fmt::Display| first_line(&e.to_string());
     let reduced = backend.is_tract().then(|| reduced(bytes, output)).flatten();
     let mut builder = Session::builder(backend.environment())
