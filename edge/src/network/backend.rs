@@ -11,7 +11,7 @@ use crate::inference::NetworkError;
 
 /// What to start.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Choice {
+pub enum BackendChoice {
     /// ONNX Runtime where it is found, else `ort-tract`.
     #[default]
     Best,
@@ -37,12 +37,12 @@ impl InferenceBackend {
     ///
     /// # Errors
     /// [`NetworkError::InferenceBackend`] when `$ORT_DYLIB_PATH` is set and is no usable library; when
-    /// [`Choice::Tract`] is asked for after ONNX Runtime was started.
-    pub fn start(choice: Choice) -> Result<&'static Self, NetworkError> {
+    /// [`BackendChoice::Tract`] is asked for after ONNX Runtime was started.
+    pub fn start(choice: BackendChoice) -> Result<&'static Self, NetworkError> {
         let started = BACKEND.get_or_init(|| {
             let backend = match choice {
-                Choice::Best => Self::best(&Places::of_process()),
-                Choice::Tract => Self::tract("asked for"),
+                BackendChoice::Best => Self::best(&Places::of_process()),
+                BackendChoice::Tract => Self::tract("asked for"),
             };
             if let Ok(backend) = &backend {
                 if backend.is_tract {
@@ -57,7 +57,7 @@ impl InferenceBackend {
             Err(problem) => Err(NetworkError::Backend {
                 problem: problem.clone(),
             }),
-            Ok(backend) if choice == Choice::Tract && !backend.is_tract => {
+            Ok(backend) if choice == BackendChoice::Tract && !backend.is_tract => {
                 Err(NetworkError::Backend {
                     problem: format!("already running: {}", backend.description),
                 })

@@ -14,7 +14,7 @@ use farfield_proto::model_card::HeatmapCard;
 
 use crate::inference::{InputTensor, KeypointNetwork, NetworkError};
 
-pub use backend::{Choice, InferenceBackend};
+pub use backend::{BackendChoice, InferenceBackend};
 pub(crate) use model::{Contract, OnnxModel, TensorAxis, read_card};
 
 /// A network that turns crops into part confidence maps, from an ONNX file and its card.

@@ -10,7 +10,7 @@ use ort::session::Session;
 use ort::session::builder::GraphOptimizationLevel;
 use ort::value::{Outlet, TensorElementType, TensorRef, ValueType};
 
-use super::backend::{Choice, InferenceBackend};
+use super::backend::{BackendChoice, InferenceBackend};
 use super::outputs::{LABELS, LABELS_AS_FLOATS, reduced};
 use crate::inference::NetworkError;
 
@@ -78,7 +78,7 @@ impl OnnxModel {
             .finalize()
             .to_hex()[..16]
             .to_owned();
-        let backend = InferenceBackend::start(Choice::Best)?;
+        let backend = InferenceBackend::start(BackendChoice::Best)?;
         let session = guarded(|| open(backend, path, &bytes, contract.output)).map_err(|e| {
             let advice = if backend.is_tract() {
                 " (ort-tract cannot run every network: install the Python package `onnxruntime`)"

@@ -17,7 +17,7 @@ use super::process::NodeError;
 use super::worker::Work;
 use crate::detector::OnnxDetector;
 use crate::inference::{InputTensor, KeypointNetwork, NetworkError, PersonDetector};
-use crate::network::{Choice, InferenceBackend, OnnxKeypointNetwork};
+use crate::network::{BackendChoice, InferenceBackend, OnnxKeypointNetwork};
 use crate::pipeline::EdgePipeline;
 use crate::source::{self, SourceError, SourceInfo, Sources};
 
@@ -78,7 +78,7 @@ pub fn load_networks<'a>(
             backend: String::new(),
         });
     }
-    let backend = InferenceBackend::start(Choice::Best)?;
+    let backend = InferenceBackend::start(BackendChoice::Best)?;
     let keypoints = venue
         .network
         .as_deref()
