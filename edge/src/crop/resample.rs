@@ -99,7 +99,7 @@ impl Cropper {
             return;
         };
         let (warp, positions) = (&self.warp, &mut self.positions);
-        let mut target = Target {
+        let mut target = CropTarget {
             warp,
             camera,
             crop,
@@ -123,7 +123,7 @@ impl Cropper {
 }
 
 /// One crop in the making.
-struct Target<'a> {
+struct CropTarget<'a> {
     warp: &'a Warp,
     camera: Option<&'a CameraModel>,
     crop: &'a CropGeometry,
@@ -132,7 +132,7 @@ struct Target<'a> {
     into: &'a mut [f32],
 }
 
-impl Target<'_> {
+impl CropTarget<'_> {
     fn fill<T: Copy + Into<f32>>(&mut self, raster: &Raster<'_, T>, image: &RgbImage) {
         let [width, height] = self.crop.input_px();
         let step = self.crop.step_px() / f64::from(raster.factor);
