@@ -5,7 +5,7 @@ use farfield_proto::model_card::{Channels, NetworkInput, Normalize};
 use image::RgbImage;
 
 use super::geometry::CropGeometry;
-use super::reduce::{MAX_FACTOR, Raster, Reducer, Region};
+use super::reduce::{MAX_FACTOR, PixelRegion, Raster, Reducer};
 use super::warp::Warp;
 
 /// Texels per input pixel above which one bilinear tap would skip texels, and four are averaged.
@@ -89,8 +89,8 @@ impl Cropper {
         let factor = (step.norm().round() as usize).clamp(1, MAX_FACTOR);
         let region = match self.warp.bounds() {
             // A margin of two texels, so that no block in use is a partial one.
-            Some(bounds) => Region::around(bounds, 2.0 * factor as f64, image),
-            None => Some(Region::whole(image)),
+            Some(bounds) => PixelRegion::around(bounds, 2.0 * factor as f64, image),
+            None => Some(PixelRegion::whole(image)),
         };
         let Some(region) = region else {
             for (channel, plane) in into.chunks_exact_mut(width * height).enumerate() {
