@@ -7,7 +7,7 @@
 mod number;
 
 use anyhow::Context as _;
-use farfield_edge::source::{Candidate, Content, Sources};
+use farfield_edge::source::{Content, KeypointCandidate, Sources};
 use farfield_fusion::skeleton::Joint;
 use farfield_proto::camera::{CameraModel, NEAR_PLANE_M};
 use farfield_proto::frames::{Point, World};
@@ -142,7 +142,7 @@ fn person_colour(person: PersonId) -> [u8; 3] {
 }
 
 /// Small crosses where keypoints may be, brighter with their score.
-fn draw_candidates<'a>(image: &mut RgbImage, found: impl Iterator<Item = &'a Candidate>) {
+fn draw_candidates<'a>(image: &mut RgbImage, found: impl Iterator<Item = &'a KeypointCandidate>) {
     let arm_px = stroke_radius_px(image) * 2.0;
     for candidate in found {
         let at = candidate.position.vector_px();

@@ -6,7 +6,7 @@ use std::f64::consts::TAU;
 use anyhow::Context as _;
 use farfield_edge::crop::{CropGeometry, CropShape};
 use farfield_edge::gaussian_maps::draw_maps;
-use farfield_edge::source::Candidate;
+use farfield_edge::source::KeypointCandidate;
 use farfield_fusion::align::TickGroup;
 use farfield_fusion::boxes::BoxShape;
 use farfield_fusion::ik::relative_sigmas;
@@ -190,12 +190,12 @@ impl Ring {
             .context("an empty box")?
             .grid();
         let candidates = pixels.iter().map(|p| {
-            camera.distort(*p).map(|position| Candidate {
+            camera.distort(*p).map(|position| KeypointCandidate {
                 position,
                 score: 0.9,
             })
         });
-        let peaks: Vec<Vec<Candidate>> = candidates
+        let peaks: Vec<Vec<KeypointCandidate>> = candidates
             .map(|candidate| candidate.into_iter().collect())
             .collect();
         let mut maps = Maps::new(usize::from(CELLS[0]), usize::from(CELLS[1]), COCO17.len());

@@ -11,7 +11,7 @@ use super::batch::Batch;
 use crate::crop::CropGeometry;
 use crate::inference::Detection;
 use crate::peaks::best_peak;
-use crate::source::Candidate;
+use crate::source::KeypointCandidate;
 
 /// A sighted keypoint's peak is at least this high, 0 to 1: below is what a network says of nothing.
 const LEAST_PEAK: f32 = 0.06;
@@ -82,7 +82,7 @@ pub(super) fn read(
 
 /// Persons whose keypoints somebody else grouped; their score is the mean of their keypoints'.
 pub(super) fn from_persons(
-    persons: &[Vec<Option<Candidate>>],
+    persons: &[Vec<Option<KeypointCandidate>>],
     camera: CameraIndex,
     model: &CameraModel,
 ) -> Vec<Sighting> {
@@ -192,7 +192,7 @@ mod tests {
     #[test]
     fn grouped_persons_of_a_keypoint_file_are_sightings() {
         let seen = |x, score| {
-            Some(Candidate {
+            Some(KeypointCandidate {
                 position: Pixel::new(x, 10.0),
                 score,
             })

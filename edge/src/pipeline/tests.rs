@@ -17,7 +17,7 @@ use super::*;
 use crate::fixtures::venue;
 use crate::inference::{Detection, DetectorInput, InputTensor, NetworkError, Window};
 use crate::peaks::best_peak;
-use crate::source::{Candidate, KeypointFrame, MapPainter};
+use crate::source::{KeypointCandidate, KeypointFrame, MapPainter};
 
 const PICTURES: &str = "{ kind = \"video\", path = \"a.mp4\" }";
 const KEYPOINTS: &str = "{ kind = \"keypoints\", path = \"a.jsonl\" }";
@@ -339,7 +339,7 @@ fn only_the_cameras_that_are_asked_look() {
 }
 
 fn candidates(x: f64, y: f64) -> KeypointFrame {
-    let candidate = Candidate {
+    let candidate = KeypointCandidate {
         position: Pixel::new(x, y),
         score: 0.9,
     };
@@ -391,7 +391,7 @@ impl MapPainter for Painter {
         }
     }
 
-    fn persons(&self) -> Vec<Vec<Option<Candidate>>> {
+    fn persons(&self) -> Vec<Vec<Option<KeypointCandidate>>> {
         candidates(333.0, 222.0).persons
     }
 }

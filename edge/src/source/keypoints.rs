@@ -15,7 +15,7 @@ use farfield_proto::tick::Tick;
 use serde_json::Value;
 
 use super::{
-    Candidate, Content, Expected, Frame, FrameSource, KeypointFrame, MAX_TICK, SourceError,
+    Content, Expected, Frame, FrameSource, KeypointCandidate, KeypointFrame, MAX_TICK, SourceError,
     SourceInfo,
 };
 
@@ -248,7 +248,7 @@ fn json_problem(problem: &serde_json::Error) -> String {
     }
 }
 
-fn parse_persons(value: &Value) -> Result<Vec<Vec<Option<Candidate>>>, FieldError> {
+fn parse_persons(value: &Value) -> Result<Vec<Vec<Option<KeypointCandidate>>>, FieldError> {
     let persons = array("persons", value)?;
     let mut parsed = Vec::with_capacity(persons.len());
     for (i, person) in persons.iter().enumerate() {
@@ -270,7 +270,7 @@ fn parse_persons(value: &Value) -> Result<Vec<Vec<Option<Candidate>>>, FieldErro
     Ok(parsed)
 }
 
-fn parse_peaks(value: &Value) -> Result<Vec<Vec<Candidate>>, FieldError> {
+fn parse_peaks(value: &Value) -> Result<Vec<Vec<KeypointCandidate>>, FieldError> {
     let keypoints = array("peaks", value)?;
     check_count("peaks", keypoints)?;
     let mut parsed = Vec::with_capacity(keypoints.len());
@@ -285,13 +285,16 @@ fn parse_peaks(value: &Value) -> Result<Vec<Vec<Candidate>>, FieldError> {
 }
 
 /// The candidates of each keypoint that the grouped persons hold.
-fn peaks_of(persons: &[Vec<Option<Candidate>>]) -> Vec<Vec<Candidate>> {
+fn peaks_of(persons: &[Vec<Option<KeypointCandidate>>]) -> Vec<Vec<KeypointCandidate>> {
     (0..COCO17.len())
         .map(|k| persons.iter().filter_map(|person| person[k]).collect())
         .collect()
 }
 
-fn parse_candidate(field: impl Fn() -> String, value: &Value) -> Result<Candidate, FieldError> {
+fn parse_candidate(
+    field: impl Fn() -> String,
+    value: &Value,
+) -> Result<KeypointCandidate, FieldError> {
     let numbers: Option<Vec<f64>> = value
         .as_array()
         .and_then(|v| v.iter().map(Value::as_f64).collect());
@@ -309,7 +312,7 @@ fn parse_candidate(field: impl Fn() -> String, value: &Value) -> Result<Candidat
         let problem = format!("found a score of {score:?}, expected 0 to 1");
         return Err(FieldError::new(field(), problem));
     }
-    Ok(Candidate {
+    Ok(KeypointCandidate {
         position: Pixel::new(x, y),
         score: score.min(1.0) as f32,
     })

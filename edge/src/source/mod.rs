@@ -62,14 +62,14 @@ impl PartialEq for Content {
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct KeypointFrame {
     /// Candidates grouped into persons: `[person][keypoint]`, `None` where one was not seen.
-    pub persons: Vec<Vec<Option<Candidate>>>,
+    pub persons: Vec<Vec<Option<KeypointCandidate>>>,
     /// All candidates of each keypoint, whosever they are: `[keypoint][candidate]`.
-    pub peaks: Vec<Vec<Candidate>>,
+    pub peaks: Vec<Vec<KeypointCandidate>>,
 }
 
 /// One place where a keypoint may be.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Candidate {
+pub struct KeypointCandidate {
     /// Where, in pixels of the raw picture.
     pub position: Pixel<Distorted>,
     /// How sure the detector was, 0 to 1.

@@ -7,7 +7,7 @@ use farfield_proto::grid::CellGrid;
 use farfield_proto::message::CameraBox;
 use farfield_proto::patch::Maps;
 
-use super::Candidate;
+use super::KeypointCandidate;
 
 /// A crop whose maps are asked for.
 #[derive(Debug, Clone, Copy)]
@@ -41,5 +41,5 @@ pub trait MapPainter: Debug + Send + Sync {
 
     /// The people that a detector finds in the whole picture: `[person][keypoint]`, 17 each, `None`
     /// where one was not found.
-    fn persons(&self) -> Vec<Vec<Option<Candidate>>>;
+    fn persons(&self) -> Vec<Vec<Option<KeypointCandidate>>>;
 }
