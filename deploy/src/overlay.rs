@@ -7,7 +7,7 @@
 mod number;
 
 use anyhow::Context as _;
-use farfield_edge::source::{Content, KeypointCandidate, Sources};
+use farfield_edge::source::{FrameContent, KeypointCandidate, Sources};
 use farfield_fusion::skeleton::Joint;
 use farfield_proto::camera::{CameraModel, NEAR_PLANE_M};
 use farfield_proto::frames::{Point, World};
@@ -49,14 +49,14 @@ pub(crate) fn overlay(
         .next_frame()?
         .with_context(|| format!("camera `{}` has no tick {tick}", camera.model.name()))?;
     let mut image = match frame.content {
-        Content::Image(image) => image,
-        Content::Keypoints(keypoints) => {
+        FrameContent::Image(image) => image,
+        FrameContent::Keypoints(keypoints) => {
             let [width, height] = camera.model.size_px();
             let mut canvas = RgbImage::from_pixel(width, height, CANVAS);
             draw_candidates(&mut canvas, keypoints.peaks.iter().flatten());
             canvas
         }
-        Content::Painted(painter) => {
+        FrameContent::Painted(painter) => {
             let [width, height] = camera.model.size_px();
             let mut canvas = RgbImage::from_pixel(width, height, CANVAS);
             let found = painter.persons();

@@ -4,7 +4,7 @@ use std::io::Write as _;
 use std::path::Path;
 
 use anyhow::{Context as _, bail};
-use farfield_edge::source::{Content, FrameSource as _, KeypointCandidate};
+use farfield_edge::source::{FrameContent, FrameSource as _, KeypointCandidate};
 use farfield_fusion::export::unfinished::Unfinished;
 use farfield_fusion::node::Ending;
 use farfield_proto::venue::SimulatedContent;
@@ -29,7 +29,7 @@ pub(super) fn write(plan: &Plan, folder: &Path, interrupt: &Interrupt) -> anyhow
                 if interrupt.is_asked() {
                     return Ok(Ending::Interrupted);
                 }
-                let Content::Painted(maps) = frame.content else {
+                let FrameContent::Painted(maps) = frame.content else {
                     bail!("a camera of maps has given something else");
                 };
                 writeln!(file, "{}", line(frame.tick.0, &maps.persons()))?;

@@ -8,7 +8,7 @@ use farfield_proto::tick::Tick;
 
 use super::sighting::{self, Pending};
 use super::{EdgePipeline, PipelineError};
-use crate::source::{Content, Frame};
+use crate::source::{Frame, FrameContent};
 
 impl EdgePipeline {
     /// The cameras that look at `tick` when nobody says: all of them, now and then.
@@ -41,7 +41,7 @@ impl EdgePipeline {
         let with_frames = self.cameras.iter().zip(frames);
         for (camera, frame) in with_frames.filter(|(camera, _)| cameras.contains(&camera.index)) {
             if let Some(Frame {
-                content: Content::Image(image),
+                content: FrameContent::Image(image),
                 tick,
                 ..
             }) = frame
@@ -78,9 +78,9 @@ impl EdgePipeline {
                 );
             }
             let given = match frame.as_ref().map(|f| &f.content) {
-                Some(Content::Keypoints(keypoints)) => Cow::Borrowed(&keypoints.persons[..]),
-                Some(Content::Painted(painter)) => Cow::Owned(painter.persons()),
-                Some(Content::Image(_)) | None => continue,
+                Some(FrameContent::Keypoints(keypoints)) => Cow::Borrowed(&keypoints.persons[..]),
+                Some(FrameContent::Painted(painter)) => Cow::Owned(painter.persons()),
+                Some(FrameContent::Image(_)) | None => continue,
             };
             sightings.extend(sighting::from_persons(&given, camera.index, &camera.model));
         }

@@ -35,7 +35,7 @@ use self::tracked::Tracked;
 use crate::crop::CropGeometry;
 use crate::gaussian_maps::draw_maps;
 use crate::inference::{KeypointNetwork, PersonDetector};
-use crate::source::{Content, Frame, MapCrop};
+use crate::source::{Frame, FrameContent, MapCrop};
 
 pub use error::PipelineError;
 pub use parts::MESSAGE_BYTES;
@@ -289,7 +289,7 @@ impl EdgePipeline {
         let frame = frames[tracked.camera].as_ref()?;
         let first = tracked.crops.first()?.grid();
         match (&frame.content, drawing, &self.batch) {
-            (Content::Keypoints(keypoints), Some(drawing), _) => {
+            (FrameContent::Keypoints(keypoints), Some(drawing), _) => {
                 draw_maps(
                     &keypoints.peaks,
                     model,
@@ -298,7 +298,7 @@ impl EdgePipeline {
                     &mut self.maps,
                 );
             }
-            (Content::Painted(painter), Some(drawing), _) => {
+            (FrameContent::Painted(painter), Some(drawing), _) => {
                 self.maps.resize(
                     first.width.into(),
                     first.height.into(),
@@ -313,7 +313,7 @@ impl EdgePipeline {
                 };
                 painter.paint(&crop, &mut self.maps);
             }
-            (Content::Image(_), None, Some(batch)) => {
+            (FrameContent::Image(_), None, Some(batch)) => {
                 self.maps.resize(
                     first.width.into(),
                     first.height.into(),

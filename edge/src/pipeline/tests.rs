@@ -87,7 +87,7 @@ impl PersonDetector for Finds {
     }
 }
 
-fn frame(content: Content) -> Frame {
+fn frame(content: FrameContent) -> Frame {
     Frame {
         tick: Tick(40),
         capture_offset_us: -250,
@@ -101,7 +101,7 @@ fn disc(x: f64, y: f64) -> Frame {
         let near = (f64::from(px) - x).hypot(f64::from(py) - y) < 12.0;
         image::Rgb([if near { 255 } else { 0 }, 0, 0])
     });
-    frame(Content::Image(image))
+    frame(FrameContent::Image(image))
 }
 
 fn box_at(camera: u16, center_px: [f32; 2], rotation_rad: f32) -> CameraBox {
@@ -328,7 +328,7 @@ fn all_crops_of_a_tick_are_one_inference() {
 fn only_the_cameras_that_are_asked_look() {
     let venue = venue(&[KEYPOINTS, KEYPOINTS]);
     let mut edge = EdgePipeline::new(&venue, ViewpointIndex(0), None, None).unwrap();
-    let frames = [1.0, 2.0].map(|x| Some(frame(Content::Keypoints(candidates(x, 2.0)))));
+    let frames = [1.0, 2.0].map(|x| Some(frame(FrameContent::Keypoints(candidates(x, 2.0)))));
     for asked in [&[0][..], &[1], &[0, 1]] {
         let output = step(&mut edge, &frames, &boxes(asked, Vec::new())).unwrap();
         let sightings = output.sighting_sets.iter().flat_map(|s| &s.sightings);
@@ -352,7 +352,9 @@ fn candidates(x: f64, y: f64) -> KeypointFrame {
 #[test]
 fn keypoint_sources_need_no_network_and_are_sighted_as_grouped() {
     let mut edge = EdgePipeline::new(&venue(&[KEYPOINTS]), ViewpointIndex(0), None, None).unwrap();
-    let frames = [Some(frame(Content::Keypoints(candidates(333.0, 222.0))))];
+    let frames = [Some(frame(FrameContent::Keypoints(candidates(
+        333.0, 222.0,
+    ))))];
     let persons = vec![vec![box_at(0, [320.0, 240.0], 1.2)]];
     let output = step(&mut edge, &frames, &boxes(&[0, 1], persons)).unwrap();
     let patch = patches(&output)[0];
@@ -403,7 +405,7 @@ fn painted_maps_are_asked_for_the_box_at_the_frames_tick() {
     camera_box.rate.center_px = [10.0, 0.0];
     let mut boxes = boxes(&[0, 1], vec![vec![camera_box]]);
     boxes.tick = Tick(36);
-    let frames = [Some(frame(Content::Painted(Arc::new(Painter))))];
+    let frames = [Some(frame(FrameContent::Painted(Arc::new(Painter))))];
     let output = step(&mut edge, &frames, &boxes).unwrap();
     let patch = patches(&output)[0];
     assert_eq!(
@@ -452,7 +454,7 @@ fn pictures_and_keypoints_may_be_mixed_in_one_viewpoint() {
     let mut edge = pipeline(&[PICTURES, KEYPOINTS]);
     let frames = [
         Some(disc(330.0, 220.0)),
-        Some(frame(Content::Keypoints(candidates(333.0, 222.0)))),
+        Some(frame(FrameContent::Keypoints(candidates(333.0, 222.0)))),
     ];
     let persons = vec![
         vec![box_at(0, [320.0, 240.0], 0.0)],
@@ -479,7 +481,7 @@ fn what_does_not_belong_together_is_refused() {
             expected: 1
         })
     ));
-    let small = Some(frame(Content::Image(RgbImage::new(320, 240))));
+    let small = Some(frame(FrameContent::Image(RgbImage::new(320, 240))));
     let error = step(&mut edge, &[small], &boxes).unwrap_err().to_string();
     assert!(
         error.contains("320 x 240") && error.contains("640 x 480"),

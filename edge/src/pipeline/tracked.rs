@@ -7,7 +7,7 @@ use super::EdgePipeline;
 use super::camera::EdgeCamera;
 use crate::choose::{CameraCandidate, choose};
 use crate::crop::{CropGeometry, enclosing_upright};
-use crate::source::{Content, Frame};
+use crate::source::{Frame, FrameContent};
 
 /// Tilt of a box from which the legs get an upright crop of their own, radians (10 degrees): below,
 /// one crop serves networks that were trained on people turned by up to 40 degrees.
@@ -74,7 +74,7 @@ impl EdgePipeline {
                 input: 0,
             });
         }
-        let (batch, Content::Image(image)) =
+        let (batch, FrameContent::Image(image)) =
             (self.batch.as_mut()?, &frames[camera].as_ref()?.content)
         else {
             return None;

@@ -13,7 +13,7 @@ use farfield_proto::tick::Tick;
 use image::{ImageReader, RgbImage};
 
 use super::queue::{Prefetch, Sender, WhenFull};
-use super::{Content, Expected, Frame, FrameSource, SourceError, SourceInfo};
+use super::{Expected, Frame, FrameContent, FrameSource, SourceError, SourceInfo};
 
 /// Widest zero padding of a number; one with more digits does not fit 64 bits.
 const MAX_DIGITS: usize = 19;
@@ -99,7 +99,7 @@ fn decode_all(
         let frame = decode(&pattern.file(number), expected).map(|image| Frame {
             tick: Tick(tick),
             capture_offset_us: 0,
-            content: Content::Image(image),
+            content: FrameContent::Image(image),
         });
         let failed = frame.is_err();
         if !sender.push(frame) || failed {
@@ -272,8 +272,10 @@ mod tests {
     fn shades(source: &mut impl FrameSource) -> Vec<(i64, u8)> {
         std::iter::from_fn(|| source.next_frame().unwrap())
             .map(|frame| match frame.content {
-                Content::Image(image) => (frame.tick.0, image.get_pixel(0, 0)[0]),
-                Content::Keypoints(_) | Content::Painted(_) => panic!("an image was asked for"),
+                FrameContent::Image(image) => (frame.tick.0, image.get_pixel(0, 0)[0]),
+                FrameContent::Keypoints(_) | FrameContent::Painted(_) => {
+                    panic!("an image was asked for")
+                }
             })
             .collect()
     }

@@ -15,8 +15,8 @@ use farfield_proto::tick::Tick;
 use serde_json::Value;
 
 use super::{
-    Content, Expected, Frame, FrameSource, KeypointCandidate, KeypointFrame, MAX_TICK, SourceError,
-    SourceInfo,
+    Expected, Frame, FrameContent, FrameSource, KeypointCandidate, KeypointFrame, MAX_TICK,
+    SourceError, SourceInfo,
 };
 
 /// Longest line that is read, bytes: 100 people with 17 candidates each take 60 kB.
@@ -80,7 +80,7 @@ impl FrameSource for KeypointSource {
                 Ok(Some(Frame {
                     tick,
                     capture_offset_us: 0,
-                    content: Content::Keypoints(keypoints),
+                    content: FrameContent::Keypoints(keypoints),
                 }))
             }
             None if self

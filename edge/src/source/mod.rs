@@ -37,7 +37,7 @@ pub use ticks::common_ticks;
 
 /// What one camera saw at one tick.
 #[derive(Debug, Clone)]
-pub enum Content {
+pub enum FrameContent {
     /// The raw picture, with the lens's distortion, of the calibration's size.
     Image(RgbImage),
     /// 2D keypoints that somebody else found in it.
@@ -47,7 +47,7 @@ pub enum Content {
 }
 
 /// Two paintings are equal only when they are the same one.
-impl PartialEq for Content {
+impl PartialEq for FrameContent {
     fn eq(&self, other: &Self) -> bool {
         match (self, other) {
             (Self::Image(a), Self::Image(b)) => a == b,
@@ -85,7 +85,7 @@ pub struct Frame {
     /// [`farfield_proto::message::MAX_CAPTURE_OFFSET_US`] either way, or fusion refuses it.
     pub capture_offset_us: i32,
     /// What was seen.
-    pub content: Content,
+    pub content: FrameContent,
 }
 
 /// Frames of one camera, one after the other.

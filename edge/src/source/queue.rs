@@ -155,14 +155,14 @@ impl<T> Drop for Prefetch<T> {
 mod tests {
     use farfield_proto::tick::Tick;
 
-    use super::super::{Content, KeypointFrame};
+    use super::super::{FrameContent, KeypointFrame};
     use super::*;
 
     fn frame(tick: i64) -> Frame {
         Frame {
             tick: Tick(tick),
             capture_offset_us: 0,
-            content: Content::Keypoints(KeypointFrame::default()),
+            content: FrameContent::Keypoints(KeypointFrame::default()),
         }
     }
 

@@ -17,7 +17,7 @@ use v4l::video::capture::Parameters;
 use v4l::{Device, Format, FourCC, Fraction};
 
 use super::queue::{Prefetch, Sender, WhenFull};
-use super::{Content, Expected, Frame, FrameSource, SourceError, SourceInfo};
+use super::{Expected, Frame, FrameContent, FrameSource, SourceError, SourceInfo};
 
 /// Pixel formats in order of preference: uncompressed first, where the bus carries it at the rate.
 const FORMATS: [&[u8; 4]; 3] = [b"RGB3", b"YUYV", b"MJPG"];
@@ -179,7 +179,7 @@ fn capture(
                         let frame = Frame {
                             tick,
                             capture_offset_us: 0,
-                            content: Content::Image(image),
+                            content: FrameContent::Image(image),
                         };
                         let stamp = about.timestamp;
                         Ok((frame, stamp.sec * 1_000_000 + stamp.usec))

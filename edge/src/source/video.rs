@@ -15,7 +15,7 @@ use farfield_proto::venue::TickFrom;
 use super::ffmpeg::{self, Ffmpeg, PictureError, read_picture};
 use super::ffprobe::{self, VideoStream};
 use super::queue::{Prefetch, Sender, WhenFull};
-use super::{Content, Expected, Frame, FrameSource, Origin, SourceError, SourceInfo};
+use super::{Expected, Frame, FrameContent, FrameSource, Origin, SourceError, SourceInfo};
 use crate::live::timecode::Timecode;
 
 /// Largest relative difference between a recording's rate and the venue's: 59.94 is as good as 60.
@@ -245,7 +245,7 @@ fn read_frames(stdout: ChildStdout, expected: &Expected, from: Tick, sender: &Se
             Ok(Some(image)) => Ok(Frame {
                 tick: Tick(tick),
                 capture_offset_us: 0,
-                content: Content::Image(image),
+                content: FrameContent::Image(image),
             }),
             Err(PictureError::Size(found_px)) => Err(SourceError::PixelSize {
                 at: expected.at.clone(),

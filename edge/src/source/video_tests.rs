@@ -87,8 +87,10 @@ impl Studio {
 fn images(mut source: impl FrameSource) -> Vec<(i64, RgbImage)> {
     std::iter::from_fn(|| source.next_frame().unwrap())
         .map(|frame| match frame.content {
-            Content::Image(image) => (frame.tick.0, image),
-            Content::Keypoints(_) | Content::Painted(_) => panic!("an image was asked for"),
+            FrameContent::Image(image) => (frame.tick.0, image),
+            FrameContent::Keypoints(_) | FrameContent::Painted(_) => {
+                panic!("an image was asked for")
+            }
         })
         .collect()
 }

@@ -5,7 +5,7 @@ use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
 
-use farfield_edge::source::{Content, Frame, FrameSource, MapPainter, Origin, SourceError};
+use farfield_edge::source::{Frame, FrameContent, FrameSource, MapPainter, Origin, SourceError};
 use farfield_proto::camera::CameraModel;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::{Venue, VenueCamera};
@@ -180,7 +180,7 @@ impl FrameSource for MapsSource {
         Ok(Some(Frame {
             tick: self.first + i64::try_from(tick).unwrap_or(i64::MAX),
             capture_offset_us,
-            content: Content::Painted(painter),
+            content: FrameContent::Painted(painter),
         }))
     }
 }

@@ -16,7 +16,7 @@ use crate::live::capture::{Arrived, FramePlacer, Misplaced};
 use crate::live::health::{PictureSample, sample_picture};
 use crate::live::{Micros, SECOND_US};
 use crate::node::process::say;
-use crate::source::{Content, Frame, FrameSource, SourceError, Sources};
+use crate::source::{Frame, FrameContent, FrameSource, SourceError, Sources};
 
 /// How often it is looked whether the venue's time is known.
 const LOOK_EVERY_US: Micros = 10_000;
@@ -224,12 +224,12 @@ impl Camera {
     }
 }
 
-fn look_at(content: &Content) -> Option<PictureSample> {
+fn look_at(content: &FrameContent) -> Option<PictureSample> {
     match content {
-        Content::Image(image) => Some(sample_picture(image)),
-        Content::Painted(maps) => maps
+        FrameContent::Image(image) => Some(sample_picture(image)),
+        FrameContent::Painted(maps) => maps
             .picture_sample()
             .map(|(hash, mean)| PictureSample { hash, mean }),
-        Content::Keypoints(_) => None,
+        FrameContent::Keypoints(_) => None,
     }
 }

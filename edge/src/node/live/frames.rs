@@ -204,7 +204,7 @@ fn delivers(health: CameraHealth) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::source::{Content, KeypointFrame};
+    use crate::source::{FrameContent, KeypointFrame};
 
     const PERIOD: Micros = 16_667;
 
@@ -216,7 +216,7 @@ mod tests {
         let frame = Frame {
             tick: Tick(tick),
             capture_offset_us: 100,
-            content: Content::Keypoints(KeypointFrame::default()),
+            content: FrameContent::Keypoints(KeypointFrame::default()),
         };
         let delivery = Delivery {
             frame,
