@@ -13,12 +13,12 @@ use farfield_proto::tick::Tick;
 use image::{ImageReader, RgbImage};
 
 use super::queue::{Prefetch, Sender, WhenFull};
-use super::{Expected, Frame, FrameContent, FrameSource, SourceError, SourceInfo};
+use super::{ExpectedSource, Frame, FrameContent, FrameSource, SourceError, SourceInfo};
 
 /// Widest zero padding of a number; one with more digits does not fit 64 bits.
 const MAX_DIGITS: usize = 19;
 
-pub(super) fn probe(path: &Path, expected: &Expected) -> Result<SourceInfo, SourceError> {
+pub(super) fn probe(path: &Path, expected: &ExpectedSource) -> Result<SourceInfo, SourceError> {
     let (pattern, numbers) = find(path, expected)?;
     for number in numbers.clone() {
         let path = pattern.file(number);
@@ -35,7 +35,7 @@ pub(super) fn probe(path: &Path, expected: &Expected) -> Result<SourceInfo, Sour
 
 pub(super) fn open(
     path: &Path,
-    expected: Expected,
+    expected: ExpectedSource,
     from: Tick,
 ) -> Result<ImageSource, SourceError> {
     let (pattern, numbers) = find(path, &expected)?;
@@ -92,7 +92,7 @@ fn decode_all(
     pattern: &Pattern,
     numbers: Range<u64>,
     from: Tick,
-    expected: &Expected,
+    expected: &ExpectedSource,
     sender: &Sender,
 ) {
     for (number, tick) in numbers.zip(from.0..) {
@@ -108,7 +108,7 @@ fn decode_all(
     }
 }
 
-fn decode(path: &Path, expected: &Expected) -> Result<RgbImage, SourceError> {
+fn decode(path: &Path, expected: &ExpectedSource) -> Result<RgbImage, SourceError> {
     let image = reader(path)
         .and_then(|found| found.decode().map_err(decode_problem))
         .map_err(|problem| unreadable(expected, path, &problem))?
@@ -125,13 +125,13 @@ fn decode_problem(problem: image::ImageError) -> io::Error {
     io::Error::new(io::ErrorKind::InvalidData, problem)
 }
 
-fn at_file(expected: &Expected, path: &Path) -> Expected {
+fn at_file(expected: &ExpectedSource, path: &Path) -> ExpectedSource {
     let mut expected = expected.clone();
     expected.at.place = path.display().to_string();
     expected
 }
 
-fn unreadable(expected: &Expected, path: &Path, problem: &io::Error) -> SourceError {
+fn unreadable(expected: &ExpectedSource, path: &Path, problem: &io::Error) -> SourceError {
     SourceError::Unreadable {
         at: at_file(expected, path).at,
         problem: problem.to_string(),
@@ -139,7 +139,7 @@ fn unreadable(expected: &Expected, path: &Path, problem: &io::Error) -> SourceEr
 }
 
 /// The pattern and the numbers found for it, from the lowest on.
-fn find(path: &Path, expected: &Expected) -> Result<(Pattern, Range<u64>), SourceError> {
+fn find(path: &Path, expected: &ExpectedSource) -> Result<(Pattern, Range<u64>), SourceError> {
     let wrong = |problem: String| SourceError::Pattern {
         at: expected.at.clone(),
         problem,
@@ -246,8 +246,8 @@ mod tests {
     use super::super::Origin;
     use super::*;
 
-    fn expected(size_px: [u32; 2]) -> Expected {
-        Expected {
+    fn expected(size_px: [u32; 2]) -> ExpectedSource {
+        ExpectedSource {
             at: Origin {
                 camera: "left".to_owned(),
                 place: "seq/%04d.png".to_owned(),

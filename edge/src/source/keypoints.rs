@@ -15,7 +15,7 @@ use farfield_proto::tick::Tick;
 use serde_json::Value;
 
 use super::{
-    Expected, Frame, FrameContent, FrameSource, KeypointCandidate, KeypointFrame, MAX_TICK,
+    ExpectedSource, Frame, FrameContent, FrameSource, KeypointCandidate, KeypointFrame, MAX_TICK,
     SourceError, SourceInfo,
 };
 
@@ -29,7 +29,7 @@ const MAX_SCORE: f64 = 1.25;
 /// No pixel is farther from zero; keeps sums of them exact.
 const MAX_PX: f64 = 1e12;
 
-pub(super) fn probe(path: &Path, expected: &Expected) -> Result<SourceInfo, SourceError> {
+pub(super) fn probe(path: &Path, expected: &ExpectedSource) -> Result<SourceInfo, SourceError> {
     let mut lines = Lines::open(path, expected)?;
     let Some((first, _)) = lines.next()? else {
         return Err(SourceError::Unreadable {
@@ -49,7 +49,7 @@ pub(super) fn probe(path: &Path, expected: &Expected) -> Result<SourceInfo, Sour
 
 pub(super) fn open(
     path: &Path,
-    expected: &Expected,
+    expected: &ExpectedSource,
     from: Tick,
 ) -> Result<KeypointSource, SourceError> {
     let ticks = probe(path, expected)?.ticks.unwrap_or(from..from);
@@ -104,14 +104,14 @@ impl FrameSource for KeypointSource {
 #[derive(Debug)]
 struct Lines {
     reader: BufReader<File>,
-    expected: Expected,
+    expected: ExpectedSource,
     line: usize,
     last: Option<Tick>,
     text: Vec<u8>,
 }
 
 impl Lines {
-    fn open(path: &Path, expected: &Expected) -> Result<Self, SourceError> {
+    fn open(path: &Path, expected: &ExpectedSource) -> Result<Self, SourceError> {
         let not_there = |problem: std::io::Error| SourceError::NotThere {
             at: expected.at.clone(),
             problem: problem.to_string(),

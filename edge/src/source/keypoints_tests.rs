@@ -8,8 +8,8 @@ use proptest::prelude::*;
 use super::super::Origin;
 use super::*;
 
-fn expected() -> Expected {
-    Expected {
+fn expected() -> ExpectedSource {
+    ExpectedSource {
         at: Origin {
             camera: "cam0".to_owned(),
             place: "cam0.jsonl".to_owned(),

@@ -122,7 +122,7 @@ const MAX_TICK: i64 = 1 << 53;
 
 /// What the venue expects of one camera's source.
 #[derive(Debug, Clone)]
-struct Expected {
+struct ExpectedSource {
     at: Origin,
     size_px: [u32; 2],
     #[cfg_attr(
@@ -138,7 +138,7 @@ struct Expected {
     tick_from: TickFrom,
 }
 
-impl Expected {
+impl ExpectedSource {
     fn new(camera: &VenueCamera, venue: &Venue) -> Self {
         let place = match &camera.source {
             Source::Video { path }
@@ -231,7 +231,7 @@ fn without_password(url: &str) -> String {
 /// # Errors
 /// [`SourceError`], naming the file and what is wrong with it.
 pub fn probe(camera: &VenueCamera, venue: &Venue) -> Result<SourceInfo, SourceError> {
-    let expected = Expected::new(camera, venue);
+    let expected = ExpectedSource::new(camera, venue);
     match &camera.source {
         Source::Keypoints { path, .. } => keypoints::probe(path, &expected),
         Source::Images { path } => images::probe(path, &expected),
@@ -264,7 +264,7 @@ pub fn open(
     venue: &Venue,
     from: Tick,
 ) -> Result<Box<dyn FrameSource>, SourceError> {
-    let expected = Expected::new(camera, venue);
+    let expected = ExpectedSource::new(camera, venue);
     match &camera.source {
         Source::Keypoints { path, .. } => Ok(Box::new(keypoints::open(path, &expected, from)?)),
         Source::Images { path } => Ok(Box::new(images::open(path, expected, from)?)),
@@ -287,7 +287,7 @@ pub fn open(
 }
 
 #[cfg(not(all(feature = "node", feature = "v4l")))]
-fn not_built(expected: Expected, kind: &'static str, feature: &'static str) -> SourceError {
+fn not_built(expected: ExpectedSource, kind: &'static str, feature: &'static str) -> SourceError {
     SourceError::NotBuilt {
         at: expected.at,
         kind,
@@ -301,7 +301,7 @@ mod tests {
 
     #[test]
     fn a_recording_beyond_the_last_tick_is_refused() {
-        let expected = Expected {
+        let expected = ExpectedSource {
             at: Origin {
                 camera: "a".to_owned(),
                 place: "a.mp4".to_owned(),

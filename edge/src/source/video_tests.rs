@@ -10,8 +10,8 @@ use super::*;
 const SIZE_PX: [u32; 2] = [96, 64];
 const FRAMES: usize = 24;
 
-fn expected() -> Expected {
-    Expected {
+fn expected() -> ExpectedSource {
+    ExpectedSource {
         at: Origin {
             camera: "left".to_owned(),
             place: "videos/left.mp4".to_owned(),
@@ -107,7 +107,7 @@ fn refusal(path: &Path) -> String {
 #[test]
 fn the_timecode_of_a_recording_is_its_first_tick_where_the_venue_says_so() {
     let Some(studio) = studio() else { return };
-    let by_timecode = Expected {
+    let by_timecode = ExpectedSource {
         tick_from: TickFrom::Timecode,
         ..expected()
     };
