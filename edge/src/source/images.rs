@@ -63,7 +63,7 @@ pub(super) fn open(
 #[derive(Debug)]
 pub(super) struct ImageSource {
     prefetch: Prefetch,
-    at: super::Origin,
+    at: super::SourceOrigin,
     frames: u64,
     read: u64,
     failed: bool,
@@ -243,12 +243,12 @@ impl Pattern {
 mod tests {
     use farfield_proto::venue::TickFrom;
 
-    use super::super::Origin;
+    use super::super::SourceOrigin;
     use super::*;
 
     fn expected(size_px: [u32; 2]) -> ExpectedSource {
         ExpectedSource {
-            at: Origin {
+            at: SourceOrigin {
                 camera: "left".to_owned(),
                 place: "seq/%04d.png".to_owned(),
             },

@@ -5,12 +5,12 @@ use std::io::Write as _;
 use farfield_proto::venue::TickFrom;
 use proptest::prelude::*;
 
-use super::super::Origin;
+use super::super::SourceOrigin;
 use super::*;
 
 fn expected() -> ExpectedSource {
     ExpectedSource {
-        at: Origin {
+        at: SourceOrigin {
             camera: "cam0".to_owned(),
             place: "cam0.jsonl".to_owned(),
         },

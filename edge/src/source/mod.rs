@@ -30,7 +30,7 @@ use farfield_proto::tick::Tick;
 use farfield_proto::venue::{Source, TickFrom, Venue, VenueCamera};
 use image::RgbImage;
 
-pub use error::{Origin, SourceError};
+pub use error::{SourceError, SourceOrigin};
 pub use painted::{MapCrop, MapPainter};
 pub use sources::{RecordedSources, Sources};
 pub use ticks::common_ticks;
@@ -123,7 +123,7 @@ const MAX_TICK: i64 = 1 << 53;
 /// What the venue expects of one camera's source.
 #[derive(Debug, Clone)]
 struct ExpectedSource {
-    at: Origin,
+    at: SourceOrigin,
     size_px: [u32; 2],
     #[cfg_attr(
         not(feature = "node"),
@@ -150,7 +150,7 @@ impl ExpectedSource {
             Source::Ffmpeg { url } => without_password(url),
         };
         Self {
-            at: Origin {
+            at: SourceOrigin {
                 camera: camera.model.name().to_owned(),
                 place,
             },
@@ -302,7 +302,7 @@ mod tests {
     #[test]
     fn a_recording_beyond_the_last_tick_is_refused() {
         let expected = ExpectedSource {
-            at: Origin {
+            at: SourceOrigin {
                 camera: "a".to_owned(),
                 place: "a.mp4".to_owned(),
             },

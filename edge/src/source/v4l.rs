@@ -252,7 +252,7 @@ fn yuyv_row(row: &[u8]) -> impl Iterator<Item = u8> {
 mod tests {
     use farfield_proto::venue::TickFrom;
 
-    use super::super::Origin;
+    use super::super::SourceOrigin;
     use super::*;
 
     #[test]
@@ -270,7 +270,7 @@ mod tests {
 
     #[test]
     fn a_device_that_is_absent_is_refused_by_name() {
-        let at = Origin {
+        let at = SourceOrigin {
             camera: "left".to_owned(),
             place: "/dev/video-none".to_owned(),
         };

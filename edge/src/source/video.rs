@@ -15,7 +15,9 @@ use farfield_proto::venue::TickFrom;
 use super::ffmpeg::{self, Ffmpeg, PictureError, read_picture};
 use super::ffprobe::{self, VideoStream};
 use super::queue::{Prefetch, Sender, WhenFull};
-use super::{ExpectedSource, Frame, FrameContent, FrameSource, Origin, SourceError, SourceInfo};
+use super::{
+    ExpectedSource, Frame, FrameContent, FrameSource, SourceError, SourceInfo, SourceOrigin,
+};
 use crate::live::timecode::Timecode;
 
 /// Largest relative difference between a recording's rate and the venue's: 59.94 is as good as 60.
@@ -148,7 +150,7 @@ pub(super) fn open_live(
 pub(super) struct VideoSource {
     prefetch: Prefetch,
     ffmpeg: Ffmpeg,
-    at: Origin,
+    at: SourceOrigin,
     /// Frames taken, and those skipped before them.
     read: u64,
     /// Frames of a recording; `None` for live sources.

@@ -12,7 +12,7 @@ const FRAMES: usize = 24;
 
 fn expected() -> ExpectedSource {
     ExpectedSource {
-        at: Origin {
+        at: SourceOrigin {
             camera: "left".to_owned(),
             place: "videos/left.mp4".to_owned(),
         },

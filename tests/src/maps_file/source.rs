@@ -5,7 +5,9 @@ use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
 
-use farfield_edge::source::{Frame, FrameContent, FrameSource, MapPainter, Origin, SourceError};
+use farfield_edge::source::{
+    Frame, FrameContent, FrameSource, MapPainter, SourceError, SourceOrigin,
+};
 use farfield_proto::camera::CameraModel;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::{Venue, VenueCamera};
@@ -22,7 +24,7 @@ const ENDLESS: i64 = 1 << 40;
 #[derive(Debug)]
 pub struct MapsSource {
     file: Arc<MapsFile>,
-    at: Origin,
+    at: SourceOrigin,
     camera: Arc<CameraModel>,
     /// The next tick of the recording.
     next: u64,
@@ -41,7 +43,7 @@ pub(crate) fn load(
     camera: &VenueCamera,
     venue: &Venue,
 ) -> Result<MapsFile, SourceError> {
-    let at = || Origin {
+    let at = || SourceOrigin {
         camera: camera.model.name().to_owned(),
         place: path.display().to_string(),
     };
@@ -114,7 +116,7 @@ impl MapsSource {
         }
         Ok(Self {
             file,
-            at: Origin {
+            at: SourceOrigin {
                 camera: name,
                 place: path.display().to_string(),
             },
