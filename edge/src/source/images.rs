@@ -89,7 +89,7 @@ impl FrameSource for ImageSource {
 }
 
 fn decode_all(
-    pattern: &Pattern,
+    pattern: &FilePattern,
     numbers: Range<u64>,
     from: Tick,
     expected: &ExpectedSource,
@@ -139,12 +139,12 @@ fn unreadable(expected: &ExpectedSource, path: &Path, problem: &io::Error) -> So
 }
 
 /// The pattern and the numbers found for it, from the lowest on.
-fn find(path: &Path, expected: &ExpectedSource) -> Result<(Pattern, Range<u64>), SourceError> {
+fn find(path: &Path, expected: &ExpectedSource) -> Result<(FilePattern, Range<u64>), SourceError> {
     let wrong = |problem: String| SourceError::Pattern {
         at: expected.at.clone(),
         problem,
     };
-    let pattern = Pattern::parse(path).map_err(wrong)?;
+    let pattern = FilePattern::parse(path).map_err(wrong)?;
     let mut numbers = pattern.numbers().map_err(|problem| SourceError::NotThere {
         at: expected.at.clone(),
         problem: format!("{}: {problem}", pattern.folder.display()),
@@ -166,14 +166,14 @@ fn find(path: &Path, expected: &ExpectedSource) -> Result<(Pattern, Range<u64>),
 
 /// `folder/prefix%0Ndsuffix`.
 #[derive(Debug, PartialEq)]
-struct Pattern {
+struct FilePattern {
     folder: PathBuf,
     prefix: String,
     digits: usize,
     suffix: String,
 }
 
-impl Pattern {
+impl FilePattern {
     fn parse(path: &Path) -> Result<Self, String> {
         let name = path
             .file_name()
@@ -357,9 +357,9 @@ mod tests {
             "%06",
             "",
         ] {
-            assert!(Pattern::parse(Path::new(wrong)).is_err(), "{wrong}");
+            assert!(FilePattern::parse(Path::new(wrong)).is_err(), "{wrong}");
         }
-        let pattern = Pattern::parse(Path::new("dir/f_%03d_x.png")).unwrap();
+        let pattern = FilePattern::parse(Path::new("dir/f_%03d_x.png")).unwrap();
         assert_eq!(pattern.file(7), Path::new("dir/f_007_x.png"));
         assert_eq!(pattern.file(1234), Path::new("dir/f_1234_x.png"));
     }
