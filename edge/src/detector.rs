@@ -10,7 +10,7 @@ use farfield_proto::model_card::{Decode, DetectorCard, Letterbox};
 use image::RgbImage;
 
 use crate::crop::{CropGeometry, CropShape, Cropper, PixelFormat};
-use crate::inference::{Detection, DetectorInput, NetworkError, PersonDetector, Window};
+use crate::inference::{Detection, DetectorInput, DetectorWindow, NetworkError, PersonDetector};
 use crate::network::{Contract, OnnxModel, TensorAxis, read_card};
 use crate::tiles::thinned_out;
 
@@ -102,7 +102,7 @@ impl PersonDetector for OnnxDetector {
     fn detect(
         &mut self,
         image: &RgbImage,
-        window: &Window,
+        window: &DetectorWindow,
     ) -> Result<Vec<Detection>, NetworkError> {
         let size_px = [
             self.card.input.width as usize,

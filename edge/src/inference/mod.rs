@@ -8,7 +8,7 @@ use farfield_proto::model_card::{HeatmapCard, Letterbox};
 use farfield_proto::toml_file::FileError;
 use image::RgbImage;
 
-pub use window::Window;
+pub use window::DetectorWindow;
 
 /// One crop as a network takes it: [3, height, width], normalised, in the card's channel order.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -49,8 +49,11 @@ pub trait PersonDetector: Send {
     ///
     /// # Errors
     /// [`NetworkError`] when the backend fails or gives something else than the card says.
-    fn detect(&mut self, image: &RgbImage, window: &Window)
-    -> Result<Vec<Detection>, NetworkError>;
+    fn detect(
+        &mut self,
+        image: &RgbImage,
+        window: &DetectorWindow,
+    ) -> Result<Vec<Detection>, NetworkError>;
 }
 
 /// One person found in a picture.

@@ -15,7 +15,7 @@ use image::RgbImage;
 
 use super::*;
 use crate::fixtures::venue;
-use crate::inference::{Detection, DetectorInput, InputTensor, NetworkError, Window};
+use crate::inference::{Detection, DetectorInput, DetectorWindow, InputTensor, NetworkError};
 use crate::peaks::best_peak;
 use crate::source::{KeypointCandidate, KeypointFrame, MapPainter};
 
@@ -82,7 +82,7 @@ impl PersonDetector for Finds {
         }
     }
 
-    fn detect(&mut self, _: &RgbImage, _: &Window) -> Result<Vec<Detection>, NetworkError> {
+    fn detect(&mut self, _: &RgbImage, _: &DetectorWindow) -> Result<Vec<Detection>, NetworkError> {
         Ok(self.0.clone())
     }
 }

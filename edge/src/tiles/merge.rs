@@ -1,6 +1,6 @@
 //! One list out of what overlapping windows of a picture found.
 
-use crate::inference::{Detection, Window};
+use crate::inference::{Detection, DetectorWindow};
 
 /// Overlap (intersection over union) from which two boxes are one person; YOLOX's own default.
 const SAME_PERSON: f32 = 0.45;
@@ -25,11 +25,11 @@ const PART_OF: f32 = 0.6;
 /// the place whole and had its say, and where it is a part of somebody whom another window
 /// shows whole. Of boxes that overlap, the surest stays.
 pub fn merged(
-    found: &[(Window, Vec<Detection>)],
+    found: &[(DetectorWindow, Vec<Detection>)],
     input_px: [u32; 2],
     picture_px: [u32; 2],
 ) -> Vec<Detection> {
-    let is_whole = |window: &Window, d: &Detection| {
+    let is_whole = |window: &DetectorWindow, d: &Detection| {
         window.holds(
             outer(d),
             AT_EDGE_INPUT_PX / window.scale(input_px),
@@ -131,11 +131,11 @@ mod tests {
         }
     }
 
-    fn window(min_px: [f64; 2], size_px: [f64; 2]) -> Window {
-        Window { min_px, size_px }
+    fn window(min_px: [f64; 2], size_px: [f64; 2]) -> DetectorWindow {
+        DetectorWindow { min_px, size_px }
     }
 
-    fn whole() -> Window {
+    fn whole() -> DetectorWindow {
         window([0.0; 2], [1600.0, 1000.0])
     }
 

@@ -3,7 +3,7 @@
 //!
 //! From the calibration and the field alone a [`plan`] knows how tall somebody who stands anywhere in
 //! the field is in each part of a picture. The whole picture is one pass always; where a person would
-//! be less than [`TALL_ENOUGH_PX`] in it, overlapping [`crate::inference::Window`]s at a finer scale are added. What all
+//! be less than [`TALL_ENOUGH_PX`] in it, overlapping [`crate::inference::DetectorWindow`]s at a finer scale are added. What all
 //! passes find is [`merged`] to one list. Pure: no picture is touched here.
 
 mod cells;

@@ -11,7 +11,7 @@ use farfield_proto::venue::Field;
 use super::TALL_ENOUGH_PX;
 use super::cells::{Cell, cells};
 use super::standing::{Standing, StandingAt, floor_m, on_floor, under_picture};
-use crate::inference::{DetectorInput, Window};
+use crate::inference::{DetectorInput, DetectorWindow};
 
 /// Finest scale of a tile, input pixels per pixel of the picture: beyond it there is nothing to see.
 pub(super) const FINEST_SCALE: f64 = 1.0;
@@ -36,14 +36,14 @@ const LEAST_INPUT_PX: u32 = 128;
 #[derive(Debug, Clone, PartialEq)]
 pub struct TilePlan {
     /// The whole picture, at every look.
-    pub whole: Window,
+    pub whole: DetectorWindow,
     /// Beside it, per cell of the field.
-    pub cells: Vec<Vec<Window>>,
+    pub cells: Vec<Vec<DetectorWindow>>,
 }
 
 impl TilePlan {
     /// The passes of look number `look`: the cells take turns.
-    pub fn windows(&self, pass: i64) -> impl Iterator<Item = Window> + '_ {
+    pub fn windows(&self, pass: i64) -> impl Iterator<Item = DetectorWindow> + '_ {
         let turn = i64::try_from(self.cells.len().max(1)).unwrap_or(i64::MAX);
         let cell = pass.rem_euclid(turn) as usize;
         let tiles = self.cells.get(cell).into_iter().flatten();
@@ -111,7 +111,7 @@ fn plan_in_cells(
     floor_m: f64,
     input: DetectorInput,
 ) -> TilePlan {
-    let whole = Window::whole(camera.size_px(), input.size_px, input.letterbox);
+    let whole = DetectorWindow::whole(camera.size_px(), input.size_px, input.letterbox);
     let tiles_of = |cell: &Cell| {
         let under = under.iter().filter(|(at_m, _)| cell.holds(*at_m));
         let people: Vec<Standing> = on_floor(camera, cell, cells.len(), floor_m)
@@ -129,9 +129,9 @@ fn plan_in_cells(
 fn tiles_for(
     people: &[Standing],
     picture_px: [u32; 2],
-    whole: &Window,
+    whole: &DetectorWindow,
     input_px: [u32; 2],
-) -> Vec<Window> {
+) -> Vec<DetectorWindow> {
     let coarsest = whole.scale(input_px);
     let needed = |p: &Standing| (TALL_ENOUGH_PX / (SLACK * p.long_px)).min(FINEST_SCALE);
     let finest = people.iter().map(needed).fold(0.0, f64::max);
@@ -155,7 +155,7 @@ fn tiles_for(
 
 /// Windows of `size_px` over all of `people`, overlapping by the largest of them; without those that
 /// hold nobody, and one more than [`MOST_TILES`] at most.
-fn grid(people: &[&Standing], picture_px: [u32; 2], size_px: [f64; 2]) -> Vec<Window> {
+fn grid(people: &[&Standing], picture_px: [u32; 2], size_px: [f64; 2]) -> Vec<DetectorWindow> {
     let picture = picture_px.map(f64::from);
     let longest = |p: &&Standing| {
         let [l, t, r, b] = p.around_px;
@@ -194,12 +194,12 @@ fn grid(people: &[&Standing], picture_px: [u32; 2], size_px: [f64; 2]) -> Vec<Wi
     });
     let rows = starts[1].iter();
     let all = rows.flat_map(|&top| {
-        starts[0].iter().map(move |&left| Window {
+        starts[0].iter().map(move |&left| DetectorWindow {
             min_px: [left, top],
             size_px,
         })
     });
-    let touches = |window: &Window, [l, t, r, b]: &[f64; 4]| {
+    let touches = |window: &DetectorWindow, [l, t, r, b]: &[f64; 4]| {
         let ([left, top], [right, bottom]) = (window.min_px, window.max_px());
         *l < right && *r > left && *t < bottom && *b > top
     };

@@ -10,7 +10,7 @@ use proptest::prelude::*;
 use super::plan::FINEST_SCALE;
 use super::standing::standing;
 use super::*;
-use crate::inference::{DetectorInput, Window};
+use crate::inference::{DetectorInput, DetectorWindow};
 
 const INPUT: DetectorInput = DetectorInput {
     size_px: [416, 256],
@@ -66,7 +66,7 @@ fn field(half_m: [f64; 2]) -> Field {
 }
 
 /// Somebody whom the picture has whole, and a window of `windows` that shows them well enough.
-fn is_served(windows: &[Window], around_px: [f64; 4], long_px: f64) -> bool {
+fn is_served(windows: &[DetectorWindow], around_px: [f64; 4], long_px: f64) -> bool {
     windows.iter().any(|window| {
         let scale = window.scale(INPUT.size_px);
         let tall_enough =
@@ -100,7 +100,7 @@ proptest! {
         let plans = plan(&[&camera], &field, INPUT, limit);
         prop_assert!(plans[0].most_windows() <= 1 + limit || cell_count(&plans) == 256);
         // Over one turn of the cells; whoever stands in a cell is served at its look.
-        let windows: Vec<Window> = (0..cell_count(&plans))
+        let windows: Vec<DetectorWindow> = (0..cell_count(&plans))
             .flat_map(|pass| plans[0].windows(pass).collect::<Vec<_>>())
             .collect();
         for [u, v] in places {
@@ -132,9 +132,9 @@ fn far_people_are_looked_at_in_tiles_where_they_are() {
     let plans = plan(&[&camera], &field([20.0, 40.0]), INPUT, 100);
     let tiles = &plans[0].cells[0];
     assert!(tiles.len() > 3, "{}", tiles.len());
-    let inside = |w: &Window| w.min_px.iter().all(|&m| m >= 0.0);
+    let inside = |w: &DetectorWindow| w.min_px.iter().all(|&m| m >= 0.0);
     assert!(tiles.iter().all(inside));
-    let ends = tiles.iter().map(Window::max_px);
+    let ends = tiles.iter().map(DetectorWindow::max_px);
     assert!(
         ends.clone()
             .all(|[right, bottom]| right <= 1920.0 + 1e-9 && bottom <= 1200.0 + 1e-9)
