@@ -33,7 +33,7 @@ box_margin = 1.25
 "#;
 
 /// Each of its maps is the red of the crop, averaged over the pixels of a cell.
-struct Mirror {
+struct EchoNetwork {
     card: HeatmapCard,
     calls: Arc<AtomicUsize>,
 }
@@ -42,14 +42,14 @@ struct Mirror {
 fn mirror() -> (Box<dyn KeypointNetwork>, Arc<AtomicUsize>) {
     let calls = Arc::new(AtomicUsize::new(0));
     let card = HeatmapCard::parse(CARD, Path::new("n.toml")).unwrap();
-    let network = Mirror {
+    let network = EchoNetwork {
         card,
         calls: calls.clone(),
     };
     (Box::new(network), calls)
 }
 
-impl KeypointNetwork for Mirror {
+impl KeypointNetwork for EchoNetwork {
     fn card(&self) -> &HeatmapCard {
         &self.card
     }
