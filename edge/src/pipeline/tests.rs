@@ -379,9 +379,9 @@ fn keypoint_sources_need_no_network_and_are_sighted_as_grouped() {
 
 /// Paints one cell of every map at the middle of the box that it is given.
 #[derive(Debug)]
-struct Painter;
+struct OneCellPainter;
 
-impl MapPainter for Painter {
+impl MapPainter for OneCellPainter {
     fn paint(&self, crop: &MapCrop<'_>, into: &mut Maps) {
         let [x, y] = crop.region.torso_px.map(f64::from);
         let cell = crop.grid.cell(Pixel::new(x, y));
@@ -405,7 +405,7 @@ fn painted_maps_are_asked_for_the_box_at_the_frames_tick() {
     camera_box.rate.center_px = [10.0, 0.0];
     let mut boxes = boxes(&[0, 1], vec![vec![camera_box]]);
     boxes.tick = Tick(36);
-    let frames = [Some(frame(FrameContent::Painted(Arc::new(Painter))))];
+    let frames = [Some(frame(FrameContent::Painted(Arc::new(OneCellPainter))))];
     let output = step(&mut edge, &frames, &boxes).unwrap();
     let patch = patches(&output)[0];
     assert_eq!(
