@@ -1,6 +1,6 @@
 //! The walk over the maps of a patch that both directions take when maps are kept as modes.
 
-use super::body::{Body, FURTHER};
+use super::body::{FURTHER, PeakPredictor};
 use super::contexts::Contexts;
 use super::mode::{MOST_TILTED, Mode, OUTSIDE, STEPS, Scale, WIDEST};
 use super::range_coder::BitCoder;
@@ -14,7 +14,7 @@ const QUARTER_BITS: u32 = (STEPS / 4).ilog2();
 #[derive(Debug, Clone)]
 pub(super) struct Model {
     pub(super) contexts: Contexts,
-    body: Body,
+    body: PeakPredictor,
     last: [i32; 2],
     last_count: usize,
     /// Height and widths of the last mode.
@@ -26,7 +26,7 @@ impl Model {
     pub(super) fn new() -> Self {
         Self {
             contexts: Contexts::new(),
-            body: Body::new(),
+            body: PeakPredictor::new(),
             last: [0; 2],
             last_count: 1,
             last_height: None,
