@@ -42,7 +42,7 @@ impl Grid {
     }
 
     /// Takes what is between a map and what its modes show, in steps; whether any is left.
-    pub(super) fn measure(&mut self, seen: &Seen<'_>, step: u8, scale: &Scale) -> bool {
+    pub(super) fn measure(&mut self, seen: &MapResidual<'_>, step: u8, scale: &Scale) -> bool {
         let step = i16::from(step);
         // A little less than half a step is not worth its bits.
         let given = step * 2 / 5;
@@ -180,7 +180,7 @@ impl Grid {
 }
 
 /// A map beside what its modes show.
-pub(super) struct Seen<'a> {
+pub(super) struct MapResidual<'a> {
     pub(super) cells: &'a [u8],
     pub(super) shown: &'a [u8],
     /// Per row of the map, by how much any cell is off.
@@ -189,7 +189,7 @@ pub(super) struct Seen<'a> {
     pub(super) floor: u8,
 }
 
-impl Seen<'_> {
+impl MapResidual<'_> {
     /// By how much the map is above what is shown.
     fn off(&self, at: usize) -> i16 {
         let (cell, shown) = (self.cells[at], self.shown[at]);

@@ -1,6 +1,6 @@
 //! Which modes explain a map: the highest peak, then the highest of what is left, and so on.
 
-use super::correction::Seen;
+use super::correction::MapResidual;
 use super::fit::Fitter;
 use super::mode::{Mode, Scale};
 use super::recipe::{MAX_MODES, Recipe};
@@ -169,8 +169,8 @@ impl Explained {
     }
 
     /// The map beside what the modes show.
-    pub(super) fn beside<'a>(&'a self, cells: &'a [u8], floor: u8) -> Seen<'a> {
-        Seen {
+    pub(super) fn beside<'a>(&'a self, cells: &'a [u8], floor: u8) -> MapResidual<'a> {
+        MapResidual {
             cells,
             shown: &self.shown,
             off: &self.off,
