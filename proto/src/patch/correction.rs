@@ -15,7 +15,7 @@ const _: () = assert!(ZERO_CLASSES == 20 && SIZE_NODES == MOST_SIZE as usize);
 
 /// The corrections of one map.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Grid {
+pub(super) struct CorrectionGrid {
     /// Cells from one to the next, at least 1.
     pitch: f32,
     /// The cells, along columns and rows, next to the places of the grid.
@@ -28,7 +28,7 @@ pub(super) struct Grid {
     left: Vec<(usize, f32)>,
 }
 
-impl Grid {
+impl CorrectionGrid {
     /// Makes room for maps of `scale`.
     pub(super) fn reset(&mut self, scale: &Scale) {
         self.pitch = scale.cells.max(1.0);
@@ -268,11 +268,11 @@ mod tests {
         contexts.reset();
         let mut reader = Reader::new(&bytes);
         let read = value(&mut reader, &mut contexts.corrections(), 0, [0; 4], 0);
-        let mut grid = Grid {
+        let mut grid = CorrectionGrid {
             pitch: 1.0,
             window: [0..1, 0..1],
             values: vec![read],
-            ..Grid::default()
+            ..CorrectionGrid::default()
         };
         let (mut cells, scale) = (
             [9],

@@ -1,6 +1,6 @@
 //! Bytes to maps.
 
-use super::correction::Grid;
+use super::correction::CorrectionGrid;
 use super::encode::{FLOOR_BITS, LEVEL_BITS, STEP_BITS};
 use super::mode::{Mode, Scale};
 use super::modes;
@@ -15,7 +15,7 @@ use super::{CompressionLevel, EncodedMaps, Maps, PatchError};
 pub struct Decoder {
     exact: walk::Model,
     model: modes::Model,
-    grid: Grid,
+    grid: CorrectionGrid,
     modes: Vec<Mode>,
 }
 
@@ -25,7 +25,7 @@ impl Decoder {
         Self {
             exact: walk::Model::new(),
             model: modes::Model::new(),
-            grid: Grid::default(),
+            grid: CorrectionGrid::default(),
             modes: Vec::new(),
         }
     }

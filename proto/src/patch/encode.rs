@@ -1,6 +1,6 @@
 //! Maps to bytes.
 
-use super::correction::Grid;
+use super::correction::CorrectionGrid;
 use super::explain::{Explained, Explainer};
 use super::mode::{Mode, Scale};
 use super::modes;
@@ -26,7 +26,7 @@ pub struct Encoder {
     explainer: Explainer,
     /// What was found in each map of the patch.
     explained: Vec<Explained>,
-    grid: Grid,
+    grid: CorrectionGrid,
     modes: Vec<Mode>,
     /// Whether every patch begins with what is known beforehand.
     forgets: bool,
@@ -41,7 +41,7 @@ impl Encoder {
             model: modes::Model::new(),
             explainer: Explainer::new(),
             explained: Vec::new(),
-            grid: Grid::default(),
+            grid: CorrectionGrid::default(),
             modes: Vec::new(),
             forgets: true,
         }
