@@ -1,6 +1,6 @@
 //! A peak's place, height and widths from its cells.
 
-use super::mode::{Peak, Scale};
+use super::mode::{FittedPeak, Scale};
 
 /// How far from the highest cell a peak is looked at, units: a little over two of its usual sigmas.
 const REACH: f32 = 4.5;
@@ -47,7 +47,7 @@ impl Fitter {
         explained: &[u8],
         at: [usize; 2],
         scale: &Scale,
-    ) -> Peak {
+    ) -> FittedPeak {
         let first = self.about(cells, explained, at, scale);
         let center = [
             first.at[0].round().max(0.0) as usize,
@@ -62,9 +62,9 @@ impl Fitter {
         }
     }
 
-    fn about(&self, cells: &[u8], explained: &[u8], at: [usize; 2], scale: &Scale) -> Peak {
+    fn about(&self, cells: &[u8], explained: &[u8], at: [usize; 2], scale: &Scale) -> FittedPeak {
         let top = f32::from(cells[at[1] * scale.width + at[0]]);
-        let usual = Peak {
+        let usual = FittedPeak {
             at: at.map(|n| n as f32),
             height: top,
             sigma: [2.05 * scale.cells; 2],
@@ -92,7 +92,7 @@ impl Fitter {
         if x.abs() > reach || y.abs() > reach || sigma.iter().any(|s| *s > 8.0 * scale.cells) {
             return usual;
         }
-        Peak {
+        FittedPeak {
             at: [usual.at[0] + x, usual.at[1] + y],
             height: height.clamp(1.0, (1.15 * top).clamp(1.0, 255.0)),
             sigma,
@@ -233,7 +233,7 @@ mod tests {
             sigma in (1.6f32..3.0, 1.6f32..3.0), correlation in -0.4f32..0.4,
         ) {
             let scale = Scale { width: 48, height: 64, cells: 1.0 };
-            let drawn = Peak { at: [at.0, at.1], height, sigma: [sigma.0, sigma.1], correlation };
+            let drawn = FittedPeak { at: [at.0, at.1], height, sigma: [sigma.0, sigma.1], correlation };
             let mode = Mode::of(&drawn, &scale);
             let mut cells = vec![0; 48 * 64];
             mode.draw(&scale, &mut cells);

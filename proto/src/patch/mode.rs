@@ -63,7 +63,7 @@ pub(super) struct Mode {
 
 /// A peak as it is measured, in cells.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Peak {
+pub(super) struct FittedPeak {
     pub(super) at: [f32; 2],
     pub(super) height: f32,
     pub(super) sigma: [f32; 2],
@@ -72,7 +72,7 @@ pub(super) struct Peak {
 
 impl Mode {
     /// The mode next to a measured peak.
-    pub(super) fn of(peak: &Peak, scale: &Scale) -> Self {
+    pub(super) fn of(peak: &FittedPeak, scale: &Scale) -> Self {
         let last = scale.last();
         let at = [0, 1].map(|i| {
             let at = (peak.at[i] / scale.cells * STEPS as f32).round() as i32;
@@ -232,7 +232,7 @@ mod tests {
 
         #[test]
         fn a_measured_mode_is_the_mode(mode in any_mode()) {
-            let peak = Peak {
+            let peak = FittedPeak {
                 at: mode.center(&SCALE),
                 height: mode.height.into(),
                 sigma: mode.width.map(|width| sigma(width, &SCALE)),
