@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use super::contexts::{Contexts, Corrections, SIZE_CLASSES, SIZE_NODES, ZERO_CLASSES};
-use super::mode::Scale;
+use super::mode::MapScale;
 use super::range_coder::{BitCoder, Probability};
 use super::symbol::number;
 
@@ -30,7 +30,7 @@ pub(super) struct CorrectionGrid {
 
 impl CorrectionGrid {
     /// Makes room for maps of `scale`.
-    pub(super) fn reset(&mut self, scale: &Scale) {
+    pub(super) fn reset(&mut self, scale: &MapScale) {
         self.pitch = scale.cells.max(1.0);
         for (places, size) in self.places.iter_mut().zip([scale.width, scale.height]) {
             let n = ((size - 1) as f32 / self.pitch).ceil() as usize + 1;
@@ -42,7 +42,7 @@ impl CorrectionGrid {
     }
 
     /// Takes what is between a map and what its modes show, in steps; whether any is left.
-    pub(super) fn measure(&mut self, seen: &MapResidual<'_>, step: u8, scale: &Scale) -> bool {
+    pub(super) fn measure(&mut self, seen: &MapResidual<'_>, step: u8, scale: &MapScale) -> bool {
         let step = i16::from(step);
         // A little less than half a step is not worth its bits.
         let given = step * 2 / 5;
@@ -94,7 +94,7 @@ impl CorrectionGrid {
         coder: &mut C,
         contexts: &mut Contexts,
         show: &[u8],
-        scale: &Scale,
+        scale: &MapScale,
     ) {
         for axis in 0..2 {
             let size = whole(self.places[axis].len());
@@ -130,7 +130,7 @@ impl CorrectionGrid {
     }
 
     /// Adds the corrections to the map.
-    pub(super) fn apply(&mut self, cells: &mut [u8], step: u8, scale: &Scale) {
+    pub(super) fn apply(&mut self, cells: &mut [u8], step: u8, scale: &MapScale) {
         let [columns, rows] = self.window.clone();
         let step = i16::from(step);
         if self.pitch > 1.0 {
@@ -144,7 +144,7 @@ impl CorrectionGrid {
         }
     }
 
-    fn interpolate(&mut self, cells: &mut [u8], step: f32, scale: &Scale) {
+    fn interpolate(&mut self, cells: &mut [u8], step: f32, scale: &MapScale) {
         let [columns, rows] = self.window.clone();
         let pitch = self.pitch;
         let reach = |places: &Range<usize>, size: usize| {
@@ -276,7 +276,7 @@ mod tests {
         };
         let (mut cells, scale) = (
             [9],
-            Scale {
+            MapScale {
                 width: 1,
                 height: 1,
                 cells: 1.0,

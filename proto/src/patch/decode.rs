@@ -2,7 +2,7 @@
 
 use super::correction::CorrectionGrid;
 use super::encode::{FLOOR_BITS, LEVEL_BITS, STEP_BITS};
-use super::mode::{Mode, Scale};
+use super::mode::{MapScale, Mode};
 use super::modes;
 use super::range_coder::{BitCoder as _, Reader};
 use super::recipe::{Recipe, STEPS_DOWN};
@@ -76,7 +76,7 @@ impl Decoder {
         recipe: &Recipe,
         into: &mut Maps,
     ) -> Result<(), PatchError> {
-        let scale = Scale::of(into);
+        let scale = MapScale::of(into);
         let rest = STEPS_DOWN[plain(reader, STEP_BITS, 0) as usize % STEPS_DOWN.len()];
         self.model.contexts.reset();
         self.model.begin(into.keypoints(), &scale);

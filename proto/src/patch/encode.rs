@@ -2,7 +2,7 @@
 
 use super::correction::CorrectionGrid;
 use super::explain::{Explained, Explainer};
-use super::mode::{Mode, Scale};
+use super::mode::{MapScale, Mode};
 use super::modes;
 use super::range_coder::{BitCoder as _, Writer};
 use super::recipe::{NO_CORRECTION, Recipe, Rest, STEPS_DOWN};
@@ -149,7 +149,7 @@ impl Encoder {
     }
 
     fn explain(&mut self, maps: &Maps, recipe: &Recipe, further: u8) {
-        let scale = Scale::of(maps);
+        let scale = MapScale::of(maps);
         let n = maps.keypoints();
         self.explained
             .resize_with(n.max(self.explained.len()), Explained::default);
@@ -160,7 +160,7 @@ impl Encoder {
     }
 
     fn write(&mut self, writer: &mut Writer, maps: &Maps, recipe: &Recipe, rest: Rest) {
-        let scale = Scale::of(maps);
+        let scale = MapScale::of(maps);
         if self.forgets {
             self.model.contexts.reset();
         }
@@ -186,7 +186,7 @@ impl Encoder {
     /// The highest peak of each map, fitted: column and row, cells, and height, of 255; `None` where no
     /// cell is above the floor. What is read where only keypoints are sent, for comparisons.
     pub fn peaks(&mut self, maps: &Maps) -> Vec<Option<([f32; 2], f32)>> {
-        let scale = Scale::of(maps);
+        let scale = MapScale::of(maps);
         let Some(mut recipe) = Recipe::of(CompressionLevel::new(1)) else {
             return Vec::new();
         };

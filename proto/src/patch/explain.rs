@@ -2,7 +2,7 @@
 
 use super::correction::MapResidual;
 use super::fit::Fitter;
-use super::mode::{Mode, Scale};
+use super::mode::{MapScale, Mode};
 use super::recipe::{MAX_MODES, Recipe};
 
 /// Finds the modes of maps.
@@ -36,7 +36,7 @@ impl Explainer {
         cells: &[u8],
         recipe: &Recipe,
         further: u8,
-        scale: &Scale,
+        scale: &MapScale,
         into: &mut Explained,
     ) {
         let map = Map {
@@ -57,7 +57,7 @@ struct Map<'a> {
     cells: &'a [u8],
     recipe: &'a Recipe,
     further: u8,
-    scale: &'a Scale,
+    scale: &'a MapScale,
 }
 
 impl Map<'_> {
@@ -150,7 +150,7 @@ impl Map<'_> {
 
 impl Explained {
     /// Draws all modes but one anew.
-    fn draw_all(&mut self, but: Option<usize>, scale: &Scale) {
+    fn draw_all(&mut self, but: Option<usize>, scale: &MapScale) {
         self.shown.fill(0);
         for (i, mode) in self.modes.iter().enumerate() {
             if Some(i) != but {
@@ -159,7 +159,7 @@ impl Explained {
         }
     }
 
-    fn measure(&mut self, cells: &[u8], floor: u8, scale: &Scale) {
+    fn measure(&mut self, cells: &[u8], floor: u8, scale: &MapScale) {
         let rows = cells
             .chunks_exact(scale.width)
             .zip(self.shown.chunks_exact(scale.width));

@@ -1,6 +1,6 @@
 //! A peak's place, height and widths from its cells.
 
-use super::mode::{FittedPeak, Scale};
+use super::mode::{FittedPeak, MapScale};
 
 /// How far from the highest cell a peak is looked at, units: a little over two of its usual sigmas.
 const REACH: f32 = 4.5;
@@ -46,7 +46,7 @@ impl Fitter {
         cells: &[u8],
         explained: &[u8],
         at: [usize; 2],
-        scale: &Scale,
+        scale: &MapScale,
     ) -> FittedPeak {
         let first = self.about(cells, explained, at, scale);
         let center = [
@@ -62,7 +62,13 @@ impl Fitter {
         }
     }
 
-    fn about(&self, cells: &[u8], explained: &[u8], at: [usize; 2], scale: &Scale) -> FittedPeak {
+    fn about(
+        &self,
+        cells: &[u8],
+        explained: &[u8],
+        at: [usize; 2],
+        scale: &MapScale,
+    ) -> FittedPeak {
         let top = f32::from(cells[at[1] * scale.width + at[0]]);
         let usual = FittedPeak {
             at: at.map(|n| n as f32),
@@ -107,7 +113,7 @@ impl Fitter {
         explained: &[u8],
         at: [usize; 2],
         reach: f32,
-        scale: &Scale,
+        scale: &MapScale,
     ) -> Moments {
         let mut moments = Moments::default();
         let stride = (scale.cells as usize).max(1);
@@ -232,7 +238,7 @@ mod tests {
             at in (8.0f32..40.0, 8.0f32..56.0), height in 60.0f32..250.0,
             sigma in (1.6f32..3.0, 1.6f32..3.0), correlation in -0.4f32..0.4,
         ) {
-            let scale = Scale { width: 48, height: 64, cells: 1.0 };
+            let scale = MapScale { width: 48, height: 64, cells: 1.0 };
             let drawn = FittedPeak { at: [at.0, at.1], height, sigma: [sigma.0, sigma.1], correlation };
             let mode = Mode::of(&drawn, &scale);
             let mut cells = vec![0; 48 * 64];

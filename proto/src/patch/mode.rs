@@ -25,14 +25,14 @@ pub(super) const OUTSIDE: i32 = 4;
 
 /// The resolution of maps, in their units.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Scale {
+pub(super) struct MapScale {
     pub(super) width: usize,
     pub(super) height: usize,
     /// Cells to a unit.
     pub(super) cells: f32,
 }
 
-impl Scale {
+impl MapScale {
     pub(super) fn of(maps: &Maps) -> Self {
         let (width, height) = (maps.width(), maps.height());
         Self {
@@ -72,7 +72,7 @@ pub(super) struct FittedPeak {
 
 impl Mode {
     /// The mode next to a measured peak.
-    pub(super) fn of(peak: &FittedPeak, scale: &Scale) -> Self {
+    pub(super) fn of(peak: &FittedPeak, scale: &MapScale) -> Self {
         let last = scale.last();
         let at = [0, 1].map(|i| {
             let at = (peak.at[i] / scale.cells * STEPS as f32).round() as i32;
@@ -92,19 +92,19 @@ impl Mode {
     }
 
     /// Column and row of the centre, cells.
-    pub(super) fn center(&self, scale: &Scale) -> [f32; 2] {
+    pub(super) fn center(&self, scale: &MapScale) -> [f32; 2] {
         self.at.map(|at| at as f32 / STEPS as f32 * scale.cells)
     }
 
     /// The rows that it reaches.
-    pub(super) fn rows(&self, scale: &Scale) -> std::ops::Range<usize> {
+    pub(super) fn rows(&self, scale: &MapScale) -> std::ops::Range<usize> {
         let [_, y] = self.center(scale);
         // Along one axis an ellipse reaches as far as its sigma says, however it is turned.
         span(y, sigma(self.width[1], scale) * REACH2.sqrt(), scale.height)
     }
 
     /// Draws the mode into one map wherever it is higher than what is there.
-    pub(super) fn draw(&self, scale: &Scale, cells: &mut [u8]) {
+    pub(super) fn draw(&self, scale: &MapScale, cells: &mut [u8]) {
         let [sx, sy] = self.width.map(|width| sigma(width, scale));
         let correlation = self.tilt as f32 * CORRELATION;
         let rest = 1.0 - correlation * correlation;
@@ -137,7 +137,7 @@ impl Mode {
 }
 
 /// Sigma of a width, cells.
-fn sigma(width: i32, scale: &Scale) -> f32 {
+fn sigma(width: i32, scale: &MapScale) -> f32 {
     SIGMA * scale.cells * exp2(width as f32 / PER_OCTAVE)
 }
 
@@ -185,7 +185,7 @@ mod tests {
 
     use super::*;
 
-    const SCALE: Scale = Scale {
+    const SCALE: MapScale = MapScale {
         width: 48,
         height: 64,
         cells: 1.0,

@@ -2,7 +2,7 @@
 
 use super::body::{FURTHER, PeakPredictor};
 use super::contexts::Contexts;
-use super::mode::{MOST_TILTED, Mode, OUTSIDE, STEPS, Scale, WIDEST};
+use super::mode::{MOST_TILTED, MapScale, Mode, OUTSIDE, STEPS, WIDEST};
 use super::range_coder::BitCoder;
 use super::recipe::{MAX_MODES, Recipe};
 use super::symbol::{count, number, plain, tree};
@@ -35,7 +35,7 @@ impl Model {
     }
 
     /// Forgets the maps before, but not the contexts, ahead of so many maps of this size.
-    pub(super) fn begin(&mut self, keypoints: usize, scale: &Scale) {
+    pub(super) fn begin(&mut self, keypoints: usize, scale: &MapScale) {
         self.last = scale.last();
         self.body.reset(keypoints, self.last);
         self.last_count = 1;
