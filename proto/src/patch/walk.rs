@@ -44,7 +44,7 @@ const ERROR_CLASSES: usize = 4;
 
 /// Where a row begins and ends: first and last cell that is not zero.
 #[derive(Debug, Clone, Copy)]
-struct Span {
+struct RowSpan {
     start: usize,
     end: usize,
 }
@@ -111,7 +111,7 @@ impl Model {
                 .rows
                 .code(coder, last.saturating_sub(first), height - 1 - first);
         self.errors.fill(0);
-        let mut above: Option<(Span, Ordering)> = None;
+        let mut above: Option<(RowSpan, Ordering)> = None;
         let mut row_above_empty = false;
         for y in first..=last {
             let inner = y != first && y != last;
@@ -129,7 +129,7 @@ impl Model {
             let known = if C::WRITES {
                 span_of(row)
             } else {
-                Span { start: 0, end: 0 }
+                RowSpan { start: 0, end: 0 }
             };
             let (span, drift) = self.span(coder, known, above, width);
             if above.is_none() {
@@ -144,10 +144,10 @@ impl Model {
     fn span<C: BitCoder>(
         &mut self,
         coder: &mut C,
-        known: Span,
-        above: Option<(Span, Ordering)>,
+        known: RowSpan,
+        above: Option<(RowSpan, Ordering)>,
         width: usize,
-    ) -> (Span, Ordering) {
+    ) -> (RowSpan, Ordering) {
         let Some((before, drift)) = above else {
             let start = self
                 .first_start
@@ -156,14 +156,14 @@ impl Model {
                 + self
                     .first_width
                     .code(coder, known.end.saturating_sub(start), width - 1 - start);
-            return (Span { start, end }, Ordering::Less);
+            return (RowSpan { start, end }, Ordering::Less);
         };
         let start = self.start[class_of(drift)].near(coder, known.start, before.start, width - 1);
         let moved = start.cmp(&before.start);
         let end =
             self.end[class_of(moved)].near(coder, known.end.max(start), before.end, width - 1);
         (
-            Span {
+            RowSpan {
                 start,
                 end: end.max(start),
             },
@@ -177,7 +177,7 @@ impl Model {
         coder: &mut C,
         shape: Shape,
         y: usize,
-        span: Span,
+        span: RowSpan,
         cells: &mut [u8],
     ) {
         let (above, rest) = cells.split_at_mut(y * shape.width);
@@ -208,9 +208,9 @@ impl Model {
     }
 }
 
-fn span_of(row: &[u8]) -> Span {
+fn span_of(row: &[u8]) -> RowSpan {
     let start = row.iter().position(|&c| c != 0).unwrap_or(0);
-    Span {
+    RowSpan {
         start,
         end: row.iter().rposition(|&c| c != 0).unwrap_or(start),
     }
