@@ -255,7 +255,7 @@ fn value<C: BitCoder>(
 
 #[cfg(test)]
 mod tests {
-    use super::super::range_coder::{Reader, Writer};
+    use super::super::range_coder::{BitReader, Writer};
     use super::*;
 
     #[test]
@@ -266,7 +266,7 @@ mod tests {
         value(&mut writer, &mut contexts.corrections(), 1036, [0; 4], 0);
         let bytes = writer.finish();
         contexts.reset();
-        let mut reader = Reader::new(&bytes);
+        let mut reader = BitReader::new(&bytes);
         let read = value(&mut reader, &mut contexts.corrections(), 0, [0; 4], 0);
         let mut grid = CorrectionGrid {
             pitch: 1.0,

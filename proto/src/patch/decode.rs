@@ -4,7 +4,7 @@ use super::correction::CorrectionGrid;
 use super::encode::{FLOOR_BITS, LEVEL_BITS, STEP_BITS};
 use super::mode::{MapScale, Mode};
 use super::modes;
-use super::range_coder::{BitCoder as _, Reader};
+use super::range_coder::{BitCoder as _, BitReader};
 use super::recipe::{Recipe, STEPS_DOWN};
 use super::symbol::plain;
 use super::walk::{self, Shape};
@@ -43,7 +43,7 @@ impl Decoder {
             encoded.height.into(),
             encoded.keypoints.into(),
         );
-        let mut reader = Reader::new(&encoded.bytes);
+        let mut reader = BitReader::new(&encoded.bytes);
         let level = plain(&mut reader, LEVEL_BITS, 0) as u8;
         match Recipe::of(CompressionLevel::new(level)) {
             None => self.exact(&mut reader, into),
@@ -55,7 +55,7 @@ impl Decoder {
         }
     }
 
-    fn exact(&mut self, reader: &mut Reader<'_>, into: &mut Maps) -> Result<(), PatchError> {
+    fn exact(&mut self, reader: &mut BitReader<'_>, into: &mut Maps) -> Result<(), PatchError> {
         let floor = plain(reader, FLOOR_BITS, 0) as u8;
         let shape = Shape {
             width: into.width(),
@@ -72,7 +72,7 @@ impl Decoder {
 
     fn modes(
         &mut self,
-        reader: &mut Reader<'_>,
+        reader: &mut BitReader<'_>,
         recipe: &Recipe,
         into: &mut Maps,
     ) -> Result<(), PatchError> {
@@ -100,7 +100,7 @@ impl Decoder {
 }
 
 /// Refuses to go on past the end of the bytes.
-fn within(reader: &Reader<'_>, keypoint: usize) -> Result<(), PatchError> {
+fn within(reader: &BitReader<'_>, keypoint: usize) -> Result<(), PatchError> {
     if reader.is_past_end() {
         Err(PatchError::TooShort { keypoint })
     } else {

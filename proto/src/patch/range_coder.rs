@@ -169,14 +169,14 @@ impl BitCoder for Writer {
 
 /// Bytes to bits; past their end it reads zeros, and says so afterwards.
 #[derive(Debug, Clone)]
-pub(super) struct Reader<'a> {
+pub(super) struct BitReader<'a> {
     bytes: &'a [u8],
     read: usize,
     code: u32,
     range: u32,
 }
 
-impl<'a> Reader<'a> {
+impl<'a> BitReader<'a> {
     pub(super) fn new(bytes: &'a [u8]) -> Self {
         let mut reader = Self {
             bytes,
@@ -205,7 +205,7 @@ impl<'a> Reader<'a> {
     }
 }
 
-impl BitCoder for Reader<'_> {
+impl BitCoder for BitReader<'_> {
     const WRITES: bool = false;
 
     #[inline]
@@ -247,7 +247,7 @@ mod tests {
     fn check(bits: &[bool], contexts: usize) {
         let bytes = written(bits, contexts);
         let mut probabilities = vec![Probability::even(); contexts];
-        let mut reader = Reader::new(&bytes);
+        let mut reader = BitReader::new(&bytes);
         for (i, &bit) in bits.iter().enumerate() {
             assert_eq!(
                 reader.code(false, &mut probabilities[i % contexts]),

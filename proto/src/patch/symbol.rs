@@ -78,7 +78,7 @@ pub(super) fn count<C: BitCoder>(
 mod tests {
     use proptest::prelude::*;
 
-    use super::super::range_coder::{Reader, Writer};
+    use super::super::range_coder::{BitReader, Writer};
     use super::*;
 
     /// Everything that `code` codes comes back, and the contexts of both sides stay the same.
@@ -94,7 +94,7 @@ mod tests {
         }
         let bytes = writer.finish();
         let mut contexts = vec![Probability::even(); n_contexts];
-        let mut reader = Reader::new(&bytes);
+        let mut reader = BitReader::new(&bytes);
         for &value in values {
             assert_eq!(code(&mut reader, &mut contexts, T::default()), value);
         }
