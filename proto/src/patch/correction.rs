@@ -255,14 +255,14 @@ fn value<C: BitCoder>(
 
 #[cfg(test)]
 mod tests {
-    use super::super::range_coder::{BitReader, Writer};
+    use super::super::range_coder::{BitReader, BitWriter};
     use super::*;
 
     #[test]
     fn no_bytes_correct_a_cell_by_more_than_a_cell_can_be_off() {
         let mut contexts = Contexts::new();
         contexts.reset();
-        let mut writer = Writer::new(Vec::new());
+        let mut writer = BitWriter::new(Vec::new());
         value(&mut writer, &mut contexts.corrections(), 1036, [0; 4], 0);
         let bytes = writer.finish();
         contexts.reset();

@@ -4,7 +4,7 @@ use super::correction::CorrectionGrid;
 use super::explain::{Explained, Explainer};
 use super::mode::{MapScale, Mode};
 use super::modes;
-use super::range_coder::{BitCoder as _, Writer};
+use super::range_coder::{BitCoder as _, BitWriter};
 use super::recipe::{NO_CORRECTION, Recipe, Rest, STEPS_DOWN};
 use super::symbol::plain;
 use super::walk::{self, Shape};
@@ -101,7 +101,7 @@ impl Encoder {
             height: maps.height(),
             floor,
         };
-        let mut writer = Writer::new(std::mem::take(bytes));
+        let mut writer = BitWriter::new(std::mem::take(bytes));
         plain(
             &mut writer,
             LEVEL_BITS,
@@ -135,7 +135,7 @@ impl Encoder {
                 explained_from = Some(further);
             }
             bytes.clear();
-            let mut writer = Writer::new(std::mem::take(bytes));
+            let mut writer = BitWriter::new(std::mem::take(bytes));
             plain(&mut writer, LEVEL_BITS, level.number().into());
             plain(&mut writer, STEP_BITS, down as u32);
             self.write(&mut writer, maps, recipe, STEPS_DOWN[down]);
@@ -159,7 +159,7 @@ impl Encoder {
         }
     }
 
-    fn write(&mut self, writer: &mut Writer, maps: &Maps, recipe: &Recipe, rest: Rest) {
+    fn write(&mut self, writer: &mut BitWriter, maps: &Maps, recipe: &Recipe, rest: Rest) {
         let scale = MapScale::of(maps);
         if self.forgets {
             self.model.contexts.reset();

@@ -97,7 +97,7 @@ pub(super) trait BitCoder {
 
 /// Bits to bytes.
 #[derive(Debug, Clone)]
-pub(super) struct Writer {
+pub(super) struct BitWriter {
     /// Start of the current range; bit 32 is a carry.
     low: u64,
     range: u32,
@@ -108,7 +108,7 @@ pub(super) struct Writer {
     bytes: Vec<u8>,
 }
 
-impl Writer {
+impl BitWriter {
     /// Writes to the end of `bytes`.
     pub(super) fn new(bytes: Vec<u8>) -> Self {
         Self {
@@ -147,7 +147,7 @@ impl Writer {
     }
 }
 
-impl BitCoder for Writer {
+impl BitCoder for BitWriter {
     const WRITES: bool = true;
 
     fn code(&mut self, bit: bool, probability: &mut Probability) -> bool {
@@ -237,7 +237,7 @@ mod tests {
 
     fn written(bits: &[bool], contexts: usize) -> Vec<u8> {
         let mut probabilities = vec![Probability::even(); contexts];
-        let mut writer = Writer::new(Vec::new());
+        let mut writer = BitWriter::new(Vec::new());
         for (i, &bit) in bits.iter().enumerate() {
             writer.code(bit, &mut probabilities[i % contexts]);
         }

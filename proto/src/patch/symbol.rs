@@ -78,7 +78,7 @@ pub(super) fn count<C: BitCoder>(
 mod tests {
     use proptest::prelude::*;
 
-    use super::super::range_coder::{BitReader, Writer};
+    use super::super::range_coder::{BitReader, BitWriter};
     use super::*;
 
     /// Everything that `code` codes comes back, and the contexts of both sides stay the same.
@@ -88,7 +88,7 @@ mod tests {
         code: impl Fn(&mut dyn AnyCoder, &mut [Probability], T) -> T,
     ) {
         let mut contexts = vec![Probability::even(); n_contexts];
-        let mut writer = Writer::new(Vec::new());
+        let mut writer = BitWriter::new(Vec::new());
         for &value in values {
             assert_eq!(code(&mut writer, &mut contexts, value), value);
         }
