@@ -13,8 +13,8 @@ use super::{CompressionLevel, EncodedMaps, Maps, PatchError};
 /// Turns bytes back into maps; keeps its memory from patch to patch.
 #[derive(Debug, Clone)]
 pub struct Decoder {
-    exact: walk::Model,
-    model: modes::Model,
+    exact: walk::LosslessCoder,
+    model: modes::ModeCoder,
     grid: CorrectionGrid,
     modes: Vec<Mode>,
 }
@@ -23,8 +23,8 @@ impl Decoder {
     /// A new decoder.
     pub fn new() -> Self {
         Self {
-            exact: walk::Model::new(),
-            model: modes::Model::new(),
+            exact: walk::LosslessCoder::new(),
+            model: modes::ModeCoder::new(),
             grid: CorrectionGrid::default(),
             modes: Vec::new(),
         }

@@ -19,10 +19,10 @@ pub(super) const STEP_BITS: u32 = 4;
 /// Turns maps into bytes; keeps its memory from patch to patch.
 #[derive(Debug, Clone)]
 pub struct Encoder {
-    exact: walk::Model,
+    exact: walk::LosslessCoder,
     /// One map, cells below the floor cleared.
     kept: Vec<u8>,
-    model: modes::Model,
+    model: modes::ModeCoder,
     explainer: Explainer,
     /// What was found in each map of the patch.
     explained: Vec<Explained>,
@@ -36,9 +36,9 @@ impl Encoder {
     /// A new encoder.
     pub fn new() -> Self {
         Self {
-            exact: walk::Model::new(),
+            exact: walk::LosslessCoder::new(),
             kept: Vec::new(),
-            model: modes::Model::new(),
+            model: modes::ModeCoder::new(),
             explainer: Explainer::new(),
             explained: Vec::new(),
             grid: CorrectionGrid::default(),

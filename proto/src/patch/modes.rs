@@ -12,7 +12,7 @@ const QUARTER_BITS: u32 = (STEPS / 4).ilog2();
 
 /// What has been learnt in the patch so far.
 #[derive(Debug, Clone)]
-pub(super) struct Model {
+pub(super) struct ModeCoder {
     pub(super) contexts: Contexts,
     body: PeakPredictor,
     last: [i32; 2],
@@ -22,7 +22,7 @@ pub(super) struct Model {
     last_widths: [i32; 3],
 }
 
-impl Model {
+impl ModeCoder {
     pub(super) fn new() -> Self {
         Self {
             contexts: Contexts::new(),

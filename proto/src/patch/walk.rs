@@ -22,7 +22,7 @@ pub(super) struct Shape {
 
 /// What has been learnt in the patch so far.
 #[derive(Debug, Clone)]
-pub(super) struct Model {
+pub(super) struct LosslessCoder {
     empty_map: [Probability; 2],
     empty_row: [Probability; 2],
     first_row: Signed,
@@ -49,7 +49,7 @@ struct RowSpan {
     end: usize,
 }
 
-impl Model {
+impl LosslessCoder {
     /// Nothing learnt yet, for maps of `shape`.
     pub(super) fn new() -> Self {
         let even = Probability::even();
