@@ -1,20 +1,21 @@
 //! Bytes to maps.
 
-use super::correction::CorrectionGrid;
+use super::compression_level::CompressionLevel;
 use super::encode::{FLOOR_BITS, LEVEL_BITS, STEP_BITS};
-use super::mode::{MapScale, Mode};
-use super::modes;
-use super::range_coder::{BitCoder as _, BitReader};
-use super::recipe::{Recipe, STEPS_DOWN};
-use super::symbol::plain;
-use super::walk::{self, Shape};
-use super::{CompressionLevel, EncodedMaps, Maps, PatchError};
+use super::entropy::range_coder::{BitCoder as _, BitReader};
+use super::entropy::symbol::plain;
+use super::gaussian::correction::CorrectionGrid;
+use super::gaussian::mode::{MapScale, Mode};
+use super::gaussian::mode_coder;
+use super::gaussian::recipe::{Recipe, STEPS_DOWN};
+use super::lossless::{self, Shape};
+use super::maps::{EncodedMaps, Maps, PatchError};
 
 /// Turns bytes back into maps; keeps its memory from patch to patch.
 #[derive(Debug, Clone)]
 pub struct Decoder {
-    exact: walk::LosslessCoder,
-    model: modes::ModeCoder,
+    exact: lossless::LosslessCoder,
+    model: mode_coder::ModeCoder,
     grid: CorrectionGrid,
     modes: Vec<Mode>,
 }
@@ -23,8 +24,8 @@ impl Decoder {
     /// A new decoder.
     pub fn new() -> Self {
         Self {
-            exact: walk::LosslessCoder::new(),
-            model: modes::ModeCoder::new(),
+            exact: lossless::LosslessCoder::new(),
+            model: mode_coder::ModeCoder::new(),
             grid: CorrectionGrid::default(),
             modes: Vec::new(),
         }

@@ -1,14 +1,15 @@
 //! Maps to bytes.
 
-use super::correction::CorrectionGrid;
-use super::explain::{Explained, Explainer};
-use super::mode::{MapScale, Mode};
-use super::modes;
-use super::range_coder::{BitCoder as _, BitWriter};
-use super::recipe::{NO_CORRECTION, Recipe, Rest, STEPS_DOWN};
-use super::symbol::plain;
-use super::walk::{self, Shape};
-use super::{CompressionLevel, EncodedMaps, FLOOR, Maps};
+use super::compression_level::{CompressionLevel, FLOOR};
+use super::entropy::range_coder::{BitCoder as _, BitWriter};
+use super::entropy::symbol::plain;
+use super::gaussian::correction::CorrectionGrid;
+use super::gaussian::explain::{Explained, Explainer};
+use super::gaussian::mode::{MapScale, Mode};
+use super::gaussian::mode_coder;
+use super::gaussian::recipe::{NO_CORRECTION, Recipe, Rest, STEPS_DOWN};
+use super::lossless::{self, Shape};
+use super::maps::{EncodedMaps, Maps};
 
 /// Bits of the compression level at the head of a patch, and of the floor after that of lossless ones.
 pub(super) const LEVEL_BITS: u32 = 4;
@@ -19,10 +20,10 @@ pub(super) const STEP_BITS: u32 = 4;
 /// Turns maps into bytes; keeps its memory from patch to patch.
 #[derive(Debug, Clone)]
 pub struct Encoder {
-    exact: walk::LosslessCoder,
+    exact: lossless::LosslessCoder,
     /// One map, cells below the floor cleared.
     kept: Vec<u8>,
-    model: modes::ModeCoder,
+    model: mode_coder::ModeCoder,
     explainer: Explainer,
     /// What was found in each map of the patch.
     explained: Vec<Explained>,
@@ -36,9 +37,9 @@ impl Encoder {
     /// A new encoder.
     pub fn new() -> Self {
         Self {
-            exact: walk::LosslessCoder::new(),
+            exact: lossless::LosslessCoder::new(),
             kept: Vec::new(),
-            model: modes::ModeCoder::new(),
+            model: mode_coder::ModeCoder::new(),
             explainer: Explainer::new(),
             explained: Vec::new(),
             grid: CorrectionGrid::default(),

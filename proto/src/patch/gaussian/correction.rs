@@ -4,8 +4,8 @@ use std::ops::Range;
 
 use super::contexts::{Contexts, Corrections, SIZE_CLASSES, SIZE_NODES, ZERO_CLASSES};
 use super::mode::MapScale;
-use super::range_coder::{BitCoder, Probability};
-use super::symbol::number;
+use crate::patch::entropy::range_coder::{BitCoder, Probability};
+use crate::patch::entropy::symbol::number;
 
 /// Sides of the window are mostly near this.
 const USUAL: i32 = 8;
@@ -15,7 +15,7 @@ const _: () = assert!(ZERO_CLASSES == 20 && SIZE_NODES == MOST_SIZE as usize);
 
 /// The corrections of one map.
 #[derive(Debug, Clone, Default)]
-pub(super) struct CorrectionGrid {
+pub(in crate::patch) struct CorrectionGrid {
     /// Cells from one to the next, at least 1.
     pitch: f32,
     /// The cells, along columns and rows, next to the places of the grid.
@@ -30,7 +30,7 @@ pub(super) struct CorrectionGrid {
 
 impl CorrectionGrid {
     /// Makes room for maps of `scale`.
-    pub(super) fn reset(&mut self, scale: &MapScale) {
+    pub(in crate::patch) fn reset(&mut self, scale: &MapScale) {
         self.pitch = scale.cells.max(1.0);
         for (places, size) in self.places.iter_mut().zip([scale.width, scale.height]) {
             let n = ((size - 1) as f32 / self.pitch).ceil() as usize + 1;
@@ -42,7 +42,12 @@ impl CorrectionGrid {
     }
 
     /// Takes what is between a map and what its modes show, in steps; whether any is left.
-    pub(super) fn measure(&mut self, seen: &MapResidual<'_>, step: u8, scale: &MapScale) -> bool {
+    pub(in crate::patch) fn measure(
+        &mut self,
+        seen: &MapResidual<'_>,
+        step: u8,
+        scale: &MapScale,
+    ) -> bool {
         let step = i16::from(step);
         // A little less than half a step is not worth its bits.
         let given = step * 2 / 5;
@@ -89,7 +94,7 @@ impl CorrectionGrid {
     }
 
     /// Codes the corrections; `show` is what the modes show.
-    pub(super) fn code<C: BitCoder>(
+    pub(in crate::patch) fn code<C: BitCoder>(
         &mut self,
         coder: &mut C,
         contexts: &mut Contexts,
@@ -130,7 +135,7 @@ impl CorrectionGrid {
     }
 
     /// Adds the corrections to the map.
-    pub(super) fn apply(&mut self, cells: &mut [u8], step: u8, scale: &MapScale) {
+    pub(in crate::patch) fn apply(&mut self, cells: &mut [u8], step: u8, scale: &MapScale) {
         let [columns, rows] = self.window.clone();
         let step = i16::from(step);
         if self.pitch > 1.0 {
@@ -180,13 +185,13 @@ impl CorrectionGrid {
 }
 
 /// A map beside what its modes show.
-pub(super) struct MapResidual<'a> {
-    pub(super) cells: &'a [u8],
-    pub(super) shown: &'a [u8],
+pub(in crate::patch) struct MapResidual<'a> {
+    pub(in crate::patch) cells: &'a [u8],
+    pub(in crate::patch) shown: &'a [u8],
     /// Per row of the map, by how much any cell is off.
-    pub(super) off: &'a [u8],
+    pub(in crate::patch) off: &'a [u8],
     /// Cells below are as good as zero, where nothing is shown either.
-    pub(super) floor: u8,
+    pub(in crate::patch) floor: u8,
 }
 
 impl MapResidual<'_> {
@@ -245,7 +250,7 @@ fn value<C: BitCoder>(
     }
     if coded > MOST_SIZE {
         // No context is worth its place for what hardly ever happens.
-        let mut even = [Probability::even(); super::symbol::NUMBER];
+        let mut even = [Probability::even(); crate::patch::entropy::symbol::NUMBER];
         coded += number(coder, &mut even, size - coded).abs();
     }
     // No cell is off by more; what strangers' bytes say beyond would not fit once it is multiplied.
@@ -255,8 +260,8 @@ fn value<C: BitCoder>(
 
 #[cfg(test)]
 mod tests {
-    use super::super::range_coder::{BitReader, BitWriter};
     use super::*;
+    use crate::patch::entropy::range_coder::{BitReader, BitWriter};
 
     #[test]
     fn no_bytes_correct_a_cell_by_more_than_a_cell_can_be_off() {

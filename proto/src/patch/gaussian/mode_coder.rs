@@ -1,19 +1,19 @@
 //! The walk over the maps of a patch that both directions take when maps are kept as modes.
 
-use super::body::{FURTHER, PeakPredictor};
 use super::contexts::Contexts;
 use super::mode::{MOST_TILTED, MapScale, Mode, OUTSIDE, STEPS, WIDEST};
-use super::range_coder::BitCoder;
+use super::peak_predictor::{FURTHER, PeakPredictor};
 use super::recipe::{MAX_MODES, Recipe};
-use super::symbol::{count, number, plain, tree};
+use crate::patch::entropy::range_coder::BitCoder;
+use crate::patch::entropy::symbol::{count, number, plain, tree};
 
 /// Positions are coded in quarters of a unit with contexts; what is finer is as good as random.
 const QUARTER_BITS: u32 = (STEPS / 4).ilog2();
 
 /// What has been learnt in the patch so far.
 #[derive(Debug, Clone)]
-pub(super) struct ModeCoder {
-    pub(super) contexts: Contexts,
+pub(in crate::patch) struct ModeCoder {
+    pub(in crate::patch) contexts: Contexts,
     body: PeakPredictor,
     last: [i32; 2],
     last_count: usize,
@@ -23,7 +23,7 @@ pub(super) struct ModeCoder {
 }
 
 impl ModeCoder {
-    pub(super) fn new() -> Self {
+    pub(in crate::patch) fn new() -> Self {
         Self {
             contexts: Contexts::new(),
             body: PeakPredictor::new(),
@@ -35,7 +35,7 @@ impl ModeCoder {
     }
 
     /// Forgets the maps before, but not the contexts, ahead of so many maps of this size.
-    pub(super) fn begin(&mut self, keypoints: usize, scale: &MapScale) {
+    pub(in crate::patch) fn begin(&mut self, keypoints: usize, scale: &MapScale) {
         self.last = scale.last();
         self.body.reset(keypoints, self.last);
         self.last_count = 1;
@@ -44,7 +44,7 @@ impl ModeCoder {
     }
 
     /// Codes the modes of the next map: `modes` are written, or filled.
-    pub(super) fn modes<C: BitCoder>(
+    pub(in crate::patch) fn modes<C: BitCoder>(
         &mut self,
         coder: &mut C,
         recipe: &Recipe,

@@ -15,7 +15,7 @@ const MOST_COLUMNS: usize = 20;
 
 /// Fits Gaussians; holds a table of logarithms.
 #[derive(Debug, Clone)]
-pub(super) struct Fitter {
+pub(in crate::patch) struct Fitter {
     /// Natural logarithm of every cell's value; that of 0 is 0.
     logarithms: [f32; 256],
 }
@@ -28,7 +28,7 @@ struct Moments {
 }
 
 impl Fitter {
-    pub(super) fn new() -> Self {
+    pub(in crate::patch) fn new() -> Self {
         let mut logarithms = [0.0; 256];
         for (value, logarithm) in logarithms.iter_mut().enumerate().skip(1) {
             *logarithm = (value as f32).ln();
@@ -41,7 +41,7 @@ impl Fitter {
     ///
     /// Least squares of the logarithm, which is a parabola, weighted by the squared cells: near the
     /// top those are the least squares of the cells.
-    pub(super) fn peak(
+    pub(in crate::patch) fn peak(
         &self,
         cells: &[u8],
         explained: &[u8],
@@ -229,8 +229,8 @@ fn solve(mut a: [[f64; 6]; 6], mut b: [f64; 6]) -> Option<[f64; 6]> {
 mod tests {
     use proptest::prelude::*;
 
-    use super::super::mode::Mode;
     use super::*;
+    use crate::patch::gaussian::mode::Mode;
 
     proptest! {
         #[test]

@@ -6,23 +6,25 @@
 //! product of a column and a row, which every upright Gaussian is; what is coded is the difference,
 //! in contexts of how wrong the neighbours' expectations were.
 
+mod around;
+
 use std::cmp::Ordering;
 
-use super::around::Around;
-use super::range_coder::{BitCoder, Probability};
+use self::around::Around;
+use super::entropy::range_coder::{BitCoder, Probability};
 
 /// Sides of a map: what both directions know beforehand.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Shape {
-    pub(super) width: usize,
-    pub(super) height: usize,
+pub(in crate::patch) struct Shape {
+    pub(in crate::patch) width: usize,
+    pub(in crate::patch) height: usize,
     /// Least cell that is not zero, at least 1.
-    pub(super) floor: u8,
+    pub(in crate::patch) floor: u8,
 }
 
 /// What has been learnt in the patch so far.
 #[derive(Debug, Clone)]
-pub(super) struct LosslessCoder {
+pub(in crate::patch) struct LosslessCoder {
     empty_map: [Probability; 2],
     empty_row: [Probability; 2],
     first_row: Signed,
@@ -51,7 +53,7 @@ struct RowSpan {
 
 impl LosslessCoder {
     /// Nothing learnt yet, for maps of `shape`.
-    pub(super) fn new() -> Self {
+    pub(in crate::patch) fn new() -> Self {
         let even = Probability::even();
         Self {
             empty_map: [even; 2],
@@ -71,7 +73,7 @@ impl LosslessCoder {
     }
 
     /// Forgets everything, keeping memory.
-    pub(super) fn reset(&mut self, width: usize, height: usize) {
+    pub(in crate::patch) fn reset(&mut self, width: usize, height: usize) {
         let mut errors = std::mem::take(&mut self.errors);
         errors.clear();
         errors.resize(width, 0);
@@ -83,7 +85,12 @@ impl LosslessCoder {
     }
 
     /// Codes one map: `cells` are read, or written over zeros.
-    pub(super) fn map<C: BitCoder>(&mut self, coder: &mut C, shape: Shape, cells: &mut [u8]) {
+    pub(in crate::patch) fn map<C: BitCoder>(
+        &mut self,
+        coder: &mut C,
+        shape: Shape,
+        cells: &mut [u8],
+    ) {
         let Shape { width, height, .. } = shape;
         let is_empty = |cells: &[u8]| cells.iter().fold(0, |any, &c| any | c) == 0;
         let empty_rows =

@@ -7,15 +7,15 @@ use super::recipe::{MAX_MODES, Recipe};
 
 /// Finds the modes of maps.
 #[derive(Debug, Clone)]
-pub(super) struct Explainer {
+pub(in crate::patch) struct Explainer {
     fitter: Fitter,
 }
 
 /// What was found in one map; used again from map to map.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Explained {
+pub(in crate::patch) struct Explained {
     /// The modes, as they were found.
-    pub(super) modes: Vec<Mode>,
+    pub(in crate::patch) modes: Vec<Mode>,
     /// What they show, as the decoder draws them.
     shown: Vec<u8>,
     /// Per row: by how much any cell is off.
@@ -23,7 +23,7 @@ pub(super) struct Explained {
 }
 
 impl Explainer {
-    pub(super) fn new() -> Self {
+    pub(in crate::patch) fn new() -> Self {
         Self {
             fitter: Fitter::new(),
         }
@@ -31,7 +31,7 @@ impl Explainer {
 
     /// Explains a map of `scale` as finely as `recipe` says; its modes after the first are at least
     /// `further` high.
-    pub(super) fn explain(
+    pub(in crate::patch) fn explain(
         &self,
         cells: &[u8],
         recipe: &Recipe,
@@ -169,7 +169,7 @@ impl Explained {
     }
 
     /// The map beside what the modes show.
-    pub(super) fn beside<'a>(&'a self, cells: &'a [u8], floor: u8) -> MapResidual<'a> {
+    pub(in crate::patch) fn beside<'a>(&'a self, cells: &'a [u8], floor: u8) -> MapResidual<'a> {
         MapResidual {
             cells,
             shown: &self.shown,
