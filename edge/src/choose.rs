@@ -1,8 +1,7 @@
-//! Which camera of the viewpoint looks at a person: step 3 of a tick, paper eq. (5) made better.
+//! Camera choice: which camera of the viewpoint a person's crop is cut from (Ohashi 2020, eq. (5), extended).
 //!
-//! Works on boxes in undistorted pixels that were already moved on to the tick of the pictures. Cameras
-//! without a picture at this tick are not offered by the caller, so a dead camera is replaced
-//! within the tick. Nothing here looks at pixels.
+//! Works on boxes in undistorted pixels that were already moved on to the tick of the pictures. The caller leaves out
+//! cameras without a picture at this tick, so a dead camera is replaced within the tick. No pixel is read here.
 
 use farfield_proto::bounding_box::BoundingBox;
 use farfield_proto::camera::CameraModel;
@@ -13,8 +12,8 @@ use farfield_proto::venue::parameters::CameraChoice;
 /// Samples per side of a box that are tested for being inside the image.
 const SAMPLES_PER_SIDE: usize = 8;
 
-/// Share of a box inside the image below which a camera does not see the person: a strip this thin
-/// holds no limb, only chances to be wrong.
+/// Share of a box inside the image below which a camera does not see the person: so thin a strip holds no whole
+/// limb.
 const MIN_INSIDE: f64 = 0.06;
 
 /// Pixels on the person (root of the box's area) from which more do not help: a crop of a common
@@ -59,14 +58,15 @@ impl CameraCandidate<'_> {
         (recorded - nalgebra::Vector2::new((width - 1.0) / 2.0, (height - 1.0) / 2.0)).norm()
     }
 
-    /// What the camera is worth for the person, above 0; `None` when it does not see the person.
+    /// Score of the camera for the person, above 0, no unit; `None` when it does not see the person.
     ///
     /// ```text
     ///   inside^2  min(1, pixels / enough)^(1/2)  exp(-r^2 / 2),   r: distance / half the diagonal
     /// ```
     ///
-    /// The part inside decides first: what is outside cannot be made up for. Then resolution, then
-    /// the paper's distance, relative to the image so that wide and tele lenses compare.
+    /// The share inside the image weighs most, as nothing replaces what is outside; then resolution (root of the box's
+    /// area, pixels); then the distance of eq. (5), relative to the image so that wide and tele lenses compare. The
+    /// weights are our own.
     fn worth(&self) -> Option<f64> {
         let inside = self.inside();
         if inside < MIN_INSIDE {

@@ -1,5 +1,4 @@
-//! People found in whole pictures, by a detector of an ONNX file: where boxes come from before
-//! fusion has any.
+//! Person detection by an ONNX detector: how people are found before fusion has boxes for them.
 //!
 //! Two output layouts are read: YOLOX's raw grid, whose overlapping boxes are thinned out here,
 //! and RTMDet's finished detections.
@@ -14,8 +13,8 @@ use crate::inference::{Detection, DetectorInput, DetectorWindow, NetworkError, P
 use crate::network::{Contract, OnnxModel, TensorAxis, read_card};
 use crate::tiles::thinned_out;
 
-/// Least confidence of a detection. Low: fusion asks for a second viewpoint and several keypoints
-/// before it believes in a person.
+/// Least confidence of a detection, 0 to 1. Low, because fusion requires a second viewpoint and several keypoints before
+/// it initiates a track.
 const MIN_SCORE: f32 = 0.3;
 
 /// Strides of YOLOX's three grids, input pixels.

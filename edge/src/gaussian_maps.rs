@@ -1,8 +1,8 @@
 //! Maps drawn from 2D candidates: how recordings that exist only as keypoints are fused.
 //!
-//! Every candidate of a keypoint in the picture is drawn, whosever it is, as a network would see
-//! it: a Gaussian of the source's sigma with the candidate's score as its height; where two meet,
-//! the higher counts. No picture and no network are involved.
+//! Every candidate of a keypoint in the picture is drawn, of whichever person, as a Gaussian of the source's sigma
+//! with the candidate's score as its height; where two overlap, the higher value counts. No picture and no network
+//! are involved.
 
 use farfield_proto::camera::CameraModel;
 use farfield_proto::grid::CellGrid;

@@ -1,4 +1,4 @@
-//! What the pipeline asks of a network and of a detector, whoever runs them.
+//! The interfaces of the keypoint network and of the detector, as the pipeline calls them, whatever runs them.
 
 mod window;
 
@@ -31,21 +31,21 @@ pub trait KeypointNetwork: Send {
     fn infer(&mut self, inputs: &[InputTensor]) -> Result<Vec<f32>, NetworkError>;
 }
 
-/// What a detector takes.
+/// The input of a detector.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct DetectorInput {
-    /// Width and height, pixels.
+    /// Width and height of the input, pixels.
     pub size_px: [u32; 2],
-    /// Where a picture of another aspect is put.
+    /// Where a picture of another aspect ratio is placed in the input.
     pub letterbox: Letterbox,
 }
 
 /// A detector that finds people in pictures.
 pub trait PersonDetector: Send {
-    /// What it takes.
+    /// Its input.
     fn input(&self) -> DetectorInput;
 
-    /// The people in the part of `image` that `window` is, the surest first, in pixels of the image.
+    /// The people in the part `window` of `image`, highest score first, in distorted pixels of the image.
     ///
     /// # Errors
     /// [`NetworkError`] when the backend fails or gives something else than the card says.

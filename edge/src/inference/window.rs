@@ -10,9 +10,9 @@ use farfield_proto::model_card::Letterbox;
 /// at 0.5).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DetectorWindow {
-    /// Left and top.
+    /// Left and top, distorted pixels from the outer corner.
     pub min_px: [f64; 2],
-    /// Width and height.
+    /// Width and height, distorted pixels.
     pub size_px: [f64; 2],
 }
 
@@ -30,7 +30,7 @@ impl DetectorWindow {
         Self { min_px, size_px }
     }
 
-    /// Right and bottom.
+    /// Right and bottom, distorted pixels from the outer corner.
     pub fn max_px(&self) -> [f64; 2] {
         [0, 1].map(|i| self.min_px[i] + self.size_px[i])
     }
@@ -41,7 +41,7 @@ impl DetectorWindow {
     }
 
     /// Whether a box (left, top, right, bottom) lies inside, at least `margin_px` from those edges
-    /// that are not beyond a picture of `picture_px`: there is nothing more to see behind its own edge.
+    /// that are not beyond a picture of `picture_px` (width and height): the picture ends there anyway.
     pub fn holds(&self, [l, t, r, b]: [f64; 4], margin_px: f64, picture_px: [u32; 2]) -> bool {
         let [left, top] = self.min_px;
         let [right, bottom] = self.max_px();
@@ -51,7 +51,7 @@ impl DetectorWindow {
         after(left, l) && after(top, t) && before(right, r, width) && before(bottom, b, height)
     }
 
-    /// The same as a box, centres of pixels at whole numbers.
+    /// The window as a box, pixels with their centres at whole numbers.
     #[cfg(feature = "network")]
     pub(crate) fn bounding_box(&self) -> BoundingBox {
         BoundingBox {

@@ -1,4 +1,4 @@
-//! Of which tick a camera's frame is, and how far from it: by the clock, or by a trigger's count.
+//! Which tick a camera's frame belongs to and its offset from it: by the clock, or by a trigger's count.
 
 use farfield_proto::message::MAX_CAPTURE_OFFSET_US;
 use farfield_proto::tick::Tick;
@@ -38,7 +38,7 @@ pub struct PlacedFrame {
 /// Why a frame belongs to no tick.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum Misplaced {
-    /// Nobody has said yet when tick 0 is.
+    /// Fusion has not sent the time of tick 0 yet.
     #[error("the venue's time is not known yet")]
     NoEpoch,
     /// The trigger has drifted away from the venue's ticks.

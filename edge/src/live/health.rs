@@ -1,4 +1,4 @@
-//! How a camera is, told from its pictures and from their absence.
+//! The health of a camera, from its pictures and from their absence.
 
 use farfield_proto::live::CameraHealth;
 use image::RgbImage;
@@ -14,11 +14,11 @@ pub const BLACK_BELOW: f64 = 6.0;
 pub const SILENT_PERIODS: i64 = 3;
 /// First and longest time until a camera that failed is opened again, microseconds.
 pub const BACKOFF_US: [Micros; 2] = [SECOND_US, 30 * SECOND_US];
-/// Bytes of a picture that are looked at: enough that some lie on a person far away, few enough to cost
-/// less than copying the picture.
+/// Bytes of a picture that are sampled: enough that some lie on a person far away, few enough to cost less than
+/// copying the picture.
 const SAMPLES: usize = 1 << 16;
 
-/// What is remembered of a picture to compare it with the next.
+/// Digest of sampled bytes of a picture, by which it is compared with the next.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PictureSample {
     /// Hash of the sampled bytes.
@@ -27,7 +27,7 @@ pub struct PictureSample {
     pub mean: f64,
 }
 
-/// Looks at evenly spread bytes of a picture.
+/// Samples evenly spread bytes of a picture. Hash: FNV-1a, 64 bits.
 pub fn sample_picture(image: &RgbImage) -> PictureSample {
     let bytes = image.as_raw();
     // Odd and no multiple of 3, so that all colours and, row by row, other columns are met.

@@ -1,31 +1,30 @@
-//! How much the edge's link carries, found from delay and loss alone.
+//! How much the edge's link carries, estimated from delay and loss alone.
 //!
-//! Fusion says of the newest patches that arrived how long they took. The least of the last seconds is the way
-//! itself; what comes on top is a queue that the edge itself has filled (LEDBAT, RFC 6817, section 2.4.2). A queue
-//! that stands, or a loss above what radio links have, means that less must be sent: a little less than what
-//! arrives, so that the queue empties. Without either, the rate grows: fast up to where it was full the last
-//! time, slowly beyond.
+//! Fusion reports the one-way delay of the newest patches that arrived. The least of the last seconds is the base delay;
+//! what exceeds it is a queue that the edge itself has filled (LEDBAT, RFC 6817, section 2.4.2). A standing queue, or a
+//! loss above that of radio links, lowers the rate to a little less than what arrives, so that the queue empties.
+//! Without either, the rate grows: fast up to where the link was full the last time, slowly beyond.
 
 use farfield_proto::live::HeardPatches;
 use farfield_proto::tick::Tick;
 
 use super::{Micros, SECOND_US};
 
-/// A queue that stands and is longer is one too many, microseconds: more than a tick at 60 Hz.
+/// A standing queue that is longer lowers the rate, microseconds: more than a tick at 60 Hz.
 const QUEUE_US: Micros = 20_000;
 /// Below, the link has room, microseconds.
 const EMPTY_US: Micros = 8_000;
 /// A queue stands when nothing came faster for so long, microseconds: jitter does not last.
 const STANDS_US: Micros = 200_000;
-/// For how long the fastest way is remembered, microseconds, in two halves.
+/// Window over which the least one-way delay is the base delay, microseconds, in two halves.
 const BASE_DELAY_WINDOW_US: Micros = 20 * SECOND_US;
-/// Loss above this is the link's fullness, not its noise.
+/// Loss above this share means a full link, not radio noise.
 const LOSS: f64 = 0.15;
 /// Shortest time between two steps down, microseconds: a step must be seen before the next.
 const SETTLE_US: Micros = 250_000;
-/// When so long nothing was heard of what was sent, the link counts as cut, microseconds.
+/// When fusion has reported nothing new for so long, the link counts as cut, microseconds.
 const SILENCE_US: Micros = 700_000;
-/// What fusion says of the last second is whole after so long, microseconds.
+/// What fusion reports of the last second is complete after so long, microseconds.
 const WHOLE_US: Micros = 3 * SECOND_US / 2;
 /// The rate never falls below, bytes per second: one person every few ticks.
 const LEAST_RATE: f64 = 1_000.0;
@@ -33,7 +32,7 @@ const LEAST_RATE: f64 = 1_000.0;
 const GROWTH_PER_S: [f64; 3] = [2.0, 1.02, 1.5];
 /// Near where the link was full, growth doubles in so long without a queue, microseconds.
 const BOLDER_US: Micros = 2 * SECOND_US;
-/// Steps down in a row that do not halve a queue until it is taken for somebody else's, or for a longer way.
+/// Steps down in a row that do not halve a queue, after which it is taken for other traffic or for a longer base delay.
 const FUTILE_STEPS: u32 = 6;
 /// Ticks of which it is remembered when they were sent.
 const TICKS: i64 = 512;
@@ -110,7 +109,7 @@ impl LinkLoad {
         unanswered_us.is_some_and(|since_us| now_us - since_us > SILENCE_US)
     }
 
-    /// Clocks were stepped or fusion is another: delays so far mean nothing, the rate still does.
+    /// A clock was stepped, or fusion restarted: earlier delays cannot be compared with later ones; the rate is kept.
     pub fn forget_delays(&mut self, now_us: Micros) {
         self.base_delay = WindowMin::default();
         self.n_recent = 0;
@@ -120,8 +119,8 @@ impl LinkLoad {
         self.since_us = Some(now_us + SECOND_US);
     }
 
-    /// Takes what fusion says at `now_us`. `correction_us`: of the own clock, in force; `limited`: whether
-    /// more would be sent if the rate allowed it.
+    /// Takes fusion's report at `now_us`. `correction_us`: correction of the own clock in force, microseconds;
+    /// `limited`: whether more would be sent if the rate allowed it.
     pub fn hear(
         &mut self,
         heard: &HeardPatches,
@@ -218,7 +217,7 @@ impl LinkLoad {
         self.settled_at_us = now_us + loop_us.max(0) + SETTLE_US;
     }
 
-    /// What does not go away when less is sent is not the edge's own queue.
+    /// A queue that stays when less is sent is not the edge's own: it becomes part of the base delay.
     fn take_for_base_delay(&mut self) {
         self.base_delay = WindowMin::default();
         self.n_recent = 0;

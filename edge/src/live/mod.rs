@@ -1,5 +1,5 @@
-//! The pure parts of an edge that runs live: what the time is, which boxes count, how much may be sent,
-//! and how the cameras are.
+//! The pure parts of an edge that runs live: which tick it is, which boxes are in force, how much may be sent, and the
+//! health of the cameras.
 //!
 //! Time is an argument everywhere, as microseconds of a clock that the caller reads; the same calls give the
 //! same answers. The shell that reads clocks, cameras and sockets is `node::live`.

@@ -1,9 +1,9 @@
-//! The newest boxes that fusion has sent, and the looks that it has asked for.
+//! The newest boxes that fusion has sent, and the detection passes that it has asked for.
 //!
-//! Box sets get lost, come twice and overtake each other: only what is newer than all before counts, so
-//! that a duplicate or a late one changes nothing. Without keys anybody on the machine may send some: what would
-//! shut fusion out is not believed while fusion speaks, and does not last when it was. Looks are planned by tick and for all viewpoints alike, so
-//! those of a set that a newer one has replaced are kept until their tick.
+//! Box sets get lost, come twice and overtake each other: only a set newer than all before counts, so that a duplicate
+//! or a late one changes nothing. Without keys any process on the machine may send box sets: a foreign session is
+//! ignored while fusion's own goes on, and one that was accepted ends when it stops. Detection passes are scheduled by
+//! tick for all viewpoints alike, so those of a replaced set are kept until their tick.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -15,21 +15,20 @@ use farfield_proto::tick::Tick;
 
 use super::{Micros, SECOND_US};
 
-/// Boxes that are older say nothing any more about where somebody is, microseconds: as long as fusion
-/// carries somebody on by default without seeing them.
+/// Age up to which boxes are used, microseconds: as long as fusion by default keeps a person without views.
 pub const LIFE_US: Micros = SECOND_US;
-/// Another session is believed when the one that is followed has said nothing new for so long, microseconds: a
-/// fusion that lives does so ten times a second at least, and none starts again in less.
+/// Another session is accepted when the one that is followed has sent nothing new for so long, microseconds: a running
+/// fusion sends at least ten times a second, and none restarts in less.
 const TAKEOVER_US: Micros = 3 * SECOND_US / 10;
-/// What seems to be over is believed after [`LIFE_US`] without anything new, when so many sets of it have come in
-/// order.
+/// A session that seemed to be over is accepted again after [`LIFE_US`] without anything new, when so many of its sets
+/// have come in order.
 const KEEPS_COMING: u32 = 3;
-/// Ticks whose looks are kept: past the longest horizon of boxes at any rate.
+/// Ticks whose detection passes are kept: more than the longest horizon of boxes at any rate.
 const MAX_DETECTION_REQUESTS: usize = 256;
 /// Sessions of fusion that are known to be over.
 const MAX_PAST_SESSIONS: usize = 8;
 
-/// What came of a box set that arrived.
+/// How a box set that arrived was taken.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum BoxSetArrival {
     /// The first of a session.
@@ -145,7 +144,7 @@ impl NewestBoxes {
         self.newest.as_ref().map(|(boxes, ..)| boxes.session)
     }
 
-    /// What was heard last, for fusion to measure the round trip by.
+    /// The newest box set and how long it was held, for fusion to measure the round trip by.
     pub fn echo(&self, now_us: Micros) -> Option<BoxEcho> {
         let (_, sequence, heard_us) = self.newest.as_ref()?;
         Some(BoxEcho {
@@ -159,7 +158,7 @@ impl NewestBoxes {
         self.newest.as_ref().map(|(_, _, at)| now_us - at)
     }
 
-    /// The cameras that look at `tick`; those of earlier ticks are forgotten. Ticks must not go back.
+    /// The cameras of the detection pass at `tick`; earlier ticks are forgotten. Ticks must not go back.
     pub fn take_detection_request(&mut self, tick: Tick) -> Vec<CameraIndex> {
         while self
             .detection_requests
@@ -178,7 +177,7 @@ impl NewestBoxes {
         }
     }
 
-    /// The first tick from `tick` on at which a camera looks, as far as it is known.
+    /// The first tick from `tick` on with a detection pass, as far as is known.
     pub fn next_detection_tick(&self, tick: Tick) -> Option<Tick> {
         let mut requests = self.detection_requests.iter().map(|(of, _)| *of);
         requests.find(|of| *of >= tick)

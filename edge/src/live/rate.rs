@@ -1,5 +1,5 @@
-//! What an edge sends of a tick, so that its link's queue stays empty: compression level first, then fewer persons
-//! per tick in turn, then fewer ticks.
+//! What an edge sends of a tick so that its link's queue stays empty: first a higher compression level, then fewer
+//! persons per tick (round robin), then fewer ticks.
 
 use farfield_proto::live::HeardPatches;
 use farfield_proto::patch::CompressionLevel;
@@ -9,19 +9,19 @@ use farfield_proto::transport::MESSAGE_OVERHEAD_BYTES;
 use super::Micros;
 use super::load::LinkLoad;
 
-/// What a message says beside its persons, bytes.
+/// Bytes of a message beside its persons.
 const HEAD_BYTES: f64 = 40.0;
 /// Share of a byte budget that patches may plan with: the rest is for statuses and sightings.
 const PATCH_SHARE: f64 = 0.85;
-/// How long a better compression level must have room before it is taken, microseconds.
+/// How long there must be room for a lower compression level before it is taken, microseconds.
 const PATIENCE_US: Micros = 1_000_000;
-/// Share of the room that a better compression level may take at first.
+/// Share of the rate that a lower compression level may take at first.
 const ROOM: f64 = 0.85;
 /// Fewest ticks are every so manieth: a power of two, as all of these are.
 const MAX_NTH: u16 = 64;
 /// While the link is cut, every so manieth tick is sent nevertheless: one may get through.
 const PROBE_EVERY: i64 = 8;
-/// Compression levels.
+/// Number of compression levels.
 const LEVELS: usize = CompressionLevel::SMALLEST.number() as usize + 1;
 /// What a person costs at each compression level before it was measured, bytes.
 const USUAL_BYTES: [f64; LEVELS] = [450.0, 300.0, 240.0, 190.0, 150.0, 125.0, 100.0];
@@ -29,11 +29,11 @@ const USUAL_BYTES: [f64; LEVELS] = [450.0, 300.0, 240.0, 190.0, 150.0, 125.0, 10
 /// What to send of a tick.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct SendPlan {
-    /// How closely maps are kept.
+    /// Compression level of the patches.
     pub level: CompressionLevel,
     /// Most persons; `None`: all.
     pub persons: Option<usize>,
-    /// Only ticks that this divides are worked on: 1, 2, 4, 8, ..., so that edges with links of their own meet.
+    /// Only ticks that this divides are processed: 1, 2, 4, 8, ..., so that edges with different links share ticks.
     pub every_nth: u16,
 }
 
@@ -44,8 +44,7 @@ pub enum MessageKind {
     Patches(Tick),
     /// Sightings.
     Sightings,
-    /// A status, or stored sets that fusion has asked for: what it does not count when it says what has
-    /// arrived.
+    /// A status, or stored sets that fusion has asked for: not counted in the bytes that fusion reports as arrived.
     Status,
 }
 
@@ -67,8 +66,8 @@ pub struct RateController {
 }
 
 impl RateController {
-    /// Never better than `best`; `budget_bytes_per_s` 0: no bound but the link's. `message_bytes`: where
-    /// messages are split.
+    /// Never a lower compression level than `best`; `budget_bytes_per_s` 0: no bound but the link's. `message_bytes`:
+    /// size at which messages are split.
     pub fn new(
         rate_hz: f64,
         best: CompressionLevel,
@@ -93,12 +92,12 @@ impl RateController {
         }
     }
 
-    /// Clocks were stepped or fusion is another: delays so far mean nothing.
+    /// A clock was stepped, or fusion restarted: earlier delays cannot be compared with later ones.
     pub fn forget_delays(&mut self, now_us: Micros) {
         self.load.forget_delays(now_us);
     }
 
-    /// Takes what fusion says of the link. `correction_us`: of the own clock, in force.
+    /// Takes fusion's report of the link. `correction_us`: correction of the own clock in force, microseconds.
     pub fn hear(&mut self, heard: &HeardPatches, correction_us: i32, now_us: Micros) {
         self.load.hear(heard, correction_us, self.limited, now_us);
     }
@@ -148,7 +147,7 @@ impl RateController {
         self.plan
     }
 
-    /// Whether patches of `tick` go out at all: of a link that is cut only some do, as probes.
+    /// Whether patches of `tick` are sent at all: while the link is cut only some are, as probes.
     pub fn may_send(&self, tick: Tick, now_us: Micros) -> bool {
         !self.load.is_silent(now_us) || tick.0.rem_euclid(PROBE_EVERY) == 0
     }

@@ -1,13 +1,13 @@
-//! What would end an edge that works, said by fusion: believed when it is said again and again, and not when it
-//! was said once, by whoever could.
+//! A refusal by fusion ends a working edge, so it must be repeated before it counts: without keys, anybody in the
+//! network can send a single one.
 
 use super::{Micros, SECOND_US};
 
-/// How often it must have been said, and for how long, microseconds; fusion says it once a second.
+/// How often a refusal must have come, and over how long, microseconds; fusion repeats it once a second.
 const ENOUGH: u32 = 3;
 const LASTS_US: Micros = 3 * SECOND_US / 2;
 
-/// How long something has been objected to without a word to the contrary.
+/// Refusals since the last acceptance.
 #[derive(Debug, Clone, Default)]
 pub struct RepeatedRefusal {
     since_us: Option<Micros>,
@@ -15,18 +15,18 @@ pub struct RepeatedRefusal {
 }
 
 impl RepeatedRefusal {
-    /// Fusion objects at `now_us`.
+    /// Fusion refuses the edge at `now_us`.
     pub fn note_refusal(&mut self, now_us: Micros) {
         self.since_us.get_or_insert(now_us);
         self.said = self.said.saturating_add(1);
     }
 
-    /// Fusion says that all is well.
+    /// Fusion accepts the edge: refusals so far do not count.
     pub fn note_acceptance(&mut self) {
         *self = Self::default();
     }
 
-    /// Whether it is to be believed.
+    /// Whether the refusal was repeated often and long enough to count.
     pub fn is_confirmed(&self, now_us: Micros) -> bool {
         let lasts = self.since_us.is_some_and(|at| now_us - at >= LASTS_US);
         lasts && self.said >= ENOUGH

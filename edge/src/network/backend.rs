@@ -36,7 +36,7 @@ impl InferenceBackend {
     /// folders and in installed `onnxruntime` Python packages, in that order.
     ///
     /// # Errors
-    /// [`NetworkError::InferenceBackend`] when `$ORT_DYLIB_PATH` is set and is no usable library; when
+    /// [`NetworkError::Backend`] when `$ORT_DYLIB_PATH` is set and is no usable library; when
     /// [`BackendChoice::Tract`] is asked for after ONNX Runtime was started.
     pub fn start(choice: BackendChoice) -> Result<&'static Self, NetworkError> {
         let started = BACKEND.get_or_init(|| {

@@ -1,4 +1,4 @@
-//! Looking for people without boxes, with the cameras that fusion names.
+//! Detection passes: finding people without boxes, on the cameras that fusion names.
 
 use std::borrow::Cow;
 
@@ -11,7 +11,7 @@ use super::{EdgePipeline, PipelineError};
 use crate::source::{Frame, FrameContent};
 
 impl EdgePipeline {
-    /// The cameras that look at `tick` when nobody says: all of them, now and then.
+    /// The cameras of a detection pass at `tick` while fusion asks for none: all of them, at the regular ticks.
     pub fn regular_detection_cameras(&self, tick: Tick) -> Vec<CameraIndex> {
         if tick.0.rem_euclid(self.ticks_per_pass) == 0 {
             self.cameras.iter().map(|camera| camera.index).collect()
@@ -28,7 +28,7 @@ impl EdgePipeline {
             .any(|c| c.drawing.is_some() || reads_pictures)
     }
 
-    /// Runs the detector on the pictures of the cameras that `look` and puts the crops into the batch.
+    /// Runs the detector on the pictures of `cameras` and puts the crops into the batch.
     pub(super) fn detect(
         &mut self,
         frames: &[Option<Frame>],
@@ -46,7 +46,7 @@ impl EdgePipeline {
                 ..
             }) = frame
             {
-                // Looks that follow each other at once, because of somebody new, are at the same cells.
+                // Passes that follow each other at once, because of a new person, are on the same cell.
                 let number = tick.0.div_euclid(self.ticks_per_pass);
                 let detections = detector.detect_in(image, camera.index, number)?;
                 pending.extend(sighting::enqueue(
@@ -60,7 +60,7 @@ impl EdgePipeline {
         Ok(pending)
     }
 
-    /// The sightings of the cameras that `look`, after inference.
+    /// The sightings of `cameras`, after inference.
     pub(super) fn sightings(
         &self,
         pending: &[Pending],

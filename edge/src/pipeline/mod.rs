@@ -1,10 +1,10 @@
 //! One step of an edge: the frames of a tick and fusion's boxes in, patches and sightings out.
 //!
-//! Per person the box is moved on to the tick, a camera chosen, the crop cut; all crops of the tick,
-//! those of detections too, go through the network together; the maps are quantised, encoded and
-//! shared out to messages. Cameras whose source is a file of keypoints have their maps drawn
-//! instead, and cameras without pixels have them painted. Pure but for what network and detector do:
-//! no clock, no file, no socket.
+//! Per person the box is moved on to the tick, a camera is chosen and the crop is cut. All crops of the tick, those
+//! of detections too, go through the network in one batch. The maps are quantised, encoded and split into messages.
+//! Cameras whose source is a file of keypoints have their maps drawn instead ([`crate::gaussian_maps`]); cameras
+//! simulated without pixels have them painted by their source. Pure except for the network and the detector: no
+//! clock, no file, no socket.
 
 mod batch;
 mod camera;
@@ -41,12 +41,12 @@ pub use error::PipelineError;
 pub use parts::MESSAGE_BYTES;
 pub use request::StepRequest;
 
-/// A part of a step, for whoever measures how long each takes.
+/// A part of a step whose duration is measured.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum EdgeStage {
     /// Choosing cameras, cutting crops of persons with boxes.
     Crop,
-    /// Looking for people without boxes: detecting, cutting the crops of whom was found.
+    /// The detection pass: detecting people without boxes, cutting their crops.
     Detect,
     /// The network on all crops.
     Infer,
@@ -54,12 +54,12 @@ pub enum EdgeStage {
     Encode,
 }
 
-/// What an edge has to say about one tick.
+/// What an edge sends for one tick.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EdgeOutput {
     /// The persons with boxes that a camera sees, in at least one message.
     pub patch_sets: Vec<PatchSet>,
-    /// The people found without boxes; empty when the edge did not look.
+    /// The people found without boxes; empty when no detection pass ran.
     pub sighting_sets: Vec<SightingSet>,
 }
 
@@ -212,8 +212,8 @@ impl EdgePipeline {
         })
     }
 
-    /// How closely the maps of the next steps are kept; at first what the venue says, else without
-    /// loss.
+    /// Sets the compression level of the next steps; at first it is the venue's `[link] quality`, else
+    /// [`CompressionLevel::LOSSLESS`].
     pub fn set_compression_level(&mut self, level: CompressionLevel) {
         self.level = level;
     }

@@ -1,22 +1,22 @@
-//! What an edge shall do at a tick.
+//! What the pipeline is asked to do at a tick.
 
 use farfield_proto::id::{CameraIndex, PersonId};
 use farfield_proto::live::PatchTiming;
 use farfield_proto::message::BoxSet;
 use farfield_proto::tick::Tick;
 
-/// What an edge shall do at a tick: in lock-step what fusion says, live what there is time and room for.
+/// What the pipeline is asked to do at a tick: in lock-step all that fusion asks for, live what time and link allow.
 #[derive(Debug, Clone, Copy)]
 pub struct StepRequest<'a> {
     /// The tick of the frames.
     pub tick: Tick,
-    /// Where people are; made for any tick.
+    /// Where people are expected; may be made for another tick, and is then moved on.
     pub boxes: &'a BoxSet,
-    /// The cameras that look for people without boxes.
+    /// The cameras of this tick's detection pass; empty for none.
     pub detection_cameras: &'a [CameraIndex],
-    /// Who is worked on of those who have boxes, ascending; `None`: all.
+    /// The persons with boxes that are processed, ascending; `None`: all.
     pub persons: Option<&'a [PersonId]>,
-    /// What stands in the messages until they are sent; it takes part in their size.
+    /// Placeholder for the timing that is filled in when a message is sent; it counts towards the message's size.
     pub timing: Option<PatchTiming>,
 }
 

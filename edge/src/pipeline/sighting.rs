@@ -1,4 +1,4 @@
-//! People without boxes: what a detector or a keypoint file says, as sightings.
+//! People without boxes: detections, and persons of keypoint files, as sightings.
 
 use farfield_proto::bounding_box::BoundingBox;
 use farfield_proto::camera::CameraModel;
@@ -13,7 +13,7 @@ use crate::inference::Detection;
 use crate::peaks::best_peak;
 use crate::source::KeypointCandidate;
 
-/// A sighted keypoint's peak is at least this high, 0 to 1: below is what a network says of nothing.
+/// Least height of a keypoint's peak in a sighting, 0 to 1: where there is nothing, networks answer up to this.
 const LEAST_PEAK: f32 = 0.06;
 
 /// A detection whose crop waits for the network.
@@ -31,8 +31,7 @@ impl Pending {
     }
 }
 
-/// Puts the crops of detections into the batch; what is not in sight of the lens model is left
-/// out.
+/// Puts the crops of detections into the batch; detections beyond the lens model are left out.
 pub(super) fn enqueue(
     detections: &[Detection],
     image: &RgbImage,
@@ -55,8 +54,8 @@ pub(super) fn enqueue(
     pending
 }
 
-/// Reads the peaks of a detection's maps, after inference. A peak outside the image is the
-/// network's guess about what it did not see, and is left out.
+/// Reads the peaks of a detection's maps, after inference. Peaks outside the image are left out: the network
+/// guessed them from nothing.
 pub(super) fn read(
     pending: &Pending,
     model: &CameraModel,
@@ -80,7 +79,7 @@ pub(super) fn read(
     }
 }
 
-/// Persons whose keypoints somebody else grouped; their score is the mean of their keypoints'.
+/// Persons whose keypoints are grouped already; their score is the mean of their keypoints' scores.
 pub(super) fn from_persons(
     persons: &[Vec<Option<KeypointCandidate>>],
     camera: CameraIndex,
@@ -113,7 +112,7 @@ pub(super) fn from_persons(
     sightings
 }
 
-/// Keeps the surest sightings where there are more than a message set may hold, in their order.
+/// Keeps the [`MAX_SIGHTINGS`] sightings of highest score, where there are more.
 pub(super) fn bounded(mut sightings: Vec<Sighting>) -> Vec<Sighting> {
     if sightings.len() > MAX_SIGHTINGS {
         // Stable, so that the same pictures give the same choice.

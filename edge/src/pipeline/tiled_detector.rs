@@ -1,4 +1,4 @@
-//! The detector of an edge and where in its pictures it looks.
+//! The detector, run over the windows of a picture that the tile plan names.
 
 use farfield_proto::camera::CameraModel;
 use farfield_proto::id::CameraIndex;
@@ -8,7 +8,7 @@ use image::RgbImage;
 use crate::inference::{Detection, NetworkError, PersonDetector};
 use crate::tiles::{self, TilePlan};
 
-/// Looks for people in the pictures of a venue.
+/// Detects people in the pictures of a venue, window by window.
 pub(super) struct TiledDetector {
     detector: Box<dyn PersonDetector>,
     /// Of every camera of the venue that gives pictures.
@@ -16,7 +16,7 @@ pub(super) struct TiledDetector {
 }
 
 impl TiledDetector {
-    /// Plans where to look in the pictures of all cameras.
+    /// Plans the windows of all cameras of the venue that give pictures.
     pub(super) fn new(venue: &Venue, detector: Box<dyn PersonDetector>) -> Self {
         let cameras: Vec<(CameraIndex, &CameraModel)> = (0..)
             .map(CameraIndex)
@@ -38,8 +38,8 @@ impl TiledDetector {
         }
     }
 
-    /// Who is in a picture of `camera`, the surest first; the cells of the field take turns by the `number`
-    /// of the look.
+    /// The people in a picture of `camera`, highest score first; detection pass `number` covers one cell of the
+    /// field, the next pass the next cell.
     ///
     /// # Errors
     /// [`NetworkError`] when the detector fails.

@@ -1,4 +1,4 @@
-//! A person with a box at one tick: which camera looks, and what is cut out of its picture.
+//! A person with a box at one tick: the choice of the camera, and the crops of its picture.
 
 use farfield_proto::id::PersonId;
 use farfield_proto::message::{CameraBox, PersonBoxes};
@@ -13,7 +13,7 @@ use crate::source::{Frame, FrameContent};
 /// one crop serves networks that were trained on people turned by up to 40 degrees.
 const TWO_CROPS_FROM_RAD: f32 = 0.175;
 
-/// Most ticks that a box is moved on or back: beyond, its rates say nothing, and it stays where it got to.
+/// Most ticks that a box is moved on or back: its rates are not extrapolated beyond.
 const MOST_TICKS: i64 = 60;
 
 /// One person at this tick: who, in which camera, on which crops.

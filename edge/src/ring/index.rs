@@ -1,4 +1,4 @@
-//! What is stored, and where.
+//! The index of the ring: which sets are stored, and where.
 
 use std::collections::BTreeMap;
 
@@ -9,7 +9,7 @@ use farfield_proto::wire::MAX_MESSAGE_BYTES;
 
 use super::record::Label;
 
-/// Room in an answer beside its messages.
+/// Bytes of an answer beside its messages.
 const ANSWER_HEAD_BYTES: usize = 64;
 /// Bytes that a message takes in an answer beside its own.
 const STORED_HEAD_BYTES: usize = 8;
@@ -19,7 +19,7 @@ const STORED_HEAD_BYTES: usize = 8;
 pub struct RecordLocation {
     /// Position of its segment in the ring.
     pub segment: usize,
-    /// Where it begins there.
+    /// Offset in the segment, bytes.
     pub at: u64,
     /// Length of its message, bytes.
     pub len: usize,
@@ -32,7 +32,7 @@ pub struct RingIndex {
     next: u64,
 }
 
-/// What answers a question.
+/// The records that answer a fill request.
 #[derive(Debug, PartialEq, Eq)]
 pub struct Found {
     /// The records.
@@ -64,7 +64,7 @@ impl RingIndex {
         self.places.is_empty()
     }
 
-    /// Whole ticks from the question's first, as many as it wants bytes of; at least one.
+    /// Whole ticks from the request's first, up to its `max_bytes`; at least one tick.
     pub fn find(&self, request: &FillRequest) -> Found {
         let mut found = Found {
             places: Vec::new(),

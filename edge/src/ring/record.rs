@@ -17,7 +17,7 @@ const UNCHECKED_BYTES: usize = 8;
 /// What a record is about.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Label {
-    /// The life of fusion whose persons are meant.
+    /// The session of fusion whose person ids are meant.
     pub session: SessionId,
     /// The tick of the pictures.
     pub tick: Tick,
@@ -32,7 +32,7 @@ pub struct RingRecord<'a> {
     pub label: Label,
     /// The message as it travels.
     pub message: &'a [u8],
-    /// Where the record begins in its segment.
+    /// Offset of the record in its segment, bytes.
     pub at: usize,
 }
 

@@ -1,5 +1,5 @@
-//! What can be wrong with a source, said so that an operator can act on it: the file, the camera,
-//! the field or line, what was found and what was expected.
+//! What can be wrong with a source, worded for an operator: the file, the camera, the field or line, what was found and
+//! what was expected.
 
 use std::fmt;
 use std::ops::Range;

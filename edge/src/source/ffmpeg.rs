@@ -1,4 +1,4 @@
-//! The child process that decodes: how it is started, what it says, how it ends.
+//! The child process that decodes: starting it, its messages, its end.
 //!
 //! It writes each picture as a binary PPM, that is RGB bytes behind their own width and height: the
 //! decoded size decides (a phone's rotation is applied by then), no picture is taken for two halves

@@ -1,4 +1,4 @@
-//! What a recording says of itself, and how many packets it really holds.
+//! What the container of a recording announces, and how many packets it holds.
 //!
 //! One `ffprobe` call reads the container's index and lists all packets without decoding them. A file
 //! that was cut decodes without an error, so its packets are counted against what it announces.

@@ -40,13 +40,13 @@ pub use ticks::common_ticks;
 pub enum FrameContent {
     /// The raw picture, with the lens's distortion, of the calibration's size.
     Image(RgbImage),
-    /// 2D keypoints that somebody else found in it.
+    /// 2D keypoints that another program found in it.
     Keypoints(KeypointFrame),
-    /// What somebody else paints the maps from, crop by crop.
+    /// A simulator's view, from which the maps of a crop are painted.
     Painted(Arc<dyn MapPainter>),
 }
 
-/// Two paintings are equal only when they are the same one.
+/// Painted content is equal only to itself.
 impl PartialEq for FrameContent {
     fn eq(&self, other: &Self) -> bool {
         match (self, other) {
@@ -63,7 +63,7 @@ impl PartialEq for FrameContent {
 pub struct KeypointFrame {
     /// Candidates grouped into persons: `[person][keypoint]`, `None` where one was not seen.
     pub persons: Vec<Vec<Option<KeypointCandidate>>>,
-    /// All candidates of each keypoint, whosever they are: `[keypoint][candidate]`.
+    /// All candidates of each keypoint, of any person: `[keypoint][candidate]`.
     pub peaks: Vec<Vec<KeypointCandidate>>,
 }
 
@@ -72,7 +72,7 @@ pub struct KeypointFrame {
 pub struct KeypointCandidate {
     /// Where, in pixels of the raw picture.
     pub position: Pixel<Distorted>,
-    /// How sure the detector was, 0 to 1.
+    /// Confidence of the detector, 0 to 1.
     pub score: f32,
 }
 
@@ -91,8 +91,8 @@ pub struct Frame {
 /// Frames of one camera, one after the other.
 pub trait FrameSource: Send {
     /// The next frame, waiting for it if need be; in tick order. `None` at the end of a recording.
-    /// Live sources leave out frames that nobody took in time: the newest counts, and the ticks of
-    /// the lost ones are skipped.
+    /// Live sources drop frames that were not taken in time: the newest counts, and the ticks of the dropped ones are
+    /// skipped.
     ///
     /// # Errors
     /// The frame cannot be decoded, has another size than the calibration says, or the recording

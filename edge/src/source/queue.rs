@@ -1,8 +1,8 @@
 //! The short queue between the thread that decodes and the one that takes frames, so that decoding
 //! the next frames overlaps with inference on this one.
 //!
-//! It holds [`CAPACITY`] frames. When it is full, a recording waits and a live source loses its
-//! oldest frame.
+//! It holds [`CAPACITY`] frames. When it is full, decoding of a recording waits, and a live source loses its oldest
+//! frame.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};

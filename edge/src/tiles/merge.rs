@@ -1,4 +1,4 @@
-//! One list out of what overlapping windows of a picture found.
+//! The detections of overlapping windows of a picture, merged to one list.
 
 use crate::inference::{Detection, DetectorWindow};
 
@@ -9,9 +9,9 @@ const SAME_PERSON: f32 = 0.45;
 /// are as exact as that.
 const AT_EDGE_INPUT_PX: f64 = 3.0;
 
-/// Share of the smaller of two boxes that lies in the larger one from which they are one person, when
-/// their areas are this alike (who is farther away is smaller) and their upper edges too (share of the
-/// larger one's height): head and trunk are a part of somebody, who sits in front of them is not.
+/// Two boxes are one person when at least [`INSIDE`] of the smaller one lies in the larger one, its area is at least
+/// [`ALIKE`] of the larger one's (a person farther away is smaller), and their upper edges are within [`AT_TOP`] of the
+/// larger one's height: head and trunk are a part of the person, one who sits in front is not.
 const INSIDE: f32 = 0.8;
 const ALIKE: f32 = 1.0 / 3.0;
 const AT_TOP: f32 = 0.2;
@@ -19,11 +19,11 @@ const AT_TOP: f32 = 0.2;
 /// Share of a cut box that lies in a whole one from which it is a part of that person.
 const PART_OF: f32 = 0.6;
 
-/// What the windows of a picture of `picture_px` found, as one list, the surest first.
+/// The detections of the windows of a picture of `picture_px` (width and height), as one list, highest score first.
 ///
-/// A box that is cut by the edge of its window is dropped where another window, as fine or finer, holds
-/// the place whole and had its say, and where it is a part of somebody whom another window
-/// shows whole. Of boxes that overlap, the surest stays.
+/// A box that is cut by the edge of its window is dropped where another window, as fine or finer, holds its place
+/// whole (whatever that window found there), and where it is a part of a box that another window holds whole. Of boxes
+/// that overlap, the one of highest score stays.
 pub fn merged(
     found: &[(DetectorWindow, Vec<Detection>)],
     input_px: [u32; 2],
@@ -63,7 +63,7 @@ pub fn merged(
     thinned_out(kept)
 }
 
-/// Non-maximum suppression of what is sorted, the surest first: of overlapping boxes only the surest.
+/// Non-maximum suppression of boxes sorted by score, highest first.
 pub fn thinned_out(found: Vec<Detection>) -> Vec<Detection> {
     let mut kept: Vec<Detection> = Vec::new();
     for candidate in found {

@@ -1,9 +1,9 @@
-//! Which parts of its picture each camera's detector looks at, and when.
+//! Which parts of each camera's picture the detector runs on, and in which detection pass.
 //!
-//! More tiles than a look may have are spread over several looks. What is cut up for that is the
-//! field, not the pictures: all edges look at the same cell of the field at the same ticks, for only
-//! who is seen from two viewpoints at one tick is born. Every edge makes the same plan of all cameras
-//! of the venue, so nothing has to be agreed on.
+//! Where a pass would need more tiles than it may have, they are spread over several passes. For that the field is cut
+//! into cells, not the pictures: all edges cover the same cell of the field at the same ticks, because a track is only
+//! initiated from two viewpoints at one tick. Every edge computes the same plan for all cameras of the venue, so
+//! nothing has to be agreed on.
 
 use farfield_proto::camera::CameraModel;
 use farfield_proto::venue::Field;
@@ -13,36 +13,36 @@ use super::cells::{Cell, cells};
 use super::standing::{Standing, StandingAt, floor_m, on_floor, under_picture};
 use crate::inference::{DetectorInput, DetectorWindow};
 
-/// Finest scale of a tile, input pixels per pixel of the picture: beyond it there is nothing to see.
+/// Finest scale of a tile, input pixels per pixel of the picture: beyond it enlarging adds no detail.
 pub(super) const FINEST_SCALE: f64 = 1.0;
 
 /// How much finer a scale is than the one before: a person is 48 to 96 pixels tall in the first that
 /// shows them well enough.
 const SCALE_STEP: f64 = 2.0;
-/// People are taken for smaller than they are by this factor: between two places that are tried there
-/// are others.
+/// People are planned for as smaller than computed by this factor: only a grid of places is tried, and people stand
+/// between them.
 const SLACK: f64 = 0.9;
-/// And their boxes for larger, for the same reason.
+/// And their boxes as larger by this factor, for the same reason.
 const LARGER: f64 = 1.04;
-/// Cells of the field at most. Where even these need more tiles than a look may have, they get them.
+/// Cells of the field at most. Where a cell still needs more tiles than a pass may have, it gets them.
 const MOST_CELLS: usize = 256;
-/// Tiles of one camera at one look at most, as many as `births.tiles_per_look` may ask for.
+/// Tiles of one camera in one pass at most, as many as `births.tiles_per_look` may ask for.
 const MOST_TILES: usize = 256;
-/// Least side of an input that is worth tiles, pixels: into less, people as tall as the first scale
-/// that shows them well enough has them (up to 96 pixels, and what is around them) do not fit.
+/// Least side of a detector's input for tiles to be of use, pixels: people are up to 96 pixels tall in the first scale
+/// that is fine enough, and with their surroundings do not fit into less.
 const LEAST_INPUT_PX: u32 = 128;
 
-/// What the detector looks at in the pictures of one camera.
+/// The windows of the pictures of one camera.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TilePlan {
-    /// The whole picture, at every look.
+    /// The whole picture, in every pass.
     pub whole: DetectorWindow,
-    /// Beside it, per cell of the field.
+    /// The tiles of each cell of the field.
     pub cells: Vec<Vec<DetectorWindow>>,
 }
 
 impl TilePlan {
-    /// The passes of look number `look`: the cells take turns.
+    /// The windows of detection pass number `pass`: each pass covers the next cell.
     pub fn windows(&self, pass: i64) -> impl Iterator<Item = DetectorWindow> + '_ {
         let turn = i64::try_from(self.cells.len().max(1)).unwrap_or(i64::MAX);
         let cell = pass.rem_euclid(turn) as usize;
@@ -50,22 +50,21 @@ impl TilePlan {
         std::iter::once(self.whole).chain(tiles.copied())
     }
 
-    /// Passes of the look that has most of them.
+    /// Windows of the pass that has most of them.
     pub(super) fn most_windows(&self) -> usize {
         1 + self.cells.iter().map(Vec::len).max().unwrap_or(0)
     }
 }
 
-/// Plans for `cameras`, in their order: everybody of 1.7 m who stands anywhere in the `field` is whole
-/// in some window that shows them at least [`TALL_ENOUGH_PX`] tall, or the picture at its full size, as
-/// far as the picture itself has them whole. Who is seen from above is taken for a quarter of that
-/// height at least: so wide are shoulders.
+/// Plans for `cameras`, in their order: a person of 1.7 m standing anywhere in the `field` is whole in some window in
+/// which they are at least [`TALL_ENOUGH_PX`] tall, or which has the picture's full resolution, as far as the picture
+/// itself holds them whole. Seen from above, a person counts as at least a quarter of that height: the breadth of the
+/// shoulders.
 ///
-/// With 0 `tiles_per_pass`, or an input of less than 128 pixels a side, there are no tiles, and only the
-/// whole pictures are looked at. Else the field is cut into as few cells (a power of two) as leave each
-/// camera at most `tiles_per_pass` tiles a look, and into 256 at most. All plans have the same number of
-/// cells. Where a 256th of the field would still need more than 256 tiles of a camera, it gets the 256
-/// coarsest, and people far away may be missed.
+/// With 0 `tiles_per_pass`, or an input of less than 128 pixels a side, there are no tiles, only the whole pictures.
+/// Else the field is cut into as few cells (a power of two, at most 256) as leave each camera at most `tiles_per_pass`
+/// tiles a pass. All plans have the same number of cells. Where a 256th of the field would still need more than 256
+/// tiles of a camera, it gets the 256 coarsest, and people far away may be missed.
 ///
 /// Cost: some milliseconds per camera and doubling of the cells.
 pub fn plan(
