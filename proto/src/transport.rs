@@ -3,7 +3,7 @@
 //! One set serves lock-step and live: whether a message waits or is dropped is said per message, and
 //! the queues are short for both, as what waits in a queue is late. Nothing is scouted for.
 //!
-//! Endpoints and what they carry (see [`crate::endpoint`]):
+//! Endpoints and what they carry (see [`crate::transport::endpoint`]):
 //!
 //! | endpoint | encrypted | best-effort messages | reliable messages |
 //! | --- | --- | --- | --- |
@@ -17,6 +17,7 @@
 //! that and [`MIN_WINDOW_BYTES`] are added to endpoints that say nothing else behind `?` and `#`.
 
 mod access;
+pub mod endpoint;
 mod exposure;
 mod json;
 
@@ -25,7 +26,7 @@ use std::time::Duration;
 
 use json::{list, quoted};
 
-use crate::endpoint::scheme;
+use crate::transport::endpoint::scheme;
 
 pub use access::{FUSION, READER, RECORDER, common_name};
 pub use exposure::{Exposure, ExposureError};

@@ -8,7 +8,7 @@ use serde::de::DeserializeOwned;
 
 use crate::grid::CellGrid;
 use crate::key::is_key_chunk;
-use crate::live::{LiveStatus, MAX_CLOCK_CORRECTION_US, MAX_EDGES};
+use crate::message::live::{LiveStatus, MAX_CLOCK_CORRECTION_US, MAX_EDGES};
 use crate::message::{
     BoxSet, CameraBox, MAX_CAPTURE_OFFSET_US, MAX_CROPS, MAX_PERSONS, MAX_SIGHTINGS, MAX_STAGES,
     PatchSet, PersonPatch, PersonPose, PoseSet, Sighting, SightingSet, Status,

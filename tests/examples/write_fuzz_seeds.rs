@@ -13,14 +13,14 @@ use farfield_fusion::recording::reader::Recording;
 use farfield_fusion::recording::writer::{Head, Passed, RecordingWriter};
 use farfield_fusion::recording::{CALIBRATION_FILE, VENUE_FILE};
 use farfield_proto::bounding_box::{BoundingBox, BoxRate};
-use farfield_proto::decision::{Decision, UsedSet};
-use farfield_proto::fill::{FillRequest, Filled, SetKind, StoredSet};
 use farfield_proto::grid::CellGrid;
-use farfield_proto::handout::{
+use farfield_proto::id::{CameraIndex, PersonId, SessionId, ViewpointIndex};
+use farfield_proto::message::decision::{Decision, UsedSet};
+use farfield_proto::message::fill::{FillRequest, Filled, SetKind, StoredSet};
+use farfield_proto::message::handout::{
     Chunk, FileKind, FileList, HandoutRequest, ListSignature, SharedFile, SignedList,
 };
-use farfield_proto::id::{CameraIndex, PersonId, SessionId, ViewpointIndex};
-use farfield_proto::live::{BoxEcho, LiveBoxes, LiveStatus, PatchTiming};
+use farfield_proto::message::live::{BoxEcho, LiveBoxes, LiveStatus, PatchTiming};
 use farfield_proto::message::{
     BoxSet, CameraBox, KeypointPeak, Order, PatchSet, PersonBoxes, PersonPatch, PersonPose,
     PersonState, PoseSet, Sighting, SightingSet, Status,

@@ -140,7 +140,7 @@ impl FramePlacer {
 
 #[cfg(test)]
 mod tests {
-    use farfield_proto::live::LiveBoxes;
+    use farfield_proto::message::live::LiveBoxes;
     use proptest::prelude::*;
 
     use super::*;

@@ -1,6 +1,6 @@
 //! The health of a camera, from its pictures and from their absence.
 
-use farfield_proto::live::CameraHealth;
+use farfield_proto::message::live::CameraHealth;
 use image::RgbImage;
 
 use super::{Micros, SECOND_US};

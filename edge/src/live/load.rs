@@ -5,7 +5,7 @@
 //! loss above that of radio links, lowers the rate to a little less than what arrives, so that the queue empties.
 //! Without either, the rate grows: fast up to where the link was full the last time, slowly beyond.
 
-use farfield_proto::live::HeardPatches;
+use farfield_proto::message::live::HeardPatches;
 use farfield_proto::tick::Tick;
 
 use super::{Micros, SECOND_US};

@@ -9,8 +9,8 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 
 use farfield_proto::id::{CameraIndex, SessionId};
-use farfield_proto::live::BoxEcho;
 use farfield_proto::message::BoxSet;
+use farfield_proto::message::live::BoxEcho;
 use farfield_proto::tick::Tick;
 
 use super::{Micros, SECOND_US};
@@ -212,8 +212,8 @@ fn is_after(a: u32, b: u32) -> bool {
 #[cfg(test)]
 mod tests {
     use farfield_proto::id::ViewpointIndex;
-    use farfield_proto::live::LiveBoxes;
     use farfield_proto::message::Order;
+    use farfield_proto::message::live::LiveBoxes;
     use proptest::prelude::*;
 
     use super::*;

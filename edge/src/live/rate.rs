@@ -1,7 +1,7 @@
 //! What an edge sends of a tick so that its link's queue stays empty: first a higher compression level, then fewer
 //! persons per tick (round robin), then fewer ticks.
 
-use farfield_proto::live::HeardPatches;
+use farfield_proto::message::live::HeardPatches;
 use farfield_proto::patch::CompressionLevel;
 use farfield_proto::tick::Tick;
 use farfield_proto::transport::MESSAGE_OVERHEAD_BYTES;

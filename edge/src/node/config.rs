@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::anyhow;
-use farfield_proto::endpoint::is_endpoint;
 use farfield_proto::id::ViewpointIndex;
 use farfield_proto::tick::{Tick, parse_range};
+use farfield_proto::transport::endpoint::is_endpoint;
 use farfield_proto::transport::{EdgeTransport, Exposure, Identity};
 use farfield_proto::venue::{Venue, VenueCamera, Viewpoint, identity};
 

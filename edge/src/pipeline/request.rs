@@ -1,8 +1,8 @@
 //! What the pipeline is asked to do at a tick.
 
 use farfield_proto::id::{CameraIndex, PersonId};
-use farfield_proto::live::PatchTiming;
 use farfield_proto::message::BoxSet;
+use farfield_proto::message::live::PatchTiming;
 use farfield_proto::tick::Tick;
 
 /// What the pipeline is asked to do at a tick: in lock-step all that fusion asks for, live what time and link allow.

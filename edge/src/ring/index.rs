@@ -2,8 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use farfield_proto::fill::{FillRequest, MAX_STORED};
 use farfield_proto::id::SessionId;
+use farfield_proto::message::fill::{FillRequest, MAX_STORED};
 use farfield_proto::tick::Tick;
 use farfield_proto::wire::MAX_MESSAGE_BYTES;
 
@@ -104,7 +104,7 @@ impl RingIndex {
 
 #[cfg(test)]
 mod tests {
-    use farfield_proto::fill::SetKind;
+    use farfield_proto::message::fill::SetKind;
 
     use super::*;
 

@@ -1,7 +1,7 @@
 //! Segments and records as bytes.
 
-use farfield_proto::fill::SetKind;
 use farfield_proto::id::SessionId;
+use farfield_proto::message::fill::SetKind;
 use farfield_proto::tick::Tick;
 use farfield_proto::wire::MAX_MESSAGE_BYTES;
 

@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use farfield_proto::live::{EdgeLink, HeardPatches, LiveBoxes, PatchTiming};
+use farfield_proto::message::live::{EdgeLink, HeardPatches, LiveBoxes, PatchTiming};
 use farfield_proto::message::{BoxSet, PatchSet};
 use farfield_proto::tick::Tick;
 

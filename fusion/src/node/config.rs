@@ -5,9 +5,9 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use anyhow::{Context as _, anyhow};
-use farfield_proto::endpoint::is_endpoint;
 use farfield_proto::model_card::HeatmapCard;
 use farfield_proto::tick::{Tick, parse_range};
+use farfield_proto::transport::endpoint::is_endpoint;
 use farfield_proto::transport::{Exposure, Identity};
 use farfield_proto::venue::{Venue, identity};
 

@@ -3,7 +3,7 @@
 use std::io::Write as _;
 use std::time::{Duration, Instant};
 
-use farfield_proto::live::EdgeLink;
+use farfield_proto::message::live::EdgeLink;
 use farfield_proto::message::{PersonPose, PoseSet};
 use farfield_proto::tick::Tick;
 use serde::{Deserialize, Serialize};

@@ -1,18 +1,18 @@
 //! `farfield record`: a node of its own that listens to everything under the venue's name, and records it.
 //!
 //! It hears what fusion hears, but for what the links between lose, and not always in time: what fusion
-//! used for each tick it takes from fusion's own word ([`farfield_proto::decision`]).
+//! used for each tick it takes from fusion's own word ([`farfield_proto::message::decision`]).
 
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
 
 use anyhow::{Context as _, anyhow};
-use farfield_proto::endpoint::is_endpoint;
 use farfield_proto::id::SessionId;
 use farfield_proto::key::Keys;
 use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::message::Status;
+use farfield_proto::transport::endpoint::is_endpoint;
 use farfield_proto::transport::{EdgeTransport, Exposure, RECORDER};
 use farfield_proto::venue::{Venue, VenueHash, identity};
 use farfield_proto::wire;

@@ -3,9 +3,9 @@
 use std::collections::BTreeMap;
 use std::io::{self, Cursor, Write};
 
-use farfield_proto::decision::{Decision, UsedSet};
 use farfield_proto::id::{SessionId, ViewpointIndex};
-use farfield_proto::live::{LiveBoxes, PatchTiming};
+use farfield_proto::message::decision::{Decision, UsedSet};
+use farfield_proto::message::live::{LiveBoxes, PatchTiming};
 use farfield_proto::message::{BoxSet, Order, PatchSet, PersonState, PoseSet, SightingSet};
 use farfield_proto::tick::Tick;
 use farfield_proto::wire::{self, Message};

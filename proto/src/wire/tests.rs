@@ -4,7 +4,7 @@ use super::*;
 use crate::bounding_box::{BoundingBox, BoxRate};
 use crate::grid::CellGrid;
 use crate::id::{CameraIndex, PersonId, SessionId, ViewpointIndex};
-use crate::live::{
+use crate::message::live::{
     BoxEcho, CameraHealth, CameraStatus, EdgeLink, HeardPatches, LiveBoxes, PatchTiming,
 };
 use crate::message::{KeypointPeak, Order, PersonBoxes, PersonState, StageTime};

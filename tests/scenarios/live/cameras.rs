@@ -1,6 +1,6 @@
 //! Cameras that fail, as fakes: one freezes, one turns black, one dies. Each viewpoint has two.
 
-use farfield_proto::live::CameraHealth;
+use farfield_proto::message::live::CameraHealth;
 use farfield_testbed::live_venue::Seen;
 use farfield_testbed::maps_file::{CameraFailure, FailureKind};
 

@@ -8,7 +8,7 @@ use std::sync::{Arc, MutexGuard};
 use std::time::Duration;
 
 use farfield_proto::camera::CameraModel;
-use farfield_proto::live::EdgeLink;
+use farfield_proto::message::live::EdgeLink;
 use farfield_proto::tick::Tick;
 use farfield_testbed::embedded::CLIPS;
 use farfield_testbed::faults::Crowd;

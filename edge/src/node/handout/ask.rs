@@ -5,8 +5,8 @@ use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
 use anyhow::anyhow;
-use farfield_proto::handout::{Chunk, HandoutRequest, SharedFile, SignedList};
 use farfield_proto::key::Keys;
+use farfield_proto::message::handout::{Chunk, HandoutRequest, SharedFile, SignedList};
 use farfield_proto::wire::{self, Message, WireError};
 use tracing::{debug, warn};
 use zenoh::Session;

@@ -5,7 +5,7 @@ use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use farfield_proto::id::CameraIndex;
-use farfield_proto::live::{CameraHealth, CameraStatus};
+use farfield_proto::message::live::{CameraHealth, CameraStatus};
 use farfield_proto::tick::Tick;
 
 use crate::live::Micros;

@@ -1,7 +1,7 @@
 //! The pure state of a live edge behind one lock: clock, boxes, rate, budget, counts.
 
-use farfield_proto::live::{LiveStatus, PatchTiming};
 use farfield_proto::message::BoxSet;
+use farfield_proto::message::live::{LiveStatus, PatchTiming};
 use farfield_proto::tick::Tick;
 use farfield_proto::transport::MESSAGE_OVERHEAD_BYTES;
 use farfield_proto::venue::parameters::LinkParameters;

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use farfield_proto::histogram::Histogram;
 use farfield_proto::id::SessionId;
-use farfield_proto::live::LiveStatus;
+use farfield_proto::message::live::LiveStatus;
 use farfield_proto::message::{BoxSet, StageTime};
 use farfield_proto::tick::Tick;
 use tokio_util::sync::CancellationToken;

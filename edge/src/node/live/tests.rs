@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use farfield_proto::bounding_box::{BoundingBox, BoxRate};
 use farfield_proto::id::{CameraIndex, PersonId, SessionId, ViewpointIndex};
-use farfield_proto::live::{EdgeLink, LiveBoxes, LiveStatus};
+use farfield_proto::message::live::{EdgeLink, LiveBoxes, LiveStatus};
 use farfield_proto::message::{
     BoxSet, CameraBox, Order, PatchSet, PersonBoxes, SightingSet, Status,
 };

@@ -4,18 +4,17 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::Context as _;
-use farfield_proto::fill::SetKind;
 use farfield_proto::id::{CameraIndex, PersonId, ViewpointIndex};
-use farfield_proto::live::{BoxEcho, PatchTiming};
+use farfield_proto::message::fill::SetKind;
+use farfield_proto::message::live::{BoxEcho, PatchTiming};
 use farfield_proto::message::{BoxSet, Order};
 use farfield_proto::tick::Tick;
 use farfield_proto::wire;
 use tracing::debug;
 
 use super::shared::Shared;
-use crate::live::Micros;
 use crate::live::rate::{MessageKind, SendPlan};
-use crate::live::round_robin;
+use crate::live::{Micros, round_robin};
 use crate::node::clock;
 use crate::node::worker::split_detection;
 use crate::pipeline::{EdgeOutput, EdgePipeline, EdgeStage, StepRequest};

@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
-use farfield_proto::fill::{FillRequest, Filled};
 use farfield_proto::key::Keys;
+use farfield_proto::message::fill::{FillRequest, Filled};
 use farfield_proto::wire;
 use tokio::time::timeout;
 use tokio_util::sync::CancellationToken;

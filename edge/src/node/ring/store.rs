@@ -5,7 +5,7 @@ use std::io::{self, Write as _};
 use std::os::unix::fs::FileExt as _;
 use std::path::{Path, PathBuf};
 
-use farfield_proto::fill::{FillRequest, Filled, StoredSet};
+use farfield_proto::message::fill::{FillRequest, Filled, StoredSet};
 use tracing::warn;
 
 use crate::ring::index::{RecordLocation, RingIndex};
@@ -235,8 +235,8 @@ fn open_file(path: &Path) -> io::Result<File> {
 
 #[cfg(test)]
 mod tests {
-    use farfield_proto::fill::{MAX_ANSWER_BYTES, SetKind};
     use farfield_proto::id::SessionId;
+    use farfield_proto::message::fill::{MAX_ANSWER_BYTES, SetKind};
     use farfield_proto::tick::Tick;
 
     use super::*;

@@ -8,7 +8,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use anyhow::Context as _;
-use farfield_proto::fill::{FillRequest, Filled};
+use farfield_proto::message::fill::{FillRequest, Filled};
 use tokio::sync::oneshot;
 use tracing::{debug, warn};
 
@@ -192,8 +192,8 @@ impl Keeper {
 
 #[cfg(test)]
 mod tests {
-    use farfield_proto::fill::SetKind;
     use farfield_proto::id::SessionId;
+    use farfield_proto::message::fill::SetKind;
     use farfield_proto::tick::Tick;
 
     use super::*;

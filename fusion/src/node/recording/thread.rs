@@ -11,10 +11,10 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, anyhow};
-use farfield_proto::decision::Decision;
-use farfield_proto::fill::SetKind;
 use farfield_proto::id::SessionId;
 use farfield_proto::message::Status;
+use farfield_proto::message::decision::Decision;
+use farfield_proto::message::fill::SetKind;
 use farfield_proto::venue::parameters::RecordingParameters;
 use farfield_proto::wire;
 use tracing::warn;

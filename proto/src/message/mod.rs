@@ -1,6 +1,10 @@
 //! What nodes say to each other. Framing, bounds and versions are in [`crate::wire`].
 
 mod box_form;
+pub mod decision;
+pub mod fill;
+pub mod handout;
+pub mod live;
 mod patch_form;
 
 use serde::{Deserialize, Serialize};
@@ -8,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use crate::bounding_box::{BoundingBox, BoxRate};
 use crate::grid::CellGrid;
 use crate::id::{CameraIndex, PersonId, SessionId, ViewpointIndex};
-use crate::live::{LiveBoxes, LiveStatus, PatchTiming};
+use crate::message::live::{LiveBoxes, LiveStatus, PatchTiming};
 use crate::patch::EncodedMaps;
 use crate::tick::Tick;
 
