@@ -1,6 +1,7 @@
 //! What nodes say to each other. Framing, bounds and versions are in [`crate::wire`].
 
 mod box_form;
+mod check;
 pub mod decision;
 pub mod fill;
 pub mod handout;
