@@ -5,7 +5,7 @@ use std::ops::{Add, Range, Sub};
 
 use serde::{Deserialize, Serialize};
 
-/// Frame number at the venue's rate, the same for all cameras.
+/// Frame number at the venue's rate (frames per second), the same for all cameras.
 #[derive(
     Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default, Serialize, Deserialize,
 )]
@@ -44,7 +44,7 @@ impl fmt::Display for Tick {
 /// Reads a half-open range of ticks, `A..B`.
 ///
 /// # Errors
-/// A message for people when the text is not of that form or the range is empty.
+/// A message for the operator when the text is not of that form or the range is empty.
 pub fn parse_range(text: &str) -> Result<Range<Tick>, String> {
     let wrong = || format!("found {text:?}, expected A..B with A below B, for example 300..900");
     let (from, to) = text.split_once("..").ok_or_else(wrong)?;

@@ -1,15 +1,16 @@
 //! Messages as bytes: a version byte, then `postcard`, bounded in size and checked.
 //!
-//! A decoded message can be trusted in its form: counts, grids, boxes and numbers are valid.
-//! Whether it makes sense (a camera that exists, a session that lives) is for the node to see.
+//! This is where bytes from a stranger enter: [`decode`] is the only way to a message. A decoded message is valid in its
+//! form: counts, grids, boxes and numbers. Whether it makes sense (a camera that exists, a session that lives) is for
+//! the node to decide.
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
 /// Version of the messages; any change of their fields or of the patch codec raises it.
 pub const VERSION: u8 = 3;
-/// Longest message, bytes. It bounds what decoding may allocate, too: room is made for elements
-/// that are there, not for those that a message says it has, so less than 64 bytes for each of its own.
+/// Longest message, bytes. It bounds what decoding allocates, too: memory is reserved for elements that are there, not
+/// for the number that a message claims, so less than 64 bytes for each byte of the message.
 pub const MAX_MESSAGE_BYTES: usize = 1 << 20;
 /// Most messages that a viewpoint may send for one tick.
 pub const MAX_PARTS: u16 = 1024;
@@ -17,15 +18,15 @@ pub const MAX_PARTS: u16 = 1024;
 pub const MAX_CAMERAS: usize = 64;
 /// Most joints of a skeleton, and most of its angles (one bit each in `unobserved`).
 pub const MAX_JOINTS: usize = 64;
-/// Longest text of a status, bytes; who says more says [`cut_text`] of it.
+/// Longest text of a status, bytes; longer texts are sent as [`cut_text`] leaves them.
 pub const MAX_TEXT_BYTES: usize = 8192;
-/// Longest reason for which fusion says that it refuses an edge, bytes: with one for every edge that a venue
-/// may have, its status is still a message.
+/// Longest reason of a refusal in fusion's status, bytes: with one for every edge that a venue may have, the status
+/// still fits a message.
 pub const MAX_REFUSAL_BYTES: usize = 1024;
 /// Longest fingerprint in a status, bytes: two of them stand in one refusal.
 pub const MAX_HASH_BYTES: usize = 256;
 
-/// What travels between nodes.
+/// A message between nodes.
 pub trait Message: Serialize + DeserializeOwned {
     /// Checks counts, sizes and numbers.
     ///
@@ -78,12 +79,12 @@ pub fn encode<M: Message>(message: &M) -> Vec<u8> {
         .expect("writing to memory a type whose sequences know their length")
 }
 
-/// The beginning of `text`, as much as a status may carry, cut between characters.
+/// The beginning of `text`, at most [`MAX_TEXT_BYTES`], cut between characters.
 pub fn cut_text(text: String) -> String {
     cut(text, MAX_TEXT_BYTES)
 }
 
-/// The beginning of why an edge is refused, as much as fusion says of one, cut between characters.
+/// The beginning of the reason of a refusal, at most [`MAX_REFUSAL_BYTES`], cut between characters.
 pub fn cut_refusal(text: String) -> String {
     cut(text, MAX_REFUSAL_BYTES)
 }

@@ -1,10 +1,10 @@
-//! Which endpoints a node may use: without TLS only those that nobody else can reach.
+//! Which endpoints a node may use: without TLS only those of this machine.
 
 use core::net::IpAddr;
 
 use crate::transport::endpoint::{host, scheme};
 
-/// What a node has, and what its operator has said.
+/// Whether a node has keys, and what its operator allows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Exposure {
     /// Whether the node has a certificate and a key.
