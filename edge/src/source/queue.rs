@@ -58,7 +58,7 @@ impl<T> QueueShared<T> {
 pub(super) struct Sender<T = Frame>(Arc<QueueShared<T>>);
 
 impl<T> Sender<T> {
-    /// Hands over a frame or the reason why there is none. `false` when nobody takes frames any more.
+    /// Hands over a frame or the reason why there is none. `false` when the taker is gone.
     pub(super) fn push(&self, frame: Result<T, SourceError>) -> bool {
         let mut state = self.0.lock();
         while state.frames.len() >= CAPACITY && !state.abandoned {

@@ -110,7 +110,7 @@ impl Distortion {
         }
         let mut r = 0.0;
         while r < MAX_RADIUS {
-            // Fine where lenses look, a hundredth of the radius beyond.
+            // Fine steps within the usual field of view, a hundredth of the radius beyond.
             let next = r + f64::max(0.001, 0.01 * (r - 2.0));
             if !self.is_regular_at(next) {
                 return self.last_regular(r, next);
