@@ -1,4 +1,4 @@
-//! The venue's frame number, the only clock of the algorithm.
+//! The venue's frame number, the only clock of the algorithm; and microseconds, the unit of all other clocks.
 
 use std::fmt;
 use std::ops::{Add, Range, Sub};
@@ -40,6 +40,12 @@ impl fmt::Display for Tick {
         self.0.fmt(f)
     }
 }
+
+/// Microseconds: an instant of a clock (since 1970 for wall clocks), or a span between two.
+pub type Micros = i64;
+
+/// Microseconds of a second.
+pub const SECOND_US: Micros = 1_000_000;
 
 /// Reads a half-open range of ticks, `A..B`.
 ///
