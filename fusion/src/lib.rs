@@ -5,22 +5,17 @@
 
 pub mod align;
 pub mod assign;
+pub mod body;
 pub mod boxes;
-pub mod evidence;
+pub mod estimate;
 pub mod export;
-pub mod ik;
-pub mod lattice;
+pub mod identity;
 pub mod live;
+pub mod method;
 #[cfg(feature = "node")]
 pub mod node;
-pub mod occlusion;
-pub mod person;
 pub mod pipeline;
-pub mod predict;
 #[cfg(feature = "recording")]
 pub mod recording;
-pub mod skeleton;
-pub mod smooth;
+pub mod sightings;
 pub mod smoother;
-pub mod triangulate;
-pub mod uncertainty;

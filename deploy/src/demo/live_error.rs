@@ -1,8 +1,8 @@
 //! How far the poses of one tick are from the truth, at once and without a file.
 
+use farfield_fusion::body::skeleton::Joint;
+use farfield_fusion::body::skeleton::Joints;
 use farfield_fusion::node::Body;
-use farfield_fusion::predict::Joints;
-use farfield_fusion::skeleton::Joint;
 use farfield_score::GATE_M;
 use farfield_score::points::LIMB_POINTS;
 use nalgebra::Vector3;

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::{Context as _, anyhow, ensure};
-use farfield_fusion::predict::Joints;
+use farfield_fusion::body::skeleton::Joints;
 use farfield_proto::camera::CameraModel;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::SimulatedContent;

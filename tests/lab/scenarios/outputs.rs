@@ -4,7 +4,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::process::Command;
 
-use farfield_fusion::skeleton::{ANGLE_NAMES, Joint, RangeOfMotion};
+use farfield_fusion::body::skeleton::{ANGLE_NAMES, Joint, RangeOfMotion};
 use nalgebra::Vector3;
 use serde_json::Value;
 

@@ -11,7 +11,7 @@ use farfield_edge::network::OnnxKeypointNetwork;
 use farfield_edge::pipeline::{EdgeOutput, KeypointNetwork, Orders, PersonDetector, StandIn};
 use farfield_edge::source::{FrameSource, Sources as _, common_ticks};
 use farfield_fusion::align::TickGroup;
-use farfield_fusion::person::track::Track;
+use farfield_fusion::identity::track::Track;
 use farfield_proto::id::{SessionId, ViewpointIndex};
 use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::message::{BoxSet, PatchSet, PoseSet};

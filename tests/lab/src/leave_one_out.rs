@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use anyhow::Context as _;
-use farfield_fusion::triangulate::{Observation, weighted_dlt};
+use farfield_fusion::estimate::triangulate::{Observation, weighted_dlt};
 use farfield_proto::camera::CameraModel;
 use farfield_proto::frames::Point;
 use farfield_proto::id::{PersonId, ViewpointIndex};

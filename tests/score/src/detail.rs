@@ -1,6 +1,6 @@
 //! What a line says of all joints, and how sure it says it is.
 
-use farfield_fusion::skeleton::{Joint, N_JOINTS};
+use farfield_fusion::body::skeleton::{Joint, N_JOINTS};
 use farfield_proto::message::PersonState;
 use nalgebra::Vector3;
 

@@ -17,7 +17,7 @@ use serde_json::{Map, Value};
 
 use super::detail::{Detail, Sureness};
 use super::points::{Body, PointSet};
-use farfield_fusion::skeleton::{Joint, N_JOINTS};
+use farfield_fusion::body::skeleton::{Joint, N_JOINTS};
 
 /// Whose lines are read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -17,7 +17,7 @@ use serde::ser::{Serialize, SerializeMap as _, Serializer};
 
 use super::detail::{Detail, Sureness};
 use super::points::{Body, LIMB_POINTS};
-use farfield_fusion::skeleton::Joint;
+use farfield_fusion::body::skeleton::Joint;
 
 /// Bins per decade of sigma: 1.2 % wide, finer than the decimals of a small sigma.
 const BINS_PER_DECADE: f64 = 200.0;
@@ -301,7 +301,7 @@ impl UncertaintyTally {
 
 #[cfg(test)]
 mod tests {
-    use farfield_fusion::skeleton::N_JOINTS;
+    use farfield_fusion::body::skeleton::N_JOINTS;
 
     use super::*;
 

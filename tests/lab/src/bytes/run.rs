@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use anyhow::Context as _;
 use farfield_edge::pipeline::StandIn;
-use farfield_fusion::skeleton::Joint;
+use farfield_fusion::body::skeleton::Joint;
 use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::message::PoseSet;
 use farfield_score::lines::{Recording, Role};

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::fmt;
 
-use farfield_fusion::skeleton::Joint;
+use farfield_fusion::body::skeleton::Joint;
 use farfield_proto::keypoints::COCO17;
 use farfield_proto::tick::Tick;
 use nalgebra::Vector3;
@@ -163,7 +163,7 @@ impl Moment {
         let truth = |tick: Tick| scene.person_at(person, scene.time_s(tick));
         let now = truth(tick)?;
         let before = truth(tick + -1).unwrap_or_else(|| now.clone());
-        let joints = |joints: &farfield_fusion::predict::Joints| {
+        let joints = |joints: &farfield_fusion::body::skeleton::Joints| {
             SITE_JOINTS.map(|joint: Joint| joints[joint.index()])
         };
         let (joints_m, before_m) = (joints(&now.joints_m), joints(&before.joints_m));
@@ -201,7 +201,7 @@ impl Sums {
                 self.lattice.add((lattice - site).norm());
             }
         }
-        let at = |joints: &farfield_fusion::predict::Joints| joints[SITE_JOINTS[k].index()];
+        let at = |joints: &farfield_fusion::body::skeleton::Joints| joints[SITE_JOINTS[k].index()];
         let (ik1, filtered, ik2) = (at(&stages.ik1_m), at(&stages.filtered_m), at(&stages.ik2_m));
         self.ik1.add((ik1 - joint).norm());
         self.filtered.add((filtered - joint).norm());

@@ -5,8 +5,8 @@ use std::sync::Arc;
 
 use farfield_edge::pipeline::{EdgeOutput, StandIn};
 use farfield_edge::source::FrameSource;
-use farfield_fusion::person::track::Track;
-use farfield_fusion::predict::Joints;
+use farfield_fusion::body::skeleton::Joints;
+use farfield_fusion::identity::track::Track;
 use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::Parameters;

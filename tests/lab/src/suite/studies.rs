@@ -5,7 +5,7 @@ use std::fmt;
 use std::sync::Arc;
 
 use anyhow::Context as _;
-use farfield_fusion::predict::Motion;
+use farfield_fusion::estimate::predict::Motion;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::Parameters;
 use farfield_proto::venue::parameters::{CameraChoice, PredictionParameters, Predictor};

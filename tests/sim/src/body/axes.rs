@@ -1,7 +1,7 @@
 //! Body axes from joints: x forward, y to the person's left, z towards the head.
 
-use farfield_fusion::predict::Joints;
-use farfield_fusion::skeleton::Joint;
+use farfield_fusion::body::skeleton::Joint;
+use farfield_fusion::body::skeleton::Joints;
 use nalgebra::{Matrix3, Vector3};
 
 /// Below this length a direction means nothing, metres.

@@ -1,6 +1,6 @@
 //! How one person is built and dressed, drawn from a seed.
 
-use farfield_fusion::skeleton::Side;
+use farfield_fusion::body::skeleton::Side;
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 

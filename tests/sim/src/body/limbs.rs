@@ -1,7 +1,7 @@
 //! Arms and legs.
 
-use farfield_fusion::predict::Joints;
-use farfield_fusion::skeleton::{Joint, Side};
+use farfield_fusion::body::skeleton::Joints;
+use farfield_fusion::body::skeleton::{Joint, Side};
 use nalgebra::Vector3;
 
 use super::axes::{TrunkAxes, across};

@@ -1,7 +1,7 @@
 //! A person who stands upright with hanging arms, for tests.
 
-use farfield_fusion::predict::Joints;
-use farfield_fusion::skeleton::Joint;
+use farfield_fusion::body::skeleton::Joint;
+use farfield_fusion::body::skeleton::Joints;
 use nalgebra::Vector3;
 
 /// Where the joints are under the pelvis or above it, in statures: forward, left, up. Only the

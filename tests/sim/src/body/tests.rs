@@ -1,6 +1,6 @@
 //! What bodies hide, and how far they reach.
 
-use farfield_fusion::skeleton::Joint;
+use farfield_fusion::body::skeleton::Joint;
 use nalgebra::Vector3;
 
 use super::standing::standing;

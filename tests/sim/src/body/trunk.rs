@@ -2,8 +2,8 @@
 //!
 //! Measures are shares of the stature, from mean breadths and depths of adults.
 
-use farfield_fusion::predict::Joints;
-use farfield_fusion::skeleton::Joint;
+use farfield_fusion::body::skeleton::Joint;
+use farfield_fusion::body::skeleton::Joints;
 use nalgebra::Vector3;
 
 use super::axes::TrunkAxes;

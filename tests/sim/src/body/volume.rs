@@ -1,7 +1,7 @@
 //! The body of one moment, and what it hides.
 
-use farfield_fusion::predict::Joints;
-use farfield_fusion::skeleton::{Joint, Side};
+use farfield_fusion::body::skeleton::Joints;
+use farfield_fusion::body::skeleton::{Joint, Side};
 use nalgebra::{Matrix3, Vector3};
 
 use super::axes::TrunkAxes;

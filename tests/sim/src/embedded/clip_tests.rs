@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use farfield_fusion::skeleton::Joint;
+use farfield_fusion::body::skeleton::Joint;
 use nalgebra::Vector3;
 
 use super::CLIPS;

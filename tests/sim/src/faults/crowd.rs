@@ -4,7 +4,7 @@
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use farfield_fusion::skeleton::Joint;
+use farfield_fusion::body::skeleton::Joint;
 use nalgebra::Vector3;
 
 use super::streams::N_KEYPOINTS;

@@ -1,7 +1,7 @@
 //! What cameras make of people who stand still, so that every change is a fault.
 
-use farfield_fusion::predict::Joints;
-use farfield_fusion::skeleton::{Joint, Kinematics, Pose, Proportions, Skeleton};
+use farfield_fusion::body::skeleton::Joints;
+use farfield_fusion::body::skeleton::{Joint, Kinematics, Pose, Proportions, Skeleton};
 use farfield_proto::camera::{CameraModel, Distortion, Intrinsics};
 use farfield_proto::frames::Point;
 use farfield_proto::keypoints::COCO17;

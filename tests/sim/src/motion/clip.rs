@@ -19,8 +19,8 @@
 use std::fs;
 use std::path::Path;
 
-use farfield_fusion::predict::Joints;
-use farfield_fusion::skeleton::{Joint, N_JOINTS};
+use farfield_fusion::body::skeleton::Joints;
+use farfield_fusion::body::skeleton::{Joint, N_JOINTS};
 use farfield_proto::toml_file::FileError;
 use nalgebra::{UnitQuaternion, Vector3};
 

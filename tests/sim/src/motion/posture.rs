@@ -1,7 +1,7 @@
 //! A posture: where the 29 joints are at one moment, and what a scene does with it.
 
-use farfield_fusion::predict::Joints;
-use farfield_fusion::skeleton::{Joint, N_JOINTS};
+use farfield_fusion::body::skeleton::Joints;
+use farfield_fusion::body::skeleton::{Joint, N_JOINTS};
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
 /// The joints of one moment, indexed by [`Joint`]; in statures unless said, z up, right-handed.

@@ -48,7 +48,7 @@ mod placing;
 
 use std::path::Path;
 
-use farfield_fusion::skeleton::N_JOINTS;
+use farfield_fusion::body::skeleton::N_JOINTS;
 use farfield_proto::toml_file::FileError;
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
@@ -96,7 +96,7 @@ pub struct Rig {
     pub stature_units: f64,
     /// From the file's axes to z up.
     pub z_up: UnitQuaternion<f64>,
-    /// The joints, by [`Joint`](farfield_fusion::skeleton::Joint); the pelvis is the midpoint of the hips, whatever stands here.
+    /// The joints, by [`Joint`](farfield_fusion::body::skeleton::Joint); the pelvis is the midpoint of the hips, whatever stands here.
     pub sites: [Site; N_JOINTS],
     /// The soles under the balls of the left and the right foot, where the rig has no toe bones.
     pub balls: Option<[Site; 2]>,

@@ -4,7 +4,7 @@
 use std::fs;
 use std::path::PathBuf;
 
-use farfield_fusion::skeleton::Joint;
+use farfield_fusion::body::skeleton::Joint;
 use nalgebra::Vector3;
 
 use super::*;

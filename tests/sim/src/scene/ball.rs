@@ -1,6 +1,6 @@
 //! A ball that people pass to each other: rolling, or in arcs that bounce.
 
-use farfield_fusion::skeleton::Joint;
+use farfield_fusion::body::skeleton::Joint;
 use nalgebra::{Vector2, Vector3};
 use rand::RngExt as _;
 

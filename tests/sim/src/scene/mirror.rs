@@ -5,8 +5,8 @@
 //! `to_m`, and hides what is behind it from either side. What two mirrors make of each other is left
 //! out, and so is what a mirror makes of a poster.
 
-use farfield_fusion::predict::Joints;
-use farfield_fusion::skeleton::Joint;
+use farfield_fusion::body::skeleton::Joint;
+use farfield_fusion::body::skeleton::Joints;
 use nalgebra::{Vector2, Vector3};
 
 use super::file::MirrorEntry;

@@ -3,8 +3,8 @@
 //! What is printed is the outline of somebody who looks out of the picture; the paper around it is
 //! left out. Seen from behind there is nothing on it.
 
-use farfield_fusion::predict::Joints;
-use farfield_fusion::skeleton::Joint;
+use farfield_fusion::body::skeleton::Joint;
+use farfield_fusion::body::skeleton::Joints;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
 use super::file::PosterEntry;

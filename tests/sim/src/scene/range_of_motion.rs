@@ -4,10 +4,10 @@
 //! says. To tell how far, the model is fitted to their true joints without any bounds, and each of
 //! its degrees of freedom is compared with its bound.
 
-use farfield_fusion::person::fit::fit;
-use farfield_fusion::person::observed::ObservedJoints;
-use farfield_fusion::skeleton::angles::FIRST_JOINT_ANGLE;
-use farfield_fusion::skeleton::{ANGLE_NAMES, Joint, N_JOINT_DOF, RangeOfMotion};
+use farfield_fusion::body::fit::fit;
+use farfield_fusion::body::observed::ObservedJoints;
+use farfield_fusion::body::skeleton::angles::FIRST_JOINT_ANGLE;
+use farfield_fusion::body::skeleton::{ANGLE_NAMES, Joint, N_JOINT_DOF, RangeOfMotion};
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::parameters::IkParameters;
 use rayon::prelude::*;

@@ -5,8 +5,8 @@
 //! on: a network's idea of these lies beside the joint, at a constant place in the pelvis (hips) or
 //! the thigh (knees).
 
-use farfield_fusion::predict::Joints;
-use farfield_fusion::skeleton::Joint;
+use farfield_fusion::body::skeleton::Joint;
+use farfield_fusion::body::skeleton::Joints;
 use farfield_proto::keypoints::COCO17;
 use nalgebra::{Matrix3, Rotation3, UnitVector3, Vector3};
 use rand::RngExt as _;
@@ -123,7 +123,7 @@ fn pelvis_axes(joints_m: &Joints) -> Rotation3<f64> {
 
 #[cfg(test)]
 mod tests {
-    use farfield_fusion::skeleton::{Kinematics, Pose, Proportions, Skeleton};
+    use farfield_fusion::body::skeleton::{Kinematics, Pose, Proportions, Skeleton};
     use nalgebra::UnitQuaternion;
 
     use super::*;

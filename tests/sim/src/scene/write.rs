@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 use std::io;
 use std::ops::Range;
 
-use farfield_fusion::skeleton::Joint;
+use farfield_fusion::body::skeleton::Joint;
 use farfield_proto::camera::CameraModel;
 use farfield_proto::keypoints::COCO17;
 use farfield_proto::tick::Tick;
@@ -187,7 +187,7 @@ impl SceneSummary {
 mod tests {
     use std::path::Path;
 
-    use farfield_fusion::skeleton::N_JOINTS;
+    use farfield_fusion::body::skeleton::N_JOINTS;
     use farfield_proto::calibration::Calibration;
 
     use super::*;

@@ -2,7 +2,7 @@
 
 use std::f64::consts::{PI, TAU};
 
-use farfield_fusion::predict::Joints;
+use farfield_fusion::body::skeleton::Joints;
 use farfield_sim::body::{Build, Color, Cone, Volume};
 use farfield_sim::motion::{Clip, Posture};
 use nalgebra::{Rotation3, Unit, Vector3};

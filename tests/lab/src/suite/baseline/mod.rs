@@ -11,7 +11,7 @@ pub mod outliers;
 use std::collections::BTreeMap;
 use std::ops::RangeInclusive;
 
-use farfield_fusion::triangulate::Observation;
+use farfield_fusion::estimate::triangulate::Observation;
 use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::tick::Tick;
 use farfield_score::points::{Body, PointSet};

@@ -7,7 +7,7 @@
 //! remain. Of a size the subset with the least error counts. Above the threshold there is no point.
 //! Its swapping of left and right (off by default, as in its own demonstration) is left out.
 
-use farfield_fusion::triangulate::{Observation, weighted_dlt};
+use farfield_fusion::estimate::triangulate::{Observation, weighted_dlt};
 use farfield_proto::frames::Point;
 use nalgebra::Vector3;
 

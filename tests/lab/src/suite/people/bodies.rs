@@ -2,8 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use farfield_fusion::predict::Joints;
-use farfield_fusion::skeleton::{Joint, N_JOINTS};
+use farfield_fusion::body::skeleton::Joints;
+use farfield_fusion::body::skeleton::{Joint, N_JOINTS};
 use farfield_proto::keypoints::{COCO17, KeypointSet};
 use farfield_proto::message::{PersonPose, PoseSet};
 use farfield_proto::tick::Tick;

@@ -1,7 +1,7 @@
 //! How often people of a scene meet, from its truth alone: a suite that asks for twenty crossings counts
 //! them.
 
-use farfield_fusion::skeleton::Joint;
+use farfield_fusion::body::skeleton::Joint;
 use farfield_proto::tick::Tick;
 
 use farfield_sim::scene::Scene;

@@ -3,7 +3,7 @@
 
 use std::collections::BTreeMap;
 
-use farfield_fusion::skeleton::Joint;
+use farfield_fusion::body::skeleton::Joint;
 use farfield_proto::frames::Point;
 use farfield_proto::tick::Tick;
 use farfield_score::lines::Recording;

@@ -1,6 +1,6 @@
 //! Places the 29 joints on the bones that were found.
 
-use farfield_fusion::skeleton::{Joint, N_JOINTS};
+use farfield_fusion::body::skeleton::{Joint, N_JOINTS};
 use nalgebra::Vector3;
 
 use super::names::Named;

@@ -1,6 +1,6 @@
 //! Skeletons of other programs, as small files.
 
-use farfield_fusion::skeleton::Joint;
+use farfield_fusion::body::skeleton::Joint;
 
 use super::placing::SOLE;
 use super::*;

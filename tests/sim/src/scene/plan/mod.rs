@@ -14,8 +14,8 @@ mod timeline;
 
 use std::sync::Arc;
 
-use farfield_fusion::predict::Joints;
-use farfield_fusion::skeleton::Joint;
+use farfield_fusion::body::skeleton::Joint;
+use farfield_fusion::body::skeleton::Joints;
 use nalgebra::{Vector2, Vector3};
 
 pub use self::aside::KEEP_M;

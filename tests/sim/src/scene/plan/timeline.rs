@@ -11,8 +11,8 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use farfield_fusion::predict::Joints;
-use farfield_fusion::skeleton::{Joint, N_JOINTS};
+use farfield_fusion::body::skeleton::Joints;
+use farfield_fusion::body::skeleton::{Joint, N_JOINTS};
 use nalgebra::{Vector2, Vector3};
 
 use crate::motion::{Clip, Posture};

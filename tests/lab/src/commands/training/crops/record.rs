@@ -7,7 +7,7 @@
 use std::ops::Range;
 
 use farfield_edge::crop::{Cropper, PixelFormat};
-use farfield_fusion::skeleton::Joint;
+use farfield_fusion::body::skeleton::Joint;
 use farfield_proto::frames::Point;
 use farfield_proto::keypoints::COCO17;
 use farfield_proto::model_card::{Channels, NetworkInput, Normalize};

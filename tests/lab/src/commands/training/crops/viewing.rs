@@ -3,8 +3,8 @@
 use std::f64::consts::PI;
 
 use farfield_edge::crop::{CropGeometry, CropShape, enclosing_upright};
+use farfield_fusion::body::skeleton::Joints;
 use farfield_fusion::boxes::{BoxShape, Boxes};
-use farfield_fusion::predict::Joints;
 use farfield_proto::bounding_box::BoundingBox;
 use farfield_proto::camera::CameraModel;
 use farfield_proto::id::CameraIndex;
