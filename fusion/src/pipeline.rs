@@ -332,7 +332,7 @@ impl Pipeline {
                 viewpoint: ViewpointIndex(index as u16),
                 order: Order::Track,
                 live: None,
-                look,
+                detection_cameras: look,
                 persons,
             }
         };

@@ -1,7 +1,7 @@
-//! Patches of strangers: decoding ends, and what was decoded is encoded again, without loss and at every quality.
+//! Patches of strangers: decoding ends, and what was decoded is encoded again, without loss and at every compression level.
 #![no_main]
 
-use farfield_proto::patch::{Decoder, EncodedMaps, Encoder, Maps, Quality};
+use farfield_proto::patch::{Decoder, EncodedMaps, Encoder, Maps, CompressionLevel};
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|input: (u16, u16, u8, &[u8])| {
@@ -14,8 +14,8 @@ fuzz_target!(|input: (u16, u16, u8, &[u8])| {
         let again = encoder.encode_above(&maps, 0);
         Decoder::new().decode(&again, &mut twice).expect("an encoder's own bytes can be decoded");
         assert_eq!(maps, twice);
-        for quality in Quality::all() {
-            let again = encoder.encode(&maps, quality);
+        for level in CompressionLevel::all() {
+            let again = encoder.encode(&maps, level);
             Decoder::new().decode(&again, &mut twice).expect("an encoder's own bytes can be decoded");
         }
     }

@@ -2,9 +2,9 @@
 //! `cargo run -p farfield-lab -- fuzz-seeds fuzz/corpus`, in the order of the kinds here.
 #![no_main]
 
-use farfield_proto::decision::Decision;
-use farfield_proto::fill::{FillRequest, Filled};
-use farfield_proto::handout::{Chunk, FileList, HandoutRequest, SignedList};
+use farfield_proto::message::decision::Decision;
+use farfield_proto::message::fill::{FillRequest, Filled};
+use farfield_proto::message::handout::{Chunk, FileList, HandoutRequest, SignedList};
 use farfield_proto::message::{BoxSet, PatchSet, PoseSet, SightingSet, Status};
 use farfield_proto::wire::{Message, decode, encode};
 use libfuzzer_sys::fuzz_target;

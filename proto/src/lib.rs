@@ -7,17 +7,12 @@
 pub mod bounding_box;
 pub mod calibration;
 pub mod camera;
-pub mod decision;
-pub mod endpoint;
-pub mod fill;
 pub mod frames;
 pub mod grid;
-pub mod handout;
 pub mod histogram;
 pub mod id;
 pub mod key;
 pub mod keypoints;
-pub mod live;
 pub mod message;
 pub mod model_card;
 pub mod patch;

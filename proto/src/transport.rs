@@ -3,7 +3,7 @@
 //! One set serves lock-step and live: whether a message waits or is dropped is said per message, and
 //! the queues are short for both, as what waits in a queue is late. Nothing is scouted for.
 //!
-//! Endpoints and what they carry (see [`crate::endpoint`]):
+//! Endpoints and what they carry (see [`crate::transport::endpoint`]):
 //!
 //! | endpoint | encrypted | best-effort messages | reliable messages |
 //! | --- | --- | --- | --- |
@@ -17,6 +17,7 @@
 //! that and [`MIN_WINDOW_BYTES`] are added to endpoints that say nothing else behind `?` and `#`.
 
 mod access;
+pub mod endpoint;
 mod exposure;
 mod json;
 
@@ -25,7 +26,7 @@ use std::time::Duration;
 
 use json::{list, quoted};
 
-use crate::endpoint::scheme;
+use crate::transport::endpoint::scheme;
 
 pub use access::{FUSION, READER, RECORDER, common_name};
 pub use exposure::{Exposure, ExposureError};
@@ -55,7 +56,7 @@ pub const MIN_WINDOW_BYTES: u32 = 64 << 10;
 pub const DATAGRAM_BUFFER_BYTES: u32 = 32 << 10;
 
 /// One setting of Zenoh: its key, and its value as JSON5.
-pub type Setting = (String, String);
+pub type ZenohSetting = (String, String);
 
 /// The files by which a node proves who it is.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -94,7 +95,7 @@ impl EdgeTransport<'_> {
     /// The settings, in the order to apply them in. With an identity only fusion is listened to, and
     /// only under the venue's name: a certificate of the world's authorities, which Zenoh trusts too,
     /// does not make a fusion node.
-    pub fn settings(&self) -> Vec<Setting> {
+    pub fn settings(&self) -> Vec<ZenohSetting> {
         let mut settings = common("client", self.connect);
         settings.extend(pairs([
             ("connect/endpoints", list(&completed(self.connect))),
@@ -131,7 +132,7 @@ pub struct FusionTransport<'a> {
 impl FusionTransport<'_> {
     /// The settings, in the order to apply them in. With an identity every node can publish only under
     /// its own name, and read only what it needs.
-    pub fn settings(&self) -> Vec<Setting> {
+    pub fn settings(&self) -> Vec<ZenohSetting> {
         let mut settings = common("router", self.listen);
         settings.extend(pairs([
             ("listen/endpoints", list(&completed(self.listen))),
@@ -167,7 +168,7 @@ fn complete(endpoint: &str) -> String {
     format!("{address}{asked}#{config}")
 }
 
-fn common(mode: &str, endpoints: &[String]) -> Vec<Setting> {
+fn common(mode: &str, endpoints: &[String]) -> Vec<ZenohSetting> {
     let mut schemes: Vec<&str> = endpoints.iter().map(|text| scheme(text)).collect();
     schemes.sort_unstable();
     schemes.dedup();
@@ -200,7 +201,7 @@ fn common(mode: &str, endpoints: &[String]) -> Vec<Setting> {
     settings
 }
 
-fn tls(identity: &Identity) -> Setting {
+fn tls(identity: &Identity) -> ZenohSetting {
     let file = |path: &Path| quoted(&path.to_string_lossy());
     let (certificate, key) = (file(&identity.certificate), file(&identity.key));
     let value = format!(
@@ -213,7 +214,7 @@ fn tls(identity: &Identity) -> Setting {
     ("transport/link/tls".to_owned(), value)
 }
 
-fn pairs<const N: usize>(settings: [(&str, String); N]) -> Vec<Setting> {
+fn pairs<const N: usize>(settings: [(&str, String); N]) -> Vec<ZenohSetting> {
     settings
         .into_iter()
         .map(|(key, value)| (key.to_owned(), value))
@@ -224,7 +225,7 @@ fn pairs<const N: usize>(settings: [(&str, String); N]) -> Vec<Setting> {
 mod tests {
     use super::*;
 
-    fn value<'a>(settings: &'a [Setting], key: &str) -> Option<&'a str> {
+    fn value<'a>(settings: &'a [ZenohSetting], key: &str) -> Option<&'a str> {
         settings
             .iter()
             .find(|(known, _)| known == key)

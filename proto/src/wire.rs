@@ -8,7 +8,7 @@ use serde::de::DeserializeOwned;
 
 use crate::grid::CellGrid;
 use crate::key::is_key_chunk;
-use crate::live::{LiveStatus, MAX_CLOCK_CORRECTION_US, MAX_EDGES};
+use crate::message::live::{LiveStatus, MAX_CLOCK_CORRECTION_US, MAX_EDGES};
 use crate::message::{
     BoxSet, CameraBox, MAX_CAPTURE_OFFSET_US, MAX_CROPS, MAX_PERSONS, MAX_SIGHTINGS, MAX_STAGES,
     PatchSet, PersonPatch, PersonPose, PoseSet, Sighting, SightingSet, Status,
@@ -186,14 +186,14 @@ impl Message for BoxSet {
         )?;
         let few_cameras = self.persons.iter().all(|p| p.cameras.len() <= MAX_CAMERAS);
         ensure(
-            few_cameras && self.look.len() <= MAX_CAMERAS,
+            few_cameras && self.detection_cameras.len() <= MAX_CAMERAS,
             "more cameras than a viewpoint may have",
         )?;
         let live = self.live.iter();
         live.filter_map(|live| live.clock_correction_us)
             .try_for_each(check_correction)?;
         ensure(
-            self.look.is_sorted_by(|a, b| a < b),
+            self.detection_cameras.is_sorted_by(|a, b| a < b),
             "cameras that look out of order or twice",
         )?;
         self.persons

@@ -5,8 +5,8 @@ use std::path::Path;
 use std::thread;
 use std::time::Duration;
 
+use farfield_edge::inference::NetworkError;
 use farfield_edge::node::Networks;
-use farfield_edge::pipeline::NetworkError;
 
 use super::play::Play;
 

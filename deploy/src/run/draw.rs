@@ -19,7 +19,7 @@ use crate::overlay::overlay;
 
 /// What of a line of `poses.jsonl` is drawn.
 #[derive(Debug, Deserialize)]
-struct PoseLine {
+struct DrawnPoseLine {
     tick: Tick,
     person: u32,
     state: PersonState,
@@ -58,7 +58,7 @@ fn recorded(path: &Path, ticks: &[Tick]) -> anyhow::Result<BTreeMap<Tick, Vec<Pe
     let mut persons: BTreeMap<Tick, Vec<PersonPose>> = BTreeMap::new();
     for line in BufReader::new(file).lines() {
         let line = line.with_context(|| format!("reading {}", path.display()))?;
-        let line: PoseLine =
+        let line: DrawnPoseLine =
             serde_json::from_str(&line).with_context(|| format!("reading {}", path.display()))?;
         // Lines are sorted by tick.
         if ticks.last().is_none_or(|&last| line.tick > last) {
@@ -71,7 +71,7 @@ fn recorded(path: &Path, ticks: &[Tick]) -> anyhow::Result<BTreeMap<Tick, Vec<Pe
     Ok(persons)
 }
 
-fn pose(line: &PoseLine) -> PersonPose {
+fn pose(line: &DrawnPoseLine) -> PersonPose {
     let joint = |joint: &Joint| {
         line.joints
             .get(joint.name())

@@ -5,7 +5,7 @@ use std::path::Path;
 use std::process::{Child, ChildStdin, Command, Stdio};
 
 use anyhow::{Context as _, bail};
-use farfield_edge::source::{Content, FrameSource as _};
+use farfield_edge::source::{FrameContent, FrameSource as _};
 use farfield_fusion::node::Ending;
 use farfield_proto::venue::SimulatedContent;
 use image::RgbImage;
@@ -40,7 +40,7 @@ pub(super) fn write(
             if interrupt.is_asked() {
                 return Ok(Ending::Interrupted);
             }
-            let Content::Image(picture) = frame.content else {
+            let FrameContent::Image(picture) = frame.content else {
                 bail!("a camera of pictures has given something else");
             };
             writer

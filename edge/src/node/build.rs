@@ -16,8 +16,9 @@ use farfield_proto::wire;
 use super::config::Config;
 use super::worker::Work;
 use crate::detector::OnnxDetector;
-use crate::network::{Backend, Choice, OnnxKeypointNetwork};
-use crate::pipeline::{InputTensor, KeypointNetwork, NetworkError, PersonDetector, Pipeline};
+use crate::inference::{InputTensor, KeypointNetwork, NetworkError, PersonDetector};
+use crate::network::{BackendChoice, InferenceBackend, OnnxKeypointNetwork};
+use crate::pipeline::EdgePipeline;
 use crate::source::{self, SourceError, SourceInfo, Sources};
 
 /// An edge that is ready to connect.
@@ -77,7 +78,7 @@ pub fn load_networks<'a>(
             backend: String::new(),
         });
     }
-    let backend = Backend::start(Choice::Best)?;
+    let backend = InferenceBackend::start(BackendChoice::Best)?;
     let keypoints = venue
         .network
         .as_deref()
@@ -140,7 +141,7 @@ pub(super) fn build(config: &Config) -> Result<Built, NodeError> {
     } = networks;
     let keypoints = keypoints.map(|network| Box::new(network) as Box<dyn KeypointNetwork>);
     let detector = detector.map(|detector| Box::new(detector) as Box<dyn PersonDetector>);
-    let pipeline = Pipeline::new(venue, config.viewpoint, keypoints, detector);
+    let pipeline = EdgePipeline::new(venue, config.viewpoint, keypoints, detector);
     let pipeline = pipeline
         .with_context(|| format!("viewpoint {}", config.name))
         .map_err(NodeError::Refused)?;

@@ -94,7 +94,7 @@ async fn boxes_arrive_patches_leave_in_order_and_fusion_is_missed() {
         viewpoint: ViewpointIndex(0),
         order: Order::Track,
         live: None,
-        look: Vec::new(),
+        detection_cameras: Vec::new(),
         persons: Vec::new(),
     };
     let token = fusion

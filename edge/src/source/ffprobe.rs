@@ -1,4 +1,4 @@
-//! What a recording says of itself, and how many packets it really holds.
+//! What the container of a recording announces, and how many packets it holds.
 //!
 //! One `ffprobe` call reads the container's index and lists all packets without decoding them. A file
 //! that was cut decodes without an error, so its packets are counted against what it announces.
@@ -11,7 +11,7 @@ use std::process::{Command, Stdio};
 use ffmpeg_sidecar::ffprobe::ffprobe_path;
 
 use super::ffmpeg::{collect_messages, file_input, said, start_problem};
-use super::{Origin, SourceError};
+use super::{SourceError, SourceOrigin};
 
 const ENTRIES: &str = "packet=pts,flags:\
     stream=width,height,time_base,r_frame_rate,avg_frame_rate,nb_frames,duration:\
@@ -41,7 +41,7 @@ pub(super) struct VideoStream {
 }
 
 /// Reads the whole container of `path`, without decoding.
-pub(super) fn read_stream(path: &Path, at: &Origin) -> Result<VideoStream, SourceError> {
+pub(super) fn read_stream(path: &Path, at: &SourceOrigin) -> Result<VideoStream, SourceError> {
     let mut child = Command::new(ffprobe_path())
         .args([
             "-hide_banner",

@@ -1,8 +1,8 @@
 //! The short queue between the thread that decodes and the one that takes frames, so that decoding
 //! the next frames overlaps with inference on this one.
 //!
-//! It holds [`CAPACITY`] frames. When it is full, a recording waits and a live source loses its
-//! oldest frame.
+//! It holds [`CAPACITY`] frames. When it is full, decoding of a recording waits, and a live source loses its oldest
+//! frame.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -27,26 +27,26 @@ pub(super) enum WhenFull {
 }
 
 #[derive(Debug)]
-struct State<T> {
+struct QueueState<T> {
     frames: VecDeque<Result<T, SourceError>>,
     ended: bool,
     abandoned: bool,
 }
 
 #[derive(Debug)]
-struct Shared<T> {
-    state: Mutex<State<T>>,
+struct QueueShared<T> {
+    state: Mutex<QueueState<T>>,
     changed: Condvar,
     when_full: WhenFull,
 }
 
-impl<T> Shared<T> {
-    fn lock(&self) -> MutexGuard<'_, State<T>> {
+impl<T> QueueShared<T> {
+    fn lock(&self) -> MutexGuard<'_, QueueState<T>> {
         // A poisoned queue is as good as any: each of its fields is valid on its own.
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn wait<'a>(&self, state: MutexGuard<'a, State<T>>) -> MutexGuard<'a, State<T>> {
+    fn wait<'a>(&self, state: MutexGuard<'a, QueueState<T>>) -> MutexGuard<'a, QueueState<T>> {
         self.changed
             .wait(state)
             .unwrap_or_else(PoisonError::into_inner)
@@ -55,7 +55,7 @@ impl<T> Shared<T> {
 
 /// The decoding thread's end. Dropping it, also by a panic of that thread, ends the queue.
 #[derive(Debug)]
-pub(super) struct Sender<T = Frame>(Arc<Shared<T>>);
+pub(super) struct Sender<T = Frame>(Arc<QueueShared<T>>);
 
 impl<T> Sender<T> {
     /// Hands over a frame or the reason why there is none. `false` when nobody takes frames any more.
@@ -86,7 +86,7 @@ impl<T> Drop for Sender<T> {
 /// Frames decoded ahead by a thread of their own.
 #[derive(Debug)]
 pub(super) struct Prefetch<T = Frame> {
-    shared: Arc<Shared<T>>,
+    shared: Arc<QueueShared<T>>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -99,8 +99,8 @@ impl<T> Prefetch<T> {
     where
         T: Send + 'static,
     {
-        let shared = Arc::new(Shared {
-            state: Mutex::new(State {
+        let shared = Arc::new(QueueShared {
+            state: Mutex::new(QueueState {
                 frames: VecDeque::new(),
                 ended: false,
                 abandoned: false,
@@ -155,14 +155,14 @@ impl<T> Drop for Prefetch<T> {
 mod tests {
     use farfield_proto::tick::Tick;
 
-    use super::super::{Content, KeypointFrame};
+    use super::super::{FrameContent, KeypointFrame};
     use super::*;
 
     fn frame(tick: i64) -> Frame {
         Frame {
             tick: Tick(tick),
             capture_offset_us: 0,
-            content: Content::Keypoints(KeypointFrame::default()),
+            content: FrameContent::Keypoints(KeypointFrame::default()),
         }
     }
 

@@ -1,7 +1,6 @@
-//! One list out of what overlapping windows of a picture found.
+//! The detections of overlapping windows of a picture, merged to one list.
 
-use super::window::Window;
-use crate::pipeline::Detection;
+use crate::inference::{Detection, DetectorWindow};
 
 /// Overlap (intersection over union) from which two boxes are one person; YOLOX's own default.
 const SAME_PERSON: f32 = 0.45;
@@ -10,9 +9,9 @@ const SAME_PERSON: f32 = 0.45;
 /// are as exact as that.
 const AT_EDGE_INPUT_PX: f64 = 3.0;
 
-/// Share of the smaller of two boxes that lies in the larger one from which they are one person, when
-/// their areas are this alike (who is farther away is smaller) and their upper edges too (share of the
-/// larger one's height): head and trunk are a part of somebody, who sits in front of them is not.
+/// Two boxes are one person when at least [`INSIDE`] of the smaller one lies in the larger one, its area is at least
+/// [`ALIKE`] of the larger one's (a person farther away is smaller), and their upper edges are within [`AT_TOP`] of the
+/// larger one's height: head and trunk are a part of the person, one who sits in front is not.
 const INSIDE: f32 = 0.8;
 const ALIKE: f32 = 1.0 / 3.0;
 const AT_TOP: f32 = 0.2;
@@ -20,17 +19,17 @@ const AT_TOP: f32 = 0.2;
 /// Share of a cut box that lies in a whole one from which it is a part of that person.
 const PART_OF: f32 = 0.6;
 
-/// What the windows of a picture of `picture_px` found, as one list, the surest first.
+/// The detections of the windows of a picture of `picture_px` (width and height), as one list, highest score first.
 ///
-/// A box that is cut by the edge of its window is dropped where another window, as fine or finer, holds
-/// the place whole and had its say, and where it is a part of somebody whom another window
-/// shows whole. Of boxes that overlap, the surest stays.
+/// A box that is cut by the edge of its window is dropped where another window, as fine or finer, holds its place
+/// whole (whatever that window found there), and where it is a part of a box that another window holds whole. Of boxes
+/// that overlap, the one of highest score stays.
 pub fn merged(
-    found: &[(Window, Vec<Detection>)],
+    found: &[(DetectorWindow, Vec<Detection>)],
     input_px: [u32; 2],
     picture_px: [u32; 2],
 ) -> Vec<Detection> {
-    let is_whole = |window: &Window, d: &Detection| {
+    let is_whole = |window: &DetectorWindow, d: &Detection| {
         window.holds(
             outer(d),
             AT_EDGE_INPUT_PX / window.scale(input_px),
@@ -64,7 +63,7 @@ pub fn merged(
     thinned_out(kept)
 }
 
-/// Non-maximum suppression of what is sorted, the surest first: of overlapping boxes only the surest.
+/// Non-maximum suppression of boxes sorted by score, highest first.
 pub fn thinned_out(found: Vec<Detection>) -> Vec<Detection> {
     let mut kept: Vec<Detection> = Vec::new();
     for candidate in found {
@@ -132,11 +131,11 @@ mod tests {
         }
     }
 
-    fn window(min_px: [f64; 2], size_px: [f64; 2]) -> Window {
-        Window { min_px, size_px }
+    fn window(min_px: [f64; 2], size_px: [f64; 2]) -> DetectorWindow {
+        DetectorWindow { min_px, size_px }
     }
 
-    fn whole() -> Window {
+    fn whole() -> DetectorWindow {
         window([0.0; 2], [1600.0, 1000.0])
     }
 

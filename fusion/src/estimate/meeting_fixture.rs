@@ -8,7 +8,7 @@ use farfield_proto::grid::CellGrid;
 use farfield_proto::id::{CameraIndex, PersonId};
 use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::message::PersonPatch;
-use farfield_proto::patch::{Encoder, Maps, Quality, quantize};
+use farfield_proto::patch::{CompressionLevel, Encoder, Maps, quantize};
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::Parameters;
 use nalgebra::{UnitQuaternion, Vector2, Vector3};
@@ -139,7 +139,7 @@ impl Meeting {
             capture_offset_us: 0,
             crops: vec![grid],
             crop_of_keypoint: vec![0; self.method.sites.len()],
-            maps: Encoder::new().encode(&maps, Quality::LOSSLESS),
+            maps: Encoder::new().encode(&maps, CompressionLevel::LOSSLESS),
         }
     }
 }

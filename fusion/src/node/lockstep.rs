@@ -134,7 +134,7 @@ impl<'a> LockStep<'a> {
                 viewpoint,
                 order: Order::End,
                 live: None,
-                look: Vec::new(),
+                detection_cameras: Vec::new(),
                 persons: Vec::new(),
             };
             if say(

@@ -1,7 +1,7 @@
 //! `farfield record`: a node of its own that listens to everything under the venue's name, and records it.
 //!
 //! It hears what fusion hears, but for what the links between lose, and not always in time: what fusion
-//! used for each tick it takes from fusion's own word ([`farfield_proto::decision`]).
+//! used for each tick it takes from fusion's own word ([`farfield_proto::message::decision`]).
 
 use std::path::PathBuf;
 use std::process::ExitCode;

@@ -165,7 +165,7 @@ fn look_shares(last_words: &[Status]) -> BTreeMap<String, f64> {
     let share = |status: &Status| {
         let of = |looks: bool| {
             let stages = status.stages.iter();
-            let stages = stages.filter(|s| !looks || s.stage == LOOK_STAGE);
+            let stages = stages.filter(|s| !looks || s.stage == DETECTION_STAGE);
             stages.map(|s| s.total_us).sum::<u64>() as f64
         };
         (of(false) > 0.0).then(|| (status.node.clone(), of(true) / of(false)))

@@ -6,10 +6,10 @@
 use std::collections::BTreeMap;
 use std::io::{Read, Seek, SeekFrom};
 
-use farfield_proto::decision::Decision;
-use farfield_proto::fill::SetKind;
 use farfield_proto::id::{SessionId, ViewpointIndex};
-use farfield_proto::live::MAX_EDGES;
+use farfield_proto::message::decision::Decision;
+use farfield_proto::message::fill::SetKind;
+use farfield_proto::message::live::MAX_EDGES;
 use farfield_proto::message::{PatchSet, PoseSet, SightingSet};
 use farfield_proto::tick::Tick;
 use farfield_proto::wire;

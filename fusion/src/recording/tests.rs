@@ -3,9 +3,9 @@
 use std::collections::BTreeMap;
 use std::io::{self, Cursor, Write};
 
-use farfield_proto::decision::{Decision, UsedSet};
 use farfield_proto::id::{SessionId, ViewpointIndex};
-use farfield_proto::live::{LiveBoxes, PatchTiming};
+use farfield_proto::message::decision::{Decision, UsedSet};
+use farfield_proto::message::live::{LiveBoxes, PatchTiming};
 use farfield_proto::message::{BoxSet, Order, PatchSet, PersonState, PoseSet, SightingSet};
 use farfield_proto::tick::Tick;
 use farfield_proto::wire::{self, Message};
@@ -160,7 +160,7 @@ fn patches_are_stamped_with_their_sending() {
             clock_correction_us: None,
             heard: None,
         }),
-        look: Vec::new(),
+        detection_cameras: Vec::new(),
         persons: Vec::new(),
     };
     put(&mut writer, "hall/box/ne", &boxes);

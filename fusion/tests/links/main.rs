@@ -9,7 +9,7 @@ mod relay;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
-use farfield_proto::transport::{EdgeTransport, FusionTransport, Identity, Setting};
+use farfield_proto::transport::{EdgeTransport, FusionTransport, Identity, ZenohSetting};
 use relay::{Faults, Relay};
 use tokio::time::{interval, timeout};
 use zenoh::Session;
@@ -24,7 +24,7 @@ const NO_FAULTS: Faults = Faults {
     lose_every: 0,
 };
 
-async fn open(settings: Vec<Setting>) -> Session {
+async fn open(settings: Vec<ZenohSetting>) -> Session {
     let mut config = zenoh::Config::default();
     for (key, value) in settings {
         config

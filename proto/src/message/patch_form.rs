@@ -9,7 +9,7 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use super::{PatchSet, PersonPatch};
 use crate::grid::CellGrid;
 use crate::id::{CameraIndex, PersonId, SessionId, ViewpointIndex};
-use crate::live::PatchTiming;
+use crate::message::live::PatchTiming;
 use crate::patch::EncodedMaps;
 use crate::tick::Tick;
 

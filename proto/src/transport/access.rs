@@ -3,7 +3,7 @@
 //! A node is known by the common name of its certificate, which stands for exactly one node, or for
 //! all readers. Directions are those of the node that the rules are for: `ingress` comes in.
 
-use super::Setting;
+use super::ZenohSetting;
 use super::json::{list, quoted};
 use crate::key::Keys;
 
@@ -117,7 +117,7 @@ fn of_recorder(keys: &Keys) -> Vec<Rule<'static>> {
 }
 
 /// Fusion's access control for edges at `viewpoints`, and for readers.
-pub(super) fn at_fusion(venue: &str, viewpoints: &[&str]) -> Setting {
+pub(super) fn at_fusion(venue: &str, viewpoints: &[&str]) -> ZenohSetting {
     let keys = Keys::new(venue);
     let mut subjects: Vec<(&str, Vec<Rule<'_>>)> = viewpoints
         .iter()
@@ -129,13 +129,13 @@ pub(super) fn at_fusion(venue: &str, viewpoints: &[&str]) -> Setting {
 }
 
 /// An edge's access control: fusion may do what it likes under the venue's name, and nobody else.
-pub(super) fn at_edge(venue: &str) -> Setting {
+pub(super) fn at_edge(venue: &str) -> ZenohSetting {
     let all = vec![Keys::new(venue).all()];
     let rules = rules([(&ALL_MESSAGES, all.clone())], [(&ALL_MESSAGES, all)]);
     setting(venue, &[(FUSION, rules)])
 }
 
-fn setting(venue: &str, subjects: &[(&str, Vec<Rule<'_>>)]) -> Setting {
+fn setting(venue: &str, subjects: &[(&str, Vec<Rule<'_>>)]) -> ZenohSetting {
     let (mut rules, mut names, mut policies) = (Vec::new(), Vec::new(), Vec::new());
     for (node, allowed) in subjects {
         let mut ids = Vec::new();

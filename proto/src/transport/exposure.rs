@@ -2,7 +2,7 @@
 
 use core::net::IpAddr;
 
-use crate::endpoint::{host, scheme};
+use crate::transport::endpoint::{host, scheme};
 
 /// What a node has, and what its operator has said.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

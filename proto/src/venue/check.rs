@@ -9,12 +9,12 @@ use super::{
     ranges,
 };
 use crate::calibration::Calibration;
-use crate::endpoint::is_endpoint;
 use crate::id::{CameraIndex, ViewpointIndex};
 use crate::key::is_key_chunk;
 use crate::keypoints::COCO17;
 use crate::tick::Tick;
 use crate::toml_file::{FileError, Place, TomlFile, unknown_name};
+use crate::transport::endpoint::is_endpoint;
 use crate::transport::{FUSION, READER, RECORDER};
 use crate::wire::MAX_CAMERAS;
 

@@ -3,7 +3,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::patch::Quality;
+use crate::patch::CompressionLevel;
 
 macro_rules! parameters {
     ($(#[$outer:meta])* $name:ident { $($(#[$inner:meta])* $field:ident : $kind:ty = $default:expr,)* }) => {
@@ -268,7 +268,7 @@ parameters! {
     LinkParameters {
         /// How closely maps are kept on the wire, a name or a level. Default: `lossless` in lock-step,
         /// `default` live, where the link may lower it.
-        quality: Option<Quality> = None,
+        quality: Option<CompressionLevel> = None,
         /// Longest wait for a node in lock-step before the run fails, seconds. Default 60.
         lockstep_timeout_s: f64 = 60.0,
         /// Most that an edge hands to the network in any second, with what the protocols below add to each

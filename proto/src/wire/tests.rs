@@ -4,7 +4,7 @@ use super::*;
 use crate::bounding_box::{BoundingBox, BoxRate};
 use crate::grid::CellGrid;
 use crate::id::{CameraIndex, PersonId, SessionId, ViewpointIndex};
-use crate::live::{
+use crate::message::live::{
     BoxEcho, CameraHealth, CameraStatus, EdgeLink, HeardPatches, LiveBoxes, PatchTiming,
 };
 use crate::message::{KeypointPeak, Order, PersonBoxes, PersonState, StageTime};
@@ -82,7 +82,7 @@ fn box_set() -> BoxSet {
                 bytes: 120_000,
             }),
         }),
-        look: vec![CameraIndex(0), CameraIndex(3)],
+        detection_cameras: vec![CameraIndex(0), CameraIndex(3)],
         persons: vec![PersonBoxes {
             person: PersonId(1),
             cameras: vec![camera],

@@ -16,30 +16,30 @@ use farfield_lab::in_process::InProcess;
 use farfield_lab::ring::CameraRing;
 use farfield_proto::id::CameraIndex;
 use farfield_proto::message::PatchSet;
-use farfield_proto::patch::{Decoder, Encoder, Maps, Quality};
+use farfield_proto::patch::{CompressionLevel, Decoder, Encoder, Maps};
 use farfield_proto::tick::Tick;
 
 const VIEWPOINTS: [usize; 2] = [4, 12];
 /// Ticks of the walk that a bench goes round.
 const TICKS: i64 = 60;
 /// Without loss, and what a live link goes through from its default on.
-const QUALITIES: [u8; 4] = [
-    Quality::LOSSLESS.level(),
-    Quality::DEFAULT.level(),
-    Quality::SMALL.level(),
-    Quality::SMALLEST.level(),
+const LEVELS: [u8; 4] = [
+    CompressionLevel::LOSSLESS.number(),
+    CompressionLevel::DEFAULT.number(),
+    CompressionLevel::SMALL.number(),
+    CompressionLevel::SMALLEST.number(),
 ];
 
 fn main() {
     let (kind, maps) = maps();
     let mut encoder = Encoder::new();
-    for level in QUALITIES {
-        let quality = Quality::new(level);
+    for level in LEVELS {
+        let compression = CompressionLevel::new(level);
         let sizes = maps
             .iter()
-            .map(|maps| encoder.encode(maps, quality).bytes.len());
+            .map(|maps| encoder.encode(maps, compression).bytes.len());
         println!(
-            "{} {kind} patches of 17 maps at quality {level}: {} bytes on average",
+            "{} {kind} patches of 17 maps at compression level {level}: {} bytes on average",
             maps.len(),
             sizes.sum::<usize>() / maps.len().max(1)
         );
@@ -227,9 +227,9 @@ fn finer(maps: &Maps) -> Maps {
     into
 }
 
-/// Both ways at the qualities that links use; `fine` is on 72 x 96 cells instead of 48 x 64. All patches
+/// Both ways at the compression levels that links use; `fine` is on 72 x 96 cells instead of 48 x 64. All patches
 /// one after the other, so that the mean is over real variety.
-#[divan::bench(args = QUALITIES, consts = [false, true])]
+#[divan::bench(args = LEVELS, consts = [false, true])]
 fn patch_encode_and_decode<const FINE: bool>(bencher: Bencher<'_, '_>, level: u8) {
     let (_, maps) = maps();
     let maps: Vec<Maps> = if FINE {
@@ -241,30 +241,33 @@ fn patch_encode_and_decode<const FINE: bool>(bencher: Bencher<'_, '_>, level: u8
     let (mut into, mut next) = (Maps::new(1, 1, 1), 0);
     bencher.bench_local(|| {
         next += 1;
-        let encoded = encoder.encode(black_box(&maps[next % maps.len()]), Quality::new(level));
+        let encoded = encoder.encode(
+            black_box(&maps[next % maps.len()]),
+            CompressionLevel::new(level),
+        );
         decoder.decode(&encoded, &mut into)
     });
 }
 
-#[divan::bench(args = QUALITIES)]
+#[divan::bench(args = LEVELS)]
 fn patch_encode(bencher: Bencher<'_, '_>, level: u8) {
     let (_, maps) = maps();
     let (mut encoder, mut bytes, mut next) = (Encoder::new(), Vec::new(), 0);
     bencher.bench_local(|| {
         next += 1;
         let maps = black_box(&maps[next % maps.len()]);
-        encoder.encode_into(maps, Quality::new(level), &mut bytes);
+        encoder.encode_into(maps, CompressionLevel::new(level), &mut bytes);
     });
 }
 
-#[divan::bench(args = QUALITIES)]
+#[divan::bench(args = LEVELS)]
 fn patch_decode(bencher: Bencher<'_, '_>, level: u8) {
     let (_, maps) = maps();
     let mut encoder = Encoder::new();
-    let quality = Quality::new(level);
+    let compression = CompressionLevel::new(level);
     let encoded: Vec<_> = maps
         .iter()
-        .map(|maps| encoder.encode(maps, quality))
+        .map(|maps| encoder.encode(maps, compression))
         .collect();
     let (mut decoder, mut into, mut next) = (Decoder::new(), Maps::new(1, 1, 1), 0);
     bencher.bench_local(|| {

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use farfield_edge::network::{Backend, Choice};
+use farfield_edge::network::{BackendChoice, InferenceBackend};
 
 /// The folder of recordings: `$FARFIELD_DATA`, else `../shared` beside the checkout.
 ///
@@ -24,7 +24,8 @@ pub(crate) fn recording(scenario: &str, needed: &str) -> Option<PathBuf> {
 /// Whether ONNX Runtime is installed; says on stdout that `scenario` is skipped when it is not,
 /// because `ort-tract` would take twenty times as long.
 pub(crate) fn onnx_runtime(scenario: &str) -> bool {
-    let found = Backend::start(Choice::Best).is_ok_and(|backend| !backend.is_tract());
+    let found =
+        InferenceBackend::start(BackendChoice::Best).is_ok_and(|backend| !backend.is_tract());
     if !found {
         println!(
             "SKIPPED {scenario}: no ONNX Runtime library (pip install onnxruntime), and ort-tract is too slow for it"

@@ -2,7 +2,7 @@
 //! into a large grey one, the calibration with them. Where people stand does not change, how many
 //! pixels they have does.
 
-use farfield_edge::source::{Content, Frame, FrameSource, SourceError};
+use farfield_edge::source::{Frame, FrameContent, FrameSource, SourceError};
 use farfield_proto::camera::{CameraError, CameraModel, Intrinsics};
 use farfield_proto::venue::Venue;
 use image::imageops::{FilterType, overlay, resize};
@@ -93,7 +93,7 @@ impl FrameSource for Small {
         let frame = self.source.next_frame()?;
         Ok(frame.map(|frame| Frame {
             content: match frame.content {
-                Content::Image(picture) => Content::Image(self.afar.picture(&picture)),
+                FrameContent::Image(picture) => FrameContent::Image(self.afar.picture(&picture)),
                 other => other,
             },
             ..frame

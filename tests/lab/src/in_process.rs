@@ -7,8 +7,9 @@ use std::path::Path;
 
 use anyhow::{Context as _, ensure};
 use farfield_edge::detector::OnnxDetector;
+use farfield_edge::inference::{KeypointNetwork, PersonDetector};
 use farfield_edge::network::OnnxKeypointNetwork;
-use farfield_edge::pipeline::{EdgeOutput, KeypointNetwork, Orders, PersonDetector, StandIn};
+use farfield_edge::pipeline::{EdgeOutput, StandIn, StepRequest};
 use farfield_edge::source::{FrameSource, Sources as _, common_ticks};
 use farfield_fusion::align::TickGroup;
 use farfield_fusion::identity::track::Track;
@@ -16,7 +17,7 @@ use farfield_proto::id::{SessionId, ViewpointIndex};
 use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::message::{BoxSet, PatchSet, PoseSet};
 use farfield_proto::model_card::HeatmapCard;
-use farfield_proto::patch::Quality;
+use farfield_proto::patch::CompressionLevel;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::Venue;
 
@@ -26,7 +27,7 @@ use farfield_sim::simulated::VenueSources;
 /// One viewpoint: its cameras' sources and its pipeline.
 struct ViewpointEdge {
     sources: Vec<Box<dyn FrameSource>>,
-    pipeline: farfield_edge::pipeline::Pipeline,
+    pipeline: farfield_edge::pipeline::EdgePipeline,
 }
 
 /// All nodes of a venue, tick after tick.
@@ -150,9 +151,9 @@ impl InProcess {
     }
 
     /// How closely every edge keeps its maps from now on.
-    pub fn set_quality(&mut self, quality: Quality) {
+    pub fn set_compression_level(&mut self, level: CompressionLevel) {
         for edge in &mut self.edges {
-            edge.pipeline.set_quality(quality);
+            edge.pipeline.set_compression_level(level);
         }
     }
 
@@ -256,7 +257,7 @@ impl ViewpointEdge {
         let network = network.map(OnnxKeypointNetwork::load).transpose()?;
         let detector = venue.detector.as_deref().filter(|_| pictures);
         let detector = detector.map(OnnxDetector::load).transpose()?;
-        let pipeline = farfield_edge::pipeline::Pipeline::new(
+        let pipeline = farfield_edge::pipeline::EdgePipeline::new(
             venue,
             viewpoint,
             network.map(|n| Box::new(n) as Box<dyn KeypointNetwork>),
@@ -281,14 +282,18 @@ impl ViewpointEdge {
             .map(|source| source.next_frame())
             .collect::<Result<Vec<_>, _>>()?;
         let is_of_tick = boxes.tick == tick;
-        let orders = Orders {
+        let request = StepRequest {
             tick,
             boxes,
-            look: if is_of_tick { &boxes.look } else { &[] },
+            detection_cameras: if is_of_tick {
+                &boxes.detection_cameras
+            } else {
+                &[]
+            },
             persons: None,
             timing: None,
         };
-        Ok(self.pipeline.step_live(&frames, &orders, &mut |_| {})?)
+        Ok(self.pipeline.step(&frames, &request, &mut |_| {})?)
     }
 }
 

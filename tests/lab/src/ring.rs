@@ -6,7 +6,7 @@ use std::f64::consts::TAU;
 use anyhow::Context as _;
 use farfield_edge::crop::{CropGeometry, CropShape};
 use farfield_edge::gaussian_maps::draw_maps;
-use farfield_edge::source::Candidate;
+use farfield_edge::source::KeypointCandidate;
 use farfield_fusion::align::TickGroup;
 use farfield_fusion::body::fit::fit;
 use farfield_fusion::body::ik::relative_sigmas;
@@ -22,7 +22,7 @@ use farfield_proto::frames::Point;
 use farfield_proto::id::{CameraIndex, PersonId, SessionId, ViewpointIndex};
 use farfield_proto::keypoints::{COCO17, KeypointSet};
 use farfield_proto::message::{PatchSet, PersonPatch};
-use farfield_proto::patch::{Encoder, Maps, Quality};
+use farfield_proto::patch::{CompressionLevel, Encoder, Maps};
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::Parameters;
 use nalgebra::Vector3;
@@ -141,7 +141,7 @@ impl CameraRing {
                 capture_offset_us: 0,
                 crops: vec![grid],
                 crop_of_keypoint: vec![0; COCO17.len()],
-                maps: encoder.encode(&grid_maps, Quality::LOSSLESS),
+                maps: encoder.encode(&grid_maps, CompressionLevel::LOSSLESS),
             };
             Ok(PatchSet {
                 session: SessionId(1),
@@ -190,12 +190,12 @@ impl CameraRing {
             .context("an empty box")?
             .grid();
         let candidates = pixels.iter().map(|p| {
-            camera.distort(*p).map(|position| Candidate {
+            camera.distort(*p).map(|position| KeypointCandidate {
                 position,
                 score: 0.9,
             })
         });
-        let peaks: Vec<Vec<Candidate>> = candidates
+        let peaks: Vec<Vec<KeypointCandidate>> = candidates
             .map(|candidate| candidate.into_iter().collect())
             .collect();
         let mut maps = Maps::new(usize::from(CELLS[0]), usize::from(CELLS[1]), COCO17.len());

@@ -8,6 +8,7 @@ use anyhow::anyhow;
 use farfield_node::session;
 use farfield_proto::handout::{Chunk, HandoutRequest, SharedFile, SignedList};
 use farfield_proto::key::Keys;
+use farfield_proto::message::handout::{Chunk, HandoutRequest, SharedFile, SignedList};
 use farfield_proto::wire::{self, Message, WireError};
 use tracing::debug;
 use zenoh::Session;

@@ -36,11 +36,11 @@ impl Mouths {
     }
 
     /// Hands a message to the network.
-    pub(super) fn put(&self, message: Message, bytes: Vec<u8>) {
+    pub(super) fn put(&self, message: MessageKind, bytes: Vec<u8>) {
         let publisher = match message {
-            Message::Patches(_) => &self.patches,
-            Message::Sightings => &self.sightings,
-            Message::Status => &self.status,
+            MessageKind::Patches(_) => &self.patches,
+            MessageKind::Sightings => &self.sightings,
+            MessageKind::Status => &self.status,
         };
         // While fusion is away there is nobody to send to.
         if let Err(error) = publisher.put(bytes).wait() {

@@ -7,7 +7,7 @@ use std::time::Duration;
 use farfield_node::clock::VenueClock;
 use farfield_proto::histogram::Histogram;
 use farfield_proto::id::SessionId;
-use farfield_proto::live::LiveStatus;
+use farfield_proto::message::live::LiveStatus;
 use farfield_proto::message::{BoxSet, StageTime};
 use farfield_proto::tick::Tick;
 use tokio_util::sync::CancellationToken;
@@ -59,7 +59,7 @@ impl Shared {
     }
 
     /// Takes boxes that have just arrived.
-    pub(super) fn hear(&self, boxes: BoxSet) -> Arrival {
+    pub(super) fn hear(&self, boxes: BoxSet) -> BoxSetArrival {
         let now_us = self.clock.now_us();
         self.ledger().hear(boxes, now_us)
     }
@@ -70,7 +70,7 @@ impl Shared {
     }
 
     /// Sends a message if the budget allows it; whether it does.
-    pub(super) fn send(&self, message: Message, bytes: Vec<u8>) -> bool {
+    pub(super) fn send(&self, message: MessageKind, bytes: Vec<u8>) -> bool {
         let now_us = self.clock.now_us();
         let admitted = self.ledger().admit(message, bytes.len(), now_us);
         if admitted {
@@ -94,7 +94,7 @@ impl Shared {
     /// Whether the budget lets so many bytes pass beside the patches now.
     pub(super) fn admits(&self, bytes: usize) -> bool {
         let now_us = self.clock.now_us();
-        self.ledger().admit(Message::Status, bytes, now_us)
+        self.ledger().admit(MessageKind::Status, bytes, now_us)
     }
 
     /// Counts how long a stage took.

@@ -9,7 +9,7 @@ use farfield_node::files::load_venue;
 use farfield_node::process::{Ending, NodeError};
 use farfield_proto::bounding_box::{BoundingBox, BoxRate};
 use farfield_proto::id::{CameraIndex, PersonId, SessionId, ViewpointIndex};
-use farfield_proto::live::{EdgeLink, LiveBoxes, LiveStatus};
+use farfield_proto::message::live::{EdgeLink, LiveBoxes, LiveStatus};
 use farfield_proto::message::{
     BoxSet, CameraBox, Order, PatchSet, PersonBoxes, SightingSet, Status,
 };
@@ -141,7 +141,7 @@ impl Script {
                 clock_correction_us: None,
                 heard: None,
             }),
-            look: if look {
+            detection_cameras: if look {
                 vec![CameraIndex(0)]
             } else {
                 Vec::new()

@@ -192,8 +192,8 @@ impl Keeper {
 
 #[cfg(test)]
 mod tests {
-    use farfield_proto::fill::SetKind;
     use farfield_proto::id::SessionId;
+    use farfield_proto::message::fill::SetKind;
     use farfield_proto::tick::Tick;
 
     use super::*;

@@ -10,6 +10,7 @@ use anyhow::Context as _;
 use farfield_node::process::Ending;
 use farfield_proto::decision::Decision;
 use farfield_proto::id::{SessionId, ViewpointIndex};
+use farfield_proto::message::decision::Decision;
 use farfield_proto::message::{BoxSet, PatchSet, StageTime, Status};
 use farfield_proto::tick::Tick;
 use farfield_proto::wire;

@@ -6,7 +6,7 @@ use std::time::Duration;
 use farfield_node::clock::VenueClock;
 use farfield_node::process::Managed;
 use farfield_proto::calibration::Calibration;
-use farfield_proto::live::{BoxEcho, EdgeLink, PatchTiming};
+use farfield_proto::message::live::{BoxEcho, EdgeLink, PatchTiming};
 use farfield_proto::message::{BoxSet, Order, PatchSet, PoseSet, Status};
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::Venue;

@@ -8,6 +8,7 @@ use farfield_node::clock::VenueClock;
 use farfield_proto::fill::{FillRequest, Filled, MAX_ANSWER_BYTES, SetKind, StoredSet};
 use farfield_proto::id::{SessionId, ViewpointIndex};
 use farfield_proto::key::Keys;
+use farfield_proto::message::fill::{FillRequest, Filled, MAX_ANSWER_BYTES, SetKind, StoredSet};
 use farfield_proto::message::{PatchSet, SightingSet};
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::Venue;

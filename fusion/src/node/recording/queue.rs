@@ -10,6 +10,7 @@ use farfield_node::clock;
 use farfield_proto::decision::Decision;
 use farfield_proto::id::SessionId;
 use farfield_proto::key::Keys;
+use farfield_proto::message::decision::Decision;
 use farfield_proto::tick::Tick;
 use farfield_proto::wire;
 

@@ -17,6 +17,8 @@ use farfield_proto::decision::Decision;
 use farfield_proto::fill::SetKind;
 use farfield_proto::id::SessionId;
 use farfield_proto::message::Status;
+use farfield_proto::message::decision::Decision;
+use farfield_proto::message::fill::SetKind;
 use farfield_proto::venue::parameters::RecordingParameters;
 use farfield_proto::wire;
 use tracing::warn;

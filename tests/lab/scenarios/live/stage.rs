@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use farfield_lab::live_venue::{LiveVenue, NodeProcess, SeenVenue, VenueWatch, Vitals};
 use farfield_proto::camera::CameraModel;
-use farfield_proto::live::EdgeLink;
+use farfield_proto::message::live::EdgeLink;
 use farfield_proto::tick::Tick;
 use farfield_sim::embedded::CLIPS;
 use farfield_sim::faults::SceneCrowd;

@@ -4,7 +4,7 @@ use std::fmt;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use farfield_edge::pipeline::StandIn;
-use farfield_proto::patch::{Decoder, EncodedMaps, Encoder, FLOOR, Maps, Quality};
+use farfield_proto::patch::{CompressionLevel, Decoder, EncodedMaps, Encoder, FLOOR, Maps};
 
 /// Level of zstd: the slowest that is meant for every day.
 const ZSTD_LEVEL: i32 = 19;
@@ -24,9 +24,9 @@ pub enum Codec {
     /// 8 bit cells above the floor, by zstd.
     Zstd,
     /// Ours.
-    Ours(Quality),
-    /// At most so many Gaussians with covariance of each map, quantised as that quality's modes are.
-    Gaussians(usize, Quality),
+    Ours(CompressionLevel),
+    /// At most so many Gaussians with covariance of each map, quantised as that compression level's modes are.
+    Gaussians(usize, CompressionLevel),
     /// The highest peak of each map, without its shape.
     Keypoints,
 }
@@ -35,10 +35,11 @@ impl Codec {
     /// All that are compared.
     pub fn all() -> Vec<Self> {
         let gaussians = [1, 2].into_iter().flat_map(|most| {
-            [Quality::DEFAULT, Quality::SMALL].map(|quality| Self::Gaussians(most, quality))
+            [CompressionLevel::DEFAULT, CompressionLevel::SMALL]
+                .map(|level| Self::Gaussians(most, level))
         });
         let mut all = vec![Self::Whole, Self::Zstd];
-        all.extend(Quality::all().map(Self::Ours));
+        all.extend(CompressionLevel::all().map(Self::Ours));
         all.extend(gaussians);
         all.push(Self::Keypoints);
         all
@@ -49,10 +50,10 @@ impl Codec {
         match self {
             Self::Whole => vec!["f32".to_owned()],
             Self::Zstd => vec![format!("u8 + zstd -{ZSTD_LEVEL}")],
-            Self::Ours(quality) => vec![format!("ours {} ({quality})", quality.level())],
-            Self::Gaussians(most, quality) => vec![
-                format!("{most} Gauss, f32 ({quality})"),
-                format!("{most} Gauss, coded ({quality})"),
+            Self::Ours(level) => vec![format!("ours {} ({level})", level.number())],
+            Self::Gaussians(most, level) => vec![
+                format!("{most} Gauss, f32 ({level})"),
+                format!("{most} Gauss, coded ({level})"),
             ],
             Self::Keypoints => ["f32", "28 bit", "coded"]
                 .map(|packing| format!("keypoints, {packing}"))
@@ -60,10 +61,10 @@ impl Codec {
         }
     }
 
-    /// Whether it is ours: then it needs no stand-in, but the link's quality.
-    pub fn quality(self) -> Option<Quality> {
+    /// Whether it is ours: then it needs no stand-in, but the link's compression level.
+    pub fn level(self) -> Option<CompressionLevel> {
         match self {
-            Self::Ours(quality) => Some(quality),
+            Self::Ours(level) => Some(level),
             _ => None,
         }
     }
@@ -110,8 +111,8 @@ impl Rival {
         }
     }
 
-    fn gaussians(&mut self, maps: &mut Maps, most: usize, quality: Quality) -> Vec<u64> {
-        let encoded = self.encoder.encode_gaussians(maps, quality, most);
+    fn gaussians(&mut self, maps: &mut Maps, most: usize, level: CompressionLevel) -> Vec<u64> {
+        let encoded = self.encoder.encode_gaussians(maps, level, most);
         self.decoded(&encoded, maps);
         let raw = 4 * GAUSSIAN_NUMBERS * most * maps.keypoints();
         vec![raw as u64, encoded.bytes.len() as u64]
@@ -119,7 +120,9 @@ impl Rival {
 
     fn keypoints(&mut self, maps: &mut Maps) -> Vec<u64> {
         let peaks = self.encoder.peaks(maps);
-        let coded = self.encoder.encode_gaussians(maps, Quality::SMALLEST, 1);
+        let coded = self
+            .encoder
+            .encode_gaussians(maps, CompressionLevel::SMALLEST, 1);
         let sigma = KEYPOINT_SIGMA * maps.width() as f32 / 48.0;
         let width = maps.width();
         for (k, peak) in peaks.into_iter().enumerate() {
@@ -152,12 +155,12 @@ impl StandIn for Rival {
                 vec![4 * cells as u64]
             }
             Codec::Zstd => vec![zstd(maps)],
-            Codec::Ours(quality) => {
-                let encoded = self.encoder.encode(maps, quality);
+            Codec::Ours(level) => {
+                let encoded = self.encoder.encode(maps, level);
                 self.decoded(&encoded, maps);
                 vec![encoded.bytes.len() as u64]
             }
-            Codec::Gaussians(most, quality) => self.gaussians(maps, most, quality),
+            Codec::Gaussians(most, level) => self.gaussians(maps, most, level),
             Codec::Keypoints => self.keypoints(maps),
         };
         let mut sent = self.sent.lock().unwrap_or_else(PoisonError::into_inner);
@@ -224,9 +227,9 @@ mod tests {
     fn a_second_peak_is_lost_by_whoever_sends_one() {
         let second = 41 * 48 + 35;
         let of = |codec| recoded(codec).0.cells(3)[second];
-        assert!(of(Codec::Ours(Quality::SMALL)) > 180);
-        assert!(of(Codec::Gaussians(2, Quality::SMALL)) > 180);
-        assert!(of(Codec::Gaussians(1, Quality::SMALL)) < 10);
+        assert!(of(Codec::Ours(CompressionLevel::SMALL)) > 180);
+        assert!(of(Codec::Gaussians(2, CompressionLevel::SMALL)) > 180);
+        assert!(of(Codec::Gaussians(1, CompressionLevel::SMALL)) < 10);
         assert!(of(Codec::Keypoints) < 10);
     }
 }

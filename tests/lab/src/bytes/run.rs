@@ -73,7 +73,7 @@ type StandIns = (
 
 fn stand_ins(codec: Codec) -> StandIns {
     let sent = Arc::new(Mutex::new(SentBytes::default()));
-    if codec.quality().is_some() {
+    if codec.level().is_some() {
         return (None, sent);
     }
     let counted = Arc::clone(&sent);
@@ -104,7 +104,7 @@ impl Curve {
                 stand_in,
                 ..SceneRunPlan::default()
             };
-            plan.parameters.link.quality = codec.quality();
+            plan.parameters.link.quality = codec.level();
             let run = SceneRun::make(scene, input, plan)?;
             runs.push((codec, run, taken(&sent)));
         }
@@ -147,8 +147,8 @@ impl Curve {
             if let Some(stand_in) = &stand_in {
                 nodes.set_stand_in(&**stand_in);
             }
-            if let Some(quality) = codec.quality() {
-                nodes.set_quality(quality);
+            if let Some(level) = codec.level() {
+                nodes.set_compression_level(level);
             }
             let (mut people, mut traffic) = (People::new(), Traffic::default());
             while let Some(trace) = nodes.step()? {
@@ -216,7 +216,7 @@ impl CodecOutcome {
     fn rows(&self, whole_mm: f64) -> Vec<PackingRow> {
         let traffic = &self.traffic;
         let a_patch = |bytes: u64| bytes as f64 / traffic.patches.max(1) as f64;
-        let is_ours = self.codec.quality().is_some();
+        let is_ours = self.codec.level().is_some();
         let sums = if is_ours {
             vec![traffic.map_bytes]
         } else {

@@ -177,8 +177,8 @@ fn priors(files: Vec<Vec<Maps>>) -> String {
             .iter()
             .filter_map(|maps| maps.get(round % maps.len().max(1)))
         {
-            for quality in Quality::all().skip(2) {
-                encoder.encode_on(maps, quality);
+            for level in CompressionLevel::all().skip(2) {
+                encoder.encode_on(maps, level);
             }
         }
         if round >= WARM {

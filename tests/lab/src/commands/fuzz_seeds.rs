@@ -13,19 +13,19 @@ use farfield_fusion::recording::reader::Recording;
 use farfield_fusion::recording::writer::{Head, Passed, RecordingWriter};
 use farfield_fusion::recording::{CALIBRATION_FILE, VENUE_FILE};
 use farfield_proto::bounding_box::{BoundingBox, BoxRate};
-use farfield_proto::decision::{Decision, UsedSet};
-use farfield_proto::fill::{FillRequest, Filled, SetKind, StoredSet};
 use farfield_proto::grid::CellGrid;
-use farfield_proto::handout::{
+use farfield_proto::id::{CameraIndex, PersonId, SessionId, ViewpointIndex};
+use farfield_proto::message::decision::{Decision, UsedSet};
+use farfield_proto::message::fill::{FillRequest, Filled, SetKind, StoredSet};
+use farfield_proto::message::handout::{
     Chunk, FileKind, FileList, HandoutRequest, ListSignature, SharedFile, SignedList,
 };
-use farfield_proto::id::{CameraIndex, PersonId, SessionId, ViewpointIndex};
-use farfield_proto::live::{BoxEcho, LiveBoxes, LiveStatus, PatchTiming};
+use farfield_proto::message::live::{BoxEcho, LiveBoxes, LiveStatus, PatchTiming};
 use farfield_proto::message::{
     BoxSet, CameraBox, KeypointPeak, Order, PatchSet, PersonBoxes, PersonPatch, PersonPose,
     PersonState, PoseSet, Sighting, SightingSet, Status,
 };
-use farfield_proto::patch::{Decoder, EncodedMaps, Encoder, Maps, Quality};
+use farfield_proto::patch::{CompressionLevel, Decoder, EncodedMaps, Encoder, Maps};
 use farfield_proto::tick::Tick;
 use farfield_proto::wire::{self, Message};
 
@@ -83,7 +83,7 @@ fn write(corpus: &Path, target: &str, name: &str, seed: &[u8]) -> anyhow::Result
     fs::write(&path, seed).with_context(|| format!("writing {}", path.display()))
 }
 
-/// Two peaks, a smear and nothing, in several qualities.
+/// Two peaks, a smear and nothing, in several compression levels.
 fn patches() -> anyhow::Result<Vec<(String, EncodedMaps)>> {
     let mut maps = Maps::new(24, 32, 4);
     let peaks = [
@@ -101,9 +101,9 @@ fn patches() -> anyhow::Result<Vec<(String, EncodedMaps)>> {
     }
     let mut encoder = Encoder::new();
     let mut all = vec![("lossless".to_owned(), encoder.encode_above(&maps, 0))];
-    for quality in Quality::all().step_by(4) {
-        let name = format!("quality_{}", quality.level());
-        all.push((name, encoder.encode(&maps, quality)));
+    for level in CompressionLevel::all().step_by(4) {
+        let name = format!("quality_{}", level.number());
+        all.push((name, encoder.encode(&maps, level)));
     }
     for (name, encoded) in &all {
         let decoded = Decoder::new().decode(encoded, &mut Maps::default());
@@ -254,7 +254,7 @@ fn box_set() -> BoxSet {
             clock_correction_us: Some(-20_000),
             heard: None,
         }),
-        look: vec![CameraIndex(0), CameraIndex(3)],
+        detection_cameras: vec![CameraIndex(0), CameraIndex(3)],
         persons: vec![PersonBoxes {
             person: PersonId(7),
             cameras: vec![camera],

@@ -7,7 +7,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 use anyhow::{Context as _, anyhow};
 use farfield_proto::id::SessionId;
 use farfield_proto::key::Keys;
-use farfield_proto::live::LiveStatus;
+use farfield_proto::message::live::LiveStatus;
 use farfield_proto::message::{PersonPose, PersonState, PoseSet, Status};
 use farfield_proto::tick::Tick;
 use farfield_proto::wire;

@@ -8,7 +8,7 @@ use super::*;
 type Datagrams = Vec<(u64, usize)>;
 
 /// A datagram that has arrived: its number, when it came, when it arrived.
-type Delivery = (usize, u64, u64);
+type DatagramDelivery = (usize, u64, u64);
 
 fn traffic() -> impl Strategy<Value = Datagrams> {
     prop::collection::vec((0u64..30_000, 1usize..1400), 1..120)
@@ -37,7 +37,7 @@ fn impairment() -> impl Strategy<Value = Impairment> {
 }
 
 /// Runs a link until nothing is on the way, and says what arrived.
-fn run(link: &mut RelayLink<usize>, traffic: &Datagrams) -> Vec<Delivery> {
+fn run(link: &mut RelayLink<usize>, traffic: &Datagrams) -> Vec<DatagramDelivery> {
     let mut came_us = Vec::new();
     let mut arrivals = Vec::new();
     let mut deliver = |link: &mut RelayLink<usize>, came_us: &[u64], until_us: u64| {

@@ -48,7 +48,7 @@ impl FrameSource for Branch {
 
 #[cfg(test)]
 mod tests {
-    use farfield_edge::source::{Content, KeypointFrame};
+    use farfield_edge::source::{FrameContent, KeypointFrame};
     use farfield_proto::tick::Tick;
 
     use super::*;
@@ -61,7 +61,7 @@ mod tests {
             Ok((self.0 <= 3).then(|| Frame {
                 tick: Tick(self.0),
                 capture_offset_us: 0,
-                content: Content::Keypoints(KeypointFrame::default()),
+                content: FrameContent::Keypoints(KeypointFrame::default()),
             }))
         }
     }

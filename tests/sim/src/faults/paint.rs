@@ -1,6 +1,6 @@
 //! An observation as maps, crop by crop, and as the people that a detector finds.
 
-use farfield_edge::source::{Candidate, MapCrop, MapPainter};
+use farfield_edge::source::{KeypointCandidate, MapCrop, MapPainter};
 use farfield_proto::frames::Pixel;
 use farfield_proto::grid::CellGrid;
 use farfield_proto::patch::{MAX_SIDE, Maps};
@@ -53,14 +53,14 @@ impl MapPainter for MapObservation {
     }
 
     /// No two ticks of a camera have the same noise, and only a black picture has none to tell it by.
-    fn glance(&self) -> Option<(u64, f64)> {
+    fn picture_sample(&self) -> Option<(u64, f64)> {
         let is_black = self.noise_key == 0;
         Some((self.noise_key, if is_black { 0.0 } else { BRIGHTNESS }))
     }
 
     /// Who has at least six keypoints in the image that no other body covers. A keypoint is where
     /// its highest peak is, be it the wrong one, as a network's maps of that person would say.
-    fn persons(&self) -> Vec<Vec<Option<Candidate>>> {
+    fn persons(&self) -> Vec<Vec<Option<KeypointCandidate>>> {
         self.people
             .iter()
             .filter_map(|seen| self.sighting(seen))
@@ -82,7 +82,7 @@ impl MapObservation {
             .min_by(|a, b| distance(a).total_cmp(&distance(b)))
     }
 
-    fn sighting(&self, seen: &ImagedPerson) -> Option<Vec<Option<Candidate>>> {
+    fn sighting(&self, seen: &ImagedPerson) -> Option<Vec<Option<KeypointCandidate>>> {
         let open = seen.keypoints.iter().filter(|e| e.in_the_open);
         if open.count() < LEAST_KEYPOINTS {
             return None;
@@ -102,7 +102,7 @@ impl MapObservation {
             let best = peaks.into_iter().flatten();
             let best = best.max_by(|a, b| a.height.total_cmp(&b.height))?;
             let pixel = Pixel::new(best.at_px.x, best.at_px.y);
-            Some(Candidate {
+            Some(KeypointCandidate {
                 position: self.camera.distort(pixel)?,
                 score: best.height.min(1.0) as f32,
             })

@@ -5,7 +5,9 @@ use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
 
-use farfield_edge::source::{Content, Frame, FrameSource, MapPainter, Origin, SourceError};
+use farfield_edge::source::{
+    Frame, FrameContent, FrameSource, MapPainter, SourceError, SourceOrigin,
+};
 use farfield_proto::camera::CameraModel;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::{Venue, VenueCamera};
@@ -24,7 +26,7 @@ const ENDLESS: i64 = 1 << 40;
 #[derive(Debug)]
 pub struct MapsSource {
     file: Arc<MapsFile>,
-    at: Origin,
+    at: SourceOrigin,
     camera: Arc<CameraModel>,
     /// The next tick of the recording.
     next: u64,
@@ -43,7 +45,7 @@ pub(crate) fn load(
     camera: &VenueCamera,
     venue: &Venue,
 ) -> Result<MapsFile, SourceError> {
-    let at = || Origin {
+    let at = || SourceOrigin {
         camera: camera.model.name().to_owned(),
         place: path.display().to_string(),
     };
@@ -116,7 +118,7 @@ impl MapsSource {
         }
         Ok(Self {
             file,
-            at: Origin {
+            at: SourceOrigin {
                 camera: name,
                 place: path.display().to_string(),
             },
@@ -182,7 +184,7 @@ impl FrameSource for MapsSource {
         Ok(Some(Frame {
             tick: self.first + i64::try_from(tick).unwrap_or(i64::MAX),
             capture_offset_us,
-            content: Content::Painted(painter),
+            content: FrameContent::Painted(painter),
         }))
     }
 }

@@ -118,7 +118,7 @@ fn a_recording_that_leads_back_is_repeated() {
     assert_eq!(at(3).persons(), at(3 + 5 * n).persons());
     // The last tick is next to the first: nobody has gone further than a slow step.
     let (last, first) = (at(n - 1).persons(), at(n).persons());
-    let px = |persons: &[Vec<Option<farfield_edge::source::Candidate>>]| {
+    let px = |persons: &[Vec<Option<farfield_edge::source::KeypointCandidate>>]| {
         persons[0][5].unwrap().position.vector_px()
     };
     assert!((px(&last) - px(&first)).norm() < 5.0, "{last:?} {first:?}");

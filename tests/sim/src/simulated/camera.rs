@@ -4,7 +4,7 @@ use std::ops::Range;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
-use farfield_edge::source::{Content, Frame, FrameSource, SourceError};
+use farfield_edge::source::{Frame, FrameContent, FrameSource, SourceError};
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::SimulatedContent;
 use image::RgbImage;
@@ -113,12 +113,12 @@ impl FrameSource for SimulatedSource {
                     camera: self.camera.clone(),
                     problem: format!("rendering its picture of tick {tick} failed"),
                 })?;
-                (Content::Image(picture), *capture_offset_us)
+                (FrameContent::Image(picture), *capture_offset_us)
             }
             Frames::Maps(maps) => {
                 let observation = maps.observe(tick);
                 let offset_us = observation.capture_offset_us();
-                (Content::Painted(Arc::new(observation)), offset_us)
+                (FrameContent::Painted(Arc::new(observation)), offset_us)
             }
         };
         Ok(Some(Frame {

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use farfield_edge::source::{
-    FrameSource, Origin, RecordedSources, SourceError, SourceInfo, Sources,
+    FrameSource, RecordedSources, SourceError, SourceInfo, SourceOrigin, Sources,
 };
 use farfield_proto::camera::CameraModel;
 use farfield_proto::tick::Tick;
@@ -82,7 +82,7 @@ impl VenueSources {
             let problem = unknown_name("camera of the scene", name, &names);
             wrong(format!("{}: {problem}", path.display()))
         })?;
-        let at = || Origin {
+        let at = || SourceOrigin {
             camera: name.to_owned(),
             place: path.display().to_string(),
         };

@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use farfield_edge::source::{Content, FrameSource as _, Sources as _};
+use farfield_edge::source::{FrameContent, FrameSource as _, Sources as _};
 use farfield_proto::calibration::Calibration;
 use farfield_proto::camera::CameraModel;
 use farfield_proto::tick::Tick;
@@ -66,7 +66,7 @@ fn a_scenes_ticks_are_counted_from_the_venues_first() {
     let mut source = sources.open(&venue.cameras[0], &venue, Tick(105)).unwrap();
     let frame = source.next_frame().unwrap().unwrap();
     assert_eq!((frame.tick, frame.capture_offset_us), (Tick(105), 0));
-    let Content::Painted(seen) = frame.content else {
+    let FrameContent::Painted(seen) = frame.content else {
         panic!("maps are painted");
     };
     let crowd = Arc::new(SceneCrowd::new(Arc::new(scene)));
@@ -89,7 +89,7 @@ fn pictures_come_one_by_one_and_end_with_the_scene() {
     for tick in [7, 8] {
         let frame = source.next_frame().unwrap().unwrap();
         assert_eq!(frame.tick, Tick(tick));
-        let Content::Image(image) = frame.content else {
+        let FrameContent::Image(image) = frame.content else {
             panic!("pixels are pictures");
         };
         assert_eq!(

@@ -1,14 +1,14 @@
-//! Whose turn it is when not everybody fits into a tick.
+//! Round robin: which persons are sent at a tick when not all fit.
 //!
-//! A person is measured where two viewpoints show it at the same tick, so turns are no edge's own business: they
-//! follow from the tick and the person alone. A round takes 1, 2, 4, 8, ... ticks, so that an edge with little room
-//! serves a person at some of the ticks at which one with more room does.
+//! A person is measured where two viewpoints show it at the same tick, so all edges must serve it at the same ticks: the
+//! choice follows from the tick and the person's id alone. A round takes 1, 2, 4, 8, ... ticks, so that an edge on a
+//! thin link serves a person at a subset of the ticks at which an edge on a wider one does.
 
 use farfield_proto::id::PersonId;
 use farfield_proto::tick::Tick;
 
-/// Puts into `chosen` those of `persons` whose turn it is at the `number`th of the ticks that are worked on, in
-/// order of their ids: such that on average no more than `most` (at least 1) go at a tick.
+/// Puts into `chosen` those of `persons` that are due at the `number`th processed tick, in order of their ids, so that
+/// on average at most `most` (at least 1) persons are sent per tick.
 pub fn choose(
     persons: impl Iterator<Item = PersonId> + Clone,
     most: usize,

@@ -3,9 +3,9 @@
 use std::ops::Range;
 
 use super::contexts::{Contexts, Corrections, SIZE_CLASSES, SIZE_NODES, ZERO_CLASSES};
-use super::mode::Scale;
-use super::range_coder::{BitCoder, Probability};
-use super::symbol::number;
+use super::mode::MapScale;
+use crate::patch::entropy::range_coder::{BitCoder, Probability};
+use crate::patch::entropy::symbol::number;
 
 /// Sides of the window are mostly near this.
 const USUAL: i32 = 8;
@@ -15,7 +15,7 @@ const _: () = assert!(ZERO_CLASSES == 20 && SIZE_NODES == MOST_SIZE as usize);
 
 /// The corrections of one map.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Grid {
+pub(in crate::patch) struct CorrectionGrid {
     /// Cells from one to the next, at least 1.
     pitch: f32,
     /// The cells, along columns and rows, next to the places of the grid.
@@ -28,9 +28,9 @@ pub(super) struct Grid {
     left: Vec<(usize, f32)>,
 }
 
-impl Grid {
+impl CorrectionGrid {
     /// Makes room for maps of `scale`.
-    pub(super) fn reset(&mut self, scale: &Scale) {
+    pub(in crate::patch) fn reset(&mut self, scale: &MapScale) {
         self.pitch = scale.cells.max(1.0);
         for (places, size) in self.places.iter_mut().zip([scale.width, scale.height]) {
             let n = ((size - 1) as f32 / self.pitch).ceil() as usize + 1;
@@ -42,7 +42,12 @@ impl Grid {
     }
 
     /// Takes what is between a map and what its modes show, in steps; whether any is left.
-    pub(super) fn measure(&mut self, seen: &Seen<'_>, step: u8, scale: &Scale) -> bool {
+    pub(in crate::patch) fn measure(
+        &mut self,
+        seen: &MapResidual<'_>,
+        step: u8,
+        scale: &MapScale,
+    ) -> bool {
         let step = i16::from(step);
         // A little less than half a step is not worth its bits.
         let given = step * 2 / 5;
@@ -89,12 +94,12 @@ impl Grid {
     }
 
     /// Codes the corrections; `show` is what the modes show.
-    pub(super) fn code<C: BitCoder>(
+    pub(in crate::patch) fn code<C: BitCoder>(
         &mut self,
         coder: &mut C,
         contexts: &mut Contexts,
         show: &[u8],
-        scale: &Scale,
+        scale: &MapScale,
     ) {
         for axis in 0..2 {
             let size = whole(self.places[axis].len());
@@ -130,7 +135,7 @@ impl Grid {
     }
 
     /// Adds the corrections to the map.
-    pub(super) fn apply(&mut self, cells: &mut [u8], step: u8, scale: &Scale) {
+    pub(in crate::patch) fn apply(&mut self, cells: &mut [u8], step: u8, scale: &MapScale) {
         let [columns, rows] = self.window.clone();
         let step = i16::from(step);
         if self.pitch > 1.0 {
@@ -144,7 +149,7 @@ impl Grid {
         }
     }
 
-    fn interpolate(&mut self, cells: &mut [u8], step: f32, scale: &Scale) {
+    fn interpolate(&mut self, cells: &mut [u8], step: f32, scale: &MapScale) {
         let [columns, rows] = self.window.clone();
         let pitch = self.pitch;
         let reach = |places: &Range<usize>, size: usize| {
@@ -180,16 +185,16 @@ impl Grid {
 }
 
 /// A map beside what its modes show.
-pub(super) struct Seen<'a> {
-    pub(super) cells: &'a [u8],
-    pub(super) shown: &'a [u8],
+pub(in crate::patch) struct MapResidual<'a> {
+    pub(in crate::patch) cells: &'a [u8],
+    pub(in crate::patch) shown: &'a [u8],
     /// Per row of the map, by how much any cell is off.
-    pub(super) off: &'a [u8],
+    pub(in crate::patch) off: &'a [u8],
     /// Cells below are as good as zero, where nothing is shown either.
-    pub(super) floor: u8,
+    pub(in crate::patch) floor: u8,
 }
 
-impl Seen<'_> {
+impl MapResidual<'_> {
     /// By how much the map is above what is shown.
     fn off(&self, at: usize) -> i16 {
         let (cell, shown) = (self.cells[at], self.shown[at]);
@@ -245,7 +250,7 @@ fn value<C: BitCoder>(
     }
     if coded > MOST_SIZE {
         // No context is worth its place for what hardly ever happens.
-        let mut even = [Probability::even(); super::symbol::NUMBER];
+        let mut even = [Probability::even(); crate::patch::entropy::symbol::NUMBER];
         coded += number(coder, &mut even, size - coded).abs();
     }
     // No cell is off by more; what strangers' bytes say beyond would not fit once it is multiplied.
@@ -255,28 +260,28 @@ fn value<C: BitCoder>(
 
 #[cfg(test)]
 mod tests {
-    use super::super::range_coder::{Reader, Writer};
     use super::*;
+    use crate::patch::entropy::range_coder::{BitReader, BitWriter};
 
     #[test]
     fn no_bytes_correct_a_cell_by_more_than_a_cell_can_be_off() {
         let mut contexts = Contexts::new();
         contexts.reset();
-        let mut writer = Writer::new(Vec::new());
+        let mut writer = BitWriter::new(Vec::new());
         value(&mut writer, &mut contexts.corrections(), 1036, [0; 4], 0);
         let bytes = writer.finish();
         contexts.reset();
-        let mut reader = Reader::new(&bytes);
+        let mut reader = BitReader::new(&bytes);
         let read = value(&mut reader, &mut contexts.corrections(), 0, [0; 4], 0);
-        let mut grid = Grid {
+        let mut grid = CorrectionGrid {
             pitch: 1.0,
             window: [0..1, 0..1],
             values: vec![read],
-            ..Grid::default()
+            ..CorrectionGrid::default()
         };
         let (mut cells, scale) = (
             [9],
-            Scale {
+            MapScale {
                 width: 1,
                 height: 1,
                 cells: 1.0,

@@ -3,12 +3,16 @@
 use super::range_coder::{BitCoder, Probability};
 
 /// Contexts that one [`number`] needs: whether it is 0, its sign, its length, its second bit.
-pub(super) const NUMBER: usize = 2 + 2 * MOST_BITS;
+pub(in crate::patch) const NUMBER: usize = 2 + 2 * MOST_BITS;
 /// Magnitudes have at most so many bits after the first.
 const MOST_BITS: usize = 9;
 
 /// Codes a whole number that is mostly near 0, at most 1,023 either way; what is read is within that.
-pub(super) fn number<C: BitCoder>(coder: &mut C, contexts: &mut [Probability], value: i32) -> i32 {
+pub(in crate::patch) fn number<C: BitCoder>(
+    coder: &mut C,
+    contexts: &mut [Probability],
+    value: i32,
+) -> i32 {
     let (head, rest) = contexts.split_at_mut(2);
     if !coder.code(value != 0, &mut head[0]) {
         return 0;
@@ -36,7 +40,7 @@ pub(super) fn number<C: BitCoder>(coder: &mut C, contexts: &mut [Probability], v
 }
 
 /// Codes the lowest `bits` of a number, all as good as random.
-pub(super) fn plain<C: BitCoder>(coder: &mut C, bits: u32, value: u32) -> u32 {
+pub(in crate::patch) fn plain<C: BitCoder>(coder: &mut C, bits: u32, value: u32) -> u32 {
     (0..bits).rev().fold(0, |coded, i| {
         coded << 1 | u32::from(coder.code(value >> i & 1 == 1, &mut Probability::even()))
     })
@@ -44,7 +48,7 @@ pub(super) fn plain<C: BitCoder>(coder: &mut C, bits: u32, value: u32) -> u32 {
 
 /// Codes a number below `contexts.len() + 1`, a power of two, bit by bit from the highest, each in the
 /// context of those above it.
-pub(super) fn tree<C: BitCoder>(
+pub(in crate::patch) fn tree<C: BitCoder>(
     coder: &mut C,
     contexts: &mut [Probability],
     value: usize,
@@ -60,7 +64,7 @@ pub(super) fn tree<C: BitCoder>(
 }
 
 /// Codes how many of something there are, at most as many as there are contexts.
-pub(super) fn count<C: BitCoder>(
+pub(in crate::patch) fn count<C: BitCoder>(
     coder: &mut C,
     contexts: &mut [Probability],
     value: usize,
@@ -78,7 +82,7 @@ pub(super) fn count<C: BitCoder>(
 mod tests {
     use proptest::prelude::*;
 
-    use super::super::range_coder::{Reader, Writer};
+    use super::super::range_coder::{BitReader, BitWriter};
     use super::*;
 
     /// Everything that `code` codes comes back, and the contexts of both sides stay the same.
@@ -88,13 +92,13 @@ mod tests {
         code: impl Fn(&mut dyn AnyCoder, &mut [Probability], T) -> T,
     ) {
         let mut contexts = vec![Probability::even(); n_contexts];
-        let mut writer = Writer::new(Vec::new());
+        let mut writer = BitWriter::new(Vec::new());
         for &value in values {
             assert_eq!(code(&mut writer, &mut contexts, value), value);
         }
         let bytes = writer.finish();
         let mut contexts = vec![Probability::even(); n_contexts];
-        let mut reader = Reader::new(&bytes);
+        let mut reader = BitReader::new(&bytes);
         for &value in values {
             assert_eq!(code(&mut reader, &mut contexts, T::default()), value);
         }

@@ -68,7 +68,7 @@ pub struct LiveStatus {
     pub epoch_us: Option<u64>,
     /// An edge's correction of its clock in force, microseconds.
     pub clock_correction_us: i32,
-    /// Quality in which an edge packs its patches: 0 is the best.
+    /// Compression level (0 lossless to 6 fewest bytes) at which an edge packs its patches.
     pub quality: u8,
     /// Persons that an edge sends at most per tick, of those that it has boxes for; `None`: all.
     pub persons_per_tick: Option<u16>,

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::id::{SessionId, ViewpointIndex};
-use crate::live::MAX_EDGES;
+use crate::message::live::MAX_EDGES;
 use crate::tick::Tick;
 use crate::wire::{MAX_PARTS, Message};
 

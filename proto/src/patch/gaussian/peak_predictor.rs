@@ -35,13 +35,13 @@ const NEAR: [([usize; 2], [i32; 2]); 17] = [
 
 /// The first peaks of the maps so far, as both sides know them.
 #[derive(Debug, Clone)]
-pub(super) struct Body {
+pub(super) struct PeakPredictor {
     peaks: Vec<Option<[i32; 2]>>,
     middle: [i32; 2],
     is_coco: bool,
 }
 
-impl Body {
+impl PeakPredictor {
     pub(super) fn new() -> Self {
         Self {
             peaks: Vec::new(),

@@ -1,4 +1,4 @@
-//! Looking for people without boxes, with the cameras that fusion names.
+//! Detection passes: finding people without boxes, on the cameras that fusion names.
 
 use std::borrow::Cow;
 
@@ -7,13 +7,13 @@ use farfield_proto::message::Sighting;
 use farfield_proto::tick::Tick;
 
 use super::sighting::{self, Pending};
-use super::{Pipeline, PipelineError};
-use crate::source::{Content, Frame};
+use super::{EdgePipeline, PipelineError};
+use crate::source::{Frame, FrameContent};
 
-impl Pipeline {
-    /// The cameras that look at `tick` when nobody says: all of them, now and then.
-    pub fn regular_look(&self, tick: Tick) -> Vec<CameraIndex> {
-        if tick.0.rem_euclid(self.ticks_per_look) == 0 {
+impl EdgePipeline {
+    /// The cameras of a detection pass at `tick` while fusion asks for none: all of them, at the regular ticks.
+    pub fn regular_detection_cameras(&self, tick: Tick) -> Vec<CameraIndex> {
+        if tick.0.rem_euclid(self.ticks_per_pass) == 0 {
             self.cameras.iter().map(|camera| camera.index).collect()
         } else {
             Vec::new()
@@ -22,33 +22,33 @@ impl Pipeline {
 
     /// Whether this edge can find people without boxes at all.
     pub(super) fn can_sight(&self) -> bool {
-        let reads_pictures = self.looker.is_some() && self.batch.is_some();
+        let reads_pictures = self.detector.is_some() && self.batch.is_some();
         self.cameras
             .iter()
             .any(|c| c.drawing.is_some() || reads_pictures)
     }
 
-    /// Runs the detector on the pictures of the cameras that `look` and puts the crops into the batch.
+    /// Runs the detector on the pictures of `cameras` and puts the crops into the batch.
     pub(super) fn detect(
         &mut self,
         frames: &[Option<Frame>],
-        look: &[CameraIndex],
+        cameras: &[CameraIndex],
     ) -> Result<Vec<Pending>, PipelineError> {
         let mut pending = Vec::new();
-        let (Some(looker), Some(batch)) = (&mut self.looker, &mut self.batch) else {
+        let (Some(detector), Some(batch)) = (&mut self.detector, &mut self.batch) else {
             return Ok(pending);
         };
-        let cameras = self.cameras.iter().zip(frames);
-        for (camera, frame) in cameras.filter(|(camera, _)| look.contains(&camera.index)) {
+        let with_frames = self.cameras.iter().zip(frames);
+        for (camera, frame) in with_frames.filter(|(camera, _)| cameras.contains(&camera.index)) {
             if let Some(Frame {
-                content: Content::Image(image),
+                content: FrameContent::Image(image),
                 tick,
                 ..
             }) = frame
             {
-                // Looks that follow each other at once, because of somebody new, are at the same cells.
-                let number = tick.0.div_euclid(self.ticks_per_look);
-                let detections = looker.look(image, camera.index, number)?;
+                // Passes that follow each other at once, because of a new person, are on the same cell.
+                let number = tick.0.div_euclid(self.ticks_per_pass);
+                let detections = detector.detect_in(image, camera.index, number)?;
                 pending.extend(sighting::enqueue(
                     &detections,
                     image,
@@ -60,16 +60,16 @@ impl Pipeline {
         Ok(pending)
     }
 
-    /// The sightings of the cameras that `look`, after inference.
+    /// The sightings of `cameras`, after inference.
     pub(super) fn sightings(
         &self,
         pending: &[Pending],
         frames: &[Option<Frame>],
-        look: &[CameraIndex],
+        cameras: &[CameraIndex],
     ) -> Vec<Sighting> {
         let mut sightings = Vec::new();
-        let cameras = self.cameras.iter().zip(frames);
-        for (camera, frame) in cameras.filter(|(camera, _)| look.contains(&camera.index)) {
+        let with_frames = self.cameras.iter().zip(frames);
+        for (camera, frame) in with_frames.filter(|(camera, _)| cameras.contains(&camera.index)) {
             if let Some(batch) = &self.batch {
                 let of_camera = pending.iter().filter(|p| p.camera() == camera.index);
                 sightings.extend(
@@ -78,9 +78,9 @@ impl Pipeline {
                 );
             }
             let given = match frame.as_ref().map(|f| &f.content) {
-                Some(Content::Keypoints(keypoints)) => Cow::Borrowed(&keypoints.persons[..]),
-                Some(Content::Painted(painter)) => Cow::Owned(painter.persons()),
-                Some(Content::Image(_)) | None => continue,
+                Some(FrameContent::Keypoints(keypoints)) => Cow::Borrowed(&keypoints.persons[..]),
+                Some(FrameContent::Painted(painter)) => Cow::Owned(painter.persons()),
+                Some(FrameContent::Image(_)) | None => continue,
             };
             sightings.extend(sighting::from_persons(&given, camera.index, &camera.model));
         }

@@ -1,12 +1,14 @@
-//! What the pipeline asks of a network and of a detector, whoever runs them.
+//! The interfaces of the keypoint network and of the detector, as the pipeline calls them, whatever runs them.
+
+mod window;
 
 use std::path::PathBuf;
 
-use farfield_proto::model_card::HeatmapCard;
+use farfield_proto::model_card::{HeatmapCard, Letterbox};
 use farfield_proto::toml_file::FileError;
 use image::RgbImage;
 
-use crate::tiles::{DetectorInput, Window};
+pub use window::DetectorWindow;
 
 /// One crop as a network takes it: [3, height, width], normalised, in the card's channel order.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -29,17 +31,29 @@ pub trait KeypointNetwork: Send {
     fn infer(&mut self, inputs: &[InputTensor]) -> Result<Vec<f32>, NetworkError>;
 }
 
+/// The input of a detector.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct DetectorInput {
+    /// Width and height of the input, pixels.
+    pub size_px: [u32; 2],
+    /// Where a picture of another aspect ratio is placed in the input.
+    pub letterbox: Letterbox,
+}
+
 /// A detector that finds people in pictures.
 pub trait PersonDetector: Send {
-    /// What it takes.
+    /// Its input.
     fn input(&self) -> DetectorInput;
 
-    /// The people in the part of `image` that `window` is, the surest first, in pixels of the image.
+    /// The people in the part `window` of `image`, highest score first, in distorted pixels of the image.
     ///
     /// # Errors
     /// [`NetworkError`] when the backend fails or gives something else than the card says.
-    fn detect(&mut self, image: &RgbImage, window: &Window)
-    -> Result<Vec<Detection>, NetworkError>;
+    fn detect(
+        &mut self,
+        image: &RgbImage,
+        window: &DetectorWindow,
+    ) -> Result<Vec<Detection>, NetworkError>;
 }
 
 /// One person found in a picture.

@@ -9,14 +9,14 @@ use farfield_proto::model_card::Letterbox;
 /// Distorted pixels as recorded, counted from the outer corner of the first one (whose centre is then
 /// at 0.5).
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Window {
-    /// Left and top.
+pub struct DetectorWindow {
+    /// Left and top, distorted pixels from the outer corner.
     pub min_px: [f64; 2],
-    /// Width and height.
+    /// Width and height, distorted pixels.
     pub size_px: [f64; 2],
 }
 
-impl Window {
+impl DetectorWindow {
     /// The whole picture of `size_px` in an input of `input_px`, laid into it as `letterbox` says.
     pub fn whole(size_px: [u32; 2], input_px: [u32; 2], letterbox: Letterbox) -> Self {
         let picture = size_px.map(f64::from);
@@ -30,7 +30,7 @@ impl Window {
         Self { min_px, size_px }
     }
 
-    /// Right and bottom.
+    /// Right and bottom, distorted pixels from the outer corner.
     pub fn max_px(&self) -> [f64; 2] {
         [0, 1].map(|i| self.min_px[i] + self.size_px[i])
     }
@@ -41,7 +41,7 @@ impl Window {
     }
 
     /// Whether a box (left, top, right, bottom) lies inside, at least `margin_px` from those edges
-    /// that are not beyond a picture of `picture_px`: there is nothing more to see behind its own edge.
+    /// that are not beyond a picture of `picture_px` (width and height): the picture ends there anyway.
     pub fn holds(&self, [l, t, r, b]: [f64; 4], margin_px: f64, picture_px: [u32; 2]) -> bool {
         let [left, top] = self.min_px;
         let [right, bottom] = self.max_px();
@@ -51,7 +51,7 @@ impl Window {
         after(left, l) && after(top, t) && before(right, r, width) && before(bottom, b, height)
     }
 
-    /// The same as a box, centres of pixels at whole numbers.
+    /// The window as a box, pixels with their centres at whole numbers.
     #[cfg(feature = "network")]
     pub(crate) fn bounding_box(&self) -> BoundingBox {
         BoundingBox {
@@ -69,7 +69,7 @@ mod tests {
     #[test]
     fn the_whole_picture_keeps_its_aspect_and_its_corner() {
         for (letterbox, left_px) in [(Letterbox::TopLeft, 0.0), (Letterbox::Centre, -420.0)] {
-            let window = Window::whole([1080, 1920], [416, 416], letterbox);
+            let window = DetectorWindow::whole([1080, 1920], [416, 416], letterbox);
             let near = |a: [f64; 2], b: [f64; 2]| (0..2).all(|i| (a[i] - b[i]).abs() < 1e-9);
             assert!(near(window.min_px, [left_px, 0.0]) && near(window.size_px, [1920.0; 2]));
             assert!((window.scale([416, 416]) - 416.0 / 1920.0).abs() < 1e-12);
@@ -78,7 +78,7 @@ mod tests {
 
     #[test]
     fn a_box_at_the_pictures_own_edge_is_held_whole() {
-        let window = Window {
+        let window = DetectorWindow {
             min_px: [0.0, 100.0],
             size_px: [400.0, 300.0],
         };

@@ -1,6 +1,10 @@
 //! What nodes say to each other. Framing, bounds and versions are in [`crate::wire`].
 
 mod box_form;
+pub mod decision;
+pub mod fill;
+pub mod handout;
+pub mod live;
 mod patch_form;
 
 use serde::{Deserialize, Serialize};
@@ -8,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use crate::bounding_box::{BoundingBox, BoxRate};
 use crate::grid::CellGrid;
 use crate::id::{CameraIndex, PersonId, SessionId, ViewpointIndex};
-use crate::live::{LiveBoxes, LiveStatus, PatchTiming};
+use crate::message::live::{LiveBoxes, LiveStatus, PatchTiming};
 use crate::patch::EncodedMaps;
 use crate::tick::Tick;
 
@@ -79,7 +83,7 @@ pub struct BoxSet {
     pub live: Option<LiveBoxes>,
     /// The cameras of this viewpoint that look for people without boxes at this tick, ascending; most
     /// often none. All viewpoints look at the same ticks, because rays of different ticks do not meet.
-    pub look: Vec<CameraIndex>,
+    pub detection_cameras: Vec<CameraIndex>,
     /// Where the persons will be.
     pub persons: Vec<PersonBoxes>,
 }
@@ -87,7 +91,7 @@ pub struct BoxSet {
 /// What an edge shall do at a tick.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Order {
-    /// Make patches for the boxes, and look for people where [`BoxSet::look`] says.
+    /// Make patches for the boxes, and look for people where [`BoxSet::detection_cameras`] says.
     Track,
     /// The run is over: leave.
     End,
@@ -237,7 +241,7 @@ pub struct Status {
 pub const MAX_STAGES: usize = 32;
 
 /// Name of an edge's stage of looking for people without boxes: detector and keypoints.
-pub const LOOK_STAGE: &str = "look";
+pub const DETECTION_STAGE: &str = "look";
 
 /// How long one stage of a node took, over all ticks of a run.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]

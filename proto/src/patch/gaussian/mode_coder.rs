@@ -1,20 +1,20 @@
 //! The walk over the maps of a patch that both directions take when maps are kept as modes.
 
-use super::body::{Body, FURTHER};
 use super::contexts::Contexts;
-use super::mode::{MOST_TILTED, Mode, OUTSIDE, STEPS, Scale, WIDEST};
-use super::range_coder::BitCoder;
+use super::mode::{MOST_TILTED, MapScale, Mode, OUTSIDE, STEPS, WIDEST};
+use super::peak_predictor::{FURTHER, PeakPredictor};
 use super::recipe::{MAX_MODES, Recipe};
-use super::symbol::{count, number, plain, tree};
+use crate::patch::entropy::range_coder::BitCoder;
+use crate::patch::entropy::symbol::{count, number, plain, tree};
 
 /// Positions are coded in quarters of a unit with contexts; what is finer is as good as random.
 const QUARTER_BITS: u32 = (STEPS / 4).ilog2();
 
 /// What has been learnt in the patch so far.
 #[derive(Debug, Clone)]
-pub(super) struct Model {
-    pub(super) contexts: Contexts,
-    body: Body,
+pub(in crate::patch) struct ModeCoder {
+    pub(in crate::patch) contexts: Contexts,
+    body: PeakPredictor,
     last: [i32; 2],
     last_count: usize,
     /// Height and widths of the last mode.
@@ -22,11 +22,11 @@ pub(super) struct Model {
     last_widths: [i32; 3],
 }
 
-impl Model {
-    pub(super) fn new() -> Self {
+impl ModeCoder {
+    pub(in crate::patch) fn new() -> Self {
         Self {
             contexts: Contexts::new(),
-            body: Body::new(),
+            body: PeakPredictor::new(),
             last: [0; 2],
             last_count: 1,
             last_height: None,
@@ -35,7 +35,7 @@ impl Model {
     }
 
     /// Forgets the maps before, but not the contexts, ahead of so many maps of this size.
-    pub(super) fn begin(&mut self, keypoints: usize, scale: &Scale) {
+    pub(in crate::patch) fn begin(&mut self, keypoints: usize, scale: &MapScale) {
         self.last = scale.last();
         self.body.reset(keypoints, self.last);
         self.last_count = 1;
@@ -44,7 +44,7 @@ impl Model {
     }
 
     /// Codes the modes of the next map: `modes` are written, or filled.
-    pub(super) fn modes<C: BitCoder>(
+    pub(in crate::patch) fn modes<C: BitCoder>(
         &mut self,
         coder: &mut C,
         recipe: &Recipe,

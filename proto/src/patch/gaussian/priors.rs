@@ -2,10 +2,8 @@
 //! it never occurred. Written by `lab codec --learn` over maps of TinyPose (twice),
 //! of simulated people, of the rendered ones of the project's own network, and of the Shelf.
 
-use super::contexts::TOTAL;
-
 /// In the order of [`super::contexts`].
-pub(super) const PRIORS: [u8; TOTAL] = [
+pub(super) const PRIORS: [u8; 1531] = [
     4, 132, 9, 24, 68, 81, 139, 201, 254, 0, 0, 89, 169, 135, 170, 179, 249, 0, 0, 0, 4, 76, 8, 18,
     40, 206, 216, 252, 0, 0, 0, 144, 129, 75, 241, 75, 0, 0, 0, 0, 30, 145, 64, 142, 188, 152, 109,
     242, 162, 0, 0, 132, 207, 144, 203, 153, 157, 0, 0, 0, 65, 126, 145, 196, 79, 30, 189, 252, 0,

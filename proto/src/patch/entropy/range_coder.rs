@@ -28,7 +28,7 @@ const RECIPROCALS: [u32; 64] = {
 
 /// How probable a `false` is, learnt from the bits so far: fast at first, then slower.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Probability {
+pub(in crate::patch) struct Probability {
     /// Probability of `false`, of 65,536.
     of_false: u16,
     /// Bits seen, up to [`Self::MEMORY`].
@@ -42,7 +42,7 @@ impl Probability {
     const BEFOREHAND: u16 = 10;
 
     /// Nothing known.
-    pub(super) const fn even() -> Self {
+    pub(in crate::patch) const fn even() -> Self {
         Self {
             of_false: 1 << 15,
             seen: 0,
@@ -50,12 +50,12 @@ impl Probability {
     }
 
     /// The probability of `false`, of 65,536.
-    pub(super) fn of_false(self) -> u16 {
+    pub(in crate::patch) fn of_false(self) -> u16 {
         self.of_false
     }
 
     /// Known beforehand as if from some bits already.
-    pub(super) const fn known(of_false: u16) -> Self {
+    pub(in crate::patch) const fn known(of_false: u16) -> Self {
         Self {
             of_false,
             seen: Self::BEFOREHAND,
@@ -87,7 +87,7 @@ impl Probability {
 }
 
 /// One direction of the coder.
-pub(super) trait BitCoder {
+pub(in crate::patch) trait BitCoder {
     /// Whether the bits are known and written; else they are read.
     const WRITES: bool;
 
@@ -97,7 +97,7 @@ pub(super) trait BitCoder {
 
 /// Bits to bytes.
 #[derive(Debug, Clone)]
-pub(super) struct Writer {
+pub(in crate::patch) struct BitWriter {
     /// Start of the current range; bit 32 is a carry.
     low: u64,
     range: u32,
@@ -108,9 +108,9 @@ pub(super) struct Writer {
     bytes: Vec<u8>,
 }
 
-impl Writer {
+impl BitWriter {
     /// Writes to the end of `bytes`.
-    pub(super) fn new(bytes: Vec<u8>) -> Self {
+    pub(in crate::patch) fn new(bytes: Vec<u8>) -> Self {
         Self {
             low: 0,
             range: u32::MAX,
@@ -138,7 +138,7 @@ impl Writer {
     }
 
     /// The bytes, complete: the shortest number inside the last range ends them.
-    pub(super) fn finish(mut self) -> Vec<u8> {
+    pub(in crate::patch) fn finish(mut self) -> Vec<u8> {
         let step = u64::from(BYTE_DUE);
         self.low = self.low.div_ceil(step) * step;
         self.shift();
@@ -147,7 +147,7 @@ impl Writer {
     }
 }
 
-impl BitCoder for Writer {
+impl BitCoder for BitWriter {
     const WRITES: bool = true;
 
     fn code(&mut self, bit: bool, probability: &mut Probability) -> bool {
@@ -169,15 +169,15 @@ impl BitCoder for Writer {
 
 /// Bytes to bits; past their end it reads zeros, and says so afterwards.
 #[derive(Debug, Clone)]
-pub(super) struct Reader<'a> {
+pub(in crate::patch) struct BitReader<'a> {
     bytes: &'a [u8],
     read: usize,
     code: u32,
     range: u32,
 }
 
-impl<'a> Reader<'a> {
-    pub(super) fn new(bytes: &'a [u8]) -> Self {
+impl<'a> BitReader<'a> {
+    pub(in crate::patch) fn new(bytes: &'a [u8]) -> Self {
         let mut reader = Self {
             bytes,
             read: 0,
@@ -195,17 +195,17 @@ impl<'a> Reader<'a> {
     }
 
     /// Whether more was read than a whole stream has.
-    pub(super) fn is_past_end(&self) -> bool {
+    pub(in crate::patch) fn is_past_end(&self) -> bool {
         self.read > self.bytes.len() + READ_AHEAD
     }
 
     /// Bytes that no bit needed.
-    pub(super) fn left(&self) -> usize {
+    pub(in crate::patch) fn left(&self) -> usize {
         (self.bytes.len() + READ_AHEAD).saturating_sub(self.read)
     }
 }
 
-impl BitCoder for Reader<'_> {
+impl BitCoder for BitReader<'_> {
     const WRITES: bool = false;
 
     #[inline]
@@ -237,7 +237,7 @@ mod tests {
 
     fn written(bits: &[bool], contexts: usize) -> Vec<u8> {
         let mut probabilities = vec![Probability::even(); contexts];
-        let mut writer = Writer::new(Vec::new());
+        let mut writer = BitWriter::new(Vec::new());
         for (i, &bit) in bits.iter().enumerate() {
             writer.code(bit, &mut probabilities[i % contexts]);
         }
@@ -247,7 +247,7 @@ mod tests {
     fn check(bits: &[bool], contexts: usize) {
         let bytes = written(bits, contexts);
         let mut probabilities = vec![Probability::even(); contexts];
-        let mut reader = Reader::new(&bytes);
+        let mut reader = BitReader::new(&bytes);
         for (i, &bit) in bits.iter().enumerate() {
             assert_eq!(
                 reader.code(false, &mut probabilities[i % contexts]),

@@ -1,6 +1,6 @@
 //! A peak's place, height and widths from its cells.
 
-use super::mode::{Peak, Scale};
+use super::mode::{FittedPeak, MapScale};
 
 /// How far from the highest cell a peak is looked at, units: a little over two of its usual sigmas.
 const REACH: f32 = 4.5;
@@ -15,7 +15,7 @@ const MOST_COLUMNS: usize = 20;
 
 /// Fits Gaussians; holds a table of logarithms.
 #[derive(Debug, Clone)]
-pub(super) struct Fitter {
+pub(in crate::patch) struct Fitter {
     /// Natural logarithm of every cell's value; that of 0 is 0.
     logarithms: [f32; 256],
 }
@@ -28,7 +28,7 @@ struct Moments {
 }
 
 impl Fitter {
-    pub(super) fn new() -> Self {
+    pub(in crate::patch) fn new() -> Self {
         let mut logarithms = [0.0; 256];
         for (value, logarithm) in logarithms.iter_mut().enumerate().skip(1) {
             *logarithm = (value as f32).ln();
@@ -41,13 +41,13 @@ impl Fitter {
     ///
     /// Least squares of the logarithm, which is a parabola, weighted by the squared cells: near the
     /// top those are the least squares of the cells.
-    pub(super) fn peak(
+    pub(in crate::patch) fn peak(
         &self,
         cells: &[u8],
         explained: &[u8],
         at: [usize; 2],
-        scale: &Scale,
-    ) -> Peak {
+        scale: &MapScale,
+    ) -> FittedPeak {
         let first = self.about(cells, explained, at, scale);
         let center = [
             first.at[0].round().max(0.0) as usize,
@@ -62,9 +62,15 @@ impl Fitter {
         }
     }
 
-    fn about(&self, cells: &[u8], explained: &[u8], at: [usize; 2], scale: &Scale) -> Peak {
+    fn about(
+        &self,
+        cells: &[u8],
+        explained: &[u8],
+        at: [usize; 2],
+        scale: &MapScale,
+    ) -> FittedPeak {
         let top = f32::from(cells[at[1] * scale.width + at[0]]);
-        let usual = Peak {
+        let usual = FittedPeak {
             at: at.map(|n| n as f32),
             height: top,
             sigma: [2.05 * scale.cells; 2],
@@ -92,7 +98,7 @@ impl Fitter {
         if x.abs() > reach || y.abs() > reach || sigma.iter().any(|s| *s > 8.0 * scale.cells) {
             return usual;
         }
-        Peak {
+        FittedPeak {
             at: [usual.at[0] + x, usual.at[1] + y],
             height: height.clamp(1.0, (1.15 * top).clamp(1.0, 255.0)),
             sigma,
@@ -107,7 +113,7 @@ impl Fitter {
         explained: &[u8],
         at: [usize; 2],
         reach: f32,
-        scale: &Scale,
+        scale: &MapScale,
     ) -> Moments {
         let mut moments = Moments::default();
         let stride = (scale.cells as usize).max(1);
@@ -223,8 +229,8 @@ fn solve(mut a: [[f64; 6]; 6], mut b: [f64; 6]) -> Option<[f64; 6]> {
 mod tests {
     use proptest::prelude::*;
 
-    use super::super::mode::Mode;
     use super::*;
+    use crate::patch::gaussian::mode::Mode;
 
     proptest! {
         #[test]
@@ -232,8 +238,8 @@ mod tests {
             at in (8.0f32..40.0, 8.0f32..56.0), height in 60.0f32..250.0,
             sigma in (1.6f32..3.0, 1.6f32..3.0), correlation in -0.4f32..0.4,
         ) {
-            let scale = Scale { width: 48, height: 64, cells: 1.0 };
-            let drawn = Peak { at: [at.0, at.1], height, sigma: [sigma.0, sigma.1], correlation };
+            let scale = MapScale { width: 48, height: 64, cells: 1.0 };
+            let drawn = FittedPeak { at: [at.0, at.1], height, sigma: [sigma.0, sigma.1], correlation };
             let mode = Mode::of(&drawn, &scale);
             let mut cells = vec![0; 48 * 64];
             mode.draw(&scale, &mut cells);

@@ -6,23 +6,25 @@
 //! product of a column and a row, which every upright Gaussian is; what is coded is the difference,
 //! in contexts of how wrong the neighbours' expectations were.
 
+mod around;
+
 use std::cmp::Ordering;
 
-use super::around::Around;
-use super::range_coder::{BitCoder, Probability};
+use self::around::Around;
+use super::entropy::range_coder::{BitCoder, Probability};
 
 /// Sides of a map: what both directions know beforehand.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Shape {
-    pub(super) width: usize,
-    pub(super) height: usize,
+pub(in crate::patch) struct Shape {
+    pub(in crate::patch) width: usize,
+    pub(in crate::patch) height: usize,
     /// Least cell that is not zero, at least 1.
-    pub(super) floor: u8,
+    pub(in crate::patch) floor: u8,
 }
 
 /// What has been learnt in the patch so far.
 #[derive(Debug, Clone)]
-pub(super) struct Model {
+pub(in crate::patch) struct LosslessCoder {
     empty_map: [Probability; 2],
     empty_row: [Probability; 2],
     first_row: Signed,
@@ -44,14 +46,14 @@ const ERROR_CLASSES: usize = 4;
 
 /// Where a row begins and ends: first and last cell that is not zero.
 #[derive(Debug, Clone, Copy)]
-struct Span {
+struct RowSpan {
     start: usize,
     end: usize,
 }
 
-impl Model {
+impl LosslessCoder {
     /// Nothing learnt yet, for maps of `shape`.
-    pub(super) fn new() -> Self {
+    pub(in crate::patch) fn new() -> Self {
         let even = Probability::even();
         Self {
             empty_map: [even; 2],
@@ -71,7 +73,7 @@ impl Model {
     }
 
     /// Forgets everything, keeping memory.
-    pub(super) fn reset(&mut self, width: usize, height: usize) {
+    pub(in crate::patch) fn reset(&mut self, width: usize, height: usize) {
         let mut errors = std::mem::take(&mut self.errors);
         errors.clear();
         errors.resize(width, 0);
@@ -83,7 +85,12 @@ impl Model {
     }
 
     /// Codes one map: `cells` are read, or written over zeros.
-    pub(super) fn map<C: BitCoder>(&mut self, coder: &mut C, shape: Shape, cells: &mut [u8]) {
+    pub(in crate::patch) fn map<C: BitCoder>(
+        &mut self,
+        coder: &mut C,
+        shape: Shape,
+        cells: &mut [u8],
+    ) {
         let Shape { width, height, .. } = shape;
         let is_empty = |cells: &[u8]| cells.iter().fold(0, |any, &c| any | c) == 0;
         let empty_rows =
@@ -111,7 +118,7 @@ impl Model {
                 .rows
                 .code(coder, last.saturating_sub(first), height - 1 - first);
         self.errors.fill(0);
-        let mut above: Option<(Span, Ordering)> = None;
+        let mut above: Option<(RowSpan, Ordering)> = None;
         let mut row_above_empty = false;
         for y in first..=last {
             let inner = y != first && y != last;
@@ -129,7 +136,7 @@ impl Model {
             let known = if C::WRITES {
                 span_of(row)
             } else {
-                Span { start: 0, end: 0 }
+                RowSpan { start: 0, end: 0 }
             };
             let (span, drift) = self.span(coder, known, above, width);
             if above.is_none() {
@@ -144,10 +151,10 @@ impl Model {
     fn span<C: BitCoder>(
         &mut self,
         coder: &mut C,
-        known: Span,
-        above: Option<(Span, Ordering)>,
+        known: RowSpan,
+        above: Option<(RowSpan, Ordering)>,
         width: usize,
-    ) -> (Span, Ordering) {
+    ) -> (RowSpan, Ordering) {
         let Some((before, drift)) = above else {
             let start = self
                 .first_start
@@ -156,14 +163,14 @@ impl Model {
                 + self
                     .first_width
                     .code(coder, known.end.saturating_sub(start), width - 1 - start);
-            return (Span { start, end }, Ordering::Less);
+            return (RowSpan { start, end }, Ordering::Less);
         };
         let start = self.start[class_of(drift)].near(coder, known.start, before.start, width - 1);
         let moved = start.cmp(&before.start);
         let end =
             self.end[class_of(moved)].near(coder, known.end.max(start), before.end, width - 1);
         (
-            Span {
+            RowSpan {
                 start,
                 end: end.max(start),
             },
@@ -177,7 +184,7 @@ impl Model {
         coder: &mut C,
         shape: Shape,
         y: usize,
-        span: Span,
+        span: RowSpan,
         cells: &mut [u8],
     ) {
         let (above, rest) = cells.split_at_mut(y * shape.width);
@@ -208,9 +215,9 @@ impl Model {
     }
 }
 
-fn span_of(row: &[u8]) -> Span {
+fn span_of(row: &[u8]) -> RowSpan {
     let start = row.iter().position(|&c| c != 0).unwrap_or(0);
-    Span {
+    RowSpan {
         start,
         end: row.iter().rposition(|&c| c != 0).unwrap_or(start),
     }

@@ -1,22 +1,22 @@
-//! The detector of an edge and where in its pictures it looks.
+//! The detector, run over the windows of a picture that the tile plan names.
 
 use farfield_proto::camera::CameraModel;
 use farfield_proto::id::CameraIndex;
 use farfield_proto::venue::{Venue, VenueCamera};
 use image::RgbImage;
 
-use super::inference::{Detection, NetworkError, PersonDetector};
+use crate::inference::{Detection, NetworkError, PersonDetector};
 use crate::tiles::{self, TilePlan};
 
-/// Looks for people in the pictures of a venue.
-pub(super) struct Looker {
+/// Detects people in the pictures of a venue, window by window.
+pub(super) struct TiledDetector {
     detector: Box<dyn PersonDetector>,
     /// Of every camera of the venue that gives pictures.
     plans: Vec<(CameraIndex, TilePlan)>,
 }
 
-impl Looker {
-    /// Plans where to look in the pictures of all cameras.
+impl TiledDetector {
+    /// Plans the windows of all cameras of the venue that give pictures.
     pub(super) fn new(venue: &Venue, detector: Box<dyn PersonDetector>) -> Self {
         let cameras: Vec<(CameraIndex, &CameraModel)> = (0..)
             .map(CameraIndex)
@@ -38,12 +38,12 @@ impl Looker {
         }
     }
 
-    /// Who is in a picture of `camera`, the surest first; the cells of the field take turns by the `number`
-    /// of the look.
+    /// The people in a picture of `camera`, highest score first; detection pass `number` covers one cell of the
+    /// field, the next pass the next cell.
     ///
     /// # Errors
     /// [`NetworkError`] when the detector fails.
-    pub(super) fn look(
+    pub(super) fn detect_in(
         &mut self,
         image: &RgbImage,
         camera: CameraIndex,
@@ -53,7 +53,7 @@ impl Looker {
             return Ok(Vec::new());
         };
         let found = plan
-            .passes(number)
+            .windows(number)
             .map(|window| Ok((window, self.detector.detect(image, &window)?)))
             .collect::<Result<Vec<_>, NetworkError>>()?;
         let picture_px = [image.width(), image.height()];

@@ -1,9 +1,9 @@
 //! Everything that is learnt within a patch, and what is known before its first bit.
 
-use super::body::CLASSES;
+use super::peak_predictor::CLASSES;
 use super::priors::PRIORS;
-use super::range_coder::Probability;
-use super::symbol::NUMBER;
+use crate::patch::entropy::range_coder::Probability;
+use crate::patch::entropy::symbol::NUMBER;
 
 /// How many contexts of each kind, in the order in which they lie.
 const POSITIONS: usize = 2 * CLASSES * NUMBER;
@@ -15,8 +15,9 @@ const WINDOWS: usize = 4 * NUMBER;
 const ZEROS: usize = ZERO_CLASSES;
 const SIGNS: usize = 5;
 const SIZES: usize = SIZE_CLASSES * SIZE_NODES;
-pub(super) const TOTAL: usize =
+const TOTAL: usize =
     POSITIONS + HEIGHTS + WIDTHS + COUNTS + CORRECTED + WINDOWS + ZEROS + SIGNS + SIZES;
+const _: () = assert!(TOTAL == PRIORS.len(), "one prior for each context");
 
 /// Classes of a height: no mode before, a low, a middle, a high one, a further peak.
 const HEIGHT_CLASSES: usize = 5;
@@ -25,28 +26,28 @@ const HEIGHT_NODES: usize = 15;
 const WIDTH_CLASSES: usize = 3;
 const COUNT_NODES: usize = super::recipe::MAX_MODES;
 /// Classes of a correction that may be zero: four of its neighbours', four of what is drawn there.
-pub(super) const ZERO_CLASSES: usize = 20;
+pub(in crate::patch) const ZERO_CLASSES: usize = 20;
 /// Classes of a correction's size, by its neighbours'.
-pub(super) const SIZE_CLASSES: usize = 3;
+pub(in crate::patch) const SIZE_CLASSES: usize = 3;
 /// Sizes after the first; beyond, the rest is a number without contexts.
-pub(super) const SIZE_NODES: usize = 12;
+pub(in crate::patch) const SIZE_NODES: usize = 12;
 
 /// The contexts of one patch.
 #[derive(Debug, Clone)]
-pub(super) struct Contexts {
+pub(in crate::patch) struct Contexts {
     all: [Probability; TOTAL],
 }
 
 impl Contexts {
     /// What is known beforehand.
-    pub(super) const fn new() -> Self {
+    pub(in crate::patch) const fn new() -> Self {
         Self {
             all: [Probability::even(); TOTAL],
         }
     }
 
     /// Forgets what was learnt.
-    pub(super) fn reset(&mut self) {
+    pub(in crate::patch) fn reset(&mut self) {
         self.all = KNOWN.all;
     }
 
@@ -54,19 +55,24 @@ impl Contexts {
         &mut self.all[first..first + length]
     }
 
-    /// Those of a position along an axis, in a class of [`super::body`].
-    pub(super) fn position(&mut self, class: usize, axis: usize) -> &mut [Probability] {
+    /// Those of a position along an axis, in a class of [`super::peak_predictor`].
+    pub(in crate::patch) fn position(&mut self, class: usize, axis: usize) -> &mut [Probability] {
         self.part((2 * class + axis) * NUMBER, NUMBER)
     }
 
     /// Those of the upper four bits of a height.
-    pub(super) fn height(&mut self, class: usize) -> &mut [Probability] {
+    pub(in crate::patch) fn height(&mut self, class: usize) -> &mut [Probability] {
         self.part(POSITIONS + class * HEIGHT_NODES, HEIGHT_NODES)
     }
 
     /// Those of a width along an axis, or (axis 2) of the correlation; by the step and by how unusual
     /// the last one was.
-    pub(super) fn width(&mut self, step: i32, axis: usize, last: i32) -> &mut [Probability] {
+    pub(in crate::patch) fn width(
+        &mut self,
+        step: i32,
+        axis: usize,
+        last: i32,
+    ) -> &mut [Probability] {
         let class = usize::from(step > 1) + usize::from(step > 2);
         let unusual = last.unsigned_abs().min(2) as usize;
         let index = (class * 3 + axis) * 3 + unusual;
@@ -74,24 +80,24 @@ impl Contexts {
     }
 
     /// Those of how many modes a map has, by how many the last one had.
-    pub(super) fn count(&mut self, last: usize) -> &mut [Probability] {
+    pub(in crate::patch) fn count(&mut self, last: usize) -> &mut [Probability] {
         let first = POSITIONS + HEIGHTS + WIDTHS;
         self.part(first + last.min(2) * COUNT_NODES, COUNT_NODES)
     }
 
     /// That of whether a map is corrected, by how many modes it has.
-    pub(super) fn corrected(&mut self, modes: usize) -> &mut Probability {
+    pub(in crate::patch) fn corrected(&mut self, modes: usize) -> &mut Probability {
         &mut self.all[POSITIONS + HEIGHTS + WIDTHS + COUNTS + modes.min(2)]
     }
 
     /// Those of a side of the window of corrections.
-    pub(super) fn window(&mut self, side: usize) -> &mut [Probability] {
+    pub(in crate::patch) fn window(&mut self, side: usize) -> &mut [Probability] {
         let first = POSITIONS + HEIGHTS + WIDTHS + COUNTS + CORRECTED;
         self.part(first + side * NUMBER, NUMBER)
     }
 
     /// Those of one correction.
-    pub(super) fn corrections(&mut self) -> Corrections<'_> {
+    pub(in crate::patch) fn corrections(&mut self) -> Corrections<'_> {
         let first = POSITIONS + HEIGHTS + WIDTHS + COUNTS + CORRECTED + WINDOWS;
         let (zero, rest) = self.all[first..].split_at_mut(ZEROS);
         let (sign, size) = rest.split_at_mut(SIGNS);
@@ -99,17 +105,17 @@ impl Contexts {
     }
 
     /// What was learnt, as [`KNOWN`] is written.
-    pub(super) fn learnt(&self) -> impl Iterator<Item = u16> {
+    pub(in crate::patch) fn learnt(&self) -> impl Iterator<Item = u16> {
         self.all.iter().map(|context| context.of_false())
     }
 }
 
 /// The contexts of corrections.
-pub(super) struct Corrections<'a> {
-    pub(super) zero: &'a mut [Probability],
-    pub(super) sign: &'a mut [Probability],
+pub(in crate::patch) struct Corrections<'a> {
+    pub(in crate::patch) zero: &'a mut [Probability],
+    pub(in crate::patch) sign: &'a mut [Probability],
     /// [`SIZE_CLASSES`] times [`SIZE_NODES`].
-    pub(super) size: &'a mut [Probability],
+    pub(in crate::patch) size: &'a mut [Probability],
 }
 
 /// What is known before the first bit.

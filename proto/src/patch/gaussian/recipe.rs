@@ -1,42 +1,42 @@
-//! What a quality means: how finely modes are written, and what is corrected after them.
+//! What a compression level means: how finely modes are written, and what is corrected after them.
 
 use super::mode::{MOST_TILTED, Mode};
-use super::quality::{FLOOR, Quality};
+use crate::patch::compression_level::{CompressionLevel, FLOOR};
 
-/// How maps become bytes at one quality. The decoder needs the steps, all else is the encoder's own.
+/// How maps become bytes at one compression level. The decoder needs the steps, all else is the encoder's own.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Recipe {
+pub(in crate::patch) struct Recipe {
     /// Least height of a mode.
-    pub(super) floor: u8,
+    pub(in crate::patch) floor: u8,
     /// Most modes of a map.
-    pub(super) modes: usize,
+    pub(in crate::patch) modes: usize,
     /// Bits of a position, of [`super::mode::STEPS`], that are left out.
-    pub(super) position_bits: u32,
+    pub(in crate::patch) position_bits: u32,
     /// Bits of a height that are left out, at most 4.
-    pub(super) height_bits: u32,
+    pub(in crate::patch) height_bits: u32,
     /// Widths are multiples of so many steps.
-    pub(super) width_step: i32,
+    pub(in crate::patch) width_step: i32,
     /// Correlations are multiples of so many steps.
-    pub(super) tilt_step: i32,
+    pub(in crate::patch) tilt_step: i32,
     /// The first of [`STEPS_DOWN`] that is tried.
-    pub(super) first: usize,
+    pub(in crate::patch) first: usize,
     /// A patch of more bytes is made again, one step further down.
-    pub(super) most_bytes: usize,
+    pub(in crate::patch) most_bytes: usize,
 }
 
 /// What is kept beside the highest peak of each map.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Rest {
+pub(in crate::patch) struct Rest {
     /// Where no cell is off what the modes show by more, nothing is corrected.
-    pub(super) tolerance: u8,
+    pub(in crate::patch) tolerance: u8,
     /// Corrections are multiples of this; 0: there are none.
-    pub(super) step: u8,
+    pub(in crate::patch) step: u8,
     /// Least height of a map's further modes.
-    pub(super) further: u8,
+    pub(in crate::patch) further: u8,
 }
 
 /// From all that can be seen to next to nothing. A patch says which of these it is.
-pub(super) const STEPS_DOWN: [Rest; 11] = [
+pub(in crate::patch) const STEPS_DOWN: [Rest; 11] = [
     rest(6, 4, 0),
     rest(12, 8, 0),
     rest(20, 12, 0),
@@ -51,7 +51,7 @@ pub(super) const STEPS_DOWN: [Rest; 11] = [
 ];
 
 /// The first step without corrections.
-pub(super) const NO_CORRECTION: usize = 7;
+pub(in crate::patch) const NO_CORRECTION: usize = 7;
 
 const fn rest(tolerance: u8, step: u8, further: u8) -> Rest {
     Rest {
@@ -61,19 +61,19 @@ const fn rest(tolerance: u8, step: u8, further: u8) -> Rest {
     }
 }
 
-/// Most modes of a map at any quality.
-pub(super) const MAX_MODES: usize = 4;
+/// Most modes of a map at any compression level.
+pub(in crate::patch) const MAX_MODES: usize = 4;
 
 impl Recipe {
-    /// That of `quality`; there is none for what is kept without loss.
-    pub(super) const fn of(quality: Quality) -> Option<Self> {
+    /// That of `level`; there is none for what is kept without loss.
+    pub(in crate::patch) const fn of(level: CompressionLevel) -> Option<Self> {
         let (
             floor,
             modes,
             [position_bits, height_bits],
             [width_step, tilt_step],
             [first, most_bytes],
-        ) = match quality.level() {
+        ) = match level.number() {
             0 => return None,
             1 => (FLOOR, 4, [0, 0], [1, 1], [0, usize::MAX]),
             2 => (18, 4, [0, 1], [1, 1], [1, 290]),
@@ -95,7 +95,7 @@ impl Recipe {
     }
 
     /// The mode as it can be written.
-    pub(super) fn snapped(&self, mode: &Mode) -> Mode {
+    pub(in crate::patch) fn snapped(&self, mode: &Mode) -> Mode {
         let near = |value: i32, step: i32| (value + step.div_euclid(2)).div_euclid(step) * step;
         let height = u32::from(mode.height);
         Mode {
@@ -111,12 +111,12 @@ impl Recipe {
     }
 
     /// Whether correlations are written: with coarser steps than these there are none.
-    pub(super) fn has_tilt(&self) -> bool {
+    pub(in crate::patch) fn has_tilt(&self) -> bool {
         self.tilt_step <= MOST_TILTED
     }
 
     /// The height of a step of heights.
-    pub(super) fn height(&self, step: u32) -> u8 {
+    pub(in crate::patch) fn height(&self, step: u32) -> u8 {
         ((step << self.height_bits) | ((1 << self.height_bits) / 2)) as u8
     }
 }

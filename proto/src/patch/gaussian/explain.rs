@@ -1,21 +1,21 @@
 //! Which modes explain a map: the highest peak, then the highest of what is left, and so on.
 
-use super::correction::Seen;
+use super::correction::MapResidual;
 use super::fit::Fitter;
-use super::mode::{Mode, Scale};
+use super::mode::{MapScale, Mode};
 use super::recipe::{MAX_MODES, Recipe};
 
 /// Finds the modes of maps.
 #[derive(Debug, Clone)]
-pub(super) struct Explainer {
+pub(in crate::patch) struct Explainer {
     fitter: Fitter,
 }
 
 /// What was found in one map; used again from map to map.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Explained {
+pub(in crate::patch) struct Explained {
     /// The modes, as they were found.
-    pub(super) modes: Vec<Mode>,
+    pub(in crate::patch) modes: Vec<Mode>,
     /// What they show, as the decoder draws them.
     shown: Vec<u8>,
     /// Per row: by how much any cell is off.
@@ -23,7 +23,7 @@ pub(super) struct Explained {
 }
 
 impl Explainer {
-    pub(super) fn new() -> Self {
+    pub(in crate::patch) fn new() -> Self {
         Self {
             fitter: Fitter::new(),
         }
@@ -31,12 +31,12 @@ impl Explainer {
 
     /// Explains a map of `scale` as finely as `recipe` says; its modes after the first are at least
     /// `further` high.
-    pub(super) fn explain(
+    pub(in crate::patch) fn explain(
         &self,
         cells: &[u8],
         recipe: &Recipe,
         further: u8,
-        scale: &Scale,
+        scale: &MapScale,
         into: &mut Explained,
     ) {
         let map = Map {
@@ -57,7 +57,7 @@ struct Map<'a> {
     cells: &'a [u8],
     recipe: &'a Recipe,
     further: u8,
-    scale: &'a Scale,
+    scale: &'a MapScale,
 }
 
 impl Map<'_> {
@@ -150,7 +150,7 @@ impl Map<'_> {
 
 impl Explained {
     /// Draws all modes but one anew.
-    fn draw_all(&mut self, but: Option<usize>, scale: &Scale) {
+    fn draw_all(&mut self, but: Option<usize>, scale: &MapScale) {
         self.shown.fill(0);
         for (i, mode) in self.modes.iter().enumerate() {
             if Some(i) != but {
@@ -159,7 +159,7 @@ impl Explained {
         }
     }
 
-    fn measure(&mut self, cells: &[u8], floor: u8, scale: &Scale) {
+    fn measure(&mut self, cells: &[u8], floor: u8, scale: &MapScale) {
         let rows = cells
             .chunks_exact(scale.width)
             .zip(self.shown.chunks_exact(scale.width));
@@ -169,8 +169,8 @@ impl Explained {
     }
 
     /// The map beside what the modes show.
-    pub(super) fn beside<'a>(&'a self, cells: &'a [u8], floor: u8) -> Seen<'a> {
-        Seen {
+    pub(in crate::patch) fn beside<'a>(&'a self, cells: &'a [u8], floor: u8) -> MapResidual<'a> {
+        MapResidual {
             cells,
             shown: &self.shown,
             off: &self.off,

@@ -4,36 +4,36 @@
 //! its width, whichever makes them longer. Both sides compute every cell with additions, products and
 //! roots of single precision alone, so that all machines draw the same maps.
 
-use super::Maps;
+use crate::patch::maps::Maps;
 
 /// Positions are whole numbers of this many to a unit.
-pub(super) const STEPS: i32 = 16;
+pub(in crate::patch) const STEPS: i32 = 16;
 /// Sigma of a network's usual peak, units: networks are mostly trained with 2, what they answer is a little wider.
 const SIGMA: f32 = 2.05;
 /// Steps of a width for a doubling.
 const PER_OCTAVE: f32 = 12.0;
 /// Widths are at most so many steps from the usual one: a quarter to four times.
-pub(super) const WIDEST: i32 = 24;
+pub(in crate::patch) const WIDEST: i32 = 24;
 /// Correlations are eighths.
 const CORRELATION: f32 = 1.0 / 8.0;
 /// Most steps of a correlation.
-pub(super) const MOST_TILTED: i32 = 6;
+pub(in crate::patch) const MOST_TILTED: i32 = 6;
 /// Where a mode ends, squared and in sigmas: at 1/55 of its height.
 const REACH2: f32 = 8.0;
 /// Positions may be so far outside the map, units.
-pub(super) const OUTSIDE: i32 = 4;
+pub(in crate::patch) const OUTSIDE: i32 = 4;
 
 /// The resolution of maps, in their units.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Scale {
-    pub(super) width: usize,
-    pub(super) height: usize,
+pub(in crate::patch) struct MapScale {
+    pub(in crate::patch) width: usize,
+    pub(in crate::patch) height: usize,
     /// Cells to a unit.
-    pub(super) cells: f32,
+    pub(in crate::patch) cells: f32,
 }
 
-impl Scale {
-    pub(super) fn of(maps: &Maps) -> Self {
+impl MapScale {
+    pub(in crate::patch) fn of(maps: &Maps) -> Self {
         let (width, height) = (maps.width(), maps.height());
         Self {
             width,
@@ -43,36 +43,36 @@ impl Scale {
     }
 
     /// The largest position, [`STEPS`] to a unit, of the last column and row.
-    pub(super) fn last(&self) -> [i32; 2] {
+    pub(in crate::patch) fn last(&self) -> [i32; 2] {
         [self.width, self.height].map(|n| (n as f32 / self.cells) as i32 * STEPS)
     }
 }
 
 /// One peak.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub(super) struct Mode {
+pub(in crate::patch) struct Mode {
     /// Column and row of its centre, [`STEPS`] to a unit.
-    pub(super) at: [i32; 2],
+    pub(in crate::patch) at: [i32; 2],
     /// Highest value, of 255.
-    pub(super) height: u8,
+    pub(in crate::patch) height: u8,
     /// Sigma along columns and rows, steps from the usual one.
-    pub(super) width: [i32; 2],
+    pub(in crate::patch) width: [i32; 2],
     /// Correlation of the two, steps.
-    pub(super) tilt: i32,
+    pub(in crate::patch) tilt: i32,
 }
 
 /// A peak as it is measured, in cells.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Peak {
-    pub(super) at: [f32; 2],
-    pub(super) height: f32,
-    pub(super) sigma: [f32; 2],
-    pub(super) correlation: f32,
+pub(in crate::patch) struct FittedPeak {
+    pub(in crate::patch) at: [f32; 2],
+    pub(in crate::patch) height: f32,
+    pub(in crate::patch) sigma: [f32; 2],
+    pub(in crate::patch) correlation: f32,
 }
 
 impl Mode {
     /// The mode next to a measured peak.
-    pub(super) fn of(peak: &Peak, scale: &Scale) -> Self {
+    pub(in crate::patch) fn of(peak: &FittedPeak, scale: &MapScale) -> Self {
         let last = scale.last();
         let at = [0, 1].map(|i| {
             let at = (peak.at[i] / scale.cells * STEPS as f32).round() as i32;
@@ -92,19 +92,19 @@ impl Mode {
     }
 
     /// Column and row of the centre, cells.
-    pub(super) fn center(&self, scale: &Scale) -> [f32; 2] {
+    pub(in crate::patch) fn center(&self, scale: &MapScale) -> [f32; 2] {
         self.at.map(|at| at as f32 / STEPS as f32 * scale.cells)
     }
 
     /// The rows that it reaches.
-    pub(super) fn rows(&self, scale: &Scale) -> std::ops::Range<usize> {
+    pub(in crate::patch) fn rows(&self, scale: &MapScale) -> std::ops::Range<usize> {
         let [_, y] = self.center(scale);
         // Along one axis an ellipse reaches as far as its sigma says, however it is turned.
         span(y, sigma(self.width[1], scale) * REACH2.sqrt(), scale.height)
     }
 
     /// Draws the mode into one map wherever it is higher than what is there.
-    pub(super) fn draw(&self, scale: &Scale, cells: &mut [u8]) {
+    pub(in crate::patch) fn draw(&self, scale: &MapScale, cells: &mut [u8]) {
         let [sx, sy] = self.width.map(|width| sigma(width, scale));
         let correlation = self.tilt as f32 * CORRELATION;
         let rest = 1.0 - correlation * correlation;
@@ -137,7 +137,7 @@ impl Mode {
 }
 
 /// Sigma of a width, cells.
-fn sigma(width: i32, scale: &Scale) -> f32 {
+fn sigma(width: i32, scale: &MapScale) -> f32 {
     SIGMA * scale.cells * exp2(width as f32 / PER_OCTAVE)
 }
 
@@ -185,7 +185,7 @@ mod tests {
 
     use super::*;
 
-    const SCALE: Scale = Scale {
+    const SCALE: MapScale = MapScale {
         width: 48,
         height: 64,
         cells: 1.0,
@@ -232,7 +232,7 @@ mod tests {
 
         #[test]
         fn a_measured_mode_is_the_mode(mode in any_mode()) {
-            let peak = Peak {
+            let peak = FittedPeak {
                 at: mode.center(&SCALE),
                 height: mode.height.into(),
                 sigma: mode.width.map(|width| sigma(width, &SCALE)),
