@@ -15,14 +15,14 @@ use crate::simulate::SimulateArgs;
 /// Exit codes: 0 done, 1 ran but failed, 2 wrong input or usage, 130 interrupted.
 #[derive(Debug, Parser)]
 #[command(name = "farfield", version)]
-pub(crate) struct Cli {
+pub(crate) struct FarfieldCli {
     #[command(subcommand)]
-    pub(crate) command: Command,
+    pub(crate) command: FarfieldCommand,
 }
 
 /// One thing to do.
 #[derive(Debug, Subcommand)]
-pub(crate) enum Command {
+pub(crate) enum FarfieldCommand {
     /// Bring up all nodes of a venue on this machine and work through its recordings.
     Run(RunArgs),
     /// Start the edge node of one viewpoint.
@@ -50,6 +50,6 @@ mod tests {
     #[test]
     fn the_command_line_is_consistent() {
         use clap::CommandFactory as _;
-        Cli::command().debug_assert();
+        FarfieldCli::command().debug_assert();
     }
 }

@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context as _, anyhow, bail, ensure};
 use farfield_fusion::node::NodeError;
 use farfield_proto::tick::{Tick, parse_range};
-use farfield_score::lines::{Recording, Role};
+use farfield_score::lines::{LinesRole, PoseLines};
 use farfield_score::plot::plot_of;
 use farfield_score::points::PointSet;
 use farfield_score::table::side_by_side;
@@ -99,7 +99,7 @@ impl Evaluation {
 
 /// The scores, and the plot of them.
 fn scores_of(args: &EvaluateArgs) -> anyhow::Result<(Evaluation, String)> {
-    let truth = read(&args.truth, Role::Truth, args)?;
+    let truth = read(&args.truth, LinesRole::Truth, args)?;
     if truth.is_empty() {
         match &args.ticks {
             Some(ticks) => {
@@ -121,10 +121,10 @@ fn scores_of(args: &EvaluateArgs) -> anyhow::Result<(Evaluation, String)> {
         "{}: none of the points that are compared is known of anybody",
         args.truth.display()
     );
-    let poses = read(&args.poses, Role::Poses, args)?;
+    let poses = read(&args.poses, LinesRole::Poses, args)?;
     let rate_hz = rate_hz(args);
     let beside = args.beside.as_ref().map(|path| {
-        let poses = read(path, Role::Poses, args)?;
+        let poses = read(path, LinesRole::Poses, args)?;
         Ok::<_, anyhow::Error>(score(&poses, &truth, rate_hz))
     });
     let title = format!("{}: mean error", args.poses.display());
@@ -137,10 +137,10 @@ fn scores_of(args: &EvaluateArgs) -> anyhow::Result<(Evaluation, String)> {
     Ok((evaluation, plot))
 }
 
-fn read(path: &Path, role: Role, args: &EvaluateArgs) -> anyhow::Result<Recording> {
+fn read(path: &Path, role: LinesRole, args: &EvaluateArgs) -> anyhow::Result<PoseLines> {
     let file = File::open(path).with_context(|| format!("opening {}", path.display()))?;
     let reader = BufReader::new(file);
-    Ok(Recording::read(
+    Ok(PoseLines::read(
         reader,
         path,
         role,
@@ -180,14 +180,14 @@ mod tests {
     const LINE: &str = "{\"tick\": 5, \"person\": 1, \"joints\": {\"left_hip\": [0, 0, 1]}}\n";
 
     #[derive(clap::Parser)]
-    struct Line {
+    struct EvaluateLine {
         #[command(flatten)]
         args: EvaluateArgs,
     }
 
     fn parsed(words: &[&str]) -> Result<EvaluateArgs, clap::Error> {
         let words = [&["evaluate"], words].concat();
-        <Line as clap::Parser>::try_parse_from(words).map(|line| line.args)
+        <EvaluateLine as clap::Parser>::try_parse_from(words).map(|line| line.args)
     }
 
     fn folder_with(truth: &str) -> (tempfile::TempDir, EvaluateArgs) {

@@ -23,28 +23,32 @@ use clap::{CommandFactory as _, Parser as _};
 use farfield_fusion::node::{Ending, exit_code};
 use farfield_sim::simulated::VenueSources;
 
-use crate::cli::{Cli, Command};
+use crate::cli::{FarfieldCli, FarfieldCommand};
 
 /// Does what the command line of this process says.
 ///
 /// Ends the process itself, with exit code 2, on wrong usage.
 pub fn main() -> ExitCode {
-    match Cli::parse().command {
-        Command::Run(args) => run::main(args),
-        Command::Edge(args) => farfield_edge::node::main(args, Arc::new(VenueSources::default())),
-        Command::Fusion(args) => farfield_fusion::node::main(args),
-        Command::Record(args) => farfield_fusion::node::record(args),
-        Command::Replay(args) => farfield_fusion::node::replay(&args, output::print),
-        Command::Demo(args) => demo::main(&args),
-        Command::Simulate(args) => simulate::main(args),
-        Command::Certs(args) => exit_code(certs::certs(&args).map(|()| Ending::Done)),
-        Command::Evaluate(args) => exit_code(evaluate::evaluate(&args).map(|()| Ending::Done)),
+    match FarfieldCli::parse().command {
+        FarfieldCommand::Run(args) => run::main(args),
+        FarfieldCommand::Edge(args) => {
+            farfield_edge::node::main(args, Arc::new(VenueSources::default()))
+        }
+        FarfieldCommand::Fusion(args) => farfield_fusion::node::main(args),
+        FarfieldCommand::Record(args) => farfield_fusion::node::record(args),
+        FarfieldCommand::Replay(args) => farfield_fusion::node::replay(&args, output::print),
+        FarfieldCommand::Demo(args) => demo::main(&args),
+        FarfieldCommand::Simulate(args) => simulate::main(args),
+        FarfieldCommand::Certs(args) => exit_code(certs::certs(&args).map(|()| Ending::Done)),
+        FarfieldCommand::Evaluate(args) => {
+            exit_code(evaluate::evaluate(&args).map(|()| Ending::Done))
+        }
     }
 }
 
 /// Whether `command` is one that [`main`] takes as a first argument.
 pub fn knows(command: &str) -> bool {
-    Cli::command().find_subcommand(command).is_some()
+    FarfieldCli::command().find_subcommand(command).is_some()
 }
 
 #[cfg(test)]

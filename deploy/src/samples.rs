@@ -10,7 +10,7 @@ use farfield_sim::scene::Scene;
 use serde::Serialize;
 use toml::{Table, Value};
 
-use crate::cli::Cli;
+use crate::cli::FarfieldCli;
 
 fn path(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join(name)
@@ -140,6 +140,6 @@ fn the_units_start_nodes_with_arguments_that_the_nodes_know() {
         let words = ["farfield", node]
             .into_iter()
             .chain(command[1..].iter().map(String::as_str));
-        Cli::try_parse_from(words).unwrap_or_else(|error| panic!("{unit}: {error}"));
+        FarfieldCli::try_parse_from(words).unwrap_or_else(|error| panic!("{unit}: {error}"));
     }
 }

@@ -3,7 +3,7 @@
 
 use std::alloc::System;
 
-use farfield_lab::ring::Ring;
+use farfield_lab::ring::CameraRing;
 use farfield_proto::tick::Tick;
 use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
 
@@ -12,8 +12,8 @@ static ALLOCATOR: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
 
 #[test]
 fn a_tick_in_steady_state_allocates_nothing() {
-    let ring = Ring::new(4).unwrap();
-    let method = Ring::method();
+    let ring = CameraRing::new(4).unwrap();
+    let method = CameraRing::method();
     let mut track = ring.track(&method).unwrap();
     let groups: Vec<_> = (0..60)
         .map(|tick| ring.group(Tick(tick)).unwrap())

@@ -68,13 +68,13 @@ mod tests {
     use super::*;
 
     #[derive(Debug, clap::Parser)]
-    struct Line {
+    struct RunLine {
         #[command(flatten)]
         args: RunArgs,
     }
 
     fn parsed(args: &[&str]) -> Result<RunArgs, clap::Error> {
-        Line::try_parse_from([&["run", "venue.toml"], args].concat()).map(|line| line.args)
+        RunLine::try_parse_from([&["run", "venue.toml"], args].concat()).map(|line| line.args)
     }
 
     fn run_args(args: &[&str]) -> RunArgs {

@@ -10,15 +10,19 @@ use farfield_fusion::node::Ending;
 use farfield_proto::venue::SimulatedContent;
 use serde_json::{Value, json};
 
-use super::Plan;
-use super::kind::Kind;
+use super::RecordingPlan;
+use super::kind::RecordingKind;
 use super::work::{Interrupt, each_camera};
 
 /// Writes one file per camera into `folder`.
-pub(super) fn write(plan: &Plan, folder: &Path, interrupt: &Interrupt) -> anyhow::Result<Ending> {
+pub(super) fn write(
+    plan: &RecordingPlan,
+    folder: &Path,
+    interrupt: &Interrupt,
+) -> anyhow::Result<Ending> {
     let cameras = plan.scene.cameras();
     each_camera(cameras.len(), interrupt, |camera| {
-        let path = folder.join(Kind::Keypoints.path(cameras[camera].name()));
+        let path = folder.join(RecordingKind::Keypoints.path(cameras[camera].name()));
         let mut frames = plan.frames(camera, SimulatedContent::Maps)?;
         let mut write = || -> anyhow::Result<Ending> {
             if let Some(parent) = path.parent() {

@@ -13,7 +13,7 @@ use farfield_fusion::align::TickGroup;
 use farfield_fusion::identity::track::Track;
 use farfield_fusion::method::Method;
 use farfield_lab::in_process::InProcess;
-use farfield_lab::ring::Ring;
+use farfield_lab::ring::CameraRing;
 use farfield_proto::id::CameraIndex;
 use farfield_proto::message::PatchSet;
 use farfield_proto::patch::{CompressionLevel, Decoder, Encoder, Maps};
@@ -48,18 +48,18 @@ fn main() {
 }
 
 /// A track that has followed the walker for a while, and the groups to go on with.
-struct Walk {
-    ring: Ring,
+struct WalkBench {
+    ring: CameraRing,
     method: Method,
     track: Track,
     groups: Vec<TickGroup>,
     at: usize,
 }
 
-impl Walk {
+impl WalkBench {
     fn new(n_viewpoints: usize) -> Self {
-        let ring = Ring::new(n_viewpoints).unwrap();
-        let method = Ring::method();
+        let ring = CameraRing::new(n_viewpoints).unwrap();
+        let method = CameraRing::method();
         let track = ring.track(&method).unwrap();
         // There and back again, so that the walk can go on for ever without a jump.
         let there = (0..TICKS).chain((1..TICKS - 1).rev());
@@ -110,7 +110,7 @@ impl Walk {
 
 #[divan::bench(args = VIEWPOINTS)]
 fn one_person_whole_tick(bencher: Bencher<'_, '_>, n_viewpoints: usize) {
-    let mut walk = Walk::new(n_viewpoints);
+    let mut walk = WalkBench::new(n_viewpoints);
     bencher.bench_local(|| {
         walk.tick();
         walk.boxes();
@@ -119,37 +119,37 @@ fn one_person_whole_tick(bencher: Bencher<'_, '_>, n_viewpoints: usize) {
 
 #[divan::bench(args = VIEWPOINTS)]
 fn stage_0_decode_and_place(bencher: Bencher<'_, '_>, n_viewpoints: usize) {
-    let mut walk = Walk::new(n_viewpoints);
+    let mut walk = WalkBench::new(n_viewpoints);
     bencher.bench_local(|| walk.see());
 }
 
 #[divan::bench(args = VIEWPOINTS)]
 fn stage_1_lattice(bencher: Bencher<'_, '_>, n_viewpoints: usize) {
-    let mut walk = Walk::new(n_viewpoints);
+    let mut walk = WalkBench::new(n_viewpoints);
     bencher.bench_local(|| walk.track.search(&walk.method));
 }
 
 #[divan::bench(args = VIEWPOINTS)]
 fn stage_2_ik_1(bencher: Bencher<'_, '_>, n_viewpoints: usize) {
-    let mut walk = Walk::new(n_viewpoints);
+    let mut walk = WalkBench::new(n_viewpoints);
     bencher.bench_local(|| walk.track.fit_keypoints(&walk.method));
 }
 
 #[divan::bench(args = VIEWPOINTS)]
 fn stage_3_filter(bencher: Bencher<'_, '_>, n_viewpoints: usize) {
-    let mut walk = Walk::new(n_viewpoints);
+    let mut walk = WalkBench::new(n_viewpoints);
     bencher.bench_local(|| walk.track.smooth(&walk.method));
 }
 
 #[divan::bench(args = VIEWPOINTS)]
 fn stage_4_ik_2(bencher: Bencher<'_, '_>, n_viewpoints: usize) {
-    let mut walk = Walk::new(n_viewpoints);
+    let mut walk = WalkBench::new(n_viewpoints);
     bencher.bench_local(|| walk.track.fit_joints(&walk.method));
 }
 
 #[divan::bench(args = VIEWPOINTS)]
 fn stage_5_boxes(bencher: Bencher<'_, '_>, n_viewpoints: usize) {
-    let mut walk = Walk::new(n_viewpoints);
+    let mut walk = WalkBench::new(n_viewpoints);
     bencher.bench_local(|| walk.boxes());
 }
 
@@ -162,7 +162,13 @@ fn maps() -> &'static (&'static str, Vec<Maps>) {
             println!("SKIPPED real maps ({error:#}): the patch benches use drawn ones");
             (
                 "drawn",
-                decoded(&Ring::new(4).unwrap().group(Tick(0)).unwrap().patch_sets),
+                decoded(
+                    &CameraRing::new(4)
+                        .unwrap()
+                        .group(Tick(0))
+                        .unwrap()
+                        .patch_sets,
+                ),
             )
         }
     })

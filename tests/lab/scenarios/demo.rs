@@ -8,7 +8,7 @@ use std::process::{Command, Stdio};
 use serde_json::Value;
 
 use crate::data::{checkout, onnx_runtime};
-use crate::farfield::{Finished, command, farfield, finish, poses, run};
+use crate::farfield::{FinishedCommand, command, farfield, finish, poses, run};
 
 /// The four players, the files of a run, and nothing unfinished.
 fn holds_the_files_of_a_run(out: &Path) {
@@ -29,7 +29,7 @@ fn holds_the_files_of_a_run(out: &Path) {
     }
 }
 
-fn demo(out: &Path, more: &[&str]) -> Finished {
+fn demo(out: &Path, more: &[&str]) -> FinishedCommand {
     let mut args = vec!["demo".as_ref(), "--out".as_ref(), out.as_os_str()];
     args.extend(more.iter().map(|arg| std::ffi::OsStr::new(*arg)));
     farfield(&args)

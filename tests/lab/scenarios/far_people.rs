@@ -27,16 +27,16 @@ const TICKS: i64 = 16;
 
 /// What was seen of people nobody had told of.
 #[derive(Debug, Default)]
-struct Seen {
+struct SeenFarPeople {
     /// Sightings of the first look, by camera.
     first_look: BTreeMap<u16, usize>,
     /// Everybody who was confirmed, with the tick.
     born: BTreeMap<u32, Tick>,
 }
 
-fn looked(venue: Venue, sources: Vec<Box<dyn FrameSource>>) -> Seen {
+fn looked(venue: Venue, sources: Vec<Box<dyn FrameSource>>) -> SeenFarPeople {
     let mut nodes = InProcess::new(venue, sources, Tick(0)..Tick(TICKS)).unwrap();
-    let mut seen = Seen::default();
+    let mut seen = SeenFarPeople::default();
     while let Some(trace) = nodes.step().unwrap() {
         if trace.tick == Tick(0) {
             let sets = trace.edges.iter().flat_map(|edge| &edge.sighting_sets);
@@ -89,7 +89,7 @@ heading_rad = 1.4
 height_m = 1.85
 "#;
 
-fn rendered(scene: &Arc<Scene>, models: &Path, detector: &str, tiles: u32) -> Seen {
+fn rendered(scene: &Arc<Scene>, models: &Path, detector: &str, tiles: u32) -> SeenFarPeople {
     let input = Input::Pixels {
         network: models.join("tinypose_256x192.toml"),
         detector: Some(models.join(detector)),

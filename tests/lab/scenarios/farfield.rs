@@ -4,7 +4,7 @@ use std::path::Path;
 use std::process::{Command, Output, Stdio};
 
 /// What a finished `farfield` said.
-pub(crate) struct Finished {
+pub(crate) struct FinishedCommand {
     pub(crate) code: i32,
     pub(crate) stdout: String,
     pub(crate) stderr: String,
@@ -18,13 +18,13 @@ pub(crate) fn command() -> Command {
 }
 
 /// Runs `farfield` with `args` to its end.
-pub(crate) fn farfield<S: AsRef<std::ffi::OsStr>>(args: &[S]) -> Finished {
+pub(crate) fn farfield<S: AsRef<std::ffi::OsStr>>(args: &[S]) -> FinishedCommand {
     finish(&command().args(args).output().unwrap())
 }
 
 /// What a finished process said.
-pub(crate) fn finish(output: &Output) -> Finished {
-    Finished {
+pub(crate) fn finish(output: &Output) -> FinishedCommand {
+    FinishedCommand {
         code: output.status.code().unwrap_or(-1),
         stdout: String::from_utf8_lossy(&output.stdout).into_owned(),
         stderr: String::from_utf8_lossy(&output.stderr).into_owned(),
@@ -32,7 +32,7 @@ pub(crate) fn finish(output: &Output) -> Finished {
 }
 
 /// Runs a venue into `out` and fails the test with what was said when it does not end well.
-pub(crate) fn run(venue: &Path, out: &Path, more: &[&str]) -> Finished {
+pub(crate) fn run(venue: &Path, out: &Path, more: &[&str]) -> FinishedCommand {
     let output = command()
         .arg("run")
         .arg(venue)

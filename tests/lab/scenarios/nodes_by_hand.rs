@@ -6,9 +6,9 @@ use std::process::{Child, Stdio};
 use crate::data::checkout;
 use crate::farfield::{command, poses};
 
-struct Nodes(Vec<(String, Child)>);
+struct NodesByHand(Vec<(String, Child)>);
 
-impl Drop for Nodes {
+impl Drop for NodesByHand {
     fn drop(&mut self) {
         for (_, child) in &mut self.0 {
             // Ended already when all went well.
@@ -25,7 +25,7 @@ fn edges_that_start_before_fusion_join_it_and_the_recording_is_the_same() {
     let free = TcpListener::bind("127.0.0.1:0").unwrap();
     let endpoint = format!("tcp/{}", free.local_addr().unwrap());
     drop(free);
-    let mut nodes = Nodes(Vec::new());
+    let mut nodes = NodesByHand(Vec::new());
     for viewpoint in ["north-east", "north-west", "south-west", "south-east"] {
         // Standard input stays open for as long as the test holds the child: a node leaves with its parent.
         let child = command()

@@ -18,7 +18,7 @@ use farfield_proto::wire;
 use farfield_sim::keypoint_venue::KeypointVenue;
 
 use crate::data::checkout;
-use crate::farfield::{Finished, command, farfield, poses, run};
+use crate::farfield::{FinishedCommand, command, farfield, poses, run};
 
 fn venue() -> PathBuf {
     checkout().join("examples/walk/venue.toml")
@@ -45,7 +45,7 @@ fn recorded(dir: &Path, more: &[&str]) -> (PathBuf, PathBuf) {
     (out.join("recording.mcap"), out)
 }
 
-fn replay(file: &Path, out: &Path, more: &[&str]) -> Finished {
+fn replay(file: &Path, out: &Path, more: &[&str]) -> FinishedCommand {
     let args = [
         "replay",
         file.to_str().unwrap(),
@@ -95,9 +95,9 @@ fn a_lockstep_run_is_replayed_bit_for_bit() {
 }
 
 /// Nodes that do not outlive their test.
-struct Nodes(Vec<(String, Child)>);
+struct RecordedNodes(Vec<(String, Child)>);
 
-impl Drop for Nodes {
+impl Drop for RecordedNodes {
     fn drop(&mut self) {
         for (_, child) in &mut self.0 {
             // Ended already when all went well.
@@ -108,17 +108,17 @@ impl Drop for Nodes {
 }
 
 /// Where nodes run live.
-struct Place<'a> {
+struct LivePlace<'a> {
     venue: PathBuf,
     dir: &'a Path,
     listen: String,
     connect: String,
 }
 
-impl Place<'_> {
+impl LivePlace<'_> {
     /// Starts all nodes, live and recorded in `live.mcap`; fusion is the last.
-    fn live(&self) -> Nodes {
-        let mut nodes = Nodes(Vec::new());
+    fn live(&self) -> RecordedNodes {
+        let mut nodes = RecordedNodes(Vec::new());
         let mut start = |name: &str, mut command: Command| {
             let child = command.stdin(Stdio::piped()).stdout(Stdio::null());
             nodes.0.push((name.to_owned(), child.spawn().unwrap()));
@@ -147,11 +147,11 @@ impl Place<'_> {
 }
 
 /// Starts all nodes of the sample, live and recorded in `dir`.
-fn live(dir: &Path) -> Nodes {
+fn live(dir: &Path) -> RecordedNodes {
     let free = TcpListener::bind("127.0.0.1:0").unwrap();
     let endpoint = format!("tcp/{}", free.local_addr().unwrap());
     drop(free);
-    let place = Place {
+    let place = LivePlace {
         venue: short_chunks(dir),
         dir,
         listen: endpoint.clone(),
@@ -423,7 +423,7 @@ fn a_cut_of_five_seconds_leaves_no_hole_in_the_record() {
     let port = free.local_addr().unwrap().port();
     drop(free);
     let cable = Cable::to(port);
-    let place = Place {
+    let place = LivePlace {
         venue: folder.join("venue.toml"),
         dir: dir.path(),
         listen: format!("tcp/127.0.0.1:{port}"),

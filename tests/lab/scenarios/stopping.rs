@@ -20,9 +20,9 @@ const PATIENCE: Duration = Duration::from_mins(1);
 const PAUSE: Duration = Duration::from_millis(10);
 
 /// A child that does not outlive its test.
-struct Node(Child);
+struct StoppableNode(Child);
 
-impl Drop for Node {
+impl Drop for StoppableNode {
     fn drop(&mut self) {
         // Ended already when all went well.
         drop(self.0.kill());
@@ -34,17 +34,17 @@ fn venue() -> PathBuf {
     checkout().join("examples/walk/venue.toml")
 }
 
-fn start(args: &[&str], out: Option<&Path>) -> Node {
+fn start(args: &[&str], out: Option<&Path>) -> StoppableNode {
     let mut command = command();
     command.arg(args[0]).arg(venue()).args(&args[1..]);
     if let Some(out) = out {
         command.arg("--out").arg(out);
     }
     command.stdout(Stdio::null()).stderr(Stdio::piped());
-    Node(command.spawn().unwrap())
+    StoppableNode(command.spawn().unwrap())
 }
 
-fn start_edge(viewpoint: &str, endpoint: &str) -> Node {
+fn start_edge(viewpoint: &str, endpoint: &str) -> StoppableNode {
     start(
         &["edge", "--viewpoint", viewpoint, "--connect", endpoint],
         None,
@@ -73,7 +73,7 @@ fn wait_for<T>(what: &str, patience: Duration, mut ask: impl FnMut() -> Option<T
 }
 
 /// Exit code and standard error of a node that ends within `patience`.
-fn end(node: &mut Node, patience: Duration) -> (Option<i32>, String) {
+fn end(node: &mut StoppableNode, patience: Duration) -> (Option<i32>, String) {
     let status = wait_for("the end of a node", patience, || node.0.try_wait().unwrap());
     let mut said = String::new();
     let stderr = node.0.stderr.as_mut().unwrap();
@@ -137,7 +137,7 @@ fn an_edge_without_a_fusion_leaves_with_its_parent() {
         .args(["--managed", "--viewpoint", "north-east"]);
     edge.args(["--connect", &free_endpoint()])
         .stdin(Stdio::piped());
-    let mut edge = Node(edge.stderr(Stdio::piped()).spawn().unwrap());
+    let mut edge = StoppableNode(edge.stderr(Stdio::piped()).spawn().unwrap());
     drop(edge.0.stdin.take());
     assert_eq!(end(&mut edge, SOON).0, Some(130));
 }
@@ -207,7 +207,7 @@ fn a_result_that_cannot_be_printed_is_a_failure_unless_its_reader_has_gone() {
         run.arg(dir.path().join(out))
             .stdout(stdout)
             .stderr(Stdio::piped());
-        Node(run.spawn().unwrap())
+        StoppableNode(run.spawn().unwrap())
     };
     let full = File::options().write(true).open("/dev/full").unwrap();
     let (code, said) = end(&mut run(full.into(), "full"), PATIENCE);

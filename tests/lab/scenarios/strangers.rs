@@ -26,12 +26,12 @@ const TICKS: &str = "0..40";
 const VIEWPOINTS: [&str; 4] = ["north-east", "north-west", "south-west", "south-east"];
 
 /// The walking venue with keys of its own.
-struct Hall {
+struct SecuredHall {
     folder: TempDir,
     endpoint: String,
 }
 
-impl Hall {
+impl SecuredHall {
     fn new() -> Self {
         let folder = tempfile::tempdir().unwrap();
         for entry in checkout().join("examples/walk").read_dir().unwrap() {
@@ -73,27 +73,27 @@ impl Hall {
         Identity::in_folder(&self.path(folder), node)
     }
 
-    fn fusion(&self, out: &str) -> Node {
+    fn fusion(&self, out: &str) -> SecuredNode {
         let mut command = command();
         command.arg("fusion").arg(self.path("venue.toml"));
         command.args(["--listen", &self.endpoint, "--ticks", TICKS, "--out"]);
-        Node::start(command.arg(self.path(out)))
+        SecuredNode::start(command.arg(self.path(out)))
     }
 
-    fn edge(&self, venue: &Path, viewpoint: &str, more: &[&str]) -> Node {
+    fn edge(&self, venue: &Path, viewpoint: &str, more: &[&str]) -> SecuredNode {
         let mut command = command();
         command
             .arg("edge")
             .arg(venue)
             .args(["--viewpoint", viewpoint]);
-        Node::start(command.args(["--connect", &self.endpoint]).args(more))
+        SecuredNode::start(command.args(["--connect", &self.endpoint]).args(more))
     }
 }
 
 /// A child that does not outlive its test.
-struct Node(Option<Child>);
+struct SecuredNode(Option<Child>);
 
-impl Node {
+impl SecuredNode {
     fn start(command: &mut std::process::Command) -> Self {
         // Standard input stays open for as long as the test holds the child.
         let child = command
@@ -111,7 +111,7 @@ impl Node {
     }
 }
 
-impl Drop for Node {
+impl Drop for SecuredNode {
     fn drop(&mut self) {
         if let Some(child) = &mut self.0 {
             // Ended already when all went well.
@@ -123,7 +123,7 @@ impl Drop for Node {
 
 /// A session at fusion's door; `None` when it is not let in.
 async fn enter(
-    hall: &Hall,
+    hall: &SecuredHall,
     identity: &Identity,
     change: &[(&str, String)],
     patience: Duration,
@@ -155,7 +155,7 @@ async fn enter(
 
 #[test]
 fn a_venue_with_keys_gives_the_same_poses_as_without() {
-    let hall = Hall::new();
+    let hall = SecuredHall::new();
     let with = hall.path("with");
     run(&hall.path("venue.toml"), &with, &["--ticks", TICKS]);
     let without = hall.path("without");
@@ -167,7 +167,7 @@ fn a_venue_with_keys_gives_the_same_poses_as_without() {
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn strangers_are_refused_and_the_honest_notice_nothing() {
-    let hall = Hall::new();
+    let hall = SecuredHall::new();
     hall.certs("elsewhere");
     let fusion = hall.fusion("out");
 
@@ -236,7 +236,7 @@ async fn strangers_are_refused_and_the_honest_notice_nothing() {
         let venue = hall.path("venue.toml");
         let edges = VIEWPOINTS.map(|viewpoint| hall.edge(&venue, viewpoint, &[]));
         let ended = tokio::task::spawn_blocking(move || {
-            let ended: Vec<_> = edges.into_iter().map(Node::end).collect();
+            let ended: Vec<_> = edges.into_iter().map(SecuredNode::end).collect();
             (ended, fusion.end())
         });
         timeout(PATIENCE, ended)
@@ -280,7 +280,7 @@ async fn strangers_are_refused_and_the_honest_notice_nothing() {
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn an_edge_that_calls_itself_by_anothers_name_under_its_own_key_is_not_believed() {
-    let hall = Hall::new();
+    let hall = SecuredHall::new();
     let fusion = hall.fusion("out");
     let edge = enter(&hall, &hall.identity("certs", "north-east"), &[], PATIENCE).await;
     let edge = edge.expect("an honest key is let in");
@@ -319,7 +319,7 @@ async fn an_edge_that_calls_itself_by_anothers_name_under_its_own_key_is_not_bel
 
 #[test]
 fn an_edge_with_only_a_key_gets_everything_else_from_fusion() {
-    let hall = Hall::new();
+    let hall = SecuredHall::new();
     let fusion = hall.fusion("out");
     let far = tempfile::tempdir().unwrap();
     let venue = far.path().join("venue.toml");
@@ -355,9 +355,9 @@ fn an_edge_with_only_a_key_gets_everything_else_from_fusion() {
 
 #[test]
 fn an_edge_with_another_calibration_is_told_to_fetch_fusions() {
-    let hall = Hall::new();
+    let hall = SecuredHall::new();
     let _fusion = hall.fusion("out");
-    let other = Hall::new();
+    let other = SecuredHall::new();
     let path = other.path("calibration.toml");
     let text = std::fs::read_to_string(&path).unwrap();
     std::fs::write(&path, format!("{text}\n# by hand\n")).unwrap();

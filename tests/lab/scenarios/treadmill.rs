@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use farfield_lab::leave_one_out::{BODY_KEYPOINTS, Recording, median};
+use farfield_lab::leave_one_out::{BODY_KEYPOINTS, PersonRun, median};
 use serde_json::Value;
 
 use crate::data::{onnx_runtime, recording};
@@ -165,7 +165,7 @@ fn a_bystander_outside_the_field_is_not_born() {
 
 /// Distances of both methods to the peaks of the view that was (or was not) withheld, pixels.
 fn residuals(venue: &Path, withheld: Option<usize>) -> BTreeMap<usize, (Vec<f64>, Vec<f64>)> {
-    let recording = Recording::make(venue, withheld).unwrap();
+    let recording = PersonRun::make(venue, withheld).unwrap();
     let views: Vec<usize> = withheld.map_or_else(|| (0..4).collect(), |v| vec![v]);
     views
         .into_iter()
@@ -224,7 +224,7 @@ fn wrists_and_ankles_move_with_less_than_half_the_jerk_of_triangulation() {
     if !onnx_runtime(SCENARIO) {
         return;
     }
-    let recording = Recording::make(&venue, None).unwrap();
+    let recording = PersonRun::make(&venue, None).unwrap();
     let names = ["left_wrist", "right_wrist", "left_ankle", "right_ankle"];
     let (ours, dlt) = recording.jerk_m_s3(&names);
     println!(

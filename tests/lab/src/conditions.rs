@@ -98,7 +98,7 @@ mod tests {
     use std::sync::Arc;
 
     use super::*;
-    use crate::suite::run::{Plan, SceneRun};
+    use crate::suite::run::{SceneRun, SceneRunPlan};
     use crate::suite::venue::Input;
     use farfield_sim::embedded;
 
@@ -111,9 +111,9 @@ mod tests {
 
     fn run(scene: &str, seconds: f64, links: FarLinks) -> SceneRun {
         let scene = embedded::scene(scene).unwrap().shortened(seconds);
-        let plan = Plan {
+        let plan = SceneRunPlan {
             links,
-            ..Plan::default()
+            ..SceneRunPlan::default()
         };
         SceneRun::make(&Arc::new(scene), &Input::Maps, plan).unwrap()
     }

@@ -25,7 +25,7 @@ use crate::conditions::{Cuts, FarLinks, OnTheWay};
 use farfield_sim::simulated::VenueSources;
 
 /// One viewpoint: its cameras' sources and its pipeline.
-struct Edge {
+struct ViewpointEdge {
     sources: Vec<Box<dyn FrameSource>>,
     pipeline: farfield_edge::pipeline::EdgePipeline,
 }
@@ -33,7 +33,7 @@ struct Edge {
 /// All nodes of a venue, tick after tick.
 pub struct InProcess {
     venue: Venue,
-    edges: Vec<Edge>,
+    edges: Vec<ViewpointEdge>,
     fusion: farfield_fusion::pipeline::Pipeline,
     boxes: Vec<BoxSet>,
     ticks: Range<Tick>,
@@ -99,7 +99,7 @@ impl InProcess {
         let mut sources: Vec<Option<Box<dyn FrameSource>>> =
             sources.into_iter().map(Some).collect();
         let edges = (0..venue.viewpoints.len())
-            .map(|index| Edge::new(&venue, ViewpointIndex(index as u16), &mut sources))
+            .map(|index| ViewpointEdge::new(&venue, ViewpointIndex(index as u16), &mut sources))
             .collect::<anyhow::Result<Vec<_>>>()?;
         let card = venue.network.as_deref().map(read_card).transpose()?;
         let mut fusion =
@@ -243,7 +243,7 @@ impl InProcess {
     }
 }
 
-impl Edge {
+impl ViewpointEdge {
     /// Takes the sources of its cameras out of `sources`.
     fn new(
         venue: &Venue,

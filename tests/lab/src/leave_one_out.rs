@@ -27,7 +27,7 @@ const MIN_PEAK: f32 = 0.3;
 type TickPeaks = Vec<Vec<Option<ViewPeak>>>;
 
 /// One person's run through a venue, with the peaks that every view saw.
-pub struct Recording {
+pub struct PersonRun {
     cameras: Vec<CameraModel>,
     keypoints: KeypointSet,
     rate_hz: f64,
@@ -37,7 +37,7 @@ pub struct Recording {
     poses_m: BTreeMap<Tick, Vec<Vector3<f64>>>,
 }
 
-impl Recording {
+impl PersonRun {
     /// Runs the venue at `path`, without the viewpoint `withheld`. Every viewpoint has one camera.
     ///
     /// # Errors

@@ -36,12 +36,12 @@ pub const RATE_HZ: f64 = 60.0;
 const CELLS: [u16; 2] = [48, 64];
 
 /// One camera per viewpoint around one walker.
-pub struct Ring {
+pub struct CameraRing {
     cameras: Vec<CameraModel>,
     walker: Walker,
 }
 
-impl Ring {
+impl CameraRing {
     /// `n_viewpoints` cameras on a circle of 6 m.
     ///
     /// # Errors

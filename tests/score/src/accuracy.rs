@@ -1,8 +1,8 @@
 //! Distances of one actor's points and limbs from the truth.
 
 use super::ActorScore;
-use super::motion::Motion;
-use super::points::{Body, Limb, PointSet};
+use super::motion::Smoothness;
+use super::points::{PointSet, ScoredBody, ScoredLimb};
 
 /// Mean error up to which a pose counts as a success, metres (Ohashi 2020, section 4.2).
 const SUCCESS_M: f64 = 0.150;
@@ -11,7 +11,7 @@ const PCK_M: [f64; 2] = [0.050, 0.100];
 
 /// Sums over the frames of one actor.
 #[derive(Debug, Clone, Default)]
-pub struct Tally {
+pub struct ActorTally {
     frames: u64,
     gaps: u64,
     successes: u64,
@@ -26,9 +26,9 @@ pub struct Tally {
     correct_limbs: [u64; 3],
 }
 
-impl Tally {
+impl ActorTally {
     /// Takes in one frame: the true body, and the pose that was matched to it, if any.
-    pub fn add(&mut self, truth: &Body, pose: Option<&Body>, points: PointSet) {
+    pub fn add(&mut self, truth: &ScoredBody, pose: Option<&ScoredBody>, points: PointSet) {
         self.frames += 1;
         self.gaps += u64::from(pose.is_none());
         let mut frame_sum_m = 0.0;
@@ -58,7 +58,7 @@ impl Tally {
         for limb in points.limbs() {
             self.add_limb(limb, truth, pose);
         }
-        let sites = |body: &Body| body.sites_m;
+        let sites = |body: &ScoredBody| body.sites_m;
         for (a, b) in pose
             .iter()
             .flat_map(|pose| sites(truth).into_iter().zip(sites(pose)))
@@ -71,7 +71,7 @@ impl Tally {
     }
 
     /// Percentage of correct parts, in its three readings (see [`ActorScore`]).
-    fn add_limb(&mut self, limb: Limb, truth: &Body, pose: Option<&Body>) {
+    fn add_limb(&mut self, limb: ScoredLimb, truth: &ScoredBody, pose: Option<&ScoredBody>) {
         let Some(true_ends) = limb.on(truth) else {
             return;
         };
@@ -94,7 +94,12 @@ impl Tally {
 
     /// The figures. `motion` is that of the poses that were matched to the same actor, `id_switches`
     /// how often their id changed.
-    pub fn finish(&self, motion: &Motion, id_switches: u64, rate_hz: Option<f64>) -> ActorScore {
+    pub fn finish(
+        &self,
+        motion: &Smoothness,
+        id_switches: u64,
+        rate_hz: Option<f64>,
+    ) -> ActorScore {
         let [pcp_both_ends, pcp_mean_end, pcp_midpoint] =
             self.correct_limbs.map(|n| percent(n, self.limbs));
         let [pck_50, pck_100] = self.within.map(|n| percent(n, self.points));

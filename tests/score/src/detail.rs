@@ -6,7 +6,7 @@ use nalgebra::Vector3;
 
 /// The joints of one line, and what it says of them; world, metres, NaN where unknown.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Detail {
+pub struct JointDetail {
     /// The 29 joints. (f32 is 0.01 mm within 100 m.)
     pub joints_m: [[f32; 3]; N_JOINTS],
     /// How sure the pose is; none of a truth, and of poses that do not say.
@@ -24,7 +24,7 @@ pub struct Sureness {
     pub sigma_m: [f32; N_JOINTS],
 }
 
-impl Detail {
+impl JointDetail {
     /// The joints that `joint` knows.
     pub fn gather(
         joint: impl Fn(&str) -> Option<Vector3<f64>>,

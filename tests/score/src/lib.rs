@@ -27,12 +27,12 @@ use serde::Serialize;
 
 use farfield_fusion::assign::assign;
 
-use accuracy::Tally;
+use accuracy::ActorTally;
 use identity::{IdentityScore, IdentityTally};
-use lines::Recording;
+use lines::PoseLines;
 use lives::Lives;
-use motion::Motion;
-use points::{Body, PointSet};
+use motion::Smoothness;
+use points::{PointSet, ScoredBody};
 use uncertainty_calibration::{UncertaintyCalibration, UncertaintyTally};
 
 /// Farthest mean distance at which a pose can be a truth's, metres.
@@ -134,10 +134,10 @@ pub struct MeanScore {
 ///
 /// With a partial truth, ticks that the truth does not hold at all are not looked at.
 /// Cost: one assignment of persons squared a tick, and a few distances per pair.
-pub fn score(poses: &Recording, truth: &Recording, rate_hz: Option<f64>) -> Scores {
+pub fn score(poses: &PoseLines, truth: &PoseLines, rate_hz: Option<f64>) -> Scores {
     let points = truth.points();
     let nobody = BTreeMap::new();
-    let mut actors: BTreeMap<u32, (Tally, Motion)> = BTreeMap::new();
+    let mut actors: BTreeMap<u32, (ActorTally, Smoothness)> = BTreeMap::new();
     let mut identity = IdentityTally::new(truth.is_partial());
     let mut calibration = UncertaintyTally::default();
     for tick in scored_ticks(poses, truth) {
@@ -180,8 +180,8 @@ pub fn score(poses: &Recording, truth: &Recording, rate_hz: Option<f64>) -> Scor
 /// Mean error of each actor at each tick, metres, under the matching that [`score`] uses; `None` at
 /// a gap. Ticks rise.
 pub fn errors_over_time(
-    poses: &Recording,
-    truth: &Recording,
+    poses: &PoseLines,
+    truth: &PoseLines,
 ) -> BTreeMap<u32, Vec<(Tick, Option<f64>)>> {
     let nobody = BTreeMap::new();
     let mut errors: BTreeMap<u32, Vec<(Tick, Option<f64>)>> = BTreeMap::new();
@@ -198,7 +198,7 @@ pub fn errors_over_time(
 }
 
 /// Whose pose is whose at one tick, under the matching that [`score`] uses: per actor the pose's id.
-pub fn matches_at(tick: Tick, poses: &Recording, truth: &Recording) -> BTreeMap<u32, u32> {
+pub fn matches_at(tick: Tick, poses: &PoseLines, truth: &PoseLines) -> BTreeMap<u32, u32> {
     let (Some(true_bodies), Some(pose_bodies)) = (truth.people_at(tick), poses.people_at(tick))
     else {
         return BTreeMap::new();
@@ -210,7 +210,7 @@ pub fn matches_at(tick: Tick, poses: &Recording, truth: &Recording) -> BTreeMap<
         .collect()
 }
 
-fn scored_ticks(poses: &Recording, truth: &Recording) -> Vec<Tick> {
+fn scored_ticks(poses: &PoseLines, truth: &PoseLines) -> Vec<Tick> {
     let mut ticks: Vec<Tick> = truth.ticks().collect();
     if !truth.is_partial() {
         ticks.extend(poses.ticks());
@@ -230,7 +230,7 @@ pub(crate) struct Distances {
 }
 
 impl Distances {
-    fn new(truths: &BTreeMap<u32, Body>, poses: &BTreeMap<u32, Body>) -> Self {
+    fn new(truths: &BTreeMap<u32, ScoredBody>, poses: &BTreeMap<u32, ScoredBody>) -> Self {
         let values_m = truths
             .values()
             .flat_map(|t| {

@@ -15,13 +15,13 @@ use nalgebra::Vector3;
 use serde::Deserialize as _;
 use serde_json::{Map, Value};
 
-use super::detail::{Detail, Sureness};
-use super::points::{Body, PointSet};
+use super::detail::{JointDetail, Sureness};
+use super::points::{PointSet, ScoredBody};
 use farfield_fusion::body::skeleton::{Joint, N_JOINTS};
 
 /// Whose lines are read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Role {
+pub enum LinesRole {
     /// Poses: keypoints are taken from `keypoints` alone.
     Poses,
     /// A truth: a keypoint that is not under `keypoints` is taken from `joints`, because a truth
@@ -31,13 +31,13 @@ pub enum Role {
 
 /// The people of one file, by tick and id.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Recording {
+pub struct PoseLines {
     points: PointSet,
     partial: bool,
-    people: BTreeMap<Tick, BTreeMap<u32, Body>>,
+    people: BTreeMap<Tick, BTreeMap<u32, ScoredBody>>,
 }
 
-impl Recording {
+impl PoseLines {
     /// Reads all lines of `reader`; `path` is what errors name. Lines outside `ticks` are checked but
     /// not kept. The order of the lines does not matter.
     ///
@@ -47,12 +47,12 @@ impl Recording {
     pub fn read(
         reader: impl BufRead,
         path: &Path,
-        role: Role,
+        role: LinesRole,
         points: PointSet,
         ticks: Option<&Range<Tick>>,
     ) -> Result<Self, FileError> {
-        let mut people: BTreeMap<Tick, BTreeMap<u32, Body>> = BTreeMap::new();
-        let mut spans: BTreeMap<u32, Span> = BTreeMap::new();
+        let mut people: BTreeMap<Tick, BTreeMap<u32, ScoredBody>> = BTreeMap::new();
+        let mut spans: BTreeMap<u32, LineSpan> = BTreeMap::new();
         for (index, text) in reader.lines().enumerate() {
             let line = index + 1;
             let text = text.map_err(|e| FileError::new(path, e.to_string()).at_line(line))?;
@@ -67,7 +67,7 @@ impl Recording {
             let at_tick = people.entry(parsed.tick).or_default();
             if at_tick.insert(parsed.person, parsed.body).is_some() {
                 let problem = format!("{} is there twice at tick {}", parsed.person, parsed.tick);
-                return Err(Fault {
+                return Err(LineFault {
                     field: Some("person".to_owned()),
                     problem,
                 }
@@ -76,14 +76,17 @@ impl Recording {
         }
         Ok(Self {
             points,
-            partial: spans.values().any(Span::has_holes),
+            partial: spans.values().any(LineSpan::has_holes),
             people,
         })
     }
 
     /// The people of a run that was never written: `people` by tick and id, gathered with `points`.
-    pub fn from_people(points: PointSet, people: BTreeMap<Tick, BTreeMap<u32, Body>>) -> Self {
-        let mut spans: BTreeMap<u32, Span> = BTreeMap::new();
+    pub fn from_people(
+        points: PointSet,
+        people: BTreeMap<Tick, BTreeMap<u32, ScoredBody>>,
+    ) -> Self {
+        let mut spans: BTreeMap<u32, LineSpan> = BTreeMap::new();
         for (tick, bodies) in &people {
             for id in bodies.keys() {
                 spans.entry(*id).or_default().add(*tick);
@@ -91,7 +94,7 @@ impl Recording {
         }
         Self {
             points,
-            partial: spans.values().any(Span::has_holes),
+            partial: spans.values().any(LineSpan::has_holes),
             people,
         }
     }
@@ -123,7 +126,7 @@ impl Recording {
     }
 
     /// The people at `tick`, `None` when there are none.
-    pub fn people_at(&self, tick: Tick) -> Option<&BTreeMap<u32, Body>> {
+    pub fn people_at(&self, tick: Tick) -> Option<&BTreeMap<u32, ScoredBody>> {
         self.people.get(&tick)
     }
 
@@ -141,12 +144,12 @@ impl Recording {
 
 /// First and last tick of a person, and how many lines it has.
 #[derive(Debug, Default)]
-struct Span {
+struct LineSpan {
     ends: Option<[Tick; 2]>,
     lines: i64,
 }
 
-impl Span {
+impl LineSpan {
     fn add(&mut self, tick: Tick) {
         let [first, last] = self.ends.unwrap_or([tick; 2]);
         self.ends = Some([first.min(tick), last.max(tick)]);
@@ -162,16 +165,16 @@ impl Span {
 struct ParsedLine {
     tick: Tick,
     person: u32,
-    body: Body,
+    body: ScoredBody,
 }
 
 /// What is wrong with a line, before it is known which line it is.
-struct Fault {
+struct LineFault {
     field: Option<String>,
     problem: String,
 }
 
-impl Fault {
+impl LineFault {
     fn at(self, path: &Path, line: usize) -> FileError {
         let error = FileError::new(path, self.problem).at_line(line);
         match self.field {
@@ -200,12 +203,12 @@ fn brief(value: &Value) -> String {
     }
 }
 
-fn parse_line(text: &str, role: Role, points: PointSet) -> Result<ParsedLine, Fault> {
-    let value: Value = serde_json::from_str(text).map_err(|e| Fault {
+fn parse_line(text: &str, role: LinesRole, points: PointSet) -> Result<ParsedLine, LineFault> {
+    let value: Value = serde_json::from_str(text).map_err(|e| LineFault {
         field: None,
         problem: format!("not JSON: {e}"),
     })?;
-    let object = value.as_object().ok_or_else(|| Fault {
+    let object = value.as_object().ok_or_else(|| LineFault {
         field: None,
         problem: format!("found {}, expected an object", brief(&value)),
     })?;
@@ -213,43 +216,49 @@ fn parse_line(text: &str, role: Role, points: PointSet) -> Result<ParsedLine, Fa
         let value = object.get(field);
         value
             .and_then(Value::as_i64)
-            .ok_or_else(|| Fault::expected(field, value, "a whole number"))
+            .ok_or_else(|| LineFault::expected(field, value, "a whole number"))
     };
     let tick = Tick(integer("tick")?);
     let person = u32::try_from(integer("person")?)
-        .map_err(|_| Fault::expected("person", object.get("person"), "a number from 0"))?;
+        .map_err(|_| LineFault::expected("person", object.get("person"), "a number from 0"))?;
     let joints = read_points(object.get("joints"), "joints")?;
     let keypoints = read_points(object.get("keypoints"), "keypoints")?;
     let point = |name: &str| match (points, role) {
         (PointSet::Joints, _) => joints.get(name).copied(),
-        (_, Role::Poses) => keypoints.get(name).copied(),
-        (_, Role::Truth) => keypoints.get(name).or_else(|| joints.get(name)).copied(),
+        (_, LinesRole::Poses) => keypoints.get(name).copied(),
+        (_, LinesRole::Truth) => keypoints.get(name).or_else(|| joints.get(name)).copied(),
     };
-    let mut body = Body::gather(points, point, |name| joints.get(name).copied());
+    let mut body = ScoredBody::gather(points, point, |name| joints.get(name).copied());
     body.set_sites(|name| keypoints.get(name).copied());
     let sureness = match role {
-        Role::Poses => read_sureness(object)?,
-        Role::Truth => None,
+        LinesRole::Poses => read_sureness(object)?,
+        LinesRole::Truth => None,
     };
-    if sureness.is_some() || role == Role::Truth && !joints.is_empty() {
-        let detail = Detail::gather(|name| joints.get(name).copied(), sureness);
+    if sureness.is_some() || role == LinesRole::Truth && !joints.is_empty() {
+        let detail = JointDetail::gather(|name| joints.get(name).copied(), sureness);
         body.detail = Some(Box::new(detail));
     }
     Ok(ParsedLine { tick, person, body })
 }
 
 /// How sure the pose of a line is, where it says so.
-fn read_sureness(object: &Map<String, Value>) -> Result<Option<Sureness>, Fault> {
+fn read_sureness(object: &Map<String, Value>) -> Result<Option<Sureness>, LineFault> {
     let sigmas = match object.get("sigma_m") {
         None | Some(Value::Null) => return Ok(None),
         Some(Value::Object(sigmas)) => sigmas,
-        other => return Err(Fault::expected("sigma_m", other, "an object of lengths")),
+        other => {
+            return Err(LineFault::expected(
+                "sigma_m",
+                other,
+                "an object of lengths",
+            ));
+        }
     };
     let mut sigma_m = [f32::NAN; N_JOINTS];
     for (name, value) in sigmas {
         let sigma = value.as_f64().filter(|sigma| *sigma >= 0.0);
         let sigma = sigma.ok_or_else(|| {
-            Fault::expected(
+            LineFault::expected(
                 &format!("sigma_m.{name}"),
                 Some(value),
                 "a length in metres",
@@ -267,8 +276,8 @@ fn read_sureness(object: &Map<String, Value>) -> Result<Option<Sureness>, Fault>
         .and_then(Value::as_u64)
         .and_then(|n| u16::try_from(n).ok());
     Ok(Some(Sureness {
-        state: known.ok_or_else(|| Fault::expected("state", state, words))?,
-        views: n_views.ok_or_else(|| Fault::expected("views", views, "a number from 0"))?,
+        state: known.ok_or_else(|| LineFault::expected("state", state, words))?,
+        views: n_views.ok_or_else(|| LineFault::expected("views", views, "a number from 0"))?,
         sigma_m,
     }))
 }
@@ -276,17 +285,17 @@ fn read_sureness(object: &Map<String, Value>) -> Result<Option<Sureness>, Fault>
 fn read_points<'a>(
     group: Option<&'a Value>,
     field: &str,
-) -> Result<BTreeMap<&'a str, Vector3<f64>>, Fault> {
+) -> Result<BTreeMap<&'a str, Vector3<f64>>, LineFault> {
     let object = match group {
         None | Some(Value::Null) => return Ok(BTreeMap::new()),
         Some(Value::Object(object)) => object,
-        other => return Err(Fault::expected(field, other, "an object of points")),
+        other => return Err(LineFault::expected(field, other, "an object of points")),
     };
     let known = object.iter().filter(|(_, value)| !value.is_null());
     known
         .map(|(name, value)| {
             let point = point_of(value).ok_or_else(|| {
-                Fault::expected(&format!("{field}.{name}"), Some(value), "three numbers")
+                LineFault::expected(&format!("{field}.{name}"), Some(value), "three numbers")
             })?;
             Ok((name.as_str(), point))
         })
@@ -304,8 +313,8 @@ fn point_of(value: &Value) -> Option<Vector3<f64>> {
 mod tests {
     use super::*;
 
-    fn read(text: &str, role: Role, points: PointSet) -> Result<Recording, String> {
-        Recording::read(
+    fn read(text: &str, role: LinesRole, points: PointSet) -> Result<PoseLines, String> {
+        PoseLines::read(
             text.as_bytes(),
             Path::new("truth.jsonl"),
             role,
@@ -316,7 +325,7 @@ mod tests {
     }
 
     fn refused(text: &str) -> String {
-        read(text, Role::Truth, PointSet::Joints).unwrap_err()
+        read(text, LinesRole::Truth, PointSet::Joints).unwrap_err()
     }
 
     #[test]
@@ -349,7 +358,7 @@ mod tests {
     fn a_pose_that_says_how_sure_it_is_says_its_state_and_views_too() {
         let line = |rest: &str| {
             let text = format!("{{\"tick\": 1, \"person\": 1, {rest}}}");
-            read(&text, Role::Poses, PointSet::Joints)
+            read(&text, LinesRole::Poses, PointSet::Joints)
         };
         let good = line("\"sigma_m\": {\"nose\": 0.01}, \"state\": \"coasting\", \"views\": 1");
         let recording = good.unwrap();
@@ -380,17 +389,17 @@ mod tests {
             .chain([line(2, 2), line(3, 2)])
             .collect();
         assert!(
-            !read(&whole, Role::Truth, PointSet::Joints)
+            !read(&whole, LinesRole::Truth, PointSet::Joints)
                 .unwrap()
                 .is_partial()
         );
         let holes = line(0, 1) + &line(1, 1) + &line(3, 1);
         let kept = Tick(0)..Tick(2);
         let path = Path::new("t");
-        let recording = Recording::read(
+        let recording = PoseLines::read(
             holes.as_bytes(),
             path,
-            Role::Truth,
+            LinesRole::Truth,
             PointSet::Joints,
             Some(&kept),
         );
@@ -406,8 +415,8 @@ mod tests {
             let recording = read(text, role, points).unwrap();
             recording.people_at(Tick(1)).unwrap()[&1].points_m[6]
         };
-        assert!(hip(Role::Truth, PointSet::Keypoints).is_some());
-        assert!(hip(Role::Poses, PointSet::Keypoints).is_none());
-        assert!(hip(Role::Poses, PointSet::Joints).is_some());
+        assert!(hip(LinesRole::Truth, PointSet::Keypoints).is_some());
+        assert!(hip(LinesRole::Poses, PointSet::Keypoints).is_none());
+        assert!(hip(LinesRole::Poses, PointSet::Joints).is_some());
     }
 }

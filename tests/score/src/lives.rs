@@ -12,7 +12,7 @@ use std::fmt;
 use farfield_proto::tick::Tick;
 use serde::{Serialize, Serializer};
 
-use super::lines::Recording;
+use super::lines::PoseLines;
 use super::matches_at;
 
 /// How long an actor is out of the truth at least when it has been away, seconds.
@@ -62,7 +62,7 @@ fn least_away_ticks(rate_hz: Option<f64>) -> i64 {
 
 /// One actor while the ticks go by.
 #[derive(Debug, Clone, Default)]
-struct Life {
+struct ActorLife {
     /// The first tick of the truth.
     since: Option<Tick>,
     born: Option<Tick>,
@@ -75,8 +75,8 @@ struct Life {
 
 impl Lives {
     /// Births and returns of the actors of `truth` in `poses`.
-    pub fn of(poses: &Recording, truth: &Recording, rate_hz: Option<f64>) -> Self {
-        let mut all: BTreeMap<u32, Life> = BTreeMap::new();
+    pub fn of(poses: &PoseLines, truth: &PoseLines, rate_hz: Option<f64>) -> Self {
+        let mut all: BTreeMap<u32, ActorLife> = BTreeMap::new();
         let mut lives = Self::default();
         let mut longest_return = None;
         let least_away = least_away_ticks(rate_hz);
@@ -105,11 +105,11 @@ impl Lives {
 
     fn finish(
         mut self,
-        all: &BTreeMap<u32, Life>,
+        all: &BTreeMap<u32, ActorLife>,
         longest_return: Option<i64>,
         rate_hz: Option<f64>,
     ) -> Self {
-        let after = |life: &Life| Some(life.born? - life.since?);
+        let after = |life: &ActorLife| Some(life.born? - life.since?);
         self.time_to_birth_ticks = all.iter().map(|(id, life)| (*id, after(life))).collect();
         let born = self.time_to_birth_ticks.values().flatten();
         let mut born: Vec<f64> = born.map(|&ticks| ticks as f64).collect();
@@ -125,7 +125,7 @@ impl Lives {
     }
 }
 
-impl Life {
+impl ActorLife {
     /// Takes in that the truth holds it at `tick`; whether it has come back then, having had an id, after
     /// `least_away` ticks or more.
     fn comes_back(&mut self, tick: Tick, least_away: i64) -> bool {
@@ -176,12 +176,12 @@ mod tests {
     use std::fmt::Write as _;
     use std::path::Path;
 
-    use super::super::lines::Role;
+    use super::super::lines::LinesRole;
     use super::super::points::PointSet;
     use super::*;
 
     /// Lines of (tick, person, x).
-    fn recording(lines: &[(i64, u32, f64)]) -> Recording {
+    fn recording(lines: &[(i64, u32, f64)]) -> PoseLines {
         let mut text = String::new();
         for (tick, person, x) in lines {
             let hip = format!("{{\"left_hip\": [{x}, 0, 1]}}");
@@ -192,7 +192,14 @@ mod tests {
             .unwrap();
         }
         let path = Path::new("x.jsonl");
-        Recording::read(text.as_bytes(), path, Role::Truth, PointSet::Joints, None).unwrap()
+        PoseLines::read(
+            text.as_bytes(),
+            path,
+            LinesRole::Truth,
+            PointSet::Joints,
+            None,
+        )
+        .unwrap()
     }
 
     fn lives(poses: &[(i64, u32, f64)], truth: &[(i64, u32, f64)]) -> Lives {

@@ -6,7 +6,7 @@
 use farfield_proto::tick::Tick;
 use nalgebra::Vector3;
 
-use super::points::{Body, LIMB_POINTS, N_POINTS};
+use super::points::{LIMB_POINTS, N_POINTS, ScoredBody};
 
 /// The scored limb points, of which the ankles, left and right, are the last.
 const N_LIMB_POINTS: usize = LIMB_POINTS.len();
@@ -27,17 +27,17 @@ struct FootStep {
 /// pose; an id that changes in between is the actor's jitter as well, because that is what the actor
 /// was given.
 #[derive(Debug, Clone, Default)]
-pub struct Motion {
+pub struct Smoothness {
     /// Up to three ticks in a row, newest last.
-    recent: Vec<(Tick, Body, Body)>,
+    recent: Vec<(Tick, ScoredBody, ScoredBody)>,
     third_difference_sum_m: f64,
     third_differences: u64,
     foot_steps: Vec<FootStep>,
 }
 
-impl Motion {
+impl Smoothness {
     /// Takes in the next tick: the true body and the pose that was matched to it.
-    pub fn add(&mut self, tick: Tick, truth: &Body, pose: Option<&Body>) {
+    pub fn add(&mut self, tick: Tick, truth: &ScoredBody, pose: Option<&ScoredBody>) {
         let Some(pose) = pose else {
             self.recent.clear();
             return;
@@ -51,7 +51,7 @@ impl Motion {
         }
         if let [(_, _, p0), (_, _, p1), (_, _, p2)] = self.recent.as_slice() {
             for slot in 0..N_POINTS {
-                let at = |body: &Body| body.points_m[slot];
+                let at = |body: &ScoredBody| body.points_m[slot];
                 if let (Some(a), Some(b), Some(c), Some(d)) = (at(p0), at(p1), at(p2), at(pose)) {
                     self.third_difference_sum_m += (d - 3.0 * c + 3.0 * b - a).norm();
                     self.third_differences += 1;
@@ -116,7 +116,7 @@ impl Motion {
     }
 }
 
-fn foot_change(now: &Body, before: &Body, side: usize) -> Option<[Vector3<f64>; 2]> {
+fn foot_change(now: &ScoredBody, before: &ScoredBody, side: usize) -> Option<[Vector3<f64>; 2]> {
     let change = |part: usize| Some(now.feet_m[side][part]? - before.feet_m[side][part]?);
     Some([change(0)?, change(1)?])
 }
@@ -125,8 +125,8 @@ fn foot_change(now: &Body, before: &Body, side: usize) -> Option<[Vector3<f64>; 
 mod tests {
     use super::*;
 
-    fn body(x: f64, foot_x: f64) -> Body {
-        let mut body = Body::default();
+    fn body(x: f64, foot_x: f64) -> ScoredBody {
+        let mut body = ScoredBody::default();
         body.points_m[0] = Some(Vector3::new(x, 0.0, 0.0));
         body.feet_m[0] = [
             Some(Vector3::new(foot_x, 0.0, 0.0)),
@@ -137,7 +137,7 @@ mod tests {
 
     #[test]
     fn jitter_of_a_cubic_is_its_third_derivative() {
-        let mut motion = Motion::default();
+        let mut motion = Smoothness::default();
         for t in 0..6 {
             let time_s = f64::from(t) / 10.0;
             motion.add(
@@ -151,7 +151,7 @@ mod tests {
 
     #[test]
     fn a_gap_is_not_differentiated_across() {
-        let mut motion = Motion::default();
+        let mut motion = Smoothness::default();
         for t in [0, 1, 2, 4, 5, 6] {
             motion.add(Tick(t), &body(0.0, 0.0), Some(&body(t as f64, 0.0)));
         }
@@ -160,7 +160,7 @@ mod tests {
 
     #[test]
     fn only_feet_that_truly_stand_can_slide() {
-        let mut motion = Motion::default();
+        let mut motion = Smoothness::default();
         // The true foot stands for two steps, then moves at 1 m/s; the pose slides by 2 mm a tick,
         // then by 90 mm.
         for (t, true_x, x) in [
@@ -177,9 +177,9 @@ mod tests {
 
     #[test]
     fn who_has_no_feet_slides_by_the_ankle() {
-        let mut motion = Motion::default();
+        let mut motion = Smoothness::default();
         for t in 0..4 {
-            let mut pose = Body::default();
+            let mut pose = ScoredBody::default();
             pose.points_m[10] = Some(Vector3::new(0.003 * t as f64, 0.0, 0.01 * t as f64));
             motion.add(Tick(t), &body(0.0, 0.0), Some(&pose));
         }

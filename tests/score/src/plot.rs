@@ -7,7 +7,7 @@
 use std::fmt::Write as _;
 
 use super::errors_over_time;
-use super::lines::Recording;
+use super::lines::PoseLines;
 
 /// One line of the plot.
 #[derive(Debug, Clone, PartialEq)]
@@ -80,7 +80,7 @@ impl Scale {
 }
 
 /// Draws the error of each actor of `truth` over time, as an SVG document.
-pub fn plot_of(title: &str, poses: &Recording, truth: &Recording, rate_hz: f64) -> String {
+pub fn plot_of(title: &str, poses: &PoseLines, truth: &PoseLines, rate_hz: f64) -> String {
     let errors = errors_over_time(poses, truth);
     let series: Vec<Series> = errors
         .into_iter()

@@ -5,7 +5,7 @@ use std::str::FromStr;
 use nalgebra::Vector3;
 use serde::Serialize;
 
-use super::detail::Detail;
+use super::detail::JointDetail;
 
 /// Which points are compared.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
@@ -33,7 +33,7 @@ impl FromStr for PointSet {
     }
 }
 
-/// The points that every set scores, in the order of [`Body::points_m`].
+/// The points that every set scores, in the order of [`ScoredBody::points_m`].
 pub const LIMB_POINTS: [&str; 12] = [
     "left_shoulder",
     "right_shoulder",
@@ -65,7 +65,7 @@ const HEAD_TOP: usize = 13;
 /// Most points that are scored.
 pub const N_POINTS: usize = 14;
 
-/// Heel and toe, left then right, in the order of [`Body::feet_m`].
+/// Heel and toe, left then right, in the order of [`ScoredBody::feet_m`].
 pub const FOOT_POINTS: [[&str; 2]; 2] = [["left_heel", "left_toe"], ["right_heel", "right_toe"]];
 
 /// The points between which a limb runs; an end of two points is their middle.
@@ -88,25 +88,28 @@ const SHELF_LIMBS: [LimbEnds; 2] = [
 
 impl PointSet {
     /// The limbs whose ends are compared: 8, with the head and the torso 10.
-    pub fn limbs(self) -> impl Iterator<Item = Limb> {
+    pub fn limbs(self) -> impl Iterator<Item = ScoredLimb> {
         let extra: &[LimbEnds] = if self == Self::Shelf14 {
             &SHELF_LIMBS
         } else {
             &[]
         };
-        BODY_LIMBS.iter().chain(extra).map(|&ends| Limb { ends })
+        BODY_LIMBS
+            .iter()
+            .chain(extra)
+            .map(|&ends| ScoredLimb { ends })
     }
 }
 
 /// One limb of a body.
 #[derive(Debug, Clone, Copy)]
-pub struct Limb {
+pub struct ScoredLimb {
     ends: LimbEnds,
 }
 
-impl Limb {
+impl ScoredLimb {
     /// The two ends of the limb on `body`, `None` where one is unknown.
-    pub fn on(&self, body: &Body) -> Option<[Vector3<f64>; 2]> {
+    pub fn on(&self, body: &ScoredBody) -> Option<[Vector3<f64>; 2]> {
         let [a, b] = self.ends.map(|points| {
             let sum = points
                 .iter()
@@ -119,7 +122,7 @@ impl Limb {
 
 /// What is compared of one person at one tick: world, metres; `None` is unknown.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Body {
+pub struct ScoredBody {
     /// The limb points, then head bottom and head top.
     pub points_m: [Option<Vector3<f64>>; N_POINTS],
     /// `[left, right][heel, toe]`, always of the joints.
@@ -127,10 +130,10 @@ pub struct Body {
     /// The sites of the keypoints under the names of [`LIMB_POINTS`], whatever is compared.
     pub sites_m: [Option<Vector3<f64>>; LIMB_POINTS.len()],
     /// All joints, and how sure they are, where that is compared.
-    pub detail: Option<Box<Detail>>,
+    pub detail: Option<Box<JointDetail>>,
 }
 
-impl Body {
+impl ScoredBody {
     /// Gathers the points of `set`.
     ///
     /// `point` gives the position under a name in the set's own group of points, `joint` that of an
@@ -209,7 +212,7 @@ mod tests {
     #[test]
     fn head_points_follow_the_shelf_conversion() {
         // ms = (0, 0, 1.4), hc = (0, 0, 1.64), hb = (0, 0, 1.52), nose - ms = (0.1, 0, 0.2).
-        let body = Body::gather(PointSet::Shelf14, upright, |_| None);
+        let body = ScoredBody::gather(PointSet::Shelf14, upright, |_| None);
         let bottom = body.points_m[HEAD_BOTTOM].unwrap();
         let top = body.points_m[HEAD_TOP].unwrap();
         assert!((bottom - Vector3::new(0.0375, 0.0, 1.505)).norm() < 1e-12);
@@ -218,7 +221,7 @@ mod tests {
 
     #[test]
     fn without_both_ears_the_nose_is_the_centre_of_the_head() {
-        let body = Body::gather(
+        let body = ScoredBody::gather(
             PointSet::Shelf14,
             |name| upright(name).filter(|_| name != "left_ear"),
             |_| None,
@@ -234,9 +237,9 @@ mod tests {
             "head_top" => Some(Vector3::new(1.0, 2.0, 3.0)),
             _ => upright(name),
         };
-        let body = Body::gather(PointSet::Shelf14, given, |_| None);
+        let body = ScoredBody::gather(PointSet::Shelf14, given, |_| None);
         assert_eq!(body.points_m[HEAD_TOP], Some(Vector3::new(1.0, 2.0, 3.0)));
-        let body = Body::gather(PointSet::Keypoints, given, |_| None);
+        let body = ScoredBody::gather(PointSet::Keypoints, given, |_| None);
         assert_eq!(body.points_m[HEAD_TOP], None);
     }
 
@@ -248,8 +251,8 @@ mod tests {
 
     #[test]
     fn a_distance_is_over_the_points_that_both_know() {
-        let mut a = Body::default();
-        let mut b = Body::default();
+        let mut a = ScoredBody::default();
+        let mut b = ScoredBody::default();
         assert_eq!(a.mean_distance_m(&b), None);
         a.points_m[0] = Some(Vector3::new(0.0, 0.0, 0.0));
         b.points_m[0] = Some(Vector3::new(0.0, 0.3, 0.4));

@@ -23,7 +23,7 @@ const COLUMNS: [(&str, &str, usize); 14] = [
 ];
 
 /// One row of the table: what it is of, and its figures in the order of the columns.
-pub type Row = [Option<f64>; COLUMNS.len()];
+pub type TableRow = [Option<f64>; COLUMNS.len()];
 
 impl fmt::Display for Scores {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -66,7 +66,7 @@ impl Scores {
 /// the names that go with them. The first names the actors.
 pub fn side_by_side(name_width: usize, named: &[(&str, &Scores)]) -> String {
     let mut lines = vec![head(name_width)];
-    let mut group = |whose: &str, row_of: &dyn Fn(&Scores) -> Option<Row>| {
+    let mut group = |whose: &str, row_of: &dyn Fn(&Scores) -> Option<TableRow>| {
         for (index, (name, scores)) in named.iter().enumerate() {
             let whose = if index == 0 { whose } else { "" };
             let name = format!("{whose:<4} {name:>width$}", width = name_width - 5);
@@ -96,7 +96,7 @@ pub fn head(name_width: usize) -> String {
 }
 
 /// One line of the table.
-pub fn line(name_width: usize, name: &str, row: &Row) -> String {
+pub fn line(name_width: usize, name: &str, row: &TableRow) -> String {
     let cells = row.iter().zip(COLUMNS).map(|(value, (_, unit, width))| {
         // Counts of one actor are whole, their mean over actors is not.
         let digits = usize::from(!unit.is_empty() || value.is_some_and(|v| v.fract() != 0.0));
@@ -131,14 +131,14 @@ macro_rules! row {
 
 impl ActorScore {
     /// The figures in the order of the table's columns.
-    pub fn row(&self) -> Row {
+    pub fn row(&self) -> TableRow {
         row!(self)
     }
 }
 
 impl MeanScore {
     /// The figures in the order of the table's columns.
-    pub fn row(&self) -> Row {
+    pub fn row(&self) -> TableRow {
         row!(self)
     }
 }

@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
-use super::lines::Role;
+use super::lines::LinesRole;
 use super::points::LIMB_POINTS;
 use super::*;
 
@@ -29,8 +29,8 @@ fn exact(tick: i64, person: u32, x_m: f64) -> String {
     line(tick, person, x_m, |_| 0.0)
 }
 
-fn recording(text: &str, role: Role) -> Recording {
-    Recording::read(
+fn recording(text: &str, role: LinesRole) -> PoseLines {
+    PoseLines::read(
         text.as_bytes(),
         Path::new("x.jsonl"),
         role,
@@ -42,8 +42,8 @@ fn recording(text: &str, role: Role) -> Recording {
 
 fn scored(poses: &str, truth: &str) -> Scores {
     score(
-        &recording(poses, Role::Poses),
-        &recording(truth, Role::Truth),
+        &recording(poses, LinesRole::Poses),
+        &recording(truth, LinesRole::Truth),
         Some(60.0),
     )
 }
@@ -272,9 +272,13 @@ fn the_mean_is_over_actors_and_on_shelf_over_the_first_three() {
                  {\"tick\": 0, \"person\": 2, \"keypoints\": {\"left_hip\": [5, 0, 1.04]}}\n";
     let mean_mm = |points| {
         let read = |text: &str, role| {
-            Recording::read(text.as_bytes(), Path::new("x"), role, points, None).unwrap()
+            PoseLines::read(text.as_bytes(), Path::new("x"), role, points, None).unwrap()
         };
-        let scores = score(&read(poses, Role::Poses), &read(truth, Role::Truth), None);
+        let scores = score(
+            &read(poses, LinesRole::Poses),
+            &read(truth, LinesRole::Truth),
+            None,
+        );
         scores.mean.mpjpe_mm.unwrap()
     };
     check(mean_mm(PointSet::Keypoints), 30.0);
@@ -310,8 +314,8 @@ fn the_json_has_the_fields_that_others_read() {
 fn the_table_says_what_it_leaves_out() {
     let truth = exact(0, 1, 0.0) + &exact(2, 1, 0.0);
     let scores = score(
-        &recording("", Role::Poses),
-        &recording(&truth, Role::Truth),
+        &recording("", LinesRole::Poses),
+        &recording(&truth, LinesRole::Truth),
         None,
     );
     let text = scores.to_string();

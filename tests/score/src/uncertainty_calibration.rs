@@ -15,8 +15,8 @@ use farfield_proto::message::PersonState;
 use nalgebra::Vector3;
 use serde::ser::{Serialize, SerializeMap as _, Serializer};
 
-use super::detail::{Detail, Sureness};
-use super::points::{Body, LIMB_POINTS};
+use super::detail::{JointDetail, Sureness};
+use super::points::{LIMB_POINTS, ScoredBody};
 use farfield_fusion::body::skeleton::Joint;
 
 /// Bins per decade of sigma: 1.2 % wide, finer than the decimals of a small sigma.
@@ -75,9 +75,9 @@ impl Bin {
         }
     }
 
-    fn row(&self) -> Option<Row> {
+    fn row(&self) -> Option<CalibrationRow> {
         let axes = 3.0 * self.n as f64;
-        (self.n > 0).then(|| Row {
+        (self.n > 0).then(|| CalibrationRow {
             n: self.n,
             sigma_mm: 1000.0 * self.sigma_sum_m / self.n as f64,
             rms_mm: 1000.0 * (self.square_sum_m2 / axes).sqrt(),
@@ -89,7 +89,7 @@ impl Bin {
 
 /// How errors and sigmas went together.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
-pub struct Row {
+pub struct CalibrationRow {
     /// Joints at ticks; each has three errors.
     pub n: u64,
     /// Mean sigma, millimetres.
@@ -103,20 +103,20 @@ pub struct Row {
 }
 
 /// By class and bin.
-type Histogram = BTreeMap<(Class, i32), Bin>;
+type SigmaHistogram = BTreeMap<(Class, i32), Bin>;
 
 /// The rows of one choice of joints.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
-pub struct Rows {
+pub struct CalibrationRows {
     /// Of equal size, the smallest sigmas first; fewer where there are too few sigmas.
-    pub fifths: Vec<Row>,
+    pub fifths: Vec<CalibrationRow>,
     /// By state: `tracked` (three views and more), `two_views` (and fewer), `coasting`; those that came
     /// up.
-    pub states: BTreeMap<&'static str, Row>,
+    pub states: BTreeMap<&'static str, CalibrationRow>,
 }
 
-impl Rows {
-    fn of(histogram: &Histogram) -> Self {
+impl CalibrationRows {
+    fn of(histogram: &SigmaHistogram) -> Self {
         let mut by_sigma: BTreeMap<i32, Bin> = BTreeMap::new();
         let mut states = BTreeMap::new();
         for class in Class::ALL {
@@ -145,8 +145,8 @@ impl Rows {
 /// The errors of all poses that said how sure they were.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct UncertaintyCalibration {
-    limbs: Histogram,
-    all: Histogram,
+    limbs: SigmaHistogram,
+    all: SigmaHistogram,
 }
 
 impl UncertaintyCalibration {
@@ -166,16 +166,16 @@ impl UncertaintyCalibration {
     }
 
     /// The rows of the 12 limb joints, those that are scored.
-    pub fn limb_rows(&self) -> Rows {
-        Rows::of(&self.limbs)
+    pub fn limb_rows(&self) -> CalibrationRows {
+        CalibrationRows::of(&self.limbs)
     }
 
     /// The rows of all 29 joints.
-    pub fn all_rows(&self) -> Rows {
-        Rows::of(&self.all)
+    pub fn all_rows(&self) -> CalibrationRows {
+        CalibrationRows::of(&self.all)
     }
 
-    fn add_pose(&mut self, truth: &Detail, pose: &Detail) {
+    fn add_pose(&mut self, truth: &JointDetail, pose: &JointDetail) {
         let Some(sureness) = &pose.sureness else {
             return;
         };
@@ -234,7 +234,7 @@ impl fmt::Display for UncertaintyCalibration {
             "{:<12}{:>40}   {:>40}\n{:<12}{head}   {head}",
             "calibration", "12 limb joints, per axis", "all 29 joints, per axis", ""
         )?;
-        let mut row = |name: &str, rows: [Option<&Row>; 2]| {
+        let mut row = |name: &str, rows: [Option<&CalibrationRow>; 2]| {
             write!(f, "\n{name:>11}")?;
             rows.iter().try_for_each(|row| match row {
                 Some(row) => write!(
@@ -268,11 +268,11 @@ impl UncertaintyTally {
     /// Takes in one tick; `matched` holds pairs of an actor and the id of its pose.
     pub(super) fn add(
         &mut self,
-        truths: &BTreeMap<u32, Body>,
-        poses: &BTreeMap<u32, Body>,
+        truths: &BTreeMap<u32, ScoredBody>,
+        poses: &BTreeMap<u32, ScoredBody>,
         matched: impl Iterator<Item = (u32, u32)>,
     ) {
-        let is_coasting = |pose: &Body| {
+        let is_coasting = |pose: &ScoredBody| {
             let sureness = pose.detail.as_ref().and_then(|d| d.sureness.as_ref());
             sureness.is_some_and(|s| s.state == PersonState::Coasting)
         };
@@ -306,11 +306,11 @@ mod tests {
     use super::*;
 
     /// A body whose joints all lie at `x_m`, `y_m`, 1.
-    fn body(x_m: f64, y_m: f64, sureness: Option<Sureness>) -> Body {
+    fn body(x_m: f64, y_m: f64, sureness: Option<Sureness>) -> ScoredBody {
         let at = move |_: &str| Some(Vector3::new(x_m, y_m, 1.0));
-        Body {
-            detail: Some(Box::new(Detail::gather(at, sureness))),
-            ..Body::default()
+        ScoredBody {
+            detail: Some(Box::new(JointDetail::gather(at, sureness))),
+            ..ScoredBody::default()
         }
     }
 

@@ -29,7 +29,7 @@ pub struct FaultProfile {
     pub jitter: Option<Jitter>,
     /// Left and right taken for each other, in part.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub mirror: Option<Mirror>,
+    pub mirror: Option<MirrorFault>,
     /// The keypoint of whoever stands before the person.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub leak: Option<Leak>,
@@ -44,7 +44,7 @@ pub struct FaultProfile {
     pub definition: Option<Definition>,
     /// What a map holds where nothing is.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub noise: Option<Noise>,
+    pub noise: Option<NoiseFault>,
     /// Whether every camera captures at an offset of its own from the tick: constant, uniform
     /// within half a frame either way.
     pub free_running: bool,
@@ -71,7 +71,7 @@ pub struct Jitter {
 /// Elbows, wrists, knees and ankles: a second peak at the opposite limb's keypoint.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct Mirror {
+pub struct MirrorFault {
     /// Share of the time, 0 to 1.
     pub share: f64,
     /// Mean length of a burst, seconds.
@@ -130,7 +130,7 @@ pub struct Definition {
 /// Uniform noise in every cell.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct Noise {
+pub struct NoiseFault {
     /// Its highest value, 0 to 1; the lowest is 0.
     pub floor: f64,
 }
@@ -141,12 +141,12 @@ impl FaultProfile {
         Self {
             bias: Some(Bias::default()),
             jitter: Some(Jitter::default()),
-            mirror: Some(Mirror::default()),
+            mirror: Some(MirrorFault::default()),
             leak: Some(Leak::default()),
             hidden: Some(Hidden::default()),
             missing: Some(Missing::default()),
             definition: Some(Definition::default()),
-            noise: Some(Noise::default()),
+            noise: Some(NoiseFault::default()),
             free_running: false,
         }
     }
@@ -174,7 +174,7 @@ impl Default for Jitter {
     }
 }
 
-impl Default for Mirror {
+impl Default for MirrorFault {
     fn default() -> Self {
         Self {
             share: 0.03,
@@ -221,7 +221,7 @@ impl Default for Definition {
     }
 }
 
-impl Default for Noise {
+impl Default for NoiseFault {
     fn default() -> Self {
         Self { floor: 0.02 }
     }
@@ -229,7 +229,7 @@ impl Default for Noise {
 
 #[derive(Deserialize)]
 #[serde(rename_all = "snake_case")]
-enum Named {
+enum ProfileName {
     None,
     Standard,
 }
@@ -238,15 +238,15 @@ enum Named {
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Raw {
-    profile: Option<Named>,
-    bias: Option<Setting<Bias>>,
-    jitter: Option<Setting<Jitter>>,
-    mirror: Option<Setting<Mirror>>,
-    leak: Option<Setting<Leak>>,
-    hidden: Option<Setting<Hidden>>,
-    missing: Option<Setting<Missing>>,
-    definition: Option<Setting<Definition>>,
-    noise: Option<Setting<Noise>>,
+    profile: Option<ProfileName>,
+    bias: Option<FaultSetting<Bias>>,
+    jitter: Option<FaultSetting<Jitter>>,
+    mirror: Option<FaultSetting<MirrorFault>>,
+    leak: Option<FaultSetting<Leak>>,
+    hidden: Option<FaultSetting<Hidden>>,
+    missing: Option<FaultSetting<Missing>>,
+    definition: Option<FaultSetting<Definition>>,
+    noise: Option<FaultSetting<NoiseFault>>,
     free_running: Option<bool>,
 }
 
@@ -254,8 +254,8 @@ impl<'de> Deserialize<'de> for FaultProfile {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         let raw = Raw::deserialize(deserializer)?;
         let base = match raw.profile {
-            Some(Named::Standard) => Self::standard(),
-            Some(Named::None) | None => Self::none(),
+            Some(ProfileName::Standard) => Self::standard(),
+            Some(ProfileName::None) | None => Self::none(),
         };
         Ok(Self {
             bias: or(raw.bias, base.bias),
@@ -272,30 +272,30 @@ impl<'de> Deserialize<'de> for FaultProfile {
 }
 
 /// A fault's own setting, or the profile's where it has none.
-fn or<T>(written: Option<Setting<T>>, profile: Option<T>) -> Option<T> {
+fn or<T>(written: Option<FaultSetting<T>>, profile: Option<T>) -> Option<T> {
     written.map_or(profile, |setting| setting.0)
 }
 
 /// One fault as it is written: `false`, `true` (the standard's numbers) or a table of numbers.
-struct Setting<T>(Option<T>);
+struct FaultSetting<T>(Option<T>);
 
-impl<'de, T: Fault + Deserialize<'de>> Deserialize<'de> for Setting<T> {
+impl<'de, T: FaultNumbers + Deserialize<'de>> Deserialize<'de> for FaultSetting<T> {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        deserializer.deserialize_any(SettingVisitor(PhantomData))
+        deserializer.deserialize_any(FaultSettingVisitor(PhantomData))
     }
 }
 
-struct SettingVisitor<T>(PhantomData<T>);
+struct FaultSettingVisitor<T>(PhantomData<T>);
 
-impl<'de, T: Fault + Deserialize<'de>> Visitor<'de> for SettingVisitor<T> {
-    type Value = Setting<T>;
+impl<'de, T: FaultNumbers + Deserialize<'de>> Visitor<'de> for FaultSettingVisitor<T> {
+    type Value = FaultSetting<T>;
 
     fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str("true, false or a table of the fault's numbers")
     }
 
     fn visit_bool<E>(self, on: bool) -> Result<Self::Value, E> {
-        Ok(Setting(on.then(T::default)))
+        Ok(FaultSetting(on.then(T::default)))
     }
 
     fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<Self::Value, A::Error> {
@@ -309,7 +309,7 @@ impl<'de, T: Fault + Deserialize<'de>> Visitor<'de> for SettingVisitor<T> {
                 ));
             }
         }
-        Ok(Setting(Some(fault)))
+        Ok(FaultSetting(Some(fault)))
     }
 }
 
@@ -319,12 +319,12 @@ const LONGEST_S: f64 = 1e6;
 const LARGEST: f64 = 100.0;
 
 /// What is checked of every fault's numbers.
-trait Fault: Default {
+trait FaultNumbers: Default {
     /// Every number with its field and its largest value; the least is 0 for all.
     fn numbers(&self) -> Vec<(&'static str, f64, f64)>;
 }
 
-impl Fault for Bias {
+impl FaultNumbers for Bias {
     fn numbers(&self) -> Vec<(&'static str, f64, f64)> {
         vec![
             ("share_of_sigma", self.share_of_sigma, LARGEST),
@@ -333,13 +333,13 @@ impl Fault for Bias {
     }
 }
 
-impl Fault for Jitter {
+impl FaultNumbers for Jitter {
     fn numbers(&self) -> Vec<(&'static str, f64, f64)> {
         vec![("share_of_sigma", self.share_of_sigma, LARGEST)]
     }
 }
 
-impl Fault for Mirror {
+impl FaultNumbers for MirrorFault {
     fn numbers(&self) -> Vec<(&'static str, f64, f64)> {
         vec![
             ("share", self.share, 1.0),
@@ -350,7 +350,7 @@ impl Fault for Mirror {
     }
 }
 
-impl Fault for Leak {
+impl FaultNumbers for Leak {
     fn numbers(&self) -> Vec<(&'static str, f64, f64)> {
         vec![
             ("own_height", self.own_height, 1.0),
@@ -361,7 +361,7 @@ impl Fault for Leak {
     }
 }
 
-impl Fault for Hidden {
+impl FaultNumbers for Hidden {
     fn numbers(&self) -> Vec<(&'static str, f64, f64)> {
         vec![
             ("bias_factor", self.bias_factor, LARGEST),
@@ -373,7 +373,7 @@ impl Fault for Hidden {
     }
 }
 
-impl Fault for Missing {
+impl FaultNumbers for Missing {
     fn numbers(&self) -> Vec<(&'static str, f64, f64)> {
         vec![
             ("share", self.share, 1.0),
@@ -382,13 +382,13 @@ impl Fault for Missing {
     }
 }
 
-impl Fault for Definition {
+impl FaultNumbers for Definition {
     fn numbers(&self) -> Vec<(&'static str, f64, f64)> {
         vec![("offset_m", self.offset_m, 1.0)]
     }
 }
 
-impl Fault for Noise {
+impl FaultNumbers for NoiseFault {
     fn numbers(&self) -> Vec<(&'static str, f64, f64)> {
         vec![("floor", self.floor, 1.0)]
     }

@@ -1,16 +1,16 @@
 //! Cameras that fail, as fakes: one freezes, one turns black, one dies. Each viewpoint has two.
 
-use farfield_lab::live_venue::Seen;
+use farfield_lab::live_venue::SeenVenue;
 use farfield_proto::message::live::CameraHealth;
 use farfield_sim::maps_file::{CameraFailure, FailureKind};
 
-use super::stage::{RATE_HZ, Stage};
+use super::stage::{LiveStage, RATE_HZ};
 
 /// When the fakes begin to fail: everybody has been tracked for a while.
 const FROM_S: f64 = 8.0;
 
 /// The worst health of a viewpoint's cameras that is not `Works`, as its edge says.
-fn ill(seen: &Seen, viewpoint: &str) -> Option<CameraHealth> {
+fn ill(seen: &SeenVenue, viewpoint: &str) -> Option<CameraHealth> {
     let cameras = &seen.live(viewpoint)?.cameras;
     let healths = cameras.iter().map(|camera| camera.health);
     healths.into_iter().find(|h| *h != CameraHealth::Works)
@@ -19,7 +19,7 @@ fn ill(seen: &Seen, viewpoint: &str) -> Option<CameraHealth> {
 /// The first camera of the first viewpoint fails; its edge says how, and everybody stays who they are.
 fn check(kind: FailureKind, expected: CameraHealth) {
     let from = (FROM_S * RATE_HZ) as u32;
-    let mut stage = Stage::prepare(&[(0, CameraFailure { from, kind })], "");
+    let mut stage = LiveStage::prepare(&[(0, CameraFailure { from, kind })], "");
     stage.start();
     let viewpoint = stage.live.venue().viewpoints[0].name.clone();
     let (before, ids) = (stage.takes(), stage.ids());

@@ -1,6 +1,6 @@
 //! Edges whose clocks are wrong.
 
-use super::stage::{Stage, heard};
+use super::stage::{LiveStage, heard};
 
 /// How far from the truth an offset may be measured, microseconds: half of what a loaded machine may take
 /// longer one way than the other, at its best moment in some seconds.
@@ -8,7 +8,7 @@ const MEASURED_WITHIN_US: i32 = 10_000;
 
 #[test]
 fn a_clock_that_is_20_ms_off_is_shown_and_corrected() {
-    let mut stage = Stage::prepare(&[], "");
+    let mut stage = LiveStage::prepare(&[], "");
     stage
         .live
         .start_edge(0, None, &["--clock-shift-ms", "20"])
@@ -30,7 +30,7 @@ fn a_clock_that_is_20_ms_off_is_shown_and_corrected() {
 
 #[test]
 fn a_clock_that_is_500_ms_off_is_refused_by_name_and_the_others_go_on() {
-    let mut stage = Stage::prepare(&[], "");
+    let mut stage = LiveStage::prepare(&[], "");
     stage
         .live
         .start_edge(0, None, &["--clock-shift-ms", "500"])

@@ -2,11 +2,11 @@
 
 use std::fs;
 
-use super::stage::{Stage, heard};
+use super::stage::{LiveStage, heard};
 
 #[test]
 fn an_edge_that_is_killed_is_missed_and_joins_again_by_itself() {
-    let mut stage = Stage::open();
+    let mut stage = LiveStage::open();
     let (before, ids) = (stage.takes(), stage.ids());
     let edge = stage.live.edges[0].take().unwrap();
     let viewpoint = edge.name().to_owned();
@@ -27,7 +27,7 @@ fn an_edge_that_is_killed_is_missed_and_joins_again_by_itself() {
 
 #[test]
 fn an_edge_of_another_calibration_is_refused_by_name_and_the_others_go_on() {
-    let mut stage = Stage::prepare(&[], "");
+    let mut stage = LiveStage::prepare(&[], "");
     let elsewhere = stage.folder.path().join("elsewhere");
     fs::create_dir(&elsewhere).unwrap();
     for entry in fs::read_dir(stage.folder.path()).unwrap() {

@@ -3,9 +3,9 @@
 use std::process::Command;
 use std::time::Duration;
 
-use farfield_lab::live_venue::Node;
+use farfield_lab::live_venue::NodeProcess;
 
-use super::stage::{PEOPLE, RATE_HZ, Stage};
+use super::stage::{LiveStage, PEOPLE, RATE_HZ};
 
 /// Tracks must be back so soon after the first patches, seconds.
 const BACK_WITHIN_S: f64 = 2.0;
@@ -14,7 +14,7 @@ const PATIENCE: Duration = Duration::from_mins(1);
 
 /// Ends fusion by `end` and starts it again with its results in `name`; waits until everybody is tracked, and
 /// returns how long after the first poses that was, seconds by ticks.
-fn start_anew(stage: &mut Stage, name: &str, end: impl FnOnce(Node)) -> f64 {
+fn start_anew(stage: &mut LiveStage, name: &str, end: impl FnOnce(NodeProcess)) -> f64 {
     let last = stage.seen().newest.as_ref().unwrap().session;
     end(stage.live.fusion.take().unwrap());
     let out = stage.out(name);
@@ -31,12 +31,12 @@ fn start_anew(stage: &mut Stage, name: &str, end: impl FnOnce(Node)) -> f64 {
 }
 
 /// As a power cut would.
-fn kill(fusion: Node) {
+fn kill(fusion: NodeProcess) {
     fusion.kill().unwrap();
 }
 
 /// As `systemctl restart` does.
-fn terminate(mut fusion: Node) {
+fn terminate(mut fusion: NodeProcess) {
     let pid = fusion.pid().to_string();
     let sent = Command::new("kill").args(["-TERM", &pid]).status();
     assert!(sent.unwrap().success());
@@ -46,7 +46,7 @@ fn terminate(mut fusion: Node) {
 
 #[test]
 fn a_fusion_that_is_killed_and_started_again_has_its_tracks_back_within_two_seconds_of_data() {
-    let mut stage = Stage::open();
+    let mut stage = LiveStage::open();
     let first_s = start_anew(&mut stage, "second", kill);
     stage.go_on(1.0);
     // What edges open to find another fusion stays open; a second one must not take more.
@@ -61,7 +61,7 @@ fn a_fusion_that_is_killed_and_started_again_has_its_tracks_back_within_two_seco
 #[test]
 fn a_fusion_that_is_stopped_leaves_its_edges_at_work_for_the_next() {
     // Symptom to prevent: fusion told its edges that the run was over whenever it ended, and they left for good.
-    let mut stage = Stage::prepare(&[], "");
+    let mut stage = LiveStage::prepare(&[], "");
     stage.live.fusion_by_hand();
     stage.start();
     let back_s = start_anew(&mut stage, "second", terminate);
@@ -69,5 +69,5 @@ fn a_fusion_that_is_stopped_leaves_its_edges_at_work_for_the_next() {
     assert!(back_s <= BACK_WITHIN_S);
     stage.go_on(1.0);
     let at_work = stage.live.edges.iter().flatten();
-    assert_eq!(at_work.filter_map(Node::vitals).count(), 4);
+    assert_eq!(at_work.filter_map(NodeProcess::vitals).count(), 4);
 }

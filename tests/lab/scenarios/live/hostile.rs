@@ -8,7 +8,7 @@ use farfield_proto::wire::decode;
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 
-use super::stage::{PEOPLE, Stage, heard};
+use super::stage::{LiveStage, PEOPLE, heard};
 
 /// Messages of each sort on each key.
 const MESSAGES: usize = 150;
@@ -57,7 +57,7 @@ fn hostile(rng: &mut ChaCha8Rng, real: Option<&Vec<u8>>) -> Vec<u8> {
 
 #[test]
 fn hostile_bytes_on_every_key_are_counted_and_change_nothing() {
-    let stage = Stage::open();
+    let stage = LiveStage::open();
     let before = stage.takes();
     let keys = Keys::new(&stage.live.venue().name);
     let viewpoints: Vec<String> = stage

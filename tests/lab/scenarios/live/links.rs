@@ -4,12 +4,12 @@ use std::collections::BTreeSet;
 
 use farfield_lab::relay::Impairment;
 
-use super::stage::Stage;
+use super::stage::LiveStage;
 use crate::farfield::poses;
 
 #[test]
 fn doubled_and_reordered_messages_change_nobody() {
-    let mut stage = Stage::open();
+    let mut stage = LiveStage::open();
     let (before, ids) = (stage.takes(), stage.ids());
     for relay in &stage.live.relays {
         relay.set_both(Impairment {

@@ -6,7 +6,7 @@ use std::process::Command;
 
 use farfield_fusion::recording::reader::Recording;
 
-use super::stage::Stage;
+use super::stage::LiveStage;
 
 /// Room on the small disk: less than a minute of the stage, more than the head of a recording.
 const SIZE: &str = "size=600k";
@@ -41,7 +41,7 @@ impl Drop for SmallDisk {
 
 #[test]
 fn a_full_disk_ends_the_recording_with_a_clear_error_and_capture_goes_on() {
-    let mut stage = Stage::prepare(&[], "");
+    let mut stage = LiveStage::prepare(&[], "");
     let disk = match SmallDisk::mount(&stage.folder.path().join("disk")) {
         Ok(disk) => disk,
         Err(reason) => {

@@ -7,12 +7,12 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, MutexGuard};
 use std::time::Duration;
 
-use farfield_lab::live_venue::{LiveVenue, Node, Seen, Vitals, Watch};
+use farfield_lab::live_venue::{LiveVenue, NodeProcess, SeenVenue, VenueWatch, Vitals};
 use farfield_proto::camera::CameraModel;
 use farfield_proto::message::live::EdgeLink;
 use farfield_proto::tick::Tick;
 use farfield_sim::embedded::CLIPS;
-use farfield_sim::faults::Crowd;
+use farfield_sim::faults::SceneCrowd;
 use farfield_sim::maps_file::{CameraFailure, Course, write_maps};
 use farfield_sim::motion::Clip;
 use farfield_sim::scene::Scene;
@@ -59,17 +59,17 @@ path = { points_m = [[2.0, 1.5], [-2.0, 1.5], [-2.0, 1.0], [2.0, 1.0]], speed_m_
 "#;
 
 /// A venue, its nodes and what is heard of them.
-pub(super) struct Stage {
+pub(super) struct LiveStage {
     pub(super) live: LiveVenue,
     /// Once fusion was started.
-    watch: Option<Watch>,
+    watch: Option<VenueWatch>,
     pub(super) folder: TempDir,
 }
 
 /// What every node of a venue takes.
 pub(super) struct Takes(Vec<(String, Vitals)>);
 
-impl Stage {
+impl LiveStage {
     /// The venue without any node; cameras fail as said, by their place in the scene.
     pub(super) fn prepare(failures: &[(usize, CameraFailure)], parameters: &str) -> Self {
         let folder = tempfile::tempdir().unwrap();
@@ -105,12 +105,12 @@ impl Stage {
     }
 
     /// What was heard so far.
-    pub(super) fn seen(&self) -> MutexGuard<'_, Seen> {
+    pub(super) fn seen(&self) -> MutexGuard<'_, SeenVenue> {
         self.watch().seen()
     }
 
     /// The listener.
-    pub(super) fn watch(&self) -> &Watch {
+    pub(super) fn watch(&self) -> &VenueWatch {
         self.watch.as_ref().unwrap()
     }
 
@@ -120,7 +120,7 @@ impl Stage {
     }
 
     /// Waits until something is so.
-    pub(super) fn wait(&self, what: &str, is_so: impl Fn(&Seen) -> bool) {
+    pub(super) fn wait(&self, what: &str, is_so: impl Fn(&SeenVenue) -> bool) {
         for _ in 0..PATIENCE.as_millis() / PAUSE.as_millis() {
             if is_so(&self.seen()) {
                 return;
@@ -154,7 +154,7 @@ impl Stage {
 
     /// What the nodes take now.
     pub(super) fn takes(&self) -> Takes {
-        let vitals = |node: &Node| Some((node.name().to_owned(), node.vitals()?));
+        let vitals = |node: &NodeProcess| Some((node.name().to_owned(), node.vitals()?));
         Takes(self.live.nodes().filter_map(vitals).collect())
     }
 
@@ -186,7 +186,7 @@ impl Takes {
 }
 
 /// How fusion says that it hears an edge.
-pub(super) fn heard<'a>(seen: &'a Seen, viewpoint: &str) -> Option<&'a EdgeLink> {
+pub(super) fn heard<'a>(seen: &'a SeenVenue, viewpoint: &str) -> Option<&'a EdgeLink> {
     let edges = &seen.live("fusion")?.edges;
     edges.iter().find(|edge| edge.viewpoint == viewpoint)
 }
@@ -203,7 +203,7 @@ fn scene() -> Scene {
 fn write_venue(folder: &Path, failures: &[(usize, CameraFailure)], parameters: &str) -> PathBuf {
     let scene = Arc::new(scene());
     let course = Course::new(&scene, &scene.ticks(), true);
-    let crowd = Arc::new(Crowd::new(Arc::clone(&scene)));
+    let crowd = Arc::new(SceneCrowd::new(Arc::clone(&scene)));
     let path = |camera: &CameraModel| format!("{}.maps", camera.name());
     for (i, camera) in scene.cameras().iter().enumerate() {
         let file = File::create(folder.join(path(camera))).unwrap();

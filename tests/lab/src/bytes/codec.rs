@@ -78,7 +78,7 @@ impl fmt::Display for Codec {
 
 /// What was sent in a run: bytes of maps, in each of a codec's packings, and patches.
 #[derive(Debug, Clone, Default)]
-pub struct Sent {
+pub struct SentBytes {
     /// In the order of [`Codec::packings`].
     pub bytes: Vec<u64>,
     /// Persons, views and ticks.
@@ -90,12 +90,12 @@ pub struct Rival {
     codec: Codec,
     encoder: Encoder,
     decoder: Decoder,
-    sent: Arc<Mutex<Sent>>,
+    sent: Arc<Mutex<SentBytes>>,
 }
 
 impl Rival {
     /// `codec`, counting into `sent`.
-    pub fn new(codec: Codec, sent: Arc<Mutex<Sent>>) -> Self {
+    pub fn new(codec: Codec, sent: Arc<Mutex<SentBytes>>) -> Self {
         Self {
             codec,
             encoder: Encoder::new(),
@@ -206,8 +206,8 @@ mod tests {
         maps
     }
 
-    fn recoded(codec: Codec) -> (Maps, Sent) {
-        let sent = Arc::new(Mutex::new(Sent::default()));
+    fn recoded(codec: Codec) -> (Maps, SentBytes) {
+        let sent = Arc::new(Mutex::new(SentBytes::default()));
         let mut maps = two_peaks();
         Rival::new(codec, Arc::clone(&sent)).recode(&mut maps);
         let sent = sent.lock().unwrap().clone();

@@ -2,9 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use farfield_score::lines::Recording;
+use farfield_score::lines::PoseLines;
 use farfield_score::matches_at;
-use farfield_score::points::Body;
+use farfield_score::points::ScoredBody;
 use serde::Serialize;
 
 /// Errors of single points over a run, millimetres.
@@ -24,7 +24,7 @@ pub struct Errors {
 
 impl Errors {
     /// Those of `poses` against `truth`.
-    pub fn of(poses: &Recording, truth: &Recording) -> Self {
+    pub fn of(poses: &PoseLines, truth: &PoseLines) -> Self {
         let mut all = Vec::new();
         let (mut gaps, mut switches) = (0, 0);
         let mut ids: BTreeMap<u32, u32> = BTreeMap::new();
@@ -57,7 +57,7 @@ impl Errors {
     }
 }
 
-fn distances_mm<'a>(truth: &'a Body, pose: &'a Body) -> impl Iterator<Item = f64> + 'a {
+fn distances_mm<'a>(truth: &'a ScoredBody, pose: &'a ScoredBody) -> impl Iterator<Item = f64> + 'a {
     let pairs = truth.points_m.iter().zip(&pose.points_m);
     pairs.filter_map(|(truth, pose)| Some(1000.0 * ((*truth)? - (*pose)?).norm()))
 }

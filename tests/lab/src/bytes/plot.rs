@@ -1,6 +1,6 @@
 //! Bytes against errors as SVG: bytes along, in powers of ten; millimetres up, ours as a line.
 
-use super::run::{Curve, Row};
+use super::run::{Curve, PackingRow};
 
 /// Size of the picture, pixels.
 const SIZE: [f64; 2] = [1000.0, 560.0];
@@ -84,7 +84,7 @@ pub fn svg(curve: &Curve) -> String {
 }
 
 /// The `i`-th row as a point at `at`, and its line in the legend.
-fn point(row: &Row, i: usize, at: [f64; 2]) -> String {
+fn point(row: &PackingRow, i: usize, at: [f64; 2]) -> String {
     let [_, right, upper, _] = PANEL;
     let colour = if row.ours {
         OURS

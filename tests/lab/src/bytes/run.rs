@@ -10,24 +10,24 @@ use farfield_edge::pipeline::StandIn;
 use farfield_fusion::body::skeleton::Joint;
 use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::message::PoseSet;
-use farfield_score::lines::{Recording, Role};
-use farfield_score::points::{Body, PointSet};
+use farfield_score::lines::{LinesRole, PoseLines};
+use farfield_score::points::{PointSet, ScoredBody};
 use nalgebra::Vector3;
 use serde::Serialize;
 
-use super::codec::{Codec, Rival, Sent};
+use super::codec::{Codec, Rival, SentBytes};
 use super::errors::Errors;
 use super::framing::{TCP_IP_BYTES, TLS_BYTES, ZENOH_BYTES};
 use crate::in_process::InProcess;
 use crate::suite::people::bodies::People;
-use crate::suite::run::{Plan, SceneRun};
+use crate::suite::run::{SceneRun, SceneRunPlan};
 use crate::suite::traffic::Traffic;
 use crate::suite::venue::Input;
 use farfield_sim::scene::Scene;
 
 /// One packing of one codec in one place.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Row {
+pub struct PackingRow {
     /// What it is called.
     pub name: String,
     /// Whether it is ours.
@@ -54,22 +54,25 @@ pub struct Curve {
     /// Persons, views and ticks that were sent.
     pub patches: u64,
     /// Every packing.
-    pub rows: Vec<Row>,
+    pub rows: Vec<PackingRow>,
 }
 
 /// One codec's run: its poses and what was sent.
-struct Outcome {
+struct CodecOutcome {
     codec: Codec,
     errors: Errors,
     traffic: Traffic,
-    sent: Sent,
+    sent: SentBytes,
 }
 
 /// A stand-in for every edge, and what they count into; none for ours.
-type StandIns = (Option<Arc<dyn Fn() -> Box<dyn StandIn>>>, Arc<Mutex<Sent>>);
+type StandIns = (
+    Option<Arc<dyn Fn() -> Box<dyn StandIn>>>,
+    Arc<Mutex<SentBytes>>,
+);
 
 fn stand_ins(codec: Codec) -> StandIns {
-    let sent = Arc::new(Mutex::new(Sent::default()));
+    let sent = Arc::new(Mutex::new(SentBytes::default()));
     if codec.level().is_some() {
         return (None, sent);
     }
@@ -78,7 +81,7 @@ fn stand_ins(codec: Codec) -> StandIns {
     (Some(Arc::new(make)), sent)
 }
 
-fn taken(sent: &Mutex<Sent>) -> Sent {
+fn taken(sent: &Mutex<SentBytes>) -> SentBytes {
     sent.lock().unwrap_or_else(PoisonError::into_inner).clone()
 }
 
@@ -97,9 +100,9 @@ impl Curve {
         let mut runs = Vec::new();
         for &codec in codecs {
             let (stand_in, sent) = stand_ins(codec);
-            let mut plan = Plan {
+            let mut plan = SceneRunPlan {
                 stand_in,
-                ..Plan::default()
+                ..SceneRunPlan::default()
             };
             plan.parameters.link.quality = codec.level();
             let run = SceneRun::make(scene, input, plan)?;
@@ -110,7 +113,7 @@ impl Curve {
             let later = found.entry(actor).or_insert(tick);
             *later = tick.max(*later);
         }
-        let outcomes = runs.into_iter().map(|(codec, run, sent)| Outcome {
+        let outcomes = runs.into_iter().map(|(codec, run, sent)| CodecOutcome {
             codec,
             errors: Errors::of(&run.causal, &run.truth_since(&found)),
             traffic: run.traffic,
@@ -136,7 +139,7 @@ impl Curve {
     ) -> anyhow::Result<Self> {
         let file = File::open(truth).with_context(|| format!("opening {}", truth.display()))?;
         let points = PointSet::Shelf14;
-        let truth = Recording::read(BufReader::new(file), truth, Role::Truth, points, None)?;
+        let truth = PoseLines::read(BufReader::new(file), truth, LinesRole::Truth, points, None)?;
         let mut outcomes = Vec::new();
         for &codec in codecs {
             let (stand_in, sent) = stand_ins(codec);
@@ -157,8 +160,8 @@ impl Curve {
             for poses in &nodes.finish() {
                 add(&mut people, poses, nodes.keypoints());
             }
-            let poses = Recording::from_people(points, people);
-            outcomes.push(Outcome {
+            let poses = PoseLines::from_people(points, people);
+            outcomes.push(CodecOutcome {
                 codec,
                 errors: Errors::of(&poses, &truth),
                 traffic,
@@ -176,7 +179,7 @@ impl Curve {
         mean.patches = curves.iter().map(|c| c.patches).sum();
         for (i, row) in mean.rows.iter_mut().enumerate() {
             let rows = || curves.iter().filter_map(|curve| curve.rows.get(i));
-            let of = |value: &dyn Fn(&Row) -> f64| rows().map(value).sum::<f64>() / n;
+            let of = |value: &dyn Fn(&PackingRow) -> f64| rows().map(value).sum::<f64>() / n;
             row.map_bytes = of(&|r| r.map_bytes);
             row.message_bytes = row
                 .message_bytes
@@ -196,7 +199,7 @@ impl Curve {
         Some(mean)
     }
 
-    fn new(place: &str, input: &'static str, outcomes: &[Outcome]) -> Self {
+    fn new(place: &str, input: &'static str, outcomes: &[CodecOutcome]) -> Self {
         let whole = outcomes.iter().find(|o| o.codec == Codec::Whole);
         let whole_mm = whole.map_or(0.0, |o| o.errors.mpjpe_mm);
         let rows = outcomes.iter().flat_map(|outcome| outcome.rows(whole_mm));
@@ -209,8 +212,8 @@ impl Curve {
     }
 }
 
-impl Outcome {
-    fn rows(&self, whole_mm: f64) -> Vec<Row> {
+impl CodecOutcome {
+    fn rows(&self, whole_mm: f64) -> Vec<PackingRow> {
         let traffic = &self.traffic;
         let a_patch = |bytes: u64| bytes as f64 / traffic.patches.max(1) as f64;
         let is_ours = self.codec.level().is_some();
@@ -229,7 +232,7 @@ impl Outcome {
         };
         let named = self.codec.packings().into_iter().zip(sums);
         named
-            .map(|(name, sum)| Row {
+            .map(|(name, sum)| PackingRow {
                 name,
                 ours: is_ours,
                 map_bytes: a_patch(sum),
@@ -251,7 +254,7 @@ fn add(people: &mut People, poses: &PoseSet, keypoints: &KeypointSet) {
             let joint = Joint::from_name(name)?;
             pose.joints_m.get(joint.index()).map(to_f64)
         };
-        let body = Body::gather(PointSet::Shelf14, point, joint);
+        let body = ScoredBody::gather(PointSet::Shelf14, point, joint);
         let at_tick = people.entry(poses.tick).or_default();
         at_tick.insert(pose.person.0, body);
     }

@@ -13,7 +13,7 @@ use crate::conditions::FarLinks;
 use crate::suite::budget::Budget;
 use crate::suite::overrides::parameters;
 use crate::suite::report::Baseline;
-use crate::suite::run::{Plan, SceneRun};
+use crate::suite::run::{SceneRun, SceneRunPlan};
 use crate::suite::venue::Input;
 
 /// What `lab budget` is told.
@@ -78,7 +78,7 @@ pub(super) fn budget(args: &BudgetArgs) -> Result<(), NodeError> {
     if args.no_faults {
         scene = scene.with_faults(FaultProfile::none());
     }
-    let plan = Plan {
+    let plan = SceneRunPlan {
         parameters: parameters(&args.set.join("\n")).map_err(NodeError::Refused)?,
         keep_peaks: !args.no_dlt,
         keep_stages: true,

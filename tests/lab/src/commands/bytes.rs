@@ -6,7 +6,7 @@ use std::sync::Arc;
 use crate::bytes::codec::Codec;
 use crate::bytes::plot::svg;
 use crate::bytes::run::Curve;
-use crate::suite::scenes::{Named, choose};
+use crate::suite::scenes::{NamedScene, choose};
 use crate::suite::venue::Input;
 use anyhow::{Context as _, anyhow};
 use farfield_fusion::node::NodeError;
@@ -78,7 +78,7 @@ pub(super) fn study(args: &BytesArgs) -> Result<(), NodeError> {
     run(args, chosen.scenes, shelf.as_deref()).map_err(NodeError::Failed)
 }
 
-fn run(args: &BytesArgs, scenes: Vec<Named>, shelf: Option<&Path>) -> anyhow::Result<()> {
+fn run(args: &BytesArgs, scenes: Vec<NamedScene>, shelf: Option<&Path>) -> anyhow::Result<()> {
     let folder = tempfile::tempdir().context("making a folder for the embedded networks")?;
     let input = if args.pixels {
         Input::Pixels {
@@ -90,7 +90,7 @@ fn run(args: &BytesArgs, scenes: Vec<Named>, shelf: Option<&Path>) -> anyhow::Re
     };
     let codecs = Codec::all();
     let mut curves = Vec::new();
-    for Named { name, scene } in scenes {
+    for NamedScene { name, scene } in scenes {
         let mut scene = scene.shortened(args.seconds);
         if args.pixels {
             scene = without_map_faults(scene);

@@ -5,13 +5,13 @@ use std::sync::Arc;
 
 use farfield::output;
 use farfield_fusion::node::NodeError;
-use farfield_score::lines::Recording;
+use farfield_score::lines::PoseLines;
 use farfield_sim::scene::Scene;
 
 use super::scene_argument::SceneArgument;
 use crate::conditions::Cuts;
 use crate::suite::overrides::parameters;
-use crate::suite::run::{Plan, SceneRun};
+use crate::suite::run::{SceneRun, SceneRunPlan};
 use crate::suite::smoothed::{HEAD, Worth};
 use crate::suite::venue::Input;
 
@@ -62,7 +62,7 @@ fn compare(args: &DelaysArgs, scenes: Vec<(&str, Scene)>) -> anyhow::Result<()> 
         let runs = SceneRun::make_all(&scene, &Input::Maps, plans(cuts)?)?;
         let live = std::iter::once((&runs[0], &runs[0].causal));
         let outputs = live.chain(runs.iter().map(|run| (run, &run.smoothed)));
-        let named: Vec<(&str, (&SceneRun, &Recording))> =
+        let named: Vec<(&str, (&SceneRun, &PoseLines))> =
             OUTPUTS.into_iter().zip(outputs).collect();
         for ((output, (run, poses)), sum) in named.into_iter().zip(&mut sums) {
             let worth = Worth::of(run, poses, cuts);
@@ -94,15 +94,15 @@ impl DelaysArgs {
     }
 }
 
-fn plans(cuts: Option<Cuts>) -> anyhow::Result<[Plan; 4]> {
-    let plan = |delay_ms: u32| -> anyhow::Result<Plan> {
+fn plans(cuts: Option<Cuts>) -> anyhow::Result<[SceneRunPlan; 4]> {
+    let plan = |delay_ms: u32| -> anyhow::Result<SceneRunPlan> {
         let parameters = parameters(&format!("smoothing.delay_ms = {delay_ms}.0"))?;
-        Ok(Plan {
+        Ok(SceneRunPlan {
             cuts,
-            ..Plan::with(parameters)
+            ..SceneRunPlan::with(parameters)
         })
     };
-    let two_passes = Plan {
+    let two_passes = SceneRunPlan {
         two_passes: true,
         ..plan(0)?
     };

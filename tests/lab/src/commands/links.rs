@@ -12,17 +12,17 @@ use std::path::{Path, PathBuf};
 use std::thread;
 use std::time::Duration;
 
-use crate::live_venue::{LiveVenue, Node, percentile};
+use crate::live_venue::{LiveVenue, NodeProcess, percentile};
 use crate::namespaces::Namespaces;
 use crate::relay::{Direction, Impairment};
 use anyhow::{Context as _, bail, ensure};
 use farfield_fusion::node::{NodeError, say};
 use farfield_proto::tick::Tick;
-use farfield_score::lines::{Recording, Role};
+use farfield_score::lines::{LinesRole, PoseLines};
 use farfield_score::points::PointSet;
 use farfield_score::score;
 
-use self::report::{Report, Row};
+use self::report::{LinkReport, LinkRow};
 use super::made_maps::{self, MadeMaps};
 use farfield::output;
 
@@ -83,8 +83,8 @@ pub(crate) fn links(args: &LinksArgs) -> Result<(), NodeError> {
     let scratch = tempfile::tempdir().map_err(NodeError::failed)?;
     let folder = args.out.as_deref().unwrap_or(scratch.path());
     farfield_fusion::node::check_folder(folder).map_err(NodeError::Refused)?;
-    let study = Study::prepare(args, folder).map_err(NodeError::Failed)?;
-    let mut report = Report::new(args.seconds, args.settle);
+    let study = LinkStudy::prepare(args, folder).map_err(NodeError::Failed)?;
+    let mut report = LinkReport::new(args.seconds, args.settle);
     for link in links_of(args) {
         let row = study.run(&link).map_err(NodeError::Failed)?;
         say(format_args!("{row}"));
@@ -151,7 +151,7 @@ fn links_of(args: &LinksArgs) -> Vec<LinkKind> {
 }
 
 /// A venue whose maps are made, and what its runs are scored over.
-struct Study<'a> {
+struct LinkStudy<'a> {
     args: &'a LinksArgs,
     folder: &'a Path,
     maps: MadeMaps,
@@ -159,10 +159,10 @@ struct Study<'a> {
     rate_hz: f64,
     ticks: Range<Tick>,
     scored: Range<Tick>,
-    truth: Recording,
+    truth: PoseLines,
 }
 
-impl<'a> Study<'a> {
+impl<'a> LinkStudy<'a> {
     fn prepare(args: &'a LinksArgs, folder: &'a Path) -> anyhow::Result<Self> {
         let budget = match args.budget {
             0 => String::new(),
@@ -175,7 +175,7 @@ impl<'a> Study<'a> {
             Tick(0)..tick(args.seconds),
             tick(args.settle)..tick(args.seconds),
         );
-        let truth = read(&maps.truth, Role::Truth, &scored)?;
+        let truth = read(&maps.truth, LinesRole::Truth, &scored)?;
         Ok(Self {
             args,
             folder,
@@ -193,7 +193,7 @@ impl<'a> Study<'a> {
     }
 
     /// Runs the venue once, its links as `link` says.
-    fn run(&self, link: &LinkKind) -> anyhow::Result<Row> {
+    fn run(&self, link: &LinkKind) -> anyhow::Result<LinkRow> {
         let namespaces = Namespaces::make(self.n_viewpoints);
         if let Err(reason) = &namespaces {
             say(format_args!(
@@ -233,19 +233,19 @@ impl<'a> Study<'a> {
         let rate_hz = self.rate_hz;
         let seen = watch.seen();
         let delays_us = seen.delays_us(rate_hz, self.scored.start);
-        let quality = |edge: &Node| {
+        let quality = |edge: &NodeProcess| {
             let live = seen.live(edge.name())?;
             Some((live.quality, live.every_nth_tick))
         };
         let qualities: Vec<(u8, u16)> = live.edges.iter().flatten().filter_map(quality).collect();
-        let poses = read(&out.join("poses.jsonl"), Role::Poses, &self.scored)?;
+        let poses = read(&out.join("poses.jsonl"), LinesRole::Poses, &self.scored)?;
         let scores = score(&poses, &self.truth, Some(rate_hz));
         let up: Vec<_> = live
             .relays
             .iter()
             .map(|relay| relay.counts(Direction::Up))
             .collect();
-        Ok(Row {
+        Ok(LinkRow {
             link: link.name.clone(),
             mpjpe_mm: scores.mean.mpjpe_mm,
             gaps: scores.actors.values().map(|actor| actor.gaps).sum(),
@@ -274,10 +274,10 @@ fn impair(live: &LiveVenue, link: &LinkKind) {
     }
 }
 
-fn read(path: &Path, role: Role, ticks: &Range<Tick>) -> anyhow::Result<Recording> {
+fn read(path: &Path, role: LinesRole, ticks: &Range<Tick>) -> anyhow::Result<PoseLines> {
     let file = std::fs::File::open(path).with_context(|| format!("opening {}", path.display()))?;
     let reader = std::io::BufReader::new(file);
-    Ok(Recording::read(
+    Ok(PoseLines::read(
         reader,
         path,
         role,

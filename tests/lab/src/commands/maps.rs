@@ -16,7 +16,7 @@ use farfield_sim::simulated::without_map_faults;
 
 use super::scene_argument::SceneArgument;
 use crate::in_process::InProcess;
-use crate::suite::run::{Plan, SceneRun};
+use crate::suite::run::{SceneRun, SceneRunPlan};
 use crate::suite::venue::Input;
 
 /// What `lab maps` is told.
@@ -44,9 +44,9 @@ pub(super) struct MapsArgs {
 }
 
 /// Writes down what passes.
-struct Tap(Arc<Mutex<BufWriter<File>>>);
+struct MapsTap(Arc<Mutex<BufWriter<File>>>);
 
-impl StandIn for Tap {
+impl StandIn for MapsTap {
     fn recode(&mut self, maps: &mut Maps) {
         let Ok(mut out) = self.0.lock() else { return };
         let head = [maps.width(), maps.height(), maps.keypoints()].map(|n| n as u8);
@@ -70,7 +70,7 @@ pub(super) fn write(args: &MapsArgs) -> Result<(), NodeError> {
     let file = Arc::new(Mutex::new(BufWriter::new(file)));
     let tap = {
         let file = Arc::clone(&file);
-        move || Box::new(Tap(Arc::clone(&file))) as Box<dyn StandIn>
+        move || Box::new(MapsTap(Arc::clone(&file))) as Box<dyn StandIn>
     };
     if let Some(venue) = &args.venue {
         run_venue(venue, args.ticks, &tap).map_err(NodeError::Failed)?;
@@ -87,9 +87,9 @@ pub(super) fn write(args: &MapsArgs) -> Result<(), NodeError> {
                 detector: None,
             };
         }
-        let plan = Plan {
+        let plan = SceneRunPlan {
             stand_in: Some(Arc::new(tap)),
-            ..Plan::default()
+            ..SceneRunPlan::default()
         };
         SceneRun::make(&Arc::new(scene), &input, plan).map_err(NodeError::Failed)?;
     }

@@ -45,12 +45,12 @@ use self::walk_venue::WalkVenueArgs;
 #[command(name = "lab", version)]
 struct Lab {
     #[command(subcommand)]
-    command: Command,
+    command: LabCommand,
 }
 
 /// One thing to do.
 #[derive(Debug, Subcommand)]
-enum Command {
+enum LabCommand {
     /// Run fixed scenes in this process and score them, beside plain triangulation.
     Suite(SuiteArgs),
     /// What maps cost on the wire against what they are worth: every quality of our codec beside what
@@ -89,19 +89,19 @@ pub fn main() -> ExitCode {
         return farfield::main();
     }
     let done = match Lab::parse().command {
-        Command::Suite(args) => suite::suite(&args),
-        Command::Bytes(args) => bytes::study(&args),
-        Command::Links(args) => links::links(&args),
-        Command::Soak(args) => soak::soak(&args),
-        Command::Budget(args) => budget::budget(&args),
-        Command::Delays(args) => delays::delays(&args),
-        Command::Render(args) => render::render(&args),
-        Command::Maps(args) => maps::write(&args),
-        Command::Codec(args) => codec::measure(&args),
-        Command::TrainingCrops(args) => training::crops::write(&args),
-        Command::TrainingFrames(args) => training::frames::write(&args),
-        Command::FuzzSeeds(args) => fuzz_seeds::write_seeds(&args),
-        Command::WalkVenue(args) => walk_venue::write(&args),
+        LabCommand::Suite(args) => suite::suite(&args),
+        LabCommand::Bytes(args) => bytes::study(&args),
+        LabCommand::Links(args) => links::links(&args),
+        LabCommand::Soak(args) => soak::soak(&args),
+        LabCommand::Budget(args) => budget::budget(&args),
+        LabCommand::Delays(args) => delays::delays(&args),
+        LabCommand::Render(args) => render::render(&args),
+        LabCommand::Maps(args) => maps::write(&args),
+        LabCommand::Codec(args) => codec::measure(&args),
+        LabCommand::TrainingCrops(args) => training::crops::write(&args),
+        LabCommand::TrainingFrames(args) => training::frames::write(&args),
+        LabCommand::FuzzSeeds(args) => fuzz_seeds::write_seeds(&args),
+        LabCommand::WalkVenue(args) => walk_venue::write(&args),
     };
     exit_code(done.map(|()| Ending::Done))
 }

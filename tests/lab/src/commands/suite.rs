@@ -5,11 +5,11 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use crate::suite::report::SceneReport;
-use crate::suite::report::bars::{Verdict, verdicts};
+use crate::suite::report::bars::{BarVerdict, verdicts};
 use crate::suite::report::limits::behind_limits;
 use crate::suite::report::overview::Overview;
-use crate::suite::scenes::{Named, choose};
-use crate::suite::studies::{Study, camera_choices, predictors};
+use crate::suite::scenes::{NamedScene, choose};
+use crate::suite::studies::{MethodStudy, camera_choices, predictors};
 use crate::suite::venue::Input;
 use anyhow::{Context as _, anyhow};
 use farfield_fusion::node::NodeError;
@@ -74,8 +74,8 @@ struct SuiteReport {
     /// That other scenes stand in or are left out, and why.
     note: Option<String>,
     scenes: Vec<SceneReport>,
-    studies: Vec<Study>,
-    bars: Vec<Verdict>,
+    studies: Vec<MethodStudy>,
+    bars: Vec<BarVerdict>,
     /// How sure the live poses of all scenes said they were, against their errors.
     calibration: UncertaintyCalibration,
     /// What is worse than the loose limits.
@@ -131,7 +131,7 @@ pub(crate) fn suite(args: &SuiteArgs) -> Result<(), NodeError> {
 fn run(
     args: &SuiteArgs,
     input: &Input,
-    scenes: Vec<Named>,
+    scenes: Vec<NamedScene>,
     note: Option<String>,
     say: &dyn Fn(&str) -> anyhow::Result<()>,
 ) -> anyhow::Result<SuiteReport> {
@@ -143,7 +143,7 @@ fn run(
         calibration: UncertaintyCalibration::default(),
         behind_limits: Vec::new(),
     };
-    for Named { name, scene } in scenes {
+    for NamedScene { name, scene } in scenes {
         let mut scene = scene;
         if let Some(seconds) = args.seconds {
             scene = scene.shortened(seconds);
@@ -186,7 +186,7 @@ fn run(
 }
 
 /// What is studied in a scene of this name, beside its figures.
-fn studies(name: &str, scene: Arc<Scene>) -> anyhow::Result<Vec<Study>> {
+fn studies(name: &str, scene: Arc<Scene>) -> anyhow::Result<Vec<MethodStudy>> {
     if name.ends_with("futsal") {
         return Ok(vec![camera_choices(name, &scene)?]);
     }
@@ -224,14 +224,14 @@ mod tests {
     use super::*;
 
     #[derive(Debug, clap::Parser)]
-    struct Line {
+    struct SuiteLine {
         #[command(flatten)]
         args: SuiteArgs,
     }
 
     fn parsed(words: &[&str]) -> Result<SuiteArgs, clap::Error> {
         let words = [&["suite"], words].concat();
-        <Line as clap::Parser>::try_parse_from(words).map(|line| line.args)
+        <SuiteLine as clap::Parser>::try_parse_from(words).map(|line| line.args)
     }
 
     #[test]

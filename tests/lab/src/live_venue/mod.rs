@@ -20,17 +20,17 @@ use farfield_proto::venue::Venue;
 use crate::namespaces::Namespaces;
 use crate::relay::UdpRelay;
 
-pub use self::node::Node;
+pub use self::node::NodeProcess;
 pub use self::vitals::Vitals;
-pub use self::watch::{Arrival, Seen, Watch, percentile};
+pub use self::watch::{PoseArrival, SeenVenue, VenueWatch, percentile};
 
 /// A venue, its relays and those of its nodes that run.
 #[derive(Debug)]
 pub struct LiveVenue {
     /// Fusion, while it runs.
-    pub fusion: Option<Node>,
+    pub fusion: Option<NodeProcess>,
     /// The edges by viewpoint, while they run.
-    pub edges: Vec<Option<Node>>,
+    pub edges: Vec<Option<NodeProcess>>,
     /// The link of every edge.
     pub relays: Vec<UdpRelay>,
     program: PathBuf,
@@ -91,8 +91,8 @@ impl LiveVenue {
     ///
     /// # Errors
     /// What Zenoh says.
-    pub fn watch(&self) -> anyhow::Result<Watch> {
-        Watch::open(&self.venue.name, &self.endpoint())
+    pub fn watch(&self) -> anyhow::Result<VenueWatch> {
+        VenueWatch::open(&self.venue.name, &self.endpoint())
     }
 
     /// From now on fusion is started as by hand or by systemd: it does not report, and has no parent that would
@@ -121,7 +121,7 @@ impl LiveVenue {
             command.args(["--listen", endpoint]);
         }
         command.args(more);
-        self.fusion = Some(Node::start("fusion", command)?);
+        self.fusion = Some(NodeProcess::start("fusion", command)?);
         Ok(())
     }
 
@@ -149,7 +149,7 @@ impl LiveVenue {
             .args(["--connect", &endpoint, "--ring"])
             .arg(self.venue_path.with_file_name("rings").join(&name))
             .args(more);
-        self.edges[i] = Some(Node::start(&name, command)?);
+        self.edges[i] = Some(NodeProcess::start(&name, command)?);
         Ok(())
     }
 
@@ -167,13 +167,13 @@ impl LiveVenue {
     }
 
     /// The nodes that were started and not killed.
-    pub fn nodes(&self) -> impl Iterator<Item = &Node> {
+    pub fn nodes(&self) -> impl Iterator<Item = &NodeProcess> {
         self.fusion.iter().chain(self.edges.iter().flatten())
     }
 
     /// What every node has said on its standard error, for whoever must say why a run went wrong.
     pub fn said(&self) -> String {
-        let said = |node: &Node| format!("--- {}\n{}", node.name(), node.said());
+        let said = |node: &NodeProcess| format!("--- {}\n{}", node.name(), node.said());
         self.nodes().map(said).collect()
     }
 }

@@ -18,15 +18,15 @@ const PAUSE: Duration = Duration::from_millis(10);
 
 /// A running node; killed when dropped.
 #[derive(Debug)]
-pub struct Node {
+pub struct NodeProcess {
     name: String,
     child: Child,
-    heard: Arc<Mutex<Heard>>,
+    heard: Arc<Mutex<NodeOutput>>,
 }
 
 /// What a node has said.
 #[derive(Debug, Default)]
-struct Heard {
+struct NodeOutput {
     /// The newest lines of its standard error.
     said: VecDeque<String>,
     /// The newest tick that it reported, and the persons at it.
@@ -35,7 +35,7 @@ struct Heard {
     ticks: u64,
 }
 
-impl Node {
+impl NodeProcess {
     /// Starts `command`, a managed node: it reports in JSON on its standard output and leaves when its
     /// standard input closes.
     ///
@@ -47,9 +47,9 @@ impl Node {
             .stdout(Stdio::piped())
             .stderr(Stdio::piped());
         let mut child = command.spawn()?;
-        let heard = Arc::new(Mutex::new(Heard::default()));
+        let heard = Arc::new(Mutex::new(NodeOutput::default()));
         if let Some(stderr) = child.stderr.take() {
-            listen(stderr, Arc::clone(&heard), Heard::said)?;
+            listen(stderr, Arc::clone(&heard), NodeOutput::said)?;
         }
         if let Some(stdout) = child.stdout.take() {
             listen(stdout, Arc::clone(&heard), |heard, line| {
@@ -123,13 +123,13 @@ impl Node {
         self.child.try_wait()
     }
 
-    fn heard(&self) -> MutexGuard<'_, Heard> {
+    fn heard(&self) -> MutexGuard<'_, NodeOutput> {
         // A panic elsewhere leaves whole lines behind.
         self.heard.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-impl Drop for Node {
+impl Drop for NodeProcess {
     fn drop(&mut self) {
         // Ended already when all went well.
         drop(self.child.kill());
@@ -137,7 +137,7 @@ impl Drop for Node {
     }
 }
 
-impl Heard {
+impl NodeOutput {
     fn said(&mut self, line: String) {
         if self.said.len() == KEPT_LINES {
             self.said.pop_front();
@@ -158,8 +158,8 @@ impl Heard {
 /// Reads lines until the other end closes.
 fn listen(
     from: impl Read + Send + 'static,
-    heard: Arc<Mutex<Heard>>,
-    take: impl Fn(&mut Heard, String) + Send + 'static,
+    heard: Arc<Mutex<NodeOutput>>,
+    take: impl Fn(&mut NodeOutput, String) + Send + 'static,
 ) -> io::Result<()> {
     let lines = BufReader::new(from).lines();
     let work = move || {
@@ -183,10 +183,10 @@ mod tests {
     /// Far above what a loaded machine takes to start a shell.
     const PATIENCE: Duration = Duration::from_mins(1);
 
-    fn shell(script: &str) -> Node {
+    fn shell(script: &str) -> NodeProcess {
         let mut command = Command::new("sh");
         command.args(["-c", script]);
-        Node::start("shell", command).unwrap()
+        NodeProcess::start("shell", command).unwrap()
     }
 
     #[test]

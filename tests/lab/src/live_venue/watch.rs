@@ -21,20 +21,20 @@ const MAX_KEYS: usize = 256;
 
 /// A session of its own that listens to all that is said in a venue, until it is dropped.
 #[derive(Debug)]
-pub struct Watch {
+pub struct VenueWatch {
     session: Session,
-    seen: Arc<Mutex<Seen>>,
+    seen: Arc<Mutex<SeenVenue>>,
 }
 
 /// What was heard so far.
 #[derive(Debug, Clone, Default)]
-pub struct Seen {
+pub struct SeenVenue {
     /// Pose sets.
     pub poses: u64,
     /// The newest of them.
     pub newest: Option<PoseSet>,
     /// When each arrived, and what of it is remembered.
-    pub arrivals: Vec<Arrival>,
+    pub arrivals: Vec<PoseArrival>,
     /// The newest status of every node.
     pub statuses: BTreeMap<String, Status>,
     /// The newest message of every key, at most `MAX_KEYS` of them.
@@ -43,7 +43,7 @@ pub struct Seen {
 
 /// The poses of one tick, as they arrived.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Arrival {
+pub struct PoseArrival {
     /// Fusion's life.
     pub session: SessionId,
     /// The tick.
@@ -54,7 +54,7 @@ pub struct Arrival {
     pub tracked: usize,
 }
 
-impl Seen {
+impl SeenVenue {
     /// How `node` runs live, as it said last.
     pub fn live(&self, node: &str) -> Option<&LiveStatus> {
         self.statuses.get(node)?.live.as_ref()
@@ -85,7 +85,7 @@ impl Seen {
             return Vec::new();
         };
         let arrivals = self.arrivals.iter().filter(|arrival| arrival.tick >= from);
-        let delay = |arrival: &Arrival| {
+        let delay = |arrival: &PoseArrival| {
             let captured_us = epoch_us as f64 + arrival.tick.seconds(rate_hz) * 1e6;
             (arrival.arrived_us as f64 - captured_us).max(0.0) as u64
         };
@@ -108,7 +108,7 @@ pub fn percentile(sorted: &[u64], share: f64) -> Option<u64> {
         .copied()
 }
 
-impl Watch {
+impl VenueWatch {
     /// Connects to the fusion of venue `name` at `endpoint`; waits until it is there, and finds it again
     /// when it was started anew.
     ///
@@ -116,7 +116,7 @@ impl Watch {
     /// What Zenoh says.
     pub fn open(name: &str, endpoint: &str) -> anyhow::Result<Self> {
         let session = session(endpoint)?;
-        let seen: Arc<Mutex<Seen>> = Arc::default();
+        let seen: Arc<Mutex<SeenVenue>> = Arc::default();
         let keys = Keys::new(name);
         let all = Arc::clone(&seen);
         subscribe(&session, keys.all(), move |key, bytes| {
@@ -143,7 +143,7 @@ impl Watch {
     }
 
     /// What was heard so far.
-    pub fn seen(&self) -> MutexGuard<'_, Seen> {
+    pub fn seen(&self) -> MutexGuard<'_, SeenVenue> {
         lock(&self.seen)
     }
 
@@ -156,11 +156,11 @@ impl Watch {
     }
 }
 
-impl Seen {
+impl SeenVenue {
     fn pose(&mut self, set: PoseSet, now_us: u64) {
         self.poses += 1;
         if self.arrivals.len() < MAX_ARRIVALS {
-            self.arrivals.push(Arrival {
+            self.arrivals.push(PoseArrival {
                 session: set.session,
                 tick: set.tick,
                 arrived_us: now_us,
@@ -204,7 +204,7 @@ fn subscribe(
     subscriber.background().wait().map_err(zenoh_error)
 }
 
-fn lock(seen: &Mutex<Seen>) -> MutexGuard<'_, Seen> {
+fn lock(seen: &Mutex<SeenVenue>) -> MutexGuard<'_, SeenVenue> {
     // A panic elsewhere leaves whole messages behind.
     seen.lock().unwrap_or_else(PoisonError::into_inner)
 }
@@ -242,8 +242,8 @@ mod tests {
         }
     }
 
-    fn arrival(tick: i64, arrived_us: u64) -> Arrival {
-        Arrival {
+    fn arrival(tick: i64, arrived_us: u64) -> PoseArrival {
+        PoseArrival {
             session: SessionId(1),
             tick: Tick(tick),
             arrived_us,
@@ -262,9 +262,9 @@ mod tests {
 
     #[test]
     fn a_delay_is_counted_from_the_capture() {
-        let mut seen = Seen {
+        let mut seen = SeenVenue {
             arrivals: vec![arrival(60, 6_030_000), arrival(120, 7_020_000)],
-            ..Seen::default()
+            ..SeenVenue::default()
         };
         assert!(seen.delays_us(60.0, Tick(0)).is_empty());
         let mut status = status_of("fusion");

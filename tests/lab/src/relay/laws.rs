@@ -5,12 +5,12 @@ use proptest::prelude::*;
 use super::*;
 
 /// Datagrams as they come: microseconds after the one before, bytes.
-type Traffic = Vec<(u64, usize)>;
+type Datagrams = Vec<(u64, usize)>;
 
 /// A datagram that has arrived: its number, when it came, when it arrived.
-type Arrival = (usize, u64, u64);
+type DatagramDelivery = (usize, u64, u64);
 
-fn traffic() -> impl Strategy<Value = Traffic> {
+fn traffic() -> impl Strategy<Value = Datagrams> {
     prop::collection::vec((0u64..30_000, 1usize..1400), 1..120)
 }
 
@@ -37,10 +37,10 @@ fn impairment() -> impl Strategy<Value = Impairment> {
 }
 
 /// Runs a link until nothing is on the way, and says what arrived.
-fn run(link: &mut Link<usize>, traffic: &Traffic) -> Vec<Arrival> {
+fn run(link: &mut RelayLink<usize>, traffic: &Datagrams) -> Vec<DatagramDelivery> {
     let mut came_us = Vec::new();
     let mut arrivals = Vec::new();
-    let mut deliver = |link: &mut Link<usize>, came_us: &[u64], until_us: u64| {
+    let mut deliver = |link: &mut RelayLink<usize>, came_us: &[u64], until_us: u64| {
         while let Some(due_us) = link.next_due_us().filter(|&due_us| due_us <= until_us) {
             let number = link.take(due_us).unwrap();
             arrivals.push((number, came_us[number], due_us));
@@ -57,8 +57,8 @@ fn run(link: &mut Link<usize>, traffic: &Traffic) -> Vec<Arrival> {
     arrivals
 }
 
-fn link(impairment: Impairment) -> Link<usize> {
-    Link::new(impairment, 7)
+fn link(impairment: Impairment) -> RelayLink<usize> {
+    RelayLink::new(impairment, 7)
 }
 
 proptest! {

@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 
-use super::meter::Meter;
+use super::meter::ByteMeter;
 
 /// Bytes of an IPv4 packet on Ethernet without its own header.
 const FRAGMENT_BYTES: usize = 1480;
@@ -16,7 +16,7 @@ const FRAGMENT_BYTES: usize = 1480;
 const HEADERS_BYTES: [usize; 2] = [20, 8];
 
 /// What a datagram of `payload` bytes takes on the way, with the headers of IPv4 and UDP, bytes. Rates,
-/// queues and counts of a [`Link`] are of this.
+/// queues and counts of a [`RelayLink`] are of this.
 pub fn on_the_wire(payload: usize) -> usize {
     let [ip, udp] = HEADERS_BYTES;
     let datagram = payload + udp;
@@ -63,9 +63,9 @@ impl Default for Impairment {
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Counts {
     /// What came to the link.
-    pub offered: Meter,
+    pub offered: ByteMeter,
     /// What left it, doubles among it.
-    pub delivered: Meter,
+    pub delivered: ByteMeter,
     /// Datagrams lost on the way.
     pub lost: u64,
     /// Datagrams for which the queue had no room.
@@ -84,7 +84,7 @@ pub struct Counts {
 
 /// One direction of a link, with its datagrams as items of any kind.
 #[derive(Debug)]
-pub struct Link<T> {
+pub struct RelayLink<T> {
     impairment: Impairment,
     rng: ChaCha8Rng,
     /// When the last datagram of the queue has left it, nanoseconds.
@@ -100,14 +100,14 @@ pub struct Link<T> {
 }
 
 /// What is drawn for one datagram: always all of it, so that no fault moves another.
-struct Draws {
+struct DatagramDraws {
     is_lost: bool,
     is_doubled: bool,
     is_held_back: bool,
     jitter_us: u64,
 }
 
-impl<T: Clone> Link<T> {
+impl<T: Clone> RelayLink<T> {
     /// A link with nothing on the way.
     pub fn new(impairment: Impairment, seed: u64) -> Self {
         Self {
@@ -206,7 +206,7 @@ impl<T: Clone> Link<T> {
         };
     }
 
-    fn draw(&mut self) -> Draws {
+    fn draw(&mut self) -> DatagramDraws {
         let Impairment {
             loss,
             duplicate,
@@ -215,7 +215,7 @@ impl<T: Clone> Link<T> {
             ..
         } = self.impairment;
         let [lost, doubled, held_back, late] = std::array::from_fn(|_| self.rng.random::<f64>());
-        Draws {
+        DatagramDraws {
             is_lost: lost < loss,
             is_doubled: doubled < duplicate,
             is_held_back: held_back < reorder,

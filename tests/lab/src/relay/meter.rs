@@ -2,12 +2,12 @@
 
 use std::collections::VecDeque;
 
-/// The window of [`Meter::peak_bytes_s`], microseconds.
+/// The window of [`ByteMeter::peak_bytes_s`], microseconds.
 const SECOND_US: u64 = 1_000_000;
 
 /// Counts bytes as they pass.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct Meter {
+pub struct ByteMeter {
     /// Number of datagrams.
     pub datagrams: u64,
     /// Their bytes.
@@ -19,7 +19,7 @@ pub struct Meter {
     in_window: u64,
 }
 
-impl Meter {
+impl ByteMeter {
     /// Counts a datagram of `bytes` at `now_us`, which never goes back. The second that ends with it
     /// holds what came after `now_us` less a second: a fullest second ends with a datagram, so none is
     /// missed.
@@ -63,7 +63,7 @@ mod tests {
 
     #[test]
     fn the_fullest_second_may_begin_anywhere() {
-        let mut meter = Meter::default();
+        let mut meter = ByteMeter::default();
         for (now_us, bytes) in [(0, 10), (900_000, 100), (1_100_000, 100), (1_899_999, 1)] {
             meter.count(now_us, bytes);
         }
@@ -79,7 +79,7 @@ mod tests {
         fn no_second_holds_more_than_the_peak(
             steps in prop::collection::vec((0u64..400_000, 1u64..2000), 1..60)
         ) {
-            let mut meter = Meter::default();
+            let mut meter = ByteMeter::default();
             let mut now_us = 0;
             let mut passed = Vec::new();
             for (step_us, bytes) in steps {

@@ -12,7 +12,7 @@ use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
 use super::clock::Clock;
-use super::{Counts, Impairment, Link};
+use super::{Counts, Impairment, RelayLink};
 
 /// Most clients; those beyond are not heard.
 const MAX_CLIENTS: usize = 256;
@@ -43,23 +43,23 @@ struct Outgoing {
 #[derive(Debug)]
 pub struct UdpRelay {
     address: SocketAddr,
-    shared: Arc<Shared>,
+    shared: Arc<RelayShared>,
     threads: Vec<JoinHandle<()>>,
 }
 
 #[derive(Debug)]
-struct Shared {
+struct RelayShared {
     clock: Clock,
     server: SocketAddr,
     /// Up, down.
-    links: Mutex<[Link<Outgoing>; 2]>,
+    links: Mutex<[RelayLink<Outgoing>; 2]>,
     /// Something was put on the way, or the relay ends.
     changed: Condvar,
     ended: AtomicBool,
 }
 
 impl UdpRelay {
-    /// Listens on `listen` (port 0: a free one) and forwards to `server`, both ways without fault.
+    /// Listens on `listen` (port 0: a free one) and forwards to `server`, in both directions without fault.
     ///
     /// # Errors
     /// The port cannot be had, or the system has no thread left.
@@ -67,10 +67,13 @@ impl UdpRelay {
         let socket = Arc::new(UdpSocket::bind(listen)?);
         socket.set_read_timeout(Some(PAUSE))?;
         let perfect = Impairment::default();
-        let shared = Arc::new(Shared {
+        let shared = Arc::new(RelayShared {
             clock: Clock::start(),
             server,
-            links: Mutex::new([Link::new(perfect, seed), Link::new(perfect, !seed)]),
+            links: Mutex::new([
+                RelayLink::new(perfect, seed),
+                RelayLink::new(perfect, !seed),
+            ]),
             changed: Condvar::new(),
             ended: AtomicBool::new(false),
         });
@@ -118,7 +121,7 @@ impl UdpRelay {
         self.shared.lock()[direction as usize].counts().clone()
     }
 
-    /// Begins to count anew, both ways.
+    /// Begins to count anew, in both directions.
     pub fn restart_counts(&self) {
         for link in self.shared.lock().iter_mut() {
             link.restart_counts();
@@ -143,8 +146,8 @@ impl Drop for UdpRelay {
     }
 }
 
-impl Shared {
-    fn lock(&self) -> MutexGuard<'_, [Link<Outgoing>; 2]> {
+impl RelayShared {
+    fn lock(&self) -> MutexGuard<'_, [RelayLink<Outgoing>; 2]> {
         // A panic elsewhere leaves whole links behind.
         self.links.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -177,7 +180,7 @@ impl Shared {
                 links = self.lock();
                 continue;
             }
-            let next_us = links.iter().filter_map(Link::next_due_us).min();
+            let next_us = links.iter().filter_map(RelayLink::next_due_us).min();
             let wait = next_us.map_or(PAUSE, |due_us| {
                 Duration::from_micros(due_us.saturating_sub(now_us)).min(PAUSE)
             });
@@ -190,7 +193,7 @@ impl Shared {
 }
 
 /// Thread: what clients send goes up.
-fn listen_to_clients(shared: &Arc<Shared>, socket: &Arc<UdpSocket>) {
+fn listen_to_clients(shared: &Arc<RelayShared>, socket: &Arc<UdpSocket>) {
     let mut clients: HashMap<SocketAddr, (Arc<UdpSocket>, JoinHandle<()>)> = HashMap::new();
     let mut buffer = vec![0; MAX_DATAGRAM];
     while !shared.has_ended() {
@@ -221,7 +224,7 @@ fn listen_to_clients(shared: &Arc<Shared>, socket: &Arc<UdpSocket>) {
 
 /// A socket towards the server for a new client, and the thread that brings the answers back.
 fn open_client(
-    shared: &Arc<Shared>,
+    shared: &Arc<RelayShared>,
     socket: &Arc<UdpSocket>,
     client: SocketAddr,
 ) -> io::Result<(Arc<UdpSocket>, JoinHandle<()>)> {

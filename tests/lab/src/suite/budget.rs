@@ -129,7 +129,7 @@ impl Budget {
             .collect();
         let mut of_keypoint = vec![Sums::default(); COCO17.len()];
         for (tick, person, stages) in run.matched_stages() {
-            let Some(moment) = Moment::at(run, tick, person) else {
+            let Some(moment) = TrueMoment::at(run, tick, person) else {
                 continue;
             };
             for (k, sums) in of_keypoint.iter_mut().enumerate() {
@@ -150,14 +150,14 @@ impl Budget {
 }
 
 /// The truth of one person at one tick.
-struct Moment {
+struct TrueMoment {
     joints_m: [Vector3<f64>; 17],
     sites_m: [Vector3<f64>; 17],
     velocity_m_s: [Vector3<f64>; 17],
     pelvis_from_world: nalgebra::Rotation3<f64>,
 }
 
-impl Moment {
+impl TrueMoment {
     fn at(run: &SceneRun, tick: Tick, person: usize) -> Option<Self> {
         let scene = &run.scene;
         let truth = |tick: Tick| scene.person_at(person, scene.time_s(tick));
@@ -183,7 +183,7 @@ impl Moment {
 impl Sums {
     fn add(
         &mut self,
-        truth: &Moment,
+        truth: &TrueMoment,
         (person, k): (usize, usize),
         found: Option<usize>,
         stages: &super::run::Stages,

@@ -10,7 +10,7 @@ use farfield_fusion::identity::track::Track;
 use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::Parameters;
-use farfield_score::lines::Recording;
+use farfield_score::lines::PoseLines;
 use farfield_score::lives::Lives;
 use farfield_score::points::PointSet;
 use farfield_score::{Scores, errors_over_time, matches_at, score};
@@ -19,7 +19,7 @@ use nalgebra::{Matrix3x4, Vector3};
 use super::baseline::PersonView;
 use super::people::bodies::{People, add_poses};
 use super::people::gaps;
-use super::people::presence::Presence;
+use super::people::presence::ScenePresence;
 use super::tee::tee;
 use super::traffic::Traffic;
 use super::venue::{Input, sources_of, venue_of};
@@ -30,7 +30,7 @@ use farfield_sim::scene::Scene;
 
 /// How a scene is run.
 #[derive(Clone, Default)]
-pub struct Plan {
+pub struct SceneRunPlan {
     /// The method's parameters.
     pub parameters: Parameters,
     /// Whether the peaks of every patch are kept, for the baseline.
@@ -47,7 +47,7 @@ pub struct Plan {
     pub stand_in: Option<Arc<dyn Fn() -> Box<dyn StandIn>>>,
 }
 
-impl Plan {
+impl SceneRunPlan {
     /// Runs with `parameters`, and keeps the poses alone.
     pub fn with(parameters: Parameters) -> Self {
         Self {
@@ -93,22 +93,22 @@ pub struct SceneRun {
     /// The scene.
     pub scene: Arc<Scene>,
     /// The true people, by number, while they can be asked for.
-    pub truth: Recording,
+    pub truth: PoseLines,
     /// The first tick of each in the truth.
     pub since: BTreeMap<u32, Tick>,
     /// What a live listener gets at each tick; here and in the files, poses of people who cannot be
     /// asked for are left out.
-    pub causal: Recording,
+    pub causal: PoseLines,
     /// What the files hold in the end: the same, with the tentative ticks of those who were
     /// confirmed later.
-    pub finished: Recording,
+    pub finished: PoseLines,
     /// What came out of the delay, where one was asked for.
-    pub smoothed: Recording,
+    pub smoothed: PoseLines,
     /// The keypoints of the maps.
     pub keypoints: KeypointSet,
     /// Per camera of the venue, world metres to homogeneous undistorted pixels.
     pub pixel_from_world: Vec<Matrix3x4<f64>>,
-    presence: Presence,
+    presence: ScenePresence,
     /// What the edges sent.
     pub traffic: Traffic,
     /// Per tick and id on the wire, what each camera showed; empty unless the plan keeps it.
@@ -122,7 +122,7 @@ pub struct SceneRun {
 /// A run under way.
 struct Running {
     nodes: InProcess,
-    plan: Plan,
+    plan: SceneRunPlan,
     reader: PeakReader,
     causal: People,
     finished: People,
@@ -134,7 +134,7 @@ struct Running {
 }
 
 impl Running {
-    fn new(nodes: InProcess, plan: Plan) -> Self {
+    fn new(nodes: InProcess, plan: SceneRunPlan) -> Self {
         Self {
             nodes,
             plan,
@@ -188,9 +188,9 @@ impl Running {
             add_poses(&mut self.smoothed, &poses, &keypoints);
         }
         let cameras = self.nodes.venue().cameras.iter();
-        let presence = Presence::of(scene);
+        let presence = ScenePresence::of(scene);
         let asked_for = |people| {
-            let poses = Recording::from_people(PointSet::Joints, people);
+            let poses = PoseLines::from_people(PointSet::Joints, people);
             presence.asked_for(&poses)
         };
         SceneRun {
@@ -216,7 +216,7 @@ impl SceneRun {
     ///
     /// # Errors
     /// When the network cannot be loaded or fails, or no thread is left to render with.
-    pub fn make(scene: &Arc<Scene>, input: &Input, plan: Plan) -> anyhow::Result<Self> {
+    pub fn make(scene: &Arc<Scene>, input: &Input, plan: SceneRunPlan) -> anyhow::Result<Self> {
         let [run] = Self::make_all(scene, input, [plan])?;
         Ok(run)
     }
@@ -228,7 +228,7 @@ impl SceneRun {
     pub fn make_all<const N: usize>(
         scene: &Arc<Scene>,
         input: &Input,
-        plans: [Plan; N],
+        plans: [SceneRunPlan; N],
     ) -> anyhow::Result<[Self; N]> {
         let mut sources: [Vec<Box<dyn FrameSource>>; N] = std::array::from_fn(|_| Vec::new());
         for source in sources_of(scene, input)? {
@@ -276,7 +276,7 @@ impl SceneRun {
 
     /// The truth from `found` on: until then a live listener has nobody yet. All of an actor that is
     /// not in `found`.
-    pub fn truth_since(&self, found: &BTreeMap<u32, Tick>) -> Recording {
+    pub fn truth_since(&self, found: &BTreeMap<u32, Tick>) -> PoseLines {
         let mut people = People::new();
         for tick in self.truth.ticks() {
             let there = self.truth.people_at(tick).into_iter().flatten();
@@ -287,11 +287,11 @@ impl SceneRun {
                 people.insert(tick, counts);
             }
         }
-        Recording::from_people(PointSet::Joints, people).whole()
+        PoseLines::from_people(PointSet::Joints, people).whole()
     }
 
     /// Scores `poses` against the truth since each actor was `found`; births against all of it.
-    pub fn score(&self, poses: &Recording, found: &BTreeMap<u32, Tick>) -> Scores {
+    pub fn score(&self, poses: &PoseLines, found: &BTreeMap<u32, Tick>) -> Scores {
         let (rate_hz, poses) = (Some(self.scene.rate_hz()), self.presence.asked_for(poses));
         Scores {
             lives: Lives::of(&poses, &self.truth, rate_hz),
@@ -303,7 +303,7 @@ impl SceneRun {
     /// [`Self::score`] for the same.
     pub fn gaps_to_answer_for(
         &self,
-        poses: &Recording,
+        poses: &PoseLines,
         found: &BTreeMap<u32, Tick>,
         scores: &Scores,
     ) -> BTreeSet<(Tick, u32)> {
@@ -315,7 +315,7 @@ impl SceneRun {
     /// `None` where no actor has a pose.
     pub fn errors_at(
         &self,
-        poses: &Recording,
+        poses: &PoseLines,
         found: &BTreeMap<u32, Tick>,
         counts: impl Fn(Tick) -> bool,
     ) -> Option<(f64, f64)> {

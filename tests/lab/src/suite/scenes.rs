@@ -25,14 +25,14 @@ pub struct Suite {
 }
 
 /// A fixed scene to which something is added.
-struct Variant {
+struct SceneVariant {
     name: &'static str,
     of: &'static str,
     /// TOML that is added to the file's.
     added: &'static str,
 }
 
-const VARIANTS: [Variant; 1] = [Variant {
+const VARIANTS: [SceneVariant; 1] = [SceneVariant {
     name: "futsal-lost",
     of: "futsal",
     added: include_str!("../../../scenes/lost-in-futsal.toml"),
@@ -72,7 +72,7 @@ const OWN: [&str; 8] = [
 ];
 
 /// A scene with its name, before it is changed by whoever runs it.
-pub struct Named {
+pub struct NamedScene {
     /// The file's name without its ending.
     pub name: String,
     /// The scene.
@@ -82,7 +82,7 @@ pub struct Named {
 /// The scenes that were asked for.
 pub struct Chosen {
     /// In the order asked.
-    pub scenes: Vec<Named>,
+    pub scenes: Vec<NamedScene>,
     /// What a reader of the figures must know: that other scenes stand in or are left out, and why.
     pub note: Option<String>,
 }
@@ -112,7 +112,7 @@ impl Chosen {
     /// Leaves out the scenes that pictures cannot show, those with mirrors, and says so in the note.
     pub fn leave_out_what_pictures_cannot_show(&mut self) {
         let mut left_out = Vec::new();
-        self.scenes.retain(|Named { name, scene }| {
+        self.scenes.retain(|NamedScene { name, scene }| {
             let is_shown = scene.mirrors().is_empty();
             if !is_shown {
                 left_out.push(name.clone());
@@ -135,10 +135,10 @@ impl Chosen {
 
 impl Suite {
     fn add(&self, root: &Path, chosen: &mut Chosen) -> anyhow::Result<()> {
-        let own = |name: &&str| -> anyhow::Result<Named> {
+        let own = |name: &&str| -> anyhow::Result<NamedScene> {
             let scene = embedded::scene(name)?;
             let name = format!("own {name}");
-            Ok(Named { name, scene })
+            Ok(NamedScene { name, scene })
         };
         for name in self.probes {
             chosen.scenes.push(own(name)?);
@@ -173,13 +173,13 @@ fn file_of(root: &Path, name: &str) -> (PathBuf, &'static str) {
     (file, added)
 }
 
-fn fixed(root: &Path, name: &str) -> anyhow::Result<Named> {
+fn fixed(root: &Path, name: &str) -> anyhow::Result<NamedScene> {
     let (file, added) = file_of(root, name);
     let text =
         std::fs::read_to_string(&file).with_context(|| format!("reading {}", file.display()))?;
     let text = format!("{text}\n{added}");
     let load = &mut |clip: &Path| Ok(Arc::new(Clip::load(clip)?));
-    Ok(Named {
+    Ok(NamedScene {
         name: name.to_owned(),
         scene: Scene::parse(&text, &file, load)?,
     })
@@ -197,7 +197,7 @@ fn missing_of(root: &Path, name: &str) -> Option<PathBuf> {
     missing.map(Path::to_owned)
 }
 
-fn one(name: &str) -> anyhow::Result<Named> {
+fn one(name: &str) -> anyhow::Result<NamedScene> {
     let path = Path::new(name);
     let suites = SUITES.map(|suite| suite.name).join(", ");
     if !path.exists() {
@@ -206,10 +206,10 @@ fn one(name: &str) -> anyhow::Result<Named> {
             format!("`{name}` is neither a suite ({suites}) nor a scene file that is there")
         })?;
         let name = format!("own {name}");
-        return Ok(Named { name, scene });
+        return Ok(NamedScene { name, scene });
     }
     let stem = path.file_stem().unwrap_or_default();
-    Ok(Named {
+    Ok(NamedScene {
         name: stem.to_string_lossy().into_owned(),
         scene: Scene::load(path)?,
     })

@@ -4,7 +4,7 @@ use std::fmt;
 
 use farfield_proto::tick::Tick;
 use farfield_score::MeanScore;
-use farfield_score::lines::Recording;
+use farfield_score::lines::PoseLines;
 
 use super::run::SceneRun;
 use crate::conditions::Cuts;
@@ -20,7 +20,7 @@ pub struct Worth {
 
 impl Worth {
     /// Scores `poses`, an output of `run`, whose fusion was cut off by `cuts`.
-    pub fn of(run: &SceneRun, poses: &Recording, cuts: Option<Cuts>) -> Self {
+    pub fn of(run: &SceneRun, poses: &PoseLines, cuts: Option<Cuts>) -> Self {
         let found = run.found();
         let in_cut = |tick: Tick| cuts.is_some_and(|cuts| cuts.holds(tick));
         Self {
@@ -60,7 +60,7 @@ mod tests {
 
     use super::*;
     use crate::suite::overrides::parameters;
-    use crate::suite::run::Plan;
+    use crate::suite::run::SceneRunPlan;
     use crate::suite::venue::Input;
     use farfield_sim::embedded;
 
@@ -71,21 +71,21 @@ mod tests {
         late: None,
     };
 
-    fn plan(delay_ms: f64) -> Plan {
-        Plan {
+    fn plan(delay_ms: f64) -> SceneRunPlan {
+        SceneRunPlan {
             cuts: Some(CUTS),
-            ..Plan::with(parameters(&format!("smoothing.delay_ms = {delay_ms:?}")).unwrap())
+            ..SceneRunPlan::with(parameters(&format!("smoothing.delay_ms = {delay_ms:?}")).unwrap())
         }
     }
 
-    fn run(scene: &str, seconds: f64, plans: [Plan; 3]) -> [SceneRun; 3] {
+    fn run(scene: &str, seconds: f64, plans: [SceneRunPlan; 3]) -> [SceneRun; 3] {
         let scene = embedded::scene(scene).unwrap().shortened(seconds);
         SceneRun::make_all(&Arc::new(scene), &Input::Maps, plans).unwrap()
     }
 
     #[test]
     fn a_delay_is_worth_its_while_and_two_passes_more() {
-        let two_passes = Plan {
+        let two_passes = SceneRunPlan {
             two_passes: true,
             ..plan(0.0)
         };
@@ -106,13 +106,13 @@ mod tests {
         }
         let first = |run: &SceneRun| run.smoothed.ticks().next();
         assert_eq!(first(&passes), passes.finished.ticks().next(), "births too");
-        let all = |poses: &Recording| poses.ticks().count();
+        let all = |poses: &PoseLines| poses.ticks().count();
         assert_eq!(all(&passes.smoothed), all(&passes.finished));
     }
 
     #[test]
     fn a_delay_that_is_longer_than_the_run_is_two_passes() {
-        let two_passes = Plan {
+        let two_passes = SceneRunPlan {
             two_passes: true,
             ..plan(0.0)
         };
@@ -123,7 +123,7 @@ mod tests {
 
     #[test]
     fn what_comes_late_makes_the_smoothed_output_better_and_changes_no_other() {
-        let late_by = |ticks| Plan {
+        let late_by = |ticks| SceneRunPlan {
             cuts: Some(Cuts {
                 late: Some(ticks),
                 ..CUTS

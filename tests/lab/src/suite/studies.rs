@@ -11,7 +11,7 @@ use farfield_proto::venue::Parameters;
 use farfield_proto::venue::parameters::{CameraChoice, PredictionParameters, Predictor};
 use serde::Serialize;
 
-use super::run::{Plan, SceneRun};
+use super::run::{SceneRun, SceneRunPlan};
 use super::venue::Input;
 use farfield_sim::scene::{SITE_JOINTS, Scene};
 
@@ -24,7 +24,7 @@ const LATTICE_STEP_M: f64 = 0.05;
 
 /// One variant of the method.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Variant {
+pub struct MethodVariant {
     /// What it is called.
     pub name: String,
     /// Mean error over actors, millimetres, live, since they were found.
@@ -51,11 +51,11 @@ pub struct Variant {
 
 /// Variants side by side.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Study {
+pub struct MethodStudy {
     /// What is compared, and in which scene.
     pub name: String,
     /// The variants.
-    pub variants: Vec<Variant>,
+    pub variants: Vec<MethodVariant>,
 }
 
 /// The paper's predictor, eq. (3), against ours in `scene` at the scene's rate and at half of it, each
@@ -63,20 +63,20 @@ pub struct Study {
 ///
 /// # Errors
 /// As [`SceneRun::make`], and when somebody else still holds the scene.
-pub fn predictors(name: &str, scene: Arc<Scene>) -> anyhow::Result<Study> {
+pub fn predictors(name: &str, scene: Arc<Scene>) -> anyhow::Result<MethodStudy> {
     let mut variants = Vec::new();
     compare_predictors(&scene, &mut variants)?;
     let half_hz = scene.rate_hz() / 2.0;
     let scene = Arc::into_inner(scene).context("the scene is still in use")?;
     compare_predictors(&Arc::new(scene.with_rate(half_hz)), &mut variants)?;
     let name = format!("predictor in {name}");
-    Ok(Study { name, variants })
+    Ok(MethodStudy { name, variants })
 }
 
-fn compare_predictors(scene: &Arc<Scene>, variants: &mut Vec<Variant>) -> anyhow::Result<()> {
-    let with_stages = Plan {
+fn compare_predictors(scene: &Arc<Scene>, variants: &mut Vec<MethodVariant>) -> anyhow::Result<()> {
+    let with_stages = SceneRunPlan {
         keep_stages: true,
-        ..Plan::default()
+        ..SceneRunPlan::default()
     };
     let tracked = SceneRun::make(scene, &Input::Maps, with_stages)?;
     for (called, predictor) in [
@@ -144,7 +144,7 @@ impl PredictionErrors {
 ///
 /// # Errors
 /// As [`SceneRun::make`].
-pub fn camera_choices(name: &str, scene: &Arc<Scene>) -> anyhow::Result<Study> {
+pub fn camera_choices(name: &str, scene: &Arc<Scene>) -> anyhow::Result<MethodStudy> {
     let with = |choice| {
         let mut parameters = Parameters::default();
         parameters.boxes.camera_choice = choice;
@@ -158,25 +158,28 @@ pub fn camera_choices(name: &str, scene: &Arc<Scene>) -> anyhow::Result<Study> {
         ],
     )?;
     let name = format!("camera choice in {name}");
-    Ok(Study { name, variants })
+    Ok(MethodStudy { name, variants })
 }
 
 /// Runs `scene` with both parameters, over the same maps.
-fn compare(scene: &Arc<Scene>, named: [(&str, Parameters); 2]) -> anyhow::Result<Vec<Variant>> {
+fn compare(
+    scene: &Arc<Scene>,
+    named: [(&str, Parameters); 2],
+) -> anyhow::Result<Vec<MethodVariant>> {
     let lattices_m = named.each_ref().map(|(_, p)| p.lattice.half_width_m);
     let names = named.each_ref().map(|(name, _)| *name);
-    let plans = named.map(|(_, parameters)| Plan::with(parameters));
+    let plans = named.map(|(_, parameters)| SceneRunPlan::with(parameters));
     let runs = SceneRun::make_all(scene, &Input::Maps, plans)?;
     let runs = names.into_iter().zip(runs).zip(lattices_m);
     Ok(runs
-        .map(|((name, run), half_width_m)| Variant {
+        .map(|((name, run), half_width_m)| MethodVariant {
             lattice_mm: 1000.0 * half_width_m,
-            ..Variant::of(name, &run)
+            ..MethodVariant::of(name, &run)
         })
         .collect())
 }
 
-impl Variant {
+impl MethodVariant {
     fn of(name: &str, run: &SceneRun) -> Self {
         let found = run.found();
         let scores = run.score(&run.causal, &found);
@@ -195,7 +198,7 @@ impl Variant {
     }
 }
 
-impl fmt::Display for Study {
+impl fmt::Display for MethodStudy {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,

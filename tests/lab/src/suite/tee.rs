@@ -6,14 +6,14 @@ use std::sync::{Arc, Mutex, PoisonError};
 use farfield_edge::source::{Frame, FrameSource, SourceError};
 
 /// The source, and the frames that each run has not taken yet.
-struct Shared {
+struct SharedSource {
     source: Box<dyn FrameSource>,
     waiting: Vec<VecDeque<Option<Frame>>>,
 }
 
 /// One run's view of a shared source.
 struct Branch {
-    shared: Arc<Mutex<Shared>>,
+    shared: Arc<Mutex<SharedSource>>,
     index: usize,
 }
 
@@ -21,7 +21,7 @@ struct Branch {
 /// in memory: runs go in step. An error is told to whoever asked first; nothing follows it.
 pub fn tee(source: Box<dyn FrameSource>, n: usize) -> Vec<Box<dyn FrameSource>> {
     let waiting = (0..n).map(|_| VecDeque::new()).collect();
-    let shared = Arc::new(Mutex::new(Shared { source, waiting }));
+    let shared = Arc::new(Mutex::new(SharedSource { source, waiting }));
     (0..n)
         .map(|index| {
             let shared = Arc::clone(&shared);

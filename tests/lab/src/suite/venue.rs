@@ -14,7 +14,7 @@ use farfield_proto::venue::{
     VenueCamera, VenueHash, Viewpoint,
 };
 
-use farfield_sim::faults::Crowd;
+use farfield_sim::faults::SceneCrowd;
 use farfield_sim::scene::Scene;
 use farfield_sim::simulated::SimulatedSource;
 
@@ -111,7 +111,7 @@ pub fn sources_of(
     scene: &Arc<Scene>,
     input: &Input,
 ) -> Result<Vec<Box<dyn FrameSource>>, SourceError> {
-    let crowd = Arc::new(Crowd::new(Arc::clone(scene)));
+    let crowd = Arc::new(SceneCrowd::new(Arc::clone(scene)));
     let cameras = scene.viewpoints().iter().flat_map(|v| &v.cameras);
     cameras
         .map(|&camera| {

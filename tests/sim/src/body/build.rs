@@ -22,7 +22,7 @@ pub enum Hair {
 
 /// What is printed on the shirt.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Pattern {
+pub enum ShirtPattern {
     /// Nothing.
     Plain,
     /// Rings around the body.
@@ -57,7 +57,7 @@ pub struct Build {
     /// Shirt, its main and its second colour.
     pub shirt_colors: [Color; 2],
     /// What is printed on the shirt.
-    pub pattern: Pattern,
+    pub pattern: ShirtPattern,
     /// Number on the back and, smaller, the chest.
     pub number: Option<u8>,
     /// Trousers.
@@ -126,12 +126,12 @@ impl Build {
             hair_color: srgb(HAIR[rng.random_range(0..HAIR.len())]),
             shirt_colors: [shirt, cloth(&mut rng)],
             pattern: match rng.random_range(0..100) {
-                0..45 => Pattern::Plain,
-                45..57 => Pattern::Hoops,
-                57..70 => Pattern::Stripes,
-                70..78 => Pattern::Halves,
-                78..90 => Pattern::Sleeves,
-                _ => Pattern::Band,
+                0..45 => ShirtPattern::Plain,
+                45..57 => ShirtPattern::Hoops,
+                57..70 => ShirtPattern::Stripes,
+                70..78 => ShirtPattern::Halves,
+                78..90 => ShirtPattern::Sleeves,
+                _ => ShirtPattern::Band,
             },
             number: rng.random_bool(0.55).then(|| rng.random_range(1..100)),
             trousers_color: if rng.random_bool(0.15) {

@@ -8,7 +8,7 @@ use super::axes::across;
 /// Which part of the body a cone belongs to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[expect(missing_docs, reason = "the names are the documentation")]
-pub enum Part {
+pub enum BodyPart {
     Pelvis,
     Abdomen,
     Chest,
@@ -43,7 +43,7 @@ pub enum Part {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Cone {
     /// Which part of the body.
-    pub part: Part,
+    pub part: BodyPart,
     /// What the two ends are on the scale of sleeves and trousers, see
     /// [`Build::sleeves`](super::Build::sleeves).
     pub along: [f64; 2],
@@ -63,14 +63,14 @@ pub struct Cone {
 
 impl Cone {
     /// A round one between two ends, world metres.
-    pub fn round(part: Part, ends_m: [Vector3<f64>; 2], radii_m: [f64; 2]) -> Self {
+    pub fn round(part: BodyPart, ends_m: [Vector3<f64>; 2], radii_m: [f64; 2]) -> Self {
         Self::squashed(part, ends_m, radii_m, Vector3::x(), 1.0)
     }
 
     /// One between two ends whose thickness along `flat` (world, made square to the axis) is
     /// `share` (0 to 1) of `radii_m`.
     pub fn squashed(
-        part: Part,
+        part: BodyPart,
         ends_m: [Vector3<f64>; 2],
         radii_m: [f64; 2],
         flat: Vector3<f64>,
@@ -95,7 +95,7 @@ impl Cone {
 
     /// An ellipsoid: centre in world metres, unit axes as columns, half-lengths along them.
     pub fn ellipsoid(
-        part: Part,
+        part: BodyPart,
         center_m: Vector3<f64>,
         axes: &Matrix3<f64>,
         halves_m: [f64; 3],
@@ -185,7 +185,7 @@ mod tests {
     #[test]
     fn a_line_enters_where_the_balls_begin() {
         let cone = Cone::squashed(
-            Part::Thing,
+            BodyPart::Thing,
             [Vector3::new(0.1, 0.2, 0.3), Vector3::new(0.5, -0.1, 0.9)],
             [0.2, 0.1],
             Vector3::new(1.0, 2.0, 0.0),
@@ -221,7 +221,7 @@ mod tests {
     #[test]
     fn an_ellipsoid_is_as_long_as_its_halves() {
         let egg = Cone::ellipsoid(
-            Part::Head,
+            BodyPart::Head,
             Vector3::new(0.0, 0.0, 1.0),
             &Matrix3::identity(),
             [0.3, 0.2, 0.1],

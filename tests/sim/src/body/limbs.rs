@@ -6,18 +6,18 @@ use nalgebra::Vector3;
 
 use super::axes::{TrunkAxes, across};
 use super::build::Build;
-use super::cone::{Cone, Part};
+use super::cone::{BodyPart, Cone};
 
 /// The joints and parts of one arm.
 struct Arm {
     joints: [Joint; 4],
-    parts: [Part; 3],
+    parts: [BodyPart; 3],
 }
 
 /// The joints and parts of one leg.
-struct Leg {
+struct LegParts {
     joints: [Joint; 5],
-    parts: [Part; 3],
+    parts: [BodyPart; 3],
 }
 
 fn arm_of(side: Side) -> Arm {
@@ -29,7 +29,11 @@ fn arm_of(side: Side) -> Arm {
                 Joint::LeftWrist,
                 Joint::LeftHand,
             ],
-            parts: [Part::LeftUpperArm, Part::LeftForearm, Part::LeftHand],
+            parts: [
+                BodyPart::LeftUpperArm,
+                BodyPart::LeftForearm,
+                BodyPart::LeftHand,
+            ],
         },
         Side::Right => Arm {
             joints: [
@@ -38,14 +42,18 @@ fn arm_of(side: Side) -> Arm {
                 Joint::RightWrist,
                 Joint::RightHand,
             ],
-            parts: [Part::RightUpperArm, Part::RightForearm, Part::RightHand],
+            parts: [
+                BodyPart::RightUpperArm,
+                BodyPart::RightForearm,
+                BodyPart::RightHand,
+            ],
         },
     }
 }
 
-fn leg_of(side: Side) -> Leg {
+fn leg_of(side: Side) -> LegParts {
     match side {
-        Side::Left => Leg {
+        Side::Left => LegParts {
             joints: [
                 Joint::LeftHip,
                 Joint::LeftKnee,
@@ -53,9 +61,9 @@ fn leg_of(side: Side) -> Leg {
                 Joint::LeftHeel,
                 Joint::LeftToe,
             ],
-            parts: [Part::LeftThigh, Part::LeftShank, Part::LeftFoot],
+            parts: [BodyPart::LeftThigh, BodyPart::LeftShank, BodyPart::LeftFoot],
         },
-        Side::Right => Leg {
+        Side::Right => LegParts {
             joints: [
                 Joint::RightHip,
                 Joint::RightKnee,
@@ -63,7 +71,11 @@ fn leg_of(side: Side) -> Leg {
                 Joint::RightHeel,
                 Joint::RightToe,
             ],
-            parts: [Part::RightThigh, Part::RightShank, Part::RightFoot],
+            parts: [
+                BodyPart::RightThigh,
+                BodyPart::RightShank,
+                BodyPart::RightFoot,
+            ],
         },
     }
 }
@@ -159,7 +171,7 @@ pub(super) fn add_leg(
     axes: &TrunkAxes,
     side: Side,
 ) {
-    let Leg {
+    let LegParts {
         joints: names,
         parts,
     } = leg_of(side);
@@ -172,7 +184,7 @@ pub(super) fn add_leg(
     let seat = hip + out + back * (0.011 * h);
     let thigh = knee - hip;
     cones.push(Cone::round(
-        Part::Pelvis,
+        BodyPart::Pelvis,
         [seat, seat + thigh * 0.1],
         [0.0475 * g * build.hips, 0.0465 * g],
     ));
@@ -203,7 +215,7 @@ pub(super) fn add_leg(
     add_foot(cones, parts[2], [ankle, heel, toe], h);
 }
 
-fn add_foot(cones: &mut Vec<Cone>, part: Part, [ankle, heel, toe]: [Vector3<f64>; 3], h: f64) {
+fn add_foot(cones: &mut Vec<Cone>, part: BodyPart, [ankle, heel, toe]: [Vector3<f64>; 3], h: f64) {
     let along = (toe - heel).try_normalize(1e-6).unwrap_or_else(Vector3::x);
     let up = across(ankle - heel, &along);
     let heel_ball = heel + (along * 0.021 + up * 0.014) * h;

@@ -11,8 +11,8 @@ mod limbs;
 mod trunk;
 mod volume;
 
-pub use build::{Build, Color, Hair, Pattern};
-pub use cone::{Cone, Part};
+pub use build::{Build, Color, Hair, ShirtPattern};
+pub use cone::{BodyPart, Cone};
 pub use volume::Volume;
 
 #[cfg(test)]

@@ -8,7 +8,7 @@ use nalgebra::Vector3;
 
 use super::axes::TrunkAxes;
 use super::build::{Build, Hair};
-use super::cone::{Cone, Part};
+use super::cone::{BodyPart, Cone};
 
 /// Adds the cones of the trunk.
 pub(super) fn add(cones: &mut Vec<Cone>, joints: &Joints, axes: &TrunkAxes, build: &Build) {
@@ -21,7 +21,7 @@ pub(super) fn add(cones: &mut Vec<Cone>, joints: &Joints, axes: &TrunkAxes, buil
     let hips = at(Joint::Pelvis) + (up * 0.004 - forward * 0.004) * h;
     let half = left * (0.036 * h * build.hips);
     cones.push(Cone::squashed(
-        Part::Pelvis,
+        BodyPart::Pelvis,
         [hips - half, hips + half],
         [0.063 * h * g; 2],
         forward,
@@ -33,7 +33,7 @@ pub(super) fn add(cones: &mut Vec<Cone>, joints: &Joints, axes: &TrunkAxes, buil
         + (at(Joint::Neck) - at(Joint::Pelvis)) * 0.36
         + chest_forward * (0.006 * h);
     cones.push(Cone::squashed(
-        Part::Abdomen,
+        BodyPart::Abdomen,
         [at(Joint::Pelvis) + up * (0.03 * h), waist],
         [0.084 * h * g * build.hips, 0.077 * h * g],
         forward + chest_forward,
@@ -41,7 +41,7 @@ pub(super) fn add(cones: &mut Vec<Cone>, joints: &Joints, axes: &TrunkAxes, buil
     ));
     let bust = at(Joint::Neck) - chest_up * (0.087 * h) + chest_forward * (0.012 * h);
     cones.push(Cone::squashed(
-        Part::Chest,
+        BodyPart::Chest,
         [waist, bust],
         [0.077 * h * g, 0.087 * h * build.chest * (0.5 + 0.5 * g)],
         chest_forward,
@@ -51,7 +51,7 @@ pub(super) fn add(cones: &mut Vec<Cone>, joints: &Joints, axes: &TrunkAxes, buil
     for shoulder in [Joint::LeftShoulder, Joint::RightShoulder] {
         let end = at(shoulder) - chest_up * (0.006 * h);
         cones.push(Cone::round(
-            Part::Girdle,
+            BodyPart::Girdle,
             [root, end],
             [0.038 * h, 0.0285 * h * (0.5 + 0.5 * g)],
         ));
@@ -67,7 +67,7 @@ fn add_head(cones: &mut Vec<Cone>, joints: &Joints, axes: &TrunkAxes, build: &Bu
     let head = (at(Joint::LeftEar) + at(Joint::RightEar)) / 2.0;
     let place = |f: f64, l: f64, u: f64| head + (forward * f + left * l + up * u) * h;
     cones.push(Cone::round(
-        Part::Neck,
+        BodyPart::Neck,
         [
             at(Joint::Neck) + chest_forward * (0.008 * h),
             place(-0.004, 0.0, -0.022),
@@ -76,19 +76,19 @@ fn add_head(cones: &mut Vec<Cone>, joints: &Joints, axes: &TrunkAxes, build: &Bu
     ));
     let skull = [0.053 * h, 0.0435 * h, 0.064 * h];
     cones.push(Cone::ellipsoid(
-        Part::Head,
+        BodyPart::Head,
         place(0.002, 0.0, 0.014),
         &axes.head,
         skull,
     ));
     cones.push(Cone::round(
-        Part::Head,
+        BodyPart::Head,
         [place(0.018, 0.0, -0.008), place(0.034, 0.0, -0.046)],
         [0.036 * h, 0.0175 * h],
     ));
     let nose = at(Joint::Nose);
     cones.push(Cone::round(
-        Part::Head,
+        BodyPart::Head,
         [
             nose + (up * 0.018 - forward * 0.010) * h,
             nose + (forward * 0.001 - up * 0.003) * h,
@@ -97,14 +97,14 @@ fn add_head(cones: &mut Vec<Cone>, joints: &Joints, axes: &TrunkAxes, build: &Bu
     ));
     for (ear, side) in [(Joint::LeftEar, 1.0), (Joint::RightEar, -1.0)] {
         cones.push(Cone::ellipsoid(
-            Part::Head,
+            BodyPart::Head,
             at(ear) + left * (side * 0.001 * h),
             &axes.head,
             [0.011 * h, 0.006 * h, 0.018 * h],
         ));
     }
     let hair = |center: Vector3<f64>, halves: [f64; 3]| {
-        Cone::ellipsoid(Part::Hair, center, &axes.head, halves.map(|v| v * h))
+        Cone::ellipsoid(BodyPart::Hair, center, &axes.head, halves.map(|v| v * h))
     };
     if build.hair == Hair::Bald {
         return;
@@ -115,7 +115,7 @@ fn add_head(cones: &mut Vec<Cone>, joints: &Joints, axes: &TrunkAxes, build: &Bu
             cones.push(hair(place(-0.022, 0.0, -0.022), [0.036, 0.048, 0.068]));
         }
         Hair::Tail => cones.push(Cone::round(
-            Part::Hair,
+            BodyPart::Hair,
             [place(-0.066, 0.0, 0.030), place(-0.085, 0.0, -0.040)],
             [0.017 * h, 0.011 * h],
         )),

@@ -6,7 +6,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::axes::TrunkAxes;
 use super::build::Build;
-use super::cone::{Cone, Part};
+use super::cone::{BodyPart, Cone};
 use super::{limbs, trunk};
 
 /// A point this close behind a surface is still on it, metres.
@@ -116,8 +116,8 @@ fn is_clear_of(
 
 /// How deep below the surface of `part` the body's own keypoint may lie and still be seen, metres;
 /// infinite for the parts around it.
-fn own_depth_m(keypoint: usize, part: Part) -> f64 {
-    use Part::{
+fn own_depth_m(keypoint: usize, part: BodyPart) -> f64 {
+    use BodyPart::{
         Abdomen, Chest, Girdle, Hair, Head, LeftFoot, LeftForearm, LeftHand, LeftShank, LeftThigh,
         LeftUpperArm, Neck, Pelvis, RightFoot, RightForearm, RightHand, RightShank, RightThigh,
         RightUpperArm,

@@ -25,11 +25,11 @@ pub(super) struct Bodies<'a> {
     subjects: &'a [Option<Subject>],
     standpoint: Option<&'a Standpoint>,
     /// The nearest pelvis first.
-    balls: Vec<Ball>,
+    balls: Vec<BoundingBall>,
 }
 
 /// A ball around a body, as a cone of sight.
-struct Ball {
+struct BoundingBall {
     person: usize,
     /// Unit vector to its centre.
     direction: Vector3<f64>,
@@ -57,7 +57,7 @@ impl<'a> Bodies<'a> {
                 let sin = radius_m / distance_m;
                 (sin, (1.0 - sin * sin).sqrt())
             });
-            Some(Ball {
+            Some(BoundingBall {
                 person,
                 direction: sight / distance_m.max(1e-9),
                 distance_m,
@@ -66,7 +66,7 @@ impl<'a> Bodies<'a> {
                 half_angle,
             })
         };
-        let mut balls: Vec<Ball> = subjects.iter().enumerate().filter_map(ball).collect();
+        let mut balls: Vec<BoundingBall> = subjects.iter().enumerate().filter_map(ball).collect();
         balls.sort_by(|a, b| a.pelvis_m.total_cmp(&b.pelvis_m));
         Self {
             eye_m,
@@ -115,7 +115,7 @@ impl<'a> Bodies<'a> {
     }
 }
 
-impl Ball {
+impl BoundingBall {
     /// Whether a line of sight to some point of `other` can meet this ball before it.
     fn may_cover(&self, other: &Self) -> bool {
         let (Some((sin_a, cos_a)), Some((sin_b, cos_b))) = (self.half_angle, other.half_angle)

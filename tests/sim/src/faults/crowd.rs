@@ -16,7 +16,7 @@ const MOMENTS: usize = 8;
 
 /// What it is that looks like a person.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Figure {
+pub(super) enum FigureKind {
     /// A person.
     Body,
     /// What this mirror of the scene shows of a person.
@@ -28,7 +28,7 @@ pub(super) enum Figure {
 /// One person, or what looks like one, at one moment, world metres.
 #[derive(Debug, Clone)]
 pub(super) struct Subject {
-    pub(super) figure: Figure,
+    pub(super) figure: FigureKind,
     /// The viewpoints that see it, unless something stands in between.
     pub(super) seen_by: ViewpointMask,
     pub(super) stature_m: f64,
@@ -47,7 +47,7 @@ impl Subject {
 
     fn of(truth: &PersonTruth, stature_m: f64, volume: Volume) -> Self {
         Self {
-            figure: Figure::Body,
+            figure: FigureKind::Body,
             seen_by: ViewpointMask::MAX,
             stature_m,
             torso_m: truth.joint_m(Joint::Pelvis),
@@ -60,21 +60,21 @@ impl Subject {
 
 /// Everybody at one moment: one entry per person of the scene, then one per mirror and person, then
 /// one per poster; `None` for who is not there.
-type Moment = Arc<[Option<Subject>]>;
+type SubjectsAtTime = Arc<[Option<Subject>]>;
 
 /// The people of a scene, whose bodies are made once for all cameras that ask for the same moment.
 ///
 /// Answers never depend on what was asked before; only the time that they take does.
 #[derive(Debug)]
-pub struct Crowd {
+pub struct SceneCrowd {
     scene: Arc<Scene>,
     builds: Vec<Build>,
     posters: Vec<Subject>,
     /// The moments asked for last, by their time in seconds (as bits).
-    recent: Mutex<VecDeque<(u64, Moment)>>,
+    recent: Mutex<VecDeque<(u64, SubjectsAtTime)>>,
 }
 
-impl Crowd {
+impl SceneCrowd {
     /// The people of `scene`.
     pub fn new(scene: Arc<Scene>) -> Self {
         let people = scene.people().iter();
@@ -82,7 +82,7 @@ impl Crowd {
         let posters = scene.posters().iter().enumerate().map(|(index, poster)| {
             let build = Build::from_seed(poster.stature_m, poster.build_seed);
             Subject {
-                figure: Figure::Poster(index),
+                figure: FigureKind::Poster(index),
                 ..Subject::of(&poster.printed(), poster.stature_m, poster.volume(&build))
             }
         });
@@ -106,7 +106,7 @@ impl Crowd {
 
     /// Everybody at `time_s`. Whoever else asks for a moment meanwhile waits: it is the same one in
     /// a run, and is made only once.
-    pub(super) fn at(&self, time_s: f64) -> Moment {
+    pub(super) fn at(&self, time_s: f64) -> SubjectsAtTime {
         // A panic elsewhere leaves whole moments behind.
         let mut recent = self.recent.lock().unwrap_or_else(PoisonError::into_inner);
         let key = time_s.to_bits();
@@ -121,7 +121,7 @@ impl Crowd {
         moment
     }
 
-    fn moment(&self, time_s: f64) -> Moment {
+    fn moment(&self, time_s: f64) -> SubjectsAtTime {
         let people = 0..self.builds.len();
         let truths: Vec<Option<PersonTruth>> = people
             .map(|person| self.scene.person_at(person, time_s))
@@ -138,7 +138,7 @@ impl Crowd {
                 let before = before.filter(|t| mirror.is_before(&t.joint_m(Joint::Pelvis)))?;
                 let seen = mirror.reflected_person(before);
                 Some(Subject {
-                    figure: Figure::Reflection(index),
+                    figure: FigureKind::Reflection(index),
                     seen_by: self.scene.seen_by(person, time_s),
                     ..Subject::new(&seen, &self.builds[person])
                 })

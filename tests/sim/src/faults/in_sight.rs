@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use nalgebra::Vector3;
 
-use super::crowd::{Figure, Subject};
+use super::crowd::{FigureKind, Subject};
 use crate::scene::Scene;
 
 /// A camera among the mirrors and posters of its scene.
@@ -35,9 +35,9 @@ impl Standpoint {
     /// Whether anything of `subject` can be seen from here at all.
     pub(super) fn faces(&self, subject: &Subject) -> bool {
         let to_all = match subject.figure {
-            Figure::Body => true,
-            Figure::Reflection(mirror) => self.scene.mirrors()[mirror].is_before(&self.eye_m),
-            Figure::Poster(poster) => self.scene.posters()[poster].is_before(&self.eye_m),
+            FigureKind::Body => true,
+            FigureKind::Reflection(mirror) => self.scene.mirrors()[mirror].is_before(&self.eye_m),
+            FigureKind::Poster(poster) => self.scene.posters()[poster].is_before(&self.eye_m),
         };
         to_all && subject.seen_by & (1 << self.viewpoint) != 0
     }
@@ -46,7 +46,7 @@ impl Standpoint {
     pub(super) fn reaches(&self, subject: &Subject, point_m: &Vector3<f64>) -> bool {
         let mut mirrors = self.scene.mirrors().iter().enumerate();
         mirrors.all(|(index, mirror)| {
-            let in_its_glass = subject.figure == Figure::Reflection(index);
+            let in_its_glass = subject.figure == FigureKind::Reflection(index);
             mirror.is_between(&self.eye_m, point_m) == in_its_glass
         })
     }
@@ -59,9 +59,9 @@ impl Standpoint {
             return false;
         }
         match (other.figure, subject.figure) {
-            (Figure::Reflection(a), Figure::Reflection(b)) => a == b,
-            (Figure::Reflection(_), _) => false,
-            (_, Figure::Reflection(mirror)) => {
+            (FigureKind::Reflection(a), FigureKind::Reflection(b)) => a == b,
+            (FigureKind::Reflection(_), _) => false,
+            (_, FigureKind::Reflection(mirror)) => {
                 self.scene.mirrors()[mirror].is_before(&other.torso_m)
             }
             _ => true,
@@ -76,8 +76,8 @@ mod tests {
     use farfield_edge::source::MapPainter as _;
     use farfield_proto::tick::Tick;
 
-    use super::super::observe::{Observation, Seen};
-    use super::super::{Crowd, MapFaults};
+    use super::super::observe::{ImagedPerson, MapObservation};
+    use super::super::{MapFaults, SceneCrowd};
     use super::*;
     use crate::embedded_files::CLIPS;
     use crate::motion::Clip;
@@ -96,15 +96,15 @@ mod tests {
     }
 
     /// What the camera of a viewpoint shows at `time_s`.
-    fn observed(scene: &Arc<Scene>, viewpoint: &str, time_s: f64) -> Observation {
-        let crowd = Arc::new(Crowd::new(Arc::clone(scene)));
+    fn observed(scene: &Arc<Scene>, viewpoint: &str, time_s: f64) -> MapObservation {
+        let crowd = Arc::new(SceneCrowd::new(Arc::clone(scene)));
         let names = scene.viewpoints().iter();
         let found = names.clone().find(|v| v.name == viewpoint).unwrap();
         let tick = Tick((time_s * 60.0).round() as i64);
         MapFaults::of(crowd, found.cameras[0]).observe(tick)
     }
 
-    fn of_figure(observation: &Observation, person: usize) -> Option<&Seen> {
+    fn of_figure(observation: &MapObservation, person: usize) -> Option<&ImagedPerson> {
         observation.people.iter().find(|seen| seen.person == person)
     }
 
@@ -155,7 +155,7 @@ mod tests {
         let behind = of_figure(&seen, 0).unwrap().keypoints;
         assert!(behind.iter().any(|keypoint| !keypoint.in_the_open));
         let again = observed(&scene, "south-west", 3.0);
-        let places = |seen: &Observation| of_figure(seen, 1).unwrap().keypoints;
+        let places = |seen: &MapObservation| of_figure(seen, 1).unwrap().keypoints;
         assert_eq!(places(&seen), places(&again), "it does not move");
         assert!(of_figure(&observed(&scene, "north-east", 0.0), 1).is_none());
     }

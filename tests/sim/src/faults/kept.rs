@@ -6,7 +6,7 @@ use farfield_proto::camera::CameraModel;
 use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
-use super::observe::{Evidence, Observation, Peak, Seen};
+use super::observe::{ImagedPerson, KeypointPeaks, MapObservation, MapPeak};
 use super::streams::N_KEYPOINTS;
 
 /// Highest peak that is read: a mirrored one may be higher than the true one, which is at most 1.
@@ -15,7 +15,7 @@ const MAX_HEIGHT: f32 = 16.0;
 /// What one camera's maps hold at one tick, apart from the camera. Places are f32: what is painted
 /// from it differs from the original by at most a step of a cell's value here and there.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct KeptObservation {
+pub struct KeptMapObservation {
     people: Vec<KeptPerson>,
     noise: f32,
     noise_key: u64,
@@ -41,9 +41,9 @@ struct KeptEvidence {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 struct KeptPeak([f32; 3]);
 
-impl KeptObservation {
+impl KeptMapObservation {
     /// What is kept of `observation`.
-    pub fn new(observation: &Observation) -> Self {
+    pub fn new(observation: &MapObservation) -> Self {
         Self {
             people: observation.people.iter().map(KeptPerson::new).collect(),
             noise: observation.noise as f32,
@@ -72,12 +72,12 @@ impl KeptObservation {
         &self,
         camera: &Arc<CameraModel>,
         capture_offset_us: i32,
-    ) -> Result<Observation, &'static str> {
+    ) -> Result<MapObservation, &'static str> {
         if !(0.0..=1.0).contains(&self.noise) {
             return Err("noise outside 0 to 1");
         }
         let people: Result<_, _> = self.people.iter().map(KeptPerson::restore).collect();
-        Ok(Observation {
+        Ok(MapObservation {
             camera: Arc::clone(camera),
             capture_offset_us,
             people: people?,
@@ -88,7 +88,7 @@ impl KeptObservation {
 }
 
 impl KeptPerson {
-    fn new(seen: &Seen) -> Self {
+    fn new(seen: &ImagedPerson) -> Self {
         Self {
             person: seen.person as u16,
             torso_px: kept_px(seen.torso_px),
@@ -102,18 +102,18 @@ impl KeptPerson {
         }
     }
 
-    fn restore(&self) -> Result<Seen, &'static str> {
-        let mut keypoints = [Evidence::default(); N_KEYPOINTS];
+    fn restore(&self) -> Result<ImagedPerson, &'static str> {
+        let mut keypoints = [KeypointPeaks::default(); N_KEYPOINTS];
         for (evidence, kept) in keypoints.iter_mut().zip(&self.keypoints) {
             let restore = |peak: Option<KeptPeak>| peak.map(KeptPeak::restore).transpose();
-            *evidence = Evidence {
+            *evidence = KeypointPeaks {
                 own: restore(kept.own)?,
                 mirrored: restore(kept.mirrored)?,
                 leaked: restore(kept.leaked)?,
                 in_the_open: kept.in_the_open,
             };
         }
-        Ok(Seen {
+        Ok(ImagedPerson {
             person: usize::from(self.person),
             torso_px: restored_px(self.torso_px)?,
             neck_px: restored_px(self.neck_px)?,
@@ -123,17 +123,17 @@ impl KeptPerson {
 }
 
 impl KeptPeak {
-    fn new(peak: Peak) -> Self {
+    fn new(peak: MapPeak) -> Self {
         let [x, y] = kept_px(peak.at_px);
         Self([x, y, peak.height as f32])
     }
 
-    fn restore(self) -> Result<Peak, &'static str> {
+    fn restore(self) -> Result<MapPeak, &'static str> {
         let [x, y, height] = self.0;
         if !(0.0..=MAX_HEIGHT).contains(&height) {
             return Err("a peak of an impossible height");
         }
-        Ok(Peak {
+        Ok(MapPeak {
             at_px: restored_px([x, y])?,
             height: f64::from(height),
         })

@@ -3,7 +3,7 @@
 //!
 //! [`MapFaults`] is what one camera's network would say. At every tick the keypoints of everybody in
 //! the image are projected, the bodies that cover them are found ([`crate::body::Volume::covers`]),
-//! and the faults of the scene's [`FaultProfile`](crate::fault_profile::FaultProfile) added; each [`Observation`] then paints the maps of
+//! and the faults of the scene's [`FaultProfile`](crate::fault_profile::FaultProfile) added; each [`MapObservation`] then paints the maps of
 //! any crop. What mirrors and posters show is painted as people are, though nobody is there. Every draw comes from the scene's seed, so that two runs make the same maps.
 
 mod cover;
@@ -22,14 +22,14 @@ use self::in_sight::Standpoint;
 use self::observe::CameraFaults;
 use crate::scene::Scene;
 
-pub use crowd::Crowd;
-pub use kept::KeptObservation;
-pub use observe::Observation;
+pub use crowd::SceneCrowd;
+pub use kept::KeptMapObservation;
+pub use observe::MapObservation;
 
 /// The maps of one camera of a scene, tick after tick.
 #[derive(Debug)]
 pub struct MapFaults {
-    crowd: Arc<Crowd>,
+    crowd: Arc<SceneCrowd>,
     camera: CameraFaults,
 }
 
@@ -39,7 +39,7 @@ impl MapFaults {
     /// # Panics
     /// When the scene has no such camera.
     pub fn new(scene: Arc<Scene>, camera: usize) -> Self {
-        Self::of(Arc::new(Crowd::new(scene)), camera)
+        Self::of(Arc::new(SceneCrowd::new(scene)), camera)
     }
 
     /// The same, for cameras that share their people: bodies are the larger part of the work, and
@@ -47,7 +47,7 @@ impl MapFaults {
     ///
     /// # Panics
     /// When the scene has no such camera.
-    pub fn of(crowd: Arc<Crowd>, camera: usize) -> Self {
+    pub fn of(crowd: Arc<SceneCrowd>, camera: usize) -> Self {
         let scene = crowd.scene();
         let camera = CameraFaults::new(
             scene.cameras()[camera].clone(),
@@ -71,7 +71,7 @@ impl MapFaults {
     ///
     /// Any order of ticks gives the same answers. Forwards it costs the draws of the ticks between,
     /// backwards those from tick 0.
-    pub fn observe(&mut self, tick: Tick) -> Observation {
+    pub fn observe(&mut self, tick: Tick) -> MapObservation {
         let rate_hz = self.crowd.scene().rate_hz();
         let time_s = tick.seconds(rate_hz) + f64::from(self.capture_offset_us()) * 1e-6;
         self.observe_at(tick, time_s)
@@ -79,7 +79,7 @@ impl MapFaults {
 
     /// As [`Self::observe`], of people as they are at `time_s` of the scene: for recordings in which
     /// its time does not run as the ticks do. Errors are those of `tick`.
-    pub fn observe_at(&mut self, tick: Tick, time_s: f64) -> Observation {
+    pub fn observe_at(&mut self, tick: Tick, time_s: f64) -> MapObservation {
         let people = self.crowd.at(time_s);
         self.camera.observe(tick.0.max(0).unsigned_abs(), &people)
     }

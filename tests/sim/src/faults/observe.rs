@@ -15,9 +15,11 @@ use nalgebra::{Vector2, Vector3};
 use rand::RngExt as _;
 
 use super::cover::{Bodies, Cover};
-use super::crowd::{Figure, Subject};
+use super::crowd::{FigureKind, Subject};
 use super::in_sight::Standpoint;
-use super::streams::{Draws, Fault, KeypointStreams, N_KEYPOINTS, Owner, stream};
+use super::streams::{
+    DrawnFault, KeypointDraws, KeypointStreams, N_KEYPOINTS, StreamOwner, stream,
+};
 use crate::fault_profile::FaultProfile;
 
 /// COCO's OKS constants, in COCO's order.
@@ -51,11 +53,11 @@ pub(super) struct CameraFaults {
 
 /// What one camera's maps hold at one tick.
 #[derive(Debug, Clone)]
-pub struct Observation {
+pub struct MapObservation {
     pub(super) camera: Arc<CameraModel>,
     pub(super) capture_offset_us: i32,
     /// Those of whom anything is in the image.
-    pub(super) people: Vec<Seen>,
+    pub(super) people: Vec<ImagedPerson>,
     /// Highest noise, 0 to 1.
     pub(super) noise: f64,
     /// Different for every seed, camera and tick.
@@ -64,38 +66,38 @@ pub struct Observation {
 
 /// One person in one image.
 #[derive(Debug, Clone)]
-pub(super) struct Seen {
+pub(super) struct ImagedPerson {
     /// Number in the scene.
     pub(super) person: usize,
     /// Pelvis and neck without any error, undistorted pixels.
     pub(super) torso_px: Vector2<f64>,
     pub(super) neck_px: Vector2<f64>,
-    pub(super) keypoints: [Evidence; N_KEYPOINTS],
+    pub(super) keypoints: [KeypointPeaks; N_KEYPOINTS],
 }
 
 /// The peaks in one keypoint's map.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub(super) struct Evidence {
+pub(super) struct KeypointPeaks {
     /// Where the keypoint is, more or less.
-    pub(super) own: Option<Peak>,
+    pub(super) own: Option<MapPeak>,
     /// Where the opposite limb's is.
-    pub(super) mirrored: Option<Peak>,
+    pub(super) mirrored: Option<MapPeak>,
     /// Where that of whoever stands before it is; in the maps of crops that hold it.
-    pub(super) leaked: Option<Peak>,
+    pub(super) leaked: Option<MapPeak>,
     /// Whether it is in the image and no other body covers it.
     pub(super) in_the_open: bool,
 }
 
 /// A peak.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Peak {
+pub(super) struct MapPeak {
     /// Undistorted pixels.
     pub(super) at_px: Vector2<f64>,
     /// 1 where nothing is wrong.
     pub(super) height: f64,
 }
 
-impl Observation {
+impl MapObservation {
     /// When the picture was taken, microseconds after the tick's time.
     pub fn capture_offset_us(&self) -> i32 {
         self.capture_offset_us
@@ -114,8 +116,8 @@ impl Observation {
 }
 
 /// A person as the camera meets them.
-struct View {
-    figure: Figure,
+struct PersonInView {
+    figure: FigureKind,
     /// Undistorted pixels.
     torso_px: Vector2<f64>,
     neck_px: Vector2<f64>,
@@ -145,11 +147,11 @@ impl CameraFaults {
             streams: Vec::with_capacity(n_people),
         };
         if faults.profile.free_running {
-            let owner = Owner {
+            let owner = StreamOwner {
                 camera: faults.index,
-                ..Owner::default()
+                ..StreamOwner::default()
             };
-            let share = stream(seed, Fault::Timing, owner).random::<f64>() - 0.5;
+            let share = stream(seed, DrawnFault::Timing, owner).random::<f64>() - 0.5;
             faults.capture_offset_us = (share / rate_hz * 1e6).round() as i32;
         }
         faults.restart(n_people);
@@ -167,7 +169,7 @@ impl CameraFaults {
         self.streams.clear();
         let person = |person| {
             let keypoint = |keypoint| {
-                let owner = Owner {
+                let owner = StreamOwner {
                     camera: self.index,
                     person,
                     keypoint,
@@ -198,17 +200,17 @@ impl CameraFaults {
     ///
     /// Cost: what [`crate::body::Volume::covers`] costs for every keypoint in the image and every
     /// person.
-    pub(super) fn observe(&mut self, tick: u64, subjects: &[Option<Subject>]) -> Observation {
+    pub(super) fn observe(&mut self, tick: u64, subjects: &[Option<Subject>]) -> MapObservation {
         self.go_to(tick);
         let eye_m = self.camera.center().coordinates_m().coords;
         let bodies = Bodies::new(eye_m, subjects, self.standpoint.as_ref());
-        let views: Vec<Option<View>> = (0..subjects.len())
+        let views: Vec<Option<PersonInView>> = (0..subjects.len())
             .map(|person| self.view(person, subjects[person].as_ref()?, &bodies))
             .collect();
         let people = (0..views.len())
             .filter_map(|person| self.seen(person, &views))
             .collect();
-        Observation {
+        MapObservation {
             camera: Arc::clone(&self.camera),
             capture_offset_us: self.capture_offset_us,
             people,
@@ -225,7 +227,7 @@ impl CameraFaults {
 
     /// How the camera meets somebody, and where it finds their keypoints; `None` where none of them
     /// is in the image, or pelvis and neck lie behind the camera.
-    fn view(&self, person: usize, subject: &Subject, bodies: &Bodies<'_>) -> Option<View> {
+    fn view(&self, person: usize, subject: &Subject, bodies: &Bodies<'_>) -> Option<PersonInView> {
         let at = self.standpoint.as_ref();
         if at.is_some_and(|at| !at.faces(subject)) {
             return None;
@@ -239,7 +241,7 @@ impl CameraFaults {
         sites_px.iter().flatten().next()?;
         let torso_px = project(&subject.torso_m).map(|px| px.vector_px());
         let neck_px = project(&subject.neck_m).map(|px| px.vector_px());
-        let mut view = View {
+        let mut view = PersonInView {
             figure: subject.figure,
             torso_px: torso_px.or(neck_px)?,
             neck_px: neck_px.or(torso_px)?,
@@ -259,7 +261,7 @@ impl CameraFaults {
     }
 
     /// The error of a keypoint in the image plane, in `sigma_k s`.
-    fn error(&self, draws: &Draws, covered: bool) -> Vector2<f64> {
+    fn error(&self, draws: &KeypointDraws, covered: bool) -> Vector2<f64> {
         let factor = match self.profile.hidden {
             Some(hidden) if covered => hidden.bias_factor,
             _ => 1.0,
@@ -281,24 +283,24 @@ impl CameraFaults {
     }
 
     /// The peaks of one person; `None` where nothing of them is in the image.
-    fn seen(&self, person: usize, views: &[Option<View>]) -> Option<Seen> {
+    fn seen(&self, person: usize, views: &[Option<PersonInView>]) -> Option<ImagedPerson> {
         let view = views[person].as_ref()?;
         let nobody = nobody_beside(view, views);
-        let mut keypoints = [Evidence::default(); N_KEYPOINTS];
+        let mut keypoints = [KeypointPeaks::default(); N_KEYPOINTS];
         for (k, evidence) in keypoints.iter_mut().enumerate() {
             if let Some(at_px) = view.found_px[k] {
                 let draws = self.streams[person][k].draws();
                 *evidence = self.evidence(k, at_px, &draws, (view, views));
                 let shown = nobody.filter(|_| draws.leaks && evidence.in_the_open);
                 if let Some((leak, nobody)) = self.profile.leak.zip(shown) {
-                    evidence.leaked = nobody.in_the_open(k).map(|at_px| Peak {
+                    evidence.leaked = nobody.in_the_open(k).map(|at_px| MapPeak {
                         at_px,
                         height: leak.height,
                     });
                 }
             }
         }
-        Some(Seen {
+        Some(ImagedPerson {
             person,
             torso_px: view.torso_px,
             neck_px: view.neck_px,
@@ -311,9 +313,9 @@ impl CameraFaults {
         &self,
         k: usize,
         at_px: Vector2<f64>,
-        draws: &Draws,
-        (view, views): (&View, &[Option<View>]),
-    ) -> Evidence {
+        draws: &KeypointDraws,
+        (view, views): (&PersonInView, &[Option<PersonInView>]),
+    ) -> KeypointPeaks {
         let Cover { by_other, .. } = view.covered[k];
         let hidden = self.profile.hidden.filter(|_| view.covered[k].any());
         let leak = self.profile.leak.filter(|_| by_other.is_some());
@@ -323,8 +325,8 @@ impl CameraFaults {
             _ => Some(leak.map_or(1.0, |leak| leak.own_height)),
         };
         let height = height.filter(|_| !draws.missing);
-        let peak = |at_px, height| Peak { at_px, height };
-        Evidence {
+        let peak = |at_px, height| MapPeak { at_px, height };
+        KeypointPeaks {
             own: height.map(|height| peak(at_px, height)),
             mirrored: height.zip(draws.mirror).and_then(|(height, share)| {
                 let at_px = view.found_px[super::opposite(k)?]?;
@@ -339,7 +341,7 @@ impl CameraFaults {
     }
 }
 
-impl View {
+impl PersonInView {
     /// Where keypoint `k` is found, if no other body covers it.
     fn in_the_open(&self, k: usize) -> Option<Vector2<f64>> {
         self.found_px[k].filter(|_| self.covered[k].by_other.is_none())
@@ -347,12 +349,18 @@ impl View {
 }
 
 /// The reflection or poster that is seen nearest to the person of `view`.
-fn nobody_beside<'a>(view: &View, views: &'a [Option<View>]) -> Option<&'a View> {
-    if view.figure != Figure::Body {
+fn nobody_beside<'a>(
+    view: &PersonInView,
+    views: &'a [Option<PersonInView>],
+) -> Option<&'a PersonInView> {
+    if view.figure != FigureKind::Body {
         return None;
     }
-    let apart_px = |other: &View| (other.torso_px - view.torso_px).norm();
-    let shown = views.iter().flatten().filter(|v| v.figure != Figure::Body);
+    let apart_px = |other: &PersonInView| (other.torso_px - view.torso_px).norm();
+    let shown = views
+        .iter()
+        .flatten()
+        .filter(|v| v.figure != FigureKind::Body);
     shown.min_by(|a, b| apart_px(a).total_cmp(&apart_px(b)))
 }
 

@@ -6,7 +6,9 @@ use farfield_proto::grid::CellGrid;
 use farfield_proto::patch::{MAX_SIDE, Maps};
 use nalgebra::Vector2;
 
-use super::observe::{Evidence, LEAST_KEYPOINTS, Observation, Peak, Seen, mixed};
+use super::observe::{
+    ImagedPerson, KeypointPeaks, LEAST_KEYPOINTS, MapObservation, MapPeak, mixed,
+};
 use super::streams::N_KEYPOINTS;
 
 /// By what the box around a found person's keypoints is grown to become a detector's crop.
@@ -20,10 +22,10 @@ const HALF_STEP: f64 = 0.5 / 255.0;
 /// whose projected pelvis and neck together lie nearest to the box's projected torso and neck, among
 /// those who have one of the two inside the crop. A crop with nobody in it holds noise alone: other
 /// people show only where they leak into somebody's maps.
-impl MapPainter for Observation {
+impl MapPainter for MapObservation {
     fn paint(&self, crop: &MapCrop<'_>, into: &mut Maps) {
         let owner = self.owner(crop);
-        let mut painter = Painter {
+        let mut painter = MapBrush {
             sigma: crop.sigma_cells,
             noise: self.noise,
             floor: crop.floor,
@@ -66,20 +68,21 @@ impl MapPainter for Observation {
     }
 }
 
-impl Observation {
-    fn owner(&self, crop: &MapCrop<'_>) -> Option<&Seen> {
+impl MapObservation {
+    fn owner(&self, crop: &MapCrop<'_>) -> Option<&ImagedPerson> {
         let [torso_px, neck_px] = [crop.region.torso_px, crop.region.neck_px]
             .map(|[x, y]| Vector2::new(f64::from(x), f64::from(y)));
         let inside = |px| is_inside(crop.grid, cell_of(crop.grid, px));
-        let distance =
-            |seen: &Seen| (seen.torso_px - torso_px).norm() + (seen.neck_px - neck_px).norm();
+        let distance = |seen: &ImagedPerson| {
+            (seen.torso_px - torso_px).norm() + (seen.neck_px - neck_px).norm()
+        };
         self.people
             .iter()
             .filter(|seen| inside(seen.torso_px) || inside(seen.neck_px))
             .min_by(|a, b| distance(a).total_cmp(&distance(b)))
     }
 
-    fn sighting(&self, seen: &Seen) -> Option<Vec<Option<KeypointCandidate>>> {
+    fn sighting(&self, seen: &ImagedPerson) -> Option<Vec<Option<KeypointCandidate>>> {
         let open = seen.keypoints.iter().filter(|e| e.in_the_open);
         if open.count() < LEAST_KEYPOINTS {
             return None;
@@ -89,11 +92,11 @@ impl Observation {
         let first = around.next()?;
         let (min, max) = around.fold(first, |(a, b), (p, q)| (a.inf(&p), b.sup(&q)));
         let (center, reach) = ((min + max) / 2.0, (max - min) * (DETECTION_MARGIN / 2.0));
-        let inside = |peak: &Peak| {
+        let inside = |peak: &MapPeak| {
             let from_center = (peak.at_px - center).abs();
             from_center.x <= reach.x && from_center.y <= reach.y
         };
-        let candidate = |evidence: &Evidence| {
+        let candidate = |evidence: &KeypointPeaks| {
             let leaked = evidence.leaked.filter(inside);
             let peaks = [evidence.own, evidence.mirrored, leaked];
             let best = peaks.into_iter().flatten();
@@ -126,7 +129,7 @@ fn quantized(value: f32) -> u8 {
 }
 
 /// Draws into one map.
-struct Painter {
+struct MapBrush {
     /// Cells.
     sigma: f64,
     /// Highest noise, 0 to 1.
@@ -137,7 +140,7 @@ struct Painter {
     key: u64,
 }
 
-impl Painter {
+impl MapBrush {
     /// The noise of a cell, 0 to [`Self::noise`].
     fn noise_at(&self, cell: usize) -> f32 {
         // The upper 24 bits are exact in f32.
@@ -213,13 +216,13 @@ mod tests {
     use crate::fault_profile::{FaultProfile, Leak};
 
     /// The crop of a box around somebody, with cells of 6 pixels.
-    struct Crop {
+    struct TestCrop {
         region: CameraBox,
         grid: CellGrid,
         camera: CameraModel,
     }
 
-    impl Crop {
+    impl TestCrop {
         fn of(subject: &Subject) -> Self {
             let [torso_px, neck_px] = [&subject.torso_m, &subject.neck_m].map(projected);
             let f = |p: Vector2<f64>| [p.x as f32, p.y as f32];
@@ -246,7 +249,7 @@ mod tests {
             }
         }
 
-        fn painted(&self, observation: &Observation, floor: u8) -> Maps {
+        fn painted(&self, observation: &MapObservation, floor: u8) -> Maps {
             let mut maps = Maps::new(48, 64, 17);
             let crop = MapCrop {
                 region: &self.region,
@@ -263,7 +266,7 @@ mod tests {
     #[test]
     fn a_peak_is_a_gaussian_of_the_sources_sigma() {
         let subject = standing(0.0, 0.0);
-        let crop = Crop::of(&subject);
+        let crop = TestCrop::of(&subject);
         let site_m = subject.sites_m[LEFT_KNEE];
         let observation = faults(&FaultProfile::none(), 1).observe(0, &all([subject]));
         let maps = crop.painted(&observation, 0);
@@ -281,7 +284,7 @@ mod tests {
         let subjects = [standing(0.0, 0.0), standing(0.0, 0.6)];
         let observation = faults(&FaultProfile::none(), 2).observe(0, &all(subjects.clone()));
         for (i, subject) in subjects.iter().enumerate() {
-            let crop = Crop::of(subject);
+            let crop = TestCrop::of(subject);
             let maps = crop.painted(&observation, 15);
             for (k, evidence) in observation.people[i].keypoints.iter().enumerate() {
                 let px = evidence.own.unwrap().at_px;
@@ -301,7 +304,7 @@ mod tests {
     fn a_crop_without_anybody_holds_noise_alone() {
         let observation =
             faults(&FaultProfile::standard(), 1).observe(0, &all([standing(0.0, 0.0)]));
-        let empty = Crop::of(&standing(0.0, 2.0));
+        let empty = TestCrop::of(&standing(0.0, 2.0));
         let maps = empty.painted(&observation, 0);
         let mut counts = [0u32; 6];
         for k in 0..17 {
@@ -322,7 +325,7 @@ mod tests {
     #[test]
     fn leaving_out_what_the_floor_drops_changes_nothing_else() {
         let behind = standing(0.0, 0.0);
-        let crop = Crop::of(&behind);
+        let crop = TestCrop::of(&behind);
         let subjects = all([behind, standing(-1.0, 0.05)]);
         let mut faults = faults(&FaultProfile::standard(), 2);
         for tick in 0..60 {
@@ -343,7 +346,7 @@ mod tests {
     fn a_leak_outside_the_crop_is_not_painted() {
         // The nearer one's ankles are below the crop of the farther one.
         let behind = standing(0.0, 0.0);
-        let crop = Crop::of(&behind);
+        let crop = TestCrop::of(&behind);
         let subjects = all([behind, standing(-3.5, 0.0)]);
         let profile = FaultProfile {
             leak: Some(Leak {

@@ -16,7 +16,7 @@ pub(super) const N_KEYPOINTS: usize = 17;
 
 /// What is drawn. The numbers are part of every seed's meaning; a scene's own draws lie below.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Fault {
+pub(super) enum DrawnFault {
     Bias = 16,
     Jitter = 17,
     Mirror = 18,
@@ -28,14 +28,14 @@ pub(super) enum Fault {
 
 /// Who a stream belongs to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub(super) struct Owner {
+pub(super) struct StreamOwner {
     pub(super) camera: u16,
     pub(super) person: u16,
     pub(super) keypoint: u16,
 }
 
 /// The stream of `fault` for `owner`.
-pub(super) fn stream(seed: u64, fault: Fault, owner: Owner) -> ChaCha8Rng {
+pub(super) fn stream(seed: u64, fault: DrawnFault, owner: StreamOwner) -> ChaCha8Rng {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let parts = [fault as u16, owner.camera, owner.person, owner.keypoint];
     rng.set_stream(parts.iter().fold(0, |id, &part| id << 16 | u64::from(part)));
@@ -181,7 +181,7 @@ fn geometric(rng: &mut ChaCha8Rng, chance: f64) -> u64 {
 /// What is drawn for one keypoint of one person in one camera at one tick, before anybody asks
 /// where it is or what covers it.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub(super) struct Draws {
+pub(super) struct KeypointDraws {
     /// Bias and jitter, of 2D RMS 1.
     pub(super) bias: [f64; 2],
     pub(super) jitter: [f64; 2],
@@ -208,14 +208,14 @@ pub(super) struct KeypointStreams {
 
 impl KeypointStreams {
     /// At tick 0, for ticks of `rate_hz`.
-    pub(super) fn new(profile: &FaultProfile, rate_hz: f64, seed: u64, owner: Owner) -> Self {
+    pub(super) fn new(profile: &FaultProfile, rate_hz: f64, seed: u64, owner: StreamOwner) -> Self {
         let rng = |fault| stream(seed, fault, owner);
         Self {
             bias: profile
                 .bias
-                .map(|f| Drift::new(rng(Fault::Bias), f.time_constant_s * rate_hz)),
+                .map(|f| Drift::new(rng(DrawnFault::Bias), f.time_constant_s * rate_hz)),
             jitter: profile.jitter.map(|_| {
-                let mut rng = rng(Fault::Jitter);
+                let mut rng = rng(DrawnFault::Jitter);
                 let value = normal_2d(&mut rng);
                 (rng, value)
             }),
@@ -223,20 +223,20 @@ impl KeypointStreams {
                 .mirror
                 .filter(|_| super::opposite(owner.keypoint.into()).is_some())
                 .map(|f| {
-                    let bursts = Bursts::new(rng(Fault::Mirror), f.share, f.burst_s * rate_hz);
+                    let bursts = Bursts::new(rng(DrawnFault::Mirror), f.share, f.burst_s * rate_hz);
                     (bursts, f.height)
                 }),
             leak: profile.leak.map(|f| {
-                let spells = Spells::new(rng(Fault::Leak), f.burst_s * rate_hz);
+                let spells = Spells::new(rng(DrawnFault::Leak), f.burst_s * rate_hz);
                 (spells, f.probability)
             }),
             hidden: profile.hidden.map(|f| {
-                let spells = Spells::new(rng(Fault::Hidden), f.burst_s * rate_hz);
+                let spells = Spells::new(rng(DrawnFault::Hidden), f.burst_s * rate_hz);
                 (spells, f.no_peak, f.height)
             }),
             missing: profile
                 .missing
-                .map(|f| Bursts::new(rng(Fault::Missing), f.share, f.burst_s * rate_hz)),
+                .map(|f| Bursts::new(rng(DrawnFault::Missing), f.share, f.burst_s * rate_hz)),
         }
     }
 
@@ -263,9 +263,9 @@ impl KeypointStreams {
     }
 
     /// What is drawn at this tick.
-    pub(super) fn draws(&self) -> Draws {
+    pub(super) fn draws(&self) -> KeypointDraws {
         let within = |[least, most]: [f64; 2], level: f64| least + (most - least) * level;
-        Draws {
+        KeypointDraws {
             bias: self.bias.as_ref().map_or([0.0; 2], |drift| drift.value),
             jitter: self.jitter.as_ref().map_or([0.0; 2], |(_, value)| *value),
             mirror: self
@@ -287,7 +287,7 @@ impl KeypointStreams {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fault_profile::{Bias, Hidden, Leak, Mirror, Missing};
+    use crate::fault_profile::{Bias, Hidden, Leak, MirrorFault, Missing};
 
     const RATE_HZ: f64 = 60.0;
     /// Ticks of a long run, and streams that are averaged over: sampling errors of a few percent.
@@ -295,9 +295,9 @@ mod tests {
     const OWNERS: u16 = 24;
 
     /// The draws of left wrists of many persons, `[person][tick]`.
-    fn long_runs(profile: &FaultProfile, seed: u64) -> Vec<Vec<Draws>> {
+    fn long_runs(profile: &FaultProfile, seed: u64) -> Vec<Vec<KeypointDraws>> {
         let run = |person| {
-            let owner = Owner {
+            let owner = StreamOwner {
                 camera: 2,
                 person,
                 keypoint: 9,
@@ -330,7 +330,7 @@ mod tests {
     }
 
     /// Mean length in ticks of the runs in which `on` holds, those that were cut by an end left out.
-    fn mean_run(runs: &[Vec<Draws>], on: impl Fn(&Draws) -> bool) -> f64 {
+    fn mean_run(runs: &[Vec<KeypointDraws>], on: impl Fn(&KeypointDraws) -> bool) -> f64 {
         let lengths = runs.iter().flat_map(|run| {
             let groups: Vec<_> = run.chunk_by(|a, b| on(a) == on(b)).collect();
             let inner = groups[1..groups.len() - 1].iter();
@@ -340,7 +340,11 @@ mod tests {
         mean(lengths.map(|n| n as f64))
     }
 
-    fn correlation(runs: &[Vec<Draws>], lag: usize, of: impl Fn(&Draws) -> f64) -> f64 {
+    fn correlation(
+        runs: &[Vec<KeypointDraws>],
+        lag: usize,
+        of: impl Fn(&KeypointDraws) -> f64,
+    ) -> f64 {
         let products = runs.iter().flat_map(|run| run.iter().zip(&run[lag..]));
         let product = mean(products.map(|(a, b)| of(a) * of(b)));
         product / mean(runs.iter().flatten().map(|d| of(d).powi(2)))
@@ -416,14 +420,14 @@ mod tests {
     #[test]
     fn only_limbs_are_mirrored() {
         for keypoint in 0..17 {
-            let owner = Owner {
+            let owner = StreamOwner {
                 keypoint,
-                ..Owner::default()
+                ..StreamOwner::default()
             };
             let profile = FaultProfile {
-                mirror: Some(Mirror {
+                mirror: Some(MirrorFault {
                     share: 1.0,
-                    ..Mirror::default()
+                    ..MirrorFault::default()
                 }),
                 ..FaultProfile::none()
             };
@@ -490,7 +494,7 @@ mod tests {
         };
         let without = long_runs(&profile, 9);
         for (a, b) in all.iter().flatten().zip(without.iter().flatten()) {
-            let expected = Draws {
+            let expected = KeypointDraws {
                 jitter: [0.0; 2],
                 hidden: None,
                 ..*a

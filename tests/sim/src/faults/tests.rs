@@ -8,11 +8,11 @@ use farfield_proto::keypoints::COCO17;
 use nalgebra::{UnitQuaternion, Vector2, Vector3};
 
 use super::crowd::Subject;
-use super::observe::{CameraFaults, Evidence, Observation, Seen};
+use super::observe::{CameraFaults, ImagedPerson, KeypointPeaks, MapObservation};
 use super::*;
 use crate::body::Build;
 use crate::embedded;
-use crate::fault_profile::{Bias, FaultProfile, Jitter, Leak, Mirror};
+use crate::fault_profile::{Bias, FaultProfile, Jitter, Leak, MirrorFault};
 use crate::look_at::look_at;
 use crate::scene::PersonTruth;
 
@@ -76,7 +76,7 @@ fn without_noise() -> FaultProfile {
 }
 
 /// What is seen of the first of `subjects` at each of `ticks` ticks.
-fn watched(profile: &FaultProfile, subjects: &[Option<Subject>], ticks: u64) -> Vec<Seen> {
+fn watched(profile: &FaultProfile, subjects: &[Option<Subject>], ticks: u64) -> Vec<ImagedPerson> {
     let mut faults = faults(profile, subjects.len());
     (0..ticks)
         .map(|tick| faults.observe(tick, subjects).people[0].clone())
@@ -94,7 +94,7 @@ fn mean(values: impl Iterator<Item = f64>) -> f64 {
 }
 
 /// RMS of the distance of own peaks from the true place, metres at the person's depth of 6 m.
-fn rms_m(seen: &[Seen], subject: &Subject, keypoint: usize) -> f64 {
+fn rms_m(seen: &[ImagedPerson], subject: &Subject, keypoint: usize) -> f64 {
     let truth_px = projected(&subject.sites_m[keypoint]);
     let peaks = seen.iter().filter_map(|s| s.keypoints[keypoint].own);
     mean(peaks.map(|p| (p.at_px - truth_px).norm_squared())).sqrt() * 6.0 / 1200.0
@@ -197,13 +197,13 @@ fn the_own_body_hides_a_keypoint_and_leaks_nothing() {
     away.sites_m.iter_mut().for_each(half_turn);
     let facing = watched(&without_noise(), &all([standing(0.0, 0.0)]), 600);
     let turned = watched(&without_noise(), &all([away]), 600);
-    let low = |seen: &[Seen]| {
-        let low = |s: &&Seen| s.keypoints[NOSE].own.is_none_or(|p| p.height < 0.9);
+    let low = |seen: &[ImagedPerson]| {
+        let low = |s: &&ImagedPerson| s.keypoints[NOSE].own.is_none_or(|p| p.height < 0.9);
         seen.iter().filter(low).count()
     };
     assert!(low(&facing) < 40, "{}", low(&facing));
     assert_eq!(low(&turned), 600);
-    let leaks = |s: &Seen| s.keypoints.iter().any(|e| e.leaked.is_some());
+    let leaks = |s: &ImagedPerson| s.keypoints.iter().any(|e| e.leaked.is_some());
     assert!(!turned.iter().any(leaks));
     assert!(turned[0].keypoints[NOSE].in_the_open);
 }
@@ -221,7 +221,7 @@ fn the_keypoint_of_whoever_stands_before_leaks_in() {
     let seen = watched(&profile, &subjects, 20_000);
     let mut leaked = 0;
     for s in &seen {
-        let Evidence {
+        let KeypointPeaks {
             own, leaked: peak, ..
         } = s.keypoints[keypoint];
         assert!((own.unwrap().height - 0.5).abs() < 1e-12);
@@ -242,9 +242,9 @@ fn the_keypoint_of_whoever_stands_before_leaks_in() {
 fn a_mirrored_peak_is_the_opposite_limb_as_it_is_found() {
     let subjects = all([standing(0.0, 0.0)]);
     let always = FaultProfile {
-        mirror: Some(Mirror {
+        mirror: Some(MirrorFault {
             share: 1.0,
-            ..Mirror::default()
+            ..MirrorFault::default()
         }),
         ..without_noise()
     };
@@ -285,7 +285,7 @@ fn the_order_of_questions_does_not_matter() {
     let subjects = [Some(standing(0.0, 0.0)), None, Some(standing(-1.0, 0.05))];
     let profile = FaultProfile::standard();
     let mut in_order = faults(&profile, 3);
-    let all: Vec<Observation> = (0..90).map(|t| in_order.observe(t, &subjects)).collect();
+    let all: Vec<MapObservation> = (0..90).map(|t| in_order.observe(t, &subjects)).collect();
     let mut any_order = faults(&profile, 3);
     for tick in [70, 3, 3, 89, 0, 41] {
         let again = any_order.observe(tick, &subjects);
@@ -327,7 +327,7 @@ fn a_free_running_camera_has_an_offset_of_its_own_within_half_a_frame() {
 }
 
 /// Every peak of an observation, by person and keypoint.
-fn evidence(observation: &Observation) -> Vec<(usize, [Evidence; 17])> {
+fn evidence(observation: &MapObservation) -> Vec<(usize, [KeypointPeaks; 17])> {
     let people = observation.people.iter();
     people.map(|seen| (seen.person, seen.keypoints)).collect()
 }
@@ -335,7 +335,7 @@ fn evidence(observation: &Observation) -> Vec<(usize, [Evidence; 17])> {
 #[test]
 fn cameras_that_share_their_people_see_what_each_sees_alone() {
     let scene = Arc::new(embedded::scene("five").unwrap());
-    let crowd = Arc::new(Crowd::new(Arc::clone(&scene)));
+    let crowd = Arc::new(SceneCrowd::new(Arc::clone(&scene)));
     for camera in [0, 5] {
         let mut sharing = MapFaults::of(Arc::clone(&crowd), camera);
         let mut alone = MapFaults::new(Arc::clone(&scene), camera);

@@ -8,7 +8,7 @@ use farfield_proto::message::MAX_CAPTURE_OFFSET_US;
 use serde::de::DeserializeOwned;
 
 use super::{CHECKSUM_BYTES, Header, MAGIC};
-use crate::faults::{KeptObservation, Observation};
+use crate::faults::{KeptMapObservation, MapObservation};
 
 /// Largest file that is read, bytes.
 pub(super) const MAX_FILE_BYTES: u64 = 1 << 30;
@@ -83,7 +83,7 @@ impl MapsFile {
         for tick in 0..header.ticks {
             let place = format!("tick {tick} of {}", header.ticks);
             let range = record(&bytes, &mut at, &place)?;
-            let kept: KeptObservation = read(&bytes[range.clone()], &place)?;
+            let kept: KeptMapObservation = read(&bytes[range.clone()], &place)?;
             kept.check().map_err(|problem| damaged(&place, problem))?;
             ticks.push(range);
         }
@@ -115,14 +115,14 @@ impl MapsFile {
         &self,
         tick: u64,
         camera: &Arc<CameraModel>,
-    ) -> Result<Option<Observation>, MapsFileError> {
+    ) -> Result<Option<MapObservation>, MapsFileError> {
         let n = self.ticks.len() as u64;
         let tick = if self.header.repeats { tick % n } else { tick };
         let Some(range) = usize::try_from(tick).ok().and_then(|i| self.ticks.get(i)) else {
             return Ok(None);
         };
         let place = format!("tick {tick} of {n}");
-        let kept: KeptObservation = read(&self.bytes[range.clone()], &place)?;
+        let kept: KeptMapObservation = read(&self.bytes[range.clone()], &place)?;
         let restored = kept.restore(camera, self.header.capture_offset_us);
         restored
             .map(Some)

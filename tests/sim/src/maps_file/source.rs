@@ -14,7 +14,7 @@ use farfield_proto::venue::{Venue, VenueCamera};
 
 use super::read::MAX_FILE_BYTES;
 use super::{CameraFailure, FailureKind, MapsFile};
-use crate::faults::Observation;
+use crate::faults::MapObservation;
 
 /// Rates that differ by less are the same, as a share: a file may hold fewer digits.
 const RATE_TOLERANCE: f64 = 1e-6;
@@ -33,7 +33,7 @@ pub struct MapsSource {
     /// Tick of the venue at the recording's first.
     first: Tick,
     /// What a camera that has frozen shows.
-    frozen: Option<Arc<Observation>>,
+    frozen: Option<Arc<MapObservation>>,
 }
 
 /// Reads and checks the file at `path` for `camera` of `venue`.
@@ -136,7 +136,7 @@ impl MapsSource {
         }
     }
 
-    fn seen(&self, tick: u64) -> Result<Option<Arc<Observation>>, SourceError> {
+    fn seen(&self, tick: u64) -> Result<Option<Arc<MapObservation>>, SourceError> {
         let seen = self.file.observation(tick, &self.camera);
         let seen = seen.map_err(|error| self.unreadable(error.to_string()))?;
         Ok(seen.map(Arc::new))
@@ -145,7 +145,7 @@ impl MapsSource {
     /// What a camera shows that has failed.
     fn failed(&mut self, failure: CameraFailure) -> Result<Arc<dyn MapPainter>, SourceError> {
         match failure.kind {
-            FailureKind::TurnsBlack => Ok(Arc::new(Observation::black(&self.camera))),
+            FailureKind::TurnsBlack => Ok(Arc::new(MapObservation::black(&self.camera))),
             FailureKind::Freezes => {
                 let last = u64::from(failure.from.saturating_sub(1));
                 if self.frozen.is_none() {

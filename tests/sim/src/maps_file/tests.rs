@@ -13,7 +13,7 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::embedded;
-use crate::faults::{Crowd, MapFaults, Observation};
+use crate::faults::{MapFaults, MapObservation, SceneCrowd};
 use crate::scene::Scene;
 
 const TICKS: u32 = 4;
@@ -23,7 +23,7 @@ fn court() -> Arc<Scene> {
 }
 
 fn written(scene: &Arc<Scene>, course: (Course, u32)) -> Vec<u8> {
-    let crowd = Arc::new(Crowd::new(Arc::clone(scene)));
+    let crowd = Arc::new(SceneCrowd::new(Arc::clone(scene)));
     let mut bytes = Vec::new();
     let whole = write_maps(&crowd, 0, course, None, &mut bytes, &|| true).unwrap();
     assert!(whole);
@@ -35,7 +35,7 @@ fn once(scene: &Arc<Scene>) -> Vec<u8> {
 }
 
 /// The maps of a crop around the middle of whom a detector finds first.
-fn painted(observation: &Observation, scene: &Scene) -> Maps {
+fn painted(observation: &MapObservation, scene: &Scene) -> Maps {
     let camera = &scene.cameras()[0];
     let persons = observation.persons();
     let nose = persons[0].iter().flatten().next().unwrap();

@@ -7,7 +7,7 @@ use farfield_proto::tick::Tick;
 use serde::Serialize;
 
 use super::{CameraFailure, Course, Header, MAGIC};
-use crate::faults::{Crowd, KeptObservation, MapFaults};
+use crate::faults::{KeptMapObservation, MapFaults, SceneCrowd};
 
 /// Writes the maps of camera `camera` of the crowd's scene over `course`, `ticks` of them; returns
 /// false, with the file unfinished, as soon as `goes_on` does.
@@ -20,7 +20,7 @@ use crate::faults::{Crowd, KeptObservation, MapFaults};
 /// # Panics
 /// When the scene has no such camera.
 pub fn write_maps(
-    crowd: &Arc<Crowd>,
+    crowd: &Arc<SceneCrowd>,
     camera: usize,
     (course, ticks): (Course, u32),
     failure: Option<CameraFailure>,
@@ -51,7 +51,7 @@ pub fn write_maps(
             return Ok(false);
         }
         let time_s = course.time_s(tick.seconds(scene.rate_hz()) + offset_s);
-        out.record(&KeptObservation::new(&maps.observe_at(tick, time_s)))?;
+        out.record(&KeptMapObservation::new(&maps.observe_at(tick, time_s)))?;
     }
     let checksum = *out.hasher.finalize().as_bytes();
     out.write(&checksum)?;

@@ -24,7 +24,7 @@ const FRAME_TIMES_S: [f64; 2] = [1e-5, 10.0];
 
 /// What one number of a frame does.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Channel {
+pub enum BvhChannel {
     /// Moves along an axis (0 to 2), file units.
     Position(usize),
     /// Turns about an axis (0 to 2), degrees.
@@ -43,7 +43,7 @@ pub struct Bone {
     /// Its end site, in its own axes, file units.
     pub end: Option<Vector3<f64>>,
     /// What its numbers in a frame do, in their order.
-    pub channels: Vec<Channel>,
+    pub channels: Vec<BvhChannel>,
     /// The index of its first number in a frame.
     first_value: usize,
     /// Whether its positions stand in for the offset.
@@ -64,7 +64,7 @@ pub struct Bvh {
 
 /// Where a bone is: its origin and its axes.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Placed {
+pub struct PlacedBone {
     /// The origin, file units.
     pub origin: Vector3<f64>,
     /// From the bone's axes.
@@ -77,7 +77,7 @@ impl Bvh {
     /// # Errors
     /// [`FileError`] with the line, what was found and what was expected.
     pub fn parse(text: &str, path: &Path) -> Result<Self, FileError> {
-        let mut reader = Reader::new(text, path);
+        let mut reader = BvhReader::new(text, path);
         let bones = reader.hierarchy()?;
         let n_channels = bones.iter().map(|bone| bone.channels.len()).sum();
         let (frame_time_s, values) = reader.motion(n_channels)?;
@@ -97,27 +97,27 @@ impl Bvh {
     }
 
     /// Where `bone` is in its parent's axes in `frame`, file units.
-    pub fn local(&self, frame: usize, bone: usize) -> Placed {
+    pub fn local(&self, frame: usize, bone: usize) -> PlacedBone {
         let bone = &self.bones[bone];
         let mut origin = bone.offset;
         let mut rotation = UnitQuaternion::identity();
         let start = frame * self.n_channels + bone.first_value;
         for (channel, value) in bone.channels.iter().zip(&self.values[start..]) {
             match *channel {
-                Channel::Position(axis) if bone.replaces_offset => origin[axis] = *value,
-                Channel::Position(axis) => origin[axis] += *value,
-                Channel::Rotation(axis) => {
+                BvhChannel::Position(axis) if bone.replaces_offset => origin[axis] = *value,
+                BvhChannel::Position(axis) => origin[axis] += *value,
+                BvhChannel::Rotation(axis) => {
                     let axis = Vector3::ith_axis(axis);
                     rotation *= UnitQuaternion::from_axis_angle(&axis, value.to_radians());
                 }
             }
         }
-        Placed { origin, rotation }
+        PlacedBone { origin, rotation }
     }
 
     /// Where every bone is in `frame`, in the file's axes and units.
-    pub fn placed(&self, frame: usize) -> Vec<Placed> {
-        let mut placed: Vec<Placed> = Vec::with_capacity(self.bones.len());
+    pub fn placed(&self, frame: usize) -> Vec<PlacedBone> {
+        let mut placed: Vec<PlacedBone> = Vec::with_capacity(self.bones.len());
         for (i, bone) in self.bones.iter().enumerate() {
             let local = self.local(frame, i);
             placed.push(match bone.parent {
@@ -134,7 +134,7 @@ impl Bvh {
             let mut position = Vector3::zeros();
             let mut moved_offset = Vector3::zeros();
             for (channel, value) in bone.channels.iter().zip(&frame[bone.first_value..]) {
-                if let Channel::Position(axis) = *channel {
+                if let BvhChannel::Position(axis) = *channel {
                     position[axis] = *value;
                     moved_offset[axis] = bone.offset[axis];
                 }
@@ -144,7 +144,7 @@ impl Bvh {
     }
 }
 
-impl Placed {
+impl PlacedBone {
     /// A place given in these axes, in the axes around.
     #[must_use]
     pub fn then(&self, inner: &Self) -> Self {
@@ -166,14 +166,14 @@ impl Placed {
 }
 
 /// The lines of a file that are not blank, with their numbers, and words left of the current one.
-struct Reader<'a> {
+struct BvhReader<'a> {
     path: &'a Path,
     lines: std::iter::Enumerate<std::str::Lines<'a>>,
     line: usize,
     words: Vec<&'a str>,
 }
 
-impl<'a> Reader<'a> {
+impl<'a> BvhReader<'a> {
     fn new(text: &'a str, path: &'a Path) -> Self {
         Self {
             path,
@@ -311,7 +311,7 @@ impl<'a> Reader<'a> {
         Ok(bones.len() - 1)
     }
 
-    fn channels(&mut self) -> Result<Vec<Channel>, FileError> {
+    fn channels(&mut self) -> Result<Vec<BvhChannel>, FileError> {
         let expected = "a number of channels from 0 to 6";
         let word = self.word(expected)?;
         let count = word.parse::<usize>().ok().filter(|count| *count <= 6);
@@ -364,7 +364,7 @@ impl<'a> Reader<'a> {
     }
 }
 
-fn channel(word: &str) -> Option<Channel> {
+fn channel(word: &str) -> Option<BvhChannel> {
     let (axis, kind) = word.split_at_checked(1)?;
     let axis = match axis {
         "X" | "x" => 0,
@@ -373,8 +373,8 @@ fn channel(word: &str) -> Option<Channel> {
         _ => return None,
     };
     match kind.to_ascii_lowercase().as_str() {
-        "position" => Some(Channel::Position(axis)),
-        "rotation" => Some(Channel::Rotation(axis)),
+        "position" => Some(BvhChannel::Position(axis)),
+        "rotation" => Some(BvhChannel::Rotation(axis)),
         _ => None,
     }
 }

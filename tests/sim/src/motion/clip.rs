@@ -24,9 +24,9 @@ use farfield_fusion::body::skeleton::{Joint, N_JOINTS};
 use farfield_proto::toml_file::FileError;
 use nalgebra::{UnitQuaternion, Vector3};
 
-use super::bvh::{Bvh, Placed};
+use super::bvh::{Bvh, PlacedBone};
 use super::posture::Posture;
-use super::rig::{Family, Rig, Site};
+use super::rig::{BonePoint, BoneRig, Family};
 
 /// A file beyond this is no clip of one person.
 const MAX_FILE_BYTES: u64 = 512 << 20;
@@ -51,15 +51,15 @@ pub struct Clip {
     mean_lengths: [f64; N_JOINTS],
     z_up: UnitQuaternion<f64>,
     /// The bones that carry joints and those above them, parents first.
-    tracks: Vec<Track>,
-    sites: [Site; N_JOINTS],
+    tracks: Vec<BoneMotion>,
+    sites: [BonePoint; N_JOINTS],
     /// Under the balls of the feet, where the toes have no bone to bend by.
-    balls: Option<[Site; 2]>,
+    balls: Option<[BonePoint; 2]>,
 }
 
 /// One bone over time, in its parent's axes.
 #[derive(Debug, Clone, PartialEq)]
-struct Track {
+struct BoneMotion {
     parent: Option<usize>,
     rotations: Vec<UnitQuaternion<f64>>,
     /// One origin where it stays, else one per frame.
@@ -89,7 +89,7 @@ impl Clip {
     /// As [`Clip::load`].
     pub fn parse(text: &str, path: &Path) -> Result<Self, FileError> {
         let bvh = Bvh::parse(text, path)?;
-        let rig = Rig::recognise(&bvh, path)?;
+        let rig = BoneRig::recognise(&bvh, path)?;
         let lead = rig.family.lead_frames();
         if bvh.n_frames() <= lead {
             let problem = format!(
@@ -99,7 +99,7 @@ impl Clip {
             return Err(FileError::new(path, problem));
         }
         let (tracks, track_of) = tracks(&bvh, &rig, lead);
-        let site = |site: Site| Site {
+        let site = |site: BonePoint| BonePoint {
             bone: track_of[site.bone],
             ..site
         };
@@ -187,7 +187,7 @@ impl Clip {
     }
 
     /// Where the bones of the tracks are at `time_s`, in the file's own axes.
-    fn placed(&self, time_s: f64) -> Vec<Placed> {
+    fn placed(&self, time_s: f64) -> Vec<PlacedBone> {
         let last = (self.n_frames - 1) as f64;
         let at = time_s / self.frame_time_s;
         // Written so that not a number is the start as well.
@@ -200,7 +200,7 @@ impl Clip {
         let frame = at as usize;
         let next = (frame + 1).min(self.n_frames - 1);
         let share = at - frame as f64;
-        let mut placed: Vec<Placed> = Vec::with_capacity(self.tracks.len());
+        let mut placed: Vec<PlacedBone> = Vec::with_capacity(self.tracks.len());
         for track in &self.tracks {
             let local = track.between(frame, next, share);
             placed.push(match track.parent {
@@ -211,18 +211,18 @@ impl Clip {
         placed
     }
 
-    fn joints(&self, placed: &[Placed]) -> Joints {
+    fn joints(&self, placed: &[PlacedBone]) -> Joints {
         let mut joints = self.sites.map(|site| self.site(placed, site));
         let hips = joints[Joint::LeftHip.index()] + joints[Joint::RightHip.index()];
         joints[Joint::Pelvis.index()] = hips / 2.0;
         joints
     }
 
-    fn balls(&self, placed: &[Placed]) -> Option<[Vector3<f64>; 2]> {
+    fn balls(&self, placed: &[PlacedBone]) -> Option<[Vector3<f64>; 2]> {
         Some(self.balls?.map(|ball| self.site(placed, ball)))
     }
 
-    fn site(&self, placed: &[Placed], site: Site) -> Vector3<f64> {
+    fn site(&self, placed: &[PlacedBone], site: BonePoint) -> Vector3<f64> {
         self.z_up * placed[site.bone].at(site.offset)
     }
 
@@ -287,11 +287,11 @@ fn bent_toes(toes: Vector3<f64>, to_ankle: Vector3<f64>, floor: f64) -> Vector3<
     (along * cos + back * sin) * length
 }
 
-impl Track {
-    fn between(&self, frame: usize, next: usize, share: f64) -> Placed {
+impl BoneMotion {
+    fn between(&self, frame: usize, next: usize, share: f64) -> PlacedBone {
         let origin = |frame: usize| self.origins[frame.min(self.origins.len() - 1)];
         let (from, to) = (&self.rotations[frame], &self.rotations[next]);
-        Placed {
+        PlacedBone {
             origin: origin(frame).lerp(&origin(next), share),
             rotation: from
                 .try_slerp(to, share, f64::EPSILON)
@@ -301,7 +301,7 @@ impl Track {
 }
 
 /// The bones that carry sites and those above them, from frame `lead` on, and where each bone went.
-fn tracks(bvh: &Bvh, rig: &Rig, lead: usize) -> (Vec<Track>, Vec<usize>) {
+fn tracks(bvh: &Bvh, rig: &BoneRig, lead: usize) -> (Vec<BoneMotion>, Vec<usize>) {
     let mut used = vec![false; bvh.bones.len()];
     for site in &rig.sites {
         let mut at = Some(site.bone);
@@ -320,7 +320,7 @@ fn tracks(bvh: &Bvh, rig: &Rig, lead: usize) -> (Vec<Track>, Vec<usize>) {
         if origins.iter().all(|origin| *origin == origins[0]) {
             origins.truncate(1);
         }
-        tracks.push(Track {
+        tracks.push(BoneMotion {
             parent: bone.parent.map(|parent| track_of[parent]),
             rotations,
             origins,

@@ -52,7 +52,7 @@ use farfield_fusion::body::skeleton::N_JOINTS;
 use farfield_proto::toml_file::FileError;
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
-use self::names::Named;
+use self::names::NamedBones;
 use self::placing::Placing;
 use super::bvh::Bvh;
 
@@ -80,7 +80,7 @@ impl Family {
 
 /// A joint of the body: a point fixed to a bone.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Site {
+pub struct BonePoint {
     /// The bone that carries it.
     pub bone: usize,
     /// Where it is in that bone's axes, file units.
@@ -89,7 +89,7 @@ pub struct Site {
 
 /// Where the 29 joints sit on the bones of a file.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Rig {
+pub struct BoneRig {
     /// The kind of skeleton.
     pub family: Family,
     /// The clip skeleton's own stature, file units.
@@ -97,9 +97,9 @@ pub struct Rig {
     /// From the file's axes to z up.
     pub z_up: UnitQuaternion<f64>,
     /// The joints, by [`Joint`](farfield_fusion::body::skeleton::Joint); the pelvis is the midpoint of the hips, whatever stands here.
-    pub sites: [Site; N_JOINTS],
+    pub sites: [BonePoint; N_JOINTS],
     /// The soles under the balls of the left and the right foot, where the rig has no toe bones.
-    pub balls: Option<[Site; 2]>,
+    pub balls: Option<[BonePoint; 2]>,
 }
 
 /// Forward, left and up of the neutral pose, as columns in a bone's own axes.
@@ -118,14 +118,14 @@ const SHORTEST_UNITS: f64 = 1e-6;
 /// How far the foot bone of iClone dips when the foot is flat, degrees.
 const ICLONE_FOOT_DIP_DEG: f64 = 15.5;
 
-impl Rig {
+impl BoneRig {
     /// Recognises the skeleton of `bvh`; `path` is only named in errors.
     ///
     /// # Errors
     /// [`FileError`] naming the joints that are missing and the bones that there are, or saying
     /// that the zero pose is not that of a person.
     pub fn recognise(bvh: &Bvh, path: &Path) -> Result<Self, FileError> {
-        let named = Named::find(bvh, path)?;
+        let named = NamedBones::find(bvh, path)?;
         let family = family(bvh);
         let (axes, z_up) = match family {
             Family::Iclone => (iclone_axes(), y_to_z()),
@@ -181,7 +181,7 @@ fn iclone_axes() -> BodyAxes {
 }
 
 /// The axes of a rig whose zero pose stands; none where it does not.
-fn zero_pose_axes(bvh: &Bvh, named: &Named) -> Option<(BodyAxes, UnitQuaternion<f64>)> {
+fn zero_pose_axes(bvh: &Bvh, named: &NamedBones) -> Option<(BodyAxes, UnitQuaternion<f64>)> {
     let mut zero: Vec<Vector3<f64>> = Vec::with_capacity(bvh.bones.len());
     for bone in &bvh.bones {
         let parent = bone.parent.map_or(Vector3::zeros(), |parent| zero[parent]);

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use super::place::Surroundings;
 use super::sensor::Sensor;
-use super::view::{TILE, View};
+use super::view::{CameraView, TILE};
 
 /// Brightness of the stored value 1.
 const UNIT: f32 = 16384.0;
@@ -21,7 +21,7 @@ pub struct Backdrop {
 
 impl Backdrop {
     /// Paints what `view` sees of `surroundings`, with `samples` rays a pixel.
-    pub fn new(view: &View, surroundings: &Surroundings, samples: usize) -> Self {
+    pub fn new(view: &CameraView, surroundings: &Surroundings, samples: usize) -> Self {
         let [width, height] = view.size_px();
         let eye = view.eye_m.cast::<f32>();
         let place = surroundings.seen_from(&eye);

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::view::{PixelBox, TILE, View};
+use super::view::{CameraView, PixelBox, TILE};
 use crate::body::Cone;
 
 /// No hit.
@@ -48,7 +48,7 @@ impl Hits {
 
 impl Cast {
     /// `None` where the view does not see it.
-    pub(super) fn new(cone: &Cone, view: &View) -> Option<Self> {
+    pub(super) fn new(cone: &Cone, view: &CameraView) -> Option<Self> {
         let ends = [cone.origin_m, cone.tip_m].map(|p| view.rotation * (p - view.eye_m));
         let bound = view.bound(&ends, &cone.reach_m)?;
         let axes = cone.to_local * view.rotation.transpose();

@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 
 use super::look::{Spot, color_at};
 use super::place::{Light, times};
-use crate::body::{Build, Color, Cone, Part, Volume};
+use crate::body::{BodyPart, Build, Color, Cone, Volume};
 use crate::scene::Poster;
 
 /// Someone or something in the picture, at each moment of the shutter.
@@ -75,8 +75,8 @@ impl Figure<'_> {
     /// Whether a cone bears marks finer than what one ray a pixel shows.
     pub(super) fn has_detail(&self, cone: usize) -> bool {
         match self {
-            Figure::Person { moments, .. } => moments[0].cones[cone].part == Part::Head,
-            Figure::Print(print) => print.flat.cones[cone].part == Part::Head,
+            Figure::Person { moments, .. } => moments[0].cones[cone].part == BodyPart::Head,
+            Figure::Print(print) => print.flat.cones[cone].part == BodyPart::Head,
             Figure::Thing { .. } => false,
         }
     }

@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use super::grain;
-use crate::body::{Build, Color, Cone, Hair, Part, Pattern, Volume};
+use crate::body::{BodyPart, Build, Color, Cone, Hair, ShirtPattern, Volume};
 
 /// A point of a surface.
 pub(super) struct Spot<'a> {
@@ -21,23 +21,28 @@ pub(super) fn color_at(spot: &Spot<'_>, volume: &Volume, build: &Build) -> Color
     let cone = spot.cone;
     let along = cone.along[0] + (cone.along[1] - cone.along[0]) * spot.along;
     match cone.part {
-        Part::Head => head(spot, volume, build),
-        Part::Hair => tinted(build.hair_color, 0.75 + 0.5 * strands(spot, volume, build)),
-        Part::Neck | Part::LeftHand | Part::RightHand => build.skin_color,
-        Part::Pelvis | Part::Abdomen if is_below_belt(spot, volume, build) => {
+        BodyPart::Head => head(spot, volume, build),
+        BodyPart::Hair => tinted(build.hair_color, 0.75 + 0.5 * strands(spot, volume, build)),
+        BodyPart::Neck | BodyPart::LeftHand | BodyPart::RightHand => build.skin_color,
+        BodyPart::Pelvis | BodyPart::Abdomen if is_below_belt(spot, volume, build) => {
             creased(spot, build, build.trousers_color)
         }
-        Part::Pelvis | Part::Abdomen | Part::Chest | Part::Girdle => shirt(spot, volume, build),
-        Part::LeftUpperArm | Part::RightUpperArm | Part::LeftForearm | Part::RightForearm => {
+        BodyPart::Pelvis | BodyPart::Abdomen | BodyPart::Chest | BodyPart::Girdle => {
+            shirt(spot, volume, build)
+        }
+        BodyPart::LeftUpperArm
+        | BodyPart::RightUpperArm
+        | BodyPart::LeftForearm
+        | BodyPart::RightForearm => {
             if along > build.sleeves {
                 build.skin_color
-            } else if build.pattern == Pattern::Sleeves {
+            } else if build.pattern == ShirtPattern::Sleeves {
                 creased(spot, build, build.shirt_colors[1])
             } else {
                 shirt(spot, volume, build)
             }
         }
-        Part::LeftThigh | Part::RightThigh | Part::LeftShank | Part::RightShank => {
+        BodyPart::LeftThigh | BodyPart::RightThigh | BodyPart::LeftShank | BodyPart::RightShank => {
             if along < build.trousers {
                 creased(spot, build, build.trousers_color)
             } else if along > build.socks {
@@ -46,8 +51,8 @@ pub(super) fn color_at(spot: &Spot<'_>, volume: &Volume, build: &Build) -> Color
                 build.skin_color
             }
         }
-        Part::LeftFoot | Part::RightFoot => build.shoes_color,
-        Part::Thing => [0.5; 3],
+        BodyPart::LeftFoot | BodyPart::RightFoot => build.shoes_color,
+        BodyPart::Thing => [0.5; 3],
     }
 }
 
@@ -92,16 +97,16 @@ fn shirt(spot: &Spot<'_>, volume: &Volume, build: &Build) -> Color {
     }
     let is_arm = !matches!(
         spot.cone.part,
-        Part::Pelvis | Part::Chest | Part::Abdomen | Part::Girdle
+        BodyPart::Pelvis | BodyPart::Chest | BodyPart::Abdomen | BodyPart::Girdle
     );
     let printed = match build.pattern {
-        Pattern::Plain | Pattern::Sleeves => false,
-        Pattern::Hoops if is_arm => (spot.along * 4.0).rem_euclid(2.0) < 1.0,
-        Pattern::Hoops => (p.z / 0.035).rem_euclid(2.0) < 1.0,
-        Pattern::Stripes if is_arm => spot.normal.x.abs() > 0.8,
-        Pattern::Stripes => (p.y / 0.022 + 0.5).rem_euclid(2.0) < 1.0,
-        Pattern::Halves => p.y > 0.0,
-        Pattern::Band => !is_arm && (-0.14..-0.09).contains(&p.z),
+        ShirtPattern::Plain | ShirtPattern::Sleeves => false,
+        ShirtPattern::Hoops if is_arm => (spot.along * 4.0).rem_euclid(2.0) < 1.0,
+        ShirtPattern::Hoops => (p.z / 0.035).rem_euclid(2.0) < 1.0,
+        ShirtPattern::Stripes if is_arm => spot.normal.x.abs() > 0.8,
+        ShirtPattern::Stripes => (p.y / 0.022 + 0.5).rem_euclid(2.0) < 1.0,
+        ShirtPattern::Halves => p.y > 0.0,
+        ShirtPattern::Band => !is_arm && (-0.14..-0.09).contains(&p.z),
     };
     let color = if printed { second } else { main };
     let color = match build.number {

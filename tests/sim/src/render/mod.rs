@@ -23,7 +23,7 @@ pub use paint::{Shot, paint};
 pub use place::{Light, Surroundings};
 pub use renderer::{RenderSettings, Renderer};
 pub use sensor::Sensor;
-pub use view::View;
+pub use view::CameraView;
 
 #[cfg(test)]
 mod tests;

@@ -11,13 +11,13 @@ use super::grain;
 use super::place::Light;
 use super::sensor::Sensor;
 use super::shade::Shade;
-use super::tiles::{Moment, Owner, shadow_box};
-use super::view::{PixelBox, TILE, View};
+use super::tiles::{ConeOwner, TileMoment, shadow_box};
+use super::view::{CameraView, PixelBox, TILE};
 
 /// Everything that one picture is painted from.
 pub struct Shot<'a> {
     /// Which rays.
-    pub view: &'a View,
+    pub view: &'a CameraView,
     /// What stands behind the figures; of the same size as the view, and exposed with no other
     /// sensor than this shot's.
     pub backdrop: &'a Backdrop,
@@ -41,7 +41,7 @@ pub struct Shot<'a> {
 /// When the backdrop is smaller than the view.
 pub fn paint(shot: &Shot<'_>) -> RgbImage {
     let [width, height] = shot.view.size_px();
-    let stage = Stage::new(shot);
+    let stage = SharedParts::new(shot);
     let mut bytes = vec![0; width * height * 3];
     bytes
         .par_chunks_mut(width * 3 * TILE)
@@ -55,24 +55,24 @@ pub fn paint(shot: &Shot<'_>) -> RgbImage {
 type TileLight = [[[f32; 3]; TILE]; TILE];
 
 /// One sample of a tile's pixels: moment, place in the pixel, what is hit.
-type Sample = (usize, [f32; 2], Hits);
+type TileSample = (usize, [f32; 2], Hits);
 
 /// A picture's parts that are the same for all tiles.
-struct Stage<'a> {
+struct SharedParts<'a> {
     shot: &'a Shot<'a>,
     shifts_px: Vec<[f32; 2]>,
-    moments: Vec<Moment>,
+    moments: Vec<TileMoment>,
     /// The shadow of each figure, and the pixels where it may fall on the floor.
     shades: Vec<(Shade, PixelBox)>,
 }
 
-impl<'a> Stage<'a> {
+impl<'a> SharedParts<'a> {
     fn new(shot: &'a Shot<'a>) -> Self {
         let figures = shot.figures;
         let n_moments = figures.iter().map(Figure::n_moments).max().unwrap_or(0);
         let moments = (0..n_moments)
             .into_par_iter()
-            .map(|moment| Moment::new(figures, moment, shot.view))
+            .map(|moment| TileMoment::new(figures, moment, shot.view))
             .collect();
         let shades = figures
             .par_iter()
@@ -184,7 +184,7 @@ impl<'a> Stage<'a> {
     fn add_figures(&self, left: usize, top: usize, near: &[&[u32]], light: &mut TileLight) {
         let view = self.shot.view;
         let [width, height] = view.size_px();
-        let samples: Vec<Sample> = self
+        let samples: Vec<TileSample> = self
             .shifts_px
             .iter()
             .enumerate()
@@ -214,13 +214,13 @@ impl<'a> Stage<'a> {
     /// samples that meet it, except where a face needs its detail.
     fn mix(
         &self,
-        samples: &[Sample],
+        samples: &[TileSample],
         [left, top]: [usize; 2],
         [x, y]: [usize; 2],
         behind: [f32; 3],
     ) -> [f32; 3] {
         let mut sum = [0.0; 3];
-        let mut last: Option<(Owner, [f32; 3])> = None;
+        let mut last: Option<(ConeOwner, [f32; 3])> = None;
         for (moment, shift, hits) in samples {
             let hit = hits.cone[y][x];
             let seen = if hit == NOTHING {
@@ -245,12 +245,12 @@ impl<'a> Stage<'a> {
         sum.map(|v| v / samples.len() as f32)
     }
 
-    fn has_detail(&self, owner: Owner) -> bool {
+    fn has_detail(&self, owner: ConeOwner) -> bool {
         self.shot.figures[owner.figure as usize].has_detail(owner.cone as usize)
     }
 
     /// Light that comes from a point of a figure (camera axes).
-    fn shaded(&self, owner: Owner, moment: usize, p_c: &Vector3<f32>) -> [f32; 3] {
+    fn shaded(&self, owner: ConeOwner, moment: usize, p_c: &Vector3<f32>) -> [f32; 3] {
         let view = self.shot.view;
         let point_m = view.eye_m + view.rotation.tr_mul(&p_c.cast::<f64>());
         let light = self.shot.light;

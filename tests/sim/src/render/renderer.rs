@@ -12,8 +12,8 @@ use super::grain;
 use super::paint::{Shot, paint};
 use super::place::Surroundings;
 use super::sensor::Sensor;
-use super::view::View;
-use crate::body::{Build, Cone, Part, Volume};
+use super::view::CameraView;
+use crate::body::{BodyPart, Build, Cone, Volume};
 use crate::scene::{BALL_RADIUS_M, Scene, ViewpointMask};
 
 /// Reflectance of the ball.
@@ -51,7 +51,7 @@ pub struct Renderer {
     camera: usize,
     settings: RenderSettings,
     surroundings: Surroundings,
-    view: View,
+    view: CameraView,
     backdrop: Backdrop,
     sensor: Sensor,
     builds: Vec<Build>,
@@ -72,7 +72,7 @@ impl Renderer {
             .map(|c| c.center().coordinates_m().coords)
             .collect();
         let surroundings = Surroundings::new(scene.size_m(), &eyes, scene.seed());
-        let view = View::of_camera(model);
+        let view = CameraView::of_camera(model);
         let mut backdrop = Backdrop::new(&view, &surroundings, settings.samples.max(1));
         let sensor = Sensor::from_seed(grain::hash(scene.seed()) ^ camera as u64, settings.noise);
         backdrop.expose(&sensor);
@@ -108,12 +108,12 @@ impl Renderer {
     /// What [`Self::render`] shows, resampled to a network's input without painting the rest.
     /// `None` where the scene has lost its camera, which cannot be.
     pub fn render_crop(&self, time_s: f64, geometry: &CropGeometry) -> Option<RgbImage> {
-        let view = View::of_crop(self.scene.cameras().get(self.camera)?, geometry);
+        let view = CameraView::of_crop(self.scene.cameras().get(self.camera)?, geometry);
         let backdrop = Backdrop::new(&view, &self.surroundings, 2);
         Some(self.paint(&view, &backdrop, time_s))
     }
 
-    fn paint(&self, view: &View, backdrop: &Backdrop, time_s: f64) -> RgbImage {
+    fn paint(&self, view: &CameraView, backdrop: &Backdrop, time_s: f64) -> RgbImage {
         let figures = self.figures(time_s);
         // Microseconds tell any two ticks apart.
         let moment = (time_s * 1e6).round() as i64 as u64;
@@ -168,7 +168,7 @@ impl Renderer {
 }
 
 fn ball(center_m: Vector3<f64>) -> Cone {
-    Cone::round(Part::Thing, [center_m; 2], [BALL_RADIUS_M; 2])
+    Cone::round(BodyPart::Thing, [center_m; 2], [BALL_RADIUS_M; 2])
 }
 
 #[cfg(test)]

@@ -17,14 +17,14 @@ const BIAS_M: f32 = 0.05;
 
 /// A grid over the floor.
 #[derive(Debug, Clone)]
-struct Grid {
+struct FloorGrid {
     corner_m: [f32; 2],
     cell_m: f32,
     size: [usize; 2],
     values: Vec<f32>,
 }
 
-impl Grid {
+impl FloorGrid {
     fn new(low_m: [f32; 2], high_m: [f32; 2], cell_m: f32, value: f32) -> Self {
         let size = [0, 1].map(|i| ((high_m[i] - low_m[i]) / cell_m).ceil().max(1.0) as usize + 2);
         Self {
@@ -58,9 +58,9 @@ impl Grid {
 pub(super) struct Shade {
     /// Height of the body's sunny side, by where the sun's ray meets the floor; below the floor
     /// where there is none.
-    heights: Grid,
+    heights: FloorGrid,
     /// Share of the sky that the floor sees.
-    sky: Grid,
+    sky: FloorGrid,
 }
 
 impl Shade {
@@ -75,7 +75,7 @@ impl Shade {
                 high[i] = high[i].max(p[i] - lean[i] * p[2] + r);
             }
         }
-        let mut heights = Grid::new(low, high, CELL_M, -1.0);
+        let mut heights = FloorGrid::new(low, high, CELL_M, -1.0);
         for cone in cones {
             raise(&mut heights, cone, lean, light);
         }
@@ -131,7 +131,7 @@ fn ends(cone: &Cone) -> [([f32; 3], f32); 2] {
 }
 
 /// Enters the heights of one cone.
-fn raise(grid: &mut Grid, cone: &Cone, lean: [f32; 2], light: &Light) {
+fn raise(grid: &mut FloorGrid, cone: &Cone, lean: [f32; 2], light: &Light) {
     let mut low = [usize::MAX; 2];
     let mut high = [0; 2];
     for (p, r) in ends(cone) {
@@ -157,7 +157,7 @@ fn raise(grid: &mut Grid, cone: &Cone, lean: [f32; 2], light: &Light) {
 }
 
 /// The floor under the balls that a body is made of, each hiding its share of the sky.
-fn open_sky(cones: &[Cone]) -> Grid {
+fn open_sky(cones: &[Cone]) -> FloorGrid {
     let balls: Vec<([f32; 3], f32)> = cones
         .iter()
         .map(|cone| {
@@ -178,7 +178,7 @@ fn open_sky(cones: &[Cone]) -> Grid {
     if balls.is_empty() {
         (low, high) = ([0.0; 2], [0.0; 2]);
     }
-    let mut grid = Grid::new(low, high, SKY_CELL_M, 1.0);
+    let mut grid = FloorGrid::new(low, high, SKY_CELL_M, 1.0);
     for j in 0..grid.size[1] {
         for i in 0..grid.size[0] {
             let x = grid.corner_m[0] + (i as f32 + 0.5) * SKY_CELL_M;

@@ -7,9 +7,9 @@ use farfield_proto::frames::Point;
 use image::RgbImage;
 use nalgebra::{Point3, Vector2, Vector3};
 
-use super::{Backdrop, Figure, Sensor, Shot, Surroundings, View, paint};
+use super::{Backdrop, CameraView, Figure, Sensor, Shot, Surroundings, paint};
 use crate::body::standing::standing;
-use crate::body::{Build, Cone, Part, Volume};
+use crate::body::{BodyPart, Build, Cone, Volume};
 use crate::look_at::look_at;
 
 const SIZE_PX: [u32; 2] = [322, 202];
@@ -36,7 +36,7 @@ fn bent() -> Distortion {
     }
 }
 
-fn picture(view: &View, figures: &[Figure<'_>], noise: f32) -> RgbImage {
+fn picture(view: &CameraView, figures: &[Figure<'_>], noise: f32) -> RgbImage {
     let eye = Vector3::new(5.0, 1.0, 2.0);
     let surroundings = Surroundings::new([6.0, 6.0], &[eye], 4);
     paint(&Shot {
@@ -51,7 +51,7 @@ fn picture(view: &View, figures: &[Figure<'_>], noise: f32) -> RgbImage {
 }
 
 fn ball_at(center_m: Vector3<f64>) -> Vec<Cone> {
-    vec![Cone::round(Part::Thing, [center_m; 2], [0.15; 2])]
+    vec![Cone::round(BodyPart::Thing, [center_m; 2], [0.15; 2])]
 }
 
 /// Centre of what differs between two pictures, each pixel as far as it differs; only within
@@ -74,7 +74,7 @@ fn changed(a: &RgbImage, b: &RgbImage, around: Vector2<f64>, reach_px: f64) -> V
 fn a_ball_is_drawn_where_the_lens_draws_its_centre() {
     for distortion in [Distortion::default(), bent()] {
         let camera = camera(distortion);
-        let view = View::of_camera(&camera);
+        let view = CameraView::of_camera(&camera);
         let empty = picture(&view, &[], 0.0);
         for center in [
             Vector3::new(0.0, 0.0, 1.2),
@@ -110,7 +110,7 @@ fn a_crop_shows_what_the_undistorted_picture_shows() {
         rotation_rad: 0.6,
     };
     let geometry = CropGeometry::new(&turned, CropShape::without_maps([90, 120])).unwrap();
-    let view = View::of_crop(&camera, &geometry);
+    let view = CameraView::of_crop(&camera, &geometry);
     let (seen, empty) = (picture(&view, &ball, 0.0), picture(&view, &[], 0.0));
     let wanted = geometry.input(at);
     let found = changed(&seen, &empty, wanted, 26.0);
@@ -124,7 +124,7 @@ fn a_picture_has_the_same_bytes_on_any_number_of_threads() {
         build: &build,
         moments: vec![Volume::new(&standing(1.75, [0.0, 0.0]), &build)],
     }];
-    let view = View::of_camera(&camera(bent()));
+    let view = CameraView::of_camera(&camera(bent()));
     let on = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new()
             .num_threads(threads)
@@ -138,7 +138,7 @@ fn a_picture_has_the_same_bytes_on_any_number_of_threads() {
 #[test]
 fn an_open_shutter_smears_what_moves() {
     let camera = camera(Distortion::default());
-    let view = View::of_camera(&camera);
+    let view = CameraView::of_camera(&camera);
     let empty = picture(&view, &[], 0.0);
     let width = |moments: Vec<Vec<Cone>>| {
         let ball = Figure::Thing {
@@ -165,7 +165,7 @@ fn people_beside_and_behind_the_camera_do_no_harm() {
             build: &build,
             moments: vec![Volume::new(&standing(1.75, at), &build)],
         }];
-        let seen = picture(&View::of_camera(&camera(bent())), &figures, 1.0);
+        let seen = picture(&CameraView::of_camera(&camera(bent())), &figures, 1.0);
         assert_eq!(seen.dimensions(), (SIZE_PX[0], SIZE_PX[1]));
     }
 }

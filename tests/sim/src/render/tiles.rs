@@ -5,25 +5,25 @@ use nalgebra::Vector3;
 use super::cast::Cast;
 use super::figure::Figure;
 use super::shade::Shade;
-use super::view::{PixelBox, TILE, View};
+use super::view::{CameraView, PixelBox, TILE};
 
 /// Of which figure a cone is which.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Owner {
+pub(super) struct ConeOwner {
     pub(super) figure: u16,
     pub(super) cone: u16,
 }
 
 /// What a view sees at one moment, sorted into tiles.
-pub(super) struct Moment {
-    pub(super) casts: Vec<(Cast, Owner)>,
+pub(super) struct TileMoment {
+    pub(super) casts: Vec<(Cast, ConeOwner)>,
     columns: usize,
     /// Positions in `casts` per tile, row by row.
     bins: Vec<Vec<u32>>,
 }
 
-impl Moment {
-    pub(super) fn new(figures: &[Figure<'_>], moment: usize, view: &View) -> Self {
+impl TileMoment {
+    pub(super) fn new(figures: &[Figure<'_>], moment: usize, view: &CameraView) -> Self {
         let [columns, rows] = view.size_px().map(|n| n.div_ceil(TILE));
         let mut found = Self {
             casts: Vec::new(),
@@ -32,7 +32,7 @@ impl Moment {
         };
         for (f, figure) in figures.iter().enumerate() {
             for (c, cone) in figure.cones(moment).iter().enumerate() {
-                let owner = Owner {
+                let owner = ConeOwner {
                     figure: f as u16,
                     cone: c as u16,
                 };
@@ -44,7 +44,7 @@ impl Moment {
         found
     }
 
-    fn add(&mut self, cast: Cast, owner: Owner, view: &View) {
+    fn add(&mut self, cast: Cast, owner: ConeOwner, view: &CameraView) {
         let n = self.casts.len() as u32;
         let PixelBox { x, y } = cast.bound;
         for row in y[0] / TILE..y[1].div_ceil(TILE) {
@@ -65,7 +65,7 @@ impl Moment {
 }
 
 /// The middle ray of a tile, and how far its rays are from it.
-fn tile_cone(view: &View, left: usize, top: usize) -> ([f32; 2], f32) {
+fn tile_cone(view: &CameraView, left: usize, top: usize) -> ([f32; 2], f32) {
     let ends = [
         view.row(left, top, [-1.0; 2]),
         view.row(left, top + TILE - 1, [1.0; 2]),
@@ -82,7 +82,7 @@ fn tile_cone(view: &View, left: usize, top: usize) -> ([f32; 2], f32) {
 }
 
 /// The pixels that see where a shadow may fall.
-pub(super) fn shadow_box(shade: &Shade, view: &View) -> PixelBox {
+pub(super) fn shadow_box(shade: &Shade, view: &CameraView) -> PixelBox {
     let [width, height] = view.size_px();
     let whole = PixelBox {
         x: [0, width],

@@ -17,7 +17,7 @@ const NEAR_M: f64 = 0.1;
 ///
 /// Rays are (u, v, 1) in camera axes (x right, y down, z forward).
 #[derive(Debug, Clone)]
-pub struct View {
+pub struct CameraView {
     pub(super) eye_m: Vector3<f64>,
     /// Camera axes from world axes.
     pub(super) rotation: Matrix3<f64>,
@@ -56,7 +56,7 @@ impl PixelBox {
     }
 }
 
-impl View {
+impl CameraView {
     /// The whole picture of a camera, as its lens draws it.
     pub fn of_camera(camera: &CameraModel) -> Self {
         let size = camera.size_px().map(|v| v as usize);

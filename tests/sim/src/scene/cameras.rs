@@ -30,7 +30,7 @@ const STEP_RAD: f64 = PI / 720.0;
 
 /// The cameras of a scene and how they are mounted.
 #[derive(Debug, Default)]
-pub(super) struct Rig {
+pub(super) struct CameraRig {
     pub(super) viewpoints: Vec<super::SceneViewpoint>,
     pub(super) cameras: Vec<CameraModel>,
 }
@@ -43,10 +43,10 @@ pub(super) fn generate(
     wanted: &GeneratedCameras,
     size_m: [f64; 2],
     seed: u64,
-) -> Result<Rig, String> {
+) -> Result<CameraRig, String> {
     let half_m = Vector2::new(size_m[0] / 2.0, size_m[1] / 2.0);
     let mut rng = draws(seed, Purpose::Cameras, 0);
-    let mut rig = Rig::default();
+    let mut rig = CameraRig::default();
     for (name, at_m) in places(wanted.viewpoints, half_m, wanted.setback_m) {
         let eye = Vector3::new(at_m.x, at_m.y, wanted.height_m);
         let seen_m = half_m.add_scalar(MARGIN_M.min(wanted.setback_m / 2.0));
@@ -181,13 +181,13 @@ fn clip(polygon: &[Vector2<f64>], inside: impl Fn(&Vector2<f64>) -> f64) -> Vec<
 }
 
 /// Where a camera looks, and with what lens.
-struct Look {
+struct CameraLook {
     direction: Vector3<f64>,
     focal_px: f64,
 }
 
 /// The direction from `eye` in which the prism over `slice` fits the image with the longest lens.
-fn aim(eye: Vector3<f64>, slice: &[Vector2<f64>], size_px: [u32; 2]) -> Option<Look> {
+fn aim(eye: Vector3<f64>, slice: &[Vector2<f64>], size_px: [u32; 2]) -> Option<CameraLook> {
     let corners: Vec<Vector3<f64>> = slice
         .iter()
         .flat_map(|p| [0.0, TOP_M].map(|z| Vector3::new(p.x, p.y, z) - eye))
@@ -215,7 +215,7 @@ fn aim(eye: Vector3<f64>, slice: &[Vector2<f64>], size_px: [u32; 2]) -> Option<L
     }
     let (focal_px, pan, tilt) = best;
     let widest_px = f64::from(size_px[0].max(size_px[1])) / 2.0 / WIDEST;
-    (focal_px > widest_px).then(|| Look {
+    (focal_px > widest_px).then(|| CameraLook {
         direction: direction(pan, tilt),
         focal_px,
     })

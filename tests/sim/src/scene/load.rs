@@ -10,7 +10,7 @@ use farfield_proto::toml_file::{FileError, Place, TomlFile, unknown_name};
 use rand::RngExt as _;
 
 use super::SceneViewpoint;
-use super::cameras::{self, Rig};
+use super::cameras::{self, CameraRig};
 use super::draws::{Purpose, draws};
 use super::file::{CameraSource, MAX_PEOPLE, SceneFile};
 use super::poster::Poster;
@@ -22,7 +22,7 @@ pub(super) fn read(path: &Path) -> Result<String, FileError> {
 }
 
 /// The cameras of a scene.
-pub(super) fn mount(file: &SceneFile, toml: &TomlFile<'_>) -> Result<Rig, FileError> {
+pub(super) fn mount(file: &SceneFile, toml: &TomlFile<'_>) -> Result<CameraRig, FileError> {
     let (calibration, viewpoints) = match &file.cameras {
         CameraSource::Generated(wanted) => {
             return cameras::generate(wanted, file.size_m, file.seed)
@@ -34,7 +34,7 @@ pub(super) fn mount(file: &SceneFile, toml: &TomlFile<'_>) -> Result<Rig, FileEr
         } => (calibration, viewpoints),
     };
     let calibration = Calibration::parse(&read(calibration)?, calibration)?;
-    let mut rig = Rig::default();
+    let mut rig = CameraRig::default();
     for (i, (name, cameras)) in viewpoints.iter().enumerate() {
         let first = rig.cameras.len();
         for (j, camera) in cameras.iter().enumerate() {

@@ -29,16 +29,16 @@ use rand::RngExt as _;
 
 pub use self::ball::BALL_RADIUS_M;
 use self::ball::Ball;
-use self::cameras::Rig;
+use self::cameras::CameraRig;
 use self::draws::{Purpose, draws};
 use self::file::SceneFile;
 use self::load::{Clips, mount, numbers_of, posters_of, read};
 pub use self::mirror::Mirror;
-use self::plan::Plan;
+use self::plan::ScenePlan;
 pub use self::plan::{EDGE_M, KEEP_M};
 pub use self::poster::Poster;
 use self::sight::Sight;
-pub use self::sight::{Lost, ViewpointMask};
+pub use self::sight::{LostInterval, ViewpointMask};
 use self::truth::DefinitionOffsets;
 pub use self::truth::{N_SITES, PersonTruth, SITE_JOINTS};
 use crate::fault_profile::FaultProfile;
@@ -88,9 +88,9 @@ pub struct Scene {
     planned_s: f64,
     seed: u64,
     size_m: [f64; 2],
-    rig: Rig,
+    rig: CameraRig,
     people: Vec<ScenePerson>,
-    plan: Plan,
+    plan: ScenePlan,
     mirrors: Vec<Mirror>,
     posters: Vec<Poster>,
     sight: Sight,
@@ -125,9 +125,9 @@ impl Scene {
         let mut clips = Clips::new(clips);
         let posters = posters_of(&file, &mut clips)?;
         let clips = clips.of_people(&file)?;
-        let plan = Plan::new(&file, &clips);
+        let plan = ScenePlan::new(&file, &clips);
         let numbers = numbers_of(&file);
-        let statures_m = Plan::statures_m(&file, &clips);
+        let statures_m = ScenePlan::statures_m(&file, &clips);
         let person = |(index, entry): (usize, &file::PersonEntry)| ScenePerson {
             name: entry.name.clone(),
             number: numbers[index],
@@ -226,7 +226,7 @@ impl Scene {
     }
 
     /// Who is lost when, and to whom.
-    pub fn lost(&self) -> &[Lost] {
+    pub fn lost(&self) -> &[LostInterval] {
         &self.sight.lost
     }
 

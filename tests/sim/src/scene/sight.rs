@@ -16,7 +16,7 @@ pub type ViewpointMask = u64;
 
 /// For how long somebody is lost to whom.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Lost {
+pub struct LostInterval {
     /// The person's place in the scene.
     pub person: usize,
     /// From when, seconds.
@@ -32,7 +32,7 @@ pub struct Lost {
 pub(super) struct Sight {
     /// Per person, for good.
     seen_by: Vec<ViewpointMask>,
-    pub(super) lost: Vec<Lost>,
+    pub(super) lost: Vec<LostInterval>,
 }
 
 impl Sight {
@@ -76,7 +76,7 @@ impl Sight {
                 let problem = unknown_name("person", &entry.person, &known);
                 return Err(toml.error(&place.key("person"), problem));
             };
-            sight.lost.push(Lost {
+            sight.lost.push(LostInterval {
                 person,
                 from_s: entry.from_s,
                 until_s: entry.until_s,

@@ -129,14 +129,14 @@ pub struct SceneSummary {
     /// Names of the cameras.
     pub cameras: Vec<String>,
     /// Name, stature (metres), first and last tick of everybody who is there for a tick at least.
-    pub people: Vec<PersonSummary>,
+    pub people: Vec<ScenePersonSummary>,
     /// Whether there is a ball.
     pub ball: bool,
 }
 
 /// One person of a [`SceneSummary`].
 #[derive(Debug, Clone, Serialize)]
-pub struct PersonSummary {
+pub struct ScenePersonSummary {
     /// Number in the truth file.
     pub person: u32,
     /// Name in the scene file.
@@ -158,7 +158,7 @@ impl SceneSummary {
                 let time_s = scene.time_s(Tick(*tick));
                 scene.is_there(i, time_s)
             };
-            Some(PersonSummary {
+            Some(ScenePersonSummary {
                 person: who.number,
                 name: who.name.clone(),
                 stature_m: who.stature_m,

@@ -9,7 +9,7 @@ use farfield_proto::tick::Tick;
 use farfield_proto::venue::SimulatedContent;
 use image::RgbImage;
 
-use crate::faults::{Crowd, MapFaults};
+use crate::faults::{MapFaults, SceneCrowd};
 use crate::render::{RenderSettings, Renderer};
 use crate::scene::Scene;
 
@@ -45,7 +45,7 @@ impl SimulatedSource {
     /// [`SourceError::Scene`] when the scene has no such camera, or a mirror, which pictures cannot show,
     /// or the system no thread left.
     pub fn new(
-        crowd: &Arc<Crowd>,
+        crowd: &Arc<SceneCrowd>,
         camera: usize,
         content: SimulatedContent,
         ticks: Range<Tick>,

@@ -14,7 +14,7 @@ use farfield_proto::toml_file::{FileError, unknown_name};
 use farfield_proto::venue::{Source, Venue, VenueCamera};
 
 use super::SimulatedSource;
-use crate::faults::Crowd;
+use crate::faults::SceneCrowd;
 use crate::maps_file::{MapsFile, MapsSource, load, same_rate, ticks_of};
 use crate::scene::Scene;
 
@@ -23,26 +23,26 @@ use crate::scene::Scene;
 pub struct VenueSources {
     recorded: RecordedSources,
     /// The people of every scene, by its file.
-    crowds: Mutex<BTreeMap<PathBuf, Arc<Crowd>>>,
+    crowds: Mutex<BTreeMap<PathBuf, Arc<SceneCrowd>>>,
     /// Maps made beforehand, by their file.
     maps: Mutex<BTreeMap<PathBuf, Arc<MapsFile>>>,
 }
 
 /// A camera of a scene that fits the venue's.
 struct Simulated {
-    crowd: Arc<Crowd>,
+    crowd: Arc<SceneCrowd>,
     camera: usize,
     /// In ticks of the venue.
     ticks: Range<Tick>,
 }
 
 impl VenueSources {
-    fn crowd(&self, path: &Path) -> Result<Arc<Crowd>, FileError> {
+    fn crowd(&self, path: &Path) -> Result<Arc<SceneCrowd>, FileError> {
         let mut crowds = self.crowds.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(crowd) = crowds.get(path) {
             return Ok(Arc::clone(crowd));
         }
-        let crowd = Arc::new(Crowd::new(Arc::new(Scene::load(path)?)));
+        let crowd = Arc::new(SceneCrowd::new(Arc::new(Scene::load(path)?)));
         crowds.insert(path.to_owned(), Arc::clone(&crowd));
         Ok(crowd)
     }

@@ -11,7 +11,7 @@ use farfield_proto::venue::{SimulatedContent, Venue};
 
 use super::*;
 use crate::embedded;
-use crate::faults::{Crowd, MapFaults};
+use crate::faults::{MapFaults, SceneCrowd};
 use crate::scene::write::calibration_text;
 
 const FIRST: Tick = Tick(100);
@@ -69,7 +69,7 @@ fn a_scenes_ticks_are_counted_from_the_venues_first() {
     let FrameContent::Painted(seen) = frame.content else {
         panic!("maps are painted");
     };
-    let crowd = Arc::new(Crowd::new(Arc::new(scene)));
+    let crowd = Arc::new(SceneCrowd::new(Arc::new(scene)));
     let expected = MapFaults::of(crowd, 0).observe(Tick(5));
     let expected: &dyn farfield_edge::source::MapPainter = &expected;
     assert_eq!(seen.persons(), expected.persons());
@@ -82,7 +82,7 @@ fn a_scenes_ticks_are_counted_from_the_venues_first() {
 #[test]
 fn pictures_come_one_by_one_and_end_with_the_scene() {
     let scene = Arc::new(embedded::scene("court").unwrap());
-    let crowd = Arc::new(Crowd::new(Arc::clone(&scene)));
+    let crowd = Arc::new(SceneCrowd::new(Arc::clone(&scene)));
     let ticks = Tick(7)..Tick(9);
     let pixels = SimulatedContent::Pixels;
     let mut source = SimulatedSource::new(&crowd, 1, pixels, ticks, Tick(0)).unwrap();

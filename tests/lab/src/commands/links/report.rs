@@ -6,17 +6,17 @@ use serde::Serialize;
 
 /// All lines of the table.
 #[derive(Debug, Serialize)]
-pub(super) struct Report {
+pub(super) struct LinkReport {
     /// Length of a run, seconds.
     pub(super) seconds: u32,
     /// Seconds at its start that are not scored.
     pub(super) settle: u32,
-    pub(super) rows: Vec<Row>,
+    pub(super) rows: Vec<LinkRow>,
 }
 
 /// One run.
 #[derive(Debug, Serialize)]
-pub(super) struct Row {
+pub(super) struct LinkRow {
     /// Round trip and loss each way.
     pub(super) link: String,
     pub(super) mpjpe_mm: Option<f64>,
@@ -41,7 +41,7 @@ pub(super) struct Row {
     pub(super) mean_wait_ms: f64,
 }
 
-impl Report {
+impl LinkReport {
     pub(super) fn new(seconds: u32, settle: u32) -> Self {
         Self {
             seconds,
@@ -55,7 +55,7 @@ const HEAD: &str = "link           MPJPE    gaps  switches  capture to pose ms  
                     queue ms           dropped\n                  mm       %            P50      P99         \
                           nth    mean    peak      mean     max";
 
-impl fmt::Display for Report {
+impl fmt::Display for LinkReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(
             f,
@@ -66,7 +66,7 @@ impl fmt::Display for Report {
     }
 }
 
-impl fmt::Display for Row {
+impl fmt::Display for LinkRow {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let number = |value: Option<f64>| value.map_or("-".to_owned(), |v| format!("{v:.1}"));
         let whole = |value: Option<u16>| value.map_or("-".to_owned(), |v| v.to_string());

@@ -49,7 +49,7 @@ impl Person {
 }
 
 /// What there is to see at one moment.
-pub(crate) struct Moment {
+pub(crate) struct TrainingMoment {
     pub(crate) people: Vec<Person>,
     /// Balls and posts.
     pub(crate) things: Vec<(Color, Cone)>,

@@ -1,12 +1,12 @@
 //! The picture of the people in a place that is drawn anew each time.
 
 use farfield_proto::camera::CameraModel;
-use farfield_sim::render::{Backdrop, Figure, Sensor, Shot, Surroundings, View, paint};
+use farfield_sim::render::{Backdrop, CameraView, Figure, Sensor, Shot, Surroundings, paint};
 use image::RgbImage;
 use rand::RngExt as _;
 use rand_chacha::ChaCha8Rng;
 
-use crate::commands::training::people::Moment;
+use crate::commands::training::people::TrainingMoment;
 
 /// Different sensors; each keeps a table of noise that takes longer to make than a picture.
 const SENSORS: u64 = 96;
@@ -31,13 +31,13 @@ impl Scenery {
     /// What `camera` sees of the people, in surroundings of their own.
     pub(crate) fn paint(
         &self,
-        moment: &Moment,
+        moment: &TrainingMoment,
         camera: &CameraModel,
         rng: &mut ChaCha8Rng,
     ) -> RgbImage {
         let eye_m = camera.center().coordinates_m().coords;
         let surroundings = Surroundings::new(moment.field_m, &[eye_m], rng.random());
-        let view = View::of_camera(camera);
+        let view = CameraView::of_camera(camera);
         let people = moment.people.iter().map(|person| Figure::Person {
             build: &person.build,
             moments: vec![person.volume.clone()],

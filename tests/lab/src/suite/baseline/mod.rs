@@ -14,7 +14,7 @@ use std::ops::RangeInclusive;
 use farfield_fusion::estimate::triangulate::Observation;
 use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::tick::Tick;
-use farfield_score::points::{Body, PointSet};
+use farfield_score::points::{PointSet, ScoredBody};
 use nalgebra::{Matrix3x4, Vector3};
 
 use crate::suite::baseline::butterworth::ZeroPhase;
@@ -101,9 +101,9 @@ impl Trajectory {
     }
 
     /// The body at `tick` as it is scored, `None` when nothing of it is known.
-    pub fn body(&self, tick: Tick, keypoints: &KeypointSet) -> Option<Body> {
+    pub fn body(&self, tick: Tick, keypoints: &KeypointSet) -> Option<ScoredBody> {
         let point = |name: &str| self.at(keypoints.index_of(name)?, tick);
-        let mut body = Body::gather(PointSet::Joints, point, |_| None);
+        let mut body = ScoredBody::gather(PointSet::Joints, point, |_| None);
         body.set_sites(point);
         body.points_m.iter().any(Option::is_some).then_some(body)
     }
@@ -139,7 +139,7 @@ mod tests {
     use nalgebra::Point3;
 
     use super::*;
-    use crate::ring::Ring;
+    use crate::ring::CameraRing;
 
     /// What exact peaks leave: rounding, and the filter's damping of a slow circle (below 0.1 mm).
     const CLEAN_M: f64 = 1e-4;
@@ -164,7 +164,7 @@ mod tests {
     }
 
     fn trajectory(hidden: impl Fn(Tick) -> bool) -> Trajectory {
-        let ring = Ring::new(4).unwrap();
+        let ring = CameraRing::new(4).unwrap();
         let ticks = (0..N_TICKS).map(Tick).filter(|&t| !hidden(t));
         let views = ticks.map(|tick| {
             let cameras = ring.cameras().iter().enumerate();

@@ -86,13 +86,13 @@ mod tests {
     use nalgebra::Point3;
 
     use super::*;
-    use crate::ring::Ring;
+    use crate::ring::CameraRing;
 
     /// What rounding leaves of exact projections, metres.
     const EXACT_M: f64 = 1e-6;
 
     fn seen(point: Vector3<f64>) -> Vec<Observation> {
-        let ring = Ring::new(4).unwrap();
+        let ring = CameraRing::new(4).unwrap();
         ring.cameras()
             .iter()
             .map(|camera| Observation {

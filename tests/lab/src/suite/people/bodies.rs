@@ -7,35 +7,35 @@ use farfield_fusion::body::skeleton::{Joint, N_JOINTS};
 use farfield_proto::keypoints::{COCO17, KeypointSet};
 use farfield_proto::message::{PersonPose, PoseSet};
 use farfield_proto::tick::Tick;
-use farfield_score::detail::{Detail, Sureness};
-use farfield_score::points::{Body, PointSet};
+use farfield_score::detail::{JointDetail, Sureness};
+use farfield_score::points::{PointSet, ScoredBody};
 use nalgebra::Vector3;
 
 use farfield_sim::scene::PersonTruth;
 
 /// People by tick and id.
-pub type People = BTreeMap<Tick, BTreeMap<u32, Body>>;
+pub type People = BTreeMap<Tick, BTreeMap<u32, ScoredBody>>;
 
 /// The true person as it is scored.
-pub fn true_body(truth: &PersonTruth) -> Body {
+pub fn true_body(truth: &PersonTruth) -> ScoredBody {
     let joint = |name: &str| joint_m(&truth.joints_m, name);
-    let mut body = Body::gather(PointSet::Joints, joint, joint);
+    let mut body = ScoredBody::gather(PointSet::Joints, joint, joint);
     body.set_sites(|name| {
         let index = COCO17.iter().position(|keypoint| *keypoint == name)?;
         Some(truth.sites_m[index])
     });
-    body.detail = Some(Box::new(Detail::gather(joint, None)));
+    body.detail = Some(Box::new(JointDetail::gather(joint, None)));
     body
 }
 
 /// A pose as it is scored.
-pub fn pose_body(pose: &PersonPose, keypoints: &KeypointSet) -> Body {
+pub fn pose_body(pose: &PersonPose, keypoints: &KeypointSet) -> ScoredBody {
     let to_f64 = |p: &[f32; 3]| Vector3::from(p.map(f64::from));
     let joint = |name: &str| {
         let joint = Joint::from_name(name)?;
         pose.joints_m.get(joint.index()).map(to_f64)
     };
-    let mut body = Body::gather(PointSet::Joints, joint, joint);
+    let mut body = ScoredBody::gather(PointSet::Joints, joint, joint);
     body.set_sites(|name| {
         let index = keypoints.index_of(name)?;
         pose.keypoints_m.get(index).map(to_f64)
@@ -48,7 +48,7 @@ pub fn pose_body(pose: &PersonPose, keypoints: &KeypointSet) -> Body {
                 views: pose.views,
                 sigma_m,
             };
-            Box::new(Detail::gather(joint, Some(sureness)))
+            Box::new(JointDetail::gather(joint, Some(sureness)))
         });
     body
 }

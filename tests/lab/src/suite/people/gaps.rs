@@ -7,7 +7,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use farfield_proto::tick::Tick;
-use farfield_score::lines::Recording;
+use farfield_score::lines::PoseLines;
 use farfield_score::matches_at;
 
 use farfield_sim::scene::Scene;
@@ -19,8 +19,8 @@ const LEAST_VIEWPOINTS: u32 = 2;
 /// those who are lost and those who are `returning`.
 pub fn to_answer_for(
     scene: &Scene,
-    poses: &Recording,
-    truth: &Recording,
+    poses: &PoseLines,
+    truth: &PoseLines,
     returning: &BTreeSet<(Tick, u32)>,
 ) -> BTreeSet<(Tick, u32)> {
     let people = scene.people().iter().enumerate();
@@ -46,7 +46,7 @@ pub fn to_answer_for(
 
 #[cfg(test)]
 mod tests {
-    use farfield_score::points::{Body, PointSet};
+    use farfield_score::points::{PointSet, ScoredBody};
     use nalgebra::Vector3;
 
     use super::*;
@@ -54,14 +54,14 @@ mod tests {
     use farfield_sim::embedded;
 
     /// Persons 1 to 3, each 3 m from the next.
-    fn recording(at: impl Iterator<Item = (i64, u32)>) -> Recording {
+    fn recording(at: impl Iterator<Item = (i64, u32)>) -> PoseLines {
         let mut people = People::new();
         for (tick, person) in at {
-            let mut body = Body::default();
+            let mut body = ScoredBody::default();
             body.points_m[0] = Some(Vector3::new(3.0 * f64::from(person), 0.0, 1.0));
             people.entry(Tick(tick)).or_default().insert(person, body);
         }
-        Recording::from_people(PointSet::Joints, people)
+        PoseLines::from_people(PointSet::Joints, people)
     }
 
     #[test]

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use farfield_fusion::body::skeleton::Joint;
 use farfield_proto::frames::Point;
 use farfield_proto::tick::Tick;
-use farfield_score::lines::Recording;
+use farfield_score::lines::PoseLines;
 use farfield_score::matches_at;
 use farfield_score::points::PointSet;
 
@@ -19,16 +19,16 @@ const LEAST_KEYPOINTS: usize = 6;
 const LEAST_VIEWPOINTS: usize = 2;
 
 /// The people of a scene who can be asked for, tick by tick.
-pub struct Presence {
+pub struct ScenePresence {
     /// The truth of all who are anywhere.
-    everywhere: Recording,
+    everywhere: PoseLines,
     /// The truth of those who can be asked for.
-    pub truth: Recording,
+    pub truth: PoseLines,
     /// The first tick of each in it.
     pub since: BTreeMap<u32, Tick>,
 }
 
-impl Presence {
+impl ScenePresence {
     /// That of `scene`.
     pub fn of(scene: &Scene) -> Self {
         let (mut everywhere, mut present) = (People::new(), People::new());
@@ -47,7 +47,7 @@ impl Presence {
                 everywhere.entry(tick).or_default().insert(who.number, body);
             }
         }
-        let recording = |people| Recording::from_people(PointSet::Joints, people).whole();
+        let recording = |people| PoseLines::from_people(PointSet::Joints, people).whole();
         Self {
             everywhere: recording(everywhere),
             truth: recording(present),
@@ -56,7 +56,7 @@ impl Presence {
     }
 
     /// `poses` without those of people who cannot be asked for just then.
-    pub fn asked_for(&self, poses: &Recording) -> Recording {
+    pub fn asked_for(&self, poses: &PoseLines) -> PoseLines {
         let mut kept = People::new();
         for tick in poses.ticks() {
             let owners = matches_at(tick, poses, &self.everywhere);
@@ -73,7 +73,7 @@ impl Presence {
                 kept.insert(tick, people);
             }
         }
-        Recording::from_people(PointSet::Joints, kept)
+        PoseLines::from_people(PointSet::Joints, kept)
     }
 }
 
@@ -107,7 +107,7 @@ mod tests {
     #[test]
     fn who_leaves_the_field_is_not_asked_for_until_the_return() {
         let scene = embedded::scene("return").unwrap();
-        let presence = Presence::of(&scene);
+        let presence = ScenePresence::of(&scene);
         let ticks = |actor: u32| -> Vec<i64> {
             let there = |tick: &Tick| {
                 presence

@@ -4,7 +4,7 @@
 use std::fmt;
 
 use farfield_proto::tick::Tick;
-use farfield_score::lines::Recording;
+use farfield_score::lines::PoseLines;
 use farfield_score::{errors_over_time, matches_at};
 use serde::Serialize;
 
@@ -36,13 +36,13 @@ pub struct Recovery {
 impl Recovery {
     /// Those of `poses` in `scene`, whose truth is `truth`: one for each loss that begins and ends within
     /// the scene's ticks.
-    pub fn all(scene: &Scene, poses: &Recording, truth: &Recording) -> Vec<Self> {
+    pub fn all(scene: &Scene, poses: &PoseLines, truth: &PoseLines) -> Vec<Self> {
         let errors = errors_over_time(poses, truth);
         let end_s = scene.seconds();
         let lost = scene.lost().iter().filter(|lost| lost.until_s < end_s);
         lost.filter_map(|lost| {
             let actor = scene.people()[lost.person].number;
-            let track = Track {
+            let track = ErrorTrack {
                 actor,
                 rate_hz: scene.rate_hz(),
                 errors: errors.get(&actor)?,
@@ -54,14 +54,14 @@ impl Recovery {
 }
 
 /// One actor's error at every tick of the truth.
-struct Track<'a> {
+struct ErrorTrack<'a> {
     actor: u32,
     rate_hz: f64,
     errors: &'a [(Tick, Option<f64>)],
 }
 
-impl Track<'_> {
-    fn recovery(&self, lost_s: [f64; 2], (poses, truth): (&Recording, &Recording)) -> Recovery {
+impl ErrorTrack<'_> {
+    fn recovery(&self, lost_s: [f64; 2], (poses, truth): (&PoseLines, &PoseLines)) -> Recovery {
         let [from, until] = lost_s.map(|s| Tick((s * self.rate_hz).ceil() as i64));
         let during = || {
             self.errors
@@ -129,15 +129,15 @@ pub fn slowest_s(recoveries: &[Recovery]) -> Option<f64> {
 mod tests {
     use std::collections::BTreeMap;
 
-    use farfield_score::points::{Body, PointSet};
+    use farfield_score::points::{PointSet, ScoredBody};
     use nalgebra::Vector3;
 
     use super::*;
 
     /// Somebody whose points are all `off_m` from where the truth has them, with an id, at each tick.
-    fn recording(at: impl Fn(i64) -> Option<(u32, f64)>) -> Recording {
+    fn recording(at: impl Fn(i64) -> Option<(u32, f64)>) -> PoseLines {
         let body = |off_m: f64| {
-            let mut body = Body::default();
+            let mut body = ScoredBody::default();
             body.points_m[0] = Some(Vector3::new(off_m, 0.0, 1.0));
             body
         };
@@ -145,18 +145,18 @@ mod tests {
             let (id, off_m) = at(tick)?;
             Some((Tick(tick), BTreeMap::from([(id, body(off_m))])))
         });
-        Recording::from_people(PointSet::Joints, people.collect())
+        PoseLines::from_people(PointSet::Joints, people.collect())
     }
 
-    fn recovery(poses: &Recording) -> Recovery {
+    fn recovery(poses: &PoseLines) -> Recovery {
         recovery_at(10.0, poses)
     }
 
     /// That of somebody who is lost from 1 s to 2 s.
-    fn recovery_at(rate_hz: f64, poses: &Recording) -> Recovery {
+    fn recovery_at(rate_hz: f64, poses: &PoseLines) -> Recovery {
         let truth = recording(|_| Some((1, 0.0)));
         let errors = errors_over_time(poses, &truth);
-        let track = Track {
+        let track = ErrorTrack {
             actor: 1,
             rate_hz,
             errors: &errors[&1],

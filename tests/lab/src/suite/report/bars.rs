@@ -33,7 +33,7 @@ impl Bound {
 
 /// A figure beside its bar.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Verdict {
+pub struct BarVerdict {
     /// The scenes it is the mean of.
     pub scenes: String,
     /// What was measured, with its unit.
@@ -46,7 +46,7 @@ pub struct Verdict {
     pub reached: bool,
 }
 
-impl Verdict {
+impl BarVerdict {
     fn new(scenes: &str, measure: &'static str, value: Option<f64>, bound: Bound) -> Self {
         Self {
             scenes: scenes.to_owned(),
@@ -58,7 +58,7 @@ impl Verdict {
     }
 }
 
-impl fmt::Display for Verdict {
+impl fmt::Display for BarVerdict {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let value = self
             .value
@@ -157,7 +157,7 @@ const RANGE_OF_MOTION_COSTS_MM: f64 = 1.0;
 const SLIDE_SHARE: f64 = 0.5;
 
 /// The bars that `reports` are held against; those of a group only where all its scenes are there.
-pub fn verdicts(reports: &[SceneReport]) -> Vec<Verdict> {
+pub fn verdicts(reports: &[SceneReport]) -> Vec<BarVerdict> {
     let mut verdicts = Vec::new();
     for bar in GROUPS {
         let group: Vec<&SceneReport> = bar
@@ -178,7 +178,7 @@ pub fn verdicts(reports: &[SceneReport]) -> Vec<Verdict> {
             let sum: Option<f64> = figures.sum();
             let value = sum.map(|sum| sum / group.len() as f64);
             let scenes = bar.scenes.join(",");
-            verdicts.push(Verdict::new(&scenes, bar.measure, value, bound));
+            verdicts.push(BarVerdict::new(&scenes, bar.measure, value, bound));
         }
     }
     for report in reports {
@@ -187,13 +187,13 @@ pub fn verdicts(reports: &[SceneReport]) -> Vec<Verdict> {
     verdicts
 }
 
-fn of_scene(report: &SceneReport) -> Vec<Verdict> {
+fn of_scene(report: &SceneReport) -> Vec<BarVerdict> {
     let (with, without) = (
         &report.with_range_of_motion,
         &report.without_range_of_motion,
     );
     let baseline = &report.baseline.scores;
-    let verdict = |measure, value, bound| Verdict::new(&report.scene, measure, value, bound);
+    let verdict = |measure, value, bound| BarVerdict::new(&report.scene, measure, value, bound);
     let gaps = report.gaps_to_answer_for as f64;
     let switches = with.identity.switches as f64;
     let mut verdicts = vec![
@@ -223,9 +223,9 @@ fn of_scene(report: &SceneReport) -> Vec<Verdict> {
 }
 
 /// Who is born, and who keeps the id.
-fn of_identity(report: &SceneReport) -> Vec<Verdict> {
+fn of_identity(report: &SceneReport) -> Vec<BarVerdict> {
     let scores = &report.with_range_of_motion;
-    let verdict = |measure, value, bound| Verdict::new(&report.scene, measure, value, bound);
+    let verdict = |measure, value, bound| BarVerdict::new(&report.scene, measure, value, bound);
     let none = Bound::AtMost(0.0);
     let false_births = scores.identity.false_births as f64;
     let lives = &scores.lives;
@@ -280,10 +280,10 @@ mod tests {
 
     #[test]
     fn nothing_measured_reaches_no_bar() {
-        assert!(!Verdict::new("a", "x", None, Bound::AtMost(1.0)).reached);
-        assert!(!Verdict::new("a", "x", Some(f64::NAN), Bound::AtMost(1.0)).reached);
-        assert!(Verdict::new("a", "x", Some(1.0), Bound::AtMost(1.0)).reached);
-        assert!(!Verdict::new("a", "x", Some(1.0), Bound::Below(1.0)).reached);
-        assert!(Verdict::new("a", "x", Some(2.0), Bound::AtLeast(1.0)).reached);
+        assert!(!BarVerdict::new("a", "x", None, Bound::AtMost(1.0)).reached);
+        assert!(!BarVerdict::new("a", "x", Some(f64::NAN), Bound::AtMost(1.0)).reached);
+        assert!(BarVerdict::new("a", "x", Some(1.0), Bound::AtMost(1.0)).reached);
+        assert!(!BarVerdict::new("a", "x", Some(1.0), Bound::Below(1.0)).reached);
+        assert!(BarVerdict::new("a", "x", Some(2.0), Bound::AtLeast(1.0)).reached);
     }
 }

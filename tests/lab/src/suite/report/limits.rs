@@ -21,7 +21,7 @@ pub const LIMIT_RETURN_S: f64 = 2.0;
 pub const LIMIT_RECOVERY_S: f64 = 1.0;
 
 /// A figure with what it is of and its limit.
-type Figure = (&'static str, f64, Bound);
+type LimitedFigure = (&'static str, f64, Bound);
 
 /// What is worse than the limits, in words; empty when all is well.
 pub fn behind_limits(reports: &[SceneReport]) -> Vec<String> {
@@ -48,14 +48,14 @@ pub fn behind_limits(reports: &[SceneReport]) -> Vec<String> {
     behind
 }
 
-fn of_gaps(scores: &Scores, gaps: u64) -> Vec<Figure> {
+fn of_gaps(scores: &Scores, gaps: u64) -> Vec<LimitedFigure> {
     let frames: u64 = scores.actors.values().map(|a| a.frames).sum();
     let gaps = 100.0 * gaps as f64 / frames.max(1) as f64;
     vec![("gaps to answer for, %", gaps, Bound::AtMost(LIMIT_GAPS))]
 }
 
 /// Where somebody out of sight is carried on by the model these say how far it moved meanwhile.
-fn of_poses(scores: &Scores) -> Vec<Figure> {
+fn of_poses(scores: &Scores) -> Vec<LimitedFigure> {
     let mpjpe_mm = scores.mean.mpjpe_mm.unwrap_or(f64::NAN);
     let success = scores.mean.success_150;
     vec![
@@ -64,7 +64,7 @@ fn of_poses(scores: &Scores) -> Vec<Figure> {
     ]
 }
 
-fn of_identity(scores: &Scores, recoveries: &[Recovery]) -> Vec<Figure> {
+fn of_identity(scores: &Scores, recoveries: &[Recovery]) -> Vec<LimitedFigure> {
     let none = Bound::AtMost(0.0);
     let count = |measure, n: u64| (measure, n as f64, none);
     let (identity, lives) = (&scores.identity, &scores.lives);
@@ -91,22 +91,22 @@ mod tests {
     use std::collections::BTreeMap;
 
     use farfield_proto::tick::Tick;
-    use farfield_score::lines::Recording;
-    use farfield_score::points::{Body, PointSet};
+    use farfield_score::lines::PoseLines;
+    use farfield_score::points::{PointSet, ScoredBody};
     use farfield_score::score;
     use nalgebra::Vector3;
 
     use super::*;
 
     /// Somebody with this id at these ticks.
-    fn recording(id: u32, ticks: impl Iterator<Item = i64>) -> Recording {
-        let mut body = Body::default();
+    fn recording(id: u32, ticks: impl Iterator<Item = i64>) -> PoseLines {
+        let mut body = ScoredBody::default();
         body.points_m[0] = Some(Vector3::zeros());
         let people = ticks.map(|tick| (Tick(tick), BTreeMap::from([(id, body.clone())])));
-        Recording::from_people(PointSet::Joints, people.collect())
+        PoseLines::from_people(PointSet::Joints, people.collect())
     }
 
-    fn missed(figures: Vec<Figure>) -> Vec<&'static str> {
+    fn missed(figures: Vec<LimitedFigure>) -> Vec<&'static str> {
         let missed = figures
             .into_iter()
             .filter(|(_, value, bound)| !bound.holds(*value));

@@ -9,7 +9,7 @@ use std::fmt;
 use std::sync::Arc;
 
 use farfield_proto::tick::Tick;
-use farfield_score::lines::Recording;
+use farfield_score::lines::PoseLines;
 use farfield_score::plot::plot_of;
 use farfield_score::points::PointSet;
 use farfield_score::table;
@@ -22,7 +22,7 @@ use crate::suite::baseline::{CUTOFFS_HZ, Trajectory};
 use crate::suite::people::bodies::People;
 use crate::suite::people::meetings::meetings;
 use crate::suite::people::recovery::Recovery;
-use crate::suite::run::{Plan, SceneRun};
+use crate::suite::run::{SceneRun, SceneRunPlan};
 use crate::suite::venue::Input;
 use farfield_sim::scene::Scene;
 use farfield_sim::scene::range_of_motion::range_of_motion_excess;
@@ -76,7 +76,7 @@ impl Baseline {
                     }
                 }
             }
-            let poses = Recording::from_people(PointSet::Joints, people);
+            let poses = PoseLines::from_people(PointSet::Joints, people);
             Self {
                 cutoff_hz,
                 scores: run.score(&poses, found),
@@ -134,9 +134,9 @@ pub struct SceneReport {
     pub patch_bytes_per_tick: f64,
     /// What a live listener gets, with range of motion.
     #[serde(skip)]
-    causal: Recording,
+    causal: PoseLines,
     #[serde(skip)]
-    truth: Recording,
+    truth: PoseLines,
 }
 
 impl SceneReport {
@@ -145,11 +145,11 @@ impl SceneReport {
     /// # Errors
     /// As [`SceneRun::make`].
     pub fn make(name: &str, scene: &Arc<Scene>, input: &Input) -> anyhow::Result<Self> {
-        let bounded = Plan {
+        let bounded = SceneRunPlan {
             keep_peaks: true,
-            ..Plan::default()
+            ..SceneRunPlan::default()
         };
-        let mut free = Plan::default();
+        let mut free = SceneRunPlan::default();
         free.parameters.range_of_motion.enabled = false;
         let [bounded, free] = SceneRun::make_all(scene, input, [bounded, free])?;
         let mut found = bounded.found();

@@ -9,7 +9,7 @@ use crate::motion::bvh::Bvh;
 
 /// The bones that the joints of the body are; pairs are left, right.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Named {
+pub(super) struct NamedBones {
     /// The bone that carries both hips and the trunk.
     pub(super) pelvis: usize,
     /// The bone after the pelvis on the way to the neck.
@@ -42,9 +42,9 @@ const NECK: &[&str] = &["neck", "necktwist01", "neck1", "neck01", "lowerneck"];
 const HEAD: &[&str] = &["head"];
 const EYE: &[&str] = &["eye"];
 
-impl Named {
+impl NamedBones {
     pub(super) fn find(bvh: &Bvh, path: &Path) -> Result<Self, FileError> {
-        let index = Index::new(bvh);
+        let index = BoneIndex::new(bvh);
         let mut missing = Vec::new();
         let mut need = |what: &'static str, found: Option<[usize; 2]>| {
             found.unwrap_or_else(|| {
@@ -110,9 +110,9 @@ impl Named {
 }
 
 /// Bones by plain name: lower case, letters and digits only, without a maker's prefix.
-struct Index(BTreeMap<String, usize>);
+struct BoneIndex(BTreeMap<String, usize>);
 
-impl Index {
+impl BoneIndex {
     fn new(bvh: &Bvh) -> Self {
         let mut index = BTreeMap::new();
         for (i, bone) in bvh.bones.iter().enumerate() {

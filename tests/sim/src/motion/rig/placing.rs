@@ -3,9 +3,9 @@
 use farfield_fusion::body::skeleton::{Joint, N_JOINTS};
 use nalgebra::Vector3;
 
-use super::names::Named;
-use super::{Axes, BodyAxes, Site};
-use crate::motion::bvh::{Bvh, Placed};
+use super::names::NamedBones;
+use super::{Axes, BodyAxes, BonePoint};
+use crate::motion::bvh::{Bvh, PlacedBone};
 
 /// Sole below ankle, in statures.
 pub(super) const SOLE: f64 = 0.035;
@@ -19,15 +19,15 @@ const BALL_AHEAD: f64 = 0.073;
 /// What the sites are placed by.
 pub(super) struct Placing<'a> {
     bvh: &'a Bvh,
-    named: &'a Named,
+    named: &'a NamedBones,
     axes: BodyAxes,
     /// The first frame: bones without motion of their own between two others stand in it as always.
-    placed: Vec<Placed>,
+    placed: Vec<PlacedBone>,
     pub(super) stature: f64,
 }
 
 impl<'a> Placing<'a> {
-    pub(super) fn new(bvh: &'a Bvh, named: &'a Named, axes: BodyAxes) -> Self {
+    pub(super) fn new(bvh: &'a Bvh, named: &'a NamedBones, axes: BodyAxes) -> Self {
         let mut placing = Self {
             bvh,
             named,
@@ -97,14 +97,14 @@ impl<'a> Placing<'a> {
         axes * Vector3::new(forward, left, up) * self.stature
     }
 
-    pub(super) fn sites(&self) -> [Site; N_JOINTS] {
+    pub(super) fn sites(&self) -> [BonePoint; N_JOINTS] {
         let named = self.named;
-        let at = |bone: usize| Site {
+        let at = |bone: usize| BonePoint {
             bone,
             offset: Vector3::zeros(),
         };
         let mut sites = [at(named.pelvis); N_JOINTS];
-        let mut set = |joint: Joint, site: Site| sites[joint.index()] = site;
+        let mut set = |joint: Joint, site: BonePoint| sites[joint.index()] = site;
         set(Joint::Spine, self.spine());
         set(Joint::Neck, at(named.neck));
         self.face(&mut set);
@@ -133,7 +133,7 @@ impl<'a> Placing<'a> {
             let heel = self.shares(&self.axes.foot, -0.032, 0.0, -SOLE);
             set(
                 of_side([Joint::LeftHeel, Joint::RightHeel]),
-                Site {
+                BonePoint {
                     bone: named.ankle[side],
                     offset: heel,
                 },
@@ -143,24 +143,24 @@ impl<'a> Placing<'a> {
         sites
     }
 
-    fn spine(&self) -> Site {
+    fn spine(&self) -> BonePoint {
         let named = self.named;
         let mid_hips = self.placed[named.pelvis].inside(self.mid_hips());
         let first = self.inside(named.first_spine, named.pelvis) - mid_hips;
         let up = first.dot(&self.axes.body.column(2)) / self.stature;
         if (0.03..=0.10).contains(&up) {
-            return Site {
+            return BonePoint {
                 bone: named.first_spine,
                 offset: Vector3::zeros(),
             };
         }
-        Site {
+        BonePoint {
             bone: named.pelvis,
             offset: mid_hips + self.shares(&self.axes.body, 0.0, 0.0, 0.07),
         }
     }
 
-    fn face(&self, set: &mut impl FnMut(Joint, Site)) {
+    fn face(&self, set: &mut impl FnMut(Joint, BonePoint)) {
         let axes = &self.axes.body;
         let bone = self.named.head.unwrap_or(self.named.neck);
         let eyes = self.mid_eyes().unwrap_or_else(|| {
@@ -168,9 +168,9 @@ impl<'a> Placing<'a> {
             self.shares(axes, 0.05, 0.0, 0.10 + 0.015) - axes.column(2) * to_head
         });
         let head = eyes - self.shares(axes, 0.05, 0.0, 0.015);
-        set(Joint::Head, Site { bone, offset: head });
+        set(Joint::Head, BonePoint { bone, offset: head });
         let nose = eyes + self.shares(axes, 0.013, 0.0, -0.022);
-        set(Joint::Nose, Site { bone, offset: nose });
+        set(Joint::Nose, BonePoint { bone, offset: nose });
         for (side, left, eye, ear) in [
             (0, 1.0, Joint::LeftEye, Joint::LeftEar),
             (1, -1.0, Joint::RightEye, Joint::RightEar),
@@ -178,7 +178,7 @@ impl<'a> Placing<'a> {
             let ear_at = head + self.shares(axes, 0.0, left * 0.042, 0.0);
             set(
                 ear,
-                Site {
+                BonePoint {
                     bone,
                     offset: ear_at,
                 },
@@ -186,22 +186,22 @@ impl<'a> Placing<'a> {
             let beside = eyes + self.shares(axes, 0.0, left * 0.018, 0.0);
             let eye_at = self.named.eye.zip(self.named.head);
             let offset = eye_at.map_or(beside, |(eyes, head)| self.inside(eyes[side], head));
-            set(eye, Site { bone, offset });
+            set(eye, BonePoint { bone, offset });
         }
     }
 
-    fn scapula(&self, side: usize) -> Site {
+    fn scapula(&self, side: usize) -> BonePoint {
         let neck = &self.bvh.bones[self.named.neck];
         let bone = neck.parent.unwrap_or(self.named.neck);
         let left = if side == 0 { 0.02 } else { -0.02 };
         let offset = self.inside(self.named.neck, bone);
-        Site {
+        BonePoint {
             bone,
             offset: offset + self.shares(&self.axes.body, 0.02, left, -0.01),
         }
     }
 
-    fn hand(&self, side: usize) -> Site {
+    fn hand(&self, side: usize) -> BonePoint {
         let bone = self.named.wrist[side];
         let plausible =
             |offset: &Vector3<f64>| (0.02..=0.12).contains(&(offset.norm() / self.stature));
@@ -214,16 +214,16 @@ impl<'a> Placing<'a> {
                 let elbow = self.inside(self.named.elbow[side], bone);
                 -elbow.try_normalize(f64::EPSILON).unwrap_or_default() * (0.05 * self.stature)
             });
-        Site { bone, offset }
+        BonePoint { bone, offset }
     }
 
-    fn toe(&self, side: usize) -> Site {
+    fn toe(&self, side: usize) -> BonePoint {
         let foot = &self.axes.foot;
         let ankle = self.named.ankle[side];
         let Some(toe) = self.named.toe.map(|toe| toe[side]) else {
             let end = self.bvh.bones[ankle].end;
             let ahead = self.ahead(end, TOE_AHEAD);
-            return Site {
+            return BonePoint {
                 bone: ankle,
                 offset: foot * ahead * self.stature,
             };
@@ -232,23 +232,23 @@ impl<'a> Placing<'a> {
         if let Some(end) = self.bvh.bones[toe].end {
             let tip = ball + self.axes.toe.transpose() * end / self.stature;
             if (0.09..=0.16).contains(&tip.x) {
-                return Site {
+                return BonePoint {
                     bone: toe,
                     offset: end,
                 };
             }
         }
         let beyond = self.ahead(Some(self.bvh.bones[toe].offset), TOE_AHEAD) - ball;
-        Site {
+        BonePoint {
             bone: toe,
             offset: self.axes.toe * beyond * self.stature,
         }
     }
 
-    pub(super) fn ball(&self, side: usize) -> Site {
+    pub(super) fn ball(&self, side: usize) -> BonePoint {
         let ankle = self.named.ankle[side];
         let ahead = self.ahead(self.bvh.bones[ankle].end, BALL_AHEAD);
-        Site {
+        BonePoint {
             bone: ankle,
             offset: self.axes.foot * ahead * self.stature,
         }

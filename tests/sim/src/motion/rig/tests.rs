@@ -86,7 +86,7 @@ fn a_shoulder_bone_above_an_arm_bone_is_the_collar() {
         text = text.replace(&shoulder, &above);
     }
     let bvh = Bvh::parse(&text, Path::new("a.bvh")).unwrap();
-    let named = Named::find(&bvh, Path::new("a.bvh")).unwrap();
+    let named = NamedBones::find(&bvh, Path::new("a.bvh")).unwrap();
     let name = |bone: usize| bvh.bones[bone].name.as_str();
     assert_eq!(named.shoulder.map(name), ["LeftArm", "RightArm"]);
     assert_eq!(

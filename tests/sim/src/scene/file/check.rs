@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use farfield_proto::toml_file::{FileError, Place, TomlFile};
 
-use super::raw::{RawPerson, RawScene, RawViewpoint};
+use super::raw::{PersonTable, SceneTable, ViewpointTable};
 use super::{
     CameraSource, GeneratedCameras, MAX_CAMERAS, MAX_FIGURES, MAX_MIRRORS, MAX_PEOPLE,
     MAX_PERSON_SECONDS, MAX_TICKS,
@@ -52,7 +52,7 @@ impl Check<'_> {
         Err(self.file.error(place, problem))
     }
 
-    pub(super) fn scene(&self, raw: &RawScene) -> Result<(), FileError> {
+    pub(super) fn scene(&self, raw: &SceneTable) -> Result<(), FileError> {
         self.range(&Place::field("rate_hz"), raw.rate_hz, [1.0, 1000.0])?;
         let longest_s = MAX_TICKS / raw.rate_hz;
         self.range(&Place::field("seconds"), raw.seconds, [0.0, longest_s])?;
@@ -62,7 +62,7 @@ impl Check<'_> {
         Ok(())
     }
 
-    pub(super) fn cameras(&self, raw: &RawScene) -> Result<CameraSource, FileError> {
+    pub(super) fn cameras(&self, raw: &SceneTable) -> Result<CameraSource, FileError> {
         let place = Place::field("cameras");
         match (&raw.cameras, &raw.calibration) {
             (Some(_), Some(_)) => Err(self.file.error(
@@ -106,7 +106,7 @@ impl Check<'_> {
         Ok(())
     }
 
-    fn viewpoints(&self, raw: &[RawViewpoint]) -> Result<Vec<(String, Vec<String>)>, FileError> {
+    fn viewpoints(&self, raw: &[ViewpointTable]) -> Result<Vec<(String, Vec<String>)>, FileError> {
         let place = Place::field("viewpoint");
         let n_cameras = raw.iter().map(|v| v.camera.len()).sum();
         self.count(&place, n_cameras, [1, MAX_CAMERAS])?;
@@ -121,7 +121,7 @@ impl Check<'_> {
                 self.unique(&place, &camera.name, &mut cameras)?;
             }
         }
-        let named = |v: &RawViewpoint| {
+        let named = |v: &ViewpointTable| {
             let cameras = v.camera.iter().map(|camera| camera.name.clone());
             (v.name.clone(), cameras.collect())
         };
@@ -140,7 +140,7 @@ impl Check<'_> {
         Err(self.file.error(place, format!("a second `{name}`")))
     }
 
-    pub(super) fn people(&self, raw: &RawScene) -> Result<(), FileError> {
+    pub(super) fn people(&self, raw: &SceneTable) -> Result<(), FileError> {
         let all = Place::field("person");
         self.count(&all, raw.person.len(), [0, MAX_PEOPLE])?;
         if raw.person.len() as f64 * raw.seconds > MAX_PERSON_SECONDS {
@@ -170,7 +170,7 @@ impl Check<'_> {
     }
 
     /// What stands in the scene beside people, and what is hidden of these.
-    pub(super) fn surroundings(&self, raw: &RawScene) -> Result<(), FileError> {
+    pub(super) fn surroundings(&self, raw: &SceneTable) -> Result<(), FileError> {
         let (mirrors, posters) = (Place::field("mirror"), Place::field("poster"));
         self.count(&mirrors, raw.mirror.len(), [0, MAX_MIRRORS])?;
         let shown = raw.person.len() * (1 + raw.mirror.len());
@@ -212,7 +212,7 @@ impl Check<'_> {
         Ok(())
     }
 
-    fn person(&self, place: &Place, person: &RawPerson) -> Result<(), FileError> {
+    fn person(&self, place: &Place, person: &PersonTable) -> Result<(), FileError> {
         self.name(&place.key("name"), &person.name)?;
         self.count(&place.key("clips"), person.clips.len(), [1, MAX_LIST])?;
         self.range(&place.key("blend_s"), person.blend_s, [0.0, 10.0])?;

@@ -13,7 +13,7 @@ use self::check::Check;
 pub use self::entries::{
     CameraSource, GeneratedCameras, LostEntry, MirrorEntry, PathEntry, PersonEntry, PosterEntry,
 };
-use self::raw::RawScene;
+use self::raw::SceneTable;
 use crate::fault_profile::FaultProfile;
 use farfield_proto::toml_file::{FileError, TomlFile};
 
@@ -72,7 +72,7 @@ impl SceneFile {
     /// number out of its range, and names that are taken twice.
     pub fn parse(text: &str, path: &Path) -> Result<Self, FileError> {
         let file = TomlFile::parse(text, path)?;
-        let raw: RawScene = file.read()?;
+        let raw: SceneTable = file.read()?;
         let check = Check { file: &file };
         check.scene(&raw)?;
         let cameras = check.cameras(&raw)?;

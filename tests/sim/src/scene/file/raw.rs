@@ -8,7 +8,7 @@ use crate::fault_profile::FaultProfile;
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct RawScene {
+pub(super) struct SceneTable {
     pub(super) rate_hz: f64,
     pub(super) seconds: f64,
     #[serde(default)]
@@ -17,32 +17,32 @@ pub(super) struct RawScene {
     pub(super) cameras: Option<GeneratedCameras>,
     pub(super) calibration: Option<String>,
     #[serde(default)]
-    pub(super) viewpoint: Vec<RawViewpoint>,
+    pub(super) viewpoint: Vec<ViewpointTable>,
     #[serde(default)]
-    pub(super) person: Vec<RawPerson>,
+    pub(super) person: Vec<PersonTable>,
     #[serde(default)]
     pub(super) mirror: Vec<MirrorEntry>,
     #[serde(default)]
-    pub(super) poster: Vec<RawPoster>,
+    pub(super) poster: Vec<PosterTable>,
     #[serde(default)]
     pub(super) lost: Vec<LostEntry>,
-    pub(super) ball: Option<RawBall>,
+    pub(super) ball: Option<BallTable>,
     #[serde(default)]
     pub(super) faults: FaultProfile,
 }
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct RawViewpoint {
+pub(super) struct ViewpointTable {
     pub(super) name: String,
     #[serde(default)]
-    pub(super) camera: Vec<RawCamera>,
+    pub(super) camera: Vec<CameraTable>,
 }
 
 /// As in a venue, where a source belongs to it; a scene makes its own frames.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct RawCamera {
+pub(super) struct CameraTable {
     pub(super) name: String,
     #[serde(default, rename = "source")]
     pub(super) _source: IgnoredAny,
@@ -50,11 +50,11 @@ pub(super) struct RawCamera {
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct RawBall {}
+pub(super) struct BallTable {}
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct RawPerson {
+pub(super) struct PersonTable {
     pub(super) name: String,
     pub(super) clips: Vec<String>,
     #[serde(default = "default_blend_s")]
@@ -76,7 +76,7 @@ pub(super) struct RawPerson {
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct RawPoster {
+pub(super) struct PosterTable {
     pub(super) at_m: [f64; 2],
     pub(super) heading_rad: f64,
     pub(super) height_m: f64,

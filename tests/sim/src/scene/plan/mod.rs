@@ -20,10 +20,10 @@ use nalgebra::{Vector2, Vector3};
 
 pub use self::aside::KEEP_M;
 use self::aside::{Neighbours, step_aside};
-use self::path::Walk;
-use self::steer::{SAMPLES_PER_S, Surroundings, Way, steer};
+use self::path::PathWalk;
+use self::steer::{Obstacles, SAMPLES_PER_S, UnitWay, steer};
 use self::table::Table;
-use self::timeline::{Member, Timeline, turned};
+use self::timeline::{Timeline, UnitMember, turned};
 use crate::motion::Clip;
 use crate::scene::file::{PersonEntry, SceneFile};
 
@@ -51,12 +51,12 @@ enum WayOfGoing {
     /// As its clips carry it, turned: yaw (radians) and shift (metres) of the clips' world.
     Own(Table<3>),
     /// Along a path: yaw of the clips' world, radians.
-    Path(Walk, Table<1>),
+    Path(PathWalk, Table<1>),
 }
 
 /// Everybody's way.
 #[derive(Debug)]
-pub(super) struct Plan {
+pub(super) struct ScenePlan {
     units: Vec<Unit>,
     /// Unit and member of every person.
     of_person: Vec<(usize, usize)>,
@@ -65,7 +65,7 @@ pub(super) struct Plan {
 /// Where everybody placed so far is, per person and sample of the scene.
 type Tracks = Vec<Vec<Option<Vector2<f64>>>>;
 
-impl Plan {
+impl ScenePlan {
     /// Plans all people of `file`, whose clips are `clips`, per person.
     pub(super) fn new(file: &SceneFile, clips: &[Vec<Arc<Clip>>]) -> Self {
         let mut plan = Self {
@@ -130,8 +130,9 @@ impl Unit {
         let leave_s = entries.map(|p| p.leave_s).fold(0.0, f64::max);
         let length_s = (leave_s.min(file.seconds) - enter_s).max(0.0);
         let frames = &clips[people[0]];
-        let member =
-            |&person: &usize| Member::new(clips[person].clone(), frames.clone(), first.height_m);
+        let member = |&person: &usize| {
+            UnitMember::new(clips[person].clone(), frames.clone(), first.height_m)
+        };
         let timeline = Timeline::new(
             people.iter().map(member).collect(),
             first.at_m.into(),
@@ -153,7 +154,7 @@ impl Unit {
             .then(|| reach_m.sup(&Vector2::repeat(EDGE_M)));
         unit.way = match &first.path {
             Some(path) => {
-                let walk = Walk::new(path, first.heading_rad, length_s);
+                let walk = PathWalk::new(path, first.heading_rad, length_s);
                 let yaw = unit.yaw_on_path(&walk, &times_s);
                 WayOfGoing::Path(walk, yaw)
             }
@@ -181,8 +182,8 @@ impl Unit {
             .iter()
             .map(|&t| self.timeline.pelvises_m(t))
             .collect();
-        let way = Way::new(&pelvises_m);
-        let around = Surroundings {
+        let way = UnitWay::new(&pelvises_m);
+        let around = Obstacles {
             reach_m: reach_m.unwrap_or(Vector2::repeat(f64::INFINITY)),
             others,
         };
@@ -196,7 +197,7 @@ impl Unit {
     }
 
     /// By how much the clips' world is turned so that the walker faces along its path.
-    fn yaw_on_path(&self, walk: &Walk, times_s: &[f64]) -> Table<1> {
+    fn yaw_on_path(&self, walk: &PathWalk, times_s: &[f64]) -> Table<1> {
         let mut facing = Vec::with_capacity(times_s.len());
         let mut last = 0.0;
         for &time_s in times_s {

@@ -29,7 +29,7 @@ struct Corner {
 
 /// A straight part of the way.
 #[derive(Debug, Clone, Copy)]
-struct Leg {
+struct PathLeg {
     start_s: f64,
     from_m: Vector2<f64>,
     velocity_m_s: Vector2<f64>,
@@ -38,13 +38,13 @@ struct Leg {
 
 /// Where a walker is, as a pure function of time from its first point on.
 #[derive(Debug, Clone)]
-pub(super) struct Walk {
-    legs: Vec<Leg>,
+pub(super) struct PathWalk {
+    legs: Vec<PathLeg>,
     corners: Vec<Corner>,
     turn_s: f64,
 }
 
-impl Walk {
+impl PathWalk {
     /// The walk of `length_s` along `path`. Corners that are reached later are not there: whoever
     /// never comes to the end does not slow down before it. `heading_rad` is that of somebody who
     /// stands.
@@ -53,7 +53,7 @@ impl Walk {
         points.dedup_by(|b, a| (*b - *a).norm() < SAME_PLACE_M);
         let speed_m_s = path.speed_m_s;
         if speed_m_s <= 0.0 || points.len() < 2 {
-            let stand = Leg {
+            let stand = PathLeg {
                 start_s: 0.0,
                 from_m: points[0],
                 velocity_m_s: Vector2::zeros(),
@@ -66,7 +66,7 @@ impl Walk {
             };
         }
         let there_and_back = (0..points.len() - 1).chain((1..points.len()).rev());
-        let (mut legs, mut corners): (Vec<Leg>, Vec<Corner>) = (Vec::new(), Vec::new());
+        let (mut legs, mut corners): (Vec<PathLeg>, Vec<Corner>) = (Vec::new(), Vec::new());
         let mut time_s = 0.0;
         let mut from = 0;
         for to in there_and_back.cycle().skip(1) {
@@ -82,7 +82,7 @@ impl Walk {
                     turn_rad,
                 });
             }
-            legs.push(Leg {
+            legs.push(PathLeg {
                 start_s: time_s,
                 from_m: points[from],
                 velocity_m_s,
@@ -145,15 +145,15 @@ mod tests {
 
     const DT_S: f64 = 1e-3;
 
-    fn walk(points_m: &[[f64; 2]], speed_m_s: f64, length_s: f64) -> Walk {
+    fn walk(points_m: &[[f64; 2]], speed_m_s: f64, length_s: f64) -> PathWalk {
         let path = PathEntry {
             points_m: points_m.to_vec(),
             speed_m_s,
         };
-        Walk::new(&path, 0.5, length_s)
+        PathWalk::new(&path, 0.5, length_s)
     }
 
-    fn velocity_m_s(walk: &Walk, time_s: f64) -> Vector2<f64> {
+    fn velocity_m_s(walk: &PathWalk, time_s: f64) -> Vector2<f64> {
         (walk.at(time_s + DT_S).0 - walk.at(time_s - DT_S).0) / (2.0 * DT_S)
     }
 

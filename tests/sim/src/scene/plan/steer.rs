@@ -38,7 +38,7 @@ const TURNING: f64 = 0.04;
 const CHANGING: f64 = 0.01;
 
 /// What a unit may not touch.
-pub(super) struct Surroundings<'a> {
+pub(super) struct Obstacles<'a> {
     /// How far from the origin its people may go, metres.
     pub(super) reach_m: Vector2<f64>,
     /// Everybody who was placed before, at the unit's samples; `None` while not there.
@@ -46,12 +46,12 @@ pub(super) struct Surroundings<'a> {
 }
 
 /// A unit's own way: the middle of its people at every sample, and each person from there.
-pub(super) struct Way {
+pub(super) struct UnitWay {
     pub(super) middle_m: Vec<Vector2<f64>>,
     pub(super) people_m: Vec<Vec<Vector2<f64>>>,
 }
 
-impl Way {
+impl UnitWay {
     /// The same way from the pelvises of everybody at every sample.
     pub(super) fn new(pelvises_m: &[Vec<Vector2<f64>>]) -> Self {
         let middle = |at: &Vec<Vector2<f64>>| at.iter().sum::<Vector2<f64>>() / at.len() as f64;
@@ -66,7 +66,7 @@ impl Way {
 
 /// A course so far.
 #[derive(Clone, Copy)]
-struct Course {
+struct SteeredCourse {
     at_m: Vector2<f64>,
     yaw_rad: f64,
     rate: i32,
@@ -77,7 +77,7 @@ struct Course {
 }
 
 /// The turn of a unit at every sample, radians, and the middle of its people, metres.
-pub(super) fn steer(way: &Way, around: &Surroundings<'_>) -> Vec<(f64, Vector2<f64>)> {
+pub(super) fn steer(way: &UnitWay, around: &Obstacles<'_>) -> Vec<(f64, Vector2<f64>)> {
     let straight: Vec<_> = way.middle_m.iter().map(|m| (0.0, *m)).collect();
     let look = |(i, (yaw, at)): (usize, &(f64, Vector2<f64>))| around.cost(way, i, *at, *yaw);
     let is_free = straight
@@ -89,7 +89,7 @@ pub(super) fn steer(way: &Way, around: &Surroundings<'_>) -> Vec<(f64, Vector2<f
         return straight;
     }
     let n_steps = way.middle_m.len().div_ceil(PER_STEP);
-    let start = Course {
+    let start = SteeredCourse {
         at_m: straight[0].1,
         yaw_rad: 0.0,
         rate: 0,
@@ -122,7 +122,7 @@ pub(super) fn steer(way: &Way, around: &Surroundings<'_>) -> Vec<(f64, Vector2<f
 }
 
 /// The best distinct courses.
-fn thinned(mut courses: Vec<Course>) -> Vec<Course> {
+fn thinned(mut courses: Vec<SteeredCourse>) -> Vec<SteeredCourse> {
     courses.sort_by(|a, b| (a.cost + a.ahead).total_cmp(&(b.cost + b.ahead)));
     let mut taken = std::collections::BTreeSet::new();
     let cell = |value: f64, size: f64| (value / size).round() as i64;
@@ -140,9 +140,9 @@ fn thinned(mut courses: Vec<Course>) -> Vec<Course> {
 
 /// The course of the best of the last generation, at every sample.
 fn retrace(
-    way: &Way,
-    around: &Surroundings<'_>,
-    generations: &[Vec<Course>],
+    way: &UnitWay,
+    around: &Obstacles<'_>,
+    generations: &[Vec<SteeredCourse>],
 ) -> Vec<(f64, Vector2<f64>)> {
     let mut chosen = vec![0; generations.len()];
     for step in (1..generations.len()).rev() {
@@ -169,14 +169,14 @@ fn retrace(
 /// The course that goes on from `parent` for one step while its rate changes to `rate`; `passed`
 /// is told every sample.
 fn follow(
-    way: &Way,
-    around: &Surroundings<'_>,
+    way: &UnitWay,
+    around: &Obstacles<'_>,
     step: usize,
-    (index, parent): (usize, &Course),
+    (index, parent): (usize, &SteeredCourse),
     rate: i32,
     passed: &mut impl FnMut(f64, Vector2<f64>),
-) -> Course {
-    let mut course = Course {
+) -> SteeredCourse {
+    let mut course = SteeredCourse {
         rate,
         parent: index,
         ..*parent
@@ -211,9 +211,9 @@ fn follow(
     course
 }
 
-impl Surroundings<'_> {
+impl Obstacles<'_> {
     /// What it costs per second to be there at sample `i`: 0 inside and clear of everybody.
-    fn cost(&self, way: &Way, i: usize, at_m: Vector2<f64>, yaw_rad: f64) -> f64 {
+    fn cost(&self, way: &UnitWay, i: usize, at_m: Vector2<f64>, yaw_rad: f64) -> f64 {
         let mut cost = 0.0;
         for person in &way.people_m[i] {
             let at_m = at_m + turned(*person, yaw_rad);
@@ -232,16 +232,16 @@ impl Surroundings<'_> {
 mod tests {
     use super::*;
 
-    fn straight_way(speed_m_s: f64, seconds: f64) -> Way {
+    fn straight_way(speed_m_s: f64, seconds: f64) -> UnitWay {
         let n = (seconds * SAMPLES_PER_S) as usize;
         let at = |i: usize| vec![Vector2::new(i as f64 * speed_m_s / SAMPLES_PER_S, 0.0)];
-        Way::new(&(0..=n).map(at).collect::<Vec<_>>())
+        UnitWay::new(&(0..=n).map(at).collect::<Vec<_>>())
     }
 
     #[test]
     fn a_free_way_is_not_turned() {
         let way = straight_way(1.0, 2.0);
-        let around = Surroundings {
+        let around = Obstacles {
             reach_m: Vector2::new(3.0, 2.0),
             others: &[],
         };
@@ -257,7 +257,7 @@ mod tests {
     #[test]
     fn a_runner_stays_in_a_small_field() {
         let way = straight_way(2.0, 30.0);
-        let around = Surroundings {
+        let around = Obstacles {
             reach_m: Vector2::new(3.1, 2.1),
             others: &[],
         };
@@ -278,7 +278,7 @@ mod tests {
         let way = straight_way(1.2, 5.0);
         let other = vec![Some(Vector2::new(3.0, 0.05)); way.middle_m.len()];
         let others = [other];
-        let around = Surroundings {
+        let around = Obstacles {
             reach_m: Vector2::new(20.0, 20.0),
             others: &others,
         };

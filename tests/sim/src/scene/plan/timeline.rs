@@ -43,7 +43,7 @@ const ARROW_M: f64 = 0.3;
 
 /// One person of a unit.
 #[derive(Debug)]
-pub(super) struct Member {
+pub(super) struct UnitMember {
     /// Its clips; all members have as many.
     clips: Vec<Arc<Clip>>,
     /// The clips of the unit's first member, whose statures and floors are everybody's.
@@ -54,7 +54,7 @@ pub(super) struct Member {
     lengths: Vec<[f64; N_JOINTS]>,
 }
 
-impl Member {
+impl UnitMember {
     /// Somebody who plays `clips` in the coordinate frames of `frames`, the clips of the unit's
     /// first member, who is `stature_m` tall.
     pub(super) fn new(clips: Vec<Arc<Clip>>, frames: Vec<Arc<Clip>>, stature_m: f64) -> Self {
@@ -99,7 +99,7 @@ struct FloorMotion {
 
 /// One clip in its place.
 #[derive(Debug, Clone, Copy)]
-struct Part {
+struct ClipPart {
     clip: usize,
     /// When it begins, seconds of the unit.
     start_s: f64,
@@ -114,7 +114,7 @@ struct Part {
     place: FloorMotion,
 }
 
-impl Part {
+impl ClipPart {
     fn end_s(&self) -> f64 {
         self.start_s + (self.out_s - self.in_s) / self.pace
     }
@@ -130,15 +130,15 @@ enum Join {
 /// What the people of a unit do, each a pure function of time; times count from the unit's start.
 #[derive(Debug)]
 pub(super) struct Timeline {
-    members: Vec<Member>,
-    parts: Vec<Part>,
+    members: Vec<UnitMember>,
+    parts: Vec<ClipPart>,
 }
 
 impl Timeline {
     /// Plays the members' clips in order, again and again for `length_s`; at first the pelvis of
     /// the first member is at `at_m` and faces `heading_rad`.
     pub(super) fn new(
-        members: Vec<Member>,
+        members: Vec<UnitMember>,
         at_m: Vector2<f64>,
         heading_rad: f64,
         blend_s: f64,
@@ -150,7 +150,7 @@ impl Timeline {
         };
         let (pelvis_m, facing) = timeline.members[0].stand(&timeline.members[0].posture(0, 0.0));
         let yaw_rad = heading_rad - facing;
-        timeline.parts.push(Part {
+        timeline.parts.push(ClipPart {
             clip: 0,
             start_s: 0.0,
             in_s: 0.0,
@@ -195,7 +195,7 @@ impl Timeline {
 
     /// Where the members' pelvises are on the floor at `time_s`, metres.
     pub(super) fn pelvises_m(&self, time_s: f64) -> Vec<Vector2<f64>> {
-        let pelvis = |(i, m): (usize, &Member)| m.stand(&self.posture(i, time_s)).0;
+        let pelvis = |(i, m): (usize, &UnitMember)| m.stand(&self.posture(i, time_s)).0;
         self.members.iter().enumerate().map(pelvis).collect()
     }
 
@@ -226,7 +226,7 @@ impl Timeline {
         }
     }
 
-    fn placed(&self, member: usize, part: &Part, time_s: f64) -> Posture {
+    fn placed(&self, member: usize, part: &ClipPart, time_s: f64) -> Posture {
         let who = &self.members[member];
         let local_s =
             (part.in_s + (time_s - part.start_s) * part.pace).clamp(part.in_s, part.out_s);
@@ -261,7 +261,7 @@ impl Timeline {
             from.push((pelvis_m, facing));
             to.push(who.stand(&who.posture(next, in_s + lead_s)));
         }
-        self.parts.push(Part {
+        self.parts.push(ClipPart {
             clip: next,
             start_s,
             in_s,
@@ -328,7 +328,7 @@ impl Timeline {
     /// How much time lies between the last posture of clip `a` and the first of the same clip, if
     /// it closes on itself.
     fn gap_s(&self, a: usize, b: usize) -> Option<f64> {
-        let same = |m: &Member| Arc::ptr_eq(&m.clips[a], &m.clips[b]);
+        let same = |m: &UnitMember| Arc::ptr_eq(&m.clips[a], &m.clips[b]);
         let length_s = self.length_s(a);
         if !self.members.iter().all(same) || length_s < 4.0 * PACE_S {
             return None;

@@ -8,10 +8,10 @@ use nalgebra::Vector3;
 use rand::RngExt as _;
 use rand_chacha::ChaCha8Rng;
 
-use crate::commands::training::people::{Moment, Person};
+use crate::commands::training::people::{Person, TrainingMoment};
 
 /// Draws one: the person that the crop is of comes first, then the others.
-pub(crate) fn draw(clips: &[Clip], rng: &mut ChaCha8Rng) -> Moment {
+pub(crate) fn draw(clips: &[Clip], rng: &mut ChaCha8Rng) -> TrainingMoment {
     let field_m = [rng.random_range(5.0..40.0), rng.random_range(4.0..25.0)];
     let middle = field_m.map(|side| rng.random_range(-0.5..0.5) * side);
     let others = match rng.random_range(0..100) {
@@ -38,7 +38,7 @@ pub(crate) fn draw(clips: &[Clip], rng: &mut ChaCha8Rng) -> Moment {
         let kit = in_kit.then_some(&kit);
         people.push(Person::draw(clips, place, kit, rng));
     }
-    Moment {
+    TrainingMoment {
         people,
         things: Vec::new(),
         field_m,

@@ -19,7 +19,7 @@ use rand_chacha::ChaCha8Rng;
 use super::INPUT_PX;
 use super::moment;
 use super::viewing::{self, Viewing};
-use crate::commands::training::people::{Moment, Person};
+use crate::commands::training::people::{Person, TrainingMoment};
 use crate::commands::training::photo::{self, Occluder};
 use crate::commands::training::scenery::Scenery;
 
@@ -62,7 +62,7 @@ impl CropRecord {
     }
 
     fn photograph(
-        moment: &Moment,
+        moment: &TrainingMoment,
         scenery: &Scenery,
         viewing: &Viewing,
         rng: &mut ChaCha8Rng,

@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 use farfield_proto::camera::CameraModel;
 use farfield_proto::frames::{Pixel, Point};
-use farfield_sim::body::{Build, Cone, Part};
+use farfield_sim::body::{BodyPart, Build, Cone};
 use farfield_sim::motion::Clip;
 use nalgebra::Vector3;
 use rand::RngExt as _;
@@ -12,7 +12,7 @@ use rand_chacha::ChaCha8Rng;
 
 use super::FRAME_PX;
 use crate::commands::training::camera::{camera, eye_around, log_uniform, looking};
-use crate::commands::training::people::{Moment, Person};
+use crate::commands::training::people::{Person, TrainingMoment};
 
 /// Share of pictures without anybody.
 const EMPTY: f64 = 0.08;
@@ -24,13 +24,13 @@ const TALL_PX: std::ops::Range<f64> = 12.0..240.0;
 const FARTHEST_M: f64 = 200.0;
 
 /// What there is to see, and the camera that sees it.
-pub(crate) struct Glance {
-    pub(crate) moment: Moment,
+pub(crate) struct FrameGlance {
+    pub(crate) moment: TrainingMoment,
     pub(crate) camera: CameraModel,
 }
 
 /// Draws one; `None` when no such camera can be.
-pub(crate) fn draw(clips: &[Clip], rng: &mut ChaCha8Rng) -> Option<Glance> {
+pub(crate) fn draw(clips: &[Clip], rng: &mut ChaCha8Rng) -> Option<FrameGlance> {
     let field_m = [rng.random_range(5.0..60.0), rng.random_range(4.0..40.0)];
     let [x, y] = field_m.map(|side| rng.random_range(-0.5..0.5) * side);
     let camera = aimed(Vector3::new(x, y, 0.9), rng)?;
@@ -63,12 +63,12 @@ pub(crate) fn draw(clips: &[Clip], rng: &mut ChaCha8Rng) -> Option<Glance> {
             Some((rng.random(), thing(place, rng)))
         })
         .collect();
-    let moment = Moment {
+    let moment = TrainingMoment {
         people,
         things,
         field_m,
     };
-    Some(Glance { moment, camera })
+    Some(FrameGlance { moment, camera })
 }
 
 /// A camera that has `middle` somewhere in its picture, or just outside.
@@ -115,8 +115,12 @@ fn beside(pelvis: Vector3<f64>, rng: &mut ChaCha8Rng) -> Vector3<f64> {
 fn thing(place: Vector3<f64>, rng: &mut ChaCha8Rng) -> Cone {
     if rng.random_bool(0.6) {
         let at = place + Vector3::z() * rng.random_range(0.11..2.5);
-        return Cone::round(Part::Thing, [at; 2], [rng.random_range(0.09..0.13); 2]);
+        return Cone::round(BodyPart::Thing, [at; 2], [rng.random_range(0.09..0.13); 2]);
     }
     let top = place + Vector3::z() * rng.random_range(0.4..2.6);
-    Cone::round(Part::Thing, [place, top], [rng.random_range(0.03..0.2); 2])
+    Cone::round(
+        BodyPart::Thing,
+        [place, top],
+        [rng.random_range(0.03..0.2); 2],
+    )
 }

@@ -16,7 +16,7 @@ use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 
 use super::FRAME_PX;
-use super::glance::{self, Glance};
+use super::glance::{self, FrameGlance};
 use crate::commands::training::people::Person;
 use crate::commands::training::photo::{self, Occluder};
 use crate::commands::training::scenery::Scenery;
@@ -51,7 +51,7 @@ impl FrameRecord {
         }
     }
 
-    fn photograph(glance: &Glance, scenery: &Scenery, rng: &mut ChaCha8Rng) -> Self {
+    fn photograph(glance: &FrameGlance, scenery: &Scenery, rng: &mut ChaCha8Rng) -> Self {
         let occluders: Vec<Occluder> = if rng.random_bool(0.15) {
             vec![Occluder::draw(FRAME_PX, rng)]
         } else {
