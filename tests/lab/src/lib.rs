@@ -9,6 +9,7 @@ pub mod in_process;
 pub mod leave_one_out;
 pub mod live_venue;
 pub mod namespaces;
+pub mod reading;
 pub mod relay;
 pub mod ring;
 pub mod suite;
