@@ -8,6 +8,7 @@ mod budget;
 mod bytes;
 mod codec;
 mod delays;
+mod figures;
 mod fuzz_seeds;
 mod links;
 mod made_maps;
@@ -28,6 +29,7 @@ use self::budget::BudgetArgs;
 use self::bytes::BytesArgs;
 use self::codec::CodecArgs;
 use self::delays::DelaysArgs;
+use self::figures::FiguresArgs;
 use self::fuzz_seeds::FuzzSeedsArgs;
 use self::links::LinksArgs;
 use self::maps::MapsArgs;
@@ -76,6 +78,8 @@ enum Command {
     TrainingFrames(FramesArgs),
     /// Write whole inputs for the fuzz targets of binary formats.
     FuzzSeeds(FuzzSeedsArgs),
+    /// Print the figures of the project's own code, each beside its goal.
+    Figures(FiguresArgs),
     /// Write the sample venue of two walkers anew.
     WalkVenue(WalkVenueArgs),
 }
@@ -101,6 +105,7 @@ pub fn main() -> ExitCode {
         Command::TrainingCrops(args) => training::crops::write(&args),
         Command::TrainingFrames(args) => training::frames::write(&args),
         Command::FuzzSeeds(args) => fuzz_seeds::write_seeds(&args),
+        Command::Figures(args) => figures::print(&args),
         Command::WalkVenue(args) => walk_venue::write(&args),
     };
     exit_code(done.map(|()| Ending::Done))
