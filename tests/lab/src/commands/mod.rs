@@ -9,7 +9,7 @@ mod bytes;
 mod codec;
 mod delays;
 mod figures;
-mod fuzz_seeds;
+mod fuzz;
 mod links;
 mod made_maps;
 mod maps;
@@ -30,7 +30,7 @@ use self::bytes::BytesArgs;
 use self::codec::CodecArgs;
 use self::delays::DelaysArgs;
 use self::figures::FiguresArgs;
-use self::fuzz_seeds::FuzzSeedsArgs;
+use self::fuzz::seeds::FuzzSeedsArgs;
 use self::links::LinksArgs;
 use self::maps::MapsArgs;
 use self::render::RenderArgs;
@@ -104,7 +104,7 @@ pub fn main() -> ExitCode {
         Command::Codec(args) => codec::measure(&args),
         Command::TrainingCrops(args) => training::crops::write(&args),
         Command::TrainingFrames(args) => training::frames::write(&args),
-        Command::FuzzSeeds(args) => fuzz_seeds::write_seeds(&args),
+        Command::FuzzSeeds(args) => fuzz::seeds::write_seeds(&args),
         Command::Figures(args) => figures::print(&args),
         Command::WalkVenue(args) => walk_venue::write(&args),
     };

@@ -8,10 +8,10 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, ensure};
 use farfield_edge::ring::record::{Label, put_record, records, segment_head};
-use farfield_fusion::node::NodeError;
 use farfield_fusion::recording::reader::Recording;
 use farfield_fusion::recording::writer::{Head, Passed, RecordingWriter};
 use farfield_fusion::recording::{CALIBRATION_FILE, VENUE_FILE};
+use farfield_fusion::node::NodeError;
 use farfield_proto::bounding_box::{BoundingBox, BoxRate};
 use farfield_proto::decision::{Decision, UsedSet};
 use farfield_proto::fill::{FillRequest, Filled, SetKind, StoredSet};
@@ -35,7 +35,7 @@ const VIEWPOINT: ViewpointIndex = ViewpointIndex(0);
 
 /// What `lab fuzz-seeds` is told.
 #[derive(Debug, clap::Args)]
-pub(super) struct FuzzSeedsArgs {
+pub(in crate::commands) struct FuzzSeedsArgs {
     /// The folder of all corpora: `fuzz/corpus` of a checkout.
     #[arg(value_name = "DIR")]
     corpus: PathBuf,
@@ -45,7 +45,7 @@ pub(super) struct FuzzSeedsArgs {
 ///
 /// # Errors
 /// Names the file that cannot be written, and a seed that does not read back.
-pub(super) fn write_seeds(args: &FuzzSeedsArgs) -> Result<(), NodeError> {
+pub(in crate::commands) fn write_seeds(args: &FuzzSeedsArgs) -> Result<(), NodeError> {
     write_all(&args.corpus).map_err(NodeError::Failed)
 }
 

@@ -1,0 +1,3 @@
+//! What the fuzz targets work on.
+
+pub(super) mod seeds;
