@@ -111,10 +111,10 @@ fn the_operators_command_is_built_without_the_laboratory() {
 
 /// Between the children of a module, at any depth: the rule stands at the head of [`families`].
 #[test]
-fn no_modules_know_each_other_in_a_circle() {
+fn no_modules_know_each_other_in_a_cycle() {
     let workspace = workspace();
     assert!(workspace.arrows.len() > 1_000, "the code was read");
-    check(&families::circles(&workspace.crates, &workspace.arrows));
+    check(&families::cycles(&workspace.crates, &workspace.arrows));
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use farfield_fusion::node::NodeError;
+use farfield_node::process::NodeError;
 
 use crate::reading::modules::families;
 use crate::reading::{OUTSIDE, Workspace, figures};
@@ -26,8 +26,8 @@ pub(super) fn print(args: &FiguresArgs) -> Result<(), NodeError> {
     let workspace = Workspace::read(&args.root, &OUTSIDE);
     let workspace = workspace.map_err(|error| NodeError::Failed(error.into()))?;
     if args.cycles {
-        for circle in families::circles(&workspace.crates, &workspace.arrows) {
-            println!("{circle}");
+        for cycle in families::cycles(&workspace.crates, &workspace.arrows) {
+            println!("{cycle}");
         }
     } else {
         print!("{}", figures::figures(&workspace));

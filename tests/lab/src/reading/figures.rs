@@ -129,10 +129,10 @@ fn write_shape(text: &mut String, workspace: &Workspace) -> std::fmt::Result {
 }
 
 fn write_cycles(text: &mut String, workspace: &Workspace) -> std::fmt::Result {
-    let circles = families::circles(&workspace.crates, &workspace.arrows);
-    writeln!(text, "cycles                {}    goal 0", circles.len())?;
-    for circle in circles {
-        let first = circle.lines().next().unwrap_or_default();
+    let cycles = families::cycles(&workspace.crates, &workspace.arrows);
+    writeln!(text, "cycles                {}    goal 0", cycles.len())?;
+    for cycle in cycles {
+        let first = cycle.lines().next().unwrap_or_default();
         writeln!(text, "    {first}")?;
     }
     Ok(())

@@ -1,4 +1,4 @@
-//! Circles in a graph of names.
+//! Cycles in a graph of names.
 
 use std::collections::{BTreeMap, VecDeque};
 
@@ -16,7 +16,7 @@ impl Graph {
     }
 }
 
-/// One circle.
+/// One cycle.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Cycle {
     /// The names in the order of the arrows; the first is also the last.
@@ -25,7 +25,7 @@ pub struct Cycle {
     pub thinnest: usize,
 }
 
-/// Circles, shortest first, that have to be cut until none is left: after each one its thinnest arrow is
+/// Cycles, shortest first, that have to be cut until none is left: after each one its thinnest arrow is
 /// taken out. Of several that are equally short it is the first in the alphabet.
 pub fn cycles(mut graph: Graph) -> Vec<Cycle> {
     let mut cycles = Vec::new();
@@ -89,12 +89,12 @@ mod tests {
     }
 
     #[test]
-    fn a_graph_without_a_circle_has_none() {
+    fn a_graph_without_a_cycle_has_none() {
         assert!(found(&[("a", "b", 1), ("a", "c", 1), ("b", "c", 1)]).is_empty());
     }
 
     #[test]
-    fn circles_come_shortest_first_with_their_thinnest_arrow() {
+    fn cycles_come_shortest_first_with_their_thinnest_arrow() {
         let arrows = [
             ("a", "b", 5),
             ("b", "a", 1),
@@ -107,7 +107,7 @@ mod tests {
     }
 
     #[test]
-    fn a_circle_that_shares_its_cut_is_told_once() {
+    fn a_cycle_that_shares_its_cut_is_told_once() {
         let arrows = [("a", "b", 1), ("b", "c", 9), ("c", "a", 9), ("b", "a", 9)];
         assert_eq!(found(&arrows), [("a b a".to_owned(), 0)]);
     }

@@ -1,6 +1,6 @@
 //! The modules of one folder, and the arrows between them.
 //!
-//! The rule: between the children of a module no arrows run in a circle, at any depth, so that each folder
+//! The rule: between the children of a module no arrows run in a cycle, at any depth, so that each folder
 //! can be read in an order in which nothing is used before it was read. An arrow from anywhere below one
 //! child to anywhere below another counts as one between the two. Arrows between a module and what lies
 //! below it do not count, in either direction: a folder's `mod.rs` says what its children share and puts
@@ -49,8 +49,8 @@ fn same_place(one: &Arrow, other: &Arrow) -> bool {
 /// The places of an arrow that a message shows.
 const SHOWN: usize = 4;
 
-/// All circles of all families, each told with its arrows and their places.
-pub fn circles(crates: &[Crate], arrows: &[Arrow]) -> Vec<String> {
+/// All cycles of all families, each told with its arrows and their places.
+pub fn cycles(crates: &[Crate], arrows: &[Arrow]) -> Vec<String> {
     let mut told = Vec::new();
     for ((crate_index, parent), family) in families(arrows) {
         let mut graph = Graph::default();
@@ -91,16 +91,16 @@ mod tests {
     use super::super::arrows::arrows;
     use super::super::tree::{Crate, Role, tests::files};
 
-    fn circles(texts: &[(&str, &str)]) -> Vec<String> {
+    fn cycles(texts: &[(&str, &str)]) -> Vec<String> {
         let files = files(texts);
         let grown = Crate::grow("p", "p", true, Role::Source, "lib.rs", &files).unwrap();
         let crates = [grown];
-        super::circles(&crates, &arrows(&crates))
+        super::cycles(&crates, &arrows(&crates))
     }
 
     #[test]
     fn two_rooms_that_know_each_other_are_told_with_file_and_line() {
-        let told = circles(&[
+        let told = cycles(&[
             ("lib.rs", "mod a; mod b;"),
             ("a/mod.rs", "mod deep;"),
             ("a/deep.rs", "\nuse crate::b::B;"),
@@ -115,8 +115,8 @@ mod tests {
     }
 
     #[test]
-    fn a_facade_does_not_hide_a_circle() {
-        let told = circles(&[
+    fn a_facade_does_not_hide_a_cycle() {
+        let told = cycles(&[
             ("lib.rs", "mod a;"),
             ("a/mod.rs", "mod b; mod c; pub use c::C;"),
             ("a/b.rs", "use super::C; pub struct B;"),
@@ -126,8 +126,8 @@ mod tests {
     }
 
     #[test]
-    fn circles_of_three_are_found() {
-        let told = circles(&[
+    fn cycles_of_three_are_found() {
+        let told = cycles(&[
             ("lib.rs", "mod a; mod b; mod c;"),
             ("a.rs", "use crate::b;"),
             ("b.rs", "use crate::c;"),
@@ -138,7 +138,7 @@ mod tests {
 
     #[test]
     fn a_child_may_use_what_its_parent_defines() {
-        let told = circles(&[
+        let told = cycles(&[
             ("lib.rs", "mod a;"),
             ("a/mod.rs", "mod b; pub struct A(b::B);"),
             ("a/b.rs", "use super::A; pub struct B; impl A {}"),
@@ -148,7 +148,7 @@ mod tests {
 
     #[test]
     fn tests_draw_no_arrows() {
-        let told = circles(&[
+        let told = cycles(&[
             ("lib.rs", "mod a; mod b;"),
             ("a.rs", "use crate::b::B;"),
             (

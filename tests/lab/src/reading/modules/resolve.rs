@@ -38,7 +38,7 @@ enum Named {
     Item(ModuleId),
 }
 
-/// `use`s that lead to `use`s: more than any sane code has, and the end of a circle.
+/// `use`s that lead to `use`s: more than any sane code has, and the end of a cycle.
 const MAX_DEPTH: usize = 12;
 
 /// Follows paths.
@@ -294,7 +294,7 @@ mod tests {
     }
 
     #[test]
-    fn circles_of_re_exports_end() {
+    fn cycles_of_re_exports_end() {
         assert!(targets(0, "lattice", "B::x").len() <= 2);
     }
 }
