@@ -5,6 +5,8 @@ pub mod afar;
 pub mod bytes;
 mod commands;
 pub mod conditions;
+pub mod corpus;
+pub mod hostile_input;
 pub mod in_process;
 pub mod leave_one_out;
 pub mod live_venue;

@@ -30,6 +30,7 @@ use self::bytes::BytesArgs;
 use self::codec::CodecArgs;
 use self::delays::DelaysArgs;
 use self::figures::FiguresArgs;
+use self::fuzz::corpus::CorpusArgs;
 use self::fuzz::seeds::FuzzSeedsArgs;
 use self::links::LinksArgs;
 use self::maps::MapsArgs;
@@ -78,6 +79,8 @@ enum Command {
     TrainingFrames(FramesArgs),
     /// Write whole inputs for the fuzz targets of binary formats.
     FuzzSeeds(FuzzSeedsArgs),
+    /// Take the corpus of the fuzz targets out of its archive, or put it back.
+    FuzzCorpus(CorpusArgs),
     /// Print the figures of the project's own code, each beside its goal.
     Figures(FiguresArgs),
     /// Write the sample venue of two walkers anew.
@@ -105,6 +108,7 @@ pub fn main() -> ExitCode {
         Command::TrainingCrops(args) => training::crops::write(&args),
         Command::TrainingFrames(args) => training::frames::write(&args),
         Command::FuzzSeeds(args) => fuzz::seeds::write_seeds(&args),
+        Command::FuzzCorpus(args) => fuzz::corpus::corpus(&args),
         Command::Figures(args) => figures::print(&args),
         Command::WalkVenue(args) => walk_venue::write(&args),
     };
