@@ -17,9 +17,10 @@ use farfield_fusion::node::{NodeError, say};
 use farfield_fusion::score::lines::{Recording, Role};
 use farfield_fusion::score::points::PointSet;
 use farfield_fusion::score::score;
+use farfield_proto::order_statistics::percentile;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::Venue;
-use farfield_testbed::live_venue::{LiveVenue, Node, percentile};
+use farfield_testbed::live_venue::{LiveVenue, Node};
 use farfield_testbed::namespaces::Namespaces;
 use farfield_testbed::relay::{Direction, Impairment};
 

@@ -11,8 +11,9 @@ use std::time::Duration;
 
 use anyhow::{Context as _, anyhow, ensure};
 use farfield_fusion::node::{NodeError, say};
+use farfield_proto::order_statistics::percentile;
 use farfield_proto::tick::Tick;
-use farfield_testbed::live_venue::{LiveVenue, Vitals, percentile};
+use farfield_testbed::live_venue::{LiveVenue, Vitals};
 use farfield_testbed::namespaces::Namespaces;
 use farfield_testbed::relay::{Direction, Impairment};
 

@@ -2,10 +2,11 @@
 
 use std::collections::BTreeSet;
 
+use farfield_proto::order_statistics::upper_median;
 use nalgebra::Vector3;
 
 use super::reconstruct::Reconstruction;
-use super::witness::{Witness, median};
+use super::witness::Witness;
 
 /// Least keypoints that a witness shares with a body to be explained by it.
 const EXPLAINED_KEYPOINTS: usize = 3;
@@ -51,7 +52,7 @@ pub(super) fn witness_distance_m(witness: &Witness, body: &TrackedBody) -> Optio
     if distances.len() < EXPLAINED_KEYPOINTS {
         None
     } else {
-        median(distances)
+        upper_median(distances)
     }
 }
 

@@ -22,7 +22,7 @@ use crate::relay::UdpRelay;
 
 pub use self::node::Node;
 pub use self::vitals::Vitals;
-pub use self::watch::{Arrival, Seen, Watch, percentile};
+pub use self::watch::{Arrival, Seen, Watch};
 
 /// A venue, its relays and those of its nodes that run.
 #[derive(Debug)]
