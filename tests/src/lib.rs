@@ -19,6 +19,7 @@ pub mod live_venue;
 pub mod maps_file;
 pub mod motion;
 pub mod namespaces;
+mod normal;
 pub mod relay;
 pub mod render;
 pub mod ring;
