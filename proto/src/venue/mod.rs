@@ -4,6 +4,7 @@
 //! 900. [`Venue::load`] is the only place of this crate that reads files.
 
 mod check;
+mod given;
 mod load;
 pub mod parameters;
 mod ranges;

@@ -1,5 +1,8 @@
 //! The venue file as a user gets to know it.
 
+mod people;
+mod sources;
+
 use std::path::Path;
 
 use nalgebra::{Isometry3, Vector3};
@@ -86,27 +89,6 @@ fn check(from: &str, to: &str, expected: &str) {
 }
 
 #[test]
-fn a_camera_says_what_its_ticks_come_from() {
-    let with = |line: &str| {
-        let south = "source = { kind = \"v4l\", device = \"/dev/video0\" }";
-        let text = VENUE.replace(south, &format!("{south}\n{line}"));
-        Venue::parse(&text, Path::new("venue.toml"), calibration())
-    };
-    let venue = with("tick_from = \"count\"\ncapture_delay_ms = 12.5").unwrap();
-    assert_eq!(venue.cameras[2].tick_from, TickFrom::Count);
-    assert!((venue.cameras[2].capture_delay_s - 0.0125).abs() < 1e-12);
-    assert_eq!(venue.cameras[0].tick_from, TickFrom::Clock);
-    for (wrong, expected) in [
-        ("tick_from = \"timecode\"", "kind \"video\""),
-        ("tick_from = \"cuont\"", "count"),
-        ("capture_delay_ms = -1.0", "0 to 10000"),
-    ] {
-        let said = with(wrong).unwrap_err().to_string();
-        assert!(said.contains(expected), "{said}");
-    }
-}
-
-#[test]
 fn a_whole_venue_is_read() {
     let venue = parse(VENUE).unwrap();
     assert_eq!(
@@ -163,73 +145,6 @@ fn without_a_field_people_are_tracked_around_the_cameras() {
     assert!(
         found.zip(corners).all(|(a, b)| (a - b).abs() < 1e-9),
         "{field:?}"
-    );
-}
-
-#[test]
-fn keypoint_files_need_no_network_and_pictures_do() {
-    let text = "name = \"k\"\nrate_hz = 20\ncalibration = \"c.toml\"\n[[viewpoint]]\nname = \"v\"\n\
-        [[viewpoint.camera]]\nname = \"south\"\nsource = { kind = \"keypoints\", path = \"k.jsonl\" }\n";
-    assert!(!parse(text).unwrap().needs_network());
-    let refused = refusal("network = \"models/net.toml\"\n", "");
-    assert!(
-        refused.contains(
-            "`network`: the field is missing: camera `ne-left` of viewpoint `north-east`"
-        ),
-        "{refused}"
-    );
-}
-
-#[test]
-fn a_simulated_camera_names_its_scene_and_what_it_gives() {
-    let simulated = |more: &str| {
-        let text = format!("kind = \"simulated\", path = \"scene.toml\"{more}");
-        VENUE.replace("kind = \"video\", path = \"videos/ne-left.mp4\"", &text)
-    };
-    let venue = parse(&simulated(", content = \"pixels\"")).unwrap();
-    assert_eq!(
-        venue.cameras[0].source,
-        Source::Simulated {
-            path: "venues/scene.toml".into(),
-            content: SimulatedContent::Pixels,
-            grid: [48, 64],
-            sigma_cells: 2.0
-        }
-    );
-    assert!(venue.cameras[0].source.gives_pictures());
-    let maps = ", content = \"maps\", grid = [72, 96], sigma_cells = 3.0";
-    let source = parse(&simulated(maps)).unwrap().cameras[0].source.clone();
-    assert!(!source.gives_pictures());
-    assert_eq!(source.drawing(), Some(([72, 96], 3.0)));
-    for (more, expected) in [
-        (
-            "",
-            "18: `viewpoint[0].camera[0].source.content`: the field is missing in a source of kind \"simulated\"",
-        ),
-        (
-            ", content = \"map\"",
-            "18: `viewpoint[0].camera[0].source.content`: unknown content `map`, did you mean `maps`?",
-        ),
-    ] {
-        let refused = parse(&simulated(more)).unwrap_err().to_string();
-        assert_eq!(refused, format!("venues/hall.toml:{expected}"));
-    }
-}
-
-#[test]
-fn simulated_maps_need_no_network_and_simulated_pictures_do() {
-    let text = |content: &str| {
-        format!(
-            "name = \"k\"\nrate_hz = 20\ncalibration = \"c.toml\"\n[[viewpoint]]\nname = \"v\"\n\
-            [[viewpoint.camera]]\nname = \"south\"\n\
-            source = {{ kind = \"simulated\", path = \"s.toml\", content = \"{content}\" }}\n"
-        )
-    };
-    assert_eq!(parse(&text("maps")).unwrap().network, None);
-    let refused = parse(&text("pixels")).unwrap_err().to_string();
-    assert!(
-        refused.contains("`network`: the field is missing: camera `south`"),
-        "{refused}"
     );
 }
 
@@ -297,25 +212,6 @@ fn cameras_and_viewpoints_have_one_place() {
 }
 
 #[test]
-fn a_source_has_the_fields_of_its_kind() {
-    check(
-        "path = \"videos/ne-left.mp4\"",
-        "device = \"/dev/video1\"",
-        "18: `viewpoint[0].camera[0].source.device`: a source of kind \"video\" has no such field, expected `path`",
-    );
-    check(
-        "kind = \"video\", path = \"videos/ne-left.mp4\"",
-        "kind = \"ffmpeg\"",
-        "18: `viewpoint[0].camera[0].source.url`: the field is missing in a source of kind \"ffmpeg\"",
-    );
-    check(
-        "[96, 128]",
-        "[96, 1280]",
-        "21: `viewpoint[0].camera[1].source.grid`: found [96, 1280], expected [width, height] of 1 to 256 cells",
-    );
-}
-
-#[test]
 fn numbers_out_of_their_range_are_refused() {
     check(
         "rate_hz = 60.0",
@@ -346,37 +242,6 @@ fn numbers_out_of_their_range_are_refused() {
         "tcp/127.0.0.1:7447",
         "127.0.0.1:7447",
         "8: `fusion.listen[0]`: found \"127.0.0.1:7447\", expected an endpoint such as \"tcp/127.0.0.1:7447\"",
-    );
-}
-
-#[test]
-fn a_person_given_by_hand_must_show_a_body() {
-    // Symptom to prevent: no body could be fitted to such a person, who was missing without a word.
-    check(
-        ", nose = [0.0, 0.3, 1.6]",
-        "",
-        "31: `person[0].keypoints_m`: found 4, expected at least 5 keypoints",
-    );
-    check(
-        "right_shoulder",
-        "right_ear",
-        "31: `person[0].keypoints_m`: found neither both shoulders nor both hips, expected `left_shoulder` and `right_shoulder`, or `left_hip` and `right_hip`",
-    );
-    let hips = VENUE
-        .replace("right_shoulder", "right_ear")
-        .replace("left_knee", "right_hip");
-    assert_eq!(parse(&hips).unwrap().given_persons[0].keypoints_m.len(), 5);
-}
-
-#[test]
-fn without_a_network_the_names_given_by_hand_are_those_of_coco() {
-    let text = "name = \"k\"\nrate_hz = 20\ncalibration = \"c.toml\"\n[[viewpoint]]\nname = \"v\"\n\
-        [[viewpoint.camera]]\nname = \"south\"\nsource = { kind = \"keypoints\", path = \"k.jsonl\" }\n\
-        [[person]]\ntick = 0\n[person.keypoints_m]\nleft_sholder = [0, 0, 1.4]\n";
-    let refused = parse(text).unwrap_err().to_string();
-    assert_eq!(
-        refused,
-        "venues/hall.toml:12: `person[0].keypoints_m.left_sholder`: unknown keypoint `left_sholder`, did you mean `left_shoulder`?"
     );
 }
 
