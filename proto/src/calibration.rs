@@ -66,7 +66,7 @@ impl Calibration {
         check_distances(&cameras, path)?;
         Ok(Self {
             cameras,
-            hash: crate::venue::fingerprint(text),
+            hash: file.fingerprint(),
         })
     }
 }

@@ -153,6 +153,11 @@ impl<'a> TomlFile<'a> {
         self.path
     }
 
+    /// The first 16 hexadecimal digits of the text's BLAKE3 hash.
+    pub fn fingerprint(&self) -> String {
+        blake3::hash(self.text.as_bytes()).to_hex()[..16].to_owned()
+    }
+
     /// `name` against the folder of this file, as paths inside it are meant.
     pub fn resolve(&self, name: &str) -> PathBuf {
         self.path.parent().unwrap_or(Path::new("")).join(name)

@@ -164,7 +164,7 @@ impl Venue {
         let file = TomlFile::parse(text, path)?;
         let raw = file.read()?;
         let hashes = VenueHash {
-            venue: fingerprint(text),
+            venue: file.fingerprint(),
             calibration: calibration.hash.clone(),
         };
         check::venue(&file, raw, calibration, hashes)
@@ -189,11 +189,6 @@ impl Venue {
             .iter()
             .any(|camera| camera.source.gives_pictures())
     }
-}
-
-/// The first 16 hexadecimal digits of the text's BLAKE3 hash.
-pub(crate) fn fingerprint(text: &str) -> String {
-    blake3::hash(text.as_bytes()).to_hex()[..16].to_owned()
 }
 
 #[cfg(test)]
