@@ -3,30 +3,26 @@
 use std::fs;
 use std::path::Path;
 
-use super::Venue;
-use super::raw::RawVenue;
+use super::{Venue, VenueFile};
 use crate::calibration::Calibration;
-use crate::toml_file::{FileError, Place, TomlFile};
+use crate::toml_file::FileError;
 use crate::transport::Identity;
 
 impl Venue {
     /// Reads the venue file at `path` and the calibration that it names.
     ///
     /// # Errors
-    /// [`FileError`] when a file cannot be read, and as [`Venue::parse`] and [`Calibration::parse`].
+    /// [`FileError`] when a file cannot be read, and as [`VenueFile::parse`], [`VenueFile::venue`] and [`Calibration::parse`].
     pub fn load(path: &Path) -> Result<Self, FileError> {
         let text = fs::read_to_string(path).map_err(|error| {
             FileError::new(path, format!("cannot read the venue file: {error}"))
         })?;
-        let file = TomlFile::parse(&text, path)?;
-        let raw: RawVenue = file.read()?;
-        let calibration_path = file.resolve(&raw.calibration);
+        let file = VenueFile::parse(&text, path)?;
+        let calibration_path = file.calibration_path();
         let calibration_text = fs::read_to_string(&calibration_path).map_err(|error| {
-            let problem = format!("cannot read {}: {error}", calibration_path.display());
-            file.error(&Place::field("calibration"), problem)
+            file.calibration_error(format!("cannot read {}: {error}", calibration_path.display()))
         })?;
-        let calibration = Calibration::parse(&calibration_text, &calibration_path)?;
-        Self::parse(&text, path, calibration)
+        file.venue(Calibration::parse(&calibration_text, &calibration_path)?)
     }
 }
 

@@ -4,6 +4,7 @@
 //! 900. [`Venue::load`] is the only place of this crate that reads files.
 
 mod check;
+mod file;
 mod given;
 mod load;
 pub mod parameters;
@@ -14,6 +15,7 @@ mod source;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+pub use file::VenueFile;
 pub use load::identity;
 pub use parameters::Parameters;
 pub use source::{SimulatedContent, Source};
@@ -22,7 +24,7 @@ use crate::calibration::Calibration;
 use crate::camera::CameraModel;
 use crate::id::{CameraIndex, ViewpointIndex};
 use crate::tick::Tick;
-use crate::toml_file::{FileError, TomlFile};
+use crate::toml_file::FileError;
 
 /// One installation, read and checked.
 #[derive(Debug, Clone, PartialEq)]
@@ -154,20 +156,12 @@ pub struct VenueHash {
 }
 
 impl Venue {
-    /// Reads the text of a venue file. `path` gives the folder that its paths are relative to, and
-    /// is named in errors; `calibration` is what the file's `calibration` says.
+    /// Reads the text of a venue file whose `calibration` has been read already.
     ///
     /// # Errors
-    /// [`FileError`] naming line and field for anything that is missing, unknown, out of its range
-    /// or at odds with the calibration.
+    /// As [`VenueFile::parse`] and [`VenueFile::venue`].
     pub fn parse(text: &str, path: &Path, calibration: Calibration) -> Result<Self, FileError> {
-        let file = TomlFile::parse(text, path)?;
-        let raw = file.read()?;
-        let hashes = VenueHash {
-            venue: file.fingerprint(),
-            calibration: calibration.hash.clone(),
-        };
-        check::venue(&file, raw, calibration, hashes)
+        VenueFile::parse(text, path)?.venue(calibration)
     }
 
     /// The camera at `index`.

@@ -10,6 +10,7 @@ use nalgebra::{Isometry3, Vector3};
 use super::*;
 use crate::camera::{Distortion, Intrinsics};
 use crate::frames::Transform;
+use crate::toml_file::TomlFile;
 
 const VENUE: &str = r#"name = "hall-3"
 rate_hz = 60.0
