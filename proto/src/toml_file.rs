@@ -181,6 +181,32 @@ impl<'a> TomlFile<'a> {
         }
     }
 
+    /// Whether there is a value at `place`, which has no index.
+    pub(crate) fn has(&self, place: &Place) -> bool {
+        self.value(place).is_some()
+    }
+
+    /// The names in the table at `place`, which has no index, in no particular order; none if there is no
+    /// table.
+    pub(crate) fn keys(&self, place: &Place) -> Vec<&str> {
+        let table = self.value(place).and_then(DeValue::as_table);
+        let keys = table.into_iter().flat_map(DeTable::keys);
+        keys.map(|key| key.get_ref().as_ref()).collect()
+    }
+
+    /// The value at `place`, which has no index.
+    fn value(&self, place: &Place) -> Option<&DeValue<'a>> {
+        let mut table = Some(self.root.get_ref());
+        let mut value = None;
+        for step in &place.steps {
+            let Step::Key(name) = step else { return None };
+            let found = table.and_then(|t| t.iter().find(|(key, _)| key.get_ref() == name));
+            value = Some(found?.1.get_ref());
+            table = value.and_then(DeValue::as_table);
+        }
+        value
+    }
+
     /// The line of `place`, or of the innermost table around it that exists.
     fn line(&self, place: &Place) -> Option<usize> {
         let mut found = None;
@@ -245,20 +271,24 @@ impl<'a> TomlFile<'a> {
 
 /// "unknown `kind` `name`", with the nearest of `known` or all of them.
 pub fn unknown_name(kind: &str, name: &str, known: &[&str]) -> String {
-    let nearest = known
-        .iter()
-        .map(|k| (strsim::damerau_levenshtein(k, name), *k))
-        .min();
-    match nearest {
-        Some((distance, nearest)) if distance <= 2.max(name.len() / 3) => {
-            format!("unknown {kind} `{name}`, did you mean `{nearest}`?")
-        }
-        Some(_) => format!(
+    match nearest(name, known) {
+        Some(nearest) => format!("unknown {kind} `{name}`, did you mean `{nearest}`?"),
+        None if known.is_empty() => format!("unknown {kind} `{name}`"),
+        None => format!(
             "unknown {kind} `{name}`, expected one of `{}`",
             known.join("`, `")
         ),
-        None => format!("unknown {kind} `{name}`"),
     }
+}
+
+/// The one of `known` that `name` can be a misspelling of.
+pub fn nearest<'a>(name: &str, known: &[&'a str]) -> Option<&'a str> {
+    known
+        .iter()
+        .map(|k| (strsim::damerau_levenshtein(k, name), *k))
+        .min()
+        .filter(|(distance, _)| *distance <= 2.max(name.len() / 3))
+        .map(|(_, nearest)| nearest)
 }
 
 /// The names between backquotes in one of serde's messages.

@@ -1,7 +1,7 @@
 //! One scene with changed parameters: a line of figures, and where the error comes from.
 //!
 //! ```text
-//! cargo run -p farfield-testbed --example study -- SCENE [SECONDS] [--set TABLE.FIELD=VALUE]...
+//! cargo run -p farfield-testbed --example study -- SCENE [SECONDS] [--set [tuning.]TABLE.FIELD=VALUE]...
 //!     [--faults none] [--rate HZ] [--no-dlt] [--actors] [--two-passes] [--sureness]
 //!     [--ahead TICKS] [--loss SHARE] [--seed N]
 //! ```

@@ -3,11 +3,10 @@
 use std::collections::BTreeSet;
 
 use super::given::given_persons;
+use super::parameters::ParameterTables;
 use super::raw::{RawField, RawFusion, RawSecurity, RawVenue, RawViewpoint};
 use super::source::{source, timing};
-use super::{
-    Endpoints, Field, Parameters, Security, Venue, VenueCamera, VenueHash, Viewpoint, ranges,
-};
+use super::{Endpoints, Field, Parameters, Security, Venue, VenueCamera, VenueHash, Viewpoint};
 use crate::calibration::Calibration;
 use crate::endpoint::is_endpoint;
 use crate::id::{CameraIndex, ViewpointIndex};
@@ -55,20 +54,16 @@ pub(super) fn venue(
     if raw.network.is_none() {
         check_no_network(file, &viewpoints, &cameras)?;
     }
-    let parameters = Parameters {
-        lattice: raw.lattice,
-        occlusion: raw.occlusion,
-        contact: raw.contact,
-        ik: raw.ik,
+    let parameters = Parameters::from(ParameterTables {
         smoothing: raw.smoothing,
-        prediction: raw.prediction,
         range_of_motion: raw.range_of_motion,
         boxes: raw.boxes,
         births: raw.births,
         link: raw.link,
         recording: raw.recording,
-    };
-    ranges::check(file, &parameters)?;
+        tuning: raw.tuning,
+    });
+    parameters.check(file)?;
     Ok(Venue {
         field: field(file, raw.field.as_ref(), &cameras)?,
         given_persons: given_persons(file, raw.person, raw.network.is_some())?,

@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 
 use super::raw::RawVenue;
-use super::{Venue, VenueHash, check};
+use super::{Venue, VenueHash, check, layout};
 use crate::calibration::Calibration;
 use crate::toml_file::{FileError, Place, TomlFile};
 
@@ -19,10 +19,11 @@ impl<'a> VenueFile<'a> {
     /// is named in errors.
     ///
     /// # Errors
-    /// [`FileError`] naming line and field for broken syntax and for anything that is missing, unknown or
-    /// of another type.
+    /// [`FileError`] naming line and field for broken syntax and for anything that is missing, unknown, of
+    /// another type or at another place.
     pub fn parse(text: &'a str, path: &'a Path) -> Result<Self, FileError> {
         let file = TomlFile::parse(text, path)?;
+        layout::check(&file)?;
         let raw = file.read()?;
         Ok(Self { file, raw })
     }

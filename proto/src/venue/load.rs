@@ -20,7 +20,10 @@ impl Venue {
         let file = VenueFile::parse(&text, path)?;
         let calibration_path = file.calibration_path();
         let calibration_text = fs::read_to_string(&calibration_path).map_err(|error| {
-            file.calibration_error(format!("cannot read {}: {error}", calibration_path.display()))
+            file.calibration_error(format!(
+                "cannot read {}: {error}",
+                calibration_path.display()
+            ))
         })?;
         file.venue(Calibration::parse(&calibration_text, &calibration_path)?)
     }

@@ -6,9 +6,9 @@
 mod check;
 mod file;
 mod given;
+pub mod layout;
 mod load;
 pub mod parameters;
-mod ranges;
 mod raw;
 mod source;
 
@@ -24,7 +24,7 @@ use crate::calibration::Calibration;
 use crate::camera::CameraModel;
 use crate::id::{CameraIndex, ViewpointIndex};
 use crate::tick::Tick;
-use crate::toml_file::FileError;
+use crate::toml_file::{FileError, TomlFile};
 
 /// One installation, read and checked.
 #[derive(Debug, Clone, PartialEq)]
@@ -162,6 +162,24 @@ impl Venue {
     /// As [`VenueFile::parse`] and [`VenueFile::venue`].
     pub fn parse(text: &str, path: &Path, calibration: Calibration) -> Result<Self, FileError> {
         VenueFile::parse(text, path)?.venue(calibration)
+    }
+
+    /// Reads the venue file of a recording, which had the given [`layout`] when it was recorded. Its fingerprint
+    /// is that of the text as recorded.
+    ///
+    /// # Errors
+    /// As [`Self::parse`] and [`layout::translated`]; lines are those of the text in the layout of today.
+    pub fn parse_recorded(
+        text: &str,
+        path: &Path,
+        calibration: Calibration,
+        layout: u32,
+    ) -> Result<Self, FileError> {
+        let hash = TomlFile::parse(text, path)?.fingerprint();
+        let text = layout::translated(text, path, layout)?;
+        let mut venue = Self::parse(&text, path, calibration)?;
+        venue.hashes.venue = hash;
+        Ok(venue)
     }
 
     /// The camera at `index`.

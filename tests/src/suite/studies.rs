@@ -80,7 +80,7 @@ fn compare_predictors(scene: &Arc<Scene>, variants: &mut Vec<Variant>) -> anyhow
     };
     let tracked = SceneRun::make(scene, &Input::Maps, with_stages)?;
     for (called, predictor) in [
-        ("ours", Predictor::default()),
+        ("ours", PredictionParameters::default().predictor),
         ("paper (3)", Predictor::Paper),
     ] {
         let mut used = Parameters::default();
