@@ -296,6 +296,5 @@ fn security(file: &TomlFile<'_>, raw: RawSecurity) -> Result<Security, FileError
     Ok(Security {
         certificates: raw.certificates.map(folder).transpose()?,
         allow_plaintext: raw.allow_plaintext,
-        pictures: raw.pictures,
     })
 }

@@ -14,9 +14,13 @@ use crate::toml_file::{FileError, Place, TomlFile, nearest};
 
 /// The layout of venue files that is read and written today.
 ///
-/// 1: every parameter stood in its table. 2: all but the users' stand under
+/// 1: every parameter stood in its table, and `[security]` had `pictures`. 2: all but the users' stand under
 /// `[tuning]`.
 pub const LAYOUT: u32 = 2;
+
+/// What is said of `[security] pictures`, which was never read.
+const NO_PICTURES: &str =
+    "there is no such switch: pictures never leave an edge; take the line out";
 
 /// How it begins what is said of something that moved.
 const IS_NOW: &str = "it is now ";
@@ -61,6 +65,10 @@ pub(super) fn check(file: &TomlFile<'_>) -> Result<(), FileError> {
                 None => wrong.push(file.error(&place, unknown(table, key))),
             }
         }
+    }
+    let pictures = Place::field("security").key("pictures");
+    if file.has(&pictures) {
+        wrong.push(file.error(&pictures, NO_PICTURES));
     }
     let first = wrong.into_iter().min_by_key(|error| error.line);
     first.map_or(Ok(()), |mut error| {
@@ -129,6 +137,9 @@ pub fn translated<'a>(text: &'a str, path: &Path, layout: u32) -> Result<Cow<'a,
         let is_empty = value.as_table().is_some_and(Table::is_empty);
         !(is_empty && TABLES.iter().any(|(name, _)| *name == table))
     });
+    if let Some(security) = root.get_mut("security").and_then(Value::as_table_mut) {
+        security.remove("pictures");
+    }
     let written = toml::to_string(&root);
     let failed = |error| FileError::new(path, format!("it cannot be translated: {error}"));
     written.map(Cow::Owned).map_err(failed)

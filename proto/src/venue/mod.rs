@@ -43,7 +43,7 @@ pub struct Venue {
     pub detector: Option<PathBuf>,
     /// Where fusion listens and edges connect.
     pub endpoints: Endpoints,
-    /// Who may talk to whom, and what may leave an edge.
+    /// Who may talk to whom.
     pub security: Security,
     /// Where people are tracked.
     pub field: Field,
@@ -68,16 +68,13 @@ pub struct Endpoints {
     pub connect: Vec<String>,
 }
 
-/// `[security]`: who may talk to whom, and what may leave an edge.
+/// `[security]`: who may talk to whom.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Security {
     /// The folder of `ca.pem`, `NODE.pem` and `NODE.key`; `None`: there is no TLS.
     pub certificates: Option<PathBuf>,
     /// Whether nodes may talk to other machines without TLS.
     pub allow_plaintext: bool,
-    /// Whether pictures may leave an edge or be recorded. No message carries pictures; who adds one
-    /// asks here.
-    pub pictures: bool,
 }
 
 /// The box in which people are tracked, world, metres.

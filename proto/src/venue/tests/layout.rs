@@ -55,6 +55,15 @@ fn an_unknown_field_of_a_table_is_answered_with_the_place_of_the_nearest() {
     );
 }
 
+#[test]
+fn a_switch_for_pictures_is_refused_with_the_reason() {
+    check(
+        TUNED,
+        "[security]\npictures = false",
+        "34: `security.pictures`: there is no such switch: pictures never leave an edge; take the line out",
+    );
+}
+
 /// The venue of these tests as layout 1 had it, with `parameters` in their tables.
 fn in_layout_1(parameters: &str) -> String {
     VENUE.replace(TUNED, parameters)
