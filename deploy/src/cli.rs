@@ -12,6 +12,7 @@ use farfield_proto::tick::{Tick, parse_range};
 use crate::certs::CertsArgs;
 use crate::demo::DemoArgs;
 use crate::evaluate::EvaluateArgs;
+use crate::parameters::ParametersArgs;
 use crate::simulate::SimulateArgs;
 use crate::study::Study;
 
@@ -38,6 +39,8 @@ pub(crate) enum Command {
     Record(RecordArgs),
     /// Solve a recording again: as it was, or with other parameters or another calibration.
     Replay(ReplayArgs),
+    /// List every parameter of a venue file: unit, default, range and what it is.
+    Parameters(ParametersArgs),
     /// Score poses against a truth.
     Evaluate(EvaluateArgs),
     /// Make figures about the method anew.

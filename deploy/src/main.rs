@@ -6,6 +6,7 @@ mod demo;
 mod evaluate;
 mod output;
 mod overlay;
+mod parameters;
 mod run;
 #[cfg(test)]
 mod samples;
@@ -34,6 +35,7 @@ fn main() -> ExitCode {
         Command::Simulate(args) => simulate::main(args),
         Command::Study { study } => exit_code(study::study(&study).map(|()| Ending::Done)),
         Command::Certs(args) => exit_code(certs::certs(&args).map(|()| Ending::Done)),
+        Command::Parameters(args) => exit_code(parameters::print(&args).map(|()| Ending::Done)),
         Command::Evaluate(args) => exit_code(evaluate::evaluate(&args).map(|()| Ending::Done)),
     }
 }
