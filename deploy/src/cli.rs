@@ -14,7 +14,6 @@ use crate::demo::DemoArgs;
 use crate::evaluate::EvaluateArgs;
 use crate::parameters::ParametersArgs;
 use crate::simulate::SimulateArgs;
-use crate::study::Study;
 
 /// Markerless motion capture for wide fields.
 ///
@@ -43,12 +42,6 @@ pub(crate) enum Command {
     Parameters(ParametersArgs),
     /// Score poses against a truth.
     Evaluate(EvaluateArgs),
-    /// Make figures about the method anew.
-    Study {
-        /// Which.
-        #[command(subcommand)]
-        study: Study,
-    },
     /// Show the whole system at work on people who do not exist, and how far it is from the truth.
     Demo(DemoArgs),
     /// Make the keys of a venue: an authority, and one certificate per node.

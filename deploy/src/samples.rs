@@ -6,8 +6,8 @@ use clap::Parser as _;
 use farfield_proto::calibration::Calibration;
 use farfield_proto::venue::parameters::sample;
 use farfield_proto::venue::{Parameters, Venue};
-use farfield_testbed::faults::FaultProfile;
-use farfield_testbed::scene::Scene;
+use farfield_sim::faults::FaultProfile;
+use farfield_sim::scene::Scene;
 use toml::{Table, Value};
 
 use crate::cli::Cli;

@@ -12,8 +12,8 @@ use farfield_proto::message::CameraBox;
 use farfield_proto::venue::parameters::BoxParameters;
 use nalgebra::{Matrix3x4, Rotation2, Vector2, Vector3};
 
-use crate::predict::Joints;
-use crate::skeleton::Joint;
+use crate::body::skeleton::Joint;
+use crate::body::skeleton::Joints;
 
 /// Depth below which a joint has no useful projection, metres: nearer, a hand fills the image.
 const NEAR_M: f64 = 0.3;

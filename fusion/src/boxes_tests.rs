@@ -8,7 +8,7 @@ use nalgebra::{Isometry3, Point3, Rotation3, Translation3, UnitQuaternion};
 use proptest::prelude::*;
 
 use super::*;
-use crate::skeleton::{Kinematics, Pose, Proportions, Skeleton};
+use crate::body::skeleton::{Kinematics, Pose, Proportions, Skeleton};
 
 /// Boxes travel in single precision.
 const TOLERANCE_PX: f64 = 0.01;

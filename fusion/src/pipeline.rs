@@ -15,16 +15,16 @@ use farfield_proto::venue::Venue;
 use rayon::prelude::*;
 
 use crate::align::TickGroup;
+use crate::body::ik::relative_sigmas;
+use crate::body::skeleton::{RangeOfMotion, sites_of};
 use crate::boxes::BoxShape;
-use crate::ik::relative_sigmas;
-use crate::occlusion::Body;
-use crate::person::contests::Contests;
-use crate::person::crowd::Crowd;
-use crate::person::journal::Journal;
-use crate::person::method::{Method, VenueView};
-use crate::person::separation::Separation;
-use crate::person::track::Track;
-use crate::skeleton::{RangeOfMotion, sites_of};
+use crate::estimate::occlusion::Body;
+use crate::estimate::peak_assignment::Contests;
+use crate::estimate::separation::Separation;
+use crate::identity::journal::Journal;
+use crate::identity::registry::Crowd;
+use crate::identity::track::Track;
+use crate::method::{Method, VenueView};
 use crate::smoother::{Delay, Smoother};
 
 /// Margin of a box when neither the venue nor a network's card says one.

@@ -4,7 +4,7 @@
 use std::hint::black_box;
 use std::path::Path;
 
-use farfield_testbed::motion::Clip;
+use farfield_sim::motion::Clip;
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|text: &str| {

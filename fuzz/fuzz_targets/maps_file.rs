@@ -5,8 +5,8 @@
 use std::sync::{Arc, LazyLock};
 
 use farfield_proto::camera::CameraModel;
-use farfield_testbed::embedded;
-use farfield_testbed::maps_file::MapsFile;
+use farfield_sim::embedded;
+use farfield_sim::maps_file::MapsFile;
 use libfuzzer_sys::fuzz_target;
 
 const MAGIC: &[u8] = b"FARFIELD-MAPS\0\x01";

@@ -4,8 +4,8 @@
 use std::hint::black_box;
 use std::path::Path;
 
-use farfield_fusion::score::lines::{Recording, Role};
-use farfield_fusion::score::points::PointSet;
+use farfield_score::lines::{Recording, Role};
+use farfield_score::points::PointSet;
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|bytes: &[u8]| {

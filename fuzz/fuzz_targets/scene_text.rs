@@ -5,9 +5,9 @@ use std::hint::black_box;
 use std::path::Path;
 use std::sync::{Arc, LazyLock};
 
-use farfield_testbed::embedded::CLIPS;
-use farfield_testbed::motion::Clip;
-use farfield_testbed::scene::Scene;
+use farfield_sim::embedded::CLIPS;
+use farfield_sim::motion::Clip;
+use farfield_sim::scene::Scene;
 use libfuzzer_sys::fuzz_target;
 
 static CLIP: LazyLock<Arc<Clip>> = LazyLock::new(|| {

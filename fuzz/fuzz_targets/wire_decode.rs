@@ -1,5 +1,5 @@
 //! Messages of strangers: the first byte chooses the kind, the rest is the message. The seeds are written by
-//! `cargo run -p farfield-testbed --example write_fuzz_seeds -- fuzz/corpus`, in the order of the kinds here.
+//! `cargo run -p farfield-lab --example write_fuzz_seeds -- fuzz/corpus`, in the order of the kinds here.
 #![no_main]
 
 use farfield_proto::decision::Decision;

@@ -5,7 +5,7 @@
 //! cargo run --release -p farfield-proto --example patch_table -- --learn MAPS...  the priors
 //! ```
 //!
-//! MAPS are files of `farfield-testbed`'s example `write_maps`. The table's columns: bytes a patch; root
+//! MAPS are files of `farfield-lab`'s example `write_maps`. The table's columns: bytes a patch; root
 //! mean square and 99th percentile of the errors of cells that are above the floor on either side, of
 //! 255; microseconds a patch to encode and to decode.
 #![expect(clippy::disallowed_methods, reason = "a table of times needs a clock")]

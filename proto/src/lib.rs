@@ -21,6 +21,7 @@ pub mod live;
 pub mod message;
 pub mod model_card;
 pub mod patch;
+pub mod same_files;
 pub mod tick;
 pub mod toml_file;
 pub mod transport;

@@ -4,14 +4,14 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::{Context as _, anyhow, ensure};
-use farfield_fusion::predict::Joints;
+use farfield_fusion::body::skeleton::Joints;
 use farfield_proto::camera::CameraModel;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::SimulatedContent;
-use farfield_testbed::embedded;
-use farfield_testbed::scene::Scene;
-use farfield_testbed::scene::file::{MAX_PERSON_SECONDS, MAX_TICKS};
-use farfield_testbed::simulated::{VenueText, quoted, without_map_faults};
+use farfield_sim::embedded;
+use farfield_sim::scene::Scene;
+use farfield_sim::scene::file::{MAX_PERSON_SECONDS, MAX_TICKS};
+use farfield_sim::simulated::{VenueText, quoted, without_map_faults};
 use toml::{Table, Value};
 
 use super::{DemoArgs, NAME};

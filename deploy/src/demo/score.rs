@@ -6,10 +6,10 @@ use std::ops::Range;
 use std::path::Path;
 
 use anyhow::Context as _;
-use farfield_fusion::score::lines::{Recording, Role};
-use farfield_fusion::score::points::PointSet;
-use farfield_fusion::score::score;
 use farfield_proto::tick::Tick;
+use farfield_score::lines::{Recording, Role};
+use farfield_score::points::PointSet;
+use farfield_score::score;
 
 /// The table of the score, to joints.
 pub(super) fn table(

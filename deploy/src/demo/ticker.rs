@@ -120,7 +120,7 @@ mod tests {
     use super::*;
 
     fn play() -> Play {
-        let scene = farfield_testbed::embedded::scene("court").unwrap();
+        let scene = farfield_sim::embedded::scene("court").unwrap();
         Play {
             scene: scene.into(),
             ticks: 300,
@@ -133,7 +133,7 @@ mod tests {
     fn a_line_says_when_who_how_well_how_fast_and_how_much() {
         let play = play();
         let true_joints = play.joints_at(Tick(29));
-        let shifted = |(person, joints): (u32, &farfield_fusion::predict::Joints)| Body {
+        let shifted = |(person, joints): (u32, &farfield_fusion::body::skeleton::Joints)| Body {
             person,
             joints_m: joints
                 .iter()

@@ -12,7 +12,7 @@ use farfield_fusion::node::{
 };
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::Venue;
-use farfield_testbed::simulated::VenueSources;
+use farfield_sim::simulated::VenueSources;
 
 use crate::cli::{RunArgs, TickList};
 
@@ -56,7 +56,7 @@ impl Plan {
 /// Reads the venue, probes every source and loads every network once: the edges will load them for
 /// themselves.
 pub(crate) fn check(args: RunArgs) -> Result<(Plan, Networks), NodeError> {
-    let venue = Venue::load(&args.venue).map_err(NodeError::refused)?;
+    let venue = farfield_node::files::load_venue(&args.venue).map_err(NodeError::refused)?;
     let sources = VenueSources::default();
     check_names(&venue).map_err(NodeError::Refused)?;
     if let Some(out) = &args.out {

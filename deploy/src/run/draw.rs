@@ -6,8 +6,8 @@ use std::io::{BufRead as _, BufReader};
 use std::path::Path;
 
 use anyhow::Context as _;
+use farfield_fusion::body::skeleton::Joint;
 use farfield_fusion::export::unfinished::write_whole;
-use farfield_fusion::skeleton::Joint;
 use farfield_proto::id::PersonId;
 use farfield_proto::message::{PersonPose, PersonState};
 use farfield_proto::tick::Tick;

@@ -5,7 +5,7 @@ use std::process::{Command, Stdio};
 use anyhow::ensure;
 use clap::ValueEnum;
 use farfield_fusion::node::say;
-use farfield_testbed::simulated::quoted;
+use farfield_sim::simulated::quoted;
 
 /// A kind of recording.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]

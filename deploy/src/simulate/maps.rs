@@ -6,7 +6,7 @@ use std::path::Path;
 use anyhow::Context as _;
 use farfield_fusion::export::unfinished::Unfinished;
 use farfield_fusion::node::Ending;
-use farfield_testbed::maps_file::write_maps;
+use farfield_sim::maps_file::write_maps;
 
 use super::Plan;
 use super::kind::Kind;

@@ -21,10 +21,10 @@ use farfield_fusion::node::{Ending, NodeError, check_folder, exit_code, say, sta
 use farfield_proto::camera::CameraModel;
 use farfield_proto::tick::{Tick, parse_range};
 use farfield_proto::venue::SimulatedContent;
-use farfield_testbed::faults::Crowd;
-use farfield_testbed::maps_file::Course;
-use farfield_testbed::scene::Scene;
-use farfield_testbed::simulated::{SimulatedSource, VenueText, without_map_faults};
+use farfield_sim::faults::Crowd;
+use farfield_sim::maps_file::Course;
+use farfield_sim::scene::Scene;
+use farfield_sim::simulated::{SimulatedSource, VenueText, without_map_faults};
 
 use self::kind::Kind;
 use self::work::Interrupt;

@@ -2,7 +2,7 @@
 
 use std::fmt::{self, Write as _};
 
-use farfield_testbed::scene::range_of_motion::{
+use farfield_sim::scene::range_of_motion::{
     AngleExcess, PersonExcess, RangeOfMotionExcess, TOLERANCE_DEG, range_of_motion_excess,
 };
 

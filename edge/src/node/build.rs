@@ -6,14 +6,14 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::Context as _;
+use farfield_node::clock;
+use farfield_node::process::NodeError;
 use farfield_proto::message::Status;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::{Venue, VenueCamera};
 use farfield_proto::wire;
 
-use super::clock;
 use super::config::Config;
-use super::process::NodeError;
 use super::worker::Work;
 use crate::detector::OnnxDetector;
 use crate::network::{Backend, Choice, OnnxKeypointNetwork};

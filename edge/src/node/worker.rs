@@ -6,6 +6,7 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::JoinHandle;
 
 use anyhow::{Context as _, anyhow};
+use farfield_node::clock;
 use farfield_proto::id::{CameraIndex, ViewpointIndex};
 use farfield_proto::message::{BoxSet, StageTime};
 use farfield_proto::tick::Tick;
@@ -13,7 +14,6 @@ use farfield_proto::venue::{Venue, VenueCamera};
 use farfield_proto::wire;
 use tokio::sync::mpsc;
 
-use super::clock;
 use super::frames_at::FramesAt;
 use super::link::Said;
 use super::live::LiveWork;

@@ -11,8 +11,8 @@ use farfield_proto::tick::Tick;
 use farfield_proto::toml_file::{FileError, Place, unknown_name};
 use farfield_proto::venue::{GivenPerson, Venue};
 
-use crate::person::fit::fit;
-use crate::person::observed::ObservedJoints;
+use crate::body::fit::fit;
+use crate::body::observed::ObservedJoints;
 
 /// Refuses a person given by hand with a keypoint that the network of `card` does not know (`None`:
 /// the 17 COCO keypoints), or to whom no body can be fitted.

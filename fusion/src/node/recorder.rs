@@ -7,9 +7,9 @@ use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::message::PoseSet;
 use farfield_proto::venue::Venue;
 
+use crate::body::skeleton::{ANGLE_NAMES, Joint, RangeOfMotion};
 use crate::export::pose_files::{PoseFiles, Presence};
 use crate::export::{AngleColumn, AngleUnit, Layout};
-use crate::skeleton::{ANGLE_NAMES, Joint, RangeOfMotion};
 
 /// The folder of the smoothed poses in that of the run's.
 const SMOOTH: &str = "smooth";

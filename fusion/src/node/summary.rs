@@ -6,11 +6,11 @@ use std::path::Path;
 use std::time::Duration;
 
 use anyhow::Context as _;
+use farfield_node::process::Ending;
 use farfield_proto::message::{LOOK_STAGE, StageTime, Status};
 use farfield_proto::tick::Tick;
 
 use super::config::Config;
-use super::process::Ending;
 use super::tally::Tally;
 use crate::export::pose_files::Presence;
 use crate::export::summary::{

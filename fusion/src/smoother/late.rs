@@ -16,15 +16,15 @@ use farfield_proto::tick::Tick;
 use farfield_proto::venue::parameters::IkParameters;
 use nalgebra::{Matrix3, Vector3};
 
-use crate::evidence::View;
-use crate::ik::{IkSolver, JointSpread, Priors, Target};
-use crate::lattice::{KeypointEstimate, LatticeSearch};
-use crate::person::aims::aim_at_keypoints;
-use crate::person::life::Evidence;
-use crate::person::method::{Method, VenueView};
-use crate::person::track::Moment;
-use crate::skeleton::{Joint, Kinematics, Pose, Site, Skeleton};
-use crate::uncertainty::{MadeOf, Told, weigh_views};
+use crate::body::ik::{IkSolver, JointSpread, Priors, Target};
+use crate::body::keypoint_estimate::KeypointEstimate;
+use crate::body::skeleton::{Joint, Kinematics, Pose, Site, Skeleton};
+use crate::estimate::evidence::View;
+use crate::estimate::keypoint_targets::aim_at_keypoints;
+use crate::estimate::lattice::LatticeSearch;
+use crate::estimate::uncertainty::{MadeOf, Told, weigh_views};
+use crate::identity::track::Moment;
+use crate::method::{Method, VenueView};
 
 /// Sine of the angle between two rays from which they meet in a place, and not in a line (10 degrees).
 const CROSSING: f64 = 0.174;
@@ -155,11 +155,7 @@ impl LateSearch {
         moment.measured_m = Joint::ALL.map(|joint| self.kinematics.joint_m(joint));
         moment.unobserved = solution.unobserved;
         moment.views = moment.estimates.iter().map(|e| e.views).max().unwrap_or(0);
-        moment.made_of = match Evidence::of(&moment.estimates, method) {
-            Evidence::Seen => MadeOf::Views,
-            Evidence::OneView => MadeOf::OneView,
-            Evidence::Missing => MadeOf::Motion,
-        };
+        moment.made_of = MadeOf::from_estimates(&moment.estimates, method.enough_keypoints());
         if moment.made_of == MadeOf::Motion {
             return;
         }

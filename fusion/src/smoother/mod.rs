@@ -30,8 +30,8 @@ use rayon::prelude::*;
 
 use self::late::{Late, LateSearch};
 use self::window::Window;
-use crate::person::method::{Method, VenueView};
-use crate::person::track::{Moment, Track};
+use crate::identity::track::{Moment, Track};
+use crate::method::{Method, VenueView};
 
 /// Delay of the two passes over a recording, and how much of it is solved at once, seconds.
 const TWO_PASSES_S: f64 = 2.0;

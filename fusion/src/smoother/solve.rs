@@ -7,12 +7,12 @@ use farfield_proto::id::PersonId;
 use farfield_proto::message::PersonPose;
 use nalgebra::Vector3;
 
-use crate::ik::{IkSolver, Priors, Target};
-use crate::person::feet::Feet;
-use crate::person::method::Method;
-use crate::person::track::{Moment, Track};
-use crate::predict::Joints;
-use crate::skeleton::{Joint, Kinematics, N_JOINTS, Pose, Site, Skeleton, reported_angles};
+use crate::body::ik::{IkSolver, Priors, Target};
+use crate::body::skeleton::Joints;
+use crate::body::skeleton::{Joint, Kinematics, N_JOINTS, Pose, Site, Skeleton, reported_angles};
+use crate::estimate::feet::Feet;
+use crate::identity::track::{Moment, Track};
+use crate::method::Method;
 
 /// Root mean square distance of the joints from the smoothed ones, metres, from which the pose is solved a second
 /// time from elsewhere.

@@ -14,9 +14,9 @@ use farfield_proto::tick::Tick;
 use super::late::{KnownBody, Late, LateSearch};
 use super::line::{Belief, Known, Line, Measure};
 use super::solve::{Aims, Solver};
-use crate::person::method::Method;
-use crate::person::track::{Moment, Track};
-use crate::skeleton::{Joint, N_JOINTS};
+use crate::body::skeleton::{Joint, N_JOINTS};
+use crate::identity::track::{Moment, Track};
+use crate::method::Method;
 
 /// Spectral density of the jerk of a joint at rest, m²/s⁵: of the trunk and head, and of limbs. Chosen on the
 /// project's scenes at a delay of 100 ms, as the next one: the error is flat over a factor of ten.

@@ -73,7 +73,10 @@ pub(super) fn check(file: &TomlFile<'_>) -> Result<(), FileError> {
     let first = wrong.into_iter().min_by_key(|error| error.line);
     first.map_or(Ok(()), |mut error| {
         if moved > 1 && error.problem.starts_with(IS_NOW) {
-            error.problem += &format!(" ({moved} fields of this file have moved so)");
+            error.problem = format!(
+                "{} ({moved} fields of this file have moved so)",
+                error.problem
+            );
         }
         Err(error)
     })

@@ -1,13 +1,12 @@
 //! The venue file: one installation, its viewpoints, cameras, sources and parameters.
 //!
 //! Everything is refused here, at start, with file, line and field; nothing is refused at tick
-//! 900. [`Venue::load`] is the only place of this crate that reads files.
+//! 900. Text in, venue out: who opens the files is the caller.
 
 mod check;
 mod file;
 mod given;
 pub mod layout;
-mod load;
 pub mod parameters;
 mod raw;
 mod source;
@@ -16,7 +15,6 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 pub use file::VenueFile;
-pub use load::identity;
 pub use parameters::Parameters;
 pub use source::{SimulatedContent, Source};
 

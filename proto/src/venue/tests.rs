@@ -275,14 +275,3 @@ fn ticks_without_an_exact_time_are_refused() {
     let last = VENUE.replace("first_tick = 300", "first_tick = 9007199254740992");
     assert_eq!(parse(&last).unwrap().first_tick, Tick(1 << 53));
 }
-
-#[test]
-fn a_file_that_cannot_be_read_is_named() {
-    let refused = Venue::load(Path::new("no/such/venue.toml"))
-        .unwrap_err()
-        .to_string();
-    assert!(
-        refused.starts_with("no/such/venue.toml: cannot read the venue file"),
-        "{refused}"
-    );
-}

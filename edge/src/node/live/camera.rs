@@ -6,6 +6,7 @@
 use std::ops::Range;
 use std::sync::Arc;
 
+use farfield_node::process::say;
 use farfield_proto::id::CameraIndex;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::{Venue, VenueCamera};
@@ -15,7 +16,6 @@ use super::shared::Shared;
 use crate::live::capture::{Arrived, FramePlacer, Misplaced};
 use crate::live::health::{Glance, glance};
 use crate::live::{Micros, SECOND_US};
-use crate::node::process::say;
 use crate::source::{Content, Frame, FrameSource, SourceError, Sources};
 
 /// How often it is looked whether the venue's time is known.

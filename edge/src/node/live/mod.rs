@@ -16,6 +16,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::{Context as _, anyhow};
+use farfield_node::process::{Ending, NodeError, say};
 use farfield_proto::live::{EdgeLink, LiveStatus};
 use farfield_proto::message::{Order, Status};
 use farfield_proto::wire;
@@ -25,7 +26,6 @@ use tokio_util::sync::CancellationToken;
 
 use super::compare::compare_files;
 use super::link::{Ends, Heard};
-use super::process::{Ending, NodeError, say};
 use crate::live::newest_boxes::Arrival;
 use crate::live::objections::Objections;
 use crate::live::rate::Message;

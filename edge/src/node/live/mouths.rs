@@ -1,14 +1,12 @@
 //! What a live edge publishes on. Nothing blocks: what cannot go at once is dropped.
 
-use anyhow::Context as _;
+use farfield_node::session::{self, Delivery};
 use farfield_proto::key::Keys;
 use tracing::debug;
 use zenoh::pubsub::Publisher;
-use zenoh::qos::{CongestionControl, Priority, Reliability};
 use zenoh::{Session, Wait as _};
 
 use crate::live::rate::Message;
-use crate::node::link::zenoh_error;
 
 /// The publishers of a live edge: patches best effort, as the next are better; sightings and statuses reliable,
 /// as a lost one would be missed for a second.
@@ -29,11 +27,11 @@ impl Mouths {
         viewpoint: &str,
     ) -> anyhow::Result<Self> {
         let keys = Keys::new(venue);
-        let (lossy, whole) = (Reliability::BestEffort, Reliability::Reliable);
+        let publisher = |key, delivery| session::publisher(session, key, delivery);
         Ok(Self {
-            patches: publisher(session, keys.patch(viewpoint), lossy).await?,
-            sightings: publisher(session, keys.sighting(viewpoint), whole).await?,
-            status: publisher(session, keys.status(viewpoint), whole).await?,
+            patches: publisher(keys.patch(viewpoint), Delivery::BestEffort).await?,
+            sightings: publisher(keys.sighting(viewpoint), Delivery::Reliable).await?,
+            status: publisher(keys.status(viewpoint), Delivery::Reliable).await?,
         })
     }
 
@@ -49,21 +47,4 @@ impl Mouths {
             debug!(key = %publisher.key_expr(), %error, "not sent");
         }
     }
-}
-
-async fn publisher(
-    session: &Session,
-    key: String,
-    reliability: Reliability,
-) -> anyhow::Result<Publisher<'static>> {
-    let declared = session
-        .declare_publisher(key.clone())
-        .congestion_control(CongestionControl::Drop)
-        .reliability(reliability)
-        .priority(Priority::RealTime)
-        .express(true);
-    declared
-        .await
-        .map_err(zenoh_error)
-        .with_context(|| format!("declaring the publisher of {key}"))
 }

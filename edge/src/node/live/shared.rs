@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
+use farfield_node::clock::VenueClock;
 use farfield_proto::histogram::Histogram;
 use farfield_proto::id::SessionId;
 use farfield_proto::live::LiveStatus;
@@ -18,7 +19,6 @@ use super::work::LiveWork;
 use crate::live::Micros;
 use crate::live::newest_boxes::Arrival;
 use crate::live::rate::Message;
-use crate::node::clock::VenueClock;
 use crate::node::ring::RingHandle;
 use crate::ring::record::Label;
 
@@ -42,7 +42,7 @@ impl Shared {
         let period_us = (1e6 / venue.rate_hz).round() as Micros;
         let most_lag_us = (venue.parameters.link.deadline_ms * 1e3) as Micros;
         Self {
-            clock: VenueClock::start(work.clock_shift_us),
+            clock: VenueClock::start_shifted(work.clock_shift_us),
             frames: FrameStore::new(&work.cameras, period_us, most_lag_us),
             ledger: Mutex::new(Ledger::new(venue.rate_hz, &venue.parameters.link)),
             stages: Mutex::default(),

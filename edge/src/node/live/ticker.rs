@@ -4,6 +4,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::Context as _;
+use farfield_node::clock;
 use farfield_proto::fill::SetKind;
 use farfield_proto::id::{CameraIndex, PersonId, ViewpointIndex};
 use farfield_proto::live::{BoxEcho, PatchTiming};
@@ -16,7 +17,6 @@ use super::shared::Shared;
 use crate::live::Micros;
 use crate::live::rate::{Message, Plan};
 use crate::live::turns;
-use crate::node::clock;
 use crate::node::worker::split_looks;
 use crate::pipeline::{EdgeOutput, Orders, Pipeline, Stage};
 use crate::ring::record::Label;

@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use farfield_node::session::zenoh_error;
 use farfield_proto::fill::{FillRequest, Filled};
 use farfield_proto::key::Keys;
 use farfield_proto::wire;
@@ -12,7 +13,6 @@ use zenoh::Session;
 use zenoh::handlers::RingChannel;
 use zenoh::query::Query;
 
-use super::super::link::zenoh_error;
 use super::thread::RingHandle;
 
 /// Questions that wait; of more, the oldest are dropped: who asked has given them up first, and Zenoh's

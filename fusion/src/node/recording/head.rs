@@ -5,13 +5,13 @@ use std::fs;
 use std::path::Path;
 
 use anyhow::{Context as _, ensure};
+use farfield_node::clock;
 use farfield_proto::calibration::Calibration;
 use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::venue::Venue;
 use farfield_proto::venue::layout::LAYOUT;
 use farfield_proto::wire;
 
-use super::super::clock;
 use super::super::recorder::layout;
 use crate::recording::writer::Head;
 use crate::recording::{CALIBRATION_FILE, CARD_FILE, MAX_ATTACHED_BYTES, VENUE_FILE, VENUE_LAYOUT};

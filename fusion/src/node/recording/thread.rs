@@ -11,6 +11,8 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, anyhow};
+use farfield_node::clock::{self, VenueClock};
+use farfield_node::process::say;
 use farfield_proto::decision::Decision;
 use farfield_proto::fill::SetKind;
 use farfield_proto::id::SessionId;
@@ -19,8 +21,6 @@ use farfield_proto::venue::parameters::RecordingParameters;
 use farfield_proto::wire;
 use tracing::warn;
 
-use super::super::clock::{self, VenueClock};
-use super::super::process::say;
 use super::super::tap::Tap;
 use super::filler::{Fillers, SharedHoles};
 use super::place::Place;

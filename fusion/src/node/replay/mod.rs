@@ -9,15 +9,16 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context as _, anyhow};
+use farfield_node::clock;
+use farfield_node::log::start_log;
+use farfield_node::process::{Ending, Managed, NodeError, exit_code, say, stop_when_told};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
 use self::report::{Done, FileFacts};
 use self::venue::{Changes, replay_venue};
-use super::clock;
 use super::config::check_names;
 use super::output::{Claim, check_folder};
-use super::process::{Ending, Managed, NodeError, exit_code, say, start_log, stop_when_told};
 use super::recorder::Recorder;
 use super::summary;
 use crate::pipeline::Pipeline;

@@ -5,6 +5,7 @@ use std::io::{Read, Seek};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, anyhow, bail, ensure};
+use farfield_node::files::load_venue;
 use farfield_proto::calibration::Calibration;
 use farfield_proto::model_card::HeatmapCard;
 use farfield_proto::toml_file::unknown_name;
@@ -130,7 +131,7 @@ fn recorded_card<R: Read + Seek>(
 }
 
 fn own_calibration(venue: &Path) -> anyhow::Result<Calibration> {
-    let path = Venue::load(venue)?.calibration_path;
+    let path = load_venue(venue)?.calibration_path;
     Ok(Calibration::parse(&read(&path)?, &path)?)
 }
 

@@ -1,0 +1,103 @@
+//! Bodies in everyday postures, and noise, for tests.
+
+use std::f64::consts::TAU;
+
+use farfield_proto::keypoints::KeypointSet;
+use nalgebra::{UnitQuaternion, Vector3};
+
+use super::observed::ObservedJoints;
+use super::skeleton::dof::{Part, first_of};
+use super::skeleton::{Joint, Kinematics, Pose, Proportions, Side, Skeleton};
+
+/// Pseudo-random numbers that are the same on every run.
+pub(crate) struct Noise(pub(crate) u64);
+
+impl Noise {
+    /// Uniform in 0..1 (splitmix64).
+    pub(crate) fn uniform(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
+    }
+
+    /// Normal with mean 0 and sigma 1 (twelve uniforms, cut at 6 sigma).
+    pub(crate) fn normal(&mut self) -> f64 {
+        (0..12).map(|_| self.uniform()).sum::<f64>() - 6.0
+    }
+
+    /// Three independent normals of `sigma`.
+    pub(crate) fn vector(&mut self, sigma: f64) -> Vector3<f64> {
+        Vector3::from_fn(|_, _| self.normal() * sigma)
+    }
+}
+
+/// The 29 joints of a person of `skeleton` in `pose`, all with weight 1.
+pub(crate) fn joints(skeleton: &Skeleton, pose: &Pose) -> ObservedJoints {
+    let mut kinematics = Kinematics::default();
+    skeleton.forward(pose, &mut kinematics);
+    let mut observed = ObservedJoints::default();
+    for joint in Joint::ALL {
+        observed.set(joint, kinematics.joint_m(joint), 1.0);
+    }
+    observed
+}
+
+/// `body` with the 17 COCO keypoints alone, each where `moved` puts it.
+pub(crate) fn coco_only(
+    body: &ObservedJoints,
+    mut moved: impl FnMut(Vector3<f64>) -> Vector3<f64>,
+) -> ObservedJoints {
+    let mut observed = ObservedJoints::default();
+    for name in KeypointSet::coco17().names() {
+        let joint = Joint::from_name(name).unwrap();
+        observed.set(joint, moved(body.position_m(joint).unwrap()), 1.0);
+    }
+    observed
+}
+
+/// `n` people in the middle of the hall, facing anywhere, with arms and legs anywhere that people
+/// put them; spine and scapulas as they were born.
+pub(crate) fn postures(n: usize, noise: &mut Noise) -> Vec<Pose> {
+    (0..n).map(|_| posture(noise)).collect()
+}
+
+fn posture(noise: &mut Noise) -> Pose {
+    let heading = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), noise.uniform() * TAU);
+    let mut pose = Pose::neutral(Vector3::new(0.0, 0.0, 0.9), heading);
+    let mut set = |side, part, which: usize, low: f64, high: f64| {
+        pose.dof[first_of(side, part) + which] = low + (high - low) * noise.uniform();
+    };
+    for side in Side::BOTH {
+        set(side, Part::Shoulder, 0, -1.2, 1.5);
+        set(side, Part::Shoulder, 1, -1.0, 0.8);
+        set(side, Part::Elbow, 0, 0.3, 2.0);
+        set(side, Part::Hip, 0, -0.3, 1.7);
+        set(side, Part::Hip, 1, -0.5, 0.1);
+        set(side, Part::Knee, 0, 0.3, 1.9);
+    }
+    pose
+}
+
+/// The 17 COCO keypoints of `body`.
+pub(crate) fn coco(body: &ObservedJoints) -> Vec<Vector3<f64>> {
+    let names = KeypointSet::coco17();
+    names
+        .names()
+        .iter()
+        .map(|name| body.position_m(Joint::from_name(name).unwrap()).unwrap())
+        .collect()
+}
+
+/// The keypoints of a person of `stature_m` standing at (`x`, `y`) in some everyday posture.
+pub(crate) fn standing(x: f64, y: f64, stature_m: f64, noise: &mut Noise) -> Vec<Vector3<f64>> {
+    let skeleton = Skeleton::new(&Proportions::from_stature(stature_m));
+    let mut pose = posture(noise);
+    for side in Side::BOTH {
+        pose.dof[first_of(side, Part::Hip)] *= 0.3;
+        pose.dof[first_of(side, Part::Knee)] *= 0.3;
+    }
+    pose.root_m = Vector3::new(x, y, 0.53 * stature_m);
+    coco(&joints(&skeleton, &pose))
+}

@@ -1,0 +1,122 @@
+//! What the targets know of each DoF, and which reported angles they do not.
+
+use std::f64::consts::PI;
+
+use super::normal::{Factor, NormalEquations};
+use crate::body::skeleton::angles::FIRST_JOINT_ANGLE;
+use crate::body::skeleton::dof::{Part, first_of};
+use crate::body::skeleton::range_of_motion::spread_rad;
+use crate::body::skeleton::{N_ANGLES, N_DOF, N_ROOT_DOF, Pose, Side, reported_angles};
+
+/// Standard deviation at which an angle counts as unknown, radians (11 degrees). From 17 exact
+/// keypoints of 20 mm the pelvis' tilt is left at 14 degrees and the spine's extension at 18, what they
+/// do determine at 10 and less.
+const UNKNOWN_RAD: f64 = 0.2;
+/// The same for hips and shoulders (17 degrees): they inherit what is unknown of pelvis and
+/// scapula, 11 to 14 degrees, which is flagged there.
+const UNKNOWN_LIMB_RAD: f64 = 0.3;
+/// Or at this share of what was known before: an angle with a small range is unknown if the targets
+/// halve its variance at best.
+const UNKNOWN_SHARE: f64 = 0.7;
+/// Standard deviation at which the root's position counts as unknown, metres.
+const UNKNOWN_M: f64 = 0.1;
+/// What is known of the root before: a metre, and any direction.
+const ROOT_SPREAD: [f64; N_ROOT_DOF] = [1.0, 1.0, 1.0, PI / 1.732, PI / 1.732, PI / 1.732];
+
+/// The variance that targets leave to each DoF, when each was even over its clinical range before.
+#[derive(Debug, Clone)]
+pub(super) struct Observability {
+    /// Precision of what is known before, per DoF.
+    before: [f64; N_DOF],
+    /// Variance at which a DoF counts as unknown.
+    unknown: [f64; N_DOF],
+    variance: [f64; N_DOF],
+}
+
+impl Observability {
+    pub(super) fn new() -> Self {
+        let spread = spread_before();
+        let unknown = std::array::from_fn(|i| {
+            let limit = match i {
+                0..3 => UNKNOWN_M,
+                _ if is_limb_root(i) => UNKNOWN_LIMB_RAD,
+                _ => UNKNOWN_RAD,
+            };
+            limit.min(UNKNOWN_SHARE * spread[i]).powi(2)
+        });
+        Self {
+            before: spread.map(|s| 1.0 / (s * s)),
+            unknown,
+            variance: spread.map(|s| s * s),
+        }
+    }
+
+    /// Measures the targets that `normal` holds. Overwrites `factor`.
+    pub(super) fn measure(&mut self, normal: &NormalEquations, factor: &mut Factor) {
+        factor.compute(normal, &self.before, &[false; N_DOF]);
+        for (i, variance) in self.variance.iter_mut().enumerate() {
+            *variance = factor.variance(i);
+        }
+    }
+
+    /// How much DoF `i` is left to the priors: near 0 where the targets know it, near 1 where not.
+    pub(super) fn ignorance(&self, i: usize) -> f64 {
+        self.variance[i] / (self.variance[i] + self.unknown[i])
+    }
+
+    fn is_unknown(&self, i: usize) -> bool {
+        self.variance[i] > self.unknown[i]
+    }
+
+    /// One bit per reported angle that the targets do not determine.
+    ///
+    /// The arm's flexion and adduction follow from the two swings alone and its rotation takes the
+    /// twist as well. Near an adduction of ±90 degrees, the pole of the reported angles, a small
+    /// swing is a large flexion, and neither it nor the rotation is determined.
+    pub(super) fn unobserved(&self, pose: &Pose) -> u64 {
+        // DoF of the root's list, tilt, rotation: about the pelvis' x, y, z.
+        const ROOT: [usize; N_ROOT_DOF] = [4, 3, 5, 1, 2, 0];
+        let mut unknown = [false; N_ANGLES];
+        for (angle, dof) in ROOT.into_iter().chain(N_ROOT_DOF..N_DOF).enumerate() {
+            unknown[angle] = self.is_unknown(dof);
+        }
+        let angles = reported_angles(pose);
+        for side in Side::BOTH {
+            let first = first_of(side, Part::Shoulder);
+            let (dof, angle) = (N_ROOT_DOF + first, FIRST_JOINT_ANGLE + first);
+            let swing = self.variance[dof].max(self.variance[dof + 1]);
+            let adduction = angles[angle + 1].cos().powi(2);
+            let swing_is_unknown = self.is_unknown(dof) || self.is_unknown(dof + 1);
+            unknown[angle + 1] = swing_is_unknown;
+            unknown[angle] = swing_is_unknown || swing > adduction * self.unknown[dof];
+            unknown[angle + 2] = unknown[angle] || self.is_unknown(dof + 2);
+        }
+        unknown
+            .iter()
+            .rev()
+            .fold(0, |bits, &bit| bits << 1 | u64::from(bit))
+    }
+}
+
+/// Standard deviation of each DoF before anything is seen: metres for the root's translation, else
+/// radians.
+pub(super) fn spread_before() -> [f64; N_DOF] {
+    let joints = spread_rad();
+    std::array::from_fn(|i| {
+        if i < N_ROOT_DOF {
+            ROOT_SPREAD[i]
+        } else {
+            joints[i - N_ROOT_DOF]
+        }
+    })
+}
+
+/// Whether DoF `i` of all 40 is one of a hip's or a shoulder's.
+fn is_limb_root(i: usize) -> bool {
+    Side::BOTH.into_iter().any(|side| {
+        [Part::Shoulder, Part::Hip].into_iter().any(|part| {
+            let first = N_ROOT_DOF + first_of(side, part);
+            (first..first + 3).contains(&i)
+        })
+    })
+}

@@ -1,0 +1,101 @@
+//! What is believed of a pose before its targets are seen: the rest pose and the last pose.
+//!
+//! Keypoints do not determine the ankles, how scapula and shoulder share a raised arm, the pelvis'
+//! tilt against the spine, or the twist of a straight limb. These go to the rest pose and stay near
+//! their last value; [`super`] says how the priors give way where targets know better.
+
+use farfield_proto::venue::parameters::IkParameters;
+use nalgebra::{UnitQuaternion, Vector3};
+
+use crate::body::skeleton::dof::{LUMBAR, NECK, Part, first_of};
+use crate::body::skeleton::{N_DOF, N_JOINT_DOF, Pose, Side};
+
+/// Rate for which `change_sigma_rad` is stated, hertz.
+const STATED_RATE_HZ: f64 = 60.0;
+/// Sigma of the pelvis' position between two ticks at that rate, metres (9 m/s).
+const ROOT_CHANGE_SIGMA_M: f64 = 0.15;
+
+/// Sigma of the rest pose per DoF, in units of `rest_sigma_rad`: trunk and neck, then one side.
+/// Joints that keypoints always determine are left nearly free.
+const TRUNK_AND_NECK_SIGMA: [f64; 6] = [1.0; 6];
+const SIDE_SIGMA: [f64; 14] = [
+    1.0, 1.0, 0.5, // scapula: elevation, protraction, tilt
+    3.0, 3.0, 2.0, // shoulder: swings, twist
+    3.0, // elbow
+    3.0, 1.5, 1.0, // hip: flexion, adduction, rotation
+    3.0, // knee
+    0.7, 0.5, 0.3, // ankle
+];
+
+/// Twist of a relaxed arm: the middle of the clinical rotations in every direction of the arm lies
+/// near it, radians (20 degrees).
+const ARM_TWIST_REST_RAD: f64 = 0.35;
+/// A relaxed elbow, radians (10 degrees).
+const ELBOW_REST_RAD: f64 = 0.17;
+
+/// Elevation of the arm up to which the scapula stays, radians (30 degrees).
+const RHYTHM_FROM_RAD: f64 = 0.524;
+/// Elevation of our scapula per elevation of the arm beyond: of the scapula's third (rhythm 2:1)
+/// half happens at the sternoclavicular joint, about which our scapula turns, so 30 of 150 degrees
+/// (Neumann, see [`crate::body::skeleton::range_of_motion`]).
+const RHYTHM_SHARE: f64 = 0.2;
+
+/// The two priors of one solve.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Priors {
+    /// Rest value per joint DoF, radians.
+    pub rest: [f64; N_JOINT_DOF],
+    /// Its standard deviation, radians.
+    pub rest_sigma_rad: [f64; N_JOINT_DOF],
+    /// The last pose (or what is predicted from it).
+    pub last: Pose,
+    /// Standard deviation of the change from it per DoF: metres for the root's translation, else
+    /// radians.
+    pub change_sigma: [f64; N_DOF],
+}
+
+impl Priors {
+    /// The priors of a solve `elapsed_s` seconds after `last`. The scapulas rest where the
+    /// scapulohumeral rhythm puts them for the last pose's arms.
+    pub fn new(parameters: &IkParameters, last: &Pose, elapsed_s: f64) -> Self {
+        let ticks = (elapsed_s * STATED_RATE_HZ).abs().max(1.0);
+        let mut change_sigma = [parameters.change_sigma_rad * ticks; N_DOF];
+        change_sigma[..3].fill(ROOT_CHANGE_SIGMA_M * ticks);
+        let mut priors = Self {
+            rest: Pose::neutral(Vector3::zeros(), UnitQuaternion::identity()).dof,
+            rest_sigma_rad: [parameters.rest_sigma_rad; N_JOINT_DOF],
+            last: *last,
+            change_sigma,
+        };
+        scale(
+            &mut priors.rest_sigma_rad[LUMBAR..NECK + 3],
+            &TRUNK_AND_NECK_SIGMA,
+        );
+        for side in Side::BOTH {
+            let first = first_of(side, Part::Scapula);
+            scale(
+                &mut priors.rest_sigma_rad[first..first + SIDE_SIGMA.len()],
+                &SIDE_SIGMA,
+            );
+            priors.rest[first_of(side, Part::Elbow)] = ELBOW_REST_RAD;
+            priors.rest[first_of(side, Part::Shoulder) + 2] = ARM_TWIST_REST_RAD;
+        }
+        priors.follow_arms();
+        priors
+    }
+
+    /// Sets the rest elevation of the scapulas to the rhythm's for the last pose's arms.
+    fn follow_arms(&mut self) {
+        for side in Side::BOTH {
+            let raised = self.last.arm_elevation_rad(side);
+            let elevation = (raised - RHYTHM_FROM_RAD).max(0.0) * RHYTHM_SHARE;
+            self.rest[first_of(side, Part::Scapula)] = elevation;
+        }
+    }
+}
+
+fn scale(sigmas: &mut [f64], factors: &[f64]) {
+    for (sigma, factor) in sigmas.iter_mut().zip(factors) {
+        *sigma *= factor;
+    }
+}

@@ -1,0 +1,23 @@
+//! A person's body: the skeletal model, how a pose is found for points in space, and how a body is measured.
+//!
+//! ```text
+//!   points in space -> observed -> proportions (segment), initial_pose (limbs) -> fit: skeleton and first pose
+//!   a life's first seconds -> remeasure: link lengths; sites: where the network's keypoints sit
+//! ```
+//!
+//! Everything is compared in the world, in metres: cameras differ, and people lie, crouch and stand
+//! on their hands.
+
+pub mod fit;
+#[cfg(test)]
+pub(crate) mod fixture;
+pub mod ik;
+pub(crate) mod initial_pose;
+pub mod keypoint_estimate;
+mod limbs;
+pub mod observed;
+pub(crate) mod proportions;
+pub(crate) mod remeasure;
+pub(crate) mod segment;
+pub(crate) mod sites;
+pub mod skeleton;

@@ -1,0 +1,261 @@
+//! Keypoints in space -> the lengths of a person's skeleton.
+
+use super::observed::ObservedJoints;
+use super::segment::{Segment, stature_m, weighted_median};
+use crate::body::skeleton::Proportions;
+
+/// What a triangulated length is off before it is known better, metres: one sigma.
+const LENGTH_SIGMA_M: f64 = 0.03;
+
+/// How many samples [`LENGTH_SIGMA_M`] is worth against the spread that the samples show.
+const SIGMA_SAMPLES: f64 = 1.0;
+
+/// A length is within these factors of what the stature asks for, or it was measured wrongly.
+const FACTORS: [f64; 2] = [0.75, 1.3];
+
+/// Samples farther from their median than this many robust sigmas do not take part in the mean.
+const OUTLIER_SIGMAS: f64 = 2.5;
+
+/// Sigma of a normal distribution over its median absolute deviation.
+const SIGMA_OVER_MAD: f64 = 1.4826;
+
+/// Least samples whose spread is believed.
+const MIN_SPREAD_SAMPLES: usize = 5;
+
+/// The statures that a skeleton is made for, metres.
+const STATURES_M: [f64; 2] = [0.9, 2.4];
+
+/// A length and how sure it is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Measured {
+    length_m: f64,
+    variance_m2: f64,
+}
+
+/// Lengths of `ticks`, which show one person: each segment's measured length
+/// and the length that the stature asks for, weighted by their variances. Left and right are taken
+/// together.
+///
+/// The chain pelvis - spine - scapula - shoulder is as long and as wide as the trunk was measured,
+/// with the spine unbent and the scapulas level (paper, appendix B).
+///
+/// `None` when no segment of the body is known.
+pub(crate) fn proportions(ticks: &[ObservedJoints]) -> Option<Proportions> {
+    let stature = stature_m(ticks)?.clamp(STATURES_M[0], STATURES_M[1]);
+    let length = |segment| blended_m(segment, ticks, stature);
+    let factor = |segment: Segment| length(segment) / (segment.ratio() * stature);
+    let average = Proportions::from_stature(stature);
+    let (tall, wide, eyes) = (
+        factor(Segment::Trunk),
+        factor(Segment::ShoulderWidth),
+        factor(Segment::EyeForward),
+    );
+    let neck_above_shoulders_m = tall * (average.trunk_m - average.scapula_up_m);
+    let head_m = length(Segment::HeadHeight) - neck_above_shoulders_m;
+    let (thigh_m, shank_m) = (length(Segment::Thigh), length(Segment::Shank));
+    Some(Proportions {
+        pelvis_height_m: average.pelvis_height_m - average.thigh_m - average.shank_m
+            + thigh_m
+            + shank_m,
+        lumbar_m: tall * average.lumbar_m,
+        trunk_m: tall * average.trunk_m,
+        scapula_up_m: tall * average.scapula_up_m,
+        scapula_side_m: wide * average.scapula_side_m,
+        clavicle_m: wide * average.clavicle_m,
+        head_m: head_m.clamp(FACTORS[0] * average.head_m, FACTORS[1] * average.head_m),
+        nose_forward_m: length(Segment::NoseForward),
+        eye_forward_m: eyes * average.eye_forward_m,
+        eye_up_m: eyes * average.eye_up_m,
+        eye_side_m: 0.5 * length(Segment::EyeWidth),
+        ear_side_m: 0.5 * length(Segment::EarWidth),
+        upper_arm_m: length(Segment::UpperArm),
+        forearm_m: length(Segment::Forearm),
+        hip_side_m: 0.5 * length(Segment::HipWidth),
+        thigh_m,
+        shank_m,
+        ..average
+    })
+}
+
+/// The length of `segment`, metres.
+///
+/// ```text
+///   l = (m / v + p / u) / (1 / v + 1 / u),   m, v: measured and its variance,   p, u: prior and its variance
+/// ```
+fn blended_m(segment: Segment, ticks: &[ObservedJoints], stature_m: f64) -> f64 {
+    let prior = segment.ratio() * stature_m;
+    let prior_variance = (segment.spread() * prior).powi(2);
+    let samples: Vec<(f64, f64)> = ticks
+        .iter()
+        .flat_map(|body| segment.lengths_m(body))
+        .collect();
+    let Some(measured) = measured(&samples) else {
+        return prior;
+    };
+    let m = measured
+        .length_m
+        .clamp(FACTORS[0] * prior, FACTORS[1] * prior);
+    let (w_measured, w_prior) = (measured.variance_m2.recip(), prior_variance.recip());
+    (m * w_measured + prior * w_prior) / (w_measured + w_prior)
+}
+
+/// The robust mean of `samples` (length, weight), freed of what noise adds to a distance.
+///
+/// Noise across a segment makes it longer: with variance s^2 per length, E|a - b|^2 exceeds the true
+/// square by 3 s^2, of which s^2 are the length's own.
+fn measured(samples: &[(f64, f64)]) -> Option<Measured> {
+    let middle = weighted_median(samples.to_vec())?;
+    let deviations = samples
+        .iter()
+        .map(|&(l, w)| ((l - middle).abs(), w))
+        .collect();
+    let sigma = SIGMA_OVER_MAD * weighted_median(deviations)?;
+    let gate = OUTLIER_SIGMAS * sigma.max(1e-6);
+    let kept: Vec<(f64, f64)> = samples
+        .iter()
+        .copied()
+        .filter(|&(l, _)| (l - middle).abs() <= gate)
+        .collect();
+    let weight: f64 = kept.iter().map(|s| s.1).sum();
+    let mean = if weight > 0.0 {
+        kept.iter().map(|s| s.0 * s.1).sum::<f64>() / weight
+    } else {
+        middle
+    };
+    let n = samples.len() as f64;
+    let noise = if samples.len() >= MIN_SPREAD_SAMPLES {
+        sigma * sigma
+    } else {
+        0.0
+    };
+    let length_m = (mean * mean - 2.0 * noise).max(0.25 * mean * mean).sqrt();
+    let variance =
+        (SIGMA_SAMPLES * LENGTH_SIGMA_M.powi(2) + n * sigma * sigma) / (SIGMA_SAMPLES + n);
+    Some(Measured {
+        length_m,
+        variance_m2: variance / n,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::body::fixture::{Noise, coco_only, joints, postures};
+    use crate::body::skeleton::Skeleton;
+
+    /// What noise-free keypoints leave of a length's error: the stature's pull on 15 ticks.
+    const EXACT_SHARE: f64 = 0.01;
+
+    /// Root mean square share by which links are off when keypoints are off by [`NOISE_M`].
+    const NOISY_SHARE: f64 = 0.03;
+
+    const NOISE_M: f64 = 0.02;
+
+    /// The links between keypoints, which alone can be measured.
+    fn measured_links(body: &Proportions) -> [(&'static str, f64); 7] {
+        [
+            ("upper arm", body.upper_arm_m),
+            ("forearm", body.forearm_m),
+            ("thigh", body.thigh_m),
+            ("shank", body.shank_m),
+            (
+                "shoulder width",
+                2.0 * (body.scapula_side_m + body.clavicle_m),
+            ),
+            ("hip width", 2.0 * body.hip_side_m),
+            ("trunk", body.lumbar_m + body.scapula_up_m),
+        ]
+    }
+
+    fn ticks(body: &Proportions, seed: u64, sigma_m: f64) -> Vec<ObservedJoints> {
+        let skeleton = Skeleton::new(body);
+        let mut noise = Noise(seed);
+        postures(15, &mut noise)
+            .iter()
+            .map(|pose| coco_only(&joints(&skeleton, pose), |p| p + noise.vector(sigma_m)))
+            .collect()
+    }
+
+    fn check(truth: &Proportions, seen: &[ObservedJoints]) -> Result<(), TestCaseError> {
+        let found = proportions(seen).expect("whole bodies have segments");
+        for ((name, was), (_, is)) in measured_links(truth)
+            .into_iter()
+            .zip(measured_links(&found))
+        {
+            prop_assert!(
+                (is - was).abs() <= EXACT_SHARE * was,
+                "{name}: {is:.4} m, was {was:.4} m"
+            );
+        }
+        Ok(())
+    }
+
+    proptest! {
+        #[test]
+        fn exact_keypoints_give_the_links_of_a_person_unlike_the_average(
+            stature in 1.2f64..2.1,
+            arms in 0.92f64..1.08,
+            legs in 0.92f64..1.08,
+            trunk in 0.92f64..1.08,
+            seed in any::<u64>(),
+        ) {
+            let average = Proportions::from_stature(stature);
+            let body = Proportions {
+                upper_arm_m: arms * average.upper_arm_m,
+                forearm_m: arms * average.forearm_m,
+                thigh_m: legs * average.thigh_m,
+                shank_m: legs * average.shank_m,
+                lumbar_m: trunk * average.lumbar_m,
+                trunk_m: trunk * average.trunk_m,
+                scapula_up_m: trunk * average.scapula_up_m,
+                ..average
+            };
+            check(&body, &ticks(&body, seed, 0.0))?;
+        }
+    }
+
+    #[test]
+    fn noisy_keypoints_of_fifteen_ticks_give_the_links_too() {
+        // Per axis, so that a keypoint is off by NOISE_M in all.
+        let sigma_m = NOISE_M / f64::sqrt(3.0);
+        let body = Proportions::from_stature(1.78);
+        let runs: Vec<Proportions> = (0..40)
+            .map(|seed| proportions(&ticks(&body, seed, sigma_m)).unwrap())
+            .collect();
+        for (i, (name, was)) in measured_links(&body).into_iter().enumerate() {
+            let squares = runs
+                .iter()
+                .map(|found| (measured_links(found)[i].1 / was - 1.0).powi(2));
+            let rms = (squares.sum::<f64>() / runs.len() as f64).sqrt();
+            assert!(rms < NOISY_SHARE, "{name}: off by {:.1} %", 100.0 * rms);
+        }
+    }
+
+    #[test]
+    fn one_wild_tick_among_fifteen_changes_nothing() {
+        let body = Proportions::from_stature(1.7);
+        let mut seen = ticks(&body, 5, 0.0);
+        let wild: Vec<_> = seen[3]
+            .iter()
+            .map(|(joint, p)| (joint, p.position_m * 3.0))
+            .collect();
+        for (joint, position_m) in wild {
+            seen[3].set(joint, position_m, 1.0);
+        }
+        check(&body, &seen).unwrap();
+    }
+
+    #[test]
+    fn a_face_alone_tells_no_proportions() {
+        let mut face = ObservedJoints::default();
+        face.set(
+            crate::body::skeleton::Joint::Nose,
+            nalgebra::Vector3::new(0.0, 0.0, 1.7),
+            1.0,
+        );
+        assert!(proportions(&[face]).is_none());
+        assert!(proportions(&[]).is_none());
+    }
+}

@@ -1,0 +1,88 @@
+//! The link lengths of a person, measured anew while its first seconds pass.
+//!
+//! The errors of a network's keypoints last for seconds: a knee that is seen 20 mm too low is seen so
+//! for a while, and lengths from the ticks of a birth alone take that over for good. So the keypoints
+//! of all ticks since are sampled, and the lengths fitted to them again 2, 4, 8, ... seconds after the
+//! confirmation, until `births.measure_s`; from then on they stay.
+
+use farfield_proto::venue::parameters::IkParameters;
+
+use super::fit::fit;
+use super::observed::ObservedJoints;
+use crate::body::skeleton::Skeleton;
+
+/// Most samples that are kept; when they are that many, every second goes and the step doubles.
+const MAX_SAMPLES: usize = 64;
+/// Ticks between samples at first, at any rate.
+const FIRST_STRIDE: u32 = 5;
+/// Ticks with less of the body than this say nothing about lengths.
+const MIN_POINTS: usize = 8;
+
+/// What a person's lengths are measured from.
+#[derive(Debug, Clone)]
+pub(crate) struct Remeasure {
+    samples: Vec<ObservedJoints>,
+    stride: u32,
+    lived_ticks: u32,
+    next_s: f64,
+}
+
+/// What decides when lengths are measured anew, and how.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Pace<'a> {
+    /// Time from tick to tick, seconds.
+    pub(crate) dt_s: f64,
+    /// How long after the confirmation lengths are measured anew, seconds.
+    pub(crate) measure_s: f64,
+    /// Of the fit.
+    pub(crate) ik: &'a IkParameters,
+}
+
+impl Remeasure {
+    pub(crate) fn new() -> Self {
+        Self {
+            samples: Vec::with_capacity(MAX_SAMPLES),
+            stride: FIRST_STRIDE,
+            lived_ticks: 0,
+            next_s: 2.0,
+        }
+    }
+
+    /// Notes a tick; the new body, when it is time for one and the samples show it.
+    pub(crate) fn tick(
+        &mut self,
+        observe: impl FnOnce() -> ObservedJoints,
+        pace: &Pace<'_>,
+    ) -> Option<Skeleton> {
+        if self.next_s > pace.measure_s {
+            return None;
+        }
+        self.lived_ticks += 1;
+        if self.lived_ticks.is_multiple_of(self.stride) {
+            let observed = observe();
+            if observed.count() >= MIN_POINTS {
+                self.keep(observed);
+            }
+        }
+        if f64::from(self.lived_ticks) * pace.dt_s < self.next_s {
+            return None;
+        }
+        self.next_s *= 2.0;
+        // The pose that comes with the fit is not used: the track has a better one.
+        fit(&self.samples, pace.ik, None)
+            .ok()
+            .map(|body| body.skeleton)
+    }
+
+    fn keep(&mut self, observed: ObservedJoints) {
+        if self.samples.len() == MAX_SAMPLES {
+            let mut index = 0;
+            self.samples.retain(|_| {
+                index += 1;
+                index % 2 == 0
+            });
+            self.stride *= 2;
+        }
+        self.samples.push(observed);
+    }
+}

@@ -1,0 +1,196 @@
+//! The lengths of a body that keypoints show, and what they say about its stature.
+
+use super::observed::ObservedJoints;
+use crate::body::skeleton::Joint;
+
+/// A point of the body that a length is measured to: the middle between two joints (the same joint
+/// twice where it is one).
+type End = [Joint; 2];
+
+const MID_SHOULDERS: End = [Joint::LeftShoulder, Joint::RightShoulder];
+const MID_HIPS: End = [Joint::LeftHip, Joint::RightHip];
+const MID_EARS: End = [Joint::LeftEar, Joint::RightEar];
+const MID_EYES: End = [Joint::LeftEye, Joint::RightEye];
+
+/// A length that is constant over a person's life, or nearly so.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Segment {
+    UpperArm,
+    Forearm,
+    Thigh,
+    Shank,
+    ShoulderWidth,
+    HipWidth,
+    /// From the middle of the hips to the middle of the shoulders.
+    Trunk,
+    /// From the middle of the shoulders to the middle of the ears.
+    HeadHeight,
+    EarWidth,
+    EyeWidth,
+    /// From the middle of the ears to the middle of the eyes.
+    EyeForward,
+    /// From the middle of the ears to the nose.
+    NoseForward,
+}
+
+impl Segment {
+    /// Those that tell a stature, and a body from a ghost. Faces are too small for both.
+    pub(crate) const BODY: [Self; 7] = [
+        Self::UpperArm,
+        Self::Forearm,
+        Self::Thigh,
+        Self::Shank,
+        Self::ShoulderWidth,
+        Self::HipWidth,
+        Self::Trunk,
+    ];
+
+    /// Length in statures: the table of the 29 joints (Drillis and Contini, as in Winter's tables).
+    pub(crate) fn ratio(self) -> f64 {
+        match self {
+            Self::UpperArm => 0.172,
+            Self::Forearm => 0.157,
+            Self::Thigh => 0.245,
+            Self::Shank => 0.246,
+            Self::ShoulderWidth => 0.22,
+            Self::HipWidth => 0.10,
+            Self::Trunk => 0.27,
+            Self::HeadHeight => 0.12,
+            Self::EarWidth => 0.084,
+            Self::EyeWidth => 0.038,
+            Self::EyeForward => 0.0522,
+            Self::NoseForward => 0.06,
+        }
+    }
+
+    /// How well a stature can be told from it. Long bones tell it best; a trunk bends, and hip
+    /// keypoints of networks are off the joint centres by as much as the hips are wide.
+    fn trust(self) -> f64 {
+        match self {
+            Self::Thigh | Self::Shank => 1.0,
+            Self::UpperArm | Self::Forearm => 0.8,
+            Self::ShoulderWidth | Self::Trunk => 0.5,
+            _ => 0.1,
+        }
+    }
+
+    /// How much people of one stature differ in it, with what networks differ in their idea of the
+    /// joint: one sigma, as a share of the length.
+    pub(crate) fn spread(self) -> f64 {
+        match self {
+            Self::UpperArm | Self::Forearm | Self::Thigh | Self::Shank => 0.08,
+            Self::ShoulderWidth | Self::Trunk => 0.10,
+            _ => 0.20,
+        }
+    }
+
+    /// Where it is measured: one pair of ends for each side that has it.
+    fn ends(self) -> Vec<[End; 2]> {
+        use Joint as J;
+        let bone = |near, far| [[near, near], [far, far]];
+        match self {
+            Self::UpperArm => vec![
+                bone(J::LeftShoulder, J::LeftElbow),
+                bone(J::RightShoulder, J::RightElbow),
+            ],
+            Self::Forearm => vec![
+                bone(J::LeftElbow, J::LeftWrist),
+                bone(J::RightElbow, J::RightWrist),
+            ],
+            Self::Thigh => vec![
+                bone(J::LeftHip, J::LeftKnee),
+                bone(J::RightHip, J::RightKnee),
+            ],
+            Self::Shank => vec![
+                bone(J::LeftKnee, J::LeftAnkle),
+                bone(J::RightKnee, J::RightAnkle),
+            ],
+            Self::ShoulderWidth => vec![bone(J::LeftShoulder, J::RightShoulder)],
+            Self::HipWidth => vec![bone(J::LeftHip, J::RightHip)],
+            Self::Trunk => vec![[MID_HIPS, MID_SHOULDERS]],
+            Self::HeadHeight => vec![[MID_SHOULDERS, MID_EARS]],
+            Self::EarWidth => vec![bone(J::LeftEar, J::RightEar)],
+            Self::EyeWidth => vec![bone(J::LeftEye, J::RightEye)],
+            Self::EyeForward => vec![[MID_EARS, MID_EYES]],
+            Self::NoseForward => vec![[MID_EARS, [J::Nose, J::Nose]]],
+        }
+    }
+
+    /// The lengths that `body` shows of it, metres, each with the least weight of its points; up to
+    /// two for paired bones.
+    pub(crate) fn lengths_m(self, body: &ObservedJoints) -> impl Iterator<Item = (f64, f64)> {
+        self.ends().into_iter().filter_map(|[near, far]| {
+            let weights = near
+                .iter()
+                .chain(&far)
+                .map(|&joint| Some(body.point(joint)?.weight));
+            let least = weights.reduce(|a, b| Some(a?.min(b?))).flatten()?;
+            Some(((body.middle_m(near)? - body.middle_m(far)?).norm(), least))
+        })
+    }
+}
+
+/// The stature that most of the segments agree on, metres: the weighted median of length over
+/// ratio. `None` when no segment is known.
+pub(crate) fn stature_m<'a>(ticks: impl IntoIterator<Item = &'a ObservedJoints>) -> Option<f64> {
+    let mut votes = Vec::new();
+    for body in ticks {
+        for segment in Segment::BODY {
+            let said = segment.lengths_m(body);
+            votes.extend(said.map(|(l, w)| (l / segment.ratio(), w * segment.trust())));
+        }
+    }
+    weighted_median(votes)
+}
+
+/// The value at which half of the weight lies below, interpolated between its neighbours; `None`
+/// without weight.
+///
+/// ```text
+///   value at c = W/2 of the polygon through (c_i, v_i),   c_i = sum of the weights before i + w_i/2
+/// ```
+pub(crate) fn weighted_median(mut votes: Vec<(f64, f64)>) -> Option<f64> {
+    votes.retain(|&(value, weight)| value.is_finite() && weight > 0.0);
+    votes.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let half = 0.5 * votes.iter().map(|vote| vote.1).sum::<f64>();
+    let mut before: Option<(f64, f64)> = None;
+    let mut below = 0.0;
+    for (value, weight) in votes {
+        let center = below + 0.5 * weight;
+        if center >= half {
+            return Some(match before {
+                Some((c, v)) => v + (value - v) * (half - c) / (center - c),
+                None => value,
+            });
+        }
+        before = Some((center, value));
+        below += weight;
+    }
+    before.map(|(_, value)| value)
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    #[test]
+    fn the_median_of_an_even_number_lies_in_the_middle() {
+        let m = weighted_median(vec![(1.0, 1.0), (2.0, 1.0), (10.0, 1.0), (3.0, 1.0)]).unwrap();
+        assert!((m - 2.5).abs() < 1e-12);
+        assert!(weighted_median(vec![(1.0, 0.0)]).is_none());
+    }
+
+    proptest! {
+        #[test]
+        fn the_weighted_median_lies_among_its_values_and_one_outlier_does_not_move_it_far(
+            values in prop::collection::vec((1.0f64..2.0, 0.1f64..1.0), 5..20),
+        ) {
+            let mut votes = values.clone();
+            votes.push((1e6, 0.05));
+            let m = weighted_median(votes).unwrap();
+            prop_assert!((1.0..=2.0).contains(&m));
+        }
+    }
+}

@@ -1,0 +1,298 @@
+//! Left and right taken for one another by the network in one view, recognised and undone.
+//!
+//! A network that sees somebody from an odd side may give all that is left as right. The model knows
+//! better, as long as it has not been misled itself: where both maps of a pair fit the prediction
+//! clearly better crosswise than straight, the view has exchanged them. A *second* peak at the
+//! opposite limb is something else: there the straight peak is where it belongs too, and the maps
+//! stay ([`crate::estimate::peak_assignment`] decides whose the second peak is). When most views are crosswise, it is
+//! the model that is wrong, and nothing is touched.
+//!
+//! Compares maps with predictions within one view only, cells with cells.
+
+use farfield_proto::keypoints::KeypointSet;
+use nalgebra::Vector2;
+
+use crate::estimate::evidence::View;
+
+/// What comes in left and right.
+const PAIRED: [&str; 8] = [
+    "eye", "ear", "shoulder", "elbow", "wrist", "hip", "knee", "ankle",
+];
+/// Least distance of the two predictions in the view, in sigmas of a peak: closer ones are one peak.
+const LEAST_APART_SIGMAS: f64 = 2.5;
+/// How far from a prediction its peak is looked for, along both axes, in sigmas of a peak...
+const REACH_SIGMAS: f64 = 2.0;
+/// ...and at most, in distances of the two predictions: the two windows never meet.
+const REACH_OF_APART: f64 = 0.35;
+/// Pairs that are exchanged in one view from which the whole body is...
+const WHOLE_BODY_PAIRS: usize = 3;
+/// ...when there are at least this many of them for each that is not.
+const WHOLE_BODY_RATIO: usize = 3;
+
+/// What a view says about one pair.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+enum Verdict {
+    /// Too close together, not seen, or either way.
+    #[default]
+    Unclear,
+    Straight,
+    Crosswise,
+}
+
+/// A view's verdicts on all pairs.
+type Verdicts = [Verdict; PAIRED.len()];
+
+/// The left and right keypoints of a network, and the verdicts of a tick.
+#[derive(Debug, Clone)]
+pub(crate) struct Exchanges {
+    pairs: [Option<(usize, usize)>; PAIRED.len()],
+    verdicts: Vec<Verdicts>,
+}
+
+impl Exchanges {
+    pub(crate) fn new(keypoints: &KeypointSet) -> Self {
+        let index = |side: &str, joint: &str| keypoints.index_of(&format!("{side}_{joint}"));
+        Self {
+            pairs: PAIRED.map(|joint| Some((index("left", joint)?, index("right", joint)?))),
+            verdicts: Vec::new(),
+        }
+    }
+
+    /// Undoes what the `views` of one person have exchanged; their predictions are set. `margin` is
+    /// how much higher, 0 to 1, each of the two maps must be crosswise than straight. Returns how many
+    /// pairs were exchanged back, over all views.
+    pub(crate) fn undo(&mut self, views: &mut [View], margin: f64) -> usize {
+        self.verdicts.clear();
+        for view in &*views {
+            let verdict = |pair: &Option<(usize, usize)>| {
+                pair.map_or(Verdict::Unclear, |pair| judge(view, pair, margin))
+            };
+            self.verdicts.push(self.pairs.each_ref().map(verdict));
+        }
+        if !self
+            .verdicts
+            .iter()
+            .flatten()
+            .any(|v| *v == Verdict::Crosswise)
+        {
+            return 0;
+        }
+        let bodies = self.count(whole_body);
+        let mut undone = 0;
+        for (i, pair) in self.pairs.iter().enumerate() {
+            let Some((left, right)) = *pair else { continue };
+            let counts = self.count(|verdicts| verdicts[i]);
+            for (view, verdicts) in views.iter_mut().zip(&self.verdicts) {
+                let body = whole_body(*verdicts) == Verdict::Crosswise && is_minority(bodies);
+                let exchanged = match verdicts[i] {
+                    Verdict::Crosswise => body || is_minority(counts),
+                    Verdict::Unclear => body,
+                    Verdict::Straight => false,
+                };
+                if exchanged {
+                    view.exchange(left, right);
+                    undone += 1;
+                }
+            }
+        }
+        undone
+    }
+
+    /// How many views are crosswise and straight.
+    fn count(&self, of: impl Fn(Verdicts) -> Verdict) -> (usize, usize) {
+        let n = |wanted| self.verdicts.iter().filter(|v| of(**v) == wanted).count();
+        (n(Verdict::Crosswise), n(Verdict::Straight))
+    }
+}
+
+/// Whether those who are crosswise are the wrong ones: the model has a vote too.
+fn is_minority((crosswise, straight): (usize, usize)) -> bool {
+    crosswise <= straight
+}
+
+fn whole_body(verdicts: Verdicts) -> Verdict {
+    let n = |wanted| verdicts.iter().filter(|v| **v == wanted).count();
+    let (crosswise, straight) = (n(Verdict::Crosswise), n(Verdict::Straight));
+    if crosswise >= WHOLE_BODY_PAIRS && crosswise >= WHOLE_BODY_RATIO * straight {
+        Verdict::Crosswise
+    } else if straight >= WHOLE_BODY_PAIRS && straight >= WHOLE_BODY_RATIO * crosswise {
+        Verdict::Straight
+    } else {
+        Verdict::Unclear
+    }
+}
+
+/// What the two maps of a pair say about who is where.
+fn judge(view: &View, (left, right): (usize, usize), margin: f64) -> Verdict {
+    let cells = [left, right].map(|k| predicted_cell(view, k));
+    let [Some(at_left), Some(at_right)] = cells else {
+        return Verdict::Unclear;
+    };
+    let (apart, sigma) = ((at_left - at_right).norm(), view.peak_sigma_cells());
+    if apart < LEAST_APART_SIGMAS * sigma || !view.share_a_crop(left, right) {
+        return Verdict::Unclear;
+    }
+    let reach = (REACH_SIGMAS * sigma).min(REACH_OF_APART * apart);
+    // How much higher a map is where the other side is expected.
+    let crosswise = |keypoint, straight, across| {
+        view.highest_near(keypoint, across, reach) - view.highest_near(keypoint, straight, reach)
+    };
+    let of_left = crosswise(left, at_left, at_right);
+    if of_left.abs() < margin {
+        return Verdict::Unclear;
+    }
+    let of_right = crosswise(right, at_right, at_left);
+    if of_left >= margin && of_right >= margin {
+        Verdict::Crosswise
+    } else if of_left <= -margin && of_right <= -margin {
+        Verdict::Straight
+    } else {
+        Verdict::Unclear
+    }
+}
+
+/// Where a keypoint is expected in its map, if the view knows anything there.
+fn predicted_cell(view: &View, keypoint: usize) -> Option<Vector2<f64>> {
+    let predicted_m = *view.predicted_m.get(keypoint)?;
+    if !predicted_m.iter().all(|v| v.is_finite()) {
+        return None;
+    }
+    let h = view.cell_from_world(keypoint) * predicted_m.push(1.0);
+    let cell = Vector2::new(h.x, h.y) / h.z;
+    (h.z > 0.0 && view.knows(keypoint, cell)).then_some(cell)
+}
+
+#[cfg(test)]
+mod tests {
+    use farfield_proto::keypoints::COCO17;
+
+    use super::super::meeting_fixture::{Drawn, LEFT_ELBOW, LEFT_WRIST, Meeting, RIGHT_WRIST};
+    use super::*;
+
+    const MARGIN: f64 = 0.25;
+
+    /// One person in all views of the hall; `change` says what a view shows instead of the truth.
+    fn seen(change: impl Fn(usize, Vec<Drawn>) -> Vec<Drawn>) -> Meeting {
+        let mut meeting = Meeting::of(&[[0.3, -0.2, 0.0]]);
+        meeting.begin();
+        for camera in 0..meeting.hall.cameras.len() {
+            let drawn = change(camera, meeting.as_they_are(0));
+            meeting.show(0, camera, &drawn);
+        }
+        meeting.place();
+        meeting
+    }
+
+    fn other_side(keypoint: usize) -> usize {
+        let name = COCO17[keypoint];
+        let other = match name.split_once('_') {
+            Some(("left", joint)) => format!("right_{joint}"),
+            Some(("right", joint)) => format!("left_{joint}"),
+            _ => name.to_owned(),
+        };
+        KeypointSet::coco17().index_of(&other).unwrap()
+    }
+
+    fn exchanged(drawn: Vec<Drawn>, which: impl Fn(usize) -> bool) -> Vec<Drawn> {
+        let change = |(k, at_m, height): Drawn| {
+            let k = if which(k) { other_side(k) } else { k };
+            (k, at_m, height)
+        };
+        drawn.into_iter().map(change).collect()
+    }
+
+    fn undo(meeting: &mut Meeting) -> usize {
+        let mut exchanges = Exchanges::new(&meeting.method.keypoints);
+        exchanges.undo(meeting.tracks[0].views_mut(), MARGIN)
+    }
+
+    fn is_as_it_is(meeting: &Meeting, view: usize) -> bool {
+        let truth = meeting.tracks[0].keypoints_m();
+        let mut keypoints = truth.iter().enumerate();
+        keypoints.all(|(k, &at_m)| meeting.value(0, view, k, at_m) > 0.7)
+    }
+
+    #[test]
+    fn wrists_that_one_view_exchanged_come_back() {
+        let is_wrist = |k| k == LEFT_WRIST || k == RIGHT_WRIST;
+        let mut meeting = seen(|camera, drawn| exchanged(drawn, |k| camera == 1 && is_wrist(k)));
+        assert!(!is_as_it_is(&meeting, 1));
+        assert_eq!(undo(&mut meeting), 1);
+        assert!((0..4).all(|view| is_as_it_is(&meeting, view)));
+    }
+
+    #[test]
+    fn a_body_that_one_view_saw_from_behind_is_turned_as_a_whole() {
+        let mut meeting = seen(|camera, drawn| exchanged(drawn, |_| camera == 2));
+        // The eyes are too close together to be seen apart, and go with the rest.
+        assert_eq!(undo(&mut meeting), PAIRED.len());
+        assert!((0..4).all(|view| is_as_it_is(&meeting, view)));
+    }
+
+    #[test]
+    fn two_of_four_views_are_turned_because_the_model_has_a_vote() {
+        let mut meeting = seen(|camera, drawn| exchanged(drawn, |_| camera < 2));
+        undo(&mut meeting);
+        assert!((0..4).all(|view| is_as_it_is(&meeting, view)));
+    }
+
+    #[test]
+    fn when_most_views_are_crosswise_the_model_is_wrong_and_nothing_is_touched() {
+        let mut meeting = seen(|camera, drawn| exchanged(drawn, |_| camera < 3));
+        assert_eq!(undo(&mut meeting), 0);
+        assert!(is_as_it_is(&meeting, 3) && !is_as_it_is(&meeting, 0));
+    }
+
+    #[test]
+    fn a_second_peak_at_the_opposite_limb_is_no_exchange() {
+        let mut meeting = seen(|camera, mut drawn| {
+            if camera == 1 {
+                let (left, right) = (drawn[LEFT_WRIST].1, drawn[RIGHT_WRIST].1);
+                drawn.push((LEFT_WRIST, right, 0.99));
+                drawn.push((RIGHT_WRIST, left, 0.99));
+            }
+            drawn
+        });
+        assert_eq!(undo(&mut meeting), 0);
+    }
+
+    #[test]
+    fn one_wrist_shown_for_both_is_no_exchange() {
+        let mut meeting = seen(|camera, mut drawn| {
+            if camera == 1 {
+                drawn[LEFT_WRIST].1 = drawn[RIGHT_WRIST].1;
+            }
+            drawn
+        });
+        assert_eq!(undo(&mut meeting), 0);
+    }
+
+    #[test]
+    fn an_unseen_limb_is_no_exchange() {
+        let mut meeting = seen(|camera, mut drawn| {
+            drawn.retain(|(k, _, _)| camera != 1 || *k != LEFT_ELBOW);
+            drawn
+        });
+        assert_eq!(undo(&mut meeting), 0);
+    }
+
+    #[test]
+    fn the_search_is_misled_by_two_exchanged_views_and_not_once_they_are_undone() {
+        let worst_m = |undone: bool| {
+            let mut meeting = seen(|camera, drawn| exchanged(drawn, |_| camera < 2));
+            if undone {
+                undo(&mut meeting);
+            }
+            let truth = meeting.tracks[0].keypoints_m();
+            meeting.tracks[0].search(&meeting.method);
+            let estimates = meeting.tracks[0].estimates().iter().zip(&truth);
+            let weak = estimates.clone().map(|(e, _)| e.weight).fold(1.0, f64::min);
+            let errors_m = estimates.map(|(e, at_m)| (e.position_m - at_m).norm());
+            (errors_m.fold(0.0, f64::max), weak)
+        };
+        let (misled, undone) = (worst_m(false), worst_m(true));
+        println!("worst error in metres, least weight: {misled:?}, undone {undone:?}");
+        assert!(undone.0 < 0.01 && undone.1 > 0.8, "{undone:?}");
+        assert!(misled.1 < 0.6 * undone.1, "{misled:?}");
+    }
+}

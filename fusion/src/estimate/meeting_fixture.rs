@@ -1,0 +1,177 @@
+//! People in the views of the hall, with maps drawn peak by peak, for the tests of who owns what.
+
+use std::collections::BTreeMap;
+
+use farfield_proto::camera::CameraModel;
+use farfield_proto::frames::Point;
+use farfield_proto::grid::CellGrid;
+use farfield_proto::id::{CameraIndex, PersonId};
+use farfield_proto::keypoints::KeypointSet;
+use farfield_proto::message::PersonPatch;
+use farfield_proto::patch::{Encoder, Maps, Quality, quantize};
+use farfield_proto::tick::Tick;
+use farfield_proto::venue::Parameters;
+use nalgebra::{UnitQuaternion, Vector2, Vector3};
+
+use crate::body::ik::relative_sigmas;
+use crate::body::keypoint_estimate::KeypointEstimate;
+use crate::body::skeleton::{Pose, Proportions, Skeleton, sites_of};
+use crate::boxes::BoxShape;
+use crate::estimate::evidence::{View, bilinear};
+use crate::estimate::occlusion::Body;
+use crate::identity::phase::Life;
+use crate::identity::track::Track;
+use crate::method::Method;
+use crate::sightings::fixture::{Hall, hall};
+
+pub(crate) const LEFT_ELBOW: usize = 7;
+pub(crate) const LEFT_WRIST: usize = 9;
+pub(crate) const RIGHT_WRIST: usize = 10;
+const SIGMA_CELLS: f64 = 2.0;
+const STATURE_M: f64 = 1.75;
+
+/// A peak to draw: keypoint, where (world, metres), height.
+pub(crate) type Drawn = (usize, Vector3<f64>, f64);
+
+/// People in the hall of [`crate::sightings::fixture`].
+pub(crate) struct Meeting {
+    pub(crate) hall: Hall,
+    pub(crate) method: Method,
+    pub(crate) tracks: Vec<Track>,
+}
+
+impl Meeting {
+    /// People who stand upright at these places (x, y, heading), well seen until now.
+    pub(crate) fn of(places: &[[f64; 3]]) -> Self {
+        let (keypoints, parameters) = (KeypointSet::coco17(), Parameters::default());
+        let method = Method {
+            dt_s: 1.0 / 60.0,
+            sites: sites_of(&keypoints, &BTreeMap::new()),
+            relative_sigmas: relative_sigmas(&keypoints),
+            range_of_motion: None,
+            box_shape: BoxShape {
+                margin: 1.25,
+                lattice_half_width_m: parameters.lattice.half_width_m,
+                parameters: parameters.boxes.clone(),
+            },
+            keypoints,
+            parameters,
+        };
+        let tracks = places.iter().enumerate().map(|(i, &[x, y, heading])| {
+            let turned = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), heading);
+            let pose = Pose::neutral(Vector3::new(x, y, 0.53 * STATURE_M), turned);
+            let skeleton = Skeleton::new(&Proportions::from_stature(STATURE_M));
+            let id = PersonId(1 + i as u32);
+            let mut track = Track::new(id, Life::given(), skeleton, pose, &method);
+            // As after a tick in which everything was seen.
+            let seen = KeypointEstimate {
+                views: 4,
+                weight: 0.9,
+                ..KeypointEstimate::unsupported(Vector3::zeros(), 0.9)
+            };
+            track.estimates = vec![seen; method.sites.len()];
+            track
+        });
+        Self {
+            hall: hall(),
+            tracks: tracks.collect(),
+            method,
+        }
+    }
+
+    /// Every keypoint of a person where it is, at full height.
+    pub(crate) fn as_they_are(&self, person: usize) -> Vec<Drawn> {
+        let points = self.tracks[person].keypoints_m().into_iter();
+        points.enumerate().map(|(k, p)| (k, p, 0.9)).collect()
+    }
+
+    /// Begins a tick in which nobody is seen yet.
+    pub(crate) fn begin(&mut self) {
+        for track in &mut self.tracks {
+            track.begin(&self.method);
+        }
+    }
+
+    /// Gives `person` a view from `camera` of the hall, with these peaks.
+    pub(crate) fn show(&mut self, person: usize, camera: usize, drawn: &[Drawn]) {
+        let (viewpoint, model) = self.hall.cameras[camera].clone();
+        let patch = self.patch(person, camera, drawn);
+        assert!(self.tracks[person].see(&patch, viewpoint, &model, &self.method));
+    }
+
+    /// Places all views, behind everybody else; returns the bodies.
+    pub(crate) fn place(&mut self) -> Vec<Body> {
+        let bodies: Vec<Body> = self.tracks.iter().map(|t| t.body(&self.method)).collect();
+        for (i, track) in self.tracks.iter_mut().enumerate() {
+            let others = bodies.iter().enumerate().filter(|(j, _)| *j != i);
+            track.place_views(&others.map(|(_, body)| body), &self.method);
+        }
+        bodies
+    }
+
+    /// What the map of `person`'s keypoint in its `view` holds at a point, 0 to 1.
+    pub(crate) fn value(
+        &self,
+        person: usize,
+        view: usize,
+        keypoint: usize,
+        at_m: Vector3<f64>,
+    ) -> f64 {
+        value_at(&self.tracks[person].views()[view], keypoint, at_m)
+    }
+
+    fn patch(&self, person: usize, camera: usize, drawn: &[Drawn]) -> PersonPatch {
+        let model = &self.hall.cameras[camera].1;
+        let grid = grid_over(model, &self.tracks[person].keypoints_m());
+        let mut maps = Maps::new(48, 64, self.method.sites.len());
+        for &(keypoint, at_m, height) in drawn {
+            let center = cell_of(model, &grid, at_m);
+            for (i, cell) in maps.cells_mut(keypoint).iter_mut().enumerate() {
+                let apart = Vector2::new((i % 48) as f64, (i / 48) as f64) - center;
+                let value = height * (-0.5 * apart.norm_squared() / SIGMA_CELLS.powi(2)).exp();
+                *cell = (*cell).max(quantize(value as f32));
+            }
+        }
+        PersonPatch {
+            person: self.tracks[person].id(),
+            camera: CameraIndex(camera as u16),
+            box_tick: Tick(0),
+            capture_offset_us: 0,
+            crops: vec![grid],
+            crop_of_keypoint: vec![0; self.method.sites.len()],
+            maps: Encoder::new().encode(&maps, Quality::LOSSLESS),
+        }
+    }
+}
+
+pub(crate) fn value_at(view: &View, keypoint: usize, at_m: Vector3<f64>) -> f64 {
+    let h = view.cell_from_world(keypoint) * at_m.push(1.0);
+    bilinear(
+        view.cells(keypoint),
+        view.map_size(),
+        Vector2::new(h.x, h.y) / h.z,
+    )
+}
+
+fn pixel_of(model: &CameraModel, at_m: Vector3<f64>) -> Vector2<f64> {
+    model.project(Point::new(at_m.into())).unwrap().vector_px()
+}
+
+fn cell_of(model: &CameraModel, grid: &CellGrid, at_m: Vector3<f64>) -> Vector2<f64> {
+    grid.cell(model.project(Point::new(at_m.into())).unwrap())
+}
+
+/// 48 x 64 cells around these points, with room for an arm.
+fn grid_over(model: &CameraModel, points_m: &[Vector3<f64>]) -> CellGrid {
+    let pixels = points_m.iter().map(|&p| pixel_of(model, p));
+    let first = pixel_of(model, points_m[0]);
+    let (least, most) = pixels.fold((first, first), |(a, b), p| (a.inf(&p), b.sup(&p)));
+    let step = 1.5 * (most.y - least.y) / 64.0;
+    let origin = (least + most) / 2.0 - Vector2::new(23.5, 31.5) * step;
+    CellGrid {
+        origin_px: [origin.x as f32, origin.y as f32],
+        step_px: [step as f32, 0.0],
+        width: 48,
+        height: 64,
+    }
+}

@@ -1,0 +1,25 @@
+//! One tick of one person: from the patches of all views to the pose and what is predicted from it.
+//!
+//! ```text
+//!   patches -> evidence: views -> predict, occlusion: where each keypoint is expected, what a view is worth
+//!           -> left_right_swap, peak_assignment: whose a peak is -> lattice: keypoints
+//!           -> keypoint_targets -> inverse kinematics -> joint_filter -> separation, feet -> inverse kinematics
+//!           -> uncertainty
+//! ```
+//!
+//! Nothing here knows ids or lives; persons meet only at barriers.
+
+pub mod evidence;
+pub(crate) mod feet;
+pub mod joint_filter;
+pub(crate) mod keypoint_targets;
+pub mod lattice;
+pub(crate) mod left_right_swap;
+#[cfg(test)]
+mod meeting_fixture;
+pub mod occlusion;
+pub mod peak_assignment;
+pub mod predict;
+pub mod separation;
+pub mod triangulate;
+pub mod uncertainty;

@@ -1,0 +1,304 @@
+//! What a view is worth while another body stands in front: paper, eq. (9).
+//!
+//! The paper leaves "occluded by another" open. Here a body is a set of capsules along the links of
+//! its predicted joints, and a keypoint is occluded for a camera when the segment from the camera's
+//! centre to the predicted keypoint passes through a capsule of another person that is nearer to
+//! the camera. People do not occlude themselves here: the network has learned that.
+
+mod touch;
+
+use farfield_proto::venue::parameters::OcclusionParameters;
+use nalgebra::Vector3;
+
+use crate::body::skeleton::Joint;
+use crate::body::skeleton::Joints;
+
+pub(crate) use self::touch::Touch;
+
+/// Width of the soft edge of a capsule, metres: across it the weight goes from g to 1, so that a
+/// passing limb does not switch a view on and off.
+const EDGE_M: f64 = 0.03;
+
+/// What a capsule belongs to; picks its radius.
+#[derive(Debug, Clone, Copy)]
+enum Part {
+    Limb,
+    Trunk,
+    Head,
+}
+
+/// The capsules: axis ends and part. The shoulder and hip lines give the trunk its breadth; the
+/// head is a sphere.
+const CAPSULES: [(Joint, Joint, Part); 20] = [
+    (Joint::Pelvis, Joint::Spine, Part::Trunk),
+    (Joint::Spine, Joint::Neck, Part::Trunk),
+    (Joint::Head, Joint::Head, Part::Head),
+    (Joint::Neck, Joint::Head, Part::Limb),
+    (Joint::LeftShoulder, Joint::RightShoulder, Part::Limb),
+    (Joint::LeftHip, Joint::RightHip, Part::Limb),
+    (Joint::LeftShoulder, Joint::LeftElbow, Part::Limb),
+    (Joint::RightShoulder, Joint::RightElbow, Part::Limb),
+    (Joint::LeftElbow, Joint::LeftWrist, Part::Limb),
+    (Joint::RightElbow, Joint::RightWrist, Part::Limb),
+    (Joint::LeftWrist, Joint::LeftHand, Part::Limb),
+    (Joint::RightWrist, Joint::RightHand, Part::Limb),
+    (Joint::LeftHip, Joint::LeftKnee, Part::Limb),
+    (Joint::RightHip, Joint::RightKnee, Part::Limb),
+    (Joint::LeftKnee, Joint::LeftAnkle, Part::Limb),
+    (Joint::RightKnee, Joint::RightAnkle, Part::Limb),
+    (Joint::LeftAnkle, Joint::LeftToe, Part::Limb),
+    (Joint::RightAnkle, Joint::RightToe, Part::Limb),
+    (Joint::LeftAnkle, Joint::LeftHeel, Part::Limb),
+    (Joint::RightAnkle, Joint::RightHeel, Part::Limb),
+];
+
+/// One capsule, world, metres.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Capsule {
+    /// The ends of its axis.
+    axis: (Vector3<f64>, Vector3<f64>),
+    radius_m: f64,
+}
+
+/// A person as seen by others: capsules, and a sphere around them all.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Body {
+    capsules: [Capsule; CAPSULES.len()],
+    center_m: Vector3<f64>,
+    reach_m: f64,
+}
+
+impl Body {
+    /// The body with these joints (world, metres).
+    pub fn from_joints(joints_m: &Joints, parameters: &OcclusionParameters) -> Self {
+        let capsules = CAPSULES.map(|(a, b, part)| Capsule {
+            axis: (joints_m[a as usize], joints_m[b as usize]),
+            radius_m: match part {
+                Part::Limb => parameters.limb_radius_m,
+                Part::Trunk => parameters.trunk_radius_m,
+                Part::Head => parameters.head_radius_m,
+            },
+        });
+        let center_m = joints_m.iter().sum::<Vector3<f64>>() / joints_m.len() as f64;
+        let reach_m = capsules.iter().fold(0.0f64, |reach, c| {
+            reach
+                .max((c.axis.0 - center_m).norm() + c.radius_m)
+                .max((c.axis.1 - center_m).norm() + c.radius_m)
+        });
+        Self {
+            capsules,
+            center_m,
+            reach_m: reach_m + EDGE_M,
+        }
+    }
+
+    /// Whether the two bodies may cover each other, in part, as seen from `eye_m` (world, metres):
+    /// whether the cones around their spheres touch.
+    pub(crate) fn overlaps(&self, other: &Self, eye_m: Vector3<f64>) -> bool {
+        let (a, b) = (self.center_m - eye_m, other.center_m - eye_m);
+        let half_rad = |reach_m: f64, distance_m: f64| (reach_m / distance_m).min(1.0).asin();
+        let half_rad = half_rad(self.reach_m, a.norm()) + half_rad(other.reach_m, b.norm());
+        // Cones that cannot be compared count as touching.
+        let apart_rad = a.angle(&b);
+        apart_rad.is_nan() || apart_rad <= half_rad
+    }
+
+    /// How far inside this body's nearest capsule the view from `eye_m` to `point_m` (world,
+    /// metres) passes, in front of the point: 1 inside, 0 beside or behind, between across the edge.
+    fn cover(&self, eye_m: Vector3<f64>, point_m: Vector3<f64>) -> f64 {
+        let nearest_m = distance_to_segment(self.center_m, eye_m, point_m);
+        // A NaN must not pass as "near": it would end up in a weight.
+        if nearest_m.is_nan() || nearest_m > self.reach_m {
+            return 0.0;
+        }
+        let view = point_m - eye_m;
+        let length2 = view.norm_squared();
+        let covers = self.capsules.iter().map(|capsule| {
+            let (on_view, on_axis) = closest_between((eye_m, point_m), capsule.axis);
+            // Nearer than the point, or the body is behind it and hides nothing.
+            if (on_axis - eye_m).dot(&view) >= length2 {
+                return 0.0;
+            }
+            let outside_m = (on_view - on_axis).norm() - capsule.radius_m;
+            (1.0 - outside_m / EDGE_M).clamp(0.0, 1.0)
+        });
+        covers.fold(0.0, f64::max)
+    }
+}
+
+/// The weight w of eq. (9) of one view for one keypoint: g = `parameters.weight` where another body
+/// stands between `eye_m` (the camera's centre) and `point_m` (the predicted keypoint, both world,
+/// metres), else 1, and between the two across a soft edge of 3 cm.
+///
+/// `others` are the bodies of all persons but the keypoint's own. Cost: one distance per body that
+/// is out of the way, 20 per body that is not.
+pub fn view_weight<'a>(
+    eye_m: Vector3<f64>,
+    point_m: Vector3<f64>,
+    others: impl IntoIterator<Item = &'a Body>,
+    parameters: &OcclusionParameters,
+) -> f64 {
+    let cover = others
+        .into_iter()
+        .map(|body| body.cover(eye_m, point_m))
+        .fold(0.0, f64::max);
+    1.0 - cover * (1.0 - parameters.weight)
+}
+
+/// Distance of `p` from the segment `a`-`b`.
+fn distance_to_segment(p: Vector3<f64>, a: Vector3<f64>, b: Vector3<f64>) -> f64 {
+    let d = b - a;
+    let length2 = d.norm_squared();
+    let t = if length2 > 0.0 {
+        ((p - a).dot(&d) / length2).clamp(0.0, 1.0)
+    } else {
+        0.0
+    };
+    (a + d * t - p).norm()
+}
+
+/// The closest points of two segments (first on the first). Source: Ericson 2005, section 5.1.9.
+fn closest_between(
+    (p1, q1): (Vector3<f64>, Vector3<f64>),
+    (p2, q2): (Vector3<f64>, Vector3<f64>),
+) -> (Vector3<f64>, Vector3<f64>) {
+    let (d1, d2, r) = (q1 - p1, q2 - p2, p1 - p2);
+    let (a, e, f) = (d1.norm_squared(), d2.norm_squared(), d2.dot(&r));
+    let c = d1.dot(&r);
+    if a <= f64::EPSILON {
+        let t = if e <= f64::EPSILON {
+            0.0
+        } else {
+            (f / e).clamp(0.0, 1.0)
+        };
+        return (p1, p2 + d2 * t);
+    }
+    if e <= f64::EPSILON {
+        return (p1 + d1 * (-c / a).clamp(0.0, 1.0), p2);
+    }
+    let b = d1.dot(&d2);
+    let denominator = a * e - b * b;
+    let s = if denominator > f64::EPSILON * a * e {
+        ((b * f - c * e) / denominator).clamp(0.0, 1.0)
+    } else {
+        0.0
+    };
+    let t = (b * s + f) / e;
+    let (s, t) = if t < 0.0 {
+        ((-c / a).clamp(0.0, 1.0), 0.0)
+    } else if t > 1.0 {
+        (((b - c) / a).clamp(0.0, 1.0), 1.0)
+    } else {
+        (s, t)
+    };
+    (p1 + d1 * s, p2 + d2 * t)
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::body::skeleton::N_JOINTS;
+
+    /// A person that is one upright line of joints: pelvis to head, 0.9 m to 1.7 m.
+    fn post(x: f64, y: f64) -> Body {
+        let mut joints = [Vector3::new(x, y, 0.9); N_JOINTS];
+        for (k, joint) in [Joint::Spine, Joint::Neck, Joint::Head]
+            .into_iter()
+            .enumerate()
+        {
+            joints[joint as usize].z = 1.1 + 0.3 * k as f64;
+        }
+        Body::from_joints(&joints, &OcclusionParameters::default())
+    }
+
+    fn check(eye: [f64; 3], point: [f64; 3], others: &[Body], expected: f64) {
+        let weight = view_weight(
+            eye.into(),
+            point.into(),
+            others,
+            &OcclusionParameters {
+                weight: G,
+                ..OcclusionParameters::default()
+            },
+        );
+        assert!(
+            (weight - expected).abs() < 1e-12,
+            "{weight}, expected {expected}"
+        );
+    }
+
+    const G: f64 = 0.3;
+    const EYE: [f64; 3] = [-10.0, 0.0, 1.2];
+    const KEYPOINT: [f64; 3] = [0.0, 0.0, 1.2];
+
+    #[test]
+    fn a_person_in_front_lowers_the_weight_to_g() {
+        check(EYE, KEYPOINT, &[post(-3.0, 0.0)], G);
+    }
+
+    #[test]
+    fn a_person_behind_beside_or_behind_the_camera_does_not() {
+        check(
+            EYE,
+            KEYPOINT,
+            &[post(2.0, 0.0), post(-3.0, 1.0), post(-12.0, 0.0)],
+            1.0,
+        );
+    }
+
+    #[test]
+    fn a_person_pressed_against_the_far_side_hides_nothing() {
+        check(EYE, KEYPOINT, &[post(0.05, 0.0)], 1.0);
+    }
+
+    #[test]
+    fn a_person_pressed_against_the_near_side_hides_the_keypoint() {
+        check(EYE, KEYPOINT, &[post(-0.10, 0.0)], G);
+    }
+
+    #[test]
+    fn nobody_else_means_full_weight() {
+        check(EYE, KEYPOINT, &[], 1.0);
+    }
+
+    #[test]
+    fn the_weight_changes_without_a_jump_as_a_person_passes() {
+        let weight = |y: f64| {
+            view_weight(
+                EYE.into(),
+                KEYPOINT.into(),
+                [&post(-3.0, y)],
+                &OcclusionParameters::default(),
+            )
+        };
+        let steps = (0..400).map(|k| weight(0.001 * f64::from(k)));
+        let pairs = steps.clone().zip(steps.skip(1));
+        assert!(pairs.clone().all(|(a, b)| b >= a && b - a < 0.05));
+    }
+
+    fn point() -> impl Strategy<Value = Vector3<f64>> {
+        prop::array::uniform3(-2.0f64..2.0).prop_map(Vector3::from)
+    }
+
+    proptest! {
+        #[test]
+        fn no_two_points_of_the_segments_are_closer(
+            a in point(), b in point(), c in point(), d in point(), s in 0.0f64..=1.0, t in 0.0f64..=1.0,
+        ) {
+            let (p, q) = closest_between((a, b), (c, d));
+            let other = (a.lerp(&b, s) - c.lerp(&d, t)).norm();
+            prop_assert!((p - q).norm() <= other + 1e-9);
+        }
+
+        #[test]
+        fn the_bounding_sphere_changes_no_weight(eye in point(), target in point()) {
+            let body = post(0.3, -0.2);
+            let unbounded = Body { reach_m: f64::INFINITY, ..body.clone() };
+            let p = OcclusionParameters::default();
+            let (with, without) = (view_weight(eye, target, [&body], &p), view_weight(eye, target, [&unbounded], &p));
+            prop_assert!((with - without).abs() < 1e-12);
+        }
+    }
+}

@@ -1,0 +1,194 @@
+//! Two people side by side, 24 cm apart across the first camera's line of sight: their wrists are in
+//! each other's lattices.
+
+use nalgebra::Vector3;
+use proptest::prelude::*;
+
+use super::super::meeting_fixture::{Drawn, LEFT_WRIST, Meeting, RIGHT_WRIST};
+use super::*;
+
+/// What is left of a peak of 0.9 that somebody loses beyond doubt, with a little for the grid.
+const LOST: f64 = 0.9 * 0.25;
+/// What a peak of 0.9 keeps that nobody takes, with a little for the grid.
+const KEPT: f64 = 0.9 * 0.9;
+
+/// Where two people stand who face away from the first camera, at (-5, -4).
+const SIDE_BY_SIDE: [[f64; 3]; 2] = [[0.075, -0.094, 0.675], [-0.075, 0.094, 0.675]];
+
+fn place_and_settle(meeting: &mut Meeting) -> Contests {
+    let bodies = meeting.place();
+    let mut contests = Contests::new(&meeting.method.keypoints, meeting.hall.cameras.len());
+    contests.decide(&meeting.tracks, &bodies, &meeting.method);
+    for (index, track) in meeting.tracks.iter_mut().enumerate() {
+        contests.settle(index, track);
+    }
+    contests
+}
+
+fn two() -> Meeting {
+    let mut meeting = Meeting::of(&SIDE_BY_SIDE);
+    meeting.begin();
+    meeting
+}
+
+fn keypoint(meeting: &Meeting, person: usize, keypoint: usize) -> Vector3<f64> {
+    meeting.tracks[person].keypoints_m()[keypoint]
+}
+
+/// What is drawn, with the peaks of one keypoint replaced.
+fn with(mut drawn: Vec<Drawn>, keypoint: usize, peaks: &[(Vector3<f64>, f64)]) -> Vec<Drawn> {
+    drawn.retain(|(k, _, _)| *k != keypoint);
+    drawn.extend(peaks.iter().map(|&(at_m, height)| (keypoint, at_m, height)));
+    drawn
+}
+
+/// The first person's map of the left wrist shows `shown` of the second, whom `camera` sees: the first
+/// loses that peak and the second keeps it.
+fn goes_to_its_owner(mut meeting: Meeting, shown: usize, camera: usize) {
+    let theirs = keypoint(&meeting, 1, shown);
+    let leaked = with(meeting.as_they_are(0), LEFT_WRIST, &[(theirs, 0.9)]);
+    let clean = meeting.as_they_are(1);
+    meeting.show(0, 0, &leaked);
+    meeting.show(1, camera, &clean);
+    place_and_settle(&mut meeting);
+    assert!(meeting.value(0, 0, LEFT_WRIST, theirs) < LOST);
+    assert!(meeting.value(1, 0, shown, theirs) > KEPT);
+}
+
+#[test]
+fn a_peak_that_leaks_into_anothers_map_goes_and_the_own_one_stays() {
+    let mut meeting = two();
+    let wrists = [0, 1].map(|person| keypoint(&meeting, person, LEFT_WRIST));
+    let leaked = with(
+        meeting.as_they_are(0),
+        LEFT_WRIST,
+        &[(wrists[0], 0.5), (wrists[1], 0.9)],
+    );
+    let clean = meeting.as_they_are(1);
+    meeting.show(0, 0, &leaked);
+    meeting.show(1, 0, &clean);
+    let contests = place_and_settle(&mut meeting);
+    assert!(contests.n_lost() > 0);
+    assert!(meeting.value(0, 0, LEFT_WRIST, wrists[1]) < LOST);
+    assert!(meeting.value(0, 0, LEFT_WRIST, wrists[0]) > 0.9 * 0.5);
+    assert!(meeting.value(1, 0, LEFT_WRIST, wrists[1]) > KEPT);
+}
+
+#[test]
+fn a_leaked_peak_goes_also_where_nothing_else_is_seen() {
+    goes_to_its_owner(two(), LEFT_WRIST, 0);
+}
+
+#[test]
+fn the_decision_is_the_same_whoever_was_born_first() {
+    let leak = |meeting: &mut Meeting, from: usize, to: usize| {
+        let theirs = keypoint(meeting, from, LEFT_WRIST);
+        let leaked = with(meeting.as_they_are(to), LEFT_WRIST, &[(theirs, 0.9)]);
+        let clean = meeting.as_they_are(from);
+        meeting.show(to, 0, &leaked);
+        meeting.show(from, 0, &clean);
+        place_and_settle(meeting);
+        meeting.value(to, 0, LEFT_WRIST, theirs)
+    };
+    let mut meeting = two();
+    let first = leak(&mut meeting, 0, 1);
+    let mut meeting = Meeting::of(&[SIDE_BY_SIDE[1], SIDE_BY_SIDE[0]]);
+    meeting.begin();
+    let second = leak(&mut meeting, 1, 0);
+    assert!((first - second).abs() < 1e-12);
+}
+
+#[test]
+fn a_peak_that_is_seen_from_two_cameras_of_one_viewpoint_is_one_peak() {
+    let mut meeting = two();
+    // The second camera of the viewpoint stands 20 cm beside the first.
+    let eye = meeting.hall.cameras[0].1.center().coordinates_m() + Vector3::new(0.1, -0.17, 0.0);
+    let beside = crate::sightings::fixture::looking_at_the_middle("beside", eye);
+    meeting.hall.cameras.push((ViewpointIndex(0), beside));
+    goes_to_its_owner(meeting, LEFT_WRIST, 4);
+}
+
+#[test]
+fn the_other_ones_other_side_is_a_rival_too() {
+    goes_to_its_owner(two(), RIGHT_WRIST, 0);
+}
+
+#[test]
+fn two_hands_that_hold_each_other_share_one_peak() {
+    // Both predictions are one spot: nobody has a better right to the peak.
+    let mut meeting = Meeting::of(&[[0.0, 0.0, 0.3], [0.0, 0.0, 0.3]]);
+    meeting.begin();
+    let at_m = keypoint(&meeting, 0, LEFT_WRIST);
+    for person in 0..2 {
+        let drawn = meeting.as_they_are(person);
+        meeting.show(person, 0, &drawn);
+    }
+    place_and_settle(&mut meeting);
+    for person in 0..2 {
+        assert!(meeting.value(person, 0, LEFT_WRIST, at_m) > KEPT);
+    }
+}
+
+#[test]
+fn people_apart_and_clean_maps_are_left_alone() {
+    for places in [[[0.0, -1.2, 0.3], [0.0, 1.2, 0.3]], SIDE_BY_SIDE] {
+        let mut meeting = Meeting::of(&places);
+        meeting.begin();
+        for camera in 0..4 {
+            for person in 0..2 {
+                let drawn = meeting.as_they_are(person);
+                meeting.show(person, camera, &drawn);
+            }
+        }
+        assert_eq!(place_and_settle(&mut meeting).n_lost(), 0);
+    }
+}
+
+#[test]
+fn switched_off_it_touches_nothing() {
+    let mut meeting = two();
+    meeting.method.parameters.contact.yield_share = 0.0;
+    let theirs = keypoint(&meeting, 1, LEFT_WRIST);
+    let leaked = with(meeting.as_they_are(0), LEFT_WRIST, &[(theirs, 0.9)]);
+    let clean = meeting.as_they_are(1);
+    meeting.show(0, 0, &leaked);
+    meeting.show(1, 0, &clean);
+    assert_eq!(place_and_settle(&mut meeting).n_lost(), 0);
+    assert!(meeting.value(0, 0, LEFT_WRIST, theirs) > KEPT);
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(48))]
+
+    /// Whatever is drawn where, nothing grows, nothing goes below the share that stays, and who has
+    /// the one map that shows a peak keeps it.
+    #[test]
+    fn maps_only_ever_lose_and_never_all(
+        shifts in prop::array::uniform4(prop::array::uniform3(-0.2f64..0.2)), camera in 0usize..4,
+    ) {
+        let mut meeting = two();
+        for person in 0..2 {
+            let mut drawn = meeting.as_they_are(person);
+            for (shift, k) in shifts.iter().zip([5, 6, LEFT_WRIST, RIGHT_WRIST]) {
+                let at_m = keypoint(&meeting, 1 - person, k) + Vector3::from(*shift);
+                drawn.push((k, at_m, 0.8));
+            }
+            meeting.show(person, camera, &drawn);
+        }
+        let before: Vec<Vec<u8>> = cells(&meeting);
+        place_and_settle(&mut meeting);
+        let least = 1.0 - meeting.method.parameters.contact.yield_share;
+        for (before, after) in before.iter().flatten().zip(cells(&meeting).iter().flatten()) {
+            prop_assert!(after <= before);
+            // A cell may lie in the notches of several peaks.
+            prop_assert!(f64::from(*after) + 0.5 >= least.powi(4) * f64::from(*before) - 0.5);
+        }
+    }
+}
+
+fn cells(meeting: &Meeting) -> Vec<Vec<u8>> {
+    let views = meeting.tracks.iter().flat_map(Track::views);
+    views
+        .flat_map(|view| (0..view.n_keypoints()).map(|k| view.cells(k).to_vec()))
+        .collect()
+}

@@ -1,0 +1,146 @@
+//! Bodies do not pass through each other for free.
+//!
+//! At a barrier, when everybody's joints are smoothed, the capsules of [`crate::estimate::occlusion`], slimmer,
+//! are laid around them. Where two of different persons reach into each other by p, both are moved
+//! apart along the line between their axes, by what makes
+//!
+//! ```text
+//!   e_a x_a^2 + e_b x_b^2 + w (p - x_a - x_b)^2      least:      x_a = p (1/e_a)/(1/w + 1/e_a + 1/e_b)
+//! ```
+//!
+//! e how well each limb is seen at the place of contact (0 to 1), w the weight of the separation. A
+//! limb that is well seen stays where it is seen; one that the model carries is pushed out of the
+//! other's way. The side on which limbs belong is that of the prediction: a limb that has gone
+//! through another within a tick is sent back, not on.
+//!
+//! The moved joints are aims of the second inverse kinematics; the filter does not learn of them, so
+//! that nothing is left of a push once there is evidence.
+
+use nalgebra::Vector3;
+
+use crate::body::skeleton::Joints;
+use crate::body::skeleton::N_JOINTS;
+use crate::estimate::occlusion::{Body, Touch};
+use crate::identity::track::Track;
+use crate::method::Method;
+
+/// Least that a limb counts as seen, so that somebody gives way where nobody is seen.
+const LEAST_SEEN: f64 = 1e-4;
+
+/// The pushes of a tick, with their buffers.
+#[derive(Debug, Clone, Default)]
+pub struct Separation {
+    bodies: Vec<Body>,
+    pushes_m: Vec<Joints>,
+    any_touch: bool,
+}
+
+impl Separation {
+    /// Finds by how much each of `tracks`, which are smoothed, is to move; `predicted` are the bodies
+    /// that were predicted for the tick.
+    ///
+    /// Cost: one distance per pair of persons apart, 400 per pair that is near each other.
+    pub fn find(&mut self, tracks: &[Track], predicted: &[Body], method: &Method) {
+        let contact = &method.parameters.contact;
+        self.pushes_m.clear();
+        self.bodies.clear();
+        self.any_touch = false;
+        if contact.separation_weight <= 0.0 || tracks.len() < 2 {
+            return;
+        }
+        let (occlusion, ik) = (&method.parameters.occlusion, &method.parameters.ik);
+        let bodies = tracks
+            .iter()
+            .map(|track| Body::from_joints(track.smoothed_m(), occlusion));
+        self.bodies.extend(bodies);
+        self.pushes_m
+            .resize(tracks.len(), [Vector3::zeros(); N_JOINTS]);
+        for b in 1..tracks.len() {
+            for a in 0..b {
+                let pair = (&self.bodies[a], &self.bodies[b]);
+                let before = (&predicted[a], &predicted[b]);
+                for touch in Body::touches(pair, before, contact.body_share) {
+                    self.any_touch = true;
+                    let seen = [(a, &touch.first), (b, &touch.second)]
+                        .map(|(person, at)| at.weighed(|joint| tracks[person].seen(joint, ik)));
+                    let moves_m = moves(&touch, seen, contact.separation_weight);
+                    touch.first.push(moves_m[0], &mut self.pushes_m[a]);
+                    touch.second.push(moves_m[1], &mut self.pushes_m[b]);
+                }
+            }
+        }
+    }
+
+    /// By how much the joints of the track at `index` are to move, world, metres; `None` when nobody
+    /// is near anybody.
+    pub fn push_m(&self, index: usize) -> Option<&Joints> {
+        self.pushes_m.get(index).filter(|_| self.any_touch)
+    }
+}
+
+/// How far the two sides of a touch move, world, metres.
+fn moves(touch: &Touch, [e_a, e_b]: [f64; 2], w: f64) -> [Vector3<f64>; 2] {
+    let [a, b] = [e_a, e_b].map(|e| 1.0 / e.max(LEAST_SEEN));
+    let all = 1.0 / w + a + b;
+    [touch.apart_m * (a / all), touch.apart_m * (-b / all)]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::meeting_fixture::Meeting;
+    use super::*;
+    use crate::body::skeleton::Joint;
+
+    /// Two people who stand so close that the arms of one are in the other's; the first is seen as
+    /// well as `seen`, the second fully.
+    fn two(seen: f64) -> Meeting {
+        let mut meeting = Meeting::of(&[[0.0, -0.21, 0.0], [0.0, 0.21, 0.0]]);
+        for estimate in &mut meeting.tracks[0].estimates {
+            estimate.weight = seen;
+        }
+        meeting
+    }
+
+    fn found(meeting: &mut Meeting) -> Separation {
+        meeting.begin();
+        let bodies = meeting.place();
+        let mut separation = Separation::default();
+        separation.find(&meeting.tracks, &bodies, &meeting.method);
+        separation
+    }
+
+    fn farthest_m(push_m: &Joints) -> f64 {
+        push_m.iter().map(Vector3::norm).fold(0.0, f64::max)
+    }
+
+    #[test]
+    fn a_limb_that_the_model_carries_gives_way_to_one_that_is_seen() {
+        let separation = found(&mut two(0.0));
+        let [pushed, seen] = [0, 1].map(|i| farthest_m(separation.push_m(i).unwrap()));
+        assert!(pushed > 0.005 && seen < 0.02 * pushed, "{pushed} {seen}");
+    }
+
+    #[test]
+    fn two_limbs_that_are_well_seen_stay_almost_where_they_are_seen() {
+        let unseen = farthest_m(found(&mut two(0.0)).push_m(0).unwrap());
+        let seen = farthest_m(found(&mut two(0.9)).push_m(0).unwrap());
+        assert!(seen < 0.1 * unseen, "{seen} of {unseen}");
+    }
+
+    #[test]
+    fn pushes_lead_away_from_each_other() {
+        let separation = found(&mut two(0.0));
+        let push_m = separation.push_m(0).unwrap();
+        let elbow = push_m[Joint::LeftElbow.index()];
+        assert!(elbow.y < 0.0, "{elbow:?}");
+    }
+
+    #[test]
+    fn who_stands_apart_or_is_told_not_to_care_is_not_pushed() {
+        let mut apart = Meeting::of(&[[0.0, -0.5, 0.0], [0.0, 0.5, 0.0]]);
+        assert!(found(&mut apart).push_m(0).is_none());
+        let mut careless = two(0.0);
+        careless.method.parameters.contact.separation_weight = 0.0;
+        assert!(found(&mut careless).push_m(0).is_none());
+    }
+}

@@ -1,0 +1,266 @@
+//! How sure a pose is: one standard deviation per joint and axis, sqrt(trace/3) of the covariance.
+//!
+//! Three things are known of a joint at a tick, all as variance per axis:
+//!
+//! * what the views of this tick tell (`views`), carried through the skeleton to all joints by
+//!   [`JointSpread`]: a joint that no keypoint shows hangs from those that are seen, and is somewhere in
+//!   its range of motion. What stays the same for seconds (`lasting`: where this person's hips are
+//!   against what a network calls hips, how it is built) is added: it does not average out. So is what
+//!   the pose cannot follow: where it lies farther from the keypoints than they are unsure, one of the
+//!   two is wrong;
+//! * what was known when the joint was last seen, and how far it may have gone since (`drift`): it is
+//!   taken where it is less. It grows limb by limb, and with the whole body while fewer than two views
+//!   show the person;
+//! * how far off the pose was a moment ago: the filter takes its time to come back, and so does this.
+//!
+//! Errors of a network last for seconds, so a tick does not become surer by the ticks before it: this
+//! is no Kalman filter. The numbers are chosen so that 68 % of the errors per axis lie within one
+//! sigma, not so that sigma is their root mean square: errors of keypoints have longer tails than a
+//! normal distribution.
+
+mod drift;
+mod known;
+mod lasting;
+mod told;
+mod views;
+
+pub use known::Known;
+pub(crate) use told::Told;
+pub use views::weigh_views;
+
+use crate::body::ik::JointSpread;
+use crate::body::keypoint_estimate::KeypointEstimate;
+use crate::body::skeleton::Joints;
+use crate::body::skeleton::{Joint, Kinematics, N_JOINTS, Site};
+
+/// Share of the misfit between pose and keypoints that is the pose's error.
+const MISFIT_SHARE: f64 = 0.5;
+/// Over which the misfit is averaged, seconds.
+const MISFIT_S: f64 = 0.25;
+/// How fast the pose comes back to what is seen again, seconds.
+const RETURN_S: f64 = 0.05;
+
+/// What the pose of a tick was made of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum MadeOf {
+    /// What two viewpoints and more showed.
+    Views,
+    /// What one viewpoint showed: how far away the body is follows from its size alone.
+    OneView,
+    /// Nothing: it was carried on.
+    Motion,
+}
+
+impl MadeOf {
+    /// What a tick is made of that brought `estimates`: with at least `enough` keypoints that two viewpoints
+    /// agree on, or that any shows.
+    pub fn from_estimates(estimates: &[KeypointEstimate], enough: usize) -> Self {
+        let seen_by = |views: u16| {
+            let seen = |e: &&KeypointEstimate| e.weight > 0.0 && e.views >= views;
+            estimates.iter().filter(seen).count() >= enough
+        };
+        if seen_by(2) {
+            Self::Views
+        } else if seen_by(1) {
+            Self::OneView
+        } else {
+            Self::Motion
+        }
+    }
+}
+
+/// What a tick brought, for one person.
+#[derive(Debug, Clone, Copy)]
+pub struct Moment<'a> {
+    /// What the views told of the keypoints.
+    pub estimates: &'a [KeypointEstimate],
+    /// Where the keypoints sit on this person.
+    pub sites: &'a [Option<Site>],
+    /// The published pose.
+    pub body: &'a Kinematics,
+    /// Its velocity, metres per second.
+    pub velocity_m_s: &'a Joints,
+    /// What the pose was made of.
+    pub made_of: MadeOf,
+    /// Time since the last tick, seconds.
+    pub dt_s: f64,
+    /// With which the velocity of a coasting person fades, seconds.
+    pub coast_decay_s: f64,
+}
+
+/// The uncertainty of one person's joints, from tick to tick. A step allocates nothing.
+#[derive(Debug, Clone)]
+pub struct Uncertainty {
+    spread: JointSpread,
+    /// Whether the person was seen since the start.
+    is_known: bool,
+    /// Per axis.
+    variance_m2: [f64; N_JOINTS],
+    /// What the views of the last tick alone knew, without what no tick can know; infinite without any.
+    of_tick_m2: [f64; N_JOINTS],
+    /// Mean square distance per axis between the keypoint on a joint and the pose.
+    misfit_m2: [f64; N_JOINTS],
+    /// When each joint was last seen.
+    held_m2: [f64; N_JOINTS],
+    /// Since then.
+    unseen_s: [f64; N_JOINTS],
+    /// What the last pose was made of.
+    made_of: MadeOf,
+    /// Since it is no longer made of what it was before.
+    coasted_s: f64,
+    /// What the body as a whole gained since then.
+    body_m2: f64,
+    /// Of the pelvis, when the person was last seen, and at the beginning of `coasted_s`.
+    speed_m_s: f64,
+    lost_speed_m_s: f64,
+}
+
+impl Default for Uncertainty {
+    fn default() -> Self {
+        Self {
+            spread: JointSpread::default(),
+            is_known: false,
+            variance_m2: [0.0; N_JOINTS],
+            of_tick_m2: [f64::INFINITY; N_JOINTS],
+            misfit_m2: [0.0; N_JOINTS],
+            held_m2: [0.0; N_JOINTS],
+            unseen_s: [0.0; N_JOINTS],
+            made_of: MadeOf::Views,
+            coasted_s: 0.0,
+            body_m2: 0.0,
+            speed_m_s: 0.0,
+            lost_speed_m_s: 0.0,
+        }
+    }
+}
+
+impl Uncertainty {
+    /// Per joint one standard deviation per axis, metres; `None` until the person was seen.
+    pub fn sigma_m(&self) -> Option<[f64; N_JOINTS]> {
+        self.is_known.then(|| self.variance_m2.map(f64::sqrt))
+    }
+
+    /// Per joint the variance per axis, m²; `None` until the person was seen.
+    pub fn variance_m2(&self) -> Option<[f64; N_JOINTS]> {
+        self.is_known.then_some(self.variance_m2)
+    }
+
+    /// Per joint how sure the views of the last tick alone were of it, variance per axis, m²: without the
+    /// ticks before, and without what is the same in all ticks. Infinite where they said nothing.
+    pub fn of_tick_m2(&self) -> [f64; N_JOINTS] {
+        self.of_tick_m2
+    }
+
+    /// What the last pose was made of.
+    pub fn made_of(&self) -> MadeOf {
+        self.made_of
+    }
+
+    /// Forgets what is known.
+    pub fn reset(&mut self) {
+        self.is_known = false;
+        self.misfit_m2 = [0.0; N_JOINTS];
+    }
+
+    /// Takes in one tick.
+    pub fn step(&mut self, tick: &Moment<'_>) {
+        if self.made_of != tick.made_of {
+            self.made_of = tick.made_of;
+            (self.held_m2, self.unseen_s) = (self.variance_m2, [0.0; N_JOINTS]);
+            (self.coasted_s, self.lost_speed_m_s) = (0.0, self.speed_m_s);
+        }
+        self.coasted_s += tick.dt_s;
+        for unseen_s in &mut self.unseen_s {
+            *unseen_s += tick.dt_s;
+        }
+        self.body_m2 = match tick.made_of {
+            MadeOf::Views => 0.0,
+            MadeOf::OneView | MadeOf::Motion => {
+                drift::of_body_m2(self.lost_speed_m_s, self.coasted_s, tick.coast_decay_s)
+            }
+        };
+        self.of_tick_m2 = [f64::INFINITY; N_JOINTS];
+        match tick.made_of {
+            MadeOf::Motion => self.coast(),
+            MadeOf::Views | MadeOf::OneView => self.see(tick),
+        }
+        if tick.made_of != MadeOf::Motion {
+            self.speed_m_s = tick.velocity_m_s[Joint::Pelvis.index()].norm();
+        }
+    }
+
+    fn coast(&mut self) {
+        for joint in Joint::ALL {
+            self.variance_m2[joint.index()] = self.ahead_m2(joint);
+        }
+    }
+
+    fn see(&mut self, tick: &Moment<'_>) {
+        let mut seen_m2 = self.seen_m2(tick);
+        if tick.made_of == MadeOf::OneView {
+            for variance_m2 in &mut seen_m2 {
+                *variance_m2 *= told::ONE_VIEW_M2;
+            }
+            for variance_m2 in &mut self.of_tick_m2 {
+                *variance_m2 *= told::ONE_VIEW_M2;
+            }
+        }
+        if !self.is_known {
+            (self.variance_m2, self.held_m2) = (seen_m2, seen_m2);
+            self.unseen_s = [0.0; N_JOINTS];
+            self.is_known = true;
+            return;
+        }
+        let lag = (-2.0 * tick.dt_s / RETURN_S).exp();
+        for (i, joint) in Joint::ALL.into_iter().enumerate() {
+            let ahead_m2 = self.ahead_m2(joint);
+            self.variance_m2[i] = seen_m2[i].min(ahead_m2).max(self.variance_m2[i] * lag);
+            if seen_m2[i] <= ahead_m2 && tick.made_of == MadeOf::Views {
+                (self.held_m2[i], self.unseen_s[i]) = (self.variance_m2[i], 0.0);
+            }
+        }
+    }
+
+    /// What is left of what was known of `joint` when it was last seen.
+    fn ahead_m2(&self, joint: Joint) -> f64 {
+        let i = joint.index();
+        let limb_m2 = drift::of_limb_m2(joint, self.speed_m_s, self.unseen_s[i]);
+        self.held_m2[i] + self.body_m2 + limb_m2
+    }
+
+    /// What this tick alone knows of each joint, and what it cannot know.
+    fn seen_m2(&mut self, tick: &Moment<'_>) -> [f64; N_JOINTS] {
+        let told = Told {
+            estimates: tick.estimates,
+            sites: tick.sites,
+            body: tick.body,
+        };
+        let mut seen_m2 = told.variances_m2(&mut self.spread, MadeOf::Views);
+        self.of_tick_m2 = seen_m2;
+        self.compare(tick);
+        let misfits_m2 = self.misfit_m2.iter().zip(Joint::ALL);
+        for (variance_m2, (misfit_m2, joint)) in seen_m2.iter_mut().zip(misfits_m2) {
+            *variance_m2 += lasting::sigma_m(joint).powi(2);
+            *variance_m2 += MISFIT_SHARE * (misfit_m2 - *variance_m2).max(0.0);
+        }
+        seen_m2
+    }
+
+    /// Notes how far the pose is from the keypoints that two views and more show.
+    fn compare(&mut self, tick: &Moment<'_>) {
+        let keep = 1.0 - (-tick.dt_s / MISFIT_S).exp();
+        for (estimate, site) in tick.estimates.iter().zip(tick.sites) {
+            if let Some(site) = site
+                && estimate.views >= 2
+                && estimate.weight > 0.0
+            {
+                let off_m = estimate.position_m - tick.body.site_m(site);
+                let misfit_m2 = &mut self.misfit_m2[site.joint.index()];
+                *misfit_m2 += keep * (off_m.norm_squared() / 3.0 - *misfit_m2);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

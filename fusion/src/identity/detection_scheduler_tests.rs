@@ -1,0 +1,192 @@
+//! Tests of who looks when.
+
+use farfield_proto::frames::{Pixel, Transform};
+use nalgebra::Isometry3;
+use proptest::prelude::*;
+
+use super::*;
+use crate::body::fixture::{Noise, standing};
+use crate::sightings::fixture::hall;
+use crate::sightings::rays::witnesses;
+
+const RATE_HZ: f64 = 10.0;
+
+fn field() -> Field {
+    Field {
+        min_m: [-4.0, -3.0, -0.3],
+        max_m: [4.0, 3.0, 2.6],
+    }
+}
+
+/// The hall's four cameras.
+fn lookout(births: &BirthParameters) -> Lookout {
+    let mut lookout = Lookout::new(hall().cameras, field(), births, RATE_HZ);
+    lookout.begin(Tick(0));
+    lookout
+}
+
+/// Someone in the middle, as camera 0 alone sees them.
+fn seen_by_one(x: f64) -> Vec<Witness> {
+    let (hall, mut noise) = (hall(), Noise(1));
+    let body = standing(x, 0.0, 1.75, &mut noise);
+    let sighting = hall.sighting(0, &body, 1.0, &mut noise);
+    witnesses(&[sighting], &hall.cameras, 17, 0.3)
+}
+
+/// The ticks of the next `n` at which camera `camera` looks, while `unexplained` is seen whenever
+/// it does.
+fn looks(lookout: &mut Lookout, n: i64, camera: usize, unexplained: &[Witness]) -> Vec<i64> {
+    let mut at = Vec::new();
+    for tick in 0..n {
+        if tick > 0 {
+            lookout.plan(Tick(tick));
+        }
+        if lookout.looks_at(Tick(tick))[camera] {
+            at.push(tick);
+        }
+        if lookout.looks_at(Tick(tick))[0] {
+            lookout.keep(Tick(tick), unexplained.iter());
+        }
+    }
+    at
+}
+
+#[test]
+fn all_look_once_a_second_when_everybody_is_known() {
+    let mut lookout = lookout(&BirthParameters::default());
+    for camera in 0..4 {
+        lookout.begin(Tick(0));
+        assert_eq!(looks(&mut lookout, 31, camera, &[]), [0, 10, 20, 30]);
+    }
+}
+
+#[test]
+fn who_could_see_an_unexplained_sighting_looks_for_five_ticks() {
+    let births = BirthParameters::default();
+    let unexplained = seen_by_one(0.0);
+    for camera in 0..4 {
+        let at = looks(&mut lookout(&births), 10, camera, &unexplained);
+        assert_eq!(at, [0, 1, 2, 3, 4, 5], "camera {camera}");
+    }
+}
+
+#[test]
+fn who_cannot_see_an_unexplained_sighting_is_not_asked() {
+    let mut cameras = hall().cameras;
+    // A camera high above that looks into the sky.
+    let (_, model) = &cameras[2];
+    let elsewhere = CameraModel::new(
+        "sky",
+        model.size_px(),
+        *model.intrinsics(),
+        *model.distortion(),
+        Transform::new(Isometry3::translation(0.0, 0.0, -1000.0)),
+    )
+    .unwrap();
+    cameras.push((ViewpointIndex(4), elsewhere));
+    let mut lookout = Lookout::new(cameras, field(), &BirthParameters::default(), RATE_HZ);
+    lookout.keep(Tick(3), seen_by_one(0.0).iter());
+    lookout.plan(Tick(4));
+    assert_eq!(lookout.looks_at(Tick(4)), [true, true, true, true, false]);
+}
+
+#[test]
+fn what_is_asked_about_in_vain_is_asked_about_less_and_less() {
+    let births = BirthParameters {
+        look_share: 1.0,
+        ..BirthParameters::default()
+    };
+    let at = looks(&mut lookout(&births), 200, 1, &seen_by_one(0.0));
+    let bursts: Vec<i64> = at
+        .windows(2)
+        .filter(|pair| pair[1] == pair[0] + 1 && pair[0] % 10 == 0)
+        .map(|pair| pair[0])
+        .collect();
+    assert_eq!(bursts, [0, 10, 30, 70, 150]);
+}
+
+#[test]
+fn who_is_new_is_asked_about_at_once() {
+    let mut lookout = lookout(&BirthParameters::default());
+    let (one, other) = (seen_by_one(0.0), seen_by_one(1.5));
+    let _known = looks(&mut lookout, 10, 0, &one);
+    lookout.plan(Tick(10));
+    lookout.keep(Tick(10), one.iter().chain(&other));
+    lookout.plan(Tick(11));
+    assert!(lookout.is_look(Tick(11)));
+}
+
+#[test]
+fn who_looks_is_planned_as_far_ahead_as_boxes_are_made() {
+    let mut lookout = lookout(&BirthParameters::default());
+    lookout.look_ahead(6);
+    let mut at = Vec::new();
+    for tick in 1..40 {
+        lookout.plan(Tick(tick));
+        let ahead = Tick(tick + 5);
+        let told = lookout.looking(&[CameraIndex(1)], ahead).len();
+        assert_eq!(told == 1, lookout.is_look(ahead));
+        assert!(lookout.looks_at(ahead + 1).is_empty(), "nothing beyond");
+        if lookout.is_look(Tick(tick)) {
+            at.push(tick);
+        }
+        if tick == 12 {
+            lookout.keep(Tick(tick), seen_by_one(0.0).iter());
+        }
+    }
+    assert_eq!(at, [10, 18, 19, 20, 21, 22, 30], "asked about at 12");
+}
+
+#[test]
+fn a_newborn_and_a_lost_person_are_looked_for_by_those_who_see_them() {
+    let births = BirthParameters::default();
+    let body = standing(0.0, 0.0, 1.75, &mut Noise(2));
+    let mut of_newborn = lookout(&births);
+    of_newborn.plan(Tick(1));
+    assert!(!of_newborn.is_look(Tick(1)));
+    of_newborn.ask_about_newborn(Tick(1), &body);
+    of_newborn.plan(Tick(2));
+    assert_eq!(of_newborn.looks_at(Tick(2))[..4], [true; 4]);
+    let mut of_lost = lookout(&births);
+    of_lost.ask_for_lost(Tick(5), Vector3::new(0.0, 0.0, 0.9), 0.5);
+    of_lost.plan(Tick(6));
+    assert_eq!(of_lost.looks_at(Tick(6))[..4], [true; 4]);
+    of_lost.plan(Tick(7));
+    assert!(!of_lost.is_look(Tick(7)));
+    let own = [CameraIndex(1), CameraIndex(2)];
+    assert!(of_lost.looking(&own, Tick(7)).is_empty());
+}
+
+proptest! {
+    #[test]
+    fn looks_keep_to_their_share_whatever_is_seen(
+        share in 0.0f64..1.0, again in 0u32..20, from in 1i64..50, xs in prop::collection::vec(-3.0f64..3.0, 1..6),
+    ) {
+        let births = BirthParameters { look_share: share, look_again_ticks: again, ..BirthParameters::default() };
+        let mut lookout = lookout(&births);
+        let unexplained: Vec<Witness> = xs.iter().flat_map(|&x| seen_by_one(x)).collect();
+        let n = 60;
+        let mut asked = 0;
+        for tick in 1..from + n {
+            lookout.plan(Tick(tick));
+            asked += i32::from(tick >= from && lookout.looks_at(Tick(tick))[1] && tick % 10 != 0);
+            lookout.keep(Tick(tick), unexplained.iter());
+            lookout.ask_for_lost(Tick(tick), Vector3::new(0.0, 0.0, 0.9), 1.0);
+        }
+        let most = f64::from(again.max(1)) + share * n as f64;
+        prop_assert!(f64::from(asked) <= most + 1e-6, "{asked} of {most}");
+    }
+}
+
+#[test]
+fn a_ray_that_leaves_the_field_asks_nobody() {
+    let mut lookout = lookout(&BirthParameters::default());
+    let mut up = seen_by_one(0.0);
+    for ray in up[0].rays.iter_mut().flatten() {
+        ray.direction = Vector3::z();
+        ray.pixel = Pixel::new(0.0, 0.0);
+    }
+    lookout.keep(Tick(0), up.iter());
+    lookout.plan(Tick(1));
+    assert!(!lookout.is_look(Tick(1)));
+}

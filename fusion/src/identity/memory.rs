@@ -1,0 +1,133 @@
+//! Who left or was lost, for as long as it may come back.
+
+use farfield_proto::id::PersonId;
+use farfield_proto::tick::Tick;
+use nalgebra::Vector3;
+
+use super::recognise::{Appearance, Lengths};
+use super::track::Track;
+use crate::body::remeasure::Remeasure;
+use crate::body::skeleton::{Site, Skeleton};
+
+/// Most people who are remembered; of more, those who left first are forgotten.
+const MAX_REMEMBERED: usize = 256;
+
+/// A body that is known from before.
+#[derive(Debug, Clone)]
+pub(crate) struct KnownBody {
+    pub(crate) skeleton: Skeleton,
+    /// Where the network's keypoints sit on it.
+    pub(crate) sites: Vec<Option<Site>>,
+    /// What its lengths are still measured from.
+    pub(crate) remeasure: Remeasure,
+}
+
+/// Where a person was surely itself: seen by two viewpoints, with nobody else in its place.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct LastSeen {
+    pub(crate) tick: Tick,
+    /// The pelvis, world metres.
+    pub(crate) place_m: Vector3<f64>,
+}
+
+/// What is compared of somebody who is known: a body itself takes a hundred kilobytes.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Candidate {
+    pub(crate) id: PersonId,
+    pub(crate) last_seen: LastSeen,
+    pub(crate) appearance: Appearance,
+}
+
+impl Candidate {
+    /// Who `track` is; `None` of who was never seen.
+    pub(crate) fn of(track: &Track, rate_hz: f64) -> Option<Self> {
+        let lived_s = lived_s(track, rate_hz);
+        Some(Self::new(
+            track.id(),
+            track.last_seen?,
+            track.skeleton(),
+            lived_s,
+        ))
+    }
+
+    fn new(id: PersonId, last_seen: LastSeen, skeleton: &Skeleton, lived_s: f64) -> Self {
+        Self {
+            id,
+            last_seen,
+            appearance: Appearance {
+                lengths: Lengths::of(skeleton, lived_s),
+                place_m: last_seen.place_m,
+            },
+        }
+    }
+}
+
+/// How long a track has been there, seconds.
+fn lived_s(track: &Track, rate_hz: f64) -> f64 {
+    f64::from(track.lived_ticks) / rate_hz
+}
+
+/// Somebody who is known, but not seen.
+#[derive(Debug, Clone)]
+pub(crate) struct Departed {
+    pub(crate) id: PersonId,
+    pub(crate) last_seen: LastSeen,
+    pub(crate) body: KnownBody,
+    /// How long the person was there, seconds.
+    lived_s: f64,
+}
+
+impl Departed {
+    /// What is known of `track`; `None` of who was never seen.
+    pub(crate) fn of(track: &Track, rate_hz: f64) -> Option<Self> {
+        Some(Self {
+            id: track.id(),
+            last_seen: track.last_seen?,
+            body: track.known_body(),
+            lived_s: lived_s(track, rate_hz),
+        })
+    }
+
+    /// Ticks of life so far.
+    pub(crate) fn lived_ticks(&self, rate_hz: f64) -> u32 {
+        (self.lived_s * rate_hz).round() as u32
+    }
+}
+
+/// Those who are gone, in the order in which they went.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Memory {
+    gone: Vec<Departed>,
+}
+
+impl Memory {
+    /// Remembers `departed`, from now on.
+    pub(crate) fn remember(&mut self, departed: Departed) {
+        self.gone.retain(|other| other.id != departed.id);
+        if self.gone.len() == MAX_REMEMBERED {
+            self.gone.remove(0);
+        }
+        self.gone.push(departed);
+    }
+
+    /// Forgets who was last seen more than `return_s` before `now`.
+    pub(crate) fn forget(&mut self, now: Tick, return_s: f64, rate_hz: f64) {
+        let limit = return_s * rate_hz;
+        self.gone
+            .retain(|departed| (now - departed.last_seen.tick) as f64 <= limit);
+    }
+
+    /// Those who may come back.
+    pub(crate) fn candidates(&self) -> impl Iterator<Item = Candidate> + '_ {
+        self.gone.iter().map(|departed| {
+            let skeleton = &departed.body.skeleton;
+            Candidate::new(departed.id, departed.last_seen, skeleton, departed.lived_s)
+        })
+    }
+
+    /// Hands out who has come back.
+    pub(crate) fn take(&mut self, id: PersonId) -> Option<Departed> {
+        let at = self.gone.iter().position(|departed| departed.id == id)?;
+        Some(self.gone.remove(at))
+    }
+}

@@ -1,0 +1,254 @@
+//! Whether somebody new is somebody who was here before: by place, speed and link lengths.
+//!
+//! Every pair of a newborn and a person who left or was lost gets the logarithm of a likelihood
+//! ratio, "the same" over "somebody else":
+//!
+//! ```text
+//!   L = ln p(d | same) - ln p(d | other) + ln p(r | same) - ln p(r | other)
+//!
+//!   d_i = ln(newborn's length i / known length i):   same  N(0, S),   S = diag s_i^2
+//!                                                    other N(0, S + diag p^2 + c^2 1 1')
+//!   r = how far apart, on the floor:                 same  N(0, g^2 I),  g = G + w t
+//!                                                    other uniform in the field
+//! ```
+//!
+//! `s_i` is how well the two lengths are measured, `p` and `c` how much people differ in single lengths
+//! and in stature, `t` the time between. Farther than the fastest could have got, they are not the same. All
+//! pairs are decided together: the assignment with the greatest sum of L counts, and of it only pairs
+//! without which the sum would be clearly less. Who is ambiguous stays somebody new: a stranger's id is
+//! worse than a new one.
+
+use farfield_proto::venue::Field;
+use farfield_proto::venue::parameters::BirthParameters;
+use nalgebra::Vector3;
+
+use crate::assign::assign;
+use crate::body::skeleton::Skeleton;
+
+/// Lengths that are compared.
+const N_LENGTHS: usize = 7;
+/// Error of a length that was measured in a fifth of a second, metres: a network's errors last for
+/// seconds, so single ticks do not average out.
+const LENGTH_SIGMA_M: f64 = 0.02;
+/// How long a network's errors last, seconds: a body that was seen n times as long is known as if it
+/// had been measured n times.
+const ERROR_LASTS_S: f64 = 2.0;
+/// How much people of one stature differ in single lengths, `p`: two people, each with 4 %.
+const SINGLE_SPREAD: f64 = 0.057;
+/// How much people differ in stature, `c`: two people, each with 5.5 %.
+const STATURE_SPREAD: f64 = 0.078;
+/// How far from where it was last seen a person is after no time, `G`, metres.
+const PLACE_SIGMA_M: f64 = 0.5;
+/// How much farther per second, `w`, metres per second: most people who leave turn about or stand.
+const WANDER_M_S: f64 = 1.0;
+/// Places count no more than this against a pair: some people run.
+const LEAST_PLACE: f64 = -3.0;
+/// What a distance may be off at once, metres, beside what the fastest run.
+const REACH_M: f64 = 1.0;
+/// Least gain of the whole assignment by a pair for it to count: a factor of e.
+const MARGIN: f64 = 1.0;
+/// What stands for an impossible pair; far below any sum of L.
+const IMPOSSIBLE: f64 = -1e6;
+
+/// A body as it was measured.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Lengths {
+    lengths_m: [f64; N_LENGTHS],
+    sigma_m: f64,
+}
+
+impl Lengths {
+    /// Those of `skeleton`, which was measured for `seconds`.
+    pub(crate) fn of(skeleton: &Skeleton, seconds: f64) -> Self {
+        let p = skeleton.proportions();
+        Self {
+            lengths_m: [
+                p.upper_arm_m,
+                p.forearm_m,
+                p.thigh_m,
+                p.shank_m,
+                p.scapula_side_m + p.clavicle_m,
+                p.lumbar_m + p.trunk_m,
+                p.trunk_m + p.head_m,
+            ],
+            sigma_m: LENGTH_SIGMA_M / (1.0 + seconds.max(0.0) / ERROR_LASTS_S).sqrt(),
+        }
+    }
+
+    /// ln p(d | same) - ln p(d | other).
+    fn likeness(&self, other: &Self) -> f64 {
+        let (mut same, mut apart, mut sum_d, mut sum_w) = (0.0, 0.0, 0.0, 0.0);
+        for (a, b) in self.lengths_m.iter().zip(&other.lengths_m) {
+            let d = (a / b).ln();
+            let s2 = (self.sigma_m / a).powi(2) + (other.sigma_m / b).powi(2);
+            let v = s2 + SINGLE_SPREAD * SINGLE_SPREAD;
+            same += d * d / s2 + s2.ln();
+            apart += d * d / v + v.ln();
+            sum_d += d / v;
+            sum_w += 1.0 / v;
+        }
+        // The inverse and determinant of D + c^2 1 1' (Sherman, Morrison 1950).
+        let c2 = STATURE_SPREAD * STATURE_SPREAD;
+        let shared = 1.0 + c2 * sum_w;
+        apart += shared.ln() - c2 * sum_d * sum_d / shared;
+        0.5 * (apart - same)
+    }
+}
+
+/// One of a pair: a body, and where it was when.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Appearance {
+    /// The body.
+    pub(crate) lengths: Lengths,
+    /// The pelvis, world metres: of a newborn at its first tick, of a known person when it was last
+    /// seen well.
+    pub(crate) place_m: Vector3<f64>,
+}
+
+/// What decides about places.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Reach {
+    field_m2: f64,
+    speed_m_s: f64,
+}
+
+impl Reach {
+    pub(crate) fn new(field: &Field, births: &BirthParameters) -> Self {
+        let side = |i: usize| (field.max_m[i] - field.min_m[i]).max(1.0);
+        Self {
+            field_m2: side(0) * side(1),
+            speed_m_s: births.return_speed_m_s,
+        }
+    }
+
+    /// L of a pair, `absence_s` apart; `None` when nobody is that fast.
+    pub(crate) fn likeness(
+        &self,
+        newborn: &Appearance,
+        known: &Appearance,
+        absence_s: f64,
+    ) -> Option<f64> {
+        let t = absence_s.max(0.0);
+        let r = (newborn.place_m - known.place_m).xy().norm();
+        if r > REACH_M + self.speed_m_s * t {
+            return None;
+        }
+        let g2 = (PLACE_SIGMA_M + WANDER_M_S * t).powi(2);
+        // Two people apart are somewhere in the field, but nobody is spread wider than that.
+        let place = (self.field_m2 / (std::f64::consts::TAU * g2)).max(1.0).ln() - 0.5 * r * r / g2;
+        Some(newborn.lengths.likeness(&known.lengths) + place.max(LEAST_PLACE))
+    }
+}
+
+/// Decides which row (newborn) is which column (known person), from L of every possible pair. A pair
+/// counts when its L is at least `least`, and it is clear.
+pub(crate) fn recognise(likeness: &[Vec<Option<f64>>], least: f64) -> Vec<Option<usize>> {
+    let n_known = likeness.first().map_or(0, Vec::len);
+    let gain = |row: usize, column: usize| match likeness[row].get(column) {
+        Some(Some(l)) if *l >= least => *l - least + f64::EPSILON,
+        // Each row has a column of its own for "somebody new".
+        None if column == n_known + row => 0.0,
+        _ => IMPOSSIBLE,
+    };
+    let n = likeness.len();
+    let best = |without: Option<(usize, usize)>| {
+        let cost = |row, column| {
+            if without == Some((row, column)) {
+                -IMPOSSIBLE
+            } else {
+                -gain(row, column)
+            }
+        };
+        let chosen = assign(n, n_known + n, cost);
+        let pairs = chosen.iter().enumerate();
+        let sum: f64 = pairs
+            .filter_map(|(row, column)| Some(-cost(row, (*column)?)))
+            .sum();
+        (sum, chosen)
+    };
+    let (sum, chosen) = best(None);
+    let pairs = chosen.into_iter().enumerate();
+    pairs
+        .map(|(row, column)| {
+            let column = column.filter(|&column| column < n_known)?;
+            // Against somebody new there is `least`; here another pairing must be clearly worse.
+            let rivals = (0..n).any(|r| r != row && gain(r, column) > 0.0)
+                || (0..n_known).any(|c| c != column && gain(row, c) > 0.0);
+            let clear = !rivals || sum - best(Some((row, column))).0 >= MARGIN;
+            clear.then_some(column)
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::body::skeleton::Proportions;
+
+    fn reach() -> Reach {
+        let field = Field {
+            min_m: [-12.0, -8.0, 0.0],
+            max_m: [12.0, 8.0, 2.5],
+        };
+        Reach::new(&field, &BirthParameters::default())
+    }
+
+    fn person(stature_m: f64, seconds: f64, x: f64, y: f64) -> Appearance {
+        Appearance {
+            lengths: Lengths::of(
+                &Skeleton::new(&Proportions::from_stature(stature_m)),
+                seconds,
+            ),
+            place_m: Vector3::new(x, y, 0.95),
+        }
+    }
+
+    #[test]
+    fn who_comes_back_where_it_left_is_recognised_and_who_differs_by_a_head_is_not() {
+        let left = person(1.75, 20.0, -12.0, -2.8);
+        let same = reach().likeness(&person(1.76, 0.2, -11.9, -2.0), &left, 4.0);
+        assert!(same.unwrap() > 2.0, "{same:?}");
+        let taller = reach().likeness(&person(1.95, 0.2, -11.9, -2.0), &left, 4.0);
+        assert!(taller.unwrap() < -2.0, "{taller:?}");
+    }
+
+    #[test]
+    fn nobody_is_faster_than_the_fastest() {
+        let left = person(1.75, 20.0, -12.0, 0.0);
+        let far = person(1.75, 0.2, 12.0, 0.0);
+        assert_eq!(reach().likeness(&far, &left, 2.5), None);
+        assert!(reach().likeness(&far, &left, 3.0).is_some());
+    }
+
+    #[test]
+    fn a_place_says_less_the_longer_ago_it_was() {
+        let left = person(1.75, 20.0, -12.0, 0.0);
+        let back = person(1.75, 0.2, -11.5, 0.0);
+        let after = |t| reach().likeness(&back, &left, t).unwrap();
+        assert!(after(1.0) > after(5.0) && after(5.0) > after(20.0));
+        assert!(
+            (after(40.0) - after(50.0)).abs() < 0.01,
+            "then lengths alone count"
+        );
+    }
+
+    #[test]
+    fn all_are_decided_together() {
+        // The first newborn fits the first known best alone, but the second has nobody else.
+        let likeness = [vec![Some(4.0), Some(3.5)], vec![Some(3.8), None]];
+        assert_eq!(recognise(&likeness, 1.0), [Some(1), Some(0)]);
+    }
+
+    #[test]
+    fn who_is_ambiguous_is_somebody_new() {
+        assert_eq!(recognise(&[vec![Some(3.0), Some(2.8)]], 1.0), [None]);
+        assert_eq!(recognise(&[vec![Some(3.0), Some(1.9)]], 1.0), [Some(0)]);
+        assert_eq!(recognise(&[vec![Some(0.5), None]], 1.0), [None]);
+        assert_eq!(
+            recognise(&[vec![Some(3.0)], vec![Some(2.9)]], 1.0),
+            [None, None]
+        );
+        assert_eq!(recognise(&[Vec::new()], 1.0), [None]);
+        assert_eq!(recognise(&[], 1.0), []);
+    }
+}

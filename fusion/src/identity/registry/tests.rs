@@ -1,0 +1,313 @@
+//! Lives of simulated people, whose keypoints are seen exactly where they are: what is tested is who
+//! is who, not how well they are measured.
+
+use std::collections::BTreeSet;
+use std::path::Path;
+
+use farfield_proto::calibration::Calibration;
+use farfield_proto::id::SessionId;
+use farfield_proto::message::{PersonState, SightingSet};
+
+use super::*;
+use crate::body::fixture::{Noise, standing};
+use crate::body::ik::relative_sigmas;
+use crate::body::keypoint_estimate::KeypointEstimate;
+use crate::body::skeleton::{RangeOfMotion, sites_of};
+use crate::boxes::BoxShape;
+use crate::sightings::fixture::{Hall, hall};
+
+#[path = "tests/found_again.rs"]
+mod found_again;
+
+type Body = Vec<Vector3<f64>>;
+
+const RATE_HZ: f64 = 20.0;
+
+fn venue(hall: &Hall) -> Venue {
+    let mut text = format!(
+        "name = \"hall\"\nrate_hz = {RATE_HZ}\ncalibration = \"calibration.toml\"\n\
+         [field]\nmin_m = [-4.0, -3.0, -0.3]\nmax_m = [4.0, 3.0, 2.6]\n"
+    );
+    for (_, model) in &hall.cameras {
+        let name = model.name();
+        let viewpoint = format!(
+            "[[viewpoint]]\nname = \"{name}\"\n[[viewpoint.camera]]\nname = \"{name}\"\n\
+             source = {{ kind = \"keypoints\", path = \"{name}.jsonl\" }}\n"
+        );
+        text.push_str(&viewpoint);
+    }
+    let calibration = Calibration {
+        cameras: hall
+            .cameras
+            .iter()
+            .map(|(_, model)| (model.name().to_owned(), model.clone()))
+            .collect(),
+        hash: String::new(),
+    };
+    Venue::parse(&text, Path::new("hall.toml"), calibration).unwrap()
+}
+
+fn method(venue: &Venue) -> Method {
+    let keypoints = KeypointSet::coco17();
+    let parameters = venue.parameters.clone();
+    Method {
+        dt_s: 1.0 / RATE_HZ,
+        sites: sites_of(&keypoints, &std::collections::BTreeMap::new()),
+        relative_sigmas: relative_sigmas(&keypoints),
+        range_of_motion: Some(RangeOfMotion::new(1.0)),
+        box_shape: BoxShape {
+            margin: 1.25,
+            lattice_half_width_m: 0.25,
+            parameters: parameters.boxes.clone(),
+        },
+        keypoints,
+        parameters,
+    }
+}
+
+/// A hall, tick after tick.
+struct Stage {
+    hall: Hall,
+    crowd: Crowd,
+    method: Method,
+    tick: Tick,
+    noise: Noise,
+    /// Ids published so far.
+    ids: BTreeSet<u32>,
+}
+
+impl Stage {
+    fn new() -> Self {
+        let hall = hall();
+        let venue = venue(&hall);
+        let method = method(&venue);
+        let mut crowd = Crowd::new(&venue, KeypointSet::coco17());
+        crowd.begin(Tick(0), &method);
+        Self {
+            hall,
+            crowd,
+            method,
+            tick: Tick(0),
+            noise: Noise(1),
+            ids: BTreeSet::new(),
+        }
+    }
+
+    /// One tick at which all cameras see `bodies`.
+    fn step(&mut self, bodies: &[Body]) -> Lived {
+        self.step_seen_by(bodies, &[0, 1, 2, 3])
+    }
+
+    /// One tick at which `viewpoints` alone see `bodies`.
+    fn step_seen_by(&mut self, bodies: &[Body], viewpoints: &[u16]) -> Lived {
+        for track in self.crowd.tracks_mut() {
+            track.begin(&self.method);
+            let pelvis_m = track.joints_m()[0];
+            let near = bodies
+                .iter()
+                .map(|body| ((hips_m(body) - pelvis_m).norm(), body))
+                .filter(|(distance, _)| *distance < 0.4)
+                .min_by(|a, b| a.0.total_cmp(&b.0));
+            let views = if near.is_some() {
+                viewpoints.len() as u16
+            } else {
+                0
+            };
+            let places = near.map_or_else(|| track.keypoints_m(), |(_, body)| body.clone());
+            track.estimates = places
+                .iter()
+                .map(|&p| KeypointEstimate {
+                    weight: f64::from(views.min(1)),
+                    views,
+                    ..KeypointEstimate::unsupported(p, 1.0)
+                })
+                .collect();
+            track.fit_keypoints(&self.method);
+            track.smooth(&self.method);
+            track.fit_joints(&self.method);
+        }
+        let group = self.sighted(bodies, viewpoints);
+        let lived = self.crowd.live(&group, &self.method);
+        self.tick = self.tick + 1;
+        self.ids
+            .extend(self.crowd.published().iter().map(|pose| pose.person.0));
+        lived
+    }
+
+    fn sighted(&mut self, bodies: &[Body], viewpoints: &[u16]) -> TickGroup {
+        let all = if bodies.is_empty() {
+            Vec::new()
+        } else {
+            self.hall.sightings(bodies, 1.0, &mut self.noise)
+        };
+        let set = |&viewpoint: &u16| {
+            let camera = CameraIndex(viewpoint);
+            let looks = self.crowd.looking(&[camera], self.tick) == [camera];
+            looks.then(|| SightingSet {
+                session: SessionId(1),
+                tick: self.tick,
+                viewpoint: ViewpointIndex(viewpoint),
+                part: 0,
+                parts: 1,
+                sightings: all.iter().filter(|s| s.camera == camera).cloned().collect(),
+            })
+        };
+        TickGroup {
+            tick: self.tick,
+            patch_sets: Vec::new(),
+            sighting_sets: viewpoints.iter().filter_map(set).collect(),
+        }
+    }
+
+    /// Several ticks of the same; the poses of those who were confirmed.
+    fn go_on(&mut self, bodies: &[Body], seconds: f64) -> Vec<(Tick, PersonPose)> {
+        (0..(seconds * RATE_HZ) as usize)
+            .flat_map(|_| self.step(bodies).confirmed)
+            .collect()
+    }
+
+    /// The id of who is published within 0.3 m of (`x`, `y`).
+    fn who_at(&self, x: f64, y: f64) -> Option<u32> {
+        let near = |pose: &&PersonPose| {
+            let pelvis = pose.joints_m[0].map(f64::from);
+            (pelvis[0] - x).hypot(pelvis[1] - y) < 0.3
+        };
+        let poses = self.crowd.published();
+        poses.iter().find(near).map(|pose| pose.person.0)
+    }
+}
+
+fn hips_m(body: &Body) -> Vector3<f64> {
+    0.5 * (body[11] + body[12])
+}
+
+/// Somebody of that stature, always in the same posture.
+fn person(x: f64, y: f64, stature_m: f64) -> Body {
+    standing(x, y, stature_m, &mut Noise(7))
+}
+
+#[test]
+fn who_leaves_and_returns_gets_its_id_back() {
+    let mut stage = Stage::new();
+    stage.go_on(&[person(-3.0, 0.0, 1.7), person(2.0, 1.0, 1.8)], 4.0);
+    let id = stage.who_at(-3.0, 0.0).unwrap();
+    stage.go_on(&[person(2.0, 1.0, 1.8)], 6.0);
+    assert_eq!(stage.crowd.published().len(), 1, "it is let go");
+    let back = [person(-2.8, 0.4, 1.7), person(2.0, 1.0, 1.8)];
+    let replayed = stage.go_on(&back, 2.0);
+    assert_eq!(stage.who_at(-2.8, 0.4), Some(id));
+    assert_eq!(stage.ids.len(), 2);
+    assert!(replayed.len() >= 10, "its tentative ticks are handed out");
+    let named = |(_, pose): &(Tick, PersonPose)| pose.person.0 == id;
+    assert!(replayed.iter().all(named), "under the id that it has");
+    let track = stage
+        .crowd
+        .tracks()
+        .iter()
+        .find(|t| t.id().0 == id)
+        .unwrap();
+    assert_ne!(track.wire_id(), track.id(), "the edges keep to its new one");
+}
+
+#[test]
+fn a_stranger_of_another_size_does_not_get_the_id_of_who_left() {
+    let mut stage = Stage::new();
+    stage.go_on(&[person(-3.0, 0.0, 1.6)], 4.0);
+    stage.go_on(&[], 4.0);
+    stage.go_on(&[person(-3.0, 0.3, 1.9)], 2.0);
+    assert_eq!(stage.ids.len(), 2);
+}
+
+#[test]
+fn nobody_returns_after_the_stated_time() {
+    let mut stage = Stage::new();
+    stage.crowd.births.return_s = 3.0;
+    stage.go_on(&[person(-3.0, 0.0, 1.7)], 4.0);
+    stage.go_on(&[], 5.0);
+    stage.go_on(&[person(-3.0, 0.0, 1.7)], 2.0);
+    assert_eq!(stage.ids.len(), 2);
+}
+
+#[test]
+fn two_who_return_at_once_are_not_mixed_up() {
+    for swapped in [false, true] {
+        let mut stage = Stage::new();
+        stage.go_on(&[person(-3.0, -1.0, 1.66), person(-3.0, 1.5, 1.87)], 5.0);
+        let (small, tall) = (stage.who_at(-3.0, -1.0), stage.who_at(-3.0, 1.5));
+        stage.go_on(&[], 8.0);
+        let (y_small, y_tall) = if swapped { (1.0, -1.0) } else { (-1.0, 1.0) };
+        stage.go_on(
+            &[person(-3.0, y_small, 1.66), person(-3.0, y_tall, 1.87)],
+            2.0,
+        );
+        assert_eq!(stage.who_at(-3.0, y_small), small);
+        assert_eq!(stage.who_at(-3.0, y_tall), tall);
+        assert_eq!(stage.ids.len(), 2);
+    }
+}
+
+#[test]
+fn who_is_lost_is_taken_back_where_it_is_sighted() {
+    let mut stage = Stage::new();
+    stage.go_on(&[person(0.0, 0.0, 1.75)], 3.0);
+    let id = stage.who_at(0.0, 0.0).unwrap();
+    for i in 1..=16 {
+        // It runs on at 2 m/s while nobody sees it.
+        stage.step_seen_by(&[person(0.1 * f64::from(i), 0.0, 1.75)], &[]);
+    }
+    assert_eq!(stage.crowd.published()[0].state, PersonState::Coasting);
+    stage.go_on(&[person(1.7, 0.0, 1.75)], 0.3);
+    assert_eq!(stage.who_at(1.7, 0.0), Some(id));
+    assert_eq!((stage.ids.len(), stage.crowd.tracks().len()), (1, 1));
+}
+
+#[test]
+fn somebody_else_beside_who_is_lost_is_somebody_else() {
+    let mut stage = Stage::new();
+    stage.go_on(&[person(0.0, 0.0, 1.9)], 3.0);
+    let id = stage.who_at(0.0, 0.0);
+    stage.go_on(&[], 0.5);
+    stage.go_on(&[person(1.0, 1.0, 1.6)], 1.0);
+    assert_ne!(stage.who_at(1.0, 1.0), id);
+    assert!(stage.who_at(1.0, 1.0).is_some());
+}
+
+#[test]
+fn a_bystander_whom_one_viewpoint_sees_is_never_born() {
+    let mut stage = Stage::new();
+    for _ in 0..100 {
+        stage.step_seen_by(&[person(1.0, 1.0, 1.75)], &[2]);
+    }
+    assert!(stage.crowd.tracks().is_empty());
+}
+
+#[test]
+fn a_poster_is_not_born_and_who_stands_still_is() {
+    let mut stage = Stage::new();
+    let printed: Body = person(3.5, 1.0, 1.8)
+        .iter()
+        .map(|p| Vector3::new(3.5, p.y, p.z))
+        .collect();
+    let still = person(-1.0, 0.0, 1.7);
+    for seconds in [2.0, 4.0, 6.0] {
+        stage.go_on(&[printed.clone(), still.clone()], seconds);
+        assert!(stage.who_at(-1.0, 0.0).is_some());
+        assert_eq!(stage.ids.len(), 1);
+    }
+    assert_eq!(stage.crowd.tracks().len(), 1, "it is not followed either");
+    // Who steps out of the picture is born.
+    stage.go_on(&[person(2.5, 1.0, 1.8), printed, still], 2.0);
+    assert!(stage.who_at(2.5, 1.0).is_some());
+}
+
+#[test]
+fn a_poster_that_is_carried_away_is_somebodys() {
+    let mut stage = Stage::new();
+    for i in 0..40 {
+        let y = -1.0 + 0.02 * f64::from(i);
+        let body = person(0.0, 0.0, 1.8);
+        let carried = body.iter().map(|p| Vector3::new(1.0, p.y + y, p.z));
+        stage.step(&[carried.collect()]);
+    }
+    assert_eq!(stage.ids.len(), 1);
+}

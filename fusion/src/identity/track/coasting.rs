@@ -1,0 +1,72 @@
+//! What carries a person, or a limb, on while too few views show it.
+//!
+//! Without evidence the filter's velocity carries the body and fades. One viewpoint alone says where
+//! a body is across its rays, and by its known lengths roughly how far away: that steers it. A limb that
+//! no view shows keeps the body's motion, and its own on top of that fades.
+
+use super::{Method, Track};
+use crate::body::skeleton::Joint;
+use crate::estimate::uncertainty::MadeOf;
+
+impl Track {
+    /// What this tick brought of the person.
+    pub fn made_of(&self, method: &Method) -> MadeOf {
+        MadeOf::from_estimates(&self.estimates, method.enough_keypoints())
+    }
+
+    /// Low-pass filter on the innovation, paper (13). Without evidence the person coasts, and so does a
+    /// limb.
+    pub fn smooth(&mut self, method: &Method) {
+        let parameters = &method.parameters.smoothing;
+        if self.made_of(method) == MadeOf::Motion {
+            self.smoother.coast(method.dt_s, parameters);
+            return;
+        }
+        self.smoother
+            .step(&self.measured_m, method.dt_s, parameters);
+        let unseen = self.unseen_ends();
+        if unseen != 0 {
+            let carried = |joint: Joint| unseen >> joint.index() & 1 == 1;
+            self.smoother
+                .fade_against(Joint::Pelvis, carried, method.dt_s, parameters);
+        }
+    }
+
+    /// The elbows, wrists, knees and ankles, with what hangs on them, whose keypoint no view supports and
+    /// that carry none that is supported: one bit per joint.
+    fn unseen_ends(&self) -> u64 {
+        let supported = |joint: Joint| {
+            let mut own = self.sites.iter().zip(&self.estimates);
+            own.any(|(site, e)| site.is_some_and(|site| site.joint == joint) && e.weight > 0.0)
+        };
+        let mut unseen = 0;
+        for (middle, end, rest) in LIMBS {
+            let end_unseen = !supported(end);
+            if end_unseen {
+                for joint in rest.iter().chain([&end]) {
+                    unseen |= 1 << joint.index();
+                }
+            }
+            if end_unseen && !supported(middle) {
+                unseen |= 1 << middle.index();
+            }
+        }
+        unseen
+    }
+}
+
+/// Middle and end of each limb, and what is fixed to the end.
+const LIMBS: [(Joint, Joint, &[Joint]); 4] = [
+    (Joint::LeftElbow, Joint::LeftWrist, &[Joint::LeftHand]),
+    (Joint::RightElbow, Joint::RightWrist, &[Joint::RightHand]),
+    (
+        Joint::LeftKnee,
+        Joint::LeftAnkle,
+        &[Joint::LeftHeel, Joint::LeftToe],
+    ),
+    (
+        Joint::RightKnee,
+        Joint::RightAnkle,
+        &[Joint::RightHeel, Joint::RightToe],
+    ),
+];

@@ -1,0 +1,71 @@
+//! What others ask of a track, and do to it, where persons meet.
+
+use farfield_proto::venue::parameters::IkParameters;
+use nalgebra::Vector3;
+
+use super::{Method, Track};
+use crate::body::skeleton::Joints;
+use crate::body::skeleton::{Joint, N_JOINTS};
+use crate::estimate::evidence::View;
+
+/// Joints of which networks show no keypoint, and those that speak for them.
+const SPOKEN_FOR: [(Joint, [Joint; 2]); 10] = [
+    (Joint::Pelvis, [Joint::LeftHip, Joint::RightHip]),
+    (Joint::Spine, [Joint::LeftHip, Joint::RightHip]),
+    (Joint::Neck, [Joint::LeftShoulder, Joint::RightShoulder]),
+    (Joint::Head, [Joint::LeftEar, Joint::RightEar]),
+    (Joint::LeftHand, [Joint::LeftWrist, Joint::LeftElbow]),
+    (Joint::RightHand, [Joint::RightWrist, Joint::RightElbow]),
+    (Joint::LeftHeel, [Joint::LeftAnkle, Joint::LeftKnee]),
+    (Joint::RightHeel, [Joint::RightAnkle, Joint::RightKnee]),
+    (Joint::LeftToe, [Joint::LeftAnkle, Joint::LeftKnee]),
+    (Joint::RightToe, [Joint::RightAnkle, Joint::RightKnee]),
+];
+
+impl Track {
+    /// The views of this tick.
+    pub(crate) fn views(&self) -> &[View] {
+        &self.views[..self.n_views]
+    }
+
+    /// The views of this tick.
+    pub(crate) fn views_mut(&mut self) -> &mut [View] {
+        &mut self.views[..self.n_views]
+    }
+
+    /// Undoes what single views have taken for left and right; the views are placed.
+    pub fn undo_exchanges(&mut self, method: &Method) {
+        let margin = method.parameters.contact.exchange_margin;
+        if margin <= 1.0 {
+            self.exchanges.undo(&mut self.views[..self.n_views], margin);
+        }
+    }
+
+    /// How well the views of this tick determine a joint, 0 to 1: the share of a full keypoint's
+    /// weight that the first inverse kinematics gave it or those that speak for it.
+    pub(crate) fn seen(&self, joint: Joint, ik: &IkParameters) -> f64 {
+        let spoken_for = SPOKEN_FOR.iter().find(|(silent, _)| *silent == joint);
+        let by = spoken_for.map_or([joint; 2], |(_, by)| *by);
+        by.map(|joint| self.keypoint_seen(joint, ik))
+            .iter()
+            .sum::<f64>()
+            / 2.0
+    }
+
+    fn keypoint_seen(&self, joint: Joint, ik: &IkParameters) -> f64 {
+        let at = self
+            .sites
+            .iter()
+            .position(|site| site.is_some_and(|site| site.joint == joint));
+        let estimate = at.and_then(|k| self.estimates.get(k));
+        let seen = estimate.filter(|estimate| estimate.views >= 2 && estimate.weight > 0.0);
+        seen.map_or(ik.prediction_weight, |estimate| {
+            estimate.weight.max(ik.min_weight)
+        })
+    }
+
+    /// Moves the aims of the second inverse kinematics of this tick, world, metres.
+    pub fn push(&mut self, push_m: Option<&Joints>) {
+        self.push_m = push_m.copied().unwrap_or([Vector3::zeros(); N_JOINTS]);
+    }
+}

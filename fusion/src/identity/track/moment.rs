@@ -1,0 +1,130 @@
+//! What a tick measured of a person, as the smoother keeps it.
+
+use farfield_proto::message::PersonState;
+use farfield_proto::tick::Tick;
+use nalgebra::Vector3;
+
+use super::Track;
+use crate::body::keypoint_estimate::KeypointEstimate;
+use crate::body::skeleton::Joints;
+use crate::body::skeleton::{N_JOINTS, Pose};
+use crate::estimate::uncertainty::MadeOf;
+
+/// One person at one tick.
+#[derive(Debug)]
+pub struct Moment {
+    /// The tick.
+    pub tick: Tick,
+    /// What the views told of the keypoints.
+    pub estimates: Vec<KeypointEstimate>,
+    /// The joints after the first inverse kinematics, with what moved them out of others' limbs, world, metres.
+    pub measured_m: Joints,
+    /// How sure this tick alone is of each, variance per axis, m²; infinite where it says nothing.
+    pub variance_m2: [f64; N_JOINTS],
+    /// How each moves, world, metres per second.
+    pub velocity_m_s: Joints,
+    /// The pose as it was published.
+    pub pose: Pose,
+    /// Its joints, world, metres.
+    pub joints_m: Joints,
+    /// How sure it was of them, variance per axis, m²; `None` when it was not known.
+    pub published_m2: Option<[f64; N_JOINTS]>,
+    /// What it was made of.
+    pub made_of: MadeOf,
+    /// Its state.
+    pub state: PersonState,
+    /// Bit i: angle i is carried by a prior.
+    pub unobserved: u64,
+    /// Viewpoints that gave evidence.
+    pub views: u16,
+}
+
+impl Default for Moment {
+    fn default() -> Self {
+        Self {
+            tick: Tick::default(),
+            estimates: Vec::new(),
+            measured_m: [Vector3::zeros(); N_JOINTS],
+            variance_m2: [f64::INFINITY; N_JOINTS],
+            velocity_m_s: [Vector3::zeros(); N_JOINTS],
+            pose: Pose::neutral(Vector3::zeros(), nalgebra::UnitQuaternion::identity()),
+            joints_m: [Vector3::zeros(); N_JOINTS],
+            published_m2: None,
+            made_of: MadeOf::Motion,
+            state: PersonState::Tentative,
+            unobserved: 0,
+            views: 0,
+        }
+    }
+}
+
+impl Clone for Moment {
+    fn clone(&self) -> Self {
+        let mut clone = Self::default();
+        clone.clone_from(self);
+        clone
+    }
+
+    fn clone_from(&mut self, other: &Self) {
+        let mut estimates = std::mem::take(&mut self.estimates);
+        estimates.clone_from(&other.estimates);
+        *self = Self {
+            estimates,
+            ..*other
+        };
+    }
+}
+
+impl Moment {
+    /// What was seen was somebody else's: all that is known is where the person has gone `back` to.
+    pub(crate) fn withdraw(&mut self, back: &Self) {
+        self.estimates.clear();
+        self.measured_m = back.joints_m;
+        self.velocity_m_s = back.velocity_m_s;
+        (self.pose, self.joints_m) = (back.pose, back.joints_m);
+        self.published_m2 = back.published_m2;
+        self.variance_m2 = [f64::INFINITY; N_JOINTS];
+        self.made_of = MadeOf::Motion;
+        self.state = PersonState::Coasting;
+        self.views = 0;
+    }
+}
+
+impl Track {
+    /// The ticks before the last one that were solved again at it: those of a person who was confirmed.
+    pub fn told_anew(&self) -> &[Moment] {
+        &self.told_anew
+    }
+
+    /// Set when the last tick showed that what was seen after the one given here was somebody else's.
+    pub fn mistaken_since(&self) -> Option<Tick> {
+        self.mistaken_since
+    }
+
+    /// Notes a tick that was solved again.
+    pub(crate) fn tell_anew(&mut self, tick: Tick) {
+        let mut moment = Moment::default();
+        self.tell(tick, &mut moment);
+        moment.state = PersonState::Tentative;
+        self.told_anew.push(moment);
+    }
+
+    /// Tells `into` what `tick`, the last one, came to. Allocates only while `into` grows.
+    pub fn tell(&self, tick: Tick, into: &mut Moment) {
+        into.tick = tick;
+        into.estimates.clone_from(&self.estimates);
+        into.measured_m = self.measured_m;
+        for (measured_m, push_m) in into.measured_m.iter_mut().zip(&self.push_m) {
+            *measured_m += push_m;
+        }
+        into.variance_m2 = self.uncertainty.of_tick_m2();
+        into.velocity_m_s = *self.motion.velocity_m_s();
+        into.pose = self.pose;
+        into.joints_m = *self.joints_m();
+        into.published_m2 = self.uncertainty.variance_m2();
+        into.made_of = self.uncertainty.made_of();
+        into.state = self.life.published();
+        into.unobserved = self.unobserved;
+        into.views = self.n_views();
+    }
+}

@@ -1,0 +1,116 @@
+//! Viewpoints that should see a body and do not.
+//!
+//! A camera that did not look says nothing, and neither does a viewpoint that sees nobody at all:
+//! it may be down. What stands in front hides: a sighting that covers the body speaks neither for it nor
+//! against it.
+
+use farfield_proto::camera::CameraModel;
+use farfield_proto::frames::{Pixel, Point, Undistorted};
+use farfield_proto::id::ViewpointIndex;
+use nalgebra::{Vector2, Vector3};
+
+use crate::sightings::rays::Witness;
+
+/// Least share of a body's keypoints inside a camera's image for the camera to have missed it.
+const SEEN_SHARE: f64 = 0.8;
+
+/// Least share of a body's keypoints inside a sighting's outline to be hidden by it, or to be it.
+const HIDDEN_SHARE: f64 = 0.5;
+
+/// How much a sighting's outline is grown on each side, as a share of its size: bodies are wider than
+/// their joints.
+const OUTLINE_GROWTH: f64 = 0.15;
+
+/// What the cameras saw when they looked for people.
+#[derive(Debug, Clone)]
+pub(crate) struct Look {
+    /// One per viewpoint and person seen.
+    pub(crate) witnesses: Vec<Witness>,
+    /// Per camera of the venue: whether it looked.
+    pub(crate) looked: Vec<bool>,
+}
+
+impl Look {
+    /// The viewpoints that saw anybody, in order.
+    pub(crate) fn viewpoints(&self) -> Vec<ViewpointIndex> {
+        let mut all: Vec<ViewpointIndex> = self.witnesses.iter().map(|w| w.viewpoint).collect();
+        all.sort_unstable();
+        all.dedup();
+        all
+    }
+
+    /// Whether a camera of `viewpoint` that looked has the body of `points_m` (world) well in its image,
+    /// and none of its sightings lies over it.
+    pub(crate) fn is_missed_by(
+        &self,
+        viewpoint: ViewpointIndex,
+        cameras: &[(ViewpointIndex, CameraModel)],
+        points_m: &[Vector3<f64>],
+    ) -> bool {
+        let mut in_view = false;
+        let own = cameras.iter().enumerate().filter(|(index, camera)| {
+            camera.0 == viewpoint && self.looked.get(*index).copied().unwrap_or(false)
+        });
+        for (index, (_, model)) in own {
+            let pixels = in_sight(model, points_m);
+            if pixels.is_empty() {
+                continue;
+            }
+            in_view = true;
+            let mut outlines = self
+                .witnesses
+                .iter()
+                .filter(|w| w.camera == index)
+                .filter_map(Outline::around);
+            let covers = |outline: Outline| {
+                let inside = pixels.iter().filter(|pixel| outline.holds(pixel)).count();
+                inside as f64 >= HIDDEN_SHARE * points_m.len() as f64
+            };
+            if outlines.any(covers) {
+                return false;
+            }
+        }
+        in_view
+    }
+}
+
+/// Where `model` sees the body of `points_m`; nothing unless it has the body well in its image.
+pub(crate) fn in_sight(model: &CameraModel, points_m: &[Vector3<f64>]) -> Vec<Pixel<Undistorted>> {
+    let mut pixels: Vec<Pixel<Undistorted>> = points_m
+        .iter()
+        .filter_map(|&p| model.project(Point::new(p.into())))
+        .collect();
+    let seen = pixels.iter().filter(|&&pixel| model.sees(pixel)).count();
+    if (seen as f64) < SEEN_SHARE * points_m.len() as f64 {
+        pixels.clear();
+    }
+    pixels
+}
+
+/// The upright rectangle that a sighted body covers in an image, undistorted pixels.
+struct Outline {
+    low: Vector2<f64>,
+    high: Vector2<f64>,
+}
+
+impl Outline {
+    fn around(witness: &Witness) -> Option<Self> {
+        let mut pixels = witness
+            .rays
+            .iter()
+            .flatten()
+            .map(|ray| ray.pixel.vector_px());
+        let first = pixels.next()?;
+        let (low, high) = pixels.fold((first, first), |(low, high), p| (low.inf(&p), high.sup(&p)));
+        let growth = (high - low) * OUTLINE_GROWTH;
+        Some(Self {
+            low: low - growth,
+            high: high + growth,
+        })
+    }
+
+    fn holds(&self, pixel: &Pixel<Undistorted>) -> bool {
+        let p = pixel.vector_px();
+        p >= self.low && p <= self.high
+    }
+}

@@ -1,0 +1,65 @@
+//! Which sightings are explained by somebody who is known already.
+
+use std::collections::BTreeSet;
+
+use nalgebra::Vector3;
+
+use crate::sightings::rays::{Witness, median};
+use crate::sightings::reconstruction::Reconstruction;
+
+/// Least keypoints that a witness shares with a body to be explained by it.
+const EXPLAINED_KEYPOINTS: usize = 3;
+
+/// A body that is known already, at the tick of the sightings.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TrackedBody {
+    /// Where the keypoints of the network are expected, world metres, in the network's order.
+    pub keypoints_m: Vec<Vector3<f64>>,
+}
+
+/// Which of `witnesses` see a tracked body. In one viewpoint each body explains one witness, the
+/// nearest: somebody new who stands close to a tracked person is not mistaken for it.
+pub(crate) fn explained(
+    witnesses: &[Witness],
+    tracked: &[TrackedBody],
+    explained_m: f64,
+) -> Vec<bool> {
+    let mut pairs = Vec::new();
+    for (t, body) in tracked.iter().enumerate() {
+        for (w, witness) in witnesses.iter().enumerate() {
+            let distance = witness_distance_m(witness, body).filter(|&d| d < explained_m);
+            pairs.extend(distance.map(|d| (d, t, w)));
+        }
+    }
+    pairs.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let mut explained = vec![false; witnesses.len()];
+    let mut used = BTreeSet::new();
+    for (_, t, w) in pairs {
+        if !explained[w] && used.insert((t, witnesses[w].viewpoint)) {
+            explained[w] = true;
+        }
+    }
+    explained
+}
+
+/// Median distance of the rays of a witness from the keypoints of a tracked body, metres.
+pub(crate) fn witness_distance_m(witness: &Witness, body: &TrackedBody) -> Option<f64> {
+    let rays = witness.rays.iter().zip(&body.keypoints_m);
+    let distances: Vec<f64> = rays
+        .filter_map(|(ray, point)| Some(ray.as_ref()?.distance_m(point)))
+        .collect();
+    if distances.len() < EXPLAINED_KEYPOINTS {
+        None
+    } else {
+        median(distances)
+    }
+}
+
+/// Mean distance of the keypoints of a group from those of a tracked body, metres.
+pub(crate) fn body_distance_m(group: &Reconstruction, body: &TrackedBody) -> Option<f64> {
+    let pairs = group.keypoints_m.iter().zip(&body.keypoints_m);
+    let distances: Vec<f64> = pairs
+        .filter_map(|(point, tracked)| Some((point.as_ref()?.position_m - tracked).norm()))
+        .collect();
+    (!distances.is_empty()).then(|| distances.iter().sum::<f64>() / distances.len() as f64)
+}

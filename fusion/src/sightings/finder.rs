@@ -1,0 +1,243 @@
+//! New persons: bodies that several viewpoints see and that nobody tracks yet.
+
+use farfield_proto::camera::CameraModel;
+use farfield_proto::id::ViewpointIndex;
+use farfield_proto::keypoints::KeypointSet;
+use farfield_proto::message::Sighting;
+use farfield_proto::venue::Field;
+use farfield_proto::venue::parameters::BirthParameters;
+use nalgebra::Vector3;
+
+use super::association::{Gates, associate};
+use super::contradiction::Look;
+use super::plausibility::is_plausible;
+use crate::body::keypoint_estimate::KeypointEstimate;
+use crate::body::observed::ObservedJoints;
+use crate::body::skeleton::{Joint, Site};
+pub use crate::sightings::explanation::TrackedBody;
+use crate::sightings::explanation::{body_distance_m, explained};
+use crate::sightings::rays::{Witness, witnesses};
+use crate::sightings::reconstruction::Reconstruction;
+pub use crate::sightings::reconstruction::SightedKeypoint;
+
+/// How far outside the field a body's middle may be, metres: its keypoints are a few centimetres off.
+const FIELD_SLACK_M: f64 = 0.1;
+
+/// A person that at least two viewpoints see.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SightedPerson {
+    /// Per keypoint of the network, where at least two viewpoints agree on it.
+    pub keypoints_m: Vec<Option<SightedKeypoint>>,
+    /// How many viewpoints see the person.
+    pub views: u16,
+}
+
+impl SightedPerson {
+    /// The sighted keypoints, weighted by their scores. `sites` are those of the network's keypoints; of two
+    /// keypoints on one joint the first stands for it.
+    pub fn observed(&self, sites: &[Option<Site>]) -> ObservedJoints {
+        let mut observed = ObservedJoints::default();
+        for (site, point) in sites.iter().zip(&self.keypoints_m) {
+            if let (Some(site), Some(point)) = (site, point)
+                && observed.point(site.joint).is_none()
+            {
+                observed.set_site(site, point.position_m, point.score);
+            }
+        }
+        observed
+    }
+
+    /// The sighted keypoints as the lattice would have found them.
+    pub(crate) fn estimates(&self) -> Vec<KeypointEstimate> {
+        let unsupported = KeypointEstimate::unsupported(Vector3::repeat(f64::NAN), 0.0);
+        let estimate = |point: &Option<SightedKeypoint>| {
+            point.as_ref().map_or_else(
+                || unsupported.clone(),
+                |p| KeypointEstimate {
+                    position_m: p.position_m,
+                    support: p.score,
+                    weight: p.score,
+                    views: p.views,
+                    ..unsupported.clone()
+                },
+            )
+        };
+        self.keypoints_m.iter().map(estimate).collect()
+    }
+}
+
+/// Finds persons among the sightings of one tick.
+#[derive(Debug, Clone)]
+pub struct BirthFinder {
+    cameras: Vec<(ViewpointIndex, CameraModel)>,
+    keypoints: KeypointSet,
+    gates: Gates,
+    min_score: f64,
+    explained_m: f64,
+}
+
+impl BirthFinder {
+    /// `cameras` are those of the venue, in the order of their indices.
+    pub fn new(
+        cameras: Vec<(ViewpointIndex, CameraModel)>,
+        keypoints: KeypointSet,
+        field: &Field,
+        parameters: &BirthParameters,
+    ) -> Self {
+        let gates = Gates {
+            ray_distance_m: parameters.ray_distance_m,
+            min_keypoints: parameters.min_keypoints as usize,
+            field_min_m: Vector3::from(field.min_m),
+            field_max_m: Vector3::from(field.max_m),
+        };
+        Self {
+            cameras,
+            keypoints,
+            gates,
+            min_score: parameters.min_score,
+            explained_m: parameters.explained_m,
+        }
+    }
+
+    /// What `sightings` of one tick show, of the cameras that `looked` (by their indices).
+    pub(crate) fn look(&self, sightings: &[Sighting], looked: Vec<bool>) -> Look {
+        let n_keypoints = self.keypoints.len();
+        Look {
+            witnesses: witnesses(sightings, &self.cameras, n_keypoints, self.min_score),
+            looked,
+        }
+    }
+
+    /// The persons that `sightings` of one tick, of all cameras, show and that `tracked` does not hold,
+    /// the best supported first.
+    pub fn find(&self, sightings: &[Sighting], tracked: &[TrackedBody]) -> Vec<SightedPerson> {
+        let look = self.look(sightings, vec![true; self.cameras.len()]);
+        self.find_in(&look, tracked)
+    }
+
+    /// As [`Self::find`].
+    pub(crate) fn find_in(&self, look: &Look, tracked: &[TrackedBody]) -> Vec<SightedPerson> {
+        let all = &look.witnesses;
+        let explained = explained(all, tracked, self.explained_m);
+        let free: Vec<usize> = (0..all.len()).filter(|&w| !explained[w]).collect();
+        let groups = associate(all, &free, &self.gates, |group| self.is_person(group, look));
+        let is_new = |group: &Reconstruction| {
+            !tracked
+                .iter()
+                .any(|body| body_distance_m(group, body).is_some_and(|d| d < self.explained_m))
+        };
+        groups
+            .into_iter()
+            .filter(is_new)
+            .map(SightedPerson::from)
+            .collect()
+    }
+
+    /// Who is seen well by a viewpoint, but is none of `bodies`.
+    pub(crate) fn unexplained<'a>(
+        &self,
+        look: &'a Look,
+        bodies: &[TrackedBody],
+    ) -> impl Iterator<Item = &'a Witness> {
+        let explained = explained(&look.witnesses, bodies, self.explained_m);
+        let min_keypoints = self.gates.min_keypoints;
+        let seen_well = move |w: &Witness| w.rays.iter().flatten().count() >= min_keypoints;
+        let witnesses = look.witnesses.iter().zip(explained);
+        witnesses.filter_map(move |(w, explained)| (!explained && seen_well(w)).then_some(w))
+    }
+
+    /// What the viewpoints that see anybody say about a tentative `body`: how many of them see it, and
+    /// how many should and do not.
+    pub(crate) fn verdicts(&self, look: &Look, body: &TrackedBody) -> [u32; 2] {
+        let explained = explained(
+            &look.witnesses,
+            std::slice::from_ref(body),
+            self.explained_m,
+        );
+        let (mut seen, mut missed) = (0, 0);
+        for viewpoint in look.viewpoints() {
+            let mut own = look.witnesses.iter().zip(&explained);
+            if own.any(|(w, explained)| *explained && w.viewpoint == viewpoint) {
+                seen += 1;
+            } else if look.is_missed_by(viewpoint, &self.cameras, &body.keypoints_m) {
+                missed += 1;
+            }
+        }
+        [seen, missed]
+    }
+
+    /// Whether a group is a body inside the field that no other viewpoint contradicts; takes
+    /// keypoints out of it that do not fit the body.
+    fn is_person(&self, group: &mut Reconstruction, look: &Look) -> bool {
+        let mut body = self.observed(&group.keypoints_m);
+        let cut_before = body.count();
+        if !is_plausible(&mut body) {
+            return false;
+        }
+        if body.count() < cut_before {
+            self.keep_only(&body, &mut group.keypoints_m);
+        }
+        let points: Vec<Vector3<f64>> = group
+            .keypoints_m
+            .iter()
+            .flatten()
+            .map(|k| k.position_m)
+            .collect();
+        if points.len() < self.gates.min_keypoints {
+            return false;
+        }
+        let middle = points.iter().sum::<Vector3<f64>>() / points.len() as f64;
+        self.gates.inside(&middle, FIELD_SLACK_M)
+            && self.contradictions(group, &points, look) < group.members.len()
+    }
+
+    /// How many other viewpoints should see the body and see nobody there.
+    fn contradictions(
+        &self,
+        group: &Reconstruction,
+        points: &[Vector3<f64>],
+        look: &Look,
+    ) -> usize {
+        let member = |v| {
+            group
+                .members
+                .iter()
+                .any(|&m| look.witnesses[m].viewpoint == v)
+        };
+        let others = look.viewpoints().into_iter().filter(|&v| !member(v));
+        others
+            .filter(|&viewpoint| look.is_missed_by(viewpoint, &self.cameras, points))
+            .count()
+    }
+
+    fn observed(&self, keypoints_m: &[Option<SightedKeypoint>]) -> ObservedJoints {
+        let mut body = ObservedJoints::default();
+        for (name, point) in self.keypoints.names().iter().zip(keypoints_m) {
+            if let (Some(joint), Some(point)) = (Joint::from_name(name), point) {
+                body.set(joint, point.position_m, point.score);
+            }
+        }
+        body
+    }
+
+    fn keep_only(&self, body: &ObservedJoints, keypoints_m: &mut [Option<SightedKeypoint>]) {
+        for (name, point) in self.keypoints.names().iter().zip(keypoints_m) {
+            if Joint::from_name(name).is_some_and(|joint| body.point(joint).is_none()) {
+                *point = None;
+            }
+        }
+    }
+}
+
+impl From<Reconstruction> for SightedPerson {
+    fn from(group: Reconstruction) -> Self {
+        Self {
+            keypoints_m: group.keypoints_m,
+            views: group.members.len() as u16,
+        }
+    }
+}
+
+#[cfg(test)]
+#[path = "finder_tests.rs"]
+mod tests;

@@ -1,0 +1,278 @@
+//! Tests of births.
+
+use farfield_proto::id::CameraIndex;
+use farfield_proto::keypoints::KeypointSet;
+use nalgebra::{Point3, Rotation3};
+use proptest::prelude::*;
+
+use super::*;
+use crate::body::fixture::{Noise, standing};
+use crate::sightings::fixture::{Hall, hall, looking_at_the_middle};
+
+/// Mean error of a keypoint that 2 to 4 cameras see with 5 px of noise at 5 to 9 m (27 to 45 mm
+/// per view and axis), metres.
+const FOUND_WITHIN_M: f64 = 0.06;
+
+type Body = Vec<Vector3<f64>>;
+
+fn mean_error_m(person: &SightedPerson, body: &Body) -> f64 {
+    let pairs = person.keypoints_m.iter().zip(body);
+    let errors: Vec<f64> = pairs
+        .filter_map(|(k, b)| Some((k.as_ref()?.position_m - b).norm()))
+        .collect();
+    assert!(errors.len() >= 12, "{} keypoints", errors.len());
+    errors.iter().sum::<f64>() / errors.len() as f64
+}
+
+/// Every body once, and nobody else.
+fn check(found: &[SightedPerson], bodies: &[Body]) -> Result<(), TestCaseError> {
+    prop_assert_eq!(found.len(), bodies.len());
+    for body in bodies {
+        let near = found
+            .iter()
+            .filter(|person| mean_error_m(person, body) < FOUND_WITHIN_M)
+            .count();
+        prop_assert_eq!(near, 1);
+    }
+    Ok(())
+}
+
+fn find(hall: &Hall, bodies: &[Body], noise_px: f64, noise: &mut Noise) -> Vec<SightedPerson> {
+    hall.finder()
+        .find(&hall.sightings(bodies, noise_px, noise), &[])
+}
+
+/// Someone in each quarter of the field, at least a metre from the others.
+fn four(noise: &mut Noise) -> Vec<Body> {
+    let quarters = [[-1.6, -1.3], [1.6, -1.3], [1.6, 1.3], [-1.6, 1.3]];
+    let mut bodies = Vec::new();
+    for [x, y] in quarters {
+        let (dx, dy) = (2.0 * noise.uniform() - 1.0, 1.6 * noise.uniform() - 0.8);
+        let stature_m = 1.5 + 0.5 * noise.uniform();
+        bodies.push(standing(x + dx, y + dy, stature_m, noise));
+    }
+    bodies
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(100))]
+
+    #[test]
+    fn one_person_is_found_wherever_it_stands(
+        seed in any::<u64>(), x in -2.5f64..2.5, y in -1.8f64..1.8, noise_px in 2.0f64..5.0,
+    ) {
+        let mut noise = Noise(seed);
+        let bodies = [standing(x, y, 1.75, &mut noise)];
+        check(&find(&hall(), &bodies, noise_px, &mut noise), &bodies)?;
+    }
+
+    #[test]
+    fn four_persons_are_found_and_no_ghost(seed in any::<u64>(), noise_px in 2.0f64..5.0) {
+        let mut noise = Noise(seed);
+        let bodies = four(&mut noise);
+        check(&find(&hall(), &bodies, noise_px, &mut noise), &bodies)?;
+    }
+
+    #[test]
+    fn two_persons_side_by_side_are_two(seed in any::<u64>(), heading in 0.0f64..6.3) {
+        let mut noise = Noise(seed);
+        let (dx, dy) = (0.3 * heading.cos(), 0.3 * heading.sin());
+        let bodies = [standing(dx, dy, 1.8, &mut noise), standing(-dx, -dy, 1.7, &mut noise)];
+        check(&find(&hall(), &bodies, 2.0, &mut noise), &bodies)?;
+    }
+
+    #[test]
+    fn whichever_way_up_a_person_is(seed in any::<u64>(), turn in prop::array::uniform3(-2.0f64..2.0)) {
+        let mut noise = Noise(seed);
+        let turn = Rotation3::new(Vector3::from(turn));
+        let middle = Vector3::new(0.0, 0.0, 1.0);
+        let upright = standing(0.0, 0.0, 1.75, &mut noise);
+        let bodies = [upright.iter().map(|p| turn * (p - middle) + middle).collect()];
+        check(&find(&hall(), &bodies, 2.0, &mut noise), &bodies)?;
+    }
+}
+
+#[test]
+fn a_bystander_whom_one_viewpoint_sees_is_nobody() {
+    let mut noise = Noise(1);
+    let hall = hall();
+    let bodies = four(&mut noise);
+    let mut sightings = hall.sightings(&bodies, 2.0, &mut noise);
+    sightings.push(hall.sighting(0, &standing(3.5, 0.0, 1.8, &mut noise), 2.0, &mut noise));
+    check(&hall.finder().find(&sightings, &[]), &bodies).unwrap();
+}
+
+#[test]
+fn who_is_tracked_is_not_born_again_but_the_newcomer_beside_is() {
+    let mut noise = Noise(2);
+    let hall = hall();
+    let old = standing(0.0, 0.0, 1.8, &mut noise);
+    let new = standing(0.6, 0.2, 1.7, &mut noise);
+    let sightings = hall.sightings(&[old.clone(), new.clone()], 3.0, &mut noise);
+    // The track is a little behind.
+    let behind = Vector3::new(0.08, -0.05, 0.0);
+    let tracked = [TrackedBody {
+        keypoints_m: old.iter().map(|p| p + behind).collect(),
+    }];
+    check(
+        &hall.finder().find(&sightings, &tracked),
+        std::slice::from_ref(&new),
+    )
+    .unwrap();
+    let unexplained = |bodies: &[TrackedBody]| {
+        let look = hall.finder().look(&sightings, vec![true; 4]);
+        hall.finder().unexplained(&look, bodies).count()
+    };
+    assert_eq!(unexplained(&tracked), 4);
+    let both = [tracked[0].clone(), TrackedBody { keypoints_m: new }];
+    assert_eq!(unexplained(&both), 0);
+    assert!(hall.finder().find(&sightings, &both).is_empty());
+}
+
+#[test]
+fn two_cameras_of_one_viewpoint_are_one_witness() {
+    let mut noise = Noise(3);
+    let mut hall = hall();
+    // A second camera in corner 0, a hand's breadth beside the first.
+    hall.cameras.push((
+        ViewpointIndex(0),
+        looking_at_the_middle("second", Point3::new(-5.0, -3.8, 2.5)),
+    ));
+    let body = standing(0.5, 0.5, 1.75, &mut noise);
+    let sightings = hall.sightings(std::slice::from_ref(&body), 2.0, &mut noise);
+    assert_eq!(sightings.len(), 5);
+    let found = hall.finder().find(&sightings, &[]);
+    check(&found, &[body]).unwrap();
+    assert_eq!(found[0].views, 4);
+
+    let of_corner_0: Vec<Sighting> = sightings
+        .into_iter()
+        .filter(|s| [0, 4].contains(&s.camera.0))
+        .collect();
+    assert!(hall.finder().find(&of_corner_0, &[]).is_empty());
+}
+
+#[test]
+fn a_person_outside_the_field_is_nobody() {
+    let mut noise = Noise(4);
+    let hall = hall();
+    let outside = standing(0.0, 3.4, 1.75, &mut noise);
+    assert!(find(&hall, &[outside], 0.0, &mut noise).is_empty());
+}
+
+#[test]
+fn half_a_body_is_born_with_both_hips_and_not_with_one() {
+    let mut noise = Noise(5);
+    let hall = hall();
+    let body = standing(0.0, 0.0, 1.75, &mut noise);
+    let mut legs = hall.sightings(&[body], 1.0, &mut noise);
+    let names = KeypointSet::coco17();
+    let hide = |sightings: &mut [Sighting], hidden: &dyn Fn(&str) -> bool| {
+        for sighting in sightings {
+            for (name, keypoint) in names.names().iter().zip(&mut sighting.keypoints) {
+                if hidden(name) {
+                    *keypoint = None;
+                }
+            }
+        }
+    };
+    let is_leg = |name: &str| {
+        ["hip", "knee", "ankle"]
+            .iter()
+            .any(|part| name.contains(part))
+    };
+    hide(&mut legs, &|name| !is_leg(name));
+    assert_eq!(hall.finder().find(&legs, &[]).len(), 1);
+    hide(&mut legs, &|name| name == "left_hip");
+    assert!(hall.finder().find(&legs, &[]).is_empty());
+}
+
+#[test]
+fn sightings_that_do_not_fit_the_venue_are_left_out() {
+    let mut noise = Noise(6);
+    let hall = hall();
+    let body = standing(0.0, 0.0, 1.75, &mut noise);
+    let good = hall.sightings(std::slice::from_ref(&body), 1.0, &mut noise);
+    let mut sightings = good.clone();
+    sightings.push(Sighting {
+        camera: CameraIndex(99),
+        ..good[0].clone()
+    });
+    sightings.push(Sighting {
+        keypoints: good[1].keypoints[..5].to_vec(),
+        ..good[1].clone()
+    });
+    let mut broken = good[2].clone();
+    for peak in broken.keypoints.iter_mut().flatten() {
+        peak.position_px = [f32::NAN, f32::INFINITY];
+    }
+    sightings.push(broken);
+    check(&hall.finder().find(&sightings, &[]), &[body]).unwrap();
+    assert!(hall.finder().find(&[], &[]).is_empty());
+}
+
+#[test]
+fn people_at_the_border_of_the_field_are_found() {
+    let mut noise = Noise(8);
+    for [x, y] in [[3.95, 0.0], [-3.95, 1.0], [0.0, 2.95], [1.0, -2.95]] {
+        let bodies = [standing(x, y, 1.75, &mut noise)];
+        check(&find(&hall(), &bodies, 2.0, &mut noise), &bodies).unwrap();
+    }
+}
+
+#[test]
+fn half_a_body_above_is_found_by_two_viewpoints() {
+    let mut noise = Noise(9);
+    let hall = hall();
+    let body = standing(0.3, 0.2, 1.75, &mut noise);
+    let mut sightings = hall.sightings(&[body], 1.0, &mut noise);
+    sightings.retain(|sighting| sighting.camera.0 < 2);
+    for sighting in &mut sightings {
+        // From the hips down it stands behind something.
+        sighting.keypoints[11..].fill(None);
+    }
+    let found = hall.finder().find(&sightings, &[]);
+    assert_eq!((found.len(), found[0].views), (1, 2));
+}
+
+#[test]
+fn cameras_that_did_not_look_do_not_contradict() {
+    let mut noise = Noise(10);
+    let hall = hall();
+    let body = standing(0.5, 0.5, 1.75, &mut noise);
+    let other = standing(-2.5, 1.5, 1.75, &mut noise);
+    let mut sightings = hall.sightings(&[body, other], 1.0, &mut noise);
+    // Corners 2 and 3 see the other alone.
+    let of_body = |s: &Sighting| {
+        let x = |camera: u16| sightings_middle(&hall, camera, [0.5, 0.5]);
+        let nose = s.keypoints[0].unwrap().position_px;
+        (f64::from(nose[0]) - x(s.camera.0)).abs() < 100.0
+    };
+    sightings.retain(|s| s.camera.0 < 2 || !of_body(s));
+    let finder = hall.finder();
+    let found = |looked: Vec<bool>| finder.find_in(&finder.look(&sightings, looked), &[]).len();
+    assert_eq!(found(vec![true; 4]), 1, "two see it and two do not");
+    assert_eq!(found(vec![true, true, false, false]), 2);
+}
+
+#[test]
+fn the_verdict_of_a_look_counts_who_sees_a_body_and_who_should() {
+    let mut noise = Noise(11);
+    let hall = hall();
+    let body = standing(0.0, 0.0, 1.75, &mut noise);
+    let ghost = standing(2.5, -1.0, 1.75, &mut noise);
+    let sightings = hall.sightings(std::slice::from_ref(&body), 1.0, &mut noise);
+    let look = hall.finder().look(&sightings, vec![true; 4]);
+    let verdict = |keypoints_m: Body| hall.finder().verdicts(&look, &TrackedBody { keypoints_m });
+    assert_eq!(verdict(body), [4, 0]);
+    let [seen, missed] = verdict(ghost);
+    assert!(seen == 0 && missed >= 2, "{seen} {missed}");
+}
+
+/// Where camera `camera` sees a head above (`x`, `y`), pixels.
+fn sightings_middle(hall: &Hall, camera: u16, [x, y]: [f64; 2]) -> f64 {
+    let head = Point3::new(x, y, 1.6);
+    let model = &hall.cameras[usize::from(camera)].1;
+    let pixel = model.project(farfield_proto::frames::Point::new(head));
+    pixel.unwrap().x()
+}

@@ -1,0 +1,18 @@
+//! Bodies that several viewpoints sighted without a box.
+//!
+//! ```text
+//!   sightings -> rays -> association -> reconstruction, plausibility -> finder: SightedPerson
+//!   explanation: which sightings a known body explains; contradiction: which viewpoints should see it and do not
+//! ```
+//!
+//! Everything is compared in the world, in metres. Who is who is not decided here.
+
+mod association;
+pub(crate) mod contradiction;
+pub(crate) mod explanation;
+pub mod finder;
+#[cfg(test)]
+pub(crate) mod fixture;
+mod plausibility;
+pub(crate) mod rays;
+mod reconstruction;

@@ -1,0 +1,211 @@
+//! Sightings as rays: what one viewpoint says about one person.
+//!
+//! Pixels of different cameras mean nothing to each other, so everything after this file compares
+//! rays in the world. Sightings come from the network: whatever does not fit the venue is left out
+//! here, and nothing after this file has to doubt an index or a number.
+
+use std::collections::BTreeSet;
+
+use farfield_proto::camera::CameraModel;
+use farfield_proto::frames::{Pixel, Undistorted};
+use farfield_proto::id::ViewpointIndex;
+use farfield_proto::message::Sighting;
+use nalgebra::Vector3;
+
+/// Sightings of two cameras of one viewpoint may show the same person when their rays differ by less
+/// than this share of the body's angular size. The cameras stand some decimetres apart and a body is
+/// about 1.7 m, so the same person differs by up to 0.15; two people side by side by 0.3.
+const SAME_PERSON_SHARE: f64 = 0.2;
+
+/// The same for two sightings of one camera: a body that the detector boxed twice has its keypoints
+/// twice in the same place.
+const SAME_SIGHTING_SHARE: f64 = 0.04;
+
+/// Least keypoints in common for two sightings of one viewpoint to be compared.
+const SAME_PERSON_KEYPOINTS: usize = 4;
+
+/// A keypoint as one camera sees it.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct SightedRay {
+    /// The pinhole, world metres.
+    pub(crate) origin_m: Vector3<f64>,
+    /// Unit direction in the world.
+    pub(crate) direction: Vector3<f64>,
+    /// Where the keypoint was seen.
+    pub(crate) pixel: Pixel<Undistorted>,
+    /// Height of the map's peak, 0 to 1.
+    pub(crate) score: f64,
+}
+
+impl SightedRay {
+    /// The point of the ray that is nearest to `point_m`, as a distance along it; negative behind
+    /// the camera.
+    pub(crate) fn depth_m(&self, point_m: &Vector3<f64>) -> f64 {
+        (point_m - self.origin_m).dot(&self.direction)
+    }
+
+    /// Distance of `point_m` from the ray, metres; from the pinhole for points behind it.
+    pub(crate) fn distance_m(&self, point_m: &Vector3<f64>) -> f64 {
+        let depth = self.depth_m(point_m).max(0.0);
+        (point_m - self.origin_m - self.direction * depth).norm()
+    }
+}
+
+/// One person as one viewpoint sees it.
+#[derive(Debug, Clone)]
+pub(crate) struct Witness {
+    pub(crate) viewpoint: ViewpointIndex,
+    /// Index among the venue's cameras.
+    pub(crate) camera: usize,
+    /// Per keypoint of the network; `None` where it is not seen, or not well enough.
+    pub(crate) rays: Vec<Option<SightedRay>>,
+}
+
+impl Witness {
+    /// `None` when the sighting names no camera of the venue or does not have `n_keypoints`.
+    fn new(
+        sighting: &Sighting,
+        cameras: &[(ViewpointIndex, CameraModel)],
+        n_keypoints: usize,
+        min_score: f64,
+    ) -> Option<Self> {
+        let camera = usize::from(sighting.camera.0);
+        let (viewpoint, model) = cameras.get(camera)?;
+        if sighting.keypoints.len() != n_keypoints {
+            return None;
+        }
+        let rays = sighting.keypoints.iter().map(|peak| {
+            let peak = peak.as_ref()?;
+            let score = f64::from(peak.score);
+            let [x, y] = peak.position_px.map(f64::from);
+            // Written so that a NaN score is refused too.
+            let usable = score >= min_score && x.is_finite() && y.is_finite();
+            usable.then(|| sighted_ray(model, Pixel::new(x, y), score.min(1.0)))
+        });
+        Some(Self {
+            viewpoint: *viewpoint,
+            camera,
+            rays: rays.collect(),
+        })
+    }
+
+    /// How much it is worth among several sightings of the same person: the seen keypoints' scores.
+    fn worth(&self) -> f64 {
+        self.rays.iter().flatten().map(|ray| ray.score).sum()
+    }
+
+    /// Pairs of rays of the keypoints that both see.
+    pub(crate) fn in_common<'a>(
+        &'a self,
+        other: &'a Self,
+    ) -> impl Iterator<Item = (&'a SightedRay, &'a SightedRay)> {
+        self.rays
+            .iter()
+            .zip(&other.rays)
+            .filter_map(|(a, b)| Some((a.as_ref()?, b.as_ref()?)))
+    }
+
+    /// Widest angle between the middle ray and the others, doubled: the body's angular size.
+    fn angular_size_rad(&self) -> f64 {
+        let sum: Vector3<f64> = self.rays.iter().flatten().map(|ray| ray.direction).sum();
+        let widest = self
+            .rays
+            .iter()
+            .flatten()
+            .map(|ray| ray.direction.angle(&sum))
+            .fold(0.0, f64::max);
+        2.0 * widest
+    }
+}
+
+fn sighted_ray(model: &CameraModel, pixel: Pixel<Undistorted>, score: f64) -> SightedRay {
+    let ray = model.ray(pixel);
+    SightedRay {
+        origin_m: ray.origin.coordinates_m().coords,
+        direction: ray.direction.into_inner(),
+        pixel,
+        score,
+    }
+}
+
+/// The witnesses among `sightings`: one per viewpoint and person, the best seen of its sightings.
+///
+/// The order follows that of `sightings`.
+pub(crate) fn witnesses(
+    sightings: &[Sighting],
+    cameras: &[(ViewpointIndex, CameraModel)],
+    n_keypoints: usize,
+    min_score: f64,
+) -> Vec<Witness> {
+    let all: Vec<Witness> = sightings
+        .iter()
+        .filter_map(|s| Witness::new(s, cameras, n_keypoints, min_score))
+        .collect();
+    let mut same = same_person_pairs(&all);
+    same.sort_by(|x, y| x.0.total_cmp(&y.0));
+    // The body that each sighting shows. The surest pairs join first; sightings of one camera that
+    // are not copies of each other stay apart, so people behind one another stay two.
+    let mut body_of: Vec<usize> = (0..all.len()).collect();
+    for (share, a, b) in same {
+        let (into, from) = (body_of[a], body_of[b]);
+        let cameras_of = |body: usize| -> BTreeSet<usize> {
+            let members = all.iter().zip(&body_of).filter(|&(_, &of)| of == body);
+            members.map(|(witness, _)| witness.camera).collect()
+        };
+        let copies = all[a].camera == all[b].camera && share < SAME_SIGHTING_SHARE;
+        if copies || cameras_of(into).is_disjoint(&cameras_of(from)) {
+            for body in body_of.iter_mut().filter(|body| **body == from) {
+                *body = into;
+            }
+        }
+    }
+    let best_of = |w: usize| {
+        let rivals = (0..all.len()).filter(|&other| body_of[other] == body_of[w]);
+        rivals.max_by(|&x, &y| all[x].worth().total_cmp(&all[y].worth()).then(y.cmp(&x)))
+    };
+    let kept: Vec<usize> = (0..all.len()).filter(|&w| best_of(w) == Some(w)).collect();
+    kept.into_iter().map(|w| all[w].clone()).collect()
+}
+
+/// Pairs of sightings of one viewpoint that may show the same person, with how much they differ as
+/// a share of the body's angular size.
+fn same_person_pairs(all: &[Witness]) -> Vec<(f64, usize, usize)> {
+    let mut pairs = Vec::new();
+    for (a, first) in all.iter().enumerate() {
+        for (b, second) in all.iter().enumerate().skip(a + 1) {
+            let limit = if first.camera == second.camera {
+                SAME_SIGHTING_SHARE
+            } else {
+                SAME_PERSON_SHARE
+            };
+            let share = difference_share(first, second).filter(|&share| share < limit);
+            pairs.extend(share.map(|share| (share, a, b)));
+        }
+    }
+    pairs
+}
+
+/// Median angle between the rays of two sightings of one viewpoint over the body's angular size;
+/// `None` for different viewpoints and with too few keypoints in common.
+fn difference_share(a: &Witness, b: &Witness) -> Option<f64> {
+    if a.viewpoint != b.viewpoint {
+        return None;
+    }
+    let angles: Vec<f64> = a
+        .in_common(b)
+        .map(|(p, q)| p.direction.angle(&q.direction))
+        .collect();
+    let size = a.angular_size_rad().max(b.angular_size_rad());
+    if angles.len() < SAME_PERSON_KEYPOINTS {
+        None
+    } else {
+        Some(median(angles)? / size)
+    }
+}
+
+/// The middle of `values` (the upper one of two); `None` when there are none.
+pub(crate) fn median(mut values: Vec<f64>) -> Option<f64> {
+    let middle = values.len() / 2;
+    values.sort_by(f64::total_cmp);
+    values.get(middle).copied()
+}

@@ -1,0 +1,186 @@
+//! The body that a group of witnesses sees, if they see one at all.
+
+use nalgebra::{Matrix3, Vector3};
+
+use crate::sightings::rays::{SightedRay, Witness};
+
+/// Least angle between two rays of a keypoint, radians (8 degrees): below it a pixel of noise moves
+/// the point along the rays by more than a limb.
+const MIN_ANGLE_RAD: f64 = 0.14;
+
+/// Distance below which a camera does not get more weight for being near, metres.
+const NEAREST_M: f64 = 0.1;
+
+/// A keypoint in space.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SightedKeypoint {
+    /// World metres.
+    pub position_m: Vector3<f64>,
+    /// Mean score of the peaks that it was made from, 0 to 1.
+    pub score: f64,
+    /// How many viewpoints agree on it.
+    pub views: u16,
+}
+
+/// What a group of witnesses agrees on.
+#[derive(Debug, Clone)]
+pub(crate) struct Reconstruction {
+    /// Indices of the witnesses that agree, ascending.
+    pub(crate) members: Vec<usize>,
+    /// Per keypoint of the network.
+    pub(crate) keypoints_m: Vec<Option<SightedKeypoint>>,
+    /// Agreeing rays, each counted less the farther it passes from its point.
+    pub(crate) support: f64,
+}
+
+/// Triangulates the keypoints that `members` have in common, leaving out rays that pass farther
+/// than `gate_m` from the point, and members that are left with fewer than `min_keypoints` rays.
+///
+/// `None` when fewer than two members, or fewer than `min_keypoints` points, remain.
+pub(crate) fn reconstruct(
+    witnesses: &[Witness],
+    members: &[usize],
+    gate_m: f64,
+    min_keypoints: usize,
+) -> Option<Reconstruction> {
+    let mut members = members.to_vec();
+    let n_keypoints = witnesses.get(*members.first()?)?.rays.len();
+    loop {
+        if members.len() < 2 {
+            return None;
+        }
+        let mut points = Vec::with_capacity(n_keypoints);
+        for k in 0..n_keypoints {
+            let rays: Vec<&SightedRay> = members
+                .iter()
+                .filter_map(|&m| witnesses[m].rays[k].as_ref())
+                .collect();
+            points.push(agreed_point(rays, gate_m));
+        }
+        let worst = members
+            .iter()
+            .enumerate()
+            .map(|(at, &m)| (at, member_rays(&witnesses[m], &points, gate_m)))
+            .min_by_key(|&(_, agreeing)| agreeing)?;
+        if worst.1 < min_keypoints {
+            members.remove(worst.0);
+            continue;
+        }
+        return Some(summary(witnesses, members, points, gate_m));
+    }
+}
+
+/// How many rays of `witness` pass within `gate_m` of their points.
+fn member_rays(witness: &Witness, points: &[Option<SightedKeypoint>], gate_m: f64) -> usize {
+    distances(witness, points).filter(|&d| d <= gate_m).count()
+}
+
+/// Distances of the rays of `witness` from the points that exist.
+pub(crate) fn distances<'a>(
+    witness: &'a Witness,
+    points: &'a [Option<SightedKeypoint>],
+) -> impl Iterator<Item = f64> + 'a {
+    witness
+        .rays
+        .iter()
+        .zip(points)
+        .filter_map(|(ray, point)| Some(ray.as_ref()?.distance_m(&point.as_ref()?.position_m)))
+}
+
+fn summary(
+    witnesses: &[Witness],
+    members: Vec<usize>,
+    keypoints_m: Vec<Option<SightedKeypoint>>,
+    gate_m: f64,
+) -> Reconstruction {
+    let support = members
+        .iter()
+        .flat_map(|&m| distances(&witnesses[m], &keypoints_m))
+        .map(|d| (1.0 - (d / gate_m).powi(2)).max(0.0))
+        .sum();
+    Reconstruction {
+        members,
+        keypoints_m,
+        support,
+    }
+}
+
+/// The point that at least two of `rays` agree on; of more than two, the ray without which the
+/// others agree best is dropped until all pass within `gate_m`.
+fn agreed_point(mut rays: Vec<&SightedRay>, gate_m: f64) -> Option<SightedKeypoint> {
+    let mut best = meeting(&rays)?;
+    while best.worst_m > gate_m {
+        if rays.len() == 2 {
+            return None;
+        }
+        let without = (0..rays.len()).filter_map(|dropped| {
+            let mut others = rays.clone();
+            others.remove(dropped);
+            Some((meeting(&others)?, others))
+        });
+        // Flat angles make rays pass near each other whatever they show, so they count for less.
+        let doubt = |m: &Meeting| m.worst_m / m.sine;
+        (best, rays) = without.min_by(|a, b| doubt(&a.0).total_cmp(&doubt(&b.0)))?;
+    }
+    let score = rays.iter().map(|ray| ray.score).sum::<f64>() / rays.len() as f64;
+    Some(SightedKeypoint {
+        position_m: best.point_m,
+        score,
+        views: rays.len() as u16,
+    })
+}
+
+/// Where rays meet, more or less.
+struct Meeting {
+    point_m: Vector3<f64>,
+    /// Largest distance of a ray from the point, metres.
+    worst_m: f64,
+    /// Sine of the widest angle between two of the rays.
+    sine: f64,
+}
+
+/// The nearest point to `rays`; `None` when they are too few or nearly parallel, or meet behind a
+/// camera.
+fn meeting(rays: &[&SightedRay]) -> Option<Meeting> {
+    let crossed = |a: &SightedRay, b: &SightedRay| a.direction.cross(&b.direction).norm();
+    let pairs = rays
+        .iter()
+        .enumerate()
+        .flat_map(|(i, a)| rays[i + 1..].iter().map(move |b| crossed(a, b)));
+    let sine = pairs.fold(0.0, f64::max);
+    if sine < MIN_ANGLE_RAD.sin() {
+        return None;
+    }
+    let even = nearest_point(rays, |_| 1.0)?;
+    // An error of a pixel is an error in metres that grows with the distance, so near cameras
+    // decide; one repetition is enough for the distances to be known.
+    let point_m = nearest_point(rays, |ray| ray.depth_m(&even).max(NEAREST_M).powi(-2))?;
+    let in_front = rays.iter().all(|ray| ray.depth_m(&point_m) > 0.0);
+    let worst_m = rays
+        .iter()
+        .map(|ray| ray.distance_m(&point_m))
+        .fold(0.0, f64::max);
+    in_front.then_some(Meeting {
+        point_m,
+        worst_m,
+        sine,
+    })
+}
+
+/// The point with the least weighted sum of squared distances from `rays`.
+///
+/// ```text
+///   (sum w P) x = sum w P o,   P = I - d d'      w = score times `trust`
+/// ```
+fn nearest_point(rays: &[&SightedRay], trust: impl Fn(&SightedRay) -> f64) -> Option<Vector3<f64>> {
+    let mut a = Matrix3::zeros();
+    let mut b = Vector3::zeros();
+    for ray in rays {
+        let p = (Matrix3::identity() - ray.direction * ray.direction.transpose())
+            * (ray.score * trust(ray));
+        a += p;
+        b += p * ray.origin_m;
+    }
+    let x = a.cholesky()?.solve(&b);
+    x.iter().all(|v| v.is_finite()).then_some(x)
+}

@@ -1,0 +1,163 @@
+//! What a scene of the project's own must be: it runs for its length, and what people do in it, people
+//! can do.
+
+use std::collections::BTreeSet;
+use std::sync::LazyLock;
+
+use farfield_fusion::body::skeleton::Joint;
+use farfield_fusion::body::skeleton::Joints;
+use rayon::prelude::*;
+
+use super::*;
+use crate::scene::KEEP_M;
+
+/// Fastest point, metres per second: a foot of the sprinter swings forward at not quite twice his speed,
+/// and turns with him in a corner.
+const FASTEST_M_S: f64 = 20.0;
+/// How much nearer than asked two pelvises may come, metres: they are planned on samples.
+const NEAR_TOLERANCE_M: f64 = 0.02;
+/// Scenes in which contact is meant.
+const IN_CONTACT: [&str; 3] = ["cross", "hug", "scrum"];
+/// Scenes in which people come or go.
+const COMING_OR_GOING: [&str; 2] = ["enter", "return"];
+
+/// A scene as it runs: everybody's joints at every tick, metres.
+struct Run {
+    name: &'static str,
+    scene: Scene,
+    ticks: Vec<Vec<Option<Joints>>>,
+}
+
+impl Run {
+    fn of(name: &'static str) -> Self {
+        let scene = scene(name).unwrap();
+        let n = (scene.seconds() * scene.rate_hz()).round() as u32;
+        let at = |tick: u32| -> Vec<Option<Joints>> {
+            let time_s = f64::from(tick) / scene.rate_hz();
+            let joints = |person| Some(scene.person_at(person, time_s)?.joints_m);
+            (0..scene.people().len()).map(joints).collect()
+        };
+        let ticks = (0..n).into_par_iter().map(at).collect();
+        Self { name, scene, ticks }
+    }
+
+    /// All ticks of one person, in order.
+    fn person(&self, person: usize) -> impl Iterator<Item = Option<&Joints>> {
+        self.ticks.iter().map(move |tick| tick[person].as_ref())
+    }
+
+    fn people(&self) -> std::ops::Range<usize> {
+        0..self.scene.people().len()
+    }
+}
+
+/// All scenes; run once for all tests.
+static RUNS: LazyLock<Vec<Run>> =
+    LazyLock::new(|| SCENES.iter().map(|(name, _)| Run::of(name)).collect());
+
+fn pelvis(joints: &Joints) -> nalgebra::Vector2<f64> {
+    joints[Joint::Pelvis.index()].xy()
+}
+
+#[test]
+fn every_scene_says_what_it_probes() {
+    for (name, text) in SCENES {
+        assert!(text.starts_with("# "), "{name}");
+    }
+}
+
+#[test]
+fn a_scene_that_is_not_carried_is_refused_with_the_names_of_those_that_are() {
+    let error = scene("cuort").unwrap_err().to_string();
+    assert!(
+        error.contains("court") && error.contains("cuort"),
+        "{error}"
+    );
+}
+
+#[test]
+fn everybody_moves_through_every_scene_without_a_leap() {
+    for run in RUNS.iter() {
+        for person in run.people() {
+            let all: Vec<_> = run.person(person).collect();
+            assert!(
+                all.iter().any(Option::is_some),
+                "{}: {person} never comes",
+                run.name
+            );
+            for (tick, pair) in all.windows(2).enumerate() {
+                let [Some(before), Some(after)] = *pair else {
+                    continue;
+                };
+                for joint in Joint::ALL {
+                    let way_m = after[joint.index()] - before[joint.index()];
+                    let speed = way_m.norm() * run.scene.rate_hz();
+                    assert!(
+                        speed < FASTEST_M_S,
+                        "{}, person {person}, tick {tick}: {joint:?} at {speed:.1} m/s",
+                        run.name
+                    );
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn people_keep_their_distance_where_no_contact_is_meant() {
+    for run in RUNS.iter().filter(|run| !IN_CONTACT.contains(&run.name)) {
+        for (tick, people) in run.ticks.iter().enumerate() {
+            let pelvises: Vec<_> = people.iter().flatten().map(pelvis).collect();
+            for (i, a) in pelvises.iter().enumerate() {
+                for b in &pelvises[..i] {
+                    let apart_m = (a - b).norm();
+                    let near = apart_m < KEEP_M - NEAR_TOLERANCE_M;
+                    assert!(!near, "{}, tick {tick}: {apart_m} m", run.name);
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn everybody_is_in_the_field_unless_coming_or_going() {
+    let stay = |run: &&Run| !COMING_OR_GOING.contains(&run.name);
+    for run in RUNS.iter().filter(stay) {
+        let [width_m, depth_m] = run.scene.size_m();
+        for (tick, people) in run.ticks.iter().enumerate() {
+            for at in people.iter().flatten().map(pelvis) {
+                let inside = at.x.abs() < width_m / 2.0 && at.y.abs() < depth_m / 2.0;
+                assert!(inside, "{}, tick {tick}: {at:?}", run.name);
+            }
+        }
+    }
+}
+
+#[test]
+fn cartwheels_turn_people_upside_down() {
+    for run in RUNS.iter().filter(|run| run.name.ends_with("inverted")) {
+        let inverted =
+            |joints: &&Joints| joints[Joint::Pelvis.index()].z > joints[Joint::Head.index()].z;
+        let most = run
+            .people()
+            .map(|person| run.person(person).flatten().filter(inverted).count())
+            .max();
+        let share = most.unwrap() as f64 / run.ticks.len() as f64;
+        assert!(share > 0.04, "{}: {share} of the time", run.name);
+    }
+}
+
+#[test]
+fn a_scene_written_to_a_folder_is_the_scene_that_is_carried() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = write_scene("court", folder.path()).unwrap();
+    let (written, carried) = (Scene::load(&path).unwrap(), scene("court").unwrap());
+    for person in 0..carried.people().len() {
+        let at = |scene: &Scene| scene.person_at(person, 7.3).unwrap().joints_m;
+        assert_eq!(at(&written), at(&carried));
+    }
+    let clips = fs::read_dir(folder.path().join("clips")).unwrap();
+    let clips: BTreeSet<_> = clips.map(|e| e.unwrap().file_name()).collect();
+    let has = |name: &str| clips.contains(std::ffi::OsStr::new(name));
+    assert!(has("kick.bvh") && !has("punch.bvh"));
+}

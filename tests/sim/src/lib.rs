@@ -1,0 +1,13 @@
+//! The simulated venue of Farfield: people whose truth is a pure function of time, and cameras that see
+//! them.
+
+pub mod body;
+pub mod embedded;
+pub mod faults;
+pub mod keypoint_venue;
+pub mod maps_file;
+pub mod motion;
+pub mod render;
+pub mod scene;
+pub mod simulated;
+pub mod walker;
