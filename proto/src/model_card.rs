@@ -104,7 +104,7 @@ pub struct Normalize {
 }
 
 /// The maps: [batch, keypoint, row, column].
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct HeatmapOutput {
     /// Name of the tensor.
     pub name: String,
@@ -114,6 +114,20 @@ pub struct HeatmapOutput {
     pub height: u32,
     /// The maps' keypoints.
     pub keypoints: KeypointSet,
+    /// Sigma of the peaks that the network was trained to draw, cells; `None`: as usual, see
+    /// [`Self::peak_sigma_of_width`].
+    pub peak_sigma_cells: Option<f64>,
+}
+
+/// Sigma of a peak as a share of the width of the maps, where no card says it: 2 cells of 48, 3 of 72.
+pub const PEAK_SIGMA_OF_WIDTH: f64 = 1.0 / 24.0;
+
+impl HeatmapOutput {
+    /// Sigma of the network's peaks, as a share of the width of its maps.
+    pub fn peak_sigma_of_width(&self) -> f64 {
+        let stated = self.peak_sigma_cells;
+        stated.map_or(PEAK_SIGMA_OF_WIDTH, |sigma| sigma / f64::from(self.width))
+    }
 }
 
 /// Where a cell lies in the input: input pixel = scale x cell + offset, both axes.

@@ -75,6 +75,7 @@ struct RawHeatmapOutput {
     width: u32,
     height: u32,
     keypoints: RawKeypoints,
+    peak_sigma_cells: Option<f64>,
 }
 
 #[derive(Deserialize)]
@@ -97,6 +98,10 @@ pub(super) fn heatmap(file: &TomlFile<'_>) -> Result<HeatmapCard, FileError> {
                 format!("found {side}, expected 1 to {MAX_SIDE} cells"),
             ));
         }
+    }
+    if let Some(sigma_cells) = raw.output.peak_sigma_cells {
+        let place = Place::field("output").key("peak_sigma_cells");
+        check_range(file, &place, sigma_cells, 0.1, MAX_SIDE as f64)?;
     }
     let cells = Place::field("cell_to_input");
     check_range(
@@ -133,6 +138,7 @@ pub(super) fn heatmap(file: &TomlFile<'_>) -> Result<HeatmapCard, FileError> {
             width: raw.output.width,
             height: raw.output.height,
             keypoints,
+            peak_sigma_cells: raw.output.peak_sigma_cells,
         },
         cell_to_input: raw.cell_to_input,
         box_margin: raw.box_margin,

@@ -49,6 +49,25 @@ fn a_heatmap_card_is_read() {
 }
 
 #[test]
+fn a_card_says_how_wide_the_networks_peaks_are_or_they_are_as_usual() {
+    let sigma_cells = |text: &str| {
+        let card = HeatmapCard::parse(text, Path::new("models/card.toml")).unwrap();
+        card.output.peak_sigma_of_width() * f64::from(card.output.width)
+    };
+    assert!((sigma_cells(HEATMAP) - 2.0).abs() < 1e-12);
+    let stated = HEATMAP.replace("height = 64,", "height = 64, peak_sigma_cells = 1.5,");
+    assert!((sigma_cells(&stated) - 1.5).abs() < 1e-12);
+    assert_eq!(
+        refusal(
+            HEATMAP,
+            "height = 64,",
+            "height = 64, peak_sigma_cells = 0.0,"
+        ),
+        "models/card.toml:5: `output.peak_sigma_cells`: found 0, expected a number from 0.1 to 256"
+    );
+}
+
+#[test]
 fn a_detector_card_is_read() {
     let card = DetectorCard::parse(DETECTOR, Path::new("models/card.toml")).unwrap();
     assert_eq!((card.decode, card.output.person_class), (Decode::Yolox, 0));
