@@ -39,7 +39,7 @@ pub struct ReplayArgs {
     /// Use this calibration instead of the recorded one.
     #[arg(long, value_name = "FILE")]
     pub calibration: Option<PathBuf>,
-    /// Use another value of a parameter of the venue file, for example `smoothing.cutoff_hz=3`.
+    /// Use another value of a parameter (see `farfield parameters`), for example `smoothing.cutoff_hz=3`.
     #[arg(long, value_name = "TABLE.FIELD=VALUE")]
     pub set: Vec<String>,
     /// Use all sets, those too that came late or were delivered after an outage, instead of those that

@@ -81,7 +81,7 @@ fn compare_predictors(scene: &Arc<Scene>, variants: &mut Vec<MethodVariant>) -> 
     };
     let tracked = SceneRun::make(scene, &Input::Maps, with_stages)?;
     for (called, predictor) in [
-        ("ours", Predictor::default()),
+        ("ours", PredictionParameters::default().predictor),
         ("paper (3)", Predictor::Paper),
     ] {
         let mut used = Parameters::default();
