@@ -12,6 +12,7 @@ mod handout;
 mod link;
 mod live;
 mod lockstep;
+mod reminder;
 mod ring;
 mod run;
 mod worker;

@@ -10,7 +10,7 @@ use farfield_node::log::start_log_with;
 use farfield_node::process::{Ending, Managed, NodeError, exit_code, say, stop_when_told};
 use farfield_node::runtime;
 use farfield_proto::message::Status;
-use tokio::time::{MissedTickBehavior, interval, timeout};
+use tokio::time::timeout;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 use tracing::warn;
@@ -22,6 +22,7 @@ use super::handout;
 use super::link::{Ends, Heard, Link};
 use super::live::Live;
 use super::lockstep::{LockStep, Turn};
+use super::reminder::remind;
 use super::ring::{RingThread, answer_questions};
 use super::worker::Worker;
 use crate::source::Sources;
@@ -30,10 +31,6 @@ use crate::source::Sources;
 const DRAIN: Duration = Duration::from_secs(5);
 /// How long a refusal stands on the wire before the session closes.
 const REFUSAL: Duration = Duration::from_millis(300);
-/// How long fusion may take to answer before a person is told that the edge waits for it.
-const SILENCE: Duration = Duration::from_millis(500);
-/// How often a person is told so again.
-const REMIND_EVERY: Duration = Duration::from_secs(10);
 
 /// Runs an edge node, whose cameras `sources` opens, to its end and says on standard error what went
 /// wrong.
@@ -109,19 +106,6 @@ async fn open(config: &Arc<Config>) -> Result<(Built, Link), NodeError> {
         never = remind(waiting) => match never {},
     };
     Ok((built, link.map_err(NodeError::Failed)?))
-}
-
-/// Tells a person now and then what the edge waits for: what `waiting` says, if it says anything.
-pub(super) async fn remind(waiting: impl Fn() -> Option<String>) -> Infallible {
-    tokio::time::sleep(SILENCE).await;
-    let mut reminders = interval(REMIND_EVERY);
-    reminders.set_missed_tick_behavior(MissedTickBehavior::Delay);
-    loop {
-        reminders.tick().await;
-        if let Some(line) = waiting() {
-            say(format_args!("{line}"));
-        }
-    }
 }
 
 /// Runs the loop, and says at its end how it went.
