@@ -17,8 +17,6 @@ use zenoh::pubsub::Publisher;
 use zenoh::sample::{Sample, SampleKind};
 use zenoh::{Session, Wait as _};
 
-use super::live::Mouths;
-
 /// Messages that wait between Zenoh and the loop; lock-step has one tick under way.
 const QUEUE: usize = 64;
 
@@ -144,11 +142,6 @@ impl Ends {
     /// The open session.
     pub(super) fn session(&self) -> Session {
         self.session.clone()
-    }
-
-    /// What a live edge publishes on, of the viewpoint of `venue`.
-    pub(super) async fn mouths(&self, venue: &str, viewpoint: &str) -> anyhow::Result<Mouths> {
-        Mouths::declare(&self.session, venue, viewpoint).await
     }
 
     /// Lets the publisher finish what is queued, then closes the session.

@@ -20,7 +20,7 @@ use super::build::{Built, build};
 use super::config::{Config, EdgeArgs};
 use super::handout;
 use super::link::{Ends, Heard, Link};
-use super::live::Live;
+use super::live::{Live, Publishers};
 use super::lockstep::{LockStep, Turn};
 use super::reminder::remind;
 use super::ring::{RingThread, answer_questions};
@@ -148,8 +148,8 @@ async fn work_live(
     let ring = open_ring(config);
     let mut work = work.into_live(config.clock_shift_us, config.viewpoint);
     work.ring = ring.as_ref().map(RingThread::handle);
-    let mouths = ends.mouths(&config.venue.name, &config.name).await;
-    let live = Live::spawn(work, status, mouths.map_err(NodeError::Failed)?);
+    let publishers = Publishers::declare(&ends.session(), &config.venue.name, &config.name).await;
+    let live = Live::spawn(work, status, publishers.map_err(NodeError::Failed)?);
     let mut live = live
         .context("starting the threads")
         .map_err(NodeError::Failed)?;

@@ -7,7 +7,7 @@
 mod camera;
 mod frames;
 mod ledger;
-mod mouths;
+mod publishers;
 mod shared;
 mod ticker;
 mod work;
@@ -32,7 +32,7 @@ use crate::live::rate::Message;
 
 use self::shared::Shared;
 
-pub(super) use self::mouths::Mouths;
+pub(super) use self::publishers::Publishers;
 pub(super) use self::work::LiveWork;
 
 /// How often an edge says how it is.
@@ -56,8 +56,12 @@ impl Live {
     ///
     /// # Errors
     /// When the system has no thread left.
-    pub(super) fn spawn(work: LiveWork, status: Status, mouths: Mouths) -> std::io::Result<Self> {
-        let shared = Arc::new(Shared::new(&work, mouths));
+    pub(super) fn spawn(
+        work: LiveWork,
+        status: Status,
+        publishers: Publishers,
+    ) -> std::io::Result<Self> {
+        let shared = Arc::new(Shared::new(&work, publishers));
         let (failed_tx, failed) = oneshot::channel();
         work.spawn(&shared, failed_tx)?;
         Ok(Self {

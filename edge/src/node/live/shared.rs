@@ -14,7 +14,7 @@ use tokio_util::sync::CancellationToken;
 
 use super::frames::FrameStore;
 use super::ledger::Ledger;
-use super::mouths::Mouths;
+use super::publishers::Publishers;
 use super::work::LiveWork;
 use crate::live::Micros;
 use crate::live::newest_boxes::Arrival;
@@ -31,13 +31,13 @@ pub(super) struct Shared {
     pub(super) frames: FrameStore,
     ledger: Mutex<Ledger>,
     stages: Mutex<BTreeMap<&'static str, Histogram>>,
-    mouths: Mouths,
+    publishers: Publishers,
     ring: Option<RingHandle>,
     stop: CancellationToken,
 }
 
 impl Shared {
-    pub(super) fn new(work: &LiveWork, mouths: Mouths) -> Self {
+    pub(super) fn new(work: &LiveWork, publishers: Publishers) -> Self {
         let venue = &work.venue;
         let period_us = (1e6 / venue.rate_hz).round() as Micros;
         let most_lag_us = (venue.parameters.link.deadline_ms * 1e3) as Micros;
@@ -46,7 +46,7 @@ impl Shared {
             frames: FrameStore::new(&work.cameras, period_us, most_lag_us),
             ledger: Mutex::new(Ledger::new(venue.rate_hz, &venue.parameters.link)),
             stages: Mutex::default(),
-            mouths,
+            publishers,
             ring: work.ring.clone(),
             stop: CancellationToken::new(),
         }
@@ -74,7 +74,7 @@ impl Shared {
         let now_us = self.clock.now_us();
         let admitted = self.ledger().admit(message, bytes.len(), now_us);
         if admitted {
-            self.mouths.put(message, bytes);
+            self.publishers.put(message, bytes);
         }
         admitted
     }
