@@ -6,6 +6,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::Context as _;
+use farfield_node::clock::VenueClock;
 use farfield_node::log::start_log_with;
 use farfield_node::process::{Ending, Managed, NodeError, exit_code, say, stop_when_told};
 use farfield_node::runtime;
@@ -146,10 +147,14 @@ async fn work_live(
 ) -> Result<Ending, NodeError> {
     let work = worker.recall().await.map_err(NodeError::Failed)?;
     let ring = open_ring(config);
-    let mut work = work.into_live(config.clock_shift_us, config.viewpoint);
-    work.ring = ring.as_ref().map(RingThread::handle);
     let publishers = Publishers::declare(&ends.session(), &config.venue.name, &config.name).await;
-    let live = Live::spawn(work, status, publishers.map_err(NodeError::Failed)?);
+    let live = Live::spawn(
+        work.into_parts(),
+        status,
+        VenueClock::start_shifted(config.clock_shift_us),
+        publishers.map_err(NodeError::Failed)?,
+        ring.as_ref().map(RingThread::handle),
+    );
     let mut live = live
         .context("starting the threads")
         .map_err(NodeError::Failed)?;

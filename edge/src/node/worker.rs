@@ -1,71 +1,48 @@
 //! The thread that computes: reads the frames of a tick, runs the pipeline, encodes the messages.
 
 use std::collections::BTreeMap;
-use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::JoinHandle;
 
 use anyhow::{Context as _, anyhow};
 use farfield_node::clock;
-use farfield_proto::id::{CameraIndex, ViewpointIndex};
-use farfield_proto::message::{BoxSet, StageTime};
+use farfield_proto::message::{BoxSet, LOOK_STAGE, StageTime};
 use farfield_proto::tick::Tick;
-use farfield_proto::venue::{Venue, VenueCamera};
+use farfield_proto::venue::VenueCamera;
 use farfield_proto::wire;
 use tokio::sync::mpsc;
 
 use super::frames_at::FramesAt;
 use super::link::Said;
-use super::live::LiveWork;
-use crate::pipeline::{EdgeOutput, Pipeline, Stage};
-use crate::source::{Frame, SourceError, Sources};
-
-/// The stage of looking for people without boxes, as summaries name it.
-const LOOK: &str = farfield_proto::message::LOOK_STAGE;
+use super::parts::Parts;
+use super::stage_times::split_looks;
+use crate::pipeline::EdgeOutput;
+use crate::source::{Frame, SourceError};
 
 /// What the thread says after each tick.
 pub(super) type Done = anyhow::Result<Tick>;
 
 /// Everything that the thread owns.
 pub(super) struct Work {
-    venue: Venue,
-    cameras: Vec<CameraIndex>,
-    sources: Arc<dyn Sources>,
+    parts: Parts,
     /// Opened in advance at this tick, when the run's first tick is known before the start.
     opened: Option<(Tick, Vec<FramesAt>)>,
-    pipeline: Pipeline,
     samples_us: BTreeMap<&'static str, Vec<u32>>,
 }
 
 impl Work {
     /// The cameras are opened when the run's first tick is known.
-    pub(super) fn new(
-        venue: Venue,
-        cameras: Vec<CameraIndex>,
-        pipeline: Pipeline,
-        sources: Arc<dyn Sources>,
-    ) -> Self {
+    pub(super) fn new(parts: Parts) -> Self {
         Self {
-            venue,
-            cameras,
-            sources,
+            parts,
             opened: None,
-            pipeline,
             samples_us: BTreeMap::new(),
         }
     }
 
     /// What a live edge works with. Cameras that are open are closed.
-    pub(super) fn into_live(self, clock_shift_us: i64, viewpoint: ViewpointIndex) -> LiveWork {
-        LiveWork {
-            venue: Arc::new(self.venue),
-            viewpoint,
-            cameras: self.cameras,
-            sources: self.sources,
-            pipeline: self.pipeline,
-            clock_shift_us,
-            ring: None,
-        }
+    pub(super) fn into_parts(self) -> Parts {
+        self.parts
     }
 
     /// Opens the cameras at tick `from`.
@@ -73,12 +50,15 @@ impl Work {
     /// # Errors
     /// When a source cannot be opened.
     pub(super) fn open(&mut self, from: Tick) -> anyhow::Result<&mut Vec<FramesAt>> {
-        let cameras = self
-            .cameras
-            .iter()
-            .filter_map(|&index| self.venue.camera(index));
+        let Parts {
+            venue,
+            cameras,
+            sources,
+            ..
+        } = &self.parts;
+        let cameras = cameras.iter().filter_map(|&index| venue.camera(index));
         let open = |camera: &VenueCamera| {
-            let source = self.sources.open(camera, &self.venue, from)?;
+            let source = sources.open(camera, venue, from)?;
             Ok(FramesAt::new(source))
         };
         let frames = cameras.map(open).collect::<Result<_, SourceError>>()?;
@@ -92,16 +72,16 @@ impl Work {
         self.count("read", start);
         let mut lap = clock::now();
         let mut laps = Vec::with_capacity(4);
-        let output = self
-            .pipeline
+        let pipeline = &mut self.parts.pipeline;
+        let output = pipeline
             .step_marked(&frames, boxes, &mut |stage| {
                 laps.push((stage, clock::micros_since(lap)));
                 lap = clock::now();
             })
             .with_context(|| format!("tick {}", boxes.tick))?;
         let looks = !boxes.look.is_empty();
-        for (stage, us) in split_looks(&laps, self.pipeline.looked_share()) {
-            if stage != LOOK || looks {
+        for (stage, us) in split_looks(&laps, self.parts.pipeline.looked_share()) {
+            if stage != LOOK_STAGE || looks {
                 self.samples_us.entry(stage).or_default().push(us);
             }
         }
@@ -134,31 +114,6 @@ impl Work {
             .iter_mut()
             .filter_map(|(stage, samples)| StageTime::from_samples(stage, samples))
             .collect()
-    }
-}
-
-/// The stages' times by name, with the keypoints of sightings, `share` of the inference, counted as
-/// looking: what looks cost is told apart from what following people costs.
-pub(super) fn split_looks(laps: &[(Stage, u32)], share: f64) -> [(&'static str, u32); 4] {
-    let of = |wanted: Stage| {
-        let laps = laps.iter().filter(|(stage, _)| *stage == wanted);
-        laps.map(|(_, us)| us).sum::<u32>()
-    };
-    let keypoints_us = (f64::from(of(Stage::Infer)) * share).round() as u32;
-    [
-        (name(Stage::Crop), of(Stage::Crop)),
-        (LOOK, of(Stage::Look) + keypoints_us),
-        (name(Stage::Infer), of(Stage::Infer) - keypoints_us),
-        (name(Stage::Encode), of(Stage::Encode)),
-    ]
-}
-
-fn name(stage: Stage) -> &'static str {
-    match stage {
-        Stage::Crop => "crop",
-        Stage::Look => LOOK,
-        Stage::Infer => "infer",
-        Stage::Encode => "encode",
     }
 }
 

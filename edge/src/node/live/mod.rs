@@ -9,13 +9,14 @@ mod frames;
 mod ledger;
 mod publishers;
 mod shared;
+mod threads;
 mod ticker;
-mod work;
 
 use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::{Context as _, anyhow};
+use farfield_node::clock::VenueClock;
 use farfield_node::process::{Ending, NodeError, say};
 use farfield_proto::live::{EdgeLink, LiveStatus};
 use farfield_proto::message::{Order, Status};
@@ -26,6 +27,8 @@ use tokio_util::sync::CancellationToken;
 
 use super::compare::compare_files;
 use super::link::{Ends, Heard};
+use super::parts::Parts;
+use super::ring::RingHandle;
 use crate::live::newest_boxes::Arrival;
 use crate::live::objections::Objections;
 use crate::live::rate::Message;
@@ -33,7 +36,6 @@ use crate::live::rate::Message;
 use self::shared::Shared;
 
 pub(super) use self::publishers::Publishers;
-pub(super) use self::work::LiveWork;
 
 /// How often an edge says how it is.
 const STATUS_EVERY: Duration = Duration::from_secs(1);
@@ -52,18 +54,21 @@ pub(super) struct Live {
 }
 
 impl Live {
-    /// Starts cameras and pipeline.
+    /// Starts cameras and pipeline, of an edge that introduces itself as `status` and goes by `clock`; `ring` keeps
+    /// its sets, if anything does.
     ///
     /// # Errors
     /// When the system has no thread left.
     pub(super) fn spawn(
-        work: LiveWork,
+        parts: Parts,
         status: Status,
+        clock: VenueClock,
         publishers: Publishers,
+        ring: Option<RingHandle>,
     ) -> std::io::Result<Self> {
-        let shared = Arc::new(Shared::new(&work, publishers));
+        let shared = Arc::new(Shared::new(&parts, clock, publishers, ring));
         let (failed_tx, failed) = oneshot::channel();
-        work.spawn(&shared, failed_tx)?;
+        threads::spawn(parts, &shared, failed_tx)?;
         Ok(Self {
             status,
             shared,

@@ -15,10 +15,10 @@ use tokio_util::sync::CancellationToken;
 use super::frames::FrameStore;
 use super::ledger::Ledger;
 use super::publishers::Publishers;
-use super::work::LiveWork;
 use crate::live::Micros;
 use crate::live::newest_boxes::Arrival;
 use crate::live::rate::Message;
+use crate::node::parts::Parts;
 use crate::node::ring::RingHandle;
 use crate::ring::record::Label;
 
@@ -37,17 +37,23 @@ pub(super) struct Shared {
 }
 
 impl Shared {
-    pub(super) fn new(work: &LiveWork, publishers: Publishers) -> Self {
-        let venue = &work.venue;
+    /// For the cameras of `parts`; what is sent goes to `publishers`, and to `ring` if there is one.
+    pub(super) fn new(
+        parts: &Parts,
+        clock: VenueClock,
+        publishers: Publishers,
+        ring: Option<RingHandle>,
+    ) -> Self {
+        let venue = &parts.venue;
         let period_us = (1e6 / venue.rate_hz).round() as Micros;
         let most_lag_us = (venue.parameters.link.deadline_ms * 1e3) as Micros;
         Self {
-            clock: VenueClock::start_shifted(work.clock_shift_us),
-            frames: FrameStore::new(&work.cameras, period_us, most_lag_us),
+            clock,
+            frames: FrameStore::new(&parts.cameras, period_us, most_lag_us),
             ledger: Mutex::new(Ledger::new(venue.rate_hz, &venue.parameters.link)),
             stages: Mutex::default(),
             publishers,
-            ring: work.ring.clone(),
+            ring,
             stop: CancellationToken::new(),
         }
     }

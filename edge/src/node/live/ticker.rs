@@ -17,7 +17,7 @@ use super::shared::Shared;
 use crate::live::Micros;
 use crate::live::rate::{Message, Plan};
 use crate::live::turns;
-use crate::node::worker::split_looks;
+use crate::node::stage_times::split_looks;
 use crate::pipeline::{EdgeOutput, Orders, Pipeline, Stage};
 use crate::ring::record::Label;
 use crate::source::Frame;
