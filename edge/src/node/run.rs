@@ -6,7 +6,6 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::Context as _;
-use farfield_node::clock::VenueClock;
 use farfield_node::log::start_log_with;
 use farfield_node::process::{Ending, Managed, NodeError, exit_code, say, stop_when_told};
 use farfield_node::runtime;
@@ -151,7 +150,7 @@ async fn work_live(
     let live = Live::spawn(
         work.into_parts(),
         status,
-        VenueClock::start_shifted(config.clock_shift_us),
+        config.start_clock(),
         publishers.map_err(NodeError::Failed)?,
         ring.as_ref().map(RingThread::handle),
     );

@@ -236,6 +236,7 @@ fn start_edge(venue: &Path, endpoint: &str) -> JoinHandle<Result<Ending, NodeErr
         certificates: None,
         ticks: None,
         managed: false,
+        #[cfg(feature = "study")]
         clock_shift_ms: 0,
         ring: Some(venue.with_file_name("ring")),
     };
