@@ -19,7 +19,7 @@ use super::attempts;
 use super::build::{Built, build};
 use super::config::{Config, EdgeArgs};
 use super::handout;
-use super::link::{Ends, Heard, Link};
+use super::link::{Ends, Incoming, Link};
 use super::live::{Live, Publishers};
 use super::lockstep::{LockStep, Turn};
 use super::reminder::remind;
@@ -66,7 +66,7 @@ pub(super) async fn run(config: &Arc<Config>) -> Result<Ending, NodeError> {
     };
     let mut ends = link.spawn(&tasks, &leave);
     let worker =
-        Worker::spawn(built.work, ends.say.clone()).context("starting the pipeline's thread");
+        Worker::spawn(built.work, ends.outgoing.clone()).context("starting the pipeline's thread");
     let worker = worker.map_err(NodeError::Failed)?;
     let outcome = work(
         config,
@@ -116,8 +116,8 @@ async fn work(
     (ends, stop): (&mut Ends, &CancellationToken),
 ) -> Result<Ending, NodeError> {
     let outcome = match run.run(ends, &mut worker, stop).await {
-        Ok(Turn::Live(heard)) => {
-            return work_live(config, run.status, worker, heard, (ends, stop)).await;
+        Ok(Turn::Live(first)) => {
+            return work_live(config, run.status, worker, first, (ends, stop)).await;
         }
         Ok(Turn::End(ending)) => Ok(ending),
         Err(error) => Err(error),
@@ -128,7 +128,7 @@ async fn work(
     } else {
         warn!("the pipeline is still waiting for a frame, leaving anyway");
     }
-    run.say(ends);
+    run.send_status(ends);
     if outcome.is_err() {
         // Fusion reads it before the session goes.
         tokio::time::sleep(REFUSAL).await;
@@ -141,7 +141,7 @@ async fn work_live(
     config: &Config,
     status: Status,
     worker: Worker,
-    first: Heard,
+    first: Incoming,
     (ends, stop): (&mut Ends, &CancellationToken),
 ) -> Result<Ending, NodeError> {
     let work = worker.recall().await.map_err(NodeError::Failed)?;
@@ -157,7 +157,7 @@ async fn work_live(
     let mut live = live
         .context("starting the threads")
         .map_err(NodeError::Failed)?;
-    let outcome = match live.hear(first) {
+    let outcome = match live.receive(first) {
         Ok(Some(ending)) => Ok(ending),
         Ok(None) => {
             let answers = answers(config, ends.session(), &live, ring.as_ref(), stop);

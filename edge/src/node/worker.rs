@@ -13,7 +13,7 @@ use farfield_proto::wire;
 use tokio::sync::mpsc;
 
 use super::frames_at::FramesAt;
-use super::link::Said;
+use super::link::Outgoing;
 use super::parts::Parts;
 use super::stage_times::split_looks;
 use crate::pipeline::EdgeOutput;
@@ -66,7 +66,7 @@ impl Work {
     }
 
     /// One tick: the frames, the pipeline, the messages in the order they shall go out.
-    fn step(&mut self, boxes: &BoxSet) -> anyhow::Result<Vec<Said>> {
+    fn step(&mut self, boxes: &BoxSet) -> anyhow::Result<Vec<Outgoing>> {
         let start = clock::now();
         let frames = self.read(boxes.tick)?;
         self.count("read", start);
@@ -118,15 +118,15 @@ impl Work {
 }
 
 /// Sightings first: fusion knows from the patches how many to wait for.
-fn encode(output: &EdgeOutput) -> Vec<Said> {
+fn encode(output: &EdgeOutput) -> Vec<Outgoing> {
     let sightings = output
         .sighting_sets
         .iter()
-        .map(|set| Said::Sightings(wire::encode(set)));
+        .map(|set| Outgoing::Sightings(wire::encode(set)));
     let patches = output
         .patch_sets
         .iter()
-        .map(|set| Said::Patches(wire::encode(set)));
+        .map(|set| Outgoing::Patches(wire::encode(set)));
     sightings.chain(patches).collect()
 }
 
@@ -143,12 +143,12 @@ impl Worker {
     ///
     /// # Errors
     /// When the system has no thread left.
-    pub(super) fn spawn(work: Work, say: mpsc::Sender<Said>) -> std::io::Result<Self> {
+    pub(super) fn spawn(work: Work, outgoing: mpsc::Sender<Outgoing>) -> std::io::Result<Self> {
         // Lock-step has one tick under way; the second place lets the loop never wait.
         let (jobs, to_do) = sync_channel(2);
         let (done_tx, done) = mpsc::channel(2);
         let thread = std::thread::Builder::new().name("pipeline".to_owned());
-        let thread = thread.spawn(move || run(work, &to_do, &say, &done_tx))?;
+        let thread = thread.spawn(move || run(work, &to_do, &outgoing, &done_tx))?;
         Ok(Self { jobs, done, thread })
     }
 
@@ -180,7 +180,7 @@ impl Worker {
 fn run(
     mut work: Work,
     to_do: &Receiver<BoxSet>,
-    say: &mpsc::Sender<Said>,
+    outgoing: &mpsc::Sender<Outgoing>,
     done: &mpsc::Sender<Done>,
 ) -> Work {
     while let Ok(boxes) = to_do.recv() {
@@ -189,7 +189,7 @@ fn run(
             // When full, this thread waits for the network; the loop never does.
             let sent = messages
                 .into_iter()
-                .try_for_each(|message| say.blocking_send(message));
+                .try_for_each(|message| outgoing.blocking_send(message));
             sent.map_err(|_| anyhow!("the publisher has ended"))
         });
         let failed = result.is_err();

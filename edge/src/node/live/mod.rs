@@ -1,7 +1,7 @@
 //! An edge that runs live: nobody waits for anybody.
 //!
 //! A thread per camera puts frames into the [`frames`] store as they come (recordings as their ticks come), a thread
-//! runs the pipeline on the frames of a tick and the newest boxes, and the loop here hears what fusion
+//! runs the pipeline on the frames of a tick and the newest boxes, and the loop here receives what fusion
 //! says and tells once a second how the edge is. What they share is locked for microseconds.
 
 mod camera;
@@ -26,7 +26,7 @@ use tokio::time::{MissedTickBehavior, interval};
 use tokio_util::sync::CancellationToken;
 
 use super::compare::compare_files;
-use super::link::{Ends, Heard};
+use super::link::{Ends, Incoming};
 use super::parts::Parts;
 use super::ring::RingHandle;
 use crate::live::newest_boxes::Arrival;
@@ -91,32 +91,32 @@ impl Live {
     ///
     /// # Errors
     /// As [`Self::run`].
-    pub(super) fn hear(&mut self, heard: Heard) -> Result<Option<Ending>, NodeError> {
-        match heard {
+    pub(super) fn receive(&mut self, incoming: Incoming) -> Result<Option<Ending>, NodeError> {
+        match incoming {
             // A fusion in lock-step says so in its status, too.
-            Heard::Boxes(boxes)
+            Incoming::Boxes(boxes)
                 if boxes.live.is_none() || Some(boxes.viewpoint) != self.status.viewpoint =>
             {
                 self.status.unreadable += 1;
             }
-            Heard::Boxes(boxes)
+            Incoming::Boxes(boxes)
                 if boxes.order == Order::End && self.shared.session() == Some(boxes.session) =>
             {
                 return Ok(Some(Ending::Done));
             }
-            Heard::Boxes(boxes) => match self.shared.hear(boxes) {
+            Incoming::Boxes(boxes) => match self.shared.take_boxes(boxes) {
                 // Fusion uses nothing of an edge before it knows what files it holds.
-                Arrival::NewSession => self.say(),
+                Arrival::NewSession => self.send_status(),
                 Arrival::Foreign => self.status.unreadable += 1,
                 Arrival::Newer | Arrival::Stale => {}
             },
-            Heard::Fusion(fusion) => {
+            Incoming::Fusion(fusion) => {
                 self.weigh(&fusion);
                 return self.give_up();
             }
             // It comes back, and finds the cameras open.
-            Heard::FusionGone => {}
-            Heard::Unreadable(_) => self.status.unreadable += 1,
+            Incoming::FusionGone => {}
+            Incoming::Unreadable(_) => self.status.unreadable += 1,
         }
         Ok(None)
     }
@@ -136,9 +136,9 @@ impl Live {
         loop {
             tokio::select! {
                 () = stop.cancelled() => return Ok(Ending::Interrupted),
-                heard = ends.heard.recv() => {
-                    let heard = heard.context("the subscriptions have ended").map_err(NodeError::Failed)?;
-                    if let Some(ending) = self.hear(heard)? {
+                incoming = ends.incoming.recv() => {
+                    let incoming = incoming.context("the subscriptions have ended").map_err(NodeError::Failed)?;
+                    if let Some(ending) = self.receive(incoming)? {
                         return Ok(ending);
                     }
                 }
@@ -148,7 +148,7 @@ impl Live {
                 }
                 _ = statuses.tick() => {
                     self.shared.clock.discipline();
-                    self.say();
+                    self.send_status();
                     if let Some(ending) = self.give_up()? {
                         return Ok(ending);
                     }
@@ -162,11 +162,11 @@ impl Live {
         self.shared.stop();
         self.refused = None;
         self.status.failure = error.map(|error| wire::cut_text(error.to_string()));
-        self.say();
+        self.send_status();
     }
 
     /// Sends the status now.
-    fn say(&mut self) {
+    fn send_status(&mut self) {
         let now_us = self.shared.clock.now_us();
         self.status.ready = !self.shared.is_stopped() && self.refused.is_none();
         self.status.stages = self.shared.stages();

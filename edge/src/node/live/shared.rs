@@ -65,9 +65,9 @@ impl Shared {
     }
 
     /// Takes boxes that have just arrived.
-    pub(super) fn hear(&self, boxes: BoxSet) -> Arrival {
+    pub(super) fn take_boxes(&self, boxes: BoxSet) -> Arrival {
         let now_us = self.clock.now_us();
-        self.ledger().hear(boxes, now_us)
+        self.ledger().take_boxes(boxes, now_us)
     }
 
     /// Fusion's session, once there is one.
