@@ -14,7 +14,8 @@ use farfield_proto::venue::Venue;
 
 use super::given::{check_given_keypoints, check_given_ticks};
 use super::handout::Handout;
-use super::link::{Door, Mode, NODE};
+use super::link::{Door, NODE};
+use super::mode::Mode;
 use super::progress::Detail;
 use super::recording::check_place;
 

@@ -7,7 +7,7 @@ use zenoh::handlers::{RingChannel, RingChannelHandler};
 use zenoh::pubsub::Subscriber;
 use zenoh::sample::Sample;
 
-use super::link::Mode;
+use super::mode::Mode;
 
 /// Messages that wait of one subscription. When full: in lock-step Zenoh stops reading, and the edges
 /// wait; live the oldest are lost, as a thread of Zenoh's that waits would hold up everybody.

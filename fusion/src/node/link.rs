@@ -25,6 +25,7 @@ use zenoh::sample::{Sample, SampleKind};
 use zenoh::{Session, Wait as _};
 
 use super::inbox::{Inbox, liveliness, subscriber};
+use super::mode::Mode;
 use super::tap::{TapHandle, TapMessage};
 
 /// Messages that wait for the loop; when it is full, what has come waits in its subscription's inbox.
@@ -52,15 +53,6 @@ pub(super) struct Arrival {
     pub(super) bytes: u64,
     /// When, microseconds since 1970.
     pub(super) at_us: i64,
-}
-
-/// What messages are worth.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Mode {
-    /// All of them come, in order, however long it takes.
-    LockStep,
-    /// The newest counts; what cannot go at once is dropped.
-    Live,
 }
 
 /// Whether a node is there.

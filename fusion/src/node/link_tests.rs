@@ -15,8 +15,9 @@ use tokio::time::timeout;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
-use super::{Door, Ear, Ends, Heard, Link, Mode, Presence, Said};
-use crate::node::start::own_status;
+use super::{Door, Ear, Ends, Heard, Link, Presence, Said};
+use crate::node::mode::Mode;
+use crate::node::status::own_status;
 use crate::node::tap::{Decided, Tap, TapHandle, TapMessage};
 
 /// The keys of what has passed.

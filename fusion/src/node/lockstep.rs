@@ -20,7 +20,8 @@ use tracing::debug;
 
 use super::link::{Ends, Heard, Presence, Said};
 use super::progress::Reporter;
-use super::start::Start;
+use super::roll_call::Start;
+use super::status::check;
 use super::tally::Tally;
 use super::tap::{Decided, TapHandle};
 use super::worker::{Stepped, Worker};
@@ -262,16 +263,6 @@ impl<'a> LockStep<'a> {
         };
         let said = timeout(LAST_WORD, last_word).await;
         said.unwrap_or_else(|_| anyhow!("viewpoint {node} has left at tick {}", self.gather.tick()))
-    }
-}
-
-/// An edge that has given up says why.
-pub(super) fn check(status: &Status) -> anyhow::Result<()> {
-    match &status.failure {
-        Some(failure) if status.viewpoint.is_some() => {
-            Err(anyhow!("viewpoint {}: {failure}", status.node))
-        }
-        _ => Ok(()),
     }
 }
 

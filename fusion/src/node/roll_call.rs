@@ -61,6 +61,15 @@ pub(super) enum RollCallError {
     NoTicks,
 }
 
+/// What is known when a run begins.
+#[derive(Debug)]
+pub(super) struct Start {
+    /// The ticks of the run.
+    pub(super) ticks: Range<Tick>,
+    /// The word of every edge, by name.
+    pub(super) edges: Vec<Status>,
+}
+
 /// Gathers a ready status of every viewpoint.
 #[derive(Debug)]
 pub(super) struct RollCall {

@@ -1,13 +1,9 @@
 //! The start of a lock-step run: fusion waits until every edge is there, ready and listening.
 
-use std::ops::Range;
 use std::time::Duration;
 
 use anyhow::{Context as _, anyhow};
 use farfield_node::process::{Managed, NodeError};
-use farfield_proto::message::Status;
-use farfield_proto::tick::Tick;
-use farfield_proto::venue::VenueHash;
 use farfield_proto::wire;
 use tokio::time::{Instant, MissedTickBehavior, interval, sleep_until};
 use tracing::debug;
@@ -15,51 +11,14 @@ use tracing::debug;
 use super::config::Config;
 use super::given::check_given_ticks;
 use super::link::{Heard, NODE, Presence, Said};
-use super::lockstep::{Outside, check};
-use super::roll_call::RollCall;
+use super::lockstep::Outside;
+use super::roll_call::{RollCall, Start};
+use super::status::{check, own_status};
 
 /// How often fusion says that it waits, and looks whether its boxes have listeners.
 const CALL_EVERY: Duration = Duration::from_millis(100);
 /// Calls between two reminders, for a person who watches, of who is missing.
 const REMIND_EVERY: u32 = 100;
-
-/// What is known when a run begins.
-#[derive(Debug)]
-pub(super) struct Start {
-    /// The ticks of the run.
-    pub(super) ticks: Range<Tick>,
-    /// The word of every edge, by name.
-    pub(super) edges: Vec<Status>,
-}
-
-/// Fusion's own status over files with these fingerprints.
-pub(super) fn own_status(hashes: &VenueHash) -> Status {
-    Status {
-        node: NODE.to_owned(),
-        process: 0,
-        viewpoint: None,
-        ready: true,
-        venue_hash: hashes.venue.clone(),
-        calibration_hash: hashes.calibration.clone(),
-        network_hash: String::new(),
-        backend: String::new(),
-        ticks: None,
-        tick: None,
-        unreadable: 0,
-        failure: None,
-        stages: Vec::new(),
-        live: None,
-    }
-}
-
-/// Fusion's last status: why it gives up, as much of it as a status may say.
-pub(super) fn failed_status(hashes: &VenueHash, error: &NodeError) -> Status {
-    Status {
-        ready: false,
-        failure: Some(wire::cut_text(error.to_string())),
-        ..own_status(hashes)
-    }
-}
 
 /// Waits for all edges; `None` when told to stop before.
 ///
@@ -138,23 +97,5 @@ fn hear(roll: &mut RollCall, heard: Heard) -> Result<(), NodeError> {
         Heard::Unreadable(key) => Err(NodeError::failed(anyhow!(
             "a message on {key} cannot be read: is another version of farfield running there?"
         ))),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_long_failure_is_cut_and_still_read_by_the_edges() {
-        let hashes = VenueHash {
-            venue: "v".to_owned(),
-            calibration: "c".to_owned(),
-        };
-        let error = NodeError::failed(anyhow!("tick 7: {}", "\u{2026}".repeat(5000)));
-        let status = failed_status(&hashes, &error);
-        let heard: Status = wire::decode(&wire::encode(&status)).unwrap();
-        assert!(heard.failure.unwrap().starts_with("tick 7: \u{2026}"));
-        assert!(!heard.ready);
     }
 }

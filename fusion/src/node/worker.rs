@@ -13,7 +13,7 @@ use farfield_proto::message::{BoxSet, PatchSet, PoseSet, StageTime};
 use farfield_proto::tick::Tick;
 use tokio::sync::mpsc;
 
-use super::link::Mode;
+use super::mode::Mode;
 use super::recorder::Recorder;
 use crate::align::TickGroup;
 use crate::export::pose_files::Presence;

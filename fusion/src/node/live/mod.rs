@@ -7,21 +7,18 @@ mod run;
 mod saying;
 mod start;
 mod status;
+mod surroundings;
 
-use std::path::Path;
 use std::time::Duration;
 
 use anyhow::Context as _;
 use farfield_node::clock;
 use farfield_node::process::{Ending, Managed, NodeError};
-use farfield_proto::id::SessionId;
-use tokio_util::sync::CancellationToken;
 
 use self::run::Live;
 use self::start::clock_start;
-use super::config::Config;
-use super::link::{Ear, Ends, Mode};
-use super::progress::Reporter;
+pub(super) use self::surroundings::Surroundings;
+use super::mode::Mode;
 use super::recorder::Recorder;
 use super::recording::RecordingThread;
 use super::summary::{self, Facts, summarize};
@@ -32,20 +29,6 @@ use crate::pipeline::Pipeline;
 const FILL_PATIENCE: Duration = Duration::from_secs(30);
 /// The same when somebody stops it.
 const HURRY: Duration = Duration::from_secs(2);
-
-/// What a live run works with.
-pub(super) struct Surroundings<'a> {
-    pub(super) config: &'a Config,
-    pub(super) session: SessionId,
-    /// Where the results go.
-    pub(super) out: &'a Path,
-    /// Who records, if anybody does.
-    pub(super) recording: Option<&'a RecordingThread>,
-    pub(super) ear: &'a Ear,
-    pub(super) ends: &'a mut Ends,
-    pub(super) reporter: &'a mut Reporter,
-    pub(super) stop: &'a CancellationToken,
-}
 
 /// Runs until someone asks it to stop, or the ticks are over that were asked for or recorded.
 ///

@@ -16,8 +16,8 @@ use farfield_proto::wire;
 use tokio::time::{Instant, MissedTickBehavior, interval, sleep_until};
 
 use super::super::link::{Heard, NODE, Presence, Said as Say};
-use super::super::start::own_status;
-use super::Surroundings;
+use super::super::status::own_status;
+use super::surroundings::Surroundings;
 use crate::live::membership::Membership;
 use crate::live::tick_time::TickTime;
 use crate::live::{Micros, SECOND_US};

@@ -5,7 +5,7 @@ use farfield_proto::message::{MAX_STAGES, Status};
 use farfield_proto::wire;
 
 use super::super::config::Config;
-use super::super::start::own_status;
+use super::super::status::own_status;
 use super::run::Live;
 use crate::live::Micros;
 use crate::live::membership::Membership;
