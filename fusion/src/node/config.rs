@@ -14,10 +14,10 @@ use farfield_proto::venue::Venue;
 
 use super::given::{check_given_keypoints, check_given_ticks};
 use super::handout::Handout;
-use super::link::{Door, NODE};
-use super::mode::Mode;
-use super::progress::Detail;
+use super::output::progress::Detail;
 use super::recording::check_place;
+use super::session::link::{Door, NODE};
+use super::session::mode::Mode;
 
 /// Arguments of the fusion node.
 #[derive(Debug, Clone, clap::Args)]

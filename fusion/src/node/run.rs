@@ -19,21 +19,21 @@ use tokio_util::task::TaskTracker;
 use tracing::warn;
 
 use super::config::{Config, FusionArgs};
-use super::doorman;
 use super::handout;
-use super::link::{Ear, Ends, Heard, Link, NODE, Presence, Said};
 use super::live::{Surroundings, live};
-use super::lockstep::{LockStep, Outside};
-use super::mode::Mode;
-use super::output::Claim;
-use super::progress::Reporter;
-use super::recorder::Recorder;
+use super::lock_step::readiness::Start;
+use super::lock_step::run::{LockStep, Outside};
+use super::lock_step::start::roll_call;
+use super::output::claim::Claim;
+use super::output::exporter::Recorder;
+use super::output::progress::Reporter;
+use super::output::summary::{self, Facts, Lost, summarize};
 use super::recording::{Place, RecordingThread, head};
-use super::roll_call::Start;
-use super::start::roll_call;
+use super::session::authentication_log;
+use super::session::link::{Ear, Ends, Heard, Link, NODE, Presence, Said};
+use super::session::mode::Mode;
+use super::session::wiretap::TapHandle;
 use super::status::failed_status;
-use super::summary::{self, Facts, Lost, summarize};
-use super::tap::TapHandle;
 use super::worker::Worker;
 use crate::pipeline::Pipeline;
 
@@ -46,7 +46,7 @@ const DRAIN: Duration = Duration::from_secs(5);
 
 /// Runs a fusion node to its end and says on standard error what went wrong.
 pub fn main(args: FusionArgs) -> ExitCode {
-    start_log_with(doorman::layer());
+    start_log_with(authentication_log::layer());
     exit_code(load_and_run(args))
 }
 
@@ -55,7 +55,7 @@ fn load_and_run(args: FusionArgs) -> Result<Ending, NodeError> {
     let session = new_session();
     let pipeline = Pipeline::new(&config.venue, config.card.as_ref(), session);
     let ending = runtime::block_on(2, run(&config, session, pipeline));
-    doorman::sum_up();
+    authentication_log::sum_up();
     ending
 }
 

@@ -6,7 +6,7 @@ use farfield_proto::message::Status;
 use farfield_proto::venue::VenueHash;
 use farfield_proto::wire;
 
-use super::link::NODE;
+use super::session::link::NODE;
 
 /// Fusion's own status over files with these fingerprints.
 pub(super) fn own_status(hashes: &VenueHash) -> Status {

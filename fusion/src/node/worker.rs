@@ -13,8 +13,8 @@ use farfield_proto::message::{BoxSet, PatchSet, PoseSet, StageTime};
 use farfield_proto::tick::Tick;
 use tokio::sync::mpsc;
 
-use super::mode::Mode;
-use super::recorder::Recorder;
+use super::output::exporter::Recorder;
+use super::session::mode::Mode;
 use crate::align::TickGroup;
 use crate::export::pose_files::Presence;
 use crate::pipeline::{Pipeline, Stage};

@@ -7,7 +7,6 @@ use farfield_proto::message::{PatchSet, SightingSet, Status};
 use farfield_proto::tick::Tick;
 use tracing::debug;
 
-use super::super::link::{Arrival, Ends, Heard, NODE, Presence};
 use super::run::Live;
 use super::start::note_present;
 use crate::align::Refused;
@@ -15,6 +14,7 @@ use crate::live::Micros;
 use crate::live::edge::Came;
 use crate::live::gather::Taken;
 use crate::live::membership::Said;
+use crate::node::session::link::{Arrival, Ends, Heard, NODE, Presence};
 
 /// Late sets that wait for the smoother's next step; of more, the newest are dropped.
 const MAX_LATE: usize = 256;

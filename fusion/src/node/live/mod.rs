@@ -18,10 +18,10 @@ use farfield_node::process::{Ending, Managed, NodeError};
 use self::run::Live;
 use self::start::clock_start;
 pub(super) use self::surroundings::Surroundings;
-use super::mode::Mode;
-use super::recorder::Recorder;
+use super::output::exporter::Recorder;
+use super::output::summary::{self, Facts, summarize};
 use super::recording::RecordingThread;
-use super::summary::{self, Facts, summarize};
+use super::session::mode::Mode;
 use super::worker::Worker;
 use crate::pipeline::Pipeline;
 

@@ -16,10 +16,6 @@ use farfield_proto::wire;
 use tokio::time::{MissedTickBehavior, interval, sleep_until};
 
 use super::super::config::Config;
-use super::super::link::{Ear, Ends, NODE, Said as Say};
-use super::super::summary::Lost;
-use super::super::tally::Tally;
-use super::super::tap::Decided;
 use super::super::worker::{Job, Worker};
 use super::delays::Delays;
 use super::start::{LiveStart, is_recorded};
@@ -32,6 +28,10 @@ use crate::live::pace::Pace;
 use crate::live::queue::{Next, Queue, Waiting};
 use crate::live::tick_time::TickTime;
 use crate::live::{Micros, SECOND_US};
+use crate::node::output::summary::Lost;
+use crate::node::output::tally::Tally;
+use crate::node::session::link::{Ear, Ends, NODE, Said as Say};
+use crate::node::session::wiretap::Decided;
 
 /// How often the loop looks after what nothing else wakes it for.
 const BEAT: Duration = Duration::from_millis(100);

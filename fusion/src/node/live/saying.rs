@@ -9,9 +9,9 @@ use farfield_proto::wire;
 use tokio::time::{MissedTickBehavior, interval, timeout};
 use tracing::warn;
 
-use super::super::link::{Ends, Heard, Presence, Said as Say};
 use super::super::worker::Stepped;
 use super::run::Live;
+use crate::node::session::link::{Ends, Heard, Presence, Said as Say};
 
 /// How much one tick says of how long after their ticks boxes go out.
 const WEIGHT: f64 = 0.05;

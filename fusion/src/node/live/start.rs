@@ -15,12 +15,12 @@ use farfield_proto::venue::{Source, Venue};
 use farfield_proto::wire;
 use tokio::time::{Instant, MissedTickBehavior, interval, sleep_until};
 
-use super::super::link::{Heard, NODE, Presence, Said as Say};
 use super::super::status::own_status;
 use super::surroundings::Surroundings;
 use crate::live::membership::Membership;
 use crate::live::tick_time::TickTime;
 use crate::live::{Micros, SECOND_US};
+use crate::node::session::link::{Heard, NODE, Presence, Said as Say};
 
 /// How often fusion says that it is there until the ticks begin.
 const CALL_EVERY: Duration = Duration::from_millis(100);

@@ -6,9 +6,9 @@ use farfield_proto::id::SessionId;
 use tokio_util::sync::CancellationToken;
 
 use super::super::config::Config;
-use super::super::link::{Ear, Ends};
-use super::super::progress::Reporter;
 use super::super::recording::RecordingThread;
+use crate::node::output::progress::Reporter;
+use crate::node::session::link::{Ear, Ends};
 
 /// What a live run works with.
 pub(in crate::node) struct Surroundings<'a> {

@@ -19,12 +19,12 @@ use zenoh::Session;
 use zenoh::qos::{CongestionControl, Reliability};
 
 use super::super::config::Config;
-use super::super::link::{Door, Ear, Link};
-use super::super::progress::{Detail, Reporter};
-use super::super::tap::TapHandle;
 use super::*;
 use crate::export::summary::Summary;
 use crate::live::tick_time::TickTime;
+use crate::node::output::progress::{Detail, Reporter};
+use crate::node::session::link::{Door, Ear, Link};
+use crate::node::session::wiretap::TapHandle;
 
 /// Far above what a loaded machine takes; a test that waits as long has failed.
 const PATIENCE: Duration = Duration::from_secs(40);

@@ -13,8 +13,8 @@ use farfield_proto::key::Keys;
 use farfield_proto::tick::Tick;
 use farfield_proto::wire;
 
-use super::super::link::NODE;
-use super::super::tap::{Decided, Tap, TapMessage};
+use crate::node::session::link::NODE;
+use crate::node::session::wiretap::{Decided, Tap, TapMessage};
 
 /// Messages that wait for the recorder.
 const QUEUE: usize = 8192;

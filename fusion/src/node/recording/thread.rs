@@ -21,12 +21,12 @@ use farfield_proto::venue::parameters::RecordingParameters;
 use farfield_proto::wire;
 use tracing::warn;
 
-use super::super::tap::Tap;
 use super::filler::{Fillers, SharedHoles};
 use super::place::Place;
 use super::queue::{Note, Queue, QueueState};
 use super::retention::delete_old;
 use crate::export::summary::RecordingSummary;
+use crate::node::session::wiretap::Tap;
 use crate::recording::channels::Content;
 use crate::recording::holes::Holes;
 use crate::recording::writer::{Head, Passed, RecordingWriter};

@@ -14,7 +14,7 @@ use super::mode::Mode;
 const QUEUE: usize = 256;
 
 /// A subscription, and what waits of it.
-pub(super) enum Inbox {
+pub(in crate::node) enum Inbox {
     /// All of it, in order.
     All(FifoSubscriber),
     /// The newest of it.
@@ -23,7 +23,7 @@ pub(super) enum Inbox {
 
 impl Inbox {
     /// The next message; `None` when there will be no more.
-    pub(super) async fn next(&self) -> Option<Sample> {
+    pub(in crate::node) async fn next(&self) -> Option<Sample> {
         match self {
             Self::All(subscriber) => subscriber.recv_async().await.ok(),
             Self::Newest(subscriber) => subscriber.recv_async().await.ok(),
@@ -32,7 +32,7 @@ impl Inbox {
 }
 
 /// Subscribes to `key`.
-pub(super) async fn subscriber(
+pub(in crate::node) async fn subscriber(
     session: &Session,
     key: String,
     mode: Mode,
@@ -55,7 +55,7 @@ pub(super) async fn subscriber(
 }
 
 /// Who came and who went is said once: nothing of it may be lost.
-pub(super) async fn liveliness(session: &Session, key: String) -> anyhow::Result<Inbox> {
+pub(in crate::node) async fn liveliness(session: &Session, key: String) -> anyhow::Result<Inbox> {
     session::liveliness(session, key, QUEUE)
         .await
         .map(Inbox::All)

@@ -16,9 +16,9 @@ use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
 use super::{Door, Ear, Ends, Heard, Link, Presence, Said};
-use crate::node::mode::Mode;
+use crate::node::session::mode::Mode;
+use crate::node::session::wiretap::{Decided, Tap, TapHandle, TapMessage};
 use crate::node::status::own_status;
-use crate::node::tap::{Decided, Tap, TapHandle, TapMessage};
 
 /// The keys of what has passed.
 #[derive(Default)]

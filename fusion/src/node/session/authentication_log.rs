@@ -30,7 +30,7 @@ thread_local! {
 }
 
 /// Tells how often someone was turned away since the start of this process, if ever.
-pub(super) fn sum_up() {
+pub(in crate::node) fn sum_up() {
     let times = TURNED_AWAY.load(Ordering::Relaxed);
     if times > 0 {
         say(format_args!("fusion: turned away {times} times in all"));
@@ -38,7 +38,7 @@ pub(super) fn sum_up() {
 }
 
 /// The listener, with what it listens to.
-pub(super) fn layer<S>() -> impl Layer<S>
+pub(in crate::node) fn layer<S>() -> impl Layer<S>
 where
     S: Subscriber + for<'a> tracing_subscriber::registry::LookupSpan<'a>,
 {

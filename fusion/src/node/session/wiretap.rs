@@ -54,26 +54,26 @@ pub trait Tap: Send + Sync {
 
 /// The tap of a run, if it has one.
 #[derive(Clone, Default)]
-pub(super) struct TapHandle(Option<Arc<dyn Tap>>);
+pub(in crate::node) struct TapHandle(Option<Arc<dyn Tap>>);
 
 impl TapHandle {
-    pub(super) fn new(tap: Option<Arc<dyn Tap>>) -> Self {
+    pub(in crate::node) fn new(tap: Option<Arc<dyn Tap>>) -> Self {
         Self(tap)
     }
 
-    pub(super) fn received(&self, message: TapMessage<'_>) {
+    pub(in crate::node) fn received(&self, message: TapMessage<'_>) {
         if let Some(tap) = &self.0 {
             tap.received(message);
         }
     }
 
-    pub(super) fn published(&self, message: TapMessage<'_>) {
+    pub(in crate::node) fn published(&self, message: TapMessage<'_>) {
         if let Some(tap) = &self.0 {
             tap.published(message);
         }
     }
 
-    pub(super) fn decided(&self, decided: Decided<'_>) {
+    pub(in crate::node) fn decided(&self, decided: Decided<'_>) {
         if let Some(tap) = &self.0 {
             tap.decided(decided);
         }
@@ -82,7 +82,7 @@ impl TapHandle {
 
 impl TapHandle {
     /// Why nobody listens any more, if somebody did.
-    pub(super) fn failure(&self) -> Option<String> {
+    pub(in crate::node) fn failure(&self) -> Option<String> {
         self.0.as_ref()?.failure()
     }
 }

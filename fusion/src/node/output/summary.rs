@@ -10,54 +10,54 @@ use farfield_node::process::Ending;
 use farfield_proto::message::{LOOK_STAGE, StageTime, Status};
 use farfield_proto::tick::Tick;
 
-use super::config::Config;
 use super::tally::Tally;
 use crate::export::pose_files::Presence;
 use crate::export::summary::{
     DropSummary, RecordingSummary, StageTiming, Summary, TickSpan, TimingSummary,
 };
 use crate::export::unfinished::write_whole;
+use crate::node::config::Config;
 
 /// What is known when a run is over.
-pub(super) struct Facts<'a> {
+pub(in crate::node) struct Facts<'a> {
     /// The ticks of the run.
-    pub(super) ticks: Range<Tick>,
+    pub(in crate::node) ticks: Range<Tick>,
     /// The first words of the edges, with their networks.
-    pub(super) edges: &'a [Status],
-    pub(super) tally: &'a Tally,
+    pub(in crate::node) edges: &'a [Status],
+    pub(in crate::node) tally: &'a Tally,
     /// What came too late, or not at all.
-    pub(super) lost: Lost,
+    pub(in crate::node) lost: Lost,
     /// How it ended; `None` when it failed.
-    pub(super) ending: Option<Ending>,
-    pub(super) people: Vec<Presence>,
+    pub(in crate::node) ending: Option<Ending>,
+    pub(in crate::node) people: Vec<Presence>,
     /// The last tick that went through the core.
-    pub(super) last: Option<Tick>,
+    pub(in crate::node) last: Option<Tick>,
     /// Times of fusion's own stages.
-    pub(super) stages: Vec<StageTime>,
+    pub(in crate::node) stages: Vec<StageTime>,
     /// Times of the ways between the nodes, by node; none in lock-step.
-    pub(super) ways: Vec<(String, StageTime)>,
+    pub(in crate::node) ways: Vec<(String, StageTime)>,
     /// The last statuses of the edges, with their times.
-    pub(super) last_words: &'a [Status],
-    pub(super) elapsed: Duration,
+    pub(in crate::node) last_words: &'a [Status],
+    pub(in crate::node) elapsed: Duration,
     /// What was recorded, when anything was.
-    pub(super) recording: Option<RecordingSummary>,
+    pub(in crate::node) recording: Option<RecordingSummary>,
 }
 
 /// Messages that no step has used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub(super) struct Lost {
+pub(in crate::node) struct Lost {
     /// Those that fusion could not read.
-    pub(super) unreadable: u64,
-    pub(super) late: u64,
-    pub(super) missing: u64,
+    pub(in crate::node) unreadable: u64,
+    pub(in crate::node) late: u64,
+    pub(in crate::node) missing: u64,
     /// Of strangers, of another session, of refused edges, or repeated.
-    pub(super) refused: u64,
+    pub(in crate::node) refused: u64,
     /// What fusion had no room to send.
-    pub(super) unsent: u64,
+    pub(in crate::node) unsent: u64,
 }
 
 /// Puts the facts together; nothing outside `timing` depends on a clock or another process.
-pub(super) fn summarize(config: &Config, facts: &Facts<'_>) -> Summary {
+pub(in crate::node) fn summarize(config: &Config, facts: &Facts<'_>) -> Summary {
     let Facts { ticks, lost, .. } = facts;
     let done = facts
         .last
@@ -114,7 +114,7 @@ pub(super) fn summarize(config: &Config, facts: &Facts<'_>) -> Summary {
 
 /// Says in the summary in `folder` what the recording has come to in the end: what failed after the summary
 /// was written, too.
-pub(super) fn complete(folder: &Path, recording: &RecordingSummary) -> anyhow::Result<()> {
+pub(in crate::node) fn complete(folder: &Path, recording: &RecordingSummary) -> anyhow::Result<()> {
     let path = folder.join("summary.json");
     if !path.exists() {
         // A run without a tick leaves none.
@@ -131,7 +131,7 @@ pub(super) fn complete(folder: &Path, recording: &RecordingSummary) -> anyhow::R
 }
 
 /// Per program and library: its version.
-pub(super) fn versions() -> BTreeMap<String, String> {
+pub(in crate::node) fn versions() -> BTreeMap<String, String> {
     [
         ("farfield".to_owned(), env!("CARGO_PKG_VERSION").to_owned()),
         ("wire".to_owned(), farfield_proto::wire::VERSION.to_string()),
@@ -148,7 +148,10 @@ fn stages(facts: &Facts<'_>) -> BTreeMap<String, StageTiming> {
             .map(|stage| (status.node.as_str(), stage))
     });
     let ways = facts.ways.iter().map(|(node, way)| (node.as_str(), way));
-    let own = facts.stages.iter().map(|stage| (super::link::NODE, stage));
+    let own = facts
+        .stages
+        .iter()
+        .map(|stage| (crate::node::session::link::NODE, stage));
     let all = own.chain(of_edges).chain(ways);
     let timing = |stage: &StageTime| StageTiming {
         p50_us: f64::from(stage.p50_us),
@@ -174,7 +177,7 @@ fn look_shares(last_words: &[Status]) -> BTreeMap<String, f64> {
 }
 
 /// Writes `summary.json` into `folder`.
-pub(super) fn write(folder: &Path, summary: &Summary) -> anyhow::Result<()> {
+pub(in crate::node) fn write(folder: &Path, summary: &Summary) -> anyhow::Result<()> {
     let path = folder.join("summary.json");
     let text = summary.to_json();
     write_whole(path.clone(), text.as_bytes())

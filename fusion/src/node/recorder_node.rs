@@ -29,9 +29,9 @@ use zenoh::Session;
 use zenoh::sample::{Sample, SampleKind};
 
 use super::config::{check_names, load_card};
-use super::doorman;
-use super::link::NODE;
 use super::recording::{Place, RecordingThread, check_place, head};
+use super::session::authentication_log;
+use super::session::link::NODE;
 
 /// Messages that wait between Zenoh and the recorder's own queue.
 const QUEUE: usize = 1024;
@@ -62,7 +62,7 @@ pub struct RecordArgs {
 
 /// Records until it is told to stop, and says on standard error what went wrong.
 pub fn main(args: RecordArgs) -> ExitCode {
-    start_log_with(doorman::layer());
+    start_log_with(authentication_log::layer());
     exit_code(load_and_record(args))
 }
 

@@ -8,12 +8,12 @@ use farfield_proto::wire;
 use tokio::time::{Instant, MissedTickBehavior, interval, sleep_until};
 use tracing::debug;
 
-use super::config::Config;
-use super::given::check_given_ticks;
-use super::link::{Heard, NODE, Presence, Said};
-use super::lockstep::Outside;
-use super::roll_call::{RollCall, Start};
-use super::status::{check, own_status};
+use super::readiness::{RollCall, Start};
+use super::run::Outside;
+use crate::node::config::Config;
+use crate::node::given::check_given_ticks;
+use crate::node::session::link::{Heard, NODE, Presence, Said};
+use crate::node::status::{check, own_status};
 
 /// How often fusion says that it waits, and looks whether its boxes have listeners.
 const CALL_EVERY: Duration = Duration::from_millis(100);
@@ -28,7 +28,7 @@ const REMIND_EVERY: u32 = 100;
 /// # Errors
 /// When an edge holds other files, fails, or (under a parent) does not come, or a person is given by
 /// hand at a tick that the run does not have.
-pub(super) async fn roll_call(
+pub(in crate::node) async fn roll_call(
     config: &Config,
     outside: &mut Outside<'_>,
 ) -> Result<Option<Start>, NodeError> {

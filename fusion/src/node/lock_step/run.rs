@@ -18,38 +18,38 @@ use tokio::time::{Instant, sleep_until, timeout};
 use tokio_util::sync::CancellationToken;
 use tracing::debug;
 
-use super::link::{Ends, Heard, Presence, Said};
-use super::progress::Reporter;
-use super::roll_call::Start;
-use super::status::check;
-use super::tally::Tally;
-use super::tap::{Decided, TapHandle};
-use super::worker::{Stepped, Worker};
+use super::readiness::Start;
 use crate::align::Gather;
+use crate::node::output::progress::Reporter;
+use crate::node::output::tally::Tally;
+use crate::node::session::link::{Ends, Heard, Presence, Said};
+use crate::node::session::wiretap::{Decided, TapHandle};
+use crate::node::status::check;
+use crate::node::worker::{Stepped, Worker};
 
 /// How long the reason for leaving may take to arrive after a node has left.
 const LAST_WORD: Duration = Duration::from_millis(500);
 
 /// What a run hears, whom it tells how far it is, and what may stop it.
-pub(super) struct Outside<'a> {
-    pub(super) ends: &'a mut Ends,
-    pub(super) reporter: &'a mut Reporter,
-    pub(super) stop: &'a CancellationToken,
+pub(in crate::node) struct Outside<'a> {
+    pub(in crate::node) ends: &'a mut Ends,
+    pub(in crate::node) reporter: &'a mut Reporter,
+    pub(in crate::node) stop: &'a CancellationToken,
 }
 
 /// A run under way.
-pub(super) struct LockStep<'a> {
+pub(in crate::node) struct LockStep<'a> {
     venue: &'a Venue,
     session: SessionId,
     ticks: Range<Tick>,
     gather: Gather,
     tap: TapHandle,
     /// What has passed over the links.
-    pub(super) tally: Tally,
+    pub(in crate::node) tally: Tally,
     /// The last tick that is done.
-    pub(super) last: Option<Tick>,
+    pub(in crate::node) last: Option<Tick>,
     /// The viewpoints that have left.
-    pub(super) gone: BTreeSet<String>,
+    pub(in crate::node) gone: BTreeSet<String>,
     /// The edges of the roll call, by name: which process each is.
     processes: BTreeMap<String, u64>,
     deadline: Option<Instant>,
@@ -57,7 +57,12 @@ pub(super) struct LockStep<'a> {
 
 impl<'a> LockStep<'a> {
     /// A run over the ticks of `start`, which must not be empty.
-    pub(super) fn new(venue: &'a Venue, session: SessionId, start: &Start, tap: TapHandle) -> Self {
+    pub(in crate::node) fn new(
+        venue: &'a Venue,
+        session: SessionId,
+        start: &Start,
+        tap: TapHandle,
+    ) -> Self {
         let ticks = start.ticks.clone();
         let process = |edge: &Status| (edge.node.clone(), edge.process);
         let gather = Gather::new(session, ticks.start, venue.viewpoints.len());
@@ -79,7 +84,7 @@ impl<'a> LockStep<'a> {
     ///
     /// # Errors
     /// When a node leaves, fails, is silent for too long, or says what cannot be read: by name, with the tick.
-    pub(super) async fn run(
+    pub(in crate::node) async fn run(
         &mut self,
         first: &[BoxSet],
         worker: &mut Worker,
@@ -125,7 +130,7 @@ impl<'a> LockStep<'a> {
     }
 
     /// Tells every edge that the run is over.
-    pub(super) fn send_end(&mut self, ends: &Ends) {
+    pub(in crate::node) fn send_end(&mut self, ends: &Ends) {
         let tick = self.last.map_or(self.ticks.start, |last| last + 1);
         for viewpoint in 0..self.venue.viewpoints.len() {
             let viewpoint = ViewpointIndex(viewpoint as u16);

@@ -10,7 +10,7 @@ use farfield_proto::venue::Venue;
 
 /// Why a run cannot begin.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-pub(super) enum RollCallError {
+pub(in crate::node) enum RollCallError {
     /// An edge has read another file than fusion.
     #[error(
         "viewpoint {viewpoint} holds another {} than fusion: its fingerprint there is {}, here {}; start that edge with --from-fusion to fetch it, or copy the same file to both",
@@ -63,16 +63,16 @@ pub(super) enum RollCallError {
 
 /// What is known when a run begins.
 #[derive(Debug)]
-pub(super) struct Start {
+pub(in crate::node) struct Start {
     /// The ticks of the run.
-    pub(super) ticks: Range<Tick>,
+    pub(in crate::node) ticks: Range<Tick>,
     /// The word of every edge, by name.
-    pub(super) edges: Vec<Status>,
+    pub(in crate::node) edges: Vec<Status>,
 }
 
 /// Gathers a ready status of every viewpoint.
 #[derive(Debug)]
-pub(super) struct RollCall {
+pub(in crate::node) struct RollCall {
     venue_hash: String,
     calibration_hash: String,
     /// How the fingerprint of an edge's networks must begin, where that is known.
@@ -101,7 +101,7 @@ enum Voice {
 
 impl RollCall {
     /// For the viewpoints of `venue`, and the ticks that were asked for, if any.
-    pub(super) fn new(venue: &Venue, asked: Option<Range<Tick>>) -> Self {
+    pub(in crate::node) fn new(venue: &Venue, asked: Option<Range<Tick>>) -> Self {
         let nodes = venue
             .viewpoints
             .iter()
@@ -118,12 +118,12 @@ impl RollCall {
     }
 
     /// Refuses edges whose networks' fingerprint does not begin with `models`, where that is known.
-    pub(super) fn expect_models(&mut self, models: Option<&str>) {
+    pub(in crate::node) fn expect_models(&mut self, models: Option<&str>) {
         self.models = models.map(str::to_owned);
     }
 
     /// Takes a node's word. A node that is not ready is noted once it is.
-    pub(super) fn hear(&mut self, status: &Status) -> Result<(), RollCallError> {
+    pub(in crate::node) fn hear(&mut self, status: &Status) -> Result<(), RollCallError> {
         let viewpoint = status.node.clone();
         if !self.nodes.contains_key(&viewpoint) {
             return Err(RollCallError::UnknownNode(viewpoint));
@@ -146,14 +146,14 @@ impl RollCall {
     }
 
     /// A node has left before the start.
-    pub(super) fn forget(&mut self, node: &str) {
+    pub(in crate::node) fn forget(&mut self, node: &str) {
         if let Some(status) = self.nodes.get_mut(node) {
             *status = None;
         }
     }
 
     /// The viewpoints that are not ready yet.
-    pub(super) fn missing(&self) -> Vec<&str> {
+    pub(in crate::node) fn missing(&self) -> Vec<&str> {
         self.nodes
             .iter()
             .filter(|(_, status)| status.is_none())
@@ -162,12 +162,12 @@ impl RollCall {
     }
 
     /// What the nodes said, by viewpoint, of those that are ready.
-    pub(super) fn ready(&self) -> impl Iterator<Item = &Status> {
+    pub(in crate::node) fn ready(&self) -> impl Iterator<Item = &Status> {
         self.nodes.values().flatten()
     }
 
     /// The ticks of the run; `None` while someone is missing.
-    pub(super) fn ticks(&self) -> Result<Option<Range<Tick>>, RollCallError> {
+    pub(in crate::node) fn ticks(&self) -> Result<Option<Range<Tick>>, RollCallError> {
         if !self.missing().is_empty() {
             return Ok(None);
         }

@@ -11,7 +11,7 @@ use farfield_node::session::{self, Delivery, declare_alive, has_listener};
 use farfield_proto::id::ViewpointIndex;
 use farfield_proto::key::Keys;
 use farfield_proto::message::{PatchSet, SightingSet, Status};
-pub(super) use farfield_proto::transport::FUSION as NODE;
+pub(in crate::node) use farfield_proto::transport::FUSION as NODE;
 use farfield_proto::transport::{FusionTransport, Identity};
 use farfield_proto::venue::Venue;
 use farfield_proto::wire::{self, WireError};
@@ -24,16 +24,16 @@ use zenoh::pubsub::Publisher;
 use zenoh::sample::{Sample, SampleKind};
 use zenoh::{Session, Wait as _};
 
-use super::inbox::{Inbox, liveliness, subscriber};
 use super::mode::Mode;
-use super::tap::{TapHandle, TapMessage};
+use super::subscribers::{Inbox, liveliness, subscriber};
+use super::wiretap::{TapHandle, TapMessage};
 
 /// Messages that wait for the loop; when it is full, what has come waits in its subscription's inbox.
 const QUEUE: usize = 256;
 
 /// What the network tells the loop.
 #[derive(Debug)]
-pub(super) enum Heard {
+pub(in crate::node) enum Heard {
     /// Patches.
     Patches(PatchSet, Arrival),
     /// Sightings.
@@ -48,16 +48,16 @@ pub(super) enum Heard {
 
 /// How a message came.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Arrival {
+pub(in crate::node) struct Arrival {
     /// The bytes it took.
-    pub(super) bytes: u64,
+    pub(in crate::node) bytes: u64,
     /// When, microseconds since 1970.
-    pub(super) at_us: i64,
+    pub(in crate::node) at_us: i64,
 }
 
 /// Whether a node is there.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Presence {
+pub(in crate::node) enum Presence {
     /// Its liveliness token is there.
     There,
     /// Its token went away with its session.
@@ -66,7 +66,7 @@ pub(super) enum Presence {
 
 /// What fusion says, and to whom.
 #[derive(Debug)]
-pub(super) enum Said {
+pub(in crate::node) enum Said {
     /// Boxes for the viewpoint of this index.
     Boxes(usize, Vec<u8>),
     /// The persons of a tick.
@@ -81,14 +81,14 @@ pub(super) enum Said {
 
 /// Where fusion listens, and by what it proves who it is.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Door<'a> {
-    pub(super) listen: &'a [String],
+pub(in crate::node) struct Door<'a> {
+    pub(in crate::node) listen: &'a [String],
     /// `None` without TLS.
-    pub(super) identity: Option<&'a Identity>,
+    pub(in crate::node) identity: Option<&'a Identity>,
 }
 
 /// The open session with all that is declared on it.
-pub(super) struct Link {
+pub(in crate::node) struct Link {
     session: Session,
     mouths: Mouths,
     subscribers: Vec<(Topic, Inbox)>,
@@ -114,7 +114,11 @@ enum Topic {
 
 impl Link {
     /// Listens where `door` says and declares everything that the edges of `venue` need.
-    pub(super) async fn open(venue: &Venue, door: &Door<'_>, mode: Mode) -> anyhow::Result<Self> {
+    pub(in crate::node) async fn open(
+        venue: &Venue,
+        door: &Door<'_>,
+        mode: Mode,
+    ) -> anyhow::Result<Self> {
         let viewpoints: Vec<&str> = venue.viewpoints.iter().map(|v| v.name.as_str()).collect();
         let transport = FusionTransport {
             venue: &venue.name,
@@ -166,12 +170,12 @@ impl Link {
     }
 
     /// The session, for others who declare something on it.
-    pub(super) fn session(&self) -> Session {
+    pub(in crate::node) fn session(&self) -> Session {
         self.session.clone()
     }
 
     /// The endpoints that edges can connect to, with the ports that were really taken.
-    pub(super) async fn locators(&self) -> Vec<String> {
+    pub(in crate::node) async fn locators(&self) -> Vec<String> {
         self.session
             .info()
             .locators()
@@ -182,7 +186,12 @@ impl Link {
     }
 
     /// Starts the tasks that carry messages to and from the loop.
-    pub(super) fn spawn(self, tasks: &TaskTracker, stop: &CancellationToken, ear: &Ear) -> Ends {
+    pub(in crate::node) fn spawn(
+        self,
+        tasks: &TaskTracker,
+        stop: &CancellationToken,
+        ear: &Ear,
+    ) -> Ends {
         let (heard_tx, heard) = mpsc::channel(QUEUE);
         for (topic, inbox) in self.subscribers {
             let (ear, heard_tx) = (ear.clone(), heard_tx.clone());
@@ -206,16 +215,16 @@ impl Link {
 
 /// What every message passes on its way in or out: the clock, and whoever listens in.
 #[derive(Debug, Clone)]
-pub(super) struct Ear {
-    pub(super) clock: VenueClock,
-    pub(super) tap: TapHandle,
+pub(in crate::node) struct Ear {
+    pub(in crate::node) clock: VenueClock,
+    pub(in crate::node) tap: TapHandle,
     /// Names of the viewpoints, by index.
     names: Arc<[String]>,
     venue_hash: Arc<str>,
 }
 
 impl Ear {
-    pub(super) fn new(venue: &Venue, clock: VenueClock, tap: TapHandle) -> Self {
+    pub(in crate::node) fn new(venue: &Venue, clock: VenueClock, tap: TapHandle) -> Self {
         let names = venue.viewpoints.iter().map(|v| v.name.clone());
         Self {
             clock,
@@ -256,25 +265,25 @@ impl Ear {
 }
 
 /// The loop's ends of the queues to and from the wire.
-pub(super) struct Ends {
+pub(in crate::node) struct Ends {
     /// What comes in.
-    pub(super) heard: mpsc::Receiver<Heard>,
+    pub(in crate::node) heard: mpsc::Receiver<Heard>,
     /// What goes out; bounded, see [`Link::spawn`].
-    pub(super) say: mpsc::Sender<Said>,
+    pub(in crate::node) say: mpsc::Sender<Said>,
     /// Whether every viewpoint listens for its boxes.
-    pub(super) matched: tokio::sync::watch::Receiver<bool>,
+    pub(in crate::node) matched: tokio::sync::watch::Receiver<bool>,
     session: Session,
     _token: LivelinessToken,
 }
 
 impl Ends {
     /// The open session.
-    pub(super) fn session(&self) -> Session {
+    pub(in crate::node) fn session(&self) -> Session {
         self.session.clone()
     }
 
     /// Lets the publisher finish what is queued, then closes the session.
-    pub(super) async fn close(self, tasks: &TaskTracker, stop: &CancellationToken) {
+    pub(in crate::node) async fn close(self, tasks: &TaskTracker, stop: &CancellationToken) {
         drop(self.say);
         drop(self.heard);
         stop.cancel();

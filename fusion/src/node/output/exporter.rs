@@ -15,7 +15,7 @@ use crate::skeleton::{ANGLE_NAMES, Joint, RangeOfMotion};
 const SMOOTH: &str = "smooth";
 
 /// Writes poses as they become final.
-pub(super) struct Recorder {
+pub(in crate::node) struct Recorder {
     folder: PathBuf,
     layout: Layout,
     rate_hz: f64,
@@ -26,7 +26,7 @@ pub(super) struct Recorder {
 
 impl Recorder {
     /// Starts the files in `folder`, which must exist.
-    pub(super) fn create(
+    pub(in crate::node) fn create(
         folder: &Path,
         venue: &Venue,
         keypoints: &KeypointSet,
@@ -43,7 +43,7 @@ impl Recorder {
     }
 
     /// Writes smoothed ticks, in order, into a folder of their own.
-    pub(super) fn write_smoothed(&mut self, smoothed: &[PoseSet]) -> anyhow::Result<()> {
+    pub(in crate::node) fn write_smoothed(&mut self, smoothed: &[PoseSet]) -> anyhow::Result<()> {
         if smoothed.is_empty() {
             return Ok(());
         }
@@ -63,7 +63,7 @@ impl Recorder {
     }
 
     /// Writes ticks that will not change any more, in order.
-    pub(super) fn write(&mut self, finished: &[PoseSet]) -> anyhow::Result<()> {
+    pub(in crate::node) fn write(&mut self, finished: &[PoseSet]) -> anyhow::Result<()> {
         finished
             .iter()
             .try_for_each(|poses| self.files.write(poses))
@@ -71,7 +71,7 @@ impl Recorder {
     }
 
     /// Completes all files, and says who was there.
-    pub(super) fn finish(self) -> anyhow::Result<Vec<Presence>> {
+    pub(in crate::node) fn finish(self) -> anyhow::Result<Vec<Presence>> {
         if let Some(smooth) = self.smooth {
             smooth
                 .finish()
@@ -82,7 +82,7 @@ impl Recorder {
 }
 
 /// What the numbers of a pose of `venue` are called.
-pub(super) fn layout(venue: &Venue, keypoints: &KeypointSet) -> Layout {
+pub(in crate::node) fn layout(venue: &Venue, keypoints: &KeypointSet) -> Layout {
     let parameters = &venue.parameters.range_of_motion;
     let range = RangeOfMotion::new(parameters.factor);
     let angle = |(index, name): (usize, &&str)| {
