@@ -1,6 +1,5 @@
 //! A fusion node from its arguments to its exit code.
 
-use std::path::Path;
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::time::Duration;
@@ -11,8 +10,6 @@ use farfield_node::log::start_log_with;
 use farfield_node::process::{Ending, Managed, NodeError, exit_code, stop_when_told};
 use farfield_node::runtime;
 use farfield_proto::id::SessionId;
-use farfield_proto::message::Status;
-use farfield_proto::wire;
 use tokio::time::timeout;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
@@ -21,26 +18,17 @@ use tracing::warn;
 use super::config::{Config, FusionArgs};
 use super::handout;
 use super::live::{Surroundings, live};
-use super::lock_step::readiness::Start;
-use super::lock_step::run::{LockStep, Outside};
-use super::lock_step::start::roll_call;
+use super::lock_step::{Begin, Outside};
 use super::output::claim::Claim;
-use super::output::exporter::Recorder;
 use super::output::progress::Reporter;
-use super::output::summary::{self, Facts, Lost, summarize};
+use super::output::summary;
 use super::recording::{Place, RecordingThread, head};
 use super::session::authentication_log;
-use super::session::link::{Ear, Ends, Heard, Link, NODE, Presence, Said};
+use super::session::link::{Ear, Link, NODE};
 use super::session::mode::Mode;
 use super::session::wiretap::TapHandle;
-use super::status::failed_status;
-use super::worker::Worker;
 use crate::pipeline::Pipeline;
 
-/// How long the edges may take to say their last word when a run is over.
-const FAREWELL: Duration = Duration::from_secs(3);
-/// How long a refusal stands on the wire before the session closes.
-const REFUSAL: Duration = Duration::from_millis(500);
 /// How long the tasks may take to end.
 const DRAIN: Duration = Duration::from_secs(5);
 
@@ -154,126 +142,4 @@ fn record(
     let head = head(venue, &config.venue_path, pipeline.keypoints(), NODE)?;
     let place = Place::make(asked, &venue.name)?;
     RecordingThread::start(place, head, session, &venue.parameters.recording).map(Some)
-}
-
-/// A run in lock-step.
-struct Begin<'a> {
-    config: &'a Config,
-    session: SessionId,
-    /// Where the results go.
-    out: &'a Path,
-    tap: &'a TapHandle,
-    recording: Option<&'a RecordingThread>,
-}
-
-impl Begin<'_> {
-    /// Waits for all edges, and runs.
-    async fn lock_step(
-        &self,
-        pipeline: Pipeline,
-        outside: &mut Outside<'_>,
-    ) -> Result<Ending, NodeError> {
-        match roll_call(self.config, outside).await {
-            Ok(Some(start)) => Box::pin(self.run(&start, pipeline, outside)).await,
-            Ok(None) => Ok(Ending::Interrupted),
-            Err(error) => {
-                say_failure(self.config, outside.ends, &error);
-                tokio::time::sleep(REFUSAL).await;
-                Err(error)
-            }
-        }
-    }
-
-    /// Runs; all edges are ready.
-    async fn run(
-        &self,
-        start: &Start,
-        mut pipeline: Pipeline,
-        outside: &mut Outside<'_>,
-    ) -> Result<Ending, NodeError> {
-        let venue = &self.config.venue;
-        let ticks = &start.ticks;
-        outside.reporter.started(ticks.start, Some(ticks.end));
-        let began = clock::now();
-        let first = pipeline.first_boxes(ticks.start);
-        let keypoints = pipeline.keypoints().clone();
-        let recorder = Recorder::create(self.out, venue, &keypoints).map_err(NodeError::Failed)?;
-        let mut worker = Worker::spawn(pipeline, recorder, Mode::LockStep)
-            .context("starting the core's thread")
-            .map_err(NodeError::Failed)?;
-        let mut run = LockStep::new(venue, self.session, start, self.tap.clone());
-        let outcome = run
-            .run(&first, &mut worker, outside)
-            .await
-            .map_err(NodeError::Failed);
-        if let Err(error) = &outcome {
-            say_failure(self.config, outside.ends, error);
-        }
-        run.send_end(outside.ends);
-        let last_words = farewell(&mut run, outside.ends, venue.viewpoints.len()).await;
-        let finished = worker.finish().await.map_err(NodeError::Failed)?;
-        let people = finished.people.map_err(NodeError::Failed)?;
-        if finished.last.is_none() {
-            // There is nothing to sum up.
-            return outcome;
-        }
-        let facts = Facts {
-            ticks: start.ticks.clone(),
-            edges: &start.edges,
-            tally: &run.tally,
-            lost: Lost {
-                late: run.tally.refused,
-                ..Lost::default()
-            },
-            ending: outcome.as_ref().ok().copied(),
-            people,
-            last: finished.last,
-            stages: finished.stages,
-            ways: Vec::new(),
-            last_words: &last_words,
-            elapsed: clock::now().duration_since(began),
-            recording: self.recording.map(RecordingThread::so_far),
-        };
-        summary::write(self.out, &summarize(self.config, &facts)).map_err(NodeError::Failed)?;
-        outcome
-    }
-}
-
-/// Hears the edges out: each says once more how it is, with its times, before it leaves.
-async fn farewell(run: &mut LockStep<'_>, ends: &mut Ends, n_viewpoints: usize) -> Vec<Status> {
-    let mut last_words = Vec::new();
-    let hear_out = async {
-        while run.gone.len() < n_viewpoints {
-            match ends.heard.recv().await {
-                Some(Heard::Status(status))
-                    if status.viewpoint.is_some() && !status.stages.is_empty() =>
-                {
-                    last_words.push(*status);
-                }
-                Some(Heard::Alive(node, Presence::Gone)) => drop(run.gone.insert(node)),
-                Some(_) => {}
-                None => break,
-            }
-        }
-    };
-    if timeout(FAREWELL, hear_out).await.is_err() {
-        warn!(
-            left = run.gone.len(),
-            of = n_viewpoints,
-            "not every edge has left"
-        );
-    }
-    last_words.sort_by_key(|status| status.viewpoint);
-    last_words
-}
-
-fn say_failure(config: &Config, ends: &Ends, error: &NodeError) {
-    let status = failed_status(&config.venue.hashes, error);
-    if ends
-        .say
-        .try_send(Said::Status(wire::encode(&status)))
-        .is_err()
-    {
-        warn!("the edges were not told: the queue is full");
-    }
 }
