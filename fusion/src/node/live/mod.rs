@@ -87,7 +87,7 @@ pub(super) async fn live(
         elapsed: clock::now().duration_since(began),
         recording: around.recording.map(RecordingThread::so_far),
     };
-    summary::write(around.out, &summarize(config, &facts)).map_err(NodeError::Failed)?;
+    summary::write(around.out, &summarize(venue, &facts)).map_err(NodeError::Failed)?;
     outcome.map_err(NodeError::Failed)
 }
 

@@ -115,7 +115,7 @@ impl Begin<'_> {
             elapsed: clock::now().duration_since(began),
             recording: self.recording.map(RecordingThread::so_far),
         };
-        summary::write(self.out, &summarize(self.config, &facts)).map_err(NodeError::Failed)?;
+        summary::write(self.out, &summarize(venue, &facts)).map_err(NodeError::Failed)?;
         outcome
     }
 }

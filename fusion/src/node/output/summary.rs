@@ -9,6 +9,7 @@ use anyhow::Context as _;
 use farfield_node::process::Ending;
 use farfield_proto::message::{LOOK_STAGE, StageTime, Status};
 use farfield_proto::tick::Tick;
+use farfield_proto::venue::Venue;
 
 use super::tally::Tally;
 use crate::export::pose_files::Presence;
@@ -16,7 +17,6 @@ use crate::export::summary::{
     DropSummary, RecordingSummary, StageTiming, Summary, TickSpan, TimingSummary,
 };
 use crate::export::unfinished::write_whole;
-use crate::node::config::Config;
 
 /// What is known when a run is over.
 pub(in crate::node) struct Facts<'a> {
@@ -57,7 +57,7 @@ pub(in crate::node) struct Lost {
 }
 
 /// Puts the facts together; nothing outside `timing` depends on a clock or another process.
-pub(in crate::node) fn summarize(config: &Config, facts: &Facts<'_>) -> Summary {
+pub(in crate::node) fn summarize(venue: &Venue, facts: &Facts<'_>) -> Summary {
     let Facts { ticks, lost, .. } = facts;
     let done = facts
         .last
@@ -73,10 +73,10 @@ pub(in crate::node) fn summarize(config: &Config, facts: &Facts<'_>) -> Summary 
     };
     let elapsed_s = facts.elapsed.as_secs_f64();
     Summary {
-        venue: config.venue.name.clone(),
-        venue_hash: config.venue.hashes.venue.clone(),
-        calibration_hash: config.venue.hashes.calibration.clone(),
-        rate_hz: config.venue.rate_hz,
+        venue: venue.name.clone(),
+        venue_hash: venue.hashes.venue.clone(),
+        calibration_hash: venue.hashes.calibration.clone(),
+        rate_hz: venue.rate_hz,
         complete: facts.ending == Some(Ending::Done),
         ticks: TickSpan {
             first: ticks.start,
