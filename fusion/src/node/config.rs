@@ -10,13 +10,14 @@ use farfield_node::files::load_venue;
 use farfield_node::process::{Managed, NodeError};
 use farfield_proto::model_card::HeatmapCard;
 use farfield_proto::tick::{Tick, parse_range};
+use farfield_proto::transport::FUSION;
 use farfield_proto::venue::Venue;
 
 use super::given::{check_given_keypoints, check_given_ticks};
 use super::handout::Handout;
 use super::output::progress::Detail;
 use super::recording::check_place;
-use super::session::link::{Door, NODE};
+use super::session::link::Door;
 use super::session::mode::Mode;
 
 /// Arguments of the fusion node.
@@ -117,7 +118,7 @@ impl Config {
         }
         let asked = Asked {
             side: Side::Listen,
-            node: NODE,
+            node: FUSION,
             endpoints: &args.listen,
             certificates: args.certificates.as_deref(),
             allow_plaintext: args.allow_plaintext,
@@ -170,8 +171,8 @@ impl Config {
 /// Names the viewpoint.
 pub fn check_names(venue: &Venue) -> anyhow::Result<()> {
     anyhow::ensure!(
-        venue.viewpoint_named(NODE).is_none(),
-        "a viewpoint must not be named {NODE:?}: that is the name of the fusion node"
+        venue.viewpoint_named(FUSION).is_none(),
+        "a viewpoint must not be named {FUSION:?}: that is the name of the fusion node"
     );
     Ok(())
 }

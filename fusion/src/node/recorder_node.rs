@@ -20,7 +20,7 @@ use farfield_proto::key::Keys;
 use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::message::Status;
 use farfield_proto::same_files::{OtherFile, OwnFiles};
-use farfield_proto::transport::{EdgeTransport, RECORDER};
+use farfield_proto::transport::{EdgeTransport, FUSION, RECORDER};
 use farfield_proto::venue::{Venue, VenueHash};
 use farfield_proto::wire;
 use tokio_util::sync::CancellationToken;
@@ -31,7 +31,6 @@ use zenoh::sample::{Sample, SampleKind};
 use super::config::{check_names, load_card};
 use super::recording::{Place, RecordingThread, check_place, head};
 use super::session::authentication_log;
-use super::session::link::NODE;
 
 /// Messages that wait between Zenoh and the recorder's own queue.
 const QUEUE: usize = 1024;
@@ -137,7 +136,7 @@ async fn listen(
     let nodes = session::liveliness(session, keys.all_alive(), QUEUE).await;
     let nodes = nodes.map_err(NodeError::Failed)?;
     let (clock, queue) = (VenueClock::start(), recording.queue());
-    let fusion = keys.status(NODE);
+    let fusion = keys.status(FUSION);
     let mut agreement = Agreement::default();
     let mut tell = tokio::time::interval(TELL_EVERY);
     let mut n_messages = 0u64;

@@ -10,6 +10,7 @@ use farfield_node::log::start_log_with;
 use farfield_node::process::{Ending, Managed, NodeError, exit_code, stop_when_told};
 use farfield_node::runtime;
 use farfield_proto::id::SessionId;
+use farfield_proto::transport::FUSION;
 use tokio::time::timeout;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
@@ -24,7 +25,7 @@ use super::output::progress::Reporter;
 use super::output::summary;
 use super::recording::{Place, RecordingThread, head};
 use super::session::authentication_log;
-use super::session::link::{Ear, Link, NODE};
+use super::session::link::{Ear, Link};
 use super::session::mode::Mode;
 use super::session::wiretap::TapHandle;
 use crate::pipeline::Pipeline;
@@ -139,7 +140,7 @@ fn record(
         return Ok(None);
     };
     let venue = &config.venue;
-    let head = head(venue, &config.venue_path, pipeline.keypoints(), NODE)?;
+    let head = head(venue, &config.venue_path, pipeline.keypoints(), FUSION)?;
     let place = Place::make(asked, &venue.name)?;
     RecordingThread::start(place, head, session, &venue.parameters.recording).map(Some)
 }

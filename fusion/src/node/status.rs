@@ -3,15 +3,14 @@
 use anyhow::anyhow;
 use farfield_node::process::NodeError;
 use farfield_proto::message::Status;
+use farfield_proto::transport::FUSION;
 use farfield_proto::venue::VenueHash;
 use farfield_proto::wire;
-
-use super::session::link::NODE;
 
 /// Fusion's own status over files with these fingerprints.
 pub(super) fn own_status(hashes: &VenueHash) -> Status {
     Status {
-        node: NODE.to_owned(),
+        node: FUSION.to_owned(),
         process: 0,
         viewpoint: None,
         ready: true,

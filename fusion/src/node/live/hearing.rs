@@ -5,6 +5,7 @@ use farfield_node::process::say;
 use farfield_proto::live::EdgeLink;
 use farfield_proto::message::{PatchSet, SightingSet, Status};
 use farfield_proto::tick::Tick;
+use farfield_proto::transport::FUSION;
 use tracing::debug;
 
 use super::run::Live;
@@ -14,7 +15,7 @@ use crate::live::Micros;
 use crate::live::edge::Came;
 use crate::live::gather::Taken;
 use crate::live::membership::Said;
-use crate::node::session::link::{Arrival, Ends, Heard, NODE, Presence};
+use crate::node::session::link::{Arrival, Ends, Heard, Presence};
 
 /// Late sets that wait for the smoother's next step; of more, the newest are dropped.
 const MAX_LATE: usize = 256;
@@ -39,7 +40,7 @@ impl Live<'_> {
             Heard::Patches(set, arrival) => self.hear_patches(set, arrival),
             Heard::Sightings(set, arrival) => self.hear_sightings(set, arrival),
             // Fusion hears itself, too.
-            Heard::Status(status) if status.node == NODE => {}
+            Heard::Status(status) if status.node == FUSION => {}
             Heard::Status(status) => self.hear_status(&status),
             Heard::Alive(node, Presence::There) => {
                 note_present(&self.config.venue, &mut self.present, node);

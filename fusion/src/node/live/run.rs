@@ -12,6 +12,7 @@ use farfield_proto::decision::Decision;
 use farfield_proto::id::{SessionId, ViewpointIndex};
 use farfield_proto::message::{BoxSet, PatchSet, StageTime, Status};
 use farfield_proto::tick::Tick;
+use farfield_proto::transport::FUSION;
 use farfield_proto::wire;
 use tokio::time::{MissedTickBehavior, interval, sleep_until};
 
@@ -30,7 +31,7 @@ use crate::live::tick_time::TickTime;
 use crate::live::{Micros, SECOND_US};
 use crate::node::output::summary::Lost;
 use crate::node::output::tally::Tally;
-use crate::node::session::link::{Ear, Ends, NODE, Said as Say};
+use crate::node::session::link::{Ear, Ends, Said as Say};
 use crate::node::session::wiretap::Decided;
 
 /// How often the loop looks after what nothing else wakes it for.
@@ -329,7 +330,7 @@ impl<'a> Live<'a> {
     /// How long the ways take, by node.
     pub(super) fn ways(&self) -> Vec<(String, StageTime)> {
         let own = self.delays.own().into_iter();
-        let own = own.map(|time| (NODE.to_owned(), time));
+        let own = own.map(|time| (FUSION.to_owned(), time));
         let edges = self.delays.of_edges();
         own.chain(edges.map(|(name, time)| (name.to_owned(), time)))
             .collect()

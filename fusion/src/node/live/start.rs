@@ -11,6 +11,7 @@ use anyhow::Context as _;
 use farfield_proto::live::LiveStatus;
 use farfield_proto::message::Status;
 use farfield_proto::tick::Tick;
+use farfield_proto::transport::FUSION;
 use farfield_proto::venue::{Source, Venue};
 use farfield_proto::wire;
 use tokio::time::{Instant, MissedTickBehavior, interval, sleep_until};
@@ -20,7 +21,7 @@ use super::surroundings::Surroundings;
 use crate::live::membership::Membership;
 use crate::live::tick_time::TickTime;
 use crate::live::{Micros, SECOND_US};
-use crate::node::session::link::{Heard, NODE, Presence, Said as Say};
+use crate::node::session::link::{Heard, Presence, Said as Say};
 
 /// How often fusion says that it is there until the ticks begin.
 const CALL_EVERY: Duration = Duration::from_millis(100);
@@ -91,7 +92,7 @@ pub(super) async fn clock_start(
             () = stop.cancelled() => return Ok(None),
             heard = ends.heard.recv() => {
                 match heard.context("the subscriptions have ended")? {
-                    Heard::Status(status) if status.node != NODE => {
+                    Heard::Status(status) if status.node != FUSION => {
                         members.hear(&status, ear.clock.now_us());
                         if status.ready && leave_out_at.is_none() {
                             leave_out_at = Some(Instant::now() + PATIENCE);

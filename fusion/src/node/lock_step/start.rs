@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use anyhow::{Context as _, anyhow};
 use farfield_node::process::{Managed, NodeError};
+use farfield_proto::transport::FUSION;
 use farfield_proto::wire;
 use tokio::time::{Instant, MissedTickBehavior, interval, sleep_until};
 use tracing::debug;
@@ -12,7 +13,7 @@ use super::readiness::{RollCall, Start};
 use super::run::Outside;
 use crate::node::config::Config;
 use crate::node::given::check_given_ticks;
-use crate::node::session::link::{Heard, NODE, Presence, Said};
+use crate::node::session::link::{Heard, Presence, Said};
 use crate::node::status::{check, own_status};
 
 /// How often fusion says that it waits, and looks whether its boxes have listeners.
@@ -79,7 +80,7 @@ pub(in crate::node) async fn roll_call(
 fn hear(roll: &mut RollCall, heard: Heard) -> Result<(), NodeError> {
     match heard {
         // Fusion hears itself, too.
-        Heard::Status(status) if status.node == NODE => Ok(()),
+        Heard::Status(status) if status.node == FUSION => Ok(()),
         Heard::Status(status) => {
             // Whose files differ is refused, whatever else it says: it refuses us, too.
             roll.hear(&status).map_err(NodeError::refused)?;

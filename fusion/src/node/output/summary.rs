@@ -9,6 +9,7 @@ use anyhow::Context as _;
 use farfield_node::process::Ending;
 use farfield_proto::message::{LOOK_STAGE, StageTime, Status};
 use farfield_proto::tick::Tick;
+use farfield_proto::transport::FUSION;
 use farfield_proto::venue::Venue;
 
 use super::tally::Tally;
@@ -148,10 +149,7 @@ fn stages(facts: &Facts<'_>) -> BTreeMap<String, StageTiming> {
             .map(|stage| (status.node.as_str(), stage))
     });
     let ways = facts.ways.iter().map(|(node, way)| (node.as_str(), way));
-    let own = facts
-        .stages
-        .iter()
-        .map(|stage| (crate::node::session::link::NODE, stage));
+    let own = facts.stages.iter().map(|stage| (FUSION, stage));
     let all = own.chain(of_edges).chain(ways);
     let timing = |stage: &StageTime| StageTiming {
         p50_us: f64::from(stage.p50_us),

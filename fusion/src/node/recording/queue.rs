@@ -11,9 +11,9 @@ use farfield_proto::decision::Decision;
 use farfield_proto::id::SessionId;
 use farfield_proto::key::Keys;
 use farfield_proto::tick::Tick;
+use farfield_proto::transport::FUSION;
 use farfield_proto::wire;
 
-use crate::node::session::link::NODE;
 use crate::node::session::wiretap::{Decided, Tap, TapMessage};
 
 /// Messages that wait for the recorder.
@@ -70,7 +70,7 @@ impl Queue {
             state: Arc::default(),
             session,
             decisions: keys.decision(),
-            own_status: keys.status(NODE),
+            own_status: keys.status(FUSION),
             first: OnceLock::new(),
         };
         (this, notes)

@@ -11,8 +11,7 @@ use farfield_node::session::{self, Delivery, declare_alive, has_listener};
 use farfield_proto::id::ViewpointIndex;
 use farfield_proto::key::Keys;
 use farfield_proto::message::{PatchSet, SightingSet, Status};
-pub(in crate::node) use farfield_proto::transport::FUSION as NODE;
-use farfield_proto::transport::{FusionTransport, Identity};
+use farfield_proto::transport::{FUSION, FusionTransport, Identity};
 use farfield_proto::venue::Venue;
 use farfield_proto::wire::{self, WireError};
 use tokio::sync::mpsc;
@@ -158,9 +157,9 @@ impl Link {
             poses: publisher(keys.pose(), delivery).await?,
             smooth: publisher(keys.smooth(), delivery).await?,
             decisions: publisher(keys.decision(), delivery).await?,
-            status: publisher(keys.status(NODE), of_status).await?,
+            status: publisher(keys.status(FUSION), of_status).await?,
         };
-        let token = declare_alive(&session, keys.alive(NODE)).await?;
+        let token = declare_alive(&session, keys.alive(FUSION)).await?;
         Ok(Self {
             session,
             mouths,
