@@ -48,7 +48,7 @@ pub struct FusionArgs {
     /// Folder for the results; must be empty or not there.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Record everything that is heard and said, and what was used for each tick, as an MCAP file: this
+    /// Record everything that is received and sent, and what was used for each tick, as an MCAP file: this
     /// one, which must not be there, or a new one in this folder.
     #[arg(long, value_name = "FILE")]
     pub record: Option<PathBuf>,

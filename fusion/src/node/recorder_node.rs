@@ -1,6 +1,6 @@
 //! `farfield record`: a node of its own that listens to everything under the venue's name, and records it.
 //!
-//! It hears what fusion hears, but for what the links between lose, and not always in time: what fusion
+//! It receives what fusion receives, but for what the links between lose, and not always in time: what fusion
 //! used for each tick it takes from fusion's own word ([`farfield_proto::decision`]).
 
 use std::path::PathBuf;
@@ -170,10 +170,10 @@ async fn listen(
             && let Ok(status) = wire::decode::<Status>(&payload)
         {
             let different = difference(&venue.hashes, &status);
-            match agreement.hear(different, clock.now_us()) {
-                Heard::Same => {}
-                Heard::Differs(what) => say(format_args!("{what}")),
-                Heard::StillDiffers(what) => return Err(NodeError::Refused(anyhow!(what))),
+            match agreement.compare(different, clock.now_us()) {
+                Comparison::Same => {}
+                Comparison::Differs(what) => say(format_args!("{what}")),
+                Comparison::StillDiffers(what) => return Err(NodeError::Refused(anyhow!(what))),
             }
         }
     }
@@ -189,7 +189,7 @@ struct Agreement {
 
 /// What a status means for the recording.
 #[derive(Debug, PartialEq, Eq)]
-enum Heard {
+enum Comparison {
     /// Nothing new.
     Same,
     /// For the first time: worth a warning, and no more, as without keys anybody may say so.
@@ -200,22 +200,22 @@ enum Heard {
 
 impl Agreement {
     /// Takes how a status of `now_us` differs from the own files, if it does.
-    fn hear(&mut self, different: Option<String>, now_us: i64) -> Heard {
+    fn compare(&mut self, different: Option<String>, now_us: i64) -> Comparison {
         let Some(what) = different else {
             self.differs_since_us = None;
-            return Heard::Same;
+            return Comparison::Same;
         };
         match self.differs_since_us {
             None => {
                 self.differs_since_us = Some(now_us);
                 if std::mem::replace(&mut self.is_told, true) {
-                    Heard::Same
+                    Comparison::Same
                 } else {
-                    Heard::Differs(what)
+                    Comparison::Differs(what)
                 }
             }
-            Some(since_us) if now_us - since_us >= DIFFERS_US => Heard::StillDiffers(what),
-            Some(_) => Heard::Same,
+            Some(since_us) if now_us - since_us >= DIFFERS_US => Comparison::StillDiffers(what),
+            Some(_) => Comparison::Same,
         }
     }
 }
@@ -239,17 +239,17 @@ mod tests {
         let other = || Some("another venue file".to_owned());
         let mut agreement = Agreement::default();
         let second = |n: i64| n * 1_000_000;
-        let first = agreement.hear(other(), second(0));
-        assert!(matches!(first, Heard::Differs(_)));
+        let first = agreement.compare(other(), second(0));
+        assert!(matches!(first, Comparison::Differs(_)));
         // Fusion's own word comes once a second between.
         for n in 1..20 {
-            assert_eq!(agreement.hear(None, second(n)), Heard::Same);
-            assert_eq!(agreement.hear(other(), second(n) + 1), Heard::Same);
+            assert_eq!(agreement.compare(None, second(n)), Comparison::Same);
+            assert_eq!(agreement.compare(other(), second(n) + 1), Comparison::Same);
         }
-        assert_eq!(agreement.hear(None, second(20) - 1), Heard::Same);
-        assert_eq!(agreement.hear(other(), second(20)), Heard::Same);
-        assert_eq!(agreement.hear(other(), second(21)), Heard::Same);
-        let last = agreement.hear(other(), second(20) + DIFFERS_US);
-        assert!(matches!(last, Heard::StillDiffers(_)));
+        assert_eq!(agreement.compare(None, second(20) - 1), Comparison::Same);
+        assert_eq!(agreement.compare(other(), second(20)), Comparison::Same);
+        assert_eq!(agreement.compare(other(), second(21)), Comparison::Same);
+        let last = agreement.compare(other(), second(20) + DIFFERS_US);
+        assert!(matches!(last, Comparison::StillDiffers(_)));
     }
 }

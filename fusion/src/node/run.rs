@@ -25,7 +25,7 @@ use super::output::progress::Reporter;
 use super::output::summary;
 use super::recording::{Place, RecordingThread, head};
 use super::session::authentication_log;
-use super::session::link::{Ear, Link};
+use super::session::link::{Interceptor, Link};
 use super::session::mode::Mode;
 use super::session::wiretap::TapHandle;
 use crate::pipeline::Pipeline;
@@ -83,8 +83,8 @@ async fn run(config: &Config, session: SessionId, pipeline: Pipeline) -> Result<
     reporter.listening(link.locators().await);
     let recording = record(config, session, &pipeline).map_err(NodeError::Failed)?;
     let tap = TapHandle::new(recording.as_ref().map(RecordingThread::tap));
-    let ear = Ear::new(&config.venue, clock::VenueClock::start(), tap);
-    let mut ends = link.spawn(&tasks, &leave, &ear);
+    let interceptor = Interceptor::new(&config.venue, clock::VenueClock::start(), tap);
+    let mut ends = link.spawn(&tasks, &leave, &interceptor);
     let outcome = match config.mode {
         Mode::LockStep => {
             let mut outside = Outside {
@@ -96,14 +96,14 @@ async fn run(config: &Config, session: SessionId, pipeline: Pipeline) -> Result<
                 config,
                 session,
                 out: claim.folder(),
-                tap: &ear.tap,
+                tap: &interceptor.tap,
                 recording: recording.as_ref(),
             };
             Box::pin(run.lock_step(pipeline, &mut outside)).await
         }
         Mode::Live => {
             if let Some(recording) = &recording {
-                let fillers = recording.fillers(&ear.clock);
+                let fillers = recording.fillers(&interceptor.clock);
                 fillers.spawn(&ends.session(), &config.venue, &tasks, &leave);
             }
             let surroundings = Surroundings {
@@ -111,7 +111,7 @@ async fn run(config: &Config, session: SessionId, pipeline: Pipeline) -> Result<
                 session,
                 out: claim.folder(),
                 recording: recording.as_ref(),
-                ear: &ear,
+                interceptor: &interceptor,
                 ends: &mut ends,
                 reporter: &mut reporter,
                 stop: &stop,

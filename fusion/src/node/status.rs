@@ -58,8 +58,8 @@ mod tests {
         };
         let error = NodeError::failed(anyhow!("tick 7: {}", "\u{2026}".repeat(5000)));
         let status = failed_status(&hashes, &error);
-        let heard: Status = wire::decode(&wire::encode(&status)).unwrap();
-        assert!(heard.failure.unwrap().starts_with("tick 7: \u{2026}"));
-        assert!(!heard.ready);
+        let received: Status = wire::decode(&wire::encode(&status)).unwrap();
+        assert!(received.failure.unwrap().starts_with("tick 7: \u{2026}"));
+        assert!(!received.ready);
     }
 }

@@ -2,9 +2,9 @@
 //! there are poses and boxes.
 
 mod delays;
-mod hearing;
+mod receiving;
 mod run;
-mod saying;
+mod sending;
 mod start;
 mod status;
 mod surroundings;
@@ -58,8 +58,9 @@ pub(super) async fn live(
             Ok(Ending::Done) => FILL_PATIENCE,
             _ => HURRY,
         };
-        let fillers = recording.fillers(&around.ear.clock);
-        run.hear_until(around.ends, fillers.finish(patience)).await;
+        let fillers = recording.fillers(&around.interceptor.clock);
+        run.receive_until(around.ends, fillers.finish(patience))
+            .await;
     }
     // Fusion that is stopped, or fails, may start again, and finds its edges at work. Under a parent all end.
     let is_over = matches!(outcome, Ok(Ending::Done)) || config.managed == Managed::Yes;

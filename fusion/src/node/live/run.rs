@@ -31,7 +31,7 @@ use crate::live::tick_time::TickTime;
 use crate::live::{Micros, SECOND_US};
 use crate::node::output::summary::Lost;
 use crate::node::output::tally::Tally;
-use crate::node::session::link::{Ear, Ends, Said as Say};
+use crate::node::session::link::{Ends, Interceptor, Outgoing};
 use crate::node::session::wiretap::Decided;
 
 /// How often the loop looks after what nothing else wakes it for.
@@ -45,7 +45,7 @@ const OPEN_S: f64 = 2.0;
 const LATE_S: f64 = 10.0;
 /// How long after the first tick the edges' first messages are waited for: at that tick all look for people.
 const FIRST_WORD_US: Micros = SECOND_US / 2;
-/// Messages that are heard before the loop looks after ticks again.
+/// Messages that are received before the loop looks after ticks again.
 const AT_ONCE: usize = 64;
 
 /// A tick that the core works on.
@@ -58,7 +58,7 @@ pub(super) struct InFlight {
 /// A live run under way.
 pub(super) struct Live<'a> {
     pub(super) config: &'a Config,
-    pub(super) ear: &'a Ear,
+    pub(super) interceptor: &'a Interceptor,
     pub(super) session: SessionId,
     pub(super) first: Tick,
     pub(super) time: TickTime,
@@ -116,7 +116,7 @@ impl<'a> Live<'a> {
         around.reporter.started(first, config_end(config, &members));
         Self {
             config,
-            ear: around.ear,
+            interceptor: around.interceptor,
             session: around.session,
             first,
             time,
@@ -174,7 +174,7 @@ impl<'a> Live<'a> {
             if self.in_flight.is_none() && self.is_over() {
                 return Ok(Ending::Done);
             }
-            let wake = self.ear.clock.instant_at(wake_us.unwrap_or(0));
+            let wake = self.interceptor.clock.instant_at(wake_us.unwrap_or(0));
             tokio::select! {
                 () = stop.cancelled() => return Ok(Ending::Interrupted),
                 stepped = worker.done.recv() => {
@@ -184,11 +184,11 @@ impl<'a> Live<'a> {
                         reporter.tick(&poses, bytes);
                     }
                 }
-                heard = ends.heard.recv() => {
-                    self.hear(heard.context("the subscriptions have ended")?);
+                incoming = ends.incoming.recv() => {
+                    self.receive(incoming.context("the subscriptions have ended")?);
                     for _ in 0..AT_ONCE {
-                        let Ok(heard) = ends.heard.try_recv() else { break };
-                        self.hear(heard);
+                        let Ok(incoming) = ends.incoming.try_recv() else { break };
+                        self.receive(incoming);
                     }
                 }
                 () = sleep_until(wake.into()), if wake_us.is_some() => {}
@@ -196,10 +196,10 @@ impl<'a> Live<'a> {
                     n_beats = n_beats.wrapping_add(1);
                     self.beat(ends);
                     if n_beats.is_multiple_of(BEATS_PER_STATUS) {
-                        self.ear.clock.discipline();
-                        let now_us = self.ear.clock.now_us();
+                        self.interceptor.clock.discipline();
+                        let now_us = self.interceptor.clock.now_us();
                         let status = self.status(self.config, now_us);
-                        self.say(ends, Say::Status(wire::encode(&status)));
+                        self.send(ends, Outgoing::Status(wire::encode(&status)));
                         let recent = self.delays.take_recent();
                         let edges = status.live.map(|live| live.edges).unwrap_or_default();
                         self.tell_refusals(&edges);
@@ -221,7 +221,7 @@ impl<'a> Live<'a> {
             return Ok(None);
         }
         let tick = self.gather.next();
-        let now_us = self.ear.clock.now_us();
+        let now_us = self.interceptor.clock.now_us();
         let waiting = self.waiting(tick, now_us);
         let next = self.queue.next(self.time.at(tick), waiting, now_us);
         if let Next::WaitUntil(us) = next {
@@ -254,7 +254,7 @@ impl<'a> Live<'a> {
             late: std::mem::take(&mut self.late),
             horizons,
         };
-        self.ear.tap.decided(Decided {
+        self.interceptor.tap.decided(Decided {
             group: &job.group,
             late: &job.late,
             horizons: &job.horizons,
@@ -263,7 +263,7 @@ impl<'a> Live<'a> {
             horizons_ticks: job.horizons.clone(),
             ..job.group.decision(self.session, self.first)
         };
-        self.say(ends, Say::Decision(wire::encode(&decision)));
+        self.send(ends, Outgoing::Decision(wire::encode(&decision)));
         worker.step(job)?;
         Ok(None)
     }
@@ -301,7 +301,7 @@ impl<'a> Live<'a> {
     }
 
     fn beat(&mut self, ends: &Ends) {
-        let now_us = self.ear.clock.now_us();
+        let now_us = self.interceptor.clock.now_us();
         if now_us - self.sent_us >= RESEND_AFTER_US {
             self.send_newest(ends, true);
         }

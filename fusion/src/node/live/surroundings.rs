@@ -8,7 +8,7 @@ use tokio_util::sync::CancellationToken;
 use super::super::config::Config;
 use super::super::recording::RecordingThread;
 use crate::node::output::progress::Reporter;
-use crate::node::session::link::{Ear, Ends};
+use crate::node::session::link::{Ends, Interceptor};
 
 /// What a live run works with.
 pub(in crate::node) struct Surroundings<'a> {
@@ -18,7 +18,7 @@ pub(in crate::node) struct Surroundings<'a> {
     pub(in crate::node) out: &'a Path,
     /// Who records, if anybody does.
     pub(in crate::node) recording: Option<&'a RecordingThread>,
-    pub(in crate::node) ear: &'a Ear,
+    pub(in crate::node) interceptor: &'a Interceptor,
     pub(in crate::node) ends: &'a mut Ends,
     pub(in crate::node) reporter: &'a mut Reporter,
     pub(in crate::node) stop: &'a CancellationToken,

@@ -23,7 +23,7 @@ use super::*;
 use crate::export::summary::Summary;
 use crate::live::tick_time::TickTime;
 use crate::node::output::progress::{Detail, Reporter};
-use crate::node::session::link::{Door, Ear, Link};
+use crate::node::session::link::{Door, Interceptor, Link};
 use crate::node::session::wiretap::TapHandle;
 
 /// Far above what a loaded machine takes; a test that waits as long has failed.
@@ -222,8 +222,8 @@ async fn everybody_goes_on_while_one_babbles_one_is_refused_and_clocks_are_off()
         CancellationToken::new(),
     );
     let clock = VenueClock::start();
-    let ear = Ear::new(&config.venue, clock.clone(), TapHandle::new(None));
-    let mut ends = link.spawn(&tasks, &leave, &ear);
+    let interceptor = Interceptor::new(&config.venue, clock.clone(), TapHandle::new(None));
+    let mut ends = link.spawn(&tasks, &leave, &interceptor);
     let edge = |index: u16, shift_ms: i64| Scripted {
         index,
         shift_us: shift_ms * 1000,
@@ -256,7 +256,7 @@ async fn everybody_goes_on_while_one_babbles_one_is_refused_and_clocks_are_off()
         session,
         out: out.path(),
         recording: None,
-        ear: &ear,
+        interceptor: &interceptor,
         ends: &mut ends,
         reporter: &mut reporter,
         stop: &stop,

@@ -18,12 +18,12 @@ use tracing::warn;
 
 use self::readiness::Start;
 use self::run::LockStep;
-use self::start::roll_call;
+use self::start::wait_until_ready;
 use super::config::Config;
 use super::output::exporter::Recorder;
 use super::output::summary::{self, Facts, Lost, summarize};
 use super::recording::RecordingThread;
-use super::session::link::{Ends, Heard, Presence, Said};
+use super::session::link::{Ends, Incoming, Outgoing, Presence};
 use super::session::mode::Mode;
 use super::session::wiretap::TapHandle;
 use super::status::failed_status;
@@ -54,7 +54,7 @@ impl Begin<'_> {
         pipeline: Pipeline,
         outside: &mut Outside<'_>,
     ) -> Result<Ending, NodeError> {
-        match roll_call(self.config, outside).await {
+        match wait_until_ready(self.config, outside).await {
             Ok(Some(start)) => Box::pin(self.run(&start, pipeline, outside)).await,
             Ok(None) => Ok(Ending::Interrupted),
             Err(error) => {
@@ -123,21 +123,21 @@ impl Begin<'_> {
 /// Hears the edges out: each says once more how it is, with its times, before it leaves.
 async fn farewell(run: &mut LockStep<'_>, ends: &mut Ends, n_viewpoints: usize) -> Vec<Status> {
     let mut last_words = Vec::new();
-    let hear_out = async {
+    let last_statuses = async {
         while run.gone.len() < n_viewpoints {
-            match ends.heard.recv().await {
-                Some(Heard::Status(status))
+            match ends.incoming.recv().await {
+                Some(Incoming::Status(status))
                     if status.viewpoint.is_some() && !status.stages.is_empty() =>
                 {
                     last_words.push(*status);
                 }
-                Some(Heard::Alive(node, Presence::Gone)) => drop(run.gone.insert(node)),
+                Some(Incoming::Alive(node, Presence::Gone)) => drop(run.gone.insert(node)),
                 Some(_) => {}
                 None => break,
             }
         }
     };
-    if timeout(FAREWELL, hear_out).await.is_err() {
+    if timeout(FAREWELL, last_statuses).await.is_err() {
         warn!(
             left = run.gone.len(),
             of = n_viewpoints,
@@ -151,8 +151,8 @@ async fn farewell(run: &mut LockStep<'_>, ends: &mut Ends, n_viewpoints: usize) 
 fn say_failure(config: &Config, ends: &Ends, error: &NodeError) {
     let status = failed_status(&config.venue.hashes, error);
     if ends
-        .say
-        .try_send(Said::Status(wire::encode(&status)))
+        .outgoing
+        .try_send(Outgoing::Status(wire::encode(&status)))
         .is_err()
     {
         warn!("the edges were not told: the queue is full");

@@ -9,11 +9,11 @@ use farfield_proto::wire;
 use tokio::time::{Instant, MissedTickBehavior, interval, sleep_until};
 use tracing::debug;
 
-use super::readiness::{RollCall, Start};
+use super::readiness::{Readiness, Start};
 use super::run::Outside;
 use crate::node::config::Config;
 use crate::node::given::check_given_ticks;
-use crate::node::session::link::{Heard, Presence, Said};
+use crate::node::session::link::{Incoming, Outgoing, Presence};
 use crate::node::status::{check, own_status};
 
 /// How often fusion says that it waits, and looks whether its boxes have listeners.
@@ -29,7 +29,7 @@ const REMIND_EVERY: u32 = 100;
 /// # Errors
 /// When an edge holds other files, fails, or (under a parent) does not come, or a person is given by
 /// hand at a tick that the run does not have.
-pub(in crate::node) async fn roll_call(
+pub(in crate::node) async fn wait_until_ready(
     config: &Config,
     outside: &mut Outside<'_>,
 ) -> Result<Option<Start>, NodeError> {
@@ -38,8 +38,8 @@ pub(in crate::node) async fn roll_call(
         reporter,
         stop,
     } = outside;
-    let mut roll = RollCall::new(&config.venue, config.ticks.clone());
-    roll.expect_models(config.handout.models());
+    let mut readiness = Readiness::new(&config.venue, config.ticks.clone());
+    readiness.expect_models(config.handout.models());
     let patience = Duration::from_secs_f64(config.venue.parameters.link.lockstep_timeout_s);
     let deadline = Instant::now() + patience;
     let mut calls = interval(CALL_EVERY);
@@ -49,53 +49,53 @@ pub(in crate::node) async fn roll_call(
     loop {
         tokio::select! {
             () = stop.cancelled() => return Ok(None),
-            heard = ends.heard.recv() => {
-                hear(&mut roll, heard.context("the subscriptions have ended").map_err(NodeError::failed)?)?;
+            incoming = ends.incoming.recv() => {
+                receive(&mut readiness, incoming.context("the subscriptions have ended").map_err(NodeError::failed)?)?;
             }
             _ = calls.tick() => {
                 n_calls = n_calls.wrapping_add(1);
                 if n_calls % REMIND_EVERY == REMIND_EVERY / 4 {
-                    reporter.waiting(&roll.missing());
+                    reporter.waiting(&readiness.missing());
                 }
                 // A full queue already holds a status.
-                drop(ends.say.try_send(Said::Status(status.clone())));
+                drop(ends.outgoing.try_send(Outgoing::Status(status.clone())));
             }
             () = sleep_until(deadline), if config.managed == Managed::Yes => {
-                let missing = roll.missing().join(", ");
+                let missing = readiness.missing().join(", ");
                 return Err(NodeError::failed(anyhow!("viewpoint {missing} was not ready within {} s", patience.as_secs_f64())));
             }
         }
-        let ticks = roll.ticks().map_err(NodeError::refused)?;
+        let ticks = readiness.ticks().map_err(NodeError::refused)?;
         if let (Some(ticks), true) = (ticks, *ends.matched.borrow()) {
             check_given_ticks(&config.venue, &config.venue_path, &ticks)
                 .map_err(NodeError::refused)?;
             return Ok(Some(Start {
                 ticks,
-                edges: roll.ready().cloned().collect(),
+                edges: readiness.ready().cloned().collect(),
             }));
         }
     }
 }
 
-fn hear(roll: &mut RollCall, heard: Heard) -> Result<(), NodeError> {
-    match heard {
-        // Fusion hears itself, too.
-        Heard::Status(status) if status.node == FUSION => Ok(()),
-        Heard::Status(status) => {
+fn receive(readiness: &mut Readiness, incoming: Incoming) -> Result<(), NodeError> {
+    match incoming {
+        // Fusion receives its own, too.
+        Incoming::Status(status) if status.node == FUSION => Ok(()),
+        Incoming::Status(status) => {
             // Whose files differ is refused, whatever else it says: it refuses us, too.
-            roll.hear(&status).map_err(NodeError::refused)?;
+            readiness.receive(&status).map_err(NodeError::refused)?;
             check(&status).map_err(NodeError::failed)
         }
-        Heard::Alive(node, Presence::Gone) => {
-            roll.forget(&node);
+        Incoming::Alive(node, Presence::Gone) => {
+            readiness.forget(&node);
             Ok(())
         }
-        Heard::Alive(_, Presence::There) => Ok(()),
-        Heard::Patches(..) | Heard::Sightings(..) => {
+        Incoming::Alive(_, Presence::There) => Ok(()),
+        Incoming::Patches(..) | Incoming::Sightings(..) => {
             debug!("a message from before the start");
             Ok(())
         }
-        Heard::Unreadable(key) => Err(NodeError::failed(anyhow!(
+        Incoming::Unreadable(key) => Err(NodeError::failed(anyhow!(
             "a message on {key} cannot be read: is another version of farfield running there?"
         ))),
     }

@@ -1,4 +1,4 @@
-//! Who was turned away: Zenoh's own log says it under other names or not at all. A listener on that log
+//! Who was turned away, as the log of a server has it: Zenoh's own log says it under other names or not at all. A listener on that log
 //! tells the operator once per kind, and counts.
 
 use std::collections::BTreeSet;
@@ -44,12 +44,12 @@ where
 {
     let links = LINKS.map(|target| (target, LevelFilter::WARN));
     let targets = Targets::new().with_target(ACCESS, LevelFilter::TRACE);
-    Doorman.with_filter(targets.with_targets(links))
+    AuthenticationLog.with_filter(targets.with_targets(links))
 }
 
-struct Doorman;
+struct AuthenticationLog;
 
-impl<S: Subscriber> Layer<S> for Doorman {
+impl<S: Subscriber> Layer<S> for AuthenticationLog {
     fn on_event(&self, event: &Event<'_>, _: Context<'_, S>) {
         let text = message(event);
         let refusal = if event.metadata().target() == ACCESS {

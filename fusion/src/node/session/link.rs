@@ -32,7 +32,7 @@ const QUEUE: usize = 256;
 
 /// What the network tells the loop.
 #[derive(Debug)]
-pub(in crate::node) enum Heard {
+pub(in crate::node) enum Incoming {
     /// Patches.
     Patches(PatchSet, Arrival),
     /// Sightings.
@@ -65,7 +65,7 @@ pub(in crate::node) enum Presence {
 
 /// What fusion says, and to whom.
 #[derive(Debug)]
-pub(in crate::node) enum Said {
+pub(in crate::node) enum Outgoing {
     /// Boxes for the viewpoint of this index.
     Boxes(usize, Vec<u8>),
     /// The persons of a tick.
@@ -89,13 +89,13 @@ pub(in crate::node) struct Door<'a> {
 /// The open session with all that is declared on it.
 pub(in crate::node) struct Link {
     session: Session,
-    mouths: Mouths,
+    publishers: Publishers,
     subscribers: Vec<(Topic, Inbox)>,
     token: LivelinessToken,
 }
 
 /// All that fusion publishes on.
-struct Mouths {
+struct Publishers {
     boxes: Vec<Publisher<'static>>,
     poses: Publisher<'static>,
     smooth: Publisher<'static>,
@@ -152,7 +152,7 @@ impl Link {
             ),
             (Topic::Alive, liveliness(&session, keys.all_alive()).await?),
         ];
-        let mouths = Mouths {
+        let publishers = Publishers {
             boxes,
             poses: publisher(keys.pose(), delivery).await?,
             smooth: publisher(keys.smooth(), delivery).await?,
@@ -162,7 +162,7 @@ impl Link {
         let token = declare_alive(&session, keys.alive(FUSION)).await?;
         Ok(Self {
             session,
-            mouths,
+            publishers,
             subscribers,
             token,
         })
@@ -189,22 +189,22 @@ impl Link {
         self,
         tasks: &TaskTracker,
         stop: &CancellationToken,
-        ear: &Ear,
+        interceptor: &Interceptor,
     ) -> Ends {
-        let (heard_tx, heard) = mpsc::channel(QUEUE);
+        let (incoming_tx, incoming) = mpsc::channel(QUEUE);
         for (topic, inbox) in self.subscribers {
-            let (ear, heard_tx) = (ear.clone(), heard_tx.clone());
-            tasks.spawn(listen(topic, inbox, ear, heard_tx, stop.clone()));
+            let (interceptor, incoming_tx) = (interceptor.clone(), incoming_tx.clone());
+            tasks.spawn(listen(topic, inbox, interceptor, incoming_tx, stop.clone()));
         }
         // Lock-step has at most one box set per viewpoint, one pose set, one decision and a few statuses
         // under way.
-        let (say, said) = mpsc::channel(4 * (self.mouths.boxes.len() + 4));
+        let (outgoing_tx, outgoing) = mpsc::channel(4 * (self.publishers.boxes.len() + 4));
         let (matched_tx, matched) = tokio::sync::watch::channel(false);
-        let (mouths, own_ear) = (self.mouths, ear.clone());
-        tasks.spawn_blocking(move || speak(&mouths, said, &own_ear, &matched_tx));
+        let (publishers, own_interceptor) = (self.publishers, interceptor.clone());
+        tasks.spawn_blocking(move || speak(&publishers, outgoing, &own_interceptor, &matched_tx));
         Ends {
-            heard,
-            say,
+            incoming,
+            outgoing: outgoing_tx,
             matched,
             session: self.session,
             _token: self.token,
@@ -214,7 +214,7 @@ impl Link {
 
 /// What every message passes on its way in or out: the clock, and whoever listens in.
 #[derive(Debug, Clone)]
-pub(in crate::node) struct Ear {
+pub(in crate::node) struct Interceptor {
     pub(in crate::node) clock: VenueClock,
     pub(in crate::node) tap: TapHandle,
     /// Names of the viewpoints, by index.
@@ -222,7 +222,7 @@ pub(in crate::node) struct Ear {
     venue_hash: Arc<str>,
 }
 
-impl Ear {
+impl Interceptor {
     pub(in crate::node) fn new(venue: &Venue, clock: VenueClock, tap: TapHandle) -> Self {
         let names = venue.viewpoints.iter().map(|v| v.name.clone());
         Self {
@@ -266,9 +266,9 @@ impl Ear {
 /// The loop's ends of the queues to and from the wire.
 pub(in crate::node) struct Ends {
     /// What comes in.
-    pub(in crate::node) heard: mpsc::Receiver<Heard>,
+    pub(in crate::node) incoming: mpsc::Receiver<Incoming>,
     /// What goes out; bounded, see [`Link::spawn`].
-    pub(in crate::node) say: mpsc::Sender<Said>,
+    pub(in crate::node) outgoing: mpsc::Sender<Outgoing>,
     /// Whether every viewpoint listens for its boxes.
     pub(in crate::node) matched: tokio::sync::watch::Receiver<bool>,
     session: Session,
@@ -283,8 +283,8 @@ impl Ends {
 
     /// Lets the publisher finish what is queued, then closes the session.
     pub(in crate::node) async fn close(self, tasks: &TaskTracker, stop: &CancellationToken) {
-        drop(self.say);
-        drop(self.heard);
+        drop(self.outgoing);
+        drop(self.incoming);
         stop.cancel();
         tasks.close();
         tasks.wait().await;
@@ -296,8 +296,8 @@ impl Ends {
 async fn listen(
     topic: Topic,
     inbox: Inbox,
-    ear: Ear,
-    heard: mpsc::Sender<Heard>,
+    interceptor: Interceptor,
+    incoming: mpsc::Sender<Incoming>,
     stop: CancellationToken,
 ) {
     loop {
@@ -306,13 +306,17 @@ async fn listen(
             () = stop.cancelled() => return,
         };
         let Some(sample) = sample else { return };
-        if heard.send(read(topic, &sample, &ear)).await.is_err() {
+        if incoming
+            .send(read(topic, &sample, &interceptor))
+            .await
+            .is_err()
+        {
             return;
         }
     }
 }
 
-fn read(topic: Topic, sample: &Sample, ear: &Ear) -> Heard {
+fn read(topic: Topic, sample: &Sample, interceptor: &Interceptor) -> Incoming {
     let key = sample.key_expr().as_str();
     if let Topic::Alive = topic {
         let node = key.rsplit('/').next().unwrap_or(key).to_owned();
@@ -320,54 +324,54 @@ fn read(topic: Topic, sample: &Sample, ear: &Ear) -> Heard {
             SampleKind::Put => Presence::There,
             SampleKind::Delete => Presence::Gone,
         };
-        return Heard::Alive(node, presence);
+        return Incoming::Alive(node, presence);
     }
     let payload = sample.payload().to_bytes();
-    let arrival = ear.received(key, &payload);
+    let arrival = interceptor.received(key, &payload);
     let own = |viewpoint| {
-        let may = ear.may_speak(key, viewpoint);
+        let may = interceptor.may_speak(key, viewpoint);
         may.then_some(())
             .ok_or(WireError::Invalid("under the key of another viewpoint"))
     };
-    let heard = match topic {
+    let incoming = match topic {
         Topic::Patches => wire::decode(&payload)
-            .and_then(|set: PatchSet| own(set.viewpoint).map(|()| Heard::Patches(set, arrival))),
+            .and_then(|set: PatchSet| own(set.viewpoint).map(|()| Incoming::Patches(set, arrival))),
         Topic::Sightings => wire::decode(&payload).and_then(|set: SightingSet| {
-            own(set.viewpoint).map(|()| Heard::Sightings(set, arrival))
+            own(set.viewpoint).map(|()| Incoming::Sightings(set, arrival))
         }),
         Topic::Statuses | Topic::Alive => wire::decode(&payload).and_then(|status| {
-            let may = ear.may_say(key, &status);
-            may.then(|| Heard::Status(Box::new(status)))
+            let may = interceptor.may_say(key, &status);
+            may.then(|| Incoming::Status(Box::new(status)))
                 .ok_or(WireError::Invalid("under the key of another node"))
         }),
     };
-    heard.unwrap_or_else(|error| {
+    incoming.unwrap_or_else(|error| {
         debug!(%key, %error, "message not readable");
-        Heard::Unreadable(key.to_owned())
+        Incoming::Unreadable(key.to_owned())
     })
 }
 
 /// Thread, as Zenoh blocks it while the network is congested: everything that fusion says, in order; ends when the loop drops its end of the queue.
 fn speak(
-    mouths: &Mouths,
-    mut said: mpsc::Receiver<Said>,
-    ear: &Ear,
+    publishers: &Publishers,
+    mut outgoing: mpsc::Receiver<Outgoing>,
+    interceptor: &Interceptor,
     matched: &tokio::sync::watch::Sender<bool>,
 ) {
-    while let Some(message) = said.blocking_recv() {
+    while let Some(message) = outgoing.blocking_recv() {
         let (publisher, bytes) = match message {
-            Said::Boxes(viewpoint, bytes) => (mouths.boxes.get(viewpoint), bytes),
-            Said::Poses(bytes) => (Some(&mouths.poses), bytes),
-            Said::Smooth(bytes) => (Some(&mouths.smooth), bytes),
-            Said::Decision(bytes) => (Some(&mouths.decisions), bytes),
-            Said::Status(bytes) => {
+            Outgoing::Boxes(viewpoint, bytes) => (publishers.boxes.get(viewpoint), bytes),
+            Outgoing::Poses(bytes) => (Some(&publishers.poses), bytes),
+            Outgoing::Smooth(bytes) => (Some(&publishers.smooth), bytes),
+            Outgoing::Decision(bytes) => (Some(&publishers.decisions), bytes),
+            Outgoing::Status(bytes) => {
                 // Statuses go out several times a second until the start: the moment to look.
-                matched.send_replace(mouths.boxes.iter().all(has_listener));
-                (Some(&mouths.status), bytes)
+                matched.send_replace(publishers.boxes.iter().all(has_listener));
+                (Some(&publishers.status), bytes)
             }
         };
         let Some(publisher) = publisher else { continue };
-        ear.published(publisher.key_expr().as_str(), &bytes);
+        interceptor.published(publisher.key_expr().as_str(), &bytes);
         if let Err(error) = publisher.put(bytes).wait() {
             warn!(key = %publisher.key_expr(), %error, "not sent");
         }
