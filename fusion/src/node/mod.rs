@@ -30,4 +30,4 @@ pub use self::recorder_node::{RecordArgs, main as record};
 pub use self::recording::check_place;
 pub use self::replay::{ReplayArgs, main as replay};
 pub use self::run::main;
-pub use self::session::wiretap::{Decided, Tap, TapMessage};
+pub use self::session::wiretap::{CopiedMessage, CopiedStep, Wiretap};

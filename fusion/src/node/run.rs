@@ -27,7 +27,7 @@ use super::recording::{Place, RecordingThread, head};
 use super::session::authentication_log;
 use super::session::link::{Interceptor, Link};
 use super::session::mode::Mode;
-use super::session::wiretap::TapHandle;
+use super::session::wiretap::WiretapHandle;
 use crate::pipeline::Pipeline;
 
 /// How long the tasks may take to end.
@@ -82,8 +82,8 @@ async fn run(config: &Config, session: SessionId, pipeline: Pipeline) -> Result<
     ));
     reporter.listening(link.locators().await);
     let recording = record(config, session, &pipeline).map_err(NodeError::Failed)?;
-    let tap = TapHandle::new(recording.as_ref().map(RecordingThread::tap));
-    let interceptor = Interceptor::new(&config.venue, clock::VenueClock::start(), tap);
+    let wiretap = WiretapHandle::new(recording.as_ref().map(RecordingThread::wiretap));
+    let interceptor = Interceptor::new(&config.venue, clock::VenueClock::start(), wiretap);
     let mut ends = link.spawn(&tasks, &leave, &interceptor);
     let outcome = match config.mode {
         Mode::LockStep => {
@@ -96,7 +96,7 @@ async fn run(config: &Config, session: SessionId, pipeline: Pipeline) -> Result<
                 config,
                 session,
                 out: claim.folder(),
-                tap: &interceptor.tap,
+                wiretap: &interceptor.wiretap,
                 recording: recording.as_ref(),
             };
             Box::pin(run.lock_step(pipeline, &mut outside)).await

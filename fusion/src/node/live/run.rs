@@ -32,7 +32,7 @@ use crate::live::{Micros, SECOND_US};
 use crate::node::output::summary::Lost;
 use crate::node::output::tally::Tally;
 use crate::node::session::link::{Ends, Interceptor, Outgoing};
-use crate::node::session::wiretap::Decided;
+use crate::node::session::wiretap::CopiedStep;
 
 /// How often the loop looks after what nothing else wakes it for.
 const BEAT: Duration = Duration::from_millis(100);
@@ -254,7 +254,7 @@ impl<'a> Live<'a> {
             late: std::mem::take(&mut self.late),
             horizons,
         };
-        self.interceptor.tap.decided(Decided {
+        self.interceptor.wiretap.decided(CopiedStep {
             group: &job.group,
             late: &job.late,
             horizons: &job.horizons,

@@ -27,7 +27,7 @@ impl Live<'_> {
                 every_nth_tick: 1,
                 missed_ticks: self.over_nothing,
                 edges,
-                recording_failure: self.interceptor.tap.failure().map(wire::cut_text),
+                recording_failure: self.interceptor.wiretap.failure().map(wire::cut_text),
                 ..LiveStatus::default()
             }),
             ..own_status(&config.venue.hashes)

@@ -24,7 +24,7 @@ use crate::export::summary::Summary;
 use crate::live::tick_time::TickTime;
 use crate::node::output::progress::{Detail, Reporter};
 use crate::node::session::link::{Door, Interceptor, Link};
-use crate::node::session::wiretap::TapHandle;
+use crate::node::session::wiretap::WiretapHandle;
 
 /// Far above what a loaded machine takes; a test that waits as long has failed.
 const PATIENCE: Duration = Duration::from_secs(40);
@@ -222,7 +222,7 @@ async fn everybody_goes_on_while_one_babbles_one_is_refused_and_clocks_are_off()
         CancellationToken::new(),
     );
     let clock = VenueClock::start();
-    let interceptor = Interceptor::new(&config.venue, clock.clone(), TapHandle::new(None));
+    let interceptor = Interceptor::new(&config.venue, clock.clone(), WiretapHandle::new(None));
     let mut ends = link.spawn(&tasks, &leave, &interceptor);
     let edge = |index: u16, shift_ms: i64| Scripted {
         index,

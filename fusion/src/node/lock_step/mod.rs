@@ -25,7 +25,7 @@ use super::output::summary::{self, Facts, Lost, summarize};
 use super::recording::RecordingThread;
 use super::session::link::{Ends, Incoming, Outgoing, Presence};
 use super::session::mode::Mode;
-use super::session::wiretap::TapHandle;
+use super::session::wiretap::WiretapHandle;
 use super::status::failed_status;
 use super::worker::Worker;
 use crate::pipeline::Pipeline;
@@ -43,7 +43,7 @@ pub(super) struct Begin<'a> {
     pub(super) session: SessionId,
     /// Where the results go.
     pub(super) out: &'a Path,
-    pub(super) tap: &'a TapHandle,
+    pub(super) wiretap: &'a WiretapHandle,
     pub(super) recording: Option<&'a RecordingThread>,
 }
 
@@ -82,7 +82,7 @@ impl Begin<'_> {
         let mut worker = Worker::spawn(pipeline, recorder, Mode::LockStep)
             .context("starting the core's thread")
             .map_err(NodeError::Failed)?;
-        let mut run = LockStep::new(venue, self.session, start, self.tap.clone());
+        let mut run = LockStep::new(venue, self.session, start, self.wiretap.clone());
         let outcome = run
             .run(&first, &mut worker, outside)
             .await

@@ -23,7 +23,7 @@ use crate::align::Gather;
 use crate::node::output::progress::Reporter;
 use crate::node::output::tally::Tally;
 use crate::node::session::link::{Ends, Incoming, Outgoing, Presence};
-use crate::node::session::wiretap::{Decided, TapHandle};
+use crate::node::session::wiretap::{CopiedStep, WiretapHandle};
 use crate::node::status::check;
 use crate::node::worker::{Stepped, Worker};
 
@@ -43,7 +43,7 @@ pub(in crate::node) struct LockStep<'a> {
     session: SessionId,
     ticks: Range<Tick>,
     gather: Gather,
-    tap: TapHandle,
+    wiretap: WiretapHandle,
     /// What has passed over the links.
     pub(in crate::node) tally: Tally,
     /// The last tick that is done.
@@ -61,7 +61,7 @@ impl<'a> LockStep<'a> {
         venue: &'a Venue,
         session: SessionId,
         start: &Start,
-        tap: TapHandle,
+        wiretap: WiretapHandle,
     ) -> Self {
         let ticks = start.ticks.clone();
         let process = |edge: &Status| (edge.node.clone(), edge.process);
@@ -71,7 +71,7 @@ impl<'a> LockStep<'a> {
             session,
             ticks,
             gather,
-            tap,
+            wiretap,
             tally: Tally::new(venue),
             last: None,
             gone: BTreeSet::new(),
@@ -108,7 +108,7 @@ impl<'a> LockStep<'a> {
                     if self.deadline.is_some() && self.gather.is_complete() {
                         self.deadline = None;
                         let group = self.gather.take();
-                        self.tap.decided(Decided {
+                        self.wiretap.decided(CopiedStep {
                             group: &group,
                             late: &[],
                             horizons: &[],

@@ -14,7 +14,7 @@ use farfield_proto::tick::Tick;
 use farfield_proto::transport::FUSION;
 use farfield_proto::wire;
 
-use crate::node::session::wiretap::{Decided, Tap, TapMessage};
+use crate::node::session::wiretap::{CopiedMessage, CopiedStep, Wiretap};
 
 /// Messages that wait for the recorder.
 const QUEUE: usize = 8192;
@@ -114,22 +114,22 @@ impl Queue {
     }
 }
 
-impl Tap for Queue {
-    fn received(&self, message: TapMessage<'_>) {
+impl Wiretap for Queue {
+    fn received(&self, message: CopiedMessage<'_>) {
         // What fusion says itself is noted when it is said.
         if message.key != self.own_status {
             self.note(message.key, message.bytes, message.at_us);
         }
     }
 
-    fn published(&self, message: TapMessage<'_>) {
+    fn published(&self, message: CopiedMessage<'_>) {
         // Decisions are noted when they are made: none may be missing.
         if message.key != self.decisions {
             self.note(message.key, message.bytes, message.at_us);
         }
     }
 
-    fn decided(&self, decided: Decided<'_>) {
+    fn decided(&self, decided: CopiedStep<'_>) {
         let first = *self.first.get_or_init(|| decided.group.tick);
         let decision = Decision {
             horizons_ticks: decided.horizons.to_vec(),
@@ -214,12 +214,12 @@ mod tests {
                 tick: Tick(tick),
                 ..TickGroup::default()
             };
-            queue.decided(Decided {
+            queue.decided(CopiedStep {
                 group: &group,
                 late: &[],
                 horizons: &[2.5],
             });
-            queue.published(TapMessage {
+            queue.published(CopiedMessage {
                 key: "hall/decision",
                 bytes: b"the same once more",
                 at_us: 0,

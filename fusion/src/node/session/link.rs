@@ -25,7 +25,7 @@ use zenoh::{Session, Wait as _};
 
 use super::mode::Mode;
 use super::subscribers::{Inbox, liveliness, subscriber};
-use super::wiretap::{TapHandle, TapMessage};
+use super::wiretap::{CopiedMessage, WiretapHandle};
 
 /// Messages that wait for the loop; when it is full, what has come waits in its subscription's inbox.
 const QUEUE: usize = 256;
@@ -216,18 +216,18 @@ impl Link {
 #[derive(Debug, Clone)]
 pub(in crate::node) struct Interceptor {
     pub(in crate::node) clock: VenueClock,
-    pub(in crate::node) tap: TapHandle,
+    pub(in crate::node) wiretap: WiretapHandle,
     /// Names of the viewpoints, by index.
     names: Arc<[String]>,
     venue_hash: Arc<str>,
 }
 
 impl Interceptor {
-    pub(in crate::node) fn new(venue: &Venue, clock: VenueClock, tap: TapHandle) -> Self {
+    pub(in crate::node) fn new(venue: &Venue, clock: VenueClock, wiretap: WiretapHandle) -> Self {
         let names = venue.viewpoints.iter().map(|v| v.name.clone());
         Self {
             clock,
-            tap,
+            wiretap,
             names: names.collect(),
             venue_hash: venue.hashes.venue.as_str().into(),
         }
@@ -250,7 +250,7 @@ impl Interceptor {
 
     fn received(&self, key: &str, bytes: &[u8]) -> Arrival {
         let at_us = self.clock.now_us();
-        self.tap.received(TapMessage { key, bytes, at_us });
+        self.wiretap.received(CopiedMessage { key, bytes, at_us });
         Arrival {
             bytes: bytes.len() as u64,
             at_us,
@@ -259,7 +259,7 @@ impl Interceptor {
 
     fn published(&self, key: &str, bytes: &[u8]) {
         let at_us = self.clock.now_us();
-        self.tap.published(TapMessage { key, bytes, at_us });
+        self.wiretap.published(CopiedMessage { key, bytes, at_us });
     }
 }
 

@@ -17,7 +17,7 @@ use tokio_util::task::TaskTracker;
 
 use super::{Door, Ends, Incoming, Interceptor, Link, Outgoing, Presence};
 use crate::node::session::mode::Mode;
-use crate::node::session::wiretap::{Decided, Tap, TapHandle, TapMessage};
+use crate::node::session::wiretap::{CopiedMessage, CopiedStep, Wiretap, WiretapHandle};
 use crate::node::status::own_status;
 
 /// The keys of what has passed.
@@ -27,16 +27,16 @@ struct Kept {
     published: Mutex<Vec<String>>,
 }
 
-impl Tap for Kept {
-    fn received(&self, message: TapMessage<'_>) {
+impl Wiretap for Kept {
+    fn received(&self, message: CopiedMessage<'_>) {
         self.received.lock().unwrap().push(message.key.to_owned());
     }
 
-    fn published(&self, message: TapMessage<'_>) {
+    fn published(&self, message: CopiedMessage<'_>) {
         self.published.lock().unwrap().push(message.key.to_owned());
     }
 
-    fn decided(&self, _: Decided<'_>) {}
+    fn decided(&self, _: CopiedStep<'_>) {}
 }
 
 /// Far above what a loaded machine takes; a test that waits as long has failed.
@@ -80,8 +80,8 @@ async fn an_edge_is_heard_answered_and_missed() {
     };
     let link = Link::open(&venue(), &door, Mode::LockStep).await.unwrap();
     let kept = Arc::new(Kept::default());
-    let tap = TapHandle::new(Some(Arc::clone(&kept) as Arc<dyn Tap>));
-    let interceptor = Interceptor::new(&venue(), VenueClock::start(), tap);
+    let wiretap = WiretapHandle::new(Some(Arc::clone(&kept) as Arc<dyn Wiretap>));
+    let interceptor = Interceptor::new(&venue(), VenueClock::start(), wiretap);
     let endpoint = link.locators().await[0].clone();
     let (tasks, leave) = (TaskTracker::new(), CancellationToken::new());
     let mut ends = link.spawn(&tasks, &leave, &interceptor);
@@ -168,7 +168,7 @@ async fn an_edge_is_heard_answered_and_missed() {
 fn a_node_speaks_under_its_own_name_only() {
     // Symptom to prevent: by a status under its own key, edge a put another process in the place of b.
     let venue = venue();
-    let interceptor = Interceptor::new(&venue, VenueClock::start(), TapHandle::new(None));
+    let interceptor = Interceptor::new(&venue, VenueClock::start(), WiretapHandle::new(None));
     let says = |node: &str, viewpoint: Option<u16>| Status {
         node: node.to_owned(),
         viewpoint: viewpoint.map(ViewpointIndex),
