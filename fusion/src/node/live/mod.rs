@@ -18,7 +18,7 @@ use farfield_node::process::{Ending, Managed, NodeError};
 use self::run::Live;
 use self::start::clock_start;
 pub(super) use self::surroundings::Surroundings;
-use super::output::exporter::Recorder;
+use super::output::exporter::Exporter;
 use super::output::summary::{self, Facts, summarize};
 use super::recording::RecordingThread;
 use super::session::mode::Mode;
@@ -46,9 +46,9 @@ pub(super) async fn live(
     let began = clock::now();
     let first = start.first;
     let boxes = pipeline.first_boxes(first);
-    let recorder =
-        Recorder::create(around.out, venue, pipeline.keypoints()).map_err(NodeError::Failed)?;
-    let mut worker = Worker::spawn(pipeline, recorder, Mode::Live)
+    let exporter =
+        Exporter::create(around.out, venue, pipeline.keypoints()).map_err(NodeError::Failed)?;
+    let mut worker = Worker::spawn(pipeline, exporter, Mode::Live)
         .context("starting the core's thread")
         .map_err(NodeError::Failed)?;
     let mut run = Live::new(&around, start);

@@ -20,7 +20,7 @@ use self::readiness::Start;
 use self::run::LockStep;
 use self::start::wait_until_ready;
 use super::config::Config;
-use super::output::exporter::Recorder;
+use super::output::exporter::Exporter;
 use super::output::summary::{self, Facts, Lost, summarize};
 use super::recording::RecordingThread;
 use super::session::link::{Ends, Incoming, Outgoing, Presence};
@@ -78,8 +78,8 @@ impl Begin<'_> {
         let began = clock::now();
         let first = pipeline.first_boxes(ticks.start);
         let keypoints = pipeline.keypoints().clone();
-        let recorder = Recorder::create(self.out, venue, &keypoints).map_err(NodeError::Failed)?;
-        let mut worker = Worker::spawn(pipeline, recorder, Mode::LockStep)
+        let exporter = Exporter::create(self.out, venue, &keypoints).map_err(NodeError::Failed)?;
+        let mut worker = Worker::spawn(pipeline, exporter, Mode::LockStep)
             .context("starting the core's thread")
             .map_err(NodeError::Failed)?;
         let mut run = LockStep::new(venue, self.session, start, self.wiretap.clone());

@@ -15,7 +15,7 @@ use crate::skeleton::{ANGLE_NAMES, Joint, RangeOfMotion};
 const SMOOTH: &str = "smooth";
 
 /// Writes poses as they become final.
-pub(in crate::node) struct Recorder {
+pub(in crate::node) struct Exporter {
     folder: PathBuf,
     layout: Layout,
     rate_hz: f64,
@@ -24,7 +24,7 @@ pub(in crate::node) struct Recorder {
     smooth: Option<PoseFiles>,
 }
 
-impl Recorder {
+impl Exporter {
     /// Starts the files in `folder`, which must exist.
     pub(in crate::node) fn create(
         folder: &Path,
