@@ -18,7 +18,7 @@ pub enum Next {
     /// Step the next tick over what has come.
     Step,
     /// Step the next tick over nothing: the core is behind.
-    StepOverNothing,
+    StepWithoutInput,
 }
 
 /// Whom the next tick waits for.
@@ -55,7 +55,7 @@ impl Queue {
         let ready_us = ready_us.max(self.ready_us);
         self.next_ready_us = Some(ready_us);
         if now_us - ready_us > LONGEST_LAG_US {
-            Next::StepOverNothing
+            Next::StepWithoutInput
         } else {
             Next::Step
         }
@@ -137,7 +137,7 @@ mod tests {
                 let waiting = Waiting::Until(ready_us);
                 match queue.next(tick_us, waiting, now_us) {
                     Next::Step => now_us += full_us,
-                    Next::StepOverNothing => {
+                    Next::StepWithoutInput => {
                         now_us += empty_us;
                         over_nothing += 1.0;
                     }

@@ -83,7 +83,7 @@ pub(super) async fn live(
         people,
         last: finished.last,
         stages: finished.stages,
-        ways: run.ways(),
+        paths: run.paths(),
         last_words: &last_words,
         elapsed: clock::now().duration_since(began),
         recording: around.recording.map(RecordingThread::so_far),

@@ -81,8 +81,8 @@ pub(super) struct Live<'a> {
     pub(super) core_stages: Vec<StageTime>,
     /// The last tick that is done.
     pub(super) last: Option<Tick>,
-    /// Ticks that were stepped over nothing because the core was behind.
-    pub(super) over_nothing: u64,
+    /// Ticks that were stepped without input because the core was behind.
+    pub(super) without_input: u64,
     /// Messages that could not be read, of nobody in particular.
     pub(super) unreadable: u64,
     /// Messages that fusion had no room to send.
@@ -141,7 +141,7 @@ impl<'a> Live<'a> {
             delays: Delays::new(venue),
             core_stages: Vec::new(),
             last: None,
-            over_nothing: 0,
+            without_input: 0,
             unreadable: 0,
             unsent: 0,
             expect_until_us,
@@ -230,8 +230,8 @@ impl<'a> Live<'a> {
         self.note_missing(tick);
         let mut group = self.gather.take();
         let mut arrived_us = self.arrived.remove(&tick);
-        if next == Next::StepOverNothing {
-            self.over_nothing += 1;
+        if next == Next::StepWithoutInput {
+            self.without_input += 1;
             let sets = std::mem::take(&mut group.patch_sets);
             group.sighting_sets.clear();
             for set in sets {
@@ -327,8 +327,8 @@ impl<'a> Live<'a> {
         }
     }
 
-    /// How long the ways take, by node.
-    pub(super) fn ways(&self) -> Vec<(String, StageTime)> {
+    /// How long messages are on their paths, by node.
+    pub(super) fn paths(&self) -> Vec<(String, StageTime)> {
         let own = self.delays.own().into_iter();
         let own = own.map(|time| (FUSION.to_owned(), time));
         let edges = self.delays.of_edges();

@@ -25,7 +25,7 @@ impl Live<'_> {
             live: Some(LiveStatus {
                 epoch_us: Some(self.time.epoch_us()),
                 every_nth_tick: 1,
-                missed_ticks: self.over_nothing,
+                missed_ticks: self.without_input,
                 edges,
                 recording_failure: self.interceptor.wiretap.failure().map(wire::cut_text),
                 ..LiveStatus::default()

@@ -110,7 +110,7 @@ impl Begin<'_> {
             people,
             last: finished.last,
             stages: finished.stages,
-            ways: Vec::new(),
+            paths: Vec::new(),
             last_words: &last_words,
             elapsed: clock::now().duration_since(began),
             recording: self.recording.map(RecordingThread::so_far),

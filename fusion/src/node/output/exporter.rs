@@ -37,7 +37,7 @@ impl Exporter {
             folder: folder.to_owned(),
             layout,
             rate_hz: venue.rate_hz,
-            files: files.context("starting the recording")?,
+            files: files.context("starting the files of the poses")?,
             smooth: None,
         })
     }
@@ -59,7 +59,7 @@ impl Exporter {
         smoothed
             .iter()
             .try_for_each(|poses| files.write(poses))
-            .context("recording the smoothed poses")
+            .context("writing the smoothed poses")
     }
 
     /// Writes ticks that will not change any more, in order.
@@ -67,7 +67,7 @@ impl Exporter {
         finished
             .iter()
             .try_for_each(|poses| self.files.write(poses))
-            .context("recording")
+            .context("writing the poses")
     }
 
     /// Completes all files, and says who was there.
@@ -75,9 +75,11 @@ impl Exporter {
         if let Some(smooth) = self.smooth {
             smooth
                 .finish()
-                .context("finishing the recording of the smoothed poses")?;
+                .context("finishing the files of the smoothed poses")?;
         }
-        self.files.finish().context("finishing the recording")
+        self.files
+            .finish()
+            .context("finishing the files of the poses")
     }
 }
 

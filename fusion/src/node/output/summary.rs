@@ -35,8 +35,8 @@ pub(in crate::node) struct Facts<'a> {
     pub(in crate::node) last: Option<Tick>,
     /// Times of fusion's own stages.
     pub(in crate::node) stages: Vec<StageTime>,
-    /// Times of the ways between the nodes, by node; none in lock-step.
-    pub(in crate::node) ways: Vec<(String, StageTime)>,
+    /// Times of the paths between the nodes, by node; none in lock-step.
+    pub(in crate::node) paths: Vec<(String, StageTime)>,
     /// The last statuses of the edges, with their times.
     pub(in crate::node) last_words: &'a [Status],
     pub(in crate::node) elapsed: Duration,
@@ -148,9 +148,9 @@ fn stages(facts: &Facts<'_>) -> BTreeMap<String, StageTiming> {
             .iter()
             .map(|stage| (status.node.as_str(), stage))
     });
-    let ways = facts.ways.iter().map(|(node, way)| (node.as_str(), way));
+    let paths = facts.paths.iter().map(|(node, time)| (node.as_str(), time));
     let own = facts.stages.iter().map(|stage| (FUSION, stage));
-    let all = own.chain(of_edges).chain(ways);
+    let all = own.chain(of_edges).chain(paths);
     let timing = |stage: &StageTime| StageTiming {
         p50_us: f64::from(stage.p50_us),
         p99_us: f64::from(stage.p99_us),
