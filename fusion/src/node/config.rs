@@ -17,7 +17,6 @@ use super::given::{check_given_keypoints, check_given_ticks};
 use super::handout::Handout;
 use super::output::progress::Detail;
 use super::recording::check_place;
-use super::session::link::Door;
 use super::session::mode::Mode;
 
 /// Arguments of the fusion node.
@@ -152,16 +151,6 @@ impl Config {
                 Detail::Counts
             },
         })
-    }
-}
-
-impl Config {
-    /// Where edges find fusion.
-    pub(super) fn door(&self) -> Door<'_> {
-        Door {
-            listen: &self.reach.endpoints,
-            identity: self.reach.identity.as_ref(),
-        }
     }
 }
 

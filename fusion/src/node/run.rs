@@ -69,7 +69,7 @@ async fn run(config: &Config, session: SessionId, pipeline: Pipeline) -> Result<
         (out, _) => Claim::take(out.as_deref(), &config.venue.name).map_err(NodeError::Refused)?,
     };
     let mut reporter = Reporter::new(config.managed, config.detail);
-    let link = Link::open(&config.venue, &config.door(), config.mode)
+    let link = Link::open(&config.venue, &config.reach, config.mode)
         .await
         .map_err(NodeError::Failed)?;
     let venue = config.venue.name.clone();

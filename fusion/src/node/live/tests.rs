@@ -4,6 +4,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use farfield_node::clock::VenueClock;
+use farfield_node::endpoints::Reach;
 use farfield_node::process::Managed;
 use farfield_proto::calibration::Calibration;
 use farfield_proto::id::SessionId;
@@ -23,7 +24,7 @@ use super::*;
 use crate::export::summary::Summary;
 use crate::live::tick_time::TickTime;
 use crate::node::output::progress::{Detail, Reporter};
-use crate::node::session::link::{Door, Interceptor, Link};
+use crate::node::session::link::{Interceptor, Link};
 use crate::node::session::wiretap::WiretapHandle;
 
 /// Far above what a loaded machine takes; a test that waits as long has failed.
@@ -210,11 +211,11 @@ async fn everybody_goes_on_while_one_babbles_one_is_refused_and_clocks_are_off()
         mode: Mode::Live,
         ..Config::of_venue(venue())
     };
-    let door = Door {
-        listen: &["tcp/127.0.0.1:0".to_owned()],
+    let reach = Reach {
+        endpoints: vec!["tcp/127.0.0.1:0".to_owned()],
         identity: None,
     };
-    let link = Link::open(&config.venue, &door, Mode::Live).await.unwrap();
+    let link = Link::open(&config.venue, &reach, Mode::Live).await.unwrap();
     let endpoint = link.locators().await[0].clone();
     let (tasks, leave, stop) = (
         TaskTracker::new(),

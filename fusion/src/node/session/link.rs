@@ -7,11 +7,12 @@
 use std::sync::Arc;
 
 use farfield_node::clock::VenueClock;
+use farfield_node::endpoints::Reach;
 use farfield_node::session::{self, Delivery, declare_alive, has_listener};
 use farfield_proto::id::ViewpointIndex;
 use farfield_proto::key::Keys;
 use farfield_proto::message::{PatchSet, SightingSet, Status};
-use farfield_proto::transport::{FUSION, FusionTransport, Identity};
+use farfield_proto::transport::{FUSION, FusionTransport};
 use farfield_proto::venue::Venue;
 use farfield_proto::wire::{self, WireError};
 use tokio::sync::mpsc;
@@ -24,10 +25,10 @@ use zenoh::sample::{Sample, SampleKind};
 use zenoh::{Session, Wait as _};
 
 use super::mode::Mode;
-use super::subscribers::{Inbox, liveliness, subscriber};
+use super::subscribers::{Subscription, liveliness, subscriber};
 use super::wiretap::{CopiedMessage, WiretapHandle};
 
-/// Messages that wait for the loop; when it is full, what has come waits in its subscription's inbox.
+/// Messages that wait for the loop; when it is full, what has come waits in its subscription.
 const QUEUE: usize = 256;
 
 /// What the network tells the loop.
@@ -78,19 +79,11 @@ pub(in crate::node) enum Outgoing {
     Status(Vec<u8>),
 }
 
-/// Where fusion listens, and by what it proves who it is.
-#[derive(Debug, Clone, Copy)]
-pub(in crate::node) struct Door<'a> {
-    pub(in crate::node) listen: &'a [String],
-    /// `None` without TLS.
-    pub(in crate::node) identity: Option<&'a Identity>,
-}
-
 /// The open session with all that is declared on it.
 pub(in crate::node) struct Link {
     session: Session,
     publishers: Publishers,
-    subscribers: Vec<(Topic, Inbox)>,
+    subscribers: Vec<(Topic, Subscription)>,
     token: LivelinessToken,
 }
 
@@ -112,18 +105,18 @@ enum Topic {
 }
 
 impl Link {
-    /// Listens where `door` says and declares everything that the edges of `venue` need.
+    /// Listens where `reach` says and declares everything that the edges of `venue` need.
     pub(in crate::node) async fn open(
         venue: &Venue,
-        door: &Door<'_>,
+        reach: &Reach,
         mode: Mode,
     ) -> anyhow::Result<Self> {
         let viewpoints: Vec<&str> = venue.viewpoints.iter().map(|v| v.name.as_str()).collect();
         let transport = FusionTransport {
             venue: &venue.name,
             viewpoints: &viewpoints,
-            listen: door.listen,
-            identity: door.identity,
+            listen: &reach.endpoints,
+            identity: reach.identity.as_ref(),
         };
         let session = session::listen(&transport).await?;
         let keys = Keys::new(&venue.name);
@@ -192,9 +185,15 @@ impl Link {
         interceptor: &Interceptor,
     ) -> Ends {
         let (incoming_tx, incoming) = mpsc::channel(QUEUE);
-        for (topic, inbox) in self.subscribers {
+        for (topic, subscription) in self.subscribers {
             let (interceptor, incoming_tx) = (interceptor.clone(), incoming_tx.clone());
-            tasks.spawn(listen(topic, inbox, interceptor, incoming_tx, stop.clone()));
+            tasks.spawn(listen(
+                topic,
+                subscription,
+                interceptor,
+                incoming_tx,
+                stop.clone(),
+            ));
         }
         // Lock-step has at most one box set per viewpoint, one pose set, one decision and a few statuses
         // under way.
@@ -295,14 +294,14 @@ impl Ends {
 /// Task: one subscription, decoded, to the loop.
 async fn listen(
     topic: Topic,
-    inbox: Inbox,
+    subscription: Subscription,
     interceptor: Interceptor,
     incoming: mpsc::Sender<Incoming>,
     stop: CancellationToken,
 ) {
     loop {
         let sample = tokio::select! {
-            sample = inbox.next() => sample,
+            sample = subscription.next() => sample,
             () = stop.cancelled() => return,
         };
         let Some(sample) = sample else { return };

@@ -5,6 +5,7 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use farfield_node::clock::VenueClock;
+use farfield_node::endpoints::Reach;
 use farfield_proto::calibration::Calibration;
 use farfield_proto::id::{SessionId, ViewpointIndex};
 use farfield_proto::message::{PatchSet, Status};
@@ -15,7 +16,7 @@ use tokio::time::timeout;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
-use super::{Door, Ends, Incoming, Interceptor, Link, Outgoing, Presence};
+use super::{Ends, Incoming, Interceptor, Link, Outgoing, Presence};
 use crate::node::session::mode::Mode;
 use crate::node::session::wiretap::{CopiedMessage, CopiedStep, Wiretap, WiretapHandle};
 use crate::node::status::own_status;
@@ -74,11 +75,11 @@ async fn what_cannot_be_used_is_told(edge: &zenoh::Session, ends: &mut Ends, set
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn an_edge_is_heard_answered_and_missed() {
-    let door = Door {
-        listen: &["tcp/127.0.0.1:0".to_owned()],
+    let reach = Reach {
+        endpoints: vec!["tcp/127.0.0.1:0".to_owned()],
         identity: None,
     };
-    let link = Link::open(&venue(), &door, Mode::LockStep).await.unwrap();
+    let link = Link::open(&venue(), &reach, Mode::LockStep).await.unwrap();
     let kept = Arc::new(Kept::default());
     let wiretap = WiretapHandle::new(Some(Arc::clone(&kept) as Arc<dyn Wiretap>));
     let interceptor = Interceptor::new(&venue(), VenueClock::start(), wiretap);

@@ -14,14 +14,14 @@ use super::mode::Mode;
 const QUEUE: usize = 256;
 
 /// A subscription, and what waits of it.
-pub(in crate::node) enum Inbox {
+pub(in crate::node) enum Subscription {
     /// All of it, in order.
     All(FifoSubscriber),
     /// The newest of it.
     Newest(Subscriber<RingChannelHandler<Sample>>),
 }
 
-impl Inbox {
+impl Subscription {
     /// The next message; `None` when there will be no more.
     pub(in crate::node) async fn next(&self) -> Option<Sample> {
         match self {
@@ -36,18 +36,18 @@ pub(in crate::node) async fn subscriber(
     session: &Session,
     key: String,
     mode: Mode,
-) -> anyhow::Result<Inbox> {
+) -> anyhow::Result<Subscription> {
     match mode {
         Mode::LockStep => session::subscriber(session, key, QUEUE)
             .await
-            .map(Inbox::All),
+            .map(Subscription::All),
         Mode::Live => {
             let declared = session
                 .declare_subscriber(key.clone())
                 .with(RingChannel::new(QUEUE))
                 .await;
             declared
-                .map(Inbox::Newest)
+                .map(Subscription::Newest)
                 .map_err(zenoh_error)
                 .with_context(|| format!("subscribing to {key}"))
         }
@@ -55,8 +55,11 @@ pub(in crate::node) async fn subscriber(
 }
 
 /// Who came and who went is said once: nothing of it may be lost.
-pub(in crate::node) async fn liveliness(session: &Session, key: String) -> anyhow::Result<Inbox> {
+pub(in crate::node) async fn liveliness(
+    session: &Session,
+    key: String,
+) -> anyhow::Result<Subscription> {
     session::liveliness(session, key, QUEUE)
         .await
-        .map(Inbox::All)
+        .map(Subscription::All)
 }
