@@ -15,7 +15,8 @@ use crate::live::Micros;
 use crate::live::edge::Came;
 use crate::live::gather::Taken;
 use crate::live::membership::Said;
-use crate::node::session::link::{Arrival, Ends, Incoming, Presence};
+use crate::node::session::link::Ends;
+use crate::node::session::messages::{Arrival, Incoming, Presence};
 
 /// Late sets that wait for the smoother's next step; of more, the newest are dropped.
 const MAX_LATE: usize = 256;

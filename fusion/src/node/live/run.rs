@@ -31,7 +31,9 @@ use crate::live::tick_time::TickTime;
 use crate::live::{Micros, SECOND_US};
 use crate::node::output::summary::Lost;
 use crate::node::output::tally::Tally;
-use crate::node::session::link::{Ends, Interceptor, Outgoing};
+use crate::node::session::interceptor::Interceptor;
+use crate::node::session::link::Ends;
+use crate::node::session::messages::Outgoing;
 use crate::node::session::wiretap::CopiedStep;
 
 /// How often the loop looks after what nothing else wakes it for.

@@ -11,7 +11,8 @@ use tracing::warn;
 
 use super::super::worker::Stepped;
 use super::run::Live;
-use crate::node::session::link::{Ends, Incoming, Outgoing, Presence};
+use crate::node::session::link::Ends;
+use crate::node::session::messages::{Incoming, Outgoing, Presence};
 
 /// How much one tick says of how long after their ticks boxes go out.
 const WEIGHT: f64 = 0.05;

@@ -21,7 +21,7 @@ use super::surroundings::Surroundings;
 use crate::live::membership::Membership;
 use crate::live::tick_time::TickTime;
 use crate::live::{Micros, SECOND_US};
-use crate::node::session::link::{Incoming, Outgoing, Presence};
+use crate::node::session::messages::{Incoming, Outgoing, Presence};
 
 /// How often fusion says that it is there until the ticks begin.
 const CALL_EVERY: Duration = Duration::from_millis(100);

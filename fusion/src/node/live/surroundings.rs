@@ -8,7 +8,8 @@ use tokio_util::sync::CancellationToken;
 use super::super::config::Config;
 use super::super::recording::RecordingThread;
 use crate::node::output::progress::Reporter;
-use crate::node::session::link::{Ends, Interceptor};
+use crate::node::session::interceptor::Interceptor;
+use crate::node::session::link::Ends;
 
 /// What a live run works with.
 pub(in crate::node) struct Surroundings<'a> {

@@ -24,7 +24,8 @@ use super::*;
 use crate::export::summary::Summary;
 use crate::live::tick_time::TickTime;
 use crate::node::output::progress::{Detail, Reporter};
-use crate::node::session::link::{Interceptor, Link};
+use crate::node::session::interceptor::Interceptor;
+use crate::node::session::link::Link;
 use crate::node::session::wiretap::WiretapHandle;
 
 /// Far above what a loaded machine takes; a test that waits as long has failed.

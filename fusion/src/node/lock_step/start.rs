@@ -13,7 +13,7 @@ use super::readiness::{Readiness, Start};
 use super::run::Outside;
 use crate::node::config::Config;
 use crate::node::given::check_given_ticks;
-use crate::node::session::link::{Incoming, Outgoing, Presence};
+use crate::node::session::messages::{Incoming, Outgoing, Presence};
 use crate::node::status::{check, own_status};
 
 /// How often fusion says that it waits, and looks whether its boxes have listeners.

@@ -16,7 +16,8 @@ use tokio::time::timeout;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
-use super::{Ends, Incoming, Interceptor, Link, Outgoing, Presence};
+use super::{Ends, Incoming, Interceptor, Link, Outgoing};
+use crate::node::session::messages::Presence;
 use crate::node::session::mode::Mode;
 use crate::node::session::wiretap::{CopiedMessage, CopiedStep, Wiretap, WiretapHandle};
 use crate::node::status::own_status;
