@@ -9,19 +9,19 @@ use crate::export::summary::LinkSummary;
 
 /// Payload of all links since the start of a run.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Tally {
+pub(in crate::node) struct Tally {
     names: Vec<String>,
     links: Vec<LinkSummary>,
     /// Bytes of the poses, to whoever listens.
-    pub(super) pose_bytes: u64,
+    pub(in crate::node) pose_bytes: u64,
     /// Messages that did not belong to the tick, or came twice.
-    pub(super) refused: u64,
+    pub(in crate::node) refused: u64,
     /// Patches that were readable, but made no sense.
-    pub(super) unusable: u64,
+    pub(in crate::node) unusable: u64,
 }
 
 impl Tally {
-    pub(super) fn new(venue: &Venue) -> Self {
+    pub(in crate::node) fn new(venue: &Venue) -> Self {
         let names: Vec<String> = venue.viewpoints.iter().map(|v| v.name.clone()).collect();
         let links = vec![LinkSummary::default(); names.len()];
         Self {
@@ -33,7 +33,12 @@ impl Tally {
         }
     }
 
-    pub(super) fn patches(&mut self, viewpoint: ViewpointIndex, persons: usize, bytes: u64) {
+    pub(in crate::node) fn patches(
+        &mut self,
+        viewpoint: ViewpointIndex,
+        persons: usize,
+        bytes: u64,
+    ) {
         if let Some(link) = self.links.get_mut(usize::from(viewpoint.0)) {
             link.patch_messages += 1;
             link.patch_bytes += bytes;
@@ -41,14 +46,14 @@ impl Tally {
         }
     }
 
-    pub(super) fn sightings(&mut self, viewpoint: ViewpointIndex, bytes: u64) {
+    pub(in crate::node) fn sightings(&mut self, viewpoint: ViewpointIndex, bytes: u64) {
         if let Some(link) = self.links.get_mut(usize::from(viewpoint.0)) {
             link.sighting_messages += 1;
             link.sighting_bytes += bytes;
         }
     }
 
-    pub(super) fn boxes(&mut self, viewpoint: ViewpointIndex, bytes: u64) {
+    pub(in crate::node) fn boxes(&mut self, viewpoint: ViewpointIndex, bytes: u64) {
         if let Some(link) = self.links.get_mut(usize::from(viewpoint.0)) {
             link.box_messages += 1;
             link.box_bytes += bytes;
@@ -56,7 +61,7 @@ impl Tally {
     }
 
     /// Bytes in both directions, poses included.
-    pub(super) fn total_bytes(&self) -> u64 {
+    pub(in crate::node) fn total_bytes(&self) -> u64 {
         let links = self
             .links
             .iter()
@@ -65,7 +70,7 @@ impl Tally {
     }
 
     /// By name of the viewpoint.
-    pub(super) fn links(&self) -> BTreeMap<String, LinkSummary> {
+    pub(in crate::node) fn links(&self) -> BTreeMap<String, LinkSummary> {
         self.names
             .iter()
             .cloned()
