@@ -4,12 +4,12 @@ use farfield_proto::message::decision::Decision;
 use farfield_proto::message::fill::{FillRequest, Filled};
 use farfield_proto::message::handout::{Chunk, FileList, HandoutRequest, SignedList};
 use farfield_proto::message::{BoxSet, PatchSet, PoseSet, SightingSet, Status};
-use farfield_proto::patch::{Decoder, EncodedMaps, Encoder, Maps, Quality};
+use farfield_proto::patch::{CompressionLevel, Decoder, EncodedMaps, Encoder, Maps};
 use farfield_proto::wire::{Message, decode, encode};
 
 use super::{refused, size};
 
-/// Patches: decoding ends, and what was decoded is encoded again, without loss and at every quality. Width,
+/// Patches: decoding ends, and what was decoded is encoded again, without loss and at every level. Width,
 /// height (two bytes each, the low one first) and number of maps come before the maps' own bytes; what is
 /// missing of these five is 0.
 pub(super) fn patch_decode(bytes: &[u8]) -> String {
@@ -34,8 +34,8 @@ pub(super) fn patch_decode(bytes: &[u8]) -> String {
     decoded.expect("an encoder's own bytes can be decoded");
     assert_eq!(maps, twice);
     let mut behaviour = format!("read, {}", size(again.bytes.len()));
-    for quality in Quality::all() {
-        let again = encoder.encode(&maps, quality);
+    for level in CompressionLevel::all() {
+        let again = encoder.encode(&maps, level);
         let decoded = Decoder::new().decode(&again, &mut twice);
         decoded.expect("an encoder's own bytes can be decoded");
         behaviour += &format!(", {}", size(again.bytes.len()));

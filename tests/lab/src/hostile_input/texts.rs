@@ -6,7 +6,7 @@ use std::sync::{Arc, LazyLock};
 use farfield_edge::source::{open, probe};
 use farfield_proto::model_card::ModelCard;
 use farfield_proto::venue::Venue;
-use farfield_score::lines::{Recording, Role};
+use farfield_score::lines::{LinesRole, PoseLines};
 use farfield_score::points::PointSet;
 use farfield_sim::embedded::CLIPS;
 use farfield_sim::motion::Clip;
@@ -77,8 +77,8 @@ pub(super) fn poses_text(bytes: &[u8]) -> String {
     let path = Path::new("poses.jsonl");
     let mut behaviour = String::new();
     for points in [PointSet::Joints, PointSet::Shelf14] {
-        for role in [Role::Poses, Role::Truth] {
-            let recording = Recording::read(bytes, path, role, points, None);
+        for role in [LinesRole::Poses, LinesRole::Truth] {
+            let recording = PoseLines::read(bytes, path, role, points, None);
             behaviour += &read_or_refused(&recording);
         }
     }
