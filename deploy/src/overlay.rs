@@ -7,7 +7,7 @@
 mod number;
 
 use anyhow::Context as _;
-use farfield_edge::source::{Candidate, Content, Sources};
+use farfield_edge::source::{FrameContent, KeypointCandidate, Sources};
 use farfield_fusion::body::skeleton::Joint;
 use farfield_proto::camera::{CameraModel, NEAR_PLANE_M};
 use farfield_proto::frames::{Point, World};

@@ -1,7 +1,7 @@
 //! How both nodes set Zenoh up: pure settings, (key, JSON5 value) pairs, nothing opened.
 //!
-//! One set serves lock-step and live: whether a message waits or is dropped is said per message, and
-//! the queues are short for both, as what waits in a queue is late. Nothing is scouted for.
+//! One set serves lock-step and live: whether a message waits or is dropped is set per publisher, and the queues are
+//! short for both, as what waits in a queue is late. There is no discovery: scouting is off.
 //!
 //! Endpoints and what they carry (see [`crate::transport::endpoint`]):
 //!
@@ -36,23 +36,22 @@ pub use exposure::{Exposure, ExposureError};
 /// rest is for Ethernet.
 pub const MESSAGE_OVERHEAD_BYTES: usize = 110;
 
-/// After this long without a sign of life a silent node counts as gone.
+/// After this long without any message a node counts as gone.
 pub const LEASE: Duration = Duration::from_secs(5);
-/// How long one try to connect may take; the next one starts with fresh timers, which a link that
-/// comes back after a cut is found sooner by.
+/// How long one attempt to connect may take; the next one starts with fresh timers, so that a link that comes back after
+/// a cut is used sooner.
 const OPEN_TIMEOUT: Duration = Duration::from_secs(3);
-/// A node that is busy for long must slow the others down, not be cut off.
+/// How long a blocking send may wait before the link is closed: a busy node slows the others down and is not cut off.
 const WAIT_BEFORE_CLOSE: Duration = Duration::from_mins(1);
 /// Largest message that is put together from fragments, bytes: twice what [`crate::wire`] reads.
 const MAX_ASSEMBLED_BYTES: usize = 2 << 20;
-/// What the kernel may hold back of a TCP or TLS link, bytes: what waits there is late, and nobody can
-/// drop it any more.
+/// Send buffer of a TCP or TLS link in the kernel, bytes: what waits there is late, and cannot be dropped any more.
 const SEND_BUFFER_BYTES: u32 = 64 << 10;
 
-/// What may be in flight on a QUIC connection whatever was lost, bytes: the edge keeps the rate, and
-/// knows a lost packet from a full queue. 64 KiB are 2.6 Mbit/s at 200 ms there and back.
+/// Least congestion window of a QUIC connection, however much was lost, bytes: the edge controls the rate itself, and
+/// distinguishes loss from a full queue. 64 KiB are 2.6 Mbit/s at a round trip of 200 ms.
 pub const MIN_WINDOW_BYTES: u32 = 64 << 10;
-/// Best-effort messages that may wait for the network, bytes; the oldest go first.
+/// Datagrams that may wait for the network, bytes; when full, the oldest are dropped.
 pub const DATAGRAM_BUFFER_BYTES: u32 = 32 << 10;
 
 /// One setting of Zenoh: its key, and its value as JSON5.
@@ -80,21 +79,21 @@ impl Identity {
     }
 }
 
-/// What an edge tells Zenoh.
+/// Zenoh's settings of an edge.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct EdgeTransport<'a> {
     /// The venue's name.
     pub venue: &'a str,
     /// The endpoints of fusion, tried in turn until one answers, and again when it has gone.
     pub connect: &'a [String],
-    /// Who the edge is; `None` without TLS.
+    /// The edge's keys; `None` without TLS.
     pub identity: Option<&'a Identity>,
 }
 
 impl EdgeTransport<'_> {
-    /// The settings, in the order to apply them in. With an identity only fusion is listened to, and
-    /// only under the venue's name: a certificate of the world's authorities, which Zenoh trusts too,
-    /// does not make a fusion node.
+    /// The settings, in the order to apply them in. With an identity, messages are accepted from fusion alone, and only
+    /// under the venue's name: Zenoh also trusts certificates of public authorities, and these must not make a fusion
+    /// node.
     pub fn settings(&self) -> Vec<ZenohSetting> {
         let mut settings = common("client", self.connect);
         settings.extend(pairs([
@@ -116,7 +115,7 @@ impl EdgeTransport<'_> {
     }
 }
 
-/// What fusion tells Zenoh.
+/// Zenoh's settings of fusion.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct FusionTransport<'a> {
     /// The venue's name.
@@ -125,7 +124,7 @@ pub struct FusionTransport<'a> {
     pub viewpoints: &'a [&'a str],
     /// Where to listen.
     pub listen: &'a [String],
-    /// Who fusion is; `None` without TLS.
+    /// Fusion's keys; `None` without TLS.
     pub identity: Option<&'a Identity>,
 }
 

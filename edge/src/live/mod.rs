@@ -15,8 +15,4 @@ pub mod round_robin;
 pub mod tick_clock;
 pub mod timecode;
 
-/// Microseconds of a clock: since 1970 for the wall's, since anything for spans.
-pub type Micros = i64;
-
-/// Microseconds of a second.
-pub const SECOND_US: Micros = 1_000_000;
+pub use farfield_proto::tick::{Micros, SECOND_US};

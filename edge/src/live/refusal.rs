@@ -38,7 +38,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_said_once_a_second_stands_after_the_third_time() {
+    fn a_refusal_once_a_second_is_confirmed_by_the_third() {
         let mut refusal = RepeatedRefusal::default();
         for (second, stands) in [(0, false), (1, false), (2, true)] {
             refusal.note_refusal(second * SECOND_US);
@@ -47,7 +47,7 @@ mod tests {
     }
 
     #[test]
-    fn neither_one_word_nor_many_at_once_stand_for_themselves() {
+    fn neither_one_refusal_nor_many_at_once_are_confirmed() {
         let mut refusal = RepeatedRefusal::default();
         refusal.note_refusal(0);
         assert!(!refusal.is_confirmed(i64::MAX));
@@ -57,7 +57,7 @@ mod tests {
     }
 
     #[test]
-    fn lies_between_honest_words_never_stand() {
+    fn forged_refusals_between_acceptances_are_never_confirmed() {
         let mut refusal = RepeatedRefusal::default();
         for second in 0..100 {
             (0..10).for_each(|_| refusal.note_refusal(second * SECOND_US));

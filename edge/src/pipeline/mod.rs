@@ -120,7 +120,7 @@ impl EdgePipeline {
     }
 
     /// Processes one tick. `frames` has one entry per camera of the viewpoint, in the venue's order, `None` for
-    /// a camera that gave nothing; `mark` is called after each stage, for whoever measures.
+    /// a camera that gave nothing; `mark` is called after each stage, to measure times.
     ///
     /// # Errors
     /// [`PipelineError`] when the frames are not of the tick, frames or boxes do not belong to this viewpoint, or

@@ -118,8 +118,8 @@ fn box_at(camera: u16, center_px: [f32; 2], rotation_rad: f32) -> CameraBox {
     }
 }
 
-/// The boxes of a tick at which the cameras `look` look for people.
-fn boxes(look: &[u16], persons: Vec<Vec<CameraBox>>) -> BoxSet {
+/// The boxes of a tick with a detection pass on the cameras `detection`.
+fn boxes(detection: &[u16], persons: Vec<Vec<CameraBox>>) -> BoxSet {
     let numbered = (1..).zip(persons);
     let persons = numbered
         .map(|(i, cameras)| PersonBoxes {
@@ -133,7 +133,7 @@ fn boxes(look: &[u16], persons: Vec<Vec<CameraBox>>) -> BoxSet {
         viewpoint: ViewpointIndex(0),
         order: Order::Track,
         live: None,
-        detection_cameras: look.iter().copied().map(CameraIndex).collect(),
+        detection_cameras: detection.iter().copied().map(CameraIndex).collect(),
         persons,
     }
 }
@@ -325,7 +325,7 @@ fn all_crops_of_a_tick_are_one_inference() {
 }
 
 #[test]
-fn only_the_cameras_that_are_asked_look() {
+fn only_the_cameras_that_are_asked_run_the_detector() {
     let venue = venue(&[KEYPOINTS, KEYPOINTS]);
     let mut edge = EdgePipeline::new(&venue, ViewpointIndex(0), None, None).unwrap();
     let frames = [1.0, 2.0].map(|x| Some(frame(FrameContent::Keypoints(candidates(x, 2.0)))));
@@ -423,7 +423,7 @@ fn painted_maps_are_asked_for_the_box_at_the_frames_tick() {
 }
 
 #[test]
-fn a_look_that_finds_nobody_is_said_and_an_edge_that_cannot_look_says_nothing() {
+fn a_pass_without_people_is_reported_and_an_edge_without_a_detector_reports_no_pass() {
     let mut edge = EdgePipeline::new(&venue(&[KEYPOINTS]), ViewpointIndex(0), None, None).unwrap();
     let output = step(&mut edge, &[None], &boxes(&[0, 1], Vec::new())).unwrap();
     assert_eq!(

@@ -27,26 +27,29 @@ pub(super) enum WhenFull {
 }
 
 #[derive(Debug)]
-struct QueueState<T> {
+struct PrefetchState<T> {
     frames: VecDeque<Result<T, SourceError>>,
     ended: bool,
     abandoned: bool,
 }
 
 #[derive(Debug)]
-struct QueueShared<T> {
-    state: Mutex<QueueState<T>>,
+struct PrefetchShared<T> {
+    state: Mutex<PrefetchState<T>>,
     changed: Condvar,
     when_full: WhenFull,
 }
 
-impl<T> QueueShared<T> {
-    fn lock(&self) -> MutexGuard<'_, QueueState<T>> {
+impl<T> PrefetchShared<T> {
+    fn lock(&self) -> MutexGuard<'_, PrefetchState<T>> {
         // A poisoned queue is as good as any: each of its fields is valid on its own.
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn wait<'a>(&self, state: MutexGuard<'a, QueueState<T>>) -> MutexGuard<'a, QueueState<T>> {
+    fn wait<'a>(
+        &self,
+        state: MutexGuard<'a, PrefetchState<T>>,
+    ) -> MutexGuard<'a, PrefetchState<T>> {
         self.changed
             .wait(state)
             .unwrap_or_else(PoisonError::into_inner)
@@ -55,10 +58,10 @@ impl<T> QueueShared<T> {
 
 /// The decoding thread's end. Dropping it, also by a panic of that thread, ends the queue.
 #[derive(Debug)]
-pub(super) struct Sender<T = Frame>(Arc<QueueShared<T>>);
+pub(super) struct Sender<T = Frame>(Arc<PrefetchShared<T>>);
 
 impl<T> Sender<T> {
-    /// Hands over a frame or the reason why there is none. `false` when nobody takes frames any more.
+    /// Hands over a frame or the reason why there is none. `false` when the taker is gone.
     pub(super) fn push(&self, frame: Result<T, SourceError>) -> bool {
         let mut state = self.0.lock();
         while state.frames.len() >= CAPACITY && !state.abandoned {
@@ -86,7 +89,7 @@ impl<T> Drop for Sender<T> {
 /// Frames decoded ahead by a thread of their own.
 #[derive(Debug)]
 pub(super) struct Prefetch<T = Frame> {
-    shared: Arc<QueueShared<T>>,
+    shared: Arc<PrefetchShared<T>>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -99,8 +102,8 @@ impl<T> Prefetch<T> {
     where
         T: Send + 'static,
     {
-        let shared = Arc::new(QueueShared {
-            state: Mutex::new(QueueState {
+        let shared = Arc::new(PrefetchShared {
+            state: Mutex::new(PrefetchState {
                 frames: VecDeque::new(),
                 ended: false,
                 abandoned: false,

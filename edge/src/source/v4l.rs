@@ -61,7 +61,7 @@ pub(super) fn open(
     })
 }
 
-/// Frames of a kernel device, the newest first when nobody takes them in time.
+/// Frames of a kernel device; those not taken in time are dropped, the newest counts.
 pub(super) struct V4lSource {
     prefetch: Prefetch<Stamped>,
     expected: ExpectedSource,

@@ -140,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn a_person_in_two_windows_is_one_by_the_surest_box() {
+    fn a_person_in_two_windows_is_one_by_the_box_of_highest_score() {
         let (a, b) = (
             at([380.0, 100.0, 400.0, 150.0], 0.6),
             at([381.0, 101.0, 401.0, 151.0], 0.8),
@@ -153,17 +153,17 @@ mod tests {
     }
 
     #[test]
-    fn a_box_cut_by_its_window_gives_way_to_who_sees_the_place_whole() {
+    fn a_box_cut_by_its_window_is_dropped_where_another_window_holds_the_place_whole() {
         let cut = at([480.0, 100.0, 499.5, 150.0], 0.9);
         let all = at([480.0, 98.0, 530.0, 152.0], 0.5);
         let left = window([0.0; 2], [500.0, 312.5]);
         let right = window([300.0, 0.0], [500.0, 312.5]);
         let both = [(left, vec![cut]), (right, vec![all])];
         assert_eq!(merged(&both, INPUT_PX, PICTURE_PX), [all]);
-        // The neighbour sees the place and says that nobody is there.
+        // The other window holds the place and detects nobody there.
         let denied = [(left, vec![cut]), (right, vec![])];
         assert_eq!(merged(&denied, INPUT_PX, PICTURE_PX), []);
-        // Nobody else looks there as closely.
+        // No other window is as fine there.
         let alone = [(whole(), vec![]), (left, vec![cut])];
         assert_eq!(merged(&alone, INPUT_PX, PICTURE_PX), [cut]);
     }
@@ -180,7 +180,7 @@ mod tests {
     }
 
     #[test]
-    fn whoever_leaves_the_picture_is_not_cut_by_a_window() {
+    fn a_person_at_the_edge_of_the_picture_is_not_cut_by_a_window() {
         let leaving = at([-0.5, 400.0, 40.0, 600.0], 0.7);
         let found = [
             (whole(), vec![leaving]),
@@ -190,7 +190,7 @@ mod tests {
     }
 
     #[test]
-    fn of_overlapping_boxes_the_surest_stays() {
+    fn of_overlapping_boxes_the_one_of_highest_score_stays() {
         let at = |x: f32, score| at([x, 0.0, x + 10.0, 20.0], score);
         let kept = thinned_out(vec![at(1.0, 0.9), at(0.0, 0.5), at(30.0, 0.4)]);
         assert_eq!(kept, [at(1.0, 0.9), at(30.0, 0.4)]);

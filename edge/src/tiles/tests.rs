@@ -99,7 +99,7 @@ proptest! {
         let field = field(half_m);
         let plans = plan(&[&camera], &field, INPUT, limit);
         prop_assert!(plans[0].most_windows() <= 1 + limit || cell_count(&plans) == 256);
-        // Over one turn of the cells; whoever stands in a cell is served at its look.
+        // Over one round of the cells: a person in a cell is covered by its pass.
         let windows: Vec<DetectorWindow> = (0..cell_count(&plans))
             .flat_map(|pass| plans[0].windows(pass).collect::<Vec<_>>())
             .collect();
@@ -127,7 +127,7 @@ fn a_room_in_which_everybody_is_large_needs_no_tiles() {
 }
 
 #[test]
-fn far_people_are_looked_at_in_tiles_where_they_are() {
+fn far_people_are_detected_in_tiles_where_they_are() {
     let camera = camera([0.0, -60.0, 6.0], [0.0, 40.0, 1.0], 2600.0, -0.05);
     let plans = plan(&[&camera], &field([20.0, 40.0]), INPUT, 100);
     let tiles = &plans[0].cells[0];
@@ -181,7 +181,7 @@ fn an_input_too_small_for_a_person_gets_no_tiles() {
 }
 
 #[test]
-fn no_look_has_more_than_256_tiles() {
+fn no_pass_has_more_than_256_tiles() {
     // 8K pictures of people all over them, as small as tiles are made for, in few of the cells.
     let camera = camera_of(
         [0.0, -200.0, 60.0],

@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use farfield_node::clock;
 use farfield_node::process::{Managed, say};
-use farfield_proto::live::EdgeLink;
+use farfield_proto::message::live::EdgeLink;
 use farfield_proto::message::{PersonPose, PoseSet};
 use farfield_proto::tick::Tick;
 use serde::{Deserialize, Serialize};

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use anyhow::Context as _;
 use farfield_node::process::Ending;
-use farfield_proto::message::{LOOK_STAGE, StageTime, Status};
+use farfield_proto::message::{DETECTION_STAGE, StageTime, Status};
 use farfield_proto::tick::Tick;
 
 use super::config::Config;

@@ -4,7 +4,7 @@
 use std::path::Path;
 
 use anyhow::anyhow;
-use farfield_proto::endpoint::is_endpoint;
+use farfield_proto::transport::endpoint::is_endpoint;
 use farfield_proto::transport::{Exposure, Identity};
 use farfield_proto::venue::{Endpoints, Venue};
 

@@ -3,7 +3,7 @@
 //! Nothing is scouted for: fusion listens, everybody else connects to it, at the endpoints of the venue file.
 
 use anyhow::{Context as _, anyhow};
-use farfield_proto::transport::{EdgeTransport, FusionTransport, Setting};
+use farfield_proto::transport::{EdgeTransport, FusionTransport, ZenohSetting};
 use tracing::warn;
 use zenoh::handlers::{FifoChannel, FifoChannelHandler};
 use zenoh::liveliness::LivelinessToken;
@@ -148,7 +148,7 @@ pub async fn declare_alive(session: &Session, key: String) -> anyhow::Result<Liv
     declared.map_err(zenoh_error)
 }
 
-fn config(settings: Vec<Setting>) -> anyhow::Result<zenoh::Config> {
+fn config(settings: Vec<ZenohSetting>) -> anyhow::Result<zenoh::Config> {
     let mut config = zenoh::Config::default();
     for (key, value) in settings {
         config

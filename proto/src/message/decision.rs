@@ -1,4 +1,4 @@
-//! What fusion used for a tick: with it, whoever has all messages can compute the tick again.
+//! Which sets fusion used for a tick: with it and all messages, the tick can be computed again.
 
 use serde::{Deserialize, Serialize};
 
@@ -7,8 +7,8 @@ use crate::message::live::MAX_EDGES;
 use crate::tick::Tick;
 use crate::wire::{MAX_PARTS, Message};
 
-/// Fusion to all: the sets from which the poses of a tick were computed. Which sets came in time is the
-/// only thing that a clock has a say in; all else follows from the messages.
+/// Fusion to all: the sets from which the poses of a tick were computed. Which sets came in time is the only thing that
+/// depends on a clock; all else follows from the messages.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Decision {
     /// Fusion's session.

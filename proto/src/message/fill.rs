@@ -1,5 +1,5 @@
-//! How fusion gets from an edge what an outage has kept from it: a range of ticks asked for, a bounded
-//! answer, the rest asked for again.
+//! Filling holes: how fusion gets the sets of an outage from an edge's ring. It asks for a range of ticks, gets a
+//! bounded answer, and asks again for the rest.
 
 use serde::{Deserialize, Serialize};
 
@@ -7,18 +7,18 @@ use crate::id::SessionId;
 use crate::tick::Tick;
 use crate::wire::{MAX_MESSAGE_BYTES, Message};
 
-/// Most bytes of stored messages in one answer: far less than what a message may have, so that an answer
-/// never stands in the way of the patches of a tick for long.
+/// Most bytes of stored messages in one answer: far less than a message may have, so that an answer never delays the
+/// patches of a tick for long.
 pub const MAX_ANSWER_BYTES: u32 = 64 * 1024;
 /// Most stored messages in one answer.
 pub const MAX_STORED: usize = 4096;
 /// Most ticks in one question.
 pub const MAX_TICKS: i64 = 1 << 20;
 
-/// Fusion to edge, as the payload of a query: what have you stored of these ticks?
+/// Fusion to edge, as the payload of a query: which sets are stored of these ticks?
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct FillRequest {
-    /// Of which life of fusion.
+    /// The session of fusion whose sets are meant.
     pub session: SessionId,
     /// First tick.
     pub from: Tick,
@@ -31,8 +31,8 @@ pub struct FillRequest {
 /// Edge to fusion, as the reply: what was stored of the ticks from the question's first up to `to`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Filled {
-    /// The tick after the last that the answer is about. Of earlier ticks of the question the edge has
-    /// nothing more than this. The question's first: the edge has no room on its link now.
+    /// The tick after the last that the answer covers: of ticks before it, the edge has stored nothing else. Equal to
+    /// the request's first tick when the edge has no room on its link now.
     pub to: Tick,
     /// The messages, as they were sent or would have been.
     pub stored: Vec<StoredSet>,
@@ -41,7 +41,7 @@ pub struct Filled {
 /// One stored message.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct StoredSet {
-    /// Under which key it belongs.
+    /// Which kind of set it is, and so its key.
     pub kind: SetKind,
     /// The message as it travels.
     pub bytes: Vec<u8>,

@@ -1,5 +1,5 @@
-//! How fusion hands the files that all nodes must share out to its edges: a list of them, signed where
-//! there are keys, and their bytes in chunks.
+//! Handout: how fusion sends the venue's files to its edges. A list of the files, signed where there are keys, and their
+//! bytes in chunks.
 
 use serde::{Deserialize, Serialize};
 
@@ -13,7 +13,7 @@ pub const MAX_FILES: usize = 16;
 pub const MAX_PATH_BYTES: usize = 1024;
 /// Most bytes of a list, of a certificate and of a signature.
 const MAX_LIST_BYTES: usize = 64 * 1024;
-/// What is signed ahead of the list, so that a signature of something else is none of a list.
+/// Prefix of the signed bytes (domain separation): a signature of something else is not valid for a list.
 pub const SIGNED_AHEAD: &[u8] = b"farfield handout 1\0";
 
 /// Edge to fusion, as the payload of a query.
@@ -48,7 +48,7 @@ pub enum FileKind {
 }
 
 impl FileKind {
-    /// What people call it.
+    /// Its name in messages to the operator.
     pub fn name(self) -> &'static str {
         match self {
             Self::Venue => "venue file",
@@ -75,7 +75,7 @@ pub struct FileList {
 pub struct SharedFile {
     /// What it is.
     pub kind: FileKind,
-    /// Where it lies, from the folder of the venue file; empty for the venue file itself.
+    /// Its path relative to the folder of the venue file; empty for the venue file itself.
     pub path: String,
     /// Its length, bytes.
     pub bytes: u64,
@@ -83,7 +83,7 @@ pub struct SharedFile {
     pub blake3: [u8; 32],
 }
 
-/// A [`FileList`], and who answers for it.
+/// A [`FileList`] with fusion's signature.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SignedList {
     /// The list, as [`crate::wire::encode`] writes it.

@@ -1,4 +1,4 @@
-//! What nodes say of clocks, delays and links when they run live. In lock-step none of it travels.
+//! Clocks, delays and links of nodes that run live. In lock-step none of it is sent.
 //!
 //! Fusion learns round trip and clock offset of every edge from the box sets that it sends and the
 //! patch sets that come back, as NTP does (RFC 5905, section 8): the sending of box set `sequence` is t1, its
@@ -9,24 +9,24 @@ use serde::{Deserialize, Serialize};
 use crate::id::CameraIndex;
 use crate::tick::Tick;
 
-/// Largest correction of an edge's clock that is told, applied or read, microseconds (half an hour, near what
-/// 32 bits hold): what is wrong by more is refused long before.
+/// Largest correction of an edge's clock that is sent, applied or accepted, microseconds (half an hour, near what 32
+/// bits hold): an edge whose clock is off by far less is refused already.
 pub const MAX_CLOCK_CORRECTION_US: i32 = 1_800_000_000;
-/// Most edges of which a fusion node's status speaks.
+/// Most edges in a fusion node's status.
 pub const MAX_EDGES: usize = 256;
 
-/// In a patch set: when it was sent, and what the edge had heard by then.
+/// In a patch set: when it was sent, and which box set the edge had received by then.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PatchTiming {
     /// Sending instant by the edge's corrected clock, less the tick's time, microseconds.
     pub sent_after_us: i32,
     /// The correction of the edge's clock that is in force, microseconds: corrected = own + correction.
     pub clock_correction_us: i32,
-    /// The newest box set that the edge has heard in this session.
+    /// The newest box set that the edge has received in this session.
     pub echo: Option<BoxEcho>,
 }
 
-/// A box set that an edge has heard.
+/// A box set that an edge has received.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct BoxEcho {
     /// Its [`LiveBoxes::sequence`].
@@ -35,27 +35,27 @@ pub struct BoxEcho {
     pub held_us: u32,
 }
 
-/// In a box set: the clock of the venue, and what fusion hears of the edge.
+/// In a box set: the clock of the venue, and what fusion receives from the edge.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct LiveBoxes {
     /// Number of this box set among all that were sent to this viewpoint in this session.
     pub sequence: u32,
     /// Unix time of tick 0, microseconds.
     pub epoch_us: u64,
-    /// What the edge shall add to its clock, microseconds; `None` while fusion does not know: what the edge
-    /// was told before, by a fusion that has gone, is better than nothing.
+    /// What the edge is to add to its clock, microseconds; `None` while fusion does not know: the edge then keeps the
+    /// correction of the session before.
     pub clock_correction_us: Option<i32>,
     /// The newest patch set that has arrived from the viewpoint.
     pub heard: Option<HeardPatches>,
 }
 
-/// What fusion has heard of an edge: by it the edge sees how full its link is.
+/// What fusion has received from an edge, by which the edge measures the load of its link.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct HeardPatches {
     /// Tick of the newest patch set.
     pub tick: Tick,
-    /// Its arrival by fusion's clock less its sending by the edge's corrected clock, microseconds. Its
-    /// changes tell of queues, whatever the clocks' offset.
+    /// Its arrival by fusion's clock less its sending by the edge's corrected clock, microseconds. An offset of the
+    /// clocks is constant in it; changes are queues.
     pub one_way_us: i32,
     /// Payload that has arrived from the viewpoint in the last second, bytes.
     pub bytes: u32,
@@ -72,7 +72,7 @@ pub struct LiveStatus {
     pub quality: u8,
     /// Persons that an edge sends at most per tick, of those that it has boxes for; `None`: all.
     pub persons_per_tick: Option<u16>,
-    /// An edge works on every so manieth tick, at least 1.
+    /// An edge processes only every n-th tick, n at least 1.
     pub every_nth_tick: u16,
     /// Payload that an edge has handed to the network in the last second, bytes.
     pub bytes_per_s: u32,
@@ -80,16 +80,16 @@ pub struct LiveStatus {
     pub held_back: u64,
     /// Ticks for which the node was too late, since the start.
     pub missed_ticks: u64,
-    /// How the edge's cameras are.
+    /// The state of the edge's cameras.
     pub cameras: Vec<CameraStatus>,
-    /// How fusion hears its edges, by viewpoint; empty for an edge.
+    /// The state of fusion's links to its edges, by viewpoint; empty for an edge.
     pub edges: Vec<EdgeLink>,
     /// Why fusion's recording has ended before the run, or why an edge's ring does not hold all of its
     /// sets, when that is so.
     pub recording_failure: Option<String>,
 }
 
-/// How one camera of an edge is.
+/// The state of one camera of an edge.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct CameraStatus {
     /// Which.
@@ -118,16 +118,17 @@ pub enum CameraHealth {
     Failed,
 }
 
-/// How fusion hears one edge.
+/// The state of fusion's link to one edge.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct EdgeLink {
     /// The viewpoint's name.
     pub viewpoint: String,
-    /// Whether it takes part: it speaks, and is not refused.
+    /// Whether it takes part: it sends, and is not refused.
     pub live: bool,
     /// Why it is refused, when it is.
     pub refused: Option<String>,
-    /// Round trip without what the edge holds, least of the last seconds, microseconds.
+    /// Round trip of the network alone (without the time that the edge holds a message), least of the last seconds,
+    /// microseconds.
     pub round_trip_us: Option<u32>,
     /// The edge's own clock less fusion's, before any correction, microseconds.
     pub clock_offset_us: Option<i32>,
@@ -135,7 +136,7 @@ pub struct EdgeLink {
     pub horizon_ticks: f32,
     /// Payload that has arrived in the last second, bytes.
     pub bytes_per_s: u32,
-    /// Patch sets that came after their tick was worked on, since the start.
+    /// Patch sets that came after their tick was processed, since the start.
     pub late: u64,
     /// Ticks of which nothing came, since the edge's first.
     pub missing: u64,
@@ -144,8 +145,8 @@ pub struct EdgeLink {
 }
 
 impl EdgeLink {
-    /// Notes that a second node, of the number `process`, calls itself by the name of an edge that is there:
-    /// that one is refused, and the first goes on.
+    /// Notes that a second node, process number `process`, has the name of an edge that is connected already: the second
+    /// is refused, and the first goes on.
     pub fn refuse_second(&mut self, process: u64) {
         let name = &self.viewpoint;
         self.refused = Some(format!(

@@ -1,6 +1,11 @@
-//! What nodes say to each other. Framing, bounds and versions are in [`crate::wire`].
+//! The messages that nodes send to each other. Framing, bounds and versions are in [`crate::wire`].
+//!
+//! From edge to fusion: [`PatchSet`], [`SightingSet`]; from fusion to edge: [`BoxSet`]; from fusion to all: [`PoseSet`],
+//! [`decision::Decision`]; from every node: [`Status`]. On request: the venue's files ([`handout`]) and stored sets
+//! ([`fill`]).
 
 mod box_form;
+mod check;
 pub mod decision;
 pub mod fill;
 pub mod handout;
@@ -20,8 +25,8 @@ use crate::tick::Tick;
 pub const MAX_PERSONS: usize = 256;
 /// Most crops that the maps of one person in one camera may come from.
 pub const MAX_CROPS: usize = 4;
-/// Farthest that a frame may be from its tick, microseconds (0.1 s): beyond, it is not a frame of the
-/// same tick at any rate that people are tracked at, 10 Hz and more.
+/// Largest distance of a frame from its tick, microseconds (0.1 s): at the lowest rate at which people are tracked,
+/// 10 Hz, the next tick is nearer.
 pub const MAX_CAPTURE_OFFSET_US: i32 = 100_000;
 /// Most sightings in one message, and of one viewpoint at one tick.
 pub const MAX_SIGHTINGS: usize = 256;
@@ -33,16 +38,15 @@ pub struct PatchSet {
     pub session: SessionId,
     /// The tick of the pictures.
     pub tick: Tick,
-    /// Who sends.
+    /// The sender's viewpoint.
     pub viewpoint: ViewpointIndex,
     /// This message's number among those of the tick, from 0.
     pub part: u16,
     /// How many messages the tick has from this viewpoint, at least 1.
     pub parts: u16,
-    /// How many [`SightingSet`] messages belong to this tick from this viewpoint (0: the edge did
-    /// not look).
+    /// How many [`SightingSet`] messages belong to this tick from this viewpoint (0: no detection pass ran).
     pub sighting_parts: u16,
-    /// When it was sent and what was heard by then; `None` in lock-step.
+    /// When it was sent and which box set had arrived by then; `None` in lock-step.
     pub timing: Option<PatchTiming>,
     /// The persons of this part.
     pub persons: Vec<PersonPatch>,
@@ -68,30 +72,30 @@ pub struct PersonPatch {
     pub maps: EncodedMaps,
 }
 
-/// Fusion to edge: where each person will be at a tick, and what else the edge shall do then.
+/// Fusion to edge: where each person will be at a tick, and what else the edge is to do then.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct BoxSet {
     /// Fusion's session.
     pub session: SessionId,
     /// The tick that the boxes are made for.
     pub tick: Tick,
-    /// For whom.
+    /// The viewpoint that it is for.
     pub viewpoint: ViewpointIndex,
-    /// What the edge shall do at this tick.
+    /// Whether the run goes on.
     pub order: Order,
     /// Clock and link; `None` in lock-step.
     pub live: Option<LiveBoxes>,
-    /// The cameras of this viewpoint that look for people without boxes at this tick, ascending; most
-    /// often none. All viewpoints look at the same ticks, because rays of different ticks do not meet.
+    /// The cameras of this viewpoint that take part in a detection pass at this tick, ascending; at most ticks none.
+    /// All viewpoints detect at the same ticks, because rays of different ticks do not meet.
     pub detection_cameras: Vec<CameraIndex>,
     /// Where the persons will be.
     pub persons: Vec<PersonBoxes>,
 }
 
-/// What an edge shall do at a tick.
+/// Whether a run goes on at a tick.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Order {
-    /// Make patches for the boxes, and look for people where [`BoxSet::detection_cameras`] says.
+    /// Make patches for the boxes, and run the detector on [`BoxSet::detection_cameras`].
     Track,
     /// The run is over: leave.
     End,
@@ -169,15 +173,15 @@ pub struct PoseSet {
     pub persons: Vec<PersonPose>,
 }
 
-/// Where a person is in its life, as published.
+/// Phase of a track, as published.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum PersonState {
-    /// Newly born, not yet confirmed.
+    /// Initiated, not yet confirmed.
     Tentative,
-    /// Seen well enough.
+    /// Confirmed and seen by enough views.
     Tracked,
-    /// Carried by the model alone until views return.
+    /// Predicted by the model alone until views return.
     Coasting,
 }
 
@@ -203,16 +207,16 @@ pub struct PersonPose {
     pub views: u16,
 }
 
-/// Each node to all, once a second, and while waiting for the start: who and how it is.
+/// Each node to all, once a second and while waiting for the start: identity and state of the node.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Status {
     /// Name of the node: the viewpoint's name, or "fusion".
     pub node: String,
-    /// A number that no other edge has, to tell two of one name apart; 0 for fusion.
+    /// A number that is different for every edge process, to tell two of one name apart; 0 for fusion.
     pub process: u64,
     /// The viewpoint, for an edge.
     pub viewpoint: Option<ViewpointIndex>,
-    /// Whether everything is open and matched, and the node only waits for its first order.
+    /// Whether everything is open and matched, and the node only waits for its first box set.
     pub ready: bool,
     /// Fingerprint of the venue file.
     pub venue_hash: String,
@@ -231,7 +235,7 @@ pub struct Status {
     pub unreadable: u64,
     /// Why the node gave up, when it did.
     pub failure: Option<String>,
-    /// How long each stage took; in lock-step only in an edge's last word, when the run is over.
+    /// How long each stage took; in lock-step only in an edge's last status, when the run is over.
     pub stages: Vec<StageTime>,
     /// How it runs live; `None` in lock-step.
     pub live: Option<LiveStatus>,
@@ -240,7 +244,7 @@ pub struct Status {
 /// Most stages in one status.
 pub const MAX_STAGES: usize = 32;
 
-/// Name of an edge's stage of looking for people without boxes: detector and keypoints.
+/// Name of the stage of detection passes, detector and keypoints, in statuses and summaries.
 pub const DETECTION_STAGE: &str = "look";
 
 /// How long one stage of a node took, over all ticks of a run.
@@ -263,7 +267,8 @@ pub struct StageTime {
 }
 
 impl StageTime {
-    /// Sums `samples_us` up (nearest rank); sorts them in place. `None` when there are none.
+    /// Summarises `samples_us` (microseconds; percentiles by nearest rank), sorting them in place. `None` when there are
+    /// none.
     pub fn from_samples(stage: &str, samples_us: &mut [u32]) -> Option<Self> {
         samples_us.sort_unstable();
         let total_us = samples_us.iter().map(|&us| u64::from(us)).sum();

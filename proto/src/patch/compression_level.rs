@@ -1,4 +1,4 @@
-//! How much of a map is worth its bytes: the codec's one knob.
+//! The compression level: the one parameter of the patch codec.
 
 use std::fmt;
 use std::str::FromStr;
@@ -6,11 +6,11 @@ use std::str::FromStr;
 use serde::de::{Unexpected, Visitor};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-/// Cells below this of 255 are sent at no compression level: 0.06 of the highest.
+/// Cells below this value, of 255, are sent at no compression level: 0.06 of the highest.
 pub const FLOOR: u8 = 15;
 
-/// How closely maps are kept: 0 is without loss above [`FLOOR`], every level after it takes fewer
-/// bytes, down to [`CompressionLevel::SMALLEST`].
+/// How far maps are compressed: 0 is without loss above [`FLOOR`], every higher level takes fewer bytes, up to
+/// [`CompressionLevel::SMALLEST`]. (Unlike the quality of a JPEG: a higher level is coarser.)
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct CompressionLevel(u8);
 
@@ -21,7 +21,7 @@ impl CompressionLevel {
     pub const DEFAULT: Self = Self(2);
     /// For thin links.
     pub const SMALL: Self = Self(4);
-    /// The fewest bytes that there are.
+    /// The highest level: the fewest bytes.
     pub const SMALLEST: Self = Self(6);
 
     /// The compression level of this number; numbers past the smallest are the smallest.

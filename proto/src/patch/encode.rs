@@ -25,11 +25,11 @@ pub struct Encoder {
     kept: Vec<u8>,
     model: mode_coder::ModeCoder,
     explainer: Explainer,
-    /// What was found in each map of the patch.
+    /// The modes of each map of the patch.
     explained: Vec<Explained>,
     grid: CorrectionGrid,
     modes: Vec<Mode>,
-    /// Whether every patch begins with what is known beforehand.
+    /// Whether every patch begins with the priors.
     forgets: bool,
 }
 
@@ -77,8 +77,8 @@ impl Encoder {
         encoded(maps, bytes)
     }
 
-    /// Encodes at most `most` Gaussians of each map as finely as `level` (not without loss) writes
-    /// them, and nothing else: what peers send, for comparisons.
+    /// Encodes at most `most` Gaussians of each map as finely as `level` (not without loss) writes them, and nothing
+    /// else: for comparison with systems that send Gaussians.
     pub fn encode_gaussians(
         &mut self,
         maps: &Maps,
@@ -184,8 +184,8 @@ impl Encoder {
         }
     }
 
-    /// The highest peak of each map, fitted: column and row, cells, and height, of 255; `None` where no
-    /// cell is above the floor. What is read where only keypoints are sent, for comparisons.
+    /// The highest peak of each map, fitted: column and row, cells, and height, of 255; `None` where no cell is above the
+    /// floor. For comparison with systems that send keypoints only.
     pub fn peaks(&mut self, maps: &Maps) -> Vec<Option<([f32; 2], f32)>> {
         let scale = MapScale::of(maps);
         let Some(mut recipe) = Recipe::of(CompressionLevel::new(1)) else {
@@ -202,8 +202,7 @@ impl Encoder {
         (0..maps.keypoints()).map(peak).collect()
     }
 
-    /// As [`Self::encode`], without forgetting what was learnt from the maps before: for measuring what
-    /// is worth knowing beforehand.
+    /// As [`Self::encode`], keeping the probabilities learnt from the maps before: for measuring the priors.
     pub fn encode_on(&mut self, maps: &Maps, level: CompressionLevel) -> EncodedMaps {
         self.forgets = false;
         let encoded = self.encode(maps, level);
@@ -211,8 +210,7 @@ impl Encoder {
         encoded
     }
 
-    /// The probabilities after the last patch that was not without loss: what those known beforehand
-    /// are measured by.
+    /// The probabilities (of 65,536) after the last patch that was not without loss, from which the priors are measured.
     pub fn learnt(&self) -> Vec<u16> {
         self.model.contexts.learnt().collect()
     }

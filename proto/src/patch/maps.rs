@@ -18,7 +18,7 @@ pub struct EncodedMaps {
     pub height: u16,
     /// Maps.
     pub keypoints: u8,
-    /// What [`super::Encoder`] made of the cells.
+    /// The cells as [`super::Encoder`] has written them.
     pub bytes: Vec<u8>,
 }
 

@@ -1,6 +1,6 @@
 //! Where a node listens or connects to, as text: `tcp/127.0.0.1:7447`.
 
-/// What nodes may talk over; Zenoh is built with these alone.
+/// The protocols that nodes may use; Zenoh is built with these alone.
 const SCHEMES: [&str; 4] = ["tcp", "udp", "tls", "quic"];
 
 /// Whether `text` is an endpoint: a scheme, `/`, a host and a port, and perhaps options of Zenoh behind
@@ -17,7 +17,7 @@ pub fn is_endpoint(text: &str) -> bool {
     SCHEMES.contains(&scheme(text)) && is_host && is_port
 }
 
-/// What an endpoint is spoken over: what stands before the first `/`.
+/// The protocol of an endpoint: the part before the first `/`.
 pub fn scheme(endpoint: &str) -> &str {
     endpoint.split_once('/').map_or("", |(scheme, _)| scheme)
 }

@@ -11,7 +11,10 @@ use crate::message::decision::Decision;
 use crate::message::fill::{FillRequest, Filled};
 use crate::message::handout::{Chunk, FileList, HandoutRequest, SignedList};
 use crate::message::live::{BoxEcho, HeardPatches, LiveBoxes, LiveStatus, PatchTiming};
-use crate::message::{KeypointPeak, Order, PersonBoxes, PersonState};
+use crate::message::{
+    BoxSet, CameraBox, KeypointPeak, MAX_CAPTURE_OFFSET_US, MAX_CROPS, Order, PatchSet,
+    PersonBoxes, PersonPatch, PersonPose, PersonState, PoseSet, Sighting, SightingSet, Status,
+};
 use crate::patch::EncodedMaps;
 use crate::tick::Tick;
 

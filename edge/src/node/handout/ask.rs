@@ -6,7 +6,6 @@ use std::time::Duration;
 
 use anyhow::anyhow;
 use farfield_node::session;
-use farfield_proto::handout::{Chunk, HandoutRequest, SharedFile, SignedList};
 use farfield_proto::key::Keys;
 use farfield_proto::message::handout::{Chunk, HandoutRequest, SharedFile, SignedList};
 use farfield_proto::wire::{self, Message, WireError};

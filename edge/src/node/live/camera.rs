@@ -16,7 +16,7 @@ use super::shared::Shared;
 use crate::live::capture::{Arrived, FramePlacer, Misplaced};
 use crate::live::health::{PictureSample, sample_picture};
 use crate::live::{Micros, SECOND_US};
-use crate::source::{Content, Frame, FrameSource, SourceError, Sources};
+use crate::source::{Frame, FrameContent, FrameSource, SourceError, Sources};
 
 /// How often it is looked whether the venue's time is known.
 const LOOK_EVERY_US: Micros = 10_000;

@@ -17,7 +17,7 @@ use std::time::Duration;
 
 use anyhow::{Context as _, anyhow};
 use farfield_node::process::{Ending, NodeError, say};
-use farfield_proto::live::{EdgeLink, LiveStatus};
+use farfield_proto::message::live::{EdgeLink, LiveStatus};
 use farfield_proto::message::{Order, Status};
 use farfield_proto::wire;
 use tokio::sync::oneshot;
@@ -26,9 +26,9 @@ use tokio_util::sync::CancellationToken;
 
 use super::compare::compare_files;
 use super::link::{Ends, Heard};
-use crate::live::newest_boxes::Arrival;
-use crate::live::objections::Objections;
-use crate::live::rate::Message;
+use crate::live::newest_boxes::BoxSetArrival;
+use crate::live::rate::MessageKind;
+use crate::live::refusal::RepeatedRefusal;
 
 use self::shared::Shared;
 

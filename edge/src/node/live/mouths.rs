@@ -6,7 +6,7 @@ use tracing::debug;
 use zenoh::pubsub::Publisher;
 use zenoh::{Session, Wait as _};
 
-use crate::live::rate::Message;
+use crate::live::rate::MessageKind;
 
 /// The publishers of a live edge: patches best effort, as the next are better; sightings and statuses reliable,
 /// as a lost one would be missed for a second.

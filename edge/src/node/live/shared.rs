@@ -17,8 +17,8 @@ use super::ledger::Ledger;
 use super::mouths::Mouths;
 use super::work::LiveWork;
 use crate::live::Micros;
-use crate::live::newest_boxes::Arrival;
-use crate::live::rate::Message;
+use crate::live::newest_boxes::BoxSetArrival;
+use crate::live::rate::MessageKind;
 use crate::node::ring::RingHandle;
 use crate::ring::record::Label;
 

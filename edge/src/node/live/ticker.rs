@@ -5,7 +5,6 @@ use std::time::Duration;
 
 use anyhow::Context as _;
 use farfield_node::clock;
-use farfield_proto::fill::SetKind;
 use farfield_proto::id::{CameraIndex, PersonId, ViewpointIndex};
 use farfield_proto::message::fill::SetKind;
 use farfield_proto::message::live::{BoxEcho, PatchTiming};
@@ -15,11 +14,10 @@ use farfield_proto::wire;
 use tracing::debug;
 
 use super::shared::Shared;
-use crate::live::Micros;
-use crate::live::rate::{Message, Plan};
-use crate::live::turns;
-use crate::node::worker::split_looks;
-use crate::pipeline::{EdgeOutput, Orders, Pipeline, Stage};
+use crate::live::rate::{MessageKind, SendPlan};
+use crate::live::{Micros, round_robin};
+use crate::node::worker::split_detection;
+use crate::pipeline::{EdgeOutput, EdgePipeline, EdgeStage, StepRequest};
 use crate::ring::record::Label;
 use crate::source::Frame;
 

@@ -3,7 +3,6 @@
 use std::time::Duration;
 
 use farfield_node::session::zenoh_error;
-use farfield_proto::fill::{FillRequest, Filled};
 use farfield_proto::key::Keys;
 use farfield_proto::message::fill::{FillRequest, Filled};
 use farfield_proto::wire;

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use anyhow::Context as _;
 use farfield_node::clock;
 use farfield_node::process::say;
-use farfield_proto::fill::{FillRequest, Filled};
+use farfield_proto::message::fill::{FillRequest, Filled};
 use tokio::sync::oneshot;
 use tracing::{debug, warn};
 

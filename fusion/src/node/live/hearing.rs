@@ -2,7 +2,7 @@
 //! those of edges that take part wait for their tick.
 
 use farfield_node::process::say;
-use farfield_proto::live::EdgeLink;
+use farfield_proto::message::live::EdgeLink;
 use farfield_proto::message::{PatchSet, SightingSet, Status};
 use farfield_proto::tick::Tick;
 use tracing::debug;

@@ -8,7 +8,6 @@ use std::time::Duration;
 
 use anyhow::Context as _;
 use farfield_node::process::Ending;
-use farfield_proto::decision::Decision;
 use farfield_proto::id::{SessionId, ViewpointIndex};
 use farfield_proto::message::decision::Decision;
 use farfield_proto::message::{BoxSet, PatchSet, StageTime, Status};

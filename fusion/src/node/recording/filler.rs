@@ -5,7 +5,6 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use farfield_node::clock::VenueClock;
-use farfield_proto::fill::{FillRequest, Filled, MAX_ANSWER_BYTES, SetKind, StoredSet};
 use farfield_proto::id::{SessionId, ViewpointIndex};
 use farfield_proto::key::Keys;
 use farfield_proto::message::fill::{FillRequest, Filled, MAX_ANSWER_BYTES, SetKind, StoredSet};

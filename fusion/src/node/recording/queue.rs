@@ -7,7 +7,6 @@ use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use farfield_node::clock;
-use farfield_proto::decision::Decision;
 use farfield_proto::id::SessionId;
 use farfield_proto::key::Keys;
 use farfield_proto::message::decision::Decision;

@@ -13,8 +13,6 @@ use std::time::{Duration, Instant};
 use anyhow::{Context as _, anyhow};
 use farfield_node::clock::{self, VenueClock};
 use farfield_node::process::say;
-use farfield_proto::decision::Decision;
-use farfield_proto::fill::SetKind;
 use farfield_proto::id::SessionId;
 use farfield_proto::message::Status;
 use farfield_proto::message::decision::Decision;

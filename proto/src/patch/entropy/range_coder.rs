@@ -1,10 +1,10 @@
 //! An adaptive binary range coder: bits to bytes at nearly their information.
 //!
-//! Martin 1979's range coding with the carry handling of LZMA. Both directions stand behind
-//! [`BitCoder`], so that one walk over the maps serves both and they cannot fall out of step.
+//! Range coding after Martin 1979, with the carry handling of LZMA. Both directions implement [`BitCoder`], so that one
+//! walk over the maps serves both and they cannot fall out of step.
 
-/// The least probability of either bit, of 65,536: what a surprise may cost (10 bits) against what
-/// an expected bit must (0.0014 bits).
+/// The least probability of either bit, of 65,536: an unexpected bit costs at most 10 bits, an expected one at least
+/// 0.0014 bits.
 const LEAST: u16 = 64;
 /// Below this range a byte is shifted out.
 const BYTE_DUE: u32 = 1 << 24;
@@ -38,7 +38,7 @@ pub(in crate::patch) struct Probability {
 impl Probability {
     /// Over how many bits is averaged in the end.
     const MEMORY: u16 = 60;
-    /// As how many bits counts what is known beforehand.
+    /// As how many seen bits a prior counts.
     const BEFOREHAND: u16 = 10;
 
     /// Nothing known.

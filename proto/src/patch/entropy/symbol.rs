@@ -1,4 +1,4 @@
-//! Numbers as bits with contexts: what modes and corrections are written in.
+//! Whole numbers as bits with contexts (Exp-Golomb form, bit by bit), in which modes and corrections are written.
 
 use super::range_coder::{BitCoder, Probability};
 

@@ -1,4 +1,4 @@
-//! Everything that is learnt within a patch, and what is known before its first bit.
+//! The contexts of the range coder: probabilities that adapt within a patch, and begin with the priors.
 
 use super::peak_predictor::CLASSES;
 use super::priors::PRIORS;
@@ -39,14 +39,14 @@ pub(in crate::patch) struct Contexts {
 }
 
 impl Contexts {
-    /// What is known beforehand.
+    /// Contexts in which both bits are equally probable.
     pub(in crate::patch) const fn new() -> Self {
         Self {
             all: [Probability::even(); TOTAL],
         }
     }
 
-    /// Forgets what was learnt.
+    /// Resets all contexts to the priors.
     pub(in crate::patch) fn reset(&mut self) {
         self.all = KNOWN.all;
     }
@@ -118,12 +118,12 @@ pub(in crate::patch) struct Corrections<'a> {
     pub(in crate::patch) size: &'a mut [Probability],
 }
 
-/// What is known before the first bit.
+/// The contexts before the first bit: the priors.
 static KNOWN: Contexts = {
     let mut known = Contexts::new();
     let mut i = 0;
     while i < TOTAL {
-        // What never occurred in what was measured is not known.
+        // A context that never occurred in the measured maps has no prior.
         if PRIORS[i] > 0 {
             known.all[i] = Probability::known((PRIORS[i] as u16) << 8);
         }

@@ -1,4 +1,5 @@
-//! What the modes of a map leave, on a grid of its own: whole numbers about zero, interpolated between.
+//! Corrections: the difference between a map and its modes, on a grid of its own, as whole numbers near zero with
+//! bilinear interpolation between.
 
 use std::ops::Range;
 
@@ -184,7 +185,7 @@ impl CorrectionGrid {
     }
 }
 
-/// A map beside what its modes show.
+/// A map and what its modes draw, to be compared.
 pub(in crate::patch) struct MapResidual<'a> {
     pub(in crate::patch) cells: &'a [u8],
     pub(in crate::patch) shown: &'a [u8],
@@ -249,11 +250,11 @@ fn value<C: BitCoder>(
         coded += 1;
     }
     if coded > MOST_SIZE {
-        // No context is worth its place for what hardly ever happens.
+        // So rare that contexts of its own would not pay.
         let mut even = [Probability::even(); crate::patch::entropy::symbol::NUMBER];
         coded += number(coder, &mut even, size - coded).abs();
     }
-    // No cell is off by more; what strangers' bytes say beyond would not fit once it is multiplied.
+    // No cell is off by more; larger values, from invalid bytes, would overflow when multiplied.
     let coded = coded.min(255) as i16;
     if negative { -coded } else { coded }
 }

@@ -1,4 +1,4 @@
-//! Which modes explain a map: the highest peak, then the highest of what is left, and so on.
+//! Greedy decomposition of a map into modes: the highest peak, then the highest of the residual, and so on.
 
 use super::correction::MapResidual;
 use super::fit::Fitter;

@@ -1,4 +1,4 @@
-//! The walk over the maps of a patch that both directions take when maps are kept as modes.
+//! Codes the modes of the maps of a patch; encoder and decoder run the same code.
 
 use super::contexts::Contexts;
 use super::mode::{MOST_TILTED, MapScale, Mode, OUTSIDE, STEPS, WIDEST};

@@ -1,7 +1,7 @@
-//! Where a keypoint's peak may be expected, from the peaks of the keypoints before it.
+//! Predicts where a keypoint's peak is, from the peaks of the keypoints before it, which both sides know.
 //!
-//! Both sides know those. For the 17 keypoints of COCO each has one or two others near it and a usual
-//! distance; the keypoints of other networks are expected where the last one was.
+//! Each of the 17 keypoints of COCO is predicted from one or two others and a usual offset; the keypoints of other
+//! networks are predicted where the last one was.
 
 /// Classes of expectation: the 17 keypoints, a keypoint of another network, a further peak.
 pub(super) const CLASSES: usize = 19;

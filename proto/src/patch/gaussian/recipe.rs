@@ -1,4 +1,4 @@
-//! What a compression level means: how finely modes are written, and what is corrected after them.
+//! The parameters of each compression level: how finely modes are written, and what is corrected after them.
 
 use super::mode::{MOST_TILTED, Mode};
 use crate::patch::compression_level::{CompressionLevel, FLOOR};
@@ -35,7 +35,7 @@ pub(in crate::patch) struct Rest {
     pub(in crate::patch) further: u8,
 }
 
-/// From all that can be seen to next to nothing. A patch says which of these it is.
+/// From finest to coarsest; a patch states its index.
 pub(in crate::patch) const STEPS_DOWN: [Rest; 11] = [
     rest(6, 4, 0),
     rest(12, 8, 0),

@@ -1,4 +1,4 @@
-//! The cells around one cell that both directions know before it, and what they let expect of it.
+//! The causal neighbourhood of a cell, which both directions know before it, and the prediction from it.
 
 /// How far expectations look: rows above and cells to the left.
 const REACH: usize = 3;

@@ -1,4 +1,4 @@
-//! The one walk over a map that both directions take, and what it expects at every step.
+//! The lossless coder: one walk over a map that encoder and decoder share, with a prediction at every step.
 //!
 //! Per map: whether it is empty; its first row, against that of the map before (keypoints of one
 //! body lie near each other); then row by row where the row begins and ends, against the row

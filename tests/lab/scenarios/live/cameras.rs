@@ -1,7 +1,7 @@
 //! Cameras that fail, as fakes: one freezes, one turns black, one dies. Each viewpoint has two.
 
 use farfield_lab::live_venue::SeenVenue;
-use farfield_proto::live::CameraHealth;
+use farfield_proto::message::live::CameraHealth;
 use farfield_sim::maps_file::{CameraFailure, FailureKind};
 
 use super::stage::{LiveStage, RATE_HZ};

@@ -7,7 +7,7 @@ use std::time::Instant;
 use anyhow::{Context as _, ensure};
 use farfield::output;
 use farfield_fusion::node::NodeError;
-use farfield_proto::patch::{Decoder, EncodedMaps, Encoder, FLOOR, Maps, Quality};
+use farfield_proto::patch::{CompressionLevel, Decoder, EncodedMaps, Encoder, FLOOR, Maps};
 
 /// What `lab codec` is told.
 ///
@@ -140,7 +140,7 @@ fn table(name: &str, every: Vec<Maps>) -> anyhow::Result<String> {
     let step = every.len().div_ceil(300).max(1);
     let all: Vec<Maps> = every.into_iter().step_by(step).collect();
     let mut text = format!("{name}: {} patches\n", all.len());
-    for quality in Quality::all() {
+    for quality in CompressionLevel::all() {
         text += &line(&quality.to_string(), &all, |encoder, maps| {
             encoder.encode(maps, quality)
         })?;
@@ -148,11 +148,11 @@ fn table(name: &str, every: Vec<Maps>) -> anyhow::Result<String> {
     for most in [1, 2] {
         let name = format!("{most} Gaussian");
         text += &line(&name, &all, |encoder, maps| {
-            encoder.encode_gaussians(maps, Quality::DEFAULT, most)
+            encoder.encode_gaussians(maps, CompressionLevel::DEFAULT, most)
         })?;
     }
     let fine: Vec<Maps> = all.iter().map(|maps| enlarged(maps, 72, 96)).collect();
-    for quality in [Quality::DEFAULT, Quality::SMALL] {
+    for quality in [CompressionLevel::DEFAULT, CompressionLevel::SMALL] {
         text += &line(&format!("72x96 {quality}"), &fine, |encoder, maps| {
             encoder.encode(maps, quality)
         })?;
