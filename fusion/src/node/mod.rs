@@ -17,11 +17,6 @@ mod session;
 mod status;
 mod worker;
 
-pub use farfield_node::log::start_log;
-pub use farfield_node::process::{
-    EXIT_INTERRUPTED, EXIT_REFUSED, Ending, NodeError, exit_code, say,
-};
-
 pub use self::config::{FusionArgs, check_names, load_card};
 pub use self::given::{check_given_keypoints, check_given_ticks};
 pub use self::output::claim::{Claim, check_folder};

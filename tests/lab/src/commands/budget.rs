@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 use std::sync::Arc;
 
 use farfield::output;
-use farfield_fusion::node::NodeError;
+use farfield_node::process::NodeError;
 use farfield_score::table;
 use farfield_sim::fault_profile::FaultProfile;
 
