@@ -7,8 +7,8 @@ use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU32, Ordering};
 
 use farfield_proto::id::{CameraIndex, SessionId, ViewpointIndex};
-use farfield_proto::identity_event::IdentityEvent;
 use farfield_proto::keypoints::KeypointSet;
+use farfield_proto::message::identity_event::IdentityEvent;
 use farfield_proto::message::{BoxSet, Order, PatchSet, PoseSet};
 use farfield_proto::model_card::HeatmapCard;
 use farfield_proto::tick::Tick;

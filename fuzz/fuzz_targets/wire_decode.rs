@@ -5,6 +5,7 @@
 use farfield_proto::decision::Decision;
 use farfield_proto::fill::{FillRequest, Filled};
 use farfield_proto::handout::{Chunk, FileList, HandoutRequest, SignedList};
+use farfield_proto::message::identity_event::IdentityEventSet;
 use farfield_proto::message::{BoxSet, PatchSet, PoseSet, SightingSet, Status};
 use farfield_proto::wire::{Message, decode, encode};
 use libfuzzer_sys::fuzz_target;
@@ -19,7 +20,7 @@ fuzz_target!(|bytes: &[u8]| {
     let Some((kind, bytes)) = bytes.split_first() else {
         return;
     };
-    match kind % 12 {
+    match kind % 13 {
         0 => check::<PatchSet>(bytes),
         1 => check::<BoxSet>(bytes),
         2 => check::<SightingSet>(bytes),
@@ -31,6 +32,7 @@ fuzz_target!(|bytes: &[u8]| {
         8 => check::<HandoutRequest>(bytes),
         9 => check::<FileList>(bytes),
         10 => check::<SignedList>(bytes),
-        _ => check::<Chunk>(bytes),
+        11 => check::<Chunk>(bytes),
+        _ => check::<IdentityEventSet>(bytes),
     }
 });

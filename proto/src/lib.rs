@@ -15,7 +15,6 @@ pub mod grid;
 pub mod handout;
 pub mod histogram;
 pub mod id;
-pub mod identity_event;
 pub mod key;
 pub mod keypoints;
 pub mod live;

@@ -1,6 +1,7 @@
 //! What nodes say to each other. Framing, bounds and versions are in [`crate::wire`].
 
 mod box_form;
+pub mod identity_event;
 mod patch_form;
 
 use serde::{Deserialize, Serialize};

@@ -1,7 +1,7 @@
 //! What becomes of a person at a tick, with the reason and its numbers: all that changes who is who.
 
 use farfield_proto::id::PersonId;
-use farfield_proto::identity_event::{Change, DropReason, IdentityEvent, Likeness};
+use farfield_proto::message::identity_event::{Change, DropReason, IdentityEvent, Likeness};
 
 /// One event.
 #[derive(Debug, Clone, PartialEq)]

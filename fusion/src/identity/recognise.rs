@@ -18,7 +18,7 @@
 //! without which the sum would be clearly less. Who is ambiguous stays somebody new: a stranger's id is
 //! worse than a new one.
 
-use farfield_proto::identity_event::Likeness;
+use farfield_proto::message::identity_event::Likeness;
 use farfield_proto::venue::Field;
 use farfield_proto::venue::parameters::BirthParameters;
 use nalgebra::Vector3;

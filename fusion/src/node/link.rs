@@ -84,6 +84,8 @@ pub(super) enum Said {
     Smooth(Vec<u8>),
     /// What was used for a tick, for whoever records elsewhere.
     Decision(Vec<u8>),
+    /// What changed who is who at a tick.
+    Events(Vec<u8>),
     /// How fusion is.
     Status(Vec<u8>),
 }
@@ -110,6 +112,7 @@ struct Mouths {
     poses: Publisher<'static>,
     smooth: Publisher<'static>,
     decisions: Publisher<'static>,
+    events: Publisher<'static>,
     status: Publisher<'static>,
 }
 
@@ -200,6 +203,7 @@ impl Link {
             poses: publisher(&session, keys.pose(), mode).await?,
             smooth: publisher(&session, keys.smooth(), mode).await?,
             decisions: publisher(&session, keys.decision(), mode).await?,
+            events: status_publisher(&session, keys.event(), mode).await?,
             status: status_publisher(&session, keys.status(NODE), mode).await?,
         };
         let token = session
@@ -238,7 +242,8 @@ impl Link {
             let (ear, heard_tx) = (ear.clone(), heard_tx.clone());
             tasks.spawn(listen(topic, inbox, ear, heard_tx, stop.clone()));
         }
-        // Lock-step has at most one box set per viewpoint, one pose set, one decision and a few statuses
+        // Lock-step has at most one box set per viewpoint, one pose set, one decision, one set of events and a
+        // few statuses
         // under way.
         let (say, said) = mpsc::channel(4 * (self.mouths.boxes.len() + 4));
         let (matched_tx, matched) = tokio::sync::watch::channel(false);
@@ -344,7 +349,7 @@ async fn publisher(
     declare(session, key, mode, Reliability::BestEffort).await
 }
 
-/// Statuses are said once a second: a lost one would be missed.
+/// Statuses and events are said once: a lost one would be missed.
 async fn status_publisher(
     session: &Session,
     key: String,
@@ -443,6 +448,7 @@ fn speak(
             Said::Poses(bytes) => (Some(&mouths.poses), bytes),
             Said::Smooth(bytes) => (Some(&mouths.smooth), bytes),
             Said::Decision(bytes) => (Some(&mouths.decisions), bytes),
+            Said::Events(bytes) => (Some(&mouths.events), bytes),
             Said::Status(bytes) => {
                 // Statuses go out several times a second until the start: the moment to look.
                 matched.send_replace(all_match(&mouths.boxes));

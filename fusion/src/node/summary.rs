@@ -84,6 +84,7 @@ pub(super) fn summarize(config: &Config, facts: &Facts<'_>) -> Summary {
             done,
         },
         people: facts.people.iter().copied().map(Into::into).collect(),
+        events: facts.tally.event_counts().clone(),
         links: facts.tally.links(),
         drops: DropSummary {
             unreadable: facts

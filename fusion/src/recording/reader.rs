@@ -10,6 +10,7 @@ use farfield_proto::decision::Decision;
 use farfield_proto::fill::SetKind;
 use farfield_proto::id::{SessionId, ViewpointIndex};
 use farfield_proto::live::MAX_EDGES;
+use farfield_proto::message::identity_event::IdentityEventSet;
 use farfield_proto::message::{PatchSet, PoseSet, SightingSet};
 use farfield_proto::tick::Tick;
 use farfield_proto::wire;
@@ -272,6 +273,8 @@ impl Index {
                     .entry((poses.session, poses.tick))
                     .or_insert(place);
             }),
+            // A replay decides anew who is who.
+            Content::Events => wire::decode::<IdentityEventSet>(data).map(drop),
             Content::Recorder => {
                 let says = serde_json::from_slice::<RecorderSays>(data);
                 self.lost = says.map_or(self.lost, |says| says.lost);

@@ -9,7 +9,7 @@ use crate::key::Keys;
 
 /// Fusion's name among the nodes.
 pub const FUSION: &str = "fusion";
-/// What all who only listen have in common: they may hear poses and statuses, and say nothing.
+/// What all who only listen have in common: they may hear poses, events and statuses, and say nothing.
 pub const READER: &str = "reader";
 
 /// The node that records: it may hear everything, and says nothing.
@@ -98,7 +98,7 @@ fn of_edge(keys: &Keys, viewpoint: &str) -> Vec<Rule<'static>> {
 
 /// What one who only listens may do at fusion.
 fn of_reader(keys: &Keys) -> Vec<Rule<'static>> {
-    let heard = vec![keys.pose(), keys.smooth(), keys.statuses()];
+    let heard = vec![keys.pose(), keys.smooth(), keys.event(), keys.statuses()];
     rules(
         [(&LISTEN, heard.clone()), (&WATCH, vec![keys.all_alive()])],
         [(&SPEAK, heard), (&BE, vec![keys.all_alive()])],
@@ -201,6 +201,19 @@ mod tests {
         let keys = Keys::new("hall");
         assert!(!of_reader(&keys).iter().any(says));
         assert!(!of_recorder(&keys).iter().any(says));
+    }
+
+    #[test]
+    fn fusion_tells_readers_of_events_and_edges_not() {
+        let keys = Keys::new("hall");
+        let tells = |rules: Vec<Rule<'_>>| {
+            let mut spoken = rules
+                .iter()
+                .filter(|rule| rule.flow == "egress" && rule.messages == SPEAK);
+            spoken.any(|rule| rule.keys.contains(&keys.event()))
+        };
+        assert!(tells(of_reader(&keys)));
+        assert!(!tells(of_edge(&keys, "ne")));
     }
 
     #[test]

@@ -11,6 +11,7 @@ use crate::grid::CellGrid;
 use crate::handout::{Chunk, FileList, HandoutRequest, SignedList};
 use crate::id::{CameraIndex, PersonId, SessionId, ViewpointIndex};
 use crate::live::{BoxEcho, HeardPatches, LiveBoxes, LiveStatus, PatchTiming};
+use crate::message::identity_event::IdentityEventSet;
 use crate::message::{KeypointPeak, Order, PersonBoxes, PersonState};
 use crate::patch::EncodedMaps;
 use crate::tick::Tick;
@@ -30,7 +31,7 @@ fn decode_all(bytes: &[u8]) {
     drop((decode::<HandoutRequest>(bytes), decode::<FileList>(bytes)));
     drop((decode::<SignedList>(bytes), decode::<Chunk>(bytes)));
     drop((decode::<FillRequest>(bytes), decode::<Filled>(bytes)));
-    drop(decode::<Decision>(bytes));
+    drop((decode::<Decision>(bytes), decode::<IdentityEventSet>(bytes)));
 }
 
 fn px() -> impl Strategy<Value = [f32; 2]> {

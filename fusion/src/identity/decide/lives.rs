@@ -1,7 +1,7 @@
 //! Who is confirmed, lost, found, or let go for want of evidence: a table of rules. Of a track the first rule
 //! counts that has something to say.
 
-use farfield_proto::identity_event::DropReason;
+use farfield_proto::message::identity_event::DropReason;
 use farfield_proto::tick::Tick;
 
 use crate::identity::event::{Event, EventKind};

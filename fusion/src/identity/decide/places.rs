@@ -1,7 +1,7 @@
 //! Where people stand against the field and each other.
 
 use farfield_proto::id::PersonId;
-use farfield_proto::identity_event::DropReason;
+use farfield_proto::message::identity_event::DropReason;
 use farfield_proto::tick::Tick;
 use nalgebra::Vector3;
 

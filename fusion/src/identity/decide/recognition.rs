@@ -1,7 +1,7 @@
 //! Which of those who are confirmed was here before.
 
 use farfield_proto::id::PersonId;
-use farfield_proto::identity_event::DropReason;
+use farfield_proto::message::identity_event::DropReason;
 use farfield_proto::tick::Tick;
 
 use crate::identity::event::{Event, EventKind};

@@ -1,8 +1,8 @@
 //! What events do to tracks, and to what is remembered.
 
 use farfield_proto::id::PersonId;
-use farfield_proto::identity_event::DropReason;
 use farfield_proto::message::PersonPose;
+use farfield_proto::message::identity_event::DropReason;
 use farfield_proto::tick::Tick;
 
 use super::Registry;

@@ -6,9 +6,9 @@ mod newcomers;
 mod tests;
 
 use farfield_proto::id::{CameraIndex, PersonId, ViewpointIndex};
-use farfield_proto::identity_event::IdentityEvent;
 use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::message::PersonPose;
+use farfield_proto::message::identity_event::IdentityEvent;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::{GivenPerson, Venue};
 

@@ -1,6 +1,6 @@
 //! Who is sighted, or given by hand: somebody who waits for its crops, somebody lost, or somebody new.
 
-use farfield_proto::identity_event::DropReason;
+use farfield_proto::message::identity_event::DropReason;
 use farfield_proto::message::{MAX_PERSONS, Sighting};
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::GivenPerson;

@@ -26,6 +26,7 @@ impl Live<'_> {
         let Stepped {
             poses,
             smoothed,
+            events,
             boxes,
             unusable,
             stages,
@@ -42,6 +43,9 @@ impl Live<'_> {
         self.say(ends, Say::Poses(bytes));
         for set in &smoothed {
             self.say(ends, Say::Smooth(wire::encode(set)));
+        }
+        if let Some(events) = self.tally.events(self.session, tick, events) {
+            self.say(ends, Say::Events(wire::encode(&events)));
         }
         let now_us = self.ear.clock.now_us();
         let after_us = (now_us - self.time.at(tick)) as f64;

@@ -20,6 +20,7 @@ use super::output::{Claim, check_folder};
 use super::process::{Ending, Managed, NodeError, exit_code, say, start_log, stop_when_told};
 use super::recorder::Recorder;
 use super::summary;
+use crate::export::summary::EventCounts;
 use crate::pipeline::Pipeline;
 use crate::recording::reader::{Recording, SessionPart};
 use crate::recording::replay::{Choice, Names, Replay};
@@ -113,6 +114,7 @@ fn replay(args: &ReplayArgs, print: fn(&str) -> anyhow::Result<()>) -> Result<En
         replay,
         recorder,
         smooth: args.smooth,
+        events: EventCounts::default(),
     }
     .run()
     .map_err(NodeError::Failed)?;
@@ -192,6 +194,7 @@ struct Solving {
     recorder: Recorder,
     /// Whether the poses of two passes are written.
     smooth: bool,
+    events: EventCounts,
 }
 
 impl Solving {
@@ -206,6 +209,7 @@ impl Solving {
                 &output.finished
             };
             self.recorder.write(written)?;
+            self.events.count(&output.events);
             if stop.is_cancelled() && self.replay.left() > 0 {
                 ending = Ending::Interrupted;
                 break;
@@ -223,6 +227,7 @@ impl Solving {
             ending,
             choice: self.replay.choice(),
             tally: self.replay.tally(),
+            events: self.events,
             people: self.recorder.finish()?,
             elapsed_s: clock::now().duration_since(began).as_secs_f64(),
         })
