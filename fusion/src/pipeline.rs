@@ -8,6 +8,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 
 use farfield_proto::id::{CameraIndex, SessionId, ViewpointIndex};
 use farfield_proto::keypoints::KeypointSet;
+use farfield_proto::message::identity_event::IdentityEvent;
 use farfield_proto::message::{BoxSet, Order, PatchSet, PoseSet};
 use farfield_proto::model_card::{HeatmapCard, PEAK_SIGMA_OF_WIDTH};
 use farfield_proto::tick::Tick;
@@ -22,7 +23,7 @@ use crate::estimate::occlusion::Body;
 use crate::estimate::peak_assignment::Contests;
 use crate::estimate::separation::Separation;
 use crate::identity::journal::Journal;
-use crate::identity::registry::Crowd;
+use crate::identity::registry::Registry;
 use crate::identity::track::Track;
 use crate::method::{Method, VenueView};
 use crate::smoother::{Delay, Smoother};
@@ -72,6 +73,8 @@ pub struct StepOutput {
     pub unusable_patches: u32,
     /// Sightings that could not be used.
     pub unusable_sightings: u32,
+    /// What changed who is who at this tick, in order.
+    pub events: Vec<IdentityEvent>,
 }
 
 /// The fusion node's core.
@@ -82,7 +85,7 @@ pub struct Pipeline {
     /// Per viewpoint: for how many ticks ahead its boxes are made.
     horizons: Vec<i64>,
     method: Method,
-    crowd: Crowd,
+    registry: Registry,
     journal: Journal,
     bodies: Vec<Body>,
     contests: Contests,
@@ -126,7 +129,7 @@ impl Pipeline {
         Self {
             session,
             smoother: delay.map(|delay| Smoother::new(session, delay, &method)),
-            crowd: Crowd::new(venue, method.keypoints.clone()),
+            registry: Registry::new(venue, method.keypoints.clone()),
             contests: Contests::new(&method.keypoints, venue.viewpoints.len()),
             cameras: venue
                 .cameras
@@ -157,7 +160,7 @@ impl Pipeline {
     /// Everybody as the last step left them, tentative ones too, in the order of their births: for studies of the stages.
     #[cfg(feature = "study")]
     pub fn tracks(&self) -> &[Track] {
-        self.crowd.tracks()
+        self.registry.tracks()
     }
 
     /// Sets for how many ticks after the one that was just stepped each viewpoint's boxes are made:
@@ -175,12 +178,12 @@ impl Pipeline {
             *kept = whole.clamp(1, LONGEST_HORIZON_TICKS);
         }
         let longest = self.horizons.iter().copied().max().unwrap_or(1);
-        self.crowd.look_ahead(longest);
+        self.registry.look_ahead(longest);
     }
 
     /// The boxes with which a run begins at `tick`: everybody looks for people.
     pub fn first_boxes(&mut self, tick: Tick) -> Vec<BoxSet> {
-        self.crowd.begin(tick, &self.method);
+        self.registry.begin(tick, &self.method);
         let next = vec![1; self.viewpoints.len()];
         self.boxes_after(tick + -1, &next)
     }
@@ -193,24 +196,24 @@ impl Pipeline {
         mark(Stage::Occlusion);
         self.share_out();
         mark(Stage::Contests);
-        self.solve(Track::search);
+        self.solve(|track, method| track.estimator.search(method));
         mark(Stage::Lattice);
         self.solve(Track::fit_keypoints);
         mark(Stage::Ik1);
-        self.solve(Track::smooth);
+        self.solve(|track, method| track.estimator.smooth(method));
         mark(Stage::Filter);
         self.separate();
-        self.solve(Track::fit_joints);
+        self.solve(|track, method| track.estimator.fit_joints(method));
         mark(Stage::Ik2);
-        let lived = self.crowd.live(group, &self.method);
+        let lived = self.registry.live(group, &self.method);
         let poses = PoseSet {
             session: self.session,
             tick: group.tick,
-            persons: self.crowd.published(),
+            persons: self.registry.published(),
         };
         self.journal.push(poses.clone());
         self.journal.insert(lived.confirmed);
-        let finished = self.journal.release(self.crowd.undecided_from());
+        let finished = self.journal.release(self.registry.undecided_from());
         let smoothed = self.smoothed(group.tick);
         mark(Stage::Persons);
         let horizons = std::mem::take(&mut self.horizons);
@@ -224,6 +227,7 @@ impl Pipeline {
             boxes,
             unusable_patches,
             unusable_sightings: lived.unusable_sightings,
+            events: lived.events,
         }
     }
 
@@ -263,15 +267,19 @@ impl Pipeline {
         let Some(smoother) = &mut self.smoother else {
             return Vec::new();
         };
-        let crowd = &self.crowd;
-        smoother.step(tick, crowd.tracks(), crowd.undecided_from(), &self.method)
+        let registry = &self.registry;
+        smoother.step(
+            tick,
+            registry.tracks(),
+            registry.undecided_from(),
+            &self.method,
+        )
     }
 
     fn see(&mut self, group: &TickGroup) -> u32 {
         let (cameras, unusable) = (&self.cameras, AtomicU32::new(0));
         // A sum of counts is the same in any order.
-        each(self.crowd.tracks_mut(), |_, track| {
-            track.forget_changes();
+        each(self.registry.tracks_mut(), |_, track| {
             track.begin(&self.method);
             let dropped = track.see_all(group, cameras, &self.method);
             unusable.fetch_add(dropped, Ordering::Relaxed);
@@ -282,34 +290,39 @@ impl Pipeline {
     fn occlude(&mut self) {
         let (bodies, method) = (&mut self.bodies, &self.method);
         bodies.clear();
-        bodies.extend(self.crowd.tracks().iter().map(|track| track.body(method)));
-        each(self.crowd.tracks_mut(), |index, track| {
+        bodies.extend(
+            self.registry
+                .tracks()
+                .iter()
+                .map(|track| track.estimator.occluder(method)),
+        );
+        each(self.registry.tracks_mut(), |index, track| {
             let others = bodies.iter().enumerate();
             let others = others.filter(|(i, _)| *i != index).map(|(_, body)| body);
-            track.place_views(&others, method);
+            track.estimator.place_views(&others, method);
         });
     }
 
     fn share_out(&mut self) {
-        self.solve(Track::undo_exchanges);
+        self.solve(|track, method| track.estimator.undo_left_right_swaps(method));
         let (contests, method) = (&mut self.contests, &self.method);
-        contests.decide(self.crowd.tracks(), &self.bodies, method);
+        contests.decide(self.registry.tracks(), &self.bodies, method);
         let contests = &*contests;
-        each(self.crowd.tracks_mut(), |index, track| {
-            contests.settle(index, track);
+        each(self.registry.tracks_mut(), |index, track| {
+            contests.settle(index, &mut track.estimator);
         });
     }
 
     fn separate(&mut self) {
         let (separation, method) = (&mut self.separation, &self.method);
-        separation.find(self.crowd.tracks(), &self.bodies, method);
-        for (index, track) in self.crowd.tracks_mut().iter_mut().enumerate() {
-            track.push(separation.push_m(index));
+        separation.find(self.registry.tracks(), &self.bodies, method);
+        for (index, track) in self.registry.tracks_mut().iter_mut().enumerate() {
+            track.estimator.push(separation.push_m(index));
         }
     }
 
     fn solve(&mut self, stage: fn(&mut Track, &Method)) {
-        each(self.crowd.tracks_mut(), |_, track| {
+        each(self.registry.tracks_mut(), |_, track| {
             stage(track, &self.method);
         });
     }
@@ -318,14 +331,14 @@ impl Pipeline {
     fn boxes_after(&mut self, tick: Tick, horizons: &[i64]) -> Vec<BoxSet> {
         let (session, cameras, method) = (self.session, &self.cameras, &self.method);
         let viewpoints = self.viewpoints.iter().zip(horizons).enumerate();
-        let crowd = &mut self.crowd;
+        let registry = &mut self.registry;
         let set = |(index, (own, &horizon)): (usize, (&Vec<CameraIndex>, &i64))| {
-            let look = crowd.looking(own, tick + horizon);
+            let look = registry.looking(own, tick + horizon);
             let own: Vec<_> = own
                 .iter()
                 .filter_map(|&c| Some((c, &cameras.get(usize::from(c.0))?.model)))
                 .collect();
-            let persons = crowd
+            let persons = registry
                 .tracks_mut()
                 .iter_mut()
                 .filter_map(|track| track.boxes(&own, horizon as f64, method))

@@ -59,6 +59,11 @@ impl Keys {
         format!("{}/decision", self.venue)
     }
 
+    /// What changed who is who at a tick.
+    pub fn event(&self) -> String {
+        format!("{}/event", self.venue)
+    }
+
     /// All keys of the venue.
     pub fn all(&self) -> String {
         format!("{}/**", self.venue)
@@ -117,5 +122,6 @@ mod tests {
         assert_eq!(keys.fill("ne"), "hall-3/fill/ne");
         assert_eq!(keys.smooth(), "hall-3/smooth");
         assert_eq!(keys.config(), "hall-3/config");
+        assert_eq!(keys.event(), "hall-3/event");
     }
 }

@@ -13,14 +13,13 @@ use farfield_proto::tick::Tick;
 use farfield_proto::venue::Parameters;
 use nalgebra::{UnitQuaternion, Vector2, Vector3};
 
+use super::estimator::Estimator;
 use crate::body::ik::relative_sigmas;
 use crate::body::keypoint_estimate::KeypointEstimate;
 use crate::body::skeleton::{Pose, Proportions, Skeleton, sites_of};
 use crate::boxes::BoxShape;
 use crate::estimate::evidence::{View, bilinear};
 use crate::estimate::occlusion::Body;
-use crate::identity::phase::Life;
-use crate::identity::track::Track;
 use crate::method::Method;
 use crate::sightings::fixture::{Hall, hall};
 
@@ -37,7 +36,7 @@ pub(crate) type Drawn = (usize, Vector3<f64>, f64);
 pub(crate) struct Meeting {
     pub(crate) hall: Hall,
     pub(crate) method: Method,
-    pub(crate) tracks: Vec<Track>,
+    pub(crate) tracks: Vec<Estimator>,
 }
 
 impl Meeting {
@@ -58,19 +57,18 @@ impl Meeting {
             keypoints,
             parameters,
         };
-        let tracks = places.iter().enumerate().map(|(i, &[x, y, heading])| {
+        let tracks = places.iter().map(|&[x, y, heading]| {
             let turned = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), heading);
             let pose = Pose::neutral(Vector3::new(x, y, 0.53 * STATURE_M), turned);
             let skeleton = Skeleton::new(&Proportions::from_stature(STATURE_M));
-            let id = PersonId(1 + i as u32);
-            let mut track = Track::new(id, Life::given(), skeleton, pose, &method);
+            let mut track = Estimator::new(skeleton, pose, &method);
             // As after a tick in which everything was seen.
             let seen = KeypointEstimate {
                 views: 4,
                 weight: 0.9,
                 ..KeypointEstimate::unsupported(Vector3::zeros(), 0.9)
             };
-            track.estimates = vec![seen; method.sites.len()];
+            track.evidence.estimates = vec![seen; method.sites.len()];
             track
         });
         Self {
@@ -102,7 +100,11 @@ impl Meeting {
 
     /// Places all views, behind everybody else; returns the bodies.
     pub(crate) fn place(&mut self) -> Vec<Body> {
-        let bodies: Vec<Body> = self.tracks.iter().map(|t| t.body(&self.method)).collect();
+        let bodies: Vec<Body> = self
+            .tracks
+            .iter()
+            .map(|t| t.occluder(&self.method))
+            .collect();
         for (i, track) in self.tracks.iter_mut().enumerate() {
             let others = bodies.iter().enumerate().filter(|(j, _)| *j != i);
             track.place_views(&others.map(|(_, body)| body), &self.method);
@@ -134,7 +136,7 @@ impl Meeting {
             }
         }
         PersonPatch {
-            person: self.tracks[person].id(),
+            person: PersonId(1 + person as u32),
             camera: CameraIndex(camera as u16),
             box_tick: Tick(0),
             capture_offset_us: 0,

@@ -1,6 +1,7 @@
 //! One tick of one person: from the patches of all views to the pose and what is predicted from it.
 //!
 //! ```text
+//!   patches -> estimator: one person from tick to tick
 //!   patches -> evidence: views -> predict, occlusion: where each keypoint is expected, what a view is worth
 //!           -> left_right_swap, peak_assignment: whose a peak is -> lattice: keypoints
 //!           -> keypoint_targets -> inverse kinematics -> joint_filter -> separation, feet -> inverse kinematics
@@ -9,6 +10,7 @@
 //!
 //! Nothing here knows ids or lives; persons meet only at barriers.
 
+pub mod estimator;
 pub mod evidence;
 pub(crate) mod feet;
 pub mod joint_filter;

@@ -20,8 +20,8 @@ use nalgebra::Vector3;
 
 use crate::body::skeleton::Joints;
 use crate::body::skeleton::N_JOINTS;
+use crate::estimate::estimator::Estimator;
 use crate::estimate::occlusion::{Body, Touch};
-use crate::identity::track::Track;
 use crate::method::Method;
 
 /// Least that a limb counts as seen, so that somebody gives way where nobody is seen.
@@ -40,7 +40,7 @@ impl Separation {
     /// that were predicted for the tick.
     ///
     /// Cost: one distance per pair of persons apart, 400 per pair that is near each other.
-    pub fn find(&mut self, tracks: &[Track], predicted: &[Body], method: &Method) {
+    pub fn find(&mut self, tracks: &[impl AsRef<Estimator>], predicted: &[Body], method: &Method) {
         let contact = &method.parameters.contact;
         self.pushes_m.clear();
         self.bodies.clear();
@@ -51,7 +51,7 @@ impl Separation {
         let (occlusion, ik) = (&method.parameters.occlusion, &method.parameters.ik);
         let bodies = tracks
             .iter()
-            .map(|track| Body::from_joints(track.smoothed_m(), occlusion));
+            .map(|track| Body::from_joints(track.as_ref().smoothed_m(), occlusion));
         self.bodies.extend(bodies);
         self.pushes_m
             .resize(tracks.len(), [Vector3::zeros(); N_JOINTS]);
@@ -61,8 +61,9 @@ impl Separation {
                 let before = (&predicted[a], &predicted[b]);
                 for touch in Body::touches(pair, before, contact.body_share) {
                     self.any_touch = true;
-                    let seen = [(a, &touch.first), (b, &touch.second)]
-                        .map(|(person, at)| at.weighed(|joint| tracks[person].seen(joint, ik)));
+                    let seen = [(a, &touch.first), (b, &touch.second)].map(|(person, at)| {
+                        at.weighed(|joint| tracks[person].as_ref().seen(joint, ik))
+                    });
                     let moves_m = moves(&touch, seen, contact.separation_weight);
                     touch.first.push(moves_m[0], &mut self.pushes_m[a]);
                     touch.second.push(moves_m[1], &mut self.pushes_m[b]);
@@ -95,7 +96,7 @@ mod tests {
     /// well as `seen`, the second fully.
     fn two(seen: f64) -> Meeting {
         let mut meeting = Meeting::of(&[[0.0, -0.21, 0.0], [0.0, 0.21, 0.0]]);
-        for estimate in &mut meeting.tracks[0].estimates {
+        for estimate in &mut meeting.tracks[0].evidence.estimates {
             estimate.weight = seen;
         }
         meeting

@@ -6,6 +6,7 @@
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
+use farfield_proto::message::identity_event::IdentityEvent;
 use farfield_proto::tick::Tick;
 use serde::{Deserialize, Serialize};
 
@@ -28,6 +29,9 @@ pub struct Summary {
     pub ticks: TickSpan,
     /// Who was there, by id.
     pub people: Vec<PersonSummary>,
+    /// How often which event changed who is who.
+    #[serde(default)]
+    pub events: EventCounts,
     /// Per viewpoint, what went over its link.
     pub links: BTreeMap<String, LinkSummary>,
     /// What was lost, over all links.
@@ -73,6 +77,24 @@ impl From<Presence> for PersonSummary {
             first_tick: presence.first_tick,
             last_tick: presence.last_tick,
             ticks: presence.ticks,
+        }
+    }
+}
+
+/// How often which event happened, by its kind and reason: `drop/outside_field`.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct EventCounts(BTreeMap<String, u64>);
+
+impl EventCounts {
+    /// Counts these events.
+    pub fn count(&mut self, events: &[IdentityEvent]) {
+        for event in events {
+            let name = event.change.name();
+            match self.0.get_mut(name) {
+                Some(count) => *count += 1,
+                None => drop(self.0.insert(name.to_owned(), 1)),
+            }
         }
     }
 }
@@ -176,7 +198,25 @@ impl Summary {
 
 #[cfg(test)]
 mod tests {
+    use farfield_proto::id::PersonId;
+    use farfield_proto::message::identity_event::{Change, DropReason};
+
     use super::*;
+
+    #[test]
+    fn events_are_counted_by_kind_and_reason() {
+        let event = |change| IdentityEvent {
+            person: PersonId(1),
+            wire_id: PersonId(1),
+            change,
+        };
+        let reason = DropReason::FoundElsewhere;
+        let mut counts = EventCounts::default();
+        counts.count(&[event(Change::Give), event(Change::Drop { reason })]);
+        counts.count(&[event(Change::Give)]);
+        let json = serde_json::to_string(&counts).unwrap();
+        assert_eq!(json, r#"{"drop/found_elsewhere":1,"give":2}"#);
+    }
 
     #[test]
     fn what_clocks_measure_stays_in_timing() {

@@ -5,52 +5,65 @@ use farfield_proto::message::{PersonPose, PersonState};
 use farfield_proto::tick::Tick;
 use nalgebra::Vector3;
 
+use super::memory::Departed;
+use super::tentative::TentativeTick;
 use super::track::Track;
 use crate::body::fit::fit;
 use crate::body::initial_pose::PoseFinder;
 use crate::body::observed::ObservedJoints;
-use crate::body::skeleton::Skeleton;
-use crate::identity::tentative::TentativeTick;
+use crate::estimate::estimator::Moment;
 use crate::method::Method;
 
 impl Track {
-    /// Settles the body and returns the poses of the tentative ticks, in order. Who was here before has
-    /// the body that is `known`.
-    pub(crate) fn settle(
+    /// From now on this is somebody who was here before, with the body that is known; the poses so far
+    /// are to be solved again.
+    pub(crate) fn becomes(&mut self, known: &Departed, rate_hz: f64) {
+        self.identity.id = known.id;
+        self.identity.lived_ticks += known.lived_ticks(rate_hz);
+        let body = &mut self.estimator.body;
+        body.sites.clone_from(&known.body.sites);
+        body.remeasure = known.body.remeasure.clone();
+    }
+
+    /// Estimates the body and returns the poses of the tentative ticks, in order; the phase is that of a
+    /// confirmed person already. Who was here before has the body that is `known`.
+    pub(crate) fn solve_again(
         &mut self,
-        known: Option<&Skeleton>,
+        known: Option<&Departed>,
         method: &Method,
     ) -> Vec<(Tick, PersonPose)> {
-        let ticks = std::mem::take(&mut self.tentative);
+        let record = std::mem::take(&mut self.identity.tentative);
+        let ticks = record.ticks;
         // The fit poses the last of its ticks: backwards, that is the first sighting.
         let backwards: Vec<ObservedJoints> = ticks
             .iter()
             .rev()
             .map(|t| ObservedJoints::from_estimates(&t.estimates, &method.sites))
             .collect();
-        let body = fit(
-            &backwards,
-            &method.parameters.ik,
-            method.range_of_motion.as_ref(),
-        );
+        let ik = &method.parameters.ik;
+        let bounds = method.range_of_motion.as_ref();
         // Without a fit its first body stays: that fitted the first sighting.
-        let (skeleton, pose) = body.map_or_else(
-            |_| (self.skeleton.clone(), self.pose),
+        let (skeleton, pose) = fit(&backwards, ik, bounds).map_or_else(
+            |_| {
+                let estimator = &self.estimator;
+                (estimator.body.skeleton.clone(), *estimator.pose())
+            },
             |body| (body.skeleton, body.pose),
         );
-        let bounds = method.range_of_motion.as_ref();
         let as_known = known.and_then(|known| {
-            let mut finder = PoseFinder::new(&method.parameters.ik, bounds);
-            Some((known.clone(), finder.find(known, backwards.last()?)?))
+            let skeleton = &known.body.skeleton;
+            let mut finder = PoseFinder::new(ik, bounds);
+            Some((skeleton.clone(), finder.find(skeleton, backwards.last()?)?))
         });
         let (skeleton, pose) = as_known.unwrap_or((skeleton, pose));
-        self.restart(skeleton, &pose);
-        if self.born_m_s != Vector3::zeros() {
-            self.set_velocity(self.born_m_s);
+        let estimator = &mut self.estimator;
+        estimator.restart(skeleton, &pose);
+        if record.velocity_m_s != Vector3::zeros() {
+            estimator.set_velocity(record.velocity_m_s);
         }
-        self.uncertainty.reset();
+        estimator.forget_uncertainty();
         // Who is near now says nothing about the ticks before.
-        self.push(None);
+        estimator.push(None);
         ticks
             .iter()
             .enumerate()
@@ -64,21 +77,21 @@ impl Track {
         tick: &TentativeTick,
         method: &Method,
     ) -> (Tick, PersonPose) {
-        self.estimates.clone_from(&tick.estimates);
+        let estimates = &mut self.estimator.evidence.estimates;
+        estimates.clone_from(&tick.estimates);
         // At the first sighting the pose is the fit itself: there is nothing to smooth with.
-        self.begin(method);
+        self.estimator.begin(method);
         self.fit_keypoints(method);
         if index > 0 {
-            self.smooth(method);
+            self.estimator.smooth(method);
         }
-        self.fit_joints(method);
-        self.tell_anew(tick.tick);
-        (
-            tick.tick,
-            PersonPose {
-                state: PersonState::Tentative,
-                ..self.published()
-            },
-        )
+        self.estimator.fit_joints(method);
+        let mut moment = Moment::default();
+        self.estimator
+            .tell(tick.tick, PersonState::Tentative, &mut moment);
+        self.identity.changed.solved.push(moment);
+        let id = self.identity.id;
+        let pose = self.estimator.published(id, PersonState::Tentative);
+        (tick.tick, pose)
     }
 }

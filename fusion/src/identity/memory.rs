@@ -5,22 +5,11 @@ use farfield_proto::tick::Tick;
 use nalgebra::Vector3;
 
 use super::recognise::{Appearance, Lengths};
-use super::track::Track;
-use crate::body::remeasure::Remeasure;
-use crate::body::skeleton::{Site, Skeleton};
+use crate::body::measured::MeasuredBody;
+use crate::body::skeleton::Skeleton;
 
 /// Most people who are remembered; of more, those who left first are forgotten.
 const MAX_REMEMBERED: usize = 256;
-
-/// A body that is known from before.
-#[derive(Debug, Clone)]
-pub(crate) struct KnownBody {
-    pub(crate) skeleton: Skeleton,
-    /// Where the network's keypoints sit on it.
-    pub(crate) sites: Vec<Option<Site>>,
-    /// What its lengths are still measured from.
-    pub(crate) remeasure: Remeasure,
-}
 
 /// Where a person was surely itself: seen by two viewpoints, with nobody else in its place.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -39,18 +28,13 @@ pub(crate) struct Candidate {
 }
 
 impl Candidate {
-    /// Who `track` is; `None` of who was never seen.
-    pub(crate) fn of(track: &Track, rate_hz: f64) -> Option<Self> {
-        let lived_s = lived_s(track, rate_hz);
-        Some(Self::new(
-            track.id(),
-            track.last_seen?,
-            track.skeleton(),
-            lived_s,
-        ))
-    }
-
-    fn new(id: PersonId, last_seen: LastSeen, skeleton: &Skeleton, lived_s: f64) -> Self {
+    /// Who was `last_seen` there, with the body `skeleton`, known for `lived_s` seconds.
+    pub(crate) fn new(
+        id: PersonId,
+        last_seen: LastSeen,
+        skeleton: &Skeleton,
+        lived_s: f64,
+    ) -> Self {
         Self {
             id,
             last_seen,
@@ -62,32 +46,17 @@ impl Candidate {
     }
 }
 
-/// How long a track has been there, seconds.
-fn lived_s(track: &Track, rate_hz: f64) -> f64 {
-    f64::from(track.lived_ticks) / rate_hz
-}
-
 /// Somebody who is known, but not seen.
 #[derive(Debug, Clone)]
 pub(crate) struct Departed {
     pub(crate) id: PersonId,
     pub(crate) last_seen: LastSeen,
-    pub(crate) body: KnownBody,
+    pub(crate) body: MeasuredBody,
     /// How long the person was there, seconds.
-    lived_s: f64,
+    pub(crate) lived_s: f64,
 }
 
 impl Departed {
-    /// What is known of `track`; `None` of who was never seen.
-    pub(crate) fn of(track: &Track, rate_hz: f64) -> Option<Self> {
-        Some(Self {
-            id: track.id(),
-            last_seen: track.last_seen?,
-            body: track.known_body(),
-            lived_s: lived_s(track, rate_hz),
-        })
-    }
-
     /// Ticks of life so far.
     pub(crate) fn lived_ticks(&self, rate_hz: f64) -> u32 {
         (self.lived_s * rate_hz).round() as u32

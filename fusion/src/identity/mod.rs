@@ -1,21 +1,25 @@
 //! Who is who: how persons are found, confirmed, followed, lost, recognised and let go.
 //!
 //! ```text
-//!   sighted persons -> track, with its phase, in the registry -> output: poses and boxes
-//!   tentative: trial (contradiction, poster) -> recognise: who was here before (memory)
-//!   what nothing explains -> detection_scheduler: which cameras look again
+//!   facts     what the tick knows of each track, as plain values
+//!   decide    facts -> events: pure, a table of rules
+//!   registry  applies events to the tracks, and says them
 //! ```
+//!
+//! A phase ([`phase::Phase`]) is stored in one place, [`track::Identity`], and changed by events alone. Some
+//! decisions need the outcome of others (where a body stands once its first ticks were solved again), so a
+//! tick is decided in a few stages: [`registry::Registry::live`] reads as their sequence.
 
 mod confirmation;
+mod decide;
 mod detection_scheduler;
-mod duplicates;
+mod event;
+mod facts;
 pub mod journal;
 mod memory;
-mod output;
 pub mod phase;
 mod poster;
 mod recognise;
 pub mod registry;
 mod tentative;
 pub mod track;
-mod trial;

@@ -1,206 +1,158 @@
-//! Where a person is in its life: tentative, tracked, coasting, gone.
+//! Where a person is in its life: tentative, tracked, lost. Who is gone has no track any more.
 //!
 //! ```text
-//!   tentative --enough evidence--> tracked <--evidence returns-- coasting
-//!       |                             '------evidence lost-------->|
-//!       |--none for tentative_s                                    |--none for coast_s
-//!       |--contradicted, or a picture                              |--one view alone for one_view_s
-//!       '------------------------> gone <--------------------------'
+//!   tentative --enough evidence--> tracked <--seen for long enough-- lost
+//!       |                             '-------evidence lost---------->|
+//!       |--none for tentative_s                                       |--none for coast_s
+//!       |--contradicted, or a poster                                  |--one view alone for one_view_s
+//!       '---------------------------> gone <--------------------------'
 //! ```
+//!
+//! The transitions are decided in [`super::decide`].
 
 use farfield_proto::message::PersonState;
-use farfield_proto::venue::parameters::BirthParameters;
+use farfield_proto::tick::Tick;
 
+use super::event::EventKind;
 use crate::estimate::uncertainty::MadeOf;
 
-/// How long a confirmed person lacks evidence from two viewpoints until it is lost, and has it again until
-/// it is not, seconds: longer than eight ticks at 60 Hz, a round of turns on a thin link.
-const LOST_S: f64 = 0.15;
-/// How long who was lost must be seen again until nobody doubts that it is the same, seconds.
-const FOUND_S: f64 = 0.5;
-
-/// A person's state, with what decides the next one.
+/// Where a person is in its life.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Life {
-    state: State,
-    /// Ticks since evidence from two viewpoints.
-    missing: u32,
-    /// Ticks since evidence from any viewpoint.
-    unseen: u32,
-    /// Ticks in a row with evidence from two viewpoints.
-    streak: u32,
-    /// Whether the person was lost, and has not been seen for long enough since.
-    doubtful: bool,
-    lost: bool,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum State {
+pub enum Phase {
+    /// Sighted, and not confirmed.
     Tentative {
-        supported: u32,
-        /// Ticks for which it cannot be seen, until it was seen again.
-        awaited: u32,
+        /// Ticks with evidence from two viewpoints, the first sighting's too.
+        supported_ticks: u32,
+        /// Ticks for which its crops cannot have come yet; 0 from when it was seen.
+        awaited_ticks: u32,
     },
-    Confirmed,
-    /// Whether it was published before.
-    Gone {
-        confirmed: bool,
+    /// Confirmed, and surely who it is.
+    Tracked,
+    /// Confirmed, and carried by the model or by one viewpoint alone: it may be elsewhere by now, or follow
+    /// somebody else.
+    Lost {
+        /// Since when.
+        since: Tick,
+        /// Whether it is seen again where it is, but not for long enough that nobody doubts that it is the same.
+        is_back: bool,
     },
 }
 
-/// What a tick changed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Change {
-    /// Nothing.
-    None,
-    /// The person has just been confirmed.
-    Confirmed,
-    /// The person is gone.
-    Gone,
-}
-
-/// What is thought of a tentative person, beside how often it was seen.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Verdict {
-    /// Somebody.
-    Somebody,
-    /// It cannot be said yet.
-    Open,
-    /// Nobody: the viewpoints contradict it.
-    Nobody,
-    /// A picture of somebody.
-    Picture,
-}
-
-impl Life {
-    /// A newborn, seen at its first tick, whose first crops come `awaited` ticks later than the next: it is
-    /// not gone before they can have come.
-    pub fn newborn(awaited: u32) -> Self {
-        Self {
-            state: State::Tentative {
-                supported: 1,
-                awaited,
-            },
-            missing: 0,
-            unseen: 0,
-            streak: 0,
-            doubtful: false,
-            lost: false,
-        }
-    }
-
-    /// A person given by hand: nobody doubts it.
-    pub fn given() -> Self {
-        Self {
-            state: State::Confirmed,
-            missing: 0,
-            unseen: 0,
-            streak: 0,
-            doubtful: false,
-            lost: false,
+impl Phase {
+    /// Seen at its first tick, and its first crops come `awaited_ticks` later than the next: it is not gone
+    /// before they can have come.
+    pub fn tentative(awaited_ticks: u32) -> Self {
+        Self::Tentative {
+            supported_ticks: 1,
+            awaited_ticks,
         }
     }
 
     /// Whether the person is not confirmed yet.
-    pub fn is_tentative(&self) -> bool {
-        matches!(self.state, State::Tentative { .. })
+    pub fn is_tentative(self) -> bool {
+        matches!(self, Self::Tentative { .. })
     }
 
-    /// Whether the first crops of a newborn are still on the way.
-    pub fn is_awaited(&self) -> bool {
-        matches!(self.state, State::Tentative { awaited, .. } if awaited > 0)
+    /// Whether the first crops of a tentative person are still on the way.
+    pub fn is_awaited(self) -> bool {
+        matches!(self, Self::Tentative { awaited_ticks, .. } if awaited_ticks > 0)
     }
 
-    /// Whether nobody heard of the person: it is tentative, or was when it went.
-    pub fn was_tentative(&self) -> bool {
-        match self.state {
-            State::Tentative { .. } => true,
-            State::Confirmed => false,
-            State::Gone { confirmed } => !confirmed,
+    /// Whether a confirmed person is carried by the model, or by one viewpoint alone.
+    pub fn is_lost(self) -> bool {
+        matches!(self, Self::Lost { is_back: false, .. })
+    }
+
+    /// Whether a confirmed person is lost, or was a short while ago.
+    pub fn is_doubtful(self) -> bool {
+        matches!(self, Self::Lost { .. })
+    }
+
+    /// The phase after a tick that was made of `made_of`, before anything is decided.
+    #[must_use]
+    pub(crate) fn counted(self, made_of: MadeOf) -> Self {
+        match self {
+            Self::Tentative {
+                supported_ticks, ..
+            } if made_of == MadeOf::Views => Self::Tentative {
+                supported_ticks: supported_ticks + 1,
+                awaited_ticks: 0,
+            },
+            phase => phase,
         }
     }
 
-    /// The published state.
-    pub fn published(&self) -> PersonState {
-        match self.state {
-            State::Tentative { .. } => PersonState::Tentative,
-            State::Confirmed if self.missing == 0 => PersonState::Tracked,
-            State::Confirmed | State::Gone { .. } => PersonState::Coasting,
+    /// The phase after an event at `tick`.
+    #[must_use]
+    pub(crate) fn after(self, event: &EventKind, tick: Tick) -> Self {
+        match *event {
+            EventKind::Confirm { .. } | EventKind::Find { .. } => Self::Tracked,
+            EventKind::Lose { .. } | EventKind::StepBack { .. } => Self::Lost {
+                since: tick,
+                is_back: false,
+            },
+            EventKind::Waver { is_back } => self.lost(tick, is_back),
+            EventKind::Revive { .. } => self.lost(tick, true),
+            EventKind::Initiate { awaited_ticks, .. }
+            | EventKind::Reinitiate { awaited_ticks, .. } => Self::tentative(awaited_ticks),
+            EventKind::Recognise { .. } | EventKind::Drop { .. } | EventKind::Give => self,
         }
     }
 
-    /// Ticks since evidence from two viewpoints.
-    pub fn missing_ticks(&self) -> u32 {
-        self.missing
+    fn lost(self, tick: Tick, is_back: bool) -> Self {
+        let since = match self {
+            Self::Lost { since, .. } => since,
+            Self::Tentative { .. } | Self::Tracked => tick,
+        };
+        Self::Lost { since, is_back }
     }
+}
 
-    /// Counts one tick with what it brought; `verdict` counts for who is tentative.
-    pub fn tick(
-        &mut self,
-        evidence: MadeOf,
-        verdict: Verdict,
-        rate_hz: f64,
-        births: &BirthParameters,
-    ) -> Change {
+/// For how long a person has had which evidence, ticks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Coverage {
+    /// Since evidence from two viewpoints.
+    pub missing: u32,
+    /// Since evidence from any viewpoint.
+    pub unseen: u32,
+    /// In a row with evidence from two viewpoints.
+    pub streak: u32,
+}
+
+impl Coverage {
+    /// Counts one tick with what it was made of.
+    pub(crate) fn count(&mut self, made_of: MadeOf) {
         let counted = |since: u32, seen: bool| if seen { 0 } else { since.saturating_add(1) };
-        self.streak = if evidence == MadeOf::Views {
+        self.streak = if made_of == MadeOf::Views {
             self.streak.saturating_add(1)
         } else {
             0
         };
-        self.missing = counted(self.missing, evidence == MadeOf::Views);
-        self.unseen = counted(self.unseen, evidence != MadeOf::Motion);
-        let seconds = |ticks: u32| f64::from(ticks) / rate_hz;
-        let (missing_s, unseen_s) = (seconds(self.missing), seconds(self.unseen));
-        let leaves = match &mut self.state {
-            State::Tentative { supported, awaited } => {
-                if evidence == MadeOf::Views {
-                    *supported += 1;
-                    *awaited = 0;
-                }
-                if *supported >= births.confirm_ticks && verdict == Verdict::Somebody {
-                    self.state = State::Confirmed;
-                    return Change::Confirmed;
-                }
-                matches!(verdict, Verdict::Nobody | Verdict::Picture)
-                    || missing_s > births.tentative_s + seconds(*awaited)
-            }
-            State::Confirmed => {
-                let streak_s = seconds(self.streak);
-                self.doubtful = missing_s >= LOST_S || self.doubtful && streak_s < FOUND_S;
-                self.lost = self.doubtful && streak_s < LOST_S;
-                unseen_s > births.coast_s || missing_s > births.one_view_s
-            }
-            State::Gone { .. } => false,
-        };
-        if !leaves {
-            return Change::None;
-        }
-        let confirmed = self.state == State::Confirmed;
-        self.state = State::Gone { confirmed };
-        Change::Gone
+        self.missing = counted(self.missing, made_of == MadeOf::Views);
+        self.unseen = counted(self.unseen, made_of != MadeOf::Motion);
     }
 
-    /// Counts a lost person as seen again at this tick; it stays doubtful, and from the next tick on
-    /// evidence decides again whether it is lost.
-    pub fn revive(&mut self) {
-        (self.missing, self.unseen, self.lost) = (0, 0, false);
+    /// As if the person was seen at this tick; until it is seen again the streak says what it said.
+    pub(crate) fn revive(&mut self) {
+        (self.missing, self.unseen) = (0, 0);
     }
 
     /// What was taken for evidence of the last `ticks` was somebody else's.
-    pub fn was_mistaken_for(&mut self, ticks: u32) {
-        (self.missing, self.unseen, self.streak) = (ticks, ticks, 0);
-        self.lost = true;
+    pub(crate) fn withdraw(&mut self, ticks: u32) {
+        *self = Self {
+            missing: ticks,
+            unseen: ticks,
+            streak: 0,
+        };
     }
+}
 
-    /// Whether a confirmed person is carried by the model, or by one viewpoint alone.
-    pub fn is_lost(&self) -> bool {
-        self.lost
-    }
-
-    /// Whether a confirmed person is lost, or was a short while ago.
-    pub fn is_doubtful(&self) -> bool {
-        self.doubtful
+/// What is published of a phase.
+pub(crate) fn published(phase: Phase, coverage: Coverage) -> PersonState {
+    match phase {
+        Phase::Tentative { .. } => PersonState::Tentative,
+        _ if coverage.missing == 0 => PersonState::Tracked,
+        _ => PersonState::Coasting,
     }
 }
 
@@ -208,85 +160,55 @@ impl Life {
 mod tests {
     use super::*;
 
-    const RATE_HZ: f64 = 50.0;
-
-    fn live(life: &mut Life, evidence: MadeOf, ticks: u32) -> Vec<Change> {
-        let births = BirthParameters::default();
-        (0..ticks)
-            .map(|_| life.tick(evidence, Verdict::Somebody, RATE_HZ, &births))
-            .filter(|c| *c != Change::None)
-            .collect()
+    #[test]
+    fn the_first_evidence_ends_the_wait_for_crops() {
+        let phase = Phase::tentative(15);
+        assert!(phase.is_awaited());
+        assert!(phase.counted(MadeOf::OneView).is_awaited());
+        let seen = phase.counted(MadeOf::Views);
+        assert_eq!(
+            seen,
+            Phase::Tentative {
+                supported_ticks: 2,
+                awaited_ticks: 0
+            }
+        );
     }
 
     #[test]
-    fn a_newborn_is_confirmed_after_enough_ticks_with_evidence() {
-        let mut life = Life::newborn(0);
-        assert_eq!(live(&mut life, MadeOf::Views, 10), []);
-        assert_eq!(life.published(), PersonState::Tentative);
-        assert_eq!(live(&mut life, MadeOf::Views, 1), [Change::Confirmed]);
-        assert_eq!(life.published(), PersonState::Tracked);
+    fn who_wavers_or_is_revived_is_lost_since_it_was() {
+        let lost = Phase::Tracked.after(&EventKind::Lose { missing_s: 0.2 }, Tick(7));
+        let back = lost.after(&EventKind::Waver { is_back: true }, Tick(9));
+        let since = Tick(7);
+        assert_eq!(
+            back,
+            Phase::Lost {
+                since,
+                is_back: true
+            }
+        );
+        assert!(!back.is_lost() && back.is_doubtful());
     }
 
     #[test]
-    fn a_newborn_far_away_is_not_gone_before_its_crops_can_have_come() {
-        let mut life = Life::newborn(15);
-        assert_eq!(live(&mut life, MadeOf::Motion, 25), []);
-        live(&mut life, MadeOf::Views, 1);
-        assert_eq!(live(&mut life, MadeOf::Motion, 10), []);
-        assert_eq!(live(&mut life, MadeOf::Motion, 1), [Change::Gone]);
-        let mut life = Life::newborn(15);
-        assert_eq!(live(&mut life, MadeOf::Motion, 26), [Change::Gone]);
-    }
-
-    #[test]
-    fn a_newborn_that_is_not_seen_again_is_gone_soon() {
-        let mut life = Life::newborn(0);
-        assert_eq!(live(&mut life, MadeOf::Motion, 10), []);
-        assert_eq!(live(&mut life, MadeOf::Motion, 1), [Change::Gone]);
-    }
-
-    #[test]
-    fn a_confirmed_person_coasts_and_comes_back() {
-        let mut life = Life::given();
-        assert_eq!(live(&mut life, MadeOf::Motion, 50), []);
-        assert_eq!(life.published(), PersonState::Coasting);
-        live(&mut life, MadeOf::Views, 1);
-        assert_eq!(life.published(), PersonState::Tracked);
-        assert_eq!(live(&mut life, MadeOf::Motion, 60), [Change::Gone]);
-    }
-
-    #[test]
-    fn one_view_carries_a_person_on_for_longer_but_not_for_good() {
-        let mut life = Life::given();
-        assert_eq!(live(&mut life, MadeOf::OneView, 250), []);
-        assert_eq!(life.published(), PersonState::Coasting);
-        assert_eq!(live(&mut life, MadeOf::OneView, 1), [Change::Gone]);
-    }
-
-    #[test]
-    fn an_open_verdict_holds_a_birth_back_and_a_picture_is_gone() {
-        let births = BirthParameters::default();
-        let mut life = Life::newborn(0);
-        let mut tick = |verdict| life.tick(MadeOf::Views, verdict, RATE_HZ, &births);
-        for _ in 0..100 {
-            assert_eq!(tick(Verdict::Open), Change::None);
+    fn evidence_is_counted_by_how_many_viewpoints_gave_it() {
+        let mut coverage = Coverage::default();
+        for made_of in [
+            MadeOf::Views,
+            MadeOf::OneView,
+            MadeOf::OneView,
+            MadeOf::Motion,
+        ] {
+            coverage.count(made_of);
         }
-        assert_eq!(tick(Verdict::Picture), Change::Gone);
-        let mut life = Life::newborn(0);
-        let mut tick = |verdict| life.tick(MadeOf::Views, verdict, RATE_HZ, &births);
-        assert_eq!(tick(Verdict::Nobody), Change::Gone);
-    }
-
-    #[test]
-    fn who_was_lost_is_doubtful_for_a_while() {
-        let mut life = Life::given();
-        live(&mut life, MadeOf::OneView, 7);
-        assert!(!life.is_lost());
-        live(&mut life, MadeOf::OneView, 1);
-        assert!(life.is_lost() && life.is_doubtful());
-        live(&mut life, MadeOf::Views, 8);
-        assert!(!life.is_lost() && life.is_doubtful());
-        live(&mut life, MadeOf::Views, 20);
-        assert!(!life.is_doubtful());
+        let Coverage {
+            missing,
+            unseen,
+            streak,
+        } = coverage;
+        assert_eq!([missing, unseen, streak], [3, 1, 0]);
+        coverage.count(MadeOf::Views);
+        assert_eq!((coverage.missing, coverage.streak), (0, 1));
+        assert_eq!(published(Phase::Tracked, coverage), PersonState::Tracked);
     }
 }

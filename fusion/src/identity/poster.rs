@@ -57,7 +57,7 @@ impl Stillness {
     }
 
     /// Whether it may be a picture.
-    pub(crate) fn is_picture(&self, births: &BirthParameters) -> bool {
+    pub(crate) fn is_poster(&self, births: &BirthParameters) -> bool {
         self.flat_m < births.flat_m && self.moved_m < births.moved_m
     }
 }
@@ -176,9 +176,9 @@ mod tests {
         relative_sigmas(&KeypointSet::coco17())
     }
 
-    fn is_picture(ticks: &[TentativeTick]) -> bool {
+    fn is_poster(ticks: &[TentativeTick]) -> bool {
         let stillness = Stillness::of(ticks, &sigmas()).unwrap();
-        stillness.is_picture(&BirthParameters::default())
+        stillness.is_poster(&BirthParameters::default())
     }
 
     #[test]
@@ -186,8 +186,8 @@ mod tests {
         let mut noise = Noise(1);
         for _ in 0..200 {
             let body = standing(0.0, 0.0, 1.75, &mut noise);
-            assert!(is_picture(&seen(&printed(&body), &mut noise, 0.0)));
-            assert!(!is_picture(&seen(&body, &mut noise, 0.0)));
+            assert!(is_poster(&seen(&printed(&body), &mut noise, 0.0)));
+            assert!(!is_poster(&seen(&body, &mut noise, 0.0)));
         }
     }
 
@@ -198,7 +198,7 @@ mod tests {
         let pose = Pose::neutral(Vector3::new(0.0, 0.0, 0.9), UnitQuaternion::identity());
         let body = coco(&joints(&skeleton, &pose));
         for _ in 0..200 {
-            assert!(!is_picture(&seen(&body, &mut noise, 0.0)));
+            assert!(!is_poster(&seen(&body, &mut noise, 0.0)));
         }
     }
 
@@ -206,7 +206,7 @@ mod tests {
     fn a_banner_that_is_carried_is_no_still_picture() {
         let mut noise = Noise(3);
         let body = standing(0.0, 0.0, 1.75, &mut noise);
-        assert!(!is_picture(&seen(&printed(&body), &mut noise, 0.2)));
+        assert!(!is_poster(&seen(&printed(&body), &mut noise, 0.2)));
     }
 
     #[test]

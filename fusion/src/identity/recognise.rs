@@ -18,6 +18,7 @@
 //! without which the sum would be clearly less. Who is ambiguous stays somebody new: a stranger's id is
 //! worse than a new one.
 
+use farfield_proto::message::identity_event::Likeness;
 use farfield_proto::venue::Field;
 use farfield_proto::venue::parameters::BirthParameters;
 use nalgebra::Vector3;
@@ -73,6 +74,16 @@ impl Lengths {
             ],
             sigma_m: LENGTH_SIGMA_M / (1.0 + seconds.max(0.0) / ERROR_LASTS_S).sqrt(),
         }
+    }
+
+    /// How far the lengths of two bodies are apart, over how well they are measured: the root mean square.
+    fn sigmas(&self, other: &Self) -> f64 {
+        let pairs = self.lengths_m.iter().zip(&other.lengths_m);
+        let off = pairs.map(|(a, b)| {
+            let s2 = (self.sigma_m / a).powi(2) + (other.sigma_m / b).powi(2);
+            (a / b).ln().powi(2) / s2
+        });
+        (off.sum::<f64>() / N_LENGTHS as f64).sqrt()
     }
 
     /// ln p(d | same) - ln p(d | other).
@@ -140,9 +151,34 @@ impl Reach {
     }
 }
 
+/// Who a newborn is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Chosen {
+    /// Which of the known.
+    pub(crate) column: usize,
+    /// L of the pair.
+    log_ratio: f64,
+    /// By how much the sum of L is less without the pair; `None` when nothing else was possible.
+    margin: Option<f64>,
+}
+
+impl Chosen {
+    /// What speaks for the pair, `absence_s` apart.
+    pub(crate) fn why(&self, newborn: &Appearance, known: &Appearance, absence_s: f64) -> Likeness {
+        let distance_m = (newborn.place_m - known.place_m).xy().norm();
+        Likeness {
+            distance_m: distance_m as f32,
+            absence_s: absence_s as f32,
+            lengths_sigma: newborn.lengths.sigmas(&known.lengths) as f32,
+            log_ratio: self.log_ratio as f32,
+            margin: self.margin.map(|margin| margin as f32),
+        }
+    }
+}
+
 /// Decides which row (newborn) is which column (known person), from L of every possible pair. A pair
 /// counts when its L is at least `least`, and it is clear.
-pub(crate) fn recognise(likeness: &[Vec<Option<f64>>], least: f64) -> Vec<Option<usize>> {
+pub(crate) fn assign_known(likeness: &[Vec<Option<f64>>], least: f64) -> Vec<Option<Chosen>> {
     let n_known = likeness.first().map_or(0, Vec::len);
     let gain = |row: usize, column: usize| match likeness[row].get(column) {
         Some(Some(l)) if *l >= least => *l - least + f64::EPSILON,
@@ -174,8 +210,13 @@ pub(crate) fn recognise(likeness: &[Vec<Option<f64>>], least: f64) -> Vec<Option
             // Against somebody new there is `least`; here another pairing must be clearly worse.
             let rivals = (0..n).any(|r| r != row && gain(r, column) > 0.0)
                 || (0..n_known).any(|c| c != column && gain(row, c) > 0.0);
-            let clear = !rivals || sum - best(Some((row, column))).0 >= MARGIN;
-            clear.then_some(column)
+            let margin = rivals.then(|| sum - best(Some((row, column))).0);
+            let is_clear = margin.is_none_or(|margin| margin >= MARGIN);
+            is_clear.then(|| Chosen {
+                column,
+                log_ratio: likeness[row][column].unwrap_or(least),
+                margin,
+            })
         })
         .collect()
 }
@@ -191,6 +232,12 @@ mod tests {
             max_m: [12.0, 8.0, 2.5],
         };
         Reach::new(&field, &BirthParameters::default())
+    }
+
+    /// Which column each row is.
+    fn who(likeness: &[Vec<Option<f64>>], least: f64) -> Vec<Option<usize>> {
+        let chosen = assign_known(likeness, least);
+        chosen.iter().map(|c| c.map(|c| c.column)).collect()
     }
 
     fn person(stature_m: f64, seconds: f64, x: f64, y: f64) -> Appearance {
@@ -236,19 +283,26 @@ mod tests {
     fn all_are_decided_together() {
         // The first newborn fits the first known best alone, but the second has nobody else.
         let likeness = [vec![Some(4.0), Some(3.5)], vec![Some(3.8), None]];
-        assert_eq!(recognise(&likeness, 1.0), [Some(1), Some(0)]);
+        assert_eq!(who(&likeness, 1.0), [Some(1), Some(0)]);
+    }
+
+    #[test]
+    fn a_choice_says_how_clear_it_is() {
+        let likeness = [vec![Some(3.0), Some(1.9)]];
+        let chosen = assign_known(&likeness, 1.0)[0].unwrap();
+        assert!((chosen.log_ratio - 3.0).abs() < 1e-9);
+        assert!((chosen.margin.unwrap() - 1.1).abs() < 1e-9);
+        let alone = assign_known(&[vec![Some(3.0)]], 1.0)[0].unwrap();
+        assert_eq!(alone.margin, None);
     }
 
     #[test]
     fn who_is_ambiguous_is_somebody_new() {
-        assert_eq!(recognise(&[vec![Some(3.0), Some(2.8)]], 1.0), [None]);
-        assert_eq!(recognise(&[vec![Some(3.0), Some(1.9)]], 1.0), [Some(0)]);
-        assert_eq!(recognise(&[vec![Some(0.5), None]], 1.0), [None]);
-        assert_eq!(
-            recognise(&[vec![Some(3.0)], vec![Some(2.9)]], 1.0),
-            [None, None]
-        );
-        assert_eq!(recognise(&[Vec::new()], 1.0), [None]);
-        assert_eq!(recognise(&[], 1.0), []);
+        assert_eq!(who(&[vec![Some(3.0), Some(2.8)]], 1.0), [None]);
+        assert_eq!(who(&[vec![Some(3.0), Some(1.9)]], 1.0), [Some(0)]);
+        assert_eq!(who(&[vec![Some(0.5), None]], 1.0), [None]);
+        assert_eq!(who(&[vec![Some(3.0)], vec![Some(2.9)]], 1.0), [None, None]);
+        assert_eq!(who(&[Vec::new()], 1.0), [None]);
+        assert_eq!(who(&[], 1.0), []);
     }
 }

@@ -9,6 +9,7 @@ use anyhow::{Context as _, anyhow};
 use farfield_node::clock;
 use farfield_node::process::say;
 use farfield_proto::histogram::Histogram;
+use farfield_proto::message::identity_event::IdentityEvent;
 use farfield_proto::message::{BoxSet, PatchSet, PoseSet, StageTime};
 use farfield_proto::tick::Tick;
 use tokio::sync::mpsc;
@@ -45,6 +46,8 @@ pub(super) struct Stepped {
     pub(super) poses: PoseSet,
     /// Ticks that the fixed-lag smoother is done with, as it sees them.
     pub(super) smoothed: Vec<PoseSet>,
+    /// What changed who is who.
+    pub(super) events: Vec<IdentityEvent>,
     /// Where to look at the next tick, one set per viewpoint.
     pub(super) boxes: Vec<BoxSet>,
     /// Patches that were readable, but made no sense.
@@ -195,6 +198,7 @@ impl Work {
             stages: self.laps.told_once_a_second(start),
             smoothed: output.smoothed.clone(),
             poses: output.poses,
+            events: output.events,
             boxes: output.boxes,
         };
         let to_write = ToWrite {

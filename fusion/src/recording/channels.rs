@@ -20,6 +20,8 @@ pub enum Content {
     Status,
     /// What fusion used for a tick.
     Decisions,
+    /// What changed who is who at a tick.
+    Events,
     /// The persons of a tick as JSON.
     JsonPoses,
     /// Nodes that came and went, as JSON.
@@ -46,6 +48,7 @@ pub fn channels(name: &str, viewpoints: &[&str]) -> Vec<Channel> {
         channel(keys.pose(), Content::Poses),
         channel(keys.smooth(), Content::Smoothed),
         channel(keys.decision(), Content::Decisions),
+        channel(keys.event(), Content::Events),
         channel(json_poses(&keys), Content::JsonPoses),
         channel(format!("{name}/recorder"), Content::Recorder),
     ];
@@ -109,6 +112,7 @@ mod tests {
             "hall/fill/sw/sighting",
             "hall/pose/json",
             "hall/status/fusion",
+            "hall/event",
         ] {
             assert!(topics.contains(topic), "{topic}");
         }

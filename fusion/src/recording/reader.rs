@@ -9,6 +9,7 @@ use std::io::{Read, Seek, SeekFrom};
 use farfield_proto::id::{SessionId, ViewpointIndex};
 use farfield_proto::message::decision::Decision;
 use farfield_proto::message::fill::SetKind;
+use farfield_proto::message::identity_event::IdentityEventSet;
 use farfield_proto::message::live::MAX_EDGES;
 use farfield_proto::message::{PatchSet, PoseSet, SightingSet};
 use farfield_proto::tick::Tick;
@@ -331,6 +332,8 @@ impl Index {
                     .entry((poses.session, poses.tick))
                     .or_insert(place);
             }),
+            // A replay decides anew who is who.
+            Content::Events => wire::decode::<IdentityEventSet>(data).map(drop),
             Content::Recorder => {
                 let says = serde_json::from_slice::<RecorderSays>(data);
                 self.lost = says.map_or(self.lost, |says| says.lost);

@@ -19,11 +19,11 @@ use nalgebra::{Matrix3, Vector3};
 use crate::body::ik::{IkSolver, JointSpread, Priors, Target};
 use crate::body::keypoint_estimate::KeypointEstimate;
 use crate::body::skeleton::{Joint, Kinematics, Pose, Site, Skeleton};
+use crate::estimate::estimator::Moment;
 use crate::estimate::evidence::View;
 use crate::estimate::keypoint_targets::aim_at_keypoints;
 use crate::estimate::lattice::LatticeSearch;
 use crate::estimate::uncertainty::{MadeOf, Told, weigh_views};
-use crate::identity::track::Moment;
 use crate::method::{Method, VenueView};
 
 /// Sine of the angle between two rays from which they meet in a place, and not in a line (10 degrees).

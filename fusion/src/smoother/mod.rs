@@ -30,7 +30,8 @@ use rayon::prelude::*;
 
 use self::late::{Late, LateSearch};
 use self::window::Window;
-use crate::identity::track::{Moment, Track};
+use crate::estimate::estimator::Moment;
+use crate::identity::track::Track;
 use crate::method::{Method, VenueView};
 
 /// Delay of the two passes over a recording, and how much of it is solved at once, seconds.

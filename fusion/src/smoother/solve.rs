@@ -10,8 +10,9 @@ use nalgebra::Vector3;
 use crate::body::ik::{IkSolver, Priors, Target};
 use crate::body::skeleton::Joints;
 use crate::body::skeleton::{Joint, Kinematics, N_JOINTS, Pose, Site, Skeleton, reported_angles};
+use crate::estimate::estimator::Moment;
 use crate::estimate::feet::Feet;
-use crate::identity::track::{Moment, Track};
+use crate::identity::track::Track;
 use crate::method::Method;
 
 /// Root mean square distance of the joints from the smoothed ones, metres, from which the pose is solved a second
@@ -56,8 +57,8 @@ impl Solver {
     pub(super) fn new(track: &Track, method: &Method) -> Self {
         Self {
             id: track.id(),
-            skeleton: track.skeleton().clone(),
-            sites: track.sites().to_vec(),
+            skeleton: track.estimator().body().skeleton.clone(),
+            sites: track.estimator().body().sites.to_vec(),
             last: None,
             feet: Feet::default(),
             ik: IkSolver::new(&method.parameters.ik),
@@ -69,9 +70,10 @@ impl Solver {
     /// Takes over what is known of the body by now, and whose it is.
     pub(super) fn set_body(&mut self, track: &Track) {
         self.id = track.id();
-        self.skeleton.clone_from(track.skeleton());
+        self.skeleton.clone_from(&track.estimator().body().skeleton);
         self.sites.clear();
-        self.sites.extend_from_slice(track.sites());
+        self.sites
+            .extend_from_slice(&track.estimator().body().sites);
     }
 
     /// The body, and where the keypoints sit on it.

@@ -15,7 +15,8 @@ use super::late::{KnownBody, Late, LateSearch};
 use super::line::{Belief, Known, Line, Measure};
 use super::solve::{Aims, Solver};
 use crate::body::skeleton::{Joint, N_JOINTS};
-use crate::identity::track::{Moment, Track};
+use crate::estimate::estimator::Moment;
+use crate::identity::track::Track;
 use crate::method::Method;
 
 /// Spectral density of the jerk of a joint at rest, m²/s⁵: of the trunk and head, and of limbs. Chosen on the
@@ -82,10 +83,10 @@ impl Window {
         self.solver.set_body(track);
         let tick = moment.tick;
         self.moments.push_back(moment);
-        for told_anew in track.told_anew().iter().filter(|told| told.tick < tick) {
-            let at = (self.moments).binary_search_by_key(&told_anew.tick, |moment| moment.tick);
+        for solved in track.solved_again().iter().filter(|told| told.tick < tick) {
+            let at = (self.moments).binary_search_by_key(&solved.tick, |moment| moment.tick);
             if let Ok(at) = at {
-                self.moments[at].clone_from(told_anew);
+                self.moments[at].clone_from(solved);
             }
         }
         if let Some(apart) = track.mistaken_since() {

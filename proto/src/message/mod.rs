@@ -9,6 +9,7 @@ mod check;
 pub mod decision;
 pub mod fill;
 pub mod handout;
+pub mod identity_event;
 pub mod live;
 mod patch_form;
 

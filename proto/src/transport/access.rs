@@ -10,7 +10,7 @@ use crate::key::Keys;
 
 /// Fusion's name among the nodes.
 pub const FUSION: &str = "fusion";
-/// The common name of all readers: they may subscribe to poses and statuses, and publish nothing.
+/// The common name of all readers: they may subscribe to poses, events and statuses, and publish nothing.
 pub const READER: &str = "reader";
 
 /// The recorder node's name: it may subscribe to everything, and publishes nothing.
@@ -99,7 +99,7 @@ fn of_edge(keys: &Keys, viewpoint: &str) -> Vec<Rule<'static>> {
 
 /// What a reader may do at fusion.
 fn of_reader(keys: &Keys) -> Vec<Rule<'static>> {
-    let heard = vec![keys.pose(), keys.smooth(), keys.statuses()];
+    let heard = vec![keys.pose(), keys.smooth(), keys.event(), keys.statuses()];
     rules(
         [(&LISTEN, heard.clone()), (&WATCH, vec![keys.all_alive()])],
         [(&SPEAK, heard), (&BE, vec![keys.all_alive()])],
@@ -202,6 +202,19 @@ mod tests {
         let keys = Keys::new("hall");
         assert!(!of_reader(&keys).iter().any(says));
         assert!(!of_recorder(&keys).iter().any(says));
+    }
+
+    #[test]
+    fn fusion_tells_readers_of_events_and_edges_not() {
+        let keys = Keys::new("hall");
+        let tells = |rules: Vec<Rule<'_>>| {
+            let mut spoken = rules
+                .iter()
+                .filter(|rule| rule.flow == "egress" && rule.messages == SPEAK);
+            spoken.any(|rule| rule.keys.contains(&keys.event()))
+        };
+        assert!(tells(of_reader(&keys)));
+        assert!(!tells(of_edge(&keys, "ne")));
     }
 
     #[test]

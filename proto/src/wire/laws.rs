@@ -10,6 +10,7 @@ use crate::id::{CameraIndex, PersonId, SessionId, ViewpointIndex};
 use crate::message::decision::Decision;
 use crate::message::fill::{FillRequest, Filled};
 use crate::message::handout::{Chunk, FileList, HandoutRequest, SignedList};
+use crate::message::identity_event::IdentityEventSet;
 use crate::message::live::{BoxEcho, HeardPatches, LiveBoxes, LiveStatus, PatchTiming};
 use crate::message::{
     BoxSet, CameraBox, KeypointPeak, MAX_CAPTURE_OFFSET_US, MAX_CROPS, Order, PatchSet,
@@ -33,7 +34,7 @@ fn decode_all(bytes: &[u8]) {
     drop((decode::<HandoutRequest>(bytes), decode::<FileList>(bytes)));
     drop((decode::<SignedList>(bytes), decode::<Chunk>(bytes)));
     drop((decode::<FillRequest>(bytes), decode::<Filled>(bytes)));
-    drop(decode::<Decision>(bytes));
+    drop((decode::<Decision>(bytes), decode::<IdentityEventSet>(bytes)));
 }
 
 fn px() -> impl Strategy<Value = [f32; 2]> {

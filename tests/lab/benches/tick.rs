@@ -10,7 +10,7 @@ use std::sync::OnceLock;
 use anyhow::Context as _;
 use divan::Bencher;
 use farfield_fusion::align::TickGroup;
-use farfield_fusion::identity::track::Track;
+use farfield_fusion::estimate::estimator::Estimator;
 use farfield_fusion::method::Method;
 use farfield_lab::in_process::InProcess;
 use farfield_lab::ring::CameraRing;
@@ -51,7 +51,7 @@ fn main() {
 struct WalkBench {
     ring: CameraRing,
     method: Method,
-    track: Track,
+    track: Estimator,
     groups: Vec<TickGroup>,
     at: usize,
 }
@@ -94,6 +94,7 @@ impl WalkBench {
         self.see();
         self.track.search(&self.method);
         self.track.fit_keypoints(&self.method);
+        self.track.learn_sites(&self.method);
         self.track.smooth(&self.method);
         self.track.fit_joints(&self.method);
     }

@@ -13,8 +13,7 @@ use farfield_fusion::body::ik::relative_sigmas;
 use farfield_fusion::body::observed::ObservedJoints;
 use farfield_fusion::body::skeleton::{RangeOfMotion, sites_of};
 use farfield_fusion::boxes::BoxShape;
-use farfield_fusion::identity::phase::Life;
-use farfield_fusion::identity::track::Track;
+use farfield_fusion::estimate::estimator::Estimator;
 use farfield_fusion::method::Method;
 use farfield_proto::bounding_box::BoundingBox;
 use farfield_proto::camera::{CameraModel, Distortion, Intrinsics};
@@ -99,11 +98,11 @@ impl CameraRing {
         }
     }
 
-    /// The walker as a confirmed track at tick 0.
+    /// The walker as it is followed from tick 0.
     ///
     /// # Errors
     /// When no skeleton fits the walker.
-    pub fn track(&self, method: &Method) -> anyhow::Result<Track> {
+    pub fn track(&self, method: &Method) -> anyhow::Result<Estimator> {
         let points = self.walker.points_m(0.0);
         let named = COCO17.iter().map(|name| (*name, points[*name].into()));
         let body = fit(
@@ -112,13 +111,7 @@ impl CameraRing {
             None,
         )
         .context("fitting the walker")?;
-        Ok(Track::new(
-            PersonId(1),
-            Life::given(),
-            body.skeleton,
-            body.pose,
-            method,
-        ))
+        Ok(Estimator::new(body.skeleton, body.pose, method))
     }
 
     /// True keypoint positions, world, metres, in COCO order.

@@ -6,9 +6,9 @@ use farfield_proto::id::ViewpointIndex;
 use farfield_proto::keypoints::KeypointSet;
 use nalgebra::{Matrix3x4, Vector2, Vector3};
 
+use crate::estimate::estimator::Estimator;
 use crate::estimate::evidence::{View, bilinear};
 use crate::estimate::occlusion::Body;
-use crate::identity::track::Track;
 use crate::method::Method;
 
 /// Joints whose left and right are taken for one another: both sides are one kind.
@@ -113,9 +113,14 @@ pub(super) struct Claims {
 
 impl Claims {
     /// Finds who is in the views of `viewpoint`, and who is near somebody there.
-    pub(super) fn meet(&mut self, viewpoint: ViewpointIndex, tracks: &[Track], bodies: &[Body]) {
+    pub(super) fn meet(
+        &mut self,
+        viewpoint: ViewpointIndex,
+        tracks: &[impl AsRef<Estimator>],
+        bodies: &[Body],
+    ) {
         self.members.clear();
-        for (track, person) in tracks.iter().enumerate() {
+        for (track, person) in tracks.iter().map(AsRef::as_ref).enumerate() {
             let view = person.views().iter().position(|v| v.viewpoint == viewpoint);
             self.members.extend(view.map(|view| Member {
                 track,
@@ -125,7 +130,7 @@ impl Claims {
         }
         for i in 0..self.members.len() {
             let me = self.members[i];
-            let eye_m = tracks[me.track].views()[me.view].center_m();
+            let eye_m = tracks[me.track].as_ref().views()[me.view].center_m();
             for j in 0..i {
                 let other = self.members[j].track;
                 if bodies[me.track].overlaps(&bodies[other], eye_m) {
@@ -137,7 +142,12 @@ impl Claims {
     }
 
     /// Gathers the claims of `kind` that come near another.
-    pub(super) fn gather(&mut self, kind: &Kind, tracks: &[Track], method: &Method) {
+    pub(super) fn gather(
+        &mut self,
+        kind: &Kind,
+        tracks: &[impl AsRef<Estimator>],
+        method: &Method,
+    ) {
         self.all.clear();
         for member in &self.members {
             if !member.crowded && kind.keypoints.len() < 2 {
@@ -163,7 +173,7 @@ impl Claims {
         self.peaks.clear();
         for (index, claim) in self.all.iter_mut().enumerate() {
             let first = self.peaks.len();
-            let view = &tracks[claim.track].views()[claim.view];
+            let view = &tracks[claim.track].as_ref().views()[claim.view];
             find_peaks(view, claim, reach_m, index, &mut self.peaks);
             claim.peaks = first..self.peaks.len();
         }
@@ -223,11 +233,11 @@ impl Claims {
     }
 
     /// The negative log likelihood that `place` is the keypoint of `claim`.
-    pub(super) fn cost(&self, claim: usize, place: usize, tracks: &[Track]) -> f64 {
+    pub(super) fn cost(&self, claim: usize, place: usize, tracks: &[impl AsRef<Estimator>]) -> f64 {
         let (me, it) = (&self.all[claim], &self.places[place]);
         let (off_m, height) = self.peak_of(claim, place).map_or_else(
             || {
-                let view = &tracks[me.track].views()[me.view];
+                let view = &tracks[me.track].as_ref().views()[me.view];
                 let nearest_m = it.nearest_to(me.predicted_m);
                 let height = me.cell_of(nearest_m).map_or(0.0, |cell| {
                     bilinear(view.cells(me.keypoint), view.map_size(), cell)
@@ -243,15 +253,23 @@ impl Claims {
 
 impl Claim {
     /// `None` where the view knows nothing about the keypoint.
-    fn new(member: &Member, keypoint: usize, tracks: &[Track], method: &Method) -> Option<Self> {
-        let track = &tracks[member.track];
+    fn new(
+        member: &Member,
+        keypoint: usize,
+        tracks: &[impl AsRef<Estimator>],
+        method: &Method,
+    ) -> Option<Self> {
+        let track = tracks[member.track].as_ref();
         let view = &track.views()[member.view];
         let predicted_m = *view.predicted_m.get(keypoint)?;
         if !predicted_m.iter().all(|v| v.is_finite()) {
             return None;
         }
         let contact = &method.parameters.contact;
-        let seen = track.estimates.get(keypoint).is_some_and(|e| e.views >= 2);
+        let seen = track
+            .estimates()
+            .get(keypoint)
+            .is_some_and(|e| e.views >= 2);
         let cell_from_world = view.cell_from_world(keypoint);
         let mut claim = Self {
             track: member.track,

@@ -35,9 +35,9 @@ use rayon::prelude::*;
 
 use self::claims::{Claims, Kind};
 use crate::assign::Assigner;
+use crate::estimate::estimator::Estimator;
 use crate::estimate::evidence::Notch;
 use crate::estimate::occlusion::Body;
-use crate::identity::track::Track;
 use crate::method::Method;
 
 /// Cost of going without a place: as of a peak of 0.3 at two and a half sigmas.
@@ -68,7 +68,12 @@ impl Contests {
     ///
     /// Cost: per viewpoint a few distances per pair of persons who are apart in its view; for those who
     /// meet, a look at the cells around each prediction that another comes near.
-    pub fn decide(&mut self, tracks: &[Track], bodies: &[Body], method: &Method) {
+    pub fn decide(
+        &mut self,
+        tracks: &[impl AsRef<Estimator> + Sync],
+        bodies: &[Body],
+        method: &Method,
+    ) {
         let kinds = &self.kinds;
         if method.parameters.contact.yield_share <= 0.0 {
             for contest in &mut self.viewpoints {
@@ -87,7 +92,7 @@ impl Contests {
 
     /// Takes what is another's out of the maps of `track`, the one at `index` of those that were
     /// decided on.
-    pub fn settle(&self, index: usize, track: &mut Track) {
+    pub fn settle(&self, index: usize, track: &mut Estimator) {
         for contest in &self.viewpoints {
             for lost in contest.notches.iter().filter(|lost| lost.track == index) {
                 track.views_mut()[lost.view].carve(lost.keypoint, &lost.notch);
@@ -133,7 +138,13 @@ impl Contest {
         }
     }
 
-    fn decide(&mut self, kinds: &[Kind], tracks: &[Track], bodies: &[Body], method: &Method) {
+    fn decide(
+        &mut self,
+        kinds: &[Kind],
+        tracks: &[impl AsRef<Estimator>],
+        bodies: &[Body],
+        method: &Method,
+    ) {
         self.notches.clear();
         self.claims.meet(self.viewpoint, tracks, bodies);
         for kind in kinds {
@@ -145,7 +156,7 @@ impl Contest {
     }
 
     /// Gives each place to one claim, and notes what the others lose.
-    fn assign(&mut self, tracks: &[Track], yield_share: f64) {
+    fn assign(&mut self, tracks: &[impl AsRef<Estimator>], yield_share: f64) {
         let claims = &self.claims;
         let (n_claims, n_places) = (claims.n_claims(), claims.n_places());
         self.costs.clear();

@@ -187,7 +187,7 @@ proptest! {
 }
 
 fn cells(meeting: &Meeting) -> Vec<Vec<u8>> {
-    let views = meeting.tracks.iter().flat_map(Track::views);
+    let views = meeting.tracks.iter().flat_map(Estimator::views);
     views
         .flat_map(|view| (0..view.n_keypoints()).map(|k| view.cells(k).to_vec()))
         .collect()

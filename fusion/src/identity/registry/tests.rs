@@ -7,6 +7,7 @@ use std::path::Path;
 use farfield_proto::calibration::Calibration;
 use farfield_proto::id::SessionId;
 use farfield_proto::message::{PersonState, SightingSet};
+use nalgebra::Vector3;
 
 use super::*;
 use crate::body::fixture::{Noise, standing};
@@ -69,7 +70,7 @@ fn method(venue: &Venue) -> Method {
 /// A hall, tick after tick.
 struct Stage {
     hall: Hall,
-    crowd: Crowd,
+    registry: Registry,
     method: Method,
     tick: Tick,
     noise: Noise,
@@ -82,11 +83,11 @@ impl Stage {
         let hall = hall();
         let venue = venue(&hall);
         let method = method(&venue);
-        let mut crowd = Crowd::new(&venue, KeypointSet::coco17());
-        crowd.begin(Tick(0), &method);
+        let mut registry = Registry::new(&venue, KeypointSet::coco17());
+        registry.begin(Tick(0), &method);
         Self {
             hall,
-            crowd,
+            registry,
             method,
             tick: Tick(0),
             noise: Noise(1),
@@ -95,15 +96,15 @@ impl Stage {
     }
 
     /// One tick at which all cameras see `bodies`.
-    fn step(&mut self, bodies: &[Body]) -> Lived {
+    fn step(&mut self, bodies: &[Body]) -> Outcome {
         self.step_seen_by(bodies, &[0, 1, 2, 3])
     }
 
     /// One tick at which `viewpoints` alone see `bodies`.
-    fn step_seen_by(&mut self, bodies: &[Body], viewpoints: &[u16]) -> Lived {
-        for track in self.crowd.tracks_mut() {
+    fn step_seen_by(&mut self, bodies: &[Body], viewpoints: &[u16]) -> Outcome {
+        for track in self.registry.tracks_mut() {
             track.begin(&self.method);
-            let pelvis_m = track.joints_m()[0];
+            let pelvis_m = track.estimator.joints_m()[0];
             let near = bodies
                 .iter()
                 .map(|body| ((hips_m(body) - pelvis_m).norm(), body))
@@ -114,8 +115,9 @@ impl Stage {
             } else {
                 0
             };
-            let places = near.map_or_else(|| track.keypoints_m(), |(_, body)| body.clone());
-            track.estimates = places
+            let places =
+                near.map_or_else(|| track.estimator.keypoints_m(), |(_, body)| body.clone());
+            track.estimator.evidence.estimates = places
                 .iter()
                 .map(|&p| KeypointEstimate {
                     weight: f64::from(views.min(1)),
@@ -124,14 +126,14 @@ impl Stage {
                 })
                 .collect();
             track.fit_keypoints(&self.method);
-            track.smooth(&self.method);
-            track.fit_joints(&self.method);
+            track.estimator.smooth(&self.method);
+            track.estimator.fit_joints(&self.method);
         }
         let group = self.sighted(bodies, viewpoints);
-        let lived = self.crowd.live(&group, &self.method);
+        let lived = self.registry.live(&group, &self.method);
         self.tick = self.tick + 1;
         self.ids
-            .extend(self.crowd.published().iter().map(|pose| pose.person.0));
+            .extend(self.registry.published().iter().map(|pose| pose.person.0));
         lived
     }
 
@@ -143,7 +145,7 @@ impl Stage {
         };
         let set = |&viewpoint: &u16| {
             let camera = CameraIndex(viewpoint);
-            let looks = self.crowd.looking(&[camera], self.tick) == [camera];
+            let looks = self.registry.looking(&[camera], self.tick) == [camera];
             looks.then(|| SightingSet {
                 session: SessionId(1),
                 tick: self.tick,
@@ -173,7 +175,7 @@ impl Stage {
             let pelvis = pose.joints_m[0].map(f64::from);
             (pelvis[0] - x).hypot(pelvis[1] - y) < 0.3
         };
-        let poses = self.crowd.published();
+        let poses = self.registry.published();
         poses.iter().find(near).map(|pose| pose.person.0)
     }
 }
@@ -193,7 +195,7 @@ fn who_leaves_and_returns_gets_its_id_back() {
     stage.go_on(&[person(-3.0, 0.0, 1.7), person(2.0, 1.0, 1.8)], 4.0);
     let id = stage.who_at(-3.0, 0.0).unwrap();
     stage.go_on(&[person(2.0, 1.0, 1.8)], 6.0);
-    assert_eq!(stage.crowd.published().len(), 1, "it is let go");
+    assert_eq!(stage.registry.published().len(), 1, "it is let go");
     let back = [person(-2.8, 0.4, 1.7), person(2.0, 1.0, 1.8)];
     let replayed = stage.go_on(&back, 2.0);
     assert_eq!(stage.who_at(-2.8, 0.4), Some(id));
@@ -202,7 +204,7 @@ fn who_leaves_and_returns_gets_its_id_back() {
     let named = |(_, pose): &(Tick, PersonPose)| pose.person.0 == id;
     assert!(replayed.iter().all(named), "under the id that it has");
     let track = stage
-        .crowd
+        .registry
         .tracks()
         .iter()
         .find(|t| t.id().0 == id)
@@ -222,7 +224,7 @@ fn a_stranger_of_another_size_does_not_get_the_id_of_who_left() {
 #[test]
 fn nobody_returns_after_the_stated_time() {
     let mut stage = Stage::new();
-    stage.crowd.births.return_s = 3.0;
+    stage.registry.rules.births.return_s = 3.0;
     stage.go_on(&[person(-3.0, 0.0, 1.7)], 4.0);
     stage.go_on(&[], 5.0);
     stage.go_on(&[person(-3.0, 0.0, 1.7)], 2.0);
@@ -256,10 +258,10 @@ fn who_is_lost_is_taken_back_where_it_is_sighted() {
         // It runs on at 2 m/s while nobody sees it.
         stage.step_seen_by(&[person(0.1 * f64::from(i), 0.0, 1.75)], &[]);
     }
-    assert_eq!(stage.crowd.published()[0].state, PersonState::Coasting);
+    assert_eq!(stage.registry.published()[0].state, PersonState::Coasting);
     stage.go_on(&[person(1.7, 0.0, 1.75)], 0.3);
     assert_eq!(stage.who_at(1.7, 0.0), Some(id));
-    assert_eq!((stage.ids.len(), stage.crowd.tracks().len()), (1, 1));
+    assert_eq!((stage.ids.len(), stage.registry.tracks().len()), (1, 1));
 }
 
 #[test]
@@ -279,7 +281,7 @@ fn a_bystander_whom_one_viewpoint_sees_is_never_born() {
     for _ in 0..100 {
         stage.step_seen_by(&[person(1.0, 1.0, 1.75)], &[2]);
     }
-    assert!(stage.crowd.tracks().is_empty());
+    assert!(stage.registry.tracks().is_empty());
 }
 
 #[test]
@@ -295,7 +297,11 @@ fn a_poster_is_not_born_and_who_stands_still_is() {
         assert!(stage.who_at(-1.0, 0.0).is_some());
         assert_eq!(stage.ids.len(), 1);
     }
-    assert_eq!(stage.crowd.tracks().len(), 1, "it is not followed either");
+    assert_eq!(
+        stage.registry.tracks().len(),
+        1,
+        "it is not followed either"
+    );
     // Who steps out of the picture is born.
     stage.go_on(&[person(2.5, 1.0, 1.8), printed, still], 2.0);
     assert!(stage.who_at(2.5, 1.0).is_some());

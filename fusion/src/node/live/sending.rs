@@ -27,6 +27,7 @@ impl Live<'_> {
         let Stepped {
             poses,
             smoothed,
+            events,
             boxes,
             unusable,
             stages,
@@ -43,6 +44,9 @@ impl Live<'_> {
         self.send(ends, Outgoing::Poses(bytes));
         for set in &smoothed {
             self.send(ends, Outgoing::Smooth(wire::encode(set)));
+        }
+        if let Some(events) = self.tally.events(self.session, tick, events) {
+            self.send(ends, Outgoing::Events(wire::encode(&events)));
         }
         let now_us = self.interceptor.clock.now_us();
         let after_us = (now_us - self.time.at(tick)) as f64;

@@ -120,8 +120,8 @@ impl<'a> LockStep<'a> {
                     }
                 }
                 stepped = worker.done.recv() => {
-                    let stepped = stepped.context("the core has ended")?;
-                    if self.stepped(&stepped, ends, reporter)? {
+                    let mut stepped = stepped.context("the core has ended")?;
+                    if self.stepped(&mut stepped, ends, reporter)? {
                         return Ok(Ending::Done);
                     }
                 }
@@ -208,7 +208,7 @@ impl<'a> LockStep<'a> {
     /// Publishes a tick's poses and the next boxes; true when that was the last tick.
     fn stepped(
         &mut self,
-        stepped: &Stepped,
+        stepped: &mut Stepped,
         ends: &Ends,
         reporter: &mut Reporter,
     ) -> anyhow::Result<bool> {
@@ -220,6 +220,10 @@ impl<'a> LockStep<'a> {
         send(ends, Outgoing::Poses(poses))?;
         for set in &stepped.smoothed {
             send(ends, Outgoing::Smooth(wire::encode(set)))?;
+        }
+        let events = std::mem::take(&mut stepped.events);
+        if let Some(events) = self.tally.events(self.session, tick, events) {
+            say(ends, Said::Events(wire::encode(&events)))?;
         }
         let over = tick + 1 >= self.ticks.end;
         if !over {

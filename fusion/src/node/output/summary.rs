@@ -85,6 +85,7 @@ pub(in crate::node) fn summarize(venue: &Venue, facts: &Facts<'_>) -> Summary {
             done,
         },
         people: facts.people.iter().copied().map(Into::into).collect(),
+        events: facts.tally.event_counts().clone(),
         links: facts.tally.links(),
         drops: DropSummary {
             unreadable: facts

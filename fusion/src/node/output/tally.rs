@@ -2,10 +2,12 @@
 
 use std::collections::BTreeMap;
 
-use farfield_proto::id::ViewpointIndex;
+use farfield_proto::id::{SessionId, ViewpointIndex};
+use farfield_proto::message::identity_event::{IdentityEvent, IdentityEventSet};
+use farfield_proto::tick::Tick;
 use farfield_proto::venue::Venue;
 
-use crate::export::summary::LinkSummary;
+use crate::export::summary::{EventCounts, LinkSummary};
 
 /// Payload of all links since the start of a run.
 #[derive(Debug, Clone, Default)]
@@ -18,6 +20,7 @@ pub(in crate::node) struct Tally {
     pub(in crate::node) refused: u64,
     /// Patches that were readable, but made no sense.
     pub(in crate::node) unusable: u64,
+    events: EventCounts,
 }
 
 impl Tally {
@@ -29,6 +32,7 @@ impl Tally {
             links,
             pose_bytes: 0,
             unusable: 0,
+            events: EventCounts::default(),
             refused: 0,
         }
     }
@@ -58,6 +62,26 @@ impl Tally {
             link.box_messages += 1;
             link.box_bytes += bytes;
         }
+    }
+
+    /// Counts what changed who is who at `tick`; the message that says it, when anything did.
+    pub(in crate::node) fn events(
+        &mut self,
+        session: SessionId,
+        tick: Tick,
+        events: Vec<IdentityEvent>,
+    ) -> Option<IdentityEventSet> {
+        self.events.count(&events);
+        (!events.is_empty()).then_some(IdentityEventSet {
+            session,
+            tick,
+            events,
+        })
+    }
+
+    /// How often which event happened.
+    pub(in crate::node) fn event_counts(&self) -> &EventCounts {
+        &self.events
     }
 
     /// Bytes in both directions, poses included.

@@ -21,6 +21,7 @@ use super::config::check_names;
 use super::output::claim::{Claim, check_folder};
 use super::output::exporter::Exporter;
 use super::output::summary;
+use crate::export::summary::EventCounts;
 use crate::pipeline::Pipeline;
 use crate::recording::reader::{Recording, SessionPart};
 use crate::recording::replay::{Choice, Names, Replay};
@@ -114,6 +115,7 @@ fn replay(args: &ReplayArgs, print: fn(&str) -> anyhow::Result<()>) -> Result<En
         replay,
         exporter,
         smooth: args.smooth,
+        events: EventCounts::default(),
     }
     .run()
     .map_err(NodeError::Failed)?;
@@ -193,6 +195,7 @@ struct Solving {
     exporter: Exporter,
     /// Whether the poses of two passes are written.
     smooth: bool,
+    events: EventCounts,
 }
 
 impl Solving {
@@ -207,6 +210,7 @@ impl Solving {
                 &output.finished
             };
             self.exporter.write(written)?;
+            self.events.count(&output.events);
             if stop.is_cancelled() && self.replay.left() > 0 {
                 ending = Ending::Interrupted;
                 break;
@@ -224,6 +228,7 @@ impl Solving {
             ending,
             choice: self.replay.choice(),
             tally: self.replay.tally(),
+            events: self.events,
             people: self.exporter.finish()?,
             elapsed_s: clock::now().duration_since(began).as_secs_f64(),
         })

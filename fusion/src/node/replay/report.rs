@@ -11,7 +11,7 @@ use farfield_proto::venue::Venue;
 use serde::Serialize;
 
 use crate::export::pose_files::Presence;
-use crate::export::summary::{Summary, TickSpan, TimingSummary};
+use crate::export::summary::{EventCounts, Summary, TickSpan, TimingSummary};
 use crate::node::output::summary;
 use crate::recording::reader::Recording;
 use crate::recording::replay::{Choice, ReplayTally};
@@ -22,6 +22,7 @@ pub(super) struct Done {
     pub(super) choice: Choice,
     pub(super) tally: ReplayTally,
     pub(super) people: Vec<Presence>,
+    pub(super) events: EventCounts,
     pub(super) elapsed_s: f64,
 }
 
@@ -136,6 +137,7 @@ impl Done {
                 done: self.tally.ticks,
             },
             people: self.people.iter().copied().map(Into::into).collect(),
+            events: self.events.clone(),
             versions: summary::versions(),
             timing: TimingSummary {
                 elapsed_s: self.elapsed_s,

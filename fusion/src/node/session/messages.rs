@@ -46,6 +46,8 @@ pub(in crate::node) enum Outgoing {
     Smooth(Vec<u8>),
     /// What was used for a tick, for whoever records elsewhere.
     Decision(Vec<u8>),
+    /// What changed who is who at a tick.
+    Events(Vec<u8>),
     /// How fusion is.
     Status(Vec<u8>),
 }

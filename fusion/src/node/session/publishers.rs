@@ -20,6 +20,7 @@ pub(super) struct Publishers {
     poses: Publisher<'static>,
     smooth: Publisher<'static>,
     decisions: Publisher<'static>,
+    events: Publisher<'static>,
     status: Publisher<'static>,
 }
 
@@ -34,9 +35,9 @@ impl Publishers {
         mode: Mode,
     ) -> anyhow::Result<Self> {
         let keys = Keys::new(&venue.name);
-        let (delivery, of_status) = match mode {
+        let (delivery, sent_once) = match mode {
             Mode::LockStep => (Delivery::Blocking, Delivery::Blocking),
-            // Statuses are said once a second: a lost one would be missed.
+            // Statuses and events are sent once: a lost one would be missed.
             Mode::Live => (Delivery::BestEffort, Delivery::Reliable),
         };
         let publisher = |key, delivery| session::publisher(session, key, delivery);
@@ -49,7 +50,8 @@ impl Publishers {
             poses: publisher(keys.pose(), delivery).await?,
             smooth: publisher(keys.smooth(), delivery).await?,
             decisions: publisher(keys.decision(), delivery).await?,
-            status: publisher(keys.status(FUSION), of_status).await?,
+            events: publisher(keys.event(), sent_once).await?,
+            status: publisher(keys.status(FUSION), sent_once).await?,
         })
     }
 
@@ -72,6 +74,7 @@ impl Publishers {
                 Outgoing::Poses(bytes) => (Some(&self.poses), bytes),
                 Outgoing::Smooth(bytes) => (Some(&self.smooth), bytes),
                 Outgoing::Decision(bytes) => (Some(&self.decisions), bytes),
+                Outgoing::Events(bytes) => (Some(&self.events), bytes),
                 Outgoing::Status(bytes) => {
                     // Statuses go out several times a second until the start: the moment to look.
                     matched.send_replace(self.boxes.iter().all(has_listener));

@@ -3,6 +3,7 @@
 use farfield_proto::message::decision::Decision;
 use farfield_proto::message::fill::{FillRequest, Filled};
 use farfield_proto::message::handout::{Chunk, FileList, HandoutRequest, SignedList};
+use farfield_proto::message::identity_event::IdentityEventSet;
 use farfield_proto::message::{BoxSet, PatchSet, PoseSet, SightingSet, Status};
 use farfield_proto::patch::{CompressionLevel, Decoder, EncodedMaps, Encoder, Maps};
 use farfield_proto::wire::{Message, decode, encode};
@@ -49,7 +50,7 @@ pub(super) fn wire_decode(bytes: &[u8]) -> String {
     let Some((kind, bytes)) = bytes.split_first() else {
         return "nothing".to_owned();
     };
-    let kind = kind % 12;
+    let kind = kind % 13;
     let became = match kind {
         0 => decoded::<PatchSet>(bytes),
         1 => decoded::<BoxSet>(bytes),
@@ -62,7 +63,8 @@ pub(super) fn wire_decode(bytes: &[u8]) -> String {
         8 => decoded::<HandoutRequest>(bytes),
         9 => decoded::<FileList>(bytes),
         10 => decoded::<SignedList>(bytes),
-        _ => decoded::<Chunk>(bytes),
+        11 => decoded::<Chunk>(bytes),
+        _ => decoded::<IdentityEventSet>(bytes),
     };
     format!("{kind}: {became}")
 }

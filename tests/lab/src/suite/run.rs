@@ -6,7 +6,7 @@ use std::sync::Arc;
 use farfield_edge::pipeline::{EdgeOutput, StandIn};
 use farfield_edge::source::FrameSource;
 use farfield_fusion::body::skeleton::Joints;
-use farfield_fusion::identity::track::Track;
+use farfield_fusion::estimate::estimator::Estimator;
 use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::Parameters;
@@ -75,7 +75,7 @@ pub struct Stages {
 }
 
 impl Stages {
-    fn of(track: &Track) -> Self {
+    fn of(track: &Estimator) -> Self {
         let lattice = track.estimates().iter();
         Self {
             predicted_m: track.predicted_m().to_vec(),
@@ -173,7 +173,7 @@ impl Running {
         if self.plan.keep_stages {
             let tracks = self.nodes.tracks().iter();
             let tracks = tracks.filter(|track| !track.is_tentative());
-            let of_tick = tracks.map(|track| (track.id().0, Stages::of(track)));
+            let of_tick = tracks.map(|track| (track.id().0, Stages::of(track.estimator())));
             self.stages.insert(trace.tick, of_tick.collect());
         }
         Ok(true)

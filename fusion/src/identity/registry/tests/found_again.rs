@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::body::skeleton::N_JOINTS;
-use crate::identity::phase::Life;
+use crate::identity::phase::Phase;
 use crate::sightings::finder::SightedPerson;
 
 const STATURE_M: f64 = 1.75;
@@ -22,33 +22,36 @@ fn just_found() -> Stage {
         stage.step_seen_by(std::slice::from_ref(&body), &[]);
     }
     stage.go_on(&[body], 0.2);
-    let life = &stage.crowd.tracks()[0].life;
-    assert!(life.is_doubtful() && !life.is_lost());
+    let phase = stage.registry.tracks()[0].identity.phase;
+    assert!(phase.is_doubtful() && !phase.is_lost());
     stage
 }
 
 /// Adds a track in the place of the first.
-fn add_on_the_first(stage: &mut Stage, life: Life) {
-    let first = &stage.crowd.tracks[0];
-    let (skeleton, pose) = (first.skeleton().clone(), first.pose);
-    let track = Track::new(PersonId(99), life, skeleton, pose, &stage.method);
-    stage.crowd.tracks.push(track);
+fn add_on_the_first(stage: &mut Stage, phase: Phase) {
+    let first = &stage.registry.tracks[0];
+    let estimator = first.estimator();
+    let body = (estimator.body().skeleton.clone(), *estimator.pose());
+    let track = Track::new(PersonId(99), phase, body, &stage.method);
+    stage.registry.tracks.push(track);
 }
 
 #[test]
 fn who_was_just_found_again_stays_where_a_newborn_stands_on_its_body() {
     let mut stage = just_found();
-    add_on_the_first(&mut stage, Life::newborn(0));
-    stage.crowd.give_way(stage.tick, &stage.method);
-    assert_eq!(stage.crowd.tracks()[0].life.missing_ticks(), 0);
+    add_on_the_first(&mut stage, Phase::tentative(0));
+    let tick = stage.tick;
+    stage.registry.step_back(tick, &stage.method);
+    assert_eq!(stage.registry.tracks()[0].identity.coverage.missing, 0);
 }
 
 #[test]
 fn who_was_just_found_again_gives_way_to_who_is_surely_there() {
     let mut stage = just_found();
-    add_on_the_first(&mut stage, Life::given());
-    stage.crowd.give_way(stage.tick, &stage.method);
-    assert!(stage.crowd.tracks()[0].life.is_lost());
+    add_on_the_first(&mut stage, Phase::Tracked);
+    let tick = stage.tick;
+    stage.registry.step_back(tick, &stage.method);
+    assert!(stage.registry.tracks()[0].identity.phase.is_lost());
 }
 
 #[test]
@@ -61,21 +64,31 @@ fn who_steps_back_keeps_nothing_of_the_other_and_is_less_sure_than_before() {
         ],
         3.0,
     );
-    let before = stage.crowd.published()[0].clone();
+    let before = stage.registry.published()[0].clone();
     let near = [
         person(0.0, 0.0, STATURE_M),
         person(0.5, 0.0, 1.1 * STATURE_M),
     ];
     stage.go_on(&near, 0.5);
     let (tick, method) = (stage.tick, stage.method.clone());
-    stage.crowd.tracks_mut()[0].steps_back(tick, &method);
-    let back = stage.crowd.published()[0].clone();
+    let alone_at = stage.registry.tracks()[0].identity.alone.unwrap().tick;
+    let ticks = u32::try_from(tick - alone_at).unwrap();
+    let event = Event {
+        wire_id: stage.registry.tracks()[0].wire_id(),
+        kind: EventKind::StepBack {
+            other: PersonId(2),
+            distance_m: 0.1,
+            ticks,
+        },
+    };
+    stage.registry.apply(&[event], tick, &method);
+    let back = stage.registry.published()[0].clone();
     assert_eq!((back.state, back.views), (PersonState::Coasting, 0));
-    assert!(stage.crowd.tracks()[0].estimates().is_empty());
+    assert!(stage.registry.tracks()[0].estimator.estimates().is_empty());
     let (before_m, back_m) = (unsure_m(&before), unsure_m(&back));
     assert!(back_m > 2.0 * before_m, "{before_m} m, {back_m} m");
     stage.step_seen_by(&[], &[]);
-    assert!(unsure_m(&stage.crowd.published()[0]) > back_m);
+    assert!(unsure_m(&stage.registry.published()[0]) > back_m);
 }
 
 #[test]
@@ -85,12 +98,12 @@ fn who_is_taken_back_says_how_sure_it_is_at_every_tick() {
     let mut carried_m = 0.0;
     for i in 1..=16 {
         stage.step_seen_by(&[person(0.1 * f64::from(i), 0.0, STATURE_M)], &[]);
-        carried_m = unsure_m(&stage.crowd.published()[0]);
+        carried_m = unsure_m(&stage.registry.published()[0]);
     }
     let mut last_m = carried_m;
     for _ in 0..10 {
         stage.step(&[person(1.7, 0.0, STATURE_M)]);
-        last_m = unsure_m(&stage.crowd.published()[0]);
+        last_m = unsure_m(&stage.registry.published()[0]);
     }
     assert!(last_m < carried_m, "{carried_m} m, {last_m} m");
 }
@@ -104,10 +117,10 @@ fn a_sighting_that_gives_no_pose_revives_nobody() {
         views: 2,
     };
     let tick = stage.tick;
-    let track = &mut stage.crowd.tracks_mut()[0];
-    let seen = track.n_views();
-    assert!(!track.revive(&nobody, tick, &method));
-    assert_eq!(track.n_views(), seen);
+    let track = &mut stage.registry.tracks_mut()[0];
+    let seen = track.estimator.n_views();
+    assert!(!track.take_back(&nobody, tick, &method));
+    assert_eq!(track.estimator.n_views(), seen);
 }
 
 #[test]
@@ -116,10 +129,12 @@ fn the_ticks_before_are_solved_without_the_push_of_now() {
         let mut stage = Stage::new();
         stage.go_on(&[person(0.0, 0.0, STATURE_M)], 0.4);
         let method = stage.method.clone();
-        let track = &mut stage.crowd.tracks_mut()[0];
+        let track = &mut stage.registry.tracks_mut()[0];
         assert!(track.is_tentative());
-        track.push(Some(&[Vector3::repeat(push_m); N_JOINTS]));
-        track.settle(None, &method)
+        track
+            .estimator
+            .push(Some(&[Vector3::repeat(push_m); N_JOINTS]));
+        track.solve_again(None, &method)
     };
     let poses = settled(0.0);
     assert!(!poses.is_empty());

@@ -4,7 +4,7 @@ use farfield_proto::message::PersonState;
 use farfield_proto::tick::Tick;
 use nalgebra::Vector3;
 
-use super::Track;
+use super::Estimator;
 use crate::body::keypoint_estimate::KeypointEstimate;
 use crate::body::skeleton::Joints;
 use crate::body::skeleton::{N_JOINTS, Pose};
@@ -90,41 +90,26 @@ impl Moment {
     }
 }
 
-impl Track {
-    /// The ticks before the last one that were solved again at it: those of a person who was confirmed.
-    pub fn told_anew(&self) -> &[Moment] {
-        &self.told_anew
-    }
-
-    /// Set when the last tick showed that what was seen after the one given here was somebody else's.
-    pub fn mistaken_since(&self) -> Option<Tick> {
-        self.mistaken_since
-    }
-
-    /// Notes a tick that was solved again.
-    pub(crate) fn tell_anew(&mut self, tick: Tick) {
-        let mut moment = Moment::default();
-        self.tell(tick, &mut moment);
-        moment.state = PersonState::Tentative;
-        self.told_anew.push(moment);
-    }
-
-    /// Tells `into` what `tick`, the last one, came to. Allocates only while `into` grows.
-    pub fn tell(&self, tick: Tick, into: &mut Moment) {
+impl Estimator {
+    /// Tells `into` what `tick`, the last one, came to of a person in `state`. Allocates only while `into` grows.
+    pub fn tell(&self, tick: Tick, state: PersonState, into: &mut Moment) {
+        let Self {
+            evidence, estimate, ..
+        } = self;
         into.tick = tick;
-        into.estimates.clone_from(&self.estimates);
-        into.measured_m = self.measured_m;
-        for (measured_m, push_m) in into.measured_m.iter_mut().zip(&self.push_m) {
+        into.estimates.clone_from(&evidence.estimates);
+        into.measured_m = estimate.measured_m;
+        for (measured_m, push_m) in into.measured_m.iter_mut().zip(&estimate.push_m) {
             *measured_m += push_m;
         }
-        into.variance_m2 = self.uncertainty.of_tick_m2();
-        into.velocity_m_s = *self.motion.velocity_m_s();
-        into.pose = self.pose;
+        into.variance_m2 = estimate.uncertainty.of_tick_m2();
+        into.velocity_m_s = *estimate.motion.velocity_m_s();
+        into.pose = estimate.pose;
         into.joints_m = *self.joints_m();
-        into.published_m2 = self.uncertainty.variance_m2();
-        into.made_of = self.uncertainty.made_of();
-        into.state = self.life.published();
-        into.unobserved = self.unobserved;
+        into.published_m2 = estimate.uncertainty.variance_m2();
+        into.made_of = estimate.uncertainty.made_of();
+        into.state = state;
+        into.unobserved = estimate.unobserved;
         into.views = self.n_views();
     }
 }

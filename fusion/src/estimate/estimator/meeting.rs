@@ -1,12 +1,13 @@
-//! What others ask of a track, and do to it, where persons meet.
+//! What others ask of a person, and do to it, where persons meet.
 
 use farfield_proto::venue::parameters::IkParameters;
 use nalgebra::Vector3;
 
-use super::{Method, Track};
+use super::Estimator;
 use crate::body::skeleton::Joints;
 use crate::body::skeleton::{Joint, N_JOINTS};
 use crate::estimate::evidence::View;
+use crate::method::Method;
 
 /// Joints of which networks show no keypoint, and those that speak for them.
 const SPOKEN_FOR: [(Joint, [Joint; 2]); 10] = [
@@ -22,22 +23,24 @@ const SPOKEN_FOR: [(Joint, [Joint; 2]); 10] = [
     (Joint::RightToe, [Joint::RightAnkle, Joint::RightKnee]),
 ];
 
-impl Track {
+impl Estimator {
     /// The views of this tick.
     pub(crate) fn views(&self) -> &[View] {
-        &self.views[..self.n_views]
+        &self.evidence.views[..self.evidence.n_views]
     }
 
     /// The views of this tick.
     pub(crate) fn views_mut(&mut self) -> &mut [View] {
-        &mut self.views[..self.n_views]
+        &mut self.evidence.views[..self.evidence.n_views]
     }
 
     /// Undoes what single views have taken for left and right; the views are placed.
-    pub fn undo_exchanges(&mut self, method: &Method) {
+    pub fn undo_left_right_swaps(&mut self, method: &Method) {
         let margin = method.parameters.contact.exchange_margin;
         if margin <= 1.0 {
-            self.exchanges.undo(&mut self.views[..self.n_views], margin);
+            self.evidence
+                .swaps
+                .undo(&mut self.evidence.views[..self.evidence.n_views], margin);
         }
     }
 
@@ -54,10 +57,11 @@ impl Track {
 
     fn keypoint_seen(&self, joint: Joint, ik: &IkParameters) -> f64 {
         let at = self
+            .body
             .sites
             .iter()
             .position(|site| site.is_some_and(|site| site.joint == joint));
-        let estimate = at.and_then(|k| self.estimates.get(k));
+        let estimate = at.and_then(|k| self.evidence.estimates.get(k));
         let seen = estimate.filter(|estimate| estimate.views >= 2 && estimate.weight > 0.0);
         seen.map_or(ik.prediction_weight, |estimate| {
             estimate.weight.max(ik.min_weight)
@@ -66,6 +70,6 @@ impl Track {
 
     /// Moves the aims of the second inverse kinematics of this tick, world, metres.
     pub fn push(&mut self, push_m: Option<&Joints>) {
-        self.push_m = push_m.copied().unwrap_or([Vector3::zeros(); N_JOINTS]);
+        self.estimate.push_m = push_m.copied().unwrap_or([Vector3::zeros(); N_JOINTS]);
     }
 }

@@ -4,14 +4,15 @@
 //! a body is across its rays, and by its known lengths roughly how far away: that steers it. A limb that
 //! no view shows keeps the body's motion, and its own on top of that fades.
 
-use super::{Method, Track};
+use super::Estimator;
 use crate::body::skeleton::Joint;
 use crate::estimate::uncertainty::MadeOf;
+use crate::method::Method;
 
-impl Track {
+impl Estimator {
     /// What this tick brought of the person.
     pub fn made_of(&self, method: &Method) -> MadeOf {
-        MadeOf::from_estimates(&self.estimates, method.enough_keypoints())
+        MadeOf::from_estimates(&self.evidence.estimates, method.enough_keypoints())
     }
 
     /// Low-pass filter on the innovation, paper (13). Without evidence the person coasts, and so does a
@@ -19,15 +20,17 @@ impl Track {
     pub fn smooth(&mut self, method: &Method) {
         let parameters = &method.parameters.smoothing;
         if self.made_of(method) == MadeOf::Motion {
-            self.smoother.coast(method.dt_s, parameters);
+            self.estimate.filter.coast(method.dt_s, parameters);
             return;
         }
-        self.smoother
-            .step(&self.measured_m, method.dt_s, parameters);
+        self.estimate
+            .filter
+            .step(&self.estimate.measured_m, method.dt_s, parameters);
         let unseen = self.unseen_ends();
         if unseen != 0 {
             let carried = |joint: Joint| unseen >> joint.index() & 1 == 1;
-            self.smoother
+            self.estimate
+                .filter
                 .fade_against(Joint::Pelvis, carried, method.dt_s, parameters);
         }
     }
@@ -36,7 +39,7 @@ impl Track {
     /// that carry none that is supported: one bit per joint.
     fn unseen_ends(&self) -> u64 {
         let supported = |joint: Joint| {
-            let mut own = self.sites.iter().zip(&self.estimates);
+            let mut own = self.body.sites.iter().zip(&self.evidence.estimates);
             own.any(|(site, e)| site.is_some_and(|site| site.joint == joint) && e.weight > 0.0)
         };
         let mut unseen = 0;

@@ -1,0 +1,53 @@
+//! A person's body as far as it is measured: its links, and where the network's keypoints sit on it.
+
+use super::keypoint_estimate::KeypointEstimate;
+use super::remeasure::{Pace, Remeasure};
+use super::sites::{learn, without_offsets};
+use super::skeleton::{Kinematics, Site, Skeleton};
+
+/// A body, which is the same from tick to tick and from life to life of a person.
+#[derive(Debug, Clone)]
+pub struct MeasuredBody {
+    /// Link lengths, left and right equal.
+    pub skeleton: Skeleton,
+    /// Per keypoint of the network: where it sits on this person, if anywhere.
+    pub sites: Vec<Option<Site>>,
+    /// What its lengths are still measured from.
+    pub(crate) remeasure: Remeasure,
+}
+
+impl MeasuredBody {
+    /// A body of which nothing is known but `skeleton`; `sites` are those of the network's card.
+    pub fn new(skeleton: Skeleton, sites: Vec<Option<Site>>) -> Self {
+        Self {
+            skeleton,
+            sites,
+            remeasure: Remeasure::new(),
+        }
+    }
+
+    /// Learns from a tick where the keypoints sit, `dt_s` after the last; `of_card` are the sites of the
+    /// network's card, `kinematics` those of the pose that fits `estimates`.
+    pub(crate) fn learn_sites(
+        &mut self,
+        of_card: &[Option<Site>],
+        estimates: &[KeypointEstimate],
+        kinematics: &Kinematics,
+        dt_s: f64,
+    ) {
+        learn(&mut self.sites, of_card, estimates, kinematics, dt_s);
+    }
+
+    /// Measures the link lengths anew when it is time to; the pose stays, and the next tick fits it.
+    pub(crate) fn remeasure(
+        &mut self,
+        estimates: &[KeypointEstimate],
+        kinematics: &Kinematics,
+        pace: &Pace<'_>,
+    ) {
+        let joints = || without_offsets(estimates, &self.sites, kinematics);
+        if let Some(skeleton) = self.remeasure.tick(joints, pace) {
+            self.skeleton = skeleton;
+        }
+    }
+}

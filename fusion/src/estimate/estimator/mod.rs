@@ -1,0 +1,200 @@
+//! One person from tick to tick: from the patches of all views to the skeleton of the tick and the
+//! prediction for the next.
+//!
+//! The stages of a tick are methods of their own, because persons meet between some of them (the
+//! occlusion weights need everybody's prediction) and because each is timed. An estimator owns every
+//! buffer it needs: in steady state a tick allocates nothing but the messages it makes (boxes, poses).
+//! Who the person is, and whether it is one, is not known here.
+
+mod coasting;
+mod meeting;
+mod moment;
+mod output;
+mod restart;
+mod stages;
+
+use farfield_proto::patch::Decoder;
+use farfield_proto::venue::parameters::IkParameters;
+use nalgebra::Vector3;
+
+use super::evidence::View;
+use super::feet::Feet;
+use super::joint_filter::Smoother;
+use super::lattice::LatticeSearch;
+use super::left_right_swap::Exchanges;
+use super::occlusion::Body;
+use super::predict::Motion;
+use super::uncertainty::Uncertainty;
+use crate::body::ik::{IkSolver, Target};
+use crate::body::keypoint_estimate::KeypointEstimate;
+use crate::body::measured::MeasuredBody;
+use crate::body::skeleton::{Joint, Joints, Kinematics, N_JOINTS, Pose, Skeleton};
+use crate::boxes::Boxes;
+use crate::method::Method;
+
+pub use self::moment::Moment;
+pub(crate) use self::restart::Standpoint;
+
+/// What the views of a tick show of one person.
+pub struct Evidence {
+    views: Vec<View>,
+    /// How many of `views` are of this tick.
+    n_views: usize,
+    decoder: Decoder,
+    swaps: Exchanges,
+    search: LatticeSearch,
+    /// Predicted keypoints at the tick, world, metres.
+    predicted_m: Vec<Vector3<f64>>,
+    /// What the lattice search found, by keypoint.
+    pub(crate) estimates: Vec<KeypointEstimate>,
+}
+
+impl Evidence {
+    fn new(method: &Method) -> Self {
+        let n_keypoints = method.sites.len();
+        Self {
+            views: Vec::new(),
+            n_views: 0,
+            decoder: Decoder::new(),
+            swaps: Exchanges::new(&method.keypoints),
+            search: LatticeSearch::new(&method.keypoints),
+            predicted_m: Vec::with_capacity(n_keypoints),
+            estimates: Vec::with_capacity(n_keypoints),
+        }
+    }
+}
+
+/// Where one person is, how it moves, and how sure that is.
+pub struct PoseEstimate {
+    /// Q of (14).
+    pub(crate) pose: Pose,
+    /// What the first inverse kinematics found, without bounds.
+    free_pose: Pose,
+    unobserved: u64,
+    motion: Motion,
+    filter: Smoother,
+    /// Joints predicted for the tick being worked on.
+    ahead_m: Joints,
+    targets: Vec<Target>,
+    kinematics: Kinematics,
+    measured_m: Joints,
+    solver: IkSolver,
+    feet: Feet,
+    /// By how much the aims of the second inverse kinematics move at this tick.
+    push_m: Joints,
+    uncertainty: Uncertainty,
+    boxes: Boxes,
+}
+
+impl PoseEstimate {
+    fn new(skeleton: &Skeleton, pose: Pose, ik: &IkParameters, n_keypoints: usize) -> Self {
+        let mut kinematics = Kinematics::default();
+        skeleton.forward(&pose, &mut kinematics);
+        let joints_m = joints_of(&kinematics);
+        Self {
+            pose,
+            free_pose: pose,
+            unobserved: 0,
+            motion: Motion::at_rest(joints_m),
+            filter: Smoother::new(&joints_m),
+            ahead_m: joints_m,
+            targets: Vec::with_capacity((2 * n_keypoints).max(N_JOINTS)),
+            kinematics,
+            measured_m: joints_m,
+            solver: IkSolver::new(ik),
+            feet: Feet::default(),
+            push_m: [Vector3::zeros(); N_JOINTS],
+            uncertainty: Uncertainty::default(),
+            boxes: Boxes::default(),
+        }
+    }
+}
+
+/// One person, as it is followed from tick to tick.
+pub struct Estimator {
+    pub(crate) evidence: Evidence,
+    pub(crate) body: MeasuredBody,
+    pub(crate) estimate: PoseEstimate,
+}
+
+impl AsRef<Self> for Estimator {
+    fn as_ref(&self) -> &Self {
+        self
+    }
+}
+
+impl Estimator {
+    /// A person with the body `skeleton` in `pose`.
+    pub fn new(skeleton: Skeleton, pose: Pose, method: &Method) -> Self {
+        let n_keypoints = method.sites.len();
+        Self {
+            evidence: Evidence::new(method),
+            estimate: PoseEstimate::new(&skeleton, pose, &method.parameters.ik, n_keypoints),
+            body: MeasuredBody::new(skeleton, method.sites.clone()),
+        }
+    }
+
+    /// The joints of the newest pose, world, metres.
+    pub fn joints_m(&self) -> &Joints {
+        self.estimate.motion.newest_m()
+    }
+
+    /// The newest pose.
+    pub fn pose(&self) -> &Pose {
+        &self.estimate.pose
+    }
+
+    /// What is known of the body: it stays the same from tick to tick.
+    pub fn body(&self) -> &MeasuredBody {
+        &self.body
+    }
+
+    /// Where the keypoints of the last tick were expected, world, metres, by keypoint.
+    pub fn predicted_m(&self) -> &[Vector3<f64>] {
+        &self.evidence.predicted_m
+    }
+
+    /// What the lattice search of the last tick found, by keypoint.
+    pub fn estimates(&self) -> &[KeypointEstimate] {
+        &self.evidence.estimates
+    }
+
+    /// The joints after the first inverse kinematics of the last tick, world, metres.
+    pub fn measured_m(&self) -> &Joints {
+        &self.estimate.measured_m
+    }
+
+    /// The joints after the filter of the last tick, world, metres.
+    pub fn smoothed_m(&self) -> &Joints {
+        self.estimate.filter.position_m()
+    }
+
+    /// Positions, velocities and history that predictions start from.
+    pub fn motion(&self) -> &Motion {
+        &self.estimate.motion
+    }
+
+    /// The keypoint sites of the newest pose, world, metres; the pelvis for a keypoint without a site.
+    pub fn keypoints_m(&self) -> Vec<Vector3<f64>> {
+        let (root_m, kinematics) = (self.estimate.pose.root_m, &self.estimate.kinematics);
+        let sites = self.body.sites.iter();
+        sites
+            .map(|site| site.map_or(root_m, |site| kinematics.site_m(&site)))
+            .collect()
+    }
+
+    /// How many viewpoints gave evidence at this tick.
+    pub fn n_views(&self) -> u16 {
+        let views = self.evidence.estimates.iter().map(|e| e.views);
+        views.max().unwrap_or(0)
+    }
+
+    /// The body as others are occluded by it at this tick.
+    pub fn occluder(&self, method: &Method) -> Body {
+        Body::from_joints(&self.estimate.ahead_m, &method.parameters.occlusion)
+    }
+}
+
+fn joints_of(kinematics: &Kinematics) -> Joints {
+    Joint::ALL.map(|joint| kinematics.joint_m(joint))
+}

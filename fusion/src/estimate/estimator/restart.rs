@@ -1,0 +1,68 @@
+//! Where an estimator starts over: at another pose, with another body, or where it was before.
+
+use nalgebra::Vector3;
+
+use super::{Estimator, joints_of};
+use crate::body::skeleton::{Pose, Skeleton};
+use crate::estimate::predict::Motion;
+use crate::estimate::uncertainty::Known;
+use crate::method::Method;
+
+/// A pose with how sure it was, to go back to.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Standpoint {
+    pose: Pose,
+    known: Known,
+}
+
+impl Estimator {
+    /// Starts over with another body and pose.
+    pub(crate) fn restart(&mut self, skeleton: Skeleton, pose: &Pose) {
+        self.body.skeleton = skeleton;
+        self.restart_at(pose);
+    }
+
+    /// Starts over in another pose, with the same body.
+    pub(crate) fn restart_at(&mut self, pose: &Pose) {
+        let estimate = &mut self.estimate;
+        estimate.pose = *pose;
+        self.body
+            .skeleton
+            .forward(&estimate.pose, &mut estimate.kinematics);
+        let joints_m = joints_of(&estimate.kinematics);
+        estimate.motion = Motion::at_rest(joints_m);
+        estimate.filter.reset(&joints_m);
+        estimate.measured_m = joints_m;
+    }
+
+    /// Moves the whole body at `velocity_m_s` (world) from here.
+    pub(crate) fn set_velocity(&mut self, velocity_m_s: Vector3<f64>) {
+        let estimate = &mut self.estimate;
+        estimate.filter.set_velocity(velocity_m_s);
+        let joints_m = *estimate.filter.position_m();
+        estimate
+            .motion
+            .push(&joints_m, estimate.filter.velocity_m_s());
+    }
+
+    /// Forgets how sure the pose is.
+    pub(crate) fn forget_uncertainty(&mut self) {
+        self.estimate.uncertainty.reset();
+    }
+
+    /// Where it stands now.
+    pub(crate) fn standpoint(&self) -> Standpoint {
+        Standpoint {
+            pose: self.estimate.pose,
+            known: self.estimate.uncertainty.known(),
+        }
+    }
+
+    /// Goes back to where it stood `ago_s` seconds ago, as unsure as if it had not been seen since.
+    pub(crate) fn go_back_to(&mut self, before: &Standpoint, ago_s: f64, method: &Method) {
+        self.evidence.estimates.clear();
+        self.restart_at(&before.pose);
+        self.estimate.uncertainty.go_back_to(&before.known);
+        self.update_uncertainty(ago_s, method);
+    }
+}

@@ -1,0 +1,235 @@
+//! The stages of a tick, in the order in which they are called.
+
+use farfield_proto::camera::CameraModel;
+use farfield_proto::id::ViewpointIndex;
+use farfield_proto::message::PersonPatch;
+use nalgebra::Vector3;
+
+use super::{Estimator, joints_of};
+use crate::body::ik::{Priors, Target};
+use crate::body::remeasure::Pace;
+use crate::body::skeleton::{Joint, Joints, Kinematics, Pose, Site};
+use crate::estimate::evidence::View;
+use crate::estimate::keypoint_targets::aim_at_keypoints;
+use crate::estimate::occlusion::{Body, view_weight};
+use crate::estimate::uncertainty::weigh_views;
+use crate::method::Method;
+
+/// Root mean square distance of the second inverse kinematics' joints from the smoothed ones, metres,
+/// from which it is solved a second time from elsewhere.
+const STUCK_M: f64 = 0.012;
+
+impl Estimator {
+    /// Begins a tick: predicts the joints and forgets the last tick's views.
+    pub fn begin(&mut self, method: &Method) {
+        let estimate = &mut self.estimate;
+        estimate.motion.predict(
+            1.0,
+            method.dt_s,
+            &method.parameters.prediction,
+            &mut estimate.ahead_m,
+        );
+        self.evidence.n_views = 0;
+    }
+
+    /// Takes the patch of one viewpoint; returns whether it was taken. A patch that cannot be read,
+    /// whose maps do not fit the venue's keypoints, or that is the viewpoint's second is dropped.
+    pub fn see(
+        &mut self,
+        patch: &PersonPatch,
+        viewpoint: ViewpointIndex,
+        camera: &CameraModel,
+        method: &Method,
+    ) -> bool {
+        let seen = &self.evidence.views[..self.evidence.n_views];
+        let is_second = seen.iter().any(|view| view.viewpoint == viewpoint);
+        if is_second || usize::from(patch.maps.keypoints) != method.sites.len() {
+            return false;
+        }
+        if self.evidence.views.len() == self.evidence.n_views {
+            self.evidence.views.push(View::default());
+        }
+        let view = &mut self.evidence.views[self.evidence.n_views];
+        let taken = view
+            .fill(&mut self.evidence.decoder, patch, viewpoint, camera)
+            .is_ok();
+        view.peak_sigma_of_width = method.peak_sigma_of_width;
+        self.evidence.n_views += usize::from(taken);
+        taken
+    }
+
+    /// Says where each view's keypoints are expected at its own capture instant, and what they are
+    /// worth behind the bodies of `others`.
+    pub fn place_views<'a>(
+        &mut self,
+        others: &(impl Iterator<Item = &'a Body> + Clone),
+        method: &Method,
+    ) {
+        let mut at_capture_m = self.estimate.ahead_m;
+        for view in &mut self.evidence.views[..self.evidence.n_views] {
+            let horizon = 1.0 + view.capture_offset_s / method.dt_s;
+            self.estimate.motion.predict(
+                horizon,
+                method.dt_s,
+                &method.parameters.prediction,
+                &mut at_capture_m,
+            );
+            for (k, site) in self.body.sites.iter().enumerate() {
+                let Some(site) = site else { continue };
+                let expected_m = site_near(&self.estimate.kinematics, site, &at_capture_m);
+                view.predicted_m[k] = expected_m;
+                view.occlusion[k] = view_weight(
+                    view.center_m(),
+                    expected_m,
+                    others.clone(),
+                    &method.parameters.occlusion,
+                );
+            }
+        }
+        self.evidence.predicted_m.clear();
+        let predicted = |site: &Option<Site>| {
+            site.map_or_else(Vector3::zeros, |site| {
+                site_near(&self.estimate.kinematics, &site, &self.estimate.ahead_m)
+            })
+        };
+        self.evidence
+            .predicted_m
+            .extend(self.body.sites.iter().map(predicted));
+    }
+
+    /// Finds the most probable keypoint positions, paper (6)-(9).
+    pub fn search(&mut self, method: &Method) {
+        let views = &self.evidence.views[..self.evidence.n_views];
+        self.evidence.search.search(
+            views,
+            &self.evidence.predicted_m,
+            &method.parameters.lattice,
+            &mut self.evidence.estimates,
+        );
+        weigh_views(
+            views,
+            &self.evidence.predicted_m,
+            &method.relative_sigmas,
+            &mut self.evidence.estimates,
+        );
+    }
+
+    /// First inverse kinematics, paper (10)-(12): the joints that fit the keypoints, without range of motion.
+    pub fn fit_keypoints(&mut self, method: &Method) {
+        let (estimate, body) = (&mut self.estimate, &self.body);
+        let targets = &mut estimate.targets;
+        aim_at_keypoints(&self.evidence.estimates, &body.sites, method, targets);
+        let priors = Priors::new(&method.parameters.ik, &estimate.pose, method.dt_s);
+        let solution =
+            estimate
+                .solver
+                .solve(&body.skeleton, &estimate.pose, targets, &priors, None);
+        estimate.unobserved = solution.unobserved;
+        estimate.free_pose = solution.pose;
+        body.skeleton
+            .forward(&solution.pose, &mut estimate.kinematics);
+        estimate.measured_m = joints_of(&estimate.kinematics);
+    }
+
+    /// Learns from the first inverse kinematics of this tick where the keypoints sit on the person.
+    pub fn learn_sites(&mut self, method: &Method) {
+        self.body.learn_sites(
+            &method.sites,
+            &self.evidence.estimates,
+            &self.estimate.kinematics,
+            method.dt_s,
+        );
+    }
+
+    /// Second inverse kinematics, paper (14)-(15): all 29 smoothed joints, inside the range of motion.
+    pub fn fit_joints(&mut self, method: &Method) {
+        let sigma_m = method.parameters.ik.joint_sigma_m;
+        let weight = 1.0 / (sigma_m * sigma_m);
+        self.estimate.targets.clear();
+        let (smoothed_m, velocity_m_s) = (
+            self.estimate.filter.position_m(),
+            self.estimate.filter.velocity_m_s(),
+        );
+        self.estimate
+            .feet
+            .step(smoothed_m, velocity_m_s, method.dt_s);
+        let (feet, push_m) = (&self.estimate.feet, &self.estimate.push_m);
+        self.estimate
+            .targets
+            .extend(
+                Joint::ALL
+                    .iter()
+                    .zip(smoothed_m)
+                    .map(|(&joint, &position_m)| Target {
+                        joint,
+                        offset_m: Vector3::zeros(),
+                        position_m: feet.place_of(joint).unwrap_or(position_m)
+                            + push_m[joint.index()],
+                        weight,
+                        across: None,
+                    }),
+            );
+        let last = self.estimate.pose;
+        let misfit_m = self.fit_joints_from(&last, &last, method);
+        if misfit_m > STUCK_M && method.range_of_motion.is_some() {
+            // An arm that straightened and bent again may have come out behind: no way leads back to
+            // the bounds from there, but from the same arm with its elbow turned about.
+            let stuck = self.estimate.pose;
+            let free = self.estimate.free_pose.with_elbows_forward();
+            let other_m = self.fit_joints_from(&free, &last, method);
+            if other_m >= misfit_m {
+                self.estimate.pose = stuck;
+            }
+        }
+        self.body
+            .skeleton
+            .forward(&self.estimate.pose, &mut self.estimate.kinematics);
+        let joints_m = joints_of(&self.estimate.kinematics);
+        self.estimate
+            .motion
+            .push(&joints_m, self.estimate.filter.velocity_m_s());
+        self.update_uncertainty(method.dt_s, method);
+    }
+
+    /// Solves for the smoothed joints from `start`; takes the pose, and returns how far its joints are
+    /// from them, root mean square, metres.
+    fn fit_joints_from(&mut self, start: &Pose, last: &Pose, method: &Method) -> f64 {
+        let priors = Priors::new(&method.parameters.ik, last, method.dt_s);
+        let bounds = method.range_of_motion.as_ref();
+        self.estimate.pose = self
+            .estimate
+            .solver
+            .solve(
+                &self.body.skeleton,
+                start,
+                &self.estimate.targets,
+                &priors,
+                bounds,
+            )
+            .pose;
+        self.body
+            .skeleton
+            .forward(&self.estimate.pose, &mut self.estimate.kinematics);
+        let apart = |target: &Target| {
+            (self.estimate.kinematics.joint_m(target.joint) - target.position_m).norm_squared()
+        };
+        (self.estimate.targets.iter().map(apart).sum::<f64>() / self.estimate.targets.len() as f64)
+            .sqrt()
+    }
+
+    /// Measures the link lengths anew when it is time to; the pose stays, and the next tick fits it.
+    pub fn remeasure(&mut self, method: &Method) {
+        let pace = Pace {
+            dt_s: method.dt_s,
+            measure_s: method.parameters.births.measure_s,
+            ik: &method.parameters.ik,
+        };
+        self.body
+            .remeasure(&self.evidence.estimates, &self.estimate.kinematics, &pace);
+    }
+}
+
+/// A site's place for predicted joints: the joint as predicted, the offset as it last was turned.
+fn site_near(kinematics: &Kinematics, site: &Site, joints_m: &Joints) -> Vector3<f64> {
+    joints_m[site.joint.index()] + kinematics.rotation(site.joint.link()) * site.offset_m
+}

@@ -1,0 +1,187 @@
+//! Who is confirmed, lost, found, or let go for want of evidence: a table of rules. Of a track the first rule
+//! counts that has something to say.
+
+use farfield_proto::message::identity_event::DropReason;
+use farfield_proto::tick::Tick;
+
+use crate::identity::event::{Event, EventKind};
+use crate::identity::facts::{Facts, Rules};
+use crate::identity::phase::Phase;
+
+/// How long a confirmed person lacks evidence from two viewpoints until it is lost, and has it again until
+/// it is not, seconds: longer than eight ticks at 60 Hz, a round of turns on a thin link.
+const LOST_S: f64 = 0.15;
+/// How long who was lost must be seen again until nobody doubts that it is the same, seconds.
+const FOUND_S: f64 = 0.5;
+
+/// What rules look at beside the track itself.
+#[derive(Debug, Clone, Copy)]
+struct Situation<'a> {
+    tick: Tick,
+    everybody: &'a [Facts],
+    rules: &'a Rules,
+}
+
+type Rule = fn(&Facts, &Situation<'_>) -> Option<EventKind>;
+
+/// The rules, in the order in which they are asked.
+const TABLE: [Rule; 9] = [
+    contradicted,
+    a_poster,
+    somebody,
+    not_seen_again,
+    unseen_for_too_long,
+    one_view_for_too_long,
+    lost,
+    wavering,
+    found,
+];
+
+/// What becomes of everybody at `tick`, by what it brought; the facts have counted it.
+pub(crate) fn decide(everybody: &[Facts], tick: Tick, rules: &Rules) -> Vec<Event> {
+    let situation = Situation {
+        tick,
+        everybody,
+        rules,
+    };
+    let event = |facts: &Facts| {
+        let kind = TABLE.iter().find_map(|rule| rule(facts, &situation))?;
+        Some(Event {
+            wire_id: facts.wire_id,
+            kind,
+        })
+    };
+    everybody.iter().filter_map(event).collect()
+}
+
+fn leaves(reason: DropReason) -> Option<EventKind> {
+    Some(EventKind::Drop { reason })
+}
+
+/// A tentative body goes that viewpoints should see and do not.
+fn contradicted(facts: &Facts, _: &Situation<'_>) -> Option<EventKind> {
+    let votes = facts.votes;
+    if !facts.phase.is_tentative() || !votes.are_against() {
+        return None;
+    }
+    leaves(DropReason::Contradicted {
+        seen: votes.seen,
+        missed: votes.missed,
+    })
+}
+
+/// A tentative body goes that has been flat and still for `births.still_s`.
+fn a_poster(facts: &Facts, situation: &Situation<'_>) -> Option<EventKind> {
+    let births = &situation.rules.births;
+    let stillness = facts.stillness.filter(|still| still.is_poster(births))?;
+    if !facts.phase.is_tentative() || tentative_s(facts, situation) <= births.still_s {
+        return None;
+    }
+    leaves(DropReason::Poster {
+        flat_m: stillness.flat_m as f32,
+        moved_m: stillness.moved_m as f32,
+    })
+}
+
+/// A tentative body is somebody that was seen often enough, and is neither flat and still nor in the place
+/// of somebody who is confirmed.
+fn somebody(facts: &Facts, situation: &Situation<'_>) -> Option<EventKind> {
+    let births = &situation.rules.births;
+    let Phase::Tentative {
+        supported_ticks, ..
+    } = facts.phase
+    else {
+        return None;
+    };
+    let is_open = facts.tentative_ticks < births.confirm_ticks as usize
+        || facts.stillness.is_some_and(|still| still.is_poster(births));
+    if supported_ticks < births.confirm_ticks || is_open {
+        return None;
+    }
+    let near_m = births.same_place_m;
+    let confirmed = situation.everybody.iter();
+    let mut confirmed = confirmed.filter(|other| !other.phase.is_tentative());
+    if confirmed.any(|other| facts.distance_m(other) < near_m) {
+        return None;
+    }
+    Some(EventKind::Confirm {
+        seen_s: situation.rules.seconds(supported_ticks),
+    })
+}
+
+/// A tentative body goes that has lacked evidence for `births.tentative_s`, and for as long as its crops
+/// cannot have come.
+fn not_seen_again(facts: &Facts, situation: &Situation<'_>) -> Option<EventKind> {
+    let Phase::Tentative { awaited_ticks, .. } = facts.phase else {
+        return None;
+    };
+    let rules = situation.rules;
+    let missing_s = rules.seconds(facts.coverage.missing);
+    if missing_s <= rules.births.tentative_s + rules.seconds(awaited_ticks) {
+        return None;
+    }
+    leaves(DropReason::NotSeenAgain {
+        missing_s: missing_s as f32,
+    })
+}
+
+/// Who is confirmed goes when nobody has seen it for `births.coast_s`.
+fn unseen_for_too_long(facts: &Facts, situation: &Situation<'_>) -> Option<EventKind> {
+    let unseen_s = situation.rules.seconds(facts.coverage.unseen);
+    if facts.phase.is_tentative() || unseen_s <= situation.rules.births.coast_s {
+        return None;
+    }
+    leaves(DropReason::Unseen {
+        unseen_s: unseen_s as f32,
+    })
+}
+
+/// Who is confirmed goes when no two viewpoints have seen it for `births.one_view_s`.
+fn one_view_for_too_long(facts: &Facts, situation: &Situation<'_>) -> Option<EventKind> {
+    let missing_s = situation.rules.seconds(facts.coverage.missing);
+    if facts.phase.is_tentative() || missing_s <= situation.rules.births.one_view_s {
+        return None;
+    }
+    leaves(DropReason::OneView {
+        missing_s: missing_s as f32,
+    })
+}
+
+/// Who is tracked is lost when it has lacked evidence for long.
+fn lost(facts: &Facts, situation: &Situation<'_>) -> Option<EventKind> {
+    let missing_s = situation.rules.seconds(facts.coverage.missing);
+    let is_lost = facts.phase == Phase::Tracked && missing_s >= LOST_S;
+    is_lost.then_some(EventKind::Lose { missing_s })
+}
+
+/// Who is lost is back, or is not any more.
+fn wavering(facts: &Facts, situation: &Situation<'_>) -> Option<EventKind> {
+    let Phase::Lost { is_back, .. } = facts.phase else {
+        return None;
+    };
+    let now_back = situation.rules.seconds(facts.coverage.streak) >= LOST_S;
+    let wavers = now_back != is_back && !is_found(facts, situation.rules);
+    wavers.then_some(EventKind::Waver { is_back: now_back })
+}
+
+/// Who is lost is found when it has been seen again for long.
+fn found(facts: &Facts, situation: &Situation<'_>) -> Option<EventKind> {
+    let Phase::Lost { since, .. } = facts.phase else {
+        return None;
+    };
+    let lost_s = (situation.tick - since) as f64 / situation.rules.rate_hz;
+    is_found(facts, situation.rules).then_some(EventKind::Find { lost_s })
+}
+
+fn is_found(facts: &Facts, rules: &Rules) -> bool {
+    let seconds = |ticks| rules.seconds(ticks);
+    seconds(facts.coverage.missing) < LOST_S && seconds(facts.coverage.streak) >= FOUND_S
+}
+
+fn tentative_s(facts: &Facts, situation: &Situation<'_>) -> f64 {
+    facts.tentative_ticks as f64 * situation.rules.dt_s()
+}
+
+#[cfg(test)]
+#[path = "lives_tests.rs"]
+mod tests;

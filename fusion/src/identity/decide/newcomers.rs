@@ -1,0 +1,184 @@
+//! Which sighted persons are a tentative track that waits for its crops, or somebody lost. Who is neither is
+//! somebody new.
+
+use farfield_proto::id::PersonId;
+use farfield_proto::tick::Tick;
+use nalgebra::Vector3;
+
+use crate::identity::event::{Event, EventKind};
+use crate::identity::facts::{Facts, Rules};
+use crate::identity::memory::Candidate;
+use crate::identity::recognise::{Appearance, Reach, assign_known};
+
+/// How far off its place somebody who stands may be sighted, metres.
+const SIGHTED_OFF_M: f64 = 0.3;
+/// Least ln of the likelihood ratio at which a sighted person is somebody lost: it is expected.
+const LEAST_FOUND: f64 = 0.0;
+
+/// An event that a sighted person, by its index, is taken for.
+pub(crate) type Taken = (usize, Event);
+
+/// Which sighted persons (by their pelvises, world, metres; `None` of who cannot be a body) are tentative
+/// tracks whose first crops are still on the way. Pairs are made nearest first, and nobody goes farther than
+/// people run.
+pub(crate) fn reinitiate(
+    sighted_m: &[Option<Vector3<f64>>],
+    everybody: &[Facts],
+    awaited_ticks: u32,
+    rules: &Rules,
+) -> Vec<Taken> {
+    let mut pairs = Vec::new();
+    for (which, sighted_m) in sighted_m.iter().enumerate() {
+        let Some(sighted_m) = sighted_m else { continue };
+        for facts in everybody.iter().filter(|facts| facts.phase.is_awaited()) {
+            let waited_s = f64::from(facts.coverage.missing) * rules.dt_s();
+            let off_m = (sighted_m - facts.joints_m[0]).norm();
+            if off_m <= SIGHTED_OFF_M + rules.births.return_speed_m_s * waited_s {
+                pairs.push((off_m, which, facts.wire_id));
+            }
+        }
+    }
+    pairs.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let mut taken: Vec<Taken> = Vec::new();
+    for (moved_m, which, wire_id) in pairs {
+        let is_free = |(sighted, event): &Taken| *sighted != which && event.wire_id != wire_id;
+        if taken.iter().all(is_free) {
+            let kind = EventKind::Reinitiate {
+                moved_m,
+                awaited_ticks,
+            };
+            taken.push((which, Event { wire_id, kind }));
+        }
+    }
+    taken.sort_by_key(|(which, _)| *which);
+    taken
+}
+
+/// Somebody lost.
+#[derive(Debug, Clone)]
+pub(crate) struct LostPerson {
+    pub(crate) wire_id: PersonId,
+    /// Who, and where it was surely seen last; `None` of who never was.
+    pub(crate) known: Option<Candidate>,
+    /// Where it is carried, world, metres.
+    pub(crate) carried_m: Vector3<f64>,
+}
+
+/// Which persons sighted at `tick` (`None` of who cannot be a body) are who of the lost.
+pub(crate) fn revive(
+    sighted: &[Option<Appearance>],
+    lost: &[LostPerson],
+    tick: Tick,
+    rules: &Rules,
+) -> Vec<Taken> {
+    let reach = Reach::new(&rules.field, &rules.births);
+    let absence_s = |known: &Candidate| (tick - known.last_seen.tick) as f64 / rules.rate_hz;
+    let likeness: Vec<Vec<Option<f64>>> = sighted
+        .iter()
+        .map(|sighted| {
+            let pair = |lost: &LostPerson| {
+                let known = lost.known.as_ref()?;
+                // One viewpoint may have led it on: it may be nearer to there.
+                let last = known.appearance;
+                let carried = Appearance {
+                    place_m: lost.carried_m,
+                    ..last
+                };
+                let sighted = sighted.as_ref()?;
+                let l = [last, carried].map(|at| reach.likeness(sighted, &at, absence_s(known)));
+                l.into_iter().flatten().reduce(f64::max)
+            };
+            lost.iter().map(pair).collect()
+        })
+        .collect();
+    let chosen = assign_known(&likeness, LEAST_FOUND);
+    let pairs = sighted.iter().zip(chosen).enumerate();
+    pairs
+        .filter_map(|(which, (sighted, chosen))| {
+            let (sighted, chosen) = (sighted.as_ref()?, chosen?);
+            let lost = &lost[chosen.column];
+            let known = lost.known.as_ref()?;
+            let why = chosen.why(sighted, &known.appearance, absence_s(known));
+            let event = Event {
+                wire_id: lost.wire_id,
+                kind: EventKind::Revive { why },
+            };
+            Some((which, event))
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::body::skeleton::{Proportions, Skeleton};
+    use crate::identity::memory::LastSeen;
+    use crate::identity::phase::Phase;
+    use crate::identity::recognise::Lengths;
+
+    fn at(x_m: f64) -> Vector3<f64> {
+        Vector3::new(x_m, 0.0, 1.0)
+    }
+
+    fn who(taken: &[Taken]) -> Vec<(usize, u32)> {
+        let who = taken.iter();
+        who.map(|(which, event)| (*which, event.wire_id.0))
+            .collect()
+    }
+
+    #[test]
+    fn the_nearest_pairs_are_made_first_and_nobody_is_faster_than_the_fastest() {
+        let rules = Rules::example(20.0);
+        let waiting = |id, x_m| Facts::example(id, Phase::tentative(9)).at_x(x_m);
+        let everybody = [waiting(1, 0.0), waiting(2, 0.25)];
+        let sighted = [Some(at(0.2)), None, Some(at(0.1)), Some(at(3.0))];
+        let taken = reinitiate(&sighted, &everybody, 9, &rules);
+        assert_eq!(who(&taken), [(0, 2), (2, 1)]);
+        let mut late = waiting(1, 0.0);
+        late.coverage.missing = 20;
+        let taken = reinitiate(&[Some(at(3.0))], &[late], 9, &rules);
+        assert_eq!(who(&taken), [(0, 1)], "it has had a second to get there");
+    }
+
+    #[test]
+    fn who_has_its_crops_is_not_initiated_anew() {
+        let rules = Rules::example(20.0);
+        for phase in [Phase::tentative(0), Phase::Tracked] {
+            let everybody = [Facts::example(1, phase).at_x(0.0)];
+            assert!(reinitiate(&[Some(at(0.0))], &everybody, 0, &rules).is_empty());
+        }
+    }
+
+    #[test]
+    fn who_is_lost_is_revived_where_it_was_last_or_is_carried() {
+        let rules = Rules::example(20.0);
+        let appearance = |x_m| Appearance {
+            lengths: Lengths::of(&Skeleton::new(&Proportions::from_stature(1.75)), 5.0),
+            place_m: at(x_m),
+        };
+        let lost = LostPerson {
+            wire_id: PersonId(4),
+            known: Some(Candidate {
+                id: PersonId(4),
+                last_seen: LastSeen {
+                    tick: Tick(0),
+                    place_m: at(0.0),
+                },
+                appearance: appearance(0.0),
+            }),
+            carried_m: at(3.0),
+        };
+        let revived = |x_m| {
+            let sighted = [None, Some(appearance(x_m))];
+            who(&revive(
+                &sighted,
+                std::slice::from_ref(&lost),
+                Tick(4),
+                &rules,
+            ))
+        };
+        assert_eq!(revived(0.2), [(1, 4)]);
+        assert_eq!(revived(3.1), [(1, 4)]);
+        assert!(revived(-3.5).is_empty());
+    }
+}

@@ -1,0 +1,159 @@
+//! Which of those who are confirmed was here before.
+
+use farfield_proto::id::PersonId;
+use farfield_proto::message::identity_event::DropReason;
+use farfield_proto::tick::Tick;
+
+use crate::identity::event::{Event, EventKind};
+use crate::identity::facts::{Facts, Rules};
+use crate::identity::memory::Candidate;
+use crate::identity::recognise::{Appearance, Reach, assign_known};
+
+/// Least ln of the likelihood ratio at which a newborn is somebody who was here before.
+const LEAST_RETURN: f64 = 1.0;
+
+/// Somebody tentative, or confirmed at this tick.
+#[derive(Debug, Clone)]
+pub(crate) struct Newborn {
+    pub(crate) wire_id: PersonId,
+    /// As its tentative ticks show it.
+    pub(crate) appearance: Appearance,
+    /// Its first tick.
+    pub(crate) since: Tick,
+    /// Whether it is confirmed at this tick: who is not competes for the known, and gets nobody.
+    pub(crate) is_confirmed: bool,
+}
+
+/// Decides which of the `newborns` are who of the `known`.
+pub(crate) fn decide(newborns: &[Newborn], known: &[Candidate], rules: &Rules) -> Vec<Event> {
+    let reach = Reach::new(&rules.field, &rules.births);
+    let absence_s = |newborn: &Newborn, known: &Candidate| {
+        (newborn.since - known.last_seen.tick) as f64 / rules.rate_hz
+    };
+    let likeness: Vec<Vec<Option<f64>>> = newborns
+        .iter()
+        .map(|newborn| {
+            let pair = |known: &Candidate| {
+                let absence_s = absence_s(newborn, known);
+                reach.likeness(&newborn.appearance, &known.appearance, absence_s)
+            };
+            known.iter().map(pair).collect()
+        })
+        .collect();
+    let chosen = assign_known(&likeness, LEAST_RETURN);
+    let pairs = newborns.iter().zip(chosen);
+    let confirmed = pairs.filter(|(newborn, _)| newborn.is_confirmed);
+    confirmed
+        .filter_map(|(newborn, chosen)| {
+            let chosen = chosen?;
+            let known = &known[chosen.column];
+            let absence_s = absence_s(newborn, known);
+            Some(Event {
+                wire_id: newborn.wire_id,
+                kind: EventKind::Recognise {
+                    old: known.id,
+                    why: chosen.why(&newborn.appearance, &known.appearance, absence_s),
+                },
+            })
+        })
+        .collect()
+}
+
+/// A lost track whose person is one of the `recognised` (wire ids) goes: it has been found elsewhere.
+pub(crate) fn found_elsewhere(everybody: &[Facts], recognised: &[PersonId]) -> Vec<Event> {
+    let is_recognised = |facts: &&Facts| recognised.contains(&facts.wire_id);
+    let events = everybody.iter().filter(|facts| !is_recognised(facts));
+    events
+        .filter(|facts| {
+            let mut recognised = everybody.iter().filter(is_recognised);
+            recognised.any(|other| other.id == facts.id)
+        })
+        .map(|facts| Event {
+            wire_id: facts.wire_id,
+            kind: EventKind::Drop {
+                reason: DropReason::FoundElsewhere,
+            },
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::body::skeleton::{Proportions, Skeleton};
+    use crate::identity::memory::LastSeen;
+    use crate::identity::phase::Phase;
+    use crate::identity::recognise::Lengths;
+    use nalgebra::Vector3;
+
+    fn appearance(stature_m: f64, seconds: f64) -> Appearance {
+        let skeleton = Skeleton::new(&Proportions::from_stature(stature_m));
+        Appearance {
+            lengths: Lengths::of(&skeleton, seconds),
+            place_m: Vector3::new(-3.0, 0.0, 0.95),
+        }
+    }
+
+    fn known(id: u32, stature_m: f64) -> Candidate {
+        let appearance = appearance(stature_m, 20.0);
+        Candidate {
+            id: PersonId(id),
+            last_seen: LastSeen {
+                tick: Tick(100),
+                place_m: appearance.place_m,
+            },
+            appearance,
+        }
+    }
+
+    fn newborn(stature_m: f64, is_confirmed: bool) -> Newborn {
+        Newborn {
+            wire_id: PersonId(9),
+            appearance: appearance(stature_m, 0.2),
+            since: Tick(140),
+            is_confirmed,
+        }
+    }
+
+    #[test]
+    fn who_was_here_before_is_recognised_and_a_stranger_is_not() {
+        let rules = Rules::example(20.0);
+        let known = [known(3, 1.7)];
+        let events = decide(&[newborn(1.7, true)], &known, &rules);
+        let [event] = events.as_slice() else {
+            panic!("{events:?}")
+        };
+        let EventKind::Recognise { old, why } = event.kind else {
+            panic!("{event:?}")
+        };
+        assert_eq!((event.wire_id.0, old.0), (9, 3));
+        assert!(why.distance_m < 0.01 && why.lengths_sigma < 1.0, "{why:?}");
+        assert!((why.absence_s - 2.0).abs() < 1e-6);
+        assert!(decide(&[newborn(1.95, true)], &known, &rules).is_empty());
+    }
+
+    #[test]
+    fn who_is_not_confirmed_competes_but_gets_nobody() {
+        let rules = Rules::example(20.0);
+        let known = [known(3, 1.7)];
+        assert!(decide(&[newborn(1.7, false)], &known, &rules).is_empty());
+        let twins = [newborn(1.7, true), newborn(1.7, false)];
+        assert!(decide(&twins, &known, &rules).is_empty());
+    }
+
+    #[test]
+    fn the_lost_track_of_who_was_recognised_goes() {
+        let lost = Phase::Lost {
+            since: Tick(1),
+            is_back: false,
+        };
+        let recognised = Facts {
+            wire_id: PersonId(9),
+            ..Facts::example(3, Phase::Tracked)
+        };
+        let everybody = [Facts::example(3, lost), Facts::example(4, lost), recognised];
+        let events = found_elsewhere(&everybody, &[PersonId(9)]);
+        assert_eq!(events.len(), 1);
+        assert_eq!(events[0].wire_id, PersonId(3));
+    }
+}

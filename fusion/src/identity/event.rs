@@ -1,0 +1,88 @@
+//! What becomes of a person at a tick, with the reason and its numbers: all that changes who is who.
+
+use farfield_proto::id::PersonId;
+use farfield_proto::message::identity_event::{Change, DropReason, IdentityEvent, Likeness};
+
+/// One event.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Event {
+    /// Whom it happens to, as the edges know it.
+    pub(crate) wire_id: PersonId,
+    pub(crate) kind: EventKind,
+}
+
+/// What happens.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum EventKind {
+    /// Somebody new was sighted: track initiation.
+    Initiate { views: u16, awaited_ticks: u32 },
+    /// Somebody is there who is given by hand.
+    Give,
+    /// A tentative person whose crops have not come yet was sighted again: it starts over there.
+    Reinitiate { moved_m: f64, awaited_ticks: u32 },
+    /// A tentative person is somebody.
+    Confirm { seen_s: f64 },
+    /// Somebody new was here before.
+    Recognise { old: PersonId, why: Likeness },
+    /// Somebody has lacked evidence from two viewpoints for long enough to be lost.
+    Lose { missing_s: f64 },
+    /// Somebody lost is seen again, or not any more.
+    Waver { is_back: bool },
+    /// Somebody lost has been seen again for long enough.
+    Find { lost_s: f64 },
+    /// Somebody lost was sighted, and taken back there.
+    Revive { why: Likeness },
+    /// Somebody lost followed what was seen of another; it goes back to where it stood alone.
+    StepBack {
+        other: PersonId,
+        distance_m: f64,
+        ticks: u32,
+    },
+    /// Somebody is let go.
+    Drop { reason: DropReason },
+}
+
+impl EventKind {
+    /// The event as others are told it, of `person`; `None` for what is of no interest outside.
+    pub(crate) fn told(
+        &self,
+        person: PersonId,
+        wire_id: PersonId,
+        dt_s: f64,
+    ) -> Option<IdentityEvent> {
+        let change = match *self {
+            Self::Initiate { views, .. } => Change::Initiate { views },
+            Self::Give => Change::Give,
+            Self::Reinitiate { moved_m, .. } => Change::Reinitiate {
+                moved_m: moved_m as f32,
+            },
+            Self::Confirm { seen_s } => Change::Confirm {
+                seen_s: seen_s as f32,
+            },
+            Self::Recognise { old, why } => Change::Recognise { old, why },
+            Self::Lose { missing_s } => Change::Lose {
+                missing_s: missing_s as f32,
+            },
+            Self::Waver { .. } => return None,
+            Self::Find { lost_s } => Change::Find {
+                lost_s: lost_s as f32,
+            },
+            Self::Revive { why } => Change::Revive { why },
+            Self::StepBack {
+                other,
+                distance_m,
+                ticks,
+            } => Change::StepBack {
+                other,
+                distance_m: distance_m as f32,
+                since_s: (f64::from(ticks) * dt_s) as f32,
+            },
+            Self::Drop { reason } => Change::Drop { reason },
+        };
+        Some(IdentityEvent {
+            person,
+            wire_id,
+            change,
+        })
+    }
+}

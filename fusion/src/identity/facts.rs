@@ -1,0 +1,151 @@
+//! What a tick knows of each track, as plain values: all that decisions are made from.
+
+use farfield_proto::id::PersonId;
+use farfield_proto::tick::Tick;
+use farfield_proto::venue::Field;
+use farfield_proto::venue::parameters::BirthParameters;
+
+use super::phase::{Coverage, Phase};
+use super::poster::Stillness;
+use super::tentative::Votes;
+use super::track::Track;
+use crate::body::skeleton::{Joint, Joints};
+
+/// What decisions go by, the same for everybody.
+#[derive(Debug, Clone)]
+pub(crate) struct Rules {
+    pub(crate) births: BirthParameters,
+    pub(crate) field: Field,
+    pub(crate) rate_hz: f64,
+}
+
+impl Rules {
+    /// So many ticks, seconds.
+    pub(crate) fn seconds(&self, ticks: u32) -> f64 {
+        f64::from(ticks) / self.rate_hz
+    }
+
+    /// Time from tick to tick, seconds.
+    pub(crate) fn dt_s(&self) -> f64 {
+        1.0 / self.rate_hz
+    }
+}
+
+/// What is known of one track.
+#[derive(Debug, Clone)]
+pub(crate) struct Facts {
+    pub(crate) id: PersonId,
+    pub(crate) wire_id: PersonId,
+    pub(crate) phase: Phase,
+    pub(crate) coverage: Coverage,
+    /// The joints of the newest pose, world, metres.
+    pub(crate) joints_m: Joints,
+    /// The last tick at which nobody else was near.
+    pub(crate) alone_at: Option<Tick>,
+    /// For how many ticks it has been tentative.
+    pub(crate) tentative_ticks: usize,
+    /// What the detection passes since its initiation said of it.
+    pub(crate) votes: Votes,
+    /// How flat and how still it is, once it has been tentative for long enough to tell.
+    pub(crate) stillness: Option<Stillness>,
+}
+
+impl Facts {
+    /// Those of `track`.
+    pub(crate) fn of(track: &Track) -> Self {
+        let identity = &track.identity;
+        Self {
+            id: identity.id,
+            wire_id: identity.wire_id,
+            phase: identity.phase,
+            coverage: identity.coverage,
+            joints_m: *track.estimator.joints_m(),
+            alone_at: identity.alone.map(|alone| alone.tick),
+            tentative_ticks: identity.tentative.ticks.len(),
+            votes: identity.tentative.votes,
+            stillness: identity.tentative.stillness,
+        }
+    }
+
+    /// Mean distance of the joints of two bodies, metres; the smaller of left on left and left on right,
+    /// because one of two tracks on a body may face the other way.
+    pub(crate) fn distance_m(&self, other: &Self) -> f64 {
+        let (a, b) = (&self.joints_m, &other.joints_m);
+        let mean = |other: &dyn Fn(Joint) -> Joint| {
+            let gaps = Joint::ALL
+                .iter()
+                .map(|&joint| (a[joint.index()] - b[other(joint).index()]).norm());
+            gaps.sum::<f64>() / a.len() as f64
+        };
+        mean(&|joint| joint).min(mean(&mirrored))
+    }
+}
+
+/// The same joint of the other side: left comes right before right.
+fn mirrored(joint: Joint) -> Joint {
+    let at = joint.index();
+    let other = if joint.name().starts_with("left_") {
+        at + 1
+    } else if joint.name().starts_with("right_") {
+        at - 1
+    } else {
+        at
+    };
+    Joint::ALL[other]
+}
+
+#[cfg(test)]
+impl Facts {
+    /// Of somebody of whom nothing is known but its phase, for tests: all of its joints are in one place.
+    pub(crate) fn example(id: u32, phase: Phase) -> Self {
+        Self {
+            id: PersonId(id),
+            wire_id: PersonId(id),
+            phase,
+            coverage: Coverage::default(),
+            joints_m: [nalgebra::Vector3::zeros(); crate::body::skeleton::N_JOINTS],
+            alone_at: None,
+            tentative_ticks: 0,
+            votes: Votes::default(),
+            stillness: None,
+        }
+    }
+
+    /// The same, `x_m` along the hall.
+    pub(crate) fn at_x(mut self, x_m: f64) -> Self {
+        self.joints_m = self.joints_m.map(|_| nalgebra::Vector3::new(x_m, 0.0, 1.0));
+        self
+    }
+}
+
+#[cfg(test)]
+impl Rules {
+    /// Defaults at `rate_hz` in a field of 8 m x 6 m.
+    pub(crate) fn example(rate_hz: f64) -> Self {
+        Self {
+            births: BirthParameters::default(),
+            field: Field {
+                min_m: [-4.0, -3.0, -0.3],
+                max_m: [4.0, 3.0, 2.6],
+            },
+            rate_hz,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_joint_has_its_mirror() {
+        for joint in Joint::ALL {
+            let expected = joint
+                .name()
+                .replace("left_", "LEFT")
+                .replace("right_", "left_")
+                .replace("LEFT", "right_");
+            assert_eq!(mirrored(joint).name(), expected);
+        }
+    }
+}

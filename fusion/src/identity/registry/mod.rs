@@ -1,0 +1,301 @@
+//! Everybody in the venue: applies what is decided, and says it.
+
+mod apply;
+mod newcomers;
+#[cfg(test)]
+mod tests;
+
+use farfield_proto::id::{CameraIndex, PersonId, ViewpointIndex};
+use farfield_proto::keypoints::KeypointSet;
+use farfield_proto::message::PersonPose;
+use farfield_proto::message::identity_event::IdentityEvent;
+use farfield_proto::tick::Tick;
+use farfield_proto::venue::{GivenPerson, Venue};
+
+use super::decide::places::SharedPlaces;
+use super::decide::recognition::Newborn;
+use super::decide::{lives, places, recognition};
+use super::detection_scheduler::Lookout;
+use super::event::{Event, EventKind};
+use super::facts::{Facts, Rules};
+use super::memory::{Candidate, Memory};
+use super::poster::Pictures;
+use super::recognise::{Appearance, Lengths};
+use super::track::Track;
+use crate::align::TickGroup;
+use crate::body::fit::fit;
+use crate::body::observed::ObservedJoints;
+use crate::method::Method;
+use crate::sightings::finder::BirthFinder;
+
+/// What became of everybody after a tick.
+pub struct Outcome {
+    /// The tentative ticks of those who are confirmed now, but for the tick itself.
+    pub confirmed: Vec<(Tick, PersonPose)>,
+    /// What changed who is who, in order.
+    pub events: Vec<IdentityEvent>,
+    /// Sightings that were not used: of another viewpoint's camera, or of other keypoints.
+    pub unusable_sightings: u32,
+}
+
+/// All persons, tentative ones too, in the order of their initiation.
+pub struct Registry {
+    tracks: Vec<Track>,
+    next_id: u32,
+    rules: Rules,
+    finder: BirthFinder,
+    given: Vec<GivenPerson>,
+    scheduler: Lookout,
+    shared_places: SharedPlaces,
+    posters: Pictures,
+    memory: Memory,
+    /// Per camera, whose it is.
+    viewpoint_of_camera: Vec<ViewpointIndex>,
+    /// What happened since the last tick was handed out.
+    events: Vec<IdentityEvent>,
+    /// Buffer: everybody's facts.
+    facts: Vec<Facts>,
+}
+
+impl Registry {
+    /// Nobody yet.
+    pub fn new(venue: &Venue, keypoints: KeypointSet) -> Self {
+        let births = venue.parameters.births.clone();
+        let cameras: Vec<_> = venue
+            .cameras
+            .iter()
+            .map(|camera| (camera.viewpoint, camera.model.clone()))
+            .collect();
+        Self {
+            tracks: Vec::new(),
+            next_id: 1,
+            viewpoint_of_camera: cameras.iter().map(|camera| camera.0).collect(),
+            scheduler: Lookout::new(cameras.clone(), venue.field, &births, venue.rate_hz),
+            finder: BirthFinder::new(cameras, keypoints, &venue.field, &births),
+            given: venue.given_persons.clone(),
+            rules: Rules {
+                births,
+                field: venue.field,
+                rate_hz: venue.rate_hz,
+            },
+            shared_places: SharedPlaces::default(),
+            posters: Pictures::default(),
+            memory: Memory::default(),
+            events: Vec::new(),
+            facts: Vec::new(),
+        }
+    }
+
+    /// Begins a run at `tick`.
+    pub fn begin(&mut self, tick: Tick, method: &Method) {
+        self.scheduler.begin(tick);
+        self.take_in_given(tick, method);
+    }
+
+    /// Everybody, in the order of their initiation.
+    pub fn tracks(&self) -> &[Track] {
+        &self.tracks
+    }
+
+    /// Everybody, in the order of their initiation.
+    pub fn tracks_mut(&mut self) -> &mut [Track] {
+        &mut self.tracks
+    }
+
+    /// Which of the cameras `own` shall look for people at `tick`, as far ahead as it is planned.
+    pub fn looking(&self, own: &[CameraIndex], tick: Tick) -> Vec<CameraIndex> {
+        self.scheduler.looking(own, tick)
+    }
+
+    /// Plans from now on who looks `ticks` ahead, at least 1.
+    pub fn look_ahead(&mut self, ticks: i64) {
+        self.scheduler.look_ahead(ticks);
+    }
+
+    /// The poses of those who are confirmed, by id.
+    pub fn published(&self) -> Vec<PersonPose> {
+        let confirmed = self.tracks.iter().filter(|track| !track.is_tentative());
+        let mut poses: Vec<PersonPose> = confirmed.map(Track::published).collect();
+        // Who was recognised has an older id than its place.
+        poses.sort_by_key(|pose| pose.person);
+        poses
+    }
+
+    /// The first tick of the oldest person who is still tentative.
+    pub fn undecided_from(&self) -> Option<Tick> {
+        let tentative = self.tracks.iter().filter(|track| track.is_tentative());
+        tentative
+            .filter_map(|track| track.identity.tentative.ticks.first())
+            .map(|first| first.tick)
+            .min()
+    }
+
+    /// Moves every life on by the tick that has just been solved. Plans who looks at the next tick.
+    pub fn live(&mut self, group: &TickGroup, method: &Method) -> Outcome {
+        let tick = group.tick;
+        for track in &mut self.tracks {
+            track.count(tick, method);
+        }
+        self.take_facts();
+        let lives = lives::decide(&self.facts, tick, &self.rules);
+        let mut confirmed = self.apply_lives(lives, tick, method);
+        self.take_facts();
+        let outside = places::outside_the_field(&self.facts, &self.rules);
+        self.apply(&outside, tick, method);
+        self.step_back(tick, method);
+        self.take_facts();
+        self.shared_places.count(&self.facts, &self.rules);
+        let weaker = places::same_place(&self.facts, &self.shared_places, &self.rules);
+        self.apply(&weaker, tick, method);
+        self.note_who_is_seen(tick);
+        let Rules {
+            births, rate_hz, ..
+        } = &self.rules;
+        self.memory.forget(tick, births.return_s, *rate_hz);
+        self.posters.forget(tick, *rate_hz);
+        // The pose of the tick itself is in the poses of the tick; and who is let go was nobody.
+        let is_here = |id| self.tracks.iter().any(|track| track.id() == id);
+        confirmed.retain(|(at, pose)| *at < tick && is_here(pose.person));
+        let unusable_sightings = self.take_in_sighted(group, method);
+        self.take_in_given(tick + 1, method);
+        self.schedule(tick);
+        Outcome {
+            confirmed,
+            events: std::mem::take(&mut self.events),
+            unusable_sightings,
+        }
+    }
+
+    /// Takes everybody's facts anew.
+    fn take_facts(&mut self) {
+        self.facts.clear();
+        self.facts.extend(self.tracks.iter().map(Facts::of));
+    }
+
+    /// Applies what [`lives`] decided: who leaves leaves first; then who is confirmed is recognised, and its
+    /// tentative ticks are solved again: they are returned.
+    fn apply_lives(
+        &mut self,
+        events: Vec<Event>,
+        tick: Tick,
+        method: &Method,
+    ) -> Vec<(Tick, PersonPose)> {
+        let (confirmations, others): (Vec<Event>, Vec<Event>) = events
+            .into_iter()
+            .partition(|event| matches!(event.kind, EventKind::Confirm { .. }));
+        self.apply(&others, tick, method);
+        let known = self.tracks.iter_mut().filter(|track| !track.is_tentative());
+        known.for_each(|track| track.estimator.remeasure(method));
+        if confirmations.is_empty() {
+            return Vec::new();
+        }
+        let confirmed: Vec<PersonId> = confirmations.iter().map(|event| event.wire_id).collect();
+        let newborns = self.newborns(&confirmed, method);
+        let recognised = recognition::decide(&newborns, &self.known(), &self.rules);
+        let mut poses = Vec::new();
+        for event in &confirmations {
+            self.apply(std::slice::from_ref(event), tick, method);
+            let of = |other: &&Event| other.wire_id == event.wire_id;
+            let recognised = recognised.iter().find(of);
+            poses.extend(self.confirm(event.wire_id, recognised, method));
+        }
+        self.take_facts();
+        let elsewhere = recognition::found_elsewhere(&self.facts, &confirmed);
+        self.apply(&elsewhere, tick, method);
+        poses
+    }
+
+    /// Those who are tentative; `confirmed` (wire ids) are those who will be confirmed at this tick.
+    fn newborns(&self, confirmed: &[PersonId], method: &Method) -> Vec<Newborn> {
+        let tentative = self.tracks.iter().filter(|track| track.is_tentative());
+        let newborn = |track: &Track| {
+            let (appearance, since) = newborn(track, method);
+            let wire_id = track.wire_id();
+            Newborn {
+                wire_id,
+                appearance,
+                since,
+                is_confirmed: confirmed.contains(&wire_id),
+            }
+        };
+        tentative.map(newborn).collect()
+    }
+
+    /// Those who are gone, and those who are lost.
+    fn known(&self) -> Vec<Candidate> {
+        let lost = self
+            .tracks
+            .iter()
+            .filter(|track| track.identity.phase.is_lost());
+        let lost = lost.filter_map(|track| track.candidate(self.rules.rate_hz));
+        self.memory.candidates().chain(lost).collect()
+    }
+
+    /// Takes note of who has nobody near; who has followed what was seen of another steps back.
+    fn step_back(&mut self, tick: Tick, method: &Method) {
+        self.take_facts();
+        for (index, track) in self.tracks.iter_mut().enumerate() {
+            if places::is_alone(&self.facts, index) {
+                track.is_alone_at(tick);
+            }
+        }
+        let back = places::step_back(&self.facts, tick, &self.rules);
+        self.apply(&back, tick, method);
+    }
+
+    /// Takes note of where people are who are surely themselves.
+    fn note_who_is_seen(&mut self, tick: Tick) {
+        self.take_facts();
+        for (index, track) in self.tracks.iter_mut().enumerate() {
+            let is_alone = places::is_alone(&self.facts, index);
+            let identity = &track.identity;
+            let is_new = identity.last_seen.is_none() && !identity.phase.is_tentative();
+            if identity.coverage.missing == 0 && (is_alone || is_new) {
+                track.is_seen_at(tick);
+            }
+        }
+    }
+
+    /// Plans who looks for people at the next tick.
+    fn schedule(&mut self, tick: Tick) {
+        for track in self
+            .tracks
+            .iter()
+            .filter(|track| track.identity.phase.is_lost())
+        {
+            let lost_s = self.rules.seconds(track.identity.coverage.missing);
+            let reach_m = self.rules.births.return_speed_m_s * lost_s;
+            let place_m = track.estimator.joints_m()[0];
+            self.scheduler.ask_for_lost(tick, place_m, reach_m);
+        }
+        self.scheduler.plan(tick + 1);
+    }
+
+    fn new_id(&mut self) -> PersonId {
+        let id = PersonId(self.next_id);
+        self.next_id += 1;
+        id
+    }
+}
+
+/// A newborn as its tentative ticks show it, and its first tick.
+fn newborn(track: &Track, method: &Method) -> (Appearance, Tick) {
+    let record = &track.identity.tentative;
+    let ticks: Vec<ObservedJoints> = record
+        .ticks
+        .iter()
+        .map(|t| ObservedJoints::from_estimates(&t.estimates, &method.sites))
+        .collect();
+    let fitted = fit(&ticks, &method.parameters.ik, None);
+    let skeleton = fitted.map_or_else(
+        |_| track.estimator.body.skeleton.clone(),
+        |body| body.skeleton,
+    );
+    let seconds = record.ticks.len() as f64 * method.dt_s;
+    let since = record.ticks.first().map_or(Tick::default(), |t| t.tick);
+    let appearance = Appearance {
+        lengths: Lengths::of(&skeleton, seconds),
+        place_m: record.place_m,
+    };
+    (appearance, since)
+}
