@@ -7,6 +7,7 @@ use farfield_fusion::node::{FusionArgs, RecordArgs, ReplayArgs};
 use crate::certs::CertsArgs;
 use crate::demo::DemoArgs;
 use crate::evaluate::EvaluateArgs;
+use crate::parameters::ParametersArgs;
 use crate::run::RunArgs;
 use crate::simulate::SimulateArgs;
 
@@ -33,6 +34,8 @@ pub(crate) enum FarfieldCommand {
     Record(RecordArgs),
     /// Solve a recording again: as it was, or with other parameters or another calibration.
     Replay(ReplayArgs),
+    /// List every parameter of a venue file: unit, default, range and what it is.
+    Parameters(ParametersArgs),
     /// Score poses against a truth.
     Evaluate(EvaluateArgs),
     /// Show the whole system at work on people who do not exist, and how far it is from the truth.

@@ -9,6 +9,7 @@ mod demo;
 mod evaluate;
 pub mod output;
 mod overlay;
+mod parameters;
 mod run;
 #[cfg(test)]
 mod samples;
@@ -40,6 +41,9 @@ pub fn main() -> ExitCode {
         FarfieldCommand::Demo(args) => demo::main(&args),
         FarfieldCommand::Simulate(args) => simulate::main(args),
         FarfieldCommand::Certs(args) => exit_code(certs::certs(&args).map(|()| Ending::Done)),
+        FarfieldCommand::Parameters(args) => {
+            exit_code(parameters::print(&args).map(|()| Ending::Done))
+        }
         FarfieldCommand::Evaluate(args) => {
             exit_code(evaluate::evaluate(&args).map(|()| Ending::Done))
         }

@@ -19,6 +19,7 @@ pub mod key;
 pub mod keypoints;
 pub mod message;
 pub mod model_card;
+pub mod order_statistics;
 pub mod patch;
 pub mod same_files;
 pub mod tick;

@@ -253,6 +253,7 @@ impl Track {
         let taken = view
             .fill(&mut self.decoder, patch, viewpoint, camera)
             .is_ok();
+        view.peak_sigma_of_width = method.peak_sigma_of_width;
         self.n_views += usize::from(taken);
         taken
     }

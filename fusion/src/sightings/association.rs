@@ -7,9 +7,10 @@
 
 use std::collections::BTreeSet;
 
+use farfield_proto::order_statistics::upper_median;
 use nalgebra::Vector3;
 
-use crate::sightings::rays::{SightedRay, Witness, median};
+use crate::sightings::rays::{SightedRay, Witness};
 use crate::sightings::reconstruction::{Reconstruction, reconstruct};
 
 /// How far outside the field two rays may meet, metres: their meeting point is less certain than
@@ -201,7 +202,7 @@ fn verdict(a: &Witness, b: &Witness, gates: &Gates) -> Verdict {
         .iter()
         .filter(|&&d| d <= gates.ray_distance_m)
         .count();
-    match median(distances) {
+    match upper_median(distances) {
         Some(d) if d <= gates.ray_distance_m && agreeing >= gates.min_keypoints => {
             Verdict::Agree(d)
         }

@@ -9,6 +9,7 @@ mod relay;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
+use farfield_proto::order_statistics::value_after;
 use farfield_proto::transport::{EdgeTransport, FusionTransport, Identity, ZenohSetting};
 use relay::{Faults, Relay};
 use tokio::time::{interval, timeout};
@@ -99,8 +100,7 @@ struct Sent {
 
 impl Sent {
     fn percentile(&self, share: f64) -> Duration {
-        let rank = ((share * self.taken.len() as f64) as usize).min(self.taken.len() - 1);
-        self.taken[rank]
+        value_after(&self.taken, share).expect("some arrived")
     }
 }
 

@@ -4,28 +4,27 @@ use std::fs;
 use std::path::Path;
 
 use farfield_proto::calibration::Calibration;
-use farfield_proto::toml_file::{FileError, Place, TomlFile};
+use farfield_proto::toml_file::FileError;
 use farfield_proto::transport::Identity;
-use farfield_proto::venue::Venue;
+use farfield_proto::venue::{Venue, VenueFile};
 
 /// Reads the venue file at `path` and the calibration that it names.
 ///
 /// # Errors
-/// [`FileError`] when a file cannot be read, and as [`Venue::parse`] and [`Calibration::parse`].
+/// [`FileError`] when a file cannot be read, and as [`VenueFile::parse`],
+/// [`VenueFile::venue`] and [`Calibration::parse`].
 pub fn load_venue(path: &Path) -> Result<Venue, FileError> {
     let text = fs::read_to_string(path)
         .map_err(|error| FileError::new(path, format!("cannot read the venue file: {error}")))?;
-    let calibration_path = Venue::named_calibration(&text, path)?;
-    let calibration_text = match fs::read_to_string(&calibration_path) {
-        Ok(text) => text,
-        Err(error) => {
-            let problem = format!("cannot read {}: {error}", calibration_path.display());
-            let file = TomlFile::parse(&text, path)?;
-            return Err(file.error(&Place::field("calibration"), problem));
-        }
-    };
-    let calibration = Calibration::parse(&calibration_text, &calibration_path)?;
-    Venue::parse(&text, path, calibration)
+    let file = VenueFile::parse(&text, path)?;
+    let calibration_path = file.calibration_path();
+    let calibration_text = fs::read_to_string(&calibration_path).map_err(|error| {
+        file.calibration_error(format!(
+            "cannot read {}: {error}",
+            calibration_path.display()
+        ))
+    })?;
+    file.venue(Calibration::parse(&calibration_text, &calibration_path)?)
 }
 
 /// The files in `folder` by which `node` proves who it is.

@@ -18,6 +18,7 @@ use crate::bounding_box::{BoundingBox, BoxRate};
 use crate::grid::CellGrid;
 use crate::id::{CameraIndex, PersonId, SessionId, ViewpointIndex};
 use crate::message::live::{LiveBoxes, LiveStatus, PatchTiming};
+use crate::order_statistics::percentile;
 use crate::patch::EncodedMaps;
 use crate::tick::Tick;
 
@@ -272,14 +273,13 @@ impl StageTime {
     pub fn from_samples(stage: &str, samples_us: &mut [u32]) -> Option<Self> {
         samples_us.sort_unstable();
         let total_us = samples_us.iter().map(|&us| u64::from(us)).sum();
-        let rank = |share: f64| (share * samples_us.len() as f64).ceil().max(1.0) as usize - 1;
         Some(Self {
             stage: stage.to_owned(),
             count: samples_us.len() as u64,
             total_us,
-            p50_us: *samples_us.get(rank(0.5))?,
-            p99_us: *samples_us.get(rank(0.99))?,
-            p999_us: *samples_us.get(rank(0.999))?,
+            p50_us: percentile(samples_us, 0.5)?,
+            p99_us: percentile(samples_us, 0.99)?,
+            p999_us: percentile(samples_us, 0.999)?,
             max_us: *samples_us.last()?,
         })
     }

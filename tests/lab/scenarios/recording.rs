@@ -33,7 +33,7 @@ fn short_chunks(dir: &Path) -> PathBuf {
         fs::copy(&from, folder.join(from.file_name().unwrap())).unwrap();
     }
     let venue = folder.join("venue.toml");
-    let text = fs::read_to_string(&venue).unwrap() + "\n[recording]\nchunk_s = 0.05\n";
+    let text = fs::read_to_string(&venue).unwrap() + "\n[tuning]\nrecording.chunk_s = 0.05\n";
     fs::write(&venue, text).unwrap();
     venue
 }

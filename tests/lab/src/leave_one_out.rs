@@ -11,6 +11,7 @@ use farfield_proto::frames::Point;
 use farfield_proto::id::{PersonId, ViewpointIndex};
 use farfield_proto::keypoints::{COCO17, KeypointSet};
 use farfield_proto::message::PoseSet;
+use farfield_proto::order_statistics::upper_median;
 use farfield_proto::tick::Tick;
 use nalgebra::{Point3, Vector3};
 
@@ -186,9 +187,7 @@ fn keypoints_m(set: &PoseSet, person: PersonId) -> Option<Vec<Vector3<f64>>> {
     )
 }
 
-/// The median, or NaN of nothing.
+/// The upper median, or NaN of nothing.
 pub fn median(values: &[f64]) -> f64 {
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    sorted.get(sorted.len() / 2).copied().unwrap_or(f64::NAN)
+    upper_median(values.to_vec()).unwrap_or(f64::NAN)
 }

@@ -9,6 +9,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 
+use farfield_proto::order_statistics::mean_median;
 use farfield_proto::tick::Tick;
 use serde::{Serialize, Serializer};
 
@@ -116,9 +117,7 @@ impl Lives {
         born.sort_by(f64::total_cmp);
         self.never_born = (all.len() - born.len()) as u64;
         let rate = |ticks: f64| rate_hz.map(|rate| ticks / rate);
-        let middle = born.get(born.len().saturating_sub(1) / 2).copied();
-        let median = middle.map(|low| f64::midpoint(low, born[born.len() / 2]));
-        self.time_to_birth_median_s = median.and_then(rate);
+        self.time_to_birth_median_s = mean_median(&born).and_then(rate);
         self.time_to_birth_worst_s = born.last().copied().and_then(rate);
         self.return_worst_s = longest_return.and_then(|ticks| rate(ticks as f64));
         self

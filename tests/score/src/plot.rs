@@ -1,40 +1,181 @@
-//! The error of each actor over time, drawn as SVG text.
+//! Plots as SVG documents, drawn by the crate `plotters`; and the error of each actor over time as one.
 //!
-//! One panel, one line per series, time along, millimetres up. The scale ends where 99.5 % of the
-//! values lie, so that a moment of confusion does not flatten the rest; what is above runs along the
-//! upper edge. A gap breaks the line and is marked on the lower edge.
+//! A plot is one panel, and beside it a legend with a line per layer. Coordinates are whole pixels.
+//!
+//! In the plot of errors time is along, millimetres are up. The scale ends where 99.5 % of the values lie, so
+//! that a moment of confusion does not flatten the rest; what is above runs along the upper edge. A gap
+//! breaks the line and is marked on the lower edge.
 
-use std::fmt::Write as _;
+use farfield_proto::order_statistics::value_after;
+use plotters::coord::ranged1d::{AsRangedCoord, ValueFormatter};
+use plotters::prelude::*;
+use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use super::errors_over_time;
 use super::lines::PoseLines;
 
-/// One line of the plot.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Series {
-    /// What the legend calls it.
-    pub name: String,
-    /// Seconds, rising, and millimetres; `None` is a gap.
-    pub points: Vec<(f64, Option<f64>)>,
+/// Colours that are told apart by most eyes (Okabe and Ito 2008).
+const COLOURS: [RGBColor; 8] = [
+    RGBColor(0x00, 0x72, 0xb2),
+    RGBColor(0xd5, 0x5e, 0x00),
+    RGBColor(0x00, 0x9e, 0x73),
+    RGBColor(0xcc, 0x79, 0xa7),
+    RGBColor(0xe6, 0x9f, 0x00),
+    RGBColor(0x56, 0xb4, 0xe9),
+    RGBColor(0x00, 0x00, 0x00),
+    RGBColor(0xb8, 0xa8, 0x00),
+];
+const GRID: RGBColor = RGBColor(0xdd, 0xdd, 0xdd);
+/// Family and size of all texts but the title; `plotters` divides sizes by 1.24.
+const FONT: (&str, u32) = ("sans-serif", 16);
+const TITLE_FONT: (&str, u32) = ("sans-serif", 19);
+/// Width of the legend, pixels.
+const LEGEND_PX: u32 = 230;
+/// From one line of the legend to the next, pixels.
+const LEGEND_LINE_PX: i32 = 20;
+
+/// One axis of a plot.
+pub struct Axis<'a> {
+    /// What is along it, with its unit.
+    pub description: &'a str,
+    /// Least and greatest value, in the axis's unit.
+    pub range: [f64; 2],
+    /// Whether equal ways are equal ratios; the range must then be above 0.
+    pub is_logarithmic: bool,
+    /// How a value is written beside it.
+    pub label: fn(f64) -> String,
 }
 
-/// Size of the picture, pixels.
-const SIZE: [f64; 2] = [1200.0, 420.0];
-/// Left, right, upper and lower edge of the panel, pixels.
-const PANEL: [f64; 4] = [64.0, 1040.0, 40.0, 370.0];
-/// The scale reaches at least this far, millimetres: half of what still is a success.
-const LEAST_TOP_MM: f64 = 75.0;
-/// Share of the values that the scale shows.
-const SHOWN: f64 = 0.995;
-/// Colours that are told apart by most eyes (Okabe and Ito 2008).
-const COLOURS: [&str; 8] = [
-    "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000", "#b8a800",
-];
+/// What is drawn in one colour, and is one line of the legend.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Layer {
+    /// What the legend calls it.
+    pub name: String,
+    /// Which colour; the eighth is followed by the first.
+    pub colour: usize,
+    /// Lines from point to point, in units of the axes.
+    pub lines: Vec<Vec<(f64, f64)>>,
+    /// Single points, in units of the axes.
+    pub points: Vec<(f64, f64)>,
+}
 
-/// Where values land on the panel.
+/// A plot that can be drawn.
+pub struct Plot<'a> {
+    /// What stands above it.
+    pub title: &'a str,
+    /// Width and height, pixels.
+    pub size_px: [u32; 2],
+    /// The axis to the right.
+    pub x: Axis<'a>,
+    /// The axis upwards; it is never logarithmic.
+    pub y: Axis<'a>,
+    /// What is drawn, from the lowest to the topmost.
+    pub layers: Vec<Layer>,
+    /// What stands below the legend.
+    pub note: &'a str,
+}
+
+impl Plot<'_> {
+    /// The plot as an SVG document.
+    ///
+    /// # Panics
+    /// Never: `plotters` fails only where a file cannot be written, and this is a string.
+    pub fn svg(&self) -> String {
+        let mut text = String::new();
+        let [from, until] = self.x.range;
+        let drawn = if self.x.is_logarithmic {
+            self.draw(&mut text, (from..until).log_scale())
+        } else {
+            self.draw(&mut text, from..until)
+        };
+        drawn.expect("drawing into a string cannot fail");
+        text
+    }
+
+    fn draw<X>(
+        &self,
+        text: &mut String,
+        x: X,
+    ) -> Result<(), DrawingAreaErrorKind<<SVGBackend<'static> as DrawingBackend>::ErrorType>>
+    where
+        X: AsRangedCoord<Value = f64>,
+        X::CoordDescType: ValueFormatter<f64>,
+    {
+        let [width, height] = self.size_px;
+        let root = SVGBackend::with_string(text, (width, height)).into_drawing_area();
+        root.fill(&WHITE)?;
+        let inner = root.titled(self.title, TITLE_FONT)?;
+        let (panel, legend) = inner.split_horizontally(width.saturating_sub(LEGEND_PX));
+        let mut chart = ChartBuilder::on(&panel)
+            .margin(10)
+            .set_label_area_size(LabelAreaPosition::Left, 64)
+            .set_label_area_size(LabelAreaPosition::Bottom, 44)
+            .build_cartesian_2d(x, self.y.range[0]..self.y.range[1])?;
+        chart
+            .configure_mesh()
+            .x_desc(self.x.description)
+            .y_desc(self.y.description)
+            .x_label_formatter(&|value| (self.x.label)(*value))
+            .y_label_formatter(&|value| (self.y.label)(*value))
+            .x_labels(10)
+            .y_labels(6)
+            .max_light_lines(0)
+            .bold_line_style(GRID)
+            .label_style(FONT)
+            .axis_desc_style(FONT)
+            .draw()?;
+        for layer in &self.layers {
+            let lines = layer.lines.iter().cloned();
+            chart.draw_series(lines.map(|line| PathElement::new(line, layer.style())))?;
+            let points = layer.points.iter();
+            chart.draw_series(points.map(|&at| Circle::new(at, 3, layer.style().filled())))?;
+        }
+        self.draw_legend(&legend)?;
+        root.present()
+    }
+
+    fn draw_legend<B: DrawingBackend>(
+        &self,
+        area: &DrawingArea<B, plotters::coord::Shift>,
+    ) -> Result<(), DrawingAreaErrorKind<B::ErrorType>> {
+        let font = TextStyle::from(FONT).pos(Pos::new(HPos::Left, VPos::Center));
+        let mut y = LEGEND_LINE_PX;
+        for layer in &self.layers {
+            if !layer.lines.is_empty() {
+                let line = vec![(4, y), (22, y)];
+                area.draw(&PathElement::new(line, layer.style().stroke_width(3)))?;
+            } else if !layer.points.is_empty() {
+                area.draw(&Circle::new((13, y), 4, layer.style().filled()))?;
+            }
+            area.draw(&Text::new(layer.name.as_str(), (28, y), &font))?;
+            y += LEGEND_LINE_PX;
+        }
+        area.draw(&Text::new(self.note, (4, y + 4), &font))
+    }
+}
+
+impl Layer {
+    fn style(&self) -> ShapeStyle {
+        COLOURS[self.colour % COLOURS.len()].stroke_width(1)
+    }
+}
+
+/// The errors of one actor.
+#[derive(Debug, Clone, PartialEq)]
+struct Series {
+    name: String,
+    /// Seconds, rising, and millimetres; `None` is a gap.
+    points: Vec<(f64, Option<f64>)>,
+}
+
+/// The scale of errors reaches at least this far, millimetres: half of what still is a success.
+const LEAST_TOP_MM: f64 = 75.0;
+/// Share of the errors that the scale shows.
+const SHOWN: f64 = 0.995;
+
+/// Where errors land on the panel.
 struct Scale {
-    from_s: f64,
-    until_s: f64,
+    time_s: [f64; 2],
     top_mm: f64,
 }
 
@@ -49,33 +190,15 @@ impl Scale {
             .filter(|e| e.is_finite())
             .collect();
         errors.sort_by(f64::total_cmp);
-        let shown = (SHOWN * errors.len() as f64) as usize;
-        let high = errors.get(shown.min(errors.len().saturating_sub(1)));
-        let top_mm = 1.1 * high.copied().unwrap_or(0.0).max(LEAST_TOP_MM);
-        if until_s > from_s {
-            Self {
-                from_s,
-                until_s,
-                top_mm,
-            }
+        let high = value_after(&errors, SHOWN).unwrap_or(0.0);
+        let top_mm = 1.1 * high.max(LEAST_TOP_MM);
+        let time_s = if until_s > from_s {
+            [from_s, until_s]
         } else {
             let from_s = if from_s.is_finite() { from_s } else { 0.0 };
-            Self {
-                from_s,
-                until_s: from_s + 1.0,
-                top_mm,
-            }
-        }
-    }
-
-    fn x(&self, time_s: f64) -> f64 {
-        let [left, right, ..] = PANEL;
-        left + (right - left) * (time_s - self.from_s) / (self.until_s - self.from_s)
-    }
-
-    fn y(&self, error_mm: f64) -> f64 {
-        let [.., upper, lower] = PANEL;
-        lower - (lower - upper) * (error_mm / self.top_mm).clamp(0.0, 1.0)
+            [from_s, from_s + 1.0]
+        };
+        Self { time_s, top_mm }
     }
 }
 
@@ -92,143 +215,52 @@ pub fn plot_of(title: &str, poses: &PoseLines, truth: &PoseLines, rate_hz: f64) 
                 .collect(),
         })
         .collect();
-    svg(title, &series)
+    errors_svg(title, &series)
 }
 
-/// Draws `series` under `title`: a whole SVG document.
-pub fn svg(title: &str, series: &[Series]) -> String {
+fn errors_svg(title: &str, series: &[Series]) -> String {
     let scale = Scale::of(series);
-    let [width, height] = SIZE;
-    let mut text = format!(
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" \
-         viewBox=\"0 0 {width} {height}\" font-family=\"sans-serif\" font-size=\"13\">\n\
-         <rect width=\"{width}\" height=\"{height}\" fill=\"white\"/>\n"
-    );
-    label(&mut text, [PANEL[0], 24.0], "start", title);
-    axes(&mut text, &scale);
-    for (series, colour) in series.iter().zip(COLOURS.iter().cycle()) {
-        curve(&mut text, series, &scale, colour);
+    let layers = series.iter().enumerate();
+    let plot = Plot {
+        title,
+        size_px: [1200, 420],
+        x: Axis {
+            description: "seconds",
+            range: scale.time_s,
+            is_logarithmic: false,
+            label: |s| ((s * 1000.0).round() / 1000.0).to_string(),
+        },
+        y: Axis {
+            description: "mm",
+            range: [0.0, scale.top_mm],
+            is_logarithmic: false,
+            label: |mm| mm.round().to_string(),
+        },
+        layers: layers
+            .map(|(i, series)| layer(series, i, scale.top_mm))
+            .collect(),
+        note: "dots: no pose",
+    };
+    plot.svg()
+}
+
+/// The lines of a series between its gaps, and the gaps as points.
+fn layer(series: &Series, colour: usize, top_mm: f64) -> Layer {
+    let is_there = |point: &(f64, Option<f64>)| point.1.is_some_and(f64::is_finite);
+    let stretches = series.points.split(|point| !is_there(point));
+    let shown = |&(time_s, error_mm): &(f64, Option<f64>)| {
+        error_mm.map(|mm| (time_s, mm.clamp(0.0, top_mm)))
+    };
+    let gaps = series.points.iter().filter(|point| point.1.is_none());
+    Layer {
+        name: series.name.clone(),
+        colour,
+        lines: stretches
+            .filter(|stretch| !stretch.is_empty())
+            .map(|stretch| stretch.iter().filter_map(shown).collect())
+            .collect(),
+        points: gaps.map(|&(time_s, _)| (time_s, 0.0)).collect(),
     }
-    for (index, (series, colour)) in series.iter().zip(COLOURS.iter().cycle()).enumerate() {
-        let (x, y) = (PANEL[1] + 14.0, PANEL[2] + 10.0 + 20.0 * index as f64);
-        element(
-            &mut text,
-            format_args!(
-                "<line x1=\"{x}\" y1=\"{y}\" x2=\"{}\" y2=\"{y}\" stroke=\"{colour}\" stroke-width=\"3\"/>",
-                x + 18.0
-            ),
-        );
-        label(&mut text, [x + 24.0, y + 4.0], "start", &series.name);
-    }
-    let below = PANEL[2] + 14.0 + 20.0 * series.len() as f64;
-    label(
-        &mut text,
-        [PANEL[1] + 14.0, below],
-        "start",
-        "dots: no pose",
-    );
-    text.push_str("</svg>\n");
-    text
-}
-
-fn axes(text: &mut String, scale: &Scale) {
-    let [left, right, upper, lower] = PANEL;
-    let step_mm = nice_step(scale.top_mm, 6.0);
-    for n in 0..=(scale.top_mm / step_mm) as u32 {
-        let value = f64::from(n) * step_mm;
-        let y = scale.y(value);
-        element(
-            text,
-            format_args!(
-                "<line x1=\"{left}\" y1=\"{y:.1}\" x2=\"{right}\" y2=\"{y:.1}\" stroke=\"#dddddd\"/>"
-            ),
-        );
-        label(text, [left - 6.0, y + 4.0], "end", &value.to_string());
-    }
-    let step_s = nice_step(scale.until_s - scale.from_s, 10.0);
-    let mut time_s = (scale.from_s / step_s).ceil() * step_s;
-    while time_s <= scale.until_s + 1e-9 {
-        let x = scale.x(time_s);
-        element(
-            text,
-            format_args!(
-                "<line x1=\"{x:.1}\" y1=\"{lower}\" x2=\"{x:.1}\" y2=\"{}\" stroke=\"#333333\"/>",
-                lower + 5.0
-            ),
-        );
-        let shown = (time_s * 1000.0).round() / 1000.0;
-        label(text, [x, lower + 20.0], "middle", &shown.to_string());
-        time_s += step_s;
-    }
-    element(
-        text,
-        format_args!(
-            "<path d=\"M{left} {upper}V{lower}H{right}\" fill=\"none\" stroke=\"#333333\"/>"
-        ),
-    );
-    let middle = f64::midpoint(left, right);
-    label(text, [middle, lower + 40.0], "middle", "seconds");
-    label(text, [left - 8.0, upper - 8.0], "end", "mm");
-}
-
-fn curve(text: &mut String, series: &Series, scale: &Scale, colour: &str) {
-    let mut path = String::new();
-    let mut pen_is_down = false;
-    for &(time_s, error_mm) in &series.points {
-        match error_mm.filter(|e| e.is_finite()) {
-            Some(error_mm) => {
-                let command = if pen_is_down { 'L' } else { 'M' };
-                element_part(
-                    &mut path,
-                    format_args!("{command}{:.1} {:.1}", scale.x(time_s), scale.y(error_mm)),
-                );
-            }
-            None => element(
-                text,
-                format_args!(
-                    "<circle cx=\"{:.1}\" cy=\"{:.1}\" r=\"2.5\" fill=\"{colour}\"/>",
-                    scale.x(time_s),
-                    PANEL[3]
-                ),
-            ),
-        }
-        pen_is_down = error_mm.is_some();
-    }
-    element(
-        text,
-        format_args!("<path d=\"{path}\" fill=\"none\" stroke=\"{colour}\" stroke-width=\"1.2\"/>"),
-    );
-}
-
-/// A round step that divides `range` into about `parts`.
-fn nice_step(range: f64, parts: f64) -> f64 {
-    let rough = (range / parts).max(f64::MIN_POSITIVE);
-    let power = 10f64.powf(rough.log10().floor());
-    let factor = [1.0, 2.0, 5.0].into_iter().find(|f| f * power >= rough);
-    factor.unwrap_or(10.0) * power
-}
-
-fn label(text: &mut String, [x, y]: [f64; 2], anchor: &str, words: &str) {
-    let words = words
-        .replace('&', "&amp;")
-        .replace('<', "&lt;")
-        .replace('>', "&gt;");
-    element(
-        text,
-        format_args!(
-            "<text x=\"{x:.1}\" y=\"{y:.1}\" text-anchor=\"{anchor}\" fill=\"#222222\">{words}</text>"
-        ),
-    );
-}
-
-fn element(text: &mut String, element: std::fmt::Arguments<'_>) {
-    element_part(text, element);
-    text.push('\n');
-}
-
-fn element_part(text: &mut String, part: std::fmt::Arguments<'_>) {
-    text.write_fmt(part)
-        .expect("writing into a string cannot fail");
 }
 
 #[cfg(test)]
@@ -245,7 +277,7 @@ mod tests {
 
     #[test]
     fn each_actor_has_a_line_that_a_gap_breaks_and_marks() {
-        let text = svg(
+        let text = errors_svg(
             "a < b",
             &[
                 series("1", &[Some(10.0), Some(20.0), None, Some(30.0)]),
@@ -253,14 +285,13 @@ mod tests {
             ],
         );
         assert_eq!(text.matches("<circle").count(), 1);
-        let first = text
-            .lines()
-            .find(|l| l.contains("stroke-width=\"1.2\""))
-            .unwrap();
-        assert_eq!(
-            (first.matches('M').count(), first.matches('L').count()),
-            (2, 1)
-        );
+        let lines_of = |colour: &str| {
+            let lines = text.lines();
+            let lines = lines.filter(|l| l.starts_with("<polyline") && l.contains(colour));
+            // Without that of the legend, which is thicker.
+            lines.filter(|l| l.contains("stroke-width=\"1\"")).count()
+        };
+        assert_eq!((lines_of("#0072B2"), lines_of("#D55E00")), (2, 1));
         assert!(text.contains("a &lt; b") && text.ends_with("</svg>\n"));
     }
 
@@ -268,15 +299,51 @@ mod tests {
     fn what_is_above_the_scale_runs_along_its_upper_edge() {
         let mut values = vec![Some(20.0); 999];
         values.push(Some(5000.0));
-        let scale = Scale::of(&[series("1", &values)]);
+        let series = series("1", &values);
+        let scale = Scale::of(std::slice::from_ref(&series));
         assert!(scale.top_mm < 100.0);
-        assert!((scale.y(5000.0) - PANEL[2]).abs() < 1e-9);
+        let layer = layer(&series, 0, scale.top_mm);
+        assert_eq!(layer.lines[0].last(), Some(&(999.0, scale.top_mm)));
     }
 
     #[test]
     fn nothing_to_draw_still_is_a_picture() {
         for empty in [vec![], vec![series("1", &[])], vec![series("1", &[None])]] {
-            assert!(!svg("nobody", &empty).contains("NaN"));
+            let text = errors_svg("nobody", &empty);
+            assert!(text.contains("seconds") && !text.contains("NaN"));
         }
+    }
+
+    #[test]
+    fn points_of_one_ratio_are_as_far_apart_on_a_logarithmic_axis() {
+        let axis = |range, is_logarithmic| Axis {
+            description: "",
+            range,
+            is_logarithmic,
+            label: |value| value.to_string(),
+        };
+        let plot = Plot {
+            title: "",
+            size_px: [800, 300],
+            x: axis([1.0, 10_000.0], true),
+            y: axis([0.0, 1.0], false),
+            layers: vec![Layer {
+                points: [10.0, 100.0, 1000.0].map(|x| (x, 0.5)).into(),
+                ..Layer::default()
+            }],
+            note: "",
+        };
+        let text = plot.svg();
+        let circles = text.lines().filter(|l| l.contains("r=\"3\""));
+        let places: Vec<f64> = circles
+            .filter_map(|l| l.split("cx=\"").nth(1)?.split('"').next()?.parse().ok())
+            .collect();
+        let [a, b, c] = places[..] else {
+            panic!("three points, not {places:?}");
+        };
+        assert!(
+            b - a > 50.0 && ((c - b) - (b - a)).abs() <= 1.0,
+            "{places:?}"
+        );
     }
 }

@@ -16,6 +16,7 @@ use rand_chacha::ChaCha8Rng;
 use serde_json::{Value, json};
 
 use crate::look_at::look_at;
+use crate::normal::box_muller;
 use crate::scene::write::calibration_text;
 use crate::walker::Walker;
 
@@ -237,7 +238,7 @@ fn four_corners(half_side_m: f64, height_m: f64) -> anyhow::Result<Vec<CameraMod
 
 fn gaussian(rng: &mut ChaCha8Rng) -> f64 {
     let (u, v): (f64, f64) = (rng.random_range(1e-12..1.0), rng.random());
-    (-2.0 * u.ln()).sqrt() * (std::f64::consts::TAU * v).cos()
+    box_muller(u, v, 1.0)[0]
 }
 
 fn round(value: f64, per_unit: f64) -> f64 {

@@ -10,6 +10,7 @@ pub mod keypoint_venue;
 pub mod look_at;
 pub mod maps_file;
 pub mod motion;
+mod normal;
 pub mod render;
 pub mod scene;
 pub mod simulated;

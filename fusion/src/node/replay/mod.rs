@@ -18,9 +18,9 @@ use tokio_util::task::TaskTracker;
 use self::report::{Done, FileFacts};
 use self::venue::{Changes, replay_venue};
 use super::config::check_names;
-use super::output::{Claim, check_folder};
-use super::recorder::Recorder;
-use super::summary;
+use super::output::claim::{Claim, check_folder};
+use super::output::exporter::Exporter;
+use super::output::summary;
 use crate::pipeline::Pipeline;
 use crate::recording::reader::{Recording, SessionPart};
 use crate::recording::replay::{Choice, Names, Replay};
@@ -39,7 +39,7 @@ pub struct ReplayArgs {
     /// Use this calibration instead of the recorded one.
     #[arg(long, value_name = "FILE")]
     pub calibration: Option<PathBuf>,
-    /// Use another value of a parameter of the venue file, for example `smoothing.cutoff_hz=3`.
+    /// Use another value of a parameter (see `farfield parameters`), for example `smoothing.cutoff_hz=3`.
     #[arg(long, value_name = "TABLE.FIELD=VALUE")]
     pub set: Vec<String>,
     /// Use all sets, those too that came late or were delivered after an outage, instead of those that
@@ -108,11 +108,11 @@ fn replay(args: &ReplayArgs, print: fn(&str) -> anyhow::Result<()>) -> Result<En
         .map_err(refused)?;
     let span = replay.span().unwrap_or(recorded);
     let claim = Claim::take(args.out.as_deref(), &venue.name).map_err(refused)?;
-    let recorder =
-        Recorder::create(claim.folder(), &venue, &keypoints).map_err(NodeError::Failed)?;
+    let exporter =
+        Exporter::create(claim.folder(), &venue, &keypoints).map_err(NodeError::Failed)?;
     let done = Solving {
         replay,
-        recorder,
+        exporter,
         smooth: args.smooth,
     }
     .run()
@@ -190,7 +190,7 @@ fn choose(args: &ReplayArgs, sessions: &[SessionPart]) -> anyhow::Result<Session
 /// A replay under way.
 struct Solving {
     replay: Replay<BufReader<File>>,
-    recorder: Recorder,
+    exporter: Exporter,
     /// Whether the poses of two passes are written.
     smooth: bool,
 }
@@ -206,7 +206,7 @@ impl Solving {
             } else {
                 &output.finished
             };
-            self.recorder.write(written)?;
+            self.exporter.write(written)?;
             if stop.is_cancelled() && self.replay.left() > 0 {
                 ending = Ending::Interrupted;
                 break;
@@ -219,12 +219,12 @@ impl Solving {
         } else {
             self.replay.finish()
         };
-        self.recorder.write(&last)?;
+        self.exporter.write(&last)?;
         Ok(Done {
             ending,
             choice: self.replay.choice(),
             tally: self.replay.tally(),
-            people: self.recorder.finish()?,
+            people: self.exporter.finish()?,
             elapsed_s: clock::now().duration_since(began).as_secs_f64(),
         })
     }

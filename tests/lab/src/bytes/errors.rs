@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use farfield_proto::order_statistics::value_after;
 use farfield_score::lines::PoseLines;
 use farfield_score::matches_at;
 use farfield_score::points::ScoredBody;
@@ -46,10 +47,9 @@ impl Errors {
             }
         }
         all.sort_by(f64::total_cmp);
-        let p99 = (0.99 * all.len() as f64) as usize;
         Self {
             mpjpe_mm: all.iter().sum::<f64>() / all.len().max(1) as f64,
-            p99_mm: all.get(p99).copied().unwrap_or(0.0),
+            p99_mm: value_after(&all, 0.99).unwrap_or(0.0),
             worst_mm: all.last().copied().unwrap_or(0.0),
             gaps,
             switches,

@@ -8,7 +8,8 @@ mod budget;
 mod bytes;
 mod codec;
 mod delays;
-mod fuzz_seeds;
+mod figures;
+mod fuzz;
 mod links;
 mod made_maps;
 mod maps;
@@ -28,7 +29,9 @@ use self::budget::BudgetArgs;
 use self::bytes::BytesArgs;
 use self::codec::CodecArgs;
 use self::delays::DelaysArgs;
-use self::fuzz_seeds::FuzzSeedsArgs;
+use self::figures::FiguresArgs;
+use self::fuzz::corpus::CorpusArgs;
+use self::fuzz::seeds::FuzzSeedsArgs;
 use self::links::LinksArgs;
 use self::maps::MapsArgs;
 use self::render::RenderArgs;
@@ -76,6 +79,10 @@ enum LabCommand {
     TrainingFrames(FramesArgs),
     /// Write whole inputs for the fuzz targets of binary formats.
     FuzzSeeds(FuzzSeedsArgs),
+    /// Take the corpus of the fuzz targets out of its archive, or put it back.
+    FuzzCorpus(CorpusArgs),
+    /// Print the figures of the project's own code, each beside its goal.
+    Figures(FiguresArgs),
     /// Write the sample venue of two walkers anew.
     WalkVenue(WalkVenueArgs),
 }
@@ -100,7 +107,9 @@ pub fn main() -> ExitCode {
         LabCommand::Codec(args) => codec::measure(&args),
         LabCommand::TrainingCrops(args) => training::crops::write(&args),
         LabCommand::TrainingFrames(args) => training::frames::write(&args),
-        LabCommand::FuzzSeeds(args) => fuzz_seeds::write_seeds(&args),
+        LabCommand::FuzzSeeds(args) => fuzz::seeds::write_seeds(&args),
+        LabCommand::FuzzCorpus(args) => fuzz::corpus::corpus(&args),
+        LabCommand::Figures(args) => figures::print(&args),
         LabCommand::WalkVenue(args) => walk_venue::write(&args),
     };
     exit_code(done.map(|()| Ending::Done))

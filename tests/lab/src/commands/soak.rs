@@ -9,11 +9,12 @@ use std::path::PathBuf;
 use std::thread;
 use std::time::Duration;
 
-use crate::live_venue::{LiveVenue, Vitals, percentile};
+use crate::live_venue::{LiveVenue, Vitals};
 use crate::namespaces::Namespaces;
 use crate::relay::{Direction, Impairment};
 use anyhow::{Context as _, anyhow, ensure};
 use farfield_fusion::node::{NodeError, say};
+use farfield_proto::order_statistics::percentile;
 use farfield_proto::tick::Tick;
 
 use super::made_maps::{self, MadeMaps};

@@ -22,7 +22,7 @@ use crate::relay::UdpRelay;
 
 pub use self::node::NodeProcess;
 pub use self::vitals::Vitals;
-pub use self::watch::{PoseArrival, SeenVenue, VenueWatch, percentile};
+pub use self::watch::{PoseArrival, SeenVenue, VenueWatch};
 
 /// A venue, its relays and those of its nodes that run.
 #[derive(Debug)]

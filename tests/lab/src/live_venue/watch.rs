@@ -100,14 +100,6 @@ fn tracked(set: &PoseSet) -> usize {
     set.persons.iter().filter(is_tracked).count()
 }
 
-/// The value below which a share of `sorted` lies, by nearest rank; `None` of nothing.
-pub fn percentile(sorted: &[u64], share: f64) -> Option<u64> {
-    let rank = (share * sorted.len() as f64).ceil().max(1.0) as usize - 1;
-    sorted
-        .get(rank.min(sorted.len().saturating_sub(1)))
-        .copied()
-}
-
 impl VenueWatch {
     /// Connects to the fusion of venue `name` at `endpoint`; waits until it is there, and finds it again
     /// when it was started anew.
@@ -249,15 +241,6 @@ mod tests {
             arrived_us,
             tracked: 0,
         }
-    }
-
-    #[test]
-    fn percentiles_are_taken_by_nearest_rank() {
-        let sorted: Vec<u64> = (1..=200).collect();
-        assert_eq!(percentile(&sorted, 0.5), Some(100));
-        assert_eq!(percentile(&sorted, 0.99), Some(198));
-        assert_eq!(percentile(&sorted, 1.0), Some(200));
-        assert_eq!(percentile(&[], 0.5), None);
     }
 
     #[test]

@@ -5,6 +5,7 @@ use std::fmt;
 
 use farfield_fusion::body::skeleton::Joint;
 use farfield_proto::keypoints::COCO17;
+use farfield_proto::order_statistics::value_after;
 use farfield_proto::tick::Tick;
 use nalgebra::Vector3;
 use serde::Serialize;
@@ -242,11 +243,10 @@ impl KindBudget {
             .flat_map(|s| s.prediction_axes_m.iter().copied())
             .collect();
         axes_m.sort_by(f64::total_cmp);
-        let held = (HELD * axes_m.len() as f64) as usize;
         Self {
             kind: kind.to_owned(),
             predicted_mm: mm(|s| s.predicted),
-            lattice_needed_mm: axes_m.get(held).or(axes_m.last()).map(|m| 1000.0 * m),
+            lattice_needed_mm: value_after(&axes_m, HELD).map(|m| 1000.0 * m),
             unsupported: mean(|s| s.unsupported).map(|share| 100.0 * share),
             lattice_mm: mm(|s| s.lattice),
             ik1_mm: mm(|s| s.ik1),

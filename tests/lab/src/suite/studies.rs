@@ -6,6 +6,7 @@ use std::sync::Arc;
 
 use anyhow::Context as _;
 use farfield_fusion::estimate::predict::Motion;
+use farfield_proto::order_statistics::value_after;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::Parameters;
 use farfield_proto::venue::parameters::{CameraChoice, PredictionParameters, Predictor};
@@ -80,7 +81,7 @@ fn compare_predictors(scene: &Arc<Scene>, variants: &mut Vec<MethodVariant>) -> 
     };
     let tracked = SceneRun::make(scene, &Input::Maps, with_stages)?;
     for (called, predictor) in [
-        ("ours", Predictor::default()),
+        ("ours", PredictionParameters::default().predictor),
         ("paper (3)", Predictor::Paper),
     ] {
         let mut used = Parameters::default();
@@ -131,8 +132,7 @@ impl PredictionErrors {
             motions.insert(person, (tick, motion));
         }
         axes_m.sort_by(f64::total_cmp);
-        let held = (HELD * axes_m.len() as f64) as usize;
-        let needed_m = *axes_m.get(held).or(axes_m.last())?;
+        let needed_m = value_after(&axes_m, HELD)?;
         Some(Self {
             mean_m: sum_m / axes_m.len() as f64,
             needed_m,

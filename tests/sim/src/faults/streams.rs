@@ -4,12 +4,13 @@
 //! draws as they are. Every stream runs from tick 0 and advances tick by tick, whether the person is
 //! there or not, so that its value at a tick does not depend on which ticks were asked for.
 
-use std::f64::consts::{FRAC_1_SQRT_2, TAU};
+use std::f64::consts::FRAC_1_SQRT_2;
 
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 
 use crate::fault_profile::FaultProfile;
+use crate::normal::box_muller;
 
 /// Keypoints of a person: COCO's.
 pub(super) const N_KEYPOINTS: usize = 17;
@@ -44,10 +45,9 @@ pub(super) fn stream(seed: u64, fault: DrawnFault, owner: StreamOwner) -> ChaCha
 
 /// A point of a round normal distribution whose 2D RMS is 1.
 fn normal_2d(rng: &mut ChaCha8Rng) -> [f64; 2] {
-    // Box-Muller; 1 - u is never 0.
-    let radius = (-2.0 * (1.0 - rng.random::<f64>()).ln()).sqrt() * FRAC_1_SQRT_2;
-    let (sin, cos) = (TAU * rng.random::<f64>()).sin_cos();
-    [radius * cos, radius * sin]
+    // 1 - u is never 0.
+    let u = 1.0 - rng.random::<f64>();
+    box_muller(u, rng.random(), FRAC_1_SQRT_2)
 }
 
 /// A first-order autoregressive point of 2D RMS 1.

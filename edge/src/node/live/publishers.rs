@@ -1,0 +1,50 @@
+//! What a live edge publishes on. Nothing blocks: what cannot go at once is dropped.
+
+use farfield_node::session::{self, Delivery};
+use farfield_proto::key::Keys;
+use tracing::debug;
+use zenoh::pubsub::Publisher;
+use zenoh::{Session, Wait as _};
+
+use crate::live::rate::MessageKind;
+
+/// The publishers of a live edge: patches best effort, as the next are better; sightings and statuses reliable,
+/// as a lost one would be missed for a second.
+pub(in crate::node) struct Publishers {
+    patches: Publisher<'static>,
+    sightings: Publisher<'static>,
+    status: Publisher<'static>,
+}
+
+impl Publishers {
+    /// Declares them for `viewpoint` of `venue`.
+    ///
+    /// # Errors
+    /// What Zenoh says.
+    pub(in crate::node) async fn declare(
+        session: &Session,
+        venue: &str,
+        viewpoint: &str,
+    ) -> anyhow::Result<Self> {
+        let keys = Keys::new(venue);
+        let publisher = |key, delivery| session::publisher(session, key, delivery);
+        Ok(Self {
+            patches: publisher(keys.patch(viewpoint), Delivery::BestEffort).await?,
+            sightings: publisher(keys.sighting(viewpoint), Delivery::Reliable).await?,
+            status: publisher(keys.status(viewpoint), Delivery::Reliable).await?,
+        })
+    }
+
+    /// Hands a message to the network.
+    pub(super) fn put(&self, message: MessageKind, bytes: Vec<u8>) {
+        let publisher = match message {
+            MessageKind::Patches(_) => &self.patches,
+            MessageKind::Sightings => &self.sightings,
+            MessageKind::Status => &self.status,
+        };
+        // While fusion is away there is nobody to send to.
+        if let Err(error) = publisher.put(bytes).wait() {
+            debug!(key = %publisher.key_expr(), %error, "not sent");
+        }
+    }
+}

@@ -1,0 +1,187 @@
+//! What a live run makes of what it receives: every message counts for the clock and the delays of its edge, and
+//! those of edges that take part wait for their tick.
+
+use farfield_node::process::say;
+use farfield_proto::message::live::EdgeLink;
+use farfield_proto::message::{PatchSet, SightingSet, Status};
+use farfield_proto::tick::Tick;
+use farfield_proto::transport::FUSION;
+use tracing::debug;
+
+use super::run::Live;
+use super::start::note_present;
+use crate::align::Refused;
+use crate::live::Micros;
+use crate::live::edge::Came;
+use crate::live::gather::Taken;
+use crate::live::membership::Said;
+use crate::node::session::link::Ends;
+use crate::node::session::messages::{Arrival, Incoming, Presence};
+
+/// Late sets that wait for the smoother's next step; of more, the newest are dropped.
+const MAX_LATE: usize = 256;
+
+/// So many looks must have come too late for an operator to be told.
+const LATE_LOOKS_TOLD: u32 = 5;
+
+impl Live<'_> {
+    /// Receives on until `done`: a queue that nobody empties would hold up the answers to others, too.
+    pub(super) async fn receive_until(&mut self, ends: &mut Ends, done: impl Future<Output = ()>) {
+        tokio::pin!(done);
+        loop {
+            tokio::select! {
+                () = &mut done => return,
+                Some(incoming) = ends.incoming.recv() => self.receive(incoming),
+            }
+        }
+    }
+
+    pub(super) fn receive(&mut self, incoming: Incoming) {
+        match incoming {
+            Incoming::Patches(set, arrival) => self.receive_patches(set, arrival),
+            Incoming::Sightings(set, arrival) => self.receive_sightings(set, arrival),
+            // Fusion receives its own, too.
+            Incoming::Status(status) if status.node == FUSION => {}
+            Incoming::Status(status) => self.receive_status(&status),
+            Incoming::Alive(node, Presence::There) => {
+                note_present(&self.config.venue, &mut self.present, node);
+            }
+            Incoming::Alive(node, Presence::Gone) => {
+                self.present.remove(&node);
+                if let Some(index) = self.members.leave(&node) {
+                    self.edges[index].leave();
+                    say(format_args!("viewpoint {node} has left"));
+                }
+            }
+            Incoming::Unreadable(key) => {
+                let node = key.rsplit('/').next().unwrap_or_default();
+                let viewpoint = self.config.venue.viewpoint_named(node);
+                match viewpoint.and_then(|v| self.edges.get_mut(usize::from(v.0))) {
+                    Some(edge) => edge.unreadable += 1,
+                    None => self.unreadable += 1,
+                }
+            }
+        }
+    }
+
+    fn receive_patches(&mut self, set: PatchSet, arrival: Arrival) {
+        let (index, tick) = (usize::from(set.viewpoint.0), set.tick);
+        if set.session != self.session || index >= self.edges.len() {
+            self.tally.refused += 1;
+            return;
+        }
+        let came = came(arrival);
+        self.tally
+            .patches(set.viewpoint, set.persons.len(), came.bytes);
+        let trip = self.edges[index].hear_patches(&set, came, &self.time);
+        self.delays.trip(index, trip);
+        if tick < self.first {
+            // The edges run already: of all that, only the clock is of use.
+            return;
+        }
+        if !self.takes_part(index) {
+            self.tally.refused += 1;
+            return;
+        }
+        let was_missing = !self.gather.has_any(tick, set.viewpoint);
+        match self.gather.add_patches(set, came.bytes) {
+            Taken::Open => self.note_arrival(tick, came.at_us),
+            Taken::Late(set) => {
+                let edge = &mut self.edges[index];
+                edge.late += 1;
+                if was_missing {
+                    edge.missing = edge.missing.saturating_sub(1);
+                }
+                self.keep_late(set);
+            }
+            Taken::Refused(reason) => self.refuse(reason),
+        }
+    }
+
+    fn receive_sightings(&mut self, set: SightingSet, arrival: Arrival) {
+        let (index, tick) = (usize::from(set.viewpoint.0), set.tick);
+        if set.session != self.session || index >= self.edges.len() {
+            self.tally.refused += 1;
+            return;
+        }
+        let came = came(arrival);
+        self.tally.sightings(set.viewpoint, came.bytes);
+        self.edges[index].hear(tick, came, &self.time);
+        if tick < self.first {
+            return;
+        }
+        if !self.takes_part(index) {
+            self.tally.refused += 1;
+            return;
+        }
+        match self.gather.add_sightings(set, came.bytes) {
+            Taken::Open => self.note_arrival(tick, came.at_us),
+            Taken::Late(_) => {
+                self.edges[index].late += 1;
+                self.tell_late_look(tick, index, came.at_us);
+            }
+            Taken::Refused(reason) => self.refuse(reason),
+        }
+    }
+
+    /// People are born of looks only: who looks for too long must be told, once.
+    fn tell_late_look(&mut self, tick: Tick, index: usize, at_us: Micros) {
+        self.late_looks += 1;
+        if self.late_looks == LATE_LOOKS_TOLD {
+            let name = &self.config.venue.viewpoints[index].name;
+            let after_ms = (at_us - self.time.at(tick)) / 1000;
+            say(format_args!(
+                "viewpoint {name}: what it saw when it looked for people came {after_ms} ms after its tick, too late to be used; if that goes on, raise `deadline_ms` in [link]"
+            ));
+        }
+    }
+
+    fn refuse(&mut self, reason: Refused) {
+        debug!(%reason, "message refused");
+        self.tally.refused += 1;
+    }
+
+    fn note_arrival(&mut self, tick: Tick, at_us: Micros) {
+        let last_us = self.arrived.entry(tick).or_insert(at_us);
+        *last_us = at_us.max(*last_us);
+    }
+
+    pub(super) fn keep_late(&mut self, set: PatchSet) {
+        if self.late.len() < MAX_LATE {
+            self.late.push(set);
+        }
+    }
+
+    fn receive_status(&mut self, status: &Status) {
+        match self.members.hear(status, self.interceptor.clock.now_us()) {
+            Said::Nothing => {}
+            Said::NewNode(index) => {
+                self.edges[index].start_again();
+                self.edges[index].expect(self.expect_until_us);
+                debug!(node = status.node, "another node speaks");
+            }
+            Said::Unknown => debug!(node = status.node, "not a viewpoint of the venue"),
+        }
+    }
+
+    /// Says once what an operator must know.
+    pub(super) fn tell_refusals(&mut self, links: &[EdgeLink]) {
+        for (told, link) in self.refusals.iter_mut().zip(links) {
+            // Numbers in the reason change all the time.
+            if told.is_some() != link.refused.is_some() {
+                match &link.refused {
+                    Some(why) => say(format_args!("viewpoint {}: {why}", link.viewpoint)),
+                    None => say(format_args!("viewpoint {} is let in", link.viewpoint)),
+                }
+                told.clone_from(&link.refused);
+            }
+        }
+    }
+}
+
+fn came(arrival: Arrival) -> Came {
+    Came {
+        at_us: arrival.at_us,
+        bytes: arrival.bytes,
+    }
+}

@@ -1,0 +1,160 @@
+//! What a live run sends: boxes and poses of every tick, and at its end that it is over.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::time::Duration;
+
+use farfield_proto::id::ViewpointIndex;
+use farfield_proto::message::{BoxSet, Order, PoseSet, Status};
+use farfield_proto::wire;
+use tokio::time::{MissedTickBehavior, interval, timeout};
+use tracing::warn;
+
+use super::super::worker::Stepped;
+use super::run::Live;
+use crate::node::session::link::Ends;
+use crate::node::session::messages::{Incoming, Outgoing, Presence};
+
+/// How much one tick says of how long after their ticks boxes go out.
+const WEIGHT: f64 = 0.05;
+/// How long the edges may take to say their last word.
+const FAREWELL: Duration = Duration::from_secs(3);
+/// How often those who have not left are told again that the run is over.
+const END_EVERY: Duration = Duration::from_millis(100);
+
+impl Live<'_> {
+    /// Publishes a tick: boxes first, as edges wait for them. Returns the poses and the bytes so far.
+    pub(super) fn publish(&mut self, stepped: Stepped, ends: &Ends) -> Option<(PoseSet, u64)> {
+        let Stepped {
+            poses,
+            smoothed,
+            boxes,
+            unusable,
+            stages,
+        } = stepped;
+        let tick = poses.tick;
+        self.last = Some(tick);
+        self.tally.unusable += u64::from(unusable);
+        if let Some(stages) = stages {
+            self.core_stages = stages;
+        }
+        self.send_boxes(boxes, ends);
+        let bytes = wire::encode(&poses);
+        self.tally.pose_bytes += bytes.len() as u64;
+        self.send(ends, Outgoing::Poses(bytes));
+        for set in &smoothed {
+            self.send(ends, Outgoing::Smooth(wire::encode(set)));
+        }
+        let now_us = self.interceptor.clock.now_us();
+        let after_us = (now_us - self.time.at(tick)) as f64;
+        let weight = if self.publish_us > 0.0 { WEIGHT } else { 1.0 };
+        self.publish_us += weight * (after_us - self.publish_us);
+        let flight = self.in_flight.take()?;
+        self.delays
+            .pose(flight.captured_us, flight.arrived_us, now_us);
+        Some((poses, self.tally.total_bytes()))
+    }
+
+    pub(super) fn send_boxes(&mut self, sets: Vec<BoxSet>, ends: &Ends) {
+        self.newest = sets;
+        self.send_newest(ends, false);
+    }
+
+    /// Sends the newest boxes, `again` as a sign of life: then whatever the links carry.
+    pub(super) fn send_newest(&mut self, ends: &Ends, again: bool) {
+        let now_us = self.interceptor.clock.now_us();
+        self.sent_us = now_us;
+        let mut sets = std::mem::take(&mut self.newest);
+        for set in &mut sets {
+            let index = usize::from(set.viewpoint.0);
+            if !self.members.is_welcome(index) {
+                // It still learns the clock, and why it is refused.
+                set.persons.clear();
+                set.detection_cameras.clear();
+            }
+            if !again && !self.edges[index].is_sent(set) {
+                continue;
+            }
+            set.live = Some(self.edges[index].send(set, &self.time, now_us));
+            let bytes = wire::encode(set);
+            self.edges[index].sent_bytes(bytes.len());
+            self.tally.boxes(set.viewpoint, bytes.len() as u64);
+            self.send(ends, Outgoing::Boxes(index, bytes));
+        }
+        self.newest = sets;
+    }
+
+    pub(super) fn send(&mut self, ends: &Ends, message: Outgoing) {
+        if ends.outgoing.try_send(message).is_err() {
+            self.unsent += 1;
+        }
+    }
+
+    /// Tells the edges that the run is over, and waits for their last words.
+    pub(super) async fn end_edges(&mut self, ends: &mut Ends) -> Vec<Status> {
+        let everybody: BTreeSet<String> = self.names().map(str::to_owned).collect();
+        self.send_end(&everybody, ends);
+        let mut last_words: BTreeMap<String, Status> = BTreeMap::new();
+        let mut repeats = interval(END_EVERY);
+        repeats.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        repeats.reset();
+        let last_statuses = async {
+            while !self.present.is_empty() {
+                tokio::select! {
+                    // The link may lose it.
+                    _ = repeats.tick() => {
+                        let present = self.present.clone();
+                        self.send_end(&present, ends);
+                    }
+                    incoming = ends.incoming.recv() => match incoming {
+                        Some(Incoming::Status(status)) if status.viewpoint.is_some() => {
+                            last_words.insert(status.node.clone(), *status);
+                        }
+                        Some(Incoming::Alive(node, Presence::Gone)) => drop(self.present.remove(&node)),
+                        Some(_) => {}
+                        None => break,
+                    }
+                }
+            }
+        };
+        if timeout(FAREWELL, last_statuses).await.is_err() {
+            warn!(still = ?self.present, "not every edge has left");
+        }
+        for status in self.last_words() {
+            last_words.entry(status.node.clone()).or_insert(status);
+        }
+        last_words.into_values().collect()
+    }
+
+    /// What the edges have said last, by name.
+    pub(super) fn last_words(&self) -> Vec<Status> {
+        let mut words: Vec<Status> = self.members.last_words().cloned().collect();
+        words.sort_by(|a, b| a.node.cmp(&b.node));
+        words
+    }
+
+    fn send_end(&mut self, to: &BTreeSet<String>, ends: &Ends) {
+        let tick = self.gather.next();
+        for index in 0..self.edges.len() {
+            if !to.contains(&self.config.venue.viewpoints[index].name) {
+                continue;
+            }
+            let mut set = BoxSet {
+                session: self.session,
+                tick,
+                viewpoint: ViewpointIndex(index as u16),
+                order: Order::End,
+                live: None,
+                detection_cameras: Vec::new(),
+                persons: Vec::new(),
+            };
+            let now_us = self.interceptor.clock.now_us();
+            set.live = Some(self.edges[index].send(&set, &self.time, now_us));
+            self.send(ends, Outgoing::Boxes(index, wire::encode(&set)));
+        }
+    }
+
+    fn names(&self) -> impl Iterator<Item = &str> {
+        let viewpoints = &self.config.venue.viewpoints;
+        viewpoints.iter().map(|viewpoint| viewpoint.name.as_str())
+    }
+}

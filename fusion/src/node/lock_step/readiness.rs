@@ -1,0 +1,403 @@
+//! Who is ready, and whether all nodes hold the same files. Sans-I/O: statuses in, an answer out.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::ops::Range;
+
+use farfield_proto::message::Status;
+use farfield_proto::same_files::{OtherFile, OwnFiles};
+use farfield_proto::tick::Tick;
+use farfield_proto::venue::Venue;
+
+/// Why a run cannot begin.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub(in crate::node) enum NotReady {
+    /// An edge has read another file than fusion.
+    #[error(
+        "viewpoint {viewpoint} holds another {} than fusion: its fingerprint there is {}, here {}; start that edge with --from-fusion to fetch it, or copy the same file to both",
+        other.what, other.theirs, other.ours
+    )]
+    OtherFile { viewpoint: String, other: OtherFile },
+    /// Two edges run different networks, whose maps do not compare.
+    #[error(
+        "viewpoints {first} and {second} run different networks: {first_hash} and {second_hash}"
+    )]
+    OtherNetwork {
+        first: String,
+        first_hash: String,
+        second: String,
+        second_hash: String,
+    },
+    /// Two edges have the same name, and both are there.
+    #[error("two nodes call themselves {0}")]
+    TwoOfAName(String),
+    /// A node of this name is not in the venue.
+    #[error("a node named {0} is not a viewpoint of the venue")]
+    UnknownNode(String),
+    /// The sources do not hold the ticks that are asked for.
+    #[error(
+        "viewpoint {viewpoint} holds ticks {from}..{to}, but {asked_from}..{asked_to} are asked for"
+    )]
+    TicksOutside {
+        viewpoint: String,
+        from: Tick,
+        to: Tick,
+        asked_from: Tick,
+        asked_to: Tick,
+    },
+    /// Sources of different lengths, and nobody said which ticks to take.
+    #[error(
+        "viewpoint {first} holds ticks {first_from}..{first_to}, viewpoint {second} {second_from}..{second_to}; say --ticks A..B inside both"
+    )]
+    OtherTicks {
+        first: String,
+        first_from: Tick,
+        first_to: Tick,
+        second: String,
+        second_from: Tick,
+        second_to: Tick,
+    },
+    /// All sources are live.
+    #[error("no viewpoint has a recorded source, so lock-step needs --ticks A..B")]
+    NoTicks,
+}
+
+/// What is known when a run begins.
+#[derive(Debug)]
+pub(in crate::node) struct Start {
+    /// The ticks of the run.
+    pub(in crate::node) ticks: Range<Tick>,
+    /// The word of every edge, by name.
+    pub(in crate::node) edges: Vec<Status>,
+}
+
+/// Gathers a ready status of every viewpoint.
+#[derive(Debug)]
+pub(in crate::node) struct Readiness {
+    venue_hash: String,
+    calibration_hash: String,
+    /// How the fingerprint of an edge's networks must begin, where that is known.
+    models: Option<String>,
+    asked: Option<Range<Tick>>,
+    nodes: BTreeMap<String, Option<Status>>,
+    speakers: BTreeMap<String, Speakers>,
+}
+
+/// The processes that have called themselves by one name. An edge may start again before the old
+/// one's leave has come through; one that speaks after its follower has never left.
+#[derive(Debug)]
+struct Speakers {
+    current: u64,
+    former: BTreeSet<u64>,
+}
+
+/// Whether a word can be relied on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Voice {
+    Known,
+    /// The first word of a process that follows another. Were both there, the other would speak before
+    /// the next one.
+    Follower,
+}
+
+impl Readiness {
+    /// For the viewpoints of `venue`, and the ticks that were asked for, if any.
+    pub(in crate::node) fn new(venue: &Venue, asked: Option<Range<Tick>>) -> Self {
+        let nodes = venue
+            .viewpoints
+            .iter()
+            .map(|v| (v.name.clone(), None))
+            .collect();
+        Self {
+            venue_hash: venue.hashes.venue.clone(),
+            calibration_hash: venue.hashes.calibration.clone(),
+            models: None,
+            asked,
+            nodes,
+            speakers: BTreeMap::new(),
+        }
+    }
+
+    /// Refuses edges whose networks' fingerprint does not begin with `models`, where that is known.
+    pub(in crate::node) fn expect_models(&mut self, models: Option<&str>) {
+        self.models = models.map(str::to_owned);
+    }
+
+    /// Takes a node's word. A node that is not ready is noted once it is.
+    pub(in crate::node) fn receive(&mut self, status: &Status) -> Result<(), NotReady> {
+        let viewpoint = status.node.clone();
+        if !self.nodes.contains_key(&viewpoint) {
+            return Err(NotReady::UnknownNode(viewpoint));
+        }
+        let own = OwnFiles {
+            venue: &self.venue_hash,
+            calibration: &self.calibration_hash,
+            networks: self.models.as_deref(),
+        };
+        if let Some(other) = own.other_file(status) {
+            return Err(NotReady::OtherFile { viewpoint, other });
+        }
+        self.check_network(status)?;
+        self.check_ticks(status)?;
+        let counts = self.voice(status)? == Voice::Known && status.ready;
+        if counts || self.is_noted_of_another(status) {
+            self.nodes.insert(viewpoint, counts.then(|| status.clone()));
+        }
+        Ok(())
+    }
+
+    /// A node has left before the start.
+    pub(in crate::node) fn forget(&mut self, node: &str) {
+        if let Some(status) = self.nodes.get_mut(node) {
+            *status = None;
+        }
+    }
+
+    /// The viewpoints that are not ready yet.
+    pub(in crate::node) fn missing(&self) -> Vec<&str> {
+        self.nodes
+            .iter()
+            .filter(|(_, status)| status.is_none())
+            .map(|(name, _)| name.as_str())
+            .collect()
+    }
+
+    /// What the nodes said, by viewpoint, of those that are ready.
+    pub(in crate::node) fn ready(&self) -> impl Iterator<Item = &Status> {
+        self.nodes.values().flatten()
+    }
+
+    /// The ticks of the run; `None` while someone is missing.
+    pub(in crate::node) fn ticks(&self) -> Result<Option<Range<Tick>>, NotReady> {
+        if !self.missing().is_empty() {
+            return Ok(None);
+        }
+        if let Some(asked) = &self.asked {
+            return Ok(Some(asked.clone()));
+        }
+        let mut recorded = self
+            .ready()
+            .filter_map(|s| s.ticks.map(|ticks| (&s.node, ticks)));
+        let (first, [from, to]) = recorded.next().ok_or(NotReady::NoTicks)?;
+        if let Some((second, [second_from, second_to])) =
+            recorded.find(|(_, ticks)| *ticks != [from, to])
+        {
+            let (first, second) = (first.clone(), second.clone());
+            return Err(NotReady::OtherTicks {
+                first,
+                first_from: from,
+                first_to: to,
+                second,
+                second_from,
+                second_to,
+            });
+        }
+        Ok(Some(from..to))
+    }
+
+    fn voice(&mut self, status: &Status) -> Result<Voice, NotReady> {
+        let speakers = self
+            .speakers
+            .entry(status.node.clone())
+            .or_insert_with(|| Speakers {
+                current: status.process,
+                former: BTreeSet::new(),
+            });
+        if speakers.current == status.process {
+            return Ok(Voice::Known);
+        }
+        if speakers.former.contains(&status.process) {
+            return Err(NotReady::TwoOfAName(status.node.clone()));
+        }
+        speakers.former.insert(speakers.current);
+        speakers.current = status.process;
+        Ok(Voice::Follower)
+    }
+
+    fn is_noted_of_another(&self, status: &Status) -> bool {
+        let noted = self.nodes.get(&status.node).and_then(Option::as_ref);
+        noted.is_some_and(|noted| noted.process != status.process)
+    }
+
+    fn check_network(&self, status: &Status) -> Result<(), NotReady> {
+        let other = self.ready().find(|s| {
+            // A viewpoint of keypoint files runs no network, and fits any.
+            s.node != status.node
+                && !s.network_hash.is_empty()
+                && !status.network_hash.is_empty()
+                && s.network_hash != status.network_hash
+        });
+        other.map_or(Ok(()), |other| {
+            Err(NotReady::OtherNetwork {
+                first: other.node.clone(),
+                first_hash: other.network_hash.clone(),
+                second: status.node.clone(),
+                second_hash: status.network_hash.clone(),
+            })
+        })
+    }
+
+    fn check_ticks(&self, status: &Status) -> Result<(), NotReady> {
+        let (Some(asked), Some([from, to])) = (&self.asked, status.ticks) else {
+            return Ok(());
+        };
+        if asked.start >= from && asked.end <= to {
+            return Ok(());
+        }
+        let viewpoint = status.node.clone();
+        Err(NotReady::TicksOutside {
+            viewpoint,
+            from,
+            to,
+            asked_from: asked.start,
+            asked_to: asked.end,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn readiness(asked: Option<Range<Tick>>) -> Readiness {
+        let nodes = [("a".to_owned(), None), ("b".to_owned(), None)].into();
+        Readiness {
+            venue_hash: "v1".to_owned(),
+            calibration_hash: "c1".to_owned(),
+            models: None,
+            asked,
+            nodes,
+            speakers: BTreeMap::new(),
+        }
+    }
+
+    fn status(node: &str) -> Status {
+        Status {
+            node: node.to_owned(),
+            process: 1,
+            viewpoint: None,
+            ready: true,
+            venue_hash: "v1".to_owned(),
+            calibration_hash: "c1".to_owned(),
+            network_hash: "n1".to_owned(),
+            backend: "tract".to_owned(),
+            ticks: Some([Tick(0), Tick(100)]),
+            tick: None,
+            unreadable: 0,
+            failure: None,
+            stages: Vec::new(),
+            live: None,
+        }
+    }
+
+    #[test]
+    fn an_edge_with_another_network_than_fusions_files_is_refused_by_name() {
+        let mut readiness = readiness(None);
+        readiness.expect_models(Some("n1+d1"));
+        let mut same = status("a");
+        same.network_hash = "n1+d1+onnxruntime".to_owned();
+        readiness.receive(&same).unwrap();
+        let mut other = status("b");
+        other.network_hash = "n2+d1+onnxruntime".to_owned();
+        let text = readiness.receive(&other).unwrap_err().to_string();
+        assert!(
+            text.contains("network") && text.contains("viewpoint b"),
+            "{text}"
+        );
+        assert!(text.contains("--from-fusion"), "{text}");
+        // Keypoint files need none.
+        other.network_hash = String::new();
+        readiness.receive(&other).unwrap();
+    }
+
+    #[test]
+    fn the_run_begins_when_every_viewpoint_is_ready() {
+        let mut readiness = readiness(None);
+        readiness.receive(&status("a")).unwrap();
+        assert_eq!(readiness.ticks(), Ok(None));
+        readiness
+            .receive(&Status {
+                ready: false,
+                ..status("b")
+            })
+            .unwrap();
+        assert_eq!(readiness.missing(), ["b"]);
+        readiness.receive(&status("b")).unwrap();
+        assert_eq!(readiness.ticks(), Ok(Some(Tick(0)..Tick(100))));
+        readiness.forget("a");
+        assert_eq!(readiness.missing(), ["a"]);
+    }
+
+    #[test]
+    fn two_edges_of_one_name_are_refused_but_one_may_start_again() {
+        let mut readiness = readiness(None);
+        let second = Status {
+            process: 2,
+            ..status("a")
+        };
+        readiness.receive(&status("a")).unwrap();
+        readiness.receive(&status("b")).unwrap();
+        readiness.receive(&second).unwrap();
+        assert_eq!(readiness.missing(), ["a"], "the first may still be there");
+        readiness.receive(&second).unwrap();
+        assert!(readiness.missing().is_empty());
+        assert_eq!(
+            readiness.receive(&status("a")).unwrap_err().to_string(),
+            "two nodes call themselves a"
+        );
+    }
+
+    #[test]
+    fn another_calibration_is_refused_by_viewpoint_and_file() {
+        let error = readiness(None)
+            .receive(&Status {
+                calibration_hash: "c2".to_owned(),
+                ..status("b")
+            })
+            .unwrap_err();
+        let text = error.to_string();
+        assert!(
+            text.contains("viewpoint b")
+                && text.contains("calibration")
+                && text.contains("c2")
+                && text.contains("c1"),
+            "{text}"
+        );
+    }
+
+    #[test]
+    fn different_networks_are_refused_but_keypoint_files_fit_any() {
+        let mut readiness = readiness(None);
+        readiness
+            .receive(&Status {
+                network_hash: String::new(),
+                ..status("a")
+            })
+            .unwrap();
+        readiness.receive(&status("b")).unwrap();
+        let error = readiness
+            .receive(&Status {
+                network_hash: "n2".to_owned(),
+                ..status("a")
+            })
+            .unwrap_err();
+        assert!(matches!(error, NotReady::OtherNetwork { .. }));
+    }
+
+    #[test]
+    fn sources_of_different_lengths_need_ticks_inside_all() {
+        let shorter = Status {
+            ticks: Some([Tick(0), Tick(90)]),
+            ..status("b")
+        };
+        let mut open = readiness(None);
+        open.receive(&status("a")).unwrap();
+        open.receive(&shorter).unwrap();
+        assert!(matches!(open.ticks(), Err(NotReady::OtherTicks { .. })));
+        let mut asked = readiness(Some(Tick(10)..Tick(60)));
+        asked.receive(&status("a")).unwrap();
+        asked.receive(&shorter).unwrap();
+        assert_eq!(asked.ticks(), Ok(Some(Tick(10)..Tick(60))));
+        let mut outside = readiness(Some(Tick(10)..Tick(95)));
+        assert!(outside.receive(&shorter).is_err());
+    }
+}

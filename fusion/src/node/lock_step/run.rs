@@ -1,0 +1,282 @@
+//! The loop of a lock-step run: gather a tick, step the core, send the boxes of the next.
+//!
+//! It never waits for the network: what it says goes into a bounded queue, and in lock-step there
+//! is never more under way than one tick.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::ops::Range;
+use std::time::Duration;
+
+use anyhow::{Context as _, anyhow};
+use farfield_node::process::Ending;
+use farfield_proto::id::{SessionId, ViewpointIndex};
+use farfield_proto::message::{BoxSet, Order, Status};
+use farfield_proto::tick::Tick;
+use farfield_proto::venue::Venue;
+use farfield_proto::wire;
+use tokio::time::{Instant, sleep_until, timeout};
+use tokio_util::sync::CancellationToken;
+use tracing::debug;
+
+use super::readiness::Start;
+use crate::align::Gather;
+use crate::node::output::progress::Reporter;
+use crate::node::output::tally::Tally;
+use crate::node::session::link::Ends;
+use crate::node::session::messages::{Incoming, Outgoing, Presence};
+use crate::node::session::wiretap::{CopiedStep, WiretapHandle};
+use crate::node::status::check;
+use crate::node::worker::{Stepped, Worker};
+
+/// How long the reason for leaving may take to arrive after a node has left.
+const LAST_WORD: Duration = Duration::from_millis(500);
+
+/// What a run receives, whom it tells how far it is, and what may stop it.
+pub(in crate::node) struct Outside<'a> {
+    pub(in crate::node) ends: &'a mut Ends,
+    pub(in crate::node) reporter: &'a mut Reporter,
+    pub(in crate::node) stop: &'a CancellationToken,
+}
+
+/// A run under way.
+pub(in crate::node) struct LockStep<'a> {
+    venue: &'a Venue,
+    session: SessionId,
+    ticks: Range<Tick>,
+    gather: Gather,
+    wiretap: WiretapHandle,
+    /// What has passed over the links.
+    pub(in crate::node) tally: Tally,
+    /// The last tick that is done.
+    pub(in crate::node) last: Option<Tick>,
+    /// The viewpoints that have left.
+    pub(in crate::node) gone: BTreeSet<String>,
+    /// The edges that were ready, by name: which process each is.
+    processes: BTreeMap<String, u64>,
+    deadline: Option<Instant>,
+}
+
+impl<'a> LockStep<'a> {
+    /// A run over the ticks of `start`, which must not be empty.
+    pub(in crate::node) fn new(
+        venue: &'a Venue,
+        session: SessionId,
+        start: &Start,
+        wiretap: WiretapHandle,
+    ) -> Self {
+        let ticks = start.ticks.clone();
+        let process = |edge: &Status| (edge.node.clone(), edge.process);
+        let gather = Gather::new(session, ticks.start, venue.viewpoints.len());
+        Self {
+            venue,
+            session,
+            ticks,
+            gather,
+            wiretap,
+            tally: Tally::new(venue),
+            last: None,
+            gone: BTreeSet::new(),
+            processes: start.edges.iter().map(process).collect(),
+            deadline: None,
+        }
+    }
+
+    /// Runs from the first boxes to the last tick.
+    ///
+    /// # Errors
+    /// When a node leaves, fails, is silent for too long, or says what cannot be read: by name, with the tick.
+    pub(in crate::node) async fn run(
+        &mut self,
+        first: &[BoxSet],
+        worker: &mut Worker,
+        outside: &mut Outside<'_>,
+    ) -> anyhow::Result<Ending> {
+        let Outside {
+            ends,
+            reporter,
+            stop,
+        } = outside;
+        self.send_boxes(first, ends)?;
+        loop {
+            let deadline = self.deadline;
+            tokio::select! {
+                () = stop.cancelled() => return Ok(Ending::Interrupted),
+                incoming = ends.incoming.recv() => {
+                    let incoming = incoming.context("the subscriptions have ended")?;
+                    if let Some(failure) = self.receive(incoming)? {
+                        return Err(self.with_last_word(failure, ends).await);
+                    }
+                    if self.deadline.is_some() && self.gather.is_complete() {
+                        self.deadline = None;
+                        let group = self.gather.take();
+                        self.wiretap.decided(CopiedStep {
+                            group: &group,
+                            late: &[],
+                            horizons: &[],
+                        });
+                        let decision = group.decision(self.session, self.ticks.start);
+                        send(ends, Outgoing::Decision(wire::encode(&decision)))?;
+                        worker.step(group)?;
+                    }
+                }
+                stepped = worker.done.recv() => {
+                    let stepped = stepped.context("the core has ended")?;
+                    if self.stepped(&stepped, ends, reporter)? {
+                        return Ok(Ending::Done);
+                    }
+                }
+                () = sleep_until(deadline.unwrap_or_else(Instant::now)), if deadline.is_some() => return Err(self.too_late()),
+            }
+        }
+    }
+
+    /// Tells every edge that the run is over.
+    pub(in crate::node) fn send_end(&mut self, ends: &Ends) {
+        let tick = self.last.map_or(self.ticks.start, |last| last + 1);
+        for viewpoint in 0..self.venue.viewpoints.len() {
+            let viewpoint = ViewpointIndex(viewpoint as u16);
+            let set = BoxSet {
+                session: self.session,
+                tick,
+                viewpoint,
+                order: Order::End,
+                live: None,
+                detection_cameras: Vec::new(),
+                persons: Vec::new(),
+            };
+            if send(
+                ends,
+                Outgoing::Boxes(usize::from(viewpoint.0), wire::encode(&set)),
+            )
+            .is_err()
+            {
+                debug!("an end order was not sent: the queue is full");
+            }
+        }
+    }
+
+    /// Takes a message; returns the node that has left, if one has.
+    fn receive(&mut self, incoming: Incoming) -> anyhow::Result<Option<String>> {
+        let taken = match incoming {
+            Incoming::Patches(set, arrival) => {
+                self.tally
+                    .patches(set.viewpoint, set.persons.len(), arrival.bytes);
+                self.gather.add_patches(set)
+            }
+            Incoming::Sightings(set, arrival) => {
+                self.tally.sightings(set.viewpoint, arrival.bytes);
+                self.gather.add_sightings(set)
+            }
+            Incoming::Status(status) => {
+                self.check_name(&status)?;
+                return check(&status).map(|()| None);
+            }
+            Incoming::Alive(node, Presence::Gone)
+                if self.venue.viewpoint_named(&node).is_some() =>
+            {
+                self.gone.insert(node.clone());
+                return Ok(Some(node));
+            }
+            Incoming::Alive(..) => return Ok(None),
+            // The tick would never be complete.
+            Incoming::Unreadable(key) => {
+                return Err(anyhow!(
+                    "a message on {key} cannot be read, at tick {}",
+                    self.gather.tick()
+                ));
+            }
+        };
+        if let Err(reason) = taken {
+            debug!(%reason, "message refused");
+            self.tally.refused += 1;
+        }
+        Ok(None)
+    }
+
+    /// Refuses an edge that takes another's name while that one works: nobody could tell whose patches
+    /// come.
+    fn check_name(&self, status: &Status) -> anyhow::Result<()> {
+        let is_another = |&process: &u64| process != status.process;
+        anyhow::ensure!(
+            !self.processes.get(&status.node).is_some_and(is_another),
+            "two nodes call themselves {}",
+            status.node
+        );
+        Ok(())
+    }
+
+    /// Publishes a tick's poses and the next boxes; true when that was the last tick.
+    fn stepped(
+        &mut self,
+        stepped: &Stepped,
+        ends: &Ends,
+        reporter: &mut Reporter,
+    ) -> anyhow::Result<bool> {
+        let tick = stepped.poses.tick;
+        self.last = Some(tick);
+        self.tally.unusable += u64::from(stepped.unusable);
+        let poses = wire::encode(&stepped.poses);
+        self.tally.pose_bytes += poses.len() as u64;
+        send(ends, Outgoing::Poses(poses))?;
+        for set in &stepped.smoothed {
+            send(ends, Outgoing::Smooth(wire::encode(set)))?;
+        }
+        let over = tick + 1 >= self.ticks.end;
+        if !over {
+            self.send_boxes(&stepped.boxes, ends)?;
+        }
+        reporter.tick(&stepped.poses, self.tally.total_bytes());
+        Ok(over)
+    }
+
+    fn send_boxes(&mut self, sets: &[BoxSet], ends: &Ends) -> anyhow::Result<()> {
+        for set in sets {
+            let bytes = wire::encode(set);
+            self.tally.boxes(set.viewpoint, bytes.len() as u64);
+            send(ends, Outgoing::Boxes(usize::from(set.viewpoint.0), bytes))?;
+        }
+        self.deadline = Some(
+            Instant::now() + Duration::from_secs_f64(self.venue.parameters.link.lockstep_timeout_s),
+        );
+        Ok(())
+    }
+
+    fn too_late(&self) -> anyhow::Error {
+        let missing = self.gather.missing();
+        let names: Vec<&str> = missing
+            .iter()
+            .filter_map(|v| self.venue.viewpoints.get(usize::from(v.0)))
+            .map(|v| v.name.as_str())
+            .collect();
+        anyhow!(
+            "no word of tick {} from viewpoint {} within {} s (`lockstep_timeout_s`)",
+            self.gather.tick(),
+            names.join(", "),
+            self.venue.parameters.link.lockstep_timeout_s
+        )
+    }
+
+    /// Waits a moment for the reason why `node` has left.
+    async fn with_last_word(&self, node: String, ends: &mut Ends) -> anyhow::Error {
+        let last_word = async {
+            while let Some(incoming) = ends.incoming.recv().await {
+                if let Incoming::Status(status) = incoming
+                    && status.node == node
+                    && let Err(error) = check(&status)
+                {
+                    return error;
+                }
+            }
+            anyhow!("the subscriptions have ended")
+        };
+        let reason = timeout(LAST_WORD, last_word).await;
+        reason
+            .unwrap_or_else(|_| anyhow!("viewpoint {node} has left at tick {}", self.gather.tick()))
+    }
+}
+
+fn send(ends: &Ends, message: Outgoing) -> anyhow::Result<()> {
+    ends.outgoing
+        .try_send(message)
+        .map_err(|_| anyhow!("the network takes no more messages"))
+}

@@ -1,0 +1,183 @@
+//! What a run says of itself at its end, for `summary.json`.
+
+use std::collections::BTreeMap;
+use std::ops::Range;
+use std::path::Path;
+use std::time::Duration;
+
+use anyhow::Context as _;
+use farfield_node::process::Ending;
+use farfield_proto::message::{DETECTION_STAGE, StageTime, Status};
+use farfield_proto::tick::Tick;
+use farfield_proto::transport::FUSION;
+use farfield_proto::venue::Venue;
+
+use super::tally::Tally;
+use crate::export::pose_files::Presence;
+use crate::export::summary::{
+    DropSummary, RecordingSummary, StageTiming, Summary, TickSpan, TimingSummary,
+};
+use crate::export::unfinished::write_whole;
+
+/// What is known when a run is over.
+pub(in crate::node) struct Facts<'a> {
+    /// The ticks of the run.
+    pub(in crate::node) ticks: Range<Tick>,
+    /// The first words of the edges, with their networks.
+    pub(in crate::node) edges: &'a [Status],
+    pub(in crate::node) tally: &'a Tally,
+    /// What came too late, or not at all.
+    pub(in crate::node) lost: Lost,
+    /// How it ended; `None` when it failed.
+    pub(in crate::node) ending: Option<Ending>,
+    pub(in crate::node) people: Vec<Presence>,
+    /// The last tick that went through the core.
+    pub(in crate::node) last: Option<Tick>,
+    /// Times of fusion's own stages.
+    pub(in crate::node) stages: Vec<StageTime>,
+    /// Times of the paths between the nodes, by node; none in lock-step.
+    pub(in crate::node) paths: Vec<(String, StageTime)>,
+    /// The last statuses of the edges, with their times.
+    pub(in crate::node) last_words: &'a [Status],
+    pub(in crate::node) elapsed: Duration,
+    /// What was recorded, when anything was.
+    pub(in crate::node) recording: Option<RecordingSummary>,
+}
+
+/// Messages that no step has used.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(in crate::node) struct Lost {
+    /// Those that fusion could not read.
+    pub(in crate::node) unreadable: u64,
+    pub(in crate::node) late: u64,
+    pub(in crate::node) missing: u64,
+    /// Of strangers, of another session, of refused edges, or repeated.
+    pub(in crate::node) refused: u64,
+    /// What fusion had no room to send.
+    pub(in crate::node) unsent: u64,
+}
+
+/// Puts the facts together; nothing outside `timing` depends on a clock or another process.
+pub(in crate::node) fn summarize(venue: &Venue, facts: &Facts<'_>) -> Summary {
+    let Facts { ticks, lost, .. } = facts;
+    let done = facts
+        .last
+        .map_or(0, |last| last + 1 - ticks.start)
+        .unsigned_abs();
+    let by_edge = |text: fn(&Status) -> &String| -> BTreeMap<String, String> {
+        facts
+            .edges
+            .iter()
+            .filter(|edge| !text(edge).is_empty())
+            .map(|edge| (edge.node.clone(), text(edge).clone()))
+            .collect()
+    };
+    let elapsed_s = facts.elapsed.as_secs_f64();
+    Summary {
+        venue: venue.name.clone(),
+        venue_hash: venue.hashes.venue.clone(),
+        calibration_hash: venue.hashes.calibration.clone(),
+        rate_hz: venue.rate_hz,
+        complete: facts.ending == Some(Ending::Done),
+        ticks: TickSpan {
+            first: ticks.start,
+            end: ticks.end,
+            done,
+        },
+        people: facts.people.iter().copied().map(Into::into).collect(),
+        links: facts.tally.links(),
+        drops: DropSummary {
+            unreadable: facts
+                .last_words
+                .iter()
+                .map(|status| status.unreadable)
+                .sum::<u64>()
+                + lost.unreadable,
+            unusable: facts.tally.unusable,
+            late: lost.late,
+            missing: lost.missing,
+            refused: lost.refused,
+            unsent: lost.unsent,
+        },
+        backends: by_edge(|status| &status.backend),
+        models: by_edge(|status| &status.network_hash),
+        versions: versions(),
+        timing: TimingSummary {
+            elapsed_s,
+            ticks_per_s: done as f64 / elapsed_s.max(1e-9),
+            stages: stages(facts),
+            look_share: look_shares(facts.last_words),
+            link_bytes_on_wire: BTreeMap::new(),
+            recording: facts.recording.clone(),
+        },
+    }
+}
+
+/// Says in the summary in `folder` what the recording has come to in the end: what failed after the summary
+/// was written, too.
+pub(in crate::node) fn complete(folder: &Path, recording: &RecordingSummary) -> anyhow::Result<()> {
+    let path = folder.join("summary.json");
+    if !path.exists() {
+        // A run without a tick leaves none.
+        return Ok(());
+    }
+    let reading = || format!("reading {}", path.display());
+    let text = std::fs::read_to_string(&path).with_context(reading)?;
+    let mut summary: Summary = serde_json::from_str(&text).with_context(reading)?;
+    let known = summary.timing.recording.replace(recording.clone());
+    if known.as_ref() == Some(recording) {
+        return Ok(());
+    }
+    write(folder, &summary)
+}
+
+/// Per program and library: its version.
+pub(in crate::node) fn versions() -> BTreeMap<String, String> {
+    [
+        ("farfield".to_owned(), env!("CARGO_PKG_VERSION").to_owned()),
+        ("wire".to_owned(), farfield_proto::wire::VERSION.to_string()),
+    ]
+    .into()
+}
+
+/// `fusion/step`, `<viewpoint>/read` and so on.
+fn stages(facts: &Facts<'_>) -> BTreeMap<String, StageTiming> {
+    let of_edges = facts.last_words.iter().flat_map(|status| {
+        status
+            .stages
+            .iter()
+            .map(|stage| (status.node.as_str(), stage))
+    });
+    let paths = facts.paths.iter().map(|(node, time)| (node.as_str(), time));
+    let own = facts.stages.iter().map(|stage| (FUSION, stage));
+    let all = own.chain(of_edges).chain(paths);
+    let timing = |stage: &StageTime| StageTiming {
+        p50_us: f64::from(stage.p50_us),
+        p99_us: f64::from(stage.p99_us),
+        p999_us: f64::from(stage.p999_us),
+        max_us: f64::from(stage.max_us),
+    };
+    all.map(|(node, stage)| (format!("{node}/{}", stage.stage), timing(stage)))
+        .collect()
+}
+
+/// What looking for people cost each edge, of all its work.
+fn look_shares(last_words: &[Status]) -> BTreeMap<String, f64> {
+    let share = |status: &Status| {
+        let of = |looks: bool| {
+            let stages = status.stages.iter();
+            let stages = stages.filter(|s| !looks || s.stage == DETECTION_STAGE);
+            stages.map(|s| s.total_us).sum::<u64>() as f64
+        };
+        (of(false) > 0.0).then(|| (status.node.clone(), of(true) / of(false)))
+    };
+    last_words.iter().filter_map(share).collect()
+}
+
+/// Writes `summary.json` into `folder`.
+pub(in crate::node) fn write(folder: &Path, summary: &Summary) -> anyhow::Result<()> {
+    let path = folder.join("summary.json");
+    let text = summary.to_json();
+    write_whole(path.clone(), text.as_bytes())
+        .with_context(|| format!("writing {}", path.display()))
+}
