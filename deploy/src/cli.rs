@@ -1,33 +1,29 @@
 //! What can be said on the command line. Wrong usage ends with exit code 2.
 
-use std::ops::Range;
-use std::path::PathBuf;
-use std::str::FromStr;
-
-use clap::{Args, Parser, Subcommand};
+use clap::{Parser, Subcommand};
 use farfield_edge::node::EdgeArgs;
 use farfield_fusion::node::{FusionArgs, RecordArgs, ReplayArgs};
-use farfield_proto::tick::{Tick, parse_range};
 
 use crate::certs::CertsArgs;
 use crate::demo::DemoArgs;
 use crate::evaluate::EvaluateArgs;
+use crate::parameters::ParametersArgs;
+use crate::run::RunArgs;
 use crate::simulate::SimulateArgs;
-use crate::study::Study;
 
 /// Markerless motion capture for wide fields.
 ///
 /// Exit codes: 0 done, 1 ran but failed, 2 wrong input or usage, 130 interrupted.
 #[derive(Debug, Parser)]
 #[command(name = "farfield", version)]
-pub(crate) struct Cli {
+pub(crate) struct FarfieldCli {
     #[command(subcommand)]
-    pub(crate) command: Command,
+    pub(crate) command: FarfieldCommand,
 }
 
 /// One thing to do.
 #[derive(Debug, Subcommand)]
-pub(crate) enum Command {
+pub(crate) enum FarfieldCommand {
     /// Bring up all nodes of a venue on this machine and work through its recordings.
     Run(RunArgs),
     /// Start the edge node of one viewpoint.
@@ -38,14 +34,10 @@ pub(crate) enum Command {
     Record(RecordArgs),
     /// Solve a recording again: as it was, or with other parameters or another calibration.
     Replay(ReplayArgs),
+    /// List every parameter of a venue file: unit, default, range and what it is.
+    Parameters(ParametersArgs),
     /// Score poses against a truth.
     Evaluate(EvaluateArgs),
-    /// Make figures about the method anew.
-    Study {
-        /// Which.
-        #[command(subcommand)]
-        study: Study,
-    },
     /// Show the whole system at work on people who do not exist, and how far it is from the truth.
     Demo(DemoArgs),
     /// Make the keys of a venue: an authority, and one certificate per node.
@@ -54,114 +46,13 @@ pub(crate) enum Command {
     Simulate(SimulateArgs),
 }
 
-/// Arguments of `farfield run`.
-#[derive(Debug, Args)]
-pub(crate) struct RunArgs {
-    /// The venue file.
-    pub(crate) venue: PathBuf,
-    /// Run live: cameras as their pictures come, recordings as fast as they were made; nobody waits. Without
-    /// it, in lock-step.
-    #[arg(long)]
-    pub(crate) live: bool,
-    /// Work on these ticks only (half-open); all recordings must hold them.
-    #[arg(long, value_name = "A..B", value_parser = parse_range, allow_hyphen_values = true)]
-    pub(crate) ticks: Option<Range<Tick>>,
-    /// Folder for the results; must be empty or not there. Default: `farfield-out/VENUE-N`.
-    #[arg(long, value_name = "DIR")]
-    pub(crate) out: Option<PathBuf>,
-    /// Draw the skeletons over every camera's picture of these ticks; without any, of the middle one.
-    #[arg(long, value_name = "TICK[,TICK]...", num_args = 0..=1, allow_negative_numbers = true)]
-    #[expect(
-        clippy::option_option,
-        reason = "absent, without and with ticks: how clap says it"
-    )]
-    pub(crate) overlay: Option<Option<TickList>>,
-    /// Record everything that fusion hears and says, and what it used for each tick, as an MCAP file that
-    /// `farfield replay` takes. Default: `recording.mcap` in the folder of the results.
-    #[arg(long, value_name = "FILE", num_args = 0..=1)]
-    #[expect(
-        clippy::option_option,
-        reason = "absent, without and with a file: how clap says it"
-    )]
-    pub(crate) record: Option<Option<PathBuf>>,
-    /// Print the summary as JSON.
-    #[arg(long)]
-    pub(crate) json: bool,
-}
-
-/// Ticks as the command line names them: numbers with commas between.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) struct TickList(pub(crate) Vec<Tick>);
-
-impl FromStr for TickList {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let tick = |part: &str| {
-            let number = part.trim().parse().map(Tick);
-            number.map_err(|_| format!("`{part}` is not a tick, expected a number"))
-        };
-        text.split(',')
-            .map(tick)
-            .collect::<Result<_, _>>()
-            .map(Self)
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn run_args(args: &[&str]) -> RunArgs {
-        match Cli::try_parse_from([&["farfield", "run", "venue.toml"], args].concat())
-            .unwrap()
-            .command
-        {
-            Command::Run(args) => args,
-            other => panic!("{other:?}"),
-        }
-    }
-
-    #[test]
-    fn an_overlay_may_name_its_ticks() {
-        let ticks = |ticks: &[i64]| Some(Some(TickList(ticks.iter().copied().map(Tick).collect())));
-        assert_eq!(run_args(&[]).overlay, None);
-        assert_eq!(run_args(&["--overlay"]).overlay, Some(None));
-        assert_eq!(run_args(&["--overlay", "--json"]).overlay, Some(None));
-        assert_eq!(
-            run_args(&["--overlay", "42", "--json"]).overlay,
-            ticks(&[42])
-        );
-        assert_eq!(run_args(&["--overlay", "-3"]).overlay, ticks(&[-3]));
-        assert_eq!(
-            run_args(&["--overlay=-3,42, 50"]).overlay,
-            ticks(&[-3, 42, 50])
-        );
-    }
-
-    #[test]
-    fn a_tick_that_is_no_number_is_refused_by_name() {
-        let args = ["farfield", "run", "v.toml", "--overlay", "3,x"];
-        let error = Cli::try_parse_from(args).unwrap_err();
-        assert_eq!(error.exit_code(), 2);
-        assert!(error.to_string().contains("`x`"), "{error}");
-    }
-
-    #[test]
-    fn ticks_are_a_half_open_range() {
-        assert_eq!(
-            run_args(&["--ticks", "300..900"]).ticks,
-            Some(Tick(300)..Tick(900))
-        );
-        let error =
-            Cli::try_parse_from(["farfield", "run", "v.toml", "--ticks", "9..3"]).unwrap_err();
-        assert_eq!(error.exit_code(), 2);
-        assert!(error.to_string().contains("9..3"), "{error}");
-    }
-
     #[test]
     fn the_command_line_is_consistent() {
         use clap::CommandFactory as _;
-        Cli::command().debug_assert();
+        FarfieldCli::command().debug_assert();
     }
 }

@@ -1,5 +1,4 @@
-//! `farfield evaluate POSES TRUTH`: how good a `poses.jsonl` is against a `truth.jsonl`. (With `--suite`,
-//! how good the system is in fixed scenes: [`crate::suite`].)
+//! `farfield evaluate POSES TRUTH`: how good a `poses.jsonl` is against a `truth.jsonl`.
 //!
 //! What can go wrong is mostly wrong input: a file that is not there, a line that cannot be read, a
 //! truth with nothing to compare. That the result cannot be printed is not.
@@ -11,68 +10,41 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, anyhow, bail, ensure};
 use farfield_fusion::node::NodeError;
-use farfield_fusion::score::lines::{Recording, Role};
-use farfield_fusion::score::plot::plot_of;
-use farfield_fusion::score::points::PointSet;
-use farfield_fusion::score::table::side_by_side;
-use farfield_fusion::score::{Scores, score};
 use farfield_proto::tick::{Tick, parse_range};
+use farfield_score::lines::{LinesRole, PoseLines};
+use farfield_score::plot::plot_of;
+use farfield_score::points::PointSet;
+use farfield_score::table::side_by_side;
+use farfield_score::{Scores, score};
 
-use crate::{output, suite};
+use crate::output;
 
 /// What `farfield evaluate` is told.
-#[expect(
-    clippy::struct_excessive_bools,
-    reason = "each is a switch of the command line"
-)]
 #[derive(Debug, Clone, clap::Args)]
 pub(crate) struct EvaluateArgs {
     /// The poses, as `farfield run` writes them.
-    #[arg(required_unless_present = "suite", conflicts_with = "suite")]
-    pub poses: Option<PathBuf>,
+    poses: PathBuf,
     /// The truth: one line per tick and person, with those joints and keypoints that are known.
-    #[arg(required_unless_present = "suite", conflicts_with = "suite")]
-    pub truth: Option<PathBuf>,
+    truth: PathBuf,
     /// Other poses of the same truth, to stand beside: such as those of a run without range of motion.
-    #[arg(long, value_name = "POSES", conflicts_with = "suite")]
-    pub beside: Option<PathBuf>,
+    #[arg(long, value_name = "POSES")]
+    beside: Option<PathBuf>,
     /// Which points to compare: joints, keypoints or shelf14.
-    #[arg(long, default_value = "joints", conflicts_with = "suite")]
-    pub points: PointSet,
+    #[arg(long, default_value = "joints")]
+    points: PointSet,
     /// Only these ticks, A..B (B not among them).
-    #[arg(long, value_parser = parse_range, value_name = "A..B", allow_hyphen_values = true,
-          conflicts_with = "suite")]
-    pub ticks: Option<Range<Tick>>,
+    #[arg(long, value_parser = parse_range, value_name = "A..B", allow_hyphen_values = true)]
+    ticks: Option<Range<Tick>>,
     /// Ticks per second, for jitter and foot slide. Default: that of the summary.json beside POSES,
-    /// else that of the venue.toml beside TRUTH; without any the two are left out. Of a suite, the
-    /// rate to run its scenes at instead of their own.
+    /// else that of the venue.toml beside TRUTH; without any the two are left out.
     #[arg(long, value_name = "HZ")]
-    pub rate_hz: Option<f64>,
+    rate_hz: Option<f64>,
     /// Print JSON instead of a table.
     #[arg(long)]
-    pub json: bool,
-    /// Draw the error of each actor over time as SVG: into this file, of a suite into this folder, one
-    /// file per scene.
-    #[arg(long, value_name = "PATH")]
-    pub plot: Option<PathBuf>,
-    /// Run these suites (paper, identity, own) or scene files in this process and score them, with and
-    /// without range of motion, beside plain triangulation. The fixed scenes are looked for below
-    /// `$FARFIELD_DATA`, else ../shared; where they are not there, scenes of the project's own clips run.
-    #[arg(long, value_name = "NAME|FILE", num_args = 1..)]
-    pub suite: Vec<String>,
-    /// Render pictures and read them with the embedded networks, instead of making maps from the truth.
-    #[arg(long, requires = "suite", conflicts_with = "poses")]
-    pub pixels: bool,
-    /// With `--pixels`: give people by hand where they come in, instead of finding them in the pictures.
-    #[arg(long, requires = "pixels")]
-    pub given: bool,
-    /// Only the first seconds of each scene.
-    #[arg(long, value_name = "S", requires = "suite", conflicts_with = "poses")]
-    pub seconds: Option<f64>,
-    /// End with exit code 1 when a figure is behind the loose limits that no change may fall behind;
-    /// leaves out the studies of single parts.
-    #[arg(long, requires = "suite", conflicts_with = "poses")]
-    pub check: bool,
+    json: bool,
+    /// Draw the error of each actor over time as SVG, into this file.
+    #[arg(long, value_name = "FILE")]
+    plot: Option<PathBuf>,
 }
 
 /// What is printed as JSON: the scores, and what stands beside them.
@@ -84,27 +56,17 @@ struct Evaluation {
     beside: Option<Scores>,
 }
 
-/// The files that are compared.
-struct Files<'a> {
-    poses: &'a Path,
-    truth: &'a Path,
-}
-
-/// Scores the poses, or runs the suite, and prints the result.
+/// Scores the poses, and prints the result.
 ///
 /// # Errors
-/// When a file is missing or wrong, when the truth holds nothing to compare, when a suite fails, or when
-/// the result cannot be printed or drawn.
+/// When a file is missing or wrong, when the truth holds nothing to compare, or when the result cannot be
+/// printed or drawn.
 pub(crate) fn evaluate(args: &EvaluateArgs) -> Result<(), NodeError> {
     if let Some(rate) = args.rate_hz.filter(|&rate| !is_rate(rate)) {
         let problem = anyhow!("--rate-hz: found {rate}, expected a number above 0");
         return Err(NodeError::Refused(problem));
     }
-    let (Some(poses), Some(truth)) = (&args.poses, &args.truth) else {
-        return suite::suite(args);
-    };
-    let (evaluation, plot) =
-        scores_of(&Files { poses, truth }, args).map_err(NodeError::Refused)?;
+    let (evaluation, plot) = scores_of(args).map_err(NodeError::Refused)?;
     if let Some(path) = &args.plot {
         std::fs::write(path, plot)
             .with_context(|| format!("writing {}", path.display()))
@@ -136,36 +98,36 @@ impl Evaluation {
 }
 
 /// The scores, and the plot of them.
-fn scores_of(files: &Files<'_>, args: &EvaluateArgs) -> anyhow::Result<(Evaluation, String)> {
-    let truth = read(files.truth, Role::Truth, args)?;
+fn scores_of(args: &EvaluateArgs) -> anyhow::Result<(Evaluation, String)> {
+    let truth = read(&args.truth, LinesRole::Truth, args)?;
     if truth.is_empty() {
         match &args.ticks {
             Some(ticks) => {
                 bail!(
                     "{}: nobody is there in ticks {}..{}",
-                    files.truth.display(),
+                    args.truth.display(),
                     ticks.start,
                     ticks.end
                 )
             }
             None => bail!(
                 "{}: no line, expected one per tick and person",
-                files.truth.display()
+                args.truth.display()
             ),
         }
     }
     ensure!(
         truth.has_points(),
         "{}: none of the points that are compared is known of anybody",
-        files.truth.display()
+        args.truth.display()
     );
-    let poses = read(files.poses, Role::Poses, args)?;
-    let rate_hz = rate_hz(files, args);
+    let poses = read(&args.poses, LinesRole::Poses, args)?;
+    let rate_hz = rate_hz(args);
     let beside = args.beside.as_ref().map(|path| {
-        let poses = read(path, Role::Poses, args)?;
+        let poses = read(path, LinesRole::Poses, args)?;
         Ok::<_, anyhow::Error>(score(&poses, &truth, rate_hz))
     });
-    let title = format!("{}: mean error", files.poses.display());
+    let title = format!("{}: mean error", args.poses.display());
     // Without a rate, time is counted in ticks.
     let plot = plot_of(&title, &poses, &truth, rate_hz.unwrap_or(1.0));
     let evaluation = Evaluation {
@@ -175,10 +137,10 @@ fn scores_of(files: &Files<'_>, args: &EvaluateArgs) -> anyhow::Result<(Evaluati
     Ok((evaluation, plot))
 }
 
-fn read(path: &Path, role: Role, args: &EvaluateArgs) -> anyhow::Result<Recording> {
+fn read(path: &Path, role: LinesRole, args: &EvaluateArgs) -> anyhow::Result<PoseLines> {
     let file = File::open(path).with_context(|| format!("opening {}", path.display()))?;
     let reader = BufReader::new(file);
-    Ok(Recording::read(
+    Ok(PoseLines::read(
         reader,
         path,
         role,
@@ -189,16 +151,16 @@ fn read(path: &Path, role: Role, args: &EvaluateArgs) -> anyhow::Result<Recordin
 
 /// The rate that was asked for, or the one that a file beside the lines tells. A neighbour that
 /// tells none, or is not there, is no error: it was not named.
-fn rate_hz(files: &Files<'_>, args: &EvaluateArgs) -> Option<f64> {
+fn rate_hz(args: &EvaluateArgs) -> Option<f64> {
     let of_summary = || {
-        let text = fs::read_to_string(files.poses.with_file_name("summary.json")).ok()?;
+        let text = fs::read_to_string(args.poses.with_file_name("summary.json")).ok()?;
         serde_json::from_str::<serde_json::Value>(&text)
             .ok()?
             .get("rate_hz")?
             .as_f64()
     };
     let of_venue = || {
-        let text = fs::read_to_string(files.truth.with_file_name("venue.toml")).ok()?;
+        let text = fs::read_to_string(args.truth.with_file_name("venue.toml")).ok()?;
         let rate = text.parse::<toml::Table>().ok()?.remove("rate_hz")?;
         rate.as_float()
             .or_else(|| rate.as_integer().map(|rate| rate as f64))
@@ -218,14 +180,14 @@ mod tests {
     const LINE: &str = "{\"tick\": 5, \"person\": 1, \"joints\": {\"left_hip\": [0, 0, 1]}}\n";
 
     #[derive(clap::Parser)]
-    struct Line {
+    struct EvaluateLine {
         #[command(flatten)]
         args: EvaluateArgs,
     }
 
     fn parsed(words: &[&str]) -> Result<EvaluateArgs, clap::Error> {
         let words = [&["evaluate"], words].concat();
-        <Line as clap::Parser>::try_parse_from(words).map(|line| line.args)
+        <EvaluateLine as clap::Parser>::try_parse_from(words).map(|line| line.args)
     }
 
     fn folder_with(truth: &str) -> (tempfile::TempDir, EvaluateArgs) {
@@ -240,22 +202,13 @@ mod tests {
         (folder, args)
     }
 
-    fn files(args: &EvaluateArgs) -> Files<'_> {
-        Files {
-            poses: args.poses.as_deref().unwrap(),
-            truth: args.truth.as_deref().unwrap(),
-        }
-    }
-
     #[test]
-    fn two_files_or_a_suite_but_not_both() {
+    fn poses_and_a_truth_are_needed() {
         assert!(parsed(&[]).is_err());
         assert!(parsed(&["poses.jsonl"]).is_err());
-        assert!(parsed(&["poses.jsonl", "truth.jsonl", "--suite", "own"]).is_err());
-        assert!(parsed(&["poses.jsonl", "truth.jsonl", "--pixels"]).is_err());
-        let args = parsed(&["--suite", "own", "x.toml", "--seconds", "2", "--json"]).unwrap();
-        assert_eq!(args.suite, ["own", "x.toml"]);
-        assert!(args.json && args.poses.is_none());
+        let args = parsed(&["poses.jsonl", "truth.jsonl", "--json"]).unwrap();
+        assert_eq!(args.truth, Path::new("truth.jsonl"));
+        assert!(args.json);
     }
 
     #[test]
@@ -264,7 +217,7 @@ mod tests {
         let other = folder.path().join("other.jsonl");
         fs::write(&other, LINE.replace("[0, 0, 1]", "[0, 0, 1.1]")).unwrap();
         args.beside = Some(other);
-        let (evaluation, plot) = scores_of(&files(&args), &args).unwrap();
+        let (evaluation, plot) = scores_of(&args).unwrap();
         let table = evaluation.table();
         assert!(
             table.contains("POSES") && table.contains("100.0"),
@@ -277,20 +230,16 @@ mod tests {
     }
 
     fn refused(args: &EvaluateArgs) -> String {
-        format!("{:#}", scores_of(&files(args), args).err().unwrap())
+        format!("{:#}", scores_of(args).err().unwrap())
     }
 
     #[test]
     fn a_truth_without_anything_to_compare_is_refused() {
         let (_folder, mut args) = folder_with("");
         assert!(refused(&args).ends_with("truth.jsonl: no line, expected one per tick and person"));
-        fs::write(
-            args.truth.as_ref().unwrap(),
-            LINE.replace("left_hip", "spine"),
-        )
-        .unwrap();
+        fs::write(&args.truth, LINE.replace("left_hip", "spine")).unwrap();
         assert!(refused(&args).contains("none of the points"));
-        fs::write(args.truth.as_ref().unwrap(), LINE).unwrap();
+        fs::write(&args.truth, LINE).unwrap();
         args.ticks = Some(Tick(0)..Tick(5));
         assert!(refused(&args).ends_with("nobody is there in ticks 0..5"));
     }
@@ -298,20 +247,20 @@ mod tests {
     #[test]
     fn a_missing_file_is_named() {
         let (folder, args) = folder_with(LINE);
-        fs::remove_file(args.poses.as_ref().unwrap()).unwrap();
+        fs::remove_file(&args.poses).unwrap();
         assert!(refused(&args).contains(&folder.path().join("poses.jsonl").display().to_string()));
     }
 
     #[test]
     fn the_rate_comes_from_the_caller_then_the_summary_then_the_venue() {
         let (folder, mut args) = folder_with(LINE);
-        assert_eq!(rate_hz(&files(&args), &args), None);
+        assert_eq!(rate_hz(&args), None);
         fs::write(folder.path().join("venue.toml"), "rate_hz = 25").unwrap();
-        assert_eq!(rate_hz(&files(&args), &args), Some(25.0));
+        assert_eq!(rate_hz(&args), Some(25.0));
         fs::write(folder.path().join("summary.json"), "{\"rate_hz\": 60.0}").unwrap();
-        assert_eq!(rate_hz(&files(&args), &args), Some(60.0));
+        assert_eq!(rate_hz(&args), Some(60.0));
         args.rate_hz = Some(50.0);
-        assert_eq!(rate_hz(&files(&args), &args), Some(50.0));
+        assert_eq!(rate_hz(&args), Some(50.0));
         args.rate_hz = Some(0.0);
         assert!(evaluate(&args).is_err());
     }

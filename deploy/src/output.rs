@@ -8,7 +8,7 @@ use anyhow::Context as _;
 ///
 /// # Errors
 /// When the text cannot be written, for example because the disk behind standard output is full.
-pub(crate) fn print(text: &str) -> anyhow::Result<()> {
+pub fn print(text: &str) -> anyhow::Result<()> {
     let mut out = stdout().lock();
     allow_gone(out.write_all(text.as_bytes()).and_then(|()| out.flush()))
         .context("writing to standard output")

@@ -7,7 +7,7 @@
 mod number;
 
 use anyhow::Context as _;
-use farfield_edge::source::{Candidate, Content, Sources};
+use farfield_edge::source::{FrameContent, KeypointCandidate, Sources};
 use farfield_fusion::body::skeleton::Joint;
 use farfield_proto::camera::{CameraModel, NEAR_PLANE_M};
 use farfield_proto::frames::{Point, World};
@@ -49,14 +49,14 @@ pub(crate) fn overlay(
         .next_frame()?
         .with_context(|| format!("camera `{}` has no tick {tick}", camera.model.name()))?;
     let mut image = match frame.content {
-        Content::Image(image) => image,
-        Content::Keypoints(keypoints) => {
+        FrameContent::Image(image) => image,
+        FrameContent::Keypoints(keypoints) => {
             let [width, height] = camera.model.size_px();
             let mut canvas = RgbImage::from_pixel(width, height, CANVAS);
             draw_candidates(&mut canvas, keypoints.peaks.iter().flatten());
             canvas
         }
-        Content::Painted(painter) => {
+        FrameContent::Painted(painter) => {
             let [width, height] = camera.model.size_px();
             let mut canvas = RgbImage::from_pixel(width, height, CANVAS);
             let found = painter.persons();
@@ -142,7 +142,7 @@ fn person_colour(person: PersonId) -> [u8; 3] {
 }
 
 /// Small crosses where keypoints may be, brighter with their score.
-fn draw_candidates<'a>(image: &mut RgbImage, found: impl Iterator<Item = &'a Candidate>) {
+fn draw_candidates<'a>(image: &mut RgbImage, found: impl Iterator<Item = &'a KeypointCandidate>) {
     let arm_px = stroke_radius_px(image) * 2.0;
     for candidate in found {
         let at = candidate.position.vector_px();

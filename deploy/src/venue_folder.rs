@@ -7,9 +7,9 @@ use std::path::Path;
 use anyhow::Context as _;
 use farfield_fusion::export::unfinished::Unfinished;
 use farfield_proto::tick::Tick;
-use farfield_testbed::embedded;
-use farfield_testbed::scene::Scene;
-use farfield_testbed::scene::write::{calibration_text, write_truth_at as write_lines};
+use farfield_sim::embedded;
+use farfield_sim::scene::Scene;
+use farfield_sim::scene::write::{calibration_text, write_truth_at as write_lines};
 use tempfile::TempDir;
 
 /// The calibration's name in a venue folder.

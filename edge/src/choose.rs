@@ -1,8 +1,7 @@
-//! Which camera of the viewpoint looks at a person: step 3 of a tick, paper eq. (5) made better.
+//! Camera choice: which camera of the viewpoint a person's crop is cut from (Ohashi 2020, eq. (5), extended).
 //!
-//! Works on boxes in undistorted pixels that were already moved on to the tick of the pictures. Cameras
-//! without a picture at this tick are not offered by the caller, so a dead camera is replaced
-//! within the tick. Nothing here looks at pixels.
+//! Works on boxes in undistorted pixels that were already moved on to the tick of the pictures. The caller leaves out
+//! cameras without a picture at this tick, so a dead camera is replaced within the tick. No pixel is read here.
 
 use farfield_proto::bounding_box::BoundingBox;
 use farfield_proto::camera::CameraModel;
@@ -13,8 +12,8 @@ use farfield_proto::venue::parameters::CameraChoice;
 /// Samples per side of a box that are tested for being inside the image.
 const SAMPLES_PER_SIDE: usize = 8;
 
-/// Share of a box inside the image below which a camera does not see the person: a strip this thin
-/// holds no limb, only chances to be wrong.
+/// Share of a box inside the image below which a camera does not see the person: so thin a strip holds no whole
+/// limb.
 const MIN_INSIDE: f64 = 0.06;
 
 /// Pixels on the person (root of the box's area) from which more do not help: a crop of a common
@@ -27,14 +26,14 @@ const HYSTERESIS: f64 = 1.1;
 
 /// One camera that has a picture, and where the person should be in it.
 #[derive(Debug, Clone, Copy)]
-pub struct View<'a> {
+pub struct CameraCandidate<'a> {
     /// The camera.
     pub model: &'a CameraModel,
     /// The person's box in it, moved on to the tick of the picture.
     pub camera_box: CameraBox,
 }
 
-impl View<'_> {
+impl CameraCandidate<'_> {
     /// Share of the box that lies inside the image, 0 to 1, from an 8 x 8 grid of samples.
     pub fn inside(&self) -> f64 {
         let b = &self.camera_box.bounding_box;
@@ -59,14 +58,15 @@ impl View<'_> {
         (recorded - nalgebra::Vector2::new((width - 1.0) / 2.0, (height - 1.0) / 2.0)).norm()
     }
 
-    /// What the camera is worth for the person, above 0; `None` when it does not see the person.
+    /// Score of the camera for the person, above 0, no unit; `None` when it does not see the person.
     ///
     /// ```text
     ///   inside^2  min(1, pixels / enough)^(1/2)  exp(-r^2 / 2),   r: distance / half the diagonal
     /// ```
     ///
-    /// The part inside decides first: what is outside cannot be made up for. Then resolution, then
-    /// the paper's distance, relative to the image so that wide and tele lenses compare.
+    /// The share inside the image weighs most, as nothing replaces what is outside; then resolution (root of the box's
+    /// area, pixels); then the distance of eq. (5), relative to the image so that wide and tele lenses compare. The
+    /// weights are our own.
     fn worth(&self) -> Option<f64> {
         let inside = self.inside();
         if inside < MIN_INSIDE {
@@ -91,7 +91,11 @@ fn point_of(b: &BoundingBox, u: f64, v: f64) -> Pixel<Undistorted> {
 }
 
 /// Chooses the camera for one person as the venue asks: see [`choose_camera`] and [`nearest_center`].
-pub fn choose(choice: CameraChoice, views: &[View<'_>], last: Option<usize>) -> Option<usize> {
+pub fn choose(
+    choice: CameraChoice,
+    views: &[CameraCandidate<'_>],
+    last: Option<usize>,
+) -> Option<usize> {
     match choice {
         CameraChoice::BestView => choose_camera(views, last),
         CameraChoice::NearestCenter => nearest_center(views),
@@ -102,7 +106,7 @@ pub fn choose(choice: CameraChoice, views: &[View<'_>], last: Option<usize>) -> 
 ///
 /// A box half outside counts where nothing better is there. `last` is the position of the camera
 /// that was chosen at the last tick, which another must beat by 10 %. Equal views: the first.
-pub fn choose_camera(views: &[View<'_>], last: Option<usize>) -> Option<usize> {
+pub fn choose_camera(views: &[CameraCandidate<'_>], last: Option<usize>) -> Option<usize> {
     let mut best: Option<(usize, f64)> = None;
     for (i, view) in views.iter().enumerate() {
         let Some(worth) = view.worth() else { continue };
@@ -120,7 +124,7 @@ pub fn choose_camera(views: &[View<'_>], last: Option<usize>) -> Option<usize> {
 
 /// Plain eq. (5) of the paper, to be measured against: the camera whose image centre lies nearest
 /// to the projected torso, in pixels, whatever it sees. Position in `views`; the first of equals.
-pub fn nearest_center(views: &[View<'_>]) -> Option<usize> {
+pub fn nearest_center(views: &[CameraCandidate<'_>]) -> Option<usize> {
     let mut best: Option<(usize, f64)> = None;
     for (i, view) in views.iter().enumerate() {
         let distance = view.distance_to_center_px();
@@ -137,7 +141,7 @@ mod tests {
     use farfield_proto::id::CameraIndex;
 
     use super::*;
-    use crate::pipeline::fixtures::pinhole;
+    use crate::fixtures::pinhole;
 
     fn at(center_px: [f32; 2], size_px: [f32; 2]) -> CameraBox {
         CameraBox {
@@ -157,11 +161,11 @@ mod tests {
     fn the_camera_that_sees_the_person_in_its_middle_is_chosen() {
         let model = pinhole("a", [640, 480]);
         let views = [
-            View {
+            CameraCandidate {
                 model: &model,
                 camera_box: at([500.0, 240.0], [100.0, 200.0]),
             },
-            View {
+            CameraCandidate {
                 model: &model,
                 camera_box: at([320.0, 240.0], [100.0, 200.0]),
             },
@@ -173,11 +177,11 @@ mod tests {
     #[test]
     fn a_box_half_outside_counts_only_where_nothing_better_is_there() {
         let model = pinhole("a", [640, 480]);
-        let cut = View {
+        let cut = CameraCandidate {
             model: &model,
             camera_box: at([0.0, 240.0], [100.0, 200.0]),
         };
-        let whole = View {
+        let whole = CameraCandidate {
             model: &model,
             camera_box: at([580.0, 360.0], [100.0, 200.0]),
         };
@@ -189,7 +193,7 @@ mod tests {
     #[test]
     fn a_person_outside_every_image_is_seen_by_no_camera() {
         let model = pinhole("a", [640, 480]);
-        let outside = View {
+        let outside = CameraCandidate {
             model: &model,
             camera_box: at([-200.0, 240.0], [100.0, 200.0]),
         };
@@ -200,11 +204,11 @@ mod tests {
     #[test]
     fn the_tele_lens_wins_although_its_torso_is_more_pixels_from_the_centre() {
         let model = pinhole("a", [1920, 1200]);
-        let wide = View {
+        let wide = CameraCandidate {
             model: &model,
             camera_box: at([1000.0, 600.0], [30.0, 60.0]),
         };
-        let tele = View {
+        let tele = CameraCandidate {
             model: &model,
             camera_box: at([1250.0, 600.0], [200.0, 400.0]),
         };
@@ -215,17 +219,17 @@ mod tests {
     #[test]
     fn the_last_camera_is_kept_until_another_is_clearly_better() {
         let model = pinhole("a", [640, 480]);
-        let here = View {
+        let here = CameraCandidate {
             model: &model,
             camera_box: at([330.0, 240.0], [100.0, 200.0]),
         };
-        let there = View {
+        let there = CameraCandidate {
             model: &model,
             camera_box: at([400.0, 240.0], [100.0, 200.0]),
         };
         assert_eq!(choose_camera(&[here, there], None), Some(0));
         assert_eq!(choose_camera(&[here, there], Some(1)), Some(1));
-        let far = View {
+        let far = CameraCandidate {
             model: &model,
             camera_box: at([630.0, 240.0], [100.0, 200.0]),
         };

@@ -1,5 +1,4 @@
-//! People found in whole pictures, by a detector of an ONNX file: where boxes come from before
-//! fusion has any.
+//! Person detection by an ONNX detector: how people are found before fusion has boxes for them.
 //!
 //! Two output layouts are read: YOLOX's raw grid, whose overlapping boxes are thinned out here,
 //! and RTMDet's finished detections.
@@ -10,12 +9,12 @@ use farfield_proto::model_card::{Decode, DetectorCard, Letterbox};
 use image::RgbImage;
 
 use crate::crop::{CropGeometry, CropShape, Cropper, PixelFormat};
-use crate::network::{Axis, Contract, OnnxModel, read_card};
-use crate::pipeline::{Detection, NetworkError, PersonDetector};
-use crate::tiles::{DetectorInput, Window, thinned_out};
+use crate::inference::{Detection, DetectorInput, DetectorWindow, NetworkError, PersonDetector};
+use crate::network::{Contract, OnnxModel, TensorAxis, read_card};
+use crate::tiles::thinned_out;
 
-/// Least confidence of a detection. Low: fusion asks for a second viewpoint and several keypoints
-/// before it believes in a person.
+/// Least confidence of a detection, 0 to 1. Low, because fusion requires a second viewpoint and several keypoints before
+/// it initiates a track.
 const MIN_SCORE: f32 = 0.3;
 
 /// Strides of YOLOX's three grids, input pixels.
@@ -49,20 +48,20 @@ impl OnnxDetector {
         let card = DetectorCard::parse(&text, card_path)?;
         let cells = yolox_cells(&card);
         let (yolox, rtmdet);
-        let axes: &[Axis] = match card.decode {
+        let axes: &[TensorAxis] = match card.decode {
             Decode::Yolox => {
                 yolox = [
-                    Axis::Batch,
-                    Axis::Fixed("cells, three grids of the input's size", cells),
-                    Axis::Any,
+                    TensorAxis::Batch,
+                    TensorAxis::Fixed("cells, three grids of the input's size", cells),
+                    TensorAxis::Any,
                 ];
                 &yolox
             }
             Decode::Rtmdet => {
                 rtmdet = [
-                    Axis::Batch,
-                    Axis::Any,
-                    Axis::Fixed("values per detection", 5),
+                    TensorAxis::Batch,
+                    TensorAxis::Any,
+                    TensorAxis::Fixed("values per detection", 5),
                 ];
                 &rtmdet
             }
@@ -102,7 +101,7 @@ impl PersonDetector for OnnxDetector {
     fn detect(
         &mut self,
         image: &RgbImage,
-        window: &Window,
+        window: &DetectorWindow,
     ) -> Result<Vec<Detection>, NetworkError> {
         let size_px = [
             self.card.input.width as usize,

@@ -1,14 +1,14 @@
 //! Maps drawn from 2D candidates: how recordings that exist only as keypoints are fused.
 //!
-//! Every candidate of a keypoint in the picture is drawn, whosever it is, as a network would see
-//! it: a Gaussian of the source's sigma with the candidate's score as its height; where two meet,
-//! the higher counts. No picture and no network are involved.
+//! Every candidate of a keypoint in the picture is drawn, of whichever person, as a Gaussian of the source's sigma
+//! with the candidate's score as its height; where two overlap, the higher value counts. No picture and no network
+//! are involved.
 
 use farfield_proto::camera::CameraModel;
 use farfield_proto::grid::CellGrid;
 use farfield_proto::patch::{Maps, quantize};
 
-use crate::source::Candidate;
+use crate::source::KeypointCandidate;
 
 /// Sigmas from its centre at which a Gaussian ends: below 1/255 of the highest score there.
 const REACH_SIGMAS: f64 = 3.34;
@@ -18,7 +18,7 @@ const REACH_SIGMAS: f64 = 3.34;
 /// `into` is cleared and takes the grid's size. Positions are undistorted first; a candidate beyond
 /// the lens model is left out. Cost: (6.7 sigma)^2 cells per candidate that reaches into the grid.
 pub fn draw_maps(
-    peaks: &[Vec<Candidate>],
+    peaks: &[Vec<KeypointCandidate>],
     camera: &CameraModel,
     grid: &CellGrid,
     sigma_cells: f64,
@@ -70,8 +70,8 @@ mod tests {
 
     use super::*;
     use crate::crop::{CropGeometry, CropShape};
+    use crate::fixtures::{bent, pinhole};
     use crate::peaks::find_peaks;
-    use crate::pipeline::fixtures::{bent, pinhole};
 
     fn grid() -> CellGrid {
         let b = BoundingBox {
@@ -84,7 +84,7 @@ mod tests {
             .grid()
     }
 
-    fn drawn(camera: &CameraModel, peaks: &[Vec<Candidate>]) -> Maps {
+    fn drawn(camera: &CameraModel, peaks: &[Vec<KeypointCandidate>]) -> Maps {
         let mut maps = Maps::new(1, 1, 1);
         draw_maps(peaks, camera, &grid(), 2.0, &mut maps);
         maps
@@ -105,7 +105,7 @@ mod tests {
             &camera,
             &[
                 vec![],
-                vec![Candidate {
+                vec![KeypointCandidate {
                     position,
                     score: 0.8,
                 }],
@@ -125,7 +125,7 @@ mod tests {
     #[test]
     fn two_candidates_of_a_keypoint_are_two_peaks() {
         let camera = pinhole("a", [640, 480]);
-        let at = |x, score| Candidate {
+        let at = |x, score| KeypointCandidate {
             position: Pixel::new(x, 240.0),
             score,
         };
@@ -139,13 +139,13 @@ mod tests {
     fn a_candidate_just_outside_still_reaches_in_and_a_far_one_does_not() {
         let camera = pinhole("a", [640, 480]);
         let left_of_grid = grid().pixel(-2.0, 30.0);
-        let near = Candidate {
+        let near = KeypointCandidate {
             position: Pixel::new(left_of_grid.x(), left_of_grid.y()),
             score: 1.0,
         };
         let maps = drawn(&camera, &[vec![near]]);
         assert!(maps.cells(0)[30 * 48] > 100);
-        let far = Candidate {
+        let far = KeypointCandidate {
             position: Pixel::new(-5000.0, f64::MAX),
             score: 1.0,
         };

@@ -10,11 +10,11 @@ use farfield_edge::source::RecordedSources;
 /// The edge node of one viewpoint: pixels in, patches out.
 #[derive(Debug, Parser)]
 #[command(name = "farfield-edge", version)]
-struct Cli {
+struct EdgeCli {
     #[command(flatten)]
     edge: EdgeArgs,
 }
 
 fn main() -> ExitCode {
-    node::main(Cli::parse().edge, Arc::new(RecordedSources))
+    node::main(EdgeCli::parse().edge, Arc::new(RecordedSources))
 }

@@ -5,7 +5,7 @@
 
 /// A local maximum of a map.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Peak {
+pub struct MapPeak {
     /// Column and row in cells, fractional; (0, 0) is the centre of the first cell.
     pub cell: [f64; 2],
     /// Height of the highest cell.
@@ -18,7 +18,7 @@ const FLOOR: f32 = 1e-3;
 /// The highest peak of a map above `threshold`; `None` when nothing is.
 ///
 /// Of equal cells the first counts. NaN never counts.
-pub fn best_peak(map: &[f32], width: usize, threshold: f32) -> Option<Peak> {
+pub fn best_peak(map: &[f32], width: usize, threshold: f32) -> Option<MapPeak> {
     let mut best: Option<(usize, f32)> = None;
     for (i, &value) in map.iter().enumerate() {
         if value > best.map_or(threshold, |(_, b)| b) {
@@ -31,8 +31,8 @@ pub fn best_peak(map: &[f32], width: usize, threshold: f32) -> Option<Peak> {
 /// All local maxima (over the 8 neighbours) above `threshold`, the highest first.
 ///
 /// A plateau counts once, at its first cell in reading order.
-pub fn find_peaks(map: &[f32], width: usize, threshold: f32) -> Vec<Peak> {
-    let mut peaks: Vec<Peak> = (0..map.len())
+pub fn find_peaks(map: &[f32], width: usize, threshold: f32) -> Vec<MapPeak> {
+    let mut peaks: Vec<MapPeak> = (0..map.len())
         .filter(|&i| map[i] > threshold && is_local_maximum(map, width, i))
         .map(|i| refined(map, width, i))
         .collect();
@@ -62,7 +62,7 @@ fn is_local_maximum(map: &[f32], width: usize, index: usize) -> bool {
 
 /// The peak at `index`, moved to the top of a parabola through the logarithms of the neighbours,
 /// per axis; exact for a Gaussian. At the map's border it stays on the cell in that axis.
-fn refined(map: &[f32], width: usize, index: usize) -> Peak {
+fn refined(map: &[f32], width: usize, index: usize) -> MapPeak {
     let (x, y, height) = (index % width, index / width, map.len() / width);
     let along = |inside: bool, stride: usize| {
         if inside {
@@ -73,7 +73,7 @@ fn refined(map: &[f32], width: usize, index: usize) -> Peak {
     };
     let dx = along(x > 0 && x + 1 < width, 1);
     let dy = along(y > 0 && y + 1 < height, width);
-    Peak {
+    MapPeak {
         cell: [x as f64 + dx, y as f64 + dy],
         value: map[index],
     }

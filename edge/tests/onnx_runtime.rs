@@ -5,11 +5,11 @@ mod hues;
 
 use std::path::{Path, PathBuf};
 
-use farfield_edge::network::{Backend, Choice, OnnxKeypointNetwork};
+use farfield_edge::network::{BackendChoice, InferenceBackend, OnnxKeypointNetwork};
 
 #[test]
 fn the_best_backend_agrees_with_the_reference() {
-    let backend = Backend::start(Choice::Best).unwrap();
+    let backend = InferenceBackend::start(BackendChoice::Best).unwrap();
     if backend.is_tract() {
         println!("skipped ONNX Runtime: {}", backend.describe());
     }

@@ -3,11 +3,11 @@
 
 mod hues;
 
-use farfield_edge::network::{Backend, Choice};
+use farfield_edge::network::{BackendChoice, InferenceBackend};
 
 #[test]
 fn tract_agrees_with_the_reference_and_says_what_it_costs() {
-    let backend = Backend::start(Choice::Tract).unwrap();
+    let backend = InferenceBackend::start(BackendChoice::Tract).unwrap();
     assert!(backend.is_tract());
     let line = backend.describe();
     assert!(
@@ -21,7 +21,11 @@ fn tract_agrees_with_the_reference_and_says_what_it_costs() {
 /// knows no such type and panics. The output is cast to floats before the file is loaded.
 #[test]
 fn a_detector_with_integer_labels_runs_on_tract() {
-    assert!(Backend::start(Choice::Tract).unwrap().is_tract());
+    assert!(
+        InferenceBackend::start(BackendChoice::Tract)
+            .unwrap()
+            .is_tract()
+    );
     hues::check_detector();
     hues::check_labels();
 }

@@ -6,8 +6,8 @@
 
 use std::collections::BTreeSet;
 
-use farfield_proto::decision::{Decision, UsedSet};
 use farfield_proto::id::{PersonId, SessionId, ViewpointIndex};
+use farfield_proto::message::decision::{Decision, UsedSet};
 use farfield_proto::message::{MAX_PERSONS, MAX_SIGHTINGS, PatchSet, SightingSet};
 use farfield_proto::tick::Tick;
 

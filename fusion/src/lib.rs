@@ -17,6 +17,5 @@ pub mod node;
 pub mod pipeline;
 #[cfg(feature = "recording")]
 pub mod recording;
-pub mod score;
 pub mod sightings;
 pub mod smoother;

@@ -8,11 +8,11 @@ use farfield_fusion::node::{self, FusionArgs};
 /// The fusion node of a Farfield venue: patches in, skeletons and boxes out.
 #[derive(Debug, Parser)]
 #[command(name = "farfield-fusion", version)]
-struct Cli {
+struct FusionCli {
     #[command(flatten)]
     fusion: FusionArgs,
 }
 
 fn main() -> ExitCode {
-    node::main(Cli::parse().fusion)
+    node::main(FusionCli::parse().fusion)
 }

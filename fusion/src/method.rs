@@ -21,6 +21,8 @@ pub struct Method {
     pub sites: Vec<Option<Site>>,
     /// Per keypoint: its expected error over that of the average keypoint.
     pub relative_sigmas: Vec<f64>,
+    /// Sigma of the network's peaks, as a share of the width of its maps.
+    pub peak_sigma_of_width: f64,
     /// The bounds of the second IK, when they are enabled.
     pub range_of_motion: Option<RangeOfMotion>,
     /// How large boxes are and when they turn.

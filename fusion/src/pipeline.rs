@@ -15,7 +15,7 @@ use farfield_proto::id::{CameraIndex, SessionId, ViewpointIndex};
 use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::message::identity_event::IdentityEvent;
 use farfield_proto::message::{BoxSet, Order, PatchSet, PoseSet};
-use farfield_proto::model_card::HeatmapCard;
+use farfield_proto::model_card::{HeatmapCard, PEAK_SIGMA_OF_WIDTH};
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::Venue;
 use rayon::prelude::*;
@@ -118,6 +118,9 @@ impl Pipeline {
                 card.map_or(&no_offsets, |card| &card.keypoint_offsets),
             ),
             relative_sigmas: relative_sigmas(&keypoints),
+            peak_sigma_of_width: card.map_or(PEAK_SIGMA_OF_WIDTH, |card| {
+                card.output.peak_sigma_of_width()
+            }),
             range_of_motion: range.enabled.then(|| RangeOfMotion::new(range.factor)),
             box_shape: BoxShape {
                 margin,
@@ -350,7 +353,7 @@ impl Pipeline {
                 viewpoint: ViewpointIndex(index as u16),
                 order: Order::Track,
                 live: None,
-                look,
+                detection_cameras: look,
                 persons,
             }
         };

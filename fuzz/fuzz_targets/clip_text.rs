@@ -1,14 +1,4 @@
-//! Motion clips (BVH) of any content: read or refused, never a panic.
+//! Motion clips (BVH) of any content: see `clip_text` in `tests/lab/src/hostile_input/`.
 #![no_main]
 
-use std::hint::black_box;
-use std::path::Path;
-
-use farfield_testbed::motion::Clip;
-use libfuzzer_sys::fuzz_target;
-
-fuzz_target!(|text: &str| {
-    if let Ok(clip) = Clip::parse(text, Path::new("clip.bvh")) {
-        black_box(clip);
-    }
-});
+libfuzzer_sys::fuzz_target!(|bytes: &[u8]| farfield_fuzz::run("clip_text", bytes));

@@ -1,22 +1,4 @@
-//! Patches of strangers: decoding ends, and what was decoded is encoded again, without loss and at every quality.
+//! Patches of strangers: see `patch_decode` in `tests/lab/src/hostile_input/`.
 #![no_main]
 
-use farfield_proto::patch::{Decoder, EncodedMaps, Encoder, Maps, Quality};
-use libfuzzer_sys::fuzz_target;
-
-fuzz_target!(|input: (u16, u16, u8, &[u8])| {
-    let (width, height, keypoints, bytes) = input;
-    let encoded = EncodedMaps { width, height, keypoints, bytes: bytes.to_vec() };
-    let mut maps = Maps::default();
-    if Decoder::new().decode(&encoded, &mut maps).is_ok() {
-        let mut twice = Maps::default();
-        let mut encoder = Encoder::new();
-        let again = encoder.encode_above(&maps, 0);
-        Decoder::new().decode(&again, &mut twice).expect("an encoder's own bytes can be decoded");
-        assert_eq!(maps, twice);
-        for quality in Quality::all() {
-            let again = encoder.encode(&maps, quality);
-            Decoder::new().decode(&again, &mut twice).expect("an encoder's own bytes can be decoded");
-        }
-    }
-});
+libfuzzer_sys::fuzz_target!(|bytes: &[u8]| farfield_fuzz::run("patch_decode", bytes));

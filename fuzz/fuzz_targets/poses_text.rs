@@ -1,18 +1,4 @@
-//! Files of poses or truth of any content: read or refused, never a panic.
+//! Files of poses or truth of any content: see `poses_text` in `tests/lab/src/hostile_input/`.
 #![no_main]
 
-use std::hint::black_box;
-use std::path::Path;
-
-use farfield_fusion::score::lines::{Recording, Role};
-use farfield_fusion::score::points::PointSet;
-use libfuzzer_sys::fuzz_target;
-
-fuzz_target!(|bytes: &[u8]| {
-    let path = Path::new("poses.jsonl");
-    for points in [PointSet::Joints, PointSet::Shelf14] {
-        for role in [Role::Poses, Role::Truth] {
-            black_box(Recording::read(bytes, path, role, points, None).is_ok());
-        }
-    }
-});
+libfuzzer_sys::fuzz_target!(|bytes: &[u8]| farfield_fuzz::run("poses_text", bytes));

@@ -1,23 +1,4 @@
-//! Scenes of any content: read or refused, never a panic, and never for ever.
+//! Scenes of any content: see `scene_text` in `tests/lab/src/hostile_input/`.
 #![no_main]
 
-use std::hint::black_box;
-use std::path::Path;
-use std::sync::{Arc, LazyLock};
-
-use farfield_testbed::embedded::CLIPS;
-use farfield_testbed::motion::Clip;
-use farfield_testbed::scene::Scene;
-use libfuzzer_sys::fuzz_target;
-
-static CLIP: LazyLock<Arc<Clip>> = LazyLock::new(|| {
-    let (name, text) = CLIPS[0];
-    Arc::new(Clip::parse(text, Path::new(name)).expect("an embedded clip can be read"))
-});
-
-fuzz_target!(|text: &str| {
-    let scene = Scene::parse(text, Path::new("scene.toml"), &mut |_| Ok(Arc::clone(&CLIP)));
-    if let Ok(scene) = scene {
-        black_box(scene.person_at(0, scene.seconds() / 2.0));
-    }
-});
+libfuzzer_sys::fuzz_target!(|bytes: &[u8]| farfield_fuzz::run("scene_text", bytes));

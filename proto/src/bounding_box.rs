@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 /// Where one person is expected in one camera: a rotated rectangle in undistorted pixels.
 ///
-/// Paper, eq. (2). A rotation turns +x towards +y (clockwise on the screen) and is the negative of
+/// Ohashi 2020, eq. (2). A rotation turns +x towards +y (clockwise on the screen) and is the negative of
 /// B' in eq. (4): an upright person has 0, a person lying with the head to the image's right has
 /// +pi/2.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -28,14 +28,14 @@ pub struct BoxRate {
     pub rotation_rad: f32,
 }
 
-/// Share of its size that a box grows per tick of age: its rates are predictions too.
+/// Share of its size by which a box grows per tick of age, as its rates are predictions too.
 pub const WIDENING_PER_TICK: f32 = 0.02;
 
-/// Largest growth of a box by age; past it the box is a guess, and larger crops only lose detail.
+/// Largest factor by which a box grows with age: larger crops only lose detail.
 pub const WIDENING_MAX: f32 = 1.5;
 
 impl BoundingBox {
-    /// The box moved on by `ticks`, back where that is negative, and widened a little per tick either way.
+    /// The box extrapolated by `ticks` (back in time where negative) and widened by [`WIDENING_PER_TICK`] a tick.
     #[must_use]
     pub fn moved_on(&self, rate: &BoxRate, ticks: i64) -> Self {
         if ticks == 0 {

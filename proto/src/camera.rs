@@ -1,8 +1,8 @@
-//! The camera model: a pinhole with OpenCV's lens distortion, paper (A.1) and (A.2).
+//! The camera model: a pinhole with OpenCV's lens distortion (Ohashi 2020, eq. (A.1) and (A.2)).
 //!
-//! Fusion sees ideal pinholes only ([`Undistorted`] pixels); the edge draws with the lens
-//! ([`Distorted`] pixels). A lens model is used only as far as it is monotonic: past that radius
-//! a polynomial folds back, and a point far outside the view would land inside the image.
+//! Fusion works with ideal pinholes only ([`Undistorted`] pixels); the edge applies the lens ([`Distorted`] pixels). A
+//! lens model is used only as far as it is monotonic: past that radius a polynomial folds back, and a point far outside
+//! the view would land inside the image.
 
 mod lens;
 
@@ -17,17 +17,17 @@ use crate::frames::{Camera, Distorted, Pixel, Point, Transform, Undistorted, Wor
 /// enough from zero that a pixel stays finite.
 pub const NEAR_PLANE_M: f64 = 0.05;
 
-/// What rounding may leave of the residual of an undistorted pixel: a tenth of the promise.
+/// Largest residual of an undistorted pixel, pixels: a tenth of what [`CameraModel::undistort`] promises.
 const RESIDUAL_PX: f64 = 1e-10;
 
-/// Focal lengths that are believed, pixels: a lens of a tenth of a degree on a large sensor has 1e6.
+/// Focal lengths that are accepted, pixels: a lens of a tenth of a degree on a large sensor has 1e6.
 const FOCAL_PX: [f64; 2] = [1.0, 1e6];
 
 /// How far the principal point may be from the first pixel along either axis, pixels.
 const MAX_PRINCIPAL_PX: f64 = 1e6;
 
-/// Largest coordinate of a translation, metres. Sums of squares stay finite and exact to
-/// micrometres, and a hall in millimetres still passes, to be told apart by its size.
+/// Largest coordinate of a translation, metres. Sums of squares stay exact to micrometres; a hall given in millimetres
+/// still passes here, and is recognised by its size later.
 const MAX_TRANSLATION_M: f64 = 1e5;
 
 /// Points per image edge at which a model is checked for folds.
@@ -68,9 +68,9 @@ pub enum CameraError {
         field: &'static str,
         /// What it is.
         value: f64,
-        /// The least that is believed.
+        /// The least that is accepted.
         min: f64,
-        /// The most that is believed.
+        /// The most that is accepted.
         max: f64,
     },
     /// A distortion coefficient is not finite.
@@ -91,7 +91,7 @@ pub enum CameraError {
         /// The camera's name.
         camera: String,
     },
-    /// The translation is out of this world.
+    /// The translation is out of range.
     #[error(
         "camera `{camera}`: found {translation_m:?}, expected metres from {} to {MAX_TRANSLATION_M}",
         -MAX_TRANSLATION_M
@@ -143,8 +143,8 @@ impl CameraModel {
     /// A camera of `size_px` (width, height) pixels.
     ///
     /// # Errors
-    /// [`CameraError`] when a number is not finite or beyond belief, the size is zero, or the lens
-    /// model folds inside the image.
+    /// [`CameraError`] when a number is not finite or out of range, the size is zero, or the lens model folds inside the
+    /// image.
     pub fn new(
         name: impl Into<String>,
         size_px: [u32; 2],

@@ -5,9 +5,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::frames::{Pixel, Undistorted};
 
-/// Short origins are whole numbers of these to a pixel.
+/// Origins in short form are whole multiples of this fraction of a pixel: 1/4.
 const ORIGINS_PER_PX: f32 = 4.0;
-/// Short steps are whole numbers of these to a pixel.
+/// Steps in short form are whole multiples of this fraction of a pixel: 1/256.
 const STEPS_PER_PX: f32 = 256.0;
 
 /// The grid of a heatmap laid over the undistorted image: a similarity from cells to pixels.
@@ -53,11 +53,10 @@ impl CellGrid {
         f64::from(self.step_px[0]).hypot(f64::from(self.step_px[1]))
     }
 
-    /// The grid next to this one whose numbers are short on the wire: its origin on quarter pixels, its
-    /// step in 1/256 pixels. Steps so small that this would change them by more than a hundredth stay
-    /// as they are.
+    /// The nearest grid that has a short form on the wire: its origin in quarter pixels, its step in 1/256 pixels.
+    /// Steps so small that this would change them by more than a hundredth stay as they are.
     ///
-    /// Whoever cuts crops cuts them where such a grid says: then nothing is lost.
+    /// Crops must be cut on a snapped grid: then nothing is lost on the wire.
     #[must_use]
     pub fn snapped(&self) -> Self {
         // A zero has no sign on the wire.
@@ -72,12 +71,12 @@ impl CellGrid {
         }
     }
 
-    /// Origin and step as whole numbers, where they are.
+    /// The short form: origin in quarter pixels and step in 1/256 pixels; `None` where they are no whole numbers.
     pub(crate) fn short(&self) -> Option<[i32; 4]> {
         let whole = |value: f32, per_px: f32| {
             let scaled = value * per_px;
             let whole = scaled as i32;
-            // Equal as they travel, bit for bit: nothing that is not a number, no negative zero.
+            // Equal after decoding, bit for bit: no NaN, no negative zero.
             let back = whole as f32 / per_px;
             (whole.unsigned_abs() < 1 << 20 && back.to_bits() == value.to_bits()).then_some(whole)
         };

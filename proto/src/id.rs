@@ -4,8 +4,8 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-/// One tracked human. Stays the same for as long as the person is in the venue; starts again at 1
-/// with every [`SessionId`].
+/// One tracked human. Stays the same for as long as the person is in the venue; counted from 1 in every
+/// [`SessionId`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct PersonId(pub u32);
 
@@ -25,8 +25,8 @@ pub struct ViewpointIndex(pub u16);
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct CameraIndex(pub u16);
 
-/// One life of the fusion node. Person ids of different sessions have nothing to do with each
-/// other, so every message that names a person names the session too.
+/// One run of the fusion node, from start to end. Person ids of different sessions are unrelated, so every message that
+/// names a person names the session too.
 #[derive(
     Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default, Serialize, Deserialize,
 )]

@@ -49,12 +49,12 @@ impl Keys {
         format!("{}/smooth", self.venue)
     }
 
-    /// The venue's files, to be asked for: fusion hands them out.
+    /// Queries for the venue's files, which fusion answers.
     pub fn config(&self) -> String {
         format!("{}/config", self.venue)
     }
 
-    /// What fusion used for a tick.
+    /// The sets that fusion used for a tick.
     pub fn decision(&self) -> String {
         format!("{}/decision", self.venue)
     }
@@ -64,12 +64,12 @@ impl Keys {
         format!("{}/event", self.venue)
     }
 
-    /// Everything that is said under the venue's name.
+    /// All keys of the venue.
     pub fn all(&self) -> String {
         format!("{}/**", self.venue)
     }
 
-    /// What an edge has stored of its patch sets, to be asked for.
+    /// Queries for the sets that an edge has stored.
     pub fn fill(&self, viewpoint: &str) -> String {
         format!("{}/fill/{viewpoint}", self.venue)
     }

@@ -1,26 +1,27 @@
-//! What both sides of Farfield must agree on: ids and ticks, typed coordinate frames, the camera
-//! model, the calibration and venue files, boxes, the patch codec, messages and key expressions.
+//! What both sides of Farfield must agree on.
 //!
-//! No I/O beyond parsing text that the caller has read, no clock, no async. A type that only one
-//! node uses lives in that node, not here.
+//! Read [`message`] first: its types are everything that nodes send to each other, and name most of what else is here.
+//! [`wire`] is how they become bytes, [`key`] and [`transport`] under which names and settings these travel, [`patch`]
+//! the codec of the maps inside. [`frames`] and [`camera`] are the geometry, [`venue`], [`calibration`] and
+//! [`model_card`] the files of a venue, [`id`] and [`tick`] what everything is numbered by.
+//!
+//! Values in, values out: text that the caller has read is parsed here; there is no clock and no async. A type that only
+//! one node uses lives in that node, not here.
 
 pub mod bounding_box;
 pub mod calibration;
 pub mod camera;
-pub mod decision;
-pub mod endpoint;
-pub mod fill;
 pub mod frames;
 pub mod grid;
-pub mod handout;
 pub mod histogram;
 pub mod id;
 pub mod key;
 pub mod keypoints;
-pub mod live;
 pub mod message;
 pub mod model_card;
+pub mod order_statistics;
 pub mod patch;
+pub mod same_files;
 pub mod tick;
 pub mod toml_file;
 pub mod transport;

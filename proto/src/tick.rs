@@ -1,11 +1,11 @@
-//! The venue's frame number, the only clock of the algorithm.
+//! The venue's frame number, the only clock of the algorithm; and microseconds, the unit of all other clocks.
 
 use std::fmt;
 use std::ops::{Add, Range, Sub};
 
 use serde::{Deserialize, Serialize};
 
-/// Frame number at the venue's rate, the same for all cameras.
+/// Frame number at the venue's rate (frames per second), the same for all cameras.
 #[derive(
     Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default, Serialize, Deserialize,
 )]
@@ -41,10 +41,16 @@ impl fmt::Display for Tick {
     }
 }
 
+/// Microseconds: an instant of a clock (since 1970 for wall clocks), or a span between two.
+pub type Micros = i64;
+
+/// Microseconds of a second.
+pub const SECOND_US: Micros = 1_000_000;
+
 /// Reads a half-open range of ticks, `A..B`.
 ///
 /// # Errors
-/// A message for people when the text is not of that form or the range is empty.
+/// A message for the operator when the text is not of that form or the range is empty.
 pub fn parse_range(text: &str) -> Result<Range<Tick>, String> {
     let wrong = || format!("found {text:?}, expected A..B with A below B, for example 300..900");
     let (from, to) = text.split_once("..").ok_or_else(wrong)?;

@@ -153,6 +153,11 @@ impl<'a> TomlFile<'a> {
         self.path
     }
 
+    /// The first 16 hexadecimal digits of the text's BLAKE3 hash.
+    pub fn fingerprint(&self) -> String {
+        blake3::hash(self.text.as_bytes()).to_hex()[..16].to_owned()
+    }
+
     /// `name` against the folder of this file, as paths inside it are meant.
     pub fn resolve(&self, name: &str) -> PathBuf {
         self.path.parent().unwrap_or(Path::new("")).join(name)
@@ -174,6 +179,32 @@ impl<'a> TomlFile<'a> {
             line: self.line(place),
             ..error
         }
+    }
+
+    /// Whether there is a value at `place`, which has no index.
+    pub(crate) fn has(&self, place: &Place) -> bool {
+        self.value(place).is_some()
+    }
+
+    /// The names in the table at `place`, which has no index, in no particular order; none if there is no
+    /// table.
+    pub(crate) fn keys(&self, place: &Place) -> Vec<&str> {
+        let table = self.value(place).and_then(DeValue::as_table);
+        let keys = table.into_iter().flat_map(DeTable::keys);
+        keys.map(|key| key.get_ref().as_ref()).collect()
+    }
+
+    /// The value at `place`, which has no index.
+    fn value(&self, place: &Place) -> Option<&DeValue<'a>> {
+        let mut table = Some(self.root.get_ref());
+        let mut value = None;
+        for step in &place.steps {
+            let Step::Key(name) = step else { return None };
+            let found = table.and_then(|t| t.iter().find(|(key, _)| key.get_ref() == name));
+            value = Some(found?.1.get_ref());
+            table = value.and_then(DeValue::as_table);
+        }
+        value
     }
 
     /// The line of `place`, or of the innermost table around it that exists.
@@ -240,20 +271,24 @@ impl<'a> TomlFile<'a> {
 
 /// "unknown `kind` `name`", with the nearest of `known` or all of them.
 pub fn unknown_name(kind: &str, name: &str, known: &[&str]) -> String {
-    let nearest = known
-        .iter()
-        .map(|k| (strsim::damerau_levenshtein(k, name), *k))
-        .min();
-    match nearest {
-        Some((distance, nearest)) if distance <= 2.max(name.len() / 3) => {
-            format!("unknown {kind} `{name}`, did you mean `{nearest}`?")
-        }
-        Some(_) => format!(
+    match nearest(name, known) {
+        Some(nearest) => format!("unknown {kind} `{name}`, did you mean `{nearest}`?"),
+        None if known.is_empty() => format!("unknown {kind} `{name}`"),
+        None => format!(
             "unknown {kind} `{name}`, expected one of `{}`",
             known.join("`, `")
         ),
-        None => format!("unknown {kind} `{name}`"),
     }
+}
+
+/// The one of `known` that `name` can be a misspelling of.
+pub fn nearest<'a>(name: &str, known: &[&'a str]) -> Option<&'a str> {
+    known
+        .iter()
+        .map(|k| (strsim::damerau_levenshtein(k, name), *k))
+        .min()
+        .filter(|(distance, _)| *distance <= 2.max(name.len() / 3))
+        .map(|(_, nearest)| nearest)
 }
 
 /// The names between backquotes in one of serde's messages.
@@ -302,87 +337,4 @@ fn covers(outer: &Range<usize>, inner: &Range<usize>) -> bool {
 }
 
 #[cfg(test)]
-mod tests {
-    use serde::Deserialize;
-
-    use super::*;
-
-    #[derive(Debug, Deserialize)]
-    #[serde(deny_unknown_fields)]
-    #[expect(dead_code, reason = "only the refusals matter")]
-    struct Hall {
-        rate_hz: f64,
-        #[serde(default)]
-        room: Vec<Room>,
-    }
-
-    #[derive(Debug, Deserialize)]
-    #[serde(deny_unknown_fields)]
-    #[expect(dead_code, reason = "only the refusals matter")]
-    struct Room {
-        name: String,
-        size_m: [f64; 2],
-    }
-
-    fn refusal(text: &str) -> String {
-        let file = TomlFile::parse(text, Path::new("hall.toml"));
-        file.and_then(|file| file.read::<Hall>())
-            .unwrap_err()
-            .to_string()
-    }
-
-    #[test]
-    fn an_unknown_field_is_answered_with_the_nearest_name() {
-        let message = refusal("rate_hz = 60\n[[room]]\nname = \"a\"\nsize = [1, 2]\n");
-        assert_eq!(
-            message,
-            "hall.toml:4: `room[0].size`: unknown field `size`, did you mean `size_m`?"
-        );
-        let message = refusal("\nrate = 60\n");
-        assert_eq!(
-            message,
-            "hall.toml:2: `rate`: unknown field `rate`, expected one of `rate_hz`, `room`"
-        );
-    }
-
-    #[test]
-    fn a_mistyped_field_is_named_with_its_line() {
-        let message = refusal("rate_hz = 60\n[[room]]\nname = \"a\"\nsize_m = [1, \"x\"]\n");
-        assert_eq!(
-            message,
-            "hall.toml:4: `room[0].size_m[1]`: found string \"x\", expected f64"
-        );
-    }
-
-    #[test]
-    fn a_missing_field_is_named() {
-        let message = refusal("rate_hz = 60\n[[room]]\nname = \"a\"\n");
-        assert_eq!(
-            message,
-            "hall.toml:2: `room[0].size_m`: the field is missing"
-        );
-    }
-
-    #[test]
-    fn broken_syntax_is_named_with_its_line() {
-        assert!(refusal("rate_hz = 60\nroom = [\n").starts_with("hall.toml:"));
-        assert!(refusal("rate_hz = 60\nroom == 3\n").starts_with("hall.toml:2: not valid TOML"));
-    }
-
-    #[test]
-    fn a_later_check_finds_the_line_of_its_field() {
-        let text =
-            "rate_hz = 60\n[[room]]\nname = \"a\"\n[[room]]\nname = \"a\"\nsize_m = [0,\n 1]\n";
-        let file = TomlFile::parse(text, Path::new("hall.toml")).unwrap();
-        let second = Place::field("room").index(1);
-        assert_eq!(
-            file.error(&second.key("name"), "twice").to_string(),
-            "hall.toml:5: `room[1].name`: twice"
-        );
-        assert_eq!(
-            file.error(&second.key("size_m").index(1), "x").line,
-            Some(7)
-        );
-        assert_eq!(file.error(&second.key("absent"), "x").line, Some(4));
-    }
-}
+mod tests;

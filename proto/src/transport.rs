@@ -1,9 +1,9 @@
 //! How both nodes set Zenoh up: pure settings, (key, JSON5 value) pairs, nothing opened.
 //!
-//! One set serves lock-step and live: whether a message waits or is dropped is said per message, and
-//! the queues are short for both, as what waits in a queue is late. Nothing is scouted for.
+//! One set serves lock-step and live: whether a message waits or is dropped is set per publisher, and the queues are
+//! short for both, as what waits in a queue is late. There is no discovery: scouting is off.
 //!
-//! Endpoints and what they carry (see [`crate::endpoint`]):
+//! Endpoints and what they carry (see [`crate::transport::endpoint`]):
 //!
 //! | endpoint | encrypted | best-effort messages | reliable messages |
 //! | --- | --- | --- | --- |
@@ -17,6 +17,7 @@
 //! that and [`MIN_WINDOW_BYTES`] are added to endpoints that say nothing else behind `?` and `#`.
 
 mod access;
+pub mod endpoint;
 mod exposure;
 mod json;
 
@@ -25,7 +26,7 @@ use std::time::Duration;
 
 use json::{list, quoted};
 
-use crate::endpoint::scheme;
+use crate::transport::endpoint::scheme;
 
 pub use access::{FUSION, READER, RECORDER, common_name};
 pub use exposure::{Exposure, ExposureError};
@@ -35,27 +36,26 @@ pub use exposure::{Exposure, ExposureError};
 /// rest is for Ethernet.
 pub const MESSAGE_OVERHEAD_BYTES: usize = 110;
 
-/// After this long without a sign of life a silent node counts as gone.
+/// After this long without any message a node counts as gone.
 pub const LEASE: Duration = Duration::from_secs(5);
-/// How long one try to connect may take; the next one starts with fresh timers, which a link that
-/// comes back after a cut is found sooner by.
+/// How long one attempt to connect may take; the next one starts with fresh timers, so that a link that comes back after
+/// a cut is used sooner.
 const OPEN_TIMEOUT: Duration = Duration::from_secs(3);
-/// A node that is busy for long must slow the others down, not be cut off.
+/// How long a blocking send may wait before the link is closed: a busy node slows the others down and is not cut off.
 const WAIT_BEFORE_CLOSE: Duration = Duration::from_mins(1);
 /// Largest message that is put together from fragments, bytes: twice what [`crate::wire`] reads.
 const MAX_ASSEMBLED_BYTES: usize = 2 << 20;
-/// What the kernel may hold back of a TCP or TLS link, bytes: what waits there is late, and nobody can
-/// drop it any more.
+/// Send buffer of a TCP or TLS link in the kernel, bytes: what waits there is late, and cannot be dropped any more.
 const SEND_BUFFER_BYTES: u32 = 64 << 10;
 
-/// What may be in flight on a QUIC connection whatever was lost, bytes: the edge keeps the rate, and
-/// knows a lost packet from a full queue. 64 KiB are 2.6 Mbit/s at 200 ms there and back.
+/// Least congestion window of a QUIC connection, however much was lost, bytes: the edge controls the rate itself, and
+/// distinguishes loss from a full queue. 64 KiB are 2.6 Mbit/s at a round trip of 200 ms.
 pub const MIN_WINDOW_BYTES: u32 = 64 << 10;
-/// Best-effort messages that may wait for the network, bytes; the oldest go first.
+/// Datagrams that may wait for the network, bytes; when full, the oldest are dropped.
 pub const DATAGRAM_BUFFER_BYTES: u32 = 32 << 10;
 
 /// One setting of Zenoh: its key, and its value as JSON5.
-pub type Setting = (String, String);
+pub type ZenohSetting = (String, String);
 
 /// The files by which a node proves who it is.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -79,22 +79,22 @@ impl Identity {
     }
 }
 
-/// What an edge tells Zenoh.
+/// Zenoh's settings of an edge.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct EdgeTransport<'a> {
     /// The venue's name.
     pub venue: &'a str,
     /// The endpoints of fusion, tried in turn until one answers, and again when it has gone.
     pub connect: &'a [String],
-    /// Who the edge is; `None` without TLS.
+    /// The edge's keys; `None` without TLS.
     pub identity: Option<&'a Identity>,
 }
 
 impl EdgeTransport<'_> {
-    /// The settings, in the order to apply them in. With an identity only fusion is listened to, and
-    /// only under the venue's name: a certificate of the world's authorities, which Zenoh trusts too,
-    /// does not make a fusion node.
-    pub fn settings(&self) -> Vec<Setting> {
+    /// The settings, in the order to apply them in. With an identity, messages are accepted from fusion alone, and only
+    /// under the venue's name: Zenoh also trusts certificates of public authorities, and these must not make a fusion
+    /// node.
+    pub fn settings(&self) -> Vec<ZenohSetting> {
         let mut settings = common("client", self.connect);
         settings.extend(pairs([
             ("connect/endpoints", list(&completed(self.connect))),
@@ -115,7 +115,7 @@ impl EdgeTransport<'_> {
     }
 }
 
-/// What fusion tells Zenoh.
+/// Zenoh's settings of fusion.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct FusionTransport<'a> {
     /// The venue's name.
@@ -124,14 +124,14 @@ pub struct FusionTransport<'a> {
     pub viewpoints: &'a [&'a str],
     /// Where to listen.
     pub listen: &'a [String],
-    /// Who fusion is; `None` without TLS.
+    /// Fusion's keys; `None` without TLS.
     pub identity: Option<&'a Identity>,
 }
 
 impl FusionTransport<'_> {
     /// The settings, in the order to apply them in. With an identity every node can publish only under
     /// its own name, and read only what it needs.
-    pub fn settings(&self) -> Vec<Setting> {
+    pub fn settings(&self) -> Vec<ZenohSetting> {
         let mut settings = common("router", self.listen);
         settings.extend(pairs([
             ("listen/endpoints", list(&completed(self.listen))),
@@ -167,7 +167,7 @@ fn complete(endpoint: &str) -> String {
     format!("{address}{asked}#{config}")
 }
 
-fn common(mode: &str, endpoints: &[String]) -> Vec<Setting> {
+fn common(mode: &str, endpoints: &[String]) -> Vec<ZenohSetting> {
     let mut schemes: Vec<&str> = endpoints.iter().map(|text| scheme(text)).collect();
     schemes.sort_unstable();
     schemes.dedup();
@@ -200,7 +200,7 @@ fn common(mode: &str, endpoints: &[String]) -> Vec<Setting> {
     settings
 }
 
-fn tls(identity: &Identity) -> Setting {
+fn tls(identity: &Identity) -> ZenohSetting {
     let file = |path: &Path| quoted(&path.to_string_lossy());
     let (certificate, key) = (file(&identity.certificate), file(&identity.key));
     let value = format!(
@@ -213,7 +213,7 @@ fn tls(identity: &Identity) -> Setting {
     ("transport/link/tls".to_owned(), value)
 }
 
-fn pairs<const N: usize>(settings: [(&str, String); N]) -> Vec<Setting> {
+fn pairs<const N: usize>(settings: [(&str, String); N]) -> Vec<ZenohSetting> {
     settings
         .into_iter()
         .map(|(key, value)| (key.to_owned(), value))
@@ -224,7 +224,7 @@ fn pairs<const N: usize>(settings: [(&str, String); N]) -> Vec<Setting> {
 mod tests {
     use super::*;
 
-    fn value<'a>(settings: &'a [Setting], key: &str) -> Option<&'a str> {
+    fn value<'a>(settings: &'a [ZenohSetting], key: &str) -> Option<&'a str> {
         settings
             .iter()
             .find(|(known, _)| known == key)

@@ -1,24 +1,16 @@
 //! Messages as bytes: a version byte, then `postcard`, bounded in size and checked.
 //!
-//! A decoded message can be trusted in its form: counts, grids, boxes and numbers are valid.
-//! Whether it makes sense (a camera that exists, a session that lives) is for the node to see.
+//! This is where bytes from a stranger enter: [`decode`] is the only way to a message. A decoded message is valid in its
+//! form: counts, grids, boxes and numbers. Whether it makes sense (a camera that exists, a session that lives) is for
+//! the node to decide.
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-use crate::grid::CellGrid;
-use crate::key::is_key_chunk;
-use crate::live::{LiveStatus, MAX_CLOCK_CORRECTION_US, MAX_EDGES};
-use crate::message::{
-    BoxSet, CameraBox, MAX_CAPTURE_OFFSET_US, MAX_CROPS, MAX_PERSONS, MAX_SIGHTINGS, MAX_STAGES,
-    PatchSet, PersonPatch, PersonPose, PoseSet, Sighting, SightingSet, Status,
-};
-use crate::patch::MAX_KEYPOINTS;
-
 /// Version of the messages; any change of their fields or of the patch codec raises it.
 pub const VERSION: u8 = 3;
-/// Longest message, bytes. It bounds what decoding may allocate, too: room is made for elements
-/// that are there, not for those that a message says it has, so less than 64 bytes for each of its own.
+/// Longest message, bytes. It bounds what decoding allocates, too: memory is reserved for elements that are there, not
+/// for the number that a message claims, so less than 64 bytes for each byte of the message.
 pub const MAX_MESSAGE_BYTES: usize = 1 << 20;
 /// Most messages that a viewpoint may send for one tick.
 pub const MAX_PARTS: u16 = 1024;
@@ -26,15 +18,15 @@ pub const MAX_PARTS: u16 = 1024;
 pub const MAX_CAMERAS: usize = 64;
 /// Most joints of a skeleton, and most of its angles (one bit each in `unobserved`).
 pub const MAX_JOINTS: usize = 64;
-/// Longest text of a status, bytes; who says more says [`cut_text`] of it.
+/// Longest text of a status, bytes; longer texts are sent as [`cut_text`] leaves them.
 pub const MAX_TEXT_BYTES: usize = 8192;
-/// Longest reason for which fusion says that it refuses an edge, bytes: with one for every edge that a venue
-/// may have, its status is still a message.
+/// Longest reason of a refusal in fusion's status, bytes: with one for every edge that a venue may have, the status
+/// still fits a message.
 pub const MAX_REFUSAL_BYTES: usize = 1024;
 /// Longest fingerprint in a status, bytes: two of them stand in one refusal.
 pub const MAX_HASH_BYTES: usize = 256;
 
-/// What travels between nodes.
+/// A message between nodes.
 pub trait Message: Serialize + DeserializeOwned {
     /// Checks counts, sizes and numbers.
     ///
@@ -87,12 +79,12 @@ pub fn encode<M: Message>(message: &M) -> Vec<u8> {
         .expect("writing to memory a type whose sequences know their length")
 }
 
-/// The beginning of `text`, as much as a status may carry, cut between characters.
+/// The beginning of `text`, at most [`MAX_TEXT_BYTES`], cut between characters.
 pub fn cut_text(text: String) -> String {
     cut(text, MAX_TEXT_BYTES)
 }
 
-/// The beginning of why an edge is refused, as much as fusion says of one, cut between characters.
+/// The beginning of the reason of a refusal, at most [`MAX_REFUSAL_BYTES`], cut between characters.
 pub fn cut_refusal(text: String) -> String {
     cut(text, MAX_REFUSAL_BYTES)
 }
@@ -123,248 +115,6 @@ pub fn decode<M: Message>(bytes: &[u8]) -> Result<M, WireError> {
     }
     message.check().map_err(WireError::Invalid)?;
     Ok(message)
-}
-
-impl Message for PatchSet {
-    fn check(&self) -> Result<(), &'static str> {
-        check_parts(self.part, self.parts)?;
-        ensure(
-            self.sighting_parts <= MAX_PARTS,
-            "more sighting parts than a tick may have",
-        )?;
-        let timing = self.timing.iter();
-        timing
-            .map(|timing| timing.clock_correction_us)
-            .try_for_each(check_correction)?;
-        ensure(
-            self.persons.len() <= MAX_PERSONS,
-            "more persons than a message may have",
-        )?;
-        self.persons.iter().try_for_each(check_patch)
-    }
-}
-
-fn check_patch(patch: &PersonPatch) -> Result<(), &'static str> {
-    ensure(
-        patch.capture_offset_us.unsigned_abs() <= MAX_CAPTURE_OFFSET_US.unsigned_abs(),
-        "a capture too far from its tick",
-    )?;
-    let maps = &patch.maps;
-    maps.check_size()
-        .map_err(|_| "maps of an impossible size")?;
-    ensure(
-        (1..=MAX_CROPS).contains(&patch.crops.len()),
-        "an impossible number of crops",
-    )?;
-    ensure(
-        patch.crops.iter().all(CellGrid::is_valid),
-        "an impossible crop",
-    )?;
-    let same_size = patch
-        .crops
-        .iter()
-        .all(|c| (c.width, c.height) == (maps.width, maps.height));
-    ensure(same_size, "a crop of another size than its maps")?;
-    let of_keypoint = &patch.crop_of_keypoint;
-    ensure(
-        of_keypoint.len() == usize::from(maps.keypoints),
-        "not one crop index per keypoint",
-    )?;
-    ensure(
-        of_keypoint
-            .iter()
-            .all(|&c| usize::from(c) < patch.crops.len()),
-        "a crop index without a crop",
-    )
-}
-
-impl Message for BoxSet {
-    fn check(&self) -> Result<(), &'static str> {
-        ensure(
-            self.persons.len() <= MAX_PERSONS,
-            "more persons than a message may have",
-        )?;
-        let few_cameras = self.persons.iter().all(|p| p.cameras.len() <= MAX_CAMERAS);
-        ensure(
-            few_cameras && self.look.len() <= MAX_CAMERAS,
-            "more cameras than a viewpoint may have",
-        )?;
-        let live = self.live.iter();
-        live.filter_map(|live| live.clock_correction_us)
-            .try_for_each(check_correction)?;
-        ensure(
-            self.look.is_sorted_by(|a, b| a < b),
-            "cameras that look out of order or twice",
-        )?;
-        self.persons
-            .iter()
-            .flat_map(|p| &p.cameras)
-            .try_for_each(check_box)
-    }
-}
-
-fn check_box(camera: &CameraBox) -> Result<(), &'static str> {
-    ensure(camera.bounding_box.is_valid(), "an impossible box")?;
-    let rate = &camera.rate;
-    let rates = rate
-        .center_px
-        .iter()
-        .chain(&rate.size_px)
-        .chain([&rate.rotation_rad]);
-    ensure(all_finite(rates), "a rate that is not finite")?;
-    ensure(
-        all_finite(camera.torso_px.iter().chain(&camera.neck_px)),
-        "a torso or neck that is not finite",
-    )
-}
-
-impl Message for SightingSet {
-    fn check(&self) -> Result<(), &'static str> {
-        check_parts(self.part, self.parts)?;
-        ensure(
-            self.sightings.len() <= MAX_SIGHTINGS,
-            "more sightings than a message may have",
-        )?;
-        self.sightings.iter().try_for_each(check_sighting)
-    }
-}
-
-fn check_sighting(sighting: &Sighting) -> Result<(), &'static str> {
-    ensure(
-        (0.0..=1.0).contains(&sighting.score),
-        "a score outside 0 to 1",
-    )?;
-    ensure(
-        sighting.keypoints.len() <= MAX_KEYPOINTS,
-        "more keypoints than a network may have",
-    )?;
-    sighting.keypoints.iter().flatten().try_for_each(|peak| {
-        ensure((0.0..=1.0).contains(&peak.score), "a score outside 0 to 1")?;
-        ensure(
-            all_finite(&peak.position_px),
-            "a position that is not finite",
-        )
-    })
-}
-
-impl Message for PoseSet {
-    fn check(&self) -> Result<(), &'static str> {
-        ensure(
-            self.persons.len() <= MAX_PERSONS,
-            "more persons than a message may have",
-        )?;
-        self.persons.iter().try_for_each(check_pose)
-    }
-}
-
-fn check_pose(pose: &PersonPose) -> Result<(), &'static str> {
-    ensure(
-        pose.joints_m.len() <= MAX_JOINTS,
-        "more joints than a skeleton may have",
-    )?;
-    ensure(
-        pose.angles.len() <= MAX_JOINTS,
-        "more angles than a skeleton may have",
-    )?;
-    ensure(
-        pose.keypoints_m.len() <= MAX_KEYPOINTS,
-        "more keypoints than a network may have",
-    )?;
-    ensure(
-        pose.sigma_m.len() <= pose.joints_m.len(),
-        "more uncertainties than joints",
-    )?;
-    ensure(
-        pose.sigma_m.iter().all(|s| s.is_finite() && *s >= 0.0),
-        "an uncertainty that is not a length",
-    )?;
-    let positions = pose.joints_m.iter().chain(&pose.keypoints_m).flatten();
-    ensure(
-        all_finite(positions.chain(&pose.angles)),
-        "a number that is not finite",
-    )
-}
-
-impl Message for Status {
-    fn check(&self) -> Result<(), &'static str> {
-        ensure(
-            is_key_chunk(&self.node),
-            "a node name that cannot stand in a key",
-        )?;
-        let hashes = [&self.venue_hash, &self.calibration_hash, &self.network_hash];
-        let short = hashes.iter().all(|hash| hash.len() <= MAX_HASH_BYTES);
-        ensure(short, "a fingerprint that is too long")?;
-        let short = [&self.backend]
-            .into_iter()
-            .chain(&self.failure)
-            .chain(self.stages.iter().map(|s| &s.stage))
-            .all(|text| text.len() <= MAX_TEXT_BYTES);
-        ensure(short, "a text that is too long")?;
-        ensure(
-            self.stages.len() <= MAX_STAGES,
-            "more stages than a node may have",
-        )?;
-        let in_order = self.ticks.is_none_or(|[first, end]| first <= end);
-        ensure(in_order, "ticks that end before they begin")?;
-        self.live.iter().try_for_each(check_live)
-    }
-}
-
-fn check_live(live: &LiveStatus) -> Result<(), &'static str> {
-    check_correction(live.clock_correction_us)?;
-    ensure(live.every_nth_tick > 0, "every 0th tick")?;
-    ensure(
-        live.cameras.len() <= MAX_CAMERAS,
-        "more cameras than a viewpoint may have",
-    )?;
-    ensure(
-        live.edges.len() <= MAX_EDGES,
-        "more edges than a venue may have",
-    )?;
-    let failure = live.recording_failure.iter();
-    ensure(
-        failure.clone().all(|text| text.len() <= MAX_TEXT_BYTES),
-        "a text that is too long",
-    )?;
-    let rates = live.cameras.iter().map(|c| &c.frames_per_s);
-    ensure(
-        all_finite(rates.chain(live.edges.iter().map(|e| &e.horizon_ticks))),
-        "a number that is not finite",
-    )?;
-    live.edges.iter().try_for_each(|edge| {
-        ensure(
-            is_key_chunk(&edge.viewpoint),
-            "a node name that cannot stand in a key",
-        )?;
-        let refused = edge.refused.iter();
-        ensure(
-            refused.clone().all(|text| text.len() <= MAX_TEXT_BYTES),
-            "a text that is too long",
-        )
-    })
-}
-
-fn check_correction(us: i32) -> Result<(), &'static str> {
-    ensure(
-        us.unsigned_abs() <= MAX_CLOCK_CORRECTION_US.unsigned_abs(),
-        "a clock correction past any clock",
-    )
-}
-
-fn check_parts(part: u16, parts: u16) -> Result<(), &'static str> {
-    ensure(
-        (1..=MAX_PARTS).contains(&parts),
-        "an impossible number of parts",
-    )?;
-    ensure(part < parts, "a part past the last one")
-}
-
-fn all_finite<'a>(numbers: impl IntoIterator<Item = &'a f32>) -> bool {
-    numbers.into_iter().all(|v| v.is_finite())
-}
-
-fn ensure(holds: bool, otherwise: &'static str) -> Result<(), &'static str> {
-    if holds { Ok(()) } else { Err(otherwise) }
 }
 
 #[cfg(test)]

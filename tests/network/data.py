@@ -1,4 +1,4 @@
-"""Shards of rendered crops, as `cargo run --example write_crops` writes them.
+"""Shards of rendered crops, as `lab training-crops` writes them.
 
 A shard is a file `crops_*.bin` of records: the crop's pixels [height, width, 3] as bytes (RGB), then
 17 keypoints (x, y in input pixels, centre of the first pixel at 0; state) as little-endian floats.

@@ -21,12 +21,12 @@ pub(super) struct Bearer {
     /// Its name, which its files have.
     pub(super) node: String,
     /// What it does.
-    pub(super) role: Role,
+    pub(super) role: NodeRole,
 }
 
 /// What a node does.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) enum Role {
+pub(super) enum NodeRole {
     /// Is connected to, by these names and addresses.
     Fusion(Vec<String>),
     /// Connects, and publishes under its name.
@@ -41,28 +41,28 @@ impl Bearer {
     pub(super) fn fusion(hosts: Vec<String>) -> Self {
         Self {
             node: FUSION.to_owned(),
-            role: Role::Fusion(hosts),
+            role: NodeRole::Fusion(hosts),
         }
     }
 
     pub(super) fn edge(viewpoint: &str) -> Self {
         Self {
             node: viewpoint.to_owned(),
-            role: Role::Edge,
+            role: NodeRole::Edge,
         }
     }
 
     pub(super) fn recorder() -> Self {
         Self {
             node: RECORDER.to_owned(),
-            role: Role::Recorder,
+            role: NodeRole::Recorder,
         }
     }
 
     pub(super) fn reader(name: &str) -> Self {
         Self {
             node: name.to_owned(),
-            role: Role::Reader,
+            role: NodeRole::Reader,
         }
     }
 }
@@ -129,7 +129,7 @@ impl Authority {
     /// to: an edge's key makes no fusion node.
     pub(super) fn issue(&self, venue: &str, bearer: &Bearer, days: u32) -> anyhow::Result<Pair> {
         let (names, name, usages) = match &bearer.role {
-            Role::Fusion(hosts) => (
+            NodeRole::Fusion(hosts) => (
                 hosts.clone(),
                 bearer.node.as_str(),
                 vec![
@@ -137,12 +137,12 @@ impl Authority {
                     ExtendedKeyUsagePurpose::ClientAuth,
                 ],
             ),
-            Role::Edge | Role::Recorder => (
+            NodeRole::Edge | NodeRole::Recorder => (
                 Vec::new(),
                 bearer.node.as_str(),
                 vec![ExtendedKeyUsagePurpose::ClientAuth],
             ),
-            Role::Reader => (
+            NodeRole::Reader => (
                 Vec::new(),
                 READER,
                 vec![ExtendedKeyUsagePurpose::ClientAuth],

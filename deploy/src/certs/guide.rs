@@ -2,7 +2,7 @@
 
 use farfield_proto::venue::Venue;
 
-use super::authority::{Bearer, Role};
+use super::authority::{Bearer, NodeRole};
 
 /// The text of the folder's README.
 pub(super) fn text(venue: &Venue, bearers: &[Bearer]) -> String {
@@ -14,16 +14,18 @@ pub(super) fn text(venue: &Venue, bearers: &[Bearer]) -> String {
     );
     let line = |Bearer { node, role }: &Bearer| {
         let (who, what) = match role {
-            Role::Fusion(hosts) => ("the fusion node", format!("good for {}", hosts.join(", "))),
-            Role::Edge => (
+            NodeRole::Fusion(hosts) => {
+                ("the fusion node", format!("good for {}", hosts.join(", ")))
+            }
+            NodeRole::Edge => (
                 "an edge",
                 format!("publishes as {node} only, hears its own boxes"),
             ),
-            Role::Recorder => (
+            NodeRole::Recorder => (
                 "`farfield record`",
                 "hears everything, publishes nothing".to_owned(),
             ),
-            Role::Reader => (
+            NodeRole::Reader => (
                 "whoever only listens",
                 "hears poses and statuses, publishes nothing".to_owned(),
             ),

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::net::IpAddr;
 
-use farfield_proto::endpoint::host;
+use farfield_proto::transport::endpoint::host;
 use farfield_proto::venue::Venue;
 
 /// What nodes on fusion's own machine use.

@@ -52,7 +52,7 @@ pub(crate) fn certs(args: &CertsArgs) -> Result<(), NodeError> {
 }
 
 fn make(args: &CertsArgs) -> anyhow::Result<()> {
-    let venue = Venue::load(&args.venue)?;
+    let venue = farfield_node::files::load_venue(&args.venue)?;
     let bearers = bearers(&venue, args)?;
     let folder = Folder::new(&args.out);
     let keys_of_authority = args.authority.as_deref().unwrap_or(&args.out);

@@ -5,7 +5,7 @@ use std::os::unix::fs::PermissionsExt as _;
 use clap::Parser as _;
 
 use super::*;
-use crate::cli::{Cli, Command};
+use crate::cli::{FarfieldCli, FarfieldCommand};
 
 struct Scratch {
     folder: tempfile::TempDir,
@@ -37,11 +37,11 @@ impl Scratch {
             "--out",
             out.to_str().unwrap(),
         ];
-        match Cli::try_parse_from([&words, more].concat())
+        match FarfieldCli::try_parse_from([&words, more].concat())
             .unwrap()
             .command
         {
-            Command::Certs(args) => make(&args),
+            FarfieldCommand::Certs(args) => make(&args),
             other => panic!("{other:?}"),
         }
     }

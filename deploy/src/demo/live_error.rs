@@ -3,8 +3,8 @@
 use farfield_fusion::body::skeleton::Joint;
 use farfield_fusion::body::skeleton::Joints;
 use farfield_fusion::node::Body;
-use farfield_fusion::score::GATE_M;
-use farfield_fusion::score::points::LIMB_POINTS;
+use farfield_score::GATE_M;
+use farfield_score::points::LIMB_POINTS;
 use nalgebra::Vector3;
 
 /// Mean distance of the 12 limb joints, metres, over the people of the truth that have a pose within

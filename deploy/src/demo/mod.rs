@@ -16,11 +16,10 @@ use std::process::ExitCode;
 use farfield_fusion::node::{Claim, Ending, NodeError, exit_code, start_log};
 use farfield_proto::tick::Tick;
 
-use self::play::{Play, Script};
-use self::ticker::Ticker;
-use self::words::Backend;
-use crate::cli::{RunArgs, TickList};
-use crate::run::{self, Session};
+use self::play::{DemoScript, Play};
+use self::ticker::DemoTicker;
+use self::words::PictureBackend;
+use crate::run::{self, RunArgs, Session, TickList};
 use crate::{output, venue_folder};
 
 /// The folder of the simulated venue, in that of the results.
@@ -67,7 +66,7 @@ pub(crate) fn main(args: &DemoArgs) -> ExitCode {
 }
 
 fn demo(args: &DemoArgs) -> Result<Ending, NodeError> {
-    let script = Script::choose(args).map_err(NodeError::Refused)?;
+    let script = DemoScript::choose(args).map_err(NodeError::Refused)?;
     let mut session = Session::open()?;
     if !args.forever {
         return show(args, &script, args.out.as_deref(), &mut session);
@@ -94,7 +93,7 @@ fn out_of(out: &Path, round: u32) -> PathBuf {
 /// Plays `script` once, and says how good it was.
 fn show(
     args: &DemoArgs,
-    script: &Script,
+    script: &DemoScript,
     out: Option<&Path>,
     session: &mut Session,
 ) -> Result<Ending, NodeError> {
@@ -111,10 +110,10 @@ fn show(
         json: false,
     })?;
     undo.keep();
-    let backend = Backend::of(networks).map_err(NodeError::failed)?;
+    let backend = PictureBackend::of(networks).map_err(NodeError::failed)?;
     let words = words::beginning(&play, &backend, out);
     output::print(&words).map_err(NodeError::Failed)?;
-    let end = session.watch(&plan, out, &mut Ticker::new(&play))?;
+    let end = session.watch(&plan, out, &mut DemoTicker::new(&play))?;
     let done = run::done(out).map_err(NodeError::Failed)?;
     let Some(ticks) = done.filter(|ticks| !ticks.is_empty()) else {
         return run::finish(&plan, out, end, false);

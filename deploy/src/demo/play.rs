@@ -8,10 +8,10 @@ use farfield_fusion::body::skeleton::Joints;
 use farfield_proto::camera::CameraModel;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::SimulatedContent;
-use farfield_testbed::embedded;
-use farfield_testbed::scene::Scene;
-use farfield_testbed::scene::file::{MAX_PERSON_SECONDS, MAX_TICKS};
-use farfield_testbed::simulated::{VenueText, quoted, without_map_faults};
+use farfield_sim::embedded;
+use farfield_sim::scene::Scene;
+use farfield_sim::scene::file::{MAX_PERSON_SECONDS, MAX_TICKS};
+use farfield_sim::simulated::{VenueText, quoted, without_map_faults};
 use toml::{Table, Value};
 
 use super::{DemoArgs, NAME};
@@ -25,7 +25,7 @@ const ROUND_S: f64 = 300.0;
 
 /// Whose scene is played.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Origin {
+enum SceneOrigin {
     /// The project's; its clips are written beside it.
     Embedded,
     /// Somebody's; it names its clips where they are.
@@ -34,10 +34,10 @@ enum Origin {
 
 /// A scene that nothing speaks against, not yet written anywhere.
 #[derive(Clone)]
-pub(super) struct Script {
+pub(super) struct DemoScript {
     /// The scene file, as long as the demo shall be.
     table: Table,
-    origin: Origin,
+    origin: SceneOrigin,
     content: SimulatedContent,
     /// Whether the people are given by hand instead of found in the pictures.
     is_given: bool,
@@ -46,15 +46,15 @@ pub(super) struct Script {
     is_last: bool,
 }
 
-impl Script {
+impl DemoScript {
     /// What was asked for.
     ///
     /// # Errors
     /// Names the scene file and what is wrong with it.
     pub(super) fn choose(args: &DemoArgs) -> anyhow::Result<Self> {
         let (mut table, origin) = match &args.scene {
-            Some(path) => (of_file(path)?, Origin::File),
-            None => (embedded_scene()?, Origin::Embedded),
+            Some(path) => (of_file(path)?, SceneOrigin::File),
+            None => (embedded_scene()?, SceneOrigin::Embedded),
         };
         let rate_hz = table.get("rate_hz").and_then(as_number);
         let rate_hz = rate_hz.context("the scene has no rate")?;
@@ -190,11 +190,11 @@ impl Play {
     ///
     /// # Errors
     /// When a file cannot be written, or the scene cannot be read as it was written.
-    pub(super) fn stage(script: &Script, folder: &Path) -> anyhow::Result<(Self, Undo)> {
+    pub(super) fn stage(script: &DemoScript, folder: &Path) -> anyhow::Result<(Self, Undo)> {
         let undo = Undo(Some(folder.to_owned()));
         let scene_path = match script.origin {
-            Origin::Embedded => embedded::write_scene(SCENE, folder)?,
-            Origin::File => folder.join("scene.toml"),
+            SceneOrigin::Embedded => embedded::write_scene(SCENE, folder)?,
+            SceneOrigin::File => folder.join("scene.toml"),
         };
         let text = toml::to_string(&script.table).context("writing the scene")?;
         venue_folder::write(&scene_path, text.as_bytes())?;

@@ -6,10 +6,10 @@ use std::ops::Range;
 use std::path::Path;
 
 use anyhow::Context as _;
-use farfield_fusion::score::lines::{Recording, Role};
-use farfield_fusion::score::points::PointSet;
-use farfield_fusion::score::score;
 use farfield_proto::tick::Tick;
+use farfield_score::lines::{LinesRole, PoseLines};
+use farfield_score::points::PointSet;
+use farfield_score::score;
 
 /// The table of the score, to joints.
 pub(super) fn table(
@@ -18,8 +18,8 @@ pub(super) fn table(
     ticks: &Range<Tick>,
     rate_hz: f64,
 ) -> anyhow::Result<String> {
-    let poses = read(poses, Role::Poses, ticks)?;
-    let truth = read(truth, Role::Truth, ticks)?;
+    let poses = read(poses, LinesRole::Poses, ticks)?;
+    let truth = read(truth, LinesRole::Truth, ticks)?;
     if truth.is_empty() {
         return Ok("nobody was there to score against\n".to_owned());
     }
@@ -27,10 +27,10 @@ pub(super) fn table(
     Ok(format!("{scores}\n"))
 }
 
-fn read(path: &Path, role: Role, ticks: &Range<Tick>) -> anyhow::Result<Recording> {
+fn read(path: &Path, role: LinesRole, ticks: &Range<Tick>) -> anyhow::Result<PoseLines> {
     let file = File::open(path).with_context(|| format!("opening {}", path.display()))?;
     let reader = BufReader::new(file);
-    Ok(Recording::read(
+    Ok(PoseLines::read(
         reader,
         path,
         role,

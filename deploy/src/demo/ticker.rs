@@ -10,13 +10,13 @@ use tokio::time::Instant;
 use super::live_error::mean_error_m;
 use super::play::Play;
 use crate::output;
-use crate::run::{Detail, Follow};
+use crate::run::{Follow, ProgressDetail};
 
 /// The longest time without a line.
 const EVERY: Duration = Duration::from_secs(1);
 
 /// Prints the lines on standard output.
-pub(super) struct Ticker<'a> {
+pub(super) struct DemoTicker<'a> {
     play: &'a Play,
     /// When the last line was printed, and how far the run was then.
     last: Option<(Instant, Tick, u64)>,
@@ -24,7 +24,7 @@ pub(super) struct Ticker<'a> {
     untold: Option<Progress>,
 }
 
-impl<'a> Ticker<'a> {
+impl<'a> DemoTicker<'a> {
     pub(super) fn new(play: &'a Play) -> Self {
         Self {
             play,
@@ -56,9 +56,9 @@ impl<'a> Ticker<'a> {
     }
 }
 
-impl Follow for Ticker<'_> {
-    fn detail(&self) -> Detail {
-        Detail::Bodies
+impl Follow for DemoTicker<'_> {
+    fn detail(&self) -> ProgressDetail {
+        ProgressDetail::Bodies
     }
 
     fn tick(&mut self, progress: &Progress) {
@@ -120,7 +120,7 @@ mod tests {
     use super::*;
 
     fn play() -> Play {
-        let scene = farfield_testbed::embedded::scene("court").unwrap();
+        let scene = farfield_sim::embedded::scene("court").unwrap();
         Play {
             scene: scene.into(),
             ticks: 300,
@@ -158,7 +158,7 @@ mod tests {
     #[test]
     fn seconds_of_the_scene_are_full_at_their_last_tick() {
         let play = play();
-        let ticker = Ticker::new(&play);
+        let ticker = DemoTicker::new(&play);
         let full: Vec<i64> = (0..90).filter(|&tick| ticker.is_full(Tick(tick))).collect();
         assert_eq!(full, [29, 59, 89]);
     }

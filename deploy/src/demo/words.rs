@@ -5,8 +5,8 @@ use std::path::Path;
 use std::thread;
 use std::time::Duration;
 
+use farfield_edge::inference::NetworkError;
 use farfield_edge::node::Networks;
-use farfield_edge::pipeline::NetworkError;
 
 use super::play::Play;
 
@@ -15,14 +15,14 @@ use super::play::Play;
 const BESIDE: f64 = 0.5;
 
 /// What reads the pictures.
-pub(super) struct Backend {
+pub(super) struct PictureBackend {
     /// Which it is, in its own words.
     pub(super) line: String,
     /// What one crop takes; `None` when there are no pictures.
     pub(super) crop_time: Option<Duration>,
 }
 
-impl Backend {
+impl PictureBackend {
     /// Runs the network once or twice, and lets go of it.
     ///
     /// # Errors
@@ -36,14 +36,14 @@ impl Backend {
 }
 
 /// Where and who, with what, how long, and what the lines that follow mean.
-pub(super) fn beginning(play: &Play, backend: &Backend, out: &Path) -> String {
+pub(super) fn beginning(play: &Play, backend: &PictureBackend, out: &Path) -> String {
     let mut text = String::new();
     // Writing to a String cannot fail.
     let _infallible = write(&mut text, play, backend, out);
     text
 }
 
-fn write(text: &mut String, play: &Play, backend: &Backend, out: &Path) -> fmt::Result {
+fn write(text: &mut String, play: &Play, backend: &PictureBackend, out: &Path) -> fmt::Result {
     let scene = &play.scene;
     let [x_m, y_m] = scene.size_m();
     let ball = if scene.ball_at(0.0).is_some() {

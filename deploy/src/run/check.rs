@@ -12,13 +12,13 @@ use farfield_fusion::node::{
 };
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::Venue;
-use farfield_testbed::simulated::VenueSources;
+use farfield_sim::simulated::VenueSources;
 
-use crate::cli::{RunArgs, TickList};
+use super::args::{RunArgs, TickList};
 
 /// What sets the pace of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Pace {
+pub(crate) enum RunPace {
     /// Every node waits for the others.
     LockStep,
     /// The clock.
@@ -26,12 +26,12 @@ pub(crate) enum Pace {
 }
 
 /// A run that nothing speaks against.
-pub(crate) struct Plan {
+pub(crate) struct RunPlan {
     pub(crate) venue_path: PathBuf,
     pub(crate) venue: Venue,
     /// How its sources are opened.
     pub(crate) sources: VenueSources,
-    pub(crate) pace: Pace,
+    pub(crate) pace: RunPace,
     /// The ticks to work on; `None`: live, until somebody stops it.
     pub(crate) ticks: Option<Range<Tick>>,
     /// Where the results shall go, if anyone said so.
@@ -43,7 +43,7 @@ pub(crate) struct Plan {
     pub(crate) overlay: Vec<Tick>,
 }
 
-impl Plan {
+impl RunPlan {
     /// Where fusion listens: a free port of this machine.
     pub(super) fn loopback(&self) -> &'static str {
         match self.venue.security.certificates {
@@ -55,8 +55,8 @@ impl Plan {
 
 /// Reads the venue, probes every source and loads every network once: the edges will load them for
 /// themselves.
-pub(crate) fn check(args: RunArgs) -> Result<(Plan, Networks), NodeError> {
-    let venue = Venue::load(&args.venue).map_err(NodeError::refused)?;
+pub(crate) fn check(args: RunArgs) -> Result<(RunPlan, Networks), NodeError> {
+    let venue = farfield_node::files::load_venue(&args.venue).map_err(NodeError::refused)?;
     let sources = VenueSources::default();
     check_names(&venue).map_err(NodeError::Refused)?;
     if let Some(out) = &args.out {
@@ -67,12 +67,12 @@ pub(crate) fn check(args: RunArgs) -> Result<(Plan, Networks), NodeError> {
     }
     let infos = probe_sources(&sources, &venue, &venue.cameras).map_err(NodeError::refused)?;
     let pace = if args.live {
-        Pace::Live
+        RunPace::Live
     } else {
-        Pace::LockStep
+        RunPace::LockStep
     };
     let ticks = match common_ticks(&infos, args.ticks) {
-        Err(SourceError::Endless) if pace == Pace::Live => None,
+        Err(SourceError::Endless) if pace == RunPace::Live => None,
         ticks => Some(ticks.map_err(NodeError::refused)?),
     };
     if let Some(ticks) = &ticks {
@@ -90,7 +90,7 @@ pub(crate) fn check(args: RunArgs) -> Result<(Plan, Networks), NodeError> {
     let networks = load_networks(&venue, &venue.cameras).map_err(NodeError::refused)?;
     let card = load_card(&venue).map_err(NodeError::Refused)?;
     check_given_keypoints(&venue, &args.venue, card.as_ref()).map_err(NodeError::refused)?;
-    let plan = Plan {
+    let plan = RunPlan {
         venue_path: args.venue,
         venue,
         sources,

@@ -14,8 +14,8 @@ use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 use tracing::debug;
 
-use super::check::{Pace, Plan};
-use super::follow::Detail;
+use super::check::{RunPace, RunPlan};
+use super::follow::ProgressDetail;
 
 /// Folder in that of the results for what edges keep on disk while a run lasts.
 pub(super) const RINGS: &str = "ring";
@@ -88,16 +88,16 @@ impl Children {
     /// Starts fusion on a free port of the loopback, with its results in `out`.
     pub(super) fn start_fusion(
         &self,
-        plan: &Plan,
+        plan: &RunPlan,
         out: &Path,
-        detail: Detail,
+        detail: ProgressDetail,
     ) -> anyhow::Result<ChildStdin> {
         let mut command = node(plan, FUSION)?;
         command
             .args(["--listen", plan.loopback()])
             .arg("--out")
             .arg(out);
-        if plan.pace == Pace::Live {
+        if plan.pace == RunPace::Live {
             command.arg("--live");
         }
         if let Some(record) = &plan.record {
@@ -106,7 +106,7 @@ impl Children {
                 .arg("--record")
                 .arg(record.clone().unwrap_or_else(own));
         }
-        if detail == Detail::Bodies {
+        if detail == ProgressDetail::Bodies {
             command.arg("--report-bodies");
         }
         command.stdout(Stdio::piped());
@@ -116,7 +116,7 @@ impl Children {
     /// Starts the edge of a viewpoint; live, it keeps its sets below `out` for as long as the run lasts.
     pub(super) fn start_edge(
         &self,
-        plan: &Plan,
+        plan: &RunPlan,
         out: &Path,
         viewpoint: &str,
         endpoint: &str,
@@ -125,7 +125,7 @@ impl Children {
         command
             .args(["--viewpoint", viewpoint, "--connect", endpoint])
             .stdout(Stdio::null());
-        if plan.pace == Pace::Live {
+        if plan.pace == RunPace::Live {
             command.arg("--ring").arg(out.join(RINGS).join(viewpoint));
         }
         self.start(viewpoint, command)
@@ -151,7 +151,7 @@ impl Children {
     }
 }
 
-fn node(plan: &Plan, kind: &str) -> anyhow::Result<Command> {
+fn node(plan: &RunPlan, kind: &str) -> anyhow::Result<Command> {
     let binary = std::env::current_exe().context("finding this program's own file")?;
     let mut command = Command::new(binary);
     command.arg(kind).arg(&plan.venue_path).arg("--managed");

@@ -14,12 +14,12 @@ use farfield_proto::tick::Tick;
 use image::{ImageFormat, RgbImage};
 use serde::Deserialize;
 
-use super::check::Plan;
+use super::check::RunPlan;
 use crate::overlay::overlay;
 
 /// What of a line of `poses.jsonl` is drawn.
 #[derive(Debug, Deserialize)]
-struct Line {
+struct DrawnPoseLine {
     tick: Tick,
     person: u32,
     state: PersonState,
@@ -28,7 +28,7 @@ struct Line {
 
 /// Writes `overlay_<camera>_<tick>.png` for every camera and every tick that the plan asks for, with
 /// the poses that the run has recorded.
-pub(super) fn draw(plan: &Plan, out: &Path) -> anyhow::Result<()> {
+pub(super) fn draw(plan: &RunPlan, out: &Path) -> anyhow::Result<()> {
     if plan.overlay.is_empty() {
         return Ok(());
     }
@@ -58,7 +58,7 @@ fn recorded(path: &Path, ticks: &[Tick]) -> anyhow::Result<BTreeMap<Tick, Vec<Pe
     let mut persons: BTreeMap<Tick, Vec<PersonPose>> = BTreeMap::new();
     for line in BufReader::new(file).lines() {
         let line = line.with_context(|| format!("reading {}", path.display()))?;
-        let line: Line =
+        let line: DrawnPoseLine =
             serde_json::from_str(&line).with_context(|| format!("reading {}", path.display()))?;
         // Lines are sorted by tick.
         if ticks.last().is_none_or(|&last| line.tick > last) {
@@ -71,7 +71,7 @@ fn recorded(path: &Path, ticks: &[Tick]) -> anyhow::Result<BTreeMap<Tick, Vec<Pe
     Ok(persons)
 }
 
-fn pose(line: &Line) -> PersonPose {
+fn pose(line: &DrawnPoseLine) -> PersonPose {
     let joint = |joint: &Joint| {
         line.joints
             .get(joint.name())

@@ -4,7 +4,7 @@ use farfield_fusion::node::{LinkProgress, Progress};
 
 /// How much fusion shall tell of each tick.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Detail {
+pub(crate) enum ProgressDetail {
     /// How many persons there are.
     Counts,
     /// Where they are, too.
@@ -14,7 +14,7 @@ pub(crate) enum Detail {
 /// Shows a run under way.
 pub(crate) trait Follow {
     /// What it wants to hear of each tick.
-    fn detail(&self) -> Detail;
+    fn detail(&self) -> ProgressDetail;
 
     /// A tick is done.
     fn tick(&mut self, progress: &Progress);

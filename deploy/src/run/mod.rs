@@ -2,6 +2,7 @@
 //!
 //! Check (everything that can be refused, before anything is made) -> claim -> watch -> report.
 
+mod args;
 mod check;
 mod children;
 mod draw;
@@ -9,7 +10,6 @@ mod follow;
 mod progress;
 mod report;
 mod session;
-mod signals;
 mod verdict;
 mod watch;
 
@@ -18,15 +18,14 @@ use std::process::ExitCode;
 
 use farfield_fusion::node::{Claim, Ending, NodeError, exit_code, say, start_log};
 
-pub(crate) use self::check::{Plan, check};
-pub(crate) use self::follow::{Detail, Follow};
+pub(crate) use self::args::{RunArgs, TickList};
+pub(crate) use self::check::{RunPlan, check};
+pub(crate) use self::follow::{Follow, ProgressDetail};
 pub(crate) use self::report::done;
 pub(crate) use self::session::Session;
-pub(crate) use self::signals::Signals;
-pub(crate) use self::verdict::{End, Verdict};
+pub(crate) use self::verdict::{RunEnd, RunVerdict};
 
 use self::progress::ProgressLine;
-use crate::cli::RunArgs;
 
 /// Runs a venue to its end and says what came out.
 pub(crate) fn main(args: RunArgs) -> ExitCode {
@@ -49,11 +48,16 @@ fn run(args: RunArgs) -> Result<Ending, NodeError> {
 }
 
 /// Draws and prints what the run has left in `out`.
-pub(crate) fn finish(plan: &Plan, out: &Path, end: End, json: bool) -> Result<Ending, NodeError> {
+pub(crate) fn finish(
+    plan: &RunPlan,
+    out: &Path,
+    end: RunEnd,
+    json: bool,
+) -> Result<Ending, NodeError> {
     if end.last.is_none() {
         report::discard_unfinished(out);
     }
-    if matches!(end.verdict, Verdict::Done) {
+    if matches!(end.verdict, RunVerdict::Done) {
         draw::draw(plan, out).map_err(NodeError::Failed)?;
     }
     let printed = report::print(out, json).map_err(NodeError::Failed);
@@ -62,8 +66,8 @@ pub(crate) fn finish(plan: &Plan, out: &Path, end: End, json: bool) -> Result<En
         say(format_args!("unfinished files are in {}", files.display()));
     }
     match end.verdict {
-        Verdict::Done => printed.map(|()| Ending::Done),
-        Verdict::Interrupted => printed.map(|()| Ending::Interrupted),
-        Verdict::Failed(error) => Err(error),
+        RunVerdict::Done => printed.map(|()| Ending::Done),
+        RunVerdict::Interrupted => printed.map(|()| Ending::Interrupted),
+        RunVerdict::Failed(error) => Err(error),
     }
 }

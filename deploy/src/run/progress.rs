@@ -4,12 +4,12 @@ use std::io::{IsTerminal as _, stderr};
 use std::time::Duration;
 
 use farfield_fusion::node::{LinkProgress, Progress, say};
-use farfield_proto::live::EdgeLink;
+use farfield_proto::message::live::EdgeLink;
 use indicatif::{HumanBytes, ProgressBar, ProgressStyle};
 use tokio::time::Instant;
 
-use super::check::Plan;
-use super::follow::{Detail, Follow};
+use super::check::RunPlan;
+use super::follow::{Follow, ProgressDetail};
 
 /// How often a line is printed where there is no terminal.
 const LINE_EVERY: Duration = Duration::from_secs(10);
@@ -29,7 +29,7 @@ pub(super) struct ProgressLine {
 }
 
 impl ProgressLine {
-    pub(super) fn new(plan: &Plan) -> Self {
+    pub(super) fn new(plan: &RunPlan) -> Self {
         let total = plan.ticks.as_ref().map(|ticks| ticks.end - ticks.start);
         let bar = stderr().is_terminal().then(|| {
             let (bar, shown) = match total {
@@ -83,8 +83,8 @@ fn shown(links: &LinkProgress) -> String {
 }
 
 impl Follow for ProgressLine {
-    fn detail(&self) -> Detail {
-        Detail::Counts
+    fn detail(&self) -> ProgressDetail {
+        ProgressDetail::Counts
     }
 
     fn tick(&mut self, tick: &Progress) {

@@ -6,11 +6,11 @@ use anyhow::Context as _;
 use farfield_fusion::node::NodeError;
 use tokio::runtime::Runtime;
 
-use super::check::Plan;
+use super::check::RunPlan;
 use super::follow::Follow;
-use super::signals::Signals;
-use super::verdict::End;
+use super::verdict::RunEnd;
 use super::watch::watch;
+use crate::signals::Signals;
 
 /// A process that hears signals: from here on Ctrl-C no longer ends it.
 pub(crate) struct Session {
@@ -45,10 +45,10 @@ impl Session {
     /// When a node cannot be started or watched.
     pub(crate) fn watch(
         &mut self,
-        plan: &Plan,
+        plan: &RunPlan,
         out: &Path,
         follow: &mut dyn Follow,
-    ) -> Result<End, NodeError> {
+    ) -> Result<RunEnd, NodeError> {
         self.runtime
             .block_on(watch(plan, out, &mut self.signals, follow))
             .map_err(NodeError::Failed)

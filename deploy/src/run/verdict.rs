@@ -8,7 +8,7 @@ use super::children::{Exit, FUSION};
 
 /// How a run ended.
 #[derive(Debug)]
-pub(crate) enum Verdict {
+pub(crate) enum RunVerdict {
     /// Fusion has worked on every tick.
     Done,
     /// Someone asked the run to stop.
@@ -18,15 +18,15 @@ pub(crate) enum Verdict {
 
 /// The end of a run.
 #[derive(Debug)]
-pub(crate) struct End {
-    pub(crate) verdict: Verdict,
+pub(crate) struct RunEnd {
+    pub(crate) verdict: RunVerdict,
     /// The last tick that fusion has reported.
     pub(crate) last: Option<Tick>,
 }
 
 /// The ends of the nodes as they come.
 #[derive(Debug, Default)]
-pub(super) struct Ends {
+pub(super) struct NodeEnds {
     /// Fusion has ended, and all was well.
     fusion_done: bool,
     /// Nodes that ended badly without having been killed by the run, in order.
@@ -35,7 +35,7 @@ pub(super) struct Ends {
 
 /// What the run had told a node before it ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Told {
+pub(super) enum NodeTold {
     Nothing,
     ToLeave,
     /// It was killed: its end says nothing.
@@ -49,12 +49,12 @@ pub(super) enum Sign {
     Bad,
 }
 
-impl Ends {
+impl NodeEnds {
     /// Notes the end of a node.
-    pub(super) fn take(&mut self, exit: Exit, told: Told) -> Sign {
+    pub(super) fn take(&mut self, exit: Exit, told: NodeTold) -> Sign {
         let well = match (exit.code(), told) {
-            (Some(0), _) | (None, Told::Killed) => true,
-            (Some(code), _) if code == i32::from(EXIT_INTERRUPTED) => told != Told::Nothing,
+            (Some(0), _) | (None, NodeTold::Killed) => true,
+            (Some(code), _) if code == i32::from(EXIT_INTERRUPTED) => told != NodeTold::Nothing,
             _ => false,
         };
         self.fusion_done |= exit.node == FUSION && exit.code() == Some(0);
@@ -66,22 +66,22 @@ impl Ends {
     }
 
     /// How the run ended, whose last reported tick is `last`.
-    pub(super) fn verdict(&self, interrupted: bool, last: Option<Tick>) -> Verdict {
+    pub(super) fn verdict(&self, interrupted: bool, last: Option<Tick>) -> RunVerdict {
         // An interrupted fusion that failed at its last files has not ended well.
         let fusion_failed = self.spoken().any(|exit| exit.node == FUSION);
         if interrupted && !fusion_failed {
-            return Verdict::Interrupted;
+            return RunVerdict::Interrupted;
         }
         if self.failures.is_empty() {
             return if self.fusion_done {
-                Verdict::Done
+                RunVerdict::Done
             } else {
-                Verdict::Failed(NodeError::Failed(anyhow!("fusion has not finished")))
+                RunVerdict::Failed(NodeError::Failed(anyhow!("fusion has not finished")))
             };
         }
         let message = anyhow!(self.blame(last));
         let refused = |exit: &Exit| exit.code() == Some(i32::from(EXIT_REFUSED));
-        Verdict::Failed(if self.failures.iter().any(refused) {
+        RunVerdict::Failed(if self.failures.iter().any(refused) {
             NodeError::Refused(message)
         } else {
             NodeError::Failed(message)
@@ -143,48 +143,54 @@ mod tests {
         exit(node, code << 8, said)
     }
 
-    fn failed(ends: &Ends, interrupted: bool) -> String {
+    fn failed(ends: &NodeEnds, interrupted: bool) -> String {
         match ends.verdict(interrupted, Some(Tick(7))) {
-            Verdict::Failed(error) => error.to_string(),
+            RunVerdict::Failed(error) => error.to_string(),
             other => panic!("{other:?}"),
         }
     }
 
     #[test]
     fn a_run_is_done_when_fusion_says_so() {
-        let mut ends = Ends::default();
+        let mut ends = NodeEnds::default();
         assert_eq!(failed(&ends, false), "fusion has not finished");
-        ends.take(code(FUSION, 0, ""), Told::Nothing);
-        assert!(matches!(ends.verdict(false, None), Verdict::Done));
+        ends.take(code(FUSION, 0, ""), NodeTold::Nothing);
+        assert!(matches!(ends.verdict(false, None), RunVerdict::Done));
     }
 
     #[test]
     fn a_fusion_that_somebody_else_has_ended_is_a_failure() {
-        let mut ends = Ends::default();
-        assert_eq!(ends.take(code(FUSION, 130, ""), Told::Nothing), Sign::Bad);
-        ends.take(code("ne", 0, ""), Told::ToLeave);
+        let mut ends = NodeEnds::default();
+        assert_eq!(
+            ends.take(code(FUSION, 130, ""), NodeTold::Nothing),
+            Sign::Bad
+        );
+        ends.take(code("ne", 0, ""), NodeTold::ToLeave);
         assert_eq!(
             failed(&ends, false),
             "fusion was ended by a signal at tick 7"
         );
-        let mut asked = Ends::default();
-        assert_eq!(asked.take(code(FUSION, 130, ""), Told::ToLeave), Sign::Well);
-        assert!(matches!(asked.verdict(true, None), Verdict::Interrupted));
+        let mut asked = NodeEnds::default();
+        assert_eq!(
+            asked.take(code(FUSION, 130, ""), NodeTold::ToLeave),
+            Sign::Well
+        );
+        assert!(matches!(asked.verdict(true, None), RunVerdict::Interrupted));
     }
 
     #[test]
     fn whoever_left_first_is_named_first_and_our_own_kill_is_no_failure() {
-        let mut ends = Ends::default();
-        ends.take(exit("ne", 9, ""), Told::Nothing);
+        let mut ends = NodeEnds::default();
+        ends.take(exit("ne", 9, ""), NodeTold::Nothing);
         ends.take(
             code(FUSION, 1, "error: viewpoint ne has left"),
-            Told::Nothing,
+            NodeTold::Nothing,
         );
         ends.take(
             code("sw", 1, "error: fusion has ended the run"),
-            Told::ToLeave,
+            NodeTold::ToLeave,
         );
-        assert_eq!(ends.take(exit("se", 9, ""), Told::Killed), Sign::Well);
+        assert_eq!(ends.take(exit("se", 9, ""), NodeTold::Killed), Sign::Well);
         assert_eq!(
             failed(&ends, false),
             "ne: killed by signal 9\nfusion: viewpoint ne has left"
@@ -193,16 +199,16 @@ mod tests {
 
     #[test]
     fn the_edges_of_a_killed_fusion_are_not_heard() {
-        let mut ends = Ends::default();
-        ends.take(code("ne", 1, "error: fusion has left"), Told::Nothing);
-        ends.take(exit(FUSION, 9, ""), Told::Nothing);
+        let mut ends = NodeEnds::default();
+        ends.take(code("ne", 1, "error: fusion has left"), NodeTold::Nothing);
+        ends.take(exit(FUSION, 9, ""), NodeTold::Nothing);
         assert_eq!(failed(&ends, false), "fusion: killed by signal 9");
     }
 
     #[test]
     fn an_interrupted_fusion_that_cannot_write_its_files_has_failed() {
-        let mut ends = Ends::default();
-        ends.take(code(FUSION, 1, "error: no space left"), Told::ToLeave);
+        let mut ends = NodeEnds::default();
+        ends.take(code(FUSION, 1, "error: no space left"), NodeTold::ToLeave);
         assert_eq!(failed(&ends, true), "fusion: no space left");
     }
 }

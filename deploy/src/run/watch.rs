@@ -10,11 +10,11 @@ use farfield_proto::tick::Tick;
 use tokio::process::ChildStdin;
 use tokio::time::{Instant, sleep_until};
 
-use super::check::{Pace, Plan};
+use super::check::{RunPace, RunPlan};
 use super::children::{Children, Event, Exit, FUSION, RINGS};
 use super::follow::Follow;
-use super::signals::Signals;
-use super::verdict::{End, Ends, Sign, Told};
+use super::verdict::{NodeEnds, NodeTold, RunEnd, Sign};
+use crate::signals::Signals;
 
 /// How long the nodes may take to finish their files and leave, once they shall.
 const GRACE: Duration = Duration::from_secs(10);
@@ -27,13 +27,13 @@ const START_AGAIN: Duration = Duration::from_secs(1);
 /// # Errors
 /// When a node cannot be started or watched.
 pub(super) async fn watch(
-    plan: &Plan,
+    plan: &RunPlan,
     out: &Path,
     signals: &mut Signals,
     follow: &mut dyn Follow,
-) -> anyhow::Result<End> {
+) -> anyhow::Result<RunEnd> {
     let (children, mut events) = Children::new();
-    let mut watch = Watch {
+    let mut watch = RunWatch {
         plan,
         out,
         children,
@@ -46,7 +46,7 @@ pub(super) async fn watch(
         leave_by: None,
         endpoint: String::new(),
         start_again: None,
-        ends: Ends::default(),
+        ends: NodeEnds::default(),
     };
     let input = watch
         .children
@@ -71,14 +71,14 @@ pub(super) async fn watch(
     // They are of no use to anybody once fusion's session is over.
     drop(std::fs::remove_dir_all(out.join(RINGS)));
     watch.follow.finish();
-    Ok(End {
+    Ok(RunEnd {
         verdict: watch.ends.verdict(watch.interrupted, watch.last),
         last: watch.last,
     })
 }
 
-struct Watch<'a> {
-    plan: &'a Plan,
+struct RunWatch<'a> {
+    plan: &'a RunPlan,
     /// Where the results go.
     out: &'a Path,
     children: Children,
@@ -95,10 +95,10 @@ struct Watch<'a> {
     endpoint: String,
     /// Live: when these viewpoints' edges are started again.
     start_again: Option<(Instant, Vec<String>)>,
-    ends: Ends,
+    ends: NodeEnds,
 }
 
-impl Watch<'_> {
+impl RunWatch<'_> {
     fn take(&mut self, event: Event) -> anyhow::Result<()> {
         match event {
             Event::Report(Report::Listening(endpoints)) => {
@@ -148,7 +148,7 @@ impl Watch<'_> {
     fn does_without(&mut self, exit: &Exit) -> bool {
         let others_run = self.inputs.keys().any(|node| *node != FUSION);
         let is_refused = exit.code() == Some(i32::from(EXIT_REFUSED));
-        let goes_on = self.plan.pace == Pace::Live && self.started && self.leave_by.is_none();
+        let goes_on = self.plan.pace == RunPace::Live && self.started && self.leave_by.is_none();
         if !goes_on || exit.node == FUSION || exit.code() == Some(0) || is_refused && !others_run {
             return false;
         }
@@ -172,9 +172,9 @@ impl Watch<'_> {
                 .extend(input.map(|input| (exit.node.clone(), input)));
         }
         let told = match self.inputs.remove(&exit.node) {
-            _ if self.killed => Told::Killed,
-            Some(Some(_)) => Told::Nothing,
-            _ => Told::ToLeave,
+            _ if self.killed => NodeTold::Killed,
+            Some(Some(_)) => NodeTold::Nothing,
+            _ => NodeTold::ToLeave,
         };
         let sign = self.ends.take(exit, told);
         if is_fusion || (sign == Sign::Bad && !self.started) {

@@ -4,21 +4,25 @@ use std::io::Write as _;
 use std::path::Path;
 
 use anyhow::{Context as _, bail};
-use farfield_edge::source::{Candidate, Content, FrameSource as _};
+use farfield_edge::source::{FrameContent, FrameSource as _, KeypointCandidate};
 use farfield_fusion::export::unfinished::Unfinished;
 use farfield_fusion::node::Ending;
 use farfield_proto::venue::SimulatedContent;
 use serde_json::{Value, json};
 
-use super::Plan;
-use super::kind::Kind;
+use super::RecordingPlan;
+use super::kind::RecordingKind;
 use super::work::{Interrupt, each_camera};
 
 /// Writes one file per camera into `folder`.
-pub(super) fn write(plan: &Plan, folder: &Path, interrupt: &Interrupt) -> anyhow::Result<Ending> {
+pub(super) fn write(
+    plan: &RecordingPlan,
+    folder: &Path,
+    interrupt: &Interrupt,
+) -> anyhow::Result<Ending> {
     let cameras = plan.scene.cameras();
     each_camera(cameras.len(), interrupt, |camera| {
-        let path = folder.join(Kind::Keypoints.path(cameras[camera].name()));
+        let path = folder.join(RecordingKind::Keypoints.path(cameras[camera].name()));
         let mut frames = plan.frames(camera, SimulatedContent::Maps)?;
         let mut write = || -> anyhow::Result<Ending> {
             if let Some(parent) = path.parent() {
@@ -29,7 +33,7 @@ pub(super) fn write(plan: &Plan, folder: &Path, interrupt: &Interrupt) -> anyhow
                 if interrupt.is_asked() {
                     return Ok(Ending::Interrupted);
                 }
-                let Content::Painted(maps) = frame.content else {
+                let FrameContent::Painted(maps) = frame.content else {
                     bail!("a camera of maps has given something else");
                 };
                 writeln!(file, "{}", line(frame.tick.0, &maps.persons()))?;
@@ -42,9 +46,9 @@ pub(super) fn write(plan: &Plan, folder: &Path, interrupt: &Interrupt) -> anyhow
 }
 
 /// One line of the file: the candidates of every person, in pixels of the raw picture.
-fn line(tick: i64, persons: &[Vec<Option<Candidate>>]) -> Value {
-    let candidate = |candidate: &Option<Candidate>| {
-        candidate.map(|Candidate { position, score }| {
+fn line(tick: i64, persons: &[Vec<Option<KeypointCandidate>>]) -> Value {
+    let candidate = |candidate: &Option<KeypointCandidate>| {
+        candidate.map(|KeypointCandidate { position, score }| {
             let px = position.vector_px();
             [
                 rounded(px.x, 1e2),
@@ -72,7 +76,7 @@ mod tests {
 
     #[test]
     fn a_line_holds_what_was_seen_and_null_for_what_was_not() {
-        let seen = Candidate {
+        let seen = KeypointCandidate {
             position: Pixel::new(10.123, 20.0),
             score: 0.5,
         };

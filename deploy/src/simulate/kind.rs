@@ -5,11 +5,11 @@ use std::process::{Command, Stdio};
 use anyhow::ensure;
 use clap::ValueEnum;
 use farfield_fusion::node::say;
-use farfield_testbed::simulated::quoted;
+use farfield_sim::simulated::quoted;
 
 /// A kind of recording.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(crate) enum Kind {
+pub(crate) enum RecordingKind {
     /// One MP4 file per camera; needs ffmpeg.
     Videos,
     /// One folder of JPEG pictures per camera.
@@ -21,7 +21,7 @@ pub(crate) enum Kind {
     Maps,
 }
 
-impl Kind {
+impl RecordingKind {
     /// What was asked for, or what this machine can write.
     ///
     /// # Errors
@@ -102,10 +102,10 @@ mod tests {
     #[test]
     fn every_kind_has_a_source_that_a_venue_can_name() {
         assert_eq!(
-            Kind::Images.source("ne-1"),
+            RecordingKind::Images.source("ne-1"),
             r#"{ kind = "images", path = "images/ne-1/%06d.jpg" }"#
         );
-        assert_eq!(Kind::Videos.path("ne-1"), "videos/ne-1.mp4");
-        assert_eq!(Kind::Keypoints.name(), "keypoints");
+        assert_eq!(RecordingKind::Videos.path("ne-1"), "videos/ne-1.mp4");
+        assert_eq!(RecordingKind::Keypoints.name(), "keypoints");
     }
 }

@@ -6,17 +6,21 @@ use std::path::Path;
 use anyhow::Context as _;
 use farfield_fusion::export::unfinished::Unfinished;
 use farfield_fusion::node::Ending;
-use farfield_testbed::maps_file::write_maps;
+use farfield_sim::maps_file::write_maps;
 
-use super::Plan;
-use super::kind::Kind;
+use super::RecordingPlan;
+use super::kind::RecordingKind;
 use super::work::{Interrupt, each_camera};
 
 /// Writes one file per camera into `folder`.
-pub(super) fn write(plan: &Plan, folder: &Path, interrupt: &Interrupt) -> anyhow::Result<Ending> {
+pub(super) fn write(
+    plan: &RecordingPlan,
+    folder: &Path,
+    interrupt: &Interrupt,
+) -> anyhow::Result<Ending> {
     let cameras = plan.scene.cameras();
     each_camera(cameras.len(), interrupt, |camera| {
-        let path = folder.join(Kind::Maps.path(cameras[camera].name()));
+        let path = folder.join(RecordingKind::Maps.path(cameras[camera].name()));
         let goes_on = || !interrupt.is_asked();
         let write = || -> anyhow::Result<Ending> {
             if let Some(parent) = path.parent() {

@@ -21,12 +21,12 @@ use farfield_fusion::node::{Ending, NodeError, check_folder, exit_code, say, sta
 use farfield_proto::camera::CameraModel;
 use farfield_proto::tick::{Tick, parse_range};
 use farfield_proto::venue::SimulatedContent;
-use farfield_testbed::faults::Crowd;
-use farfield_testbed::maps_file::Course;
-use farfield_testbed::scene::Scene;
-use farfield_testbed::simulated::{SimulatedSource, VenueText, without_map_faults};
+use farfield_sim::faults::SceneCrowd;
+use farfield_sim::maps_file::Course;
+use farfield_sim::scene::Scene;
+use farfield_sim::simulated::{SimulatedSource, VenueText, without_map_faults};
 
-use self::kind::Kind;
+use self::kind::RecordingKind;
 use self::work::Interrupt;
 use crate::output;
 use crate::venue_folder::{self, CALIBRATION};
@@ -41,7 +41,7 @@ pub(crate) struct SimulateArgs {
     pub(crate) out: PathBuf,
     /// What the cameras record. Default: videos where ffmpeg is installed, else images.
     #[arg(long = "as", value_name = "KIND")]
-    pub(crate) kind: Option<Kind>,
+    pub(crate) kind: Option<RecordingKind>,
     /// Record these ticks only (half-open).
     #[arg(long, value_name = "A..B", value_parser = parse_range, allow_hyphen_values = true)]
     pub(crate) ticks: Option<Range<Tick>>,
@@ -55,14 +55,14 @@ pub(crate) struct SimulateArgs {
 }
 
 /// A recording that nothing speaks against.
-struct Plan {
+struct RecordingPlan {
     scene: Arc<Scene>,
     /// Its people, for all cameras.
-    crowd: Arc<Crowd>,
+    crowd: Arc<SceneCrowd>,
     name: String,
     /// The scene file as it was named.
     from: String,
-    kind: Kind,
+    kind: RecordingKind,
     ticks: Range<Tick>,
     /// Which moments a recording of maps shows, and in how many ticks.
     course: (Course, u32),
@@ -70,7 +70,7 @@ struct Plan {
     out: PathBuf,
 }
 
-impl Plan {
+impl RecordingPlan {
     /// The frames of a camera, numbered as the scene's ticks.
     fn frames(&self, camera: usize, content: SimulatedContent) -> anyhow::Result<SimulatedSource> {
         let ticks = self.ticks.clone();
@@ -105,7 +105,7 @@ fn simulate(args: SimulateArgs) -> Result<Ending, NodeError> {
     Ok(recorded)
 }
 
-fn check(args: SimulateArgs) -> anyhow::Result<Plan> {
+fn check(args: SimulateArgs) -> anyhow::Result<RecordingPlan> {
     let scene = Scene::load(&args.scene)?;
     check_folder(&args.out)?;
     let all = scene.ticks();
@@ -119,9 +119,9 @@ fn check(args: SimulateArgs) -> anyhow::Result<Plan> {
         all.start,
         all.end
     );
-    let kind = Kind::choose(args.kind)?;
+    let kind = RecordingKind::choose(args.kind)?;
     ensure!(
-        kind == Kind::Maps || !args.there_and_back,
+        kind == RecordingKind::Maps || !args.there_and_back,
         "`--there-and-back` needs `--as maps`: other recordings are played once"
     );
     // The truth of pictures is what they show.
@@ -135,10 +135,10 @@ fn check(args: SimulateArgs) -> anyhow::Result<Plan> {
         .as_deref()
         .map(|card| detector_card(card, kind))
         .transpose()?;
-    Ok(Plan {
+    Ok(RecordingPlan {
         name: venue_name(&args.scene),
         from: args.scene.display().to_string(),
-        crowd: Arc::new(Crowd::new(Arc::clone(&scene))),
+        crowd: Arc::new(SceneCrowd::new(Arc::clone(&scene))),
         course: Course::new(&scene, &ticks, args.there_and_back),
         scene,
         kind,
@@ -149,7 +149,7 @@ fn check(args: SimulateArgs) -> anyhow::Result<Plan> {
 }
 
 /// The card's full name: the venue lies elsewhere.
-fn detector_card(card: &Path, kind: Kind) -> anyhow::Result<String> {
+fn detector_card(card: &Path, kind: RecordingKind) -> anyhow::Result<String> {
     ensure!(
         kind.gives_pictures(),
         "`--detector` {}: a venue of {} has no pictures to look into",
@@ -182,8 +182,8 @@ fn venue_name(scene: &Path) -> String {
 }
 
 /// Writes everything into `folder`.
-fn record(plan: &Plan, folder: &Path, interrupt: &Interrupt) -> anyhow::Result<Ending> {
-    let Plan { scene, ticks, .. } = plan;
+fn record(plan: &RecordingPlan, folder: &Path, interrupt: &Interrupt) -> anyhow::Result<Ending> {
+    let RecordingPlan { scene, ticks, .. } = plan;
     say(format_args!(
         "recording {} ticks of {} cameras as {}",
         ticks.end - ticks.start,
@@ -196,9 +196,9 @@ fn record(plan: &Plan, folder: &Path, interrupt: &Interrupt) -> anyhow::Result<E
     let network = pictures.then(|| venue_folder::write_network(folder));
     let network = network.transpose()?;
     let ending = match plan.kind {
-        Kind::Keypoints => keypoints::write(plan, folder, interrupt)?,
-        Kind::Maps => maps::write(plan, folder, interrupt)?,
-        Kind::Videos | Kind::Images => pictures::write(plan, folder, interrupt)?,
+        RecordingKind::Keypoints => keypoints::write(plan, folder, interrupt)?,
+        RecordingKind::Maps => maps::write(plan, folder, interrupt)?,
+        RecordingKind::Videos | RecordingKind::Images => pictures::write(plan, folder, interrupt)?,
     };
     let source = |camera: &CameraModel| plan.kind.source(camera.name());
     // Keypoints and maps hold sightings of their own, and a detector finds whoever is there.
@@ -219,9 +219,9 @@ fn record(plan: &Plan, folder: &Path, interrupt: &Interrupt) -> anyhow::Result<E
 }
 
 /// The truth of every tick of the recording, of a whole period where it repeats.
-fn write_truth(plan: &Plan, path: &Path) -> anyhow::Result<()> {
-    let Plan { scene, ticks, .. } = plan;
-    if plan.kind != Kind::Maps {
+fn write_truth(plan: &RecordingPlan, path: &Path) -> anyhow::Result<()> {
+    let RecordingPlan { scene, ticks, .. } = plan;
+    if plan.kind != RecordingKind::Maps {
         return venue_folder::write_truth(scene, ticks, path);
     }
     let (course, n) = plan.course;

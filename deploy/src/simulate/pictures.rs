@@ -5,38 +5,42 @@ use std::path::Path;
 use std::process::{Child, ChildStdin, Command, Stdio};
 
 use anyhow::{Context as _, bail};
-use farfield_edge::source::{Content, FrameSource as _};
+use farfield_edge::source::{FrameContent, FrameSource as _};
 use farfield_fusion::node::Ending;
 use farfield_proto::venue::SimulatedContent;
 use image::RgbImage;
 use image::codecs::jpeg::JpegEncoder;
 
-use super::Plan;
-use super::kind::Kind;
-use super::progress::Progress;
+use super::RecordingPlan;
+use super::kind::RecordingKind;
+use super::progress::PictureProgress;
 use super::work::{Interrupt, each_camera};
 
 /// Quality of JPEG pictures, percent: what it loses is below the noise of the simulated sensor.
 const JPEG_QUALITY: u8 = 95;
 
 /// Writes one recording per camera into `folder`.
-pub(super) fn write(plan: &Plan, folder: &Path, interrupt: &Interrupt) -> anyhow::Result<Ending> {
+pub(super) fn write(
+    plan: &RecordingPlan,
+    folder: &Path,
+    interrupt: &Interrupt,
+) -> anyhow::Result<Ending> {
     let n = plan.scene.cameras().len();
     let n_ticks = (plan.ticks.end - plan.ticks.start).unsigned_abs();
-    let progress = Progress::new(n_ticks * n as u64);
+    let progress = PictureProgress::new(n_ticks * n as u64);
     each_camera(n, interrupt, |camera| {
         let name = plan.scene.cameras()[camera].name();
         let path = folder.join(plan.kind.path(name));
         let parent = path.parent().context("a recording lies in a folder")?;
         std::fs::create_dir_all(parent).with_context(|| format!("making {}", parent.display()))?;
-        let mut writer = Writer::open(plan, camera, &path)?;
+        let mut writer = PictureWriter::open(plan, camera, &path)?;
         let mut frames = plan.frames(camera, SimulatedContent::Pixels)?;
         let mut number = 0;
         while let Some(frame) = frames.next_frame()? {
             if interrupt.is_asked() {
                 return Ok(Ending::Interrupted);
             }
-            let Content::Image(picture) = frame.content else {
+            let FrameContent::Image(picture) = frame.content else {
                 bail!("a camera of pictures has given something else");
             };
             writer
@@ -52,17 +56,17 @@ pub(super) fn write(plan: &Plan, folder: &Path, interrupt: &Interrupt) -> anyhow
     })
 }
 
-enum Writer {
-    Video(Encoder),
+enum PictureWriter {
+    Video(VideoEncoder),
     /// The folder of the pictures.
     Images(std::path::PathBuf),
 }
 
-impl Writer {
-    fn open(plan: &Plan, camera: usize, path: &Path) -> anyhow::Result<Self> {
-        if plan.kind == Kind::Videos {
+impl PictureWriter {
+    fn open(plan: &RecordingPlan, camera: usize, path: &Path) -> anyhow::Result<Self> {
+        if plan.kind == RecordingKind::Videos {
             let size_px = plan.scene.cameras()[camera].size_px();
-            return Encoder::start(path, size_px, plan.scene.rate_hz()).map(Self::Video);
+            return VideoEncoder::start(path, size_px, plan.scene.rate_hz()).map(Self::Video);
         }
         Ok(Self::Images(
             path.parent().map(Path::to_owned).unwrap_or_default(),
@@ -90,13 +94,13 @@ impl Writer {
 }
 
 /// An ffmpeg that makes a video of raw pictures.
-struct Encoder {
+struct VideoEncoder {
     child: Child,
     /// `None` once all is written.
     pictures: Option<ChildStdin>,
 }
 
-impl Encoder {
+impl VideoEncoder {
     fn start(path: &Path, [width, height]: [u32; 2], rate_hz: f64) -> anyhow::Result<Self> {
         let mut command = Command::new("ffmpeg");
         command.args(["-hide_banner", "-loglevel", "error", "-nostats"]);
@@ -153,7 +157,7 @@ impl Encoder {
     }
 }
 
-impl Drop for Encoder {
+impl Drop for VideoEncoder {
     fn drop(&mut self) {
         // After a clean end both say that there is no such process.
         drop(self.child.kill());

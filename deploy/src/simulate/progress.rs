@@ -5,11 +5,11 @@ use std::io::{IsTerminal as _, stderr};
 use indicatif::{ProgressBar, ProgressStyle};
 
 /// Counts pictures of all cameras.
-pub(super) struct Progress {
+pub(super) struct PictureProgress {
     bar: ProgressBar,
 }
 
-impl Progress {
+impl PictureProgress {
     pub(super) fn new(pictures: u64) -> Self {
         let bar = if stderr().is_terminal() {
             ProgressBar::new(pictures)
@@ -28,7 +28,7 @@ impl Progress {
     }
 }
 
-impl Drop for Progress {
+impl Drop for PictureProgress {
     fn drop(&mut self) {
         self.bar.finish_and_clear();
     }

@@ -2,24 +2,24 @@
 
 use std::fmt::{self, Write as _};
 
-use farfield_testbed::scene::range_of_motion::{
+use farfield_sim::scene::range_of_motion::{
     AngleExcess, PersonExcess, RangeOfMotionExcess, TOLERANCE_DEG, range_of_motion_excess,
 };
 
-use super::Plan;
+use super::RecordingPlan;
 
 /// Most angles that are named of a person.
 const MOST_ANGLES: usize = 3;
 
 /// The scene and where its recording lies.
-pub(super) fn of(plan: &Plan) -> String {
+pub(super) fn of(plan: &RecordingPlan) -> String {
     let mut text = String::new();
     // Writing to a String cannot fail.
     let _infallible = write_scene(&mut text, plan);
     text
 }
 
-fn write_scene(text: &mut String, plan: &Plan) -> fmt::Result {
+fn write_scene(text: &mut String, plan: &RecordingPlan) -> fmt::Result {
     let scene = &plan.scene;
     writeln!(
         text,

@@ -8,7 +8,7 @@ use anyhow::anyhow;
 use farfield_fusion::node::Ending;
 use tokio::runtime::Runtime;
 
-use crate::run::Signals;
+use crate::signals::Signals;
 
 /// Hears that the recording shall stop.
 pub(super) struct Interrupt {

@@ -16,14 +16,14 @@ pub(super) struct Raster<'a, T> {
 
 /// A rectangle of whole pixels inside a picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Region {
+pub(super) struct PixelRegion {
     pub(super) left: usize,
     pub(super) top: usize,
     pub(super) width: usize,
     pub(super) height: usize,
 }
 
-impl Region {
+impl PixelRegion {
     /// The whole picture.
     pub(super) fn whole(image: &RgbImage) -> Self {
         Self {
@@ -70,7 +70,7 @@ impl Reducer {
     pub(super) fn reduce(
         &mut self,
         image: &RgbImage,
-        region: Region,
+        region: PixelRegion,
         factor: usize,
     ) -> Raster<'_, f32> {
         let (width, height) = (
@@ -122,7 +122,7 @@ mod tests {
     fn a_block_is_the_mean_of_its_pixels() {
         let image = RgbImage::from_fn(5, 4, |x, y| image::Rgb([x as u8 * 10, y as u8 * 10, 7]));
         let mut reducer = Reducer::default();
-        let raster = reducer.reduce(&image, Region::whole(&image), 2);
+        let raster = reducer.reduce(&image, PixelRegion::whole(&image), 2);
         assert_eq!((raster.width, raster.height), (3, 2));
         let red: Vec<f32> = raster.texels.iter().step_by(3).map(|v| v.round()).collect();
         assert_eq!(red, [5.0, 25.0, 40.0, 5.0, 25.0, 40.0]);
@@ -139,16 +139,19 @@ mod tests {
     #[test]
     fn a_region_ends_at_the_picture() {
         let image = RgbImage::new(100, 50);
-        let region = Region::around([-20.0, 10.2, 30.6, 80.0], 2.0, &image).unwrap();
+        let region = PixelRegion::around([-20.0, 10.2, 30.6, 80.0], 2.0, &image).unwrap();
         assert_eq!(
             region,
-            Region {
+            PixelRegion {
                 left: 0,
                 top: 8,
                 width: 34,
                 height: 42
             }
         );
-        assert_eq!(Region::around([120.0, 0.0, 130.0, 10.0], 2.0, &image), None);
+        assert_eq!(
+            PixelRegion::around([120.0, 0.0, 130.0, 10.0], 2.0, &image),
+            None
+        );
     }
 }

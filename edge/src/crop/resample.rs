@@ -5,7 +5,7 @@ use farfield_proto::model_card::{Channels, NetworkInput, Normalize};
 use image::RgbImage;
 
 use super::geometry::CropGeometry;
-use super::reduce::{MAX_FACTOR, Raster, Reducer, Region};
+use super::reduce::{MAX_FACTOR, PixelRegion, Raster, Reducer};
 use super::warp::Warp;
 
 /// Texels per input pixel above which one bilinear tap would skip texels, and four are averaged.
@@ -89,8 +89,8 @@ impl Cropper {
         let factor = (step.norm().round() as usize).clamp(1, MAX_FACTOR);
         let region = match self.warp.bounds() {
             // A margin of two texels, so that no block in use is a partial one.
-            Some(bounds) => Region::around(bounds, 2.0 * factor as f64, image),
-            None => Some(Region::whole(image)),
+            Some(bounds) => PixelRegion::around(bounds, 2.0 * factor as f64, image),
+            None => Some(PixelRegion::whole(image)),
         };
         let Some(region) = region else {
             for (channel, plane) in into.chunks_exact_mut(width * height).enumerate() {
@@ -99,7 +99,7 @@ impl Cropper {
             return;
         };
         let (warp, positions) = (&self.warp, &mut self.positions);
-        let mut target = Target {
+        let mut target = CropTarget {
             warp,
             camera,
             crop,
@@ -123,7 +123,7 @@ impl Cropper {
 }
 
 /// One crop in the making.
-struct Target<'a> {
+struct CropTarget<'a> {
     warp: &'a Warp,
     camera: Option<&'a CameraModel>,
     crop: &'a CropGeometry,
@@ -132,7 +132,7 @@ struct Target<'a> {
     into: &'a mut [f32],
 }
 
-impl Target<'_> {
+impl CropTarget<'_> {
     fn fill<T: Copy + Into<f32>>(&mut self, raster: &Raster<'_, T>, image: &RgbImage) {
         let [width, height] = self.crop.input_px();
         let step = self.crop.step_px() / f64::from(raster.factor);
@@ -242,7 +242,7 @@ mod tests {
 
     use super::*;
     use crate::crop::CropShape;
-    use crate::pipeline::fixtures::{bent, pinhole};
+    use crate::fixtures::{bent, pinhole};
 
     const PLAIN: PixelFormat = PixelFormat {
         gain: [1.0; 3],

@@ -1,6 +1,6 @@
 //! Where each pixel of the input is taken from: undistorted crop to distorted picture.
 //!
-//! Without distortion the way is a similarity and is followed exactly. With distortion the lens
+//! Without distortion the mapping is a similarity and is computed exactly. With distortion the lens
 //! model is evaluated on a mesh of every [`MESH_STEP`]th pixel and interpolated bilinearly between.
 //! The error of that is at most h^2 / 8 of the second derivatives, h the mesh step in image pixels:
 //! below 0.05 px for a crop of 1000 px under a lens that bends the image's corner by 100 px (see the
@@ -13,7 +13,7 @@ use super::geometry::CropGeometry;
 /// Input pixels between two mesh nodes.
 const MESH_STEP: usize = 8;
 
-/// The way from input pixels to distorted pixels. Owns its buffers, set up per crop.
+/// The mapping from input pixels to distorted pixels. Owns its buffers, set up per crop.
 #[derive(Debug, Default)]
 pub(super) struct Warp {
     /// Distorted positions of the nodes, row by row; NaN where the lens model ends.
@@ -118,7 +118,7 @@ mod tests {
 
     use super::*;
     use crate::crop::CropShape;
-    use crate::pipeline::fixtures::{bent, pinhole};
+    use crate::fixtures::{bent, pinhole};
 
     fn largest_error(camera: &CameraModel, b: BoundingBox) -> f64 {
         let shape = CropShape {

@@ -1,8 +1,7 @@
-//! What was sent in the last second, and whether more may be.
+//! The byte budget: what was sent in the last second, and whether more may be sent.
 //!
-//! A sliding window, not a bucket that fills: a bucket lets a burst through on top of its rate. The bound holds
-//! over every window of a second, wherever it begins, and a little beyond it, because the network may push
-//! together what was sent apart.
+//! A sliding window, not a token bucket: a bucket lets a burst through on top of its rate. The bound holds over every
+//! window of a second, wherever it begins, and 50 ms more, because the network may bunch messages.
 
 use super::{Micros, SECOND_US};
 

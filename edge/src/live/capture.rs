@@ -1,4 +1,4 @@
-//! Of which tick a camera's frame is, and how far from it: by the clock, or by a trigger's count.
+//! Which tick a camera's frame belongs to and its offset from it: by the clock, or by a trigger's count.
 
 use farfield_proto::message::MAX_CAPTURE_OFFSET_US;
 use farfield_proto::tick::Tick;
@@ -26,7 +26,7 @@ pub struct Arrived {
 
 /// Where a frame belongs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Placed {
+pub struct PlacedFrame {
     /// Its tick.
     pub tick: Tick,
     /// Its capture less the tick's time, microseconds.
@@ -38,7 +38,7 @@ pub struct Placed {
 /// Why a frame belongs to no tick.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum Misplaced {
-    /// Nobody has said yet when tick 0 is.
+    /// Fusion has not sent the time of tick 0 yet.
     #[error("the venue's time is not known yet")]
     NoEpoch,
     /// The trigger has drifted away from the venue's ticks.
@@ -85,7 +85,7 @@ impl FramePlacer {
     ///
     /// # Errors
     /// [`Misplaced`]; later frames may fit again.
-    pub fn place(&mut self, frame: Arrived, clock: &TickClock) -> Result<Placed, Misplaced> {
+    pub fn place(&mut self, frame: Arrived, clock: &TickClock) -> Result<PlacedFrame, Misplaced> {
         let captured_us = self.captured_us(frame);
         if self.steps != clock.steps() {
             // The tick of the last frame was that of a clock which was wrong.
@@ -113,7 +113,7 @@ impl FramePlacer {
             return Err(Misplaced::Drifted { offset_us });
         }
         self.last = Some((frame.number, tick, captured_us));
-        Ok(Placed {
+        Ok(PlacedFrame {
             tick,
             offset_us: offset_us as i32,
             lag_us: (frame.now_us - captured_us).max(0),
@@ -140,7 +140,7 @@ impl FramePlacer {
 
 #[cfg(test)]
 mod tests {
-    use farfield_proto::live::LiveBoxes;
+    use farfield_proto::message::live::LiveBoxes;
     use proptest::prelude::*;
 
     use super::*;

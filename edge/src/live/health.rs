@@ -1,6 +1,6 @@
-//! How a camera is, told from its pictures and from their absence.
+//! The health of a camera, from its pictures and from their absence.
 
-use farfield_proto::live::CameraHealth;
+use farfield_proto::message::live::CameraHealth;
 use image::RgbImage;
 
 use super::{Micros, SECOND_US};
@@ -14,21 +14,21 @@ pub const BLACK_BELOW: f64 = 6.0;
 pub const SILENT_PERIODS: i64 = 3;
 /// First and longest time until a camera that failed is opened again, microseconds.
 pub const BACKOFF_US: [Micros; 2] = [SECOND_US, 30 * SECOND_US];
-/// Bytes of a picture that are looked at: enough that some lie on a person far away, few enough to cost
-/// less than copying the picture.
+/// Bytes of a picture that are sampled: enough that some lie on a person far away, few enough to cost less than
+/// copying the picture.
 const SAMPLES: usize = 1 << 16;
 
-/// What is remembered of a picture to compare it with the next.
+/// Digest of sampled bytes of a picture, by which it is compared with the next.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Glance {
+pub struct PictureSample {
     /// Hash of the sampled bytes.
     pub hash: u64,
     /// Their mean, 0 to 255.
     pub mean: f64,
 }
 
-/// Looks at evenly spread bytes of a picture.
-pub fn glance(image: &RgbImage) -> Glance {
+/// Samples evenly spread bytes of a picture. Hash: FNV-1a, 64 bits.
+pub fn sample_picture(image: &RgbImage) -> PictureSample {
     let bytes = image.as_raw();
     // Odd and no multiple of 3, so that all colours and, row by row, other columns are met.
     let mut stride = (bytes.len() / SAMPLES) | 1;
@@ -42,7 +42,7 @@ pub fn glance(image: &RgbImage) -> Glance {
         sum += u64::from(byte);
         n += 1;
     }
-    Glance {
+    PictureSample {
         hash,
         mean: sum as f64 / n.max(1) as f64,
     }
@@ -52,7 +52,7 @@ pub fn glance(image: &RgbImage) -> Glance {
 #[derive(Debug, Clone)]
 pub struct CameraWatch {
     period_us: Micros,
-    last: Option<Glance>,
+    last: Option<PictureSample>,
     /// Since when the picture has been the same.
     same_since_us: Micros,
     seen_us: Option<Micros>,
@@ -82,14 +82,14 @@ impl CameraWatch {
         }
     }
 
-    /// Notes a frame that arrived at `now_us`; `glance` where it is a picture.
-    pub fn saw(&mut self, glance: Option<Glance>, offset_us: i32, now_us: Micros) {
-        let same = glance.is_some() && glance.map(|g| g.hash) == self.last.map(|g| g.hash);
+    /// Notes a frame that arrived at `now_us`; `sample` where it is a picture.
+    pub fn saw(&mut self, sample: Option<PictureSample>, offset_us: i32, now_us: Micros) {
+        let same = sample.is_some() && sample.map(|g| g.hash) == self.last.map(|g| g.hash);
         if !same {
             self.same_since_us = now_us;
             self.failures = 0;
         }
-        self.last = glance;
+        self.last = sample;
         self.seen_us = Some(now_us);
         self.failed = false;
         self.count(now_us);
@@ -120,7 +120,7 @@ impl CameraWatch {
             return CameraHealth::Silent;
         }
         match self.last {
-            Some(glance) if glance.mean < BLACK_BELOW => CameraHealth::Black,
+            Some(sample) if sample.mean < BLACK_BELOW => CameraHealth::Black,
             Some(_) if seen_us - self.same_since_us > FROZEN_US => CameraHealth::Frozen,
             _ => CameraHealth::Works,
         }
@@ -168,7 +168,7 @@ mod tests {
     fn watched(frames: i64, shot: impl Fn(i64) -> RgbImage) -> (CameraWatch, Micros) {
         let mut watch = CameraWatch::new(PERIOD);
         for n in 0..frames {
-            watch.saw(Some(glance(&shot(n))), 1000, n * PERIOD);
+            watch.saw(Some(sample_picture(&shot(n))), 1000, n * PERIOD);
         }
         (watch, frames * PERIOD)
     }
@@ -183,7 +183,7 @@ mod tests {
     fn fake_a_camera_that_freezes_is_frozen_and_works_with_the_next_new_picture() {
         let (mut watch, now) = watched(90, |n| picture(30, 5 + n.min(40) as u32));
         assert_eq!(watch.health(now), CameraHealth::Frozen);
-        watch.saw(Some(glance(&picture(30, 200))), 0, now);
+        watch.saw(Some(sample_picture(&picture(30, 200))), 0, now);
         assert_eq!(watch.health(now), CameraHealth::Works);
     }
 

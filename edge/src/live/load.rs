@@ -1,31 +1,30 @@
-//! How much the edge's link carries, found from delay and loss alone.
+//! How much the edge's link carries, estimated from delay and loss alone.
 //!
-//! Fusion says of the newest patches that arrived how long they took. The least of the last seconds is the way
-//! itself; what comes on top is a queue that the edge itself has filled (LEDBAT, RFC 6817, section 2.4.2). A queue
-//! that stands, or a loss above what radio links have, means that less must be sent: a little less than what
-//! arrives, so that the queue empties. Without either, the rate grows: fast up to where it was full the last
-//! time, slowly beyond.
+//! Fusion reports the one-way delay of the newest patches that arrived. The least of the last seconds is the base delay;
+//! what exceeds it is a queue that the edge itself has filled (LEDBAT, RFC 6817, section 2.4.2). A standing queue, or a
+//! loss above that of radio links, lowers the rate to a little less than what arrives, so that the queue empties.
+//! Without either, the rate grows: fast up to where the link was full the last time, slowly beyond.
 
-use farfield_proto::live::HeardPatches;
+use farfield_proto::message::live::HeardPatches;
 use farfield_proto::tick::Tick;
 
 use super::{Micros, SECOND_US};
 
-/// A queue that stands and is longer is one too many, microseconds: more than a tick at 60 Hz.
+/// A standing queue that is longer lowers the rate, microseconds: more than a tick at 60 Hz.
 const QUEUE_US: Micros = 20_000;
 /// Below, the link has room, microseconds.
 const EMPTY_US: Micros = 8_000;
 /// A queue stands when nothing came faster for so long, microseconds: jitter does not last.
 const STANDS_US: Micros = 200_000;
-/// For how long the fastest way is remembered, microseconds, in two halves.
-const WAY_US: Micros = 20 * SECOND_US;
-/// Loss above this is the link's fullness, not its noise.
+/// Window over which the least one-way delay is the base delay, microseconds, in two halves.
+const BASE_DELAY_WINDOW_US: Micros = 20 * SECOND_US;
+/// Loss above this share means a full link, not radio noise.
 const LOSS: f64 = 0.15;
 /// Shortest time between two steps down, microseconds: a step must be seen before the next.
 const SETTLE_US: Micros = 250_000;
-/// When so long nothing was heard of what was sent, the link counts as cut, microseconds.
+/// When fusion has reported nothing new for so long, the link counts as cut, microseconds.
 const SILENCE_US: Micros = 700_000;
-/// What fusion says of the last second is whole after so long, microseconds.
+/// What fusion reports of the last second is complete after so long, microseconds.
 const WHOLE_US: Micros = 3 * SECOND_US / 2;
 /// The rate never falls below, bytes per second: one person every few ticks.
 const LEAST_RATE: f64 = 1_000.0;
@@ -33,8 +32,8 @@ const LEAST_RATE: f64 = 1_000.0;
 const GROWTH_PER_S: [f64; 3] = [2.0, 1.02, 1.5];
 /// Near where the link was full, growth doubles in so long without a queue, microseconds.
 const BOLDER_US: Micros = 2 * SECOND_US;
-/// Steps down in a row that do not halve a queue until it is taken for somebody else's, or for a longer way.
-const VAIN_STEPS: u32 = 6;
+/// Steps down in a row that do not halve a queue, after which it is taken for other traffic or for a longer base delay.
+const FUTILE_STEPS: u32 = 6;
 /// Ticks of which it is remembered when they were sent.
 const TICKS: i64 = 512;
 /// Width of a slot of what was sent, microseconds, and how many there are: five seconds.
@@ -48,7 +47,7 @@ pub struct LinkLoad {
     rate: f64,
     /// What arrived when it was full, bytes per second.
     full_at: Option<f64>,
-    way: WindowMin,
+    base_delay: WindowMin,
     recent: [(Micros, Micros); 16],
     n_recent: usize,
     loss: f64,
@@ -69,7 +68,7 @@ impl Default for LinkLoad {
         Self {
             rate: f64::INFINITY,
             full_at: None,
-            way: WindowMin::default(),
+            base_delay: WindowMin::default(),
             recent: [(Micros::MIN, 0); 16],
             n_recent: 0,
             loss: 0.0,
@@ -110,9 +109,9 @@ impl LinkLoad {
         unanswered_us.is_some_and(|since_us| now_us - since_us > SILENCE_US)
     }
 
-    /// Clocks were stepped or fusion is another: delays so far mean nothing, the rate still does.
+    /// A clock was stepped, or fusion restarted: earlier delays cannot be compared with later ones; the rate is kept.
     pub fn forget_delays(&mut self, now_us: Micros) {
-        self.way = WindowMin::default();
+        self.base_delay = WindowMin::default();
         self.n_recent = 0;
         self.loss = 0.0;
         self.newest = None;
@@ -120,8 +119,8 @@ impl LinkLoad {
         self.since_us = Some(now_us + SECOND_US);
     }
 
-    /// Takes what fusion says at `now_us`. `correction_us`: of the own clock, in force; `limited`: whether
-    /// more would be sent if the rate allowed it.
+    /// Takes fusion's report at `now_us`. `correction_us`: correction of the own clock in force, microseconds;
+    /// `limited`: whether more would be sent if the rate allowed it.
     pub fn hear(
         &mut self,
         heard: &HeardPatches,
@@ -145,9 +144,9 @@ impl LinkLoad {
             return;
         }
         // Against the own clock as it is, so that corrections do not look like queues.
-        let way_us = Micros::from(heard.one_way_us) + Micros::from(correction_us);
-        self.way.add(way_us, now_us);
-        self.recent[self.n_recent % self.recent.len()] = (now_us, way_us);
+        let delay_us = Micros::from(heard.one_way_us) + Micros::from(correction_us);
+        self.base_delay.add(delay_us, now_us);
+        self.recent[self.n_recent % self.recent.len()] = (now_us, delay_us);
         self.n_recent += 1;
         let queue_us = self.queue_us(now_us);
         let sent_us = self.sent.when(heard.tick).unwrap_or(now_us);
@@ -186,15 +185,15 @@ impl LinkLoad {
         let standing = newest_first
             .enumerate()
             .take_while(|(n, (at_us, _))| *n < FEWEST || now_us - at_us <= STANDS_US);
-        let (mut fastest_us, mut since_us, mut words) = (Micros::MAX, now_us, 0);
-        for (_, (at_us, way_us)) in standing {
-            (fastest_us, since_us, words) = (fastest_us.min(way_us), at_us, words + 1);
+        let (mut least_us, mut since_us, mut words) = (Micros::MAX, now_us, 0);
+        for (_, (at_us, delay_us)) in standing {
+            (least_us, since_us, words) = (least_us.min(delay_us), at_us, words + 1);
         }
         // Nor is what comes all at once after a pause.
         if words < FEWEST || now_us - since_us < STANDS_US / 2 {
             return None;
         }
-        Some(fastest_us - self.way.min()?)
+        Some(least_us - self.base_delay.min()?)
     }
 
     fn slow_down(&mut self, arrived: f64, queue_us: Micros, loop_us: Micros, now_us: Micros) {
@@ -206,8 +205,8 @@ impl LinkLoad {
             self.before = (queue_us, self.rate);
         }
         self.steps += 1;
-        if self.steps > VAIN_STEPS && 2 * queue_us > self.before.0 && self.loss <= LOSS {
-            self.take_for_the_way();
+        if self.steps > FUTILE_STEPS && 2 * queue_us > self.before.0 && self.loss <= LOSS {
+            self.take_for_base_delay();
             return;
         }
         // The longer the queue, the faster it has to go.
@@ -218,9 +217,9 @@ impl LinkLoad {
         self.settled_at_us = now_us + loop_us.max(0) + SETTLE_US;
     }
 
-    /// What does not go away when less is sent is not the edge's own queue.
-    fn take_for_the_way(&mut self) {
-        self.way = WindowMin::default();
+    /// A queue that stays when less is sent is not the edge's own: it becomes part of the base delay.
+    fn take_for_base_delay(&mut self) {
+        self.base_delay = WindowMin::default();
         self.n_recent = 0;
         self.rate = self.before.1;
         self.full_at = None;
@@ -245,7 +244,7 @@ impl LinkLoad {
     }
 }
 
-/// The least of the last [`WAY_US`], to half of that: two halves that take turns.
+/// The least of the last [`BASE_DELAY_WINDOW_US`], to half of that: two halves that take turns.
 #[derive(Debug, Clone, Default)]
 struct WindowMin {
     halves: [Option<Micros>; 2],
@@ -255,7 +254,7 @@ struct WindowMin {
 impl WindowMin {
     fn add(&mut self, value: Micros, now_us: Micros) {
         let turned_at_us = *self.turned_at_us.get_or_insert(now_us);
-        if now_us - turned_at_us > WAY_US / 2 {
+        if now_us - turned_at_us > BASE_DELAY_WINDOW_US / 2 {
             self.halves = [None, self.halves[0]];
             self.turned_at_us = Some(now_us);
         }

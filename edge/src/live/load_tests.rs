@@ -10,13 +10,13 @@ fn heard(tick: i64, one_way_us: i32, bytes: u32) -> HeardPatches {
     }
 }
 
-/// 60 ticks a second of 1000 bytes for `ticks` ticks from `from`, heard 40 ms later with `way_us`.
-fn run(load: &mut LinkLoad, from: i64, ticks: i64, way_us: impl Fn(i64) -> i32, share: f64) {
+/// 60 ticks a second of 1000 bytes for `ticks` ticks from `from`, heard 40 ms later with `delay_us`.
+fn run(load: &mut LinkLoad, from: i64, ticks: i64, delay_us: impl Fn(i64) -> i32, share: f64) {
     for tick in from..from + ticks {
         let now = tick * SECOND_US / 60;
         load.sent(Some(Tick(tick)), 900, 1000, now);
         let bytes = (54_000.0 * share) as u32;
-        load.hear(&heard(tick - 2, way_us(tick), bytes), 0, true, now);
+        load.hear(&heard(tick - 2, delay_us(tick), bytes), 0, true, now);
     }
 }
 

@@ -1,5 +1,5 @@
-//! The pure parts of an edge that runs live: what the time is, which boxes count, how much may be sent,
-//! and how the cameras are.
+//! The pure parts of an edge that runs live: which tick it is, which boxes are in force, how much may be sent, and the
+//! health of the cameras.
 //!
 //! Time is an argument everywhere, as microseconds of a clock that the caller reads; the same calls give the
 //! same answers. The shell that reads clocks, cameras and sockets is `node::live`.
@@ -9,14 +9,10 @@ pub mod capture;
 pub mod health;
 pub mod load;
 pub mod newest_boxes;
-pub mod objections;
 pub mod rate;
+pub mod refusal;
+pub mod round_robin;
 pub mod tick_clock;
 pub mod timecode;
-pub mod turns;
 
-/// Microseconds of a clock: since 1970 for the wall's, since anything for spans.
-pub type Micros = i64;
-
-/// Microseconds of a second.
-pub const SECOND_US: Micros = 1_000_000;
+pub use farfield_proto::tick::{Micros, SECOND_US};

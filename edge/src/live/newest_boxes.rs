@@ -1,37 +1,36 @@
-//! The newest boxes that fusion has sent, and the looks that it has asked for.
+//! The newest boxes that fusion has sent, and the detection passes that it has asked for.
 //!
-//! Box sets get lost, come twice and overtake each other: only what is newer than all before counts, so
-//! that a duplicate or a late one changes nothing. Without keys anybody on the machine may send some: what would
-//! shut fusion out is not believed while fusion speaks, and does not last when it was. Looks are planned by tick and for all viewpoints alike, so
-//! those of a set that a newer one has replaced are kept until their tick.
+//! Box sets get lost, come twice and overtake each other: only a set newer than all before counts, so that a duplicate
+//! or a late one changes nothing. Without keys any process on the machine may send box sets: a foreign session is
+//! ignored while fusion's own goes on, and one that was accepted ends when it stops. Detection passes are scheduled by
+//! tick for all viewpoints alike, so those of a replaced set are kept until their tick.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
 
 use farfield_proto::id::{CameraIndex, SessionId};
-use farfield_proto::live::BoxEcho;
 use farfield_proto::message::BoxSet;
+use farfield_proto::message::live::BoxEcho;
 use farfield_proto::tick::Tick;
 
 use super::{Micros, SECOND_US};
 
-/// Boxes that are older say nothing any more about where somebody is, microseconds: as long as fusion
-/// carries somebody on by default without seeing them.
+/// Age up to which boxes are used, microseconds: as long as fusion by default keeps a person without views.
 pub const LIFE_US: Micros = SECOND_US;
-/// Another session is believed when the one that is followed has said nothing new for so long, microseconds: a
-/// fusion that lives does so ten times a second at least, and none starts again in less.
+/// Another session is accepted when the one that is followed has sent nothing new for so long, microseconds: a running
+/// fusion sends at least ten times a second, and none restarts in less.
 const TAKEOVER_US: Micros = 3 * SECOND_US / 10;
-/// What seems to be over is believed after [`LIFE_US`] without anything new, when so many sets of it have come in
-/// order.
+/// A session that seemed to be over is accepted again after [`LIFE_US`] without anything new, when so many of its sets
+/// have come in order.
 const KEEPS_COMING: u32 = 3;
-/// Ticks whose looks are kept: past the longest horizon of boxes at any rate.
-const MAX_LOOKS: usize = 256;
+/// Ticks whose detection passes are kept: more than the longest horizon of boxes at any rate.
+const MAX_DETECTION_REQUESTS: usize = 256;
 /// Sessions of fusion that are known to be over.
 const MAX_PAST_SESSIONS: usize = 8;
 
-/// What came of a box set that arrived.
+/// How a box set that arrived was taken.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Arrival {
+pub enum BoxSetArrival {
     /// The first of a session.
     NewSession,
     /// Newer than all before.
@@ -44,7 +43,7 @@ pub enum Arrival {
 
 /// Sets that are stale but keep coming.
 #[derive(Debug, Clone, Copy)]
-struct Claim {
+struct StaleSequence {
     session: SessionId,
     sequence: u32,
     sets: u32,
@@ -55,61 +54,61 @@ struct Claim {
 pub struct NewestBoxes {
     newest: Option<(Arc<BoxSet>, u32, Micros)>,
     /// In order of tick.
-    looks: VecDeque<(Tick, Vec<CameraIndex>)>,
+    detection_requests: VecDeque<(Tick, Vec<CameraIndex>)>,
     past: VecDeque<SessionId>,
-    claim: Option<Claim>,
+    claim: Option<StaleSequence>,
 }
 
 impl NewestBoxes {
     /// Takes a box set that arrived at `now_us`; what is not made for a live edge is stale.
-    pub fn hear(&mut self, boxes: Arc<BoxSet>, now_us: Micros) -> Arrival {
+    pub fn hear(&mut self, boxes: Arc<BoxSet>, now_us: Micros) -> BoxSetArrival {
         let Some(sequence) = boxes.live.map(|live| live.sequence) else {
-            return Arrival::Stale;
+            return BoxSetArrival::Stale;
         };
         let arrival = self.judge(&boxes, sequence, now_us);
         match arrival {
-            Arrival::Foreign => return arrival,
-            Arrival::NewSession => self.leave_session(boxes.session),
-            Arrival::Newer | Arrival::Stale => {}
+            BoxSetArrival::Foreign => return arrival,
+            BoxSetArrival::NewSession => self.leave_session(boxes.session),
+            BoxSetArrival::Newer | BoxSetArrival::Stale => {}
         }
         // Those of a stale one may still be ahead.
-        if arrival != Arrival::Stale || self.session() == Some(boxes.session) {
-            self.keep_look(&boxes);
+        if arrival != BoxSetArrival::Stale || self.session() == Some(boxes.session) {
+            self.keep_detection_request(&boxes);
         }
-        if arrival != Arrival::Stale {
+        if arrival != BoxSetArrival::Stale {
             self.claim = None;
             self.newest = Some((boxes, sequence, now_us));
         }
         arrival
     }
 
-    fn judge(&mut self, boxes: &BoxSet, sequence: u32, now_us: Micros) -> Arrival {
+    fn judge(&mut self, boxes: &BoxSet, sequence: u32, now_us: Micros) -> BoxSetArrival {
         let Some((newest, last, heard_us)) = &self.newest else {
-            return Arrival::NewSession;
+            return BoxSetArrival::NewSession;
         };
         let silent_us = now_us - heard_us;
         let is_same = newest.session == boxes.session;
         if is_same && is_after(sequence, *last) {
-            return Arrival::Newer;
+            return BoxSetArrival::Newer;
         }
         if !is_same && !self.past.contains(&boxes.session) {
             return if silent_us > TAKEOVER_US {
-                Arrival::NewSession
+                BoxSetArrival::NewSession
             } else {
-                Arrival::Foreign
+                BoxSetArrival::Foreign
             };
         }
         if silent_us <= LIFE_US || !self.keeps_coming(boxes.session, sequence) {
-            Arrival::Stale
+            BoxSetArrival::Stale
         } else if is_same {
-            Arrival::Newer
+            BoxSetArrival::Newer
         } else {
-            Arrival::NewSession
+            BoxSetArrival::NewSession
         }
     }
 
     fn keeps_coming(&mut self, session: SessionId, sequence: u32) -> bool {
-        let claim = self.claim.get_or_insert(Claim {
+        let claim = self.claim.get_or_insert(StaleSequence {
             session,
             sequence,
             sets: 1,
@@ -130,7 +129,7 @@ impl NewestBoxes {
                 self.past.pop_front();
             }
             self.past.push_back(last);
-            self.looks.clear();
+            self.detection_requests.clear();
         }
     }
 
@@ -145,7 +144,7 @@ impl NewestBoxes {
         self.newest.as_ref().map(|(boxes, ..)| boxes.session)
     }
 
-    /// What was heard last, for fusion to measure the round trip by.
+    /// The newest box set and how long it was held, for fusion to measure the round trip by.
     pub fn echo(&self, now_us: Micros) -> Option<BoxEcho> {
         let (_, sequence, heard_us) = self.newest.as_ref()?;
         Some(BoxEcho {
@@ -159,37 +158,48 @@ impl NewestBoxes {
         self.newest.as_ref().map(|(_, _, at)| now_us - at)
     }
 
-    /// The cameras that look at `tick`; those of earlier ticks are forgotten. Ticks must not go back.
-    pub fn take_look(&mut self, tick: Tick) -> Vec<CameraIndex> {
-        while self.looks.front().is_some_and(|(of, _)| *of < tick) {
-            self.looks.pop_front();
+    /// The cameras of the detection pass at `tick`; earlier ticks are forgotten. Ticks must not go back.
+    pub fn take_detection_request(&mut self, tick: Tick) -> Vec<CameraIndex> {
+        while self
+            .detection_requests
+            .front()
+            .is_some_and(|(of, _)| *of < tick)
+        {
+            self.detection_requests.pop_front();
         }
-        match self.looks.front() {
+        match self.detection_requests.front() {
             Some((of, _)) if *of == tick => self
-                .looks
+                .detection_requests
                 .pop_front()
-                .map(|(_, look)| look)
+                .map(|(_, cameras)| cameras)
                 .unwrap_or_default(),
             _ => Vec::new(),
         }
     }
 
-    /// The first tick from `tick` on at which a camera looks, as far as it is known.
-    pub fn next_look(&self, tick: Tick) -> Option<Tick> {
-        let mut looks = self.looks.iter().map(|(of, _)| *of);
-        looks.find(|of| *of >= tick)
+    /// The first tick from `tick` on with a detection pass, as far as is known.
+    pub fn next_detection_tick(&self, tick: Tick) -> Option<Tick> {
+        let mut requests = self.detection_requests.iter().map(|(of, _)| *of);
+        requests.find(|of| *of >= tick)
     }
 
-    fn keep_look(&mut self, boxes: &BoxSet) {
-        if boxes.look.is_empty() {
+    fn keep_detection_request(&mut self, boxes: &BoxSet) {
+        if boxes.detection_cameras.is_empty() {
             return;
         }
-        let at = self.looks.partition_point(|(of, _)| *of < boxes.tick);
-        if self.looks.get(at).is_none_or(|(of, _)| *of != boxes.tick) {
-            self.looks.insert(at, (boxes.tick, boxes.look.clone()));
+        let at = self
+            .detection_requests
+            .partition_point(|(of, _)| *of < boxes.tick);
+        if self
+            .detection_requests
+            .get(at)
+            .is_none_or(|(of, _)| *of != boxes.tick)
+        {
+            self.detection_requests
+                .insert(at, (boxes.tick, boxes.detection_cameras.clone()));
         }
-        if self.looks.len() > MAX_LOOKS {
-            self.looks.pop_front();
+        if self.detection_requests.len() > MAX_DETECTION_REQUESTS {
+            self.detection_requests.pop_front();
         }
     }
 }
@@ -202,8 +212,8 @@ fn is_after(a: u32, b: u32) -> bool {
 #[cfg(test)]
 mod tests {
     use farfield_proto::id::ViewpointIndex;
-    use farfield_proto::live::LiveBoxes;
     use farfield_proto::message::Order;
+    use farfield_proto::message::live::LiveBoxes;
     use proptest::prelude::*;
 
     use super::*;
@@ -220,7 +230,7 @@ mod tests {
                 clock_correction_us: None,
                 heard: None,
             }),
-            look: if sequence.is_multiple_of(7) {
+            detection_cameras: if sequence.is_multiple_of(7) {
                 vec![CameraIndex(1)]
             } else {
                 Vec::new()
@@ -232,10 +242,16 @@ mod tests {
     #[test]
     fn boxes_of_a_session_that_is_over_do_not_come_back() {
         let mut newest = NewestBoxes::default();
-        assert_eq!(newest.hear(boxes(1, 50), 0), Arrival::NewSession);
+        assert_eq!(newest.hear(boxes(1, 50), 0), BoxSetArrival::NewSession);
         let later_us = TAKEOVER_US + 1;
-        assert_eq!(newest.hear(boxes(2, 3), later_us), Arrival::NewSession);
-        assert_eq!(newest.hear(boxes(1, 51), later_us + 1), Arrival::Stale);
+        assert_eq!(
+            newest.hear(boxes(2, 3), later_us),
+            BoxSetArrival::NewSession
+        );
+        assert_eq!(
+            newest.hear(boxes(1, 51), later_us + 1),
+            BoxSetArrival::Stale
+        );
         assert_eq!(newest.session(), Some(SessionId(2)));
     }
 
@@ -247,7 +263,7 @@ mod tests {
             let now_us = i64::from(sequence) * SECOND_US / 10;
             newest.hear(boxes(1, sequence), now_us);
             let forged = boxes(2 + u64::from(sequence), 1 << 20);
-            assert_eq!(newest.hear(forged, now_us + 1), Arrival::Foreign);
+            assert_eq!(newest.hear(forged, now_us + 1), BoxSetArrival::Foreign);
         }
         assert_eq!(newest.session(), Some(SessionId(1)));
         assert_eq!(newest.at(10 * SECOND_US).unwrap().tick, Tick(199));
@@ -258,7 +274,7 @@ mod tests {
         let back = (from..from + 100).find_map(|sequence| {
             let us = i64::from(sequence - from) * SECOND_US / 10;
             let arrival = newest.hear(boxes(1, sequence), since_us + us);
-            matches!(arrival, Arrival::Newer | Arrival::NewSession).then_some(us)
+            matches!(arrival, BoxSetArrival::Newer | BoxSetArrival::NewSession).then_some(us)
         });
         back.unwrap()
     }
@@ -267,11 +283,17 @@ mod tests {
     fn a_foreign_session_that_was_believed_in_an_outage_does_not_last() {
         let mut newest = NewestBoxes::default();
         newest.hear(boxes(1, 7), 0);
-        assert_eq!(newest.hear(boxes(2, 0), SECOND_US), Arrival::NewSession);
+        assert_eq!(
+            newest.hear(boxes(2, 0), SECOND_US),
+            BoxSetArrival::NewSession
+        );
         assert!(back_after_us(&mut newest, 8, SECOND_US) <= 3 * SECOND_US / 2);
         assert_eq!(newest.session(), Some(SessionId(1)));
         // The liar is of the past now.
-        assert_eq!(newest.hear(boxes(2, 1), 3 * SECOND_US), Arrival::Stale);
+        assert_eq!(
+            newest.hear(boxes(2, 1), 3 * SECOND_US),
+            BoxSetArrival::Stale
+        );
     }
 
     #[test]
@@ -279,11 +301,14 @@ mod tests {
         // Symptom to prevent: after one forged set all real ones were stale, for half of all numbers.
         let mut newest = NewestBoxes::default();
         newest.hear(boxes(1, 7), 0);
-        assert_eq!(newest.hear(boxes(1, 7 + (1 << 30)), 1), Arrival::Newer);
+        assert_eq!(
+            newest.hear(boxes(1, 7 + (1 << 30)), 1),
+            BoxSetArrival::Newer
+        );
         assert!(back_after_us(&mut newest, 8, 2) <= 3 * SECOND_US / 2);
         assert_eq!(newest.echo(0).map(|echo| echo.sequence < 100), Some(true));
         let next = newest.echo(0).unwrap().sequence + 1;
-        assert_eq!(newest.hear(boxes(1, next), 9), Arrival::Newer);
+        assert_eq!(newest.hear(boxes(1, next), 9), BoxSetArrival::Newer);
     }
 
     #[test]
@@ -291,7 +316,7 @@ mod tests {
         let mut newest = NewestBoxes::default();
         newest.hear(boxes(1, 7), 0);
         for _ in 0..10 {
-            assert_eq!(newest.hear(boxes(1, 6), 2 * LIFE_US), Arrival::Stale);
+            assert_eq!(newest.hear(boxes(1, 6), 2 * LIFE_US), BoxSetArrival::Stale);
         }
     }
 
@@ -317,11 +342,11 @@ mod tests {
         for sequence in 0..20 {
             newest.hear(boxes(1, sequence), 0);
         }
-        assert_eq!(newest.take_look(Tick(106)), []);
-        assert_eq!(newest.take_look(Tick(107)), [CameraIndex(1)]);
-        assert_eq!(newest.take_look(Tick(107)), []);
-        assert_eq!(newest.take_look(Tick(115)), []);
-        assert!(newest.looks.is_empty());
+        assert_eq!(newest.take_detection_request(Tick(106)), []);
+        assert_eq!(newest.take_detection_request(Tick(107)), [CameraIndex(1)]);
+        assert_eq!(newest.take_detection_request(Tick(107)), []);
+        assert_eq!(newest.take_detection_request(Tick(115)), []);
+        assert!(newest.detection_requests.is_empty());
     }
 
     proptest! {
@@ -335,11 +360,11 @@ mod tests {
             let mut most = None;
             for sequence in order {
                 let arrival = newest.hear(boxes(1, sequence), 0);
-                prop_assert_eq!(arrival == Arrival::Stale, most.is_some_and(|m| sequence <= m));
+                prop_assert_eq!(arrival == BoxSetArrival::Stale, most.is_some_and(|m| sequence <= m));
                 most = most.max(Some(sequence));
                 prop_assert_eq!(newest.echo(0).map(|echo| echo.sequence), most);
             }
-            let looked: Vec<i64> = (100..130).filter(|&t| !newest.take_look(Tick(t)).is_empty()).collect();
+            let looked: Vec<i64> = (100..130).filter(|&t| !newest.take_detection_request(Tick(t)).is_empty()).collect();
             prop_assert_eq!(looked, [100, 107, 114, 121, 128]);
         }
     }

@@ -1,51 +1,50 @@
-//! What an edge sends of a tick, so that its link's queue stays empty: quality first, then fewer persons
-//! per tick in turn, then fewer ticks.
+//! What an edge sends of a tick so that its link's queue stays empty: first a higher compression level, then fewer
+//! persons per tick (round robin), then fewer ticks.
 
-use farfield_proto::live::HeardPatches;
-use farfield_proto::patch::Quality;
+use farfield_proto::message::live::HeardPatches;
+use farfield_proto::patch::CompressionLevel;
 use farfield_proto::tick::Tick;
 use farfield_proto::transport::MESSAGE_OVERHEAD_BYTES;
 
 use super::Micros;
 use super::load::LinkLoad;
 
-/// What a message says beside its persons, bytes.
+/// Bytes of a message beside its persons.
 const HEAD_BYTES: f64 = 40.0;
 /// Share of a byte budget that patches may plan with: the rest is for statuses and sightings.
 const PATCH_SHARE: f64 = 0.85;
-/// How long a better quality must have room before it is taken, microseconds.
+/// How long there must be room for a lower compression level before it is taken, microseconds.
 const PATIENCE_US: Micros = 1_000_000;
-/// Share of the room that a better quality may take at first.
+/// Share of the rate that a lower compression level may take at first.
 const ROOM: f64 = 0.85;
 /// Fewest ticks are every so manieth: a power of two, as all of these are.
 const MAX_NTH: u16 = 64;
 /// While the link is cut, every so manieth tick is sent nevertheless: one may get through.
 const PROBE_EVERY: i64 = 8;
-/// Levels of quality.
-const LEVELS: usize = Quality::SMALLEST.level() as usize + 1;
-/// What a person costs at each quality before it was measured, bytes.
+/// Number of compression levels.
+const LEVELS: usize = CompressionLevel::SMALLEST.number() as usize + 1;
+/// What a person costs at each compression level before it was measured, bytes.
 const USUAL_BYTES: [f64; LEVELS] = [450.0, 300.0, 240.0, 190.0, 150.0, 125.0, 100.0];
 
 /// What to send of a tick.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Plan {
-    /// How closely maps are kept.
-    pub quality: Quality,
+pub struct SendPlan {
+    /// Compression level of the patches.
+    pub level: CompressionLevel,
     /// Most persons; `None`: all.
     pub persons: Option<usize>,
-    /// Only ticks that this divides are worked on: 1, 2, 4, 8, ..., so that edges with links of their own meet.
+    /// Only ticks that this divides are processed: 1, 2, 4, 8, ..., so that edges with different links share ticks.
     pub every_nth: u16,
 }
 
 /// What an edge sends.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Message {
+pub enum MessageKind {
     /// Patches of a tick.
     Patches(Tick),
     /// Sightings.
     Sightings,
-    /// A status, or stored sets that fusion has asked for: what it does not count when it says what has
-    /// arrived.
+    /// A status, or stored sets that fusion has asked for: not counted in the bytes that fusion reports as arrived.
     Status,
 }
 
@@ -53,7 +52,7 @@ pub enum Message {
 #[derive(Debug, Clone)]
 pub struct RateController {
     rate_hz: f64,
-    best: Quality,
+    best: CompressionLevel,
     budget: Option<f64>,
     message_bytes: usize,
     load: LinkLoad,
@@ -61,15 +60,20 @@ pub struct RateController {
     measured: [Option<f64>; LEVELS],
     /// What persons cost against the usual.
     scale: f64,
-    plan: Plan,
+    plan: SendPlan,
     limited: bool,
     room_since_us: Option<Micros>,
 }
 
 impl RateController {
-    /// Never better than `best`; `budget_bytes_per_s` 0: no bound but the link's. `message_bytes`: where
-    /// messages are split.
-    pub fn new(rate_hz: f64, best: Quality, budget_bytes_per_s: f64, message_bytes: usize) -> Self {
+    /// Never a lower compression level than `best`; `budget_bytes_per_s` 0: no bound but the link's. `message_bytes`:
+    /// size at which messages are split.
+    pub fn new(
+        rate_hz: f64,
+        best: CompressionLevel,
+        budget_bytes_per_s: f64,
+        message_bytes: usize,
+    ) -> Self {
         Self {
             rate_hz,
             best,
@@ -78,8 +82,8 @@ impl RateController {
             load: LinkLoad::default(),
             measured: [None; LEVELS],
             scale: 1.0,
-            plan: Plan {
-                quality: best,
+            plan: SendPlan {
+                level: best,
                 persons: None,
                 every_nth: 1,
             },
@@ -88,34 +92,40 @@ impl RateController {
         }
     }
 
-    /// Clocks were stepped or fusion is another: delays so far mean nothing.
+    /// A clock was stepped, or fusion restarted: earlier delays cannot be compared with later ones.
     pub fn forget_delays(&mut self, now_us: Micros) {
         self.load.forget_delays(now_us);
     }
 
-    /// Takes what fusion says of the link. `correction_us`: of the own clock, in force.
+    /// Takes fusion's report of the link. `correction_us`: correction of the own clock in force, microseconds.
     pub fn hear(&mut self, heard: &HeardPatches, correction_us: i32, now_us: Micros) {
         self.load.hear(heard, correction_us, self.limited, now_us);
     }
 
     /// Notes a message that was sent.
-    pub fn sent(&mut self, message: Message, payload: usize, now_us: Micros) {
+    pub fn sent(&mut self, message: MessageKind, payload: usize, now_us: Micros) {
         let total = payload + MESSAGE_OVERHEAD_BYTES;
         match message {
-            Message::Patches(tick) => self.load.sent(Some(tick), payload, total, now_us),
-            Message::Sightings => self.load.sent(None, payload, total, now_us),
-            Message::Status => self.load.sent(None, 0, total, now_us),
+            MessageKind::Patches(tick) => self.load.sent(Some(tick), payload, total, now_us),
+            MessageKind::Sightings => self.load.sent(None, payload, total, now_us),
+            MessageKind::Status => self.load.sent(None, 0, total, now_us),
         }
     }
 
-    /// Notes what the `persons` of a tick came to at a quality, all messages together.
-    pub fn packed(&mut self, quality: Quality, persons: usize, messages: usize, payload: usize) {
+    /// Notes what the `persons` of a tick came to at a compression level, all messages together.
+    pub fn packed(
+        &mut self,
+        level: CompressionLevel,
+        persons: usize,
+        messages: usize,
+        payload: usize,
+    ) {
         /// How fast the mean follows.
         const SHARE: f64 = 0.05;
         if persons == 0 {
             return;
         }
-        let level = usize::from(quality.level());
+        let level = usize::from(level.number());
         let bytes = (payload as f64 - HEAD_BYTES * messages as f64).max(1.0) / persons as f64;
         let mean = self.measured[level].unwrap_or(bytes);
         self.measured[level] = Some(mean + SHARE * (bytes - mean));
@@ -133,52 +143,52 @@ impl RateController {
     }
 
     /// The plan that was made last.
-    pub fn last_plan(&self) -> Plan {
+    pub fn last_plan(&self) -> SendPlan {
         self.plan
     }
 
-    /// Whether patches of `tick` go out at all: of a link that is cut only some do, as probes.
+    /// Whether patches of `tick` are sent at all: while the link is cut only some are, as probes.
     pub fn may_send(&self, tick: Tick, now_us: Micros) -> bool {
         !self.load.is_silent(now_us) || tick.0.rem_euclid(PROBE_EVERY) == 0
     }
 
     /// What to send of the next tick, at which there are boxes of `persons`.
-    pub fn plan(&mut self, persons: usize, now_us: Micros) -> Plan {
+    pub fn plan(&mut self, persons: usize, now_us: Micros) -> SendPlan {
         let per_tick = self.rate() / self.rate_hz;
-        let mut quality = self.plan.quality.max(self.best);
-        while self.cost(quality, persons) > per_tick
-            && let Some(coarser) = quality.coarser()
+        let mut level = self.plan.level.max(self.best);
+        while self.cost(level, persons) > per_tick
+            && let Some(coarser) = level.coarser()
         {
-            quality = coarser;
+            level = coarser;
         }
-        let finer = quality.finer().filter(|finer| *finer >= self.best);
+        let finer = level.finer().filter(|finer| *finer >= self.best);
         let has_room = finer.is_some_and(|finer| self.cost(finer, persons) <= ROOM * per_tick);
-        if quality != self.plan.quality || !has_room {
+        if level != self.plan.level || !has_room {
             self.room_since_us = None;
         } else if now_us - *self.room_since_us.get_or_insert(now_us) >= PATIENCE_US {
-            quality = finer.unwrap_or(quality);
+            level = finer.unwrap_or(level);
             self.room_since_us = None;
         }
         let fits = (0..=persons)
             .rev()
-            .find(|&n| self.cost(quality, n) <= per_tick);
+            .find(|&n| self.cost(level, n) <= per_tick);
         let (most, every_nth) = match fits {
             Some(n) if n == persons => (None, 1),
             Some(n) if n > 0 => (Some(n), 1),
-            _ => (Some(1), self.nth(quality, per_tick)),
+            _ => (Some(1), self.nth(level, per_tick)),
         };
-        self.limited = quality > self.best || most.is_some();
-        self.plan = Plan {
-            quality,
+        self.limited = level > self.best || most.is_some();
+        self.plan = SendPlan {
+            level,
             persons: most,
             every_nth,
         };
         self.plan
     }
 
-    fn nth(&self, quality: Quality, per_tick: f64) -> u16 {
+    fn nth(&self, level: CompressionLevel, per_tick: f64) -> u16 {
         let least = |per_tick: f64| {
-            let nth = (self.cost(quality, 1) / per_tick).ceil();
+            let nth = (self.cost(level, 1) / per_tick).ceil();
             (nth.clamp(1.0, f64::from(MAX_NTH)) as u16).next_power_of_two()
         };
         // Half as many more is a long step: it is taken when there is room for it.
@@ -187,8 +197,8 @@ impl RateController {
     }
 
     /// Bytes of a tick with overhead.
-    fn cost(&self, quality: Quality, persons: usize) -> f64 {
-        let level = usize::from(quality.level());
+    fn cost(&self, level: CompressionLevel, persons: usize) -> f64 {
+        let level = usize::from(level.number());
         let each = self.measured[level].unwrap_or(self.scale * USUAL_BYTES[level]);
         let bytes = persons as f64 * each;
         let room = (self.message_bytes as f64 - HEAD_BYTES).max(1.0);

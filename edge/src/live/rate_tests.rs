@@ -11,7 +11,7 @@ const MESSAGE_BYTES: usize = 1200;
 const TRUE_BYTES: [usize; LEVELS] = [700, 450, 380, 300, 250, 215, 190];
 
 /// A link and the fusion behind it.
-struct Line {
+struct SimulatedLink {
     bytes_per_s: f64,
     /// What does not get through within so long is dropped, microseconds; 0: no queue at all.
     longest_queue_us: i64,
@@ -24,8 +24,8 @@ struct Line {
     then: (i64, i64),
 }
 
-impl Line {
-    fn way_us(&self, at_us: i64) -> i64 {
+impl SimulatedLink {
+    fn delay_us(&self, at_us: i64) -> i64 {
         let (from_s, then_us) = self.then;
         if at_us / SECOND_US < from_s {
             self.one_way_us
@@ -41,12 +41,12 @@ impl Line {
 
 /// What came of a run.
 #[derive(Debug, Default)]
-struct Outcome {
+struct RunOutcome {
     /// Of the last half.
     worst_queue_us: i64,
     arrived_bytes_per_s: f64,
     lost: f64,
-    plan: Option<Plan>,
+    plan: Option<SendPlan>,
     /// Persons sent per second, of all that there are.
     persons_share: f64,
 }
@@ -65,11 +65,11 @@ impl Random {
 
 fn run(
     controller: &mut RateController,
-    line: &Line,
+    line: &SimulatedLink,
     persons: usize,
     seconds: i64,
     from_s: i64,
-) -> Outcome {
+) -> RunOutcome {
     let mut random = Random(7);
     let mut free_at = 0i64;
     // Arrivals: (when, tick, sent, payload).
@@ -77,7 +77,7 @@ fn run(
     let mut arrived: VecDeque<(i64, usize)> = VecDeque::new();
     let mut newest: Option<(i64, i64)> = None;
     let mut words: VecDeque<(i64, HeardPatches)> = VecDeque::new();
-    let mut outcome = Outcome::default();
+    let mut outcome = RunOutcome::default();
     let (mut sent_n, mut lost_n, mut persons_n, mut bytes_n) = (0.0, 0.0, 0.0, 0.0);
     let ticks = seconds * 60;
     for tick in from_s * 60..from_s * 60 + ticks {
@@ -95,12 +95,12 @@ fn run(
             let n = plan.persons.unwrap_or(persons).min(persons);
             let wobble = 0.8 + 0.4 * random.next();
             let bytes =
-                (n as f64 * TRUE_BYTES[usize::from(plan.quality.level())] as f64 * wobble) as usize;
+                (n as f64 * TRUE_BYTES[usize::from(plan.level.number())] as f64 * wobble) as usize;
             let messages = bytes.div_ceil(MESSAGE_BYTES - 40).max(1);
-            controller.packed(plan.quality, n, messages, bytes + 40 * messages);
+            controller.packed(plan.level, n, messages, bytes + 40 * messages);
             for _ in 0..messages {
                 let payload = bytes / messages + 40;
-                controller.sent(Message::Patches(Tick(tick)), payload, now);
+                controller.sent(MessageKind::Patches(Tick(tick)), payload, now);
                 let start = free_at.max(now);
                 let takes =
                     ((payload + MESSAGE_OVERHEAD_BYTES) as f64 / line.bytes_per_s * 1e6) as i64;
@@ -114,7 +114,7 @@ fn run(
                 }
                 free_at = start + takes;
                 let jitter = (random.next() * line.jitter_us as f64) as i64;
-                under_way.push_back((free_at + line.way_us(now) + jitter, tick, now, payload));
+                under_way.push_back((free_at + line.delay_us(now) + jitter, tick, now, payload));
                 if second_half {
                     outcome.worst_queue_us = outcome.worst_queue_us.max(start - now);
                     bytes_n += (payload + MESSAGE_OVERHEAD_BYTES) as f64;
@@ -138,7 +138,7 @@ fn run(
                 one_way_us: way as i32,
                 bytes,
             };
-            words.push_back((now + line.way_us(now), word));
+            words.push_back((now + line.delay_us(now), word));
         }
     }
     let half_s = seconds as f64 / 2.0;
@@ -149,11 +149,11 @@ fn run(
 }
 
 fn controller(budget: f64) -> RateController {
-    RateController::new(RATE_HZ, Quality::DEFAULT, budget, MESSAGE_BYTES)
+    RateController::new(RATE_HZ, CompressionLevel::DEFAULT, budget, MESSAGE_BYTES)
 }
 
-fn wide() -> Line {
-    Line {
+fn wide() -> SimulatedLink {
+    SimulatedLink {
         bytes_per_s: 1e8,
         longest_queue_us: SECOND_US,
         one_way_us: 5_000,
@@ -167,8 +167,8 @@ fn wide() -> Line {
 #[test]
 fn a_wide_link_carries_everybody_at_the_best_quality() {
     let got = run(&mut controller(0.0), &wide(), 8, 10, 0);
-    let all = Plan {
-        quality: Quality::DEFAULT,
+    let all = SendPlan {
+        level: CompressionLevel::DEFAULT,
         persons: None,
         every_nth: 1,
     };
@@ -178,7 +178,7 @@ fn a_wide_link_carries_everybody_at_the_best_quality() {
 #[test]
 fn one_megabit_carries_eight_persons_at_a_lower_quality_without_a_queue() {
     for one_way_us in [0, 10_000, 40_000, 100_000] {
-        let line = Line {
+        let line = SimulatedLink {
             bytes_per_s: 125_000.0,
             one_way_us,
             ..wide()
@@ -195,7 +195,7 @@ fn one_megabit_carries_eight_persons_at_a_lower_quality_without_a_queue() {
 
 #[test]
 fn a_link_that_drops_what_it_cannot_carry_is_found_by_its_losses() {
-    let line = Line {
+    let line = SimulatedLink {
         bytes_per_s: 60_000.0,
         longest_queue_us: 0,
         one_way_us: 20_000,
@@ -211,7 +211,7 @@ fn a_link_that_drops_what_it_cannot_carry_is_found_by_its_losses() {
 #[test]
 fn a_lossy_and_jittery_link_that_is_wide_is_used_in_full() {
     for (loss, jitter_us) in [(0.01, 5_000), (0.05, 20_000), (0.05, 0)] {
-        let line = Line {
+        let line = SimulatedLink {
             loss,
             jitter_us,
             one_way_us: 40_000,
@@ -219,8 +219,8 @@ fn a_lossy_and_jittery_link_that_is_wide_is_used_in_full() {
         };
         let got = run(&mut controller(0.0), &line, 8, 30, 0);
         assert_eq!(
-            got.plan.map(|plan| plan.quality),
-            Some(Quality::DEFAULT),
+            got.plan.map(|plan| plan.level),
+            Some(CompressionLevel::DEFAULT),
             "{loss}: {got:?}"
         );
     }
@@ -228,19 +228,19 @@ fn a_lossy_and_jittery_link_that_is_wide_is_used_in_full() {
 
 #[test]
 fn a_very_thin_link_gets_fewer_persons_and_then_fewer_ticks() {
-    let line = Line {
+    let line = SimulatedLink {
         bytes_per_s: 30_000.0,
         one_way_us: 20_000,
         ..wide()
     };
     let got = run(&mut controller(0.0), &line, 8, 40, 0);
     let plan = got.plan.unwrap();
-    assert_eq!(plan.quality, Quality::SMALLEST);
+    assert_eq!(plan.level, CompressionLevel::SMALLEST);
     assert!(
         plan.persons.is_some() && got.worst_queue_us < 100_000,
         "{got:?}"
     );
-    let line = Line {
+    let line = SimulatedLink {
         bytes_per_s: 6_000.0,
         ..line
     };
@@ -254,31 +254,34 @@ fn a_very_thin_link_gets_fewer_persons_and_then_fewer_ticks() {
 #[test]
 fn quality_comes_back_when_the_link_does() {
     let mut edge = controller(0.0);
-    let thin = Line {
+    let thin = SimulatedLink {
         bytes_per_s: 40_000.0,
         one_way_us: 10_000,
         ..wide()
     };
     let got = run(&mut edge, &thin, 8, 20, 0);
-    assert!(got.plan.unwrap().quality > Quality::DEFAULT, "{got:?}");
+    assert!(
+        got.plan.unwrap().level > CompressionLevel::DEFAULT,
+        "{got:?}"
+    );
     let got = run(&mut edge, &wide(), 8, 60, 20);
     assert_eq!(
-        got.plan.map(|plan| (plan.quality, plan.persons)),
-        Some((Quality::DEFAULT, None)),
+        got.plan.map(|plan| (plan.level, plan.persons)),
+        Some((CompressionLevel::DEFAULT, None)),
         "{got:?}"
     );
 }
 
 #[test]
 fn a_way_that_gets_longer_for_good_is_no_queue_for_long() {
-    let line = Line {
+    let line = SimulatedLink {
         then: (10, 150_000),
         ..wide()
     };
     let got = run(&mut controller(0.0), &line, 8, 30, 0);
     assert_eq!(
-        got.plan.map(|plan| (plan.quality, plan.persons)),
-        Some((Quality::DEFAULT, None)),
+        got.plan.map(|plan| (plan.level, plan.persons)),
+        Some((CompressionLevel::DEFAULT, None)),
         "{got:?}"
     );
 }
@@ -286,7 +289,7 @@ fn a_way_that_gets_longer_for_good_is_no_queue_for_long() {
 #[test]
 fn a_link_that_was_cut_carries_what_it_did_before() {
     let mut edge = controller(0.0);
-    let line = Line {
+    let line = SimulatedLink {
         cut_s: 10..15,
         ..wide()
     };
@@ -296,8 +299,8 @@ fn a_link_that_was_cut_carries_what_it_did_before() {
     assert_eq!(sent.count(), 10, "{got:?}");
     let got = run(&mut edge, &line, 8, 6, 14);
     assert_eq!(
-        got.plan.map(|plan| (plan.quality, plan.persons)),
-        Some((Quality::DEFAULT, None)),
+        got.plan.map(|plan| (plan.level, plan.persons)),
+        Some((CompressionLevel::DEFAULT, None)),
         "{got:?}"
     );
 }
@@ -307,12 +310,15 @@ fn a_budget_is_planned_for_without_a_word_from_fusion() {
     let mut edge = controller(50_000.0);
     let plan = edge.plan(8, 0);
     assert!(
-        edge.cost(plan.quality, plan.persons.unwrap_or(8)) * RATE_HZ / f64::from(plan.every_nth)
+        edge.cost(plan.level, plan.persons.unwrap_or(8)) * RATE_HZ / f64::from(plan.every_nth)
             <= 50_000.0
     );
     let mut edge = controller(1_000.0);
     let plan = edge.plan(8, 0);
-    assert_eq!((plan.quality, plan.persons), (Quality::SMALLEST, Some(1)));
+    assert_eq!(
+        (plan.level, plan.persons),
+        (CompressionLevel::SMALLEST, Some(1))
+    );
     assert!(plan.every_nth > 10);
 }
 
@@ -321,7 +327,7 @@ fn nobody_in_sight_costs_only_a_sign_of_life() {
     let mut edge = controller(0.0);
     let plan = edge.plan(0, 0);
     assert_eq!(
-        (plan.quality, plan.persons, plan.every_nth),
-        (Quality::DEFAULT, None, 1)
+        (plan.level, plan.persons, plan.every_nth),
+        (CompressionLevel::DEFAULT, None, 1)
     );
 }

@@ -1,13 +1,13 @@
-//! Which tick it is: the venue's clock as this machine tells it.
+//! Which tick it is: the venue's clock on this machine.
 //!
 //! ```text
 //!   tick = round((own clock + correction - epoch) x rate)
 //! ```
 //!
-//! Epoch and correction are fusion's to say. A small change of the correction is slewed, so that ticks keep
-//! their length; a large one is a step, as with NTP.
+//! Epoch and correction come from fusion. A small change of the correction is slewed, so that ticks keep their length; a
+//! large one is a step, as with NTP (RFC 5905, section 11.3).
 
-use farfield_proto::live::LiveBoxes;
+use farfield_proto::message::live::LiveBoxes;
 use farfield_proto::tick::Tick;
 
 use super::{Micros, SECOND_US};

@@ -7,11 +7,11 @@ use ort::environment::Environment;
 use tracing::{info, warn};
 
 use super::library::{Places, VARIABLE};
-use crate::pipeline::NetworkError;
+use crate::inference::NetworkError;
 
 /// What to start.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Choice {
+pub enum BackendChoice {
     /// ONNX Runtime where it is found, else `ort-tract`.
     #[default]
     Best,
@@ -21,15 +21,15 @@ pub enum Choice {
 
 /// The running backend. One per process: the library behind it is global.
 #[derive(Debug)]
-pub struct Backend {
+pub struct InferenceBackend {
     environment: Environment,
     description: String,
     is_tract: bool,
 }
 
-static BACKEND: OnceLock<Result<Backend, String>> = OnceLock::new();
+static BACKEND: OnceLock<Result<InferenceBackend, String>> = OnceLock::new();
 
-impl Backend {
+impl InferenceBackend {
     /// Starts the backend, or gives the one that runs already. Logs the one line that says which.
     ///
     /// ONNX Runtime is looked for in `$ORT_DYLIB_PATH`, beside the binary, in the system's library
@@ -37,12 +37,12 @@ impl Backend {
     ///
     /// # Errors
     /// [`NetworkError::Backend`] when `$ORT_DYLIB_PATH` is set and is no usable library; when
-    /// [`Choice::Tract`] is asked for after ONNX Runtime was started.
-    pub fn start(choice: Choice) -> Result<&'static Self, NetworkError> {
+    /// [`BackendChoice::Tract`] is asked for after ONNX Runtime was started.
+    pub fn start(choice: BackendChoice) -> Result<&'static Self, NetworkError> {
         let started = BACKEND.get_or_init(|| {
             let backend = match choice {
-                Choice::Best => Self::best(&Places::of_process()),
-                Choice::Tract => Self::tract("asked for"),
+                BackendChoice::Best => Self::best(&Places::of_process()),
+                BackendChoice::Tract => Self::tract("asked for"),
             };
             if let Ok(backend) = &backend {
                 if backend.is_tract {
@@ -57,7 +57,7 @@ impl Backend {
             Err(problem) => Err(NetworkError::Backend {
                 problem: problem.clone(),
             }),
-            Ok(backend) if choice == Choice::Tract && !backend.is_tract => {
+            Ok(backend) if choice == BackendChoice::Tract && !backend.is_tract => {
                 Err(NetworkError::Backend {
                     problem: format!("already running: {}", backend.description),
                 })
@@ -151,7 +151,7 @@ mod tests {
             variable: Some(variable),
             ..Places::default()
         };
-        Backend::best(&places).err().unwrap()
+        InferenceBackend::best(&places).err().unwrap()
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! Networks of ONNX files, run by ONNX Runtime where it is found and by `ort-tract` elsewhere.
 //!
-//! [`Backend`] finds and starts the one or the other, once per process; [`OnnxKeypointNetwork`] is a
+//! [`InferenceBackend`] finds and starts the one or the other, once per process; [`OnnxKeypointNetwork`] is a
 //! network of the pipeline. A file that does not fit its card is refused at start.
 
 mod backend;
@@ -12,10 +12,10 @@ use std::path::Path;
 
 use farfield_proto::model_card::HeatmapCard;
 
-use crate::pipeline::{InputTensor, KeypointNetwork, NetworkError};
+use crate::inference::{InputTensor, KeypointNetwork, NetworkError};
 
-pub use backend::{Backend, Choice};
-pub(crate) use model::{Axis, Contract, OnnxModel, read_card};
+pub use backend::{BackendChoice, InferenceBackend};
+pub(crate) use model::{Contract, OnnxModel, TensorAxis, read_card};
 
 /// A network that turns crops into part confidence maps, from an ONNX file and its card.
 #[derive(Debug)]
@@ -41,10 +41,10 @@ impl OnnxKeypointNetwork {
             input: &card.input,
             output: &card.output.name,
             axes: &[
-                Axis::Batch,
-                Axis::Fixed("maps, as the card lists keypoints", keypoints),
-                Axis::Fixed("rows", height),
-                Axis::Fixed("columns", width),
+                TensorAxis::Batch,
+                TensorAxis::Fixed("maps, as the card lists keypoints", keypoints),
+                TensorAxis::Fixed("rows", height),
+                TensorAxis::Fixed("columns", width),
             ],
         };
         let mut model = OnnxModel::load(&card.file, text.as_bytes(), &contract)?;

@@ -10,9 +10,9 @@ use ort::session::Session;
 use ort::session::builder::GraphOptimizationLevel;
 use ort::value::{Outlet, TensorElementType, TensorRef, ValueType};
 
-use super::backend::{Backend, Choice};
+use super::backend::{BackendChoice, InferenceBackend};
 use super::outputs::{LABELS, LABELS_AS_FLOATS, reduced};
-use crate::pipeline::NetworkError;
+use crate::inference::NetworkError;
 
 /// Threads of one network. Edges share their cores with decoders and, in tests, with each other;
 /// one thread also keeps sums in one order.
@@ -20,7 +20,7 @@ const INTRA_THREADS: usize = 1;
 
 /// What one axis of an output must be.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Axis {
+pub(crate) enum TensorAxis {
     /// One entry per input.
     Batch,
     /// That many; the words name the entries in errors.
@@ -34,7 +34,7 @@ pub(crate) enum Axis {
 pub(crate) struct Contract<'a> {
     pub(crate) input: &'a NetworkInput,
     pub(crate) output: &'a str,
-    pub(crate) axes: &'a [Axis],
+    pub(crate) axes: &'a [TensorAxis],
 }
 
 /// A loaded network with one input [batch, 3, height, width] of f32.
@@ -78,7 +78,7 @@ impl OnnxModel {
             .finalize()
             .to_hex()[..16]
             .to_owned();
-        let backend = Backend::start(Choice::Best)?;
+        let backend = InferenceBackend::start(BackendChoice::Best)?;
         let session = guarded(|| open(backend, path, &bytes, contract.output)).map_err(|e| {
             let advice = if backend.is_tract() {
                 " (ort-tract cannot run every network: install the Python package `onnxruntime`)"
@@ -95,10 +95,10 @@ impl OnnxModel {
         } = contract.input;
         let size_px = [*height as usize, *width as usize];
         let input_axes = [
-            Axis::Batch,
-            Axis::Fixed("channels", 3),
-            Axis::Fixed("rows", size_px[0]),
-            Axis::Fixed("columns", size_px[1]),
+            TensorAxis::Batch,
+            TensorAxis::Fixed("channels", 3),
+            TensorAxis::Fixed("rows", size_px[0]),
+            TensorAxis::Fixed("columns", size_px[1]),
         ];
         let stated = stated_shape(session.inputs(), "input", name).map_err(refuse)?;
         check_shape("input", name, &stated, &input_axes, None).map_err(refuse)?;
@@ -217,7 +217,12 @@ fn panic_message(panic: &(dyn Any + Send)) -> String {
     first_line(text.unwrap_or("the backend panicked"))
 }
 
-fn open(backend: &Backend, path: &Path, bytes: &[u8], output: &str) -> Result<Session, String> {
+fn open(
+    backend: &InferenceBackend,
+    path: &Path,
+    bytes: &[u8],
+    output: &str,
+) -> Result<Session, String> {
     let text = |e: &dyn std::fmt::Display| first_line(&e.to_string());
     let reduced = backend.is_tract().then(|| reduced(bytes, output)).flatten();
     let mut builder = Session::builder(backend.environment())
@@ -269,7 +274,7 @@ fn check_shape(
     kind: &str,
     name: &str,
     got: &[i64],
-    axes: &[Axis],
+    axes: &[TensorAxis],
     batch: Option<usize>,
 ) -> Result<(), String> {
     if got.len() != axes.len() {
@@ -281,9 +286,9 @@ fn check_shape(
     }
     for (&got, &axis) in got.iter().zip(axes) {
         let (what, expected) = match (axis, batch) {
-            (Axis::Fixed(what, expected), _) => (what, expected),
-            (Axis::Batch, Some(batch)) => ("entries in its batch", batch),
-            (Axis::Batch, None) | (Axis::Any, _) => continue,
+            (TensorAxis::Fixed(what, expected), _) => (what, expected),
+            (TensorAxis::Batch, Some(batch)) => ("entries in its batch", batch),
+            (TensorAxis::Batch, None) | (TensorAxis::Any, _) => continue,
         };
         if got >= 0 && usize::try_from(got) != Ok(expected) {
             return Err(format!(

@@ -101,7 +101,7 @@ fn float_labels() -> Vec<u8> {
 
 /// One field of a protobuf message.
 #[derive(Debug, PartialEq)]
-struct Field<'a> {
+struct ProtobufField<'a> {
     number: u64,
     /// With its number and length.
     whole: &'a [u8],
@@ -110,7 +110,7 @@ struct Field<'a> {
 }
 
 /// All fields of a message in their order; `None` when it is none.
-fn fields(message: &[u8]) -> Option<Vec<Field<'_>>> {
+fn fields(message: &[u8]) -> Option<Vec<ProtobufField<'_>>> {
     let mut found = Vec::new();
     let mut rest = message;
     while !rest.is_empty() {
@@ -130,7 +130,7 @@ fn fields(message: &[u8]) -> Option<Vec<Field<'_>>> {
             5 => rest = rest.get(4..)?,
             _ => return None,
         }
-        found.push(Field {
+        found.push(ProtobufField {
             number: tag >> 3,
             whole: &start[..start.len() - rest.len()],
             content,

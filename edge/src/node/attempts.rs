@@ -1,10 +1,9 @@
 //! Why the last try to reach fusion failed, in words that help: Zenoh says it in its log only, and in the
 //! words of its parts.
 
-use std::fmt;
 use std::sync::{Mutex, PoisonError};
 
-use tracing::field::{Field, Visit};
+use farfield_node::log::message;
 use tracing::level_filters::LevelFilter;
 use tracing::{Event, Subscriber};
 use tracing_subscriber::Layer;
@@ -35,10 +34,9 @@ struct Attempts;
 
 impl<S: Subscriber> Layer<S> for Attempts {
     fn on_event(&self, event: &Event<'_>, _: Context<'_, S>) {
-        let mut text = Text::default();
-        event.record(&mut text);
-        if text.0.starts_with(FAILED) {
-            *LAST.lock().unwrap_or_else(PoisonError::into_inner) = reason(&text.0);
+        let text = message(event);
+        if text.starts_with(FAILED) {
+            *LAST.lock().unwrap_or_else(PoisonError::into_inner) = reason(&text);
         }
     }
 }
@@ -78,16 +76,4 @@ fn reason(text: &str) -> Option<&'static str> {
     ];
     let found = reasons.iter().find(|(sign, _)| text.contains(sign));
     found.map(|(_, reason)| *reason)
-}
-
-/// The message of an event.
-#[derive(Default)]
-struct Text(String);
-
-impl Visit for Text {
-    fn record_debug(&mut self, field: &Field, value: &dyn fmt::Debug) {
-        if field.name() == "message" {
-            self.0 = format!("{value:?}");
-        }
-    }
 }

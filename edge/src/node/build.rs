@@ -6,18 +6,19 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::Context as _;
+use farfield_node::clock;
+use farfield_node::process::NodeError;
 use farfield_proto::message::Status;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::{Venue, VenueCamera};
 use farfield_proto::wire;
 
-use super::clock;
 use super::config::Config;
-use super::process::NodeError;
 use super::worker::Work;
 use crate::detector::OnnxDetector;
-use crate::network::{Backend, Choice, OnnxKeypointNetwork};
-use crate::pipeline::{InputTensor, KeypointNetwork, NetworkError, PersonDetector, Pipeline};
+use crate::inference::{InputTensor, KeypointNetwork, NetworkError, PersonDetector};
+use crate::network::{BackendChoice, InferenceBackend, OnnxKeypointNetwork};
+use crate::pipeline::EdgePipeline;
 use crate::source::{self, SourceError, SourceInfo, Sources};
 
 /// An edge that is ready to connect.
@@ -77,7 +78,7 @@ pub fn load_networks<'a>(
             backend: String::new(),
         });
     }
-    let backend = Backend::start(Choice::Best)?;
+    let backend = InferenceBackend::start(BackendChoice::Best)?;
     let keypoints = venue
         .network
         .as_deref()
@@ -140,7 +141,7 @@ pub(super) fn build(config: &Config) -> Result<Built, NodeError> {
     } = networks;
     let keypoints = keypoints.map(|network| Box::new(network) as Box<dyn KeypointNetwork>);
     let detector = detector.map(|detector| Box::new(detector) as Box<dyn PersonDetector>);
-    let pipeline = Pipeline::new(venue, config.viewpoint, keypoints, detector);
+    let pipeline = EdgePipeline::new(venue, config.viewpoint, keypoints, detector);
     let pipeline = pipeline
         .with_context(|| format!("viewpoint {}", config.name))
         .map_err(NodeError::Refused)?;

@@ -5,13 +5,14 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::anyhow;
-use farfield_proto::endpoint::is_endpoint;
+use farfield_node::endpoints::{Asked, Reach, Side};
+use farfield_node::files::load_venue;
+use farfield_node::process::{Managed, NodeError};
 use farfield_proto::id::ViewpointIndex;
 use farfield_proto::tick::{Tick, parse_range};
-use farfield_proto::transport::{EdgeTransport, Exposure, Identity};
-use farfield_proto::venue::{Venue, VenueCamera, Viewpoint, identity};
+use farfield_proto::transport::EdgeTransport;
+use farfield_proto::venue::{Venue, VenueCamera, Viewpoint};
 
-use super::process::{Managed, NodeError};
 use crate::source::Sources;
 
 /// Where rings lie when nobody names a folder.
@@ -69,9 +70,8 @@ pub(super) struct Config {
     pub(super) sources: Arc<dyn Sources>,
     pub(super) viewpoint: ViewpointIndex,
     pub(super) name: String,
-    pub(super) connect: Vec<String>,
-    /// By what the edge proves who it is; `None` without TLS.
-    pub(super) identity: Option<Identity>,
+    /// Where fusion is, and by what the edge proves who it is.
+    pub(super) reach: Reach,
     pub(super) ticks: Option<Range<Tick>>,
     pub(super) managed: Managed,
     /// Where the sets are kept that were sent or could not be sent.
@@ -83,7 +83,7 @@ pub(super) struct Config {
 impl Config {
     /// Reads the venue and its calibration.
     pub(super) fn load(args: EdgeArgs, sources: Arc<dyn Sources>) -> Result<Self, NodeError> {
-        let venue = Venue::load(&args.venue).map_err(NodeError::refused)?;
+        let venue = load_venue(&args.venue).map_err(NodeError::refused)?;
         let viewpoint = venue.viewpoint_named(&args.viewpoint).ok_or_else(|| {
             let known: Vec<&str> = venue.viewpoints.iter().map(|v| v.name.as_str()).collect();
             NodeError::refused(anyhow!(
@@ -93,23 +93,14 @@ impl Config {
                 known.join(", ")
             ))
         })?;
-        if let Some(wrong) = args.connect.iter().find(|text| !is_endpoint(text)) {
-            return Err(NodeError::refused(anyhow!(
-                "`--connect`: found `{wrong}`, expected for example quic/10.0.0.1:7447"
-            )));
-        }
-        let keys = args.certificates.as_ref();
-        let identity = keys
-            .or(venue.security.certificates.as_ref())
-            .map(|keys| identity(keys, &args.viewpoint))
-            .transpose()
-            .map_err(NodeError::refused)?;
-        let exposure = Exposure {
-            has_keys: identity.is_some(),
-            allow_plaintext: args.allow_plaintext || venue.security.allow_plaintext,
+        let asked = Asked {
+            side: Side::Connect,
+            node: &args.viewpoint,
+            endpoints: &args.connect,
+            certificates: args.certificates.as_deref(),
+            allow_plaintext: args.allow_plaintext,
         };
-        let connect = exposure.choose(args.connect, &venue.endpoints.connect);
-        let connect = connect.map_err(NodeError::refused)?;
+        let reach = asked.in_venue(&venue)?;
         let managed = if args.managed {
             Managed::Yes
         } else {
@@ -122,8 +113,7 @@ impl Config {
             sources,
             viewpoint,
             name: args.viewpoint,
-            connect,
-            identity,
+            reach,
             ticks: args.ticks,
             managed,
             clock_shift_us: args.clock_shift_ms.saturating_mul(1000),
@@ -134,8 +124,8 @@ impl Config {
     pub(super) fn transport(&self) -> EdgeTransport<'_> {
         EdgeTransport {
             venue: &self.venue.name,
-            connect: &self.connect,
-            identity: self.identity.as_ref(),
+            connect: &self.reach.endpoints,
+            identity: self.reach.identity.as_ref(),
         }
     }
 

@@ -46,7 +46,7 @@ impl FramesAt {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::source::{Content, KeypointFrame};
+    use crate::source::{FrameContent, KeypointFrame};
 
     struct Recorded(Vec<i64>);
 
@@ -59,7 +59,7 @@ mod tests {
             Ok(Some(Frame {
                 tick,
                 capture_offset_us: 0,
-                content: Content::Keypoints(KeypointFrame::default()),
+                content: FrameContent::Keypoints(KeypointFrame::default()),
             }))
         }
     }

@@ -3,7 +3,7 @@
 //! Everything is reliable and blocks, at one priority: lock-step can wait, but must not lose or
 //! reorder. Nothing is scouted for; the endpoints are in the venue file.
 
-use anyhow::{Context as _, anyhow};
+use farfield_node::session::{self, Delivery, FifoSubscriber, declare_alive, has_listener};
 use farfield_proto::key::Keys;
 use farfield_proto::message::{BoxSet, Status};
 use farfield_proto::transport::{EdgeTransport, FUSION};
@@ -12,10 +12,8 @@ use tokio::sync::{mpsc, watch};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 use tracing::{debug, warn};
-use zenoh::handlers::{FifoChannel, FifoChannelHandler};
 use zenoh::liveliness::LivelinessToken;
-use zenoh::pubsub::{Publisher, Subscriber};
-use zenoh::qos::{CongestionControl, Priority};
+use zenoh::pubsub::Publisher;
 use zenoh::sample::{Sample, SampleKind};
 use zenoh::{Session, Wait as _};
 
@@ -54,7 +52,7 @@ pub(super) struct Link {
     patches: Publisher<'static>,
     sightings: Publisher<'static>,
     status: Publisher<'static>,
-    subscribers: Vec<(Topic, Subscriber<FifoChannelHandler<Sample>>)>,
+    subscribers: Vec<(Topic, FifoSubscriber)>,
     token: LivelinessToken,
 }
 
@@ -65,48 +63,6 @@ enum Topic {
     Alive,
 }
 
-#[expect(clippy::needless_pass_by_value, reason = "what `map_err` takes")]
-pub(super) fn zenoh_error(error: zenoh::Error) -> anyhow::Error {
-    anyhow!(without_places(&error.to_string()))
-}
-
-/// Zenoh's words without the places in its own source, ` at FILE.rs:LINE.`, which help no operator.
-fn without_places(text: &str) -> String {
-    let mut parts = text.split(" at ");
-    let mut kept = parts.next().unwrap_or_default().to_owned();
-    for part in parts {
-        let end = part.find(|c: char| c.is_whitespace() || c == ']');
-        let (word, rest) = part.split_at(end.unwrap_or(part.len()));
-        if word.contains(".rs:") {
-            kept.push_str(rest);
-        } else {
-            kept.push_str(" at ");
-            kept.push_str(part);
-        }
-    }
-    kept
-}
-
-fn config(transport: &EdgeTransport<'_>) -> anyhow::Result<zenoh::Config> {
-    let mut config = zenoh::Config::default();
-    for (key, value) in transport.settings() {
-        config
-            .insert_json5(&key, &value)
-            .map_err(zenoh_error)
-            .with_context(|| format!("setting {key} to {value}"))?;
-    }
-    Ok(config)
-}
-
-/// A session with fusion, waited for as long as it takes.
-pub(super) async fn connect(transport: &EdgeTransport<'_>) -> anyhow::Result<Session> {
-    let config = config(transport)?;
-    // Opening blocks its thread until fusion is there; only so can the wait be called off.
-    let session = tokio::task::spawn_blocking(|| zenoh::open(config).wait()).await;
-    let session = session.context("opening the session")?.map_err(zenoh_error);
-    session.with_context(|| format!("connecting to {}", transport.connect.join(", ")))
-}
-
 impl Link {
     /// Connects as `transport` says, waiting for fusion as long as it takes, and declares what the
     /// viewpoint needs.
@@ -114,30 +70,27 @@ impl Link {
         transport: &EdgeTransport<'_>,
         viewpoint: &str,
     ) -> anyhow::Result<Self> {
-        let session = connect(transport).await?;
+        let session = session::connect(transport).await?;
         let keys = Keys::new(transport.venue);
         let subscribers = vec![
             (
                 Topic::Boxes,
-                subscriber(&session, keys.boxes(viewpoint)).await?,
+                session::subscriber(&session, keys.boxes(viewpoint), QUEUE).await?,
             ),
             (
                 Topic::Fusion,
-                subscriber(&session, keys.status(FUSION)).await?,
+                session::subscriber(&session, keys.status(FUSION), QUEUE).await?,
             ),
             (
                 Topic::Alive,
-                liveliness(&session, keys.alive(FUSION)).await?,
+                session::liveliness(&session, keys.alive(FUSION), QUEUE).await?,
             ),
         ];
-        let patches = publisher(&session, keys.patch(viewpoint)).await?;
-        let sightings = publisher(&session, keys.sighting(viewpoint)).await?;
-        let status = publisher(&session, keys.status(viewpoint)).await?;
-        let token = session
-            .liveliness()
-            .declare_token(keys.alive(viewpoint))
-            .await
-            .map_err(zenoh_error)?;
+        let publisher = |key| session::publisher(&session, key, Delivery::Blocking);
+        let patches = publisher(keys.patch(viewpoint)).await?;
+        let sightings = publisher(keys.sighting(viewpoint)).await?;
+        let status = publisher(keys.status(viewpoint)).await?;
+        let token = declare_alive(&session, keys.alive(viewpoint)).await?;
         Ok(Self {
             session,
             patches,
@@ -204,56 +157,14 @@ impl Ends {
         leave.cancel();
         tasks.close();
         tasks.wait().await;
-        if let Err(error) = self.session.close().await {
-            warn!(%error, "the session did not close well");
-        }
+        session::close(&self.session).await;
     }
-}
-
-async fn publisher(session: &Session, key: String) -> anyhow::Result<Publisher<'static>> {
-    let declared = session
-        .declare_publisher(key.clone())
-        .congestion_control(CongestionControl::Block)
-        .priority(Priority::RealTime)
-        .express(true);
-    declared
-        .await
-        .map_err(zenoh_error)
-        .with_context(|| format!("declaring the publisher of {key}"))
-}
-
-async fn subscriber(
-    session: &Session,
-    key: String,
-) -> anyhow::Result<Subscriber<FifoChannelHandler<Sample>>> {
-    let declared = session
-        .declare_subscriber(key.clone())
-        .with(FifoChannel::new(QUEUE))
-        .await;
-    declared
-        .map_err(zenoh_error)
-        .with_context(|| format!("subscribing to {key}"))
-}
-
-async fn liveliness(
-    session: &Session,
-    key: String,
-) -> anyhow::Result<Subscriber<FifoChannelHandler<Sample>>> {
-    let declared = session
-        .liveliness()
-        .declare_subscriber(key.clone())
-        .history(true)
-        .with(FifoChannel::new(QUEUE))
-        .await;
-    declared
-        .map_err(zenoh_error)
-        .with_context(|| format!("watching {key}"))
 }
 
 /// Task: one subscription, decoded, to the loop.
 async fn listen(
     topic: Topic,
-    subscriber: Subscriber<FifoChannelHandler<Sample>>,
+    subscriber: FifoSubscriber,
     heard: mpsc::Sender<Heard>,
     leave: CancellationToken,
 ) {
@@ -299,7 +210,7 @@ fn speak(
             Said::Sightings(bytes) => (sightings, bytes),
             Said::Status(bytes) => {
                 // Statuses go out several times a second until the start: the moment to look.
-                matched.send_replace(is_matched(patches) && is_matched(sightings));
+                matched.send_replace(has_listener(patches) && has_listener(sightings));
                 (status, bytes)
             }
         };
@@ -307,13 +218,6 @@ fn speak(
             warn!(key = %publisher.key_expr(), %error, "not sent");
         }
     }
-}
-
-fn is_matched(publisher: &Publisher<'static>) -> bool {
-    publisher
-        .matching_status()
-        .wait()
-        .is_ok_and(|status| status.matching())
 }
 
 #[cfg(test)]

@@ -5,6 +5,7 @@
 use std::time::Duration;
 
 use anyhow::{Context as _, anyhow};
+use farfield_node::process::{Ending, NodeError};
 use farfield_proto::message::{BoxSet, Order, Status};
 use farfield_proto::tick::Tick;
 use farfield_proto::wire;
@@ -14,7 +15,6 @@ use tracing::debug;
 
 use super::compare::compare_files;
 use super::link::{Ends, Heard, Said};
-use super::process::{Ending, NodeError};
 use super::worker::Worker;
 
 /// How often an edge says that it is ready, until the first boxes come.

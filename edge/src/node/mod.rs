@@ -5,7 +5,6 @@
 
 mod attempts;
 mod build;
-mod clock;
 mod compare;
 mod config;
 mod frames_at;
@@ -13,7 +12,6 @@ mod handout;
 mod link;
 mod live;
 mod lockstep;
-mod process;
 mod ring;
 mod run;
 mod worker;

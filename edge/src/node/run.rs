@@ -6,6 +6,9 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::Context as _;
+use farfield_node::log::start_log_with;
+use farfield_node::process::{Ending, Managed, NodeError, exit_code, say, stop_when_told};
+use farfield_node::runtime;
 use farfield_proto::message::Status;
 use tokio::time::{MissedTickBehavior, interval, timeout};
 use tokio_util::sync::CancellationToken;
@@ -19,7 +22,6 @@ use super::handout;
 use super::link::{Ends, Heard, Link};
 use super::live::Live;
 use super::lockstep::{LockStep, Turn};
-use super::process::{Ending, Managed, NodeError, exit_code, say, start_log, stop_when_told};
 use super::ring::{RingThread, answer_questions};
 use super::worker::Worker;
 use crate::source::Sources;
@@ -36,7 +38,7 @@ const REMIND_EVERY: Duration = Duration::from_secs(10);
 /// Runs an edge node, whose cameras `sources` opens, to its end and says on standard error what went
 /// wrong.
 pub fn main(args: EdgeArgs, sources: Arc<dyn Sources>) -> ExitCode {
-    start_log();
+    start_log_with(attempts::layer());
     exit_code(load_and_run(args, sources))
 }
 
@@ -45,17 +47,7 @@ fn load_and_run(args: EdgeArgs, sources: Arc<dyn Sources>) -> Result<Ending, Nod
         return Ok(Ending::Interrupted);
     }
     let config = Arc::new(Config::load(args, sources)?);
-    let runtime = tokio::runtime::Builder::new_multi_thread()
-        .worker_threads(2)
-        .enable_all()
-        .build();
-    let runtime = runtime
-        .context("starting the runtime")
-        .map_err(NodeError::Failed)?;
-    let ending = runtime.block_on(run(&config));
-    // Neither a camera that gives no frame nor a fusion that is not there must hold up the end.
-    runtime.shutdown_timeout(Duration::from_millis(200));
-    ending
+    runtime::block_on(2, run(&config))
 }
 
 pub(super) async fn run(config: &Arc<Config>) -> Result<Ending, NodeError> {
@@ -107,7 +99,7 @@ async fn open(config: &Arc<Config>) -> Result<(Built, Link), NodeError> {
     let transport = config.transport();
     let link = Link::open(&transport, &config.name);
     let waiting = || {
-        let endpoints = config.connect.join(", ");
+        let endpoints = config.reach.endpoints.join(", ");
         let why = attempts::last_failure().map_or(String::new(), |why| format!(" ({why})"));
         let line = format!("{}: waiting for fusion at {endpoints}{why}", config.name);
         (config.managed == Managed::No).then_some(line)

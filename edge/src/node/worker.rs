@@ -6,6 +6,7 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::JoinHandle;
 
 use anyhow::{Context as _, anyhow};
+use farfield_node::clock;
 use farfield_proto::id::{CameraIndex, ViewpointIndex};
 use farfield_proto::message::{BoxSet, StageTime};
 use farfield_proto::tick::Tick;
@@ -13,15 +14,14 @@ use farfield_proto::venue::{Venue, VenueCamera};
 use farfield_proto::wire;
 use tokio::sync::mpsc;
 
-use super::clock;
 use super::frames_at::FramesAt;
 use super::link::Said;
 use super::live::LiveWork;
-use crate::pipeline::{EdgeOutput, Pipeline, Stage};
+use crate::pipeline::{EdgeOutput, EdgePipeline, EdgeStage, StepRequest};
 use crate::source::{Frame, SourceError, Sources};
 
 /// The stage of looking for people without boxes, as summaries name it.
-const LOOK: &str = farfield_proto::message::LOOK_STAGE;
+const LOOK: &str = farfield_proto::message::DETECTION_STAGE;
 
 /// What the thread says after each tick.
 pub(super) type Done = anyhow::Result<Tick>;
@@ -33,7 +33,7 @@ pub(super) struct Work {
     sources: Arc<dyn Sources>,
     /// Opened in advance at this tick, when the run's first tick is known before the start.
     opened: Option<(Tick, Vec<FramesAt>)>,
-    pipeline: Pipeline,
+    pipeline: EdgePipeline,
     samples_us: BTreeMap<&'static str, Vec<u32>>,
 }
 
@@ -42,7 +42,7 @@ impl Work {
     pub(super) fn new(
         venue: Venue,
         cameras: Vec<CameraIndex>,
-        pipeline: Pipeline,
+        pipeline: EdgePipeline,
         sources: Arc<dyn Sources>,
     ) -> Self {
         Self {
@@ -94,13 +94,13 @@ impl Work {
         let mut laps = Vec::with_capacity(4);
         let output = self
             .pipeline
-            .step_marked(&frames, boxes, &mut |stage| {
+            .step(&frames, &StepRequest::of(boxes), &mut |stage| {
                 laps.push((stage, clock::micros_since(lap)));
                 lap = clock::now();
             })
             .with_context(|| format!("tick {}", boxes.tick))?;
-        let looks = !boxes.look.is_empty();
-        for (stage, us) in split_looks(&laps, self.pipeline.looked_share()) {
+        let looks = !boxes.detection_cameras.is_empty();
+        for (stage, us) in split_detection(&laps, self.pipeline.detection_share()) {
             if stage != LOOK || looks {
                 self.samples_us.entry(stage).or_default().push(us);
             }
@@ -139,26 +139,26 @@ impl Work {
 
 /// The stages' times by name, with the keypoints of sightings, `share` of the inference, counted as
 /// looking: what looks cost is told apart from what following people costs.
-pub(super) fn split_looks(laps: &[(Stage, u32)], share: f64) -> [(&'static str, u32); 4] {
-    let of = |wanted: Stage| {
+pub(super) fn split_detection(laps: &[(EdgeStage, u32)], share: f64) -> [(&'static str, u32); 4] {
+    let of = |wanted: EdgeStage| {
         let laps = laps.iter().filter(|(stage, _)| *stage == wanted);
         laps.map(|(_, us)| us).sum::<u32>()
     };
-    let keypoints_us = (f64::from(of(Stage::Infer)) * share).round() as u32;
+    let keypoints_us = (f64::from(of(EdgeStage::Infer)) * share).round() as u32;
     [
-        (name(Stage::Crop), of(Stage::Crop)),
-        (LOOK, of(Stage::Look) + keypoints_us),
-        (name(Stage::Infer), of(Stage::Infer) - keypoints_us),
-        (name(Stage::Encode), of(Stage::Encode)),
+        (name(EdgeStage::Crop), of(EdgeStage::Crop)),
+        (LOOK, of(EdgeStage::Detect) + keypoints_us),
+        (name(EdgeStage::Infer), of(EdgeStage::Infer) - keypoints_us),
+        (name(EdgeStage::Encode), of(EdgeStage::Encode)),
     ]
 }
 
-fn name(stage: Stage) -> &'static str {
+fn name(stage: EdgeStage) -> &'static str {
     match stage {
-        Stage::Crop => "crop",
-        Stage::Look => LOOK,
-        Stage::Infer => "infer",
-        Stage::Encode => "encode",
+        EdgeStage::Crop => "crop",
+        EdgeStage::Detect => LOOK,
+        EdgeStage::Infer => "infer",
+        EdgeStage::Encode => "encode",
     }
 }
 

@@ -3,8 +3,8 @@
 use farfield_proto::camera::CameraModel;
 use image::RgbImage;
 
-use super::inference::{InputTensor, KeypointNetwork, NetworkError};
 use crate::crop::{CropGeometry, CropShape, Cropper, PixelFormat};
+use crate::inference::{InputTensor, KeypointNetwork, NetworkError};
 
 /// Most crops of one call of the network: bounds its memory (at 192 x 256 about 19 MB of input).
 /// More crops than this take several calls.

@@ -9,7 +9,7 @@ use farfield_proto::venue::Venue;
 use super::batch::Batch;
 use super::error::PipelineError;
 use crate::crop::CropShape;
-use crate::source::Content;
+use crate::source::FrameContent;
 
 /// How the maps of a camera without pictures are made.
 #[derive(Debug, Clone, Copy)]
@@ -27,28 +27,30 @@ pub(super) struct EdgeCamera {
 
 impl EdgeCamera {
     /// What is wrong with a frame of this camera, if anything.
-    pub(super) fn mismatch(&self, content: &Content, n_keypoints: usize) -> Option<String> {
+    pub(super) fn mismatch(&self, content: &FrameContent, n_keypoints: usize) -> Option<String> {
         match (content, self.drawing.is_some()) {
-            (Content::Image(image), false) => {
+            (FrameContent::Image(image), false) => {
                 let (got, expected) = ([image.width(), image.height()], self.model.size_px());
                 (got != expected).then(|| {
                     let ([w, h], [calibrated_w, calibrated_h]) = (got, expected);
                     format!("its frame is {w} x {h} pixels, its calibration {calibrated_w} x {calibrated_h}")
                 })
             }
-            (Content::Keypoints(keypoints), true) => {
+            (FrameContent::Keypoints(keypoints), true) => {
                 let of_persons = keypoints.persons.iter().map(Vec::len);
                 let wrong = of_persons
                     .chain([keypoints.peaks.len()])
                     .find(|&n| n != n_keypoints);
                 wrong.map(|n| format!("its frame has {n} keypoints, expected {n_keypoints}"))
             }
-            (Content::Painted(_), true) => None,
-            (Content::Painted(_), false) => Some("maps came from a source of pictures".to_owned()),
-            (Content::Image(_), true) => {
+            (FrameContent::Painted(_), true) => None,
+            (FrameContent::Painted(_), false) => {
+                Some("maps came from a source of pictures".to_owned())
+            }
+            (FrameContent::Image(_), true) => {
                 Some("a picture came from a source of keypoints".to_owned())
             }
-            (Content::Keypoints(_), false) => {
+            (FrameContent::Keypoints(_), false) => {
                 Some("keypoints came from a source of pictures".to_owned())
             }
         }

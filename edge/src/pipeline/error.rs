@@ -3,7 +3,7 @@
 use farfield_proto::id::ViewpointIndex;
 use farfield_proto::tick::Tick;
 
-use super::inference::NetworkError;
+use crate::inference::NetworkError;
 
 /// Why an edge cannot start, or a step cannot be taken.
 #[derive(Debug, thiserror::Error)]
@@ -56,12 +56,12 @@ pub enum PipelineError {
         /// The tick of the frames before it.
         expected: Tick,
     },
-    /// The frames are of another tick than the orders.
-    #[error("frames of tick {got} for orders of tick {expected}")]
+    /// The frames are of another tick than the request.
+    #[error("frames of tick {got} for a request of tick {expected}")]
     OtherTick {
         /// The tick of the frames.
         got: Tick,
-        /// The tick of the orders.
+        /// The tick of the request.
         expected: Tick,
     },
     /// A frame is not what the calibration or the venue file says of its camera.

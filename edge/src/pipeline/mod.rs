@@ -1,68 +1,65 @@
 //! One step of an edge: the frames of a tick and fusion's boxes in, patches and sightings out.
 //!
-//! Per person the box is moved on to the tick, a camera chosen, the crop cut; all crops of the tick,
-//! those of detections too, go through the network together; the maps are quantised, encoded and
-//! shared out to messages. Cameras whose source is a file of keypoints have their maps drawn
-//! instead, and cameras without pixels have them painted. Pure but for what network and detector do:
-//! no clock, no file, no socket.
+//! Per person the box is moved on to the tick, a camera is chosen and the crop is cut. All crops of the tick, those
+//! of detections too, go through the network in one batch. The maps are quantised, encoded and split into messages.
+//! Cameras whose source is a file of keypoints have their maps drawn instead ([`crate::gaussian_maps`]); cameras
+//! simulated without pixels have them painted by their source. Pure except for the network and the detector: no
+//! clock, no file, no socket.
 
 mod batch;
 mod camera;
+mod detection_pass;
 mod error;
-#[cfg(test)]
-pub(crate) mod fixtures;
-mod inference;
-mod looker;
-mod looks;
-mod orders;
 mod parts;
+mod request;
 mod sighting;
 #[cfg(test)]
 mod tests;
+mod tiled_detector;
 mod tracked;
 
 use std::collections::BTreeMap;
 
 use farfield_proto::id::{CameraIndex, PersonId, SessionId, ViewpointIndex};
 use farfield_proto::keypoints::KeypointSet;
-use farfield_proto::message::{BoxSet, PatchSet, PersonPatch, SightingSet};
-use farfield_proto::patch::{Encoder, FLOOR, Maps, Quality, quantize};
+use farfield_proto::message::{PatchSet, PersonPatch, SightingSet};
+use farfield_proto::patch::{CompressionLevel, Encoder, FLOOR, Maps, quantize};
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::Venue;
 use farfield_proto::venue::parameters::CameraChoice;
 
 use self::batch::Batch;
 use self::camera::{EdgeCamera, cameras_of, check_shapes};
-use self::looker::Looker;
+use self::tiled_detector::TiledDetector;
 use self::tracked::Tracked;
 use crate::crop::CropGeometry;
 use crate::gaussian_maps::draw_maps;
-use crate::source::{Content, Frame, MapCrop};
+use crate::inference::{KeypointNetwork, PersonDetector};
+use crate::source::{Frame, FrameContent, MapCrop};
 
 pub use error::PipelineError;
-pub use inference::{Detection, InputTensor, KeypointNetwork, NetworkError, PersonDetector};
-pub use orders::Orders;
 pub use parts::MESSAGE_BYTES;
+pub use request::StepRequest;
 
-/// A part of a step, for whoever measures how long each takes.
+/// A part of a step whose duration is measured.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Stage {
+pub enum EdgeStage {
     /// Choosing cameras, cutting crops of persons with boxes.
     Crop,
-    /// Looking for people without boxes: detecting, cutting the crops of whom was found.
-    Look,
+    /// The detection pass: detecting people without boxes, cutting their crops.
+    Detect,
     /// The network on all crops.
     Infer,
     /// Reading peaks, drawing, quantising and encoding maps.
     Encode,
 }
 
-/// What an edge has to say about one tick.
+/// What an edge sends for one tick.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EdgeOutput {
     /// The persons with boxes that a camera sees, in at least one message.
     pub patch_sets: Vec<PatchSet>,
-    /// The people found without boxes; empty when the edge did not look.
+    /// The people found without boxes; empty when no detection pass ran.
     pub sighting_sets: Vec<SightingSet>,
 }
 
@@ -73,24 +70,24 @@ pub trait StandIn: Send {
 }
 
 /// The edge of one viewpoint.
-pub struct Pipeline {
+pub struct EdgePipeline {
     viewpoint: ViewpointIndex,
     cameras: Vec<EdgeCamera>,
     keypoints: KeypointSet,
-    quality: Quality,
+    level: CompressionLevel,
     stand_in: Option<Box<dyn StandIn>>,
     choice: CameraChoice,
     batch: Option<Batch>,
-    looker: Option<Looker>,
-    ticks_per_look: i64,
+    detector: Option<TiledDetector>,
+    ticks_per_pass: i64,
     encoder: Encoder,
     maps: Maps,
     session: SessionId,
     last_camera: BTreeMap<PersonId, CameraIndex>,
-    looked_share: f64,
+    detection_share: f64,
 }
 
-impl Pipeline {
+impl EdgePipeline {
     /// The edge of `viewpoint`. Without a `detector`, cameras with pictures give no sightings.
     ///
     /// # Errors
@@ -112,78 +109,43 @@ impl Pipeline {
             viewpoint,
             cameras,
             keypoints,
-            quality: venue.parameters.link.quality.unwrap_or(Quality::LOSSLESS),
+            level: venue
+                .parameters
+                .link
+                .quality
+                .unwrap_or(CompressionLevel::LOSSLESS),
             stand_in: None,
             choice: venue.parameters.boxes.camera_choice,
             batch,
-            looker: detector.map(|detector| Looker::new(venue, detector)),
-            ticks_per_look: venue.parameters.births.ticks_per_look(venue.rate_hz),
+            detector: detector.map(|detector| TiledDetector::new(venue, detector)),
+            ticks_per_pass: venue.parameters.births.ticks_per_look(venue.rate_hz),
             encoder: Encoder::new(),
             maps: Maps::new(1, 1, 1),
             session: SessionId::default(),
             last_camera: BTreeMap::new(),
-            looked_share: 0.0,
+            detection_share: 0.0,
         })
     }
 
-    /// Works on one tick. `frames` has one entry per camera of the viewpoint, in the venue's order,
-    /// `None` for a camera that gave nothing.
+    /// Processes one tick. `frames` has one entry per camera of the viewpoint, in the venue's order, `None` for
+    /// a camera that gave nothing; `mark` is called after each stage, to measure times.
     ///
     /// # Errors
-    /// [`PipelineError`] when the frames or boxes do not belong to this viewpoint or the network
-    /// fails. The pipeline can be used again.
+    /// [`PipelineError`] when the frames are not of the tick, frames or boxes do not belong to this viewpoint, or
+    /// the network fails. The pipeline can be used again.
     pub fn step(
         &mut self,
         frames: &[Option<Frame>],
-        boxes: &BoxSet,
+        request: &StepRequest<'_>,
+        mark: &mut dyn FnMut(EdgeStage),
     ) -> Result<EdgeOutput, PipelineError> {
-        self.step_marked(frames, boxes, &mut |_| {})
-    }
-
-    /// As [`Self::step`]; `mark` is told after each stage, for whoever measures.
-    ///
-    /// # Errors
-    /// As [`Self::step`].
-    pub fn step_marked(
-        &mut self,
-        frames: &[Option<Frame>],
-        boxes: &BoxSet,
-        mark: &mut dyn FnMut(Stage),
-    ) -> Result<EdgeOutput, PipelineError> {
-        let tick = self.check(frames, boxes)?.unwrap_or(boxes.tick);
-        self.obey(frames, &Orders::of(boxes, tick), mark)
-    }
-
-    /// As [`Self::step_marked`], for an edge that chooses itself whom it works on, and with boxes that may
-    /// be of another tick than the frames.
-    ///
-    /// # Errors
-    /// As [`Self::step`], and when the frames are not of the tick.
-    pub fn step_live(
-        &mut self,
-        frames: &[Option<Frame>],
-        orders: &Orders<'_>,
-        mark: &mut dyn FnMut(Stage),
-    ) -> Result<EdgeOutput, PipelineError> {
-        let of_frames = self.check(frames, orders.boxes)?.unwrap_or(orders.tick);
-        if of_frames != orders.tick {
-            return Err(PipelineError::OtherTick {
-                got: of_frames,
-                expected: orders.tick,
-            });
-        }
-        self.obey(frames, orders, mark)
-    }
-
-    fn obey(
-        &mut self,
-        frames: &[Option<Frame>],
-        orders: &Orders<'_>,
-        mark: &mut dyn FnMut(Stage),
-    ) -> Result<EdgeOutput, PipelineError> {
-        let Orders {
-            tick, boxes, look, ..
-        } = *orders;
+        self.check(frames, request)?;
+        let StepRequest {
+            tick,
+            boxes,
+            detection_cameras,
+            ..
+        } = *request;
         if boxes.session != self.session {
             self.session = boxes.session;
             self.last_camera.clear();
@@ -197,26 +159,26 @@ impl Pipeline {
         let tracked: Vec<Tracked> = boxes
             .persons
             .iter()
-            .filter(|p| orders.includes(p.person))
+            .filter(|p| request.includes(p.person))
             .filter_map(|p| self.track(p, age, frames))
             .collect();
-        mark(Stage::Crop);
-        let looks = !look.is_empty() && self.can_sight();
+        mark(EdgeStage::Crop);
+        let detects = !detection_cameras.is_empty() && self.can_sight();
         let n_tracked = self.batch.as_ref().map_or(0, Batch::len);
-        let pending = if looks {
-            self.detect(frames, look)?
+        let pending = if detects {
+            self.detect(frames, detection_cameras)?
         } else {
             Vec::new()
         };
         let n_crops = self.batch.as_ref().map_or(0, Batch::len);
-        self.looked_share = (n_crops - n_tracked) as f64 / n_crops.max(1) as f64;
-        mark(Stage::Look);
+        self.detection_share = (n_crops - n_tracked) as f64 / n_crops.max(1) as f64;
+        mark(EdgeStage::Detect);
         if let Some(batch) = &mut self.batch {
             batch.infer()?;
         }
-        mark(Stage::Infer);
+        mark(EdgeStage::Infer);
         let mut sighting_sets = Vec::new();
-        if looks {
+        if detects {
             let (session, viewpoint) = (self.session, self.viewpoint);
             let head = SightingSet {
                 session,
@@ -226,14 +188,14 @@ impl Pipeline {
                 parts: 1,
                 sightings: Vec::new(),
             };
-            let sightings = self.sightings(&pending, frames, look);
+            let sightings = self.sightings(&pending, frames, detection_cameras);
             sighting_sets = parts::sighting_sets(&head, sightings);
         }
         let persons = tracked
             .into_iter()
             .filter_map(|t| self.patch(t, frames, boxes.tick))
             .collect();
-        mark(Stage::Encode);
+        mark(EdgeStage::Encode);
         let head = PatchSet {
             session: self.session,
             tick,
@@ -241,7 +203,7 @@ impl Pipeline {
             part: 0,
             parts: 1,
             sighting_parts: sighting_sets.len() as u16,
-            timing: orders.timing,
+            timing: request.timing,
             persons: Vec::new(),
         };
         Ok(EdgeOutput {
@@ -250,31 +212,31 @@ impl Pipeline {
         })
     }
 
-    /// How closely the maps of the next steps are kept; at first what the venue says, else without
-    /// loss.
-    pub fn set_quality(&mut self, quality: Quality) {
-        self.quality = quality;
+    /// Sets the compression level of the next steps; at first it is the venue's `[link] quality`, else
+    /// [`CompressionLevel::LOSSLESS`].
+    pub fn set_compression_level(&mut self, level: CompressionLevel) {
+        self.level = level;
     }
 
-    /// Lets `stand_in` do the codec's work from now on, whatever the quality.
+    /// Lets `stand_in` do the codec's work from now on, whatever the compression level.
     pub fn set_stand_in(&mut self, stand_in: Box<dyn StandIn>) {
         self.stand_in = Some(stand_in);
     }
 
     /// Which share of the last step's inference, by crops, was on people without boxes, 0 to 1.
-    pub fn looked_share(&self) -> f64 {
-        self.looked_share
+    pub fn detection_share(&self) -> f64 {
+        self.detection_share
     }
 
-    /// The tick of the frames, if there are any; refuses what does not belong together.
+    /// Refuses what does not belong together.
     fn check(
         &self,
         frames: &[Option<Frame>],
-        boxes: &BoxSet,
-    ) -> Result<Option<Tick>, PipelineError> {
-        if boxes.viewpoint != self.viewpoint {
+        request: &StepRequest<'_>,
+    ) -> Result<(), PipelineError> {
+        if request.boxes.viewpoint != self.viewpoint {
             return Err(PipelineError::OtherViewpoint {
-                got: boxes.viewpoint,
+                got: request.boxes.viewpoint,
                 expected: self.viewpoint,
             });
         }
@@ -303,7 +265,13 @@ impl Pipeline {
                 });
             }
         }
-        Ok(tick)
+        match tick {
+            Some(got) if got != request.tick => Err(PipelineError::OtherTick {
+                got,
+                expected: request.tick,
+            }),
+            _ => Ok(()),
+        }
     }
 
     /// Packs the maps of one person.
@@ -321,7 +289,7 @@ impl Pipeline {
         let frame = frames[tracked.camera].as_ref()?;
         let first = tracked.crops.first()?.grid();
         match (&frame.content, drawing, &self.batch) {
-            (Content::Keypoints(keypoints), Some(drawing), _) => {
+            (FrameContent::Keypoints(keypoints), Some(drawing), _) => {
                 draw_maps(
                     &keypoints.peaks,
                     model,
@@ -330,7 +298,7 @@ impl Pipeline {
                     &mut self.maps,
                 );
             }
-            (Content::Painted(painter), Some(drawing), _) => {
+            (FrameContent::Painted(painter), Some(drawing), _) => {
                 self.maps.resize(
                     first.width.into(),
                     first.height.into(),
@@ -345,7 +313,7 @@ impl Pipeline {
                 };
                 painter.paint(&crop, &mut self.maps);
             }
-            (Content::Image(_), None, Some(batch)) => {
+            (FrameContent::Image(_), None, Some(batch)) => {
                 self.maps.resize(
                     first.width.into(),
                     first.height.into(),
@@ -364,7 +332,7 @@ impl Pipeline {
             stand_in.recode(&mut self.maps);
             self.encoder.encode_above(&self.maps, 0)
         } else {
-            self.encoder.encode(&self.maps, self.quality)
+            self.encoder.encode(&self.maps, self.level)
         };
         Some(PersonPatch {
             person: tracked.person,

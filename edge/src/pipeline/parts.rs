@@ -1,4 +1,4 @@
-//! Splits what a tick has to say into messages that are readable alone.
+//! Splits the persons and sightings of a tick into messages, each readable alone.
 
 use farfield_proto::message::{PatchSet, PersonPatch, Sighting, SightingSet};
 use farfield_proto::wire;
@@ -7,7 +7,7 @@ use farfield_proto::wire;
 /// person whose maps alone are larger gets a message of its own.
 pub const MESSAGE_BYTES: usize = 1200;
 
-/// The patch sets of a tick: `head` with the persons shared out, at least one, numbered.
+/// The patch sets of a tick: the persons split over copies of `head`, numbered; at least one.
 pub(super) fn patch_sets(head: &PatchSet, persons: Vec<PersonPatch>) -> Vec<PatchSet> {
     let mut probe = PatchSet {
         persons: Vec::new(),
@@ -31,7 +31,7 @@ pub(super) fn patch_sets(head: &PatchSet, persons: Vec<PersonPatch>) -> Vec<Patc
         .collect()
 }
 
-/// The sighting sets of a tick: `head` with the sightings shared out, at least one, numbered.
+/// The sighting sets of a tick: the sightings split over copies of `head`, numbered; at least one.
 pub(super) fn sighting_sets(head: &SightingSet, sightings: Vec<Sighting>) -> Vec<SightingSet> {
     let mut probe = SightingSet {
         sightings: Vec::new(),
@@ -63,7 +63,7 @@ fn grouped<T>(
     empty: usize,
     mut measure: impl FnMut(T) -> (Option<T>, usize),
 ) -> Vec<Vec<T>> {
-    // Part numbers and counts of more than one byte.
+    // Bytes: part numbers and counts may take more than the one byte each that `empty` has.
     const SLACK: usize = 8;
     let mut groups = vec![Vec::new()];
     let mut bytes = empty + SLACK;

@@ -1,4 +1,4 @@
-//! People without boxes: what a detector or a keypoint file says, as sightings.
+//! People without boxes: detections, and persons of keypoint files, as sightings.
 
 use farfield_proto::bounding_box::BoundingBox;
 use farfield_proto::camera::CameraModel;
@@ -8,12 +8,12 @@ use farfield_proto::message::{KeypointPeak, MAX_SIGHTINGS, Sighting};
 use image::RgbImage;
 
 use super::batch::Batch;
-use super::inference::Detection;
 use crate::crop::CropGeometry;
+use crate::inference::Detection;
 use crate::peaks::best_peak;
-use crate::source::Candidate;
+use crate::source::KeypointCandidate;
 
-/// A sighted keypoint's peak is at least this high, 0 to 1: below is what a network says of nothing.
+/// Least height of a keypoint's peak in a sighting, 0 to 1: where there is nothing, networks answer up to this.
 const LEAST_PEAK: f32 = 0.06;
 
 /// A detection whose crop waits for the network.
@@ -31,8 +31,7 @@ impl Pending {
     }
 }
 
-/// Puts the crops of detections into the batch; what is not in sight of the lens model is left
-/// out.
+/// Puts the crops of detections into the batch; detections beyond the lens model are left out.
 pub(super) fn enqueue(
     detections: &[Detection],
     image: &RgbImage,
@@ -55,8 +54,8 @@ pub(super) fn enqueue(
     pending
 }
 
-/// Reads the peaks of a detection's maps, after inference. A peak outside the image is the
-/// network's guess about what it did not see, and is left out.
+/// Reads the peaks of a detection's maps, after inference. Peaks outside the image are left out: the network
+/// guessed them from nothing.
 pub(super) fn read(
     pending: &Pending,
     model: &CameraModel,
@@ -80,9 +79,9 @@ pub(super) fn read(
     }
 }
 
-/// Persons whose keypoints somebody else grouped; their score is the mean of their keypoints'.
+/// Persons whose keypoints are grouped already; their score is the mean of their keypoints' scores.
 pub(super) fn from_persons(
-    persons: &[Vec<Option<Candidate>>],
+    persons: &[Vec<Option<KeypointCandidate>>],
     camera: CameraIndex,
     model: &CameraModel,
 ) -> Vec<Sighting> {
@@ -113,7 +112,7 @@ pub(super) fn from_persons(
     sightings
 }
 
-/// Keeps the surest sightings where there are more than a message set may hold, in their order.
+/// Keeps the [`MAX_SIGHTINGS`] sightings of highest score, where there are more.
 pub(super) fn bounded(mut sightings: Vec<Sighting>) -> Vec<Sighting> {
     if sightings.len() > MAX_SIGHTINGS {
         // Stable, so that the same pictures give the same choice.
@@ -154,7 +153,7 @@ fn undistorted_box(detection: &Detection, model: &CameraModel, margin: f64) -> O
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::pipeline::fixtures::{bent, pinhole};
+    use crate::fixtures::{bent, pinhole};
 
     fn assert_near(got: [f32; 2], expected: [f32; 2]) {
         let distance = (got[0] - expected[0]).hypot(got[1] - expected[1]);
@@ -192,7 +191,7 @@ mod tests {
     #[test]
     fn grouped_persons_of_a_keypoint_file_are_sightings() {
         let seen = |x, score| {
-            Some(Candidate {
+            Some(KeypointCandidate {
                 position: Pixel::new(x, 10.0),
                 score,
             })

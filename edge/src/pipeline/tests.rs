@@ -7,17 +7,17 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use farfield_proto::bounding_box::{BoundingBox, BoxRate};
 use farfield_proto::frames::Pixel;
 use farfield_proto::grid::CellGrid;
-use farfield_proto::message::{CameraBox, Order, PersonBoxes, Sighting};
+use farfield_proto::message::{BoxSet, CameraBox, Order, PersonBoxes, Sighting};
 use farfield_proto::model_card::{HeatmapCard, Letterbox};
 use farfield_proto::patch::Decoder;
 use farfield_proto::wire;
 use image::RgbImage;
 
-use super::fixtures::venue;
 use super::*;
+use crate::fixtures::venue;
+use crate::inference::{Detection, DetectorInput, DetectorWindow, InputTensor, NetworkError};
 use crate::peaks::best_peak;
-use crate::source::{Candidate, KeypointFrame, MapPainter};
-use crate::tiles::{DetectorInput, Window};
+use crate::source::{KeypointCandidate, KeypointFrame, MapPainter};
 
 const PICTURES: &str = "{ kind = \"video\", path = \"a.mp4\" }";
 const KEYPOINTS: &str = "{ kind = \"keypoints\", path = \"a.jsonl\" }";
@@ -33,7 +33,7 @@ box_margin = 1.25
 "#;
 
 /// Each of its maps is the red of the crop, averaged over the pixels of a cell.
-struct Mirror {
+struct EchoNetwork {
     card: HeatmapCard,
     calls: Arc<AtomicUsize>,
 }
@@ -42,14 +42,14 @@ struct Mirror {
 fn mirror() -> (Box<dyn KeypointNetwork>, Arc<AtomicUsize>) {
     let calls = Arc::new(AtomicUsize::new(0));
     let card = HeatmapCard::parse(CARD, Path::new("n.toml")).unwrap();
-    let network = Mirror {
+    let network = EchoNetwork {
         card,
         calls: calls.clone(),
     };
     (Box::new(network), calls)
 }
 
-impl KeypointNetwork for Mirror {
+impl KeypointNetwork for EchoNetwork {
     fn card(&self) -> &HeatmapCard {
         &self.card
     }
@@ -82,12 +82,12 @@ impl PersonDetector for Finds {
         }
     }
 
-    fn detect(&mut self, _: &RgbImage, _: &Window) -> Result<Vec<Detection>, NetworkError> {
+    fn detect(&mut self, _: &RgbImage, _: &DetectorWindow) -> Result<Vec<Detection>, NetworkError> {
         Ok(self.0.clone())
     }
 }
 
-fn frame(content: Content) -> Frame {
+fn frame(content: FrameContent) -> Frame {
     Frame {
         tick: Tick(40),
         capture_offset_us: -250,
@@ -101,7 +101,7 @@ fn disc(x: f64, y: f64) -> Frame {
         let near = (f64::from(px) - x).hypot(f64::from(py) - y) < 12.0;
         image::Rgb([if near { 255 } else { 0 }, 0, 0])
     });
-    frame(Content::Image(image))
+    frame(FrameContent::Image(image))
 }
 
 fn box_at(camera: u16, center_px: [f32; 2], rotation_rad: f32) -> CameraBox {
@@ -118,8 +118,8 @@ fn box_at(camera: u16, center_px: [f32; 2], rotation_rad: f32) -> CameraBox {
     }
 }
 
-/// The boxes of a tick at which the cameras `look` look for people.
-fn boxes(look: &[u16], persons: Vec<Vec<CameraBox>>) -> BoxSet {
+/// The boxes of a tick with a detection pass on the cameras `detection`.
+fn boxes(detection: &[u16], persons: Vec<Vec<CameraBox>>) -> BoxSet {
     let numbered = (1..).zip(persons);
     let persons = numbered
         .map(|(i, cameras)| PersonBoxes {
@@ -133,14 +133,27 @@ fn boxes(look: &[u16], persons: Vec<Vec<CameraBox>>) -> BoxSet {
         viewpoint: ViewpointIndex(0),
         order: Order::Track,
         live: None,
-        look: look.iter().copied().map(CameraIndex).collect(),
+        detection_cameras: detection.iter().copied().map(CameraIndex).collect(),
         persons,
     }
 }
 
-fn pipeline(sources: &[&str]) -> Pipeline {
+fn pipeline(sources: &[&str]) -> EdgePipeline {
     let (network, _) = mirror();
-    Pipeline::new(&venue(sources), ViewpointIndex(0), Some(network), None).unwrap()
+    EdgePipeline::new(&venue(sources), ViewpointIndex(0), Some(network), None).unwrap()
+}
+
+/// All that fusion asks for in `boxes`, at the tick of the frames.
+fn step(
+    edge: &mut EdgePipeline,
+    frames: &[Option<Frame>],
+    boxes: &BoxSet,
+) -> Result<EdgeOutput, PipelineError> {
+    let request = StepRequest {
+        tick: Tick(40),
+        ..StepRequest::of(boxes)
+    };
+    edge.step(frames, &request, &mut |_| {})
 }
 
 fn patches(output: &EdgeOutput) -> Vec<&PersonPatch> {
@@ -178,7 +191,8 @@ fn assert_near(peak: Option<[f64; 2]>, x: f64, y: f64) {
 #[test]
 fn what_the_network_sees_is_where_the_picture_has_it() {
     let mut edge = pipeline(&[PICTURES]);
-    let output = edge.step(
+    let output = step(
+        &mut edge,
         &[Some(disc(330.0, 220.0))],
         &boxes(&[], vec![vec![box_at(0, [320.0, 240.0], 0.0)]]),
     );
@@ -197,9 +211,7 @@ fn a_turned_box_gives_the_legs_an_upright_crop() {
     let mut edge = pipeline(&[PICTURES]);
     for (rotation_rad, crops) in [(0.1, 1), (0.785, 2), (-2.5, 2), (6.2, 1)] {
         let persons = vec![vec![box_at(0, [320.0, 240.0], rotation_rad)]];
-        let output = edge
-            .step(&[Some(disc(330.0, 220.0))], &boxes(&[], persons))
-            .unwrap();
+        let output = step(&mut edge, &[Some(disc(330.0, 220.0))], &boxes(&[], persons)).unwrap();
         let patch = patches(&output)[0];
         assert_eq!(patch.crops.len(), crops);
         let from_second: usize = patch.crop_of_keypoint.iter().map(|&c| usize::from(c)).sum();
@@ -217,18 +229,16 @@ fn a_dead_camera_is_replaced_within_the_tick() {
         box_at(1, [200.0, 240.0], 0.0),
     ]];
     let boxes = boxes(&[], both);
-    let first = edge
-        .step(
-            &[Some(disc(320.0, 240.0)), Some(disc(200.0, 240.0))],
-            &boxes,
-        )
-        .unwrap();
+    let first = step(
+        &mut edge,
+        &[Some(disc(320.0, 240.0)), Some(disc(200.0, 240.0))],
+        &boxes,
+    )
+    .unwrap();
     assert_eq!(patches(&first)[0].camera, CameraIndex(0));
-    let second = edge
-        .step(&[None, Some(disc(200.0, 240.0))], &boxes)
-        .unwrap();
+    let second = step(&mut edge, &[None, Some(disc(200.0, 240.0))], &boxes).unwrap();
     assert_eq!(patches(&second)[0].camera, CameraIndex(1));
-    let dark = edge.step(&[None, None], &boxes).unwrap();
+    let dark = step(&mut edge, &[None, None], &boxes).unwrap();
     assert!(patches(&dark).is_empty());
     assert_eq!(
         (dark.patch_sets.len(), dark.patch_sets[0].tick),
@@ -240,9 +250,7 @@ fn a_dead_camera_is_replaced_within_the_tick() {
 fn nothing_is_sent_for_a_person_that_no_camera_sees() {
     let mut edge = pipeline(&[PICTURES]);
     let persons = vec![vec![box_at(0, [-500.0, 240.0], 0.0)], vec![]];
-    let output = edge
-        .step(&[Some(disc(1.0, 1.0))], &boxes(&[], persons))
-        .unwrap();
+    let output = step(&mut edge, &[Some(disc(1.0, 1.0))], &boxes(&[], persons)).unwrap();
     assert!(patches(&output).is_empty());
     assert_eq!(output.patch_sets[0].parts, 1);
 }
@@ -254,7 +262,7 @@ fn an_old_box_is_moved_on() {
     camera_box.rate.center_px = [20.0, 0.0];
     let mut boxes = boxes(&[], vec![vec![camera_box]]);
     boxes.tick = Tick(34);
-    let output = edge.step(&[Some(disc(320.0, 240.0))], &boxes).unwrap();
+    let output = step(&mut edge, &[Some(disc(320.0, 240.0))], &boxes).unwrap();
     let patch = patches(&output)[0];
     assert_eq!(
         (output.patch_sets[0].tick, patch.box_tick),
@@ -273,7 +281,8 @@ fn all_crops_of_a_tick_are_one_inference() {
     };
     let detector: Box<dyn PersonDetector> = Box::new(Finds(vec![found]));
     let venue = venue(&[PICTURES, PICTURES]);
-    let mut edge = Pipeline::new(&venue, ViewpointIndex(0), Some(network), Some(detector)).unwrap();
+    let mut edge =
+        EdgePipeline::new(&venue, ViewpointIndex(0), Some(network), Some(detector)).unwrap();
     let person = || {
         vec![
             box_at(0, [320.0, 240.0], 0.7),
@@ -281,9 +290,12 @@ fn all_crops_of_a_tick_are_one_inference() {
         ]
     };
     let frames = [Some(disc(320.0, 240.0)), Some(disc(310.0, 230.0))];
-    let output = edge
-        .step(&frames, &boxes(&[0, 1], vec![person(), person(), person()]))
-        .unwrap();
+    let output = step(
+        &mut edge,
+        &frames,
+        &boxes(&[0, 1], vec![person(), person(), person()]),
+    )
+    .unwrap();
     assert_eq!(calls.load(Ordering::Relaxed), 1);
     assert_eq!(patches(&output).len(), 3);
     let sightings: Vec<&Sighting> = output
@@ -313,21 +325,21 @@ fn all_crops_of_a_tick_are_one_inference() {
 }
 
 #[test]
-fn only_the_cameras_that_are_asked_look() {
+fn only_the_cameras_that_are_asked_run_the_detector() {
     let venue = venue(&[KEYPOINTS, KEYPOINTS]);
-    let mut edge = Pipeline::new(&venue, ViewpointIndex(0), None, None).unwrap();
-    let frames = [1.0, 2.0].map(|x| Some(frame(Content::Keypoints(candidates(x, 2.0)))));
+    let mut edge = EdgePipeline::new(&venue, ViewpointIndex(0), None, None).unwrap();
+    let frames = [1.0, 2.0].map(|x| Some(frame(FrameContent::Keypoints(candidates(x, 2.0)))));
     for asked in [&[0][..], &[1], &[0, 1]] {
-        let output = edge.step(&frames, &boxes(asked, Vec::new())).unwrap();
+        let output = step(&mut edge, &frames, &boxes(asked, Vec::new())).unwrap();
         let sightings = output.sighting_sets.iter().flat_map(|s| &s.sightings);
         assert_eq!(sightings.map(|s| s.camera.0).collect::<Vec<_>>(), asked);
     }
-    let output = edge.step(&frames, &boxes(&[], Vec::new())).unwrap();
+    let output = step(&mut edge, &frames, &boxes(&[], Vec::new())).unwrap();
     assert!(output.sighting_sets.is_empty());
 }
 
 fn candidates(x: f64, y: f64) -> KeypointFrame {
-    let candidate = Candidate {
+    let candidate = KeypointCandidate {
         position: Pixel::new(x, y),
         score: 0.9,
     };
@@ -339,10 +351,12 @@ fn candidates(x: f64, y: f64) -> KeypointFrame {
 
 #[test]
 fn keypoint_sources_need_no_network_and_are_sighted_as_grouped() {
-    let mut edge = Pipeline::new(&venue(&[KEYPOINTS]), ViewpointIndex(0), None, None).unwrap();
-    let frames = [Some(frame(Content::Keypoints(candidates(333.0, 222.0))))];
+    let mut edge = EdgePipeline::new(&venue(&[KEYPOINTS]), ViewpointIndex(0), None, None).unwrap();
+    let frames = [Some(frame(FrameContent::Keypoints(candidates(
+        333.0, 222.0,
+    ))))];
     let persons = vec![vec![box_at(0, [320.0, 240.0], 1.2)]];
-    let output = edge.step(&frames, &boxes(&[0, 1], persons)).unwrap();
+    let output = step(&mut edge, &frames, &boxes(&[0, 1], persons)).unwrap();
     let patch = patches(&output)[0];
     assert_eq!(
         (
@@ -365,9 +379,9 @@ fn keypoint_sources_need_no_network_and_are_sighted_as_grouped() {
 
 /// Paints one cell of every map at the middle of the box that it is given.
 #[derive(Debug)]
-struct Painter;
+struct OneCellPainter;
 
-impl MapPainter for Painter {
+impl MapPainter for OneCellPainter {
     fn paint(&self, crop: &MapCrop<'_>, into: &mut Maps) {
         let [x, y] = crop.region.torso_px.map(f64::from);
         let cell = crop.grid.cell(Pixel::new(x, y));
@@ -379,20 +393,20 @@ impl MapPainter for Painter {
         }
     }
 
-    fn persons(&self) -> Vec<Vec<Option<Candidate>>> {
+    fn persons(&self) -> Vec<Vec<Option<KeypointCandidate>>> {
         candidates(333.0, 222.0).persons
     }
 }
 
 #[test]
 fn painted_maps_are_asked_for_the_box_at_the_frames_tick() {
-    let mut edge = Pipeline::new(&venue(&[PAINTED]), ViewpointIndex(0), None, None).unwrap();
+    let mut edge = EdgePipeline::new(&venue(&[PAINTED]), ViewpointIndex(0), None, None).unwrap();
     let mut camera_box = box_at(0, [280.0, 240.0], 1.2);
     camera_box.rate.center_px = [10.0, 0.0];
     let mut boxes = boxes(&[0, 1], vec![vec![camera_box]]);
     boxes.tick = Tick(36);
-    let frames = [Some(frame(Content::Painted(Arc::new(Painter))))];
-    let output = edge.step(&frames, &boxes).unwrap();
+    let frames = [Some(frame(FrameContent::Painted(Arc::new(OneCellPainter))))];
+    let output = step(&mut edge, &frames, &boxes).unwrap();
     let patch = patches(&output)[0];
     assert_eq!(
         (
@@ -409,9 +423,9 @@ fn painted_maps_are_asked_for_the_box_at_the_frames_tick() {
 }
 
 #[test]
-fn a_look_that_finds_nobody_is_said_and_an_edge_that_cannot_look_says_nothing() {
-    let mut edge = Pipeline::new(&venue(&[KEYPOINTS]), ViewpointIndex(0), None, None).unwrap();
-    let output = edge.step(&[None], &boxes(&[0, 1], Vec::new())).unwrap();
+fn a_pass_without_people_is_reported_and_an_edge_without_a_detector_reports_no_pass() {
+    let mut edge = EdgePipeline::new(&venue(&[KEYPOINTS]), ViewpointIndex(0), None, None).unwrap();
+    let output = step(&mut edge, &[None], &boxes(&[0, 1], Vec::new())).unwrap();
     assert_eq!(
         (
             output.sighting_sets.len(),
@@ -420,9 +434,12 @@ fn a_look_that_finds_nobody_is_said_and_an_edge_that_cannot_look_says_nothing() 
         (1, 1)
     );
     let mut blind = pipeline(&[PICTURES]);
-    let output = blind
-        .step(&[Some(disc(5.0, 5.0))], &boxes(&[0, 1], Vec::new()))
-        .unwrap();
+    let output = step(
+        &mut blind,
+        &[Some(disc(5.0, 5.0))],
+        &boxes(&[0, 1], Vec::new()),
+    )
+    .unwrap();
     assert_eq!(
         (
             output.sighting_sets.len(),
@@ -437,13 +454,13 @@ fn pictures_and_keypoints_may_be_mixed_in_one_viewpoint() {
     let mut edge = pipeline(&[PICTURES, KEYPOINTS]);
     let frames = [
         Some(disc(330.0, 220.0)),
-        Some(frame(Content::Keypoints(candidates(333.0, 222.0)))),
+        Some(frame(FrameContent::Keypoints(candidates(333.0, 222.0)))),
     ];
     let persons = vec![
         vec![box_at(0, [320.0, 240.0], 0.0)],
         vec![box_at(1, [320.0, 240.0], 0.0)],
     ];
-    let output = edge.step(&frames, &boxes(&[], persons)).unwrap();
+    let output = step(&mut edge, &frames, &boxes(&[], persons)).unwrap();
     let widths: Vec<u16> = patches(&output).iter().map(|p| p.maps.width).collect();
     assert_eq!(widths, [12, 48]);
 }
@@ -451,31 +468,40 @@ fn pictures_and_keypoints_may_be_mixed_in_one_viewpoint() {
 #[test]
 fn what_does_not_belong_together_is_refused() {
     let refused =
-        |sources: &[&str]| Pipeline::new(&venue(sources), ViewpointIndex(0), None, None).err();
+        |sources: &[&str]| EdgePipeline::new(&venue(sources), ViewpointIndex(0), None, None).err();
     assert!(
         matches!(refused(&[PICTURES]), Some(PipelineError::NoNetwork { camera }) if camera == "c0")
     );
     let mut edge = pipeline(&[PICTURES]);
     let boxes = boxes(&[], Vec::new());
     assert!(matches!(
-        edge.step(&[], &boxes),
+        step(&mut edge, &[], &boxes),
         Err(PipelineError::FrameCount {
             got: 0,
             expected: 1
         })
     ));
-    let small = Some(frame(Content::Image(RgbImage::new(320, 240))));
-    let error = edge.step(&[small], &boxes).unwrap_err().to_string();
+    let small = Some(frame(FrameContent::Image(RgbImage::new(320, 240))));
+    let error = step(&mut edge, &[small], &boxes).unwrap_err().to_string();
     assert!(
         error.contains("320 x 240") && error.contains("640 x 480"),
         "{error}"
     );
+    let mut late = disc(5.0, 5.0);
+    late.tick = Tick(41);
+    assert!(matches!(
+        step(&mut edge, &[Some(late)], &boxes),
+        Err(PipelineError::OtherTick {
+            got: Tick(41),
+            expected: Tick(40)
+        })
+    ));
     let other = BoxSet {
         viewpoint: ViewpointIndex(3),
         ..boxes
     };
     assert!(matches!(
-        edge.step(&[None], &other),
+        step(&mut edge, &[None], &other),
         Err(PipelineError::OtherViewpoint { .. })
     ));
 }

@@ -1,19 +1,19 @@
-//! A person with a box at one tick: which camera looks, and what is cut out of its picture.
+//! A person with a box at one tick: the choice of the camera, and the crops of its picture.
 
 use farfield_proto::id::PersonId;
 use farfield_proto::message::{CameraBox, PersonBoxes};
 
-use super::Pipeline;
+use super::EdgePipeline;
 use super::camera::EdgeCamera;
-use crate::choose::{View, choose};
+use crate::choose::{CameraCandidate, choose};
 use crate::crop::{CropGeometry, enclosing_upright};
-use crate::source::{Content, Frame};
+use crate::source::{Frame, FrameContent};
 
 /// Tilt of a box from which the legs get an upright crop of their own, radians (10 degrees): below,
 /// one crop serves networks that were trained on people turned by up to 40 degrees.
 const TWO_CROPS_FROM_RAD: f32 = 0.175;
 
-/// Most ticks that a box is moved on or back: beyond, its rates say nothing, and it stays where it got to.
+/// Most ticks that a box is moved on or back: its rates are not extrapolated beyond.
 const MOST_TICKS: i64 = 60;
 
 /// One person at this tick: who, in which camera, on which crops.
@@ -29,7 +29,7 @@ pub(super) struct Tracked {
     pub(super) input: usize,
 }
 
-impl Pipeline {
+impl EdgePipeline {
     /// Chooses the camera for a person, and cuts the crops; `None` when no camera sees the person.
     pub(super) fn track(
         &mut self,
@@ -47,7 +47,7 @@ impl Pipeline {
         {
             if let Some(camera_box) = boxes.cameras.iter().find(|b| b.camera == camera.index) {
                 at.push(i);
-                views.push(View {
+                views.push(CameraCandidate {
                     model: &camera.model,
                     camera_box: moved_on(camera_box, age),
                 });
@@ -74,7 +74,7 @@ impl Pipeline {
                 input: 0,
             });
         }
-        let (batch, Content::Image(image)) =
+        let (batch, FrameContent::Image(image)) =
             (self.batch.as_mut()?, &frames[camera].as_ref()?.content)
         else {
             return None;

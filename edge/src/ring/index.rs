@@ -1,25 +1,25 @@
-//! What is stored, and where.
+//! The index of the ring: which sets are stored, and where.
 
 use std::collections::BTreeMap;
 
-use farfield_proto::fill::{FillRequest, MAX_STORED};
 use farfield_proto::id::SessionId;
+use farfield_proto::message::fill::{FillRequest, MAX_STORED};
 use farfield_proto::tick::Tick;
 use farfield_proto::wire::MAX_MESSAGE_BYTES;
 
 use super::record::Label;
 
-/// Room in an answer beside its messages.
+/// Bytes of an answer beside its messages.
 const ANSWER_HEAD_BYTES: usize = 64;
 /// Bytes that a message takes in an answer beside its own.
 const STORED_HEAD_BYTES: usize = 8;
 
 /// Where a record is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Place {
+pub struct RecordLocation {
     /// Position of its segment in the ring.
     pub segment: usize,
-    /// Where it begins there.
+    /// Offset in the segment, bytes.
     pub at: u64,
     /// Length of its message, bytes.
     pub len: usize,
@@ -27,23 +27,23 @@ pub struct Place {
 
 /// All records by session and tick, in the order in which they were stored.
 #[derive(Debug, Default)]
-pub struct Index {
-    places: BTreeMap<(SessionId, Tick, u64), Place>,
+pub struct RingIndex {
+    places: BTreeMap<(SessionId, Tick, u64), RecordLocation>,
     next: u64,
 }
 
-/// What answers a question.
+/// The records that answer a fill request.
 #[derive(Debug, PartialEq, Eq)]
 pub struct Found {
     /// The records.
-    pub places: Vec<Place>,
+    pub places: Vec<RecordLocation>,
     /// The tick after the last that they are about.
     pub to: Tick,
 }
 
-impl Index {
+impl RingIndex {
     /// Notes a record.
-    pub fn add(&mut self, label: Label, place: Place) {
+    pub fn add(&mut self, label: Label, place: RecordLocation) {
         self.places
             .insert((label.session, label.tick, self.next), place);
         self.next += 1;
@@ -64,7 +64,7 @@ impl Index {
         self.places.is_empty()
     }
 
-    /// Whole ticks from the question's first, as many as it wants bytes of; at least one.
+    /// Whole ticks from the request's first, up to its `max_bytes`; at least one tick.
     pub fn find(&self, request: &FillRequest) -> Found {
         let mut found = Found {
             places: Vec::new(),
@@ -104,19 +104,19 @@ impl Index {
 
 #[cfg(test)]
 mod tests {
-    use farfield_proto::fill::SetKind;
+    use farfield_proto::message::fill::SetKind;
 
     use super::*;
 
-    fn index(records: &[(u64, i64, usize)]) -> Index {
-        let mut index = Index::default();
+    fn index(records: &[(u64, i64, usize)]) -> RingIndex {
+        let mut index = RingIndex::default();
         for (i, &(session, tick, len)) in records.iter().enumerate() {
             let label = Label {
                 session: SessionId(session),
                 tick: Tick(tick),
                 kind: SetKind::Patches,
             };
-            let place = Place {
+            let place = RecordLocation {
                 segment: i % 2,
                 at: i as u64,
                 len,
@@ -126,7 +126,7 @@ mod tests {
         index
     }
 
-    fn ask(index: &Index, from: i64, to: i64, max_bytes: u32) -> (Vec<u64>, i64) {
+    fn ask(index: &RingIndex, from: i64, to: i64, max_bytes: u32) -> (Vec<u64>, i64) {
         let found = index.find(&FillRequest {
             session: SessionId(1),
             from: Tick(from),

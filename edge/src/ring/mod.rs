@@ -1,7 +1,7 @@
-//! What an edge keeps of its sets: a ring of segments, each record with its length and checksum, so that
-//! what a killed edge had not finished writing is told from what it had.
+//! The edge's store of its own sets: a ring of segments. Each record has its length and checksum, so that a record that
+//! a killed edge had not finished writing is recognised.
 //!
-//! [`record`] is the bytes, [`index`] what is where. Files are the shell's affair.
+//! [`record`] is the layout of the bytes, [`index`] says what is where. Files are opened in `node::ring`.
 //!
 //! ```text
 //!   segment = magic (8)  number (8)  record*

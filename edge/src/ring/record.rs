@@ -1,7 +1,7 @@
 //! Segments and records as bytes.
 
-use farfield_proto::fill::SetKind;
 use farfield_proto::id::SessionId;
+use farfield_proto::message::fill::SetKind;
 use farfield_proto::tick::Tick;
 use farfield_proto::wire::MAX_MESSAGE_BYTES;
 
@@ -17,7 +17,7 @@ const UNCHECKED_BYTES: usize = 8;
 /// What a record is about.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Label {
-    /// The life of fusion whose persons are meant.
+    /// The session of fusion whose person ids are meant.
     pub session: SessionId,
     /// The tick of the pictures.
     pub tick: Tick,
@@ -27,12 +27,12 @@ pub struct Label {
 
 /// A record in a segment.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Record<'a> {
+pub struct RingRecord<'a> {
     /// What it is about.
     pub label: Label,
     /// The message as it travels.
     pub message: &'a [u8],
-    /// Where the record begins in its segment.
+    /// Offset of the record in its segment, bytes.
     pub at: usize,
 }
 
@@ -68,7 +68,7 @@ pub fn put_record(label: Label, message: &[u8], bytes: &mut Vec<u8>) {
 }
 
 /// The whole records of a segment up to the first that is torn, and where that is.
-pub fn records(segment: &[u8]) -> (Vec<Record<'_>>, usize) {
+pub fn records(segment: &[u8]) -> (Vec<RingRecord<'_>>, usize) {
     let (mut found, mut at) = (Vec::new(), SEGMENT_HEAD_BYTES);
     while let Some(record) = record_at(segment, at) {
         at += RECORD_HEAD_BYTES + record.message.len();
@@ -78,7 +78,7 @@ pub fn records(segment: &[u8]) -> (Vec<Record<'_>>, usize) {
 }
 
 /// The record that begins at `at`; `None` when it is torn, or there is none.
-pub fn record_at(segment: &[u8], at: usize) -> Option<Record<'_>> {
+pub fn record_at(segment: &[u8], at: usize) -> Option<RingRecord<'_>> {
     let rest = segment.get(at..)?;
     let (len, rest) = rest.split_first_chunk()?;
     let (checksum, rest) = rest.split_first_chunk()?;
@@ -103,7 +103,7 @@ pub fn record_at(segment: &[u8], at: usize) -> Option<Record<'_>> {
         tick: Tick(i64::from_le_bytes(*tick)),
         kind,
     };
-    Some(Record { label, message, at })
+    Some(RingRecord { label, message, at })
 }
 
 #[cfg(test)]

@@ -1,5 +1,5 @@
-//! What can be wrong with a source, said so that an operator can act on it: the file, the camera,
-//! the field or line, what was found and what was expected.
+//! What can be wrong with a source, worded for an operator: the file, the camera, the field or line, what was found and
+//! what was expected.
 
 use std::fmt;
 use std::ops::Range;
@@ -9,14 +9,14 @@ use thiserror::Error;
 
 /// The recording or device a message is about, and the camera it belongs to.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Origin {
+pub struct SourceOrigin {
     /// The camera's name in the venue and in the calibration.
     pub camera: String,
     /// File, pattern, device or URL of the camera's `source`.
     pub place: String,
 }
 
-impl fmt::Display for Origin {
+impl fmt::Display for SourceOrigin {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}: camera `{}`", self.place, self.camera)
     }
@@ -29,7 +29,7 @@ pub enum SourceError {
     #[error("{at}: `source`: cannot be opened: {problem}")]
     NotThere {
         /// Which source.
-        at: Origin,
+        at: SourceOrigin,
         /// What the operating system says.
         problem: String,
     },
@@ -37,7 +37,7 @@ pub enum SourceError {
     #[error("{at}: cannot be read: {problem}")]
     Unreadable {
         /// Which source.
-        at: Origin,
+        at: SourceOrigin,
         /// What the decoder says.
         problem: String,
     },
@@ -49,7 +49,7 @@ pub enum SourceError {
     )]
     ToolMissing {
         /// Which source.
-        at: Origin,
+        at: SourceOrigin,
         /// `ffmpeg` or `ffprobe`.
         tool: &'static str,
     },
@@ -59,7 +59,7 @@ pub enum SourceError {
     )]
     NotBuilt {
         /// Which source.
-        at: Origin,
+        at: SourceOrigin,
         /// The kind in the venue file.
         kind: &'static str,
         /// The Cargo feature that brings it.
@@ -72,7 +72,7 @@ pub enum SourceError {
     )]
     NoSimulation {
         /// Which source.
-        at: Origin,
+        at: SourceOrigin,
     },
     /// The scene of a simulated camera cannot be used.
     #[error("camera `{camera}`: {problem}")]
@@ -89,7 +89,7 @@ pub enum SourceError {
     )]
     PixelSize {
         /// Which source.
-        at: Origin,
+        at: SourceOrigin,
         /// Width and height as decoded (rotation metadata applied).
         found_px: [u32; 2],
         /// Width and height in the calibration.
@@ -99,7 +99,7 @@ pub enum SourceError {
     #[error("{at}: has {} frames per second, the venue's `rate_hz` is {expected_hz:?}", rounded(*found_hz, 3))]
     Rate {
         /// Which source.
-        at: Origin,
+        at: SourceOrigin,
         /// Mean rate of the recording.
         found_hz: f64,
         /// `rate_hz` of the venue.
@@ -113,7 +113,7 @@ pub enum SourceError {
     )]
     VariableRate {
         /// Which source.
-        at: Origin,
+        at: SourceOrigin,
         /// The frame before the odd interval, counted from 0.
         before: usize,
         /// The interval found.
@@ -125,7 +125,7 @@ pub enum SourceError {
     #[error("{at}: holds {found} frames, its header announces {announced}: the file was cut{said}")]
     Cut {
         /// Which source.
-        at: Origin,
+        at: SourceOrigin,
         /// Frames in the file.
         found: u64,
         /// Frames that the container announces.
@@ -137,7 +137,7 @@ pub enum SourceError {
     #[error("{at}: ended after {read} frames{}{said}", expected.map(|n| format!(", expected {n}")).unwrap_or_default())]
     Ended {
         /// Which source.
-        at: Origin,
+        at: SourceOrigin,
         /// Frames read.
         read: u64,
         /// Frames that should have come; `None` for live sources.
@@ -149,7 +149,7 @@ pub enum SourceError {
     #[error("{at}: has more frames than the {expected} that its index lists")]
     Surplus {
         /// Which source.
-        at: Origin,
+        at: SourceOrigin,
         /// Frames that should have come.
         expected: u64,
     },
@@ -157,7 +157,7 @@ pub enum SourceError {
     #[error("{at}: `tick_from` is \"timecode\": {problem}")]
     Timecode {
         /// Which source.
-        at: Origin,
+        at: SourceOrigin,
         /// What was found and what was expected.
         problem: String,
     },
@@ -166,7 +166,7 @@ pub enum SourceError {
         field.as_ref().map(|field| format!("`{field}`: ")).unwrap_or_default())]
     Line {
         /// Which source.
-        at: Origin,
+        at: SourceOrigin,
         /// The line, counted from 1.
         line: usize,
         /// Path of the field in the line, such as `persons[0].keypoints[5]`; `None` when the line as
@@ -179,7 +179,7 @@ pub enum SourceError {
     #[error("{at}: `source.path`: {problem}")]
     Pattern {
         /// Which source.
-        at: Origin,
+        at: SourceOrigin,
         /// What was found and what was expected.
         problem: String,
     },
@@ -187,7 +187,7 @@ pub enum SourceError {
     #[error("{at}: holds {frames} frames from tick {first} on, more than ticks can be told apart")]
     TooLong {
         /// Which source.
-        at: Origin,
+        at: SourceOrigin,
         /// The venue's `first_tick`.
         first: Tick,
         /// Frames of the recording.
@@ -197,7 +197,7 @@ pub enum SourceError {
     #[error("{at}: image {before} is followed by image {after}: there must be no gap")]
     Gap {
         /// Which source.
-        at: Origin,
+        at: SourceOrigin,
         /// The last number before the gap.
         before: u64,
         /// The first number after it.
@@ -257,7 +257,7 @@ mod tests {
 
     #[test]
     fn huge_rates_are_named_in_few_digits() {
-        let at = Origin {
+        let at = SourceOrigin {
             camera: "a".to_owned(),
             place: "a.mp4".to_owned(),
         };

@@ -1,4 +1,4 @@
-//! The child process that decodes: how it is started, what it says, how it ends.
+//! The child process that decodes: starting it, its messages, its end.
 //!
 //! It writes each picture as a binary PPM, that is RGB bytes behind their own width and height: the
 //! decoded size decides (a phone's rotation is applied by then), no picture is taken for two halves
@@ -16,7 +16,7 @@ use ffmpeg_sidecar::child::FfmpegChild;
 use ffmpeg_sidecar::command::FfmpegCommand;
 use image::RgbImage;
 
-use super::{Origin, SourceError};
+use super::{SourceError, SourceOrigin};
 
 /// Input devices of ffmpeg that a URL may begin with, as in `avfoundation:0`.
 const DEVICES: [&str; 6] = [
@@ -72,7 +72,7 @@ impl Ffmpeg {
     pub(super) fn spawn(
         input: Vec<OsString>,
         skip: u64,
-        at: &Origin,
+        at: &SourceOrigin,
     ) -> Result<(Self, ChildStdout), SourceError> {
         let mut command = FfmpegCommand::new();
         command
@@ -146,7 +146,11 @@ fn own_process_group(command: &mut FfmpegCommand) {
 }
 
 /// The error for a program that could not be started.
-pub(super) fn start_problem(at: &Origin, tool: &'static str, problem: &io::Error) -> SourceError {
+pub(super) fn start_problem(
+    at: &SourceOrigin,
+    tool: &'static str,
+    problem: &io::Error,
+) -> SourceError {
     match problem.kind() {
         io::ErrorKind::NotFound => SourceError::ToolMissing {
             at: at.clone(),

@@ -1,17 +1,18 @@
-//! What a recording says of itself, and how many packets it really holds.
+//! What the container of a recording announces, and how many packets it holds.
 //!
 //! One `ffprobe` call reads the container's index and lists all packets without decoding them. A file
 //! that was cut decodes without an error, so its packets are counted against what it announces.
 
 use std::collections::BTreeMap;
-use std::io::{BufRead as _, BufReader};
+use std::io::BufReader;
 use std::path::Path;
 use std::process::{Command, Stdio};
 
 use ffmpeg_sidecar::ffprobe::ffprobe_path;
+use serde::Deserialize;
 
 use super::ffmpeg::{collect_messages, file_input, said, start_problem};
-use super::{Origin, SourceError};
+use super::{SourceError, SourceOrigin};
 
 const ENTRIES: &str = "packet=pts,flags:\
     stream=width,height,time_base,r_frame_rate,avg_frame_rate,nb_frames,duration:\
@@ -41,7 +42,7 @@ pub(super) struct VideoStream {
 }
 
 /// Reads the whole container of `path`, without decoding.
-pub(super) fn read_stream(path: &Path, at: &Origin) -> Result<VideoStream, SourceError> {
+pub(super) fn read_stream(path: &Path, at: &SourceOrigin) -> Result<VideoStream, SourceError> {
     let mut child = Command::new(ffprobe_path())
         .args([
             "-hide_banner",
@@ -52,7 +53,7 @@ pub(super) fn read_stream(path: &Path, at: &Origin) -> Result<VideoStream, Sourc
             "-show_entries",
             ENTRIES,
         ])
-        .args(["-of", "compact"])
+        .args(["-of", "json"])
         .args(file_input(path))
         .stdin(Stdio::null())
         .stdout(Stdio::piped())
@@ -60,14 +61,11 @@ pub(super) fn read_stream(path: &Path, at: &Origin) -> Result<VideoStream, Sourc
         .spawn()
         .map_err(|problem| start_problem(at, "ffprobe", &problem))?;
     let messages = child.stderr.take().map(collect_messages);
-    let mut listing = Listing::default();
-    if let Some(stdout) = child.stdout.take() {
-        // What cannot be read is missing from the listing.
-        BufReader::new(stdout)
-            .lines()
-            .map_while(Result::ok)
-            .for_each(|line| listing.add(&line));
-    }
+    // An answer that is cut off belongs to a probe that failed, and that says why.
+    let listing: Result<Listing, _> = match child.stdout.take() {
+        Some(stdout) => serde_json::from_reader(BufReader::new(stdout)),
+        None => Ok(Listing::default()),
+    };
     let success = child.wait().is_ok_and(|status| status.success());
     let messages = messages
         .and_then(|thread| thread.join().ok())
@@ -90,98 +88,120 @@ pub(super) fn read_stream(path: &Path, at: &Origin) -> Result<VideoStream, Sourc
             problem: format!("{problem}{detail}"),
         });
     }
+    let unreadable = |problem: String| SourceError::Unreadable {
+        at: at.clone(),
+        problem,
+    };
     listing
+        .map_err(|problem| {
+            unreadable(format!(
+                "ffprobe's answer is not what it should be: {problem}"
+            ))
+        })?
         .into_stream(said("ffprobe", &messages))
-        .ok_or_else(|| SourceError::Unreadable {
-            at: at.clone(),
-            problem: "it has no video stream".to_owned(),
-        })
+        .ok_or_else(|| unreadable("it has no video stream".to_owned()))
 }
 
-/// `ffprobe`'s compact output: `packet|pts=0|flags=K_` and `stream|width=96|...`.
-#[derive(Debug, Default)]
+/// `ffprobe`'s JSON; what it does not know is absent.
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
 struct Listing {
-    packets: u64,
-    frames: u64,
-    /// In the stream's time base; a frame without a time makes it unusable.
-    pts: Vec<i64>,
-    stream: BTreeMap<String, String>,
-    /// Of the container, where the stream has none.
-    timecode: Option<String>,
+    packets: Vec<Packet>,
+    streams: Vec<Stream>,
+    format: Format,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+struct Packet {
+    /// In the stream's time base; a frame without a time makes all of them unusable.
+    pts: Option<i64>,
+    flags: String,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+struct Stream {
+    width: u32,
+    height: u32,
+    time_base: String,
+    r_frame_rate: String,
+    avg_frame_rate: String,
+    nb_frames: String,
+    duration: String,
+    tags: BTreeMap<String, String>,
+    side_data_list: Vec<SideData>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+struct SideData {
+    /// Of the display matrix, degrees.
+    rotation: Option<f64>,
+}
+
+/// Of the container, where the stream has none.
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+struct Format {
+    tags: BTreeMap<String, String>,
 }
 
 impl Listing {
-    fn add(&mut self, line: &str) {
-        let fields = line.split('|').filter_map(|field| field.split_once('='));
-        if line.starts_with("packet|") {
-            self.packets += 1;
-            let fields: Vec<_> = fields.collect();
-            let value = |name| {
-                fields
-                    .iter()
-                    .find(|(key, _)| *key == name)
-                    .map(|(_, value)| *value)
-            };
-            if value("flags").is_some_and(|flags| flags.contains('D')) {
-                return;
-            }
-            self.frames += 1;
-            self.pts
-                .extend(value("pts").and_then(|pts| pts.parse::<i64>().ok()));
-        } else if line.starts_with("format|") {
-            let mut fields = fields;
-            self.timecode = fields
-                .find(|(key, _)| *key == "tag:timecode")
-                .map(|(_, value)| value.to_owned());
-        } else if line.contains("stream|") && self.stream.is_empty() {
-            self.stream = fields
-                .map(|(key, value)| (key.to_owned(), value.to_owned()))
-                .collect();
+    fn into_stream(self, said: String) -> Option<VideoStream> {
+        let stream = self.streams.into_iter().next()?;
+        let size_px = [stream.width, stream.height];
+        if size_px.contains(&0) {
+            return None;
         }
-    }
-
-    fn into_stream(mut self, said: String) -> Option<VideoStream> {
-        let number = |name: &str| self.stream.get(name).and_then(|v| v.parse::<f64>().ok());
-        let positive = |name: &str| number(name).filter(|&n| n > 0.0);
-        let fraction = |name: &str| self.stream.get(name).and_then(|v| parse_fraction(v));
-        let (width, height) = (positive("width")? as u32, positive("height")? as u32);
-        let rotation_deg = number("rotation").or(number("tag:rotate")).unwrap_or(0.0);
+        let tag = |name: &str| stream.tags.get(name).map(String::as_str);
+        let number = |text: &str| text.parse::<f64>().ok();
+        let count = |text: &str| number(text).filter(|&n| n > 0.0).map(|n| n as u64);
+        let of_display = stream.side_data_list.iter().find_map(|data| data.rotation);
+        let rotation_deg = of_display.or(tag("rotate").and_then(number)).unwrap_or(0.0);
         let sideways = (rotation_deg / 90.0).round() as i64 % 2 != 0;
-        let rate_hz = fraction("avg_frame_rate").or(fraction("r_frame_rate"));
-        let duration_s = number("duration").or_else(|| {
-            self.stream
-                .get("tag:DURATION")
-                .and_then(|v| parse_clock_s(v))
-        });
-        let counted = positive("nb_frames")
-            .or(positive("tag:NUMBER_OF_FRAMES"))
-            .map(|n| n as u64);
+        let rate_hz = parse_fraction(&stream.avg_frame_rate);
+        let rate_hz = rate_hz.or(parse_fraction(&stream.r_frame_rate));
+        let duration_s = number(&stream.duration).or(tag("DURATION").and_then(parse_clock_s));
+        let counted = count(&stream.nb_frames).or(tag("NUMBER_OF_FRAMES").and_then(count));
         let announced = counted.or_else(|| frames_in(duration_s?, rate_hz?));
-        let unit_s = fraction("time_base");
-        let coarse = unit_s
-            .zip(rate_hz)
-            .is_none_or(|(unit_s, hz)| unit_s > 0.25 / hz);
-        if coarse || self.pts.len() as u64 != self.frames {
-            self.pts.clear();
-        }
-        self.pts.sort_unstable();
-        let unit_s = unit_s.unwrap_or(1.0);
-        let timecode = self.stream.remove("tag:timecode").or(self.timecode.take());
+        let timecode = tag("timecode").or(self.format.tags.get("timecode").map(String::as_str));
+        // What an edit list discards is no frame.
+        let frames = self
+            .packets
+            .iter()
+            .filter(|packet| !packet.flags.contains('D'));
+        let unit_s = parse_fraction(&stream.time_base);
         Some(VideoStream {
-            timecode,
-            packets: self.packets,
-            frames: self.frames,
+            timecode: timecode.map(str::to_owned),
+            packets: self.packets.len() as u64,
+            frames: frames.clone().count() as u64,
             announced,
             size_px: if sideways {
-                [height, width]
+                [size_px[1], size_px[0]]
             } else {
-                [width, height]
+                size_px
             },
             rate_hz,
-            times_s: self.pts.iter().map(|&pts| pts as f64 * unit_s).collect(),
+            times_s: times_s(frames, unit_s, rate_hz).unwrap_or_default(),
             said,
         })
     }
+}
+
+/// When the frames are shown, rising; `None` where that of one is not known, or where the time base `unit_s`
+/// is too coarse for the rate.
+fn times_s<'a>(
+    frames: impl Iterator<Item = &'a Packet>,
+    unit_s: Option<f64>,
+    rate_hz: Option<f64>,
+) -> Option<Vec<f64>> {
+    let unit_s = unit_s.filter(|unit_s| rate_hz.is_some_and(|hz| *unit_s <= 0.25 / hz))?;
+    let mut pts = frames
+        .map(|packet| packet.pts)
+        .collect::<Option<Vec<i64>>>()?;
+    pts.sort_unstable();
+    Some(pts.iter().map(|&pts| pts as f64 * unit_s).collect())
 }
 
 /// Frames that a container which states only its duration must hold at least: one less than the
@@ -209,61 +229,91 @@ fn parse_clock_s(text: &str) -> Option<f64> {
 mod tests {
     use super::*;
 
-    fn stream(lines: &[&str]) -> Option<VideoStream> {
-        let mut listing = Listing::default();
-        for line in lines {
-            listing.add(line);
-        }
+    fn read(json: &str) -> Option<VideoStream> {
+        let listing: Listing = serde_json::from_str(json).unwrap();
         listing.into_stream(String::new())
+    }
+
+    /// A stream of 96 x 64 pixels at 30 Hz, with `more` of it.
+    fn stream(more: &str) -> Option<VideoStream> {
+        read(&format!(
+            r#"{{"programs": [], "streams": [{{
+                "width": 96, "height": 64, "avg_frame_rate": "30/1"{more}
+            }}]}}"#
+        ))
     }
 
     #[test]
     fn a_rotated_phone_video_is_as_large_as_it_is_decoded() {
-        let line = "stream|width=96|height=64|avg_frame_rate=30/1|nb_frames=20";
-        assert_eq!(stream(&[line]).unwrap().size_px, [96, 64]);
-        let turned = format!("{line}|side_data|rotation=-90");
-        assert_eq!(stream(&[&turned]).unwrap().size_px, [64, 96]);
-        let turned = format!("{line}|tag:rotate=270");
-        assert_eq!(stream(&[&turned]).unwrap().size_px, [64, 96]);
-        let turned = format!("{line}|tag:rotate=180");
-        assert_eq!(stream(&[&turned]).unwrap().size_px, [96, 64]);
+        let size_px = |more: &str| stream(more).unwrap().size_px;
+        assert_eq!(size_px(""), [96, 64]);
+        let by_matrix = r#", "side_data_list": [{}, {"rotation": -90}]"#;
+        assert_eq!(size_px(by_matrix), [64, 96]);
+        assert_eq!(size_px(r#", "tags": {"rotate": "270"}"#), [64, 96]);
+        assert_eq!(size_px(r#", "tags": {"rotate": "180"}"#), [96, 64]);
     }
 
     #[test]
     fn packets_that_an_edit_list_discards_are_not_frames() {
-        let got = stream(&[
-            "packet|pts=-512|flags=KD",
-            "packet|pts=512|flags=__",
-            "packet|pts=0|flags=__",
-            "stream|width=96|height=64|time_base=1/15360|avg_frame_rate=30/1|nb_frames=3",
-        ])
+        let got = read(
+            r#"{
+                "packets": [
+                    {"pts": -512, "flags": "KD"}, {"pts": 512, "flags": "__"}, {"pts": 0, "flags": "__"}
+                ],
+                "streams": [{
+                    "width": 96, "height": 64, "time_base": "1/15360", "avg_frame_rate": "30/1",
+                    "nb_frames": "3"
+                }]
+            }"#,
+        )
         .unwrap();
         assert_eq!((got.packets, got.frames, got.announced), (3, 2, Some(3)));
         assert_eq!(got.times_s, [0.0, 512.0 / 15360.0]);
     }
 
     #[test]
+    fn a_frame_without_a_time_leaves_no_times() {
+        let got = read(
+            r#"{
+                "packets": [{"pts": 0, "flags": "K_"}, {"flags": "__"}],
+                "streams": [{
+                    "width": 96, "height": 64, "time_base": "1/15360", "avg_frame_rate": "30/1"
+                }]
+            }"#,
+        )
+        .unwrap();
+        assert_eq!((got.frames, got.times_s), (2, Vec::new()));
+    }
+
+    #[test]
     fn a_container_without_a_count_announces_its_duration() {
-        let line = "stream|width=96|height=64|avg_frame_rate=30/1|duration=N/A|nb_frames=N/A|tag:DURATION=00:01:00.000000000";
-        assert_eq!(stream(&[line]).unwrap().announced, Some(1799));
+        let matroska = r#", "tags": {"DURATION": "00:01:00.000000000"}"#;
+        assert_eq!(stream(matroska).unwrap().announced, Some(1799));
     }
 
     #[test]
     fn the_timecode_of_the_stream_counts_before_that_of_the_container() {
-        let line = "stream|width=96|height=64|avg_frame_rate=30/1|nb_frames=20";
-        assert_eq!(stream(&[line]).unwrap().timecode, None);
-        let of_format = "format|tag:timecode=01:00:00:00";
-        let got = stream(&[line, of_format]).unwrap().timecode;
-        assert_eq!(got.as_deref(), Some("01:00:00:00"));
-        let own = format!("{line}|tag:timecode=00:59:58;02");
-        let got = stream(&[&own, of_format]).unwrap().timecode;
-        assert_eq!(got.as_deref(), Some("00:59:58;02"));
+        let timecode = |stream: &str, format: &str| {
+            let json = format!(
+                r#"{{"streams": [{{"width": 96, "height": 64{stream}}}], "format": {{{format}}}}}"#
+            );
+            read(&json).unwrap().timecode
+        };
+        let own = r#", "tags": {"timecode": "00:59:58;02"}"#;
+        let of_format = r#""tags": {"timecode": "01:00:00:00"}"#;
+        assert_eq!(timecode("", ""), None);
+        assert_eq!(timecode("", of_format).as_deref(), Some("01:00:00:00"));
+        assert_eq!(timecode(own, of_format).as_deref(), Some("00:59:58;02"));
     }
 
     #[test]
     fn nonsense_is_not_a_stream() {
-        assert_eq!(stream(&[]), None);
-        assert_eq!(stream(&["stream|width=N/A|height=", "packet|", "x"]), None);
+        assert_eq!(read("{}"), None);
+        assert_eq!(
+            read(r#"{"packets": [{}], "streams": [{"height": 64}]}"#),
+            None
+        );
+        assert!(serde_json::from_str::<Listing>(r#"{"streams": ["#).is_err());
         assert_eq!(parse_fraction("0/0"), None);
         assert_eq!(parse_clock_s("1:x"), None);
     }

@@ -13,12 +13,12 @@ use farfield_proto::tick::Tick;
 use image::{ImageReader, RgbImage};
 
 use super::queue::{Prefetch, Sender, WhenFull};
-use super::{Content, Expected, Frame, FrameSource, SourceError, SourceInfo};
+use super::{ExpectedSource, Frame, FrameContent, FrameSource, SourceError, SourceInfo};
 
 /// Widest zero padding of a number; one with more digits does not fit 64 bits.
 const MAX_DIGITS: usize = 19;
 
-pub(super) fn probe(path: &Path, expected: &Expected) -> Result<SourceInfo, SourceError> {
+pub(super) fn probe(path: &Path, expected: &ExpectedSource) -> Result<SourceInfo, SourceError> {
     let (pattern, numbers) = find(path, expected)?;
     for number in numbers.clone() {
         let path = pattern.file(number);
@@ -35,7 +35,7 @@ pub(super) fn probe(path: &Path, expected: &Expected) -> Result<SourceInfo, Sour
 
 pub(super) fn open(
     path: &Path,
-    expected: Expected,
+    expected: ExpectedSource,
     from: Tick,
 ) -> Result<ImageSource, SourceError> {
     let (pattern, numbers) = find(path, &expected)?;
@@ -63,7 +63,7 @@ pub(super) fn open(
 #[derive(Debug)]
 pub(super) struct ImageSource {
     prefetch: Prefetch,
-    at: super::Origin,
+    at: super::SourceOrigin,
     frames: u64,
     read: u64,
     failed: bool,
@@ -89,17 +89,17 @@ impl FrameSource for ImageSource {
 }
 
 fn decode_all(
-    pattern: &Pattern,
+    pattern: &FilePattern,
     numbers: Range<u64>,
     from: Tick,
-    expected: &Expected,
+    expected: &ExpectedSource,
     sender: &Sender,
 ) {
     for (number, tick) in numbers.zip(from.0..) {
         let frame = decode(&pattern.file(number), expected).map(|image| Frame {
             tick: Tick(tick),
             capture_offset_us: 0,
-            content: Content::Image(image),
+            content: FrameContent::Image(image),
         });
         let failed = frame.is_err();
         if !sender.push(frame) || failed {
@@ -108,7 +108,7 @@ fn decode_all(
     }
 }
 
-fn decode(path: &Path, expected: &Expected) -> Result<RgbImage, SourceError> {
+fn decode(path: &Path, expected: &ExpectedSource) -> Result<RgbImage, SourceError> {
     let image = reader(path)
         .and_then(|found| found.decode().map_err(decode_problem))
         .map_err(|problem| unreadable(expected, path, &problem))?
@@ -125,13 +125,13 @@ fn decode_problem(problem: image::ImageError) -> io::Error {
     io::Error::new(io::ErrorKind::InvalidData, problem)
 }
 
-fn at_file(expected: &Expected, path: &Path) -> Expected {
+fn at_file(expected: &ExpectedSource, path: &Path) -> ExpectedSource {
     let mut expected = expected.clone();
     expected.at.place = path.display().to_string();
     expected
 }
 
-fn unreadable(expected: &Expected, path: &Path, problem: &io::Error) -> SourceError {
+fn unreadable(expected: &ExpectedSource, path: &Path, problem: &io::Error) -> SourceError {
     SourceError::Unreadable {
         at: at_file(expected, path).at,
         problem: problem.to_string(),
@@ -139,12 +139,12 @@ fn unreadable(expected: &Expected, path: &Path, problem: &io::Error) -> SourceEr
 }
 
 /// The pattern and the numbers found for it, from the lowest on.
-fn find(path: &Path, expected: &Expected) -> Result<(Pattern, Range<u64>), SourceError> {
+fn find(path: &Path, expected: &ExpectedSource) -> Result<(FilePattern, Range<u64>), SourceError> {
     let wrong = |problem: String| SourceError::Pattern {
         at: expected.at.clone(),
         problem,
     };
-    let pattern = Pattern::parse(path).map_err(wrong)?;
+    let pattern = FilePattern::parse(path).map_err(wrong)?;
     let mut numbers = pattern.numbers().map_err(|problem| SourceError::NotThere {
         at: expected.at.clone(),
         problem: format!("{}: {problem}", pattern.folder.display()),
@@ -166,14 +166,14 @@ fn find(path: &Path, expected: &Expected) -> Result<(Pattern, Range<u64>), Sourc
 
 /// `folder/prefix%0Ndsuffix`.
 #[derive(Debug, PartialEq)]
-struct Pattern {
+struct FilePattern {
     folder: PathBuf,
     prefix: String,
     digits: usize,
     suffix: String,
 }
 
-impl Pattern {
+impl FilePattern {
     fn parse(path: &Path) -> Result<Self, String> {
         let name = path
             .file_name()
@@ -243,12 +243,12 @@ impl Pattern {
 mod tests {
     use farfield_proto::venue::TickFrom;
 
-    use super::super::Origin;
+    use super::super::SourceOrigin;
     use super::*;
 
-    fn expected(size_px: [u32; 2]) -> Expected {
-        Expected {
-            at: Origin {
+    fn expected(size_px: [u32; 2]) -> ExpectedSource {
+        ExpectedSource {
+            at: SourceOrigin {
                 camera: "left".to_owned(),
                 place: "seq/%04d.png".to_owned(),
             },
@@ -272,8 +272,10 @@ mod tests {
     fn shades(source: &mut impl FrameSource) -> Vec<(i64, u8)> {
         std::iter::from_fn(|| source.next_frame().unwrap())
             .map(|frame| match frame.content {
-                Content::Image(image) => (frame.tick.0, image.get_pixel(0, 0)[0]),
-                Content::Keypoints(_) | Content::Painted(_) => panic!("an image was asked for"),
+                FrameContent::Image(image) => (frame.tick.0, image.get_pixel(0, 0)[0]),
+                FrameContent::Keypoints(_) | FrameContent::Painted(_) => {
+                    panic!("an image was asked for")
+                }
             })
             .collect()
     }
@@ -355,9 +357,9 @@ mod tests {
             "%06",
             "",
         ] {
-            assert!(Pattern::parse(Path::new(wrong)).is_err(), "{wrong}");
+            assert!(FilePattern::parse(Path::new(wrong)).is_err(), "{wrong}");
         }
-        let pattern = Pattern::parse(Path::new("dir/f_%03d_x.png")).unwrap();
+        let pattern = FilePattern::parse(Path::new("dir/f_%03d_x.png")).unwrap();
         assert_eq!(pattern.file(7), Path::new("dir/f_007_x.png"));
         assert_eq!(pattern.file(1234), Path::new("dir/f_1234_x.png"));
     }

@@ -15,8 +15,8 @@ use farfield_proto::tick::Tick;
 use serde_json::Value;
 
 use super::{
-    Candidate, Content, Expected, Frame, FrameSource, KeypointFrame, MAX_TICK, SourceError,
-    SourceInfo,
+    ExpectedSource, Frame, FrameContent, FrameSource, KeypointCandidate, KeypointFrame, MAX_TICK,
+    SourceError, SourceInfo,
 };
 
 /// Longest line that is read, bytes: 100 people with 17 candidates each take 60 kB.
@@ -29,7 +29,7 @@ const MAX_SCORE: f64 = 1.25;
 /// No pixel is farther from zero; keeps sums of them exact.
 const MAX_PX: f64 = 1e12;
 
-pub(super) fn probe(path: &Path, expected: &Expected) -> Result<SourceInfo, SourceError> {
+pub(super) fn probe(path: &Path, expected: &ExpectedSource) -> Result<SourceInfo, SourceError> {
     let mut lines = Lines::open(path, expected)?;
     let Some((first, _)) = lines.next()? else {
         return Err(SourceError::Unreadable {
@@ -49,7 +49,7 @@ pub(super) fn probe(path: &Path, expected: &Expected) -> Result<SourceInfo, Sour
 
 pub(super) fn open(
     path: &Path,
-    expected: &Expected,
+    expected: &ExpectedSource,
     from: Tick,
 ) -> Result<KeypointSource, SourceError> {
     let ticks = probe(path, expected)?.ticks.unwrap_or(from..from);
@@ -80,7 +80,7 @@ impl FrameSource for KeypointSource {
                 Ok(Some(Frame {
                     tick,
                     capture_offset_us: 0,
-                    content: Content::Keypoints(keypoints),
+                    content: FrameContent::Keypoints(keypoints),
                 }))
             }
             None if self
@@ -104,14 +104,14 @@ impl FrameSource for KeypointSource {
 #[derive(Debug)]
 struct Lines {
     reader: BufReader<File>,
-    expected: Expected,
+    expected: ExpectedSource,
     line: usize,
     last: Option<Tick>,
     text: Vec<u8>,
 }
 
 impl Lines {
-    fn open(path: &Path, expected: &Expected) -> Result<Self, SourceError> {
+    fn open(path: &Path, expected: &ExpectedSource) -> Result<Self, SourceError> {
         let not_there = |problem: std::io::Error| SourceError::NotThere {
             at: expected.at.clone(),
             problem: problem.to_string(),
@@ -248,7 +248,7 @@ fn json_problem(problem: &serde_json::Error) -> String {
     }
 }
 
-fn parse_persons(value: &Value) -> Result<Vec<Vec<Option<Candidate>>>, FieldError> {
+fn parse_persons(value: &Value) -> Result<Vec<Vec<Option<KeypointCandidate>>>, FieldError> {
     let persons = array("persons", value)?;
     let mut parsed = Vec::with_capacity(persons.len());
     for (i, person) in persons.iter().enumerate() {
@@ -270,7 +270,7 @@ fn parse_persons(value: &Value) -> Result<Vec<Vec<Option<Candidate>>>, FieldErro
     Ok(parsed)
 }
 
-fn parse_peaks(value: &Value) -> Result<Vec<Vec<Candidate>>, FieldError> {
+fn parse_peaks(value: &Value) -> Result<Vec<Vec<KeypointCandidate>>, FieldError> {
     let keypoints = array("peaks", value)?;
     check_count("peaks", keypoints)?;
     let mut parsed = Vec::with_capacity(keypoints.len());
@@ -285,13 +285,16 @@ fn parse_peaks(value: &Value) -> Result<Vec<Vec<Candidate>>, FieldError> {
 }
 
 /// The candidates of each keypoint that the grouped persons hold.
-fn peaks_of(persons: &[Vec<Option<Candidate>>]) -> Vec<Vec<Candidate>> {
+fn peaks_of(persons: &[Vec<Option<KeypointCandidate>>]) -> Vec<Vec<KeypointCandidate>> {
     (0..COCO17.len())
         .map(|k| persons.iter().filter_map(|person| person[k]).collect())
         .collect()
 }
 
-fn parse_candidate(field: impl Fn() -> String, value: &Value) -> Result<Candidate, FieldError> {
+fn parse_candidate(
+    field: impl Fn() -> String,
+    value: &Value,
+) -> Result<KeypointCandidate, FieldError> {
     let numbers: Option<Vec<f64>> = value
         .as_array()
         .and_then(|v| v.iter().map(Value::as_f64).collect());
@@ -309,7 +312,7 @@ fn parse_candidate(field: impl Fn() -> String, value: &Value) -> Result<Candidat
         let problem = format!("found a score of {score:?}, expected 0 to 1");
         return Err(FieldError::new(field(), problem));
     }
-    Ok(Candidate {
+    Ok(KeypointCandidate {
         position: Pixel::new(x, y),
         score: score.min(1.0) as f32,
     })

@@ -5,12 +5,12 @@ use std::io::Write as _;
 use farfield_proto::venue::TickFrom;
 use proptest::prelude::*;
 
-use super::super::Origin;
+use super::super::SourceOrigin;
 use super::*;
 
-fn expected() -> Expected {
-    Expected {
-        at: Origin {
+fn expected() -> ExpectedSource {
+    ExpectedSource {
+        at: SourceOrigin {
             camera: "cam0".to_owned(),
             place: "cam0.jsonl".to_owned(),
         },
@@ -57,7 +57,7 @@ fn ticks_are_those_that_the_lines_name() {
 #[test]
 fn absent_peaks_are_those_of_the_persons() {
     let (_, frame) = parse_line(&line(0)).unwrap();
-    let nose = Candidate {
+    let nose = KeypointCandidate {
         position: Pixel::new(1.5, 2.0),
         score: 0.9,
     };
@@ -75,7 +75,7 @@ fn peaks_hold_every_candidate() {
     assert!(frame.persons.is_empty());
     assert_eq!(
         frame.peaks[0][1],
-        Candidate {
+        KeypointCandidate {
             position: Pixel::new(3.0, 4.0),
             score: 1.0
         }

@@ -30,24 +30,24 @@ use farfield_proto::tick::Tick;
 use farfield_proto::venue::{Source, TickFrom, Venue, VenueCamera};
 use image::RgbImage;
 
-pub use error::{Origin, SourceError};
+pub use error::{SourceError, SourceOrigin};
 pub use painted::{MapCrop, MapPainter};
 pub use sources::{RecordedSources, Sources};
 pub use ticks::common_ticks;
 
 /// What one camera saw at one tick.
 #[derive(Debug, Clone)]
-pub enum Content {
+pub enum FrameContent {
     /// The raw picture, with the lens's distortion, of the calibration's size.
     Image(RgbImage),
-    /// 2D keypoints that somebody else found in it.
+    /// 2D keypoints that another program found in it.
     Keypoints(KeypointFrame),
-    /// What somebody else paints the maps from, crop by crop.
+    /// A simulator's view, from which the maps of a crop are painted.
     Painted(Arc<dyn MapPainter>),
 }
 
-/// Two paintings are equal only when they are the same one.
-impl PartialEq for Content {
+/// Painted content is equal only to itself.
+impl PartialEq for FrameContent {
     fn eq(&self, other: &Self) -> bool {
         match (self, other) {
             (Self::Image(a), Self::Image(b)) => a == b,
@@ -62,17 +62,17 @@ impl PartialEq for Content {
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct KeypointFrame {
     /// Candidates grouped into persons: `[person][keypoint]`, `None` where one was not seen.
-    pub persons: Vec<Vec<Option<Candidate>>>,
-    /// All candidates of each keypoint, whosever they are: `[keypoint][candidate]`.
-    pub peaks: Vec<Vec<Candidate>>,
+    pub persons: Vec<Vec<Option<KeypointCandidate>>>,
+    /// All candidates of each keypoint, of any person: `[keypoint][candidate]`.
+    pub peaks: Vec<Vec<KeypointCandidate>>,
 }
 
 /// One place where a keypoint may be.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Candidate {
+pub struct KeypointCandidate {
     /// Where, in pixels of the raw picture.
     pub position: Pixel<Distorted>,
-    /// How sure the detector was, 0 to 1.
+    /// Confidence of the detector, 0 to 1.
     pub score: f32,
 }
 
@@ -85,14 +85,14 @@ pub struct Frame {
     /// [`farfield_proto::message::MAX_CAPTURE_OFFSET_US`] either way, or fusion refuses it.
     pub capture_offset_us: i32,
     /// What was seen.
-    pub content: Content,
+    pub content: FrameContent,
 }
 
 /// Frames of one camera, one after the other.
 pub trait FrameSource: Send {
     /// The next frame, waiting for it if need be; in tick order. `None` at the end of a recording.
-    /// Live sources leave out frames that nobody took in time: the newest counts, and the ticks of
-    /// the lost ones are skipped.
+    /// Live sources drop frames that were not taken in time: the newest counts, and the ticks of the dropped ones are
+    /// skipped.
     ///
     /// # Errors
     /// The frame cannot be decoded, has another size than the calibration says, or the recording
@@ -122,8 +122,8 @@ const MAX_TICK: i64 = 1 << 53;
 
 /// What the venue expects of one camera's source.
 #[derive(Debug, Clone)]
-struct Expected {
-    at: Origin,
+struct ExpectedSource {
+    at: SourceOrigin,
     size_px: [u32; 2],
     #[cfg_attr(
         not(feature = "node"),
@@ -138,7 +138,7 @@ struct Expected {
     tick_from: TickFrom,
 }
 
-impl Expected {
+impl ExpectedSource {
     fn new(camera: &VenueCamera, venue: &Venue) -> Self {
         let place = match &camera.source {
             Source::Video { path }
@@ -150,7 +150,7 @@ impl Expected {
             Source::Ffmpeg { url } => without_password(url),
         };
         Self {
-            at: Origin {
+            at: SourceOrigin {
                 camera: camera.model.name().to_owned(),
                 place,
             },
@@ -231,7 +231,7 @@ fn without_password(url: &str) -> String {
 /// # Errors
 /// [`SourceError`], naming the file and what is wrong with it.
 pub fn probe(camera: &VenueCamera, venue: &Venue) -> Result<SourceInfo, SourceError> {
-    let expected = Expected::new(camera, venue);
+    let expected = ExpectedSource::new(camera, venue);
     match &camera.source {
         Source::Keypoints { path, .. } => keypoints::probe(path, &expected),
         Source::Images { path } => images::probe(path, &expected),
@@ -264,7 +264,7 @@ pub fn open(
     venue: &Venue,
     from: Tick,
 ) -> Result<Box<dyn FrameSource>, SourceError> {
-    let expected = Expected::new(camera, venue);
+    let expected = ExpectedSource::new(camera, venue);
     match &camera.source {
         Source::Keypoints { path, .. } => Ok(Box::new(keypoints::open(path, &expected, from)?)),
         Source::Images { path } => Ok(Box::new(images::open(path, expected, from)?)),
@@ -287,7 +287,7 @@ pub fn open(
 }
 
 #[cfg(not(all(feature = "node", feature = "v4l")))]
-fn not_built(expected: Expected, kind: &'static str, feature: &'static str) -> SourceError {
+fn not_built(expected: ExpectedSource, kind: &'static str, feature: &'static str) -> SourceError {
     SourceError::NotBuilt {
         at: expected.at,
         kind,
@@ -301,8 +301,8 @@ mod tests {
 
     #[test]
     fn a_recording_beyond_the_last_tick_is_refused() {
-        let expected = Expected {
-            at: Origin {
+        let expected = ExpectedSource {
+            at: SourceOrigin {
                 camera: "a".to_owned(),
                 place: "a.mp4".to_owned(),
             },

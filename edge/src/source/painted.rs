@@ -1,4 +1,4 @@
-//! Maps that somebody else makes for each crop: cameras of a simulated venue without pixels.
+//! Maps painted by a simulator for each crop: cameras of a simulated venue without pixels.
 
 use std::fmt::Debug;
 
@@ -7,12 +7,12 @@ use farfield_proto::grid::CellGrid;
 use farfield_proto::message::CameraBox;
 use farfield_proto::patch::Maps;
 
-use super::Candidate;
+use super::KeypointCandidate;
 
 /// A crop whose maps are asked for.
 #[derive(Debug, Clone, Copy)]
 pub struct MapCrop<'a> {
-    /// Whose crop it is, as fusion expects the person at the frame's tick.
+    /// The box of the person whose crop it is, at the frame's tick.
     pub region: &'a CameraBox,
     /// Where the cells lie, in undistorted pixels of `camera`.
     pub grid: &'a CellGrid,
@@ -20,8 +20,7 @@ pub struct MapCrop<'a> {
     pub sigma_cells: f64,
     /// The camera.
     pub camera: &'a CameraModel,
-    /// Cells below this value (0 to 255) are dropped after painting, so whoever paints may leave
-    /// them out.
+    /// Cells below this value (0 to 255) are dropped after painting, so the painter may leave them out.
     pub floor: u8,
 }
 
@@ -33,13 +32,13 @@ pub trait MapPainter: Debug + Send + Sync {
     /// Paints the 17 maps of `crop` into `into`, which has the grid's size and is 0 everywhere.
     fn paint(&self, crop: &MapCrop<'_>, into: &mut Maps);
 
-    /// A number that repeats only when the picture does, and the picture's mean brightness, 0 to 255, for
-    /// whoever watches the camera's health; `None` where nothing can be said.
-    fn glance(&self) -> Option<(u64, f64)> {
+    /// For the camera's health: a hash that repeats only when the picture does, and the picture's mean brightness, 0 to
+    /// 255; `None` where there is none.
+    fn picture_sample(&self) -> Option<(u64, f64)> {
         None
     }
 
     /// The people that a detector finds in the whole picture: `[person][keypoint]`, 17 each, `None`
     /// where one was not found.
-    fn persons(&self) -> Vec<Vec<Option<Candidate>>>;
+    fn persons(&self) -> Vec<Vec<Option<KeypointCandidate>>>;
 }

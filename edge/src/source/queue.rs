@@ -1,8 +1,8 @@
 //! The short queue between the thread that decodes and the one that takes frames, so that decoding
 //! the next frames overlaps with inference on this one.
 //!
-//! It holds [`CAPACITY`] frames. When it is full, a recording waits and a live source loses its
-//! oldest frame.
+//! It holds [`CAPACITY`] frames. When it is full, decoding of a recording waits, and a live source loses its oldest
+//! frame.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -27,26 +27,29 @@ pub(super) enum WhenFull {
 }
 
 #[derive(Debug)]
-struct State<T> {
+struct PrefetchState<T> {
     frames: VecDeque<Result<T, SourceError>>,
     ended: bool,
     abandoned: bool,
 }
 
 #[derive(Debug)]
-struct Shared<T> {
-    state: Mutex<State<T>>,
+struct PrefetchShared<T> {
+    state: Mutex<PrefetchState<T>>,
     changed: Condvar,
     when_full: WhenFull,
 }
 
-impl<T> Shared<T> {
-    fn lock(&self) -> MutexGuard<'_, State<T>> {
+impl<T> PrefetchShared<T> {
+    fn lock(&self) -> MutexGuard<'_, PrefetchState<T>> {
         // A poisoned queue is as good as any: each of its fields is valid on its own.
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn wait<'a>(&self, state: MutexGuard<'a, State<T>>) -> MutexGuard<'a, State<T>> {
+    fn wait<'a>(
+        &self,
+        state: MutexGuard<'a, PrefetchState<T>>,
+    ) -> MutexGuard<'a, PrefetchState<T>> {
         self.changed
             .wait(state)
             .unwrap_or_else(PoisonError::into_inner)
@@ -55,10 +58,10 @@ impl<T> Shared<T> {
 
 /// The decoding thread's end. Dropping it, also by a panic of that thread, ends the queue.
 #[derive(Debug)]
-pub(super) struct Sender<T = Frame>(Arc<Shared<T>>);
+pub(super) struct Sender<T = Frame>(Arc<PrefetchShared<T>>);
 
 impl<T> Sender<T> {
-    /// Hands over a frame or the reason why there is none. `false` when nobody takes frames any more.
+    /// Hands over a frame or the reason why there is none. `false` when the taker is gone.
     pub(super) fn push(&self, frame: Result<T, SourceError>) -> bool {
         let mut state = self.0.lock();
         while state.frames.len() >= CAPACITY && !state.abandoned {
@@ -86,7 +89,7 @@ impl<T> Drop for Sender<T> {
 /// Frames decoded ahead by a thread of their own.
 #[derive(Debug)]
 pub(super) struct Prefetch<T = Frame> {
-    shared: Arc<Shared<T>>,
+    shared: Arc<PrefetchShared<T>>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -99,8 +102,8 @@ impl<T> Prefetch<T> {
     where
         T: Send + 'static,
     {
-        let shared = Arc::new(Shared {
-            state: Mutex::new(State {
+        let shared = Arc::new(PrefetchShared {
+            state: Mutex::new(PrefetchState {
                 frames: VecDeque::new(),
                 ended: false,
                 abandoned: false,
@@ -155,14 +158,14 @@ impl<T> Drop for Prefetch<T> {
 mod tests {
     use farfield_proto::tick::Tick;
 
-    use super::super::{Content, KeypointFrame};
+    use super::super::{FrameContent, KeypointFrame};
     use super::*;
 
     fn frame(tick: i64) -> Frame {
         Frame {
             tick: Tick(tick),
             capture_offset_us: 0,
-            content: Content::Keypoints(KeypointFrame::default()),
+            content: FrameContent::Keypoints(KeypointFrame::default()),
         }
     }
 

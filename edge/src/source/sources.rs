@@ -1,5 +1,5 @@
-//! How a program opens the sources of a venue: an edge does not know of simulated people, the command
-//! around it may.
+//! How a program opens the sources of a venue. The edge knows nothing of simulated people; the command that contains it
+//! may hand in an opener that does.
 
 use std::fmt::Debug;
 

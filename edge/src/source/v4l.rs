@@ -17,7 +17,7 @@ use v4l::video::capture::Parameters;
 use v4l::{Device, Format, FourCC, Fraction};
 
 use super::queue::{Prefetch, Sender, WhenFull};
-use super::{Content, Expected, Frame, FrameSource, SourceError, SourceInfo};
+use super::{ExpectedSource, Frame, FrameContent, FrameSource, SourceError, SourceInfo};
 
 /// Pixel formats in order of preference: uncompressed first, where the bus carries it at the rate.
 const FORMATS: [&[u8; 4]; 3] = [b"RGB3", b"YUYV", b"MJPG"];
@@ -31,7 +31,7 @@ const SILENCE: Duration = Duration::from_secs(2);
 /// Largest relative difference between the camera's rate and the venue's.
 const RATE_TOLERANCE: f64 = 0.005;
 
-pub(super) fn probe(device: &Path, expected: &Expected) -> Result<SourceInfo, SourceError> {
+pub(super) fn probe(device: &Path, expected: &ExpectedSource) -> Result<SourceInfo, SourceError> {
     let (_, _, rate_hz) = configure(device, expected)?;
     Ok(SourceInfo {
         ticks: None,
@@ -42,7 +42,7 @@ pub(super) fn probe(device: &Path, expected: &Expected) -> Result<SourceInfo, So
 
 pub(super) fn open(
     device: &Path,
-    expected: Expected,
+    expected: ExpectedSource,
     from: Tick,
 ) -> Result<V4lSource, SourceError> {
     let (device, format, _) = configure(device, &expected)?;
@@ -61,10 +61,10 @@ pub(super) fn open(
     })
 }
 
-/// Frames of a kernel device, the newest first when nobody takes them in time.
+/// Frames of a kernel device; those not taken in time are dropped, the newest counts.
 pub(super) struct V4lSource {
     prefetch: Prefetch<Stamped>,
-    expected: Expected,
+    expected: ExpectedSource,
     read: u64,
     stamp_us: Option<i64>,
 }
@@ -91,7 +91,7 @@ impl FrameSource for V4lSource {
     }
 }
 
-fn unreadable(expected: &Expected, problem: &io::Error) -> SourceError {
+fn unreadable(expected: &ExpectedSource, problem: &io::Error) -> SourceError {
     SourceError::Unreadable {
         at: expected.at.clone(),
         problem: problem.to_string(),
@@ -102,7 +102,7 @@ fn unreadable(expected: &Expected, problem: &io::Error) -> SourceError {
 /// driver knows one.
 fn configure(
     path: &Path,
-    expected: &Expected,
+    expected: &ExpectedSource,
 ) -> Result<(Device, Format, Option<f64>), SourceError> {
     let device = Device::with_path(path).map_err(|problem| SourceError::NotThere {
         at: expected.at.clone(),
@@ -132,7 +132,7 @@ fn configure(
 }
 
 /// Asks for the venue's rate; `None` from a driver that has no rate to set.
-fn set_rate(device: &Device, expected: &Expected) -> Result<Option<f64>, SourceError> {
+fn set_rate(device: &Device, expected: &ExpectedSource) -> Result<Option<f64>, SourceError> {
     /// Rates are fractions of whole numbers; this keeps 59.94 apart from 60.
     const PARTS: f64 = 1000.0;
     let interval = Fraction::new(PARTS as u32, (expected.rate_hz * PARTS).round() as u32);
@@ -158,7 +158,7 @@ fn capture(
     stream: &mut Stream<'_>,
     format: &Format,
     from: Tick,
-    expected: &Expected,
+    expected: &ExpectedSource,
     sender: &Sender<Stamped>,
 ) {
     let mut tick = from;
@@ -179,7 +179,7 @@ fn capture(
                         let frame = Frame {
                             tick,
                             capture_offset_us: 0,
-                            content: Content::Image(image),
+                            content: FrameContent::Image(image),
                         };
                         let stamp = about.timestamp;
                         Ok((frame, stamp.sec * 1_000_000 + stamp.usec))
@@ -252,7 +252,7 @@ fn yuyv_row(row: &[u8]) -> impl Iterator<Item = u8> {
 mod tests {
     use farfield_proto::venue::TickFrom;
 
-    use super::super::Origin;
+    use super::super::SourceOrigin;
     use super::*;
 
     #[test]
@@ -270,11 +270,11 @@ mod tests {
 
     #[test]
     fn a_device_that_is_absent_is_refused_by_name() {
-        let at = Origin {
+        let at = SourceOrigin {
             camera: "left".to_owned(),
             place: "/dev/video-none".to_owned(),
         };
-        let expected = Expected {
+        let expected = ExpectedSource {
             at,
             size_px: [8, 8],
             rate_hz: 60.0,

@@ -15,7 +15,9 @@ use farfield_proto::venue::TickFrom;
 use super::ffmpeg::{self, Ffmpeg, PictureError, read_picture};
 use super::ffprobe::{self, VideoStream};
 use super::queue::{Prefetch, Sender, WhenFull};
-use super::{Content, Expected, Frame, FrameSource, Origin, SourceError, SourceInfo};
+use super::{
+    ExpectedSource, Frame, FrameContent, FrameSource, SourceError, SourceInfo, SourceOrigin,
+};
 use crate::live::timecode::Timecode;
 
 /// Largest relative difference between a recording's rate and the venue's: 59.94 is as good as 60.
@@ -24,7 +26,7 @@ const RATE_TOLERANCE: f64 = 0.005;
 /// Time between two frames, in periods, outside which one was lost or doubled.
 const GAP_PERIODS: std::ops::Range<f64> = 0.5..1.5;
 
-pub(super) fn probe(path: &Path, expected: &Expected) -> Result<SourceInfo, SourceError> {
+pub(super) fn probe(path: &Path, expected: &ExpectedSource) -> Result<SourceInfo, SourceError> {
     if let Err(problem) = std::fs::File::open(path) {
         return Err(SourceError::NotThere {
             at: expected.at.clone(),
@@ -44,8 +46,8 @@ pub(super) fn probe(path: &Path, expected: &Expected) -> Result<SourceInfo, Sour
 /// With the first tick that the recording's timecode says, where the venue goes by it.
 fn by_timecode<'a>(
     stream: &VideoStream,
-    expected: &'a Expected,
-) -> Result<Cow<'a, Expected>, SourceError> {
+    expected: &'a ExpectedSource,
+) -> Result<Cow<'a, ExpectedSource>, SourceError> {
     if expected.tick_from != TickFrom::Timecode {
         return Ok(Cow::Borrowed(expected));
     }
@@ -63,7 +65,7 @@ fn by_timecode<'a>(
 }
 
 /// Whether the recording is whole and fits the calibration and the venue.
-fn check(stream: &VideoStream, expected: &Expected) -> Result<(), SourceError> {
+fn check(stream: &VideoStream, expected: &ExpectedSource) -> Result<(), SourceError> {
     let at = || expected.at.clone();
     if let Some(announced) = stream
         .announced
@@ -108,7 +110,7 @@ fn check(stream: &VideoStream, expected: &Expected) -> Result<(), SourceError> {
 }
 
 /// A live source has nothing to probe but the device that its name may point to.
-pub(super) fn probe_live(url: &str, expected: &Expected) -> Result<SourceInfo, SourceError> {
+pub(super) fn probe_live(url: &str, expected: &ExpectedSource) -> Result<SourceInfo, SourceError> {
     if url.starts_with("/dev/")
         && let Err(problem) = std::fs::metadata(url)
     {
@@ -122,7 +124,7 @@ pub(super) fn probe_live(url: &str, expected: &Expected) -> Result<SourceInfo, S
 
 pub(super) fn open(
     path: &Path,
-    expected: Expected,
+    expected: ExpectedSource,
     from: Tick,
 ) -> Result<VideoSource, SourceError> {
     let ticks = probe(path, &expected)?.ticks.unwrap_or(from..from);
@@ -136,7 +138,7 @@ pub(super) fn open(
 
 pub(super) fn open_live(
     url: &str,
-    expected: Expected,
+    expected: ExpectedSource,
     from: Tick,
 ) -> Result<VideoSource, SourceError> {
     probe_live(url, &expected)?;
@@ -148,7 +150,7 @@ pub(super) fn open_live(
 pub(super) struct VideoSource {
     prefetch: Prefetch,
     ffmpeg: Ffmpeg,
-    at: Origin,
+    at: SourceOrigin,
     /// Frames taken, and those skipped before them.
     read: u64,
     /// Frames of a recording; `None` for live sources.
@@ -160,7 +162,7 @@ impl VideoSource {
     fn new(
         ffmpeg: Ffmpeg,
         stdout: ChildStdout,
-        expected: Expected,
+        expected: ExpectedSource,
         from: Tick,
         when_full: WhenFull,
     ) -> Result<Self, SourceError> {
@@ -237,7 +239,7 @@ impl Drop for VideoSource {
     }
 }
 
-fn read_frames(stdout: ChildStdout, expected: &Expected, from: Tick, sender: &Sender) {
+fn read_frames(stdout: ChildStdout, expected: &ExpectedSource, from: Tick, sender: &Sender) {
     let mut reader = BufReader::new(stdout);
     for tick in from.0.. {
         let frame = match read_picture(&mut reader, expected.size_px) {
@@ -245,7 +247,7 @@ fn read_frames(stdout: ChildStdout, expected: &Expected, from: Tick, sender: &Se
             Ok(Some(image)) => Ok(Frame {
                 tick: Tick(tick),
                 capture_offset_us: 0,
-                content: Content::Image(image),
+                content: FrameContent::Image(image),
             }),
             Err(PictureError::Size(found_px)) => Err(SourceError::PixelSize {
                 at: expected.at.clone(),

@@ -10,9 +10,9 @@ use super::*;
 const SIZE_PX: [u32; 2] = [96, 64];
 const FRAMES: usize = 24;
 
-fn expected() -> Expected {
-    Expected {
-        at: Origin {
+fn expected() -> ExpectedSource {
+    ExpectedSource {
+        at: SourceOrigin {
             camera: "left".to_owned(),
             place: "videos/left.mp4".to_owned(),
         },
@@ -87,8 +87,10 @@ impl Studio {
 fn images(mut source: impl FrameSource) -> Vec<(i64, RgbImage)> {
     std::iter::from_fn(|| source.next_frame().unwrap())
         .map(|frame| match frame.content {
-            Content::Image(image) => (frame.tick.0, image),
-            Content::Keypoints(_) | Content::Painted(_) => panic!("an image was asked for"),
+            FrameContent::Image(image) => (frame.tick.0, image),
+            FrameContent::Keypoints(_) | FrameContent::Painted(_) => {
+                panic!("an image was asked for")
+            }
         })
         .collect()
 }
@@ -105,7 +107,7 @@ fn refusal(path: &Path) -> String {
 #[test]
 fn the_timecode_of_a_recording_is_its_first_tick_where_the_venue_says_so() {
     let Some(studio) = studio() else { return };
-    let by_timecode = Expected {
+    let by_timecode = ExpectedSource {
         tick_from: TickFrom::Timecode,
         ..expected()
     };

@@ -1,4 +1,4 @@
-//! The field, cut into cells that are looked at in turn.
+//! The field, cut into cells, of which each detection pass covers one.
 
 use farfield_proto::venue::Field;
 

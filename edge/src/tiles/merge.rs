@@ -1,7 +1,6 @@
-//! One list out of what overlapping windows of a picture found.
+//! The detections of overlapping windows of a picture, merged to one list.
 
-use super::window::Window;
-use crate::pipeline::Detection;
+use crate::inference::{Detection, DetectorWindow};
 
 /// Overlap (intersection over union) from which two boxes are one person; YOLOX's own default.
 const SAME_PERSON: f32 = 0.45;
@@ -10,9 +9,9 @@ const SAME_PERSON: f32 = 0.45;
 /// are as exact as that.
 const AT_EDGE_INPUT_PX: f64 = 3.0;
 
-/// Share of the smaller of two boxes that lies in the larger one from which they are one person, when
-/// their areas are this alike (who is farther away is smaller) and their upper edges too (share of the
-/// larger one's height): head and trunk are a part of somebody, who sits in front of them is not.
+/// Two boxes are one person when at least [`INSIDE`] of the smaller one lies in the larger one, its area is at least
+/// [`ALIKE`] of the larger one's (a person farther away is smaller), and their upper edges are within [`AT_TOP`] of the
+/// larger one's height: head and trunk are a part of the person, one who sits in front is not.
 const INSIDE: f32 = 0.8;
 const ALIKE: f32 = 1.0 / 3.0;
 const AT_TOP: f32 = 0.2;
@@ -20,17 +19,17 @@ const AT_TOP: f32 = 0.2;
 /// Share of a cut box that lies in a whole one from which it is a part of that person.
 const PART_OF: f32 = 0.6;
 
-/// What the windows of a picture of `picture_px` found, as one list, the surest first.
+/// The detections of the windows of a picture of `picture_px` (width and height), as one list, highest score first.
 ///
-/// A box that is cut by the edge of its window is dropped where another window, as fine or finer, holds
-/// the place whole and had its say, and where it is a part of somebody whom another window
-/// shows whole. Of boxes that overlap, the surest stays.
+/// A box that is cut by the edge of its window is dropped where another window, as fine or finer, holds its place
+/// whole (whatever that window found there), and where it is a part of a box that another window holds whole. Of boxes
+/// that overlap, the one of highest score stays.
 pub fn merged(
-    found: &[(Window, Vec<Detection>)],
+    found: &[(DetectorWindow, Vec<Detection>)],
     input_px: [u32; 2],
     picture_px: [u32; 2],
 ) -> Vec<Detection> {
-    let is_whole = |window: &Window, d: &Detection| {
+    let is_whole = |window: &DetectorWindow, d: &Detection| {
         window.holds(
             outer(d),
             AT_EDGE_INPUT_PX / window.scale(input_px),
@@ -64,7 +63,7 @@ pub fn merged(
     thinned_out(kept)
 }
 
-/// Non-maximum suppression of what is sorted, the surest first: of overlapping boxes only the surest.
+/// Non-maximum suppression of boxes sorted by score, highest first.
 pub fn thinned_out(found: Vec<Detection>) -> Vec<Detection> {
     let mut kept: Vec<Detection> = Vec::new();
     for candidate in found {
@@ -132,16 +131,16 @@ mod tests {
         }
     }
 
-    fn window(min_px: [f64; 2], size_px: [f64; 2]) -> Window {
-        Window { min_px, size_px }
+    fn window(min_px: [f64; 2], size_px: [f64; 2]) -> DetectorWindow {
+        DetectorWindow { min_px, size_px }
     }
 
-    fn whole() -> Window {
+    fn whole() -> DetectorWindow {
         window([0.0; 2], [1600.0, 1000.0])
     }
 
     #[test]
-    fn a_person_in_two_windows_is_one_by_the_surest_box() {
+    fn a_person_in_two_windows_is_one_by_the_box_of_highest_score() {
         let (a, b) = (
             at([380.0, 100.0, 400.0, 150.0], 0.6),
             at([381.0, 101.0, 401.0, 151.0], 0.8),
@@ -154,17 +153,17 @@ mod tests {
     }
 
     #[test]
-    fn a_box_cut_by_its_window_gives_way_to_who_sees_the_place_whole() {
+    fn a_box_cut_by_its_window_is_dropped_where_another_window_holds_the_place_whole() {
         let cut = at([480.0, 100.0, 499.5, 150.0], 0.9);
         let all = at([480.0, 98.0, 530.0, 152.0], 0.5);
         let left = window([0.0; 2], [500.0, 312.5]);
         let right = window([300.0, 0.0], [500.0, 312.5]);
         let both = [(left, vec![cut]), (right, vec![all])];
         assert_eq!(merged(&both, INPUT_PX, PICTURE_PX), [all]);
-        // The neighbour sees the place and says that nobody is there.
+        // The other window holds the place and detects nobody there.
         let denied = [(left, vec![cut]), (right, vec![])];
         assert_eq!(merged(&denied, INPUT_PX, PICTURE_PX), []);
-        // Nobody else looks there as closely.
+        // No other window is as fine there.
         let alone = [(whole(), vec![]), (left, vec![cut])];
         assert_eq!(merged(&alone, INPUT_PX, PICTURE_PX), [cut]);
     }
@@ -181,7 +180,7 @@ mod tests {
     }
 
     #[test]
-    fn whoever_leaves_the_picture_is_not_cut_by_a_window() {
+    fn a_person_at_the_edge_of_the_picture_is_not_cut_by_a_window() {
         let leaving = at([-0.5, 400.0, 40.0, 600.0], 0.7);
         let found = [
             (whole(), vec![leaving]),
@@ -191,7 +190,7 @@ mod tests {
     }
 
     #[test]
-    fn of_overlapping_boxes_the_surest_stays() {
+    fn of_overlapping_boxes_the_one_of_highest_score_stays() {
         let at = |x: f32, score| at([x, 0.0, x + 10.0, 20.0], score);
         let kept = thinned_out(vec![at(1.0, 0.9), at(0.0, 0.5), at(30.0, 0.4)]);
         assert_eq!(kept, [at(1.0, 0.9), at(30.0, 0.4)]);

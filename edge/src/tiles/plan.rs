@@ -1,101 +1,90 @@
-//! Which parts of its picture each camera's detector looks at, and when.
+//! Which parts of each camera's picture the detector runs on, and in which detection pass.
 //!
-//! More tiles than a look may have are spread over several looks. What is cut up for that is the
-//! field, not the pictures: all edges look at the same cell of the field at the same ticks, for only
-//! who is seen from two viewpoints at one tick is born. Every edge makes the same plan of all cameras
-//! of the venue, so nothing has to be agreed on.
+//! Where a pass would need more tiles than it may have, they are spread over several passes. For that the field is cut
+//! into cells, not the pictures: all edges cover the same cell of the field at the same ticks, because a track is only
+//! initiated from two viewpoints at one tick. Every edge computes the same plan for all cameras of the venue, so
+//! nothing has to be agreed on.
 
 use farfield_proto::camera::CameraModel;
-use farfield_proto::model_card::Letterbox;
 use farfield_proto::venue::Field;
 
 use super::TALL_ENOUGH_PX;
 use super::cells::{Cell, cells};
-use super::standing::{Placed, Standing, floor_m, on_floor, under_picture};
-use super::window::Window;
+use super::standing::{Standing, StandingAt, floor_m, on_floor, under_picture};
+use crate::inference::{DetectorInput, DetectorWindow};
 
-/// Finest scale of a tile, input pixels per pixel of the picture: beyond it there is nothing to see.
+/// Finest scale of a tile, input pixels per pixel of the picture: beyond it enlarging adds no detail.
 pub(super) const FINEST_SCALE: f64 = 1.0;
 
 /// How much finer a scale is than the one before: a person is 48 to 96 pixels tall in the first that
 /// shows them well enough.
 const SCALE_STEP: f64 = 2.0;
-/// People are taken for smaller than they are by this factor: between two places that are tried there
-/// are others.
+/// People are planned for as smaller than computed by this factor: only a grid of places is tried, and people stand
+/// between them.
 const SLACK: f64 = 0.9;
-/// And their boxes for larger, for the same reason.
+/// And their boxes as larger by this factor, for the same reason.
 const LARGER: f64 = 1.04;
-/// Cells of the field at most. Where even these need more tiles than a look may have, they get them.
+/// Cells of the field at most. Where a cell still needs more tiles than a pass may have, it gets them.
 const MOST_CELLS: usize = 256;
-/// Tiles of one camera at one look at most, as many as `births.tiles_per_look` may ask for.
+/// Tiles of one camera in one pass at most, as many as `births.tiles_per_look` may ask for.
 const MOST_TILES: usize = 256;
-/// Least side of an input that is worth tiles, pixels: into less, people as tall as the first scale
-/// that shows them well enough has them (up to 96 pixels, and what is around them) do not fit.
+/// Least side of a detector's input for tiles to be of use, pixels: people are up to 96 pixels tall in the first scale
+/// that is fine enough, and with their surroundings do not fit into less.
 const LEAST_INPUT_PX: u32 = 128;
 
-/// What a detector takes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct DetectorInput {
-    /// Width and height, pixels.
-    pub size_px: [u32; 2],
-    /// Where a picture of another aspect is put.
-    pub letterbox: Letterbox,
-}
-
-/// What the detector looks at in the pictures of one camera.
+/// The windows of the pictures of one camera.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TilePlan {
-    /// The whole picture, at every look.
-    pub whole: Window,
-    /// Beside it, per cell of the field.
-    pub cells: Vec<Vec<Window>>,
+    /// The whole picture, in every pass.
+    pub whole: DetectorWindow,
+    /// The tiles of each cell of the field.
+    pub cells: Vec<Vec<DetectorWindow>>,
 }
 
 impl TilePlan {
-    /// The passes of look number `look`: the cells take turns.
-    pub fn passes(&self, look: i64) -> impl Iterator<Item = Window> + '_ {
+    /// The windows of detection pass number `pass`: each pass covers the next cell.
+    pub fn windows(&self, pass: i64) -> impl Iterator<Item = DetectorWindow> + '_ {
         let turn = i64::try_from(self.cells.len().max(1)).unwrap_or(i64::MAX);
-        let cell = look.rem_euclid(turn) as usize;
+        let cell = pass.rem_euclid(turn) as usize;
         let tiles = self.cells.get(cell).into_iter().flatten();
         std::iter::once(self.whole).chain(tiles.copied())
     }
 
-    /// Passes of the look that has most of them.
-    pub(super) fn most_passes(&self) -> usize {
+    /// Windows of the pass that has most of them.
+    pub(super) fn most_windows(&self) -> usize {
         1 + self.cells.iter().map(Vec::len).max().unwrap_or(0)
     }
 }
 
-/// Plans for `cameras`, in their order: everybody of 1.7 m who stands anywhere in the `field` is whole
-/// in some window that shows them at least [`TALL_ENOUGH_PX`] tall, or the picture at its full size, as
-/// far as the picture itself has them whole. Who is seen from above is taken for a quarter of that
-/// height at least: so wide are shoulders.
+/// Plans for `cameras`, in their order: a person of 1.7 m standing anywhere in the `field` is whole in some window in
+/// which they are at least [`TALL_ENOUGH_PX`] tall, or which has the picture's full resolution, as far as the picture
+/// itself holds them whole. Seen from above, a person counts as at least a quarter of that height: the breadth of the
+/// shoulders.
 ///
-/// With 0 `tiles_per_look`, or an input of less than 128 pixels a side, there are no tiles, and only the
-/// whole pictures are looked at. Else the field is cut into as few cells (a power of two) as leave each
-/// camera at most `tiles_per_look` tiles a look, and into 256 at most. All plans have the same number of
-/// cells. Where a 256th of the field would still need more than 256 tiles of a camera, it gets the 256
-/// coarsest, and people far away may be missed.
+/// With 0 `tiles_per_pass`, or an input of less than 128 pixels a side, there are no tiles, only the whole pictures.
+/// Else the field is cut into as few cells (a power of two, at most 256) as leave each camera at most `tiles_per_pass`
+/// tiles a pass. All plans have the same number of cells. Where a 256th of the field would still need more than 256
+/// tiles of a camera, it gets the 256 coarsest, and people far away may be missed.
 ///
 /// Cost: some milliseconds per camera and doubling of the cells.
 pub fn plan(
     cameras: &[&CameraModel],
     field: &Field,
     input: DetectorInput,
-    tiles_per_look: usize,
+    tiles_per_pass: usize,
 ) -> Vec<TilePlan> {
-    let tiles_per_look = match input.size_px.iter().min() {
-        Some(&least) if least >= LEAST_INPUT_PX => tiles_per_look.min(MOST_TILES),
+    let tiles_per_pass = match input.size_px.iter().min() {
+        Some(&least) if least >= LEAST_INPUT_PX => tiles_per_pass.min(MOST_TILES),
         _ => 0,
     };
     let floor_m = floor_m(field);
-    let under: Vec<Vec<Placed>> = cameras
+    let under: Vec<Vec<StandingAt>> = cameras
         .iter()
         .map(|camera| under_picture(camera, floor_m))
         .collect();
     let mut count = 1;
     loop {
-        let cells = match tiles_per_look {
+        let cells = match tiles_per_pass {
             0 => Vec::new(),
             _ => cells(field, count),
         };
@@ -104,7 +93,7 @@ pub fn plan(
             .zip(&under)
             .map(|(camera, under)| plan_in_cells(camera, under, &cells, floor_m, input))
             .collect();
-        let fits = plans.iter().all(|p| p.most_passes() <= 1 + tiles_per_look);
+        let fits = plans.iter().all(|p| p.most_windows() <= 1 + tiles_per_pass);
         if fits || count >= MOST_CELLS {
             let cells = plans.iter_mut().flat_map(|plan| &mut plan.cells);
             cells.for_each(|tiles| tiles.truncate(MOST_TILES));
@@ -116,12 +105,12 @@ pub fn plan(
 
 fn plan_in_cells(
     camera: &CameraModel,
-    under: &[Placed],
+    under: &[StandingAt],
     cells: &[Cell],
     floor_m: f64,
     input: DetectorInput,
 ) -> TilePlan {
-    let whole = Window::whole(camera.size_px(), input.size_px, input.letterbox);
+    let whole = DetectorWindow::whole(camera.size_px(), input.size_px, input.letterbox);
     let tiles_of = |cell: &Cell| {
         let under = under.iter().filter(|(at_m, _)| cell.holds(*at_m));
         let people: Vec<Standing> = on_floor(camera, cell, cells.len(), floor_m)
@@ -139,9 +128,9 @@ fn plan_in_cells(
 fn tiles_for(
     people: &[Standing],
     picture_px: [u32; 2],
-    whole: &Window,
+    whole: &DetectorWindow,
     input_px: [u32; 2],
-) -> Vec<Window> {
+) -> Vec<DetectorWindow> {
     let coarsest = whole.scale(input_px);
     let needed = |p: &Standing| (TALL_ENOUGH_PX / (SLACK * p.long_px)).min(FINEST_SCALE);
     let finest = people.iter().map(needed).fold(0.0, f64::max);
@@ -165,7 +154,7 @@ fn tiles_for(
 
 /// Windows of `size_px` over all of `people`, overlapping by the largest of them; without those that
 /// hold nobody, and one more than [`MOST_TILES`] at most.
-fn grid(people: &[&Standing], picture_px: [u32; 2], size_px: [f64; 2]) -> Vec<Window> {
+fn grid(people: &[&Standing], picture_px: [u32; 2], size_px: [f64; 2]) -> Vec<DetectorWindow> {
     let picture = picture_px.map(f64::from);
     let longest = |p: &&Standing| {
         let [l, t, r, b] = p.around_px;
@@ -204,12 +193,12 @@ fn grid(people: &[&Standing], picture_px: [u32; 2], size_px: [f64; 2]) -> Vec<Wi
     });
     let rows = starts[1].iter();
     let all = rows.flat_map(|&top| {
-        starts[0].iter().map(move |&left| Window {
+        starts[0].iter().map(move |&left| DetectorWindow {
             min_px: [left, top],
             size_px,
         })
     });
-    let touches = |window: &Window, [l, t, r, b]: &[f64; 4]| {
+    let touches = |window: &DetectorWindow, [l, t, r, b]: &[f64; 4]| {
         let ([left, top], [right, bottom]) = (window.min_px, window.max_px());
         *l < right && *r > left && *t < bottom && *b > top
     };

@@ -1,4 +1,4 @@
-//! How large people are in a picture: somebody stands on the floor, here and there.
+//! How large people are in a picture, for standing persons at sample places of the floor.
 
 use farfield_proto::camera::CameraModel;
 use farfield_proto::frames::{Distorted, Pixel, Point, World};
@@ -11,8 +11,8 @@ const STATURE_M: f64 = 1.7;
 
 /// Places that are tried along each side of the field and of the picture.
 const STEPS: usize = 64;
-/// Pictures are tried as far below their lower edge as this share of their height: there stand those
-/// whose heads are still in sight.
+/// Feet are sampled as far below a picture's lower edge as this share of its height: the heads of these people are
+/// still in the picture.
 const BELOW: f64 = 0.6;
 /// Half the width of a person's box, statures: arms held out, or a long stride.
 const HALF_WIDTH: f64 = 0.3;
@@ -21,7 +21,7 @@ const OVER: f64 = 0.08;
 /// Breadth of the shoulders, statures: what is left of a person's height for a camera above them.
 const SHOULDERS: f64 = 0.25;
 
-/// Somebody who stands somewhere in the field, as a camera sees them.
+/// A person standing somewhere in the field, as a camera sees them.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Standing {
     /// Left, top, right and bottom, pixels from the picture's outer corner; not cut by its edges.
@@ -30,12 +30,12 @@ pub(super) struct Standing {
     pub(super) long_px: f64,
 }
 
-/// Height of the floor: 0, as far as the field reaches it.
+/// Height of the floor, world, metres: 0, or the nearest height that the field has.
 pub(super) fn floor_m(field: &Field) -> f64 {
     0.0_f64.clamp(field.min_m[2], field.max_m[2].max(field.min_m[2]))
 }
 
-/// Somebody at `feet_m` (world, metres) as `camera` draws them; `None` when no part is in its picture.
+/// A person at `feet_m` (world, metres) as `camera` sees them; `None` when no part is in its picture.
 pub(super) fn standing(camera: &CameraModel, feet_m: [f64; 3]) -> Option<Standing> {
     let drawn = |[x, y, z]: [f64; 3]| -> Option<Pixel<Distorted>> {
         let p_w = Point::<World>::new([x, y, z].into());
@@ -74,8 +74,8 @@ fn pixels_per_metre(camera: &CameraModel, [x, y, z]: [f64; 3]) -> Option<f64> {
     (nearest_m > 0.0).then(|| k.fx_px.min(k.fy_px) / nearest_m)
 }
 
-/// Where somebody stands (world x and y, metres), and how they look.
-pub(super) type Placed = ([f64; 2], Standing);
+/// Where a person stands (world x and y, metres), and their outline in the picture.
+pub(super) type StandingAt = ([f64; 2], Standing);
 
 /// People on a grid of a cell of the field, as `camera` draws them; fine enough, with `cells` cells in
 /// the field, that neighbours far away differ little.
@@ -95,7 +95,7 @@ pub(super) fn on_floor(
 
 /// People whose feet are under the points of a grid of the picture, so that neighbours near the
 /// camera differ little.
-pub(super) fn under_picture(camera: &CameraModel, floor_m: f64) -> Vec<Placed> {
+pub(super) fn under_picture(camera: &CameraModel, floor_m: f64) -> Vec<StandingAt> {
     let share = |i: usize| i as f64 / (STEPS - 1) as f64;
     let [width, height] = camera.size_px().map(f64::from);
     let person = |i: usize| {

@@ -10,6 +10,7 @@ use proptest::prelude::*;
 use super::plan::FINEST_SCALE;
 use super::standing::standing;
 use super::*;
+use crate::inference::{DetectorInput, DetectorWindow};
 
 const INPUT: DetectorInput = DetectorInput {
     size_px: [416, 256],
@@ -65,7 +66,7 @@ fn field(half_m: [f64; 2]) -> Field {
 }
 
 /// Somebody whom the picture has whole, and a window of `windows` that shows them well enough.
-fn is_served(windows: &[Window], around_px: [f64; 4], long_px: f64) -> bool {
+fn is_served(windows: &[DetectorWindow], around_px: [f64; 4], long_px: f64) -> bool {
     windows.iter().any(|window| {
         let scale = window.scale(INPUT.size_px);
         let tall_enough =
@@ -97,10 +98,10 @@ proptest! {
         let camera = camera(eye_m, at_m, focal_px, k1);
         let field = field(half_m);
         let plans = plan(&[&camera], &field, INPUT, limit);
-        prop_assert!(plans[0].most_passes() <= 1 + limit || cell_count(&plans) == 256);
-        // Over one turn of the cells; whoever stands in a cell is served at its look.
-        let windows: Vec<Window> = (0..cell_count(&plans))
-            .flat_map(|look| plans[0].passes(look).collect::<Vec<_>>())
+        prop_assert!(plans[0].most_windows() <= 1 + limit || cell_count(&plans) == 256);
+        // Over one round of the cells: a person in a cell is covered by its pass.
+        let windows: Vec<DetectorWindow> = (0..cell_count(&plans))
+            .flat_map(|pass| plans[0].windows(pass).collect::<Vec<_>>())
             .collect();
         for [u, v] in places {
             let feet_m = [u * half_m[0], v * half_m[1], 0.0];
@@ -121,19 +122,19 @@ proptest! {
 fn a_room_in_which_everybody_is_large_needs_no_tiles() {
     let camera = camera([5.0, 0.0, 2.5], [0.0, 0.0, 1.0], 1200.0, -0.08);
     let plans = plan(&[&camera], &field([2.5, 2.5]), INPUT, 4);
-    assert_eq!(plans[0].most_passes(), 1);
+    assert_eq!(plans[0].most_windows(), 1);
     assert_eq!(cell_count(&plans), 1);
 }
 
 #[test]
-fn far_people_are_looked_at_in_tiles_where_they_are() {
+fn far_people_are_detected_in_tiles_where_they_are() {
     let camera = camera([0.0, -60.0, 6.0], [0.0, 40.0, 1.0], 2600.0, -0.05);
     let plans = plan(&[&camera], &field([20.0, 40.0]), INPUT, 100);
     let tiles = &plans[0].cells[0];
     assert!(tiles.len() > 3, "{}", tiles.len());
-    let inside = |w: &Window| w.min_px.iter().all(|&m| m >= 0.0);
+    let inside = |w: &DetectorWindow| w.min_px.iter().all(|&m| m >= 0.0);
     assert!(tiles.iter().all(inside));
-    let ends = tiles.iter().map(Window::max_px);
+    let ends = tiles.iter().map(DetectorWindow::max_px);
     assert!(
         ends.clone()
             .all(|[right, bottom]| right <= 1920.0 + 1e-9 && bottom <= 1200.0 + 1e-9)
@@ -151,11 +152,11 @@ fn all_cameras_share_the_cells_that_the_neediest_needs() {
     let plans = plan(&[&near, &far], &field([20.0, 40.0]), INPUT, 4);
     assert!(cell_count(&plans) > 1);
     assert_eq!(plans[0].cells.len(), plans[1].cells.len());
-    assert!(plans.iter().all(|p| p.most_passes() <= 5));
+    assert!(plans.iter().all(|p| p.most_windows() <= 5));
     let turn = cell_count(&plans);
-    let passes = |look| plans[1].passes(look).collect::<Vec<_>>();
-    assert_eq!(passes(3), passes(3 + turn));
-    assert_eq!(passes(-1), passes(turn - 1));
+    let windows = |pass| plans[1].windows(pass).collect::<Vec<_>>();
+    assert_eq!(windows(3), windows(3 + turn));
+    assert_eq!(windows(-1), windows(turn - 1));
 }
 
 #[test]
@@ -174,13 +175,13 @@ fn an_input_too_small_for_a_person_gets_no_tiles() {
             ..INPUT
         };
         let plans = plan(&[&camera], &field([20.0, 40.0]), input, 8);
-        assert_eq!(plans[0].passes(3).count(), 1, "{side_px}");
-        assert_eq!(plans[0].most_passes(), 1);
+        assert_eq!(plans[0].windows(3).count(), 1, "{side_px}");
+        assert_eq!(plans[0].most_windows(), 1);
     }
 }
 
 #[test]
-fn no_look_has_more_than_256_tiles() {
+fn no_pass_has_more_than_256_tiles() {
     // 8K pictures of people all over them, as small as tiles are made for, in few of the cells.
     let camera = camera_of(
         [0.0, -200.0, 60.0],
@@ -195,7 +196,7 @@ fn no_look_has_more_than_256_tiles() {
     };
     for limit in [1, 256, 10_000] {
         let plans = plan(&[&camera], &field([8000.0, 8000.0]), input, limit);
-        assert_eq!(plans[0].most_passes(), 257, "{limit}");
+        assert_eq!(plans[0].most_windows(), 257, "{limit}");
     }
 }
 
@@ -204,7 +205,7 @@ fn under_a_ceiling_camera_shoulders_are_what_counts() {
     let over = |focal_px| camera([0.0, 0.0, 6.0], [0.0, 0.0, 0.0], focal_px, 0.0);
     // Under a long lens shoulders alone are as large as somebody upright has to be.
     let near = plan(&[&over(2700.0)], &field([1.5, 1.0]), INPUT, 8);
-    assert_eq!(near[0].most_passes(), 1);
+    assert_eq!(near[0].most_windows(), 1);
     // Under a wide one they are not, but nobody there is so small as to need the full size.
     let wide = plan(&[&over(1200.0)], &field([4.0, 3.0]), INPUT, 64);
     let finest = wide[0].cells[0].iter().map(|w| w.scale(INPUT.size_px));
@@ -221,6 +222,6 @@ fn pictures_no_larger_than_the_input_need_no_tiles() {
     for size_px in [[16, 16], [416, 256], [300, 200]] {
         let camera = camera_of(eye_m, at_m, 20.0, 0.0, size_px);
         let plans = plan(&[&camera], &field([20.0, 40.0]), INPUT, 8);
-        assert_eq!(plans[0].most_passes(), 1, "{size_px:?}");
+        assert_eq!(plans[0].most_windows(), 1, "{size_px:?}");
     }
 }

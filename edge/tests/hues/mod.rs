@@ -3,9 +3,10 @@
 use std::path::PathBuf;
 
 use farfield_edge::detector::OnnxDetector;
+use farfield_edge::inference::{
+    DetectorInput, DetectorWindow, InputTensor, KeypointNetwork as _, PersonDetector as _,
+};
 use farfield_edge::network::OnnxKeypointNetwork;
-use farfield_edge::pipeline::{InputTensor, KeypointNetwork as _, PersonDetector as _};
-use farfield_edge::tiles::{DetectorInput, Window};
 use image::{Rgb, RgbImage};
 
 const WIDTH: usize = 96;
@@ -123,7 +124,7 @@ pub(crate) fn check_detector() {
         OnnxDetector::load(&testdata("chroma_160.toml")).expect("the detector fits its card");
     let grey = RgbImage::from_pixel(640, 480, Rgb([90; 3]));
     let DetectorInput { size_px, letterbox } = detector.input();
-    let whole = Window::whole([640, 480], size_px, letterbox);
+    let whole = DetectorWindow::whole([640, 480], size_px, letterbox);
     let none = detector
         .detect(&grey, &whole)
         .expect("a picture is searched");
@@ -152,7 +153,7 @@ pub(crate) fn check_labels() {
     std::fs::copy(testdata(model), folder.path().join(model)).expect("the model is committed");
     let mut detector = OnnxDetector::load(&path).expect("the detector fits its card");
     let DetectorInput { size_px, letterbox } = detector.input();
-    let whole = Window::whole([640, 480], size_px, letterbox);
+    let whole = DetectorWindow::whole([640, 480], size_px, letterbox);
     let found = detector
         .detect(&picture(), &whole)
         .expect("a picture is searched");

@@ -1,7 +1,9 @@
 //! Keypoints in space -> the lengths of a person's skeleton.
 
 use super::observed::ObservedJoints;
-use super::segment::{Segment, stature_m, weighted_median};
+use farfield_proto::order_statistics::weighted_median;
+
+use super::segment::{Segment, stature_m};
 use crate::body::skeleton::Proportions;
 
 /// What a triangulated length is off before it is known better, metres: one sigma.

@@ -1,5 +1,7 @@
 //! The lengths of a body that keypoints show, and what they say about its stature.
 
+use farfield_proto::order_statistics::weighted_median;
+
 use super::observed::ObservedJoints;
 use crate::body::skeleton::Joint;
 
@@ -141,56 +143,4 @@ pub(crate) fn stature_m<'a>(ticks: impl IntoIterator<Item = &'a ObservedJoints>)
         }
     }
     weighted_median(votes)
-}
-
-/// The value at which half of the weight lies below, interpolated between its neighbours; `None`
-/// without weight.
-///
-/// ```text
-///   value at c = W/2 of the polygon through (c_i, v_i),   c_i = sum of the weights before i + w_i/2
-/// ```
-pub(crate) fn weighted_median(mut votes: Vec<(f64, f64)>) -> Option<f64> {
-    votes.retain(|&(value, weight)| value.is_finite() && weight > 0.0);
-    votes.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let half = 0.5 * votes.iter().map(|vote| vote.1).sum::<f64>();
-    let mut before: Option<(f64, f64)> = None;
-    let mut below = 0.0;
-    for (value, weight) in votes {
-        let center = below + 0.5 * weight;
-        if center >= half {
-            return Some(match before {
-                Some((c, v)) => v + (value - v) * (half - c) / (center - c),
-                None => value,
-            });
-        }
-        before = Some((center, value));
-        below += weight;
-    }
-    before.map(|(_, value)| value)
-}
-
-#[cfg(test)]
-mod tests {
-    use proptest::prelude::*;
-
-    use super::*;
-
-    #[test]
-    fn the_median_of_an_even_number_lies_in_the_middle() {
-        let m = weighted_median(vec![(1.0, 1.0), (2.0, 1.0), (10.0, 1.0), (3.0, 1.0)]).unwrap();
-        assert!((m - 2.5).abs() < 1e-12);
-        assert!(weighted_median(vec![(1.0, 0.0)]).is_none());
-    }
-
-    proptest! {
-        #[test]
-        fn the_weighted_median_lies_among_its_values_and_one_outlier_does_not_move_it_far(
-            values in prop::collection::vec((1.0f64..2.0, 0.1f64..1.0), 5..20),
-        ) {
-            let mut votes = values.clone();
-            votes.push((1e6, 0.05));
-            let m = weighted_median(votes).unwrap();
-            prop_assert!((1.0..=2.0).contains(&m));
-        }
-    }
 }

@@ -8,7 +8,7 @@ use farfield_proto::grid::CellGrid;
 use farfield_proto::id::{CameraIndex, PersonId};
 use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::message::PersonPatch;
-use farfield_proto::patch::{Encoder, Maps, Quality, quantize};
+use farfield_proto::patch::{CompressionLevel, Encoder, Maps, quantize};
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::Parameters;
 use nalgebra::{UnitQuaternion, Vector2, Vector3};
@@ -47,6 +47,7 @@ impl MeetingFixture {
             dt_s: 1.0 / 60.0,
             sites: sites_of(&keypoints, &BTreeMap::new()),
             relative_sigmas: relative_sigmas(&keypoints),
+            peak_sigma_of_width: farfield_proto::model_card::PEAK_SIGMA_OF_WIDTH,
             range_of_motion: None,
             box_shape: BoxShape {
                 margin: 1.25,
@@ -141,7 +142,7 @@ impl MeetingFixture {
             capture_offset_us: 0,
             crops: vec![grid],
             crop_of_keypoint: vec![0; self.method.sites.len()],
-            maps: Encoder::new().encode(&maps, Quality::LOSSLESS),
+            maps: Encoder::new().encode(&maps, CompressionLevel::LOSSLESS),
         }
     }
 }

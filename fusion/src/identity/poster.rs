@@ -6,13 +6,13 @@
 //! dropped and remembered, so that nobody is asked about it again and again. Who stands still is solid:
 //! a nose is 0.1 m in front of the ears, arms do not hang in the plane of the shoulders.
 
+use farfield_proto::order_statistics::upper_median;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::parameters::BirthParameters;
 use nalgebra::{Matrix3, Vector3};
 
 use crate::identity::tentative::TentativeTick;
 use crate::sightings::explanation::KnownBody;
-use crate::sightings::rays::median;
 
 /// Least keypoints, all of them seen over the whole time, from which flatness can be told.
 const MIN_KEYPOINTS: usize = 6;
@@ -52,7 +52,7 @@ impl Stillness {
         }
         Some(Self {
             flat_m: off_plane_m(&places_m),
-            moved_m: median(moved_m)?,
+            moved_m: upper_median(moved_m)?,
         })
     }
 
@@ -72,7 +72,7 @@ fn place_m(ticks: &[TentativeTick], k: usize) -> Option<Vector3<f64>> {
         .filter(|e| e.views >= 2 && e.weight > 0.0)
         .map(|e| e.position_m)
         .collect();
-    let along = |axis: usize| median(seen.iter().map(|p| p[axis]).collect());
+    let along = |axis: usize| upper_median(seen.iter().map(|p| p[axis]).collect());
     Some(Vector3::new(along(0)?, along(1)?, along(2)?))
 }
 

@@ -2,6 +2,8 @@
 //!
 //! Ticks at which an edge looks for people take it longer, and are counted apart.
 
+use farfield_proto::order_statistics::nearest_rank;
+
 use super::{Micros, SECOND_US};
 
 /// Arrivals that are kept: enough for three seconds at 80 Hz.
@@ -92,7 +94,7 @@ impl<const N: usize> Ring<N> {
         if self.sorted.len() < enough.max(1) {
             return None;
         }
-        let rank = (share * self.sorted.len() as f64).ceil().max(1.0) as usize - 1;
+        let rank = nearest_rank(share, self.sorted.len());
         Some(*self.sorted.select_nth_unstable(rank).1)
     }
 }

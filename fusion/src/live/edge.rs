@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use farfield_proto::live::{EdgeLink, HeardPatches, LiveBoxes, PatchTiming};
+use farfield_proto::message::live::{EdgeLink, HeardPatches, LiveBoxes, PatchTiming};
 use farfield_proto::message::{BoxSet, PatchSet};
 use farfield_proto::tick::Tick;
 
@@ -107,7 +107,7 @@ impl Edge {
 
     /// Whether `boxes` go out at all: those with looks do, the others as the link carries them.
     pub fn is_sent(&self, boxes: &BoxSet) -> bool {
-        !boxes.look.is_empty() || boxes.tick.0.rem_euclid(self.pace.nth()) == 0
+        !boxes.detection_cameras.is_empty() || boxes.tick.0.rem_euclid(self.pace.nth()) == 0
     }
 
     /// Notes how many bytes a box set took.
@@ -137,7 +137,7 @@ impl Edge {
             },
             SENT,
         );
-        if !boxes.look.is_empty() && self.looks.back() != Some(&boxes.tick) {
+        if !boxes.detection_cameras.is_empty() && self.looks.back() != Some(&boxes.tick) {
             push_bounded(&mut self.looks, boxes.tick, LOOKS);
         }
         let bytes = self.meter.bytes_per_s(now_us);

@@ -13,7 +13,7 @@
 
 use std::collections::VecDeque;
 
-use farfield_proto::live::MAX_CLOCK_CORRECTION_US;
+use farfield_proto::message::live::MAX_CLOCK_CORRECTION_US;
 
 use super::{Micros, SECOND_US};
 

@@ -1,8 +1,7 @@
 //! An edge on a link that we know, and what fusion finds out about it.
 
-use farfield_proto::id::PersonId;
-use farfield_proto::id::{CameraIndex, SessionId, ViewpointIndex};
-use farfield_proto::live::{BoxEcho, PatchTiming};
+use farfield_proto::id::{CameraIndex, PersonId, SessionId, ViewpointIndex};
+use farfield_proto::message::live::{BoxEcho, PatchTiming};
 use farfield_proto::message::{Order, PersonPatch};
 use farfield_proto::patch::EncodedMaps;
 
@@ -22,7 +21,7 @@ fn boxes(tick: i64, look: bool) -> BoxSet {
         viewpoint: ViewpointIndex(0),
         order: Order::Track,
         live: None,
-        look: if look {
+        detection_cameras: if look {
             vec![CameraIndex(0)]
         } else {
             Vec::new()

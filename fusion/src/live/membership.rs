@@ -4,6 +4,7 @@
 use std::ops::Range;
 
 use farfield_proto::message::Status;
+use farfield_proto::same_files::{OtherFile, OwnFiles};
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::Venue;
 
@@ -194,25 +195,12 @@ impl Membership {
     }
 
     fn other_file(&self, status: &Status) -> Option<String> {
-        let files = [
-            ("venue file", &status.venue_hash, &self.venue_hash),
-            (
-                "calibration",
-                &status.calibration_hash,
-                &self.calibration_hash,
-            ),
-        ];
-        let other = files.into_iter().find(|(_, theirs, ours)| theirs != ours);
-        // The fingerprint of networks ends with the backend's name; without networks it is empty.
-        let networks = self
-            .models
-            .as_ref()
-            .zip(status.network_hash.rsplit_once('+'));
-        let networks = networks.map(|(ours, (theirs, _))| (theirs, ours));
-        let networks = networks.filter(|(theirs, ours)| theirs != ours);
-        let other = other.map(|(what, theirs, ours)| (what, theirs.as_str(), ours));
-        let other = other.or(networks.map(|(theirs, ours)| ("network", theirs, ours)));
-        other.map(|(what, theirs, ours)| {
+        let own = OwnFiles {
+            venue: &self.venue_hash,
+            calibration: &self.calibration_hash,
+            networks: self.models.as_deref(),
+        };
+        own.other_file(status).map(|OtherFile { what, theirs, ours }| {
             format!(
                 "it holds another {what} than fusion: its fingerprint there is {theirs}, here {ours}; start that edge with --from-fusion to fetch it, or copy the same file to both"
             )

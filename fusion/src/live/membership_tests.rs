@@ -1,6 +1,6 @@
 //! Who is let in, and who is refused by name.
 
-use farfield_proto::live::LiveStatus;
+use farfield_proto::message::live::LiveStatus;
 
 use super::*;
 

@@ -15,8 +15,4 @@ pub mod pace;
 pub mod queue;
 pub mod tick_time;
 
-/// Microseconds since 1970 by the venue's clock, which is fusion's; and spans of it.
-pub type Micros = i64;
-
-/// Microseconds of a second.
-pub const SECOND_US: Micros = 1_000_000;
+pub use farfield_proto::tick::{Micros, SECOND_US};

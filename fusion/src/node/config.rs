@@ -4,17 +4,17 @@ use std::ops::Range;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use anyhow::{Context as _, anyhow};
-use farfield_proto::endpoint::is_endpoint;
+use anyhow::Context as _;
+use farfield_node::endpoints::{Asked, Reach, Side};
+use farfield_node::files::load_venue;
+use farfield_node::process::{Managed, NodeError};
 use farfield_proto::model_card::HeatmapCard;
 use farfield_proto::tick::{Tick, parse_range};
-use farfield_proto::transport::{Exposure, Identity};
-use farfield_proto::venue::{Venue, identity};
+use farfield_proto::venue::Venue;
 
 use super::given::{check_given_keypoints, check_given_ticks};
 use super::handout::Handout;
 use super::link::{Door, Mode, NODE};
-use super::process::{Managed, NodeError};
 use super::progress::Detail;
 use super::recording::check_place;
 
@@ -66,10 +66,9 @@ pub(super) struct Config {
     pub(super) venue_path: PathBuf,
     /// The network's card, when the venue has one.
     pub(super) card: Option<HeatmapCard>,
-    pub(super) listen: Vec<String>,
+    /// Where to listen, and by what fusion proves who it is.
+    pub(super) reach: Reach,
     pub(super) mode: Mode,
-    /// By what fusion proves who it is; `None` without TLS.
-    pub(super) identity: Option<Identity>,
     /// The files that edges may ask for.
     pub(super) handout: Arc<Handout>,
     pub(super) ticks: Option<Range<Tick>>,
@@ -89,8 +88,10 @@ impl Config {
             venue,
             venue_path: PathBuf::from("venue.toml"),
             card: None,
-            listen: Vec::new(),
-            identity: None,
+            reach: Reach {
+                endpoints: Vec::new(),
+                identity: None,
+            },
             handout: Arc::default(),
             mode: Mode::LockStep,
             ticks: None,
@@ -103,34 +104,25 @@ impl Config {
 
     /// Reads the venue, its calibration and its network's card.
     pub(super) fn load(args: FusionArgs) -> Result<Self, NodeError> {
-        let venue = Venue::load(&args.venue).map_err(NodeError::refused)?;
+        let venue = load_venue(&args.venue).map_err(NodeError::refused)?;
         check_names(&venue).map_err(NodeError::refused)?;
         let card = load_card(&venue).map_err(NodeError::refused)?;
         check_given_keypoints(&venue, &args.venue, card.as_ref()).map_err(NodeError::refused)?;
         if let Some(ticks) = &args.ticks {
             check_given_ticks(&venue, &args.venue, ticks).map_err(NodeError::refused)?;
         }
-        if let Some(wrong) = args.listen.iter().find(|text| !is_endpoint(text)) {
-            return Err(NodeError::refused(anyhow!(
-                "`--listen`: found `{wrong}`, expected for example quic/0.0.0.0:7447"
-            )));
-        }
         if let Some(record) = &args.record {
             check_place(record).map_err(NodeError::Refused)?;
         }
-        let keys = args.certificates.as_ref();
-        let identity = keys
-            .or(venue.security.certificates.as_ref())
-            .map(|keys| identity(keys, NODE))
-            .transpose()
-            .map_err(NodeError::refused)?;
-        let exposure = Exposure {
-            has_keys: identity.is_some(),
-            allow_plaintext: args.allow_plaintext || venue.security.allow_plaintext,
+        let asked = Asked {
+            side: Side::Listen,
+            node: NODE,
+            endpoints: &args.listen,
+            certificates: args.certificates.as_deref(),
+            allow_plaintext: args.allow_plaintext,
         };
-        let listen = exposure.choose(args.listen, &venue.endpoints.listen);
-        let listen = listen.map_err(NodeError::refused)?;
-        let handout = Handout::load(&args.venue, &venue, identity.as_ref());
+        let reach = asked.in_venue(&venue)?;
+        let handout = Handout::load(&args.venue, &venue, reach.identity.as_ref());
         let handout = Arc::new(handout.map_err(NodeError::Refused)?);
         let managed = if args.managed {
             Managed::Yes
@@ -141,13 +133,12 @@ impl Config {
             venue,
             venue_path: args.venue,
             card,
-            listen,
+            reach,
             mode: if args.live {
                 Mode::Live
             } else {
                 Mode::LockStep
             },
-            identity,
             handout,
             ticks: args.ticks,
             out: args.out,
@@ -166,8 +157,8 @@ impl Config {
     /// Where edges find fusion.
     pub(super) fn door(&self) -> Door<'_> {
         Door {
-            listen: &self.listen,
-            identity: self.identity.as_ref(),
+            listen: &self.reach.endpoints,
+            identity: self.reach.identity.as_ref(),
         }
     }
 }

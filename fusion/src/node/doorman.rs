@@ -2,18 +2,16 @@
 //! tells the operator once per kind, and counts.
 
 use std::collections::BTreeSet;
-use std::fmt;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 
-use tracing::field::{Field, Visit};
+use farfield_node::log::message;
+use farfield_node::process::say;
 use tracing::level_filters::LevelFilter;
 use tracing::{Event, Subscriber};
 use tracing_subscriber::Layer;
 use tracing_subscriber::filter::Targets;
 use tracing_subscriber::layer::Context;
-
-use super::process::say;
 
 /// Where Zenoh's access control logs what it denies.
 const ACCESS: &str = "zenoh::net::routing::interceptor::access_control";
@@ -53,12 +51,11 @@ struct Doorman;
 
 impl<S: Subscriber> Layer<S> for Doorman {
     fn on_event(&self, event: &Event<'_>, _: Context<'_, S>) {
-        let mut text = Text::default();
-        event.record(&mut text);
+        let text = message(event);
         let refusal = if event.metadata().target() == ACCESS {
-            denied(&text.0)
+            denied(&text)
         } else {
-            not_let_in(&text.0)
+            not_let_in(&text)
         };
         let Some(refusal) = refusal else { return };
         TURNED_AWAY.fetch_add(1, Ordering::Relaxed);
@@ -123,18 +120,6 @@ fn not_let_in(text: &str) -> Option<String> {
     ];
     let (_, reason) = reasons.iter().find(|(sign, _)| text.contains(sign))?;
     Some(format!("refused a node: {reason}"))
-}
-
-/// The message of an event.
-#[derive(Default)]
-struct Text(String);
-
-impl Visit for Text {
-    fn record_debug(&mut self, field: &Field, value: &dyn fmt::Debug) {
-        if field.name() == "message" {
-            self.0 = format!("{value:?}");
-        }
-    }
 }
 
 #[cfg(test)]

@@ -1,12 +1,13 @@
 //! What waits between Zenoh and the loop.
 
 use anyhow::Context as _;
+use farfield_node::session::{self, FifoSubscriber, zenoh_error};
 use zenoh::Session;
-use zenoh::handlers::{FifoChannel, FifoChannelHandler, RingChannel, RingChannelHandler};
+use zenoh::handlers::{RingChannel, RingChannelHandler};
 use zenoh::pubsub::Subscriber;
 use zenoh::sample::Sample;
 
-use super::link::{Mode, zenoh_error};
+use super::link::Mode;
 
 /// Messages that wait of one subscription. When full: in lock-step Zenoh stops reading, and the edges
 /// wait; live the oldest are lost, as a thread of Zenoh's that waits would hold up everybody.
@@ -15,7 +16,7 @@ const QUEUE: usize = 256;
 /// A subscription, and what waits of it.
 pub(super) enum Inbox {
     /// All of it, in order.
-    All(Subscriber<FifoChannelHandler<Sample>>),
+    All(FifoSubscriber),
     /// The newest of it.
     Newest(Subscriber<RingChannelHandler<Sample>>),
 }
@@ -36,29 +37,26 @@ pub(super) async fn subscriber(
     key: String,
     mode: Mode,
 ) -> anyhow::Result<Inbox> {
-    let declared = session.declare_subscriber(key.clone());
-    let declared = match mode {
-        Mode::LockStep => declared.with(FifoChannel::new(QUEUE)).await.map(Inbox::All),
-        Mode::Live => declared
-            .with(RingChannel::new(QUEUE))
+    match mode {
+        Mode::LockStep => session::subscriber(session, key, QUEUE)
             .await
-            .map(Inbox::Newest),
-    };
-    declared
-        .map_err(zenoh_error)
-        .with_context(|| format!("subscribing to {key}"))
+            .map(Inbox::All),
+        Mode::Live => {
+            let declared = session
+                .declare_subscriber(key.clone())
+                .with(RingChannel::new(QUEUE))
+                .await;
+            declared
+                .map(Inbox::Newest)
+                .map_err(zenoh_error)
+                .with_context(|| format!("subscribing to {key}"))
+        }
+    }
 }
 
 /// Who came and who went is said once: nothing of it may be lost.
 pub(super) async fn liveliness(session: &Session, key: String) -> anyhow::Result<Inbox> {
-    let declared = session
-        .liveliness()
-        .declare_subscriber(key.clone())
-        .history(true)
-        .with(FifoChannel::new(QUEUE))
-        .await;
-    declared
+    session::liveliness(session, key, QUEUE)
+        .await
         .map(Inbox::All)
-        .map_err(zenoh_error)
-        .with_context(|| format!("watching {key}"))
 }

@@ -6,7 +6,8 @@
 
 use std::sync::Arc;
 
-use anyhow::{Context as _, anyhow};
+use farfield_node::clock::VenueClock;
+use farfield_node::session::{self, Delivery, declare_alive, has_listener};
 use farfield_proto::id::ViewpointIndex;
 use farfield_proto::key::Keys;
 use farfield_proto::message::{PatchSet, SightingSet, Status};
@@ -20,11 +21,9 @@ use tokio_util::task::TaskTracker;
 use tracing::{debug, warn};
 use zenoh::liveliness::LivelinessToken;
 use zenoh::pubsub::Publisher;
-use zenoh::qos::{CongestionControl, Priority, Reliability};
 use zenoh::sample::{Sample, SampleKind};
 use zenoh::{Session, Wait as _};
 
-use super::clock::VenueClock;
 use super::inbox::{Inbox, liveliness, subscriber};
 use super::tap::{TapHandle, TapMessage};
 
@@ -124,39 +123,6 @@ enum Topic {
     Alive,
 }
 
-#[expect(clippy::needless_pass_by_value, reason = "what `map_err` takes")]
-pub(super) fn zenoh_error(error: zenoh::Error) -> anyhow::Error {
-    anyhow!(without_places(&error.to_string()))
-}
-
-/// Zenoh's words without the places in its own source, ` at FILE.rs:LINE.`, which help no operator.
-fn without_places(text: &str) -> String {
-    let mut parts = text.split(" at ");
-    let mut kept = parts.next().unwrap_or_default().to_owned();
-    for part in parts {
-        let end = part.find(|c: char| c.is_whitespace() || c == ']');
-        let (word, rest) = part.split_at(end.unwrap_or(part.len()));
-        if word.contains(".rs:") {
-            kept.push_str(rest);
-        } else {
-            kept.push_str(" at ");
-            kept.push_str(part);
-        }
-    }
-    kept
-}
-
-fn config(transport: &FusionTransport<'_>) -> anyhow::Result<zenoh::Config> {
-    let mut config = zenoh::Config::default();
-    for (key, value) in transport.settings() {
-        config
-            .insert_json5(&key, &value)
-            .map_err(zenoh_error)
-            .with_context(|| format!("setting {key} to {value}"))?;
-    }
-    Ok(config)
-}
-
 impl Link {
     /// Listens where `door` says and declares everything that the edges of `venue` need.
     pub(super) async fn open(venue: &Venue, door: &Door<'_>, mode: Mode) -> anyhow::Result<Self> {
@@ -167,21 +133,17 @@ impl Link {
             listen: door.listen,
             identity: door.identity,
         };
-        let session = zenoh::open(config(&transport)?).await.map_err(zenoh_error);
-        let session = session.map_err(|error| {
-            // Zenoh has no kind for it.
-            let taken = error.to_string().contains("in use");
-            let hint = if taken {
-                "; choose another with --listen"
-            } else {
-                ""
-            };
-            anyhow!("listening on {}: {error:#}{hint}", door.listen.join(", "))
-        })?;
+        let session = session::listen(&transport).await?;
         let keys = Keys::new(&venue.name);
+        let (delivery, lossless) = match mode {
+            Mode::LockStep => (Delivery::Blocking, Delivery::Blocking),
+            // Statuses and events are said once: a lost one would be missed.
+            Mode::Live => (Delivery::BestEffort, Delivery::Reliable),
+        };
+        let publisher = |key, delivery| session::publisher(&session, key, delivery);
         let mut boxes = Vec::new();
         for viewpoint in &venue.viewpoints {
-            boxes.push(publisher(&session, keys.boxes(&viewpoint.name), mode).await?);
+            boxes.push(publisher(keys.boxes(&viewpoint.name), delivery).await?);
         }
         let subscribers = vec![
             (
@@ -200,17 +162,13 @@ impl Link {
         ];
         let mouths = Mouths {
             boxes,
-            poses: publisher(&session, keys.pose(), mode).await?,
-            smooth: publisher(&session, keys.smooth(), mode).await?,
-            decisions: publisher(&session, keys.decision(), mode).await?,
-            events: status_publisher(&session, keys.event(), mode).await?,
-            status: status_publisher(&session, keys.status(NODE), mode).await?,
+            poses: publisher(keys.pose(), delivery).await?,
+            smooth: publisher(keys.smooth(), delivery).await?,
+            decisions: publisher(keys.decision(), delivery).await?,
+            events: publisher(keys.event(), lossless).await?,
+            status: publisher(keys.status(NODE), lossless).await?,
         };
-        let token = session
-            .liveliness()
-            .declare_token(keys.alive(NODE))
-            .await
-            .map_err(zenoh_error)?;
+        let token = declare_alive(&session, keys.alive(NODE)).await?;
         Ok(Self {
             session,
             mouths,
@@ -335,49 +293,8 @@ impl Ends {
         stop.cancel();
         tasks.close();
         tasks.wait().await;
-        if let Err(error) = self.session.close().await {
-            warn!(%error, "the session did not close well");
-        }
+        session::close(&self.session).await;
     }
-}
-
-async fn publisher(
-    session: &Session,
-    key: String,
-    mode: Mode,
-) -> anyhow::Result<Publisher<'static>> {
-    declare(session, key, mode, Reliability::BestEffort).await
-}
-
-/// Statuses and events are said once: a lost one would be missed.
-async fn status_publisher(
-    session: &Session,
-    key: String,
-    mode: Mode,
-) -> anyhow::Result<Publisher<'static>> {
-    declare(session, key, mode, Reliability::Reliable).await
-}
-
-async fn declare(
-    session: &Session,
-    key: String,
-    mode: Mode,
-    live: Reliability,
-) -> anyhow::Result<Publisher<'static>> {
-    let (congestion, reliability) = match mode {
-        Mode::LockStep => (CongestionControl::Block, Reliability::Reliable),
-        Mode::Live => (CongestionControl::Drop, live),
-    };
-    let declared = session
-        .declare_publisher(key.clone())
-        .congestion_control(congestion)
-        .reliability(reliability)
-        .priority(Priority::RealTime)
-        .express(true);
-    declared
-        .await
-        .map_err(zenoh_error)
-        .with_context(|| format!("declaring the publisher of {key}"))
 }
 
 /// Task: one subscription, decoded, to the loop.
@@ -451,7 +368,7 @@ fn speak(
             Said::Events(bytes) => (Some(&mouths.events), bytes),
             Said::Status(bytes) => {
                 // Statuses go out several times a second until the start: the moment to look.
-                matched.send_replace(all_match(&mouths.boxes));
+                matched.send_replace(mouths.boxes.iter().all(has_listener));
                 (Some(&mouths.status), bytes)
             }
         };
@@ -461,19 +378,6 @@ fn speak(
             warn!(key = %publisher.key_expr(), %error, "not sent");
         }
     }
-}
-
-fn all_match(publishers: &[Publisher<'static>]) -> bool {
-    for publisher in publishers {
-        if !publisher
-            .matching_status()
-            .wait()
-            .is_ok_and(|status| status.matching())
-        {
-            return false;
-        }
-    }
-    true
 }
 
 #[cfg(test)]

@@ -4,6 +4,7 @@ use std::path::Path;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
+use farfield_node::clock::VenueClock;
 use farfield_proto::calibration::Calibration;
 use farfield_proto::id::{SessionId, ViewpointIndex};
 use farfield_proto::message::{PatchSet, Status};
@@ -15,7 +16,6 @@ use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
 use super::{Door, Ear, Ends, Heard, Link, Mode, Presence, Said};
-use crate::node::clock::VenueClock;
 use crate::node::start::own_status;
 use crate::node::tap::{Decided, Tap, TapHandle, TapMessage};
 
@@ -183,13 +183,4 @@ fn a_node_speaks_under_its_own_name_only() {
         ..says("a", Some(1))
     };
     assert!(ear.may_say("link-test/status/a", &elsewhere));
-}
-
-#[test]
-fn zenohs_words_are_shown_without_places_in_its_source() {
-    let said = "Can not create a new TCP listener at [::]:1: [tcp: Address in use (os error 98) at /r/src/a-1/unicast.rs:367.] at /r/src/b-2/tcp.rs:12. - Caused by x";
-    assert_eq!(
-        super::without_places(said),
-        "Can not create a new TCP listener at [::]:1: [tcp: Address in use (os error 98)] - Caused by x"
-    );
 }

@@ -8,6 +8,7 @@ use std::ops::Range;
 use std::time::Duration;
 
 use anyhow::{Context as _, anyhow};
+use farfield_node::process::Ending;
 use farfield_proto::id::{SessionId, ViewpointIndex};
 use farfield_proto::message::{BoxSet, Order, Status};
 use farfield_proto::tick::Tick;
@@ -18,7 +19,6 @@ use tokio_util::sync::CancellationToken;
 use tracing::debug;
 
 use super::link::{Ends, Heard, Presence, Said};
-use super::process::Ending;
 use super::progress::Reporter;
 use super::start::Start;
 use super::tally::Tally;
@@ -134,7 +134,7 @@ impl<'a> LockStep<'a> {
                 viewpoint,
                 order: Order::End,
                 live: None,
-                look: Vec::new(),
+                detection_cameras: Vec::new(),
                 persons: Vec::new(),
             };
             if say(

@@ -3,7 +3,6 @@
 //!
 //! Load (nothing opened) -> build (everything that can fail is opened) -> run -> drain.
 
-mod clock;
 mod config;
 mod doorman;
 mod given;
@@ -13,7 +12,6 @@ mod link;
 mod live;
 mod lockstep;
 mod output;
-mod process;
 mod progress;
 mod record;
 mod recorder;
@@ -27,12 +25,14 @@ mod tally;
 mod tap;
 mod worker;
 
+pub use farfield_node::log::start_log;
+pub use farfield_node::process::{
+    EXIT_INTERRUPTED, EXIT_REFUSED, Ending, NodeError, exit_code, say,
+};
+
 pub use self::config::{FusionArgs, check_names, load_card};
 pub use self::given::{check_given_keypoints, check_given_ticks};
 pub use self::output::{Claim, check_folder};
-pub use self::process::{
-    EXIT_INTERRUPTED, EXIT_REFUSED, Ending, NodeError, exit_code, say, start_log,
-};
 pub use self::progress::{Body, LinkProgress, Progress, Report};
 pub use self::record::{RecordArgs, main as record};
 pub use self::recording::check_place;

@@ -3,13 +3,12 @@
 use std::io::Write as _;
 use std::time::{Duration, Instant};
 
-use farfield_proto::live::EdgeLink;
+use farfield_node::clock;
+use farfield_node::process::{Managed, say};
+use farfield_proto::message::live::EdgeLink;
 use farfield_proto::message::{PersonPose, PoseSet};
 use farfield_proto::tick::Tick;
 use serde::{Deserialize, Serialize};
-
-use super::clock;
-use super::process::{Managed, say};
 
 /// One line of JSON on the standard output of a managed fusion node.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -1,31 +1,36 @@
 //! `farfield record`: a node of its own that listens to everything under the venue's name, and records it.
 //!
 //! It hears what fusion hears, but for what the links between lose, and not always in time: what fusion
-//! used for each tick it takes from fusion's own word ([`farfield_proto::decision`]).
+//! used for each tick it takes from fusion's own word ([`farfield_proto::message::decision`]).
 
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
 
 use anyhow::{Context as _, anyhow};
-use farfield_proto::endpoint::is_endpoint;
+use farfield_node::clock::VenueClock;
+use farfield_node::endpoints::{Asked, Reach, Side};
+use farfield_node::files::load_venue;
+use farfield_node::log::start_log_with;
+use farfield_node::process::{Ending, Managed, NodeError, exit_code, say, stop_when_told};
+use farfield_node::runtime;
+use farfield_node::session::{self, zenoh_error};
 use farfield_proto::id::SessionId;
 use farfield_proto::key::Keys;
 use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::message::Status;
-use farfield_proto::transport::{EdgeTransport, Exposure, RECORDER};
-use farfield_proto::venue::{Venue, VenueHash, identity};
+use farfield_proto::same_files::{OtherFile, OwnFiles};
+use farfield_proto::transport::{EdgeTransport, RECORDER};
+use farfield_proto::venue::{Venue, VenueHash};
 use farfield_proto::wire;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
-use zenoh::handlers::FifoChannel;
+use zenoh::Session;
 use zenoh::sample::{Sample, SampleKind};
-use zenoh::{Session, Wait as _};
 
-use super::clock::VenueClock;
 use super::config::{check_names, load_card};
-use super::link::{NODE, zenoh_error};
-use super::process::{Ending, Managed, NodeError, exit_code, say, start_log, stop_when_told};
+use super::doorman;
+use super::link::NODE;
 use super::recording::{Place, RecordingThread, check_place, head};
 
 /// Messages that wait between Zenoh and the recorder's own queue.
@@ -57,58 +62,40 @@ pub struct RecordArgs {
 
 /// Records until it is told to stop, and says on standard error what went wrong.
 pub fn main(args: RecordArgs) -> ExitCode {
-    start_log();
+    start_log_with(doorman::layer());
     exit_code(load_and_record(args))
 }
 
 fn load_and_record(args: RecordArgs) -> Result<Ending, NodeError> {
-    let venue = Venue::load(&args.venue).map_err(NodeError::refused)?;
+    let venue = load_venue(&args.venue).map_err(NodeError::refused)?;
     check_names(&venue).map_err(NodeError::Refused)?;
     check_place(&args.out).map_err(NodeError::Refused)?;
-    if let Some(wrong) = args.connect.iter().find(|text| !is_endpoint(text)) {
-        return Err(NodeError::Refused(anyhow!(
-            "`--connect`: found `{wrong}`, expected for example quic/10.0.0.1:7447"
-        )));
-    }
-    let runtime = tokio::runtime::Builder::new_multi_thread()
-        .worker_threads(2)
-        .enable_all()
-        .build();
-    let runtime = runtime
-        .context("starting the runtime")
-        .map_err(NodeError::Failed)?;
-    let ending = runtime.block_on(record(args, &venue));
-    runtime.shutdown_timeout(Duration::from_millis(200));
-    ending
+    let asked = Asked {
+        side: Side::Connect,
+        node: RECORDER,
+        endpoints: &args.connect,
+        certificates: args.certificates.as_deref(),
+        allow_plaintext: args.allow_plaintext,
+    };
+    let reach = asked.in_venue(&venue)?;
+    runtime::block_on(2, record(args, &venue, &reach))
 }
 
-async fn record(args: RecordArgs, venue: &Venue) -> Result<Ending, NodeError> {
+async fn record(args: RecordArgs, venue: &Venue, reach: &Reach) -> Result<Ending, NodeError> {
     let (tasks, stop) = (TaskTracker::new(), CancellationToken::new());
     stop_when_told(&tasks, &stop, Managed::No)
         .context("listening for signals")
         .map_err(NodeError::Failed)?;
-    let keys = args.certificates.as_ref();
-    let identity = keys
-        .or(venue.security.certificates.as_ref())
-        .map(|keys| identity(keys, RECORDER))
-        .transpose()
-        .map_err(NodeError::refused)?;
-    let exposure = Exposure {
-        has_keys: identity.is_some(),
-        allow_plaintext: args.allow_plaintext || venue.security.allow_plaintext,
-    };
-    let endpoints = exposure.choose(args.connect.clone(), &venue.endpoints.connect);
-    let endpoints = endpoints.map_err(NodeError::refused)?;
     let transport = EdgeTransport {
         venue: &venue.name,
-        connect: &endpoints,
-        identity: identity.as_ref(),
+        connect: &reach.endpoints,
+        identity: reach.identity.as_ref(),
     };
     say(format_args!(
         "waiting for fusion at {}",
-        endpoints.join(", ")
+        reach.endpoints.join(", ")
     ));
-    let Some(session) = stop.run_until_cancelled(open(&transport)).await else {
+    let Some(session) = stop.run_until_cancelled(session::connect(&transport)).await else {
         return Ok(Ending::Interrupted);
     };
     let session = session.map_err(NodeError::Failed)?;
@@ -118,29 +105,12 @@ async fn record(args: RecordArgs, venue: &Venue) -> Result<Ending, NodeError> {
     tasks.close();
     let summary = recording.finish().await.map_err(NodeError::Failed)?;
     say(format_args!("recorded in {}", summary.file.display()));
-    if let Err(error) = session.close().await {
-        tracing::warn!(%error, "the session did not close well");
-    }
+    session::close(&session).await;
     outcome?;
     match summary.failure {
         Some(failure) => Err(NodeError::Failed(anyhow!(failure))),
         None => Ok(Ending::Done),
     }
-}
-
-/// Connects, waiting for fusion as long as it takes.
-async fn open(transport: &EdgeTransport<'_>) -> anyhow::Result<Session> {
-    let mut config = zenoh::Config::default();
-    for (key, value) in transport.settings() {
-        config
-            .insert_json5(&key, &value)
-            .map_err(zenoh_error)
-            .with_context(|| format!("setting {key} to {value}"))?;
-    }
-    // Opening blocks its thread until fusion is there; only so can the wait be called off.
-    let session = tokio::task::spawn_blocking(|| zenoh::open(config).wait()).await;
-    let session = session.context("opening the session")?.map_err(zenoh_error);
-    session.with_context(|| format!("connecting to {}", transport.connect.join(", ")))
 }
 
 fn begin(args: &RecordArgs, venue: &Venue) -> Result<RecordingThread, NodeError> {
@@ -162,18 +132,10 @@ async fn listen(
 ) -> Result<(), NodeError> {
     let keys = Keys::new(&venue.name);
     let failed = |error: zenoh::Error| NodeError::Failed(zenoh_error(error));
-    let messages = session
-        .declare_subscriber(keys.all())
-        .with(FifoChannel::new(QUEUE))
-        .await
-        .map_err(failed)?;
-    let nodes = session
-        .liveliness()
-        .declare_subscriber(keys.all_alive())
-        .history(true)
-        .with(FifoChannel::new(QUEUE))
-        .await
-        .map_err(failed)?;
+    let messages = session::subscriber(session, keys.all(), QUEUE).await;
+    let messages = messages.map_err(NodeError::Failed)?;
+    let nodes = session::liveliness(session, keys.all_alive(), QUEUE).await;
+    let nodes = nodes.map_err(NodeError::Failed)?;
     let (clock, queue) = (VenueClock::start(), recording.queue());
     let fusion = keys.status(NODE);
     let mut agreement = Agreement::default();
@@ -261,13 +223,8 @@ impl Agreement {
 
 /// Which of fusion's files is not the one of `ours`.
 fn difference(ours: &VenueHash, fusion: &Status) -> Option<String> {
-    [
-        ("venue file", &ours.venue, &fusion.venue_hash),
-        ("calibration", &ours.calibration, &fusion.calibration_hash),
-    ]
-    .into_iter()
-    .find(|(_, ours, theirs)| ours != theirs)
-    .map(|(what, ours, theirs)| {
+    let other = OwnFiles::from(ours).other_file(fusion);
+    other.map(|OtherFile { what, theirs, ours }| {
         format!(
             "fusion holds another {what}: its fingerprint there is {theirs}, here {ours}; copy the same file to both"
         )

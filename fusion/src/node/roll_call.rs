@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 
 use farfield_proto::message::Status;
+use farfield_proto::same_files::{OtherFile, OwnFiles};
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::Venue;
 
@@ -12,14 +13,10 @@ use farfield_proto::venue::Venue;
 pub(super) enum RollCallError {
     /// An edge has read another file than fusion.
     #[error(
-        "viewpoint {viewpoint} holds another {what} than fusion: its fingerprint there is {theirs}, here {ours}; start that edge with --from-fusion to fetch it, or copy the same file to both"
+        "viewpoint {viewpoint} holds another {} than fusion: its fingerprint there is {}, here {}; start that edge with --from-fusion to fetch it, or copy the same file to both",
+        other.what, other.theirs, other.ours
     )]
-    OtherFile {
-        viewpoint: String,
-        what: &'static str,
-        theirs: String,
-        ours: String,
-    },
+    OtherFile { viewpoint: String, other: OtherFile },
     /// Two edges run different networks, whose maps do not compare.
     #[error(
         "viewpoints {first} and {second} run different networks: {first_hash} and {second_hash}"
@@ -122,23 +119,13 @@ impl RollCall {
         if !self.nodes.contains_key(&viewpoint) {
             return Err(RollCallError::UnknownNode(viewpoint));
         }
-        let files = [
-            ("venue file", &status.venue_hash, &self.venue_hash),
-            (
-                "calibration",
-                &status.calibration_hash,
-                &self.calibration_hash,
-            ),
-        ];
-        for (what, theirs, ours) in files {
-            if theirs != ours {
-                return Err(RollCallError::OtherFile {
-                    viewpoint,
-                    what,
-                    theirs: theirs.clone(),
-                    ours: ours.clone(),
-                });
-            }
+        let own = OwnFiles {
+            venue: &self.venue_hash,
+            calibration: &self.calibration_hash,
+            networks: self.models.as_deref(),
+        };
+        if let Some(other) = own.other_file(status) {
+            return Err(RollCallError::OtherFile { viewpoint, other });
         }
         self.check_network(status)?;
         self.check_ticks(status)?;
@@ -223,19 +210,6 @@ impl RollCall {
     }
 
     fn check_network(&self, status: &Status) -> Result<(), RollCallError> {
-        if let Some(models) = &self.models {
-            let theirs = status.network_hash.rsplit_once('+');
-            if let Some((theirs, _backend)) = theirs
-                && theirs != models
-            {
-                return Err(RollCallError::OtherFile {
-                    viewpoint: status.node.clone(),
-                    what: "network",
-                    theirs: theirs.to_owned(),
-                    ours: models.clone(),
-                });
-            }
-        }
         let other = self.ready().find(|s| {
             // A viewpoint of keypoint files runs no network, and fits any.
             s.node != status.node

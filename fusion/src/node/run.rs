@@ -6,6 +6,10 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::Context as _;
+use farfield_node::clock;
+use farfield_node::log::start_log_with;
+use farfield_node::process::{Ending, Managed, NodeError, exit_code, stop_when_told};
+use farfield_node::runtime;
 use farfield_proto::id::SessionId;
 use farfield_proto::message::Status;
 use farfield_proto::wire;
@@ -14,7 +18,6 @@ use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 use tracing::warn;
 
-use super::clock;
 use super::config::{Config, FusionArgs};
 use super::doorman;
 use super::handout;
@@ -22,7 +25,6 @@ use super::link::{Ear, Ends, Heard, Link, Mode, NODE, Presence, Said};
 use super::live::{Surroundings, live};
 use super::lockstep::{LockStep, Outside};
 use super::output::Claim;
-use super::process::{Ending, Managed, NodeError, exit_code, start_log, stop_when_told};
 use super::progress::Reporter;
 use super::recorder::Recorder;
 use super::recording::{Place, RecordingThread, head};
@@ -41,7 +43,7 @@ const DRAIN: Duration = Duration::from_secs(5);
 
 /// Runs a fusion node to its end and says on standard error what went wrong.
 pub fn main(args: FusionArgs) -> ExitCode {
-    start_log();
+    start_log_with(doorman::layer());
     exit_code(load_and_run(args))
 }
 
@@ -49,16 +51,7 @@ fn load_and_run(args: FusionArgs) -> Result<Ending, NodeError> {
     let config = Config::load(args)?;
     let session = new_session();
     let pipeline = Pipeline::new(&config.venue, config.card.as_ref(), session);
-    let runtime = tokio::runtime::Builder::new_multi_thread()
-        .worker_threads(2)
-        .enable_all()
-        .build();
-    let runtime = runtime
-        .context("starting the runtime")
-        .map_err(NodeError::Failed)?;
-    let ending = runtime.block_on(run(&config, session, pipeline));
-    // A publisher that a congested network holds must not hold up the end.
-    runtime.shutdown_timeout(Duration::from_millis(200));
+    let ending = runtime::block_on(2, run(&config, session, pipeline));
     doorman::sum_up();
     ending
 }

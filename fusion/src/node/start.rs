@@ -4,6 +4,7 @@ use std::ops::Range;
 use std::time::Duration;
 
 use anyhow::{Context as _, anyhow};
+use farfield_node::process::{Managed, NodeError};
 use farfield_proto::message::Status;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::VenueHash;
@@ -15,7 +16,6 @@ use super::config::Config;
 use super::given::check_given_ticks;
 use super::link::{Heard, NODE, Presence, Said};
 use super::lockstep::{Outside, check};
-use super::process::{Managed, NodeError};
 use super::roll_call::RollCall;
 
 /// How often fusion says that it waits, and looks whether its boxes have listeners.

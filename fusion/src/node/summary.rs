@@ -6,11 +6,11 @@ use std::path::Path;
 use std::time::Duration;
 
 use anyhow::Context as _;
-use farfield_proto::message::{LOOK_STAGE, StageTime, Status};
+use farfield_node::process::Ending;
+use farfield_proto::message::{DETECTION_STAGE, StageTime, Status};
 use farfield_proto::tick::Tick;
 
 use super::config::Config;
-use super::process::Ending;
 use super::tally::Tally;
 use crate::export::pose_files::Presence;
 use crate::export::summary::{
@@ -166,7 +166,7 @@ fn look_shares(last_words: &[Status]) -> BTreeMap<String, f64> {
     let share = |status: &Status| {
         let of = |looks: bool| {
             let stages = status.stages.iter();
-            let stages = stages.filter(|s| !looks || s.stage == LOOK_STAGE);
+            let stages = stages.filter(|s| !looks || s.stage == DETECTION_STAGE);
             stages.map(|s| s.total_us).sum::<u64>() as f64
         };
         (of(false) > 0.0).then(|| (status.node.clone(), of(true) / of(false)))

@@ -6,15 +6,15 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, anyhow};
+use farfield_node::clock;
+use farfield_node::process::say;
 use farfield_proto::histogram::Histogram;
 use farfield_proto::message::identity_event::IdentityEvent;
 use farfield_proto::message::{BoxSet, PatchSet, PoseSet, StageTime};
 use farfield_proto::tick::Tick;
 use tokio::sync::mpsc;
 
-use super::clock;
 use super::link::Mode;
-use super::process::say;
 use super::recorder::Recorder;
 use crate::align::TickGroup;
 use crate::export::pose_files::Presence;

@@ -1,7 +1,7 @@
 //! The channels of a recording: what stands under which key.
 
-use farfield_proto::fill::SetKind;
 use farfield_proto::key::Keys;
+use farfield_proto::message::fill::SetKind;
 
 /// What the messages of a channel are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]

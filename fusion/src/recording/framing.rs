@@ -1,14 +1,18 @@
-//! The records of an MCAP file, front to back, with the place of every message. (mcap.dev/spec: opcode,
-//! length, body; numbers little-endian; strings and maps with a 4-byte length ahead.)
+//! The records of an MCAP file, front to back, with the place of each (mcap.dev/spec). The crate `mcap`
+//! reads records and chunks; which of them may be read, and how large, is decided here.
 //!
-//! Lengths are never believed: nothing is allocated beyond what is left of the file, nor beyond a bound.
+//! Lengths are never believed: nothing is allocated beyond what is left of the file, nor beyond a bound;
+//! no chunk is unpacked to more than [`MAX_CHUNK_BYTES`].
 
 use std::io::{self, Read, Seek, SeekFrom};
 
-use mcap::MAGIC;
-use mcap::records::op;
+use mcap::McapError;
+use mcap::records::{Record, op};
+use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
 
-/// Longest chunk that is read, bytes: ours have 4 MiB and one message.
+use super::compression::{Decompression, Format};
+
+/// Longest chunk that is read, bytes, packed and unpacked: ours have 4 MiB and one message.
 const MAX_CHUNK_BYTES: u64 = 64 << 20;
 /// Longest other record that is read, bytes; what is longer is passed over.
 pub(super) const MAX_RECORD_BYTES: u64 = 16 << 20;
@@ -32,51 +36,9 @@ pub enum FramingError {
         /// What is wrong.
         problem: &'static str,
     },
-    /// Chunks are packed.
-    #[error(
-        "its chunks are compressed ({0}); unpack it first: mcap compress --compression none IN -o OUT"
-    )]
+    /// Chunks are compressed in a way that is not read.
+    #[error("its chunks are compressed by {0:?}, which is none of \"lz4\" and \"zstd\"")]
     Compressed(String),
-}
-
-/// What is met on the way.
-#[derive(Debug)]
-pub(super) enum Met<'a> {
-    /// Who wrote the file.
-    Header {
-        /// The profile.
-        profile: String,
-    },
-    /// A channel.
-    Channel {
-        /// Its number.
-        id: u16,
-        /// Its topic.
-        topic: &'a str,
-    },
-    /// A message.
-    Message {
-        /// Its channel's number.
-        channel: u16,
-        /// Where its bytes stand in the file.
-        at: u64,
-        /// Its bytes.
-        data: &'a [u8],
-    },
-    /// An attached file.
-    Attachment {
-        /// Its name.
-        name: &'a str,
-        /// Its bytes.
-        data: &'a [u8],
-    },
-    /// A metadata record.
-    Metadata {
-        /// Its name.
-        name: &'a str,
-        /// Its fields.
-        fields: Vec<(&'a str, &'a str)>,
-    },
 }
 
 /// How a file ended.
@@ -88,203 +50,277 @@ pub struct FileEnd {
     pub file_bytes: u64,
     /// Whether its end was written: else whoever wrote it was stopped.
     pub whole: bool,
-    /// Chunks whose checksum is wrong; they were passed over.
+    /// Chunks and attached files whose checksum is wrong; they were passed over.
     pub damaged_chunks: u64,
 }
+
+/// The body of a compressed chunk in the file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct PackedChunk {
+    pub(super) at: u64,
+    pub(super) len: u64,
+}
+
+/// Where the body of a record stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct RecordPlace {
+    /// The compressed chunk that it is in; `None`: it stands in the file as it is.
+    pub(super) chunk: Option<PackedChunk>,
+    /// First byte: of the file, or of the chunk's unpacked records.
+    pub(super) at: u64,
+}
+
+/// Is shown every record of a file that a recording needs: header, channels, messages, attached files and
+/// metadata.
+pub(super) type Visit<'a> = dyn FnMut(Record<'_>, RecordPlace) + 'a;
 
 /// Goes through a file and shows `visit` what is there.
 pub(super) fn walk<R: Read + Seek>(
     file: &mut R,
-    visit: &mut dyn FnMut(Met<'_>),
+    visit: &mut Visit<'_>,
 ) -> Result<FileEnd, FramingError> {
     let file_bytes = file.seek(SeekFrom::End(0))?;
     file.seek(SeekFrom::Start(0))?;
-    let mut magic = [0; MAGIC.len()];
-    if file_bytes < magic.len() as u64 {
-        return Err(FramingError::NotMcap);
-    }
-    file.read_exact(&mut magic)?;
-    if magic != *MAGIC {
-        return Err(FramingError::NotMcap);
-    }
     let mut end = FileEnd {
-        read_bytes: magic.len() as u64,
+        read_bytes: mcap::MAGIC.len() as u64,
         file_bytes,
         whole: false,
         damaged_chunks: 0,
     };
-    let mut body = Vec::new();
-    while let Some((opcode, len)) = next_head(file, &end)? {
+    let mut reader = LinearReader::new_with_options(file_options(false));
+    let mut loaded = 0;
+    while let Some(event) = reader.next_event() {
         let at = end.read_bytes + HEAD_BYTES;
-        let is_chunk = opcode == op::CHUNK;
-        if is_chunk && len > MAX_CHUNK_BYTES {
-            return Err(damaged(at, "a chunk that is too long"));
-        }
-        let wanted = matches!(
-            opcode,
-            op::HEADER | op::CHANNEL | op::MESSAGE | op::ATTACHMENT | op::METADATA
-        );
-        if is_chunk || wanted && len <= MAX_RECORD_BYTES {
-            body.resize(len as usize, 0);
-            file.read_exact(&mut body)?;
-            if is_chunk {
-                end.damaged_chunks += u64::from(!chunk(&body, at, visit)?);
-            } else {
-                visit_record(opcode, &body, at, visit).ok_or(damaged(at, "a broken record"))?;
+        match event {
+            Ok(LinearReadEvent::ReadRequest(n)) => {
+                if n as u64 > file_bytes - loaded {
+                    break;
+                }
+                file.read_exact(&mut reader.insert(n)[..n])?;
+                reader.notify_read(n);
+                loaded += n as u64;
             }
-        } else {
-            file.seek(SeekFrom::Start(at + len))?;
+            Ok(LinearReadEvent::Record { data, opcode }) => {
+                end.read_bytes = at + data.len() as u64;
+                end.damaged_chunks += u64::from(!record(opcode, data, at, visit)?);
+                end.whole = opcode == op::FOOTER;
+            }
+            Err(McapError::RecordTooLarge { opcode, len }) => {
+                let Some(next) = at.checked_add(len).filter(|&next| next <= file_bytes) else {
+                    break;
+                };
+                if opcode == op::CHUNK {
+                    return Err(damaged(at, "a chunk that is too long"));
+                }
+                loaded = file.seek(SeekFrom::Start(next))?;
+                end.read_bytes = next;
+                reader = LinearReader::new_with_options(file_options(true));
+            }
+            Err(McapError::BadMagic) => return Err(FramingError::NotMcap),
+            // An end that is none: what stands before it has been read.
+            Err(_) => break,
         }
-        end.read_bytes = at + len;
-        if opcode == op::FOOTER {
-            end.whole = true;
-            break;
-        }
+    }
+    if loaded < mcap::MAGIC.len() as u64 {
+        return Err(FramingError::NotMcap);
     }
     Ok(end)
 }
 
-/// The next record's opcode and length; `None` when what is left of the file is not a whole record.
-fn next_head<R: Read>(file: &mut R, end: &FileEnd) -> Result<Option<(u8, u64)>, FramingError> {
-    let left = end.file_bytes - end.read_bytes;
-    if left < HEAD_BYTES {
-        return Ok(None);
-    }
-    let mut head = [0; HEAD_BYTES as usize];
-    file.read_exact(&mut head)?;
-    let mut fields = Fields(&head[1..]);
-    let len = fields.u64().unwrap_or(u64::MAX);
-    Ok((len <= left - HEAD_BYTES).then_some((head[0], len)))
+/// How records are read off a file from its begin, or from `inside` it.
+fn file_options(inside: bool) -> LinearReaderOptions {
+    LinearReaderOptions::default()
+        .with_skip_start_magic(inside)
+        .with_skip_end_magic(true)
+        .with_emit_chunks(true)
+        .with_record_length_limit(MAX_CHUNK_BYTES as usize)
 }
 
-/// The records of a chunk; false when its checksum is wrong.
-fn chunk(body: &[u8], at: u64, visit: &mut dyn FnMut(Met<'_>)) -> Result<bool, FramingError> {
-    let broken = || damaged(at, "a broken chunk");
-    let mut fields = Fields(body);
-    let head = (|| {
-        fields.take(16)?;
-        let size = fields.u64()?;
-        let crc = fields.u32()?;
-        let compression = fields.text()?;
-        let packed = fields.u64()?;
-        Some((size, crc, compression, packed))
-    })();
-    let (size, crc, compression, packed) = head.ok_or_else(broken)?;
-    if !compression.is_empty() {
-        return Err(FramingError::Compressed(
-            compression.chars().take(16).collect(),
-        ));
+/// Shows a record of the file whose body stands at `at`; false when its checksum is wrong.
+fn record(opcode: u8, body: &[u8], at: u64, visit: &mut Visit<'_>) -> Result<bool, FramingError> {
+    if opcode != op::CHUNK {
+        let place = RecordPlace { chunk: None, at };
+        return show(opcode, body, place, visit);
     }
-    let records_at = at + (body.len() - fields.0.len()) as u64;
-    let records = usize::try_from(packed).ok().and_then(|n| fields.take(n));
-    let records = records
-        .filter(|records| records.len() as u64 == size)
-        .ok_or_else(broken)?;
-    if crc != 0 && crc32fast::hash(records) != crc {
-        return Ok(false);
+    let chunk = Chunk::of(body, at)?;
+    let packed = PackedChunk {
+        at,
+        len: body.len() as u64,
+    };
+    let packed = chunk.is_packed.then_some(packed);
+    let begin = if chunk.is_packed { 0 } else { at + chunk.head };
+    chunk.each_record(&mut |opcode, body, offset| {
+        let place = RecordPlace {
+            chunk: packed,
+            at: begin + offset,
+        };
+        show(opcode, body, place, visit).map(drop)
+    })
+}
+
+/// The unpacked records of the compressed chunk `body` that stands at `at`.
+pub(super) fn unpack(body: &[u8], at: u64) -> Result<Vec<u8>, FramingError> {
+    let mut records = Vec::new();
+    let whole = Chunk::of(body, at)?.each_record(&mut |opcode, body, _| {
+        records.push(opcode);
+        records.extend((body.len() as u64).to_le_bytes());
+        records.extend(body);
+        Ok(())
+    })?;
+    if whole {
+        Ok(records)
+    } else {
+        Err(damaged(at, "a chunk whose checksum is wrong"))
     }
-    let mut rest = Fields(records);
-    while !rest.0.is_empty() {
-        let record = rest.u8().zip(rest.u64());
-        let record = record.and_then(|(opcode, len)| {
-            let record_at = records_at + (records.len() - rest.0.len()) as u64;
-            let body = rest.take(usize::try_from(len).ok()?)?;
-            visit_record(opcode, body, record_at, visit)
-        });
-        record.ok_or_else(broken)?;
+}
+
+/// A chunk whose header has been checked.
+struct Chunk<'a> {
+    /// Header and records.
+    body: &'a [u8],
+    /// Where it stands in the file.
+    at: u64,
+    /// Bytes ahead of the records.
+    head: u64,
+    is_packed: bool,
+    /// Bytes of the unpacked records, at most [`MAX_CHUNK_BYTES`].
+    unpacked_bytes: u64,
+}
+
+/// Is shown opcode, body and the body's place among the chunk's unpacked records.
+type EachRecord<'a> = dyn FnMut(u8, &[u8], u64) -> Result<(), FramingError> + 'a;
+
+impl<'a> Chunk<'a> {
+    fn of(body: &'a [u8], at: u64) -> Result<Self, FramingError> {
+        let broken = damaged(at, "a broken chunk");
+        if texts_end_within(op::CHUNK, body).is_none() {
+            return Err(broken);
+        }
+        let Ok(Record::Chunk { header, data }) = mcap::parse_record(op::CHUNK, body) else {
+            return Err(broken);
+        };
+        let is_packed = !header.compression.is_empty();
+        let size = header.uncompressed_size;
+        if size > MAX_CHUNK_BYTES {
+            return Err(damaged(at, "a chunk that unpacks to too much"));
+        }
+        if !is_packed && size != header.compressed_size {
+            return Err(broken);
+        }
+        let head = (8 + 8 + 8 + 4 + 4 + 8 + header.compression.len()) as u64;
+        Ok(Self {
+            // What stands behind the records is none of them.
+            body: &body[..head as usize + data.len()],
+            at,
+            head,
+            is_packed,
+            unpacked_bytes: size,
+        })
+    }
+
+    /// Shows every record to `show`; false when the checksum is wrong, and then none is shown.
+    fn each_record(&self, show: &mut EachRecord<'_>) -> Result<bool, FramingError> {
+        let broken = || damaged(self.at, "a broken chunk");
+        let mut reader = self.reader().map_err(|_| broken())?;
+        let mut seen = 0;
+        while seen < self.unpacked_bytes {
+            match reader.next_event() {
+                Some(Ok(LinearReadEvent::Record { data, opcode })) => {
+                    show(opcode, data, seen + HEAD_BYTES)?;
+                    seen += HEAD_BYTES + data.len() as u64;
+                }
+                Some(Err(McapError::BadChunkCrc { .. })) => return Ok(false),
+                Some(Err(McapError::UnsupportedCompression(name))) => {
+                    return Err(FramingError::Compressed(name.chars().take(16).collect()));
+                }
+                // All there is has been given to it.
+                Some(Ok(LinearReadEvent::ReadRequest(_)) | Err(_)) | None => return Err(broken()),
+            }
+        }
+        Ok(true)
+    }
+
+    /// A reader that has been given the chunk, and goes into it.
+    fn reader(&self) -> Result<LinearReader, McapError> {
+        let len = self.body.len() as u64;
+        let options = LinearReaderOptions::default()
+            .with_skip_start_magic(true)
+            .with_skip_end_magic(true)
+            .with_prevalidate_chunk_crcs(true)
+            .with_record_length_limit(len.max(self.unpacked_bytes) as usize);
+        let mut reader = LinearReader::new_with_options(options);
+        for format in [Format::Lz4, Format::Zstd] {
+            reader.add_decompressor(Decompression::new(format, MAX_CHUNK_BYTES))?;
+        }
+        let bytes = self.body.len() + HEAD_BYTES as usize;
+        let room = reader.insert(bytes);
+        room[0] = op::CHUNK;
+        room[1..HEAD_BYTES as usize].copy_from_slice(&len.to_le_bytes());
+        room[HEAD_BYTES as usize..bytes].copy_from_slice(self.body);
+        reader.notify_read(bytes);
+        Ok(reader)
+    }
+}
+
+/// Shows one record, where it is one that is wanted; false when its checksum is wrong.
+fn show(
+    opcode: u8,
+    body: &[u8],
+    place: RecordPlace,
+    visit: &mut Visit<'_>,
+) -> Result<bool, FramingError> {
+    let wanted = matches!(
+        opcode,
+        op::HEADER | op::CHANNEL | op::MESSAGE | op::ATTACHMENT | op::METADATA
+    );
+    if !wanted || body.len() as u64 > MAX_RECORD_BYTES {
+        return Ok(true);
+    }
+    let at = place.chunk.map_or(place.at, |chunk| chunk.at);
+    let broken = damaged(at, "a broken record");
+    if texts_end_within(opcode, body).is_none() {
+        return Err(broken);
+    }
+    match mcap::parse_record(opcode, body) {
+        Ok(record) => visit(record, place),
+        Err(McapError::BadAttachmentCrc { .. }) => return Ok(false),
+        Err(_) => return Err(broken),
     }
     Ok(true)
 }
 
-/// Shows one record whose body stands at `at`; `None` when it is broken.
-fn visit_record(opcode: u8, body: &[u8], at: u64, visit: &mut dyn FnMut(Met<'_>)) -> Option<()> {
-    let mut fields = Fields(body);
-    match opcode {
-        op::HEADER => visit(Met::Header {
-            profile: fields.text()?.to_owned(),
-        }),
-        op::CHANNEL => {
-            let id = fields.u16()?;
-            fields.u16()?;
-            visit(Met::Channel {
-                id,
-                topic: fields.text()?,
-            });
+/// Whether the texts of a record end within it: `mcap` allocates as much as a text's length says before it
+/// looks, and takes the checksum of an attached file for granted.
+fn texts_end_within(opcode: u8, body: &[u8]) -> Option<()> {
+    // Bytes ahead of the texts, how many texts, bytes that must follow.
+    let (ahead, texts, behind) = match opcode {
+        op::HEADER => (0, 2, 0),
+        op::CHANNEL => (4, 2, 4),
+        op::CHUNK => (28, 1, 8),
+        op::ATTACHMENT => (16, 2, 12),
+        op::METADATA => (0, 1, 4),
+        _ => return Some(()),
+    };
+    let mut rest = body.get(ahead..)?;
+    for _ in 0..texts {
+        rest = behind_text(rest)?;
+    }
+    rest.get(behind..)?;
+    if matches!(opcode, op::CHANNEL | op::METADATA) {
+        let mut map = &rest[4..rest.len() - behind_text(rest)?.len()];
+        while !map.is_empty() {
+            map = behind_text(map)?;
         }
-        op::MESSAGE => {
-            let channel = fields.u16()?;
-            fields.take(4 + 8 + 8)?;
-            let at = at + (body.len() - fields.0.len()) as u64;
-            visit(Met::Message {
-                channel,
-                at,
-                data: fields.0,
-            });
-        }
-        op::ATTACHMENT => {
-            fields.take(16)?;
-            let name = fields.text()?;
-            fields.text()?;
-            let len = usize::try_from(fields.u64()?).ok()?;
-            visit(Met::Attachment {
-                name,
-                data: fields.take(len)?,
-            });
-        }
-        op::METADATA => {
-            let name = fields.text()?;
-            let len = fields.u32()? as usize;
-            let mut map = Fields(fields.take(len)?);
-            let mut found = Vec::new();
-            while !map.0.is_empty() {
-                found.push((map.text()?, map.text()?));
-            }
-            visit(Met::Metadata {
-                name,
-                fields: found,
-            });
-        }
-        _ => {}
     }
     Some(())
 }
 
-fn damaged(at: u64, problem: &'static str) -> FramingError {
-    FramingError::Damaged { at, problem }
+/// What stands behind a text, or a map: both have their bytes' number ahead.
+fn behind_text(bytes: &[u8]) -> Option<&[u8]> {
+    let (len, rest) = bytes.split_first_chunk()?;
+    rest.get(u32::from_le_bytes(*len) as usize..)
 }
 
-/// Reads numbers and texts off the front of bytes.
-struct Fields<'a>(&'a [u8]);
-
-impl<'a> Fields<'a> {
-    fn take(&mut self, n: usize) -> Option<&'a [u8]> {
-        let (taken, rest) = self.0.split_at_checked(n)?;
-        self.0 = rest;
-        Some(taken)
-    }
-
-    fn array<const N: usize>(&mut self) -> Option<[u8; N]> {
-        self.take(N)?.try_into().ok()
-    }
-
-    fn u8(&mut self) -> Option<u8> {
-        self.array().map(u8::from_le_bytes)
-    }
-
-    fn u16(&mut self) -> Option<u16> {
-        self.array().map(u16::from_le_bytes)
-    }
-
-    fn u32(&mut self) -> Option<u32> {
-        self.array().map(u32::from_le_bytes)
-    }
-
-    fn u64(&mut self) -> Option<u64> {
-        self.array().map(u64::from_le_bytes)
-    }
-
-    fn text(&mut self) -> Option<&'a str> {
-        let len = self.u32()? as usize;
-        std::str::from_utf8(self.take(len)?).ok()
-    }
+fn damaged(at: u64, problem: &'static str) -> FramingError {
+    FramingError::Damaged { at, problem }
 }

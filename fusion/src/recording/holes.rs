@@ -7,8 +7,8 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use farfield_proto::fill::{MAX_TICKS, SetKind};
 use farfield_proto::id::SessionId;
+use farfield_proto::message::fill::{MAX_TICKS, SetKind};
 use farfield_proto::message::{PatchSet, SightingSet};
 use farfield_proto::tick::Tick;
 

@@ -8,7 +8,10 @@
 //! is arrival, publish time sending. What an edge delivered after an outage stands in channels of its own,
 //! `{venue}/fill/{viewpoint}/patch` and `.../sighting`. Poses stand there once more as JSON.
 
+use mcap::records::Record;
+
 pub mod channels;
+mod compression;
 mod framing;
 pub mod holes;
 pub mod poses_json;
@@ -26,6 +29,8 @@ pub const WIRE_ENCODING: &str = "farfield-wire";
 pub const FACTS: &str = "farfield";
 /// Name of the attached venue file.
 pub const VENUE_FILE: &str = "venue.toml";
+/// The fact that tells the attached venue file's layout ([`farfield_proto::venue::layout`]); absent: 1.
+pub const VENUE_LAYOUT: &str = "venue_layout";
 /// Name of the attached calibration.
 pub const CALIBRATION_FILE: &str = "calibration.toml";
 /// Name of the attached card of the keypoint network.
@@ -38,14 +43,11 @@ pub const MAX_ATTACHED_BYTES: u64 = framing::MAX_RECORD_BYTES - 4096;
 /// short. The metadata stand first: some thousands of bytes are enough.
 pub fn venue_of(head: &[u8]) -> Option<String> {
     let mut venue = None;
-    let mut meet = |met: framing::Met<'_>| {
-        if let framing::Met::Metadata {
-            name: FACTS,
-            fields,
-        } = met
+    let mut meet = |record: Record<'_>, _| {
+        if let Record::Metadata(mut facts) = record
+            && facts.name == FACTS
         {
-            let found = fields.into_iter().find(|(key, _)| *key == "venue");
-            venue = venue.take().or(found.map(|(_, name)| name.to_owned()));
+            venue = venue.take().or(facts.metadata.remove("venue"));
         }
     };
     // What comes after the metadata is cut off somewhere: that is no matter here.
@@ -64,5 +66,7 @@ pub fn is_ours(head: &[u8]) -> bool {
         && profile == Some(PROFILE.as_bytes())
 }
 
+#[cfg(test)]
+mod chunk_tests;
 #[cfg(test)]
 mod tests;

@@ -1,23 +1,24 @@
 //! Reads a recording: once through for what is where, then tick by tick.
 //!
 //! What is kept in memory is 48 bytes per set and the decisions; the sets themselves are read when
-//! their tick's turn comes.
+//! their tick's turn comes. Of a file with compressed chunks, one chunk is kept unpacked.
 
 use std::collections::BTreeMap;
 use std::io::{Read, Seek, SeekFrom};
 
-use farfield_proto::decision::Decision;
-use farfield_proto::fill::SetKind;
 use farfield_proto::id::{SessionId, ViewpointIndex};
-use farfield_proto::live::MAX_EDGES;
+use farfield_proto::message::decision::Decision;
+use farfield_proto::message::fill::SetKind;
 use farfield_proto::message::identity_event::IdentityEventSet;
+use farfield_proto::message::live::MAX_EDGES;
 use farfield_proto::message::{PatchSet, PoseSet, SightingSet};
 use farfield_proto::tick::Tick;
 use farfield_proto::wire;
+use mcap::records::Record;
 use serde::Deserialize;
 
 use super::channels::{Content, channels};
-use super::framing::{FileEnd, FramingError, Met, walk};
+use super::framing::{FileEnd, FramingError, PackedChunk, RecordPlace, unpack, walk};
 use super::{CALIBRATION_FILE, CARD_FILE, FACTS, PROFILE, VENUE_FILE};
 
 /// Why a file cannot be replayed.
@@ -40,9 +41,15 @@ pub enum RecordingError {
 /// Where a recorded message stands.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 struct Place {
+    /// Which of the compressed chunks it is in; [`NO_CHUNK`]: it stands in the file as it is.
+    chunk: u32,
+    /// Its first byte: of the file, or of the chunk's unpacked records.
     at: u64,
     len: u32,
 }
+
+/// See [`Place::chunk`].
+const NO_CHUNK: u32 = u32::MAX;
 
 /// One recorded set, in the order in which the sets of a tick are wanted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -84,6 +91,9 @@ pub struct SessionPart {
 /// A recording that has been read through.
 pub struct Recording<R> {
     file: R,
+    packed_chunks: Vec<PackedChunk>,
+    /// The compressed chunk that was read last, and its records.
+    unpacked: Option<(u32, Vec<u8>)>,
     facts: BTreeMap<String, String>,
     files: BTreeMap<String, Vec<u8>>,
     sets: Vec<SetEntry>,
@@ -101,7 +111,7 @@ impl<R: Read + Seek> Recording<R> {
     /// [`RecordingError`] when it is not a recording of ours, or broken otherwise than by an early end.
     pub fn open(mut file: R) -> Result<Self, RecordingError> {
         let mut index = Index::default();
-        let end = walk(&mut file, &mut |met| index.meet(met))?;
+        let end = walk(&mut file, &mut |record, place| index.meet(record, place))?;
         match index.profile {
             None => return Err(RecordingError::NoHead),
             Some(profile) if profile != PROFILE => return Err(RecordingError::Foreign(profile)),
@@ -117,6 +127,8 @@ impl<R: Read + Seek> Recording<R> {
         let sessions = sessions(&index.sets, index.decisions);
         Ok(Self {
             file,
+            packed_chunks: index.packed_chunks,
+            unpacked: None,
             facts: index.facts,
             files: index.files,
             sets: index.sets,
@@ -201,9 +213,34 @@ impl<R: Read + Seek> Recording<R> {
     }
 
     fn bytes(&mut self, place: Place) -> Result<Vec<u8>, RecordingError> {
-        let mut bytes = vec![0; place.len as usize];
+        if place.chunk == NO_CHUNK {
+            return self.file_bytes(place.at, u64::from(place.len));
+        }
+        let kept = self.unpacked.take().filter(|(n, _)| *n == place.chunk);
+        let records = match kept {
+            Some((_, records)) => records,
+            None => self.unpack(place)?,
+        };
+        let bytes = usize::try_from(place.at).ok().and_then(|at| {
+            let until = at.checked_add(place.len as usize)?;
+            records.get(at..until).map(<[u8]>::to_vec)
+        });
+        self.unpacked = Some((place.chunk, records));
+        bytes.ok_or(RecordingError::Changed(place.at))
+    }
+
+    /// The records of the compressed chunk that `place` is in.
+    fn unpack(&mut self, place: Place) -> Result<Vec<u8>, RecordingError> {
+        let chunk = self.packed_chunks.get(place.chunk as usize).copied();
+        let chunk = chunk.ok_or(RecordingError::Changed(place.at))?;
+        let body = self.file_bytes(chunk.at, chunk.len)?;
+        Ok(unpack(&body, chunk.at)?)
+    }
+
+    fn file_bytes(&mut self, at: u64, len: u64) -> Result<Vec<u8>, RecordingError> {
+        let mut bytes = vec![0; len as usize];
         self.file
-            .seek(SeekFrom::Start(place.at))
+            .seek(SeekFrom::Start(at))
             .and_then(|_| self.file.read_exact(&mut bytes))
             .map_err(FramingError::Io)?;
         Ok(bytes)
@@ -219,12 +256,16 @@ struct Index {
     /// What stands under which topic, once the facts are known.
     topics: BTreeMap<String, Content>,
     contents: BTreeMap<u16, Content>,
+    packed_chunks: Vec<PackedChunk>,
     sets: Vec<SetEntry>,
     poses: BTreeMap<(SessionId, Tick), Place>,
     decisions: Vec<Decision>,
     unreadable: u64,
     lost: u64,
 }
+
+/// Channel, sequence and two times ahead of a message's bytes.
+const MESSAGE_HEAD_BYTES: u64 = 2 + 4 + 8 + 8;
 
 /// What a recorder says of itself.
 #[derive(Deserialize)]
@@ -233,34 +274,52 @@ struct RecorderSays {
 }
 
 impl Index {
-    fn meet(&mut self, met: Met<'_>) {
-        match met {
-            Met::Header { profile } => self.profile = self.profile.take().or(Some(profile)),
-            Met::Metadata { name, fields } if name == FACTS && self.facts.is_empty() => {
-                let owned = |(key, value): (&str, &str)| (key.to_owned(), value.to_owned());
-                self.facts = fields.into_iter().map(owned).collect();
+    fn meet(&mut self, record: Record<'_>, place: RecordPlace) {
+        match record {
+            Record::Header(header) => {
+                self.profile = self.profile.take().or(Some(header.profile));
+            }
+            Record::Metadata(record) if record.name == FACTS && self.facts.is_empty() => {
+                self.facts = record.metadata;
                 self.topics = topics(&self.facts);
             }
-            Met::Attachment { name, data } => {
-                let ours = [VENUE_FILE, CALIBRATION_FILE, CARD_FILE].contains(&name);
-                if ours && !self.files.contains_key(name) {
-                    self.files.insert(name.to_owned(), data.to_owned());
+            Record::Attachment { header, data, .. } => {
+                let ours = [VENUE_FILE, CALIBRATION_FILE, CARD_FILE];
+                if ours.contains(&header.name.as_str()) && !self.files.contains_key(&header.name) {
+                    self.files.insert(header.name, data.into_owned());
                 }
             }
-            Met::Channel { id, topic } => {
-                if let Some(&content) = self.topics.get(topic) {
-                    self.contents.insert(id, content);
+            Record::Channel(channel) => {
+                if let Some(&content) = self.topics.get(&channel.topic) {
+                    self.contents.insert(channel.id, content);
                 }
             }
-            Met::Message { channel, at, data } => {
-                if let (Some(&content), Ok(len)) =
-                    (self.contents.get(&channel), u32::try_from(data.len()))
-                {
-                    self.message(content, Place { at, len }, data);
+            Record::Message { header, data } => {
+                if let (Some(&content), Ok(len)) = (
+                    self.contents.get(&header.channel_id),
+                    u32::try_from(data.len()),
+                ) {
+                    let place = Place {
+                        chunk: self.chunk_number(place.chunk),
+                        at: place.at + MESSAGE_HEAD_BYTES,
+                        len,
+                    };
+                    self.message(content, place, &data);
                 }
             }
-            Met::Metadata { .. } => {}
+            _ => {}
         }
+    }
+
+    /// The number of the chunk that is gone through, which is the last.
+    fn chunk_number(&mut self, chunk: Option<PackedChunk>) -> u32 {
+        let Some(chunk) = chunk else {
+            return NO_CHUNK;
+        };
+        if self.packed_chunks.last() != Some(&chunk) {
+            self.packed_chunks.push(chunk);
+        }
+        self.packed_chunks.len() as u32 - 1
     }
 
     fn message(&mut self, content: Content, place: Place, data: &[u8]) {

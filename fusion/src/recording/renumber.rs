@@ -186,7 +186,7 @@ mod tests {
             viewpoint: ViewpointIndex(0),
             order: Order::Track,
             live: None,
-            look: Vec::new(),
+            detection_cameras: Vec::new(),
             persons: persons.iter().map(person).collect(),
         }]
     }

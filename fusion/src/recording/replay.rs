@@ -2,7 +2,7 @@
 
 use std::io::{Read, Seek};
 
-use farfield_proto::decision::{Decision, UsedSet};
+use farfield_proto::message::decision::{Decision, UsedSet};
 use farfield_proto::message::{BoxSet, PoseSet};
 use farfield_proto::tick::Tick;
 

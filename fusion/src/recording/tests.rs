@@ -3,14 +3,16 @@
 use std::collections::BTreeMap;
 use std::io::{self, Cursor, Write};
 
-use farfield_proto::decision::{Decision, UsedSet};
 use farfield_proto::id::{SessionId, ViewpointIndex};
-use farfield_proto::live::{LiveBoxes, PatchTiming};
+use farfield_proto::message::decision::{Decision, UsedSet};
+use farfield_proto::message::live::{LiveBoxes, PatchTiming};
 use farfield_proto::message::{BoxSet, Order, PatchSet, PersonState, PoseSet, SightingSet};
 use farfield_proto::tick::Tick;
 use farfield_proto::wire::{self, Message};
 use proptest::prelude::*;
 
+use super::chunk_tests::compressed;
+use super::compression::Format;
 use super::framing::FramingError;
 use super::reader::{AnySet, Recording, RecordingError};
 use super::writer::{Head, Passed, RecordingWriter};
@@ -79,7 +81,7 @@ fn put<W: Write, M: Message>(writer: &mut RecordingWriter<W>, topic: &str, messa
 }
 
 /// Three ticks in a chunk each; of the second, `sw` came late, of the third it was filled.
-fn recording() -> Vec<u8> {
+pub(super) fn recording() -> Vec<u8> {
     let mut writer = RecordingWriter::create(Vec::new(), head()).unwrap();
     for tick in 0..3 {
         put(&mut writer, "hall/patch/ne", &patches(tick, 0));
@@ -98,25 +100,34 @@ fn recording() -> Vec<u8> {
     writer.finish().unwrap()
 }
 
-fn open(bytes: &[u8]) -> Result<Recording<Cursor<&[u8]>>, RecordingError> {
+/// The same recording as it is written, and with compressed chunks.
+pub(super) fn in_all_forms() -> [Vec<u8>; 3] {
+    let plain = recording();
+    let [lz4, zstd] = [Format::Lz4, Format::Zstd].map(|format| compressed(&plain, format));
+    [plain, lz4, zstd]
+}
+
+pub(super) fn open(bytes: &[u8]) -> Result<Recording<Cursor<&[u8]>>, RecordingError> {
     Recording::open(Cursor::new(bytes))
 }
 
 #[test]
 fn what_was_written_is_read() {
-    let bytes = recording();
-    let mut recording = open(&bytes).unwrap();
-    assert!(recording.end().whole && recording.unreadable() == 0);
-    assert_eq!(recording.file(VENUE_FILE), Some("name = \"hall\"\n"));
-    let part = recording.sessions()[0].clone();
-    assert_eq!((part.sets, part.filled), (6, 1));
-    assert_eq!(part.decisions[1], decision(1, &[0]));
-    for tick in 0..3 {
-        let sets = recording.sets(SESSION, Tick(tick)).unwrap();
-        let expected = [0, 1].map(|viewpoint| AnySet::Patches(patches(tick, viewpoint)));
-        assert_eq!(sets, expected);
-        let published = recording.poses(SESSION, Tick(tick)).unwrap();
-        assert_eq!(published, Some(poses(tick)));
+    for bytes in in_all_forms() {
+        let mut recording = open(&bytes).unwrap();
+        assert!(recording.end().whole && recording.unreadable() == 0);
+        assert_eq!(recording.end().damaged_chunks, 0);
+        assert_eq!(recording.file(VENUE_FILE), Some("name = \"hall\"\n"));
+        let part = recording.sessions()[0].clone();
+        assert_eq!((part.sets, part.filled), (6, 1));
+        assert_eq!(part.decisions[1], decision(1, &[0]));
+        for tick in [0, 2, 1] {
+            let sets = recording.sets(SESSION, Tick(tick)).unwrap();
+            let expected = [0, 1].map(|viewpoint| AnySet::Patches(patches(tick, viewpoint)));
+            assert_eq!(sets, expected);
+            let published = recording.poses(SESSION, Tick(tick)).unwrap();
+            assert_eq!(published, Some(poses(tick)));
+        }
     }
 }
 
@@ -160,7 +171,7 @@ fn patches_are_stamped_with_their_sending() {
             clock_correction_us: None,
             heard: None,
         }),
-        look: Vec::new(),
+        detection_cameras: Vec::new(),
         persons: Vec::new(),
     };
     put(&mut writer, "hall/box/ne", &boxes);
@@ -192,28 +203,29 @@ fn a_key_that_the_venue_does_not_have_is_not_recorded() {
 
 #[test]
 fn a_torn_file_is_read_to_its_last_finished_chunk() {
-    let bytes = recording();
-    let mut ticks = Vec::new();
-    for len in 0..bytes.len() {
-        match open(&bytes[..len]) {
-            Ok(recording) => {
-                let sessions = recording.sessions();
-                assert!(!recording.end().whole || len + mcap::MAGIC.len() >= bytes.len());
-                assert!(recording.end().read_bytes <= len as u64);
-                ticks.push(sessions.first().map_or(0, |part| part.decisions.len()));
-            }
-            Err(error) => {
-                let early = matches!(
-                    error,
-                    RecordingError::NoHead | RecordingError::Framing(FramingError::NotMcap)
-                );
-                assert!(early && ticks.is_empty(), "{len} bytes: {error}");
+    for bytes in in_all_forms() {
+        let mut ticks = Vec::new();
+        for len in 0..bytes.len() {
+            match open(&bytes[..len]) {
+                Ok(recording) => {
+                    let sessions = recording.sessions();
+                    assert!(!recording.end().whole || len + mcap::MAGIC.len() >= bytes.len());
+                    assert!(recording.end().read_bytes <= len as u64);
+                    ticks.push(sessions.first().map_or(0, |part| part.decisions.len()));
+                }
+                Err(error) => {
+                    let early = matches!(
+                        error,
+                        RecordingError::NoHead | RecordingError::Framing(FramingError::NotMcap)
+                    );
+                    assert!(early && ticks.is_empty(), "{len} bytes: {error}");
+                }
             }
         }
+        assert!(ticks.is_sorted(), "more bytes never hold fewer ticks");
+        ticks.dedup();
+        assert_eq!(ticks, [0, 1, 2, 3]);
     }
-    assert!(ticks.is_sorted(), "more bytes never hold fewer ticks");
-    ticks.dedup();
-    assert_eq!(ticks, [0, 1, 2, 3]);
 }
 
 #[test]
@@ -335,8 +347,9 @@ proptest! {
     #[test]
     fn no_change_of_a_recording_brings_the_reader_down(
         changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..8),
+        form in 0usize..3,
     ) {
-        let mut bytes = recording();
+        let mut bytes = in_all_forms()[form].clone();
         for (at, byte) in changes {
             let at = at.index(bytes.len());
             bytes[at] = byte;

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::io::{self, Write};
 
-use farfield_proto::fill::SetKind;
+use farfield_proto::message::fill::SetKind;
 use farfield_proto::message::{BoxSet, PatchSet, PoseSet};
 use farfield_proto::wire;
 use mcap::records::{MessageHeader, Metadata};

@@ -7,9 +7,10 @@
 
 use std::collections::BTreeSet;
 
+use farfield_proto::order_statistics::upper_median;
 use nalgebra::Vector3;
 
-use crate::sightings::rays::{SightedBody, SightedRay, median};
+use crate::sightings::rays::{SightedBody, SightedRay};
 use crate::sightings::reconstruction::{Reconstruction, reconstruct};
 
 /// How far outside the field two rays may meet, metres: their meeting point is less certain than
@@ -201,7 +202,7 @@ fn verdict(a: &SightedBody, b: &SightedBody, gates: &Gates) -> RayAgreement {
         .iter()
         .filter(|&&d| d <= gates.ray_distance_m)
         .count();
-    match median(distances) {
+    match upper_median(distances) {
         Some(d) if d <= gates.ray_distance_m && agreeing >= gates.min_keypoints => {
             RayAgreement::Agree(d)
         }

@@ -2,9 +2,10 @@
 
 use std::collections::BTreeSet;
 
+use farfield_proto::order_statistics::upper_median;
 use nalgebra::Vector3;
 
-use crate::sightings::rays::{SightedBody, median};
+use crate::sightings::rays::SightedBody;
 use crate::sightings::reconstruction::Reconstruction;
 
 /// Least keypoints that a witness shares with a body to be explained by it.
@@ -51,7 +52,7 @@ pub(crate) fn witness_distance_m(witness: &SightedBody, body: &KnownBody) -> Opt
     if distances.len() < EXPLAINED_KEYPOINTS {
         None
     } else {
-        median(distances)
+        upper_median(distances)
     }
 }
 

@@ -10,6 +10,7 @@ use farfield_proto::camera::CameraModel;
 use farfield_proto::frames::{Pixel, Undistorted};
 use farfield_proto::id::ViewpointIndex;
 use farfield_proto::message::Sighting;
+use farfield_proto::order_statistics::upper_median;
 use nalgebra::Vector3;
 
 /// Sightings of two cameras of one viewpoint may show the same person when their rays differ by less
@@ -199,13 +200,6 @@ fn difference_share(a: &SightedBody, b: &SightedBody) -> Option<f64> {
     if angles.len() < SAME_PERSON_KEYPOINTS {
         None
     } else {
-        Some(median(angles)? / size)
+        Some(upper_median(angles)? / size)
     }
-}
-
-/// The middle of `values` (the upper one of two); `None` when there are none.
-pub(crate) fn median(mut values: Vec<f64>) -> Option<f64> {
-    let middle = values.len() / 2;
-    values.sort_by(f64::total_cmp);
-    values.get(middle).copied()
 }

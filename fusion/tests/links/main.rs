@@ -9,7 +9,8 @@ mod relay;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
-use farfield_proto::transport::{EdgeTransport, FusionTransport, Identity, Setting};
+use farfield_proto::order_statistics::value_after;
+use farfield_proto::transport::{EdgeTransport, FusionTransport, Identity, ZenohSetting};
 use relay::{Faults, Relay};
 use tokio::time::{interval, timeout};
 use zenoh::Session;
@@ -24,7 +25,7 @@ const NO_FAULTS: Faults = Faults {
     lose_every: 0,
 };
 
-async fn open(settings: Vec<Setting>) -> Session {
+async fn open(settings: Vec<ZenohSetting>) -> Session {
     let mut config = zenoh::Config::default();
     for (key, value) in settings {
         config
@@ -99,8 +100,7 @@ struct Sent {
 
 impl Sent {
     fn percentile(&self, share: f64) -> Duration {
-        let rank = ((share * self.taken.len() as f64) as usize).min(self.taken.len() - 1);
-        self.taken[rank]
+        value_after(&self.taken, share).expect("some arrived")
     }
 }
 

@@ -1,4 +1,4 @@
-//! How a lens draws, how far that is monotonic, and the way back.
+//! Lens distortion, the radius up to which it is monotonic, and its inverse.
 
 use nalgebra::{Matrix2, Vector2};
 
@@ -10,7 +10,8 @@ const MIN_STRETCH: f64 = 1e-3;
 /// Largest tangent of the angle to the optical axis at which a lens model is used (89 degrees).
 const MAX_RADIUS: f64 = 57.0;
 
-/// OpenCV's rational lens distortion, in normalised image coordinates (x, y) = (X/Z, Y/Z).
+/// OpenCV's rational lens distortion (its documentation of `calib3d`), in normalised image coordinates (x, y) =
+/// (X/Z, Y/Z), no unit.
 ///
 /// ```text
 ///   x' = x g + 2 p1 x y + p2 (r2 + 2 x2)        g = (1 + k1 r2 + k2 r4 + k3 r6) / (1 + k4 r2 + k5 r4 + k6 r6)
@@ -109,7 +110,7 @@ impl Distortion {
         }
         let mut r = 0.0;
         while r < MAX_RADIUS {
-            // Fine where lenses look, a hundredth of the radius beyond.
+            // Fine steps within the usual field of view, a hundredth of the radius beyond.
             let next = r + f64::max(0.001, 0.01 * (r - 2.0));
             if !self.is_regular_at(next) {
                 return self.last_regular(r, next);

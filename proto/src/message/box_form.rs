@@ -1,7 +1,7 @@
-//! How boxes are written: in the few whole numbers that they are made of.
+//! The short form of boxes on the wire: whole numbers, as fusion makes them.
 //!
-//! Fusion makes boxes of quarter pixels ([`CameraBox::snapped`]), as crops are; joints lie near the middle of
-//! their box. What is not so is written out. Nothing is lost either way.
+//! Fusion makes boxes of quarter pixels ([`CameraBox::snapped`]), as crops are; joints are written relative to the centre
+//! of their box. A box that is not of this form is written in full. Nothing is lost either way.
 
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
@@ -9,13 +9,13 @@ use super::CameraBox;
 use crate::bounding_box::{BoundingBox, BoxRate};
 use crate::id::CameraIndex;
 
-/// Parts of a pixel that places and sizes are made of.
+/// Positions and sizes are multiples of 1/4 pixel.
 const PER_PX: f32 = 4.0;
-/// Parts of a pixel per tick.
+/// Rates of positions and sizes are multiples of 1/16 pixel per tick.
 const PER_PX_A_TICK: f32 = 16.0;
-/// Parts of a radian.
+/// Rotations are multiples of 1/512 radian.
 const PER_RAD: f32 = 512.0;
-/// Parts of a radian per tick.
+/// Rates of rotation are multiples of 1/4096 radian per tick.
 const PER_RAD_A_TICK: f32 = 4096.0;
 /// Whole numbers up to here are exact in single precision.
 const MOST: f32 = 16_777_216.0;
@@ -74,7 +74,7 @@ impl Form {
                 let px = |[x, y]: [i32; 2]| [x as f32 / PER_PX, y as f32 / PER_PX];
                 let a_tick =
                     |[x, y]: [i32; 2]| [x as f32 / PER_PX_A_TICK, y as f32 / PER_PX_A_TICK];
-                // Strangers' numbers may be of any size.
+                // Received numbers may be of any size.
                 let of_center = |[x, y]: [i32; 2]| {
                     px([x.saturating_add(center[0]), y.saturating_add(center[1])])
                 };

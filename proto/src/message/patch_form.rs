@@ -1,15 +1,15 @@
-//! How patches are written: what the persons of a message have in common, and what is usual, is left out.
+//! The short form of patches on the wire: what the persons of a message have in common, and what is usual, is left out.
 //!
 //! A box is of the patch's own tick or a few before; a crop lies on a grid of quarter pixels
-//! ([`crate::grid::CellGrid::snapped`]); most persons have one crop, some two; maps have one of a few
-//! sizes. Whatever is not so is written out. Nothing is lost either way.
+//! ([`crate::grid::CellGrid::snapped`]); most persons have one crop, some two; maps have one of a few sizes. A patch
+//! that is not of this form is written in full. Nothing is lost either way.
 
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use super::{PatchSet, PersonPatch};
 use crate::grid::CellGrid;
 use crate::id::{CameraIndex, PersonId, SessionId, ViewpointIndex};
-use crate::live::PatchTiming;
+use crate::message::live::PatchTiming;
 use crate::patch::EncodedMaps;
 use crate::tick::Tick;
 
@@ -148,7 +148,7 @@ fn read(patch: Patch<Vec<u8>>, tick: Tick) -> PersonPatch {
         Size::Coco40x56 => USUAL[2],
         Size::Other(width, height, keypoints) => (width, height, keypoints),
     };
-    // As many as a patch may have; what says more is refused by its check.
+    // At most as many as a patch may have; a patch with more is refused by its check.
     let n = usize::from(keypoints).min(crate::patch::MAX_KEYPOINTS);
     let grid = |short| CellGrid::from_short(short, width, height);
     let (crops, crop_of_keypoint) = match patch.crops {

@@ -1,21 +1,22 @@
 //! Bytes to maps.
 
-use super::correction::Grid;
-use super::encode::{FLOOR_BITS, QUALITY_BITS, STEP_BITS};
-use super::mode::{Mode, Scale};
-use super::modes;
-use super::range_coder::{BitCoder as _, Reader};
-use super::recipe::{Recipe, STEPS_DOWN};
-use super::symbol::plain;
-use super::walk::{self, Shape};
-use super::{EncodedMaps, Maps, PatchError, Quality};
+use super::compression_level::CompressionLevel;
+use super::encode::{FLOOR_BITS, LEVEL_BITS, STEP_BITS};
+use super::entropy::range_coder::{BitCoder as _, BitReader};
+use super::entropy::symbol::plain;
+use super::gaussian::correction::CorrectionGrid;
+use super::gaussian::mode::{MapScale, Mode};
+use super::gaussian::mode_coder;
+use super::gaussian::recipe::{Recipe, STEPS_DOWN};
+use super::lossless::{self, Shape};
+use super::maps::{EncodedMaps, Maps, PatchError};
 
 /// Turns bytes back into maps; keeps its memory from patch to patch.
 #[derive(Debug, Clone)]
 pub struct Decoder {
-    exact: walk::Model,
-    model: modes::Model,
-    grid: Grid,
+    exact: lossless::LosslessCoder,
+    model: mode_coder::ModeCoder,
+    grid: CorrectionGrid,
     modes: Vec<Mode>,
 }
 
@@ -23,9 +24,9 @@ impl Decoder {
     /// A new decoder.
     pub fn new() -> Self {
         Self {
-            exact: walk::Model::new(),
-            model: modes::Model::new(),
-            grid: Grid::default(),
+            exact: lossless::LosslessCoder::new(),
+            model: mode_coder::ModeCoder::new(),
+            grid: CorrectionGrid::default(),
             modes: Vec::new(),
         }
     }
@@ -43,9 +44,9 @@ impl Decoder {
             encoded.height.into(),
             encoded.keypoints.into(),
         );
-        let mut reader = Reader::new(&encoded.bytes);
-        let level = plain(&mut reader, QUALITY_BITS, 0) as u8;
-        match Recipe::of(Quality::new(level)) {
+        let mut reader = BitReader::new(&encoded.bytes);
+        let level = plain(&mut reader, LEVEL_BITS, 0) as u8;
+        match Recipe::of(CompressionLevel::new(level)) {
             None => self.exact(&mut reader, into),
             Some(recipe) => self.modes(&mut reader, &recipe, into),
         }?;
@@ -55,7 +56,7 @@ impl Decoder {
         }
     }
 
-    fn exact(&mut self, reader: &mut Reader<'_>, into: &mut Maps) -> Result<(), PatchError> {
+    fn exact(&mut self, reader: &mut BitReader<'_>, into: &mut Maps) -> Result<(), PatchError> {
         let floor = plain(reader, FLOOR_BITS, 0) as u8;
         let shape = Shape {
             width: into.width(),
@@ -72,11 +73,11 @@ impl Decoder {
 
     fn modes(
         &mut self,
-        reader: &mut Reader<'_>,
+        reader: &mut BitReader<'_>,
         recipe: &Recipe,
         into: &mut Maps,
     ) -> Result<(), PatchError> {
-        let scale = Scale::of(into);
+        let scale = MapScale::of(into);
         let rest = STEPS_DOWN[plain(reader, STEP_BITS, 0) as usize % STEPS_DOWN.len()];
         self.model.contexts.reset();
         self.model.begin(into.keypoints(), &scale);
@@ -100,7 +101,7 @@ impl Decoder {
 }
 
 /// Refuses to go on past the end of the bytes.
-fn within(reader: &Reader<'_>, keypoint: usize) -> Result<(), PatchError> {
+fn within(reader: &BitReader<'_>, keypoint: usize) -> Result<(), PatchError> {
     if reader.is_past_end() {
         Err(PatchError::TooShort { keypoint })
     } else {

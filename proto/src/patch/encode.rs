@@ -1,17 +1,18 @@
 //! Maps to bytes.
 
-use super::correction::Grid;
-use super::explain::{Explained, Explainer};
-use super::mode::{Mode, Scale};
-use super::modes;
-use super::range_coder::{BitCoder as _, Writer};
-use super::recipe::{NO_CORRECTION, Recipe, Rest, STEPS_DOWN};
-use super::symbol::plain;
-use super::walk::{self, Shape};
-use super::{EncodedMaps, FLOOR, Maps, Quality};
+use super::compression_level::{CompressionLevel, FLOOR};
+use super::entropy::range_coder::{BitCoder as _, BitWriter};
+use super::entropy::symbol::plain;
+use super::gaussian::correction::CorrectionGrid;
+use super::gaussian::explain::{Explained, Explainer};
+use super::gaussian::mode::{MapScale, Mode};
+use super::gaussian::mode_coder;
+use super::gaussian::recipe::{NO_CORRECTION, Recipe, Rest, STEPS_DOWN};
+use super::lossless::{self, Shape};
+use super::maps::{EncodedMaps, Maps};
 
-/// Bits of the quality at the head of a patch, and of the floor after that of lossless ones.
-pub(super) const QUALITY_BITS: u32 = 4;
+/// Bits of the compression level at the head of a patch, and of the floor after that of lossless ones.
+pub(super) const LEVEL_BITS: u32 = 4;
 pub(super) const FLOOR_BITS: u32 = 8;
 /// Bits of the step down of patches of modes.
 pub(super) const STEP_BITS: u32 = 4;
@@ -19,16 +20,16 @@ pub(super) const STEP_BITS: u32 = 4;
 /// Turns maps into bytes; keeps its memory from patch to patch.
 #[derive(Debug, Clone)]
 pub struct Encoder {
-    exact: walk::Model,
+    exact: lossless::LosslessCoder,
     /// One map, cells below the floor cleared.
     kept: Vec<u8>,
-    model: modes::Model,
+    model: mode_coder::ModeCoder,
     explainer: Explainer,
-    /// What was found in each map of the patch.
+    /// The modes of each map of the patch.
     explained: Vec<Explained>,
-    grid: Grid,
+    grid: CorrectionGrid,
     modes: Vec<Mode>,
-    /// Whether every patch begins with what is known beforehand.
+    /// Whether every patch begins with the priors.
     forgets: bool,
 }
 
@@ -36,33 +37,33 @@ impl Encoder {
     /// A new encoder.
     pub fn new() -> Self {
         Self {
-            exact: walk::Model::new(),
+            exact: lossless::LosslessCoder::new(),
             kept: Vec::new(),
-            model: modes::Model::new(),
+            model: mode_coder::ModeCoder::new(),
             explainer: Explainer::new(),
             explained: Vec::new(),
-            grid: Grid::default(),
+            grid: CorrectionGrid::default(),
             modes: Vec::new(),
             forgets: true,
         }
     }
 
-    /// Encodes `maps` as closely as `quality` says.
+    /// Encodes `maps` as closely as `level` says.
     ///
     /// Equal maps give equal bytes, whatever was encoded before.
-    pub fn encode(&mut self, maps: &Maps, quality: Quality) -> EncodedMaps {
+    pub fn encode(&mut self, maps: &Maps, level: CompressionLevel) -> EncodedMaps {
         let mut bytes = Vec::with_capacity(512);
-        self.encode_into(maps, quality, &mut bytes);
+        self.encode_into(maps, level, &mut bytes);
         encoded(maps, bytes)
     }
 
     /// As [`Self::encode`]: the bytes of the maps alone, in the place of what is in `bytes`. Allocates
     /// nothing once everything has its size.
-    pub fn encode_into(&mut self, maps: &Maps, quality: Quality, bytes: &mut Vec<u8>) {
+    pub fn encode_into(&mut self, maps: &Maps, level: CompressionLevel, bytes: &mut Vec<u8>) {
         bytes.clear();
-        match Recipe::of(quality) {
+        match Recipe::of(level) {
             None => self.exact(maps, FLOOR, bytes),
-            Some(recipe) => self.modes(maps, quality, &recipe, bytes),
+            Some(recipe) => self.modes(maps, level, &recipe, bytes),
         }
     }
 
@@ -76,15 +77,20 @@ impl Encoder {
         encoded(maps, bytes)
     }
 
-    /// Encodes at most `most` Gaussians of each map as finely as `quality` (not without loss) writes
-    /// them, and nothing else: what peers send, for comparisons.
-    pub fn encode_gaussians(&mut self, maps: &Maps, quality: Quality, most: usize) -> EncodedMaps {
+    /// Encodes at most `most` Gaussians of each map as finely as `level` (not without loss) writes them, and nothing
+    /// else: for comparison with systems that send Gaussians.
+    pub fn encode_gaussians(
+        &mut self,
+        maps: &Maps,
+        level: CompressionLevel,
+        most: usize,
+    ) -> EncodedMaps {
         let mut bytes = Vec::new();
-        if let Some(mut recipe) = Recipe::of(quality) {
+        if let Some(mut recipe) = Recipe::of(level) {
             recipe.modes = most.min(recipe.modes);
             recipe.first = NO_CORRECTION;
             recipe.most_bytes = usize::MAX;
-            self.modes(maps, quality, &recipe, &mut bytes);
+            self.modes(maps, level, &recipe, &mut bytes);
         }
         encoded(maps, bytes)
     }
@@ -96,8 +102,12 @@ impl Encoder {
             height: maps.height(),
             floor,
         };
-        let mut writer = Writer::new(std::mem::take(bytes));
-        plain(&mut writer, QUALITY_BITS, Quality::LOSSLESS.level().into());
+        let mut writer = BitWriter::new(std::mem::take(bytes));
+        plain(
+            &mut writer,
+            LEVEL_BITS,
+            CompressionLevel::LOSSLESS.number().into(),
+        );
         plain(&mut writer, FLOOR_BITS, floor.into());
         self.exact.reset(shape.width, shape.height);
         for k in 0..maps.keypoints() {
@@ -110,7 +120,13 @@ impl Encoder {
         *bytes = writer.finish();
     }
 
-    fn modes(&mut self, maps: &Maps, quality: Quality, recipe: &Recipe, bytes: &mut Vec<u8>) {
+    fn modes(
+        &mut self,
+        maps: &Maps,
+        level: CompressionLevel,
+        recipe: &Recipe,
+        bytes: &mut Vec<u8>,
+    ) {
         let last = STEPS_DOWN.len() - 1;
         let (mut down, mut explained_from) = (recipe.first, None);
         loop {
@@ -120,8 +136,8 @@ impl Encoder {
                 explained_from = Some(further);
             }
             bytes.clear();
-            let mut writer = Writer::new(std::mem::take(bytes));
-            plain(&mut writer, QUALITY_BITS, quality.level().into());
+            let mut writer = BitWriter::new(std::mem::take(bytes));
+            plain(&mut writer, LEVEL_BITS, level.number().into());
             plain(&mut writer, STEP_BITS, down as u32);
             self.write(&mut writer, maps, recipe, STEPS_DOWN[down]);
             *bytes = writer.finish();
@@ -134,7 +150,7 @@ impl Encoder {
     }
 
     fn explain(&mut self, maps: &Maps, recipe: &Recipe, further: u8) {
-        let scale = Scale::of(maps);
+        let scale = MapScale::of(maps);
         let n = maps.keypoints();
         self.explained
             .resize_with(n.max(self.explained.len()), Explained::default);
@@ -144,8 +160,8 @@ impl Encoder {
         }
     }
 
-    fn write(&mut self, writer: &mut Writer, maps: &Maps, recipe: &Recipe, rest: Rest) {
-        let scale = Scale::of(maps);
+    fn write(&mut self, writer: &mut BitWriter, maps: &Maps, recipe: &Recipe, rest: Rest) {
+        let scale = MapScale::of(maps);
         if self.forgets {
             self.model.contexts.reset();
         }
@@ -168,11 +184,11 @@ impl Encoder {
         }
     }
 
-    /// The highest peak of each map, fitted: column and row, cells, and height, of 255; `None` where no
-    /// cell is above the floor. What is read where only keypoints are sent, for comparisons.
+    /// The highest peak of each map, fitted: column and row, cells, and height, of 255; `None` where no cell is above the
+    /// floor. For comparison with systems that send keypoints only.
     pub fn peaks(&mut self, maps: &Maps) -> Vec<Option<([f32; 2], f32)>> {
-        let scale = Scale::of(maps);
-        let Some(mut recipe) = Recipe::of(Quality::new(1)) else {
+        let scale = MapScale::of(maps);
+        let Some(mut recipe) = Recipe::of(CompressionLevel::new(1)) else {
             return Vec::new();
         };
         recipe.modes = 1;
@@ -186,17 +202,15 @@ impl Encoder {
         (0..maps.keypoints()).map(peak).collect()
     }
 
-    /// As [`Self::encode`], without forgetting what was learnt from the maps before: for measuring what
-    /// is worth knowing beforehand.
-    pub fn encode_on(&mut self, maps: &Maps, quality: Quality) -> EncodedMaps {
+    /// As [`Self::encode`], keeping the probabilities learnt from the maps before: for measuring the priors.
+    pub fn encode_on(&mut self, maps: &Maps, level: CompressionLevel) -> EncodedMaps {
         self.forgets = false;
-        let encoded = self.encode(maps, quality);
+        let encoded = self.encode(maps, level);
         self.forgets = true;
         encoded
     }
 
-    /// The probabilities after the last patch that was not without loss: what those known beforehand
-    /// are measured by.
+    /// The probabilities (of 65,536) after the last patch that was not without loss, from which the priors are measured.
     pub fn learnt(&self) -> Vec<u16> {
         self.model.contexts.learnt().collect()
     }

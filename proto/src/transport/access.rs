@@ -1,18 +1,19 @@
-//! Who may say and hear what, as Zenoh's access control: everything is denied but what is listed.
+//! Which node may publish, subscribe, query and answer on which keys, as Zenoh's access control: everything else is
+//! denied.
 //!
 //! A node is known by the common name of its certificate, which stands for exactly one node, or for
 //! all readers. Directions are those of the node that the rules are for: `ingress` comes in.
 
-use super::Setting;
+use super::ZenohSetting;
 use super::json::{list, quoted};
 use crate::key::Keys;
 
 /// Fusion's name among the nodes.
 pub const FUSION: &str = "fusion";
-/// What all who only listen have in common: they may hear poses, events and statuses, and say nothing.
+/// The common name of all readers: they may subscribe to poses, events and statuses, and publish nothing.
 pub const READER: &str = "reader";
 
-/// The node that records: it may hear everything, and says nothing.
+/// The recorder node's name: it may subscribe to everything, and publishes nothing.
 pub const RECORDER: &str = "recorder";
 
 /// The common name in the certificate of `node`: its name under the venue's, so that an authority
@@ -21,7 +22,7 @@ pub fn common_name(venue: &str, node: &str) -> String {
     format!("{venue}/{node}")
 }
 
-/// Everything that can be said to be done on a key.
+/// All kinds of messages that Zenoh's access control knows.
 const ALL_MESSAGES: [&str; 9] = [
     "put",
     "delete",
@@ -96,7 +97,7 @@ fn of_edge(keys: &Keys, viewpoint: &str) -> Vec<Rule<'static>> {
     )
 }
 
-/// What one who only listens may do at fusion.
+/// What a reader may do at fusion.
 fn of_reader(keys: &Keys) -> Vec<Rule<'static>> {
     let heard = vec![keys.pose(), keys.smooth(), keys.event(), keys.statuses()];
     rules(
@@ -117,7 +118,7 @@ fn of_recorder(keys: &Keys) -> Vec<Rule<'static>> {
 }
 
 /// Fusion's access control for edges at `viewpoints`, and for readers.
-pub(super) fn at_fusion(venue: &str, viewpoints: &[&str]) -> Setting {
+pub(super) fn at_fusion(venue: &str, viewpoints: &[&str]) -> ZenohSetting {
     let keys = Keys::new(venue);
     let mut subjects: Vec<(&str, Vec<Rule<'_>>)> = viewpoints
         .iter()
@@ -128,14 +129,14 @@ pub(super) fn at_fusion(venue: &str, viewpoints: &[&str]) -> Setting {
     setting(venue, &subjects)
 }
 
-/// An edge's access control: fusion may do what it likes under the venue's name, and nobody else.
-pub(super) fn at_edge(venue: &str) -> Setting {
+/// An edge's access control: everything under the venue's name for fusion, nothing for others.
+pub(super) fn at_edge(venue: &str) -> ZenohSetting {
     let all = vec![Keys::new(venue).all()];
     let rules = rules([(&ALL_MESSAGES, all.clone())], [(&ALL_MESSAGES, all)]);
     setting(venue, &[(FUSION, rules)])
 }
 
-fn setting(venue: &str, subjects: &[(&str, Vec<Rule<'_>>)]) -> Setting {
+fn setting(venue: &str, subjects: &[(&str, Vec<Rule<'_>>)]) -> ZenohSetting {
     let (mut rules, mut names, mut policies) = (Vec::new(), Vec::new(), Vec::new());
     for (node, allowed) in subjects {
         let mut ids = Vec::new();

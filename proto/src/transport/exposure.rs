@@ -1,10 +1,10 @@
-//! Which endpoints a node may use: without TLS only those that nobody else can reach.
+//! Which endpoints a node may use: without TLS only those of this machine.
 
 use core::net::IpAddr;
 
-use crate::endpoint::{host, scheme};
+use crate::transport::endpoint::{host, scheme};
 
-/// What a node has, and what its operator has said.
+/// Whether a node has keys, and what its operator allows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Exposure {
     /// Whether the node has a certificate and a key.
@@ -26,7 +26,7 @@ pub enum ExposureError {
         "endpoint {0} is encrypted, but the venue file names no keys: make them with `farfield certs` and set `[security] certificates`"
     )]
     NoKeys(String),
-    /// Access control knows nobody on it.
+    /// Without TLS a peer has no name for access control.
     #[error(
         "endpoint {0} is not encrypted, but this venue has certificates (`[security] certificates`), and nobody without one is let in: use quic/ or tls/"
     )]
@@ -34,7 +34,7 @@ pub enum ExposureError {
 }
 
 impl Exposure {
-    /// The endpoint of a node that nobody has told where to listen or connect to: on this machine.
+    /// The endpoint of a node without a configured one: on this machine.
     pub fn default_endpoint(self) -> &'static str {
         if self.has_keys {
             "quic/127.0.0.1:7447"

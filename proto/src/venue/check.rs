@@ -1,20 +1,18 @@
 //! From the file as written to a venue that can be trusted.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 
-use super::raw::{RawField, RawFusion, RawPerson, RawSecurity, RawVenue, RawViewpoint};
+use super::given::given_persons;
+use super::parameters::ParameterTables;
+use super::raw::{RawField, RawFusion, RawSecurity, RawVenue, RawViewpoint};
 use super::source::{source, timing};
-use super::{
-    Endpoints, Field, GivenPerson, Parameters, Security, Venue, VenueCamera, VenueHash, Viewpoint,
-    ranges,
-};
+use super::{Endpoints, Field, Parameters, Security, Venue, VenueCamera, VenueHash, Viewpoint};
 use crate::calibration::Calibration;
-use crate::endpoint::is_endpoint;
 use crate::id::{CameraIndex, ViewpointIndex};
 use crate::key::is_key_chunk;
-use crate::keypoints::COCO17;
 use crate::tick::Tick;
 use crate::toml_file::{FileError, Place, TomlFile, unknown_name};
+use crate::transport::endpoint::is_endpoint;
 use crate::transport::{FUSION, READER, RECORDER};
 use crate::wire::MAX_CAMERAS;
 
@@ -23,11 +21,9 @@ const FIELD_MARGIN_M: f64 = 5.0;
 /// Height range of the default field, metres.
 const FIELD_HEIGHT_M: [f64; 2] = [-0.3, 2.6];
 /// Largest coordinate of a field, metres.
-const MAX_COORDINATE_M: f64 = 1e4;
+pub(super) const MAX_COORDINATE_M: f64 = 1e4;
 /// Largest rate, ticks per second.
 const MAX_RATE_HZ: f64 = 1000.0;
-/// Least keypoints of a person given by hand: those of a trunk and one more.
-const MIN_GIVEN_KEYPOINTS: usize = 5;
 /// Ticks farther from zero have no exact time in seconds.
 const MAX_TICK: i64 = 1 << 53;
 /// Names that no viewpoint may have, and who has them.
@@ -58,20 +54,16 @@ pub(super) fn venue(
     if raw.network.is_none() {
         check_no_network(file, &viewpoints, &cameras)?;
     }
-    let parameters = Parameters {
-        lattice: raw.lattice,
-        occlusion: raw.occlusion,
-        contact: raw.contact,
-        ik: raw.ik,
+    let parameters = Parameters::from(ParameterTables {
         smoothing: raw.smoothing,
-        prediction: raw.prediction,
         range_of_motion: raw.range_of_motion,
         boxes: raw.boxes,
         births: raw.births,
         link: raw.link,
         recording: raw.recording,
-    };
-    ranges::check(file, &parameters)?;
+        tuning: raw.tuning,
+    });
+    parameters.check(file)?;
     Ok(Venue {
         field: field(file, raw.field.as_ref(), &cameras)?,
         given_persons: given_persons(file, raw.person, raw.network.is_some())?,
@@ -96,7 +88,7 @@ pub(super) fn venue(
     })
 }
 
-fn tick(file: &TomlFile<'_>, place: &Place, tick: i64) -> Result<Tick, FileError> {
+pub(super) fn tick(file: &TomlFile<'_>, place: &Place, tick: i64) -> Result<Tick, FileError> {
     if (-MAX_TICK..=MAX_TICK).contains(&tick) {
         return Ok(Tick(tick));
     }
@@ -304,58 +296,5 @@ fn security(file: &TomlFile<'_>, raw: RawSecurity) -> Result<Security, FileError
     Ok(Security {
         certificates: raw.certificates.map(folder).transpose()?,
         allow_plaintext: raw.allow_plaintext,
-        pictures: raw.pictures,
     })
-}
-
-fn given_persons(
-    file: &TomlFile<'_>,
-    raw: Vec<RawPerson>,
-    has_network: bool,
-) -> Result<Vec<GivenPerson>, FileError> {
-    let mut persons = Vec::new();
-    for (i, RawPerson { tick, keypoints_m }) in raw.into_iter().enumerate() {
-        let person = Place::field("person").index(i);
-        let tick = self::tick(file, &person.key("tick"), tick)?;
-        let place = person.key("keypoints_m");
-        check_given(file, &place, &keypoints_m, has_network)?;
-        persons.push(GivenPerson { tick, keypoints_m });
-    }
-    Ok(persons)
-}
-
-fn check_given(
-    file: &TomlFile<'_>,
-    place: &Place,
-    keypoints_m: &BTreeMap<String, [f64; 3]>,
-    has_network: bool,
-) -> Result<(), FileError> {
-    for (name, position) in keypoints_m {
-        // A network may know more than COCO's; without one these are all there are.
-        if !has_network && !COCO17.contains(&name.as_str()) {
-            return Err(file.error(&place.key(name), unknown_name("keypoint", name, &COCO17)));
-        }
-        if let Some(wrong) = position
-            .iter()
-            .find(|v| v.is_nan() || v.abs() > MAX_COORDINATE_M)
-        {
-            return Err(file.error(&place.key(name), format!("found {wrong}, expected metres")));
-        }
-    }
-    check_shows_a_body(keypoints_m).map_err(|problem| file.error(place, problem))
-}
-
-/// A body cannot be fitted to less, and would be missing without a word.
-fn check_shows_a_body(keypoints_m: &BTreeMap<String, [f64; 3]>) -> Result<(), String> {
-    if keypoints_m.len() < MIN_GIVEN_KEYPOINTS {
-        return Err(format!(
-            "found {}, expected at least {MIN_GIVEN_KEYPOINTS} keypoints",
-            keypoints_m.len()
-        ));
-    }
-    let has_both = |left, right| keypoints_m.contains_key(left) && keypoints_m.contains_key(right);
-    if has_both("left_shoulder", "right_shoulder") || has_both("left_hip", "right_hip") {
-        return Ok(());
-    }
-    Err("found neither both shoulders nor both hips, expected `left_shoulder` and `right_shoulder`, or `left_hip` and `right_hip`".to_owned())
 }

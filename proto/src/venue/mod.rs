@@ -1,19 +1,20 @@
 //! The venue file: one installation, its viewpoints, cameras, sources and parameters.
 //!
 //! Everything is refused here, at start, with file, line and field; nothing is refused at tick
-//! 900. [`Venue::load`] is the only place of this crate that reads files.
+//! 900. Text in, venue out: who opens the files is the caller.
 
 mod check;
-mod load;
+mod file;
+mod given;
+pub mod layout;
 pub mod parameters;
-mod ranges;
 mod raw;
 mod source;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-pub use load::identity;
+pub use file::VenueFile;
 pub use parameters::Parameters;
 pub use source::{SimulatedContent, Source};
 
@@ -40,7 +41,7 @@ pub struct Venue {
     pub detector: Option<PathBuf>,
     /// Where fusion listens and edges connect.
     pub endpoints: Endpoints,
-    /// Who may talk to whom, and what may leave an edge.
+    /// Who may talk to whom.
     pub security: Security,
     /// Where people are tracked.
     pub field: Field,
@@ -65,16 +66,13 @@ pub struct Endpoints {
     pub connect: Vec<String>,
 }
 
-/// `[security]`: who may talk to whom, and what may leave an edge.
+/// `[security]`: who may talk to whom.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Security {
     /// The folder of `ca.pem`, `NODE.pem` and `NODE.key`; `None`: there is no TLS.
     pub certificates: Option<PathBuf>,
     /// Whether nodes may talk to other machines without TLS.
     pub allow_plaintext: bool,
-    /// Whether pictures may leave an edge or be recorded. No message carries pictures; who adds one
-    /// asks here.
-    pub pictures: bool,
 }
 
 /// The box in which people are tracked, world, metres.
@@ -153,20 +151,30 @@ pub struct VenueHash {
 }
 
 impl Venue {
-    /// Reads the text of a venue file. `path` gives the folder that its paths are relative to, and
-    /// is named in errors; `calibration` is what the file's `calibration` says.
+    /// Reads the text of a venue file whose `calibration` has been read already.
     ///
     /// # Errors
-    /// [`FileError`] naming line and field for anything that is missing, unknown, out of its range
-    /// or at odds with the calibration.
+    /// As [`VenueFile::parse`] and [`VenueFile::venue`].
     pub fn parse(text: &str, path: &Path, calibration: Calibration) -> Result<Self, FileError> {
-        let file = TomlFile::parse(text, path)?;
-        let raw = file.read()?;
-        let hashes = VenueHash {
-            venue: fingerprint(text),
-            calibration: calibration.hash.clone(),
-        };
-        check::venue(&file, raw, calibration, hashes)
+        VenueFile::parse(text, path)?.venue(calibration)
+    }
+
+    /// Reads the venue file of a recording, which had the given [`layout`] when it was recorded. Its fingerprint
+    /// is that of the text as recorded.
+    ///
+    /// # Errors
+    /// As [`Self::parse`] and [`layout::translated`]; lines are those of the text in the layout of today.
+    pub fn parse_recorded(
+        text: &str,
+        path: &Path,
+        calibration: Calibration,
+        layout: u32,
+    ) -> Result<Self, FileError> {
+        let hash = TomlFile::parse(text, path)?.fingerprint();
+        let text = layout::translated(text, path, layout)?;
+        let mut venue = Self::parse(&text, path, calibration)?;
+        venue.hashes.venue = hash;
+        Ok(venue)
     }
 
     /// The camera at `index`.
@@ -188,11 +196,6 @@ impl Venue {
             .iter()
             .any(|camera| camera.source.gives_pictures())
     }
-}
-
-/// The first 16 hexadecimal digits of the text's BLAKE3 hash.
-pub(crate) fn fingerprint(text: &str) -> String {
-    blake3::hash(text.as_bytes()).to_hex()[..16].to_owned()
 }
 
 #[cfg(test)]

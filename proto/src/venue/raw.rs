@@ -5,9 +5,7 @@ use std::collections::BTreeMap;
 use serde::Deserialize;
 
 use super::parameters::{
-    BirthParameters, BoxParameters, ContactParameters, IkParameters, LatticeParameters,
-    LinkParameters, OcclusionParameters, PredictionParameters, RangeOfMotionParameters,
-    RecordingParameters, SmoothingParameters,
+    BirthUser, BoxUser, LinkUser, RangeOfMotionUser, RecordingUser, SmoothingUser, TuningTables,
 };
 use super::source::RawSource;
 
@@ -31,27 +29,19 @@ pub(super) struct RawVenue {
     #[serde(default)]
     pub(super) person: Vec<RawPerson>,
     #[serde(default)]
-    pub(super) lattice: LatticeParameters,
+    pub(super) smoothing: SmoothingUser,
     #[serde(default)]
-    pub(super) occlusion: OcclusionParameters,
+    pub(super) range_of_motion: RangeOfMotionUser,
     #[serde(default)]
-    pub(super) contact: ContactParameters,
+    pub(super) boxes: BoxUser,
     #[serde(default)]
-    pub(super) ik: IkParameters,
+    pub(super) births: BirthUser,
     #[serde(default)]
-    pub(super) smoothing: SmoothingParameters,
+    pub(super) link: LinkUser,
     #[serde(default)]
-    pub(super) prediction: PredictionParameters,
+    pub(super) recording: RecordingUser,
     #[serde(default)]
-    pub(super) range_of_motion: RangeOfMotionParameters,
-    #[serde(default)]
-    pub(super) boxes: BoxParameters,
-    #[serde(default)]
-    pub(super) births: BirthParameters,
-    #[serde(default)]
-    pub(super) link: LinkParameters,
-    #[serde(default)]
-    pub(super) recording: RecordingParameters,
+    pub(super) tuning: TuningTables,
 }
 
 #[derive(Debug, Default, Deserialize)]
@@ -66,7 +56,6 @@ pub(super) struct RawFusion {
 pub(super) struct RawSecurity {
     pub(super) certificates: Option<String>,
     pub(super) allow_plaintext: bool,
-    pub(super) pictures: bool,
 }
 
 #[derive(Debug, Deserialize)]

@@ -5,14 +5,17 @@ use proptest::prelude::*;
 use super::tests::stage;
 use super::*;
 use crate::bounding_box::{BoundingBox, BoxRate};
-use crate::decision::Decision;
-use crate::fill::{FillRequest, Filled};
 use crate::grid::CellGrid;
-use crate::handout::{Chunk, FileList, HandoutRequest, SignedList};
 use crate::id::{CameraIndex, PersonId, SessionId, ViewpointIndex};
-use crate::live::{BoxEcho, HeardPatches, LiveBoxes, LiveStatus, PatchTiming};
+use crate::message::decision::Decision;
+use crate::message::fill::{FillRequest, Filled};
+use crate::message::handout::{Chunk, FileList, HandoutRequest, SignedList};
 use crate::message::identity_event::IdentityEventSet;
-use crate::message::{KeypointPeak, Order, PersonBoxes, PersonState};
+use crate::message::live::{BoxEcho, HeardPatches, LiveBoxes, LiveStatus, PatchTiming};
+use crate::message::{
+    BoxSet, CameraBox, KeypointPeak, MAX_CAPTURE_OFFSET_US, MAX_CROPS, Order, PatchSet,
+    PersonBoxes, PersonPatch, PersonPose, PersonState, PoseSet, Sighting, SightingSet, Status,
+};
 use crate::patch::EncodedMaps;
 use crate::tick::Tick;
 
@@ -168,7 +171,7 @@ fn any_box_set() -> impl Strategy<Value = BoxSet> {
             viewpoint: ViewpointIndex(head.2),
             order,
             live: live_boxes(head.1),
-            look: look.into_iter().map(CameraIndex).collect(),
+            detection_cameras: look.into_iter().map(CameraIndex).collect(),
             persons,
         })
 }

@@ -4,10 +4,15 @@ use super::*;
 use crate::bounding_box::{BoundingBox, BoxRate};
 use crate::grid::CellGrid;
 use crate::id::{CameraIndex, PersonId, SessionId, ViewpointIndex};
-use crate::live::{
-    BoxEcho, CameraHealth, CameraStatus, EdgeLink, HeardPatches, LiveBoxes, PatchTiming,
+use crate::message::live::{
+    BoxEcho, CameraHealth, CameraStatus, EdgeLink, HeardPatches, LiveBoxes, LiveStatus,
+    MAX_CLOCK_CORRECTION_US, MAX_EDGES, PatchTiming,
 };
-use crate::message::{KeypointPeak, Order, PersonBoxes, PersonState, StageTime};
+use crate::message::{
+    BoxSet, CameraBox, KeypointPeak, MAX_CAPTURE_OFFSET_US, MAX_PERSONS, MAX_STAGES, Order,
+    PatchSet, PersonBoxes, PersonPatch, PersonPose, PersonState, PoseSet, Sighting, SightingSet,
+    StageTime, Status,
+};
 use crate::patch::EncodedMaps;
 use crate::tick::Tick;
 
@@ -82,7 +87,7 @@ fn box_set() -> BoxSet {
                 bytes: 120_000,
             }),
         }),
-        look: vec![CameraIndex(0), CameraIndex(3)],
+        detection_cameras: vec![CameraIndex(0), CameraIndex(3)],
         persons: vec![PersonBoxes {
             person: PersonId(1),
             cameras: vec![camera],

@@ -1,4 +1,4 @@
-"""Shards of rendered pictures, as `cargo run --example write_frames` writes them.
+"""Shards of rendered pictures, as `lab training-frames` writes them.
 
 A shard is a file `frames_*.bin` of records: pixels [192, 320, 3] as bytes (RGB), then 16 boxes (left,
 top, right, bottom in pixels, 0 at the outer edge of the first one; share of the body that is seen, -1
@@ -41,7 +41,7 @@ class Frames:
         while len(self.left) < count:
             self.refresh()
             if not len(self):
-                raise SystemExit(f"{self.folder}: no frames_*.bin with a record, expected what write_frames writes")
+                raise SystemExit(f"{self.folder}: no frames_*.bin with a record, expected what `lab training-frames` writes")
             order = [(path, i) for path, file in self.files.items() for i in range(len(file))]
             self.random.shuffle(order)
             self.left = order + self.left

@@ -5,10 +5,11 @@ use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
 use anyhow::anyhow;
-use farfield_proto::handout::{Chunk, HandoutRequest, SharedFile, SignedList};
+use farfield_node::session;
 use farfield_proto::key::Keys;
+use farfield_proto::message::handout::{Chunk, HandoutRequest, SharedFile, SignedList};
 use farfield_proto::wire::{self, Message, WireError};
-use tracing::{debug, warn};
+use tracing::debug;
 use zenoh::Session;
 use zenoh::qos::{CongestionControl, Priority};
 
@@ -130,9 +131,7 @@ impl Fusion {
 
     /// Leaves.
     pub(super) async fn close(self) {
-        if let Err(error) = self.session.close().await {
-            warn!(%error, "the session did not close well");
-        }
+        session::close(&self.session).await;
     }
 }
 

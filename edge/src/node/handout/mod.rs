@@ -10,17 +10,18 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, anyhow, ensure};
-use farfield_proto::handout::{FileKind, FileList, SharedFile};
+use farfield_node::files::{load_identity, load_venue};
+use farfield_node::process::{Managed, NodeError, say, stop_when_told};
+use farfield_node::{runtime, session};
+use farfield_proto::message::handout::{FileKind, FileList, SharedFile};
 use farfield_proto::transport::{EdgeTransport, Exposure, Identity};
-use farfield_proto::venue::{self, Venue};
 use farfield_proto::wire;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
+use super::attempts;
 use super::config::EdgeArgs;
-use super::process::{Managed, NodeError, say, stop_when_told};
 use super::run::remind;
-use super::{attempts, link};
 use ask::Fusion;
 use names::Names;
 use place::Part;
@@ -42,13 +43,7 @@ struct Way {
 /// would lie outside the venue's folder, or cannot be written.
 pub(super) fn fetch(args: &EdgeArgs) -> Result<bool, NodeError> {
     let way = way(args)?;
-    let runtime = tokio::runtime::Builder::new_multi_thread()
-        .worker_threads(1)
-        .enable_all()
-        .build()
-        .context("starting the runtime")
-        .map_err(NodeError::Failed)?;
-    let done = runtime.block_on(async {
+    runtime::block_on(1, async {
         let (tasks, stop) = (TaskTracker::new(), CancellationToken::new());
         let managed = if args.managed {
             Managed::Yes
@@ -61,14 +56,12 @@ pub(super) fn fetch(args: &EdgeArgs) -> Result<bool, NodeError> {
         let fetched = stop.run_until_cancelled(fetch_by(args, &way)).await;
         stop.cancel();
         fetched.transpose().map(|fetched| fetched.is_some())
-    });
-    runtime.shutdown_timeout(std::time::Duration::from_millis(200));
-    done
+    })
 }
 
 fn way(args: &EdgeArgs) -> Result<Way, NodeError> {
     // A venue file that cannot be read is as good as none: fusion's takes its place.
-    let known = Venue::load(&args.venue).ok();
+    let known = load_venue(&args.venue).ok();
     let named = known.as_ref().map(|venue| venue.name.clone());
     let venue = args.venue_name.clone().or(named).ok_or_else(|| {
         NodeError::Refused(anyhow!(
@@ -86,7 +79,7 @@ fn way(args: &EdgeArgs) -> Result<Way, NodeError> {
                 .and_then(|venue| venue.security.certificates.clone())
         })
         .or_else(|| beside.is_dir().then_some(beside));
-    let identity = keys.map(|keys| venue::identity(&keys, &args.viewpoint));
+    let identity = keys.map(|keys| load_identity(&keys, &args.viewpoint));
     let identity = identity.transpose().map_err(NodeError::refused)?;
     let exposure = Exposure {
         has_keys: identity.is_some(),
@@ -128,7 +121,7 @@ async fn fetch_by(args: &EdgeArgs, way: &Way) -> Result<(), NodeError> {
         (!args.managed).then_some(line)
     };
     let session = tokio::select! {
-        session = link::connect(&transport) => session.map_err(NodeError::Failed)?,
+        session = session::connect(&transport) => session.map_err(NodeError::Failed)?,
         never = remind(|| waiting(attempts::last_failure().map(str::to_owned))) => match never {},
     };
     let fusion = Fusion::new(session, &way.venue);

@@ -6,7 +6,7 @@ use std::io;
 use std::path::{Component, Path, PathBuf};
 
 use anyhow::{Context as _, ensure};
-use farfield_proto::handout::{FileKind, SharedFile};
+use farfield_proto::message::handout::{FileKind, SharedFile};
 use farfield_proto::model_card::ModelCard;
 use farfield_proto::toml_file::TomlFile;
 use serde::Deserialize;

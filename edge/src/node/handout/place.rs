@@ -6,7 +6,7 @@ use std::io::{self, ErrorKind, Read as _, Write as _};
 use std::path::{Component, Path, PathBuf};
 
 use anyhow::{Context as _, bail};
-use farfield_proto::handout::{FileKind, SharedFile};
+use farfield_proto::message::handout::{FileKind, SharedFile};
 
 /// Most files of one name that may be on their way at once, or were left by processes that were killed.
 const MAX_PARTS: u32 = 1000;

@@ -2,7 +2,7 @@
 //! made for a fusion node.
 
 use anyhow::{Context as _, anyhow};
-use farfield_proto::handout::{SIGNED_AHEAD, SignedList};
+use farfield_proto::message::handout::{SIGNED_AHEAD, SignedList};
 use farfield_proto::transport::Identity;
 use rustls_pki_types::pem::PemObject as _;
 use rustls_pki_types::{CertificateDer, UnixTime};
@@ -55,7 +55,7 @@ fn verify_at<'a>(
 
 #[cfg(test)]
 mod tests {
-    use farfield_proto::handout::ListSignature;
+    use farfield_proto::message::handout::ListSignature;
     use rcgen::{
         BasicConstraints, CertificateParams, CertifiedIssuer, ExtendedKeyUsagePurpose, IsCa,
         KeyPair, SigningKey as _,

@@ -6,6 +6,7 @@
 use std::ops::Range;
 use std::sync::Arc;
 
+use farfield_node::process::say;
 use farfield_proto::id::CameraIndex;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::{Venue, VenueCamera};
@@ -13,10 +14,9 @@ use farfield_proto::venue::{Venue, VenueCamera};
 use super::frames::Delivery;
 use super::shared::Shared;
 use crate::live::capture::{Arrived, FramePlacer, Misplaced};
-use crate::live::health::{Glance, glance};
+use crate::live::health::{PictureSample, sample_picture};
 use crate::live::{Micros, SECOND_US};
-use crate::node::process::say;
-use crate::source::{Content, Frame, FrameSource, SourceError, Sources};
+use crate::source::{Frame, FrameContent, FrameSource, SourceError, Sources};
 
 /// How often it is looked whether the venue's time is known.
 const LOOK_EVERY_US: Micros = 10_000;
@@ -140,13 +140,13 @@ impl Camera {
         if now_us - due_us > LATE_PERIODS * period_us {
             return Ok(());
         }
-        let glance = look_at(&frame.content);
+        let picture_sample = look_at(&frame.content);
         if !self.shared.sleep_until(due_us) {
             return Err(Pause::Stopped);
         }
         let delivery = Delivery {
             frame,
-            glance,
+            picture_sample,
             lag_us: 0,
         };
         self.shared
@@ -208,7 +208,7 @@ impl Camera {
             now_us,
         };
         let placed = placer.place(arrived, &self.shared.ledger().ticks)?;
-        let glance = look_at(&frame.content);
+        let picture_sample = look_at(&frame.content);
         let frame = Frame {
             tick: placed.tick,
             capture_offset_us: placed.offset_us,
@@ -216,7 +216,7 @@ impl Camera {
         };
         let delivery = Delivery {
             frame,
-            glance,
+            picture_sample,
             lag_us: placed.lag_us,
         };
         self.shared.frames.put(self.at, delivery, now_us);
@@ -224,10 +224,12 @@ impl Camera {
     }
 }
 
-fn look_at(content: &Content) -> Option<Glance> {
+fn look_at(content: &FrameContent) -> Option<PictureSample> {
     match content {
-        Content::Image(image) => Some(glance(image)),
-        Content::Painted(maps) => maps.glance().map(|(hash, mean)| Glance { hash, mean }),
-        Content::Keypoints(_) => None,
+        FrameContent::Image(image) => Some(sample_picture(image)),
+        FrameContent::Painted(maps) => maps
+            .picture_sample()
+            .map(|(hash, mean)| PictureSample { hash, mean }),
+        FrameContent::Keypoints(_) => None,
     }
 }

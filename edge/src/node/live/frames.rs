@@ -5,11 +5,11 @@ use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use farfield_proto::id::CameraIndex;
-use farfield_proto::live::{CameraHealth, CameraStatus};
+use farfield_proto::message::live::{CameraHealth, CameraStatus};
 use farfield_proto::tick::Tick;
 
 use crate::live::Micros;
-use crate::live::health::{CameraWatch, Glance};
+use crate::live::health::{CameraWatch, PictureSample};
 use crate::source::Frame;
 
 /// Frames of a camera that are kept beside those for which a slower camera is waited for: the pipeline may be so
@@ -27,7 +27,7 @@ const MAX_HITCH_PERIODS: i64 = 4;
 pub(super) struct Delivery {
     pub(super) frame: Frame,
     /// Of a picture.
-    pub(super) glance: Option<Glance>,
+    pub(super) picture_sample: Option<PictureSample>,
     /// From its capture to now, microseconds.
     pub(super) lag_us: Micros,
 }
@@ -102,8 +102,11 @@ impl FrameStore {
         let Some(slot) = slots.get_mut(at) else {
             return;
         };
-        slot.watch
-            .saw(delivery.glance, delivery.frame.capture_offset_us, now_us);
+        slot.watch.saw(
+            delivery.picture_sample,
+            delivery.frame.capture_offset_us,
+            now_us,
+        );
         slot.lag.add(delivery.lag_us, self.most_hitch_us);
         // Two frames of one tick, or a tick that comes again: the newest counts.
         slot.frames.retain(|kept| kept.tick < delivery.frame.tick);
@@ -201,7 +204,7 @@ fn delivers(health: CameraHealth) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::source::{Content, KeypointFrame};
+    use crate::source::{FrameContent, KeypointFrame};
 
     const PERIOD: Micros = 16_667;
 
@@ -209,15 +212,15 @@ mod tests {
         FrameStore::new(&[CameraIndex(4), CameraIndex(5)], PERIOD, 6 * PERIOD)
     }
 
-    fn put(store: &FrameStore, at: usize, tick: i64, glance: Option<Glance>) {
+    fn put(store: &FrameStore, at: usize, tick: i64, picture_sample: Option<PictureSample>) {
         let frame = Frame {
             tick: Tick(tick),
             capture_offset_us: 100,
-            content: Content::Keypoints(KeypointFrame::default()),
+            content: FrameContent::Keypoints(KeypointFrame::default()),
         };
         let delivery = Delivery {
             frame,
-            glance,
+            picture_sample,
             lag_us: 3_000,
         };
         store.put(at, delivery, tick * PERIOD);
@@ -308,13 +311,13 @@ mod tests {
     #[test]
     fn fake_a_black_camera_is_left_out_of_the_tick_and_named_in_the_status() {
         let store = store();
-        let black = Glance { hash: 1, mean: 0.0 };
+        let black = PictureSample { hash: 1, mean: 0.0 };
         put(&store, 0, 7, Some(black));
         put(
             &store,
             1,
             7,
-            Some(Glance {
+            Some(PictureSample {
                 hash: 2,
                 mean: 90.0,
             }),

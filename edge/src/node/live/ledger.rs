@@ -1,15 +1,15 @@
 //! The pure state of a live edge behind one lock: clock, boxes, rate, budget, counts.
 
-use farfield_proto::live::{LiveStatus, PatchTiming};
 use farfield_proto::message::BoxSet;
+use farfield_proto::message::live::{LiveStatus, PatchTiming};
 use farfield_proto::tick::Tick;
 use farfield_proto::transport::MESSAGE_OVERHEAD_BYTES;
 use farfield_proto::venue::parameters::LinkParameters;
 
 use crate::live::Micros;
 use crate::live::budget::ByteBudget;
-use crate::live::newest_boxes::{Arrival, NewestBoxes};
-use crate::live::rate::{Message, RateController};
+use crate::live::newest_boxes::{BoxSetArrival, NewestBoxes};
+use crate::live::rate::{MessageKind, RateController};
 use crate::live::tick_clock::TickClock;
 use crate::pipeline::MESSAGE_BYTES;
 
@@ -43,14 +43,14 @@ impl Ledger {
     }
 
     /// Takes boxes that arrived at `now_us`.
-    pub(super) fn hear(&mut self, boxes: BoxSet, now_us: Micros) -> Arrival {
+    pub(super) fn hear(&mut self, boxes: BoxSet, now_us: Micros) -> BoxSetArrival {
         let live = boxes.live;
         let arrival = self.boxes.hear(boxes.into(), now_us);
-        let is_followed = matches!(arrival, Arrival::NewSession | Arrival::Newer);
+        let is_followed = matches!(arrival, BoxSetArrival::NewSession | BoxSetArrival::Newer);
         let (Some(live), true) = (live, is_followed) else {
             return arrival;
         };
-        if self.ticks.set(&live, now_us) || arrival == Arrival::NewSession {
+        if self.ticks.set(&live, now_us) || arrival == BoxSetArrival::NewSession {
             self.rate.forget_delays(now_us);
             // Ticks may begin again.
             self.last = None;
@@ -62,7 +62,7 @@ impl Ledger {
     }
 
     /// Whether a message of `payload` bytes may go now; counts it either way.
-    pub(super) fn admit(&mut self, message: Message, payload: usize, now_us: Micros) -> bool {
+    pub(super) fn admit(&mut self, message: MessageKind, payload: usize, now_us: Micros) -> bool {
         if self.budget.take(payload + MESSAGE_OVERHEAD_BYTES, now_us) {
             self.rate.sent(message, payload, now_us);
             true
@@ -89,7 +89,7 @@ impl Ledger {
         LiveStatus {
             epoch_us: self.ticks.epoch_us(),
             clock_correction_us: self.ticks.correction_us(),
-            quality: plan.quality.level(),
+            quality: plan.level.number(),
             persons_per_tick: plan.persons.map(|n| n.min(most) as u16),
             every_nth_tick: plan.every_nth,
             bytes_per_s: u32::try_from(self.rate.payload_per_s(now_us)).unwrap_or(u32::MAX),

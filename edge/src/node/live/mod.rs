@@ -16,7 +16,8 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::{Context as _, anyhow};
-use farfield_proto::live::{EdgeLink, LiveStatus};
+use farfield_node::process::{Ending, NodeError, say};
+use farfield_proto::message::live::{EdgeLink, LiveStatus};
 use farfield_proto::message::{Order, Status};
 use farfield_proto::wire;
 use tokio::sync::oneshot;
@@ -25,10 +26,9 @@ use tokio_util::sync::CancellationToken;
 
 use super::compare::compare_files;
 use super::link::{Ends, Heard};
-use super::process::{Ending, NodeError, say};
-use crate::live::newest_boxes::Arrival;
-use crate::live::objections::Objections;
-use crate::live::rate::Message;
+use crate::live::newest_boxes::BoxSetArrival;
+use crate::live::rate::MessageKind;
+use crate::live::refusal::RepeatedRefusal;
 
 use self::shared::Shared;
 
@@ -47,7 +47,7 @@ pub(super) struct Live {
     refused: Option<String>,
     /// Why the edge should end, as fusion said last.
     objection: Option<NodeError>,
-    objections: Objections,
+    refusal: RepeatedRefusal,
     failed: oneshot::Receiver<anyhow::Error>,
 }
 
@@ -65,7 +65,7 @@ impl Live {
             shared,
             refused: None,
             objection: None,
-            objections: Objections::default(),
+            refusal: RepeatedRefusal::default(),
             failed,
         })
     }
@@ -97,9 +97,9 @@ impl Live {
             }
             Heard::Boxes(boxes) => match self.shared.hear(boxes) {
                 // Fusion uses nothing of an edge before it knows what files it holds.
-                Arrival::NewSession => self.say(),
-                Arrival::Foreign => self.status.unreadable += 1,
-                Arrival::Newer | Arrival::Stale => {}
+                BoxSetArrival::NewSession => self.say(),
+                BoxSetArrival::Foreign => self.status.unreadable += 1,
+                BoxSetArrival::Newer | BoxSetArrival::Stale => {}
             },
             Heard::Fusion(fusion) => {
                 self.weigh(&fusion);
@@ -168,7 +168,7 @@ impl Live {
         });
         self.status.tick = self.shared.last_tick();
         self.shared
-            .send(Message::Status, wire::encode(&self.status));
+            .send(MessageKind::Status, wire::encode(&self.status));
     }
 
     /// Takes what fusion says of the edge.
@@ -178,10 +178,10 @@ impl Live {
         self.objection = object(&self.status, fusion, link).err();
         if self.objection.is_some() {
             self.status.unreadable += 1;
-            self.objections.raise(self.shared.clock.now_us());
+            self.refusal.note_refusal(self.shared.clock.now_us());
             return;
         }
-        self.objections.clear();
+        self.refusal.note_acceptance();
         // What is said while the edge takes part is of another of its name.
         let refused = link.filter(|link| !link.live);
         let refused = refused.and_then(|link| link.refused.clone());
@@ -202,7 +202,7 @@ impl Live {
 
     /// Ends the edge when fusion's objections stand.
     fn give_up(&mut self) -> Result<Option<Ending>, NodeError> {
-        if !self.objections.stand(self.shared.clock.now_us()) {
+        if !self.refusal.is_confirmed(self.shared.clock.now_us()) {
             return Ok(None);
         }
         self.objection.take().map_or(Ok(None), Err)

@@ -4,9 +4,10 @@ use std::collections::BTreeMap;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
+use farfield_node::clock::VenueClock;
 use farfield_proto::histogram::Histogram;
 use farfield_proto::id::SessionId;
-use farfield_proto::live::LiveStatus;
+use farfield_proto::message::live::LiveStatus;
 use farfield_proto::message::{BoxSet, StageTime};
 use farfield_proto::tick::Tick;
 use tokio_util::sync::CancellationToken;
@@ -16,9 +17,8 @@ use super::ledger::Ledger;
 use super::mouths::Mouths;
 use super::work::LiveWork;
 use crate::live::Micros;
-use crate::live::newest_boxes::Arrival;
-use crate::live::rate::Message;
-use crate::node::clock::VenueClock;
+use crate::live::newest_boxes::BoxSetArrival;
+use crate::live::rate::MessageKind;
 use crate::node::ring::RingHandle;
 use crate::ring::record::Label;
 
@@ -42,7 +42,7 @@ impl Shared {
         let period_us = (1e6 / venue.rate_hz).round() as Micros;
         let most_lag_us = (venue.parameters.link.deadline_ms * 1e3) as Micros;
         Self {
-            clock: VenueClock::start(work.clock_shift_us),
+            clock: VenueClock::start_shifted(work.clock_shift_us),
             frames: FrameStore::new(&work.cameras, period_us, most_lag_us),
             ledger: Mutex::new(Ledger::new(venue.rate_hz, &venue.parameters.link)),
             stages: Mutex::default(),
@@ -59,7 +59,7 @@ impl Shared {
     }
 
     /// Takes boxes that have just arrived.
-    pub(super) fn hear(&self, boxes: BoxSet) -> Arrival {
+    pub(super) fn hear(&self, boxes: BoxSet) -> BoxSetArrival {
         let now_us = self.clock.now_us();
         self.ledger().hear(boxes, now_us)
     }
@@ -70,7 +70,7 @@ impl Shared {
     }
 
     /// Sends a message if the budget allows it; whether it does.
-    pub(super) fn send(&self, message: Message, bytes: Vec<u8>) -> bool {
+    pub(super) fn send(&self, message: MessageKind, bytes: Vec<u8>) -> bool {
         let now_us = self.clock.now_us();
         let admitted = self.ledger().admit(message, bytes.len(), now_us);
         if admitted {
@@ -94,7 +94,7 @@ impl Shared {
     /// Whether the budget lets so many bytes pass beside the patches now.
     pub(super) fn admits(&self, bytes: usize) -> bool {
         let now_us = self.clock.now_us();
-        self.ledger().admit(Message::Status, bytes, now_us)
+        self.ledger().admit(MessageKind::Status, bytes, now_us)
     }
 
     /// Counts how long a stage took.

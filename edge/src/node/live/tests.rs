@@ -4,9 +4,12 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
+use farfield_node::clock::VenueClock;
+use farfield_node::files::load_venue;
+use farfield_node::process::{Ending, NodeError};
 use farfield_proto::bounding_box::{BoundingBox, BoxRate};
 use farfield_proto::id::{CameraIndex, PersonId, SessionId, ViewpointIndex};
-use farfield_proto::live::{EdgeLink, LiveBoxes, LiveStatus};
+use farfield_proto::message::live::{EdgeLink, LiveBoxes, LiveStatus};
 use farfield_proto::message::{
     BoxSet, CameraBox, Order, PatchSet, PersonBoxes, SightingSet, Status,
 };
@@ -20,9 +23,7 @@ use zenoh::handlers::FifoChannelHandler;
 use zenoh::pubsub::{Publisher, Subscriber};
 use zenoh::sample::Sample;
 
-use crate::node::clock::VenueClock;
 use crate::node::config::{Config, EdgeArgs};
-use crate::node::process::{Ending, NodeError};
 use crate::node::run::run;
 use crate::source::RecordedSources;
 
@@ -85,7 +86,7 @@ impl Script {
         let endpoint = session.info().locators().await[0].to_string();
         let ears = |key: &'static str| session.declare_subscriber(key);
         let mouth = |key: &'static str| session.declare_publisher(key);
-        let clock = VenueClock::start(0);
+        let clock = VenueClock::start();
         Self {
             boxes: mouth("live-test/box/a").await.unwrap(),
             status: mouth("live-test/status/fusion").await.unwrap(),
@@ -96,7 +97,7 @@ impl Script {
             _session: session,
             clock,
             endpoint,
-            venue: Venue::load(venue).unwrap(),
+            venue: load_venue(venue).unwrap(),
             life: SessionId(life),
             sequence: 0,
         }
@@ -140,7 +141,7 @@ impl Script {
                 clock_correction_us: None,
                 heard: None,
             }),
-            look: if look {
+            detection_cameras: if look {
                 vec![CameraIndex(0)]
             } else {
                 Vec::new()

@@ -4,21 +4,20 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::Context as _;
-use farfield_proto::fill::SetKind;
+use farfield_node::clock;
 use farfield_proto::id::{CameraIndex, PersonId, ViewpointIndex};
-use farfield_proto::live::{BoxEcho, PatchTiming};
+use farfield_proto::message::fill::SetKind;
+use farfield_proto::message::live::{BoxEcho, PatchTiming};
 use farfield_proto::message::{BoxSet, Order};
 use farfield_proto::tick::Tick;
 use farfield_proto::wire;
 use tracing::debug;
 
 use super::shared::Shared;
-use crate::live::Micros;
-use crate::live::rate::{Message, Plan};
-use crate::live::turns;
-use crate::node::clock;
-use crate::node::worker::split_looks;
-use crate::pipeline::{EdgeOutput, Orders, Pipeline, Stage};
+use crate::live::rate::{MessageKind, SendPlan};
+use crate::live::{Micros, round_robin};
+use crate::node::worker::split_detection;
+use crate::pipeline::{EdgeOutput, EdgePipeline, EdgeStage, StepRequest};
 use crate::ring::record::Label;
 use crate::source::Frame;
 
@@ -41,11 +40,11 @@ const LARGEST_TIMING: PatchTiming = PatchTiming {
 /// Works on tick after tick.
 pub(super) struct Ticker {
     shared: Arc<Shared>,
-    pipeline: Pipeline,
+    pipeline: EdgePipeline,
     viewpoint: ViewpointIndex,
     frames: Vec<Option<Frame>>,
     chosen: Vec<PersonId>,
-    laps: Vec<(Stage, u32)>,
+    laps: Vec<(EdgeStage, u32)>,
     failures: u32,
 }
 
@@ -53,13 +52,17 @@ pub(super) struct Ticker {
 struct Task {
     tick: Tick,
     boxes: Arc<BoxSet>,
-    look: Vec<CameraIndex>,
-    plan: Plan,
+    detection_cameras: Vec<CameraIndex>,
+    plan: SendPlan,
     may_send: bool,
 }
 
 impl Ticker {
-    pub(super) fn new(shared: Arc<Shared>, pipeline: Pipeline, viewpoint: ViewpointIndex) -> Self {
+    pub(super) fn new(
+        shared: Arc<Shared>,
+        pipeline: EdgePipeline,
+        viewpoint: ViewpointIndex,
+    ) -> Self {
         Self {
             shared,
             pipeline,
@@ -126,7 +129,7 @@ impl Ticker {
         let aligned =
             Tick(tick.0.div_euclid(nth) * nth + if tick.0.rem_euclid(nth) == 0 { 0 } else { nth });
         // Looks are planned for all viewpoints alike.
-        let look = ledger.boxes.next_look(tick);
+        let look = ledger.boxes.next_detection_tick(tick);
         let aligned = look.map_or(aligned, |look| aligned.min(look));
         let until_us = ledger.ticks.own_time_us(aligned)? + lag_us + half_us;
         Some((aligned, until_us))
@@ -137,7 +140,7 @@ impl Ticker {
         self.shared.frames.take(tick, now_us, &mut self.frames);
         let mut ledger = self.shared.ledger();
         let session = ledger.boxes.session()?;
-        let look = ledger.boxes.take_look(tick);
+        let look = ledger.boxes.take_detection_request(tick);
         let (boxes, look) = if let Some(boxes) = ledger.boxes.at(now_us) {
             (Arc::clone(boxes), look)
         } else {
@@ -148,17 +151,17 @@ impl Ticker {
                 viewpoint: self.viewpoint,
                 order: Order::Track,
                 live: None,
-                look: Vec::new(),
+                detection_cameras: Vec::new(),
                 persons: Vec::new(),
             });
-            (nobody, self.pipeline.regular_look(tick))
+            (nobody, self.pipeline.regular_detection_cameras(tick))
         };
         let plan = ledger.rate.plan(boxes.persons.len(), now_us);
         ledger.last = Some(tick);
         Some(Task {
             tick,
             boxes,
-            look,
+            detection_cameras: look,
             plan,
             may_send: ledger.rate.may_send(tick, now_us),
         })
@@ -171,27 +174,27 @@ impl Ticker {
             self.chosen.clear();
             if task.tick.0.rem_euclid(nth) == 0 {
                 let number = Tick(task.tick.0.div_euclid(nth));
-                turns::choose(persons, most, number, &mut self.chosen);
+                round_robin::choose(persons, most, number, &mut self.chosen);
             }
         }
-        let orders = Orders {
+        let request = StepRequest {
             tick: task.tick,
             boxes: &task.boxes,
-            look: &task.look,
+            detection_cameras: &task.detection_cameras,
             persons: task.plan.persons.map(|_| &self.chosen[..]),
             timing: Some(LARGEST_TIMING),
         };
-        self.pipeline.set_quality(task.plan.quality);
+        self.pipeline.set_compression_level(task.plan.level);
         self.laps.clear();
         let (laps, mut lap) = (&mut self.laps, clock::now());
         let output = self
             .pipeline
-            .step_live(&self.frames, &orders, &mut |stage| {
+            .step(&self.frames, &request, &mut |stage| {
                 laps.push((stage, clock::micros_since(lap)));
                 lap = clock::now();
             })
             .with_context(|| format!("tick {}", task.tick))?;
-        self.count_laps(!task.look.is_empty());
+        self.count_laps(!task.detection_cameras.is_empty());
         let start = clock::now();
         self.send(task, output);
         self.shared.count("messages", clock::micros_since(start));
@@ -209,7 +212,7 @@ impl Ticker {
             let bytes = wire::encode(set);
             self.shared
                 .keep(label(set.session, SetKind::Sightings), &bytes);
-            self.shared.send(Message::Sightings, bytes);
+            self.shared.send(MessageKind::Sightings, bytes);
         }
         let messages = output.patch_sets.len();
         let (mut persons, mut payload) = (0, 0);
@@ -222,19 +225,19 @@ impl Ticker {
             persons += set.persons.len();
             payload += bytes.len();
             if task.may_send {
-                self.shared.send(Message::Patches(task.tick), bytes);
+                self.shared.send(MessageKind::Patches(task.tick), bytes);
             }
         }
         let mut ledger = self.shared.ledger();
         ledger
             .rate
-            .packed(task.plan.quality, persons, messages, payload);
+            .packed(task.plan.level, persons, messages, payload);
     }
 
     fn count_laps(&mut self, looks: bool) {
-        let stages = split_looks(&self.laps, self.pipeline.looked_share());
+        let stages = split_detection(&self.laps, self.pipeline.detection_share());
         for (stage, us) in stages {
-            if stage != farfield_proto::message::LOOK_STAGE || looks {
+            if stage != farfield_proto::message::DETECTION_STAGE || looks {
                 self.shared.count(stage, us);
             }
         }

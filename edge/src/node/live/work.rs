@@ -11,7 +11,7 @@ use super::shared::Shared;
 use super::ticker::Ticker;
 use crate::live::Micros;
 use crate::node::ring::RingHandle;
-use crate::pipeline::Pipeline;
+use crate::pipeline::EdgePipeline;
 use crate::source::Sources;
 
 /// Everything that the threads of a live edge own.
@@ -20,7 +20,7 @@ pub(in crate::node) struct LiveWork {
     pub(in crate::node) viewpoint: ViewpointIndex,
     pub(in crate::node) cameras: Vec<CameraIndex>,
     pub(in crate::node) sources: Arc<dyn Sources>,
-    pub(in crate::node) pipeline: Pipeline,
+    pub(in crate::node) pipeline: EdgePipeline,
     /// How far the clock is wrong on purpose.
     pub(in crate::node) clock_shift_us: Micros,
     /// What keeps its sets, if anything does.

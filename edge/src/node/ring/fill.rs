@@ -2,8 +2,9 @@
 
 use std::time::Duration;
 
-use farfield_proto::fill::{FillRequest, Filled};
+use farfield_node::session::zenoh_error;
 use farfield_proto::key::Keys;
+use farfield_proto::message::fill::{FillRequest, Filled};
 use farfield_proto::wire;
 use tokio::time::timeout;
 use tokio_util::sync::CancellationToken;
@@ -12,7 +13,6 @@ use zenoh::Session;
 use zenoh::handlers::RingChannel;
 use zenoh::query::Query;
 
-use super::super::link::zenoh_error;
 use super::thread::RingHandle;
 
 /// Questions that wait; of more, the oldest are dropped: who asked has given them up first, and Zenoh's

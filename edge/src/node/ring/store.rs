@@ -5,10 +5,10 @@ use std::io::{self, Write as _};
 use std::os::unix::fs::FileExt as _;
 use std::path::{Path, PathBuf};
 
-use farfield_proto::fill::{FillRequest, Filled, StoredSet};
+use farfield_proto::message::fill::{FillRequest, Filled, StoredSet};
 use tracing::warn;
 
-use crate::ring::index::{Index, Place};
+use crate::ring::index::{RecordLocation, RingIndex};
 use crate::ring::record::{
     Label, RECORD_HEAD_BYTES, SEGMENT_HEAD_BYTES, put_record, record_at, records, segment_head,
     segment_number,
@@ -36,7 +36,7 @@ pub(super) struct Ring {
     segment_bytes: u64,
     /// The segment that is written to.
     current: usize,
-    index: Index,
+    index: RingIndex,
     /// Torn records that were found when the ring was opened: at most one per kill.
     pub(super) torn: u64,
     buffer: Vec<u8>,
@@ -66,7 +66,7 @@ impl Ring {
             segments: Vec::with_capacity(SEGMENTS),
             segment_bytes,
             current: 0,
-            index: Index::default(),
+            index: RingIndex::default(),
             torn: 0,
             buffer: Vec::new(),
             _lock: lock,
@@ -156,7 +156,7 @@ impl Ring {
         };
         let (found, end) = records(&content);
         for record in &found {
-            let place = Place {
+            let place = RecordLocation {
                 segment: index,
                 at: record.at as u64,
                 len: record.message.len(),
@@ -194,7 +194,7 @@ impl Ring {
         segment.file.write_all_at(record, at)?;
         segment.bytes += len;
         segment.records += 1;
-        let place = Place {
+        let place = RecordLocation {
             segment: current,
             at,
             len: record.len() - RECORD_HEAD_BYTES,
@@ -235,8 +235,8 @@ fn open_file(path: &Path) -> io::Result<File> {
 
 #[cfg(test)]
 mod tests {
-    use farfield_proto::fill::{MAX_ANSWER_BYTES, SetKind};
     use farfield_proto::id::SessionId;
+    use farfield_proto::message::fill::{MAX_ANSWER_BYTES, SetKind};
     use farfield_proto::tick::Tick;
 
     use super::*;

@@ -8,12 +8,12 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use anyhow::Context as _;
-use farfield_proto::fill::{FillRequest, Filled};
+use farfield_node::clock;
+use farfield_node::process::say;
+use farfield_proto::message::fill::{FillRequest, Filled};
 use tokio::sync::oneshot;
 use tracing::{debug, warn};
 
-use super::super::clock;
-use super::super::process::say;
 use super::store::{Ring, Stored};
 use crate::ring::record::Label;
 
@@ -192,8 +192,8 @@ impl Keeper {
 
 #[cfg(test)]
 mod tests {
-    use farfield_proto::fill::SetKind;
     use farfield_proto::id::SessionId;
+    use farfield_proto::message::fill::SetKind;
     use farfield_proto::tick::Tick;
 
     use super::*;

@@ -53,6 +53,7 @@ impl Estimator {
         let taken = view
             .fill(&mut self.evidence.decoder, patch, viewpoint, camera)
             .is_ok();
+        view.peak_sigma_of_width = method.peak_sigma_of_width;
         self.evidence.n_views += usize::from(taken);
         taken
     }

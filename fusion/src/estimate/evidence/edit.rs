@@ -6,8 +6,6 @@ use nalgebra::Vector2;
 
 use super::View;
 
-/// Sigma of a network's peaks, as a share of the width of its maps: 2 cells of 48, 3 of 72.
-const PEAK_SIGMA_OF_WIDTH: f64 = 1.0 / 24.0;
 /// Up to here, in sigmas of a peak, a notch is as deep as it gets...
 const NOTCH_FLOOR_SIGMAS: f64 = 2.0;
 /// ...and here it ends. Flat where the peak is, so that what is left of the peak keeps its form.
@@ -30,7 +28,7 @@ pub(crate) struct Notch {
 impl View {
     /// Sigma of a peak in the maps, cells.
     pub(crate) fn peak_sigma_cells(&self) -> f64 {
-        self.maps.width() as f64 * PEAK_SIGMA_OF_WIDTH
+        self.maps.width() as f64 * self.peak_sigma_of_width
     }
 
     /// Whether two keypoints have their maps on one crop.

@@ -12,6 +12,7 @@ use farfield_proto::camera::CameraModel;
 use farfield_proto::grid::CellGrid;
 use farfield_proto::id::{CameraIndex, ViewpointIndex};
 use farfield_proto::message::PersonPatch;
+use farfield_proto::model_card::PEAK_SIGMA_OF_WIDTH;
 use farfield_proto::patch::{Decoder, Maps, PatchError};
 use nalgebra::{Matrix3, Matrix3x4, Vector2, Vector3};
 
@@ -64,6 +65,8 @@ pub struct View {
     pub predicted_m: Vec<Vector3<f64>>,
     /// Per keypoint: the occlusion weight w of eq. (9), 0 to 1. For the caller to set; 1 after a fill.
     pub occlusion: Vec<f64>,
+    /// Sigma of a peak as a share of the width of the maps. For the caller to set; a fill leaves it.
+    pub peak_sigma_of_width: f64,
     maps: Maps,
     crops: Vec<Crop>,
     n_crops: usize,
@@ -80,6 +83,7 @@ impl Default for View {
             capture_offset_s: 0.0,
             predicted_m: Vec::new(),
             occlusion: Vec::new(),
+            peak_sigma_of_width: PEAK_SIGMA_OF_WIDTH,
             maps: Maps::new(1, 1, 0),
             crops: Vec::new(),
             n_crops: 0,

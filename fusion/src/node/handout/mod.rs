@@ -9,10 +9,10 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::{Context as _, ensure};
-use farfield_proto::handout::{
+use farfield_proto::key::Keys;
+use farfield_proto::message::handout::{
     CHUNK_BYTES, Chunk, FileKind, FileList, HandoutRequest, SharedFile, SignedList,
 };
-use farfield_proto::key::Keys;
 use farfield_proto::model_card::ModelCard;
 use farfield_proto::transport::Identity;
 use farfield_proto::venue::Venue;

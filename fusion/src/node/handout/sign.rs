@@ -2,7 +2,7 @@
 //! authority has signed.
 
 use anyhow::{Context as _, anyhow};
-use farfield_proto::handout::{ListSignature, SIGNED_AHEAD};
+use farfield_proto::message::handout::{ListSignature, SIGNED_AHEAD};
 use farfield_proto::transport::Identity;
 use ring::rand::SystemRandom;
 use ring::signature::{ECDSA_P256_SHA256_ASN1_SIGNING, EcdsaKeyPair};

@@ -1,5 +1,7 @@
 //! What fusion hands out: the list, its signature, the chunks.
 
+use farfield_node::files::load_venue;
+
 use super::*;
 
 const CALIBRATION: &str = "[c]\nname = \"c\"\nsize = [640, 480]\nmatrix = [[500.0, 0.0, 320.0], [0.0, 500.0, 240.0], [0.0, 0.0, 1.0]]\n\
@@ -19,7 +21,7 @@ fn the_files_of_a_venue_are_listed_and_read_in_chunks() {
     std::fs::create_dir(folder.path().join("sub")).unwrap();
     std::fs::write(folder.path().join("sub/c.toml"), &long).unwrap();
     std::fs::write(&path, VENUE).unwrap();
-    let venue = Venue::load(&path).unwrap();
+    let venue = load_venue(&path).unwrap();
     let handout = Handout::load(&path, &venue, None).unwrap();
     assert_eq!(handout.models(), None);
     let signed: SignedList = ask(&handout, &HandoutRequest::List);
@@ -60,7 +62,7 @@ fn a_file_that_was_changed_since_it_was_loaded_is_not_handed_out() {
     for (changed, what) in [(&path, "venue file"), (&calibration, "calibration")] {
         std::fs::write(&path, VENUE).unwrap();
         std::fs::write(&calibration, CALIBRATION).unwrap();
-        let venue = Venue::load(&path).unwrap();
+        let venue = load_venue(&path).unwrap();
         Handout::load(&path, &venue, None).unwrap();
         let text = std::fs::read_to_string(changed).unwrap();
         std::fs::write(changed, text + "# edited\n").unwrap();

@@ -1,13 +1,13 @@
 //! What a live run makes of what it hears: every message counts for the clock and the delays of its edge, and
 //! those of edges that take part wait for their tick.
 
-use farfield_proto::live::EdgeLink;
+use farfield_node::process::say;
+use farfield_proto::message::live::EdgeLink;
 use farfield_proto::message::{PatchSet, SightingSet, Status};
 use farfield_proto::tick::Tick;
 use tracing::debug;
 
 use super::super::link::{Arrival, Ends, Heard, NODE, Presence};
-use super::super::process::say;
 use super::run::Live;
 use super::start::note_present;
 use crate::align::Refused;

@@ -12,15 +12,15 @@ use std::path::Path;
 use std::time::Duration;
 
 use anyhow::Context as _;
+use farfield_node::clock;
+use farfield_node::process::{Ending, Managed, NodeError};
 use farfield_proto::id::SessionId;
 use tokio_util::sync::CancellationToken;
 
 use self::run::Live;
 use self::start::clock_start;
-use super::clock;
 use super::config::Config;
 use super::link::{Ear, Ends, Mode};
-use super::process::{Ending, Managed, NodeError};
 use super::progress::Reporter;
 use super::recorder::Recorder;
 use super::recording::RecordingThread;

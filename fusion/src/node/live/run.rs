@@ -7,8 +7,9 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
 use anyhow::Context as _;
-use farfield_proto::decision::Decision;
+use farfield_node::process::Ending;
 use farfield_proto::id::{SessionId, ViewpointIndex};
+use farfield_proto::message::decision::Decision;
 use farfield_proto::message::{BoxSet, PatchSet, StageTime, Status};
 use farfield_proto::tick::Tick;
 use farfield_proto::wire;
@@ -16,7 +17,6 @@ use tokio::time::{MissedTickBehavior, interval, sleep_until};
 
 use super::super::config::Config;
 use super::super::link::{Ear, Ends, NODE, Said as Say};
-use super::super::process::Ending;
 use super::super::summary::Lost;
 use super::super::tally::Tally;
 use super::super::tap::Decided;

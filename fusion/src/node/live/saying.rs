@@ -72,7 +72,7 @@ impl Live<'_> {
             if !self.members.is_welcome(index) {
                 // It still learns the clock, and why it is refused.
                 set.persons.clear();
-                set.look.clear();
+                set.detection_cameras.clear();
             }
             if !again && !self.edges[index].is_sent(set) {
                 continue;
@@ -147,7 +147,7 @@ impl Live<'_> {
                 viewpoint: ViewpointIndex(index as u16),
                 order: Order::End,
                 live: None,
-                look: Vec::new(),
+                detection_cameras: Vec::new(),
                 persons: Vec::new(),
             };
             let now_us = self.ear.clock.now_us();

@@ -8,8 +8,8 @@ use std::collections::BTreeSet;
 use std::time::Duration;
 
 use anyhow::Context as _;
-use farfield_proto::live::LiveStatus;
 use farfield_proto::message::Status;
+use farfield_proto::message::live::LiveStatus;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::{Source, Venue};
 use farfield_proto::wire;

@@ -1,6 +1,6 @@
 //! What fusion says once a second of itself and of every edge.
 
-use farfield_proto::live::{EdgeLink, LiveStatus};
+use farfield_proto::message::live::{EdgeLink, LiveStatus};
 use farfield_proto::message::{MAX_STAGES, Status};
 use farfield_proto::wire;
 

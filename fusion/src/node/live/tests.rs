@@ -3,8 +3,10 @@
 use std::path::Path;
 use std::time::Duration;
 
+use farfield_node::clock::VenueClock;
+use farfield_node::process::Managed;
 use farfield_proto::calibration::Calibration;
-use farfield_proto::live::{BoxEcho, EdgeLink, PatchTiming};
+use farfield_proto::message::live::{BoxEcho, EdgeLink, PatchTiming};
 use farfield_proto::message::{BoxSet, Order, PatchSet, PoseSet, Status};
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::Venue;
@@ -14,9 +16,7 @@ use tokio_util::task::TaskTracker;
 use zenoh::Session;
 use zenoh::qos::{CongestionControl, Reliability};
 
-use super::super::clock::VenueClock;
 use super::super::link::{Door, Link};
-use super::super::process::Managed;
 use super::super::progress::Detail;
 use super::super::tap::TapHandle;
 use super::*;

@@ -4,9 +4,10 @@
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use farfield_proto::fill::{FillRequest, Filled, MAX_ANSWER_BYTES, SetKind, StoredSet};
+use farfield_node::clock::VenueClock;
 use farfield_proto::id::{SessionId, ViewpointIndex};
 use farfield_proto::key::Keys;
+use farfield_proto::message::fill::{FillRequest, Filled, MAX_ANSWER_BYTES, SetKind, StoredSet};
 use farfield_proto::message::{PatchSet, SightingSet};
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::Venue;
@@ -19,7 +20,6 @@ use zenoh::Session;
 use zenoh::qos::{CongestionControl, Priority};
 use zenoh::query::ConsolidationMode;
 
-use super::super::clock::VenueClock;
 use super::queue::Queue;
 use crate::recording::channels::filled_topic;
 use crate::recording::holes::Holes;

@@ -4,7 +4,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use farfield_proto::calibration::Calibration;
-use farfield_proto::decision::Decision;
+use farfield_proto::message::decision::Decision;
 use zenoh::query::Query;
 
 use super::super::queue::Note;

@@ -5,15 +5,16 @@ use std::fs;
 use std::path::Path;
 
 use anyhow::{Context as _, ensure};
+use farfield_node::clock;
 use farfield_proto::calibration::Calibration;
 use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::venue::Venue;
+use farfield_proto::venue::layout::LAYOUT;
 use farfield_proto::wire;
 
-use super::super::clock;
 use super::super::recorder::layout;
 use crate::recording::writer::Head;
-use crate::recording::{CALIBRATION_FILE, CARD_FILE, MAX_ATTACHED_BYTES, VENUE_FILE};
+use crate::recording::{CALIBRATION_FILE, CARD_FILE, MAX_ATTACHED_BYTES, VENUE_FILE, VENUE_LAYOUT};
 
 /// The head of a recording of `venue`, whose file is `path`; `recorder` says who records.
 ///
@@ -39,6 +40,7 @@ pub(in crate::node) fn head(
         ("viewpoints", viewpoints.join(" ")),
         ("rate_hz", venue.rate_hz.to_string()),
         ("venue_hash", venue.hashes.venue.clone()),
+        (VENUE_LAYOUT, LAYOUT.to_string()),
         ("calibration_hash", venue.hashes.calibration.clone()),
         ("farfield", env!("CARGO_PKG_VERSION").to_owned()),
         ("wire", wire::VERSION.to_string()),

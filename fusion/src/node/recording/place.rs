@@ -5,8 +5,7 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, anyhow, ensure};
-
-use super::super::clock;
+use farfield_node::clock;
 
 /// Refuses a place that can take no recording. Makes nothing.
 ///

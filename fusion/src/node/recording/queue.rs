@@ -6,13 +6,13 @@ use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
-use farfield_proto::decision::Decision;
+use farfield_node::clock;
 use farfield_proto::id::SessionId;
 use farfield_proto::key::Keys;
+use farfield_proto::message::decision::Decision;
 use farfield_proto::tick::Tick;
 use farfield_proto::wire;
 
-use super::super::clock;
 use super::super::link::NODE;
 use super::super::tap::{Decided, Tap, TapMessage};
 

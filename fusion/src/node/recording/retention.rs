@@ -5,9 +5,9 @@ use std::io::Read as _;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use farfield_node::clock;
 use tracing::{debug, warn};
 
-use super::super::clock;
 use crate::recording::venue_of;
 
 /// Bytes of a file's beginning that tell whose it is: header and metadata, with the longest names of the

@@ -11,16 +11,16 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, anyhow};
-use farfield_proto::decision::Decision;
-use farfield_proto::fill::SetKind;
+use farfield_node::clock::{self, VenueClock};
+use farfield_node::process::say;
 use farfield_proto::id::SessionId;
 use farfield_proto::message::Status;
+use farfield_proto::message::decision::Decision;
+use farfield_proto::message::fill::SetKind;
 use farfield_proto::venue::parameters::RecordingParameters;
 use farfield_proto::wire;
 use tracing::warn;
 
-use super::super::clock::{self, VenueClock};
-use super::super::process::say;
 use super::super::tap::Tap;
 use super::filler::{Fillers, SharedHoles};
 use super::place::Place;

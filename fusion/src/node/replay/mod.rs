@@ -9,15 +9,16 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context as _, anyhow};
+use farfield_node::clock;
+use farfield_node::log::start_log;
+use farfield_node::process::{Ending, Managed, NodeError, exit_code, say, stop_when_told};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
 use self::report::{Done, FileFacts};
 use self::venue::{Changes, replay_venue};
-use super::clock;
 use super::config::check_names;
 use super::output::{Claim, check_folder};
-use super::process::{Ending, Managed, NodeError, exit_code, say, start_log, stop_when_told};
 use super::recorder::Recorder;
 use super::summary;
 use crate::export::summary::EventCounts;
@@ -39,7 +40,7 @@ pub struct ReplayArgs {
     /// Use this calibration instead of the recorded one.
     #[arg(long, value_name = "FILE")]
     pub calibration: Option<PathBuf>,
-    /// Use another value of a parameter of the venue file, for example `smoothing.cutoff_hz=3`.
+    /// Use another value of a parameter (see `farfield parameters`), for example `smoothing.cutoff_hz=3`.
     #[arg(long, value_name = "TABLE.FIELD=VALUE")]
     pub set: Vec<String>,
     /// Use all sets, those too that came late or were delivered after an outage, instead of those that

@@ -5,11 +5,11 @@ use std::io::{Read, Seek};
 use std::path::Path;
 
 use anyhow::Context as _;
+use farfield_node::process::Ending;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::Venue;
 use serde::Serialize;
 
-use super::super::process::Ending;
 use super::super::summary;
 use crate::export::pose_files::Presence;
 use crate::export::summary::{EventCounts, Summary, TickSpan, TimingSummary};

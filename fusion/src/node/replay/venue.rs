@@ -5,14 +5,18 @@ use std::io::{Read, Seek};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, anyhow, bail, ensure};
+use farfield_node::files::load_venue;
 use farfield_proto::calibration::Calibration;
 use farfield_proto::model_card::HeatmapCard;
+use farfield_proto::toml_file::unknown_name;
 use farfield_proto::venue::Venue;
+use farfield_proto::venue::layout::{self, translated};
+use farfield_proto::venue::parameters::{self, PARAMETERS, TABLES};
 use toml::{Table, Value};
 
 use super::super::config::load_card;
 use crate::recording::reader::Recording;
-use crate::recording::{CALIBRATION_FILE, CARD_FILE, VENUE_FILE};
+use crate::recording::{CALIBRATION_FILE, CARD_FILE, VENUE_FILE, VENUE_LAYOUT};
 
 /// What shall be otherwise than it was.
 #[derive(Debug, Clone, Copy)]
@@ -49,7 +53,7 @@ pub(super) fn replay_venue<R: Read + Seek>(
     }
     let text = match changes.venue {
         Some(path) => read(path)?,
-        None => recorded.text.clone(),
+        None => translated(&recorded.text, &recorded.path, recorded.layout)?.into_owned(),
     };
     let text = with_values(&text, changes.set)?;
     let path = changes.venue.unwrap_or(&recorded.path);
@@ -70,6 +74,8 @@ pub(super) fn replay_venue<R: Read + Seek>(
 /// The venue as it was.
 struct Recorded {
     text: String,
+    /// The layout of the text.
+    layout: u32,
     path: PathBuf,
     calibration: Calibration,
     venue: Venue,
@@ -84,12 +90,25 @@ fn recorded<R: Read + Seek>(file: &Path, recording: &Recording<R>) -> anyhow::Re
     let path = file.join(VENUE_FILE);
     let calibration =
         Calibration::parse(attached(CALIBRATION_FILE)?, &file.join(CALIBRATION_FILE))?;
-    let venue = Venue::parse(text, &path, calibration.clone())?;
+    let layout = recorded_layout(file, recording.facts().get(VENUE_LAYOUT))?;
+    let venue = Venue::parse_recorded(text, &path, calibration.clone(), layout)?;
     Ok(Recorded {
         text: text.to_owned(),
+        layout,
         path,
         calibration,
         venue,
+    })
+}
+
+/// The layout that the recorded venue file has. Recordings that do not say are older than layout 2.
+fn recorded_layout(file: &Path, said: Option<&String>) -> anyhow::Result<u32> {
+    said.map_or(Ok(1), |said| {
+        let wrong = || {
+            let shown = file.display();
+            format!("{shown}: `{VENUE_LAYOUT}`: found \"{said}\", expected a number")
+        };
+        said.parse().with_context(wrong)
     })
 }
 
@@ -112,7 +131,7 @@ fn recorded_card<R: Read + Seek>(
 }
 
 fn own_calibration(venue: &Path) -> anyhow::Result<Calibration> {
-    let path = Venue::load(venue)?.calibration_path;
+    let path = load_venue(venue)?.calibration_path;
     Ok(Calibration::parse(&read(&path)?, &path)?)
 }
 
@@ -120,7 +139,7 @@ fn read(path: &Path) -> anyhow::Result<String> {
     fs::read_to_string(path).with_context(|| format!("reading {}", path.display()))
 }
 
-/// The venue file `text` with other values.
+/// The venue file `text` with other values. A parameter is named `table.name`, wherever it stands.
 fn with_values(text: &str, set: &[String]) -> anyhow::Result<String> {
     if set.is_empty() {
         return Ok(text.to_owned());
@@ -130,14 +149,25 @@ fn with_values(text: &str, set: &[String]) -> anyhow::Result<String> {
         let wrong =
             || anyhow!("`--set`: found `{assignment}`, expected for example smoothing.cutoff_hz=3");
         let (name, value) = assignment.split_once('=').ok_or_else(wrong)?;
-        let (table, field) = name.trim().split_once('.').ok_or_else(wrong)?;
-        let table = file
-            .entry(table)
-            .or_insert_with(|| Value::Table(Table::new()));
-        let table = table.as_table_mut().ok_or_else(wrong)?;
-        table.insert(field.to_owned(), value_of(value.trim()));
+        let keys = keys(name.trim())?;
+        let is_set = keys.len() > 1 && layout::set(&mut file, &keys, value_of(value.trim()));
+        ensure!(is_set, wrong());
     }
     toml::to_string(&file).context("writing the venue file")
+}
+
+/// The tables around what is called `name`, and its own name there.
+fn keys(name: &str) -> anyhow::Result<Vec<&str>> {
+    if let Some(parameter) = parameters::find(name) {
+        return Ok(parameter.keys());
+    }
+    let keys: Vec<&str> = name.split('.').collect();
+    if keys.len() == 2 && TABLES.iter().any(|(table, _)| *table == keys[0]) {
+        let known: Vec<String> = PARAMETERS.iter().map(ToString::to_string).collect();
+        let known: Vec<&str> = known.iter().map(String::as_str).collect();
+        bail!("`--set`: {}", unknown_name("parameter", name, &known));
+    }
+    Ok(keys)
 }
 
 /// A TOML value; what is none is taken for a text, so that words need no quotes.
@@ -175,19 +205,116 @@ fn check_same_cameras(recorded: &Venue, venue: &Venue, path: &Path) -> anyhow::R
 
 #[cfg(test)]
 mod tests {
+    use std::io::Cursor;
+
+    use farfield_proto::venue::Parameters;
+
     use super::*;
+    use crate::recording::writer::{Head, RecordingWriter};
 
     #[test]
     fn values_are_set_where_they_are_and_where_they_are_not() {
-        let text = "name = \"hall\"\n[smoothing]\ncutoff_hz = 1.5\n";
-        let set = ["smoothing.cutoff_hz = 3.5", "prediction.predictor=paper"].map(str::to_owned);
-        let changed: Table = with_values(text, &set).unwrap().parse().unwrap();
-        assert_eq!(changed["smoothing"]["cutoff_hz"].as_float(), Some(3.5));
-        assert_eq!(changed["prediction"]["predictor"].as_str(), Some("paper"));
+        let text = "name = \"hall\"\n[births]\ncoast_s = 1.5\n";
+        let set = [
+            "births.coast_s = 3.5",
+            "prediction.predictor=paper",
+            "tuning.ik.iterations=7",
+            "field.min_m=[0, 0, 0]",
+        ];
+        let changed = with_values(text, &set.map(str::to_owned)).unwrap();
+        let changed: Table = changed.parse().unwrap();
+        assert_eq!(changed["births"]["coast_s"].as_float(), Some(3.5));
+        let tuning = &changed["tuning"];
+        assert_eq!(tuning["prediction"]["predictor"].as_str(), Some("paper"));
+        assert_eq!(tuning["ik"]["iterations"].as_integer(), Some(7));
+        assert_eq!(changed["field"]["min_m"].as_array().map(Vec::len), Some(3));
         assert_eq!(changed["name"].as_str(), Some("hall"));
         for wrong in ["smoothing", "smoothing=3", "name.x=3", "cutoff_hz 3"] {
             let error = with_values(text, &[wrong.to_owned()]).unwrap_err();
             assert!(error.to_string().contains(wrong), "{error}");
+        }
+    }
+
+    #[test]
+    fn an_unknown_parameter_is_answered_with_the_nearest() {
+        let set = ["smoothing.cutof_hz=3".to_owned()];
+        let refused = with_values("name = \"hall\"\n", &set).unwrap_err();
+        assert_eq!(
+            refused.to_string(),
+            "`--set`: unknown parameter `smoothing.cutof_hz`, did you mean `smoothing.cutoff_hz`?"
+        );
+    }
+
+    /// The head of a recording with these texts, which says `layout` if any.
+    fn recording(venue: &str, layout: Option<&str>) -> Recording<Cursor<Vec<u8>>> {
+        let calibration = "[a]\nname = \"a\"\nsize = [64, 48]\nmatrix = [[50.0, 0.0, 32.0], \
+            [0.0, 50.0, 24.0], [0.0, 0.0, 1.0]]\ndistortions = [0.0, 0.0, 0.0, 0.0]\n\
+            rotation = [0.0, 0.0, 0.0]\ntranslation = [0.0, 0.0, 0.0]\n";
+        let facts = [
+            ("venue", Some("hall")),
+            ("viewpoints", Some("v")),
+            (VENUE_LAYOUT, layout),
+        ];
+        let facts = facts
+            .into_iter()
+            .filter_map(|(k, v)| Some((k.to_owned(), v?.to_owned())));
+        let head = Head {
+            venue: "hall".to_owned(),
+            viewpoints: vec!["v".to_owned()],
+            rate_hz: 50.0,
+            started_ns: 5,
+            files: vec![
+                (VENUE_FILE.to_owned(), venue.into()),
+                (CALIBRATION_FILE.to_owned(), calibration.into()),
+            ],
+            facts: facts.collect(),
+            json_poses: None,
+        };
+        let written = RecordingWriter::create(Vec::new(), head).unwrap().finish();
+        Recording::open(Cursor::new(written.unwrap())).unwrap()
+    }
+
+    const VENUE: &str = "name = \"hall\"\nrate_hz = 50.0\ncalibration = \"calibration.toml\"\n\
+        [[viewpoint]]\nname = \"v\"\n[[viewpoint.camera]]\nname = \"a\"\n\
+        source = { kind = \"keypoints\", path = \"a.jsonl\" }\n";
+
+    fn replayed(venue: &str, layout: Option<&str>, set: &[&str]) -> anyhow::Result<Venue> {
+        let set: Vec<String> = set.iter().copied().map(str::to_owned).collect();
+        let changes = Changes {
+            venue: None,
+            calibration: None,
+            set: &set,
+        };
+        let recording = recording(venue, layout);
+        replay_venue(Path::new("hall.mcap"), &recording, &changes).map(|(venue, _)| venue)
+    }
+
+    #[test]
+    fn a_recording_that_does_not_say_its_layout_has_the_fields_at_their_old_places() {
+        let old = format!(
+            "{VENUE}[births]\nflat_m = 0.05\ncoast_s = 2.0\n[security]\npictures = false\n"
+        );
+        let venue = replayed(&old, None, &[]).unwrap();
+        let mut expected = Parameters::default();
+        (expected.births.flat_m, expected.births.coast_s) = (0.05, 2.0);
+        assert_eq!(venue.parameters, expected);
+        // What the operator wants otherwise is named as today.
+        let set = ["births.flat_m=0.07", "tuning.births.moved_m=0.1"];
+        let venue = replayed(&old, None, &set).unwrap();
+        (expected.births.flat_m, expected.births.moved_m) = (0.07, 0.1);
+        assert_eq!(venue.parameters, expected);
+    }
+
+    #[test]
+    fn a_recording_that_says_its_layout_is_read_by_it() {
+        let new = format!("{VENUE}[tuning]\nbirths.flat_m = 0.05\n");
+        let venue = replayed(&new, Some("2"), &["births.coast_s=2"]).unwrap();
+        let mut expected = Parameters::default();
+        (expected.births.flat_m, expected.births.coast_s) = (0.05, 2.0);
+        assert_eq!(venue.parameters, expected);
+        for (layout, said) in [("3", "layouts 1 to 2"), ("two", "found \"two\"")] {
+            let refused = replayed(&new, Some(layout), &[]).unwrap_err();
+            assert!(format!("{refused:#}").contains(said), "{refused:#}");
         }
     }
 }

@@ -1,0 +1,67 @@
+//! The operator's one command: brings a venue up, and looks at what came out.
+//!
+//! It is a library so that a program that starts nodes as processes of its own can be one of them
+//! itself: what [`knows`] a first argument hands on to [`main`].
+
+mod certs;
+mod cli;
+mod demo;
+mod evaluate;
+pub mod output;
+mod overlay;
+mod parameters;
+mod run;
+#[cfg(test)]
+mod samples;
+mod signals;
+mod simulate;
+mod venue_folder;
+
+use std::process::ExitCode;
+use std::sync::Arc;
+
+use clap::{CommandFactory as _, Parser as _};
+use farfield_fusion::node::{Ending, exit_code};
+use farfield_sim::simulated::VenueSources;
+
+use crate::cli::{FarfieldCli, FarfieldCommand};
+
+/// Does what the command line of this process says.
+///
+/// Ends the process itself, with exit code 2, on wrong usage.
+pub fn main() -> ExitCode {
+    match FarfieldCli::parse().command {
+        FarfieldCommand::Run(args) => run::main(args),
+        FarfieldCommand::Edge(args) => {
+            farfield_edge::node::main(args, Arc::new(VenueSources::default()))
+        }
+        FarfieldCommand::Fusion(args) => farfield_fusion::node::main(args),
+        FarfieldCommand::Record(args) => farfield_fusion::node::record(args),
+        FarfieldCommand::Replay(args) => farfield_fusion::node::replay(&args, output::print),
+        FarfieldCommand::Demo(args) => demo::main(&args),
+        FarfieldCommand::Simulate(args) => simulate::main(args),
+        FarfieldCommand::Certs(args) => exit_code(certs::certs(&args).map(|()| Ending::Done)),
+        FarfieldCommand::Parameters(args) => {
+            exit_code(parameters::print(&args).map(|()| Ending::Done))
+        }
+        FarfieldCommand::Evaluate(args) => {
+            exit_code(evaluate::evaluate(&args).map(|()| Ending::Done))
+        }
+    }
+}
+
+/// Whether `command` is one that [`main`] takes as a first argument.
+pub fn knows(command: &str) -> bool {
+    FarfieldCli::command().find_subcommand(command).is_some()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_commands_that_start_nodes_are_known_and_others_are_not() {
+        assert!(knows("edge") && knows("fusion") && knows("simulate"));
+        assert!(!knows("--help") && !knows("farfield") && !knows(""));
+    }
+}

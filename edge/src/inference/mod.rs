@@ -1,0 +1,106 @@
+//! The interfaces of the keypoint network and of the detector, as the pipeline calls them, whatever runs them.
+
+mod window;
+
+use std::path::PathBuf;
+
+use farfield_proto::model_card::{HeatmapCard, Letterbox};
+use farfield_proto::toml_file::FileError;
+use image::RgbImage;
+
+pub use window::DetectorWindow;
+
+/// One crop as a network takes it: [3, height, width], normalised, in the card's channel order.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct InputTensor {
+    /// The values, channel by channel, row by row.
+    pub values: Vec<f32>,
+}
+
+/// A network that turns crops into part confidence maps.
+pub trait KeypointNetwork: Send {
+    /// What the network expects and gives.
+    fn card(&self) -> &HeatmapCard;
+
+    /// The maps of all `inputs`, [inputs, keypoints, height, width], row by row.
+    ///
+    /// The same inputs give the same bytes.
+    ///
+    /// # Errors
+    /// [`NetworkError`] when the backend fails or gives something else than the card says.
+    fn infer(&mut self, inputs: &[InputTensor]) -> Result<Vec<f32>, NetworkError>;
+}
+
+/// The input of a detector.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct DetectorInput {
+    /// Width and height of the input, pixels.
+    pub size_px: [u32; 2],
+    /// Where a picture of another aspect ratio is placed in the input.
+    pub letterbox: Letterbox,
+}
+
+/// A detector that finds people in pictures.
+pub trait PersonDetector: Send {
+    /// Its input.
+    fn input(&self) -> DetectorInput;
+
+    /// The people in the part `window` of `image`, highest score first, in distorted pixels of the image.
+    ///
+    /// # Errors
+    /// [`NetworkError`] when the backend fails or gives something else than the card says.
+    fn detect(
+        &mut self,
+        image: &RgbImage,
+        window: &DetectorWindow,
+    ) -> Result<Vec<Detection>, NetworkError>;
+}
+
+/// One person found in a picture.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Detection {
+    /// Upper left corner (x, y) of the box, distorted pixels.
+    pub min_px: [f32; 2],
+    /// Lower right corner (x, y) of the box, distorted pixels.
+    pub max_px: [f32; 2],
+    /// Confidence, 0 to 1.
+    pub score: f32,
+}
+
+/// Why a network cannot be loaded or run.
+#[derive(Debug, thiserror::Error)]
+pub enum NetworkError {
+    /// No inference backend could be started.
+    #[error("{problem}")]
+    Backend {
+        /// What was tried and what happened.
+        problem: String,
+    },
+    /// The model card cannot be used.
+    #[error(transparent)]
+    Card(#[from] FileError),
+    /// The model file cannot be used, or is not what its card says.
+    #[error("{}: {problem}", path.display())]
+    Model {
+        /// The model file.
+        path: PathBuf,
+        /// What was found and what was expected.
+        problem: String,
+    },
+    /// The backend failed while running.
+    #[error("{}: inference failed: {problem}", path.display())]
+    Run {
+        /// The model file.
+        path: PathBuf,
+        /// The backend's words.
+        problem: String,
+    },
+    /// A network gave another number of values than its card says.
+    #[error("the network gave {got} values, its card says {expected}")]
+    Length {
+        /// How many came.
+        got: usize,
+        /// How many the card and the batch make.
+        expected: usize,
+    },
+}

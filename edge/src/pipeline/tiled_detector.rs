@@ -1,0 +1,66 @@
+//! The detector, run over the windows of a picture that the tile plan names.
+
+use farfield_proto::camera::CameraModel;
+use farfield_proto::id::CameraIndex;
+use farfield_proto::venue::{Venue, VenueCamera};
+use image::RgbImage;
+
+use crate::inference::{Detection, NetworkError, PersonDetector};
+use crate::tiles::{self, TilePlan};
+
+/// Detects people in the pictures of a venue, window by window.
+pub(super) struct TiledDetector {
+    detector: Box<dyn PersonDetector>,
+    /// Of every camera of the venue that gives pictures.
+    plans: Vec<(CameraIndex, TilePlan)>,
+}
+
+impl TiledDetector {
+    /// Plans the windows of all cameras of the venue that give pictures.
+    pub(super) fn new(venue: &Venue, detector: Box<dyn PersonDetector>) -> Self {
+        let cameras: Vec<(CameraIndex, &CameraModel)> = (0..)
+            .map(CameraIndex)
+            .zip(&venue.cameras)
+            .filter(|(_, camera): &(_, &VenueCamera)| camera.source.gives_pictures())
+            .map(|(index, camera)| (index, &camera.model))
+            .collect();
+        let models: Vec<&CameraModel> = cameras.iter().map(|(_, model)| *model).collect();
+        let births = &venue.parameters.births;
+        let plans = tiles::plan(
+            &models,
+            &venue.field,
+            detector.input(),
+            births.tiles_per_look as usize,
+        );
+        Self {
+            detector,
+            plans: cameras.iter().map(|(index, _)| *index).zip(plans).collect(),
+        }
+    }
+
+    /// The people in a picture of `camera`, highest score first; detection pass `number` covers one cell of the
+    /// field, the next pass the next cell.
+    ///
+    /// # Errors
+    /// [`NetworkError`] when the detector fails.
+    pub(super) fn detect_in(
+        &mut self,
+        image: &RgbImage,
+        camera: CameraIndex,
+        number: i64,
+    ) -> Result<Vec<Detection>, NetworkError> {
+        let Some((_, plan)) = self.plans.iter().find(|(index, _)| *index == camera) else {
+            return Ok(Vec::new());
+        };
+        let found = plan
+            .windows(number)
+            .map(|window| Ok((window, self.detector.detect(image, &window)?)))
+            .collect::<Result<Vec<_>, NetworkError>>()?;
+        let picture_px = [image.width(), image.height()];
+        Ok(tiles::merged(
+            &found,
+            self.detector.input().size_px,
+            picture_px,
+        ))
+    }
+}

@@ -1,0 +1,182 @@
+//! Recordings whose records and chunks were changed one by one: compressed, cut, and lying about themselves.
+
+use std::io::{Read as _, Write as _};
+
+use mcap::records::{Record, op};
+use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
+
+use super::VENUE_FILE;
+use super::compression::Format;
+use super::reader::RecordingError;
+use super::tests::{in_all_forms, open, recording};
+
+/// `bytes` compressed.
+pub(super) fn pack(format: Format, bytes: &[u8]) -> Vec<u8> {
+    match format {
+        Format::Lz4 => {
+            let mut frame = lz4_flex::frame::FrameEncoder::new(Vec::new());
+            frame.write_all(bytes).unwrap();
+            frame.finish().unwrap()
+        }
+        Format::Zstd => {
+            let level = ruzstd::encoding::CompressionLevel::Fastest;
+            ruzstd::encoding::compress_to_vec(bytes, level)
+        }
+    }
+}
+
+/// A recording with each of its top-level records' bodies made anew.
+fn rewritten(bytes: &[u8], mut body: impl FnMut(u8, &[u8]) -> Vec<u8>) -> Vec<u8> {
+    let options = LinearReaderOptions::default().with_emit_chunks(true);
+    let mut reader = LinearReader::new_with_options(options);
+    let (mut file, mut written) = (bytes, mcap::MAGIC.to_vec());
+    while let Some(event) = reader.next_event() {
+        match event.unwrap() {
+            LinearReadEvent::ReadRequest(n) => {
+                file.read_exact(&mut reader.insert(n)[..n]).unwrap();
+                reader.notify_read(n);
+            }
+            LinearReadEvent::Record { data, opcode } => {
+                let body = body(opcode, data);
+                written.push(opcode);
+                written.extend((body.len() as u64).to_le_bytes());
+                written.extend(body);
+            }
+        }
+    }
+    [&written, &mcap::MAGIC[..]].concat()
+}
+
+/// The recording with its chunks compressed, as another tool does it.
+pub(super) fn compressed(bytes: &[u8], format: Format) -> Vec<u8> {
+    rewritten(bytes, |opcode, body| {
+        match mcap::parse_record(opcode, body) {
+            Ok(Record::Chunk { data, .. }) => {
+                let name = [&b"lz4"[..], b"zstd"][format as usize];
+                let packed = pack(format, &data);
+                // Times, size and checksum stay.
+                let mut body = body[..28].to_vec();
+                body.extend((name.len() as u32).to_le_bytes());
+                body.extend(name);
+                body.extend((packed.len() as u64).to_le_bytes());
+                body.extend(packed);
+                body
+            }
+            _ => body.to_vec(),
+        }
+    })
+}
+
+#[test]
+fn a_compressed_chunk_with_a_wrong_checksum_is_passed_over_and_counted() {
+    for format in [Format::Lz4, Format::Zstd] {
+        let mut chunks = 0;
+        let bytes = rewritten(&compressed(&recording(), format), |opcode, body| {
+            let mut body = body.to_vec();
+            chunks += u32::from(opcode == op::CHUNK);
+            if opcode == op::CHUNK && chunks == 3 {
+                body[24] ^= 1;
+            }
+            body
+        });
+        let recording = open(&bytes).unwrap();
+        assert_eq!(recording.end().damaged_chunks, 1);
+        assert_eq!(recording.sessions()[0].decisions.len(), 2);
+    }
+}
+
+/// Why the recording is refused whose chunks are changed by `change`.
+fn refused_with(bytes: &[u8], change: impl Fn(&mut Vec<u8>)) -> String {
+    let bytes = rewritten(bytes, |opcode, body| {
+        let mut body = body.to_vec();
+        if opcode == op::CHUNK {
+            change(&mut body);
+        }
+        body
+    });
+    open(&bytes).err().unwrap().to_string()
+}
+
+#[test]
+fn a_chunk_that_would_unpack_to_too_much_is_refused_before_it_is_unpacked() {
+    for bytes in in_all_forms() {
+        let refused = refused_with(&bytes, |body| body[16..24].fill(0x7f));
+        assert!(refused.contains("too much"), "{refused}");
+    }
+}
+
+#[test]
+fn a_chunk_that_unpacks_to_less_than_it_says_is_refused() {
+    for bytes in in_all_forms() {
+        // Without a checksum nothing else would tell.
+        let refused = refused_with(&bytes, |body| {
+            body[17] += 1;
+            body[24..28].fill(0);
+        });
+        assert!(refused.contains("a broken chunk"), "{refused}");
+    }
+}
+
+#[test]
+fn an_unknown_compression_is_named() {
+    let lz4 = &in_all_forms()[1];
+    let refused = refused_with(lz4, |body| body[32..35].copy_from_slice(b"xz5"));
+    assert!(refused.contains("\"xz5\""), "{refused}");
+}
+
+#[test]
+fn a_text_longer_than_its_record_is_not_believed() {
+    for (wanted, at) in [
+        (op::HEADER, 0),
+        (op::ATTACHMENT, 16),
+        (op::METADATA, 0),
+        (op::CHUNK, 28),
+    ] {
+        let bytes = rewritten(&recording(), |opcode, body| {
+            let mut body = body.to_vec();
+            if opcode == wanted {
+                body[at..at + 4].fill(0xff);
+            }
+            body
+        });
+        let refused = open(&bytes).err().unwrap().to_string();
+        assert!(refused.contains("a broken"), "{wanted}: {refused}");
+    }
+}
+
+#[test]
+fn an_attached_file_counts_only_when_it_is_whole() {
+    let change = |change: fn(&mut Vec<u8>)| {
+        rewritten(&recording(), |opcode, body| {
+            let mut body = body.to_vec();
+            if opcode == op::ATTACHMENT {
+                change(&mut body);
+            }
+            body
+        })
+    };
+    let other = change(|body| *body.iter_mut().rev().nth(8).unwrap() ^= 1);
+    let recording = open(&other).unwrap();
+    assert_eq!(recording.end().damaged_chunks, 1);
+    assert_eq!(recording.file(VENUE_FILE), None);
+    let short = change(|body| body.truncate(body.len() - 16));
+    let refused = open(&short).err().unwrap().to_string();
+    assert!(refused.contains("a broken record"), "{refused}");
+}
+
+#[test]
+fn a_record_of_another_program_that_is_too_long_is_passed_over() {
+    let bytes = rewritten(&recording(), |_, body| body.to_vec());
+    let at = mcap::MAGIC.len();
+    let mut long = vec![0xfe];
+    long.extend((65u64 << 20).to_le_bytes());
+    long.resize(9 + (65 << 20), 0);
+    let with = [&bytes[..at], &long, &bytes[at..]].concat();
+    let recording = open(&with).unwrap();
+    assert!(recording.end().whole);
+    assert_eq!(recording.sessions()[0].decisions.len(), 3);
+    assert!(matches!(
+        open(&with[..with.len() / 2]).err().unwrap(),
+        RecordingError::NoHead
+    ));
+}

@@ -1,0 +1,122 @@
+//! How a node behaves as a process: what tells it to stop, what it says, its exit code.
+
+use std::fmt;
+use std::io::{Read as _, Write as _, stderr};
+use std::process::ExitCode;
+
+use tokio::signal::unix::{SignalKind, signal};
+use tokio_util::sync::CancellationToken;
+use tokio_util::task::TaskTracker;
+
+/// Exit code of a run that was interrupted: 128 + SIGINT.
+pub const EXIT_INTERRUPTED: u8 = 130;
+/// Exit code for wrong input or usage.
+pub const EXIT_REFUSED: u8 = 2;
+
+/// How a node ended when nothing went wrong.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Ending {
+    /// All ticks were worked on.
+    Done,
+    /// Someone asked it to stop.
+    Interrupted,
+}
+
+/// Why a node ended early.
+#[derive(Debug)]
+pub enum NodeError {
+    /// Its input is wrong: exit code 2.
+    Refused(anyhow::Error),
+    /// It ran, and failed: exit code 1.
+    Failed(anyhow::Error),
+}
+
+impl NodeError {
+    /// Wraps what is wrong with the input.
+    pub fn refused(error: impl Into<anyhow::Error>) -> Self {
+        Self::Refused(error.into())
+    }
+
+    /// Wraps what went wrong at work.
+    pub fn failed(error: impl Into<anyhow::Error>) -> Self {
+        Self::Failed(error.into())
+    }
+}
+
+impl fmt::Display for NodeError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (Self::Refused(error) | Self::Failed(error)) = self;
+        write!(f, "{error:#}")
+    }
+}
+
+/// Says on standard error what went wrong, and turns the outcome into the exit code.
+pub fn exit_code(outcome: Result<Ending, NodeError>) -> ExitCode {
+    match outcome {
+        Ok(Ending::Done) => ExitCode::SUCCESS,
+        Ok(Ending::Interrupted) => ExitCode::from(EXIT_INTERRUPTED),
+        Err(error) => {
+            say(format_args!("error: {error}"));
+            match error {
+                NodeError::Refused(_) => ExitCode::from(EXIT_REFUSED),
+                NodeError::Failed(_) => ExitCode::FAILURE,
+            }
+        }
+    }
+}
+
+/// Says a line to whoever reads standard error.
+pub fn say(line: fmt::Arguments<'_>) {
+    // `eprintln!` would panic when nobody reads any more, or the disk behind it is full.
+    drop(writeln!(stderr(), "{line}"));
+}
+
+/// Cancels `stop` at SIGINT or SIGTERM, and with `managed` when standard input closes: the parent has
+/// gone, or wants the node to end.
+///
+/// # Errors
+/// When the signals cannot be listened for, or no thread starts.
+pub fn stop_when_told(
+    tasks: &TaskTracker,
+    stop: &CancellationToken,
+    managed: Managed,
+) -> std::io::Result<()> {
+    let mut interrupt = signal(SignalKind::interrupt())?;
+    let mut terminate = signal(SignalKind::terminate())?;
+    let stop = stop.clone();
+    if managed == Managed::Yes {
+        watch_parent(stop.clone())?;
+    }
+    tasks.spawn(async move {
+        tokio::select! {
+            _ = interrupt.recv() => {}
+            _ = terminate.recv() => {}
+            () = stop.cancelled() => {}
+        }
+        stop.cancel();
+    });
+    Ok(())
+}
+
+/// Whether a parent process holds the node's standard input for as long as the node shall live.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Managed {
+    /// Started by hand or by systemd: standard input means nothing.
+    No,
+    /// Started by `farfield run`.
+    Yes,
+}
+
+/// A thread of its own: a read of standard input cannot be called off, and must not hold up the end.
+fn watch_parent(stop: CancellationToken) -> std::io::Result<()> {
+    let watch = move || {
+        let mut ignored = [0; 64];
+        // An error means the same as the end.
+        while matches!(std::io::stdin().read(&mut ignored), Ok(n) if n > 0) {}
+        stop.cancel();
+    };
+    std::thread::Builder::new()
+        .name("parent".to_owned())
+        .spawn(watch)
+        .map(drop)
+}

@@ -1,0 +1,195 @@
+//! The Zenoh session of a node: opened as [`farfield_proto::transport`] says, and what is declared on it.
+//!
+//! Nothing is scouted for: fusion listens, everybody else connects to it, at the endpoints of the venue file.
+
+use anyhow::{Context as _, anyhow};
+use farfield_proto::transport::{EdgeTransport, FusionTransport, ZenohSetting};
+use tracing::warn;
+use zenoh::handlers::{FifoChannel, FifoChannelHandler};
+use zenoh::liveliness::LivelinessToken;
+use zenoh::pubsub::{Publisher, Subscriber};
+use zenoh::qos::{CongestionControl, Priority, Reliability};
+use zenoh::sample::Sample;
+use zenoh::{Session, Wait as _};
+
+/// A subscription of which nothing is lost: what waits, waits in order.
+pub type FifoSubscriber = Subscriber<FifoChannelHandler<Sample>>;
+
+/// What becomes of a message that cannot go at once, or gets lost on its way.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Delivery {
+    /// It waits for room, which blocks the thread that sends it, and is sent again: lock-step must lose nothing.
+    Blocking,
+    /// Dropped where there is no room now, sent again when lost: what would be missed for a second.
+    Reliable,
+    /// Dropped where there is no room now, and not sent again: the next is better.
+    BestEffort,
+}
+
+/// A session with fusion, waited for as long as it takes.
+///
+/// # Errors
+/// When Zenoh refuses a setting, or cannot open the session: names the endpoints.
+pub async fn connect(transport: &EdgeTransport<'_>) -> anyhow::Result<Session> {
+    let config = config(transport.settings())?;
+    // Opening blocks its thread until fusion is there; only so can the wait be called off.
+    let session = tokio::task::spawn_blocking(|| zenoh::open(config).wait()).await;
+    let session = session.context("opening the session")?.map_err(zenoh_error);
+    session.with_context(|| format!("connecting to {}", transport.connect.join(", ")))
+}
+
+/// The session that everybody else connects to.
+///
+/// # Errors
+/// When Zenoh refuses a setting, or an endpoint cannot be listened on: names the endpoints.
+pub async fn listen(transport: &FusionTransport<'_>) -> anyhow::Result<Session> {
+    let config = config(transport.settings())?;
+    let session = zenoh::open(config).await.map_err(zenoh_error);
+    session.map_err(|error| {
+        // Zenoh has no kind for it.
+        let taken = error.to_string().contains("in use");
+        let hint = if taken {
+            "; choose another with --listen"
+        } else {
+            ""
+        };
+        anyhow!(
+            "listening on {}: {error:#}{hint}",
+            transport.listen.join(", ")
+        )
+    })
+}
+
+/// Closes `session`; that it did not go well is logged.
+pub async fn close(session: &Session) {
+    if let Err(error) = session.close().await {
+        warn!(%error, "the session did not close well");
+    }
+}
+
+/// Declares a publisher of `key`. All have the same priority: what a tick needs is not put in order by it.
+///
+/// # Errors
+/// What Zenoh says.
+pub async fn publisher(
+    session: &Session,
+    key: String,
+    delivery: Delivery,
+) -> anyhow::Result<Publisher<'static>> {
+    let (congestion, reliability) = match delivery {
+        Delivery::Blocking => (CongestionControl::Block, Reliability::Reliable),
+        Delivery::Reliable => (CongestionControl::Drop, Reliability::Reliable),
+        Delivery::BestEffort => (CongestionControl::Drop, Reliability::BestEffort),
+    };
+    let declared = session
+        .declare_publisher(key.clone())
+        .congestion_control(congestion)
+        .reliability(reliability)
+        .priority(Priority::RealTime)
+        .express(true);
+    declared
+        .await
+        .map_err(zenoh_error)
+        .with_context(|| format!("declaring the publisher of {key}"))
+}
+
+/// Whether somebody listens to what `publisher` says.
+pub fn has_listener(publisher: &Publisher<'_>) -> bool {
+    publisher
+        .matching_status()
+        .wait()
+        .is_ok_and(|status| status.matching())
+}
+
+/// Subscribes to `key`; up to `queue` messages wait, then Zenoh stops reading, and senders wait.
+///
+/// # Errors
+/// What Zenoh says.
+pub async fn subscriber(
+    session: &Session,
+    key: String,
+    queue: usize,
+) -> anyhow::Result<FifoSubscriber> {
+    let declared = session
+        .declare_subscriber(key.clone())
+        .with(FifoChannel::new(queue))
+        .await;
+    declared
+        .map_err(zenoh_error)
+        .with_context(|| format!("subscribing to {key}"))
+}
+
+/// Subscribes to who is there under `key`, those first who are there already.
+///
+/// # Errors
+/// What Zenoh says.
+pub async fn liveliness(
+    session: &Session,
+    key: String,
+    queue: usize,
+) -> anyhow::Result<FifoSubscriber> {
+    let declared = session
+        .liveliness()
+        .declare_subscriber(key.clone())
+        .history(true)
+        .with(FifoChannel::new(queue))
+        .await;
+    declared
+        .map_err(zenoh_error)
+        .with_context(|| format!("watching {key}"))
+}
+
+/// Says under `key` that this node is there, until the token or the session goes.
+///
+/// # Errors
+/// What Zenoh says.
+pub async fn declare_alive(session: &Session, key: String) -> anyhow::Result<LivelinessToken> {
+    let declared = session.liveliness().declare_token(key).await;
+    declared.map_err(zenoh_error)
+}
+
+fn config(settings: Vec<ZenohSetting>) -> anyhow::Result<zenoh::Config> {
+    let mut config = zenoh::Config::default();
+    for (key, value) in settings {
+        config
+            .insert_json5(&key, &value)
+            .map_err(zenoh_error)
+            .with_context(|| format!("setting {key} to {value}"))?;
+    }
+    Ok(config)
+}
+
+/// What Zenoh says, as an error of ours.
+#[expect(clippy::needless_pass_by_value, reason = "what `map_err` takes")]
+pub fn zenoh_error(error: zenoh::Error) -> anyhow::Error {
+    anyhow!(without_places(&error.to_string()))
+}
+
+/// Zenoh's words without the places in its own source, ` at FILE.rs:LINE.`, which help no operator.
+fn without_places(text: &str) -> String {
+    let mut parts = text.split(" at ");
+    let mut kept = parts.next().unwrap_or_default().to_owned();
+    for part in parts {
+        let end = part.find(|c: char| c.is_whitespace() || c == ']');
+        let (word, rest) = part.split_at(end.unwrap_or(part.len()));
+        if word.contains(".rs:") {
+            kept.push_str(rest);
+        } else {
+            kept.push_str(" at ");
+            kept.push_str(part);
+        }
+    }
+    kept
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn zenohs_words_are_shown_without_places_in_its_source() {
+        let said = "Can not create a new TCP listener at [::]:1: [tcp: Address in use (os error 98) at /r/src/a-1/unicast.rs:367.] at /r/src/b-2/tcp.rs:12. - Caused by x";
+        assert_eq!(
+            super::without_places(said),
+            "Can not create a new TCP listener at [::]:1: [tcp: Address in use (os error 98)] - Caused by x"
+        );
+    }
+}

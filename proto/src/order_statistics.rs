@@ -1,0 +1,109 @@
+//! Medians and percentiles: each definition once. They differ in which of two neighbours they take.
+
+/// The index among `count` sorted values of the one that a `share` (0 to 1) of all is not above: the nearest
+/// rank.
+pub fn nearest_rank(share: f64, count: usize) -> usize {
+    (share * count as f64).ceil().max(1.0) as usize - 1
+}
+
+/// The value that a `share` (0 to 1) of `sorted` is not above, by nearest rank; `None` of nothing.
+pub fn percentile<T: Copy>(sorted: &[T], share: f64) -> Option<T> {
+    sorted.get(nearest_rank(share, sorted.len())).copied()
+}
+
+/// The value that comes after a `share` (0 to 1) of `sorted`, or the last; `None` of nothing.
+pub fn value_after<T: Copy>(sorted: &[T], share: f64) -> Option<T> {
+    let after = (share * sorted.len() as f64) as usize;
+    sorted.get(after).or(sorted.last()).copied()
+}
+
+/// The middle of `values`, of two the upper one; `None` of nothing.
+pub fn upper_median(mut values: Vec<f64>) -> Option<f64> {
+    let middle = values.len() / 2;
+    values.sort_by(f64::total_cmp);
+    values.get(middle).copied()
+}
+
+/// The middle of `sorted`, of two their mean; `None` of nothing.
+pub fn mean_median(sorted: &[f64]) -> Option<f64> {
+    let low = sorted.get(sorted.len().saturating_sub(1) / 2)?;
+    Some(low.midpoint(sorted[sorted.len() / 2]))
+}
+
+/// The value at which half of the weight lies below, interpolated between its neighbours, of (value, weight);
+/// `None` without weight.
+///
+/// ```text
+///   value at c = W/2 of the polygon through (c_i, v_i),   c_i = sum of the weights before i + w_i/2
+/// ```
+pub fn weighted_median(mut votes: Vec<(f64, f64)>) -> Option<f64> {
+    votes.retain(|&(value, weight)| value.is_finite() && weight > 0.0);
+    votes.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let half = 0.5 * votes.iter().map(|vote| vote.1).sum::<f64>();
+    let mut before: Option<(f64, f64)> = None;
+    let mut below = 0.0;
+    for (value, weight) in votes {
+        let center = below + 0.5 * weight;
+        if center >= half {
+            return Some(match before {
+                Some((c, v)) => v + (value - v) * (half - c) / (center - c),
+                None => value,
+            });
+        }
+        before = Some((center, value));
+        below += weight;
+    }
+    before.map(|(_, value)| value)
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    #[test]
+    fn percentiles_are_taken_by_nearest_rank() {
+        let sorted: Vec<u64> = (1..=200).collect();
+        assert_eq!(percentile(&sorted, 0.5), Some(100));
+        assert_eq!(percentile(&sorted, 0.99), Some(198));
+        assert_eq!(percentile(&sorted, 1.0), Some(200));
+        assert_eq!(percentile::<u64>(&[], 0.5), None);
+    }
+
+    #[test]
+    fn the_value_after_a_share_is_one_rank_above_its_percentile() {
+        let sorted: Vec<u64> = (1..=200).collect();
+        assert_eq!(value_after(&sorted, 0.5), Some(101));
+        assert_eq!(value_after(&sorted, 1.0), Some(200));
+        assert_eq!(value_after::<u64>(&[], 0.5), None);
+    }
+
+    #[test]
+    fn of_two_in_the_middle_a_median_takes_the_upper_one_or_their_mean() {
+        assert_eq!(upper_median(vec![4.0, 1.0, 2.0, 3.0]), Some(3.0));
+        assert_eq!(mean_median(&[1.0, 2.0, 3.0, 4.0]), Some(2.5));
+        assert_eq!(upper_median(vec![3.0, 1.0, 2.0]), Some(2.0));
+        assert_eq!(mean_median(&[1.0, 2.0, 3.0]), Some(2.0));
+        assert_eq!((upper_median(Vec::new()), mean_median(&[])), (None, None));
+    }
+
+    #[test]
+    fn the_weighted_median_of_an_even_number_lies_in_the_middle() {
+        let m = weighted_median(vec![(1.0, 1.0), (2.0, 1.0), (10.0, 1.0), (3.0, 1.0)]).unwrap();
+        assert!((m - 2.5).abs() < 1e-12);
+        assert!(weighted_median(vec![(1.0, 0.0)]).is_none());
+    }
+
+    proptest! {
+        #[test]
+        fn the_weighted_median_lies_among_its_values_and_one_outlier_does_not_move_it_far(
+            values in prop::collection::vec((1.0f64..2.0, 0.1f64..1.0), 5..20),
+        ) {
+            let mut votes = values.clone();
+            votes.push((1e6, 0.05));
+            let m = weighted_median(votes).unwrap();
+            prop_assert!((1.0..=2.0).contains(&m));
+        }
+    }
+}

@@ -1,0 +1,294 @@
+//! Corrections: the difference between a map and its modes, on a grid of its own, as whole numbers near zero with
+//! bilinear interpolation between.
+
+use std::ops::Range;
+
+use super::contexts::{Contexts, Corrections, SIZE_CLASSES, SIZE_NODES, ZERO_CLASSES};
+use super::mode::MapScale;
+use crate::patch::entropy::range_coder::{BitCoder, Probability};
+use crate::patch::entropy::symbol::number;
+
+/// Sides of the window are mostly near this.
+const USUAL: i32 = 8;
+/// The largest size that contexts say.
+const MOST_SIZE: i32 = 12;
+const _: () = assert!(ZERO_CLASSES == 20 && SIZE_NODES == MOST_SIZE as usize);
+
+/// The corrections of one map.
+#[derive(Debug, Clone, Default)]
+pub(in crate::patch) struct CorrectionGrid {
+    /// Cells from one to the next, at least 1.
+    pitch: f32,
+    /// The cells, along columns and rows, next to the places of the grid.
+    places: [Vec<u16>; 2],
+    /// Where corrections are, columns and rows.
+    window: [Range<usize>; 2],
+    /// Those of the window, row by row.
+    values: Vec<i16>,
+    /// Per column of the map within the window: the place to its left and how far it is from there.
+    left: Vec<(usize, f32)>,
+}
+
+impl CorrectionGrid {
+    /// Makes room for maps of `scale`.
+    pub(in crate::patch) fn reset(&mut self, scale: &MapScale) {
+        self.pitch = scale.cells.max(1.0);
+        for (places, size) in self.places.iter_mut().zip([scale.width, scale.height]) {
+            let n = ((size - 1) as f32 / self.pitch).ceil() as usize + 1;
+            let cell = |place: usize| ((place as f32 * self.pitch + 0.5) as usize).min(size - 1);
+            places.clear();
+            places.extend((0..n).map(|place| cell(place) as u16));
+        }
+        self.window = [0..0, 0..0];
+    }
+
+    /// Takes what is between a map and what its modes show, in steps; whether any is left.
+    pub(in crate::patch) fn measure(
+        &mut self,
+        seen: &MapResidual<'_>,
+        step: u8,
+        scale: &MapScale,
+    ) -> bool {
+        let step = i16::from(step);
+        // A little less than half a step is not worth its bits.
+        let given = step * 2 / 5;
+        let least = (step - given) as u8;
+        let mut window: Option<[Range<usize>; 2]> = None;
+        for (j, &y) in self.places[1].iter().enumerate() {
+            let y = usize::from(y);
+            if seen.off[y] < least {
+                continue;
+            }
+            let is_off = |&x: &u16| {
+                seen.off(y * scale.width + usize::from(x)).unsigned_abs() >= least.into()
+            };
+            let places = &self.places[0];
+            let (Some(first), Some(last)) = (
+                places.iter().position(is_off),
+                places.iter().rposition(is_off),
+            ) else {
+                continue;
+            };
+            window = Some(
+                window.map_or([first..last + 1, j..j + 1], |[columns, rows]| {
+                    [
+                        columns.start.min(first)..columns.end.max(last + 1),
+                        rows.start..j + 1,
+                    ]
+                }),
+            );
+        }
+        let Some(window) = window else {
+            return false;
+        };
+        self.values.clear();
+        for &y in &self.places[1][window[1].clone()] {
+            let row = usize::from(y) * scale.width;
+            self.values
+                .extend(self.places[0][window[0].clone()].iter().map(|&x| {
+                    let off = seen.off(row + usize::from(x));
+                    off.signum() * ((off.abs() + given) / step)
+                }));
+        }
+        self.window = window;
+        true
+    }
+
+    /// Codes the corrections; `show` is what the modes show.
+    pub(in crate::patch) fn code<C: BitCoder>(
+        &mut self,
+        coder: &mut C,
+        contexts: &mut Contexts,
+        show: &[u8],
+        scale: &MapScale,
+    ) {
+        for axis in 0..2 {
+            let size = whole(self.places[axis].len());
+            let Range { start, end } = self.window[axis].clone();
+            let middle = size / 2;
+            let first = number(coder, contexts.window(2 * axis), whole(start) - middle) + middle;
+            let first = first.clamp(0, size - 1);
+            let length = whole(end) - whole(start);
+            let length = number(coder, contexts.window(2 * axis + 1), length - USUAL) + USUAL;
+            let end = (first + length.max(1)).min(size);
+            self.window[axis] = first as usize..end as usize;
+        }
+        let [columns, rows] = self.window.clone();
+        let n = columns.len();
+        self.values.resize(n * rows.len(), 0);
+        let mut contexts = contexts.corrections();
+        let columns = &self.places[0][columns];
+        let (mut above, mut rest) = (&mut [][..], &mut self.values[..]);
+        for &y in &self.places[1][rows] {
+            let (row, below) = rest.split_at_mut(n);
+            let show = &show[usize::from(y) * scale.width..];
+            let (mut left, mut above_left) = (0, 0);
+            for (i, (value, &x)) in row.iter_mut().zip(columns).enumerate() {
+                let up = above.get(i).copied().unwrap_or(0);
+                let above_right = above.get(i + 1).copied().unwrap_or(0);
+                let around = [left, up, above_left, above_right];
+                left = self::value(coder, &mut contexts, *value, around, show[usize::from(x)]);
+                *value = left;
+                above_left = up;
+            }
+            (above, rest) = (row, below);
+        }
+    }
+
+    /// Adds the corrections to the map.
+    pub(in crate::patch) fn apply(&mut self, cells: &mut [u8], step: u8, scale: &MapScale) {
+        let [columns, rows] = self.window.clone();
+        let step = i16::from(step);
+        if self.pitch > 1.0 {
+            return self.interpolate(cells, step.into(), scale);
+        }
+        for (values, y) in self.values.chunks_exact(columns.len()).zip(rows) {
+            let row = &mut cells[y * scale.width..][columns.clone()];
+            for (cell, &value) in row.iter_mut().zip(values) {
+                *cell = (i16::from(*cell) + step * value).clamp(0, 255) as u8;
+            }
+        }
+    }
+
+    fn interpolate(&mut self, cells: &mut [u8], step: f32, scale: &MapScale) {
+        let [columns, rows] = self.window.clone();
+        let pitch = self.pitch;
+        let reach = |places: &Range<usize>, size: usize| {
+            let first = (places.start as f32 - 1.0) * pitch;
+            let end = places.end as f32 * pitch;
+            // Plain casts take what is negative for 0.
+            (first as usize).min(size)..(end as usize + 1).min(size)
+        };
+        let (across, down) = (reach(&columns, scale.width), reach(&rows, scale.height));
+        let split = |cell: usize| {
+            let place = cell as f32 / pitch;
+            (place as usize, place - (place as usize) as f32)
+        };
+        self.left.clear();
+        self.left.extend(across.clone().map(split));
+        let n = columns.len();
+        let at = |i: usize, j: usize| {
+            let inside = columns.contains(&i) && rows.contains(&j);
+            let value = || self.values[(j - rows.start) * n + i - columns.start];
+            if inside { f32::from(value()) } else { 0.0 }
+        };
+        for y in down {
+            let (j, fy) = split(y);
+            let row = &mut cells[y * scale.width..][across.clone()];
+            for (cell, &(i, fx)) in row.iter_mut().zip(&self.left) {
+                let upper = at(i, j) + fx * (at(i + 1, j) - at(i, j));
+                let lower = at(i, j + 1) + fx * (at(i + 1, j + 1) - at(i, j + 1));
+                // Casts saturate: what is below zero is zero.
+                *cell = (f32::from(*cell) + step * (upper + fy * (lower - upper)) + 0.5) as u8;
+            }
+        }
+    }
+}
+
+/// A map and what its modes draw, to be compared.
+pub(in crate::patch) struct MapResidual<'a> {
+    pub(in crate::patch) cells: &'a [u8],
+    pub(in crate::patch) shown: &'a [u8],
+    /// Per row of the map, by how much any cell is off.
+    pub(in crate::patch) off: &'a [u8],
+    /// Cells below are as good as zero, where nothing is shown either.
+    pub(in crate::patch) floor: u8,
+}
+
+impl MapResidual<'_> {
+    /// By how much the map is above what is shown.
+    fn off(&self, at: usize) -> i16 {
+        let (cell, shown) = (self.cells[at], self.shown[at]);
+        if cell.max(shown) < self.floor {
+            return 0;
+        }
+        i16::from(cell) - i16::from(shown)
+    }
+}
+
+/// A number of places, which are few.
+fn whole(places: usize) -> i32 {
+    i32::try_from(places).unwrap_or(i32::MAX)
+}
+
+/// Codes one value, next to those `around` it and on what is `shown` there.
+fn value<C: BitCoder>(
+    coder: &mut C,
+    contexts: &mut Corrections<'_>,
+    value: i16,
+    around: [i16; 4],
+    shown: u8,
+) -> i16 {
+    let [left, up, above_left, above_right] = around.map(|v| u32::from(v.unsigned_abs().min(64)));
+    let near = 2 * (left + up) + above_left + above_right;
+    let busy = match near {
+        0 => 0,
+        1 => 1,
+        2..=3 => 2,
+        4..=6 => 3,
+        _ => 4,
+    };
+    let height = match shown {
+        0 => 0,
+        1..=39 => 1,
+        40..=119 => 2,
+        _ => 3,
+    };
+    if !coder.code(value != 0, &mut contexts.zero[busy * 4 + height]) {
+        return 0;
+    }
+    let signs = around[0].signum() + around[1].signum();
+    let negative = coder.code(value < 0, &mut contexts.sign[(signs + 2) as usize]);
+    let class = (near as usize / 4).min(SIZE_CLASSES - 1);
+    let sizes = &mut contexts.size[class * SIZE_NODES..][..SIZE_NODES];
+    let size = i32::from(value.unsigned_abs());
+    let mut coded = 1;
+    for context in sizes {
+        if !coder.code(coded < size, context) {
+            break;
+        }
+        coded += 1;
+    }
+    if coded > MOST_SIZE {
+        // So rare that contexts of its own would not pay.
+        let mut even = [Probability::even(); crate::patch::entropy::symbol::NUMBER];
+        coded += number(coder, &mut even, size - coded).abs();
+    }
+    // No cell is off by more; larger values, from invalid bytes, would overflow when multiplied.
+    let coded = coded.min(255) as i16;
+    if negative { -coded } else { coded }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::patch::entropy::range_coder::{BitReader, BitWriter};
+
+    #[test]
+    fn no_bytes_correct_a_cell_by_more_than_a_cell_can_be_off() {
+        let mut contexts = Contexts::new();
+        contexts.reset();
+        let mut writer = BitWriter::new(Vec::new());
+        value(&mut writer, &mut contexts.corrections(), 1036, [0; 4], 0);
+        let bytes = writer.finish();
+        contexts.reset();
+        let mut reader = BitReader::new(&bytes);
+        let read = value(&mut reader, &mut contexts.corrections(), 0, [0; 4], 0);
+        let mut grid = CorrectionGrid {
+            pitch: 1.0,
+            window: [0..1, 0..1],
+            values: vec![read],
+            ..CorrectionGrid::default()
+        };
+        let (mut cells, scale) = (
+            [9],
+            MapScale {
+                width: 1,
+                height: 1,
+                cells: 1.0,
+            },
+        );
+        grid.apply(&mut cells, 40, &scale);
+        assert_eq!(cells, [255]);
+    }
+}

@@ -1,0 +1,15 @@
+//! Maps with loss: the peaks of a map as Gaussians of a few whole numbers, and corrections of what these leave.
+//!
+//! The encoder fits ([`fit`]) and chooses ([`explain`]) the Gaussians; [`mode`] draws them, the same on both sides;
+//! [`mode_coder`] and [`correction`] write or read them in adaptive [`contexts`] that begin with [`priors`];
+//! [`recipe`] says how finely at each compression level.
+
+pub(in crate::patch) mod contexts;
+pub(in crate::patch) mod correction;
+pub(in crate::patch) mod explain;
+mod fit;
+pub(in crate::patch) mod mode;
+pub(in crate::patch) mod mode_coder;
+mod peak_predictor;
+mod priors;
+pub(in crate::patch) mod recipe;

@@ -1,0 +1,244 @@
+//! A mode: one peak of a map as a Gaussian, in the few whole numbers that travel.
+//!
+//! Lengths are in units that do not depend on the map's resolution: 64 of them are its height, or 48
+//! its width, whichever makes them longer. Both sides compute every cell with additions, products and
+//! roots of single precision alone, so that all machines draw the same maps.
+
+use crate::patch::maps::Maps;
+
+/// Positions are whole numbers of this many to a unit.
+pub(in crate::patch) const STEPS: i32 = 16;
+/// Sigma of a network's usual peak, units: networks are mostly trained with 2, what they answer is a little wider.
+const SIGMA: f32 = 2.05;
+/// Steps of a width for a doubling.
+const PER_OCTAVE: f32 = 12.0;
+/// Widths are at most so many steps from the usual one: a quarter to four times.
+pub(in crate::patch) const WIDEST: i32 = 24;
+/// Correlations are eighths.
+const CORRELATION: f32 = 1.0 / 8.0;
+/// Most steps of a correlation.
+pub(in crate::patch) const MOST_TILTED: i32 = 6;
+/// Where a mode ends, squared and in sigmas: at 1/55 of its height.
+const REACH2: f32 = 8.0;
+/// Positions may be so far outside the map, units.
+pub(in crate::patch) const OUTSIDE: i32 = 4;
+
+/// The resolution of maps, in their units.
+#[derive(Debug, Clone, Copy)]
+pub(in crate::patch) struct MapScale {
+    pub(in crate::patch) width: usize,
+    pub(in crate::patch) height: usize,
+    /// Cells to a unit.
+    pub(in crate::patch) cells: f32,
+}
+
+impl MapScale {
+    pub(in crate::patch) fn of(maps: &Maps) -> Self {
+        let (width, height) = (maps.width(), maps.height());
+        Self {
+            width,
+            height,
+            cells: (width as f32 / 48.0).max(height as f32 / 64.0),
+        }
+    }
+
+    /// The largest position, [`STEPS`] to a unit, of the last column and row.
+    pub(in crate::patch) fn last(&self) -> [i32; 2] {
+        [self.width, self.height].map(|n| (n as f32 / self.cells) as i32 * STEPS)
+    }
+}
+
+/// One peak.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(in crate::patch) struct Mode {
+    /// Column and row of its centre, [`STEPS`] to a unit.
+    pub(in crate::patch) at: [i32; 2],
+    /// Highest value, of 255.
+    pub(in crate::patch) height: u8,
+    /// Sigma along columns and rows, steps from the usual one.
+    pub(in crate::patch) width: [i32; 2],
+    /// Correlation of the two, steps.
+    pub(in crate::patch) tilt: i32,
+}
+
+/// A peak as it is measured, in cells.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(in crate::patch) struct FittedPeak {
+    pub(in crate::patch) at: [f32; 2],
+    pub(in crate::patch) height: f32,
+    pub(in crate::patch) sigma: [f32; 2],
+    pub(in crate::patch) correlation: f32,
+}
+
+impl Mode {
+    /// The mode next to a measured peak.
+    pub(in crate::patch) fn of(peak: &FittedPeak, scale: &MapScale) -> Self {
+        let last = scale.last();
+        let at = [0, 1].map(|i| {
+            let at = (peak.at[i] / scale.cells * STEPS as f32).round() as i32;
+            at.clamp(-OUTSIDE * STEPS, last[i] + OUTSIDE * STEPS)
+        });
+        let steps = |sigma: f32| {
+            let steps = ((sigma / (SIGMA * scale.cells)).log2() * PER_OCTAVE).round() as i32;
+            steps.clamp(-WIDEST, WIDEST)
+        };
+        let tilt = (peak.correlation / CORRELATION).round() as i32;
+        Self {
+            at,
+            height: peak.height.round() as u8,
+            width: peak.sigma.map(steps),
+            tilt: tilt.clamp(-MOST_TILTED, MOST_TILTED),
+        }
+    }
+
+    /// Column and row of the centre, cells.
+    pub(in crate::patch) fn center(&self, scale: &MapScale) -> [f32; 2] {
+        self.at.map(|at| at as f32 / STEPS as f32 * scale.cells)
+    }
+
+    /// The rows that it reaches.
+    pub(in crate::patch) fn rows(&self, scale: &MapScale) -> std::ops::Range<usize> {
+        let [_, y] = self.center(scale);
+        // Along one axis an ellipse reaches as far as its sigma says, however it is turned.
+        span(y, sigma(self.width[1], scale) * REACH2.sqrt(), scale.height)
+    }
+
+    /// Draws the mode into one map wherever it is higher than what is there.
+    pub(in crate::patch) fn draw(&self, scale: &MapScale, cells: &mut [u8]) {
+        let [sx, sy] = self.width.map(|width| sigma(width, scale));
+        let correlation = self.tilt as f32 * CORRELATION;
+        let rest = 1.0 - correlation * correlation;
+        // The exponent is -(a dx^2 + 2 b dx dy + c dy^2) / 2.
+        let a = 1.0 / (sx * sx * rest);
+        let b = -correlation / (sx * sy * rest);
+        let across = sx * rest.sqrt();
+        let [x, y] = self.center(scale);
+        let height = f32::from(self.height);
+        let fall = exp(-a);
+        for row in self.rows(scale) {
+            let dy = row as f32 - y;
+            // Along a row the Gaussian is one about `middle`, and lower by what is between the two.
+            let middle = x - b / a * dy;
+            let down = dy * dy / (sy * sy);
+            let reach = across * (REACH2 - down).max(0.0).sqrt();
+            let columns = span(middle, reach, scale.width);
+            let dx = columns.start as f32 - middle;
+            // Each value is the last one times a ratio, each ratio the last one times `fall`.
+            let mut value = height * exp(-0.5 * (a * dx * dx + down));
+            let mut ratio = exp(-a * (dx + 0.5));
+            for cell in &mut cells[row * scale.width..][columns] {
+                // Within 0 to 255 but for rounding, and casts saturate.
+                *cell = (*cell).max((value + 0.5) as u8);
+                value *= ratio;
+                ratio *= fall;
+            }
+        }
+    }
+}
+
+/// Sigma of a width, cells.
+fn sigma(width: i32, scale: &MapScale) -> f32 {
+    SIGMA * scale.cells * exp2(width as f32 / PER_OCTAVE)
+}
+
+/// The cells of `size` in a row within `reach` of `center`.
+fn span(center: f32, reach: f32, size: usize) -> std::ops::Range<usize> {
+    // Plain casts take what is negative or not a number for 0, and cost no call of a library.
+    let [first, last] = [center - reach, center + reach];
+    let before = first as usize;
+    let first = before + usize::from((before as f32) < first);
+    let end = last as usize + usize::from(last >= 0.0);
+    let end = end.min(size);
+    first.min(end)..end
+}
+
+/// The exponential of a number that is not positive, to 3e-7 of it, the same on all machines.
+fn exp(x: f32) -> f32 {
+    exp2(x * std::f32::consts::LOG2_E)
+}
+
+/// 2 to the power of `x`, from -126 to 126, as [`exp`].
+fn exp2(x: f32) -> f32 {
+    let x = x.clamp(-126.0, 126.0);
+    // The nearest whole number: casts go towards zero, and this one is positive.
+    let whole = (x + 128.5) as i32 - 128;
+    let f = x - whole as f32;
+    // Taylor's: the remainder is below 2e-7 from -1/2 to 1/2.
+    let terms = [
+        1.535_336_2e-4,
+        1.339_887_4e-3,
+        9.618_437e-3,
+        5.550_332_5e-2,
+        2.402_264_7e-1,
+        6.931_472e-1,
+        1.0,
+    ];
+    let power = terms
+        .into_iter()
+        .fold(0.0, |sum: f32, term: f32| sum * f + term);
+    power * f32::from_bits(((whole + 127) as u32) << 23)
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    const SCALE: MapScale = MapScale {
+        width: 48,
+        height: 64,
+        cells: 1.0,
+    };
+
+    fn any_mode() -> impl Strategy<Value = Mode> {
+        let at = (-64i32..48 * 16 + 64, -64i32..64 * 16 + 64);
+        let width = (-WIDEST..=WIDEST, -WIDEST..=WIDEST);
+        (at, 1u8..=255, width, -MOST_TILTED..=MOST_TILTED).prop_map(|(at, height, width, tilt)| {
+            Mode {
+                at: [at.0, at.1],
+                height,
+                width: [width.0, width.1],
+                tilt,
+            }
+        })
+    }
+
+    proptest! {
+        #[test]
+        fn a_mode_is_drawn_as_a_gaussian_that_ends(mode in any_mode()) {
+            let mut cells = vec![0; 48 * 64];
+            mode.draw(&SCALE, &mut cells);
+            let [x, y] = mode.center(&SCALE).map(f64::from);
+            let [sx, sy] = mode.width.map(|w| 2.05 * (f64::from(w) / 12.0).exp2());
+            let rho = f64::from(mode.tilt) / 8.0;
+            for (i, &cell) in cells.iter().enumerate() {
+                let (dx, dy) = (((i % 48) as f64 - x) / sx, ((i / 48) as f64 - y) / sy);
+                let square = (dx * dx - 2.0 * rho * dx * dy + dy * dy) / (1.0 - rho * rho);
+                let expected = f64::from(mode.height) * (-0.5 * square).exp();
+                if square < 7.99 {
+                    prop_assert!((f64::from(cell) - expected).abs() < 0.6, "{cell} {expected}");
+                } else if square > 8.01 {
+                    prop_assert_eq!(cell, 0);
+                }
+            }
+        }
+
+        #[test]
+        fn powers_are_near_those_of_the_library(x in -60.0f32..60.0) {
+            let expected = f64::from(x).exp2();
+            prop_assert!((f64::from(exp2(x)) / expected - 1.0).abs() < 4e-7);
+        }
+
+        #[test]
+        fn a_measured_mode_is_the_mode(mode in any_mode()) {
+            let peak = FittedPeak {
+                at: mode.center(&SCALE),
+                height: mode.height.into(),
+                sigma: mode.width.map(|width| sigma(width, &SCALE)),
+                correlation: mode.tilt as f32 * CORRELATION,
+            };
+            prop_assert_eq!(Mode::of(&peak, &SCALE), mode);
+        }
+    }
+}

@@ -1,0 +1,331 @@
+//! The lossless coder: one walk over a map that encoder and decoder share, with a prediction at every step.
+//!
+//! Per map: whether it is empty; its first row, against that of the map before (keypoints of one
+//! body lie near each other); then row by row where the row begins and ends, against the row
+//! before, and the cells in between. A cell is expected from its neighbours as if the peak were a
+//! product of a column and a row, which every upright Gaussian is; what is coded is the difference,
+//! in contexts of how wrong the neighbours' expectations were.
+
+mod around;
+
+use std::cmp::Ordering;
+
+use self::around::Around;
+use super::entropy::range_coder::{BitCoder, Probability};
+
+/// Sides of a map: what both directions know beforehand.
+#[derive(Debug, Clone, Copy)]
+pub(in crate::patch) struct Shape {
+    pub(in crate::patch) width: usize,
+    pub(in crate::patch) height: usize,
+    /// Least cell that is not zero, at least 1.
+    pub(in crate::patch) floor: u8,
+}
+
+/// What has been learnt in the patch so far.
+#[derive(Debug, Clone)]
+pub(in crate::patch) struct LosslessCoder {
+    empty_map: [Probability; 2],
+    empty_row: [Probability; 2],
+    first_row: Signed,
+    rows: Unsigned,
+    first_start: Signed,
+    first_width: Unsigned,
+    start: [Signed; 3],
+    end: [Signed; 3],
+    zero: [Probability; 8],
+    cell: [[Signed; ERROR_CLASSES]; 5],
+    /// Whether the map before was empty, and where its first row and that row's first cell were.
+    last_empty: bool,
+    last_first: [usize; 2],
+    /// How wrong the expectation was, by column, in the row above up to here and in this row so far.
+    errors: Vec<u8>,
+}
+
+const ERROR_CLASSES: usize = 4;
+
+/// Where a row begins and ends: first and last cell that is not zero.
+#[derive(Debug, Clone, Copy)]
+struct RowSpan {
+    start: usize,
+    end: usize,
+}
+
+impl LosslessCoder {
+    /// Nothing learnt yet, for maps of `shape`.
+    pub(in crate::patch) fn new() -> Self {
+        let even = Probability::even();
+        Self {
+            empty_map: [even; 2],
+            empty_row: [even; 2],
+            first_row: Signed::new(),
+            rows: Unsigned::new(),
+            first_start: Signed::new(),
+            first_width: Unsigned::new(),
+            start: [Signed::new(); 3],
+            end: [Signed::new(); 3],
+            zero: [even; 8],
+            cell: [[Signed::new(); ERROR_CLASSES]; 5],
+            last_empty: false,
+            last_first: [0; 2],
+            errors: Vec::new(),
+        }
+    }
+
+    /// Forgets everything, keeping memory.
+    pub(in crate::patch) fn reset(&mut self, width: usize, height: usize) {
+        let mut errors = std::mem::take(&mut self.errors);
+        errors.clear();
+        errors.resize(width, 0);
+        *self = Self {
+            errors,
+            last_first: [height / 2, width / 2],
+            ..Self::new()
+        };
+    }
+
+    /// Codes one map: `cells` are read, or written over zeros.
+    pub(in crate::patch) fn map<C: BitCoder>(
+        &mut self,
+        coder: &mut C,
+        shape: Shape,
+        cells: &mut [u8],
+    ) {
+        let Shape { width, height, .. } = shape;
+        let is_empty = |cells: &[u8]| cells.iter().fold(0, |any, &c| any | c) == 0;
+        let empty_rows =
+            |row: usize, cells: &[u8]| is_empty(&cells[row * width..(row + 1) * width]);
+        let empty = coder.code(
+            C::WRITES && is_empty(cells),
+            &mut self.empty_map[usize::from(self.last_empty)],
+        );
+        self.last_empty = empty;
+        if empty {
+            return;
+        }
+        let (mut first, mut last) = (0, 0);
+        if C::WRITES {
+            first = (0..height).find(|&y| !empty_rows(y, cells)).unwrap_or(0);
+            last = (0..height)
+                .rfind(|&y| !empty_rows(y, cells))
+                .unwrap_or(first);
+        }
+        first = self
+            .first_row
+            .near(coder, first, self.last_first[0], height - 1);
+        last = first
+            + self
+                .rows
+                .code(coder, last.saturating_sub(first), height - 1 - first);
+        self.errors.fill(0);
+        let mut above: Option<(RowSpan, Ordering)> = None;
+        let mut row_above_empty = false;
+        for y in first..=last {
+            let inner = y != first && y != last;
+            let row_empty = inner
+                && coder.code(
+                    C::WRITES && empty_rows(y, cells),
+                    &mut self.empty_row[usize::from(row_above_empty)],
+                );
+            row_above_empty = row_empty;
+            if row_empty {
+                self.errors.fill(0);
+                continue;
+            }
+            let row = &cells[y * width..(y + 1) * width];
+            let known = if C::WRITES {
+                span_of(row)
+            } else {
+                RowSpan { start: 0, end: 0 }
+            };
+            let (span, drift) = self.span(coder, known, above, width);
+            if above.is_none() {
+                self.last_first = [first, span.start];
+            }
+            above = Some((span, drift));
+            self.row(coder, shape, y, span, cells);
+        }
+    }
+
+    /// Codes where a row begins and ends; also returns which way its start moved from the row before.
+    fn span<C: BitCoder>(
+        &mut self,
+        coder: &mut C,
+        known: RowSpan,
+        above: Option<(RowSpan, Ordering)>,
+        width: usize,
+    ) -> (RowSpan, Ordering) {
+        let Some((before, drift)) = above else {
+            let start = self
+                .first_start
+                .near(coder, known.start, self.last_first[1], width - 1);
+            let end = start
+                + self
+                    .first_width
+                    .code(coder, known.end.saturating_sub(start), width - 1 - start);
+            return (RowSpan { start, end }, Ordering::Less);
+        };
+        let start = self.start[class_of(drift)].near(coder, known.start, before.start, width - 1);
+        let moved = start.cmp(&before.start);
+        let end =
+            self.end[class_of(moved)].near(coder, known.end.max(start), before.end, width - 1);
+        (
+            RowSpan {
+                start,
+                end: end.max(start),
+            },
+            moved,
+        )
+    }
+
+    /// Codes the cells of row `y` within `span`; the first and the last of them are not zero.
+    fn row<C: BitCoder>(
+        &mut self,
+        coder: &mut C,
+        shape: Shape,
+        y: usize,
+        span: RowSpan,
+        cells: &mut [u8],
+    ) {
+        let (above, rest) = cells.split_at_mut(y * shape.width);
+        let row = &mut rest[..shape.width];
+        self.errors[..span.start].fill(0);
+        self.errors[span.end + 1..].fill(0);
+        let mut around = Around::before(above, shape.width, span.start);
+        let cells = row.iter_mut().enumerate();
+        for (x, cell) in cells.take(span.end + 1).skip(span.start) {
+            around.move_to(x);
+            let maybe_zero = x != span.start && x != span.end;
+            if maybe_zero && coder.code(*cell == 0, &mut self.zero[around.zero_context()]) {
+                self.errors[x] = 0;
+                continue;
+            }
+            let (expected, kind) = around.expect(shape.floor);
+            let left_error = if x > 0 { self.errors[x - 1] } else { 0 };
+            let error = usize::from(left_error) + usize::from(self.errors[x]);
+            let contexts = &mut self.cell[kind][error_class(error)];
+            // Coded as steps above the floor: there is no cell between it and zero.
+            let [floor, expected] = [shape.floor, expected].map(usize::from);
+            let step = usize::from(*cell).saturating_sub(floor);
+            let step = contexts.near(coder, step, expected - floor, 255 - floor);
+            *cell = (floor + step) as u8;
+            around.set(*cell);
+            self.errors[x] = (floor + step).abs_diff(expected) as u8;
+        }
+    }
+}
+
+fn span_of(row: &[u8]) -> RowSpan {
+    let start = row.iter().position(|&c| c != 0).unwrap_or(0);
+    RowSpan {
+        start,
+        end: row.iter().rposition(|&c| c != 0).unwrap_or(start),
+    }
+}
+
+fn class_of(moved: Ordering) -> usize {
+    match moved {
+        Ordering::Less => 0,
+        Ordering::Equal => 1,
+        Ordering::Greater => 2,
+    }
+}
+
+/// Class of the summed errors of the left and the upper expectation.
+fn error_class(sum: usize) -> usize {
+    match sum {
+        0..=1 => 0,
+        2..=4 => 1,
+        5..=12 => 2,
+        _ => 3,
+    }
+}
+
+/// Contexts of a small number: its length in bits, then its highest bits.
+#[derive(Debug, Clone, Copy)]
+struct Unsigned {
+    length: [Probability; Self::MOST_BITS],
+    second: [Probability; Self::MOST_BITS],
+}
+
+impl Unsigned {
+    /// Numbers plus one have at most so many bits after the first.
+    const MOST_BITS: usize = 8;
+
+    fn new() -> Self {
+        Self {
+            length: [Probability::even(); Self::MOST_BITS],
+            second: [Probability::even(); Self::MOST_BITS],
+        }
+    }
+
+    /// Codes `number`, which is at most `limit` (at most 255); what is read is cut to that.
+    fn code<C: BitCoder>(&mut self, coder: &mut C, number: usize, limit: usize) -> usize {
+        if limit == 0 {
+            return 0;
+        }
+        let whole = number + 1;
+        let bits = whole.ilog2() as usize;
+        let mut length = 0;
+        while length < Self::MOST_BITS && coder.code(length < bits, &mut self.length[length]) {
+            length += 1;
+        }
+        let mut coded = 1;
+        for i in (0..length).rev() {
+            // Bits below the second are as good as random.
+            let mut even = Probability::even();
+            let probability = if i + 1 == length {
+                &mut self.second[i]
+            } else {
+                &mut even
+            };
+            coded = coded << 1 | usize::from(coder.code(whole >> i & 1 == 1, probability));
+        }
+        (coded - 1).min(limit)
+    }
+}
+
+/// Contexts of a number near an expected one.
+#[derive(Debug, Clone, Copy)]
+struct Signed {
+    other: Probability,
+    less: Probability,
+    distance: [Unsigned; 2],
+}
+
+impl Signed {
+    fn new() -> Self {
+        Self {
+            other: Probability::even(),
+            less: Probability::even(),
+            distance: [Unsigned::new(); 2],
+        }
+    }
+
+    /// Codes `number`, expected to be near `expected`; both are at most `limit`.
+    fn near<C: BitCoder>(
+        &mut self,
+        coder: &mut C,
+        number: usize,
+        expected: usize,
+        limit: usize,
+    ) -> usize {
+        if limit == 0 || !coder.code(number != expected, &mut self.other) {
+            return expected;
+        }
+        // At an end of the range there is only one way to go.
+        let less = match expected {
+            0 => false,
+            end if end == limit => true,
+            _ => coder.code(number < expected, &mut self.less),
+        };
+        let room = if less { expected } else { limit - expected };
+        let distance = number.abs_diff(expected).saturating_sub(1);
+        let distance = 1 + self.distance[usize::from(less)].code(coder, distance, room - 1);
+        if less {
+            expected - distance
+        } else {
+            expected + distance
+        }
+    }
+}

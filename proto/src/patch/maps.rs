@@ -1,0 +1,145 @@
+//! Part confidence maps, as cells and as they travel, and how large they may be.
+
+use serde::{Deserialize, Serialize};
+
+/// Largest width and height of a map, cells.
+pub const MAX_SIDE: usize = 256;
+/// Most maps of a patch.
+pub const MAX_KEYPOINTS: usize = 64;
+/// Most cells of a patch; the decoder allocates one byte for each.
+pub const MAX_CELLS: usize = MAX_SIDE * MAX_SIDE * MAX_KEYPOINTS;
+
+/// The maps of one person in one camera as they travel.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct EncodedMaps {
+    /// Cells in a row.
+    pub width: u16,
+    /// Rows.
+    pub height: u16,
+    /// Maps.
+    pub keypoints: u8,
+    /// The cells as [`super::Encoder`] has written them.
+    pub bytes: Vec<u8>,
+}
+
+impl EncodedMaps {
+    /// Checks the size, before anything is allocated for it.
+    ///
+    /// # Errors
+    /// [`PatchError::Size`] when a side is zero or above [`MAX_SIDE`], or there are no or more than
+    /// [`MAX_KEYPOINTS`] maps.
+    pub fn check_size(&self) -> Result<(), PatchError> {
+        let sides = [self.width, self.height].map(usize::from);
+        let keypoints = usize::from(self.keypoints);
+        if sides.iter().all(|s| (1..=MAX_SIDE).contains(s))
+            && (1..=MAX_KEYPOINTS).contains(&keypoints)
+        {
+            Ok(())
+        } else {
+            let [width, height] = sides;
+            Err(PatchError::Size {
+                width,
+                height,
+                keypoints,
+            })
+        }
+    }
+}
+
+/// Why encoded maps cannot be read.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum PatchError {
+    /// The stated size is impossible.
+    #[error(
+        "{keypoints} maps of {width} x {height} cells, expected 1 to {MAX_KEYPOINTS} of at most {MAX_SIDE} x {MAX_SIDE}"
+    )]
+    Size {
+        /// Cells in a row.
+        width: usize,
+        /// Rows.
+        height: usize,
+        /// Maps.
+        keypoints: usize,
+    },
+    /// The bytes end before the maps do.
+    #[error("the bytes end within map {keypoint}")]
+    TooShort {
+        /// The map, from 0.
+        keypoint: usize,
+    },
+    /// The maps end before the bytes do.
+    #[error("{left} bytes are left over after the maps")]
+    TooLong {
+        /// How many.
+        left: usize,
+    },
+}
+
+/// Part confidence maps: one map of `width` x `height` cells per keypoint, value = cell / 255.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Maps {
+    pub(super) width: usize,
+    pub(super) height: usize,
+    keypoints: usize,
+    pub(super) cells: Vec<u8>,
+}
+
+impl Maps {
+    /// Empty maps (all cells 0). Sides above [`MAX_SIDE`] and more keypoints than [`MAX_KEYPOINTS`]
+    /// are cut to these.
+    pub fn new(width: usize, height: usize, keypoints: usize) -> Self {
+        let mut maps = Self::default();
+        maps.resize(width, height, keypoints);
+        maps
+    }
+
+    /// Makes these maps of the given size, all cells 0, without giving memory back. Sides above
+    /// [`MAX_SIDE`] and more keypoints than [`MAX_KEYPOINTS`] are cut to these.
+    pub fn resize(&mut self, width: usize, height: usize, keypoints: usize) {
+        self.width = width.min(MAX_SIDE);
+        self.height = height.min(MAX_SIDE);
+        self.keypoints = keypoints.min(MAX_KEYPOINTS);
+        self.cells.clear();
+        self.cells
+            .resize(self.width * self.height * self.keypoints, 0);
+    }
+
+    /// Cells in a row.
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Rows.
+    pub fn height(&self) -> usize {
+        self.height
+    }
+
+    /// Maps.
+    pub fn keypoints(&self) -> usize {
+        self.keypoints
+    }
+
+    /// The map of keypoint `k` (below [`Self::keypoints`]), row by row.
+    ///
+    /// # Panics
+    /// When there is no such keypoint.
+    pub fn cells(&self, k: usize) -> &[u8] {
+        let area = self.width * self.height;
+        &self.cells[k * area..(k + 1) * area]
+    }
+
+    /// The map of keypoint `k` (below [`Self::keypoints`]), row by row, to be written.
+    ///
+    /// # Panics
+    /// When there is no such keypoint.
+    pub fn cells_mut(&mut self, k: usize) -> &mut [u8] {
+        let area = self.width * self.height;
+        &mut self.cells[k * area..(k + 1) * area]
+    }
+}
+
+/// A probability as a cell: clamped to 0..1, rounded to the nearest 255th; NaN is 0.
+pub fn quantize(value: f32) -> u8 {
+    // `as` saturates and takes NaN to 0.
+    (value * 255.0).round() as u8
+}

@@ -1,0 +1,82 @@
+//! Where a node listens or connects to, as text: `tcp/127.0.0.1:7447`.
+
+/// The protocols that nodes may use; Zenoh is built with these alone.
+const SCHEMES: [&str; 4] = ["tcp", "udp", "tls", "quic"];
+
+/// Whether `text` is an endpoint: a scheme, `/`, a host and a port, and perhaps options of Zenoh behind
+/// `?` or `#`. An IPv6 address stands in brackets. Whether the host exists only the network can tell.
+pub fn is_endpoint(text: &str) -> bool {
+    let Some((host, port)) = address(text).rsplit_once(':') else {
+        return false;
+    };
+    let bracketed = host.starts_with('[') && host.ends_with(']');
+    let is_host = !host.is_empty()
+        && !host.contains(|c: char| c.is_whitespace() || c == '/')
+        && (bracketed || !host.contains(':'));
+    let is_port = port.bytes().all(|b| b.is_ascii_digit()) && port.parse::<u16>().is_ok();
+    SCHEMES.contains(&scheme(text)) && is_host && is_port
+}
+
+/// The protocol of an endpoint: the part before the first `/`.
+pub fn scheme(endpoint: &str) -> &str {
+    endpoint.split_once('/').map_or("", |(scheme, _)| scheme)
+}
+
+/// The host of an endpoint, an IPv6 address without its brackets.
+pub fn host(endpoint: &str) -> &str {
+    let host = address(endpoint)
+        .rsplit_once(':')
+        .map_or("", |(host, _)| host);
+    let bare = host
+        .strip_prefix('[')
+        .and_then(|host| host.strip_suffix(']'));
+    bare.unwrap_or(host)
+}
+
+/// Host and port.
+fn address(endpoint: &str) -> &str {
+    let rest = endpoint.split_once('/').map_or("", |(_, rest)| rest);
+    rest.split(['?', '#']).next().unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_endpoint_has_a_scheme_a_host_and_a_port() {
+        for good in [
+            "tcp/0.0.0.0:7447",
+            "tls/fusion.local:7447",
+            "tcp/[::1]:0",
+            "tls/fusion.local:7447#root_ca_certificate=ca.pem",
+            "quic/10.0.0.1:7447?mixed_rel=1",
+            "udp/10.0.0.1:7447?rel=1;mixed_rel=1",
+        ] {
+            assert!(is_endpoint(good), "{good}");
+        }
+        for bad in [
+            "",
+            "garbage",
+            "127.0.0.1:7447",
+            "tcp/",
+            "tcp/7447",
+            "tcp/:7447",
+            "tcp/host:",
+            "tcp/host:+7",
+            "tcp/host:70000",
+            "tcp/::1:7447",
+            "ws/host:7447",
+            "tcp/a b:7447",
+        ] {
+            assert!(!is_endpoint(bad), "{bad}");
+        }
+    }
+
+    #[test]
+    fn the_parts_of_an_endpoint_are_found() {
+        assert_eq!(scheme("quic/a.lan:1?mixed_rel=1"), "quic");
+        assert_eq!(host("quic/a.lan:1?mixed_rel=1"), "a.lan");
+        assert_eq!(host("tcp/[::1]:1"), "::1");
+    }
+}

@@ -1,0 +1,64 @@
+//! People given by hand at a tick, instead of found.
+
+use std::collections::BTreeMap;
+
+use super::GivenPerson;
+use super::check::{self, MAX_COORDINATE_M};
+use super::raw::RawPerson;
+use crate::keypoints::COCO17;
+use crate::toml_file::{FileError, Place, TomlFile, unknown_name};
+
+/// Least keypoints of a person given by hand: those of a trunk and one more.
+const MIN_GIVEN_KEYPOINTS: usize = 5;
+
+pub(super) fn given_persons(
+    file: &TomlFile<'_>,
+    raw: Vec<RawPerson>,
+    has_network: bool,
+) -> Result<Vec<GivenPerson>, FileError> {
+    let mut persons = Vec::new();
+    for (i, RawPerson { tick, keypoints_m }) in raw.into_iter().enumerate() {
+        let person = Place::field("person").index(i);
+        let tick = check::tick(file, &person.key("tick"), tick)?;
+        let place = person.key("keypoints_m");
+        check_given(file, &place, &keypoints_m, has_network)?;
+        persons.push(GivenPerson { tick, keypoints_m });
+    }
+    Ok(persons)
+}
+
+fn check_given(
+    file: &TomlFile<'_>,
+    place: &Place,
+    keypoints_m: &BTreeMap<String, [f64; 3]>,
+    has_network: bool,
+) -> Result<(), FileError> {
+    for (name, position) in keypoints_m {
+        // A network may know more than COCO's; without one these are all there are.
+        if !has_network && !COCO17.contains(&name.as_str()) {
+            return Err(file.error(&place.key(name), unknown_name("keypoint", name, &COCO17)));
+        }
+        if let Some(wrong) = position
+            .iter()
+            .find(|v| v.is_nan() || v.abs() > MAX_COORDINATE_M)
+        {
+            return Err(file.error(&place.key(name), format!("found {wrong}, expected metres")));
+        }
+    }
+    check_shows_a_body(keypoints_m).map_err(|problem| file.error(place, problem))
+}
+
+/// A body cannot be fitted to less, and would be missing without a word.
+fn check_shows_a_body(keypoints_m: &BTreeMap<String, [f64; 3]>) -> Result<(), String> {
+    if keypoints_m.len() < MIN_GIVEN_KEYPOINTS {
+        return Err(format!(
+            "found {}, expected at least {MIN_GIVEN_KEYPOINTS} keypoints",
+            keypoints_m.len()
+        ));
+    }
+    let has_both = |left, right| keypoints_m.contains_key(left) && keypoints_m.contains_key(right);
+    if has_both("left_shoulder", "right_shoulder") || has_both("left_hip", "right_hip") {
+        return Ok(());
+    }
+    Err("found neither both shoulders nor both hips, expected `left_shoulder` and `right_shoulder`, or `left_hip` and `right_hip`".to_owned())
+}

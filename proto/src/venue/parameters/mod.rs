@@ -1,0 +1,172 @@
+//! The parameters of the method: what can be set in a venue file, with defaults and ranges. Every table and
+//! every field may be left out.
+//!
+//! `table.rs` holds the list, `declare.rs` makes structs, defaults, reading and descriptions of it. A parameter
+//! is called `table.name` wherever it stands: a user's in the table of that name, the others under `[tuning]`.
+
+mod choices;
+mod declare;
+mod sample;
+mod table;
+
+use std::fmt;
+
+pub use choices::{CameraChoice, Predictor};
+pub use sample::sample;
+pub(super) use table::ParameterTables;
+pub use table::*;
+use toml::Value;
+
+use crate::toml_file::{FileError, Place, TomlFile};
+
+/// The table of a venue file that holds all parameters but the users'.
+pub const TUNING: &str = "tuning";
+
+/// Who sets a parameter.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Audience {
+    /// Somebody at a venue; it stands in a table of its own.
+    User,
+    /// Who works at the method; it stands under `[tuning]`.
+    Tuning,
+}
+
+/// What a number may be.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Range {
+    /// Its unit; empty for shares, factors and counts.
+    pub unit: &'static str,
+    /// The least.
+    pub min: f64,
+    /// The largest.
+    pub max: f64,
+}
+
+/// What holds where a parameter without a default of its own is left out.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Unset {
+    /// A value that it can have, as TOML.
+    pub example: &'static str,
+    /// What is used instead.
+    pub words: &'static str,
+}
+
+/// What is known of a parameter.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Parameter {
+    /// Its table, without `tuning`.
+    pub table: &'static str,
+    /// Its name in the table.
+    pub name: &'static str,
+    /// Who sets it.
+    pub audience: Audience,
+    /// What it is: a sentence.
+    pub sentence: &'static str,
+    /// Its range; `None`: it is no number.
+    pub range: Option<Range>,
+    /// The words that it can be; empty unless it is one of a few words.
+    pub words: &'static [&'static str],
+    /// What holds where it is left out; `None`: its default does.
+    pub unset: Option<Unset>,
+}
+
+impl Parameter {
+    /// The tables around it in a venue file, and its name.
+    pub fn keys(&self) -> Vec<&'static str> {
+        match self.audience {
+            Audience::User => vec![self.table, self.name],
+            Audience::Tuning => vec![TUNING, self.table, self.name],
+        }
+    }
+
+    /// Where it stands in a venue file.
+    pub(super) fn place(&self) -> Place {
+        let keys = self.keys();
+        keys.iter().fold(Place::default(), |at, key| at.key(key))
+    }
+
+    /// Where it stands, as a user reads it: `[births] coast_s`, `[tuning] births.flat_m`.
+    pub(super) fn stands(&self) -> String {
+        let Self { table, name, .. } = self;
+        match self.audience {
+            Audience::User => format!("[{table}] {name}"),
+            Audience::Tuning => format!("[{TUNING}] {table}.{name}"),
+        }
+    }
+}
+
+impl fmt::Display for Parameter {
+    /// Its name, `table.name`.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}.{}", self.table, self.name)
+    }
+}
+
+/// The parameter called `name`, as `births.flat_m`.
+pub fn find(name: &str) -> Option<&'static Parameter> {
+    let (table, field) = name.split_once('.')?;
+    in_table(table).find(|parameter| parameter.name == field)
+}
+
+/// The parameters of a table.
+pub(super) fn in_table(table: &str) -> impl Iterator<Item = &'static Parameter> {
+    let all = PARAMETERS.iter();
+    all.filter(move |parameter| parameter.table == table)
+}
+
+impl Parameters {
+    /// Every parameter with its value here, as TOML; `None` where it has none.
+    pub fn values(&self) -> impl Iterator<Item = (&'static Parameter, Option<Value>)> {
+        PARAMETERS.iter().zip(self.in_order())
+    }
+
+    /// The defaults, with what the users' tables and `[tuning]` of a text say otherwise; ranges are not
+    /// checked. `file` must have no other table.
+    ///
+    /// # Errors
+    /// [`FileError`] for an unknown, mistyped or misplaced field.
+    pub fn read(file: &TomlFile<'_>) -> Result<Self, FileError> {
+        super::layout::check(file)?;
+        Ok(file.read::<ParameterTables>()?.into())
+    }
+
+    /// Refuses the first parameter that is out of its range, where it stands in `file`.
+    pub(super) fn check(&self, file: &TomlFile<'_>) -> Result<(), FileError> {
+        for (parameter, value) in self.values() {
+            let number = value.and_then(|v| v.as_float().or(v.as_integer().map(|i| i as f64)));
+            let Some((Range { min, max, .. }, number)) = parameter.range.zip(number) else {
+                continue;
+            };
+            // NaN is in no range.
+            if !(min..=max).contains(&number) {
+                let problem = format!("found {number:?}, expected a number from {min} to {max}");
+                return Err(file.error(&parameter.place(), problem));
+            }
+        }
+        self.boxes.check(file)
+    }
+}
+
+impl BoxParameters {
+    fn check(&self, file: &TomlFile<'_>) -> Result<(), FileError> {
+        if self.rotate_until_deg <= self.rotate_from_deg {
+            return Ok(());
+        }
+        let place = Place::field(TUNING).key("boxes").key("rotate_until_deg");
+        let problem = format!(
+            "found {:?}, expected at most `rotate_from_deg` ({:?})",
+            self.rotate_until_deg, self.rotate_from_deg
+        );
+        Err(file.error(&place, problem))
+    }
+}
+
+impl BirthParameters {
+    /// Ticks from one regular look to the next, at least 1: all viewpoints look at the ticks that this divides.
+    pub fn ticks_per_look(&self, rate_hz: f64) -> i64 {
+        (self.sight_every_s * rate_hz).round().max(1.0) as i64
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,34 @@
+//! People given by hand.
+
+use super::{VENUE, check, parse};
+
+#[test]
+fn a_person_given_by_hand_must_show_a_body() {
+    // Symptom to prevent: no body could be fitted to such a person, who was missing without a word.
+    check(
+        ", nose = [0.0, 0.3, 1.6]",
+        "",
+        "31: `person[0].keypoints_m`: found 4, expected at least 5 keypoints",
+    );
+    check(
+        "right_shoulder",
+        "right_ear",
+        "31: `person[0].keypoints_m`: found neither both shoulders nor both hips, expected `left_shoulder` and `right_shoulder`, or `left_hip` and `right_hip`",
+    );
+    let hips = VENUE
+        .replace("right_shoulder", "right_ear")
+        .replace("left_knee", "right_hip");
+    assert_eq!(parse(&hips).unwrap().given_persons[0].keypoints_m.len(), 5);
+}
+
+#[test]
+fn without_a_network_the_names_given_by_hand_are_those_of_coco() {
+    let text = "name = \"k\"\nrate_hz = 20\ncalibration = \"c.toml\"\n[[viewpoint]]\nname = \"v\"\n\
+        [[viewpoint.camera]]\nname = \"south\"\nsource = { kind = \"keypoints\", path = \"k.jsonl\" }\n\
+        [[person]]\ntick = 0\n[person.keypoints_m]\nleft_sholder = [0, 0, 1.4]\n";
+    let refused = parse(text).unwrap_err().to_string();
+    assert_eq!(
+        refused,
+        "venues/hall.toml:12: `person[0].keypoints_m.left_sholder`: unknown keypoint `left_sholder`, did you mean `left_shoulder`?"
+    );
+}

@@ -1,0 +1,113 @@
+//! Where cameras' pictures come from, as a user writes it.
+
+use std::path::Path;
+
+use super::super::*;
+use super::{VENUE, calibration, check, parse, refusal};
+
+#[test]
+fn a_camera_says_what_its_ticks_come_from() {
+    let with = |line: &str| {
+        let south = "source = { kind = \"v4l\", device = \"/dev/video0\" }";
+        let text = VENUE.replace(south, &format!("{south}\n{line}"));
+        Venue::parse(&text, Path::new("venue.toml"), calibration())
+    };
+    let venue = with("tick_from = \"count\"\ncapture_delay_ms = 12.5").unwrap();
+    assert_eq!(venue.cameras[2].tick_from, TickFrom::Count);
+    assert!((venue.cameras[2].capture_delay_s - 0.0125).abs() < 1e-12);
+    assert_eq!(venue.cameras[0].tick_from, TickFrom::Clock);
+    for (wrong, expected) in [
+        ("tick_from = \"timecode\"", "kind \"video\""),
+        ("tick_from = \"cuont\"", "count"),
+        ("capture_delay_ms = -1.0", "0 to 10000"),
+    ] {
+        let said = with(wrong).unwrap_err().to_string();
+        assert!(said.contains(expected), "{said}");
+    }
+}
+
+#[test]
+fn keypoint_files_need_no_network_and_pictures_do() {
+    let text = "name = \"k\"\nrate_hz = 20\ncalibration = \"c.toml\"\n[[viewpoint]]\nname = \"v\"\n\
+        [[viewpoint.camera]]\nname = \"south\"\nsource = { kind = \"keypoints\", path = \"k.jsonl\" }\n";
+    assert!(!parse(text).unwrap().needs_network());
+    let refused = refusal("network = \"models/net.toml\"\n", "");
+    assert!(
+        refused.contains(
+            "`network`: the field is missing: camera `ne-left` of viewpoint `north-east`"
+        ),
+        "{refused}"
+    );
+}
+
+#[test]
+fn a_simulated_camera_names_its_scene_and_what_it_gives() {
+    let simulated = |more: &str| {
+        let text = format!("kind = \"simulated\", path = \"scene.toml\"{more}");
+        VENUE.replace("kind = \"video\", path = \"videos/ne-left.mp4\"", &text)
+    };
+    let venue = parse(&simulated(", content = \"pixels\"")).unwrap();
+    assert_eq!(
+        venue.cameras[0].source,
+        Source::Simulated {
+            path: "venues/scene.toml".into(),
+            content: SimulatedContent::Pixels,
+            grid: [48, 64],
+            sigma_cells: 2.0
+        }
+    );
+    assert!(venue.cameras[0].source.gives_pictures());
+    let maps = ", content = \"maps\", grid = [72, 96], sigma_cells = 3.0";
+    let source = parse(&simulated(maps)).unwrap().cameras[0].source.clone();
+    assert!(!source.gives_pictures());
+    assert_eq!(source.drawing(), Some(([72, 96], 3.0)));
+    for (more, expected) in [
+        (
+            "",
+            "18: `viewpoint[0].camera[0].source.content`: the field is missing in a source of kind \"simulated\"",
+        ),
+        (
+            ", content = \"map\"",
+            "18: `viewpoint[0].camera[0].source.content`: unknown content `map`, did you mean `maps`?",
+        ),
+    ] {
+        let refused = parse(&simulated(more)).unwrap_err().to_string();
+        assert_eq!(refused, format!("venues/hall.toml:{expected}"));
+    }
+}
+
+#[test]
+fn simulated_maps_need_no_network_and_simulated_pictures_do() {
+    let text = |content: &str| {
+        format!(
+            "name = \"k\"\nrate_hz = 20\ncalibration = \"c.toml\"\n[[viewpoint]]\nname = \"v\"\n\
+            [[viewpoint.camera]]\nname = \"south\"\n\
+            source = {{ kind = \"simulated\", path = \"s.toml\", content = \"{content}\" }}\n"
+        )
+    };
+    assert_eq!(parse(&text("maps")).unwrap().network, None);
+    let refused = parse(&text("pixels")).unwrap_err().to_string();
+    assert!(
+        refused.contains("`network`: the field is missing: camera `south`"),
+        "{refused}"
+    );
+}
+
+#[test]
+fn a_source_has_the_fields_of_its_kind() {
+    check(
+        "path = \"videos/ne-left.mp4\"",
+        "device = \"/dev/video1\"",
+        "18: `viewpoint[0].camera[0].source.device`: a source of kind \"video\" has no such field, expected `path`",
+    );
+    check(
+        "kind = \"video\", path = \"videos/ne-left.mp4\"",
+        "kind = \"ffmpeg\"",
+        "18: `viewpoint[0].camera[0].source.url`: the field is missing in a source of kind \"ffmpeg\"",
+    );
+    check(
+        "[96, 128]",
+        "[96, 1280]",
+        "21: `viewpoint[0].camera[1].source.grid`: found [96, 1280], expected [width, height] of 1 to 256 cells",
+    );
+}

@@ -1,0 +1,40 @@
+//! The recordings that some scenarios need and the project does not carry.
+
+use std::path::{Path, PathBuf};
+
+use farfield_edge::network::{BackendChoice, InferenceBackend};
+
+/// The folder of recordings: `$FARFIELD_DATA`, else `../shared` beside the checkout.
+///
+/// Says on stdout that `scenario` is skipped, and why, when `needed` is not there.
+pub(crate) fn recording(scenario: &str, needed: &str) -> Option<PathBuf> {
+    let root = std::env::var_os("FARFIELD_DATA")
+        .map_or_else(|| checkout().join("../shared"), PathBuf::from);
+    let path = root.join(needed);
+    if path.exists() {
+        return Some(path);
+    }
+    println!(
+        "SKIPPED {scenario}: {} is not there (set FARFIELD_DATA to the folder that holds it)",
+        path.display()
+    );
+    None
+}
+
+/// Whether ONNX Runtime is installed; says on stdout that `scenario` is skipped when it is not,
+/// because `ort-tract` would take twenty times as long.
+pub(crate) fn onnx_runtime(scenario: &str) -> bool {
+    let found =
+        InferenceBackend::start(BackendChoice::Best).is_ok_and(|backend| !backend.is_tract());
+    if !found {
+        println!(
+            "SKIPPED {scenario}: no ONNX Runtime library (pip install onnxruntime), and ort-tract is too slow for it"
+        );
+    }
+    found
+}
+
+/// The root of the checkout.
+pub(crate) fn checkout() -> &'static Path {
+    Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../.."))
+}

@@ -1,0 +1,73 @@
+//! Fusion goes and comes.
+
+use std::process::Command;
+use std::time::Duration;
+
+use farfield_lab::live_venue::NodeProcess;
+
+use super::stage::{LiveStage, PEOPLE, RATE_HZ};
+
+/// Tracks must be back so soon after the first patches, seconds.
+const BACK_WITHIN_S: f64 = 2.0;
+/// Far above what a loaded machine takes to finish the files of a run.
+const PATIENCE: Duration = Duration::from_mins(1);
+
+/// Ends fusion by `end` and starts it again with its results in `name`; waits until everybody is tracked, and
+/// returns how long after the first poses that was, seconds by ticks.
+fn start_anew(stage: &mut LiveStage, name: &str, end: impl FnOnce(NodeProcess)) -> f64 {
+    let last = stage.seen().newest.as_ref().unwrap().session;
+    end(stage.live.fusion.take().unwrap());
+    let out = stage.out(name);
+    stage.live.start_fusion(&out, &[]).unwrap();
+    stage.wait("everybody is tracked again", |seen| {
+        let again = seen.newest.as_ref().is_some_and(|set| set.session != last);
+        again && seen.tracked() == PEOPLE
+    });
+    let session = stage.seen().newest.as_ref().unwrap().session;
+    let seen = stage.seen();
+    let mut again = seen.arrivals.iter().filter(|a| a.session == session);
+    let tracked = again.clone().find(|a| a.tracked == PEOPLE).unwrap();
+    (tracked.tick - again.next().unwrap().tick) as f64 / RATE_HZ
+}
+
+/// As a power cut would.
+fn kill(fusion: NodeProcess) {
+    fusion.kill().unwrap();
+}
+
+/// As `systemctl restart` does.
+fn terminate(mut fusion: NodeProcess) {
+    let pid = fusion.pid().to_string();
+    let sent = Command::new("kill").args(["-TERM", &pid]).status();
+    assert!(sent.unwrap().success());
+    let status = fusion.wait(PATIENCE).unwrap().expect("fusion ends");
+    assert_eq!(status.code(), Some(130), "{}", fusion.said());
+}
+
+#[test]
+fn a_fusion_that_is_killed_and_started_again_has_its_tracks_back_within_two_seconds_of_data() {
+    let mut stage = LiveStage::open();
+    let first_s = start_anew(&mut stage, "second", kill);
+    stage.go_on(1.0);
+    // What edges open to find another fusion stays open; a second one must not take more.
+    let before = stage.takes();
+    let second_s = start_anew(&mut stage, "third", kill);
+    println!("tracks were back {first_s:.2} and {second_s:.2} s after the first poses, by ticks");
+    assert!(first_s.max(second_s) <= BACK_WITHIN_S);
+    stage.go_on(1.0);
+    before.assert_flat(&stage.takes());
+}
+
+#[test]
+fn a_fusion_that_is_stopped_leaves_its_edges_at_work_for_the_next() {
+    // Symptom to prevent: fusion told its edges that the run was over whenever it ended, and they left for good.
+    let mut stage = LiveStage::prepare(&[], "");
+    stage.live.fusion_by_hand();
+    stage.start();
+    let back_s = start_anew(&mut stage, "second", terminate);
+    println!("tracks were back {back_s:.2} s after the first poses, by ticks");
+    assert!(back_s <= BACK_WITHIN_S);
+    stage.go_on(1.0);
+    let at_work = stage.live.edges.iter().flatten();
+    assert_eq!(at_work.filter_map(NodeProcess::vitals).count(), 4);
+}

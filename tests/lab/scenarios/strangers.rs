@@ -1,0 +1,414 @@
+//! Who has no key of the venue, or the wrong one, or asks for more than its own: over real QUIC sockets,
+//! beside honest nodes that notice nothing.
+
+use std::net::UdpSocket;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Stdio};
+use std::time::Duration;
+
+use farfield_proto::id::ViewpointIndex;
+use farfield_proto::message::{PoseSet, Status};
+use farfield_proto::transport::{EdgeTransport, Identity};
+use farfield_proto::wire;
+use tempfile::TempDir;
+use tokio::time::timeout;
+use zenoh::sample::Locality;
+use zenoh::{Session, Wait as _};
+
+use crate::data::checkout;
+use crate::farfield::{command, farfield, finish, poses, run};
+
+/// Far above what a loaded machine takes; a test that waits as long has failed.
+const PATIENCE: Duration = Duration::from_mins(1);
+/// How long a stranger tries to get in.
+const TRY: Duration = Duration::from_secs(8);
+const TICKS: &str = "0..40";
+const VIEWPOINTS: [&str; 4] = ["north-east", "north-west", "south-west", "south-east"];
+
+/// The walking venue with keys of its own.
+struct SecuredHall {
+    folder: TempDir,
+    endpoint: String,
+}
+
+impl SecuredHall {
+    fn new() -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        for entry in checkout().join("examples/walk").read_dir().unwrap() {
+            let path = entry.unwrap().path();
+            std::fs::copy(&path, folder.path().join(path.file_name().unwrap())).unwrap();
+        }
+        let venue = folder.path().join("venue.toml");
+        let text = std::fs::read_to_string(&venue).unwrap();
+        let secured = text.replacen(
+            "[field]",
+            "[security]\ncertificates = \"certs\"\n\n[field]",
+            1,
+        );
+        std::fs::write(&venue, secured).unwrap();
+        let free = UdpSocket::bind("127.0.0.1:0").unwrap();
+        let endpoint = format!("quic/{}", free.local_addr().unwrap());
+        let hall = Self { folder, endpoint };
+        hall.certs("certs");
+        hall
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    /// Makes keys of a new authority in `out`.
+    fn certs(&self, out: &str) {
+        let words = [
+            "certs".into(),
+            self.path("venue.toml"),
+            "--out".into(),
+            self.path(out),
+        ];
+        let made = farfield(&[&words[..], &["--node".into(), "screen".into()]].concat());
+        assert_eq!(made.code, 0, "{}", made.stderr);
+    }
+
+    fn identity(&self, folder: &str, node: &str) -> Identity {
+        Identity::in_folder(&self.path(folder), node)
+    }
+
+    fn fusion(&self, out: &str) -> SecuredNode {
+        let mut command = command();
+        command.arg("fusion").arg(self.path("venue.toml"));
+        command.args(["--listen", &self.endpoint, "--ticks", TICKS, "--out"]);
+        SecuredNode::start(command.arg(self.path(out)))
+    }
+
+    fn edge(&self, venue: &Path, viewpoint: &str, more: &[&str]) -> SecuredNode {
+        let mut command = command();
+        command
+            .arg("edge")
+            .arg(venue)
+            .args(["--viewpoint", viewpoint]);
+        SecuredNode::start(command.args(["--connect", &self.endpoint]).args(more))
+    }
+}
+
+/// A child that does not outlive its test.
+struct SecuredNode(Option<Child>);
+
+impl SecuredNode {
+    fn start(command: &mut std::process::Command) -> Self {
+        // Standard input stays open for as long as the test holds the child.
+        let child = command
+            .stdin(Stdio::piped())
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped())
+            .spawn();
+        Self(Some(child.unwrap()))
+    }
+
+    /// Waits for its end; its exit code and what it said.
+    fn end(mut self) -> (i32, String) {
+        let finished = finish(&self.0.take().unwrap().wait_with_output().unwrap());
+        (finished.code, finished.stderr)
+    }
+}
+
+impl Drop for SecuredNode {
+    fn drop(&mut self) {
+        if let Some(child) = &mut self.0 {
+            // Ended already when all went well.
+            drop(child.kill());
+            drop(child.wait());
+        }
+    }
+}
+
+/// A session at fusion's door; `None` when it is not let in.
+async fn enter(
+    hall: &SecuredHall,
+    identity: &Identity,
+    change: &[(&str, String)],
+    patience: Duration,
+) -> Option<Session> {
+    let connect = [hall.endpoint.clone()];
+    let transport = EdgeTransport {
+        venue: "walk",
+        connect: &connect,
+        identity: Some(identity),
+    };
+    let mut config = zenoh::Config::default();
+    for (key, value) in transport.settings() {
+        config.insert_json5(&key, &value).unwrap();
+    }
+    // Opening blocks its thread: Zenoh itself must give up.
+    let patience_ms = patience.as_millis().to_string();
+    for (key, value) in [
+        ("connect/timeout_ms", patience_ms.as_str()),
+        ("connect/exit_on_failure", "true"),
+    ] {
+        config.insert_json5(key, value).unwrap();
+    }
+    for (key, value) in change {
+        config.insert_json5(key, value).unwrap();
+    }
+    let open = tokio::task::spawn_blocking(|| zenoh::open(config).wait());
+    open.await.unwrap().ok()
+}
+
+#[test]
+fn a_venue_with_keys_gives_the_same_poses_as_without() {
+    let hall = SecuredHall::new();
+    let with = hall.path("with");
+    run(&hall.path("venue.toml"), &with, &["--ticks", TICKS]);
+    let without = hall.path("without");
+    let open = checkout().join("examples/walk/venue.toml");
+    run(&open, &without, &["--ticks", TICKS]);
+    assert!(!poses(&with).is_empty());
+    assert_eq!(poses(&with), poses(&without));
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn strangers_are_refused_and_the_honest_notice_nothing() {
+    let hall = SecuredHall::new();
+    hall.certs("elsewhere");
+    let fusion = hall.fusion("out");
+
+    // Who is let in at all: proves that the door is open to those who have a key.
+    let edge = enter(&hall, &hall.identity("certs", "north-east"), &[], PATIENCE).await;
+    let edge = edge.expect("an honest key is let in");
+
+    // Without a certificate: knows the authority, and shows nothing.
+    let bare = format!(
+        "{{ root_ca_certificate: {:?}, enable_mtls: false }}",
+        hall.path("certs/ca.pem").to_str().unwrap()
+    );
+    let own = hall.identity("certs", "north-east");
+    let change = [("transport/link/tls", bare)];
+    assert!(
+        enter(&hall, &own, &change, TRY).await.is_none(),
+        "no certificate"
+    );
+    // With a certificate of another venue's authority, and fusion's own authority to trust.
+    let mut foreign = hall.identity("elsewhere", "north-east");
+    foreign.authority = hall.path("certs/ca.pem");
+    assert!(
+        enter(&hall, &foreign, &[], TRY).await.is_none(),
+        "a foreign certificate"
+    );
+
+    // With edge north-east's key: as another edge, as fusion, and where only readers may listen.
+    // What a session says itself it hears without fusion.
+    let listen = async |session: &Session, key: &'static str| {
+        let subscriber = session.declare_subscriber(key);
+        subscriber.allowed_origin(Locality::Remote).await.unwrap()
+    };
+    let box_of_another = listen(&edge, "walk/box/north-west").await;
+    let poses_heard = listen(&edge, "walk/pose").await;
+    let _token = edge
+        .liveliness()
+        .declare_token("walk/alive/nobody")
+        .await
+        .unwrap();
+    // With a reader's key: listens, and says what it must not.
+    let screen = enter(&hall, &hall.identity("certs", "screen"), &[], PATIENCE).await;
+    let screen = screen.expect("a reader is let in");
+    let shown = listen(&screen, "walk/pose").await;
+    let statuses = listen(&screen, "walk/status/*").await;
+    let lie = async {
+        loop {
+            // In lock-step one unreadable message, or a status of nobody, ends the run.
+            for key in [
+                "walk/patch/north-west",
+                "walk/sighting/north-west",
+                "walk/status/north-west",
+                "walk/status/fusion",
+                "walk/box/north-west",
+            ] {
+                edge.put(key, vec![0xff; 40]).await.unwrap();
+                screen.put(key, vec![0xff; 40]).await.unwrap();
+            }
+            screen
+                .put("walk/patch/north-east", vec![0xff; 40])
+                .await
+                .unwrap();
+            tokio::time::sleep(Duration::from_millis(20)).await;
+        }
+    };
+    let honest = async {
+        let venue = hall.path("venue.toml");
+        let edges = VIEWPOINTS.map(|viewpoint| hall.edge(&venue, viewpoint, &[]));
+        let ended = tokio::task::spawn_blocking(move || {
+            let ended: Vec<_> = edges.into_iter().map(SecuredNode::end).collect();
+            (ended, fusion.end())
+        });
+        timeout(PATIENCE, ended)
+            .await
+            .expect("the honest do not end")
+            .unwrap()
+    };
+    let (edges, (code, said)) = tokio::select! {
+        ended = honest => ended,
+        () = lie => unreachable!("it never ends"),
+    };
+    assert_eq!(code, 0, "fusion: {said}");
+    assert!(edges.iter().all(|(code, _)| *code == 0), "{edges:?}");
+    assert!(
+        said.contains("refused") && said.contains("walk/patch/north-west"),
+        "{said}"
+    );
+
+    assert!(
+        box_of_another.try_recv().unwrap().is_none(),
+        "another's boxes"
+    );
+    assert!(
+        poses_heard.try_recv().unwrap().is_none(),
+        "poses, at an edge"
+    );
+    let pose = shown.try_recv().unwrap().expect("a reader hears poses");
+    let pose: PoseSet = wire::decode(&pose.payload().to_bytes()).unwrap();
+    assert!(pose.tick.0 < 40);
+    let status = statuses
+        .try_recv()
+        .unwrap()
+        .expect("a reader hears statuses");
+    let status: Status = wire::decode(&status.payload().to_bytes()).unwrap();
+    assert!(!status.node.is_empty());
+
+    let alone = hall.path("alone");
+    run(&hall.path("venue.toml"), &alone, &["--ticks", TICKS]);
+    assert_eq!(poses(&hall.path("out")), poses(&alone));
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn an_edge_that_calls_itself_by_anothers_name_under_its_own_key_is_not_believed() {
+    let hall = SecuredHall::new();
+    let fusion = hall.fusion("out");
+    let edge = enter(&hall, &hall.identity("certs", "north-east"), &[], PATIENCE).await;
+    let edge = edge.expect("an honest key is let in");
+    let lie = Status {
+        node: "north-west".to_owned(),
+        process: 7,
+        viewpoint: Some(ViewpointIndex(1)),
+        ready: true,
+        venue_hash: "v".to_owned(),
+        calibration_hash: "c".to_owned(),
+        network_hash: String::new(),
+        backend: String::new(),
+        ticks: None,
+        tick: None,
+        unreadable: 0,
+        failure: None,
+        stages: Vec::new(),
+        live: None,
+    };
+    let lie = async {
+        loop {
+            let bytes = wire::encode(&lie);
+            edge.put("walk/status/north-east", bytes).await.unwrap();
+            tokio::time::sleep(Duration::from_millis(20)).await;
+        }
+    };
+    // In lock-step one message that nobody may send ends the run, and its key is named.
+    let end = timeout(PATIENCE, tokio::task::spawn_blocking(|| fusion.end()));
+    let (code, said) = tokio::select! {
+        ended = end => ended.expect("fusion goes on").unwrap(),
+        () = lie => unreachable!("it never ends"),
+    };
+    assert_eq!(code, 1, "{said}");
+    assert!(said.contains("walk/status/north-east"), "{said}");
+}
+
+#[test]
+fn an_edge_with_only_a_key_gets_everything_else_from_fusion() {
+    let hall = SecuredHall::new();
+    let fusion = hall.fusion("out");
+    let far = tempfile::tempdir().unwrap();
+    let venue = far.path().join("venue.toml");
+    let certs = far.path().join("certs");
+    std::fs::create_dir(&certs).unwrap();
+    for file in [
+        "certs/ca.pem",
+        "certs/north-east.pem",
+        "certs/north-east.key",
+        "north-east.jsonl",
+    ] {
+        std::fs::copy(hall.path(file), far.path().join(file)).unwrap();
+    }
+    let fetch = ["--from-fusion", "--venue-name", "walk"];
+    let mut edges = vec![hall.edge(&venue, "north-east", &fetch)];
+    let here = hall.path("venue.toml");
+    edges.extend(
+        VIEWPOINTS[1..]
+            .iter()
+            .map(|viewpoint| hall.edge(&here, viewpoint, &[])),
+    );
+    for edge in edges {
+        let (code, said) = edge.end();
+        assert_eq!(code, 0, "{said}");
+    }
+    let (code, said) = fusion.end();
+    assert_eq!(code, 0, "{said}");
+    for file in ["venue.toml", "calibration.toml"] {
+        let fetched = std::fs::read(far.path().join(file)).unwrap();
+        assert_eq!(fetched, std::fs::read(hall.path(file)).unwrap(), "{file}");
+    }
+}
+
+#[test]
+fn an_edge_with_another_calibration_is_told_to_fetch_fusions() {
+    let hall = SecuredHall::new();
+    let _fusion = hall.fusion("out");
+    let other = SecuredHall::new();
+    let path = other.path("calibration.toml");
+    let text = std::fs::read_to_string(&path).unwrap();
+    std::fs::write(&path, format!("{text}\n# by hand\n")).unwrap();
+    std::fs::remove_dir_all(other.path("certs")).unwrap();
+    std::fs::create_dir(other.path("certs")).unwrap();
+    for file in [
+        "certs/ca.pem",
+        "certs/north-east.pem",
+        "certs/north-east.key",
+    ] {
+        std::fs::copy(hall.path(file), other.path(file)).unwrap();
+    }
+    let (code, said) = hall
+        .edge(&other.path("venue.toml"), "north-east", &[])
+        .end();
+    assert_eq!(code, 2, "{said}");
+    assert!(
+        said.contains("calibration") && said.contains("--from-fusion"),
+        "{said}"
+    );
+}
+
+#[test]
+fn without_keys_nothing_leaves_the_machine_unless_said_so() {
+    let venue = checkout().join("examples/walk/venue.toml");
+    let venue = venue.to_str().unwrap();
+    for words in [
+        [
+            "fusion",
+            venue,
+            "--listen",
+            "tcp/0.0.0.0:0",
+            "--ticks",
+            TICKS,
+        ]
+        .as_slice(),
+        &[
+            "edge",
+            venue,
+            "--viewpoint",
+            "north-east",
+            "--connect",
+            "udp/192.0.2.1:7447",
+        ],
+    ] {
+        let refused = farfield(words);
+        assert_eq!(refused.code, 2, "{}", refused.stderr);
+        assert!(
+            refused.stderr.contains("--allow-plaintext"),
+            "{}",
+            refused.stderr
+        );
+    }
+}

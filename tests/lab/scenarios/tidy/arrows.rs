@@ -1,0 +1,134 @@
+//! Who may know whom: crates by their tables of dependencies, modules by the paths in their code.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use farfield_lab::reading::modules::families;
+
+use super::{check, root, workspace};
+
+/// What each package may depend on among ours, in any table: for building, for tests, for build scripts.
+/// Edge and fusion never see each other, and nothing that is delivered sees the laboratory. All names but
+/// the operator's command's begin with `farfield-`.
+const MAY_DEPEND_ON: [(&str, &[&str]); 9] = [
+    ("proto", &[]),
+    ("node", &["proto"]),
+    ("edge", &["proto", "node"]),
+    ("fusion", &["proto", "node"]),
+    ("sim", &["proto", "edge", "fusion"]),
+    ("score", &["proto", "fusion"]),
+    (
+        "farfield",
+        &["proto", "node", "edge", "fusion", "sim", "score"],
+    ),
+    (
+        "lab",
+        &[
+            "proto", "node", "edge", "fusion", "sim", "score", "farfield",
+        ],
+    ),
+    ("fuzz", &["proto", "edge", "fusion", "sim", "score"]),
+];
+
+/// The name of a package as the table has it.
+fn short(name: &str) -> &str {
+    name.strip_prefix("farfield-").unwrap_or(name)
+}
+
+/// What the operator's command is built without, at any depth.
+const NOT_IN_FARFIELD: [&str; 2] = ["farfield-lab", "zstd"];
+
+#[test]
+fn packages_depend_on_each_other_one_way() {
+    let allowed = BTreeMap::from(MAY_DEPEND_ON);
+    let mut faults = Vec::new();
+    for package in &workspace().packages {
+        let name = &package.name;
+        let Some(allowed) = allowed.get(short(name)) else {
+            faults.push(format!("{name}: not in the table of this test"));
+            continue;
+        };
+        for other in &package.dependencies {
+            let ours = other.name == "farfield" || other.name.starts_with("farfield-");
+            if ours && !allowed.contains(&short(&other.name)) {
+                let table = other.kind.as_deref().unwrap_or("plain");
+                let other = &other.name;
+                faults.push(format!("{name} must not depend on {other} ({table} table)"));
+            }
+        }
+    }
+    check(&faults);
+}
+
+#[test]
+fn no_package_of_the_table_is_gone() {
+    let packages = workspace().packages.iter();
+    let names: BTreeSet<&str> = packages.map(|it| short(&it.name)).collect();
+    let gone = |(name, _): (&str, _)| (!names.contains(name)).then(|| format!("{name} is gone"));
+    check(
+        &MAY_DEPEND_ON
+            .into_iter()
+            .filter_map(gone)
+            .collect::<Vec<_>>(),
+    );
+}
+
+#[test]
+fn the_operators_command_is_built_without_the_laboratory() {
+    #[derive(serde::Deserialize)]
+    struct Lock {
+        package: Vec<Locked>,
+    }
+    #[derive(serde::Deserialize)]
+    struct Locked {
+        name: String,
+        #[serde(default)]
+        dependencies: Vec<String>,
+    }
+    let lock: Lock = toml::from_str(&workspace().texts["Cargo.lock"]).unwrap();
+    let mut known = BTreeMap::from([("farfield".to_owned(), "farfield".to_owned())]);
+    let mut open = vec!["farfield".to_owned()];
+    while let Some(name) = open.pop() {
+        for package in lock.package.iter().filter(|it| it.name == name) {
+            for other in &package.dependencies {
+                // `name` or `name version`.
+                let other = other.split(' ').next().unwrap_or_default().to_owned();
+                if !known.contains_key(&other) {
+                    known.insert(other.clone(), format!("{} > {other}", known[&name]));
+                    open.push(other);
+                }
+            }
+        }
+    }
+    assert!(known.len() > 50, "the lock file was read");
+    let told = |name: &str| known.get(name).map(|way| format!("{name} is in: {way}"));
+    check(
+        &NOT_IN_FARFIELD
+            .into_iter()
+            .filter_map(told)
+            .collect::<Vec<_>>(),
+    );
+}
+
+/// Between the children of a module, at any depth: the rule stands at the head of [`families`].
+#[test]
+fn no_modules_know_each_other_in_a_cycle() {
+    let workspace = workspace();
+    assert!(workspace.arrows.len() > 1_000, "the code was read");
+    check(&families::cycles(&workspace.crates, &workspace.arrows));
+}
+
+#[test]
+fn every_package_of_the_folders_is_read() {
+    let packages = workspace().packages.iter();
+    let manifests: BTreeSet<&str> = packages.map(|it| it.manifest_path.as_str()).collect();
+    let root = root().canonicalize().unwrap();
+    let unread = |path: &&String| {
+        path.ends_with("/Cargo.toml") && !manifests.contains(root.join(path).to_str().unwrap())
+    };
+    let faults = workspace().texts.keys().filter(unread);
+    check(
+        &faults
+            .map(|path| format!("{path} is of no package that is read"))
+            .collect::<Vec<_>>(),
+    );
+}

@@ -1,0 +1,235 @@
+//! A real man on a treadmill: four real cameras, a real network, no truth. He is judged against
+//! plain weighted triangulation (DLT) of the same maps' peaks.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use farfield_lab::leave_one_out::{BODY_KEYPOINTS, PersonRun, median};
+use serde_json::Value;
+
+use crate::data::{onnx_runtime, recording};
+use crate::farfield::{poses, run};
+use crate::outputs::poses_respect_the_model;
+
+const SCENARIO: &str = "the treadmill";
+
+/// The id of the man on the treadmill: the one whom all four viewpoints see. (A bystander stands in the
+/// pictures of cam01 and cam02, and is somebody too.)
+fn man(lines: &[Value]) -> u64 {
+    let mut seen_by_all: Vec<u64> = lines
+        .iter()
+        .filter(|p| p["views"] == 4)
+        .map(|p| p["person"].as_u64().unwrap())
+        .collect();
+    seen_by_all.sort_unstable();
+    seen_by_all.dedup();
+    assert_eq!(seen_by_all.len(), 1, "one man, one id: {seen_by_all:?}");
+    seen_by_all[0]
+}
+
+fn ticks_of(lines: &[Value], person: u64) -> Vec<i64> {
+    lines
+        .iter()
+        .filter(|p| p["person"] == person)
+        .map(|p| p["tick"].as_i64().unwrap())
+        .collect()
+}
+
+#[test]
+fn the_man_has_one_id_at_every_tick_and_his_skeleton_sits_on_him() {
+    let Some(venue) = recording(SCENARIO, "data/pose2sim/single/venue.toml") else {
+        return;
+    };
+    if !onnx_runtime(SCENARIO) {
+        return;
+    }
+    let dir = tempfile::tempdir().unwrap();
+    let out = dir.path().join("out");
+    let finished = run(&venue, &out, &["--overlay"]);
+    let lines = poses(&out);
+    let man = man(&lines);
+    let ticks = ticks_of(&lines, man);
+    assert!(ticks[0] <= 2, "first pose at tick {}", ticks[0]);
+    assert_eq!(
+        ticks,
+        (ticks[0]..100).collect::<Vec<_>>(),
+        "a pose at every tick to the end"
+    );
+    poses_respect_the_model(&lines);
+    let flagged = lines
+        .iter()
+        .filter(|p| {
+            p["unobserved"]
+                .as_array()
+                .unwrap()
+                .iter()
+                .any(|n| n == "ankle_angle_l")
+        })
+        .count();
+    assert_eq!(
+        flagged,
+        lines.len(),
+        "17 keypoints do not determine the ankles"
+    );
+    for camera in ["cam01", "cam02", "cam03", "cam04"] {
+        assert!(out.join(format!("overlay_{camera}_50.png")).exists());
+    }
+    println!(
+        "treadmill: id {man} at ticks {}..100\n{}",
+        ticks[0],
+        finished.stdout.trim()
+    );
+}
+
+/// The venue of the recording as a file in `folder`, without the viewpoints `left_out`, and with the
+/// tables of `added`.
+fn changed_venue(venue: &Path, folder: &Path, left_out: &[&str], added: &str) -> PathBuf {
+    let root = venue.parent().unwrap().canonicalize().unwrap();
+    let absolute = |path: &toml::Value| {
+        let path = root.join(path.as_str().unwrap()).canonicalize().unwrap();
+        toml::Value::from(path.to_str().unwrap())
+    };
+    let mut table: toml::Table = std::fs::read_to_string(venue).unwrap().parse().unwrap();
+    for field in ["calibration", "network", "detector"] {
+        table[field] = absolute(&table[field]);
+    }
+    let viewpoints = table["viewpoint"].as_array_mut().unwrap();
+    viewpoints.retain(|viewpoint| !left_out.contains(&viewpoint["name"].as_str().unwrap()));
+    for viewpoint in viewpoints {
+        let source = &mut viewpoint["camera"][0]["source"];
+        source["path"] = absolute(&source["path"]);
+    }
+    table.extend(added.parse::<toml::Table>().unwrap());
+    let path = folder.join("venue.toml");
+    std::fs::write(&path, table.to_string()).unwrap();
+    path
+}
+
+/// That one person is in `lines`, from within half a second to the end: the ids of all, and the ticks.
+fn is_the_man_alone(lines: &[Value]) {
+    let mut ids: Vec<u64> = lines
+        .iter()
+        .map(|p| p["person"].as_u64().unwrap())
+        .collect();
+    ids.sort_unstable();
+    ids.dedup();
+    assert_eq!(
+        ids.len(),
+        1,
+        "somebody else is born, or the man twice: {ids:?}"
+    );
+    let ticks = ticks_of(lines, ids[0]);
+    assert!(
+        ticks[0] < 30,
+        "born half a second late or more: tick {}",
+        ticks[0]
+    );
+    let to_the_end: Vec<i64> = (ticks[0]..100).collect();
+    assert_eq!(ticks, to_the_end, "a pose at every tick to the end");
+}
+
+/// The bystander stands in the pictures of cam01 and cam02. Without cam02 she is what a bystander
+/// behind glass is: somebody in one camera, with a ray and no place.
+#[test]
+fn a_bystander_whom_one_camera_sees_is_not_born() {
+    let Some(venue) = recording(SCENARIO, "data/pose2sim/single/venue.toml") else {
+        return;
+    };
+    if !onnx_runtime(SCENARIO) {
+        return;
+    }
+    let dir = tempfile::tempdir().unwrap();
+    let venue = changed_venue(&venue, dir.path(), &["cam02"], "");
+    let out = dir.path().join("out");
+    run(&venue, &out, &[]);
+    is_the_man_alone(&poses(&out));
+}
+
+/// With all four cameras the bystander has a place, behind cam03: a field around the treadmill leaves
+/// her out.
+#[test]
+fn a_bystander_outside_the_field_is_not_born() {
+    let Some(venue) = recording(SCENARIO, "data/pose2sim/single/venue.toml") else {
+        return;
+    };
+    if !onnx_runtime(SCENARIO) {
+        return;
+    }
+    let dir = tempfile::tempdir().unwrap();
+    let field = "[field]\nmin_m = [-2.5, -1.8, -0.3]\nmax_m = [0.6, 1.5, 2.8]\n";
+    let venue = changed_venue(&venue, dir.path(), &[], field);
+    let out = dir.path().join("out");
+    run(&venue, &out, &[]);
+    is_the_man_alone(&poses(&out));
+}
+
+/// Distances of both methods to the peaks of the view that was (or was not) withheld, pixels.
+fn residuals(venue: &Path, withheld: Option<usize>) -> BTreeMap<usize, (Vec<f64>, Vec<f64>)> {
+    let recording = PersonRun::make(venue, withheld).unwrap();
+    let views: Vec<usize> = withheld.map_or_else(|| (0..4).collect(), |v| vec![v]);
+    views
+        .into_iter()
+        .map(|v| (v, recording.residuals_px(v, BODY_KEYPOINTS)))
+        .collect()
+}
+
+#[test]
+fn the_skeleton_predicts_a_withheld_view_better_than_triangulation_does() {
+    let Some(venue) = recording(SCENARIO, "data/pose2sim/single/venue.toml") else {
+        return;
+    };
+    if !onnx_runtime(SCENARIO) {
+        return;
+    }
+    let (mut ours_all, mut dlt_all) = (Vec::new(), Vec::new());
+    for withheld in 0..4 {
+        let (ours, dlt) = residuals(&venue, Some(withheld)).remove(&withheld).unwrap();
+        println!(
+            "treadmill, view {withheld} withheld, {} keypoints: ours {:.2} px, DLT {:.2} px (medians)",
+            ours.len(),
+            median(&ours),
+            median(&dlt)
+        );
+        ours_all.extend(ours);
+        dlt_all.extend(dlt);
+    }
+    println!(
+        "treadmill, all four: ours {:.2} px, DLT {:.2} px",
+        median(&ours_all),
+        median(&dlt_all)
+    );
+    let (mut ours_in, mut dlt_in) = (Vec::new(), Vec::new());
+    for (ours, dlt) in residuals(&venue, None).into_values() {
+        ours_in.extend(ours);
+        dlt_in.extend(dlt);
+    }
+    let ratio = median(&ours_in) / median(&dlt_in);
+    println!(
+        "treadmill, in sample: ours {:.2} px, DLT {:.2} px, ratio {ratio:.2}",
+        median(&ours_in),
+        median(&dlt_in)
+    );
+    assert!(
+        median(&ours_all) <= median(&dlt_all),
+        "a withheld view is predicted worse than by triangulation"
+    );
+    assert!(ratio <= 1.6, "the skeleton does not follow what it sees");
+}
+
+#[test]
+fn wrists_and_ankles_move_with_less_than_half_the_jerk_of_triangulation() {
+    let Some(venue) = recording(SCENARIO, "data/pose2sim/single/venue.toml") else {
+        return;
+    };
+    if !onnx_runtime(SCENARIO) {
+        return;
+    }
+    let recording = PersonRun::make(&venue, None).unwrap();
+    let names = ["left_wrist", "right_wrist", "left_ankle", "right_ankle"];
+    let (ours, dlt) = recording.jerk_m_s3(&names);
+    println!(
+        "treadmill, mean jerk of wrists and ankles: ours {ours:.0} m/s3, DLT {dlt:.0} m/s3, ratio {:.2}",
+        ours / dlt
+    );
+    assert!(ours < 0.5 * dlt);
+}

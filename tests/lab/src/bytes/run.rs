@@ -1,0 +1,308 @@
+//! Every codec in one scene or recording, over the same frames.
+
+use std::fs::File;
+use std::io::BufReader;
+use std::path::Path;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use anyhow::Context as _;
+use farfield_edge::pipeline::StandIn;
+use farfield_fusion::body::skeleton::Joint;
+use farfield_proto::keypoints::KeypointSet;
+use farfield_proto::message::PoseSet;
+use farfield_score::lines::{LinesRole, PoseLines};
+use farfield_score::points::{PointSet, ScoredBody};
+use nalgebra::Vector3;
+use serde::Serialize;
+
+use super::codec::{Codec, Rival, SentBytes};
+use super::errors::Errors;
+use super::framing::{TCP_IP_BYTES, TLS_BYTES, ZENOH_BYTES};
+use crate::in_process::InProcess;
+use crate::suite::people::bodies::People;
+use crate::suite::run::{SceneRun, SceneRunPlan};
+use crate::suite::traffic::Traffic;
+use crate::suite::venue::Input;
+use farfield_sim::scene::Scene;
+
+/// One packing of one codec in one place.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct PackingRow {
+    /// What it is called.
+    pub name: String,
+    /// Whether it is ours.
+    pub ours: bool,
+    /// Mean bytes of the maps of a person in a view at a tick.
+    pub map_bytes: f64,
+    /// The same with the rest of its message, shared among those in it; known for ours.
+    pub message_bytes: Option<f64>,
+    /// The same with what Zenoh adds; then TLS; then TCP and IP.
+    pub framed_bytes: Option<[f64; 3]>,
+    /// Errors of what comes out.
+    pub errors: Errors,
+    /// By how much its mean error is above that of whole maps, millimetres.
+    pub worse_mm: f64,
+}
+
+/// All codecs in one scene or recording.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Curve {
+    /// Where.
+    pub place: String,
+    /// `maps`, `pixels` or `keypoints`.
+    pub input: &'static str,
+    /// Persons, views and ticks that were sent.
+    pub patches: u64,
+    /// Every packing.
+    pub rows: Vec<PackingRow>,
+}
+
+/// One codec's run: its poses and what was sent.
+struct CodecOutcome {
+    codec: Codec,
+    errors: Errors,
+    traffic: Traffic,
+    sent: SentBytes,
+}
+
+/// A stand-in for every edge, and what they count into; none for ours.
+type StandIns = (
+    Option<Arc<dyn Fn() -> Box<dyn StandIn>>>,
+    Arc<Mutex<SentBytes>>,
+);
+
+fn stand_ins(codec: Codec) -> StandIns {
+    let sent = Arc::new(Mutex::new(SentBytes::default()));
+    if codec.level().is_some() {
+        return (None, sent);
+    }
+    let counted = Arc::clone(&sent);
+    let make = move || Box::new(Rival::new(codec, Arc::clone(&counted))) as Box<dyn StandIn>;
+    (Some(Arc::new(make)), sent)
+}
+
+fn taken(sent: &Mutex<SentBytes>) -> SentBytes {
+    sent.lock().unwrap_or_else(PoisonError::into_inner).clone()
+}
+
+impl Curve {
+    /// Runs `scene` with every codec. Errors are those of the 12 limb joints as a live listener gets
+    /// them, since all runs have found the person.
+    ///
+    /// # Errors
+    /// As [`SceneRun::make`].
+    pub fn of_scene(
+        name: &str,
+        scene: &Arc<Scene>,
+        input: &Input,
+        codecs: &[Codec],
+    ) -> anyhow::Result<Self> {
+        let mut runs = Vec::new();
+        for &codec in codecs {
+            let (stand_in, sent) = stand_ins(codec);
+            let mut plan = SceneRunPlan {
+                stand_in,
+                ..SceneRunPlan::default()
+            };
+            plan.parameters.link.quality = codec.level();
+            let run = SceneRun::make(scene, input, plan)?;
+            runs.push((codec, run, taken(&sent)));
+        }
+        let mut found = std::collections::BTreeMap::new();
+        for (actor, tick) in runs.iter().flat_map(|(_, run, _)| run.found()) {
+            let later = found.entry(actor).or_insert(tick);
+            *later = tick.max(*later);
+        }
+        let outcomes = runs.into_iter().map(|(codec, run, sent)| CodecOutcome {
+            codec,
+            errors: Errors::of(&run.causal, &run.truth_since(&found)),
+            traffic: run.traffic,
+            sent,
+        });
+        let input = match input {
+            Input::Maps => "maps",
+            Input::Pixels { .. } => "pixels",
+        };
+        Ok(Self::new(name, input, &outcomes.collect::<Vec<_>>()))
+    }
+
+    /// Runs the recording of a `venue` that has a `truth` with every codec. Errors are those of the 14
+    /// points of the Shelf, of what is written in the end.
+    ///
+    /// # Errors
+    /// When a file is missing or wrong, or a run fails.
+    pub fn of_recording(
+        name: &str,
+        venue: &Path,
+        truth: &Path,
+        codecs: &[Codec],
+    ) -> anyhow::Result<Self> {
+        let file = File::open(truth).with_context(|| format!("opening {}", truth.display()))?;
+        let points = PointSet::Shelf14;
+        let truth = PoseLines::read(BufReader::new(file), truth, LinesRole::Truth, points, None)?;
+        let mut outcomes = Vec::new();
+        for &codec in codecs {
+            let (stand_in, sent) = stand_ins(codec);
+            let mut nodes = InProcess::open(venue, None)?;
+            if let Some(stand_in) = &stand_in {
+                nodes.set_stand_in(&**stand_in);
+            }
+            if let Some(level) = codec.level() {
+                nodes.set_compression_level(level);
+            }
+            let (mut people, mut traffic) = (People::new(), Traffic::default());
+            while let Some(trace) = nodes.step()? {
+                traffic.add(&trace.edges);
+                for poses in &trace.finished {
+                    add(&mut people, poses, nodes.keypoints());
+                }
+            }
+            for poses in &nodes.finish() {
+                add(&mut people, poses, nodes.keypoints());
+            }
+            let poses = PoseLines::from_people(points, people);
+            outcomes.push(CodecOutcome {
+                codec,
+                errors: Errors::of(&poses, &truth),
+                traffic,
+                sent: taken(&sent),
+            });
+        }
+        Ok(Self::new(name, "keypoints", &outcomes))
+    }
+
+    /// The mean over places that have the same rows; the worst error is the worst of all.
+    pub fn mean_of(curves: &[Self]) -> Option<Self> {
+        let n = curves.len() as f64;
+        let mut mean = curves.first()?.clone();
+        mean.place = format!("mean of {}", curves.len());
+        mean.patches = curves.iter().map(|c| c.patches).sum();
+        for (i, row) in mean.rows.iter_mut().enumerate() {
+            let rows = || curves.iter().filter_map(|curve| curve.rows.get(i));
+            let of = |value: &dyn Fn(&PackingRow) -> f64| rows().map(value).sum::<f64>() / n;
+            row.map_bytes = of(&|r| r.map_bytes);
+            row.message_bytes = row
+                .message_bytes
+                .map(|_| of(&|r| r.message_bytes.unwrap_or(0.0)));
+            row.framed_bytes = row.framed_bytes.map(|_| {
+                [0, 1, 2].map(|k| of(&|r| r.framed_bytes.map_or(0.0, |framed| framed[k])))
+            });
+            row.worse_mm = of(&|r| r.worse_mm);
+            row.errors = Errors {
+                mpjpe_mm: of(&|r| r.errors.mpjpe_mm),
+                p99_mm: of(&|r| r.errors.p99_mm),
+                worst_mm: rows().map(|r| r.errors.worst_mm).fold(0.0, f64::max),
+                gaps: rows().map(|r| r.errors.gaps).sum(),
+                switches: rows().map(|r| r.errors.switches).sum(),
+            };
+        }
+        Some(mean)
+    }
+
+    fn new(place: &str, input: &'static str, outcomes: &[CodecOutcome]) -> Self {
+        let whole = outcomes.iter().find(|o| o.codec == Codec::Whole);
+        let whole_mm = whole.map_or(0.0, |o| o.errors.mpjpe_mm);
+        let rows = outcomes.iter().flat_map(|outcome| outcome.rows(whole_mm));
+        Self {
+            place: place.to_owned(),
+            input,
+            patches: outcomes.first().map_or(0, |o| o.traffic.patches),
+            rows: rows.collect(),
+        }
+    }
+}
+
+impl CodecOutcome {
+    fn rows(&self, whole_mm: f64) -> Vec<PackingRow> {
+        let traffic = &self.traffic;
+        let a_patch = |bytes: u64| bytes as f64 / traffic.patches.max(1) as f64;
+        let is_ours = self.codec.level().is_some();
+        let sums = if is_ours {
+            vec![traffic.map_bytes]
+        } else {
+            self.sent.bytes.clone()
+        };
+        let more = [ZENOH_BYTES, TLS_BYTES, TCP_IP_BYTES];
+        let framed = || {
+            let mut sum = traffic.message_bytes;
+            more.map(|bytes| {
+                sum += bytes * traffic.messages;
+                a_patch(sum)
+            })
+        };
+        let named = self.codec.packings().into_iter().zip(sums);
+        named
+            .map(|(name, sum)| PackingRow {
+                name,
+                ours: is_ours,
+                map_bytes: a_patch(sum),
+                message_bytes: is_ours.then(|| a_patch(traffic.message_bytes)),
+                framed_bytes: is_ours.then(framed),
+                errors: self.errors,
+                worse_mm: self.errors.mpjpe_mm - whole_mm,
+            })
+            .collect()
+    }
+}
+
+/// Adds the poses of a tick with the points of the Shelf's truth.
+fn add(people: &mut People, poses: &PoseSet, keypoints: &KeypointSet) {
+    let to_f64 = |p: &[f32; 3]| Vector3::from(p.map(f64::from));
+    for pose in &poses.persons {
+        let point = |name: &str| pose.keypoints_m.get(keypoints.index_of(name)?).map(to_f64);
+        let joint = |name: &str| {
+            let joint = Joint::from_name(name)?;
+            pose.joints_m.get(joint.index()).map(to_f64)
+        };
+        let body = ScoredBody::gather(PointSet::Shelf14, point, joint);
+        let at_tick = people.entry(poses.tick).or_default();
+        at_tick.insert(pose.person.0, body);
+    }
+}
+
+impl std::fmt::Display for Curve {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        writeln!(
+            f,
+            "[{}] {}, {} persons x views x ticks; bytes of each",
+            self.place, self.input, self.patches
+        )?;
+        write!(
+            f,
+            "{:>26} {:>9} {:>8} {:>7} {:>7} {:>7} {:>8} {:>7} {:>8} {:>8} {:>5} {:>4}",
+            "",
+            "maps",
+            "message",
+            "+Zenoh",
+            "+TLS",
+            "+TCP/IP",
+            "MPJPE mm",
+            "worse",
+            "p99 mm",
+            "worst mm",
+            "gaps",
+            "ids"
+        )?;
+        for row in &self.rows {
+            let some =
+                |bytes: Option<f64>| bytes.map_or_else(|| "-".to_owned(), |b| format!("{b:.1}"));
+            let framed = [0, 1, 2].map(|i| some(row.framed_bytes.map(|framed| framed[i])));
+            let [zenoh, tls, tcp] = framed;
+            let e = &row.errors;
+            write!(
+                f,
+                "\n{:>26} {:>9.1} {:>8} {zenoh:>7} {tls:>7} {tcp:>7} {:>8.2} {:>+7.2} {:>8.1} {:>8.1} {:>5} {:>4}",
+                row.name,
+                row.map_bytes,
+                some(row.message_bytes),
+                e.mpjpe_mm,
+                row.worse_mm,
+                e.p99_mm,
+                e.worst_mm,
+                e.gaps,
+                e.switches
+            )?;
+        }
+        Ok(())
+    }
+}

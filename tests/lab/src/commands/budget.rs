@@ -1,0 +1,141 @@
+//! `lab budget`: one scene with changed parameters: a line of figures, and where the error comes from.
+
+use std::fmt::Write as _;
+use std::sync::Arc;
+
+use farfield::output;
+use farfield_fusion::node::NodeError;
+use farfield_score::table;
+use farfield_sim::fault_profile::FaultProfile;
+
+use super::scene_argument::SceneArgument;
+use crate::conditions::FarLinks;
+use crate::suite::budget::Budget;
+use crate::suite::overrides::parameters;
+use crate::suite::report::Baseline;
+use crate::suite::run::{SceneRun, SceneRunPlan};
+use crate::suite::venue::Input;
+
+/// What `lab budget` is told.
+///
+/// Columns of the budget: `predict` prediction to site, `p99.9` half width of the lattice that would hold
+/// 99.9 % of the prediction errors, `lost%` without support, `lattice` to site, `IK1`, `filter`, `IK2` to
+/// joint, `IK2site` to site, `const` the part of IK2 that is constant in the axes of the pelvis, `along*`
+/// signed error along the motion (minus is behind), `DLT` to site without a filter, `def` joint to site.
+#[expect(clippy::struct_excessive_bools, reason = "the flags of a command line")]
+#[derive(Debug, clap::Args)]
+pub(super) struct BudgetArgs {
+    /// A scene file, or the name of an embedded scene.
+    scene: SceneArgument,
+    /// Only the first seconds.
+    #[arg(long, value_name = "S")]
+    seconds: Option<f64>,
+    /// Another parameter than the default, as in a venue file; VALUE is TOML.
+    #[arg(long, value_name = "TABLE.FIELD=VALUE")]
+    set: Vec<String>,
+    /// Leave out the scene's faults.
+    #[arg(long)]
+    no_faults: bool,
+    /// Run at this rate instead of the scene's, ticks per second.
+    #[arg(long, value_name = "HZ")]
+    rate_hz: Option<f64>,
+    /// Leave out plain triangulation.
+    #[arg(long)]
+    no_dlt: bool,
+    /// A line for every actor.
+    #[arg(long)]
+    actors: bool,
+    /// Solve in two passes: with what comes later.
+    #[arg(long)]
+    two_passes: bool,
+    /// How sure the poses said they were, against their errors.
+    #[arg(long)]
+    sureness: bool,
+    /// Put links between edges and fusion over which boxes are used that many ticks after the one that
+    /// made them.
+    #[arg(long, value_name = "TICKS", default_value_t = FarLinks::default().ahead)]
+    ahead: i64,
+    /// Share of the messages that such links lose each way.
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
+    loss: f64,
+    /// Which messages are lost.
+    #[arg(long, value_name = "N", default_value_t = FarLinks::default().seed)]
+    seed: u64,
+}
+
+/// Runs the scene and prints its figures.
+///
+/// # Errors
+/// When the scene or a parameter is missing or wrong, or the run fails.
+pub(super) fn budget(args: &BudgetArgs) -> Result<(), NodeError> {
+    let mut scene = args.scene.load()?;
+    if let Some(seconds) = args.seconds {
+        scene = scene.shortened(seconds);
+    }
+    if let Some(rate_hz) = args.rate_hz {
+        scene = scene.with_rate(rate_hz);
+    }
+    if args.no_faults {
+        scene = scene.with_faults(FaultProfile::none());
+    }
+    let plan = SceneRunPlan {
+        parameters: parameters(&args.set.join("\n")).map_err(NodeError::Refused)?,
+        keep_peaks: !args.no_dlt,
+        keep_stages: true,
+        cuts: None,
+        links: FarLinks {
+            ahead: args.ahead,
+            loss: args.loss,
+            seed: args.seed,
+        },
+        two_passes: args.two_passes,
+        stand_in: None,
+    };
+    let run = SceneRun::make(&Arc::new(scene), &Input::Maps, plan).map_err(NodeError::Failed)?;
+    let text = text_of(args, &run).map_err(NodeError::failed)?;
+    output::print(&text).map_err(NodeError::Failed)
+}
+
+fn text_of(args: &BudgetArgs, run: &SceneRun) -> Result<String, std::fmt::Error> {
+    let mut text = String::new();
+    let found = run.found();
+    let scores = run.score(&run.causal, &found);
+    let mut sureness = vec![("ours", scores.calibration.clone())];
+    writeln!(text, "{}", table::head(10))?;
+    if args.actors {
+        for (actor, score) in &scores.actors {
+            writeln!(
+                text,
+                "{}",
+                table::line(10, &actor.to_string(), &score.row())
+            )?;
+        }
+    }
+    writeln!(text, "{}", table::line(10, "ours", &scores.mean.row()))?;
+    if run.smoothed.ticks().next().is_some() {
+        let smoothed = run.score(&run.smoothed, &found);
+        writeln!(
+            text,
+            "{}",
+            table::line(10, "smoothed", &smoothed.mean.row())
+        )?;
+        sureness.push(("smoothed", smoothed.calibration));
+    }
+    if !args.no_dlt {
+        let baseline = Baseline::best(run, &found);
+        let name = format!("DLT {} Hz", baseline.cutoff_hz);
+        writeln!(
+            text,
+            "{}",
+            table::line(10, &name, &baseline.scores.mean.row())
+        )?;
+    }
+    writeln!(text, "{}", scores.identity_line())?;
+    for (name, calibration) in sureness {
+        if let Some(calibration) = calibration.filter(|_| args.sureness) {
+            writeln!(text, "{name}: {calibration}")?;
+        }
+    }
+    writeln!(text, "{}", Budget::of(run))?;
+    Ok(text)
+}

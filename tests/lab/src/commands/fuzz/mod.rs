@@ -1,0 +1,4 @@
+//! What the fuzz targets work on.
+
+pub(super) mod corpus;
+pub(super) mod seeds;

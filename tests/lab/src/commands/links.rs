@@ -1,0 +1,288 @@
+//! `lab links`: how good a venue is over links that are far, thin and lossy.
+//!
+//! A scene's maps are made beforehand. Then, per line of the table, all nodes run live as processes of
+//! this machine, each edge in a network namespace of its own behind our relay of datagrams; the poses
+//! that fusion wrote are scored against the truth. What a link carried is what its relay counted, with
+//! the headers of IP and UDP: nobody's own opinion.
+
+mod report;
+
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use std::thread;
+use std::time::Duration;
+
+use crate::live_venue::{LiveVenue, NodeProcess};
+use crate::namespaces::Namespaces;
+use crate::relay::{Direction, Impairment};
+use anyhow::{Context as _, bail, ensure};
+use farfield_fusion::node::{NodeError, say};
+use farfield_proto::order_statistics::percentile;
+use farfield_proto::tick::Tick;
+use farfield_score::lines::{LinesRole, PoseLines};
+use farfield_score::points::PointSet;
+use farfield_score::score;
+
+use self::report::{LinkReport, LinkRow};
+use super::made_maps::{self, MadeMaps};
+use farfield::output;
+
+/// How long a run may take beyond the scene itself: starting, and finishing what is on the way.
+const GRACE: Duration = Duration::from_mins(1);
+/// How often it is looked whether a run has come far enough for its links to get worse.
+const LOOK_EVERY: Duration = Duration::from_millis(20);
+/// Share of the delay by which it varies.
+const JITTER_SHARE: f64 = 0.05;
+
+/// Arguments of `lab links`.
+#[derive(Debug, clap::Args)]
+pub(crate) struct LinksArgs {
+    /// The scene file. Default: the embedded scene of eight players.
+    #[arg(long, value_name = "FILE")]
+    scene: Option<PathBuf>,
+    /// Only the first seconds of the scene.
+    #[arg(long, value_name = "S", default_value_t = 20)]
+    seconds: u32,
+    /// The first seconds are not scored: people are found and links measured.
+    #[arg(long, value_name = "S", default_value_t = 5)]
+    settle: u32,
+    /// Links are perfect for the first seconds: who is there is found before they get worse.
+    #[arg(long, value_name = "S", default_value_t = 0)]
+    good_start: u32,
+    /// Round trips to try, milliseconds.
+    #[arg(long, value_name = "MS,...", value_delimiter = ',', default_values_t = [0, 20, 80, 200])]
+    round_trip: Vec<u32>,
+    /// Shares of datagrams that are lost each way, percent.
+    #[arg(long, value_name = "PERCENT,...", value_delimiter = ',', default_values_t = [0.0, 1.0, 5.0])]
+    loss: Vec<f64>,
+    /// What each edge's link carries each way, kbit/s with all headers.
+    #[arg(long, value_name = "KBIT", default_value_t = 1000)]
+    rate: u32,
+    /// What waits before such a link at most, kilobytes.
+    #[arg(long, value_name = "KB", default_value_t = 64)]
+    queue: u32,
+    /// Byte budget in the venue file, bytes per second; 0: none.
+    #[arg(long, value_name = "BYTES", default_value_t = 0)]
+    budget: u32,
+    /// Leave out the line of the ideal link.
+    #[arg(long)]
+    no_ideal: bool,
+    /// Keep what the runs left in this folder; must be empty or not there.
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Print JSON instead of a table.
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs the study and prints its table.
+///
+/// # Errors
+/// When the scene or the folder is refused, a run fails, or the table cannot be printed.
+pub(crate) fn links(args: &LinksArgs) -> Result<(), NodeError> {
+    ensure_sense(args).map_err(NodeError::Refused)?;
+    let scratch = tempfile::tempdir().map_err(NodeError::failed)?;
+    let folder = args.out.as_deref().unwrap_or(scratch.path());
+    farfield_fusion::node::check_folder(folder).map_err(NodeError::Refused)?;
+    let study = LinkStudy::prepare(args, folder).map_err(NodeError::Failed)?;
+    let mut report = LinkReport::new(args.seconds, args.settle);
+    for link in links_of(args) {
+        let row = study.run(&link).map_err(NodeError::Failed)?;
+        say(format_args!("{row}"));
+        report.rows.push(row);
+    }
+    let text = if args.json {
+        serde_json::to_string_pretty(&report).map_err(NodeError::failed)? + "\n"
+    } else {
+        report.to_string()
+    };
+    output::print(&text).map_err(NodeError::Failed)
+}
+
+fn ensure_sense(args: &LinksArgs) -> anyhow::Result<()> {
+    ensure!(
+        args.settle < args.seconds,
+        "`--settle {}` leaves nothing of `--seconds {}`",
+        args.settle,
+        args.seconds
+    );
+    let wrong = args.loss.iter().find(|loss| !(0.0..=100.0).contains(*loss));
+    if let Some(wrong) = wrong {
+        bail!("`--loss`: found {wrong}, expected 0 to 100 percent");
+    }
+    ensure!(args.rate > 0, "`--rate`: found 0, expected kbit/s");
+    Ok(())
+}
+
+/// One line of the table to be.
+struct LinkKind {
+    name: String,
+    up: Impairment,
+    down: Impairment,
+}
+
+fn links_of(args: &LinksArgs) -> Vec<LinkKind> {
+    let mut links = Vec::new();
+    if !args.no_ideal {
+        links.push(LinkKind {
+            name: "ideal".to_owned(),
+            up: Impairment::default(),
+            down: Impairment::default(),
+        });
+    }
+    for &round_trip_ms in &args.round_trip {
+        for &loss in &args.loss {
+            let one_way_us = round_trip_ms * 500;
+            let one_way = Impairment {
+                rate_bytes_s: Some(args.rate * 125),
+                queue_bytes: args.queue * 1000,
+                delay_us: one_way_us,
+                jitter_us: (f64::from(one_way_us) * JITTER_SHARE) as u32,
+                loss: loss / 100.0,
+                ..Impairment::default()
+            };
+            links.push(LinkKind {
+                name: format!("{round_trip_ms} ms, {loss} %"),
+                up: one_way,
+                down: one_way,
+            });
+        }
+    }
+    links
+}
+
+/// A venue whose maps are made, and what its runs are scored over.
+struct LinkStudy<'a> {
+    args: &'a LinksArgs,
+    folder: &'a Path,
+    maps: MadeMaps,
+    n_viewpoints: usize,
+    rate_hz: f64,
+    ticks: Range<Tick>,
+    scored: Range<Tick>,
+    truth: PoseLines,
+}
+
+impl<'a> LinkStudy<'a> {
+    fn prepare(args: &'a LinksArgs, folder: &'a Path) -> anyhow::Result<Self> {
+        let budget = match args.budget {
+            0 => String::new(),
+            bytes => format!("[link]\nbudget_bytes_per_s = {bytes}.0\n"),
+        };
+        let maps = made_maps::make(args.scene.as_deref(), folder, &[], &budget)?;
+        let venue = farfield_node::files::load_venue(&maps.venue)?;
+        let tick = |seconds: u32| Tick((f64::from(seconds) * venue.rate_hz) as i64);
+        let (ticks, scored) = (
+            Tick(0)..tick(args.seconds),
+            tick(args.settle)..tick(args.seconds),
+        );
+        let truth = read(&maps.truth, LinesRole::Truth, &scored)?;
+        Ok(Self {
+            args,
+            folder,
+            n_viewpoints: venue.viewpoints.len(),
+            rate_hz: venue.rate_hz,
+            maps,
+            ticks,
+            scored,
+            truth,
+        })
+    }
+
+    fn tick_after(&self, seconds: u32) -> Tick {
+        Tick((f64::from(seconds) * self.rate_hz) as i64)
+    }
+
+    /// Runs the venue once, its links as `link` says.
+    fn run(&self, link: &LinkKind) -> anyhow::Result<LinkRow> {
+        let namespaces = Namespaces::make(self.n_viewpoints);
+        if let Err(reason) = &namespaces {
+            say(format_args!(
+                "without network namespaces, edges reach their relays over the loopback: {reason}"
+            ));
+        }
+        let mut live = LiveVenue::prepare(&self.maps.program, &self.maps.venue, namespaces.ok())?;
+        if self.args.good_start == 0 {
+            impair(&live, link);
+        }
+        let out = self.folder.join(link.name.replace([' ', ',', '%'], ""));
+        let ticks = format!("{}..{}", self.ticks.start, self.ticks.end);
+        live.start_fusion(&out, &["--ticks", &ticks])?;
+        let watch = live.watch()?;
+        live.start_edges()?;
+        let worse_from = self.tick_after(self.args.good_start);
+        let has_begun = || {
+            let newest = watch.seen().newest.as_ref().map(|set| set.tick);
+            newest.is_some_and(|tick| tick >= worse_from)
+        };
+        for _ in 0..GRACE.as_millis() / LOOK_EVERY.as_millis() {
+            if has_begun() {
+                break;
+            }
+            thread::sleep(LOOK_EVERY);
+        }
+        impair(&live, link);
+        let patience = Duration::from_secs(u64::from(self.args.seconds)) + GRACE;
+        let fusion = live.fusion.as_mut().context("fusion was started")?;
+        let ended = fusion.wait(patience)?;
+        ensure!(
+            ended.is_some_and(|status| status.success()),
+            "{}: fusion did not end well ({ended:?})\n{}",
+            link.name,
+            live.said()
+        );
+        let rate_hz = self.rate_hz;
+        let seen = watch.seen();
+        let delays_us = seen.delays_us(rate_hz, self.scored.start);
+        let quality = |edge: &NodeProcess| {
+            let live = seen.live(edge.name())?;
+            Some((live.quality, live.every_nth_tick))
+        };
+        let qualities: Vec<(u8, u16)> = live.edges.iter().flatten().filter_map(quality).collect();
+        let poses = read(&out.join("poses.jsonl"), LinesRole::Poses, &self.scored)?;
+        let scores = score(&poses, &self.truth, Some(rate_hz));
+        let up: Vec<_> = live
+            .relays
+            .iter()
+            .map(|relay| relay.counts(Direction::Up))
+            .collect();
+        Ok(LinkRow {
+            link: link.name.clone(),
+            mpjpe_mm: scores.mean.mpjpe_mm,
+            gaps: scores.actors.values().map(|actor| actor.gaps).sum(),
+            frames: scores.actors.values().map(|actor| actor.frames).sum(),
+            id_switches: scores.identity.switches,
+            delay_p50_ms: percentile(&delays_us, 0.5).map(|us| us as f64 / 1e3),
+            delay_p99_ms: percentile(&delays_us, 0.99).map(|us| us as f64 / 1e3),
+            quality: qualities.iter().map(|(quality, _)| *quality).max(),
+            every_nth_tick: qualities.iter().map(|(_, nth)| *nth).max(),
+            peak_bytes_s: up.iter().map(|c| c.offered.peak_bytes_s).max().unwrap_or(0),
+            mean_bytes_s: up.iter().map(|c| c.offered.bytes).sum::<u64>()
+                / (up.len() as u64 * u64::from(self.args.seconds)).max(1),
+            dropped: up.iter().map(|c| c.dropped).sum(),
+            longest_wait_ms: up.iter().map(|c| c.longest_wait_us).max().unwrap_or(0) as f64 / 1e3,
+            mean_wait_ms: up.iter().map(|c| c.waited_us).sum::<u64>() as f64
+                / up.iter().map(|c| c.offered.datagrams).sum::<u64>().max(1) as f64
+                / 1e3,
+        })
+    }
+}
+
+fn impair(live: &LiveVenue, link: &LinkKind) {
+    for relay in &live.relays {
+        relay.set(Direction::Up, link.up);
+        relay.set(Direction::Down, link.down);
+    }
+}
+
+fn read(path: &Path, role: LinesRole, ticks: &Range<Tick>) -> anyhow::Result<PoseLines> {
+    let file = std::fs::File::open(path).with_context(|| format!("opening {}", path.display()))?;
+    let reader = std::io::BufReader::new(file);
+    Ok(PoseLines::read(
+        reader,
+        path,
+        role,
+        PointSet::Joints,
+        Some(ticks),
+    )?)
+}

@@ -1,0 +1,91 @@
+//! The table of a study of links.
+
+use std::fmt;
+
+use serde::Serialize;
+
+/// All lines of the table.
+#[derive(Debug, Serialize)]
+pub(super) struct LinkReport {
+    /// Length of a run, seconds.
+    pub(super) seconds: u32,
+    /// Seconds at its start that are not scored.
+    pub(super) settle: u32,
+    pub(super) rows: Vec<LinkRow>,
+}
+
+/// One run.
+#[derive(Debug, Serialize)]
+pub(super) struct LinkRow {
+    /// Round trip and loss each way.
+    pub(super) link: String,
+    pub(super) mpjpe_mm: Option<f64>,
+    /// Persons and ticks without a pose near the truth, of so many.
+    pub(super) gaps: u64,
+    pub(super) frames: u64,
+    pub(super) id_switches: u64,
+    /// Capture to the arrival of the pose at a listener.
+    pub(super) delay_p50_ms: Option<f64>,
+    pub(super) delay_p99_ms: Option<f64>,
+    /// The coarsest quality of any edge at the end, 0 the best.
+    pub(super) quality: Option<u8>,
+    /// Ticks that the slowest edge works on: every so manieth.
+    pub(super) every_nth_tick: Option<u16>,
+    /// Most that any edge sent in any second, and what they sent on average.
+    pub(super) peak_bytes_s: u64,
+    pub(super) mean_bytes_s: u64,
+    /// Datagrams for which an edge's queue had no room.
+    pub(super) dropped: u64,
+    /// Longest and mean wait in an edge's queue.
+    pub(super) longest_wait_ms: f64,
+    pub(super) mean_wait_ms: f64,
+}
+
+impl LinkReport {
+    pub(super) fn new(seconds: u32, settle: u32) -> Self {
+        Self {
+            seconds,
+            settle,
+            rows: Vec::new(),
+        }
+    }
+}
+
+const HEAD: &str = "link           MPJPE    gaps  switches  capture to pose ms  quality  every  kB/s of an edge  \
+                    queue ms           dropped\n                  mm       %            P50      P99         \
+                          nth    mean    peak      mean     max";
+
+impl fmt::Display for LinkReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(
+            f,
+            "{} s a line, the first {} s not scored; bytes as the relays counted them, with headers\n\n{HEAD}",
+            self.seconds, self.settle
+        )?;
+        self.rows.iter().try_for_each(|row| writeln!(f, "{row}"))
+    }
+}
+
+impl fmt::Display for LinkRow {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let number = |value: Option<f64>| value.map_or("-".to_owned(), |v| format!("{v:.1}"));
+        let whole = |value: Option<u16>| value.map_or("-".to_owned(), |v| v.to_string());
+        write!(
+            f,
+            "{:13} {:>6} {:>7.2} {:>9} {:>8} {:>8} {:>8} {:>6} {:>7.1} {:>7.1} {:>9.1} {:>7.1} {:>9}",
+            self.link,
+            number(self.mpjpe_mm),
+            100.0 * self.gaps as f64 / self.frames.max(1) as f64,
+            self.id_switches,
+            number(self.delay_p50_ms),
+            number(self.delay_p99_ms),
+            whole(self.quality.map(u16::from)),
+            whole(self.every_nth_tick),
+            self.mean_bytes_s as f64 / 1e3,
+            self.peak_bytes_s as f64 / 1e3,
+            self.mean_wait_ms,
+            self.longest_wait_ms,
+            self.dropped
+        )
+    }
+}

@@ -1,0 +1,259 @@
+//! `lab suite`: fixed scenes through the whole system in this process, scored beside what
+//! plain triangulation gets out of the same maps.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use crate::suite::report::SceneReport;
+use crate::suite::report::bars::{BarVerdict, verdicts};
+use crate::suite::report::limits::behind_limits;
+use crate::suite::report::overview::Overview;
+use crate::suite::scenes::{NamedScene, choose};
+use crate::suite::studies::{MethodStudy, camera_choices, predictors};
+use crate::suite::venue::Input;
+use anyhow::{Context as _, anyhow};
+use farfield_fusion::node::NodeError;
+use farfield_score::uncertainty_calibration::UncertaintyCalibration;
+use farfield_sim::scene::Scene;
+use farfield_sim::simulated::without_map_faults;
+use serde::Serialize;
+use tempfile::TempDir;
+
+use farfield::output;
+use farfield_sim::embedded::{write_detector, write_network};
+
+/// The folder of scenes and recordings where `FARFIELD_DATA` says nothing.
+const DATA: &str = "../shared";
+
+/// What `lab suite` is told.
+#[expect(
+    clippy::struct_excessive_bools,
+    reason = "each is a switch of the command line"
+)]
+#[derive(Debug, Clone, clap::Args)]
+pub(crate) struct SuiteArgs {
+    /// Suites (paper, identity, own), scene files or embedded scenes to run in this process and score,
+    /// with and without range of motion, beside plain triangulation. The fixed scenes are looked for
+    /// below `$FARFIELD_DATA`, else ../shared; where they are not there, scenes of the project's own
+    /// clips run.
+    #[arg(value_name = "NAME|FILE", required = true)]
+    scenes: Vec<String>,
+    /// Run the scenes at this rate instead of their own, ticks per second.
+    #[arg(long, value_name = "HZ", value_parser = rate_hz)]
+    rate_hz: Option<f64>,
+    /// Print JSON instead of tables.
+    #[arg(long)]
+    json: bool,
+    /// Draw the error of each actor over time as SVG into this folder, one file per scene.
+    #[arg(long, value_name = "DIR")]
+    plot: Option<PathBuf>,
+    /// Render pictures and read them with the embedded networks, instead of making maps from the truth.
+    #[arg(long)]
+    pixels: bool,
+    /// With `--pixels`: give people by hand where they come in, instead of finding them in the pictures.
+    #[arg(long, requires = "pixels")]
+    given: bool,
+    /// Only the first seconds of each scene.
+    #[arg(long, value_name = "S")]
+    seconds: Option<f64>,
+    /// End with exit code 1 when a figure is behind the loose limits that no change may fall behind;
+    /// leaves out the studies of single parts.
+    #[arg(long)]
+    check: bool,
+}
+
+fn rate_hz(text: &str) -> Result<f64, String> {
+    let rate = text.parse().ok();
+    rate.filter(|rate: &f64| rate.is_finite() && *rate > 0.0)
+        .ok_or_else(|| format!("found {text}, expected a number above 0"))
+}
+
+/// All figures of a suite, as `--json` prints them.
+#[derive(Debug, Serialize)]
+struct SuiteReport {
+    /// That other scenes stand in or are left out, and why.
+    note: Option<String>,
+    scenes: Vec<SceneReport>,
+    studies: Vec<MethodStudy>,
+    bars: Vec<BarVerdict>,
+    /// How sure the live poses of all scenes said they were, against their errors.
+    calibration: UncertaintyCalibration,
+    /// What is worse than the loose limits.
+    behind_limits: Vec<String>,
+}
+
+/// Runs the suites and scenes that `args` name, and prints their figures: the table of each scene as
+/// soon as it is there, or JSON in the end.
+///
+/// # Errors
+/// When a scene is missing or wrong, when none is left to run, when a run fails, when a plot cannot be written, and, if `--check`
+/// is asked for, when a figure is behind its limit.
+pub(crate) fn suite(args: &SuiteArgs) -> Result<(), NodeError> {
+    let root = std::env::var_os("FARFIELD_DATA").map_or_else(|| PathBuf::from(DATA), PathBuf::from);
+    let mut chosen = choose(&args.scenes, &root).map_err(NodeError::Refused)?;
+    if args.pixels {
+        chosen.leave_out_what_pictures_cannot_show();
+    }
+    if chosen.scenes.is_empty() {
+        let why = chosen.note.unwrap_or_default();
+        return Err(NodeError::Refused(anyhow!(
+            "no scene is left to run: {why}"
+        )));
+    }
+    let (input, _network) = input(args).map_err(NodeError::Failed)?;
+    if let Some(folder) = &args.plot {
+        std::fs::create_dir_all(folder)
+            .with_context(|| format!("creating {}", folder.display()))
+            .map_err(NodeError::Refused)?;
+    }
+    let say = |text: &str| {
+        if args.json {
+            Ok(())
+        } else {
+            output::print(&format!("{text}\n"))
+        }
+    };
+    if let Some(note) = &chosen.note {
+        say(&format!("NOTE: {note}\n")).map_err(NodeError::Failed)?;
+    }
+    let report = run(args, &input, chosen.scenes, chosen.note, &say).map_err(NodeError::Failed)?;
+    if args.json {
+        let text = serde_json::to_string_pretty(&report).map_err(NodeError::failed)?;
+        output::print(&format!("{text}\n")).map_err(NodeError::Failed)?;
+    }
+    if args.check && !report.behind_limits.is_empty() {
+        let text = report.behind_limits.join("\n");
+        return Err(NodeError::Failed(anyhow!("behind its limit: {text}")));
+    }
+    Ok(())
+}
+
+fn run(
+    args: &SuiteArgs,
+    input: &Input,
+    scenes: Vec<NamedScene>,
+    note: Option<String>,
+    say: &dyn Fn(&str) -> anyhow::Result<()>,
+) -> anyhow::Result<SuiteReport> {
+    let mut report = SuiteReport {
+        note,
+        scenes: Vec::new(),
+        studies: Vec::new(),
+        bars: Vec::new(),
+        calibration: UncertaintyCalibration::default(),
+        behind_limits: Vec::new(),
+    };
+    for NamedScene { name, scene } in scenes {
+        let mut scene = scene;
+        if let Some(seconds) = args.seconds {
+            scene = scene.shortened(seconds);
+        }
+        if let Some(rate_hz) = args.rate_hz {
+            scene = scene.with_rate(rate_hz);
+        }
+        if args.pixels {
+            scene = without_map_faults(scene);
+        }
+        let scene = Arc::new(scene);
+        let of_scene = SceneReport::make(&name, &scene, input)
+            .with_context(|| format!("running scene {name}"))?;
+        say(&format!("{of_scene}\n"))?;
+        if let Some(folder) = &args.plot {
+            write_plot(&folder.join(format!("{}.svg", file_name(&name))), &of_scene)?;
+        }
+        if let Some(calibration) = &of_scene.with_range_of_motion.calibration {
+            report.calibration.add(calibration);
+        }
+        report.scenes.push(of_scene);
+        if *input == Input::Maps && !args.check {
+            for study in studies(&name, scene)? {
+                say(&format!("{study}\n"))?;
+                report.studies.push(study);
+            }
+        }
+    }
+    if report.scenes.len() > 1 && !report.calibration.is_empty() {
+        say(&format!("all scenes\n{}\n", report.calibration))?;
+    }
+    say(&format!("{}\n", Overview(&report.scenes)))?;
+    report.bars = verdicts(&report.scenes);
+    report.behind_limits = behind_limits(&report.scenes);
+    if args.seconds.is_none() && args.rate_hz.is_none() {
+        let lines: Vec<String> = report.bars.iter().map(ToString::to_string).collect();
+        say(&format!("bars\n{}", lines.join("\n")))?;
+    }
+    Ok(report)
+}
+
+/// What is studied in a scene of this name, beside its figures.
+fn studies(name: &str, scene: Arc<Scene>) -> anyhow::Result<Vec<MethodStudy>> {
+    if name.ends_with("futsal") {
+        return Ok(vec![camera_choices(name, &scene)?]);
+    }
+    if !name.ends_with("sprint") {
+        return Ok(Vec::new());
+    }
+    Ok(vec![predictors(name, scene)?])
+}
+
+/// What the cameras give, and the folder that holds the networks while they are used.
+fn input(args: &SuiteArgs) -> anyhow::Result<(Input, Option<TempDir>)> {
+    if !args.pixels {
+        return Ok((Input::Maps, None));
+    }
+    let folder = tempfile::tempdir().context("making a folder for the embedded networks")?;
+    let network = folder.path().join(write_network(folder.path())?);
+    let detector = if args.given {
+        None
+    } else {
+        Some(folder.path().join(write_detector(folder.path())?))
+    };
+    Ok((Input::Pixels { network, detector }, Some(folder)))
+}
+
+fn file_name(scene: &str) -> String {
+    scene.replace(' ', "-")
+}
+
+fn write_plot(path: &Path, report: &SceneReport) -> anyhow::Result<()> {
+    std::fs::write(path, report.plot()).with_context(|| format!("writing {}", path.display()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[derive(Debug, clap::Parser)]
+    struct SuiteLine {
+        #[command(flatten)]
+        args: SuiteArgs,
+    }
+
+    fn parsed(words: &[&str]) -> Result<SuiteArgs, clap::Error> {
+        let words = [&["suite"], words].concat();
+        <SuiteLine as clap::Parser>::try_parse_from(words).map(|line| line.args)
+    }
+
+    #[test]
+    fn at_least_one_scene_is_named() {
+        assert!(parsed(&[]).is_err());
+        assert!(parsed(&["own", "--given"]).is_err());
+        let args = parsed(&["own", "x.toml", "--seconds", "2", "--json"]).unwrap();
+        assert_eq!(args.scenes, ["own", "x.toml"]);
+        assert!(args.json && args.seconds == Some(2.0));
+    }
+
+    #[test]
+    fn a_rate_that_is_none_is_refused() {
+        assert_eq!(
+            parsed(&["own", "--rate-hz", "30"]).unwrap().rate_hz,
+            Some(30.0)
+        );
+        for rate in ["0", "-5", "inf", "fast"] {
+            assert!(
+                parsed(&["own", &format!("--rate-hz={rate}")]).is_err(),
+                "{rate}"
+            );
+        }
+    }
+}

@@ -1,0 +1,89 @@
+//! People in postures of some clip, and the things around them.
+
+use std::f64::consts::{PI, TAU};
+
+use farfield_fusion::body::skeleton::Joints;
+use farfield_sim::body::{Build, Color, Cone, Volume};
+use farfield_sim::motion::{Clip, Posture};
+use nalgebra::{Rotation3, Unit, Vector3};
+use rand::RngExt as _;
+use rand_chacha::ChaCha8Rng;
+
+/// Share of postures that are mixed from two clips.
+const MIXED: f64 = 0.25;
+/// Share of people that are turned over as a whole: no clip shows every way to be upside down.
+const TURNED_OVER: f64 = 0.12;
+/// Share of people whose bones have lengths of their own, and by how much.
+const OWN_LENGTHS: f64 = 0.07;
+
+/// One person of a picture.
+pub(crate) struct Person {
+    /// World, metres.
+    pub(crate) joints_m: Joints,
+    pub(crate) volume: Volume,
+    pub(crate) build: Build,
+}
+
+impl Person {
+    /// Somebody in a posture of one of `clips`, with the pelvis above `place`; dressed as all in
+    /// `kit`, if there is one.
+    pub(crate) fn draw(
+        clips: &[Clip],
+        place: Vector3<f64>,
+        kit: Option<&Build>,
+        rng: &mut ChaCha8Rng,
+    ) -> Self {
+        let stature_m = rng.random_range(1.5..2.0);
+        let build = Build::from_seed(stature_m, rng.random());
+        let build = match kit {
+            Some(kit) => build.in_kit_of(kit),
+            None => build,
+        };
+        let joints_m = joints(clips, stature_m, place, rng);
+        Self {
+            volume: Volume::new(&joints_m, &build),
+            joints_m,
+            build,
+        }
+    }
+}
+
+/// What there is to see at one moment.
+pub(crate) struct TrainingMoment {
+    pub(crate) people: Vec<Person>,
+    /// Balls and posts.
+    pub(crate) things: Vec<(Color, Cone)>,
+    /// Size of the field around the origin, metres.
+    pub(crate) field_m: [f64; 2],
+}
+
+/// A posture, put with its pelvis above `place`.
+fn joints(clips: &[Clip], stature_m: f64, place: Vector3<f64>, rng: &mut ChaCha8Rng) -> Joints {
+    let clip = &clips[rng.random_range(0..clips.len())];
+    let mut posture = at_random(clip, rng);
+    if rng.random_bool(MIXED) {
+        let other = &clips[rng.random_range(0..clips.len())];
+        posture = posture.blend(&at_random(other, rng), rng.random_range(0.0..1.0));
+    }
+    let lengths = clip.mean_lengths();
+    let own = lengths.map(|length| length * rng.random_range(1.0 - OWN_LENGTHS..1.0 + OWN_LENGTHS));
+    let mut joints = posture
+        .with_mean_lengths(&lengths, &own)
+        .moved(rng.random_range(0.0..TAU), Vector3::zeros())
+        .scaled(stature_m);
+    let pelvis = joints[0];
+    if rng.random_bool(TURNED_OVER) {
+        let bearing = rng.random_range(0.0..TAU);
+        let axis = Unit::new_normalize(Vector3::new(bearing.cos(), bearing.sin(), 0.0));
+        let turn = Rotation3::from_axis_angle(&axis, rng.random_range(-PI..PI));
+        joints = joints.map(|joint| turn * (joint - pelvis) + pelvis);
+        let lowest = joints.iter().fold(f64::INFINITY, |low, j| low.min(j.z));
+        let lift = Vector3::z() * (rng.random_range(0.02..0.3) - lowest);
+        joints = joints.map(|joint| joint + lift);
+    }
+    joints.map(|joint| joint + place - Vector3::new(pelvis.x, pelvis.y, 0.0))
+}
+
+fn at_random(clip: &Clip, rng: &mut ChaCha8Rng) -> Posture {
+    clip.posture(rng.random_range(0.0..=clip.duration_s()))
+}

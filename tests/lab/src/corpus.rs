@@ -1,0 +1,184 @@
+//! The corpus of the fuzz targets: what fuzzers found, in one archive, which a test replays.
+//!
+//! The archive is a tar of files `TARGET/NAME`, in order, without times and owners: the same corpus is the
+//! same bytes.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::io::Read as _;
+use std::path::Path;
+
+use anyhow::{Context as _, ensure};
+
+use crate::hostile_input;
+
+/// Inputs that are longer are not kept: what they reach, shorter ones reach too.
+const MAX_BYTES: usize = 16 * 1024;
+
+/// Inputs by target and name.
+pub type Corpus = BTreeMap<(String, String), Vec<u8>>;
+
+/// Reads an archive.
+///
+/// # Errors
+/// When it is no tar, or an entry is not named `TARGET/NAME`.
+pub fn read(archive: &[u8]) -> anyhow::Result<Corpus> {
+    let mut corpus = Corpus::new();
+    for entry in tar::Archive::new(archive).entries()? {
+        let mut entry = entry?;
+        let path = entry.path()?.to_string_lossy().into_owned();
+        let name = path.split_once('/').filter(|(_, name)| !name.contains('/'));
+        let (target, name) = name.with_context(|| format!("{path}: not TARGET/NAME"))?;
+        let mut bytes = Vec::new();
+        entry.read_to_end(&mut bytes)?;
+        corpus.insert((target.to_owned(), name.to_owned()), bytes);
+    }
+    Ok(corpus)
+}
+
+/// Writes an archive.
+///
+/// # Errors
+/// When a name is too long for a tar.
+pub fn archive(corpus: &Corpus) -> anyhow::Result<Vec<u8>> {
+    let mut builder = tar::Builder::new(Vec::new());
+    for ((target, name), bytes) in corpus {
+        let mut header = tar::Header::new_ustar();
+        header.set_mode(0o644);
+        header.set_size(bytes.len() as u64);
+        header.set_mtime(0);
+        builder.append_data(&mut header, format!("{target}/{name}"), &bytes[..])?;
+    }
+    Ok(builder.into_inner()?)
+}
+
+/// Reads the folder that fuzzers work on: one folder for each target.
+///
+/// # Errors
+/// Names what cannot be read, and folders that are of no target.
+pub fn read_folder(folder: &Path) -> anyhow::Result<Corpus> {
+    let mut corpus = Corpus::new();
+    for (path, target) in listed(folder)? {
+        ensure!(
+            hostile_input::target(&target).is_some(),
+            "{}: no fuzz target of this name",
+            path.display()
+        );
+        for (path, name) in listed(&path)? {
+            let bytes = std::fs::read(&path).with_context(|| path.display().to_string())?;
+            corpus.insert((target.clone(), name), bytes);
+        }
+    }
+    Ok(corpus)
+}
+
+/// Paths and names of what is in a folder.
+fn listed(folder: &Path) -> anyhow::Result<Vec<(std::path::PathBuf, String)>> {
+    let entries = std::fs::read_dir(folder).with_context(|| folder.display().to_string())?;
+    let mut found = Vec::new();
+    for entry in entries {
+        let entry = entry?;
+        let name = entry.file_name().to_string_lossy().into_owned();
+        found.push((entry.path(), name));
+    }
+    found.sort();
+    Ok(found)
+}
+
+/// What of `corpus` is worth keeping: for each target, and each behaviour that its function shows, the
+/// shortest input; of inputs with names that somebody gave, as seeds have, all.
+pub fn minimised(corpus: &Corpus) -> Corpus {
+    let mut order: Vec<_> = corpus.iter().collect();
+    order.sort_by_key(|((target, name), bytes)| (target, was_found(name), bytes.len(), name));
+    let mut known = BTreeSet::new();
+    let mut kept = Corpus::new();
+    for ((target, name), bytes) in order {
+        let Some(take) = hostile_input::target(target) else {
+            continue;
+        };
+        if bytes.len() > MAX_BYTES {
+            continue;
+        }
+        let is_new = known.insert((target, take(bytes)));
+        if is_new || !was_found(name) {
+            kept.insert((target.clone(), name.clone()), bytes.clone());
+        }
+    }
+    kept
+}
+
+/// Whether a fuzzer gave the name: the SHA-1 of the content.
+fn was_found(name: &str) -> bool {
+    name.len() == 40 && name.bytes().all(|byte| byte.is_ascii_hexdigit())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Corpus, archive, minimised, read};
+    use crate::hostile_input::TARGETS;
+
+    fn bytes() -> Vec<u8> {
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../fuzz/corpus.tar");
+        std::fs::read(path).unwrap()
+    }
+
+    fn committed() -> Corpus {
+        read(&bytes()).unwrap()
+    }
+
+    #[test]
+    fn no_input_of_the_corpus_breaks_what_its_target_promises() {
+        for ((target, name), bytes) in committed() {
+            let take = crate::hostile_input::target(&target);
+            let take = take.unwrap_or_else(|| panic!("{target}: no target of this name"));
+            println!("{target}/{name}: {}", take(&bytes));
+        }
+    }
+
+    #[test]
+    fn every_target_has_inputs() {
+        let corpus = committed();
+        for (target, _) in TARGETS {
+            let has = corpus.keys().any(|(of, _)| of == target);
+            assert!(has, "{target} has no input");
+        }
+    }
+
+    #[test]
+    fn the_archive_is_as_it_is_written() {
+        let same = archive(&committed()).unwrap() == bytes();
+        assert!(same, "write it with `lab fuzz-corpus pack`");
+    }
+
+    #[test]
+    fn an_archive_reads_back_and_is_the_same_each_time() {
+        let entry = |target: &str, name: &str, bytes: &[u8]| {
+            ((target.to_owned(), name.to_owned()), bytes.to_vec())
+        };
+        let corpus = Corpus::from([
+            entry("b", "x", b"1"),
+            entry("a", "y", b""),
+            entry("a", "x", b"2"),
+        ]);
+        let bytes = archive(&corpus).unwrap();
+        assert_eq!(read(&bytes).unwrap(), corpus);
+        assert_eq!(archive(&corpus).unwrap(), bytes);
+    }
+
+    #[test]
+    fn the_shortest_input_of_each_behaviour_is_kept_and_every_seed() {
+        let found = |digit: char| digit.to_string().repeat(40);
+        let entry = |name: String, bytes: &[u8]| (("wire_decode".to_owned(), name), bytes.to_vec());
+        let corpus = Corpus::from([
+            entry(found('a'), b""),
+            entry(found('b'), b"\x00\xff"),
+            entry(found('c'), b"\x0d\xff"),
+            entry(found('d'), &[0; 20_000]),
+            entry("seed".to_owned(), b"\x0d\xff"),
+        ]);
+        let kept: Vec<String> = minimised(&corpus)
+            .into_keys()
+            .map(|(_, name)| name)
+            .collect();
+        assert_eq!(kept, [found('a'), "seed".to_owned()]);
+    }
+}

@@ -1,0 +1,62 @@
+//! What a stranger's bytes must never do: the bodies of the fuzz targets, as ordinary functions.
+//!
+//! Each function takes input of any content to the door where such input enters, and panics where a promise
+//! is broken. It returns its behaviour in words: inputs with the same words went the same way, as far as can
+//! be told from outside. An ordinary test replays the corpus through these functions; `fuzz/`, which is
+//! outside the workspace, brings in this folder by its path. So nothing here names another module of this
+//! crate.
+
+mod messages;
+mod recorded;
+mod texts;
+mod venue_texts;
+
+/// Takes input to where it enters, and says what became of it.
+pub type Target = fn(&[u8]) -> String;
+
+/// The fuzz targets by name, in the order of the alphabet.
+pub const TARGETS: [(&str, Target); 12] = [
+    ("calibration_text", venue_texts::calibration_text),
+    ("clip_text", texts::clip_text),
+    ("keypoints_text", texts::keypoints_text),
+    ("maps_file", recorded::maps_file),
+    ("model_card_text", texts::model_card_text),
+    ("patch_decode", messages::patch_decode),
+    ("poses_text", texts::poses_text),
+    ("recording_file", recorded::recording_file),
+    ("ring_segment", recorded::ring_segment),
+    ("scene_text", texts::scene_text),
+    ("venue_text", venue_texts::venue_text),
+    ("wire_decode", messages::wire_decode),
+];
+
+/// The target of this name.
+pub fn target(name: &str) -> Option<Target> {
+    let found = TARGETS.iter().find(|(known, _)| *known == name);
+    found.map(|(_, target)| *target)
+}
+
+/// The text that `bytes` begin with.
+fn text(bytes: &[u8]) -> &str {
+    bytes.utf8_chunks().next().map_or("", |chunk| chunk.valid())
+}
+
+/// The behaviour of what gave `result`, where only an error has more to say.
+fn read_or_refused<T, E: std::fmt::Display>(result: &Result<T, E>) -> String {
+    match result {
+        Ok(_) => "read".to_owned(),
+        Err(error) => refused(error),
+    }
+}
+
+/// The behaviour of what was refused: why, without the numbers, which tell where.
+fn refused(error: &impl std::fmt::Display) -> String {
+    let mut why = format!("refused: {error}");
+    why.retain(|c| !c.is_ascii_digit());
+    why
+}
+
+/// The size of a number, so that behaviours do not differ by every single one.
+fn size(number: usize) -> u32 {
+    usize::BITS - number.leading_zeros()
+}

@@ -1,0 +1,186 @@
+//! A venue that runs live on this machine, edges behind relays: for scenarios, studies and soaks.
+//!
+//! Fusion listens on this machine's loopback, and every edge reaches it through a [`UdpRelay`] of its
+//! own, from a network namespace of its own where the system gives some: nothing else lies between
+//! them, so that what the relay loses is lost. Every node is the given program, started as an operator
+//! would start it; each can be killed and started again.
+
+mod node;
+mod vitals;
+mod watch;
+
+use std::io;
+use std::net::{IpAddr, Ipv4Addr, SocketAddr, TcpListener, UdpSocket};
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use anyhow::Context as _;
+use farfield_proto::venue::Venue;
+
+use crate::namespaces::Namespaces;
+use crate::relay::UdpRelay;
+
+pub use self::node::NodeProcess;
+pub use self::vitals::Vitals;
+pub use self::watch::{PoseArrival, SeenVenue, VenueWatch};
+
+/// A venue, its relays and those of its nodes that run.
+#[derive(Debug)]
+pub struct LiveVenue {
+    /// Fusion, while it runs.
+    pub fusion: Option<NodeProcess>,
+    /// The edges by viewpoint, while they run.
+    pub edges: Vec<Option<NodeProcess>>,
+    /// The link of every edge.
+    pub relays: Vec<UdpRelay>,
+    program: PathBuf,
+    venue_path: PathBuf,
+    venue: Venue,
+    /// UDP for the edges, TCP for whoever watches.
+    ports: [u16; 2],
+    namespaces: Option<Namespaces>,
+    is_fusion_managed: bool,
+}
+
+impl LiveVenue {
+    /// The venue at `venue_path`, with relays but without nodes. `program` is the operator's command.
+    /// Edges get namespaces of their own when `namespaces` has enough of them.
+    ///
+    /// # Errors
+    /// The venue file is refused, or ports cannot be had.
+    pub fn prepare(
+        program: &Path,
+        venue_path: &Path,
+        namespaces: Option<Namespaces>,
+    ) -> anyhow::Result<Self> {
+        let venue = farfield_node::files::load_venue(venue_path)?;
+        let ports = free_ports().context("looking for free ports")?;
+        let server = SocketAddr::from((Ipv4Addr::LOCALHOST, ports[0]));
+        let n = venue.viewpoints.len();
+        let relay = |i: usize| {
+            let listen = namespaces
+                .as_ref()
+                .map_or(Ipv4Addr::LOCALHOST, |n| n.get(i).gateway());
+            UdpRelay::start(SocketAddr::new(IpAddr::V4(listen), 0), server, i as u64)
+        };
+        let relays: io::Result<Vec<UdpRelay>> = (0..n).map(relay).collect();
+        Ok(Self {
+            fusion: None,
+            edges: (0..n).map(|_| None).collect(),
+            relays: relays.context("starting the relays")?,
+            program: program.to_owned(),
+            venue_path: venue_path.to_owned(),
+            venue,
+            ports,
+            namespaces,
+            is_fusion_managed: true,
+        })
+    }
+
+    /// The venue.
+    pub fn venue(&self) -> &Venue {
+        &self.venue
+    }
+
+    /// Where others than edges reach fusion.
+    pub fn endpoint(&self) -> String {
+        format!("tcp/127.0.0.1:{}", self.ports[1])
+    }
+
+    /// A listener beside it.
+    ///
+    /// # Errors
+    /// What Zenoh says.
+    pub fn watch(&self) -> anyhow::Result<VenueWatch> {
+        VenueWatch::open(&self.venue.name, &self.endpoint())
+    }
+
+    /// From now on fusion is started as by hand or by systemd: it does not report, and has no parent that would
+    /// end the edges with it.
+    pub fn fusion_by_hand(&mut self) {
+        self.is_fusion_managed = false;
+    }
+
+    /// Starts fusion with its results in `out`, and `more` arguments.
+    ///
+    /// # Errors
+    /// It cannot be started.
+    pub fn start_fusion(&mut self, out: &Path, more: &[&str]) -> io::Result<()> {
+        // Whoever manages a fusion node has claimed its folder.
+        std::fs::create_dir_all(out)?;
+        let mut command = Command::new(&self.program);
+        command.arg("fusion").arg(&self.venue_path);
+        // Between the namespaces of this machine there are no strangers.
+        command.args(["--live", "--allow-plaintext", "--out"]);
+        command.arg(out);
+        if self.is_fusion_managed {
+            command.arg("--managed");
+        }
+        let endpoints = [format!("udp/127.0.0.1:{}", self.ports[0]), self.endpoint()];
+        for endpoint in &endpoints {
+            command.args(["--listen", endpoint]);
+        }
+        command.args(more);
+        self.fusion = Some(NodeProcess::start("fusion", command)?);
+        Ok(())
+    }
+
+    /// Starts the edge of viewpoint `i`, with `more` arguments, on the venue file at `venue_path` where
+    /// it shall have another than fusion.
+    ///
+    /// # Errors
+    /// It cannot be started.
+    pub fn start_edge(
+        &mut self,
+        i: usize,
+        venue_path: Option<&Path>,
+        more: &[&str],
+    ) -> io::Result<()> {
+        let mut command = match &self.namespaces {
+            Some(namespaces) => namespaces.get(i).command(&self.program),
+            None => Command::new(&self.program),
+        };
+        let name = self.venue.viewpoints[i].name.clone();
+        let endpoint = format!("udp/{}", self.relays[i].address());
+        command
+            .arg("edge")
+            .arg(venue_path.unwrap_or(&self.venue_path))
+            .args(["--managed", "--allow-plaintext", "--viewpoint", &name])
+            .args(["--connect", &endpoint, "--ring"])
+            .arg(self.venue_path.with_file_name("rings").join(&name))
+            .args(more);
+        self.edges[i] = Some(NodeProcess::start(&name, command)?);
+        Ok(())
+    }
+
+    /// Starts every edge that does not run.
+    ///
+    /// # Errors
+    /// One cannot be started.
+    pub fn start_edges(&mut self) -> io::Result<()> {
+        for i in 0..self.edges.len() {
+            if self.edges[i].is_none() {
+                self.start_edge(i, None, &[])?;
+            }
+        }
+        Ok(())
+    }
+
+    /// The nodes that were started and not killed.
+    pub fn nodes(&self) -> impl Iterator<Item = &NodeProcess> {
+        self.fusion.iter().chain(self.edges.iter().flatten())
+    }
+
+    /// What every node has said on its standard error, for whoever must say why a run went wrong.
+    pub fn said(&self) -> String {
+        let said = |node: &NodeProcess| format!("--- {}\n{}", node.name(), node.said());
+        self.nodes().map(said).collect()
+    }
+}
+
+/// Ports of the loopback that nobody uses, UDP and TCP.
+fn free_ports() -> io::Result<[u16; 2]> {
+    let udp = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0))?;
+    let tcp = TcpListener::bind((Ipv4Addr::LOCALHOST, 0))?;
+    Ok([udp.local_addr()?.port(), tcp.local_addr()?.port()])
+}

@@ -1,0 +1,262 @@
+//! A listener beside a running venue: what fusion publishes, and when that arrives.
+
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use anyhow::{Context as _, anyhow};
+use farfield_proto::id::SessionId;
+use farfield_proto::key::Keys;
+use farfield_proto::message::live::LiveStatus;
+use farfield_proto::message::{PersonPose, PersonState, PoseSet, Status};
+use farfield_proto::tick::Tick;
+use farfield_proto::wire;
+use zenoh::sample::Sample;
+use zenoh::{Session, Wait as _};
+
+/// Poses whose arrival is remembered: an hour at 60 Hz. Those beyond are counted only.
+const MAX_ARRIVALS: usize = 60 * 60 * 60;
+/// Keys whose newest message is remembered.
+const MAX_KEYS: usize = 256;
+
+/// A session of its own that listens to all that is said in a venue, until it is dropped.
+#[derive(Debug)]
+pub struct VenueWatch {
+    session: Session,
+    seen: Arc<Mutex<SeenVenue>>,
+}
+
+/// What was heard so far.
+#[derive(Debug, Clone, Default)]
+pub struct SeenVenue {
+    /// Pose sets.
+    pub poses: u64,
+    /// The newest of them.
+    pub newest: Option<PoseSet>,
+    /// When each arrived, and what of it is remembered.
+    pub arrivals: Vec<PoseArrival>,
+    /// The newest status of every node.
+    pub statuses: BTreeMap<String, Status>,
+    /// The newest message of every key, at most `MAX_KEYS` of them.
+    pub newest_bytes: BTreeMap<String, Vec<u8>>,
+}
+
+/// The poses of one tick, as they arrived.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct PoseArrival {
+    /// Fusion's life.
+    pub session: SessionId,
+    /// The tick.
+    pub tick: Tick,
+    /// Unix time of the arrival, microseconds.
+    pub arrived_us: u64,
+    /// Persons that were tracked.
+    pub tracked: usize,
+}
+
+impl SeenVenue {
+    /// How `node` runs live, as it said last.
+    pub fn live(&self, node: &str) -> Option<&LiveStatus> {
+        self.statuses.get(node)?.live.as_ref()
+    }
+
+    /// Persons of the newest poses that are tracked.
+    pub fn tracked(&self) -> usize {
+        self.newest.as_ref().map_or(0, tracked)
+    }
+
+    /// Share of the poses, the first fifth left out, in which as many are tracked as ever were; 0 where nobody
+    /// ever was.
+    pub fn share_with_everybody(&self) -> f64 {
+        let settled = self.arrivals.iter().skip(self.arrivals.len() / 5);
+        let most = settled.clone().map(|arrival| arrival.tracked).max();
+        let Some(most) = most.filter(|most| *most > 0) else {
+            return 0.0;
+        };
+        let whole = settled.clone().filter(|arrival| arrival.tracked >= most);
+        whole.count() as f64 / settled.count().max(1) as f64
+    }
+
+    /// From the capture of each tick to the arrival of its poses, microseconds, sorted; empty as long as
+    /// fusion has not said when its ticks began. Of the poses from tick `from` on.
+    pub fn delays_us(&self, rate_hz: f64, from: Tick) -> Vec<u64> {
+        let epoch_us = self.live("fusion").and_then(|live| live.epoch_us);
+        let Some(epoch_us) = epoch_us else {
+            return Vec::new();
+        };
+        let arrivals = self.arrivals.iter().filter(|arrival| arrival.tick >= from);
+        let delay = |arrival: &PoseArrival| {
+            let captured_us = epoch_us as f64 + arrival.tick.seconds(rate_hz) * 1e6;
+            (arrival.arrived_us as f64 - captured_us).max(0.0) as u64
+        };
+        let mut delays: Vec<u64> = arrivals.map(delay).collect();
+        delays.sort_unstable();
+        delays
+    }
+}
+
+fn tracked(set: &PoseSet) -> usize {
+    let is_tracked = |person: &&PersonPose| person.state == PersonState::Tracked;
+    set.persons.iter().filter(is_tracked).count()
+}
+
+impl VenueWatch {
+    /// Connects to the fusion of venue `name` at `endpoint`; waits until it is there, and finds it again
+    /// when it was started anew.
+    ///
+    /// # Errors
+    /// What Zenoh says.
+    pub fn open(name: &str, endpoint: &str) -> anyhow::Result<Self> {
+        let session = session(endpoint)?;
+        let seen: Arc<Mutex<SeenVenue>> = Arc::default();
+        let keys = Keys::new(name);
+        let all = Arc::clone(&seen);
+        subscribe(&session, keys.all(), move |key, bytes| {
+            let newest = &mut lock(&all).newest_bytes;
+            if newest.len() < MAX_KEYS || newest.contains_key(key) {
+                newest.insert(key.to_owned(), bytes.to_vec());
+            }
+        })?;
+        let poses = Arc::clone(&seen);
+        subscribe(&session, keys.pose(), move |_, bytes| {
+            if let Ok(set) = wire::decode::<PoseSet>(bytes) {
+                let now_us = unix_us();
+                lock(&poses).pose(set, now_us);
+            }
+        })?;
+        let statuses = Arc::clone(&seen);
+        subscribe(&session, keys.statuses(), move |_, bytes| {
+            if let Ok(status) = wire::decode::<Status>(bytes) {
+                let node = status.node.clone();
+                lock(&statuses).statuses.insert(node, status);
+            }
+        })?;
+        Ok(Self { session, seen })
+    }
+
+    /// What was heard so far.
+    pub fn seen(&self) -> MutexGuard<'_, SeenVenue> {
+        lock(&self.seen)
+    }
+
+    /// Says something in the venue: what strangers may, where nothing keeps them out.
+    ///
+    /// # Errors
+    /// What Zenoh says.
+    pub fn put(&self, key: &str, bytes: &[u8]) -> anyhow::Result<()> {
+        self.session.put(key, bytes).wait().map_err(zenoh_error)
+    }
+}
+
+impl SeenVenue {
+    fn pose(&mut self, set: PoseSet, now_us: u64) {
+        self.poses += 1;
+        if self.arrivals.len() < MAX_ARRIVALS {
+            self.arrivals.push(PoseArrival {
+                session: set.session,
+                tick: set.tick,
+                arrived_us: now_us,
+                tracked: tracked(&set),
+            });
+        }
+        self.newest = Some(set);
+    }
+}
+
+fn session(endpoint: &str) -> anyhow::Result<Session> {
+    let mut config = zenoh::Config::default();
+    for (key, value) in [
+        ("mode", "\"client\"".to_owned()),
+        ("scouting/multicast/enabled", "false".to_owned()),
+        ("scouting/gossip/enabled", "false".to_owned()),
+        ("connect/endpoints", format!("[\"{endpoint}\"]")),
+        ("connect/timeout_ms", "-1".to_owned()),
+        ("connect/exit_on_failure", "false".to_owned()),
+        (
+            "connect/retry",
+            "{ period_init_ms: 100, period_max_ms: 500, period_increase_factor: 2 }".to_owned(),
+        ),
+    ] {
+        let set = config.insert_json5(key, &value).map_err(zenoh_error);
+        set.with_context(|| format!("setting {key} to {value}"))?;
+    }
+    zenoh::open(config).wait().map_err(zenoh_error)
+}
+
+/// The subscriber lives as long as the session.
+fn subscribe(
+    session: &Session,
+    key: String,
+    hear: impl Fn(&str, &[u8]) + Send + Sync + 'static,
+) -> anyhow::Result<()> {
+    let heard = move |sample: Sample| {
+        hear(sample.key_expr().as_str(), &sample.payload().to_bytes());
+    };
+    let subscriber = session.declare_subscriber(key).callback(heard);
+    subscriber.background().wait().map_err(zenoh_error)
+}
+
+fn lock(seen: &Mutex<SeenVenue>) -> MutexGuard<'_, SeenVenue> {
+    // A panic elsewhere leaves whole messages behind.
+    seen.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+fn unix_us() -> u64 {
+    let since = SystemTime::now().duration_since(UNIX_EPOCH);
+    u64::try_from(since.unwrap_or_default().as_micros()).unwrap_or(u64::MAX)
+}
+
+#[expect(clippy::needless_pass_by_value, reason = "what `map_err` takes")]
+fn zenoh_error(error: zenoh::Error) -> anyhow::Error {
+    anyhow!("{error}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn status_of(node: &str) -> Status {
+        Status {
+            node: node.to_owned(),
+            process: 0,
+            viewpoint: None,
+            ready: true,
+            venue_hash: String::new(),
+            calibration_hash: String::new(),
+            network_hash: String::new(),
+            backend: String::new(),
+            ticks: None,
+            tick: None,
+            unreadable: 0,
+            failure: None,
+            stages: Vec::new(),
+            live: None,
+        }
+    }
+
+    fn arrival(tick: i64, arrived_us: u64) -> PoseArrival {
+        PoseArrival {
+            session: SessionId(1),
+            tick: Tick(tick),
+            arrived_us,
+            tracked: 0,
+        }
+    }
+
+    #[test]
+    fn a_delay_is_counted_from_the_capture() {
+        let mut seen = SeenVenue {
+            arrivals: vec![arrival(60, 6_030_000), arrival(120, 7_020_000)],
+            ..SeenVenue::default()
+        };
+        assert!(seen.delays_us(60.0, Tick(0)).is_empty());
+        let mut status = status_of("fusion");
+        status.live = Some(LiveStatus {
+            epoch_us: Some(5_000_000),
+            ..LiveStatus::default()
+        });
+        seen.statuses.insert("fusion".to_owned(), status);
+        assert_eq!(seen.delays_us(60.0, Tick(0)), [20_000, 30_000]);
+        assert_eq!(seen.delays_us(60.0, Tick(61)), [20_000]);
+    }
+}

@@ -1,0 +1,7 @@
+//! The program `lab`: see the library beside it.
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    farfield_lab::main()
+}

@@ -1,0 +1,331 @@
+//! Two links between sockets: what clients send to the relay's port goes to a server, and back.
+//!
+//! All clients of one relay share its two links, as all who stand behind one radio bridge do. Each has
+//! a socket of its own towards the server, so that the server tells them apart.
+
+use std::collections::HashMap;
+use std::io;
+use std::net::{SocketAddr, UdpSocket};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::thread::{self, JoinHandle};
+use std::time::Duration;
+
+use super::clock::Clock;
+use super::{Counts, Impairment, RelayLink};
+
+/// Most clients; those beyond are not heard.
+const MAX_CLIENTS: usize = 256;
+/// Longest datagram that IP carries, bytes.
+const MAX_DATAGRAM: usize = 65_535;
+/// How often a thread without work looks whether the relay has ended.
+const PAUSE: Duration = Duration::from_millis(100);
+
+/// Which way a datagram goes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Direction {
+    /// From a client to the server.
+    Up,
+    /// From the server to a client.
+    Down,
+}
+
+/// A datagram, and the socket and address by which it leaves.
+#[derive(Debug, Clone)]
+struct Outgoing {
+    socket: Arc<UdpSocket>,
+    /// `None`: the socket is connected.
+    to: Option<SocketAddr>,
+    bytes: Arc<[u8]>,
+}
+
+/// A relay on a port of its own; it ends when it is dropped.
+#[derive(Debug)]
+pub struct UdpRelay {
+    address: SocketAddr,
+    shared: Arc<RelayShared>,
+    threads: Vec<JoinHandle<()>>,
+}
+
+#[derive(Debug)]
+struct RelayShared {
+    clock: Clock,
+    server: SocketAddr,
+    /// Up, down.
+    links: Mutex<[RelayLink<Outgoing>; 2]>,
+    /// Something was put on the way, or the relay ends.
+    changed: Condvar,
+    ended: AtomicBool,
+}
+
+impl UdpRelay {
+    /// Listens on `listen` (port 0: a free one) and forwards to `server`, in both directions without fault.
+    ///
+    /// # Errors
+    /// The port cannot be had, or the system has no thread left.
+    pub fn start(listen: SocketAddr, server: SocketAddr, seed: u64) -> io::Result<Self> {
+        let socket = Arc::new(UdpSocket::bind(listen)?);
+        socket.set_read_timeout(Some(PAUSE))?;
+        let perfect = Impairment::default();
+        let shared = Arc::new(RelayShared {
+            clock: Clock::start(),
+            server,
+            links: Mutex::new([
+                RelayLink::new(perfect, seed),
+                RelayLink::new(perfect, !seed),
+            ]),
+            changed: Condvar::new(),
+            ended: AtomicBool::new(false),
+        });
+        let mut relay = Self {
+            address: socket.local_addr()?,
+            shared: Arc::clone(&shared),
+            threads: Vec::new(),
+        };
+        relay.spawn("relay-out", {
+            let shared = Arc::clone(&shared);
+            move || shared.send_what_is_due()
+        })?;
+        relay.spawn("relay-in", move || listen_to_clients(&shared, &socket))?;
+        Ok(relay)
+    }
+
+    /// Where clients send to.
+    pub fn address(&self) -> SocketAddr {
+        self.address
+    }
+
+    /// Changes what one direction does from now on.
+    pub fn set(&self, direction: Direction, impairment: Impairment) {
+        self.shared.lock()[direction as usize].set(impairment);
+    }
+
+    /// Changes what both directions do from now on.
+    pub fn set_both(&self, impairment: Impairment) {
+        for link in self.shared.lock().iter_mut() {
+            link.set(impairment);
+        }
+    }
+
+    /// Lets nothing pass for `span`, either way.
+    pub fn cut(&self, span: Duration) {
+        let span_us = u64::try_from(span.as_micros()).unwrap_or(u64::MAX);
+        let until_us = self.shared.clock.now_us().saturating_add(span_us);
+        for link in self.shared.lock().iter_mut() {
+            link.cut(until_us);
+        }
+    }
+
+    /// What became of the datagrams of one direction, since the start or [`Self::restart_counts`].
+    pub fn counts(&self, direction: Direction) -> Counts {
+        self.shared.lock()[direction as usize].counts().clone()
+    }
+
+    /// Begins to count anew, in both directions.
+    pub fn restart_counts(&self) {
+        for link in self.shared.lock().iter_mut() {
+            link.restart_counts();
+        }
+    }
+
+    fn spawn(&mut self, name: &str, work: impl FnOnce() + Send + 'static) -> io::Result<()> {
+        let thread = thread::Builder::new().name(name.to_owned()).spawn(work)?;
+        self.threads.push(thread);
+        Ok(())
+    }
+}
+
+impl Drop for UdpRelay {
+    fn drop(&mut self) {
+        self.shared.ended.store(true, Ordering::Relaxed);
+        self.shared.changed.notify_all();
+        for thread in self.threads.drain(..) {
+            // A thread that has panicked has said so.
+            drop(thread.join());
+        }
+    }
+}
+
+impl RelayShared {
+    fn lock(&self) -> MutexGuard<'_, [RelayLink<Outgoing>; 2]> {
+        // A panic elsewhere leaves whole links behind.
+        self.links.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn has_ended(&self) -> bool {
+        self.ended.load(Ordering::Relaxed)
+    }
+
+    fn offer(&self, direction: Direction, outgoing: Outgoing) {
+        let mut links = self.lock();
+        let now_us = self.clock.now_us();
+        let bytes = outgoing.bytes.len();
+        links[direction as usize].offer(now_us, bytes, outgoing);
+        self.changed.notify_one();
+    }
+
+    /// Thread: sends each datagram when it is due.
+    fn send_what_is_due(&self) {
+        let mut links = self.lock();
+        while !self.has_ended() {
+            let now_us = self.clock.now_us();
+            if let Some(outgoing) = links.iter_mut().find_map(|link| link.take(now_us)) {
+                drop(links);
+                // A client that has gone refuses; that is a loss like any other.
+                let Outgoing { socket, to, bytes } = outgoing;
+                drop(match to {
+                    Some(to) => socket.send_to(&bytes, to),
+                    None => socket.send(&bytes),
+                });
+                links = self.lock();
+                continue;
+            }
+            let next_us = links.iter().filter_map(RelayLink::next_due_us).min();
+            let wait = next_us.map_or(PAUSE, |due_us| {
+                Duration::from_micros(due_us.saturating_sub(now_us)).min(PAUSE)
+            });
+            links = match self.changed.wait_timeout(links, wait) {
+                Ok((links, _)) => links,
+                Err(poisoned) => poisoned.into_inner().0,
+            };
+        }
+    }
+}
+
+/// Thread: what clients send goes up.
+fn listen_to_clients(shared: &Arc<RelayShared>, socket: &Arc<UdpSocket>) {
+    let mut clients: HashMap<SocketAddr, (Arc<UdpSocket>, JoinHandle<()>)> = HashMap::new();
+    let mut buffer = vec![0; MAX_DATAGRAM];
+    while !shared.has_ended() {
+        let Ok((n, client)) = socket.recv_from(&mut buffer) else {
+            continue;
+        };
+        let is_new = !clients.contains_key(&client);
+        if is_new
+            && clients.len() < MAX_CLIENTS
+            && let Ok(opened) = open_client(shared, socket, client)
+        {
+            clients.insert(client, opened);
+        }
+        if let Some((up, _)) = clients.get(&client) {
+            let outgoing = Outgoing {
+                socket: Arc::clone(up),
+                to: None,
+                bytes: buffer[..n].into(),
+            };
+            shared.offer(Direction::Up, outgoing);
+        }
+    }
+    for (_, thread) in clients.into_values() {
+        // A thread that has panicked has said so.
+        drop(thread.join());
+    }
+}
+
+/// A socket towards the server for a new client, and the thread that brings the answers back.
+fn open_client(
+    shared: &Arc<RelayShared>,
+    socket: &Arc<UdpSocket>,
+    client: SocketAddr,
+) -> io::Result<(Arc<UdpSocket>, JoinHandle<()>)> {
+    let any = match shared.server {
+        SocketAddr::V4(_) => "0.0.0.0:0",
+        SocketAddr::V6(_) => "[::]:0",
+    };
+    let up = Arc::new(UdpSocket::bind(any)?);
+    up.connect(shared.server)?;
+    up.set_read_timeout(Some(PAUSE))?;
+    let (shared, socket, heard) = (Arc::clone(shared), Arc::clone(socket), Arc::clone(&up));
+    let thread = thread::Builder::new()
+        .name("relay-back".to_owned())
+        .spawn(move || {
+            let mut buffer = vec![0; MAX_DATAGRAM];
+            while !shared.has_ended() {
+                // A server that is not there yet refuses; it may come.
+                let Ok(n) = heard.recv(&mut buffer) else {
+                    continue;
+                };
+                let outgoing = Outgoing {
+                    socket: Arc::clone(&socket),
+                    to: Some(client),
+                    bytes: buffer[..n].into(),
+                };
+                shared.offer(Direction::Down, outgoing);
+            }
+        })?;
+    Ok((up, thread))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Far above what a loaded machine takes for a datagram on the loopback.
+    const PATIENCE: Duration = Duration::from_secs(20);
+
+    fn socket() -> UdpSocket {
+        let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+        socket.set_read_timeout(Some(PATIENCE)).unwrap();
+        socket
+    }
+
+    fn heard(socket: &UdpSocket) -> (Vec<u8>, SocketAddr) {
+        let mut buffer = [0; 2000];
+        let (n, from) = socket.recv_from(&mut buffer).unwrap();
+        (buffer[..n].to_vec(), from)
+    }
+
+    #[test]
+    fn answers_find_the_client_that_asked() {
+        let server = socket();
+        let any = "127.0.0.1:0".parse().unwrap();
+        let relay = UdpRelay::start(any, server.local_addr().unwrap(), 1).unwrap();
+        let clients = [socket(), socket()];
+        for (i, client) in clients.iter().enumerate() {
+            client.send_to(&[i as u8; 100], relay.address()).unwrap();
+        }
+        for _ in 0..2 {
+            let (bytes, from) = heard(&server);
+            server.send_to(&bytes[..10], from).unwrap();
+        }
+        for (i, client) in clients.iter().enumerate() {
+            assert_eq!(heard(client).0, [i as u8; 10]);
+        }
+        let (up, down) = (relay.counts(Direction::Up), relay.counts(Direction::Down));
+        assert_eq!((up.offered.datagrams, up.offered.bytes), (2, 256));
+        assert_eq!((down.delivered.datagrams, down.delivered.bytes), (2, 76));
+    }
+
+    #[test]
+    fn a_cut_ends_and_the_link_is_as_it_was() {
+        let server = socket();
+        let any = "127.0.0.1:0".parse().unwrap();
+        let relay = UdpRelay::start(any, server.local_addr().unwrap(), 1).unwrap();
+        let client = socket();
+        relay.cut(Duration::from_millis(50));
+        client.send_to(b"lost", relay.address()).unwrap();
+        // Again and again until one comes through: how long that takes is the machine's affair.
+        server
+            .set_read_timeout(Some(Duration::from_millis(5)))
+            .unwrap();
+        let mut buffer = [0; 100];
+        let n = loop {
+            client.send_to(b"again", relay.address()).unwrap();
+            if let Ok(n) = server.recv(&mut buffer) {
+                break n;
+            }
+        };
+        assert_eq!(&buffer[..n], b"again");
+        assert!(relay.counts(Direction::Up).cut >= 1);
+        relay.restart_counts();
+        relay.set_both(Impairment {
+            loss: 1.0,
+            ..Impairment::default()
+        });
+        relay.set(Direction::Down, Impairment::default());
+        client.send_to(b"gone", relay.address()).unwrap();
+        while relay.counts(Direction::Up).lost == 0 {
+            thread::sleep(Duration::from_millis(1));
+        }
+    }
+}

@@ -1,0 +1,14 @@
+//! Scenes run through the whole system and scored, beside what plain triangulation gets.
+
+pub mod baseline;
+pub mod budget;
+pub mod overrides;
+pub mod people;
+pub mod report;
+pub mod run;
+pub mod scenes;
+pub mod smoothed;
+pub mod studies;
+pub mod tee;
+pub mod traffic;
+pub mod venue;

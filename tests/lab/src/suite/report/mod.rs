@@ -1,0 +1,252 @@
+//! The figures of one scene: ours with and without range of motion, and the baseline on the same maps.
+
+pub mod bars;
+pub mod limits;
+pub mod overview;
+
+use std::collections::BTreeMap;
+use std::fmt;
+use std::sync::Arc;
+
+use farfield_proto::tick::Tick;
+use farfield_score::lines::PoseLines;
+use farfield_score::plot::plot_of;
+use farfield_score::points::PointSet;
+use farfield_score::table;
+use farfield_score::{Scores, score};
+use serde::Serialize;
+
+use crate::suite::baseline::butterworth::ZeroPhase;
+use crate::suite::baseline::outliers::Thresholds;
+use crate::suite::baseline::{CUTOFFS_HZ, Trajectory};
+use crate::suite::people::bodies::People;
+use crate::suite::people::meetings::meetings;
+use crate::suite::people::recovery::Recovery;
+use crate::suite::run::{SceneRun, SceneRunPlan};
+use crate::suite::venue::Input;
+use farfield_sim::scene::Scene;
+use farfield_sim::scene::range_of_motion::range_of_motion_excess;
+
+/// Width of the names in front of a row.
+const NAME_WIDTH: usize = 17;
+
+/// What a user of Pose2Sim gets at best.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Baseline {
+    /// The best of the cutoffs, hertz.
+    pub cutoff_hz: f64,
+    /// Its figures.
+    pub scores: Scores,
+}
+
+impl Baseline {
+    /// The baseline of a run that kept its peaks, since each actor was `found`. The cutoff with the
+    /// least MPJPE counts.
+    pub fn best(run: &SceneRun, found: &BTreeMap<u32, Tick>) -> Self {
+        let raw: Vec<(u32, Trajectory)> = run
+            .scene
+            .people()
+            .iter()
+            .filter_map(|who| {
+                let mut there = run.truth.ticks().filter(|&tick| {
+                    let people = run.truth.people_at(tick);
+                    people.is_some_and(|people| people.contains_key(&who.number))
+                });
+                let first = there.next()?;
+                let last = there.last().unwrap_or(first);
+                let trajectory = Trajectory::triangulated(
+                    first..=last,
+                    run.keypoints.len(),
+                    &run.views_of(who.number),
+                    &run.pixel_from_world,
+                    &Thresholds::default(),
+                );
+                Some((who.number, trajectory))
+            })
+            .collect();
+        let rate_hz = run.scene.rate_hz();
+        let at_cutoff = |cutoff_hz: f64| {
+            let filter = ZeroPhase::new(cutoff_hz, rate_hz);
+            let mut people = People::new();
+            for (actor, trajectory) in &raw {
+                let filtered = trajectory.filtered(&filter);
+                for tick in run.truth.ticks() {
+                    if let Some(body) = filtered.body(tick, &run.keypoints) {
+                        people.entry(tick).or_default().insert(*actor, body);
+                    }
+                }
+            }
+            let poses = PoseLines::from_people(PointSet::Joints, people);
+            Self {
+                cutoff_hz,
+                scores: run.score(&poses, found),
+            }
+        };
+        let [first, others @ ..] = CUTOFFS_HZ;
+        let mpjpe = |b: &Self| b.scores.mean.mpjpe_mm.unwrap_or(f64::INFINITY);
+        others
+            .into_iter()
+            .fold(at_cutoff(first), |best, cutoff_hz| {
+                let other = at_cutoff(cutoff_hz);
+                if mpjpe(&other) < mpjpe(&best) {
+                    other
+                } else {
+                    best
+                }
+            })
+    }
+}
+
+/// The figures of one scene.
+#[derive(Debug, Clone, Serialize)]
+pub struct SceneReport {
+    /// Its name.
+    pub scene: String,
+    /// `maps` or `pixels`.
+    pub input: &'static str,
+    /// How many people it has.
+    pub people: usize,
+    /// How many ticks.
+    pub ticks: i64,
+    /// Ticks per second.
+    pub rate_hz: f64,
+    /// Share of the moments at which the truth is outside the clinical range of motion, percent.
+    pub outside_range_of_motion: f64,
+    /// Per actor, the ticks from when it could be asked for until a live listener got it; they are not
+    /// scored. `None`: never.
+    pub found_after_ticks: BTreeMap<u32, Option<i64>>,
+    /// What a live listener gets, with range of motion.
+    pub with_range_of_motion: Scores,
+    /// What a live listener gets, without.
+    pub without_range_of_motion: Scores,
+    /// Triangulation and a filter that sees the future, on the maps that the first got.
+    pub baseline: Baseline,
+    /// What the files hold in the end, with range of motion, over all ticks.
+    pub as_written: Scores,
+    /// How often two of the people come near each other and part, in the truth.
+    pub meetings: u64,
+    /// Gaps of what a live listener gets, with range of motion, that nothing excuses
+    /// ([`crate::suite::people::gaps`]).
+    pub gaps_to_answer_for: u64,
+    /// What became of the people whom the scene lost for a while, live.
+    pub recoveries: Vec<Recovery>,
+    /// Mean bytes of all patches of a tick.
+    pub patch_bytes_per_tick: f64,
+    /// What a live listener gets, with range of motion.
+    #[serde(skip)]
+    causal: PoseLines,
+    #[serde(skip)]
+    truth: PoseLines,
+}
+
+impl SceneReport {
+    /// Runs `scene` with and without range of motion, and scores it.
+    ///
+    /// # Errors
+    /// As [`SceneRun::make`].
+    pub fn make(name: &str, scene: &Arc<Scene>, input: &Input) -> anyhow::Result<Self> {
+        let bounded = SceneRunPlan {
+            keep_peaks: true,
+            ..SceneRunPlan::default()
+        };
+        let mut free = SceneRunPlan::default();
+        free.parameters.range_of_motion.enabled = false;
+        let [bounded, free] = SceneRun::make_all(scene, input, [bounded, free])?;
+        let mut found = bounded.found();
+        for (actor, tick) in free.found() {
+            let later = found.entry(actor).or_insert(tick);
+            *later = tick.max(*later);
+        }
+        let (samples, outside) = range_of_motion_excess(scene).total();
+        let n_ticks = scene.ticks().end - scene.ticks().start;
+        let after = |(&actor, &since): (&u32, &Tick)| {
+            let after = found.get(&actor).map(|&tick| tick - since);
+            (actor, after)
+        };
+        let with_range_of_motion = bounded.score(&bounded.causal, &found);
+        let gaps = bounded.gaps_to_answer_for(&bounded.causal, &found, &with_range_of_motion);
+        Ok(Self {
+            scene: name.to_owned(),
+            input: match input {
+                Input::Maps => "maps",
+                Input::Pixels { .. } => "pixels",
+            },
+            people: bounded.since.len(),
+            ticks: n_ticks,
+            rate_hz: scene.rate_hz(),
+            outside_range_of_motion: 100.0 * outside as f64 / samples.max(1) as f64,
+            found_after_ticks: bounded.since.iter().map(after).collect(),
+            with_range_of_motion,
+            without_range_of_motion: free.score(&free.causal, &found),
+            baseline: Baseline::best(&bounded, &found),
+            as_written: score(&bounded.finished, &bounded.truth, Some(scene.rate_hz())),
+            meetings: meetings(scene),
+            gaps_to_answer_for: gaps.len() as u64,
+            recoveries: Recovery::all(scene, &bounded.causal, &bounded.truth),
+            patch_bytes_per_tick: bounded.traffic.map_bytes as f64 / n_ticks.max(1) as f64,
+            causal: bounded.causal,
+            truth: bounded.truth,
+        })
+    }
+
+    /// The error of each actor over time, as an SVG document.
+    pub fn plot(&self) -> String {
+        let title = format!("{}: mean joint error, live, {}", self.scene, self.input);
+        plot_of(&title, &self.causal, &self.truth, self.rate_hz)
+    }
+
+    fn baseline_name(&self) -> String {
+        format!("DLT+BW {} Hz", self.baseline.cutoff_hz)
+    }
+}
+
+impl fmt::Display for SceneReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(
+            f,
+            "[{}] {} people, {} ticks at {} Hz, {}; the truth is outside the clinical range of motion {:.1} % of the time",
+            self.scene,
+            self.people,
+            self.ticks,
+            self.rate_hz,
+            self.input,
+            self.outside_range_of_motion
+        )?;
+        let named = [
+            ("with RoM", &self.with_range_of_motion),
+            ("without", &self.without_range_of_motion),
+            (&self.baseline_name(), &self.baseline.scores),
+        ];
+        writeln!(f, "{}", table::side_by_side(NAME_WIDTH, &named))?;
+        writeln!(
+            f,
+            "{}",
+            table::line(NAME_WIDTH, "as written, all", &self.as_written.mean.row())
+        )?;
+        writeln!(f, "{}", self.with_range_of_motion.identity_line())?;
+        writeln!(f, "{}", self.with_range_of_motion.lives)?;
+        for recovery in &self.recoveries {
+            writeln!(f, "{recovery}")?;
+        }
+        let found: Vec<String> = self
+            .found_after_ticks
+            .iter()
+            .map(|(actor, after)| match after {
+                Some(ticks) => format!("{actor} after {ticks} ticks"),
+                None => format!("{actor} never"),
+            })
+            .collect();
+        write!(
+            f,
+            "found {}, scored from then on; {} gaps to answer for; {} meetings; patches of {:.0} bytes a tick",
+            found.join(", "),
+            self.gaps_to_answer_for,
+            self.meetings,
+            self.patch_bytes_per_tick
+        )?;
+        match &self.with_range_of_motion.calibration {
+            Some(calibration) => write!(f, "\n{calibration}"),
+            None => Ok(()),
+        }
+    }
+}

@@ -1,0 +1,369 @@
+//! One scene through the whole system, in lock-step in this process, with what studies ask for kept.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+
+use farfield_edge::pipeline::{EdgeOutput, StandIn};
+use farfield_edge::source::FrameSource;
+use farfield_fusion::body::skeleton::Joints;
+use farfield_fusion::estimate::estimator::Estimator;
+use farfield_proto::keypoints::KeypointSet;
+use farfield_proto::tick::Tick;
+use farfield_proto::venue::Parameters;
+use farfield_score::lines::PoseLines;
+use farfield_score::lives::Lives;
+use farfield_score::points::PointSet;
+use farfield_score::{Scores, errors_over_time, matches_at, score};
+use nalgebra::{Matrix3x4, Vector3};
+
+use super::baseline::PersonView;
+use super::people::bodies::{People, add_poses};
+use super::people::gaps;
+use super::people::presence::ScenePresence;
+use super::tee::tee;
+use super::traffic::Traffic;
+use super::venue::{Input, sources_of, venue_of};
+use crate::conditions::{Cuts, FarLinks};
+use crate::in_process::InProcess;
+use crate::view_peaks::PeakReader;
+use farfield_sim::scene::Scene;
+
+/// How a scene is run.
+#[derive(Clone, Default)]
+pub struct SceneRunPlan {
+    /// The method's parameters.
+    pub parameters: Parameters,
+    /// Whether the peaks of every patch are kept, for the baseline.
+    pub keep_peaks: bool,
+    /// Whether the stages of every track are kept, for the error budget.
+    pub keep_stages: bool,
+    /// Whether poses are smoothed in two passes, instead of with the delay of the parameters.
+    pub two_passes: bool,
+    /// When nothing of what the edges say reaches fusion.
+    pub cuts: Option<Cuts>,
+    /// How far and lossy the links are.
+    pub links: FarLinks,
+    /// Makes a codec that takes the place of ours, one for every edge.
+    pub stand_in: Option<Arc<dyn Fn() -> Box<dyn StandIn>>>,
+}
+
+impl SceneRunPlan {
+    /// Runs with `parameters`, and keeps the poses alone.
+    pub fn with(parameters: Parameters) -> Self {
+        Self {
+            parameters,
+            ..Self::default()
+        }
+    }
+}
+
+/// One person of fusion between the stages of a tick, world metres.
+#[derive(Debug, Clone)]
+pub struct Stages {
+    /// Where the keypoints were expected.
+    pub predicted_m: Vec<Vector3<f64>>,
+    /// What the lattice found, and whether any view supports it.
+    pub lattice_m: Vec<(Vector3<f64>, bool)>,
+    /// After the first inverse kinematics.
+    pub ik1_m: Joints,
+    /// After the filter.
+    pub filtered_m: Joints,
+    /// After the second inverse kinematics: what is published.
+    pub ik2_m: Joints,
+    /// The filter's velocity, m/s.
+    pub velocity_m_s: Joints,
+}
+
+impl Stages {
+    fn of(track: &Estimator) -> Self {
+        let lattice = track.estimates().iter();
+        Self {
+            predicted_m: track.predicted_m().to_vec(),
+            lattice_m: lattice.map(|e| (e.position_m, e.weight > 0.0)).collect(),
+            ik1_m: *track.measured_m(),
+            filtered_m: *track.smoothed_m(),
+            ik2_m: *track.joints_m(),
+            velocity_m_s: *track.motion().velocity_m_s(),
+        }
+    }
+}
+
+/// What a scene came to.
+pub struct SceneRun {
+    /// The scene.
+    pub scene: Arc<Scene>,
+    /// The true people, by number, while they can be asked for.
+    pub truth: PoseLines,
+    /// The first tick of each in the truth.
+    pub since: BTreeMap<u32, Tick>,
+    /// What a live listener gets at each tick; here and in the files, poses of people who cannot be
+    /// asked for are left out.
+    pub causal: PoseLines,
+    /// What the files hold in the end: the same, with the tentative ticks of those who were
+    /// confirmed later.
+    pub finished: PoseLines,
+    /// What came out of the delay, where one was asked for.
+    pub smoothed: PoseLines,
+    /// The keypoints of the maps.
+    pub keypoints: KeypointSet,
+    /// Per camera of the venue, world metres to homogeneous undistorted pixels.
+    pub pixel_from_world: Vec<Matrix3x4<f64>>,
+    presence: ScenePresence,
+    /// What the edges sent.
+    pub traffic: Traffic,
+    /// Per tick and id on the wire, what each camera showed; empty unless the plan keeps it.
+    peaks: BTreeMap<Tick, BTreeMap<u32, Vec<PersonView>>>,
+    /// Per id on the wire: whose it was in the end. Who comes back has one for each stay.
+    id_of_wire: BTreeMap<u32, u32>,
+    /// Per tick and id of fusion; empty unless the plan keeps it.
+    stages: BTreeMap<Tick, BTreeMap<u32, Stages>>,
+}
+
+/// A run under way.
+struct Running {
+    nodes: InProcess,
+    plan: SceneRunPlan,
+    reader: PeakReader,
+    causal: People,
+    finished: People,
+    smoothed: People,
+    traffic: Traffic,
+    peaks: BTreeMap<Tick, BTreeMap<u32, Vec<PersonView>>>,
+    id_of_wire: BTreeMap<u32, u32>,
+    stages: BTreeMap<Tick, BTreeMap<u32, Stages>>,
+}
+
+impl Running {
+    fn new(nodes: InProcess, plan: SceneRunPlan) -> Self {
+        Self {
+            nodes,
+            plan,
+            reader: PeakReader::default(),
+            causal: People::new(),
+            finished: People::new(),
+            smoothed: People::new(),
+            traffic: Traffic::default(),
+            peaks: BTreeMap::new(),
+            id_of_wire: BTreeMap::new(),
+            stages: BTreeMap::new(),
+        }
+    }
+
+    /// Works on the next tick; whether there was one.
+    fn step(&mut self) -> anyhow::Result<bool> {
+        let Some(trace) = self.nodes.step()? else {
+            return Ok(false);
+        };
+        let keypoints = self.nodes.keypoints();
+        add_poses(&mut self.causal, &trace.poses, keypoints);
+        for poses in &trace.finished {
+            add_poses(&mut self.finished, poses, keypoints);
+        }
+        self.traffic.add(&trace.edges);
+        for poses in &trace.smoothed {
+            add_poses(&mut self.smoothed, poses, keypoints);
+        }
+        if self.plan.keep_peaks {
+            let views = views_of(&trace.edges, &mut self.reader);
+            self.peaks.insert(trace.tick, views);
+            let tracks = self.nodes.tracks().iter();
+            self.id_of_wire
+                .extend(tracks.map(|track| (track.wire_id().0, track.id().0)));
+        }
+        if self.plan.keep_stages {
+            let tracks = self.nodes.tracks().iter();
+            let tracks = tracks.filter(|track| !track.is_tentative());
+            let of_tick = tracks.map(|track| (track.id().0, Stages::of(track.estimator())));
+            self.stages.insert(trace.tick, of_tick.collect());
+        }
+        Ok(true)
+    }
+
+    fn finish(mut self, scene: &Arc<Scene>) -> SceneRun {
+        let keypoints = self.nodes.keypoints().clone();
+        for poses in self.nodes.finish() {
+            add_poses(&mut self.finished, &poses, &keypoints);
+        }
+        for poses in self.nodes.finish_smoothed() {
+            add_poses(&mut self.smoothed, &poses, &keypoints);
+        }
+        let cameras = self.nodes.venue().cameras.iter();
+        let presence = ScenePresence::of(scene);
+        let asked_for = |people| {
+            let poses = PoseLines::from_people(PointSet::Joints, people);
+            presence.asked_for(&poses)
+        };
+        SceneRun {
+            scene: Arc::clone(scene),
+            truth: presence.truth.clone(),
+            since: presence.since.clone(),
+            causal: asked_for(self.causal),
+            finished: asked_for(self.finished),
+            smoothed: asked_for(self.smoothed),
+            keypoints,
+            pixel_from_world: cameras.map(|c| c.model.projection_matrix()).collect(),
+            presence,
+            traffic: self.traffic,
+            peaks: self.peaks,
+            id_of_wire: self.id_of_wire,
+            stages: self.stages,
+        }
+    }
+}
+
+impl SceneRun {
+    /// Runs `scene` once.
+    ///
+    /// # Errors
+    /// When the network cannot be loaded or fails, or no thread is left to render with.
+    pub fn make(scene: &Arc<Scene>, input: &Input, plan: SceneRunPlan) -> anyhow::Result<Self> {
+        let [run] = Self::make_all(scene, input, [plan])?;
+        Ok(run)
+    }
+
+    /// Runs `scene` once per plan, over the same frames, which are made once.
+    ///
+    /// # Errors
+    /// As [`Self::make`].
+    pub fn make_all<const N: usize>(
+        scene: &Arc<Scene>,
+        input: &Input,
+        plans: [SceneRunPlan; N],
+    ) -> anyhow::Result<[Self; N]> {
+        let mut sources: [Vec<Box<dyn FrameSource>>; N] = std::array::from_fn(|_| Vec::new());
+        for source in sources_of(scene, input)? {
+            for (branches, branch) in sources.iter_mut().zip(tee(source, N)) {
+                branches.push(branch);
+            }
+        }
+        let mut runs = Vec::with_capacity(N);
+        for (plan, sources) in plans.into_iter().zip(sources) {
+            let venue = venue_of(scene, input, plan.parameters.clone());
+            let mut nodes = InProcess::new(venue, sources, scene.ticks())?.with_cuts(plan.cuts);
+            if plan.links != FarLinks::default() {
+                nodes = nodes.with_links(plan.links);
+            }
+            if plan.two_passes {
+                nodes = nodes.in_two_passes();
+            }
+            if let Some(stand_in) = &plan.stand_in {
+                nodes.set_stand_in(&**stand_in);
+            }
+            runs.push(Running::new(nodes, plan));
+        }
+        let mut goes_on = true;
+        while goes_on {
+            for run in &mut runs {
+                goes_on = run.step()?;
+            }
+        }
+        let runs: Vec<Self> = runs.into_iter().map(|run| run.finish(scene)).collect();
+        runs.try_into()
+            .map_err(|_| anyhow::anyhow!("as many runs as plans"))
+    }
+
+    /// Per actor, the first tick at which a live listener gets it; an actor that is never found is not
+    /// in it.
+    pub fn found(&self) -> BTreeMap<u32, Tick> {
+        let mut found = BTreeMap::new();
+        for tick in self.truth.ticks() {
+            for actor in matches_at(tick, &self.causal, &self.truth).into_keys() {
+                found.entry(actor).or_insert(tick);
+            }
+        }
+        found
+    }
+
+    /// The truth from `found` on: until then a live listener has nobody yet. All of an actor that is
+    /// not in `found`.
+    pub fn truth_since(&self, found: &BTreeMap<u32, Tick>) -> PoseLines {
+        let mut people = People::new();
+        for tick in self.truth.ticks() {
+            let there = self.truth.people_at(tick).into_iter().flatten();
+            let counts =
+                there.filter(|(actor, _)| found.get(actor).is_none_or(|first| *first <= tick));
+            let counts: BTreeMap<_, _> = counts.map(|(id, body)| (*id, body.clone())).collect();
+            if !counts.is_empty() {
+                people.insert(tick, counts);
+            }
+        }
+        PoseLines::from_people(PointSet::Joints, people).whole()
+    }
+
+    /// Scores `poses` against the truth since each actor was `found`; births against all of it.
+    pub fn score(&self, poses: &PoseLines, found: &BTreeMap<u32, Tick>) -> Scores {
+        let (rate_hz, poses) = (Some(self.scene.rate_hz()), self.presence.asked_for(poses));
+        Scores {
+            lives: Lives::of(&poses, &self.truth, rate_hz),
+            ..score(&poses, &self.truth_since(found), rate_hz)
+        }
+    }
+
+    /// The gaps of `poses` since each actor was `found` that nothing excuses; `scores` are those of
+    /// [`Self::score`] for the same.
+    pub fn gaps_to_answer_for(
+        &self,
+        poses: &PoseLines,
+        found: &BTreeMap<u32, Tick>,
+        scores: &Scores,
+    ) -> BTreeSet<(Tick, u32)> {
+        let (poses, truth) = (self.presence.asked_for(poses), self.truth_since(found));
+        gaps::to_answer_for(&self.scene, &poses, &truth, &scores.lives.return_gaps)
+    }
+
+    /// Mean and largest error of `poses`, metres, at the ticks that `counts`, since each actor was `found`;
+    /// `None` where no actor has a pose.
+    pub fn errors_at(
+        &self,
+        poses: &PoseLines,
+        found: &BTreeMap<u32, Tick>,
+        counts: impl Fn(Tick) -> bool,
+    ) -> Option<(f64, f64)> {
+        let errors = errors_over_time(&self.presence.asked_for(poses), &self.truth_since(found));
+        let of_ticks = errors.values().flatten().filter(|(tick, _)| counts(*tick));
+        let errors_m: Vec<f64> = of_ticks.filter_map(|(_, error_m)| *error_m).collect();
+        let most_m = errors_m.iter().copied().reduce(f64::max)?;
+        Some((errors_m.iter().sum::<f64>() / errors_m.len() as f64, most_m))
+    }
+
+    /// What the cameras showed of `actor` (a number of the truth) at each tick: the crops of whoever
+    /// of fusion's persons was that actor then.
+    pub fn views_of(&self, actor: u32) -> BTreeMap<Tick, Vec<PersonView>> {
+        let at = |(&tick, people): (&Tick, &BTreeMap<u32, Vec<PersonView>>)| {
+            let id = *matches_at(tick, &self.finished, &self.truth).get(&actor)?;
+            let views = people
+                .iter()
+                .find(|(wire, _)| self.id_of_wire.get(*wire) == Some(&id));
+            Some((tick, views?.1.clone()))
+        };
+        self.peaks.iter().filter_map(at).collect()
+    }
+
+    /// Each true person (by position in the scene) with the stages of its track, tick after tick.
+    pub fn matched_stages(&self) -> impl Iterator<Item = (Tick, usize, &Stages)> {
+        self.stages.iter().flat_map(|(&tick, people)| {
+            let matches = matches_at(tick, &self.causal, &self.truth);
+            let numbers = self.scene.people().iter().enumerate();
+            numbers.filter_map(move |(i, who)| {
+                let stages = people.get(matches.get(&who.number)?)?;
+                Some((tick, i, stages))
+            })
+        })
+    }
+}
+
+fn patches(edges: &[EdgeOutput]) -> impl Iterator<Item = &farfield_proto::message::PersonPatch> {
+    let sets = edges.iter().flat_map(|edge| &edge.patch_sets);
+    sets.flat_map(|set| &set.persons)
+}
+
+fn views_of(edges: &[EdgeOutput], reader: &mut PeakReader) -> BTreeMap<u32, Vec<PersonView>> {
+    let mut views: BTreeMap<u32, Vec<PersonView>> = BTreeMap::new();
+    for patch in patches(edges) {
+        views.entry(patch.person.0).or_default().push(PersonView {
+            camera: usize::from(patch.camera.0),
+            peaks: reader.read(patch),
+        });
+    }
+    views
+}

@@ -1,0 +1,188 @@
+//! Whose pose is whose over time: switches, fragmentations, MOTA and IDF1 as `TrackEval` counts them.
+//!
+//! A pair is similar by 1 - d, d the mean point distance in metres, so that `TrackEval`'s threshold of
+//! 0.5 is the 0.5 m gate. CLEAR (MOTA, switches, fragmentations) makes its own matching per tick,
+//! which first goes on with the pairs of the tick before; the figures of accuracy do not.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+
+use super::Distances;
+use super::accuracy::percent;
+use farfield_fusion::assign::assign;
+
+/// What a pair of the tick before is worth to CLEAR's matching, beside a similarity of at most 1.
+const CONTINUATION: f64 = 1000.0;
+
+/// Figures of identity, over all actors.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct IdentityScore {
+    /// Times that an actor's pose had another id than the actor's pose before (IDSW).
+    pub switches: u64,
+    /// Times that an actor was found again after it had been lost (Frag). An actor that the truth
+    /// itself leaves out for a while counts as well, as in `TrackEval`.
+    pub fragmentations: u64,
+    /// Ids that are matched in fewer than half of their ticks; 0 where the truth is partial.
+    pub false_births: u64,
+    /// Identity F1, percent. Where the truth is partial, poses that are nobody's in it do not count.
+    pub idf1: f64,
+    /// Multiple object tracking accuracy, percent; negative when more is wrong than there is. Where the
+    /// truth is partial, poses that are nobody's in it do not count.
+    pub mota: f64,
+}
+
+/// Counts over the ticks.
+#[derive(Debug, Clone, Default)]
+pub(super) struct IdentityTally {
+    /// Whether the truth leaves people out. Poses that are nobody's in it then count neither for nor
+    /// against: they may be of those people (`TrackEval` takes such regions out beforehand).
+    truth_partial: bool,
+    clear: Clear,
+    /// Ticks per actor and per id.
+    true_ticks: BTreeMap<u32, u64>,
+    pose_ticks: BTreeMap<u32, u64>,
+    /// Ticks at which an id was an actor's pose in the matching of the accuracy.
+    matched_ticks: BTreeMap<u32, u64>,
+    /// Ticks at which an actor and an id were within the gate of each other.
+    close_ticks: BTreeMap<(u32, u32), u64>,
+}
+
+impl IdentityTally {
+    /// Nothing counted yet; `truth_partial` as [`super::Scores::truth_partial`].
+    pub(super) fn new(truth_partial: bool) -> Self {
+        Self {
+            truth_partial,
+            ..Self::default()
+        }
+    }
+
+    /// Takes in one tick; `matched` is the matching of the accuracy, per truth.
+    pub(super) fn add(&mut self, distances: &Distances, matched: &[Option<usize>]) {
+        for &id in &distances.true_ids {
+            *self.true_ticks.entry(id).or_default() += 1;
+        }
+        for (j, &id) in distances.pose_ids.iter().enumerate() {
+            let mut actors = 0..distances.true_ids.len();
+            if !self.truth_partial || actors.any(|i| distances.within_gate(i, j).is_some()) {
+                *self.pose_ticks.entry(id).or_default() += 1;
+            }
+        }
+        for &j in matched.iter().flatten() {
+            *self.matched_ticks.entry(distances.pose_ids[j]).or_default() += 1;
+        }
+        for (i, &actor) in distances.true_ids.iter().enumerate() {
+            for (j, &id) in distances.pose_ids.iter().enumerate() {
+                if distances.within_gate(i, j).is_some() {
+                    *self.close_ticks.entry((actor, id)).or_default() += 1;
+                }
+            }
+        }
+        self.clear.add(distances);
+    }
+
+    /// Times that the id of `actor` changed.
+    pub(super) fn switches_of(&self, actor: u32) -> u64 {
+        self.clear.switches.get(&actor).copied().unwrap_or(0)
+    }
+
+    pub(super) fn finish(&self) -> IdentityScore {
+        let is_false = |(id, &ticks): (&u32, &u64)| {
+            2 * self.matched_ticks.get(id).copied().unwrap_or(0) < ticks
+        };
+        let false_births = self
+            .pose_ticks
+            .iter()
+            .filter(|&entry| is_false(entry))
+            .count() as u64;
+        let n_truths: u64 = self.true_ticks.values().sum();
+        let n_poses: u64 = self.pose_ticks.values().sum();
+        IdentityScore {
+            switches: self.clear.switches.values().sum(),
+            fragmentations: self
+                .clear
+                .found_again
+                .values()
+                .map(|n| n.saturating_sub(1))
+                .sum(),
+            false_births: if self.truth_partial { 0 } else { false_births },
+            idf1: percent(2 * self.identity_true_positives(), n_truths + n_poses),
+            mota: self.clear.mota(n_truths, n_poses),
+        }
+    }
+
+    /// Ticks that the best pairing of whole actors with whole ids explains.
+    ///
+    /// `TrackEval` minimises misses and false positives over a square matrix with a stand-in per actor
+    /// and id; both fall by one with each tick explained, so this is the same as most ticks explained.
+    fn identity_true_positives(&self) -> u64 {
+        let actors: Vec<u32> = self.true_ticks.keys().copied().collect();
+        let ids: Vec<u32> = self.pose_ticks.keys().copied().collect();
+        let shared = |i: usize, j: usize| {
+            self.close_ticks
+                .get(&(actors[i], ids[j]))
+                .copied()
+                .unwrap_or(0)
+        };
+        let pairs = assign(actors.len(), ids.len(), |i, j| -(shared(i, j) as f64));
+        pairs
+            .iter()
+            .enumerate()
+            .filter_map(|(i, j)| j.map(|j| shared(i, j)))
+            .sum()
+    }
+}
+
+/// The CLEAR metrics of `TrackEval`.
+#[derive(Debug, Clone, Default)]
+struct Clear {
+    true_positives: u64,
+    /// Per actor: how often its id changed.
+    switches: BTreeMap<u32, u64>,
+    /// Per actor: the id that it had last, whenever that was.
+    last_id: BTreeMap<u32, u32>,
+    /// Per actor: the id that it had at the tick before.
+    previous: BTreeMap<u32, u32>,
+    /// Per actor: how often it was found after a tick without.
+    found_again: BTreeMap<u32, u64>,
+}
+
+impl Clear {
+    fn add(&mut self, distances: &Distances) {
+        if distances.true_ids.is_empty() || distances.pose_ids.is_empty() {
+            return; // as TrackEval: such a tick does not even end a continuation
+        }
+        let value = |i: usize, j: usize| {
+            let distance_m = distances.within_gate(i, j)?;
+            let goes_on = self.previous.get(&distances.true_ids[i]) == Some(&distances.pose_ids[j]);
+            Some(1.0 - distance_m + if goes_on { CONTINUATION } else { 0.0 })
+        };
+        let assigned = assign(
+            distances.true_ids.len(),
+            distances.pose_ids.len(),
+            |i, j| -value(i, j).unwrap_or(0.0),
+        );
+        let mut current = BTreeMap::new();
+        for (i, j) in assigned.into_iter().enumerate() {
+            if let Some(j) = j.filter(|&j| value(i, j).is_some()) {
+                current.insert(distances.true_ids[i], distances.pose_ids[j]);
+            }
+        }
+        for (&actor, &id) in &current {
+            let before = self.last_id.insert(actor, id);
+            if before.is_some_and(|before| before != id) {
+                *self.switches.entry(actor).or_default() += 1;
+            }
+            if !self.previous.contains_key(&actor) {
+                *self.found_again.entry(actor).or_default() += 1;
+            }
+        }
+        self.true_positives += current.len() as u64;
+        self.previous = current;
+    }
+
+    fn mota(&self, n_truths: u64, n_poses: u64) -> f64 {
+        let wrong = (n_poses - self.true_positives) + self.switches.values().sum::<u64>();
+        percent(self.true_positives, n_truths) - percent(wrong, n_truths)
+    }
+}

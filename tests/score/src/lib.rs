@@ -1,0 +1,305 @@
+//! How good poses are against a truth: accuracy per actor, and identity over all.
+//!
+//! Two files of lines come in ([`lines`]), one [`Scores`] comes out. Each tick, truths and poses are
+//! matched one to one ([`assign`]) on the mean distance of the points that both know; then come the
+//! errors of each actor ([`accuracy`]), the smoothness of what it was given ([`motion`]), the ids
+//! ([`identity`]), how people came ([`lives`]) and, where poses say how sure they are, whether that is
+//! true ([`uncertainty_calibration`]). World coordinates, metres; what is reported is in millimetres and percent.
+//!
+//! Nothing here forgives: a truth without a pose is a gap and wrong in every percentage, and so is a
+//! point that the truth knows and the pose does not have.
+
+pub mod accuracy;
+pub mod detail;
+pub mod identity;
+pub mod lines;
+pub mod lives;
+pub mod motion;
+pub mod plot;
+pub mod points;
+pub mod table;
+pub mod uncertainty_calibration;
+
+use std::collections::BTreeMap;
+
+use farfield_proto::tick::Tick;
+use serde::Serialize;
+
+use farfield_fusion::assign::assign;
+
+use accuracy::ActorTally;
+use identity::{IdentityScore, IdentityTally};
+use lines::PoseLines;
+use lives::Lives;
+use motion::Smoothness;
+use points::{PointSet, ScoredBody};
+use uncertainty_calibration::{UncertaintyCalibration, UncertaintyTally};
+
+/// Farthest mean distance at which a pose can be a truth's, metres.
+pub const GATE_M: f64 = 0.5;
+
+/// Cost of a pair beyond the gate: far above any sum of distances within it, so that the matching
+/// first has as many pairs as can be, then the least distance.
+const BEYOND_GATE: f64 = 1e6;
+
+/// What `farfield evaluate --json` prints.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Scores {
+    /// Per actor (person of the truth).
+    pub actors: BTreeMap<u32, ActorScore>,
+    /// Plain mean over the actors; with [`PointSet::Shelf14`] over actors 1 to 3, as papers do.
+    pub mean: MeanScore,
+    /// Ids, over all actors.
+    pub identity: IdentityScore,
+    /// How people came: births and returns.
+    pub lives: Lives,
+    /// Which points were compared.
+    pub points: PointSet,
+    /// Whether the truth leaves out ticks of a person that it holds on both sides of them: then
+    /// nobody can say that a pose is of nobody, and false births are not counted.
+    pub truth_partial: bool,
+    /// The rate that [`ActorScore::jitter_m_s3`] and [`ActorScore::foot_slide_mm_s`] were computed
+    /// with; without one they are absent.
+    pub rate_hz: Option<f64>,
+    /// How the errors go with what the poses say of themselves; `None` where they say nothing, and
+    /// where the truth is partial.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub calibration: Option<UncertaintyCalibration>,
+}
+
+/// Figures of one actor. `None` is "nothing to measure": no matched tick, no rate, no foot.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ActorScore {
+    /// Ticks at which the truth holds this actor.
+    pub frames: u64,
+    /// Share of the frames whose mean error is at most 150 mm, percent.
+    pub success_150: f64,
+    /// Mean distance over points and matched frames, millimetres. Gaps are left out.
+    pub mpjpe_mm: Option<f64>,
+    /// The same from the true sites of the 12 keypoints (`keypoints` of a line) to the pose's, where
+    /// both are known.
+    pub mpjpe_sites_mm: Option<f64>,
+    /// Share of the limbs with both ends within half the limb's length, percent.
+    pub pcp_both_ends: f64,
+    /// Share of the limbs whose end errors are on average within half the length, percent.
+    pub pcp_mean_end: f64,
+    /// Share of the limbs whose midpoint is within half the length, percent.
+    pub pcp_midpoint: f64,
+    /// Share of the points within 50 mm, percent.
+    pub pck_50: f64,
+    /// Share of the points within 100 mm, percent.
+    pub pck_100: f64,
+    /// Frames without a pose within [`GATE_M`].
+    pub gaps: u64,
+    /// Times that the pose had another id than the actor's pose before.
+    pub id_switches: u64,
+    /// Points that the truth knows and the matched pose lacks: wrong in the percentages, left out of
+    /// the MPJPE.
+    pub missing_points: u64,
+    /// Mean norm of the third difference over dt^3, metres per second cubed.
+    pub jitter_m_s3: Option<f64>,
+    /// Mean horizontal speed of heel and toe while the true foot is still, millimetres per second.
+    pub foot_slide_mm_s: Option<f64>,
+    /// Mean horizontal speed of the ankle while the true foot is still, millimetres per second: also
+    /// known of poses without heel and toe.
+    pub ankle_slide_mm_s: Option<f64>,
+}
+
+/// Means over actors of the figures of [`ActorScore`]; an actor that lacks a figure is left out of
+/// that figure's mean.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[expect(
+    missing_docs,
+    reason = "the fields are those of ActorScore, and mean what they mean there"
+)]
+pub struct MeanScore {
+    pub frames: f64,
+    pub success_150: f64,
+    pub mpjpe_mm: Option<f64>,
+    pub mpjpe_sites_mm: Option<f64>,
+    pub pcp_both_ends: f64,
+    pub pcp_mean_end: f64,
+    pub pcp_midpoint: f64,
+    pub pck_50: f64,
+    pub pck_100: f64,
+    pub gaps: f64,
+    pub id_switches: f64,
+    pub missing_points: f64,
+    pub jitter_m_s3: Option<f64>,
+    pub foot_slide_mm_s: Option<f64>,
+    pub ankle_slide_mm_s: Option<f64>,
+}
+
+/// Scores `poses` against `truth`, both read with the same [`PointSet`] and ticks.
+///
+/// With a partial truth, ticks that the truth does not hold at all are not looked at.
+/// Cost: one assignment of persons squared a tick, and a few distances per pair.
+pub fn score(poses: &PoseLines, truth: &PoseLines, rate_hz: Option<f64>) -> Scores {
+    let points = truth.points();
+    let nobody = BTreeMap::new();
+    let mut actors: BTreeMap<u32, (ActorTally, Smoothness)> = BTreeMap::new();
+    let mut identity = IdentityTally::new(truth.is_partial());
+    let mut calibration = UncertaintyTally::default();
+    for tick in scored_ticks(poses, truth) {
+        let true_bodies = truth.people_at(tick).unwrap_or(&nobody);
+        let pose_bodies = poses.people_at(tick).unwrap_or(&nobody);
+        let distances = Distances::new(true_bodies, pose_bodies);
+        let matched = distances.matches();
+        identity.add(&distances, &matched);
+        if !truth.is_partial() {
+            calibration.add(true_bodies, pose_bodies, distances.pairs(&matched));
+        }
+        for ((&actor, body), pose_idx) in true_bodies.iter().zip(matched) {
+            let pose = pose_idx.and_then(|j| pose_bodies.get(&distances.pose_ids[j]));
+            let (tally, motion) = actors.entry(actor).or_default();
+            tally.add(body, pose, points);
+            motion.add(tick, body, pose);
+        }
+    }
+    let actors: BTreeMap<u32, ActorScore> = actors
+        .into_iter()
+        .map(|(id, (tally, motion))| (id, tally.finish(&motion, identity.switches_of(id), rate_hz)))
+        .collect();
+    let averaged: Vec<&ActorScore> = actors
+        .iter()
+        .filter(|(id, _)| points != PointSet::Shelf14 || (1..=3).contains(*id))
+        .map(|(_, score)| score)
+        .collect();
+    Scores {
+        mean: MeanScore::of(&averaged),
+        identity: identity.finish(),
+        lives: Lives::of(poses, truth, rate_hz),
+        points,
+        truth_partial: truth.is_partial(),
+        rate_hz,
+        calibration: calibration.finish(),
+        actors,
+    }
+}
+
+/// Mean error of each actor at each tick, metres, under the matching that [`score`] uses; `None` at
+/// a gap. Ticks rise.
+pub fn errors_over_time(
+    poses: &PoseLines,
+    truth: &PoseLines,
+) -> BTreeMap<u32, Vec<(Tick, Option<f64>)>> {
+    let nobody = BTreeMap::new();
+    let mut errors: BTreeMap<u32, Vec<(Tick, Option<f64>)>> = BTreeMap::new();
+    for tick in truth.ticks() {
+        let true_bodies = truth.people_at(tick).unwrap_or(&nobody);
+        let pose_bodies = poses.people_at(tick).unwrap_or(&nobody);
+        let distances = Distances::new(true_bodies, pose_bodies);
+        for (i, (&actor, pose)) in true_bodies.keys().zip(distances.matches()).enumerate() {
+            let error_m = pose.and_then(|j| distances.within_gate(i, j));
+            errors.entry(actor).or_default().push((tick, error_m));
+        }
+    }
+    errors
+}
+
+/// Whose pose is whose at one tick, under the matching that [`score`] uses: per actor the pose's id.
+pub fn matches_at(tick: Tick, poses: &PoseLines, truth: &PoseLines) -> BTreeMap<u32, u32> {
+    let (Some(true_bodies), Some(pose_bodies)) = (truth.people_at(tick), poses.people_at(tick))
+    else {
+        return BTreeMap::new();
+    };
+    let distances = Distances::new(true_bodies, pose_bodies);
+    let pairs = true_bodies.keys().zip(distances.matches());
+    pairs
+        .filter_map(|(&actor, j)| Some((actor, distances.pose_ids[j?])))
+        .collect()
+}
+
+fn scored_ticks(poses: &PoseLines, truth: &PoseLines) -> Vec<Tick> {
+    let mut ticks: Vec<Tick> = truth.ticks().collect();
+    if !truth.is_partial() {
+        ticks.extend(poses.ticks());
+        ticks.sort_unstable();
+        ticks.dedup();
+    }
+    ticks
+}
+
+/// Mean point distances between the truths and the poses of one tick, metres.
+#[derive(Debug, Clone)]
+pub(crate) struct Distances {
+    pub(crate) true_ids: Vec<u32>,
+    pub(crate) pose_ids: Vec<u32>,
+    /// Row-major, one row per truth; infinite where the two share no point.
+    values_m: Vec<f64>,
+}
+
+impl Distances {
+    fn new(truths: &BTreeMap<u32, ScoredBody>, poses: &BTreeMap<u32, ScoredBody>) -> Self {
+        let values_m = truths
+            .values()
+            .flat_map(|t| {
+                poses
+                    .values()
+                    .map(|p| t.mean_distance_m(p).unwrap_or(f64::INFINITY))
+            })
+            .collect();
+        let true_ids = truths.keys().copied().collect();
+        Self {
+            true_ids,
+            pose_ids: poses.keys().copied().collect(),
+            values_m,
+        }
+    }
+
+    /// The distance of a pair, `None` beyond the gate.
+    pub(crate) fn within_gate(&self, truth_idx: usize, pose_idx: usize) -> Option<f64> {
+        let d = self.values_m[truth_idx * self.pose_ids.len() + pose_idx];
+        (d <= GATE_M).then_some(d)
+    }
+
+    /// Actor and id of the `matched` pairs.
+    fn pairs<'a>(&'a self, matched: &'a [Option<usize>]) -> impl Iterator<Item = (u32, u32)> + 'a {
+        let pairs = self.true_ids.iter().zip(matched);
+        pairs.filter_map(|(&actor, j)| Some((actor, self.pose_ids[(*j)?])))
+    }
+
+    /// Per truth the index of its pose: most pairs within the gate, then least distance.
+    fn matches(&self) -> Vec<Option<usize>> {
+        let mut assigned = assign(self.true_ids.len(), self.pose_ids.len(), |i, j| {
+            self.within_gate(i, j).unwrap_or(BEYOND_GATE)
+        });
+        for (i, pose_idx) in assigned.iter_mut().enumerate() {
+            *pose_idx = pose_idx.filter(|&j| self.within_gate(i, j).is_some());
+        }
+        assigned
+    }
+}
+
+impl MeanScore {
+    fn of(actors: &[&ActorScore]) -> Self {
+        let mean = |figure: fn(&ActorScore) -> f64| {
+            mean_of(actors.iter().map(|a| Some(figure(a)))).unwrap_or(0.0)
+        };
+        Self {
+            frames: mean(|a| a.frames as f64),
+            success_150: mean(|a| a.success_150),
+            mpjpe_mm: mean_of(actors.iter().map(|a| a.mpjpe_mm)),
+            mpjpe_sites_mm: mean_of(actors.iter().map(|a| a.mpjpe_sites_mm)),
+            pcp_both_ends: mean(|a| a.pcp_both_ends),
+            pcp_mean_end: mean(|a| a.pcp_mean_end),
+            pcp_midpoint: mean(|a| a.pcp_midpoint),
+            pck_50: mean(|a| a.pck_50),
+            pck_100: mean(|a| a.pck_100),
+            gaps: mean(|a| a.gaps as f64),
+            id_switches: mean(|a| a.id_switches as f64),
+            missing_points: mean(|a| a.missing_points as f64),
+            jitter_m_s3: mean_of(actors.iter().map(|a| a.jitter_m_s3)),
+            foot_slide_mm_s: mean_of(actors.iter().map(|a| a.foot_slide_mm_s)),
+            ankle_slide_mm_s: mean_of(actors.iter().map(|a| a.ankle_slide_mm_s)),
+        }
+    }
+}
+
+fn mean_of(values: impl Iterator<Item = Option<f64>>) -> Option<f64> {
+    let known: Vec<f64> = values.flatten().collect();
+    (!known.is_empty()).then(|| known.iter().sum::<f64>() / known.len() as f64)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,422 @@
+//! Reads `poses.jsonl` and `truth.jsonl`: one line per tick and person.
+//!
+//! Only what is scored is kept, so that an hour of people fits in memory. Fields that nobody asks for
+//! are not looked at; a field that is asked for and wrong is refused with its line and name.
+
+use std::collections::BTreeMap;
+use std::io::BufRead;
+use std::ops::Range;
+use std::path::Path;
+
+use farfield_proto::message::PersonState;
+use farfield_proto::tick::Tick;
+use farfield_proto::toml_file::FileError;
+use nalgebra::Vector3;
+use serde::Deserialize as _;
+use serde_json::{Map, Value};
+
+use super::detail::{JointDetail, Sureness};
+use super::points::{PointSet, ScoredBody};
+use farfield_fusion::body::skeleton::{Joint, N_JOINTS};
+
+/// Whose lines are read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum LinesRole {
+    /// Poses: keypoints are taken from `keypoints` alone.
+    Poses,
+    /// A truth: a keypoint that is not under `keypoints` is taken from `joints`, because a truth
+    /// that knows one kind of point only lists it there (Shelf).
+    Truth,
+}
+
+/// The people of one file, by tick and id.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PoseLines {
+    points: PointSet,
+    partial: bool,
+    people: BTreeMap<Tick, BTreeMap<u32, ScoredBody>>,
+}
+
+impl PoseLines {
+    /// Reads all lines of `reader`; `path` is what errors name. Lines outside `ticks` are checked but
+    /// not kept. The order of the lines does not matter.
+    ///
+    /// # Errors
+    /// [`FileError`] at the first line that cannot be read, lacks `tick` or `person`, holds a point
+    /// that is not three numbers, or repeats a person at a tick.
+    pub fn read(
+        reader: impl BufRead,
+        path: &Path,
+        role: LinesRole,
+        points: PointSet,
+        ticks: Option<&Range<Tick>>,
+    ) -> Result<Self, FileError> {
+        let mut people: BTreeMap<Tick, BTreeMap<u32, ScoredBody>> = BTreeMap::new();
+        let mut spans: BTreeMap<u32, LineSpan> = BTreeMap::new();
+        for (index, text) in reader.lines().enumerate() {
+            let line = index + 1;
+            let text = text.map_err(|e| FileError::new(path, e.to_string()).at_line(line))?;
+            if text.trim().is_empty() {
+                continue;
+            }
+            let parsed = parse_line(&text, role, points).map_err(|fault| fault.at(path, line))?;
+            spans.entry(parsed.person).or_default().add(parsed.tick);
+            if ticks.is_some_and(|range| !range.contains(&parsed.tick)) {
+                continue;
+            }
+            let at_tick = people.entry(parsed.tick).or_default();
+            if at_tick.insert(parsed.person, parsed.body).is_some() {
+                let problem = format!("{} is there twice at tick {}", parsed.person, parsed.tick);
+                return Err(LineFault {
+                    field: Some("person".to_owned()),
+                    problem,
+                }
+                .at(path, line));
+            }
+        }
+        Ok(Self {
+            points,
+            partial: spans.values().any(LineSpan::has_holes),
+            people,
+        })
+    }
+
+    /// The people of a run that was never written: `people` by tick and id, gathered with `points`.
+    pub fn from_people(
+        points: PointSet,
+        people: BTreeMap<Tick, BTreeMap<u32, ScoredBody>>,
+    ) -> Self {
+        let mut spans: BTreeMap<u32, LineSpan> = BTreeMap::new();
+        for (tick, bodies) in &people {
+            for id in bodies.keys() {
+                spans.entry(*id).or_default().add(*tick);
+            }
+        }
+        Self {
+            points,
+            partial: spans.values().any(LineSpan::has_holes),
+            people,
+        }
+    }
+
+    /// Which points were kept.
+    pub fn points(&self) -> PointSet {
+        self.points
+    }
+
+    /// Whether some person of the file (all of it, not only the ticks kept) is missing at a tick
+    /// between its first and its last. A truth made of every tick, like a simulator's, never is: a
+    /// truth with holes was annotated in part, and what is not in it may still be there.
+    pub fn is_partial(&self) -> bool {
+        self.partial
+    }
+
+    /// The same, where it is known that whoever is left out is not there.
+    #[must_use]
+    pub fn whole(self) -> Self {
+        Self {
+            partial: false,
+            ..self
+        }
+    }
+
+    /// The ticks that hold people, rising.
+    pub fn ticks(&self) -> impl Iterator<Item = Tick> {
+        self.people.keys().copied()
+    }
+
+    /// The people at `tick`, `None` when there are none.
+    pub fn people_at(&self, tick: Tick) -> Option<&BTreeMap<u32, ScoredBody>> {
+        self.people.get(&tick)
+    }
+
+    /// Whether no tick holds people.
+    pub fn is_empty(&self) -> bool {
+        self.people.is_empty()
+    }
+
+    /// Whether any of the points that are scored is known of anybody.
+    pub fn has_points(&self) -> bool {
+        let mut bodies = self.people.values().flat_map(BTreeMap::values);
+        bodies.any(|body| body.points_m.iter().any(Option::is_some))
+    }
+}
+
+/// First and last tick of a person, and how many lines it has.
+#[derive(Debug, Default)]
+struct LineSpan {
+    ends: Option<[Tick; 2]>,
+    lines: i64,
+}
+
+impl LineSpan {
+    fn add(&mut self, tick: Tick) {
+        let [first, last] = self.ends.unwrap_or([tick; 2]);
+        self.ends = Some([first.min(tick), last.max(tick)]);
+        self.lines += 1;
+    }
+
+    fn has_holes(&self) -> bool {
+        self.ends
+            .is_some_and(|[first, last]| last - first >= self.lines)
+    }
+}
+
+struct ParsedLine {
+    tick: Tick,
+    person: u32,
+    body: ScoredBody,
+}
+
+/// What is wrong with a line, before it is known which line it is.
+struct LineFault {
+    field: Option<String>,
+    problem: String,
+}
+
+impl LineFault {
+    fn at(self, path: &Path, line: usize) -> FileError {
+        let error = FileError::new(path, self.problem).at_line(line);
+        match self.field {
+            Some(field) => error.at_field(field),
+            None => error,
+        }
+    }
+
+    fn expected(field: &str, value: Option<&Value>, expected: &str) -> Self {
+        let problem = match value {
+            Some(value) => format!("found {}, expected {expected}", brief(value)),
+            None => format!("missing, expected {expected}"),
+        };
+        Self {
+            field: Some(field.to_owned()),
+            problem,
+        }
+    }
+}
+
+fn brief(value: &Value) -> String {
+    match value {
+        Value::Object(_) => "an object".to_owned(),
+        Value::Array(items) => format!("a list of {}", items.len()),
+        Value::Null | Value::Bool(_) | Value::Number(_) | Value::String(_) => value.to_string(),
+    }
+}
+
+fn parse_line(text: &str, role: LinesRole, points: PointSet) -> Result<ParsedLine, LineFault> {
+    let value: Value = serde_json::from_str(text).map_err(|e| LineFault {
+        field: None,
+        problem: format!("not JSON: {e}"),
+    })?;
+    let object = value.as_object().ok_or_else(|| LineFault {
+        field: None,
+        problem: format!("found {}, expected an object", brief(&value)),
+    })?;
+    let integer = |field| {
+        let value = object.get(field);
+        value
+            .and_then(Value::as_i64)
+            .ok_or_else(|| LineFault::expected(field, value, "a whole number"))
+    };
+    let tick = Tick(integer("tick")?);
+    let person = u32::try_from(integer("person")?)
+        .map_err(|_| LineFault::expected("person", object.get("person"), "a number from 0"))?;
+    let joints = read_points(object.get("joints"), "joints")?;
+    let keypoints = read_points(object.get("keypoints"), "keypoints")?;
+    let point = |name: &str| match (points, role) {
+        (PointSet::Joints, _) => joints.get(name).copied(),
+        (_, LinesRole::Poses) => keypoints.get(name).copied(),
+        (_, LinesRole::Truth) => keypoints.get(name).or_else(|| joints.get(name)).copied(),
+    };
+    let mut body = ScoredBody::gather(points, point, |name| joints.get(name).copied());
+    body.set_sites(|name| keypoints.get(name).copied());
+    let sureness = match role {
+        LinesRole::Poses => read_sureness(object)?,
+        LinesRole::Truth => None,
+    };
+    if sureness.is_some() || role == LinesRole::Truth && !joints.is_empty() {
+        let detail = JointDetail::gather(|name| joints.get(name).copied(), sureness);
+        body.detail = Some(Box::new(detail));
+    }
+    Ok(ParsedLine { tick, person, body })
+}
+
+/// How sure the pose of a line is, where it says so.
+fn read_sureness(object: &Map<String, Value>) -> Result<Option<Sureness>, LineFault> {
+    let sigmas = match object.get("sigma_m") {
+        None | Some(Value::Null) => return Ok(None),
+        Some(Value::Object(sigmas)) => sigmas,
+        other => {
+            return Err(LineFault::expected(
+                "sigma_m",
+                other,
+                "an object of lengths",
+            ));
+        }
+    };
+    let mut sigma_m = [f32::NAN; N_JOINTS];
+    for (name, value) in sigmas {
+        let sigma = value.as_f64().filter(|sigma| *sigma >= 0.0);
+        let sigma = sigma.ok_or_else(|| {
+            LineFault::expected(
+                &format!("sigma_m.{name}"),
+                Some(value),
+                "a length in metres",
+            )
+        })?;
+        if let Some(joint) = Joint::from_name(name) {
+            sigma_m[joint.index()] = sigma as f32;
+        }
+    }
+    let state = object.get("state");
+    let known = state.and_then(|state| PersonState::deserialize(state).ok());
+    let words = "tentative, tracked or coasting";
+    let views = object.get("views");
+    let n_views = views
+        .and_then(Value::as_u64)
+        .and_then(|n| u16::try_from(n).ok());
+    Ok(Some(Sureness {
+        state: known.ok_or_else(|| LineFault::expected("state", state, words))?,
+        views: n_views.ok_or_else(|| LineFault::expected("views", views, "a number from 0"))?,
+        sigma_m,
+    }))
+}
+
+fn read_points<'a>(
+    group: Option<&'a Value>,
+    field: &str,
+) -> Result<BTreeMap<&'a str, Vector3<f64>>, LineFault> {
+    let object = match group {
+        None | Some(Value::Null) => return Ok(BTreeMap::new()),
+        Some(Value::Object(object)) => object,
+        other => return Err(LineFault::expected(field, other, "an object of points")),
+    };
+    let known = object.iter().filter(|(_, value)| !value.is_null());
+    known
+        .map(|(name, value)| {
+            let point = point_of(value).ok_or_else(|| {
+                LineFault::expected(&format!("{field}.{name}"), Some(value), "three numbers")
+            })?;
+            Ok((name.as_str(), point))
+        })
+        .collect()
+}
+
+fn point_of(value: &Value) -> Option<Vector3<f64>> {
+    let [x, y, z] = value.as_array()?.as_slice() else {
+        return None;
+    };
+    Some(Vector3::new(x.as_f64()?, y.as_f64()?, z.as_f64()?))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(text: &str, role: LinesRole, points: PointSet) -> Result<PoseLines, String> {
+        PoseLines::read(
+            text.as_bytes(),
+            Path::new("truth.jsonl"),
+            role,
+            points,
+            None,
+        )
+        .map_err(|e| e.to_string())
+    }
+
+    fn refused(text: &str) -> String {
+        read(text, LinesRole::Truth, PointSet::Joints).unwrap_err()
+    }
+
+    #[test]
+    fn errors_name_file_line_and_field() {
+        let good = "{\"tick\": 1, \"person\": 1}\n";
+        assert_eq!(
+            refused(&format!("{good}{{\"tick\": 2}}")),
+            "truth.jsonl:2: `person`: missing, expected a whole number"
+        );
+        assert_eq!(
+            refused("{\"tick\": 1.5, \"person\": 1}"),
+            "truth.jsonl:1: `tick`: found 1.5, expected a whole number"
+        );
+        assert_eq!(
+            refused("{\"tick\": 1, \"person\": -1}"),
+            "truth.jsonl:1: `person`: found -1, expected a number from 0"
+        );
+        assert_eq!(
+            refused("{\"tick\": 1, \"person\": 1, \"joints\": {\"nose\": [1, 2]}}"),
+            "truth.jsonl:1: `joints.nose`: found a list of 2, expected three numbers"
+        );
+        assert_eq!(
+            refused(&format!("{good}{good}")),
+            "truth.jsonl:2: `person`: 1 is there twice at tick 1"
+        );
+        assert!(refused("{\"tick\": 1, \"per").starts_with("truth.jsonl:1: not JSON: EOF"));
+    }
+
+    #[test]
+    fn a_pose_that_says_how_sure_it_is_says_its_state_and_views_too() {
+        let line = |rest: &str| {
+            let text = format!("{{\"tick\": 1, \"person\": 1, {rest}}}");
+            read(&text, LinesRole::Poses, PointSet::Joints)
+        };
+        let good = line("\"sigma_m\": {\"nose\": 0.01}, \"state\": \"coasting\", \"views\": 1");
+        let recording = good.unwrap();
+        let body = &recording.people_at(Tick(1)).unwrap()[&1];
+        let sureness = body.detail.as_ref().unwrap().sureness.as_ref().unwrap();
+        assert_eq!((sureness.state, sureness.views), (PersonState::Coasting, 1));
+        assert!((sureness.sigma_m[Joint::Nose.index()] - 0.01).abs() < 1e-6);
+        assert!(
+            line("\"views\": 1").unwrap().people_at(Tick(1)).unwrap()[&1]
+                .detail
+                .is_none()
+        );
+        assert_eq!(
+            line("\"sigma_m\": {\"nose\": -1}").unwrap_err(),
+            "truth.jsonl:1: `sigma_m.nose`: found -1, expected a length in metres"
+        );
+        assert_eq!(
+            line("\"sigma_m\": {}, \"state\": \"lost\"").unwrap_err(),
+            "truth.jsonl:1: `state`: found \"lost\", expected tentative, tracked or coasting"
+        );
+    }
+
+    #[test]
+    fn a_truth_with_holes_is_partial_whatever_ticks_are_kept() {
+        let line = |tick: i64, person: u32| format!("{{\"tick\": {tick}, \"person\": {person}}}\n");
+        let whole: String = (0..4)
+            .map(|t| line(t, 1))
+            .chain([line(2, 2), line(3, 2)])
+            .collect();
+        assert!(
+            !read(&whole, LinesRole::Truth, PointSet::Joints)
+                .unwrap()
+                .is_partial()
+        );
+        let holes = line(0, 1) + &line(1, 1) + &line(3, 1);
+        let kept = Tick(0)..Tick(2);
+        let path = Path::new("t");
+        let recording = PoseLines::read(
+            holes.as_bytes(),
+            path,
+            LinesRole::Truth,
+            PointSet::Joints,
+            Some(&kept),
+        );
+        let recording = recording.unwrap();
+        assert!(recording.is_partial());
+        assert_eq!(recording.ticks().collect::<Vec<_>>(), [Tick(0), Tick(1)]);
+    }
+
+    #[test]
+    fn keypoints_of_a_truth_fall_back_on_its_joints_and_those_of_poses_do_not() {
+        let text = "{\"tick\": 1, \"person\": 1, \"joints\": {\"left_hip\": [1, 2, 3]}}";
+        let hip = |role, points| {
+            let recording = read(text, role, points).unwrap();
+            recording.people_at(Tick(1)).unwrap()[&1].points_m[6]
+        };
+        assert!(hip(LinesRole::Truth, PointSet::Keypoints).is_some());
+        assert!(hip(LinesRole::Poses, PointSet::Keypoints).is_none());
+        assert!(hip(LinesRole::Poses, PointSet::Joints).is_some());
+    }
+}

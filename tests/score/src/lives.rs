@@ -1,0 +1,262 @@
+//! How people come: how long it takes until somebody who is there has a pose, and whether who goes away
+//! and returns has the old id again.
+//!
+//! Whose pose is whose is the matching of the accuracy ([`super::matches_at`]). An actor *returns* when
+//! the truth holds it again after it has left it out for half a second; who is left out for less, at the
+//! edge of what is asked for, has not been away. A truth that was annotated in part leaves people out who
+//! are there, and its returns are those of the annotation.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt;
+
+use farfield_proto::order_statistics::mean_median;
+use farfield_proto::tick::Tick;
+use serde::{Serialize, Serializer};
+
+use super::lines::PoseLines;
+use super::matches_at;
+
+/// How long an actor is out of the truth at least when it has been away, seconds.
+const LEAST_AWAY_S: f64 = 0.5;
+/// The same in ticks, where no rate is known.
+const LEAST_AWAY_TICKS: i64 = 2;
+
+/// Births and returns of all actors.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct Lives {
+    /// Per actor, ticks from its first line of the truth to its first pose; `None`: it never had one.
+    pub time_to_birth_ticks: BTreeMap<u32, Option<i64>>,
+    /// The median over those who were born, seconds; absent without a rate.
+    pub time_to_birth_median_s: Option<f64>,
+    /// The longest, seconds; absent without a rate.
+    pub time_to_birth_worst_s: Option<f64>,
+    /// Actors that never had a pose.
+    pub never_born: u64,
+    /// Times that an actor that had had a pose came back.
+    pub returns: u64,
+    /// Of these, with the id that it had before.
+    pub returns_same_id: u64,
+    /// Of these, with another id.
+    pub returns_other_id: u64,
+    /// The longest from coming back to the next pose, seconds; absent without a rate. Who is never found
+    /// again counts for as long as the truth holds it.
+    pub return_worst_s: Option<f64>,
+    /// The ticks and actors without a pose after coming back, until the next pose; in JSON, how many.
+    #[serde(serialize_with = "how_many")]
+    pub return_gaps: BTreeSet<(Tick, u32)>,
+}
+
+fn how_many<S: Serializer>(gaps: &BTreeSet<(Tick, u32)>, to: S) -> Result<S::Ok, S::Error> {
+    gaps.len().serialize(to)
+}
+
+/// Ticks that an actor is out of the truth at least when it has been away.
+fn least_away_ticks(rate_hz: Option<f64>) -> i64 {
+    #[expect(
+        clippy::cast_possible_truncation,
+        reason = "half the rate of cameras; beyond the range it saturates"
+    )]
+    rate_hz.map_or(LEAST_AWAY_TICKS, |rate_hz| {
+        (LEAST_AWAY_S * rate_hz).ceil().max(1.0) as i64
+    })
+}
+
+/// One actor while the ticks go by.
+#[derive(Debug, Clone, Default)]
+struct ActorLife {
+    /// The first tick of the truth.
+    since: Option<Tick>,
+    born: Option<Tick>,
+    /// The last tick of the truth, and the last id.
+    seen: Option<Tick>,
+    id: Option<u32>,
+    /// When it came back, until it has a pose again.
+    back: Option<Tick>,
+}
+
+impl Lives {
+    /// Births and returns of the actors of `truth` in `poses`.
+    pub fn of(poses: &PoseLines, truth: &PoseLines, rate_hz: Option<f64>) -> Self {
+        let mut all: BTreeMap<u32, ActorLife> = BTreeMap::new();
+        let mut lives = Self::default();
+        let mut longest_return = None;
+        let least_away = least_away_ticks(rate_hz);
+        for tick in truth.ticks() {
+            let matches = matches_at(tick, poses, truth);
+            for &actor in truth.people_at(tick).into_iter().flat_map(BTreeMap::keys) {
+                let life = all.entry(actor).or_default();
+                life.since.get_or_insert(tick);
+                lives.returns += u64::from(life.comes_back(tick, least_away));
+                let Some(&id) = matches.get(&actor) else {
+                    if let Some(back) = life.back {
+                        longest_return = longest_return.max(Some(tick + 1 - back));
+                        lives.return_gaps.insert((tick, actor));
+                    }
+                    continue;
+                };
+                if let Some((ticks, before)) = life.is_found(tick, id) {
+                    longest_return = longest_return.max(Some(ticks));
+                    lives.returns_same_id += u64::from(before == id);
+                    lives.returns_other_id += u64::from(before != id);
+                }
+            }
+        }
+        lives.finish(&all, longest_return, rate_hz)
+    }
+
+    fn finish(
+        mut self,
+        all: &BTreeMap<u32, ActorLife>,
+        longest_return: Option<i64>,
+        rate_hz: Option<f64>,
+    ) -> Self {
+        let after = |life: &ActorLife| Some(life.born? - life.since?);
+        self.time_to_birth_ticks = all.iter().map(|(id, life)| (*id, after(life))).collect();
+        let born = self.time_to_birth_ticks.values().flatten();
+        let mut born: Vec<f64> = born.map(|&ticks| ticks as f64).collect();
+        born.sort_by(f64::total_cmp);
+        self.never_born = (all.len() - born.len()) as u64;
+        let rate = |ticks: f64| rate_hz.map(|rate| ticks / rate);
+        self.time_to_birth_median_s = mean_median(&born).and_then(rate);
+        self.time_to_birth_worst_s = born.last().copied().and_then(rate);
+        self.return_worst_s = longest_return.and_then(|ticks| rate(ticks as f64));
+        self
+    }
+}
+
+impl ActorLife {
+    /// Takes in that the truth holds it at `tick`; whether it has come back then, having had an id, after
+    /// `least_away` ticks or more.
+    fn comes_back(&mut self, tick: Tick, least_away: i64) -> bool {
+        let last = self.seen.replace(tick);
+        let back = self.id.is_some() && last.is_some_and(|last| tick - last > least_away);
+        if back {
+            self.back = Some(tick);
+        }
+        back
+    }
+
+    /// Takes in that it has a pose at `tick`; the ticks since it came back, and the id that it had
+    /// before, if this is the first since.
+    fn is_found(&mut self, tick: Tick, id: u32) -> Option<(i64, u32)> {
+        self.born.get_or_insert(tick);
+        let before = self.id.replace(id);
+        let back = self.back.take()?;
+        Some((tick - back, before?))
+    }
+}
+
+impl fmt::Display for Lives {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let seconds = |s: Option<f64>| s.map_or_else(|| "-".to_owned(), |s| format!("{s:.2} s"));
+        write!(
+            f,
+            "lives: born after {} (median) and {} (worst), never born {}, returns {}",
+            seconds(self.time_to_birth_median_s),
+            seconds(self.time_to_birth_worst_s),
+            self.never_born,
+            self.returns
+        )?;
+        if self.returns > 0 {
+            write!(
+                f,
+                " (old id {}, another id {}, found after {} at worst)",
+                self.returns_same_id,
+                self.returns_other_id,
+                seconds(self.return_worst_s)
+            )?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fmt::Write as _;
+    use std::path::Path;
+
+    use super::super::lines::LinesRole;
+    use super::super::points::PointSet;
+    use super::*;
+
+    /// Lines of (tick, person, x).
+    fn recording(lines: &[(i64, u32, f64)]) -> PoseLines {
+        let mut text = String::new();
+        for (tick, person, x) in lines {
+            let hip = format!("{{\"left_hip\": [{x}, 0, 1]}}");
+            writeln!(
+                text,
+                "{{\"tick\": {tick}, \"person\": {person}, \"joints\": {hip}}}"
+            )
+            .unwrap();
+        }
+        let path = Path::new("x.jsonl");
+        PoseLines::read(
+            text.as_bytes(),
+            path,
+            LinesRole::Truth,
+            PointSet::Joints,
+            None,
+        )
+        .unwrap()
+    }
+
+    fn lives(poses: &[(i64, u32, f64)], truth: &[(i64, u32, f64)]) -> Lives {
+        Lives::of(&recording(poses), &recording(truth), Some(10.0))
+    }
+
+    #[test]
+    fn the_time_to_birth_counts_from_the_first_line_of_the_truth() {
+        let mut truth: Vec<_> = (0..10).flat_map(|t| [(t, 1, 0.0), (t, 3, 9.0)]).collect();
+        truth.extend((4..10).map(|t| (t, 2, 5.0)));
+        let poses: Vec<_> = (3..10).map(|t| (t, 7, 0.0)).chain([(6, 8, 5.0)]).collect();
+        let lives = lives(&poses, &truth);
+        let expected = [(1, Some(3)), (2, Some(2)), (3, None)];
+        assert_eq!(lives.time_to_birth_ticks, BTreeMap::from(expected));
+        assert_eq!(lives.never_born, 1);
+        assert!((lives.time_to_birth_median_s.unwrap() - 0.25).abs() < 1e-12);
+        assert!((lives.time_to_birth_worst_s.unwrap() - 0.3).abs() < 1e-12);
+    }
+
+    #[test]
+    fn who_returns_has_the_old_id_or_another() {
+        let truth: Vec<_> = [0, 1, 10, 11, 12, 20, 21]
+            .into_iter()
+            .map(|t| (t, 1, 0.0))
+            .collect();
+        let poses = [(0, 7, 0.0), (12, 7, 0.0), (20, 8, 0.0)];
+        let lives = lives(&poses, &truth);
+        let counts = (lives.returns, lives.returns_same_id, lives.returns_other_id);
+        assert_eq!(counts, (2, 1, 1));
+        let gaps = BTreeSet::from([(Tick(10), 1), (Tick(11), 1)]);
+        assert_eq!(lives.return_gaps, gaps);
+        let json = serde_json::to_value(&lives).unwrap();
+        assert_eq!(json["return_gaps"], 2);
+        assert!((lives.return_worst_s.unwrap() - 0.2).abs() < 1e-12);
+    }
+
+    #[test]
+    fn who_is_out_of_the_truth_for_less_than_half_a_second_has_not_been_away() {
+        let returns = |back: i64, rate_hz: Option<f64>| {
+            let truth = [(0, 1, 0.0), (back, 1, 0.0)];
+            let poses = [(0, 7, 0.0)];
+            let lives = Lives::of(&recording(&poses), &recording(&truth), rate_hz);
+            assert_eq!(lives.return_gaps.len() as u64, lives.returns);
+            lives.returns
+        };
+        assert_eq!((returns(30, Some(60.0)), returns(31, Some(60.0))), (0, 1));
+        assert_eq!((returns(1, Some(1.0)), returns(2, Some(1.0))), (0, 1));
+        assert_eq!((returns(2, None), returns(3, None)), (0, 1));
+    }
+
+    #[test]
+    fn who_comes_back_unseen_has_returned_all_the_same() {
+        let truth: Vec<_> = [0, 1, 10, 11].into_iter().map(|t| (t, 1, 0.0)).collect();
+        let lives = lives(&[(0, 7, 0.0)], &truth);
+        let counts = (lives.returns, lives.returns_same_id, lives.returns_other_id);
+        assert_eq!(counts, (1, 0, 0));
+        let never_s = lives.return_worst_s.unwrap();
+        assert!((never_s - 0.2).abs() < 1e-12, "{never_s} s and no end");
+        assert!(lives.to_string().contains("returns 1 (old id 0"), "{lives}");
+    }
+}

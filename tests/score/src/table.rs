@@ -1,0 +1,144 @@
+//! The scores as a person reads them.
+
+use std::fmt;
+
+use super::{ActorScore, MeanScore, Scores};
+
+/// The columns after the actor's: head, unit, width.
+const COLUMNS: [(&str, &str, usize); 14] = [
+    ("frames", "", 6),
+    ("gaps", "", 5),
+    ("MPJPE", "mm", 6),
+    ("sites", "mm", 6),
+    ("SR@150", "%", 7),
+    ("PCP", "both", 6),
+    ("PCP", "mean", 6),
+    ("PCP", "mid", 6),
+    ("PCK50", "%", 6),
+    ("PCK100", "%", 6),
+    ("ids", "", 4),
+    ("jitter", "m/s^3", 7),
+    ("slide", "mm/s", 6),
+    ("ankle", "mm/s", 6),
+];
+
+/// One row of the table: what it is of, and its figures in the order of the columns.
+pub type TableRow = [Option<f64>; COLUMNS.len()];
+
+impl fmt::Display for Scores {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "{}", head(5))?;
+        for (actor, score) in &self.actors {
+            writeln!(f, "{}", line(5, &actor.to_string(), &score.row()))?;
+        }
+        writeln!(f, "{}", line(5, "mean", &self.mean.row()))?;
+        write!(f, "{}\n{}", self.identity_line(), self.lives)?;
+        if let Some(calibration) = &self.calibration {
+            write!(f, "\n{calibration}")?;
+        }
+        if self.rate_hz.is_none() {
+            write!(
+                f,
+                "\nno rate is known, so jitter and foot slide are left out"
+            )?;
+        }
+        Ok(())
+    }
+}
+
+impl Scores {
+    /// The figures of identity in one line.
+    pub fn identity_line(&self) -> String {
+        let id = &self.identity;
+        let births = if self.truth_partial {
+            "false births not counted (the truth is partial)".to_owned()
+        } else {
+            format!("false births {}", id.false_births)
+        };
+        format!(
+            "identity: switches {}, fragmentations {}, {births}, IDF1 {:.1} %, MOTA {:.1} %",
+            id.switches, id.fragmentations, id.idf1, id.mota
+        )
+    }
+}
+
+/// Several scores of the same truth side by side: per actor, then for the mean, one row of each, under
+/// the names that go with them. The first names the actors.
+pub fn side_by_side(name_width: usize, named: &[(&str, &Scores)]) -> String {
+    let mut lines = vec![head(name_width)];
+    let mut group = |whose: &str, row_of: &dyn Fn(&Scores) -> Option<TableRow>| {
+        for (index, (name, scores)) in named.iter().enumerate() {
+            let whose = if index == 0 { whose } else { "" };
+            let name = format!("{whose:<4} {name:>width$}", width = name_width - 5);
+            lines.extend(row_of(scores).map(|row| line(name_width, &name, &row)));
+        }
+    };
+    let actors = named.first().into_iter().flat_map(|(_, s)| s.actors.keys());
+    for actor in actors {
+        group(&actor.to_string(), &|scores| {
+            scores.actors.get(actor).map(ActorScore::row)
+        });
+    }
+    group("mean", &|scores| Some(scores.mean.row()));
+    lines.join("\n")
+}
+
+/// The two lines over a table whose rows' names have `name_width` characters.
+pub fn head(name_width: usize) -> String {
+    let [heads, units] = [0, 1].map(|which| {
+        let cells = COLUMNS.map(|(head, unit, width)| {
+            let text = if which == 0 { head } else { unit };
+            format!(" {text:>width$}")
+        });
+        cells.concat()
+    });
+    format!("{:>name_width$}{heads}\n{:>name_width$}{units}", "", "")
+}
+
+/// One line of the table.
+pub fn line(name_width: usize, name: &str, row: &TableRow) -> String {
+    let cells = row.iter().zip(COLUMNS).map(|(value, (_, unit, width))| {
+        // Counts of one actor are whole, their mean over actors is not.
+        let digits = usize::from(!unit.is_empty() || value.is_some_and(|v| v.fract() != 0.0));
+        value.map_or_else(
+            || format!(" {:>width$}", "-"),
+            |value| format!(" {value:>width$.digits$}"),
+        )
+    });
+    format!("{name:>name_width$}{}", cells.collect::<String>())
+}
+
+macro_rules! row {
+    ($score:expr) => {
+        [
+            Some($score.frames as f64),
+            Some($score.gaps as f64),
+            $score.mpjpe_mm,
+            $score.mpjpe_sites_mm,
+            Some($score.success_150),
+            Some($score.pcp_both_ends),
+            Some($score.pcp_mean_end),
+            Some($score.pcp_midpoint),
+            Some($score.pck_50),
+            Some($score.pck_100),
+            Some($score.id_switches as f64),
+            $score.jitter_m_s3,
+            $score.foot_slide_mm_s,
+            $score.ankle_slide_mm_s,
+        ]
+    };
+}
+
+impl ActorScore {
+    /// The figures in the order of the table's columns.
+    pub fn row(&self) -> TableRow {
+        row!(self)
+    }
+}
+
+impl MeanScore {
+    /// The figures in the order of the table's columns.
+    pub fn row(&self) -> TableRow {
+        row!(self)
+    }
+}

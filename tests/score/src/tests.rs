@@ -1,0 +1,326 @@
+//! Scores worked out by hand.
+
+use std::fmt::Write as _;
+use std::path::Path;
+
+use super::lines::LinesRole;
+use super::points::LIMB_POINTS;
+use super::*;
+
+/// A person as a line: 12 points on a grid of 0.4 m steps around `x_m`, each moved by `error_m`
+/// along y.
+fn line(tick: i64, person: u32, x_m: f64, error_m: impl Fn(usize) -> f64) -> String {
+    let mut joints = String::new();
+    for (i, name) in LIMB_POINTS.iter().enumerate() {
+        let (side, height) = ((i % 2) as f64 * 0.3, (i / 2) as f64 * 0.4);
+        let comma = if i == 0 { "" } else { ", " };
+        write!(
+            joints,
+            "{comma}\"{name}\": [{}, {}, {height}]",
+            x_m + side,
+            error_m(i)
+        )
+        .unwrap();
+    }
+    format!("{{\"tick\": {tick}, \"person\": {person}, \"joints\": {{{joints}}}}}\n")
+}
+
+fn exact(tick: i64, person: u32, x_m: f64) -> String {
+    line(tick, person, x_m, |_| 0.0)
+}
+
+fn recording(text: &str, role: LinesRole) -> PoseLines {
+    PoseLines::read(
+        text.as_bytes(),
+        Path::new("x.jsonl"),
+        role,
+        PointSet::Joints,
+        None,
+    )
+    .unwrap()
+}
+
+fn scored(poses: &str, truth: &str) -> Scores {
+    score(
+        &recording(poses, LinesRole::Poses),
+        &recording(truth, LinesRole::Truth),
+        Some(60.0),
+    )
+}
+
+fn check(actual: f64, expected: f64) {
+    assert!(
+        (actual - expected).abs() < 1e-9,
+        "{actual} is not {expected}"
+    );
+}
+
+#[test]
+fn a_perfect_answer_scores_full_marks() {
+    let truth: String = (0..4)
+        .map(|t| exact(t, 1, 0.0) + &exact(t, 2, 3.0))
+        .collect();
+    let scores = scored(&truth, &truth);
+    assert_eq!(scores.actors.len(), 2);
+    let one = &scores.actors[&1];
+    assert_eq!((one.frames, one.gaps, one.missing_points), (4, 0, 0));
+    for percent in [
+        one.success_150,
+        one.pcp_both_ends,
+        one.pcp_mean_end,
+        one.pcp_midpoint,
+        one.pck_50,
+    ] {
+        check(percent, 100.0);
+    }
+    check(one.mpjpe_mm.unwrap(), 0.0);
+    check(one.jitter_m_s3.unwrap(), 0.0);
+    let id = &scores.identity;
+    assert_eq!((id.switches, id.fragmentations, id.false_births), (0, 0, 0));
+    check(id.idf1, 100.0);
+    check(id.mota, 100.0);
+}
+
+#[test]
+fn errors_and_parts_are_as_worked_out_by_hand() {
+    // Every limb is 0.4 m long (hip to knee and so on are one row apart): its half is 0.2 m.
+    // Left elbow (2) off by 0.3, left wrist (4) off by 0.06, the other ten exact.
+    let poses = line(7, 9, 0.0, |i| {
+        [(2, 0.3), (4, 0.06)]
+            .iter()
+            .find(|e| e.0 == i)
+            .map_or(0.0, |e| e.1)
+    });
+    let scores = scored(&poses, &exact(7, 1, 0.0));
+    let one = &scores.actors[&1];
+    check(one.mpjpe_mm.unwrap(), 1000.0 * 0.36 / 12.0);
+    check(one.success_150, 100.0);
+    check(one.pck_50, 100.0 * 10.0 / 12.0);
+    check(one.pck_100, 100.0 * 11.0 / 12.0);
+    // Upper arm: ends 0 and 0.3; lower arm: 0.3 and 0.06. Both ends fail in both; the means are 0.15
+    // and 0.18, the midpoints off by 0.15 and 0.18: within 0.2.
+    check(one.pcp_both_ends, 100.0 * 6.0 / 8.0);
+    check(one.pcp_mean_end, 100.0);
+    check(one.pcp_midpoint, 100.0);
+}
+
+#[test]
+fn a_gap_is_wrong_everywhere_but_in_the_mpjpe() {
+    let truth = exact(0, 1, 0.0) + &exact(1, 1, 0.0);
+    let poses = line(0, 1, 0.0, |_| 0.04) + &line(1, 1, 0.0, |_| 0.6);
+    let one = &scored(&poses, &truth).actors[&1];
+    assert_eq!(one.gaps, 1);
+    check(one.mpjpe_mm.unwrap(), 40.0);
+    for percent in [
+        one.success_150,
+        one.pcp_both_ends,
+        one.pcp_mean_end,
+        one.pcp_midpoint,
+        one.pck_100,
+    ] {
+        check(percent, 50.0);
+    }
+}
+
+#[test]
+fn a_point_that_the_pose_lacks_is_wrong() {
+    let poses = exact(0, 1, 0.0).replace("\"left_wrist\"", "\"somewhere\"");
+    let one = &scored(&poses, &exact(0, 1, 0.0)).actors[&1];
+    assert_eq!(one.missing_points, 1);
+    check(one.pck_50, 100.0 * 11.0 / 12.0);
+    check(one.pcp_both_ends, 100.0 * 7.0 / 8.0);
+    check(one.mpjpe_mm.unwrap(), 0.0);
+}
+
+#[test]
+fn more_pairs_within_the_gate_go_before_less_distance() {
+    // Truths at 0 and 0.4; poses at 0.4 and 0.8. The nearest pair (0.4, 0.4) would leave two gaps.
+    let truth = exact(0, 1, 0.0) + &exact(0, 2, 0.4);
+    let poses = exact(0, 1, 0.4) + &exact(0, 2, 0.8);
+    let scores = scored(&poses, &truth);
+    check(scores.mean.gaps, 0.0);
+    check(scores.mean.mpjpe_mm.unwrap(), 400.0);
+}
+
+#[test]
+fn an_id_that_changes_is_a_switch_and_costs_idf1() {
+    // Id 1 for three ticks, then id 2 for one: MOTA = 1 - 1/4, IDTP = 3 of 4 truths and 4 poses.
+    let truth: String = (0..4).map(|t| exact(t, 1, 0.0)).collect();
+    let poses: String = (0..4)
+        .map(|t| exact(t, if t < 3 { 1 } else { 2 }, 0.0))
+        .collect();
+    let id = scored(&poses, &truth).identity;
+    assert_eq!((id.switches, id.fragmentations, id.false_births), (1, 0, 0));
+    check(id.mota, 75.0);
+    check(id.idf1, 75.0);
+}
+
+#[test]
+fn two_ids_that_swap_are_two_switches() {
+    let truth: String = (0..4)
+        .map(|t| exact(t, 1, 0.0) + &exact(t, 2, 3.0))
+        .collect();
+    let poses: String = (0..4)
+        .map(|t| {
+            if t < 2 {
+                exact(t, 1, 0.0) + &exact(t, 2, 3.0)
+            } else {
+                exact(t, 2, 0.0) + &exact(t, 1, 3.0)
+            }
+        })
+        .collect();
+    let id = scored(&poses, &truth).identity;
+    assert_eq!(id.switches, 2);
+    check(id.mota, 75.0);
+    check(id.idf1, 50.0);
+}
+
+#[test]
+fn clear_goes_on_with_a_pair_that_is_still_within_the_gate() {
+    // The poses of two people 0.3 m apart cross for one tick: nearer to the other, still in the gate.
+    let truth: String = (0..3)
+        .map(|t| exact(t, 1, 0.0) + &exact(t, 2, 0.3))
+        .collect();
+    let crossed = exact(1, 1, 0.3) + &exact(1, 2, 0.0);
+    let poses =
+        exact(0, 1, 0.0) + &exact(0, 2, 0.3) + &crossed + &exact(2, 1, 0.0) + &exact(2, 2, 0.3);
+    let scores = scored(&poses, &truth);
+    assert_eq!(scores.identity.switches, 0);
+    check(scores.identity.idf1, 100.0);
+    // The accuracy's matching has no memory: each pose goes to whom it is nearest.
+    check(scores.mean.mpjpe_mm.unwrap(), 0.0);
+}
+
+#[test]
+fn a_track_that_is_lost_and_found_is_a_fragmentation() {
+    let truth: String = (0..5)
+        .map(|t| exact(t, 1, 0.0) + &exact(t, 2, 3.0))
+        .collect();
+    let poses: String = (0..5)
+        .map(|t| {
+            if t == 2 {
+                exact(t, 2, 3.0)
+            } else {
+                exact(t, 1, 0.0) + &exact(t, 2, 3.0)
+            }
+        })
+        .collect();
+    let scores = scored(&poses, &truth);
+    let id = &scores.identity;
+    assert_eq!((id.switches, id.fragmentations), (0, 1));
+    check(id.mota, 90.0);
+    check(id.idf1, 100.0 * 18.0 / 19.0);
+    assert_eq!(scores.actors[&1].gaps, 1);
+}
+
+#[test]
+fn an_id_that_is_mostly_nobody_is_a_false_birth() {
+    // Id 5 lives ten ticks far from anybody; id 6 is matched in exactly half of its two ticks.
+    let truth: String = (0..10).map(|t| exact(t, 1, 0.0)).collect();
+    let mut poses: String = (0..10).map(|t| exact(t, 5, 9.0)).collect();
+    poses += &(exact(3, 6, 0.0) + &exact(4, 6, 5.0));
+    let id = scored(&poses, &truth).identity;
+    assert_eq!(id.false_births, 1);
+    check(id.mota, 100.0 * (1.0 - 11.0) / 10.0);
+}
+
+#[test]
+fn poses_where_a_whole_truth_has_nobody_count_and_where_a_partial_truth_is_silent_do_not() {
+    let poses: String = (0..6).map(|t| exact(t, 1, 0.0)).collect();
+    let whole: String = (0..3).map(|t| exact(t, 1, 0.0)).collect();
+    check(scored(&poses, &whole).identity.mota, 0.0);
+    let partial: String = [0, 2, 4].map(|t| exact(t, 1, 0.0)).concat();
+    let scores = scored(&poses, &partial);
+    assert!(scores.truth_partial);
+    check(scores.identity.mota, 100.0);
+    assert_eq!(scores.actors[&1].frames, 3);
+    // No tick of this truth follows another.
+    assert_eq!(scores.actors[&1].jitter_m_s3, None);
+}
+
+#[test]
+fn people_whom_a_partial_truth_leaves_out_are_not_held_against_the_poses() {
+    let both = |t| exact(t, 1, 0.0) + &exact(t, 2, 5.0);
+    let poses: String = (0..4).map(both).collect();
+    // Person 2 is there all the time; the truth knows it at the first and the last tick.
+    let partial = [both(0), exact(1, 1, 0.0), exact(2, 1, 0.0), both(3)].concat();
+    let identity = scored(&poses, &partial).identity;
+    check(identity.mota, 100.0);
+    check(identity.idf1, 100.0);
+    // A second pose of one whom the truth does know is wrong all the same.
+    let doubled = poses + &exact(3, 3, 0.1);
+    let identity = scored(&doubled, &partial).identity;
+    check(identity.mota, 100.0 * 5.0 / 6.0);
+    check(identity.idf1, 100.0 * 12.0 / 13.0);
+}
+
+#[test]
+fn without_poses_all_is_gaps() {
+    let scores = scored("", &exact(0, 1, 0.0));
+    let one = &scores.actors[&1];
+    assert_eq!((one.gaps, one.mpjpe_mm), (1, None));
+    check(one.pcp_midpoint, 0.0);
+    check(scores.identity.mota, 0.0);
+    check(scores.identity.idf1, 0.0);
+}
+
+#[test]
+fn the_mean_is_over_actors_and_on_shelf_over_the_first_three() {
+    let truth = "{\"tick\": 0, \"person\": 3, \"joints\": {\"left_hip\": [0, 0, 1]}}\n\
+                 {\"tick\": 0, \"person\": 4, \"joints\": {\"left_hip\": [5, 0, 1]}}\n";
+    let poses = "{\"tick\": 0, \"person\": 1, \"keypoints\": {\"left_hip\": [0, 0, 1.02]}}\n\
+                 {\"tick\": 0, \"person\": 2, \"keypoints\": {\"left_hip\": [5, 0, 1.04]}}\n";
+    let mean_mm = |points| {
+        let read = |text: &str, role| {
+            PoseLines::read(text.as_bytes(), Path::new("x"), role, points, None).unwrap()
+        };
+        let scores = score(
+            &read(poses, LinesRole::Poses),
+            &read(truth, LinesRole::Truth),
+            None,
+        );
+        scores.mean.mpjpe_mm.unwrap()
+    };
+    check(mean_mm(PointSet::Keypoints), 30.0);
+    check(mean_mm(PointSet::Shelf14), 20.0);
+}
+
+#[test]
+fn the_json_has_the_fields_that_others_read() {
+    let value = serde_json::to_value(scored(&exact(0, 1, 0.0), &exact(0, 1, 0.0))).unwrap();
+    for field in [
+        "frames",
+        "success_150",
+        "mpjpe_mm",
+        "pcp_both_ends",
+        "pcp_mean_end",
+        "pcp_midpoint",
+        "pck_50",
+        "pck_100",
+        "gaps",
+        "jitter_m_s3",
+        "foot_slide_mm_s",
+    ] {
+        assert!(value["actors"]["1"].get(field).is_some(), "{field}");
+        assert!(value["mean"].get(field).is_some(), "{field}");
+    }
+    for field in ["switches", "fragmentations", "false_births", "idf1", "mota"] {
+        assert!(value["identity"].get(field).is_some(), "{field}");
+    }
+    assert_eq!(value["points"], "joints");
+}
+
+#[test]
+fn the_table_says_what_it_leaves_out() {
+    let truth = exact(0, 1, 0.0) + &exact(2, 1, 0.0);
+    let scores = score(
+        &recording("", LinesRole::Poses),
+        &recording(&truth, LinesRole::Truth),
+        None,
+    );
+    let text = scores.to_string();
+    assert!(
+        text.contains("false births not counted") && text.contains("no rate is known"),
+        "{text}"
+    );
+}

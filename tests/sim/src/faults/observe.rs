@@ -1,0 +1,373 @@
+//! What one camera's maps hold at one tick: truth, projected, covered by bodies, and wrong in the
+//! ways of the scene's [`FaultProfile`].
+//!
+//! Where several faults meet: a keypoint that another body covers is hidden and leaks, its peak has
+//! the leak's height. A keypoint that is missing, or hidden without a peak, has no mirrored peak
+//! either, as that is measured in the true one; the peak of another person that leaks in stays.
+//! Where no body covers a keypoint, what a mirror or a poster shows of the nearest figure leaks in as a
+//! body's keypoint does: a network cannot know which of two figures side by side is nobody.
+
+use std::sync::Arc;
+
+use farfield_proto::camera::CameraModel;
+use farfield_proto::frames::Point;
+use nalgebra::{Vector2, Vector3};
+use rand::RngExt as _;
+
+use super::cover::{Bodies, Cover};
+use super::crowd::{FigureKind, Subject};
+use super::in_sight::Standpoint;
+use super::streams::{
+    DrawnFault, KeypointDraws, KeypointStreams, N_KEYPOINTS, StreamOwner, stream,
+};
+use crate::fault_profile::FaultProfile;
+
+/// COCO's OKS constants, in COCO's order.
+const SIGMAS: [f64; N_KEYPOINTS] = [
+    0.026, 0.025, 0.025, 0.035, 0.035, 0.079, 0.079, 0.072, 0.072, 0.062, 0.062, 0.107, 0.107,
+    0.087, 0.087, 0.089, 0.089,
+];
+/// The scale s of OKS, sqrt(area), in statures: 0.71 m for 1.75 m.
+const SCALE_PER_STATURE: f64 = 0.71 / 1.75;
+/// Depth at which errors stop growing in the image, metres: nearer, a hand fills it.
+const NEAREST_M: f64 = 0.3;
+/// Keypoints that a detector must see, in the image and not behind another body, to find somebody:
+/// a third.
+pub(super) const LEAST_KEYPOINTS: usize = 6;
+
+/// The faults of one camera, at some tick.
+#[derive(Debug, Clone)]
+pub(super) struct CameraFaults {
+    camera: Arc<CameraModel>,
+    profile: FaultProfile,
+    seed: u64,
+    rate_hz: f64,
+    index: u16,
+    /// `None`: nothing stands in between, and everybody is seen.
+    standpoint: Option<Standpoint>,
+    capture_offset_us: i32,
+    tick: u64,
+    /// `[person][keypoint]`.
+    streams: Vec<Vec<KeypointStreams>>,
+}
+
+/// What one camera's maps hold at one tick.
+#[derive(Debug, Clone)]
+pub struct MapObservation {
+    pub(super) camera: Arc<CameraModel>,
+    pub(super) capture_offset_us: i32,
+    /// Those of whom anything is in the image.
+    pub(super) people: Vec<ImagedPerson>,
+    /// Highest noise, 0 to 1.
+    pub(super) noise: f64,
+    /// Different for every seed, camera and tick.
+    pub(super) noise_key: u64,
+}
+
+/// One person in one image.
+#[derive(Debug, Clone)]
+pub(super) struct ImagedPerson {
+    /// Number in the scene.
+    pub(super) person: usize,
+    /// Pelvis and neck without any error, undistorted pixels.
+    pub(super) torso_px: Vector2<f64>,
+    pub(super) neck_px: Vector2<f64>,
+    pub(super) keypoints: [KeypointPeaks; N_KEYPOINTS],
+}
+
+/// The peaks in one keypoint's map.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(super) struct KeypointPeaks {
+    /// Where the keypoint is, more or less.
+    pub(super) own: Option<MapPeak>,
+    /// Where the opposite limb's is.
+    pub(super) mirrored: Option<MapPeak>,
+    /// Where that of whoever stands before it is; in the maps of crops that hold it.
+    pub(super) leaked: Option<MapPeak>,
+    /// Whether it is in the image and no other body covers it.
+    pub(super) in_the_open: bool,
+}
+
+/// A peak.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct MapPeak {
+    /// Undistorted pixels.
+    pub(super) at_px: Vector2<f64>,
+    /// 1 where nothing is wrong.
+    pub(super) height: f64,
+}
+
+impl MapObservation {
+    /// When the picture was taken, microseconds after the tick's time.
+    pub fn capture_offset_us(&self) -> i32 {
+        self.capture_offset_us
+    }
+
+    /// A black picture: nobody, and not even noise.
+    pub fn black(camera: &Arc<CameraModel>) -> Self {
+        Self {
+            camera: Arc::clone(camera),
+            capture_offset_us: 0,
+            people: Vec::new(),
+            noise: 0.0,
+            noise_key: 0,
+        }
+    }
+}
+
+/// A person as the camera meets them.
+struct PersonInView {
+    figure: FigureKind,
+    /// Undistorted pixels.
+    torso_px: Vector2<f64>,
+    neck_px: Vector2<f64>,
+    covered: [Cover; N_KEYPOINTS],
+    /// The keypoints inside the image, with their errors.
+    found_px: [Option<Vector2<f64>>; N_KEYPOINTS],
+}
+
+impl CameraFaults {
+    /// The faults of camera `index` at tick 0, for `n_people` people of a scene of `seed`.
+    pub(super) fn new(
+        camera: CameraModel,
+        index: usize,
+        n_people: usize,
+        profile: FaultProfile,
+        (seed, rate_hz): (u64, f64),
+    ) -> Self {
+        let mut faults = Self {
+            camera: Arc::new(camera),
+            profile,
+            seed,
+            rate_hz,
+            index: index as u16,
+            standpoint: None,
+            capture_offset_us: 0,
+            tick: 0,
+            streams: Vec::with_capacity(n_people),
+        };
+        if faults.profile.free_running {
+            let owner = StreamOwner {
+                camera: faults.index,
+                ..StreamOwner::default()
+            };
+            let share = stream(seed, DrawnFault::Timing, owner).random::<f64>() - 0.5;
+            faults.capture_offset_us = (share / rate_hz * 1e6).round() as i32;
+        }
+        faults.restart(n_people);
+        faults
+    }
+
+    /// The same among the mirrors and posters of a scene.
+    pub(super) fn standing(mut self, at: Standpoint) -> Self {
+        self.standpoint = Some(at);
+        self
+    }
+
+    fn restart(&mut self, n_people: usize) {
+        self.tick = 0;
+        self.streams.clear();
+        let person = |person| {
+            let keypoint = |keypoint| {
+                let owner = StreamOwner {
+                    camera: self.index,
+                    person,
+                    keypoint,
+                };
+                KeypointStreams::new(&self.profile, self.rate_hz, self.seed, owner)
+            };
+            (0..N_KEYPOINTS as u16).map(keypoint).collect()
+        };
+        let streams = (0..n_people as u16).map(person).collect();
+        self.streams = streams;
+    }
+
+    /// Goes to `tick`, from tick 0 where it lies behind.
+    fn go_to(&mut self, tick: u64) {
+        if tick < self.tick {
+            self.restart(self.streams.len());
+        }
+        for _ in self.tick..tick {
+            for streams in self.streams.iter_mut().flatten() {
+                streams.advance();
+            }
+        }
+        self.tick = tick;
+    }
+
+    /// What the camera's maps hold at `tick` (from 0) when the people are where `subjects` says;
+    /// one entry per person of the scene, `None` for who is not there.
+    ///
+    /// Cost: what [`crate::body::Volume::covers`] costs for every keypoint in the image and every
+    /// person.
+    pub(super) fn observe(&mut self, tick: u64, subjects: &[Option<Subject>]) -> MapObservation {
+        self.go_to(tick);
+        let eye_m = self.camera.center().coordinates_m().coords;
+        let bodies = Bodies::new(eye_m, subjects, self.standpoint.as_ref());
+        let views: Vec<Option<PersonInView>> = (0..subjects.len())
+            .map(|person| self.view(person, subjects[person].as_ref()?, &bodies))
+            .collect();
+        let people = (0..views.len())
+            .filter_map(|person| self.seen(person, &views))
+            .collect();
+        MapObservation {
+            camera: Arc::clone(&self.camera),
+            capture_offset_us: self.capture_offset_us,
+            people,
+            noise: self.profile.noise.map_or(0.0, |noise| noise.floor),
+            noise_key: mixed(mixed(self.seed ^ u64::from(self.index) << 48) ^ tick),
+        }
+    }
+
+    /// The offset of the camera's captures from their ticks, microseconds: constant, and 0 for cameras
+    /// that run with the ticks.
+    pub(super) fn capture_offset_us(&self) -> i32 {
+        self.capture_offset_us
+    }
+
+    /// How the camera meets somebody, and where it finds their keypoints; `None` where none of them
+    /// is in the image, or pelvis and neck lie behind the camera.
+    fn view(&self, person: usize, subject: &Subject, bodies: &Bodies<'_>) -> Option<PersonInView> {
+        let at = self.standpoint.as_ref();
+        if at.is_some_and(|at| !at.faces(subject)) {
+            return None;
+        }
+        let project = |p: &Vector3<f64>| self.camera.project(Point::new((*p).into()));
+        let sites_px = subject.sites_m.each_ref().map(|site_m| {
+            let px = project(site_m).filter(|px| self.camera.sees(*px))?;
+            let reached = at.is_none_or(|at| at.reaches(subject, site_m));
+            reached.then(|| px.vector_px())
+        });
+        sites_px.iter().flatten().next()?;
+        let torso_px = project(&subject.torso_m).map(|px| px.vector_px());
+        let neck_px = project(&subject.neck_m).map(|px| px.vector_px());
+        let mut view = PersonInView {
+            figure: subject.figure,
+            torso_px: torso_px.or(neck_px)?,
+            neck_px: neck_px.or(torso_px)?,
+            covered: [Cover::default(); N_KEYPOINTS],
+            found_px: [None; N_KEYPOINTS],
+        };
+        let before = bodies.before(person);
+        let px_per_m = self.px_per_m(&subject.torso_m);
+        for (k, streams) in self.streams[person].iter().enumerate() {
+            let Some(site_px) = sites_px[k] else { continue };
+            view.covered[k] = bodies.cover(person, k, &before);
+            let scale_m = SIGMAS[k] * SCALE_PER_STATURE * subject.stature_m;
+            let error = self.error(&streams.draws(), view.covered[k].any());
+            view.found_px[k] = Some(site_px + scale_m * error.component_mul(&px_per_m));
+        }
+        Some(view)
+    }
+
+    /// The error of a keypoint in the image plane, in `sigma_k s`.
+    fn error(&self, draws: &KeypointDraws, covered: bool) -> Vector2<f64> {
+        let factor = match self.profile.hidden {
+            Some(hidden) if covered => hidden.bias_factor,
+            _ => 1.0,
+        };
+        let bias = self.profile.bias.map_or(0.0, |bias| bias.share_of_sigma);
+        let jitter = self
+            .profile
+            .jitter
+            .map_or(0.0, |jitter| jitter.share_of_sigma);
+        Vector2::from(draws.bias) * (bias * factor) + Vector2::from(draws.jitter) * jitter
+    }
+
+    /// Pixels that a metre across the line of sight takes at the depth of `point_m`.
+    fn px_per_m(&self, point_m: &Vector3<f64>) -> Vector2<f64> {
+        let p_c = *self.camera.camera_from_world() * Point::new((*point_m).into());
+        let depth_m = p_c.coordinates_m().z.max(NEAREST_M);
+        let focal = self.camera.intrinsics();
+        Vector2::new(focal.fx_px, focal.fy_px) / depth_m
+    }
+
+    /// The peaks of one person; `None` where nothing of them is in the image.
+    fn seen(&self, person: usize, views: &[Option<PersonInView>]) -> Option<ImagedPerson> {
+        let view = views[person].as_ref()?;
+        let nobody = nobody_beside(view, views);
+        let mut keypoints = [KeypointPeaks::default(); N_KEYPOINTS];
+        for (k, evidence) in keypoints.iter_mut().enumerate() {
+            if let Some(at_px) = view.found_px[k] {
+                let draws = self.streams[person][k].draws();
+                *evidence = self.evidence(k, at_px, &draws, (view, views));
+                let shown = nobody.filter(|_| draws.leaks && evidence.in_the_open);
+                if let Some((leak, nobody)) = self.profile.leak.zip(shown) {
+                    evidence.leaked = nobody.in_the_open(k).map(|at_px| MapPeak {
+                        at_px,
+                        height: leak.height,
+                    });
+                }
+            }
+        }
+        Some(ImagedPerson {
+            person,
+            torso_px: view.torso_px,
+            neck_px: view.neck_px,
+            keypoints,
+        })
+    }
+
+    /// The peaks in the map of keypoint `k` of whom `view` shows.
+    fn evidence(
+        &self,
+        k: usize,
+        at_px: Vector2<f64>,
+        draws: &KeypointDraws,
+        (view, views): (&PersonInView, &[Option<PersonInView>]),
+    ) -> KeypointPeaks {
+        let Cover { by_other, .. } = view.covered[k];
+        let hidden = self.profile.hidden.filter(|_| view.covered[k].any());
+        let leak = self.profile.leak.filter(|_| by_other.is_some());
+        let height = match (hidden, draws.hidden) {
+            (Some(_), None) => None,
+            (Some(_), guessed) if leak.is_none() => guessed,
+            _ => Some(leak.map_or(1.0, |leak| leak.own_height)),
+        };
+        let height = height.filter(|_| !draws.missing);
+        let peak = |at_px, height| MapPeak { at_px, height };
+        KeypointPeaks {
+            own: height.map(|height| peak(at_px, height)),
+            mirrored: height.zip(draws.mirror).and_then(|(height, share)| {
+                let at_px = view.found_px[super::opposite(k)?]?;
+                Some(peak(at_px, height * share))
+            }),
+            leaked: leak.filter(|_| draws.leaks).and_then(|leak| {
+                let at_px = views[by_other?].as_ref()?.found_px[k]?;
+                Some(peak(at_px, leak.height))
+            }),
+            in_the_open: by_other.is_none(),
+        }
+    }
+}
+
+impl PersonInView {
+    /// Where keypoint `k` is found, if no other body covers it.
+    fn in_the_open(&self, k: usize) -> Option<Vector2<f64>> {
+        self.found_px[k].filter(|_| self.covered[k].by_other.is_none())
+    }
+}
+
+/// The reflection or poster that is seen nearest to the person of `view`.
+fn nobody_beside<'a>(
+    view: &PersonInView,
+    views: &'a [Option<PersonInView>],
+) -> Option<&'a PersonInView> {
+    if view.figure != FigureKind::Body {
+        return None;
+    }
+    let apart_px = |other: &PersonInView| (other.torso_px - view.torso_px).norm();
+    let shown = views
+        .iter()
+        .flatten()
+        .filter(|v| v.figure != FigureKind::Body);
+    shown.min_by(|a, b| apart_px(a).total_cmp(&apart_px(b)))
+}
+
+/// A number that looks like none before (the finaliser of splitmix64).
+pub(super) fn mixed(x: u64) -> u64 {
+    let x = x.wrapping_add(0x9e37_79b9_7f4a_7c15);
+    let x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    let x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    x ^ (x >> 31)
+}

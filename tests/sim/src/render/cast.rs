@@ -1,0 +1,161 @@
+//! Rays against cones, a row of pixels at a time.
+
+use nalgebra::Vector3;
+
+use super::view::{CameraView, PixelBox, TILE};
+use crate::body::Cone;
+
+/// No hit.
+pub(super) const NOTHING: u32 = u32::MAX;
+/// Nearest depth that is drawn, metres.
+const NEAR_M: f32 = 0.1;
+
+/// A cone as one view sees it. Rays are affine in (u, v), so that their direction in the cone's
+/// local coordinates costs six multiplications; the eye is the same for all of them.
+#[derive(Debug, Clone)]
+pub(super) struct Cast {
+    /// Direction = `d[0]` + u `d[1]` + v `d[2]`, local.
+    d: [[f32; 3]; 3],
+    /// The eye, local.
+    eye: [f32; 3],
+    length: f32,
+    ra: f32,
+    rb: f32,
+    /// Sine of the flank's slope, and the square of its cosine.
+    slope: f32,
+    cos2: f32,
+    /// Ends in camera axes, and the larger radius, metres.
+    ends_c: [Vector3<f32>; 2],
+    reach_m: f32,
+    /// Pixels that may see it.
+    pub(super) bound: PixelBox,
+}
+
+/// The nearest hits of a tile: depth along the ray (u, v, 1), and which cone.
+pub(super) struct Hits {
+    pub(super) depth: [[f32; TILE]; TILE],
+    pub(super) cone: [[u32; TILE]; TILE],
+}
+
+impl Hits {
+    pub(super) fn none() -> Self {
+        Self {
+            depth: [[f32::INFINITY; TILE]; TILE],
+            cone: [[NOTHING; TILE]; TILE],
+        }
+    }
+}
+
+impl Cast {
+    /// `None` where the view does not see it.
+    pub(super) fn new(cone: &Cone, view: &CameraView) -> Option<Self> {
+        let ends = [cone.origin_m, cone.tip_m].map(|p| view.rotation * (p - view.eye_m));
+        let bound = view.bound(&ends, &cone.reach_m)?;
+        let axes = cone.to_local * view.rotation.transpose();
+        let eye = cone.to_local * (view.eye_m - cone.origin_m);
+        let row = |c: usize| {
+            [
+                axes[(0, c)] as f32,
+                axes[(1, c)] as f32,
+                axes[(2, c)] as f32,
+            ]
+        };
+        let slope = if cone.length > 0.0 {
+            (cone.radii[0] - cone.radii[1]) / cone.length
+        } else {
+            0.0
+        };
+        Some(Self {
+            d: [row(2), row(0), row(1)],
+            eye: [eye.x as f32, eye.y as f32, eye.z as f32],
+            length: cone.length as f32,
+            ra: cone.radii[0] as f32,
+            rb: cone.radii[1] as f32,
+            slope: slope as f32,
+            cos2: (1.0 - slope * slope).max(1e-4) as f32,
+            ends_c: ends.map(Vector3::<f64>::cast),
+            reach_m: cone.reach_m[0].max(cone.reach_m[1]) as f32,
+            bound,
+        })
+    }
+
+    /// Whether any of the rays within `spread` of (u, v) may hit.
+    pub(super) fn is_near(&self, [u, v]: [f32; 2], spread: f32) -> bool {
+        let ray = Vector3::new(u, v, 1.0).normalize();
+        let [a, b] = self.ends_c;
+        let axis = b - a;
+        // The point of the axis nearest to the ray: distances are measured square to the ray.
+        let square = |p: Vector3<f32>| p - ray * ray.dot(&p);
+        let (qa, qx) = (square(a), square(axis));
+        let share = (-qa.dot(&qx) / qx.norm_squared().max(1e-9)).clamp(0.0, 1.0);
+        let reach = self.reach_m + spread * a.z.max(b.z).max(0.0) * 1.5;
+        (qa + qx * share).norm_squared() < reach * reach
+    }
+
+    /// Keeps what is nearer than the hits so far along one row of rays.
+    #[inline]
+    pub(super) fn row(
+        &self,
+        index: u32,
+        rays: &[[f32; TILE]; 2],
+        depth: &mut [f32; TILE],
+        cone: &mut [u32; TILE],
+    ) {
+        let entries = self.entries(rays);
+        for i in 0..TILE {
+            let nearer = entries[i] < depth[i] && entries[i] > NEAR_M;
+            depth[i] = if nearer { entries[i] } else { depth[i] };
+            cone[i] = if nearer { index } else { cone[i] };
+        }
+    }
+
+    /// Depths at which a row of rays enters, infinite where it does not. The same equations as
+    /// [`Cone::entry`]; without branches, so that several rays are computed at once.
+    #[expect(
+        clippy::needless_bitwise_bool,
+        reason = "a lazy operator is a branch, and keeps the loop from computing lanes at once"
+    )]
+    #[inline(never)]
+    fn entries(&self, [u, v]: &[[f32; TILE]; 2]) -> [f32; TILE] {
+        let [d0, du, dv] = self.d;
+        let [ex, ey, ez] = self.eye;
+        let (ra, length) = (self.ra, self.length);
+        let (ra2, rb2) = (ra * ra, self.rb * self.rb);
+        let (c2, lean) = (self.cos2, self.slope * self.ra);
+        let top = length * c2;
+        let positive = |v: f32| if v > 0.0 { v } else { 0.0 };
+        let least = |a: f32, b: f32| if a < b { a } else { b };
+        let mut entries = [f32::INFINITY; TILE];
+        for i in 0..TILE {
+            let dx = d0[0] + u[i] * du[0] + v[i] * dv[0];
+            let dy = d0[1] + u[i] * du[1] + v[i] * dv[1];
+            let dz = d0[2] + u[i] * du[2] + v[i] * dv[2];
+            let dd = dx * dx + dy * dy + dz * dz;
+            let per = 1.0 / dd;
+            // Near the cone first: squares of metres far away would drown its radius.
+            let t0 = -(dx * ex + dy * ey + dz * (ez - 0.5 * length)) * per;
+            let ox = ex + t0 * dx;
+            let oy = ey + t0 * dy;
+            let oz = ez + t0 * dz;
+            let oo = ox * ox + oy * oy + oz * oz;
+            let b = ox * dx + oy * dy + oz * dz;
+            let k2 = c2 * dd - dz * dz;
+            let k1 = c2 * b - oz * dz + dz * lean;
+            let k0 = c2 * oo - oz * oz + 2.0 * oz * lean - ra2;
+            let h = k1 * k1 - k0 * k2;
+            let tc = (-positive(h).sqrt() - k1) / k2;
+            let y = oz - lean + tc * dz;
+            let on_flank = (h >= 0.0) & (y > 0.0) & (y < top);
+            let ha = b * b - dd * (oo - ra2);
+            let ta = (-b - positive(ha).sqrt()) * per;
+            let bb = b - length * dz;
+            let hb = bb * bb - dd * (oo - 2.0 * length * oz + length * length - rb2);
+            let tb = (-bb - positive(hb).sqrt()) * per;
+            let flank = if on_flank { tc } else { f32::INFINITY };
+            let start = if ha >= 0.0 { ta } else { f32::INFINITY };
+            let end = if hb >= 0.0 { tb } else { f32::INFINITY };
+            entries[i] = t0 + least(flank, least(start, end));
+        }
+        entries
+    }
+}

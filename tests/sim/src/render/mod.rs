@@ -1,0 +1,29 @@
+//! Pictures of people with volume: what a camera of a simulated venue sees.
+//!
+//! [`paint()`] casts rays at the solids of [`body`](crate::body), tile by tile. What does not move,
+//! a [`Backdrop`], is painted once per camera. Everything follows from the scene, the seeds and
+//! the time: the same picture has the same bytes on any number of threads.
+
+mod backdrop;
+mod cast;
+mod figure;
+mod grain;
+mod look;
+mod paint;
+mod place;
+mod renderer;
+mod sensor;
+mod shade;
+mod tiles;
+mod view;
+
+pub use backdrop::Backdrop;
+pub use figure::{Figure, Print};
+pub use paint::{Shot, paint};
+pub use place::{Light, Surroundings};
+pub use renderer::{RenderSettings, Renderer};
+pub use sensor::Sensor;
+pub use view::CameraView;
+
+#[cfg(test)]
+mod tests;

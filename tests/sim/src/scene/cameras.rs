@@ -1,0 +1,331 @@
+//! Cameras made for a field: viewpoints around it, each a fan of cameras that covers all of it.
+//!
+//! Seen from a viewpoint, the directions in which the field lies are divided evenly among its
+//! cameras, each slice a little wider than its share. A camera looks so that its slice of the
+//! field, from the floor to above a jumping head, fits into its image with the longest lens.
+
+use std::f64::consts::{PI, TAU};
+
+use farfield_proto::camera::{CameraModel, Distortion, Intrinsics};
+use nalgebra::{Vector2, Vector3};
+use rand::RngExt as _;
+
+use super::draws::{Purpose, draws};
+use super::file::GeneratedCameras;
+use crate::look_at::look_at;
+
+/// How far beyond the field's edge bodies are still seen, metres; never more than half of the way
+/// to the cameras.
+const MARGIN_M: f64 = 0.3;
+/// Up to where bodies are seen, metres: a tall person's raised hand, or head in a jump.
+const TOP_M: f64 = 2.5;
+/// How much wider a slice is than its share, on either side.
+const OVERLAP: f64 = 0.08;
+/// Part of the image that its slice may fill, so that rounding loses nothing.
+const FILL: f64 = 0.985;
+/// Widest half angle of an image, as a tangent: beyond it a lens of this model would be a fisheye.
+const WIDEST: f64 = 2.5;
+/// Steps of a camera's direction in which the best is looked for, radians.
+const STEP_RAD: f64 = PI / 720.0;
+
+/// The cameras of a scene and how they are mounted.
+#[derive(Debug, Default)]
+pub(super) struct CameraRig {
+    pub(super) viewpoints: Vec<super::SceneViewpoint>,
+    pub(super) cameras: Vec<CameraModel>,
+}
+
+/// Mounts the cameras of `wanted` around a field of `size_m`.
+///
+/// # Errors
+/// What is wrong, in words, when a field cannot be covered so.
+pub(super) fn generate(
+    wanted: &GeneratedCameras,
+    size_m: [f64; 2],
+    seed: u64,
+) -> Result<CameraRig, String> {
+    let half_m = Vector2::new(size_m[0] / 2.0, size_m[1] / 2.0);
+    let mut rng = draws(seed, Purpose::Cameras, 0);
+    let mut rig = CameraRig::default();
+    for (name, at_m) in places(wanted.viewpoints, half_m, wanted.setback_m) {
+        let eye = Vector3::new(at_m.x, at_m.y, wanted.height_m);
+        let seen_m = half_m.add_scalar(MARGIN_M.min(wanted.setback_m / 2.0));
+        let first = rig.cameras.len();
+        for (index, slice) in slices(seen_m, at_m, wanted.per_viewpoint)
+            .into_iter()
+            .enumerate()
+        {
+            let name = format!("{name}-{}", index + 1);
+            let look = aim(eye, &slice, wanted.size_px).ok_or_else(|| {
+                format!("camera `{name}` cannot have its part of the field in view: stand further back, or use more cameras")
+            })?;
+            let [w, h] = wanted.size_px.map(f64::from);
+            let intrinsics = Intrinsics {
+                fx_px: look.focal_px,
+                fy_px: look.focal_px,
+                cx_px: (w - 1.0) / 2.0,
+                cy_px: (h - 1.0) / 2.0,
+            };
+            // Both terms shrink what is inside the image, and 1 + 3 k1 r2 + 5 k2 r4 has no root.
+            let distortion = Distortion {
+                k1: rng.random_range(-0.095..-0.065),
+                k2: 0.02,
+                ..Distortion::default()
+            };
+            let pose = look_at(eye, eye + look.direction);
+            let camera = CameraModel::new(name, wanted.size_px, intrinsics, distortion, pose);
+            rig.cameras.push(camera.map_err(|error| error.to_string())?);
+        }
+        rig.viewpoints.push(super::SceneViewpoint {
+            name,
+            cameras: (first..rig.cameras.len()).collect(),
+        });
+    }
+    Ok(rig)
+}
+
+/// Names and places of `n` viewpoints around a field that reaches to `half_m`.
+fn places(n: usize, half_m: Vector2<f64>, setback_m: f64) -> Vec<(String, Vector2<f64>)> {
+    let reach = half_m.add_scalar(setback_m);
+    let corners = [
+        ("north-east", [1.0, 1.0]),
+        ("north-west", [-1.0, 1.0]),
+        ("south-west", [-1.0, -1.0]),
+        ("south-east", [1.0, -1.0]),
+    ];
+    let corners =
+        corners.map(|(name, [x, y])| (name.to_owned(), Vector2::new(x, y).component_mul(&reach)));
+    if n <= 4 {
+        // Two see most from opposite corners.
+        let chosen: &[usize] = match n {
+            2 => &[0, 2],
+            _ => &[0, 1, 2, 3][..n],
+        };
+        return chosen.iter().map(|&i| corners[i].clone()).collect();
+    }
+    let along = sides(n - 4, reach);
+    let mut places = Vec::new();
+    for (side, name) in ["north", "west", "south", "east"].into_iter().enumerate() {
+        let (from, to) = (corners[side].1, corners[(side + 1) % 4].1);
+        places.push(corners[side].clone());
+        for i in 1..=along[side] {
+            let share = i as f64 / (along[side] + 1) as f64;
+            places.push((format!("{name}-{i}"), from.lerp(&to, share)));
+        }
+    }
+    places
+}
+
+/// How many of `n` viewpoints between the corners stand along the north, west, south and east side:
+/// each next one where they are farthest apart, the first side of equals.
+fn sides(n: usize, reach: Vector2<f64>) -> [usize; 4] {
+    let length_m = [reach.x, reach.y, reach.x, reach.y];
+    let mut along = [0; 4];
+    for _ in 0..n {
+        let gap_m = |side: usize, along: &[usize; 4]| length_m[side] / (along[side] + 1) as f64;
+        let mut widest = 0;
+        for side in 1..4 {
+            if gap_m(side, &along) > gap_m(widest, &along) + 1e-9 {
+                widest = side;
+            }
+        }
+        along[widest] += 1;
+    }
+    along
+}
+
+/// The parts of the rectangle that reaches to `half_m` which the `n` cameras at `eye` see, from
+/// left to right: corners of convex polygons on the floor.
+fn slices(half_m: Vector2<f64>, eye: Vector2<f64>, n: usize) -> Vec<Vec<Vector2<f64>>> {
+    let field = [[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]]
+        .map(|[x, y]| Vector2::new(x, y).component_mul(&half_m));
+    // Angles from the direction of the field's middle, to the left; all are short of a half turn.
+    let middle = -eye;
+    let angle = |p: &Vector2<f64>| middle.perp(&(p - eye)).atan2(middle.dot(&(p - eye)));
+    let leftmost = field.iter().map(angle).fold(f64::MIN, f64::max);
+    let rightmost = field.iter().map(angle).fold(f64::MAX, f64::min);
+    let share = (leftmost - rightmost) / n as f64;
+    let forward = middle.y.atan2(middle.x);
+    let slice = |i: usize| {
+        let left = leftmost - i as f64 * share;
+        let wider = OVERLAP * share;
+        let ray = |angle: f64| Vector2::new((forward + angle).cos(), (forward + angle).sin());
+        let mut part = field.to_vec();
+        if i > 0 {
+            let ray = ray(left + wider);
+            part = clip(&part, |p| -ray.perp(&(p - eye)));
+        }
+        if i + 1 < n {
+            let ray = ray(left - share - wider);
+            part = clip(&part, |p| ray.perp(&(p - eye)));
+        }
+        part
+    };
+    (0..n).map(slice).collect()
+}
+
+/// The part of a convex polygon where `inside` is not negative (Sutherland and Hodgman).
+fn clip(polygon: &[Vector2<f64>], inside: impl Fn(&Vector2<f64>) -> f64) -> Vec<Vector2<f64>> {
+    let mut kept = Vec::new();
+    for (i, a) in polygon.iter().enumerate() {
+        let b = &polygon[(i + 1) % polygon.len()];
+        let (at_a, at_b) = (inside(a), inside(b));
+        if at_a >= 0.0 {
+            kept.push(*a);
+        }
+        if at_a * at_b < 0.0 {
+            kept.push(a.lerp(b, at_a / (at_a - at_b)));
+        }
+    }
+    kept
+}
+
+/// Where a camera looks, and with what lens.
+struct CameraLook {
+    direction: Vector3<f64>,
+    focal_px: f64,
+}
+
+/// The direction from `eye` in which the prism over `slice` fits the image with the longest lens.
+fn aim(eye: Vector3<f64>, slice: &[Vector2<f64>], size_px: [u32; 2]) -> Option<CameraLook> {
+    let corners: Vec<Vector3<f64>> = slice
+        .iter()
+        .flat_map(|p| [0.0, TOP_M].map(|z| Vector3::new(p.x, p.y, z) - eye))
+        .collect();
+    let sum: Vector3<f64> = corners.iter().map(Vector3::normalize).sum();
+    let pan = sum.y.atan2(sum.x);
+    let mut best = (0.0, 0.0, 0.0);
+    // Coarse to fine: the focal length is smooth enough in both angles for that.
+    for step in [16.0 * STEP_RAD, 4.0 * STEP_RAD, STEP_RAD] {
+        let (_, pan_0, tilt_0) = if best.0 > 0.0 {
+            best
+        } else {
+            (0.0, pan, -TAU / 12.0)
+        };
+        let reach: i32 = if best.0 > 0.0 { 5 } else { 20 };
+        for i in -reach..=reach {
+            for j in -reach..=reach {
+                let (pan, tilt) = (pan_0 + f64::from(i) * step, tilt_0 + f64::from(j) * step);
+                let focal_px = longest_lens(&corners, pan, tilt, size_px);
+                if focal_px > best.0 {
+                    best = (focal_px, pan, tilt);
+                }
+            }
+        }
+    }
+    let (focal_px, pan, tilt) = best;
+    let widest_px = f64::from(size_px[0].max(size_px[1])) / 2.0 / WIDEST;
+    (focal_px > widest_px).then(|| CameraLook {
+        direction: direction(pan, tilt),
+        focal_px,
+    })
+}
+
+fn direction(pan: f64, tilt: f64) -> Vector3<f64> {
+    Vector3::new(tilt.cos() * pan.cos(), tilt.cos() * pan.sin(), tilt.sin())
+}
+
+/// The longest focal length at which all `corners` (from the eye) are in the image, pixels; 0 for
+/// none.
+fn longest_lens(corners: &[Vector3<f64>], pan: f64, tilt: f64, size_px: [u32; 2]) -> f64 {
+    if tilt.abs() > 0.49 * PI {
+        return 0.0;
+    }
+    let forward = direction(pan, tilt);
+    let right = forward.cross(&Vector3::z()).normalize();
+    let down = forward.cross(&right);
+    let (mut x, mut y) = (1e-9_f64, 1e-9_f64);
+    for corner in corners {
+        let depth = corner.dot(&forward);
+        if depth <= 0.05 {
+            return 0.0;
+        }
+        x = x.max(corner.dot(&right).abs() / depth);
+        y = y.max(corner.dot(&down).abs() / depth);
+    }
+    let [w, h] = size_px.map(f64::from);
+    FILL * (w / 2.0 / x).min(h / 2.0 / y)
+}
+
+#[cfg(test)]
+mod tests {
+    use farfield_proto::frames::Point;
+
+    use super::*;
+
+    fn wanted(
+        viewpoints: usize,
+        per_viewpoint: usize,
+        height_m: f64,
+        setback_m: f64,
+    ) -> GeneratedCameras {
+        GeneratedCameras {
+            viewpoints,
+            per_viewpoint,
+            height_m,
+            setback_m,
+            size_px: [1920, 1200],
+        }
+    }
+
+    /// Every point over the field is seen by a camera of every viewpoint.
+    fn check(wanted: &GeneratedCameras, size_m: [f64; 2]) {
+        let rig = generate(wanted, size_m, 7).unwrap();
+        assert_eq!(rig.viewpoints.len(), wanted.viewpoints);
+        let names: std::collections::BTreeSet<_> =
+            rig.cameras.iter().map(CameraModel::name).collect();
+        assert_eq!(names.len(), wanted.viewpoints * wanted.per_viewpoint);
+        let grid = |n: usize| (0..=n).map(move |i| i as f64 / n as f64);
+        for (x, y, z) in
+            grid(12).flat_map(|x| grid(12).flat_map(move |y| grid(4).map(move |z| (x, y, z))))
+        {
+            let point = Vector3::new((x - 0.5) * size_m[0], (y - 0.5) * size_m[1], 2.0 * z);
+            for viewpoint in &rig.viewpoints {
+                let sees = |&camera: &usize| {
+                    let camera = &rig.cameras[camera];
+                    let px = camera.project(Point::new(point.into()));
+                    px.is_some_and(|px| camera.sees(px))
+                };
+                assert!(
+                    viewpoint.cameras.iter().any(sees),
+                    "{} does not see {point:?}",
+                    viewpoint.name
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn every_viewpoint_sees_all_of_a_small_court() {
+        check(&wanted(4, 2, 2.5, 1.5), [7.0, 5.0]);
+    }
+
+    #[test]
+    fn every_viewpoint_sees_all_of_a_futsal_court() {
+        check(&wanted(4, 3, 4.0, 2.0), [24.0, 16.0]);
+    }
+
+    #[test]
+    fn every_viewpoint_sees_all_of_a_stadium() {
+        check(&wanted(16, 2, 12.0, 8.0), [105.0, 68.0]);
+    }
+
+    #[test]
+    fn odd_numbers_of_cameras_work_too() {
+        for n in [1, 2, 3, 5, 6, 7] {
+            check(&wanted(n, 1, 3.0, 2.0), [8.0, 8.0]);
+        }
+        check(&wanted(1, 5, 6.0, 4.0), [30.0, 10.0]);
+    }
+
+    #[test]
+    fn an_image_too_narrow_for_its_part_is_refused_in_words() {
+        let narrow = GeneratedCameras {
+            size_px: [16, 8192],
+            ..wanted(4, 1, 2.5, 1.5)
+        };
+        let refused = generate(&narrow, [7.0, 5.0], 7).err().unwrap();
+        assert!(refused.contains("`north-east-1`"), "{refused}");
+        assert!(refused.contains("stand further back"), "{refused}");
+    }
+}

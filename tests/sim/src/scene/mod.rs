@@ -1,0 +1,308 @@
+//! A scene: people, cameras and a ball, whose truth is a pure function of time.
+//!
+//! [`Scene::load`] reads a scene file ([`mod@file`]), its motion clips and its cameras, and plans
+//! everybody's way. After that nothing is drawn or remembered: the same scene answers any time, in
+//! any order, with the same truth ([`truth`]), in some ten microseconds per person.
+
+mod ball;
+mod cameras;
+mod draws;
+pub mod file;
+mod load;
+mod mirror;
+mod plan;
+mod poster;
+pub mod range_of_motion;
+mod sight;
+pub mod truth;
+pub mod write;
+
+use std::ops::Range;
+use std::path::Path;
+use std::sync::Arc;
+
+use farfield_proto::camera::CameraModel;
+use farfield_proto::tick::Tick;
+use farfield_proto::toml_file::{FileError, TomlFile};
+use nalgebra::Vector3;
+use rand::RngExt as _;
+
+pub use self::ball::BALL_RADIUS_M;
+use self::ball::Ball;
+use self::cameras::CameraRig;
+use self::draws::{Purpose, draws};
+use self::file::SceneFile;
+use self::load::{Clips, mount, numbers_of, posters_of, read};
+pub use self::mirror::Mirror;
+use self::plan::ScenePlan;
+pub use self::plan::{EDGE_M, KEEP_M};
+pub use self::poster::Poster;
+use self::sight::Sight;
+pub use self::sight::{LostInterval, ViewpointMask};
+use self::truth::DefinitionOffsets;
+pub use self::truth::{N_SITES, PersonTruth, SITE_JOINTS};
+use crate::fault_profile::FaultProfile;
+use crate::motion::Clip;
+
+/// Height of the field that people are tracked in above its floor, metres: a raised hand in a jump.
+const FIELD_TOP_M: f64 = 2.8;
+/// How far below the floor it begins, metres: a foot is never exactly on it.
+const FIELD_BOTTOM_M: f64 = -0.3;
+/// How far beyond the field's edge it reaches, metres: the limbs of who stands at the edge.
+const FIELD_MARGIN_M: f64 = 0.5;
+
+/// A place with cameras on one machine.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct SceneViewpoint {
+    /// Its name.
+    pub name: String,
+    /// Its cameras, as positions in [`Scene::cameras`].
+    pub cameras: Vec<usize>,
+}
+
+/// Somebody in the scene.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ScenePerson {
+    /// Name in the scene file.
+    pub name: String,
+    /// Number in truth files, from 1: the name where all names are numbers, else the place in the file.
+    pub number: u32,
+    /// Stature, metres.
+    pub stature_m: f64,
+    /// The group whose clips' coordinate frame it shares, if any.
+    pub group: Option<String>,
+    /// Seed of its shape, skin and clothes.
+    pub build_seed: u64,
+    /// When it appears, seconds; who is there from the start was there before it, too.
+    pub enter_s: f64,
+    /// When it is gone, seconds; who stays to the end stays beyond it, too.
+    pub leave_s: f64,
+    definition: DefinitionOffsets,
+}
+
+/// People, cameras and a ball; see the head of this module.
+#[derive(Debug)]
+pub struct Scene {
+    rate_hz: f64,
+    seconds: f64,
+    planned_s: f64,
+    seed: u64,
+    size_m: [f64; 2],
+    rig: CameraRig,
+    people: Vec<ScenePerson>,
+    plan: ScenePlan,
+    mirrors: Vec<Mirror>,
+    posters: Vec<Poster>,
+    sight: Sight,
+    ball: Option<Ball>,
+    faults: FaultProfile,
+}
+
+impl Scene {
+    /// Reads the scene file at `path`, its clips and its calibration.
+    ///
+    /// # Errors
+    /// [`FileError`] naming the file (the scene, a clip, the calibration), line and field.
+    pub fn load(path: &Path) -> Result<Self, FileError> {
+        let text = read(path)?;
+        Self::parse(&text, path, &mut |clip| Ok(Arc::new(Clip::load(clip)?)))
+    }
+
+    /// Reads a scene's text; `path` is what paths in it are relative to, `clips` gives the motion
+    /// clip of a path (asked once for each). A calibration is read from its file.
+    ///
+    /// # Errors
+    /// As [`Scene::load`], and what `clips` answers.
+    pub fn parse(
+        text: &str,
+        path: &Path,
+        clips: &mut dyn FnMut(&Path) -> Result<Arc<Clip>, FileError>,
+    ) -> Result<Self, FileError> {
+        let file = SceneFile::parse(text, path)?;
+        let toml = TomlFile::parse(text, path)?;
+        let rig = mount(&file, &toml)?;
+        let sight = Sight::new(&file, &rig.viewpoints, &toml)?;
+        let mut clips = Clips::new(clips);
+        let posters = posters_of(&file, &mut clips)?;
+        let clips = clips.of_people(&file)?;
+        let plan = ScenePlan::new(&file, &clips);
+        let numbers = numbers_of(&file);
+        let statures_m = ScenePlan::statures_m(&file, &clips);
+        let person = |(index, entry): (usize, &file::PersonEntry)| ScenePerson {
+            name: entry.name.clone(),
+            number: numbers[index],
+            stature_m: statures_m[index],
+            group: entry.group.clone(),
+            build_seed: draws(file.seed, Purpose::Build, index).random(),
+            enter_s: entry.enter_s,
+            leave_s: entry.leave_s,
+            definition: DefinitionOffsets::draw(file.seed, index),
+        };
+        let people: Vec<_> = file.people.iter().enumerate().map(person).collect();
+        let mut scene = Self {
+            rate_hz: file.rate_hz,
+            seconds: file.seconds,
+            planned_s: file.seconds,
+            seed: file.seed,
+            size_m: file.size_m,
+            rig,
+            people,
+            plan,
+            mirrors: file.mirrors.iter().map(Mirror::new).collect(),
+            posters,
+            sight,
+            ball: None,
+            faults: file.faults,
+        };
+        scene.ball = file.ball.then(|| Ball::new(&scene));
+        Ok(scene)
+    }
+
+    /// Ticks per second.
+    pub fn rate_hz(&self) -> f64 {
+        self.rate_hz
+    }
+
+    /// Length, seconds.
+    pub fn seconds(&self) -> f64 {
+        self.seconds
+    }
+
+    /// All ticks, from 0.
+    pub fn ticks(&self) -> Range<Tick> {
+        #[expect(
+            clippy::cast_possible_truncation,
+            reason = "at most a few hundred thousand"
+        )]
+        let n = (self.seconds * self.rate_hz).round() as i64;
+        Tick(0)..Tick(n)
+    }
+
+    /// When tick `tick` is, seconds.
+    pub fn time_s(&self, tick: Tick) -> f64 {
+        tick.seconds(self.rate_hz)
+    }
+
+    /// Seed of every draw.
+    pub fn seed(&self) -> u64 {
+        self.seed
+    }
+
+    /// Field, x by y, centred on the origin, floor at z = 0, metres.
+    pub fn size_m(&self) -> [f64; 2] {
+        self.size_m
+    }
+
+    /// The box that people are tracked in, as in a venue's `[field]`: least and greatest corner,
+    /// metres. It is a little larger than the field, since limbs reach over its edge.
+    pub fn field_bounds_m(&self) -> [[f64; 3]; 2] {
+        let [x, y] = self.size_m.map(|size_m| size_m / 2.0 + FIELD_MARGIN_M);
+        [[-x, -y, FIELD_BOTTOM_M], [x, y, FIELD_TOP_M]]
+    }
+
+    /// Places with cameras, in the order of their cameras.
+    pub fn viewpoints(&self) -> &[SceneViewpoint] {
+        &self.rig.viewpoints
+    }
+
+    /// All cameras, counted through the viewpoints in their order.
+    pub fn cameras(&self) -> &[CameraModel] {
+        &self.rig.cameras
+    }
+
+    /// Everybody, in the order of the file.
+    pub fn people(&self) -> &[ScenePerson] {
+        &self.people
+    }
+
+    /// The mirrors.
+    pub fn mirrors(&self) -> &[Mirror] {
+        &self.mirrors
+    }
+
+    /// The pictures of people.
+    pub fn posters(&self) -> &[Poster] {
+        &self.posters
+    }
+
+    /// Who is lost when, and to whom.
+    pub fn lost(&self) -> &[LostInterval] {
+        &self.sight.lost
+    }
+
+    /// The viewpoints whose cameras show the `person`-th at `time_s`, unless something stands in
+    /// between.
+    pub fn seen_by(&self, person: usize, time_s: f64) -> ViewpointMask {
+        self.sight.seen_by(person, time_s)
+    }
+
+    /// Whether the truth holds the `person`-th: not who is behind glass for all viewpoints but one.
+    pub fn is_in_truth(&self, person: usize) -> bool {
+        self.sight.can_be_found(person)
+    }
+
+    /// The faults of maps that are made without pixels.
+    pub fn faults(&self) -> &FaultProfile {
+        &self.faults
+    }
+
+    /// Whether the `person`-th is in the scene at `time_s`.
+    pub fn is_there(&self, person: usize, time_s: f64) -> bool {
+        let there = |who: &ScenePerson| {
+            let entered = who.enter_s <= 0.0 || time_s >= who.enter_s;
+            let left = who.leave_s < self.planned_s && time_s >= who.leave_s;
+            entered && !left
+        };
+        self.people.get(person).is_some_and(there)
+    }
+
+    /// The `person`-th (of [`Scene::people`]) at `time_s`; `None` before it enters and once it has
+    /// left, and for a person that is not there. A pure function.
+    pub fn person_at(&self, person: usize, time_s: f64) -> Option<PersonTruth> {
+        if !self.is_there(person, time_s) {
+            return None;
+        }
+        let who = &self.people[person];
+        let joints_m = self.plan.joints_m(person, time_s);
+        let length_m = self.faults.definition.map_or(0.0, |fault| fault.offset_m);
+        Some(PersonTruth::new(&joints_m, &who.definition, length_m))
+    }
+
+    /// What the truth holds of the `person`-th at `tick`: as [`Self::person_at`], of those whom
+    /// anybody could find ([`Self::is_in_truth`]).
+    pub fn truth_at(&self, person: usize, tick: Tick) -> Option<PersonTruth> {
+        let counts = self.is_in_truth(person);
+        counts.then(|| self.person_at(person, self.time_s(tick)))?
+    }
+
+    /// The centre of the ball at `time_s`, metres; `None` without one. A pure function.
+    pub fn ball_at(&self, time_s: f64) -> Option<Vector3<f64>> {
+        self.ball.as_ref().map(|ball| ball.at(time_s))
+    }
+
+    /// The same scene with other faults.
+    #[must_use]
+    pub fn with_faults(self, faults: FaultProfile) -> Self {
+        Self { faults, ..self }
+    }
+
+    /// The same scene, with as many ticks a second as said (1 to 1000, else it is left as it is).
+    #[must_use]
+    pub fn with_rate(self, rate_hz: f64) -> Self {
+        if (1.0..=1000.0).contains(&rate_hz) {
+            Self { rate_hz, ..self }
+        } else {
+            self
+        }
+    }
+
+    /// The first `seconds` of the same scene, or all of it when it is shorter.
+    #[must_use]
+    pub fn shortened(self, seconds: f64) -> Self {
+        let seconds = seconds.max(0.0).min(self.seconds);
+        Self { seconds, ..self }
+    }
+}
+
+#[cfg(test)]
+mod tests;

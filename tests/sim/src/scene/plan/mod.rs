@@ -1,0 +1,296 @@
+//! Who is where: the way of every person through the scene, planned once when it is loaded.
+//!
+//! People are planned as units (one person, or a group), in the order of the file, each around
+//! those before it. A unit plays its clips ([`timeline`]), is turned back into the field
+//! ([`steer`]) or walks its path ([`path`]), and steps aside ([`aside`]). What
+//! is planned are corrections: how much the clips' world is turned and shifted at any time. They
+//! are smooth functions of time, so where a person is between two ticks is as exact as at them.
+
+mod aside;
+mod path;
+mod steer;
+mod table;
+mod timeline;
+
+use std::sync::Arc;
+
+use farfield_fusion::body::skeleton::Joint;
+use farfield_fusion::body::skeleton::Joints;
+use nalgebra::{Vector2, Vector3};
+
+pub use self::aside::KEEP_M;
+use self::aside::{Neighbours, step_aside};
+use self::path::PathWalk;
+use self::steer::{Obstacles, SAMPLES_PER_S, UnitWay, steer};
+use self::table::Table;
+use self::timeline::{Timeline, UnitMember, turned};
+use crate::motion::Clip;
+use crate::scene::file::{PersonEntry, SceneFile};
+
+/// How far pelvises stay from the field's edge, metres.
+pub const EDGE_M: f64 = 0.4;
+/// Over how long a path walker's own heading is averaged, seconds: what is slower is the clip's
+/// turning, and the path says where to turn; what is faster is the pelvis in the step.
+const HEADING_WINDOW_S: f64 = 1.2;
+/// Others who never come nearer than this need not be looked at, metres.
+const FAR_M: f64 = 3.0;
+
+/// One person, or a group, on its way.
+#[derive(Debug)]
+struct Unit {
+    timeline: Timeline,
+    enter_s: f64,
+    way: WayOfGoing,
+    /// Beside its way, metres.
+    aside: Table<2>,
+}
+
+/// How a unit gets through the scene.
+#[derive(Debug)]
+enum WayOfGoing {
+    /// As its clips carry it, turned: yaw (radians) and shift (metres) of the clips' world.
+    Own(Table<3>),
+    /// Along a path: yaw of the clips' world, radians.
+    Path(PathWalk, Table<1>),
+}
+
+/// Everybody's way.
+#[derive(Debug)]
+pub(super) struct ScenePlan {
+    units: Vec<Unit>,
+    /// Unit and member of every person.
+    of_person: Vec<(usize, usize)>,
+}
+
+/// Where everybody placed so far is, per person and sample of the scene.
+type Tracks = Vec<Vec<Option<Vector2<f64>>>>;
+
+impl ScenePlan {
+    /// Plans all people of `file`, whose clips are `clips`, per person.
+    pub(super) fn new(file: &SceneFile, clips: &[Vec<Arc<Clip>>]) -> Self {
+        let mut plan = Self {
+            units: Vec::new(),
+            of_person: vec![(0, 0); file.people.len()],
+        };
+        let mut tracks = Tracks::new();
+        for people in units_of(file) {
+            for (member, person) in people.iter().enumerate() {
+                plan.of_person[*person] = (plan.units.len(), member);
+            }
+            let unit = Unit::plan(file, &people, clips, &tracks);
+            for (member, person) in people.iter().enumerate() {
+                tracks.push(unit.track(file, member, &file.people[*person]));
+            }
+            plan.units.push(unit);
+        }
+        plan
+    }
+
+    /// The stature of every person, metres. All of a group are as large as its first makes them:
+    /// their clips share a unit of length.
+    pub(super) fn statures_m(file: &SceneFile, clips: &[Vec<Arc<Clip>>]) -> Vec<f64> {
+        let mut statures_m = vec![0.0; file.people.len()];
+        for people in units_of(file) {
+            let first = people[0];
+            let metres_per_unit = file.people[first].height_m / clips[first][0].stature_units();
+            for person in people {
+                statures_m[person] = clips[person][0].stature_units() * metres_per_unit;
+            }
+        }
+        statures_m
+    }
+
+    /// The joints of `person` at `time_s` of the scene, world, metres.
+    pub(super) fn joints_m(&self, person: usize, time_s: f64) -> Joints {
+        let (unit, member) = self.of_person[person];
+        self.units[unit].joints_m(member, time_s)
+    }
+}
+
+/// The people of every unit, in the order of its first.
+fn units_of(file: &SceneFile) -> Vec<Vec<usize>> {
+    let mut units: Vec<Vec<usize>> = Vec::new();
+    for (index, person) in file.people.iter().enumerate() {
+        let same = |unit: &&mut Vec<usize>| {
+            person.group.is_some() && file.people[unit[0]].group == person.group
+        };
+        match units.iter_mut().find(same) {
+            Some(unit) => unit.push(index),
+            None => units.push(vec![index]),
+        }
+    }
+    units
+}
+
+impl Unit {
+    fn plan(file: &SceneFile, people: &[usize], clips: &[Vec<Arc<Clip>>], tracks: &Tracks) -> Self {
+        let first = &file.people[people[0]];
+        let entries = people.iter().map(|&person| &file.people[person]);
+        let enter_s = entries.clone().map(|p| p.enter_s).fold(f64::MAX, f64::min);
+        let leave_s = entries.map(|p| p.leave_s).fold(0.0, f64::max);
+        let length_s = (leave_s.min(file.seconds) - enter_s).max(0.0);
+        let frames = &clips[people[0]];
+        let member = |&person: &usize| {
+            UnitMember::new(clips[person].clone(), frames.clone(), first.height_m)
+        };
+        let timeline = Timeline::new(
+            people.iter().map(member).collect(),
+            first.at_m.into(),
+            first.heading_rad,
+            first.blend_s,
+            length_s,
+        );
+        let n_samples = (length_s * SAMPLES_PER_S).ceil() as usize + 1;
+        let times_s: Vec<f64> = (0..n_samples).map(|i| i as f64 / SAMPLES_PER_S).collect();
+        let others = neighbours(tracks, enter_s, n_samples);
+        let mut unit = Self {
+            way: WayOfGoing::Own(Table::default()),
+            aside: Table::default(),
+            timeline,
+            enter_s,
+        };
+        let reach_m = Vector2::from(file.size_m) / 2.0 - Vector2::repeat(EDGE_M);
+        let reach_m = (first.keep_inside && first.path.is_none())
+            .then(|| reach_m.sup(&Vector2::repeat(EDGE_M)));
+        unit.way = match &first.path {
+            Some(path) => {
+                let walk = PathWalk::new(path, first.heading_rad, length_s);
+                let yaw = unit.yaw_on_path(&walk, &times_s);
+                WayOfGoing::Path(walk, yaw)
+            }
+            None => unit.own_way(&times_s, reach_m, &others),
+        };
+        let at = |&time_s: &f64| unit.pelvises_m(time_s);
+        let people_m: Vec<Vec<Vector2<f64>>> = times_s.iter().map(at).collect();
+        let others = near_ones(&people_m, others);
+        let near = Neighbours {
+            reach_m,
+            others: &others,
+        };
+        unit.aside = Table::new(1.0 / SAMPLES_PER_S, step_aside(&people_m, &near));
+        unit
+    }
+
+    /// The clips' own way, turned where it must be.
+    fn own_way(
+        &self,
+        times_s: &[f64],
+        reach_m: Option<Vector2<f64>>,
+        others: &Tracks,
+    ) -> WayOfGoing {
+        let pelvises_m: Vec<_> = times_s
+            .iter()
+            .map(|&t| self.timeline.pelvises_m(t))
+            .collect();
+        let way = UnitWay::new(&pelvises_m);
+        let around = Obstacles {
+            reach_m: reach_m.unwrap_or(Vector2::repeat(f64::INFINITY)),
+            others,
+        };
+        let course = steer(&way, &around);
+        let correction = |((yaw_rad, at_m), middle_m): (&(f64, Vector2<f64>), &Vector2<f64>)| {
+            let shift_m = at_m - turned(*middle_m, *yaw_rad);
+            [*yaw_rad, shift_m.x, shift_m.y]
+        };
+        let corrections = course.iter().zip(&way.middle_m).map(correction);
+        WayOfGoing::Own(Table::new(1.0 / SAMPLES_PER_S, corrections.collect()))
+    }
+
+    /// By how much the clips' world is turned so that the walker faces along its path.
+    fn yaw_on_path(&self, walk: &PathWalk, times_s: &[f64]) -> Table<1> {
+        let mut facing = Vec::with_capacity(times_s.len());
+        let mut last = 0.0;
+        for &time_s in times_s {
+            let here = self.timeline.facing_rad(0, time_s);
+            last += (here - last + std::f64::consts::PI).rem_euclid(std::f64::consts::TAU)
+                - std::f64::consts::PI;
+            facing.push(last);
+        }
+        let half = (HEADING_WINDOW_S / 2.0 * SAMPLES_PER_S) as usize;
+        let weight = |offset: usize| {
+            let x = offset as f64 / (half + 1) as f64;
+            (1.0 - x * x).powi(2)
+        };
+        let mean = |i: usize| {
+            let first = i.saturating_sub(half);
+            let window = facing[first..(i + half + 1).min(facing.len())].iter();
+            let weighted = window.enumerate().map(|(j, &facing)| {
+                let weight = weight(i.abs_diff(first + j));
+                (weight * facing, weight)
+            });
+            let (sum, weights) = weighted.fold((0.0, 0.0), |a, w| (a.0 + w.0, a.1 + w.1));
+            sum / weights
+        };
+        let yaw = |(i, &time_s): (usize, &f64)| [walk.at(time_s).1 - mean(i)];
+        let samples = times_s.iter().enumerate().map(yaw).collect();
+        Table::new(1.0 / SAMPLES_PER_S, samples)
+    }
+
+    /// The turn of the clips' world at `time_s` of the unit, and the shift that follows it.
+    fn correction(&self, time_s: f64) -> (f64, Vector2<f64>) {
+        let aside = Vector2::from(self.aside.at(time_s));
+        match &self.way {
+            WayOfGoing::Own(table) => {
+                let [yaw_rad, x, y] = table.at(time_s);
+                (yaw_rad, Vector2::new(x, y) + aside)
+            }
+            WayOfGoing::Path(walk, yaw) => {
+                let [yaw_rad] = yaw.at(time_s);
+                let pelvis_m = self.timeline.pelvises_m(time_s)[0];
+                let shift_m = walk.at(time_s).0 - turned(pelvis_m, yaw_rad);
+                (yaw_rad, shift_m + aside)
+            }
+        }
+    }
+
+    fn pelvises_m(&self, time_s: f64) -> Vec<Vector2<f64>> {
+        let (yaw_rad, shift_m) = self.correction(time_s);
+        let pelvises = self.timeline.pelvises_m(time_s).into_iter();
+        pelvises.map(|p| turned(p, yaw_rad) + shift_m).collect()
+    }
+
+    fn joints_m(&self, member: usize, scene_s: f64) -> Joints {
+        let time_s = scene_s - self.enter_s;
+        let (yaw_rad, shift_m) = self.correction(time_s);
+        self.timeline.joints_m(member, time_s).map(|joint| {
+            let on_floor = turned(joint.xy(), yaw_rad) + shift_m;
+            Vector3::new(on_floor.x, on_floor.y, joint.z)
+        })
+    }
+
+    /// Where `member` is while it is there, at every sample of the scene.
+    fn track(
+        &self,
+        file: &SceneFile,
+        member: usize,
+        person: &PersonEntry,
+    ) -> Vec<Option<Vector2<f64>>> {
+        let n_samples = (file.seconds * SAMPLES_PER_S).ceil() as usize + 1;
+        let at = |sample: usize| {
+            let scene_s = sample as f64 / SAMPLES_PER_S;
+            let there = (person.enter_s..=person.leave_s).contains(&scene_s);
+            there.then(|| self.joints_m(member, scene_s)[Joint::Pelvis.index()].xy())
+        };
+        (0..n_samples).map(at).collect()
+    }
+}
+
+/// The tracks of everybody at the samples of a unit that enters at `enter_s`.
+fn neighbours(tracks: &Tracks, enter_s: f64, n_samples: usize) -> Tracks {
+    let offset = (enter_s * SAMPLES_PER_S).round() as usize;
+    let shifted = |track: &Vec<Option<Vector2<f64>>>| {
+        let at = |i: usize| track.get(i + offset).copied().flatten();
+        (0..n_samples).map(at).collect()
+    };
+    tracks.iter().map(shifted).collect()
+}
+
+/// Those who come anywhere near.
+fn near_ones(people_m: &[Vec<Vector2<f64>>], mut others: Tracks) -> Tracks {
+    others.retain(|other| {
+        people_m.iter().zip(other).any(|(people, other)| {
+            other.is_some_and(|other| people.iter().any(|p| (p - other).norm() < FAR_M))
+        })
+    });
+    others
+}

@@ -1,0 +1,164 @@
+//! Who cannot be seen from where: people behind glass, and people who are lost for a while.
+//!
+//! A person may be seen by some viewpoints only, for good (`seen_by`) or for a time (`[[lost]]`).
+//! The cameras of the others show nothing of them: no peak, no sighting, no reflection. Whom fewer
+//! than two viewpoints ever see has no place that anybody could find, and is not in the truth.
+
+use std::collections::BTreeMap;
+
+use farfield_proto::toml_file::{FileError, Place, TomlFile, unknown_name};
+
+use super::SceneViewpoint;
+use super::file::SceneFile;
+
+/// Viewpoints as bits: the n-th of the scene is bit n.
+pub type ViewpointMask = u64;
+
+/// For how long somebody is lost to whom.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LostInterval {
+    /// The person's place in the scene.
+    pub person: usize,
+    /// From when, seconds.
+    pub from_s: f64,
+    /// Until when, seconds; seen again at it.
+    pub until_s: f64,
+    /// Who sees the person all the same.
+    pub seen_by: ViewpointMask,
+}
+
+/// Who is seen from where.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Sight {
+    /// Per person, for good.
+    seen_by: Vec<ViewpointMask>,
+    pub(super) lost: Vec<LostInterval>,
+}
+
+impl Sight {
+    /// What `file` says of the viewpoints of its scene.
+    ///
+    /// # Errors
+    /// [`FileError`] for a person or viewpoint that the scene does not have.
+    pub(super) fn new(
+        file: &SceneFile,
+        viewpoints: &[SceneViewpoint],
+        toml: &TomlFile<'_>,
+    ) -> Result<Self, FileError> {
+        let places: BTreeMap<&str, usize> = viewpoints
+            .iter()
+            .enumerate()
+            .map(|(index, viewpoint)| (viewpoint.name.as_str(), index))
+            .collect();
+        let mask_of = |names: &[String], place: &Place| {
+            let mut mask = 0;
+            for (i, name) in names.iter().enumerate() {
+                let Some(&viewpoint) = places.get(name.as_str()) else {
+                    let known: Vec<&str> = places.keys().copied().collect();
+                    let problem = unknown_name("viewpoint", name, &known);
+                    return Err(toml.error(&place.index(i), problem));
+                };
+                mask |= 1 << viewpoint;
+            }
+            Ok(mask)
+        };
+        let mut sight = Self::default();
+        for (i, person) in file.people.iter().enumerate() {
+            let place = Place::field("person").index(i).key("seen_by");
+            let seen_by = person.seen_by.as_deref();
+            let seen_by = seen_by.map_or(Ok(ViewpointMask::MAX), |names| mask_of(names, &place))?;
+            sight.seen_by.push(seen_by);
+        }
+        for (i, entry) in file.lost.iter().enumerate() {
+            let place = Place::field("lost").index(i);
+            let Some(person) = file.people.iter().position(|p| p.name == entry.person) else {
+                let known: Vec<&str> = file.people.iter().map(|p| p.name.as_str()).collect();
+                let problem = unknown_name("person", &entry.person, &known);
+                return Err(toml.error(&place.key("person"), problem));
+            };
+            sight.lost.push(LostInterval {
+                person,
+                from_s: entry.from_s,
+                until_s: entry.until_s,
+                seen_by: mask_of(&entry.except, &place.key("except"))?,
+            });
+        }
+        Ok(sight)
+    }
+
+    /// The viewpoints that see `person` at `time_s`, whatever stands in between.
+    pub(super) fn seen_by(&self, person: usize, time_s: f64) -> ViewpointMask {
+        let for_good = self.seen_by.get(person).copied().unwrap_or(0);
+        let lost = self
+            .lost
+            .iter()
+            .filter(|lost| lost.person == person && (lost.from_s..lost.until_s).contains(&time_s));
+        lost.fold(for_good, |mask, lost| mask & lost.seen_by)
+    }
+
+    /// Whether as many viewpoints see `person` as a place takes: two.
+    pub(super) fn can_be_found(&self, person: usize) -> bool {
+        self.seen_by
+            .get(person)
+            .is_some_and(|mask| mask.count_ones() > 1)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+    use std::sync::Arc;
+
+    use super::super::Scene;
+    use crate::embedded_files::CLIPS;
+    use crate::motion::Clip;
+
+    fn refusal(added: &str) -> String {
+        let text = format!(
+            "rate_hz = 60\nseconds = 4\nsize_m = [7, 5]\n\
+             [cameras]\nviewpoints = 4\nper_viewpoint = 1\n\
+             [[person]]\nname = \"1\"\nclips = [\"walk.bvh\"]\nheight_m = 1.8\n{added}"
+        );
+        let clip = &mut |path: &Path| Ok(Arc::new(Clip::parse(CLIPS[0].1, path)?));
+        let refused = Scene::parse(&text, Path::new("a.toml"), clip);
+        refused.unwrap_err().to_string()
+    }
+
+    #[test]
+    fn a_name_that_nobody_has_is_answered_with_the_nearest() {
+        let message = refusal("seen_by = [\"north-west\", \"nort-east\"]\n");
+        assert!(message.contains("`person[0].seen_by[1]`"), "{message}");
+        assert!(message.contains("did you mean `north-east`?"), "{message}");
+        let lost = "[[lost]]\nfrom_s = 1\nuntil_s = 2\n";
+        let message = refusal(&format!("{lost}person = \"2\"\n"));
+        assert!(message.contains("`lost[0].person`"), "{message}");
+        assert!(message.contains("unknown person `2`"), "{message}");
+        let message = refusal(&format!("{lost}person = \"1\"\nexept = []\n"));
+        assert!(message.contains("did you mean `except`?"), "{message}");
+        let message = refusal("[[mirror]]\nfrom_m = [0, 0]\nto_m = [0, 1]\nhight_m = 2\n");
+        assert!(message.contains("did you mean `height_m`?"), "{message}");
+        let message = refusal("[[poster]]\nat = [0, 0]\n");
+        assert!(message.contains("did you mean `at_m`?"), "{message}");
+    }
+
+    #[test]
+    fn a_number_out_of_its_range_is_refused_with_its_field() {
+        for (wrong, field) in [
+            (
+                "[[lost]]\nperson = \"1\"\nfrom_s = 2\nuntil_s = 1\n",
+                "`lost[0].until_s`",
+            ),
+            (
+                "[[mirror]]\nfrom_m = [1, 1]\nto_m = [1, 1]\nheight_m = 2\n",
+                "`mirror[0].to_m`",
+            ),
+            (
+                "[[poster]]\nat_m = [0, 0]\nheading_rad = 0\nheight_m = 9\nclip = \"a\"\n",
+                "`poster[0].height_m`",
+            ),
+        ] {
+            let message = refusal(wrong);
+            assert!(message.contains(field), "{message}");
+        }
+    }
+}
