@@ -125,8 +125,8 @@ fn who_is_tracked_is_not_born_again_but_the_newcomer_beside_is() {
     )
     .unwrap();
     let unexplained = |bodies: &[KnownBody]| {
-        let look = hall.finder().look(&sightings, vec![true; 4]);
-        hall.finder().unexplained(&look, bodies).count()
+        let pass = hall.finder().detection_pass(&sightings, vec![true; 4]);
+        hall.finder().unexplained(&pass, bodies).count()
     };
     assert_eq!(unexplained(&tracked), 4);
     let both = [tracked[0].clone(), KnownBody { keypoints_m: new }];
@@ -271,9 +271,9 @@ fn the_verdict_of_a_look_counts_who_sees_a_body_and_who_should() {
     let body = standing(0.0, 0.0, 1.75, &mut noise);
     let ghost = standing(2.5, -1.0, 1.75, &mut noise);
     let sightings = hall.sightings(std::slice::from_ref(&body), 1.0, &mut noise);
-    let look = hall.finder().look(&sightings, vec![true; 4]);
+    let pass = hall.finder().detection_pass(&sightings, vec![true; 4]);
     let verdict =
-        |keypoints_m: BodyPoints| hall.finder().verdicts(&look, &KnownBody { keypoints_m });
+        |keypoints_m: BodyPoints| hall.finder().verdicts(&pass, &KnownBody { keypoints_m });
     assert_eq!(verdict(body), [4, 0]);
     let [seen, missed] = verdict(ghost);
     assert!(seen == 0 && missed >= 2, "{seen} {missed}");
