@@ -9,7 +9,7 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, anyhow, bail, ensure};
-use farfield_fusion::node::NodeError;
+use farfield_node::process::NodeError;
 use farfield_proto::tick::{Tick, parse_range};
 use farfield_score::lines::{LinesRole, PoseLines};
 use farfield_score::plot::plot_of;

@@ -21,7 +21,7 @@ use std::process::ExitCode;
 use std::sync::Arc;
 
 use clap::{CommandFactory as _, Parser as _};
-use farfield_fusion::node::{Ending, exit_code};
+use farfield_node::process::{Ending, exit_code};
 use farfield_sim::simulated::VenueSources;
 
 use crate::cli::{FarfieldCli, FarfieldCommand};

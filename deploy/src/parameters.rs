@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use anyhow::Context as _;
 use clap::Args;
-use farfield_fusion::node::NodeError;
+use farfield_node::process::NodeError;
 use farfield_proto::venue::Parameters;
 use farfield_proto::venue::parameters::{Audience, Parameter, TUNING};
 use serde::Serialize;

@@ -163,6 +163,7 @@ impl Pipeline {
     }
 
     /// Everybody as the last step left them, tentative ones too, in the order of their births: for studies of the stages.
+    #[cfg(feature = "study")]
     pub fn tracks(&self) -> &[Track] {
         self.registry.tracks()
     }

@@ -49,6 +49,9 @@ impl Histogram {
     }
 
     /// Adds what `other` has counted.
+    ///
+    /// # Panics
+    /// Never: all histograms have the same buckets.
     pub fn merge(&mut self, other: &Self) {
         self.buckets
             .add(&other.buckets)

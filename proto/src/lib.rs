@@ -5,8 +5,8 @@
 //! the codec of the maps inside. [`frames`] and [`camera`] are the geometry, [`venue`], [`calibration`] and
 //! [`model_card`] the files of a venue, [`id`] and [`tick`] what everything is numbered by.
 //!
-//! Values in, values out: text that the caller has read is parsed here; there is no clock and no async. A type that only
-//! one node uses lives in that node, not here.
+//! No file, no clock, no socket, no async: text in, values out; whoever opens files is `farfield-node` or the caller. A
+//! type that only one node uses lives in that node, not here.
 
 pub mod bounding_box;
 pub mod calibration;

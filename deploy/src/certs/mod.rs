@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, anyhow};
 use clap::Args;
-use farfield_fusion::node::{NodeError, say};
+use farfield_node::process::{NodeError, say};
 use farfield_proto::key::is_key_chunk;
 use farfield_proto::transport::{FUSION, READER, RECORDER};
 use farfield_proto::venue::Venue;

@@ -13,7 +13,9 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use farfield_fusion::node::{Claim, Ending, NodeError, exit_code, start_log};
+use farfield_fusion::node::Claim;
+use farfield_node::log::start_log;
+use farfield_node::process::{Ending, NodeError, exit_code};
 use farfield_proto::tick::Tick;
 
 use self::play::{DemoScript, Play};

@@ -7,9 +7,9 @@ use anyhow::anyhow;
 use farfield_edge::node::{Networks, load_networks, probe_sources};
 use farfield_edge::source::{SourceError, common_ticks};
 use farfield_fusion::node::{
-    NodeError, check_folder, check_given_keypoints, check_given_ticks, check_names, check_place,
-    load_card,
+    check_folder, check_given_keypoints, check_given_ticks, check_names, check_place, load_card,
 };
+use farfield_node::process::NodeError;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::Venue;
 use farfield_sim::simulated::VenueSources;

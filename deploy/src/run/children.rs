@@ -6,7 +6,8 @@ use std::path::Path;
 use std::process::{ExitStatus, Stdio};
 
 use anyhow::Context as _;
-use farfield_fusion::node::{Report, say};
+use farfield_fusion::node::Report;
+use farfield_node::process::say;
 use tokio::io::{AsyncBufReadExt as _, AsyncRead, BufReader};
 use tokio::process::{Child, ChildStdin, Command};
 use tokio::sync::mpsc;

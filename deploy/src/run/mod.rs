@@ -16,7 +16,9 @@ mod watch;
 use std::path::Path;
 use std::process::ExitCode;
 
-use farfield_fusion::node::{Claim, Ending, NodeError, exit_code, say, start_log};
+use farfield_fusion::node::Claim;
+use farfield_node::log::start_log;
+use farfield_node::process::{Ending, NodeError, exit_code, say};
 
 pub(crate) use self::args::{RunArgs, TickList};
 pub(crate) use self::check::{RunPlan, check};

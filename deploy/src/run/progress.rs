@@ -3,7 +3,8 @@
 use std::io::{IsTerminal as _, stderr};
 use std::time::Duration;
 
-use farfield_fusion::node::{LinkProgress, Progress, say};
+use farfield_fusion::node::{LinkProgress, Progress};
+use farfield_node::process::say;
 use farfield_proto::message::live::EdgeLink;
 use indicatif::{HumanBytes, ProgressBar, ProgressStyle};
 use tokio::time::Instant;

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use anyhow::Context as _;
-use farfield_fusion::node::NodeError;
+use farfield_node::process::NodeError;
 use tokio::runtime::Runtime;
 
 use super::check::RunPlan;

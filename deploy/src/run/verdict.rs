@@ -1,7 +1,7 @@
 //! What the ends of the nodes mean for the run: how it ended, and who is to blame.
 
 use anyhow::anyhow;
-use farfield_fusion::node::{EXIT_INTERRUPTED, EXIT_REFUSED, NodeError};
+use farfield_node::process::{EXIT_INTERRUPTED, EXIT_REFUSED, NodeError};
 use farfield_proto::tick::Tick;
 
 use super::children::{Exit, FUSION};

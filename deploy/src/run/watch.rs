@@ -5,7 +5,8 @@ use std::path::Path;
 use std::time::Duration;
 
 use anyhow::Context as _;
-use farfield_fusion::node::{EXIT_REFUSED, Report, say};
+use farfield_fusion::node::Report;
+use farfield_node::process::{EXIT_REFUSED, say};
 use farfield_proto::tick::Tick;
 use tokio::process::ChildStdin;
 use tokio::time::{Instant, sleep_until};

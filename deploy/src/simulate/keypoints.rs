@@ -6,7 +6,7 @@ use std::path::Path;
 use anyhow::{Context as _, bail};
 use farfield_edge::source::{FrameContent, FrameSource as _, KeypointCandidate};
 use farfield_fusion::export::unfinished::Unfinished;
-use farfield_fusion::node::Ending;
+use farfield_node::process::Ending;
 use farfield_proto::venue::SimulatedContent;
 use serde_json::{Value, json};
 

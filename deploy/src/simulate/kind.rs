@@ -4,7 +4,7 @@ use std::process::{Command, Stdio};
 
 use anyhow::ensure;
 use clap::ValueEnum;
-use farfield_fusion::node::say;
+use farfield_node::process::say;
 use farfield_sim::simulated::quoted;
 
 /// A kind of recording.

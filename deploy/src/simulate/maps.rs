@@ -5,7 +5,7 @@ use std::path::Path;
 
 use anyhow::Context as _;
 use farfield_fusion::export::unfinished::Unfinished;
-use farfield_fusion::node::Ending;
+use farfield_node::process::Ending;
 use farfield_sim::maps_file::write_maps;
 
 use super::RecordingPlan;

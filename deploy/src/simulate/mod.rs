@@ -17,7 +17,9 @@ use std::process::ExitCode;
 use std::sync::Arc;
 
 use anyhow::{Context as _, anyhow, ensure};
-use farfield_fusion::node::{Ending, NodeError, check_folder, exit_code, say, start_log};
+use farfield_fusion::node::check_folder;
+use farfield_node::log::start_log;
+use farfield_node::process::{Ending, NodeError, exit_code, say};
 use farfield_proto::camera::CameraModel;
 use farfield_proto::tick::{Tick, parse_range};
 use farfield_proto::venue::SimulatedContent;

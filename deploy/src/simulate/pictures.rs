@@ -6,7 +6,7 @@ use std::process::{Child, ChildStdin, Command, Stdio};
 
 use anyhow::{Context as _, bail};
 use farfield_edge::source::{FrameContent, FrameSource as _};
-use farfield_fusion::node::Ending;
+use farfield_node::process::Ending;
 use farfield_proto::venue::SimulatedContent;
 use image::RgbImage;
 use image::codecs::jpeg::JpegEncoder;

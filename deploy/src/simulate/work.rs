@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::thread;
 
 use anyhow::anyhow;
-use farfield_fusion::node::Ending;
+use farfield_node::process::Ending;
 use tokio::runtime::Runtime;
 
 use crate::signals::Signals;

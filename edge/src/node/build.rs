@@ -14,6 +14,7 @@ use farfield_proto::venue::{Venue, VenueCamera};
 use farfield_proto::wire;
 
 use super::config::Config;
+use super::parts::Parts;
 use super::worker::Work;
 use crate::detector::OnnxDetector;
 use crate::inference::{InputTensor, KeypointNetwork, NetworkError, PersonDetector};
@@ -150,7 +151,13 @@ pub(super) fn build(config: &Config) -> Result<Built, NodeError> {
         .get(usize::from(config.viewpoint.0))
         .map(|v| v.cameras.clone())
         .unwrap_or_default();
-    let mut work = Work::new(venue.clone(), cameras, pipeline, Arc::clone(sources));
+    let mut work = Work::new(Parts {
+        venue: Arc::new(venue.clone()),
+        viewpoint: config.viewpoint,
+        cameras,
+        sources: Arc::clone(sources),
+        pipeline,
+    });
     if let Some(from) = config.ticks.as_ref().map(|ticks| ticks.start) {
         work.open(from).map_err(NodeError::Refused)?;
     }

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::anyhow;
+use farfield_node::clock::VenueClock;
 use farfield_node::endpoints::{Asked, Reach, Side};
 use farfield_node::files::load_venue;
 use farfield_node::process::{Managed, NodeError};
@@ -51,7 +52,8 @@ pub struct EdgeArgs {
     /// End when standard input closes.
     #[arg(long, hide = true)]
     pub managed: bool,
-    /// Put the clock forward, for tests: milliseconds.
+    /// Put the clock forward by so many milliseconds.
+    #[cfg(feature = "study")]
     #[arg(
         long,
         hide = true,
@@ -76,8 +78,9 @@ pub(super) struct Config {
     pub(super) managed: Managed,
     /// Where the sets are kept that were sent or could not be sent.
     pub(super) ring: PathBuf,
-    /// How far the clock is wrong on purpose.
-    pub(super) clock_shift_us: i64,
+    /// How far the clock is wrong on purpose, microseconds.
+    #[cfg(feature = "study")]
+    clock_shift_us: i64,
 }
 
 impl Config {
@@ -116,6 +119,7 @@ impl Config {
             reach,
             ticks: args.ticks,
             managed,
+            #[cfg(feature = "study")]
             clock_shift_us: args.clock_shift_ms.saturating_mul(1000),
         })
     }
@@ -127,6 +131,19 @@ impl Config {
             connect: &self.reach.endpoints,
             identity: self.reach.identity.as_ref(),
         }
+    }
+
+    /// The clock that the edge goes by when it runs live.
+    #[cfg(not(feature = "study"))]
+    #[expect(clippy::unused_self, reason = "a study's clock is a setting")]
+    pub(super) fn start_clock(&self) -> VenueClock {
+        VenueClock::start()
+    }
+
+    /// The clock that the edge goes by when it runs live, wrong by as much as a study wants.
+    #[cfg(feature = "study")]
+    pub(super) fn start_clock(&self) -> VenueClock {
+        VenueClock::start_shifted(self.clock_shift_us)
     }
 
     /// The cameras of the viewpoint, in file order.

@@ -17,14 +17,12 @@ use zenoh::pubsub::Publisher;
 use zenoh::sample::{Sample, SampleKind};
 use zenoh::{Session, Wait as _};
 
-use super::live::Mouths;
-
 /// Messages that wait between Zenoh and the loop; lock-step has one tick under way.
 const QUEUE: usize = 64;
 
 /// What the network tells the loop.
 #[derive(Debug)]
-pub(super) enum Heard {
+pub(super) enum Incoming {
     /// What to do at a tick.
     Boxes(BoxSet),
     /// Fusion says how it is.
@@ -37,7 +35,7 @@ pub(super) enum Heard {
 
 /// What the edge says.
 #[derive(Debug)]
-pub(super) enum Said {
+pub(super) enum Outgoing {
     /// Patches.
     Patches(Vec<u8>),
     /// Sightings.
@@ -103,24 +101,29 @@ impl Link {
 
     /// Starts the tasks that carry messages to and from the loop.
     pub(super) fn spawn(self, tasks: &TaskTracker, leave: &CancellationToken) -> Ends {
-        let (heard_tx, heard) = mpsc::channel(QUEUE);
+        let (incoming_tx, incoming) = mpsc::channel(QUEUE);
         for (topic, subscriber) in self.subscribers {
-            tasks.spawn(listen(topic, subscriber, heard_tx.clone(), leave.clone()));
+            tasks.spawn(listen(
+                topic,
+                subscriber,
+                incoming_tx.clone(),
+                leave.clone(),
+            ));
         }
-        let (say, said) = mpsc::channel(QUEUE);
+        let (outgoing_tx, outgoing) = mpsc::channel(QUEUE);
         let (matched_tx, matched) = watch::channel(false);
         tasks.spawn_blocking(move || {
             speak(
                 &self.patches,
                 &self.sightings,
                 &self.status,
-                said,
+                outgoing,
                 &matched_tx,
             );
         });
         Ends {
-            heard,
-            say,
+            incoming,
+            outgoing: outgoing_tx,
             matched,
             session: self.session,
             _token: self.token,
@@ -131,9 +134,9 @@ impl Link {
 /// The loop's ends of the queues to and from the wire.
 pub(super) struct Ends {
     /// What comes in.
-    pub(super) heard: mpsc::Receiver<Heard>,
+    pub(super) incoming: mpsc::Receiver<Incoming>,
     /// What goes out.
-    pub(super) say: mpsc::Sender<Said>,
+    pub(super) outgoing: mpsc::Sender<Outgoing>,
     /// Whether fusion listens for patches and sightings.
     pub(super) matched: watch::Receiver<bool>,
     session: Session,
@@ -146,14 +149,9 @@ impl Ends {
         self.session.clone()
     }
 
-    /// What a live edge publishes on, of the viewpoint of `venue`.
-    pub(super) async fn mouths(&self, venue: &str, viewpoint: &str) -> anyhow::Result<Mouths> {
-        Mouths::declare(&self.session, venue, viewpoint).await
-    }
-
     /// Lets the publisher finish what is queued, then closes the session.
     pub(super) async fn close(self, tasks: &TaskTracker, leave: &CancellationToken) {
-        drop((self.say, self.heard));
+        drop((self.outgoing, self.incoming));
         leave.cancel();
         tasks.close();
         tasks.wait().await;
@@ -165,7 +163,7 @@ impl Ends {
 async fn listen(
     topic: Topic,
     subscriber: FifoSubscriber,
-    heard: mpsc::Sender<Heard>,
+    incoming: mpsc::Sender<Incoming>,
     leave: CancellationToken,
 ) {
     loop {
@@ -175,24 +173,26 @@ async fn listen(
         };
         let Ok(sample) = sample else { return };
         if let Some(message) = read(topic, &sample)
-            && heard.send(message).await.is_err()
+            && incoming.send(message).await.is_err()
         {
             return;
         }
     }
 }
 
-fn read(topic: Topic, sample: &Sample) -> Option<Heard> {
+fn read(topic: Topic, sample: &Sample) -> Option<Incoming> {
     let key = sample.key_expr().as_str();
     let payload = sample.payload().to_bytes();
-    let heard = match topic {
-        Topic::Boxes => wire::decode(&payload).map(Heard::Boxes),
-        Topic::Fusion => wire::decode(&payload).map(|status| Heard::Fusion(Box::new(status))),
-        Topic::Alive => return (sample.kind() == SampleKind::Delete).then_some(Heard::FusionGone),
+    let incoming = match topic {
+        Topic::Boxes => wire::decode(&payload).map(Incoming::Boxes),
+        Topic::Fusion => wire::decode(&payload).map(|status| Incoming::Fusion(Box::new(status))),
+        Topic::Alive => {
+            return (sample.kind() == SampleKind::Delete).then_some(Incoming::FusionGone);
+        }
     };
-    Some(heard.unwrap_or_else(|error| {
+    Some(incoming.unwrap_or_else(|error| {
         debug!(%key, %error, "message not readable");
-        Heard::Unreadable(key.to_owned())
+        Incoming::Unreadable(key.to_owned())
     }))
 }
 
@@ -201,14 +201,14 @@ fn speak(
     patches: &Publisher<'static>,
     sightings: &Publisher<'static>,
     status: &Publisher<'static>,
-    mut said: mpsc::Receiver<Said>,
+    mut outgoing: mpsc::Receiver<Outgoing>,
     matched: &watch::Sender<bool>,
 ) {
-    while let Some(message) = said.blocking_recv() {
+    while let Some(message) = outgoing.blocking_recv() {
         let (publisher, bytes) = match message {
-            Said::Patches(bytes) => (patches, bytes),
-            Said::Sightings(bytes) => (sightings, bytes),
-            Said::Status(bytes) => {
+            Outgoing::Patches(bytes) => (patches, bytes),
+            Outgoing::Sightings(bytes) => (sightings, bytes),
+            Outgoing::Status(bytes) => {
                 // Statuses go out several times a second until the start: the moment to look.
                 matched.send_replace(has_listener(patches) && has_listener(sightings));
                 (status, bytes)

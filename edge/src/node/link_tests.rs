@@ -11,7 +11,7 @@ use tokio::time::timeout;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
-use super::{Ends, Heard, Link, Said};
+use super::{Ends, Incoming, Link, Outgoing};
 
 /// Far above what a loaded machine takes; a test that waits as long has failed.
 const PATIENCE: Duration = Duration::from_secs(20);
@@ -31,10 +31,10 @@ async fn router() -> (zenoh::Session, String) {
     (session, endpoint)
 }
 
-async fn next(ends: &mut Ends) -> Heard {
-    timeout(PATIENCE, ends.heard.recv())
+async fn next(ends: &mut Ends) -> Incoming {
+    timeout(PATIENCE, ends.incoming.recv())
         .await
-        .expect("the edge hears nothing")
+        .expect("the edge receives nothing")
         .expect("the subscriptions have ended")
 }
 
@@ -62,15 +62,24 @@ async fn boxes_arrive_patches_leave_in_order_and_fusion_is_missed() {
     let mut ends = link.spawn(&tasks, &leave);
 
     while !*ends.matched.borrow() {
-        ends.say.send(Said::Status(Vec::new())).await.unwrap();
+        ends.outgoing
+            .send(Outgoing::Status(Vec::new()))
+            .await
+            .unwrap();
         timeout(PATIENCE, ends.matched.changed())
             .await
             .expect("nobody listens for patches")
             .unwrap();
     }
-    ends.say.send(Said::Sightings(vec![7])).await.unwrap();
+    ends.outgoing
+        .send(Outgoing::Sightings(vec![7]))
+        .await
+        .unwrap();
     for part in 0..3u8 {
-        ends.say.send(Said::Patches(vec![part])).await.unwrap();
+        ends.outgoing
+            .send(Outgoing::Patches(vec![part]))
+            .await
+            .unwrap();
     }
     let sighting = timeout(PATIENCE, sightings.recv_async())
         .await
@@ -105,12 +114,12 @@ async fn boxes_arrive_patches_leave_in_order_and_fusion_is_missed() {
     let publisher = fusion.declare_publisher("link-test/box/a").await.unwrap();
     publisher.put(wire::encode(&boxes)).await.unwrap();
     match next(&mut ends).await {
-        Heard::Boxes(heard) => assert_eq!(heard, boxes),
+        Incoming::Boxes(received) => assert_eq!(received, boxes),
         other => panic!("{other:?}"),
     }
     drop((publisher, token));
     fusion.close().await.unwrap();
-    assert!(matches!(next(&mut ends).await, Heard::FusionGone));
+    assert!(matches!(next(&mut ends).await, Incoming::FusionGone));
     timeout(PATIENCE, ends.close(&tasks, &leave))
         .await
         .expect("the tasks do not end");

@@ -14,7 +14,7 @@ use tokio_util::sync::CancellationToken;
 use tracing::debug;
 
 use super::compare::compare_files;
-use super::link::{Ends, Heard, Said};
+use super::link::{Ends, Incoming, Outgoing};
 use super::worker::Worker;
 
 /// How often an edge says that it is ready, until the first boxes come.
@@ -31,15 +31,15 @@ pub(super) enum Turn {
     /// With the run.
     End(Ending),
     /// Before it began: fusion runs live, as it has said here.
-    Live(Heard),
+    Live(Incoming),
 }
 
 /// Whether it is said by a fusion that runs live.
-fn is_live(heard: &Heard) -> bool {
-    match heard {
-        Heard::Boxes(boxes) => boxes.live.is_some(),
-        Heard::Fusion(status) => status.live.is_some(),
-        Heard::FusionGone | Heard::Unreadable(_) => false,
+fn is_live(incoming: &Incoming) -> bool {
+    match incoming {
+        Incoming::Boxes(boxes) => boxes.live.is_some(),
+        Incoming::Fusion(status) => status.live.is_some(),
+        Incoming::FusionGone | Incoming::Unreadable(_) => false,
     }
 }
 
@@ -80,9 +80,9 @@ impl LockStep {
         loop {
             tokio::select! {
                 () = stop.cancelled() => return Ok(Turn::End(Ending::Interrupted)),
-                heard = ends.heard.recv() => {
-                    let heard = heard.context("the subscriptions have ended").map_err(NodeError::Failed)?;
-                    if let Some(turn) = self.hear(heard, worker)? {
+                incoming = ends.incoming.recv() => {
+                    let incoming = incoming.context("the subscriptions have ended").map_err(NodeError::Failed)?;
+                    if let Some(turn) = self.receive(incoming, worker)? {
                         return Ok(turn);
                     }
                 }
@@ -102,10 +102,10 @@ impl LockStep {
     }
 
     /// Sends the status now.
-    pub(super) fn say(&self, ends: &Ends) {
+    pub(super) fn send_status(&self, ends: &Ends) {
         if ends
-            .say
-            .try_send(Said::Status(wire::encode(&self.status)))
+            .outgoing
+            .try_send(Outgoing::Status(wire::encode(&self.status)))
             .is_err()
         {
             debug!("a status was not sent: the queue is full");
@@ -115,29 +115,31 @@ impl LockStep {
     fn call(&mut self, ends: &Ends) {
         self.status.ready = *ends.matched.borrow();
         if self.ordered.is_none() || self.n_calls.is_multiple_of(CALLS_PER_STATUS) {
-            self.say(ends);
+            self.send_status(ends);
         }
         self.n_calls = self.n_calls.wrapping_add(1);
     }
 
-    fn hear(&mut self, heard: Heard, worker: &Worker) -> Result<Option<Turn>, NodeError> {
-        if matches!(heard, Heard::Boxes(_) | Heard::Fusion(_)) {
+    fn receive(&mut self, incoming: Incoming, worker: &Worker) -> Result<Option<Turn>, NodeError> {
+        if matches!(incoming, Incoming::Boxes(_) | Incoming::Fusion(_)) {
             self.garbled = 0;
         }
-        match heard {
-            heard if self.ordered.is_none() && is_live(&heard) => Ok(Some(Turn::Live(heard))),
-            Heard::Boxes(boxes) => {
-                let ending = self.obey(boxes, worker).map_err(NodeError::Failed)?;
+        match incoming {
+            incoming if self.ordered.is_none() && is_live(&incoming) => {
+                Ok(Some(Turn::Live(incoming)))
+            }
+            Incoming::Boxes(boxes) => {
+                let ending = self.process(boxes, worker).map_err(NodeError::Failed)?;
                 Ok(ending.map(Turn::End))
             }
-            Heard::Fusion(fusion) => self.compare(&fusion).map(|()| None),
+            Incoming::Fusion(fusion) => self.compare(&fusion).map(|()| None),
             // Before the first boxes there is nothing to lose: fusion may start again.
-            Heard::FusionGone if self.ordered.is_none() => Ok(None),
-            Heard::FusionGone => Err(NodeError::Failed(anyhow!(
+            Incoming::FusionGone if self.ordered.is_none() => Ok(None),
+            Incoming::FusionGone => Err(NodeError::Failed(anyhow!(
                 "fusion has left{}",
                 self.at_tick()
             ))),
-            Heard::Unreadable(key) => self.cannot_read(&key).map(|()| None),
+            Incoming::Unreadable(key) => self.cannot_read(&key).map(|()| None),
         }
     }
 
@@ -154,7 +156,7 @@ impl LockStep {
         )))
     }
 
-    fn obey(&mut self, boxes: BoxSet, worker: &Worker) -> anyhow::Result<Option<Ending>> {
+    fn process(&mut self, boxes: BoxSet, worker: &Worker) -> anyhow::Result<Option<Ending>> {
         if boxes.order == Order::End {
             return Ok(Some(Ending::Done));
         }
@@ -240,8 +242,8 @@ mod tests {
         let mut edge = LockStep::new(status("here"));
         let error = NodeError::Failed(anyhow!("tick 7: {}", "\u{2026}".repeat(5000)));
         edge.leaves(Some(&error));
-        let heard: Status = wire::decode(&wire::encode(&edge.status)).unwrap();
-        assert!(heard.failure.unwrap().starts_with("tick 7: \u{2026}"));
+        let received: Status = wire::decode(&wire::encode(&edge.status)).unwrap();
+        assert!(received.failure.unwrap().starts_with("tick 7: \u{2026}"));
         edge.leaves(None);
         assert_eq!(edge.status.failure, None);
     }

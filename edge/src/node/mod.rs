@@ -12,8 +12,11 @@ mod handout;
 mod link;
 mod live;
 mod lockstep;
+mod parts;
+mod reminder;
 mod ring;
 mod run;
+mod stage_times;
 mod worker;
 
 pub use self::build::{Networks, load_networks, probe_sources};

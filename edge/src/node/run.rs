@@ -10,7 +10,7 @@ use farfield_node::log::start_log_with;
 use farfield_node::process::{Ending, Managed, NodeError, exit_code, say, stop_when_told};
 use farfield_node::runtime;
 use farfield_proto::message::Status;
-use tokio::time::{MissedTickBehavior, interval, timeout};
+use tokio::time::timeout;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 use tracing::warn;
@@ -19,9 +19,10 @@ use super::attempts;
 use super::build::{Built, build};
 use super::config::{Config, EdgeArgs};
 use super::handout;
-use super::link::{Ends, Heard, Link};
-use super::live::Live;
+use super::link::{Ends, Incoming, Link};
+use super::live::{Live, Publishers};
 use super::lockstep::{LockStep, Turn};
+use super::reminder::remind;
 use super::ring::{RingThread, answer_questions};
 use super::worker::Worker;
 use crate::source::Sources;
@@ -30,10 +31,6 @@ use crate::source::Sources;
 const DRAIN: Duration = Duration::from_secs(5);
 /// How long a refusal stands on the wire before the session closes.
 const REFUSAL: Duration = Duration::from_millis(300);
-/// How long fusion may take to answer before a person is told that the edge waits for it.
-const SILENCE: Duration = Duration::from_millis(500);
-/// How often a person is told so again.
-const REMIND_EVERY: Duration = Duration::from_secs(10);
 
 /// Runs an edge node, whose cameras `sources` opens, to its end and says on standard error what went
 /// wrong.
@@ -69,7 +66,7 @@ pub(super) async fn run(config: &Arc<Config>) -> Result<Ending, NodeError> {
     };
     let mut ends = link.spawn(&tasks, &leave);
     let worker =
-        Worker::spawn(built.work, ends.say.clone()).context("starting the pipeline's thread");
+        Worker::spawn(built.work, ends.outgoing.clone()).context("starting the pipeline's thread");
     let worker = worker.map_err(NodeError::Failed)?;
     let outcome = work(
         config,
@@ -111,19 +108,6 @@ async fn open(config: &Arc<Config>) -> Result<(Built, Link), NodeError> {
     Ok((built, link.map_err(NodeError::Failed)?))
 }
 
-/// Tells a person now and then what the edge waits for: what `waiting` says, if it says anything.
-pub(super) async fn remind(waiting: impl Fn() -> Option<String>) -> Infallible {
-    tokio::time::sleep(SILENCE).await;
-    let mut reminders = interval(REMIND_EVERY);
-    reminders.set_missed_tick_behavior(MissedTickBehavior::Delay);
-    loop {
-        reminders.tick().await;
-        if let Some(line) = waiting() {
-            say(format_args!("{line}"));
-        }
-    }
-}
-
 /// Runs the loop, and says at its end how it went.
 async fn work(
     config: &Config,
@@ -132,8 +116,8 @@ async fn work(
     (ends, stop): (&mut Ends, &CancellationToken),
 ) -> Result<Ending, NodeError> {
     let outcome = match run.run(ends, &mut worker, stop).await {
-        Ok(Turn::Live(heard)) => {
-            return work_live(config, run.status, worker, heard, (ends, stop)).await;
+        Ok(Turn::Live(first)) => {
+            return work_live(config, run.status, worker, first, (ends, stop)).await;
         }
         Ok(Turn::End(ending)) => Ok(ending),
         Err(error) => Err(error),
@@ -144,7 +128,7 @@ async fn work(
     } else {
         warn!("the pipeline is still waiting for a frame, leaving anyway");
     }
-    run.say(ends);
+    run.send_status(ends);
     if outcome.is_err() {
         // Fusion reads it before the session goes.
         tokio::time::sleep(REFUSAL).await;
@@ -157,19 +141,23 @@ async fn work_live(
     config: &Config,
     status: Status,
     worker: Worker,
-    first: Heard,
+    first: Incoming,
     (ends, stop): (&mut Ends, &CancellationToken),
 ) -> Result<Ending, NodeError> {
     let work = worker.recall().await.map_err(NodeError::Failed)?;
     let ring = open_ring(config);
-    let mut work = work.into_live(config.clock_shift_us, config.viewpoint);
-    work.ring = ring.as_ref().map(RingThread::handle);
-    let mouths = ends.mouths(&config.venue.name, &config.name).await;
-    let live = Live::spawn(work, status, mouths.map_err(NodeError::Failed)?);
+    let publishers = Publishers::declare(&ends.session(), &config.venue.name, &config.name).await;
+    let live = Live::spawn(
+        work.into_parts(),
+        status,
+        config.start_clock(),
+        publishers.map_err(NodeError::Failed)?,
+        ring.as_ref().map(RingThread::handle),
+    );
     let mut live = live
         .context("starting the threads")
         .map_err(NodeError::Failed)?;
-    let outcome = match live.hear(first) {
+    let outcome = match live.receive(first) {
         Ok(Some(ending)) => Ok(ending),
         Ok(None) => {
             let answers = answers(config, ends.session(), &live, ring.as_ref(), stop);

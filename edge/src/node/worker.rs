@@ -1,71 +1,48 @@
 //! The thread that computes: reads the frames of a tick, runs the pipeline, encodes the messages.
 
 use std::collections::BTreeMap;
-use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::JoinHandle;
 
 use anyhow::{Context as _, anyhow};
 use farfield_node::clock;
-use farfield_proto::id::{CameraIndex, ViewpointIndex};
-use farfield_proto::message::{BoxSet, StageTime};
+use farfield_proto::message::{BoxSet, DETECTION_STAGE, StageTime};
 use farfield_proto::tick::Tick;
-use farfield_proto::venue::{Venue, VenueCamera};
+use farfield_proto::venue::VenueCamera;
 use farfield_proto::wire;
 use tokio::sync::mpsc;
 
 use super::frames_at::FramesAt;
-use super::link::Said;
-use super::live::LiveWork;
-use crate::pipeline::{EdgeOutput, EdgePipeline, EdgeStage, StepRequest};
-use crate::source::{Frame, SourceError, Sources};
-
-/// The stage of looking for people without boxes, as summaries name it.
-const LOOK: &str = farfield_proto::message::DETECTION_STAGE;
+use super::link::Outgoing;
+use super::parts::Parts;
+use super::stage_times::split_detection;
+use crate::pipeline::{EdgeOutput, StepRequest};
+use crate::source::{Frame, SourceError};
 
 /// What the thread says after each tick.
 pub(super) type Done = anyhow::Result<Tick>;
 
 /// Everything that the thread owns.
 pub(super) struct Work {
-    venue: Venue,
-    cameras: Vec<CameraIndex>,
-    sources: Arc<dyn Sources>,
+    parts: Parts,
     /// Opened in advance at this tick, when the run's first tick is known before the start.
     opened: Option<(Tick, Vec<FramesAt>)>,
-    pipeline: EdgePipeline,
     samples_us: BTreeMap<&'static str, Vec<u32>>,
 }
 
 impl Work {
     /// The cameras are opened when the run's first tick is known.
-    pub(super) fn new(
-        venue: Venue,
-        cameras: Vec<CameraIndex>,
-        pipeline: EdgePipeline,
-        sources: Arc<dyn Sources>,
-    ) -> Self {
+    pub(super) fn new(parts: Parts) -> Self {
         Self {
-            venue,
-            cameras,
-            sources,
+            parts,
             opened: None,
-            pipeline,
             samples_us: BTreeMap::new(),
         }
     }
 
     /// What a live edge works with. Cameras that are open are closed.
-    pub(super) fn into_live(self, clock_shift_us: i64, viewpoint: ViewpointIndex) -> LiveWork {
-        LiveWork {
-            venue: Arc::new(self.venue),
-            viewpoint,
-            cameras: self.cameras,
-            sources: self.sources,
-            pipeline: self.pipeline,
-            clock_shift_us,
-            ring: None,
-        }
+    pub(super) fn into_parts(self) -> Parts {
+        self.parts
     }
 
     /// Opens the cameras at tick `from`.
@@ -73,12 +50,15 @@ impl Work {
     /// # Errors
     /// When a source cannot be opened.
     pub(super) fn open(&mut self, from: Tick) -> anyhow::Result<&mut Vec<FramesAt>> {
-        let cameras = self
-            .cameras
-            .iter()
-            .filter_map(|&index| self.venue.camera(index));
+        let Parts {
+            venue,
+            cameras,
+            sources,
+            ..
+        } = &self.parts;
+        let cameras = cameras.iter().filter_map(|&index| venue.camera(index));
         let open = |camera: &VenueCamera| {
-            let source = self.sources.open(camera, &self.venue, from)?;
+            let source = sources.open(camera, venue, from)?;
             Ok(FramesAt::new(source))
         };
         let frames = cameras.map(open).collect::<Result<_, SourceError>>()?;
@@ -86,22 +66,22 @@ impl Work {
     }
 
     /// One tick: the frames, the pipeline, the messages in the order they shall go out.
-    fn step(&mut self, boxes: &BoxSet) -> anyhow::Result<Vec<Said>> {
+    fn step(&mut self, boxes: &BoxSet) -> anyhow::Result<Vec<Outgoing>> {
         let start = clock::now();
         let frames = self.read(boxes.tick)?;
         self.count("read", start);
         let mut lap = clock::now();
         let mut laps = Vec::with_capacity(4);
-        let output = self
-            .pipeline
+        let pipeline = &mut self.parts.pipeline;
+        let output = pipeline
             .step(&frames, &StepRequest::of(boxes), &mut |stage| {
                 laps.push((stage, clock::micros_since(lap)));
                 lap = clock::now();
             })
             .with_context(|| format!("tick {}", boxes.tick))?;
         let looks = !boxes.detection_cameras.is_empty();
-        for (stage, us) in split_detection(&laps, self.pipeline.detection_share()) {
-            if stage != LOOK || looks {
+        for (stage, us) in split_detection(&laps, self.parts.pipeline.detection_share()) {
+            if stage != DETECTION_STAGE || looks {
                 self.samples_us.entry(stage).or_default().push(us);
             }
         }
@@ -137,41 +117,16 @@ impl Work {
     }
 }
 
-/// The stages' times by name, with the keypoints of sightings, `share` of the inference, counted as
-/// looking: what looks cost is told apart from what following people costs.
-pub(super) fn split_detection(laps: &[(EdgeStage, u32)], share: f64) -> [(&'static str, u32); 4] {
-    let of = |wanted: EdgeStage| {
-        let laps = laps.iter().filter(|(stage, _)| *stage == wanted);
-        laps.map(|(_, us)| us).sum::<u32>()
-    };
-    let keypoints_us = (f64::from(of(EdgeStage::Infer)) * share).round() as u32;
-    [
-        (name(EdgeStage::Crop), of(EdgeStage::Crop)),
-        (LOOK, of(EdgeStage::Detect) + keypoints_us),
-        (name(EdgeStage::Infer), of(EdgeStage::Infer) - keypoints_us),
-        (name(EdgeStage::Encode), of(EdgeStage::Encode)),
-    ]
-}
-
-fn name(stage: EdgeStage) -> &'static str {
-    match stage {
-        EdgeStage::Crop => "crop",
-        EdgeStage::Detect => LOOK,
-        EdgeStage::Infer => "infer",
-        EdgeStage::Encode => "encode",
-    }
-}
-
 /// Sightings first: fusion knows from the patches how many to wait for.
-fn encode(output: &EdgeOutput) -> Vec<Said> {
+fn encode(output: &EdgeOutput) -> Vec<Outgoing> {
     let sightings = output
         .sighting_sets
         .iter()
-        .map(|set| Said::Sightings(wire::encode(set)));
+        .map(|set| Outgoing::Sightings(wire::encode(set)));
     let patches = output
         .patch_sets
         .iter()
-        .map(|set| Said::Patches(wire::encode(set)));
+        .map(|set| Outgoing::Patches(wire::encode(set)));
     sightings.chain(patches).collect()
 }
 
@@ -188,12 +143,12 @@ impl Worker {
     ///
     /// # Errors
     /// When the system has no thread left.
-    pub(super) fn spawn(work: Work, say: mpsc::Sender<Said>) -> std::io::Result<Self> {
+    pub(super) fn spawn(work: Work, outgoing: mpsc::Sender<Outgoing>) -> std::io::Result<Self> {
         // Lock-step has one tick under way; the second place lets the loop never wait.
         let (jobs, to_do) = sync_channel(2);
         let (done_tx, done) = mpsc::channel(2);
         let thread = std::thread::Builder::new().name("pipeline".to_owned());
-        let thread = thread.spawn(move || run(work, &to_do, &say, &done_tx))?;
+        let thread = thread.spawn(move || run(work, &to_do, &outgoing, &done_tx))?;
         Ok(Self { jobs, done, thread })
     }
 
@@ -225,7 +180,7 @@ impl Worker {
 fn run(
     mut work: Work,
     to_do: &Receiver<BoxSet>,
-    say: &mpsc::Sender<Said>,
+    outgoing: &mpsc::Sender<Outgoing>,
     done: &mpsc::Sender<Done>,
 ) -> Work {
     while let Ok(boxes) = to_do.recv() {
@@ -234,7 +189,7 @@ fn run(
             // When full, this thread waits for the network; the loop never does.
             let sent = messages
                 .into_iter()
-                .try_for_each(|message| say.blocking_send(message));
+                .try_for_each(|message| outgoing.blocking_send(message));
             sent.map_err(|_| anyhow!("the publisher has ended"))
         });
         let failed = result.is_err();

@@ -10,6 +10,7 @@ mod batch;
 mod camera;
 mod detection_pass;
 mod error;
+mod map_encoder;
 mod parts;
 mod request;
 mod sighting;
@@ -23,13 +24,14 @@ use std::collections::BTreeMap;
 use farfield_proto::id::{CameraIndex, PersonId, SessionId, ViewpointIndex};
 use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::message::{PatchSet, PersonPatch, SightingSet};
-use farfield_proto::patch::{CompressionLevel, Encoder, FLOOR, Maps, quantize};
+use farfield_proto::patch::{CompressionLevel, Maps, quantize};
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::Venue;
 use farfield_proto::venue::parameters::CameraChoice;
 
 use self::batch::Batch;
 use self::camera::{EdgeCamera, cameras_of, check_shapes};
+use self::map_encoder::MapEncoder;
 use self::tiled_detector::TiledDetector;
 use self::tracked::Tracked;
 use crate::crop::CropGeometry;
@@ -38,6 +40,8 @@ use crate::inference::{KeypointNetwork, PersonDetector};
 use crate::source::{Frame, FrameContent, MapCrop};
 
 pub use error::PipelineError;
+#[cfg(feature = "study")]
+pub use map_encoder::StandIn;
 pub use parts::MESSAGE_BYTES;
 pub use request::StepRequest;
 
@@ -63,24 +67,16 @@ pub struct EdgeOutput {
     pub sighting_sets: Vec<SightingSet>,
 }
 
-/// Another codec in the place of ours, for studies: what it makes of the maps is then sent exactly.
-pub trait StandIn: Send {
-    /// Turns `maps`, of which nothing was left out yet, into what its decoder would give.
-    fn recode(&mut self, maps: &mut Maps);
-}
-
 /// The edge of one viewpoint.
 pub struct EdgePipeline {
     viewpoint: ViewpointIndex,
     cameras: Vec<EdgeCamera>,
     keypoints: KeypointSet,
-    level: CompressionLevel,
-    stand_in: Option<Box<dyn StandIn>>,
     choice: CameraChoice,
     batch: Option<Batch>,
     detector: Option<TiledDetector>,
     ticks_per_pass: i64,
-    encoder: Encoder,
+    encoder: MapEncoder,
     maps: Maps,
     session: SessionId,
     last_camera: BTreeMap<PersonId, CameraIndex>,
@@ -105,21 +101,17 @@ impl EdgePipeline {
             .map_or_else(KeypointSet::coco17, |n| n.card().output.keypoints.clone());
         let batch = network.map(Batch::new);
         check_shapes(&cameras, &keypoints, batch.as_ref())?;
+        let level = venue.parameters.link.quality;
+        let level = level.unwrap_or(CompressionLevel::LOSSLESS);
         Ok(Self {
             viewpoint,
             cameras,
             keypoints,
-            level: venue
-                .parameters
-                .link
-                .quality
-                .unwrap_or(CompressionLevel::LOSSLESS),
-            stand_in: None,
             choice: venue.parameters.boxes.camera_choice,
             batch,
             detector: detector.map(|detector| TiledDetector::new(venue, detector)),
             ticks_per_pass: venue.parameters.births.ticks_per_look(venue.rate_hz),
-            encoder: Encoder::new(),
+            encoder: MapEncoder::new(level),
             maps: Maps::new(1, 1, 1),
             session: SessionId::default(),
             last_camera: BTreeMap::new(),
@@ -215,12 +207,13 @@ impl EdgePipeline {
     /// Sets the compression level of the next steps; at first it is the venue's `[link] quality`, else
     /// [`CompressionLevel::LOSSLESS`].
     pub fn set_compression_level(&mut self, level: CompressionLevel) {
-        self.level = level;
+        self.encoder.set_level(level);
     }
 
     /// Lets `stand_in` do the codec's work from now on, whatever the compression level.
+    #[cfg(feature = "study")]
     pub fn set_stand_in(&mut self, stand_in: Box<dyn StandIn>) {
-        self.stand_in = Some(stand_in);
+        self.encoder.set_stand_in(stand_in);
     }
 
     /// Which share of the last step's inference, by crops, was on people without boxes, 0 to 1.
@@ -309,7 +302,7 @@ impl EdgePipeline {
                     grid: &first,
                     sigma_cells: drawing.sigma_cells,
                     camera: model,
-                    floor: self.stand_in.as_ref().map_or(FLOOR, |_| 0),
+                    floor: self.encoder.floor(),
                 };
                 painter.paint(&crop, &mut self.maps);
             }
@@ -328,12 +321,7 @@ impl EdgePipeline {
             }
             _ => return None,
         }
-        let maps = if let Some(stand_in) = &mut self.stand_in {
-            stand_in.recode(&mut self.maps);
-            self.encoder.encode_above(&self.maps, 0)
-        } else {
-            self.encoder.encode(&self.maps, self.level)
-        };
+        let maps = self.encoder.encode(&mut self.maps);
         Some(PersonPatch {
             person: tracked.person,
             camera: *index,

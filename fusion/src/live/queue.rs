@@ -1,12 +1,12 @@
-//! When the next tick is stepped, and whether over what has come or over nothing.
+//! When the next tick is stepped, and whether over what has come or without input.
 //!
 //! A tick is stepped when all who are waited for have spoken, or its deadline has passed, and the tick
 //! before it was. A core that is too slow for the venue does not fall behind for ever: ticks that have been
-//! ready for too long are stepped over nothing, which carries everybody on by the model and costs little.
+//! ready for too long are stepped without input, which carries everybody on by the model and costs little.
 
 use super::Micros;
 
-/// How long a tick may be ready before it is stepped over nothing, microseconds. A look that takes long
+/// How long a tick may be ready before it is stepped without input, microseconds. A look that takes long
 /// holds up the ticks behind it: so long they may take to catch up.
 pub const LONGEST_LAG_US: Micros = 150_000;
 
@@ -17,8 +17,8 @@ pub enum Next {
     WaitUntil(Micros),
     /// Step the next tick over what has come.
     Step,
-    /// Step the next tick over nothing: the core is behind.
-    StepOverNothing,
+    /// Step the next tick without input: the core is behind.
+    StepWithoutInput,
 }
 
 /// Whom the next tick waits for.
@@ -55,7 +55,7 @@ impl Queue {
         let ready_us = ready_us.max(self.ready_us);
         self.next_ready_us = Some(ready_us);
         if now_us - ready_us > LONGEST_LAG_US {
-            Next::StepOverNothing
+            Next::StepWithoutInput
         } else {
             Next::Step
         }
@@ -137,7 +137,7 @@ mod tests {
                 let waiting = Waiting::Until(ready_us);
                 match queue.next(tick_us, waiting, now_us) {
                     Next::Step => now_us += full_us,
-                    Next::StepOverNothing => {
+                    Next::StepWithoutInput => {
                         now_us += empty_us;
                         over_nothing += 1.0;
                     }

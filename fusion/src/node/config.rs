@@ -10,13 +10,14 @@ use farfield_node::files::load_venue;
 use farfield_node::process::{Managed, NodeError};
 use farfield_proto::model_card::HeatmapCard;
 use farfield_proto::tick::{Tick, parse_range};
+use farfield_proto::transport::FUSION;
 use farfield_proto::venue::Venue;
 
 use super::given::{check_given_keypoints, check_given_ticks};
 use super::handout::Handout;
-use super::link::{Door, Mode, NODE};
-use super::progress::Detail;
+use super::output::progress::Detail;
 use super::recording::check_place;
+use super::session::mode::Mode;
 
 /// Arguments of the fusion node.
 #[derive(Debug, Clone, clap::Args)]
@@ -46,7 +47,7 @@ pub struct FusionArgs {
     /// Folder for the results; must be empty or not there.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Record everything that is heard and said, and what was used for each tick, as an MCAP file: this
+    /// Record everything that is received and sent, and what was used for each tick, as an MCAP file: this
     /// one, which must not be there, or a new one in this folder.
     #[arg(long, value_name = "FILE")]
     pub record: Option<PathBuf>,
@@ -116,7 +117,7 @@ impl Config {
         }
         let asked = Asked {
             side: Side::Listen,
-            node: NODE,
+            node: FUSION,
             endpoints: &args.listen,
             certificates: args.certificates.as_deref(),
             allow_plaintext: args.allow_plaintext,
@@ -153,24 +154,14 @@ impl Config {
     }
 }
 
-impl Config {
-    /// Where edges find fusion.
-    pub(super) fn door(&self) -> Door<'_> {
-        Door {
-            listen: &self.reach.endpoints,
-            identity: self.reach.identity.as_ref(),
-        }
-    }
-}
-
 /// Refuses a viewpoint whose name is taken by fusion itself.
 ///
 /// # Errors
 /// Names the viewpoint.
 pub fn check_names(venue: &Venue) -> anyhow::Result<()> {
     anyhow::ensure!(
-        venue.viewpoint_named(NODE).is_none(),
-        "a viewpoint must not be named {NODE:?}: that is the name of the fusion node"
+        venue.viewpoint_named(FUSION).is_none(),
+        "a viewpoint must not be named {FUSION:?}: that is the name of the fusion node"
     );
     Ok(())
 }

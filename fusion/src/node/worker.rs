@@ -14,8 +14,8 @@ use farfield_proto::message::{BoxSet, PatchSet, PoseSet, StageTime};
 use farfield_proto::tick::Tick;
 use tokio::sync::mpsc;
 
-use super::link::Mode;
-use super::recorder::Recorder;
+use super::output::exporter::Exporter;
+use super::session::mode::Mode;
 use crate::align::TickGroup;
 use crate::export::pose_files::Presence;
 use crate::pipeline::{Pipeline, Stage};
@@ -83,7 +83,7 @@ impl Worker {
     /// When the system has no thread left.
     pub(super) fn spawn(
         pipeline: Pipeline,
-        recorder: Recorder,
+        exporter: Exporter,
         mode: Mode,
     ) -> std::io::Result<Self> {
         // There is one tick under way; the second place lets the loop never wait.
@@ -93,7 +93,7 @@ impl Worker {
         let thread = thread.spawn(move || {
             Work {
                 pipeline,
-                recorder,
+                exporter,
                 mode,
                 written: Ok(()),
                 last: None,
@@ -133,7 +133,7 @@ struct ToWrite {
 /// What the thread owns.
 struct Work {
     pipeline: Pipeline,
-    recorder: Recorder,
+    exporter: Exporter,
     mode: Mode,
     /// Why nothing more is written, if so.
     written: anyhow::Result<()>,
@@ -156,7 +156,7 @@ impl Work {
         }
         let Self {
             mut pipeline,
-            mut recorder,
+            mut exporter,
             written,
             last,
             laps,
@@ -167,9 +167,9 @@ impl Work {
             written.map(|()| Vec::new())
         } else {
             written
-                .and_then(|()| recorder.write(&pipeline.finish()))
-                .and_then(|()| recorder.write_smoothed(&pipeline.finish_smoothed()))
-                .and_then(|()| recorder.finish())
+                .and_then(|()| exporter.write(&pipeline.finish()))
+                .and_then(|()| exporter.write_smoothed(&pipeline.finish_smoothed()))
+                .and_then(|()| exporter.finish())
         };
         Finished {
             people,
@@ -212,8 +212,8 @@ impl Work {
         if self.written.is_err() {
             return;
         }
-        let written = self.recorder.write(finished);
-        self.written = written.and_then(|()| self.recorder.write_smoothed(smoothed));
+        let written = self.exporter.write(finished);
+        self.written = written.and_then(|()| self.exporter.write_smoothed(smoothed));
         if let (Err(error), Mode::Live) = (&self.written, self.mode) {
             say(format_args!("no more poses are written: {error:#}"));
         }

@@ -43,11 +43,16 @@ pub struct VenueClock {
 impl VenueClock {
     /// Starts with the system's time.
     pub fn start() -> Self {
-        Self::start_shifted(0)
+        Self::put_forward(0)
     }
 
     /// Starts with the system's time put forward by `shift_us` microseconds, and keeps that distance.
+    #[cfg(feature = "study")]
     pub fn start_shifted(shift_us: i64) -> Self {
+        Self::put_forward(shift_us)
+    }
+
+    fn put_forward(shift_us: i64) -> Self {
         Self {
             start: now(),
             at_start_us: Arc::new(AtomicI64::new(unix_us().saturating_add(shift_us))),

@@ -1,8 +1,17 @@
-//! What the shell of every Farfield node needs, written once: edge, fusion and recorder are processes with
-//! the same clock, the same signals, the same log and a session with each other.
+//! What the shell of every Farfield node needs, written once: edge, fusion and recorder are processes with the same
+//! clock, the same signals, the same log and a session with each other.
 //!
-//! Start with [`process`]: how a node ends, and what it says then. [`session`] is how it speaks with others. [`clock`] is the only file of the
-//! workspace's nodes that reads the machine's clock.
+//! Read [`process`] first: how a node is told to stop, how it ends, and what it says then. [`session`] is how it
+//! speaks with others, [`endpoints`] where and as whom. [`files`] reads what describes a venue, which
+//! [`farfield_proto`] then understands without opening anything. The rest is one function or type each:
+//!
+//! | module | what |
+//! | --- | --- |
+//! | [`clock`] | the only reader of the machine's clock; the venue's clock, which never jumps |
+//! | [`log`] | what a node logs, and how it listens in on a library's log |
+//! | [`runtime`] | starting the runtime, and ending it whatever still waits |
+//!
+//! Nothing here knows what a node works on: what only edges or only fusion need lies with them.
 
 pub mod clock;
 pub mod endpoints;

@@ -172,7 +172,7 @@ mod tests {
             entry(found('a'), b""),
             entry(found('b'), b"\x00\xff"),
             entry(found('c'), b"\x0d\xff"),
-            entry(found('d'), &[0; 20_000]),
+            entry(found('d'), &vec![0; 20_000]),
             entry("seed".to_owned(), b"\x0d\xff"),
         ]);
         let kept: Vec<String> = minimised(&corpus)

@@ -21,7 +21,7 @@ use tokio_util::task::TaskTracker;
 
 use super::attempts;
 use super::config::EdgeArgs;
-use super::run::remind;
+use super::reminder::remind;
 use ask::Fusion;
 use names::Names;
 use place::Part;

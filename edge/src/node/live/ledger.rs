@@ -43,7 +43,7 @@ impl Ledger {
     }
 
     /// Takes boxes that arrived at `now_us`.
-    pub(super) fn hear(&mut self, boxes: BoxSet, now_us: Micros) -> BoxSetArrival {
+    pub(super) fn take_boxes(&mut self, boxes: BoxSet, now_us: Micros) -> BoxSetArrival {
         let live = boxes.live;
         let arrival = self.boxes.hear(boxes.into(), now_us);
         let is_followed = matches!(arrival, BoxSetArrival::NewSession | BoxSetArrival::Newer);

@@ -1,21 +1,22 @@
 //! An edge that runs live: nobody waits for anybody.
 //!
 //! A thread per camera puts frames into the [`frames`] store as they come (recordings as their ticks come), a thread
-//! runs the pipeline on the frames of a tick and the newest boxes, and the loop here hears what fusion
+//! runs the pipeline on the frames of a tick and the newest boxes, and the loop here receives what fusion
 //! says and tells once a second how the edge is. What they share is locked for microseconds.
 
 mod camera;
 mod frames;
 mod ledger;
-mod mouths;
+mod publishers;
 mod shared;
+mod threads;
 mod ticker;
-mod work;
 
 use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::{Context as _, anyhow};
+use farfield_node::clock::VenueClock;
 use farfield_node::process::{Ending, NodeError, say};
 use farfield_proto::message::live::{EdgeLink, LiveStatus};
 use farfield_proto::message::{Order, Status};
@@ -25,15 +26,16 @@ use tokio::time::{MissedTickBehavior, interval};
 use tokio_util::sync::CancellationToken;
 
 use super::compare::compare_files;
-use super::link::{Ends, Heard};
+use super::link::{Ends, Incoming};
+use super::parts::Parts;
+use super::ring::RingHandle;
 use crate::live::newest_boxes::BoxSetArrival;
 use crate::live::rate::MessageKind;
 use crate::live::refusal::RepeatedRefusal;
 
 use self::shared::Shared;
 
-pub(super) use self::mouths::Mouths;
-pub(super) use self::work::LiveWork;
+pub(super) use self::publishers::Publishers;
 
 /// How often an edge says how it is.
 const STATUS_EVERY: Duration = Duration::from_secs(1);
@@ -52,14 +54,21 @@ pub(super) struct Live {
 }
 
 impl Live {
-    /// Starts cameras and pipeline.
+    /// Starts cameras and pipeline, of an edge that introduces itself as `status` and goes by `clock`; `ring` keeps
+    /// its sets, if anything does.
     ///
     /// # Errors
     /// When the system has no thread left.
-    pub(super) fn spawn(work: LiveWork, status: Status, mouths: Mouths) -> std::io::Result<Self> {
-        let shared = Arc::new(Shared::new(&work, mouths));
+    pub(super) fn spawn(
+        parts: Parts,
+        status: Status,
+        clock: VenueClock,
+        publishers: Publishers,
+        ring: Option<RingHandle>,
+    ) -> std::io::Result<Self> {
+        let shared = Arc::new(Shared::new(&parts, clock, publishers, ring));
         let (failed_tx, failed) = oneshot::channel();
-        work.spawn(&shared, failed_tx)?;
+        threads::spawn(parts, &shared, failed_tx)?;
         Ok(Self {
             status,
             shared,
@@ -82,32 +91,32 @@ impl Live {
     ///
     /// # Errors
     /// As [`Self::run`].
-    pub(super) fn hear(&mut self, heard: Heard) -> Result<Option<Ending>, NodeError> {
-        match heard {
+    pub(super) fn receive(&mut self, incoming: Incoming) -> Result<Option<Ending>, NodeError> {
+        match incoming {
             // A fusion in lock-step says so in its status, too.
-            Heard::Boxes(boxes)
+            Incoming::Boxes(boxes)
                 if boxes.live.is_none() || Some(boxes.viewpoint) != self.status.viewpoint =>
             {
                 self.status.unreadable += 1;
             }
-            Heard::Boxes(boxes)
+            Incoming::Boxes(boxes)
                 if boxes.order == Order::End && self.shared.session() == Some(boxes.session) =>
             {
                 return Ok(Some(Ending::Done));
             }
-            Heard::Boxes(boxes) => match self.shared.hear(boxes) {
+            Incoming::Boxes(boxes) => match self.shared.take_boxes(boxes) {
                 // Fusion uses nothing of an edge before it knows what files it holds.
-                BoxSetArrival::NewSession => self.say(),
+                BoxSetArrival::NewSession => self.send_status(),
                 BoxSetArrival::Foreign => self.status.unreadable += 1,
                 BoxSetArrival::Newer | BoxSetArrival::Stale => {}
             },
-            Heard::Fusion(fusion) => {
+            Incoming::Fusion(fusion) => {
                 self.weigh(&fusion);
                 return self.give_up();
             }
             // It comes back, and finds the cameras open.
-            Heard::FusionGone => {}
-            Heard::Unreadable(_) => self.status.unreadable += 1,
+            Incoming::FusionGone => {}
+            Incoming::Unreadable(_) => self.status.unreadable += 1,
         }
         Ok(None)
     }
@@ -127,9 +136,9 @@ impl Live {
         loop {
             tokio::select! {
                 () = stop.cancelled() => return Ok(Ending::Interrupted),
-                heard = ends.heard.recv() => {
-                    let heard = heard.context("the subscriptions have ended").map_err(NodeError::Failed)?;
-                    if let Some(ending) = self.hear(heard)? {
+                incoming = ends.incoming.recv() => {
+                    let incoming = incoming.context("the subscriptions have ended").map_err(NodeError::Failed)?;
+                    if let Some(ending) = self.receive(incoming)? {
                         return Ok(ending);
                     }
                 }
@@ -139,7 +148,7 @@ impl Live {
                 }
                 _ = statuses.tick() => {
                     self.shared.clock.discipline();
-                    self.say();
+                    self.send_status();
                     if let Some(ending) = self.give_up()? {
                         return Ok(ending);
                     }
@@ -153,11 +162,11 @@ impl Live {
         self.shared.stop();
         self.refused = None;
         self.status.failure = error.map(|error| wire::cut_text(error.to_string()));
-        self.say();
+        self.send_status();
     }
 
     /// Sends the status now.
-    fn say(&mut self) {
+    fn send_status(&mut self) {
         let now_us = self.shared.clock.now_us();
         self.status.ready = !self.shared.is_stopped() && self.refused.is_none();
         self.status.stages = self.shared.stages();

@@ -14,11 +14,11 @@ use tokio_util::sync::CancellationToken;
 
 use super::frames::FrameStore;
 use super::ledger::Ledger;
-use super::mouths::Mouths;
-use super::work::LiveWork;
+use super::publishers::Publishers;
 use crate::live::Micros;
 use crate::live::newest_boxes::BoxSetArrival;
 use crate::live::rate::MessageKind;
+use crate::node::parts::Parts;
 use crate::node::ring::RingHandle;
 use crate::ring::record::Label;
 
@@ -31,23 +31,29 @@ pub(super) struct Shared {
     pub(super) frames: FrameStore,
     ledger: Mutex<Ledger>,
     stages: Mutex<BTreeMap<&'static str, Histogram>>,
-    mouths: Mouths,
+    publishers: Publishers,
     ring: Option<RingHandle>,
     stop: CancellationToken,
 }
 
 impl Shared {
-    pub(super) fn new(work: &LiveWork, mouths: Mouths) -> Self {
-        let venue = &work.venue;
+    /// For the cameras of `parts`; what is sent goes to `publishers`, and to `ring` if there is one.
+    pub(super) fn new(
+        parts: &Parts,
+        clock: VenueClock,
+        publishers: Publishers,
+        ring: Option<RingHandle>,
+    ) -> Self {
+        let venue = &parts.venue;
         let period_us = (1e6 / venue.rate_hz).round() as Micros;
         let most_lag_us = (venue.parameters.link.deadline_ms * 1e3) as Micros;
         Self {
-            clock: VenueClock::start_shifted(work.clock_shift_us),
-            frames: FrameStore::new(&work.cameras, period_us, most_lag_us),
+            clock,
+            frames: FrameStore::new(&parts.cameras, period_us, most_lag_us),
             ledger: Mutex::new(Ledger::new(venue.rate_hz, &venue.parameters.link)),
             stages: Mutex::default(),
-            mouths,
-            ring: work.ring.clone(),
+            publishers,
+            ring,
             stop: CancellationToken::new(),
         }
     }
@@ -59,9 +65,9 @@ impl Shared {
     }
 
     /// Takes boxes that have just arrived.
-    pub(super) fn hear(&self, boxes: BoxSet) -> BoxSetArrival {
+    pub(super) fn take_boxes(&self, boxes: BoxSet) -> BoxSetArrival {
         let now_us = self.clock.now_us();
-        self.ledger().hear(boxes, now_us)
+        self.ledger().take_boxes(boxes, now_us)
     }
 
     /// Fusion's session, once there is one.
@@ -74,7 +80,7 @@ impl Shared {
         let now_us = self.clock.now_us();
         let admitted = self.ledger().admit(message, bytes.len(), now_us);
         if admitted {
-            self.mouths.put(message, bytes);
+            self.publishers.put(message, bytes);
         }
         admitted
     }

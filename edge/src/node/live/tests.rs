@@ -53,16 +53,16 @@ fn venue(folder: &Path) -> std::path::PathBuf {
     path
 }
 
-type Ears = Subscriber<FifoChannelHandler<Sample>>;
+type Subscribed = Subscriber<FifoChannelHandler<Sample>>;
 
 /// Fusion as far as an edge knows it.
 struct Script {
     _session: Session,
     boxes: Publisher<'static>,
     status: Publisher<'static>,
-    patches: Ears,
-    sightings: Ears,
-    statuses: Ears,
+    patches: Subscribed,
+    sightings: Subscribed,
+    statuses: Subscribed,
     clock: VenueClock,
     endpoint: String,
     venue: Venue,
@@ -84,15 +84,15 @@ impl Script {
         }
         let session = zenoh::open(config).await.unwrap();
         let endpoint = session.info().locators().await[0].to_string();
-        let ears = |key: &'static str| session.declare_subscriber(key);
-        let mouth = |key: &'static str| session.declare_publisher(key);
+        let subscribe = |key: &'static str| session.declare_subscriber(key);
+        let publish = |key: &'static str| session.declare_publisher(key);
         let clock = VenueClock::start();
         Self {
-            boxes: mouth("live-test/box/a").await.unwrap(),
-            status: mouth("live-test/status/fusion").await.unwrap(),
-            patches: ears("live-test/patch/a").await.unwrap(),
-            sightings: ears("live-test/sighting/a").await.unwrap(),
-            statuses: ears("live-test/status/a").await.unwrap(),
+            boxes: publish("live-test/box/a").await.unwrap(),
+            status: publish("live-test/status/fusion").await.unwrap(),
+            patches: subscribe("live-test/patch/a").await.unwrap(),
+            sightings: subscribe("live-test/sighting/a").await.unwrap(),
+            statuses: subscribe("live-test/status/a").await.unwrap(),
             epoch_us: epoch_us.unwrap_or(clock.now_us() + 500_000),
             _session: session,
             clock,
@@ -186,7 +186,7 @@ impl Script {
     async fn until<M: Message>(
         &mut self,
         persons: u32,
-        ears: impl Fn(&Self) -> &Ears,
+        subscription: impl Fn(&Self) -> &Subscribed,
         is_it: impl Fn(&M) -> bool,
     ) -> M {
         let found = async {
@@ -197,7 +197,7 @@ impl Script {
                 loop {
                     tokio::select! {
                         () = &mut pause => break,
-                        sample = ears(self).recv_async() => {
+                        sample = subscription(self).recv_async() => {
                             let message = wire::decode(&sample.unwrap().payload().to_bytes()).unwrap();
                             if is_it(&message) {
                                 return message;
@@ -236,6 +236,7 @@ fn start_edge(venue: &Path, endpoint: &str) -> JoinHandle<Result<Ending, NodeErr
         certificates: None,
         ticks: None,
         managed: false,
+        #[cfg(feature = "study")]
         clock_shift_ms: 0,
         ring: Some(venue.with_file_name("ring")),
     };

@@ -14,9 +14,10 @@ use farfield_proto::wire;
 use tracing::debug;
 
 use super::shared::Shared;
+use crate::live::Micros;
 use crate::live::rate::{MessageKind, SendPlan};
-use crate::live::{Micros, round_robin};
-use crate::node::worker::split_detection;
+use crate::live::round_robin;
+use crate::node::stage_times::split_detection;
 use crate::pipeline::{EdgeOutput, EdgePipeline, EdgeStage, StepRequest};
 use crate::ring::record::Label;
 use crate::source::Frame;

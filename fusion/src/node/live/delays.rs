@@ -19,9 +19,9 @@ const PATCH_ARRIVED: &str = "patch_arrived";
 /// From the sending of boxes to the sending of the patches made with them.
 const BOX_USED: &str = "box_used";
 
-/// The ways of one edge's messages.
+/// The paths of one edge's messages.
 #[derive(Debug, Default)]
-struct Ways {
+struct Paths {
     name: String,
     patch_sent: Histogram,
     patch_arrived: Histogram,
@@ -35,7 +35,7 @@ pub(super) struct Delays {
     /// The same, since it was last asked for.
     recent: Histogram,
     pose_out: Histogram,
-    edges: Vec<Ways>,
+    edges: Vec<Paths>,
 }
 
 /// The delay of the last second's poses, microseconds.
@@ -47,25 +47,25 @@ pub(super) struct Recent {
 
 impl Delays {
     pub(super) fn new(venue: &Venue) -> Self {
-        let ways = |name: &String| Ways {
+        let paths = |name: &String| Paths {
             name: name.clone(),
-            ..Ways::default()
+            ..Paths::default()
         };
         Self {
-            edges: venue.viewpoints.iter().map(|v| ways(&v.name)).collect(),
+            edges: venue.viewpoints.iter().map(|v| paths(&v.name)).collect(),
             ..Self::default()
         }
     }
 
     /// A patch set has come from the viewpoint of this index.
     pub(super) fn trip(&mut self, index: usize, trip: Trip) {
-        let Some(ways) = self.edges.get_mut(index) else {
+        let Some(paths) = self.edges.get_mut(index) else {
             return;
         };
         let all = [
-            (&mut ways.patch_sent, trip.sent_us),
-            (&mut ways.patch_arrived, trip.arrived_us),
-            (&mut ways.box_used, trip.box_used_us),
+            (&mut paths.patch_sent, trip.sent_us),
+            (&mut paths.patch_arrived, trip.arrived_us),
+            (&mut paths.box_used, trip.box_used_us),
         ];
         for (histogram, us) in all {
             if let Some(us) = us {
@@ -106,28 +106,28 @@ impl Delays {
 
     /// Those of all edges together, which a status has room for.
     pub(super) fn of_all_edges(&self) -> Vec<StageTime> {
-        let all = |stage: &str, of: fn(&Ways) -> &Histogram| {
+        let all = |stage: &str, of: fn(&Paths) -> &Histogram| {
             let mut sum = Histogram::default();
-            self.edges.iter().for_each(|ways| sum.merge(of(ways)));
+            self.edges.iter().for_each(|paths| sum.merge(of(paths)));
             sum.stage_time(stage)
         };
         let all = [
-            all(PATCH_SENT, |ways| &ways.patch_sent),
-            all(PATCH_ARRIVED, |ways| &ways.patch_arrived),
-            all(BOX_USED, |ways| &ways.box_used),
+            all(PATCH_SENT, |paths| &paths.patch_sent),
+            all(PATCH_ARRIVED, |paths| &paths.patch_arrived),
+            all(BOX_USED, |paths| &paths.box_used),
         ];
         all.into_iter().flatten().collect()
     }
 
     /// Those of every edge, by the viewpoint's name.
     pub(super) fn of_edges(&self) -> impl Iterator<Item = (&str, StageTime)> {
-        self.edges.iter().flat_map(|ways| {
+        self.edges.iter().flat_map(|paths| {
             let all = [
-                ways.patch_sent.stage_time(PATCH_SENT),
-                ways.patch_arrived.stage_time(PATCH_ARRIVED),
-                ways.box_used.stage_time(BOX_USED),
+                paths.patch_sent.stage_time(PATCH_SENT),
+                paths.patch_arrived.stage_time(PATCH_ARRIVED),
+                paths.box_used.stage_time(BOX_USED),
             ];
-            let name = ways.name.as_str();
+            let name = paths.name.as_str();
             all.into_iter().flatten().map(move |time| (name, time))
         })
     }

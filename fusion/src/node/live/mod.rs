@@ -2,29 +2,26 @@
 //! there are poses and boxes.
 
 mod delays;
-mod hearing;
+mod receiving;
 mod run;
-mod saying;
+mod sending;
 mod start;
 mod status;
+mod surroundings;
 
-use std::path::Path;
 use std::time::Duration;
 
 use anyhow::Context as _;
 use farfield_node::clock;
 use farfield_node::process::{Ending, Managed, NodeError};
-use farfield_proto::id::SessionId;
-use tokio_util::sync::CancellationToken;
 
 use self::run::Live;
 use self::start::clock_start;
-use super::config::Config;
-use super::link::{Ear, Ends, Mode};
-use super::progress::Reporter;
-use super::recorder::Recorder;
+pub(super) use self::surroundings::Surroundings;
+use super::output::exporter::Exporter;
+use super::output::summary::{self, Facts, summarize};
 use super::recording::RecordingThread;
-use super::summary::{self, Facts, summarize};
+use super::session::mode::Mode;
 use super::worker::Worker;
 use crate::pipeline::Pipeline;
 
@@ -32,20 +29,6 @@ use crate::pipeline::Pipeline;
 const FILL_PATIENCE: Duration = Duration::from_secs(30);
 /// The same when somebody stops it.
 const HURRY: Duration = Duration::from_secs(2);
-
-/// What a live run works with.
-pub(super) struct Surroundings<'a> {
-    pub(super) config: &'a Config,
-    pub(super) session: SessionId,
-    /// Where the results go.
-    pub(super) out: &'a Path,
-    /// Who records, if anybody does.
-    pub(super) recording: Option<&'a RecordingThread>,
-    pub(super) ear: &'a Ear,
-    pub(super) ends: &'a mut Ends,
-    pub(super) reporter: &'a mut Reporter,
-    pub(super) stop: &'a CancellationToken,
-}
 
 /// Runs until someone asks it to stop, or the ticks are over that were asked for or recorded.
 ///
@@ -63,9 +46,9 @@ pub(super) async fn live(
     let began = clock::now();
     let first = start.first;
     let boxes = pipeline.first_boxes(first);
-    let recorder =
-        Recorder::create(around.out, venue, pipeline.keypoints()).map_err(NodeError::Failed)?;
-    let mut worker = Worker::spawn(pipeline, recorder, Mode::Live)
+    let exporter =
+        Exporter::create(around.out, venue, pipeline.keypoints()).map_err(NodeError::Failed)?;
+    let mut worker = Worker::spawn(pipeline, exporter, Mode::Live)
         .context("starting the core's thread")
         .map_err(NodeError::Failed)?;
     let mut run = Live::new(&around, start);
@@ -75,8 +58,9 @@ pub(super) async fn live(
             Ok(Ending::Done) => FILL_PATIENCE,
             _ => HURRY,
         };
-        let fillers = recording.fillers(&around.ear.clock);
-        run.hear_until(around.ends, fillers.finish(patience)).await;
+        let fillers = recording.fillers(&around.interceptor.clock);
+        run.receive_until(around.ends, fillers.finish(patience))
+            .await;
     }
     // Fusion that is stopped, or fails, may start again, and finds its edges at work. Under a parent all end.
     let is_over = matches!(outcome, Ok(Ending::Done)) || config.managed == Managed::Yes;
@@ -99,12 +83,12 @@ pub(super) async fn live(
         people,
         last: finished.last,
         stages: finished.stages,
-        ways: run.ways(),
+        paths: run.paths(),
         last_words: &last_words,
         elapsed: clock::now().duration_since(began),
         recording: around.recording.map(RecordingThread::so_far),
     };
-    summary::write(around.out, &summarize(config, &facts)).map_err(NodeError::Failed)?;
+    summary::write(around.out, &summarize(venue, &facts)).map_err(NodeError::Failed)?;
     outcome.map_err(NodeError::Failed)
 }
 

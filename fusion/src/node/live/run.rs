@@ -12,18 +12,15 @@ use farfield_proto::id::{SessionId, ViewpointIndex};
 use farfield_proto::message::decision::Decision;
 use farfield_proto::message::{BoxSet, PatchSet, StageTime, Status};
 use farfield_proto::tick::Tick;
+use farfield_proto::transport::FUSION;
 use farfield_proto::wire;
 use tokio::time::{MissedTickBehavior, interval, sleep_until};
 
 use super::super::config::Config;
-use super::super::link::{Ear, Ends, NODE, Said as Say};
-use super::super::summary::Lost;
-use super::super::tally::Tally;
-use super::super::tap::Decided;
 use super::super::worker::{Job, Worker};
-use super::Surroundings;
 use super::delays::Delays;
 use super::start::{LiveStart, is_recorded};
+use super::surroundings::Surroundings;
 use crate::align::TickGroup;
 use crate::live::edge::Edge;
 use crate::live::gather::LiveGather;
@@ -32,6 +29,12 @@ use crate::live::pace::Pace;
 use crate::live::queue::{Next, Queue, Waiting};
 use crate::live::tick_time::TickTime;
 use crate::live::{Micros, SECOND_US};
+use crate::node::output::summary::Lost;
+use crate::node::output::tally::Tally;
+use crate::node::session::interceptor::Interceptor;
+use crate::node::session::link::Ends;
+use crate::node::session::messages::Outgoing;
+use crate::node::session::wiretap::CopiedStep;
 
 /// How often the loop looks after what nothing else wakes it for.
 const BEAT: Duration = Duration::from_millis(100);
@@ -44,7 +47,7 @@ const OPEN_S: f64 = 2.0;
 const LATE_S: f64 = 10.0;
 /// How long after the first tick the edges' first messages are waited for: at that tick all look for people.
 const FIRST_WORD_US: Micros = SECOND_US / 2;
-/// Messages that are heard before the loop looks after ticks again.
+/// Messages that are received before the loop looks after ticks again.
 const AT_ONCE: usize = 64;
 
 /// A tick that the core works on.
@@ -57,7 +60,7 @@ pub(super) struct InFlight {
 /// A live run under way.
 pub(super) struct Live<'a> {
     pub(super) config: &'a Config,
-    pub(super) ear: &'a Ear,
+    pub(super) interceptor: &'a Interceptor,
     pub(super) session: SessionId,
     pub(super) first: Tick,
     pub(super) time: TickTime,
@@ -80,8 +83,8 @@ pub(super) struct Live<'a> {
     pub(super) core_stages: Vec<StageTime>,
     /// The last tick that is done.
     pub(super) last: Option<Tick>,
-    /// Ticks that were stepped over nothing because the core was behind.
-    pub(super) over_nothing: u64,
+    /// Ticks that were stepped without input because the core was behind.
+    pub(super) without_input: u64,
     /// Messages that could not be read, of nobody in particular.
     pub(super) unreadable: u64,
     /// Messages that fusion had no room to send.
@@ -115,7 +118,7 @@ impl<'a> Live<'a> {
         around.reporter.started(first, config_end(config, &members));
         Self {
             config,
-            ear: around.ear,
+            interceptor: around.interceptor,
             session: around.session,
             first,
             time,
@@ -140,7 +143,7 @@ impl<'a> Live<'a> {
             delays: Delays::new(venue),
             core_stages: Vec::new(),
             last: None,
-            over_nothing: 0,
+            without_input: 0,
             unreadable: 0,
             unsent: 0,
             expect_until_us,
@@ -173,7 +176,7 @@ impl<'a> Live<'a> {
             if self.in_flight.is_none() && self.is_over() {
                 return Ok(Ending::Done);
             }
-            let wake = self.ear.clock.instant_at(wake_us.unwrap_or(0));
+            let wake = self.interceptor.clock.instant_at(wake_us.unwrap_or(0));
             tokio::select! {
                 () = stop.cancelled() => return Ok(Ending::Interrupted),
                 stepped = worker.done.recv() => {
@@ -183,11 +186,11 @@ impl<'a> Live<'a> {
                         reporter.tick(&poses, bytes);
                     }
                 }
-                heard = ends.heard.recv() => {
-                    self.hear(heard.context("the subscriptions have ended")?);
+                incoming = ends.incoming.recv() => {
+                    self.receive(incoming.context("the subscriptions have ended")?);
                     for _ in 0..AT_ONCE {
-                        let Ok(heard) = ends.heard.try_recv() else { break };
-                        self.hear(heard);
+                        let Ok(incoming) = ends.incoming.try_recv() else { break };
+                        self.receive(incoming);
                     }
                 }
                 () = sleep_until(wake.into()), if wake_us.is_some() => {}
@@ -195,10 +198,10 @@ impl<'a> Live<'a> {
                     n_beats = n_beats.wrapping_add(1);
                     self.beat(ends);
                     if n_beats.is_multiple_of(BEATS_PER_STATUS) {
-                        self.ear.clock.discipline();
-                        let now_us = self.ear.clock.now_us();
+                        self.interceptor.clock.discipline();
+                        let now_us = self.interceptor.clock.now_us();
                         let status = self.status(self.config, now_us);
-                        self.say(ends, Say::Status(wire::encode(&status)));
+                        self.send(ends, Outgoing::Status(wire::encode(&status)));
                         let recent = self.delays.take_recent();
                         let edges = status.live.map(|live| live.edges).unwrap_or_default();
                         self.tell_refusals(&edges);
@@ -220,7 +223,7 @@ impl<'a> Live<'a> {
             return Ok(None);
         }
         let tick = self.gather.next();
-        let now_us = self.ear.clock.now_us();
+        let now_us = self.interceptor.clock.now_us();
         let waiting = self.waiting(tick, now_us);
         let next = self.queue.next(self.time.at(tick), waiting, now_us);
         if let Next::WaitUntil(us) = next {
@@ -229,8 +232,8 @@ impl<'a> Live<'a> {
         self.note_missing(tick);
         let mut group = self.gather.take();
         let mut arrived_us = self.arrived.remove(&tick);
-        if next == Next::StepOverNothing {
-            self.over_nothing += 1;
+        if next == Next::StepWithoutInput {
+            self.without_input += 1;
             let sets = std::mem::take(&mut group.patch_sets);
             group.sighting_sets.clear();
             for set in sets {
@@ -253,7 +256,7 @@ impl<'a> Live<'a> {
             late: std::mem::take(&mut self.late),
             horizons,
         };
-        self.ear.tap.decided(Decided {
+        self.interceptor.wiretap.decided(CopiedStep {
             group: &job.group,
             late: &job.late,
             horizons: &job.horizons,
@@ -262,7 +265,7 @@ impl<'a> Live<'a> {
             horizons_ticks: job.horizons.clone(),
             ..job.group.decision(self.session, self.first)
         };
-        self.say(ends, Say::Decision(wire::encode(&decision)));
+        self.send(ends, Outgoing::Decision(wire::encode(&decision)));
         worker.step(job)?;
         Ok(None)
     }
@@ -300,7 +303,7 @@ impl<'a> Live<'a> {
     }
 
     fn beat(&mut self, ends: &Ends) {
-        let now_us = self.ear.clock.now_us();
+        let now_us = self.interceptor.clock.now_us();
         if now_us - self.sent_us >= RESEND_AFTER_US {
             self.send_newest(ends, true);
         }
@@ -326,10 +329,10 @@ impl<'a> Live<'a> {
         }
     }
 
-    /// How long the ways take, by node.
-    pub(super) fn ways(&self) -> Vec<(String, StageTime)> {
+    /// How long messages are on their paths, by node.
+    pub(super) fn paths(&self) -> Vec<(String, StageTime)> {
         let own = self.delays.own().into_iter();
-        let own = own.map(|time| (NODE.to_owned(), time));
+        let own = own.map(|time| (FUSION.to_owned(), time));
         let edges = self.delays.of_edges();
         own.chain(edges.map(|(name, time)| (name.to_owned(), time)))
             .collect()

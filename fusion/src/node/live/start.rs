@@ -11,16 +11,17 @@ use anyhow::Context as _;
 use farfield_proto::message::Status;
 use farfield_proto::message::live::LiveStatus;
 use farfield_proto::tick::Tick;
+use farfield_proto::transport::FUSION;
 use farfield_proto::venue::{Source, Venue};
 use farfield_proto::wire;
 use tokio::time::{Instant, MissedTickBehavior, interval, sleep_until};
 
-use super::super::link::{Heard, NODE, Presence, Said as Say};
-use super::super::start::own_status;
-use super::Surroundings;
+use super::super::status::own_status;
+use super::surroundings::Surroundings;
 use crate::live::membership::Membership;
 use crate::live::tick_time::TickTime;
 use crate::live::{Micros, SECOND_US};
+use crate::node::session::messages::{Incoming, Outgoing, Presence};
 
 /// How often fusion says that it is there until the ticks begin.
 const CALL_EVERY: Duration = Duration::from_millis(100);
@@ -28,7 +29,7 @@ const CALL_EVERY: Duration = Duration::from_millis(100);
 const PATIENCE: Duration = Duration::from_secs(20);
 /// From the choice of the first tick to it.
 const RUN_UP_US: Micros = SECOND_US;
-/// Where ticks are under way already, the first is so far ahead: all shall hear in time that they look for
+/// Where ticks are under way already, the first is so far ahead: all shall know in time that they look for
 /// people then.
 const FIRST_WORD_US: Micros = SECOND_US / 4;
 /// Statuses between two reminders of who is missing.
@@ -59,7 +60,7 @@ pub(super) async fn clock_start(
 ) -> anyhow::Result<Option<LiveStart>> {
     let Surroundings {
         config,
-        ear,
+        interceptor,
         ends,
         reporter,
         stop,
@@ -72,7 +73,7 @@ pub(super) async fn clock_start(
     let asked = config.ticks.as_ref().map(|ticks| ticks.start);
     if !is_recorded(venue) {
         let time = TickTime::new(0, venue.rate_hz);
-        let now = time.first_from(ear.clock.now_us() + FIRST_WORD_US);
+        let now = time.first_from(interceptor.clock.now_us() + FIRST_WORD_US);
         return Ok(Some(LiveStart {
             time,
             first: asked.map_or(now, |first| first.max(now)),
@@ -89,16 +90,16 @@ pub(super) async fn clock_start(
         let mut is_enough = false;
         tokio::select! {
             () = stop.cancelled() => return Ok(None),
-            heard = ends.heard.recv() => {
-                match heard.context("the subscriptions have ended")? {
-                    Heard::Status(status) if status.node != NODE => {
-                        members.hear(&status, ear.clock.now_us());
+            incoming = ends.incoming.recv() => {
+                match incoming.context("the subscriptions have ended")? {
+                    Incoming::Status(status) if status.node != FUSION => {
+                        members.hear(&status, interceptor.clock.now_us());
                         if status.ready && leave_out_at.is_none() {
                             leave_out_at = Some(Instant::now() + PATIENCE);
                         }
                     }
-                    Heard::Alive(node, Presence::There) => note_present(venue, &mut present, node),
-                    Heard::Alive(node, Presence::Gone) => drop(present.remove(&node)),
+                    Incoming::Alive(node, Presence::There) => note_present(venue, &mut present, node),
+                    Incoming::Alive(node, Presence::Gone) => drop(present.remove(&node)),
                     _ => {}
                 }
             }
@@ -107,11 +108,11 @@ pub(super) async fn clock_start(
                 if n_calls % REMIND_EVERY == REMIND_EVERY / 4 {
                     reporter.waiting(&members.missing());
                 }
-                drop(ends.say.try_send(Say::Status(status.clone())));
+                drop(ends.outgoing.try_send(Outgoing::Status(status.clone())));
             }
             () = sleep_until(until.unwrap_or_else(Instant::now)), if until.is_some() => is_enough = true,
         }
-        let now_us = ear.clock.now_us();
+        let now_us = interceptor.clock.now_us();
         let tick_by = |epoch_us| {
             let time = TickTime::new(epoch_us, venue.rate_hz);
             time.first_from(now_us + FIRST_WORD_US)
@@ -177,7 +178,7 @@ mod tests {
             calibration: "c".to_owned(),
         };
         let status = waiting_status(&own_status(&hashes));
-        let heard: Status = wire::decode(&wire::encode(&status)).unwrap();
-        assert_eq!(heard.live.unwrap().epoch_us, None);
+        let received: Status = wire::decode(&wire::encode(&status)).unwrap();
+        assert_eq!(received.live.unwrap().epoch_us, None);
     }
 }

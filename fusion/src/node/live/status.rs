@@ -5,7 +5,7 @@ use farfield_proto::message::{MAX_STAGES, Status};
 use farfield_proto::wire;
 
 use super::super::config::Config;
-use super::super::start::own_status;
+use super::super::status::own_status;
 use super::run::Live;
 use crate::live::Micros;
 use crate::live::membership::Membership;
@@ -25,9 +25,9 @@ impl Live<'_> {
             live: Some(LiveStatus {
                 epoch_us: Some(self.time.epoch_us()),
                 every_nth_tick: 1,
-                missed_ticks: self.over_nothing,
+                missed_ticks: self.without_input,
                 edges,
-                recording_failure: self.ear.tap.failure().map(wire::cut_text),
+                recording_failure: self.interceptor.wiretap.failure().map(wire::cut_text),
                 ..LiveStatus::default()
             }),
             ..own_status(&config.venue.hashes)

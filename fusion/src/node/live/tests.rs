@@ -4,24 +4,29 @@ use std::path::Path;
 use std::time::Duration;
 
 use farfield_node::clock::VenueClock;
+use farfield_node::endpoints::Reach;
 use farfield_node::process::Managed;
 use farfield_proto::calibration::Calibration;
+use farfield_proto::id::SessionId;
 use farfield_proto::message::live::{BoxEcho, EdgeLink, PatchTiming};
 use farfield_proto::message::{BoxSet, Order, PatchSet, PoseSet, Status};
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::Venue;
 use farfield_proto::wire;
 use tokio::time::{sleep, timeout};
+use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 use zenoh::Session;
 use zenoh::qos::{CongestionControl, Reliability};
 
-use super::super::link::{Door, Link};
-use super::super::progress::Detail;
-use super::super::tap::TapHandle;
+use super::super::config::Config;
 use super::*;
 use crate::export::summary::Summary;
 use crate::live::tick_time::TickTime;
+use crate::node::output::progress::{Detail, Reporter};
+use crate::node::session::interceptor::Interceptor;
+use crate::node::session::link::Link;
+use crate::node::session::wiretap::WiretapHandle;
 
 /// Far above what a loaded machine takes; a test that waits as long has failed.
 const PATIENCE: Duration = Duration::from_secs(40);
@@ -207,11 +212,11 @@ async fn everybody_goes_on_while_one_babbles_one_is_refused_and_clocks_are_off()
         mode: Mode::Live,
         ..Config::of_venue(venue())
     };
-    let door = Door {
-        listen: &["tcp/127.0.0.1:0".to_owned()],
+    let reach = Reach {
+        endpoints: vec!["tcp/127.0.0.1:0".to_owned()],
         identity: None,
     };
-    let link = Link::open(&config.venue, &door, Mode::Live).await.unwrap();
+    let link = Link::open(&config.venue, &reach, Mode::Live).await.unwrap();
     let endpoint = link.locators().await[0].clone();
     let (tasks, leave, stop) = (
         TaskTracker::new(),
@@ -219,8 +224,8 @@ async fn everybody_goes_on_while_one_babbles_one_is_refused_and_clocks_are_off()
         CancellationToken::new(),
     );
     let clock = VenueClock::start();
-    let ear = Ear::new(&config.venue, clock.clone(), TapHandle::new(None));
-    let mut ends = link.spawn(&tasks, &leave, &ear);
+    let interceptor = Interceptor::new(&config.venue, clock.clone(), WiretapHandle::new(None));
+    let mut ends = link.spawn(&tasks, &leave, &interceptor);
     let edge = |index: u16, shift_ms: i64| Scripted {
         index,
         shift_us: shift_ms * 1000,
@@ -253,7 +258,7 @@ async fn everybody_goes_on_while_one_babbles_one_is_refused_and_clocks_are_off()
         session,
         out: out.path(),
         recording: None,
-        ear: &ear,
+        interceptor: &interceptor,
         ends: &mut ends,
         reporter: &mut reporter,
         stop: &stop,

@@ -12,7 +12,7 @@ use farfield_proto::venue::Venue;
 use farfield_proto::venue::layout::LAYOUT;
 use farfield_proto::wire;
 
-use super::super::recorder::layout;
+use crate::node::output::exporter::layout;
 use crate::recording::writer::Head;
 use crate::recording::{CALIBRATION_FILE, CARD_FILE, MAX_ATTACHED_BYTES, VENUE_FILE, VENUE_LAYOUT};
 

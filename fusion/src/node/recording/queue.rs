@@ -11,10 +11,10 @@ use farfield_proto::id::SessionId;
 use farfield_proto::key::Keys;
 use farfield_proto::message::decision::Decision;
 use farfield_proto::tick::Tick;
+use farfield_proto::transport::FUSION;
 use farfield_proto::wire;
 
-use super::super::link::NODE;
-use super::super::tap::{Decided, Tap, TapMessage};
+use crate::node::session::wiretap::{CopiedMessage, CopiedStep, Wiretap};
 
 /// Messages that wait for the recorder.
 const QUEUE: usize = 8192;
@@ -70,7 +70,7 @@ impl Queue {
             state: Arc::default(),
             session,
             decisions: keys.decision(),
-            own_status: keys.status(NODE),
+            own_status: keys.status(FUSION),
             first: OnceLock::new(),
         };
         (this, notes)
@@ -114,22 +114,22 @@ impl Queue {
     }
 }
 
-impl Tap for Queue {
-    fn received(&self, message: TapMessage<'_>) {
+impl Wiretap for Queue {
+    fn received(&self, message: CopiedMessage<'_>) {
         // What fusion says itself is noted when it is said.
         if message.key != self.own_status {
             self.note(message.key, message.bytes, message.at_us);
         }
     }
 
-    fn published(&self, message: TapMessage<'_>) {
+    fn published(&self, message: CopiedMessage<'_>) {
         // Decisions are noted when they are made: none may be missing.
         if message.key != self.decisions {
             self.note(message.key, message.bytes, message.at_us);
         }
     }
 
-    fn decided(&self, decided: Decided<'_>) {
+    fn decided(&self, decided: CopiedStep<'_>) {
         let first = *self.first.get_or_init(|| decided.group.tick);
         let decision = Decision {
             horizons_ticks: decided.horizons.to_vec(),
@@ -214,12 +214,12 @@ mod tests {
                 tick: Tick(tick),
                 ..TickGroup::default()
             };
-            queue.decided(Decided {
+            queue.decided(CopiedStep {
                 group: &group,
                 late: &[],
                 horizons: &[2.5],
             });
-            queue.published(TapMessage {
+            queue.published(CopiedMessage {
                 key: "hall/decision",
                 bytes: b"the same once more",
                 at_us: 0,

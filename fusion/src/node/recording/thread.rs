@@ -21,12 +21,12 @@ use farfield_proto::venue::parameters::RecordingParameters;
 use farfield_proto::wire;
 use tracing::warn;
 
-use super::super::tap::Tap;
 use super::filler::{Fillers, SharedHoles};
 use super::place::Place;
 use super::queue::{Note, Queue, QueueState};
 use super::retention::delete_old;
 use crate::export::summary::RecordingSummary;
+use crate::node::session::wiretap::Wiretap;
 use crate::recording::channels::Content;
 use crate::recording::holes::Holes;
 use crate::recording::writer::{Head, Passed, RecordingWriter};
@@ -94,8 +94,8 @@ impl RecordingThread {
     }
 
     /// Where what passes is noted.
-    pub(in crate::node) fn tap(&self) -> Arc<dyn Tap> {
-        Arc::clone(&self.queue) as Arc<dyn Tap>
+    pub(in crate::node) fn wiretap(&self) -> Arc<dyn Wiretap> {
+        Arc::clone(&self.queue) as Arc<dyn Wiretap>
     }
 
     /// Where messages are noted.

@@ -18,9 +18,9 @@ use tokio_util::task::TaskTracker;
 use self::report::{Done, FileFacts};
 use self::venue::{Changes, replay_venue};
 use super::config::check_names;
-use super::output::{Claim, check_folder};
-use super::recorder::Recorder;
-use super::summary;
+use super::output::claim::{Claim, check_folder};
+use super::output::exporter::Exporter;
+use super::output::summary;
 use crate::export::summary::EventCounts;
 use crate::pipeline::Pipeline;
 use crate::recording::reader::{Recording, SessionPart};
@@ -109,11 +109,11 @@ fn replay(args: &ReplayArgs, print: fn(&str) -> anyhow::Result<()>) -> Result<En
         .map_err(refused)?;
     let span = replay.span().unwrap_or(recorded);
     let claim = Claim::take(args.out.as_deref(), &venue.name).map_err(refused)?;
-    let recorder =
-        Recorder::create(claim.folder(), &venue, &keypoints).map_err(NodeError::Failed)?;
+    let exporter =
+        Exporter::create(claim.folder(), &venue, &keypoints).map_err(NodeError::Failed)?;
     let done = Solving {
         replay,
-        recorder,
+        exporter,
         smooth: args.smooth,
         events: EventCounts::default(),
     }
@@ -192,7 +192,7 @@ fn choose(args: &ReplayArgs, sessions: &[SessionPart]) -> anyhow::Result<Session
 /// A replay under way.
 struct Solving {
     replay: Replay<BufReader<File>>,
-    recorder: Recorder,
+    exporter: Exporter,
     /// Whether the poses of two passes are written.
     smooth: bool,
     events: EventCounts,
@@ -209,7 +209,7 @@ impl Solving {
             } else {
                 &output.finished
             };
-            self.recorder.write(written)?;
+            self.exporter.write(written)?;
             self.events.count(&output.events);
             if stop.is_cancelled() && self.replay.left() > 0 {
                 ending = Ending::Interrupted;
@@ -223,13 +223,13 @@ impl Solving {
         } else {
             self.replay.finish()
         };
-        self.recorder.write(&last)?;
+        self.exporter.write(&last)?;
         Ok(Done {
             ending,
             choice: self.replay.choice(),
             tally: self.replay.tally(),
+            people: self.exporter.finish()?,
             events: self.events,
-            people: self.recorder.finish()?,
             elapsed_s: clock::now().duration_since(began).as_secs_f64(),
         })
     }

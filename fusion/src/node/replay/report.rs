@@ -10,9 +10,9 @@ use farfield_proto::tick::Tick;
 use farfield_proto::venue::Venue;
 use serde::Serialize;
 
-use super::super::summary;
 use crate::export::pose_files::Presence;
 use crate::export::summary::{EventCounts, Summary, TickSpan, TimingSummary};
+use crate::node::output::summary;
 use crate::recording::reader::Recording;
 use crate::recording::replay::{Choice, ReplayTally};
 

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 use std::sync::Arc;
 
 use farfield::output;
-use farfield_fusion::node::NodeError;
+use farfield_node::process::NodeError;
 use farfield_score::table;
 use farfield_sim::fault_profile::FaultProfile;
 
@@ -79,7 +79,7 @@ pub(super) fn budget(args: &BudgetArgs) -> Result<(), NodeError> {
         scene = scene.with_faults(FaultProfile::none());
     }
     let plan = SceneRunPlan {
-        parameters: parameters(&args.set.join("\n")).map_err(NodeError::Refused)?,
+        parameters: parameters(&args.set.join("\n")).map_err(NodeError::refused)?,
         keep_peaks: !args.no_dlt,
         keep_stages: true,
         cuts: None,

@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use anyhow::{Context as _, ensure};
 use farfield::output;
-use farfield_fusion::node::NodeError;
+use farfield_node::process::NodeError;
 use farfield_proto::patch::{CompressionLevel, Decoder, EncodedMaps, Encoder, FLOOR, Maps};
 
 /// What `lab codec` is told.

@@ -4,7 +4,7 @@
 use std::sync::Arc;
 
 use farfield::output;
-use farfield_fusion::node::NodeError;
+use farfield_node::process::NodeError;
 use farfield_score::lines::PoseLines;
 use farfield_sim::scene::Scene;
 

@@ -4,8 +4,9 @@ use std::path::PathBuf;
 
 use farfield_node::process::NodeError;
 
+use crate::reading::figures::Figures;
 use crate::reading::modules::families;
-use crate::reading::{OUTSIDE, Workspace, figures};
+use crate::reading::{OUTSIDE, Workspace};
 
 /// What `lab figures` is told.
 #[derive(Debug, clap::Args)]
@@ -30,7 +31,7 @@ pub(super) fn print(args: &FiguresArgs) -> Result<(), NodeError> {
             println!("{cycle}");
         }
     } else {
-        print!("{}", figures::figures(&workspace));
+        print!("{}", Figures(&workspace));
     }
     Ok(())
 }

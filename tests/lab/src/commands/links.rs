@@ -16,7 +16,7 @@ use crate::live_venue::{LiveVenue, NodeProcess};
 use crate::namespaces::Namespaces;
 use crate::relay::{Direction, Impairment};
 use anyhow::{Context as _, bail, ensure};
-use farfield_fusion::node::{NodeError, say};
+use farfield_node::process::{NodeError, say};
 use farfield_proto::order_statistics::percentile;
 use farfield_proto::tick::Tick;
 use farfield_score::lines::{LinesRole, PoseLines};

@@ -10,7 +10,7 @@ use std::sync::{Arc, Mutex};
 
 use anyhow::{Context as _, anyhow};
 use farfield_edge::pipeline::StandIn;
-use farfield_fusion::node::NodeError;
+use farfield_node::process::NodeError;
 use farfield_proto::patch::Maps;
 use farfield_sim::simulated::without_map_faults;
 

@@ -23,7 +23,7 @@ mod walk_venue;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
-use farfield_fusion::node::{Ending, exit_code};
+use farfield_node::process::{Ending, exit_code};
 
 use self::budget::BudgetArgs;
 use self::bytes::BytesArgs;

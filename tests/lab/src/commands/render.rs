@@ -6,7 +6,7 @@ use std::sync::Arc;
 use anyhow::{Context as _, anyhow};
 use farfield::output;
 use farfield_edge::crop::{CropGeometry, CropShape};
-use farfield_fusion::node::NodeError;
+use farfield_node::process::NodeError;
 use farfield_proto::bounding_box::BoundingBox;
 use farfield_proto::frames::Point;
 use farfield_proto::tick::Tick;

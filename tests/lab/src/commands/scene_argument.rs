@@ -4,7 +4,7 @@ use std::convert::Infallible;
 use std::path::Path;
 use std::str::FromStr;
 
-use farfield_fusion::node::NodeError;
+use farfield_node::process::NodeError;
 use farfield_sim::embedded;
 use farfield_sim::scene::Scene;
 

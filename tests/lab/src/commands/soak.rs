@@ -13,7 +13,7 @@ use crate::live_venue::{LiveVenue, Vitals};
 use crate::namespaces::Namespaces;
 use crate::relay::{Direction, Impairment};
 use anyhow::{Context as _, anyhow, ensure};
-use farfield_fusion::node::{NodeError, say};
+use farfield_node::process::{NodeError, say};
 use farfield_proto::order_statistics::percentile;
 use farfield_proto::tick::Tick;
 

@@ -12,7 +12,7 @@ use crate::suite::scenes::{NamedScene, choose};
 use crate::suite::studies::{MethodStudy, camera_choices, predictors};
 use crate::suite::venue::Input;
 use anyhow::{Context as _, anyhow};
-use farfield_fusion::node::NodeError;
+use farfield_node::process::NodeError;
 use farfield_score::uncertainty_calibration::UncertaintyCalibration;
 use farfield_sim::scene::Scene;
 use farfield_sim::simulated::without_map_faults;

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use farfield_fusion::node::NodeError;
+use farfield_node::process::NodeError;
 use farfield_sim::keypoint_venue::KeypointVenue;
 
 /// What `lab walk-venue` is told.

@@ -10,7 +10,7 @@ use farfield_proto::wire::{Message, decode, encode};
 
 use super::{refused, size};
 
-/// Patches: decoding ends, and what was decoded is encoded again, without loss and at every quality. Width,
+/// Patches: decoding ends, and what was decoded is encoded again, without loss and at every level. Width,
 /// height (two bytes each, the low one first) and number of maps come before the maps' own bytes; what is
 /// missing of these five is 0.
 pub(super) fn patch_decode(bytes: &[u8]) -> String {
@@ -34,14 +34,14 @@ pub(super) fn patch_decode(bytes: &[u8]) -> String {
     let decoded = Decoder::new().decode(&again, &mut twice);
     decoded.expect("an encoder's own bytes can be decoded");
     assert_eq!(maps, twice);
-    let mut behaviour = format!("read, {}", size(again.bytes.len()));
+    let mut sizes = vec![size(again.bytes.len())];
     for level in CompressionLevel::all() {
         let again = encoder.encode(&maps, level);
         let decoded = Decoder::new().decode(&again, &mut twice);
         decoded.expect("an encoder's own bytes can be decoded");
-        behaviour += &format!(", {}", size(again.bytes.len()));
+        sizes.push(size(again.bytes.len()));
     }
-    behaviour
+    format!("read, {sizes:?}")
 }
 
 /// Messages of any kind: the first byte chooses the kind, the rest is the message. `lab fuzz-seeds` writes

@@ -8,14 +8,14 @@ use farfield_proto::venue::Venue;
 
 use super::{read_or_refused, text};
 
-const CALIBRATION: &str = r#"
+const CALIBRATION: &str = r"
 [a]
 size = [64, 48]
 matrix = [[50.0, 0.0, 32.0], [0.0, 50.0, 24.0], [0.0, 0.0, 1.0]]
 distortions = [0.0, 0.0, 0.0, 0.0]
 rotation = [0.0, 0.0, 0.0]
 translation = [0.0, 0.0, 0.0]
-"#;
+";
 const VENUE: &str = r#"
 name = "v"
 rate_hz = 60.0

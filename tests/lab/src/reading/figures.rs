@@ -1,7 +1,7 @@
 //! The project's figures, each beside its goal.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::fmt::Write as _;
+use std::fmt::{self, Display, Formatter};
 
 use super::modules::families;
 use super::modules::tree::Role;
@@ -53,23 +53,20 @@ pub fn full_folders(workspace: &Workspace) -> Vec<(String, usize)> {
     full.collect()
 }
 
-/// The figures as text.
-pub fn figures(workspace: &Workspace) -> String {
-    let mut text = String::new();
-    // Writing to a string cannot fail.
-    let _: std::fmt::Result = write_all(&mut text, workspace);
-    text
+/// The figures of a workspace, to be shown.
+pub struct Figures<'a>(pub &'a Workspace);
+
+impl Display for Figures<'_> {
+    fn fmt(&self, text: &mut Formatter<'_>) -> fmt::Result {
+        write_lines(text, self.0)?;
+        write_sizes(text, self.0)?;
+        write_shape(text, self.0)?;
+        write_cycles(text, self.0)?;
+        write_names(text, self.0)
+    }
 }
 
-fn write_all(text: &mut String, workspace: &Workspace) -> std::fmt::Result {
-    write_lines(text, workspace)?;
-    write_sizes(text, workspace)?;
-    write_shape(text, workspace)?;
-    write_cycles(text, workspace)?;
-    write_names(text, workspace)
-}
-
-fn write_lines(text: &mut String, workspace: &Workspace) -> std::fmt::Result {
+fn write_lines(text: &mut Formatter<'_>, workspace: &Workspace) -> fmt::Result {
     writeln!(
         text,
         "{:<20} {:>8} {:>8} {:>8} {:>8}",
@@ -99,7 +96,7 @@ fn write_lines(text: &mut String, workspace: &Workspace) -> std::fmt::Result {
     writeln!(text, "\ntest : source         {ratio:.2}    goal >= 0.60")
 }
 
-fn write_sizes(text: &mut String, workspace: &Workspace) -> std::fmt::Result {
+fn write_sizes(text: &mut Formatter<'_>, workspace: &Workspace) -> fmt::Result {
     let source = || workspace.files_of(None, Role::Source);
     let files = Sizes::of(source().map(CodeFile::lines));
     let [median, p90, max] = [files.at(0.5), files.at(0.9), files.max()];
@@ -115,7 +112,7 @@ fn write_sizes(text: &mut String, workspace: &Workspace) -> std::fmt::Result {
     )
 }
 
-fn write_shape(text: &mut String, workspace: &Workspace) -> std::fmt::Result {
+fn write_shape(text: &mut Formatter<'_>, workspace: &Workspace) -> fmt::Result {
     let full = full_folders(workspace);
     writeln!(
         text,
@@ -128,7 +125,7 @@ fn write_shape(text: &mut String, workspace: &Workspace) -> std::fmt::Result {
     Ok(())
 }
 
-fn write_cycles(text: &mut String, workspace: &Workspace) -> std::fmt::Result {
+fn write_cycles(text: &mut Formatter<'_>, workspace: &Workspace) -> fmt::Result {
     let cycles = families::cycles(&workspace.crates, &workspace.arrows);
     writeln!(text, "cycles                {}    goal 0", cycles.len())?;
     for cycle in cycles {
@@ -138,7 +135,7 @@ fn write_cycles(text: &mut String, workspace: &Workspace) -> std::fmt::Result {
     Ok(())
 }
 
-fn write_names(text: &mut String, workspace: &Workspace) -> std::fmt::Result {
+fn write_names(text: &mut Formatter<'_>, workspace: &Workspace) -> fmt::Result {
     let shared = type_names::shared(workspace.files_of(None, Role::Source));
     writeln!(text, "type names used twice {}    goal 0", shared.len())?;
     for (name, places) in shared {

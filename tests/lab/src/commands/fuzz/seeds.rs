@@ -8,10 +8,10 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, ensure};
 use farfield_edge::ring::record::{Label, put_record, records, segment_head};
-use farfield_fusion::node::NodeError;
 use farfield_fusion::recording::reader::Recording;
 use farfield_fusion::recording::writer::{Head, Passed, RecordingWriter};
 use farfield_fusion::recording::{CALIBRATION_FILE, VENUE_FILE};
+use farfield_node::process::NodeError;
 use farfield_proto::bounding_box::{BoundingBox, BoxRate};
 use farfield_proto::grid::CellGrid;
 use farfield_proto::id::{CameraIndex, PersonId, SessionId, ViewpointIndex};

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
 use farfield::output;
-use farfield_fusion::node::NodeError;
+use farfield_node::process::NodeError;
 use farfield_sim::motion::Clip;
 use rayon::prelude::*;
 

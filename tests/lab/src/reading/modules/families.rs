@@ -8,6 +8,7 @@
 //! to where a thing is defined, a parent that only re-exports something does not hide who it is taken from.
 
 use std::collections::BTreeMap;
+use std::fmt::{self, Display, Formatter};
 
 use super::arrows::Arrow;
 use super::cycles::{self, Cycle, Graph};
@@ -57,33 +58,48 @@ pub fn cycles(crates: &[Crate], arrows: &[Arrow]) -> Vec<String> {
         for (&(from, to), places) in &family.arrows {
             graph.add(from, to, places.len());
         }
-        let parent = [&[crates[crate_index].name.clone()], parent].concat();
+        let parent = [&[crates[crate_index].name.clone()], parent]
+            .concat()
+            .join("::");
         for cycle in cycles::cycles(graph) {
-            told.push(tell(&parent.join("::"), &cycle, &family));
+            let told_cycle = Told {
+                parent: &parent,
+                cycle: &cycle,
+                family: &family,
+            };
+            told.push(told_cycle.to_string());
         }
     }
     told
 }
 
-fn tell(parent: &str, cycle: &Cycle, family: &Family<'_>) -> String {
-    let mut text = format!("{parent}: {}\n", cycle.names.join(" -> "));
-    for (index, pair) in cycle.names.windows(2).enumerate() {
-        let places = family.arrows.get(&(pair[0].as_str(), pair[1].as_str()));
-        let places = places.map_or(&[][..], Vec::as_slice);
-        let thinnest = if index == cycle.thinnest {
-            ", the thinnest"
-        } else {
-            ""
-        };
-        text += &format!("  {} -> {}: {}{thinnest}\n", pair[0], pair[1], places.len());
-        for place in places.iter().take(SHOWN) {
-            text += &format!("    {}:{}: {}\n", place.file, place.line, place.path);
+/// A cycle among the children of `parent`, to be shown.
+struct Told<'a> {
+    parent: &'a str,
+    cycle: &'a Cycle,
+    family: &'a Family<'a>,
+}
+
+impl Display for Told<'_> {
+    fn fmt(&self, text: &mut Formatter<'_>) -> fmt::Result {
+        let names = &self.cycle.names;
+        writeln!(text, "{}: {}", self.parent, names.join(" -> "))?;
+        for (index, pair) in names.windows(2).enumerate() {
+            let (from, to) = (pair[0].as_str(), pair[1].as_str());
+            let places = self.family.arrows.get(&(from, to));
+            let places = places.map_or(&[][..], Vec::as_slice);
+            let thinnest = index == self.cycle.thinnest;
+            let thinnest = if thinnest { ", the thinnest" } else { "" };
+            writeln!(text, "  {from} -> {to}: {}{thinnest}", places.len())?;
+            for place in places.iter().take(SHOWN) {
+                writeln!(text, "    {}:{}: {}", place.file, place.line, place.path)?;
+            }
+            if places.len() > SHOWN {
+                writeln!(text, "    and {} more", places.len() - SHOWN)?;
+            }
         }
-        if places.len() > SHOWN {
-            text += &format!("    and {} more\n", places.len() - SHOWN);
-        }
+        Ok(())
     }
-    text
 }
 
 #[cfg(test)]

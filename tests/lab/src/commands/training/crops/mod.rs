@@ -5,7 +5,7 @@ mod moment;
 mod record;
 mod viewing;
 
-use farfield_fusion::node::NodeError;
+use farfield_node::process::NodeError;
 
 use self::record::CropRecord;
 use super::shards::{SetArgs, TrainingSet};

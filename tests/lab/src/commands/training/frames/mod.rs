@@ -4,7 +4,7 @@
 mod glance;
 mod record;
 
-use farfield_fusion::node::NodeError;
+use farfield_node::process::NodeError;
 
 use self::record::FrameRecord;
 use super::shards::{SetArgs, TrainingSet};

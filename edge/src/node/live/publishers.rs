@@ -10,13 +10,13 @@ use crate::live::rate::MessageKind;
 
 /// The publishers of a live edge: patches best effort, as the next are better; sightings and statuses reliable,
 /// as a lost one would be missed for a second.
-pub(in crate::node) struct Mouths {
+pub(in crate::node) struct Publishers {
     patches: Publisher<'static>,
     sightings: Publisher<'static>,
     status: Publisher<'static>,
 }
 
-impl Mouths {
+impl Publishers {
     /// Declares them for `viewpoint` of `venue`.
     ///
     /// # Errors

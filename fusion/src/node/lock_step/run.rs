@@ -18,45 +18,52 @@ use tokio::time::{Instant, sleep_until, timeout};
 use tokio_util::sync::CancellationToken;
 use tracing::debug;
 
-use super::link::{Ends, Heard, Presence, Said};
-use super::progress::Reporter;
-use super::start::Start;
-use super::tally::Tally;
-use super::tap::{Decided, TapHandle};
-use super::worker::{Stepped, Worker};
+use super::readiness::Start;
 use crate::align::Gather;
+use crate::node::output::progress::Reporter;
+use crate::node::output::tally::Tally;
+use crate::node::session::link::Ends;
+use crate::node::session::messages::{Incoming, Outgoing, Presence};
+use crate::node::session::wiretap::{CopiedStep, WiretapHandle};
+use crate::node::status::check;
+use crate::node::worker::{Stepped, Worker};
 
 /// How long the reason for leaving may take to arrive after a node has left.
 const LAST_WORD: Duration = Duration::from_millis(500);
 
-/// What a run hears, whom it tells how far it is, and what may stop it.
-pub(super) struct Outside<'a> {
-    pub(super) ends: &'a mut Ends,
-    pub(super) reporter: &'a mut Reporter,
-    pub(super) stop: &'a CancellationToken,
+/// What a run receives, whom it tells how far it is, and what may stop it.
+pub(in crate::node) struct Outside<'a> {
+    pub(in crate::node) ends: &'a mut Ends,
+    pub(in crate::node) reporter: &'a mut Reporter,
+    pub(in crate::node) stop: &'a CancellationToken,
 }
 
 /// A run under way.
-pub(super) struct LockStep<'a> {
+pub(in crate::node) struct LockStep<'a> {
     venue: &'a Venue,
     session: SessionId,
     ticks: Range<Tick>,
     gather: Gather,
-    tap: TapHandle,
+    wiretap: WiretapHandle,
     /// What has passed over the links.
-    pub(super) tally: Tally,
+    pub(in crate::node) tally: Tally,
     /// The last tick that is done.
-    pub(super) last: Option<Tick>,
+    pub(in crate::node) last: Option<Tick>,
     /// The viewpoints that have left.
-    pub(super) gone: BTreeSet<String>,
-    /// The edges of the roll call, by name: which process each is.
+    pub(in crate::node) gone: BTreeSet<String>,
+    /// The edges that were ready, by name: which process each is.
     processes: BTreeMap<String, u64>,
     deadline: Option<Instant>,
 }
 
 impl<'a> LockStep<'a> {
     /// A run over the ticks of `start`, which must not be empty.
-    pub(super) fn new(venue: &'a Venue, session: SessionId, start: &Start, tap: TapHandle) -> Self {
+    pub(in crate::node) fn new(
+        venue: &'a Venue,
+        session: SessionId,
+        start: &Start,
+        wiretap: WiretapHandle,
+    ) -> Self {
         let ticks = start.ticks.clone();
         let process = |edge: &Status| (edge.node.clone(), edge.process);
         let gather = Gather::new(session, ticks.start, venue.viewpoints.len());
@@ -65,7 +72,7 @@ impl<'a> LockStep<'a> {
             session,
             ticks,
             gather,
-            tap,
+            wiretap,
             tally: Tally::new(venue),
             last: None,
             gone: BTreeSet::new(),
@@ -78,7 +85,7 @@ impl<'a> LockStep<'a> {
     ///
     /// # Errors
     /// When a node leaves, fails, is silent for too long, or says what cannot be read: by name, with the tick.
-    pub(super) async fn run(
+    pub(in crate::node) async fn run(
         &mut self,
         first: &[BoxSet],
         worker: &mut Worker,
@@ -94,21 +101,21 @@ impl<'a> LockStep<'a> {
             let deadline = self.deadline;
             tokio::select! {
                 () = stop.cancelled() => return Ok(Ending::Interrupted),
-                heard = ends.heard.recv() => {
-                    let heard = heard.context("the subscriptions have ended")?;
-                    if let Some(failure) = self.hear(heard)? {
+                incoming = ends.incoming.recv() => {
+                    let incoming = incoming.context("the subscriptions have ended")?;
+                    if let Some(failure) = self.receive(incoming)? {
                         return Err(self.with_last_word(failure, ends).await);
                     }
                     if self.deadline.is_some() && self.gather.is_complete() {
                         self.deadline = None;
                         let group = self.gather.take();
-                        self.tap.decided(Decided {
+                        self.wiretap.decided(CopiedStep {
                             group: &group,
                             late: &[],
                             horizons: &[],
                         });
                         let decision = group.decision(self.session, self.ticks.start);
-                        say(ends, Said::Decision(wire::encode(&decision)))?;
+                        send(ends, Outgoing::Decision(wire::encode(&decision)))?;
                         worker.step(group)?;
                     }
                 }
@@ -124,7 +131,7 @@ impl<'a> LockStep<'a> {
     }
 
     /// Tells every edge that the run is over.
-    pub(super) fn send_end(&mut self, ends: &Ends) {
+    pub(in crate::node) fn send_end(&mut self, ends: &Ends) {
         let tick = self.last.map_or(self.ticks.start, |last| last + 1);
         for viewpoint in 0..self.venue.viewpoints.len() {
             let viewpoint = ViewpointIndex(viewpoint as u16);
@@ -137,9 +144,9 @@ impl<'a> LockStep<'a> {
                 detection_cameras: Vec::new(),
                 persons: Vec::new(),
             };
-            if say(
+            if send(
                 ends,
-                Said::Boxes(usize::from(viewpoint.0), wire::encode(&set)),
+                Outgoing::Boxes(usize::from(viewpoint.0), wire::encode(&set)),
             )
             .is_err()
             {
@@ -149,28 +156,30 @@ impl<'a> LockStep<'a> {
     }
 
     /// Takes a message; returns the node that has left, if one has.
-    fn hear(&mut self, heard: Heard) -> anyhow::Result<Option<String>> {
-        let taken = match heard {
-            Heard::Patches(set, arrival) => {
+    fn receive(&mut self, incoming: Incoming) -> anyhow::Result<Option<String>> {
+        let taken = match incoming {
+            Incoming::Patches(set, arrival) => {
                 self.tally
                     .patches(set.viewpoint, set.persons.len(), arrival.bytes);
                 self.gather.add_patches(set)
             }
-            Heard::Sightings(set, arrival) => {
+            Incoming::Sightings(set, arrival) => {
                 self.tally.sightings(set.viewpoint, arrival.bytes);
                 self.gather.add_sightings(set)
             }
-            Heard::Status(status) => {
+            Incoming::Status(status) => {
                 self.check_name(&status)?;
                 return check(&status).map(|()| None);
             }
-            Heard::Alive(node, Presence::Gone) if self.venue.viewpoint_named(&node).is_some() => {
+            Incoming::Alive(node, Presence::Gone)
+                if self.venue.viewpoint_named(&node).is_some() =>
+            {
                 self.gone.insert(node.clone());
                 return Ok(Some(node));
             }
-            Heard::Alive(..) => return Ok(None),
+            Incoming::Alive(..) => return Ok(None),
             // The tick would never be complete.
-            Heard::Unreadable(key) => {
+            Incoming::Unreadable(key) => {
                 return Err(anyhow!(
                     "a message on {key} cannot be read, at tick {}",
                     self.gather.tick()
@@ -208,13 +217,13 @@ impl<'a> LockStep<'a> {
         self.tally.unusable += u64::from(stepped.unusable);
         let poses = wire::encode(&stepped.poses);
         self.tally.pose_bytes += poses.len() as u64;
-        say(ends, Said::Poses(poses))?;
+        send(ends, Outgoing::Poses(poses))?;
         for set in &stepped.smoothed {
-            say(ends, Said::Smooth(wire::encode(set)))?;
+            send(ends, Outgoing::Smooth(wire::encode(set)))?;
         }
         let events = std::mem::take(&mut stepped.events);
         if let Some(events) = self.tally.events(self.session, tick, events) {
-            say(ends, Said::Events(wire::encode(&events)))?;
+            send(ends, Outgoing::Events(wire::encode(&events)))?;
         }
         let over = tick + 1 >= self.ticks.end;
         if !over {
@@ -228,7 +237,7 @@ impl<'a> LockStep<'a> {
         for set in sets {
             let bytes = wire::encode(set);
             self.tally.boxes(set.viewpoint, bytes.len() as u64);
-            say(ends, Said::Boxes(usize::from(set.viewpoint.0), bytes))?;
+            send(ends, Outgoing::Boxes(usize::from(set.viewpoint.0), bytes))?;
         }
         self.deadline = Some(
             Instant::now() + Duration::from_secs_f64(self.venue.parameters.link.lockstep_timeout_s),
@@ -254,8 +263,8 @@ impl<'a> LockStep<'a> {
     /// Waits a moment for the reason why `node` has left.
     async fn with_last_word(&self, node: String, ends: &mut Ends) -> anyhow::Error {
         let last_word = async {
-            while let Some(heard) = ends.heard.recv().await {
-                if let Heard::Status(status) = heard
+            while let Some(incoming) = ends.incoming.recv().await {
+                if let Incoming::Status(status) = incoming
                     && status.node == node
                     && let Err(error) = check(&status)
                 {
@@ -264,23 +273,14 @@ impl<'a> LockStep<'a> {
             }
             anyhow!("the subscriptions have ended")
         };
-        let said = timeout(LAST_WORD, last_word).await;
-        said.unwrap_or_else(|_| anyhow!("viewpoint {node} has left at tick {}", self.gather.tick()))
+        let reason = timeout(LAST_WORD, last_word).await;
+        reason
+            .unwrap_or_else(|_| anyhow!("viewpoint {node} has left at tick {}", self.gather.tick()))
     }
 }
 
-/// An edge that has given up says why.
-pub(super) fn check(status: &Status) -> anyhow::Result<()> {
-    match &status.failure {
-        Some(failure) if status.viewpoint.is_some() => {
-            Err(anyhow!("viewpoint {}: {failure}", status.node))
-        }
-        _ => Ok(()),
-    }
-}
-
-fn say(ends: &Ends, said: Said) -> anyhow::Result<()> {
-    ends.say
-        .try_send(said)
+fn send(ends: &Ends, message: Outgoing) -> anyhow::Result<()> {
+    ends.outgoing
+        .try_send(message)
         .map_err(|_| anyhow!("the network takes no more messages"))
 }

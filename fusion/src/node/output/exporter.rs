@@ -15,7 +15,7 @@ use crate::export::{AngleColumn, AngleUnit, Layout};
 const SMOOTH: &str = "smooth";
 
 /// Writes poses as they become final.
-pub(super) struct Recorder {
+pub(in crate::node) struct Exporter {
     folder: PathBuf,
     layout: Layout,
     rate_hz: f64,
@@ -24,9 +24,9 @@ pub(super) struct Recorder {
     smooth: Option<PoseFiles>,
 }
 
-impl Recorder {
+impl Exporter {
     /// Starts the files in `folder`, which must exist.
-    pub(super) fn create(
+    pub(in crate::node) fn create(
         folder: &Path,
         venue: &Venue,
         keypoints: &KeypointSet,
@@ -37,13 +37,13 @@ impl Recorder {
             folder: folder.to_owned(),
             layout,
             rate_hz: venue.rate_hz,
-            files: files.context("starting the recording")?,
+            files: files.context("starting the files of the poses")?,
             smooth: None,
         })
     }
 
     /// Writes smoothed ticks, in order, into a folder of their own.
-    pub(super) fn write_smoothed(&mut self, smoothed: &[PoseSet]) -> anyhow::Result<()> {
+    pub(in crate::node) fn write_smoothed(&mut self, smoothed: &[PoseSet]) -> anyhow::Result<()> {
         if smoothed.is_empty() {
             return Ok(());
         }
@@ -59,30 +59,32 @@ impl Recorder {
         smoothed
             .iter()
             .try_for_each(|poses| files.write(poses))
-            .context("recording the smoothed poses")
+            .context("writing the smoothed poses")
     }
 
     /// Writes ticks that will not change any more, in order.
-    pub(super) fn write(&mut self, finished: &[PoseSet]) -> anyhow::Result<()> {
+    pub(in crate::node) fn write(&mut self, finished: &[PoseSet]) -> anyhow::Result<()> {
         finished
             .iter()
             .try_for_each(|poses| self.files.write(poses))
-            .context("recording")
+            .context("writing the poses")
     }
 
     /// Completes all files, and says who was there.
-    pub(super) fn finish(self) -> anyhow::Result<Vec<Presence>> {
+    pub(in crate::node) fn finish(self) -> anyhow::Result<Vec<Presence>> {
         if let Some(smooth) = self.smooth {
             smooth
                 .finish()
-                .context("finishing the recording of the smoothed poses")?;
+                .context("finishing the files of the smoothed poses")?;
         }
-        self.files.finish().context("finishing the recording")
+        self.files
+            .finish()
+            .context("finishing the files of the poses")
     }
 }
 
 /// What the numbers of a pose of `venue` are called.
-pub(super) fn layout(venue: &Venue, keypoints: &KeypointSet) -> Layout {
+pub(in crate::node) fn layout(venue: &Venue, keypoints: &KeypointSet) -> Layout {
     let parameters = &venue.parameters.range_of_motion;
     let range = RangeOfMotion::new(parameters.factor);
     let angle = |(index, name): (usize, &&str)| {

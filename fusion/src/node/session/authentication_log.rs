@@ -1,4 +1,4 @@
-//! Who was turned away: Zenoh's own log says it under other names or not at all. A listener on that log
+//! Who was turned away, as the log of a server has it: Zenoh's own log says it under other names or not at all. A listener on that log
 //! tells the operator once per kind, and counts.
 
 use std::collections::BTreeSet;
@@ -30,7 +30,7 @@ thread_local! {
 }
 
 /// Tells how often someone was turned away since the start of this process, if ever.
-pub(super) fn sum_up() {
+pub(in crate::node) fn sum_up() {
     let times = TURNED_AWAY.load(Ordering::Relaxed);
     if times > 0 {
         say(format_args!("fusion: turned away {times} times in all"));
@@ -38,18 +38,18 @@ pub(super) fn sum_up() {
 }
 
 /// The listener, with what it listens to.
-pub(super) fn layer<S>() -> impl Layer<S>
+pub(in crate::node) fn layer<S>() -> impl Layer<S>
 where
     S: Subscriber + for<'a> tracing_subscriber::registry::LookupSpan<'a>,
 {
     let links = LINKS.map(|target| (target, LevelFilter::WARN));
     let targets = Targets::new().with_target(ACCESS, LevelFilter::TRACE);
-    Doorman.with_filter(targets.with_targets(links))
+    AuthenticationLog.with_filter(targets.with_targets(links))
 }
 
-struct Doorman;
+struct AuthenticationLog;
 
-impl<S: Subscriber> Layer<S> for Doorman {
+impl<S: Subscriber> Layer<S> for AuthenticationLog {
     fn on_event(&self, event: &Event<'_>, _: Context<'_, S>) {
         let text = message(event);
         let refusal = if event.metadata().target() == ACCESS {

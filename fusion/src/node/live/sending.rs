@@ -1,4 +1,4 @@
-//! What a live run says: boxes and poses of every tick, and at its end that it is over.
+//! What a live run sends: boxes and poses of every tick, and at its end that it is over.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
@@ -9,9 +9,10 @@ use farfield_proto::wire;
 use tokio::time::{MissedTickBehavior, interval, timeout};
 use tracing::warn;
 
-use super::super::link::{Ends, Heard, Presence, Said as Say};
 use super::super::worker::Stepped;
 use super::run::Live;
+use crate::node::session::link::Ends;
+use crate::node::session::messages::{Incoming, Outgoing, Presence};
 
 /// How much one tick says of how long after their ticks boxes go out.
 const WEIGHT: f64 = 0.05;
@@ -40,14 +41,14 @@ impl Live<'_> {
         self.send_boxes(boxes, ends);
         let bytes = wire::encode(&poses);
         self.tally.pose_bytes += bytes.len() as u64;
-        self.say(ends, Say::Poses(bytes));
+        self.send(ends, Outgoing::Poses(bytes));
         for set in &smoothed {
-            self.say(ends, Say::Smooth(wire::encode(set)));
+            self.send(ends, Outgoing::Smooth(wire::encode(set)));
         }
         if let Some(events) = self.tally.events(self.session, tick, events) {
-            self.say(ends, Say::Events(wire::encode(&events)));
+            self.send(ends, Outgoing::Events(wire::encode(&events)));
         }
-        let now_us = self.ear.clock.now_us();
+        let now_us = self.interceptor.clock.now_us();
         let after_us = (now_us - self.time.at(tick)) as f64;
         let weight = if self.publish_us > 0.0 { WEIGHT } else { 1.0 };
         self.publish_us += weight * (after_us - self.publish_us);
@@ -64,7 +65,7 @@ impl Live<'_> {
 
     /// Sends the newest boxes, `again` as a sign of life: then whatever the links carry.
     pub(super) fn send_newest(&mut self, ends: &Ends, again: bool) {
-        let now_us = self.ear.clock.now_us();
+        let now_us = self.interceptor.clock.now_us();
         self.sent_us = now_us;
         let mut sets = std::mem::take(&mut self.newest);
         for set in &mut sets {
@@ -81,18 +82,18 @@ impl Live<'_> {
             let bytes = wire::encode(set);
             self.edges[index].sent_bytes(bytes.len());
             self.tally.boxes(set.viewpoint, bytes.len() as u64);
-            self.say(ends, Say::Boxes(index, bytes));
+            self.send(ends, Outgoing::Boxes(index, bytes));
         }
         self.newest = sets;
     }
 
-    pub(super) fn say(&mut self, ends: &Ends, said: Say) {
-        if ends.say.try_send(said).is_err() {
+    pub(super) fn send(&mut self, ends: &Ends, message: Outgoing) {
+        if ends.outgoing.try_send(message).is_err() {
             self.unsent += 1;
         }
     }
 
-    /// Tells the edges that the run is over, and hears them out.
+    /// Tells the edges that the run is over, and waits for their last words.
     pub(super) async fn end_edges(&mut self, ends: &mut Ends) -> Vec<Status> {
         let everybody: BTreeSet<String> = self.names().map(str::to_owned).collect();
         self.send_end(&everybody, ends);
@@ -100,7 +101,7 @@ impl Live<'_> {
         let mut repeats = interval(END_EVERY);
         repeats.set_missed_tick_behavior(MissedTickBehavior::Delay);
         repeats.reset();
-        let hear_out = async {
+        let last_statuses = async {
             while !self.present.is_empty() {
                 tokio::select! {
                     // The link may lose it.
@@ -108,18 +109,18 @@ impl Live<'_> {
                         let present = self.present.clone();
                         self.send_end(&present, ends);
                     }
-                    heard = ends.heard.recv() => match heard {
-                        Some(Heard::Status(status)) if status.viewpoint.is_some() => {
+                    incoming = ends.incoming.recv() => match incoming {
+                        Some(Incoming::Status(status)) if status.viewpoint.is_some() => {
                             last_words.insert(status.node.clone(), *status);
                         }
-                        Some(Heard::Alive(node, Presence::Gone)) => drop(self.present.remove(&node)),
+                        Some(Incoming::Alive(node, Presence::Gone)) => drop(self.present.remove(&node)),
                         Some(_) => {}
                         None => break,
                     }
                 }
             }
         };
-        if timeout(FAREWELL, hear_out).await.is_err() {
+        if timeout(FAREWELL, last_statuses).await.is_err() {
             warn!(still = ?self.present, "not every edge has left");
         }
         for status in self.last_words() {
@@ -150,9 +151,9 @@ impl Live<'_> {
                 detection_cameras: Vec::new(),
                 persons: Vec::new(),
             };
-            let now_us = self.ear.clock.now_us();
+            let now_us = self.interceptor.clock.now_us();
             set.live = Some(self.edges[index].send(&set, &self.time, now_us));
-            self.say(ends, Say::Boxes(index, wire::encode(&set)));
+            self.send(ends, Outgoing::Boxes(index, wire::encode(&set)));
         }
     }
 

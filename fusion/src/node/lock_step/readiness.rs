@@ -10,7 +10,7 @@ use farfield_proto::venue::Venue;
 
 /// Why a run cannot begin.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-pub(super) enum RollCallError {
+pub(in crate::node) enum NotReady {
     /// An edge has read another file than fusion.
     #[error(
         "viewpoint {viewpoint} holds another {} than fusion: its fingerprint there is {}, here {}; start that edge with --from-fusion to fetch it, or copy the same file to both",
@@ -61,9 +61,18 @@ pub(super) enum RollCallError {
     NoTicks,
 }
 
+/// What is known when a run begins.
+#[derive(Debug)]
+pub(in crate::node) struct Start {
+    /// The ticks of the run.
+    pub(in crate::node) ticks: Range<Tick>,
+    /// The word of every edge, by name.
+    pub(in crate::node) edges: Vec<Status>,
+}
+
 /// Gathers a ready status of every viewpoint.
 #[derive(Debug)]
-pub(super) struct RollCall {
+pub(in crate::node) struct Readiness {
     venue_hash: String,
     calibration_hash: String,
     /// How the fingerprint of an edge's networks must begin, where that is known.
@@ -90,9 +99,9 @@ enum Voice {
     Follower,
 }
 
-impl RollCall {
+impl Readiness {
     /// For the viewpoints of `venue`, and the ticks that were asked for, if any.
-    pub(super) fn new(venue: &Venue, asked: Option<Range<Tick>>) -> Self {
+    pub(in crate::node) fn new(venue: &Venue, asked: Option<Range<Tick>>) -> Self {
         let nodes = venue
             .viewpoints
             .iter()
@@ -109,15 +118,15 @@ impl RollCall {
     }
 
     /// Refuses edges whose networks' fingerprint does not begin with `models`, where that is known.
-    pub(super) fn expect_models(&mut self, models: Option<&str>) {
+    pub(in crate::node) fn expect_models(&mut self, models: Option<&str>) {
         self.models = models.map(str::to_owned);
     }
 
     /// Takes a node's word. A node that is not ready is noted once it is.
-    pub(super) fn hear(&mut self, status: &Status) -> Result<(), RollCallError> {
+    pub(in crate::node) fn receive(&mut self, status: &Status) -> Result<(), NotReady> {
         let viewpoint = status.node.clone();
         if !self.nodes.contains_key(&viewpoint) {
-            return Err(RollCallError::UnknownNode(viewpoint));
+            return Err(NotReady::UnknownNode(viewpoint));
         }
         let own = OwnFiles {
             venue: &self.venue_hash,
@@ -125,7 +134,7 @@ impl RollCall {
             networks: self.models.as_deref(),
         };
         if let Some(other) = own.other_file(status) {
-            return Err(RollCallError::OtherFile { viewpoint, other });
+            return Err(NotReady::OtherFile { viewpoint, other });
         }
         self.check_network(status)?;
         self.check_ticks(status)?;
@@ -137,14 +146,14 @@ impl RollCall {
     }
 
     /// A node has left before the start.
-    pub(super) fn forget(&mut self, node: &str) {
+    pub(in crate::node) fn forget(&mut self, node: &str) {
         if let Some(status) = self.nodes.get_mut(node) {
             *status = None;
         }
     }
 
     /// The viewpoints that are not ready yet.
-    pub(super) fn missing(&self) -> Vec<&str> {
+    pub(in crate::node) fn missing(&self) -> Vec<&str> {
         self.nodes
             .iter()
             .filter(|(_, status)| status.is_none())
@@ -153,12 +162,12 @@ impl RollCall {
     }
 
     /// What the nodes said, by viewpoint, of those that are ready.
-    pub(super) fn ready(&self) -> impl Iterator<Item = &Status> {
+    pub(in crate::node) fn ready(&self) -> impl Iterator<Item = &Status> {
         self.nodes.values().flatten()
     }
 
     /// The ticks of the run; `None` while someone is missing.
-    pub(super) fn ticks(&self) -> Result<Option<Range<Tick>>, RollCallError> {
+    pub(in crate::node) fn ticks(&self) -> Result<Option<Range<Tick>>, NotReady> {
         if !self.missing().is_empty() {
             return Ok(None);
         }
@@ -168,12 +177,12 @@ impl RollCall {
         let mut recorded = self
             .ready()
             .filter_map(|s| s.ticks.map(|ticks| (&s.node, ticks)));
-        let (first, [from, to]) = recorded.next().ok_or(RollCallError::NoTicks)?;
+        let (first, [from, to]) = recorded.next().ok_or(NotReady::NoTicks)?;
         if let Some((second, [second_from, second_to])) =
             recorded.find(|(_, ticks)| *ticks != [from, to])
         {
             let (first, second) = (first.clone(), second.clone());
-            return Err(RollCallError::OtherTicks {
+            return Err(NotReady::OtherTicks {
                 first,
                 first_from: from,
                 first_to: to,
@@ -185,7 +194,7 @@ impl RollCall {
         Ok(Some(from..to))
     }
 
-    fn voice(&mut self, status: &Status) -> Result<Voice, RollCallError> {
+    fn voice(&mut self, status: &Status) -> Result<Voice, NotReady> {
         let speakers = self
             .speakers
             .entry(status.node.clone())
@@ -197,7 +206,7 @@ impl RollCall {
             return Ok(Voice::Known);
         }
         if speakers.former.contains(&status.process) {
-            return Err(RollCallError::TwoOfAName(status.node.clone()));
+            return Err(NotReady::TwoOfAName(status.node.clone()));
         }
         speakers.former.insert(speakers.current);
         speakers.current = status.process;
@@ -209,7 +218,7 @@ impl RollCall {
         noted.is_some_and(|noted| noted.process != status.process)
     }
 
-    fn check_network(&self, status: &Status) -> Result<(), RollCallError> {
+    fn check_network(&self, status: &Status) -> Result<(), NotReady> {
         let other = self.ready().find(|s| {
             // A viewpoint of keypoint files runs no network, and fits any.
             s.node != status.node
@@ -218,7 +227,7 @@ impl RollCall {
                 && s.network_hash != status.network_hash
         });
         other.map_or(Ok(()), |other| {
-            Err(RollCallError::OtherNetwork {
+            Err(NotReady::OtherNetwork {
                 first: other.node.clone(),
                 first_hash: other.network_hash.clone(),
                 second: status.node.clone(),
@@ -227,7 +236,7 @@ impl RollCall {
         })
     }
 
-    fn check_ticks(&self, status: &Status) -> Result<(), RollCallError> {
+    fn check_ticks(&self, status: &Status) -> Result<(), NotReady> {
         let (Some(asked), Some([from, to])) = (&self.asked, status.ticks) else {
             return Ok(());
         };
@@ -235,7 +244,7 @@ impl RollCall {
             return Ok(());
         }
         let viewpoint = status.node.clone();
-        Err(RollCallError::TicksOutside {
+        Err(NotReady::TicksOutside {
             viewpoint,
             from,
             to,
@@ -249,9 +258,9 @@ impl RollCall {
 mod tests {
     use super::*;
 
-    fn roll_call(asked: Option<Range<Tick>>) -> RollCall {
+    fn readiness(asked: Option<Range<Tick>>) -> Readiness {
         let nodes = [("a".to_owned(), None), ("b".to_owned(), None)].into();
-        RollCall {
+        Readiness {
             venue_hash: "v1".to_owned(),
             calibration_hash: "c1".to_owned(),
             models: None,
@@ -282,14 +291,14 @@ mod tests {
 
     #[test]
     fn an_edge_with_another_network_than_fusions_files_is_refused_by_name() {
-        let mut roll = roll_call(None);
-        roll.expect_models(Some("n1+d1"));
+        let mut readiness = readiness(None);
+        readiness.expect_models(Some("n1+d1"));
         let mut same = status("a");
         same.network_hash = "n1+d1+onnxruntime".to_owned();
-        roll.hear(&same).unwrap();
+        readiness.receive(&same).unwrap();
         let mut other = status("b");
         other.network_hash = "n2+d1+onnxruntime".to_owned();
-        let text = roll.hear(&other).unwrap_err().to_string();
+        let text = readiness.receive(&other).unwrap_err().to_string();
         assert!(
             text.contains("network") && text.contains("viewpoint b"),
             "{text}"
@@ -297,50 +306,50 @@ mod tests {
         assert!(text.contains("--from-fusion"), "{text}");
         // Keypoint files need none.
         other.network_hash = String::new();
-        roll.hear(&other).unwrap();
+        readiness.receive(&other).unwrap();
     }
 
     #[test]
     fn the_run_begins_when_every_viewpoint_is_ready() {
-        let mut roll_call = roll_call(None);
-        roll_call.hear(&status("a")).unwrap();
-        assert_eq!(roll_call.ticks(), Ok(None));
-        roll_call
-            .hear(&Status {
+        let mut readiness = readiness(None);
+        readiness.receive(&status("a")).unwrap();
+        assert_eq!(readiness.ticks(), Ok(None));
+        readiness
+            .receive(&Status {
                 ready: false,
                 ..status("b")
             })
             .unwrap();
-        assert_eq!(roll_call.missing(), ["b"]);
-        roll_call.hear(&status("b")).unwrap();
-        assert_eq!(roll_call.ticks(), Ok(Some(Tick(0)..Tick(100))));
-        roll_call.forget("a");
-        assert_eq!(roll_call.missing(), ["a"]);
+        assert_eq!(readiness.missing(), ["b"]);
+        readiness.receive(&status("b")).unwrap();
+        assert_eq!(readiness.ticks(), Ok(Some(Tick(0)..Tick(100))));
+        readiness.forget("a");
+        assert_eq!(readiness.missing(), ["a"]);
     }
 
     #[test]
     fn two_edges_of_one_name_are_refused_but_one_may_start_again() {
-        let mut roll_call = roll_call(None);
+        let mut readiness = readiness(None);
         let second = Status {
             process: 2,
             ..status("a")
         };
-        roll_call.hear(&status("a")).unwrap();
-        roll_call.hear(&status("b")).unwrap();
-        roll_call.hear(&second).unwrap();
-        assert_eq!(roll_call.missing(), ["a"], "the first may still be there");
-        roll_call.hear(&second).unwrap();
-        assert!(roll_call.missing().is_empty());
+        readiness.receive(&status("a")).unwrap();
+        readiness.receive(&status("b")).unwrap();
+        readiness.receive(&second).unwrap();
+        assert_eq!(readiness.missing(), ["a"], "the first may still be there");
+        readiness.receive(&second).unwrap();
+        assert!(readiness.missing().is_empty());
         assert_eq!(
-            roll_call.hear(&status("a")).unwrap_err().to_string(),
+            readiness.receive(&status("a")).unwrap_err().to_string(),
             "two nodes call themselves a"
         );
     }
 
     #[test]
     fn another_calibration_is_refused_by_viewpoint_and_file() {
-        let error = roll_call(None)
-            .hear(&Status {
+        let error = readiness(None)
+            .receive(&Status {
                 calibration_hash: "c2".to_owned(),
                 ..status("b")
             })
@@ -357,21 +366,21 @@ mod tests {
 
     #[test]
     fn different_networks_are_refused_but_keypoint_files_fit_any() {
-        let mut roll_call = roll_call(None);
-        roll_call
-            .hear(&Status {
+        let mut readiness = readiness(None);
+        readiness
+            .receive(&Status {
                 network_hash: String::new(),
                 ..status("a")
             })
             .unwrap();
-        roll_call.hear(&status("b")).unwrap();
-        let error = roll_call
-            .hear(&Status {
+        readiness.receive(&status("b")).unwrap();
+        let error = readiness
+            .receive(&Status {
                 network_hash: "n2".to_owned(),
                 ..status("a")
             })
             .unwrap_err();
-        assert!(matches!(error, RollCallError::OtherNetwork { .. }));
+        assert!(matches!(error, NotReady::OtherNetwork { .. }));
     }
 
     #[test]
@@ -380,18 +389,15 @@ mod tests {
             ticks: Some([Tick(0), Tick(90)]),
             ..status("b")
         };
-        let mut open = roll_call(None);
-        open.hear(&status("a")).unwrap();
-        open.hear(&shorter).unwrap();
-        assert!(matches!(
-            open.ticks(),
-            Err(RollCallError::OtherTicks { .. })
-        ));
-        let mut asked = roll_call(Some(Tick(10)..Tick(60)));
-        asked.hear(&status("a")).unwrap();
-        asked.hear(&shorter).unwrap();
+        let mut open = readiness(None);
+        open.receive(&status("a")).unwrap();
+        open.receive(&shorter).unwrap();
+        assert!(matches!(open.ticks(), Err(NotReady::OtherTicks { .. })));
+        let mut asked = readiness(Some(Tick(10)..Tick(60)));
+        asked.receive(&status("a")).unwrap();
+        asked.receive(&shorter).unwrap();
         assert_eq!(asked.ticks(), Ok(Some(Tick(10)..Tick(60))));
-        let mut outside = roll_call(Some(Tick(10)..Tick(95)));
-        assert!(outside.hear(&shorter).is_err());
+        let mut outside = readiness(Some(Tick(10)..Tick(95)));
+        assert!(outside.receive(&shorter).is_err());
     }
 }

@@ -11,20 +11,20 @@ use crate::export::summary::{EventCounts, LinkSummary};
 
 /// Payload of all links since the start of a run.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Tally {
+pub(in crate::node) struct Tally {
     names: Vec<String>,
     links: Vec<LinkSummary>,
     /// Bytes of the poses, to whoever listens.
-    pub(super) pose_bytes: u64,
+    pub(in crate::node) pose_bytes: u64,
     /// Messages that did not belong to the tick, or came twice.
-    pub(super) refused: u64,
+    pub(in crate::node) refused: u64,
     /// Patches that were readable, but made no sense.
-    pub(super) unusable: u64,
+    pub(in crate::node) unusable: u64,
     events: EventCounts,
 }
 
 impl Tally {
-    pub(super) fn new(venue: &Venue) -> Self {
+    pub(in crate::node) fn new(venue: &Venue) -> Self {
         let names: Vec<String> = venue.viewpoints.iter().map(|v| v.name.clone()).collect();
         let links = vec![LinkSummary::default(); names.len()];
         Self {
@@ -37,7 +37,12 @@ impl Tally {
         }
     }
 
-    pub(super) fn patches(&mut self, viewpoint: ViewpointIndex, persons: usize, bytes: u64) {
+    pub(in crate::node) fn patches(
+        &mut self,
+        viewpoint: ViewpointIndex,
+        persons: usize,
+        bytes: u64,
+    ) {
         if let Some(link) = self.links.get_mut(usize::from(viewpoint.0)) {
             link.patch_messages += 1;
             link.patch_bytes += bytes;
@@ -45,14 +50,14 @@ impl Tally {
         }
     }
 
-    pub(super) fn sightings(&mut self, viewpoint: ViewpointIndex, bytes: u64) {
+    pub(in crate::node) fn sightings(&mut self, viewpoint: ViewpointIndex, bytes: u64) {
         if let Some(link) = self.links.get_mut(usize::from(viewpoint.0)) {
             link.sighting_messages += 1;
             link.sighting_bytes += bytes;
         }
     }
 
-    pub(super) fn boxes(&mut self, viewpoint: ViewpointIndex, bytes: u64) {
+    pub(in crate::node) fn boxes(&mut self, viewpoint: ViewpointIndex, bytes: u64) {
         if let Some(link) = self.links.get_mut(usize::from(viewpoint.0)) {
             link.box_messages += 1;
             link.box_bytes += bytes;
@@ -60,7 +65,7 @@ impl Tally {
     }
 
     /// Counts what changed who is who at `tick`; the message that says it, when anything did.
-    pub(super) fn events(
+    pub(in crate::node) fn events(
         &mut self,
         session: SessionId,
         tick: Tick,
@@ -75,12 +80,12 @@ impl Tally {
     }
 
     /// How often which event happened.
-    pub(super) fn event_counts(&self) -> &EventCounts {
+    pub(in crate::node) fn event_counts(&self) -> &EventCounts {
         &self.events
     }
 
     /// Bytes in both directions, poses included.
-    pub(super) fn total_bytes(&self) -> u64 {
+    pub(in crate::node) fn total_bytes(&self) -> u64 {
         let links = self
             .links
             .iter()
@@ -89,7 +94,7 @@ impl Tally {
     }
 
     /// By name of the viewpoint.
-    pub(super) fn links(&self) -> BTreeMap<String, LinkSummary> {
+    pub(in crate::node) fn links(&self) -> BTreeMap<String, LinkSummary> {
         self.names
             .iter()
             .cloned()

@@ -9,8 +9,9 @@ use anyhow::Context as _;
 use farfield_node::process::Ending;
 use farfield_proto::message::{DETECTION_STAGE, StageTime, Status};
 use farfield_proto::tick::Tick;
+use farfield_proto::transport::FUSION;
+use farfield_proto::venue::Venue;
 
-use super::config::Config;
 use super::tally::Tally;
 use crate::export::pose_files::Presence;
 use crate::export::summary::{
@@ -19,45 +20,45 @@ use crate::export::summary::{
 use crate::export::unfinished::write_whole;
 
 /// What is known when a run is over.
-pub(super) struct Facts<'a> {
+pub(in crate::node) struct Facts<'a> {
     /// The ticks of the run.
-    pub(super) ticks: Range<Tick>,
+    pub(in crate::node) ticks: Range<Tick>,
     /// The first words of the edges, with their networks.
-    pub(super) edges: &'a [Status],
-    pub(super) tally: &'a Tally,
+    pub(in crate::node) edges: &'a [Status],
+    pub(in crate::node) tally: &'a Tally,
     /// What came too late, or not at all.
-    pub(super) lost: Lost,
+    pub(in crate::node) lost: Lost,
     /// How it ended; `None` when it failed.
-    pub(super) ending: Option<Ending>,
-    pub(super) people: Vec<Presence>,
+    pub(in crate::node) ending: Option<Ending>,
+    pub(in crate::node) people: Vec<Presence>,
     /// The last tick that went through the core.
-    pub(super) last: Option<Tick>,
+    pub(in crate::node) last: Option<Tick>,
     /// Times of fusion's own stages.
-    pub(super) stages: Vec<StageTime>,
-    /// Times of the ways between the nodes, by node; none in lock-step.
-    pub(super) ways: Vec<(String, StageTime)>,
+    pub(in crate::node) stages: Vec<StageTime>,
+    /// Times of the paths between the nodes, by node; none in lock-step.
+    pub(in crate::node) paths: Vec<(String, StageTime)>,
     /// The last statuses of the edges, with their times.
-    pub(super) last_words: &'a [Status],
-    pub(super) elapsed: Duration,
+    pub(in crate::node) last_words: &'a [Status],
+    pub(in crate::node) elapsed: Duration,
     /// What was recorded, when anything was.
-    pub(super) recording: Option<RecordingSummary>,
+    pub(in crate::node) recording: Option<RecordingSummary>,
 }
 
 /// Messages that no step has used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub(super) struct Lost {
+pub(in crate::node) struct Lost {
     /// Those that fusion could not read.
-    pub(super) unreadable: u64,
-    pub(super) late: u64,
-    pub(super) missing: u64,
+    pub(in crate::node) unreadable: u64,
+    pub(in crate::node) late: u64,
+    pub(in crate::node) missing: u64,
     /// Of strangers, of another session, of refused edges, or repeated.
-    pub(super) refused: u64,
+    pub(in crate::node) refused: u64,
     /// What fusion had no room to send.
-    pub(super) unsent: u64,
+    pub(in crate::node) unsent: u64,
 }
 
 /// Puts the facts together; nothing outside `timing` depends on a clock or another process.
-pub(super) fn summarize(config: &Config, facts: &Facts<'_>) -> Summary {
+pub(in crate::node) fn summarize(venue: &Venue, facts: &Facts<'_>) -> Summary {
     let Facts { ticks, lost, .. } = facts;
     let done = facts
         .last
@@ -73,10 +74,10 @@ pub(super) fn summarize(config: &Config, facts: &Facts<'_>) -> Summary {
     };
     let elapsed_s = facts.elapsed.as_secs_f64();
     Summary {
-        venue: config.venue.name.clone(),
-        venue_hash: config.venue.hashes.venue.clone(),
-        calibration_hash: config.venue.hashes.calibration.clone(),
-        rate_hz: config.venue.rate_hz,
+        venue: venue.name.clone(),
+        venue_hash: venue.hashes.venue.clone(),
+        calibration_hash: venue.hashes.calibration.clone(),
+        rate_hz: venue.rate_hz,
         complete: facts.ending == Some(Ending::Done),
         ticks: TickSpan {
             first: ticks.start,
@@ -115,7 +116,7 @@ pub(super) fn summarize(config: &Config, facts: &Facts<'_>) -> Summary {
 
 /// Says in the summary in `folder` what the recording has come to in the end: what failed after the summary
 /// was written, too.
-pub(super) fn complete(folder: &Path, recording: &RecordingSummary) -> anyhow::Result<()> {
+pub(in crate::node) fn complete(folder: &Path, recording: &RecordingSummary) -> anyhow::Result<()> {
     let path = folder.join("summary.json");
     if !path.exists() {
         // A run without a tick leaves none.
@@ -132,7 +133,7 @@ pub(super) fn complete(folder: &Path, recording: &RecordingSummary) -> anyhow::R
 }
 
 /// Per program and library: its version.
-pub(super) fn versions() -> BTreeMap<String, String> {
+pub(in crate::node) fn versions() -> BTreeMap<String, String> {
     [
         ("farfield".to_owned(), env!("CARGO_PKG_VERSION").to_owned()),
         ("wire".to_owned(), farfield_proto::wire::VERSION.to_string()),
@@ -148,9 +149,9 @@ fn stages(facts: &Facts<'_>) -> BTreeMap<String, StageTiming> {
             .iter()
             .map(|stage| (status.node.as_str(), stage))
     });
-    let ways = facts.ways.iter().map(|(node, way)| (node.as_str(), way));
-    let own = facts.stages.iter().map(|stage| (super::link::NODE, stage));
-    let all = own.chain(of_edges).chain(ways);
+    let paths = facts.paths.iter().map(|(node, time)| (node.as_str(), time));
+    let own = facts.stages.iter().map(|stage| (FUSION, stage));
+    let all = own.chain(of_edges).chain(paths);
     let timing = |stage: &StageTime| StageTiming {
         p50_us: f64::from(stage.p50_us),
         p99_us: f64::from(stage.p99_us),
@@ -175,7 +176,7 @@ fn look_shares(last_words: &[Status]) -> BTreeMap<String, f64> {
 }
 
 /// Writes `summary.json` into `folder`.
-pub(super) fn write(folder: &Path, summary: &Summary) -> anyhow::Result<()> {
+pub(in crate::node) fn write(folder: &Path, summary: &Summary) -> anyhow::Result<()> {
     let path = folder.join("summary.json");
     let text = summary.to_json();
     write_whole(path.clone(), text.as_bytes())

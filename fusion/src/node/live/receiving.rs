@@ -1,13 +1,13 @@
-//! What a live run makes of what it hears: every message counts for the clock and the delays of its edge, and
+//! What a live run makes of what it receives: every message counts for the clock and the delays of its edge, and
 //! those of edges that take part wait for their tick.
 
 use farfield_node::process::say;
 use farfield_proto::message::live::EdgeLink;
 use farfield_proto::message::{PatchSet, SightingSet, Status};
 use farfield_proto::tick::Tick;
+use farfield_proto::transport::FUSION;
 use tracing::debug;
 
-use super::super::link::{Arrival, Ends, Heard, NODE, Presence};
 use super::run::Live;
 use super::start::note_present;
 use crate::align::Refused;
@@ -15,6 +15,8 @@ use crate::live::Micros;
 use crate::live::edge::Came;
 use crate::live::gather::Taken;
 use crate::live::membership::Said;
+use crate::node::session::link::Ends;
+use crate::node::session::messages::{Arrival, Incoming, Presence};
 
 /// Late sets that wait for the smoother's next step; of more, the newest are dropped.
 const MAX_LATE: usize = 256;
@@ -23,35 +25,35 @@ const MAX_LATE: usize = 256;
 const LATE_LOOKS_TOLD: u32 = 5;
 
 impl Live<'_> {
-    /// Hears on until `done`: a queue that nobody empties would hold up the answers to others, too.
-    pub(super) async fn hear_until(&mut self, ends: &mut Ends, done: impl Future<Output = ()>) {
+    /// Receives on until `done`: a queue that nobody empties would hold up the answers to others, too.
+    pub(super) async fn receive_until(&mut self, ends: &mut Ends, done: impl Future<Output = ()>) {
         tokio::pin!(done);
         loop {
             tokio::select! {
                 () = &mut done => return,
-                Some(heard) = ends.heard.recv() => self.hear(heard),
+                Some(incoming) = ends.incoming.recv() => self.receive(incoming),
             }
         }
     }
 
-    pub(super) fn hear(&mut self, heard: Heard) {
-        match heard {
-            Heard::Patches(set, arrival) => self.hear_patches(set, arrival),
-            Heard::Sightings(set, arrival) => self.hear_sightings(set, arrival),
-            // Fusion hears itself, too.
-            Heard::Status(status) if status.node == NODE => {}
-            Heard::Status(status) => self.hear_status(&status),
-            Heard::Alive(node, Presence::There) => {
+    pub(super) fn receive(&mut self, incoming: Incoming) {
+        match incoming {
+            Incoming::Patches(set, arrival) => self.receive_patches(set, arrival),
+            Incoming::Sightings(set, arrival) => self.receive_sightings(set, arrival),
+            // Fusion receives its own, too.
+            Incoming::Status(status) if status.node == FUSION => {}
+            Incoming::Status(status) => self.receive_status(&status),
+            Incoming::Alive(node, Presence::There) => {
                 note_present(&self.config.venue, &mut self.present, node);
             }
-            Heard::Alive(node, Presence::Gone) => {
+            Incoming::Alive(node, Presence::Gone) => {
                 self.present.remove(&node);
                 if let Some(index) = self.members.leave(&node) {
                     self.edges[index].leave();
                     say(format_args!("viewpoint {node} has left"));
                 }
             }
-            Heard::Unreadable(key) => {
+            Incoming::Unreadable(key) => {
                 let node = key.rsplit('/').next().unwrap_or_default();
                 let viewpoint = self.config.venue.viewpoint_named(node);
                 match viewpoint.and_then(|v| self.edges.get_mut(usize::from(v.0))) {
@@ -62,7 +64,7 @@ impl Live<'_> {
         }
     }
 
-    fn hear_patches(&mut self, set: PatchSet, arrival: Arrival) {
+    fn receive_patches(&mut self, set: PatchSet, arrival: Arrival) {
         let (index, tick) = (usize::from(set.viewpoint.0), set.tick);
         if set.session != self.session || index >= self.edges.len() {
             self.tally.refused += 1;
@@ -96,7 +98,7 @@ impl Live<'_> {
         }
     }
 
-    fn hear_sightings(&mut self, set: SightingSet, arrival: Arrival) {
+    fn receive_sightings(&mut self, set: SightingSet, arrival: Arrival) {
         let (index, tick) = (usize::from(set.viewpoint.0), set.tick);
         if set.session != self.session || index >= self.edges.len() {
             self.tally.refused += 1;
@@ -150,8 +152,8 @@ impl Live<'_> {
         }
     }
 
-    fn hear_status(&mut self, status: &Status) {
-        match self.members.hear(status, self.ear.clock.now_us()) {
+    fn receive_status(&mut self, status: &Status) {
+        match self.members.hear(status, self.interceptor.clock.now_us()) {
             Said::Nothing => {}
             Said::NewNode(index) => {
                 self.edges[index].start_again();

@@ -5,6 +5,7 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use farfield_node::clock::VenueClock;
+use farfield_node::endpoints::Reach;
 use farfield_proto::calibration::Calibration;
 use farfield_proto::id::{SessionId, ViewpointIndex};
 use farfield_proto::message::{PatchSet, Status};
@@ -15,9 +16,11 @@ use tokio::time::timeout;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
-use super::{Door, Ear, Ends, Heard, Link, Mode, Presence, Said};
-use crate::node::start::own_status;
-use crate::node::tap::{Decided, Tap, TapHandle, TapMessage};
+use super::{Ends, Incoming, Interceptor, Link, Outgoing};
+use crate::node::session::messages::Presence;
+use crate::node::session::mode::Mode;
+use crate::node::session::wiretap::{CopiedMessage, CopiedStep, Wiretap, WiretapHandle};
+use crate::node::status::own_status;
 
 /// The keys of what has passed.
 #[derive(Default)]
@@ -26,16 +29,16 @@ struct Kept {
     published: Mutex<Vec<String>>,
 }
 
-impl Tap for Kept {
-    fn received(&self, message: TapMessage<'_>) {
+impl Wiretap for Kept {
+    fn received(&self, message: CopiedMessage<'_>) {
         self.received.lock().unwrap().push(message.key.to_owned());
     }
 
-    fn published(&self, message: TapMessage<'_>) {
+    fn published(&self, message: CopiedMessage<'_>) {
         self.published.lock().unwrap().push(message.key.to_owned());
     }
 
-    fn decided(&self, _: Decided<'_>) {}
+    fn decided(&self, _: CopiedStep<'_>) {}
 }
 
 /// Far above what a loaded machine takes; a test that waits as long has failed.
@@ -50,10 +53,10 @@ fn venue() -> Venue {
     Venue::parse(text, Path::new("venue.toml"), calibration).unwrap()
 }
 
-async fn next(ends: &mut Ends) -> Heard {
-    timeout(PATIENCE, ends.heard.recv())
+async fn next(ends: &mut Ends) -> Incoming {
+    timeout(PATIENCE, ends.incoming.recv())
         .await
-        .expect("fusion hears nothing")
+        .expect("fusion receives nothing")
         .expect("the subscriptions have ended")
 }
 
@@ -65,7 +68,7 @@ async fn what_cannot_be_used_is_told(edge: &zenoh::Session, ends: &mut Ends, set
     for bytes in [of_another, vec![0xff; 40]] {
         edge.put("link-test/patch/a", bytes).await.unwrap();
         match next(ends).await {
-            Heard::Unreadable(key) => assert_eq!(key, "link-test/patch/a"),
+            Incoming::Unreadable(key) => assert_eq!(key, "link-test/patch/a"),
             other => panic!("{other:?}"),
         }
     }
@@ -73,17 +76,17 @@ async fn what_cannot_be_used_is_told(edge: &zenoh::Session, ends: &mut Ends, set
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn an_edge_is_heard_answered_and_missed() {
-    let door = Door {
-        listen: &["tcp/127.0.0.1:0".to_owned()],
+    let reach = Reach {
+        endpoints: vec!["tcp/127.0.0.1:0".to_owned()],
         identity: None,
     };
-    let link = Link::open(&venue(), &door, Mode::LockStep).await.unwrap();
+    let link = Link::open(&venue(), &reach, Mode::LockStep).await.unwrap();
     let kept = Arc::new(Kept::default());
-    let tap = TapHandle::new(Some(Arc::clone(&kept) as Arc<dyn Tap>));
-    let ear = Ear::new(&venue(), VenueClock::start(), tap);
+    let wiretap = WiretapHandle::new(Some(Arc::clone(&kept) as Arc<dyn Wiretap>));
+    let interceptor = Interceptor::new(&venue(), VenueClock::start(), wiretap);
     let endpoint = link.locators().await[0].clone();
     let (tasks, leave) = (TaskTracker::new(), CancellationToken::new());
-    let mut ends = link.spawn(&tasks, &leave, &ear);
+    let mut ends = link.spawn(&tasks, &leave, &interceptor);
 
     let mut config = zenoh::Config::default();
     for (key, value) in [
@@ -101,8 +104,8 @@ async fn an_edge_is_heard_answered_and_missed() {
         .unwrap();
     let boxes = edge.declare_subscriber("link-test/box/a").await.unwrap();
     loop {
-        // Fusion hears its own token, too.
-        if matches!(next(&mut ends).await, Heard::Alive(node, Presence::There) if node == "a") {
+        // Fusion receives its own token, too.
+        if matches!(next(&mut ends).await, Incoming::Alive(node, Presence::There) if node == "a") {
             break;
         }
     }
@@ -120,8 +123,8 @@ async fn an_edge_is_heard_answered_and_missed() {
     let bytes = wire::encode(&set);
     edge.put("link-test/patch/a", bytes.clone()).await.unwrap();
     match next(&mut ends).await {
-        Heard::Patches(heard, arrival) => {
-            assert_eq!((&heard, arrival.bytes), (&set, bytes.len() as u64));
+        Incoming::Patches(received_set, arrival) => {
+            assert_eq!((&received_set, arrival.bytes), (&set, bytes.len() as u64));
             let received = kept.received.lock().unwrap().clone();
             assert_eq!(received, ["link-test/patch/a"]);
         }
@@ -130,13 +133,19 @@ async fn an_edge_is_heard_answered_and_missed() {
     what_cannot_be_used_is_told(&edge, &mut ends, set).await;
 
     while !*ends.matched.borrow() {
-        ends.say.send(Said::Status(Vec::new())).await.unwrap();
+        ends.outgoing
+            .send(Outgoing::Status(Vec::new()))
+            .await
+            .unwrap();
         timeout(PATIENCE, ends.matched.changed())
             .await
             .expect("the boxes have no listener")
             .unwrap();
     }
-    ends.say.send(Said::Boxes(0, vec![1, 2, 3])).await.unwrap();
+    ends.outgoing
+        .send(Outgoing::Boxes(0, vec![1, 2, 3]))
+        .await
+        .unwrap();
     let sample = timeout(PATIENCE, boxes.recv_async())
         .await
         .expect("the boxes do not come")
@@ -148,7 +157,7 @@ async fn an_edge_is_heard_answered_and_missed() {
     drop(token);
     edge.close().await.unwrap();
     loop {
-        if matches!(next(&mut ends).await, Heard::Alive(node, Presence::Gone) if node == "a") {
+        if matches!(next(&mut ends).await, Incoming::Alive(node, Presence::Gone) if node == "a") {
             break;
         }
     }
@@ -161,26 +170,26 @@ async fn an_edge_is_heard_answered_and_missed() {
 fn a_node_speaks_under_its_own_name_only() {
     // Symptom to prevent: by a status under its own key, edge a put another process in the place of b.
     let venue = venue();
-    let ear = Ear::new(&venue, VenueClock::start(), TapHandle::new(None));
+    let interceptor = Interceptor::new(&venue, VenueClock::start(), WiretapHandle::new(None));
     let says = |node: &str, viewpoint: Option<u16>| Status {
         node: node.to_owned(),
         viewpoint: viewpoint.map(ViewpointIndex),
         ..own_status(&venue.hashes)
     };
-    assert!(ear.may_say("link-test/status/a", &says("a", Some(0))));
-    assert!(ear.may_say("link-test/status/fusion", &says("fusion", None)));
-    assert!(ear.may_say("link-test/status/screen", &says("screen", None)));
+    assert!(interceptor.may_say("link-test/status/a", &says("a", Some(0))));
+    assert!(interceptor.may_say("link-test/status/fusion", &says("fusion", None)));
+    assert!(interceptor.may_say("link-test/status/screen", &says("screen", None)));
     for (node, viewpoint) in [("b", None), ("a", None), ("a", Some(1)), ("fusion", None)] {
         assert!(
-            !ear.may_say("link-test/status/a", &says(node, viewpoint)),
+            !interceptor.may_say("link-test/status/a", &says(node, viewpoint)),
             "{node} {viewpoint:?}"
         );
     }
-    assert!(!ear.may_say("link-test/status/screen", &says("screen", Some(0))));
+    assert!(!interceptor.may_say("link-test/status/screen", &says("screen", Some(0))));
     // Its own file says another place: that it is another file must be told, not that it cannot be read.
     let elsewhere = Status {
         venue_hash: "another".to_owned(),
         ..says("a", Some(1))
     };
-    assert!(ear.may_say("link-test/status/a", &elsewhere));
+    assert!(interceptor.may_say("link-test/status/a", &elsewhere));
 }

@@ -1,6 +1,6 @@
 //! `farfield record`: a node of its own that listens to everything under the venue's name, and records it.
 //!
-//! It hears what fusion hears, but for what the links between lose, and not always in time: what fusion
+//! It receives what fusion receives, but for what the links between lose, and not always in time: what fusion
 //! used for each tick it takes from fusion's own word ([`farfield_proto::message::decision`]).
 
 use std::path::PathBuf;
@@ -20,7 +20,7 @@ use farfield_proto::key::Keys;
 use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::message::Status;
 use farfield_proto::same_files::{OtherFile, OwnFiles};
-use farfield_proto::transport::{EdgeTransport, RECORDER};
+use farfield_proto::transport::{EdgeTransport, FUSION, RECORDER};
 use farfield_proto::venue::{Venue, VenueHash};
 use farfield_proto::wire;
 use tokio_util::sync::CancellationToken;
@@ -29,9 +29,8 @@ use zenoh::Session;
 use zenoh::sample::{Sample, SampleKind};
 
 use super::config::{check_names, load_card};
-use super::doorman;
-use super::link::NODE;
 use super::recording::{Place, RecordingThread, check_place, head};
+use super::session::authentication_log;
 
 /// Messages that wait between Zenoh and the recorder's own queue.
 const QUEUE: usize = 1024;
@@ -62,7 +61,7 @@ pub struct RecordArgs {
 
 /// Records until it is told to stop, and says on standard error what went wrong.
 pub fn main(args: RecordArgs) -> ExitCode {
-    start_log_with(doorman::layer());
+    start_log_with(authentication_log::layer());
     exit_code(load_and_record(args))
 }
 
@@ -137,7 +136,7 @@ async fn listen(
     let nodes = session::liveliness(session, keys.all_alive(), QUEUE).await;
     let nodes = nodes.map_err(NodeError::Failed)?;
     let (clock, queue) = (VenueClock::start(), recording.queue());
-    let fusion = keys.status(NODE);
+    let fusion = keys.status(FUSION);
     let mut agreement = Agreement::default();
     let mut tell = tokio::time::interval(TELL_EVERY);
     let mut n_messages = 0u64;
@@ -171,10 +170,10 @@ async fn listen(
             && let Ok(status) = wire::decode::<Status>(&payload)
         {
             let different = difference(&venue.hashes, &status);
-            match agreement.hear(different, clock.now_us()) {
-                Heard::Same => {}
-                Heard::Differs(what) => say(format_args!("{what}")),
-                Heard::StillDiffers(what) => return Err(NodeError::Refused(anyhow!(what))),
+            match agreement.compare(different, clock.now_us()) {
+                Comparison::Same => {}
+                Comparison::Differs(what) => say(format_args!("{what}")),
+                Comparison::StillDiffers(what) => return Err(NodeError::Refused(anyhow!(what))),
             }
         }
     }
@@ -190,7 +189,7 @@ struct Agreement {
 
 /// What a status means for the recording.
 #[derive(Debug, PartialEq, Eq)]
-enum Heard {
+enum Comparison {
     /// Nothing new.
     Same,
     /// For the first time: worth a warning, and no more, as without keys anybody may say so.
@@ -201,22 +200,22 @@ enum Heard {
 
 impl Agreement {
     /// Takes how a status of `now_us` differs from the own files, if it does.
-    fn hear(&mut self, different: Option<String>, now_us: i64) -> Heard {
+    fn compare(&mut self, different: Option<String>, now_us: i64) -> Comparison {
         let Some(what) = different else {
             self.differs_since_us = None;
-            return Heard::Same;
+            return Comparison::Same;
         };
         match self.differs_since_us {
             None => {
                 self.differs_since_us = Some(now_us);
                 if std::mem::replace(&mut self.is_told, true) {
-                    Heard::Same
+                    Comparison::Same
                 } else {
-                    Heard::Differs(what)
+                    Comparison::Differs(what)
                 }
             }
-            Some(since_us) if now_us - since_us >= DIFFERS_US => Heard::StillDiffers(what),
-            Some(_) => Heard::Same,
+            Some(since_us) if now_us - since_us >= DIFFERS_US => Comparison::StillDiffers(what),
+            Some(_) => Comparison::Same,
         }
     }
 }
@@ -240,17 +239,17 @@ mod tests {
         let other = || Some("another venue file".to_owned());
         let mut agreement = Agreement::default();
         let second = |n: i64| n * 1_000_000;
-        let first = agreement.hear(other(), second(0));
-        assert!(matches!(first, Heard::Differs(_)));
+        let first = agreement.compare(other(), second(0));
+        assert!(matches!(first, Comparison::Differs(_)));
         // Fusion's own word comes once a second between.
         for n in 1..20 {
-            assert_eq!(agreement.hear(None, second(n)), Heard::Same);
-            assert_eq!(agreement.hear(other(), second(n) + 1), Heard::Same);
+            assert_eq!(agreement.compare(None, second(n)), Comparison::Same);
+            assert_eq!(agreement.compare(other(), second(n) + 1), Comparison::Same);
         }
-        assert_eq!(agreement.hear(None, second(20) - 1), Heard::Same);
-        assert_eq!(agreement.hear(other(), second(20)), Heard::Same);
-        assert_eq!(agreement.hear(other(), second(21)), Heard::Same);
-        let last = agreement.hear(other(), second(20) + DIFFERS_US);
-        assert!(matches!(last, Heard::StillDiffers(_)));
+        assert_eq!(agreement.compare(None, second(20) - 1), Comparison::Same);
+        assert_eq!(agreement.compare(other(), second(20)), Comparison::Same);
+        assert_eq!(agreement.compare(other(), second(21)), Comparison::Same);
+        let last = agreement.compare(other(), second(20) + DIFFERS_US);
+        assert!(matches!(last, Comparison::StillDiffers(_)));
     }
 }

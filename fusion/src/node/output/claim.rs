@@ -50,7 +50,7 @@ impl Claim {
     }
 
     /// The folder that the process which started this one has claimed for it.
-    pub(super) fn of_parent(folder: PathBuf) -> Self {
+    pub(in crate::node) fn of_parent(folder: PathBuf) -> Self {
         Self {
             folder,
             holder: Holder::Parent,

@@ -1,4 +1,4 @@
-//! Where a recorder listens in: every message that comes or goes, and what each step was made of.
+//! Copies, for whoever records: of every message that comes or goes, and of what each step was made of.
 //!
 //! With the decisions in the order of their ticks, a run can be solved again bit for bit:
 //! [`crate::pipeline::Pipeline::first_boxes`] at the first one's tick, then per decision the late sets, the
@@ -13,7 +13,7 @@ use crate::align::TickGroup;
 
 /// A message as it was on the wire.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct TapMessage<'a> {
+pub struct CopiedMessage<'a> {
     /// Its Zenoh key.
     pub key: &'a str,
     /// Its payload.
@@ -24,7 +24,7 @@ pub struct TapMessage<'a> {
 
 /// What one step of the core is made of.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Decided<'a> {
+pub struct CopiedStep<'a> {
     /// The tick, and the messages that its step uses. The ticks of a run follow each other without a gap.
     pub group: &'a TickGroup,
     /// Sets of earlier ticks, given to the smoother before this step, in this order.
@@ -36,15 +36,15 @@ pub struct Decided<'a> {
 
 /// Someone who listens in. Called from the threads that carry messages and from the loop: it must not
 /// wait for anything, and drop (and count) what it has no room for.
-pub trait Tap: Send + Sync {
+pub trait Wiretap: Send + Sync {
     /// A message has come, readable or not.
-    fn received(&self, message: TapMessage<'_>);
+    fn received(&self, message: CopiedMessage<'_>);
 
     /// A message goes out.
-    fn published(&self, message: TapMessage<'_>);
+    fn published(&self, message: CopiedMessage<'_>);
 
     /// The core steps a tick.
-    fn decided(&self, decided: Decided<'_>);
+    fn decided(&self, decided: CopiedStep<'_>);
 
     /// Why it listens no more, if it does not.
     fn failure(&self) -> Option<String> {
@@ -52,43 +52,45 @@ pub trait Tap: Send + Sync {
     }
 }
 
-/// The tap of a run, if it has one.
+/// The wiretap of a run, if it has one.
 #[derive(Clone, Default)]
-pub(super) struct TapHandle(Option<Arc<dyn Tap>>);
+pub(in crate::node) struct WiretapHandle(Option<Arc<dyn Wiretap>>);
 
-impl TapHandle {
-    pub(super) fn new(tap: Option<Arc<dyn Tap>>) -> Self {
-        Self(tap)
+impl WiretapHandle {
+    pub(in crate::node) fn new(wiretap: Option<Arc<dyn Wiretap>>) -> Self {
+        Self(wiretap)
     }
 
-    pub(super) fn received(&self, message: TapMessage<'_>) {
-        if let Some(tap) = &self.0 {
-            tap.received(message);
+    pub(in crate::node) fn received(&self, message: CopiedMessage<'_>) {
+        if let Some(wiretap) = &self.0 {
+            wiretap.received(message);
         }
     }
 
-    pub(super) fn published(&self, message: TapMessage<'_>) {
-        if let Some(tap) = &self.0 {
-            tap.published(message);
+    pub(in crate::node) fn published(&self, message: CopiedMessage<'_>) {
+        if let Some(wiretap) = &self.0 {
+            wiretap.published(message);
         }
     }
 
-    pub(super) fn decided(&self, decided: Decided<'_>) {
-        if let Some(tap) = &self.0 {
-            tap.decided(decided);
+    pub(in crate::node) fn decided(&self, decided: CopiedStep<'_>) {
+        if let Some(wiretap) = &self.0 {
+            wiretap.decided(decided);
         }
     }
 }
 
-impl TapHandle {
+impl WiretapHandle {
     /// Why nobody listens any more, if somebody did.
-    pub(super) fn failure(&self) -> Option<String> {
+    pub(in crate::node) fn failure(&self) -> Option<String> {
         self.0.as_ref()?.failure()
     }
 }
 
-impl fmt::Debug for TapHandle {
+impl fmt::Debug for WiretapHandle {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_tuple("TapHandle").field(&self.0.is_some()).finish()
+        f.debug_tuple("WiretapHandle")
+            .field(&self.0.is_some())
+            .finish()
     }
 }

@@ -73,7 +73,7 @@ impl From<&PersonPose> for Body {
 
 /// What a managed node says of a tick.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Detail {
+pub(in crate::node) enum Detail {
     /// How many persons there are.
     Counts,
     /// Where they are, too.
@@ -84,7 +84,7 @@ pub(super) enum Detail {
 const EVERY: Duration = Duration::from_secs(5);
 
 /// Reports to whoever started the node.
-pub(super) struct Reporter {
+pub(in crate::node) struct Reporter {
     managed: Managed,
     detail: Detail,
     last: Option<Instant>,
@@ -92,7 +92,7 @@ pub(super) struct Reporter {
 }
 
 impl Reporter {
-    pub(super) fn new(managed: Managed, detail: Detail) -> Self {
+    pub(in crate::node) fn new(managed: Managed, detail: Detail) -> Self {
         Self {
             managed,
             detail,
@@ -101,21 +101,21 @@ impl Reporter {
         }
     }
 
-    pub(super) fn listening(&self, endpoints: Vec<String>) {
+    pub(in crate::node) fn listening(&self, endpoints: Vec<String>) {
         match self.managed {
             Managed::Yes => send(&Report::Listening(endpoints)),
             Managed::No => say(format_args!("fusion listens on {}", endpoints.join(", "))),
         }
     }
 
-    pub(super) fn waiting(&self, missing: &[&str]) {
+    pub(in crate::node) fn waiting(&self, missing: &[&str]) {
         if self.managed == Managed::No {
             say(format_args!("waiting for {}", missing.join(", ")));
         }
     }
 
     /// The ticks begin; `to` is one past the last, if there is one.
-    pub(super) fn started(&self, from: Tick, to: Option<Tick>) {
+    pub(in crate::node) fn started(&self, from: Tick, to: Option<Tick>) {
         match (self.managed, to) {
             (Managed::Yes, to) => send(&Report::Started { from, to }),
             (Managed::No, Some(to)) => say(format_args!("the run begins: ticks {from}..{to}")),
@@ -124,7 +124,7 @@ impl Reporter {
     }
 
     /// Live, once a second: the delay of the poses, and how the edges are heard.
-    pub(super) fn links(&mut self, delay_us: Option<(u32, u32)>, edges: Vec<EdgeLink>) {
+    pub(in crate::node) fn links(&mut self, delay_us: Option<(u32, u32)>, edges: Vec<EdgeLink>) {
         if self.managed == Managed::Yes {
             send(&Report::Links(LinkProgress { delay_us, edges }));
         } else {
@@ -133,7 +133,7 @@ impl Reporter {
     }
 
     /// A tick is done, after which `bytes` of payload have passed over all links.
-    pub(super) fn tick(&mut self, poses: &PoseSet, bytes: u64) {
+    pub(in crate::node) fn tick(&mut self, poses: &PoseSet, bytes: u64) {
         if self.managed == Managed::Yes {
             let bodies = match self.detail {
                 Detail::Counts => Vec::new(),

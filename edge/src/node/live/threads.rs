@@ -1,0 +1,41 @@
+//! The threads of a live edge: one per camera, and one for the pipeline.
+
+use std::sync::Arc;
+
+use tokio::sync::oneshot;
+
+use super::camera::Camera;
+use super::shared::Shared;
+use super::ticker::Ticker;
+use crate::node::parts::Parts;
+
+/// Starts the threads, which end when `shared` is stopped. Those of cameras may still wait for a frame then, so
+/// nobody waits for them.
+pub(super) fn spawn(
+    parts: Parts,
+    shared: &Arc<Shared>,
+    failed: oneshot::Sender<anyhow::Error>,
+) -> std::io::Result<()> {
+    for (at, &index) in parts.cameras.iter().enumerate() {
+        let camera = Camera {
+            shared: Arc::clone(shared),
+            venue: Arc::clone(&parts.venue),
+            sources: Arc::clone(&parts.sources),
+            index,
+            at,
+        };
+        std::thread::Builder::new()
+            .name(format!("camera {at}"))
+            .spawn(move || camera.run())?;
+    }
+    let mut ticker = Ticker::new(Arc::clone(shared), parts.pipeline, parts.viewpoint);
+    let work = move || {
+        if let Err(error) = ticker.run() {
+            drop(failed.send(error));
+        }
+    };
+    std::thread::Builder::new()
+        .name("pipeline".to_owned())
+        .spawn(work)
+        .map(drop)
+}

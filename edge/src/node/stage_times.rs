@@ -1,0 +1,30 @@
+//! How long the stages of the pipeline take, by the names that statuses and summaries have for them.
+
+use farfield_proto::message::DETECTION_STAGE;
+
+use crate::pipeline::EdgeStage;
+
+/// The stages' times by name, with the keypoints of sightings, `share` of the inference, counted as
+/// detection: what detection costs is told apart from what following people costs.
+pub(super) fn split_detection(laps: &[(EdgeStage, u32)], share: f64) -> [(&'static str, u32); 4] {
+    let of = |wanted: EdgeStage| {
+        let laps = laps.iter().filter(|(stage, _)| *stage == wanted);
+        laps.map(|(_, us)| us).sum::<u32>()
+    };
+    let keypoints_us = (f64::from(of(EdgeStage::Infer)) * share).round() as u32;
+    [
+        (name(EdgeStage::Crop), of(EdgeStage::Crop)),
+        (DETECTION_STAGE, of(EdgeStage::Detect) + keypoints_us),
+        (name(EdgeStage::Infer), of(EdgeStage::Infer) - keypoints_us),
+        (name(EdgeStage::Encode), of(EdgeStage::Encode)),
+    ]
+}
+
+fn name(stage: EdgeStage) -> &'static str {
+    match stage {
+        EdgeStage::Crop => "crop",
+        EdgeStage::Detect => DETECTION_STAGE,
+        EdgeStage::Infer => "infer",
+        EdgeStage::Encode => "encode",
+    }
+}

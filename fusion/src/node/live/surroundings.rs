@@ -1,0 +1,26 @@
+//! What a live run is given, and what may stop it.
+
+use std::path::Path;
+
+use farfield_proto::id::SessionId;
+use tokio_util::sync::CancellationToken;
+
+use super::super::config::Config;
+use super::super::recording::RecordingThread;
+use crate::node::output::progress::Reporter;
+use crate::node::session::interceptor::Interceptor;
+use crate::node::session::link::Ends;
+
+/// What a live run works with.
+pub(in crate::node) struct Surroundings<'a> {
+    pub(in crate::node) config: &'a Config,
+    pub(in crate::node) session: SessionId,
+    /// Where the results go.
+    pub(in crate::node) out: &'a Path,
+    /// Who records, if anybody does.
+    pub(in crate::node) recording: Option<&'a RecordingThread>,
+    pub(in crate::node) interceptor: &'a Interceptor,
+    pub(in crate::node) ends: &'a mut Ends,
+    pub(in crate::node) reporter: &'a mut Reporter,
+    pub(in crate::node) stop: &'a CancellationToken,
+}

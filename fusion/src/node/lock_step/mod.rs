@@ -1,0 +1,161 @@
+//! Lock-step: fusion waits for every edge at every tick.
+
+mod readiness;
+mod run;
+mod start;
+
+use std::path::Path;
+use std::time::Duration;
+
+use anyhow::Context as _;
+use farfield_node::clock;
+use farfield_node::process::{Ending, NodeError};
+use farfield_proto::id::SessionId;
+use farfield_proto::message::Status;
+use farfield_proto::wire;
+use tokio::time::timeout;
+use tracing::warn;
+
+use self::readiness::Start;
+use self::run::LockStep;
+use self::start::wait_until_ready;
+use super::config::Config;
+use super::output::exporter::Exporter;
+use super::output::summary::{self, Facts, Lost, summarize};
+use super::recording::RecordingThread;
+use super::session::link::Ends;
+use super::session::messages::{Incoming, Outgoing, Presence};
+use super::session::mode::Mode;
+use super::session::wiretap::WiretapHandle;
+use super::status::failed_status;
+use super::worker::Worker;
+use crate::pipeline::Pipeline;
+
+pub(super) use self::run::Outside;
+
+/// How long the edges may take to say their last word when a run is over.
+const FAREWELL: Duration = Duration::from_secs(3);
+/// How long a refusal stands on the wire before the session closes.
+const REFUSAL: Duration = Duration::from_millis(500);
+
+/// A run in lock-step.
+pub(super) struct Begin<'a> {
+    pub(super) config: &'a Config,
+    pub(super) session: SessionId,
+    /// Where the results go.
+    pub(super) out: &'a Path,
+    pub(super) wiretap: &'a WiretapHandle,
+    pub(super) recording: Option<&'a RecordingThread>,
+}
+
+impl Begin<'_> {
+    /// Waits for all edges, and runs.
+    pub(super) async fn lock_step(
+        &self,
+        pipeline: Pipeline,
+        outside: &mut Outside<'_>,
+    ) -> Result<Ending, NodeError> {
+        match wait_until_ready(self.config, outside).await {
+            Ok(Some(start)) => Box::pin(self.run(&start, pipeline, outside)).await,
+            Ok(None) => Ok(Ending::Interrupted),
+            Err(error) => {
+                say_failure(self.config, outside.ends, &error);
+                tokio::time::sleep(REFUSAL).await;
+                Err(error)
+            }
+        }
+    }
+
+    /// Runs; all edges are ready.
+    async fn run(
+        &self,
+        start: &Start,
+        mut pipeline: Pipeline,
+        outside: &mut Outside<'_>,
+    ) -> Result<Ending, NodeError> {
+        let venue = &self.config.venue;
+        let ticks = &start.ticks;
+        outside.reporter.started(ticks.start, Some(ticks.end));
+        let began = clock::now();
+        let first = pipeline.first_boxes(ticks.start);
+        let keypoints = pipeline.keypoints().clone();
+        let exporter = Exporter::create(self.out, venue, &keypoints).map_err(NodeError::Failed)?;
+        let mut worker = Worker::spawn(pipeline, exporter, Mode::LockStep)
+            .context("starting the core's thread")
+            .map_err(NodeError::Failed)?;
+        let mut run = LockStep::new(venue, self.session, start, self.wiretap.clone());
+        let outcome = run
+            .run(&first, &mut worker, outside)
+            .await
+            .map_err(NodeError::Failed);
+        if let Err(error) = &outcome {
+            say_failure(self.config, outside.ends, error);
+        }
+        run.send_end(outside.ends);
+        let last_words = farewell(&mut run, outside.ends, venue.viewpoints.len()).await;
+        let finished = worker.finish().await.map_err(NodeError::Failed)?;
+        let people = finished.people.map_err(NodeError::Failed)?;
+        if finished.last.is_none() {
+            // There is nothing to sum up.
+            return outcome;
+        }
+        let facts = Facts {
+            ticks: start.ticks.clone(),
+            edges: &start.edges,
+            tally: &run.tally,
+            lost: Lost {
+                late: run.tally.refused,
+                ..Lost::default()
+            },
+            ending: outcome.as_ref().ok().copied(),
+            people,
+            last: finished.last,
+            stages: finished.stages,
+            paths: Vec::new(),
+            last_words: &last_words,
+            elapsed: clock::now().duration_since(began),
+            recording: self.recording.map(RecordingThread::so_far),
+        };
+        summary::write(self.out, &summarize(venue, &facts)).map_err(NodeError::Failed)?;
+        outcome
+    }
+}
+
+/// Hears the edges out: each says once more how it is, with its times, before it leaves.
+async fn farewell(run: &mut LockStep<'_>, ends: &mut Ends, n_viewpoints: usize) -> Vec<Status> {
+    let mut last_words = Vec::new();
+    let last_statuses = async {
+        while run.gone.len() < n_viewpoints {
+            match ends.incoming.recv().await {
+                Some(Incoming::Status(status))
+                    if status.viewpoint.is_some() && !status.stages.is_empty() =>
+                {
+                    last_words.push(*status);
+                }
+                Some(Incoming::Alive(node, Presence::Gone)) => drop(run.gone.insert(node)),
+                Some(_) => {}
+                None => break,
+            }
+        }
+    };
+    if timeout(FAREWELL, last_statuses).await.is_err() {
+        warn!(
+            left = run.gone.len(),
+            of = n_viewpoints,
+            "not every edge has left"
+        );
+    }
+    last_words.sort_by_key(|status| status.viewpoint);
+    last_words
+}
+
+fn say_failure(config: &Config, ends: &Ends, error: &NodeError) {
+    let status = failed_status(&config.venue.hashes, error);
+    if ends
+        .outgoing
+        .try_send(Outgoing::Status(wire::encode(&status)))
+        .is_err()
+    {
+        warn!("the edges were not told: the queue is full");
+    }
+}

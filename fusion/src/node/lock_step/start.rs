@@ -1,0 +1,102 @@
+//! The start of a lock-step run: fusion waits until every edge is there, ready and listening.
+
+use std::time::Duration;
+
+use anyhow::{Context as _, anyhow};
+use farfield_node::process::{Managed, NodeError};
+use farfield_proto::transport::FUSION;
+use farfield_proto::wire;
+use tokio::time::{Instant, MissedTickBehavior, interval, sleep_until};
+use tracing::debug;
+
+use super::readiness::{Readiness, Start};
+use super::run::Outside;
+use crate::node::config::Config;
+use crate::node::given::check_given_ticks;
+use crate::node::session::messages::{Incoming, Outgoing, Presence};
+use crate::node::status::{check, own_status};
+
+/// How often fusion says that it waits, and looks whether its boxes have listeners.
+const CALL_EVERY: Duration = Duration::from_millis(100);
+/// Calls between two reminders, for a person who watches, of who is missing.
+const REMIND_EVERY: u32 = 100;
+
+/// Waits for all edges; `None` when told to stop before.
+///
+/// By hand the wait has no end, as the other hosts may not even be switched on; under a parent it is as
+/// long as any other wait of lock-step.
+///
+/// # Errors
+/// When an edge holds other files, fails, or (under a parent) does not come, or a person is given by
+/// hand at a tick that the run does not have.
+pub(in crate::node) async fn wait_until_ready(
+    config: &Config,
+    outside: &mut Outside<'_>,
+) -> Result<Option<Start>, NodeError> {
+    let Outside {
+        ends,
+        reporter,
+        stop,
+    } = outside;
+    let mut readiness = Readiness::new(&config.venue, config.ticks.clone());
+    readiness.expect_models(config.handout.models());
+    let patience = Duration::from_secs_f64(config.venue.parameters.link.lockstep_timeout_s);
+    let deadline = Instant::now() + patience;
+    let mut calls = interval(CALL_EVERY);
+    calls.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    let status = wire::encode(&own_status(&config.venue.hashes));
+    let mut n_calls = 0u32;
+    loop {
+        tokio::select! {
+            () = stop.cancelled() => return Ok(None),
+            incoming = ends.incoming.recv() => {
+                receive(&mut readiness, incoming.context("the subscriptions have ended").map_err(NodeError::failed)?)?;
+            }
+            _ = calls.tick() => {
+                n_calls = n_calls.wrapping_add(1);
+                if n_calls % REMIND_EVERY == REMIND_EVERY / 4 {
+                    reporter.waiting(&readiness.missing());
+                }
+                // A full queue already holds a status.
+                drop(ends.outgoing.try_send(Outgoing::Status(status.clone())));
+            }
+            () = sleep_until(deadline), if config.managed == Managed::Yes => {
+                let missing = readiness.missing().join(", ");
+                return Err(NodeError::failed(anyhow!("viewpoint {missing} was not ready within {} s", patience.as_secs_f64())));
+            }
+        }
+        let ticks = readiness.ticks().map_err(NodeError::refused)?;
+        if let (Some(ticks), true) = (ticks, *ends.matched.borrow()) {
+            check_given_ticks(&config.venue, &config.venue_path, &ticks)
+                .map_err(NodeError::refused)?;
+            return Ok(Some(Start {
+                ticks,
+                edges: readiness.ready().cloned().collect(),
+            }));
+        }
+    }
+}
+
+fn receive(readiness: &mut Readiness, incoming: Incoming) -> Result<(), NodeError> {
+    match incoming {
+        // Fusion receives its own, too.
+        Incoming::Status(status) if status.node == FUSION => Ok(()),
+        Incoming::Status(status) => {
+            // Whose files differ is refused, whatever else it says: it refuses us, too.
+            readiness.receive(&status).map_err(NodeError::refused)?;
+            check(&status).map_err(NodeError::failed)
+        }
+        Incoming::Alive(node, Presence::Gone) => {
+            readiness.forget(&node);
+            Ok(())
+        }
+        Incoming::Alive(_, Presence::There) => Ok(()),
+        Incoming::Patches(..) | Incoming::Sightings(..) => {
+            debug!("a message from before the start");
+            Ok(())
+        }
+        Incoming::Unreadable(key) => Err(NodeError::failed(anyhow!(
+            "a message on {key} cannot be read: is another version of farfield running there?"
+        ))),
+    }
+}

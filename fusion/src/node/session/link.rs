@@ -1,0 +1,135 @@
+//! Fusion's side of the wire: one Zenoh router that all edges connect to.
+//!
+//! In lock-step everything is reliable and blocks, at one priority: it can wait, but must not lose or
+//! reorder. Live, boxes and poses are best effort, and nothing blocks. Nothing is scouted for; the
+//! endpoints are in the venue file.
+
+use farfield_node::endpoints::Reach;
+use farfield_node::session::{self, declare_alive};
+use farfield_proto::key::Keys;
+use farfield_proto::transport::{FUSION, FusionTransport};
+use farfield_proto::venue::Venue;
+use tokio::sync::{mpsc, watch};
+use tokio_util::sync::CancellationToken;
+use tokio_util::task::TaskTracker;
+use zenoh::Session;
+use zenoh::liveliness::LivelinessToken;
+
+use super::interceptor::Interceptor;
+use super::messages::{Incoming, Outgoing};
+use super::mode::Mode;
+use super::publishers::Publishers;
+use super::subscribers::Subscribers;
+
+/// Messages that wait for the loop; when it is full, what has come waits in its subscription.
+const QUEUE: usize = 256;
+
+/// The open session with all that is declared on it.
+pub(in crate::node) struct Link {
+    session: Session,
+    publishers: Publishers,
+    subscribers: Subscribers,
+    token: LivelinessToken,
+}
+
+impl Link {
+    /// Listens where `reach` says and declares everything that the edges of `venue` need.
+    pub(in crate::node) async fn open(
+        venue: &Venue,
+        reach: &Reach,
+        mode: Mode,
+    ) -> anyhow::Result<Self> {
+        let viewpoints: Vec<&str> = venue.viewpoints.iter().map(|v| v.name.as_str()).collect();
+        let transport = FusionTransport {
+            venue: &venue.name,
+            viewpoints: &viewpoints,
+            listen: &reach.endpoints,
+            identity: reach.identity.as_ref(),
+        };
+        let session = session::listen(&transport).await?;
+        let keys = Keys::new(&venue.name);
+        let publishers = Publishers::declare(&session, venue, mode).await?;
+        let subscribers = Subscribers::declare(&session, &keys, mode).await?;
+        let token = declare_alive(&session, keys.alive(FUSION)).await?;
+        Ok(Self {
+            session,
+            publishers,
+            subscribers,
+            token,
+        })
+    }
+
+    /// The session, for others who declare something on it.
+    pub(in crate::node) fn session(&self) -> Session {
+        self.session.clone()
+    }
+
+    /// The endpoints that edges can connect to, with the ports that were really taken.
+    pub(in crate::node) async fn locators(&self) -> Vec<String> {
+        self.session
+            .info()
+            .locators()
+            .await
+            .iter()
+            .map(ToString::to_string)
+            .collect()
+    }
+
+    /// Starts the tasks that carry messages to and from the loop.
+    pub(in crate::node) fn spawn(
+        self,
+        tasks: &TaskTracker,
+        stop: &CancellationToken,
+        interceptor: &Interceptor,
+    ) -> Ends {
+        let (incoming_tx, incoming) = mpsc::channel(QUEUE);
+        self.subscribers
+            .spawn(tasks, interceptor, &incoming_tx, stop);
+        // Lock-step has at most one box set per viewpoint, one pose set, one decision, one set of events and
+        // a few statuses under way.
+        let (outgoing_tx, outgoing) = mpsc::channel(4 * (self.publishers.viewpoints() + 4));
+        let (matched_tx, matched) = watch::channel(false);
+        let (publishers, own_interceptor) = (self.publishers, interceptor.clone());
+        tasks.spawn_blocking(move || publishers.send_all(outgoing, &own_interceptor, &matched_tx));
+        Ends {
+            incoming,
+            outgoing: outgoing_tx,
+            matched,
+            session: self.session,
+            _token: self.token,
+        }
+    }
+}
+
+/// The loop's ends of the queues to and from the wire.
+pub(in crate::node) struct Ends {
+    /// What comes in.
+    pub(in crate::node) incoming: mpsc::Receiver<Incoming>,
+    /// What goes out; bounded, see [`Link::spawn`].
+    pub(in crate::node) outgoing: mpsc::Sender<Outgoing>,
+    /// Whether every viewpoint listens for its boxes.
+    pub(in crate::node) matched: watch::Receiver<bool>,
+    session: Session,
+    _token: LivelinessToken,
+}
+
+impl Ends {
+    /// The open session.
+    pub(in crate::node) fn session(&self) -> Session {
+        self.session.clone()
+    }
+
+    /// Lets the publisher finish what is queued, then closes the session.
+    pub(in crate::node) async fn close(self, tasks: &TaskTracker, stop: &CancellationToken) {
+        drop(self.outgoing);
+        drop(self.incoming);
+        stop.cancel();
+        tasks.close();
+        tasks.wait().await;
+        session::close(&self.session).await;
+    }
+}
+
+#[cfg(test)]
+#[path = "link_tests.rs"]
+mod tests;

@@ -1,0 +1,91 @@
+//! All that fusion publishes on, and the thread that does.
+
+use farfield_node::session::{self, Delivery, has_listener};
+use farfield_proto::key::Keys;
+use farfield_proto::transport::FUSION;
+use farfield_proto::venue::Venue;
+use tokio::sync::{mpsc, watch};
+use tracing::warn;
+use zenoh::pubsub::Publisher;
+use zenoh::{Session, Wait as _};
+
+use super::interceptor::Interceptor;
+use super::messages::Outgoing;
+use super::mode::Mode;
+
+/// All that fusion publishes on.
+pub(super) struct Publishers {
+    /// By viewpoint.
+    boxes: Vec<Publisher<'static>>,
+    poses: Publisher<'static>,
+    smooth: Publisher<'static>,
+    decisions: Publisher<'static>,
+    events: Publisher<'static>,
+    status: Publisher<'static>,
+}
+
+impl Publishers {
+    /// Declares what the edges of `venue`, and whoever listens to the results, need.
+    ///
+    /// # Errors
+    /// What Zenoh says.
+    pub(super) async fn declare(
+        session: &Session,
+        venue: &Venue,
+        mode: Mode,
+    ) -> anyhow::Result<Self> {
+        let keys = Keys::new(&venue.name);
+        let (delivery, lossless) = match mode {
+            Mode::LockStep => (Delivery::Blocking, Delivery::Blocking),
+            // Statuses and events are said once: a lost one would be missed.
+            Mode::Live => (Delivery::BestEffort, Delivery::Reliable),
+        };
+        let publisher = |key, delivery| session::publisher(session, key, delivery);
+        let mut boxes = Vec::new();
+        for viewpoint in &venue.viewpoints {
+            boxes.push(publisher(keys.boxes(&viewpoint.name), delivery).await?);
+        }
+        Ok(Self {
+            boxes,
+            poses: publisher(keys.pose(), delivery).await?,
+            smooth: publisher(keys.smooth(), delivery).await?,
+            decisions: publisher(keys.decision(), delivery).await?,
+            events: publisher(keys.event(), lossless).await?,
+            status: publisher(keys.status(FUSION), lossless).await?,
+        })
+    }
+
+    /// How many viewpoints get boxes.
+    pub(super) fn viewpoints(&self) -> usize {
+        self.boxes.len()
+    }
+
+    /// Thread, as Zenoh blocks it while the network is congested: sends everything, in order; ends when the loop drops
+    /// its end of the queue. `matched` says whether every viewpoint listens for its boxes.
+    pub(super) fn send_all(
+        &self,
+        mut outgoing: mpsc::Receiver<Outgoing>,
+        interceptor: &Interceptor,
+        matched: &watch::Sender<bool>,
+    ) {
+        while let Some(message) = outgoing.blocking_recv() {
+            let (publisher, bytes) = match message {
+                Outgoing::Boxes(viewpoint, bytes) => (self.boxes.get(viewpoint), bytes),
+                Outgoing::Poses(bytes) => (Some(&self.poses), bytes),
+                Outgoing::Smooth(bytes) => (Some(&self.smooth), bytes),
+                Outgoing::Decision(bytes) => (Some(&self.decisions), bytes),
+                Outgoing::Events(bytes) => (Some(&self.events), bytes),
+                Outgoing::Status(bytes) => {
+                    // Statuses go out several times a second until the start: the moment to look.
+                    matched.send_replace(self.boxes.iter().all(has_listener));
+                    (Some(&self.status), bytes)
+                }
+            };
+            let Some(publisher) = publisher else { continue };
+            interceptor.published(publisher.key_expr().as_str(), &bytes);
+            if let Err(error) = publisher.put(bytes).wait() {
+                warn!(key = %publisher.key_expr(), %error, "not sent");
+            }
+        }
+    }
+}

@@ -1,0 +1,177 @@
+//! All that fusion subscribes to, and the tasks that decode it: where every byte of another node enters.
+
+use anyhow::Context as _;
+use farfield_node::session::{self, FifoSubscriber, zenoh_error};
+use farfield_proto::key::Keys;
+use farfield_proto::message::{PatchSet, SightingSet};
+use farfield_proto::wire::{self, WireError};
+use tokio::sync::mpsc;
+use tokio_util::sync::CancellationToken;
+use tokio_util::task::TaskTracker;
+use tracing::debug;
+use zenoh::Session;
+use zenoh::handlers::{RingChannel, RingChannelHandler};
+use zenoh::pubsub::Subscriber;
+use zenoh::sample::{Sample, SampleKind};
+
+use super::interceptor::Interceptor;
+use super::messages::{Incoming, Presence};
+use super::mode::Mode;
+
+/// Messages that wait of one subscription. When full: in lock-step Zenoh stops reading, and the edges
+/// wait; live the oldest are lost, as a thread of Zenoh's that waits would hold up everybody.
+const QUEUE: usize = 256;
+
+/// Everything that fusion subscribes to.
+pub(super) struct Subscribers(Vec<(Topic, Subscription)>);
+
+impl Subscribers {
+    /// Declares them under `keys`.
+    ///
+    /// # Errors
+    /// What Zenoh says.
+    pub(super) async fn declare(
+        session: &Session,
+        keys: &Keys,
+        mode: Mode,
+    ) -> anyhow::Result<Self> {
+        let subscribe = |key| subscriber(session, key, mode);
+        Ok(Self(vec![
+            (Topic::Patches, subscribe(keys.patches()).await?),
+            (Topic::Sightings, subscribe(keys.sightings()).await?),
+            (Topic::Statuses, subscribe(keys.statuses()).await?),
+            (Topic::Alive, liveliness(session, keys.all_alive()).await?),
+        ]))
+    }
+
+    /// Starts a task for each, which ends with `stop`.
+    pub(super) fn spawn(
+        self,
+        tasks: &TaskTracker,
+        interceptor: &Interceptor,
+        incoming: &mpsc::Sender<Incoming>,
+        stop: &CancellationToken,
+    ) {
+        for (topic, subscription) in self.0 {
+            let (interceptor, incoming) = (interceptor.clone(), incoming.clone());
+            tasks.spawn(listen(
+                topic,
+                subscription,
+                interceptor,
+                incoming,
+                stop.clone(),
+            ));
+        }
+    }
+}
+
+#[derive(Debug, Clone, Copy)]
+enum Topic {
+    Patches,
+    Sightings,
+    Statuses,
+    Alive,
+}
+
+/// A subscription, and what waits of it.
+enum Subscription {
+    /// All of it, in order.
+    All(FifoSubscriber),
+    /// The newest of it.
+    Newest(Subscriber<RingChannelHandler<Sample>>),
+}
+
+impl Subscription {
+    /// The next message; `None` when there will be no more.
+    async fn next(&self) -> Option<Sample> {
+        match self {
+            Self::All(subscriber) => subscriber.recv_async().await.ok(),
+            Self::Newest(subscriber) => subscriber.recv_async().await.ok(),
+        }
+    }
+}
+
+/// Subscribes to `key`.
+async fn subscriber(session: &Session, key: String, mode: Mode) -> anyhow::Result<Subscription> {
+    match mode {
+        Mode::LockStep => session::subscriber(session, key, QUEUE)
+            .await
+            .map(Subscription::All),
+        Mode::Live => {
+            let declared = session
+                .declare_subscriber(key.clone())
+                .with(RingChannel::new(QUEUE))
+                .await;
+            declared
+                .map(Subscription::Newest)
+                .map_err(zenoh_error)
+                .with_context(|| format!("subscribing to {key}"))
+        }
+    }
+}
+
+/// Who came and who went is said once: nothing of it may be lost.
+async fn liveliness(session: &Session, key: String) -> anyhow::Result<Subscription> {
+    session::liveliness(session, key, QUEUE)
+        .await
+        .map(Subscription::All)
+}
+
+/// Task: one subscription, decoded, to the loop.
+async fn listen(
+    topic: Topic,
+    subscription: Subscription,
+    interceptor: Interceptor,
+    incoming: mpsc::Sender<Incoming>,
+    stop: CancellationToken,
+) {
+    loop {
+        let sample = tokio::select! {
+            sample = subscription.next() => sample,
+            () = stop.cancelled() => return,
+        };
+        let Some(sample) = sample else { return };
+        if incoming
+            .send(read(topic, &sample, &interceptor))
+            .await
+            .is_err()
+        {
+            return;
+        }
+    }
+}
+
+fn read(topic: Topic, sample: &Sample, interceptor: &Interceptor) -> Incoming {
+    let key = sample.key_expr().as_str();
+    if let Topic::Alive = topic {
+        let node = key.rsplit('/').next().unwrap_or(key).to_owned();
+        let presence = match sample.kind() {
+            SampleKind::Put => Presence::There,
+            SampleKind::Delete => Presence::Gone,
+        };
+        return Incoming::Alive(node, presence);
+    }
+    let payload = sample.payload().to_bytes();
+    let arrival = interceptor.received(key, &payload);
+    let own = |viewpoint| {
+        let may = interceptor.may_speak(key, viewpoint);
+        may.then_some(())
+            .ok_or(WireError::Invalid("under the key of another viewpoint"))
+    };
+    let incoming = match topic {
+        Topic::Patches => wire::decode(&payload)
+            .and_then(|set: PatchSet| own(set.viewpoint).map(|()| Incoming::Patches(set, arrival))),
+        Topic::Sightings => wire::decode(&payload).and_then(|set: SightingSet| {
+            own(set.viewpoint).map(|()| Incoming::Sightings(set, arrival))
+        }),
+        Topic::Statuses | Topic::Alive => wire::decode(&payload).and_then(|status| {
+            let may = interceptor.may_say(key, &status);
+            may.then(|| Incoming::Status(Box::new(status)))
+                .ok_or(WireError::Invalid("under the key of another node"))
+        }),
+    };
+    incoming.unwrap_or_else(|error| {
+        debug!(%key, %error, "message not readable");
+        Incoming::Unreadable(key.to_owned())
+    })
+}

@@ -1,0 +1,65 @@
+//! Statuses: what fusion says of itself, and what an edge's means for a run in lock-step.
+
+use anyhow::anyhow;
+use farfield_node::process::NodeError;
+use farfield_proto::message::Status;
+use farfield_proto::transport::FUSION;
+use farfield_proto::venue::VenueHash;
+use farfield_proto::wire;
+
+/// Fusion's own status over files with these fingerprints.
+pub(super) fn own_status(hashes: &VenueHash) -> Status {
+    Status {
+        node: FUSION.to_owned(),
+        process: 0,
+        viewpoint: None,
+        ready: true,
+        venue_hash: hashes.venue.clone(),
+        calibration_hash: hashes.calibration.clone(),
+        network_hash: String::new(),
+        backend: String::new(),
+        ticks: None,
+        tick: None,
+        unreadable: 0,
+        failure: None,
+        stages: Vec::new(),
+        live: None,
+    }
+}
+
+/// Fusion's last status: why it gives up, as much of it as a status may say.
+pub(super) fn failed_status(hashes: &VenueHash, error: &NodeError) -> Status {
+    Status {
+        ready: false,
+        failure: Some(wire::cut_text(error.to_string())),
+        ..own_status(hashes)
+    }
+}
+
+/// An edge that has given up says why.
+pub(super) fn check(status: &Status) -> anyhow::Result<()> {
+    match &status.failure {
+        Some(failure) if status.viewpoint.is_some() => {
+            Err(anyhow!("viewpoint {}: {failure}", status.node))
+        }
+        _ => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_long_failure_is_cut_and_still_read_by_the_edges() {
+        let hashes = VenueHash {
+            venue: "v".to_owned(),
+            calibration: "c".to_owned(),
+        };
+        let error = NodeError::failed(anyhow!("tick 7: {}", "\u{2026}".repeat(5000)));
+        let status = failed_status(&hashes, &error);
+        let received: Status = wire::decode(&wire::encode(&status)).unwrap();
+        assert!(received.failure.unwrap().starts_with("tick 7: \u{2026}"));
+        assert!(!received.ready);
+    }
+}
