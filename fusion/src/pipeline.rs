@@ -1,5 +1,10 @@
 //! One step of fusion: the patches and sightings of a tick in, skeletons and the next boxes out.
 //!
+//! ```text
+//!   patches -> estimate, each person in parallel -> registry: facts, decisions, events
+//!   sightings -> registry: who is new, or back -> detection schedule -> boxes
+//! ```
+//!
 //! Pure: the same groups in the same order give the same bits. Persons are worked on in parallel,
 //! between barriers where they meet (the occlusion weights need everybody's prediction).
 
@@ -19,14 +24,14 @@ use crate::align::TickGroup;
 use crate::body::ik::relative_sigmas;
 use crate::body::skeleton::{RangeOfMotion, sites_of};
 use crate::boxes::BoxShape;
-use crate::estimate::occlusion::Body;
-use crate::estimate::peak_assignment::Contests;
+use crate::estimate::occlusion::BodyCapsules;
+use crate::estimate::peak_assignment::PeakAssignment;
 use crate::estimate::separation::Separation;
 use crate::identity::journal::Journal;
 use crate::identity::registry::Registry;
 use crate::identity::track::Track;
 use crate::method::{Method, VenueView};
-use crate::smoother::{Delay, Smoother};
+use crate::smoother::{Delay, FixedLagSmoother};
 
 /// Margin of a box when neither the venue nor a network's card says one.
 const DEFAULT_BOX_MARGIN: f64 = 1.25;
@@ -42,7 +47,7 @@ pub enum Stage {
     /// Predicting views and occlusion weights.
     Occlusion,
     /// Whose the peaks are where maps show one peak twice, and which side is which.
-    Contests,
+    PeakAssignment,
     /// The lattice search.
     Lattice,
     /// The first inverse kinematics.
@@ -51,7 +56,7 @@ pub enum Stage {
     Filter,
     /// The second inverse kinematics.
     Ik2,
-    /// Births, lives and deaths.
+    /// Who is who: the registry.
     Persons,
     /// The boxes of the next tick.
     Boxes,
@@ -87,10 +92,10 @@ pub struct Pipeline {
     method: Method,
     registry: Registry,
     journal: Journal,
-    bodies: Vec<Body>,
-    contests: Contests,
+    bodies: Vec<BodyCapsules>,
+    peak_assignment: PeakAssignment,
     separation: Separation,
-    smoother: Option<Smoother>,
+    smoother: Option<FixedLagSmoother>,
 }
 
 impl Pipeline {
@@ -128,9 +133,9 @@ impl Pipeline {
         let delay = Delay::of_ms(method.parameters.smoothing.delay_ms, venue.rate_hz);
         Self {
             session,
-            smoother: delay.map(|delay| Smoother::new(session, delay, &method)),
+            smoother: delay.map(|delay| FixedLagSmoother::new(session, delay, &method)),
             registry: Registry::new(venue, method.keypoints.clone()),
-            contests: Contests::new(&method.keypoints, venue.viewpoints.len()),
+            peak_assignment: PeakAssignment::new(&method.keypoints, venue.viewpoints.len()),
             cameras: venue
                 .cameras
                 .iter()
@@ -194,8 +199,8 @@ impl Pipeline {
         mark(Stage::Decode);
         self.occlude();
         mark(Stage::Occlusion);
-        self.share_out();
-        mark(Stage::Contests);
+        self.assign_peaks();
+        mark(Stage::PeakAssignment);
         self.solve(|track, method| track.estimator.search(method));
         mark(Stage::Lattice);
         self.solve(Track::fit_keypoints);
@@ -205,14 +210,14 @@ impl Pipeline {
         self.separate();
         self.solve(|track, method| track.estimator.fit_joints(method));
         mark(Stage::Ik2);
-        let lived = self.registry.live(group, &self.method);
+        let outcome = self.registry.live(group, &self.method);
         let poses = PoseSet {
             session: self.session,
             tick: group.tick,
             persons: self.registry.published(),
         };
         self.journal.push(poses.clone());
-        self.journal.insert(lived.confirmed);
+        self.journal.insert(outcome.confirmed);
         let finished = self.journal.release(self.registry.undecided_from());
         let smoothed = self.smoothed(group.tick);
         mark(Stage::Persons);
@@ -226,8 +231,8 @@ impl Pipeline {
             smoothed,
             boxes,
             unusable_patches,
-            unusable_sightings: lived.unusable_sightings,
-            events: lived.events,
+            unusable_sightings: outcome.unusable_sightings,
+            events: outcome.events,
         }
     }
 
@@ -247,7 +252,7 @@ impl Pipeline {
     /// everybody whom [`StepOutput::finished`] holds.
     pub fn smooth_in_two_passes(&mut self) {
         let delay = Delay::two_passes(1.0 / self.method.dt_s);
-        self.smoother = Some(Smoother::new(self.session, delay, &self.method));
+        self.smoother = Some(FixedLagSmoother::new(self.session, delay, &self.method));
     }
 
     /// Gives the smoothed poses a set that came after its tick was stepped; returns how many persons it is of
@@ -303,13 +308,13 @@ impl Pipeline {
         });
     }
 
-    fn share_out(&mut self) {
+    fn assign_peaks(&mut self) {
         self.solve(|track, method| track.estimator.undo_left_right_swaps(method));
-        let (contests, method) = (&mut self.contests, &self.method);
-        contests.decide(self.registry.tracks(), &self.bodies, method);
-        let contests = &*contests;
+        let (assignments, method) = (&mut self.peak_assignment, &self.method);
+        assignments.decide(self.registry.tracks(), &self.bodies, method);
+        let assignments = &*assignments;
         each(self.registry.tracks_mut(), |index, track| {
-            contests.settle(index, &mut track.estimator);
+            assignments.carve(index, &mut track.estimator);
         });
     }
 

@@ -83,7 +83,7 @@ mod tests {
     use super::super::observed::ObservedPoint;
     use super::*;
     use crate::body::fixture::{Noise, coco_only, joints, postures};
-    use crate::body::skeleton::dof::{Part, first_of};
+    use crate::body::skeleton::dof::{DofGroup, first_of};
     use crate::body::skeleton::{Joint, Kinematics, Proportions, Side, Site};
 
     /// What the priors' pull leaves of exact keypoints, metres.
@@ -125,9 +125,9 @@ mod tests {
     fn crouching() -> Pose {
         let mut pose = Pose::neutral(Vector3::new(1.0, 1.0, 0.4), UnitQuaternion::identity());
         for side in Side::BOTH {
-            pose.dof[first_of(side, Part::Hip)] = 2.0;
-            pose.dof[first_of(side, Part::Knee)] = 2.3;
-            pose.dof[first_of(side, Part::Elbow)] = 1.2;
+            pose.dof[first_of(side, DofGroup::Hip)] = 2.0;
+            pose.dof[first_of(side, DofGroup::Knee)] = 2.3;
+            pose.dof[first_of(side, DofGroup::Elbow)] = 1.2;
         }
         pose
     }
@@ -151,7 +151,7 @@ mod tests {
         let mut pose = Pose::neutral(Vector3::new(0.0, 0.0, 1.1), rotation);
         for side in Side::BOTH {
             // Both arms stretched past the head.
-            pose.dof[first_of(side, Part::Shoulder)] = 1.7;
+            pose.dof[first_of(side, DofGroup::Shoulder)] = 1.7;
         }
         check(&pose).unwrap();
     }

@@ -6,7 +6,7 @@ use farfield_proto::keypoints::KeypointSet;
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::observed::ObservedJoints;
-use super::skeleton::dof::{Part, first_of};
+use super::skeleton::dof::{DofGroup, first_of};
 use super::skeleton::{Joint, Kinematics, Pose, Proportions, Side, Skeleton};
 
 /// Pseudo-random numbers that are the same on every run.
@@ -70,12 +70,12 @@ fn posture(noise: &mut Noise) -> Pose {
         pose.dof[first_of(side, part) + which] = low + (high - low) * noise.uniform();
     };
     for side in Side::BOTH {
-        set(side, Part::Shoulder, 0, -1.2, 1.5);
-        set(side, Part::Shoulder, 1, -1.0, 0.8);
-        set(side, Part::Elbow, 0, 0.3, 2.0);
-        set(side, Part::Hip, 0, -0.3, 1.7);
-        set(side, Part::Hip, 1, -0.5, 0.1);
-        set(side, Part::Knee, 0, 0.3, 1.9);
+        set(side, DofGroup::Shoulder, 0, -1.2, 1.5);
+        set(side, DofGroup::Shoulder, 1, -1.0, 0.8);
+        set(side, DofGroup::Elbow, 0, 0.3, 2.0);
+        set(side, DofGroup::Hip, 0, -0.3, 1.7);
+        set(side, DofGroup::Hip, 1, -0.5, 0.1);
+        set(side, DofGroup::Knee, 0, 0.3, 1.9);
     }
     pose
 }
@@ -95,8 +95,8 @@ pub(crate) fn standing(x: f64, y: f64, stature_m: f64, noise: &mut Noise) -> Vec
     let skeleton = Skeleton::new(&Proportions::from_stature(stature_m));
     let mut pose = posture(noise);
     for side in Side::BOTH {
-        pose.dof[first_of(side, Part::Hip)] *= 0.3;
-        pose.dof[first_of(side, Part::Knee)] *= 0.3;
+        pose.dof[first_of(side, DofGroup::Hip)] *= 0.3;
+        pose.dof[first_of(side, DofGroup::Knee)] *= 0.3;
     }
     pose.root_m = Vector3::new(x, y, 0.53 * stature_m);
     coco(&joints(&skeleton, &pose))

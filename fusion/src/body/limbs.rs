@@ -8,7 +8,7 @@
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
 use super::observed::ObservedJoints;
-use crate::body::skeleton::dof::{Part, first_of};
+use crate::body::skeleton::dof::{DofGroup, first_of};
 use crate::body::skeleton::{Joint, Pose, Side, Skeleton, shoulder_coordinates};
 
 /// Sine of the bend of an elbow or knee, below which (15 degrees) it does not tell how the bone
@@ -105,11 +105,11 @@ fn set_arm(pose: &mut Pose, side: Side, body: &ObservedJoints, world_from_trunk:
         Side::Left => [Joint::LeftShoulder, Joint::LeftElbow, Joint::LeftWrist],
         Side::Right => [Joint::RightShoulder, Joint::RightElbow, Joint::RightWrist],
     };
-    let Some(limb) = Limb::seen(body, [shoulder, elbow, wrist]) else {
+    let Some(limb) = ObservedLimb::seen(body, [shoulder, elbow, wrist]) else {
         return;
     };
-    let first = first_of(side, Part::Shoulder);
-    pose.dof[first_of(side, Part::Elbow)] = limb.bend_rad();
+    let first = first_of(side, DofGroup::Shoulder);
+    pose.dof[first_of(side, DofGroup::Elbow)] = limb.bend_rad();
     // The forearm bends forward, so it shows the upper arm's x.
     if let Some(upper_arm) = limb.axes(limb.bend) {
         pose.dof[first..first + 3].copy_from_slice(&shoulder_coordinates(
@@ -130,10 +130,10 @@ fn set_leg(pose: &mut Pose, side: Side, body: &ObservedJoints, world_from_trunk:
         Side::Left => [Joint::LeftHip, Joint::LeftKnee, Joint::LeftAnkle],
         Side::Right => [Joint::RightHip, Joint::RightKnee, Joint::RightAnkle],
     };
-    let Some(limb) = Limb::seen(body, [hip, knee, ankle]) else {
+    let Some(limb) = ObservedLimb::seen(body, [hip, knee, ankle]) else {
         return;
     };
-    pose.dof[first_of(side, Part::Knee)] = limb.bend_rad();
+    pose.dof[first_of(side, DofGroup::Knee)] = limb.bend_rad();
     // The shank bends backward. A straight leg does not tell; its knee is taken to look where the
     // trunk's front comes to lie when the hip flexes.
     let ahead = limb.bend.map(|bend| -bend).or_else(|| {
@@ -146,7 +146,7 @@ fn set_leg(pose: &mut Pose, side: Side, body: &ObservedJoints, world_from_trunk:
         Some(front * if flexed < -0.7 { -1.0 } else { 1.0 })
     });
     if let Some(thigh) = limb.axes(ahead) {
-        let first = first_of(side, Part::Hip);
+        let first = first_of(side, DofGroup::Hip);
         pose.dof[first..first + 3]
             .copy_from_slice(&hip_angles(side, &world_from_trunk.tr_mul(&thigh)));
     }
@@ -168,7 +168,7 @@ fn hip_angles(side: Side, r: &Matrix3<f64>) -> [f64; 3] {
 }
 
 /// Two bones of an arm or leg, in the world.
-struct Limb {
+struct ObservedLimb {
     /// Along the upper bone, away from the trunk, unit.
     upper: Vector3<f64>,
     /// Along the lower bone, unit, where it is seen.
@@ -177,7 +177,7 @@ struct Limb {
     bend: Option<Vector3<f64>>,
 }
 
-impl Limb {
+impl ObservedLimb {
     fn seen(body: &ObservedJoints, [root, middle, end]: [Joint; 3]) -> Option<Self> {
         let middle_m = body.position_m(middle)?;
         let upper = direction(body.position_m(root)?, middle_m)?;

@@ -29,7 +29,7 @@ const STATURES_M: [f64; 2] = [0.9, 2.4];
 
 /// A length and how sure it is.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Measured {
+struct MeasuredLengths {
     length_m: f64,
     variance_m2: f64,
 }
@@ -105,7 +105,7 @@ fn blended_m(segment: Segment, ticks: &[ObservedJoints], stature_m: f64) -> f64 
 ///
 /// Noise across a segment makes it longer: with variance s^2 per length, E|a - b|^2 exceeds the true
 /// square by 3 s^2, of which s^2 are the length's own.
-fn measured(samples: &[(f64, f64)]) -> Option<Measured> {
+fn measured(samples: &[(f64, f64)]) -> Option<MeasuredLengths> {
     let middle = weighted_median(samples.to_vec())?;
     let deviations = samples
         .iter()
@@ -133,7 +133,7 @@ fn measured(samples: &[(f64, f64)]) -> Option<Measured> {
     let length_m = (mean * mean - 2.0 * noise).max(0.25 * mean * mean).sqrt();
     let variance =
         (SIGMA_SAMPLES * LENGTH_SIGMA_M.powi(2) + n * sigma * sigma) / (SIGMA_SAMPLES + n);
-    Some(Measured {
+    Some(MeasuredLengths {
         length_m,
         variance_m2: variance / n,
     })

@@ -7,12 +7,12 @@ use crate::body::skeleton::Joint;
 
 /// A point of the body that a length is measured to: the middle between two joints (the same joint
 /// twice where it is one).
-type End = [Joint; 2];
+type SegmentEnd = [Joint; 2];
 
-const MID_SHOULDERS: End = [Joint::LeftShoulder, Joint::RightShoulder];
-const MID_HIPS: End = [Joint::LeftHip, Joint::RightHip];
-const MID_EARS: End = [Joint::LeftEar, Joint::RightEar];
-const MID_EYES: End = [Joint::LeftEye, Joint::RightEye];
+const MID_SHOULDERS: SegmentEnd = [Joint::LeftShoulder, Joint::RightShoulder];
+const MID_HIPS: SegmentEnd = [Joint::LeftHip, Joint::RightHip];
+const MID_EARS: SegmentEnd = [Joint::LeftEar, Joint::RightEar];
+const MID_EYES: SegmentEnd = [Joint::LeftEye, Joint::RightEye];
 
 /// A length that is constant over a person's life, or nearly so.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -87,7 +87,7 @@ impl Segment {
     }
 
     /// Where it is measured: one pair of ends for each side that has it.
-    fn ends(self) -> Vec<[End; 2]> {
+    fn ends(self) -> Vec<[SegmentEnd; 2]> {
         use Joint as J;
         let bone = |near, far| [[near, near], [far, far]];
         match self {

@@ -41,7 +41,7 @@ const JOINTS: [[Joint; 4]; 2] = [
 
 /// Where a standing foot is, world, metres.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Place {
+struct FootContact {
     heel_m: Vector3<f64>,
     toe_m: Vector3<f64>,
 }
@@ -49,7 +49,7 @@ struct Place {
 /// Both feet of a person.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Feet {
-    places: [Option<Place>; 2],
+    places: [Option<FootContact>; 2],
 }
 
 impl Feet {
@@ -61,7 +61,7 @@ impl Feet {
             let shank = at(knee) - at(ankle);
             let speed_m_s = velocity_m_s[ankle.index()].norm();
             let may_stand = at(ankle).z < LOW_M && shank.z > UPRIGHT_COSINE * shank.norm();
-            let measured = Place {
+            let measured = FootContact {
                 heel_m: at(heel),
                 toe_m: at(toe),
             };
@@ -70,7 +70,7 @@ impl Feet {
                 None => (speed_m_s < SLOW_M_S[0]).then_some(measured),
                 Some(at_m) => {
                     let off_m = measured.heel_m - at_m.heel_m;
-                    (speed_m_s < SLOW_M_S[1] && off_m.norm() < FARTHEST_M).then(|| Place {
+                    (speed_m_s < SLOW_M_S[1] && off_m.norm() < FARTHEST_M).then(|| FootContact {
                         heel_m: at_m.heel_m + off_m * share,
                         toe_m: at_m.toe_m + (measured.toe_m - at_m.toe_m) * share,
                     })

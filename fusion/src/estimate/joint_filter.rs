@@ -32,14 +32,14 @@ const CUTOFF_OVER_W: f64 = 2.482_39;
 const HIGHEST_CUTOFF_PER_RATE: f64 = 0.45;
 /// The filter of one person: position and velocity of 29 joints.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Smoother {
+pub struct JointFilter {
     position_m: Joints,
     velocity_m_s: Joints,
     /// Low-passed innovation, metres.
     innovation_m: Joints,
 }
 
-impl Smoother {
+impl JointFilter {
     /// Starts at rest at `joints_m` (world, metres).
     pub fn new(joints_m: &Joints) -> Self {
         let zero = [Vector3::zeros(); N_JOINTS];
@@ -162,7 +162,7 @@ mod tests {
         seconds: f64,
         parameters: &SmoothingParameters,
     ) -> Vec<f64> {
-        let mut smoother = Smoother::new(&all(signal(0.0)));
+        let mut smoother = JointFilter::new(&all(signal(0.0)));
         let ticks = (seconds * RATE_HZ) as usize;
         (1..=ticks)
             .map(|k| smoother.step(&all(signal(k as f64 * DT_S)), DT_S, parameters)[3].x)
@@ -248,7 +248,7 @@ mod tests {
             }
             0.01 * (sum - 6.0)
         };
-        let mut smoother = Smoother::new(&all(0.0));
+        let mut smoother = JointFilter::new(&all(0.0));
         let (mut raw, mut out) = (0.0, 0.0);
         for _ in 0..600 {
             let z = noise();
@@ -261,7 +261,7 @@ mod tests {
 
     #[test]
     fn coasting_people_move_on_and_come_to_rest() {
-        let mut smoother = Smoother::new(&all(0.0));
+        let mut smoother = JointFilter::new(&all(0.0));
         for k in 1..=120 {
             smoother.step(&all(2.0 * f64::from(k) * DT_S), DT_S, &FIXED);
         }
@@ -277,7 +277,7 @@ mod tests {
 
     #[test]
     fn a_limb_that_is_not_seen_keeps_the_bodys_motion_alone() {
-        let mut smoother = Smoother::new(&all(0.0));
+        let mut smoother = JointFilter::new(&all(0.0));
         smoother.set_velocity(Vector3::new(2.0, 0.0, 0.0));
         let wrist = Joint::LeftWrist.index();
         smoother.velocity_m_s[wrist].z = 3.0;
@@ -299,7 +299,7 @@ mod tests {
             jumps in prop::collection::vec(-100.0f64..100.0, 1..40), rise in 0.0f64..1000.0,
         ) {
             let parameters = SmoothingParameters { cutoff_rise_hz_per_m: rise, ..FIXED };
-            let mut smoother = Smoother::new(&all(0.0));
+            let mut smoother = JointFilter::new(&all(0.0));
             for &x in &jumps {
                 prop_assert!(smoother.step(&all(x), DT_S, &parameters)[0].x.is_finite());
                 let before = smoother.clone();

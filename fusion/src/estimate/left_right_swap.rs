@@ -2,7 +2,7 @@
 //!
 //! A network that sees somebody from an odd side may give all that is left as right. The model knows
 //! better, as long as it has not been misled itself: where both maps of a pair fit the prediction
-//! clearly better crosswise than straight, the view has exchanged them. A *second* peak at the
+//! clearly better crosswise than straight, the view has swapped them. A *second* peak at the
 //! opposite limb is something else: there the straight peak is where it belongs too, and the maps
 //! stay ([`crate::estimate::peak_assignment`] decides whose the second peak is). When most views are crosswise, it is
 //! the model that is wrong, and nothing is touched.
@@ -24,14 +24,14 @@ const LEAST_APART_SIGMAS: f64 = 2.5;
 const REACH_SIGMAS: f64 = 2.0;
 /// ...and at most, in distances of the two predictions: the two windows never meet.
 const REACH_OF_APART: f64 = 0.35;
-/// Pairs that are exchanged in one view from which the whole body is...
+/// Pairs that are swapped in one view from which the whole body is...
 const WHOLE_BODY_PAIRS: usize = 3;
 /// ...when there are at least this many of them for each that is not.
 const WHOLE_BODY_RATIO: usize = 3;
 
 /// What a view says about one pair.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-enum Verdict {
+enum SwapDecision {
     /// Too close together, not seen, or either way.
     #[default]
     Unclear,
@@ -39,41 +39,41 @@ enum Verdict {
     Crosswise,
 }
 
-/// A view's verdicts on all pairs.
-type Verdicts = [Verdict; PAIRED.len()];
+/// A view's decisions on all pairs.
+type Verdicts = [SwapDecision; PAIRED.len()];
 
-/// The left and right keypoints of a network, and the verdicts of a tick.
+/// The left and right keypoints of a network, and the decisions of a tick.
 #[derive(Debug, Clone)]
-pub(crate) struct Exchanges {
+pub(crate) struct LeftRightSwaps {
     pairs: [Option<(usize, usize)>; PAIRED.len()],
-    verdicts: Vec<Verdicts>,
+    decisions: Vec<Verdicts>,
 }
 
-impl Exchanges {
+impl LeftRightSwaps {
     pub(crate) fn new(keypoints: &KeypointSet) -> Self {
         let index = |side: &str, joint: &str| keypoints.index_of(&format!("{side}_{joint}"));
         Self {
             pairs: PAIRED.map(|joint| Some((index("left", joint)?, index("right", joint)?))),
-            verdicts: Vec::new(),
+            decisions: Vec::new(),
         }
     }
 
-    /// Undoes what the `views` of one person have exchanged; their predictions are set. `margin` is
+    /// Undoes what the `views` of one person have swapped; their predictions are set. `margin` is
     /// how much higher, 0 to 1, each of the two maps must be crosswise than straight. Returns how many
-    /// pairs were exchanged back, over all views.
+    /// pairs were swapped back, over all views.
     pub(crate) fn undo(&mut self, views: &mut [View], margin: f64) -> usize {
-        self.verdicts.clear();
+        self.decisions.clear();
         for view in &*views {
             let verdict = |pair: &Option<(usize, usize)>| {
-                pair.map_or(Verdict::Unclear, |pair| judge(view, pair, margin))
+                pair.map_or(SwapDecision::Unclear, |pair| judge(view, pair, margin))
             };
-            self.verdicts.push(self.pairs.each_ref().map(verdict));
+            self.decisions.push(self.pairs.each_ref().map(verdict));
         }
         if !self
-            .verdicts
+            .decisions
             .iter()
             .flatten()
-            .any(|v| *v == Verdict::Crosswise)
+            .any(|v| *v == SwapDecision::Crosswise)
         {
             return 0;
         }
@@ -81,16 +81,16 @@ impl Exchanges {
         let mut undone = 0;
         for (i, pair) in self.pairs.iter().enumerate() {
             let Some((left, right)) = *pair else { continue };
-            let counts = self.count(|verdicts| verdicts[i]);
-            for (view, verdicts) in views.iter_mut().zip(&self.verdicts) {
-                let body = whole_body(*verdicts) == Verdict::Crosswise && is_minority(bodies);
-                let exchanged = match verdicts[i] {
-                    Verdict::Crosswise => body || is_minority(counts),
-                    Verdict::Unclear => body,
-                    Verdict::Straight => false,
+            let counts = self.count(|decisions| decisions[i]);
+            for (view, decisions) in views.iter_mut().zip(&self.decisions) {
+                let body = whole_body(*decisions) == SwapDecision::Crosswise && is_minority(bodies);
+                let swapped = match decisions[i] {
+                    SwapDecision::Crosswise => body || is_minority(counts),
+                    SwapDecision::Unclear => body,
+                    SwapDecision::Straight => false,
                 };
-                if exchanged {
-                    view.exchange(left, right);
+                if swapped {
+                    view.swap(left, right);
                     undone += 1;
                 }
             }
@@ -99,9 +99,9 @@ impl Exchanges {
     }
 
     /// How many views are crosswise and straight.
-    fn count(&self, of: impl Fn(Verdicts) -> Verdict) -> (usize, usize) {
-        let n = |wanted| self.verdicts.iter().filter(|v| of(**v) == wanted).count();
-        (n(Verdict::Crosswise), n(Verdict::Straight))
+    fn count(&self, of: impl Fn(Verdicts) -> SwapDecision) -> (usize, usize) {
+        let n = |wanted| self.decisions.iter().filter(|v| of(**v) == wanted).count();
+        (n(SwapDecision::Crosswise), n(SwapDecision::Straight))
     }
 }
 
@@ -110,27 +110,27 @@ fn is_minority((crosswise, straight): (usize, usize)) -> bool {
     crosswise <= straight
 }
 
-fn whole_body(verdicts: Verdicts) -> Verdict {
-    let n = |wanted| verdicts.iter().filter(|v| **v == wanted).count();
-    let (crosswise, straight) = (n(Verdict::Crosswise), n(Verdict::Straight));
+fn whole_body(decisions: Verdicts) -> SwapDecision {
+    let n = |wanted| decisions.iter().filter(|v| **v == wanted).count();
+    let (crosswise, straight) = (n(SwapDecision::Crosswise), n(SwapDecision::Straight));
     if crosswise >= WHOLE_BODY_PAIRS && crosswise >= WHOLE_BODY_RATIO * straight {
-        Verdict::Crosswise
+        SwapDecision::Crosswise
     } else if straight >= WHOLE_BODY_PAIRS && straight >= WHOLE_BODY_RATIO * crosswise {
-        Verdict::Straight
+        SwapDecision::Straight
     } else {
-        Verdict::Unclear
+        SwapDecision::Unclear
     }
 }
 
 /// What the two maps of a pair say about who is where.
-fn judge(view: &View, (left, right): (usize, usize), margin: f64) -> Verdict {
+fn judge(view: &View, (left, right): (usize, usize), margin: f64) -> SwapDecision {
     let cells = [left, right].map(|k| predicted_cell(view, k));
     let [Some(at_left), Some(at_right)] = cells else {
-        return Verdict::Unclear;
+        return SwapDecision::Unclear;
     };
     let (apart, sigma) = ((at_left - at_right).norm(), view.peak_sigma_cells());
     if apart < LEAST_APART_SIGMAS * sigma || !view.share_a_crop(left, right) {
-        return Verdict::Unclear;
+        return SwapDecision::Unclear;
     }
     let reach = (REACH_SIGMAS * sigma).min(REACH_OF_APART * apart);
     // How much higher a map is where the other side is expected.
@@ -139,15 +139,15 @@ fn judge(view: &View, (left, right): (usize, usize), margin: f64) -> Verdict {
     };
     let of_left = crosswise(left, at_left, at_right);
     if of_left.abs() < margin {
-        return Verdict::Unclear;
+        return SwapDecision::Unclear;
     }
     let of_right = crosswise(right, at_right, at_left);
     if of_left >= margin && of_right >= margin {
-        Verdict::Crosswise
+        SwapDecision::Crosswise
     } else if of_left <= -margin && of_right <= -margin {
-        Verdict::Straight
+        SwapDecision::Straight
     } else {
-        Verdict::Unclear
+        SwapDecision::Unclear
     }
 }
 
@@ -166,14 +166,16 @@ fn predicted_cell(view: &View, keypoint: usize) -> Option<Vector2<f64>> {
 mod tests {
     use farfield_proto::keypoints::COCO17;
 
-    use super::super::meeting_fixture::{Drawn, LEFT_ELBOW, LEFT_WRIST, Meeting, RIGHT_WRIST};
+    use super::super::meeting_fixture::{
+        Drawn, LEFT_ELBOW, LEFT_WRIST, MeetingFixture, RIGHT_WRIST,
+    };
     use super::*;
 
     const MARGIN: f64 = 0.25;
 
     /// One person in all views of the hall; `change` says what a view shows instead of the truth.
-    fn seen(change: impl Fn(usize, Vec<Drawn>) -> Vec<Drawn>) -> Meeting {
-        let mut meeting = Meeting::of(&[[0.3, -0.2, 0.0]]);
+    fn seen(change: impl Fn(usize, Vec<Drawn>) -> Vec<Drawn>) -> MeetingFixture {
+        let mut meeting = MeetingFixture::of(&[[0.3, -0.2, 0.0]]);
         meeting.begin();
         for camera in 0..meeting.hall.cameras.len() {
             let drawn = change(camera, meeting.as_they_are(0));
@@ -193,7 +195,7 @@ mod tests {
         KeypointSet::coco17().index_of(&other).unwrap()
     }
 
-    fn exchanged(drawn: Vec<Drawn>, which: impl Fn(usize) -> bool) -> Vec<Drawn> {
+    fn swapped(drawn: Vec<Drawn>, which: impl Fn(usize) -> bool) -> Vec<Drawn> {
         let change = |(k, at_m, height): Drawn| {
             let k = if which(k) { other_side(k) } else { k };
             (k, at_m, height)
@@ -201,21 +203,21 @@ mod tests {
         drawn.into_iter().map(change).collect()
     }
 
-    fn undo(meeting: &mut Meeting) -> usize {
-        let mut exchanges = Exchanges::new(&meeting.method.keypoints);
-        exchanges.undo(meeting.tracks[0].views_mut(), MARGIN)
+    fn undo(meeting: &mut MeetingFixture) -> usize {
+        let mut swaps = LeftRightSwaps::new(&meeting.method.keypoints);
+        swaps.undo(meeting.tracks[0].views_mut(), MARGIN)
     }
 
-    fn is_as_it_is(meeting: &Meeting, view: usize) -> bool {
+    fn is_as_it_is(meeting: &MeetingFixture, view: usize) -> bool {
         let truth = meeting.tracks[0].keypoints_m();
         let mut keypoints = truth.iter().enumerate();
         keypoints.all(|(k, &at_m)| meeting.value(0, view, k, at_m) > 0.7)
     }
 
     #[test]
-    fn wrists_that_one_view_exchanged_come_back() {
+    fn wrists_that_one_view_swapped_come_back() {
         let is_wrist = |k| k == LEFT_WRIST || k == RIGHT_WRIST;
-        let mut meeting = seen(|camera, drawn| exchanged(drawn, |k| camera == 1 && is_wrist(k)));
+        let mut meeting = seen(|camera, drawn| swapped(drawn, |k| camera == 1 && is_wrist(k)));
         assert!(!is_as_it_is(&meeting, 1));
         assert_eq!(undo(&mut meeting), 1);
         assert!((0..4).all(|view| is_as_it_is(&meeting, view)));
@@ -223,7 +225,7 @@ mod tests {
 
     #[test]
     fn a_body_that_one_view_saw_from_behind_is_turned_as_a_whole() {
-        let mut meeting = seen(|camera, drawn| exchanged(drawn, |_| camera == 2));
+        let mut meeting = seen(|camera, drawn| swapped(drawn, |_| camera == 2));
         // The eyes are too close together to be seen apart, and go with the rest.
         assert_eq!(undo(&mut meeting), PAIRED.len());
         assert!((0..4).all(|view| is_as_it_is(&meeting, view)));
@@ -231,20 +233,20 @@ mod tests {
 
     #[test]
     fn two_of_four_views_are_turned_because_the_model_has_a_vote() {
-        let mut meeting = seen(|camera, drawn| exchanged(drawn, |_| camera < 2));
+        let mut meeting = seen(|camera, drawn| swapped(drawn, |_| camera < 2));
         undo(&mut meeting);
         assert!((0..4).all(|view| is_as_it_is(&meeting, view)));
     }
 
     #[test]
     fn when_most_views_are_crosswise_the_model_is_wrong_and_nothing_is_touched() {
-        let mut meeting = seen(|camera, drawn| exchanged(drawn, |_| camera < 3));
+        let mut meeting = seen(|camera, drawn| swapped(drawn, |_| camera < 3));
         assert_eq!(undo(&mut meeting), 0);
         assert!(is_as_it_is(&meeting, 3) && !is_as_it_is(&meeting, 0));
     }
 
     #[test]
-    fn a_second_peak_at_the_opposite_limb_is_no_exchange() {
+    fn a_second_peak_at_the_opposite_limb_is_no_swap() {
         let mut meeting = seen(|camera, mut drawn| {
             if camera == 1 {
                 let (left, right) = (drawn[LEFT_WRIST].1, drawn[RIGHT_WRIST].1);
@@ -257,7 +259,7 @@ mod tests {
     }
 
     #[test]
-    fn one_wrist_shown_for_both_is_no_exchange() {
+    fn one_wrist_shown_for_both_is_no_swap() {
         let mut meeting = seen(|camera, mut drawn| {
             if camera == 1 {
                 drawn[LEFT_WRIST].1 = drawn[RIGHT_WRIST].1;
@@ -268,7 +270,7 @@ mod tests {
     }
 
     #[test]
-    fn an_unseen_limb_is_no_exchange() {
+    fn an_unseen_limb_is_no_swap() {
         let mut meeting = seen(|camera, mut drawn| {
             drawn.retain(|(k, _, _)| camera != 1 || *k != LEFT_ELBOW);
             drawn
@@ -277,9 +279,9 @@ mod tests {
     }
 
     #[test]
-    fn the_search_is_misled_by_two_exchanged_views_and_not_once_they_are_undone() {
+    fn the_search_is_misled_by_two_swapped_views_and_not_once_they_are_undone() {
         let worst_m = |undone: bool| {
-            let mut meeting = seen(|camera, drawn| exchanged(drawn, |_| camera < 2));
+            let mut meeting = seen(|camera, drawn| swapped(drawn, |_| camera < 2));
             if undone {
                 undo(&mut meeting);
             }

@@ -19,9 +19,9 @@ use crate::body::keypoint_estimate::KeypointEstimate;
 use crate::body::skeleton::{Pose, Proportions, Skeleton, sites_of};
 use crate::boxes::BoxShape;
 use crate::estimate::evidence::{View, bilinear};
-use crate::estimate::occlusion::Body;
+use crate::estimate::occlusion::BodyCapsules;
 use crate::method::Method;
-use crate::sightings::fixture::{Hall, hall};
+use crate::sightings::fixture::{TestHall, hall};
 
 pub(crate) const LEFT_ELBOW: usize = 7;
 pub(crate) const LEFT_WRIST: usize = 9;
@@ -33,13 +33,13 @@ const STATURE_M: f64 = 1.75;
 pub(crate) type Drawn = (usize, Vector3<f64>, f64);
 
 /// People in the hall of [`crate::sightings::fixture`].
-pub(crate) struct Meeting {
-    pub(crate) hall: Hall,
+pub(crate) struct MeetingFixture {
+    pub(crate) hall: TestHall,
     pub(crate) method: Method,
     pub(crate) tracks: Vec<Estimator>,
 }
 
-impl Meeting {
+impl MeetingFixture {
     /// People who stand upright at these places (x, y, heading), well seen until now.
     pub(crate) fn of(places: &[[f64; 3]]) -> Self {
         let (keypoints, parameters) = (KeypointSet::coco17(), Parameters::default());
@@ -99,8 +99,8 @@ impl Meeting {
     }
 
     /// Places all views, behind everybody else; returns the bodies.
-    pub(crate) fn place(&mut self) -> Vec<Body> {
-        let bodies: Vec<Body> = self
+    pub(crate) fn place(&mut self) -> Vec<BodyCapsules> {
+        let bodies: Vec<BodyCapsules> = self
             .tracks
             .iter()
             .map(|t| t.occluder(&self.method))

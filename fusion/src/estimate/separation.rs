@@ -21,7 +21,7 @@ use nalgebra::Vector3;
 use crate::body::skeleton::Joints;
 use crate::body::skeleton::N_JOINTS;
 use crate::estimate::estimator::Estimator;
-use crate::estimate::occlusion::{Body, Touch};
+use crate::estimate::occlusion::{BodyCapsules, Touch};
 use crate::method::Method;
 
 /// Least that a limb counts as seen, so that somebody gives way where nobody is seen.
@@ -30,7 +30,7 @@ const LEAST_SEEN: f64 = 1e-4;
 /// The pushes of a tick, with their buffers.
 #[derive(Debug, Clone, Default)]
 pub struct Separation {
-    bodies: Vec<Body>,
+    bodies: Vec<BodyCapsules>,
     pushes_m: Vec<Joints>,
     any_touch: bool,
 }
@@ -40,7 +40,12 @@ impl Separation {
     /// that were predicted for the tick.
     ///
     /// Cost: one distance per pair of persons apart, 400 per pair that is near each other.
-    pub fn find(&mut self, tracks: &[impl AsRef<Estimator>], predicted: &[Body], method: &Method) {
+    pub fn find(
+        &mut self,
+        tracks: &[impl AsRef<Estimator>],
+        predicted: &[BodyCapsules],
+        method: &Method,
+    ) {
         let contact = &method.parameters.contact;
         self.pushes_m.clear();
         self.bodies.clear();
@@ -51,7 +56,7 @@ impl Separation {
         let (occlusion, ik) = (&method.parameters.occlusion, &method.parameters.ik);
         let bodies = tracks
             .iter()
-            .map(|track| Body::from_joints(track.as_ref().smoothed_m(), occlusion));
+            .map(|track| BodyCapsules::from_joints(track.as_ref().smoothed_m(), occlusion));
         self.bodies.extend(bodies);
         self.pushes_m
             .resize(tracks.len(), [Vector3::zeros(); N_JOINTS]);
@@ -59,7 +64,7 @@ impl Separation {
             for a in 0..b {
                 let pair = (&self.bodies[a], &self.bodies[b]);
                 let before = (&predicted[a], &predicted[b]);
-                for touch in Body::touches(pair, before, contact.body_share) {
+                for touch in BodyCapsules::touches(pair, before, contact.body_share) {
                     self.any_touch = true;
                     let seen = [(a, &touch.first), (b, &touch.second)].map(|(person, at)| {
                         at.weighed(|joint| tracks[person].as_ref().seen(joint, ik))
@@ -88,21 +93,21 @@ fn moves(touch: &Touch, [e_a, e_b]: [f64; 2], w: f64) -> [Vector3<f64>; 2] {
 
 #[cfg(test)]
 mod tests {
-    use super::super::meeting_fixture::Meeting;
+    use super::super::meeting_fixture::MeetingFixture;
     use super::*;
     use crate::body::skeleton::Joint;
 
     /// Two people who stand so close that the arms of one are in the other's; the first is seen as
     /// well as `seen`, the second fully.
-    fn two(seen: f64) -> Meeting {
-        let mut meeting = Meeting::of(&[[0.0, -0.21, 0.0], [0.0, 0.21, 0.0]]);
+    fn two(seen: f64) -> MeetingFixture {
+        let mut meeting = MeetingFixture::of(&[[0.0, -0.21, 0.0], [0.0, 0.21, 0.0]]);
         for estimate in &mut meeting.tracks[0].evidence.estimates {
             estimate.weight = seen;
         }
         meeting
     }
 
-    fn found(meeting: &mut Meeting) -> Separation {
+    fn found(meeting: &mut MeetingFixture) -> Separation {
         meeting.begin();
         let bodies = meeting.place();
         let mut separation = Separation::default();
@@ -138,7 +143,7 @@ mod tests {
 
     #[test]
     fn who_stands_apart_or_is_told_not_to_care_is_not_pushed() {
-        let mut apart = Meeting::of(&[[0.0, -0.5, 0.0], [0.0, 0.5, 0.0]]);
+        let mut apart = MeetingFixture::of(&[[0.0, -0.5, 0.0], [0.0, 0.5, 0.0]]);
         assert!(found(&mut apart).push_m(0).is_none());
         let mut careless = two(0.0);
         careless.method.parameters.contact.separation_weight = 0.0;

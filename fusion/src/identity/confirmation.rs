@@ -11,7 +11,7 @@ use super::track::Track;
 use crate::body::fit::fit;
 use crate::body::initial_pose::PoseFinder;
 use crate::body::observed::ObservedJoints;
-use crate::estimate::estimator::Moment;
+use crate::estimate::estimator::TickSnapshot;
 use crate::method::Method;
 
 impl Track {
@@ -86,7 +86,7 @@ impl Track {
             self.estimator.smooth(method);
         }
         self.estimator.fit_joints(method);
-        let mut moment = Moment::default();
+        let mut moment = TickSnapshot::default();
         self.estimator
             .tell(tick.tick, PersonState::Tentative, &mut moment);
         self.identity.changed.solved.push(moment);

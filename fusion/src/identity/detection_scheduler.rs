@@ -2,7 +2,7 @@
 //!
 //! Every camera looks regularly, all at the same ticks: those that the period divides, so that edges know them
 //! without being told. In between, cameras are asked: for the next
-//! few ticks by a sighting that nothing explains and by a newborn whom others should see too, and now
+//! few ticks by a sighting that nothing explains and by a newcomer whom others should see too, and now
 //! and then for those who are lost. A sighting that was asked about in vain (a bystander whom one viewpoint sees,
 //! a mirror) is asked about less and less often for as long as it stays where it is.
 //!
@@ -10,9 +10,9 @@
 //! then.
 //!
 //! **What looking may cost.** A camera may be asked for [`BirthParameters::look_share`] of its ticks.
-//! It has an allowance of looks, which grows by that share per tick up to `look_again_ticks`; each look, a
+//! It has an allowance of passes, which grows by that share per tick up to `look_again_ticks`; each pass, a
 //! regular one too, takes one, and a camera without a whole one left is not asked. So in any n ticks a
-//! camera looks at most `look_again_ticks + look_share n` times, or whenever looks are regular.
+//! camera looks at most `look_again_ticks + look_share n` times, or whenever passes are regular.
 
 use std::collections::VecDeque;
 
@@ -25,20 +25,20 @@ use farfield_proto::venue::parameters::BirthParameters;
 use nalgebra::Vector3;
 
 use crate::sightings::contradiction::in_sight;
-use crate::sightings::rays::Witness;
+use crate::sightings::rays::SightedBody;
 
 /// Steps in which a ray is followed through the field, metres: a body is wider than half of it.
 const RAY_STEP_M: f64 = 0.5;
 /// Farthest that a ray is followed, metres.
 const FARTHEST_M: f64 = 200.0;
-/// Longest wait before a sighting that stays unexplained is asked about again, regular looks.
+/// Longest wait before a sighting that stays unexplained is asked about again, regular passes.
 const LONGEST_WAIT: i64 = 8;
 /// Two unexplained sightings of one viewpoint are the same while their rays differ by less, radians
 /// (2 degrees, 0.35 m at 10 m).
 const SAME_RAY_RAD: f64 = 0.035;
 /// Most sightings that are kept in mind; of more, the oldest are forgotten.
 const MAX_KEPT: usize = 256;
-/// Ticks between two looks for those who are lost.
+/// Ticks between two passes for those who are lost.
 const LOST_EVERY_TICKS: i64 = 5;
 /// Farthest from where a lost person is carried that it is looked for, metres: beyond, the regular
 /// looks find it.
@@ -46,7 +46,7 @@ const LOST_REACH_M: f64 = 3.0;
 
 /// A sighting that nothing explains.
 #[derive(Debug, Clone)]
-struct Kept {
+struct AskedSighting {
     viewpoint: ViewpointIndex,
     direction: Vector3<f64>,
     seen: Tick,
@@ -65,15 +65,15 @@ struct Ask {
 
 /// Decides who looks at each tick.
 #[derive(Debug, Clone)]
-pub(crate) struct Lookout {
+pub(crate) struct DetectionScheduler {
     cameras: Vec<(ViewpointIndex, CameraModel)>,
     field: Field,
     period: i64,
     again_ticks: i64,
     share: f64,
-    /// Per camera: looks that it may still be asked for.
+    /// Per camera: passes that it may still be asked for.
     allowance: Vec<f64>,
-    kept: Vec<Kept>,
+    kept: Vec<AskedSighting>,
     asks: Vec<Ask>,
     /// Per tick from `planned_from` on: who looks.
     planned: VecDeque<Vec<bool>>,
@@ -82,7 +82,7 @@ pub(crate) struct Lookout {
     ahead: i64,
 }
 
-impl Lookout {
+impl DetectionScheduler {
     pub(crate) fn new(
         cameras: Vec<(ViewpointIndex, CameraModel)>,
         field: Field,
@@ -138,7 +138,7 @@ impl Lookout {
     }
 
     /// Whether anybody looks at `tick`.
-    pub(crate) fn is_look(&self, tick: Tick) -> bool {
+    pub(crate) fn is_pass(&self, tick: Tick) -> bool {
         self.looks_at(tick).contains(&true)
     }
 
@@ -180,14 +180,18 @@ impl Lookout {
         self.asks.retain(|ask| ask.until > tick);
     }
 
-    /// Takes note, after the look at `tick`, of those whom nothing explains, and asks about the new ones.
-    pub(crate) fn keep<'a>(&mut self, tick: Tick, unexplained: impl Iterator<Item = &'a Witness>) {
+    /// Takes note, after the detection pass at `tick`, of those whom nothing explains, and asks about the new ones.
+    pub(crate) fn keep<'a>(
+        &mut self,
+        tick: Tick,
+        unexplained: impl Iterator<Item = &'a SightedBody>,
+    ) {
         let mut asked = Vec::new();
         for witness in unexplained {
             let Some((origin_m, direction)) = middle_ray(witness) else {
                 continue;
             };
-            let same = |kept: &&mut Kept| {
+            let same = |kept: &&mut AskedSighting| {
                 kept.viewpoint == witness.viewpoint
                     && kept.direction.angle(&direction) < SAME_RAY_RAD
             };
@@ -201,7 +205,7 @@ impl Lookout {
                     kept.wait = (2 * kept.wait).min(LONGEST_WAIT * self.period);
                     kept.next = tick + kept.wait;
                 }
-                None => self.kept.push(Kept {
+                None => self.kept.push(AskedSighting {
                     viewpoint: witness.viewpoint,
                     direction,
                     seen: tick,
@@ -225,9 +229,9 @@ impl Lookout {
         }
     }
 
-    /// Asks those who should see a newborn with these keypoints (world metres), for the next few ticks
+    /// Asks those who should see a newcomer with these keypoints (world metres), for the next few ticks
     /// after `tick`.
-    pub(crate) fn ask_about_newborn(&mut self, tick: Tick, keypoints_m: &[Vector3<f64>]) {
+    pub(crate) fn ask_about_tentative(&mut self, tick: Tick, keypoints_m: &[Vector3<f64>]) {
         self.ask_where(tick, self.again_ticks, |model| {
             !in_sight(model, keypoints_m).is_empty()
         });
@@ -279,7 +283,7 @@ fn sees(model: &CameraModel, point_m: Vector3<f64>) -> bool {
 }
 
 /// The ray through the middle of a sighted body: pinhole and unit direction.
-fn middle_ray(witness: &Witness) -> Option<(Vector3<f64>, Vector3<f64>)> {
+fn middle_ray(witness: &SightedBody) -> Option<(Vector3<f64>, Vector3<f64>)> {
     let mut rays = witness.rays.iter().flatten();
     let origin_m = rays.next()?.origin_m;
     let sum: Vector3<f64> = witness.rays.iter().flatten().map(|ray| ray.direction).sum();

@@ -19,14 +19,14 @@ fn field() -> Field {
 }
 
 /// The hall's four cameras.
-fn lookout(births: &BirthParameters) -> Lookout {
-    let mut lookout = Lookout::new(hall().cameras, field(), births, RATE_HZ);
-    lookout.begin(Tick(0));
-    lookout
+fn scheduler(births: &BirthParameters) -> DetectionScheduler {
+    let mut scheduler = DetectionScheduler::new(hall().cameras, field(), births, RATE_HZ);
+    scheduler.begin(Tick(0));
+    scheduler
 }
 
 /// Someone in the middle, as camera 0 alone sees them.
-fn seen_by_one(x: f64) -> Vec<Witness> {
+fn seen_by_one(x: f64) -> Vec<SightedBody> {
     let (hall, mut noise) = (hall(), Noise(1));
     let body = standing(x, 0.0, 1.75, &mut noise);
     let sighting = hall.sighting(0, &body, 1.0, &mut noise);
@@ -35,17 +35,22 @@ fn seen_by_one(x: f64) -> Vec<Witness> {
 
 /// The ticks of the next `n` at which camera `camera` looks, while `unexplained` is seen whenever
 /// it does.
-fn looks(lookout: &mut Lookout, n: i64, camera: usize, unexplained: &[Witness]) -> Vec<i64> {
+fn looks(
+    scheduler: &mut DetectionScheduler,
+    n: i64,
+    camera: usize,
+    unexplained: &[SightedBody],
+) -> Vec<i64> {
     let mut at = Vec::new();
     for tick in 0..n {
         if tick > 0 {
-            lookout.plan(Tick(tick));
+            scheduler.plan(Tick(tick));
         }
-        if lookout.looks_at(Tick(tick))[camera] {
+        if scheduler.looks_at(Tick(tick))[camera] {
             at.push(tick);
         }
-        if lookout.looks_at(Tick(tick))[0] {
-            lookout.keep(Tick(tick), unexplained.iter());
+        if scheduler.looks_at(Tick(tick))[0] {
+            scheduler.keep(Tick(tick), unexplained.iter());
         }
     }
     at
@@ -53,10 +58,10 @@ fn looks(lookout: &mut Lookout, n: i64, camera: usize, unexplained: &[Witness]) 
 
 #[test]
 fn all_look_once_a_second_when_everybody_is_known() {
-    let mut lookout = lookout(&BirthParameters::default());
+    let mut scheduler = scheduler(&BirthParameters::default());
     for camera in 0..4 {
-        lookout.begin(Tick(0));
-        assert_eq!(looks(&mut lookout, 31, camera, &[]), [0, 10, 20, 30]);
+        scheduler.begin(Tick(0));
+        assert_eq!(looks(&mut scheduler, 31, camera, &[]), [0, 10, 20, 30]);
     }
 }
 
@@ -65,7 +70,7 @@ fn who_could_see_an_unexplained_sighting_looks_for_five_ticks() {
     let births = BirthParameters::default();
     let unexplained = seen_by_one(0.0);
     for camera in 0..4 {
-        let at = looks(&mut lookout(&births), 10, camera, &unexplained);
+        let at = looks(&mut scheduler(&births), 10, camera, &unexplained);
         assert_eq!(at, [0, 1, 2, 3, 4, 5], "camera {camera}");
     }
 }
@@ -84,10 +89,11 @@ fn who_cannot_see_an_unexplained_sighting_is_not_asked() {
     )
     .unwrap();
     cameras.push((ViewpointIndex(4), elsewhere));
-    let mut lookout = Lookout::new(cameras, field(), &BirthParameters::default(), RATE_HZ);
-    lookout.keep(Tick(3), seen_by_one(0.0).iter());
-    lookout.plan(Tick(4));
-    assert_eq!(lookout.looks_at(Tick(4)), [true, true, true, true, false]);
+    let mut scheduler =
+        DetectionScheduler::new(cameras, field(), &BirthParameters::default(), RATE_HZ);
+    scheduler.keep(Tick(3), seen_by_one(0.0).iter());
+    scheduler.plan(Tick(4));
+    assert_eq!(scheduler.looks_at(Tick(4)), [true, true, true, true, false]);
 }
 
 #[test]
@@ -96,7 +102,7 @@ fn what_is_asked_about_in_vain_is_asked_about_less_and_less() {
         look_share: 1.0,
         ..BirthParameters::default()
     };
-    let at = looks(&mut lookout(&births), 200, 1, &seen_by_one(0.0));
+    let at = looks(&mut scheduler(&births), 200, 1, &seen_by_one(0.0));
     let bursts: Vec<i64> = at
         .windows(2)
         .filter(|pair| pair[1] == pair[0] + 1 && pair[0] % 10 == 0)
@@ -107,31 +113,31 @@ fn what_is_asked_about_in_vain_is_asked_about_less_and_less() {
 
 #[test]
 fn who_is_new_is_asked_about_at_once() {
-    let mut lookout = lookout(&BirthParameters::default());
+    let mut scheduler = scheduler(&BirthParameters::default());
     let (one, other) = (seen_by_one(0.0), seen_by_one(1.5));
-    let _known = looks(&mut lookout, 10, 0, &one);
-    lookout.plan(Tick(10));
-    lookout.keep(Tick(10), one.iter().chain(&other));
-    lookout.plan(Tick(11));
-    assert!(lookout.is_look(Tick(11)));
+    let _known = looks(&mut scheduler, 10, 0, &one);
+    scheduler.plan(Tick(10));
+    scheduler.keep(Tick(10), one.iter().chain(&other));
+    scheduler.plan(Tick(11));
+    assert!(scheduler.is_pass(Tick(11)));
 }
 
 #[test]
 fn who_looks_is_planned_as_far_ahead_as_boxes_are_made() {
-    let mut lookout = lookout(&BirthParameters::default());
-    lookout.look_ahead(6);
+    let mut scheduler = scheduler(&BirthParameters::default());
+    scheduler.look_ahead(6);
     let mut at = Vec::new();
     for tick in 1..40 {
-        lookout.plan(Tick(tick));
+        scheduler.plan(Tick(tick));
         let ahead = Tick(tick + 5);
-        let told = lookout.looking(&[CameraIndex(1)], ahead).len();
-        assert_eq!(told == 1, lookout.is_look(ahead));
-        assert!(lookout.looks_at(ahead + 1).is_empty(), "nothing beyond");
-        if lookout.is_look(Tick(tick)) {
+        let told = scheduler.looking(&[CameraIndex(1)], ahead).len();
+        assert_eq!(told == 1, scheduler.is_pass(ahead));
+        assert!(scheduler.looks_at(ahead + 1).is_empty(), "nothing beyond");
+        if scheduler.is_pass(Tick(tick)) {
             at.push(tick);
         }
         if tick == 12 {
-            lookout.keep(Tick(tick), seen_by_one(0.0).iter());
+            scheduler.keep(Tick(tick), seen_by_one(0.0).iter());
         }
     }
     assert_eq!(at, [10, 18, 19, 20, 21, 22, 30], "asked about at 12");
@@ -141,18 +147,18 @@ fn who_looks_is_planned_as_far_ahead_as_boxes_are_made() {
 fn a_newborn_and_a_lost_person_are_looked_for_by_those_who_see_them() {
     let births = BirthParameters::default();
     let body = standing(0.0, 0.0, 1.75, &mut Noise(2));
-    let mut of_newborn = lookout(&births);
-    of_newborn.plan(Tick(1));
-    assert!(!of_newborn.is_look(Tick(1)));
-    of_newborn.ask_about_newborn(Tick(1), &body);
-    of_newborn.plan(Tick(2));
-    assert_eq!(of_newborn.looks_at(Tick(2))[..4], [true; 4]);
-    let mut of_lost = lookout(&births);
+    let mut of_newcomer = scheduler(&births);
+    of_newcomer.plan(Tick(1));
+    assert!(!of_newcomer.is_pass(Tick(1)));
+    of_newcomer.ask_about_tentative(Tick(1), &body);
+    of_newcomer.plan(Tick(2));
+    assert_eq!(of_newcomer.looks_at(Tick(2))[..4], [true; 4]);
+    let mut of_lost = scheduler(&births);
     of_lost.ask_for_lost(Tick(5), Vector3::new(0.0, 0.0, 0.9), 0.5);
     of_lost.plan(Tick(6));
     assert_eq!(of_lost.looks_at(Tick(6))[..4], [true; 4]);
     of_lost.plan(Tick(7));
-    assert!(!of_lost.is_look(Tick(7)));
+    assert!(!of_lost.is_pass(Tick(7)));
     let own = [CameraIndex(1), CameraIndex(2)];
     assert!(of_lost.looking(&own, Tick(7)).is_empty());
 }
@@ -163,15 +169,15 @@ proptest! {
         share in 0.0f64..1.0, again in 0u32..20, from in 1i64..50, xs in prop::collection::vec(-3.0f64..3.0, 1..6),
     ) {
         let births = BirthParameters { look_share: share, look_again_ticks: again, ..BirthParameters::default() };
-        let mut lookout = lookout(&births);
-        let unexplained: Vec<Witness> = xs.iter().flat_map(|&x| seen_by_one(x)).collect();
+        let mut scheduler = scheduler(&births);
+        let unexplained: Vec<SightedBody> = xs.iter().flat_map(|&x| seen_by_one(x)).collect();
         let n = 60;
         let mut asked = 0;
         for tick in 1..from + n {
-            lookout.plan(Tick(tick));
-            asked += i32::from(tick >= from && lookout.looks_at(Tick(tick))[1] && tick % 10 != 0);
-            lookout.keep(Tick(tick), unexplained.iter());
-            lookout.ask_for_lost(Tick(tick), Vector3::new(0.0, 0.0, 0.9), 1.0);
+            scheduler.plan(Tick(tick));
+            asked += i32::from(tick >= from && scheduler.looks_at(Tick(tick))[1] && tick % 10 != 0);
+            scheduler.keep(Tick(tick), unexplained.iter());
+            scheduler.ask_for_lost(Tick(tick), Vector3::new(0.0, 0.0, 0.9), 1.0);
         }
         let most = f64::from(again.max(1)) + share * n as f64;
         prop_assert!(f64::from(asked) <= most + 1e-6, "{asked} of {most}");
@@ -180,13 +186,13 @@ proptest! {
 
 #[test]
 fn a_ray_that_leaves_the_field_asks_nobody() {
-    let mut lookout = lookout(&BirthParameters::default());
+    let mut scheduler = scheduler(&BirthParameters::default());
     let mut up = seen_by_one(0.0);
     for ray in up[0].rays.iter_mut().flatten() {
         ray.direction = Vector3::z();
         ray.pixel = Pixel::new(0.0, 0.0);
     }
-    lookout.keep(Tick(0), up.iter());
-    lookout.plan(Tick(1));
-    assert!(!lookout.is_look(Tick(1)));
+    scheduler.keep(Tick(0), up.iter());
+    scheduler.plan(Tick(1));
+    assert!(!scheduler.is_pass(Tick(1)));
 }

@@ -1,4 +1,4 @@
-//! Pictures of people: flat, and never moving.
+//! Poster rejection: pictures of people are flat, and never move.
 //!
 //! A poster is a body to every test that looks at one tick: it has people's proportions, and all cameras
 //! agree on where it hangs. But its keypoints lie in one plane, and stay where they are. A body that
@@ -12,22 +12,22 @@ use farfield_proto::venue::parameters::BirthParameters;
 use nalgebra::{Matrix3, Vector3};
 
 use crate::identity::tentative::TentativeTick;
-use crate::sightings::explanation::TrackedBody;
+use crate::sightings::explanation::KnownBody;
 
 /// Least keypoints, all of them seen over the whole time, from which flatness can be told.
 const MIN_KEYPOINTS: usize = 6;
 /// Most ticks that a place is taken from.
 const MAX_SAMPLES: usize = 64;
-/// How long a picture is remembered, seconds: then it is looked at anew.
+/// How long a poster is remembered, seconds: then it is looked at anew.
 const REMEMBERED_S: f64 = 60.0;
-/// Most pictures that are remembered; of more, the oldest are forgotten.
-const MAX_PICTURES: usize = 64;
+/// Most posters that are remembered; of more, the oldest are forgotten.
+const MAX_POSTERS: usize = 64;
 
 /// What the ticks of a tentative body say of it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Stillness {
     /// Distance of its keypoints from their plane, root mean square, metres of the average keypoint: a face is
-    /// found several times as exactly as hips, and what stands out of it tells a head from its picture.
+    /// found several times as exactly as hips, and what stands out of it tells a head from a printed one.
     pub(crate) flat_m: f64,
     /// How far its keypoints are from where they were first, the median of them, metres.
     pub(crate) moved_m: f64,
@@ -56,7 +56,7 @@ impl Stillness {
         })
     }
 
-    /// Whether it may be a picture.
+    /// Whether it may be a poster.
     pub(crate) fn is_poster(&self, births: &BirthParameters) -> bool {
         self.flat_m < births.flat_m && self.moved_m < births.moved_m
     }
@@ -94,38 +94,38 @@ fn off_plane_m(points: &[(Vector3<f64>, f64)]) -> f64 {
     (scatter.symmetric_eigenvalues().min().max(0.0) / points.len() as f64).sqrt()
 }
 
-/// A picture where it hangs.
+/// A poster where it hangs.
 #[derive(Debug, Clone)]
-struct Picture {
-    body: TrackedBody,
+struct Poster {
+    body: KnownBody,
     found: Tick,
 }
 
-/// The pictures that were found.
+/// The posters that were found.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct Pictures {
-    all: Vec<Picture>,
+pub(crate) struct Posters {
+    all: Vec<Poster>,
 }
 
-impl Pictures {
+impl Posters {
     /// Takes note of one, with its keypoints (world metres, in the network's order).
     pub(crate) fn add(&mut self, keypoints_m: Vec<Vector3<f64>>, found: Tick) {
-        if self.all.len() == MAX_PICTURES {
+        if self.all.len() == MAX_POSTERS {
             self.all.remove(0);
         }
-        let body = TrackedBody { keypoints_m };
-        self.all.push(Picture { body, found });
+        let body = KnownBody { keypoints_m };
+        self.all.push(Poster { body, found });
     }
 
     /// Forgets those that were found long before `now`.
     pub(crate) fn forget(&mut self, now: Tick, rate_hz: f64) {
         self.all
-            .retain(|picture| (now - picture.found) as f64 <= REMEMBERED_S * rate_hz);
+            .retain(|poster| (now - poster.found) as f64 <= REMEMBERED_S * rate_hz);
     }
 
     /// Where they hang: they explain sightings as people do.
-    pub(crate) fn bodies(&self) -> impl Iterator<Item = TrackedBody> + '_ {
-        self.all.iter().map(|picture| picture.body.clone())
+    pub(crate) fn bodies(&self) -> impl Iterator<Item = KnownBody> + '_ {
+        self.all.iter().map(|poster| poster.body.clone())
     }
 }
 
@@ -203,7 +203,7 @@ mod tests {
     }
 
     #[test]
-    fn a_banner_that_is_carried_is_no_still_picture() {
+    fn a_banner_that_is_carried_is_no_poster() {
         let mut noise = Noise(3);
         let body = standing(0.0, 0.0, 1.75, &mut noise);
         assert!(!is_poster(&seen(&printed(&body), &mut noise, 0.2)));
@@ -219,12 +219,12 @@ mod tests {
     }
 
     #[test]
-    fn a_picture_is_forgotten_after_a_minute() {
-        let mut pictures = Pictures::default();
-        pictures.add(vec![Vector3::zeros()], Tick(0));
-        pictures.forget(Tick(600), 10.0);
-        assert_eq!(pictures.bodies().count(), 1);
-        pictures.forget(Tick(601), 10.0);
-        assert_eq!(pictures.bodies().count(), 0);
+    fn a_poster_is_forgotten_after_a_minute() {
+        let mut posters = Posters::default();
+        posters.add(vec![Vector3::zeros()], Tick(0));
+        posters.forget(Tick(600), 10.0);
+        assert_eq!(posters.bodies().count(), 1);
+        posters.forget(Tick(601), 10.0);
+        assert_eq!(posters.bodies().count(), 0);
     }
 }

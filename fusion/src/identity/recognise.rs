@@ -1,12 +1,12 @@
 //! Whether somebody new is somebody who was here before: by place, speed and link lengths.
 //!
-//! Every pair of a newborn and a person who left or was lost gets the logarithm of a likelihood
+//! Every pair of a newcomer and a person who left or was lost gets the logarithm of a likelihood
 //! ratio, "the same" over "somebody else":
 //!
 //! ```text
 //!   L = ln p(d | same) - ln p(d | other) + ln p(r | same) - ln p(r | other)
 //!
-//!   d_i = ln(newborn's length i / known length i):   same  N(0, S),   S = diag s_i^2
+//!   d_i = ln(newcomer's length i / known length i):   same  N(0, S),   S = diag s_i^2
 //!                                                    other N(0, S + diag p^2 + c^2 1 1')
 //!   r = how far apart, on the floor:                 same  N(0, g^2 I),  g = G + w t
 //!                                                    other uniform in the field
@@ -111,7 +111,7 @@ impl Lengths {
 pub(crate) struct Appearance {
     /// The body.
     pub(crate) lengths: Lengths,
-    /// The pelvis, world metres: of a newborn at its first tick, of a known person when it was last
+    /// The pelvis, world metres: of a newcomer at its first tick, of a known person when it was last
     /// seen well.
     pub(crate) place_m: Vector3<f64>,
 }
@@ -135,23 +135,23 @@ impl Reach {
     /// L of a pair, `absence_s` apart; `None` when nobody is that fast.
     pub(crate) fn likeness(
         &self,
-        newborn: &Appearance,
+        newcomer: &Appearance,
         known: &Appearance,
         absence_s: f64,
     ) -> Option<f64> {
         let t = absence_s.max(0.0);
-        let r = (newborn.place_m - known.place_m).xy().norm();
+        let r = (newcomer.place_m - known.place_m).xy().norm();
         if r > REACH_M + self.speed_m_s * t {
             return None;
         }
         let g2 = (PLACE_SIGMA_M + WANDER_M_S * t).powi(2);
         // Two people apart are somewhere in the field, but nobody is spread wider than that.
         let place = (self.field_m2 / (std::f64::consts::TAU * g2)).max(1.0).ln() - 0.5 * r * r / g2;
-        Some(newborn.lengths.likeness(&known.lengths) + place.max(LEAST_PLACE))
+        Some(newcomer.lengths.likeness(&known.lengths) + place.max(LEAST_PLACE))
     }
 }
 
-/// Who a newborn is.
+/// Who a newcomer is.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Chosen {
     /// Which of the known.
@@ -164,19 +164,24 @@ pub(crate) struct Chosen {
 
 impl Chosen {
     /// What speaks for the pair, `absence_s` apart.
-    pub(crate) fn why(&self, newborn: &Appearance, known: &Appearance, absence_s: f64) -> Likeness {
-        let distance_m = (newborn.place_m - known.place_m).xy().norm();
+    pub(crate) fn why(
+        &self,
+        newcomer: &Appearance,
+        known: &Appearance,
+        absence_s: f64,
+    ) -> Likeness {
+        let distance_m = (newcomer.place_m - known.place_m).xy().norm();
         Likeness {
             distance_m: distance_m as f32,
             absence_s: absence_s as f32,
-            lengths_sigma: newborn.lengths.sigmas(&known.lengths) as f32,
+            lengths_sigma: newcomer.lengths.sigmas(&known.lengths) as f32,
             log_ratio: self.log_ratio as f32,
             margin: self.margin.map(|margin| margin as f32),
         }
     }
 }
 
-/// Decides which row (newborn) is which column (known person), from L of every possible pair. A pair
+/// Decides which row (newcomer) is which column (known person), from L of every possible pair. A pair
 /// counts when its L is at least `least`, and it is clear.
 pub(crate) fn assign_known(likeness: &[Vec<Option<f64>>], least: f64) -> Vec<Option<Chosen>> {
     let n_known = likeness.first().map_or(0, Vec::len);
@@ -281,7 +286,7 @@ mod tests {
 
     #[test]
     fn all_are_decided_together() {
-        // The first newborn fits the first known best alone, but the second has nobody else.
+        // The first newcomer fits the first known best alone, but the second has nobody else.
         let likeness = [vec![Some(4.0), Some(3.5)], vec![Some(3.8), None]];
         assert_eq!(who(&likeness, 1.0), [Some(1), Some(0)]);
     }

@@ -13,7 +13,7 @@ use super::tentative::{TentativeTick, Votes};
 use crate::align::TickGroup;
 use crate::body::keypoint_estimate::KeypointEstimate;
 use crate::body::skeleton::{Pose, Skeleton};
-use crate::estimate::estimator::{Estimator, Moment, Standpoint};
+use crate::estimate::estimator::{Estimator, Standpoint, TickSnapshot};
 use crate::method::{Method, VenueView};
 
 /// One person. Evidence, body and estimate are the estimator's; who it is, is [`Identity`].
@@ -86,7 +86,7 @@ pub(crate) struct Alone {
 #[derive(Debug, Default)]
 pub(crate) struct ChangedTicks {
     /// Those that were solved again.
-    pub(crate) solved: Vec<Moment>,
+    pub(crate) solved: Vec<TickSnapshot>,
     /// What was seen after this tick was somebody else's.
     pub(crate) mistaken_since: Option<Tick>,
 }
@@ -143,7 +143,7 @@ impl Track {
     }
 
     /// The ticks before the last one that were solved again at it: those of a person who was confirmed.
-    pub fn solved_again(&self) -> &[Moment] {
+    pub fn solved_again(&self) -> &[TickSnapshot] {
         &self.identity.changed.solved
     }
 
@@ -204,7 +204,7 @@ impl Track {
     }
 
     /// Tells `into` what `tick`, the last one, came to. Allocates only while `into` grows.
-    pub fn tell(&self, tick: Tick, into: &mut Moment) {
+    pub fn tell(&self, tick: Tick, into: &mut TickSnapshot) {
         self.estimator.tell(tick, self.state(), into);
     }
 

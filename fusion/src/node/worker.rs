@@ -224,7 +224,7 @@ fn name(stage: Stage) -> &'static str {
     match stage {
         Stage::Decode => "decode",
         Stage::Occlusion => "occlusion",
-        Stage::Contests => "contests",
+        Stage::PeakAssignment => "peak_assignment",
         Stage::Lattice => "lattice",
         Stage::Ik1 => "ik1",
         Stage::Filter => "filter",

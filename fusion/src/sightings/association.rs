@@ -10,7 +10,7 @@ use std::collections::BTreeSet;
 use farfield_proto::order_statistics::upper_median;
 use nalgebra::Vector3;
 
-use crate::sightings::rays::{SightedRay, Witness};
+use crate::sightings::rays::{SightedBody, SightedRay};
 use crate::sightings::reconstruction::{Reconstruction, reconstruct};
 
 /// How far outside the field two rays may meet, metres: their meeting point is less certain than
@@ -55,7 +55,7 @@ impl Gates {
 
 /// What two witnesses say about each other.
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Verdict {
+enum RayAgreement {
     /// Too little in common to tell.
     Unknown,
     /// The rays pass each other.
@@ -68,7 +68,7 @@ enum Verdict {
 /// of different viewpoints, is accepted by `plausible`, and shares no member with another.
 /// Best supported first.
 pub(crate) fn associate(
-    witnesses: &[Witness],
+    witnesses: &[SightedBody],
     free: &[usize],
     gates: &Gates,
     plausible: impl Fn(&mut Reconstruction) -> bool,
@@ -120,8 +120,8 @@ fn take_best(hypotheses: &mut Vec<Reconstruction>) -> Option<Reconstruction> {
 }
 
 /// The different groups that grow from the pairs that agree, members ascending.
-fn grown_groups(witnesses: &[Witness], free: &[usize], gates: &Gates) -> BTreeSet<Vec<usize>> {
-    let mut verdicts = vec![vec![Verdict::Unknown; free.len()]; free.len()];
+fn grown_groups(witnesses: &[SightedBody], free: &[usize], gates: &Gates) -> BTreeSet<Vec<usize>> {
+    let mut verdicts = vec![vec![RayAgreement::Unknown; free.len()]; free.len()];
     for a in 0..free.len() {
         for b in a + 1..free.len() {
             verdicts[a][b] = verdict(&witnesses[free[a]], &witnesses[free[b]], gates);
@@ -131,7 +131,7 @@ fn grown_groups(witnesses: &[Witness], free: &[usize], gates: &Gates) -> BTreeSe
     let mut groups = BTreeSet::new();
     for a in 0..free.len() {
         for b in a + 1..free.len() {
-            if let Verdict::Agree(_) = verdicts[a][b] {
+            if let RayAgreement::Agree(_) = verdicts[a][b] {
                 let grown = grow(a, b, &verdicts, |m| witnesses[free[m]].viewpoint, gates);
                 groups.insert(grown.into_iter().map(|m| free[m]).collect());
             }
@@ -145,7 +145,7 @@ fn grown_groups(witnesses: &[Witness], free: &[usize], gates: &Gates) -> BTreeSe
 fn grow<V: PartialEq>(
     a: usize,
     b: usize,
-    verdicts: &[Vec<Verdict>],
+    verdicts: &[Vec<RayAgreement>],
     viewpoint: impl Fn(usize) -> V,
     gates: &Gates,
 ) -> Vec<usize> {
@@ -168,15 +168,15 @@ fn grow<V: PartialEq>(
 fn votes(
     candidate: usize,
     members: &[usize],
-    verdicts: &[Vec<Verdict>],
+    verdicts: &[Vec<RayAgreement>],
     gates: &Gates,
 ) -> Option<f64> {
     let (mut agreeing, mut disagreeing, mut sum) = (0_u32, 0_u32, 0.0);
     for &m in members {
         match verdicts[candidate][m] {
-            Verdict::Unknown => {}
-            Verdict::Disagree => disagreeing += 1,
-            Verdict::Agree(distance) => {
+            RayAgreement::Unknown => {}
+            RayAgreement::Disagree => disagreeing += 1,
+            RayAgreement::Agree(distance) => {
                 agreeing += 1;
                 sum += 1.0 - 0.5 * distance / gates.ray_distance_m;
             }
@@ -187,16 +187,16 @@ fn votes(
 }
 
 /// Compares two witnesses by the distances of their rays, keypoint by keypoint.
-fn verdict(a: &Witness, b: &Witness, gates: &Gates) -> Verdict {
+fn verdict(a: &SightedBody, b: &SightedBody, gates: &Gates) -> RayAgreement {
     if a.viewpoint == b.viewpoint {
-        return Verdict::Unknown;
+        return RayAgreement::Unknown;
     }
     let distances: Vec<f64> = a
         .in_common(b)
         .filter_map(|(p, q)| meeting(p, q, gates))
         .collect();
     if distances.len() < gates.min_keypoints {
-        return Verdict::Unknown;
+        return RayAgreement::Unknown;
     }
     let agreeing = distances
         .iter()
@@ -204,9 +204,9 @@ fn verdict(a: &Witness, b: &Witness, gates: &Gates) -> Verdict {
         .count();
     match upper_median(distances) {
         Some(d) if d <= gates.ray_distance_m && agreeing >= gates.min_keypoints => {
-            Verdict::Agree(d)
+            RayAgreement::Agree(d)
         }
-        _ => Verdict::Disagree,
+        _ => RayAgreement::Disagree,
     }
 }
 

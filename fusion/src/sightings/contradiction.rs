@@ -9,7 +9,7 @@ use farfield_proto::frames::{Pixel, Point, Undistorted};
 use farfield_proto::id::ViewpointIndex;
 use nalgebra::{Vector2, Vector3};
 
-use crate::sightings::rays::Witness;
+use crate::sightings::rays::SightedBody;
 
 /// Least share of a body's keypoints inside a camera's image for the camera to have missed it.
 const SEEN_SHARE: f64 = 0.8;
@@ -23,14 +23,14 @@ const OUTLINE_GROWTH: f64 = 0.15;
 
 /// What the cameras saw when they looked for people.
 #[derive(Debug, Clone)]
-pub(crate) struct Look {
+pub(crate) struct DetectionPass {
     /// One per viewpoint and person seen.
-    pub(crate) witnesses: Vec<Witness>,
+    pub(crate) witnesses: Vec<SightedBody>,
     /// Per camera of the venue: whether it looked.
     pub(crate) looked: Vec<bool>,
 }
 
-impl Look {
+impl DetectionPass {
     /// The viewpoints that saw anybody, in order.
     pub(crate) fn viewpoints(&self) -> Vec<ViewpointIndex> {
         let mut all: Vec<ViewpointIndex> = self.witnesses.iter().map(|w| w.viewpoint).collect();
@@ -61,8 +61,8 @@ impl Look {
                 .witnesses
                 .iter()
                 .filter(|w| w.camera == index)
-                .filter_map(Outline::around);
-            let covers = |outline: Outline| {
+                .filter_map(BodyOutline::around);
+            let covers = |outline: BodyOutline| {
                 let inside = pixels.iter().filter(|pixel| outline.holds(pixel)).count();
                 inside as f64 >= HIDDEN_SHARE * points_m.len() as f64
             };
@@ -88,13 +88,13 @@ pub(crate) fn in_sight(model: &CameraModel, points_m: &[Vector3<f64>]) -> Vec<Pi
 }
 
 /// The upright rectangle that a sighted body covers in an image, undistorted pixels.
-struct Outline {
+struct BodyOutline {
     low: Vector2<f64>,
     high: Vector2<f64>,
 }
 
-impl Outline {
-    fn around(witness: &Witness) -> Option<Self> {
+impl BodyOutline {
+    fn around(witness: &SightedBody) -> Option<Self> {
         let mut pixels = witness
             .rays
             .iter()

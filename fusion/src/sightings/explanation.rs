@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use farfield_proto::order_statistics::upper_median;
 use nalgebra::Vector3;
 
-use crate::sightings::rays::Witness;
+use crate::sightings::rays::SightedBody;
 use crate::sightings::reconstruction::Reconstruction;
 
 /// Least keypoints that a witness shares with a body to be explained by it.
@@ -13,7 +13,7 @@ const EXPLAINED_KEYPOINTS: usize = 3;
 
 /// A body that is known already, at the tick of the sightings.
 #[derive(Debug, Clone, PartialEq)]
-pub struct TrackedBody {
+pub struct KnownBody {
     /// Where the keypoints of the network are expected, world metres, in the network's order.
     pub keypoints_m: Vec<Vector3<f64>>,
 }
@@ -21,8 +21,8 @@ pub struct TrackedBody {
 /// Which of `witnesses` see a tracked body. In one viewpoint each body explains one witness, the
 /// nearest: somebody new who stands close to a tracked person is not mistaken for it.
 pub(crate) fn explained(
-    witnesses: &[Witness],
-    tracked: &[TrackedBody],
+    witnesses: &[SightedBody],
+    tracked: &[KnownBody],
     explained_m: f64,
 ) -> Vec<bool> {
     let mut pairs = Vec::new();
@@ -44,7 +44,7 @@ pub(crate) fn explained(
 }
 
 /// Median distance of the rays of a witness from the keypoints of a tracked body, metres.
-pub(crate) fn witness_distance_m(witness: &Witness, body: &TrackedBody) -> Option<f64> {
+pub(crate) fn witness_distance_m(witness: &SightedBody, body: &KnownBody) -> Option<f64> {
     let rays = witness.rays.iter().zip(&body.keypoints_m);
     let distances: Vec<f64> = rays
         .filter_map(|(ray, point)| Some(ray.as_ref()?.distance_m(point)))
@@ -57,7 +57,7 @@ pub(crate) fn witness_distance_m(witness: &Witness, body: &TrackedBody) -> Optio
 }
 
 /// Mean distance of the keypoints of a group from those of a tracked body, metres.
-pub(crate) fn body_distance_m(group: &Reconstruction, body: &TrackedBody) -> Option<f64> {
+pub(crate) fn body_distance_m(group: &Reconstruction, body: &KnownBody) -> Option<f64> {
     let pairs = group.keypoints_m.iter().zip(&body.keypoints_m);
     let distances: Vec<f64> = pairs
         .filter_map(|(point, tracked)| Some((point.as_ref()?.position_m - tracked).norm()))

@@ -9,14 +9,14 @@ use farfield_proto::venue::parameters::BirthParameters;
 use nalgebra::Vector3;
 
 use super::association::{Gates, associate};
-use super::contradiction::Look;
+use super::contradiction::DetectionPass;
 use super::plausibility::is_plausible;
 use crate::body::keypoint_estimate::KeypointEstimate;
 use crate::body::observed::ObservedJoints;
 use crate::body::skeleton::{Joint, Site};
-pub use crate::sightings::explanation::TrackedBody;
+pub use crate::sightings::explanation::KnownBody;
 use crate::sightings::explanation::{body_distance_m, explained};
-use crate::sightings::rays::{Witness, witnesses};
+use crate::sightings::rays::{SightedBody, witnesses};
 use crate::sightings::reconstruction::Reconstruction;
 pub use crate::sightings::reconstruction::SightedKeypoint;
 
@@ -68,7 +68,7 @@ impl SightedPerson {
 
 /// Finds persons among the sightings of one tick.
 #[derive(Debug, Clone)]
-pub struct BirthFinder {
+pub struct PersonFinder {
     cameras: Vec<(ViewpointIndex, CameraModel)>,
     keypoints: KeypointSet,
     gates: Gates,
@@ -76,7 +76,7 @@ pub struct BirthFinder {
     explained_m: f64,
 }
 
-impl BirthFinder {
+impl PersonFinder {
     /// `cameras` are those of the venue, in the order of their indices.
     pub fn new(
         cameras: Vec<(ViewpointIndex, CameraModel)>,
@@ -100,9 +100,13 @@ impl BirthFinder {
     }
 
     /// What `sightings` of one tick show, of the cameras that `looked` (by their indices).
-    pub(crate) fn look(&self, sightings: &[Sighting], looked: Vec<bool>) -> Look {
+    pub(crate) fn detection_pass(
+        &self,
+        sightings: &[Sighting],
+        looked: Vec<bool>,
+    ) -> DetectionPass {
         let n_keypoints = self.keypoints.len();
-        Look {
+        DetectionPass {
             witnesses: witnesses(sightings, &self.cameras, n_keypoints, self.min_score),
             looked,
         }
@@ -110,13 +114,17 @@ impl BirthFinder {
 
     /// The persons that `sightings` of one tick, of all cameras, show and that `tracked` does not hold,
     /// the best supported first.
-    pub fn find(&self, sightings: &[Sighting], tracked: &[TrackedBody]) -> Vec<SightedPerson> {
-        let look = self.look(sightings, vec![true; self.cameras.len()]);
+    pub fn find(&self, sightings: &[Sighting], tracked: &[KnownBody]) -> Vec<SightedPerson> {
+        let look = self.detection_pass(sightings, vec![true; self.cameras.len()]);
         self.find_in(&look, tracked)
     }
 
     /// As [`Self::find`].
-    pub(crate) fn find_in(&self, look: &Look, tracked: &[TrackedBody]) -> Vec<SightedPerson> {
+    pub(crate) fn find_in(
+        &self,
+        look: &DetectionPass,
+        tracked: &[KnownBody],
+    ) -> Vec<SightedPerson> {
         let all = &look.witnesses;
         let explained = explained(all, tracked, self.explained_m);
         let free: Vec<usize> = (0..all.len()).filter(|&w| !explained[w]).collect();
@@ -136,19 +144,19 @@ impl BirthFinder {
     /// Who is seen well by a viewpoint, but is none of `bodies`.
     pub(crate) fn unexplained<'a>(
         &self,
-        look: &'a Look,
-        bodies: &[TrackedBody],
-    ) -> impl Iterator<Item = &'a Witness> {
+        look: &'a DetectionPass,
+        bodies: &[KnownBody],
+    ) -> impl Iterator<Item = &'a SightedBody> {
         let explained = explained(&look.witnesses, bodies, self.explained_m);
         let min_keypoints = self.gates.min_keypoints;
-        let seen_well = move |w: &Witness| w.rays.iter().flatten().count() >= min_keypoints;
+        let seen_well = move |w: &SightedBody| w.rays.iter().flatten().count() >= min_keypoints;
         let witnesses = look.witnesses.iter().zip(explained);
         witnesses.filter_map(move |(w, explained)| (!explained && seen_well(w)).then_some(w))
     }
 
     /// What the viewpoints that see anybody say about a tentative `body`: how many of them see it, and
     /// how many should and do not.
-    pub(crate) fn verdicts(&self, look: &Look, body: &TrackedBody) -> [u32; 2] {
+    pub(crate) fn verdicts(&self, look: &DetectionPass, body: &KnownBody) -> [u32; 2] {
         let explained = explained(
             &look.witnesses,
             std::slice::from_ref(body),
@@ -168,7 +176,7 @@ impl BirthFinder {
 
     /// Whether a group is a body inside the field that no other viewpoint contradicts; takes
     /// keypoints out of it that do not fit the body.
-    fn is_person(&self, group: &mut Reconstruction, look: &Look) -> bool {
+    fn is_person(&self, group: &mut Reconstruction, look: &DetectionPass) -> bool {
         let mut body = self.observed(&group.keypoints_m);
         let cut_before = body.count();
         if !is_plausible(&mut body) {
@@ -196,7 +204,7 @@ impl BirthFinder {
         &self,
         group: &Reconstruction,
         points: &[Vector3<f64>],
-        look: &Look,
+        look: &DetectionPass,
     ) -> usize {
         let member = |v| {
             group

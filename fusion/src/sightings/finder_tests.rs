@@ -7,15 +7,15 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::body::fixture::{Noise, standing};
-use crate::sightings::fixture::{Hall, hall, looking_at_the_middle};
+use crate::sightings::fixture::{TestHall, hall, looking_at_the_middle};
 
 /// Mean error of a keypoint that 2 to 4 cameras see with 5 px of noise at 5 to 9 m (27 to 45 mm
 /// per view and axis), metres.
 const FOUND_WITHIN_M: f64 = 0.06;
 
-type Body = Vec<Vector3<f64>>;
+type BodyPoints = Vec<Vector3<f64>>;
 
-fn mean_error_m(person: &SightedPerson, body: &Body) -> f64 {
+fn mean_error_m(person: &SightedPerson, body: &BodyPoints) -> f64 {
     let pairs = person.keypoints_m.iter().zip(body);
     let errors: Vec<f64> = pairs
         .filter_map(|(k, b)| Some((k.as_ref()?.position_m - b).norm()))
@@ -25,7 +25,7 @@ fn mean_error_m(person: &SightedPerson, body: &Body) -> f64 {
 }
 
 /// Every body once, and nobody else.
-fn check(found: &[SightedPerson], bodies: &[Body]) -> Result<(), TestCaseError> {
+fn check(found: &[SightedPerson], bodies: &[BodyPoints]) -> Result<(), TestCaseError> {
     prop_assert_eq!(found.len(), bodies.len());
     for body in bodies {
         let near = found
@@ -37,13 +37,18 @@ fn check(found: &[SightedPerson], bodies: &[Body]) -> Result<(), TestCaseError> 
     Ok(())
 }
 
-fn find(hall: &Hall, bodies: &[Body], noise_px: f64, noise: &mut Noise) -> Vec<SightedPerson> {
+fn find(
+    hall: &TestHall,
+    bodies: &[BodyPoints],
+    noise_px: f64,
+    noise: &mut Noise,
+) -> Vec<SightedPerson> {
     hall.finder()
         .find(&hall.sightings(bodies, noise_px, noise), &[])
 }
 
 /// Someone in each quarter of the field, at least a metre from the others.
-fn four(noise: &mut Noise) -> Vec<Body> {
+fn four(noise: &mut Noise) -> Vec<BodyPoints> {
     let quarters = [[-1.6, -1.3], [1.6, -1.3], [1.6, 1.3], [-1.6, 1.3]];
     let mut bodies = Vec::new();
     for [x, y] in quarters {
@@ -111,7 +116,7 @@ fn who_is_tracked_is_not_born_again_but_the_newcomer_beside_is() {
     let sightings = hall.sightings(&[old.clone(), new.clone()], 3.0, &mut noise);
     // The track is a little behind.
     let behind = Vector3::new(0.08, -0.05, 0.0);
-    let tracked = [TrackedBody {
+    let tracked = [KnownBody {
         keypoints_m: old.iter().map(|p| p + behind).collect(),
     }];
     check(
@@ -119,12 +124,12 @@ fn who_is_tracked_is_not_born_again_but_the_newcomer_beside_is() {
         std::slice::from_ref(&new),
     )
     .unwrap();
-    let unexplained = |bodies: &[TrackedBody]| {
-        let look = hall.finder().look(&sightings, vec![true; 4]);
-        hall.finder().unexplained(&look, bodies).count()
+    let unexplained = |bodies: &[KnownBody]| {
+        let pass = hall.finder().detection_pass(&sightings, vec![true; 4]);
+        hall.finder().unexplained(&pass, bodies).count()
     };
     assert_eq!(unexplained(&tracked), 4);
-    let both = [tracked[0].clone(), TrackedBody { keypoints_m: new }];
+    let both = [tracked[0].clone(), KnownBody { keypoints_m: new }];
     assert_eq!(unexplained(&both), 0);
     assert!(hall.finder().find(&sightings, &both).is_empty());
 }
@@ -250,7 +255,11 @@ fn cameras_that_did_not_look_do_not_contradict() {
     };
     sightings.retain(|s| s.camera.0 < 2 || !of_body(s));
     let finder = hall.finder();
-    let found = |looked: Vec<bool>| finder.find_in(&finder.look(&sightings, looked), &[]).len();
+    let found = |looked: Vec<bool>| {
+        finder
+            .find_in(&finder.detection_pass(&sightings, looked), &[])
+            .len()
+    };
     assert_eq!(found(vec![true; 4]), 1, "two see it and two do not");
     assert_eq!(found(vec![true, true, false, false]), 2);
 }
@@ -262,15 +271,16 @@ fn the_verdict_of_a_look_counts_who_sees_a_body_and_who_should() {
     let body = standing(0.0, 0.0, 1.75, &mut noise);
     let ghost = standing(2.5, -1.0, 1.75, &mut noise);
     let sightings = hall.sightings(std::slice::from_ref(&body), 1.0, &mut noise);
-    let look = hall.finder().look(&sightings, vec![true; 4]);
-    let verdict = |keypoints_m: Body| hall.finder().verdicts(&look, &TrackedBody { keypoints_m });
+    let pass = hall.finder().detection_pass(&sightings, vec![true; 4]);
+    let verdict =
+        |keypoints_m: BodyPoints| hall.finder().verdicts(&pass, &KnownBody { keypoints_m });
     assert_eq!(verdict(body), [4, 0]);
     let [seen, missed] = verdict(ghost);
     assert!(seen == 0 && missed >= 2, "{seen} {missed}");
 }
 
 /// Where camera `camera` sees a head above (`x`, `y`), pixels.
-fn sightings_middle(hall: &Hall, camera: u16, [x, y]: [f64; 2]) -> f64 {
+fn sightings_middle(hall: &TestHall, camera: u16, [x, y]: [f64; 2]) -> f64 {
     let head = Point3::new(x, y, 1.6);
     let model = &hall.cameras[usize::from(camera)].1;
     let pixel = model.project(farfield_proto::frames::Point::new(head));

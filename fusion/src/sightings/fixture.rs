@@ -10,11 +10,11 @@ use farfield_proto::venue::parameters::BirthParameters;
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
 use crate::body::fixture::Noise;
-use crate::sightings::finder::BirthFinder;
+use crate::sightings::finder::PersonFinder;
 
 /// Cameras two metres outside the corners of an 8 m x 6 m field, one per viewpoint, and the
 /// default parameters.
-pub(crate) fn hall() -> Hall {
+pub(crate) fn hall() -> TestHall {
     let corners = [[-5.0, -4.0], [5.0, -4.2], [5.0, 4.0], [-5.2, 4.1]];
     let cameras = corners.iter().enumerate().map(|(i, &[x, y])| {
         (
@@ -22,24 +22,24 @@ pub(crate) fn hall() -> Hall {
             looking_at_the_middle(&format!("corner-{i}"), Point3::new(x, y, 2.5)),
         )
     });
-    Hall {
+    TestHall {
         cameras: cameras.collect(),
         parameters: BirthParameters::default(),
     }
 }
 
-pub(crate) struct Hall {
+pub(crate) struct TestHall {
     pub(crate) cameras: Vec<(ViewpointIndex, CameraModel)>,
     pub(crate) parameters: BirthParameters,
 }
 
-impl Hall {
-    pub(crate) fn finder(&self) -> BirthFinder {
+impl TestHall {
+    pub(crate) fn finder(&self) -> PersonFinder {
         let field = Field {
             min_m: [-4.0, -3.0, -0.3],
             max_m: [4.0, 3.0, 2.6],
         };
-        BirthFinder::new(
+        PersonFinder::new(
             self.cameras.clone(),
             KeypointSet::coco17(),
             &field,

@@ -54,7 +54,7 @@ impl SightedRay {
 
 /// One person as one viewpoint sees it.
 #[derive(Debug, Clone)]
-pub(crate) struct Witness {
+pub(crate) struct SightedBody {
     pub(crate) viewpoint: ViewpointIndex,
     /// Index among the venue's cameras.
     pub(crate) camera: usize,
@@ -62,7 +62,7 @@ pub(crate) struct Witness {
     pub(crate) rays: Vec<Option<SightedRay>>,
 }
 
-impl Witness {
+impl SightedBody {
     /// `None` when the sighting names no camera of the venue or does not have `n_keypoints`.
     fn new(
         sighting: &Sighting,
@@ -137,10 +137,10 @@ pub(crate) fn witnesses(
     cameras: &[(ViewpointIndex, CameraModel)],
     n_keypoints: usize,
     min_score: f64,
-) -> Vec<Witness> {
-    let all: Vec<Witness> = sightings
+) -> Vec<SightedBody> {
+    let all: Vec<SightedBody> = sightings
         .iter()
-        .filter_map(|s| Witness::new(s, cameras, n_keypoints, min_score))
+        .filter_map(|s| SightedBody::new(s, cameras, n_keypoints, min_score))
         .collect();
     let mut same = same_person_pairs(&all);
     same.sort_by(|x, y| x.0.total_cmp(&y.0));
@@ -170,7 +170,7 @@ pub(crate) fn witnesses(
 
 /// Pairs of sightings of one viewpoint that may show the same person, with how much they differ as
 /// a share of the body's angular size.
-fn same_person_pairs(all: &[Witness]) -> Vec<(f64, usize, usize)> {
+fn same_person_pairs(all: &[SightedBody]) -> Vec<(f64, usize, usize)> {
     let mut pairs = Vec::new();
     for (a, first) in all.iter().enumerate() {
         for (b, second) in all.iter().enumerate().skip(a + 1) {
@@ -188,7 +188,7 @@ fn same_person_pairs(all: &[Witness]) -> Vec<(f64, usize, usize)> {
 
 /// Median angle between the rays of two sightings of one viewpoint over the body's angular size;
 /// `None` for different viewpoints and with too few keypoints in common.
-fn difference_share(a: &Witness, b: &Witness) -> Option<f64> {
+fn difference_share(a: &SightedBody, b: &SightedBody) -> Option<f64> {
     if a.viewpoint != b.viewpoint {
         return None;
     }

@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::sightings::rays::{SightedRay, Witness};
+use crate::sightings::rays::{SightedBody, SightedRay};
 
 /// Least angle between two rays of a keypoint, radians (8 degrees): below it a pixel of noise moves
 /// the point along the rays by more than a limb.
@@ -38,7 +38,7 @@ pub(crate) struct Reconstruction {
 ///
 /// `None` when fewer than two members, or fewer than `min_keypoints` points, remain.
 pub(crate) fn reconstruct(
-    witnesses: &[Witness],
+    witnesses: &[SightedBody],
     members: &[usize],
     gate_m: f64,
     min_keypoints: usize,
@@ -71,13 +71,13 @@ pub(crate) fn reconstruct(
 }
 
 /// How many rays of `witness` pass within `gate_m` of their points.
-fn member_rays(witness: &Witness, points: &[Option<SightedKeypoint>], gate_m: f64) -> usize {
+fn member_rays(witness: &SightedBody, points: &[Option<SightedKeypoint>], gate_m: f64) -> usize {
     distances(witness, points).filter(|&d| d <= gate_m).count()
 }
 
 /// Distances of the rays of `witness` from the points that exist.
 pub(crate) fn distances<'a>(
-    witness: &'a Witness,
+    witness: &'a SightedBody,
     points: &'a [Option<SightedKeypoint>],
 ) -> impl Iterator<Item = f64> + 'a {
     witness
@@ -88,7 +88,7 @@ pub(crate) fn distances<'a>(
 }
 
 fn summary(
-    witnesses: &[Witness],
+    witnesses: &[SightedBody],
     members: Vec<usize>,
     keypoints_m: Vec<Option<SightedKeypoint>>,
     gate_m: f64,
@@ -119,7 +119,7 @@ fn agreed_point(mut rays: Vec<&SightedRay>, gate_m: f64) -> Option<SightedKeypoi
             Some((meeting(&others)?, others))
         });
         // Flat angles make rays pass near each other whatever they show, so they count for less.
-        let doubt = |m: &Meeting| m.worst_m / m.sine;
+        let doubt = |m: &RayMeeting| m.worst_m / m.sine;
         (best, rays) = without.min_by(|a, b| doubt(&a.0).total_cmp(&doubt(&b.0)))?;
     }
     let score = rays.iter().map(|ray| ray.score).sum::<f64>() / rays.len() as f64;
@@ -131,7 +131,7 @@ fn agreed_point(mut rays: Vec<&SightedRay>, gate_m: f64) -> Option<SightedKeypoi
 }
 
 /// Where rays meet, more or less.
-struct Meeting {
+struct RayMeeting {
     point_m: Vector3<f64>,
     /// Largest distance of a ray from the point, metres.
     worst_m: f64,
@@ -141,7 +141,7 @@ struct Meeting {
 
 /// The nearest point to `rays`; `None` when they are too few or nearly parallel, or meet behind a
 /// camera.
-fn meeting(rays: &[&SightedRay]) -> Option<Meeting> {
+fn meeting(rays: &[&SightedRay]) -> Option<RayMeeting> {
     let crossed = |a: &SightedRay, b: &SightedRay| a.direction.cross(&b.direction).norm();
     let pairs = rays
         .iter()
@@ -160,7 +160,7 @@ fn meeting(rays: &[&SightedRay]) -> Option<Meeting> {
         .iter()
         .map(|ray| ray.distance_m(&point_m))
         .fold(0.0, f64::max);
-    in_front.then_some(Meeting {
+    in_front.then_some(RayMeeting {
         point_m,
         worst_m,
         sine,

@@ -19,7 +19,7 @@ use nalgebra::{Matrix3, Vector3};
 use crate::body::ik::{IkSolver, JointSpread, Priors, Target};
 use crate::body::keypoint_estimate::KeypointEstimate;
 use crate::body::skeleton::{Joint, Kinematics, Pose, Site, Skeleton};
-use crate::estimate::estimator::Moment;
+use crate::estimate::estimator::TickSnapshot;
 use crate::estimate::evidence::View;
 use crate::estimate::keypoint_targets::aim_at_keypoints;
 use crate::estimate::lattice::LatticeSearch;
@@ -42,7 +42,7 @@ pub(super) struct Late<'a> {
 }
 
 /// The body that a late patch is of.
-pub(super) struct KnownBody<'a> {
+pub(super) struct LateBody<'a> {
     pub(super) skeleton: &'a Skeleton,
     pub(super) sites: &'a [Option<Site>],
     /// Its pose at the tick before.
@@ -81,8 +81,8 @@ impl LateSearch {
     pub(super) fn add(
         &mut self,
         late: &Late<'_>,
-        body: &KnownBody<'_>,
-        moment: &mut Moment,
+        body: &LateBody<'_>,
+        moment: &mut TickSnapshot,
         method: &Method,
     ) -> bool {
         if usize::from(late.patch.maps.keypoints) != body.sites.len() {
@@ -123,7 +123,7 @@ impl LateSearch {
     }
 
     /// Says where the keypoints are looked for: where they were found or predicted.
-    fn expect(&mut self, body: &KnownBody<'_>, moment: &Moment) {
+    fn expect(&mut self, body: &LateBody<'_>, moment: &TickSnapshot) {
         body.skeleton.forward(&moment.pose, &mut self.kinematics);
         let kinematics = &self.kinematics;
         let site_m =
@@ -144,7 +144,7 @@ impl LateSearch {
     }
 
     /// Solves the first inverse kinematics of `moment` again.
-    fn solve(&mut self, body: &KnownBody<'_>, moment: &mut Moment, method: &Method) {
+    fn solve(&mut self, body: &LateBody<'_>, moment: &mut TickSnapshot, method: &Method) {
         aim_at_keypoints(&moment.estimates, body.sites, method, &mut self.targets);
         let ik: &IkParameters = &method.parameters.ik;
         let priors = Priors::new(ik, &body.before, method.dt_s);

@@ -58,7 +58,7 @@ impl Belief {
 
 /// What is known of a point at a tick, from all ticks of the window.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Known {
+pub(super) struct KnownPoint {
     /// World, metres.
     pub(super) place_m: Vector3<f64>,
     /// Metres per second.
@@ -69,7 +69,7 @@ pub(super) struct Known {
 
 /// One tick on the way forward.
 #[derive(Debug, Clone, Copy)]
-struct Step {
+struct LineStep {
     transition: Matrix3<f64>,
     predicted: Matrix3<f64>,
     covariance: Matrix3<f64>,
@@ -81,34 +81,39 @@ struct Step {
 
 /// The buffers of one point's window.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Line {
-    steps: Vec<Step>,
+pub(super) struct JointLine {
+    steps: Vec<LineStep>,
 }
 
-impl Line {
+impl JointLine {
     /// Smooths `measures`, in the order of time, into `known`, one each; `before` is what was known at the
     /// tick before the first. Allocates only while windows grow.
-    pub(super) fn smooth(&mut self, before: &Belief, measures: &[Measure], known: &mut Vec<Known>) {
+    pub(super) fn smooth(
+        &mut self,
+        before: &Belief,
+        measures: &[Measure],
+        known: &mut Vec<KnownPoint>,
+    ) {
         self.forward(before, measures);
         self.back(known);
     }
 
     /// What was known after tick `n` of the last [`Self::smooth`], from it and those before alone.
     pub(super) fn after(&self, n: usize) -> Option<Belief> {
-        self.steps.get(n).map(Step::updated)
+        self.steps.get(n).map(LineStep::updated)
     }
 
     fn forward(&mut self, before: &Belief, measures: &[Measure]) {
         self.steps.clear();
         let mut belief = *before;
         for measure in measures {
-            let step = Step::to(&belief, measure);
+            let step = LineStep::to(&belief, measure);
             belief = step.updated();
             self.steps.push(step);
         }
     }
 
-    fn back(&self, known: &mut Vec<Known>) {
+    fn back(&self, known: &mut Vec<KnownPoint>) {
         known.clear();
         let (mut lambda, mut information) = (Matrix3::zeros(), Matrix3::zeros());
         for step in self.steps.iter().rev() {
@@ -124,7 +129,7 @@ impl Line {
             let state = step.predicted - step.covariance * lambda;
             let first = step.covariance.column(0);
             let gained = (first.transpose() * information * first).x;
-            known.push(Known {
+            known.push(KnownPoint {
                 place_m: state.row(0).transpose(),
                 velocity_m_s: state.row(1).transpose(),
                 variance_m2: (step.covariance[(0, 0)] - gained).max(0.0),
@@ -136,7 +141,7 @@ impl Line {
     }
 }
 
-impl Step {
+impl LineStep {
     fn to(from: &Belief, measure: &Measure) -> Self {
         let h = measure.since_s;
         let transition = Matrix3::new(1.0, h, 0.5 * h * h, 0.0, 1.0, h, 0.0, 0.0, 1.0);
@@ -203,9 +208,9 @@ mod tests {
         }
     }
 
-    fn smoothed(before: &Belief, measures: &[Measure]) -> Vec<Known> {
+    fn smoothed(before: &Belief, measures: &[Measure]) -> Vec<KnownPoint> {
         let mut known = Vec::new();
-        Line::default().smooth(before, measures, &mut known);
+        JointLine::default().smooth(before, measures, &mut known);
         known
     }
 
@@ -254,7 +259,7 @@ mod tests {
             let n = measures.len();
             let known = smoothed(&somewhere(), &measures);
             // Unknown: all states of one axis. Information of the first, of each motion and each measurement.
-            let first = Step::to(&somewhere(), &measures[0]);
+            let first = LineStep::to(&somewhere(), &measures[0]);
             let mut information = DMatrix::<f64>::zeros(3 * n, 3 * n);
             let mut pull = DVector::<f64>::zeros(3 * n);
             let inverse = first.covariance.try_inverse().unwrap();
@@ -268,7 +273,7 @@ mod tests {
                     continue;
                 }
                 let nothing = Belief { state: Matrix3::zeros(), covariance: Matrix3::zeros() };
-                let step = Step::to(&nothing, measure);
+                let step = LineStep::to(&nothing, measure);
                 let noise = step.covariance.try_inverse().unwrap();
                 let mut between = DMatrix::<f64>::zeros(3, 3 * n);
                 between.view_mut((0, 3 * (k - 1)), (3, 3)).copy_from(&-step.transition);
@@ -288,7 +293,7 @@ mod tests {
         #[test]
         fn a_window_that_moves_on_gives_what_the_whole_gives(measures in any_measures()) {
             let whole = smoothed(&somewhere(), &measures);
-            let (mut line, mut known, mut before) = (Line::default(), Vec::new(), somewhere());
+            let (mut line, mut known, mut before) = (JointLine::default(), Vec::new(), somewhere());
             for (k, of_whole) in whole.iter().enumerate() {
                 line.smooth(&before, &measures[k..], &mut known);
                 prop_assert!((known[0].place_m - of_whole.place_m).norm() < 1e-6);

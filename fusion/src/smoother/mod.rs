@@ -30,7 +30,7 @@ use rayon::prelude::*;
 
 use self::late::{Late, LateSearch};
 use self::window::Window;
-use crate::estimate::estimator::Moment;
+use crate::estimate::estimator::TickSnapshot;
 use crate::identity::track::Track;
 use crate::method::{Method, VenueView};
 
@@ -71,18 +71,18 @@ impl Delay {
 }
 
 /// Everybody inside the delay. In steady state a tick allocates nothing but the poses that it gives.
-pub struct Smoother {
+pub struct FixedLagSmoother {
     session: SessionId,
     delay: Delay,
     /// The ticks that were stepped and whose poses are not out yet.
     ticks: VecDeque<Tick>,
     windows: Vec<Window>,
     /// Moments to be filled again.
-    spare: Vec<Moment>,
+    spare: Vec<TickSnapshot>,
     late: LateSearch,
 }
 
-impl Smoother {
+impl FixedLagSmoother {
     /// Nobody yet.
     pub fn new(session: SessionId, delay: Delay, method: &Method) -> Self {
         Self {

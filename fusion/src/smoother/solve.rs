@@ -10,7 +10,7 @@ use nalgebra::Vector3;
 use crate::body::ik::{IkSolver, Priors, Target};
 use crate::body::skeleton::Joints;
 use crate::body::skeleton::{Joint, Kinematics, N_JOINTS, Pose, Site, Skeleton, reported_angles};
-use crate::estimate::estimator::Moment;
+use crate::estimate::estimator::TickSnapshot;
 use crate::estimate::feet::Feet;
 use crate::identity::track::Track;
 use crate::method::Method;
@@ -82,7 +82,12 @@ impl Solver {
     }
 
     /// The pose of `moment`; moments come in order.
-    pub(super) fn solve(&mut self, moment: &Moment, aims: &Aims, method: &Method) -> PersonPose {
+    pub(super) fn solve(
+        &mut self,
+        moment: &TickSnapshot,
+        aims: &Aims,
+        method: &Method,
+    ) -> PersonPose {
         self.aim(aims, method);
         let last = self.last.unwrap_or(moment.pose);
         let (mut pose, misfit_m) = self.solve_from(&last, &last, method);
@@ -130,7 +135,7 @@ impl Solver {
     }
 
     /// The pose as it is published.
-    fn told(&self, moment: &Moment, aims: &Aims, pose: &Pose) -> PersonPose {
+    fn told(&self, moment: &TickSnapshot, aims: &Aims, pose: &Pose) -> PersonPose {
         let to_f32 = |p: Vector3<f64>| [p.x as f32, p.y as f32, p.z as f32];
         let site_m =
             |site: &Option<Site>| site.map_or(pose.root_m, |site| self.kinematics.site_m(&site));

@@ -11,11 +11,11 @@ use farfield_proto::id::PersonId;
 use farfield_proto::message::PersonPose;
 use farfield_proto::tick::Tick;
 
-use super::late::{KnownBody, Late, LateSearch};
-use super::line::{Belief, Known, Line, Measure};
+use super::late::{Late, LateBody, LateSearch};
+use super::line::{Belief, JointLine, KnownPoint, Measure};
 use super::solve::{Aims, Solver};
 use crate::body::skeleton::{Joint, N_JOINTS};
-use crate::estimate::estimator::Moment;
+use crate::estimate::estimator::TickSnapshot;
 use crate::identity::track::Track;
 use crate::method::Method;
 
@@ -39,9 +39,9 @@ pub(super) struct Window {
     /// Whether there is a track of it.
     pub(super) is_here: bool,
     /// In order, one per tick.
-    pub(super) moments: VecDeque<Moment>,
+    pub(super) moments: VecDeque<TickSnapshot>,
     /// Moments whose poses are made.
-    pub(super) done: Vec<Moment>,
+    pub(super) done: Vec<TickSnapshot>,
     poses: VecDeque<(Tick, PersonPose)>,
     /// Per joint, what was known at the tick before the first moment; empty before the first tick of a life.
     before: Vec<Belief>,
@@ -50,9 +50,9 @@ pub(super) struct Window {
     /// Per joint, how sure the pose was when it was last seen, variance per axis, m².
     seen_m2: [Option<f64>; N_JOINTS],
     solver: Solver,
-    line: Line,
+    line: JointLine,
     measures: Vec<Measure>,
-    known: Vec<Known>,
+    known: Vec<KnownPoint>,
     aims: Vec<Aims>,
 }
 
@@ -69,7 +69,7 @@ impl Window {
             last: None,
             seen_m2: [None; N_JOINTS],
             solver: Solver::new(track, method),
-            line: Line::default(),
+            line: JointLine::default(),
             measures: Vec::new(),
             known: Vec::new(),
             aims: Vec::new(),
@@ -77,7 +77,7 @@ impl Window {
     }
 
     /// Takes in what the newest tick came to, and what it changed of the ticks before.
-    pub(super) fn hear(&mut self, track: &Track, moment: Moment) {
+    pub(super) fn hear(&mut self, track: &Track, moment: TickSnapshot) {
         self.is_here = true;
         self.is_confirmed = !track.is_tentative();
         self.solver.set_body(track);
@@ -118,7 +118,7 @@ impl Window {
         let Ok(at) = at else { return false };
         let before = at.checked_sub(1).unwrap_or(at);
         let (skeleton, sites) = self.solver.body();
-        let body = KnownBody {
+        let body = LateBody {
             skeleton,
             sites,
             before: self.moments[before].pose,
@@ -188,7 +188,7 @@ impl Window {
         } else {
             TRUNK_JERK
         };
-        let is_measured = |moment: &Moment| moment.variance_m2[i].is_finite();
+        let is_measured = |moment: &TickSnapshot| moment.variance_m2[i].is_finite();
         let n_closed = self.moments.iter().rposition(is_measured);
         let mut last = self.last;
         self.measures.clear();
@@ -216,7 +216,7 @@ impl Window {
     /// closed, no more than when it was last seen and what the way across adds (`across_m2`).
     fn variance_m2(&mut self, k: usize, i: usize, across_m2: f64) -> Option<f64> {
         let published_m2 = self.moments[k].published_m2?[i];
-        let is_seen = |moment: &Moment| moment.variance_m2[i] < SEEN_M * SEEN_M;
+        let is_seen = |moment: &TickSnapshot| moment.variance_m2[i] < SEEN_M * SEEN_M;
         if is_seen(&self.moments[k]) {
             self.seen_m2[i] = Some(published_m2);
             return Some(published_m2);

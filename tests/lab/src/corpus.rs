@@ -171,9 +171,9 @@ mod tests {
         let corpus = Corpus::from([
             entry(found('a'), b""),
             entry(found('b'), b"\x00\xff"),
-            entry(found('c'), b"\x0c\xff"),
+            entry(found('c'), b"\x0d\xff"),
             entry(found('d'), &vec![0; 20_000]),
-            entry("seed".to_owned(), b"\x0c\xff"),
+            entry("seed".to_owned(), b"\x0d\xff"),
         ]);
         let kept: Vec<String> = minimised(&corpus)
             .into_keys()

@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 
 use super::normal::{Factor, NormalEquations};
 use crate::body::skeleton::angles::FIRST_JOINT_ANGLE;
-use crate::body::skeleton::dof::{Part, first_of};
+use crate::body::skeleton::dof::{DofGroup, first_of};
 use crate::body::skeleton::range_of_motion::spread_rad;
 use crate::body::skeleton::{N_ANGLES, N_DOF, N_ROOT_DOF, Pose, Side, reported_angles};
 
@@ -82,7 +82,7 @@ impl Observability {
         }
         let angles = reported_angles(pose);
         for side in Side::BOTH {
-            let first = first_of(side, Part::Shoulder);
+            let first = first_of(side, DofGroup::Shoulder);
             let (dof, angle) = (N_ROOT_DOF + first, FIRST_JOINT_ANGLE + first);
             let swing = self.variance[dof].max(self.variance[dof + 1]);
             let adduction = angles[angle + 1].cos().powi(2);
@@ -114,7 +114,7 @@ pub(super) fn spread_before() -> [f64; N_DOF] {
 /// Whether DoF `i` of all 40 is one of a hip's or a shoulder's.
 fn is_limb_root(i: usize) -> bool {
     Side::BOTH.into_iter().any(|side| {
-        [Part::Shoulder, Part::Hip].into_iter().any(|part| {
+        [DofGroup::Shoulder, DofGroup::Hip].into_iter().any(|part| {
             let first = N_ROOT_DOF + first_of(side, part);
             (first..first + 3).contains(&i)
         })

@@ -7,7 +7,7 @@
 use farfield_proto::venue::parameters::IkParameters;
 use nalgebra::{UnitQuaternion, Vector3};
 
-use crate::body::skeleton::dof::{LUMBAR, NECK, Part, first_of};
+use crate::body::skeleton::dof::{DofGroup, LUMBAR, NECK, first_of};
 use crate::body::skeleton::{N_DOF, N_JOINT_DOF, Pose, Side};
 
 /// Rate for which `change_sigma_rad` is stated, hertz.
@@ -72,13 +72,13 @@ impl Priors {
             &TRUNK_AND_NECK_SIGMA,
         );
         for side in Side::BOTH {
-            let first = first_of(side, Part::Scapula);
+            let first = first_of(side, DofGroup::Scapula);
             scale(
                 &mut priors.rest_sigma_rad[first..first + SIDE_SIGMA.len()],
                 &SIDE_SIGMA,
             );
-            priors.rest[first_of(side, Part::Elbow)] = ELBOW_REST_RAD;
-            priors.rest[first_of(side, Part::Shoulder) + 2] = ARM_TWIST_REST_RAD;
+            priors.rest[first_of(side, DofGroup::Elbow)] = ELBOW_REST_RAD;
+            priors.rest[first_of(side, DofGroup::Shoulder) + 2] = ARM_TWIST_REST_RAD;
         }
         priors.follow_arms();
         priors
@@ -89,7 +89,7 @@ impl Priors {
         for side in Side::BOTH {
             let raised = self.last.arm_elevation_rad(side);
             let elevation = (raised - RHYTHM_FROM_RAD).max(0.0) * RHYTHM_SHARE;
-            self.rest[first_of(side, Part::Scapula)] = elevation;
+            self.rest[first_of(side, DofGroup::Scapula)] = elevation;
         }
     }
 }

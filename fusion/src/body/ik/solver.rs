@@ -6,7 +6,7 @@ use nalgebra::{Unit, Vector3};
 use super::Priors;
 use super::normal::{Factor, NormalEquations, without_part_along};
 use super::observability::Observability;
-use crate::body::skeleton::dof::{Part, first_of};
+use crate::body::skeleton::dof::{DofGroup, first_of};
 use crate::body::skeleton::{
     Joint, Kinematics, N_DOF, N_JOINT_DOF, N_ROOT_DOF, Pose, RangeOfMotion, Side, Site, Skeleton,
     wrap,
@@ -91,7 +91,7 @@ struct PriorTerm {
 }
 
 /// What a step must respect.
-struct Step<'a> {
+struct SolverStep<'a> {
     pose: &'a Pose,
     gradient: [f64; N_DOF],
     diagonal: [f64; N_DOF],
@@ -227,7 +227,7 @@ impl IkSolver {
             gradient[i] += self.normal.gradient()[i];
             diagonal[i] += damping * (self.normal.diagonal(i) + diagonal[i]);
         }
-        let mut step = self.bounded_step(&Step {
+        let mut step = self.bounded_step(&SolverStep {
             pose,
             gradient,
             diagonal,
@@ -246,7 +246,7 @@ impl IkSolver {
 
     /// Minimises the quadratic model within the bounds by an active set: DoF that push outward at
     /// their bound are held, and DoF whose step would cross a bound are held there, until none does.
-    fn bounded_step(&mut self, at: &Step<'_>) -> [f64; N_DOF] {
+    fn bounded_step(&mut self, at: &SolverStep<'_>) -> [f64; N_DOF] {
         let mut held = [false; N_DOF];
         let mut step = [0.0; N_DOF];
         if let Some(range) = at.bounds {
@@ -347,7 +347,7 @@ fn turn(i: usize, from_rad: f64, to_rad: f64) -> f64 {
 
 fn is_swing(i: usize) -> bool {
     Side::BOTH.into_iter().any(|side| {
-        let first = first_of(side, Part::Shoulder);
+        let first = first_of(side, DofGroup::Shoulder);
         (first..first + 2).contains(&i)
     })
 }

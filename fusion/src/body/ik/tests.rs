@@ -9,7 +9,7 @@ use proptest::prelude::*;
 
 use super::normal::{Factor, NormalEquations};
 use super::*;
-use crate::body::skeleton::dof::{Part, first_of};
+use crate::body::skeleton::dof::{DofGroup, first_of};
 use crate::body::skeleton::{
     ANGLE_NAMES, Joint, Kinematics, N_DOF, N_JOINT_DOF, Pose, Proportions, RangeOfMotion, Side,
     Skeleton,
@@ -114,7 +114,7 @@ fn any_pose() -> impl Strategy<Value = Pose> {
             }),
         };
         for side in Side::BOTH {
-            let elbow = first_of(side, Part::Elbow);
+            let elbow = first_of(side, DofGroup::Elbow);
             pose.dof[elbow] = pose.dof[elbow].max(BENT_RAD);
         }
         pose
@@ -206,7 +206,7 @@ fn a_bound_in_the_way_costs_no_more_than_it_must() {
     // The elbow should extend 30 degrees beyond its bound: it stops at the bound, and the wrist comes as
     // near as an arm with that elbow can.
     let range = RangeOfMotion::default();
-    let elbow = first_of(Side::Right, Part::Elbow);
+    let elbow = first_of(Side::Right, DofGroup::Elbow);
     let mut wanted = standing();
     wanted.dof[elbow] = range.lo_rad(elbow) - 0.5;
     let mut start = standing();
@@ -336,8 +336,8 @@ fn twists_do_not_drift() {
 fn what_seventeen_keypoints_cannot_tell_is_flagged() {
     let mut pose = standing();
     for side in Side::BOTH {
-        pose.dof[first_of(side, Part::Elbow)] = 0.02;
-        pose.dof[first_of(side, Part::Knee)] = 0.02;
+        pose.dof[first_of(side, DofGroup::Elbow)] = 0.02;
+        pose.dof[first_of(side, DofGroup::Knee)] = 0.02;
     }
     let straight = solve(&pose, &keypoints(&pose), None);
     for name in [
@@ -371,8 +371,8 @@ fn what_seventeen_keypoints_cannot_tell_is_flagged() {
         assert!(!is_unobserved(&straight, name), "{name}");
     }
     for side in Side::BOTH {
-        pose.dof[first_of(side, Part::Elbow)] = 1.0;
-        pose.dof[first_of(side, Part::Knee)] = 1.0;
+        pose.dof[first_of(side, DofGroup::Elbow)] = 1.0;
+        pose.dof[first_of(side, DofGroup::Knee)] = 1.0;
     }
     let bent = solve(&pose, &keypoints(&pose), None);
     for name in ["hip_rotation_l", "hip_rotation_r", "arm_rot_l", "arm_rot_r"] {
@@ -396,7 +396,7 @@ fn a_face_that_is_not_seen_leaves_the_neck_unobserved() {
 /// place along the ray, here the prediction's, is 30 cm off.
 fn wrist_seen_from_one_side() -> (Pose, Vec<Target>) {
     let mut pose = standing();
-    pose.dof[first_of(Side::Left, Part::Elbow)] = 1.0;
+    pose.dof[first_of(Side::Left, DofGroup::Elbow)] = 1.0;
     let mut targets = keypoints(&pose);
     let wrist = targets
         .iter_mut()
@@ -427,7 +427,7 @@ fn a_keypoint_that_one_view_sees_does_not_pull_along_its_ray() {
 fn a_keypoint_that_one_view_sees_is_met_across_its_ray() {
     let (truth, targets) = wrist_seen_from_one_side();
     let mut start = truth;
-    start.dof[first_of(Side::Left, Part::Elbow)] = 0.7;
+    start.dof[first_of(Side::Left, DofGroup::Elbow)] = 0.7;
     let found = solve(&start, &targets, None).pose;
     let off_m = placed(&found).joint_m(Joint::LeftWrist) - placed(&truth).joint_m(Joint::LeftWrist);
     let ray = Unit::new_normalize(Vector3::new(0.3, 1.0, -0.1));
@@ -439,7 +439,7 @@ fn a_keypoint_that_one_view_sees_is_met_across_its_ray() {
 fn an_angle_that_passes_a_half_turn_is_not_held_back() {
     // Without bounds angles are wrapped: from 179 degrees to -179 is a step of two, not of 358, and
     // no prior may see anything else. The lower legs of a wrongly fitted body fold up like this.
-    let knee = first_of(Side::Left, Part::Knee);
+    let knee = first_of(Side::Left, DofGroup::Knee);
     let mut start = standing();
     start.dof[knee] = PI - 0.02;
     for past in [0.02, 0.1] {

@@ -13,7 +13,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::dof::{N_JOINT_DOF, Part, first_of};
+use super::dof::{DofGroup, N_JOINT_DOF, first_of};
 use super::joint::Side;
 use super::model::Pose;
 use super::shoulder::SwingTwist;
@@ -85,7 +85,7 @@ pub fn reported_angles(pose: &Pose) -> [f64; N_ANGLES] {
     angles[5] = pose.root_m.x;
     angles[FIRST_JOINT_ANGLE..].copy_from_slice(&pose.dof);
     for side in Side::BOTH {
-        let first = first_of(side, Part::Shoulder);
+        let first = first_of(side, DofGroup::Shoulder);
         let arm = arm_angles(side, &pose.dof);
         angles[FIRST_JOINT_ANGLE + first..FIRST_JOINT_ANGLE + first + 3].copy_from_slice(&arm);
     }
@@ -102,7 +102,7 @@ fn root_angles(pose: &Pose) -> [f64; 3] {
 
 /// Flexion, adduction, rotation of an arm against its scapula, radians.
 fn arm_angles(side: Side, dof: &[f64; N_JOINT_DOF]) -> [f64; 3] {
-    let first = first_of(side, Part::Shoulder);
+    let first = first_of(side, DofGroup::Shoulder);
     let rotation = SwingTwist::new(side)
         .evaluate(&dof[first..first + 3])
         .rotation;

@@ -29,7 +29,7 @@ pub const NECK: usize = 3;
 
 /// A joint of one side of the body.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Part {
+pub enum DofGroup {
     /// Elevation, protraction, tilt.
     Scapula,
     /// Raising swing, inward swing, twist.
@@ -45,18 +45,18 @@ pub enum Part {
 }
 
 /// Index in [`Pose::dof`](super::Pose) of the first DoF of a joint.
-pub const fn first_of(side: Side, part: Part) -> usize {
+pub const fn first_of(side: Side, part: DofGroup) -> usize {
     let base = match side {
         Side::Right => 6,
         Side::Left => 20,
     };
     base + match part {
-        Part::Scapula => 0,
-        Part::Shoulder => 3,
-        Part::Elbow => 6,
-        Part::Hip => 7,
-        Part::Knee => 10,
-        Part::Ankle => 11,
+        DofGroup::Scapula => 0,
+        DofGroup::Shoulder => 3,
+        DofGroup::Elbow => 6,
+        DofGroup::Hip => 7,
+        DofGroup::Knee => 10,
+        DofGroup::Ankle => 11,
     }
 }
 
@@ -81,7 +81,7 @@ const fn turn(axis: Axis, sign: f64) -> Turn {
 
 /// How a link moves against its parent.
 #[derive(Debug, Clone, Copy)]
-pub(crate) enum Motion {
+pub(crate) enum DofMotion {
     /// Freely: the pelvis in the world.
     Free,
     /// By elementary rotations, one after the other.
@@ -98,10 +98,10 @@ pub(crate) struct LinkSpec {
     pub(crate) origin: Joint,
     /// The first DoF, of all 40.
     pub(crate) first_dof: usize,
-    pub(crate) motion: Motion,
+    pub(crate) motion: DofMotion,
 }
 
-impl Motion {
+impl DofMotion {
     const fn n_dof(&self) -> usize {
         match self {
             Self::Free => N_ROOT_DOF,
@@ -135,7 +135,7 @@ pub(crate) const fn scapula_turns(side: Side) -> &'static [Turn; 3] {
     }
 }
 
-const fn spec(parent: Link, origin: Joint, first: usize, motion: Motion) -> LinkSpec {
+const fn spec(parent: Link, origin: Joint, first: usize, motion: DofMotion) -> LinkSpec {
     LinkSpec {
         parent,
         origin,
@@ -147,89 +147,97 @@ const fn spec(parent: Link, origin: Joint, first: usize, motion: Motion) -> Link
 /// The tree, in the order of [`Link::ALL`]. (The pelvis is its own parent.)
 pub(crate) const LINKS: [LinkSpec; N_LINKS] = {
     use Side::{Left, Right};
-    let (leg_r, leg_l) = (Motion::Turns(&LEG_RIGHT), Motion::Turns(&LEG_LEFT));
-    let (elbow, knee) = (Motion::Turns(&ELBOW), Motion::Turns(&KNEE));
-    let (arm_r, arm_l) = (Motion::Shoulder(Right), Motion::Shoulder(Left));
-    let (scapula_r, scapula_l) = (Motion::Turns(&SCAPULA_RIGHT), Motion::Turns(&SCAPULA_LEFT));
+    let (leg_r, leg_l) = (DofMotion::Turns(&LEG_RIGHT), DofMotion::Turns(&LEG_LEFT));
+    let (elbow, knee) = (DofMotion::Turns(&ELBOW), DofMotion::Turns(&KNEE));
+    let (arm_r, arm_l) = (DofMotion::Shoulder(Right), DofMotion::Shoulder(Left));
+    let (scapula_r, scapula_l) = (
+        DofMotion::Turns(&SCAPULA_RIGHT),
+        DofMotion::Turns(&SCAPULA_LEFT),
+    );
     [
         LinkSpec {
             parent: Link::Pelvis,
             origin: Joint::Pelvis,
             first_dof: 0,
-            motion: Motion::Free,
+            motion: DofMotion::Free,
         },
-        spec(Link::Pelvis, Joint::Spine, LUMBAR, Motion::Turns(&TRUNK)),
-        spec(Link::Trunk, Joint::Neck, NECK, Motion::Turns(&NECK_TURNS)),
+        spec(Link::Pelvis, Joint::Spine, LUMBAR, DofMotion::Turns(&TRUNK)),
+        spec(
+            Link::Trunk,
+            Joint::Neck,
+            NECK,
+            DofMotion::Turns(&NECK_TURNS),
+        ),
         spec(
             Link::Trunk,
             Joint::RightScapula,
-            first_of(Right, Part::Scapula),
+            first_of(Right, DofGroup::Scapula),
             scapula_r,
         ),
         spec(
             Link::RightScapula,
             Joint::RightShoulder,
-            first_of(Right, Part::Shoulder),
+            first_of(Right, DofGroup::Shoulder),
             arm_r,
         ),
         spec(
             Link::RightUpperArm,
             Joint::RightElbow,
-            first_of(Right, Part::Elbow),
+            first_of(Right, DofGroup::Elbow),
             elbow,
         ),
         spec(
             Link::Pelvis,
             Joint::RightHip,
-            first_of(Right, Part::Hip),
+            first_of(Right, DofGroup::Hip),
             leg_r,
         ),
         spec(
             Link::RightThigh,
             Joint::RightKnee,
-            first_of(Right, Part::Knee),
+            first_of(Right, DofGroup::Knee),
             knee,
         ),
         spec(
             Link::RightShank,
             Joint::RightAnkle,
-            first_of(Right, Part::Ankle),
+            first_of(Right, DofGroup::Ankle),
             leg_r,
         ),
         spec(
             Link::Trunk,
             Joint::LeftScapula,
-            first_of(Left, Part::Scapula),
+            first_of(Left, DofGroup::Scapula),
             scapula_l,
         ),
         spec(
             Link::LeftScapula,
             Joint::LeftShoulder,
-            first_of(Left, Part::Shoulder),
+            first_of(Left, DofGroup::Shoulder),
             arm_l,
         ),
         spec(
             Link::LeftUpperArm,
             Joint::LeftElbow,
-            first_of(Left, Part::Elbow),
+            first_of(Left, DofGroup::Elbow),
             elbow,
         ),
         spec(
             Link::Pelvis,
             Joint::LeftHip,
-            first_of(Left, Part::Hip),
+            first_of(Left, DofGroup::Hip),
             leg_l,
         ),
         spec(
             Link::LeftThigh,
             Joint::LeftKnee,
-            first_of(Left, Part::Knee),
+            first_of(Left, DofGroup::Knee),
             knee,
         ),
         spec(
             Link::LeftShank,
             Joint::LeftAnkle,
-            first_of(Left, Part::Ankle),
+            first_of(Left, DofGroup::Ankle),
             leg_l,
         ),
     ]

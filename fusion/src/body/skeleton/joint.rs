@@ -109,11 +109,11 @@ pub enum Joint {
 }
 
 /// A row of the table of joints: the joint, its name, its parent, the link it is fixed in.
-type Row = (Joint, &'static str, Option<Joint>, Link);
+type JointRow = (Joint, &'static str, Option<Joint>, Link);
 
 /// The tree of joints. A joint is fixed in the link *above* it: the hip centre in the pelvis, the
 /// knee centre in the thigh, the wrist in the forearm.
-const TABLE: [Row; N_JOINTS] = [
+const TABLE: [JointRow; N_JOINTS] = [
     (Joint::Pelvis, "pelvis", None, Link::Pelvis),
     (Joint::Spine, "spine", Some(Joint::Pelvis), Link::Pelvis),
     (Joint::Neck, "neck", Some(Joint::Spine), Link::Trunk),

@@ -5,7 +5,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::dof::{Axis, LINKS, Motion, N_DOF, N_ROOT_DOF};
+use super::dof::{Axis, DofMotion, LINKS, N_DOF, N_ROOT_DOF};
 use super::joint::{Joint, Link, N_JOINTS, N_LINKS};
 use super::model::{Pose, Site, Skeleton};
 use super::shoulder::turn_about;
@@ -82,7 +82,7 @@ impl Skeleton {
         let mut origins_m = [Vector3::zeros(); N_LINKS];
         for (l, spec) in LINKS.iter().enumerate() {
             let parent = spec.parent as usize;
-            let (mut rotation, origin_m) = if let Motion::Free = spec.motion {
+            let (mut rotation, origin_m) = if let DofMotion::Free = spec.motion {
                 (
                     pose.root_rotation.to_rotation_matrix().into_inner(),
                     pose.root_m,
@@ -96,14 +96,14 @@ impl Skeleton {
             };
             let first = spec.first_dof;
             match spec.motion {
-                Motion::Free => {
+                DofMotion::Free => {
                     for (k, direction) in Matrix3::identity().column_iter().enumerate() {
                         into.axes[k] = direction.into_owned();
                         into.axes[3 + k] = rotation.column(k).into_owned();
                         into.centres_m[3 + k] = origin_m;
                     }
                 }
-                Motion::Turns(turns) => {
+                DofMotion::Turns(turns) => {
                     for (k, turn) in turns.iter().enumerate() {
                         let column = match turn.axis {
                             Axis::X => 0,
@@ -116,7 +116,7 @@ impl Skeleton {
                         turn_about(&mut rotation, turn.axis, angle);
                     }
                 }
-                Motion::Shoulder(side) => {
+                DofMotion::Shoulder(side) => {
                     let q = &pose.dof[first - N_ROOT_DOF..first - N_ROOT_DOF + 3];
                     let state = self.shoulders[side as usize].evaluate(q);
                     for (k, axis) in state.axes.iter().enumerate() {

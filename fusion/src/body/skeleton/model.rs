@@ -6,7 +6,7 @@ use std::f64::consts::PI;
 use farfield_proto::keypoints::KeypointSet;
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
-use super::dof::{LINKS, N_DOF, N_JOINT_DOF, N_ROOT_DOF, Part, first_of, scapula_turns};
+use super::dof::{DofGroup, LINKS, N_DOF, N_JOINT_DOF, N_ROOT_DOF, first_of, scapula_turns};
 use super::joint::{Joint, N_JOINTS, Side};
 use super::proportions::Proportions;
 use super::shoulder::{SwingTwist, turn_about, wrap, wrapped};
@@ -33,7 +33,7 @@ impl Pose {
     pub fn neutral(root_m: Vector3<f64>, root_rotation: UnitQuaternion<f64>) -> Self {
         let mut dof = [0.0; N_JOINT_DOF];
         for side in Side::BOTH {
-            let first = first_of(side, Part::Shoulder);
+            let first = first_of(side, DofGroup::Shoulder);
             let hanging = SwingTwist::new(side).coordinates_of(&Matrix3::identity());
             dof[first..first + 3].copy_from_slice(&hanging);
         }
@@ -49,8 +49,8 @@ impl Pose {
     #[must_use]
     pub fn with_elbows_forward(mut self) -> Self {
         for side in Side::BOTH {
-            let elbow = first_of(side, Part::Elbow);
-            let twist = first_of(side, Part::Shoulder) + 2;
+            let elbow = first_of(side, DofGroup::Elbow);
+            let twist = first_of(side, DofGroup::Shoulder) + 2;
             if self.dof[elbow] < 0.0 {
                 self.dof[elbow] = -self.dof[elbow];
                 self.dof[twist] = wrap(self.dof[twist] + PI);
@@ -97,7 +97,7 @@ impl Pose {
             *q = wrap(*q);
         }
         for side in Side::BOTH {
-            let first = first_of(side, Part::Shoulder);
+            let first = first_of(side, DofGroup::Shoulder);
             let q = [before[first], before[first + 1], before[first + 2]];
             self.dof[first..first + 3].copy_from_slice(&wrapped(q));
         }
@@ -107,8 +107,8 @@ impl Pose {
     /// Angle between an upper arm and the trunk's downward direction, radians, 0 to π.
     pub fn arm_elevation_rad(&self, side: Side) -> f64 {
         let (scapula, shoulder) = (
-            first_of(side, Part::Scapula),
-            first_of(side, Part::Shoulder),
+            first_of(side, DofGroup::Scapula),
+            first_of(side, DofGroup::Shoulder),
         );
         let mut trunk_from_scapula = Matrix3::identity();
         for (turn, q) in scapula_turns(side).iter().zip(&self.dof[scapula..]) {

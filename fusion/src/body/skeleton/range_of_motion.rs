@@ -28,14 +28,14 @@ use std::f64::consts::PI;
 use nalgebra::Vector3;
 
 use super::angles::{FIRST_JOINT_ANGLE, N_ANGLES, is_translation};
-use super::dof::{LUMBAR, N_JOINT_DOF, NECK, Part, first_of};
+use super::dof::{DofGroup, LUMBAR, N_JOINT_DOF, NECK, first_of};
 use super::joint::Side;
 use super::model::Pose;
 use super::shoulder::SwingTwist;
 
 /// One DoF: what it is, least and greatest angle in degrees, and the limit beyond which no factor
 /// takes it: short of the pole for the middle one of three angles, of a half turn for others.
-type Row = (&'static str, f64, f64, f64);
+type RangeRow = (&'static str, f64, f64, f64);
 
 /// Limit of the middle one of three angles, degrees.
 const MIDDLE: f64 = 85.0;
@@ -44,7 +44,7 @@ const OUTER: f64 = 175.0;
 /// Limit of each swing, degrees: the corner of the box stays clear of 180.
 const SWING: f64 = 110.0;
 
-const TRUNK_AND_NECK: [Row; 6] = [
+const TRUNK_AND_NECK: [RangeRow; 6] = [
     // JOA/AAOS trunk: flexion 45, extension 30, lateral bending 50, rotation 40.
     ("lumbar extension", -45.0, 30.0, OUTER),
     ("lumbar bending", -50.0, 50.0, MIDDLE),
@@ -55,7 +55,7 @@ const TRUNK_AND_NECK: [Row; 6] = [
     ("neck rotation", -60.0, 60.0, OUTER),
 ];
 
-const SIDE: [Row; 14] = [
+const SIDE: [RangeRow; 14] = [
     // JOA shoulder girdle: depression 10; Neumann: the SC's 30 of a raised arm (JOA's shrug is 20).
     ("scapula elevation", -10.0, 30.0, OUTER),
     // JOA shoulder girdle: flexion 20, extension 20.
@@ -87,7 +87,7 @@ const REACH_SAMPLES: usize = 200;
 /// the exponential map does not stretch on the sphere.
 const REACH_MARGIN_RAD: f64 = 0.01;
 
-fn row(dof: usize) -> &'static Row {
+fn row(dof: usize) -> &'static RangeRow {
     if dof < TRUNK_AND_NECK.len() {
         &TRUNK_AND_NECK[dof]
     } else {
@@ -188,7 +188,7 @@ impl RangeOfMotion {
             };
         };
         for side in Side::BOTH {
-            let arm = first_of(side, Part::Shoulder);
+            let arm = first_of(side, DofGroup::Shoulder);
             if dof == arm || dof == arm + 2 {
                 return (-PI, PI);
             }
@@ -203,7 +203,7 @@ impl RangeOfMotion {
     /// straight inward is not inside; or π/2 if it is.
     fn reach_across(&self) -> f64 {
         let right = SwingTwist::new(Side::Right);
-        let first = first_of(Side::Right, Part::Shoulder);
+        let first = first_of(Side::Right, DofGroup::Shoulder);
         let (lo1, hi1) = (self.lo[first], self.hi[first]);
         let (lo2, hi2) = (self.lo[first + 1], self.hi[first + 1]);
         let [s1, s2] = right.swing_to(&Vector3::y());

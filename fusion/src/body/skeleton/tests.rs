@@ -7,7 +7,7 @@ use farfield_proto::keypoints::KeypointSet;
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 use proptest::prelude::*;
 
-use super::dof::{LUMBAR, NECK, Part, first_of};
+use super::dof::{DofGroup, LUMBAR, NECK, first_of};
 use super::*;
 
 const STATURE_M: f64 = 1.75;
@@ -42,7 +42,7 @@ fn angle(pose: &Pose, name: &str) -> f64 {
 /// Sets a shoulder to a rotation about an axis of the scapula's frame.
 fn with_arm(mut pose: Pose, side: Side, axis: Vector3<f64>, angle_rad: f64) -> Pose {
     let rotation = UnitQuaternion::from_scaled_axis(axis * angle_rad).to_rotation_matrix();
-    let first = first_of(side, Part::Shoulder);
+    let first = first_of(side, DofGroup::Shoulder);
     pose.dof[first..first + 3].copy_from_slice(&shoulder_coordinates(side, rotation.matrix()));
     pose
 }
@@ -111,7 +111,7 @@ proptest! {
         }
         // A swing of whole turns more is another rotation: wind it along its own direction.
         for side in Side::BOTH {
-            let first = first_of(side, Part::Shoulder);
+            let first = first_of(side, DofGroup::Shoulder);
             let (s1, s2) = (pose.dof[first], pose.dof[first + 1]);
             let longer = 1.0 + 2.0 * PI / s1.hypot(s2);
             (wound.dof[first], wound.dof[first + 1]) = (s1 * longer, s2 * longer);
@@ -210,8 +210,8 @@ fn arms_of_a_t_pose_have_an_adduction_of_minus_ninety() {
 fn arms_turned_inward_have_positive_rotation() {
     let mut pose = standing();
     for side in Side::BOTH {
-        pose.dof[first_of(side, Part::Shoulder) + 2] = 0.5;
-        pose.dof[first_of(side, Part::Elbow)] = PI / 2.0;
+        pose.dof[first_of(side, DofGroup::Shoulder) + 2] = 0.5;
+        pose.dof[first_of(side, DofGroup::Elbow)] = PI / 2.0;
     }
     assert!((angle(&pose, "arm_rot_r") - 0.5).abs() < EXACT);
     assert!((angle(&pose, "arm_rot_l") - 0.5).abs() < EXACT);
@@ -254,64 +254,69 @@ fn every_dof_of_a_side_moves_the_body_the_way_its_name_says() {
             .map(|name| Joint::from_name(&format!("{prefix}_{name}")).unwrap());
         let [shoulder, elbow, wrist, knee, ankle, toe] = joints;
         check_direction(
-            at(side, Part::Scapula, 0),
+            at(side, DofGroup::Scapula, 0),
             &format!("scapula_elevation_{s}"),
             shoulder,
             z,
         );
         check_direction(
-            at(side, Part::Scapula, 1),
+            at(side, DofGroup::Scapula, 1),
             &format!("scapula_protraction_{s}"),
             shoulder,
             x,
         );
         // The top forward swings a hanging arm back.
         check_direction(
-            at(side, Part::Scapula, 2),
+            at(side, DofGroup::Scapula, 2),
             &format!("scapula_tilt_{s}"),
             elbow,
             -x,
         );
         check_direction(
-            at(side, Part::Elbow, 0),
+            at(side, DofGroup::Elbow, 0),
             &format!("elbow_flex_{s}"),
             wrist,
             x + z,
         );
-        check_direction(at(side, Part::Hip, 0), &format!("hip_flexion_{s}"), knee, x);
         check_direction(
-            at(side, Part::Hip, 1),
+            at(side, DofGroup::Hip, 0),
+            &format!("hip_flexion_{s}"),
+            knee,
+            x,
+        );
+        check_direction(
+            at(side, DofGroup::Hip, 1),
             &format!("hip_adduction_{s}"),
             knee,
             -out,
         );
         check_direction(
-            at(side, Part::Hip, 2),
+            at(side, DofGroup::Hip, 2),
             &format!("hip_rotation_{s}"),
             toe,
             -out,
         );
         check_direction(
-            at(side, Part::Knee, 0),
+            at(side, DofGroup::Knee, 0),
             &format!("knee_angle_{s}"),
             ankle,
             -x + z,
         );
         check_direction(
-            at(side, Part::Ankle, 0),
+            at(side, DofGroup::Ankle, 0),
             &format!("ankle_angle_{s}"),
             toe,
             z,
         );
         // The sole to the midline.
         check_direction(
-            at(side, Part::Ankle, 1),
+            at(side, DofGroup::Ankle, 1),
             &format!("subtalar_angle_{s}"),
             toe,
             -out,
         );
         check_direction(
-            at(side, Part::Ankle, 2),
+            at(side, DofGroup::Ankle, 2),
             &format!("foot_rotation_{s}"),
             toe,
             -out,
@@ -378,7 +383,7 @@ fn the_clinical_reach_of_the_arm_fits_in_the_box_of_its_swing() {
             let axis = Vector3::new(-plane.cos(), -plane.sin(), 0.0);
             let rotation = UnitQuaternion::from_scaled_axis(axis * elevation).to_rotation_matrix();
             let [s1, s2, _] = shoulder_coordinates(Side::Right, rotation.matrix());
-            let first = first_of(Side::Right, Part::Shoulder);
+            let first = first_of(Side::Right, DofGroup::Shoulder);
             for (dof, s) in [(first, s1), (first + 1, s2)] {
                 assert!(
                     (range.lo_rad(dof)..=range.hi_rad(dof)).contains(&s),
@@ -444,7 +449,10 @@ fn feet_of_larger_networks_have_sites_and_unknown_names_have_none() {
 fn an_elbow_that_is_bent_backwards_has_a_forward_twin_with_the_same_wrist() {
     for side in Side::BOTH {
         let mut pose = standing();
-        let (arm, elbow) = (first_of(side, Part::Shoulder), first_of(side, Part::Elbow));
+        let (arm, elbow) = (
+            first_of(side, DofGroup::Shoulder),
+            first_of(side, DofGroup::Elbow),
+        );
         pose.dof[arm + 2] = -2.0;
         pose.dof[elbow] = -1.4;
         let twin = pose.with_elbows_forward();

@@ -19,10 +19,10 @@ use nalgebra::Vector3;
 
 use super::evidence::View;
 use super::feet::Feet;
-use super::joint_filter::Smoother;
+use super::joint_filter::JointFilter;
 use super::lattice::LatticeSearch;
-use super::left_right_swap::Exchanges;
-use super::occlusion::Body;
+use super::left_right_swap::LeftRightSwaps;
+use super::occlusion::BodyCapsules;
 use super::predict::Motion;
 use super::uncertainty::Uncertainty;
 use crate::body::ik::{IkSolver, Target};
@@ -32,7 +32,7 @@ use crate::body::skeleton::{Joint, Joints, Kinematics, N_JOINTS, Pose, Skeleton}
 use crate::boxes::Boxes;
 use crate::method::Method;
 
-pub use self::moment::Moment;
+pub use self::moment::TickSnapshot;
 pub(crate) use self::restart::Standpoint;
 
 /// What the views of a tick show of one person.
@@ -41,7 +41,7 @@ pub struct Evidence {
     /// How many of `views` are of this tick.
     n_views: usize,
     decoder: Decoder,
-    swaps: Exchanges,
+    swaps: LeftRightSwaps,
     search: LatticeSearch,
     /// Predicted keypoints at the tick, world, metres.
     predicted_m: Vec<Vector3<f64>>,
@@ -56,7 +56,7 @@ impl Evidence {
             views: Vec::new(),
             n_views: 0,
             decoder: Decoder::new(),
-            swaps: Exchanges::new(&method.keypoints),
+            swaps: LeftRightSwaps::new(&method.keypoints),
             search: LatticeSearch::new(&method.keypoints),
             predicted_m: Vec::with_capacity(n_keypoints),
             estimates: Vec::with_capacity(n_keypoints),
@@ -72,7 +72,7 @@ pub struct PoseEstimate {
     free_pose: Pose,
     unobserved: u64,
     motion: Motion,
-    filter: Smoother,
+    filter: JointFilter,
     /// Joints predicted for the tick being worked on.
     ahead_m: Joints,
     targets: Vec<Target>,
@@ -96,7 +96,7 @@ impl PoseEstimate {
             free_pose: pose,
             unobserved: 0,
             motion: Motion::at_rest(joints_m),
-            filter: Smoother::new(&joints_m),
+            filter: JointFilter::new(&joints_m),
             ahead_m: joints_m,
             targets: Vec::with_capacity((2 * n_keypoints).max(N_JOINTS)),
             kinematics,
@@ -190,8 +190,8 @@ impl Estimator {
     }
 
     /// The body as others are occluded by it at this tick.
-    pub fn occluder(&self, method: &Method) -> Body {
-        Body::from_joints(&self.estimate.ahead_m, &method.parameters.occlusion)
+    pub fn occluder(&self, method: &Method) -> BodyCapsules {
+        BodyCapsules::from_joints(&self.estimate.ahead_m, &method.parameters.occlusion)
     }
 }
 

@@ -12,7 +12,7 @@ use crate::estimate::uncertainty::MadeOf;
 
 /// One person at one tick.
 #[derive(Debug)]
-pub struct Moment {
+pub struct TickSnapshot {
     /// The tick.
     pub tick: Tick,
     /// What the views told of the keypoints.
@@ -39,7 +39,7 @@ pub struct Moment {
     pub views: u16,
 }
 
-impl Default for Moment {
+impl Default for TickSnapshot {
     fn default() -> Self {
         Self {
             tick: Tick::default(),
@@ -58,7 +58,7 @@ impl Default for Moment {
     }
 }
 
-impl Clone for Moment {
+impl Clone for TickSnapshot {
     fn clone(&self) -> Self {
         let mut clone = Self::default();
         clone.clone_from(self);
@@ -75,7 +75,7 @@ impl Clone for Moment {
     }
 }
 
-impl Moment {
+impl TickSnapshot {
     /// What was seen was somebody else's: all that is known is where the person has gone `back` to.
     pub(crate) fn withdraw(&mut self, back: &Self) {
         self.estimates.clear();
@@ -92,7 +92,7 @@ impl Moment {
 
 impl Estimator {
     /// Tells `into` what `tick`, the last one, came to of a person in `state`. Allocates only while `into` grows.
-    pub fn tell(&self, tick: Tick, state: PersonState, into: &mut Moment) {
+    pub fn tell(&self, tick: Tick, state: PersonState, into: &mut TickSnapshot) {
         let Self {
             evidence, estimate, ..
         } = self;

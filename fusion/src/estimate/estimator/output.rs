@@ -58,7 +58,7 @@ impl Estimator {
     pub(crate) fn update_uncertainty(&mut self, dt_s: f64, method: &Method) {
         let made_of = self.made_of(method);
         let estimate = &mut self.estimate;
-        estimate.uncertainty.step(&uncertainty::Moment {
+        estimate.uncertainty.step(&uncertainty::TickEvidence {
             estimates: &self.evidence.estimates,
             sites: &self.body.sites,
             body: &estimate.kinematics,

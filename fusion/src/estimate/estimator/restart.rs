@@ -5,14 +5,14 @@ use nalgebra::Vector3;
 use super::{Estimator, joints_of};
 use crate::body::skeleton::{Pose, Skeleton};
 use crate::estimate::predict::Motion;
-use crate::estimate::uncertainty::Known;
+use crate::estimate::uncertainty::UncertaintySnapshot;
 use crate::method::Method;
 
 /// A pose with how sure it was, to go back to.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Standpoint {
     pose: Pose,
-    known: Known,
+    known: UncertaintySnapshot,
 }
 
 impl Estimator {

@@ -11,7 +11,7 @@ use crate::body::remeasure::Pace;
 use crate::body::skeleton::{Joint, Joints, Kinematics, Pose, Site};
 use crate::estimate::evidence::View;
 use crate::estimate::keypoint_targets::aim_at_keypoints;
-use crate::estimate::occlusion::{Body, view_weight};
+use crate::estimate::occlusion::{BodyCapsules, view_weight};
 use crate::estimate::uncertainty::weigh_views;
 use crate::method::Method;
 
@@ -62,7 +62,7 @@ impl Estimator {
     /// worth behind the bodies of `others`.
     pub fn place_views<'a>(
         &mut self,
-        others: &(impl Iterator<Item = &'a Body> + Clone),
+        others: &(impl Iterator<Item = &'a BodyCapsules> + Clone),
         method: &Method,
     ) {
         let mut at_capture_m = self.estimate.ahead_m;

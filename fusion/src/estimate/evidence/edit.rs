@@ -68,8 +68,8 @@ impl View {
         })
     }
 
-    /// Exchanges the maps of two keypoints; without effect where they lie on different crops.
-    pub(crate) fn exchange(&mut self, a: usize, b: usize) {
+    /// Swaps the maps of two keypoints; without effect where they lie on different crops.
+    pub(crate) fn swap(&mut self, a: usize, b: usize) {
         if a == b || !self.share_a_crop(a, b) {
             return;
         }

@@ -20,14 +20,14 @@ pub(super) struct SeenCells {
     height: usize,
     /// Per cell, row by row; empty when every cell is seen.
     known: Vec<bool>,
-    outline: Outline,
+    outline: CropOutline,
     /// Scratch and outcome of the sweeps: per cell, its nearest seen cell as (column, row).
     nearest: Vec<[u16; 2]>,
 }
 
 /// How the seen cells lie.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
-enum Outline {
+enum CropOutline {
     /// All of them, or none that could stand for the others.
     #[default]
     Whole,
@@ -44,7 +44,7 @@ impl SeenCells {
     /// Asks the camera which cells of `grid` it sees.
     pub(super) fn look_through(&mut self, grid: &CellGrid, model: &CameraModel) {
         self.known.clear();
-        self.outline = Outline::Whole;
+        self.outline = CropOutline::Whole;
         let (w, h) = (usize::from(grid.width), usize::from(grid.height));
         (self.width, self.height) = (w, h);
         let sees = |x: usize, y: usize| model.sees(grid.pixel(x as f64, y as f64));
@@ -64,7 +64,7 @@ impl SeenCells {
             }
         }
         self.outline = self.find_outline();
-        if self.outline == Outline::Ragged {
+        if self.outline == CropOutline::Ragged {
             self.find_nearest();
         }
     }
@@ -80,9 +80,9 @@ impl SeenCells {
     /// Gives the unseen cells of one map the values of their nearest seen cells.
     pub(super) fn extend(&self, cells: &mut [u8]) {
         match &self.outline {
-            Outline::Whole => {}
-            Outline::Rectangle { columns, rows } => self.clamp(cells, columns, rows),
-            Outline::Ragged => {
+            CropOutline::Whole => {}
+            CropOutline::Rectangle { columns, rows } => self.clamp(cells, columns, rows),
+            CropOutline::Ragged => {
                 for (index, &[x, y]) in self.nearest.iter().enumerate() {
                     if !self.known[index] {
                         cells[index] = cells[usize::from(y) * self.width + usize::from(x)];
@@ -122,7 +122,7 @@ impl SeenCells {
         }
     }
 
-    fn find_outline(&self) -> Outline {
+    fn find_outline(&self) -> CropOutline {
         let mut found: Option<(Range<usize>, Range<usize>)> = None;
         for (y, row) in self.known.chunks_exact(self.width).enumerate() {
             let Some(first) = row.iter().position(|&k| k) else {
@@ -130,19 +130,18 @@ impl SeenCells {
             };
             let end = row.iter().rposition(|&k| k).map_or(first, |last| last + 1);
             if row[first..end].contains(&false) {
-                return Outline::Ragged;
+                return CropOutline::Ragged;
             }
             match &mut found {
                 None => found = Some((first..end, y..y + 1)),
                 Some((columns, rows)) if *columns == (first..end) && rows.end == y => {
                     rows.end = y + 1;
                 }
-                Some(_) => return Outline::Ragged,
+                Some(_) => return CropOutline::Ragged,
             }
         }
-        found.map_or(Outline::Whole, |(columns, rows)| Outline::Rectangle {
-            columns,
-            rows,
+        found.map_or(CropOutline::Whole, |(columns, rows)| {
+            CropOutline::Rectangle { columns, rows }
         })
     }
 
@@ -247,10 +246,10 @@ mod tests {
             let rows = rows.0..(rows.0 + rows.1).min(HEIGHT);
             let inside = |i: usize| columns.contains(&(i % WIDTH)) && rows.contains(&(i / WIDTH));
             let mut seen = seen((0..WIDTH * HEIGHT).map(inside).collect());
-            prop_assert_eq!(&seen.outline, &Outline::Rectangle { columns, rows });
+            prop_assert_eq!(&seen.outline, &CropOutline::Rectangle { columns, rows });
             let (mut clamped, mut swept) = (numbered(), numbered());
             seen.extend(&mut clamped);
-            seen.outline = Outline::Ragged;
+            seen.outline = CropOutline::Ragged;
             seen.extend(&mut swept);
             prop_assert_eq!(clamped, swept);
         }

@@ -8,7 +8,7 @@ use farfield_proto::venue::parameters::LatticeParameters;
 use nalgebra::Vector3;
 
 use super::witness::{Witness, Witnesses};
-use super::{Mode, Modes};
+use super::{LatticeMode, LatticeModes};
 use crate::estimate::evidence::View;
 
 /// Most steps from the centre to a side; a lattice that would need more has a wider step.
@@ -25,12 +25,12 @@ const TO_INTEGER: f32 = 8_388_608.0;
 pub(super) struct CoarsePass {
     /// F per point, x fastest.
     scores: Vec<f32>,
-    modes: Modes,
+    modes: LatticeModes,
 }
 
 impl CoarsePass {
     /// The local maxima of the last run.
-    pub(super) fn modes(&self) -> &Modes {
+    pub(super) fn modes(&self) -> &LatticeModes {
         &self.modes
     }
 
@@ -105,7 +105,7 @@ impl CoarsePass {
 
     /// Collects the points that no neighbour exceeds.
     fn find_modes(&mut self, k: usize, step_m: f64) {
-        self.modes = Modes::default();
+        self.modes = LatticeModes::default();
         let best = self.scores.iter().copied().fold(0.0, f32::max);
         if best <= 0.0 {
             return;
@@ -117,7 +117,7 @@ impl CoarsePass {
             }
             let place = [index % n, index / n % n, index / (n * n)];
             let offset_m = Vector3::from(place.map(|i| (i as f64 - k as f64) * step_m));
-            self.modes.insert(Mode {
+            self.modes.insert(LatticeMode {
                 offset_m,
                 score: f64::from(score),
             });

@@ -42,7 +42,7 @@ const MAX_MODES: usize = 4;
 
 /// A place where the keypoint may be: a local maximum of F.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Mode {
+struct LatticeMode {
     /// From the prediction, metres.
     offset_m: Vector3<f64>,
     /// F there.
@@ -51,15 +51,15 @@ struct Mode {
 
 /// The best few local maxima of one keypoint, best first.
 #[derive(Debug, Clone, Copy)]
-struct Modes {
-    modes: [Mode; MAX_MODES],
+struct LatticeModes {
+    modes: [LatticeMode; MAX_MODES],
     n: usize,
 }
 
-impl Default for Modes {
+impl Default for LatticeModes {
     fn default() -> Self {
         Self {
-            modes: [Mode {
+            modes: [LatticeMode {
                 offset_m: Vector3::zeros(),
                 score: 0.0,
             }; MAX_MODES],
@@ -68,13 +68,13 @@ impl Default for Modes {
     }
 }
 
-impl Modes {
-    fn as_slice(&self) -> &[Mode] {
+impl LatticeModes {
+    fn as_slice(&self) -> &[LatticeMode] {
         &self.modes[..self.n]
     }
 
     /// Keeps the best [`MAX_MODES`], best first; of equal ones the earlier.
-    fn insert(&mut self, mode: Mode) {
+    fn insert(&mut self, mode: LatticeMode) {
         let at = self
             .as_slice()
             .iter()
@@ -92,7 +92,7 @@ impl Modes {
 #[derive(Debug, Clone, Default)]
 struct Keypoint {
     witnesses: Witnesses,
-    modes: Modes,
+    modes: LatticeModes,
 }
 
 /// The search, with its buffers. Nothing is allocated once they have grown to a venue's views.
@@ -129,7 +129,7 @@ impl LatticeSearch {
     ) {
         witness::closeness(views, predicted_m, parameters, &mut self.closeness);
         for (index, keypoint) in self.keypoints.iter_mut().enumerate() {
-            keypoint.modes = Modes::default();
+            keypoint.modes = LatticeModes::default();
             keypoint
                 .witnesses
                 .gather(views, index, &self.closeness, parameters);
@@ -186,7 +186,7 @@ impl Keypoint {
             let mut mode = *rough;
             let score = |offset_m: Vector3<f64>| {
                 let prior = prior(offset_m, parameters.prior_sigma_m);
-                Mode {
+                LatticeMode {
                     offset_m,
                     score: prior * witnesses.support(views, index, offset_m),
                 }
@@ -226,10 +226,10 @@ impl Keypoint {
         views: &[View],
         index: usize,
         predicted_m: Vector3<f64>,
-        mode: Option<&Mode>,
+        mode: Option<&LatticeMode>,
         parameters: &LatticeParameters,
     ) -> KeypointEstimate {
-        let Some(&Mode { offset_m, .. }) = mode else {
+        let Some(&LatticeMode { offset_m, .. }) = mode else {
             return KeypointEstimate::unsupported(predicted_m, 0.0);
         };
         let support = self

@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix2, Matrix2x3, Matrix3, Vector2, Vector3};
 
-use super::Mode;
+use super::LatticeMode;
 use super::witness::{Witness, Witnesses};
 use crate::estimate::evidence::View;
 
@@ -19,10 +19,10 @@ const LOSS: f64 = 0.85;
 
 /// The best of a point and its 26 neighbours at `step_m`.
 pub(super) fn best_neighbour(
-    mode: Mode,
+    mode: LatticeMode,
     step_m: f64,
-    score: impl Fn(Vector3<f64>) -> Mode,
-) -> Mode {
+    score: impl Fn(Vector3<f64>) -> LatticeMode,
+) -> LatticeMode {
     let mut best = mode;
     for i in (0..27).filter(|&i| i != 13) {
         let place = Vector3::new(i % 3, i / 3 % 3, i / 9).map(|v| f64::from(v) - 1.0);
@@ -51,7 +51,7 @@ pub(super) fn newton(
     witnesses: &Witnesses,
     views: &[View],
     keypoint: usize,
-    (mode, step_m): (Mode, f64),
+    (mode, step_m): (LatticeMode, f64),
     prior_sigma_m: f64,
 ) -> Vector3<f64> {
     let support = |offset_m| witnesses.support(views, keypoint, offset_m);

@@ -5,7 +5,7 @@ use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::venue::parameters::LatticeParameters;
 use nalgebra::Vector3;
 
-use super::{Keypoint, Mode};
+use super::{Keypoint, LatticeMode};
 
 /// The joints whose sides are taken for one another.
 const PAIRED: [&str; 4] = ["elbow", "wrist", "knee", "ankle"];
@@ -50,11 +50,11 @@ pub(super) fn decide_sides(
     sides: [&Keypoint; 2],
     predicted_m: [Vector3<f64>; 2],
     parameters: &LatticeParameters,
-) -> Option<[Option<Mode>; 2]> {
+) -> Option<[Option<LatticeMode>; 2]> {
     let cell_m = sides[0].witnesses.cell_m.min(sides[1].witnesses.cell_m);
     let apart_m = (predicted_m[0] - predicted_m[1]).norm();
     let same_spot_m = (SAME_SPOT_CELLS * cell_m).min(SAME_SPOT_OF_PREDICTED * apart_m);
-    let same_spot = |left: &Mode, right: &Mode| {
+    let same_spot = |left: &LatticeMode, right: &LatticeMode| {
         ((predicted_m[0] + left.offset_m) - (predicted_m[1] + right.offset_m)).norm() < same_spot_m
     };
     let [left, right] = sides.map(|side| side.modes.as_slice());
@@ -67,7 +67,8 @@ pub(super) fn decide_sides(
             if l.zip(r).is_some_and(|(l, r)| same_spot(l, r)) {
                 continue;
             }
-            let score = |mode: Option<&Mode>| mode.map_or(parameters.min_support, |m| m.score);
+            let score =
+                |mode: Option<&LatticeMode>| mode.map_or(parameters.min_support, |m| m.score);
             let sum = score(l) + score(r);
             if sum > best.0 {
                 best = (sum, [l.copied(), r.copied()]);

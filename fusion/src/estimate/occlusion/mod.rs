@@ -21,7 +21,7 @@ const EDGE_M: f64 = 0.03;
 
 /// What a capsule belongs to; picks its radius.
 #[derive(Debug, Clone, Copy)]
-enum Part {
+enum BodyPart {
     Limb,
     Trunk,
     Head,
@@ -29,27 +29,27 @@ enum Part {
 
 /// The capsules: axis ends and part. The shoulder and hip lines give the trunk its breadth; the
 /// head is a sphere.
-const CAPSULES: [(Joint, Joint, Part); 20] = [
-    (Joint::Pelvis, Joint::Spine, Part::Trunk),
-    (Joint::Spine, Joint::Neck, Part::Trunk),
-    (Joint::Head, Joint::Head, Part::Head),
-    (Joint::Neck, Joint::Head, Part::Limb),
-    (Joint::LeftShoulder, Joint::RightShoulder, Part::Limb),
-    (Joint::LeftHip, Joint::RightHip, Part::Limb),
-    (Joint::LeftShoulder, Joint::LeftElbow, Part::Limb),
-    (Joint::RightShoulder, Joint::RightElbow, Part::Limb),
-    (Joint::LeftElbow, Joint::LeftWrist, Part::Limb),
-    (Joint::RightElbow, Joint::RightWrist, Part::Limb),
-    (Joint::LeftWrist, Joint::LeftHand, Part::Limb),
-    (Joint::RightWrist, Joint::RightHand, Part::Limb),
-    (Joint::LeftHip, Joint::LeftKnee, Part::Limb),
-    (Joint::RightHip, Joint::RightKnee, Part::Limb),
-    (Joint::LeftKnee, Joint::LeftAnkle, Part::Limb),
-    (Joint::RightKnee, Joint::RightAnkle, Part::Limb),
-    (Joint::LeftAnkle, Joint::LeftToe, Part::Limb),
-    (Joint::RightAnkle, Joint::RightToe, Part::Limb),
-    (Joint::LeftAnkle, Joint::LeftHeel, Part::Limb),
-    (Joint::RightAnkle, Joint::RightHeel, Part::Limb),
+const CAPSULES: [(Joint, Joint, BodyPart); 20] = [
+    (Joint::Pelvis, Joint::Spine, BodyPart::Trunk),
+    (Joint::Spine, Joint::Neck, BodyPart::Trunk),
+    (Joint::Head, Joint::Head, BodyPart::Head),
+    (Joint::Neck, Joint::Head, BodyPart::Limb),
+    (Joint::LeftShoulder, Joint::RightShoulder, BodyPart::Limb),
+    (Joint::LeftHip, Joint::RightHip, BodyPart::Limb),
+    (Joint::LeftShoulder, Joint::LeftElbow, BodyPart::Limb),
+    (Joint::RightShoulder, Joint::RightElbow, BodyPart::Limb),
+    (Joint::LeftElbow, Joint::LeftWrist, BodyPart::Limb),
+    (Joint::RightElbow, Joint::RightWrist, BodyPart::Limb),
+    (Joint::LeftWrist, Joint::LeftHand, BodyPart::Limb),
+    (Joint::RightWrist, Joint::RightHand, BodyPart::Limb),
+    (Joint::LeftHip, Joint::LeftKnee, BodyPart::Limb),
+    (Joint::RightHip, Joint::RightKnee, BodyPart::Limb),
+    (Joint::LeftKnee, Joint::LeftAnkle, BodyPart::Limb),
+    (Joint::RightKnee, Joint::RightAnkle, BodyPart::Limb),
+    (Joint::LeftAnkle, Joint::LeftToe, BodyPart::Limb),
+    (Joint::RightAnkle, Joint::RightToe, BodyPart::Limb),
+    (Joint::LeftAnkle, Joint::LeftHeel, BodyPart::Limb),
+    (Joint::RightAnkle, Joint::RightHeel, BodyPart::Limb),
 ];
 
 /// One capsule, world, metres.
@@ -62,21 +62,21 @@ struct Capsule {
 
 /// A person as seen by others: capsules, and a sphere around them all.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Body {
+pub struct BodyCapsules {
     capsules: [Capsule; CAPSULES.len()],
     center_m: Vector3<f64>,
     reach_m: f64,
 }
 
-impl Body {
+impl BodyCapsules {
     /// The body with these joints (world, metres).
     pub fn from_joints(joints_m: &Joints, parameters: &OcclusionParameters) -> Self {
         let capsules = CAPSULES.map(|(a, b, part)| Capsule {
             axis: (joints_m[a as usize], joints_m[b as usize]),
             radius_m: match part {
-                Part::Limb => parameters.limb_radius_m,
-                Part::Trunk => parameters.trunk_radius_m,
-                Part::Head => parameters.head_radius_m,
+                BodyPart::Limb => parameters.limb_radius_m,
+                BodyPart::Trunk => parameters.trunk_radius_m,
+                BodyPart::Head => parameters.head_radius_m,
             },
         });
         let center_m = joints_m.iter().sum::<Vector3<f64>>() / joints_m.len() as f64;
@@ -135,7 +135,7 @@ impl Body {
 pub fn view_weight<'a>(
     eye_m: Vector3<f64>,
     point_m: Vector3<f64>,
-    others: impl IntoIterator<Item = &'a Body>,
+    others: impl IntoIterator<Item = &'a BodyCapsules>,
     parameters: &OcclusionParameters,
 ) -> f64 {
     let cover = others
@@ -202,7 +202,7 @@ mod tests {
     use crate::body::skeleton::N_JOINTS;
 
     /// A person that is one upright line of joints: pelvis to head, 0.9 m to 1.7 m.
-    fn post(x: f64, y: f64) -> Body {
+    fn post(x: f64, y: f64) -> BodyCapsules {
         let mut joints = [Vector3::new(x, y, 0.9); N_JOINTS];
         for (k, joint) in [Joint::Spine, Joint::Neck, Joint::Head]
             .into_iter()
@@ -210,10 +210,10 @@ mod tests {
         {
             joints[joint as usize].z = 1.1 + 0.3 * k as f64;
         }
-        Body::from_joints(&joints, &OcclusionParameters::default())
+        BodyCapsules::from_joints(&joints, &OcclusionParameters::default())
     }
 
-    fn check(eye: [f64; 3], point: [f64; 3], others: &[Body], expected: f64) {
+    fn check(eye: [f64; 3], point: [f64; 3], others: &[BodyCapsules], expected: f64) {
         let weight = view_weight(
             eye.into(),
             point.into(),
@@ -295,7 +295,7 @@ mod tests {
         #[test]
         fn the_bounding_sphere_changes_no_weight(eye in point(), target in point()) {
             let body = post(0.3, -0.2);
-            let unbounded = Body { reach_m: f64::INFINITY, ..body.clone() };
+            let unbounded = BodyCapsules { reach_m: f64::INFINITY, ..body.clone() };
             let p = OcclusionParameters::default();
             let (with, without) = (view_weight(eye, target, [&body], &p), view_weight(eye, target, [&unbounded], &p));
             prop_assert!((with - without).abs() < 1e-12);

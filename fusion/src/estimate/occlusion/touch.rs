@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::{Body, CAPSULES, Capsule, closest_between};
+use super::{BodyCapsules, CAPSULES, Capsule, closest_between};
 use crate::body::skeleton::Joint;
 use crate::body::skeleton::Joints;
 
@@ -49,7 +49,7 @@ impl OnLink {
     }
 }
 
-impl Body {
+impl BodyCapsules {
     /// Where two bodies reach into each other, their capsules `share` as thick as they are. `before` are
     /// the same two as they were predicted: they say on which side of each other limbs belong.
     pub(crate) fn touches<'a>(
@@ -118,7 +118,7 @@ mod tests {
     const THICK_M: f64 = 0.14;
 
     /// A body far below the floor but for its left forearm.
-    fn forearm(elbow_m: Vector3<f64>, wrist_m: Vector3<f64>, index: f64) -> Body {
+    fn forearm(elbow_m: Vector3<f64>, wrist_m: Vector3<f64>, index: f64) -> BodyCapsules {
         let mut joints = [Vector3::new(50.0 * index, 0.0, -50.0); N_JOINTS];
         joints[Joint::LeftElbow.index()] = elbow_m;
         joints[Joint::LeftWrist.index()] = wrist_m;
@@ -126,19 +126,22 @@ mod tests {
         joints[Joint::LeftShoulder.index()] = elbow_m;
         joints[Joint::LeftHand.index()] = wrist_m;
         joints[Joint::RightShoulder.index()] = elbow_m;
-        Body::from_joints(&joints, &OcclusionParameters::default())
+        BodyCapsules::from_joints(&joints, &OcclusionParameters::default())
     }
 
-    fn along_x(y: f64, z: f64) -> Body {
+    fn along_x(y: f64, z: f64) -> BodyCapsules {
         forearm(Vector3::new(-0.15, y, z), Vector3::new(0.15, y, z), 0.0)
     }
 
-    fn along_y(z: f64) -> Body {
+    fn along_y(z: f64) -> BodyCapsules {
         forearm(Vector3::new(0.0, -0.15, z), Vector3::new(0.0, 0.15, z), 1.0)
     }
 
-    fn deepest(now: (&Body, &Body), before: (&Body, &Body)) -> Option<Touch> {
-        let touches = Body::touches(now, before, 1.0);
+    fn deepest(
+        now: (&BodyCapsules, &BodyCapsules),
+        before: (&BodyCapsules, &BodyCapsules),
+    ) -> Option<Touch> {
+        let touches = BodyCapsules::touches(now, before, 1.0);
         touches.max_by(|a, b| a.apart_m.norm().total_cmp(&b.apart_m.norm()))
     }
 

@@ -8,7 +8,7 @@ use nalgebra::{Matrix3x4, Vector2, Vector3};
 
 use crate::estimate::estimator::Estimator;
 use crate::estimate::evidence::{View, bilinear};
-use crate::estimate::occlusion::Body;
+use crate::estimate::occlusion::BodyCapsules;
 use crate::method::Method;
 
 /// Joints whose left and right are taken for one another: both sides are one kind.
@@ -24,11 +24,11 @@ const MAX_PEAKS: usize = 6;
 
 /// Keypoints whose peaks may be taken for one another.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) struct Kind {
+pub(super) struct JointKind {
     keypoints: Vec<usize>,
 }
 
-impl Kind {
+impl JointKind {
     /// The kinds of a network's keypoints, in the order of their first keypoint.
     pub(super) fn of(keypoints: &KeypointSet) -> Vec<Self> {
         let mut kinds: Vec<(&str, Self)> = Vec::new();
@@ -51,7 +51,7 @@ impl Kind {
 
 /// Somebody who is in the view.
 #[derive(Debug, Clone, Copy)]
-struct Member {
+struct Claimant {
     track: usize,
     view: usize,
     /// Whether anybody else comes near in the view.
@@ -81,7 +81,7 @@ struct Claim {
 
 /// A peak in the map of a claim.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Peak {
+pub(super) struct ClaimedPeak {
     pub(super) claim: usize,
     pub(super) place: usize,
     pub(super) cell: Vector2<f64>,
@@ -93,7 +93,7 @@ pub(super) struct Peak {
 
 /// A physical peak: the ray on which it lies, world.
 #[derive(Debug, Clone, Copy)]
-struct Place {
+struct ClaimedPlace {
     eye_m: Vector3<f64>,
     direction: Vector3<f64>,
     /// On the ray, at the depth of the claim that showed it first.
@@ -105,10 +105,10 @@ struct Place {
 /// The claims of one kind at one viewpoint, with their peaks.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Claims {
-    members: Vec<Member>,
+    members: Vec<Claimant>,
     all: Vec<Claim>,
-    peaks: Vec<Peak>,
-    places: Vec<Place>,
+    peaks: Vec<ClaimedPeak>,
+    places: Vec<ClaimedPlace>,
 }
 
 impl Claims {
@@ -117,12 +117,12 @@ impl Claims {
         &mut self,
         viewpoint: ViewpointIndex,
         tracks: &[impl AsRef<Estimator>],
-        bodies: &[Body],
+        bodies: &[BodyCapsules],
     ) {
         self.members.clear();
         for (track, person) in tracks.iter().map(AsRef::as_ref).enumerate() {
             let view = person.views().iter().position(|v| v.viewpoint == viewpoint);
-            self.members.extend(view.map(|view| Member {
+            self.members.extend(view.map(|view| Claimant {
                 track,
                 view,
                 crowded: false,
@@ -144,7 +144,7 @@ impl Claims {
     /// Gathers the claims of `kind` that come near another.
     pub(super) fn gather(
         &mut self,
-        kind: &Kind,
+        kind: &JointKind,
         tracks: &[impl AsRef<Estimator>],
         method: &Method,
     ) {
@@ -191,7 +191,7 @@ impl Claims {
             let depth_m = (claim.predicted_m - claim.eye_m).dot(&direction);
             let point_m = claim.eye_m + direction * depth_m;
             peak.off_m = (point_m - claim.predicted_m).norm();
-            let place = Place {
+            let place = ClaimedPlace {
                 eye_m: claim.eye_m,
                 direction,
                 point_m,
@@ -216,7 +216,7 @@ impl Claims {
         self.places.len()
     }
 
-    pub(super) fn peaks(&self) -> &[Peak] {
+    pub(super) fn peaks(&self) -> &[ClaimedPeak] {
         &self.peaks
     }
 
@@ -227,7 +227,7 @@ impl Claims {
     }
 
     /// The peak (cells, height) of a claim at a place, if its map shows one.
-    pub(super) fn peak_of(&self, claim: usize, place: usize) -> Option<&Peak> {
+    pub(super) fn peak_of(&self, claim: usize, place: usize) -> Option<&ClaimedPeak> {
         let peaks = &self.peaks[self.all[claim].peaks.clone()];
         peaks.iter().find(|peak| peak.place == place)
     }
@@ -254,7 +254,7 @@ impl Claims {
 impl Claim {
     /// `None` where the view knows nothing about the keypoint.
     fn new(
-        member: &Member,
+        member: &Claimant,
         keypoint: usize,
         tracks: &[impl AsRef<Estimator>],
         method: &Method,
@@ -323,7 +323,7 @@ impl Claim {
     }
 }
 
-impl Place {
+impl ClaimedPlace {
     /// Which of the known places this is.
     fn among(&self, known: &[Self]) -> Option<usize> {
         let apart = known.iter().map(|place| place.apart_m(self)).enumerate();
@@ -348,7 +348,13 @@ impl Place {
 }
 
 /// The highest peaks in the map of `claim` within `reach_m` of its prediction.
-fn find_peaks(view: &View, claim: &Claim, reach_m: f64, index: usize, peaks: &mut Vec<Peak>) {
+fn find_peaks(
+    view: &View,
+    claim: &Claim,
+    reach_m: f64,
+    index: usize,
+    peaks: &mut Vec<ClaimedPeak>,
+) {
     let (width, height) = view.map_size();
     let cells = view.cells(claim.keypoint);
     let first = peaks.len();
@@ -358,7 +364,7 @@ fn find_peaks(view: &View, claim: &Claim, reach_m: f64, index: usize, peaks: &mu
             if value < LEAST_PEAK || !is_highest(cells, (width, height), cell) {
                 continue;
             }
-            let peak = Peak {
+            let peak = ClaimedPeak {
                 claim: index,
                 place: usize::MAX,
                 cell: top_of(cells, (width, height), cell),
@@ -416,12 +422,12 @@ fn is_highest(cells: &[u8], (width, height): (usize, usize), cell: usize) -> boo
 mod tests {
     use proptest::prelude::*;
 
-    use super::super::super::meeting_fixture::{LEFT_WRIST, Meeting};
+    use super::super::super::meeting_fixture::{LEFT_WRIST, MeetingFixture};
     use super::*;
 
     #[test]
     fn coco_has_eleven_kinds_and_six_of_them_have_sides() {
-        let kinds = Kind::of(&KeypointSet::coco17());
+        let kinds = JointKind::of(&KeypointSet::coco17());
         let sided = kinds.iter().filter(|kind| kind.keypoints.len() == 2);
         assert_eq!((kinds.len(), sided.count()), (11, 6));
     }
@@ -434,12 +440,12 @@ mod tests {
         fn the_ray_of_a_cell_is_projection_undone(
             camera in 0usize..4, off in prop::array::uniform3(-0.5f64..0.5),
         ) {
-            let mut meeting = Meeting::of(&[[0.3, -0.2, 0.8]]);
+            let mut meeting = MeetingFixture::of(&[[0.3, -0.2, 0.8]]);
             meeting.begin();
             let drawn = meeting.as_they_are(0);
             meeting.show(0, camera, &drawn);
             meeting.place();
-            let member = Member { track: 0, view: 0, crowded: true };
+            let member = Claimant { track: 0, view: 0, crowded: true };
             let claim = Claim::new(&member, LEFT_WRIST, &meeting.tracks, &meeting.method).unwrap();
             let point_m = claim.predicted_m + Vector3::from(off);
             let direction = claim.direction_of(claim.cell_of(point_m).unwrap()).unwrap();

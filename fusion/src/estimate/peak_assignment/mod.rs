@@ -23,7 +23,7 @@
 //! be undone.
 //!
 //! Rays are compared, not pixels: two persons of one viewpoint may come from different cameras.
-//! Decisions only read; [`Contests::settle`] changes the maps of one person.
+//! Decisions only read; [`PeakAssignment::carve`] changes the maps of one person.
 
 mod claims;
 #[cfg(test)]
@@ -33,11 +33,11 @@ use farfield_proto::id::ViewpointIndex;
 use farfield_proto::keypoints::KeypointSet;
 use rayon::prelude::*;
 
-use self::claims::{Claims, Kind};
+use self::claims::{Claims, JointKind};
 use crate::assign::Assigner;
 use crate::estimate::estimator::Estimator;
 use crate::estimate::evidence::Notch;
-use crate::estimate::occlusion::Body;
+use crate::estimate::occlusion::BodyCapsules;
 use crate::method::Method;
 
 /// Cost of going without a place: as of a peak of 0.3 at two and a half sigmas.
@@ -47,20 +47,20 @@ const PARALLEL_FROM: usize = 4;
 /// Notches that take less than this of a peak are left out: it is what two near peaks do to each other.
 const LEAST_DEPTH: f64 = 0.05;
 
-/// All contests of a venue.
+/// Whose the peaks of all viewpoints are.
 #[derive(Debug, Clone)]
-pub struct Contests {
-    kinds: Vec<Kind>,
-    viewpoints: Vec<Contest>,
+pub struct PeakAssignment {
+    kinds: Vec<JointKind>,
+    viewpoints: Vec<ViewpointAssignment>,
 }
 
-impl Contests {
-    /// Contests for the keypoints of a network at `n_viewpoints`.
+impl PeakAssignment {
+    /// For the keypoints of a network at `n_viewpoints`.
     pub fn new(keypoints: &KeypointSet, n_viewpoints: usize) -> Self {
-        let contest = |index| Contest::new(ViewpointIndex(index as u16));
+        let assignment = |index| ViewpointAssignment::new(ViewpointIndex(index as u16));
         Self {
-            kinds: Kind::of(keypoints),
-            viewpoints: (0..n_viewpoints).map(contest).collect(),
+            kinds: JointKind::of(keypoints),
+            viewpoints: (0..n_viewpoints).map(assignment).collect(),
         }
     }
 
@@ -71,30 +71,30 @@ impl Contests {
     pub fn decide(
         &mut self,
         tracks: &[impl AsRef<Estimator> + Sync],
-        bodies: &[Body],
+        bodies: &[BodyCapsules],
         method: &Method,
     ) {
         let kinds = &self.kinds;
         if method.parameters.contact.yield_share <= 0.0 {
-            for contest in &mut self.viewpoints {
-                contest.notches.clear();
+            for assignment in &mut self.viewpoints {
+                assignment.notches.clear();
             }
         } else if tracks.len() < PARALLEL_FROM {
-            for contest in &mut self.viewpoints {
-                contest.decide(kinds, tracks, bodies, method);
+            for assignment in &mut self.viewpoints {
+                assignment.decide(kinds, tracks, bodies, method);
             }
         } else {
             self.viewpoints
                 .par_iter_mut()
-                .for_each(|contest| contest.decide(kinds, tracks, bodies, method));
+                .for_each(|assignment| assignment.decide(kinds, tracks, bodies, method));
         }
     }
 
     /// Takes what is another's out of the maps of `track`, the one at `index` of those that were
     /// decided on.
-    pub fn settle(&self, index: usize, track: &mut Estimator) {
-        for contest in &self.viewpoints {
-            for lost in contest.notches.iter().filter(|lost| lost.track == index) {
+    pub fn carve(&self, index: usize, track: &mut Estimator) {
+        for assignment in &self.viewpoints {
+            for lost in assignment.notches.iter().filter(|lost| lost.track == index) {
                 track.views_mut()[lost.view].carve(lost.keypoint, &lost.notch);
             }
         }
@@ -109,25 +109,25 @@ impl Contests {
 
 /// A peak that somebody loses.
 #[derive(Debug, Clone, Copy)]
-struct Lost {
+struct LostPeak {
     track: usize,
     view: usize,
     keypoint: usize,
     notch: Notch,
 }
 
-/// The contests of one viewpoint, with their buffers.
+/// The assignments of one viewpoint, with their buffers.
 #[derive(Debug, Clone)]
-struct Contest {
+struct ViewpointAssignment {
     viewpoint: ViewpointIndex,
     claims: Claims,
     assigner: Assigner,
     /// Cost per claim and place, claim by claim.
     costs: Vec<f64>,
-    notches: Vec<Lost>,
+    notches: Vec<LostPeak>,
 }
 
-impl Contest {
+impl ViewpointAssignment {
     fn new(viewpoint: ViewpointIndex) -> Self {
         Self {
             viewpoint,
@@ -140,9 +140,9 @@ impl Contest {
 
     fn decide(
         &mut self,
-        kinds: &[Kind],
+        kinds: &[JointKind],
         tracks: &[impl AsRef<Estimator>],
-        bodies: &[Body],
+        bodies: &[BodyCapsules],
         method: &Method,
     ) {
         self.notches.clear();
@@ -186,7 +186,7 @@ impl Contest {
             }
             let own = of_claim[peak.claim];
             let (track, view, keypoint) = claims.whose(peak.claim);
-            self.notches.push(Lost {
+            self.notches.push(LostPeak {
                 track,
                 view,
                 keypoint,

@@ -4,7 +4,7 @@
 use nalgebra::Vector3;
 use proptest::prelude::*;
 
-use super::super::meeting_fixture::{Drawn, LEFT_WRIST, Meeting, RIGHT_WRIST};
+use super::super::meeting_fixture::{Drawn, LEFT_WRIST, MeetingFixture, RIGHT_WRIST};
 use super::*;
 
 /// What is left of a peak of 0.9 that somebody loses beyond doubt, with a little for the grid.
@@ -15,23 +15,24 @@ const KEPT: f64 = 0.9 * 0.9;
 /// Where two people stand who face away from the first camera, at (-5, -4).
 const SIDE_BY_SIDE: [[f64; 3]; 2] = [[0.075, -0.094, 0.675], [-0.075, 0.094, 0.675]];
 
-fn place_and_settle(meeting: &mut Meeting) -> Contests {
+fn place_and_settle(meeting: &mut MeetingFixture) -> PeakAssignment {
     let bodies = meeting.place();
-    let mut contests = Contests::new(&meeting.method.keypoints, meeting.hall.cameras.len());
-    contests.decide(&meeting.tracks, &bodies, &meeting.method);
+    let mut assignments =
+        PeakAssignment::new(&meeting.method.keypoints, meeting.hall.cameras.len());
+    assignments.decide(&meeting.tracks, &bodies, &meeting.method);
     for (index, track) in meeting.tracks.iter_mut().enumerate() {
-        contests.settle(index, track);
+        assignments.carve(index, track);
     }
-    contests
+    assignments
 }
 
-fn two() -> Meeting {
-    let mut meeting = Meeting::of(&SIDE_BY_SIDE);
+fn two() -> MeetingFixture {
+    let mut meeting = MeetingFixture::of(&SIDE_BY_SIDE);
     meeting.begin();
     meeting
 }
 
-fn keypoint(meeting: &Meeting, person: usize, keypoint: usize) -> Vector3<f64> {
+fn keypoint(meeting: &MeetingFixture, person: usize, keypoint: usize) -> Vector3<f64> {
     meeting.tracks[person].keypoints_m()[keypoint]
 }
 
@@ -44,7 +45,7 @@ fn with(mut drawn: Vec<Drawn>, keypoint: usize, peaks: &[(Vector3<f64>, f64)]) -
 
 /// The first person's map of the left wrist shows `shown` of the second, whom `camera` sees: the first
 /// loses that peak and the second keeps it.
-fn goes_to_its_owner(mut meeting: Meeting, shown: usize, camera: usize) {
+fn goes_to_its_owner(mut meeting: MeetingFixture, shown: usize, camera: usize) {
     let theirs = keypoint(&meeting, 1, shown);
     let leaked = with(meeting.as_they_are(0), LEFT_WRIST, &[(theirs, 0.9)]);
     let clean = meeting.as_they_are(1);
@@ -67,8 +68,8 @@ fn a_peak_that_leaks_into_anothers_map_goes_and_the_own_one_stays() {
     let clean = meeting.as_they_are(1);
     meeting.show(0, 0, &leaked);
     meeting.show(1, 0, &clean);
-    let contests = place_and_settle(&mut meeting);
-    assert!(contests.n_lost() > 0);
+    let assignments = place_and_settle(&mut meeting);
+    assert!(assignments.n_lost() > 0);
     assert!(meeting.value(0, 0, LEFT_WRIST, wrists[1]) < LOST);
     assert!(meeting.value(0, 0, LEFT_WRIST, wrists[0]) > 0.9 * 0.5);
     assert!(meeting.value(1, 0, LEFT_WRIST, wrists[1]) > KEPT);
@@ -81,7 +82,7 @@ fn a_leaked_peak_goes_also_where_nothing_else_is_seen() {
 
 #[test]
 fn the_decision_is_the_same_whoever_was_born_first() {
-    let leak = |meeting: &mut Meeting, from: usize, to: usize| {
+    let leak = |meeting: &mut MeetingFixture, from: usize, to: usize| {
         let theirs = keypoint(meeting, from, LEFT_WRIST);
         let leaked = with(meeting.as_they_are(to), LEFT_WRIST, &[(theirs, 0.9)]);
         let clean = meeting.as_they_are(from);
@@ -92,7 +93,7 @@ fn the_decision_is_the_same_whoever_was_born_first() {
     };
     let mut meeting = two();
     let first = leak(&mut meeting, 0, 1);
-    let mut meeting = Meeting::of(&[SIDE_BY_SIDE[1], SIDE_BY_SIDE[0]]);
+    let mut meeting = MeetingFixture::of(&[SIDE_BY_SIDE[1], SIDE_BY_SIDE[0]]);
     meeting.begin();
     let second = leak(&mut meeting, 1, 0);
     assert!((first - second).abs() < 1e-12);
@@ -116,7 +117,7 @@ fn the_other_ones_other_side_is_a_rival_too() {
 #[test]
 fn two_hands_that_hold_each_other_share_one_peak() {
     // Both predictions are one spot: nobody has a better right to the peak.
-    let mut meeting = Meeting::of(&[[0.0, 0.0, 0.3], [0.0, 0.0, 0.3]]);
+    let mut meeting = MeetingFixture::of(&[[0.0, 0.0, 0.3], [0.0, 0.0, 0.3]]);
     meeting.begin();
     let at_m = keypoint(&meeting, 0, LEFT_WRIST);
     for person in 0..2 {
@@ -132,7 +133,7 @@ fn two_hands_that_hold_each_other_share_one_peak() {
 #[test]
 fn people_apart_and_clean_maps_are_left_alone() {
     for places in [[[0.0, -1.2, 0.3], [0.0, 1.2, 0.3]], SIDE_BY_SIDE] {
-        let mut meeting = Meeting::of(&places);
+        let mut meeting = MeetingFixture::of(&places);
         meeting.begin();
         for camera in 0..4 {
             for person in 0..2 {
@@ -186,7 +187,7 @@ proptest! {
     }
 }
 
-fn cells(meeting: &Meeting) -> Vec<Vec<u8>> {
+fn cells(meeting: &MeetingFixture) -> Vec<Vec<u8>> {
     let views = meeting.tracks.iter().flat_map(Estimator::views);
     views
         .flat_map(|view| (0..view.n_keypoints()).map(|k| view.cells(k).to_vec()))

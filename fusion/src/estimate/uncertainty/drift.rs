@@ -28,7 +28,7 @@ const SETS_OFF_M_S2: f64 = 0.6;
 
 /// How a part of the body moves against the trunk.
 #[derive(Debug, Clone, Copy)]
-struct Part {
+struct DriftPart {
     /// Whatever the body does, metres per second.
     rate_m_s: f64,
     /// In addition, per speed of the body.
@@ -37,22 +37,22 @@ struct Part {
     reach_m: f64,
 }
 
-const fn part(rate_m_s: f64, gait: f64, reach_m: f64) -> Part {
-    Part {
+const fn part(rate_m_s: f64, gait: f64, reach_m: f64) -> DriftPart {
+    DriftPart {
         rate_m_s,
         gait,
         reach_m,
     }
 }
 
-const TRUNK: Part = part(0.04, 0.0, 0.05);
-const HEAD: Part = part(0.12, 0.03, 0.12);
-const ELBOW: Part = part(0.17, 0.06, 0.20);
-const HAND: Part = part(0.30, 0.12, 0.35);
-const KNEE: Part = part(0.06, 0.15, 0.15);
-const FOOT: Part = part(0.10, 0.33, 0.32);
+const TRUNK: DriftPart = part(0.04, 0.0, 0.05);
+const HEAD: DriftPart = part(0.12, 0.03, 0.12);
+const ELBOW: DriftPart = part(0.17, 0.06, 0.20);
+const HAND: DriftPart = part(0.30, 0.12, 0.35);
+const KNEE: DriftPart = part(0.06, 0.15, 0.15);
+const FOOT: DriftPart = part(0.10, 0.33, 0.32);
 
-impl Part {
+impl DriftPart {
     fn of(joint: Joint) -> Self {
         use Joint::{
             Head, LeftAnkle, LeftEar, LeftElbow, LeftEye, LeftHand, LeftHeel, LeftKnee, LeftToe,
@@ -83,7 +83,7 @@ pub(super) fn of_body_m2(speed_m_s: f64, coasted_s: f64, coast_decay_s: f64) -> 
 /// Variance per axis (m²) that `joint` gains against the body of a person moving at `speed_m_s` in
 /// `unseen_s` without evidence of it.
 pub(super) fn of_limb_m2(joint: Joint, speed_m_s: f64, unseen_s: f64) -> f64 {
-    let part = Part::of(joint);
+    let part = DriftPart::of(joint);
     let way_m = (part.rate_m_s + part.gait * speed_m_s.min(FASTEST_M_S)) * unseen_s;
     (part.reach_m * (-way_m / part.reach_m).exp_m1()).powi(2)
 }

@@ -6,7 +6,7 @@ use crate::body::skeleton::N_JOINTS;
 
 /// What was known of a person at a tick.
 #[derive(Debug, Clone, Copy)]
-pub struct Known {
+pub struct UncertaintySnapshot {
     was_seen: bool,
     variance_m2: [f64; N_JOINTS],
     held_m2: [f64; N_JOINTS],
@@ -19,8 +19,8 @@ pub struct Known {
 
 impl Uncertainty {
     /// What is known now.
-    pub fn known(&self) -> Known {
-        Known {
+    pub fn known(&self) -> UncertaintySnapshot {
+        UncertaintySnapshot {
             was_seen: self.is_known,
             variance_m2: self.variance_m2,
             held_m2: self.held_m2,
@@ -34,7 +34,7 @@ impl Uncertainty {
 
     /// Takes back all since what was `known`. A step with the time since then makes it as unsure as if
     /// nothing had been seen.
-    pub fn go_back_to(&mut self, known: &Known) {
+    pub fn go_back_to(&mut self, known: &UncertaintySnapshot) {
         self.is_known = known.was_seen;
         self.variance_m2 = known.variance_m2;
         self.held_m2 = known.held_m2;

@@ -24,7 +24,7 @@ mod lasting;
 mod told;
 mod views;
 
-pub use known::Known;
+pub use known::UncertaintySnapshot;
 pub(crate) use told::Told;
 pub use views::weigh_views;
 
@@ -71,7 +71,7 @@ impl MadeOf {
 
 /// What a tick brought, for one person.
 #[derive(Debug, Clone, Copy)]
-pub struct Moment<'a> {
+pub struct TickEvidence<'a> {
     /// What the views told of the keypoints.
     pub estimates: &'a [KeypointEstimate],
     /// Where the keypoints sit on this person.
@@ -163,7 +163,7 @@ impl Uncertainty {
     }
 
     /// Takes in one tick.
-    pub fn step(&mut self, tick: &Moment<'_>) {
+    pub fn step(&mut self, tick: &TickEvidence<'_>) {
         if self.made_of != tick.made_of {
             self.made_of = tick.made_of;
             (self.held_m2, self.unseen_s) = (self.variance_m2, [0.0; N_JOINTS]);
@@ -195,7 +195,7 @@ impl Uncertainty {
         }
     }
 
-    fn see(&mut self, tick: &Moment<'_>) {
+    fn see(&mut self, tick: &TickEvidence<'_>) {
         let mut seen_m2 = self.seen_m2(tick);
         if tick.made_of == MadeOf::OneView {
             for variance_m2 in &mut seen_m2 {
@@ -229,7 +229,7 @@ impl Uncertainty {
     }
 
     /// What this tick alone knows of each joint, and what it cannot know.
-    fn seen_m2(&mut self, tick: &Moment<'_>) -> [f64; N_JOINTS] {
+    fn seen_m2(&mut self, tick: &TickEvidence<'_>) -> [f64; N_JOINTS] {
         let told = Told {
             estimates: tick.estimates,
             sites: tick.sites,
@@ -247,7 +247,7 @@ impl Uncertainty {
     }
 
     /// Notes how far the pose is from the keypoints that two views and more show.
-    fn compare(&mut self, tick: &Moment<'_>) {
+    fn compare(&mut self, tick: &TickEvidence<'_>) {
         let keep = 1.0 - (-tick.dt_s / MISFIT_S).exp();
         for (estimate, site) in tick.estimates.iter().zip(tick.sites) {
             if let Some(site) = site

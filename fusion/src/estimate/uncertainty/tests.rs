@@ -11,7 +11,7 @@ const DT_S: f64 = 1.0 / 60.0;
 const SIGMA_M: f64 = 0.01;
 
 /// The keypoints of a network with one keypoint per listed joint, and the body they are of.
-struct Seen {
+struct SimulatedView {
     body: Kinematics,
     joints: Vec<Joint>,
     estimates: Vec<KeypointEstimate>,
@@ -34,7 +34,7 @@ const KEYPOINTS: [Joint; 13] = [
     Joint::RightAnkle,
 ];
 
-impl Seen {
+impl SimulatedView {
     fn well() -> Self {
         let skeleton = Skeleton::new(&Proportions::from_stature(1.75));
         let pose = Pose::neutral(Vector3::new(1.0, 2.0, 0.93), UnitQuaternion::identity());
@@ -72,7 +72,7 @@ impl Seen {
                 })
             })
             .collect();
-        uncertainty.step(&Moment {
+        uncertainty.step(&TickEvidence {
             estimates: &self.estimates,
             sites: &sites,
             body: &self.body,
@@ -88,9 +88,9 @@ impl Seen {
 #[test]
 fn nobody_is_sure_of_who_was_never_seen() {
     let mut uncertainty = Uncertainty::default();
-    Seen::well().step(&mut uncertainty, MadeOf::Motion);
+    SimulatedView::well().step(&mut uncertainty, MadeOf::Motion);
     assert_eq!(uncertainty.sigma_m(), None);
-    Seen::well().step(&mut uncertainty, MadeOf::Views);
+    SimulatedView::well().step(&mut uncertainty, MadeOf::Views);
     assert!(uncertainty.sigma_m().is_some());
     uncertainty.reset();
     assert_eq!(uncertainty.sigma_m(), None);
@@ -98,7 +98,7 @@ fn nobody_is_sure_of_who_was_never_seen() {
 
 #[test]
 fn a_keypoint_that_is_seen_is_about_as_sure_as_it_is_seen() {
-    let sigma_m = Seen::well().step(&mut Uncertainty::default(), MadeOf::Views);
+    let sigma_m = SimulatedView::well().step(&mut Uncertainty::default(), MadeOf::Views);
     for joint in [Joint::LeftWrist, Joint::RightElbow, Joint::LeftAnkle] {
         let sigma_m = sigma_m[joint.index()];
         assert!(
@@ -114,7 +114,7 @@ fn a_keypoint_that_is_seen_is_about_as_sure_as_it_is_seen() {
 
 #[test]
 fn a_hand_that_is_lost_grows_unsure_up_to_its_reach_while_the_rest_stays() {
-    let (mut seen, mut uncertainty) = (Seen::well(), Uncertainty::default());
+    let (mut seen, mut uncertainty) = (SimulatedView::well(), Uncertainty::default());
     let before_m = seen.step(&mut uncertainty, MadeOf::Views);
     seen.lose(Joint::LeftWrist);
     let soon_m = seen.step(&mut uncertainty, MadeOf::Views);
@@ -134,7 +134,7 @@ fn a_hand_that_is_lost_grows_unsure_up_to_its_reach_while_the_rest_stays() {
 
 #[test]
 fn while_a_person_coasts_every_joint_grows_unsure_and_comes_back_when_it_is_seen() {
-    let (seen, mut uncertainty) = (Seen::well(), Uncertainty::default());
+    let (seen, mut uncertainty) = (SimulatedView::well(), Uncertainty::default());
     let before_m = seen.step(&mut uncertainty, MadeOf::Views);
     let mut last_m = before_m;
     for _ in 0..30 {
@@ -159,7 +159,7 @@ fn while_a_person_coasts_every_joint_grows_unsure_and_comes_back_when_it_is_seen
 
 #[test]
 fn a_pose_that_does_not_follow_its_keypoints_is_less_sure_there() {
-    let (mut seen, mut uncertainty) = (Seen::well(), Uncertainty::default());
+    let (mut seen, mut uncertainty) = (SimulatedView::well(), Uncertainty::default());
     let before_m = seen.step(&mut uncertainty, MadeOf::Views);
     for (joint, estimate) in seen.joints.iter().zip(&mut seen.estimates) {
         if *joint == Joint::RightShoulder {
@@ -177,7 +177,7 @@ fn a_pose_that_does_not_follow_its_keypoints_is_less_sure_there() {
 
 #[test]
 fn two_views_that_meet_at_a_sharp_angle_leave_depth_unsure() {
-    let (mut seen, mut uncertainty) = (Seen::well(), Uncertainty::default());
+    let (mut seen, mut uncertainty) = (SimulatedView::well(), Uncertainty::default());
     let square_m = seen.step(&mut uncertainty, MadeOf::Views);
     for estimate in &mut seen.estimates {
         estimate.information[(0, 0)] *= 0.05;
@@ -193,7 +193,7 @@ fn two_views_that_meet_at_a_sharp_angle_leave_depth_unsure() {
 
 #[test]
 fn one_view_leaves_the_distance_unsure_and_the_more_the_longer() {
-    let (mut seen, mut uncertainty) = (Seen::well(), Uncertainty::default());
+    let (mut seen, mut uncertainty) = (SimulatedView::well(), Uncertainty::default());
     let before_m = seen.step(&mut uncertainty, MadeOf::Views);
     for estimate in &mut seen.estimates {
         estimate.information[(0, 0)] = 0.0;
@@ -219,7 +219,7 @@ fn one_view_leaves_the_distance_unsure_and_the_more_the_longer() {
 #[test]
 fn a_sighting_counts_by_how_many_saw_it() {
     let sigma_of = |views: u16| {
-        let mut seen = Seen::well();
+        let mut seen = SimulatedView::well();
         for estimate in &mut seen.estimates {
             (estimate.views, estimate.information) = (views, Matrix3::zeros());
         }
@@ -230,7 +230,7 @@ fn a_sighting_counts_by_how_many_saw_it() {
 
 #[test]
 fn information_that_is_not_finite_is_none() {
-    let mut seen = Seen::well();
+    let mut seen = SimulatedView::well();
     seen.estimates[5].information[(1, 1)] = f64::NAN;
     let sigma_m = seen.step(&mut Uncertainty::default(), MadeOf::Views);
     assert!(sigma_m.iter().all(|s| s.is_finite()));

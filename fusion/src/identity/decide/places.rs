@@ -34,7 +34,7 @@ pub(crate) fn outside_the_field(everybody: &[Facts], rules: &Rules) -> Vec<Event
 pub(crate) fn step_back(everybody: &[Facts], tick: Tick, rules: &Rules) -> Vec<Event> {
     let near_m = rules.births.same_place_m;
     let is_sure = |facts: &Facts| {
-        // A newborn that never stood alone was initiated on somebody's body.
+        // A newcomer that never stood alone was initiated on somebody's body.
         let is_itself = !facts.phase.is_tentative() || facts.alone_at.is_some();
         !facts.phase.is_doubtful() && is_itself
     };
@@ -193,7 +193,7 @@ mod tests {
             (Facts::example(2, Phase::Tracked), true),
             (Facts::example(2, Phase::Tracked).at_x(0.5), false),
             (Facts::example(2, LOST), false),
-            // On a newborn's word nobody goes: it may have been initiated on this very body.
+            // On a newcomer's word nobody goes: it may have been initiated on this very body.
             (Facts::example(2, Phase::tentative(0)), false),
         ];
         for (other, steps_back) in cases {

@@ -9,12 +9,12 @@ use crate::identity::facts::{Facts, Rules};
 use crate::identity::memory::Candidate;
 use crate::identity::recognise::{Appearance, Reach, assign_known};
 
-/// Least ln of the likelihood ratio at which a newborn is somebody who was here before.
+/// Least ln of the likelihood ratio at which a newcomer is somebody who was here before.
 const LEAST_RETURN: f64 = 1.0;
 
 /// Somebody tentative, or confirmed at this tick.
 #[derive(Debug, Clone)]
-pub(crate) struct Newborn {
+pub(crate) struct Newcomer {
     pub(crate) wire_id: PersonId,
     /// As its tentative ticks show it.
     pub(crate) appearance: Appearance,
@@ -24,35 +24,35 @@ pub(crate) struct Newborn {
     pub(crate) is_confirmed: bool,
 }
 
-/// Decides which of the `newborns` are who of the `known`.
-pub(crate) fn decide(newborns: &[Newborn], known: &[Candidate], rules: &Rules) -> Vec<Event> {
+/// Decides which of the `newcomers` are who of the `known`.
+pub(crate) fn decide(newcomers: &[Newcomer], known: &[Candidate], rules: &Rules) -> Vec<Event> {
     let reach = Reach::new(&rules.field, &rules.births);
-    let absence_s = |newborn: &Newborn, known: &Candidate| {
-        (newborn.since - known.last_seen.tick) as f64 / rules.rate_hz
+    let absence_s = |newcomer: &Newcomer, known: &Candidate| {
+        (newcomer.since - known.last_seen.tick) as f64 / rules.rate_hz
     };
-    let likeness: Vec<Vec<Option<f64>>> = newborns
+    let likeness: Vec<Vec<Option<f64>>> = newcomers
         .iter()
-        .map(|newborn| {
+        .map(|newcomer| {
             let pair = |known: &Candidate| {
-                let absence_s = absence_s(newborn, known);
-                reach.likeness(&newborn.appearance, &known.appearance, absence_s)
+                let absence_s = absence_s(newcomer, known);
+                reach.likeness(&newcomer.appearance, &known.appearance, absence_s)
             };
             known.iter().map(pair).collect()
         })
         .collect();
     let chosen = assign_known(&likeness, LEAST_RETURN);
-    let pairs = newborns.iter().zip(chosen);
-    let confirmed = pairs.filter(|(newborn, _)| newborn.is_confirmed);
+    let pairs = newcomers.iter().zip(chosen);
+    let confirmed = pairs.filter(|(newcomer, _)| newcomer.is_confirmed);
     confirmed
-        .filter_map(|(newborn, chosen)| {
+        .filter_map(|(newcomer, chosen)| {
             let chosen = chosen?;
             let known = &known[chosen.column];
-            let absence_s = absence_s(newborn, known);
+            let absence_s = absence_s(newcomer, known);
             Some(Event {
-                wire_id: newborn.wire_id,
+                wire_id: newcomer.wire_id,
                 kind: EventKind::Recognise {
                     old: known.id,
-                    why: chosen.why(&newborn.appearance, &known.appearance, absence_s),
+                    why: chosen.why(&newcomer.appearance, &known.appearance, absence_s),
                 },
             })
         })
@@ -106,8 +106,8 @@ mod tests {
         }
     }
 
-    fn newborn(stature_m: f64, is_confirmed: bool) -> Newborn {
-        Newborn {
+    fn newcomer(stature_m: f64, is_confirmed: bool) -> Newcomer {
+        Newcomer {
             wire_id: PersonId(9),
             appearance: appearance(stature_m, 0.2),
             since: Tick(140),
@@ -119,7 +119,7 @@ mod tests {
     fn who_was_here_before_is_recognised_and_a_stranger_is_not() {
         let rules = Rules::example(20.0);
         let known = [known(3, 1.7)];
-        let events = decide(&[newborn(1.7, true)], &known, &rules);
+        let events = decide(&[newcomer(1.7, true)], &known, &rules);
         let [event] = events.as_slice() else {
             panic!("{events:?}")
         };
@@ -129,15 +129,15 @@ mod tests {
         assert_eq!((event.wire_id.0, old.0), (9, 3));
         assert!(why.distance_m < 0.01 && why.lengths_sigma < 1.0, "{why:?}");
         assert!((why.absence_s - 2.0).abs() < 1e-6);
-        assert!(decide(&[newborn(1.95, true)], &known, &rules).is_empty());
+        assert!(decide(&[newcomer(1.95, true)], &known, &rules).is_empty());
     }
 
     #[test]
     fn who_is_not_confirmed_competes_but_gets_nobody() {
         let rules = Rules::example(20.0);
         let known = [known(3, 1.7)];
-        assert!(decide(&[newborn(1.7, false)], &known, &rules).is_empty());
-        let twins = [newborn(1.7, true), newborn(1.7, false)];
+        assert!(decide(&[newcomer(1.7, false)], &known, &rules).is_empty());
+        let twins = [newcomer(1.7, true), newcomer(1.7, false)];
         assert!(decide(&twins, &known, &rules).is_empty());
     }
 

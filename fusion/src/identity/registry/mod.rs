@@ -1,7 +1,7 @@
 //! Everybody in the venue: applies what is decided, and says it.
 
 mod apply;
-mod newcomers;
+mod sighted;
 #[cfg(test)]
 mod tests;
 
@@ -13,20 +13,20 @@ use farfield_proto::tick::Tick;
 use farfield_proto::venue::{GivenPerson, Venue};
 
 use super::decide::places::SharedPlaces;
-use super::decide::recognition::Newborn;
+use super::decide::recognition::Newcomer;
 use super::decide::{lives, places, recognition};
-use super::detection_scheduler::Lookout;
+use super::detection_scheduler::DetectionScheduler;
 use super::event::{Event, EventKind};
 use super::facts::{Facts, Rules};
 use super::memory::{Candidate, Memory};
-use super::poster::Pictures;
+use super::poster::Posters;
 use super::recognise::{Appearance, Lengths};
 use super::track::Track;
 use crate::align::TickGroup;
 use crate::body::fit::fit;
 use crate::body::observed::ObservedJoints;
 use crate::method::Method;
-use crate::sightings::finder::BirthFinder;
+use crate::sightings::finder::PersonFinder;
 
 /// What became of everybody after a tick.
 pub struct Outcome {
@@ -43,11 +43,11 @@ pub struct Registry {
     tracks: Vec<Track>,
     next_id: u32,
     rules: Rules,
-    finder: BirthFinder,
+    finder: PersonFinder,
     given: Vec<GivenPerson>,
-    scheduler: Lookout,
+    scheduler: DetectionScheduler,
     shared_places: SharedPlaces,
-    posters: Pictures,
+    posters: Posters,
     memory: Memory,
     /// Per camera, whose it is.
     viewpoint_of_camera: Vec<ViewpointIndex>,
@@ -70,8 +70,13 @@ impl Registry {
             tracks: Vec::new(),
             next_id: 1,
             viewpoint_of_camera: cameras.iter().map(|camera| camera.0).collect(),
-            scheduler: Lookout::new(cameras.clone(), venue.field, &births, venue.rate_hz),
-            finder: BirthFinder::new(cameras, keypoints, &venue.field, &births),
+            scheduler: DetectionScheduler::new(
+                cameras.clone(),
+                venue.field,
+                &births,
+                venue.rate_hz,
+            ),
+            finder: PersonFinder::new(cameras, keypoints, &venue.field, &births),
             given: venue.given_persons.clone(),
             rules: Rules {
                 births,
@@ -79,7 +84,7 @@ impl Registry {
                 rate_hz: venue.rate_hz,
             },
             shared_places: SharedPlaces::default(),
-            posters: Pictures::default(),
+            posters: Posters::default(),
             memory: Memory::default(),
             events: Vec::new(),
             facts: Vec::new(),
@@ -190,8 +195,8 @@ impl Registry {
             return Vec::new();
         }
         let confirmed: Vec<PersonId> = confirmations.iter().map(|event| event.wire_id).collect();
-        let newborns = self.newborns(&confirmed, method);
-        let recognised = recognition::decide(&newborns, &self.known(), &self.rules);
+        let newcomers = self.newcomers(&confirmed, method);
+        let recognised = recognition::decide(&newcomers, &self.known(), &self.rules);
         let mut poses = Vec::new();
         for event in &confirmations {
             self.apply(std::slice::from_ref(event), tick, method);
@@ -206,19 +211,19 @@ impl Registry {
     }
 
     /// Those who are tentative; `confirmed` (wire ids) are those who will be confirmed at this tick.
-    fn newborns(&self, confirmed: &[PersonId], method: &Method) -> Vec<Newborn> {
+    fn newcomers(&self, confirmed: &[PersonId], method: &Method) -> Vec<Newcomer> {
         let tentative = self.tracks.iter().filter(|track| track.is_tentative());
-        let newborn = |track: &Track| {
-            let (appearance, since) = newborn(track, method);
+        let newcomer = |track: &Track| {
+            let (appearance, since) = newcomer(track, method);
             let wire_id = track.wire_id();
-            Newborn {
+            Newcomer {
                 wire_id,
                 appearance,
                 since,
                 is_confirmed: confirmed.contains(&wire_id),
             }
         };
-        tentative.map(newborn).collect()
+        tentative.map(newcomer).collect()
     }
 
     /// Those who are gone, and those who are lost.
@@ -278,8 +283,8 @@ impl Registry {
     }
 }
 
-/// A newborn as its tentative ticks show it, and its first tick.
-fn newborn(track: &Track, method: &Method) -> (Appearance, Tick) {
+/// A newcomer as its tentative ticks show it, and its first tick.
+fn newcomer(track: &Track, method: &Method) -> (Appearance, Tick) {
     let record = &track.identity.tentative;
     let ticks: Vec<ObservedJoints> = record
         .ticks

@@ -15,16 +15,16 @@ use crate::body::ik::relative_sigmas;
 use crate::body::keypoint_estimate::KeypointEstimate;
 use crate::body::skeleton::{RangeOfMotion, sites_of};
 use crate::boxes::BoxShape;
-use crate::sightings::fixture::{Hall, hall};
+use crate::sightings::fixture::{TestHall, hall};
 
 #[path = "tests/found_again.rs"]
 mod found_again;
 
-type Body = Vec<Vector3<f64>>;
+type TruePoints = Vec<Vector3<f64>>;
 
 const RATE_HZ: f64 = 20.0;
 
-fn venue(hall: &Hall) -> Venue {
+fn venue(hall: &TestHall) -> Venue {
     let mut text = format!(
         "name = \"hall\"\nrate_hz = {RATE_HZ}\ncalibration = \"calibration.toml\"\n\
          [field]\nmin_m = [-4.0, -3.0, -0.3]\nmax_m = [4.0, 3.0, 2.6]\n"
@@ -68,8 +68,8 @@ fn method(venue: &Venue) -> Method {
 }
 
 /// A hall, tick after tick.
-struct Stage {
-    hall: Hall,
+struct HallFixture {
+    hall: TestHall,
     registry: Registry,
     method: Method,
     tick: Tick,
@@ -78,7 +78,7 @@ struct Stage {
     ids: BTreeSet<u32>,
 }
 
-impl Stage {
+impl HallFixture {
     fn new() -> Self {
         let hall = hall();
         let venue = venue(&hall);
@@ -96,12 +96,12 @@ impl Stage {
     }
 
     /// One tick at which all cameras see `bodies`.
-    fn step(&mut self, bodies: &[Body]) -> Outcome {
+    fn step(&mut self, bodies: &[TruePoints]) -> Outcome {
         self.step_seen_by(bodies, &[0, 1, 2, 3])
     }
 
     /// One tick at which `viewpoints` alone see `bodies`.
-    fn step_seen_by(&mut self, bodies: &[Body], viewpoints: &[u16]) -> Outcome {
+    fn step_seen_by(&mut self, bodies: &[TruePoints], viewpoints: &[u16]) -> Outcome {
         for track in self.registry.tracks_mut() {
             track.begin(&self.method);
             let pelvis_m = track.estimator.joints_m()[0];
@@ -137,7 +137,7 @@ impl Stage {
         lived
     }
 
-    fn sighted(&mut self, bodies: &[Body], viewpoints: &[u16]) -> TickGroup {
+    fn sighted(&mut self, bodies: &[TruePoints], viewpoints: &[u16]) -> TickGroup {
         let all = if bodies.is_empty() {
             Vec::new()
         } else {
@@ -163,7 +163,7 @@ impl Stage {
     }
 
     /// Several ticks of the same; the poses of those who were confirmed.
-    fn go_on(&mut self, bodies: &[Body], seconds: f64) -> Vec<(Tick, PersonPose)> {
+    fn go_on(&mut self, bodies: &[TruePoints], seconds: f64) -> Vec<(Tick, PersonPose)> {
         (0..(seconds * RATE_HZ) as usize)
             .flat_map(|_| self.step(bodies).confirmed)
             .collect()
@@ -180,18 +180,18 @@ impl Stage {
     }
 }
 
-fn hips_m(body: &Body) -> Vector3<f64> {
+fn hips_m(body: &TruePoints) -> Vector3<f64> {
     0.5 * (body[11] + body[12])
 }
 
 /// Somebody of that stature, always in the same posture.
-fn person(x: f64, y: f64, stature_m: f64) -> Body {
+fn person(x: f64, y: f64, stature_m: f64) -> TruePoints {
     standing(x, y, stature_m, &mut Noise(7))
 }
 
 #[test]
 fn who_leaves_and_returns_gets_its_id_back() {
-    let mut stage = Stage::new();
+    let mut stage = HallFixture::new();
     stage.go_on(&[person(-3.0, 0.0, 1.7), person(2.0, 1.0, 1.8)], 4.0);
     let id = stage.who_at(-3.0, 0.0).unwrap();
     stage.go_on(&[person(2.0, 1.0, 1.8)], 6.0);
@@ -214,7 +214,7 @@ fn who_leaves_and_returns_gets_its_id_back() {
 
 #[test]
 fn a_stranger_of_another_size_does_not_get_the_id_of_who_left() {
-    let mut stage = Stage::new();
+    let mut stage = HallFixture::new();
     stage.go_on(&[person(-3.0, 0.0, 1.6)], 4.0);
     stage.go_on(&[], 4.0);
     stage.go_on(&[person(-3.0, 0.3, 1.9)], 2.0);
@@ -223,7 +223,7 @@ fn a_stranger_of_another_size_does_not_get_the_id_of_who_left() {
 
 #[test]
 fn nobody_returns_after_the_stated_time() {
-    let mut stage = Stage::new();
+    let mut stage = HallFixture::new();
     stage.registry.rules.births.return_s = 3.0;
     stage.go_on(&[person(-3.0, 0.0, 1.7)], 4.0);
     stage.go_on(&[], 5.0);
@@ -234,7 +234,7 @@ fn nobody_returns_after_the_stated_time() {
 #[test]
 fn two_who_return_at_once_are_not_mixed_up() {
     for swapped in [false, true] {
-        let mut stage = Stage::new();
+        let mut stage = HallFixture::new();
         stage.go_on(&[person(-3.0, -1.0, 1.66), person(-3.0, 1.5, 1.87)], 5.0);
         let (small, tall) = (stage.who_at(-3.0, -1.0), stage.who_at(-3.0, 1.5));
         stage.go_on(&[], 8.0);
@@ -251,7 +251,7 @@ fn two_who_return_at_once_are_not_mixed_up() {
 
 #[test]
 fn who_is_lost_is_taken_back_where_it_is_sighted() {
-    let mut stage = Stage::new();
+    let mut stage = HallFixture::new();
     stage.go_on(&[person(0.0, 0.0, 1.75)], 3.0);
     let id = stage.who_at(0.0, 0.0).unwrap();
     for i in 1..=16 {
@@ -266,7 +266,7 @@ fn who_is_lost_is_taken_back_where_it_is_sighted() {
 
 #[test]
 fn somebody_else_beside_who_is_lost_is_somebody_else() {
-    let mut stage = Stage::new();
+    let mut stage = HallFixture::new();
     stage.go_on(&[person(0.0, 0.0, 1.9)], 3.0);
     let id = stage.who_at(0.0, 0.0);
     stage.go_on(&[], 0.5);
@@ -277,7 +277,7 @@ fn somebody_else_beside_who_is_lost_is_somebody_else() {
 
 #[test]
 fn a_bystander_whom_one_viewpoint_sees_is_never_born() {
-    let mut stage = Stage::new();
+    let mut stage = HallFixture::new();
     for _ in 0..100 {
         stage.step_seen_by(&[person(1.0, 1.0, 1.75)], &[2]);
     }
@@ -286,8 +286,8 @@ fn a_bystander_whom_one_viewpoint_sees_is_never_born() {
 
 #[test]
 fn a_poster_is_not_born_and_who_stands_still_is() {
-    let mut stage = Stage::new();
-    let printed: Body = person(3.5, 1.0, 1.8)
+    let mut stage = HallFixture::new();
+    let printed: TruePoints = person(3.5, 1.0, 1.8)
         .iter()
         .map(|p| Vector3::new(3.5, p.y, p.z))
         .collect();
@@ -309,7 +309,7 @@ fn a_poster_is_not_born_and_who_stands_still_is() {
 
 #[test]
 fn a_poster_that_is_carried_away_is_somebodys() {
-    let mut stage = Stage::new();
+    let mut stage = HallFixture::new();
     for i in 0..40 {
         let y = -1.0 + 0.02 * f64::from(i);
         let body = person(0.0, 0.0, 1.8);

@@ -223,7 +223,7 @@ impl<'a> LockStep<'a> {
         }
         let events = std::mem::take(&mut stepped.events);
         if let Some(events) = self.tally.events(self.session, tick, events) {
-            say(ends, Said::Events(wire::encode(&events)))?;
+            send(ends, Outgoing::Events(wire::encode(&events)))?;
         }
         let over = tick + 1 >= self.ticks.end;
         if !over {

@@ -85,8 +85,8 @@ impl Link {
         let (incoming_tx, incoming) = mpsc::channel(QUEUE);
         self.subscribers
             .spawn(tasks, interceptor, &incoming_tx, stop);
-        // Lock-step has at most one box set per viewpoint, one pose set, one decision and a few statuses
-        // under way.
+        // Lock-step has at most one box set per viewpoint, one pose set, one decision, one set of events and
+        // a few statuses under way.
         let (outgoing_tx, outgoing) = mpsc::channel(4 * (self.publishers.viewpoints() + 4));
         let (matched_tx, matched) = watch::channel(false);
         let (publishers, own_interceptor) = (self.publishers, interceptor.clone());

@@ -14,8 +14,8 @@ fn unsure_m(pose: &PersonPose) -> f32 {
 }
 
 /// Somebody who was lost, and has been seen again for so short that it is still doubtful.
-fn just_found() -> Stage {
-    let mut stage = Stage::new();
+fn just_found() -> HallFixture {
+    let mut stage = HallFixture::new();
     let body = person(0.0, 0.0, STATURE_M);
     stage.go_on(std::slice::from_ref(&body), 3.0);
     for _ in 0..3 {
@@ -28,7 +28,7 @@ fn just_found() -> Stage {
 }
 
 /// Adds a track in the place of the first.
-fn add_on_the_first(stage: &mut Stage, phase: Phase) {
+fn add_on_the_first(stage: &mut HallFixture, phase: Phase) {
     let first = &stage.registry.tracks[0];
     let estimator = first.estimator();
     let body = (estimator.body().skeleton.clone(), *estimator.pose());
@@ -56,7 +56,7 @@ fn who_was_just_found_again_gives_way_to_who_is_surely_there() {
 
 #[test]
 fn who_steps_back_keeps_nothing_of_the_other_and_is_less_sure_than_before() {
-    let mut stage = Stage::new();
+    let mut stage = HallFixture::new();
     stage.go_on(
         &[
             person(0.0, 0.0, STATURE_M),
@@ -93,7 +93,7 @@ fn who_steps_back_keeps_nothing_of_the_other_and_is_less_sure_than_before() {
 
 #[test]
 fn who_is_taken_back_says_how_sure_it_is_at_every_tick() {
-    let mut stage = Stage::new();
+    let mut stage = HallFixture::new();
     stage.go_on(&[person(0.0, 0.0, STATURE_M)], 3.0);
     let mut carried_m = 0.0;
     for i in 1..=16 {
@@ -126,7 +126,7 @@ fn a_sighting_that_gives_no_pose_revives_nobody() {
 #[test]
 fn the_ticks_before_are_solved_without_the_push_of_now() {
     let settled = |push_m: f64| {
-        let mut stage = Stage::new();
+        let mut stage = HallFixture::new();
         stage.go_on(&[person(0.0, 0.0, STATURE_M)], 0.4);
         let method = stage.method.clone();
         let track = &mut stage.registry.tracks_mut()[0];

@@ -20,6 +20,9 @@ use farfield_proto::message::fill::{FillRequest, Filled, SetKind, StoredSet};
 use farfield_proto::message::handout::{
     Chunk, FileKind, FileList, HandoutRequest, ListSignature, SharedFile, SignedList,
 };
+use farfield_proto::message::identity_event::{
+    Change, DropReason, IdentityEvent, IdentityEventSet, Likeness,
+};
 use farfield_proto::message::live::{BoxEcho, LiveBoxes, LiveStatus, PatchTiming};
 use farfield_proto::message::{
     BoxSet, CameraBox, KeypointPeak, Order, PatchSet, PersonBoxes, PersonPatch, PersonPose,
@@ -188,7 +191,33 @@ fn messages() -> anyhow::Result<Vec<(&'static str, Vec<u8>)>> {
         whole("file_list", &list)?,
         whole("signed_list", &signed)?,
         whole("chunk", &chunk)?,
+        whole("identity_events", &identity_events())?,
     ])
+}
+
+fn identity_events() -> IdentityEventSet {
+    let why = Likeness {
+        distance_m: 0.5,
+        absence_s: 3.0,
+        lengths_sigma: 1.25,
+        log_ratio: 4.0,
+        margin: Some(5.5),
+    };
+    let event = |change| IdentityEvent {
+        person: PersonId(7),
+        wire_id: PersonId(9),
+        change,
+    };
+    let old = PersonId(3);
+    let reason = DropReason::OneView { missing_s: 5.0 };
+    IdentityEventSet {
+        session: SESSION,
+        tick: TICK,
+        events: vec![
+            event(Change::Recognise { old, why }),
+            event(Change::Drop { reason }),
+        ],
+    }
 }
 
 fn patch_set() -> anyhow::Result<PatchSet> {

@@ -12,14 +12,14 @@ use crate::body::fit::{Fitted, fit};
 use crate::body::initial_pose::PoseFinder;
 use crate::body::observed::ObservedJoints;
 use crate::body::skeleton::{Joint, Pose};
-use crate::identity::decide::newcomers::{self, LostPerson, Taken};
+use crate::identity::decide::sighted::{self, LostPerson, Taken};
 use crate::identity::event::{Event, EventKind};
 use crate::identity::phase::{Coverage, Phase};
 use crate::identity::recognise::{Appearance, Lengths};
 use crate::identity::track::Track;
 use crate::method::Method;
-use crate::sightings::contradiction::Look;
-use crate::sightings::finder::{SightedPerson, TrackedBody};
+use crate::sightings::contradiction::DetectionPass;
+use crate::sightings::finder::{KnownBody, SightedPerson};
 
 /// A person that is sighted this near to where it is carried is there already, metres: the lattice
 /// finds it by itself.
@@ -32,7 +32,7 @@ impl Registry {
     /// nobody looks, all of them.
     pub(super) fn take_in_sighted(&mut self, group: &TickGroup, method: &Method) -> u32 {
         let tick = group.tick;
-        if !self.scheduler.is_look(tick) {
+        if !self.scheduler.is_pass(tick) {
             let sets = group.sighting_sets.iter();
             return sets.map(|set| set.sightings.len() as u32).sum();
         }
@@ -42,7 +42,7 @@ impl Registry {
         let found = self.finder.find_in(&pass, &bodies);
         let found = self.reinitiate(found, tick, method);
         for track in self.tracks.iter_mut().filter(|t| t.is_tentative()) {
-            let body = TrackedBody {
+            let body = KnownBody {
                 keypoints_m: track.estimator.keypoints_m(),
             };
             let votes = &mut track.identity.tentative.votes;
@@ -58,7 +58,7 @@ impl Registry {
     }
 
     /// What the viewpoints sighted, and how many sightings could not be used.
-    fn pass(&self, group: &TickGroup, n_keypoints: usize) -> (Look, u32) {
+    fn pass(&self, group: &TickGroup, n_keypoints: usize) -> (DetectionPass, u32) {
         let (mut sightings, mut unusable) = (Vec::<Sighting>::new(), 0);
         for set in &group.sighting_sets {
             for sighting in &set.sightings {
@@ -77,14 +77,17 @@ impl Registry {
             .zip(&self.viewpoint_of_camera);
         let answered = |viewpoint| group.sighting_sets.iter().any(|s| s.viewpoint == viewpoint);
         let looked = asked.map(|(&asked, &viewpoint)| asked && answered(viewpoint));
-        (self.finder.look(&sightings, looked.collect()), unusable)
+        (
+            self.finder.detection_pass(&sightings, looked.collect()),
+            unusable,
+        )
     }
 
     /// The bodies of those whose phase `counts`, and the posters on the walls.
-    fn bodies(&self, counts: impl Fn(Phase) -> bool) -> Vec<TrackedBody> {
+    fn bodies(&self, counts: impl Fn(Phase) -> bool) -> Vec<KnownBody> {
         let people = self.tracks.iter();
         let people = people.filter(|track| counts(track.identity.phase));
-        let body = |track: &Track| TrackedBody {
+        let body = |track: &Track| KnownBody {
             keypoints_m: track.estimator.keypoints_m(),
         };
         people.map(body).chain(self.posters.bodies()).collect()
@@ -93,8 +96,8 @@ impl Registry {
     /// Places those tentative tracks anew that wait for their first crops and are among the `found`; the
     /// others are returned.
     ///
-    /// Over a far link the first crops of a newborn are cut some ticks after its initiation. Who stands is in
-    /// them, who runs has left; and one sighting tells no speed. So until its first crops have come, a newborn
+    /// Over a far link the first crops of a newcomer are cut some ticks after its initiation. Who stands is in
+    /// them, who runs has left; and one sighting tells no speed. So until its first crops have come, a newcomer
     /// is placed anew wherever a detection pass finds it.
     fn reinitiate(
         &mut self,
@@ -110,7 +113,7 @@ impl Registry {
         let pelvis_m = |body: &Option<Fitted>| body.as_ref().map(|body| body.pose.root_m);
         let sighted_m: Vec<Option<Vector3<f64>>> = bodies.iter().map(pelvis_m).collect();
         let awaited = self.scheduler.awaited_ticks();
-        let taken = newcomers::reinitiate(&sighted_m, &self.facts, awaited, &self.rules);
+        let taken = sighted::reinitiate(&sighted_m, &self.facts, awaited, &self.rules);
         for (which, event) in &taken {
             let (index, body) = (self.position(event.wire_id), bodies[*which].take());
             if let (Some(index), Some(body)) = (index, body) {
@@ -141,8 +144,9 @@ impl Registry {
         if lost.is_empty() || found.is_empty() {
             return found;
         }
-        let sighted: Vec<Option<Appearance>> = found.iter().map(|p| sighted(p, method)).collect();
-        let mut taken = newcomers::revive(&sighted, &lost, tick, &self.rules);
+        let sighted: Vec<Option<Appearance>> =
+            found.iter().map(|p| appearance_of(p, method)).collect();
+        let mut taken = sighted::revive(&sighted, &lost, tick, &self.rules);
         taken.retain(|(which, event)| {
             let index = self.position(event.wire_id);
             // Whose known body cannot be so is somebody else.
@@ -170,7 +174,7 @@ impl Registry {
         let mut track = Track::new(id, phase, (body.skeleton, body.pose), method);
         track.is_sighted_at(person, tick);
         self.scheduler
-            .ask_about_newborn(tick, &track.estimator.keypoints_m());
+            .ask_about_tentative(tick, &track.estimator.keypoints_m());
         self.tracks.push(track);
         let kind = EventKind::Initiate {
             views: person.views,
@@ -301,7 +305,7 @@ fn fitted(person: &SightedPerson, method: &Method) -> Option<Fitted> {
 }
 
 /// A person as one tick's sightings show it.
-fn sighted(person: &SightedPerson, method: &Method) -> Option<Appearance> {
+fn appearance_of(person: &SightedPerson, method: &Method) -> Option<Appearance> {
     let body = fitted(person, method)?;
     Some(Appearance {
         lengths: Lengths::of(&body.skeleton, 0.0),
