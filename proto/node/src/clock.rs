@@ -97,7 +97,7 @@ mod tests {
     #[test]
     fn at_the_end_of_time_the_clock_stands_still() {
         let clock = VenueClock {
-            start: now() - Duration::from_millis(5),
+            start: now().checked_sub(Duration::from_millis(5)).unwrap(),
             at_start_us: Arc::new(AtomicI64::new(i64::MAX)),
             shift_us: 0,
         };

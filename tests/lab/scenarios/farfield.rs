@@ -1,4 +1,4 @@
-//! Runs the built `farfield` binary and reads what it left.
+//! Runs the built program, which knows the commands of `farfield` and of `lab`, and reads what it left.
 
 use std::path::Path;
 use std::process::{Command, Output, Stdio};

@@ -1,4 +1,4 @@
-//! Whole-system scenarios: the built `farfield` binary with real processes, sockets and files.
+//! Whole-system scenarios: the commands of `farfield`, through the built `lab`, with real processes, sockets and files.
 #![expect(
     clippy::unwrap_used,
     reason = "what goes wrong in a scenario fails it, with its place"

@@ -1,4 +1,4 @@
-//! `farfield suite`: scenes in one process, scored, on clips that the project carries.
+//! `lab suite`: scenes in one process, scored, on clips that the project carries.
 
 use crate::farfield::farfield;
 

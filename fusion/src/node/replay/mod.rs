@@ -228,8 +228,8 @@ impl Solving {
             ending,
             choice: self.replay.choice(),
             tally: self.replay.tally(),
-            people: self.exporter.finish()?,
             events: self.events,
+            people: self.exporter.finish()?,
             elapsed_s: clock::now().duration_since(began).as_secs_f64(),
         })
     }

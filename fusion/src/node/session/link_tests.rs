@@ -60,6 +60,18 @@ async fn next(ends: &mut Ends) -> Incoming {
         .expect("the subscriptions have ended")
 }
 
+async fn client(endpoint: &str) -> zenoh::Session {
+    let mut config = zenoh::Config::default();
+    for (key, value) in [
+        ("mode", "\"client\"".to_owned()),
+        ("scouting/multicast/enabled", "false".to_owned()),
+        ("connect/endpoints", format!("[\"{endpoint}\"]")),
+    ] {
+        config.insert_json5(key, &value).unwrap();
+    }
+    zenoh::open(config).await.unwrap()
+}
+
 async fn what_cannot_be_used_is_told(edge: &zenoh::Session, ends: &mut Ends, set: PatchSet) {
     let of_another = wire::encode(&PatchSet {
         viewpoint: ViewpointIndex(1),
@@ -88,15 +100,7 @@ async fn an_edge_is_heard_answered_and_missed() {
     let (tasks, leave) = (TaskTracker::new(), CancellationToken::new());
     let mut ends = link.spawn(&tasks, &leave, &interceptor);
 
-    let mut config = zenoh::Config::default();
-    for (key, value) in [
-        ("mode", "\"client\"".to_owned()),
-        ("scouting/multicast/enabled", "false".to_owned()),
-        ("connect/endpoints", format!("[\"{endpoint}\"]")),
-    ] {
-        config.insert_json5(key, &value).unwrap();
-    }
-    let edge = zenoh::open(config).await.unwrap();
+    let edge = client(&endpoint).await;
     let token = edge
         .liveliness()
         .declare_token("link-test/alive/a")

@@ -35,9 +35,9 @@ impl Publishers {
         mode: Mode,
     ) -> anyhow::Result<Self> {
         let keys = Keys::new(&venue.name);
-        let (delivery, lossless) = match mode {
+        let (delivery, sent_once) = match mode {
             Mode::LockStep => (Delivery::Blocking, Delivery::Blocking),
-            // Statuses and events are said once: a lost one would be missed.
+            // Statuses and events are sent once: a lost one would be missed.
             Mode::Live => (Delivery::BestEffort, Delivery::Reliable),
         };
         let publisher = |key, delivery| session::publisher(session, key, delivery);
@@ -50,8 +50,8 @@ impl Publishers {
             poses: publisher(keys.pose(), delivery).await?,
             smooth: publisher(keys.smooth(), delivery).await?,
             decisions: publisher(keys.decision(), delivery).await?,
-            events: publisher(keys.event(), lossless).await?,
-            status: publisher(keys.status(FUSION), lossless).await?,
+            events: publisher(keys.event(), sent_once).await?,
+            status: publisher(keys.status(FUSION), sent_once).await?,
         })
     }
 
