@@ -23,7 +23,11 @@ struct Life {
 impl Life {
     fn of(phase: Phase) -> Self {
         Self {
-            facts: Facts::example(1, phase),
+            facts: Facts {
+                // The first sighting is one.
+                tentative_ticks: usize::from(phase.is_tentative()),
+                ..Facts::example(1, phase)
+            },
             tick: Tick(0),
             is_gone: false,
         }
@@ -150,7 +154,7 @@ fn an_open_question_holds_a_confirmation_back_and_a_poster_is_gone() {
     life.facts.stillness = STILL;
     assert!(life.live(MadeOf::Views, 50).is_empty());
     let still_s = Rules::example(RATE_HZ).births.still_s;
-    let rest = (still_s * RATE_HZ) as u32 - 50;
+    let rest = (still_s * RATE_HZ) as u32 - 51;
     assert!(life.live(MadeOf::Views, rest).is_empty());
     assert_eq!(life.live(MadeOf::Views, 1), ["poster"]);
 }
