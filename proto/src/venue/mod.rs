@@ -7,6 +7,7 @@ mod check;
 mod file;
 mod given;
 pub mod layout;
+mod limits;
 pub mod parameters;
 mod raw;
 mod source;
