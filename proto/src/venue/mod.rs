@@ -10,6 +10,7 @@ pub mod layout;
 mod limits;
 pub mod parameters;
 mod raw;
+pub mod same_files;
 mod source;
 
 use std::collections::BTreeMap;
