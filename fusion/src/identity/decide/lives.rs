@@ -54,8 +54,8 @@ pub(crate) fn decide(everybody: &[Facts], tick: Tick, rules: &Rules) -> Vec<Even
     everybody.iter().filter_map(event).collect()
 }
 
-fn leaves(reason: DropReason) -> Option<EventKind> {
-    Some(EventKind::Drop { reason })
+fn leaves(reason: DropReason) -> EventKind {
+    EventKind::Drop { reason }
 }
 
 /// A tentative body goes that viewpoints should see and do not.
@@ -64,10 +64,10 @@ fn contradicted(facts: &Facts, _: &Situation<'_>) -> Option<EventKind> {
     if !facts.phase.is_tentative() || !votes.are_against() {
         return None;
     }
-    leaves(DropReason::Contradicted {
+    Some(leaves(DropReason::Contradicted {
         seen: votes.seen,
         missed: votes.missed,
-    })
+    }))
 }
 
 /// A tentative body goes that has been flat and still for `births.still_s`.
@@ -77,10 +77,10 @@ fn a_poster(facts: &Facts, situation: &Situation<'_>) -> Option<EventKind> {
     if !facts.phase.is_tentative() || tentative_s(facts, situation) <= births.still_s {
         return None;
     }
-    leaves(DropReason::Poster {
+    Some(leaves(DropReason::Poster {
         flat_m: stillness.flat_m as f32,
         moved_m: stillness.moved_m as f32,
-    })
+    }))
 }
 
 /// A tentative body is somebody that was seen often enough, and is neither flat and still nor in the place
@@ -120,9 +120,9 @@ fn not_seen_again(facts: &Facts, situation: &Situation<'_>) -> Option<EventKind>
     if missing_s <= rules.births.tentative_s + rules.seconds(awaited_ticks) {
         return None;
     }
-    leaves(DropReason::NotSeenAgain {
+    Some(leaves(DropReason::NotSeenAgain {
         missing_s: missing_s as f32,
-    })
+    }))
 }
 
 /// Who is confirmed goes when nobody has seen it for `births.coast_s`.
@@ -131,9 +131,9 @@ fn unseen_for_too_long(facts: &Facts, situation: &Situation<'_>) -> Option<Event
     if facts.phase.is_tentative() || unseen_s <= situation.rules.births.coast_s {
         return None;
     }
-    leaves(DropReason::Unseen {
+    Some(leaves(DropReason::Unseen {
         unseen_s: unseen_s as f32,
-    })
+    }))
 }
 
 /// Who is confirmed goes when no two viewpoints have seen it for `births.one_view_s`.
@@ -142,9 +142,9 @@ fn one_view_for_too_long(facts: &Facts, situation: &Situation<'_>) -> Option<Eve
     if facts.phase.is_tentative() || missing_s <= situation.rules.births.one_view_s {
         return None;
     }
-    leaves(DropReason::OneView {
+    Some(leaves(DropReason::OneView {
         missing_s: missing_s as f32,
-    })
+    }))
 }
 
 /// Who is tracked is lost when it has lacked evidence for long.

@@ -161,7 +161,7 @@ fn an_open_question_holds_a_confirmation_back_and_a_poster_is_gone() {
 
 /// What the table says of one track among others.
 fn of(facts: &Facts, others: &[Facts]) -> Option<&'static str> {
-    let everybody = [&[facts.clone()], others].concat();
+    let everybody = [std::slice::from_ref(facts), others].concat();
     let events = decide(&everybody, Tick(100), &Rules::example(RATE_HZ));
     let own = events.iter().find(|event| event.wire_id == facts.wire_id);
     own.map(|event| name(&event.kind))
@@ -248,7 +248,7 @@ fn the_table_rule_by_rule() {
 #[test]
 fn who_stands_in_the_place_of_somebody_confirmed_is_not_confirmed() {
     let other = Facts::example(2, Phase::Tracked);
-    assert_eq!(of(&ready(), &[other.clone()]), None);
+    assert_eq!(of(&ready(), std::slice::from_ref(&other)), None);
     assert_eq!(of(&ready(), &[other.at_x(2.0)]), Some("confirm"));
     let tentative = Facts::example(2, Phase::tentative(0));
     assert_eq!(of(&ready(), &[tentative]), Some("confirm"));
