@@ -7,8 +7,8 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, anyhow};
 use farfield_node::clock;
+use farfield_node::histogram::Histogram;
 use farfield_node::process::say;
-use farfield_proto::histogram::Histogram;
 use farfield_proto::message::identity_event::IdentityEvent;
 use farfield_proto::message::{BoxSet, PatchSet, PoseSet, StageTime};
 use farfield_proto::tick::Tick;

@@ -5,7 +5,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use farfield_node::clock::VenueClock;
-use farfield_proto::histogram::Histogram;
+use farfield_node::histogram::Histogram;
 use farfield_proto::id::SessionId;
 use farfield_proto::message::live::LiveStatus;
 use farfield_proto::message::{BoxSet, StageTime};

@@ -16,6 +16,7 @@ use farfield_proto::venue::{Source, Venue};
 use farfield_proto::wire;
 use tokio::time::{Instant, MissedTickBehavior, interval, sleep_until};
 
+use super::super::config::Config;
 use super::super::status::own_status;
 use super::surroundings::Surroundings;
 use crate::live::membership::Membership;
@@ -70,10 +71,10 @@ pub(super) async fn clock_start(
     let mut members = Membership::new(venue);
     members.expect_models(config.handout.models());
     let mut present = BTreeSet::new();
-    let asked = config.ticks.as_ref().map(|ticks| ticks.start);
     if !is_recorded(venue) {
         let time = TickTime::new(0, venue.rate_hz);
         let now = time.first_from(interceptor.clock.now_us() + FIRST_WORD_US);
+        let asked = config.ticks.as_ref().map(|ticks| ticks.start);
         return Ok(Some(LiveStart {
             time,
             first: asked.map_or(now, |first| first.max(now)),
@@ -113,19 +114,7 @@ pub(super) async fn clock_start(
             () = sleep_until(until.unwrap_or_else(Instant::now)), if until.is_some() => is_enough = true,
         }
         let now_us = interceptor.clock.now_us();
-        let tick_by = |epoch_us| {
-            let time = TickTime::new(epoch_us, venue.rate_hz);
-            time.first_from(now_us + FIRST_WORD_US)
-        };
-        let asked_for = || asked.or(members.recorded().map(|ticks| ticks.start));
-        let begins = match members.epoch_us(tick_by, config.ticks.as_ref()) {
-            Some(us) => Some((TickTime::new(us, venue.rate_hz), tick_by(us))),
-            None if is_enough || members.missing().is_empty() => asked_for().map(|first| {
-                let at_us = now_us + RUN_UP_US;
-                (TickTime::with_tick_at(first, at_us, venue.rate_hz), first)
-            }),
-            None => None,
-        };
+        let begins = settled_start(config, &members, now_us, is_enough);
         if let Some((time, first)) = begins {
             return Ok(Some(LiveStart {
                 time,
@@ -135,6 +124,28 @@ pub(super) async fn clock_start(
             }));
         }
     }
+}
+
+/// The time of the ticks and the first of them, once what the edges have said settles both. `is_enough`: who is not
+/// ready yet is left out.
+fn settled_start(
+    config: &Config,
+    members: &Membership,
+    now_us: Micros,
+    is_enough: bool,
+) -> Option<(TickTime, Tick)> {
+    let rate_hz = config.venue.rate_hz;
+    let tick_by = |epoch_us| TickTime::new(epoch_us, rate_hz).first_from(now_us + FIRST_WORD_US);
+    if let Some(epoch_us) = members.epoch_us(tick_by, config.ticks.as_ref()) {
+        return Some((TickTime::new(epoch_us, rate_hz), tick_by(epoch_us)));
+    }
+    if !(is_enough || members.missing().is_empty()) {
+        return None;
+    }
+    let asked = config.ticks.clone().or_else(|| members.recorded());
+    let first = asked?.start;
+    let at_us = now_us + RUN_UP_US;
+    Some((TickTime::with_tick_at(first, at_us, rate_hz), first))
 }
 
 /// Notes that an edge is there; strangers may declare tokens as they like, under any number of names.
