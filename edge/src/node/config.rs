@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use anyhow::anyhow;
 use farfield_node::clock::VenueClock;
-use farfield_node::endpoints::{Asked, Reach, Side};
+use farfield_node::endpoints::{Asked, LinkEnd, Reach};
 use farfield_node::files::load_venue;
 use farfield_node::process::{Managed, NodeError};
 use farfield_proto::id::ViewpointIndex;
@@ -97,7 +97,7 @@ impl Config {
             ))
         })?;
         let asked = Asked {
-            side: Side::Connect,
+            side: LinkEnd::Connect,
             node: &args.viewpoint,
             endpoints: &args.connect,
             certificates: args.certificates.as_deref(),

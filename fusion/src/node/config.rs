@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use anyhow::Context as _;
-use farfield_node::endpoints::{Asked, Reach, Side};
+use farfield_node::endpoints::{Asked, LinkEnd, Reach};
 use farfield_node::files::load_venue;
 use farfield_node::process::{Managed, NodeError};
 use farfield_proto::model_card::HeatmapCard;
@@ -116,7 +116,7 @@ impl Config {
             check_place(record).map_err(NodeError::Refused)?;
         }
         let asked = Asked {
-            side: Side::Listen,
+            side: LinkEnd::Listen,
             node: FUSION,
             endpoints: &args.listen,
             certificates: args.certificates.as_deref(),

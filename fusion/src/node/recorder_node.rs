@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use anyhow::{Context as _, anyhow};
 use farfield_node::clock::VenueClock;
-use farfield_node::endpoints::{Asked, Reach, Side};
+use farfield_node::endpoints::{Asked, LinkEnd, Reach};
 use farfield_node::files::load_venue;
 use farfield_node::log::start_log_with;
 use farfield_node::process::{Ending, Managed, NodeError, exit_code, say, stop_when_told};
@@ -70,7 +70,7 @@ fn load_and_record(args: RecordArgs) -> Result<Ending, NodeError> {
     check_names(&venue).map_err(NodeError::Refused)?;
     check_place(&args.out).map_err(NodeError::Refused)?;
     let asked = Asked {
-        side: Side::Connect,
+        side: LinkEnd::Connect,
         node: RECORDER,
         endpoints: &args.connect,
         certificates: args.certificates.as_deref(),
