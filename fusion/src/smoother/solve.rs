@@ -58,7 +58,7 @@ impl Solver {
         Self {
             id: track.id(),
             skeleton: track.estimator().body().skeleton.clone(),
-            sites: track.estimator().body().sites.to_vec(),
+            sites: track.estimator().body().sites.clone(),
             last: None,
             feet: Feet::default(),
             ik: IkSolver::new(&method.parameters.ik),

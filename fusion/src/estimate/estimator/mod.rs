@@ -33,7 +33,7 @@ use crate::boxes::Boxes;
 use crate::method::Method;
 
 pub use self::moment::TickSnapshot;
-pub(crate) use self::restart::Standpoint;
+pub(crate) use self::restart::RestartPoint;
 
 /// What the views of a tick show of one person.
 pub struct Evidence {
@@ -87,13 +87,13 @@ pub struct PoseEstimate {
 }
 
 impl PoseEstimate {
-    fn new(skeleton: &Skeleton, pose: Pose, ik: &IkParameters, n_keypoints: usize) -> Self {
+    fn new(skeleton: &Skeleton, pose: &Pose, ik: &IkParameters, n_keypoints: usize) -> Self {
         let mut kinematics = Kinematics::default();
-        skeleton.forward(&pose, &mut kinematics);
+        skeleton.forward(pose, &mut kinematics);
         let joints_m = joints_of(&kinematics);
         Self {
-            pose,
-            free_pose: pose,
+            pose: *pose,
+            free_pose: *pose,
             unobserved: 0,
             motion: Motion::at_rest(joints_m),
             filter: JointFilter::new(&joints_m),
@@ -129,7 +129,7 @@ impl Estimator {
         let n_keypoints = method.sites.len();
         Self {
             evidence: Evidence::new(method),
-            estimate: PoseEstimate::new(&skeleton, pose, &method.parameters.ik, n_keypoints),
+            estimate: PoseEstimate::new(&skeleton, &pose, &method.parameters.ik, n_keypoints),
             body: MeasuredBody::new(skeleton, method.sites.clone()),
         }
     }

@@ -18,11 +18,11 @@ use tokio::time::{Instant, MissedTickBehavior, interval, sleep_until};
 
 use super::super::config::Config;
 use super::super::status::own_status;
-use super::surroundings::Surroundings;
+use super::context::LiveContext;
 use crate::live::membership::Membership;
 use crate::live::tick_time::TickTime;
 use crate::live::{Micros, SECOND_US};
-use crate::node::session::messages::{Incoming, Outgoing, Presence};
+use crate::node::session::messages::{FusionIncoming, FusionOutgoing, Liveliness};
 
 /// How often fusion says that it is there until the ticks begin.
 const CALL_EVERY: Duration = Duration::from_millis(100);
@@ -57,16 +57,16 @@ pub(super) fn is_recorded(venue: &Venue) -> bool {
 /// # Errors
 /// When the subscriptions end.
 pub(super) async fn clock_start(
-    around: &mut Surroundings<'_>,
+    context: &mut LiveContext<'_>,
 ) -> anyhow::Result<Option<LiveStart>> {
-    let Surroundings {
+    let LiveContext {
         config,
         interceptor,
         ends,
         reporter,
         stop,
         ..
-    } = around;
+    } = context;
     let venue = &config.venue;
     let mut members = Membership::new(venue);
     members.expect_models(config.handout.models());
@@ -93,14 +93,14 @@ pub(super) async fn clock_start(
             () = stop.cancelled() => return Ok(None),
             incoming = ends.incoming.recv() => {
                 match incoming.context("the subscriptions have ended")? {
-                    Incoming::Status(status) if status.node != FUSION => {
+                    FusionIncoming::Status(status) if status.node != FUSION => {
                         members.hear(&status, interceptor.clock.now_us());
                         if status.ready && leave_out_at.is_none() {
                             leave_out_at = Some(Instant::now() + PATIENCE);
                         }
                     }
-                    Incoming::Alive(node, Presence::There) => note_present(venue, &mut present, node),
-                    Incoming::Alive(node, Presence::Gone) => drop(present.remove(&node)),
+                    FusionIncoming::Alive(node, Liveliness::There) => note_present(venue, &mut present, node),
+                    FusionIncoming::Alive(node, Liveliness::Gone) => drop(present.remove(&node)),
                     _ => {}
                 }
             }
@@ -109,7 +109,7 @@ pub(super) async fn clock_start(
                 if n_calls % REMIND_EVERY == REMIND_EVERY / 4 {
                     reporter.waiting(&members.missing());
                 }
-                drop(ends.outgoing.try_send(Outgoing::Status(status.clone())));
+                drop(ends.outgoing.try_send(FusionOutgoing::Status(status.clone())));
             }
             () = sleep_until(until.unwrap_or_else(Instant::now)), if until.is_some() => is_enough = true,
         }
