@@ -16,7 +16,7 @@ use farfield_proto::venue::{Source, Venue};
 use farfield_proto::wire;
 use tokio::time::{Instant, MissedTickBehavior, interval, sleep_until};
 
-use super::super::config::Config;
+use super::super::config::FusionConfig;
 use super::super::status::own_status;
 use super::context::LiveContext;
 use crate::live::membership::Membership;
@@ -129,7 +129,7 @@ pub(super) async fn clock_start(
 /// The time of the ticks and the first of them, once what the edges have said settles both. `is_enough`: who is not
 /// ready yet is left out.
 fn settled_start(
-    config: &Config,
+    config: &FusionConfig,
     members: &Membership,
     now_us: Micros,
     is_enough: bool,
