@@ -27,9 +27,9 @@ use crate::boxes::BoxShape;
 use crate::estimate::occlusion::BodyCapsules;
 use crate::estimate::peak_assignment::PeakAssignment;
 use crate::estimate::separation::Separation;
-use crate::identity::journal::Journal;
 use crate::identity::registry::Registry;
 use crate::identity::track::Track;
+use crate::journal::Journal;
 use crate::method::{Method, VenueView};
 use crate::smoother::{Delay, FixedLagSmoother};
 

@@ -15,7 +15,6 @@ mod decide;
 mod detection_scheduler;
 mod event;
 mod facts;
-pub mod journal;
 mod memory;
 pub mod phase;
 mod poster;
