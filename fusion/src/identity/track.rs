@@ -7,7 +7,7 @@ use farfield_proto::tick::Tick;
 use nalgebra::Vector3;
 
 use super::memory::{Candidate, Departed, LastSeen};
-use super::phase::{Coverage, Phase, published};
+use super::phase::{self, Coverage, Phase, published};
 use super::poster::Stillness;
 use super::tentative::{TentativeTick, Votes};
 use crate::align::TickGroup;
@@ -30,6 +30,7 @@ pub struct Identity {
     pub(crate) wire_id: PersonId,
     /// The only place where a phase is stored; changed by events alone.
     pub(crate) phase: Phase,
+    /// What ticks count: see [`Track::count`].
     pub(crate) coverage: Coverage,
     pub(crate) tentative: TentativeRecord,
     /// Ticks of life so far, an earlier life's too.
@@ -142,6 +143,11 @@ impl Track {
         self.identity.phase.is_tentative()
     }
 
+    /// Whether the first crops of a tentative person are still on the way.
+    pub(crate) fn is_awaited(&self) -> bool {
+        phase::is_awaited(self.identity.phase, self.identity.coverage)
+    }
+
     /// The ticks before the last one that were solved again at it: those of a person who was confirmed.
     pub fn solved_again(&self) -> &[TickSnapshot] {
         &self.identity.changed.solved
@@ -241,7 +247,6 @@ impl Track {
         let identity = &mut self.identity;
         identity.lived_ticks = identity.lived_ticks.saturating_add(1);
         identity.coverage.count(made_of);
-        identity.phase = identity.phase.counted(made_of);
         if identity.phase.is_tentative() {
             let estimates = self.estimator.estimates().to_vec();
             identity.tentative.push(tick, estimates, method);

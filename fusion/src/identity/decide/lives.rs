@@ -87,15 +87,13 @@ fn a_poster(facts: &Facts, situation: &Situation<'_>) -> Option<EventKind> {
 /// of somebody who is confirmed.
 fn somebody(facts: &Facts, situation: &Situation<'_>) -> Option<EventKind> {
     let births = &situation.rules.births;
-    let Phase::Tentative {
-        supported_ticks, ..
-    } = facts.phase
-    else {
+    if !facts.phase.is_tentative() {
         return None;
-    };
+    }
+    let supported = facts.coverage.supported;
     let is_open = facts.tentative_ticks < births.confirm_ticks as usize
         || facts.stillness.is_some_and(|still| still.is_poster(births));
-    if supported_ticks < births.confirm_ticks || is_open {
+    if supported < births.confirm_ticks || is_open {
         return None;
     }
     let near_m = births.same_place_m;
@@ -105,19 +103,19 @@ fn somebody(facts: &Facts, situation: &Situation<'_>) -> Option<EventKind> {
         return None;
     }
     Some(EventKind::Confirm {
-        seen_s: situation.rules.seconds(supported_ticks),
+        seen_s: situation.rules.seconds(supported),
     })
 }
 
 /// A tentative body goes that has lacked evidence for `births.tentative_s`, and for as long as its crops
 /// cannot have come.
 fn not_seen_again(facts: &Facts, situation: &Situation<'_>) -> Option<EventKind> {
-    let Phase::Tentative { awaited_ticks, .. } = facts.phase else {
+    if !facts.phase.is_tentative() {
         return None;
-    };
-    let rules = situation.rules;
-    let missing_s = rules.seconds(facts.coverage.missing);
-    if missing_s <= rules.births.tentative_s + rules.seconds(awaited_ticks) {
+    }
+    let (rules, coverage) = (situation.rules, facts.coverage);
+    let missing_s = rules.seconds(coverage.missing);
+    if missing_s <= rules.births.tentative_s + rules.seconds(coverage.awaited) {
         return None;
     }
     Some(leaves(DropReason::NotSeenAgain {

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::estimate::uncertainty::MadeOf;
-use crate::identity::phase::published;
+use crate::identity::phase::{Coverage, published};
 use crate::identity::poster::Stillness;
 use crate::identity::tentative::Votes;
 use farfield_proto::message::PersonState;
@@ -23,13 +23,20 @@ struct Life {
 impl Life {
     fn of(phase: Phase) -> Self {
         Self {
-            facts: Facts {
-                // The first sighting is one.
-                tentative_ticks: usize::from(phase.is_tentative()),
-                ..Facts::example(1, phase)
-            },
+            facts: Facts::example(1, phase),
             tick: Tick(0),
             is_gone: false,
+        }
+    }
+
+    /// Sighted at its first tick; its first crops come in `awaited` ticks.
+    fn sighted(awaited: u32) -> Self {
+        Self {
+            facts: Facts {
+                tentative_ticks: 1,
+                ..Facts::sighted(1, awaited)
+            },
+            ..Self::of(Phase::Tentative)
         }
     }
 
@@ -40,7 +47,6 @@ impl Life {
         let facts = &mut self.facts;
         self.tick = self.tick + 1;
         facts.coverage.count(made_of);
-        facts.phase = facts.phase.counted(made_of);
         facts.tentative_ticks += 1;
         let everybody = std::slice::from_ref(&*facts);
         let event = decide(everybody, self.tick, &Rules::example(RATE_HZ)).pop()?;
@@ -83,7 +89,7 @@ fn name(kind: &EventKind) -> &'static str {
 
 #[test]
 fn a_newborn_is_confirmed_after_enough_ticks_with_evidence() {
-    let mut life = Life::of(Phase::tentative(0));
+    let mut life = Life::sighted(0);
     assert!(life.live(MadeOf::Views, 10).is_empty());
     assert_eq!(life.published(), PersonState::Tentative);
     assert_eq!(life.live(MadeOf::Views, 1), ["confirm"]);
@@ -92,18 +98,18 @@ fn a_newborn_is_confirmed_after_enough_ticks_with_evidence() {
 
 #[test]
 fn a_newborn_far_away_is_not_gone_before_its_crops_can_have_come() {
-    let mut life = Life::of(Phase::tentative(15));
+    let mut life = Life::sighted(15);
     assert!(life.live(MadeOf::Motion, 25).is_empty());
     life.live(MadeOf::Views, 1);
     assert!(life.live(MadeOf::Motion, 10).is_empty());
     assert_eq!(life.live(MadeOf::Motion, 1), ["not seen again"]);
-    let mut life = Life::of(Phase::tentative(15));
+    let mut life = Life::sighted(15);
     assert_eq!(life.live(MadeOf::Motion, 26), ["not seen again"]);
 }
 
 #[test]
 fn a_newborn_that_is_not_seen_again_is_gone_soon() {
-    let mut life = Life::of(Phase::tentative(0));
+    let mut life = Life::sighted(0);
     assert!(life.live(MadeOf::Motion, 10).is_empty());
     assert_eq!(life.live(MadeOf::Motion, 1), ["not seen again"]);
 }
@@ -150,7 +156,7 @@ fn who_was_revived_is_lost_again_unless_it_goes_on_being_seen() {
 
 #[test]
 fn an_open_question_holds_a_confirmation_back_and_a_poster_is_gone() {
-    let mut life = Life::of(Phase::tentative(0));
+    let mut life = Life::sighted(0);
     life.facts.stillness = STILL;
     assert!(life.live(MadeOf::Views, 50).is_empty());
     let still_s = Rules::example(RATE_HZ).births.still_s;
@@ -171,13 +177,11 @@ fn of(facts: &Facts, others: &[Facts]) -> Option<&'static str> {
 fn ready() -> Facts {
     Facts {
         tentative_ticks: 12,
-        ..Facts::example(
-            1,
-            Phase::Tentative {
-                supported_ticks: 12,
-                awaited_ticks: 0,
-            },
-        )
+        coverage: Coverage {
+            supported: 12,
+            ..Coverage::default()
+        },
+        ..Facts::example(1, Phase::Tentative)
     }
 }
 
@@ -232,10 +236,7 @@ fn the_table_rule_by_rule() {
             },
             None,
         ),
-        (
-            missing(11, Facts::example(1, Phase::tentative(0))),
-            Some("not seen again"),
-        ),
+        (missing(11, Facts::sighted(1, 0)), Some("not seen again")),
         (missing(8, tracked()), Some("lose")),
         (missing(7, tracked()), None),
         (missing(251, tracked()), Some("one view")),
@@ -250,6 +251,6 @@ fn who_stands_in_the_place_of_somebody_confirmed_is_not_confirmed() {
     let other = Facts::example(2, Phase::Tracked);
     assert_eq!(of(&ready(), std::slice::from_ref(&other)), None);
     assert_eq!(of(&ready(), &[other.at_x(2.0)]), Some("confirm"));
-    let tentative = Facts::example(2, Phase::tentative(0));
+    let tentative = Facts::sighted(2, 0);
     assert_eq!(of(&ready(), &[tentative]), Some("confirm"));
 }

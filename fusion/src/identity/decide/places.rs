@@ -194,7 +194,7 @@ mod tests {
             (Facts::example(2, Phase::Tracked).at_x(0.5), false),
             (Facts::example(2, LOST), false),
             // On a newcomer's word nobody goes: it may have been initiated on this very body.
-            (Facts::example(2, Phase::tentative(0)), false),
+            (Facts::sighted(2, 0), false),
         ];
         for (other, steps_back) in cases {
             let events = step_back(&[doubtful.clone(), other], Tick(9), &rules());
@@ -215,7 +215,7 @@ mod tests {
             facts.coverage.missing = 1;
             facts
         };
-        let tentative = |id| Facts::example(id, Phase::tentative(0));
+        let tentative = |id| Facts::sighted(id, 0);
         let limit = (rules().births.same_place_s * rules().rate_hz).ceil() as u32;
         for (older, younger, goes) in [
             (tracked(1), tracked(2), 2),

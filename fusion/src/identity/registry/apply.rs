@@ -8,6 +8,7 @@ use farfield_proto::tick::Tick;
 use super::Registry;
 use crate::identity::event::{Event, EventKind};
 use crate::identity::memory::Departed;
+use crate::identity::phase::Coverage;
 use crate::identity::track::Track;
 use crate::method::Method;
 
@@ -23,6 +24,9 @@ impl Registry {
             track.identity.phase = track.identity.phase.after(&event.kind, tick);
             match event.kind {
                 EventKind::Drop { reason } => self.drop_track(index, reason, tick),
+                EventKind::Reinitiate { awaited_ticks, .. } => {
+                    track.identity.coverage = Coverage::sighted(awaited_ticks);
+                }
                 EventKind::StepBack { ticks, .. } => track.step_back(ticks, method),
                 _ => {}
             }

@@ -38,7 +38,7 @@ impl Registry {
         }
         let (pass, unusable) = self.pass(group, method.sites.len());
         // Who may be elsewhere by now explains nothing.
-        let bodies = self.bodies(|phase| !phase.is_lost() && !phase.is_awaited());
+        let bodies = self.bodies(|track| !track.identity.phase.is_lost() && !track.is_awaited());
         let found = self.finder.find_in(&pass, &bodies);
         let found = self.reinitiate(found, tick, method);
         for track in self.tracks.iter_mut().filter(|t| t.is_tentative()) {
@@ -83,10 +83,10 @@ impl Registry {
         )
     }
 
-    /// The bodies of those whose phase `counts`, and the posters on the walls.
-    fn bodies(&self, counts: impl Fn(Phase) -> bool) -> Vec<KnownBody> {
+    /// The bodies of those who `count`, and the posters on the walls.
+    fn bodies(&self, count: impl Fn(&Track) -> bool) -> Vec<KnownBody> {
         let people = self.tracks.iter();
-        let people = people.filter(|track| counts(track.identity.phase));
+        let people = people.filter(|track| count(track));
         let body = |track: &Track| KnownBody {
             keypoints_m: track.estimator.keypoints_m(),
         };
@@ -106,7 +106,7 @@ impl Registry {
         method: &Method,
     ) -> Vec<SightedPerson> {
         self.take_facts();
-        if !self.facts.iter().any(|facts| facts.phase.is_awaited()) {
+        if !self.facts.iter().any(|facts| facts.is_awaited()) {
             return found;
         }
         let mut bodies: Vec<Option<Fitted>> = found.iter().map(|p| fitted(p, method)).collect();
@@ -170,8 +170,9 @@ impl Registry {
         };
         let id = self.new_id();
         let awaited_ticks = self.scheduler.awaited_ticks();
-        let phase = Phase::tentative(awaited_ticks);
-        let mut track = Track::new(id, phase, (body.skeleton, body.pose), method);
+        let body = (body.skeleton, body.pose);
+        let mut track = Track::new(id, Phase::Tentative, body, method);
+        track.identity.coverage = Coverage::sighted(awaited_ticks);
         track.is_sighted_at(person, tick);
         self.scheduler
             .ask_about_tentative(tick, &track.estimator.keypoints_m());
@@ -239,7 +240,6 @@ impl Track {
     /// Starts over at `tick` with another sighting, moving as fast as it must have since the first one.
     fn start_over(&mut self, person: &SightedPerson, body: Fitted, tick: Tick, dt_s: f64) {
         let identity = &mut self.identity;
-        identity.coverage = Coverage::default();
         let record = &mut identity.tentative;
         let began = record.ticks.first().map_or(tick, |first| first.tick);
         let (first, place_m) = *record.first.get_or_insert((began, record.place_m));
