@@ -55,28 +55,31 @@ impl Phase {
         matches!(self, Self::Lost { .. })
     }
 
-    /// The phase after an event at `tick`.
+    /// The phase after an event at `tick`; `None` of who is not here, before it is or when it goes.
     #[must_use]
-    pub(crate) fn after(self, event: &EventKind, tick: Tick) -> Self {
+    pub(crate) fn after(before: Option<Self>, event: &EventKind, tick: Tick) -> Option<Self> {
+        let since = match before {
+            Some(Self::Lost { since, .. }) => since,
+            _ => tick,
+        };
         match *event {
-            EventKind::Confirm { .. } | EventKind::Find { .. } => Self::Tracked,
-            EventKind::Lose { .. } | EventKind::StepBack { .. } => Self::Lost {
+            EventKind::Initiate { .. } | EventKind::Reinitiate { .. } => Some(Self::Tentative),
+            EventKind::Give | EventKind::Confirm { .. } | EventKind::Find { .. } => {
+                Some(Self::Tracked)
+            }
+            EventKind::Lose { .. } | EventKind::StepBack { .. } => Some(Self::Lost {
                 since: tick,
                 is_back: false,
-            },
-            EventKind::Waver { is_back } => self.lost(tick, is_back),
-            EventKind::Revive { .. } => self.lost(tick, true),
-            EventKind::Initiate { .. } | EventKind::Reinitiate { .. } => Self::Tentative,
-            EventKind::Recognise { .. } | EventKind::Drop { .. } | EventKind::Give => self,
+            }),
+            EventKind::Waver { is_back } => Some(Self::Lost { since, is_back }),
+            EventKind::Revive { .. } => Some(Self::Lost {
+                since,
+                is_back: true,
+            }),
+            // It changes who it is, and nothing of its life.
+            EventKind::Recognise { .. } => before,
+            EventKind::Drop { .. } => None,
         }
-    }
-
-    fn lost(self, tick: Tick, is_back: bool) -> Self {
-        let since = match self {
-            Self::Lost { since, .. } => since,
-            Self::Tentative | Self::Tracked => tick,
-        };
-        Self::Lost { since, is_back }
     }
 }
 
@@ -148,6 +151,7 @@ pub(crate) fn published(phase: Phase, coverage: Coverage) -> PersonState {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use farfield_proto::message::identity_event::DropReason;
 
     #[test]
     fn the_first_evidence_ends_the_wait_for_crops() {
@@ -162,17 +166,22 @@ mod tests {
 
     #[test]
     fn who_wavers_or_is_revived_is_lost_since_it_was() {
-        let lost = Phase::Tracked.after(&EventKind::Lose { missing_s: 0.2 }, Tick(7));
-        let back = lost.after(&EventKind::Waver { is_back: true }, Tick(9));
         let since = Tick(7);
-        assert_eq!(
-            back,
-            Phase::Lost {
-                since,
-                is_back: true
-            }
-        );
-        assert!(!back.is_lost() && back.is_doubtful());
+        let lose = EventKind::Lose { missing_s: 0.2 };
+        let lost = Phase::after(Some(Phase::Tracked), &lose, since);
+        let is_back = true;
+        let back = Phase::after(lost, &EventKind::Waver { is_back }, Tick(9));
+        assert_eq!(back, Some(Phase::Lost { since, is_back }));
+        assert!(back.is_some_and(|back| !back.is_lost() && back.is_doubtful()));
+    }
+
+    #[test]
+    fn who_is_not_here_has_no_phase() {
+        let given = Phase::after(None, &EventKind::Give, Tick(3));
+        assert_eq!(given, Some(Phase::Tracked));
+        let reason = DropReason::GivenByHand;
+        let gone = Phase::after(given, &EventKind::Drop { reason }, Tick(4));
+        assert_eq!(gone, None);
     }
 
     #[test]

@@ -52,6 +52,8 @@ pub(crate) struct TentativeRecord {
     pub(crate) stillness: Option<Stillness>,
     /// Where and when it was sighted first, if it has been initiated anew since.
     pub(crate) first: Option<(Tick, Vector3<f64>)>,
+    /// The skeleton that is known of it, from its recognition until its ticks are solved again.
+    pub(crate) known: Option<Skeleton>,
     /// The pelvis when it was sighted last, world, metres.
     pub(crate) place_m: Vector3<f64>,
     /// How fast it moved when it was sighted last, world, metres per second.

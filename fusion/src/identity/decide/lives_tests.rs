@@ -50,8 +50,10 @@ impl Life {
         facts.tentative_ticks += 1;
         let everybody = std::slice::from_ref(&*facts);
         let event = decide(everybody, self.tick, &Rules::example(RATE_HZ)).pop()?;
-        facts.phase = facts.phase.after(&event.kind, self.tick);
-        self.is_gone = matches!(event.kind, EventKind::Drop { .. });
+        match Phase::after(Some(facts.phase), &event.kind, self.tick) {
+            Some(phase) => facts.phase = phase,
+            None => self.is_gone = true,
+        }
         Some(event.kind)
     }
 

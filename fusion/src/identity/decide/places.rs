@@ -29,6 +29,23 @@ pub(crate) fn outside_the_field(everybody: &[Facts], rules: &Rules) -> Vec<Event
     everybody.iter().filter(is_outside).map(leaves).collect()
 }
 
+/// A person given by hand with its pelvis at `given_m` (world, metres) replaces a track that stands there.
+pub(crate) fn replaced_by_hand(
+    everybody: &[Facts],
+    given_m: &Vector3<f64>,
+    rules: &Rules,
+) -> Vec<Event> {
+    let near_m = rules.births.explained_m;
+    let is_near = |facts: &&Facts| (facts.joints_m[0] - given_m).norm() < near_m;
+    let leaves = |facts: &Facts| Event {
+        wire_id: facts.wire_id,
+        kind: EventKind::Drop {
+            reason: DropReason::GivenByHand,
+        },
+    };
+    everybody.iter().filter(is_near).map(leaves).collect()
+}
+
 /// Who is doubtful and has come to stand in the place of somebody who is surely there has followed what was
 /// seen of that one: it steps back to where it stood alone, if it ever did.
 pub(crate) fn step_back(everybody: &[Facts], tick: Tick, rules: &Rules) -> Vec<Event> {
@@ -181,6 +198,15 @@ mod tests {
         let events = |x_m: f64| outside_the_field(&[at(x_m)], &rules());
         assert!(events(4.0 + margin_m).is_empty());
         assert_eq!(who(&events(4.1 + margin_m)), [1]);
+    }
+
+    #[test]
+    fn a_person_given_by_hand_replaces_a_track_that_stands_there() {
+        let near_m = rules().births.explained_m;
+        let at = |id, x_m| Facts::example(id, Phase::Tracked).at_x(x_m);
+        let everybody = [at(1, 1.0), at(2, 1.0 + near_m), at(3, 0.99 - near_m)];
+        let given_m = Vector3::new(1.0, 0.0, 1.0);
+        assert_eq!(who(&replaced_by_hand(&everybody, &given_m, &rules())), [1]);
     }
 
     #[test]

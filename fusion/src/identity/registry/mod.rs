@@ -201,8 +201,12 @@ impl Registry {
         for event in &confirmations {
             self.apply(std::slice::from_ref(event), tick, method);
             let of = |other: &&Event| other.wire_id == event.wire_id;
-            let recognised = recognised.iter().find(of);
-            poses.extend(self.confirm(event.wire_id, recognised, method));
+            if let Some(recognised) = recognised.iter().find(of) {
+                self.apply(std::slice::from_ref(recognised), tick, method);
+            }
+            if let Some(index) = self.position(event.wire_id) {
+                poses.extend(self.tracks[index].solve_again(method));
+            }
         }
         self.take_facts();
         let elsewhere = recognition::found_elsewhere(&self.facts, &confirmed);

@@ -134,7 +134,7 @@ fn the_ticks_before_are_solved_without_the_push_of_now() {
         track
             .estimator
             .push(Some(&[Vector3::repeat(push_m); N_JOINTS]));
-        track.solve_again(None, &method)
+        track.solve_again(&method)
     };
     let poses = settled(0.0);
     assert!(!poses.is_empty());
