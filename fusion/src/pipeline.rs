@@ -210,7 +210,7 @@ impl Pipeline {
         self.separate();
         self.solve(|track, method| track.estimator.fit_joints(method));
         mark(Stage::Ik2);
-        let outcome = self.registry.live(group, &self.method);
+        let outcome = self.registry.step(group, &self.method);
         let poses = PoseSet {
             session: self.session,
             tick: group.tick,

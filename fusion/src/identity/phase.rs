@@ -33,9 +33,8 @@ pub enum Phase {
     Lost {
         /// Since when.
         since: Tick,
-        /// Whether it is seen again, for less than 0.5 s: not for long enough that nobody doubts that it is
-        /// the same.
-        is_back: bool,
+        /// Seen again, for less than 0.5 s: until then it is doubtful whether it is the same.
+        is_seen_again: bool,
     },
 }
 
@@ -47,7 +46,13 @@ impl Phase {
 
     /// Whether a confirmed person is carried by the model, or by one viewpoint alone.
     pub fn is_lost(self) -> bool {
-        matches!(self, Self::Lost { is_back: false, .. })
+        matches!(
+            self,
+            Self::Lost {
+                is_seen_again: false,
+                ..
+            }
+        )
     }
 
     /// Whether a confirmed person is lost, or was a short while ago.
@@ -64,17 +69,20 @@ impl Phase {
         };
         match *event {
             EventKind::Initiate { .. } | EventKind::Reinitiate { .. } => Some(Self::Tentative),
-            EventKind::Give | EventKind::Confirm { .. } | EventKind::Find { .. } => {
+            EventKind::Given | EventKind::Confirm { .. } | EventKind::Find { .. } => {
                 Some(Self::Tracked)
             }
             EventKind::Lose { .. } | EventKind::StepBack { .. } => Some(Self::Lost {
                 since: tick,
-                is_back: false,
+                is_seen_again: false,
             }),
-            EventKind::Waver { is_back } => Some(Self::Lost { since, is_back }),
-            EventKind::Revive { .. } => Some(Self::Lost {
+            EventKind::SeenAgain | EventKind::Revive { .. } => Some(Self::Lost {
                 since,
-                is_back: true,
+                is_seen_again: true,
+            }),
+            EventKind::UnseenAgain => Some(Self::Lost {
+                since,
+                is_seen_again: false,
             }),
             // It changes who it is, and nothing of its life.
             EventKind::Recognise { .. } => before,
@@ -165,19 +173,27 @@ mod tests {
     }
 
     #[test]
-    fn who_wavers_or_is_revived_is_lost_since_it_was() {
+    fn who_is_seen_again_is_lost_since_it_was() {
         let since = Tick(7);
         let lose = EventKind::Lose { missing_s: 0.2 };
         let lost = Phase::after(Some(Phase::Tracked), &lose, since);
-        let is_back = true;
-        let back = Phase::after(lost, &EventKind::Waver { is_back }, Tick(9));
-        assert_eq!(back, Some(Phase::Lost { since, is_back }));
+        let back = Phase::after(lost, &EventKind::SeenAgain, Tick(9));
+        let is_seen_again = true;
+        assert_eq!(
+            back,
+            Some(Phase::Lost {
+                since,
+                is_seen_again
+            })
+        );
         assert!(back.is_some_and(|back| !back.is_lost() && back.is_doubtful()));
+        let lost_again = Phase::after(back, &EventKind::UnseenAgain, Tick(11));
+        assert_eq!(lost_again, lost);
     }
 
     #[test]
     fn who_is_not_here_has_no_phase() {
-        let given = Phase::after(None, &EventKind::Give, Tick(3));
+        let given = Phase::after(None, &EventKind::Given, Tick(3));
         assert_eq!(given, Some(Phase::Tracked));
         let reason = DropReason::GivenByHand;
         let gone = Phase::after(given, &EventKind::Drop { reason }, Tick(4));

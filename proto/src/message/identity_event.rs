@@ -43,7 +43,8 @@ pub enum Change {
         views: u16,
     },
     /// The venue file says that somebody is there.
-    Give,
+    #[serde(rename = "give")]
+    Given,
     /// A tentative person whose crops have not come yet was sighted elsewhere, and is followed from there.
     Reinitiate {
         /// How far from where it was, metres.
@@ -163,7 +164,7 @@ impl Change {
     pub fn name(&self) -> &'static str {
         match self {
             Self::Initiate { .. } => "initiate",
-            Self::Give => "give",
+            Self::Given => "give",
             Self::Reinitiate { .. } => "reinitiate",
             Self::Confirm { .. } => "confirm",
             Self::Recognise { .. } => "recognise",
@@ -204,7 +205,7 @@ impl Change {
         };
         let all = match self {
             Self::Recognise { why, .. } | Self::Revive { why } => likeness(why),
-            Self::Initiate { .. } | Self::Give => of(&[]),
+            Self::Initiate { .. } | Self::Given => of(&[]),
             Self::Reinitiate { moved_m: number }
             | Self::Confirm { seen_s: number }
             | Self::Lose { missing_s: number }
@@ -237,7 +238,7 @@ impl fmt::Display for IdentityEvent {
             Change::Initiate { views } => {
                 write!(f, "id {id} begins: sighted by {views} viewpoints")
             }
-            Change::Give => write!(f, "id {id} begins: given in the venue file"),
+            Change::Given => write!(f, "id {id} begins: given in the venue file"),
             Change::Reinitiate { moved_m } => {
                 write!(f, "id {id} begins again: sighted {moved_m:.1} m away")
             }

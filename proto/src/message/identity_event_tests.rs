@@ -45,7 +45,7 @@ fn changes(n: [f32; 5], other: u32, flag: bool) -> Vec<Change> {
         Change::Initiate {
             views: other as u16,
         },
-        Change::Give,
+        Change::Given,
         Change::Reinitiate { moved_m: n[0] },
         Change::Confirm { seen_s: n[0] },
         Change::Recognise { old, why },
@@ -101,7 +101,7 @@ fn every_change_has_a_name_and_a_line_of_its_own() {
 
 #[test]
 fn too_many_events_or_a_number_that_is_none_are_no_message() {
-    let many = set(vec![Change::Give; MAX_EVENTS + 1]);
+    let many = set(vec![Change::Given; MAX_EVENTS + 1]);
     let read = decode::<IdentityEventSet>(&encode(&many));
     assert!(matches!(read, Err(WireError::Invalid(_))));
     for change in changes([f32::NAN; 5], 3, true) {

@@ -33,7 +33,7 @@ const TABLE: [Rule; 9] = [
     unseen_for_too_long,
     one_view_for_too_long,
     lost,
-    wavering,
+    seen_again,
     found,
 ];
 
@@ -152,14 +152,20 @@ fn lost(facts: &Facts, situation: &Situation<'_>) -> Option<EventKind> {
     is_lost.then_some(EventKind::Lose { missing_s })
 }
 
-/// Who is lost is back, or is not any more.
-fn wavering(facts: &Facts, situation: &Situation<'_>) -> Option<EventKind> {
-    let Phase::Lost { is_back, .. } = facts.phase else {
+/// Who is lost is seen again, or is not any more.
+fn seen_again(facts: &Facts, situation: &Situation<'_>) -> Option<EventKind> {
+    let Phase::Lost { is_seen_again, .. } = facts.phase else {
         return None;
     };
-    let now_back = situation.rules.seconds(facts.coverage.streak) >= LOST_S;
-    let wavers = now_back != is_back && !is_found(facts, situation.rules);
-    wavers.then_some(EventKind::Waver { is_back: now_back })
+    let is_seen_now = situation.rules.seconds(facts.coverage.streak) >= LOST_S;
+    if is_seen_now == is_seen_again || is_found(facts, situation.rules) {
+        return None;
+    }
+    Some(if is_seen_now {
+        EventKind::SeenAgain
+    } else {
+        EventKind::UnseenAgain
+    })
 }
 
 /// Who is lost is found when it has been seen again for long.

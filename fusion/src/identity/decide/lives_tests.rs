@@ -74,8 +74,8 @@ fn name(kind: &EventKind) -> &'static str {
     match kind {
         EventKind::Confirm { .. } => "confirm",
         EventKind::Lose { .. } => "lose",
-        EventKind::Waver { is_back: true } => "back",
-        EventKind::Waver { is_back: false } => "away",
+        EventKind::SeenAgain => "back",
+        EventKind::UnseenAgain => "away",
         EventKind::Find { .. } => "find",
         EventKind::Drop { reason } => match reason {
             DropReason::Contradicted { .. } => "contradicted",
@@ -151,7 +151,7 @@ fn who_was_lost_is_doubtful_for_a_while() {
 fn who_was_revived_is_lost_again_unless_it_goes_on_being_seen() {
     let mut life = Life::of(Phase::Lost {
         since: Tick(0),
-        is_back: true,
+        is_seen_again: true,
     });
     assert_eq!(life.live(MadeOf::Views, 1), ["away"]);
 }

@@ -180,7 +180,7 @@ mod tests {
 
     const LOST: Phase = Phase::Lost {
         since: Tick(5),
-        is_back: true,
+        is_seen_again: true,
     };
 
     fn rules() -> Rules {
@@ -219,7 +219,7 @@ mod tests {
             (Facts::example(2, Phase::Tracked), true),
             (Facts::example(2, Phase::Tracked).at_x(0.5), false),
             (Facts::example(2, LOST), false),
-            // On a newcomer's word nobody goes: it may have been initiated on this very body.
+            // For somebody tentative nobody steps back: it may have been initiated on this very body.
             (Facts::sighted(2, 0), false),
         ];
         for (other, steps_back) in cases {

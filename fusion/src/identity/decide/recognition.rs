@@ -59,14 +59,14 @@ pub(crate) fn decide(newcomers: &[Newcomer], known: &[Candidate], rules: &Rules)
         .collect()
 }
 
-/// A lost track whose person is one of the `recognised` (wire ids) goes: it has been found elsewhere.
-pub(crate) fn found_elsewhere(everybody: &[Facts], recognised: &[PersonId]) -> Vec<Event> {
-    let is_recognised = |facts: &&Facts| recognised.contains(&facts.wire_id);
-    let events = everybody.iter().filter(|facts| !is_recognised(facts));
-    events
+/// A lost track goes whose id one of the `confirmed` (wire ids) has got: the person has been found elsewhere.
+pub(crate) fn found_elsewhere(everybody: &[Facts], confirmed: &[PersonId]) -> Vec<Event> {
+    let is_confirmed = |facts: &&Facts| confirmed.contains(&facts.wire_id);
+    let others = everybody.iter().filter(|facts| !is_confirmed(facts));
+    others
         .filter(|facts| {
-            let mut recognised = everybody.iter().filter(is_recognised);
-            recognised.any(|other| other.id == facts.id)
+            let mut confirmed = everybody.iter().filter(is_confirmed);
+            confirmed.any(|confirmed| confirmed.id == facts.id)
         })
         .map(|facts| Event {
             wire_id: facts.wire_id,
@@ -145,7 +145,7 @@ mod tests {
     fn the_lost_track_of_who_was_recognised_goes() {
         let lost = Phase::Lost {
             since: Tick(1),
-            is_back: false,
+            is_seen_again: false,
         };
         let recognised = Facts {
             wire_id: PersonId(9),

@@ -1,7 +1,7 @@
 //! What events do to tracks, and to what is remembered: the one door to who is who.
 //!
 //! Every event passes [`Registry::begin_track`], who begins a track, or [`Registry::apply`]. Both change the
-//! phase, and say the event.
+//! phase, and publish the event.
 //!
 //! What no event holds is done beside it by who applies it, in `sighted`: a body that was fitted to sightings
 //! or to keypoints given by hand comes with the track that begins, and moves a track that is initiated anew
@@ -21,7 +21,7 @@ use crate::identity::track::Track;
 use crate::method::Method;
 
 impl Registry {
-    /// Begins the track of somebody who was not here, with the event `kind`, and says it; `None` where that
+    /// Begins the track of somebody who was not here, with the event `kind`, and publishes it; `None` where that
     /// event begins nothing.
     pub(super) fn begin_track(
         &mut self,
@@ -32,7 +32,7 @@ impl Registry {
     ) -> Option<&mut Track> {
         let phase = Phase::after(None, &kind, tick)?;
         let wire_id = self.new_id();
-        self.say(wire_id, &Event { wire_id, kind });
+        self.publish(wire_id, &Event { wire_id, kind });
         let body = (body.skeleton, body.pose);
         let mut track = Track::new(wire_id, phase, body, method);
         if let EventKind::Initiate { awaited_ticks, .. } = kind {
@@ -42,13 +42,13 @@ impl Registry {
         self.tracks.last_mut()
     }
 
-    /// Applies events of tracks, in order, and says them.
+    /// Applies events of tracks, in order, and publishes them.
     pub(super) fn apply(&mut self, events: &[Event], tick: Tick, method: &Method) {
         for event in events {
             let Some(index) = self.position(event.wire_id) else {
                 continue;
             };
-            self.say(self.tracks[index].id(), event);
+            self.publish(self.tracks[index].id(), event);
             let identity = &mut self.tracks[index].identity;
             if let Some(phase) = Phase::after(Some(identity.phase), &event.kind, tick) {
                 identity.phase = phase;
@@ -66,11 +66,11 @@ impl Registry {
         }
     }
 
-    /// Says an event of `person`.
-    pub(super) fn say(&mut self, person: PersonId, event: &Event) {
+    /// Publishes an event of `person`, with the tick.
+    pub(super) fn publish(&mut self, person: PersonId, event: &Event) {
         let dt_s = self.rules.dt_s();
         self.events
-            .extend(event.kind.told(person, event.wire_id, dt_s));
+            .extend(event.kind.as_message(person, event.wire_id, dt_s));
     }
 
     /// Where the track of `wire_id` stands.

@@ -196,7 +196,7 @@ impl Registry {
             let replaced = places::replaced_by_hand(&self.facts, &body.pose.root_m, &self.rules);
             self.apply(&replaced, tick, method);
             if self.tracks.len() < MAX_PERSONS {
-                self.begin_track(EventKind::Give, body, tick, method);
+                self.begin_track(EventKind::Given, body, tick, method);
             }
         }
     }

@@ -130,7 +130,7 @@ impl HallFixture {
             track.estimator.fit_joints(&self.method);
         }
         let group = self.sighted(bodies, viewpoints);
-        let lived = self.registry.live(&group, &self.method);
+        let lived = self.registry.step(&group, &self.method);
         self.tick = self.tick + 1;
         self.ids
             .extend(self.registry.published().iter().map(|pose| pose.person.0));
