@@ -9,7 +9,8 @@
 //! nobody is revived, and there is no event.
 
 use farfield_proto::id::PersonId;
-use farfield_proto::message::identity_event::DropReason;
+use farfield_proto::message::MAX_PERSONS;
+use farfield_proto::message::identity_event::{DropReason, MAX_EVENTS};
 use farfield_proto::tick::Tick;
 
 use super::Registry;
@@ -66,8 +67,16 @@ impl Registry {
         }
     }
 
-    /// Publishes an event of `person`, with the tick.
+    /// Publishes an event of `person`, with the tick; past [`MAX_EVENTS`] of one tick it is left out, because
+    /// everybody would refuse the message.
+    ///
+    /// Only a venue file comes near that, which gives more than a thousand persons by hand at one tick: a track
+    /// begins, lives on, is recognised, steps back, is sighted and is let go at most once a tick.
     pub(super) fn publish(&mut self, person: PersonId, event: &Event) {
+        const { assert!(6 * MAX_PERSONS < MAX_EVENTS) }
+        if self.events.len() == MAX_EVENTS {
+            return;
+        }
         let dt_s = self.rules.dt_s();
         self.events
             .extend(event.kind.as_message(person, event.wire_id, dt_s));
