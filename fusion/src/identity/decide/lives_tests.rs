@@ -168,11 +168,11 @@ fn an_open_question_holds_a_confirmation_back_and_a_poster_is_gone() {
 }
 
 /// What the table says of one track among others.
-fn of(facts: &Facts, others: &[Facts]) -> Option<&'static str> {
+fn of(facts: &Facts, others: &[Facts]) -> Option<EventKind> {
     let everybody = [std::slice::from_ref(facts), others].concat();
     let events = decide(&everybody, Tick(100), &Rules::example(RATE_HZ));
     let own = events.iter().find(|event| event.wire_id == facts.wire_id);
-    own.map(|event| name(&event.kind))
+    own.map(|event| event.kind)
 }
 
 /// A tentative track that nothing holds back.
@@ -187,72 +187,148 @@ fn ready() -> Facts {
     }
 }
 
-#[test]
-fn the_table_rule_by_rule() {
-    let against = Votes {
-        passes: 3,
-        seen: 4,
-        missed: 5,
-    };
-    let missing = |ticks, facts: Facts| {
-        let mut facts = facts;
-        facts.coverage.missing = ticks;
-        facts
-    };
-    let tracked = || Facts::example(1, Phase::Tracked);
-    let cases: [(Facts, Option<&str>); 10] = [
-        (ready(), Some("confirm")),
-        (
-            Facts {
-                votes: against,
-                ..ready()
-            },
-            Some("contradicted"),
-        ),
-        (
-            Facts {
-                votes: against,
-                ..tracked()
-            },
-            None,
-        ),
-        (
-            Facts {
-                stillness: STILL,
-                ..ready()
-            },
-            None,
-        ),
-        (
-            Facts {
-                stillness: STILL,
-                tentative_ticks: 10_000,
-                ..ready()
-            },
-            Some("poster"),
-        ),
-        (
-            Facts {
-                tentative_ticks: 11,
-                ..ready()
-            },
-            None,
-        ),
-        (missing(11, Facts::sighted(1, 0)), Some("not seen again")),
-        (missing(8, tracked()), Some("lose")),
-        (missing(7, tracked()), None),
-        (missing(251, tracked()), Some("one view")),
-    ];
-    for (facts, expected) in cases {
-        assert_eq!(of(&facts, &[]), expected, "{facts:?}");
+const CONFIRMED: Option<EventKind> = Some(EventKind::Confirm { seen_s: 0.24 });
+
+/// `facts` with one thing different.
+fn but(mut facts: Facts, change: impl FnOnce(&mut Facts)) -> Facts {
+    change(&mut facts);
+    facts
+}
+
+fn missing(ticks: u32, facts: Facts) -> Facts {
+    but(facts, |facts| facts.coverage.missing = ticks)
+}
+
+fn unseen(ticks: u32, facts: Facts) -> Facts {
+    let facts = missing(ticks.max(facts.coverage.missing), facts);
+    but(facts, |facts| facts.coverage.unseen = ticks)
+}
+
+fn dropped(reason: DropReason) -> Option<EventKind> {
+    Some(EventKind::Drop { reason })
+}
+
+/// Each row: somebody, and what the table says of it.
+fn check(rows: impl IntoIterator<Item = (Facts, Option<EventKind>)>) {
+    for (row, (facts, expected)) in rows.into_iter().enumerate() {
+        assert_eq!(of(&facts, &[]), expected, "row {row}: {facts:?}");
     }
+}
+
+#[test]
+fn the_rules_of_who_is_contradicted_or_a_poster() {
+    let voted = |passes, seen, missed| {
+        let votes = Votes {
+            passes,
+            seen,
+            missed,
+        };
+        but(ready(), |facts| facts.votes = votes)
+    };
+    let contradicted = |seen, missed| dropped(DropReason::Contradicted { seen, missed });
+    let poster = dropped(DropReason::Poster {
+        flat_m: 0.0,
+        moved_m: 0.0,
+    });
+    let still = |ticks, facts| {
+        but(facts, |facts| {
+            facts.stillness = STILL;
+            facts.tentative_ticks = ticks;
+        })
+    };
+    let tracked = |votes| {
+        let mut facts = Facts::example(1, Phase::Tracked);
+        facts.votes = votes;
+        still(251, facts)
+    };
+    check([
+        (voted(3, 5, 4), CONFIRMED),
+        (voted(3, 5, 5), contradicted(5, 5)),
+        (voted(2, 4, 5), CONFIRMED),
+        (voted(3, 4, 5), contradicted(4, 5)),
+        (still(250, ready()), None),
+        (still(251, ready()), poster),
+        (still(251, voted(3, 4, 5)), contradicted(4, 5)),
+        (tracked(voted(3, 4, 5).votes), None),
+    ]);
+}
+
+#[test]
+fn the_rules_of_who_is_confirmed_or_not_seen_again() {
+    let not_seen_again = |missing_s| dropped(DropReason::NotSeenAgain { missing_s });
+    let sighted = |awaited| Facts::sighted(1, awaited);
+    check([
+        (ready(), CONFIRMED),
+        (but(ready(), |facts| facts.coverage.supported = 11), None),
+        (but(ready(), |facts| facts.tentative_ticks = 11), None),
+        (missing(11, ready()), CONFIRMED),
+        (missing(10, sighted(0)), None),
+        (missing(11, sighted(0)), not_seen_again(0.22)),
+        (missing(25, sighted(15)), None),
+        (missing(26, sighted(15)), not_seen_again(0.52)),
+        // Who is tentative is not kept for as long as who is confirmed.
+        (unseen(51, sighted(90)), None),
+    ]);
+}
+
+#[test]
+fn the_rules_of_who_is_tracked() {
+    let tracked = || Facts::example(1, Phase::Tracked);
+    let lose = |missing_s| Some(EventKind::Lose { missing_s });
+    let gone_unseen = |unseen_s| dropped(DropReason::Unseen { unseen_s });
+    let one_view = |missing_s| dropped(DropReason::OneView { missing_s });
+    check([
+        (missing(7, tracked()), None),
+        (missing(8, tracked()), lose(0.16)),
+        (unseen(50, tracked()), lose(1.0)),
+        (unseen(51, tracked()), gone_unseen(1.02)),
+        (missing(250, tracked()), lose(5.0)),
+        (missing(251, tracked()), one_view(5.02)),
+        (unseen(50, missing(251, tracked())), one_view(5.02)),
+        (unseen(51, missing(251, tracked())), gone_unseen(1.02)),
+    ]);
+}
+
+#[test]
+fn the_rules_of_who_is_lost() {
+    // Since a second before the tick at which the table is asked.
+    let lost = |is_seen_again, streak| {
+        let since = Tick(50);
+        let phase = Phase::Lost {
+            since,
+            is_seen_again,
+        };
+        but(Facts::example(1, phase), |facts| {
+            facts.coverage.streak = streak;
+        })
+    };
+    let found = Some(EventKind::Find { lost_s: 1.0 });
+    check([
+        (lost(false, 7), None),
+        (lost(false, 8), Some(EventKind::SeenAgain)),
+        (lost(true, 8), None),
+        (lost(true, 7), Some(EventKind::UnseenAgain)),
+        (lost(true, 24), None),
+        (lost(true, 25), found),
+        (lost(false, 25), found),
+        // A streak that has ended finds nobody.
+        (missing(8, lost(true, 25)), None),
+        (
+            unseen(51, lost(false, 0)),
+            dropped(DropReason::Unseen { unseen_s: 1.02 }),
+        ),
+        (
+            missing(251, lost(false, 0)),
+            dropped(DropReason::OneView { missing_s: 5.02 }),
+        ),
+    ]);
 }
 
 #[test]
 fn who_stands_in_the_place_of_somebody_confirmed_is_not_confirmed() {
     let other = Facts::example(2, Phase::Tracked);
     assert_eq!(of(&ready(), std::slice::from_ref(&other)), None);
-    assert_eq!(of(&ready(), &[other.at_x(2.0)]), Some("confirm"));
+    assert_eq!(of(&ready(), &[other.at_x(2.0)]), CONFIRMED);
     let tentative = Facts::sighted(2, 0);
-    assert_eq!(of(&ready(), &[tentative]), Some("confirm"));
+    assert_eq!(of(&ready(), &[tentative]), CONFIRMED);
 }
