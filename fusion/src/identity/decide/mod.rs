@@ -3,7 +3,7 @@
 //! ```text
 //!   lives         who is confirmed, lost, found, or let go for want of evidence
 //!   recognition   which of the confirmed was here before; who is found elsewhere
-//!   places        who has left the field; who steps back from, or stands in, another's place
+//!   places        who has left the field; who steps back from, or stands in, another's place, or a given one's
 //!   sighted       which sighted persons are a tentative track that waits, a lost person, or somebody new
 //! ```
 //!
