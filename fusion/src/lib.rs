@@ -27,6 +27,7 @@ pub mod boxes;
 pub mod estimate;
 pub mod export;
 pub mod identity;
+pub mod journal;
 pub mod live;
 pub mod method;
 #[cfg(feature = "node")]

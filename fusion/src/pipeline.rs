@@ -27,9 +27,9 @@ use crate::boxes::BoxShape;
 use crate::estimate::occlusion::BodyCapsules;
 use crate::estimate::peak_assignment::PeakAssignment;
 use crate::estimate::separation::Separation;
-use crate::identity::journal::Journal;
 use crate::identity::registry::Registry;
 use crate::identity::track::Track;
+use crate::journal::Journal;
 use crate::method::{Method, VenueView};
 use crate::smoother::{Delay, FixedLagSmoother};
 
@@ -210,7 +210,7 @@ impl Pipeline {
         self.separate();
         self.solve(|track, method| track.estimator.fit_joints(method));
         mark(Stage::Ik2);
-        let outcome = self.registry.live(group, &self.method);
+        let outcome = self.registry.step(group, &self.method);
         let poses = PoseSet {
             session: self.session,
             tick: group.tick,

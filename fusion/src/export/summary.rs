@@ -212,8 +212,8 @@ mod tests {
         };
         let reason = DropReason::FoundElsewhere;
         let mut counts = EventCounts::default();
-        counts.count(&[event(Change::Give), event(Change::Drop { reason })]);
-        counts.count(&[event(Change::Give)]);
+        counts.count(&[event(Change::Given), event(Change::Drop { reason })]);
+        counts.count(&[event(Change::Given)]);
         let json = serde_json::to_string(&counts).unwrap();
         assert_eq!(json, r#"{"drop/found_elsewhere":1,"give":2}"#);
     }

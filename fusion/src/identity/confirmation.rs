@@ -17,21 +17,18 @@ use crate::method::Method;
 impl Track {
     /// From now on this is somebody who was here before, with the body that is known; the poses so far
     /// are to be solved again.
-    pub(crate) fn becomes(&mut self, known: &Departed, rate_hz: f64) {
+    pub(crate) fn becomes(&mut self, known: Departed, rate_hz: f64) {
         self.identity.id = known.id;
         self.identity.lived_ticks += known.lived_ticks(rate_hz);
         let body = &mut self.estimator.body;
-        body.sites.clone_from(&known.body.sites);
-        body.remeasure = known.body.remeasure.clone();
+        body.sites = known.body.sites;
+        body.remeasure = known.body.remeasure;
+        self.identity.tentative.known = Some(known.body.skeleton);
     }
 
     /// Estimates the body and returns the poses of the tentative ticks, in order; the phase is that of a
-    /// confirmed person already. Who was here before has the body that is `known`.
-    pub(crate) fn solve_again(
-        &mut self,
-        known: Option<&Departed>,
-        method: &Method,
-    ) -> Vec<(Tick, PersonPose)> {
+    /// confirmed person already. Who was recognised has the body that is known of it.
+    pub(crate) fn solve_again(&mut self, method: &Method) -> Vec<(Tick, PersonPose)> {
         let record = std::mem::take(&mut self.identity.tentative);
         let ticks = record.ticks;
         // The fit poses the last of its ticks: backwards, that is the first sighting.
@@ -50,10 +47,10 @@ impl Track {
             },
             |body| (body.skeleton, body.pose),
         );
-        let as_known = known.and_then(|known| {
-            let skeleton = &known.body.skeleton;
+        let as_known = record.known.and_then(|skeleton| {
             let mut finder = PoseFinder::new(ik, bounds);
-            Some((skeleton.clone(), finder.find(skeleton, backwards.last()?)?))
+            let pose = finder.find(&skeleton, backwards.last()?)?;
+            Some((skeleton, pose))
         });
         let (skeleton, pose) = as_known.unwrap_or((skeleton, pose));
         let estimator = &mut self.estimator;

@@ -17,7 +17,7 @@ pub(crate) enum EventKind {
     /// Somebody new was sighted: track initiation.
     Initiate { views: u16, awaited_ticks: u32 },
     /// Somebody is there who is given by hand.
-    Give,
+    Given,
     /// A tentative person whose crops have not come yet was sighted again: it starts over there.
     Reinitiate { moved_m: f64, awaited_ticks: u32 },
     /// A tentative person is somebody.
@@ -26,8 +26,10 @@ pub(crate) enum EventKind {
     Recognise { old: PersonId, why: Likeness },
     /// Somebody has lacked evidence from two viewpoints for long enough to be lost.
     Lose { missing_s: f64 },
-    /// Somebody lost is seen again, or not any more.
-    Waver { is_back: bool },
+    /// Somebody lost is seen again where it is, not yet for long enough to be found.
+    SeenAgain,
+    /// Who was seen again is not any more.
+    UnseenAgain,
     /// Somebody lost has been seen again for long enough.
     Find { lost_s: f64 },
     /// Somebody lost was sighted, and taken back there.
@@ -43,8 +45,8 @@ pub(crate) enum EventKind {
 }
 
 impl EventKind {
-    /// The event as others are told it, of `person`; `None` for what is of no interest outside.
-    pub(crate) fn told(
+    /// The event of `person` as it is published; `None` for what is of no interest outside.
+    pub(crate) fn as_message(
         &self,
         person: PersonId,
         wire_id: PersonId,
@@ -52,7 +54,7 @@ impl EventKind {
     ) -> Option<IdentityEvent> {
         let change = match *self {
             Self::Initiate { views, .. } => Change::Initiate { views },
-            Self::Give => Change::Give,
+            Self::Given => Change::Given,
             Self::Reinitiate { moved_m, .. } => Change::Reinitiate {
                 moved_m: moved_m as f32,
             },
@@ -63,7 +65,7 @@ impl EventKind {
             Self::Lose { missing_s } => Change::Lose {
                 missing_s: missing_s as f32,
             },
-            Self::Waver { .. } => return None,
+            Self::SeenAgain | Self::UnseenAgain => return None,
             Self::Find { lost_s } => Change::Find {
                 lost_s: lost_s as f32,
             },

@@ -5,7 +5,7 @@ use farfield_proto::tick::Tick;
 use farfield_proto::venue::Field;
 use farfield_proto::venue::parameters::BirthParameters;
 
-use super::phase::{Coverage, Phase};
+use super::phase::{self, Coverage, Phase};
 use super::poster::Stillness;
 use super::tentative::Votes;
 use super::track::Track;
@@ -67,6 +67,11 @@ impl TrackFacts {
         }
     }
 
+    /// Whether the first crops of a tentative track are still on the way.
+    pub(crate) fn is_awaited(&self) -> bool {
+        phase::is_awaited(self.phase, self.coverage)
+    }
+
     /// Mean distance of the joints of two bodies, metres; the smaller of left on left and left on right,
     /// because one of two tracks on a body may face the other way.
     pub(crate) fn distance_m(&self, other: &Self) -> f64 {
@@ -108,6 +113,14 @@ impl TrackFacts {
             tentative_ticks: 0,
             votes: Votes::default(),
             stillness: None,
+        }
+    }
+
+    /// Of somebody who was just sighted, and whose first crops come in `awaited` ticks, for tests.
+    pub(crate) fn sighted(id: u32, awaited: u32) -> Self {
+        Self {
+            coverage: Coverage::sighted(awaited),
+            ..Self::example(id, Phase::Tentative)
         }
     }
 

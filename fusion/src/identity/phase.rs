@@ -1,4 +1,4 @@
-//! Where a person is in its life: tentative, tracked, lost. Who is gone has no track any more.
+//! Where a person is in its life: tentative, tracked, lost. Who is gone has no track any more, and so no phase.
 //!
 //! ```text
 //!   tentative --enough evidence--> tracked <--seen for long enough-- lost
@@ -8,7 +8,12 @@
 //!       '---------------------------> gone <--------------------------'
 //! ```
 //!
-//! The transitions are decided in `super::decide`, by a table of rules.
+//! A phase changes by events alone, as [`Phase::after`] says; they are decided in [`super::decide`]. What a
+//! tick counts is [`Coverage`]. There is no phase of who is seen by one viewpoint alone: that is a count of
+//! [`Coverage`], and no rule makes it a phase.
+//!
+//! Coasting is no phase either: a confirmed person is published as coasting ([`published`]) while no two
+//! viewpoints see it, from the first such tick, when it is still tracked.
 
 use farfield_proto::message::PersonState;
 use farfield_proto::tick::Tick;
@@ -20,12 +25,7 @@ use crate::estimate::uncertainty::MadeOf;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Phase {
     /// Sighted, and not confirmed.
-    Tentative {
-        /// Ticks with evidence from two viewpoints, the first sighting's too.
-        supported_ticks: u32,
-        /// Ticks for which its crops cannot have come yet; 0 from when it was seen.
-        awaited_ticks: u32,
-    },
+    Tentative,
     /// Confirmed, and surely who it is.
     Tracked,
     /// Confirmed, and carried by the model or by one viewpoint alone: it may be elsewhere by now, or follow
@@ -33,34 +33,26 @@ pub enum Phase {
     Lost {
         /// Since when.
         since: Tick,
-        /// Whether it is seen again where it is, but not for long enough that nobody doubts that it is the same.
-        is_back: bool,
+        /// Seen again, for less than 0.5 s: until then it is doubtful whether it is the same.
+        is_seen_again: bool,
     },
 }
 
 impl Phase {
-    /// Seen at its first tick, and its first crops come `awaited_ticks` later than the next: it is not gone
-    /// before they can have come.
-    pub fn tentative(awaited_ticks: u32) -> Self {
-        Self::Tentative {
-            supported_ticks: 1,
-            awaited_ticks,
-        }
-    }
-
     /// Whether the person is not confirmed yet.
     pub fn is_tentative(self) -> bool {
-        matches!(self, Self::Tentative { .. })
-    }
-
-    /// Whether the first crops of a tentative person are still on the way.
-    pub fn is_awaited(self) -> bool {
-        matches!(self, Self::Tentative { awaited_ticks, .. } if awaited_ticks > 0)
+        self == Self::Tentative
     }
 
     /// Whether a confirmed person is carried by the model, or by one viewpoint alone.
     pub fn is_lost(self) -> bool {
-        matches!(self, Self::Lost { is_back: false, .. })
+        matches!(
+            self,
+            Self::Lost {
+                is_seen_again: false,
+                ..
+            }
+        )
     }
 
     /// Whether a confirmed person is lost, or was a short while ago.
@@ -68,43 +60,34 @@ impl Phase {
         matches!(self, Self::Lost { .. })
     }
 
-    /// The phase after a tick that was made of `made_of`, before anything is decided.
+    /// The phase after an event at `tick`; `None` of who is not here, before it is or when it goes.
     #[must_use]
-    pub(crate) fn counted(self, made_of: MadeOf) -> Self {
-        match self {
-            Self::Tentative {
-                supported_ticks, ..
-            } if made_of == MadeOf::Views => Self::Tentative {
-                supported_ticks: supported_ticks + 1,
-                awaited_ticks: 0,
-            },
-            phase => phase,
-        }
-    }
-
-    /// The phase after an event at `tick`.
-    #[must_use]
-    pub(crate) fn after(self, event: &EventKind, tick: Tick) -> Self {
-        match *event {
-            EventKind::Confirm { .. } | EventKind::Find { .. } => Self::Tracked,
-            EventKind::Lose { .. } | EventKind::StepBack { .. } => Self::Lost {
-                since: tick,
-                is_back: false,
-            },
-            EventKind::Waver { is_back } => self.lost(tick, is_back),
-            EventKind::Revive { .. } => self.lost(tick, true),
-            EventKind::Initiate { awaited_ticks, .. }
-            | EventKind::Reinitiate { awaited_ticks, .. } => Self::tentative(awaited_ticks),
-            EventKind::Recognise { .. } | EventKind::Drop { .. } | EventKind::Give => self,
-        }
-    }
-
-    fn lost(self, tick: Tick, is_back: bool) -> Self {
-        let since = match self {
-            Self::Lost { since, .. } => since,
-            Self::Tentative { .. } | Self::Tracked => tick,
+    pub(crate) fn after(before: Option<Self>, event: &EventKind, tick: Tick) -> Option<Self> {
+        let since = match before {
+            Some(Self::Lost { since, .. }) => since,
+            _ => tick,
         };
-        Self::Lost { since, is_back }
+        match *event {
+            EventKind::Initiate { .. } | EventKind::Reinitiate { .. } => Some(Self::Tentative),
+            EventKind::Given | EventKind::Confirm { .. } | EventKind::Find { .. } => {
+                Some(Self::Tracked)
+            }
+            EventKind::Lose { .. } | EventKind::StepBack { .. } => Some(Self::Lost {
+                since: tick,
+                is_seen_again: false,
+            }),
+            EventKind::SeenAgain | EventKind::Revive { .. } => Some(Self::Lost {
+                since,
+                is_seen_again: true,
+            }),
+            EventKind::UnseenAgain => Some(Self::Lost {
+                since,
+                is_seen_again: false,
+            }),
+            // It changes who it is, and nothing of its life.
+            EventKind::Recognise { .. } => before,
+            EventKind::Drop { .. } => None,
+        }
     }
 }
 
@@ -117,17 +100,33 @@ pub struct Coverage {
     pub unseen: u32,
     /// In a row with evidence from two viewpoints.
     pub streak: u32,
+    /// With evidence from two viewpoints since it was sighted first, that sighting too.
+    pub supported: u32,
+    /// For which the crops of who was sighted cannot have come yet; 0 from when two viewpoints showed it.
+    pub awaited: u32,
 }
 
 impl Coverage {
+    /// Of who was sighted at this tick, and whose first crops come `awaited` ticks later than the next: it is
+    /// not gone before they can have come.
+    pub(crate) fn sighted(awaited: u32) -> Self {
+        Self {
+            supported: 1,
+            awaited,
+            ..Self::default()
+        }
+    }
+
     /// Counts one tick with what it was made of.
     pub(crate) fn count(&mut self, made_of: MadeOf) {
         let counted = |since: u32, seen: bool| if seen { 0 } else { since.saturating_add(1) };
-        self.streak = if made_of == MadeOf::Views {
-            self.streak.saturating_add(1)
+        if made_of == MadeOf::Views {
+            self.streak = self.streak.saturating_add(1);
+            self.supported = self.supported.saturating_add(1);
+            self.awaited = 0;
         } else {
-            0
-        };
+            self.streak = 0;
+        }
         self.missing = counted(self.missing, made_of == MadeOf::Views);
         self.unseen = counted(self.unseen, made_of != MadeOf::Motion);
     }
@@ -139,18 +138,19 @@ impl Coverage {
 
     /// What was taken for evidence of the last `ticks` was somebody else's.
     pub(crate) fn withdraw(&mut self, ticks: u32) {
-        *self = Self {
-            missing: ticks,
-            unseen: ticks,
-            streak: 0,
-        };
+        (self.missing, self.unseen, self.streak) = (ticks, ticks, 0);
     }
+}
+
+/// Whether the first crops of a tentative person are still on the way.
+pub(crate) fn is_awaited(phase: Phase, coverage: Coverage) -> bool {
+    phase.is_tentative() && coverage.awaited > 0
 }
 
 /// What is published of a phase.
 pub(crate) fn published(phase: Phase, coverage: Coverage) -> PersonState {
     match phase {
-        Phase::Tentative { .. } => PersonState::Tentative,
+        Phase::Tentative => PersonState::Tentative,
         _ if coverage.missing == 0 => PersonState::Tracked,
         _ => PersonState::Coasting,
     }
@@ -159,35 +159,45 @@ pub(crate) fn published(phase: Phase, coverage: Coverage) -> PersonState {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use farfield_proto::message::identity_event::DropReason;
 
     #[test]
     fn the_first_evidence_ends_the_wait_for_crops() {
-        let phase = Phase::tentative(15);
-        assert!(phase.is_awaited());
-        assert!(phase.counted(MadeOf::OneView).is_awaited());
-        let seen = phase.counted(MadeOf::Views);
-        assert_eq!(
-            seen,
-            Phase::Tentative {
-                supported_ticks: 2,
-                awaited_ticks: 0
-            }
-        );
+        let mut coverage = Coverage::sighted(15);
+        coverage.count(MadeOf::OneView);
+        assert!(is_awaited(Phase::Tentative, coverage));
+        assert!(!is_awaited(Phase::Tracked, coverage), "it has come already");
+        coverage.count(MadeOf::Views);
+        assert!(!is_awaited(Phase::Tentative, coverage));
+        assert_eq!(coverage.supported, 2);
     }
 
     #[test]
-    fn who_wavers_or_is_revived_is_lost_since_it_was() {
-        let lost = Phase::Tracked.after(&EventKind::Lose { missing_s: 0.2 }, Tick(7));
-        let back = lost.after(&EventKind::Waver { is_back: true }, Tick(9));
+    fn who_is_seen_again_is_lost_since_it_was() {
         let since = Tick(7);
+        let lose = EventKind::Lose { missing_s: 0.2 };
+        let lost = Phase::after(Some(Phase::Tracked), &lose, since);
+        let back = Phase::after(lost, &EventKind::SeenAgain, Tick(9));
+        let is_seen_again = true;
         assert_eq!(
             back,
-            Phase::Lost {
+            Some(Phase::Lost {
                 since,
-                is_back: true
-            }
+                is_seen_again
+            })
         );
-        assert!(!back.is_lost() && back.is_doubtful());
+        assert!(back.is_some_and(|back| !back.is_lost() && back.is_doubtful()));
+        let lost_again = Phase::after(back, &EventKind::UnseenAgain, Tick(11));
+        assert_eq!(lost_again, lost);
+    }
+
+    #[test]
+    fn who_is_not_here_has_no_phase() {
+        let given = Phase::after(None, &EventKind::Given, Tick(3));
+        assert_eq!(given, Some(Phase::Tracked));
+        let reason = DropReason::GivenByHand;
+        let gone = Phase::after(given, &EventKind::Drop { reason }, Tick(4));
+        assert_eq!(gone, None);
     }
 
     #[test]
@@ -205,6 +215,7 @@ mod tests {
             missing,
             unseen,
             streak,
+            ..
         } = coverage;
         assert_eq!([missing, unseen, streak], [3, 1, 0]);
         coverage.count(MadeOf::Views);

@@ -7,7 +7,7 @@ use farfield_proto::tick::Tick;
 use nalgebra::Vector3;
 
 use super::memory::{Candidate, Departed, LastSeen};
-use super::phase::{Coverage, Phase, published};
+use super::phase::{self, Coverage, Phase, published};
 use super::poster::Stillness;
 use super::tentative::{TentativeTick, Votes};
 use crate::align::TickGroup;
@@ -30,6 +30,7 @@ pub struct TrackIdentity {
     pub(crate) wire_id: PersonId,
     /// The only place where a phase is stored; changed by events alone.
     pub(crate) phase: Phase,
+    /// What ticks count: see [`Track::count`].
     pub(crate) coverage: Coverage,
     pub(crate) tentative: TentativeRecord,
     /// Ticks of life so far, an earlier life's too.
@@ -51,6 +52,8 @@ pub(crate) struct TentativeRecord {
     pub(crate) stillness: Option<Stillness>,
     /// Where and when it was sighted first, if it has been initiated anew since.
     pub(crate) first: Option<(Tick, Vector3<f64>)>,
+    /// The skeleton that is known of it, from its recognition until its ticks are solved again.
+    pub(crate) known: Option<Skeleton>,
     /// The pelvis when it was sighted last, world, metres.
     pub(crate) place_m: Vector3<f64>,
     /// How fast it moved when it was sighted last, world, metres per second.
@@ -140,6 +143,11 @@ impl Track {
     /// Whether the person is not confirmed yet.
     pub fn is_tentative(&self) -> bool {
         self.identity.phase.is_tentative()
+    }
+
+    /// Whether the first crops of a tentative person are still on the way.
+    pub(crate) fn is_awaited(&self) -> bool {
+        phase::is_awaited(self.identity.phase, self.identity.coverage)
     }
 
     /// The ticks before the last one that were solved again at it: those of a person who was confirmed.
@@ -241,7 +249,6 @@ impl Track {
         let identity = &mut self.identity;
         identity.lived_ticks = identity.lived_ticks.saturating_add(1);
         identity.coverage.count(made_of);
-        identity.phase = identity.phase.counted(made_of);
         if identity.phase.is_tentative() {
             let estimates = self.estimator.estimates().to_vec();
             identity.tentative.push(tick, estimates, method);

@@ -8,7 +8,7 @@ use crate::id::{PersonId, SessionId};
 use crate::tick::Tick;
 use crate::wire::Message;
 
-/// Most events in one message, and of one tick.
+/// Most events in one message, and of one tick: fusion leaves out what is more.
 pub const MAX_EVENTS: usize = 4096;
 
 /// Fusion to all: what changed who is who at a tick. Said only of ticks at which something did.
@@ -43,7 +43,8 @@ pub enum Change {
         views: u16,
     },
     /// The venue file says that somebody is there.
-    Give,
+    #[serde(rename = "give")]
+    Given,
     /// A tentative person whose crops have not come yet was sighted elsewhere, and is followed from there.
     Reinitiate {
         /// How far from where it was, metres.
@@ -163,7 +164,7 @@ impl Change {
     pub fn name(&self) -> &'static str {
         match self {
             Self::Initiate { .. } => "initiate",
-            Self::Give => "give",
+            Self::Given => "give",
             Self::Reinitiate { .. } => "reinitiate",
             Self::Confirm { .. } => "confirm",
             Self::Recognise { .. } => "recognise",
@@ -185,48 +186,51 @@ impl Change {
         }
     }
 
-    /// Every number in it.
-    fn numbers(&self) -> impl Iterator<Item = f32> {
-        let likeness = |why: &Likeness| {
-            let margin = why.margin.unwrap_or(0.0);
-            [
-                why.distance_m,
-                why.absence_s,
-                why.lengths_sigma,
-                why.log_ratio,
-                margin,
-            ]
-        };
-        let of = |numbers: &[f32]| {
-            let mut all = [0.0; 5];
-            all[..numbers.len()].copy_from_slice(numbers);
-            all
-        };
-        let all = match self {
-            Self::Recognise { why, .. } | Self::Revive { why } => likeness(why),
-            Self::Initiate { .. } | Self::Give => of(&[]),
+    /// Whether every number in it is finite. Each field is named, so that none can be forgotten.
+    fn is_finite(&self) -> bool {
+        let are_finite = |numbers: &[f32]| numbers.iter().all(|number| number.is_finite());
+        match self {
+            Self::Initiate { views: _ } | Self::Given => true,
             Self::Reinitiate { moved_m: number }
             | Self::Confirm { seen_s: number }
             | Self::Lose { missing_s: number }
-            | Self::Find { lost_s: number } => of(&[*number]),
+            | Self::Find { lost_s: number } => number.is_finite(),
+            Self::Recognise { old: _, why } | Self::Revive { why } => why.is_finite(),
             Self::StepBack {
+                other: _,
                 distance_m,
                 since_s,
-                ..
-            } => of(&[*distance_m, *since_s]),
+            } => are_finite(&[*distance_m, *since_s]),
             Self::Drop { reason } => match reason {
-                DropReason::Contradicted { .. }
+                DropReason::Contradicted { seen: _, missed: _ }
                 | DropReason::FoundElsewhere
-                | DropReason::GivenByHand => of(&[]),
-                DropReason::Poster { flat_m, moved_m } => of(&[*flat_m, *moved_m]),
+                | DropReason::GivenByHand => true,
+                DropReason::Poster { flat_m, moved_m } => are_finite(&[*flat_m, *moved_m]),
                 DropReason::NotSeenAgain { missing_s: number }
                 | DropReason::Unseen { unseen_s: number }
                 | DropReason::OneView { missing_s: number }
-                | DropReason::SamePlace { for_s: number, .. } => of(&[*number]),
-                DropReason::OutsideField { at_m } => of(at_m),
+                | DropReason::SamePlace {
+                    other: _,
+                    for_s: number,
+                } => number.is_finite(),
+                DropReason::OutsideField { at_m } => are_finite(at_m),
             },
-        };
-        all.into_iter()
+        }
+    }
+}
+
+impl Likeness {
+    fn is_finite(&self) -> bool {
+        let Self {
+            distance_m,
+            absence_s,
+            lengths_sigma,
+            log_ratio,
+            margin,
+        } = *self;
+        let numbers = [distance_m, absence_s, lengths_sigma, log_ratio];
+        let mut numbers = numbers.into_iter().chain(margin);
+        numbers.all(f32::is_finite)
     }
 }
 
@@ -237,7 +241,7 @@ impl fmt::Display for IdentityEvent {
             Change::Initiate { views } => {
                 write!(f, "id {id} begins: sighted by {views} viewpoints")
             }
-            Change::Give => write!(f, "id {id} begins: given in the venue file"),
+            Change::Given => write!(f, "id {id} begins: given in the venue file"),
             Change::Reinitiate { moved_m } => {
                 write!(f, "id {id} begins again: sighted {moved_m:.1} m away")
             }
@@ -319,8 +323,7 @@ impl Message for IdentityEventSet {
         if self.events.len() > MAX_EVENTS {
             return Err("more events than a tick may have");
         }
-        let mut numbers = self.events.iter().flat_map(|event| event.change.numbers());
-        if !numbers.all(f32::is_finite) {
+        if !self.events.iter().all(|event| event.change.is_finite()) {
             return Err("a number that is not finite");
         }
         Ok(())
@@ -329,4 +332,4 @@ impl Message for IdentityEventSet {
 
 #[cfg(test)]
 #[path = "identity_event_tests.rs"]
-mod tests;
+pub(crate) mod tests;

@@ -4,6 +4,7 @@ use super::*;
 use crate::bounding_box::{BoundingBox, BoxRate};
 use crate::grid::CellGrid;
 use crate::id::{CameraIndex, PersonId, SessionId, ViewpointIndex};
+use crate::message::identity_event::tests::every_event;
 use crate::message::live::{
     BoxEcho, CameraHealth, CameraStatus, EdgeLink, HeardPatches, LiveBoxes, LiveStatus,
     MAX_CLOCK_CORRECTION_US, MAX_EDGES, PatchTiming,
@@ -198,13 +199,14 @@ fn status() -> Status {
     }
 }
 
-/// One message of each kind, in hexadecimal.
-const GOLDEN: [&str; 5] = [
+/// One message of each kind, in hexadecimal; the last one has every identity event.
+const GOLDEN: [&str; 6] = [
     "0384868808d8040100010201d08c01bfb80201ab02a01f01070302ef010050a401801080010330400203010203",
     "030909000001ac028080f9c0c1c4820301bfb8020121c8f204c0a9070200030101010003a006c00c9003d005005008ef018004201f001000",
     "0309800102010201000000803f02010000c03f000000c00000403f00",
     "0309800101020201000000000000003f0000803f010000803f000000bf00000040010000803c010000803e80808080801004",
     "03056e6f7274688101010201026162026364000001d804a00600ac0201046c6f7374010463726f70034628ac02d804e80701018080f9c0c1c48203c0b80203010602b0db06070801040100006e42ef2e01056e6f727468000105636c6f636b0180f10401bfb8020000d040a08d0603040500",
+    "0380808080808080808001d80412070900ac020709010709020000003f0709030000003f070904ac020000003f0000803f0000c03f000000c0010000803e0709050000003f0709060000003f0709070000003f0000803f0000c03f000000c0010000803e070908ac020000003f0000803f07090900ac029601070909010000003f0000803f070909020000003f070909030000003f070909040000003f070909050000003f0000803f0000c03f07090906ac020000003f0709090707090908",
 ];
 
 fn hex(bytes: &[u8]) -> String {
@@ -221,6 +223,7 @@ fn the_bytes_of_every_message_stay_as_they_are() {
         encode(&sighting_set()),
         encode(&pose_set()),
         encode(&status()),
+        encode(&every_event()),
     ];
     let found = bytes.each_ref().map(|b| hex(b));
     assert_eq!(found, GOLDEN, "a change of these bytes needs a new VERSION");

@@ -33,7 +33,7 @@ const TABLE: [Rule; 9] = [
     unseen_for_too_long,
     one_view_for_too_long,
     lost,
-    wavering,
+    seen_again,
     found,
 ];
 
@@ -87,15 +87,13 @@ fn a_poster(facts: &TrackFacts, situation: &Situation<'_>) -> Option<EventKind> 
 /// of somebody who is confirmed.
 fn somebody(facts: &TrackFacts, situation: &Situation<'_>) -> Option<EventKind> {
     let births = &situation.rules.births;
-    let Phase::Tentative {
-        supported_ticks, ..
-    } = facts.phase
-    else {
+    if !facts.phase.is_tentative() {
         return None;
-    };
+    }
+    let supported = facts.coverage.supported;
     let is_open = facts.tentative_ticks < births.confirm_ticks as usize
         || facts.stillness.is_some_and(|still| still.is_poster(births));
-    if supported_ticks < births.confirm_ticks || is_open {
+    if supported < births.confirm_ticks || is_open {
         return None;
     }
     let near_m = births.same_place_m;
@@ -105,19 +103,19 @@ fn somebody(facts: &TrackFacts, situation: &Situation<'_>) -> Option<EventKind> 
         return None;
     }
     Some(EventKind::Confirm {
-        seen_s: situation.rules.seconds(supported_ticks),
+        seen_s: situation.rules.seconds(supported),
     })
 }
 
 /// A tentative body goes that has lacked evidence for `births.tentative_s`, and for as long as its crops
 /// cannot have come.
 fn not_seen_again(facts: &TrackFacts, situation: &Situation<'_>) -> Option<EventKind> {
-    let Phase::Tentative { awaited_ticks, .. } = facts.phase else {
+    if !facts.phase.is_tentative() {
         return None;
-    };
-    let rules = situation.rules;
-    let missing_s = rules.seconds(facts.coverage.missing);
-    if missing_s <= rules.births.tentative_s + rules.seconds(awaited_ticks) {
+    }
+    let (rules, coverage) = (situation.rules, facts.coverage);
+    let missing_s = rules.seconds(coverage.missing);
+    if missing_s <= rules.births.tentative_s + rules.seconds(coverage.awaited) {
         return None;
     }
     Some(leaves(DropReason::NotSeenAgain {
@@ -154,14 +152,20 @@ fn lost(facts: &TrackFacts, situation: &Situation<'_>) -> Option<EventKind> {
     is_lost.then_some(EventKind::Lose { missing_s })
 }
 
-/// Who is lost is back, or is not any more.
-fn wavering(facts: &TrackFacts, situation: &Situation<'_>) -> Option<EventKind> {
-    let Phase::Lost { is_back, .. } = facts.phase else {
+/// Who is lost is seen again, or is not any more.
+fn seen_again(facts: &TrackFacts, situation: &Situation<'_>) -> Option<EventKind> {
+    let Phase::Lost { is_seen_again, .. } = facts.phase else {
         return None;
     };
-    let now_back = situation.rules.seconds(facts.coverage.streak) >= LOST_S;
-    let wavers = now_back != is_back && !is_found(facts, situation.rules);
-    wavers.then_some(EventKind::Waver { is_back: now_back })
+    let is_seen_now = situation.rules.seconds(facts.coverage.streak) >= LOST_S;
+    if is_seen_now == is_seen_again || is_found(facts, situation.rules) {
+        return None;
+    }
+    Some(if is_seen_now {
+        EventKind::SeenAgain
+    } else {
+        EventKind::UnseenAgain
+    })
 }
 
 /// Who is lost is found when it has been seen again for long.

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::estimate::uncertainty::MadeOf;
-use crate::identity::phase::published;
+use crate::identity::phase::{Coverage, published};
 use crate::identity::poster::Stillness;
 use crate::identity::tentative::Votes;
 use farfield_proto::message::PersonState;
@@ -23,13 +23,20 @@ struct Life {
 impl Life {
     fn of(phase: Phase) -> Self {
         Self {
-            facts: TrackFacts {
-                // The first sighting is one.
-                tentative_ticks: usize::from(phase.is_tentative()),
-                ..TrackFacts::example(1, phase)
-            },
+            facts: TrackFacts::example(1, phase),
             tick: Tick(0),
             is_gone: false,
+        }
+    }
+
+    /// Sighted at its first tick; its first crops come in `awaited` ticks.
+    fn sighted(awaited: u32) -> Self {
+        Self {
+            facts: TrackFacts {
+                tentative_ticks: 1,
+                ..TrackFacts::sighted(1, awaited)
+            },
+            ..Self::of(Phase::Tentative)
         }
     }
 
@@ -40,12 +47,13 @@ impl Life {
         let facts = &mut self.facts;
         self.tick = self.tick + 1;
         facts.coverage.count(made_of);
-        facts.phase = facts.phase.counted(made_of);
         facts.tentative_ticks += 1;
         let everybody = std::slice::from_ref(&*facts);
         let event = decide(everybody, self.tick, &Rules::example(RATE_HZ)).pop()?;
-        facts.phase = facts.phase.after(&event.kind, self.tick);
-        self.is_gone = matches!(event.kind, EventKind::Drop { .. });
+        match Phase::after(Some(facts.phase), &event.kind, self.tick) {
+            Some(phase) => facts.phase = phase,
+            None => self.is_gone = true,
+        }
         Some(event.kind)
     }
 
@@ -66,8 +74,8 @@ fn name(kind: &EventKind) -> &'static str {
     match kind {
         EventKind::Confirm { .. } => "confirm",
         EventKind::Lose { .. } => "lose",
-        EventKind::Waver { is_back: true } => "back",
-        EventKind::Waver { is_back: false } => "away",
+        EventKind::SeenAgain => "back",
+        EventKind::UnseenAgain => "away",
         EventKind::Find { .. } => "find",
         EventKind::Drop { reason } => match reason {
             DropReason::Contradicted { .. } => "contradicted",
@@ -83,7 +91,7 @@ fn name(kind: &EventKind) -> &'static str {
 
 #[test]
 fn a_newborn_is_confirmed_after_enough_ticks_with_evidence() {
-    let mut life = Life::of(Phase::tentative(0));
+    let mut life = Life::sighted(0);
     assert!(life.live(MadeOf::Views, 10).is_empty());
     assert_eq!(life.published(), PersonState::Tentative);
     assert_eq!(life.live(MadeOf::Views, 1), ["confirm"]);
@@ -92,18 +100,18 @@ fn a_newborn_is_confirmed_after_enough_ticks_with_evidence() {
 
 #[test]
 fn a_newborn_far_away_is_not_gone_before_its_crops_can_have_come() {
-    let mut life = Life::of(Phase::tentative(15));
+    let mut life = Life::sighted(15);
     assert!(life.live(MadeOf::Motion, 25).is_empty());
     life.live(MadeOf::Views, 1);
     assert!(life.live(MadeOf::Motion, 10).is_empty());
     assert_eq!(life.live(MadeOf::Motion, 1), ["not seen again"]);
-    let mut life = Life::of(Phase::tentative(15));
+    let mut life = Life::sighted(15);
     assert_eq!(life.live(MadeOf::Motion, 26), ["not seen again"]);
 }
 
 #[test]
 fn a_newborn_that_is_not_seen_again_is_gone_soon() {
-    let mut life = Life::of(Phase::tentative(0));
+    let mut life = Life::sighted(0);
     assert!(life.live(MadeOf::Motion, 10).is_empty());
     assert_eq!(life.live(MadeOf::Motion, 1), ["not seen again"]);
 }
@@ -143,14 +151,14 @@ fn who_was_lost_is_doubtful_for_a_while() {
 fn who_was_revived_is_lost_again_unless_it_goes_on_being_seen() {
     let mut life = Life::of(Phase::Lost {
         since: Tick(0),
-        is_back: true,
+        is_seen_again: true,
     });
     assert_eq!(life.live(MadeOf::Views, 1), ["away"]);
 }
 
 #[test]
 fn an_open_question_holds_a_confirmation_back_and_a_poster_is_gone() {
-    let mut life = Life::of(Phase::tentative(0));
+    let mut life = Life::sighted(0);
     life.facts.stillness = STILL;
     assert!(life.live(MadeOf::Views, 50).is_empty());
     let still_s = Rules::example(RATE_HZ).births.still_s;
@@ -160,96 +168,167 @@ fn an_open_question_holds_a_confirmation_back_and_a_poster_is_gone() {
 }
 
 /// What the table says of one track among others.
-fn of(facts: &TrackFacts, others: &[TrackFacts]) -> Option<&'static str> {
+fn of(facts: &TrackFacts, others: &[TrackFacts]) -> Option<EventKind> {
     let everybody = [std::slice::from_ref(facts), others].concat();
     let events = decide(&everybody, Tick(100), &Rules::example(RATE_HZ));
     let own = events.iter().find(|event| event.wire_id == facts.wire_id);
-    own.map(|event| name(&event.kind))
+    own.map(|event| event.kind)
 }
 
 /// A tentative track that nothing holds back.
 fn ready() -> TrackFacts {
     TrackFacts {
         tentative_ticks: 12,
-        ..TrackFacts::example(
-            1,
-            Phase::Tentative {
-                supported_ticks: 12,
-                awaited_ticks: 0,
-            },
-        )
+        coverage: Coverage {
+            supported: 12,
+            ..Coverage::default()
+        },
+        ..TrackFacts::example(1, Phase::Tentative)
+    }
+}
+
+const CONFIRMED: Option<EventKind> = Some(EventKind::Confirm { seen_s: 0.24 });
+
+/// `facts` with one thing different.
+fn but(mut facts: TrackFacts, change: impl FnOnce(&mut TrackFacts)) -> TrackFacts {
+    change(&mut facts);
+    facts
+}
+
+fn missing(ticks: u32, facts: TrackFacts) -> TrackFacts {
+    but(facts, |facts| facts.coverage.missing = ticks)
+}
+
+fn unseen(ticks: u32, facts: TrackFacts) -> TrackFacts {
+    let facts = missing(ticks.max(facts.coverage.missing), facts);
+    but(facts, |facts| facts.coverage.unseen = ticks)
+}
+
+fn dropped(reason: DropReason) -> Option<EventKind> {
+    Some(EventKind::Drop { reason })
+}
+
+/// Each row: somebody, and what the table says of it.
+fn check(rows: impl IntoIterator<Item = (TrackFacts, Option<EventKind>)>) {
+    for (row, (facts, expected)) in rows.into_iter().enumerate() {
+        assert_eq!(of(&facts, &[]), expected, "row {row}: {facts:?}");
     }
 }
 
 #[test]
-fn the_table_rule_by_rule() {
-    let against = Votes {
-        passes: 3,
-        seen: 4,
-        missed: 5,
+fn the_rules_of_who_is_contradicted_or_a_poster() {
+    let voted = |passes, seen, missed| {
+        let votes = Votes {
+            passes,
+            seen,
+            missed,
+        };
+        but(ready(), |facts| facts.votes = votes)
     };
-    let missing = |ticks, facts: TrackFacts| {
-        let mut facts = facts;
-        facts.coverage.missing = ticks;
-        facts
+    let contradicted = |seen, missed| dropped(DropReason::Contradicted { seen, missed });
+    let poster = dropped(DropReason::Poster {
+        flat_m: 0.0,
+        moved_m: 0.0,
+    });
+    let still = |ticks, facts| {
+        but(facts, |facts| {
+            facts.stillness = STILL;
+            facts.tentative_ticks = ticks;
+        })
     };
+    let tracked = |votes| {
+        let mut facts = TrackFacts::example(1, Phase::Tracked);
+        facts.votes = votes;
+        still(251, facts)
+    };
+    check([
+        (voted(3, 5, 4), CONFIRMED),
+        (voted(3, 5, 5), contradicted(5, 5)),
+        (voted(2, 4, 5), CONFIRMED),
+        (voted(3, 4, 5), contradicted(4, 5)),
+        (still(250, ready()), None),
+        (still(251, ready()), poster),
+        (still(251, voted(3, 4, 5)), contradicted(4, 5)),
+        (tracked(voted(3, 4, 5).votes), None),
+    ]);
+}
+
+#[test]
+fn the_rules_of_who_is_confirmed_or_not_seen_again() {
+    let not_seen_again = |missing_s| dropped(DropReason::NotSeenAgain { missing_s });
+    let sighted = |awaited| TrackFacts::sighted(1, awaited);
+    check([
+        (ready(), CONFIRMED),
+        (but(ready(), |facts| facts.coverage.supported = 11), None),
+        (but(ready(), |facts| facts.tentative_ticks = 11), None),
+        (missing(11, ready()), CONFIRMED),
+        (missing(10, sighted(0)), None),
+        (missing(11, sighted(0)), not_seen_again(0.22)),
+        (missing(25, sighted(15)), None),
+        (missing(26, sighted(15)), not_seen_again(0.52)),
+        // Who is tentative is not kept for as long as who is confirmed.
+        (unseen(51, sighted(90)), None),
+    ]);
+}
+
+#[test]
+fn the_rules_of_who_is_tracked() {
     let tracked = || TrackFacts::example(1, Phase::Tracked);
-    let cases: [(TrackFacts, Option<&str>); 10] = [
-        (ready(), Some("confirm")),
-        (
-            TrackFacts {
-                votes: against,
-                ..ready()
-            },
-            Some("contradicted"),
-        ),
-        (
-            TrackFacts {
-                votes: against,
-                ..tracked()
-            },
-            None,
-        ),
-        (
-            TrackFacts {
-                stillness: STILL,
-                ..ready()
-            },
-            None,
-        ),
-        (
-            TrackFacts {
-                stillness: STILL,
-                tentative_ticks: 10_000,
-                ..ready()
-            },
-            Some("poster"),
-        ),
-        (
-            TrackFacts {
-                tentative_ticks: 11,
-                ..ready()
-            },
-            None,
-        ),
-        (
-            missing(11, TrackFacts::example(1, Phase::tentative(0))),
-            Some("not seen again"),
-        ),
-        (missing(8, tracked()), Some("lose")),
+    let lose = |missing_s| Some(EventKind::Lose { missing_s });
+    let gone_unseen = |unseen_s| dropped(DropReason::Unseen { unseen_s });
+    let one_view = |missing_s| dropped(DropReason::OneView { missing_s });
+    check([
         (missing(7, tracked()), None),
-        (missing(251, tracked()), Some("one view")),
-    ];
-    for (facts, expected) in cases {
-        assert_eq!(of(&facts, &[]), expected, "{facts:?}");
-    }
+        (missing(8, tracked()), lose(0.16)),
+        (unseen(50, tracked()), lose(1.0)),
+        (unseen(51, tracked()), gone_unseen(1.02)),
+        (missing(250, tracked()), lose(5.0)),
+        (missing(251, tracked()), one_view(5.02)),
+        (unseen(50, missing(251, tracked())), one_view(5.02)),
+        (unseen(51, missing(251, tracked())), gone_unseen(1.02)),
+    ]);
+}
+
+#[test]
+fn the_rules_of_who_is_lost() {
+    // Since a second before the tick at which the table is asked.
+    let lost = |is_seen_again, streak| {
+        let since = Tick(50);
+        let phase = Phase::Lost {
+            since,
+            is_seen_again,
+        };
+        but(TrackFacts::example(1, phase), |facts| {
+            facts.coverage.streak = streak;
+        })
+    };
+    let found = Some(EventKind::Find { lost_s: 1.0 });
+    check([
+        (lost(false, 7), None),
+        (lost(false, 8), Some(EventKind::SeenAgain)),
+        (lost(true, 8), None),
+        (lost(true, 7), Some(EventKind::UnseenAgain)),
+        (lost(true, 24), None),
+        (lost(true, 25), found),
+        (lost(false, 25), found),
+        // A streak that has ended finds nobody.
+        (missing(8, lost(true, 25)), None),
+        (
+            unseen(51, lost(false, 0)),
+            dropped(DropReason::Unseen { unseen_s: 1.02 }),
+        ),
+        (
+            missing(251, lost(false, 0)),
+            dropped(DropReason::OneView { missing_s: 5.02 }),
+        ),
+    ]);
 }
 
 #[test]
 fn who_stands_in_the_place_of_somebody_confirmed_is_not_confirmed() {
     let other = TrackFacts::example(2, Phase::Tracked);
     assert_eq!(of(&ready(), std::slice::from_ref(&other)), None);
-    assert_eq!(of(&ready(), &[other.at_x(2.0)]), Some("confirm"));
-    let tentative = TrackFacts::example(2, Phase::tentative(0));
-    assert_eq!(of(&ready(), &[tentative]), Some("confirm"));
+    assert_eq!(of(&ready(), &[other.at_x(2.0)]), CONFIRMED);
+    let tentative = TrackFacts::sighted(2, 0);
+    assert_eq!(of(&ready(), &[tentative]), CONFIRMED);
 }

@@ -29,6 +29,23 @@ pub(crate) fn outside_the_field(everybody: &[TrackFacts], rules: &Rules) -> Vec<
     everybody.iter().filter(is_outside).map(leaves).collect()
 }
 
+/// A person given by hand with its pelvis at `given_m` (world, metres) replaces a track that stands there.
+pub(crate) fn replaced_by_hand(
+    everybody: &[TrackFacts],
+    given_m: &Vector3<f64>,
+    rules: &Rules,
+) -> Vec<Event> {
+    let near_m = rules.births.explained_m;
+    let is_near = |facts: &&TrackFacts| (facts.joints_m[0] - given_m).norm() < near_m;
+    let leaves = |facts: &TrackFacts| Event {
+        wire_id: facts.wire_id,
+        kind: EventKind::Drop {
+            reason: DropReason::GivenByHand,
+        },
+    };
+    everybody.iter().filter(is_near).map(leaves).collect()
+}
+
 /// Who is doubtful and has come to stand in the place of somebody who is surely there has followed what was
 /// seen of that one: it steps back to where it stood alone, if it ever did.
 pub(crate) fn step_back(everybody: &[TrackFacts], tick: Tick, rules: &Rules) -> Vec<Event> {
@@ -167,7 +184,7 @@ mod tests {
 
     const LOST: Phase = Phase::Lost {
         since: Tick(5),
-        is_back: true,
+        is_seen_again: true,
     };
 
     fn rules() -> Rules {
@@ -188,6 +205,15 @@ mod tests {
     }
 
     #[test]
+    fn a_person_given_by_hand_replaces_a_track_that_stands_there() {
+        let near_m = rules().births.explained_m;
+        let at = |id, x_m| TrackFacts::example(id, Phase::Tracked).at_x(x_m);
+        let everybody = [at(1, 1.0), at(2, 1.0 + near_m), at(3, 0.99 - near_m)];
+        let given_m = Vector3::new(1.0, 0.0, 1.0);
+        assert_eq!(who(&replaced_by_hand(&everybody, &given_m, &rules())), [1]);
+    }
+
+    #[test]
     fn who_is_doubtful_steps_back_from_who_is_surely_there() {
         let doubtful = TrackFacts {
             alone_at: Some(Tick(4)),
@@ -197,8 +223,8 @@ mod tests {
             (TrackFacts::example(2, Phase::Tracked), true),
             (TrackFacts::example(2, Phase::Tracked).at_x(0.5), false),
             (TrackFacts::example(2, LOST), false),
-            // On a newcomer's word nobody goes: it may have been initiated on this very body.
-            (TrackFacts::example(2, Phase::tentative(0)), false),
+            // For somebody tentative nobody steps back: it may have been initiated on this very body.
+            (TrackFacts::sighted(2, 0), false),
         ];
         for (other, steps_back) in cases {
             let events = step_back(&[doubtful.clone(), other], Tick(9), &rules());
@@ -222,7 +248,7 @@ mod tests {
             facts.coverage.missing = 1;
             facts
         };
-        let tentative = |id| TrackFacts::example(id, Phase::tentative(0));
+        let tentative = |id| TrackFacts::sighted(id, 0);
         let limit = (rules().births.same_place_s * rules().rate_hz).ceil() as u32;
         for (older, younger, goes) in [
             (tracked(1), tracked(2), 2),

@@ -7,7 +7,7 @@ use farfield_proto::tick::Tick;
 use crate::identity::event::{Event, EventKind};
 use crate::identity::facts::{Rules, TrackFacts};
 use crate::identity::memory::Candidate;
-use crate::identity::recognise::{Appearance, LikenessModel, assign_known};
+use crate::identity::recognise::{Appearance, Reach, assign_known};
 
 /// Least ln of the likelihood ratio at which a newcomer is somebody who was here before.
 const LEAST_RETURN: f64 = 1.0;
@@ -26,7 +26,7 @@ pub(crate) struct Newcomer {
 
 /// Decides which of the `newcomers` are who of the `known`.
 pub(crate) fn decide(newcomers: &[Newcomer], known: &[Candidate], rules: &Rules) -> Vec<Event> {
-    let model = LikenessModel::new(&rules.field, &rules.births);
+    let reach = Reach::new(&rules.field, &rules.births);
     let absence_s = |newcomer: &Newcomer, known: &Candidate| {
         (newcomer.since - known.last_seen.tick) as f64 / rules.rate_hz
     };
@@ -35,7 +35,7 @@ pub(crate) fn decide(newcomers: &[Newcomer], known: &[Candidate], rules: &Rules)
         .map(|newcomer| {
             let pair = |known: &Candidate| {
                 let absence_s = absence_s(newcomer, known);
-                model.likeness(&newcomer.appearance, &known.appearance, absence_s)
+                reach.likeness(&newcomer.appearance, &known.appearance, absence_s)
             };
             known.iter().map(pair).collect()
         })
@@ -59,14 +59,14 @@ pub(crate) fn decide(newcomers: &[Newcomer], known: &[Candidate], rules: &Rules)
         .collect()
 }
 
-/// A lost track whose person is one of the `recognised` (wire ids) goes: it has been found elsewhere.
-pub(crate) fn found_elsewhere(everybody: &[TrackFacts], recognised: &[PersonId]) -> Vec<Event> {
-    let is_recognised = |facts: &&TrackFacts| recognised.contains(&facts.wire_id);
-    let events = everybody.iter().filter(|facts| !is_recognised(facts));
-    events
+/// A lost track goes whose id one of the `confirmed` (wire ids) has got: the person has been found elsewhere.
+pub(crate) fn found_elsewhere(everybody: &[TrackFacts], confirmed: &[PersonId]) -> Vec<Event> {
+    let is_confirmed = |facts: &&TrackFacts| confirmed.contains(&facts.wire_id);
+    let others = everybody.iter().filter(|facts| !is_confirmed(facts));
+    others
         .filter(|facts| {
-            let mut recognised = everybody.iter().filter(is_recognised);
-            recognised.any(|other| other.id == facts.id)
+            let mut confirmed = everybody.iter().filter(is_confirmed);
+            confirmed.any(|confirmed| confirmed.id == facts.id)
         })
         .map(|facts| Event {
             wire_id: facts.wire_id,
@@ -145,7 +145,7 @@ mod tests {
     fn the_lost_track_of_who_was_recognised_goes() {
         let lost = Phase::Lost {
             since: Tick(1),
-            is_back: false,
+            is_seen_again: false,
         };
         let recognised = TrackFacts {
             wire_id: PersonId(9),

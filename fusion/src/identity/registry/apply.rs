@@ -1,39 +1,85 @@
-//! What events do to tracks, and to what is remembered.
+//! What events do to tracks, and to what is remembered: the one door to who is who.
+//!
+//! Every event passes [`Registry::begin_track`], who begins a track, or [`Registry::apply`]. Both change the
+//! phase, and publish the event.
+//!
+//! What no event holds is done beside it by who applies it, in `sighted`: a body that was fitted to sightings
+//! or to keypoints given by hand comes with the track that begins, and moves a track that is initiated anew
+//! right after its event. The pose of somebody revived is found before: where the known body cannot take one,
+//! nobody is revived, and there is no event.
 
 use farfield_proto::id::PersonId;
-use farfield_proto::message::PersonPose;
-use farfield_proto::message::identity_event::DropReason;
+use farfield_proto::message::MAX_PERSONS;
+use farfield_proto::message::identity_event::{DropReason, MAX_EVENTS};
 use farfield_proto::tick::Tick;
 
 use super::Registry;
+use crate::body::fit::Fitted;
 use crate::identity::event::{Event, EventKind};
 use crate::identity::memory::Departed;
+use crate::identity::phase::{Coverage, Phase};
 use crate::identity::track::Track;
 use crate::method::Method;
 
 impl Registry {
-    /// Applies events of tracks, in order, and says them.
+    /// Begins the track of somebody who was not here, with the event `kind`, and publishes it; `None` where that
+    /// event begins nothing.
+    pub(super) fn begin_track(
+        &mut self,
+        kind: EventKind,
+        body: Fitted,
+        tick: Tick,
+        method: &Method,
+    ) -> Option<&mut Track> {
+        let phase = Phase::after(None, &kind, tick)?;
+        let wire_id = self.new_id();
+        self.publish(wire_id, &Event { wire_id, kind });
+        let body = (body.skeleton, body.pose);
+        let mut track = Track::new(wire_id, phase, body, method);
+        if let EventKind::Initiate { awaited_ticks, .. } = kind {
+            track.identity.coverage = Coverage::sighted(awaited_ticks);
+        }
+        self.tracks.push(track);
+        self.tracks.last_mut()
+    }
+
+    /// Applies events of tracks, in order, and publishes them.
     pub(super) fn apply(&mut self, events: &[Event], tick: Tick, method: &Method) {
         for event in events {
             let Some(index) = self.position(event.wire_id) else {
                 continue;
             };
-            self.say(self.tracks[index].id(), event);
-            let track = &mut self.tracks[index];
-            track.identity.phase = track.identity.phase.after(&event.kind, tick);
+            self.publish(self.tracks[index].id(), event);
+            let identity = &mut self.tracks[index].identity;
+            if let Some(phase) = Phase::after(Some(identity.phase), &event.kind, tick) {
+                identity.phase = phase;
+            }
             match event.kind {
                 EventKind::Drop { reason } => self.drop_track(index, reason, tick),
-                EventKind::StepBack { ticks, .. } => track.step_back(ticks, method),
+                EventKind::Reinitiate { awaited_ticks, .. } => {
+                    identity.coverage = Coverage::sighted(awaited_ticks);
+                }
+                EventKind::Revive { .. } => identity.coverage.revive(),
+                EventKind::Recognise { old, .. } => self.recognise(index, old),
+                EventKind::StepBack { ticks, .. } => self.tracks[index].step_back(ticks, method),
                 _ => {}
             }
         }
     }
 
-    /// Says an event of `person`.
-    pub(super) fn say(&mut self, person: PersonId, event: &Event) {
+    /// Publishes an event of `person`, with the tick; past [`MAX_EVENTS`] of one tick it is left out, because
+    /// everybody would refuse the message.
+    ///
+    /// Only a venue file comes near that, which gives more than a thousand persons by hand at one tick: a track
+    /// begins, lives on, is recognised, steps back, is sighted and is let go at most once a tick.
+    pub(super) fn publish(&mut self, person: PersonId, event: &Event) {
+        const { assert!(6 * MAX_PERSONS < MAX_EVENTS) }
+        if self.events.len() == MAX_EVENTS {
+            return;
+        }
         let dt_s = self.rules.dt_s();
         self.events
-            .extend(event.kind.told(person, event.wire_id, dt_s));
+            .extend(event.kind.as_message(person, event.wire_id, dt_s));
     }
 
     /// Where the track of `wire_id` stands.
@@ -57,27 +103,11 @@ impl Registry {
         }
     }
 
-    /// Gives who has just been confirmed its body, its older self's where it was `recognised`; returns the
-    /// poses of its tentative ticks.
-    pub(super) fn confirm(
-        &mut self,
-        wire_id: PersonId,
-        recognised: Option<&Event>,
-        method: &Method,
-    ) -> Vec<(Tick, PersonPose)> {
-        let known = recognised.and_then(|event| match event.kind {
-            EventKind::Recognise { old, .. } => Some((event, self.take_known(old)?)),
-            _ => None,
-        });
-        let Some(index) = self.position(wire_id) else {
-            return Vec::new();
-        };
-        if let Some((event, known)) = &known {
-            self.say(self.tracks[index].id(), event);
+    /// Gives the track at `index` its older self's id and body.
+    fn recognise(&mut self, index: usize, old: PersonId) {
+        if let Some(known) = self.take_known(old) {
             self.tracks[index].becomes(known, self.rules.rate_hz);
         }
-        let known = known.as_ref().map(|(_, known)| known);
-        self.tracks[index].solve_again(known, method)
     }
 
     /// What is known of `id`, who is gone or lost. The memory forgets it.

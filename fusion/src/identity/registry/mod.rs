@@ -1,4 +1,4 @@
-//! Everybody in the venue: applies what is decided, and says it.
+//! Everybody in the venue: applies what is decided, and publishes it.
 
 mod apply;
 mod sighted;
@@ -135,8 +135,21 @@ impl Registry {
             .min()
     }
 
-    /// Moves every life on by the tick that has just been solved. Plans who looks at the next tick.
-    pub fn live(&mut self, group: &TickGroup, method: &Method) -> Outcome {
+    /// Moves every life on by the tick that has just been solved, in stages. Each decides from where people
+    /// stand after the one before was applied:
+    ///
+    /// 1. The tick is counted: the rules go by it.
+    /// 2. Lives: first those leave whose evidence has ended, so that who is confirmed next can be one of them.
+    ///    Who is confirmed is recognised, and solved again: only now it is known where it stands.
+    /// 3. Places: who stands outside the field goes. Who followed what was seen of another steps back: before
+    ///    shared places are counted, because it does not stand there any more; then of two in one place the
+    ///    weaker goes.
+    /// 4. It is noted where those who are left were surely seen, and who has been gone for too long is
+    ///    forgotten: whom a sighting can be is settled by both.
+    /// 5. Sightings: those whom no track that is left explains wait for their crops, are lost, or are new.
+    /// 6. Those given by hand at the next tick replace whoever stands there by now.
+    /// 7. Who looks for people next is planned: it depends on who is lost, and on who has been sighted.
+    pub fn step(&mut self, group: &TickGroup, method: &Method) -> Outcome {
         let tick = group.tick;
         for track in &mut self.tracks {
             track.count(tick, method);
@@ -158,7 +171,8 @@ impl Registry {
         } = &self.rules;
         self.memory.forget(tick, births.return_s, *rate_hz);
         self.posters.forget(tick, *rate_hz);
-        // The pose of the tick itself is in the poses of the tick; and who is let go was nobody.
+        // The pose of the tick itself is among the poses of the tick; and who was confirmed and let go at one
+        // tick is never published.
         let is_here = |id| self.tracks.iter().any(|track| track.id() == id);
         confirmed.retain(|(at, pose)| *at < tick && is_here(pose.person));
         let unusable_sightings = self.take_in_sighted(group, method);
@@ -201,8 +215,12 @@ impl Registry {
         for event in &confirmations {
             self.apply(std::slice::from_ref(event), tick, method);
             let of = |other: &&Event| other.wire_id == event.wire_id;
-            let recognised = recognised.iter().find(of);
-            poses.extend(self.confirm(event.wire_id, recognised, method));
+            if let Some(recognised) = recognised.iter().find(of) {
+                self.apply(std::slice::from_ref(recognised), tick, method);
+            }
+            if let Some(index) = self.position(event.wire_id) {
+                poses.extend(self.tracks[index].solve_again(method));
+            }
         }
         self.take_facts();
         let elsewhere = recognition::found_elsewhere(&self.facts, &confirmed);

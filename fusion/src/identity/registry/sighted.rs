@@ -1,6 +1,5 @@
 //! Who is sighted, or given by hand: somebody who waits for its crops, somebody lost, or somebody new.
 
-use farfield_proto::message::identity_event::DropReason;
 use farfield_proto::message::{MAX_PERSONS, Sighting};
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::GivenPerson;
@@ -11,10 +10,10 @@ use crate::align::TickGroup;
 use crate::body::fit::{Fitted, fit};
 use crate::body::initial_pose::PoseFinder;
 use crate::body::observed::ObservedJoints;
-use crate::body::skeleton::{Joint, Pose};
+use crate::body::skeleton::Joint;
+use crate::identity::decide::places;
 use crate::identity::decide::sighted::{self, LostPerson, Taken};
-use crate::identity::event::{Event, EventKind};
-use crate::identity::phase::{Coverage, Phase};
+use crate::identity::event::EventKind;
 use crate::identity::recognise::{Appearance, Lengths};
 use crate::identity::track::Track;
 use crate::method::Method;
@@ -38,7 +37,7 @@ impl Registry {
         }
         let (pass, unusable) = self.pass(group, method.sites.len());
         // Who may be elsewhere by now explains nothing.
-        let bodies = self.bodies(|phase| !phase.is_lost() && !phase.is_awaited());
+        let bodies = self.bodies(|track| !track.identity.phase.is_lost() && !track.is_awaited());
         let found = self.finder.find_in(&pass, &bodies);
         let found = self.reinitiate(found, tick, method);
         for track in self.tracks.iter_mut().filter(|t| t.is_tentative()) {
@@ -83,10 +82,10 @@ impl Registry {
         )
     }
 
-    /// The bodies of those whose phase `counts`, and the posters on the walls.
-    fn bodies(&self, counts: impl Fn(Phase) -> bool) -> Vec<KnownBody> {
+    /// The bodies of those who `count`, and the posters on the walls.
+    fn bodies(&self, count: impl Fn(&Track) -> bool) -> Vec<KnownBody> {
         let people = self.tracks.iter();
-        let people = people.filter(|track| counts(track.identity.phase));
+        let people = people.filter(|track| count(track));
         let body = |track: &Track| KnownBody {
             keypoints_m: track.estimator.keypoints_m(),
         };
@@ -106,7 +105,7 @@ impl Registry {
         method: &Method,
     ) -> Vec<SightedPerson> {
         self.take_facts();
-        if !self.facts.iter().any(|facts| facts.phase.is_awaited()) {
+        if !self.facts.iter().any(|facts| facts.is_awaited()) {
             return found;
         }
         let mut bodies: Vec<Option<Fitted>> = found.iter().map(|p| fitted(p, method)).collect();
@@ -117,8 +116,8 @@ impl Registry {
         for (which, event) in &taken {
             let (index, body) = (self.position(event.wire_id), bodies[*which].take());
             if let (Some(index), Some(body)) = (index, body) {
-                self.tracks[index].start_over(&found[*which], body, tick, method.dt_s);
                 self.apply(std::slice::from_ref(event), tick, method);
+                self.tracks[index].start_over(&found[*which], body, tick, method.dt_s);
             }
         }
         without(found, &taken)
@@ -168,19 +167,15 @@ impl Registry {
         let Some(body) = fitted(person, method) else {
             return;
         };
-        let id = self.new_id();
-        let awaited_ticks = self.scheduler.awaited_ticks();
-        let phase = Phase::tentative(awaited_ticks);
-        let mut track = Track::new(id, phase, (body.skeleton, body.pose), method);
-        track.is_sighted_at(person, tick);
-        self.scheduler
-            .ask_about_tentative(tick, &track.estimator.keypoints_m());
-        self.tracks.push(track);
         let kind = EventKind::Initiate {
             views: person.views,
-            awaited_ticks,
+            awaited_ticks: self.scheduler.awaited_ticks(),
         };
-        self.say(id, &Event { wire_id: id, kind });
+        if let Some(track) = self.begin_track(kind, body, tick, method) {
+            track.is_sighted_at(person, tick);
+            let keypoints_m = track.estimator.keypoints_m();
+            self.scheduler.ask_about_tentative(tick, &keypoints_m);
+        }
     }
 
     /// Takes in those who are given by hand at `tick`.
@@ -197,31 +192,13 @@ impl Registry {
             let Ok(body) = fit(&[observed], ik, bounds) else {
                 continue;
             };
-            self.make_room_for(&body.pose, tick, method);
+            self.take_facts();
+            let replaced = places::replaced_by_hand(&self.facts, &body.pose.root_m, &self.rules);
+            self.apply(&replaced, tick, method);
             if self.tracks.len() < MAX_PERSONS {
-                let wire_id = self.new_id();
-                let body = (body.skeleton, body.pose);
-                self.tracks
-                    .push(Track::new(wire_id, Phase::Tracked, body, method));
-                let kind = EventKind::Give;
-                self.say(wire_id, &Event { wire_id, kind });
+                self.begin_track(EventKind::Given, body, tick, method);
             }
         }
-    }
-
-    /// Who was found where a person is given by hand is that person: the hand knows better.
-    fn make_room_for(&mut self, given: &Pose, tick: Tick, method: &Method) {
-        let near_m = self.rules.births.explained_m;
-        let is_near =
-            |track: &&Track| (track.estimator.joints_m()[0] - given.root_m).norm() < near_m;
-        let leaves = |track: &Track| Event {
-            wire_id: track.wire_id(),
-            kind: EventKind::Drop {
-                reason: DropReason::GivenByHand,
-            },
-        };
-        let events: Vec<Event> = self.tracks.iter().filter(is_near).map(leaves).collect();
-        self.apply(&events, tick, method);
     }
 }
 
@@ -238,9 +215,7 @@ impl Track {
 
     /// Starts over at `tick` with another sighting, moving as fast as it must have since the first one.
     fn start_over(&mut self, person: &SightedPerson, body: Fitted, tick: Tick, dt_s: f64) {
-        let identity = &mut self.identity;
-        identity.coverage = Coverage::default();
-        let record = &mut identity.tentative;
+        let record = &mut self.identity.tentative;
         let began = record.ticks.first().map_or(tick, |first| first.tick);
         let (first, place_m) = *record.first.get_or_insert((began, record.place_m));
         let since_s = (tick - first) as f64 * dt_s;
@@ -268,7 +243,6 @@ impl Track {
         let Some(pose) = finder.find(&estimator.body.skeleton, &observed) else {
             return false;
         };
-        self.identity.coverage.revive();
         estimator.evidence.estimates = person.estimates();
         if (pose.root_m - estimator.pose().root_m).norm() < IN_PLACE_M {
             return true;

@@ -6,7 +6,9 @@ use std::path::Path;
 
 use farfield_proto::calibration::Calibration;
 use farfield_proto::id::SessionId;
+use farfield_proto::message::identity_event::{IdentityEventSet, MAX_EVENTS};
 use farfield_proto::message::{PersonState, SightingSet};
+use farfield_proto::wire::Message;
 use nalgebra::Vector3;
 
 use super::*;
@@ -130,7 +132,7 @@ impl HallFixture {
             track.estimator.fit_joints(&self.method);
         }
         let group = self.sighted(bodies, viewpoints);
-        let lived = self.registry.live(&group, &self.method);
+        let lived = self.registry.step(&group, &self.method);
         self.tick = self.tick + 1;
         self.ids
             .extend(self.registry.published().iter().map(|pose| pose.person.0));
@@ -317,4 +319,22 @@ fn a_poster_that_is_carried_away_is_somebodys() {
         stage.step(&[carried.collect()]);
     }
     assert_eq!(stage.ids.len(), 1);
+}
+
+#[test]
+fn a_tick_has_no_more_events_than_its_message_may_have() {
+    let mut stage = HallFixture::new();
+    let wire_id = PersonId(1);
+    let kind = EventKind::Given;
+    for _ in 0..=MAX_EVENTS {
+        stage.registry.publish(wire_id, &Event { wire_id, kind });
+    }
+    let events = stage.step(&[]).events;
+    assert_eq!(events.len(), MAX_EVENTS);
+    let message = IdentityEventSet {
+        session: SessionId(1),
+        tick: Tick(0),
+        events,
+    };
+    assert_eq!(message.check(), Ok(()));
 }

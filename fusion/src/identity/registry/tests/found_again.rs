@@ -39,7 +39,7 @@ fn add_on_the_first(stage: &mut HallFixture, phase: Phase) {
 #[test]
 fn who_was_just_found_again_stays_where_a_newborn_stands_on_its_body() {
     let mut stage = just_found();
-    add_on_the_first(&mut stage, Phase::tentative(0));
+    add_on_the_first(&mut stage, Phase::Tentative);
     let tick = stage.tick;
     stage.registry.step_back(tick, &stage.method);
     assert_eq!(stage.registry.tracks()[0].identity.coverage.missing, 0);
@@ -134,7 +134,7 @@ fn the_ticks_before_are_solved_without_the_push_of_now() {
         track
             .estimator
             .push(Some(&[Vector3::repeat(push_m); N_JOINTS]));
-        track.solve_again(None, &method)
+        track.solve_again(&method)
     };
     let poses = settled(0.0);
     assert!(!poses.is_empty());
