@@ -1,7 +1,7 @@
-//! People who have 25 to 60 pixels in the picture, as at 100 m: found in tiles, and born; in the whole
+//! People who have 25 to 60 pixels in the picture, as at 100 m: found in tiles, and confirmed; in the whole
 //! picture, made small for the detector's input, nobody sees them.
 //!
-//! The real man is too small for YOLOX in two of his four pictures even so, and is born by RTMDet alone.
+//! The real man is too small for YOLOX in two of his four pictures even so, and is confirmed with RTMDet alone.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -20,7 +20,7 @@ use crate::data::{checkout, onnx_runtime, recording};
 
 /// Cards of detectors that were trained on photographs.
 const DETECTORS: [&str; 2] = ["yolox_nano_416.toml", "rtmdet_nano_person.toml"];
-/// Enough tiles for any of these pictures at one look.
+/// Enough tiles for any of these pictures in one detection pass.
 const TILES: u32 = 64;
 /// Ticks in which somebody must be confirmed: `births.confirm_ticks` and what finding takes.
 const TICKS: i64 = 16;
@@ -28,7 +28,7 @@ const TICKS: i64 = 16;
 /// What was seen of people nobody had told of.
 #[derive(Debug, Default)]
 struct SeenFarPeople {
-    /// Sightings of the first look, by camera.
+    /// Sightings of the first detection pass, by camera.
     first_look: BTreeMap<u16, usize>,
     /// Everybody who was confirmed, with the tick.
     born: BTreeMap<u32, Tick>,
