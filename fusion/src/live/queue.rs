@@ -6,7 +6,7 @@
 
 use super::Micros;
 
-/// How long a tick may be ready before it is stepped without input, microseconds. A look that takes long
+/// How long a tick may be ready before it is stepped without input, microseconds. A detection pass that takes long
 /// holds up the ticks behind it: so long they may take to catch up.
 pub const LONGEST_LAG_US: Micros = 150_000;
 
