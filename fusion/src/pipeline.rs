@@ -162,7 +162,8 @@ impl Pipeline {
         &self.method.keypoints
     }
 
-    /// Everybody as the last step left them, tentative ones too, in the order of their initiation: for studies of the stages.
+    /// Everybody as the last step left them, tentative ones too, in the order of their initiation: for studies of
+    /// the stages.
     #[cfg(feature = "study")]
     pub fn tracks(&self) -> &[Track] {
         self.registry.tracks()

@@ -142,7 +142,7 @@ mod tests {
     }
 
     #[test]
-    fn looks_are_waited_for_as_long_as_they_take() {
+    fn detection_passes_are_waited_for_as_long_as_they_take() {
         let mut arrivals = Arrivals::default();
         (0..100).for_each(|i| arrivals.add(Task::Follow, 8_000, i));
         arrivals.add(Task::Look, 120_000, 100);

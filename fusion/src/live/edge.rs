@@ -49,7 +49,7 @@ pub struct Came {
     pub bytes: u64,
 }
 
-/// What a patch set says of the way that it and its boxes took, microseconds.
+/// What a patch set says of the round trip of its boxes and itself, microseconds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Trip {
     /// From the capture of its pictures to its sending.
@@ -245,7 +245,7 @@ impl Edge {
         is_expected || self.is_heard(now_us) && self.is_on_time()
     }
 
-    /// Whether it has spoken of late.
+    /// Whether anything came from it of late.
     pub fn is_heard(&self, now_us: Micros) -> bool {
         self.heard_us.is_some_and(|at| now_us - at <= SILENT_US)
     }

@@ -1,7 +1,7 @@
 //! At which ticks an edge is sent boxes: all, unless its link cannot carry them.
 //!
 //! An edge moves boxes on by their rates, so every second or fourth set does nearly as well. When messages begin
-//! to wait on the way there and back, sets become fewer by half; when nothing waits any more, more are tried again,
+//! to queue on the round trip, sets become fewer by half; when nothing waits any more, more are tried again,
 //! after ever longer if it was too early. Only ticks that 1, 2, 4 or 8 divides are left.
 
 use farfield_proto::transport::MESSAGE_OVERHEAD_BYTES;

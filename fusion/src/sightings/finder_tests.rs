@@ -108,7 +108,7 @@ fn a_bystander_whom_one_viewpoint_sees_is_nobody() {
 }
 
 #[test]
-fn who_is_tracked_is_not_born_again_but_the_newcomer_beside_is() {
+fn who_is_tracked_is_not_found_again_but_the_newcomer_beside_is() {
     let mut noise = Noise(2);
     let hall = hall();
     let old = standing(0.0, 0.0, 1.8, &mut noise);

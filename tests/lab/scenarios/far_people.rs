@@ -31,7 +31,7 @@ struct SeenFarPeople {
     /// Sightings of the first detection pass, by camera.
     first_look: BTreeMap<u16, usize>,
     /// Everybody who was confirmed, with the tick.
-    born: BTreeMap<u32, Tick>,
+    confirmed: BTreeMap<u32, Tick>,
 }
 
 fn looked(venue: Venue, sources: Vec<Box<dyn FrameSource>>) -> SeenFarPeople {
@@ -45,7 +45,7 @@ fn looked(venue: Venue, sources: Vec<Box<dyn FrameSource>>) -> SeenFarPeople {
             }
         }
         for pose in &trace.poses.persons {
-            seen.born.entry(pose.person.0).or_insert(trace.tick);
+            seen.confirmed.entry(pose.person.0).or_insert(trace.tick);
         }
     }
     seen
@@ -121,8 +121,8 @@ fn rendered_people_a_hundred_metres_away_are_found_in_tiles_alone() {
         (tiled, whole)
     });
     for (tiled, whole) in [yolox, rtmdet] {
-        assert_eq!(tiled.born.len(), 3, "{tiled:?}");
-        assert!(whole.born.is_empty(), "{whole:?}");
+        assert_eq!(tiled.confirmed.len(), 3, "{tiled:?}");
+        assert!(whole.confirmed.is_empty(), "{whole:?}");
     }
 }
 
@@ -157,10 +157,10 @@ fn a_real_man_of_a_few_pixels_is_found_in_tiles_alone() {
     let [(yolox, _), (rtmdet, _)] = &seen;
     // Where he is 32 to 45 pixels tall, RTMDet finds him in all four pictures, YOLOX in some.
     assert_eq!(rtmdet.first_look.len(), venue.cameras.len(), "{rtmdet:?}");
-    assert!(!rtmdet.born.is_empty(), "{rtmdet:?}");
+    assert!(!rtmdet.confirmed.is_empty(), "{rtmdet:?}");
     assert!(!yolox.first_look.is_empty(), "{yolox:?}");
     for (_, whole) in &seen {
         assert!(whole.first_look.is_empty(), "{whole:?}");
-        assert!(whole.born.is_empty(), "{whole:?}");
+        assert!(whole.confirmed.is_empty(), "{whole:?}");
     }
 }

@@ -131,7 +131,7 @@ impl Live<'_> {
             let name = &self.config.venue.viewpoints[index].name;
             let after_ms = (at_us - self.time.at(tick)) / 1000;
             say(format_args!(
-                "viewpoint {name}: what it saw when it looked for people came {after_ms} ms after its tick, too late to be used; if that goes on, raise `deadline_ms` in [link]"
+                "viewpoint {name}: the sightings of a detection pass came {after_ms} ms after its tick, too late to be used; if that goes on, raise `deadline_ms` in [link]"
             ));
         }
     }

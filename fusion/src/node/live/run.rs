@@ -91,7 +91,7 @@ pub(super) struct Live<'a> {
     /// Messages that fusion had no room to send.
     pub(super) unsent: u64,
     pub(super) refusals: Vec<Option<String>>,
-    /// Until when those are waited for who have not spoken yet.
+    /// Until when edges are waited for of which nothing has come yet.
     pub(super) expect_until_us: Micros,
     /// Results of detection passes that came too late.
     pub(super) late_detections: u32,
