@@ -1,7 +1,11 @@
-//! The operator's one command: brings a venue up, and looks at what came out.
+//! The command `farfield`: starts a venue, looks at what came out, and makes venues to try it on.
 //!
-//! It is a library so that a program that starts nodes as processes of its own can be one of them
-//! itself: what [`knows`] a first argument hands on to [`main`].
+//! Read [`main`] first: each command is a module of this crate, or a call to the node that it starts. `farfield run`
+//! starts the nodes of a venue as processes of its own, each again this program (`farfield edge`, `farfield fusion`);
+//! `farfield simulate` and `farfield demo` make the folder of a simulated venue, and the demo runs it.
+//!
+//! It is a library, so that another program can stand in for it: one that hands every first argument which [`knows`]
+//! accepts on to [`main`] can start itself as the nodes. The program `lab` does.
 
 mod certs;
 mod cli;

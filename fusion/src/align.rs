@@ -74,7 +74,7 @@ pub enum Refused {
 
 /// What one viewpoint has sent for the tick.
 #[derive(Debug, Clone, Default)]
-struct Progress {
+struct ViewpointProgress {
     parts: Option<u16>,
     /// As the first message said it that came, of either kind.
     sighting_parts: Option<u16>,
@@ -84,7 +84,7 @@ struct Progress {
     n_sightings: usize,
 }
 
-impl Progress {
+impl ViewpointProgress {
     fn is_complete(&self) -> bool {
         self.parts.is_some_and(|parts| self.seen_parts >= parts)
             && self
@@ -133,7 +133,7 @@ fn contradicts(known: Option<u16>, announced: u16) -> bool {
 pub struct Gather {
     session: SessionId,
     group: TickGroup,
-    progress: Vec<Progress>,
+    progress: Vec<ViewpointProgress>,
 }
 
 impl Gather {
@@ -146,7 +146,7 @@ impl Gather {
         Self {
             session,
             group,
-            progress: vec![Progress::default(); n_viewpoints],
+            progress: vec![ViewpointProgress::default(); n_viewpoints],
         }
     }
 
@@ -206,13 +206,13 @@ impl Gather {
 
     /// Whether every viewpoint has sent all it announced.
     pub fn is_complete(&self) -> bool {
-        self.progress.iter().all(Progress::is_complete)
+        self.progress.iter().all(ViewpointProgress::is_complete)
     }
 
     /// Whether `viewpoint` has sent all it announced.
     pub fn is_complete_of(&self, viewpoint: ViewpointIndex) -> bool {
         let progress = self.progress.get(usize::from(viewpoint.0));
-        progress.is_some_and(Progress::is_complete)
+        progress.is_some_and(ViewpointProgress::is_complete)
     }
 
     /// What has come so far.
@@ -241,7 +241,7 @@ impl Gather {
             tick: self.group.tick + 1,
             ..TickGroup::default()
         };
-        self.progress.fill(Progress::default());
+        self.progress.fill(ViewpointProgress::default());
         std::mem::replace(&mut self.group, next)
     }
 

@@ -1,7 +1,24 @@
-//! Patches in, skeletons and boxes out: what runs in the fusion node.
+//! Patches in, skeletons and boxes out: what runs in the fusion node of a venue.
 //!
-//! The core is pure: values in, values out, no clock, no socket, no lock. It never sees an image.
-//! `node` owns Zenoh, time and threads; [`export`] turns poses into files that others read.
+//! Read [`pipeline`] first: [`pipeline::Pipeline::step`] turns the patches and sightings of one tick into poses, and
+//! into the boxes where edges look for people next. It calls the other parts:
+//!
+//! | module | what |
+//! | --- | --- |
+//! | [`align`] | gathers the messages of a tick from all viewpoints |
+//! | [`estimate`] | one tick of one person: lattice search, inverse kinematics, filter, prediction, uncertainty |
+//! | [`body`] | the skeleton, its measures, and the inverse kinematics that fit it to points |
+//! | [`sightings`] | people whom several viewpoints found without a box |
+//! | [`identity`] | who is who: tracks that begin, are confirmed, lost, recognised and let go |
+//! | [`boxes`] | predicted joints as regions of each camera |
+//! | [`smoother`] | poses once more, with what came after them |
+//! | [`export`] | poses as text that other programs read |
+//! | [`live`] | what fusion decides by clocks and deadlines, with time as an argument |
+//!
+//! [`method`] is what all persons of a venue share, [`assign`] the assignment of one set to another. All of these
+//! compute and never wait: no clock, no socket, no lock. `recording` (feature `recording`) is what stands in a
+//! recording, and `node` (feature `node`) the shell, which owns Zenoh, time, threads and files. This crate never
+//! sees an image.
 
 pub mod align;
 pub mod assign;

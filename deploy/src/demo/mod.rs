@@ -13,7 +13,7 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use farfield_fusion::node::Claim;
+use farfield_fusion::node::FolderClaim;
 use farfield_node::log::start_log;
 use farfield_node::process::{Ending, NodeError, exit_code};
 use farfield_proto::tick::Tick;
@@ -99,7 +99,7 @@ fn show(
     out: Option<&Path>,
     session: &mut Session,
 ) -> Result<Ending, NodeError> {
-    let claim = Claim::take(out, NAME).map_err(NodeError::Refused)?;
+    let claim = FolderClaim::take(out, NAME).map_err(NodeError::Refused)?;
     let out = claim.folder();
     let (play, undo) = Play::stage(script, &out.join(VENUE)).map_err(NodeError::Failed)?;
     let (plan, networks) = run::check(RunArgs {

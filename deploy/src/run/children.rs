@@ -29,7 +29,7 @@ const QUEUE: usize = 256;
 
 /// What the nodes do.
 #[derive(Debug)]
-pub(super) enum Event {
+pub(super) enum NodeEvent {
     /// Fusion reports.
     Report(Report),
     /// A node has ended.
@@ -69,12 +69,12 @@ impl Exit {
 pub(super) struct Children {
     tasks: TaskTracker,
     kill: CancellationToken,
-    events: mpsc::Sender<Event>,
+    events: mpsc::Sender<NodeEvent>,
 }
 
 impl Children {
     /// Nothing runs yet; events of what will come out at the other end.
-    pub(super) fn new() -> (Self, mpsc::Receiver<Event>) {
+    pub(super) fn new() -> (Self, mpsc::Receiver<NodeEvent>) {
         let (events, received) = mpsc::channel(QUEUE);
         (
             Self {
@@ -170,7 +170,7 @@ fn node(plan: &RunPlan, kind: &str) -> anyhow::Result<Command> {
 async fn follow(
     node: String,
     mut child: Child,
-    events: mpsc::Sender<Event>,
+    events: mpsc::Sender<NodeEvent>,
     kill: CancellationToken,
 ) {
     let stdout = child.stdout.take();
@@ -198,16 +198,16 @@ async fn follow(
     let ((), said, status) = tokio::join!(reports, errors, wait);
     drop(
         events
-            .send(Event::Exited(Exit { node, status, said }))
+            .send(NodeEvent::Exited(Exit { node, status, said }))
             .await,
     );
 }
 
-async fn forward_reports(stdout: impl AsyncRead + Unpin, events: &mpsc::Sender<Event>) {
+async fn forward_reports(stdout: impl AsyncRead + Unpin, events: &mpsc::Sender<NodeEvent>) {
     let mut lines = BufReader::new(stdout).lines();
     while let Ok(Some(line)) = lines.next_line().await {
         match serde_json::from_str(&line) {
-            Ok(report) => drop(events.send(Event::Report(report)).await),
+            Ok(report) => drop(events.send(NodeEvent::Report(report)).await),
             Err(error) => debug!(%line, %error, "not a report"),
         }
     }

@@ -16,7 +16,7 @@ mod watch;
 use std::path::Path;
 use std::process::ExitCode;
 
-use farfield_fusion::node::Claim;
+use farfield_fusion::node::FolderClaim;
 use farfield_node::log::start_log;
 use farfield_node::process::{Ending, NodeError, exit_code, say};
 
@@ -44,7 +44,8 @@ fn run(args: RunArgs) -> Result<Ending, NodeError> {
     drop(networks);
     let mut session = Session::open()?;
     // From here on an interruption is heard: the folder is the sign that the run has begun.
-    let claim = Claim::take(plan.out.as_deref(), &plan.venue.name).map_err(NodeError::Refused)?;
+    let claim =
+        FolderClaim::take(plan.out.as_deref(), &plan.venue.name).map_err(NodeError::Refused)?;
     let end = session.watch(&plan, claim.folder(), &mut ProgressLine::new(&plan))?;
     finish(&plan, claim.folder(), end, json)
 }

@@ -12,7 +12,7 @@ use tokio::process::ChildStdin;
 use tokio::time::{Instant, sleep_until};
 
 use super::check::{RunPace, RunPlan};
-use super::children::{Children, Event, Exit, FUSION, RINGS};
+use super::children::{Children, Exit, FUSION, NodeEvent, RINGS};
 use super::follow::Follow;
 use super::verdict::{NodeEnds, NodeTold, RunEnd, Sign};
 use crate::signals::Signals;
@@ -100,20 +100,20 @@ struct RunWatch<'a> {
 }
 
 impl RunWatch<'_> {
-    fn take(&mut self, event: Event) -> anyhow::Result<()> {
+    fn take(&mut self, event: NodeEvent) -> anyhow::Result<()> {
         match event {
-            Event::Report(Report::Listening(endpoints)) => {
+            NodeEvent::Report(Report::Listening(endpoints)) => {
                 let endpoint = endpoints.into_iter().next();
                 self.endpoint = endpoint.context("fusion listens nowhere")?;
                 self.start_edges()?;
             }
-            Event::Report(Report::Started { .. }) => self.started = true,
-            Event::Report(Report::Tick(tick)) => {
+            NodeEvent::Report(Report::Started { .. }) => self.started = true,
+            NodeEvent::Report(Report::Tick(tick)) => {
                 self.last = Some(tick.tick);
                 self.follow.tick(&tick);
             }
-            Event::Report(Report::Links(links)) => self.follow.links(&links),
-            Event::Exited(exit) => self.exited(exit),
+            NodeEvent::Report(Report::Links(links)) => self.follow.links(&links),
+            NodeEvent::Exited(exit) => self.exited(exit),
         }
         Ok(())
     }

@@ -13,9 +13,9 @@ use farfield_proto::tick::Tick;
 use farfield_proto::venue::{Venue, VenueCamera};
 use farfield_proto::wire;
 
-use super::config::Config;
+use super::config::EdgeConfig;
 use super::parts::Parts;
-use super::worker::Work;
+use super::worker::EdgeWork;
 use crate::detector::OnnxDetector;
 use crate::inference::{InputTensor, KeypointNetwork, NetworkError, PersonDetector};
 use crate::network::{BackendChoice, InferenceBackend, OnnxKeypointNetwork};
@@ -24,7 +24,7 @@ use crate::source::{self, SourceError, SourceInfo, Sources};
 
 /// An edge that is ready to connect.
 pub(super) struct Built {
-    pub(super) work: Work,
+    pub(super) work: EdgeWork,
     /// How it introduces itself.
     pub(super) status: Status,
 }
@@ -127,7 +127,7 @@ pub fn probe_sources<'a>(
 }
 
 /// Opens everything but the network connection.
-pub(super) fn build(config: &Config) -> Result<Built, NodeError> {
+pub(super) fn build(config: &EdgeConfig) -> Result<Built, NodeError> {
     let venue = &config.venue;
     let sources = &config.sources;
     let infos = probe_sources(sources.as_ref(), venue, config.cameras());
@@ -151,7 +151,7 @@ pub(super) fn build(config: &Config) -> Result<Built, NodeError> {
         .get(usize::from(config.viewpoint.0))
         .map(|v| v.cameras.clone())
         .unwrap_or_default();
-    let mut work = Work::new(Parts {
+    let mut work = EdgeWork::new(Parts {
         venue: Arc::new(venue.clone()),
         viewpoint: config.viewpoint,
         cameras,

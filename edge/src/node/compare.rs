@@ -3,7 +3,7 @@
 use anyhow::anyhow;
 use farfield_node::process::NodeError;
 use farfield_proto::message::Status;
-use farfield_proto::same_files::{OtherFile, OwnFiles};
+use farfield_proto::venue::same_files::{OtherFile, OwnFiles};
 
 /// Compares the files of this edge with fusion's.
 ///

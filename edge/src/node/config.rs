@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use anyhow::anyhow;
 use farfield_node::clock::VenueClock;
-use farfield_node::endpoints::{Asked, Reach, Side};
+use farfield_node::endpoints::{Asked, LinkEnd, Reach};
 use farfield_node::files::load_venue;
 use farfield_node::process::{Managed, NodeError};
 use farfield_proto::id::ViewpointIndex;
@@ -66,7 +66,7 @@ pub struct EdgeArgs {
 
 /// The validated start of an edge node.
 #[derive(Debug)]
-pub(super) struct Config {
+pub(super) struct EdgeConfig {
     pub(super) venue: Venue,
     /// How the sources of the cameras are opened.
     pub(super) sources: Arc<dyn Sources>,
@@ -83,7 +83,7 @@ pub(super) struct Config {
     clock_shift_us: i64,
 }
 
-impl Config {
+impl EdgeConfig {
     /// Reads the venue and its calibration.
     pub(super) fn load(args: EdgeArgs, sources: Arc<dyn Sources>) -> Result<Self, NodeError> {
         let venue = load_venue(&args.venue).map_err(NodeError::refused)?;
@@ -97,7 +97,7 @@ impl Config {
             ))
         })?;
         let asked = Asked {
-            side: Side::Connect,
+            side: LinkEnd::Connect,
             node: &args.viewpoint,
             endpoints: &args.connect,
             certificates: args.certificates.as_deref(),

@@ -22,7 +22,7 @@ const QUEUE: usize = 64;
 
 /// What the network tells the loop.
 #[derive(Debug)]
-pub(super) enum Incoming {
+pub(super) enum EdgeIncoming {
     /// What to do at a tick.
     Boxes(BoxSet),
     /// Fusion says how it is.
@@ -35,7 +35,7 @@ pub(super) enum Incoming {
 
 /// What the edge says.
 #[derive(Debug)]
-pub(super) enum Outgoing {
+pub(super) enum EdgeOutgoing {
     /// Patches.
     Patches(Vec<u8>),
     /// Sightings.
@@ -45,23 +45,23 @@ pub(super) enum Outgoing {
 }
 
 /// The open session with all that is declared on it.
-pub(super) struct Link {
+pub(super) struct EdgeSession {
     session: Session,
     patches: Publisher<'static>,
     sightings: Publisher<'static>,
     status: Publisher<'static>,
-    subscribers: Vec<(Topic, FifoSubscriber)>,
+    subscribers: Vec<(EdgeTopic, FifoSubscriber)>,
     token: LivelinessToken,
 }
 
 #[derive(Debug, Clone, Copy)]
-enum Topic {
+enum EdgeTopic {
     Boxes,
     Fusion,
     Alive,
 }
 
-impl Link {
+impl EdgeSession {
     /// Connects as `transport` says, waiting for fusion as long as it takes, and declares what the
     /// viewpoint needs.
     pub(super) async fn open(
@@ -72,15 +72,15 @@ impl Link {
         let keys = Keys::new(transport.venue);
         let subscribers = vec![
             (
-                Topic::Boxes,
+                EdgeTopic::Boxes,
                 session::subscriber(&session, keys.boxes(viewpoint), QUEUE).await?,
             ),
             (
-                Topic::Fusion,
+                EdgeTopic::Fusion,
                 session::subscriber(&session, keys.status(FUSION), QUEUE).await?,
             ),
             (
-                Topic::Alive,
+                EdgeTopic::Alive,
                 session::liveliness(&session, keys.alive(FUSION), QUEUE).await?,
             ),
         ];
@@ -100,7 +100,7 @@ impl Link {
     }
 
     /// Starts the tasks that carry messages to and from the loop.
-    pub(super) fn spawn(self, tasks: &TaskTracker, leave: &CancellationToken) -> Ends {
+    pub(super) fn spawn(self, tasks: &TaskTracker, leave: &CancellationToken) -> EdgeEnds {
         let (incoming_tx, incoming) = mpsc::channel(QUEUE);
         for (topic, subscriber) in self.subscribers {
             tasks.spawn(listen(
@@ -121,7 +121,7 @@ impl Link {
                 &matched_tx,
             );
         });
-        Ends {
+        EdgeEnds {
             incoming,
             outgoing: outgoing_tx,
             matched,
@@ -132,18 +132,18 @@ impl Link {
 }
 
 /// The loop's ends of the queues to and from the wire.
-pub(super) struct Ends {
+pub(super) struct EdgeEnds {
     /// What comes in.
-    pub(super) incoming: mpsc::Receiver<Incoming>,
+    pub(super) incoming: mpsc::Receiver<EdgeIncoming>,
     /// What goes out.
-    pub(super) outgoing: mpsc::Sender<Outgoing>,
+    pub(super) outgoing: mpsc::Sender<EdgeOutgoing>,
     /// Whether fusion listens for patches and sightings.
     pub(super) matched: watch::Receiver<bool>,
     session: Session,
     _token: LivelinessToken,
 }
 
-impl Ends {
+impl EdgeEnds {
     /// The open session.
     pub(super) fn session(&self) -> Session {
         self.session.clone()
@@ -161,9 +161,9 @@ impl Ends {
 
 /// Task: one subscription, decoded, to the loop.
 async fn listen(
-    topic: Topic,
+    topic: EdgeTopic,
     subscriber: FifoSubscriber,
-    incoming: mpsc::Sender<Incoming>,
+    incoming: mpsc::Sender<EdgeIncoming>,
     leave: CancellationToken,
 ) {
     loop {
@@ -180,19 +180,21 @@ async fn listen(
     }
 }
 
-fn read(topic: Topic, sample: &Sample) -> Option<Incoming> {
+fn read(topic: EdgeTopic, sample: &Sample) -> Option<EdgeIncoming> {
     let key = sample.key_expr().as_str();
     let payload = sample.payload().to_bytes();
     let incoming = match topic {
-        Topic::Boxes => wire::decode(&payload).map(Incoming::Boxes),
-        Topic::Fusion => wire::decode(&payload).map(|status| Incoming::Fusion(Box::new(status))),
-        Topic::Alive => {
-            return (sample.kind() == SampleKind::Delete).then_some(Incoming::FusionGone);
+        EdgeTopic::Boxes => wire::decode(&payload).map(EdgeIncoming::Boxes),
+        EdgeTopic::Fusion => {
+            wire::decode(&payload).map(|status| EdgeIncoming::Fusion(Box::new(status)))
+        }
+        EdgeTopic::Alive => {
+            return (sample.kind() == SampleKind::Delete).then_some(EdgeIncoming::FusionGone);
         }
     };
     Some(incoming.unwrap_or_else(|error| {
         debug!(%key, %error, "message not readable");
-        Incoming::Unreadable(key.to_owned())
+        EdgeIncoming::Unreadable(key.to_owned())
     }))
 }
 
@@ -201,14 +203,14 @@ fn speak(
     patches: &Publisher<'static>,
     sightings: &Publisher<'static>,
     status: &Publisher<'static>,
-    mut outgoing: mpsc::Receiver<Outgoing>,
+    mut outgoing: mpsc::Receiver<EdgeOutgoing>,
     matched: &watch::Sender<bool>,
 ) {
     while let Some(message) = outgoing.blocking_recv() {
         let (publisher, bytes) = match message {
-            Outgoing::Patches(bytes) => (patches, bytes),
-            Outgoing::Sightings(bytes) => (sightings, bytes),
-            Outgoing::Status(bytes) => {
+            EdgeOutgoing::Patches(bytes) => (patches, bytes),
+            EdgeOutgoing::Sightings(bytes) => (sightings, bytes),
+            EdgeOutgoing::Status(bytes) => {
                 // Statuses go out several times a second until the start: the moment to look.
                 matched.send_replace(has_listener(patches) && has_listener(sightings));
                 (status, bytes)

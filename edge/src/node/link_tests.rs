@@ -11,7 +11,7 @@ use tokio::time::timeout;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
-use super::{Ends, Incoming, Link, Outgoing};
+use super::{EdgeEnds, EdgeIncoming, EdgeOutgoing, EdgeSession};
 
 /// Far above what a loaded machine takes; a test that waits as long has failed.
 const PATIENCE: Duration = Duration::from_secs(20);
@@ -31,7 +31,7 @@ async fn router() -> (zenoh::Session, String) {
     (session, endpoint)
 }
 
-async fn next(ends: &mut Ends) -> Incoming {
+async fn next(ends: &mut EdgeEnds) -> EdgeIncoming {
     timeout(PATIENCE, ends.incoming.recv())
         .await
         .expect("the edge receives nothing")
@@ -54,7 +54,7 @@ async fn boxes_arrive_patches_leave_in_order_and_fusion_is_missed() {
         connect: &[endpoint],
         identity: None,
     };
-    let link = timeout(PATIENCE, Link::open(&transport, "a"))
+    let link = timeout(PATIENCE, EdgeSession::open(&transport, "a"))
         .await
         .expect("no connection")
         .unwrap();
@@ -63,7 +63,7 @@ async fn boxes_arrive_patches_leave_in_order_and_fusion_is_missed() {
 
     while !*ends.matched.borrow() {
         ends.outgoing
-            .send(Outgoing::Status(Vec::new()))
+            .send(EdgeOutgoing::Status(Vec::new()))
             .await
             .unwrap();
         timeout(PATIENCE, ends.matched.changed())
@@ -72,12 +72,12 @@ async fn boxes_arrive_patches_leave_in_order_and_fusion_is_missed() {
             .unwrap();
     }
     ends.outgoing
-        .send(Outgoing::Sightings(vec![7]))
+        .send(EdgeOutgoing::Sightings(vec![7]))
         .await
         .unwrap();
     for part in 0..3u8 {
         ends.outgoing
-            .send(Outgoing::Patches(vec![part]))
+            .send(EdgeOutgoing::Patches(vec![part]))
             .await
             .unwrap();
     }
@@ -114,12 +114,12 @@ async fn boxes_arrive_patches_leave_in_order_and_fusion_is_missed() {
     let publisher = fusion.declare_publisher("link-test/box/a").await.unwrap();
     publisher.put(wire::encode(&boxes)).await.unwrap();
     match next(&mut ends).await {
-        Incoming::Boxes(received) => assert_eq!(received, boxes),
+        EdgeIncoming::Boxes(received) => assert_eq!(received, boxes),
         other => panic!("{other:?}"),
     }
     drop((publisher, token));
     fusion.close().await.unwrap();
-    assert!(matches!(next(&mut ends).await, Incoming::FusionGone));
+    assert!(matches!(next(&mut ends).await, EdgeIncoming::FusionGone));
     timeout(PATIENCE, ends.close(&tasks, &leave))
         .await
         .expect("the tasks do not end");

@@ -14,8 +14,8 @@ use tokio_util::sync::CancellationToken;
 use tracing::debug;
 
 use super::compare::compare_files;
-use super::link::{Ends, Incoming, Outgoing};
-use super::worker::Worker;
+use super::link::{EdgeEnds, EdgeIncoming, EdgeOutgoing};
+use super::worker::EdgeWorker;
 
 /// How often an edge says that it is ready, until the first boxes come.
 const CALL_EVERY: Duration = Duration::from_millis(100);
@@ -27,24 +27,24 @@ const CALLS_PER_STATUS: u32 = 10;
 const MAX_GARBLED: u32 = 20;
 
 /// How lock-step ends.
-pub(super) enum Turn {
+pub(super) enum LockStepEnding {
     /// With the run.
     End(Ending),
     /// Before it began: fusion runs live, as it has said here.
-    Live(Incoming),
+    Live(EdgeIncoming),
 }
 
 /// Whether it is said by a fusion that runs live.
-fn is_live(incoming: &Incoming) -> bool {
+fn is_live(incoming: &EdgeIncoming) -> bool {
     match incoming {
-        Incoming::Boxes(boxes) => boxes.live.is_some(),
-        Incoming::Fusion(status) => status.live.is_some(),
-        Incoming::FusionGone | Incoming::Unreadable(_) => false,
+        EdgeIncoming::Boxes(boxes) => boxes.live.is_some(),
+        EdgeIncoming::Fusion(status) => status.live.is_some(),
+        EdgeIncoming::FusionGone | EdgeIncoming::Unreadable(_) => false,
     }
 }
 
 /// An edge at work.
-pub(super) struct LockStep {
+pub(super) struct LockStepEdge {
     /// What the edge says of itself.
     pub(super) status: Status,
     /// The tick of the newest boxes that were handed to the pipeline.
@@ -54,7 +54,7 @@ pub(super) struct LockStep {
     garbled: u32,
 }
 
-impl LockStep {
+impl LockStepEdge {
     /// An edge that introduces itself as `status`.
     pub(super) fn new(status: Status) -> Self {
         Self {
@@ -71,15 +71,15 @@ impl LockStep {
     /// When a file differs from fusion's, fusion fails or leaves, or the pipeline fails.
     pub(super) async fn run(
         &mut self,
-        ends: &mut Ends,
-        worker: &mut Worker,
+        ends: &mut EdgeEnds,
+        worker: &mut EdgeWorker,
         stop: &CancellationToken,
-    ) -> Result<Turn, NodeError> {
+    ) -> Result<LockStepEnding, NodeError> {
         let mut calls = interval(CALL_EVERY);
         calls.set_missed_tick_behavior(MissedTickBehavior::Delay);
         loop {
             tokio::select! {
-                () = stop.cancelled() => return Ok(Turn::End(Ending::Interrupted)),
+                () = stop.cancelled() => return Ok(LockStepEnding::End(Ending::Interrupted)),
                 incoming = ends.incoming.recv() => {
                     let incoming = incoming.context("the subscriptions have ended").map_err(NodeError::Failed)?;
                     if let Some(turn) = self.receive(incoming, worker)? {
@@ -102,17 +102,17 @@ impl LockStep {
     }
 
     /// Sends the status now.
-    pub(super) fn send_status(&self, ends: &Ends) {
+    pub(super) fn send_status(&self, ends: &EdgeEnds) {
         if ends
             .outgoing
-            .try_send(Outgoing::Status(wire::encode(&self.status)))
+            .try_send(EdgeOutgoing::Status(wire::encode(&self.status)))
             .is_err()
         {
             debug!("a status was not sent: the queue is full");
         }
     }
 
-    fn call(&mut self, ends: &Ends) {
+    fn call(&mut self, ends: &EdgeEnds) {
         self.status.ready = *ends.matched.borrow();
         if self.ordered.is_none() || self.n_calls.is_multiple_of(CALLS_PER_STATUS) {
             self.send_status(ends);
@@ -120,26 +120,30 @@ impl LockStep {
         self.n_calls = self.n_calls.wrapping_add(1);
     }
 
-    fn receive(&mut self, incoming: Incoming, worker: &Worker) -> Result<Option<Turn>, NodeError> {
-        if matches!(incoming, Incoming::Boxes(_) | Incoming::Fusion(_)) {
+    fn receive(
+        &mut self,
+        incoming: EdgeIncoming,
+        worker: &EdgeWorker,
+    ) -> Result<Option<LockStepEnding>, NodeError> {
+        if matches!(incoming, EdgeIncoming::Boxes(_) | EdgeIncoming::Fusion(_)) {
             self.garbled = 0;
         }
         match incoming {
             incoming if self.ordered.is_none() && is_live(&incoming) => {
-                Ok(Some(Turn::Live(incoming)))
+                Ok(Some(LockStepEnding::Live(incoming)))
             }
-            Incoming::Boxes(boxes) => {
+            EdgeIncoming::Boxes(boxes) => {
                 let ending = self.process(boxes, worker).map_err(NodeError::Failed)?;
-                Ok(ending.map(Turn::End))
+                Ok(ending.map(LockStepEnding::End))
             }
-            Incoming::Fusion(fusion) => self.compare(&fusion).map(|()| None),
+            EdgeIncoming::Fusion(fusion) => self.compare(&fusion).map(|()| None),
             // Before the first boxes there is nothing to lose: fusion may start again.
-            Incoming::FusionGone if self.ordered.is_none() => Ok(None),
-            Incoming::FusionGone => Err(NodeError::Failed(anyhow!(
+            EdgeIncoming::FusionGone if self.ordered.is_none() => Ok(None),
+            EdgeIncoming::FusionGone => Err(NodeError::Failed(anyhow!(
                 "fusion has left{}",
                 self.at_tick()
             ))),
-            Incoming::Unreadable(key) => self.cannot_read(&key).map(|()| None),
+            EdgeIncoming::Unreadable(key) => self.cannot_read(&key).map(|()| None),
         }
     }
 
@@ -156,7 +160,7 @@ impl LockStep {
         )))
     }
 
-    fn process(&mut self, boxes: BoxSet, worker: &Worker) -> anyhow::Result<Option<Ending>> {
+    fn process(&mut self, boxes: BoxSet, worker: &EdgeWorker) -> anyhow::Result<Option<Ending>> {
         if boxes.order == Order::End {
             return Ok(Some(Ending::Done));
         }
@@ -211,7 +215,7 @@ mod tests {
 
     #[test]
     fn another_calibration_than_fusions_is_refused_by_name() {
-        let edge = LockStep::new(status("here"));
+        let edge = LockStepEdge::new(status("here"));
         edge.compare(&status("here")).unwrap();
         let error = edge.compare(&status("there")).unwrap_err();
         assert!(matches!(error, NodeError::Refused(_)));
@@ -225,21 +229,21 @@ mod tests {
     #[test]
     fn noise_before_the_run_is_counted_and_another_version_is_given_up_on() {
         // Symptom to prevent: every edge, live ones too, waits here for fusion, and ended by one message.
-        let mut edge = LockStep::new(status("here"));
+        let mut edge = LockStepEdge::new(status("here"));
         for _ in 1..MAX_GARBLED {
             edge.cannot_read("hall/box/ne").unwrap();
         }
         assert_eq!(edge.status.unreadable, u64::from(MAX_GARBLED) - 1);
         let error = edge.cannot_read("hall/box/ne").unwrap_err().to_string();
         assert!(error.contains("version") && error.contains("hall/box/ne"));
-        let mut edge = LockStep::new(status("here"));
+        let mut edge = LockStepEdge::new(status("here"));
         edge.ordered = Some(Tick(7));
         edge.cannot_read("hall/box/ne").unwrap_err();
     }
 
     #[test]
     fn a_long_failure_is_cut_and_still_read_by_fusion() {
-        let mut edge = LockStep::new(status("here"));
+        let mut edge = LockStepEdge::new(status("here"));
         let error = NodeError::Failed(anyhow!("tick 7: {}", "\u{2026}".repeat(5000)));
         edge.leaves(Some(&error));
         let received: Status = wire::decode(&wire::encode(&edge.status)).unwrap();

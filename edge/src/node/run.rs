@@ -17,14 +17,14 @@ use tracing::warn;
 
 use super::attempts;
 use super::build::{Built, build};
-use super::config::{Config, EdgeArgs};
+use super::config::{EdgeArgs, EdgeConfig};
 use super::handout;
-use super::link::{Ends, Incoming, Link};
-use super::live::{Live, Publishers};
-use super::lockstep::{LockStep, Turn};
+use super::link::{EdgeEnds, EdgeIncoming, EdgeSession};
+use super::live::{EdgePublishers, LiveEdge};
+use super::lockstep::{LockStepEdge, LockStepEnding};
 use super::reminder::remind;
 use super::ring::{RingThread, answer_questions};
-use super::worker::Worker;
+use super::worker::EdgeWorker;
 use crate::source::Sources;
 
 /// How long the tasks may take to end.
@@ -43,11 +43,11 @@ fn load_and_run(args: EdgeArgs, sources: Arc<dyn Sources>) -> Result<Ending, Nod
     if args.from_fusion && !handout::fetch(&args)? {
         return Ok(Ending::Interrupted);
     }
-    let config = Arc::new(Config::load(args, sources)?);
+    let config = Arc::new(EdgeConfig::load(args, sources)?);
     runtime::block_on(2, run(&config))
 }
 
-pub(super) async fn run(config: &Arc<Config>) -> Result<Ending, NodeError> {
+pub(super) async fn run(config: &Arc<EdgeConfig>) -> Result<Ending, NodeError> {
     // `stop` asks the node to end; `leave` ends the tasks that carry messages, once all is said.
     let (tasks, stop, leave) = (
         TaskTracker::new(),
@@ -65,12 +65,12 @@ pub(super) async fn run(config: &Arc<Config>) -> Result<Ending, NodeError> {
         return Ok(Ending::Interrupted);
     };
     let mut ends = link.spawn(&tasks, &leave);
-    let worker =
-        Worker::spawn(built.work, ends.outgoing.clone()).context("starting the pipeline's thread");
+    let worker = EdgeWorker::spawn(built.work, ends.outgoing.clone())
+        .context("starting the pipeline's thread");
     let worker = worker.map_err(NodeError::Failed)?;
     let outcome = work(
         config,
-        LockStep::new(built.status),
+        LockStepEdge::new(built.status),
         worker,
         (&mut ends, &stop),
     )
@@ -84,7 +84,7 @@ pub(super) async fn run(config: &Arc<Config>) -> Result<Ending, NodeError> {
 
 /// Opens everything that can fail, fusion last. Can be called off at any time: what blocks, blocks a
 /// thread of its own.
-async fn open(config: &Arc<Config>) -> Result<(Built, Link), NodeError> {
+async fn open(config: &Arc<EdgeConfig>) -> Result<(Built, EdgeSession), NodeError> {
     let to_build = Arc::clone(config);
     let built = tokio::task::spawn_blocking(move || build(&to_build)).await;
     let built = built
@@ -94,7 +94,7 @@ async fn open(config: &Arc<Config>) -> Result<(Built, Link), NodeError> {
         say(format_args!("{}: {}", config.name, built.status.backend));
     }
     let transport = config.transport();
-    let link = Link::open(&transport, &config.name);
+    let link = EdgeSession::open(&transport, &config.name);
     let waiting = || {
         let endpoints = config.reach.endpoints.join(", ");
         let why = attempts::last_failure().map_or(String::new(), |why| format!(" ({why})"));
@@ -110,16 +110,16 @@ async fn open(config: &Arc<Config>) -> Result<(Built, Link), NodeError> {
 
 /// Runs the loop, and says at its end how it went.
 async fn work(
-    config: &Config,
-    mut run: LockStep,
-    mut worker: Worker,
-    (ends, stop): (&mut Ends, &CancellationToken),
+    config: &EdgeConfig,
+    mut run: LockStepEdge,
+    mut worker: EdgeWorker,
+    (ends, stop): (&mut EdgeEnds, &CancellationToken),
 ) -> Result<Ending, NodeError> {
     let outcome = match run.run(ends, &mut worker, stop).await {
-        Ok(Turn::Live(first)) => {
+        Ok(LockStepEnding::Live(first)) => {
             return work_live(config, run.status, worker, first, (ends, stop)).await;
         }
-        Ok(Turn::End(ending)) => Ok(ending),
+        Ok(LockStepEnding::End(ending)) => Ok(ending),
         Err(error) => Err(error),
     };
     run.leaves(outcome.as_ref().err());
@@ -138,16 +138,17 @@ async fn work(
 
 /// The same for an edge that runs live, with what fusion said first.
 async fn work_live(
-    config: &Config,
+    config: &EdgeConfig,
     status: Status,
-    worker: Worker,
-    first: Incoming,
-    (ends, stop): (&mut Ends, &CancellationToken),
+    worker: EdgeWorker,
+    first: EdgeIncoming,
+    (ends, stop): (&mut EdgeEnds, &CancellationToken),
 ) -> Result<Ending, NodeError> {
     let work = worker.recall().await.map_err(NodeError::Failed)?;
     let ring = open_ring(config);
-    let publishers = Publishers::declare(&ends.session(), &config.venue.name, &config.name).await;
-    let live = Live::spawn(
+    let publishers =
+        EdgePublishers::declare(&ends.session(), &config.venue.name, &config.name).await;
+    let live = LiveEdge::spawn(
         work.into_parts(),
         status,
         config.start_clock(),
@@ -180,7 +181,7 @@ async fn work_live(
 }
 
 /// The ring on disk, if the venue wants one. Without it the edge works as well.
-fn open_ring(config: &Config) -> Option<RingThread> {
+fn open_ring(config: &EdgeConfig) -> Option<RingThread> {
     let bytes = u64::from(config.venue.parameters.recording.ring_mib) << 20;
     if bytes == 0 {
         return None;
@@ -199,9 +200,9 @@ fn open_ring(config: &Config) -> Option<RingThread> {
 
 /// Answers fusion's questions for what it has missed, for as long as it is polled.
 fn answers(
-    config: &Config,
+    config: &EdgeConfig,
     session: zenoh::Session,
-    live: &Live,
+    live: &LiveEdge,
     ring: Option<&RingThread>,
     stop: &CancellationToken,
 ) -> impl Future<Output = Infallible> + use<> {

@@ -13,7 +13,7 @@ use farfield_proto::wire;
 use tokio::sync::mpsc;
 
 use super::frames_at::FramesAt;
-use super::link::Outgoing;
+use super::link::EdgeOutgoing;
 use super::parts::Parts;
 use super::stage_times::split_detection;
 use crate::pipeline::{EdgeOutput, StepRequest};
@@ -23,14 +23,14 @@ use crate::source::{Frame, SourceError};
 pub(super) type Done = anyhow::Result<Tick>;
 
 /// Everything that the thread owns.
-pub(super) struct Work {
+pub(super) struct EdgeWork {
     parts: Parts,
     /// Opened in advance at this tick, when the run's first tick is known before the start.
     opened: Option<(Tick, Vec<FramesAt>)>,
     samples_us: BTreeMap<&'static str, Vec<u32>>,
 }
 
-impl Work {
+impl EdgeWork {
     /// The cameras are opened when the run's first tick is known.
     pub(super) fn new(parts: Parts) -> Self {
         Self {
@@ -66,7 +66,7 @@ impl Work {
     }
 
     /// One tick: the frames, the pipeline, the messages in the order they shall go out.
-    fn step(&mut self, boxes: &BoxSet) -> anyhow::Result<Vec<Outgoing>> {
+    fn step(&mut self, boxes: &BoxSet) -> anyhow::Result<Vec<EdgeOutgoing>> {
         let start = clock::now();
         let frames = self.read(boxes.tick)?;
         self.count("read", start);
@@ -118,32 +118,35 @@ impl Work {
 }
 
 /// Sightings first: fusion knows from the patches how many to wait for.
-fn encode(output: &EdgeOutput) -> Vec<Outgoing> {
+fn encode(output: &EdgeOutput) -> Vec<EdgeOutgoing> {
     let sightings = output
         .sighting_sets
         .iter()
-        .map(|set| Outgoing::Sightings(wire::encode(set)));
+        .map(|set| EdgeOutgoing::Sightings(wire::encode(set)));
     let patches = output
         .patch_sets
         .iter()
-        .map(|set| Outgoing::Patches(wire::encode(set)));
+        .map(|set| EdgeOutgoing::Patches(wire::encode(set)));
     sightings.chain(patches).collect()
 }
 
 /// The loop's handle on the thread.
-pub(super) struct Worker {
+pub(super) struct EdgeWorker {
     jobs: SyncSender<BoxSet>,
     /// One word per tick, in order; closed when the thread has ended.
     pub(super) done: mpsc::Receiver<Done>,
-    thread: JoinHandle<Work>,
+    thread: JoinHandle<EdgeWork>,
 }
 
-impl Worker {
+impl EdgeWorker {
     /// Starts the thread, which sends its messages straight to the publisher.
     ///
     /// # Errors
     /// When the system has no thread left.
-    pub(super) fn spawn(work: Work, outgoing: mpsc::Sender<Outgoing>) -> std::io::Result<Self> {
+    pub(super) fn spawn(
+        work: EdgeWork,
+        outgoing: mpsc::Sender<EdgeOutgoing>,
+    ) -> std::io::Result<Self> {
         // Lock-step has one tick under way; the second place lets the loop never wait.
         let (jobs, to_do) = sync_channel(2);
         let (done_tx, done) = mpsc::channel(2);
@@ -164,11 +167,11 @@ impl Worker {
 
     /// Ends the thread and returns its times.
     pub(super) async fn finish(self) -> anyhow::Result<Vec<StageTime>> {
-        self.recall().await.map(Work::stages)
+        self.recall().await.map(EdgeWork::stages)
     }
 
     /// Ends the thread and returns what it owned.
-    pub(super) async fn recall(self) -> anyhow::Result<Work> {
+    pub(super) async fn recall(self) -> anyhow::Result<EdgeWork> {
         drop((self.jobs, self.done));
         let joined = tokio::task::spawn_blocking(move || self.thread.join())
             .await
@@ -178,11 +181,11 @@ impl Worker {
 }
 
 fn run(
-    mut work: Work,
+    mut work: EdgeWork,
     to_do: &Receiver<BoxSet>,
-    outgoing: &mpsc::Sender<Outgoing>,
+    outgoing: &mpsc::Sender<EdgeOutgoing>,
     done: &mpsc::Sender<Done>,
-) -> Work {
+) -> EdgeWork {
     while let Ok(boxes) = to_do.recv() {
         let tick = boxes.tick;
         let result = work.step(&boxes).and_then(|messages| {

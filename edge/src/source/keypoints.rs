@@ -30,7 +30,7 @@ const MAX_SCORE: f64 = 1.25;
 const MAX_PX: f64 = 1e12;
 
 pub(super) fn probe(path: &Path, expected: &ExpectedSource) -> Result<SourceInfo, SourceError> {
-    let mut lines = Lines::open(path, expected)?;
+    let mut lines = KeypointLines::open(path, expected)?;
     let Some((first, _)) = lines.next()? else {
         return Err(SourceError::Unreadable {
             at: expected.at.clone(),
@@ -53,7 +53,7 @@ pub(super) fn open(
     from: Tick,
 ) -> Result<KeypointSource, SourceError> {
     let ticks = probe(path, expected)?.ticks.unwrap_or(from..from);
-    let mut lines = Lines::open(path, expected)?;
+    let mut lines = KeypointLines::open(path, expected)?;
     for _ in 0..expected.skip(&ticks, from)? {
         lines.next()?;
     }
@@ -67,7 +67,7 @@ pub(super) fn open(
 /// Reads a keypoint file tick by tick.
 #[derive(Debug)]
 pub(super) struct KeypointSource {
-    lines: Lines,
+    lines: KeypointLines,
     ticks: Range<Tick>,
     read: u64,
 }
@@ -102,7 +102,7 @@ impl FrameSource for KeypointSource {
 
 /// The checked lines of a keypoint file.
 #[derive(Debug)]
-struct Lines {
+struct KeypointLines {
     reader: BufReader<File>,
     expected: ExpectedSource,
     line: usize,
@@ -110,7 +110,7 @@ struct Lines {
     text: Vec<u8>,
 }
 
-impl Lines {
+impl KeypointLines {
     fn open(path: &Path, expected: &ExpectedSource) -> Result<Self, SourceError> {
         let not_there = |problem: std::io::Error| SourceError::NotThere {
             at: expected.at.clone(),

@@ -1,7 +1,7 @@
 //! A person's body as far as it is measured: its links, and where the network's keypoints sit on it.
 
 use super::keypoint_estimate::KeypointEstimate;
-use super::remeasure::{Pace, Remeasure};
+use super::remeasure::{Remeasure, RemeasureSchedule};
 use super::sites::{learn, without_offsets};
 use super::skeleton::{Kinematics, Site, Skeleton};
 
@@ -43,10 +43,10 @@ impl MeasuredBody {
         &mut self,
         estimates: &[KeypointEstimate],
         kinematics: &Kinematics,
-        pace: &Pace<'_>,
+        schedule: &RemeasureSchedule<'_>,
     ) {
         let joints = || without_offsets(estimates, &self.sites, kinematics);
-        if let Some(skeleton) = self.remeasure.tick(joints, pace) {
+        if let Some(skeleton) = self.remeasure.tick(joints, schedule) {
             self.skeleton = skeleton;
         }
     }

@@ -29,7 +29,7 @@ pub(crate) struct Remeasure {
 
 /// What decides when lengths are measured anew, and how.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Pace<'a> {
+pub(crate) struct RemeasureSchedule<'a> {
     /// Time from tick to tick, seconds.
     pub(crate) dt_s: f64,
     /// How long after the confirmation lengths are measured anew, seconds.
@@ -52,9 +52,9 @@ impl Remeasure {
     pub(crate) fn tick(
         &mut self,
         observe: impl FnOnce() -> ObservedJoints,
-        pace: &Pace<'_>,
+        schedule: &RemeasureSchedule<'_>,
     ) -> Option<Skeleton> {
-        if self.next_s > pace.measure_s {
+        if self.next_s > schedule.measure_s {
             return None;
         }
         self.lived_ticks += 1;
@@ -64,12 +64,12 @@ impl Remeasure {
                 self.keep(observed);
             }
         }
-        if f64::from(self.lived_ticks) * pace.dt_s < self.next_s {
+        if f64::from(self.lived_ticks) * schedule.dt_s < self.next_s {
             return None;
         }
         self.next_s *= 2.0;
         // The pose that comes with the fit is not used: the track has a better one.
-        fit(&self.samples, pace.ik, None)
+        fit(&self.samples, schedule.ik, None)
             .ok()
             .map(|body| body.skeleton)
     }

@@ -33,7 +33,7 @@ impl Rules {
 
 /// What is known of one track.
 #[derive(Debug, Clone)]
-pub(crate) struct Facts {
+pub(crate) struct TrackFacts {
     pub(crate) id: PersonId,
     pub(crate) wire_id: PersonId,
     pub(crate) phase: Phase,
@@ -50,7 +50,7 @@ pub(crate) struct Facts {
     pub(crate) stillness: Option<Stillness>,
 }
 
-impl Facts {
+impl TrackFacts {
     /// Those of `track`.
     pub(crate) fn of(track: &Track) -> Self {
         let identity = &track.identity;
@@ -95,7 +95,7 @@ fn mirrored(joint: Joint) -> Joint {
 }
 
 #[cfg(test)]
-impl Facts {
+impl TrackFacts {
     /// Of somebody of whom nothing is known but its phase, for tests: all of its joints are in one place.
     pub(crate) fn example(id: u32, phase: Phase) -> Self {
         Self {

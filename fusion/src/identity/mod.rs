@@ -6,7 +6,7 @@
 //!   registry  applies events to the tracks, and says them
 //! ```
 //!
-//! A phase ([`phase::Phase`]) is stored in one place, [`track::Identity`], and changed by events alone. Some
+//! A phase ([`phase::Phase`]) is stored in one place, [`track::TrackIdentity`], and changed by events alone. Some
 //! decisions need the outcome of others (where a body stands once its first ticks were solved again), so a
 //! tick is decided in a few stages: [`registry::Registry::live`] reads as their sequence.
 

@@ -8,7 +8,7 @@
 //!       '---------------------------> gone <--------------------------'
 //! ```
 //!
-//! The transitions are decided in [`super::decide`].
+//! The transitions are decided in `super::decide`, by a table of rules.
 
 use farfield_proto::message::PersonState;
 use farfield_proto::tick::Tick;

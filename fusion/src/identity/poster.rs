@@ -96,7 +96,7 @@ fn off_plane_m(points: &[(Vector3<f64>, f64)]) -> f64 {
 
 /// A poster where it hangs.
 #[derive(Debug, Clone)]
-struct Poster {
+struct KnownPoster {
     body: KnownBody,
     found: Tick,
 }
@@ -104,7 +104,7 @@ struct Poster {
 /// The posters that were found.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Posters {
-    all: Vec<Poster>,
+    all: Vec<KnownPoster>,
 }
 
 impl Posters {
@@ -114,7 +114,7 @@ impl Posters {
             self.all.remove(0);
         }
         let body = KnownBody { keypoints_m };
-        self.all.push(Poster { body, found });
+        self.all.push(KnownPoster { body, found });
     }
 
     /// Forgets those that were found long before `now`.

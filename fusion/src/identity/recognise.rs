@@ -116,14 +116,14 @@ pub(crate) struct Appearance {
     pub(crate) place_m: Vector3<f64>,
 }
 
-/// What decides about places.
+/// How much likelier a pair is one person than two: from link lengths, places and the time between.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Reach {
+pub(crate) struct LikenessModel {
     field_m2: f64,
     speed_m_s: f64,
 }
 
-impl Reach {
+impl LikenessModel {
     pub(crate) fn new(field: &Field, births: &BirthParameters) -> Self {
         let side = |i: usize| (field.max_m[i] - field.min_m[i]).max(1.0);
         Self {
@@ -153,7 +153,7 @@ impl Reach {
 
 /// Who a newcomer is.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Chosen {
+pub(crate) struct Recognised {
     /// Which of the known.
     pub(crate) column: usize,
     /// L of the pair.
@@ -162,7 +162,7 @@ pub(crate) struct Chosen {
     margin: Option<f64>,
 }
 
-impl Chosen {
+impl Recognised {
     /// What speaks for the pair, `absence_s` apart.
     pub(crate) fn why(
         &self,
@@ -183,7 +183,7 @@ impl Chosen {
 
 /// Decides which row (newcomer) is which column (known person), from L of every possible pair. A pair
 /// counts when its L is at least `least`, and it is clear.
-pub(crate) fn assign_known(likeness: &[Vec<Option<f64>>], least: f64) -> Vec<Option<Chosen>> {
+pub(crate) fn assign_known(likeness: &[Vec<Option<f64>>], least: f64) -> Vec<Option<Recognised>> {
     let n_known = likeness.first().map_or(0, Vec::len);
     let gain = |row: usize, column: usize| match likeness[row].get(column) {
         Some(Some(l)) if *l >= least => *l - least + f64::EPSILON,
@@ -217,7 +217,7 @@ pub(crate) fn assign_known(likeness: &[Vec<Option<f64>>], least: f64) -> Vec<Opt
                 || (0..n_known).any(|c| c != column && gain(row, c) > 0.0);
             let margin = rivals.then(|| sum - best(Some((row, column))).0);
             let is_clear = margin.is_none_or(|margin| margin >= MARGIN);
-            is_clear.then(|| Chosen {
+            is_clear.then(|| Recognised {
                 column,
                 log_ratio: likeness[row][column].unwrap_or(least),
                 margin,
@@ -231,12 +231,12 @@ mod tests {
     use super::*;
     use crate::body::skeleton::Proportions;
 
-    fn reach() -> Reach {
+    fn model() -> LikenessModel {
         let field = Field {
             min_m: [-12.0, -8.0, 0.0],
             max_m: [12.0, 8.0, 2.5],
         };
-        Reach::new(&field, &BirthParameters::default())
+        LikenessModel::new(&field, &BirthParameters::default())
     }
 
     /// Which column each row is.
@@ -258,9 +258,9 @@ mod tests {
     #[test]
     fn who_comes_back_where_it_left_is_recognised_and_who_differs_by_a_head_is_not() {
         let left = person(1.75, 20.0, -12.0, -2.8);
-        let same = reach().likeness(&person(1.76, 0.2, -11.9, -2.0), &left, 4.0);
+        let same = model().likeness(&person(1.76, 0.2, -11.9, -2.0), &left, 4.0);
         assert!(same.unwrap() > 2.0, "{same:?}");
-        let taller = reach().likeness(&person(1.95, 0.2, -11.9, -2.0), &left, 4.0);
+        let taller = model().likeness(&person(1.95, 0.2, -11.9, -2.0), &left, 4.0);
         assert!(taller.unwrap() < -2.0, "{taller:?}");
     }
 
@@ -268,15 +268,15 @@ mod tests {
     fn nobody_is_faster_than_the_fastest() {
         let left = person(1.75, 20.0, -12.0, 0.0);
         let far = person(1.75, 0.2, 12.0, 0.0);
-        assert_eq!(reach().likeness(&far, &left, 2.5), None);
-        assert!(reach().likeness(&far, &left, 3.0).is_some());
+        assert_eq!(model().likeness(&far, &left, 2.5), None);
+        assert!(model().likeness(&far, &left, 3.0).is_some());
     }
 
     #[test]
     fn a_place_says_less_the_longer_ago_it_was() {
         let left = person(1.75, 20.0, -12.0, 0.0);
         let back = person(1.75, 0.2, -11.5, 0.0);
-        let after = |t| reach().likeness(&back, &left, t).unwrap();
+        let after = |t| model().likeness(&back, &left, t).unwrap();
         assert!(after(1.0) > after(5.0) && after(5.0) > after(20.0));
         assert!(
             (after(40.0) - after(50.0)).abs() < 0.01,

@@ -13,18 +13,18 @@ use super::tentative::{TentativeTick, Votes};
 use crate::align::TickGroup;
 use crate::body::keypoint_estimate::KeypointEstimate;
 use crate::body::skeleton::{Pose, Skeleton};
-use crate::estimate::estimator::{Estimator, Standpoint, TickSnapshot};
+use crate::estimate::estimator::{Estimator, RestartPoint, TickSnapshot};
 use crate::method::{Method, VenueView};
 
-/// One person. Evidence, body and estimate are the estimator's; who it is, is [`Identity`].
+/// One person. Evidence, body and estimate are the estimator's; who it is, is [`TrackIdentity`].
 pub struct Track {
-    pub(crate) identity: Identity,
+    pub(crate) identity: TrackIdentity,
     pub(crate) estimator: Estimator,
 }
 
 /// Who a track is, and all that decides it.
 #[derive(Debug)]
-pub struct Identity {
+pub struct TrackIdentity {
     pub(crate) id: PersonId,
     /// By which the edges know the person; it stays when the person is recognised.
     pub(crate) wire_id: PersonId,
@@ -79,7 +79,7 @@ impl TentativeRecord {
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Alone {
     pub(crate) tick: Tick,
-    pub(crate) standpoint: Standpoint,
+    pub(crate) restart_point: RestartPoint,
 }
 
 /// What a tick changed of those before.
@@ -106,7 +106,7 @@ impl Track {
         method: &Method,
     ) -> Self {
         Self {
-            identity: Identity {
+            identity: TrackIdentity {
                 id,
                 wire_id: id,
                 phase,
@@ -260,7 +260,7 @@ impl Track {
     pub(crate) fn is_alone_at(&mut self, tick: Tick) {
         self.identity.alone = Some(Alone {
             tick,
-            standpoint: self.estimator.standpoint(),
+            restart_point: self.estimator.restart_point(),
         });
     }
 }

@@ -33,8 +33,8 @@ pub enum Task {
 /// The delays of one edge's latest messages.
 #[derive(Debug, Clone, Default)]
 pub struct Arrivals {
-    followed: Ring<KEPT>,
-    detected: Ring<KEPT_DETECTIONS>,
+    followed: NewestDelays<KEPT>,
+    detected: NewestDelays<KEPT_DETECTIONS>,
 }
 
 impl Arrivals {
@@ -59,13 +59,13 @@ impl Arrivals {
 
 /// The newest `N` delays, with the times at which they were noted.
 #[derive(Debug, Clone)]
-struct Ring<const N: usize> {
+struct NewestDelays<const N: usize> {
     kept: Vec<(Micros, Micros)>,
     next: usize,
     sorted: Vec<Micros>,
 }
 
-impl<const N: usize> Default for Ring<N> {
+impl<const N: usize> Default for NewestDelays<N> {
     fn default() -> Self {
         Self {
             kept: Vec::with_capacity(N),
@@ -75,7 +75,7 @@ impl<const N: usize> Default for Ring<N> {
     }
 }
 
-impl<const N: usize> Ring<N> {
+impl<const N: usize> NewestDelays<N> {
     fn add(&mut self, delay_us: Micros, now_us: Micros) {
         if self.kept.len() < N {
             self.kept.push((delay_us, now_us));

@@ -129,17 +129,17 @@ impl LiveGather {
         let late_patches = self.late_patches + set.persons.len();
         match self.place(set.session, set.tick, set.viewpoint, bytes) {
             Err(refused) => Taken::Refused(refused),
-            Ok(Place::Closed(_)) if late_patches > MAX_LATE_PATCHES => {
+            Ok(TickSlot::Closed(_)) if late_patches > MAX_LATE_PATCHES => {
                 Taken::Refused(Refused::TooMany)
             }
-            Ok(Place::Closed(closed)) => match closed.note_patches(&set) {
+            Ok(TickSlot::Closed(closed)) => match closed.note_patches(&set) {
                 Ok(()) => {
                     self.late_patches = late_patches;
                     Taken::Late(set)
                 }
                 Err(refused) => Taken::Refused(refused),
             },
-            Ok(Place::Open(open)) => {
+            Ok(TickSlot::Open(open)) => {
                 let index = usize::from(set.viewpoint.0);
                 match open.gather.add_patches(set) {
                     Ok(()) => {
@@ -158,14 +158,14 @@ impl LiveGather {
         let key = (set.viewpoint, set.part);
         match self.place(set.session, set.tick, set.viewpoint, bytes) {
             Err(refused) => Taken::Refused(refused),
-            Ok(Place::Closed(closed)) => {
+            Ok(TickSlot::Closed(closed)) => {
                 if note(&mut closed.sightings, key) {
                     Taken::Late(set)
                 } else {
                     Taken::Refused(Refused::RepeatedPart)
                 }
             }
-            Ok(Place::Open(open)) => {
+            Ok(TickSlot::Open(open)) => {
                 let index = usize::from(set.viewpoint.0);
                 match open.gather.add_sightings(set) {
                     Ok(()) => {
@@ -252,7 +252,7 @@ impl LiveGather {
         tick: Tick,
         viewpoint: ViewpointIndex,
         bytes: u64,
-    ) -> Result<Place<'_>, Refused> {
+    ) -> Result<TickSlot<'_>, Refused> {
         if session != self.session {
             return Err(Refused::OtherSession);
         }
@@ -263,7 +263,7 @@ impl LiveGather {
         let Ok(at) = usize::try_from(tick - self.next) else {
             let age = usize::try_from(self.next - tick - 1).map_err(|_| Refused::Late)?;
             let closed = self.closed.get_mut(age).ok_or(Refused::Late)?;
-            return Ok(Place::Closed(closed));
+            return Ok(TickSlot::Closed(closed));
         };
         if at >= self.ahead {
             return Err(Refused::Early);
@@ -279,11 +279,11 @@ impl LiveGather {
             gather: Gather::new(session, tick, n),
             bytes: vec![0; n],
         });
-        Ok(Place::Open(open))
+        Ok(TickSlot::Open(open))
     }
 }
 
-enum Place<'a> {
+enum TickSlot<'a> {
     Open(&'a mut Opened),
     Closed(&'a mut Closed),
 }

@@ -4,9 +4,9 @@
 use std::ops::Range;
 
 use farfield_proto::message::Status;
-use farfield_proto::same_files::{OtherFile, OwnFiles};
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::Venue;
+use farfield_proto::venue::same_files::{OtherFile, OwnFiles};
 
 use super::{Micros, SECOND_US};
 

@@ -32,14 +32,14 @@ pub enum Waiting {
 
 /// Keeps the ticks' turns.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Queue {
+pub struct TickQueue {
     /// When the tick before was ready.
     ready_us: Micros,
     /// When the next tick was seen ready, if it was.
     next_ready_us: Option<Micros>,
 }
 
-impl Queue {
+impl TickQueue {
     /// Whether the next tick, which is at `tick_us`, is stepped at `now_us`.
     pub fn next(&mut self, tick_us: Micros, waiting: Waiting, now_us: Micros) -> Next {
         let ready_us = match (self.next_ready_us, waiting) {
@@ -79,7 +79,7 @@ mod tests {
 
     #[test]
     fn a_tick_waits_for_its_messages_but_not_past_its_deadline() {
-        let mut queue = Queue::default();
+        let mut queue = TickQueue::default();
         let missing = Waiting::Until(1_020_000);
         assert_eq!(
             queue.next(1_000_000, missing, 1_010_000),
@@ -95,7 +95,7 @@ mod tests {
 
     #[test]
     fn without_anybody_ticks_come_at_their_times() {
-        let mut queue = Queue::default();
+        let mut queue = TickQueue::default();
         let early = queue.next(1_000_000, Waiting::ForNobody, 990_000);
         assert_eq!(early, Next::WaitUntil(1_000_000));
         assert_eq!(
@@ -106,7 +106,7 @@ mod tests {
 
     #[test]
     fn ticks_behind_a_long_detection_pass_are_stepped_over_what_has_come() {
-        let mut queue = Queue::default();
+        let mut queue = TickQueue::default();
         let detection_us = 1_000_000;
         assert_eq!(
             queue.next(
@@ -131,7 +131,7 @@ mod tests {
     proptest! {
         #[test]
         fn a_slow_core_never_falls_behind_for_ever(full_us in 17_000i64..60_000, empty_us in 100i64..8_000) {
-            let mut queue = Queue::default();
+            let mut queue = TickQueue::default();
             let (mut now_us, mut over_nothing) = (0, 0.0);
             let n = 2_000;
             for tick in 0..n {
@@ -157,7 +157,7 @@ mod tests {
 
         #[test]
         fn a_core_that_is_fast_enough_leaves_nothing_out(full_us in 100i64..15_000) {
-            let mut queue = Queue::default();
+            let mut queue = TickQueue::default();
             let mut now_us = 0;
             for tick in 0..1_000 {
                 let ready_us = tick * PERIOD_US + 10_000;

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use anyhow::Context as _;
-use farfield_node::endpoints::{Asked, Reach, Side};
+use farfield_node::endpoints::{Asked, LinkEnd, Reach};
 use farfield_node::files::load_venue;
 use farfield_node::process::{Managed, NodeError};
 use farfield_proto::model_card::HeatmapCard;
@@ -17,7 +17,7 @@ use super::given::{check_given_keypoints, check_given_ticks};
 use super::handout::Handout;
 use super::output::progress::Detail;
 use super::recording::check_place;
-use super::session::mode::Mode;
+use super::session::mode::RunMode;
 
 /// Arguments of the fusion node.
 #[derive(Debug, Clone, clap::Args)]
@@ -61,7 +61,7 @@ pub struct FusionArgs {
 
 /// The validated start of a fusion node.
 #[derive(Debug)]
-pub(super) struct Config {
+pub(super) struct FusionConfig {
     pub(super) venue: Venue,
     /// The venue file, to be named where it is refused.
     pub(super) venue_path: PathBuf,
@@ -69,7 +69,7 @@ pub(super) struct Config {
     pub(super) card: Option<HeatmapCard>,
     /// Where to listen, and by what fusion proves who it is.
     pub(super) reach: Reach,
-    pub(super) mode: Mode,
+    pub(super) mode: RunMode,
     /// The files that edges may ask for.
     pub(super) handout: Arc<Handout>,
     pub(super) ticks: Option<Range<Tick>>,
@@ -81,7 +81,7 @@ pub(super) struct Config {
     pub(super) detail: Detail,
 }
 
-impl Config {
+impl FusionConfig {
     /// What a test starts with: `venue`, and nothing that anybody said.
     #[cfg(test)]
     pub(super) fn of_venue(venue: Venue) -> Self {
@@ -94,7 +94,7 @@ impl Config {
                 identity: None,
             },
             handout: Arc::default(),
-            mode: Mode::LockStep,
+            mode: RunMode::LockStep,
             ticks: None,
             out: None,
             record: None,
@@ -116,7 +116,7 @@ impl Config {
             check_place(record).map_err(NodeError::Refused)?;
         }
         let asked = Asked {
-            side: Side::Listen,
+            side: LinkEnd::Listen,
             node: FUSION,
             endpoints: &args.listen,
             certificates: args.certificates.as_deref(),
@@ -136,9 +136,9 @@ impl Config {
             card,
             reach,
             mode: if args.live {
-                Mode::Live
+                RunMode::Live
             } else {
-                Mode::LockStep
+                RunMode::LockStep
             },
             handout,
             ticks: args.ticks,

@@ -19,7 +19,7 @@ mod worker;
 
 pub use self::config::{FusionArgs, check_names, load_card};
 pub use self::given::{check_given_keypoints, check_given_ticks};
-pub use self::output::claim::{Claim, check_folder};
+pub use self::output::claim::{FolderClaim, check_folder};
 pub use self::output::progress::{Body, LinkProgress, Progress, Report};
 pub use self::recorder_node::{RecordArgs, main as record};
 pub use self::recording::check_place;

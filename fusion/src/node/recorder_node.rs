@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use anyhow::{Context as _, anyhow};
 use farfield_node::clock::VenueClock;
-use farfield_node::endpoints::{Asked, Reach, Side};
+use farfield_node::endpoints::{Asked, LinkEnd, Reach};
 use farfield_node::files::load_venue;
 use farfield_node::log::start_log_with;
 use farfield_node::process::{Ending, Managed, NodeError, exit_code, say, stop_when_told};
@@ -19,8 +19,8 @@ use farfield_proto::id::SessionId;
 use farfield_proto::key::Keys;
 use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::message::Status;
-use farfield_proto::same_files::{OtherFile, OwnFiles};
 use farfield_proto::transport::{EdgeTransport, FUSION, RECORDER};
+use farfield_proto::venue::same_files::{OtherFile, OwnFiles};
 use farfield_proto::venue::{Venue, VenueHash};
 use farfield_proto::wire;
 use tokio_util::sync::CancellationToken;
@@ -29,7 +29,7 @@ use zenoh::Session;
 use zenoh::sample::{Sample, SampleKind};
 
 use super::config::{check_names, load_card};
-use super::recording::{Place, RecordingThread, check_place, head};
+use super::recording::{RecordingFile, RecordingThread, check_place, head};
 use super::session::authentication_log;
 
 /// Messages that wait between Zenoh and the recorder's own queue.
@@ -70,7 +70,7 @@ fn load_and_record(args: RecordArgs) -> Result<Ending, NodeError> {
     check_names(&venue).map_err(NodeError::Refused)?;
     check_place(&args.out).map_err(NodeError::Refused)?;
     let asked = Asked {
-        side: Side::Connect,
+        side: LinkEnd::Connect,
         node: RECORDER,
         endpoints: &args.connect,
         certificates: args.certificates.as_deref(),
@@ -116,10 +116,10 @@ fn begin(args: &RecordArgs, venue: &Venue) -> Result<RecordingThread, NodeError>
     let card = load_card(venue).map_err(NodeError::Refused)?;
     let keypoints = card.map_or_else(KeypointSet::coco17, |card| card.output.keypoints);
     let head = head(venue, &args.venue, &keypoints, "record").map_err(NodeError::Failed)?;
-    let place = Place::make(&args.out, &venue.name).map_err(NodeError::Failed)?;
+    let file = RecordingFile::make(&args.out, &venue.name).map_err(NodeError::Failed)?;
     // Whose session it is comes with the messages; nobody asks the edges for what is missing.
     let (session, parameters) = (SessionId::default(), &venue.parameters.recording);
-    RecordingThread::start(place, head, session, parameters).map_err(NodeError::Failed)
+    RecordingThread::start(file, head, session, parameters).map_err(NodeError::Failed)
 }
 
 /// Notes all that is said until somebody stops it.

@@ -16,18 +16,18 @@ use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 use tracing::warn;
 
-use super::config::{Config, FusionArgs};
+use super::config::{FusionArgs, FusionConfig};
 use super::handout;
-use super::live::{Surroundings, live};
+use super::live::{LiveContext, live};
 use super::lock_step::{Begin, Outside};
-use super::output::claim::Claim;
+use super::output::claim::FolderClaim;
 use super::output::progress::Reporter;
 use super::output::summary;
-use super::recording::{Place, RecordingThread, head};
+use super::recording::{RecordingFile, RecordingThread, head};
 use super::session::authentication_log;
 use super::session::interceptor::Interceptor;
-use super::session::link::Link;
-use super::session::mode::Mode;
+use super::session::link::FusionSession;
+use super::session::mode::RunMode;
 use super::session::wiretap::WiretapHandle;
 use crate::pipeline::Pipeline;
 
@@ -41,7 +41,7 @@ pub fn main(args: FusionArgs) -> ExitCode {
 }
 
 fn load_and_run(args: FusionArgs) -> Result<Ending, NodeError> {
-    let config = Config::load(args)?;
+    let config = FusionConfig::load(args)?;
     let session = new_session();
     let pipeline = Pipeline::new(&config.venue, config.card.as_ref(), session);
     let ending = runtime::block_on(2, run(&config, session, pipeline));
@@ -55,7 +55,11 @@ fn new_session() -> SessionId {
     SessionId(clock::unix_time().as_nanos() as u64 | 1 << 63)
 }
 
-async fn run(config: &Config, session: SessionId, pipeline: Pipeline) -> Result<Ending, NodeError> {
+async fn run(
+    config: &FusionConfig,
+    session: SessionId,
+    pipeline: Pipeline,
+) -> Result<Ending, NodeError> {
     // `stop` asks the run to end; `leave` ends the tasks that carry messages, once all is said.
     let (tasks, stop, leave) = (
         TaskTracker::new(),
@@ -66,11 +70,13 @@ async fn run(config: &Config, session: SessionId, pipeline: Pipeline) -> Result<
         .context("listening for signals")
         .map_err(NodeError::Failed)?;
     let claim = match (&config.out, config.managed) {
-        (Some(out), Managed::Yes) => Claim::of_parent(out.clone()),
-        (out, _) => Claim::take(out.as_deref(), &config.venue.name).map_err(NodeError::Refused)?,
+        (Some(out), Managed::Yes) => FolderClaim::of_parent(out.clone()),
+        (out, _) => {
+            FolderClaim::take(out.as_deref(), &config.venue.name).map_err(NodeError::Refused)?
+        }
     };
     let mut reporter = Reporter::new(config.managed, config.detail);
-    let link = Link::open(&config.venue, &config.reach, config.mode)
+    let link = FusionSession::open(&config.venue, &config.reach, config.mode)
         .await
         .map_err(NodeError::Failed)?;
     let venue = config.venue.name.clone();
@@ -87,7 +93,7 @@ async fn run(config: &Config, session: SessionId, pipeline: Pipeline) -> Result<
     let interceptor = Interceptor::new(&config.venue, clock::VenueClock::start(), wiretap);
     let mut ends = link.spawn(&tasks, &leave, &interceptor);
     let outcome = match config.mode {
-        Mode::LockStep => {
+        RunMode::LockStep => {
             let mut outside = Outside {
                 ends: &mut ends,
                 reporter: &mut reporter,
@@ -102,12 +108,12 @@ async fn run(config: &Config, session: SessionId, pipeline: Pipeline) -> Result<
             };
             Box::pin(run.lock_step(pipeline, &mut outside)).await
         }
-        Mode::Live => {
+        RunMode::Live => {
             if let Some(recording) = &recording {
                 let fillers = recording.fillers(&interceptor.clock);
                 fillers.spawn(&ends.session(), &config.venue, &tasks, &leave);
             }
-            let surroundings = Surroundings {
+            let context = LiveContext {
                 config,
                 session,
                 out: claim.folder(),
@@ -117,7 +123,7 @@ async fn run(config: &Config, session: SessionId, pipeline: Pipeline) -> Result<
                 reporter: &mut reporter,
                 stop: &stop,
             };
-            Box::pin(live(surroundings, pipeline)).await
+            Box::pin(live(context, pipeline)).await
         }
     };
     stop.cancel();
@@ -133,7 +139,7 @@ async fn run(config: &Config, session: SessionId, pipeline: Pipeline) -> Result<
 
 /// Begins the recording, if one is wanted.
 fn record(
-    config: &Config,
+    config: &FusionConfig,
     session: SessionId,
     pipeline: &Pipeline,
 ) -> anyhow::Result<Option<RecordingThread>> {
@@ -142,6 +148,6 @@ fn record(
     };
     let venue = &config.venue;
     let head = head(venue, &config.venue_path, pipeline.keypoints(), FUSION)?;
-    let place = Place::make(asked, &venue.name)?;
-    RecordingThread::start(place, head, session, &venue.parameters.recording).map(Some)
+    let file = RecordingFile::make(asked, &venue.name)?;
+    RecordingThread::start(file, head, session, &venue.parameters.recording).map(Some)
 }

@@ -7,15 +7,15 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, anyhow};
 use farfield_node::clock;
+use farfield_node::histogram::Histogram;
 use farfield_node::process::say;
-use farfield_proto::histogram::Histogram;
 use farfield_proto::message::identity_event::IdentityEvent;
 use farfield_proto::message::{BoxSet, PatchSet, PoseSet, StageTime};
 use farfield_proto::tick::Tick;
 use tokio::sync::mpsc;
 
 use super::output::exporter::Exporter;
-use super::session::mode::Mode;
+use super::session::mode::RunMode;
 use crate::align::TickGroup;
 use crate::export::pose_files::Presence;
 use crate::pipeline::{Pipeline, Stage};
@@ -68,14 +68,14 @@ pub(super) struct Finished {
 }
 
 /// The loop's handle on the thread.
-pub(super) struct Worker {
+pub(super) struct FusionWorker {
     jobs: SyncSender<Job>,
     /// Results, in the order of the jobs; closed when the thread has ended.
     pub(super) done: mpsc::Receiver<Stepped>,
     thread: JoinHandle<Finished>,
 }
 
-impl Worker {
+impl FusionWorker {
     /// Starts the thread. Where the files cannot be written it ends, unless the run is live: then that is said,
     /// and the people are followed on.
     ///
@@ -84,14 +84,14 @@ impl Worker {
     pub(super) fn spawn(
         pipeline: Pipeline,
         exporter: Exporter,
-        mode: Mode,
+        mode: RunMode,
     ) -> std::io::Result<Self> {
         // There is one tick under way; the second place lets the loop never wait.
         let (jobs, to_do) = sync_channel(2);
         let (done_tx, done) = mpsc::channel(2);
         let thread = std::thread::Builder::new().name("core".to_owned());
         let thread = thread.spawn(move || {
-            Work {
+            FusionWork {
                 pipeline,
                 exporter,
                 mode,
@@ -131,17 +131,17 @@ struct ToWrite {
 }
 
 /// What the thread owns.
-struct Work {
+struct FusionWork {
     pipeline: Pipeline,
     exporter: Exporter,
-    mode: Mode,
+    mode: RunMode,
     /// Why nothing more is written, if so.
     written: anyhow::Result<()>,
     last: Option<Tick>,
     laps: Laps,
 }
 
-impl Work {
+impl FusionWork {
     fn run(mut self, to_do: &Receiver<Job>, done: &mpsc::Sender<Stepped>) -> Finished {
         while let Ok(job) = to_do.recv() {
             let (stepped, finished) = self.step(&job);
@@ -150,7 +150,7 @@ impl Work {
             let start = clock::now();
             self.write(&finished.poses, &finished.smoothed);
             self.laps.lap("write", start);
-            if !listening || self.written.is_err() && self.mode == Mode::LockStep {
+            if !listening || self.written.is_err() && self.mode == RunMode::LockStep {
                 break;
             }
         }
@@ -214,7 +214,7 @@ impl Work {
         }
         let written = self.exporter.write(finished);
         self.written = written.and_then(|()| self.exporter.write_smoothed(smoothed));
-        if let (Err(error), Mode::Live) = (&self.written, self.mode) {
+        if let (Err(error), RunMode::Live) = (&self.written, self.mode) {
             say(format_args!("no more poses are written: {error:#}"));
         }
     }

@@ -6,19 +6,19 @@ use mcap::records::{Record, op};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
 
 use super::VENUE_FILE;
-use super::compression::Format;
+use super::compression::CompressionFormat;
 use super::reader::RecordingError;
 use super::tests::{in_all_forms, open, recording};
 
 /// `bytes` compressed.
-pub(super) fn pack(format: Format, bytes: &[u8]) -> Vec<u8> {
+pub(super) fn pack(format: CompressionFormat, bytes: &[u8]) -> Vec<u8> {
     match format {
-        Format::Lz4 => {
+        CompressionFormat::Lz4 => {
             let mut frame = lz4_flex::frame::FrameEncoder::new(Vec::new());
             frame.write_all(bytes).unwrap();
             frame.finish().unwrap()
         }
-        Format::Zstd => {
+        CompressionFormat::Zstd => {
             let level = ruzstd::encoding::CompressionLevel::Fastest;
             ruzstd::encoding::compress_to_vec(bytes, level)
         }
@@ -48,7 +48,7 @@ fn rewritten(bytes: &[u8], mut body: impl FnMut(u8, &[u8]) -> Vec<u8>) -> Vec<u8
 }
 
 /// The recording with its chunks compressed, as another tool does it.
-pub(super) fn compressed(bytes: &[u8], format: Format) -> Vec<u8> {
+pub(super) fn compressed(bytes: &[u8], format: CompressionFormat) -> Vec<u8> {
     rewritten(bytes, |opcode, body| {
         match mcap::parse_record(opcode, body) {
             Ok(Record::Chunk { data, .. }) => {
@@ -69,7 +69,7 @@ pub(super) fn compressed(bytes: &[u8], format: Format) -> Vec<u8> {
 
 #[test]
 fn a_compressed_chunk_with_a_wrong_checksum_is_passed_over_and_counted() {
-    for format in [Format::Lz4, Format::Zstd] {
+    for format in [CompressionFormat::Lz4, CompressionFormat::Zstd] {
         let mut chunks = 0;
         let bytes = rewritten(&compressed(&recording(), format), |opcode, body| {
             let mut body = body.to_vec();

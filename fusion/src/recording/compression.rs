@@ -2,14 +2,14 @@
 
 use std::io::{self, Cursor, Read};
 
-use lz4_flex::frame::FrameDecoder as Lz4Frame;
+use lz4_flex::frame::FrameDecoder as Lz4CompressedFrame;
 use mcap::sans_io::decompressor::{DecompressResult, Decompressor};
 use mcap::{McapError, McapResult};
 use ruzstd::decoding::{FrameDecoder, StreamingDecoder};
 
 /// How a chunk may be compressed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Format {
+pub(super) enum CompressionFormat {
     /// LZ4's frames.
     Lz4,
     /// Zstandard.
@@ -18,16 +18,16 @@ pub(super) enum Format {
 
 /// Unpacks chunks that are given to it whole, one after the other.
 pub(super) struct Decompression {
-    format: Format,
+    format: CompressionFormat,
     /// Farthest back that a frame may refer, bytes: what it costs in memory.
     most_window_bytes: u64,
     /// The chunk at hand.
-    frame: Option<Frame>,
+    frame: Option<CompressedFrame>,
 }
 
 /// A frame of a chunk, and what follows it there.
-enum Frame {
-    Lz4(Box<Lz4Frame<Packed>>),
+enum CompressedFrame {
+    Lz4(Box<Lz4CompressedFrame<Packed>>),
     Zstd(Box<StreamingDecoder<Packed, FrameDecoder>>),
 }
 
@@ -35,7 +35,7 @@ type Packed = Cursor<Vec<u8>>;
 
 impl Decompression {
     /// For chunks of `format`; frames of zstd that need a larger window than this are refused.
-    pub(super) fn new(format: Format, most_window_bytes: u64) -> Self {
+    pub(super) fn new(format: CompressionFormat, most_window_bytes: u64) -> Self {
         Self {
             format,
             most_window_bytes,
@@ -43,12 +43,14 @@ impl Decompression {
         }
     }
 
-    fn open(&self, packed: Packed) -> McapResult<Frame> {
+    fn open(&self, packed: Packed) -> McapResult<CompressedFrame> {
         match self.format {
-            Format::Lz4 => Ok(Frame::Lz4(Box::new(Lz4Frame::new(packed)))),
-            Format::Zstd => {
+            CompressionFormat::Lz4 => Ok(CompressedFrame::Lz4(Box::new(Lz4CompressedFrame::new(
+                packed,
+            )))),
+            CompressionFormat::Zstd => {
                 StreamingDecoder::new_with_max_window_size(packed, self.most_window_bytes)
-                    .map(|frame| Frame::Zstd(Box::new(frame)))
+                    .map(|frame| CompressedFrame::Zstd(Box::new(frame)))
                     .map_err(|problem| McapError::DecompressionError(problem.to_string()))
             }
         }
@@ -83,13 +85,13 @@ impl Decompressor for Decompression {
 
     fn name(&self) -> &'static str {
         match self.format {
-            Format::Lz4 => "lz4",
-            Format::Zstd => "zstd",
+            CompressionFormat::Lz4 => "lz4",
+            CompressionFormat::Zstd => "zstd",
         }
     }
 }
 
-impl Frame {
+impl CompressedFrame {
     fn is_followed(&self) -> bool {
         let packed = match self {
             Self::Lz4(frame) => frame.get_ref(),
@@ -106,7 +108,7 @@ impl Frame {
     }
 }
 
-impl Read for Frame {
+impl Read for CompressedFrame {
     fn read(&mut self, unpacked: &mut [u8]) -> io::Result<usize> {
         match self {
             Self::Lz4(frame) => frame.read(unpacked),
@@ -123,7 +125,12 @@ mod tests {
     use super::*;
 
     /// What comes out, in pieces of `piece` bytes; `None` when it is refused.
-    fn unpack(format: Format, packed: &[u8], most: usize, piece: usize) -> Option<Vec<u8>> {
+    fn unpack(
+        format: CompressionFormat,
+        packed: &[u8],
+        most: usize,
+        piece: usize,
+    ) -> Option<Vec<u8>> {
         let mut decompression = Decompression::new(format, 1 << 20);
         let (mut src, mut unpacked) = (packed, Vec::new());
         while unpacked.len() < most {
@@ -138,7 +145,7 @@ mod tests {
         Some(unpacked)
     }
 
-    const FORMATS: [Format; 2] = [Format::Lz4, Format::Zstd];
+    const FORMATS: [CompressionFormat; 2] = [CompressionFormat::Lz4, CompressionFormat::Zstd];
 
     /// A text as liblz4 1.9 writes it, hexadecimal.
     const BY_LIBLZ4: &str = "04224d186840ec00000000000000754c000000f10e7469636b20303a2074686520706572736f6e2077616c6b73206f6e \
@@ -153,7 +160,10 @@ mod tests {
         let text: String = (0..8)
             .map(|i| format!("tick {}: the person walks on. ", i * i))
             .collect();
-        for (format, hex) in [(Format::Lz4, BY_LIBLZ4), (Format::Zstd, BY_LIBZSTD)] {
+        for (format, hex) in [
+            (CompressionFormat::Lz4, BY_LIBLZ4),
+            (CompressionFormat::Zstd, BY_LIBZSTD),
+        ] {
             let digits: Vec<char> = hex.chars().filter(char::is_ascii_hexdigit).collect();
             let bytes = digits
                 .chunks(2)
@@ -201,8 +211,8 @@ mod tests {
     fn a_frame_with_too_large_a_window_is_refused() {
         // Magic, descriptor without a size, window of 2^(10 + 31) bytes, then the last block of none.
         let frame = [0x28, 0xb5, 0x2f, 0xfd, 0x00, 0xf8, 0x01, 0x00, 0x00];
-        assert_eq!(unpack(Format::Zstd, &frame, 1, 1), None);
-        let mut decompression = Decompression::new(Format::Zstd, 1 << 20);
+        assert_eq!(unpack(CompressionFormat::Zstd, &frame, 1, 1), None);
+        let mut decompression = Decompression::new(CompressionFormat::Zstd, 1 << 20);
         let refused = decompression.decompress(&frame, &mut [0; 4]).unwrap_err();
         assert!(refused.to_string().contains("indow"), "{refused}");
     }

@@ -10,7 +10,7 @@ use mcap::McapError;
 use mcap::records::{Record, op};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
 
-use super::compression::{Decompression, Format};
+use super::compression::{CompressionFormat, Decompression};
 
 /// Longest chunk that is read, bytes, packed and unpacked: ours have 4 MiB and one message.
 const MAX_CHUNK_BYTES: u64 = 64 << 20;
@@ -142,7 +142,7 @@ fn record(opcode: u8, body: &[u8], at: u64, visit: &mut Visit<'_>) -> Result<boo
         let place = RecordPlace { chunk: None, at };
         return show(opcode, body, place, visit);
     }
-    let chunk = Chunk::of(body, at)?;
+    let chunk = McapChunk::of(body, at)?;
     let packed = PackedChunk {
         at,
         len: body.len() as u64,
@@ -161,7 +161,7 @@ fn record(opcode: u8, body: &[u8], at: u64, visit: &mut Visit<'_>) -> Result<boo
 /// The unpacked records of the compressed chunk `body` that stands at `at`.
 pub(super) fn unpack(body: &[u8], at: u64) -> Result<Vec<u8>, FramingError> {
     let mut records = Vec::new();
-    let whole = Chunk::of(body, at)?.each_record(&mut |opcode, body, _| {
+    let whole = McapChunk::of(body, at)?.each_record(&mut |opcode, body, _| {
         records.push(opcode);
         records.extend((body.len() as u64).to_le_bytes());
         records.extend(body);
@@ -175,7 +175,7 @@ pub(super) fn unpack(body: &[u8], at: u64) -> Result<Vec<u8>, FramingError> {
 }
 
 /// A chunk whose header has been checked.
-struct Chunk<'a> {
+struct McapChunk<'a> {
     /// Header and records.
     body: &'a [u8],
     /// Where it stands in the file.
@@ -190,7 +190,7 @@ struct Chunk<'a> {
 /// Is shown opcode, body and the body's place among the chunk's unpacked records.
 type EachRecord<'a> = dyn FnMut(u8, &[u8], u64) -> Result<(), FramingError> + 'a;
 
-impl<'a> Chunk<'a> {
+impl<'a> McapChunk<'a> {
     fn of(body: &'a [u8], at: u64) -> Result<Self, FramingError> {
         let broken = damaged(at, "a broken chunk");
         if texts_end_within(op::CHUNK, body).is_none() {
@@ -249,7 +249,7 @@ impl<'a> Chunk<'a> {
             .with_prevalidate_chunk_crcs(true)
             .with_record_length_limit(len.max(self.unpacked_bytes) as usize);
         let mut reader = LinearReader::new_with_options(options);
-        for format in [Format::Lz4, Format::Zstd] {
+        for format in [CompressionFormat::Lz4, CompressionFormat::Zstd] {
             reader.add_decompressor(Decompression::new(format, MAX_CHUNK_BYTES))?;
         }
         let bytes = self.body.len() + HEAD_BYTES as usize;

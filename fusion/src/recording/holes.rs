@@ -25,7 +25,7 @@ pub struct Holes {
     session: SessionId,
     /// How many ticks a set may take until it is missed.
     settle: i64,
-    tracks: Vec<Track>,
+    tracks: Vec<ViewpointTicks>,
     /// The first tick that was worked on.
     first: Option<Tick>,
     /// The last tick that was worked on.
@@ -34,7 +34,7 @@ pub struct Holes {
 
 /// What is known of one viewpoint.
 #[derive(Debug, Default)]
-struct Track {
+struct ViewpointTicks {
     /// Ticks before are whole or holes; `None`: nothing was heard.
     settled: Option<Tick>,
     newest: Option<Tick>,
@@ -72,7 +72,7 @@ impl Holes {
     /// Nothing is missing yet of `n_viewpoints`; a set is missed `settle` ticks after its own.
     pub fn new(session: SessionId, n_viewpoints: usize, settle: i64) -> Self {
         let mut tracks = Vec::new();
-        tracks.resize_with(n_viewpoints, Track::default);
+        tracks.resize_with(n_viewpoints, ViewpointTicks::default);
         Self {
             session,
             settle,
@@ -148,7 +148,7 @@ impl Holes {
 
     /// Ticks that are missing, summed over the viewpoints.
     pub fn left(&self) -> u64 {
-        let of = |track: &Track| track.holes.ticks() + track.given_up;
+        let of = |track: &ViewpointTicks| track.holes.ticks() + track.given_up;
         self.tracks.iter().map(of).sum()
     }
 
@@ -177,7 +177,7 @@ impl Holes {
     }
 }
 
-impl Track {
+impl ViewpointTicks {
     fn settle_until(&mut self, until: Tick) {
         let Some(settled) = self.settled.filter(|&settled| settled < until) else {
             return;

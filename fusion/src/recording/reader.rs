@@ -40,7 +40,7 @@ pub enum RecordingError {
 
 /// Where a recorded message stands.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-struct Place {
+struct MessagePosition {
     /// Which of the compressed chunks it is in; [`NO_CHUNK`]: it stands in the file as it is.
     chunk: u32,
     /// Its first byte: of the file, or of the chunk's unpacked records.
@@ -48,7 +48,7 @@ struct Place {
     len: u32,
 }
 
-/// See [`Place::chunk`].
+/// See [`MessagePosition::chunk`].
 const NO_CHUNK: u32 = u32::MAX;
 
 /// One recorded set, in the order in which the sets of a tick are wanted.
@@ -61,7 +61,7 @@ struct SetEntry {
     part: u16,
     /// Whether it was asked for after an outage.
     filled: bool,
-    place: Place,
+    position: MessagePosition,
 }
 
 /// A patch or sighting set out of a recording.
@@ -97,7 +97,7 @@ pub struct Recording<R> {
     facts: BTreeMap<String, String>,
     files: BTreeMap<String, Vec<u8>>,
     sets: Vec<SetEntry>,
-    poses: BTreeMap<(SessionId, Tick), Place>,
+    poses: BTreeMap<(SessionId, Tick), MessagePosition>,
     sessions: Vec<SessionPart>,
     end: FileEnd,
     unreadable: u64,
@@ -185,8 +185,8 @@ impl<R: Read + Seek> Recording<R> {
             if (set.session, set.tick) != (session, tick) {
                 break;
             }
-            let bytes = self.bytes(set.place)?;
-            let changed = |_| RecordingError::Changed(set.place.at);
+            let bytes = self.bytes(set.position)?;
+            let changed = |_| RecordingError::Changed(set.position.at);
             found.push(match set.kind {
                 SetKind::Patches => AnySet::Patches(wire::decode(&bytes).map_err(changed)?),
                 SetKind::Sightings => AnySet::Sightings(wire::decode(&bytes).map_err(changed)?),
@@ -204,35 +204,35 @@ impl<R: Read + Seek> Recording<R> {
         session: SessionId,
         tick: Tick,
     ) -> Result<Option<PoseSet>, RecordingError> {
-        let Some(&place) = self.poses.get(&(session, tick)) else {
+        let Some(&position) = self.poses.get(&(session, tick)) else {
             return Ok(None);
         };
-        let bytes = self.bytes(place)?;
-        let poses = wire::decode(&bytes).map_err(|_| RecordingError::Changed(place.at))?;
+        let bytes = self.bytes(position)?;
+        let poses = wire::decode(&bytes).map_err(|_| RecordingError::Changed(position.at))?;
         Ok(Some(poses))
     }
 
-    fn bytes(&mut self, place: Place) -> Result<Vec<u8>, RecordingError> {
-        if place.chunk == NO_CHUNK {
-            return self.file_bytes(place.at, u64::from(place.len));
+    fn bytes(&mut self, position: MessagePosition) -> Result<Vec<u8>, RecordingError> {
+        if position.chunk == NO_CHUNK {
+            return self.file_bytes(position.at, u64::from(position.len));
         }
-        let kept = self.unpacked.take().filter(|(n, _)| *n == place.chunk);
+        let kept = self.unpacked.take().filter(|(n, _)| *n == position.chunk);
         let records = match kept {
             Some((_, records)) => records,
-            None => self.unpack(place)?,
+            None => self.unpack(position)?,
         };
-        let bytes = usize::try_from(place.at).ok().and_then(|at| {
-            let until = at.checked_add(place.len as usize)?;
+        let bytes = usize::try_from(position.at).ok().and_then(|at| {
+            let until = at.checked_add(position.len as usize)?;
             records.get(at..until).map(<[u8]>::to_vec)
         });
-        self.unpacked = Some((place.chunk, records));
-        bytes.ok_or(RecordingError::Changed(place.at))
+        self.unpacked = Some((position.chunk, records));
+        bytes.ok_or(RecordingError::Changed(position.at))
     }
 
-    /// The records of the compressed chunk that `place` is in.
-    fn unpack(&mut self, place: Place) -> Result<Vec<u8>, RecordingError> {
-        let chunk = self.packed_chunks.get(place.chunk as usize).copied();
-        let chunk = chunk.ok_or(RecordingError::Changed(place.at))?;
+    /// The records of the compressed chunk that `position` is in.
+    fn unpack(&mut self, position: MessagePosition) -> Result<Vec<u8>, RecordingError> {
+        let chunk = self.packed_chunks.get(position.chunk as usize).copied();
+        let chunk = chunk.ok_or(RecordingError::Changed(position.at))?;
         let body = self.file_bytes(chunk.at, chunk.len)?;
         Ok(unpack(&body, chunk.at)?)
     }
@@ -258,7 +258,7 @@ struct Index {
     contents: BTreeMap<u16, Content>,
     packed_chunks: Vec<PackedChunk>,
     sets: Vec<SetEntry>,
-    poses: BTreeMap<(SessionId, Tick), Place>,
+    poses: BTreeMap<(SessionId, Tick), MessagePosition>,
     decisions: Vec<Decision>,
     unreadable: u64,
     lost: u64,
@@ -299,12 +299,12 @@ impl Index {
                     self.contents.get(&header.channel_id),
                     u32::try_from(data.len()),
                 ) {
-                    let place = Place {
+                    let position = MessagePosition {
                         chunk: self.chunk_number(place.chunk),
                         at: place.at + MESSAGE_HEAD_BYTES,
                         len,
                     };
-                    self.message(content, place, &data);
+                    self.message(content, position, &data);
                 }
             }
             _ => {}
@@ -322,15 +322,15 @@ impl Index {
         self.packed_chunks.len() as u32 - 1
     }
 
-    fn message(&mut self, content: Content, place: Place, data: &[u8]) {
+    fn message(&mut self, content: Content, position: MessagePosition, data: &[u8]) {
         let read = match content {
-            Content::Sets(kind) => self.set(kind, false, place, data),
-            Content::Filled(kind) => self.set(kind, true, place, data),
+            Content::Sets(kind) => self.set(kind, false, position, data),
+            Content::Filled(kind) => self.set(kind, true, position, data),
             Content::Decisions => wire::decode(data).map(|decision| self.decisions.push(decision)),
             Content::Poses => wire::decode::<PoseSet>(data).map(|poses| {
                 self.poses
                     .entry((poses.session, poses.tick))
-                    .or_insert(place);
+                    .or_insert(position);
             }),
             // A replay decides anew who is who.
             Content::Events => wire::decode::<IdentityEventSet>(data).map(drop),
@@ -348,7 +348,7 @@ impl Index {
         &mut self,
         kind: SetKind,
         filled: bool,
-        place: Place,
+        position: MessagePosition,
         data: &[u8],
     ) -> Result<(), wire::WireError> {
         let (session, tick, viewpoint, part) = match kind {
@@ -368,7 +368,7 @@ impl Index {
             viewpoint,
             part,
             filled,
-            place,
+            position,
         });
         Ok(())
     }

@@ -28,7 +28,7 @@ pub enum Choice {
 
 /// Whose the patches are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Names {
+pub enum PatchOwners {
     /// The person's whom they name: the replay numbers people as the recorded run did, because it gets
     /// the same input.
     AsRecorded,
@@ -53,7 +53,7 @@ pub struct ReplayTally {
     pub missing: u64,
     /// Sets that contradict another of their tick.
     pub refused: u64,
-    /// Patches of persons whom the replay does not have (see [`Names::ByPlace`]).
+    /// Patches of persons whom the replay does not have (see [`PatchOwners::ByPlace`]).
     pub nobodys: u64,
     /// Decisions of ticks far from those of the run, which were left out.
     pub far: u64,
@@ -102,7 +102,7 @@ impl<R: Read + Seek> Replay<R> {
         mut part: SessionPart,
         mut pipeline: Pipeline,
         choice: Choice,
-        names: Names,
+        names: PatchOwners,
     ) -> Result<Self, ReplayError> {
         let choice = if part.decisions.is_empty() {
             Choice::All
@@ -122,7 +122,7 @@ impl<R: Read + Seek> Replay<R> {
             boxes: boxes.unwrap_or_default(),
             pipeline,
             choice,
-            renumber: (names == Names::ByPlace).then(Renumber::default),
+            renumber: (names == PatchOwners::ByPlace).then(Renumber::default),
             to_do,
             tally: ReplayTally {
                 far,

@@ -12,10 +12,10 @@ use farfield_proto::wire::{self, Message};
 use proptest::prelude::*;
 
 use super::chunk_tests::compressed;
-use super::compression::Format;
+use super::compression::CompressionFormat;
 use super::framing::FramingError;
 use super::reader::{AnySet, Recording, RecordingError};
-use super::writer::{Head, Passed, RecordingWriter};
+use super::writer::{Head, PassedMessage, RecordingWriter};
 use super::*;
 use crate::export::fixture;
 
@@ -72,7 +72,7 @@ fn poses(tick: i64) -> PoseSet {
 
 fn put<W: Write, M: Message>(writer: &mut RecordingWriter<W>, topic: &str, message: &M) {
     let bytes = wire::encode(message);
-    let passed = Passed {
+    let passed = PassedMessage {
         topic,
         bytes: &bytes,
         log_ns: 1_000,
@@ -103,7 +103,8 @@ pub(super) fn recording() -> Vec<u8> {
 /// The same recording as it is written, and with compressed chunks.
 pub(super) fn in_all_forms() -> [Vec<u8>; 3] {
     let plain = recording();
-    let [lz4, zstd] = [Format::Lz4, Format::Zstd].map(|format| compressed(&plain, format));
+    let [lz4, zstd] =
+        [CompressionFormat::Lz4, CompressionFormat::Zstd].map(|format| compressed(&plain, format));
     [plain, lz4, zstd]
 }
 
@@ -193,7 +194,7 @@ fn patches_are_stamped_with_their_sending() {
 #[test]
 fn a_key_that_the_venue_does_not_have_is_not_recorded() {
     let mut writer = RecordingWriter::create(Vec::new(), head()).unwrap();
-    let passed = Passed {
+    let passed = PassedMessage {
         topic: "hall/patch/stranger",
         bytes: b"x",
         log_ns: 0,
@@ -321,7 +322,7 @@ fn a_full_disk_is_an_error_and_what_was_written_can_be_read() {
     let mut written = Ok(());
     for tick in 0.. {
         let bytes = wire::encode(&decision(tick, &[0]));
-        let passed = Passed {
+        let passed = PassedMessage {
             topic: "hall/decision",
             bytes: &bytes,
             log_ns: 0,

@@ -38,7 +38,7 @@ pub struct Head {
 
 /// One message that passed.
 #[derive(Debug, Clone, Copy)]
-pub struct Passed<'a> {
+pub struct PassedMessage<'a> {
     /// The key under which it passed, or the topic of what was filled.
     pub topic: &'a str,
     /// The bytes that travelled.
@@ -145,7 +145,7 @@ impl<W: Write> RecordingWriter<W> {
     ///
     /// # Errors
     /// Those of the sink.
-    pub fn write(&mut self, passed: &Passed<'_>) -> io::Result<Option<Content>> {
+    pub fn write(&mut self, passed: &PassedMessage<'_>) -> io::Result<Option<Content>> {
         let Some(content) = self.open.get(passed.topic).map(|open| open.content) else {
             return Ok(None);
         };

@@ -23,7 +23,7 @@ use crate::estimate::estimator::TickSnapshot;
 use crate::estimate::evidence::View;
 use crate::estimate::keypoint_targets::aim_at_keypoints;
 use crate::estimate::lattice::LatticeSearch;
-use crate::estimate::uncertainty::{MadeOf, Told, weigh_views};
+use crate::estimate::uncertainty::{BodyObservation, MadeOf, weigh_views};
 use crate::method::{Method, VenueView};
 
 /// Sine of the angle between two rays from which they meet in a place, and not in a line (10 degrees).
@@ -159,17 +159,17 @@ impl LateSearch {
         if moment.made_of == MadeOf::Motion {
             return;
         }
-        let told = Told {
+        let observation = BodyObservation {
             estimates: &moment.estimates,
             sites: body.sites,
             body: &self.kinematics,
         };
-        moment.variance_m2 = told.variances_m2(&mut self.spread, moment.made_of);
+        moment.variance_m2 = observation.variances_m2(&mut self.spread, moment.made_of);
         if moment.made_of == MadeOf::Views && moment.state == PersonState::Coasting {
             moment.state = PersonState::Tracked;
         }
         let lasting_m2 = moment.variance_m2.iter().zip(Joint::ALL);
-        let surer_m2 = lasting_m2.map(|(m2, joint)| m2 + Told::lasting_m2(joint));
+        let surer_m2 = lasting_m2.map(|(m2, joint)| m2 + BodyObservation::lasting_m2(joint));
         for (published_m2, surer_m2) in moment.published_m2.iter_mut().flatten().zip(surer_m2) {
             *published_m2 = published_m2.min(surer_m2);
         }

@@ -13,7 +13,7 @@ use crate::process::NodeError;
 
 /// Which end of the link a node is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Side {
+pub enum LinkEnd {
     /// Fusion: it listens.
     Listen,
     /// Everybody else: it connects to fusion.
@@ -24,7 +24,7 @@ pub enum Side {
 #[derive(Debug, Clone, Copy)]
 pub struct Asked<'a> {
     /// Which end of the link the node is.
-    pub side: Side,
+    pub side: LinkEnd,
     /// The name of the node, which its certificate bears.
     pub node: &'a str,
     /// The endpoints that were named; none: the venue file's.
@@ -44,7 +44,7 @@ pub struct Reach {
     pub identity: Option<Identity>,
 }
 
-impl Side {
+impl LinkEnd {
     fn option(self) -> &'static str {
         match self {
             Self::Listen => "--listen",

@@ -8,6 +8,7 @@
 //! | module | what |
 //! | --- | --- |
 //! | [`clock`] | the only reader of the machine's clock; the venue's clock, which never jumps |
+//! | [`histogram`] | how long things took, over days, in bounded room |
 //! | [`log`] | what a node logs, and how it listens in on a library's log |
 //! | [`runtime`] | starting the runtime, and ending it whatever still waits |
 //!
@@ -16,6 +17,7 @@
 pub mod clock;
 pub mod endpoints;
 pub mod files;
+pub mod histogram;
 pub mod log;
 pub mod process;
 pub mod runtime;

@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 
 use super::given::given_persons;
+use super::limits::{MAX_COORDINATE_M, tick};
 use super::parameters::ParameterTables;
 use super::raw::{RawField, RawFusion, RawSecurity, RawVenue, RawViewpoint};
 use super::source::{source, timing};
@@ -10,7 +11,6 @@ use super::{Endpoints, Field, Parameters, Security, Venue, VenueCamera, VenueHas
 use crate::calibration::Calibration;
 use crate::id::{CameraIndex, ViewpointIndex};
 use crate::key::is_key_chunk;
-use crate::tick::Tick;
 use crate::toml_file::{FileError, Place, TomlFile, unknown_name};
 use crate::transport::endpoint::is_endpoint;
 use crate::transport::{FUSION, READER, RECORDER};
@@ -20,12 +20,8 @@ use crate::wire::MAX_CAMERAS;
 const FIELD_MARGIN_M: f64 = 5.0;
 /// Height range of the default field, metres.
 const FIELD_HEIGHT_M: [f64; 2] = [-0.3, 2.6];
-/// Largest coordinate of a field, metres.
-pub(super) const MAX_COORDINATE_M: f64 = 1e4;
 /// Largest rate, ticks per second.
 const MAX_RATE_HZ: f64 = 1000.0;
-/// Ticks farther from zero have no exact time in seconds.
-const MAX_TICK: i64 = 1 << 53;
 /// Names that no viewpoint may have, and who has them.
 const TAKEN_NAMES: [(&str, &str); 4] = [
     (FUSION, "the fusion node"),
@@ -86,17 +82,6 @@ pub(super) fn venue(
         parameters,
         hashes,
     })
-}
-
-pub(super) fn tick(file: &TomlFile<'_>, place: &Place, tick: i64) -> Result<Tick, FileError> {
-    if (-MAX_TICK..=MAX_TICK).contains(&tick) {
-        return Ok(Tick(tick));
-    }
-    let problem = format!(
-        "found {tick}, expected a tick from {} to {MAX_TICK}",
-        -MAX_TICK
-    );
-    Err(file.error(place, problem))
 }
 
 fn path(file: &TomlFile<'_>, field: &str, name: &str) -> Result<std::path::PathBuf, FileError> {

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::GivenPerson;
-use super::check::{self, MAX_COORDINATE_M};
+use super::limits::{self, MAX_COORDINATE_M};
 use super::raw::RawPerson;
 use crate::keypoints::COCO17;
 use crate::toml_file::{FileError, Place, TomlFile, unknown_name};
@@ -19,7 +19,7 @@ pub(super) fn given_persons(
     let mut persons = Vec::new();
     for (i, RawPerson { tick, keypoints_m }) in raw.into_iter().enumerate() {
         let person = Place::field("person").index(i);
-        let tick = check::tick(file, &person.key("tick"), tick)?;
+        let tick = limits::tick(file, &person.key("tick"), tick)?;
         let place = person.key("keypoints_m");
         check_given(file, &place, &keypoints_m, has_network)?;
         persons.push(GivenPerson { tick, keypoints_m });

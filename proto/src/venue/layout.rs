@@ -9,7 +9,9 @@ use std::path::Path;
 
 use toml::{Table, Value};
 
-use super::parameters::{Audience, PARAMETERS, Parameter, TABLES, TUNING, find, in_table};
+use super::parameters::{
+    Audience, PARAMETERS, Parameter, ParameterTables, Parameters, TABLES, TUNING, find, in_table,
+};
 use crate::toml_file::{FileError, Place, TomlFile, nearest};
 
 /// The layout of venue files that is read and written today.
@@ -32,6 +34,18 @@ fn old_place(parameter: &Parameter) -> Option<[&'static str; 2]> {
 
 fn is_tuning(parameter: &Parameter) -> bool {
     parameter.audience == Audience::Tuning
+}
+
+impl Parameters {
+    /// The defaults, with what the users' tables and `[tuning]` of a text say otherwise; ranges are not
+    /// checked. `file` must have no other table.
+    ///
+    /// # Errors
+    /// [`FileError`] for an unknown, mistyped or misplaced field.
+    pub fn read(file: &TomlFile<'_>) -> Result<Self, FileError> {
+        check(file)?;
+        Ok(file.read::<ParameterTables>()?.into())
+    }
 }
 
 /// Refuses fields of the parameters' tables that are unknown, or not where they belong.

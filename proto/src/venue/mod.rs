@@ -7,8 +7,10 @@ mod check;
 mod file;
 mod given;
 pub mod layout;
+mod limits;
 pub mod parameters;
 mod raw;
+pub mod same_files;
 mod source;
 
 use std::collections::BTreeMap;

@@ -1,5 +1,19 @@
-//! The laboratory: suites, studies and baselines over the loop of edges and fusion inside one process,
-//! and live venues behind relays. Its program is `lab`, which is [`main`].
+//! The laboratory: suites, studies, benches and long runs of the whole system. Its program is `lab`, which is [`main`]
+//! and takes every command of `farfield` too; `lab help` lists them.
+//!
+//! Read [`in_process`] first: edges and fusion in one process, in lock-step and without a network. Most studies run
+//! that loop. Then [`suite`]: scenes that are run through it and scored.
+//!
+//! | module | what |
+//! | --- | --- |
+//! | [`conditions`] | links that are cut, far or lossy, in ticks and without a network |
+//! | [`live_venue`], [`relay`], [`namespaces`] | live venues of processes, the relays and network namespaces between them |
+//! | [`bytes`] | our codec of maps beside what others send, bytes beside errors |
+//! | [`view_peaks`], [`leave_one_out`] | plain triangulation to compare with, and a comparison that needs no truth |
+//! | [`afar`] | real recordings as a camera much farther away would have made them |
+//! | [`ring`] | a walker in a ring of viewpoints, for benches and tests of fusion alone |
+//! | [`hostile_input`], [`corpus`] | what the fuzz targets run, and the inputs that fuzzers found |
+//! | [`reading`] | this project's own code as syntax: its sizes, cycles and names |
 
 pub mod afar;
 pub mod bytes;

@@ -1,13 +1,15 @@
-//! How good poses are against a truth: accuracy per actor, and identity over all.
+//! Measures how good poses are against a truth: accuracy per actor, and identity over all. It is what
+//! `farfield evaluate` prints.
 //!
-//! Two files of lines come in ([`lines`]), one [`Scores`] comes out. Each tick, truths and poses are
-//! matched one to one ([`assign`]) on the mean distance of the points that both know; then come the
-//! errors of each actor ([`accuracy`]), the smoothness of what it was given ([`motion`]), the ids
-//! ([`identity`]), how people came ([`lives`]) and, where poses say how sure they are, whether that is
-//! true ([`uncertainty_calibration`]). World coordinates, metres; what is reported is in millimetres and percent.
+//! Read [`score`] first: two files of lines come in ([`lines`]), one [`Scores`] comes out. Each tick, truths and poses
+//! are matched one to one on the mean distance of the points that both know ([`points`] says which these are). Then
+//! come the errors of each actor ([`accuracy`]), the smoothness of what it was given ([`motion`]), the ids
+//! ([`identity`]), how people came ([`lives`]) and, where poses say how sure they are ([`detail`]), whether that is true
+//! ([`uncertainty_calibration`]). [`table`] and [`plot`] show the result. World coordinates, metres; what is reported
+//! is in millimetres and percent.
 //!
-//! Nothing here forgives: a truth without a pose is a gap and wrong in every percentage, and so is a
-//! point that the truth knows and the pose does not have.
+//! Every gap counts: a truth without a pose is wrong in every percentage, and so is a point that the truth knows and
+//! the pose does not have.
 
 pub mod accuracy;
 pub mod detail;

@@ -35,7 +35,7 @@ const LEGEND_PX: u32 = 230;
 const LEGEND_LINE_PX: i32 = 20;
 
 /// One axis of a plot.
-pub struct Axis<'a> {
+pub struct PlotAxis<'a> {
     /// What is along it, with its unit.
     pub description: &'a str,
     /// Least and greatest value, in the axis's unit.
@@ -66,9 +66,9 @@ pub struct Plot<'a> {
     /// Width and height, pixels.
     pub size_px: [u32; 2],
     /// The axis to the right.
-    pub x: Axis<'a>,
+    pub x: PlotAxis<'a>,
     /// The axis upwards; it is never logarithmic.
-    pub y: Axis<'a>,
+    pub y: PlotAxis<'a>,
     /// What is drawn, from the lowest to the topmost.
     pub layers: Vec<Layer>,
     /// What stands below the legend.
@@ -224,13 +224,13 @@ fn errors_svg(title: &str, series: &[Series]) -> String {
     let plot = Plot {
         title,
         size_px: [1200, 420],
-        x: Axis {
+        x: PlotAxis {
             description: "seconds",
             range: scale.time_s,
             is_logarithmic: false,
             label: |s| ((s * 1000.0).round() / 1000.0).to_string(),
         },
-        y: Axis {
+        y: PlotAxis {
             description: "mm",
             range: [0.0, scale.top_mm],
             is_logarithmic: false,
@@ -316,7 +316,7 @@ mod tests {
 
     #[test]
     fn points_of_one_ratio_are_as_far_apart_on_a_logarithmic_axis() {
-        let axis = |range, is_logarithmic| Axis {
+        let axis = |range, is_logarithmic| PlotAxis {
             description: "",
             range,
             is_logarithmic,

@@ -23,14 +23,14 @@ use super::attempts;
 use super::config::EdgeArgs;
 use super::reminder::remind;
 use ask::Fusion;
-use names::Names;
+use names::VenueFileNames;
 use place::Part;
 
 /// Where keys are looked for when there is no venue file to say it: beside where it will be.
 const CERTIFICATES: &str = "certs";
 
 /// How an edge reaches fusion before it has a venue file that it can rely on.
-struct Way {
+struct FirstContact {
     venue: String,
     connect: Vec<String>,
     identity: Option<Identity>,
@@ -42,7 +42,7 @@ struct Way {
 /// When it is not known where fusion is or what the venue is called, a signature or a hash is wrong, a file
 /// would lie outside the venue's folder, or cannot be written.
 pub(super) fn fetch(args: &EdgeArgs) -> Result<bool, NodeError> {
-    let way = way(args)?;
+    let contact = first_contact(args)?;
     runtime::block_on(1, async {
         let (tasks, stop) = (TaskTracker::new(), CancellationToken::new());
         let managed = if args.managed {
@@ -53,13 +53,13 @@ pub(super) fn fetch(args: &EdgeArgs) -> Result<bool, NodeError> {
         stop_when_told(&tasks, &stop, managed)
             .context("listening for signals")
             .map_err(NodeError::Failed)?;
-        let fetched = stop.run_until_cancelled(fetch_by(args, &way)).await;
+        let fetched = stop.run_until_cancelled(fetch_by(args, &contact)).await;
         stop.cancel();
         fetched.transpose().map(|fetched| fetched.is_some())
     })
 }
 
-fn way(args: &EdgeArgs) -> Result<Way, NodeError> {
+fn first_contact(args: &EdgeArgs) -> Result<FirstContact, NodeError> {
     // A venue file that cannot be read is as good as none: fusion's takes its place.
     let known = load_venue(&args.venue).ok();
     let named = known.as_ref().map(|venue| venue.name.clone());
@@ -91,7 +91,7 @@ fn way(args: &EdgeArgs) -> Result<Way, NodeError> {
     let endpoints = known.map(|venue| venue.endpoints.connect);
     let connect = exposure.choose(args.connect.clone(), &endpoints.unwrap_or_default());
     let connect = connect.map_err(NodeError::refused)?;
-    Ok(Way {
+    Ok(FirstContact {
         venue,
         connect,
         identity,
@@ -102,17 +102,17 @@ fn folder(venue: &Path) -> PathBuf {
     venue.parent().unwrap_or(Path::new("")).to_owned()
 }
 
-async fn fetch_by(args: &EdgeArgs, way: &Way) -> Result<(), NodeError> {
+async fn fetch_by(args: &EdgeArgs, contact: &FirstContact) -> Result<(), NodeError> {
     let transport = EdgeTransport {
-        venue: &way.venue,
-        connect: &way.connect,
-        identity: way.identity.as_ref(),
+        venue: &contact.venue,
+        connect: &contact.connect,
+        identity: contact.identity.as_ref(),
     };
-    let endpoints = way.connect.join(", ");
+    let endpoints = contact.connect.join(", ");
     if !args.managed {
         say(format_args!(
             "{}: asking fusion at {endpoints} for the files of venue {}",
-            args.viewpoint, way.venue
+            args.viewpoint, contact.venue
         ));
     }
     let waiting = |why: Option<String>| {
@@ -124,27 +124,27 @@ async fn fetch_by(args: &EdgeArgs, way: &Way) -> Result<(), NodeError> {
         session = session::connect(&transport) => session.map_err(NodeError::Failed)?,
         never = remind(|| waiting(attempts::last_failure().map(str::to_owned))) => match never {},
     };
-    let fusion = Fusion::new(session, &way.venue);
+    let fusion = Fusion::new(session, &contact.venue);
     let signed = tokio::select! {
         list = fusion.list() => list.context("fusion's list of files").map_err(NodeError::Failed)?,
         never = remind(|| waiting(fusion.failure())) => match never {},
     };
-    let list = match &way.identity {
+    let list = match &contact.identity {
         Some(identity) => verify::verify(&signed, identity).map_err(NodeError::Refused)?,
         None => &signed.list,
     };
     let list: FileList = wire::decode(list)
         .context("fusion's list of files")
         .map_err(NodeError::Failed)?;
-    if list.venue != way.venue {
+    if list.venue != contact.venue {
         return Err(NodeError::Refused(anyhow!(
             "fusion hands out the files of venue {}, not of {}",
             list.venue,
-            way.venue
+            contact.venue
         )));
     }
     let taken = tokio::select! {
-        taken = take(args, way, &fusion, &list) => taken,
+        taken = take(args, contact, &fusion, &list) => taken,
         never = remind(|| waiting(Some(fusion.failure()?))) => match never {},
     };
     fusion.close().await;
@@ -154,17 +154,17 @@ async fn fetch_by(args: &EdgeArgs, way: &Way) -> Result<(), NodeError> {
 /// Fetches all that differs, then puts all of it in place, the venue file last.
 async fn take(
     args: &EdgeArgs,
-    way: &Way,
+    contact: &FirstContact,
     fusion: &Fusion,
     list: &FileList,
 ) -> Result<(), NodeError> {
     let folder = folder(&args.venue);
     let mut keys = vec![folder.join(CERTIFICATES)];
-    keys.extend(way.identity.as_ref().and_then(|identity| {
+    keys.extend(contact.identity.as_ref().and_then(|identity| {
         let folder = identity.authority.parent()?;
         Some(folder.to_owned())
     }));
-    let mut names = Names::new(&folder, keys);
+    let mut names = VenueFileNames::new(&folder, keys);
     let mut files: Vec<(usize, &SharedFile)> = list.files.iter().enumerate().collect();
     files.sort_by_key(|(_, file)| names::order(file.kind));
     check_kinds(list).map_err(NodeError::Refused)?;

@@ -35,22 +35,22 @@ pub(super) fn names_others(kind: FileKind) -> bool {
 
 /// What of a venue file is needed to know which files belong to it.
 #[derive(Debug, Deserialize)]
-struct Venue {
+struct VenueExcerpt {
     calibration: String,
     network: Option<String>,
     detector: Option<String>,
     #[serde(default)]
-    security: Security,
+    security: SecurityExcerpt,
 }
 
 #[derive(Debug, Default, Deserialize)]
-struct Security {
+struct SecurityExcerpt {
     certificates: Option<String>,
 }
 
 /// The names that are known so far.
 #[derive(Debug)]
-pub(super) struct Names {
+pub(super) struct VenueFileNames {
     /// The folder of the venue file.
     folder: PathBuf,
     /// Paths from there, by what they are.
@@ -59,7 +59,7 @@ pub(super) struct Names {
     keys: Vec<PathBuf>,
 }
 
-impl Names {
+impl VenueFileNames {
     /// Nothing but the venue file is known yet, which lies in `folder`; nothing goes into `keys`.
     pub(super) fn new(folder: &Path, keys: Vec<PathBuf>) -> Self {
         Self {
@@ -78,7 +78,8 @@ impl Names {
         match file.kind {
             FileKind::Venue => {
                 let path = Path::new("venue.toml");
-                let venue = TomlFile::parse(text, path).and_then(|file| file.read::<Venue>());
+                let venue =
+                    TomlFile::parse(text, path).and_then(|file| file.read::<VenueExcerpt>());
                 let venue = venue.with_context(what)?;
                 let named = [
                     (FileKind::Calibration, Some(venue.calibration)),
@@ -180,13 +181,13 @@ mod tests {
         }
     }
 
-    fn names(folder: &Path, venue: &str) -> Names {
-        let mut names = Names::new(folder, vec![folder.join("certs")]);
+    fn names(folder: &Path, venue: &str) -> VenueFileNames {
+        let mut names = VenueFileNames::new(folder, vec![folder.join("certs")]);
         names.learn(&shared(FileKind::Venue, ""), venue).unwrap();
         names
     }
 
-    fn check(names: &Names, file: &SharedFile) -> Result<(), String> {
+    fn check(names: &VenueFileNames, file: &SharedFile) -> Result<(), String> {
         let target = names.folder.join(&file.path);
         names
             .check(file, &target)

@@ -11,7 +11,7 @@ use farfield_proto::id::CameraIndex;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::{Venue, VenueCamera};
 
-use super::frames::Delivery;
+use super::frames::DeliveredFrame;
 use super::shared::Shared;
 use crate::live::capture::{Arrived, FramePlacer, Misplaced};
 use crate::live::health::{PictureSample, sample_picture};
@@ -26,7 +26,7 @@ const AHEAD_US: Micros = 2 * SECOND_US;
 const LATE_PERIODS: i64 = 2;
 
 /// One camera and where its frames go.
-pub(super) struct Camera {
+pub(super) struct LiveCamera {
     pub(super) shared: Arc<Shared>,
     pub(super) venue: Arc<Venue>,
     pub(super) sources: Arc<dyn Sources>,
@@ -45,7 +45,7 @@ enum Pause {
     Failed(SourceError),
 }
 
-impl Camera {
+impl LiveCamera {
     /// Reads until the edge ends.
     pub(super) fn run(self) {
         let Some(camera) = self.venue.camera(self.index).cloned() else {
@@ -144,7 +144,7 @@ impl Camera {
         if !self.shared.sleep_until(due_us) {
             return Err(Pause::Stopped);
         }
-        let delivery = Delivery {
+        let delivery = DeliveredFrame {
             frame,
             picture_sample,
             lag_us: 0,
@@ -214,7 +214,7 @@ impl Camera {
             capture_offset_us: placed.offset_us,
             ..frame
         };
-        let delivery = Delivery {
+        let delivery = DeliveredFrame {
             frame,
             picture_sample,
             lag_us: placed.lag_us,

@@ -24,7 +24,7 @@ const LAG_SHARE: f64 = 0.02;
 const MAX_HITCH_PERIODS: i64 = 4;
 
 /// A frame as a camera's thread hands it over.
-pub(super) struct Delivery {
+pub(super) struct DeliveredFrame {
     pub(super) frame: Frame,
     /// Of a picture.
     pub(super) picture_sample: Option<PictureSample>,
@@ -97,7 +97,7 @@ impl FrameStore {
     }
 
     /// Keeps a frame of the camera at position `at`; the oldest is lost when there are too many.
-    pub(super) fn put(&self, at: usize, delivery: Delivery, now_us: Micros) {
+    pub(super) fn put(&self, at: usize, delivery: DeliveredFrame, now_us: Micros) {
         let mut slots = self.lock();
         let Some(slot) = slots.get_mut(at) else {
             return;
@@ -218,7 +218,7 @@ mod tests {
             capture_offset_us: 100,
             content: FrameContent::Keypoints(KeypointFrame::default()),
         };
-        let delivery = Delivery {
+        let delivery = DeliveredFrame {
             frame,
             picture_sample,
             lag_us: 3_000,

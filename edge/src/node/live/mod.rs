@@ -26,7 +26,7 @@ use tokio::time::{MissedTickBehavior, interval};
 use tokio_util::sync::CancellationToken;
 
 use super::compare::compare_files;
-use super::link::{Ends, Incoming};
+use super::link::{EdgeEnds, EdgeIncoming};
 use super::parts::Parts;
 use super::ring::RingHandle;
 use crate::live::newest_boxes::BoxSetArrival;
@@ -35,13 +35,13 @@ use crate::live::refusal::RepeatedRefusal;
 
 use self::shared::Shared;
 
-pub(super) use self::publishers::Publishers;
+pub(super) use self::publishers::EdgePublishers;
 
 /// How often an edge says how it is.
 const STATUS_EVERY: Duration = Duration::from_secs(1);
 
 /// An edge at work, live.
-pub(super) struct Live {
+pub(super) struct LiveEdge {
     /// What the edge says of itself.
     pub(super) status: Status,
     shared: Arc<Shared>,
@@ -53,7 +53,7 @@ pub(super) struct Live {
     failed: oneshot::Receiver<anyhow::Error>,
 }
 
-impl Live {
+impl LiveEdge {
     /// Starts cameras and pipeline, of an edge that introduces itself as `status` and goes by `clock`; `ring` keeps
     /// its sets, if anything does.
     ///
@@ -63,7 +63,7 @@ impl Live {
         parts: Parts,
         status: Status,
         clock: VenueClock,
-        publishers: Publishers,
+        publishers: EdgePublishers,
         ring: Option<RingHandle>,
     ) -> std::io::Result<Self> {
         let shared = Arc::new(Shared::new(&parts, clock, publishers, ring));
@@ -91,32 +91,32 @@ impl Live {
     ///
     /// # Errors
     /// As [`Self::run`].
-    pub(super) fn receive(&mut self, incoming: Incoming) -> Result<Option<Ending>, NodeError> {
+    pub(super) fn receive(&mut self, incoming: EdgeIncoming) -> Result<Option<Ending>, NodeError> {
         match incoming {
             // A fusion in lock-step says so in its status, too.
-            Incoming::Boxes(boxes)
+            EdgeIncoming::Boxes(boxes)
                 if boxes.live.is_none() || Some(boxes.viewpoint) != self.status.viewpoint =>
             {
                 self.status.unreadable += 1;
             }
-            Incoming::Boxes(boxes)
+            EdgeIncoming::Boxes(boxes)
                 if boxes.order == Order::End && self.shared.session() == Some(boxes.session) =>
             {
                 return Ok(Some(Ending::Done));
             }
-            Incoming::Boxes(boxes) => match self.shared.take_boxes(boxes) {
+            EdgeIncoming::Boxes(boxes) => match self.shared.take_boxes(boxes) {
                 // Fusion uses nothing of an edge before it knows what files it holds.
                 BoxSetArrival::NewSession => self.send_status(),
                 BoxSetArrival::Foreign => self.status.unreadable += 1,
                 BoxSetArrival::Newer | BoxSetArrival::Stale => {}
             },
-            Incoming::Fusion(fusion) => {
+            EdgeIncoming::Fusion(fusion) => {
                 self.weigh(&fusion);
                 return self.give_up();
             }
             // It comes back, and finds the cameras open.
-            Incoming::FusionGone => {}
-            Incoming::Unreadable(_) => self.status.unreadable += 1,
+            EdgeIncoming::FusionGone => {}
+            EdgeIncoming::Unreadable(_) => self.status.unreadable += 1,
         }
         Ok(None)
     }
@@ -128,7 +128,7 @@ impl Live {
     /// of a sudden, or the pipeline fails.
     pub(super) async fn run(
         &mut self,
-        ends: &mut Ends,
+        ends: &mut EdgeEnds,
         stop: &CancellationToken,
     ) -> Result<Ending, NodeError> {
         let mut statuses = interval(STATUS_EVERY);

@@ -10,13 +10,13 @@ use crate::live::rate::MessageKind;
 
 /// The publishers of a live edge: patches best effort, as the next are better; sightings and statuses reliable,
 /// as a lost one would be missed for a second.
-pub(in crate::node) struct Publishers {
+pub(in crate::node) struct EdgePublishers {
     patches: Publisher<'static>,
     sightings: Publisher<'static>,
     status: Publisher<'static>,
 }
 
-impl Publishers {
+impl EdgePublishers {
     /// Declares them for `viewpoint` of `venue`.
     ///
     /// # Errors

@@ -5,7 +5,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use farfield_node::clock::VenueClock;
-use farfield_proto::histogram::Histogram;
+use farfield_node::histogram::Histogram;
 use farfield_proto::id::SessionId;
 use farfield_proto::message::live::LiveStatus;
 use farfield_proto::message::{BoxSet, StageTime};
@@ -14,7 +14,7 @@ use tokio_util::sync::CancellationToken;
 
 use super::frames::FrameStore;
 use super::ledger::Ledger;
-use super::publishers::Publishers;
+use super::publishers::EdgePublishers;
 use crate::live::Micros;
 use crate::live::newest_boxes::BoxSetArrival;
 use crate::live::rate::MessageKind;
@@ -31,7 +31,7 @@ pub(super) struct Shared {
     pub(super) frames: FrameStore,
     ledger: Mutex<Ledger>,
     stages: Mutex<BTreeMap<&'static str, Histogram>>,
-    publishers: Publishers,
+    publishers: EdgePublishers,
     ring: Option<RingHandle>,
     stop: CancellationToken,
 }
@@ -41,7 +41,7 @@ impl Shared {
     pub(super) fn new(
         parts: &Parts,
         clock: VenueClock,
-        publishers: Publishers,
+        publishers: EdgePublishers,
         ring: Option<RingHandle>,
     ) -> Self {
         let venue = &parts.venue;

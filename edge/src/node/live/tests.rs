@@ -23,7 +23,7 @@ use zenoh::handlers::FifoChannelHandler;
 use zenoh::pubsub::{Publisher, Subscriber};
 use zenoh::sample::Sample;
 
-use crate::node::config::{Config, EdgeArgs};
+use crate::node::config::{EdgeArgs, EdgeConfig};
 use crate::node::run::run;
 use crate::source::RecordedSources;
 
@@ -240,7 +240,7 @@ fn start_edge(venue: &Path, endpoint: &str) -> JoinHandle<Result<Ending, NodeErr
         clock_shift_ms: 0,
         ring: Some(venue.with_file_name("ring")),
     };
-    let config = Arc::new(Config::load(args, Arc::new(RecordedSources)).unwrap());
+    let config = Arc::new(EdgeConfig::load(args, Arc::new(RecordedSources)).unwrap());
     #[expect(clippy::disallowed_methods, reason = "the test waits for its end")]
     tokio::spawn(async move { Box::pin(run(&config)).await })
 }

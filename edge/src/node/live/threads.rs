@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use tokio::sync::oneshot;
 
-use super::camera::Camera;
+use super::camera::LiveCamera;
 use super::shared::Shared;
 use super::ticker::Ticker;
 use crate::node::parts::Parts;
@@ -17,7 +17,7 @@ pub(super) fn spawn(
     failed: oneshot::Sender<anyhow::Error>,
 ) -> std::io::Result<()> {
     for (at, &index) in parts.cameras.iter().enumerate() {
-        let camera = Camera {
+        let camera = LiveCamera {
             shared: Arc::clone(shared),
             venue: Arc::clone(&parts.venue),
             sources: Arc::clone(&parts.sources),

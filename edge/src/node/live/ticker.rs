@@ -50,7 +50,7 @@ pub(super) struct Ticker {
 }
 
 /// What is known at the start of a tick.
-struct Task {
+struct TickStart {
     tick: Tick,
     boxes: Arc<BoxSet>,
     detection_cameras: Vec<CameraIndex>,
@@ -90,10 +90,10 @@ impl Ticker {
             self.shared
                 .frames
                 .wait(tick, left, || self.shared.clock.now_us());
-            let Some(task) = self.begin(tick) else {
+            let Some(start) = self.begin(tick) else {
                 continue;
             };
-            match self.step(&task) {
+            match self.step(&start) {
                 Ok(()) => self.failures = 0,
                 Err(error) if self.failures < MAX_FAILURES => {
                     debug!(tick = tick.0, error = format!("{error:#}"), "tick not done");
@@ -136,7 +136,7 @@ impl Ticker {
         Some((aligned, until_us))
     }
 
-    fn begin(&mut self, tick: Tick) -> Option<Task> {
+    fn begin(&mut self, tick: Tick) -> Option<TickStart> {
         let now_us = self.shared.clock.now_us();
         self.shared.frames.take(tick, now_us, &mut self.frames);
         let mut ledger = self.shared.ledger();
@@ -159,7 +159,7 @@ impl Ticker {
         };
         let plan = ledger.rate.plan(boxes.persons.len(), now_us);
         ledger.last = Some(tick);
-        Some(Task {
+        Some(TickStart {
             tick,
             boxes,
             detection_cameras,
@@ -168,24 +168,24 @@ impl Ticker {
         })
     }
 
-    fn step(&mut self, task: &Task) -> anyhow::Result<()> {
-        let persons = task.boxes.persons.iter().map(|p| p.person);
-        if let Some(most) = task.plan.persons {
-            let nth = i64::from(task.plan.every_nth);
+    fn step(&mut self, start: &TickStart) -> anyhow::Result<()> {
+        let persons = start.boxes.persons.iter().map(|p| p.person);
+        if let Some(most) = start.plan.persons {
+            let nth = i64::from(start.plan.every_nth);
             self.chosen.clear();
-            if task.tick.0.rem_euclid(nth) == 0 {
-                let number = Tick(task.tick.0.div_euclid(nth));
+            if start.tick.0.rem_euclid(nth) == 0 {
+                let number = Tick(start.tick.0.div_euclid(nth));
                 round_robin::choose(persons, most, number, &mut self.chosen);
             }
         }
         let request = StepRequest {
-            tick: task.tick,
-            boxes: &task.boxes,
-            detection_cameras: &task.detection_cameras,
-            persons: task.plan.persons.map(|_| &self.chosen[..]),
+            tick: start.tick,
+            boxes: &start.boxes,
+            detection_cameras: &start.detection_cameras,
+            persons: start.plan.persons.map(|_| &self.chosen[..]),
             timing: Some(LARGEST_TIMING),
         };
-        self.pipeline.set_compression_level(task.plan.level);
+        self.pipeline.set_compression_level(start.plan.level);
         self.laps.clear();
         let (laps, mut lap) = (&mut self.laps, clock::now());
         let output = self
@@ -194,19 +194,19 @@ impl Ticker {
                 laps.push((stage, clock::micros_since(lap)));
                 lap = clock::now();
             })
-            .with_context(|| format!("tick {}", task.tick))?;
-        self.count_laps(!task.detection_cameras.is_empty());
-        let start = clock::now();
-        self.send(task, output);
-        self.shared.count("messages", clock::micros_since(start));
-        self.count_delay(task.tick);
+            .with_context(|| format!("tick {}", start.tick))?;
+        self.count_laps(!start.detection_cameras.is_empty());
+        let sending = clock::now();
+        self.send(start, output);
+        self.shared.count("messages", clock::micros_since(sending));
+        self.count_delay(start.tick);
         Ok(())
     }
 
-    fn send(&mut self, task: &Task, output: EdgeOutput) {
+    fn send(&mut self, start: &TickStart, output: EdgeOutput) {
         let label = |session, kind| Label {
             session,
-            tick: task.tick,
+            tick: start.tick,
             kind,
         };
         for set in &output.sighting_sets {
@@ -219,20 +219,20 @@ impl Ticker {
         let (mut persons, mut payload) = (0, 0);
         for mut set in output.patch_sets {
             let now_us = self.shared.clock.now_us();
-            set.timing = self.shared.ledger().timing(task.tick, now_us);
+            set.timing = self.shared.ledger().timing(start.tick, now_us);
             let bytes = wire::encode(&set);
             self.shared
                 .keep(label(set.session, SetKind::Patches), &bytes);
             persons += set.persons.len();
             payload += bytes.len();
-            if task.may_send {
-                self.shared.send(MessageKind::Patches(task.tick), bytes);
+            if start.may_send {
+                self.shared.send(MessageKind::Patches(start.tick), bytes);
             }
         }
         let mut ledger = self.shared.ledger();
         ledger
             .rate
-            .packed(task.plan.level, persons, messages, payload);
+            .packed(start.plan.level, persons, messages, payload);
     }
 
     fn count_laps(&mut self, detects: bool) {

@@ -32,7 +32,7 @@ pub(super) enum Stored {
 
 /// A ring on disk.
 pub(super) struct Ring {
-    segments: Vec<Segment>,
+    segments: Vec<RingSegment>,
     segment_bytes: u64,
     /// The segment that is written to.
     current: usize,
@@ -45,7 +45,7 @@ pub(super) struct Ring {
 }
 
 /// One file of the ring.
-struct Segment {
+struct RingSegment {
     file: File,
     number: u64,
     bytes: u64,
@@ -137,7 +137,7 @@ impl Ring {
         }
     }
 
-    fn open_segment(&mut self, path: &Path, index: usize) -> io::Result<Segment> {
+    fn open_segment(&mut self, path: &Path, index: usize) -> io::Result<RingSegment> {
         let mut file = open_file(path)?;
         if file.metadata()?.len() > self.segment_bytes {
             // The ring was larger once.
@@ -147,7 +147,7 @@ impl Ring {
         let Some(number) = segment_number(&content) else {
             file.set_len(0)?;
             file.write_all(&segment_head(0))?;
-            return Ok(Segment {
+            return Ok(RingSegment {
                 file,
                 number: 0,
                 bytes: SEGMENT_HEAD_BYTES as u64,
@@ -167,7 +167,7 @@ impl Ring {
             self.torn += 1;
             file.set_len(end as u64)?;
         }
-        Ok(Segment {
+        Ok(RingSegment {
             file,
             number,
             bytes: end as u64,

@@ -33,7 +33,7 @@ use crate::boxes::Boxes;
 use crate::method::Method;
 
 pub use self::moment::TickSnapshot;
-pub(crate) use self::restart::Standpoint;
+pub(crate) use self::restart::RestartPoint;
 
 /// What the views of a tick show of one person.
 pub struct Evidence {

@@ -10,7 +10,7 @@ use crate::method::Method;
 
 /// A pose with how sure it was, to go back to.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Standpoint {
+pub(crate) struct RestartPoint {
     pose: Pose,
     known: UncertaintySnapshot,
 }
@@ -51,15 +51,15 @@ impl Estimator {
     }
 
     /// Where it stands now.
-    pub(crate) fn standpoint(&self) -> Standpoint {
-        Standpoint {
+    pub(crate) fn restart_point(&self) -> RestartPoint {
+        RestartPoint {
             pose: self.estimate.pose,
             known: self.estimate.uncertainty.known(),
         }
     }
 
     /// Goes back to where it stood `ago_s` seconds ago, as unsure as if it had not been seen since.
-    pub(crate) fn go_back_to(&mut self, before: &Standpoint, ago_s: f64, method: &Method) {
+    pub(crate) fn go_back_to(&mut self, before: &RestartPoint, ago_s: f64, method: &Method) {
         self.evidence.estimates.clear();
         self.restart_at(&before.pose);
         self.estimate.uncertainty.go_back_to(&before.known);

@@ -7,7 +7,7 @@ use nalgebra::Vector3;
 
 use super::{Estimator, joints_of};
 use crate::body::ik::{Priors, Target};
-use crate::body::remeasure::Pace;
+use crate::body::remeasure::RemeasureSchedule;
 use crate::body::skeleton::{Joint, Joints, Kinematics, Pose, Site};
 use crate::estimate::evidence::View;
 use crate::estimate::keypoint_targets::aim_at_keypoints;
@@ -219,13 +219,16 @@ impl Estimator {
 
     /// Measures the link lengths anew when it is time to; the pose stays, and the next tick fits it.
     pub fn remeasure(&mut self, method: &Method) {
-        let pace = Pace {
+        let schedule = RemeasureSchedule {
             dt_s: method.dt_s,
             measure_s: method.parameters.births.measure_s,
             ik: &method.parameters.ik,
         };
-        self.body
-            .remeasure(&self.evidence.estimates, &self.estimate.kinematics, &pace);
+        self.body.remeasure(
+            &self.evidence.estimates,
+            &self.estimate.kinematics,
+            &schedule,
+        );
     }
 }
 

@@ -21,7 +21,7 @@ const EDGE_M: f64 = 0.03;
 
 /// What a capsule belongs to; picks its radius.
 #[derive(Debug, Clone, Copy)]
-enum BodyPart {
+enum CapsulePart {
     Limb,
     Trunk,
     Head,
@@ -29,27 +29,27 @@ enum BodyPart {
 
 /// The capsules: axis ends and part. The shoulder and hip lines give the trunk its breadth; the
 /// head is a sphere.
-const CAPSULES: [(Joint, Joint, BodyPart); 20] = [
-    (Joint::Pelvis, Joint::Spine, BodyPart::Trunk),
-    (Joint::Spine, Joint::Neck, BodyPart::Trunk),
-    (Joint::Head, Joint::Head, BodyPart::Head),
-    (Joint::Neck, Joint::Head, BodyPart::Limb),
-    (Joint::LeftShoulder, Joint::RightShoulder, BodyPart::Limb),
-    (Joint::LeftHip, Joint::RightHip, BodyPart::Limb),
-    (Joint::LeftShoulder, Joint::LeftElbow, BodyPart::Limb),
-    (Joint::RightShoulder, Joint::RightElbow, BodyPart::Limb),
-    (Joint::LeftElbow, Joint::LeftWrist, BodyPart::Limb),
-    (Joint::RightElbow, Joint::RightWrist, BodyPart::Limb),
-    (Joint::LeftWrist, Joint::LeftHand, BodyPart::Limb),
-    (Joint::RightWrist, Joint::RightHand, BodyPart::Limb),
-    (Joint::LeftHip, Joint::LeftKnee, BodyPart::Limb),
-    (Joint::RightHip, Joint::RightKnee, BodyPart::Limb),
-    (Joint::LeftKnee, Joint::LeftAnkle, BodyPart::Limb),
-    (Joint::RightKnee, Joint::RightAnkle, BodyPart::Limb),
-    (Joint::LeftAnkle, Joint::LeftToe, BodyPart::Limb),
-    (Joint::RightAnkle, Joint::RightToe, BodyPart::Limb),
-    (Joint::LeftAnkle, Joint::LeftHeel, BodyPart::Limb),
-    (Joint::RightAnkle, Joint::RightHeel, BodyPart::Limb),
+const CAPSULES: [(Joint, Joint, CapsulePart); 20] = [
+    (Joint::Pelvis, Joint::Spine, CapsulePart::Trunk),
+    (Joint::Spine, Joint::Neck, CapsulePart::Trunk),
+    (Joint::Head, Joint::Head, CapsulePart::Head),
+    (Joint::Neck, Joint::Head, CapsulePart::Limb),
+    (Joint::LeftShoulder, Joint::RightShoulder, CapsulePart::Limb),
+    (Joint::LeftHip, Joint::RightHip, CapsulePart::Limb),
+    (Joint::LeftShoulder, Joint::LeftElbow, CapsulePart::Limb),
+    (Joint::RightShoulder, Joint::RightElbow, CapsulePart::Limb),
+    (Joint::LeftElbow, Joint::LeftWrist, CapsulePart::Limb),
+    (Joint::RightElbow, Joint::RightWrist, CapsulePart::Limb),
+    (Joint::LeftWrist, Joint::LeftHand, CapsulePart::Limb),
+    (Joint::RightWrist, Joint::RightHand, CapsulePart::Limb),
+    (Joint::LeftHip, Joint::LeftKnee, CapsulePart::Limb),
+    (Joint::RightHip, Joint::RightKnee, CapsulePart::Limb),
+    (Joint::LeftKnee, Joint::LeftAnkle, CapsulePart::Limb),
+    (Joint::RightKnee, Joint::RightAnkle, CapsulePart::Limb),
+    (Joint::LeftAnkle, Joint::LeftToe, CapsulePart::Limb),
+    (Joint::RightAnkle, Joint::RightToe, CapsulePart::Limb),
+    (Joint::LeftAnkle, Joint::LeftHeel, CapsulePart::Limb),
+    (Joint::RightAnkle, Joint::RightHeel, CapsulePart::Limb),
 ];
 
 /// One capsule, world, metres.
@@ -74,9 +74,9 @@ impl BodyCapsules {
         let capsules = CAPSULES.map(|(a, b, part)| Capsule {
             axis: (joints_m[a as usize], joints_m[b as usize]),
             radius_m: match part {
-                BodyPart::Limb => parameters.limb_radius_m,
-                BodyPart::Trunk => parameters.trunk_radius_m,
-                BodyPart::Head => parameters.head_radius_m,
+                CapsulePart::Limb => parameters.limb_radius_m,
+                CapsulePart::Trunk => parameters.trunk_radius_m,
+                CapsulePart::Head => parameters.head_radius_m,
             },
         });
         let center_m = joints_m.iter().sum::<Vector3<f64>>() / joints_m.len() as f64;

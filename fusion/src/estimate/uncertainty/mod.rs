@@ -21,11 +21,11 @@
 mod drift;
 mod known;
 mod lasting;
-mod told;
+mod observation;
 mod views;
 
 pub use known::UncertaintySnapshot;
-pub(crate) use told::Told;
+pub(crate) use observation::BodyObservation;
 pub use views::weigh_views;
 
 use crate::body::ik::JointSpread;
@@ -199,10 +199,10 @@ impl Uncertainty {
         let mut seen_m2 = self.seen_m2(tick);
         if tick.made_of == MadeOf::OneView {
             for variance_m2 in &mut seen_m2 {
-                *variance_m2 *= told::ONE_VIEW_M2;
+                *variance_m2 *= observation::ONE_VIEW_M2;
             }
             for variance_m2 in &mut self.of_tick_m2 {
-                *variance_m2 *= told::ONE_VIEW_M2;
+                *variance_m2 *= observation::ONE_VIEW_M2;
             }
         }
         if !self.is_known {
@@ -230,12 +230,12 @@ impl Uncertainty {
 
     /// What this tick alone knows of each joint, and what it cannot know.
     fn seen_m2(&mut self, tick: &TickEvidence<'_>) -> [f64; N_JOINTS] {
-        let told = Told {
+        let observation = BodyObservation {
             estimates: tick.estimates,
             sites: tick.sites,
             body: tick.body,
         };
-        let mut seen_m2 = told.variances_m2(&mut self.spread, MadeOf::Views);
+        let mut seen_m2 = observation.variances_m2(&mut self.spread, MadeOf::Views);
         self.of_tick_m2 = seen_m2;
         self.compare(tick);
         let misfits_m2 = self.misfit_m2.iter().zip(Joint::ALL);

@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
-use super::told::SIGHTED_M;
+use super::observation::SIGHTED_M;
 use super::*;
 use crate::body::skeleton::{Pose, Proportions, Skeleton};
 

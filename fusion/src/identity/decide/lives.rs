@@ -5,7 +5,7 @@ use farfield_proto::message::identity_event::DropReason;
 use farfield_proto::tick::Tick;
 
 use crate::identity::event::{Event, EventKind};
-use crate::identity::facts::{Facts, Rules};
+use crate::identity::facts::{Rules, TrackFacts};
 use crate::identity::phase::Phase;
 
 /// How long a confirmed person lacks evidence from two viewpoints until it is lost, and has it again until
@@ -18,11 +18,11 @@ const FOUND_S: f64 = 0.5;
 #[derive(Debug, Clone, Copy)]
 struct Situation<'a> {
     tick: Tick,
-    everybody: &'a [Facts],
+    everybody: &'a [TrackFacts],
     rules: &'a Rules,
 }
 
-type Rule = fn(&Facts, &Situation<'_>) -> Option<EventKind>;
+type Rule = fn(&TrackFacts, &Situation<'_>) -> Option<EventKind>;
 
 /// The rules, in the order in which they are asked.
 const TABLE: [Rule; 9] = [
@@ -38,13 +38,13 @@ const TABLE: [Rule; 9] = [
 ];
 
 /// What becomes of everybody at `tick`, by what it brought; the facts have counted it.
-pub(crate) fn decide(everybody: &[Facts], tick: Tick, rules: &Rules) -> Vec<Event> {
+pub(crate) fn decide(everybody: &[TrackFacts], tick: Tick, rules: &Rules) -> Vec<Event> {
     let situation = Situation {
         tick,
         everybody,
         rules,
     };
-    let event = |facts: &Facts| {
+    let event = |facts: &TrackFacts| {
         let kind = TABLE.iter().find_map(|rule| rule(facts, &situation))?;
         Some(Event {
             wire_id: facts.wire_id,
@@ -59,7 +59,7 @@ fn leaves(reason: DropReason) -> EventKind {
 }
 
 /// A tentative body goes that viewpoints should see and do not.
-fn contradicted(facts: &Facts, _: &Situation<'_>) -> Option<EventKind> {
+fn contradicted(facts: &TrackFacts, _: &Situation<'_>) -> Option<EventKind> {
     let votes = facts.votes;
     if !facts.phase.is_tentative() || !votes.are_against() {
         return None;
@@ -71,7 +71,7 @@ fn contradicted(facts: &Facts, _: &Situation<'_>) -> Option<EventKind> {
 }
 
 /// A tentative body goes that has been flat and still for `births.still_s`.
-fn a_poster(facts: &Facts, situation: &Situation<'_>) -> Option<EventKind> {
+fn a_poster(facts: &TrackFacts, situation: &Situation<'_>) -> Option<EventKind> {
     let births = &situation.rules.births;
     let stillness = facts.stillness.filter(|still| still.is_poster(births))?;
     if !facts.phase.is_tentative() || tentative_s(facts, situation) <= births.still_s {
@@ -85,7 +85,7 @@ fn a_poster(facts: &Facts, situation: &Situation<'_>) -> Option<EventKind> {
 
 /// A tentative body is somebody that was seen often enough, and is neither flat and still nor in the place
 /// of somebody who is confirmed.
-fn somebody(facts: &Facts, situation: &Situation<'_>) -> Option<EventKind> {
+fn somebody(facts: &TrackFacts, situation: &Situation<'_>) -> Option<EventKind> {
     let births = &situation.rules.births;
     let Phase::Tentative {
         supported_ticks, ..
@@ -111,7 +111,7 @@ fn somebody(facts: &Facts, situation: &Situation<'_>) -> Option<EventKind> {
 
 /// A tentative body goes that has lacked evidence for `births.tentative_s`, and for as long as its crops
 /// cannot have come.
-fn not_seen_again(facts: &Facts, situation: &Situation<'_>) -> Option<EventKind> {
+fn not_seen_again(facts: &TrackFacts, situation: &Situation<'_>) -> Option<EventKind> {
     let Phase::Tentative { awaited_ticks, .. } = facts.phase else {
         return None;
     };
@@ -126,7 +126,7 @@ fn not_seen_again(facts: &Facts, situation: &Situation<'_>) -> Option<EventKind>
 }
 
 /// Who is confirmed goes when nobody has seen it for `births.coast_s`.
-fn unseen_for_too_long(facts: &Facts, situation: &Situation<'_>) -> Option<EventKind> {
+fn unseen_for_too_long(facts: &TrackFacts, situation: &Situation<'_>) -> Option<EventKind> {
     let unseen_s = situation.rules.seconds(facts.coverage.unseen);
     if facts.phase.is_tentative() || unseen_s <= situation.rules.births.coast_s {
         return None;
@@ -137,7 +137,7 @@ fn unseen_for_too_long(facts: &Facts, situation: &Situation<'_>) -> Option<Event
 }
 
 /// Who is confirmed goes when no two viewpoints have seen it for `births.one_view_s`.
-fn one_view_for_too_long(facts: &Facts, situation: &Situation<'_>) -> Option<EventKind> {
+fn one_view_for_too_long(facts: &TrackFacts, situation: &Situation<'_>) -> Option<EventKind> {
     let missing_s = situation.rules.seconds(facts.coverage.missing);
     if facts.phase.is_tentative() || missing_s <= situation.rules.births.one_view_s {
         return None;
@@ -148,14 +148,14 @@ fn one_view_for_too_long(facts: &Facts, situation: &Situation<'_>) -> Option<Eve
 }
 
 /// Who is tracked is lost when it has lacked evidence for long.
-fn lost(facts: &Facts, situation: &Situation<'_>) -> Option<EventKind> {
+fn lost(facts: &TrackFacts, situation: &Situation<'_>) -> Option<EventKind> {
     let missing_s = situation.rules.seconds(facts.coverage.missing);
     let is_lost = facts.phase == Phase::Tracked && missing_s >= LOST_S;
     is_lost.then_some(EventKind::Lose { missing_s })
 }
 
 /// Who is lost is back, or is not any more.
-fn wavering(facts: &Facts, situation: &Situation<'_>) -> Option<EventKind> {
+fn wavering(facts: &TrackFacts, situation: &Situation<'_>) -> Option<EventKind> {
     let Phase::Lost { is_back, .. } = facts.phase else {
         return None;
     };
@@ -165,7 +165,7 @@ fn wavering(facts: &Facts, situation: &Situation<'_>) -> Option<EventKind> {
 }
 
 /// Who is lost is found when it has been seen again for long.
-fn found(facts: &Facts, situation: &Situation<'_>) -> Option<EventKind> {
+fn found(facts: &TrackFacts, situation: &Situation<'_>) -> Option<EventKind> {
     let Phase::Lost { since, .. } = facts.phase else {
         return None;
     };
@@ -173,12 +173,12 @@ fn found(facts: &Facts, situation: &Situation<'_>) -> Option<EventKind> {
     is_found(facts, situation.rules).then_some(EventKind::Find { lost_s })
 }
 
-fn is_found(facts: &Facts, rules: &Rules) -> bool {
+fn is_found(facts: &TrackFacts, rules: &Rules) -> bool {
     let seconds = |ticks| rules.seconds(ticks);
     seconds(facts.coverage.missing) < LOST_S && seconds(facts.coverage.streak) >= FOUND_S
 }
 
-fn tentative_s(facts: &Facts, situation: &Situation<'_>) -> f64 {
+fn tentative_s(facts: &TrackFacts, situation: &Situation<'_>) -> f64 {
     facts.tentative_ticks as f64 * situation.rules.dt_s()
 }
 

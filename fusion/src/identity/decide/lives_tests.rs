@@ -15,7 +15,7 @@ const STILL: Option<Stillness> = Some(Stillness {
 
 /// Somebody whose ticks are counted and decided as the registry does.
 struct Life {
-    facts: Facts,
+    facts: TrackFacts,
     tick: Tick,
     is_gone: bool,
 }
@@ -23,10 +23,10 @@ struct Life {
 impl Life {
     fn of(phase: Phase) -> Self {
         Self {
-            facts: Facts {
+            facts: TrackFacts {
                 // The first sighting is one.
                 tentative_ticks: usize::from(phase.is_tentative()),
-                ..Facts::example(1, phase)
+                ..TrackFacts::example(1, phase)
             },
             tick: Tick(0),
             is_gone: false,
@@ -160,7 +160,7 @@ fn an_open_question_holds_a_confirmation_back_and_a_poster_is_gone() {
 }
 
 /// What the table says of one track among others.
-fn of(facts: &Facts, others: &[Facts]) -> Option<&'static str> {
+fn of(facts: &TrackFacts, others: &[TrackFacts]) -> Option<&'static str> {
     let everybody = [std::slice::from_ref(facts), others].concat();
     let events = decide(&everybody, Tick(100), &Rules::example(RATE_HZ));
     let own = events.iter().find(|event| event.wire_id == facts.wire_id);
@@ -168,10 +168,10 @@ fn of(facts: &Facts, others: &[Facts]) -> Option<&'static str> {
 }
 
 /// A tentative track that nothing holds back.
-fn ready() -> Facts {
-    Facts {
+fn ready() -> TrackFacts {
+    TrackFacts {
         tentative_ticks: 12,
-        ..Facts::example(
+        ..TrackFacts::example(
             1,
             Phase::Tentative {
                 supported_ticks: 12,
@@ -188,37 +188,37 @@ fn the_table_rule_by_rule() {
         seen: 4,
         missed: 5,
     };
-    let missing = |ticks, facts: Facts| {
+    let missing = |ticks, facts: TrackFacts| {
         let mut facts = facts;
         facts.coverage.missing = ticks;
         facts
     };
-    let tracked = || Facts::example(1, Phase::Tracked);
-    let cases: [(Facts, Option<&str>); 10] = [
+    let tracked = || TrackFacts::example(1, Phase::Tracked);
+    let cases: [(TrackFacts, Option<&str>); 10] = [
         (ready(), Some("confirm")),
         (
-            Facts {
+            TrackFacts {
                 votes: against,
                 ..ready()
             },
             Some("contradicted"),
         ),
         (
-            Facts {
+            TrackFacts {
                 votes: against,
                 ..tracked()
             },
             None,
         ),
         (
-            Facts {
+            TrackFacts {
                 stillness: STILL,
                 ..ready()
             },
             None,
         ),
         (
-            Facts {
+            TrackFacts {
                 stillness: STILL,
                 tentative_ticks: 10_000,
                 ..ready()
@@ -226,14 +226,14 @@ fn the_table_rule_by_rule() {
             Some("poster"),
         ),
         (
-            Facts {
+            TrackFacts {
                 tentative_ticks: 11,
                 ..ready()
             },
             None,
         ),
         (
-            missing(11, Facts::example(1, Phase::tentative(0))),
+            missing(11, TrackFacts::example(1, Phase::tentative(0))),
             Some("not seen again"),
         ),
         (missing(8, tracked()), Some("lose")),
@@ -247,9 +247,9 @@ fn the_table_rule_by_rule() {
 
 #[test]
 fn who_stands_in_the_place_of_somebody_confirmed_is_not_confirmed() {
-    let other = Facts::example(2, Phase::Tracked);
+    let other = TrackFacts::example(2, Phase::Tracked);
     assert_eq!(of(&ready(), std::slice::from_ref(&other)), None);
     assert_eq!(of(&ready(), &[other.at_x(2.0)]), Some("confirm"));
-    let tentative = Facts::example(2, Phase::tentative(0));
+    let tentative = TrackFacts::example(2, Phase::tentative(0));
     assert_eq!(of(&ready(), &[tentative]), Some("confirm"));
 }

@@ -6,19 +6,19 @@ use farfield_proto::tick::Tick;
 use nalgebra::Vector3;
 
 use crate::identity::event::{Event, EventKind};
-use crate::identity::facts::{Facts, Rules};
+use crate::identity::facts::{Rules, TrackFacts};
 
 /// Two people whose pelvises are farther apart do not stand in each other's place, metres.
 const APART_M: f64 = 0.6;
 
 /// Who has left the field with its margin goes.
-pub(crate) fn outside_the_field(everybody: &[Facts], rules: &Rules) -> Vec<Event> {
+pub(crate) fn outside_the_field(everybody: &[TrackFacts], rules: &Rules) -> Vec<Event> {
     let (min_m, max_m) = (rules.field.min_m, rules.field.max_m);
     let margin_m = rules.births.outside_field_m;
     let inside =
         |value: f64, i: usize| (min_m[i] - margin_m..=max_m[i] + margin_m).contains(&value);
-    let is_outside = |facts: &&Facts| !(0..3).all(|i| inside(facts.joints_m[0][i], i));
-    let leaves = |facts: &Facts| Event {
+    let is_outside = |facts: &&TrackFacts| !(0..3).all(|i| inside(facts.joints_m[0][i], i));
+    let leaves = |facts: &TrackFacts| Event {
         wire_id: facts.wire_id,
         kind: EventKind::Drop {
             reason: DropReason::OutsideField {
@@ -31,9 +31,9 @@ pub(crate) fn outside_the_field(everybody: &[Facts], rules: &Rules) -> Vec<Event
 
 /// Who is doubtful and has come to stand in the place of somebody who is surely there has followed what was
 /// seen of that one: it steps back to where it stood alone, if it ever did.
-pub(crate) fn step_back(everybody: &[Facts], tick: Tick, rules: &Rules) -> Vec<Event> {
+pub(crate) fn step_back(everybody: &[TrackFacts], tick: Tick, rules: &Rules) -> Vec<Event> {
     let near_m = rules.births.same_place_m;
-    let is_sure = |facts: &Facts| {
+    let is_sure = |facts: &TrackFacts| {
         // A newcomer that never stood alone was initiated on somebody's body.
         let is_itself = !facts.phase.is_tentative() || facts.alone_at.is_some();
         !facts.phase.is_doubtful() && is_itself
@@ -66,7 +66,7 @@ pub(crate) fn step_back(everybody: &[Facts], tick: Tick, rules: &Rules) -> Vec<E
 }
 
 /// Whether nobody else is near the person at `index`.
-pub(crate) fn is_alone(everybody: &[Facts], index: usize) -> bool {
+pub(crate) fn is_alone(everybody: &[TrackFacts], index: usize) -> bool {
     let own_m = everybody[index].joints_m[0];
     let others = everybody.iter().enumerate();
     let mut others = others.filter(|(other, _)| *other != index);
@@ -95,7 +95,7 @@ struct SharedPlace {
 
 impl SharedPlaces {
     /// Counts a tick: two tracks are in one place whose bodies are nearer than `births.same_place_m`.
-    pub(crate) fn count(&mut self, everybody: &[Facts], rules: &Rules) {
+    pub(crate) fn count(&mut self, everybody: &[TrackFacts], rules: &Rules) {
         std::mem::swap(&mut self.pairs, &mut self.before);
         self.pairs.clear();
         for (index, a) in everybody.iter().enumerate() {
@@ -121,7 +121,11 @@ impl SharedPlaces {
 
 /// Two tracks never stay on one body: of two who have been in one place for `births.same_place_s` the weaker
 /// goes.
-pub(crate) fn same_place(everybody: &[Facts], shared: &SharedPlaces, rules: &Rules) -> Vec<Event> {
+pub(crate) fn same_place(
+    everybody: &[TrackFacts],
+    shared: &SharedPlaces,
+    rules: &Rules,
+) -> Vec<Event> {
     let limit = (rules.births.same_place_s * rules.rate_hz).ceil() as u32;
     let who = |id: PersonId| everybody.iter().find(|facts| facts.id == id);
     let mut events: Vec<Event> = Vec::new();
@@ -147,8 +151,8 @@ pub(crate) fn same_place(everybody: &[Facts], shared: &SharedPlaces, rules: &Rul
 
 /// Who of two in one place goes, and who stays: the one goes who is not confirmed, else who has lacked
 /// evidence for longer, else the younger.
-fn weaker<'a>(older: &'a Facts, younger: &'a Facts) -> (&'a Facts, &'a Facts) {
-    let doubt = |facts: &Facts| (facts.phase.is_tentative(), facts.coverage.missing);
+fn weaker<'a>(older: &'a TrackFacts, younger: &'a TrackFacts) -> (&'a TrackFacts, &'a TrackFacts) {
+    let doubt = |facts: &TrackFacts| (facts.phase.is_tentative(), facts.coverage.missing);
     if doubt(older) > doubt(younger) {
         (older, younger)
     } else {
@@ -176,7 +180,7 @@ mod tests {
 
     #[test]
     fn who_has_left_the_field_with_its_margin_goes() {
-        let at = |x_m| Facts::example(1, Phase::Tracked).at_x(x_m);
+        let at = |x_m| TrackFacts::example(1, Phase::Tracked).at_x(x_m);
         let margin_m = rules().births.outside_field_m;
         let events = |x_m: f64| outside_the_field(&[at(x_m)], &rules());
         assert!(events(4.0 + margin_m).is_empty());
@@ -185,16 +189,16 @@ mod tests {
 
     #[test]
     fn who_is_doubtful_steps_back_from_who_is_surely_there() {
-        let doubtful = Facts {
+        let doubtful = TrackFacts {
             alone_at: Some(Tick(4)),
-            ..Facts::example(1, LOST)
+            ..TrackFacts::example(1, LOST)
         };
         let cases = [
-            (Facts::example(2, Phase::Tracked), true),
-            (Facts::example(2, Phase::Tracked).at_x(0.5), false),
-            (Facts::example(2, LOST), false),
+            (TrackFacts::example(2, Phase::Tracked), true),
+            (TrackFacts::example(2, Phase::Tracked).at_x(0.5), false),
+            (TrackFacts::example(2, LOST), false),
             // On a newcomer's word nobody goes: it may have been initiated on this very body.
-            (Facts::example(2, Phase::tentative(0)), false),
+            (TrackFacts::example(2, Phase::tentative(0)), false),
         ];
         for (other, steps_back) in cases {
             let events = step_back(&[doubtful.clone(), other], Tick(9), &rules());
@@ -203,19 +207,22 @@ mod tests {
                 assert!(matches!(event.kind, EventKind::StepBack { ticks: 5, .. }));
             }
         }
-        let never_alone = [Facts::example(1, LOST), Facts::example(2, Phase::Tracked)];
+        let never_alone = [
+            TrackFacts::example(1, LOST),
+            TrackFacts::example(2, Phase::Tracked),
+        ];
         assert!(step_back(&never_alone, Tick(9), &rules()).is_empty());
     }
 
     #[test]
     fn of_two_in_one_place_the_weaker_goes_after_a_while() {
-        let tracked = |id| Facts::example(id, Phase::Tracked);
+        let tracked = |id| TrackFacts::example(id, Phase::Tracked);
         let unseen = |id| {
             let mut facts = tracked(id);
             facts.coverage.missing = 1;
             facts
         };
-        let tentative = |id| Facts::example(id, Phase::tentative(0));
+        let tentative = |id| TrackFacts::example(id, Phase::tentative(0));
         let limit = (rules().births.same_place_s * rules().rate_hz).ceil() as u32;
         for (older, younger, goes) in [
             (tracked(1), tracked(2), 2),
@@ -235,8 +242,8 @@ mod tests {
     #[test]
     fn a_place_that_is_left_is_not_shared_any_more() {
         let here = [
-            Facts::example(1, Phase::Tracked),
-            Facts::example(2, Phase::Tracked),
+            TrackFacts::example(1, Phase::Tracked),
+            TrackFacts::example(2, Phase::Tracked),
         ];
         let apart = [here[0].clone(), here[1].clone().at_x(2.0)];
         let mut shared = SharedPlaces::default();

@@ -5,9 +5,9 @@ use farfield_proto::message::identity_event::DropReason;
 use farfield_proto::tick::Tick;
 
 use crate::identity::event::{Event, EventKind};
-use crate::identity::facts::{Facts, Rules};
+use crate::identity::facts::{Rules, TrackFacts};
 use crate::identity::memory::Candidate;
-use crate::identity::recognise::{Appearance, Reach, assign_known};
+use crate::identity::recognise::{Appearance, LikenessModel, assign_known};
 
 /// Least ln of the likelihood ratio at which a newcomer is somebody who was here before.
 const LEAST_RETURN: f64 = 1.0;
@@ -26,7 +26,7 @@ pub(crate) struct Newcomer {
 
 /// Decides which of the `newcomers` are who of the `known`.
 pub(crate) fn decide(newcomers: &[Newcomer], known: &[Candidate], rules: &Rules) -> Vec<Event> {
-    let reach = Reach::new(&rules.field, &rules.births);
+    let model = LikenessModel::new(&rules.field, &rules.births);
     let absence_s = |newcomer: &Newcomer, known: &Candidate| {
         (newcomer.since - known.last_seen.tick) as f64 / rules.rate_hz
     };
@@ -35,7 +35,7 @@ pub(crate) fn decide(newcomers: &[Newcomer], known: &[Candidate], rules: &Rules)
         .map(|newcomer| {
             let pair = |known: &Candidate| {
                 let absence_s = absence_s(newcomer, known);
-                reach.likeness(&newcomer.appearance, &known.appearance, absence_s)
+                model.likeness(&newcomer.appearance, &known.appearance, absence_s)
             };
             known.iter().map(pair).collect()
         })
@@ -60,8 +60,8 @@ pub(crate) fn decide(newcomers: &[Newcomer], known: &[Candidate], rules: &Rules)
 }
 
 /// A lost track whose person is one of the `recognised` (wire ids) goes: it has been found elsewhere.
-pub(crate) fn found_elsewhere(everybody: &[Facts], recognised: &[PersonId]) -> Vec<Event> {
-    let is_recognised = |facts: &&Facts| recognised.contains(&facts.wire_id);
+pub(crate) fn found_elsewhere(everybody: &[TrackFacts], recognised: &[PersonId]) -> Vec<Event> {
+    let is_recognised = |facts: &&TrackFacts| recognised.contains(&facts.wire_id);
     let events = everybody.iter().filter(|facts| !is_recognised(facts));
     events
         .filter(|facts| {
@@ -147,11 +147,15 @@ mod tests {
             since: Tick(1),
             is_back: false,
         };
-        let recognised = Facts {
+        let recognised = TrackFacts {
             wire_id: PersonId(9),
-            ..Facts::example(3, Phase::Tracked)
+            ..TrackFacts::example(3, Phase::Tracked)
         };
-        let everybody = [Facts::example(3, lost), Facts::example(4, lost), recognised];
+        let everybody = [
+            TrackFacts::example(3, lost),
+            TrackFacts::example(4, lost),
+            recognised,
+        ];
         let events = found_elsewhere(&everybody, &[PersonId(9)]);
         assert_eq!(events.len(), 1);
         assert_eq!(events[0].wire_id, PersonId(3));

@@ -6,9 +6,9 @@ use farfield_proto::tick::Tick;
 use nalgebra::Vector3;
 
 use crate::identity::event::{Event, EventKind};
-use crate::identity::facts::{Facts, Rules};
+use crate::identity::facts::{Rules, TrackFacts};
 use crate::identity::memory::Candidate;
-use crate::identity::recognise::{Appearance, Reach, assign_known};
+use crate::identity::recognise::{Appearance, LikenessModel, assign_known};
 
 /// How far off its place somebody who stands may be sighted, metres.
 const SIGHTED_OFF_M: f64 = 0.3;
@@ -23,7 +23,7 @@ pub(crate) type Taken = (usize, Event);
 /// people run.
 pub(crate) fn reinitiate(
     sighted_m: &[Option<Vector3<f64>>],
-    everybody: &[Facts],
+    everybody: &[TrackFacts],
     awaited_ticks: u32,
     rules: &Rules,
 ) -> Vec<Taken> {
@@ -71,7 +71,7 @@ pub(crate) fn revive(
     tick: Tick,
     rules: &Rules,
 ) -> Vec<Taken> {
-    let reach = Reach::new(&rules.field, &rules.births);
+    let model = LikenessModel::new(&rules.field, &rules.births);
     let absence_s = |known: &Candidate| (tick - known.last_seen.tick) as f64 / rules.rate_hz;
     let likeness: Vec<Vec<Option<f64>>> = sighted
         .iter()
@@ -85,7 +85,7 @@ pub(crate) fn revive(
                     ..last
                 };
                 let sighted = sighted.as_ref()?;
-                let l = [last, carried].map(|at| reach.likeness(sighted, &at, absence_s(known)));
+                let l = [last, carried].map(|at| model.likeness(sighted, &at, absence_s(known)));
                 l.into_iter().flatten().reduce(f64::max)
             };
             lost.iter().map(pair).collect()
@@ -129,7 +129,7 @@ mod tests {
     #[test]
     fn the_nearest_pairs_are_made_first_and_nobody_is_faster_than_the_fastest() {
         let rules = Rules::example(20.0);
-        let waiting = |id, x_m| Facts::example(id, Phase::tentative(9)).at_x(x_m);
+        let waiting = |id, x_m| TrackFacts::example(id, Phase::tentative(9)).at_x(x_m);
         let everybody = [waiting(1, 0.0), waiting(2, 0.25)];
         let sighted = [Some(at(0.2)), None, Some(at(0.1)), Some(at(3.0))];
         let taken = reinitiate(&sighted, &everybody, 9, &rules);
@@ -144,7 +144,7 @@ mod tests {
     fn who_has_its_crops_is_not_initiated_anew() {
         let rules = Rules::example(20.0);
         for phase in [Phase::tentative(0), Phase::Tracked] {
-            let everybody = [Facts::example(1, phase).at_x(0.0)];
+            let everybody = [TrackFacts::example(1, phase).at_x(0.0)];
             assert!(reinitiate(&[Some(at(0.0))], &everybody, 0, &rules).is_empty());
         }
     }

@@ -102,6 +102,7 @@ impl Track {
         identity.coverage.withdraw(ticks);
         identity.changed.mistaken_since = Some(alone.tick);
         let ago_s = f64::from(ticks) * method.dt_s;
-        self.estimator.go_back_to(&alone.standpoint, ago_s, method);
+        self.estimator
+            .go_back_to(&alone.restart_point, ago_s, method);
     }
 }

@@ -17,7 +17,7 @@ use super::decide::recognition::Newcomer;
 use super::decide::{lives, places, recognition};
 use super::detection_scheduler::DetectionScheduler;
 use super::event::{Event, EventKind};
-use super::facts::{Facts, Rules};
+use super::facts::{Rules, TrackFacts};
 use super::memory::{Candidate, Memory};
 use super::poster::Posters;
 use super::recognise::{Appearance, Lengths};
@@ -54,7 +54,7 @@ pub struct Registry {
     /// What happened since the last tick was handed out.
     events: Vec<IdentityEvent>,
     /// Buffer: everybody's facts.
-    facts: Vec<Facts>,
+    facts: Vec<TrackFacts>,
 }
 
 impl Registry {
@@ -174,7 +174,7 @@ impl Registry {
     /// Takes everybody's facts anew.
     fn take_facts(&mut self) {
         self.facts.clear();
-        self.facts.extend(self.tracks.iter().map(Facts::of));
+        self.facts.extend(self.tracks.iter().map(TrackFacts::of));
     }
 
     /// Applies what [`lives`] decided: who leaves leaves first; then who is confirmed is recognised, and its

@@ -1,7 +1,7 @@
 //! How long everything takes, from the capture of pictures to the poses made of them, in the room of a few
 //! histograms.
 
-use farfield_proto::histogram::Histogram;
+use farfield_node::histogram::Histogram;
 use farfield_proto::message::StageTime;
 use farfield_proto::venue::Venue;
 

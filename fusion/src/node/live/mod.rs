@@ -1,13 +1,13 @@
 //! Live: nobody waits for anybody. Edges come and go, messages get lost, clocks are off, and at every tick
 //! there are poses and boxes.
 
+mod context;
 mod delays;
 mod receiving;
 mod run;
 mod sending;
 mod start;
 mod status;
-mod surroundings;
 
 use std::time::Duration;
 
@@ -15,14 +15,14 @@ use anyhow::Context as _;
 use farfield_node::clock;
 use farfield_node::process::{Ending, Managed, NodeError};
 
-use self::run::Live;
+pub(super) use self::context::LiveContext;
+use self::run::LiveFusion;
 use self::start::clock_start;
-pub(super) use self::surroundings::Surroundings;
 use super::output::exporter::Exporter;
-use super::output::summary::{self, Facts, summarize};
+use super::output::summary::{self, RunFacts, summarize};
 use super::recording::RecordingThread;
-use super::session::mode::Mode;
-use super::worker::Worker;
+use super::session::mode::RunMode;
+use super::worker::FusionWorker;
 use crate::pipeline::Pipeline;
 
 /// How long the edges may take to deliver what the recording lacks, when the run is over.
@@ -35,37 +35,37 @@ const HURRY: Duration = Duration::from_secs(2);
 /// # Errors
 /// When a thread or file cannot be made, or the poses could not be written; never for what an edge does.
 pub(super) async fn live(
-    mut around: Surroundings<'_>,
+    mut context: LiveContext<'_>,
     mut pipeline: Pipeline,
 ) -> Result<Ending, NodeError> {
-    let Some(start) = clock_start(&mut around).await.map_err(NodeError::Failed)? else {
+    let Some(start) = clock_start(&mut context).await.map_err(NodeError::Failed)? else {
         return Ok(Ending::Interrupted);
     };
-    let config = around.config;
+    let config = context.config;
     let venue = &config.venue;
     let began = clock::now();
     let first = start.first;
     let boxes = pipeline.first_boxes(first);
     let exporter =
-        Exporter::create(around.out, venue, pipeline.keypoints()).map_err(NodeError::Failed)?;
-    let mut worker = Worker::spawn(pipeline, exporter, Mode::Live)
+        Exporter::create(context.out, venue, pipeline.keypoints()).map_err(NodeError::Failed)?;
+    let mut worker = FusionWorker::spawn(pipeline, exporter, RunMode::Live)
         .context("starting the core's thread")
         .map_err(NodeError::Failed)?;
-    let mut run = Live::new(&around, start);
-    let outcome = run.run(boxes, &mut worker, &mut around).await;
-    if let Some(recording) = around.recording {
+    let mut run = LiveFusion::new(&context, start);
+    let outcome = run.run(boxes, &mut worker, &mut context).await;
+    if let Some(recording) = context.recording {
         let patience = match outcome {
             Ok(Ending::Done) => FILL_PATIENCE,
             _ => HURRY,
         };
-        let fillers = recording.fillers(&around.interceptor.clock);
-        run.receive_until(around.ends, fillers.finish(patience))
+        let fillers = recording.fillers(&context.interceptor.clock);
+        run.receive_until(context.ends, fillers.finish(patience))
             .await;
     }
     // Fusion that is stopped, or fails, may start again, and finds its edges at work. Under a parent all end.
     let is_over = matches!(outcome, Ok(Ending::Done)) || config.managed == Managed::Yes;
     let last_words = if is_over {
-        run.end_edges(around.ends).await
+        run.end_edges(context.ends).await
     } else {
         run.last_words()
     };
@@ -74,7 +74,7 @@ pub(super) async fn live(
     let Some(last) = finished.last else {
         return outcome.map_err(NodeError::Failed);
     };
-    let facts = Facts {
+    let facts = RunFacts {
         ticks: first..run.end().unwrap_or(last + 1),
         edges: &run.first_words(),
         tally: &run.tally,
@@ -86,9 +86,9 @@ pub(super) async fn live(
         paths: run.paths(),
         last_words: &last_words,
         elapsed: clock::now().duration_since(began),
-        recording: around.recording.map(RecordingThread::so_far),
+        recording: context.recording.map(RecordingThread::so_far),
     };
-    summary::write(around.out, &summarize(venue, &facts)).map_err(NodeError::Failed)?;
+    summary::write(context.out, &summarize(venue, &facts)).map_err(NodeError::Failed)?;
     outcome.map_err(NodeError::Failed)
 }
 

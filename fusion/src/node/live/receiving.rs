@@ -8,15 +8,15 @@ use farfield_proto::tick::Tick;
 use farfield_proto::transport::FUSION;
 use tracing::debug;
 
-use super::run::Live;
+use super::run::LiveFusion;
 use super::start::note_present;
 use crate::align::Refused;
 use crate::live::Micros;
 use crate::live::edge::Came;
 use crate::live::gather::Taken;
 use crate::live::membership::Said;
-use crate::node::session::link::Ends;
-use crate::node::session::messages::{Arrival, Incoming, Presence};
+use crate::node::session::link::FusionEnds;
+use crate::node::session::messages::{Arrival, FusionIncoming, Liveliness};
 
 /// Late sets that wait for the smoother's next step; of more, the newest are dropped.
 const MAX_LATE: usize = 256;
@@ -24,9 +24,13 @@ const MAX_LATE: usize = 256;
 /// So many results of detection passes must have come too late for an operator to be told.
 const LATE_DETECTIONS_TOLD: u32 = 5;
 
-impl Live<'_> {
+impl LiveFusion<'_> {
     /// Receives on until `done`: a queue that nobody empties would hold up the answers to others, too.
-    pub(super) async fn receive_until(&mut self, ends: &mut Ends, done: impl Future<Output = ()>) {
+    pub(super) async fn receive_until(
+        &mut self,
+        ends: &mut FusionEnds,
+        done: impl Future<Output = ()>,
+    ) {
         tokio::pin!(done);
         loop {
             tokio::select! {
@@ -36,24 +40,24 @@ impl Live<'_> {
         }
     }
 
-    pub(super) fn receive(&mut self, incoming: Incoming) {
+    pub(super) fn receive(&mut self, incoming: FusionIncoming) {
         match incoming {
-            Incoming::Patches(set, arrival) => self.receive_patches(set, arrival),
-            Incoming::Sightings(set, arrival) => self.receive_sightings(set, arrival),
+            FusionIncoming::Patches(set, arrival) => self.receive_patches(set, arrival),
+            FusionIncoming::Sightings(set, arrival) => self.receive_sightings(set, arrival),
             // Fusion receives its own, too.
-            Incoming::Status(status) if status.node == FUSION => {}
-            Incoming::Status(status) => self.receive_status(&status),
-            Incoming::Alive(node, Presence::There) => {
+            FusionIncoming::Status(status) if status.node == FUSION => {}
+            FusionIncoming::Status(status) => self.receive_status(&status),
+            FusionIncoming::Alive(node, Liveliness::There) => {
                 note_present(&self.config.venue, &mut self.present, node);
             }
-            Incoming::Alive(node, Presence::Gone) => {
+            FusionIncoming::Alive(node, Liveliness::Gone) => {
                 self.present.remove(&node);
                 if let Some(index) = self.members.leave(&node) {
                     self.edges[index].leave();
                     say(format_args!("viewpoint {node} has left"));
                 }
             }
-            Incoming::Unreadable(key) => {
+            FusionIncoming::Unreadable(key) => {
                 let node = key.rsplit('/').next().unwrap_or_default();
                 let viewpoint = self.config.venue.viewpoint_named(node);
                 match viewpoint.and_then(|v| self.edges.get_mut(usize::from(v.0))) {

@@ -16,24 +16,24 @@ use farfield_proto::transport::FUSION;
 use farfield_proto::wire;
 use tokio::time::{MissedTickBehavior, interval, sleep_until};
 
-use super::super::config::Config;
-use super::super::worker::{Job, Worker};
+use super::super::config::FusionConfig;
+use super::super::worker::{FusionWorker, Job};
+use super::context::LiveContext;
 use super::delays::Delays;
 use super::start::{LiveStart, is_recorded};
-use super::surroundings::Surroundings;
 use crate::align::TickGroup;
 use crate::live::edge::Edge;
 use crate::live::gather::LiveGather;
 use crate::live::membership::Membership;
 use crate::live::pace::Pace;
-use crate::live::queue::{Next, Queue, Waiting};
+use crate::live::queue::{Next, TickQueue, Waiting};
 use crate::live::tick_time::TickTime;
 use crate::live::{Micros, SECOND_US};
 use crate::node::output::summary::Lost;
 use crate::node::output::tally::Tally;
 use crate::node::session::interceptor::Interceptor;
-use crate::node::session::link::Ends;
-use crate::node::session::messages::Outgoing;
+use crate::node::session::link::FusionEnds;
+use crate::node::session::messages::FusionOutgoing;
 use crate::node::session::wiretap::CopiedStep;
 
 /// How often the loop looks after what nothing else wakes it for.
@@ -59,8 +59,8 @@ pub(super) struct InFlight {
 }
 
 /// A live run under way.
-pub(super) struct Live<'a> {
-    pub(super) config: &'a Config,
+pub(super) struct LiveFusion<'a> {
+    pub(super) config: &'a FusionConfig,
     pub(super) interceptor: &'a Interceptor,
     pub(super) session: SessionId,
     pub(super) first: Tick,
@@ -69,7 +69,7 @@ pub(super) struct Live<'a> {
     pub(super) edges: Vec<Edge>,
     pub(super) present: BTreeSet<String>,
     pub(super) gather: LiveGather,
-    pub(super) queue: Queue,
+    pub(super) queue: TickQueue,
     /// Per open tick: when its last message came.
     pub(super) arrived: BTreeMap<Tick, Micros>,
     pub(super) late: Vec<PatchSet>,
@@ -97,9 +97,9 @@ pub(super) struct Live<'a> {
     pub(super) late_detections: u32,
 }
 
-impl<'a> Live<'a> {
-    pub(super) fn new(around: &Surroundings<'a>, start: LiveStart) -> Self {
-        let config = around.config;
+impl<'a> LiveFusion<'a> {
+    pub(super) fn new(context: &LiveContext<'a>, start: LiveStart) -> Self {
+        let config = context.config;
         let venue = &config.venue;
         let bound_ms = venue.parameters.link.clock_bound_ms;
         let names = venue.viewpoints.iter().map(|v| &v.name);
@@ -116,24 +116,26 @@ impl<'a> Live<'a> {
         let expect_until_us = time.at(first) + FIRST_WORD_US;
         let expect = |edge: &mut Edge| edge.expect(expect_until_us);
         edges.iter_mut().for_each(expect);
-        around.reporter.started(first, config_end(config, &members));
+        context
+            .reporter
+            .started(first, config_end(config, &members));
         Self {
             config,
-            interceptor: around.interceptor,
-            session: around.session,
+            interceptor: context.interceptor,
+            session: context.session,
             first,
             time,
             members,
             present,
             gather: LiveGather::new(
-                around.session,
+                context.session,
                 first,
                 edges.len(),
                 [ticks(LATE_S), ticks(OPEN_S)],
             ),
             refusals: vec![None; edges.len()],
             edges,
-            queue: Queue::default(),
+            queue: TickQueue::default(),
             arrived: BTreeMap::new(),
             late: Vec::new(),
             in_flight: None,
@@ -159,15 +161,15 @@ impl<'a> Live<'a> {
     pub(super) async fn run(
         &mut self,
         first: Vec<BoxSet>,
-        worker: &mut Worker,
-        around: &mut Surroundings<'_>,
+        worker: &mut FusionWorker,
+        context: &mut LiveContext<'_>,
     ) -> anyhow::Result<Ending> {
-        let Surroundings {
+        let LiveContext {
             ends,
             reporter,
             stop,
             ..
-        } = around;
+        } = context;
         self.send_boxes(first, ends);
         let mut beats = interval(BEAT);
         beats.set_missed_tick_behavior(MissedTickBehavior::Delay);
@@ -202,7 +204,7 @@ impl<'a> Live<'a> {
                         self.interceptor.clock.discipline();
                         let now_us = self.interceptor.clock.now_us();
                         let status = self.status(self.config, now_us);
-                        self.send(ends, Outgoing::Status(wire::encode(&status)));
+                        self.send(ends, FusionOutgoing::Status(wire::encode(&status)));
                         let recent = self.delays.take_recent();
                         let edges = status.live.map(|live| live.edges).unwrap_or_default();
                         self.tell_refusals(&edges);
@@ -219,7 +221,11 @@ impl<'a> Live<'a> {
     }
 
     /// Hands the core the next tick when it is its turn; else says when to look again.
-    fn advance(&mut self, worker: &Worker, ends: &Ends) -> anyhow::Result<Option<Micros>> {
+    fn advance(
+        &mut self,
+        worker: &FusionWorker,
+        ends: &FusionEnds,
+    ) -> anyhow::Result<Option<Micros>> {
         if self.in_flight.is_some() || self.is_over() {
             return Ok(None);
         }
@@ -266,7 +272,7 @@ impl<'a> Live<'a> {
             horizons_ticks: job.horizons.clone(),
             ..job.group.decision(self.session, self.first)
         };
-        self.send(ends, Outgoing::Decision(wire::encode(&decision)));
+        self.send(ends, FusionOutgoing::Decision(wire::encode(&decision)));
         worker.step(job)?;
         Ok(None)
     }
@@ -303,7 +309,7 @@ impl<'a> Live<'a> {
         }
     }
 
-    fn beat(&mut self, ends: &Ends) {
+    fn beat(&mut self, ends: &FusionEnds) {
         let now_us = self.interceptor.clock.now_us();
         if now_us - self.sent_us >= RESEND_AFTER_US {
             self.send_newest(ends, true);
@@ -341,7 +347,7 @@ impl<'a> Live<'a> {
 }
 
 /// The tick after the last that was asked for, or is recorded.
-fn config_end(config: &Config, members: &Membership) -> Option<Tick> {
+fn config_end(config: &FusionConfig, members: &Membership) -> Option<Tick> {
     let asked = config.ticks.as_ref().map(|ticks| ticks.end);
     let recorded = || members.recorded().filter(|_| is_recorded(&config.venue));
     asked.or_else(|| recorded().map(|ticks| ticks.end))

@@ -10,9 +10,9 @@ use tokio::time::{MissedTickBehavior, interval, timeout};
 use tracing::warn;
 
 use super::super::worker::Stepped;
-use super::run::Live;
-use crate::node::session::link::Ends;
-use crate::node::session::messages::{Incoming, Outgoing, Presence};
+use super::run::LiveFusion;
+use crate::node::session::link::FusionEnds;
+use crate::node::session::messages::{FusionIncoming, FusionOutgoing, Liveliness};
 
 /// How much one tick says of how long after their ticks boxes go out.
 const WEIGHT: f64 = 0.05;
@@ -21,9 +21,13 @@ const FAREWELL: Duration = Duration::from_secs(3);
 /// How often those who have not left are told again that the run is over.
 const END_EVERY: Duration = Duration::from_millis(100);
 
-impl Live<'_> {
+impl LiveFusion<'_> {
     /// Publishes a tick: boxes first, as edges wait for them. Returns the poses and the bytes so far.
-    pub(super) fn publish(&mut self, stepped: Stepped, ends: &Ends) -> Option<(PoseSet, u64)> {
+    pub(super) fn publish(
+        &mut self,
+        stepped: Stepped,
+        ends: &FusionEnds,
+    ) -> Option<(PoseSet, u64)> {
         let Stepped {
             poses,
             smoothed,
@@ -41,12 +45,12 @@ impl Live<'_> {
         self.send_boxes(boxes, ends);
         let bytes = wire::encode(&poses);
         self.tally.pose_bytes += bytes.len() as u64;
-        self.send(ends, Outgoing::Poses(bytes));
+        self.send(ends, FusionOutgoing::Poses(bytes));
         for set in &smoothed {
-            self.send(ends, Outgoing::Smooth(wire::encode(set)));
+            self.send(ends, FusionOutgoing::Smooth(wire::encode(set)));
         }
         if let Some(events) = self.tally.events(self.session, tick, events) {
-            self.send(ends, Outgoing::Events(wire::encode(&events)));
+            self.send(ends, FusionOutgoing::Events(wire::encode(&events)));
         }
         let now_us = self.interceptor.clock.now_us();
         let after_us = (now_us - self.time.at(tick)) as f64;
@@ -58,13 +62,13 @@ impl Live<'_> {
         Some((poses, self.tally.total_bytes()))
     }
 
-    pub(super) fn send_boxes(&mut self, sets: Vec<BoxSet>, ends: &Ends) {
+    pub(super) fn send_boxes(&mut self, sets: Vec<BoxSet>, ends: &FusionEnds) {
         self.newest = sets;
         self.send_newest(ends, false);
     }
 
     /// Sends the newest boxes, `again` as a sign of life: then whatever the links carry.
-    pub(super) fn send_newest(&mut self, ends: &Ends, again: bool) {
+    pub(super) fn send_newest(&mut self, ends: &FusionEnds, again: bool) {
         let now_us = self.interceptor.clock.now_us();
         self.sent_us = now_us;
         let mut sets = std::mem::take(&mut self.newest);
@@ -82,19 +86,19 @@ impl Live<'_> {
             let bytes = wire::encode(set);
             self.edges[index].sent_bytes(bytes.len());
             self.tally.boxes(set.viewpoint, bytes.len() as u64);
-            self.send(ends, Outgoing::Boxes(index, bytes));
+            self.send(ends, FusionOutgoing::Boxes(index, bytes));
         }
         self.newest = sets;
     }
 
-    pub(super) fn send(&mut self, ends: &Ends, message: Outgoing) {
+    pub(super) fn send(&mut self, ends: &FusionEnds, message: FusionOutgoing) {
         if ends.outgoing.try_send(message).is_err() {
             self.unsent += 1;
         }
     }
 
     /// Tells the edges that the run is over, and waits for their last words.
-    pub(super) async fn end_edges(&mut self, ends: &mut Ends) -> Vec<Status> {
+    pub(super) async fn end_edges(&mut self, ends: &mut FusionEnds) -> Vec<Status> {
         let everybody: BTreeSet<String> = self.names().map(str::to_owned).collect();
         self.send_end(&everybody, ends);
         let mut last_words: BTreeMap<String, Status> = BTreeMap::new();
@@ -110,10 +114,10 @@ impl Live<'_> {
                         self.send_end(&present, ends);
                     }
                     incoming = ends.incoming.recv() => match incoming {
-                        Some(Incoming::Status(status)) if status.viewpoint.is_some() => {
+                        Some(FusionIncoming::Status(status)) if status.viewpoint.is_some() => {
                             last_words.insert(status.node.clone(), *status);
                         }
-                        Some(Incoming::Alive(node, Presence::Gone)) => drop(self.present.remove(&node)),
+                        Some(FusionIncoming::Alive(node, Liveliness::Gone)) => drop(self.present.remove(&node)),
                         Some(_) => {}
                         None => break,
                     }
@@ -136,7 +140,7 @@ impl Live<'_> {
         words
     }
 
-    fn send_end(&mut self, to: &BTreeSet<String>, ends: &Ends) {
+    fn send_end(&mut self, to: &BTreeSet<String>, ends: &FusionEnds) {
         let tick = self.gather.next();
         for index in 0..self.edges.len() {
             if !to.contains(&self.config.venue.viewpoints[index].name) {
@@ -153,7 +157,7 @@ impl Live<'_> {
             };
             let now_us = self.interceptor.clock.now_us();
             set.live = Some(self.edges[index].send(&set, &self.time, now_us));
-            self.send(ends, Outgoing::Boxes(index, wire::encode(&set)));
+            self.send(ends, FusionOutgoing::Boxes(index, wire::encode(&set)));
         }
     }
 

@@ -16,12 +16,13 @@ use farfield_proto::venue::{Source, Venue};
 use farfield_proto::wire;
 use tokio::time::{Instant, MissedTickBehavior, interval, sleep_until};
 
+use super::super::config::FusionConfig;
 use super::super::status::own_status;
-use super::surroundings::Surroundings;
+use super::context::LiveContext;
 use crate::live::membership::Membership;
 use crate::live::tick_time::TickTime;
 use crate::live::{Micros, SECOND_US};
-use crate::node::session::messages::{Incoming, Outgoing, Presence};
+use crate::node::session::messages::{FusionIncoming, FusionOutgoing, Liveliness};
 
 /// How often fusion says that it is there until the ticks begin.
 const CALL_EVERY: Duration = Duration::from_millis(100);
@@ -56,24 +57,24 @@ pub(super) fn is_recorded(venue: &Venue) -> bool {
 /// # Errors
 /// When the subscriptions end.
 pub(super) async fn clock_start(
-    around: &mut Surroundings<'_>,
+    context: &mut LiveContext<'_>,
 ) -> anyhow::Result<Option<LiveStart>> {
-    let Surroundings {
+    let LiveContext {
         config,
         interceptor,
         ends,
         reporter,
         stop,
         ..
-    } = around;
+    } = context;
     let venue = &config.venue;
     let mut members = Membership::new(venue);
     members.expect_models(config.handout.models());
     let mut present = BTreeSet::new();
-    let asked = config.ticks.as_ref().map(|ticks| ticks.start);
     if !is_recorded(venue) {
         let time = TickTime::new(0, venue.rate_hz);
         let now = time.first_from(interceptor.clock.now_us() + FIRST_WORD_US);
+        let asked = config.ticks.as_ref().map(|ticks| ticks.start);
         return Ok(Some(LiveStart {
             time,
             first: asked.map_or(now, |first| first.max(now)),
@@ -92,14 +93,14 @@ pub(super) async fn clock_start(
             () = stop.cancelled() => return Ok(None),
             incoming = ends.incoming.recv() => {
                 match incoming.context("the subscriptions have ended")? {
-                    Incoming::Status(status) if status.node != FUSION => {
+                    FusionIncoming::Status(status) if status.node != FUSION => {
                         members.hear(&status, interceptor.clock.now_us());
                         if status.ready && leave_out_at.is_none() {
                             leave_out_at = Some(Instant::now() + PATIENCE);
                         }
                     }
-                    Incoming::Alive(node, Presence::There) => note_present(venue, &mut present, node),
-                    Incoming::Alive(node, Presence::Gone) => drop(present.remove(&node)),
+                    FusionIncoming::Alive(node, Liveliness::There) => note_present(venue, &mut present, node),
+                    FusionIncoming::Alive(node, Liveliness::Gone) => drop(present.remove(&node)),
                     _ => {}
                 }
             }
@@ -108,24 +109,12 @@ pub(super) async fn clock_start(
                 if n_calls % REMIND_EVERY == REMIND_EVERY / 4 {
                     reporter.waiting(&members.missing());
                 }
-                drop(ends.outgoing.try_send(Outgoing::Status(status.clone())));
+                drop(ends.outgoing.try_send(FusionOutgoing::Status(status.clone())));
             }
             () = sleep_until(until.unwrap_or_else(Instant::now)), if until.is_some() => is_enough = true,
         }
         let now_us = interceptor.clock.now_us();
-        let tick_by = |epoch_us| {
-            let time = TickTime::new(epoch_us, venue.rate_hz);
-            time.first_from(now_us + FIRST_WORD_US)
-        };
-        let asked_for = || asked.or(members.recorded().map(|ticks| ticks.start));
-        let begins = match members.epoch_us(tick_by, config.ticks.as_ref()) {
-            Some(us) => Some((TickTime::new(us, venue.rate_hz), tick_by(us))),
-            None if is_enough || members.missing().is_empty() => asked_for().map(|first| {
-                let at_us = now_us + RUN_UP_US;
-                (TickTime::with_tick_at(first, at_us, venue.rate_hz), first)
-            }),
-            None => None,
-        };
+        let begins = settled_start(config, &members, now_us, is_enough);
         if let Some((time, first)) = begins {
             return Ok(Some(LiveStart {
                 time,
@@ -135,6 +124,28 @@ pub(super) async fn clock_start(
             }));
         }
     }
+}
+
+/// The time of the ticks and the first of them, once what the edges have said settles both. `is_enough`: who is not
+/// ready yet is left out.
+fn settled_start(
+    config: &FusionConfig,
+    members: &Membership,
+    now_us: Micros,
+    is_enough: bool,
+) -> Option<(TickTime, Tick)> {
+    let rate_hz = config.venue.rate_hz;
+    let tick_by = |epoch_us| TickTime::new(epoch_us, rate_hz).first_from(now_us + FIRST_WORD_US);
+    if let Some(epoch_us) = members.epoch_us(tick_by, config.ticks.as_ref()) {
+        return Some((TickTime::new(epoch_us, rate_hz), tick_by(epoch_us)));
+    }
+    if !(is_enough || members.missing().is_empty()) {
+        return None;
+    }
+    let asked = config.ticks.clone().or_else(|| members.recorded());
+    let first = asked?.start;
+    let at_us = now_us + RUN_UP_US;
+    Some((TickTime::with_tick_at(first, at_us, rate_hz), first))
 }
 
 /// Notes that an edge is there; strangers may declare tokens as they like, under any number of names.

@@ -4,15 +4,15 @@ use farfield_proto::message::live::{EdgeLink, LiveStatus};
 use farfield_proto::message::{MAX_STAGES, Status};
 use farfield_proto::wire;
 
-use super::super::config::Config;
+use super::super::config::FusionConfig;
 use super::super::status::own_status;
-use super::run::Live;
+use super::run::LiveFusion;
 use crate::live::Micros;
 use crate::live::membership::Membership;
 
-impl Live<'_> {
+impl LiveFusion<'_> {
     /// Fusion's status at `now_us`.
-    pub(super) fn status(&mut self, config: &Config, now_us: Micros) -> Status {
+    pub(super) fn status(&mut self, config: &FusionConfig, now_us: Micros) -> Status {
         let edges = self.edge_links(now_us);
         let mut stages = self.delays.own();
         stages.extend(self.delays.of_all_edges());

@@ -19,13 +19,13 @@ use tokio_util::task::TaskTracker;
 use zenoh::Session;
 use zenoh::qos::{CongestionControl, Reliability};
 
-use super::super::config::Config;
+use super::super::config::FusionConfig;
 use super::*;
 use crate::export::summary::Summary;
 use crate::live::tick_time::TickTime;
 use crate::node::output::progress::{Detail, Reporter};
 use crate::node::session::interceptor::Interceptor;
-use crate::node::session::link::Link;
+use crate::node::session::link::FusionSession;
 use crate::node::session::wiretap::WiretapHandle;
 
 /// Far above what a loaded machine takes; a test that waits as long has failed.
@@ -208,15 +208,17 @@ async fn listen(endpoint: String, stop: CancellationToken) -> (Vec<i64>, Option<
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn everybody_goes_on_while_one_babbles_one_is_refused_and_clocks_are_off() {
     let out = tempfile::tempdir().unwrap();
-    let config = Config {
-        mode: Mode::Live,
-        ..Config::of_venue(venue())
+    let config = FusionConfig {
+        mode: RunMode::Live,
+        ..FusionConfig::of_venue(venue())
     };
     let reach = Reach {
         endpoints: vec!["tcp/127.0.0.1:0".to_owned()],
         identity: None,
     };
-    let link = Link::open(&config.venue, &reach, Mode::Live).await.unwrap();
+    let link = FusionSession::open(&config.venue, &reach, RunMode::Live)
+        .await
+        .unwrap();
     let endpoint = link.locators().await[0].clone();
     let (tasks, leave, stop) = (
         TaskTracker::new(),
@@ -253,7 +255,7 @@ async fn everybody_goes_on_while_one_babbles_one_is_refused_and_clocks_are_off()
     let session = SessionId(1 << 63);
     let pipeline = Pipeline::new(&config.venue, None, session);
     let mut reporter = Reporter::new(Managed::No, Detail::Counts);
-    let around = Surroundings {
+    let context = LiveContext {
         config: &config,
         session,
         out: out.path(),
@@ -263,7 +265,7 @@ async fn everybody_goes_on_while_one_babbles_one_is_refused_and_clocks_are_off()
         reporter: &mut reporter,
         stop: &stop,
     };
-    let ending = timeout(PATIENCE, Box::pin(live(around, pipeline)))
+    let ending = timeout(PATIENCE, Box::pin(live(context, pipeline)))
         .await
         .unwrap();
     assert_eq!(ending.unwrap(), Ending::Done);

@@ -17,18 +17,18 @@ use tokio::time::timeout;
 use tracing::warn;
 
 use self::readiness::Start;
-use self::run::LockStep;
+use self::run::LockStepFusion;
 use self::start::wait_until_ready;
-use super::config::Config;
+use super::config::FusionConfig;
 use super::output::exporter::Exporter;
-use super::output::summary::{self, Facts, Lost, summarize};
+use super::output::summary::{self, Lost, RunFacts, summarize};
 use super::recording::RecordingThread;
-use super::session::link::Ends;
-use super::session::messages::{Incoming, Outgoing, Presence};
-use super::session::mode::Mode;
+use super::session::link::FusionEnds;
+use super::session::messages::{FusionIncoming, FusionOutgoing, Liveliness};
+use super::session::mode::RunMode;
 use super::session::wiretap::WiretapHandle;
 use super::status::failed_status;
-use super::worker::Worker;
+use super::worker::FusionWorker;
 use crate::pipeline::Pipeline;
 
 pub(super) use self::run::Outside;
@@ -40,7 +40,7 @@ const REFUSAL: Duration = Duration::from_millis(500);
 
 /// A run in lock-step.
 pub(super) struct Begin<'a> {
-    pub(super) config: &'a Config,
+    pub(super) config: &'a FusionConfig,
     pub(super) session: SessionId,
     /// Where the results go.
     pub(super) out: &'a Path,
@@ -80,10 +80,10 @@ impl Begin<'_> {
         let first = pipeline.first_boxes(ticks.start);
         let keypoints = pipeline.keypoints().clone();
         let exporter = Exporter::create(self.out, venue, &keypoints).map_err(NodeError::Failed)?;
-        let mut worker = Worker::spawn(pipeline, exporter, Mode::LockStep)
+        let mut worker = FusionWorker::spawn(pipeline, exporter, RunMode::LockStep)
             .context("starting the core's thread")
             .map_err(NodeError::Failed)?;
-        let mut run = LockStep::new(venue, self.session, start, self.wiretap.clone());
+        let mut run = LockStepFusion::new(venue, self.session, start, self.wiretap.clone());
         let outcome = run
             .run(&first, &mut worker, outside)
             .await
@@ -99,7 +99,7 @@ impl Begin<'_> {
             // There is nothing to sum up.
             return outcome;
         }
-        let facts = Facts {
+        let facts = RunFacts {
             ticks: start.ticks.clone(),
             edges: &start.edges,
             tally: &run.tally,
@@ -122,17 +122,21 @@ impl Begin<'_> {
 }
 
 /// Hears the edges out: each says once more how it is, with its times, before it leaves.
-async fn farewell(run: &mut LockStep<'_>, ends: &mut Ends, n_viewpoints: usize) -> Vec<Status> {
+async fn farewell(
+    run: &mut LockStepFusion<'_>,
+    ends: &mut FusionEnds,
+    n_viewpoints: usize,
+) -> Vec<Status> {
     let mut last_words = Vec::new();
     let last_statuses = async {
         while run.gone.len() < n_viewpoints {
             match ends.incoming.recv().await {
-                Some(Incoming::Status(status))
+                Some(FusionIncoming::Status(status))
                     if status.viewpoint.is_some() && !status.stages.is_empty() =>
                 {
                     last_words.push(*status);
                 }
-                Some(Incoming::Alive(node, Presence::Gone)) => drop(run.gone.insert(node)),
+                Some(FusionIncoming::Alive(node, Liveliness::Gone)) => drop(run.gone.insert(node)),
                 Some(_) => {}
                 None => break,
             }
@@ -149,11 +153,11 @@ async fn farewell(run: &mut LockStep<'_>, ends: &mut Ends, n_viewpoints: usize) 
     last_words
 }
 
-fn say_failure(config: &Config, ends: &Ends, error: &NodeError) {
+fn say_failure(config: &FusionConfig, ends: &FusionEnds, error: &NodeError) {
     let status = failed_status(&config.venue.hashes, error);
     if ends
         .outgoing
-        .try_send(Outgoing::Status(wire::encode(&status)))
+        .try_send(FusionOutgoing::Status(wire::encode(&status)))
         .is_err()
     {
         warn!("the edges were not told: the queue is full");

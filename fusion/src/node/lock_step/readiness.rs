@@ -4,9 +4,9 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 
 use farfield_proto::message::Status;
-use farfield_proto::same_files::{OtherFile, OwnFiles};
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::Venue;
+use farfield_proto::venue::same_files::{OtherFile, OwnFiles};
 
 /// Why a run cannot begin.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]

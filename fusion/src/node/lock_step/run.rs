@@ -22,24 +22,24 @@ use super::readiness::Start;
 use crate::align::Gather;
 use crate::node::output::progress::Reporter;
 use crate::node::output::tally::Tally;
-use crate::node::session::link::Ends;
-use crate::node::session::messages::{Incoming, Outgoing, Presence};
+use crate::node::session::link::FusionEnds;
+use crate::node::session::messages::{FusionIncoming, FusionOutgoing, Liveliness};
 use crate::node::session::wiretap::{CopiedStep, WiretapHandle};
 use crate::node::status::check;
-use crate::node::worker::{Stepped, Worker};
+use crate::node::worker::{FusionWorker, Stepped};
 
 /// How long the reason for leaving may take to arrive after a node has left.
 const LAST_WORD: Duration = Duration::from_millis(500);
 
 /// What a run receives, whom it tells how far it is, and what may stop it.
 pub(in crate::node) struct Outside<'a> {
-    pub(in crate::node) ends: &'a mut Ends,
+    pub(in crate::node) ends: &'a mut FusionEnds,
     pub(in crate::node) reporter: &'a mut Reporter,
     pub(in crate::node) stop: &'a CancellationToken,
 }
 
 /// A run under way.
-pub(in crate::node) struct LockStep<'a> {
+pub(in crate::node) struct LockStepFusion<'a> {
     venue: &'a Venue,
     session: SessionId,
     ticks: Range<Tick>,
@@ -56,7 +56,7 @@ pub(in crate::node) struct LockStep<'a> {
     deadline: Option<Instant>,
 }
 
-impl<'a> LockStep<'a> {
+impl<'a> LockStepFusion<'a> {
     /// A run over the ticks of `start`, which must not be empty.
     pub(in crate::node) fn new(
         venue: &'a Venue,
@@ -88,7 +88,7 @@ impl<'a> LockStep<'a> {
     pub(in crate::node) async fn run(
         &mut self,
         first: &[BoxSet],
-        worker: &mut Worker,
+        worker: &mut FusionWorker,
         outside: &mut Outside<'_>,
     ) -> anyhow::Result<Ending> {
         let Outside {
@@ -115,7 +115,7 @@ impl<'a> LockStep<'a> {
                             horizons: &[],
                         });
                         let decision = group.decision(self.session, self.ticks.start);
-                        send(ends, Outgoing::Decision(wire::encode(&decision)))?;
+                        send(ends, FusionOutgoing::Decision(wire::encode(&decision)))?;
                         worker.step(group)?;
                     }
                 }
@@ -131,7 +131,7 @@ impl<'a> LockStep<'a> {
     }
 
     /// Tells every edge that the run is over.
-    pub(in crate::node) fn send_end(&mut self, ends: &Ends) {
+    pub(in crate::node) fn send_end(&mut self, ends: &FusionEnds) {
         let tick = self.last.map_or(self.ticks.start, |last| last + 1);
         for viewpoint in 0..self.venue.viewpoints.len() {
             let viewpoint = ViewpointIndex(viewpoint as u16);
@@ -146,7 +146,7 @@ impl<'a> LockStep<'a> {
             };
             if send(
                 ends,
-                Outgoing::Boxes(usize::from(viewpoint.0), wire::encode(&set)),
+                FusionOutgoing::Boxes(usize::from(viewpoint.0), wire::encode(&set)),
             )
             .is_err()
             {
@@ -156,30 +156,30 @@ impl<'a> LockStep<'a> {
     }
 
     /// Takes a message; returns the node that has left, if one has.
-    fn receive(&mut self, incoming: Incoming) -> anyhow::Result<Option<String>> {
+    fn receive(&mut self, incoming: FusionIncoming) -> anyhow::Result<Option<String>> {
         let taken = match incoming {
-            Incoming::Patches(set, arrival) => {
+            FusionIncoming::Patches(set, arrival) => {
                 self.tally
                     .patches(set.viewpoint, set.persons.len(), arrival.bytes);
                 self.gather.add_patches(set)
             }
-            Incoming::Sightings(set, arrival) => {
+            FusionIncoming::Sightings(set, arrival) => {
                 self.tally.sightings(set.viewpoint, arrival.bytes);
                 self.gather.add_sightings(set)
             }
-            Incoming::Status(status) => {
+            FusionIncoming::Status(status) => {
                 self.check_name(&status)?;
                 return check(&status).map(|()| None);
             }
-            Incoming::Alive(node, Presence::Gone)
+            FusionIncoming::Alive(node, Liveliness::Gone)
                 if self.venue.viewpoint_named(&node).is_some() =>
             {
                 self.gone.insert(node.clone());
                 return Ok(Some(node));
             }
-            Incoming::Alive(..) => return Ok(None),
+            FusionIncoming::Alive(..) => return Ok(None),
             // The tick would never be complete.
-            Incoming::Unreadable(key) => {
+            FusionIncoming::Unreadable(key) => {
                 return Err(anyhow!(
                     "a message on {key} cannot be read, at tick {}",
                     self.gather.tick()
@@ -209,7 +209,7 @@ impl<'a> LockStep<'a> {
     fn stepped(
         &mut self,
         stepped: &mut Stepped,
-        ends: &Ends,
+        ends: &FusionEnds,
         reporter: &mut Reporter,
     ) -> anyhow::Result<bool> {
         let tick = stepped.poses.tick;
@@ -217,13 +217,13 @@ impl<'a> LockStep<'a> {
         self.tally.unusable += u64::from(stepped.unusable);
         let poses = wire::encode(&stepped.poses);
         self.tally.pose_bytes += poses.len() as u64;
-        send(ends, Outgoing::Poses(poses))?;
+        send(ends, FusionOutgoing::Poses(poses))?;
         for set in &stepped.smoothed {
-            send(ends, Outgoing::Smooth(wire::encode(set)))?;
+            send(ends, FusionOutgoing::Smooth(wire::encode(set)))?;
         }
         let events = std::mem::take(&mut stepped.events);
         if let Some(events) = self.tally.events(self.session, tick, events) {
-            send(ends, Outgoing::Events(wire::encode(&events)))?;
+            send(ends, FusionOutgoing::Events(wire::encode(&events)))?;
         }
         let over = tick + 1 >= self.ticks.end;
         if !over {
@@ -233,11 +233,14 @@ impl<'a> LockStep<'a> {
         Ok(over)
     }
 
-    fn send_boxes(&mut self, sets: &[BoxSet], ends: &Ends) -> anyhow::Result<()> {
+    fn send_boxes(&mut self, sets: &[BoxSet], ends: &FusionEnds) -> anyhow::Result<()> {
         for set in sets {
             let bytes = wire::encode(set);
             self.tally.boxes(set.viewpoint, bytes.len() as u64);
-            send(ends, Outgoing::Boxes(usize::from(set.viewpoint.0), bytes))?;
+            send(
+                ends,
+                FusionOutgoing::Boxes(usize::from(set.viewpoint.0), bytes),
+            )?;
         }
         self.deadline = Some(
             Instant::now() + Duration::from_secs_f64(self.venue.parameters.link.lockstep_timeout_s),
@@ -261,10 +264,10 @@ impl<'a> LockStep<'a> {
     }
 
     /// Waits a moment for the reason why `node` has left.
-    async fn with_last_word(&self, node: String, ends: &mut Ends) -> anyhow::Error {
+    async fn with_last_word(&self, node: String, ends: &mut FusionEnds) -> anyhow::Error {
         let last_word = async {
             while let Some(incoming) = ends.incoming.recv().await {
-                if let Incoming::Status(status) = incoming
+                if let FusionIncoming::Status(status) = incoming
                     && status.node == node
                     && let Err(error) = check(&status)
                 {
@@ -279,7 +282,7 @@ impl<'a> LockStep<'a> {
     }
 }
 
-fn send(ends: &Ends, message: Outgoing) -> anyhow::Result<()> {
+fn send(ends: &FusionEnds, message: FusionOutgoing) -> anyhow::Result<()> {
     ends.outgoing
         .try_send(message)
         .map_err(|_| anyhow!("the network takes no more messages"))

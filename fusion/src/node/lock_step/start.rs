@@ -11,9 +11,9 @@ use tracing::debug;
 
 use super::readiness::{Readiness, Start};
 use super::run::Outside;
-use crate::node::config::Config;
+use crate::node::config::FusionConfig;
 use crate::node::given::check_given_ticks;
-use crate::node::session::messages::{Incoming, Outgoing, Presence};
+use crate::node::session::messages::{FusionIncoming, FusionOutgoing, Liveliness};
 use crate::node::status::{check, own_status};
 
 /// How often fusion says that it waits, and looks whether its boxes have listeners.
@@ -30,7 +30,7 @@ const REMIND_EVERY: u32 = 100;
 /// When an edge holds other files, fails, or (under a parent) does not come, or a person is given by
 /// hand at a tick that the run does not have.
 pub(in crate::node) async fn wait_until_ready(
-    config: &Config,
+    config: &FusionConfig,
     outside: &mut Outside<'_>,
 ) -> Result<Option<Start>, NodeError> {
     let Outside {
@@ -58,7 +58,7 @@ pub(in crate::node) async fn wait_until_ready(
                     reporter.waiting(&readiness.missing());
                 }
                 // A full queue already holds a status.
-                drop(ends.outgoing.try_send(Outgoing::Status(status.clone())));
+                drop(ends.outgoing.try_send(FusionOutgoing::Status(status.clone())));
             }
             () = sleep_until(deadline), if config.managed == Managed::Yes => {
                 let missing = readiness.missing().join(", ");
@@ -77,25 +77,25 @@ pub(in crate::node) async fn wait_until_ready(
     }
 }
 
-fn receive(readiness: &mut Readiness, incoming: Incoming) -> Result<(), NodeError> {
+fn receive(readiness: &mut Readiness, incoming: FusionIncoming) -> Result<(), NodeError> {
     match incoming {
         // Fusion receives its own, too.
-        Incoming::Status(status) if status.node == FUSION => Ok(()),
-        Incoming::Status(status) => {
+        FusionIncoming::Status(status) if status.node == FUSION => Ok(()),
+        FusionIncoming::Status(status) => {
             // Whose files differ is refused, whatever else it says: it refuses us, too.
             readiness.receive(&status).map_err(NodeError::refused)?;
             check(&status).map_err(NodeError::failed)
         }
-        Incoming::Alive(node, Presence::Gone) => {
+        FusionIncoming::Alive(node, Liveliness::Gone) => {
             readiness.forget(&node);
             Ok(())
         }
-        Incoming::Alive(_, Presence::There) => Ok(()),
-        Incoming::Patches(..) | Incoming::Sightings(..) => {
+        FusionIncoming::Alive(_, Liveliness::There) => Ok(()),
+        FusionIncoming::Patches(..) | FusionIncoming::Sightings(..) => {
             debug!("a message from before the start");
             Ok(())
         }
-        Incoming::Unreadable(key) => Err(NodeError::failed(anyhow!(
+        FusionIncoming::Unreadable(key) => Err(NodeError::failed(anyhow!(
             "a message on {key} cannot be read: is another version of farfield running there?"
         ))),
     }

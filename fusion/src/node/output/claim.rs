@@ -15,7 +15,7 @@ const LOCK: &str = "run.lock";
 /// A folder that one run writes to and no other. Dropped, it is free; what the run made and left empty
 /// is taken away.
 #[derive(Debug)]
-pub struct Claim {
+pub struct FolderClaim {
     folder: PathBuf,
     holder: Holder,
 }
@@ -31,7 +31,7 @@ enum Holder {
     Parent,
 }
 
-impl Claim {
+impl FolderClaim {
     /// Claims `asked`, or without it the first `farfield-out/<venue>-<n>`, n from 1, that nobody has.
     ///
     /// # Errors
@@ -73,7 +73,7 @@ impl Claim {
     }
 }
 
-impl Drop for Claim {
+impl Drop for FolderClaim {
     fn drop(&mut self) {
         if self.holder == Holder::Parent {
             return;
@@ -89,7 +89,7 @@ impl Drop for Claim {
 }
 
 /// Makes and claims `folder`; `None` when it is there already.
-fn make_new(folder: &Path) -> anyhow::Result<Option<Claim>> {
+fn make_new(folder: &Path) -> anyhow::Result<Option<FolderClaim>> {
     match fs::create_dir(folder) {
         Ok(()) => lock(folder, Holder::Maker).map(Some),
         Err(error) if error.kind() == ErrorKind::AlreadyExists => Ok(None),
@@ -98,14 +98,14 @@ fn make_new(folder: &Path) -> anyhow::Result<Option<Claim>> {
 }
 
 /// Of two runs that come to the same folder at once, one makes the file.
-fn lock(folder: &Path, holder: Holder) -> anyhow::Result<Claim> {
+fn lock(folder: &Path, holder: Holder) -> anyhow::Result<FolderClaim> {
     check_folder(folder)?;
     let path = folder.join(LOCK);
     match File::create_new(&path) {
         Err(error) if error.kind() == ErrorKind::AlreadyExists => return Err(taken(folder)),
         made => drop(made.with_context(|| format!("making {}", path.display()))?),
     }
-    let claim = Claim {
+    let claim = FolderClaim {
         folder: folder.to_owned(),
         holder,
     };
@@ -174,7 +174,9 @@ mod tests {
     use super::*;
 
     fn refused(path: &Path) -> String {
-        Claim::take(Some(path), "hall").unwrap_err().to_string()
+        FolderClaim::take(Some(path), "hall")
+            .unwrap_err()
+            .to_string()
     }
 
     #[test]
@@ -182,10 +184,10 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let empty = dir.path().join("empty");
         fs::create_dir(&empty).unwrap();
-        drop(Claim::take(Some(&empty), "hall").unwrap());
+        drop(FolderClaim::take(Some(&empty), "hall").unwrap());
         assert!(empty.exists(), "a folder that was there stays");
         let deeper = dir.path().join("new/deeper");
-        drop(Claim::take(Some(&deeper), "hall").unwrap());
+        drop(FolderClaim::take(Some(&deeper), "hall").unwrap());
         assert!(!deeper.exists(), "a folder that was made goes when empty");
         let file = dir.path().join("file");
         fs::write(&file, "x").unwrap();
@@ -199,7 +201,7 @@ mod tests {
     fn two_runs_never_share_a_folder() {
         let dir = tempfile::tempdir().unwrap();
         let out = dir.path().join("out");
-        let first = Claim::take(Some(&out), "hall").unwrap();
+        let first = FolderClaim::take(Some(&out), "hall").unwrap();
         assert!(refused(&out).contains("another run"));
         fs::write(out.join("poses.jsonl"), "x").unwrap();
         drop(first);
@@ -210,7 +212,7 @@ mod tests {
     #[test]
     fn folders_that_nobody_names_are_numbered() {
         let dir = tempfile::tempdir().unwrap();
-        let [first, second] = [1, 2].map(|_| Claim::numbered(dir.path(), "hall").unwrap());
+        let [first, second] = [1, 2].map(|_| FolderClaim::numbered(dir.path(), "hall").unwrap());
         assert_eq!(first.folder(), dir.path().join("hall-1"));
         assert_eq!(second.folder(), dir.path().join("hall-2"));
     }

@@ -20,7 +20,7 @@ use crate::export::summary::{
 use crate::export::unfinished::write_whole;
 
 /// What is known when a run is over.
-pub(in crate::node) struct Facts<'a> {
+pub(in crate::node) struct RunFacts<'a> {
     /// The ticks of the run.
     pub(in crate::node) ticks: Range<Tick>,
     /// The first words of the edges, with their networks.
@@ -58,8 +58,8 @@ pub(in crate::node) struct Lost {
 }
 
 /// Puts the facts together; nothing outside `timing` depends on a clock or another process.
-pub(in crate::node) fn summarize(venue: &Venue, facts: &Facts<'_>) -> Summary {
-    let Facts { ticks, lost, .. } = facts;
+pub(in crate::node) fn summarize(venue: &Venue, facts: &RunFacts<'_>) -> Summary {
+    let RunFacts { ticks, lost, .. } = facts;
     let done = facts
         .last
         .map_or(0, |last| last + 1 - ticks.start)
@@ -142,7 +142,7 @@ pub(in crate::node) fn versions() -> BTreeMap<String, String> {
 }
 
 /// `fusion/step`, `<viewpoint>/read` and so on.
-fn stages(facts: &Facts<'_>) -> BTreeMap<String, StageTiming> {
+fn stages(facts: &RunFacts<'_>) -> BTreeMap<String, StageTiming> {
     let of_edges = facts.last_words.iter().flat_map(|status| {
         status
             .stages

@@ -20,7 +20,7 @@ use zenoh::Session;
 use zenoh::qos::{CongestionControl, Priority};
 use zenoh::query::ConsolidationMode;
 
-use super::queue::Queue;
+use super::queue::RecordingQueue;
 use crate::recording::channels::filled_topic;
 use crate::recording::holes::Holes;
 
@@ -55,7 +55,7 @@ impl SharedHoles {
 #[derive(Clone)]
 pub(in crate::node) struct Fillers {
     pub(super) session: SessionId,
-    pub(super) queue: Arc<Queue>,
+    pub(super) queue: Arc<RecordingQueue>,
     pub(super) holes: SharedHoles,
     pub(super) clock: VenueClock,
 }

@@ -105,7 +105,7 @@ async fn what_was_missed_is_fetched_and_nothing_else() {
         }
     });
 
-    let (queue, notes) = Queue::open("fill-test", SESSION);
+    let (queue, notes) = RecordingQueue::open("fill-test", SESSION);
     let fillers = Fillers {
         session: SESSION,
         queue: Arc::new(queue),

@@ -22,7 +22,7 @@ const QUEUE: usize = 8192;
 const QUEUE_BYTES: usize = 64 << 20;
 
 /// Hands on what passes.
-pub(in crate::node) struct Queue {
+pub(in crate::node) struct RecordingQueue {
     notes: SyncSender<Note>,
     state: Arc<QueueState>,
     session: SessionId,
@@ -44,14 +44,14 @@ pub(in crate::node) struct QueueState {
 #[derive(Debug)]
 pub(in crate::node) enum Note {
     /// A message.
-    Passed(Passed),
+    Passed(QueuedMessage),
     /// Nothing more will come.
     End,
 }
 
 /// A message that passed.
 #[derive(Debug)]
-pub(in crate::node) struct Passed {
+pub(in crate::node) struct QueuedMessage {
     /// Under which key.
     pub(super) topic: String,
     /// As it travels.
@@ -60,7 +60,7 @@ pub(in crate::node) struct Passed {
     pub(super) at_ns: u64,
 }
 
-impl Queue {
+impl RecordingQueue {
     /// A queue for what passes fusion in `session`, and the end at which its notes come out.
     pub(in crate::node) fn open(venue: &str, session: SessionId) -> (Self, Receiver<Note>) {
         let (queue, notes) = sync_channel(QUEUE);
@@ -90,7 +90,7 @@ impl Queue {
         let sent = if before > QUEUE_BYTES {
             Err(false)
         } else {
-            let passed = Passed {
+            let passed = QueuedMessage {
                 topic: topic.to_owned(),
                 bytes: bytes.to_owned(),
                 at_ns: u64::try_from(at_us).unwrap_or(0).saturating_mul(1000),
@@ -114,7 +114,7 @@ impl Queue {
     }
 }
 
-impl Wiretap for Queue {
+impl Wiretap for RecordingQueue {
     fn received(&self, message: CopiedMessage<'_>) {
         // What fusion says itself is noted when it is said.
         if message.key != self.own_status {
@@ -176,8 +176,8 @@ mod tests {
     use super::*;
     use crate::align::TickGroup;
 
-    fn open() -> (Queue, Receiver<Note>) {
-        Queue::open("hall", SessionId(7))
+    fn open() -> (RecordingQueue, Receiver<Note>) {
+        RecordingQueue::open("hall", SessionId(7))
     }
 
     #[test]

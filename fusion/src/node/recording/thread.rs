@@ -21,15 +21,15 @@ use farfield_proto::venue::parameters::RecordingParameters;
 use farfield_proto::wire;
 use tracing::warn;
 
+use super::file::RecordingFile;
 use super::filler::{Fillers, SharedHoles};
-use super::place::Place;
-use super::queue::{Note, Queue, QueueState};
+use super::queue::{Note, QueueState, RecordingQueue};
 use super::retention::delete_old;
 use crate::export::summary::RecordingSummary;
 use crate::node::session::wiretap::Wiretap;
 use crate::recording::channels::Content;
 use crate::recording::holes::Holes;
-use crate::recording::writer::{Head, Passed, RecordingWriter};
+use crate::recording::writer::{Head, PassedMessage, RecordingWriter};
 
 /// How long after its tick was worked on a set is missed: longer than any live one takes.
 const SETTLE_S: f64 = 2.0;
@@ -42,26 +42,26 @@ pub(in crate::node) struct RecordingThread {
     session: SessionId,
     holes: SharedHoles,
     filled: Arc<AtomicU64>,
-    queue: Arc<Queue>,
+    queue: Arc<RecordingQueue>,
     /// `None` once it is waited for.
     thread: Option<JoinHandle<()>>,
 }
 
 impl RecordingThread {
-    /// Begins to write to `place` what passes fusion in `session`.
+    /// Begins to write to `file` what passes fusion in `session`.
     ///
     /// # Errors
     /// When the head cannot be written, or no thread starts.
     pub(in crate::node) fn start(
-        place: Place,
+        file: RecordingFile,
         head: Head,
         session: SessionId,
         parameters: &RecordingParameters,
     ) -> anyhow::Result<Self> {
-        let Place { path, file } = place;
+        let RecordingFile { path, file } = file;
         let (venue, recorder) = (head.venue.clone(), head.venue.clone() + "/recorder");
         let (n_viewpoints, rate_hz) = (head.viewpoints.len(), head.rate_hz);
-        let (queue, notes) = Queue::open(&head.venue, session);
+        let (queue, notes) = RecordingQueue::open(&head.venue, session);
         let writer = RecordingWriter::create(BufWriter::new(file), head);
         let writer = writer.with_context(|| format!("writing the recording {}", path.display()))?;
         let state = Arc::clone(queue.state());
@@ -69,7 +69,7 @@ impl RecordingThread {
         let settle = (SETTLE_S * rate_hz).ceil() as i64;
         let holes = SharedHoles::new(Holes::new(session, n_viewpoints, settle));
         let filled = Arc::<AtomicU64>::default();
-        let work = Work {
+        let work = RecordingWork {
             venue,
             recorder,
             chunk: Duration::try_from_secs_f64(parameters.chunk_s)?,
@@ -99,7 +99,7 @@ impl RecordingThread {
     }
 
     /// Where messages are noted.
-    pub(in crate::node) fn queue(&self) -> Arc<Queue> {
+    pub(in crate::node) fn queue(&self) -> Arc<RecordingQueue> {
         Arc::clone(&self.queue)
     }
 
@@ -145,7 +145,7 @@ impl RecordingThread {
     }
 }
 
-struct Work {
+struct RecordingWork {
     /// Whose recordings are kept for so long.
     venue: String,
     /// Topic of what the recorder says of itself.
@@ -162,7 +162,7 @@ struct Work {
     rings: BTreeSet<usize>,
 }
 
-impl Work {
+impl RecordingWork {
     fn run(mut self, mut writer: RecordingWriter<BufWriter<File>>, notes: &Receiver<Note>) {
         let written = self.write_all(&mut writer, notes);
         let written = written.and_then(|()| writer.finish().map(drop));
@@ -196,7 +196,7 @@ impl Work {
             }
             match notes.recv_timeout(until(flush_at.min(clean_at), now)) {
                 Ok(Note::Passed(passed)) => {
-                    let content = writer.write(&Passed {
+                    let content = writer.write(&PassedMessage {
                         topic: &passed.topic,
                         bytes: &passed.bytes,
                         log_ns: passed.at_ns,
@@ -275,7 +275,7 @@ impl Work {
         self.lost = lost;
         let log_ns = u64::try_from(clock::unix_time().as_nanos()).unwrap_or(u64::MAX);
         let json = format!("{{\"lost\":{lost}}}");
-        writer.write(&Passed {
+        writer.write(&PassedMessage {
             topic: &self.recorder,
             bytes: json.as_bytes(),
             log_ns,
@@ -311,7 +311,7 @@ mod tests {
     #[tokio::test]
     async fn what_cannot_be_written_at_the_very_end_is_a_failure() {
         let (reader, disk) = io::pipe().unwrap();
-        let place = Place {
+        let file = RecordingFile {
             path: PathBuf::from("end.mcap"),
             file: File::from(OwnedFd::from(disk)),
         };
@@ -319,7 +319,7 @@ mod tests {
             chunk_s: 3600.0,
             ..RecordingParameters::default()
         };
-        let recording = RecordingThread::start(place, head(), SessionId(1), &parameters).unwrap();
+        let recording = RecordingThread::start(file, head(), SessionId(1), &parameters).unwrap();
         recording.queue().note("hall/pose", b"x", 0);
         assert_eq!(recording.so_far().failure, None);
         drop(reader);

@@ -18,13 +18,13 @@ use tokio_util::task::TaskTracker;
 use self::report::{Done, FileFacts};
 use self::venue::{Changes, replay_venue};
 use super::config::check_names;
-use super::output::claim::{Claim, check_folder};
+use super::output::claim::{FolderClaim, check_folder};
 use super::output::exporter::Exporter;
 use super::output::summary;
 use crate::export::summary::EventCounts;
 use crate::pipeline::Pipeline;
 use crate::recording::reader::{Recording, SessionPart};
-use crate::recording::replay::{Choice, Names, Replay};
+use crate::recording::replay::{Choice, PatchOwners, Replay};
 
 /// Arguments of a replay.
 #[derive(Debug, Clone, clap::Args)]
@@ -82,9 +82,9 @@ fn replay(args: &ReplayArgs, print: fn(&str) -> anyhow::Result<()>) -> Result<En
     check_names(&venue).map_err(refused)?;
     let as_it_was = changes.none() && !args.late && !part.decisions.is_empty();
     let names = if as_it_was {
-        Names::AsRecorded
+        PatchOwners::AsRecorded
     } else {
-        Names::ByPlace
+        PatchOwners::ByPlace
     };
     let choice = if args.late {
         Choice::All
@@ -108,7 +108,7 @@ fn replay(args: &ReplayArgs, print: fn(&str) -> anyhow::Result<()>) -> Result<En
         .with_context(|| args.file.display().to_string())
         .map_err(refused)?;
     let span = replay.span().unwrap_or(recorded);
-    let claim = Claim::take(args.out.as_deref(), &venue.name).map_err(refused)?;
+    let claim = FolderClaim::take(args.out.as_deref(), &venue.name).map_err(refused)?;
     let exporter =
         Exporter::create(claim.folder(), &venue, &keypoints).map_err(NodeError::Failed)?;
     let done = Solving {

@@ -49,9 +49,9 @@ impl FileFacts {
         }
     }
 
-    fn with(&self, done: &Done) -> Facts {
+    fn with(&self, done: &Done) -> ReplayFacts {
         let tally = &done.tally;
-        Facts {
+        ReplayFacts {
             all_sets: done.choice == Choice::All,
             file_whole: self.file_whole,
             read_bytes: self.read_bytes,
@@ -72,16 +72,16 @@ impl FileFacts {
 
 /// What a replay says of itself.
 #[derive(Debug, Serialize)]
-struct Report<'a> {
+struct ReplayReport<'a> {
     /// As `summary.json` has it.
     #[serde(flatten)]
     summary: &'a Summary,
-    replay: Facts,
+    replay: ReplayFacts,
 }
 
 /// What a replay has found in its recording.
 #[derive(Debug, Serialize)]
-struct Facts {
+struct ReplayFacts {
     /// Whether sets were used that fusion did not use then.
     all_sets: bool,
     /// Whether the file's end was written.
@@ -115,7 +115,7 @@ struct Facts {
 impl Done {
     /// The replay as JSON: its summary, and what it has found in its recording.
     pub(super) fn json(&self, summary: &Summary, file: &FileFacts) -> anyhow::Result<String> {
-        let report = Report {
+        let report = ReplayReport {
             summary,
             replay: file.with(self),
         };

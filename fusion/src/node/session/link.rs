@@ -16,28 +16,28 @@ use zenoh::Session;
 use zenoh::liveliness::LivelinessToken;
 
 use super::interceptor::Interceptor;
-use super::messages::{Incoming, Outgoing};
-use super::mode::Mode;
-use super::publishers::Publishers;
+use super::messages::{FusionIncoming, FusionOutgoing};
+use super::mode::RunMode;
+use super::publishers::FusionPublishers;
 use super::subscribers::Subscribers;
 
 /// Messages that wait for the loop; when it is full, what has come waits in its subscription.
 const QUEUE: usize = 256;
 
 /// The open session with all that is declared on it.
-pub(in crate::node) struct Link {
+pub(in crate::node) struct FusionSession {
     session: Session,
-    publishers: Publishers,
+    publishers: FusionPublishers,
     subscribers: Subscribers,
     token: LivelinessToken,
 }
 
-impl Link {
+impl FusionSession {
     /// Listens where `reach` says and declares everything that the edges of `venue` need.
     pub(in crate::node) async fn open(
         venue: &Venue,
         reach: &Reach,
-        mode: Mode,
+        mode: RunMode,
     ) -> anyhow::Result<Self> {
         let viewpoints: Vec<&str> = venue.viewpoints.iter().map(|v| v.name.as_str()).collect();
         let transport = FusionTransport {
@@ -48,7 +48,7 @@ impl Link {
         };
         let session = session::listen(&transport).await?;
         let keys = Keys::new(&venue.name);
-        let publishers = Publishers::declare(&session, venue, mode).await?;
+        let publishers = FusionPublishers::declare(&session, venue, mode).await?;
         let subscribers = Subscribers::declare(&session, &keys, mode).await?;
         let token = declare_alive(&session, keys.alive(FUSION)).await?;
         Ok(Self {
@@ -81,7 +81,7 @@ impl Link {
         tasks: &TaskTracker,
         stop: &CancellationToken,
         interceptor: &Interceptor,
-    ) -> Ends {
+    ) -> FusionEnds {
         let (incoming_tx, incoming) = mpsc::channel(QUEUE);
         self.subscribers
             .spawn(tasks, interceptor, &incoming_tx, stop);
@@ -91,7 +91,7 @@ impl Link {
         let (matched_tx, matched) = watch::channel(false);
         let (publishers, own_interceptor) = (self.publishers, interceptor.clone());
         tasks.spawn_blocking(move || publishers.send_all(outgoing, &own_interceptor, &matched_tx));
-        Ends {
+        FusionEnds {
             incoming,
             outgoing: outgoing_tx,
             matched,
@@ -102,18 +102,18 @@ impl Link {
 }
 
 /// The loop's ends of the queues to and from the wire.
-pub(in crate::node) struct Ends {
+pub(in crate::node) struct FusionEnds {
     /// What comes in.
-    pub(in crate::node) incoming: mpsc::Receiver<Incoming>,
-    /// What goes out; bounded, see [`Link::spawn`].
-    pub(in crate::node) outgoing: mpsc::Sender<Outgoing>,
+    pub(in crate::node) incoming: mpsc::Receiver<FusionIncoming>,
+    /// What goes out; bounded, see [`FusionSession::spawn`].
+    pub(in crate::node) outgoing: mpsc::Sender<FusionOutgoing>,
     /// Whether every viewpoint listens for its boxes.
     pub(in crate::node) matched: watch::Receiver<bool>,
     session: Session,
     _token: LivelinessToken,
 }
 
-impl Ends {
+impl FusionEnds {
     /// The open session.
     pub(in crate::node) fn session(&self) -> Session {
         self.session.clone()

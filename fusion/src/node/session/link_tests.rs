@@ -16,9 +16,9 @@ use tokio::time::timeout;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
-use super::{Ends, Incoming, Interceptor, Link, Outgoing};
-use crate::node::session::messages::Presence;
-use crate::node::session::mode::Mode;
+use super::{FusionEnds, FusionIncoming, FusionOutgoing, FusionSession, Interceptor};
+use crate::node::session::messages::Liveliness;
+use crate::node::session::mode::RunMode;
 use crate::node::session::wiretap::{CopiedMessage, CopiedStep, Wiretap, WiretapHandle};
 use crate::node::status::own_status;
 
@@ -53,7 +53,7 @@ fn venue() -> Venue {
     Venue::parse(text, Path::new("venue.toml"), calibration).unwrap()
 }
 
-async fn next(ends: &mut Ends) -> Incoming {
+async fn next(ends: &mut FusionEnds) -> FusionIncoming {
     timeout(PATIENCE, ends.incoming.recv())
         .await
         .expect("fusion receives nothing")
@@ -72,7 +72,7 @@ async fn client(endpoint: &str) -> zenoh::Session {
     zenoh::open(config).await.unwrap()
 }
 
-async fn what_cannot_be_used_is_told(edge: &zenoh::Session, ends: &mut Ends, set: PatchSet) {
+async fn what_cannot_be_used_is_told(edge: &zenoh::Session, ends: &mut FusionEnds, set: PatchSet) {
     let of_another = wire::encode(&PatchSet {
         viewpoint: ViewpointIndex(1),
         ..set
@@ -80,7 +80,7 @@ async fn what_cannot_be_used_is_told(edge: &zenoh::Session, ends: &mut Ends, set
     for bytes in [of_another, vec![0xff; 40]] {
         edge.put("link-test/patch/a", bytes).await.unwrap();
         match next(ends).await {
-            Incoming::Unreadable(key) => assert_eq!(key, "link-test/patch/a"),
+            FusionIncoming::Unreadable(key) => assert_eq!(key, "link-test/patch/a"),
             other => panic!("{other:?}"),
         }
     }
@@ -92,7 +92,9 @@ async fn an_edge_is_heard_answered_and_missed() {
         endpoints: vec!["tcp/127.0.0.1:0".to_owned()],
         identity: None,
     };
-    let link = Link::open(&venue(), &reach, Mode::LockStep).await.unwrap();
+    let link = FusionSession::open(&venue(), &reach, RunMode::LockStep)
+        .await
+        .unwrap();
     let kept = Arc::new(Kept::default());
     let wiretap = WiretapHandle::new(Some(Arc::clone(&kept) as Arc<dyn Wiretap>));
     let interceptor = Interceptor::new(&venue(), VenueClock::start(), wiretap);
@@ -109,7 +111,8 @@ async fn an_edge_is_heard_answered_and_missed() {
     let boxes = edge.declare_subscriber("link-test/box/a").await.unwrap();
     loop {
         // Fusion receives its own token, too.
-        if matches!(next(&mut ends).await, Incoming::Alive(node, Presence::There) if node == "a") {
+        if matches!(next(&mut ends).await, FusionIncoming::Alive(node, Liveliness::There) if node == "a")
+        {
             break;
         }
     }
@@ -127,7 +130,7 @@ async fn an_edge_is_heard_answered_and_missed() {
     let bytes = wire::encode(&set);
     edge.put("link-test/patch/a", bytes.clone()).await.unwrap();
     match next(&mut ends).await {
-        Incoming::Patches(received_set, arrival) => {
+        FusionIncoming::Patches(received_set, arrival) => {
             assert_eq!((&received_set, arrival.bytes), (&set, bytes.len() as u64));
             let received = kept.received.lock().unwrap().clone();
             assert_eq!(received, ["link-test/patch/a"]);
@@ -138,7 +141,7 @@ async fn an_edge_is_heard_answered_and_missed() {
 
     while !*ends.matched.borrow() {
         ends.outgoing
-            .send(Outgoing::Status(Vec::new()))
+            .send(FusionOutgoing::Status(Vec::new()))
             .await
             .unwrap();
         timeout(PATIENCE, ends.matched.changed())
@@ -147,7 +150,7 @@ async fn an_edge_is_heard_answered_and_missed() {
             .unwrap();
     }
     ends.outgoing
-        .send(Outgoing::Boxes(0, vec![1, 2, 3]))
+        .send(FusionOutgoing::Boxes(0, vec![1, 2, 3]))
         .await
         .unwrap();
     let sample = timeout(PATIENCE, boxes.recv_async())
@@ -161,7 +164,8 @@ async fn an_edge_is_heard_answered_and_missed() {
     drop(token);
     edge.close().await.unwrap();
     loop {
-        if matches!(next(&mut ends).await, Incoming::Alive(node, Presence::Gone) if node == "a") {
+        if matches!(next(&mut ends).await, FusionIncoming::Alive(node, Liveliness::Gone) if node == "a")
+        {
             break;
         }
     }

@@ -4,7 +4,7 @@ use farfield_proto::message::{PatchSet, SightingSet, Status};
 
 /// What the network tells the loop.
 #[derive(Debug)]
-pub(in crate::node) enum Incoming {
+pub(in crate::node) enum FusionIncoming {
     /// Patches.
     Patches(PatchSet, Arrival),
     /// Sightings.
@@ -12,7 +12,7 @@ pub(in crate::node) enum Incoming {
     /// A node says how it is.
     Status(Box<Status>),
     /// A node has joined or left.
-    Alive(String, Presence),
+    Alive(String, Liveliness),
     /// A message that cannot be read, by its key.
     Unreadable(String),
 }
@@ -28,7 +28,7 @@ pub(in crate::node) struct Arrival {
 
 /// Whether a node is there.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(in crate::node) enum Presence {
+pub(in crate::node) enum Liveliness {
     /// Its liveliness token is there.
     There,
     /// Its token went away with its session.
@@ -37,7 +37,7 @@ pub(in crate::node) enum Presence {
 
 /// What fusion says, and to whom.
 #[derive(Debug)]
-pub(in crate::node) enum Outgoing {
+pub(in crate::node) enum FusionOutgoing {
     /// Boxes for the viewpoint of this index.
     Boxes(usize, Vec<u8>),
     /// The persons of a tick.

@@ -10,11 +10,11 @@ use zenoh::pubsub::Publisher;
 use zenoh::{Session, Wait as _};
 
 use super::interceptor::Interceptor;
-use super::messages::Outgoing;
-use super::mode::Mode;
+use super::messages::FusionOutgoing;
+use super::mode::RunMode;
 
 /// All that fusion publishes on.
-pub(super) struct Publishers {
+pub(super) struct FusionPublishers {
     /// By viewpoint.
     boxes: Vec<Publisher<'static>>,
     poses: Publisher<'static>,
@@ -24,7 +24,7 @@ pub(super) struct Publishers {
     status: Publisher<'static>,
 }
 
-impl Publishers {
+impl FusionPublishers {
     /// Declares what the edges of `venue`, and whoever listens to the results, need.
     ///
     /// # Errors
@@ -32,13 +32,13 @@ impl Publishers {
     pub(super) async fn declare(
         session: &Session,
         venue: &Venue,
-        mode: Mode,
+        mode: RunMode,
     ) -> anyhow::Result<Self> {
         let keys = Keys::new(&venue.name);
         let (delivery, sent_once) = match mode {
-            Mode::LockStep => (Delivery::Blocking, Delivery::Blocking),
+            RunMode::LockStep => (Delivery::Blocking, Delivery::Blocking),
             // Statuses and events are sent once: a lost one would be missed.
-            Mode::Live => (Delivery::BestEffort, Delivery::Reliable),
+            RunMode::Live => (Delivery::BestEffort, Delivery::Reliable),
         };
         let publisher = |key, delivery| session::publisher(session, key, delivery);
         let mut boxes = Vec::new();
@@ -64,18 +64,18 @@ impl Publishers {
     /// its end of the queue. `matched` says whether every viewpoint listens for its boxes.
     pub(super) fn send_all(
         &self,
-        mut outgoing: mpsc::Receiver<Outgoing>,
+        mut outgoing: mpsc::Receiver<FusionOutgoing>,
         interceptor: &Interceptor,
         matched: &watch::Sender<bool>,
     ) {
         while let Some(message) = outgoing.blocking_recv() {
             let (publisher, bytes) = match message {
-                Outgoing::Boxes(viewpoint, bytes) => (self.boxes.get(viewpoint), bytes),
-                Outgoing::Poses(bytes) => (Some(&self.poses), bytes),
-                Outgoing::Smooth(bytes) => (Some(&self.smooth), bytes),
-                Outgoing::Decision(bytes) => (Some(&self.decisions), bytes),
-                Outgoing::Events(bytes) => (Some(&self.events), bytes),
-                Outgoing::Status(bytes) => {
+                FusionOutgoing::Boxes(viewpoint, bytes) => (self.boxes.get(viewpoint), bytes),
+                FusionOutgoing::Poses(bytes) => (Some(&self.poses), bytes),
+                FusionOutgoing::Smooth(bytes) => (Some(&self.smooth), bytes),
+                FusionOutgoing::Decision(bytes) => (Some(&self.decisions), bytes),
+                FusionOutgoing::Events(bytes) => (Some(&self.events), bytes),
+                FusionOutgoing::Status(bytes) => {
                     // Statuses go out several times a second until the start: the moment to look.
                     matched.send_replace(self.boxes.iter().all(has_listener));
                     (Some(&self.status), bytes)

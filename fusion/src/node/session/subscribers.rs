@@ -17,15 +17,15 @@ use zenoh::pubsub::Subscriber;
 use zenoh::sample::{Sample, SampleKind};
 
 use super::interceptor::Interceptor;
-use super::messages::{Incoming, Presence};
-use super::mode::Mode;
+use super::messages::{FusionIncoming, Liveliness};
+use super::mode::RunMode;
 
 /// Messages that wait of one subscription. When full: in lock-step Zenoh stops reading, and the edges
 /// wait; live the oldest are lost, as a thread of Zenoh's that waits would hold up everybody.
 const QUEUE: usize = 256;
 
 /// Everything that fusion subscribes to.
-pub(super) struct Subscribers(Vec<(Topic, Subscription)>);
+pub(super) struct Subscribers(Vec<(FusionTopic, Subscription)>);
 
 impl Subscribers {
     /// Declares them under `keys`.
@@ -35,14 +35,17 @@ impl Subscribers {
     pub(super) async fn declare(
         session: &Session,
         keys: &Keys,
-        mode: Mode,
+        mode: RunMode,
     ) -> anyhow::Result<Self> {
         let subscribe = |key| subscriber(session, key, mode);
         Ok(Self(vec![
-            (Topic::Patches, subscribe(keys.patches()).await?),
-            (Topic::Sightings, subscribe(keys.sightings()).await?),
-            (Topic::Statuses, subscribe(keys.statuses()).await?),
-            (Topic::Alive, liveliness(session, keys.all_alive()).await?),
+            (FusionTopic::Patches, subscribe(keys.patches()).await?),
+            (FusionTopic::Sightings, subscribe(keys.sightings()).await?),
+            (FusionTopic::Statuses, subscribe(keys.statuses()).await?),
+            (
+                FusionTopic::Alive,
+                liveliness(session, keys.all_alive()).await?,
+            ),
         ]))
     }
 
@@ -51,7 +54,7 @@ impl Subscribers {
         self,
         tasks: &TaskTracker,
         interceptor: &Interceptor,
-        incoming: &mpsc::Sender<Incoming>,
+        incoming: &mpsc::Sender<FusionIncoming>,
         stop: &CancellationToken,
     ) {
         for (topic, subscription) in self.0 {
@@ -68,7 +71,7 @@ impl Subscribers {
 }
 
 #[derive(Debug, Clone, Copy)]
-enum Topic {
+enum FusionTopic {
     Patches,
     Sightings,
     Statuses,
@@ -94,12 +97,12 @@ impl Subscription {
 }
 
 /// Subscribes to `key`.
-async fn subscriber(session: &Session, key: String, mode: Mode) -> anyhow::Result<Subscription> {
+async fn subscriber(session: &Session, key: String, mode: RunMode) -> anyhow::Result<Subscription> {
     match mode {
-        Mode::LockStep => session::subscriber(session, key, QUEUE)
+        RunMode::LockStep => session::subscriber(session, key, QUEUE)
             .await
             .map(Subscription::All),
-        Mode::Live => {
+        RunMode::Live => {
             let declared = session
                 .declare_subscriber(key.clone())
                 .with(RingChannel::new(QUEUE))
@@ -121,10 +124,10 @@ async fn liveliness(session: &Session, key: String) -> anyhow::Result<Subscripti
 
 /// Task: one subscription, decoded, to the loop.
 async fn listen(
-    topic: Topic,
+    topic: FusionTopic,
     subscription: Subscription,
     interceptor: Interceptor,
-    incoming: mpsc::Sender<Incoming>,
+    incoming: mpsc::Sender<FusionIncoming>,
     stop: CancellationToken,
 ) {
     loop {
@@ -143,15 +146,15 @@ async fn listen(
     }
 }
 
-fn read(topic: Topic, sample: &Sample, interceptor: &Interceptor) -> Incoming {
+fn read(topic: FusionTopic, sample: &Sample, interceptor: &Interceptor) -> FusionIncoming {
     let key = sample.key_expr().as_str();
-    if let Topic::Alive = topic {
+    if let FusionTopic::Alive = topic {
         let node = key.rsplit('/').next().unwrap_or(key).to_owned();
         let presence = match sample.kind() {
-            SampleKind::Put => Presence::There,
-            SampleKind::Delete => Presence::Gone,
+            SampleKind::Put => Liveliness::There,
+            SampleKind::Delete => Liveliness::Gone,
         };
-        return Incoming::Alive(node, presence);
+        return FusionIncoming::Alive(node, presence);
     }
     let payload = sample.payload().to_bytes();
     let arrival = interceptor.received(key, &payload);
@@ -161,19 +164,20 @@ fn read(topic: Topic, sample: &Sample, interceptor: &Interceptor) -> Incoming {
             .ok_or(WireError::Invalid("under the key of another viewpoint"))
     };
     let incoming = match topic {
-        Topic::Patches => wire::decode(&payload)
-            .and_then(|set: PatchSet| own(set.viewpoint).map(|()| Incoming::Patches(set, arrival))),
-        Topic::Sightings => wire::decode(&payload).and_then(|set: SightingSet| {
-            own(set.viewpoint).map(|()| Incoming::Sightings(set, arrival))
+        FusionTopic::Patches => wire::decode(&payload).and_then(|set: PatchSet| {
+            own(set.viewpoint).map(|()| FusionIncoming::Patches(set, arrival))
         }),
-        Topic::Statuses | Topic::Alive => wire::decode(&payload).and_then(|status| {
+        FusionTopic::Sightings => wire::decode(&payload).and_then(|set: SightingSet| {
+            own(set.viewpoint).map(|()| FusionIncoming::Sightings(set, arrival))
+        }),
+        FusionTopic::Statuses | FusionTopic::Alive => wire::decode(&payload).and_then(|status| {
             let may = interceptor.may_say(key, &status);
-            may.then(|| Incoming::Status(Box::new(status)))
+            may.then(|| FusionIncoming::Status(Box::new(status)))
                 .ok_or(WireError::Invalid("under the key of another node"))
         }),
     };
     incoming.unwrap_or_else(|error| {
         debug!(%key, %error, "message not readable");
-        Incoming::Unreadable(key.to_owned())
+        FusionIncoming::Unreadable(key.to_owned())
     })
 }

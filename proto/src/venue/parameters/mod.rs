@@ -120,16 +120,6 @@ impl Parameters {
         PARAMETERS.iter().zip(self.in_order())
     }
 
-    /// The defaults, with what the users' tables and `[tuning]` of a text say otherwise; ranges are not
-    /// checked. `file` must have no other table.
-    ///
-    /// # Errors
-    /// [`FileError`] for an unknown, mistyped or misplaced field.
-    pub fn read(file: &TomlFile<'_>) -> Result<Self, FileError> {
-        super::layout::check(file)?;
-        Ok(file.read::<ParameterTables>()?.into())
-    }
-
     /// Refuses the first parameter that is out of its range, where it stands in `file`.
     pub(super) fn check(&self, file: &TomlFile<'_>) -> Result<(), FileError> {
         for (parameter, value) in self.values() {

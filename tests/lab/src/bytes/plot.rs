@@ -1,6 +1,6 @@
 //! Bytes against errors as SVG: bytes along, in powers of ten; millimetres up, ours as a line.
 
-use farfield_score::plot::{Axis, Layer, Plot};
+use farfield_score::plot::{Layer, Plot, PlotAxis};
 
 use super::run::{Curve, PackingRow};
 
@@ -43,13 +43,13 @@ pub fn svg(curve: &Curve) -> String {
     let plot = Plot {
         title: &title,
         size_px: [1000, 560],
-        x: Axis {
+        x: PlotAxis {
             description: "bytes",
             range: RANGE_BYTES,
             is_logarithmic: true,
             label: |bytes| format!("{bytes:.0} B"),
         },
-        y: Axis {
+        y: PlotAxis {
             description: "mm",
             range: range_mm,
             is_logarithmic: false,

@@ -9,7 +9,7 @@ use std::path::PathBuf;
 use std::thread;
 use std::time::Duration;
 
-use crate::live_venue::{LiveVenue, Vitals};
+use crate::live_venue::{LiveVenue, VenueWatch, Vitals};
 use crate::namespaces::Namespaces;
 use crate::relay::{Direction, Impairment};
 use anyhow::{Context as _, anyhow, ensure};
@@ -90,6 +90,34 @@ fn run(
     let watch = live.watch()?;
     live.start_edges()?;
     let length = Duration::from_secs_f64(args.minutes * 60.0);
+    let samples = sample_vitals(&live, &watch, length)?;
+    let mut text = headline(args, &live, &watch, length)?;
+    let mut grown = Vec::new();
+    for (node, samples) in &samples {
+        let (line, growth) = judge(node, samples, length);
+        text += &line;
+        grown.extend(growth);
+    }
+    for (relay, viewpoint) in live.relays.iter().zip(&live.venue().viewpoints) {
+        let up = relay.counts(Direction::Up);
+        // Writing to a String cannot fail.
+        let _infallible = writeln!(
+            text,
+            "link of {}: {:.1} kB/s, {:.1} in the fullest second",
+            viewpoint.name,
+            up.offered.bytes as f64 / length.as_secs_f64() / 1e3,
+            up.offered.peak_bytes_s as f64 / 1e3
+        );
+    }
+    Ok((text, grown))
+}
+
+/// The vitals of every node, by its name, taken evenly over `length`.
+fn sample_vitals(
+    live: &LiveVenue,
+    watch: &VenueWatch,
+    length: Duration,
+) -> anyhow::Result<BTreeMap<String, Vec<Vitals>>> {
     let mut samples: BTreeMap<String, Vec<Vitals>> = BTreeMap::new();
     for sample in 1..=SAMPLES {
         thread::sleep(length / SAMPLES);
@@ -109,6 +137,16 @@ fn run(
             ));
         }
     }
+    Ok(samples)
+}
+
+/// What was published, how late it was, and the head of the table of the nodes.
+fn headline(
+    args: &SoakArgs,
+    live: &LiveVenue,
+    watch: &VenueWatch,
+    length: Duration,
+) -> anyhow::Result<String> {
     let (poses, delays_us, whole) = {
         let seen = watch.seen();
         let delays_us = seen.delays_us(live.venue().rate_hz, Tick(i64::MIN));
@@ -121,7 +159,7 @@ fn run(
         100.0 * whole,
         live.said()
     );
-    let mut text = format!(
+    Ok(format!(
         "{:.1} min, {poses} poses: {:.2} per second, {:.2} % of them with everybody tracked; round trip {} ms, loss {} %\n\
          capture to pose, ms: P50 {}, P99 {}, P99.9 {}, max {}\n\n\
          node             memory MB  first   last   threads  first  last  handles  first  last  cores\n",
@@ -134,25 +172,7 @@ fn run(
         ms(&delays_us, 0.99),
         ms(&delays_us, 0.999),
         ms(&delays_us, 1.0),
-    );
-    let mut grown = Vec::new();
-    for (node, samples) in &samples {
-        let (line, growth) = judge(node, samples, length);
-        text += &line;
-        grown.extend(growth);
-    }
-    for (relay, viewpoint) in live.relays.iter().zip(&live.venue().viewpoints) {
-        let up = relay.counts(Direction::Up);
-        // Writing to a String cannot fail.
-        let _infallible = writeln!(
-            text,
-            "link of {}: {:.1} kB/s, {:.1} in the fullest second",
-            viewpoint.name,
-            up.offered.bytes as f64 / length.as_secs_f64() / 1e3,
-            up.offered.peak_bytes_s as f64 / 1e3
-        );
-    }
-    Ok((text, grown))
+    ))
 }
 
 fn ms(sorted_us: &[u64], share: f64) -> String {

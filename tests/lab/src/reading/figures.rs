@@ -19,13 +19,13 @@ pub const MAX_FILES_OF_FOLDER: usize = 15;
 
 /// Lines of a package, or of all.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-struct Lines {
+struct LineCounts {
     source: usize,
     tests: usize,
     examples: usize,
 }
 
-fn lines(workspace: &Workspace, package: Option<&str>) -> Lines {
+fn lines(workspace: &Workspace, package: Option<&str>) -> LineCounts {
     let own = |role| workspace.files_of(package, role);
     let whole = |role| {
         own(role)
@@ -33,7 +33,7 @@ fn lines(workspace: &Workspace, package: Option<&str>) -> Lines {
             .sum::<usize>()
     };
     let within: usize = own(Role::Source).map(CodeFile::lines_of_tests).sum();
-    Lines {
+    LineCounts {
         source: own(Role::Source).map(CodeFile::lines).sum(),
         tests: whole(Role::Test) + within,
         examples: whole(Role::Example),

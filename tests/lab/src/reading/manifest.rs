@@ -15,14 +15,14 @@ pub struct Package {
     /// Path of its `Cargo.toml`.
     pub manifest_path: String,
     /// Libraries, binaries, tests, benches, examples.
-    pub targets: Vec<Target>,
+    pub targets: Vec<CargoTarget>,
     /// The tables of dependencies, all in one.
     pub dependencies: Vec<Dependency>,
 }
 
 /// What cargo builds of a package.
 #[derive(Clone, Debug, Deserialize)]
-pub struct Target {
+pub struct CargoTarget {
     /// Its name.
     pub name: String,
     /// `lib`, `bin`, `test`, `bench`, `example`.

@@ -32,7 +32,7 @@ pub enum Direction {
 
 /// A datagram, and the socket and address by which it leaves.
 #[derive(Debug, Clone)]
-struct Outgoing {
+struct OutgoingDatagram {
     socket: Arc<UdpSocket>,
     /// `None`: the socket is connected.
     to: Option<SocketAddr>,
@@ -52,7 +52,7 @@ struct RelayShared {
     clock: Clock,
     server: SocketAddr,
     /// Up, down.
-    links: Mutex<[RelayLink<Outgoing>; 2]>,
+    links: Mutex<[RelayLink<OutgoingDatagram>; 2]>,
     /// Something was sent off, or the relay ends.
     changed: Condvar,
     ended: AtomicBool,
@@ -147,7 +147,7 @@ impl Drop for UdpRelay {
 }
 
 impl RelayShared {
-    fn lock(&self) -> MutexGuard<'_, [RelayLink<Outgoing>; 2]> {
+    fn lock(&self) -> MutexGuard<'_, [RelayLink<OutgoingDatagram>; 2]> {
         // A panic elsewhere leaves whole links behind.
         self.links.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -156,7 +156,7 @@ impl RelayShared {
         self.ended.load(Ordering::Relaxed)
     }
 
-    fn offer(&self, direction: Direction, outgoing: Outgoing) {
+    fn offer(&self, direction: Direction, outgoing: OutgoingDatagram) {
         let mut links = self.lock();
         let now_us = self.clock.now_us();
         let bytes = outgoing.bytes.len();
@@ -172,7 +172,7 @@ impl RelayShared {
             if let Some(outgoing) = links.iter_mut().find_map(|link| link.take(now_us)) {
                 drop(links);
                 // A client that has gone refuses; that is a loss like any other.
-                let Outgoing { socket, to, bytes } = outgoing;
+                let OutgoingDatagram { socket, to, bytes } = outgoing;
                 drop(match to {
                     Some(to) => socket.send_to(&bytes, to),
                     None => socket.send(&bytes),
@@ -208,7 +208,7 @@ fn listen_to_clients(shared: &Arc<RelayShared>, socket: &Arc<UdpSocket>) {
             clients.insert(client, opened);
         }
         if let Some((up, _)) = clients.get(&client) {
-            let outgoing = Outgoing {
+            let outgoing = OutgoingDatagram {
                 socket: Arc::clone(up),
                 to: None,
                 bytes: buffer[..n].into(),
@@ -245,7 +245,7 @@ fn open_client(
                 let Ok(n) = heard.recv(&mut buffer) else {
                     continue;
                 };
-                let outgoing = Outgoing {
+                let outgoing = OutgoingDatagram {
                     socket: Arc::clone(&socket),
                     to: Some(client),
                     bytes: buffer[..n].into(),

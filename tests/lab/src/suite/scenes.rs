@@ -80,7 +80,7 @@ pub struct NamedScene {
 }
 
 /// The scenes that were asked for.
-pub struct Chosen {
+pub struct ChosenScenes {
     /// In the order asked.
     pub scenes: Vec<NamedScene>,
     /// What a reader of the figures must know: that other scenes stand in or are left out, and why.
@@ -91,8 +91,8 @@ pub struct Chosen {
 ///
 /// # Errors
 /// When neither a suite nor a file has the name, or a scene that is there cannot be read.
-pub fn choose(asked: &[String], root: &Path) -> anyhow::Result<Chosen> {
-    let mut chosen = Chosen {
+pub fn choose(asked: &[String], root: &Path) -> anyhow::Result<ChosenScenes> {
+    let mut chosen = ChosenScenes {
         scenes: Vec::new(),
         note: None,
     };
@@ -108,7 +108,7 @@ pub fn choose(asked: &[String], root: &Path) -> anyhow::Result<Chosen> {
     Ok(chosen)
 }
 
-impl Chosen {
+impl ChosenScenes {
     /// Leaves out the scenes that pictures cannot show, those with mirrors, and says so in the note.
     pub fn leave_out_what_pictures_cannot_show(&mut self) {
         let mut left_out = Vec::new();
@@ -134,7 +134,7 @@ impl Chosen {
 }
 
 impl Suite {
-    fn add(&self, root: &Path, chosen: &mut Chosen) -> anyhow::Result<()> {
+    fn add(&self, root: &Path, chosen: &mut ChosenScenes) -> anyhow::Result<()> {
         let own = |name: &&str| -> anyhow::Result<NamedScene> {
             let scene = embedded::scene(name)?;
             let name = format!("own {name}");

@@ -132,21 +132,45 @@ pub(super) fn add_arm(
     // A hanging hand lies against the thigh; a bent elbow turns about the palm's normal, nearly.
     let sideways = axes.chest.column(1) * (Build::sign(side) * 0.05 * h * h);
     let palm = upper.cross(&fore) * Build::sign(side) * -1.0 + sideways;
-    let along = (hand - wrist)
+    let hand = Hand {
+        part: parts[2],
+        wrist,
+        joint: hand,
+        palm,
+    };
+    add_hand(cones, &hand, h, side);
+}
+
+/// A hand, world, metres.
+struct Hand {
+    part: BodyPart,
+    wrist: Vector3<f64>,
+    /// Where the hand's joint is.
+    joint: Vector3<f64>,
+    /// The way that the palm faces, of any length.
+    palm: Vector3<f64>,
+}
+
+/// Adds the cones of one hand of a person who is `h` metres tall.
+fn add_hand(cones: &mut Vec<Cone>, hand: &Hand, h: f64, side: Side) {
+    let &Hand {
+        part, wrist, joint, ..
+    } = hand;
+    let along = (joint - wrist)
         .try_normalize(1e-6)
         .unwrap_or_else(Vector3::z);
-    let palm = across(palm, &along);
-    let knuckles = hand + along * (0.004 * h);
+    let palm = across(hand.palm, &along);
+    let knuckles = joint + along * (0.004 * h);
     cones.push(Cone::squashed(
-        parts[2],
+        part,
         [wrist + along * (0.012 * h), knuckles],
         [0.0145 * h, 0.0215 * h],
         palm,
         0.5,
     ));
     cones.push(Cone::squashed(
-        parts[2],
-        [knuckles, hand + along * (0.036 * h) + palm * (0.006 * h)],
+        part,
+        [knuckles, joint + along * (0.036 * h) + palm * (0.006 * h)],
         [0.0205 * h, 0.0135 * h],
         palm,
         0.45,
@@ -154,7 +178,7 @@ pub(super) fn add_arm(
     let thumb = along.cross(&palm) * -Build::sign(side);
     let thumb_root = wrist + along * (0.016 * h) + thumb * (0.008 * h);
     cones.push(Cone::round(
-        parts[2],
+        part,
         [
             thumb_root,
             thumb_root + along * (0.032 * h) + thumb * (0.018 * h),

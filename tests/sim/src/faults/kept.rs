@@ -6,7 +6,7 @@ use farfield_proto::camera::CameraModel;
 use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
-use super::observe::{ImagedPerson, KeypointPeaks, MapObservation, MapPeak};
+use super::observe::{ImagedPerson, KeypointPeaks, MapObservation, SimulatedPeak};
 use super::streams::N_KEYPOINTS;
 
 /// Highest peak that is read: a mirrored one may be higher than the true one, which is at most 1.
@@ -123,17 +123,17 @@ impl KeptPerson {
 }
 
 impl KeptPeak {
-    fn new(peak: MapPeak) -> Self {
+    fn new(peak: SimulatedPeak) -> Self {
         let [x, y] = kept_px(peak.at_px);
         Self([x, y, peak.height as f32])
     }
 
-    fn restore(self) -> Result<MapPeak, &'static str> {
+    fn restore(self) -> Result<SimulatedPeak, &'static str> {
         let [x, y, height] = self.0;
         if !(0.0..=MAX_HEIGHT).contains(&height) {
             return Err("a peak of an impossible height");
         }
-        Ok(MapPeak {
+        Ok(SimulatedPeak {
             at_px: restored_px([x, y])?,
             height: f64::from(height),
         })

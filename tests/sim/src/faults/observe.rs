@@ -79,18 +79,18 @@ pub(super) struct ImagedPerson {
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(super) struct KeypointPeaks {
     /// Where the keypoint is, more or less.
-    pub(super) own: Option<MapPeak>,
+    pub(super) own: Option<SimulatedPeak>,
     /// Where the opposite limb's is.
-    pub(super) mirrored: Option<MapPeak>,
+    pub(super) mirrored: Option<SimulatedPeak>,
     /// Where that of whoever stands before it is; in the maps of crops that hold it.
-    pub(super) leaked: Option<MapPeak>,
+    pub(super) leaked: Option<SimulatedPeak>,
     /// Whether it is in the image and no other body covers it.
     pub(super) in_the_open: bool,
 }
 
 /// A peak.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct MapPeak {
+pub(super) struct SimulatedPeak {
     /// Undistorted pixels.
     pub(super) at_px: Vector2<f64>,
     /// 1 where nothing is wrong.
@@ -293,7 +293,7 @@ impl CameraFaults {
                 *evidence = self.evidence(k, at_px, &draws, (view, views));
                 let shown = nobody.filter(|_| draws.leaks && evidence.in_the_open);
                 if let Some((leak, nobody)) = self.profile.leak.zip(shown) {
-                    evidence.leaked = nobody.in_the_open(k).map(|at_px| MapPeak {
+                    evidence.leaked = nobody.in_the_open(k).map(|at_px| SimulatedPeak {
                         at_px,
                         height: leak.height,
                     });
@@ -325,7 +325,7 @@ impl CameraFaults {
             _ => Some(leak.map_or(1.0, |leak| leak.own_height)),
         };
         let height = height.filter(|_| !draws.missing);
-        let peak = |at_px, height| MapPeak { at_px, height };
+        let peak = |at_px, height| SimulatedPeak { at_px, height };
         KeypointPeaks {
             own: height.map(|height| peak(at_px, height)),
             mirrored: height.zip(draws.mirror).and_then(|(height, share)| {

@@ -7,7 +7,7 @@ use farfield_proto::patch::{MAX_SIDE, Maps};
 use nalgebra::Vector2;
 
 use super::observe::{
-    ImagedPerson, KeypointPeaks, LEAST_KEYPOINTS, MapObservation, MapPeak, mixed,
+    ImagedPerson, KeypointPeaks, LEAST_KEYPOINTS, MapObservation, SimulatedPeak, mixed,
 };
 use super::streams::N_KEYPOINTS;
 
@@ -92,7 +92,7 @@ impl MapObservation {
         let first = around.next()?;
         let (min, max) = around.fold(first, |(a, b), (p, q)| (a.inf(&p), b.sup(&q)));
         let (center, reach) = ((min + max) / 2.0, (max - min) * (DETECTION_MARGIN / 2.0));
-        let inside = |peak: &MapPeak| {
+        let inside = |peak: &SimulatedPeak| {
             let from_center = (peak.at_px - center).abs();
             from_center.x <= reach.x && from_center.y <= reach.y
         };

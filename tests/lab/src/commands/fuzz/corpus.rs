@@ -13,7 +13,7 @@ use crate::corpus;
 #[derive(Debug, clap::Args)]
 pub(in crate::commands) struct CorpusArgs {
     #[command(subcommand)]
-    way: Way,
+    way: CorpusCommand,
     /// The folder of all corpora, as `cargo fuzz` has it.
     #[arg(long, global = true, value_name = "DIR", default_value = "fuzz/corpus")]
     folder: PathBuf,
@@ -29,7 +29,7 @@ pub(in crate::commands) struct CorpusArgs {
 
 /// From where to where.
 #[derive(Clone, Copy, Debug, clap::Subcommand)]
-enum Way {
+enum CorpusCommand {
     /// Write the archive's inputs into the folder.
     Unpack,
     /// Write the folder's inputs that behave differently from each other into the archive.
@@ -42,8 +42,8 @@ enum Way {
 /// Names the file or folder that cannot be read or written.
 pub(in crate::commands) fn corpus(args: &CorpusArgs) -> Result<(), NodeError> {
     let done = match args.way {
-        Way::Unpack => unpack(&args.archive, &args.folder),
-        Way::Pack => pack(&args.folder, &args.archive),
+        CorpusCommand::Unpack => unpack(&args.archive, &args.folder),
+        CorpusCommand::Pack => pack(&args.folder, &args.archive),
     };
     done.map_err(NodeError::Failed)
 }

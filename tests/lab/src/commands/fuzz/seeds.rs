@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context as _, ensure};
 use farfield_edge::ring::record::{Label, put_record, records, segment_head};
 use farfield_fusion::recording::reader::Recording;
-use farfield_fusion::recording::writer::{Head, Passed, RecordingWriter};
+use farfield_fusion::recording::writer::{Head, PassedMessage, RecordingWriter};
 use farfield_fusion::recording::{CALIBRATION_FILE, VENUE_FILE};
 use farfield_node::process::NodeError;
 use farfield_proto::bounding_box::{BoundingBox, BoxRate};
@@ -372,7 +372,7 @@ fn recording(messages: &[(&str, Vec<u8>)]) -> anyhow::Result<Vec<u8>> {
         "hall/decision",
     ];
     for (topic, (name, bytes)) in topics.into_iter().zip(messages) {
-        let passed = Passed {
+        let passed = PassedMessage {
             topic,
             bytes,
             log_ns: 1_000,

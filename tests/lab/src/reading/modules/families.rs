@@ -16,14 +16,14 @@ use super::tree::Crate;
 
 /// The children of one module that know each other.
 #[derive(Debug, Default)]
-pub struct Family<'a> {
+pub struct ModuleFamily<'a> {
     /// The arrows from one child to another.
     pub arrows: BTreeMap<(&'a str, &'a str), Vec<&'a Arrow>>,
 }
 
 /// The families by crate index and path of the parent.
-pub fn families(arrows: &[Arrow]) -> BTreeMap<(usize, &[String]), Family<'_>> {
-    let mut families: BTreeMap<(usize, &[String]), Family<'_>> = BTreeMap::new();
+pub fn families(arrows: &[Arrow]) -> BTreeMap<(usize, &[String]), ModuleFamily<'_>> {
+    let mut families: BTreeMap<(usize, &[String]), ModuleFamily<'_>> = BTreeMap::new();
     for arrow in arrows {
         if arrow.from.crate_index != arrow.to.crate_index {
             continue;
@@ -62,25 +62,25 @@ pub fn cycles(crates: &[Crate], arrows: &[Arrow]) -> Vec<String> {
             .concat()
             .join("::");
         for cycle in cycles::cycles(graph) {
-            let told_cycle = Told {
+            let reported = ReportedCycle {
                 parent: &parent,
                 cycle: &cycle,
                 family: &family,
             };
-            told.push(told_cycle.to_string());
+            told.push(reported.to_string());
         }
     }
     told
 }
 
 /// A cycle among the children of `parent`, to be shown.
-struct Told<'a> {
+struct ReportedCycle<'a> {
     parent: &'a str,
     cycle: &'a Cycle,
-    family: &'a Family<'a>,
+    family: &'a ModuleFamily<'a>,
 }
 
-impl Display for Told<'_> {
+impl Display for ReportedCycle<'_> {
     fn fmt(&self, text: &mut Formatter<'_>) -> fmt::Result {
         let names = &self.cycle.names;
         writeln!(text, "{}: {}", self.parent, names.join(" -> "))?;

@@ -68,7 +68,7 @@ impl Crate {
             modules: BTreeMap::new(),
         };
         if let Some(file) = files.get(root) {
-            let at = Place {
+            let at = FileModule {
                 file,
                 module: Vec::new(),
                 test: false,
@@ -79,7 +79,7 @@ impl Crate {
         Ok(crate_)
     }
 
-    fn add(&mut self, at: &Place<'_>, files: &Files) -> Result<(), ReadError> {
+    fn add(&mut self, at: &FileModule<'_>, files: &Files) -> Result<(), ReadError> {
         for code in &at.file.modules {
             let path = [&at.module[..], &code.inside[..]].concat();
             let test = at.test || code.test;
@@ -87,7 +87,7 @@ impl Crate {
                 let (file, owns_folder) = at.file_of(&code.inside, declared, files)?;
                 let mut module = path.clone();
                 module.push(declared.name.clone());
-                let child = Place {
+                let child = FileModule {
                     file,
                     module,
                     test: test || declared.test,
@@ -107,7 +107,7 @@ impl Crate {
 }
 
 /// A file as a module.
-struct Place<'a> {
+struct FileModule<'a> {
     file: &'a CodeFile,
     module: Vec<String>,
     test: bool,
@@ -115,7 +115,7 @@ struct Place<'a> {
     owns_folder: bool,
 }
 
-impl Place<'_> {
+impl FileModule<'_> {
     /// The file of a module declared inside the inline modules `inside` of this file, and whether its
     /// children lie beside it.
     fn file_of<'f>(

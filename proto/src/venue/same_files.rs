@@ -1,7 +1,7 @@
 //! Whether another node holds the same files: told by the fingerprints that statuses carry.
 
+use super::VenueHash;
 use crate::message::Status;
-use crate::venue::VenueHash;
 
 /// The fingerprints of a node's own files.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -34,14 +34,14 @@ pub fn check_place(path: &Path) -> anyhow::Result<()> {
 
 /// The file of a recording.
 #[derive(Debug)]
-pub(in crate::node) struct Place {
+pub(in crate::node) struct RecordingFile {
     /// Its path.
     pub(in crate::node) path: PathBuf,
     /// The file, new and empty.
     pub(in crate::node) file: File,
 }
 
-impl Place {
+impl RecordingFile {
     /// Makes the file `asked`, or when that is a folder, one in it named after `venue` and the time
     /// (UTC): `hall-3_2026-03-01_18-30-05.mcap`.
     ///
@@ -109,14 +109,14 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("a.mcap");
         check_place(&path).unwrap();
-        drop(Place::make(&path, "hall").unwrap());
+        drop(RecordingFile::make(&path, "hall").unwrap());
         assert!(
             check_place(&path)
                 .unwrap_err()
                 .to_string()
                 .contains("there already")
         );
-        assert!(Place::make(&path, "hall").is_err());
+        assert!(RecordingFile::make(&path, "hall").is_err());
         assert!(check_place(&dir.path().join("none/a.mcap")).is_err());
     }
 
@@ -124,7 +124,7 @@ mod tests {
     fn a_folder_gets_a_file_of_its_own_for_each_recording() {
         let dir = tempfile::tempdir().unwrap();
         check_place(dir.path()).unwrap();
-        let [first, second] = [1, 2].map(|_| Place::make(dir.path(), "hall").unwrap().path);
+        let [first, second] = [1, 2].map(|_| RecordingFile::make(dir.path(), "hall").unwrap().path);
         assert_ne!(first, second);
         for path in [first, second] {
             let name = path.file_name().unwrap().to_str().unwrap();

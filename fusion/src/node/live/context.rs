@@ -5,22 +5,22 @@ use std::path::Path;
 use farfield_proto::id::SessionId;
 use tokio_util::sync::CancellationToken;
 
-use super::super::config::Config;
+use super::super::config::FusionConfig;
 use super::super::recording::RecordingThread;
 use crate::node::output::progress::Reporter;
 use crate::node::session::interceptor::Interceptor;
-use crate::node::session::link::Ends;
+use crate::node::session::link::FusionEnds;
 
 /// What a live run works with.
-pub(in crate::node) struct Surroundings<'a> {
-    pub(in crate::node) config: &'a Config,
+pub(in crate::node) struct LiveContext<'a> {
+    pub(in crate::node) config: &'a FusionConfig,
     pub(in crate::node) session: SessionId,
     /// Where the results go.
     pub(in crate::node) out: &'a Path,
     /// Who records, if anybody does.
     pub(in crate::node) recording: Option<&'a RecordingThread>,
     pub(in crate::node) interceptor: &'a Interceptor,
-    pub(in crate::node) ends: &'a mut Ends,
+    pub(in crate::node) ends: &'a mut FusionEnds,
     pub(in crate::node) reporter: &'a mut Reporter,
     pub(in crate::node) stop: &'a CancellationToken,
 }

@@ -6,7 +6,7 @@
 
 use hdrhistogram::Histogram as Buckets;
 
-use crate::message::StageTime;
+use farfield_proto::message::StageTime;
 
 /// Significant decimal figures of what is counted.
 const FIGURES: u8 = 2;

@@ -25,7 +25,7 @@ const FEET: [[Joint; 3]; 2] = [
 
 /// What was seen of a body.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Told<'a> {
+pub(crate) struct BodyObservation<'a> {
     /// The keypoints.
     pub(crate) estimates: &'a [KeypointEstimate],
     /// Where they sit.
@@ -34,7 +34,7 @@ pub(crate) struct Told<'a> {
     pub(crate) body: &'a Kinematics,
 }
 
-impl Told<'_> {
+impl BodyObservation<'_> {
     /// Variance per axis of each joint, m², from these keypoints alone; what is the same in all ticks is left
     /// out.
     pub(crate) fn variances_m2(
