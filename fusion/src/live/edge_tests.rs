@@ -138,7 +138,7 @@ fn boxes_are_made_for_the_tick_at_which_they_are_used() {
         run(&mut edge, 0..600, 0, way_us);
         let time = time();
         let horizon = edge.horizon_ticks(30_000.0 + way_us as f64, time.period_us()) as i64;
-        // Boxes of tick 0 arrive at 30 ms and twice the path; pictures are worked on 5 ms after their tick.
+        // Boxes of tick 0 arrive at 30 ms and two one-way delays; pictures are worked on 5 ms after their tick.
         let arrive_us = (30_000 + 2 * way_us - 5_000) as f64;
         let used = (arrive_us / time.period_us()).ceil() as i64;
         assert!(
