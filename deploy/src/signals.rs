@@ -9,7 +9,7 @@ pub(crate) struct Signals {
 }
 
 impl Signals {
-    /// From here on signals are heard, and no longer end the process. Needs the runtime.
+    /// From here on signals are caught, and no longer end the process. Needs the runtime.
     pub(crate) fn listen() -> std::io::Result<Self> {
         Ok(Self {
             interrupt: signal(SignalKind::interrupt())?,

@@ -407,7 +407,7 @@ mod tests {
 
     #[test]
     fn sightings_are_counted_over_all_parts_of_a_viewpoints_tick() {
-        // Symptom to prevent: each of 1,024 parts within the bound, and the search for births over
+        // Symptom to prevent: each of 1,024 parts within the bound, and the search for new people over
         // all of their pairs without an end.
         let mut gather = Gather::new(SESSION, Tick(5), 2);
         let gathered = |gather: &Gather| gather.group.sighting_sets.len();

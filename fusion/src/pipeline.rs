@@ -162,7 +162,8 @@ impl Pipeline {
         &self.method.keypoints
     }
 
-    /// Everybody as the last step left them, tentative ones too, in the order of their births: for studies of the stages.
+    /// Everybody as the last step left them, tentative ones too, in the order of their initiation: for studies of
+    /// the stages.
     #[cfg(feature = "study")]
     pub fn tracks(&self) -> &[Track] {
         self.registry.tracks()
@@ -171,8 +172,8 @@ impl Pipeline {
     /// Sets for how many ticks after the one that was just stepped each viewpoint's boxes are made:
     /// `BoxSet.tick = tick + round(horizon)`. One number per viewpoint of the venue, in its order; 1 (the
     /// next tick) until it is set. Below 1, or not finite, counts as 1; above [`LONGEST_HORIZON_TICKS`] as
-    /// that. Missing ones stay as they are, surplus ones are not looked at. Who looks for people is planned
-    /// as far ahead as the longest horizon, so that all viewpoints are told the same ticks.
+    /// that. Missing ones stay as they are, surplus ones are ignored. Detection passes are
+    /// planned as far ahead as the longest horizon, so that all viewpoints are told the same ticks.
     pub fn set_horizons(&mut self, horizons: &[f64]) {
         for (kept, horizon) in self.horizons.iter_mut().zip(horizons) {
             let whole = if horizon.is_finite() {
@@ -186,7 +187,7 @@ impl Pipeline {
         self.registry.look_ahead(longest);
     }
 
-    /// The boxes with which a run begins at `tick`: everybody looks for people.
+    /// The boxes with which a run begins at `tick`: with a detection pass of every edge.
     pub fn first_boxes(&mut self, tick: Tick) -> Vec<BoxSet> {
         self.registry.begin(tick, &self.method);
         let next = vec![1; self.viewpoints.len()];

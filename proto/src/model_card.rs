@@ -95,11 +95,11 @@ pub enum Letterbox {
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Normalize {
-    /// Factor on the pixel (0 to 255).
+    /// Factor on the pixel (0 to 255); dimensionless.
     pub scale: f32,
-    /// Subtracted then.
+    /// Subtracted then, per channel, in units of the scaled pixel.
     pub mean: [f32; 3],
-    /// Divided by last.
+    /// Divided by last, per channel, in units of the scaled pixel.
     pub std: [f32; 3],
 }
 

@@ -107,11 +107,11 @@ fn for_people(summary: &Summary, out: &str) -> String {
             step.p99_us / 1000.0
         ));
     }
-    let looks = &summary.timing.look_share;
-    let longest = looks.iter().max_by(|a, b| a.1.total_cmp(b.1));
+    let shares = &summary.timing.look_share;
+    let longest = shares.iter().max_by(|a, b| a.1.total_cmp(b.1));
     if let Some((viewpoint, share)) = longest.filter(|(_, share)| **share > 0.0) {
         line(format_args!(
-            "looking for people took up to {:.1} % of an edge's work ({viewpoint})",
+            "detection passes took up to {:.1} % of an edge's work ({viewpoint})",
             100.0 * share
         ));
     }

@@ -1,4 +1,4 @@
-//! What a run needs of this process: a runtime, and ears for whoever wants it to stop.
+//! What a run needs of this process: a runtime, and the signals by which it is asked to stop.
 
 use std::path::Path;
 

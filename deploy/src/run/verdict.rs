@@ -68,7 +68,9 @@ impl NodeEnds {
     /// How the run ended, whose last reported tick is `last`.
     pub(super) fn verdict(&self, interrupted: bool, last: Option<Tick>) -> RunVerdict {
         // An interrupted fusion that failed at its last files has not ended well.
-        let fusion_failed = self.spoken().any(|exit| exit.node == FUSION);
+        let fusion_failed = self
+            .failures_with_a_reason()
+            .any(|exit| exit.node == FUSION);
         if interrupted && !fusion_failed {
             return RunVerdict::Interrupted;
         }
@@ -92,10 +94,12 @@ impl NodeEnds {
     /// it hears from every edge why it fails, and then tells the others, which fail in turn.
     fn blame(&self, last: Option<Tick>) -> String {
         let ended: Vec<&Exit> = self.failures.iter().filter(|e| was_ended(e)).collect();
-        let by_fusion = self.spoken().find(|exit| exit.node == FUSION);
+        let by_fusion = self
+            .failures_with_a_reason()
+            .find(|exit| exit.node == FUSION);
         // A fusion that was ended itself has no words: the edges' are but its echo.
         let echo = ended.iter().any(|exit| exit.node == FUSION);
-        let words = by_fusion.or_else(|| self.spoken().next().filter(|_| !echo));
+        let words = by_fusion.or_else(|| self.failures_with_a_reason().next().filter(|_| !echo));
         let lines: Vec<String> = ended
             .into_iter()
             .chain(words)
@@ -105,7 +109,7 @@ impl NodeEnds {
     }
 
     /// The failures with a reason of their own.
-    fn spoken(&self) -> impl Iterator<Item = &Exit> {
+    fn failures_with_a_reason(&self) -> impl Iterator<Item = &Exit> {
         self.failures.iter().filter(|exit| !was_ended(exit))
     }
 }

@@ -5,12 +5,12 @@ use image::RgbImage;
 
 use super::{Micros, SECOND_US};
 
-/// A camera whose picture stays the same, bit for bit, for longer is frozen, microseconds: the noise of a
+/// A camera whose picture stays the same, bit for bit, for longer than this is frozen, microseconds: the noise of a
 /// sensor never repeats.
 pub const FROZEN_US: Micros = SECOND_US / 2;
-/// Mean of the sampled bytes below which a picture is black: a covered lens has noise, studio black is 0.
+/// Mean of the sampled bytes (0 to 255) below which a picture is black: a covered lens has noise, studio black is 0.
 pub const BLACK_BELOW: f64 = 6.0;
-/// Periods without a frame after which a camera is silent.
+/// Tick periods without a frame after which a camera is silent.
 pub const SILENT_PERIODS: i64 = 3;
 /// First and longest time until a camera that failed is opened again, microseconds.
 pub const BACKOFF_US: [Micros; 2] = [SECOND_US, 30 * SECOND_US];

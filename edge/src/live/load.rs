@@ -21,7 +21,7 @@ const BASE_DELAY_WINDOW_US: Micros = 20 * SECOND_US;
 /// Loss above this share means a full link, not radio noise.
 const LOSS: f64 = 0.15;
 /// Shortest time between two steps down, microseconds: a step must be seen before the next.
-const SETTLE_US: Micros = 250_000;
+const STEP_PAUSE_US: Micros = 250_000;
 /// When fusion has reported nothing new for so long, the link counts as cut, microseconds.
 const SILENCE_US: Micros = 700_000;
 /// What fusion reports of the last second is complete after so long, microseconds.
@@ -56,7 +56,7 @@ pub struct LinkLoad {
     newest: Option<Tick>,
     /// When the first was sent of those since the last word.
     unanswered_us: Option<Micros>,
-    settled_at_us: Micros,
+    next_step_at_us: Micros,
     grown_at_us: Micros,
     /// Steps down since the queue was last empty, with the queue and the rate before the first.
     steps: u32,
@@ -76,7 +76,7 @@ impl Default for LinkLoad {
             since_us: None,
             newest: None,
             unanswered_us: None,
-            settled_at_us: Micros::MIN,
+            next_step_at_us: Micros::MIN,
             grown_at_us: Micros::MIN,
             steps: 0,
             before: (0, f64::INFINITY),
@@ -103,7 +103,7 @@ impl LinkLoad {
         self.sent.second_before(now_us).0
     }
 
-    /// Whether nothing was heard of what was sent for so long that the link must be cut.
+    /// Whether nothing was reported of what was sent for so long that the link must be cut.
     pub fn is_silent(&self, now_us: Micros) -> bool {
         let unanswered_us = self.unanswered_us.filter(|_| self.newest.is_some());
         unanswered_us.is_some_and(|since_us| now_us - since_us > SILENCE_US)
@@ -198,7 +198,7 @@ impl LinkLoad {
 
     fn slow_down(&mut self, arrived: f64, queue_us: Micros, loop_us: Micros, now_us: Micros) {
         self.grown_at_us = now_us;
-        if now_us < self.settled_at_us {
+        if now_us < self.next_step_at_us {
             return;
         }
         if self.steps == 0 {
@@ -214,7 +214,7 @@ impl LinkLoad {
         self.rate = self.rate.min(arrived * share).max(LEAST_RATE);
         self.full_at = Some(arrived.max(LEAST_RATE));
         self.loss = 0.0;
-        self.settled_at_us = now_us + loop_us.max(0) + SETTLE_US;
+        self.next_step_at_us = now_us + loop_us.max(0) + STEP_PAUSE_US;
     }
 
     /// A queue that stays when less is sent is not the edge's own: it becomes part of the base delay.
@@ -229,14 +229,14 @@ impl LinkLoad {
     fn speed_up(&mut self, now_us: Micros) {
         let dt_s = ((now_us - self.grown_at_us.max(now_us - SECOND_US)) as f64) / SECOND_US as f64;
         self.grown_at_us = now_us;
-        if now_us < self.settled_at_us || !self.rate.is_finite() {
+        if now_us < self.next_step_at_us || !self.rate.is_finite() {
             return;
         }
         let [fast, near, most] = GROWTH_PER_S;
         let growth = match self.full_at {
             Some(full) if self.rate < 0.85 * full => fast,
             _ => {
-                let calm = (now_us - self.settled_at_us) as f64 / BOLDER_US as f64;
+                let calm = (now_us - self.next_step_at_us) as f64 / BOLDER_US as f64;
                 (1.0 + (near - 1.0) * calm.exp2()).min(most)
             }
         };

@@ -364,8 +364,8 @@ mod tests {
                 most = most.max(Some(sequence));
                 prop_assert_eq!(newest.echo(0).map(|echo| echo.sequence), most);
             }
-            let looked: Vec<i64> = (100..130).filter(|&t| !newest.take_detection_request(Tick(t)).is_empty()).collect();
-            prop_assert_eq!(looked, [100, 107, 114, 121, 128]);
+            let requested: Vec<i64> = (100..130).filter(|&t| !newest.take_detection_request(Tick(t)).is_empty()).collect();
+            prop_assert_eq!(requested, [100, 107, 114, 121, 128]);
         }
     }
 }

@@ -79,9 +79,9 @@ impl EdgeWork {
                 lap = clock::now();
             })
             .with_context(|| format!("tick {}", boxes.tick))?;
-        let looks = !boxes.detection_cameras.is_empty();
+        let detects = !boxes.detection_cameras.is_empty();
         for (stage, us) in split_detection(&laps, self.parts.pipeline.detection_share()) {
-            if stage != DETECTION_STAGE || looks {
+            if stage != DETECTION_STAGE || detects {
                 self.samples_us.entry(stage).or_default().push(us);
             }
         }

@@ -1,7 +1,8 @@
 //! Where frames come from: recordings, live cameras and files of 2D keypoints.
 //!
-//! First in the pipeline, and the only part of the core that touches files; the readers that need a
-//! child process or a kernel device sit behind the features `node` and `v4l`. Every source is
+//! First in the pipeline; beside `network/`, which loads models, the only part of the core that reads
+//! files. The readers that need a child process or a kernel device sit behind the features `node` and
+//! `v4l`. Every source is
 //! [`probe`]d before the first tick, so that what is wrong is said then and not at frame 900. A
 //! recording that ends early is an error, never a quiet end. Recorded frames are numbered by their
 //! place in the recording, live frames by their order of arrival; no reader looks at a clock.

@@ -31,7 +31,7 @@ pub enum FitError {
     NoTrunk,
 }
 
-/// A person as it is born.
+/// A body and a pose fitted to the keypoints of some ticks: what a track is initiated with.
 #[derive(Debug, Clone)]
 pub struct Fitted {
     /// The body; left and right are equal.

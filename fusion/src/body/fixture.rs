@@ -58,7 +58,7 @@ pub(crate) fn coco_only(
 }
 
 /// `n` people in the middle of the hall, facing anywhere, with arms and legs anywhere that people
-/// put them; spine and scapulas as they were born.
+/// put them; spine and scapulas at rest.
 pub(crate) fn postures(n: usize, noise: &mut Noise) -> Vec<Pose> {
     (0..n).map(|_| posture(noise)).collect()
 }

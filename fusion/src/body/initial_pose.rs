@@ -8,7 +8,7 @@ use super::observed::{ObservedJoints, ObservedPoint};
 use crate::body::ik::{IkSolver, Priors, Target};
 use crate::body::skeleton::{Joint, Kinematics, Pose, RangeOfMotion, Site, Skeleton};
 
-/// Most steps of one solve: births are rare, and have no last pose to lean on.
+/// Most steps of one solve: initiations are rare, and have no last pose to lean on.
 const MAX_ITERATIONS: u32 = 40;
 
 /// The last pose is not known: it is as if a second had passed, so that its prior says nothing.

@@ -1,7 +1,7 @@
 //! The link lengths of a person, measured anew while its first seconds pass.
 //!
 //! The errors of a network's keypoints last for seconds: a knee that is seen 20 mm too low is seen so
-//! for a while, and lengths from the ticks of a birth alone take that over for good. So the keypoints
+//! for a while, and lengths from the ticks before the confirmation alone take that over for good. So the keypoints
 //! of all ticks since are sampled, and the lengths fitted to them again 2, 4, 8, ... seconds after the
 //! confirmation, until `births.measure_s`; from then on they stay.
 

@@ -36,7 +36,7 @@ pub(crate) enum Segment {
 }
 
 impl Segment {
-    /// Those that tell a stature, and a body from a ghost. Faces are too small for both.
+    /// Those that tell a stature, and a body from rays of several people. Faces are too small for both.
     pub(crate) const BODY: [Self; 7] = [
         Self::UpperArm,
         Self::Forearm,

@@ -1,7 +1,7 @@
 //! A point from its images in several cameras: weighted direct linear transform (DLT).
 //!
-//! The plain method that the lattice is compared with; the pipeline does not use it. (Births have
-//! rays with outliers among them, see `person/reconstruct.rs`.)
+//! The plain method that the lattice is compared with; the pipeline does not use it. (Initiations
+//! have rays with outliers among them, see `sightings/reconstruction.rs`.)
 
 use farfield_proto::frames::{Pixel, Point, Undistorted, World};
 use nalgebra::{Matrix3, Matrix3x4, Matrix4, Point3, Vector3, Vector4};

@@ -146,7 +146,7 @@ pub struct TimingSummary {
     pub ticks_per_s: f64,
     /// Per stage of a tick: how long it took.
     pub stages: BTreeMap<String, StageTiming>,
-    /// Per viewpoint: which share of its edge's work went into looking for people without boxes, 0 to 1.
+    /// Per viewpoint: which share of its edge's work went into detection passes, 0 to 1.
     pub look_share: BTreeMap<String, f64>,
     /// Per viewpoint: bytes on the wire with protocol overhead, where they can be measured.
     pub link_bytes_on_wire: BTreeMap<String, u64>,

@@ -1,6 +1,6 @@
 //! How long after a tick an edge's messages come, and so how long it is worth to wait for them.
 //!
-//! Ticks at which an edge looks for people take it longer, and are counted apart.
+//! Ticks with a detection pass take an edge longer, and are counted apart.
 
 use farfield_proto::order_statistics::nearest_rank;
 
@@ -8,8 +8,8 @@ use super::{Micros, SECOND_US};
 
 /// Arrivals that are kept: enough for three seconds at 80 Hz.
 const KEPT: usize = 256;
-/// Arrivals of looks that are kept: looks are a second apart.
-const KEPT_LOOKS: usize = 16;
+/// Arrivals at ticks with a detection pass that are kept: passes are a second apart.
+const KEPT_DETECTIONS: usize = 16;
 /// Share of the arrivals that shall be in time.
 const IN_TIME: f64 = 0.98;
 /// How much longer than the slowest of those is waited, microseconds: what timers and threads need.
@@ -18,15 +18,15 @@ const MARGIN_US: Micros = 1_500;
 const ENOUGH: usize = 8;
 /// Arrivals that are older say nothing any more: what held them up once is over.
 const LIFE_US: Micros = 3 * SECOND_US;
-/// The same for looks.
-const LOOK_LIFE_US: Micros = 12 * SECOND_US;
+/// The same for ticks with a detection pass.
+const DETECTION_LIFE_US: Micros = 12 * SECOND_US;
 
 /// What a tick asks of an edge.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Task {
     /// Patches.
     Follow,
-    /// Patches, and looking for people.
+    /// Patches, and a detection pass.
     Look,
 }
 
@@ -34,7 +34,7 @@ pub enum Task {
 #[derive(Debug, Clone, Default)]
 pub struct Arrivals {
     followed: NewestDelays<KEPT>,
-    looked: NewestDelays<KEPT_LOOKS>,
+    detected: NewestDelays<KEPT_DETECTIONS>,
 }
 
 impl Arrivals {
@@ -42,7 +42,7 @@ impl Arrivals {
     pub fn add(&mut self, task: Task, delay_us: Micros, now_us: Micros) {
         match task {
             Task::Follow => self.followed.add(delay_us, now_us),
-            Task::Look => self.looked.add(delay_us, now_us),
+            Task::Look => self.detected.add(delay_us, now_us),
         }
     }
 
@@ -51,7 +51,7 @@ impl Arrivals {
     pub fn wait_us(&mut self, task: Task, now_us: Micros, most_us: Micros) -> Micros {
         let slowest = match task {
             Task::Follow => self.followed.share(IN_TIME, ENOUGH, now_us - LIFE_US),
-            Task::Look => self.looked.share(1.0, 1, now_us - LOOK_LIFE_US),
+            Task::Look => self.detected.share(1.0, 1, now_us - DETECTION_LIFE_US),
         };
         slowest.map_or(most_us, |us| (us + MARGIN_US).clamp(0, most_us))
     }
@@ -142,7 +142,7 @@ mod tests {
     }
 
     #[test]
-    fn looks_are_waited_for_as_long_as_they_take() {
+    fn detection_passes_are_waited_for_as_long_as_they_take() {
         let mut arrivals = Arrivals::default();
         (0..100).for_each(|i| arrivals.add(Task::Follow, 8_000, i));
         arrivals.add(Task::Look, 120_000, 100);
@@ -169,7 +169,7 @@ mod tests {
                     prop_assert!((0..=most).contains(&arrivals.wait_us(task, i, most)));
                 }
             }
-            prop_assert!(arrivals.followed.kept.len() <= KEPT && arrivals.looked.kept.len() <= KEPT_LOOKS);
+            prop_assert!(arrivals.followed.kept.len() <= KEPT && arrivals.detected.kept.len() <= KEPT_DETECTIONS);
         }
     }
 }

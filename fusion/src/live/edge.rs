@@ -18,15 +18,15 @@ use super::{Micros, SECOND_US};
 const SILENT_US: Micros = SECOND_US / 2;
 /// Box sets that are remembered: more than any round trip takes.
 const SENT: usize = 512;
-/// Ticks at which the edge was told to look that are remembered.
-const LOOKS: usize = 256;
+/// Ticks of detection passes asked of the edge that are remembered.
+const DETECTIONS: usize = 256;
 /// Messages whose ticks are remembered, to see which were overtaken.
 const RECENT: usize = 64;
 /// When a message of a later tick has come, those of the tick before are waited for so much longer: links
 /// seldom let one overtake another by more.
 const OVERTAKEN_US: Micros = SECOND_US / 50;
-/// The same at ticks at which the edge looks: what it saw travels apart from its patches.
-const LOOK_OVERTAKEN_US: Micros = SECOND_US / 10;
+/// The same at ticks with a detection pass: sightings travel apart from patches.
+const DETECTION_OVERTAKEN_US: Micros = SECOND_US / 10;
 /// A message that comes so long before or after its tick says nothing of its link.
 const FAR_US: Micros = 10 * SECOND_US;
 /// A clock that was refused is let in again when it is within this share of the bound.
@@ -49,7 +49,7 @@ pub struct Came {
     pub bytes: u64,
 }
 
-/// What a patch set says of the way that it and its boxes took, microseconds.
+/// What a patch set says of the round trip of its boxes and itself, microseconds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Trip {
     /// From the capture of its pictures to its sending.
@@ -73,7 +73,7 @@ pub struct Edge {
     meter: Meter,
     sequence: u32,
     sent: VecDeque<Sent>,
-    looks: VecDeque<Tick>,
+    detection_ticks: VecDeque<Tick>,
     heard: Option<(Tick, i32)>,
     /// Ticks of the newest patch sets, and when they came.
     recent: VecDeque<(Tick, Micros)>,
@@ -105,7 +105,7 @@ impl Edge {
         self
     }
 
-    /// Whether `boxes` go out at all: those with looks do, the others as the link carries them.
+    /// Whether `boxes` go out at all: those that ask for a detection pass do, the others as the link carries them.
     pub fn is_sent(&self, boxes: &BoxSet) -> bool {
         !boxes.detection_cameras.is_empty() || boxes.tick.0.rem_euclid(self.pace.nth()) == 0
     }
@@ -137,8 +137,8 @@ impl Edge {
             },
             SENT,
         );
-        if !boxes.detection_cameras.is_empty() && self.looks.back() != Some(&boxes.tick) {
-            push_bounded(&mut self.looks, boxes.tick, LOOKS);
+        if !boxes.detection_cameras.is_empty() && self.detection_ticks.back() != Some(&boxes.tick) {
+            push_bounded(&mut self.detection_ticks, boxes.tick, DETECTIONS);
         }
         let bytes = self.meter.bytes_per_s(now_us);
         let heard = |(tick, one_way_us)| HeardPatches {
@@ -245,7 +245,7 @@ impl Edge {
         is_expected || self.is_heard(now_us) && self.is_on_time()
     }
 
-    /// Whether it has spoken of late.
+    /// Whether anything came from it of late.
     pub fn is_heard(&self, now_us: Micros) -> bool {
         self.heard_us.is_some_and(|at| now_us - at <= SILENT_US)
     }
@@ -273,7 +273,7 @@ impl Edge {
         let task = self.task(tick);
         let slack_us = match task {
             Task::Follow => OVERTAKEN_US,
-            Task::Look => LOOK_OVERTAKEN_US,
+            Task::Look => DETECTION_OVERTAKEN_US,
         };
         let deadline_us = time.at(tick) + self.arrivals.wait_us(task, now_us, most_us);
         // Of an edge that works on every other tick only, or whose message was lost, nothing comes.
@@ -338,7 +338,7 @@ impl Edge {
     }
 
     fn task(&self, tick: Tick) -> Task {
-        if self.looks.iter().rev().any(|&look| look == tick) {
+        if self.detection_ticks.iter().rev().any(|&of| of == tick) {
             Task::Look
         } else {
             Task::Follow

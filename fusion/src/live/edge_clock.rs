@@ -1,4 +1,4 @@
-//! How far an edge's clock is off, and how long the way to it and back is.
+//! How far an edge's clock is off, and how long the round trip to it is.
 //!
 //! Four instants per exchange, as NTP has them (RFC 5905, section 8): t1 fusion sends a box set, t2 the edge
 //! hears it, t3 the edge sends patches, t4 they arrive.

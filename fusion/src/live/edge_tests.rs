@@ -14,14 +14,14 @@ fn time() -> TickTime {
     TickTime::with_tick_at(Tick(0), START_US, 60.0)
 }
 
-fn boxes(tick: i64, look: bool) -> BoxSet {
+fn boxes(tick: i64, detect: bool) -> BoxSet {
     BoxSet {
         session: SessionId(1),
         tick: Tick(tick),
         viewpoint: ViewpointIndex(0),
         order: Order::Track,
         live: None,
-        detection_cameras: if look {
+        detection_cameras: if detect {
             vec![CameraIndex(0)]
         } else {
             Vec::new()
@@ -138,7 +138,7 @@ fn boxes_are_made_for_the_tick_at_which_they_are_used() {
         run(&mut edge, 0..600, 0, way_us);
         let time = time();
         let horizon = edge.horizon_ticks(30_000.0 + way_us as f64, time.period_us()) as i64;
-        // Boxes of tick 0 arrive at 30 ms and twice the way; pictures are worked on 5 ms after their tick.
+        // Boxes of tick 0 arrive at 30 ms and two one-way delays; pictures are worked on 5 ms after their tick.
         let arrive_us = (30_000 + 2 * way_us - 5_000) as f64;
         let used = (arrive_us / time.period_us()).ceil() as i64;
         assert!(
@@ -222,7 +222,7 @@ fn what_is_missing_counts_from_the_first_tick_that_came() {
 }
 
 #[test]
-fn looks_are_waited_for_longer_than_other_ticks() {
+fn detection_passes_are_waited_for_longer_than_other_ticks() {
     let mut edge = Edge::new("north", BOUND_MS);
     run(&mut edge, 0..60, 0, 1_000);
     let time = time();

@@ -1,6 +1,6 @@
 //! How many ticks ahead an edge's boxes are made: the tick at which they will be used.
 //!
-//! A first answer comes from the way: boxes leave fusion some time after the tick that was stepped, travel,
+//! A first answer comes from the path: boxes leave fusion some time after the tick that was stepped, travel,
 //! and are used for the next pictures. What an edge then says of the boxes it has used (the tick they were
 //! made for, and the tick of the pictures) trims it, as only the edge knows how long its pictures take.
 
@@ -21,7 +21,7 @@ const TRIM_EVERY_US: Micros = SECOND_US;
 #[derive(Debug, Clone, Default)]
 pub struct Horizon {
     ticks: Option<i64>,
-    /// What was trimmed of what the way says, ticks.
+    /// What was trimmed of what the path says, ticks.
     trim: i64,
     /// Ticks of the pictures less those that the boxes were made for: a running mean.
     apart: f64,

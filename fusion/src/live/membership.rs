@@ -53,7 +53,7 @@ pub struct Membership {
 }
 
 impl Membership {
-    /// Nobody has spoken yet.
+    /// No status has come yet.
     pub fn new(venue: &Venue) -> Self {
         let member = |name: &String| Member {
             name: name.clone(),

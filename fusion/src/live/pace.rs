@@ -1,7 +1,7 @@
 //! At which ticks an edge is sent boxes: all, unless its link cannot carry them.
 //!
 //! An edge moves boxes on by their rates, so every second or fourth set does nearly as well. When messages begin
-//! to wait on the way there and back, sets become fewer by half; when nothing waits any more, more are tried again,
+//! to queue on the round trip, sets become fewer by half; when nothing waits any more, more are tried again,
 //! after ever longer if it was too early. Only ticks that 1, 2, 4 or 8 divides are left.
 
 use farfield_proto::transport::MESSAGE_OVERHEAD_BYTES;
@@ -20,7 +20,7 @@ const NOTHING: f64 = 0.5;
 /// How much one round trip says.
 const WEIGHT: f64 = 0.1;
 /// How long the effect of a change is waited for.
-const SETTLE_US: Micros = SECOND_US;
+const CHANGE_PAUSE_US: Micros = SECOND_US;
 /// How long nothing must have waited until more is tried, the first time and at most.
 const PATIENCE_US: Micros = 4 * SECOND_US;
 const MOST_PATIENCE_US: Micros = 64 * SECOND_US;
@@ -86,7 +86,7 @@ impl Pace {
     pub fn hear(&mut self, round_trip_us: Micros, shortest_us: Micros, now_us: Micros) {
         let waited_us = (round_trip_us - shortest_us).max(0) as f64;
         self.waited_us += (waited_us - self.waited_us) * WEIGHT;
-        if now_us - self.changed_us < SETTLE_US {
+        if now_us - self.changed_us < CHANGE_PAUSE_US {
             return;
         }
         let bound_us = WAIT_US + WAIT_SHARE * shortest_us as f64;

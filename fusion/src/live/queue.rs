@@ -1,12 +1,12 @@
 //! When the next tick is stepped, and whether over what has come or without input.
 //!
-//! A tick is stepped when all who are waited for have spoken, or its deadline has passed, and the tick
+//! A tick is stepped when all who are waited for have sent their sets, or its deadline has passed, and the tick
 //! before it was. A core that is too slow for the venue does not fall behind for ever: ticks that have been
 //! ready for too long are stepped without input, which carries everybody on by the model and costs little.
 
 use super::Micros;
 
-/// How long a tick may be ready before it is stepped without input, microseconds. A look that takes long
+/// How long a tick may be ready before it is stepped without input, microseconds. A detection pass that takes long
 /// holds up the ticks behind it: so long they may take to catch up.
 pub const LONGEST_LAG_US: Micros = 150_000;
 
@@ -105,19 +105,23 @@ mod tests {
     }
 
     #[test]
-    fn ticks_behind_a_long_look_are_stepped_over_what_has_come() {
+    fn ticks_behind_a_long_detection_pass_are_stepped_over_what_has_come() {
         let mut queue = TickQueue::default();
-        let look = 1_000_000;
+        let detection_us = 1_000_000;
         assert_eq!(
-            queue.next(look, Waiting::Until(look + 300_000), look + 300_000),
+            queue.next(
+                detection_us,
+                Waiting::Until(detection_us + 300_000),
+                detection_us + 300_000
+            ),
             Next::Step
         );
         queue.stepped();
         // The core takes 5 ms for each of the ticks that wait behind.
         for i in 1..18 {
-            let now_us = look + 300_000 + i * 5_000;
+            let now_us = detection_us + 300_000 + i * 5_000;
             assert_eq!(
-                queue.next(look + i * PERIOD_US, Waiting::ForNobody, now_us),
+                queue.next(detection_us + i * PERIOD_US, Waiting::ForNobody, now_us),
                 Next::Step
             );
             queue.stepped();

@@ -48,7 +48,7 @@ pub(super) struct Stepped {
     pub(super) smoothed: Vec<PoseSet>,
     /// What changed who is who.
     pub(super) events: Vec<IdentityEvent>,
-    /// Where to look at the next tick, one set per viewpoint.
+    /// The boxes of the next tick, one set per viewpoint.
     pub(super) boxes: Vec<BoxSet>,
     /// Patches that were readable, but made no sense.
     pub(super) unusable: u32,

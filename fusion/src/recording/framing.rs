@@ -117,7 +117,7 @@ pub(super) fn walk<R: Read + Seek>(
                 reader = LinearReader::new_with_options(file_options(true));
             }
             Err(McapError::BadMagic) => return Err(FramingError::NotMcap),
-            // An end that is none: what stands before it has been read.
+            // A torn end: what stands before it has been read.
             Err(_) => break,
         }
     }

@@ -125,7 +125,7 @@ impl Holes {
         }
     }
 
-    /// The oldest ticks to ask for of a viewpoint which is heard; the first and the tick after the last.
+    /// The oldest ticks to ask for of a viewpoint from which sets come; the first and the tick after the last.
     pub fn oldest(&self, viewpoint: usize) -> Option<[Tick; 2]> {
         let track = self.tracks.get(viewpoint)?;
         let is_heard = track.newest? + self.settle >= self.last?;

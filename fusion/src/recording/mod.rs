@@ -1,4 +1,4 @@
-//! Recordings: MCAP files of everything that fusion heard and said, and of what it used for each tick.
+//! Recordings: MCAP files of everything that fusion received and sent, and of what it used for each tick.
 //!
 //! [`writer`] writes to whatever takes bytes, [`reader`] reads from whatever has them, [`replay`] solves a
 //! recording again. No file is opened here, and no clock read: times come with the messages. A recording

@@ -1,10 +1,10 @@
-//! Whose the patches of a recording are when it is solved again in another way: births may come
-//! otherwise, and number people otherwise.
+//! Whose the patches of a recording are when it is solved again in another way: tracks may be
+//! initiated at other ticks, and get other ids.
 //!
 //! A patch names a person of the recorded run. Who that is now is seen from where the crops lie: the person
 //! whose predicted boxes fit the recorded crops best, over all viewpoints. A match is kept for as long as
-//! it fits at all, so that two persons who cross do not exchange their patches. Patches that fit nobody
-//! are dropped: their person is born from sightings, as in any run.
+//! it fits at all, so that two persons who cross do not swap their patches. Patches that fit nobody
+//! are dropped: their person is initiated from sightings, as in any run.
 
 use std::collections::{BTreeMap, BTreeSet};
 

@@ -32,7 +32,7 @@ pub enum PatchOwners {
     /// The person's whom they name: the replay numbers people as the recorded run did, because it gets
     /// the same input.
     AsRecorded,
-    /// The person's whose predicted boxes they fit: births may come otherwise.
+    /// The person's whose predicted boxes they fit: tracks may be initiated at other ticks.
     ByPlace,
 }
 
@@ -149,7 +149,7 @@ impl<R: Read + Seek> Replay<R> {
         if let Some(decision) = decision.filter(|_| self.renumber.is_none())
             && !decision.horizons_ticks.is_empty()
         {
-            // They say for which ticks everybody was told to look for people.
+            // They say for which ticks every edge was asked for a detection pass.
             self.pipeline.set_horizons(&decision.horizons_ticks);
         }
         if let Some(renumber) = &mut self.renumber {

@@ -1,9 +1,9 @@
 //! Which witnesses of different viewpoints see the same person.
 //!
-//! Two viewpoints alone cannot tell people from ghosts: with n people there are up to n^2 crossings
+//! Two viewpoints alone cannot tell people from false bodies: with n people there are up to n^2 crossings
 //! of rays. So groups are grown from every pair that agrees, each group is triangulated, and the
 //! groups compete for their witnesses: the one with the most agreeing rays takes its witnesses out
-//! of all others. A ghost owns rays that belong to people with more of them, and starves.
+//! of all others. A false body owns rays that belong to people with more of them, and starves.
 
 use std::collections::BTreeSet;
 

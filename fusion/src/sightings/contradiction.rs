@@ -1,6 +1,6 @@
 //! Viewpoints that should see a body and do not.
 //!
-//! A camera that did not look says nothing, and neither does a viewpoint that sees nobody at all:
+//! A camera without a detection pass says nothing, and neither does a viewpoint that sees nobody at all:
 //! it may be down. What stands in front hides: a sighting that covers the body speaks neither for it nor
 //! against it.
 
@@ -21,13 +21,13 @@ const HIDDEN_SHARE: f64 = 0.5;
 /// their joints.
 const OUTLINE_GROWTH: f64 = 0.15;
 
-/// What the cameras saw when they looked for people.
+/// What the cameras saw in a detection pass.
 #[derive(Debug, Clone)]
 pub(crate) struct DetectionPass {
     /// One per viewpoint and person seen.
     pub(crate) witnesses: Vec<SightedBody>,
-    /// Per camera of the venue: whether it looked.
-    pub(crate) looked: Vec<bool>,
+    /// Per camera of the venue: whether the detector ran on it.
+    pub(crate) detected: Vec<bool>,
 }
 
 impl DetectionPass {
@@ -39,7 +39,7 @@ impl DetectionPass {
         all
     }
 
-    /// Whether a camera of `viewpoint` that looked has the body of `points_m` (world) well in its image,
+    /// Whether a camera of `viewpoint` on which the detector ran has the body of `points_m` (world) well in its image,
     /// and none of its sightings lies over it.
     pub(crate) fn is_missed_by(
         &self,
@@ -49,7 +49,7 @@ impl DetectionPass {
     ) -> bool {
         let mut in_view = false;
         let own = cameras.iter().enumerate().filter(|(index, camera)| {
-            camera.0 == viewpoint && self.looked.get(*index).copied().unwrap_or(false)
+            camera.0 == viewpoint && self.detected.get(*index).copied().unwrap_or(false)
         });
         for (index, (_, model)) in own {
             let pixels = in_sight(model, points_m);

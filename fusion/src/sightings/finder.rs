@@ -99,36 +99,36 @@ impl PersonFinder {
         }
     }
 
-    /// What `sightings` of one tick show, of the cameras that `looked` (by their indices).
+    /// What `sightings` of one tick show, of the cameras that `detected` (by their indices).
     pub(crate) fn detection_pass(
         &self,
         sightings: &[Sighting],
-        looked: Vec<bool>,
+        detected: Vec<bool>,
     ) -> DetectionPass {
         let n_keypoints = self.keypoints.len();
         DetectionPass {
             witnesses: witnesses(sightings, &self.cameras, n_keypoints, self.min_score),
-            looked,
+            detected,
         }
     }
 
     /// The persons that `sightings` of one tick, of all cameras, show and that `tracked` does not hold,
     /// the best supported first.
     pub fn find(&self, sightings: &[Sighting], tracked: &[KnownBody]) -> Vec<SightedPerson> {
-        let look = self.detection_pass(sightings, vec![true; self.cameras.len()]);
-        self.find_in(&look, tracked)
+        let pass = self.detection_pass(sightings, vec![true; self.cameras.len()]);
+        self.find_in(&pass, tracked)
     }
 
     /// As [`Self::find`].
     pub(crate) fn find_in(
         &self,
-        look: &DetectionPass,
+        pass: &DetectionPass,
         tracked: &[KnownBody],
     ) -> Vec<SightedPerson> {
-        let all = &look.witnesses;
+        let all = &pass.witnesses;
         let explained = explained(all, tracked, self.explained_m);
         let free: Vec<usize> = (0..all.len()).filter(|&w| !explained[w]).collect();
-        let groups = associate(all, &free, &self.gates, |group| self.is_person(group, look));
+        let groups = associate(all, &free, &self.gates, |group| self.is_person(group, pass));
         let is_new = |group: &Reconstruction| {
             !tracked
                 .iter()
@@ -144,30 +144,30 @@ impl PersonFinder {
     /// Who is seen well by a viewpoint, but is none of `bodies`.
     pub(crate) fn unexplained<'a>(
         &self,
-        look: &'a DetectionPass,
+        pass: &'a DetectionPass,
         bodies: &[KnownBody],
     ) -> impl Iterator<Item = &'a SightedBody> {
-        let explained = explained(&look.witnesses, bodies, self.explained_m);
+        let explained = explained(&pass.witnesses, bodies, self.explained_m);
         let min_keypoints = self.gates.min_keypoints;
         let seen_well = move |w: &SightedBody| w.rays.iter().flatten().count() >= min_keypoints;
-        let witnesses = look.witnesses.iter().zip(explained);
+        let witnesses = pass.witnesses.iter().zip(explained);
         witnesses.filter_map(move |(w, explained)| (!explained && seen_well(w)).then_some(w))
     }
 
     /// What the viewpoints that see anybody say about a tentative `body`: how many of them see it, and
     /// how many should and do not.
-    pub(crate) fn verdicts(&self, look: &DetectionPass, body: &KnownBody) -> [u32; 2] {
+    pub(crate) fn verdicts(&self, pass: &DetectionPass, body: &KnownBody) -> [u32; 2] {
         let explained = explained(
-            &look.witnesses,
+            &pass.witnesses,
             std::slice::from_ref(body),
             self.explained_m,
         );
         let (mut seen, mut missed) = (0, 0);
-        for viewpoint in look.viewpoints() {
-            let mut own = look.witnesses.iter().zip(&explained);
+        for viewpoint in pass.viewpoints() {
+            let mut own = pass.witnesses.iter().zip(&explained);
             if own.any(|(w, explained)| *explained && w.viewpoint == viewpoint) {
                 seen += 1;
-            } else if look.is_missed_by(viewpoint, &self.cameras, &body.keypoints_m) {
+            } else if pass.is_missed_by(viewpoint, &self.cameras, &body.keypoints_m) {
                 missed += 1;
             }
         }
@@ -176,7 +176,7 @@ impl PersonFinder {
 
     /// Whether a group is a body inside the field that no other viewpoint contradicts; takes
     /// keypoints out of it that do not fit the body.
-    fn is_person(&self, group: &mut Reconstruction, look: &DetectionPass) -> bool {
+    fn is_person(&self, group: &mut Reconstruction, pass: &DetectionPass) -> bool {
         let mut body = self.observed(&group.keypoints_m);
         let cut_before = body.count();
         if !is_plausible(&mut body) {
@@ -196,7 +196,7 @@ impl PersonFinder {
         }
         let middle = points.iter().sum::<Vector3<f64>>() / points.len() as f64;
         self.gates.inside(&middle, FIELD_SLACK_M)
-            && self.contradictions(group, &points, look) < group.members.len()
+            && self.contradictions(group, &points, pass) < group.members.len()
     }
 
     /// How many other viewpoints should see the body and see nobody there.
@@ -204,17 +204,17 @@ impl PersonFinder {
         &self,
         group: &Reconstruction,
         points: &[Vector3<f64>],
-        look: &DetectionPass,
+        pass: &DetectionPass,
     ) -> usize {
         let member = |v| {
             group
                 .members
                 .iter()
-                .any(|&m| look.witnesses[m].viewpoint == v)
+                .any(|&m| pass.witnesses[m].viewpoint == v)
         };
-        let others = look.viewpoints().into_iter().filter(|&v| !member(v));
+        let others = pass.viewpoints().into_iter().filter(|&v| !member(v));
         others
-            .filter(|&viewpoint| look.is_missed_by(viewpoint, &self.cameras, points))
+            .filter(|&viewpoint| pass.is_missed_by(viewpoint, &self.cameras, points))
             .count()
     }
 

@@ -1,4 +1,4 @@
-//! Tests of births.
+//! Tests of finding new people in sightings.
 
 use farfield_proto::id::CameraIndex;
 use farfield_proto::keypoints::KeypointSet;
@@ -108,7 +108,7 @@ fn a_bystander_whom_one_viewpoint_sees_is_nobody() {
 }
 
 #[test]
-fn who_is_tracked_is_not_born_again_but_the_newcomer_beside_is() {
+fn who_is_tracked_is_not_found_again_but_the_newcomer_beside_is() {
     let mut noise = Noise(2);
     let hall = hall();
     let old = standing(0.0, 0.0, 1.8, &mut noise);
@@ -255,9 +255,9 @@ fn cameras_that_did_not_look_do_not_contradict() {
     };
     sightings.retain(|s| s.camera.0 < 2 || !of_body(s));
     let finder = hall.finder();
-    let found = |looked: Vec<bool>| {
+    let found = |detected: Vec<bool>| {
         finder
-            .find_in(&finder.detection_pass(&sightings, looked), &[])
+            .find_in(&finder.detection_pass(&sightings, detected), &[])
             .len()
     };
     assert_eq!(found(vec![true; 4]), 1, "two see it and two do not");
@@ -269,13 +269,13 @@ fn the_verdict_of_a_look_counts_who_sees_a_body_and_who_should() {
     let mut noise = Noise(11);
     let hall = hall();
     let body = standing(0.0, 0.0, 1.75, &mut noise);
-    let ghost = standing(2.5, -1.0, 1.75, &mut noise);
+    let false_body = standing(2.5, -1.0, 1.75, &mut noise);
     let sightings = hall.sightings(std::slice::from_ref(&body), 1.0, &mut noise);
     let pass = hall.finder().detection_pass(&sightings, vec![true; 4]);
     let verdict =
         |keypoints_m: BodyPoints| hall.finder().verdicts(&pass, &KnownBody { keypoints_m });
     assert_eq!(verdict(body), [4, 0]);
-    let [seen, missed] = verdict(ghost);
+    let [seen, missed] = verdict(false_body);
     assert!(seen == 0 && missed >= 2, "{seen} {missed}");
 }
 

@@ -1,6 +1,6 @@
 //! Whether triangulated keypoints can be one human body.
 //!
-//! A ghost, made of rays that belong to different people, has arms as long as its legs or is as tall
+//! A false body, made of rays that belong to different people, has arms as long as its legs or is as tall
 //! as a house. Proportions decide, postures do not: people lie, crouch and stand on their hands.
 
 use crate::body::observed::ObservedJoints;
@@ -17,7 +17,7 @@ const SEGMENT_FACTORS: std::ops::RangeInclusive<f64> = 0.5..=1.6;
 /// The same for the width of the hips, which are 0.18 m apart and 50 mm off.
 const HIP_FACTORS: std::ops::RangeInclusive<f64> = 0.3..=2.4;
 
-/// Largest share of the segments that may be wrong: more, and it is a ghost, not a body with a limb
+/// Largest share of the segments that may be wrong: more, and it is a false body, not one with a limb
 /// badly seen.
 const MAX_WRONG: f64 = 0.25;
 

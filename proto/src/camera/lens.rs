@@ -21,21 +21,21 @@ const MAX_RADIUS: f64 = 57.0;
 /// Its Jacobian is symmetric; where it is positive definite the model is monotonic.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Distortion {
-    /// Radial, second order.
+    /// Radial, second order; dimensionless, as all of OpenCV's.
     pub k1: f64,
-    /// Radial, fourth order.
+    /// Radial, fourth order; dimensionless.
     pub k2: f64,
-    /// Tangential, vertical.
+    /// Tangential, vertical; dimensionless.
     pub p1: f64,
-    /// Tangential, horizontal.
+    /// Tangential, horizontal; dimensionless.
     pub p2: f64,
-    /// Radial, sixth order.
+    /// Radial, sixth order; dimensionless.
     pub k3: f64,
-    /// Radial, second order, of the denominator.
+    /// Radial, second order, of the denominator; dimensionless.
     pub k4: f64,
-    /// Radial, fourth order, of the denominator.
+    /// Radial, fourth order, of the denominator; dimensionless.
     pub k5: f64,
-    /// Radial, sixth order, of the denominator.
+    /// Radial, sixth order, of the denominator; dimensionless.
     pub k6: f64,
 }
 

@@ -132,7 +132,7 @@ pub struct EdgeLink {
     pub round_trip_us: Option<u32>,
     /// The edge's own clock less fusion's, before any correction, microseconds.
     pub clock_offset_us: Option<i32>,
-    /// How many ticks ahead its boxes are made.
+    /// How far ahead its boxes are made, ticks.
     pub horizon_ticks: f32,
     /// Payload that has arrived in the last second, bytes.
     pub bytes_per_s: u32,

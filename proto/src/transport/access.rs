@@ -34,11 +34,11 @@ const ALL_MESSAGES: [&str; 9] = [
     "declare_liveliness_subscriber",
     "liveliness_query",
 ];
-const LISTEN: [&str; 1] = ["declare_subscriber"];
-const SPEAK: [&str; 1] = ["put"];
-const BE: [&str; 1] = ["liveliness_token"];
-const WATCH: [&str; 2] = ["declare_liveliness_subscriber", "liveliness_query"];
-const ASK: [&str; 1] = ["query"];
+const SUBSCRIBE: [&str; 1] = ["declare_subscriber"];
+const PUBLISH: [&str; 1] = ["put"];
+const DECLARE_TOKEN: [&str; 1] = ["liveliness_token"];
+const WATCH_TOKENS: [&str; 2] = ["declare_liveliness_subscriber", "liveliness_query"];
+const QUERY: [&str; 1] = ["query"];
 const ANSWER: [&str; 2] = ["reply", "declare_queryable"];
 
 /// One allowance.
@@ -68,30 +68,30 @@ fn rules<const N: usize, const M: usize>(
 
 /// What a viewpoint may do at fusion.
 fn of_edge(keys: &Keys, viewpoint: &str) -> Vec<Rule<'static>> {
-    let spoken = vec![
+    let published = vec![
         keys.patch(viewpoint),
         keys.sighting(viewpoint),
         keys.status(viewpoint),
     ];
-    let heard = vec![keys.boxes(viewpoint), keys.status(FUSION)];
+    let received = vec![keys.boxes(viewpoint), keys.status(FUSION)];
     rules(
         [
-            (&SPEAK, spoken),
-            (&LISTEN, heard.clone()),
-            (&BE, vec![keys.alive(viewpoint)]),
-            (&WATCH, vec![keys.alive(FUSION)]),
-            (&ASK, vec![keys.config()]),
+            (&PUBLISH, published),
+            (&SUBSCRIBE, received.clone()),
+            (&DECLARE_TOKEN, vec![keys.alive(viewpoint)]),
+            (&WATCH_TOKENS, vec![keys.alive(FUSION)]),
+            (&QUERY, vec![keys.config()]),
             (&ANSWER, vec![keys.fill(viewpoint)]),
         ],
         [
-            (&SPEAK, heard),
+            (&PUBLISH, received),
             (
-                &LISTEN,
+                &SUBSCRIBE,
                 vec![keys.patches(), keys.sightings(), keys.statuses()],
             ),
-            (&BE, vec![keys.alive(FUSION)]),
-            (&WATCH, vec![keys.all_alive()]),
-            (&ASK, vec![keys.fill(viewpoint)]),
+            (&DECLARE_TOKEN, vec![keys.alive(FUSION)]),
+            (&WATCH_TOKENS, vec![keys.all_alive()]),
+            (&QUERY, vec![keys.fill(viewpoint)]),
             (&ANSWER, vec![keys.config()]),
         ],
     )
@@ -99,10 +99,16 @@ fn of_edge(keys: &Keys, viewpoint: &str) -> Vec<Rule<'static>> {
 
 /// What a reader may do at fusion.
 fn of_reader(keys: &Keys) -> Vec<Rule<'static>> {
-    let heard = vec![keys.pose(), keys.smooth(), keys.event(), keys.statuses()];
+    let received = vec![keys.pose(), keys.smooth(), keys.event(), keys.statuses()];
     rules(
-        [(&LISTEN, heard.clone()), (&WATCH, vec![keys.all_alive()])],
-        [(&SPEAK, heard), (&BE, vec![keys.all_alive()])],
+        [
+            (&SUBSCRIBE, received.clone()),
+            (&WATCH_TOKENS, vec![keys.all_alive()]),
+        ],
+        [
+            (&PUBLISH, received),
+            (&DECLARE_TOKEN, vec![keys.all_alive()]),
+        ],
     )
 }
 
@@ -110,10 +116,13 @@ fn of_reader(keys: &Keys) -> Vec<Rule<'static>> {
 fn of_recorder(keys: &Keys) -> Vec<Rule<'static>> {
     rules(
         [
-            (&LISTEN, vec![keys.all()]),
-            (&WATCH, vec![keys.all_alive()]),
+            (&SUBSCRIBE, vec![keys.all()]),
+            (&WATCH_TOKENS, vec![keys.all_alive()]),
         ],
-        [(&SPEAK, vec![keys.all()]), (&BE, vec![keys.all_alive()])],
+        [
+            (&PUBLISH, vec![keys.all()]),
+            (&DECLARE_TOKEN, vec![keys.all_alive()]),
+        ],
     )
 }
 
@@ -179,42 +188,42 @@ mod tests {
     fn an_edge_publishes_under_its_own_name_only() {
         let keys = Keys::new("hall");
         for rule in of_edge(&keys, "ne") {
-            if rule.flow == "ingress" && rule.messages == SPEAK {
+            if rule.flow == "ingress" && rule.messages == PUBLISH {
                 assert_eq!(
                     rule.keys,
                     ["hall/patch/ne", "hall/sighting/ne", "hall/status/ne"]
                 );
             }
-            let speaks_elsewhere = rule.flow == "ingress" && rule.messages.contains(&"delete");
-            assert!(!speaks_elsewhere);
+            let deletes = rule.flow == "ingress" && rule.messages.contains(&"delete");
+            assert!(!deletes);
         }
     }
 
     #[test]
-    fn a_reader_and_the_recorder_say_nothing() {
-        let says = |rule: &Rule<'_>| {
+    fn a_reader_and_the_recorder_publish_nothing() {
+        let publishes = |rule: &Rule<'_>| {
             rule.flow == "ingress"
                 && !rule
                     .messages
                     .iter()
-                    .all(|m| LISTEN.contains(m) || WATCH.contains(m))
+                    .all(|m| SUBSCRIBE.contains(m) || WATCH_TOKENS.contains(m))
         };
         let keys = Keys::new("hall");
-        assert!(!of_reader(&keys).iter().any(says));
-        assert!(!of_recorder(&keys).iter().any(says));
+        assert!(!of_reader(&keys).iter().any(publishes));
+        assert!(!of_recorder(&keys).iter().any(publishes));
     }
 
     #[test]
-    fn fusion_tells_readers_of_events_and_edges_not() {
+    fn fusion_sends_events_to_readers_and_not_to_edges() {
         let keys = Keys::new("hall");
-        let tells = |rules: Vec<Rule<'_>>| {
-            let mut spoken = rules
+        let publishes = |rules: Vec<Rule<'_>>| {
+            let mut published = rules
                 .iter()
-                .filter(|rule| rule.flow == "egress" && rule.messages == SPEAK);
-            spoken.any(|rule| rule.keys.contains(&keys.event()))
+                .filter(|rule| rule.flow == "egress" && rule.messages == PUBLISH);
+            published.any(|rule| rule.keys.contains(&keys.event()))
         };
-        assert!(tells(of_reader(&keys)));
-        assert!(!tells(of_edge(&keys, "ne")));
+        assert!(publishes(of_reader(&keys)));
+        assert!(!publishes(of_edge(&keys, "ne")));
     }
 
     #[test]

@@ -103,10 +103,8 @@ fn now(parameter: &Parameter) -> String {
 
 /// What is said of a user's parameter under `[tuning]`.
 fn belongs(parameter: &Parameter) -> String {
-    format!(
-        "it is no number of the method: it stands in `{}`",
-        parameter.stands()
-    )
+    let Parameter { table, name, .. } = parameter;
+    format!("`{name}` is a user's field: write it in `[{table}]`")
 }
 
 /// What is said of a name that no parameter of the table has.

@@ -1,7 +1,7 @@
-//! People who have 25 to 60 pixels in the picture, as at 100 m: found in tiles, and born; in the whole
+//! People who have 25 to 60 pixels in the picture, as at 100 m: found in tiles, and confirmed; in the whole
 //! picture, made small for the detector's input, nobody sees them.
 //!
-//! The real man is too small for YOLOX in two of his four pictures even so, and is born by RTMDet alone.
+//! The real man is too small for YOLOX in two of his four pictures even so, and is confirmed with RTMDet alone.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -20,7 +20,7 @@ use crate::data::{checkout, onnx_runtime, recording};
 
 /// Cards of detectors that were trained on photographs.
 const DETECTORS: [&str; 2] = ["yolox_nano_416.toml", "rtmdet_nano_person.toml"];
-/// Enough tiles for any of these pictures at one look.
+/// Enough tiles for any of these pictures in one detection pass.
 const TILES: u32 = 64;
 /// Ticks in which somebody must be confirmed: `births.confirm_ticks` and what finding takes.
 const TICKS: i64 = 16;
@@ -28,10 +28,10 @@ const TICKS: i64 = 16;
 /// What was seen of people nobody had told of.
 #[derive(Debug, Default)]
 struct SeenFarPeople {
-    /// Sightings of the first look, by camera.
+    /// Sightings of the first detection pass, by camera.
     first_look: BTreeMap<u16, usize>,
     /// Everybody who was confirmed, with the tick.
-    born: BTreeMap<u32, Tick>,
+    confirmed: BTreeMap<u32, Tick>,
 }
 
 fn looked(venue: Venue, sources: Vec<Box<dyn FrameSource>>) -> SeenFarPeople {
@@ -45,7 +45,7 @@ fn looked(venue: Venue, sources: Vec<Box<dyn FrameSource>>) -> SeenFarPeople {
             }
         }
         for pose in &trace.poses.persons {
-            seen.born.entry(pose.person.0).or_insert(trace.tick);
+            seen.confirmed.entry(pose.person.0).or_insert(trace.tick);
         }
     }
     seen
@@ -121,8 +121,8 @@ fn rendered_people_a_hundred_metres_away_are_found_in_tiles_alone() {
         (tiled, whole)
     });
     for (tiled, whole) in [yolox, rtmdet] {
-        assert_eq!(tiled.born.len(), 3, "{tiled:?}");
-        assert!(whole.born.is_empty(), "{whole:?}");
+        assert_eq!(tiled.confirmed.len(), 3, "{tiled:?}");
+        assert!(whole.confirmed.is_empty(), "{whole:?}");
     }
 }
 
@@ -157,10 +157,10 @@ fn a_real_man_of_a_few_pixels_is_found_in_tiles_alone() {
     let [(yolox, _), (rtmdet, _)] = &seen;
     // Where he is 32 to 45 pixels tall, RTMDet finds him in all four pictures, YOLOX in some.
     assert_eq!(rtmdet.first_look.len(), venue.cameras.len(), "{rtmdet:?}");
-    assert!(!rtmdet.born.is_empty(), "{rtmdet:?}");
+    assert!(!rtmdet.confirmed.is_empty(), "{rtmdet:?}");
     assert!(!yolox.first_look.is_empty(), "{yolox:?}");
     for (_, whole) in &seen {
         assert!(whole.first_look.is_empty(), "{whole:?}");
-        assert!(whole.born.is_empty(), "{whole:?}");
+        assert!(whole.confirmed.is_empty(), "{whole:?}");
     }
 }

@@ -19,7 +19,7 @@ fn joint_m(pose: &Value, joint: Joint) -> Vector3<f64> {
     Vector3::from_fn(|i, _| xyz[i].as_f64().unwrap())
 }
 
-/// How often the lengths of a person are measured anew: 2, 4, 8 and 16 seconds after its birth.
+/// How often the lengths of a person are measured anew: 2, 4, 8 and 16 seconds after its confirmation.
 const MEASURED_ANEW: usize = 4;
 
 /// Checks link lengths and angles in range; returns how many poses were checked.

@@ -69,8 +69,8 @@ fn a_mirror_bears_nobody_and_who_is_lost_for_a_second_keeps_the_id() {
         assert_eq!(scores["identity"]["false_births"], 0, "{scores}");
         assert_eq!(scores["identity"]["switches"], 0, "{scores}");
         assert_eq!(scores["lives"]["never_born"], 0, "{scores}");
-        let born_s = scores["lives"]["time_to_birth_worst_s"].as_f64().unwrap();
-        assert!(born_s <= 1.0, "born after {born_s} s");
+        let initiated_s = scores["lives"]["time_to_birth_worst_s"].as_f64().unwrap();
+        assert!(initiated_s <= 1.0, "initiated after {initiated_s} s");
     }
     // Of the losses in the scene, the first ends within four seconds.
     let recoveries = json["scenes"][1]["recoveries"].as_array().unwrap();

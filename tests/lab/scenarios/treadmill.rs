@@ -116,12 +116,12 @@ fn is_the_man_alone(lines: &[Value]) {
     assert_eq!(
         ids.len(),
         1,
-        "somebody else is born, or the man twice: {ids:?}"
+        "somebody else is confirmed, or the man twice: {ids:?}"
     );
     let ticks = ticks_of(lines, ids[0]);
     assert!(
         ticks[0] < 30,
-        "born half a second late or more: tick {}",
+        "confirmed half a second late or more: tick {}",
         ticks[0]
     );
     let to_the_end: Vec<i64> = (ticks[0]..100).collect();
@@ -131,7 +131,7 @@ fn is_the_man_alone(lines: &[Value]) {
 /// The bystander stands in the pictures of cam01 and cam02. Without cam02 she is what a bystander
 /// behind glass is: somebody in one camera, with a ray and no place.
 #[test]
-fn a_bystander_whom_one_camera_sees_is_not_born() {
+fn a_bystander_whom_one_camera_sees_is_not_confirmed() {
     let Some(venue) = recording(SCENARIO, "data/pose2sim/single/venue.toml") else {
         return;
     };
@@ -148,7 +148,7 @@ fn a_bystander_whom_one_camera_sees_is_not_born() {
 /// With all four cameras the bystander has a place, behind cam03: a field around the treadmill leaves
 /// her out.
 #[test]
-fn a_bystander_outside_the_field_is_not_born() {
+fn a_bystander_outside_the_field_is_not_confirmed() {
     let Some(venue) = recording(SCENARIO, "data/pose2sim/single/venue.toml") else {
         return;
     };

@@ -1,4 +1,4 @@
-//! What the way between edges and fusion does to messages, in ticks and without a network: cuts, and links
+//! What the path between edges and fusion does to messages, in ticks and without a network: cuts, and links
 //! that are far and lossy. Every run is the same.
 
 use std::collections::VecDeque;
@@ -48,7 +48,7 @@ impl Default for FarLinks {
     }
 }
 
-/// What is on the way over [`FarLinks`].
+/// What is in flight over [`FarLinks`].
 pub(crate) struct OnTheWay {
     links: FarLinks,
     lots: ChaCha8Rng,

@@ -53,12 +53,12 @@ pub struct Scores {
     pub mean: MeanScore,
     /// Ids, over all actors.
     pub identity: IdentityScore,
-    /// How people came: births and returns.
+    /// How people came: initiations and returns.
     pub lives: Lives,
     /// Which points were compared.
     pub points: PointSet,
     /// Whether the truth leaves out ticks of a person that it holds on both sides of them: then
-    /// nobody can say that a pose is of nobody, and false births are not counted.
+    /// nobody can say that a pose is of nobody, and false initiations (`false_births`) are not counted.
     pub truth_partial: bool,
     /// The rate that [`ActorScore::jitter_m_s3`] and [`ActorScore::foot_slide_mm_s`] were computed
     /// with; without one they are absent.

@@ -21,12 +21,12 @@ const LEAST_AWAY_S: f64 = 0.5;
 /// The same in ticks, where no rate is known.
 const LEAST_AWAY_TICKS: i64 = 2;
 
-/// Births and returns of all actors.
+/// Initiations and returns of all actors.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Lives {
     /// Per actor, ticks from its first line of the truth to its first pose; `None`: it never had one.
     pub time_to_birth_ticks: BTreeMap<u32, Option<i64>>,
-    /// The median over those who were born, seconds; absent without a rate.
+    /// The median over those who were initiated, seconds; absent without a rate.
     pub time_to_birth_median_s: Option<f64>,
     /// The longest, seconds; absent without a rate.
     pub time_to_birth_worst_s: Option<f64>,
@@ -66,7 +66,7 @@ fn least_away_ticks(rate_hz: Option<f64>) -> i64 {
 struct ActorLife {
     /// The first tick of the truth.
     since: Option<Tick>,
-    born: Option<Tick>,
+    initiated: Option<Tick>,
     /// The last tick of the truth, and the last id.
     seen: Option<Tick>,
     id: Option<u32>,
@@ -75,7 +75,7 @@ struct ActorLife {
 }
 
 impl Lives {
-    /// Births and returns of the actors of `truth` in `poses`.
+    /// Initiations and returns of the actors of `truth` in `poses`.
     pub fn of(poses: &PoseLines, truth: &PoseLines, rate_hz: Option<f64>) -> Self {
         let mut all: BTreeMap<u32, ActorLife> = BTreeMap::new();
         let mut lives = Self::default();
@@ -110,15 +110,15 @@ impl Lives {
         longest_return: Option<i64>,
         rate_hz: Option<f64>,
     ) -> Self {
-        let after = |life: &ActorLife| Some(life.born? - life.since?);
+        let after = |life: &ActorLife| Some(life.initiated? - life.since?);
         self.time_to_birth_ticks = all.iter().map(|(id, life)| (*id, after(life))).collect();
-        let born = self.time_to_birth_ticks.values().flatten();
-        let mut born: Vec<f64> = born.map(|&ticks| ticks as f64).collect();
-        born.sort_by(f64::total_cmp);
-        self.never_born = (all.len() - born.len()) as u64;
+        let taken = self.time_to_birth_ticks.values().flatten();
+        let mut taken: Vec<f64> = taken.map(|&ticks| ticks as f64).collect();
+        taken.sort_by(f64::total_cmp);
+        self.never_born = (all.len() - taken.len()) as u64;
         let rate = |ticks: f64| rate_hz.map(|rate| ticks / rate);
-        self.time_to_birth_median_s = mean_median(&born).and_then(rate);
-        self.time_to_birth_worst_s = born.last().copied().and_then(rate);
+        self.time_to_birth_median_s = mean_median(&taken).and_then(rate);
+        self.time_to_birth_worst_s = taken.last().copied().and_then(rate);
         self.return_worst_s = longest_return.and_then(|ticks| rate(ticks as f64));
         self
     }
@@ -139,7 +139,7 @@ impl ActorLife {
     /// Takes in that it has a pose at `tick`; the ticks since it came back, and the id that it had
     /// before, if this is the first since.
     fn is_found(&mut self, tick: Tick, id: u32) -> Option<(i64, u32)> {
-        self.born.get_or_insert(tick);
+        self.initiated.get_or_insert(tick);
         let before = self.id.replace(id);
         let back = self.back.take()?;
         Some((tick - back, before?))

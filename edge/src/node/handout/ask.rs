@@ -1,4 +1,4 @@
-//! Questions to fusion, asked again until they are answered: the way may be long, and fusion not there yet.
+//! Queries to fusion, sent again until they are answered: the round trip may be long, and fusion not there yet.
 
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};

@@ -108,13 +108,13 @@ impl Script {
     }
 
     /// Says where the person is, for the tick after next.
-    async fn say_boxes(&mut self, persons: u32, look: bool, order: Order) {
+    async fn say_boxes(&mut self, persons: u32, detect: bool, order: Order) {
         self.sequence += 1;
-        let boxes = self.boxes(persons, look, order);
+        let boxes = self.boxes(persons, detect, order);
         self.boxes.put(wire::encode(&boxes)).await.unwrap();
     }
 
-    fn boxes(&self, persons: u32, look: bool, order: Order) -> BoxSet {
+    fn boxes(&self, persons: u32, detect: bool, order: Order) -> BoxSet {
         let camera_box = CameraBox {
             camera: CameraIndex(0),
             bounding_box: BoundingBox {
@@ -141,7 +141,7 @@ impl Script {
                 clock_correction_us: None,
                 heard: None,
             }),
-            detection_cameras: if look {
+            detection_cameras: if detect {
                 vec![CameraIndex(0)]
             } else {
                 Vec::new()

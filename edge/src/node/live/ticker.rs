@@ -129,9 +129,9 @@ impl Ticker {
         };
         let aligned =
             Tick(tick.0.div_euclid(nth) * nth + if tick.0.rem_euclid(nth) == 0 { 0 } else { nth });
-        // Looks are planned for all viewpoints alike.
-        let look = ledger.boxes.next_detection_tick(tick);
-        let aligned = look.map_or(aligned, |look| aligned.min(look));
+        // Detection passes are planned for all viewpoints alike.
+        let detection = ledger.boxes.next_detection_tick(tick);
+        let aligned = detection.map_or(aligned, |tick| aligned.min(tick));
         let until_us = ledger.ticks.own_time_us(aligned)? + lag_us + half_us;
         Some((aligned, until_us))
     }
@@ -141,9 +141,9 @@ impl Ticker {
         self.shared.frames.take(tick, now_us, &mut self.frames);
         let mut ledger = self.shared.ledger();
         let session = ledger.boxes.session()?;
-        let look = ledger.boxes.take_detection_request(tick);
-        let (boxes, look) = if let Some(boxes) = ledger.boxes.at(now_us) {
-            (Arc::clone(boxes), look)
+        let requested = ledger.boxes.take_detection_request(tick);
+        let (boxes, detection_cameras) = if let Some(boxes) = ledger.boxes.at(now_us) {
+            (Arc::clone(boxes), requested)
         } else {
             // Fusion is gone: what there is to see is for whoever asks for it later.
             let nobody = Arc::new(BoxSet {
@@ -162,7 +162,7 @@ impl Ticker {
         Some(TickStart {
             tick,
             boxes,
-            detection_cameras: look,
+            detection_cameras,
             plan,
             may_send: ledger.rate.may_send(tick, now_us),
         })
@@ -235,10 +235,10 @@ impl Ticker {
             .packed(start.plan.level, persons, messages, payload);
     }
 
-    fn count_laps(&mut self, looks: bool) {
+    fn count_laps(&mut self, detects: bool) {
         let stages = split_detection(&self.laps, self.pipeline.detection_share());
         for (stage, us) in stages {
-            if stage != farfield_proto::message::DETECTION_STAGE || looks {
+            if stage != farfield_proto::message::DETECTION_STAGE || detects {
                 self.shared.count(stage, us);
             }
         }

@@ -1,4 +1,4 @@
-//! What an estimator tells others: its pose, how sure it is, and where cameras shall look.
+//! What an estimator tells others: its pose, how sure it is, and the boxes of its next crops.
 
 use farfield_proto::camera::CameraModel;
 use farfield_proto::id::{CameraIndex, PersonId};

@@ -8,7 +8,7 @@
 //! ```
 //!
 //! One decision per viewpoint and kind of joint, over all who meet there: the sum of the costs is
-//! least, and who was born first does not matter. The cost of a place for a claim is its negative log
+//! least, and the order of the persons does not matter. The cost of a place for a claim is its negative log
 //! likelihood,
 //!
 //! ```text
@@ -67,7 +67,7 @@ impl PeakAssignment {
     /// Decides whose the peaks of this tick are. `bodies` are those of `tracks`, whose views are placed.
     ///
     /// Cost: per viewpoint a few distances per pair of persons who are apart in its view; for those who
-    /// meet, a look at the cells around each prediction that another comes near.
+    /// meet, the cells around each prediction that another comes near.
     pub fn decide(
         &mut self,
         tracks: &[impl AsRef<Estimator> + Sync],

@@ -8,7 +8,7 @@ use crate::body::keypoint_estimate::KeypointEstimate;
 use crate::body::skeleton::{Joint, Kinematics, N_JOINTS, Site};
 
 /// What is known of a keypoint per viewpoint and axis of its image where nobody kept more than how many
-/// saw it, metres: of a sighting at a birth.
+/// saw it, metres: of a sighting at an initiation.
 pub(super) const SIGHTED_M: f64 = 0.03;
 /// Share of the variance of heel and toe about the ankle that is left: feet do not use all of the
 /// range of motion of an ankle.

@@ -7,7 +7,7 @@ use farfield_proto::tick::Tick;
 use crate::identity::event::{Event, EventKind};
 use crate::identity::facts::{Rules, TrackFacts};
 use crate::identity::memory::Candidate;
-use crate::identity::recognise::{Appearance, Reach, assign_known};
+use crate::identity::recognise::{Appearance, LikenessModel, assign_known};
 
 /// Least ln of the likelihood ratio at which a newcomer is somebody who was here before.
 const LEAST_RETURN: f64 = 1.0;
@@ -26,7 +26,7 @@ pub(crate) struct Newcomer {
 
 /// Decides which of the `newcomers` are who of the `known`.
 pub(crate) fn decide(newcomers: &[Newcomer], known: &[Candidate], rules: &Rules) -> Vec<Event> {
-    let reach = Reach::new(&rules.field, &rules.births);
+    let model = LikenessModel::new(&rules.field, &rules.births);
     let absence_s = |newcomer: &Newcomer, known: &Candidate| {
         (newcomer.since - known.last_seen.tick) as f64 / rules.rate_hz
     };
@@ -35,7 +35,7 @@ pub(crate) fn decide(newcomers: &[Newcomer], known: &[Candidate], rules: &Rules)
         .map(|newcomer| {
             let pair = |known: &Candidate| {
                 let absence_s = absence_s(newcomer, known);
-                reach.likeness(&newcomer.appearance, &known.appearance, absence_s)
+                model.likeness(&newcomer.appearance, &known.appearance, absence_s)
             };
             known.iter().map(pair).collect()
         })

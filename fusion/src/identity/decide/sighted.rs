@@ -8,7 +8,7 @@ use nalgebra::Vector3;
 use crate::identity::event::{Event, EventKind};
 use crate::identity::facts::{Rules, TrackFacts};
 use crate::identity::memory::Candidate;
-use crate::identity::recognise::{Appearance, Reach, assign_known};
+use crate::identity::recognise::{Appearance, LikenessModel, assign_known};
 
 /// How far off its place somebody who stands may be sighted, metres.
 const SIGHTED_OFF_M: f64 = 0.3;
@@ -71,7 +71,7 @@ pub(crate) fn revive(
     tick: Tick,
     rules: &Rules,
 ) -> Vec<Taken> {
-    let reach = Reach::new(&rules.field, &rules.births);
+    let model = LikenessModel::new(&rules.field, &rules.births);
     let absence_s = |known: &Candidate| (tick - known.last_seen.tick) as f64 / rules.rate_hz;
     let likeness: Vec<Vec<Option<f64>>> = sighted
         .iter()
@@ -85,7 +85,7 @@ pub(crate) fn revive(
                     ..last
                 };
                 let sighted = sighted.as_ref()?;
-                let l = [last, carried].map(|at| reach.likeness(sighted, &at, absence_s(known)));
+                let l = [last, carried].map(|at| model.likeness(sighted, &at, absence_s(known)));
                 l.into_iter().flatten().reduce(f64::max)
             };
             lost.iter().map(pair).collect()

@@ -21,8 +21,8 @@ use crate::node::session::messages::{Arrival, FusionIncoming, Liveliness};
 /// Late sets that wait for the smoother's next step; of more, the newest are dropped.
 const MAX_LATE: usize = 256;
 
-/// So many looks must have come too late for an operator to be told.
-const LATE_LOOKS_TOLD: u32 = 5;
+/// So many results of detection passes must have come too late for an operator to be told.
+const LATE_DETECTIONS_TOLD: u32 = 5;
 
 impl LiveFusion<'_> {
     /// Receives on until `done`: a queue that nobody empties would hold up the answers to others, too.
@@ -122,20 +122,20 @@ impl LiveFusion<'_> {
             Taken::Open => self.note_arrival(tick, came.at_us),
             Taken::Late(_) => {
                 self.edges[index].late += 1;
-                self.tell_late_look(tick, index, came.at_us);
+                self.report_late_detection(tick, index, came.at_us);
             }
             Taken::Refused(reason) => self.refuse(reason),
         }
     }
 
-    /// People are born of looks only: who looks for too long must be told, once.
-    fn tell_late_look(&mut self, tick: Tick, index: usize, at_us: Micros) {
-        self.late_looks += 1;
-        if self.late_looks == LATE_LOOKS_TOLD {
+    /// Tracks are initiated by detection passes only: that an edge's take too long is said, once.
+    fn report_late_detection(&mut self, tick: Tick, index: usize, at_us: Micros) {
+        self.late_detections += 1;
+        if self.late_detections == LATE_DETECTIONS_TOLD {
             let name = &self.config.venue.viewpoints[index].name;
             let after_ms = (at_us - self.time.at(tick)) / 1000;
             say(format_args!(
-                "viewpoint {name}: what it saw when it looked for people came {after_ms} ms after its tick, too late to be used; if that goes on, raise `deadline_ms` in [link]"
+                "viewpoint {name}: the sightings of a detection pass came {after_ms} ms after its tick, too late to be used; if that goes on, raise `deadline_ms` in [link]"
             ));
         }
     }

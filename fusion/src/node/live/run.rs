@@ -45,7 +45,8 @@ const RESEND_AFTER_US: Micros = SECOND_US / 10;
 /// Ticks that are open at once, and for which late messages are kept apart from repeated ones, seconds.
 const OPEN_S: f64 = 2.0;
 const LATE_S: f64 = 10.0;
-/// How long after the first tick the edges' first messages are waited for: at that tick all look for people.
+/// How long after the first tick the edges' first messages are waited for: at that tick all have a
+/// detection pass.
 const FIRST_WORD_US: Micros = SECOND_US / 2;
 /// Messages that are received before the loop looks after ticks again.
 const AT_ONCE: usize = 64;
@@ -90,10 +91,10 @@ pub(super) struct LiveFusion<'a> {
     /// Messages that fusion had no room to send.
     pub(super) unsent: u64,
     pub(super) refusals: Vec<Option<String>>,
-    /// Until when those are waited for who have not spoken yet.
+    /// Until when edges are waited for of which nothing has come yet.
     pub(super) expect_until_us: Micros,
-    /// What was seen when edges looked, and came too late.
-    pub(super) late_looks: u32,
+    /// Results of detection passes that came too late.
+    pub(super) late_detections: u32,
 }
 
 impl<'a> LiveFusion<'a> {
@@ -149,7 +150,7 @@ impl<'a> LiveFusion<'a> {
             unreadable: 0,
             unsent: 0,
             expect_until_us,
-            late_looks: 0,
+            late_detections: 0,
         }
     }
 

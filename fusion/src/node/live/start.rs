@@ -30,7 +30,7 @@ const CALL_EVERY: Duration = Duration::from_millis(100);
 const PATIENCE: Duration = Duration::from_secs(20);
 /// From the choice of the first tick to it.
 const RUN_UP_US: Micros = SECOND_US;
-/// Where ticks are under way already, the first is so far ahead: all shall know in time that they look for
+/// Where ticks are under way already, the first is so far ahead: all shall know in time that they detect
 /// people then.
 const FIRST_WORD_US: Micros = SECOND_US / 4;
 /// Statuses between two reminders of who is missing.

@@ -162,12 +162,12 @@ fn stages(facts: &RunFacts<'_>) -> BTreeMap<String, StageTiming> {
         .collect()
 }
 
-/// What looking for people cost each edge, of all its work.
+/// Which share of each edge's work its detection passes took, 0 to 1.
 fn look_shares(last_words: &[Status]) -> BTreeMap<String, f64> {
     let share = |status: &Status| {
-        let of = |looks: bool| {
+        let of = |detection: bool| {
             let stages = status.stages.iter();
-            let stages = stages.filter(|s| !looks || s.stage == DETECTION_STAGE);
+            let stages = stages.filter(|s| !detection || s.stage == DETECTION_STAGE);
             stages.map(|s| s.total_us).sum::<u64>() as f64
         };
         (of(false) > 0.0).then(|| (status.node.clone(), of(true) / of(false)))

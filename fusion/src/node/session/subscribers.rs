@@ -1,4 +1,6 @@
-//! All that fusion subscribes to, and the tasks that decode it: where every byte of another node enters.
+//! All that fusion subscribes to, and the tasks that decode it: where every message that another node publishes
+//! enters. What else comes from other nodes: queries of edges (`node/handout/mod.rs`), answers of their rings
+//! (`node/recording/filler.rs`); and what the recorder node receives (`node/recorder_node.rs`).
 
 use anyhow::Context as _;
 use farfield_node::session::{self, FifoSubscriber, zenoh_error};

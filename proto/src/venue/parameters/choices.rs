@@ -17,7 +17,7 @@ pub enum Predictor {
     ConstantAcceleration,
 }
 
-/// Which camera of a viewpoint looks at a person, paper (5).
+/// From which camera of a viewpoint a person is cropped, paper (5).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum CameraChoice {

@@ -36,9 +36,9 @@ pub enum Audience {
 pub struct Range {
     /// Its unit; empty for shares, factors and counts.
     pub unit: &'static str,
-    /// The least.
+    /// The least, in [`Range::unit`].
     pub min: f64,
-    /// The largest.
+    /// The largest, in [`Range::unit`].
     pub max: f64,
 }
 
@@ -152,7 +152,8 @@ impl BoxParameters {
 }
 
 impl BirthParameters {
-    /// Ticks from one regular look to the next, at least 1: all viewpoints look at the ticks that this divides.
+    /// Ticks from one regular detection pass to the next, at least 1: all viewpoints detect at the ticks that this
+    /// divides.
     pub fn ticks_per_look(&self, rate_hz: f64) -> i64 {
         (self.sight_every_s * rate_hz).round().max(1.0) as i64
     }

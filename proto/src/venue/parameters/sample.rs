@@ -4,8 +4,10 @@ use std::fmt::Write as _;
 
 use super::{Audience, PARAMETERS, Parameter, Parameters, Range, TABLES, TUNING};
 
-/// Columns before the sentences.
-const COLUMNS: usize = 34;
+/// Most columns of a line of the sentence above a value.
+const COLUMNS: usize = 100;
+/// Columns before the range behind a value.
+const SETTING_COLUMNS: usize = 28;
 
 /// The users' tables with every default, as a venue file has them, and a word about the others.
 pub fn sample() -> String {
@@ -15,7 +17,7 @@ pub fn sample() -> String {
         let users = defaults
             .iter()
             .filter(|(p, _)| p.table == *table && p.audience == Audience::User);
-        let mut lines = users.map(|(p, value)| line(p, value.as_ref())).peekable();
+        let mut lines = users.map(|(p, value)| entry(p, value.as_ref())).peekable();
         if lines.peek().is_some() {
             // Writing to a String cannot fail.
             let _infallible = write!(text, "\n# {about}\n[{table}]\n");
@@ -31,7 +33,8 @@ pub fn sample() -> String {
     )
 }
 
-fn line(parameter: &Parameter, value: Option<&toml::Value>) -> String {
+/// A parameter's sentence, and below it its setting and range.
+fn entry(parameter: &Parameter, value: Option<&toml::Value>) -> String {
     let name = parameter.name;
     let (setting, unset) = match (value, parameter.unset) {
         (Some(value), _) => (format!("{name} = {value}"), String::new()),
@@ -43,13 +46,29 @@ fn line(parameter: &Parameter, value: Option<&toml::Value>) -> String {
             )
         }
     };
-    let range = parameter
-        .range
-        .map_or_else(String::new, |range| format!(" [{range}]"));
-    format!(
-        "{setting:COLUMNS$} # {}{unset}{range}\n",
-        parameter.sentence
-    )
+    let words = format!("{}{unset}", parameter.sentence);
+    let above = comment(&words);
+    match parameter.range {
+        Some(range) => format!("{above}{setting:SETTING_COLUMNS$} # {range}\n"),
+        None => format!("{above}{setting}\n"),
+    }
+}
+
+/// `words` as lines of a comment, each of at most [`COLUMNS`].
+fn comment(words: &str) -> String {
+    let mut text = String::new();
+    let mut columns = COLUMNS;
+    for word in words.split(' ') {
+        let more = 1 + word.chars().count();
+        if columns + more > COLUMNS {
+            text += if text.is_empty() { "#" } else { "\n#" };
+            columns = 1;
+        }
+        text += " ";
+        text += word;
+        columns += more;
+    }
+    text + "\n"
 }
 
 impl std::fmt::Display for Range {

@@ -55,7 +55,7 @@ declare_parameters! {
             /// Expected error of the prediction of a keypoint that two viewpoints did not show at the last tick.
             unseen_sigma_m: f64 = 0.12, "m", 1e-3 to 10.0;
             /// How much higher both maps of a left and a right must be crosswise than straight for the view to
-            /// have exchanged them; above 1: exchanges are not undone.
+            /// have swapped them; above 1: left-right swaps are not undone.
             exchange_margin: f64 = 0.25, "", 1e-3 to 2.0;
             /// What it costs that limbs of two persons reach into each other, as a share of a fully supported
             /// keypoint's weight; 0: they may.
@@ -153,7 +153,7 @@ declare_parameters! {
             end_on_ratio: f64 = 0.5, "", 0.0 to 1.0;
             /// How much people speed up or turn while a box is on its way: boxes hold where they may be by then.
             acceleration_m_s2: f64 = 3.0, "m/s2", 0.0 to 100.0;
-            /// Which camera of a viewpoint looks at a person.
+            /// From which camera of a viewpoint a person is cropped.
             camera_choice: CameraChoice = CameraChoice::BestView;
         }
     }
@@ -161,14 +161,14 @@ declare_parameters! {
     /// How people are found, kept and let go.
     births: BirthParameters {
         user BirthUser {
-            /// Time between two looks for people without boxes.
+            /// Time between two regular detection passes, which find people without boxes.
             sight_every_s: f64 = 1.0, "s", 0.0 to 3600.0;
-            /// Most tiles that the detector looks at beside the whole picture, per camera and look, where people
-            /// are too small in it; if more are needed, parts of the field take turns; 0: none.
+            /// Most tiles that the detector runs on beside the whole picture, per camera and detection pass, where
+            /// people are too small in it; if more are needed, parts of the field take turns; 0: none.
             tiles_per_look: u32 = 8, "tiles", 0.0 to 256.0;
-            /// Most of its ticks in which a camera looks for people, as a share: what fusion asks for beside the
-            /// regular looks waits when there was more (the bound over any n ticks is this share of n,
-            /// `look_again_ticks`, and the regular looks).
+            /// Most of its ticks at which a camera has a detection pass, as a share: what fusion asks for beside the
+            /// regular passes waits when there were more (the bound over any n ticks is this share of n,
+            /// `look_again_ticks`, and the regular passes).
             look_share: f64 = 0.25, "", 0.0 to 1.0;
             /// How long a person is carried by the model alone.
             coast_s: f64 = 1.0, "s", 0.0 to 3600.0;
@@ -194,25 +194,26 @@ declare_parameters! {
             /// Fastest that a person who is not seen can have moved.
             return_speed_m_s: f64 = 8.0, "m/s", 0.0 to 100.0;
             /// Keypoints that lie within this of one plane, root mean square, each by its expected error over the
-            /// average one's, may be those of a picture.
+            /// average one's, may be those of a poster.
             flat_m: f64 = 0.04, "m", 0.0 to 1.0;
             /// How far a flat body's keypoints must move to be a person's, the median of them.
             moved_m: f64 = 0.06, "m", 0.0 to 10.0;
-            /// How long a flat body that does not move stays tentative until it is taken for a picture; the
+            /// How long a flat body that does not move stays tentative until it is rejected as a poster; the
             /// finished ticks of all are held back until it is decided.
             still_s: f64 = 5.0, "s", 0.0 to 60.0;
             /// A sighting within this distance of a tracked person is explained by it.
             explained_m: f64 = 0.35, "m", 0.0 to 10.0;
-            /// Ticks in a row in which the edges look again when a sighting is explained by nobody.
+            /// Ticks in a row with a detection pass after a sighting that nobody explains.
             look_again_ticks: u32 = 5, "ticks", 0.0 to 1e5;
             /// Least keypoints with evidence from two viewpoints for a person to count as seen.
             min_seen_keypoints: u32 = 4, "keypoints", 1.0 to 64.0;
-            /// Until when a person's link lengths are measured anew, 2, 4, 8, ... seconds after its birth; 0:
-            /// those of the birth stay.
+            /// Until when a person's link lengths are measured anew, 2, 4, 8, ... seconds after its confirmation;
+            /// 0: those of the confirmation stay.
             measure_s: f64 = 16.0, "s", 0.0 to 3600.0;
             /// Two persons whose joints are closer than this on average stand in one place.
             same_place_m: f64 = 0.15, "m", 0.0 to 10.0;
-            /// For how long two persons may stand in one place until one of them is taken for a ghost.
+            /// For how long two persons may stand in one place until one of them is taken for a second track on
+            /// one body.
             same_place_s: f64 = 0.25, "s", 0.0 to 3600.0;
         }
     }

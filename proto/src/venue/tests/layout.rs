@@ -37,7 +37,7 @@ fn a_users_field_is_refused_under_tuning() {
     check(
         TUNED,
         "[tuning]\nbirths.flat_m = 0.05\nbirths.coast_s = 2.0",
-        "35: `tuning.births.coast_s`: it is no number of the method: it stands in `[births] coast_s`",
+        "35: `tuning.births.coast_s`: `coast_s` is a user's field: write it in `[births]`",
     );
 }
 

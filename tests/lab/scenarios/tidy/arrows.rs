@@ -34,7 +34,8 @@ fn short(name: &str) -> &str {
     name.strip_prefix("farfield-").unwrap_or(name)
 }
 
-/// What the operator's command is built without, at any depth.
+/// What the operator's command is built without, at any depth: the laboratory, and one of the crates that only the
+/// laboratory needs. They stand for all of those: what brings any in mostly brings one of these.
 const NOT_IN_FARFIELD: [&str; 2] = ["farfield-lab", "zstd"];
 
 #[test]

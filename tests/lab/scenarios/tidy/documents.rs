@@ -1,5 +1,7 @@
 //! What is written down is true of the tree.
 
+use std::path::Path;
+
 use farfield_lab::reading::workspace::is_rust;
 
 use super::{check, root, workspace};
@@ -31,13 +33,40 @@ fn no_file_names_a_folder_of_one_machine() {
 fn the_architecture_can_be_read_in_one_sitting_and_names_what_exists() {
     let text = &workspace().texts["ARCHITECTURE.md"];
     assert!(text.lines().count() < MAX_ARCHITECTURE_LINES);
-    let mut faults = Vec::new();
-    // In the code map, what stands in backticks and ends like a path is one.
-    for name in text.split('`').skip(1).step_by(2) {
-        let is_path = name.contains('/') && (name.ends_with('/') || is_rust(name));
-        if is_path && !name.contains(['*', '{', ' ']) && !root().join(name).exists() {
-            faults.push(format!("ARCHITECTURE.md: `{name}` is not there"));
+    // In the code map, a folder of the root is a path as well.
+    check(&missing_paths("ARCHITECTURE.md", text, |name| {
+        name.contains('/')
+    }));
+}
+
+#[test]
+fn the_documents_for_users_name_what_exists() {
+    let is_document = |path: &str| {
+        let is_markdown = Path::new(path).extension().is_some_and(|it| it == "md");
+        (path.starts_with("docs/") && is_markdown)
+            || ["README.md", "CONTRIBUTING.md"].contains(&path)
+    };
+    // `quic/` is an endpoint, and `venue/` a folder of results: a path has a slash inside.
+    let is_deep = |name: &str| name.trim_end_matches('/').contains('/');
+    let (mut faults, mut read) = (Vec::new(), 0);
+    for (path, text) in &workspace().texts {
+        if is_document(path) {
+            read += 1;
+            faults.extend(missing_paths(path, text, is_deep));
         }
     }
+    assert!(read > 5, "the documents were read");
     check(&faults);
+}
+
+/// What stands in backticks in `text`, is a Rust file or a folder by its end and `is_path`, and is not there.
+fn missing_paths(document: &str, text: &str, is_path: impl Fn(&str) -> bool) -> Vec<String> {
+    let mut faults = Vec::new();
+    for name in text.split('`').skip(1).step_by(2) {
+        let is_named = (name.ends_with('/') || is_rust(name)) && is_path(name);
+        if is_named && !name.contains(['*', '{', ' ']) && !root().join(name).exists() {
+            faults.push(format!("{document}: `{name}` is not there"));
+        }
+    }
+    faults
 }

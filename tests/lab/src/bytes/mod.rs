@@ -1,4 +1,4 @@
-//! What maps cost on the wire against what they are worth: our codec at every quality and what others
+//! What maps cost on the wire against what they are worth: our codec at every compression level and what others
 //! send, each through the very same loop of edges and fusion, bytes beside errors.
 
 pub mod codec;

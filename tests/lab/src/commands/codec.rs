@@ -1,4 +1,4 @@
-//! `lab codec`: what each quality makes of maps that were written down, and what the codec should know
+//! `lab codec`: what each compression level makes of maps that were written down, and what the codec should know
 //! beforehand.
 
 use std::path::{Path, PathBuf};
@@ -135,14 +135,14 @@ fn now() -> Instant {
     Instant::now()
 }
 
-/// A line for every quality, for few Gaussians in place of maps, and for maps of more cells.
+/// A line for every compression level, for few Gaussians in place of maps, and for maps of more cells.
 fn table(name: &str, every: Vec<Maps>) -> anyhow::Result<String> {
     let step = every.len().div_ceil(300).max(1);
     let all: Vec<Maps> = every.into_iter().step_by(step).collect();
     let mut text = format!("{name}: {} patches\n", all.len());
-    for quality in CompressionLevel::all() {
-        text += &line(&quality.to_string(), &all, |encoder, maps| {
-            encoder.encode(maps, quality)
+    for level in CompressionLevel::all() {
+        text += &line(&level.to_string(), &all, |encoder, maps| {
+            encoder.encode(maps, level)
         })?;
     }
     for most in [1, 2] {
@@ -152,16 +152,16 @@ fn table(name: &str, every: Vec<Maps>) -> anyhow::Result<String> {
         })?;
     }
     let fine: Vec<Maps> = all.iter().map(|maps| enlarged(maps, 72, 96)).collect();
-    for quality in [CompressionLevel::DEFAULT, CompressionLevel::SMALL] {
-        text += &line(&format!("72x96 {quality}"), &fine, |encoder, maps| {
-            encoder.encode(maps, quality)
+    for level in [CompressionLevel::DEFAULT, CompressionLevel::SMALL] {
+        text += &line(&format!("72x96 {level}"), &fine, |encoder, maps| {
+            encoder.encode(maps, level)
         })?;
     }
     Ok(text)
 }
 
 /// The mean of what an encoder has learnt after every patch, when it forgets nothing; patches of all
-/// files and lossy qualities take turns.
+/// files and lossy levels take turns.
 fn priors(files: Vec<Vec<Maps>>) -> String {
     const ROUNDS: usize = 150;
     const WARM: usize = 15;

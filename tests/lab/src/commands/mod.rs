@@ -56,8 +56,8 @@ struct Lab {
 enum LabCommand {
     /// Run fixed scenes in this process and score them, beside plain triangulation.
     Suite(SuiteArgs),
-    /// What maps cost on the wire against what they are worth: every quality of our codec beside what
-    /// others send, all through the same loop.
+    /// What maps cost on the wire against what they are worth: every compression level of our codec beside
+    /// what others send, all through the same loop.
     Bytes(BytesArgs),
     /// How good a venue is over links that are far, thin and lossy: all nodes live, as processes.
     Links(LinksArgs),
@@ -71,7 +71,7 @@ enum LabCommand {
     Render(RenderArgs),
     /// Write down the maps of a scene or a venue, before any codec.
     Maps(MapsArgs),
-    /// What each quality of the codec makes of maps that were written down.
+    /// What each compression level of the codec makes of maps that were written down.
     Codec(CodecArgs),
     /// Render crops of people with their keypoints, to train the embedded pose network on.
     TrainingCrops(CropsArgs),

@@ -36,7 +36,7 @@ fn impairment() -> impl Strategy<Value = Impairment> {
         )
 }
 
-/// Runs a link until nothing is on the way, and says what arrived.
+/// Runs a link until nothing is in flight, and says what arrived.
 fn run(link: &mut RelayLink<usize>, traffic: &Datagrams) -> Vec<DatagramDelivery> {
     let mut came_us = Vec::new();
     let mut arrivals = Vec::new();

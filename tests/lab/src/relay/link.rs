@@ -15,7 +15,7 @@ const FRAGMENT_BYTES: usize = 1480;
 /// What IPv4 adds to each packet, and UDP to each datagram, bytes.
 const HEADERS_BYTES: [usize; 2] = [20, 8];
 
-/// What a datagram of `payload` bytes takes on the way, with the headers of IPv4 and UDP, bytes. Rates,
+/// What a datagram of `payload` bytes takes on the path, with the headers of IPv4 and UDP, bytes. Rates,
 /// queues and counts of a [`RelayLink`] are of this.
 pub fn on_the_wire(payload: usize) -> usize {
     let [ip, udp] = HEADERS_BYTES;
@@ -30,7 +30,7 @@ pub struct Impairment {
     pub rate_bytes_s: Option<u32>,
     /// Bytes that may wait for their turn at that rate; what does not fit is dropped.
     pub queue_bytes: u32,
-    /// Time on the way, microseconds.
+    /// Time in flight, microseconds.
     pub delay_us: u32,
     /// Up to so much more, evenly drawn, microseconds. It does not change the order.
     pub jitter_us: u32,
@@ -66,7 +66,7 @@ pub struct Counts {
     pub offered: ByteMeter,
     /// What left it, doubles among it.
     pub delivered: ByteMeter,
-    /// Datagrams lost on the way.
+    /// Datagrams lost on the path.
     pub lost: u64,
     /// Datagrams for which the queue had no room.
     pub dropped: u64,
@@ -108,7 +108,7 @@ struct DatagramDraws {
 }
 
 impl<T: Clone> RelayLink<T> {
-    /// A link with nothing on the way.
+    /// A link with nothing in flight.
     pub fn new(impairment: Impairment, seed: u64) -> Self {
         Self {
             impairment,
@@ -169,7 +169,7 @@ impl<T: Clone> RelayLink<T> {
         self.send(due_us, bytes, item);
     }
 
-    /// When the next datagram arrives, if any is on the way.
+    /// When the next datagram arrives, if any is in flight.
     pub fn next_due_us(&self) -> Option<u64> {
         self.on_the_way.keys().next().map(|&(due_us, _)| due_us)
     }

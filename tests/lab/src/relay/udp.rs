@@ -53,7 +53,7 @@ struct RelayShared {
     server: SocketAddr,
     /// Up, down.
     links: Mutex<[RelayLink<OutgoingDatagram>; 2]>,
-    /// Something was put on the way, or the relay ends.
+    /// Something was sent off, or the relay ends.
     changed: Condvar,
     ended: AtomicBool,
 }

@@ -290,7 +290,7 @@ impl SceneRun {
         PoseLines::from_people(PointSet::Joints, people).whole()
     }
 
-    /// Scores `poses` against the truth since each actor was `found`; births against all of it.
+    /// Scores `poses` against the truth since each actor was `found`; initiations against all of it.
     pub fn score(&self, poses: &PoseLines, found: &BTreeMap<u32, Tick>) -> Scores {
         let (rate_hz, poses) = (Some(self.scene.rate_hz()), self.presence.asked_for(poses));
         Scores {

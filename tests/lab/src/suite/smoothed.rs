@@ -105,7 +105,11 @@ mod tests {
             assert!(late_m < 0.75 * in_cuts_m && late_worst_m < worst_m);
         }
         let first = |run: &SceneRun| run.smoothed.ticks().next();
-        assert_eq!(first(&passes), passes.finished.ticks().next(), "births too");
+        assert_eq!(
+            first(&passes),
+            passes.finished.ticks().next(),
+            "initiations too"
+        );
         let all = |poses: &PoseLines| poses.ticks().count();
         assert_eq!(all(&passes.smoothed), all(&passes.finished));
     }

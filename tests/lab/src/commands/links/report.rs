@@ -27,7 +27,7 @@ pub(super) struct LinkRow {
     /// Capture to the arrival of the pose at a listener.
     pub(super) delay_p50_ms: Option<f64>,
     pub(super) delay_p99_ms: Option<f64>,
-    /// The coarsest quality of any edge at the end, 0 the best.
+    /// The highest compression level of any edge at the end, 0 lossless to 6.
     pub(super) quality: Option<u8>,
     /// Ticks that the slowest edge works on: every so manieth.
     pub(super) every_nth_tick: Option<u16>,

@@ -222,7 +222,7 @@ fn of_scene(report: &SceneReport) -> Vec<BarVerdict> {
     verdicts
 }
 
-/// Who is born, and who keeps the id.
+/// Who is found, and who keeps the id.
 fn of_identity(report: &SceneReport) -> Vec<BarVerdict> {
     let scores = &report.with_range_of_motion;
     let verdict = |measure, value, bound| BarVerdict::new(&report.scene, measure, value, bound);
