@@ -204,8 +204,8 @@ fn unseen(ticks: u32, facts: TrackFacts) -> TrackFacts {
     but(facts, |facts| facts.coverage.unseen = ticks)
 }
 
-fn dropped(reason: DropReason) -> Option<EventKind> {
-    Some(EventKind::Drop { reason })
+fn dropped(reason: DropReason) -> EventKind {
+    EventKind::Drop { reason }
 }
 
 /// Each row: somebody, and what the table says of it.
@@ -225,11 +225,11 @@ fn the_rules_of_who_is_contradicted_or_a_poster() {
         };
         but(ready(), |facts| facts.votes = votes)
     };
-    let contradicted = |seen, missed| dropped(DropReason::Contradicted { seen, missed });
-    let poster = dropped(DropReason::Poster {
+    let contradicted = |seen, missed| Some(dropped(DropReason::Contradicted { seen, missed }));
+    let poster = Some(dropped(DropReason::Poster {
         flat_m: 0.0,
         moved_m: 0.0,
-    });
+    }));
     let still = |ticks, facts| {
         but(facts, |facts| {
             facts.stillness = STILL;
@@ -255,7 +255,7 @@ fn the_rules_of_who_is_contradicted_or_a_poster() {
 
 #[test]
 fn the_rules_of_who_is_confirmed_or_not_seen_again() {
-    let not_seen_again = |missing_s| dropped(DropReason::NotSeenAgain { missing_s });
+    let not_seen_again = |missing_s| Some(dropped(DropReason::NotSeenAgain { missing_s }));
     let sighted = |awaited| TrackFacts::sighted(1, awaited);
     check([
         (ready(), CONFIRMED),
@@ -275,8 +275,8 @@ fn the_rules_of_who_is_confirmed_or_not_seen_again() {
 fn the_rules_of_who_is_tracked() {
     let tracked = || TrackFacts::example(1, Phase::Tracked);
     let lose = |missing_s| Some(EventKind::Lose { missing_s });
-    let gone_unseen = |unseen_s| dropped(DropReason::Unseen { unseen_s });
-    let one_view = |missing_s| dropped(DropReason::OneView { missing_s });
+    let gone_unseen = |unseen_s| Some(dropped(DropReason::Unseen { unseen_s }));
+    let one_view = |missing_s| Some(dropped(DropReason::OneView { missing_s }));
     check([
         (missing(7, tracked()), None),
         (missing(8, tracked()), lose(0.16)),
@@ -315,11 +315,11 @@ fn the_rules_of_who_is_lost() {
         (missing(8, lost(true, 25)), None),
         (
             unseen(51, lost(false, 0)),
-            dropped(DropReason::Unseen { unseen_s: 1.02 }),
+            Some(dropped(DropReason::Unseen { unseen_s: 1.02 })),
         ),
         (
             missing(251, lost(false, 0)),
-            dropped(DropReason::OneView { missing_s: 5.02 }),
+            Some(dropped(DropReason::OneView { missing_s: 5.02 })),
         ),
     ]);
 }
