@@ -14,7 +14,7 @@ use crate::body::skeleton::Joint;
 use crate::identity::decide::places;
 use crate::identity::decide::sighted::{self, LostPerson, Taken};
 use crate::identity::event::EventKind;
-use crate::identity::facts::Facts;
+use crate::identity::facts::TrackFacts;
 use crate::identity::recognise::{Appearance, Lengths};
 use crate::identity::track::Track;
 use crate::method::Method;
@@ -106,7 +106,7 @@ impl Registry {
         method: &Method,
     ) -> Vec<SightedPerson> {
         self.take_facts();
-        if !self.facts.iter().any(Facts::is_awaited) {
+        if !self.facts.iter().any(TrackFacts::is_awaited) {
             return found;
         }
         let mut bodies: Vec<Option<Fitted>> = found.iter().map(|p| fitted(p, method)).collect();
