@@ -187,13 +187,8 @@ impl RateController {
     }
 
     fn nth(&self, level: CompressionLevel, per_tick: f64) -> u16 {
-        let least = |per_tick: f64| {
-            let nth = (self.cost(level, 1) / per_tick).ceil();
-            (nth.clamp(1.0, f64::from(MAX_NTH)) as u16).next_power_of_two()
-        };
-        // Half as many more is a long step: it is taken when there is room for it.
-        let last = self.plan.every_nth;
-        least(per_tick).max(last.min(least(ROOM * per_tick)))
+        let nth = (self.cost(level, 1) / per_tick).ceil();
+        (nth.clamp(1.0, f64::from(MAX_NTH)) as u16).next_power_of_two()
     }
 
     /// Bytes of a tick with overhead.
