@@ -10,7 +10,7 @@
 //! then.
 //!
 //! **What looking may cost.** A camera may be asked for [`BirthParameters::look_share`] of its ticks.
-//! It has an allowance of passes, which grows by that share per tick up to `look_again_ticks`; each pass, a
+//! It has an allowance of passes, which grows by that share per tick up to [`BirthParameters::look_again_ticks`]; each pass, a
 //! regular one too, takes one, and a camera without a whole one left is not asked. So in any n ticks a
 //! camera looks at most `look_again_ticks + look_share n` times, or whenever passes are regular.
 
@@ -90,7 +90,7 @@ impl DetectionScheduler {
         rate_hz: f64,
     ) -> Self {
         let n = cameras.len();
-        let again_ticks = i64::from(births.look_again_ticks);
+        let again_ticks = births.look_again_ticks(rate_hz);
         Self {
             cameras,
             field,

@@ -18,6 +18,14 @@ fn field() -> Field {
     }
 }
 
+/// The defaults, but as many ticks of looking again as there are at 60 Hz.
+fn births() -> BirthParameters {
+    BirthParameters {
+        look_again_s: 5.0 / RATE_HZ,
+        ..BirthParameters::default()
+    }
+}
+
 /// The hall's four cameras.
 fn scheduler(births: &BirthParameters) -> DetectionScheduler {
     let mut scheduler = DetectionScheduler::new(hall().cameras, field(), births, RATE_HZ);
@@ -58,7 +66,7 @@ fn looks(
 
 #[test]
 fn all_look_once_a_second_when_everybody_is_known() {
-    let mut scheduler = scheduler(&BirthParameters::default());
+    let mut scheduler = scheduler(&births());
     for camera in 0..4 {
         scheduler.begin(Tick(0));
         assert_eq!(looks(&mut scheduler, 31, camera, &[]), [0, 10, 20, 30]);
@@ -67,7 +75,7 @@ fn all_look_once_a_second_when_everybody_is_known() {
 
 #[test]
 fn who_could_see_an_unexplained_sighting_looks_for_five_ticks() {
-    let births = BirthParameters::default();
+    let births = births();
     let unexplained = seen_by_one(0.0);
     for camera in 0..4 {
         let at = looks(&mut scheduler(&births), 10, camera, &unexplained);
@@ -89,8 +97,7 @@ fn who_cannot_see_an_unexplained_sighting_is_not_asked() {
     )
     .unwrap();
     cameras.push((ViewpointIndex(4), elsewhere));
-    let mut scheduler =
-        DetectionScheduler::new(cameras, field(), &BirthParameters::default(), RATE_HZ);
+    let mut scheduler = DetectionScheduler::new(cameras, field(), &births(), RATE_HZ);
     scheduler.keep(Tick(3), seen_by_one(0.0).iter());
     scheduler.plan(Tick(4));
     assert_eq!(scheduler.looks_at(Tick(4)), [true, true, true, true, false]);
@@ -100,7 +107,7 @@ fn who_cannot_see_an_unexplained_sighting_is_not_asked() {
 fn what_is_asked_about_in_vain_is_asked_about_less_and_less() {
     let births = BirthParameters {
         look_share: 1.0,
-        ..BirthParameters::default()
+        ..births()
     };
     let at = looks(&mut scheduler(&births), 200, 1, &seen_by_one(0.0));
     let bursts: Vec<i64> = at
@@ -113,7 +120,7 @@ fn what_is_asked_about_in_vain_is_asked_about_less_and_less() {
 
 #[test]
 fn who_is_new_is_asked_about_at_once() {
-    let mut scheduler = scheduler(&BirthParameters::default());
+    let mut scheduler = scheduler(&births());
     let (one, other) = (seen_by_one(0.0), seen_by_one(1.5));
     let _known = looks(&mut scheduler, 10, 0, &one);
     scheduler.plan(Tick(10));
@@ -124,7 +131,7 @@ fn who_is_new_is_asked_about_at_once() {
 
 #[test]
 fn who_looks_is_planned_as_far_ahead_as_boxes_are_made() {
-    let mut scheduler = scheduler(&BirthParameters::default());
+    let mut scheduler = scheduler(&births());
     scheduler.look_ahead(6);
     let mut at = Vec::new();
     for tick in 1..40 {
@@ -145,7 +152,7 @@ fn who_looks_is_planned_as_far_ahead_as_boxes_are_made() {
 
 #[test]
 fn a_newborn_and_a_lost_person_are_looked_for_by_those_who_see_them() {
-    let births = BirthParameters::default();
+    let births = births();
     let body = standing(0.0, 0.0, 1.75, &mut Noise(2));
     let mut of_newcomer = scheduler(&births);
     of_newcomer.plan(Tick(1));
@@ -168,7 +175,7 @@ proptest! {
     fn looks_keep_to_their_share_whatever_is_seen(
         share in 0.0f64..1.0, again in 0u32..20, from in 1i64..50, xs in prop::collection::vec(-3.0f64..3.0, 1..6),
     ) {
-        let births = BirthParameters { look_share: share, look_again_ticks: again, ..BirthParameters::default() };
+        let births = BirthParameters { look_share: share, look_again_s: f64::from(again) / RATE_HZ, ..births() };
         let mut scheduler = scheduler(&births);
         let unexplained: Vec<SightedBody> = xs.iter().flat_map(|&x| seen_by_one(x)).collect();
         let n = 60;
@@ -186,7 +193,7 @@ proptest! {
 
 #[test]
 fn a_ray_that_leaves_the_field_asks_nobody() {
-    let mut scheduler = scheduler(&BirthParameters::default());
+    let mut scheduler = scheduler(&births());
     let mut up = seen_by_one(0.0);
     for ray in up[0].rays.iter_mut().flatten() {
         ray.direction = Vector3::z();

@@ -136,7 +136,11 @@ impl Rules {
     /// Defaults at `rate_hz` in a field of 8 m x 6 m.
     pub(crate) fn example(rate_hz: f64) -> Self {
         Self {
-            births: BirthParameters::default(),
+            // As many ticks until a confirmation as there are at 60 Hz.
+            births: BirthParameters {
+                confirm_s: 12.0 / rate_hz,
+                ..BirthParameters::default()
+            },
             field: Field {
                 min_m: [-4.0, -3.0, -0.3],
                 max_m: [4.0, 3.0, 2.6],

@@ -71,8 +71,8 @@ impl TentativeRecord {
     /// Keeps a tick with what was seen at it.
     pub(crate) fn push(&mut self, tick: Tick, estimates: Vec<KeypointEstimate>, method: &Method) {
         self.ticks.push(TentativeTick { tick, estimates });
-        let is_enough = self.ticks.len() >= method.parameters.births.confirm_ticks as usize;
-        if is_enough {
+        let births = &method.parameters.births;
+        if self.ticks.len() as i64 >= births.confirm_ticks(1.0 / method.dt_s) {
             self.stillness = Stillness::of(&self.ticks, &method.relative_sigmas);
         }
     }

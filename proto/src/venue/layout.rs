@@ -16,8 +16,8 @@ use crate::toml_file::{FileError, Place, TomlFile, nearest};
 
 /// The layout of venue files that is read and written today.
 ///
-/// 1: every parameter stood in its table, and `[security]` had `pictures`. 2: all but the users' stand under
-/// `[tuning]`.
+/// 1: every parameter stood in its table, two of them were counted in ticks, and `[security]` had `pictures`.
+/// 2: all but the users' stand under `[tuning]`, in seconds.
 pub const LAYOUT: u32 = 2;
 
 /// What is said of `[security] pictures`, which was never read.
@@ -27,9 +27,28 @@ const NO_PICTURES: &str =
 /// How it begins what is said of something that moved.
 const IS_NOW: &str = "it is now ";
 
+/// Parameters that layout 1 counted in ticks: the table, the name there, the name of today.
+const IN_TICKS: [[&str; 3]; 2] = [
+    ["births", "confirm_ticks", "confirm_s"],
+    ["births", "look_again_ticks", "look_again_s"],
+];
+
+/// The name in layout 1 of a parameter that was counted in ticks then.
+pub(super) fn name_in_ticks(parameter: &Parameter) -> Option<&'static str> {
+    let found = IN_TICKS.iter();
+    let mut found = found.filter(|[table, ..]| *table == parameter.table);
+    found.find_map(|[_, old, now]| (*now == parameter.name).then_some(*old))
+}
+
 /// Where a parameter stood in layout 1, where that was elsewhere.
 fn old_place(parameter: &Parameter) -> Option<[&'static str; 2]> {
-    is_tuning(parameter).then_some([parameter.table, parameter.name])
+    let name = name_in_ticks(parameter).unwrap_or(parameter.name);
+    is_tuning(parameter).then_some([parameter.table, name])
+}
+
+/// The parameter of a table that has this name, or had it when it was counted in ticks.
+fn named(table: &str, name: &str) -> Option<&'static Parameter> {
+    in_table(table).find(|p| p.name == name || name_in_ticks(p) == Some(name))
 }
 
 fn is_tuning(parameter: &Parameter) -> bool {
@@ -61,11 +80,11 @@ pub(super) fn check(file: &TomlFile<'_>) -> Result<(), FileError> {
         }
         for key in keys {
             let place = old.key(key);
-            match in_table(table).find(|p| p.name == key) {
+            match named(table, key) {
                 Some(parameter) if !is_tuning(parameter) => {}
                 Some(parameter) => {
                     moved += 1;
-                    wrong.push(file.error(&place, now(parameter)));
+                    wrong.push(file.error(&place, now(parameter, key)));
                 }
                 None => wrong.push(file.error(&place, unknown(table, key))),
             }
@@ -73,7 +92,10 @@ pub(super) fn check(file: &TomlFile<'_>) -> Result<(), FileError> {
         let here = tuning.key(table);
         for key in file.keys(&here) {
             let place = here.key(key);
-            match in_table(table).find(|p| p.name == key) {
+            match named(table, key) {
+                Some(parameter) if parameter.name != key => {
+                    wrong.push(file.error(&place, now(parameter, key)));
+                }
                 Some(parameter) if is_tuning(parameter) => {}
                 Some(parameter) => wrong.push(file.error(&place, belongs(parameter))),
                 None => wrong.push(file.error(&place, unknown(table, key))),
@@ -96,9 +118,14 @@ pub(super) fn check(file: &TomlFile<'_>) -> Result<(), FileError> {
     })
 }
 
-/// What is said of a parameter at its old place.
-fn now(parameter: &Parameter) -> String {
-    format!("{IS_NOW}`{}`", parameter.stands())
+/// What is said of a parameter at its old place, under its old name.
+fn now(parameter: &Parameter, name: &str) -> String {
+    let seconds = if name == parameter.name {
+        ""
+    } else {
+        ", in seconds"
+    };
+    format!("{IS_NOW}`{}`{seconds}", parameter.stands())
 }
 
 /// What is said of a user's parameter under `[tuning]`.
@@ -138,12 +165,19 @@ pub fn translated<'a>(text: &'a str, path: &Path, layout: u32) -> Result<Cow<'a,
         }
     }
     let mut root: Table = TomlFile::parse(text, path)?.read()?;
+    let rate_hz = root.get("rate_hz").and_then(number);
     for parameter in PARAMETERS {
         let Some([table, name]) = old_place(parameter) else {
             continue;
         };
         let found = root.get_mut(table).and_then(Value::as_table_mut);
         if let Some(value) = found.and_then(|table| table.remove(name)) {
+            let value = match (number(&value), rate_hz) {
+                (Some(ticks), Some(rate_hz)) if name != parameter.name => {
+                    Value::Float(ticks / rate_hz)
+                }
+                _ => value,
+            };
             set(&mut root, &parameter.keys(), value);
         }
     }
@@ -158,6 +192,10 @@ pub fn translated<'a>(text: &'a str, path: &Path, layout: u32) -> Result<Cow<'a,
     let written = toml::to_string(&root);
     let failed = |error| FileError::new(path, format!("it cannot be translated: {error}"));
     written.map(Cow::Owned).map_err(failed)
+}
+
+fn number(value: &Value) -> Option<f64> {
+    value.as_float().or(value.as_integer().map(|i| i as f64))
 }
 
 /// Puts `value` where `keys` lead from the file's root; tables that are not there are made. Whether there

@@ -22,7 +22,7 @@ use crate::data::{checkout, onnx_runtime, recording};
 const DETECTORS: [&str; 2] = ["yolox_nano_416.toml", "rtmdet_nano_person.toml"];
 /// Enough tiles for any of these pictures in one detection pass.
 const TILES: u32 = 64;
-/// Ticks in which somebody must be confirmed: `births.confirm_ticks` and what finding takes.
+/// Ticks in which somebody must be confirmed: `births.confirm_s` and what finding takes.
 const TICKS: i64 = 16;
 
 /// What was seen of people nobody had told of.

@@ -222,7 +222,7 @@ fn a_recording_is_solved_in_another_way() {
                 "--set",
                 "smoothing.cutoff_hz=0.5",
                 "--set",
-                "births.confirm_ticks=6",
+                "births.confirm_s=0.1",
             ][..],
         ),
         ("smooth", &["--smooth"]),

@@ -29,7 +29,8 @@ const RATE_HZ: f64 = 20.0;
 fn venue(hall: &TestHall) -> Venue {
     let mut text = format!(
         "name = \"hall\"\nrate_hz = {RATE_HZ}\ncalibration = \"calibration.toml\"\n\
-         [field]\nmin_m = [-4.0, -3.0, -0.3]\nmax_m = [4.0, 3.0, 2.6]\n"
+         [field]\nmin_m = [-4.0, -3.0, -0.3]\nmax_m = [4.0, 3.0, 2.6]\n\
+         [tuning]\nbirths.confirm_s = 0.6\nbirths.look_again_s = 0.25\n"
     );
     for (_, model) in &hall.cameras {
         let name = model.name();

@@ -155,8 +155,23 @@ impl BirthParameters {
     /// Ticks from one regular detection pass to the next, at least 1: all viewpoints detect at the ticks that this
     /// divides.
     pub fn ticks_per_look(&self, rate_hz: f64) -> i64 {
-        (self.sight_every_s * rate_hz).round().max(1.0) as i64
+        ticks(self.sight_every_s, rate_hz).max(1)
     }
+
+    /// Ticks with evidence from two viewpoints until a person is confirmed, at least 1.
+    pub fn confirm_ticks(&self, rate_hz: f64) -> i64 {
+        ticks(self.confirm_s, rate_hz).max(1)
+    }
+
+    /// Ticks in a row in which the edges look again when a sighting is explained by nobody.
+    pub fn look_again_ticks(&self, rate_hz: f64) -> i64 {
+        ticks(self.look_again_s, rate_hz)
+    }
+}
+
+/// The nearest whole number of ticks.
+fn ticks(seconds: f64, rate_hz: f64) -> i64 {
+    (seconds * rate_hz).round() as i64
 }
 
 #[cfg(test)]

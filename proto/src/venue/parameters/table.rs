@@ -168,7 +168,7 @@ declare_parameters! {
             tiles_per_look: u32 = 8, "tiles", 0.0 to 256.0;
             /// Most of its ticks at which a camera has a detection pass, as a share: what fusion asks for beside the
             /// regular passes waits when there were more (the bound over any n ticks is this share of n,
-            /// `look_again_ticks`, and the regular passes).
+            /// `look_again_s`, and the regular passes).
             look_share: f64 = 0.25, "", 0.0 to 1.0;
             /// How long a person is carried by the model alone.
             coast_s: f64 = 1.0, "s", 0.0 to 3600.0;
@@ -187,8 +187,8 @@ declare_parameters! {
             min_score: f64 = 0.3, "", 0.0 to 1.0;
             /// Least keypoints that two sightings must agree on.
             min_keypoints: u32 = 6, "keypoints", 1.0 to 64.0;
-            /// Ticks with evidence from two viewpoints until a person is confirmed.
-            confirm_ticks: u32 = 12, "ticks", 1.0 to 1e5;
+            /// How long evidence from two viewpoints takes to confirm a person; at least one tick.
+            confirm_s: f64 = 0.2, "s", 0.0 to 3600.0;
             /// How long a tentative person may lack evidence.
             tentative_s: f64 = 0.2, "s", 0.0 to 3600.0;
             /// Fastest that a person who is not seen can have moved.
@@ -203,8 +203,8 @@ declare_parameters! {
             still_s: f64 = 5.0, "s", 0.0 to 60.0;
             /// A sighting within this distance of a tracked person is explained by it.
             explained_m: f64 = 0.35, "m", 0.0 to 10.0;
-            /// Ticks in a row with a detection pass after a sighting that nobody explains.
-            look_again_ticks: u32 = 5, "ticks", 0.0 to 1e5;
+            /// For how long there is a detection pass at every tick after a sighting that nobody explains.
+            look_again_s: f64 = 0.08, "s", 0.0 to 3600.0;
             /// Least keypoints with evidence from two viewpoints for a person to count as seen.
             min_seen_keypoints: u32 = 4, "keypoints", 1.0 to 64.0;
             /// Until when a person's link lengths are measured anew, 2, 4, 8, ... seconds after its confirmation;

@@ -148,6 +148,25 @@ fn a_parameter_out_of_its_range_is_named_where_it_stands() {
     );
 }
 
+#[test]
+fn seconds_are_the_nearest_ticks() {
+    let births = BirthParameters::default();
+    for (rate_hz, ticks) in [
+        (25.0, [5, 2]),
+        (30.0, [6, 2]),
+        (50.0, [10, 4]),
+        (60.0, [12, 5]),
+    ] {
+        let found = [
+            births.confirm_ticks(rate_hz),
+            births.look_again_ticks(rate_hz),
+        ];
+        assert_eq!(found, ticks, "{rate_hz} Hz");
+    }
+    assert_eq!(births.confirm_ticks(1.0), 1);
+    assert_eq!(births.look_again_ticks(1.0), 0);
+}
+
 proptest! {
     #[test]
     fn what_is_written_is_read_and_what_is_beyond_a_range_refused(

@@ -5,8 +5,8 @@ use std::path::Path;
 use proptest::prelude::*;
 use toml::{Table, Value};
 
-use super::super::layout::{LAYOUT, translated};
-use super::super::parameters::{Audience, PARAMETERS, Parameters, find};
+use super::super::layout::{LAYOUT, name_in_ticks, translated};
+use super::super::parameters::{Audience, PARAMETERS, Parameter, Parameters, find};
 use super::super::*;
 use super::{VENUE, calibration, check, parse};
 
@@ -128,7 +128,8 @@ fn another(parameter: &parameters::Parameter) -> Value {
 proptest! {
     #[test]
     fn every_field_of_layout_1_means_what_it_meant(which in any::<prop::sample::Index>()) {
-        let tuning: Vec<_> = PARAMETERS.iter().filter(|p| p.audience == Audience::Tuning).collect();
+        let same = |p: &&Parameter| p.audience == Audience::Tuning && name_in_ticks(p).is_none();
+        let tuning: Vec<_> = PARAMETERS.iter().filter(same).collect();
         let parameter = *which.get(&tuning);
         let value = another(parameter);
         let old = in_layout_1(&format!("[{}]\n{} = {value}\n", parameter.table, parameter.name));
@@ -141,6 +142,34 @@ proptest! {
         let refused = parse(&old).unwrap_err().to_string();
         let now = format!("`[tuning] {}.{}`", parameter.table, parameter.name);
         prop_assert!(refused.contains(&now), "{}", refused);
+    }
+
+    #[test]
+    fn ticks_of_layout_1_are_the_seconds_of_as_many_ticks(
+        confirm in 1i64..100_000, again in 0i64..100_000, rate_hz in 30i32..1000,
+    ) {
+        let old = format!("[births]\nconfirm_ticks = {confirm}\nlook_again_ticks = {again}\n");
+        let rate = format!("rate_hz = {rate_hz}");
+        let old = in_layout_1(&old).replace("rate_hz = 60.0", &rate);
+        let venue = Venue::parse_recorded(&old, Path::new("v.toml"), calibration(), 1).unwrap();
+        let births = &venue.parameters.births;
+        let rate_hz = venue.rate_hz;
+        prop_assert_eq!(births.confirm_ticks(rate_hz), confirm);
+        prop_assert_eq!(births.look_again_ticks(rate_hz), again);
+    }
+}
+
+#[test]
+fn a_field_in_ticks_is_refused_with_the_one_in_seconds() {
+    for (text, place) in [
+        ("[births]\nconfirm_ticks = 6", "births.confirm_ticks"),
+        (
+            "[tuning]\nbirths.confirm_ticks = 6",
+            "tuning.births.confirm_ticks",
+        ),
+    ] {
+        let said = "it is now `[tuning] births.confirm_s`, in seconds";
+        check(TUNED, text, &format!("34: `{place}`: {said}"));
     }
 }
 
