@@ -69,12 +69,7 @@ async fn run(
     stop_when_told(&tasks, &stop, config.managed)
         .context("listening for signals")
         .map_err(NodeError::Failed)?;
-    let claim = match (&config.out, config.managed) {
-        (Some(out), Managed::Yes) => FolderClaim::of_parent(out.clone()),
-        (out, _) => {
-            FolderClaim::take(out.as_deref(), &config.venue.name).map_err(NodeError::Refused)?
-        }
-    };
+    let claim = claim_folder(config)?;
     let mut reporter = Reporter::new(config.managed, config.detail);
     let link = FusionSession::open(&config.venue, &config.reach, config.mode)
         .await
@@ -135,6 +130,16 @@ async fn run(
         summary::complete(claim.folder(), &recorded).map_err(NodeError::Failed)?;
     }
     outcome
+}
+
+/// The folder of the results: the parent's, or one of its own.
+fn claim_folder(config: &FusionConfig) -> Result<FolderClaim, NodeError> {
+    match (&config.out, config.managed) {
+        (Some(out), Managed::Yes) => Ok(FolderClaim::of_parent(out.clone())),
+        (out, _) => {
+            FolderClaim::take(out.as_deref(), &config.venue.name).map_err(NodeError::Refused)
+        }
+    }
 }
 
 /// Begins the recording, if one is wanted.
