@@ -72,7 +72,7 @@ impl TentativeRecord {
     pub(crate) fn push(&mut self, tick: Tick, estimates: Vec<KeypointEstimate>, method: &Method) {
         self.ticks.push(TentativeTick { tick, estimates });
         let births = &method.parameters.births;
-        if self.ticks.len() as i64 >= births.confirm_ticks(1.0 / method.dt_s) {
+        if self.ticks.len() >= births.confirm_ticks(1.0 / method.dt_s) as usize {
             self.stillness = Stillness::of(&self.ticks, &method.relative_sigmas);
         }
     }

@@ -44,7 +44,7 @@ fn rewritten(bytes: &[u8], mut body: impl FnMut(u8, &[u8]) -> Vec<u8>) -> Vec<u8
             }
         }
     }
-    [&written, &mcap::MAGIC[..]].concat()
+    [written.as_slice(), mcap::MAGIC].concat()
 }
 
 /// The recording with its chunks compressed, as another tool does it.

@@ -157,9 +157,8 @@ mod tests {
 
     #[test]
     fn what_the_reference_libraries_write_is_read() {
-        let text: String = (0..8)
-            .map(|i| format!("tick {}: the person walks on. ", i * i))
-            .collect();
+        let sentences = (0..8).map(|i| format!("tick {}: the person walks on. ", i * i));
+        let text = sentences.collect::<Vec<_>>().concat();
         for (format, hex) in [
             (CompressionFormat::Lz4, BY_LIBLZ4),
             (CompressionFormat::Zstd, BY_LIBZSTD),

@@ -91,10 +91,10 @@ fn somebody(facts: &TrackFacts, situation: &Situation<'_>) -> Option<EventKind> 
         return None;
     }
     let supported = facts.coverage.supported;
-    let confirm_ticks = births.confirm_ticks(situation.rules.rate_hz);
-    let is_open = (facts.tentative_ticks as i64) < confirm_ticks
+    let confirm_ticks = births.confirm_ticks(situation.rules.rate_hz) as usize;
+    let is_open = facts.tentative_ticks < confirm_ticks
         || facts.stillness.is_some_and(|still| still.is_poster(births));
-    if i64::from(supported) < confirm_ticks || is_open {
+    if (supported as usize) < confirm_ticks || is_open {
         return None;
     }
     let near_m = births.same_place_m;
