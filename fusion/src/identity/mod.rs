@@ -6,7 +6,7 @@
 //!   registry  applies events to the tracks, and publishes them
 //! ```
 //!
-//! A phase ([`phase::Phase`]) is stored in one place, [`track::Identity`], and changed by events alone; what
+//! A phase ([`phase::Phase`]) is stored in one place, [`track::TrackIdentity`], and changed by events alone; what
 //! ticks count of the evidence is kept beside it ([`phase::Coverage`]). Some
 //! decisions need the outcome of others (where a body stands once its first ticks were solved again), so a
 //! tick is decided in a few stages: [`registry::Registry::step`] reads as their sequence.

@@ -8,11 +8,11 @@
 //!       '---------------------------> gone <--------------------------'
 //! ```
 //!
-//! A phase changes by events alone, as [`Phase::after`] says; they are decided in [`super::decide`]. What a
+//! A phase changes by events alone, as `Phase::after` says; they are decided in `super::decide`. What a
 //! tick counts is [`Coverage`]. There is no phase of who is seen by one viewpoint alone: that is a count of
 //! [`Coverage`], and no rule makes it a phase.
 //!
-//! Coasting is no phase either: a confirmed person is published as coasting ([`published`]) while no two
+//! Coasting is no phase either: a confirmed person is published as coasting (`published`) while no two
 //! viewpoints see it, from the first such tick, when it is still tracked.
 
 use farfield_proto::message::PersonState;
