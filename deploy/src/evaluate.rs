@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context as _, anyhow, bail, ensure};
 use farfield_node::process::NodeError;
 use farfield_proto::tick::{Tick, parse_range};
-use farfield_score::lines::{LinesRole, PoseLines};
+use farfield_score::lines::{LinesRole, PoseLines, TruthExtent};
 use farfield_score::plot::plot_of;
 use farfield_score::points::PointSet;
 use farfield_score::table::side_by_side;
@@ -32,6 +32,15 @@ pub(crate) struct EvaluateArgs {
     /// Which points to compare: joints, keypoints or shelf14.
     #[arg(long, default_value = "joints")]
     points: PointSet,
+    /// What TRUTH leaves out: whole (whoever is not in it was not there) or partial (annotated in part: poses of
+    /// whom it does not hold are not held against anybody).
+    #[arg(
+        id = "truth-extent",
+        long = "truth",
+        default_value = "whole",
+        value_name = "whole|partial"
+    )]
+    extent: TruthExtent,
     /// Only these ticks, A..B (B not among them).
     #[arg(long, value_parser = parse_range, value_name = "A..B", allow_hyphen_values = true)]
     ticks: Option<Range<Tick>>,
@@ -125,13 +134,13 @@ fn scores_of(args: &EvaluateArgs) -> anyhow::Result<(Evaluation, String)> {
     let rate_hz = rate_hz(args);
     let beside = args.beside.as_ref().map(|path| {
         let poses = read(path, LinesRole::Poses, args)?;
-        Ok::<_, anyhow::Error>(score(&poses, &truth, rate_hz))
+        Ok::<_, anyhow::Error>(score(&poses, &truth, args.extent, rate_hz))
     });
     let title = format!("{}: mean error", args.poses.display());
     // Without a rate, time is counted in ticks.
     let plot = plot_of(&title, &poses, &truth, rate_hz.unwrap_or(1.0));
     let evaluation = Evaluation {
-        scores: score(&poses, &truth, rate_hz),
+        scores: score(&poses, &truth, args.extent, rate_hz),
         beside: beside.transpose()?,
     };
     Ok((evaluation, plot))
@@ -209,6 +218,13 @@ mod tests {
         let args = parsed(&["poses.jsonl", "truth.jsonl", "--json"]).unwrap();
         assert_eq!(args.truth, Path::new("truth.jsonl"));
         assert!(args.json);
+        assert_eq!(args.extent, TruthExtent::Whole);
+        let partial = parsed(&["poses.jsonl", "truth.jsonl", "--truth", "partial"]).unwrap();
+        assert_eq!(partial.extent, TruthExtent::Partial);
+        let refused = parsed(&["p", "t", "--truth", "half"])
+            .unwrap_err()
+            .to_string();
+        assert!(refused.contains("not one of whole, partial"), "{refused}");
     }
 
     #[test]

@@ -7,7 +7,7 @@ use std::path::Path;
 
 use anyhow::Context as _;
 use farfield_proto::tick::Tick;
-use farfield_score::lines::{LinesRole, PoseLines};
+use farfield_score::lines::{LinesRole, PoseLines, TruthExtent};
 use farfield_score::points::PointSet;
 use farfield_score::score;
 
@@ -23,7 +23,7 @@ pub(super) fn table(
     if truth.is_empty() {
         return Ok("nobody was there to score against\n".to_owned());
     }
-    let scores = score(&poses, &truth, Some(rate_hz));
+    let scores = score(&poses, &truth, TruthExtent::Whole, Some(rate_hz));
     Ok(format!("{scores}\n"))
 }
 

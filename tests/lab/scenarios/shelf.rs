@@ -30,6 +30,8 @@ fn the_shelf_runs_and_is_scored() {
             "evaluate".as_ref(),
             poses.as_os_str(),
             truth.as_os_str(),
+            "--truth".as_ref(),
+            "partial".as_ref(),
             "--points".as_ref(),
             points.as_ref(),
         ]);
@@ -68,6 +70,8 @@ fn score(poses: &Path, truth: &Path, points: &str) -> Value {
         "evaluate".as_ref(),
         poses.as_os_str(),
         truth.as_os_str(),
+        "--truth".as_ref(),
+        "partial".as_ref(),
         "--points".as_ref(),
         points.as_ref(),
         "--json".as_ref(),

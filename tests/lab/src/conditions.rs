@@ -123,7 +123,7 @@ mod tests {
         let run = run("sprint", 3.0, FAR);
         let found = run.found();
         assert!(!found.is_empty(), "nobody was found");
-        let scores = run.score(&run.causal, &found);
+        let scores = run.score_since(&run.causal, &found);
         assert!(scores.mean.gaps < 0.5, "{} gaps", scores.mean.gaps);
     }
 
@@ -134,7 +134,7 @@ mod tests {
         let [far, near] = [far, near].map(|run| {
             let found = run.found();
             assert_eq!(found.len(), 8, "everybody is found");
-            run.score(&run.causal, &found)
+            run.score_since(&run.causal, &found)
         });
         println!(
             "MPJPE over a far and lossy link {:?}, over none {:?}",

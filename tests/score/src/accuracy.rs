@@ -9,11 +9,33 @@ const SUCCESS_M: f64 = 0.150;
 /// Error up to which a point counts as right, metres.
 const PCK_M: [f64; 2] = [0.050, 0.100];
 
+/// The pose of one actor at one tick.
+#[derive(Debug, Clone, Copy)]
+pub enum FramePose<'a> {
+    /// One within the gate.
+    Near(&'a ScoredBody),
+    /// The one that was the actor's last, beyond the gate.
+    Outlier(&'a ScoredBody),
+    /// None.
+    Missing,
+}
+
+impl<'a> FramePose<'a> {
+    /// The pose, wherever it is.
+    pub fn body(self) -> Option<&'a ScoredBody> {
+        match self {
+            Self::Near(body) | Self::Outlier(body) => Some(body),
+            Self::Missing => None,
+        }
+    }
+}
+
 /// Sums over the frames of one actor.
 #[derive(Debug, Clone, Default)]
 pub struct ActorTally {
     frames: u64,
     gaps: u64,
+    outliers: u64,
     successes: u64,
     points: u64,
     compared_points: u64,
@@ -27,10 +49,12 @@ pub struct ActorTally {
 }
 
 impl ActorTally {
-    /// Takes in one frame: the true body, and the pose that was matched to it, if any.
-    pub fn add(&mut self, truth: &ScoredBody, pose: Option<&ScoredBody>, points: PointSet) {
+    /// Takes in one frame: the true body, and the pose that is held against it.
+    pub fn add(&mut self, truth: &ScoredBody, pose: FramePose<'_>, points: PointSet) {
         self.frames += 1;
-        self.gaps += u64::from(pose.is_none());
+        self.gaps += u64::from(!matches!(pose, FramePose::Near(_)));
+        self.outliers += u64::from(matches!(pose, FramePose::Outlier(_)));
+        let pose = pose.body();
         let mut frame_sum_m = 0.0;
         let mut frame_points = 0u64;
         for (slot, true_point) in truth.points_m.iter().enumerate() {
@@ -116,6 +140,7 @@ impl ActorTally {
             pck_50,
             pck_100,
             gaps: self.gaps,
+            outliers: self.outliers,
             id_switches,
             missing_points: self.missing_points,
             jitter_m_s3: rate_hz.and_then(|rate| motion.jitter_m_s3(rate)),

@@ -8,8 +8,9 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use super::Distances;
 use super::accuracy::percent;
+use super::lines::TruthExtent;
+use super::pairing::Distances;
 use farfield_fusion::assign::assign;
 
 /// What a pair of the tick before is worth to CLEAR's matching, beside a similarity of at most 1.
@@ -35,9 +36,9 @@ pub struct IdentityScore {
 /// Counts over the ticks.
 #[derive(Debug, Clone, Default)]
 pub(super) struct IdentityTally {
-    /// Whether the truth leaves people out. Poses that are nobody's in it then count neither for nor
+    /// Where the truth leaves people out, poses that are nobody's in it count neither for nor
     /// against: they may be of those people (`TrackEval` takes such regions out beforehand).
-    truth_partial: bool,
+    truth: TruthExtent,
     clear: Clear,
     /// Ticks per actor and per id.
     true_ticks: BTreeMap<u32, u64>,
@@ -49,10 +50,10 @@ pub(super) struct IdentityTally {
 }
 
 impl IdentityTally {
-    /// Nothing counted yet; `truth_partial` as [`super::Scores::truth_partial`].
-    pub(super) fn new(truth_partial: bool) -> Self {
+    /// Nothing counted yet.
+    pub(super) fn new(truth: TruthExtent) -> Self {
         Self {
-            truth_partial,
+            truth,
             ..Self::default()
         }
     }
@@ -64,7 +65,9 @@ impl IdentityTally {
         }
         for (j, &id) in distances.pose_ids.iter().enumerate() {
             let mut actors = 0..distances.true_ids.len();
-            if !self.truth_partial || actors.any(|i| distances.within_gate(i, j).is_some()) {
+            if self.truth == TruthExtent::Whole
+                || actors.any(|i| distances.within_gate(i, j).is_some())
+            {
                 *self.pose_ticks.entry(id).or_default() += 1;
             }
         }
@@ -105,7 +108,10 @@ impl IdentityTally {
                 .values()
                 .map(|n| n.saturating_sub(1))
                 .sum(),
-            false_births: if self.truth_partial { 0 } else { false_births },
+            false_births: match self.truth {
+                TruthExtent::Whole => false_births,
+                TruthExtent::Partial => 0,
+            },
             idf1: percent(2 * self.identity_true_positives(), n_truths + n_poses),
             mota: self.clear.mota(n_truths, n_poses),
         }

@@ -9,7 +9,8 @@
 //! is in millimetres and percent.
 //!
 //! Every gap counts: a truth without a pose is wrong in every percentage, and so is a point that the truth knows and
-//! the pose does not have.
+//! the pose does not have. So does an outlier: a pose that was somebody's, and is now farther from them than the gate
+//! (0.5 m) and nobody else's, stays in their errors, their jitter and the statistics of its sigma.
 
 pub mod accuracy;
 pub mod detail;
@@ -17,6 +18,7 @@ pub mod identity;
 pub mod lines;
 pub mod lives;
 pub mod motion;
+mod pairing;
 pub mod plot;
 pub mod points;
 pub mod table;
@@ -27,22 +29,16 @@ use std::collections::BTreeMap;
 use farfield_proto::tick::Tick;
 use serde::Serialize;
 
-use farfield_fusion::assign::assign;
-
-use accuracy::ActorTally;
+use accuracy::{ActorTally, FramePose};
 use identity::{IdentityScore, IdentityTally};
-use lines::PoseLines;
+use lines::{PoseLines, TruthExtent, TruthHole};
 use lives::Lives;
 use motion::Smoothness;
-use points::{PointSet, ScoredBody};
+use pairing::{Distances, Pairing};
+use points::PointSet;
 use uncertainty_calibration::{UncertaintyCalibration, UncertaintyTally};
 
-/// Farthest mean distance at which a pose can be a truth's, metres.
-pub const GATE_M: f64 = 0.5;
-
-/// Cost of a pair beyond the gate: far above any sum of distances within it, so that the matching
-/// first has as many pairs as can be, then the least distance.
-const BEYOND_GATE: f64 = 1e6;
+pub use pairing::GATE_M;
 
 /// What `farfield evaluate --json` prints.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -57,14 +53,17 @@ pub struct Scores {
     pub lives: Lives,
     /// Which points were compared.
     pub points: PointSet,
-    /// Whether the truth leaves out ticks of a person that it holds on both sides of them: then
-    /// nobody can say that a pose is of nobody, and false initiations (`false_births`) are not counted.
-    pub truth_partial: bool,
+    /// Whether the truth was said to hold everybody who was there. Where it does not, nobody can say that a
+    /// pose is of nobody, and false initiations (`false_births`) are not counted.
+    pub truth: TruthExtent,
+    /// Whom a truth that was said to be whole leaves out between two ticks at which it holds them: they may
+    /// have been away, or nobody annotated them. `None` of nobody.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub first_hole: Option<TruthHole>,
     /// The rate that [`ActorScore::jitter_m_s3`] and [`ActorScore::foot_slide_mm_s`] were computed
     /// with; without one they are absent.
     pub rate_hz: Option<f64>,
-    /// How the errors go with what the poses say of themselves; `None` where they say nothing, and
-    /// where the truth is partial.
+    /// How the errors go with what the poses say of themselves; `None` where they say nothing.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub calibration: Option<UncertaintyCalibration>,
 }
@@ -76,7 +75,8 @@ pub struct ActorScore {
     pub frames: u64,
     /// Share of the frames whose mean error is at most 150 mm, percent.
     pub success_150: f64,
-    /// Mean distance over points and matched frames, millimetres. Gaps are left out.
+    /// Mean distance over points and frames, millimetres. Outliers count with their whole distance; frames
+    /// without any pose are left out.
     pub mpjpe_mm: Option<f64>,
     /// The same from the true sites of the 12 keypoints (`keypoints` of a line) to the pose's, where
     /// both are known.
@@ -93,6 +93,8 @@ pub struct ActorScore {
     pub pck_100: f64,
     /// Frames without a pose within [`GATE_M`].
     pub gaps: u64,
+    /// Of these, those at which the pose that was the actor's last was elsewhere, and nobody else's.
+    pub outliers: u64,
     /// Times that the pose had another id than the actor's pose before.
     pub id_switches: u64,
     /// Points that the truth knows and the matched pose lacks: wrong in the percentages, left out of
@@ -125,6 +127,7 @@ pub struct MeanScore {
     pub pck_50: f64,
     pub pck_100: f64,
     pub gaps: f64,
+    pub outliers: f64,
     pub id_switches: f64,
     pub missing_points: f64,
     pub jitter_m_s3: Option<f64>,
@@ -132,30 +135,44 @@ pub struct MeanScore {
     pub ankle_slide_mm_s: Option<f64>,
 }
 
-/// Scores `poses` against `truth`, both read with the same [`PointSet`] and ticks.
+/// Scores `poses` against `truth`, both read with the same [`PointSet`] and ticks; `extent` says whether whoever is
+/// not in the truth was not there.
 ///
 /// With a partial truth, ticks that the truth does not hold at all are not looked at.
 /// Cost: one assignment of persons squared a tick, and a few distances per pair.
-pub fn score(poses: &PoseLines, truth: &PoseLines, rate_hz: Option<f64>) -> Scores {
+pub fn score(
+    poses: &PoseLines,
+    truth: &PoseLines,
+    extent: TruthExtent,
+    rate_hz: Option<f64>,
+) -> Scores {
     let points = truth.points();
     let nobody = BTreeMap::new();
     let mut actors: BTreeMap<u32, (ActorTally, Smoothness)> = BTreeMap::new();
-    let mut identity = IdentityTally::new(truth.is_partial());
+    let mut identity = IdentityTally::new(extent);
     let mut calibration = UncertaintyTally::default();
-    for tick in scored_ticks(poses, truth) {
+    let mut pairing = Pairing::default();
+    for tick in scored_ticks(poses, truth, extent) {
         let true_bodies = truth.people_at(tick).unwrap_or(&nobody);
         let pose_bodies = poses.people_at(tick).unwrap_or(&nobody);
         let distances = Distances::new(true_bodies, pose_bodies);
-        let matched = distances.matches();
-        identity.add(&distances, &matched);
-        if !truth.is_partial() {
-            calibration.add(true_bodies, pose_bodies, distances.pairs(&matched));
-        }
-        for ((&actor, body), pose_idx) in true_bodies.iter().zip(matched) {
-            let pose = pose_idx.and_then(|j| pose_bodies.get(&distances.pose_ids[j]));
+        pairing.pair(&distances);
+        identity.add(&distances, pairing.matched());
+        calibration.add(true_bodies, pose_bodies, pairing.pairs(&distances));
+        for (i, (&actor, body)) in true_bodies.iter().enumerate() {
+            let pose_of =
+                |j: Option<usize>| j.and_then(|j| pose_bodies.get(&distances.pose_ids[j]));
+            let pose = match (
+                pose_of(pairing.matched()[i]),
+                pose_of(pairing.outliers()[i]),
+            ) {
+                (Some(pose), _) => FramePose::Near(pose),
+                (None, Some(pose)) => FramePose::Outlier(pose),
+                (None, None) => FramePose::Missing,
+            };
             let (tally, motion) = actors.entry(actor).or_default();
             tally.add(body, pose, points);
-            motion.add(tick, body, pose);
+            motion.add(tick, body, pose.body());
         }
     }
     let actors: BTreeMap<u32, ActorScore> = actors
@@ -172,27 +189,31 @@ pub fn score(poses: &PoseLines, truth: &PoseLines, rate_hz: Option<f64>) -> Scor
         identity: identity.finish(),
         lives: Lives::of(poses, truth, rate_hz),
         points,
-        truth_partial: truth.is_partial(),
+        truth: extent,
+        first_hole: truth.first_hole().filter(|_| extent == TruthExtent::Whole),
         rate_hz,
         calibration: calibration.finish(),
         actors,
     }
 }
 
-/// Mean error of each actor at each tick, metres, under the matching that [`score`] uses; `None` at
-/// a gap. Ticks rise.
+/// Mean error of each actor at each tick, metres, under the pairing that [`score`] uses, outliers too; `None` where
+/// there is no pose. Ticks rise.
 pub fn errors_over_time(
     poses: &PoseLines,
     truth: &PoseLines,
 ) -> BTreeMap<u32, Vec<(Tick, Option<f64>)>> {
     let nobody = BTreeMap::new();
     let mut errors: BTreeMap<u32, Vec<(Tick, Option<f64>)>> = BTreeMap::new();
+    let mut pairing = Pairing::default();
     for tick in truth.ticks() {
         let true_bodies = truth.people_at(tick).unwrap_or(&nobody);
         let pose_bodies = poses.people_at(tick).unwrap_or(&nobody);
         let distances = Distances::new(true_bodies, pose_bodies);
-        for (i, (&actor, pose)) in true_bodies.keys().zip(distances.matches()).enumerate() {
-            let error_m = pose.and_then(|j| distances.within_gate(i, j));
+        pairing.pair(&distances);
+        for (i, &actor) in true_bodies.keys().enumerate() {
+            let pose = pairing.matched()[i].or(pairing.outliers()[i]);
+            let error_m = pose.map(|j| distances.of_m(i, j));
             errors.entry(actor).or_default().push((tick, error_m));
         }
     }
@@ -212,65 +233,14 @@ pub fn matches_at(tick: Tick, poses: &PoseLines, truth: &PoseLines) -> BTreeMap<
         .collect()
 }
 
-fn scored_ticks(poses: &PoseLines, truth: &PoseLines) -> Vec<Tick> {
+fn scored_ticks(poses: &PoseLines, truth: &PoseLines, extent: TruthExtent) -> Vec<Tick> {
     let mut ticks: Vec<Tick> = truth.ticks().collect();
-    if !truth.is_partial() {
+    if extent == TruthExtent::Whole {
         ticks.extend(poses.ticks());
         ticks.sort_unstable();
         ticks.dedup();
     }
     ticks
-}
-
-/// Mean point distances between the truths and the poses of one tick, metres.
-#[derive(Debug, Clone)]
-pub(crate) struct Distances {
-    pub(crate) true_ids: Vec<u32>,
-    pub(crate) pose_ids: Vec<u32>,
-    /// Row-major, one row per truth; infinite where the two share no point.
-    values_m: Vec<f64>,
-}
-
-impl Distances {
-    fn new(truths: &BTreeMap<u32, ScoredBody>, poses: &BTreeMap<u32, ScoredBody>) -> Self {
-        let values_m = truths
-            .values()
-            .flat_map(|t| {
-                poses
-                    .values()
-                    .map(|p| t.mean_distance_m(p).unwrap_or(f64::INFINITY))
-            })
-            .collect();
-        let true_ids = truths.keys().copied().collect();
-        Self {
-            true_ids,
-            pose_ids: poses.keys().copied().collect(),
-            values_m,
-        }
-    }
-
-    /// The distance of a pair, `None` beyond the gate.
-    pub(crate) fn within_gate(&self, truth_idx: usize, pose_idx: usize) -> Option<f64> {
-        let d = self.values_m[truth_idx * self.pose_ids.len() + pose_idx];
-        (d <= GATE_M).then_some(d)
-    }
-
-    /// Actor and id of the `matched` pairs.
-    fn pairs<'a>(&'a self, matched: &'a [Option<usize>]) -> impl Iterator<Item = (u32, u32)> + 'a {
-        let pairs = self.true_ids.iter().zip(matched);
-        pairs.filter_map(|(&actor, j)| Some((actor, self.pose_ids[(*j)?])))
-    }
-
-    /// Per truth the index of its pose: most pairs within the gate, then least distance.
-    fn matches(&self) -> Vec<Option<usize>> {
-        let mut assigned = assign(self.true_ids.len(), self.pose_ids.len(), |i, j| {
-            self.within_gate(i, j).unwrap_or(BEYOND_GATE)
-        });
-        for (i, pose_idx) in assigned.iter_mut().enumerate() {
-            *pose_idx = pose_idx.filter(|&j| self.within_gate(i, j).is_some());
-        }
-        assigned
-    }
 }
 
 impl MeanScore {
@@ -289,6 +259,7 @@ impl MeanScore {
             pck_50: mean(|a| a.pck_50),
             pck_100: mean(|a| a.pck_100),
             gaps: mean(|a| a.gaps as f64),
+            outliers: mean(|a| a.outliers as f64),
             id_switches: mean(|a| a.id_switches as f64),
             missing_points: mean(|a| a.missing_points as f64),
             jitter_m_s3: mean_of(actors.iter().map(|a| a.jitter_m_s3)),

@@ -7,12 +7,13 @@ use std::collections::BTreeMap;
 use std::io::BufRead;
 use std::ops::Range;
 use std::path::Path;
+use std::str::FromStr;
 
 use farfield_proto::message::PersonState;
 use farfield_proto::tick::Tick;
 use farfield_proto::toml_file::FileError;
 use nalgebra::Vector3;
-use serde::Deserialize as _;
+use serde::{Deserialize as _, Serialize};
 use serde_json::{Map, Value};
 
 use super::detail::{JointDetail, Sureness};
@@ -29,11 +30,44 @@ pub enum LinesRole {
     Truth,
 }
 
+/// How much of who was there a truth holds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum TruthExtent {
+    /// Everybody at every tick: whoever is left out was not there.
+    #[default]
+    Whole,
+    /// Some people at some ticks: whoever is left out may have been there.
+    Partial,
+}
+
+impl FromStr for TruthExtent {
+    type Err = String;
+
+    fn from_str(name: &str) -> Result<Self, String> {
+        match name {
+            "whole" => Ok(Self::Whole),
+            "partial" => Ok(Self::Partial),
+            _ => Err(format!("`{name}` is not one of whole, partial")),
+        }
+    }
+}
+
+/// A stretch of ticks at which a person is not in a file that holds it before and after.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub struct TruthHole {
+    /// Who.
+    pub person: u32,
+    /// The last tick before.
+    pub after: Tick,
+    /// The first tick afterwards.
+    pub until: Tick,
+}
+
 /// The people of one file, by tick and id.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PoseLines {
     points: PointSet,
-    partial: bool,
     people: BTreeMap<Tick, BTreeMap<u32, ScoredBody>>,
 }
 
@@ -52,7 +86,6 @@ impl PoseLines {
         ticks: Option<&Range<Tick>>,
     ) -> Result<Self, FileError> {
         let mut people: BTreeMap<Tick, BTreeMap<u32, ScoredBody>> = BTreeMap::new();
-        let mut spans: BTreeMap<u32, LineSpan> = BTreeMap::new();
         for (index, text) in reader.lines().enumerate() {
             let line = index + 1;
             let text = text.map_err(|e| FileError::new(path, e.to_string()).at_line(line))?;
@@ -60,7 +93,6 @@ impl PoseLines {
                 continue;
             }
             let parsed = parse_line(&text, role, points).map_err(|fault| fault.at(path, line))?;
-            spans.entry(parsed.person).or_default().add(parsed.tick);
             if ticks.is_some_and(|range| !range.contains(&parsed.tick)) {
                 continue;
             }
@@ -74,11 +106,7 @@ impl PoseLines {
                 .at(path, line));
             }
         }
-        Ok(Self {
-            points,
-            partial: spans.values().any(LineSpan::has_holes),
-            people,
-        })
+        Ok(Self { points, people })
     }
 
     /// The people of a run that was never written: `people` by tick and id, gathered with `points`.
@@ -86,17 +114,7 @@ impl PoseLines {
         points: PointSet,
         people: BTreeMap<Tick, BTreeMap<u32, ScoredBody>>,
     ) -> Self {
-        let mut spans: BTreeMap<u32, LineSpan> = BTreeMap::new();
-        for (tick, bodies) in &people {
-            for id in bodies.keys() {
-                spans.entry(*id).or_default().add(*tick);
-            }
-        }
-        Self {
-            points,
-            partial: spans.values().any(LineSpan::has_holes),
-            people,
-        }
+        Self { points, people }
     }
 
     /// Which points were kept.
@@ -104,20 +122,24 @@ impl PoseLines {
         self.points
     }
 
-    /// Whether some person of the file (all of it, not only the ticks kept) is missing at a tick
-    /// between its first and its last. A truth made of every tick, like a simulator's, never is: a
-    /// truth with holes was annotated in part, and what is not in it may still be there.
-    pub fn is_partial(&self) -> bool {
-        self.partial
-    }
-
-    /// The same, where it is known that whoever is left out is not there.
-    #[must_use]
-    pub fn whole(self) -> Self {
-        Self {
-            partial: false,
-            ..self
-        }
+    /// The first stretch of the ticks kept at which somebody is missing who is there before and after.
+    pub fn first_hole(&self) -> Option<TruthHole> {
+        let mut last: BTreeMap<u32, Tick> = BTreeMap::new();
+        let mut people = self.people.iter();
+        people.find_map(|(&until, bodies)| {
+            let mut holes = bodies.keys().filter_map(|&person| {
+                let after = last.insert(person, until)?;
+                (until - after > 1).then_some(TruthHole {
+                    person,
+                    after,
+                    until,
+                })
+            });
+            let first = holes.next();
+            // All of the tick's people are to be noted.
+            holes.for_each(drop);
+            first
+        })
     }
 
     /// The ticks that hold people, rising.
@@ -139,26 +161,6 @@ impl PoseLines {
     pub fn has_points(&self) -> bool {
         let mut bodies = self.people.values().flat_map(BTreeMap::values);
         bodies.any(|body| body.points_m.iter().any(Option::is_some))
-    }
-}
-
-/// First and last tick of a person, and how many lines it has.
-#[derive(Debug, Default)]
-struct LineSpan {
-    ends: Option<[Tick; 2]>,
-    lines: i64,
-}
-
-impl LineSpan {
-    fn add(&mut self, tick: Tick) {
-        let [first, last] = self.ends.unwrap_or([tick; 2]);
-        self.ends = Some([first.min(tick), last.max(tick)]);
-        self.lines += 1;
-    }
-
-    fn has_holes(&self) -> bool {
-        self.ends
-            .is_some_and(|[first, last]| last - first >= self.lines)
     }
 }
 
@@ -230,6 +232,8 @@ fn parse_line(text: &str, role: LinesRole, points: PointSet) -> Result<ParsedLin
     };
     let mut body = ScoredBody::gather(points, point, |name| joints.get(name).copied());
     body.set_sites(|name| keypoints.get(name).copied());
+    body.is_tentative = role == LinesRole::Poses
+        && state_of(object).is_some_and(|state| state == PersonState::Tentative);
     let sureness = match role {
         LinesRole::Poses => read_sureness(object)?,
         LinesRole::Truth => None,
@@ -239,6 +243,12 @@ fn parse_line(text: &str, role: LinesRole, points: PointSet) -> Result<ParsedLin
         body.detail = Some(Box::new(detail));
     }
     Ok(ParsedLine { tick, person, body })
+}
+
+/// The state of a line's pose, where it says one that is known.
+fn state_of(object: &Map<String, Value>) -> Option<PersonState> {
+    let state = object.get("state")?;
+    PersonState::deserialize(state).ok()
 }
 
 /// How sure the pose of a line is, where it says so.
@@ -268,15 +278,14 @@ fn read_sureness(object: &Map<String, Value>) -> Result<Option<Sureness>, LineFa
             sigma_m[joint.index()] = sigma as f32;
         }
     }
-    let state = object.get("state");
-    let known = state.and_then(|state| PersonState::deserialize(state).ok());
     let words = "tentative, tracked or coasting";
     let views = object.get("views");
     let n_views = views
         .and_then(Value::as_u64)
         .and_then(|n| u16::try_from(n).ok());
     Ok(Some(Sureness {
-        state: known.ok_or_else(|| LineFault::expected("state", state, words))?,
+        state: state_of(object)
+            .ok_or_else(|| LineFault::expected("state", object.get("state"), words))?,
         views: n_views.ok_or_else(|| LineFault::expected("views", views, "a number from 0"))?,
         sigma_m,
     }))
@@ -382,30 +391,32 @@ mod tests {
     }
 
     #[test]
-    fn a_truth_with_holes_is_partial_whatever_ticks_are_kept() {
+    fn a_hole_is_who_is_missing_between_two_ticks_and_not_who_comes_or_goes() {
         let line = |tick: i64, person: u32| format!("{{\"tick\": {tick}, \"person\": {person}}}\n");
+        let hole = |text: &str, ticks: Option<Range<Tick>>| {
+            let (role, points) = (LinesRole::Truth, PointSet::Joints);
+            let read = PoseLines::read(
+                text.as_bytes(),
+                Path::new("t"),
+                role,
+                points,
+                ticks.as_ref(),
+            );
+            read.unwrap().first_hole()
+        };
         let whole: String = (0..4)
             .map(|t| line(t, 1))
             .chain([line(2, 2), line(3, 2)])
             .collect();
-        assert!(
-            !read(&whole, LinesRole::Truth, PointSet::Joints)
-                .unwrap()
-                .is_partial()
-        );
-        let holes = line(0, 1) + &line(1, 1) + &line(3, 1);
-        let kept = Tick(0)..Tick(2);
-        let path = Path::new("t");
-        let recording = PoseLines::read(
-            holes.as_bytes(),
-            path,
-            LinesRole::Truth,
-            PointSet::Joints,
-            Some(&kept),
-        );
-        let recording = recording.unwrap();
-        assert!(recording.is_partial());
-        assert_eq!(recording.ticks().collect::<Vec<_>>(), [Tick(0), Tick(1)]);
+        assert_eq!(hole(&whole, None), None);
+        let holes = [line(0, 1), line(1, 1), line(1, 2), line(4, 1), line(4, 2)].concat();
+        let expected = TruthHole {
+            person: 1,
+            after: Tick(1),
+            until: Tick(4),
+        };
+        assert_eq!(hole(&holes, None), Some(expected));
+        assert_eq!(hole(&holes, Some(Tick(0)..Tick(2))), None);
     }
 
     #[test]

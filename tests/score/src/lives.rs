@@ -24,12 +24,19 @@ const LEAST_AWAY_TICKS: i64 = 2;
 /// Initiations and returns of all actors.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Lives {
-    /// Per actor, ticks from its first line of the truth to its first pose; `None`: it never had one.
+    /// Per actor, ticks from its first line of the truth to its first pose, also one that was written
+    /// afterwards, when the person was confirmed; `None`: it never had one.
     pub time_to_birth_ticks: BTreeMap<u32, Option<i64>>,
     /// The median over those who were initiated, seconds; absent without a rate.
     pub time_to_birth_median_s: Option<f64>,
     /// The longest, seconds; absent without a rate.
     pub time_to_birth_worst_s: Option<f64>,
+    /// The same as a live listener sees it: to the first pose that was published at its tick.
+    pub time_to_birth_live_ticks: BTreeMap<u32, Option<i64>>,
+    /// The median of these, seconds; absent without a rate.
+    pub time_to_birth_live_median_s: Option<f64>,
+    /// The longest of these, seconds; absent without a rate.
+    pub time_to_birth_live_worst_s: Option<f64>,
     /// Actors that never had a pose.
     pub never_born: u64,
     /// Times that an actor that had had a pose came back.
@@ -67,6 +74,8 @@ struct ActorLife {
     /// The first tick of the truth.
     since: Option<Tick>,
     initiated: Option<Tick>,
+    /// The first tick with a pose that was published then.
+    published: Option<Tick>,
     /// The last tick of the truth, and the last id.
     seen: Option<Tick>,
     id: Option<u32>,
@@ -94,6 +103,10 @@ impl Lives {
                     }
                     continue;
                 };
+                let pose = poses.people_at(tick).and_then(|people| people.get(&id));
+                if pose.is_some_and(|pose| !pose.is_tentative) {
+                    life.published.get_or_insert(tick);
+                }
                 if let Some((ticks, before)) = life.is_found(tick, id) {
                     longest_return = longest_return.max(Some(ticks));
                     lives.returns_same_id += u64::from(before == id);
@@ -110,15 +123,24 @@ impl Lives {
         longest_return: Option<i64>,
         rate_hz: Option<f64>,
     ) -> Self {
-        let after = |life: &ActorLife| Some(life.initiated? - life.since?);
-        self.time_to_birth_ticks = all.iter().map(|(id, life)| (*id, after(life))).collect();
-        let taken = self.time_to_birth_ticks.values().flatten();
-        let mut taken: Vec<f64> = taken.map(|&ticks| ticks as f64).collect();
-        taken.sort_by(f64::total_cmp);
-        self.never_born = (all.len() - taken.len()) as u64;
         let rate = |ticks: f64| rate_hz.map(|rate| ticks / rate);
+        let waits = |until: fn(&ActorLife) -> Option<Tick>| {
+            let after = |life: &ActorLife| Some(until(life)? - life.since?);
+            let each: BTreeMap<u32, Option<i64>> =
+                all.iter().map(|(id, life)| (*id, after(life))).collect();
+            let mut taken: Vec<f64> = each.values().flatten().map(|&t| t as f64).collect();
+            taken.sort_by(f64::total_cmp);
+            (each, taken)
+        };
+        let (each, taken) = waits(|life| life.initiated);
+        self.never_born = (all.len() - taken.len()) as u64;
+        self.time_to_birth_ticks = each;
         self.time_to_birth_median_s = mean_median(&taken).and_then(rate);
         self.time_to_birth_worst_s = taken.last().copied().and_then(rate);
+        let (each, taken) = waits(|life| life.published);
+        self.time_to_birth_live_ticks = each;
+        self.time_to_birth_live_median_s = mean_median(&taken).and_then(rate);
+        self.time_to_birth_live_worst_s = taken.last().copied().and_then(rate);
         self.return_worst_s = longest_return.and_then(|ticks| rate(ticks as f64));
         self
     }
@@ -151,9 +173,11 @@ impl fmt::Display for Lives {
         let seconds = |s: Option<f64>| s.map_or_else(|| "-".to_owned(), |s| format!("{s:.2} s"));
         write!(
             f,
-            "lives: born after {} (median) and {} (worst), never born {}, returns {}",
+            "lives: first pose after {} (median) and {} (worst) as written, {} and {} live; never born {}, returns {}",
             seconds(self.time_to_birth_median_s),
             seconds(self.time_to_birth_worst_s),
+            seconds(self.time_to_birth_live_median_s),
+            seconds(self.time_to_birth_live_worst_s),
             self.never_born,
             self.returns
         )?;
@@ -216,6 +240,32 @@ mod tests {
         assert_eq!(lives.never_born, 1);
         assert!((lives.time_to_birth_median_s.unwrap() - 0.25).abs() < 1e-12);
         assert!((lives.time_to_birth_worst_s.unwrap() - 0.3).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_live_listener_waits_until_the_person_is_confirmed() {
+        let truth: Vec<_> = (0..10).map(|t| (t, 1, 0.0)).collect();
+        let line = |tick: i64, state: &str| {
+            let joints = "{\"left_hip\": [0, 0, 1]}";
+            format!(
+                "{{\"tick\": {tick}, \"person\": 7, \"state\": \"{state}\", \"joints\": {joints}}}\n"
+            )
+        };
+        let text: String = (2..10)
+            .map(|tick| line(tick, if tick < 6 { "tentative" } else { "tracked" }))
+            .collect();
+        let (path, role) = (Path::new("x.jsonl"), LinesRole::Poses);
+        let poses = PoseLines::read(text.as_bytes(), path, role, PointSet::Joints, None).unwrap();
+        let lives = Lives::of(&poses, &recording(&truth), Some(10.0));
+        assert_eq!(lives.time_to_birth_ticks[&1], Some(2));
+        assert_eq!(lives.time_to_birth_live_ticks[&1], Some(6));
+        assert!((lives.time_to_birth_live_worst_s.unwrap() - 0.6).abs() < 1e-12);
+        assert!(
+            lives
+                .to_string()
+                .contains("0.20 s (worst) as written, 0.60 s and 0.60 s live"),
+            "{lives}"
+        );
     }
 
     #[test]

@@ -131,6 +131,8 @@ pub struct ScoredBody {
     pub sites_m: [Option<Vector3<f64>>; LIMB_POINTS.len()],
     /// All joints, and how sure they are, where that is compared.
     pub detail: Option<Box<JointDetail>>,
+    /// Whether the line was written afterwards, when the person was confirmed: nobody got it live.
+    pub is_tentative: bool,
 }
 
 impl ScoredBody {

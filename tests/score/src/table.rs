@@ -2,12 +2,14 @@
 
 use std::fmt;
 
+use super::lines::TruthExtent;
 use super::{ActorScore, MeanScore, Scores};
 
 /// The columns after the actor's: head, unit, width.
-const COLUMNS: [(&str, &str, usize); 14] = [
+const COLUMNS: [(&str, &str, usize); 15] = [
     ("frames", "", 6),
     ("gaps", "", 5),
+    ("out", "", 4),
     ("MPJPE", "mm", 6),
     ("sites", "mm", 6),
     ("SR@150", "%", 7),
@@ -36,6 +38,13 @@ impl fmt::Display for Scores {
         if let Some(calibration) = &self.calibration {
             write!(f, "\n{calibration}")?;
         }
+        if let Some(hole) = &self.first_hole {
+            write!(
+                f,
+                "\nthe truth holds person {} at ticks {} and {} and not between: taken for absence (--truth partial where it was annotated in part)",
+                hole.person, hole.after, hole.until
+            )?;
+        }
         if self.rate_hz.is_none() {
             write!(
                 f,
@@ -50,10 +59,9 @@ impl Scores {
     /// The figures of identity in one line.
     pub fn identity_line(&self) -> String {
         let id = &self.identity;
-        let births = if self.truth_partial {
-            "false births not counted (the truth is partial)".to_owned()
-        } else {
-            format!("false births {}", id.false_births)
+        let births = match self.truth {
+            TruthExtent::Partial => "false births not counted (the truth is partial)".to_owned(),
+            TruthExtent::Whole => format!("false births {}", id.false_births),
         };
         format!(
             "identity: switches {}, fragmentations {}, {births}, IDF1 {:.1} %, MOTA {:.1} %",
@@ -113,6 +121,7 @@ macro_rules! row {
         [
             Some($score.frames as f64),
             Some($score.gaps as f64),
+            Some($score.outliers as f64),
             $score.mpjpe_mm,
             $score.mpjpe_sites_mm,
             Some($score.success_150),

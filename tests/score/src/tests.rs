@@ -41,9 +41,14 @@ fn recording(text: &str, role: LinesRole) -> PoseLines {
 }
 
 fn scored(poses: &str, truth: &str) -> Scores {
+    scored_against(TruthExtent::Whole, poses, truth)
+}
+
+fn scored_against(extent: TruthExtent, poses: &str, truth: &str) -> Scores {
     score(
         &recording(poses, LinesRole::Poses),
         &recording(truth, LinesRole::Truth),
+        extent,
         Some(60.0),
     )
 }
@@ -107,7 +112,7 @@ fn errors_and_parts_are_as_worked_out_by_hand() {
 #[test]
 fn a_gap_is_wrong_everywhere_but_in_the_mpjpe() {
     let truth = exact(0, 1, 0.0) + &exact(1, 1, 0.0);
-    let poses = line(0, 1, 0.0, |_| 0.04) + &line(1, 1, 0.0, |_| 0.6);
+    let poses = line(0, 1, 0.0, |_| 0.04);
     let one = &scored(&poses, &truth).actors[&1];
     assert_eq!(one.gaps, 1);
     check(one.mpjpe_mm.unwrap(), 40.0);
@@ -119,6 +124,55 @@ fn a_gap_is_wrong_everywhere_but_in_the_mpjpe() {
         one.pck_100,
     ] {
         check(percent, 50.0);
+    }
+}
+
+#[test]
+fn a_pose_that_leaves_its_person_by_more_than_the_gate_counts_with_its_whole_error() {
+    let truth: String = (0..4).map(|t| exact(t, 1, 0.0)).collect();
+    let off_m = [0.04, 0.6, 0.6, 0.04];
+    let poses = (0i64..)
+        .zip(off_m)
+        .map(|(t, off_m)| line(t, 7, 0.0, |_| off_m));
+    let poses: String = poses.collect();
+    let scores = scored(&poses, &truth);
+    let one = &scores.actors[&1];
+    assert_eq!((one.gaps, one.outliers), (2, 2));
+    check(one.mpjpe_mm.unwrap(), 320.0);
+    // 0.04 - 3 x 0.6 + 3 x 0.6 - 0.04 is the one third difference: over four poses in a row it is nothing.
+    check(one.jitter_m_s3.unwrap(), 0.0);
+    check(one.pck_50, 50.0);
+    // For identity it is a gap and a pose of nobody.
+    check(scores.identity.mota, 0.0);
+    let errors = &errors_over_time(
+        &recording(&poses, LinesRole::Poses),
+        &recording(&truth, LinesRole::Truth),
+    )[&1];
+    check(errors[1].1.unwrap(), 0.6);
+}
+
+#[test]
+fn a_far_pose_that_is_somebody_elses_or_never_was_anybodys_is_no_outlier() {
+    // Id 7 is person 1's; then it sits on person 2, who comes. Id 8 was never near anybody.
+    let truth = exact(0, 1, 0.0) + &exact(1, 1, 0.0) + &exact(1, 2, 3.0);
+    let poses = exact(0, 7, 0.0) + &exact(1, 7, 3.0) + &exact(1, 8, 6.0);
+    let scores = scored(&poses, &truth);
+    assert_eq!((scores.actors[&1].gaps, scores.actors[&1].outliers), (1, 0));
+    assert_eq!(scores.identity.false_births, 1);
+}
+
+#[test]
+fn a_sigma_answers_for_an_outlier_too() {
+    let state =
+        "\"state\": \"tracked\", \"views\": 4, \"sigma_m\": {\"left_hip\": 0.01}, \"joints\"";
+    let sure = |line: String| line.replace("\"joints\"", state);
+    let truth: String = (0..2).map(|t| exact(t, 1, 0.0)).collect();
+    let poses = sure(exact(0, 7, 0.0)) + &sure(line(1, 7, 0.0, |_| 0.6));
+    for extent in [TruthExtent::Whole, TruthExtent::Partial] {
+        let scores = scored_against(extent, &poses, &truth);
+        let rows = scores.calibration.unwrap().all_rows();
+        assert_eq!(rows.states["tracked"].n, 2);
+        check(rows.states["tracked"].inside_1, 100.0 * 5.0 / 6.0);
     }
 }
 
@@ -230,12 +284,15 @@ fn poses_where_a_whole_truth_has_nobody_count_and_where_a_partial_truth_is_silen
     let whole: String = (0..3).map(|t| exact(t, 1, 0.0)).collect();
     check(scored(&poses, &whole).identity.mota, 0.0);
     let partial: String = [0, 2, 4].map(|t| exact(t, 1, 0.0)).concat();
-    let scores = scored(&poses, &partial);
-    assert!(scores.truth_partial);
+    let scores = scored_against(TruthExtent::Partial, &poses, &partial);
     check(scores.identity.mota, 100.0);
     assert_eq!(scores.actors[&1].frames, 3);
     // No tick of this truth follows another.
     assert_eq!(scores.actors[&1].jitter_m_s3, None);
+    // The same truth, said to be whole: who is left out was away, and the hole is told.
+    let scores = scored(&poses, &partial);
+    check(scores.identity.mota, 0.0);
+    assert_eq!(scores.first_hole.unwrap().until, Tick(2));
 }
 
 #[test]
@@ -244,12 +301,12 @@ fn people_whom_a_partial_truth_leaves_out_are_not_held_against_the_poses() {
     let poses: String = (0..4).map(both).collect();
     // Person 2 is there all the time; the truth knows it at the first and the last tick.
     let partial = [both(0), exact(1, 1, 0.0), exact(2, 1, 0.0), both(3)].concat();
-    let identity = scored(&poses, &partial).identity;
+    let identity = scored_against(TruthExtent::Partial, &poses, &partial).identity;
     check(identity.mota, 100.0);
     check(identity.idf1, 100.0);
     // A second pose of one whom the truth does know is wrong all the same.
     let doubled = poses + &exact(3, 3, 0.1);
-    let identity = scored(&doubled, &partial).identity;
+    let identity = scored_against(TruthExtent::Partial, &doubled, &partial).identity;
     check(identity.mota, 100.0 * 5.0 / 6.0);
     check(identity.idf1, 100.0 * 12.0 / 13.0);
 }
@@ -277,6 +334,7 @@ fn the_mean_is_over_actors_and_on_shelf_over_the_first_three() {
         let scores = score(
             &read(poses, LinesRole::Poses),
             &read(truth, LinesRole::Truth),
+            TruthExtent::Whole,
             None,
         );
         scores.mean.mpjpe_mm.unwrap()
@@ -298,6 +356,7 @@ fn the_json_has_the_fields_that_others_read() {
         "pck_50",
         "pck_100",
         "gaps",
+        "outliers",
         "jitter_m_s3",
         "foot_slide_mm_s",
     ] {
@@ -308,19 +367,24 @@ fn the_json_has_the_fields_that_others_read() {
         assert!(value["identity"].get(field).is_some(), "{field}");
     }
     assert_eq!(value["points"], "joints");
+    assert_eq!(value["truth"], "whole");
 }
 
 #[test]
 fn the_table_says_what_it_leaves_out() {
     let truth = exact(0, 1, 0.0) + &exact(2, 1, 0.0);
-    let scores = score(
-        &recording("", LinesRole::Poses),
-        &recording(&truth, LinesRole::Truth),
-        None,
-    );
-    let text = scores.to_string();
+    let text = |extent| {
+        let truth = recording(&truth, LinesRole::Truth);
+        score(&recording("", LinesRole::Poses), &truth, extent, None).to_string()
+    };
+    let partial = text(TruthExtent::Partial);
     assert!(
-        text.contains("false births not counted") && text.contains("no rate is known"),
-        "{text}"
+        partial.contains("false births not counted") && partial.contains("no rate is known"),
+        "{partial}"
+    );
+    let whole = text(TruthExtent::Whole);
+    assert!(
+        whole.contains("person 1 at ticks 0 and 2") && whole.contains("--truth partial"),
+        "{whole}"
     );
 }

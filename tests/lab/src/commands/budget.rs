@@ -98,8 +98,7 @@ pub(super) fn budget(args: &BudgetArgs) -> Result<(), NodeError> {
 
 fn text_of(args: &BudgetArgs, run: &SceneRun) -> Result<String, std::fmt::Error> {
     let mut text = String::new();
-    let found = run.found();
-    let scores = run.score(&run.causal, &found);
+    let scores = run.score(&run.finished);
     let mut sureness = vec![("ours", scores.calibration.clone())];
     writeln!(text, "{}", table::head(10))?;
     if args.actors {
@@ -113,7 +112,7 @@ fn text_of(args: &BudgetArgs, run: &SceneRun) -> Result<String, std::fmt::Error>
     }
     writeln!(text, "{}", table::line(10, "ours", &scores.mean.row()))?;
     if run.smoothed.ticks().next().is_some() {
-        let smoothed = run.score(&run.smoothed, &found);
+        let smoothed = run.score(&run.smoothed);
         writeln!(
             text,
             "{}",
@@ -122,7 +121,7 @@ fn text_of(args: &BudgetArgs, run: &SceneRun) -> Result<String, std::fmt::Error>
         sureness.push(("smoothed", smoothed.calibration));
     }
     if !args.no_dlt {
-        let baseline = Baseline::best(run, &found);
+        let baseline = Baseline::best(run);
         let name = format!("DLT {} Hz", baseline.cutoff_hz);
         writeln!(
             text,

@@ -19,7 +19,7 @@ use anyhow::{Context as _, bail, ensure};
 use farfield_node::process::{NodeError, say};
 use farfield_proto::order_statistics::percentile;
 use farfield_proto::tick::Tick;
-use farfield_score::lines::{LinesRole, PoseLines};
+use farfield_score::lines::{LinesRole, PoseLines, TruthExtent};
 use farfield_score::points::PointSet;
 use farfield_score::score;
 
@@ -240,7 +240,7 @@ impl<'a> LinkStudy<'a> {
         };
         let qualities: Vec<(u8, u16)> = live.edges.iter().flatten().filter_map(quality).collect();
         let poses = read(&out.join("poses.jsonl"), LinesRole::Poses, &self.scored)?;
-        let scores = score(&poses, &self.truth, Some(rate_hz));
+        let scores = score(&poses, &self.truth, TruthExtent::Whole, Some(rate_hz));
         let up: Vec<_> = live
             .relays
             .iter()

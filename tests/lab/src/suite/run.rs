@@ -10,8 +10,7 @@ use farfield_fusion::estimate::estimator::Estimator;
 use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::Parameters;
-use farfield_score::lines::PoseLines;
-use farfield_score::lives::Lives;
+use farfield_score::lines::{PoseLines, TruthExtent};
 use farfield_score::points::PointSet;
 use farfield_score::{Scores, errors_over_time, matches_at, score};
 use nalgebra::{Matrix3x4, Vector3};
@@ -287,28 +286,30 @@ impl SceneRun {
                 people.insert(tick, counts);
             }
         }
-        PoseLines::from_people(PointSet::Joints, people).whole()
+        PoseLines::from_people(PointSet::Joints, people)
     }
 
-    /// Scores `poses` against the truth since each actor was `found`; initiations against all of it.
-    pub fn score(&self, poses: &PoseLines, found: &BTreeMap<u32, Tick>) -> Scores {
-        let (rate_hz, poses) = (Some(self.scene.rate_hz()), self.presence.asked_for(poses));
-        Scores {
-            lives: Lives::of(&poses, &self.truth, rate_hz),
-            ..score(&poses, &self.truth_since(found), rate_hz)
-        }
+    /// Scores `poses` against all of the truth: the ticks until somebody is found are gaps.
+    pub fn score(&self, poses: &PoseLines) -> Scores {
+        let rate_hz = Some(self.scene.rate_hz());
+        let poses = self.presence.asked_for(poses);
+        score(&poses, &self.truth, TruthExtent::Whole, rate_hz)
     }
 
-    /// The gaps of `poses` since each actor was `found` that nothing excuses; `scores` are those of
-    /// [`Self::score`] for the same.
-    pub fn gaps_to_answer_for(
-        &self,
-        poses: &PoseLines,
-        found: &BTreeMap<u32, Tick>,
-        scores: &Scores,
-    ) -> BTreeSet<(Tick, u32)> {
+    /// Scores `poses` against the truth since each actor was `found` by this run: for outputs of one run that differ
+    /// in when they begin.
+    pub fn score_since(&self, poses: &PoseLines, found: &BTreeMap<u32, Tick>) -> Scores {
+        let rate_hz = Some(self.scene.rate_hz());
         let (poses, truth) = (self.presence.asked_for(poses), self.truth_since(found));
-        gaps::to_answer_for(&self.scene, &poses, &truth, &scores.lives.return_gaps)
+        score(&poses, &truth, TruthExtent::Whole, rate_hz)
+    }
+
+    /// The gaps of what a live listener gets, since it first got each actor, that nothing excuses; `live` are the
+    /// scores of the same. How long the first pose takes is a figure of its own.
+    pub fn gaps_to_answer_for(&self, live: &Scores) -> BTreeSet<(Tick, u32)> {
+        let poses = self.presence.asked_for(&self.causal);
+        let truth = self.truth_since(&self.found());
+        gaps::to_answer_for(&self.scene, &poses, &truth, &live.lives.return_gaps)
     }
 
     /// Mean and largest error of `poses`, metres, at the ticks that `counts`, since each actor was `found`;

@@ -24,7 +24,7 @@ impl Worth {
         let found = run.found();
         let in_cut = |tick: Tick| cuts.is_some_and(|cuts| cuts.holds(tick));
         Self {
-            mean: run.score(poses, &found).mean,
+            mean: run.score_since(poses, &found).mean,
             in_cuts_m: run.errors_at(poses, &found, in_cut),
         }
     }

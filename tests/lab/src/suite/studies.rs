@@ -28,7 +28,7 @@ const LATTICE_STEP_M: f64 = 0.05;
 pub struct MethodVariant {
     /// What it is called.
     pub name: String,
-    /// Mean error over actors, millimetres, live, since they were found.
+    /// Mean error over actors, millimetres, live.
     pub mpjpe_mm: Option<f64>,
     /// Mean share of frames up to 150 mm, percent.
     pub success_150: f64,
@@ -182,7 +182,7 @@ fn compare(
 impl MethodVariant {
     fn of(name: &str, run: &SceneRun) -> Self {
         let found = run.found();
-        let scores = run.score(&run.causal, &found);
+        let scores = run.score(&run.causal);
         Self {
             name: name.to_owned(),
             mpjpe_mm: scores.mean.mpjpe_mm,

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use farfield_fusion::body::skeleton::Joints;
 use farfield_fusion::body::skeleton::{Joint, N_JOINTS};
 use farfield_proto::keypoints::{COCO17, KeypointSet};
-use farfield_proto::message::{PersonPose, PoseSet};
+use farfield_proto::message::{PersonPose, PersonState, PoseSet};
 use farfield_proto::tick::Tick;
 use farfield_score::detail::{JointDetail, Sureness};
 use farfield_score::points::{PointSet, ScoredBody};
@@ -40,6 +40,7 @@ pub fn pose_body(pose: &PersonPose, keypoints: &KeypointSet) -> ScoredBody {
         let index = keypoints.index_of(name)?;
         pose.keypoints_m.get(index).map(to_f64)
     });
+    body.is_tentative = pose.state == PersonState::Tentative;
     body.detail = <[f32; N_JOINTS]>::try_from(pose.sigma_m.as_slice())
         .ok()
         .map(|sigma_m| {

@@ -47,7 +47,7 @@ impl ScenePresence {
                 everywhere.entry(tick).or_default().insert(who.number, body);
             }
         }
-        let recording = |people| PoseLines::from_people(PointSet::Joints, people).whole();
+        let recording = |people| PoseLines::from_people(PointSet::Joints, people);
         Self {
             everywhere: recording(everywhere),
             truth: recording(present),

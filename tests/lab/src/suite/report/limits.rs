@@ -91,7 +91,7 @@ mod tests {
     use std::collections::BTreeMap;
 
     use farfield_proto::tick::Tick;
-    use farfield_score::lines::PoseLines;
+    use farfield_score::lines::{PoseLines, TruthExtent};
     use farfield_score::points::{PointSet, ScoredBody};
     use farfield_score::score;
     use nalgebra::Vector3;
@@ -115,8 +115,15 @@ mod tests {
 
     #[test]
     fn who_comes_back_and_is_never_found_again_is_behind_the_limit() {
-        let truth = recording(1, (0..60).chain(120..300)).whole();
-        let found = |until: i64| score(&recording(7, 0..until), &truth, Some(60.0));
+        let truth = recording(1, (0..60).chain(120..300));
+        let found = |until: i64| {
+            score(
+                &recording(7, 0..until),
+                &truth,
+                TruthExtent::Whole,
+                Some(60.0),
+            )
+        };
         assert_eq!(missed(of_identity(&found(300), &[])), [""; 0]);
         let never = of_identity(&found(60), &[]);
         assert_eq!(missed(never), ["until found again, s"]);
@@ -124,8 +131,8 @@ mod tests {
 
     #[test]
     fn an_id_that_a_loss_costs_is_behind_the_limit() {
-        let truth = recording(1, 0..60).whole();
-        let scores = score(&truth, &truth, Some(60.0));
+        let truth = recording(1, 0..60);
+        let scores = score(&truth, &truth, TruthExtent::Whole, Some(60.0));
         let lost = |same_id| Recovery {
             actor: 1,
             lost_s: [0.2, 0.4],

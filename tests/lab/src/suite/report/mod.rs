@@ -9,11 +9,11 @@ use std::fmt;
 use std::sync::Arc;
 
 use farfield_proto::tick::Tick;
+use farfield_score::Scores;
 use farfield_score::lines::PoseLines;
 use farfield_score::plot::plot_of;
 use farfield_score::points::PointSet;
 use farfield_score::table;
-use farfield_score::{Scores, score};
 use serde::Serialize;
 
 use crate::suite::baseline::butterworth::ZeroPhase;
@@ -40,9 +40,8 @@ pub struct Baseline {
 }
 
 impl Baseline {
-    /// The baseline of a run that kept its peaks, since each actor was `found`. The cutoff with the
-    /// least MPJPE counts.
-    pub fn best(run: &SceneRun, found: &BTreeMap<u32, Tick>) -> Self {
+    /// The baseline of a run that kept its peaks. The cutoff with the least MPJPE counts.
+    pub fn best(run: &SceneRun) -> Self {
         let raw: Vec<(u32, Trajectory)> = run
             .scene
             .people()
@@ -79,7 +78,7 @@ impl Baseline {
             let poses = PoseLines::from_people(PointSet::Joints, people);
             Self {
                 cutoff_hz,
-                scores: run.score(&poses, found),
+                scores: run.score(&poses),
             }
         };
         let [first, others @ ..] = CUTOFFS_HZ;
@@ -112,17 +111,17 @@ pub struct SceneReport {
     pub rate_hz: f64,
     /// Share of the moments at which the truth is outside the clinical range of motion, percent.
     pub outside_range_of_motion: f64,
-    /// Per actor, the ticks from when it could be asked for until a live listener got it; they are not
-    /// scored. `None`: never.
+    /// Per actor, the ticks from when it could be asked for until a live listener got it. `None`: never.
     pub found_after_ticks: BTreeMap<u32, Option<i64>>,
-    /// What a live listener gets, with range of motion.
+    /// What the files hold in the end, with range of motion. Here and below all ticks at which an actor can be
+    /// asked for are scored, also those before its first pose.
     pub with_range_of_motion: Scores,
-    /// What a live listener gets, without.
+    /// What the files hold, without.
     pub without_range_of_motion: Scores,
     /// Triangulation and a filter that sees the future, on the maps that the first got.
     pub baseline: Baseline,
-    /// What the files hold in the end, with range of motion, over all ticks.
-    pub as_written: Scores,
+    /// What a live listener gets, with range of motion.
+    pub live: Scores,
     /// How often two of the people come near each other and part, in the truth.
     pub meetings: u64,
     /// Gaps of what a live listener gets, with range of motion, that nothing excuses
@@ -152,19 +151,15 @@ impl SceneReport {
         let mut free = SceneRunPlan::default();
         free.parameters.range_of_motion.enabled = false;
         let [bounded, free] = SceneRun::make_all(scene, input, [bounded, free])?;
-        let mut found = bounded.found();
-        for (actor, tick) in free.found() {
-            let later = found.entry(actor).or_insert(tick);
-            *later = tick.max(*later);
-        }
+        let found = bounded.found();
         let (samples, outside) = range_of_motion_excess(scene).total();
         let n_ticks = scene.ticks().end - scene.ticks().start;
         let after = |(&actor, &since): (&u32, &Tick)| {
             let after = found.get(&actor).map(|&tick| tick - since);
             (actor, after)
         };
-        let with_range_of_motion = bounded.score(&bounded.causal, &found);
-        let gaps = bounded.gaps_to_answer_for(&bounded.causal, &found, &with_range_of_motion);
+        let live = bounded.score(&bounded.causal);
+        let gaps = bounded.gaps_to_answer_for(&live);
         Ok(Self {
             scene: name.to_owned(),
             input: match input {
@@ -176,10 +171,10 @@ impl SceneReport {
             rate_hz: scene.rate_hz(),
             outside_range_of_motion: 100.0 * outside as f64 / samples.max(1) as f64,
             found_after_ticks: bounded.since.iter().map(after).collect(),
-            with_range_of_motion,
-            without_range_of_motion: free.score(&free.causal, &found),
-            baseline: Baseline::best(&bounded, &found),
-            as_written: score(&bounded.finished, &bounded.truth, Some(scene.rate_hz())),
+            with_range_of_motion: bounded.score(&bounded.finished),
+            without_range_of_motion: free.score(&free.finished),
+            baseline: Baseline::best(&bounded),
+            live,
             meetings: meetings(scene),
             gaps_to_answer_for: gaps.len() as u64,
             recoveries: Recovery::all(scene, &bounded.causal, &bounded.truth),
@@ -221,7 +216,7 @@ impl fmt::Display for SceneReport {
         writeln!(
             f,
             "{}",
-            table::line(NAME_WIDTH, "as written, all", &self.as_written.mean.row())
+            table::line(NAME_WIDTH, "live, with RoM", &self.live.mean.row())
         )?;
         writeln!(f, "{}", self.with_range_of_motion.identity_line())?;
         writeln!(f, "{}", self.with_range_of_motion.lives)?;
@@ -238,7 +233,7 @@ impl fmt::Display for SceneReport {
             .collect();
         write!(
             f,
-            "found {}, scored from then on; {} gaps to answer for; {} meetings; patches of {:.0} bytes a tick",
+            "live after the first tick: {}; {} gaps to answer for; {} meetings; patches of {:.0} bytes a tick",
             found.join(", "),
             self.gaps_to_answer_for,
             self.meetings,
