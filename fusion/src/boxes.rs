@@ -139,7 +139,7 @@ impl Trunk {
     fn rotation_rad(&self) -> f64 {
         self.neck_px.map_or(0.0, |neck| {
             let v = neck - self.pelvis_px;
-            v.x.atan2(-v.y)
+            libm::atan2(v.x, -v.y)
         })
     }
 

@@ -50,7 +50,7 @@ impl CellGrid {
 
     /// Native image pixels per cell; above 1 the crop was shrunk, below 1 it was enlarged.
     pub fn pixels_per_cell(&self) -> f64 {
-        f64::from(self.step_px[0]).hypot(f64::from(self.step_px[1]))
+        libm::hypot(f64::from(self.step_px[0]), f64::from(self.step_px[1]))
     }
 
     /// The nearest grid that has a short form on the wire: its origin in quarter pixels, its step in 1/256 pixels.

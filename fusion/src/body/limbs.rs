@@ -159,11 +159,11 @@ fn set_leg(pose: &mut Pose, side: Side, body: &ObservedJoints, world_from_trunk:
 /// ```
 fn hip_angles(side: Side, r: &Matrix3<f64>) -> [f64; 3] {
     let m = side.mirror();
-    let adduction = (-r[(1, 2)]).clamp(-1.0, 1.0).asin();
+    let adduction = libm::asin((-r[(1, 2)]).clamp(-1.0, 1.0));
     [
-        -r[(0, 2)].atan2(r[(2, 2)]),
+        -libm::atan2(r[(0, 2)], r[(2, 2)]),
         m * adduction,
-        m * r[(1, 0)].atan2(r[(1, 1)]),
+        m * libm::atan2(r[(1, 0)], r[(1, 1)]),
     ]
 }
 

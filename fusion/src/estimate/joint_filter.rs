@@ -76,7 +76,7 @@ impl JointFilter {
         if dt_s <= 0.0 || !dt_s.is_finite() {
             return &self.position_m;
         }
-        let keep = 1.0 - (-TAU * parameters.innovation_cutoff_hz * dt_s).exp();
+        let keep = 1.0 - libm::exp(-TAU * parameters.innovation_cutoff_hz * dt_s);
         let highest_hz = HIGHEST_CUTOFF_PER_RATE / dt_s;
         for (n, &measured) in measured_m.iter().enumerate() {
             let ahead = self.position_m[n] + self.velocity_m_s[n] * dt_s;
@@ -106,7 +106,7 @@ impl JointFilter {
         dt_s: f64,
         parameters: &SmoothingParameters,
     ) {
-        let fade = (-dt_s.max(0.0) / parameters.coast_decay_s).exp();
+        let fade = libm::exp(-dt_s.max(0.0) / parameters.coast_decay_s);
         let of_body = self.velocity_m_s[body.index()];
         for joint in Joint::ALL.into_iter().filter(|&joint| carried(joint)) {
             let own = &mut self.velocity_m_s[joint.index()];
@@ -118,7 +118,7 @@ impl JointFilter {
     /// Moves on by `dt_s` without a measurement: the velocity carries the joints and fades with
     /// the time constant `coast_decay_s`.
     pub fn coast(&mut self, dt_s: f64, parameters: &SmoothingParameters) -> &Joints {
-        let fade = (-dt_s.max(0.0) / parameters.coast_decay_s).exp();
+        let fade = libm::exp(-dt_s.max(0.0) / parameters.coast_decay_s);
         let gain_s = parameters.coast_decay_s * (1.0 - fade);
         for n in 0..N_JOINTS {
             self.position_m[n] += self.velocity_m_s[n] * gain_s;
@@ -132,7 +132,7 @@ impl JointFilter {
 /// The double pole q of the filter whose -3 dB frequency is `cutoff_hz`, when it is stepped every
 /// `dt_s`.
 fn pole(cutoff_hz: f64, dt_s: f64) -> f64 {
-    (-TAU * cutoff_hz / CUTOFF_OVER_W * dt_s).exp()
+    libm::exp(-TAU * cutoff_hz / CUTOFF_OVER_W * dt_s)
 }
 
 #[cfg(test)]

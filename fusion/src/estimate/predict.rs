@@ -85,7 +85,7 @@ impl Motion {
             Predictor::DampedVelocity => {
                 let gain_s = |decay_s: f64| {
                     let tau = decay_s.max(f64::MIN_POSITIVE);
-                    -tau * (-h * dt_s / tau).exp_m1()
+                    -tau * libm::expm1(-h * dt_s / tau)
                 };
                 let own_gain_s = gain_s(parameters.velocity_decay_s);
                 let body_gain_s = gain_s(parameters.body_velocity_decay_s);

@@ -81,7 +81,7 @@ impl Lengths {
         let pairs = self.lengths_m.iter().zip(&other.lengths_m);
         let off = pairs.map(|(a, b)| {
             let s2 = (self.sigma_m / a).powi(2) + (other.sigma_m / b).powi(2);
-            (a / b).ln().powi(2) / s2
+            libm::log(a / b).powi(2) / s2
         });
         (off.sum::<f64>() / N_LENGTHS as f64).sqrt()
     }
@@ -90,18 +90,18 @@ impl Lengths {
     fn likeness(&self, other: &Self) -> f64 {
         let (mut same, mut apart, mut sum_d, mut sum_w) = (0.0, 0.0, 0.0, 0.0);
         for (a, b) in self.lengths_m.iter().zip(&other.lengths_m) {
-            let d = (a / b).ln();
+            let d = libm::log(a / b);
             let s2 = (self.sigma_m / a).powi(2) + (other.sigma_m / b).powi(2);
             let v = s2 + SINGLE_SPREAD * SINGLE_SPREAD;
-            same += d * d / s2 + s2.ln();
-            apart += d * d / v + v.ln();
+            same += d * d / s2 + libm::log(s2);
+            apart += d * d / v + libm::log(v);
             sum_d += d / v;
             sum_w += 1.0 / v;
         }
         // The inverse and determinant of D + c^2 1 1' (Sherman, Morrison 1950).
         let c2 = STATURE_SPREAD * STATURE_SPREAD;
         let shared = 1.0 + c2 * sum_w;
-        apart += shared.ln() - c2 * sum_d * sum_d / shared;
+        apart += libm::log(shared) - c2 * sum_d * sum_d / shared;
         0.5 * (apart - same)
     }
 }
@@ -146,7 +146,8 @@ impl LikenessModel {
         }
         let g2 = (PLACE_SIGMA_M + WANDER_M_S * t).powi(2);
         // Two people apart are somewhere in the field, but nobody is spread wider than that.
-        let place = (self.field_m2 / (std::f64::consts::TAU * g2)).max(1.0).ln() - 0.5 * r * r / g2;
+        let odds = (self.field_m2 / (std::f64::consts::TAU * g2)).max(1.0);
+        let place = libm::log(odds) - 0.5 * r * r / g2;
         Some(newcomer.lengths.likeness(&known.lengths) + place.max(LEAST_PLACE))
     }
 }

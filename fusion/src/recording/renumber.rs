@@ -89,7 +89,7 @@ fn misfit(patch: &PersonPatch, &(center_px, height_px): &([f64; 2], f64)) -> f64
     };
     let middle = |cells: u16| f64::from(cells - 1) / 2.0;
     let center = crop.pixel(middle(crop.width), middle(crop.height));
-    (center.x() - center_px[0]).hypot(center.y() - center_px[1]) / height_px
+    libm::hypot(center.x() - center_px[0], center.y() - center_px[1]) / height_px
 }
 
 /// Who is who: first the pairs that still fit, then the others, the best fit first.

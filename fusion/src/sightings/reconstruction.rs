@@ -148,7 +148,7 @@ fn meeting(rays: &[&SightedRay]) -> Option<RayMeeting> {
         .enumerate()
         .flat_map(|(i, a)| rays[i + 1..].iter().map(move |b| crossed(a, b)));
     let sine = pairs.fold(0.0, f64::max);
-    if sine < MIN_ANGLE_RAD.sin() {
+    if sine < libm::sin(MIN_ANGLE_RAD) {
         return None;
     }
     let even = nearest_point(rays, |_| 1.0)?;

@@ -92,7 +92,7 @@ impl Distortion {
         let (g, slope, denominator) = self.radial(r * r);
         let a = g + 2.0 * slope * r * r - MIN_STRETCH;
         let b = g - MIN_STRETCH;
-        let q = self.p1.hypot(self.p2) * r;
+        let q = libm::hypot(self.p1, self.p2) * r;
         let determinant =
             |c: f64| a * b - 4.0 * q * q + (2.0 * a + 6.0 * b) * q * c + 16.0 * q * q * c * c;
         let lowest = if q > 0.0 {
@@ -243,7 +243,7 @@ mod tests {
     }
 
     fn at(radius: f64, angle: f64) -> Vector2<f64> {
-        Vector2::new(angle.cos(), angle.sin()) * radius
+        Vector2::new(libm::cos(angle), libm::sin(angle)) * radius
     }
 
     proptest! {

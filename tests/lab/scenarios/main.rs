@@ -14,6 +14,7 @@ mod lockstep;
 mod nodes_by_hand;
 mod outputs;
 mod recording;
+mod same_bits;
 mod shelf;
 mod stopping;
 mod strangers;

@@ -85,7 +85,7 @@ impl Observability {
             let first = first_of(side, DofGroup::Shoulder);
             let (dof, angle) = (N_ROOT_DOF + first, FIRST_JOINT_ANGLE + first);
             let swing = self.variance[dof].max(self.variance[dof + 1]);
-            let adduction = angles[angle + 1].cos().powi(2);
+            let adduction = libm::cos(angles[angle + 1]).powi(2);
             let swing_is_unknown = self.is_unknown(dof) || self.is_unknown(dof + 1);
             unknown[angle + 1] = swing_is_unknown;
             unknown[angle] = swing_is_unknown || swing > adduction * self.unknown[dof];

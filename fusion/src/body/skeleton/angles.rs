@@ -119,10 +119,10 @@ fn body_from_opensim() -> Matrix3<f64> {
 /// Angles of R = Rz(a) Rx(b) Ry(c): a and c within ±π, b within ±π/2.
 fn zxy(r: &Matrix3<f64>) -> [f64; 3] {
     // The last row is (-cos b sin c, sin b, cos b cos c), the middle column (-cos b sin a, cos b cos a).
-    let b = r[(2, 1)].clamp(-1.0, 1.0).asin();
+    let b = libm::asin(r[(2, 1)].clamp(-1.0, 1.0));
     [
-        (-r[(0, 1)]).atan2(r[(1, 1)]),
+        libm::atan2(-r[(0, 1)], r[(1, 1)]),
         b,
-        (-r[(2, 0)]).atan2(r[(2, 2)]),
+        libm::atan2(-r[(2, 0)], r[(2, 2)]),
     ]
 }

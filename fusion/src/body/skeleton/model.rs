@@ -115,7 +115,7 @@ impl Pose {
             turn_about(&mut trunk_from_scapula, turn.axis, turn.sign * q);
         }
         let arm = SwingTwist::new(side).direction(self.dof[shoulder], self.dof[shoulder + 1]);
-        (-(trunk_from_scapula * arm).z).clamp(-1.0, 1.0).acos()
+        libm::acos((-(trunk_from_scapula * arm).z).clamp(-1.0, 1.0))
     }
 
     /// Whether every number is finite.

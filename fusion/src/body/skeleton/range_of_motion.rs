@@ -215,7 +215,7 @@ impl RangeOfMotion {
             let t = i as f64 / REACH_SAMPLES as f64;
             let (s1, s2) = (lo1 + t * (hi1 - lo1), lo2 + t * (hi2 - lo2));
             for (s1, s2) in [(s1, lo2), (s1, hi2), (lo1, s2), (hi1, s2)] {
-                greatest = greatest.max(right.direction(s1, s2).y.clamp(-1.0, 1.0).asin());
+                greatest = greatest.max(libm::asin(right.direction(s1, s2).y.clamp(-1.0, 1.0)));
             }
         }
         (greatest + REACH_MARGIN_RAD).min(PI / 2.0)

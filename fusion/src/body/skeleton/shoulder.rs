@@ -54,8 +54,8 @@ impl SwingTwist {
     pub(crate) fn new(side: Side) -> Self {
         // Computed for the right and mirrored: a direction flips its y, a rotation vector its x, z.
         let m = side.mirror();
-        let (sin_a, cos_a) = CENTRE_AZIMUTH_RAD.sin_cos();
-        let (sin_d, cos_d) = CENTRE_DROP_RAD.sin_cos();
+        let (sin_a, cos_a) = libm::sincos(CENTRE_AZIMUTH_RAD);
+        let (sin_d, cos_d) = libm::sincos(CENTRE_DROP_RAD);
         let right = Vector3::new(cos_d * cos_a, -cos_d * sin_a, -sin_d);
         let raise = (-Vector3::z()).cross(&right).normalize();
         let inward = raise.cross(&right);
@@ -100,7 +100,7 @@ impl SwingTwist {
         let [s1, s2] = self.swing_to(&-rotation.column(2));
         let s = self.swing(s1, s2);
         let twist = (exp(&s) * self.rest).tr_mul(rotation);
-        let angle = twist[(1, 0)].atan2(twist[(0, 0)]);
+        let angle = libm::atan2(twist[(1, 0)], twist[(0, 0)]);
         [s1, s2, self.twist_sign * angle]
     }
 
@@ -114,14 +114,14 @@ impl SwingTwist {
         } else {
             self.raise
         };
-        let s = axis * sine.atan2(cosine);
+        let s = axis * libm::atan2(sine, cosine);
         [s.dot(&self.raise), s.dot(&self.inward)]
     }
 }
 
 /// The same rotation with |s| <= π and |t| <= π.
 pub(crate) fn wrapped(q: [f64; 3]) -> [f64; 3] {
-    let angle = q[0].hypot(q[1]);
+    let angle = libm::hypot(q[0], q[1]);
     let factor = if angle > PI { wrap(angle) / angle } else { 1.0 };
     [q[0] * factor, q[1] * factor, wrap(q[2])]
 }
@@ -159,7 +159,7 @@ fn rodrigues(s: &Vector3<f64>) -> (Matrix3<f64>, Matrix3<f64>, f64, f64, f64) {
             1.0 / 6.0 - squared / 120.0,
         )
     } else {
-        let (sin, cos) = angle.sin_cos();
+        let (sin, cos) = libm::sincos(angle);
         (
             sin / angle,
             (1.0 - cos) / squared,
@@ -171,7 +171,7 @@ fn rodrigues(s: &Vector3<f64>) -> (Matrix3<f64>, Matrix3<f64>, f64, f64, f64) {
 
 /// Turns a frame about one of its own axes: the other two columns mix.
 pub(crate) fn turn_about(rotation: &mut Matrix3<f64>, axis: Axis, angle_rad: f64) {
-    let (sin, cos) = angle_rad.sin_cos();
+    let (sin, cos) = libm::sincos(angle_rad);
     let (i, j) = match axis {
         Axis::X => (1, 2),
         Axis::Y => (2, 0),

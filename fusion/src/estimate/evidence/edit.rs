@@ -86,7 +86,7 @@ impl View {
     /// When the view has no such keypoint.
     pub(crate) fn carve(&mut self, keypoint: usize, notch: &Notch) {
         let sigma = self.peak_sigma_cells();
-        let gauss = |r2: f64| (-0.5 * r2 / (sigma * sigma)).exp();
+        let gauss = |r2: f64| libm::exp(-0.5 * r2 / (sigma * sigma));
         let width = self.maps.width();
         let size = self.map_size();
         let cells = self.maps.cells_mut(keypoint);

@@ -93,7 +93,7 @@ impl CoarsePass {
         let mut gauss = [0.0f32; MAX_ROW];
         for (i, g) in gauss[..n].iter_mut().enumerate() {
             let x = (i as f64 - k as f64) * step;
-            *g = (-0.5 * x * x).exp() as f32;
+            *g = libm::exp(-0.5 * x * x) as f32;
         }
         for (row, scores) in self.scores.chunks_exact_mut(n).enumerate() {
             let across = gauss[row % n] * gauss[row / n];

@@ -249,5 +249,5 @@ impl Keypoint {
 
 /// The Gaussian around the prediction that candidates are weighed by; its peak is 1.
 fn prior(offset_m: Vector3<f64>, sigma_m: f64) -> f64 {
-    (-0.5 * offset_m.norm_squared() / (sigma_m * sigma_m)).exp()
+    libm::exp(-0.5 * offset_m.norm_squared() / (sigma_m * sigma_m))
 }

@@ -147,7 +147,7 @@ fn quadratic(
 /// The nearest symmetric matrix without negative eigenvalues.
 fn hill(m: Matrix2<f64>) -> Matrix2<f64> {
     let (mean, half) = (0.5 * (m.m11 + m.m22), 0.5 * (m.m11 - m.m22));
-    let radius = half.hypot(m.m12);
+    let radius = libm::hypot(half, m.m12);
     let (low, high) = (mean - radius, mean + radius);
     if low >= 0.0 {
         m

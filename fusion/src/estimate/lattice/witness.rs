@@ -179,7 +179,7 @@ impl Witness {
     /// cameras are one line, and nothing is known along it.
     fn lines_apart_rad(&self, other: &Self) -> f64 {
         let (a, b) = (self.ray.as_ref(), other.ray.as_ref());
-        a.cross(b).norm().atan2(a.dot(b).abs())
+        libm::atan2(a.cross(b).norm(), a.dot(b).abs())
     }
 
     /// The view's map at an offset from the prediction, 0 to 1.

@@ -96,7 +96,7 @@ impl BodyCapsules {
     /// whether the cones around their spheres touch.
     pub(crate) fn overlaps(&self, other: &Self, eye_m: Vector3<f64>) -> bool {
         let (a, b) = (self.center_m - eye_m, other.center_m - eye_m);
-        let half_rad = |reach_m: f64, distance_m: f64| (reach_m / distance_m).min(1.0).asin();
+        let half_rad = |reach_m: f64, distance_m: f64| libm::asin((reach_m / distance_m).min(1.0));
         let half_rad = half_rad(self.reach_m, a.norm()) + half_rad(other.reach_m, b.norm());
         // Cones that cannot be compared count as touching.
         let apart_rad = a.angle(&b);

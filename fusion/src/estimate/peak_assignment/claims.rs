@@ -247,7 +247,7 @@ impl Claims {
             |peak| (peak.off_m, peak.height),
         );
         let apart = off_m / me.sigma_m;
-        0.5 * apart * apart - height.max(LEAST_HEIGHT).ln()
+        0.5 * apart * apart - libm::log(height.max(LEAST_HEIGHT))
     }
 }
 

@@ -180,7 +180,7 @@ impl ViewpointAssignment {
                 continue;
             };
             let behind = cost(peak.claim, peak.place) - cost(winner, peak.place);
-            let depth = yield_share * (1.0 - (-behind).exp());
+            let depth = yield_share * (1.0 - libm::exp(-behind));
             if depth < LEAST_DEPTH {
                 continue;
             }

@@ -74,7 +74,7 @@ impl DriftPart {
 /// `speed_m_s`.
 pub(super) fn of_body_m2(speed_m_s: f64, coasted_s: f64, coast_decay_s: f64) -> f64 {
     let t = coasted_s;
-    let carried_s = -coast_decay_s * (-t / coast_decay_s).exp_m1();
+    let carried_s = -coast_decay_s * libm::expm1(-t / coast_decay_s);
     let behind_m = LEFT_BEHIND * speed_m_s.min(FASTEST_M_S) * (t - carried_s);
     let off_m2 = (SETS_OFF_M_S * t).powi(2) + (0.5 * SETS_OFF_M_S2 * t * t).powi(2);
     behind_m * behind_m / 3.0 + off_m2
@@ -85,7 +85,7 @@ pub(super) fn of_body_m2(speed_m_s: f64, coasted_s: f64, coast_decay_s: f64) -> 
 pub(super) fn of_limb_m2(joint: Joint, speed_m_s: f64, unseen_s: f64) -> f64 {
     let part = DriftPart::of(joint);
     let way_m = (part.rate_m_s + part.gait * speed_m_s.min(FASTEST_M_S)) * unseen_s;
-    (part.reach_m * (-way_m / part.reach_m).exp_m1()).powi(2)
+    (part.reach_m * libm::expm1(-way_m / part.reach_m)).powi(2)
 }
 
 #[cfg(test)]

@@ -211,7 +211,7 @@ impl Uncertainty {
             self.is_known = true;
             return;
         }
-        let lag = (-2.0 * tick.dt_s / RETURN_S).exp();
+        let lag = libm::exp(-2.0 * tick.dt_s / RETURN_S);
         for (i, joint) in Joint::ALL.into_iter().enumerate() {
             let ahead_m2 = self.ahead_m2(joint);
             self.variance_m2[i] = seen_m2[i].min(ahead_m2).max(self.variance_m2[i] * lag);
@@ -248,7 +248,7 @@ impl Uncertainty {
 
     /// Notes how far the pose is from the keypoints that two views and more show.
     fn compare(&mut self, tick: &TickEvidence<'_>) {
-        let keep = 1.0 - (-tick.dt_s / MISFIT_S).exp();
+        let keep = 1.0 - libm::exp(-tick.dt_s / MISFIT_S);
         for (estimate, site) in tick.estimates.iter().zip(tick.sites) {
             if let Some(site) = site
                 && estimate.views >= 2

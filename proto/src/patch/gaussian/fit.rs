@@ -31,7 +31,7 @@ impl Fitter {
     pub(in crate::patch) fn new() -> Self {
         let mut logarithms = [0.0; 256];
         for (value, logarithm) in logarithms.iter_mut().enumerate().skip(1) {
-            *logarithm = (value as f32).ln();
+            *logarithm = libm::logf(value as f32);
         }
         Self { logarithms }
     }
@@ -92,7 +92,7 @@ impl Fitter {
             (c[1] * hyy - c[2] * hxy) / det,
             (c[2] * hxx - c[1] * hxy) / det,
         );
-        let height = (c[0] + 0.5 * (c[1] * x + c[2] * y)).exp() as f32;
+        let height = libm::exp(c[0] + 0.5 * (c[1] * x + c[2] * y)) as f32;
         let (x, y) = (x as f32 * reach, y as f32 * reach);
         let sigma = [hyy / det, hxx / det].map(|variance| variance.sqrt() as f32 * reach);
         if x.abs() > reach || y.abs() > reach || sigma.iter().any(|s| *s > 8.0 * scale.cells) {

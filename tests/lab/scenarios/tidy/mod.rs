@@ -8,6 +8,7 @@ mod arrows;
 mod cores;
 mod documents;
 mod left_undone;
+mod same_bits;
 mod sizes;
 
 use std::path::PathBuf;

@@ -1,0 +1,58 @@
+//! The same recording gives the same bits whatever the processor and however many threads: given maps, solved again.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use crate::data::checkout;
+use crate::farfield::{command, farfield, finish, run};
+
+/// What the C library is told, so that it takes the functions of a processor without fused multiply-add.
+const WITHOUT_FMA: (&str, &str) = ("GLIBC_TUNABLES", "glibc.cpu.hwcaps=-AVX2,-FMA");
+/// So many ticks that the last bit of a function of the C library has come to light in a published pose.
+const TICKS: &str = "0..300";
+
+/// Two people who dance, in maps, recorded.
+fn recorded(dir: &Path) -> (PathBuf, PathBuf) {
+    let (venue, out) = (dir.join("venue"), dir.join("run"));
+    let scene = checkout().join("tests/scenes/hug.toml");
+    let made = farfield(&[
+        "simulate".as_ref(),
+        scene.as_os_str(),
+        "--as".as_ref(),
+        "maps".as_ref(),
+        "--ticks".as_ref(),
+        TICKS.as_ref(),
+        "--out".as_ref(),
+        venue.as_os_str(),
+    ]);
+    assert_eq!(made.code, 0, "{}\n{}", made.stdout, made.stderr);
+    run(&venue.join("venue.toml"), &out, &["--record"]);
+    (out.join("recording.mcap"), out)
+}
+
+#[test]
+fn a_replay_has_the_same_bits_without_fma_and_on_any_number_of_threads() {
+    let dir = tempfile::tempdir().unwrap();
+    let (recording, out) = recorded(dir.path());
+    let poses = |out: &Path| fs::read(out.join("poses.jsonl")).unwrap();
+    let settings = [
+        WITHOUT_FMA,
+        ("RAYON_NUM_THREADS", "1"),
+        ("RAYON_NUM_THREADS", "8"),
+    ];
+    for (index, (name, value)) in settings.into_iter().enumerate() {
+        let again = dir.path().join(format!("again-{index}"));
+        let mut replay = command();
+        replay.arg("replay").arg(&recording).arg("--json");
+        let output = replay.arg("--out").arg(&again).env(name, value).output();
+        let finished = finish(&output.unwrap());
+        assert_eq!(finished.code, 0, "{}\n{}", finished.stdout, finished.stderr);
+        let said: serde_json::Value = serde_json::from_str(&finished.stdout).unwrap();
+        let counts = ["same_ticks", "different_ticks"].map(|count| &said["replay"][count]);
+        assert_eq!(counts, [300, 0], "with {name}={value}");
+        assert!(
+            poses(&again) == poses(&out),
+            "poses.jsonl differs with {name}={value}"
+        );
+    }
+}
