@@ -3,6 +3,7 @@
 use farfield_proto::camera::CameraModel;
 use farfield_proto::id::ViewpointIndex;
 use farfield_proto::keypoints::KeypointSet;
+use farfield_proto::patch::EncodedMaps;
 use farfield_proto::venue::Parameters;
 
 use crate::body::skeleton::{RangeOfMotion, Site};
@@ -21,6 +22,8 @@ pub struct Method {
     pub sites: Vec<Option<Site>>,
     /// Per keypoint: its expected error over that of the average keypoint.
     pub relative_sigmas: Vec<f64>,
+    /// Columns and rows of the network's maps, as its card has them; `None` where no card says it.
+    pub map_size: Option<[u16; 2]>,
     /// Sigma of the network's peaks, as a share of the width of its maps.
     pub peak_sigma_of_width: f64,
     /// The bounds of the second IK, when they are enabled.
@@ -29,7 +32,24 @@ pub struct Method {
     pub box_shape: BoxShape,
 }
 
+/// Most columns and rows of maps that no network made: of keypoint files and simulated cameras.
+const LARGEST_WITHOUT_CARD: [u16; 2] = [96, 128];
+
 impl Method {
+    /// Whether maps are of the venue's keypoints, and of the size of the network's, or no larger than usual where there
+    /// is none. A few bytes can stand for maps that take a hundred times the work of the network's.
+    pub fn takes(&self, maps: &EncodedMaps) -> bool {
+        let size = [maps.width, maps.height];
+        let is_sized = match self.map_size {
+            Some(expected) => size == expected,
+            None => size
+                .iter()
+                .zip(LARGEST_WITHOUT_CARD)
+                .all(|(n, most)| *n <= most),
+        };
+        is_sized && usize::from(maps.keypoints) == self.sites.len()
+    }
+
     /// From how many keypoints a person counts as seen.
     pub fn enough_keypoints(&self) -> usize {
         self.parameters.births.min_seen_keypoints as usize
@@ -43,4 +63,30 @@ pub struct VenueView {
     pub viewpoint: ViewpointIndex,
     /// Its calibration.
     pub model: CameraModel,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::estimate::meeting_fixture::MeetingFixture;
+
+    fn maps(width: u16, height: u16, keypoints: u8) -> EncodedMaps {
+        EncodedMaps {
+            width,
+            height,
+            keypoints,
+            bytes: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn maps_of_another_size_than_the_networks_are_not_taken() {
+        let mut method = MeetingFixture::of(&[]).method;
+        assert!(method.takes(&maps(48, 64, 17)), "no card says their size");
+        assert!(!method.takes(&maps(256, 256, 17)));
+        assert!(!method.takes(&maps(48, 64, 16)));
+        method.map_size = Some([72, 96]);
+        assert!(method.takes(&maps(72, 96, 17)));
+        assert!(!method.takes(&maps(48, 64, 17)));
+    }
 }

@@ -121,6 +121,10 @@ impl Pipeline {
             peak_sigma_of_width: card.map_or(PEAK_SIGMA_OF_WIDTH, |card| {
                 card.output.peak_sigma_of_width()
             }),
+            map_size: card.map(|card| {
+                let side = |cells: u32| u16::try_from(cells).unwrap_or(u16::MAX);
+                [side(card.output.width), side(card.output.height)]
+            }),
             range_of_motion: range.enabled.then(|| RangeOfMotion::new(range.factor)),
             box_shape: BoxShape {
                 margin,

@@ -47,6 +47,7 @@ impl MeetingFixture {
             dt_s: 1.0 / 60.0,
             sites: sites_of(&keypoints, &BTreeMap::new()),
             relative_sigmas: relative_sigmas(&keypoints),
+            map_size: None,
             peak_sigma_of_width: farfield_proto::model_card::PEAK_SIGMA_OF_WIDTH,
             range_of_motion: None,
             box_shape: BoxShape {

@@ -18,7 +18,7 @@ pub(crate) mod keypoint_targets;
 pub mod lattice;
 pub(crate) mod left_right_swap;
 #[cfg(test)]
-mod meeting_fixture;
+pub(crate) mod meeting_fixture;
 pub mod occlusion;
 pub mod peak_assignment;
 pub mod predict;

@@ -85,7 +85,7 @@ impl LateSearch {
         moment: &mut TickSnapshot,
         method: &Method,
     ) -> bool {
-        if usize::from(late.patch.maps.keypoints) != body.sites.len() {
+        if !method.takes(&late.patch.maps) {
             return false;
         }
         let LateSearch { view, decoder, .. } = self;

@@ -86,6 +86,7 @@ impl CameraRing {
             dt_s: 1.0 / RATE_HZ,
             sites: sites_of(&keypoints, &std::collections::BTreeMap::new()),
             relative_sigmas: relative_sigmas(&keypoints),
+            map_size: None,
             peak_sigma_of_width: farfield_proto::model_card::PEAK_SIGMA_OF_WIDTH,
             keypoints,
             range_of_motion: Some(RangeOfMotion::new(1.0)),

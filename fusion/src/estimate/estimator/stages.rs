@@ -33,7 +33,7 @@ impl Estimator {
     }
 
     /// Takes the patch of one viewpoint; returns whether it was taken. A patch that cannot be read,
-    /// whose maps do not fit the venue's keypoints, or that is the viewpoint's second is dropped.
+    /// whose maps do not fit the venue's keypoints or its network's size, or that is the viewpoint's second is dropped.
     pub fn see(
         &mut self,
         patch: &PersonPatch,
@@ -43,7 +43,7 @@ impl Estimator {
     ) -> bool {
         let seen = &self.evidence.views[..self.evidence.n_views];
         let is_second = seen.iter().any(|view| view.viewpoint == viewpoint);
-        if is_second || usize::from(patch.maps.keypoints) != method.sites.len() {
+        if is_second || !method.takes(&patch.maps) {
             return false;
         }
         if self.evidence.views.len() == self.evidence.n_views {
