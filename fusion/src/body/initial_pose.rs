@@ -62,13 +62,12 @@ impl<'a> PoseFinder<'a> {
     fn target(&self, joint: Joint, point: &ObservedPoint) -> Target {
         let off_m = (self.site_m(joint, point) - point.position_m).norm();
         let trust = point.weight / (1.0 + (off_m / HALF_WEIGHT_M).powi(2));
-        Target {
+        let site = Site {
             joint,
             offset_m: point.offset_m,
-            position_m: point.position_m,
-            weight: trust / self.parameters.keypoint_sigma_m.powi(2),
-            across: None,
-        }
+        };
+        let weight = trust / self.parameters.keypoint_sigma_m.powi(2);
+        Target::isotropic(&site, point.position_m, weight)
     }
 
     fn site_m(&self, joint: Joint, point: &ObservedPoint) -> Vector3<f64> {

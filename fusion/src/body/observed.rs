@@ -61,14 +61,7 @@ impl ObservedJoints {
     /// Notes where `joint` was seen; a position or weight that is not finite, or no weight, is left
     /// out.
     pub fn set(&mut self, joint: Joint, position_m: Vector3<f64>, weight: f64) {
-        self.set_site(
-            &Site {
-                joint,
-                offset_m: Vector3::zeros(),
-            },
-            position_m,
-            weight,
-        );
+        self.set_site(&Site::at(joint), position_m, weight);
     }
 
     /// As [`Self::set`], for a point beside the joint.

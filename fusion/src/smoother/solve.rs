@@ -107,12 +107,10 @@ impl Solver {
             .step(&aims.place_m, &aims.velocity_m_s, method.dt_s);
         let sigma_m = method.parameters.ik.joint_sigma_m;
         let feet = &self.feet;
-        let target = |(&joint, &place_m): (&Joint, &Vector3<f64>)| Target {
-            joint,
-            offset_m: Vector3::zeros(),
-            position_m: feet.place_of(joint).unwrap_or(place_m),
-            weight: 1.0 / (sigma_m * sigma_m),
-            across: None,
+        let weight = 1.0 / (sigma_m * sigma_m);
+        let target = |(&joint, &place_m): (&Joint, &Vector3<f64>)| {
+            let place_m = feet.place_of(joint).unwrap_or(place_m);
+            Target::isotropic(&Site::at(joint), place_m, weight)
         };
         self.targets.clear();
         self.targets

@@ -55,10 +55,11 @@ impl JointSpread {
         self.normal.clear();
         for point in points.filter(|p| p.information.iter().all(|v| v.is_finite())) {
             let place_m = body.site_m(&point.site);
-            self.normal.add_information(
+            self.normal.add(
                 body,
                 point.site.joint.link(),
                 &place_m,
+                &Vector3::zeros(),
                 &point.information,
             );
         }

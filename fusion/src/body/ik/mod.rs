@@ -1,10 +1,10 @@
 //! Inverse kinematics: the pose whose joints lie nearest to targets, paper (10)-(12) and (14)-(15).
 //!
 //! ```text
-//!   argmin_q  ½ Σₜ wₜ |pₜ(q) - yₜ|² + ½ Σᵢ vᵢ³ (qᵢ - restᵢ)²/σᵢ² + ½ Σᵢ vᵢ² (qᵢ - lastᵢ)²/ςᵢ²     lo <= q <= hi
+//!   argmin_q  ½ Σₜ rₜᵀ Aₜ rₜ + ½ Σᵢ vᵢ³ (qᵢ - restᵢ)²/σᵢ² + ½ Σᵢ vᵢ² (qᵢ - lastᵢ)²/ςᵢ²     lo <= q <= hi
 //! ```
 //!
-//! (For a target that is known across a ray dₜ only, pₜ - yₜ is freed of its part along dₜ.)
+//! (rₜ = pₜ(q) - yₜ; Aₜ is the inverse covariance of the target. Of one that is known across a ray only, it is singular.)
 //!
 //! Damped Gauss-Newton (Levenberg-Marquardt) with the analytic Jacobian. The normal equations keep
 //! the sparsity of the tree (`normal.rs`): a target only meets the DoF it hangs from. Bounds are an

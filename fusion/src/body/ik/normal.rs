@@ -5,7 +5,7 @@
 //! factorization of the joint-space inertia matrix for branched kinematic trees", IJRR 2005). A
 //! factor costs about 2,000 multiplications instead of the 10,700 of a dense one.
 
-use nalgebra::{Matrix3, Unit, Vector3};
+use nalgebra::{Matrix3, Vector3};
 
 use crate::body::skeleton::dof::{ANCESTORS, MAX_CHAIN};
 use crate::body::skeleton::{Kinematics, Link, N_DOF, chain_of};
@@ -38,37 +38,14 @@ impl NormalEquations {
         self.g.fill(0.0);
     }
 
-    /// Adds ½ w |P (point - target)|² for a point fixed to `link`; `residual_m` = point - target.
-    /// P = I - d dᵀ with the ray `across` as d, or the identity without one.
+    /// Adds ½ rᵀ I r for a point fixed to `link`; r = `residual_m` = point - target, I = `information`, the inverse
+    /// covariance of its place, 1/m².
     pub(super) fn add(
         &mut self,
         body: &Kinematics,
         link: Link,
         point_m: &Vector3<f64>,
         residual_m: &Vector3<f64>,
-        (weight, across): (f64, Option<&Unit<Vector3<f64>>>),
-    ) {
-        let chain = chain_of(link);
-        let mut columns = [Vector3::zeros(); MAX_CHAIN];
-        for (n, &i) in chain.iter().enumerate() {
-            columns[n] = body.moving_column(i, point_m);
-            // P P = P: one side of each product is enough.
-            let weighted = without_part_along(across, columns[n]) * weight;
-            self.g[i] += weighted.dot(residual_m);
-            let row = &mut self.h[i];
-            for (column, &j) in columns[..=n].iter().zip(chain) {
-                row[j] += weighted.dot(column);
-            }
-        }
-    }
-
-    /// Adds what is known of a point fixed to `link`: `information` is the inverse covariance of its
-    /// place, 1/m². The gradient stays.
-    pub(super) fn add_information(
-        &mut self,
-        body: &Kinematics,
-        link: Link,
-        point_m: &Vector3<f64>,
         information: &Matrix3<f64>,
     ) {
         let chain = chain_of(link);
@@ -76,6 +53,7 @@ impl NormalEquations {
         for (n, &i) in chain.iter().enumerate() {
             columns[n] = body.moving_column(i, point_m);
             let weighted = information * columns[n];
+            self.g[i] += weighted.dot(residual_m);
             let row = &mut self.h[i];
             for (column, &j) in columns[..=n].iter().zip(chain) {
                 row[j] += weighted.dot(column);
@@ -110,14 +88,6 @@ impl NormalEquations {
             }
         }
     }
-}
-
-/// `v` without its part along a ray.
-pub(super) fn without_part_along(
-    ray: Option<&Unit<Vector3<f64>>>,
-    v: Vector3<f64>,
-) -> Vector3<f64> {
-    ray.map_or(v, |d| v - d.as_ref() * d.dot(&v))
 }
 
 /// L of H + diag = `LᵀL`.

@@ -1,10 +1,10 @@
 //! The solver.
 
 use farfield_proto::venue::parameters::IkParameters;
-use nalgebra::{Unit, Vector3};
+use nalgebra::{Matrix3, Vector3};
 
 use super::Priors;
-use super::normal::{Factor, NormalEquations, without_part_along};
+use super::normal::{Factor, NormalEquations};
 use super::observability::Observability;
 use crate::body::skeleton::dof::{DofGroup, first_of};
 use crate::body::skeleton::{
@@ -35,15 +35,23 @@ pub struct Target {
     pub offset_m: Vector3<f64>,
     /// Where it should be in the world, metres.
     pub position_m: Vector3<f64>,
-    /// Inverse variance per axis, 1/m². A target with a weight that is not above 0, or that is
-    /// not finite, is left out.
-    pub weight: f64,
-    /// A ray (world axes) along which the target says nothing: of a keypoint that one viewpoint sees
-    /// only the place across its ray is known.
-    pub across: Option<Unit<Vector3<f64>>>,
+    /// Inverse covariance, world axes, 1/m²: symmetric, without negative eigenvalues. It may be singular: of a
+    /// keypoint that one viewpoint sees, nothing is known along its ray. A target whose information is zero,
+    /// or not finite, is left out.
+    pub information: Matrix3<f64>,
 }
 
 impl Target {
+    /// A target that is known equally well along all axes, with the inverse variance `weight` per axis, 1/m².
+    pub fn isotropic(site: &Site, position_m: Vector3<f64>, weight: f64) -> Self {
+        Self {
+            joint: site.joint,
+            offset_m: site.offset_m,
+            position_m,
+            information: Matrix3::from_diagonal_element(weight),
+        }
+    }
+
     fn site(&self) -> Site {
         Site {
             joint: self.joint,
@@ -52,10 +60,9 @@ impl Target {
     }
 
     fn counts(&self) -> bool {
-        self.weight > 0.0
-            && self.weight.is_finite()
+        self.information.trace() > 0.0
+            && self.information.iter().all(|v| v.is_finite())
             && self.position_m.iter().all(|v| v.is_finite())
-            && (self.across.iter()).all(|ray| ray.iter().all(|v| v.is_finite()))
     }
 }
 
@@ -180,7 +187,7 @@ impl IkSolver {
         skeleton.forward(pose, &mut self.body);
         let cost = |t: &Target| {
             let residual_m = self.body.site_m(&t.site()) - t.position_m;
-            t.weight * without_part_along(t.across.as_ref(), residual_m).norm_squared()
+            residual_m.dot(&(t.information * residual_m))
         };
         0.5 * targets.iter().filter(|t| t.counts()).map(cost).sum::<f64>()
     }
@@ -196,7 +203,7 @@ impl IkSolver {
                 target.joint.link(),
                 &point_m,
                 &residual_m,
-                (target.weight, target.across.as_ref()),
+                &target.information,
             );
         }
     }

@@ -55,8 +55,7 @@ fn targets(pose: &Pose, joints: impl IntoIterator<Item = Joint>, sigma_m: f64) -
             joint,
             offset_m: Vector3::zeros(),
             position_m: at.joint_m(joint),
-            weight: 1.0 / (sigma_m * sigma_m),
-            across: None,
+            information: Matrix3::from_diagonal_element(1.0 / (sigma_m * sigma_m)),
         })
         .collect()
 }
@@ -74,7 +73,10 @@ fn exact_keypoints(pose: &Pose) -> Vec<Target> {
     let weight = EXACT_KEYPOINTS_SIGMA_M.powi(-2);
     keypoints(pose)
         .into_iter()
-        .map(|t| Target { weight, ..t })
+        .map(|t| Target {
+            information: Matrix3::from_diagonal_element(weight),
+            ..t
+        })
         .collect()
 }
 
@@ -153,7 +155,7 @@ proptest! {
             let ray = ray.map(|d| Unit::new_normalize(Vector3::from(d)));
             let across = ray.map_or(Matrix3::identity(), |d| Matrix3::identity() - d.as_ref() * d.transpose());
             let point = at.joint_m(joint);
-            normal.add(&at, joint.link(), &point, &residual, (w, ray.as_ref()));
+            normal.add(&at, joint.link(), &point, &residual, &(across * w));
             let j = SMatrix::<f64, 3, N_DOF>::from_fn(|row, dof| at.column(dof, joint.link(), &point)[row]);
             dense += j.transpose() * across * j * w;
             gradient += j.transpose() * across * residual * w;
@@ -223,8 +225,8 @@ fn nonsense_targets_are_left_out() {
     let mut targets = all_joints(&standing());
     let good = solve(&standing(), &targets[3..], None);
     targets[0].position_m.x = f64::NAN;
-    targets[1].weight = f64::INFINITY;
-    targets[2].weight = -1.0;
+    targets[1].information *= f64::INFINITY;
+    targets[2].information *= -1.0;
     assert_eq!(solve(&standing(), &targets, None), good);
 }
 
@@ -404,7 +406,7 @@ fn wrist_seen_from_one_side() -> (Pose, Vec<Target>) {
         .unwrap();
     let ray = Unit::new_normalize(Vector3::new(0.3, 1.0, -0.1));
     wrist.position_m += ray.as_ref() * 0.3;
-    wrist.across = Some(ray);
+    wrist.information -= ray.as_ref() * ray.transpose() * wrist.information.m11;
     (pose, targets)
 }
 
@@ -417,7 +419,10 @@ fn a_keypoint_that_one_view_sees_does_not_pull_along_its_ray() {
     // With a say along it, it would.
     let everywhere: Vec<_> = targets
         .iter()
-        .map(|t| Target { across: None, ..*t })
+        .map(|t| Target {
+            information: Matrix3::from_diagonal_element(t.information.m33.max(t.information.m11)),
+            ..*t
+        })
         .collect();
     let pulled = solve(&truth, &everywhere, None).pose;
     assert!((wrist_m(&pulled) - wrist_m(&truth)).norm() > 0.1);

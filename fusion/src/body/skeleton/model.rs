@@ -215,6 +215,16 @@ pub struct Site {
     pub offset_m: Vector3<f64>,
 }
 
+impl Site {
+    /// On the joint itself.
+    pub fn at(joint: Joint) -> Self {
+        Self {
+            joint,
+            offset_m: Vector3::zeros(),
+        }
+    }
+}
+
 /// The sites of a network's keypoints, in the order of its maps.
 ///
 /// A keypoint with the name of a joint sits on it; other names that networks with feet use are

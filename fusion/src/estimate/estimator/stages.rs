@@ -160,13 +160,10 @@ impl Estimator {
                 Joint::ALL
                     .iter()
                     .zip(smoothed_m)
-                    .map(|(&joint, &position_m)| Target {
-                        joint,
-                        offset_m: Vector3::zeros(),
-                        position_m: feet.place_of(joint).unwrap_or(position_m)
-                            + push_m[joint.index()],
-                        weight,
-                        across: None,
+                    .map(|(&joint, &position_m)| {
+                        let place_m = feet.place_of(joint).unwrap_or(position_m);
+                        let pushed_m = place_m + push_m[joint.index()];
+                        Target::isotropic(&Site::at(joint), pushed_m, weight)
                     }),
             );
         let last = self.estimate.pose;
