@@ -15,20 +15,21 @@ pub(crate) struct TentativeTick {
 }
 
 /// What the detection passes since an initiation said of a body.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(crate) struct Votes {
     pub(crate) passes: u32,
     /// Viewpoints that saw it, summed over the passes.
     pub(crate) seen: u32,
-    /// Viewpoints that should have seen it and did not, summed over the passes.
-    pub(crate) missed: u32,
+    /// Viewpoints that should have seen it and did not, each by what its silence is worth
+    /// (`crate::sightings::attention`), summed over the passes.
+    pub(crate) missed: f64,
 }
 
 impl Votes {
     /// Counts what the viewpoints of one pass said: how many saw the body, how many should have. A pass
     /// in which no viewpoint could say anything is none.
-    pub(crate) fn count(&mut self, [seen, missed]: [u32; 2]) {
-        if seen + missed == 0 {
+    pub(crate) fn count(&mut self, (seen, missed): (u32, f64)) {
+        if seen == 0 && missed <= 0.0 {
             return;
         }
         self.passes += 1;
@@ -38,7 +39,7 @@ impl Votes {
 
     /// Whether the viewpoints contradict the body.
     pub(crate) fn are_against(&self) -> bool {
-        self.passes >= MIN_PASSES && self.missed >= self.seen
+        self.passes >= MIN_PASSES && self.missed >= f64::from(self.seen)
     }
 }
 
@@ -49,14 +50,14 @@ mod tests {
     #[test]
     fn contradictions_end_a_tentative_track_and_single_misses_do_not() {
         let mut votes = Votes::default();
-        votes.count([2, 1]);
-        votes.count([1, 3]);
+        votes.count((2, 1.0));
+        votes.count((1, 3.0));
         assert!(!votes.are_against());
-        votes.count([2, 1]);
+        votes.count((2, 1.0));
         assert!(votes.are_against());
         let mut votes = Votes::default();
         for _ in 0..10 {
-            votes.count([2, 1]);
+            votes.count((2, 1.0));
         }
         assert!(!votes.are_against());
     }
@@ -65,7 +66,7 @@ mod tests {
     fn passes_that_say_nothing_contradict_nobody() {
         let mut votes = Votes::default();
         for _ in 0..3 {
-            votes.count([0, 0]);
+            votes.count((0, 0.0));
         }
         assert!(!votes.are_against());
     }

@@ -18,13 +18,13 @@ pub struct KnownBody {
     pub keypoints_m: Vec<Vector3<f64>>,
 }
 
-/// Which of `witnesses` see a tracked body. In one viewpoint each body explains one witness, the
+/// Per witness, which of the `tracked` bodies it sees, if any. In one viewpoint each body explains one witness, the
 /// nearest: somebody new who stands close to a tracked person is not mistaken for it.
 pub(crate) fn explained(
     witnesses: &[SightedBody],
     tracked: &[KnownBody],
     explained_m: f64,
-) -> Vec<bool> {
+) -> Vec<Option<usize>> {
     let mut pairs = Vec::new();
     for (t, body) in tracked.iter().enumerate() {
         for (w, witness) in witnesses.iter().enumerate() {
@@ -33,11 +33,11 @@ pub(crate) fn explained(
         }
     }
     pairs.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let mut explained = vec![false; witnesses.len()];
+    let mut explained = vec![None; witnesses.len()];
     let mut used = BTreeSet::new();
     for (_, t, w) in pairs {
-        if !explained[w] && used.insert((t, witnesses[w].viewpoint)) {
-            explained[w] = true;
+        if explained[w].is_none() && used.insert((t, witnesses[w].viewpoint)) {
+            explained[w] = Some(t);
         }
     }
     explained

@@ -1,5 +1,8 @@
 //! New persons: bodies that several viewpoints see and that nobody tracks yet.
 
+use std::cell::RefCell;
+use std::collections::BTreeSet;
+
 use farfield_proto::camera::CameraModel;
 use farfield_proto::id::ViewpointIndex;
 use farfield_proto::keypoints::KeypointSet;
@@ -9,6 +12,7 @@ use farfield_proto::venue::parameters::BirthParameters;
 use nalgebra::Vector3;
 
 use super::association::{Gates, associate};
+use super::attention::Attention;
 use super::contradiction::DetectionPass;
 use super::plausibility::is_plausible;
 use crate::body::keypoint_estimate::KeypointEstimate;
@@ -74,6 +78,13 @@ pub struct PersonFinder {
     gates: Gates,
     min_score: f64,
     explained_m: f64,
+    attention: Attention,
+}
+
+/// A group that would be a person, were it not for the viewpoints that see nobody there.
+struct Contradicted {
+    members: Vec<usize>,
+    missed_by: Vec<ViewpointIndex>,
 }
 
 impl PersonFinder {
@@ -90,7 +101,9 @@ impl PersonFinder {
             field_min_m: Vector3::from(field.min_m),
             field_max_m: Vector3::from(field.max_m),
         };
+        let viewpoints = cameras.iter().map(|camera| usize::from(camera.0.0) + 1);
         Self {
+            attention: Attention::new(viewpoints.max().unwrap_or(0)),
             cameras,
             keypoints,
             gates,
@@ -114,21 +127,30 @@ impl PersonFinder {
 
     /// The persons that `sightings` of one tick, of all cameras, show and that `tracked` does not hold,
     /// the best supported first.
-    pub fn find(&self, sightings: &[Sighting], tracked: &[KnownBody]) -> Vec<SightedPerson> {
+    pub fn find(&mut self, sightings: &[Sighting], tracked: &[KnownBody]) -> Vec<SightedPerson> {
         let pass = self.detection_pass(sightings, vec![true; self.cameras.len()]);
         self.find_in(&pass, tracked)
     }
 
     /// As [`Self::find`].
     pub(crate) fn find_in(
-        &self,
+        &mut self,
         pass: &DetectionPass,
         tracked: &[KnownBody],
     ) -> Vec<SightedPerson> {
         let all = &pass.witnesses;
         let explained = explained(all, tracked, self.explained_m);
-        let free: Vec<usize> = (0..all.len()).filter(|&w| !explained[w]).collect();
-        let groups = associate(all, &free, &self.gates, |group| self.is_person(group, pass));
+        let free: Vec<usize> = (0..all.len()).filter(|&w| explained[w].is_none()).collect();
+        let contradicted = RefCell::new(Vec::new());
+        let groups = associate(all, &free, &self.gates, |group| {
+            self.is_person(group, pass, &contradicted)
+        });
+        self.learn(
+            pass,
+            tracked,
+            &explained,
+            (&groups, contradicted.into_inner()),
+        );
         let is_new = |group: &Reconstruction| {
             !tracked
                 .iter()
@@ -151,32 +173,37 @@ impl PersonFinder {
         let min_keypoints = self.gates.min_keypoints;
         let seen_well = move |w: &SightedBody| w.rays.iter().flatten().count() >= min_keypoints;
         let witnesses = pass.witnesses.iter().zip(explained);
-        witnesses.filter_map(move |(w, explained)| (!explained && seen_well(w)).then_some(w))
+        witnesses.filter_map(move |(w, by)| (by.is_none() && seen_well(w)).then_some(w))
     }
 
     /// What the viewpoints that see anybody say about a tentative `body`: how many of them see it, and
-    /// how many should and do not.
-    pub(crate) fn verdicts(&self, pass: &DetectionPass, body: &KnownBody) -> [u32; 2] {
+    /// how many should and do not, each by what its silence is worth.
+    pub(crate) fn verdicts(&self, pass: &DetectionPass, body: &KnownBody) -> (u32, f64) {
         let explained = explained(
             &pass.witnesses,
             std::slice::from_ref(body),
             self.explained_m,
         );
-        let (mut seen, mut missed) = (0, 0);
+        let (mut seen, mut missed) = (0, 0.0);
         for viewpoint in pass.viewpoints() {
             let mut own = pass.witnesses.iter().zip(&explained);
-            if own.any(|(w, explained)| *explained && w.viewpoint == viewpoint) {
+            if own.any(|(w, by)| by.is_some() && w.viewpoint == viewpoint) {
                 seen += 1;
             } else if pass.is_missed_by(viewpoint, &self.cameras, &body.keypoints_m) {
-                missed += 1;
+                missed += self.attention.of_silence(viewpoint);
             }
         }
-        [seen, missed]
+        (seen, missed)
     }
 
     /// Whether a group is a body inside the field that no other viewpoint contradicts; takes
     /// keypoints out of it that do not fit the body.
-    fn is_person(&self, group: &mut Reconstruction, pass: &DetectionPass) -> bool {
+    fn is_person(
+        &self,
+        group: &mut Reconstruction,
+        pass: &DetectionPass,
+        contradicted: &RefCell<Vec<Contradicted>>,
+    ) -> bool {
         let mut body = self.observed(&group.keypoints_m);
         let cut_before = body.count();
         if !is_plausible(&mut body) {
@@ -185,37 +212,73 @@ impl PersonFinder {
         if body.count() < cut_before {
             self.keep_only(&body, &mut group.keypoints_m);
         }
-        let points: Vec<Vector3<f64>> = group
-            .keypoints_m
-            .iter()
-            .flatten()
-            .map(|k| k.position_m)
-            .collect();
+        let points: Vec<Vector3<f64>> = group.points_m().collect();
         if points.len() < self.gates.min_keypoints {
             return false;
         }
         let middle = points.iter().sum::<Vector3<f64>>() / points.len() as f64;
-        self.gates.inside(&middle, FIELD_SLACK_M)
-            && self.contradictions(group, &points, pass) < group.members.len()
+        if !self.gates.inside(&middle, FIELD_SLACK_M) {
+            return false;
+        }
+        let missed_by = missed_by(&self.cameras, group, &points, pass);
+        let silence = missed_by.iter().map(|&v| self.attention.of_silence(v));
+        let is_person = silence.sum::<f64>() < group.members.len() as f64;
+        if !is_person {
+            contradicted.borrow_mut().push(Contradicted {
+                members: group.members.clone(),
+                missed_by,
+            });
+        }
+        is_person
     }
 
-    /// How many other viewpoints should see the body and see nobody there.
-    fn contradictions(
-        &self,
-        group: &Reconstruction,
-        points: &[Vector3<f64>],
+    /// Counts who of a pass was seen and missed by which viewpoint: the `tracked`, those who were found, and the
+    /// groups that were not for the silence of others, as far as no witness counts twice.
+    fn learn(
+        &mut self,
         pass: &DetectionPass,
-    ) -> usize {
-        let member = |v| {
-            group
-                .members
-                .iter()
-                .any(|&m| pass.witnesses[m].viewpoint == v)
-        };
-        let others = pass.viewpoints().into_iter().filter(|&v| !member(v));
-        others
-            .filter(|&viewpoint| pass.is_missed_by(viewpoint, &self.cameras, points))
-            .count()
+        tracked: &[KnownBody],
+        explained: &[Option<usize>],
+        (groups, mut contradicted): (&[Reconstruction], Vec<Contradicted>),
+    ) {
+        self.attention.fade();
+        let viewpoints = pass.viewpoints();
+        for (t, body) in tracked.iter().enumerate() {
+            for &viewpoint in &viewpoints {
+                let mut own = pass.witnesses.iter().zip(explained);
+                if own.any(|(w, by)| *by == Some(t) && w.viewpoint == viewpoint) {
+                    self.attention.saw(viewpoint);
+                } else if pass.is_missed_by(viewpoint, &self.cameras, &body.keypoints_m) {
+                    self.attention.missed(viewpoint);
+                }
+            }
+        }
+        let found = groups.iter().map(|group| {
+            let points: Vec<Vector3<f64>> = group.points_m().collect();
+            Contradicted {
+                members: group.members.clone(),
+                missed_by: missed_by(&self.cameras, group, &points, pass),
+            }
+        });
+        let found: Vec<Contradicted> = found.collect();
+        contradicted.sort_by(|a, b| {
+            let most = b.members.len().cmp(&a.members.len());
+            most.then_with(|| a.missed_by.len().cmp(&b.missed_by.len()))
+                .then_with(|| a.members.cmp(&b.members))
+        });
+        let mut counted: BTreeSet<usize> = BTreeSet::new();
+        for group in found.iter().chain(&contradicted) {
+            if group.members.iter().any(|member| counted.contains(member)) {
+                continue;
+            }
+            counted.extend(&group.members);
+            for &member in &group.members {
+                self.attention.saw(pass.witnesses[member].viewpoint);
+            }
+            for &viewpoint in &group.missed_by {
+                self.attention.missed(viewpoint);
+            }
+        }
     }
 
     fn observed(&self, keypoints_m: &[Option<SightedKeypoint>]) -> ObservedJoints {
@@ -235,6 +298,21 @@ impl PersonFinder {
             }
         }
     }
+}
+
+/// The other viewpoints that should see the body of `group` and see nobody there.
+fn missed_by(
+    cameras: &[(ViewpointIndex, CameraModel)],
+    group: &Reconstruction,
+    points_m: &[Vector3<f64>],
+    pass: &DetectionPass,
+) -> Vec<ViewpointIndex> {
+    let members = group.members.iter().map(|&m| pass.witnesses[m].viewpoint);
+    let others = pass.viewpoints().into_iter();
+    others
+        .filter(|viewpoint| !members.clone().any(|member| member == *viewpoint))
+        .filter(|&viewpoint| pass.is_missed_by(viewpoint, cameras, points_m))
+        .collect()
 }
 
 impl From<Reconstruction> for SightedPerson {

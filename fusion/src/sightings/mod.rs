@@ -3,11 +3,13 @@
 //! ```text
 //!   sightings -> rays -> association -> reconstruction, plausibility -> finder: SightedPerson
 //!   explanation: which sightings a known body explains; contradiction: which viewpoints should see it and do not
+//!   attention: what the silence of a viewpoint is worth
 //! ```
 //!
 //! Everything is compared in the world, in metres. Who is who is not decided here.
 
 mod association;
+mod attention;
 pub(crate) mod contradiction;
 pub(crate) mod explanation;
 pub mod finder;

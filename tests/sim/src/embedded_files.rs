@@ -35,6 +35,7 @@ pub const SCENES: &[(&str, &str)] = &[
     ("futsal", include_str!("../../scenes/futsal.toml")),
     ("sprint", include_str!("../../scenes/sprint.toml")),
     ("enter", include_str!("../../scenes/enter.toml")),
+    ("blocked", include_str!("../../scenes/blocked.toml")),
     ("cross", include_str!("../../scenes/cross.toml")),
     ("hug", include_str!("../../scenes/hug.toml")),
     ("scrum", include_str!("../../scenes/scrum.toml")),

@@ -103,6 +103,9 @@ pub struct LatticeSearch {
     coarse: CoarsePass,
     /// Per pair of views: how much they are one witness, 0 to 1.
     closeness: Vec<f64>,
+    /// Per view: how much of the person it sees, 0 to 1, and what that is made of.
+    sight: Vec<f64>,
+    sight_counts: Vec<[f64; 2]>,
 }
 
 impl LatticeSearch {
@@ -113,6 +116,8 @@ impl LatticeSearch {
             keypoints: vec![Keypoint::default(); keypoints.len()],
             coarse: CoarsePass::default(),
             closeness: Vec::new(),
+            sight: Vec::new(),
+            sight_counts: Vec::new(),
         }
     }
 
@@ -129,10 +134,15 @@ impl LatticeSearch {
     ) {
         witness::closeness(views, predicted_m, parameters, &mut self.closeness);
         for (index, keypoint) in self.keypoints.iter_mut().enumerate() {
+            keypoint.witnesses.gather(views, index, parameters);
+        }
+        let gathered = self.keypoints.iter().map(|keypoint| &keypoint.witnesses);
+        witness::sight(views, gathered, &mut self.sight_counts, &mut self.sight);
+        for (index, keypoint) in self.keypoints.iter_mut().enumerate() {
             keypoint.modes = LatticeModes::default();
             keypoint
                 .witnesses
-                .gather(views, index, &self.closeness, parameters);
+                .share_votes(views, index, &self.closeness, &self.sight);
             if !keypoint.witnesses.is_empty() {
                 keypoint.find_modes(views, index, &mut self.coarse, parameters);
             }

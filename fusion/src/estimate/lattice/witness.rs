@@ -11,6 +11,8 @@ use crate::estimate::evidence::{View, bilinear};
 const FULL_RESOLUTION_PX: f64 = 4.0;
 /// Least of what resolution leaves of a view's vote: a blur is still a witness.
 const LEAST_RESOLUTION: f64 = 0.1;
+/// Height of a map, 0 to 1, from which it shows something.
+const LEAST_RESPONSE: f64 = 0.15;
 /// Depth of the whole lattice in front of the camera, metres.
 const LEAST_DEPTH_M: f64 = 0.05;
 
@@ -21,8 +23,10 @@ pub(super) struct Witness {
     pub(super) view: usize,
     /// `a_j` over the sum of all `a_j`.
     pub(super) weight: f64,
-    /// The view's share of one vote, resolution included, occlusion not.
+    /// The view's share of one vote, resolution and what its silence is worth included, occlusion not.
     vote: f64,
+    /// Whether its map shows anything where the lattice is.
+    pub(super) responds: bool,
     /// Offset from the prediction (metres, homogeneous) to homogeneous cells.
     pub(super) cell_from_offset: Matrix3x4<f64>,
     /// From the camera to the prediction.
@@ -48,12 +52,12 @@ impl Witnesses {
         self.all.iter()
     }
 
-    /// Gathers the views that know something where `keypoint` is predicted for them.
+    /// Gathers the views that know something where `keypoint` is predicted for them; what each counts is for
+    /// [`Self::share_votes`] to say.
     pub(super) fn gather(
         &mut self,
         views: &[View],
         keypoint: usize,
-        closeness: &[f64],
         parameters: &LatticeParameters,
     ) {
         self.all.clear();
@@ -61,16 +65,27 @@ impl Witnesses {
         // A corner of the lattice may come nearer to the camera than its centre by this much.
         let reach_m = parameters.half_width_m * 3.0f64.sqrt();
         for (index, view) in views.iter().enumerate() {
-            if let Some((witness, cell_m)) = Witness::of(view, index, keypoint, reach_m) {
+            if let Some((mut witness, cell_m)) = Witness::of(view, index, keypoint, reach_m) {
+                let h = witness.cell_from_offset.column(3);
+                let cell = Vector2::new(h.x, h.y) / h.z;
+                let reach_cells = parameters.half_width_m / cell_m;
+                let highest = view.highest_near(keypoint, cell, reach_cells);
+                witness.responds = highest >= LEAST_RESPONSE;
                 self.all.push(witness);
                 self.cell_m = self.cell_m.min(cell_m);
             }
         }
-        self.share_votes(views, keypoint, closeness);
     }
 
-    /// Viewpoints close together share one vote; then the weights are made to sum up to 1.
-    fn share_votes(&mut self, views: &[View], keypoint: usize, closeness: &[f64]) {
+    /// Viewpoints close together share one vote; a view that shows nothing here counts what it shows of the
+    /// rest of the person ([`sight`]); then the weights are made to sum up to 1.
+    pub(super) fn share_votes(
+        &mut self,
+        views: &[View],
+        keypoint: usize,
+        closeness: &[f64],
+        sight: &[f64],
+    ) {
         for i in 0..self.all.len() {
             let me = self.all[i].view;
             let crowd: f64 = self
@@ -85,6 +100,9 @@ impl Witnesses {
             let resolution =
                 views[witness.view].grid(keypoint).pixels_per_cell() / FULL_RESOLUTION_PX;
             witness.vote *= resolution.clamp(LEAST_RESOLUTION, 1.0);
+            if !witness.responds {
+                witness.vote *= sight[witness.view];
+            }
             witness.weight = witness.vote * views[witness.view].occlusion[keypoint].clamp(0.0, 1.0);
             votes += witness.vote;
             weights += witness.weight;
@@ -169,6 +187,7 @@ impl Witness {
             view: index,
             weight: 0.0,
             vote: 0.0,
+            responds: false,
             cell_from_offset,
             ray: Unit::new_normalize(center_m - view.center_m()),
         };
@@ -192,6 +211,31 @@ impl Witness {
             Vector2::new(h.x, h.y) / h.z,
         )
     }
+}
+
+/// Per view, how much of the person it sees: the share of the keypoints, of those that it should see, at which its maps
+/// show anything. A view before which something unknown stands shows nothing at all, and its silence about a keypoint
+/// says as little; one that shows the rest of the person says that this keypoint is not here. `keypoints` are
+/// gathered.
+pub(super) fn sight<'a>(
+    views: &[View],
+    keypoints: impl Iterator<Item = &'a Witnesses>,
+    counts: &mut Vec<[f64; 2]>,
+    sight: &mut Vec<f64>,
+) {
+    counts.clear();
+    counts.resize(views.len(), [0.0; 2]);
+    for (keypoint, witnesses) in keypoints.enumerate() {
+        for witness in &witnesses.all {
+            let should = views[witness.view].occlusion[keypoint].clamp(0.0, 1.0);
+            let [seen, all] = &mut counts[witness.view];
+            *all += should;
+            *seen += if witness.responds { should } else { 0.0 };
+        }
+    }
+    sight.clear();
+    let share = |[seen, all]: &[f64; 2]| if *all > 0.0 { seen / all } else { 0.0 };
+    sight.extend(counts.iter().map(share));
 }
 
 /// Per pair of views, row by row: 1 where they look from the same direction, falling to 0 at

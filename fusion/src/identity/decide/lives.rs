@@ -66,7 +66,7 @@ fn contradicted(facts: &TrackFacts, _: &Situation<'_>) -> Option<EventKind> {
     }
     Some(leaves(DropReason::Contradicted {
         seen: votes.seen,
-        missed: votes.missed,
+        missed: votes.missed.round() as u32,
     }))
 }
 

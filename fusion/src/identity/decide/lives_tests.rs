@@ -217,7 +217,8 @@ fn check(rows: impl IntoIterator<Item = (TrackFacts, Option<EventKind>)>) {
 
 #[test]
 fn the_rules_of_who_is_contradicted_or_a_poster() {
-    let voted = |passes, seen, missed| {
+    let voted = |passes, seen, missed: u32| {
+        let missed = f64::from(missed);
         let votes = Votes {
             passes,
             seen,

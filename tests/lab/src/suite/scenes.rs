@@ -50,7 +50,7 @@ pub const SUITES: [Suite; 3] = [
         name: "identity",
         fixed: &["hug", "futsal-lost", "enter", "cross", "stadium"],
         own: &["hug", "lost", "enter", "cross"],
-        probes: &["mirror", "poster", "return", "scrum"],
+        probes: &["mirror", "poster", "return", "scrum", "blocked"],
     },
     Suite {
         name: "own",

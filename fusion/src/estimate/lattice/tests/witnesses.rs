@@ -69,3 +69,35 @@ fn occlusion_lowers_the_weight_and_the_say_of_a_view() {
     let occluded = search(&mut views, &truth)[LEFT_WRIST].weight;
     assert!((occluded / free - 0.3).abs() < 1e-9);
 }
+
+/// Twelve views all round, of which those from `blocked` on show nothing of these keypoints.
+fn twelve(truth: &[Vector3<f64>], blocked: usize, keypoints: &[usize]) -> Vec<View> {
+    let bearings: Vec<f64> = (0..12).map(|i| 10.0 + 85.0 * f64::from(i)).collect();
+    let mut views = perfect(&ring(&bearings), truth);
+    for view in &mut views[blocked..] {
+        for &keypoint in keypoints {
+            view.draw_for_test(keypoint, |_, _| -1.0);
+        }
+    }
+    views
+}
+
+#[test]
+fn ten_views_behind_pillars_take_nothing_from_two_that_see() {
+    let truth = standing();
+    let everything: Vec<usize> = (0..truth.len()).collect();
+    let mut views = twelve(&truth, 2, &everything);
+    let near = shifted(&truth, [0.05, 0.0, 0.03]);
+    for (estimate, truth) in search(&mut views, &near).iter().zip(&truth) {
+        assert!(estimate.weight > 0.8 && estimate.views == 2, "{estimate:?}");
+        assert!((estimate.position_m - truth).norm() < 0.02);
+    }
+}
+
+#[test]
+fn views_that_show_the_rest_of_a_person_speak_against_a_wrist_by_their_silence() {
+    let truth = standing();
+    let mut views = twelve(&truth, 2, &[LEFT_WRIST]);
+    let wrist = &search(&mut views, &truth)[LEFT_WRIST];
+    assert!(wrist.support < 0.3, "{wrist:?}");
+}
