@@ -62,6 +62,36 @@ pub enum Stage {
     Boxes,
 }
 
+impl Stage {
+    /// All, in the order of a step.
+    pub const ALL: [Self; 9] = [
+        Self::Decode,
+        Self::Occlusion,
+        Self::PeakAssignment,
+        Self::Lattice,
+        Self::Ik1,
+        Self::Filter,
+        Self::Ik2,
+        Self::Persons,
+        Self::Boxes,
+    ];
+
+    /// As times of stages are published, written and printed.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Decode => "decode",
+            Self::Occlusion => "occlusion",
+            Self::PeakAssignment => "peak_assignment",
+            Self::Lattice => "lattice",
+            Self::Ik1 => "ik1",
+            Self::Filter => "filter",
+            Self::Ik2 => "ik2",
+            Self::Persons => "persons",
+            Self::Boxes => "boxes",
+        }
+    }
+}
+
 /// What a step came to.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StepOutput {

@@ -18,7 +18,7 @@ use super::output::exporter::Exporter;
 use super::session::mode::RunMode;
 use crate::align::TickGroup;
 use crate::export::pose_files::Presence;
-use crate::pipeline::{Pipeline, Stage};
+use crate::pipeline::Pipeline;
 
 /// A tick to work on.
 #[derive(Debug, Default)]
@@ -189,7 +189,7 @@ impl FusionWork {
         }
         let laps = &mut self.laps;
         let output = self.pipeline.step(&job.group, &mut |stage| {
-            lap_start = laps.lap(name(stage), lap_start);
+            lap_start = laps.lap(stage.name(), lap_start);
         });
         laps.lap("step", start);
         self.last = Some(job.group.tick);
@@ -217,20 +217,6 @@ impl FusionWork {
         if let (Err(error), RunMode::Live) = (&self.written, self.mode) {
             say(format_args!("no more poses are written: {error:#}"));
         }
-    }
-}
-
-fn name(stage: Stage) -> &'static str {
-    match stage {
-        Stage::Decode => "decode",
-        Stage::Occlusion => "occlusion",
-        Stage::PeakAssignment => "peak_assignment",
-        Stage::Lattice => "lattice",
-        Stage::Ik1 => "ik1",
-        Stage::Filter => "filter",
-        Stage::Ik2 => "ik2",
-        Stage::Persons => "persons",
-        Stage::Boxes => "boxes",
     }
 }
 
