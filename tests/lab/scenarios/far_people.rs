@@ -10,10 +10,10 @@ use std::sync::Arc;
 use farfield_edge::source::{FrameSource, Sources as _};
 use farfield_lab::afar::Afar;
 use farfield_lab::in_process::InProcess;
-use farfield_lab::suite::venue::{Input, sources_of, venue_of};
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::{Parameters, Venue};
 use farfield_sim::scene::Scene;
+use farfield_sim::simulated::in_memory::{Input, sources_of, venue_of};
 use farfield_sim::simulated::{VenueSources, without_map_faults};
 
 use crate::data::{checkout, onnx_runtime, recording};

@@ -99,8 +99,8 @@ mod tests {
 
     use super::*;
     use crate::suite::run::{SceneRun, SceneRunPlan};
-    use crate::suite::venue::Input;
     use farfield_sim::embedded;
+    use farfield_sim::simulated::in_memory::Input;
 
     /// Boxes that come back 233 ms later, over a link of 200 ms.
     const FAR: FarLinks = FarLinks {

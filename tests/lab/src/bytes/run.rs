@@ -22,8 +22,8 @@ use crate::in_process::InProcess;
 use crate::suite::people::bodies::People;
 use crate::suite::run::{SceneRun, SceneRunPlan};
 use crate::suite::traffic::Traffic;
-use crate::suite::venue::Input;
 use farfield_sim::scene::Scene;
+use farfield_sim::simulated::in_memory::Input;
 
 /// One packing of one codec in one place.
 #[derive(Debug, Clone, PartialEq, Serialize)]

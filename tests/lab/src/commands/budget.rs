@@ -14,7 +14,7 @@ use crate::suite::budget::Budget;
 use crate::suite::overrides::parameters;
 use crate::suite::report::Baseline;
 use crate::suite::run::{SceneRun, SceneRunPlan};
-use crate::suite::venue::Input;
+use farfield_sim::simulated::in_memory::Input;
 
 /// What `lab budget` is told.
 ///

@@ -7,9 +7,9 @@ use crate::bytes::codec::Codec;
 use crate::bytes::plot::svg;
 use crate::bytes::run::Curve;
 use crate::suite::scenes::{NamedScene, choose};
-use crate::suite::venue::Input;
 use anyhow::{Context as _, anyhow};
 use farfield_node::process::NodeError;
+use farfield_sim::simulated::in_memory::Input;
 use farfield_sim::simulated::without_map_faults;
 
 use farfield::output;

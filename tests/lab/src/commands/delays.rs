@@ -13,7 +13,7 @@ use crate::conditions::Cuts;
 use crate::suite::overrides::parameters;
 use crate::suite::run::{SceneRun, SceneRunPlan};
 use crate::suite::smoothed::{HEAD, Worth};
-use crate::suite::venue::Input;
+use farfield_sim::simulated::in_memory::Input;
 
 /// What is compared, the live output first.
 const OUTPUTS: [&str; 5] = ["live", "50 ms", "100 ms", "200 ms", "two passes"];

@@ -17,7 +17,7 @@ use farfield_sim::simulated::without_map_faults;
 use super::scene_argument::SceneArgument;
 use crate::in_process::InProcess;
 use crate::suite::run::{SceneRun, SceneRunPlan};
-use crate::suite::venue::Input;
+use farfield_sim::simulated::in_memory::Input;
 
 /// What `lab maps` is told.
 #[derive(Debug, clap::Args)]

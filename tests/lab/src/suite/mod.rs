@@ -11,4 +11,3 @@ pub mod smoothed;
 pub mod studies;
 pub mod tee;
 pub mod traffic;
-pub mod venue;

@@ -21,11 +21,11 @@ use super::people::gaps;
 use super::people::presence::ScenePresence;
 use super::tee::tee;
 use super::traffic::Traffic;
-use super::venue::{Input, sources_of, venue_of};
 use crate::conditions::{Cuts, FarLinks};
 use crate::in_process::InProcess;
 use crate::view_peaks::PeakReader;
 use farfield_sim::scene::Scene;
+use farfield_sim::simulated::in_memory::{Input, sources_of, venue_of};
 
 /// How a scene is run.
 #[derive(Clone, Default)]

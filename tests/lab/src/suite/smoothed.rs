@@ -61,8 +61,8 @@ mod tests {
     use super::*;
     use crate::suite::overrides::parameters;
     use crate::suite::run::SceneRunPlan;
-    use crate::suite::venue::Input;
     use farfield_sim::embedded;
+    use farfield_sim::simulated::in_memory::Input;
 
     /// Six ticks of every second: less than the delay of 200 ms.
     const CUTS: Cuts = Cuts {

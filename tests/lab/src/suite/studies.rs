@@ -13,8 +13,8 @@ use farfield_proto::venue::parameters::{CameraChoice, PredictionParameters, Pred
 use serde::Serialize;
 
 use super::run::{SceneRun, SceneRunPlan};
-use super::venue::Input;
 use farfield_sim::scene::{SITE_JOINTS, Scene};
+use farfield_sim::simulated::in_memory::Input;
 
 /// Share of the prediction errors, per axis, that a lattice has to hold.
 const HELD: f64 = 0.999;

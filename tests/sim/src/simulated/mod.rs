@@ -4,6 +4,7 @@
 //! their own, a little ahead of whoever takes them; maps are made when they are asked for.
 
 mod camera;
+pub mod in_memory;
 mod sources;
 mod venue_text;
 

@@ -23,9 +23,9 @@ use crate::suite::people::bodies::People;
 use crate::suite::people::meetings::meetings;
 use crate::suite::people::recovery::Recovery;
 use crate::suite::run::{SceneRun, SceneRunPlan};
-use crate::suite::venue::Input;
 use farfield_sim::scene::Scene;
 use farfield_sim::scene::range_of_motion::range_of_motion_excess;
+use farfield_sim::simulated::in_memory::Input;
 
 /// Width of the names in front of a row.
 const NAME_WIDTH: usize = 17;

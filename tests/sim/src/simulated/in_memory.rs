@@ -14,9 +14,9 @@ use farfield_proto::venue::{
     VenueCamera, VenueHash, Viewpoint,
 };
 
-use farfield_sim::faults::SceneCrowd;
-use farfield_sim::scene::Scene;
-use farfield_sim::simulated::SimulatedSource;
+use super::SimulatedSource;
+use crate::faults::SceneCrowd;
+use crate::scene::Scene;
 
 /// Cells of the maps that are made without pixels: width, height.
 const GRID: [u16; 2] = [48, 64];
@@ -80,7 +80,7 @@ pub fn venue_of(scene: &Scene, input: &Input, parameters: Parameters) -> Venue {
     let is_given = network.is_some() && detector.is_none();
     let given_persons = if is_given { given(scene) } else { Vec::new() };
     Venue {
-        name: "suite".to_owned(),
+        name: "scene".to_owned(),
         rate_hz: scene.rate_hz(),
         first_tick: Tick(0),
         calibration_path: PathBuf::new(),
@@ -103,7 +103,7 @@ pub fn venue_of(scene: &Scene, input: &Input, parameters: Parameters) -> Venue {
 /// The frames of every camera of the venue that [`venue_of`] makes, in its order.
 ///
 /// Pictures have none of the faults of maps: for [`Input::Pixels`] the scene must come from
-/// [`farfield_sim::simulated::without_map_faults`], or its truth has sites that no picture shows.
+/// [`super::without_map_faults`], or its truth has sites that no picture shows.
 ///
 /// # Errors
 /// When the system has no thread left to render with.
