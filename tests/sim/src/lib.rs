@@ -11,6 +11,7 @@
 //! | [`render`] | pictures of these bodies, for edges that run networks |
 //! | [`faults`], [`fault_profile`] | maps made from the truth without pictures, with the faults that networks have |
 //! | [`maps_file`] | such maps made beforehand and kept in a file |
+//! | [`recorded_venue`] | what edges send of a crowd, kept in memory, for whoever measures fusion |
 //! | [`embedded`] | the clips, scenes and networks that the program carries |
 //! | [`walker`], [`keypoint_venue`] | a person who walks in a circle, and a small venue of such people, for tests |
 //! | [`look_at`] | where a camera is that looks at something |
@@ -25,6 +26,7 @@ pub mod look_at;
 pub mod maps_file;
 pub mod motion;
 mod normal;
+pub mod recorded_venue;
 pub mod render;
 pub mod scene;
 pub mod simulated;

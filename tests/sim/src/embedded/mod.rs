@@ -1,7 +1,7 @@
 //! What the project carries with it: motion clips and scenes of its own making, so that the program
 //! needs no other file.
 //!
-//! [`scene`] reads an embedded scene without touching a disk; [`write_scene`] writes one with its clips into a
+//! [`scene`] reads an embedded scene without touching a disk, [`with_clips`] one of the caller's; [`write_scene`] writes one with its clips into a
 //! folder, for processes that read files.
 
 mod network;
@@ -27,8 +27,16 @@ const SCENE_FOLDER: &str = "scenes";
 /// [`FileError`] that names what there is, for a name that is not embedded.
 pub fn scene(name: &str) -> Result<Scene, FileError> {
     let path = scene_path(name);
-    let text = text_of(SCENES, name, &path)?;
-    Scene::parse(text, &path, &mut |clip| {
+    with_clips(text_of(SCENES, name, &path)?, &path)
+}
+
+/// The scene that `text` describes, its clips taken from [`CLIPS`]; `path` is what errors name, and what paths
+/// in it are relative to.
+///
+/// # Errors
+/// [`FileError`] for a text that is no scene, or names a clip that is not embedded.
+pub fn with_clips(text: &str, path: &Path) -> Result<Scene, FileError> {
+    Scene::parse(text, path, &mut |clip| {
         Ok(Arc::new(Clip::parse(clip_text(clip)?, clip)?))
     })
 }

@@ -1,0 +1,199 @@
+//! What the edges of a simulated venue send, tick after tick, kept in memory: so that whoever measures fusion has
+//! its input at hand, and neither simulator nor network in the number.
+//!
+//! [`RecordedVenue::record`] runs edges and fusion in lock-step in this process. A fresh
+//! [`Pipeline`] that steps over the groups does what the recording one did, because the result is the same bit
+//! for bit: the boxes it makes are those that the groups answer.
+
+mod crowd_scene;
+
+use std::sync::Arc;
+
+use farfield_edge::pipeline::{EdgeOutput, EdgePipeline, PipelineError, StepRequest};
+use farfield_edge::source::{FrameSource, SourceError};
+use farfield_fusion::align::TickGroup;
+use farfield_fusion::pipeline::Pipeline;
+use farfield_proto::id::{SessionId, ViewpointIndex};
+use farfield_proto::message::BoxSet;
+use farfield_proto::patch::CompressionLevel;
+use farfield_proto::tick::Tick;
+use farfield_proto::toml_file::FileError;
+use farfield_proto::venue::{Parameters, Venue};
+use rayon::prelude::*;
+
+pub use self::crowd_scene::RATE_HZ;
+use crate::simulated::in_memory::{Input, sources_of, venue_of};
+
+/// The session that the groups belong to.
+const SESSION: SessionId = SessionId(1);
+
+/// How large a venue is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct VenueSize {
+    /// Viewpoints around the field, of one camera each.
+    pub viewpoints: usize,
+    /// People on it.
+    pub people: usize,
+}
+
+/// Why a venue cannot be recorded.
+#[derive(Debug, thiserror::Error)]
+pub enum RecordVenueError {
+    /// There is no scene of this size.
+    #[error(transparent)]
+    Scene(#[from] FileError),
+    /// A simulated camera gives nothing.
+    #[error(transparent)]
+    Source(#[from] SourceError),
+    /// An edge could not work.
+    #[error(transparent)]
+    Edge(#[from] PipelineError),
+}
+
+/// A venue and all that fusion got of it.
+pub struct RecordedVenue {
+    venue: Venue,
+    groups: Vec<TickGroup>,
+}
+
+impl RecordedVenue {
+    /// Records the first `ticks` ticks of a venue of `size`, with maps made from the truth with the faults of
+    /// networks, packed at `level`. The same arguments give the same groups. `done` is told after each tick.
+    ///
+    /// # Errors
+    /// [`RecordVenueError`] when the size is not one of a scene.
+    pub fn record(
+        size: VenueSize,
+        ticks: u32,
+        level: CompressionLevel,
+        done: &mut dyn FnMut(),
+    ) -> Result<Self, RecordVenueError> {
+        let scene = Arc::new(crowd_scene::crowd_scene(size, ticks)?);
+        let venue = venue_of(&scene, &Input::Maps, Parameters::default());
+        let sources = sources_of(&scene, &Input::Maps)?;
+        let edges = sources.into_iter().enumerate();
+        let mut edges = edges
+            .map(|(index, source)| {
+                MapEdge::new(&venue, ViewpointIndex(index as u16), source, level)
+            })
+            .collect::<Result<Vec<_>, _>>()?;
+        let (mut fusion, mut boxes) = fusion_of(&venue);
+        let mut groups = Vec::new();
+        for tick in (0..i64::from(ticks)).map(Tick) {
+            // Edges share nothing, and their sets stay in the order of viewpoints.
+            let outputs: Vec<EdgeOutput> = edges
+                .par_iter_mut()
+                .zip(&boxes)
+                .map(|(edge, boxes)| edge.step(tick, boxes))
+                .collect::<Result<_, _>>()?;
+            let mut group = TickGroup {
+                tick,
+                ..TickGroup::default()
+            };
+            for output in outputs {
+                group.patch_sets.extend(output.patch_sets);
+                group.sighting_sets.extend(output.sighting_sets);
+            }
+            boxes = fusion.step(&group, &mut |_| {}).boxes;
+            groups.push(group);
+            done();
+        }
+        Ok(Self { venue, groups })
+    }
+
+    /// A pipeline that the groups can be given to, from the first on.
+    pub fn fusion(&self) -> Pipeline {
+        fusion_of(&self.venue).0
+    }
+
+    /// What fusion got, by tick.
+    pub fn groups(&self) -> &[TickGroup] {
+        &self.groups
+    }
+}
+
+/// Fusion at the first tick, and its first boxes.
+fn fusion_of(venue: &Venue) -> (Pipeline, Vec<BoxSet>) {
+    let mut fusion = Pipeline::new(venue, None, SESSION);
+    let boxes = fusion.first_boxes(Tick(0));
+    (fusion, boxes)
+}
+
+/// The edge of a viewpoint with one camera, from which maps are painted.
+struct MapEdge {
+    source: Box<dyn FrameSource>,
+    pipeline: EdgePipeline,
+}
+
+impl MapEdge {
+    fn new(
+        venue: &Venue,
+        viewpoint: ViewpointIndex,
+        source: Box<dyn FrameSource>,
+        level: CompressionLevel,
+    ) -> Result<Self, PipelineError> {
+        let mut pipeline = EdgePipeline::new(venue, viewpoint, None, None)?;
+        pipeline.set_compression_level(level);
+        Ok(Self { source, pipeline })
+    }
+
+    fn step(&mut self, tick: Tick, boxes: &BoxSet) -> Result<EdgeOutput, RecordVenueError> {
+        let frames = [self.source.next_frame()?];
+        let request = StepRequest {
+            tick,
+            boxes,
+            detection_cameras: &boxes.detection_cameras,
+            persons: None,
+            timing: None,
+        };
+        Ok(self.pipeline.step(&frames, &request, &mut |_| {})?)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SIZE: VenueSize = VenueSize {
+        viewpoints: 3,
+        people: 2,
+    };
+
+    fn recorded(level: CompressionLevel) -> RecordedVenue {
+        RecordedVenue::record(SIZE, 20, level, &mut || {}).unwrap()
+    }
+
+    fn bytes(venue: &RecordedVenue) -> usize {
+        let sets = venue.groups().iter().flat_map(|group| &group.patch_sets);
+        let patches = sets.flat_map(|set| &set.persons);
+        patches.map(|patch| patch.maps.bytes.len()).sum()
+    }
+
+    #[test]
+    fn a_venue_is_the_same_every_time() {
+        let once = recorded(CompressionLevel::DEFAULT);
+        assert_eq!(once.groups().len(), 20);
+        assert_eq!(once.groups(), recorded(CompressionLevel::DEFAULT).groups());
+    }
+
+    #[test]
+    fn a_fresh_fusion_has_use_for_all_that_was_recorded() {
+        let venue = recorded(CompressionLevel::DEFAULT);
+        let mut fusion = venue.fusion();
+        let steps = venue.groups().iter().map(|g| fusion.step(g, &mut |_| {}));
+        let steps: Vec<_> = steps.collect();
+        assert!(
+            steps
+                .iter()
+                .all(|s| s.unusable_patches == 0 && s.unusable_sightings == 0)
+        );
+        assert_eq!(steps[19].poses.persons.len(), SIZE.people);
+    }
+
+    #[test]
+    fn without_loss_patches_are_larger() {
+        let [default, lossless] = [CompressionLevel::DEFAULT, CompressionLevel::LOSSLESS]
+            .map(|level| bytes(&recorded(level)));
+        assert!(default > 0 && default < lossless, "{default} {lossless}");
+    }
+}
