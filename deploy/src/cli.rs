@@ -4,6 +4,7 @@ use clap::{Parser, Subcommand};
 use farfield_edge::node::EdgeArgs;
 use farfield_fusion::node::{FusionArgs, RecordArgs, ReplayArgs};
 
+use crate::bench::BenchArgs;
 use crate::certs::CertsArgs;
 use crate::demo::DemoArgs;
 use crate::evaluate::EvaluateArgs;
@@ -44,6 +45,8 @@ pub(crate) enum FarfieldCommand {
     Certs(CertsArgs),
     /// Record a simulated scene as a venue that `farfield run` takes.
     Simulate(SimulateArgs),
+    /// Measure how many people and viewpoints this machine carries, and at which rate.
+    Bench(BenchArgs),
 }
 
 #[cfg(test)]

@@ -7,6 +7,7 @@
 //! It is a library, so that another program can stand in for it: one that hands every first argument which [`knows`]
 //! accepts on to [`main`] can start itself as the nodes. The program `lab` does.
 
+mod bench;
 mod certs;
 mod cli;
 mod demo;
@@ -44,6 +45,7 @@ pub fn main() -> ExitCode {
         FarfieldCommand::Replay(args) => farfield_fusion::node::replay(&args, output::print),
         FarfieldCommand::Demo(args) => demo::main(&args),
         FarfieldCommand::Simulate(args) => simulate::main(args),
+        FarfieldCommand::Bench(args) => exit_code(bench::bench(&args).map(|()| Ending::Done)),
         FarfieldCommand::Certs(args) => exit_code(certs::certs(&args).map(|()| Ending::Done)),
         FarfieldCommand::Parameters(args) => {
             exit_code(parameters::print(&args).map(|()| Ending::Done))

@@ -1,0 +1,206 @@
+//! `farfield bench`: how many people and viewpoints fusion carries on this machine, and at which rate.
+//!
+//! What is measured is the whole step of fusion's core: the patches and sightings of a tick in; poses, boxes and
+//! events out, ticks with detection passes among them. Network, disk and simulator are not in the number: the
+//! venue is recorded in memory before ([`RecordedVenue`]), and stepped over again.
+
+mod measure;
+mod report;
+
+use std::io::{IsTerminal as _, stderr};
+use std::thread;
+
+use farfield_node::process::{NodeError, say};
+use farfield_proto::patch::CompressionLevel;
+use farfield_sim::recorded_venue::{RATE_HZ, RecordedVenue, VenueSize};
+use farfield_sim::scene::file::{MAX_CAMERAS, MAX_PEOPLE};
+use indicatif::{ProgressBar, ProgressStyle};
+
+use self::measure::{LEFT_OUT, measure};
+use self::report::BenchReport;
+use crate::output;
+
+/// What is measured when no size is asked for: viewpoints, people.
+const SIZES: [(usize, usize); 3] = [(4, 5), (4, 8), (12, 22)];
+/// Fewest ticks of a recording: a second is measured, so that a detection pass is among them.
+const FEWEST_TICKS: usize = LEFT_OUT + RATE_HZ as usize;
+/// Most ticks of a recording: all of its patches are kept in memory.
+const MOST_TICKS: usize = 3600;
+/// Most threads.
+const MOST_THREADS: usize = 256;
+
+/// What `farfield bench` is told.
+#[derive(Debug, Clone, clap::Args)]
+pub(crate) struct BenchArgs {
+    /// Viewpoints of one camera each, 2 to 64. Default: 4 with 5 people, 4 with 8 and 12 with 22.
+    #[arg(long, value_name = "V", requires = "people", value_parser = viewpoints)]
+    viewpoints: Option<usize>,
+    /// People, 1 to 200.
+    #[arg(long, value_name = "P", requires = "viewpoints", value_parser = people)]
+    people: Option<usize>,
+    /// Threads that fusion computes on. Default: one, then one per core.
+    #[arg(long, value_name = "N", value_parser = threads)]
+    threads: Option<usize>,
+    /// Ticks at 60 Hz that are recorded and gone over; the first 30 are not measured.
+    #[arg(long, value_name = "N", default_value = "180", value_parser = ticks)]
+    ticks: usize,
+    /// Patches without loss, instead of at the compression level that a live link starts with.
+    #[arg(long)]
+    lossless: bool,
+    /// Print JSON instead of tables.
+    #[arg(long)]
+    json: bool,
+}
+
+/// Measures, and prints what came out.
+///
+/// # Errors
+/// When a venue cannot be recorded, no thread starts, or the result cannot be printed.
+pub(crate) fn bench(args: &BenchArgs) -> Result<(), NodeError> {
+    let report = measured(args).map_err(NodeError::Failed)?;
+    let text = if args.json {
+        serde_json::to_string_pretty(&report).map_err(NodeError::failed)? + "\n"
+    } else {
+        report.to_string()
+    };
+    output::print(&text).map_err(NodeError::Failed)
+}
+
+fn measured(args: &BenchArgs) -> anyhow::Result<BenchReport> {
+    let level = if args.lossless {
+        CompressionLevel::LOSSLESS
+    } else {
+        CompressionLevel::DEFAULT
+    };
+    let cores = thread::available_parallelism().map_or(1, std::num::NonZero::get);
+    let mut report = BenchReport::new(cores, level);
+    for size in args.sizes() {
+        let VenueSize { viewpoints, people } = size;
+        say(format_args!(
+            "{viewpoints} viewpoints x {people} people: recording {} ticks in memory, which takes a while",
+            args.ticks
+        ));
+        let bar = progress(args.ticks);
+        let venue = RecordedVenue::record(size, args.ticks as u32, level, &mut || bar.inc(1));
+        bar.finish_and_clear();
+        let venue = venue?;
+        for threads in args.threads(cores) {
+            say(format_args!(
+                "{viewpoints} viewpoints x {people} people: measuring, threads: {threads}"
+            ));
+            report.runs.push(measure(&venue, size, threads)?);
+        }
+    }
+    Ok(report)
+}
+
+impl BenchArgs {
+    fn sizes(&self) -> Vec<VenueSize> {
+        let asked = self.viewpoints.zip(self.people);
+        let sizes = asked.map_or_else(|| SIZES.to_vec(), |size| vec![size]);
+        let size = |(viewpoints, people)| VenueSize { viewpoints, people };
+        sizes.into_iter().map(size).collect()
+    }
+
+    fn threads(&self, cores: usize) -> Vec<usize> {
+        match self.threads {
+            Some(threads) => vec![threads],
+            None if cores > 1 => vec![1, cores],
+            None => vec![1],
+        }
+    }
+}
+
+/// A bar on a terminal, nothing elsewhere.
+fn progress(ticks: usize) -> ProgressBar {
+    if !stderr().is_terminal() {
+        return ProgressBar::hidden();
+    }
+    let bar = ProgressBar::new(ticks as u64);
+    if let Ok(style) = ProgressStyle::with_template("{bar:30} {pos}/{len} ticks {eta}") {
+        bar.set_style(style);
+    }
+    bar
+}
+
+fn viewpoints(text: &str) -> Result<usize, String> {
+    count(text, [2, MAX_CAMERAS])
+        .map_err(|e| format!("{e}: one alone does not know how far away anybody is"))
+}
+
+fn people(text: &str) -> Result<usize, String> {
+    count(text, [1, MAX_PEOPLE])
+}
+
+fn threads(text: &str) -> Result<usize, String> {
+    count(text, [1, MOST_THREADS])
+}
+
+fn ticks(text: &str) -> Result<usize, String> {
+    count(text, [FEWEST_TICKS, MOST_TICKS])
+}
+
+fn count(text: &str, [min, max]: [usize; 2]) -> Result<usize, String> {
+    let count = text.parse().ok().filter(|n| (min..=max).contains(n));
+    count.ok_or_else(|| format!("expected a whole number from {min} to {max}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[derive(clap::Parser)]
+    struct BenchLine {
+        #[command(flatten)]
+        args: BenchArgs,
+    }
+
+    fn parsed(words: &str) -> Result<BenchArgs, clap::Error> {
+        let words = ["bench"].into_iter().chain(words.split_whitespace());
+        <BenchLine as clap::Parser>::try_parse_from(words).map(|line| line.args)
+    }
+
+    #[track_caller]
+    fn refused(words: &str, why: &str) {
+        let error = parsed(words).unwrap_err();
+        assert_eq!(error.exit_code(), 2, "{words}");
+        assert!(error.to_string().contains(why), "{words}: {error}");
+    }
+
+    #[test]
+    fn without_a_size_three_are_measured_on_one_thread_and_on_all() {
+        let args = parsed("").unwrap();
+        let sizes = args.sizes().into_iter().map(|s| (s.viewpoints, s.people));
+        assert_eq!(sizes.collect::<Vec<_>>(), SIZES);
+        assert_eq!(args.threads(8), [1, 8]);
+        assert_eq!(args.threads(1), [1]);
+        let args = parsed("--viewpoints 16 --people 22 --threads 3").unwrap();
+        let [size] = args.sizes()[..] else { panic!() };
+        assert_eq!((size.viewpoints, size.people), (16, 22));
+        assert_eq!(args.threads(8), [3]);
+    }
+
+    #[test]
+    fn what_cannot_be_measured_is_refused() {
+        refused("--viewpoints 4 --people 0", "a whole number from 1 to 200");
+        refused("--viewpoints 1 --people 5", "from 2 to 64: one alone");
+        refused("--viewpoints 65 --people 5", "from 2 to 64");
+        refused("--viewpoints four --people 5", "from 2 to 64");
+        refused("--viewpoints 4", "--people");
+        refused("--people 4", "--viewpoints");
+        refused("--threads 0", "from 1 to 256");
+        refused("--ticks 89", "from 90 to 3600");
+    }
+
+    #[test]
+    fn a_small_venue_is_measured_and_its_people_are_found() {
+        let args = parsed("--viewpoints 3 --people 2 --threads 1 --ticks 90").unwrap();
+        let report = measured(&args).unwrap();
+        let [run] = &report.runs[..] else { panic!() };
+        assert_eq!(run.tracked, 2);
+        assert!(run.ticks >= 300 && run.ticks_with_detection > 0);
+        assert!(run.p50_ms > 0.0 && run.p50_ms <= run.p99_ms && run.p99_ms <= run.max_ms);
+        let text = report.to_string();
+        assert!(text.contains("3 viewpoints x 2 people: "), "{text}");
+    }
+}

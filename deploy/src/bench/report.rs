@@ -1,0 +1,175 @@
+//! What `farfield bench` prints.
+
+use std::fmt;
+
+use farfield_proto::patch::CompressionLevel;
+use farfield_sim::recorded_venue::RATE_HZ;
+use serde::Serialize;
+
+/// Everything that was measured.
+#[derive(Debug, Serialize)]
+pub(super) struct BenchReport {
+    /// Rate that the simulated cameras have, ticks per second.
+    pub(super) rate_hz: f64,
+    /// Cores that this process may use.
+    pub(super) cores: usize,
+    /// Number of the patches' compression level.
+    pub(super) compression_level: u8,
+    pub(super) runs: Vec<BenchRun>,
+}
+
+/// One venue on a number of threads.
+#[derive(Debug, Serialize)]
+pub(super) struct BenchRun {
+    pub(super) viewpoints: usize,
+    pub(super) people: usize,
+    pub(super) threads: usize,
+    /// Ticks that were measured.
+    pub(super) ticks: usize,
+    /// Those of them with a detection pass.
+    pub(super) ticks_with_detection: usize,
+    pub(super) p50_ms: f64,
+    pub(super) p99_ms: f64,
+    pub(super) max_ms: f64,
+    /// In the order of a step.
+    pub(super) stages: Vec<StageMedian>,
+    /// People with a pose at the last tick.
+    pub(super) tracked: usize,
+}
+
+/// The median time of a stage.
+#[derive(Debug, Serialize)]
+pub(super) struct StageMedian {
+    pub(super) stage: &'static str,
+    pub(super) p50_us: f64,
+}
+
+impl BenchReport {
+    /// Of nothing yet.
+    pub(super) fn new(cores: usize, level: CompressionLevel) -> Self {
+        Self {
+            rate_hz: RATE_HZ,
+            cores,
+            compression_level: level.number(),
+            runs: Vec::new(),
+        }
+    }
+
+    fn write_stages(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "viewpoints  people  threads")?;
+        let names = self.runs.first().map_or(&[][..], |run| &run.stages);
+        for StageMedian { stage, .. } in names {
+            write!(f, "  {stage:>9}")?;
+        }
+        writeln!(f, "  median us a tick")?;
+        for run in &self.runs {
+            run.write_size(f)?;
+            for StageMedian { stage, p50_us } in &run.stages {
+                write!(f, "  {p50_us:>width$.0}", width = stage.len().max(9))?;
+            }
+            writeln!(f)?;
+        }
+        Ok(())
+    }
+}
+
+impl fmt::Display for BenchReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(
+            f,
+            "viewpoints  people  threads   P50 ms   P99 ms   max ms  detection  tracked"
+        )?;
+        for run in &self.runs {
+            run.write_size(f)?;
+            writeln!(
+                f,
+                "  {:>7.2}  {:>7.2}  {:>7.2}  {:>7.1} %  {:>7}",
+                run.p50_ms,
+                run.p99_ms,
+                run.max_ms,
+                100.0 * run.ticks_with_detection as f64 / run.ticks.max(1) as f64,
+                run.tracked
+            )?;
+        }
+        writeln!(f)?;
+        self.write_stages(f)?;
+        writeln!(f)?;
+        let tick_ms = 1e3 / self.rate_hz;
+        for run in &self.runs {
+            let threads = if run.threads == 1 {
+                "thread"
+            } else {
+                "threads"
+            };
+            writeln!(
+                f,
+                "{} viewpoints x {} people: {:.1} ms a tick at P99 on {} {threads}: {:.0} Hz; the {tick_ms:.1} ms \
+                 between ticks at {:.0} Hz hold it {:.1} times",
+                run.viewpoints,
+                run.people,
+                run.p99_ms,
+                run.threads,
+                1e3 / run.p99_ms,
+                self.rate_hz,
+                tick_ms / run.p99_ms
+            )?;
+        }
+        Ok(())
+    }
+}
+
+impl BenchRun {
+    fn write_size(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "{:>10}  {:>6}  {:>7}",
+            self.viewpoints, self.people, self.threads
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn report() -> BenchReport {
+        let stage = |stage, p50_us| StageMedian { stage, p50_us };
+        let run = BenchRun {
+            viewpoints: 12,
+            people: 22,
+            threads: 2,
+            ticks: 300,
+            ticks_with_detection: 6,
+            p50_ms: 6.0,
+            p99_ms: 8.125,
+            max_ms: 9.5,
+            stages: vec![stage("decode", 1200.4), stage("peak_assignment", 80.0)],
+            tracked: 21,
+        };
+        let mut report = BenchReport::new(4, CompressionLevel::DEFAULT);
+        report.runs.push(run);
+        report
+    }
+
+    #[test]
+    fn a_run_is_a_row_of_times_a_row_of_stages_and_a_sentence() {
+        assert_eq!(
+            report().to_string(),
+            "viewpoints  people  threads   P50 ms   P99 ms   max ms  detection  tracked\n        \
+             12      22        2     6.00     8.12     9.50      2.0 %       21\n\n\
+             viewpoints  people  threads     decode  peak_assignment  median us a tick\n        \
+             12      22        2       1200               80\n\n\
+             12 viewpoints x 22 people: 8.1 ms a tick at P99 on 2 threads: 123 Hz; the 16.7 ms between ticks at \
+             60 Hz hold it 2.1 times\n"
+        );
+    }
+
+    #[test]
+    fn json_has_all_of_it() {
+        let json = serde_json::to_value(report()).unwrap();
+        assert_eq!(json["cores"], 4);
+        assert_eq!(json["compression_level"], 2);
+        assert_eq!(json["runs"][0]["p99_ms"], 8.125);
+        assert_eq!(json["runs"][0]["stages"][1]["stage"], "peak_assignment");
+    }
+}
