@@ -28,6 +28,8 @@ pub struct Method {
     pub peak_sigma_of_width: f64,
     /// The bounds of the second IK, when they are enabled.
     pub range_of_motion: Option<RangeOfMotion>,
+    /// Height of the floor that people stand on, world z, metres.
+    pub floor_m: f64,
     /// How large boxes are and when they turn.
     pub box_shape: BoxShape,
 }

@@ -155,6 +155,7 @@ impl Pipeline {
                 let side = |cells: u32| u16::try_from(cells).unwrap_or(u16::MAX);
                 [side(card.output.width), side(card.output.height)]
             }),
+            floor_m: venue.field.floor_m,
             range_of_motion: range.enabled.then(|| RangeOfMotion::new(range.factor)),
             box_shape: BoxShape {
                 margin,

@@ -52,6 +52,7 @@ mod tests {
         let field = Field {
             min_m: [-10.0, -4.0, 0.0],
             max_m: [10.0, 4.0, 2.5],
+            floor_m: 0.0,
         };
         assert_eq!(cells(&field, 1).len(), 1);
         let four = cells(&field, 4);

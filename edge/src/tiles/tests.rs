@@ -62,6 +62,7 @@ fn field(half_m: [f64; 2]) -> Field {
     Field {
         min_m: [-half_m[0], -half_m[1], -0.3],
         max_m: [half_m[0], half_m[1], 2.6],
+        floor_m: 0.0,
     }
 }
 

@@ -12,7 +12,7 @@ use nalgebra::Vector3;
 use crate::body::skeleton::Joints;
 use crate::body::skeleton::{Joint, Side};
 
-/// Ankle height above the floor (z = 0) up to which a foot may stand, metres.
+/// Ankle height above the floor up to which a foot may stand, metres.
 const LOW_M: f64 = 0.16;
 /// Speed of the ankle below which a foot is put down, and above which it is taken up, metres per second.
 const SLOW_M_S: [f64; 2] = [0.15, 0.30];
@@ -47,12 +47,21 @@ struct FootContact {
 }
 
 /// Both feet of a person.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub(crate) struct Feet {
+    floor_m: f64,
     places: [Option<FootContact>; 2],
 }
 
 impl Feet {
+    /// Feet in the air above a floor at the height `floor_m`, world z, metres.
+    pub(crate) fn above(floor_m: f64) -> Self {
+        Self {
+            floor_m,
+            places: [None; 2],
+        }
+    }
+
     /// Puts feet down and takes them up, from the smoothed joints (world, metres) and their velocities.
     pub(crate) fn step(&mut self, joints_m: &Joints, velocity_m_s: &Joints, dt_s: f64) {
         let share = (dt_s / FOLLOW_S).clamp(0.0, 1.0);
@@ -60,7 +69,8 @@ impl Feet {
             let at = |joint: Joint| joints_m[joint.index()];
             let shank = at(knee) - at(ankle);
             let speed_m_s = velocity_m_s[ankle.index()].norm();
-            let may_stand = at(ankle).z < LOW_M && shank.z > UPRIGHT_COSINE * shank.norm();
+            let is_low = at(ankle).z - self.floor_m < LOW_M;
+            let may_stand = is_low && shank.z > UPRIGHT_COSINE * shank.norm();
             let measured = FootContact {
                 heel_m: at(heel),
                 toe_m: at(toe),
@@ -117,7 +127,7 @@ mod tests {
 
     #[test]
     fn a_foot_that_stands_keeps_its_place_while_it_trembles() {
-        let (mut feet, mut joints_m) = (Feet::default(), standing());
+        let (mut feet, mut joints_m) = (Feet::above(0.0), standing());
         feet.step(&joints_m, &moving(0.0), DT_S);
         let put = feet.place_of(Joint::LeftToe).unwrap();
         joints_m[Joint::LeftToe.index()].x += 0.03;
@@ -129,7 +139,7 @@ mod tests {
 
     #[test]
     fn a_foot_that_is_moved_is_taken_up() {
-        let (mut feet, mut joints_m) = (Feet::default(), standing());
+        let (mut feet, mut joints_m) = (Feet::above(0.0), standing());
         feet.step(&joints_m, &moving(0.0), DT_S);
         feet.step(&joints_m, &moving(1.0), DT_S);
         assert_eq!(feet.place_of(Joint::LeftHeel), None);
@@ -145,8 +155,21 @@ mod tests {
     fn nobody_stands_on_the_feet_of_a_lying_person() {
         let turned = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), 1.5);
         let lying = standing().map(|joint| turned * joint * 0.1);
-        let mut feet = Feet::default();
+        let mut feet = Feet::above(0.0);
         feet.step(&lying, &moving(0.0), DT_S);
         assert_eq!(feet.place_of(Joint::LeftToe), None);
+    }
+
+    #[test]
+    fn a_foot_stands_on_the_floor_that_the_field_has() {
+        let on_stage = standing().map(|at_m| at_m + Vector3::new(0.0, 0.0, 1.2));
+        let still = [Vector3::zeros(); N_JOINTS];
+        let stands_above = |floor_m: f64| {
+            let mut feet = Feet::above(floor_m);
+            feet.step(&on_stage, &still, DT_S);
+            feet.place_of(Joint::LeftToe).is_some()
+        };
+        assert!(stands_above(1.2));
+        assert!(!stands_above(0.0));
     }
 }

@@ -48,6 +48,7 @@ impl MeetingFixture {
             sites: sites_of(&keypoints, &BTreeMap::new()),
             relative_sigmas: relative_sigmas(&keypoints),
             map_size: None,
+            floor_m: 0.0,
             peak_sigma_of_width: farfield_proto::model_card::PEAK_SIGMA_OF_WIDTH,
             range_of_motion: None,
             box_shape: BoxShape {

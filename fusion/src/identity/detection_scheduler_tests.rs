@@ -15,6 +15,7 @@ fn field() -> Field {
     Field {
         min_m: [-4.0, -3.0, -0.3],
         max_m: [4.0, 3.0, 2.6],
+        floor_m: 0.0,
     }
 }
 

@@ -236,6 +236,7 @@ mod tests {
         let field = Field {
             min_m: [-12.0, -8.0, 0.0],
             max_m: [12.0, 8.0, 2.5],
+            floor_m: 0.0,
         };
         LikenessModel::new(&field, &BirthParameters::default())
     }

@@ -38,6 +38,7 @@ impl TestHall {
         let field = Field {
             min_m: [-4.0, -3.0, -0.3],
             max_m: [4.0, 3.0, 2.6],
+            floor_m: 0.0,
         };
         PersonFinder::new(
             self.cameras.clone(),

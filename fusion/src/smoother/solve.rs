@@ -60,7 +60,7 @@ impl Solver {
             skeleton: track.estimator().body().skeleton.clone(),
             sites: track.estimator().body().sites.clone(),
             last: None,
-            feet: Feet::default(),
+            feet: Feet::above(method.floor_m),
             ik: IkSolver::new(&method.parameters.ik),
             kinematics: Kinematics::default(),
             targets: Vec::with_capacity(N_JOINTS),

@@ -211,7 +211,12 @@ fn field(
     raw: Option<&RawField>,
     cameras: &[VenueCamera],
 ) -> Result<Field, FileError> {
-    let Some(&RawField { min_m, max_m }) = raw else {
+    let Some(&RawField {
+        min_m,
+        max_m,
+        floor_m,
+    }) = raw
+    else {
         return Ok(default_field(cameras));
     };
     let place = Place::field("field");
@@ -234,7 +239,18 @@ fn field(
         );
         return Err(file.error(&place.key("max_m").index(axis), problem));
     }
-    Ok(Field { min_m, max_m })
+    if !(min_m[2]..=max_m[2]).contains(&floor_m) {
+        let problem = format!(
+            "found {floor_m:?}, expected a height of the field, {:?} to {:?}",
+            min_m[2], max_m[2]
+        );
+        return Err(file.error(&place.key("floor_m"), problem));
+    }
+    Ok(Field {
+        min_m,
+        max_m,
+        floor_m,
+    })
 }
 
 fn default_field(cameras: &[VenueCamera]) -> Field {
@@ -242,6 +258,7 @@ fn default_field(cameras: &[VenueCamera]) -> Field {
     let mut field = Field {
         min_m: [f64::INFINITY, f64::INFINITY, low],
         max_m: [f64::NEG_INFINITY, f64::NEG_INFINITY, high],
+        floor_m: 0.0,
     };
     for camera in cameras {
         let center = camera.model.center().coordinates_m();

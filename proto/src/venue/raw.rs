@@ -63,6 +63,8 @@ pub(super) struct RawSecurity {
 pub(super) struct RawField {
     pub(super) min_m: [f64; 3],
     pub(super) max_m: [f64; 3],
+    #[serde(default)]
+    pub(super) floor_m: f64,
 }
 
 #[derive(Debug, Deserialize)]

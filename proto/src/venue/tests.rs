@@ -230,6 +230,11 @@ fn numbers_out_of_their_range_are_refused() {
         "12: `field.max_m[1]`: found -8.0, expected more than `min_m` (-8.0)",
     );
     check(
+        "max_m = [12.0, 8.0, 2.5]",
+        "max_m = [12.0, 8.0, 2.5]\nfloor_m = 2.6",
+        "13: `field.floor_m`: found 2.6, expected a height of the field, -0.3 to 2.5",
+    );
+    check(
         "lattice.half_width_m = 0.3",
         "boxes.rotate_until_deg = 60",
         "34: `tuning.boxes.rotate_until_deg`: found 60.0, expected at most `rotate_from_deg` (40.0)",

@@ -87,6 +87,7 @@ impl CameraRing {
             sites: sites_of(&keypoints, &std::collections::BTreeMap::new()),
             relative_sigmas: relative_sigmas(&keypoints),
             map_size: None,
+            floor_m: 0.0,
             peak_sigma_of_width: farfield_proto::model_card::PEAK_SIGMA_OF_WIDTH,
             keypoints,
             range_of_motion: Some(RangeOfMotion::new(1.0)),

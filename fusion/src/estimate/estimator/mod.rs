@@ -14,7 +14,6 @@ mod restart;
 mod stages;
 
 use farfield_proto::patch::Decoder;
-use farfield_proto::venue::parameters::IkParameters;
 use nalgebra::Vector3;
 
 use super::evidence::View;
@@ -87,7 +86,8 @@ pub struct PoseEstimate {
 }
 
 impl PoseEstimate {
-    fn new(skeleton: &Skeleton, pose: &Pose, ik: &IkParameters, n_keypoints: usize) -> Self {
+    fn new(skeleton: &Skeleton, pose: &Pose, method: &Method) -> Self {
+        let n_keypoints = method.sites.len();
         let mut kinematics = Kinematics::default();
         skeleton.forward(pose, &mut kinematics);
         let joints_m = joints_of(&kinematics);
@@ -101,8 +101,8 @@ impl PoseEstimate {
             targets: Vec::with_capacity((2 * n_keypoints).max(N_JOINTS)),
             kinematics,
             measured_m: joints_m,
-            solver: IkSolver::new(ik),
-            feet: Feet::default(),
+            solver: IkSolver::new(&method.parameters.ik),
+            feet: Feet::above(method.floor_m),
             push_m: [Vector3::zeros(); N_JOINTS],
             uncertainty: Uncertainty::default(),
             boxes: Boxes::default(),
@@ -126,10 +126,9 @@ impl AsRef<Self> for Estimator {
 impl Estimator {
     /// A person with the body `skeleton` in `pose`.
     pub fn new(skeleton: Skeleton, pose: Pose, method: &Method) -> Self {
-        let n_keypoints = method.sites.len();
         Self {
             evidence: Evidence::new(method),
-            estimate: PoseEstimate::new(&skeleton, &pose, &method.parameters.ik, n_keypoints),
+            estimate: PoseEstimate::new(&skeleton, &pose, method),
             body: MeasuredBody::new(skeleton, method.sites.clone()),
         }
     }

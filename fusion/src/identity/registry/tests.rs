@@ -59,6 +59,7 @@ fn method(venue: &Venue) -> Method {
         sites: sites_of(&keypoints, &std::collections::BTreeMap::new()),
         relative_sigmas: relative_sigmas(&keypoints),
         map_size: None,
+        floor_m: 0.0,
         peak_sigma_of_width: farfield_proto::model_card::PEAK_SIGMA_OF_WIDTH,
         range_of_motion: Some(RangeOfMotion::new(1.0)),
         box_shape: BoxShape {

@@ -88,7 +88,11 @@ pub fn venue_of(scene: &Scene, input: &Input, parameters: Parameters) -> Venue {
         detector,
         endpoints: Endpoints::default(),
         security: Security::default(),
-        field: Field { min_m, max_m },
+        field: Field {
+            min_m,
+            max_m,
+            floor_m: 0.0,
+        },
         viewpoints,
         cameras,
         given_persons,
