@@ -15,6 +15,7 @@ use farfield_fusion::align::TickGroup;
 use farfield_fusion::identity::track::Track;
 use farfield_proto::id::{SessionId, ViewpointIndex};
 use farfield_proto::keypoints::KeypointSet;
+use farfield_proto::message::identity_event::IdentityEvent;
 use farfield_proto::message::{BoxSet, PatchSet, PoseSet};
 use farfield_proto::model_card::HeatmapCard;
 use farfield_proto::patch::CompressionLevel;
@@ -57,6 +58,8 @@ pub struct TickTrace {
     pub finished: Vec<PoseSet>,
     /// The smoothed poses that left the delay, if one was asked for.
     pub smoothed: Vec<PoseSet>,
+    /// What changed who is who, in order.
+    pub events: Vec<IdentityEvent>,
 }
 
 impl InProcess {
@@ -222,6 +225,7 @@ impl InProcess {
             poses: step.poses,
             finished: step.finished,
             smoothed: step.smoothed,
+            events: step.events,
         }))
     }
 

@@ -9,7 +9,7 @@ use farfield_score::table;
 use farfield_sim::fault_profile::FaultProfile;
 
 use super::scene_argument::SceneArgument;
-use crate::conditions::FarLinks;
+use crate::conditions::{Cuts, FarLinks};
 use crate::suite::budget::Budget;
 use crate::suite::overrides::parameters;
 use crate::suite::report::Baseline;
@@ -45,12 +45,21 @@ pub(super) struct BudgetArgs {
     /// A line for every actor.
     #[arg(long)]
     actors: bool,
+    /// What changed who is who, tick by tick.
+    #[arg(long)]
+    events: bool,
     /// Solve in two passes: with what comes later.
     #[arg(long)]
     two_passes: bool,
     /// How sure the poses said they were, against their errors.
     #[arg(long)]
     sureness: bool,
+    /// Cut fusion off from all edges for so many ticks ...
+    #[arg(long, value_name = "TICKS", default_value_t = 0)]
+    cut: i64,
+    /// ... at the end of every so many.
+    #[arg(long, value_name = "TICKS", default_value_t = 120)]
+    cut_every: i64,
     /// Put links between edges and fusion over which boxes are used that many ticks after the one that
     /// made them.
     #[arg(long, value_name = "TICKS", default_value_t = FarLinks::default().ahead)]
@@ -82,7 +91,11 @@ pub(super) fn budget(args: &BudgetArgs) -> Result<(), NodeError> {
         parameters: parameters(&args.set.join("\n")).map_err(NodeError::refused)?,
         keep_peaks: !args.no_dlt,
         keep_stages: true,
-        cuts: None,
+        cuts: (args.cut > 0).then_some(Cuts {
+            every: args.cut_every,
+            lasts: args.cut,
+            late: None,
+        }),
         links: FarLinks {
             ahead: args.ahead,
             loss: args.loss,
@@ -128,6 +141,11 @@ fn text_of(args: &BudgetArgs, run: &SceneRun) -> Result<String, std::fmt::Error>
             "{}",
             table::line(10, &name, &baseline.scores.mean.row())
         )?;
+    }
+    if args.events {
+        for (tick, event) in &run.events {
+            writeln!(text, "{:>8} {event}", tick.0)?;
+        }
     }
     writeln!(text, "{}", scores.identity_line())?;
     for (name, calibration) in sureness {

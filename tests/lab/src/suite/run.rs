@@ -8,6 +8,7 @@ use farfield_edge::source::FrameSource;
 use farfield_fusion::body::skeleton::Joints;
 use farfield_fusion::estimate::estimator::Estimator;
 use farfield_proto::keypoints::KeypointSet;
+use farfield_proto::message::identity_event::IdentityEvent;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::Parameters;
 use farfield_score::lines::{PoseLines, TruthExtent};
@@ -108,6 +109,8 @@ pub struct SceneRun {
     /// Per camera of the venue, world metres to homogeneous undistorted pixels.
     pub pixel_from_world: Vec<Matrix3x4<f64>>,
     presence: ScenePresence,
+    /// What changed who is who, in order.
+    pub events: Vec<(Tick, IdentityEvent)>,
     /// What the edges sent.
     pub traffic: Traffic,
     /// Per tick and id on the wire, what each camera showed; empty unless the plan keeps it.
@@ -127,6 +130,7 @@ struct Running {
     finished: People,
     smoothed: People,
     traffic: Traffic,
+    events: Vec<(Tick, IdentityEvent)>,
     peaks: BTreeMap<Tick, BTreeMap<u32, Vec<PersonView>>>,
     id_of_wire: BTreeMap<u32, u32>,
     stages: BTreeMap<Tick, BTreeMap<u32, Stages>>,
@@ -142,6 +146,7 @@ impl Running {
             finished: People::new(),
             smoothed: People::new(),
             traffic: Traffic::default(),
+            events: Vec::new(),
             peaks: BTreeMap::new(),
             id_of_wire: BTreeMap::new(),
             stages: BTreeMap::new(),
@@ -159,6 +164,9 @@ impl Running {
             add_poses(&mut self.finished, poses, keypoints);
         }
         self.traffic.add(&trace.edges);
+        let events = trace.events.iter();
+        self.events
+            .extend(events.map(|event| (trace.tick, event.clone())));
         for poses in &trace.smoothed {
             add_poses(&mut self.smoothed, poses, keypoints);
         }
@@ -203,6 +211,7 @@ impl Running {
             pixel_from_world: cameras.map(|c| c.model.projection_matrix()).collect(),
             presence,
             traffic: self.traffic,
+            events: self.events,
             peaks: self.peaks,
             id_of_wire: self.id_of_wire,
             stages: self.stages,
