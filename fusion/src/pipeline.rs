@@ -319,10 +319,11 @@ impl Pipeline {
 
     fn see(&mut self, group: &TickGroup) -> u32 {
         let (cameras, unusable) = (&self.cameras, AtomicU32::new(0));
+        let finds_people = self.registry.finds_people();
         // A sum of counts is the same in any order.
         each(self.registry.tracks_mut(), |_, track| {
             track.begin(&self.method);
-            let dropped = track.see_all(group, cameras, &self.method);
+            let dropped = track.see_all(group, cameras, (&self.method, finds_people));
             unusable.fetch_add(dropped, Ordering::Relaxed);
         });
         unusable.into_inner()

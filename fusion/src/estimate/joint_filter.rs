@@ -98,7 +98,7 @@ impl JointFilter {
     }
 
     /// Lets the velocity of the joints that are `carried` fade, over `dt_s`, to that of `body`: what nothing was seen
-    /// of keeps the body's motion alone. The time constant is `coast_decay_s`.
+    /// of keeps the body's motion alone. The time constant is `limb_decay_s`.
     pub fn fade_against(
         &mut self,
         body: Joint,
@@ -106,7 +106,7 @@ impl JointFilter {
         dt_s: f64,
         parameters: &SmoothingParameters,
     ) {
-        let fade = libm::exp(-dt_s.max(0.0) / parameters.coast_decay_s);
+        let fade = libm::exp(-dt_s.max(0.0) / parameters.limb_decay_s);
         let of_body = self.velocity_m_s[body.index()];
         for joint in Joint::ALL.into_iter().filter(|&joint| carried(joint)) {
             let own = &mut self.velocity_m_s[joint.index()];
@@ -115,17 +115,37 @@ impl JointFilter {
         }
     }
 
-    /// Moves on by `dt_s` without a measurement: the velocity carries the joints and fades with
-    /// the time constant `coast_decay_s`.
+    /// Moves on by `dt_s` without a measurement: the pelvis' velocity carries all joints and fades with the time
+    /// constant `coast_decay_s`, that of each against it with `limb_decay_s`.
     pub fn coast(&mut self, dt_s: f64, parameters: &SmoothingParameters) -> &Joints {
-        let fade = libm::exp(-dt_s.max(0.0) / parameters.coast_decay_s);
-        let gain_s = parameters.coast_decay_s * (1.0 - fade);
+        let of_body = Fade::over(dt_s, parameters.coast_decay_s);
+        let of_limb = Fade::over(dt_s, parameters.limb_decay_s);
+        let body_m_s = self.velocity_m_s[Joint::Pelvis.index()];
         for n in 0..N_JOINTS {
-            self.position_m[n] += self.velocity_m_s[n] * gain_s;
-            self.velocity_m_s[n] *= fade;
-            self.innovation_m[n] *= fade;
+            let limb_m_s = self.velocity_m_s[n] - body_m_s;
+            self.position_m[n] += body_m_s * of_body.gain_s + limb_m_s * of_limb.gain_s;
+            self.velocity_m_s[n] = body_m_s * of_body.left + limb_m_s * of_limb.left;
+            self.innovation_m[n] *= of_limb.left;
         }
         &self.position_m
+    }
+}
+
+/// How a velocity fades over a while.
+struct Fade {
+    /// What is left of it.
+    left: f64,
+    /// How far it carries, over the velocity at the beginning.
+    gain_s: f64,
+}
+
+impl Fade {
+    fn over(dt_s: f64, decay_s: f64) -> Self {
+        let left = libm::exp(-dt_s.max(0.0) / decay_s);
+        Self {
+            left,
+            gain_s: decay_s * (1.0 - left),
+        }
     }
 }
 
@@ -149,6 +169,7 @@ mod tests {
         cutoff_rise_per_m: 0.0,
         innovation_cutoff_hz: 4.0,
         coast_decay_s: 0.25,
+        limb_decay_s: 0.25,
         delay_ms: 0.0,
     };
 

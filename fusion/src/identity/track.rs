@@ -16,6 +16,10 @@ use crate::body::skeleton::{Pose, Skeleton};
 use crate::estimate::estimator::{Estimator, RestartPoint, TickSnapshot};
 use crate::method::{Method, VenueView};
 
+/// How far somebody lost may be from where it is carried, per axis, for its crops to be its own, metres. They are cut
+/// there, and show whoever is there: farther away, it is for the sightings to say who is who.
+const ADRIFT_M: f64 = 0.2;
+
 /// One person. Evidence, body and estimate are the estimator's; who it is, is [`TrackIdentity`].
 pub struct Track {
     pub(crate) identity: TrackIdentity,
@@ -167,9 +171,19 @@ impl Track {
         self.estimator.begin(method);
     }
 
-    /// Takes every patch of this person that `group` holds; returns how many could not be used.
-    pub fn see_all(&mut self, group: &TickGroup, cameras: &[VenueView], method: &Method) -> u32 {
+    /// Takes every patch of this person that `group` holds; returns how many could not be used. Who has been lost for
+    /// long enough to be elsewhere takes none where sightings can find it (`finds_people`).
+    pub fn see_all(
+        &mut self,
+        group: &TickGroup,
+        cameras: &[VenueView],
+        (method, finds_people): (&Method, bool),
+    ) -> u32 {
         let (id, mut unusable) = (self.identity.wire_id, 0);
+        let is_adrift = self.identity.phase.is_lost() && self.estimator.adrift_m() > ADRIFT_M;
+        if finds_people && is_adrift {
+            return 0;
+        }
         let estimator = &mut self.estimator;
         for set in &group.patch_sets {
             for patch in set.persons.iter().filter(|patch| patch.person == id) {

@@ -15,6 +15,11 @@ impl Estimator {
         MadeOf::from_estimates(&self.evidence.estimates, method.enough_keypoints())
     }
 
+    /// How far, per axis, the person may be from where it is carried since nothing shows it, metres.
+    pub fn adrift_m(&self) -> f64 {
+        self.estimate.uncertainty.adrift_m()
+    }
+
     /// Low-pass filter on the innovation, paper (13). Without evidence the person coasts, and so does a
     /// limb.
     pub fn smooth(&mut self, method: &Method) {

@@ -151,6 +151,14 @@ impl Uncertainty {
         self.of_tick_m2
     }
 
+    /// How far, per axis, the body as a whole may be from where it is carried since nothing shows it, metres.
+    pub fn adrift_m(&self) -> f64 {
+        match self.made_of {
+            MadeOf::Motion => self.body_m2.sqrt(),
+            MadeOf::Views | MadeOf::OneView => 0.0,
+        }
+    }
+
     /// What the last pose was made of.
     pub fn made_of(&self) -> MadeOf {
         self.made_of

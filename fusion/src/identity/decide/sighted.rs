@@ -12,6 +12,10 @@ use crate::identity::recognise::{Appearance, LikenessModel, assign_known};
 
 /// How far off its place somebody who stands may be sighted, metres.
 const SIGHTED_OFF_M: f64 = 0.3;
+/// From how far between where it was last and where it is carried these are two places, metres.
+const MOVED_M: f64 = 0.5;
+/// ln of how much rarer somebody who moved has stopped or turned about than gone on.
+const STOPPED: f64 = -1.5;
 /// Least ln of the likelihood ratio at which a sighted person is somebody lost: it is expected.
 const LEAST_FOUND: f64 = 0.0;
 
@@ -78,15 +82,21 @@ pub(crate) fn revive(
         .map(|sighted| {
             let pair = |lost: &LostPerson| {
                 let known = lost.known.as_ref()?;
-                // One viewpoint may have led it on: it may be nearer to there.
+                // It went on, or one viewpoint led it on; or it stopped or turned where it was last.
                 let last = known.appearance;
                 let carried = Appearance {
                     place_m: lost.carried_m,
                     ..last
                 };
                 let sighted = sighted.as_ref()?;
-                let l = [last, carried].map(|at| model.likeness(sighted, &at, absence_s(known)));
-                l.into_iter().flatten().reduce(f64::max)
+                let likeness = |at| model.likeness(sighted, at, absence_s(known));
+                let moved_m = (lost.carried_m - last.place_m).xy().norm();
+                let stopped = if moved_m > MOVED_M { STOPPED } else { 0.0 };
+                let stopped = likeness(&last).map(|l| l + stopped);
+                [likeness(&carried), stopped]
+                    .into_iter()
+                    .flatten()
+                    .reduce(f64::max)
             };
             lost.iter().map(pair).collect()
         })

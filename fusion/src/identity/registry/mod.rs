@@ -51,6 +51,8 @@ pub struct Registry {
     memory: Memory,
     /// Per camera, whose it is.
     viewpoint_of_camera: Vec<ViewpointIndex>,
+    /// Whether any detection pass has shown anybody yet.
+    finds_people: bool,
     /// What happened since the last tick was handed out.
     events: Vec<IdentityEvent>,
     /// Buffer: everybody's facts.
@@ -86,6 +88,7 @@ impl Registry {
             shared_places: SharedPlaces::default(),
             posters: Posters::default(),
             memory: Memory::default(),
+            finds_people: false,
             events: Vec::new(),
             facts: Vec::new(),
         }
@@ -105,6 +108,11 @@ impl Registry {
     /// Everybody, in the order of their initiation.
     pub fn tracks_mut(&mut self) -> &mut [Track] {
         &mut self.tracks
+    }
+
+    /// Whether detectors find people in this venue. Where nobody was ever sighted all are given by hand.
+    pub fn finds_people(&self) -> bool {
+        self.finds_people
     }
 
     /// Which of the cameras `own` shall look for people at `tick`, as far ahead as it is planned.

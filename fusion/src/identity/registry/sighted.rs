@@ -37,6 +37,7 @@ impl Registry {
             return sets.map(|set| set.sightings.len() as u32).sum();
         }
         let (pass, unusable) = self.pass(group, method.sites.len());
+        self.finds_people |= !pass.witnesses.is_empty();
         // Who may be elsewhere by now explains nothing.
         let bodies = self.bodies(|track| !track.identity.phase.is_lost() && !track.is_awaited());
         let found = self.finder.find_in(&pass, &bodies);
@@ -246,6 +247,7 @@ impl Track {
         };
         estimator.evidence.estimates = person.estimates();
         if (pose.root_m - estimator.pose().root_m).norm() < IN_PLACE_M {
+            estimator.update_uncertainty(method.dt_s, method);
             return true;
         }
         let since = self.identity.last_seen.map(|seen| {

@@ -106,9 +106,11 @@ declare_parameters! {
             /// to notice the start of a kick within two or three ticks, low enough that the noise of single
             /// ticks averages out.
             innovation_cutoff_hz: f64 = 4.0, "Hz", 0.01 to 1000.0;
-            /// Time constant of the velocity's decay while nothing is measured: limbs that coast at full speed
-            /// leave the body within half a second.
-            coast_decay_s: f64 = 0.25, "s", 1e-3 to 1e3;
+            /// Time constant of the decay of a body's velocity while nothing is measured: who runs mostly runs on.
+            coast_decay_s: f64 = 1.0, "s", 1e-3 to 1e3;
+            /// The same of what moves against the body: limbs that coast at full speed leave it within half a
+            /// second.
+            limb_decay_s: f64 = 0.25, "s", 1e-3 to 1e3;
         }
     }
 
