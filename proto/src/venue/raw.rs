@@ -60,6 +60,7 @@ pub(super) struct RawSecurity {
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
+#[expect(clippy::struct_field_names, reason = "the unit is in every name")]
 pub(super) struct RawField {
     pub(super) min_m: [f64; 3],
     pub(super) max_m: [f64; 3],

@@ -165,8 +165,7 @@ impl Running {
         }
         self.traffic.add(&trace.edges);
         let events = trace.events.iter();
-        self.events
-            .extend(events.map(|event| (trace.tick, event.clone())));
+        self.events.extend(events.map(|event| (trace.tick, *event)));
         for poses in &trace.smoothed {
             add_poses(&mut self.smoothed, poses, keypoints);
         }
