@@ -10,7 +10,7 @@ use farfield_proto::venue::Field;
 
 use super::TALL_ENOUGH_PX;
 use super::cells::{Cell, cells};
-use super::standing::{Standing, StandingAt, floor_m, on_floor, under_picture};
+use super::standing::{Standing, StandingAt, on_floor, under_picture};
 use crate::inference::{DetectorInput, DetectorWindow};
 
 /// Finest scale of a tile, input pixels per pixel of the picture: beyond it enlarging adds no detail.
@@ -77,7 +77,7 @@ pub fn plan(
         Some(&least) if least >= LEAST_INPUT_PX => tiles_per_pass.min(MOST_TILES),
         _ => 0,
     };
-    let floor_m = floor_m(field);
+    let floor_m = field.floor_m;
     let under: Vec<Vec<StandingAt>> = cameras
         .iter()
         .map(|camera| under_picture(camera, floor_m))

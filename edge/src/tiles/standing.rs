@@ -2,7 +2,6 @@
 
 use farfield_proto::camera::CameraModel;
 use farfield_proto::frames::{Distorted, Pixel, Point, World};
-use farfield_proto::venue::Field;
 
 use super::cells::Cell;
 
@@ -28,11 +27,6 @@ pub(super) struct Standing {
     pub(super) around_px: [f64; 4],
     /// From the feet to the crown, or from shoulder to shoulder where that is longer, pixels.
     pub(super) long_px: f64,
-}
-
-/// Height of the floor, world, metres: 0, or the nearest height that the field has.
-pub(super) fn floor_m(field: &Field) -> f64 {
-    0.0_f64.clamp(field.min_m[2], field.max_m[2].max(field.min_m[2]))
 }
 
 /// A person at `feet_m` (world, metres) as `camera` sees them; `None` when no part is in its picture.

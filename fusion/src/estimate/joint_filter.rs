@@ -168,7 +168,7 @@ mod tests {
         cutoff_rise_hz_per_m: 0.0,
         cutoff_rise_per_m: 0.0,
         innovation_cutoff_hz: 4.0,
-        coast_decay_s: 0.25,
+        coast_decay_s: 1.0,
         limb_decay_s: 0.25,
         delay_ms: 0.0,
     };
@@ -289,11 +289,25 @@ mod tests {
         let before = smoother.position_m()[0].x;
         let first = smoother.coast(DT_S, &FIXED)[0].x - before;
         assert!((first - 2.0 * DT_S).abs() < 0.1 * 2.0 * DT_S);
-        for _ in 0..600 {
+        for _ in 0..3000 {
             smoother.coast(DT_S, &FIXED);
         }
         assert!((smoother.position_m()[0].x - before - 2.0 * FIXED.coast_decay_s).abs() < 1e-6);
         assert!(smoother.velocity_m_s()[0].norm() < 1e-6);
+    }
+
+    #[test]
+    fn a_limb_of_who_coasts_comes_to_rest_against_the_body_long_before_the_body() {
+        let mut smoother = JointFilter::new(&all(0.0));
+        smoother.set_velocity(Vector3::new(2.0, 0.0, 0.0));
+        let wrist = Joint::LeftWrist.index();
+        smoother.velocity_m_s[wrist].z = 3.0;
+        for _ in 0..3000 {
+            smoother.coast(DT_S, &FIXED);
+        }
+        let off_m = smoother.position_m()[wrist] - smoother.position_m()[0];
+        let expected_m = Vector3::new(0.0, 0.0, 3.0 * FIXED.limb_decay_s);
+        assert!((off_m - expected_m).norm() < 1e-6, "{off_m}");
     }
 
     #[test]
@@ -311,7 +325,7 @@ mod tests {
             );
         }
         let left = smoother.velocity_m_s()[wrist] - smoother.velocity_m_s()[0];
-        assert!((left.norm() - 3.0 * (-1.0 / FIXED.coast_decay_s).exp()).abs() < 1e-9);
+        assert!((left.norm() - 3.0 * (-1.0 / FIXED.limb_decay_s).exp()).abs() < 1e-9);
     }
 
     proptest! {

@@ -7,7 +7,7 @@
 //!   a = (s0 + s) / (n0 + s + m),      w = min(1, (a / a0)^2),      a0 = s0 / n0
 //! ```
 //!
-//! s and m how often it saw and missed people who are known or whom others sighted together, of the last passes; s0
+//! s and m how often it saw and missed people who are tracked or whom others sighted together, of the last passes; s0
 //! and n0 what is believed of a viewpoint of which nothing is known; w what its silence counts beside a sighting.
 //! A viewpoint that sees a third of the people says with its silence about a fifth of what one says that sees all.
 
@@ -17,8 +17,7 @@ use farfield_proto::id::ViewpointIndex;
 const BELIEVED_SEEN: f64 = 3.0;
 /// n0.
 const BELIEVED: f64 = 4.0;
-/// Share of what was counted that the next detection pass leaves: passes are a second apart, and people walk out
-/// from behind pillars.
+/// Share of what was counted that the next detection pass leaves: people walk out from behind pillars.
 const KEPT: f64 = 0.95;
 
 /// What one viewpoint saw and missed, faded.

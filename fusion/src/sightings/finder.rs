@@ -129,14 +129,16 @@ impl PersonFinder {
     /// the best supported first.
     pub fn find(&mut self, sightings: &[Sighting], tracked: &[KnownBody]) -> Vec<SightedPerson> {
         let pass = self.detection_pass(sightings, vec![true; self.cameras.len()]);
-        self.find_in(&pass, tracked)
+        self.find_in(&pass, tracked, tracked.len())
     }
 
-    /// As [`Self::find`].
+    /// As [`Self::find`]. The first `n_people` of `tracked` are people; what silence is worth is not learnt from the
+    /// others, which hang on walls.
     pub(crate) fn find_in(
         &mut self,
         pass: &DetectionPass,
         tracked: &[KnownBody],
+        n_people: usize,
     ) -> Vec<SightedPerson> {
         let all = &pass.witnesses;
         let explained = explained(all, tracked, self.explained_m);
@@ -145,9 +147,10 @@ impl PersonFinder {
         let groups = associate(all, &free, &self.gates, |group| {
             self.is_person(group, pass, &contradicted)
         });
+        let people = &tracked[..n_people.min(tracked.len())];
         self.learn(
             pass,
-            tracked,
+            people,
             &explained,
             (&groups, contradicted.into_inner()),
         );
@@ -232,8 +235,10 @@ impl PersonFinder {
         is_person
     }
 
-    /// Counts who of a pass was seen and missed by which viewpoint: the `tracked`, those who were found, and the
-    /// groups that were not for the silence of others, as far as no witness counts twice.
+    /// Counts who of a pass was seen and missed by which viewpoint: the `tracked` and those who were found. While there
+    /// is nobody of either, the groups are counted that are no person for the silence of others, as far as no
+    /// witness counts twice: else a hall full of pillars would never begin. With somebody there they are not: what
+    /// a mirror shows would make those look blind who do not see into it.
     fn learn(
         &mut self,
         pass: &DetectionPass,
@@ -266,6 +271,9 @@ impl PersonFinder {
             most.then_with(|| a.missed_by.len().cmp(&b.missed_by.len()))
                 .then_with(|| a.members.cmp(&b.members))
         });
+        if !tracked.is_empty() || !found.is_empty() {
+            contradicted.clear();
+        }
         let mut counted: BTreeSet<usize> = BTreeSet::new();
         for group in found.iter().chain(&contradicted) {
             if group.members.iter().any(|member| counted.contains(member)) {

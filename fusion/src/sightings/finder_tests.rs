@@ -257,7 +257,7 @@ fn cameras_that_did_not_look_do_not_contradict() {
     let found = |detected: Vec<bool>| {
         let mut finder = hall.finder();
         let pass = finder.detection_pass(&sightings, detected);
-        finder.find_in(&pass, &[]).len()
+        finder.find_in(&pass, &[], 0).len()
     };
     assert_eq!(found(vec![true; 4]), 1, "two see it and two do not");
     assert_eq!(found(vec![true, true, false, false]), 2);

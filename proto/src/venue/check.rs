@@ -239,6 +239,7 @@ fn field(
         );
         return Err(file.error(&place.key("max_m").index(axis), problem));
     }
+    let floor_m = floor_m.unwrap_or(0.0_f64.clamp(min_m[2], max_m[2]));
     if !(min_m[2]..=max_m[2]).contains(&floor_m) {
         let problem = format!(
             "found {floor_m:?}, expected a height of the field, {:?} to {:?}",

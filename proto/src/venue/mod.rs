@@ -84,7 +84,7 @@ pub struct Field {
     pub min_m: [f64; 3],
     /// Largest x, y and z.
     pub max_m: [f64; 3],
-    /// Height of the floor that people stand on, z: 0, or that of a stage.
+    /// Height of the floor that people stand on, z: 0, or as near as the field reaches, or that of a stage.
     pub floor_m: f64,
 }
 

@@ -64,8 +64,7 @@ pub(super) struct RawSecurity {
 pub(super) struct RawField {
     pub(super) min_m: [f64; 3],
     pub(super) max_m: [f64; 3],
-    #[serde(default)]
-    pub(super) floor_m: f64,
+    pub(super) floor_m: Option<f64>,
 }
 
 #[derive(Debug, Deserialize)]

@@ -136,6 +136,18 @@ fn a_whole_venue_is_read() {
 }
 
 #[test]
+fn a_field_that_says_no_floor_has_it_at_0_or_as_near_as_it_reaches() {
+    let floor_m = |from: &str, to: &str| parse(&VENUE.replace(from, to)).unwrap().field.floor_m;
+    assert!(floor_m("2.5]", "2.5]").abs() < 1e-12);
+    assert!((floor_m("2.5]", "2.5]\nfloor_m = 1.2") - 1.2).abs() < 1e-12);
+    let low = VENUE
+        .lines()
+        .find(|line| line.starts_with("min_m"))
+        .unwrap();
+    assert!((floor_m(low, "min_m = [-12.0, -8.0, 0.8]") - 0.8).abs() < 1e-12);
+}
+
+#[test]
 fn without_a_field_people_are_tracked_around_the_cameras() {
     let cut = VENUE.find("[field]").unwrap()..VENUE.find("[[viewpoint]]").unwrap();
     let mut text = VENUE.to_owned();
@@ -232,7 +244,7 @@ fn numbers_out_of_their_range_are_refused() {
     check(
         "max_m = [12.0, 8.0, 2.5]",
         "max_m = [12.0, 8.0, 2.5]\nfloor_m = 2.6",
-        "13: `field.floor_m`: found 2.6, expected a height of the field, -0.3 to 2.5",
+        "13: `field.floor_m`: found 2.6, expected a height of the field, 0.0 to 2.5",
     );
     check(
         "lattice.half_width_m = 0.3",

@@ -151,7 +151,7 @@ pub fn score(
     let mut actors: BTreeMap<u32, (ActorTally, Smoothness)> = BTreeMap::new();
     let mut identity = IdentityTally::new(extent);
     let mut calibration = UncertaintyTally::default();
-    let mut pairing = Pairing::default();
+    let mut pairing = Pairing::new(extent);
     for tick in scored_ticks(poses, truth, extent) {
         let true_bodies = truth.people_at(tick).unwrap_or(&nobody);
         let pose_bodies = poses.people_at(tick).unwrap_or(&nobody);
@@ -205,7 +205,7 @@ pub fn errors_over_time(
 ) -> BTreeMap<u32, Vec<(Tick, Option<f64>)>> {
     let nobody = BTreeMap::new();
     let mut errors: BTreeMap<u32, Vec<(Tick, Option<f64>)>> = BTreeMap::new();
-    let mut pairing = Pairing::default();
+    let mut pairing = Pairing::new(TruthExtent::Whole);
     for tick in truth.ticks() {
         let true_bodies = truth.people_at(tick).unwrap_or(&nobody);
         let pose_bodies = poses.people_at(tick).unwrap_or(&nobody);

@@ -36,7 +36,7 @@ pub struct Smoothness {
 }
 
 impl Smoothness {
-    /// Takes in the next tick: the true body and the pose that was matched to it.
+    /// Takes in the next tick: the true body and the pose that is held against it, an outlier too.
     pub fn add(&mut self, tick: Tick, truth: &ScoredBody, pose: Option<&ScoredBody>) {
         let Some(pose) = pose else {
             self.recent.clear();

@@ -8,6 +8,7 @@ use std::collections::BTreeMap;
 
 use farfield_fusion::assign::assign;
 
+use super::lines::TruthExtent;
 use super::points::ScoredBody;
 
 /// Farthest mean distance at which a pose can be a truth's, metres.
@@ -71,33 +72,45 @@ impl Distances {
 }
 
 /// The pairs of a tick, and whose each pose was before.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub(crate) struct Pairing {
-    /// Per actor, the id of its last pose within the gate.
+    with_outliers: bool,
+    /// Per actor, the id of its last pose within the gate that is nobody else's since.
     last_ids: BTreeMap<u32, u32>,
     matched: Vec<Option<usize>>,
     outliers: Vec<Option<usize>>,
 }
 
 impl Pairing {
+    /// Nobody was there yet. A truth that was annotated in part has no outliers: a pose that has left its person may be
+    /// of somebody whom it leaves out.
+    pub(crate) fn new(truth: TruthExtent) -> Self {
+        Self {
+            with_outliers: truth == TruthExtent::Whole,
+            last_ids: BTreeMap::new(),
+            matched: Vec::new(),
+            outliers: Vec::new(),
+        }
+    }
+
     /// Pairs the truths and the poses of the next tick.
     pub(crate) fn pair(&mut self, distances: &Distances) {
         self.matched = distances.matches();
+        for (&actor, j) in distances.true_ids.iter().zip(&self.matched) {
+            if let Some(id) = j.map(|j| distances.pose_ids[j]) {
+                // An id that is another's now is nobody else's last.
+                self.last_ids.retain(|_, last| *last != id);
+                self.last_ids.insert(actor, id);
+            }
+        }
         self.outliers.clear();
         for (i, actor) in distances.true_ids.iter().enumerate() {
-            let outlier = match self.matched[i] {
-                Some(j) => {
-                    self.last_ids.insert(*actor, distances.pose_ids[j]);
-                    None
-                }
-                None => self.last_ids.get(actor).and_then(|id| {
-                    let at = distances.pose_ids.iter().position(|pose| pose == id)?;
-                    let is_free = !self.matched.contains(&Some(at))
-                        && !self.outliers.contains(&Some(at))
-                        && distances.of_m(i, at).is_finite();
-                    is_free.then_some(at)
-                }),
-            };
+            let last = self.last_ids.get(actor);
+            let last = last.filter(|_| self.matched[i].is_none() && self.with_outliers);
+            let outlier = last.and_then(|id| {
+                let at = distances.pose_ids.iter().position(|pose| pose == id)?;
+                distances.of_m(i, at).is_finite().then_some(at)
+            });
             self.outliers.push(outlier);
         }
     }

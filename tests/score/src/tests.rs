@@ -168,11 +168,27 @@ fn a_sigma_answers_for_an_outlier_too() {
     let sure = |line: String| line.replace("\"joints\"", state);
     let truth: String = (0..2).map(|t| exact(t, 1, 0.0)).collect();
     let poses = sure(exact(0, 7, 0.0)) + &sure(line(1, 7, 0.0, |_| 0.6));
-    for extent in [TruthExtent::Whole, TruthExtent::Partial] {
+    let tracked = |extent| {
         let scores = scored_against(extent, &poses, &truth);
-        let rows = scores.calibration.unwrap().all_rows();
-        assert_eq!(rows.states["tracked"].n, 2);
-        check(rows.states["tracked"].inside_1, 100.0 * 5.0 / 6.0);
+        scores.calibration.unwrap().all_rows().states["tracked"]
+    };
+    let whole = tracked(TruthExtent::Whole);
+    assert_eq!(whole.n, 2);
+    check(whole.inside_1, 100.0 * 5.0 / 6.0);
+    // It may be of somebody whom the truth leaves out.
+    assert_eq!(tracked(TruthExtent::Partial).n, 1);
+}
+
+#[test]
+fn an_outlier_is_of_whoever_had_the_id_last() {
+    // Id 7 is one's for a tick, then the other's, and then far from both.
+    for [first, last] in [[1, 2], [2, 1]] {
+        let truth: String = (0..3)
+            .map(|t| exact(t, first, 0.0) + &exact(t, last, 3.0))
+            .collect();
+        let poses = exact(0, 7, 0.0) + &exact(1, 7, 3.0) + &exact(2, 7, 4.0);
+        let actors = scored(&poses, &truth).actors;
+        assert_eq!((actors[&first].outliers, actors[&last].outliers), (0, 1));
     }
 }
 

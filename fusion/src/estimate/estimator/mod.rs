@@ -98,7 +98,7 @@ impl PoseEstimate {
             motion: Motion::at_rest(joints_m),
             filter: JointFilter::new(&joints_m),
             ahead_m: joints_m,
-            targets: Vec::with_capacity((2 * n_keypoints).max(N_JOINTS)),
+            targets: Vec::with_capacity(n_keypoints.max(N_JOINTS)),
             kinematics,
             measured_m: joints_m,
             solver: IkSolver::new(&method.parameters.ik),

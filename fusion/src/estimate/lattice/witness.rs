@@ -88,11 +88,13 @@ impl Witnesses {
     ) {
         for i in 0..self.all.len() {
             let me = self.all[i].view;
-            let crowd: f64 = self
-                .all
-                .iter()
-                .map(|w| closeness[me * views.len() + w.view])
-                .sum();
+            // Who shows nothing here takes no more of a neighbour's vote than it has itself.
+            let shared = |w: &Witness| {
+                let has = w.responds || w.view == me;
+                let has = if has { 1.0 } else { sight[w.view] };
+                has * closeness[me * views.len() + w.view]
+            };
+            let crowd: f64 = self.all.iter().map(shared).sum();
             self.all[i].vote = 1.0 / crowd.max(1.0);
         }
         let (mut votes, mut weights) = (0.0, 0.0);
@@ -107,7 +109,7 @@ impl Witnesses {
             votes += witness.vote;
             weights += witness.weight;
         }
-        // Views that count nothing (g = 0 and all occluded) are no witnesses.
+        // Views that count nothing (g = 0 and all occluded, or all blind) are no witnesses.
         if weights <= 0.0 {
             self.all.clear();
             return;

@@ -39,8 +39,10 @@ impl Registry {
         let (pass, unusable) = self.pass(group, method.sites.len());
         self.finds_people |= !pass.witnesses.is_empty();
         // Who may be elsewhere by now explains nothing.
-        let bodies = self.bodies(|track| !track.identity.phase.is_lost() && !track.is_awaited());
-        let found = self.finder.find_in(&pass, &bodies);
+        let explains = |track: &Track| !track.identity.phase.is_lost() && !track.is_awaited();
+        let bodies = self.bodies(explains);
+        let n_people = self.tracks.iter().filter(|track| explains(track)).count();
+        let found = self.finder.find_in(&pass, &bodies, n_people);
         let found = self.reinitiate(found, tick, method);
         for track in self.tracks.iter_mut().filter(|t| t.is_tentative()) {
             let body = KnownBody {
