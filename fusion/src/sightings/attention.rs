@@ -63,8 +63,18 @@ impl Attention {
         }
     }
 
+    /// What the silence of viewpoints, `missed_by`, counts beside the sightings of `seen_by` others. Few are believed
+    /// whole: a mirror hides from as many as look into it. Where more are silent than see, something stands before
+    /// those that miss most people.
+    pub(crate) fn of_all(&self, missed_by: &[ViewpointIndex], seen_by: usize) -> f64 {
+        if missed_by.len() <= seen_by {
+            return missed_by.len() as f64;
+        }
+        missed_by.iter().map(|&v| self.of_silence(v)).sum()
+    }
+
     /// What the silence of `viewpoint` counts beside a sighting, 0 to 1.
-    pub(crate) fn of_silence(&self, viewpoint: ViewpointIndex) -> f64 {
+    fn of_silence(&self, viewpoint: ViewpointIndex) -> f64 {
         let counted = self.viewpoints.get(usize::from(viewpoint.0));
         let SeenAndMissed { seen, missed } = counted.copied().unwrap_or_default();
         let share = (BELIEVED_SEEN + seen) / (BELIEVED + seen + missed);
@@ -94,6 +104,19 @@ mod tests {
         }
         let silence = attention.of_silence(ONE);
         assert!((0.15..0.3).contains(&silence), "{silence}");
+    }
+
+    #[test]
+    fn few_that_are_silent_are_believed_whole_however_much_they_miss() {
+        let mut attention = Attention::new(12);
+        let all: Vec<ViewpointIndex> = (0..12).map(ViewpointIndex).collect();
+        for _ in 0..20 {
+            all.iter()
+                .for_each(|&viewpoint| attention.missed(viewpoint));
+        }
+        assert!((attention.of_all(&all[..2], 2) - 2.0).abs() < 1e-12);
+        assert!((attention.of_all(&all[..3], 3) - 3.0).abs() < 1e-12);
+        assert!(attention.of_all(&all[..10], 2) < 1.0);
     }
 
     #[test]

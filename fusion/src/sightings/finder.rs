@@ -187,15 +187,16 @@ impl PersonFinder {
             std::slice::from_ref(body),
             self.explained_m,
         );
-        let (mut seen, mut missed) = (0, 0.0);
+        let (mut seen, mut missed_by) = (0, Vec::new());
         for viewpoint in pass.viewpoints() {
             let mut own = pass.witnesses.iter().zip(&explained);
             if own.any(|(w, by)| by.is_some() && w.viewpoint == viewpoint) {
                 seen += 1;
             } else if pass.is_missed_by(viewpoint, &self.cameras, &body.keypoints_m) {
-                missed += self.attention.of_silence(viewpoint);
+                missed_by.push(viewpoint);
             }
         }
+        let missed = self.attention.of_all(&missed_by, seen as usize);
         (seen, missed)
     }
 
@@ -224,8 +225,8 @@ impl PersonFinder {
             return false;
         }
         let missed_by = missed_by(&self.cameras, group, &points, pass);
-        let silence = missed_by.iter().map(|&v| self.attention.of_silence(v));
-        let is_person = silence.sum::<f64>() < group.members.len() as f64;
+        let seen_by = group.members.len();
+        let is_person = self.attention.of_all(&missed_by, seen_by) < seen_by as f64;
         if !is_person {
             contradicted.borrow_mut().push(Contradicted {
                 members: group.members.clone(),
@@ -235,10 +236,8 @@ impl PersonFinder {
         is_person
     }
 
-    /// Counts who of a pass was seen and missed by which viewpoint: the `tracked` and those who were found. While there
-    /// is nobody of either, the groups are counted that are no person for the silence of others, as far as no
-    /// witness counts twice: else a hall full of pillars would never begin. With somebody there they are not: what
-    /// a mirror shows would make those look blind who do not see into it.
+    /// Counts who of a pass was seen and missed by which viewpoint: the `tracked`, those who were found, and the
+    /// groups that were not for the silence of others, as far as no witness counts twice.
     fn learn(
         &mut self,
         pass: &DetectionPass,
@@ -271,9 +270,6 @@ impl PersonFinder {
             most.then_with(|| a.missed_by.len().cmp(&b.missed_by.len()))
                 .then_with(|| a.members.cmp(&b.members))
         });
-        if !tracked.is_empty() || !found.is_empty() {
-            contradicted.clear();
-        }
         let mut counted: BTreeSet<usize> = BTreeSet::new();
         for group in found.iter().chain(&contradicted) {
             if group.members.iter().any(|member| counted.contains(member)) {

@@ -264,24 +264,20 @@ fn cameras_that_did_not_look_do_not_contradict() {
 }
 
 #[test]
-fn viewpoints_that_miss_half_of_the_people_contradict_nobody_for_long() {
+fn a_body_that_half_of_the_viewpoints_see_is_refused_however_often_it_is_sighted() {
     let mut noise = Noise(12);
     let hall = hall();
-    let bodies = [(0.5, 0.5), (-2.5, 1.5)].map(|(x, y)| standing(x, y, 1.75, &mut noise));
-    let [a, b] = bodies.map(|body| hall.sightings(std::slice::from_ref(&body), 1.0, &mut noise));
-    // Pillars hide each from the two corners that see the other.
-    let of_a = a.into_iter().filter(|s| s.camera.0 < 2);
-    let sightings: Vec<Sighting> = of_a
-        .chain(b.into_iter().filter(|s| s.camera.0 >= 2))
-        .collect();
+    let [person, picture] =
+        [(0.5, 0.5), (-2.5, 1.5)].map(|(x, y)| standing(x, y, 1.75, &mut noise));
+    let [seen, mirrored] =
+        [&person, &picture].map(|body| hall.sightings(std::slice::from_ref(body), 1.0, &mut noise));
+    // What a mirror shows is seen from two of the corners.
+    let mirrored = mirrored.into_iter().filter(|s| s.camera.0 < 2);
+    let sightings: Vec<Sighting> = seen.into_iter().chain(mirrored).collect();
     let mut finder = hall.finder();
-    let passes = (0..6).map(|_| finder.find(&sightings, &[]).len());
-    let found: Vec<usize> = passes.collect();
-    assert_eq!(found[0], 0, "two see it and two do not");
-    assert_eq!(
-        found[5], 2,
-        "by now they are known to miss people: {found:?}"
-    );
+    for pass in 0..20 {
+        assert_eq!(finder.find(&sightings, &[]).len(), 1, "pass {pass}");
+    }
 }
 
 #[test]
