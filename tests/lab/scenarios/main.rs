@@ -14,7 +14,6 @@ mod lockstep;
 mod nodes_by_hand;
 mod outputs;
 mod recording;
-mod same_bits;
 mod shelf;
 mod stopping;
 mod strangers;

@@ -1,5 +1,7 @@
 //! Recordings: what was recorded is solved again, as it was or in another way, whole or torn.
 
+mod same_bits;
+
 use std::collections::BTreeSet;
 use std::fs;
 use std::io::{ErrorKind, Read as _, Write as _};
