@@ -111,8 +111,9 @@ mod tests {
         let mut attention = Attention::new(12);
         let all: Vec<ViewpointIndex> = (0..12).map(ViewpointIndex).collect();
         for _ in 0..20 {
-            all.iter()
-                .for_each(|&viewpoint| attention.missed(viewpoint));
+            for &viewpoint in &all {
+                attention.missed(viewpoint);
+            }
         }
         assert!((attention.of_all(&all[..2], 2) - 2.0).abs() < 1e-12);
         assert!((attention.of_all(&all[..3], 3) - 3.0).abs() < 1e-12);
