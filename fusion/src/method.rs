@@ -9,6 +9,9 @@ use farfield_proto::venue::Parameters;
 use crate::body::skeleton::{RangeOfMotion, Site};
 use crate::boxes::BoxShape;
 
+/// Most columns and rows of maps that no network made: of keypoint files and simulated cameras.
+const LARGEST_WITHOUT_CARD: [u16; 2] = [96, 128];
+
 /// What all tracks of a venue share.
 #[derive(Debug, Clone)]
 pub struct Method {
@@ -33,9 +36,6 @@ pub struct Method {
     /// How large boxes are and when they turn.
     pub box_shape: BoxShape,
 }
-
-/// Most columns and rows of maps that no network made: of keypoint files and simulated cameras.
-const LARGEST_WITHOUT_CARD: [u16; 2] = [96, 128];
 
 impl Method {
     /// Whether maps are of the venue's keypoints, and of the size of the network's, or no larger than usual where there

@@ -71,9 +71,9 @@ pub(crate) fn associate(
     witnesses: &[SightedBody],
     free: &[usize],
     gates: &Gates,
-    plausible: impl Fn(&mut Reconstruction) -> bool,
+    mut plausible: impl FnMut(&mut Reconstruction) -> bool,
 ) -> Vec<Reconstruction> {
-    let build = |members: &[usize]| {
+    let mut build = |members: &[usize]| {
         let mut group = reconstruct(
             witnesses,
             members,

@@ -9,7 +9,8 @@
 //!
 //! s and m how often it saw and missed people who are tracked or whom others sighted together, of the last passes; s0
 //! and n0 what is believed of a viewpoint of which nothing is known; w what its silence counts beside a sighting.
-//! A viewpoint that sees a third of the people says with its silence about a fifth of what one says that sees all.
+//! w counts where more viewpoints are silent than see a body; else silence counts whole, so that what a mirror shows
+//! to half of them stays a picture. A viewpoint that sees a third of the people says with its silence about a fifth of what one says that sees all.
 
 use farfield_proto::id::ViewpointIndex;
 

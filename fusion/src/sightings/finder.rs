@@ -1,6 +1,6 @@
 //! New persons: bodies that several viewpoints see and that nobody tracks yet.
 
-use std::cell::RefCell;
+use std::cmp::Reverse;
 use std::collections::BTreeSet;
 
 use farfield_proto::camera::CameraModel;
@@ -81,10 +81,11 @@ pub struct PersonFinder {
     attention: Attention,
 }
 
-/// A group that would be a person, were it not for the viewpoints that see nobody there.
-struct Contradicted {
+/// A group inside the field that has the proportions of a body, and the other viewpoints that see nobody there.
+struct BodyGroup {
     members: Vec<usize>,
     missed_by: Vec<ViewpointIndex>,
+    is_person: bool,
 }
 
 impl PersonFinder {
@@ -143,17 +144,16 @@ impl PersonFinder {
         let all = &pass.witnesses;
         let explained = explained(all, tracked, self.explained_m);
         let free: Vec<usize> = (0..all.len()).filter(|&w| explained[w].is_none()).collect();
-        let contradicted = RefCell::new(Vec::new());
+        let mut bodies = Vec::new();
         let groups = associate(all, &free, &self.gates, |group| {
-            self.is_person(group, pass, &contradicted)
+            let body = self.body_group(group, pass);
+            let is_person = body.as_ref().is_some_and(|body| body.is_person);
+            bodies.extend(body);
+            is_person
         });
+        bodies.retain(|body| !body.is_person || groups.iter().any(|g| g.members == body.members));
         let people = &tracked[..n_people.min(tracked.len())];
-        self.learn(
-            pass,
-            people,
-            &explained,
-            (&groups, contradicted.into_inner()),
-        );
+        self.learn(pass, people, &explained, bodies);
         let is_new = |group: &Reconstruction| {
             !tracked
                 .iter()
@@ -200,40 +200,33 @@ impl PersonFinder {
         (seen, missed)
     }
 
-    /// Whether a group is a body inside the field that no other viewpoint contradicts; takes
-    /// keypoints out of it that do not fit the body.
-    fn is_person(
-        &self,
-        group: &mut Reconstruction,
-        pass: &DetectionPass,
-        contradicted: &RefCell<Vec<Contradicted>>,
-    ) -> bool {
+    /// The body that a group is, inside the field; whether it is a person, by what the silence of the other viewpoints
+    /// is worth. Takes keypoints out of the group that do not fit the body.
+    fn body_group(&self, group: &mut Reconstruction, pass: &DetectionPass) -> Option<BodyGroup> {
         let mut body = self.observed(&group.keypoints_m);
         let cut_before = body.count();
         if !is_plausible(&mut body) {
-            return false;
+            return None;
         }
         if body.count() < cut_before {
             self.keep_only(&body, &mut group.keypoints_m);
         }
-        let points: Vec<Vector3<f64>> = group.points_m().collect();
+        let points = group.keypoints_m.iter().flatten();
+        let points: Vec<Vector3<f64>> = points.map(|k| k.position_m).collect();
         if points.len() < self.gates.min_keypoints {
-            return false;
+            return None;
         }
         let middle = points.iter().sum::<Vector3<f64>>() / points.len() as f64;
         if !self.gates.inside(&middle, FIELD_SLACK_M) {
-            return false;
+            return None;
         }
         let missed_by = missed_by(&self.cameras, group, &points, pass);
         let seen_by = group.members.len();
-        let is_person = self.attention.of_all(&missed_by, seen_by) < seen_by as f64;
-        if !is_person {
-            contradicted.borrow_mut().push(Contradicted {
-                members: group.members.clone(),
-                missed_by,
-            });
-        }
-        is_person
+        Some(BodyGroup {
+            members: group.members.clone(),
+            is_person: self.attention.of_all(&missed_by, seen_by) < seen_by as f64,
+            missed_by,
+        })
     }
 
     /// Counts who of a pass was seen and missed by which viewpoint: the `tracked`, those who were found, and the
@@ -243,7 +236,7 @@ impl PersonFinder {
         pass: &DetectionPass,
         tracked: &[KnownBody],
         explained: &[Option<usize>],
-        (groups, mut contradicted): (&[Reconstruction], Vec<Contradicted>),
+        mut bodies: Vec<BodyGroup>,
     ) {
         self.attention.fade();
         let viewpoints = pass.viewpoints();
@@ -257,21 +250,15 @@ impl PersonFinder {
                 }
             }
         }
-        let found = groups.iter().map(|group| {
-            let points: Vec<Vector3<f64>> = group.points_m().collect();
-            Contradicted {
-                members: group.members.clone(),
-                missed_by: missed_by(&self.cameras, group, &points, pass),
-            }
-        });
-        let found: Vec<Contradicted> = found.collect();
-        contradicted.sort_by(|a, b| {
-            let most = b.members.len().cmp(&a.members.len());
-            most.then_with(|| a.missed_by.len().cmp(&b.missed_by.len()))
-                .then_with(|| a.members.cmp(&b.members))
+        bodies.sort_by(|a, b| {
+            let key = |body: &BodyGroup| {
+                let most = Reverse(body.members.len());
+                (!body.is_person, most, body.missed_by.len())
+            };
+            key(a).cmp(&key(b)).then_with(|| a.members.cmp(&b.members))
         });
         let mut counted: BTreeSet<usize> = BTreeSet::new();
-        for group in found.iter().chain(&contradicted) {
+        for group in &bodies {
             if group.members.iter().any(|member| counted.contains(member)) {
                 continue;
             }

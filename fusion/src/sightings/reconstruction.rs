@@ -33,13 +33,6 @@ pub(crate) struct Reconstruction {
     pub(crate) support: f64,
 }
 
-impl Reconstruction {
-    /// The points that were found, world metres.
-    pub(crate) fn points_m(&self) -> impl Iterator<Item = Vector3<f64>> {
-        self.keypoints_m.iter().flatten().map(|k| k.position_m)
-    }
-}
-
 /// Triangulates the keypoints that `members` have in common, leaving out rays that pass farther
 /// than `gate_m` from the point, and members that are left with fewer than `min_keypoints` rays.
 ///

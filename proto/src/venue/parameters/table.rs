@@ -72,15 +72,16 @@ declare_parameters! {
             iterations: u32 = 10, "", 1.0 to 1000.0;
             /// A solve ends when no joint angle moves by more.
             tolerance_rad: f64 = 1e-4, "rad", 1e-12 to 0.1;
-            /// Expected error of a fully supported keypoint.
+            /// Expected error of a fully supported keypoint of which no view says what it knows: of a sighting, and
+            /// what `prediction_weight` is a share of.
             keypoint_sigma_m: f64 = 0.02, "m", 1e-4 to 1.0;
-            /// Least weight of a supported keypoint (floor of W in (12)).
+            /// Least weight of such a keypoint, and of a limb against another's (floor of W in (12)).
             min_weight: f64 = 0.05, "", 0.0 to 1.0;
             /// Sigma of the rest-pose prior on degrees of freedom that keypoints do not determine.
             rest_sigma_rad: f64 = 0.35, "rad", 1e-3 to 100.0;
             /// Sigma of the change of a joint angle from the last tick, at 60 Hz.
             change_sigma_rad: f64 = 0.25, "rad", 1e-4 to 100.0;
-            /// Weight of the prediction where no view supports a keypoint, as a share of a fully supported one's:
+            /// Weight of the place where a keypoint was predicted or kept along a ray, as a share of a fully supported one's:
             /// enough to carry a limb on, never enough to hold against evidence.
             prediction_weight: f64 = 0.003, "", 0.0 to 1.0;
             /// Expected error of a smoothed joint as a target of the second inverse kinematics.

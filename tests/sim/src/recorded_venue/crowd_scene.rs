@@ -26,8 +26,10 @@ const SETBACK_OF_LENGTH: f64 = 0.5;
 const EDGE_M: f64 = 1.0;
 /// How far people stand at first from the middle of their part of the field, by the size of that part.
 const SCATTER: f64 = 0.2;
-/// Corners of a way: more than are reached in ten seconds.
+/// Fewest corners of a way.
 const CORNERS: usize = 12;
+/// Least mean distance from corner to corner, metres: of random places of the smallest field it is 4.
+const FROM_CORNER_TO_CORNER_M: f64 = 3.0;
 /// Slowest and fastest person, metres per second.
 const SPEEDS_M_S: [f64; 2] = [1.0, 5.0];
 /// Shortest and tallest person, metres.
@@ -74,7 +76,9 @@ fn write_scene(text: &mut String, size: VenueSize, ticks: u32) -> fmt::Result {
              points_m = [{at_m:.2?}",
             person + 1,
         )?;
-        for _ in 0..CORNERS {
+        let way_m = speed_m_s * f64::from(ticks) / RATE_HZ;
+        let corners = (way_m / FROM_CORNER_TO_CORNER_M).ceil() as usize;
+        for _ in 0..corners.max(CORNERS) {
             let corner_m = half_m.map(|half_m| rng.random_range(-half_m..half_m));
             write!(text, ", {corner_m:.2?}")?;
         }
