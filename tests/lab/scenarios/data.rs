@@ -1,5 +1,6 @@
 //! The recordings that some scenarios need and the project does not carry.
 
+use std::io::{Write as _, stdout};
 use std::path::{Path, PathBuf};
 
 use farfield_edge::network::{BackendChoice, InferenceBackend};
@@ -14,10 +15,10 @@ pub(crate) fn recording(scenario: &str, needed: &str) -> Option<PathBuf> {
     if path.exists() {
         return Some(path);
     }
-    println!(
-        "SKIPPED {scenario}: {} is not there (set FARFIELD_DATA to the folder that holds it)",
+    say_skipped(&format!(
+        "{scenario}: {} is not there (set FARFIELD_DATA to the folder that holds it)",
         path.display()
-    );
+    ));
     None
 }
 
@@ -27,9 +28,9 @@ pub(crate) fn onnx_runtime(scenario: &str) -> bool {
     let found =
         InferenceBackend::start(BackendChoice::Best).is_ok_and(|backend| !backend.is_tract());
     if !found {
-        println!(
-            "SKIPPED {scenario}: no ONNX Runtime library (pip install onnxruntime), and ort-tract is too slow for it"
-        );
+        say_skipped(&format!(
+            "{scenario}: no ONNX Runtime library (pip install onnxruntime), and ort-tract is too slow for it"
+        ));
     }
     found
 }
@@ -37,4 +38,11 @@ pub(crate) fn onnx_runtime(scenario: &str) -> bool {
 /// The root of the checkout.
 pub(crate) fn checkout() -> &'static Path {
     Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../.."))
+}
+
+/// Says it on stdout itself: what is printed by a macro is shown of tests that fail alone, and this one passes.
+fn say_skipped(what: &str) {
+    stdout()
+        .write_all(format!("SKIPPED {what}\n").as_bytes())
+        .unwrap();
 }
