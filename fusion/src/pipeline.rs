@@ -42,11 +42,10 @@ pub const LONGEST_HORIZON_TICKS: i64 = 240;
 /// A part of a step, for whoever measures how long each takes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Stage {
-    /// Decoding patches.
-    Decode,
-    /// Predicting views and occlusion weights.
-    Occlusion,
-    /// Whose the peaks are where maps show one peak twice, and which side is which.
+    /// Decoding patches, and all that reads whole maps: where each view expects the keypoints, what it is worth behind
+    /// others, which side is which, where the peaks are.
+    Views,
+    /// Whose the peaks are where maps show one peak twice.
     PeakAssignment,
     /// The lattice search.
     Lattice,
@@ -64,9 +63,8 @@ pub enum Stage {
 
 impl Stage {
     /// All, in the order of a step.
-    pub const ALL: [Self; 9] = [
-        Self::Decode,
-        Self::Occlusion,
+    pub const ALL: [Self; 8] = [
+        Self::Views,
         Self::PeakAssignment,
         Self::Lattice,
         Self::Ik1,
@@ -79,8 +77,7 @@ impl Stage {
     /// As times of stages are published, written and printed.
     pub fn name(self) -> &'static str {
         match self {
-            Self::Decode => "decode",
-            Self::Occlusion => "occlusion",
+            Self::Views => "views",
             Self::PeakAssignment => "peak_assignment",
             Self::Lattice => "lattice",
             Self::Ik1 => "ik1",
@@ -232,9 +229,7 @@ impl Pipeline {
     /// Works on one tick. `mark` is told after each stage, for whoever measures.
     pub fn step(&mut self, group: &TickGroup, mark: &mut dyn FnMut(Stage)) -> StepOutput {
         let unusable_patches = self.see(group);
-        mark(Stage::Decode);
-        self.occlude();
-        mark(Stage::Occlusion);
+        mark(Stage::Views);
         self.assign_peaks();
         mark(Stage::PeakAssignment);
         self.solve(|track, method| track.estimator.search(method));
@@ -318,35 +313,29 @@ impl Pipeline {
     }
 
     fn see(&mut self, group: &TickGroup) -> u32 {
+        let (bodies, method) = (&mut self.bodies, &self.method);
+        bodies.clear();
+        for track in self.registry.tracks_mut() {
+            track.begin(method);
+            bodies.push(track.estimator.occluder(method));
+        }
         let (cameras, unusable) = (&self.cameras, AtomicU32::new(0));
         let finds_people = self.registry.finds_people();
-        // A sum of counts is the same in any order.
-        each(self.registry.tracks_mut(), |_, track| {
-            track.begin(&self.method);
-            let dropped = track.see_all(group, cameras, (&self.method, finds_people));
+        let bodies = &*bodies;
+        // All that reads whole maps, person by person: together the maps are larger than a processor's caches.
+        each(self.registry.tracks_mut(), |index, track| {
+            let dropped = track.see_all(group, cameras, (method, finds_people));
+            let estimator = &mut track.estimator;
+            estimator.place_views(bodies, index, method);
+            estimator.undo_left_right_swaps(method);
+            estimator.find_peaks(method);
+            // A sum of counts is the same in any order.
             unusable.fetch_add(dropped, Ordering::Relaxed);
         });
         unusable.into_inner()
     }
 
-    fn occlude(&mut self) {
-        let (bodies, method) = (&mut self.bodies, &self.method);
-        bodies.clear();
-        bodies.extend(
-            self.registry
-                .tracks()
-                .iter()
-                .map(|track| track.estimator.occluder(method)),
-        );
-        each(self.registry.tracks_mut(), |index, track| {
-            let others = bodies.iter().enumerate();
-            let others = others.filter(|(i, _)| *i != index).map(|(_, body)| body);
-            track.estimator.place_views(&others, method);
-        });
-    }
-
     fn assign_peaks(&mut self) {
-        self.solve(|track, method| track.estimator.undo_left_right_swaps(method));
         let (assignments, method) = (&mut self.peak_assignment, &self.method);
         assignments.decide(self.registry.tracks(), &self.bodies, method);
         let assignments = &*assignments;

@@ -143,7 +143,7 @@ mod tests {
             p50_ms: 6.0,
             p99_ms: 8.125,
             max_ms: 9.5,
-            stages: vec![stage("decode", 1200.4), stage("peak_assignment", 80.0)],
+            stages: vec![stage("views", 1200.4), stage("peak_assignment", 80.0)],
             tracked: 21,
         };
         let mut report = BenchReport::new(4, CompressionLevel::DEFAULT);
@@ -157,7 +157,7 @@ mod tests {
             report().to_string(),
             "viewpoints  people  threads   P50 ms   P99 ms   max ms  detection  tracked\n        \
              12      22        2     6.00     8.12     9.50      2.0 %       21\n\n\
-             viewpoints  people  threads     decode  peak_assignment  median us a tick\n        \
+             viewpoints  people  threads      views  peak_assignment  median us a tick\n        \
              12      22        2       1200               80\n\n\
              12 viewpoints x 22 people: 8.1 ms a tick at P99 on 2 threads: 123 Hz; the 16.7 ms between ticks at \
              60 Hz hold it 2.1 times\n"

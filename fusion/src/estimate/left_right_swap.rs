@@ -9,10 +9,8 @@
 //!
 //! Compares maps with predictions within one view only, cells with cells.
 
-use farfield_proto::keypoints::KeypointSet;
-use nalgebra::Vector2;
-
 use crate::estimate::evidence::View;
+use farfield_proto::keypoints::KeypointSet;
 
 /// What comes in left and right.
 const PAIRED: [&str; 8] = [
@@ -124,7 +122,7 @@ fn whole_body(decisions: Verdicts) -> SwapDecision {
 
 /// What the two maps of a pair say about who is where.
 fn judge(view: &View, (left, right): (usize, usize), margin: f64) -> SwapDecision {
-    let cells = [left, right].map(|k| predicted_cell(view, k));
+    let cells = [left, right].map(|k| view.expected(k).map(|expected| expected.cell));
     let [Some(at_left), Some(at_right)] = cells else {
         return SwapDecision::Unclear;
     };
@@ -149,17 +147,6 @@ fn judge(view: &View, (left, right): (usize, usize), margin: f64) -> SwapDecisio
     } else {
         SwapDecision::Unclear
     }
-}
-
-/// Where a keypoint is expected in its map, if the view knows anything there.
-fn predicted_cell(view: &View, keypoint: usize) -> Option<Vector2<f64>> {
-    let predicted_m = *view.predicted_m.get(keypoint)?;
-    if !predicted_m.iter().all(|v| v.is_finite()) {
-        return None;
-    }
-    let h = view.cell_from_world(keypoint) * predicted_m.push(1.0);
-    let cell = Vector2::new(h.x, h.y) / h.z;
-    (h.z > 0.0 && view.knows(keypoint, cell)).then_some(cell)
 }
 
 #[cfg(test)]

@@ -108,8 +108,8 @@ impl MeetingFixture {
             .map(|t| t.occluder(&self.method))
             .collect();
         for (i, track) in self.tracks.iter_mut().enumerate() {
-            let others = bodies.iter().enumerate().filter(|(j, _)| *j != i);
-            track.place_views(&others.map(|(_, body)| body), &self.method);
+            track.place_views(&bodies, i, &self.method);
+            track.find_peaks(&self.method);
         }
         bodies
     }

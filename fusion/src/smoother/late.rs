@@ -101,7 +101,7 @@ impl LateSearch {
         self.expect(body, moment);
         let lattice = &method.parameters.lattice;
         self.search
-            .search(&self.view, &self.expected_m, lattice, &mut self.found);
+            .search(&mut self.view, &self.expected_m, lattice, &mut self.found);
         weigh_views(
             &self.view,
             &self.expected_m,
@@ -139,7 +139,7 @@ impl LateSearch {
             let velocity_m_s = body.sites[k].map_or(Vector3::zeros(), |site| {
                 moment.velocity_m_s[site.joint.index()]
             });
-            view.predicted_m[k] = place_m + velocity_m_s * moved_s;
+            view.expect(k, place_m + velocity_m_s * moved_s);
         }
     }
 

@@ -44,6 +44,13 @@ impl Estimator {
         }
     }
 
+    /// Finds the peaks of all maps around where their keypoints are expected; the views are placed.
+    pub(crate) fn find_peaks(&mut self, method: &Method) {
+        for view in self.views_mut() {
+            view.find_peaks(method.parameters.lattice.half_width_m);
+        }
+    }
+
     /// How well the views of this tick determine a joint, 0 to 1: the share of a full keypoint's
     /// weight that the first inverse kinematics gave it or those that speak for it.
     pub(crate) fn seen(&self, joint: Joint, ik: &IkParameters) -> f64 {

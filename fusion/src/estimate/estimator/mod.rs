@@ -42,6 +42,8 @@ pub struct Evidence {
     decoder: Decoder,
     swaps: LeftRightSwaps,
     search: LatticeSearch,
+    /// Who may stand in front of the person in the view at hand.
+    in_the_way: Vec<usize>,
     /// Predicted keypoints at the tick, world, metres.
     predicted_m: Vec<Vector3<f64>>,
     /// What the lattice search found, by keypoint.
@@ -57,6 +59,7 @@ impl Evidence {
             decoder: Decoder::new(),
             swaps: LeftRightSwaps::new(&method.keypoints),
             search: LatticeSearch::new(&method.keypoints),
+            in_the_way: Vec::new(),
             predicted_m: Vec::with_capacity(n_keypoints),
             estimates: Vec::with_capacity(n_keypoints),
         }

@@ -5,7 +5,7 @@ use farfield_proto::id::ViewpointIndex;
 use farfield_proto::message::PersonPatch;
 use nalgebra::Vector3;
 
-use super::{Estimator, joints_of};
+use super::{Estimator, Evidence, joints_of};
 use crate::body::ik::{Priors, Target};
 use crate::body::remeasure::RemeasureSchedule;
 use crate::body::skeleton::{Joint, Joints, Kinematics, Pose, Site};
@@ -59,14 +59,16 @@ impl Estimator {
     }
 
     /// Says where each view's keypoints are expected at its own capture instant, and what they are
-    /// worth behind the bodies of `others`.
-    pub fn place_views<'a>(
-        &mut self,
-        others: &(impl Iterator<Item = &'a BodyCapsules> + Clone),
-        method: &Method,
-    ) {
+    /// worth behind the `bodies` of all persons; this one's own is at `own`.
+    pub fn place_views(&mut self, bodies: &[BodyCapsules], own: usize, method: &Method) {
         let mut at_capture_m = self.estimate.ahead_m;
-        for view in &mut self.evidence.views[..self.evidence.n_views] {
+        let Evidence {
+            views,
+            n_views,
+            in_the_way,
+            ..
+        } = &mut self.evidence;
+        for view in &mut views[..*n_views] {
             let horizon = 1.0 + view.capture_offset_s / method.dt_s;
             self.estimate.motion.predict(
                 horizon,
@@ -75,15 +77,29 @@ impl Estimator {
                 &mut at_capture_m,
             );
             for (k, site) in self.body.sites.iter().enumerate() {
-                let Some(site) = site else { continue };
-                let expected_m = site_near(&self.estimate.kinematics, site, &at_capture_m);
-                view.predicted_m[k] = expected_m;
-                view.occlusion[k] = view_weight(
-                    view.center_m(),
-                    expected_m,
-                    others.clone(),
-                    &method.parameters.occlusion,
-                );
+                if let Some(site) = site {
+                    let expected_m = site_near(&self.estimate.kinematics, site, &at_capture_m);
+                    view.expect(k, expected_m);
+                }
+            }
+            let eye_m = view.center_m();
+            let sight = view.sight();
+            in_the_way.clear();
+            let others = bodies.iter().enumerate().filter(|(i, _)| *i != own);
+            let hiding = others.filter(|(_, body)| body.may_hide(&eye_m, &sight));
+            in_the_way.extend(hiding.map(|(i, _)| i));
+            if in_the_way.is_empty() {
+                continue;
+            }
+            for k in 0..view.n_keypoints() {
+                if let Some(expected) = view.expected(k) {
+                    view.occlusion[k] = view_weight(
+                        eye_m,
+                        expected.position_m,
+                        in_the_way.iter().map(|&i| &bodies[i]),
+                        &method.parameters.occlusion,
+                    );
+                }
             }
         }
         self.evidence.predicted_m.clear();
@@ -99,7 +115,7 @@ impl Estimator {
 
     /// Finds the most probable keypoint positions, paper (6)-(9).
     pub fn search(&mut self, method: &Method) {
-        let views = &self.evidence.views[..self.evidence.n_views];
+        let views = &mut self.evidence.views[..self.evidence.n_views];
         self.evidence.search.search(
             views,
             &self.evidence.predicted_m,

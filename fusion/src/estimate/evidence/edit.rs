@@ -43,31 +43,16 @@ impl View {
     /// # Panics
     /// When the view has no such keypoint.
     pub(crate) fn highest_near(&self, keypoint: usize, cell: Vector2<f64>, reach: f64) -> f64 {
-        let rows = self.rows_near(keypoint, cell, reach);
-        // A fold over a slice is several cells at a time; an iterator over all rows is not.
-        let highest_of = |row: &[u8]| row.iter().fold(0u8, |most, &cell| most.max(cell));
-        let highest = rows.fold(0u8, |most, (_, row)| most.max(highest_of(row)));
-        f64::from(highest) / 255.0
-    }
-
-    /// The cells of a map that lie within `reach` of `cell` along both axes (cells): row by row, each
-    /// with the index of its first cell in the map.
-    ///
-    /// # Panics
-    /// When the view has no such keypoint.
-    pub(crate) fn rows_near(
-        &self,
-        keypoint: usize,
-        cell: Vector2<f64>,
-        reach: f64,
-    ) -> impl Iterator<Item = (usize, &[u8])> {
         let (width, height) = self.map_size();
         let columns = span(cell.x, reach, width);
         let cells = self.cells(keypoint);
-        span(cell.y, reach, height).map(move |y| {
-            let first = y * width + columns.start;
-            (first, &cells[first..first + columns.len()])
-        })
+        // A fold over a slice is several cells at a time; an iterator over all rows is not.
+        let highest_of = |row: &[u8]| row.iter().fold(0u8, |most, &cell| most.max(cell));
+        let rows = span(cell.y, reach, height);
+        let highest = rows.fold(0u8, |most, y| {
+            most.max(highest_of(&cells[y * width..][columns.clone()]))
+        });
+        f64::from(highest) / 255.0
     }
 
     /// Swaps the maps of two keypoints; without effect where they lie on different crops.
@@ -80,6 +65,8 @@ impl View {
             self.maps.cells_mut(a)[cell] = of_b;
             self.maps.cells_mut(b)[cell] = of_a;
         }
+        self.forget_peaks(a);
+        self.forget_peaks(b);
     }
 
     /// Takes a peak that is another's out of the map of `keypoint`, softly.
@@ -87,6 +74,7 @@ impl View {
     /// # Panics
     /// When the view has no such keypoint.
     pub(crate) fn carve(&mut self, keypoint: usize, notch: &Notch) {
+        self.forget_peaks(keypoint);
         let sigma = self.peak_sigma_cells();
         let gauss = |r2: f64| libm::exp(-0.5 * r2 / (sigma * sigma));
         let width = self.maps.width();
@@ -109,7 +97,7 @@ impl View {
 }
 
 /// The cells, of `size` in a row, within `reach` of `center`.
-fn span(center: f64, reach: f64, size: usize) -> Range<usize> {
+pub(super) fn span(center: f64, reach: f64, size: usize) -> Range<usize> {
     // Plain casts take what is negative or not a number for 0.
     let first = (center - reach).ceil().max(0.0) as usize;
     let end = ((center + reach).floor() + 1.0).max(0.0) as usize;

@@ -6,6 +6,8 @@
 //! knows where its cells lie.
 
 mod edit;
+mod expected;
+mod map_peaks;
 mod seen_cells;
 #[cfg(test)]
 mod tests;
@@ -19,6 +21,8 @@ use farfield_proto::patch::{Decoder, Maps, PatchError};
 use nalgebra::{Matrix3, Matrix3x4, Vector2, Vector3};
 
 pub(crate) use self::edit::Notch;
+pub(crate) use self::expected::ExpectedKeypoint;
+pub(crate) use self::map_peaks::{MapPeak, MapPeaks};
 use self::seen_cells::SeenCells;
 
 /// Why a patch is no evidence.
@@ -50,6 +54,8 @@ pub enum EvidenceError {
 struct Crop {
     grid: CellGrid,
     seen: SeenCells,
+    /// World metres to homogeneous cells.
+    cell_from_world: Matrix3x4<f64>,
 }
 
 /// One person in one camera at one tick, decoded. Reused from tick to tick: [`View::fill`]
@@ -62,14 +68,16 @@ pub struct View {
     pub camera: CameraIndex,
     /// Capture instant less the tick's time, seconds.
     pub capture_offset_s: f64,
-    /// Per keypoint: where it is predicted at the capture instant, world, metres. For the caller to
-    /// set; NaN (as after a fill) means no prediction, and the view does not take part.
-    pub predicted_m: Vec<Vector3<f64>>,
     /// Per keypoint: the occlusion weight w of eq. (9), 0 to 1. For the caller to set; 1 after a fill.
     pub occlusion: Vec<f64>,
     /// Sigma of a peak as a share of the width of the maps. For the caller to set; a fill leaves it.
     pub peak_sigma_of_width: f64,
     maps: Maps,
+    /// Per keypoint: where it is expected; `None` (as after a fill) where that is not known, or nothing is known
+    /// there.
+    expected: Vec<Option<ExpectedKeypoint>>,
+    /// Per keypoint: the peaks of its map around that place.
+    peaks: Vec<MapPeaks>,
     crops: Vec<Crop>,
     n_crops: usize,
     crop_of_keypoint: Vec<u8>,
@@ -83,10 +91,11 @@ impl Default for View {
             viewpoint: ViewpointIndex(0),
             camera: CameraIndex(0),
             capture_offset_s: 0.0,
-            predicted_m: Vec::new(),
             occlusion: Vec::new(),
             peak_sigma_of_width: PEAK_SIGMA_OF_WIDTH,
             maps: Maps::new(1, 1, 0),
+            expected: Vec::new(),
+            peaks: Vec::new(),
             crops: Vec::new(),
             n_crops: 0,
             crop_of_keypoint: Vec::new(),
@@ -168,9 +177,10 @@ impl View {
         self.crop_of_keypoint.clear();
         self.crop_of_keypoint
             .extend_from_slice(&patch.crop_of_keypoint[..keypoints]);
-        self.predicted_m.clear();
-        self.predicted_m
-            .resize(keypoints, Vector3::repeat(f64::NAN));
+        self.expected.clear();
+        self.expected.resize(keypoints, None);
+        self.peaks.clear();
+        self.peaks.resize(keypoints, MapPeaks::default());
         self.occlusion.clear();
         self.occlusion.resize(keypoints, 1.0);
         self.n_crops = patch.crops.len();
@@ -179,10 +189,12 @@ impl View {
                 self.crops.push(Crop {
                     grid,
                     seen: SeenCells::default(),
+                    cell_from_world: Matrix3x4::zeros(),
                 });
             }
             let crop = &mut self.crops[index];
             crop.grid = grid;
+            crop.cell_from_world = cell_from_pixel(&grid) * self.pixel_from_world;
             crop.seen.look_through(&grid, model);
         }
         for (keypoint, &crop) in self.crop_of_keypoint.iter().enumerate() {
@@ -239,24 +251,8 @@ impl View {
     ///
     /// # Panics
     /// When the view has no such keypoint.
-    pub fn cell_from_world(&self, keypoint: usize) -> Matrix3x4<f64> {
-        let grid = self.grid(keypoint);
-        let (sx, sy) = (f64::from(grid.step_px[0]), f64::from(grid.step_px[1]));
-        let (ox, oy) = (f64::from(grid.origin_px[0]), f64::from(grid.origin_px[1]));
-        let norm = sx * sx + sy * sy;
-        let (c, s) = (sx / norm, sy / norm);
-        let cell_from_pixel = Matrix3::new(
-            c,
-            s,
-            -(c * ox + s * oy), //
-            -s,
-            c,
-            s * ox - c * oy, //
-            0.0,
-            0.0,
-            1.0,
-        );
-        cell_from_pixel * self.pixel_from_world
+    pub fn cell_from_world(&self, keypoint: usize) -> &Matrix3x4<f64> {
+        &self.crop(keypoint).cell_from_world
     }
 
     /// Whether the view knows anything about `keypoint` at this cell of its map.
@@ -277,6 +273,7 @@ impl View {
     /// Raises the cells of one map to `value(x, y)`; where that is negative, clears them.
     #[cfg(test)]
     pub(crate) fn draw_for_test(&mut self, keypoint: usize, value: impl Fn(f64, f64) -> f64) {
+        self.peaks[keypoint] = MapPeaks::default();
         let width = self.maps.width();
         for (i, cell) in self.maps.cells_mut(keypoint).iter_mut().enumerate() {
             let new = value((i % width) as f64, (i / width) as f64);
@@ -291,6 +288,25 @@ impl View {
     fn crop(&self, keypoint: usize) -> &Crop {
         &self.crops[usize::from(self.crop_of_keypoint[keypoint])]
     }
+}
+
+/// Undistorted pixels to cells of a grid, homogeneous.
+fn cell_from_pixel(grid: &CellGrid) -> Matrix3<f64> {
+    let (sx, sy) = (f64::from(grid.step_px[0]), f64::from(grid.step_px[1]));
+    let (ox, oy) = (f64::from(grid.origin_px[0]), f64::from(grid.origin_px[1]));
+    let norm = sx * sx + sy * sy;
+    let (c, s) = (sx / norm, sy / norm);
+    Matrix3::new(
+        c,
+        s,
+        -(c * ox + s * oy), //
+        -s,
+        c,
+        s * ox - c * oy, //
+        0.0,
+        0.0,
+        1.0,
+    )
 }
 
 /// A map (rows of `size.0` cells) at a fractional cell, clamped to its border, 0 to 1.

@@ -156,7 +156,7 @@ fn a_view_takes_over_who_and_when_and_forgets_the_last_tick() {
         (ViewpointIndex(2), CameraIndex(3), 2)
     );
     assert!((view.capture_offset_s + 0.0025).abs() < 1e-12);
-    assert!(view.predicted_m.iter().all(|p| p.x.is_nan()) && view.predicted_m.len() == 2);
+    assert!((0..2).all(|keypoint| view.expected(keypoint).is_none()));
     assert!(view.occlusion.iter().all(|&w| w >= 1.0) && view.occlusion.len() == 2);
 }
 

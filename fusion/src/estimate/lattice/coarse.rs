@@ -117,10 +117,8 @@ impl CoarsePass {
             }
             let place = [index % n, index / n % n, index / (n * n)];
             let offset_m = Vector3::from(place.map(|i| (i as f64 - k as f64) * step_m));
-            self.modes.insert(LatticeMode {
-                offset_m,
-                score: f64::from(score),
-            });
+            self.modes
+                .insert(LatticeMode::at(offset_m, f64::from(score)));
         }
     }
 

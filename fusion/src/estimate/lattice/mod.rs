@@ -13,16 +13,20 @@
 //! view's map takes the map's border.
 //!
 //! Where we depart from the paper: the sum is divided by the weights, so that thresholds do not
-//! depend on the number of views; candidates are weighed by a Gaussian around the prediction; a
-//! coarse pass, a halving descent and damped Newton steps on a smooth model of the maps take the
-//! place of one fine lattice, so that the answer is not quantised; left and right are decided
-//! together. A keypoint that nothing supports falls back to its prediction, with weight 0.
+//! depend on the number of views; candidates are weighed by a Gaussian around the prediction; they are
+//! not the points of a lattice but the few places where the lines of sight of the maps' peaks meet, from
+//! which damped Newton steps on a smooth model of the maps lead on, so that the answer is not quantised;
+//! left and right are decided together. Only where maps show something and no peak, the slope of one
+//! that lies beyond, the whole lattice is scored, and a halving descent leads to its best points. A
+//! keypoint that nothing supports falls back to its prediction, with weight 0.
 //!
 //! Maps that two *persons* claim are not shared out here.
 
+mod candidates;
 mod coarse;
 mod refine;
 mod sides;
+mod symmetric;
 #[cfg(test)]
 mod tests;
 mod witness;
@@ -31,14 +35,18 @@ use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::venue::parameters::LatticeParameters;
 use nalgebra::Vector3;
 
+use self::candidates::Candidates;
 use self::coarse::CoarsePass;
-use self::sides::{Sides, decide_sides};
-use self::witness::Witnesses;
+use self::refine::Refiner;
+use self::sides::{Sides, are_one_spot, decide_sides};
+use self::witness::{Closeness, Witnesses};
 use crate::body::keypoint_estimate::KeypointEstimate;
 use crate::estimate::evidence::View;
 
 /// Most places at which one keypoint may be.
 const MAX_MODES: usize = 4;
+/// Most whole steps of an ascent, before they are halved.
+const MOST_STRIDES: usize = 6;
 
 /// A place where the keypoint may be: a local maximum of F.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -47,6 +55,18 @@ struct LatticeMode {
     offset_m: Vector3<f64>,
     /// F there.
     score: f64,
+    /// Whether Newton's steps have led to it.
+    is_refined: bool,
+}
+
+impl LatticeMode {
+    fn at(offset_m: Vector3<f64>, score: f64) -> Self {
+        Self {
+            offset_m,
+            score,
+            is_refined: false,
+        }
+    }
 }
 
 /// The best few local maxima of one keypoint, best first.
@@ -59,10 +79,7 @@ struct LatticeModes {
 impl Default for LatticeModes {
     fn default() -> Self {
         Self {
-            modes: [LatticeMode {
-                offset_m: Vector3::zeros(),
-                score: 0.0,
-            }; MAX_MODES],
+            modes: [LatticeMode::at(Vector3::zeros(), 0.0); MAX_MODES],
             n: 0,
         }
     }
@@ -100,12 +117,21 @@ struct Keypoint {
 pub struct LatticeSearch {
     sides: Vec<Sides>,
     keypoints: Vec<Keypoint>,
-    coarse: CoarsePass,
-    /// Per pair of views: how much they are one witness, 0 to 1.
-    closeness: Vec<f64>,
+    closeness: Closeness,
     /// Per view: how much of the person it sees, 0 to 1, and what that is made of.
     sight: Vec<f64>,
     sight_counts: Vec<[f64; 2]>,
+    work: Work,
+}
+
+/// The buffers of the steps.
+#[derive(Debug, Clone, Default)]
+struct Work {
+    candidates: Candidates,
+    coarse: CoarsePass,
+    refiner: Refiner,
+    /// Per witness, what its map shows at the found place.
+    says: Vec<f64>,
 }
 
 impl LatticeSearch {
@@ -114,10 +140,10 @@ impl LatticeSearch {
         Self {
             sides: Sides::of(keypoints),
             keypoints: vec![Keypoint::default(); keypoints.len()],
-            coarse: CoarsePass::default(),
-            closeness: Vec::new(),
+            closeness: Closeness::default(),
             sight: Vec::new(),
             sight_counts: Vec::new(),
+            work: Work::default(),
         }
     }
 
@@ -127,132 +153,172 @@ impl LatticeSearch {
     /// Predictions that are missing or not finite give estimates without weight.
     pub fn search(
         &mut self,
-        views: &[View],
+        views: &mut [View],
         predicted_m: &[Vector3<f64>],
         parameters: &LatticeParameters,
         estimates: &mut Vec<KeypointEstimate>,
     ) {
-        witness::closeness(views, predicted_m, parameters, &mut self.closeness);
+        for view in &mut *views {
+            view.find_peaks(parameters.half_width_m);
+        }
+        let views = &*views;
+        self.closeness.measure(views, predicted_m, parameters);
         for (index, keypoint) in self.keypoints.iter_mut().enumerate() {
             keypoint.witnesses.gather(views, index, parameters);
         }
         let gathered = self.keypoints.iter().map(|keypoint| &keypoint.witnesses);
         witness::sight(views, gathered, &mut self.sight_counts, &mut self.sight);
-        for (index, keypoint) in self.keypoints.iter_mut().enumerate() {
-            keypoint.modes = LatticeModes::default();
-            keypoint
-                .witnesses
-                .share_votes(views, index, &self.closeness, &self.sight);
-            if !keypoint.witnesses.is_empty() {
-                keypoint.find_modes(views, index, &mut self.coarse, parameters);
-            }
-        }
-        let at = |index: usize| {
-            predicted_m
+        let place = |index: usize| KeypointPlace {
+            views,
+            keypoint: index,
+            predicted_m: predicted_m
                 .get(index)
                 .copied()
-                .unwrap_or(Vector3::repeat(f64::NAN))
+                .unwrap_or(Vector3::repeat(f64::NAN)),
+            parameters,
         };
         estimates.clear();
-        estimates
-            .extend((0..self.keypoints.len()).map(|k| KeypointEstimate::unsupported(at(k), 0.0)));
-        for (index, keypoint) in self.keypoints.iter().enumerate() {
-            estimates[index] = keypoint.estimate(
-                views,
-                index,
-                at(index),
-                keypoint.modes.as_slice().first(),
-                parameters,
-            );
+        for (index, keypoint) in self.keypoints.iter_mut().enumerate() {
+            let at = place(index);
+            keypoint
+                .witnesses
+                .share_votes(views, index, &mut self.closeness, &self.sight);
+            keypoint.find_modes(&at, &mut self.work);
+            let best = keypoint.modes.as_slice().first().copied();
+            estimates.push(keypoint.estimate(&at, best, &mut self.work));
         }
         for sides in &self.sides {
             let pair = sides.indices();
-            let Some(chosen) =
-                decide_sides(pair.map(|k| &self.keypoints[k]), pair.map(at), parameters)
-            else {
+            let predicted_m = pair.map(|k| place(k).predicted_m);
+            if !are_one_spot(pair.map(|k| &self.keypoints[k]), predicted_m) {
                 continue;
-            };
+            }
+            for k in pair {
+                self.keypoints[k].settle(&place(k));
+            }
+            let chosen = decide_sides(
+                pair.map(|k| &self.keypoints[k]),
+                predicted_m,
+                parameters.min_support,
+            );
             for (k, mode) in pair.into_iter().zip(chosen) {
-                estimates[k] =
-                    self.keypoints[k].estimate(views, k, at(k), mode.as_ref(), parameters);
+                let keypoint = &self.keypoints[k];
+                let mode = mode.map(|mode| keypoint.refined(&place(k), mode, &mut self.work));
+                estimates[k] = keypoint.estimate(&place(k), mode, &mut self.work);
             }
         }
     }
 }
 
+/// Where a keypoint is looked for, and in what.
+#[derive(Clone, Copy)]
+struct KeypointPlace<'a> {
+    views: &'a [View],
+    keypoint: usize,
+    /// At the tick, world, metres.
+    predicted_m: Vector3<f64>,
+    parameters: &'a LatticeParameters,
+}
+
 impl Keypoint {
-    /// Coarse pass, descent and Newton: fills `modes`.
-    fn find_modes(
-        &mut self,
-        views: &[View],
-        index: usize,
-        coarse: &mut CoarsePass,
-        parameters: &LatticeParameters,
-    ) {
-        let witnesses = &self.witnesses;
-        let coarse_m = coarse.run(views, index, witnesses, parameters);
-        let fine_m = coarse_m / f64::from(parameters.fine_per_coarse.max(1));
+    /// Fills `modes`; the best one is refined.
+    fn find_modes(&mut self, at: &KeypointPlace<'_>, work: &mut Work) {
+        self.modes = LatticeModes::default();
+        if self.witnesses.is_empty() {
+            return;
+        }
+        work.candidates.find(at, &self.witnesses, &mut self.modes);
+        if self.modes.n == 0 && self.witnesses.iter().any(|witness| witness.responds) {
+            self.climb(at, &mut work.coarse);
+        }
+        if let Some(&best) = self.modes.as_slice().first() {
+            self.modes.modes[0] = self.refined(at, best, work);
+        }
+    }
+
+    /// Coarse pass and descent: for maps that show the slopes of peaks beyond the lattice.
+    fn climb(&mut self, at: &KeypointPlace<'_>, coarse: &mut CoarsePass) {
+        coarse.run(at.views, at.keypoint, &self.witnesses, at.parameters);
         for rough in coarse.modes().as_slice() {
-            let mut mode = *rough;
-            let score = |offset_m: Vector3<f64>| {
-                let prior = prior(offset_m, parameters.prior_sigma_m);
-                LatticeMode {
-                    offset_m,
-                    score: prior * witnesses.support(views, index, offset_m),
-                }
-            };
-            let mut step_m = coarse_m * 0.5;
-            mode.score = score(mode.offset_m).score;
-            while step_m >= fine_m * 0.99 {
-                mode = refine::best_neighbour(mode, step_m, score);
-                step_m *= 0.5;
+            self.insert_top(at, rough.offset_m);
+        }
+    }
+
+    /// Leaves of the modes after the best those that are maxima of F, and not places on the slope of a higher one
+    /// where lines of sight happen to cross.
+    fn settle(&mut self, at: &KeypointPlace<'_>) {
+        let rough = self.modes;
+        self.modes.n = self.modes.n.min(1);
+        for mode in &rough.as_slice()[self.modes.n..] {
+            self.insert_top(at, mode.offset_m);
+        }
+    }
+
+    /// Keeps the maximum of F to which a halving ascent leads from `start_m`, unless it is known.
+    fn insert_top(&mut self, at: &KeypointPlace<'_>, start_m: Vector3<f64>) {
+        let score = |offset_m: Vector3<f64>| self.witnesses.score(at, offset_m);
+        let fine_m = self.fine_m(at);
+        let mut step_m = fine_m * f64::from(at.parameters.fine_per_coarse.max(1));
+        let mut mode = LatticeMode::at(start_m, score(start_m));
+        for _ in 0..MOST_STRIDES {
+            let next = refine::best_neighbour(mode, step_m, score);
+            if next == mode {
+                break;
             }
-            if mode.score <= 0.0 {
-                continue;
-            }
-            // The score stays that of F's maximum; the place is that of S's, near it.
-            mode.offset_m = refine::newton(
-                witnesses,
-                views,
-                index,
-                (mode, fine_m),
-                parameters.prior_sigma_m,
-            );
-            // Two coarse maxima may lead to one.
-            let known = self
-                .modes
-                .as_slice()
-                .iter()
-                .any(|m| (m.offset_m - mode.offset_m).norm() < fine_m);
-            if !known {
-                self.modes.insert(mode);
-            }
+            mode = next;
+        }
+        while step_m > fine_m * 1.01 {
+            step_m *= 0.5;
+            mode = refine::best_neighbour(mode, step_m, score);
+        }
+        let one_place_m = candidates::ONE_PLACE_CELLS * self.witnesses.cell_m;
+        let known = self.modes.as_slice().iter();
+        let mut apart_m = known.map(|m| (m.offset_m - mode.offset_m).norm());
+        if mode.score > 0.0 && apart_m.all(|apart_m| apart_m >= one_place_m) {
+            self.modes.insert(mode);
+        }
+    }
+
+    /// The finest step of an ascent, metres.
+    fn fine_m(&self, at: &KeypointPlace<'_>) -> f64 {
+        let coarse_m = at.parameters.coarse_step_cells * self.witnesses.cell_m;
+        coarse_m / f64::from(at.parameters.fine_per_coarse.max(1))
+    }
+
+    /// The mode where Newton's steps lead. Its score stays that of F's maximum; the place is that of S's, near it.
+    fn refined(&self, at: &KeypointPlace<'_>, mode: LatticeMode, work: &mut Work) -> LatticeMode {
+        if mode.is_refined {
+            return mode;
+        }
+        let step_m = self.fine_m(at);
+        LatticeMode {
+            offset_m: work
+                .refiner
+                .newton(at, &self.witnesses, mode.offset_m, step_m),
+            is_refined: true,
+            ..mode
         }
     }
 
     /// The estimate for `mode`, or the fall back to the prediction without one.
     fn estimate(
         &self,
-        views: &[View],
-        index: usize,
-        predicted_m: Vector3<f64>,
-        mode: Option<&LatticeMode>,
-        parameters: &LatticeParameters,
+        at: &KeypointPlace<'_>,
+        mode: Option<LatticeMode>,
+        work: &mut Work,
     ) -> KeypointEstimate {
-        let Some(&LatticeMode { offset_m, .. }) = mode else {
-            return KeypointEstimate::unsupported(predicted_m, 0.0);
+        let Some(LatticeMode { offset_m, .. }) = mode else {
+            return KeypointEstimate::unsupported(at.predicted_m, 0.0);
         };
-        let support = self
-            .witnesses
-            .support(views, index, offset_m)
-            .clamp(0.0, 1.0);
-        let position_m = predicted_m + offset_m;
-        if support < parameters.min_support || !position_m.iter().all(|v| v.is_finite()) {
-            return KeypointEstimate::unsupported(predicted_m, support);
+        let says = &mut work.says;
+        let support = self.witnesses.listen(at.views, at.keypoint, offset_m, says);
+        let support = support.clamp(0.0, 1.0);
+        let position_m = at.predicted_m + offset_m;
+        if support < at.parameters.min_support || !position_m.iter().all(|v| v.is_finite()) {
+            return KeypointEstimate::unsupported(at.predicted_m, support);
         }
         let mut estimate = KeypointEstimate::unsupported(position_m, support);
-        self.witnesses
-            .testify(views, index, (offset_m, parameters), &mut estimate);
+        self.witnesses.testify(says, at.parameters, &mut estimate);
         estimate
     }
 }

@@ -1,19 +1,23 @@
-//! From a local maximum of the coarse lattice to a position that is not quantised.
+//! From a candidate to a position that is not quantised.
 
-use nalgebra::{Matrix2, Matrix2x3, Matrix3, Vector2, Vector3};
+use nalgebra::{Matrix2, Vector2, Vector3};
 
-use super::LatticeMode;
+use super::symmetric::Symmetric;
 use super::witness::{Witness, Witnesses};
-use crate::estimate::evidence::View;
+use super::{KeypointPlace, LatticeMode};
 
-/// Newton steps that seek the maximum of F; three settle to a hundredth of a cell.
+/// Most Newton steps that seek the maximum of F; three settle to a hundredth of a cell.
 const PULLED_STEPS: usize = 3;
-/// Newton steps that seek the maximum of S. Each leaves lambda/(h + lambda) of the pull, h the
+/// Most Newton steps that seek the maximum of S. Each leaves lambda/(h + lambda) of the pull, h the
 /// curvature of S: about a tenth with cells of 35 mm.
 const FREE_STEPS: usize = 3;
-/// How far Newton may go, in fine steps, before the lattice's own answer is kept.
+/// Steps shorter than this are the last of their kind, metres: of those towards F, from which others go on, and of
+/// those towards S.
+const LAST_PULLED_M: f64 = 1e-3;
+const LAST_FREE_M: f64 = 1e-4;
+/// How far Newton may go, in fine steps, before the candidate itself is kept.
 const FARTHEST_STEPS: f64 = 6.0;
-/// Share of S that Newton may lose before the lattice's own answer is kept. Bilinear samples make
+/// Share of S that Newton may lose before the candidate itself is kept. Bilinear samples make
 /// the value at a maximum itself uncertain by less than this.
 const LOSS: f64 = 0.85;
 
@@ -21,12 +25,13 @@ const LOSS: f64 = 0.85;
 pub(super) fn best_neighbour(
     mode: LatticeMode,
     step_m: f64,
-    score: impl Fn(Vector3<f64>) -> LatticeMode,
+    score: impl Fn(Vector3<f64>) -> f64,
 ) -> LatticeMode {
     let mut best = mode;
     for i in (0..27).filter(|&i| i != 13) {
         let place = Vector3::new(i % 3, i / 3 % 3, i / 9).map(|v| f64::from(v) - 1.0);
-        let candidate = score(mode.offset_m + place * step_m);
+        let offset_m = mode.offset_m + place * step_m;
+        let candidate = LatticeMode::at(offset_m, score(offset_m));
         if candidate.score > best.score {
             best = candidate;
         }
@@ -34,118 +39,190 @@ pub(super) fn best_neighbour(
     best
 }
 
-/// Damped Newton on S from `mode` (found with fine steps of `step_m`); returns the offset from the
-/// prediction, metres.
-///
-/// ```text
-///   (H + lambda I) delta = g - lambda d,    lambda = S/sigma^2,    then: = g
-/// ```
-///
-/// Each view's map counts once more by its own value (S here is the sum of its squares): a network
-/// that is unsure draws a lower peak, and is wrong by more. g and -H are gradient and curvature of S
-/// from a quadratic per view (least squares over 5 x 5 cells around the projection), curvatures that
-/// point the wrong way left out, so H + lambda I is positive definite. The steps with lambda d seek the
-/// maximum of F, which lies towards the prediction; the others take that pull back where the views
-/// determine the position, and leave it where they do not (along the ray of a single view).
-pub(super) fn newton(
-    witnesses: &Witnesses,
-    views: &[View],
-    keypoint: usize,
-    (mode, step_m): (LatticeMode, f64),
-    prior_sigma_m: f64,
-) -> Vector3<f64> {
-    let support = |offset_m| witnesses.support(views, keypoint, offset_m);
-    let mut offset_m = mode.offset_m;
-    for step in 0..PULLED_STEPS + FREE_STEPS {
-        let mut s = Local::default();
-        for witness in witnesses.iter() {
-            s.add(witness, &views[witness.view], keypoint, offset_m);
+/// Newton's steps, with the hills that they stand on.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Refiner {
+    /// Per witness.
+    hills: Vec<Option<Hill>>,
+}
+
+impl Refiner {
+    /// Damped Newton on S from `start_m` in steps of at most `step_m`; returns the offset from the
+    /// prediction, metres.
+    ///
+    /// ```text
+    ///   (H + lambda I) delta = g - lambda d,    lambda = S/sigma^2,    then: = g
+    /// ```
+    ///
+    /// Each view's map counts once more by its own value (S here is the sum of its squares): a network
+    /// that is unsure draws a lower peak, and is wrong by more. g and -H are gradient and curvature of S
+    /// from a quadratic per view (least squares over 5 x 5 cells around the projection), curvatures that
+    /// point the wrong way left out, so H + lambda I is positive definite. The steps with lambda d seek the
+    /// maximum of F, which lies towards the prediction; the others take that pull back where the views
+    /// determine the position, and leave it where they do not (along the ray of a single view).
+    pub(super) fn newton(
+        &mut self,
+        at: &KeypointPlace<'_>,
+        witnesses: &Witnesses,
+        start_m: Vector3<f64>,
+        step_m: f64,
+    ) -> Vector3<f64> {
+        self.hills.clear();
+        self.hills.resize(witnesses.iter().len(), None);
+        let sigma_m = at.parameters.prior_sigma_m;
+        let mut offset_m = start_m;
+        for (steps, is_pulled, last_m) in [
+            (PULLED_STEPS, true, LAST_PULLED_M),
+            (FREE_STEPS, false, LAST_FREE_M),
+        ] {
+            for _ in 0..steps {
+                let mut s = Surroundings::default();
+                for (witness, hill) in witnesses.iter().zip(&mut self.hills) {
+                    s.add(witness, hill, at, &offset_m);
+                }
+                let lambda = s.value.max(1e-3) / (sigma_m * sigma_m);
+                let pull = if is_pulled { lambda } else { 0.0 };
+                let delta = s.curvature.solve(lambda, &(s.gradient - offset_m * pull));
+                let length_m = delta.norm();
+                if !length_m.is_finite() {
+                    return start_m;
+                }
+                offset_m += delta * (step_m / length_m.max(step_m));
+                if length_m < last_m {
+                    break;
+                }
+            }
         }
-        let lambda = s.value.max(1e-3) / (prior_sigma_m * prior_sigma_m);
-        let pull = if step < PULLED_STEPS {
-            offset_m * lambda
+        let support = |offset_m| witnesses.support(at.views, at.keypoint, offset_m);
+        let near = (offset_m - start_m).norm() <= FARTHEST_STEPS * step_m;
+        if near && support(offset_m) >= LOSS * support(start_m) {
+            offset_m
         } else {
-            Vector3::zeros()
-        };
-        let Some(cholesky) = (s.curvature + Matrix3::identity() * lambda).cholesky() else {
-            return mode.offset_m;
-        };
-        let delta = cholesky.solve(&(s.gradient - pull));
-        offset_m += delta * (step_m / delta.norm().max(step_m));
-    }
-    let near = (offset_m - mode.offset_m).norm() <= FARTHEST_STEPS * step_m;
-    if near && support(offset_m) >= LOSS * support(mode.offset_m) {
-        offset_m
-    } else {
-        mode.offset_m
+            start_m
+        }
     }
 }
 
 /// S around an offset, to second order: value, gradient (per metre), minus the Hessian.
 #[derive(Default)]
-struct Local {
+struct Surroundings {
     value: f64,
     gradient: Vector3<f64>,
-    curvature: Matrix3<f64>,
+    curvature: Symmetric,
 }
 
-impl Local {
-    /// Adds one view's part.
-    fn add(&mut self, witness: &Witness, view: &View, keypoint: usize, offset_m: Vector3<f64>) {
+impl Surroundings {
+    /// Adds one view's part; `hill` is where it stood last.
+    fn add(
+        &mut self,
+        witness: &Witness,
+        hill: &mut Option<Hill>,
+        at: &KeypointPlace<'_>,
+        offset_m: &Vector3<f64>,
+    ) {
         let m = &witness.cell_from_offset;
         let h = m * offset_m.push(1.0);
-        let cell = Vector2::new(h.x, h.y) / h.z;
-        let jacobian: Matrix2x3<f64> =
-            (m.fixed_view::<2, 3>(0, 0) - cell * m.fixed_view::<1, 3>(2, 0)) / h.z;
-        let (value, gradient, curvature) = quadratic(view.cells(keypoint), view.map_size(), cell);
+        let inverse = 1.0 / h.z;
+        let cell = Vector2::new(h.x, h.y) * inverse;
+        let row = |i: usize| Vector3::new(m[(i, 0)], m[(i, 1)], m[(i, 2)]);
+        let x = (row(0) - row(2) * cell.x) * inverse;
+        let y = (row(1) - row(2) * cell.y) * inverse;
+        let view = &at.views[witness.view];
+        let hill = Hill::at(cell, view.cells(at.keypoint), view.map_size(), hill);
+        let (value, gradient) = hill.read(cell);
         let weight = witness.weight * value.max(0.0);
         self.value += weight * value;
-        self.gradient += jacobian.transpose() * gradient * weight;
-        self.curvature += jacobian.transpose() * hill(curvature) * jacobian * weight;
+        self.gradient += (x * gradient.x + y * gradient.y) * weight;
+        let round = hill.round;
+        // Jt (curvature J), J with the rows x and y.
+        let bent = [
+            (&x, &((x * round.m11 + y * round.m12) * weight)),
+            (&y, &((x * round.m12 + y * round.m22) * weight)),
+        ];
+        self.curvature.add(&Symmetric::of_products(bent), 1.0);
     }
 }
 
-/// Value, gradient and minus the Hessian, at a fractional cell, of the quadratic that fits the 5 x 5
-/// cells around it best (clamped to the border). Values are 0 to 1, lengths cells.
+/// The quadratic that fits the 5 x 5 cells around one (clamped to the border) best. Values are 0 to 1, lengths cells.
 ///
 /// The least-squares kernels over u, v in -2..=2 are: slope u/50, curvature (u^2 - 2)/35 (the second
 /// derivative, 2 x (u^2 - 2)/70), cross u v/100, mean 1/25.
-fn quadratic(
-    cells: &[u8],
-    (width, height): (usize, usize),
-    cell: Vector2<f64>,
-) -> (f64, Vector2<f64>, Matrix2<f64>) {
-    let x = cell.x.max(0.0).min((width - 1) as f64);
-    let y = cell.y.max(0.0).min((height - 1) as f64);
-    let (column, row) = ((x + 0.5) as usize, (y + 0.5) as usize);
-    let (mut mean, mut su, mut sv, mut suu, mut svv, mut suv) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
-    for j in 0..5usize {
-        let line = &cells[(row + j).saturating_sub(2).min(height - 1) * width..][..width];
-        let v = j as f64 - 2.0;
-        for i in 0..5usize {
-            let u = i as f64 - 2.0;
-            let value = f64::from(line[(column + i).saturating_sub(2).min(width - 1)]);
-            mean += value;
-            su += value * u;
-            sv += value * v;
-            suu += value * (u * u - 2.0);
-            svv += value * (v * v - 2.0);
-            suv += value * u * v;
+#[derive(Debug, Clone, Copy)]
+struct Hill {
+    /// The cell in the middle.
+    middle: (usize, usize),
+    value: f64,
+    slope: Vector2<f64>,
+    /// The Hessian.
+    bend: Matrix2<f64>,
+    /// Minus the Hessian, without what points the wrong way.
+    round: Matrix2<f64>,
+}
+
+impl Hill {
+    /// The one around a fractional cell: `known` where it is that.
+    fn at(
+        cell: Vector2<f64>,
+        cells: &[u8],
+        (width, height): (usize, usize),
+        known: &mut Option<Self>,
+    ) -> Self {
+        // Plain casts take what is negative or not a number for 0.
+        let nearest = |v: f64, size: usize| ((v + 0.5) as usize).min(size - 1);
+        let middle = (nearest(cell.x, width), nearest(cell.y, height));
+        if let Some(hill) = known.filter(|hill| hill.middle == middle) {
+            return hill;
+        }
+        *known.insert(Self::around(middle, cells, (width, height)))
+    }
+
+    fn around(
+        (column, row): (usize, usize),
+        cells: &[u8],
+        (width, height): (usize, usize),
+    ) -> Self {
+        let mut window = [[0i32; 5]; 5];
+        for (j, line) in window.iter_mut().enumerate() {
+            let from = &cells[(row + j).saturating_sub(2).min(height - 1) * width..][..width];
+            for (i, value) in line.iter_mut().enumerate() {
+                *value = from[(column + i).saturating_sub(2).min(width - 1)].into();
+            }
+        }
+        let (mut sum, mut su, mut sv, mut suu, mut svv, mut suv) = (0, 0, 0, 0, 0, 0);
+        for (line, v) in window.iter().zip(-2i32..) {
+            for (&value, u) in line.iter().zip(-2i32..) {
+                sum += value;
+                su += value * u;
+                sv += value * v;
+                suu += value * (u * u - 2);
+                svv += value * (v * v - 2);
+                suv += value * u * v;
+            }
+        }
+        let share = |sum: i32, of: f64| f64::from(sum) / (255.0 * of);
+        let (huu, hvv, huv) = (share(suu, 35.0), share(svv, 35.0), share(suv, 100.0));
+        Self {
+            middle: (column, row),
+            // The mean of u^2 over the window is 2.
+            value: share(sum, 25.0) - huu - hvv,
+            slope: Vector2::new(share(su, 50.0), share(sv, 50.0)),
+            bend: Matrix2::new(huu, huv, huv, hvv),
+            round: rounded(-Matrix2::new(huu, huv, huv, hvv)),
         }
     }
-    let scale = 1.0 / 255.0;
-    let (gu, gv) = (su * scale / 50.0, sv * scale / 50.0);
-    let (huu, hvv, huv) = (suu * scale / 35.0, svv * scale / 35.0, suv * scale / 100.0);
-    // At the window's centre; the mean of u^2 over it is 2.
-    let at_center = mean * scale / 25.0 - huu - hvv;
-    let (u, v) = (x - column as f64, y - row as f64);
-    let value = at_center + gu * u + gv * v + 0.5 * (huu * u * u + hvv * v * v) + huv * u * v;
-    let gradient = Vector2::new(gu + huu * u + huv * v, gv + huv * u + hvv * v);
-    (value, gradient, -Matrix2::new(huu, huv, huv, hvv))
+
+    /// Value and gradient at a fractional cell.
+    fn read(&self, cell: Vector2<f64>) -> (f64, Vector2<f64>) {
+        let off = |v: f64, middle: usize| (v - middle as f64).clamp(-0.5, 0.5);
+        let off = Vector2::new(off(cell.x, self.middle.0), off(cell.y, self.middle.1));
+        let bent = self.bend * off;
+        let value = self.value + self.slope.dot(&off) + 0.5 * off.dot(&bent);
+        (value, self.slope + bent)
+    }
 }
 
 /// The nearest symmetric matrix without negative eigenvalues.
-fn hill(m: Matrix2<f64>) -> Matrix2<f64> {
+fn rounded(m: Matrix2<f64>) -> Matrix2<f64> {
     let (mean, half) = (0.5 * (m.m11 + m.m22), 0.5 * (m.m11 - m.m22));
     let radius = libm::hypot(half, m.m12);
     let (low, high) = (mean - radius, mean + radius);
@@ -175,7 +252,7 @@ mod tests {
                 let e = m.symmetric_eigen();
                 e.eigenvectors * Matrix2::from_diagonal(&e.eigenvalues.map(|v| v.max(0.0))) * e.eigenvectors.transpose()
             };
-            prop_assert!((hill(m) - expected).norm() < 1e-12);
+            prop_assert!((rounded(m) - expected).norm() < 1e-12);
         }
 
         #[test]
@@ -185,13 +262,15 @@ mod tests {
             let f = |u: f64, v: f64| 220.0 - a * u * u - b * v * v - c * u * v;
             let cells: Vec<u8> =
                 (0..256).map(|i| f(f64::from(i % 16) - 7.5, f64::from(i / 16) - 7.5).round() as u8).collect();
-            let (value, gradient, curvature) = quadratic(&cells, (16, 16), Vector2::new(x, y));
+            let cell = Vector2::new(x, y);
+            let hill = Hill::at(cell, &cells, (16, 16), &mut None);
+            let (value, gradient) = hill.read(cell);
             let (u, v) = (x - 7.5, y - 7.5);
             let slope = Vector2::new(-2.0 * a * u - c * v, -2.0 * b * v - c * u);
             // Each cell is rounded by up to half a step of 1/255.
             prop_assert!((value * 255.0 - f(u, v)).abs() < 1.0);
             prop_assert!((gradient * 255.0 - slope).norm() < 0.6);
-            prop_assert!((curvature * 255.0 - Matrix2::new(2.0 * a, c, c, 2.0 * b)).norm() < 0.6);
+            prop_assert!((hill.bend * -255.0 - Matrix2::new(2.0 * a, c, c, 2.0 * b)).norm() < 0.6);
         }
     }
 }

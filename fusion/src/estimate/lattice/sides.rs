@@ -2,7 +2,6 @@
 //! sees one ankle only, it likes to show it for both.
 
 use farfield_proto::keypoints::KeypointSet;
-use farfield_proto::venue::parameters::LatticeParameters;
 use nalgebra::Vector3;
 
 use super::{Keypoint, LatticeMode};
@@ -42,40 +41,59 @@ impl Sides {
     }
 }
 
-/// Chooses the modes of two sides together when their best ones are the same spot; `None` when they
-/// are not, and each side keeps its best. A side that comes out without a mode falls back to its
-/// prediction: the sum of both scores decides who keeps a spot, and no mode counts as the least
-/// support.
+/// How near two places are that are one spot for both sides.
+struct SameSpot {
+    predicted_m: [Vector3<f64>; 2],
+    within_m: f64,
+}
+
+impl SameSpot {
+    fn of(sides: [&Keypoint; 2], predicted_m: [Vector3<f64>; 2]) -> Self {
+        let cell_m = sides[0].witnesses.cell_m.min(sides[1].witnesses.cell_m);
+        let apart_m = (predicted_m[0] - predicted_m[1]).norm();
+        Self {
+            predicted_m,
+            within_m: (SAME_SPOT_CELLS * cell_m).min(SAME_SPOT_OF_PREDICTED * apart_m),
+        }
+    }
+
+    fn is(&self, left: &LatticeMode, right: &LatticeMode) -> bool {
+        let [of_left, of_right] = self.predicted_m;
+        ((of_left + left.offset_m) - (of_right + right.offset_m)).norm() < self.within_m
+    }
+}
+
+/// Whether the best modes of two sides are the same spot; where they are not, each side keeps its best.
+pub(super) fn are_one_spot(sides: [&Keypoint; 2], predicted_m: [Vector3<f64>; 2]) -> bool {
+    let [left, right] = sides.map(|side| side.modes.as_slice().first());
+    let same_spot = SameSpot::of(sides, predicted_m);
+    left.zip(right)
+        .is_some_and(|(left, right)| same_spot.is(left, right))
+}
+
+/// Chooses the modes of two sides together, not both at one spot. A side that comes out without a mode falls back to
+/// its prediction: the sum of both scores decides who keeps a spot, and no mode counts as the least support.
 pub(super) fn decide_sides(
     sides: [&Keypoint; 2],
     predicted_m: [Vector3<f64>; 2],
-    parameters: &LatticeParameters,
-) -> Option<[Option<LatticeMode>; 2]> {
-    let cell_m = sides[0].witnesses.cell_m.min(sides[1].witnesses.cell_m);
-    let apart_m = (predicted_m[0] - predicted_m[1]).norm();
-    let same_spot_m = (SAME_SPOT_CELLS * cell_m).min(SAME_SPOT_OF_PREDICTED * apart_m);
-    let same_spot = |left: &LatticeMode, right: &LatticeMode| {
-        ((predicted_m[0] + left.offset_m) - (predicted_m[1] + right.offset_m)).norm() < same_spot_m
-    };
+    min_support: f64,
+) -> [Option<LatticeMode>; 2] {
+    let same_spot = SameSpot::of(sides, predicted_m);
     let [left, right] = sides.map(|side| side.modes.as_slice());
-    if !same_spot(left.first()?, right.first()?) {
-        return None;
-    }
     let mut best = (f64::NEG_INFINITY, [None, None]);
     for l in left.iter().map(Some).chain([None]) {
         for r in right.iter().map(Some).chain([None]) {
-            if l.zip(r).is_some_and(|(l, r)| same_spot(l, r)) {
+            if l.zip(r).is_some_and(|(l, r)| same_spot.is(l, r)) {
                 continue;
             }
-            let score =
-                |mode: Option<&LatticeMode>| mode.map_or(parameters.min_support, |m| m.score);
+            let score = |mode: Option<&LatticeMode>| mode.map_or(min_support, |m| m.score);
             let sum = score(l) + score(r);
             if sum > best.0 {
                 best = (sum, [l.copied(), r.copied()]);
             }
         }
     }
-    Some(best.1)
+    best.1
 }
 
 #[cfg(test)]

@@ -177,12 +177,18 @@ fn perfect(models: &[CameraModel], truth: &[Vector3<f64>]) -> Vec<View> {
 
 fn search(views: &mut [View], predicted_m: &[Vector3<f64>]) -> Vec<KeypointEstimate> {
     for view in views.iter_mut() {
-        view.predicted_m.copy_from_slice(predicted_m);
+        expect(view, predicted_m);
     }
     search_as_predicted(views, predicted_m)
 }
 
-fn search_as_predicted(views: &[View], predicted_m: &[Vector3<f64>]) -> Vec<KeypointEstimate> {
+fn expect(view: &mut View, predicted_m: &[Vector3<f64>]) {
+    for (keypoint, &position_m) in predicted_m.iter().enumerate() {
+        view.expect(keypoint, position_m);
+    }
+}
+
+fn search_as_predicted(views: &mut [View], predicted_m: &[Vector3<f64>]) -> Vec<KeypointEstimate> {
     let mut estimates = Vec::new();
     let mut search = LatticeSearch::new(&KeypointSet::coco17());
     search.search(
@@ -361,14 +367,14 @@ fn without_views_and_without_predictions_nothing_is_claimed() {
     let truth = standing();
     let none = search(&mut [], &truth);
     assert!(none.iter().all(|e| e.weight <= 0.0) && none.len() == 17);
-    let views = perfect(&four(), &truth);
-    // The views' predictions were never set: they are NaN.
+    let mut views = perfect(&four(), &truth);
+    // The views were never told what to expect.
     assert!(
-        search_as_predicted(&views, &truth)
+        search_as_predicted(&mut views, &truth)
             .iter()
             .all(|e| e.weight <= 0.0)
     );
-    assert_eq!(search_as_predicted(&views, &[]).len(), 17);
+    assert_eq!(search_as_predicted(&mut views, &[]).len(), 17);
 }
 
 #[test]
@@ -428,11 +434,9 @@ fn each_view_is_searched_where_the_person_was_when_it_looked() {
     views[1] = perfect(&models[1..2], &early).remove(0);
     let predicted = shifted(&truth, [0.02, 0.0, 0.01]);
     for view in &mut views {
-        view.predicted_m.copy_from_slice(&predicted);
+        expect(view, &predicted);
     }
-    views[1]
-        .predicted_m
-        .copy_from_slice(&shifted(&early, [0.02, 0.0, 0.01]));
-    let estimates = search_as_predicted(&views, &predicted);
+    expect(&mut views[1], &shifted(&early, [0.02, 0.0, 0.01]));
+    let estimates = search_as_predicted(&mut views, &predicted);
     assert!(largest(&errors_m(&estimates, &truth)) < EXACT_M);
 }

@@ -3,8 +3,9 @@
 use farfield_proto::venue::parameters::LatticeParameters;
 use nalgebra::{Matrix3x4, Unit, Vector2, Vector3};
 
+use super::{KeypointPlace, prior};
 use crate::body::keypoint_estimate::KeypointEstimate;
-use crate::estimate::evidence::{View, bilinear};
+use crate::estimate::evidence::{ExpectedKeypoint, View, bilinear};
 
 /// Native pixels per map cell from which a crop counts fully. The usual networks have four input
 /// pixels per cell: below four native pixels the crop was enlarged, and the network saw a blur.
@@ -48,7 +49,7 @@ impl Witnesses {
         self.all.is_empty()
     }
 
-    pub(super) fn iter(&self) -> impl Iterator<Item = &Witness> {
+    pub(super) fn iter(&self) -> std::slice::Iter<'_, Witness> {
         self.all.iter()
     }
 
@@ -65,14 +66,18 @@ impl Witnesses {
         // A corner of the lattice may come nearer to the camera than its centre by this much.
         let reach_m = parameters.half_width_m * 3.0f64.sqrt();
         for (index, view) in views.iter().enumerate() {
-            if let Some((mut witness, cell_m)) = Witness::of(view, index, keypoint, reach_m) {
-                let h = witness.cell_from_offset.column(3);
-                let cell = Vector2::new(h.x, h.y) / h.z;
-                let reach_cells = parameters.half_width_m / cell_m;
-                let highest = view.highest_near(keypoint, cell, reach_cells);
-                witness.responds = highest >= LEAST_RESPONSE;
-                self.all.push(witness);
-                self.cell_m = self.cell_m.min(cell_m);
+            let expected = view.expected(keypoint);
+            let in_front = |e: &&ExpectedKeypoint| e.depth_m() > LEAST_DEPTH_M + reach_m;
+            if let Some(expected) = expected.filter(in_front) {
+                self.all.push(Witness {
+                    view: index,
+                    weight: 0.0,
+                    vote: 0.0,
+                    responds: view.peaks(keypoint).highest() >= LEAST_RESPONSE,
+                    cell_from_offset: expected.cell_from_offset,
+                    ray: Unit::new_normalize(expected.position_m - view.center_m()),
+                });
+                self.cell_m = self.cell_m.min(expected.cell_m);
             }
         }
     }
@@ -83,19 +88,26 @@ impl Witnesses {
         &mut self,
         views: &[View],
         keypoint: usize,
-        closeness: &[f64],
+        closeness: &mut Closeness,
         sight: &[f64],
     ) {
-        for i in 0..self.all.len() {
-            let me = self.all[i].view;
+        for witness in &mut self.all {
             // Who shows nothing here takes no more of a neighbour's vote than it has itself.
-            let shared = |w: &Witness| {
-                let has = w.responds || w.view == me;
-                let has = if has { 1.0 } else { sight[w.view] };
-                has * closeness[me * views.len() + w.view]
+            let has = if witness.responds {
+                1.0
+            } else {
+                sight[witness.view]
             };
-            let crowd: f64 = self.all.iter().map(shared).sum();
-            self.all[i].vote = 1.0 / crowd.max(1.0);
+            closeness.crowd[witness.view] = (has, 1.0);
+        }
+        for &(a, b, shared) in &closeness.close {
+            let [of_a, of_b] = [a, b].map(|view| closeness.crowd[view].0);
+            closeness.crowd[a].1 += of_b * shared;
+            closeness.crowd[b].1 += of_a * shared;
+        }
+        for witness in &mut self.all {
+            witness.vote = 1.0 / closeness.crowd[witness.view].1;
+            closeness.crowd[witness.view] = (0.0, 1.0);
         }
         let (mut votes, mut weights) = (0.0, 0.0);
         for witness in &mut self.all {
@@ -129,32 +141,53 @@ impl Witnesses {
         weighted.sum()
     }
 
-    /// Fills in what follows from the single views at the found offset: weight, views, ray.
-    pub(super) fn testify(
+    /// F at an offset from the prediction.
+    pub(super) fn score(&self, at: &KeypointPlace<'_>, offset_m: Vector3<f64>) -> f64 {
+        let prior = prior(offset_m, at.parameters.prior_sigma_m);
+        prior * self.support(at.views, at.keypoint, offset_m)
+    }
+
+    /// S at an offset from the prediction, and (`says`) what each map shows there.
+    pub(super) fn listen(
         &self,
         views: &[View],
         keypoint: usize,
-        (offset_m, parameters): (Vector3<f64>, &LatticeParameters),
+        offset_m: Vector3<f64>,
+        says: &mut Vec<f64>,
+    ) -> f64 {
+        says.clear();
+        let values = self.all.iter();
+        says.extend(values.map(|w| w.map_value(views, keypoint, offset_m)));
+        let weighted = self.all.iter().zip(says).map(|(w, says)| w.weight * *says);
+        weighted.sum()
+    }
+
+    /// Fills in what follows from what the single views say at the found offset: weight, views, ray.
+    pub(super) fn testify(
+        &self,
+        says: &[f64],
+        parameters: &LatticeParameters,
         estimate: &mut KeypointEstimate,
     ) {
-        let value = |witness: &Witness| witness.map_value(views, keypoint, offset_m);
         let limit_rad = parameters.independent_angle_deg.to_radians();
+        let least_cosine = libm::cos(limit_rad);
         let (mut independent, mut best) = (0.0, None::<(f64, &Witness)>);
         estimate.weight = (self.trust * estimate.support).clamp(0.0, 1.0);
-        for (i, witness) in self.all.iter().enumerate() {
-            let says = value(witness);
-            if says < parameters.min_support {
+        let supports = |says: f64| says >= parameters.min_support;
+        for (i, (witness, &says_i)) in self.all.iter().zip(says).enumerate() {
+            if !supports(says_i) {
                 continue;
             }
-            let others = self.all.iter().enumerate().filter(|&(j, _)| j != i);
-            let crowd: f64 = others
-                .map(|(_, other)| (other, shared(witness.lines_apart_rad(other), limit_rad)))
-                .filter(|&(other, shared)| shared > 0.0 && value(other) >= parameters.min_support)
-                .map(|(_, shared)| shared)
-                .sum();
+            let mut crowd = 0.0;
+            for (j, (other, &says_j)) in self.all.iter().zip(says).enumerate() {
+                // Most are far apart, and a cosine says so.
+                if j != i && supports(says_j) && witness.ray.dot(&other.ray).abs() >= least_cosine {
+                    crowd += shared(witness.lines_apart_rad(other), limit_rad);
+                }
+            }
             independent += 1.0 / (1.0 + crowd);
-            if best.is_none_or(|(most, _)| witness.weight * says > most) {
-                best = Some((witness.weight * says, witness));
+            if best.is_none_or(|(most, _)| witness.weight * says_i > most) {
+                best = Some((witness.weight * says_i, witness));
             }
         }
         // Above the threshold on average means above it somewhere: at least one view.
@@ -166,36 +199,6 @@ impl Witnesses {
 }
 
 impl Witness {
-    /// The view as a witness, and its metres per cell; `None` when it knows nothing there.
-    fn of(view: &View, index: usize, keypoint: usize, reach_m: f64) -> Option<(Self, f64)> {
-        let center_m = *view.predicted_m.get(keypoint)?;
-        if !center_m.iter().all(|v| v.is_finite()) {
-            return None;
-        }
-        let cell_from_world = view.cell_from_world(keypoint);
-        let h = cell_from_world * center_m.push(1.0);
-        let known =
-            h.z > LEAST_DEPTH_M + reach_m && view.knows(keypoint, Vector2::new(h.x, h.y) / h.z);
-        if !known {
-            return None;
-        }
-        let mut cell_from_offset = cell_from_world;
-        cell_from_offset.set_column(3, &h);
-        let focal_cells = cell_from_world.fixed_view::<2, 3>(0, 0)
-            - Vector2::new(h.x, h.y) / h.z * cell_from_world.fixed_view::<1, 3>(2, 0);
-        // Mean of the two axes' cells per radian.
-        let cells_per_m = focal_cells.norm() / 2.0f64.sqrt() / h.z;
-        let witness = Self {
-            view: index,
-            weight: 0.0,
-            vote: 0.0,
-            responds: false,
-            cell_from_offset,
-            ray: Unit::new_normalize(center_m - view.center_m()),
-        };
-        Some((witness, 1.0 / cells_per_m))
-    }
-
     /// Angle between the lines on which two views put the keypoint, 0 to π/2: the rays of opposite
     /// cameras are one line, and nothing is known along it.
     fn lines_apart_rad(&self, other: &Self) -> f64 {
@@ -203,14 +206,19 @@ impl Witness {
         libm::atan2(a.cross(b).norm(), a.dot(b).abs())
     }
 
+    /// The cell of an offset from the prediction.
+    pub(super) fn cell_at(&self, offset_m: &Vector3<f64>) -> Vector2<f64> {
+        let h = self.cell_from_offset * offset_m.push(1.0);
+        Vector2::new(h.x, h.y) * (1.0 / h.z)
+    }
+
     /// The view's map at an offset from the prediction, 0 to 1.
     pub(super) fn map_value(&self, views: &[View], keypoint: usize, offset_m: Vector3<f64>) -> f64 {
-        let h = self.cell_from_offset * offset_m.push(1.0);
         let view = &views[self.view];
         bilinear(
             view.cells(keypoint),
             view.map_size(),
-            Vector2::new(h.x, h.y) / h.z,
+            self.cell_at(&offset_m),
         )
     }
 }
@@ -240,30 +248,51 @@ pub(super) fn sight<'a>(
     sight.extend(counts.iter().map(share));
 }
 
-/// Per pair of views, row by row: 1 where they look from the same direction, falling to 0 at
-/// `independent_angle_deg`, as seen from the middle of the predictions.
-pub(super) fn closeness(
-    views: &[View],
-    predicted_m: &[Vector3<f64>],
-    parameters: &LatticeParameters,
-    closeness: &mut Vec<f64>,
-) {
-    let known = predicted_m
-        .iter()
-        .filter(|p| p.iter().all(|v| v.is_finite()));
-    let (sum, n) = known.fold((Vector3::zeros(), 0usize), |(sum, n), p| (sum + p, n + 1));
-    let middle_m = sum / n.max(1) as f64;
-    let limit_rad = parameters.independent_angle_deg.to_radians();
-    closeness.clear();
-    for a in views {
-        for b in views {
-            let apart = (a.center_m() - middle_m).angle(&(b.center_m() - middle_m));
-            closeness.push(shared(apart, limit_rad));
+/// Which views look from nearly the same direction.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Closeness {
+    /// Pairs of views and how much they are one witness: 1 where they look from the same direction, falling to 0 at
+    /// `independent_angle_deg`, as seen from the middle of the predictions. Pairs that are not are left out.
+    close: Vec<(usize, usize, f64)>,
+    /// Per view, its direction.
+    directions: Vec<Vector3<f64>>,
+    /// Per view: its own voice on a keypoint, and the sum of those that share its vote; (0, 1) between keypoints.
+    crowd: Vec<(f64, f64)>,
+}
+
+impl Closeness {
+    /// Compares `views` as they look at the middle of `predicted_m`.
+    pub(super) fn measure(
+        &mut self,
+        views: &[View],
+        predicted_m: &[Vector3<f64>],
+        parameters: &LatticeParameters,
+    ) {
+        let known = predicted_m
+            .iter()
+            .filter(|p| p.iter().all(|v| v.is_finite()));
+        let (sum, n) = known.fold((Vector3::zeros(), 0usize), |(sum, n), p| (sum + p, n + 1));
+        let middle_m = sum / n.max(1) as f64;
+        let limit_rad = parameters.independent_angle_deg.to_radians();
+        let least_cosine = libm::cos(limit_rad);
+        let Self {
+            close,
+            directions,
+            crowd,
+        } = self;
+        directions.clear();
+        directions.extend(views.iter().map(|v| (v.center_m() - middle_m).normalize()));
+        crowd.clear();
+        crowd.resize(views.len(), (0.0, 1.0));
+        close.clear();
+        for (b, of_b) in directions.iter().enumerate() {
+            for (a, of_a) in directions[..b].iter().enumerate() {
+                if of_a.dot(of_b) > least_cosine {
+                    let apart_rad = libm::atan2(of_a.cross(of_b).norm(), of_a.dot(of_b));
+                    close.push((a, b, shared(apart_rad, limit_rad)));
+                }
+            }
         }
-    }
-    // A view is always itself, also with a limit of zero.
-    for i in 0..views.len() {
-        closeness[i * views.len() + i] = 1.0;
     }
 }
 

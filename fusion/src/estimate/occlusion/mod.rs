@@ -58,6 +58,22 @@ struct Capsule {
     /// The ends of its axis.
     axis: (Vector3<f64>, Vector3<f64>),
     radius_m: f64,
+    middle_m: Vector3<f64>,
+    /// From the middle to where its soft edge ends.
+    reach_m: f64,
+}
+
+impl Capsule {
+    fn between(axis: (Vector3<f64>, Vector3<f64>), radius_m: f64) -> Self {
+        let half_m = (axis.1 - axis.0).norm() * 0.5;
+        Self {
+            axis,
+            radius_m,
+            middle_m: (axis.0 + axis.1) * 0.5,
+            // A little more, for the rounding.
+            reach_m: (half_m + radius_m + EDGE_M) * (1.0 + 1e-9),
+        }
+    }
 }
 
 /// A person as seen by others: capsules, and a sphere around them all.
@@ -71,13 +87,13 @@ pub struct BodyCapsules {
 impl BodyCapsules {
     /// The body with these joints (world, metres).
     pub fn from_joints(joints_m: &Joints, parameters: &OcclusionParameters) -> Self {
-        let capsules = CAPSULES.map(|(a, b, part)| Capsule {
-            axis: (joints_m[a as usize], joints_m[b as usize]),
-            radius_m: match part {
+        let capsules = CAPSULES.map(|(a, b, part)| {
+            let radius_m = match part {
                 CapsulePart::Limb => parameters.limb_radius_m,
                 CapsulePart::Trunk => parameters.trunk_radius_m,
                 CapsulePart::Head => parameters.head_radius_m,
-            },
+            };
+            Capsule::between((joints_m[a as usize], joints_m[b as usize]), radius_m)
         });
         let center_m = joints_m.iter().sum::<Vector3<f64>>() / joints_m.len() as f64;
         let reach_m = capsules.iter().fold(0.0f64, |reach, c| {
@@ -92,15 +108,22 @@ impl BodyCapsules {
         }
     }
 
-    /// Whether the two bodies may cover each other, in part, as seen from `eye_m` (world, metres):
-    /// whether the cones around their spheres touch.
-    pub(crate) fn overlaps(&self, other: &Self, eye_m: Vector3<f64>) -> bool {
-        let (a, b) = (self.center_m - eye_m, other.center_m - eye_m);
-        let half_rad = |reach_m: f64, distance_m: f64| libm::asin((reach_m / distance_m).min(1.0));
-        let half_rad = half_rad(self.reach_m, a.norm()) + half_rad(other.reach_m, b.norm());
-        // Cones that cannot be compared count as touching.
-        let apart_rad = a.angle(&b);
-        apart_rad.is_nan() || apart_rad <= half_rad
+    /// The body as seen from `eye_m` (world, metres), and `more_m` around it.
+    pub(crate) fn cone(&self, eye_m: &Vector3<f64>, more_m: f64) -> SightCone {
+        SightCone::around(eye_m, &self.center_m, self.reach_m + more_m)
+    }
+
+    /// Whether this body may stand between the eye and any point in `sight`; never wrongly denied.
+    pub(crate) fn may_hide(&self, eye_m: &Vector3<f64>, sight: &SightCone) -> bool {
+        let from_eye_m = self.center_m - eye_m;
+        let along_m = from_eye_m.dot(&sight.direction);
+        let beside_m = (from_eye_m - sight.direction * along_m).norm();
+        let outside_m = beside_m * sight.cosine - along_m * sight.sine;
+        // What cannot be compared is not out of the way.
+        let is_away = outside_m > self.reach_m
+            || along_m < -self.reach_m
+            || along_m > sight.far_m + self.reach_m;
+        !is_away
     }
 
     /// How far inside this body's nearest capsule the view from `eye_m` to `point_m` (world,
@@ -113,7 +136,15 @@ impl BodyCapsules {
         }
         let view = point_m - eye_m;
         let length2 = view.norm_squared();
+        let ahead = view / length2.sqrt();
         let covers = self.capsules.iter().map(|capsule| {
+            // Most capsules are far from the line of sight, and their middles tell.
+            let from_eye_m = capsule.middle_m - eye_m;
+            let along_m = from_eye_m.dot(&ahead);
+            let beside2 = from_eye_m.norm_squared() - along_m * along_m;
+            if beside2 > capsule.reach_m * capsule.reach_m {
+                return 0.0;
+            }
             let (on_view, on_axis) = closest_between((eye_m, point_m), capsule.axis);
             // Nearer than the point, or the body is behind it and hides nothing.
             if (on_axis - eye_m).dot(&view) >= length2 {
@@ -123,6 +154,39 @@ impl BodyCapsules {
             (1.0 - outside_m / EDGE_M).clamp(0.0, 1.0)
         });
         covers.fold(0.0, f64::max)
+    }
+}
+
+/// A sphere as seen from a point: the cone that holds it.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct SightCone {
+    direction: Vector3<f64>,
+    /// Of half its opening.
+    sine: f64,
+    cosine: f64,
+    /// Where the sphere ends, metres from the eye.
+    far_m: f64,
+}
+
+impl SightCone {
+    /// The cone around the sphere of `radius_m` about `center_m` (world, metres).
+    pub(crate) fn around(eye_m: &Vector3<f64>, center_m: &Vector3<f64>, radius_m: f64) -> Self {
+        let from_eye_m = center_m - eye_m;
+        let distance_m = from_eye_m.norm();
+        let sine = (radius_m / distance_m).min(1.0);
+        Self {
+            direction: from_eye_m / distance_m,
+            sine,
+            cosine: (1.0 - sine * sine).sqrt(),
+            far_m: distance_m + radius_m,
+        }
+    }
+
+    /// Whether the two, from the same eye, have a direction in common; cones that cannot be compared have.
+    pub(crate) fn overlaps(&self, other: &Self) -> bool {
+        let of_both = self.cosine * other.cosine - self.sine * other.sine;
+        let cosine = self.direction.dot(&other.direction);
+        cosine.is_nan() || cosine >= of_both
     }
 }
 
@@ -283,6 +347,27 @@ mod tests {
     }
 
     proptest! {
+        #[test]
+        fn who_hides_a_point_is_never_taken_for_out_of_the_way(
+            eye in point(), target in point(), around in point(), x in -3.0f64..3.0, y in -3.0f64..3.0,
+        ) {
+            let (body, p) = (post(x, y), OcclusionParameters::default());
+            let sight = SightCone::around(&eye, &around, (target - around).norm() * (1.0 + 1e-9));
+            prop_assert!(body.may_hide(&eye, &sight) || view_weight(eye, target, [&body], &p) >= 1.0);
+        }
+
+        #[test]
+        fn cones_overlap_where_their_angles_say_so(eye in point(), x in 1.0f64..6.0, y in -4.0f64..4.0) {
+            let (one, other) = (post(3.0, 0.0), post(x, y));
+            let half_rad = |body: &BodyCapsules| {
+                libm::asin((body.reach_m / (body.center_m - eye).norm()).min(1.0))
+            };
+            let apart_rad = (one.center_m - eye).angle(&(other.center_m - eye));
+            let margin_rad = half_rad(&one) + half_rad(&other) - apart_rad;
+            prop_assume!(margin_rad.abs() > 1e-6);
+            prop_assert_eq!(one.cone(&eye, 0.0).overlaps(&other.cone(&eye, 0.0)), margin_rad > 0.0);
+        }
+
         #[test]
         fn no_two_points_of_the_segments_are_closer(
             a in point(), b in point(), c in point(), d in point(), s in 0.0f64..=1.0, t in 0.0f64..=1.0,

@@ -6,21 +6,21 @@ use farfield_proto::id::ViewpointIndex;
 use farfield_proto::keypoints::KeypointSet;
 use nalgebra::{Matrix3x4, Vector2, Vector3};
 
+use super::groups::Groups;
 use crate::estimate::estimator::Estimator;
-use crate::estimate::evidence::{View, bilinear};
-use crate::estimate::occlusion::BodyCapsules;
+use crate::estimate::evidence::bilinear;
+use crate::estimate::occlusion::{BodyCapsules, SightCone};
 use crate::method::Method;
 
 /// Joints whose left and right are taken for one another: both sides are one kind.
 const SIDED: [&str; 6] = ["shoulder", "elbow", "wrist", "hip", "knee", "ankle"];
-/// Lowest peak that counts, as cells have it: 0.1.
-const LEAST_PEAK: u8 = 25;
 /// Least height that a cost is made of: a map may miss what is there.
 const LEAST_HEIGHT: f64 = 0.1;
+/// Claims whose predictions are farther apart than so many windows' reaches show no peak in common: two, and a little
+/// for what is one place.
+const TOUCHING_REACHES: f64 = 2.25;
 /// Peaks of two maps closer than this are one, cells.
 const ONE_PLACE_CELLS: f64 = 1.5;
-/// Most peaks of one claim.
-const MAX_PEAKS: usize = 6;
 
 /// Keypoints whose peaks may be taken for one another.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -50,12 +50,14 @@ impl JointKind {
 }
 
 /// Somebody who is in the view.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 struct Claimant {
     track: usize,
     view: usize,
     /// Whether anybody else comes near in the view.
     crowded: bool,
+    /// Their claims of the kind at hand.
+    claims: Range<usize>,
 }
 
 /// One keypoint of one person.
@@ -102,10 +104,16 @@ struct ClaimedPlace {
     width_m: f64,
 }
 
-/// The claims of one kind at one viewpoint, with their peaks.
+/// The claims of one kind at one viewpoint, and those of one group of them with their peaks.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Claims {
     members: Vec<Claimant>,
+    /// Pairs of members whose lattices may touch in the view.
+    near: Vec<[usize; 2]>,
+    cones: Vec<[SightCone; 2]>,
+    of_kind: Vec<Claim>,
+    groups: Groups,
+    /// The claims of the group at hand.
     all: Vec<Claim>,
     peaks: Vec<ClaimedPeak>,
     places: Vec<ClaimedPlace>,
@@ -118,63 +126,97 @@ impl Claims {
         viewpoint: ViewpointIndex,
         tracks: &[impl AsRef<Estimator>],
         bodies: &[BodyCapsules],
+        method: &Method,
     ) {
         self.members.clear();
+        self.cones.clear();
+        // The corners of two lattices about the ends of two bodies.
+        let reach_m = method.parameters.lattice.half_width_m * 3.0f64.sqrt();
         for (track, person) in tracks.iter().map(AsRef::as_ref).enumerate() {
-            let view = person.views().iter().position(|v| v.viewpoint == viewpoint);
-            self.members.extend(view.map(|view| Claimant {
+            let Some(view) = person.views().iter().position(|v| v.viewpoint == viewpoint) else {
+                continue;
+            };
+            let eye_m = person.views()[view].center_m();
+            self.cones
+                .push([0.0, reach_m].map(|more_m| bodies[track].cone(&eye_m, more_m)));
+            self.members.push(Claimant {
                 track,
                 view,
                 crowded: false,
-            }));
+                claims: 0..0,
+            });
         }
-        for i in 0..self.members.len() {
-            let me = self.members[i];
-            let eye_m = tracks[me.track].as_ref().views()[me.view].center_m();
-            for j in 0..i {
-                let other = self.members[j].track;
-                if bodies[me.track].overlaps(&bodies[other], eye_m) {
-                    self.members[i].crowded = true;
-                    self.members[j].crowded = true;
+        self.near.clear();
+        for (b, [of_b, around_b]) in self.cones.iter().enumerate() {
+            for (a, [of_a, around_a]) in self.cones[..b].iter().enumerate() {
+                if !around_b.overlaps(around_a) {
+                    continue;
+                }
+                self.near.push([a, b]);
+                if of_b.overlaps(of_a) {
+                    self.members[a].crowded = true;
+                    self.members[b].crowded = true;
                 }
             }
         }
     }
 
-    /// Gathers the claims of `kind` that come near another.
+    /// Gathers the claims of `kind` that come near another, in groups that have no peak in common; returns how
+    /// many groups.
     pub(super) fn gather(
         &mut self,
         kind: &JointKind,
         tracks: &[impl AsRef<Estimator>],
         method: &Method,
-    ) {
-        self.all.clear();
-        for member in &self.members {
-            if !member.crowded && kind.keypoints.len() < 2 {
-                continue;
+    ) -> usize {
+        self.of_kind.clear();
+        for member in &mut self.members {
+            let first = self.of_kind.len();
+            if member.crowded || kind.keypoints.len() >= 2 {
+                let own = kind.keypoints.iter();
+                self.of_kind
+                    .extend(own.filter_map(|&k| Claim::new(member, k, tracks, method)));
             }
-            for &keypoint in &kind.keypoints {
-                self.all
-                    .extend(Claim::new(member, keypoint, tracks, method));
-            }
+            member.claims = first..self.of_kind.len();
         }
         // The corner of a face of the lattice.
         let reach_m = method.parameters.lattice.half_width_m * 2.0f64.sqrt();
-        for i in 0..self.all.len() {
-            for j in 0..i {
-                let (a, b) = (&self.all[i], &self.all[j]);
-                if a.reaches(b, reach_m) || b.reaches(a, reach_m) {
-                    self.all[i].meets = true;
-                    self.all[j].meets = true;
+        self.groups.reset(self.of_kind.len());
+        for member in &self.members {
+            for b in member.claims.clone() {
+                for a in member.claims.start..b {
+                    compare(&mut self.of_kind, &mut self.groups, [a, b], reach_m);
                 }
             }
         }
-        self.all.retain(|claim| claim.meets);
+        for &[one, other] in &self.near {
+            for a in self.members[one].claims.clone() {
+                for b in self.members[other].claims.clone() {
+                    compare(&mut self.of_kind, &mut self.groups, [a, b], reach_m);
+                }
+            }
+        }
+        self.groups.number(|claim| self.of_kind[claim].meets)
+    }
+
+    /// Takes up one group of the claims that were gathered.
+    pub(super) fn take(&mut self, group: usize, tracks: &[impl AsRef<Estimator>]) {
+        let numbered = self.of_kind.iter().zip(self.groups.numbers());
+        let own = numbered.filter(|(_, number)| **number == Some(group));
+        self.all.clear();
+        self.all.extend(own.map(|(claim, _)| claim.clone()));
         self.peaks.clear();
         for (index, claim) in self.all.iter_mut().enumerate() {
             let first = self.peaks.len();
             let view = &tracks[claim.track].as_ref().views()[claim.view];
-            find_peaks(view, claim, reach_m, index, &mut self.peaks);
+            let peaks = view.peaks(claim.keypoint).as_slice().iter();
+            self.peaks.extend(peaks.map(|peak| ClaimedPeak {
+                claim: index,
+                place: usize::MAX,
+                cell: peak.cell,
+                height: peak.height,
+                off_m: f64::INFINITY,
+            }));
             claim.peaks = first..self.peaks.len();
         }
     }
@@ -261,42 +303,29 @@ impl Claim {
     ) -> Option<Self> {
         let track = tracks[member.track].as_ref();
         let view = &track.views()[member.view];
-        let predicted_m = *view.predicted_m.get(keypoint)?;
-        if !predicted_m.iter().all(|v| v.is_finite()) {
-            return None;
-        }
+        let expected = view.expected(keypoint)?;
         let contact = &method.parameters.contact;
         let seen = track
             .estimates()
             .get(keypoint)
             .is_some_and(|e| e.views >= 2);
-        let cell_from_world = view.cell_from_world(keypoint);
-        let mut claim = Self {
+        Some(Self {
             track: member.track,
             view: member.view,
             keypoint,
-            predicted_m,
+            predicted_m: expected.position_m,
             sigma_m: if seen {
                 contact.seen_sigma_m
             } else {
                 contact.unseen_sigma_m
             },
             eye_m: view.center_m(),
-            cell_from_world,
-            cell: Vector2::zeros(),
-            cell_m: 0.0,
+            cell_from_world: *view.cell_from_world(keypoint),
+            cell: expected.cell,
+            cell_m: expected.cell_m,
             meets: false,
             peaks: 0..0,
-        };
-        claim.cell = claim.cell_of(predicted_m)?;
-        if !view.knows(keypoint, claim.cell) {
-            return None;
-        }
-        let depth_m = (cell_from_world * predicted_m.push(1.0)).z;
-        let focal_cells = cell_from_world.fixed_view::<2, 3>(0, 0)
-            - claim.cell * cell_from_world.fixed_view::<1, 3>(2, 0);
-        claim.cell_m = depth_m * 2.0f64.sqrt() / focal_cells.norm();
-        Some(claim)
+        })
     }
 
     /// Where a point (world, metres) is in the map; `None` behind the camera.
@@ -316,10 +345,25 @@ impl Claim {
         Some(direction * direction.dot(&row(2)).signum())
     }
 
-    /// Whether the keypoint of `other` is seen within `reach_m` of this one.
-    fn reaches(&self, other: &Self, reach_m: f64) -> bool {
-        let cell = self.cell_of(other.predicted_m);
-        cell.is_some_and(|cell| (cell - self.cell).norm() * self.cell_m < reach_m)
+    /// How far from this one the keypoint of `other` is seen, metres along columns and rows.
+    fn apart_m(&self, other: &Self) -> Option<Vector2<f64>> {
+        let cell = self.cell_of(other.predicted_m)?;
+        Some((cell - self.cell).abs() * self.cell_m)
+    }
+}
+
+/// Notes whether two claims come near each other, and whether their windows of `reach_m` touch: then they may show
+/// one peak.
+fn compare(claims: &mut [Claim], groups: &mut Groups, [a, b]: [usize; 2], reach_m: f64) {
+    let apart_m = [claims[a].apart_m(&claims[b]), claims[b].apart_m(&claims[a])];
+    for apart_m in apart_m.into_iter().flatten() {
+        if apart_m.norm() < reach_m {
+            claims[a].meets = true;
+            claims[b].meets = true;
+        }
+        if apart_m.max() < TOUCHING_REACHES * reach_m {
+            groups.link(a, b);
+        }
     }
 }
 
@@ -345,77 +389,6 @@ impl ClaimedPlace {
         let apart_m = self.distance_m(other.point_m);
         apart_m.min(other.distance_m(self.point_m))
     }
-}
-
-/// The highest peaks in the map of `claim` within `reach_m` of its prediction.
-fn find_peaks(
-    view: &View,
-    claim: &Claim,
-    reach_m: f64,
-    index: usize,
-    peaks: &mut Vec<ClaimedPeak>,
-) {
-    let (width, height) = view.map_size();
-    let cells = view.cells(claim.keypoint);
-    let first = peaks.len();
-    for (start, row) in view.rows_near(claim.keypoint, claim.cell, reach_m / claim.cell_m) {
-        for (offset, &value) in row.iter().enumerate() {
-            let cell = start + offset;
-            if value < LEAST_PEAK || !is_highest(cells, (width, height), cell) {
-                continue;
-            }
-            let peak = ClaimedPeak {
-                claim: index,
-                place: usize::MAX,
-                cell: top_of(cells, (width, height), cell),
-                height: f64::from(value) / 255.0,
-                off_m: f64::INFINITY,
-            };
-            let own = &peaks[first..];
-            let at = first + own.iter().take_while(|p| p.height >= peak.height).count();
-            peaks.insert(at, peak);
-            peaks.truncate(first + MAX_PEAKS);
-        }
-    }
-}
-
-/// The top of a peak whose highest cell is `cell`: of a parabola through its neighbours per axis.
-fn top_of(cells: &[u8], (width, height): (usize, usize), cell: usize) -> Vector2<f64> {
-    let (x, y) = (cell % width, cell / width);
-    let value = |x: usize, y: usize| f64::from(cells[y * width + x]);
-    let shift = |before: f64, after: f64| {
-        let bend = 2.0 * value(x, y) - before - after;
-        if bend > 0.0 {
-            (0.5 * (after - before) / bend).clamp(-0.5, 0.5)
-        } else {
-            0.0
-        }
-    };
-    let (left, right) = (
-        value(x.saturating_sub(1), y),
-        value((x + 1).min(width - 1), y),
-    );
-    let (above, below) = (
-        value(x, y.saturating_sub(1)),
-        value(x, (y + 1).min(height - 1)),
-    );
-    Vector2::new(
-        x as f64 + shift(left, right),
-        y as f64 + shift(above, below),
-    )
-}
-
-/// Whether none of a cell's neighbours is higher; of a plateau, its first cell counts.
-fn is_highest(cells: &[u8], (width, height): (usize, usize), cell: usize) -> bool {
-    let (x, y) = (cell % width, cell / width);
-    let columns = x.saturating_sub(1)..=(x + 1).min(width - 1);
-    let mut rows = y.saturating_sub(1)..=(y + 1).min(height - 1);
-    rows.all(|y| {
-        columns.clone().all(|x| {
-            let other = y * width + x;
-            cells[other] < cells[cell] || (cells[other] == cells[cell] && other >= cell)
-        })
-    })
 }
 
 #[cfg(test)]
@@ -445,7 +418,7 @@ mod tests {
             let drawn = meeting.as_they_are(0);
             meeting.show(0, camera, &drawn);
             meeting.place();
-            let member = Claimant { track: 0, view: 0, crowded: true };
+            let member = Claimant { track: 0, view: 0, crowded: true, claims: 0..0 };
             let claim = Claim::new(&member, LEFT_WRIST, &meeting.tracks, &meeting.method).unwrap();
             let point_m = claim.predicted_m + Vector3::from(off);
             let direction = claim.direction_of(claim.cell_of(point_m).unwrap()).unwrap();

@@ -26,6 +26,7 @@
 //! Decisions only read; [`PeakAssignment::carve`] changes the maps of one person.
 
 mod claims;
+mod groups;
 #[cfg(test)]
 mod tests;
 
@@ -146,11 +147,13 @@ impl ViewpointAssignment {
         method: &Method,
     ) {
         self.notches.clear();
-        self.claims.meet(self.viewpoint, tracks, bodies);
+        self.claims.meet(self.viewpoint, tracks, bodies, method);
         for kind in kinds {
-            self.claims.gather(kind, tracks, method);
-            if self.claims.find_places() {
-                self.assign(tracks, method.parameters.contact.yield_share);
+            for group in 0..self.claims.gather(kind, tracks, method) {
+                self.claims.take(group, tracks);
+                if self.claims.find_places() {
+                    self.assign(tracks, method.parameters.contact.yield_share);
+                }
             }
         }
     }

@@ -50,10 +50,10 @@ pub fn weigh_views(
 /// What one view tells of keypoint `k` where it is `offset_m` from the prediction.
 fn told_by(view: &View, k: usize, offset_m: Vector3<f64>, relative: f64) -> Matrix3<f64> {
     let none = Matrix3::zeros();
-    let place_m = match view.predicted_m.get(k) {
-        Some(center_m) if center_m.iter().all(|v| v.is_finite()) => center_m + offset_m,
-        _ => return none,
+    let Some(expected) = view.expected(k) else {
+        return none;
     };
+    let place_m = expected.position_m + offset_m;
     let cell_from_world = view.cell_from_world(k);
     let h = cell_from_world * place_m.push(1.0);
     let cell = Vector2::new(h.x, h.y) / h.z;

@@ -1,0 +1,110 @@
+//! Where a view expects a keypoint: what the search, the assignment of peaks and the swaps of sides all start from.
+
+use nalgebra::{Matrix3x4, Vector2, Vector3};
+
+use super::{MapPeaks, View};
+use crate::estimate::occlusion::SightCone;
+
+/// Where a view expects a keypoint.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct ExpectedKeypoint {
+    /// World, metres, at the view's capture instant.
+    pub(crate) position_m: Vector3<f64>,
+    /// Offset from there (metres, homogeneous) to homogeneous cells of the keypoint's map; the third row is the
+    /// depth in metres.
+    pub(crate) cell_from_offset: Matrix3x4<f64>,
+    /// Its cell.
+    pub(crate) cell: Vector2<f64>,
+    /// Metres per cell there, of both axes the mean.
+    pub(crate) cell_m: f64,
+}
+
+impl ExpectedKeypoint {
+    /// Depth in front of the camera, metres: positive.
+    pub(crate) fn depth_m(&self) -> f64 {
+        self.cell_from_offset.m34
+    }
+}
+
+impl View {
+    /// Says where `keypoint` is at the capture instant, world, metres. A place that is not finite, or of which the
+    /// view knows nothing, is no place: the view then takes no part in what is said of the keypoint.
+    ///
+    /// # Panics
+    /// When the view has no such keypoint.
+    pub fn expect(&mut self, keypoint: usize, position_m: Vector3<f64>) {
+        self.expected[keypoint] = self.expected_at(keypoint, position_m);
+        self.forget_peaks(keypoint);
+    }
+
+    /// Where `keypoint` is expected; `None` where nothing is, or the view knows nothing there.
+    pub(crate) fn expected(&self, keypoint: usize) -> Option<&ExpectedKeypoint> {
+        self.expected.get(keypoint)?.as_ref()
+    }
+
+    /// The cone that holds all places where keypoints are expected.
+    pub(crate) fn sight(&self) -> SightCone {
+        let places_m = || self.expected.iter().flatten().map(|e| e.position_m);
+        let n = places_m().count().max(1);
+        let center_m = places_m().sum::<Vector3<f64>>() / n as f64;
+        let reach2 = places_m().fold(0.0, |reach2: f64, place_m| {
+            reach2.max((place_m - center_m).norm_squared())
+        });
+        // A little more, for the rounding.
+        let reach_m = reach2.sqrt() * (1.0 + 1e-9);
+        SightCone::around(&self.center_m(), &center_m, reach_m)
+    }
+
+    fn expected_at(&self, keypoint: usize, position_m: Vector3<f64>) -> Option<ExpectedKeypoint> {
+        let cell_from_world = self.cell_from_world(keypoint);
+        let h = cell_from_world * position_m.push(1.0);
+        let cell = Vector2::new(h.x, h.y) / h.z;
+        // A position that is not a number has no depth either.
+        if !(h.z > 0.0 && cell.iter().all(|v| v.is_finite()) && self.knows(keypoint, cell)) {
+            return None;
+        }
+        let mut cell_from_offset = *cell_from_world;
+        cell_from_offset.set_column(3, &h);
+        let focal_cells = cell_from_world.fixed_view::<2, 3>(0, 0)
+            - cell * cell_from_world.fixed_view::<1, 3>(2, 0);
+        // Mean of the two axes' cells per radian.
+        let cells_per_m = focal_cells.norm() / 2.0f64.sqrt() / h.z;
+        Some(ExpectedKeypoint {
+            position_m,
+            cell_from_offset,
+            cell,
+            cell_m: 1.0 / cells_per_m,
+        })
+    }
+
+    /// Finds the peaks of all maps around the expected places, `half_width_m` the lattice's, where they are not
+    /// known yet. Whatever changes a map or its place makes its peaks unknown.
+    pub(crate) fn find_peaks(&mut self, half_width_m: f64) {
+        for (keypoint, expected) in self.expected.iter().enumerate() {
+            let peaks = &mut self.peaks[keypoint];
+            if let Some(expected) = expected
+                && !peaks.are_found()
+            {
+                let size = (self.maps.width(), self.maps.height());
+                let half_width_cells = half_width_m / expected.cell_m;
+                peaks.find(
+                    self.maps.cells(keypoint),
+                    size,
+                    (expected.cell, half_width_cells),
+                );
+            }
+        }
+    }
+
+    /// The peaks of the map of `keypoint`; none before [`Self::find_peaks`].
+    ///
+    /// # Panics
+    /// When the view has no such keypoint.
+    pub(crate) fn peaks(&self, keypoint: usize) -> &MapPeaks {
+        &self.peaks[keypoint]
+    }
+
+    pub(super) fn forget_peaks(&mut self, keypoint: usize) {
+        self.peaks[keypoint] = MapPeaks::default();
+    }
+}

@@ -1,0 +1,306 @@
+//! The peaks of one map around where its keypoint is expected.
+
+use farfield_proto::patch::MAX_SIDE;
+use nalgebra::Vector2;
+
+use super::edit::span;
+
+/// Lowest peak that counts, as cells have it: 0.1.
+const LEAST_PEAK: u8 = 25;
+/// Most peaks of a map, the highest ones.
+const MAX_PEAKS: usize = 6;
+/// Cells that are compared at once.
+const CHUNK: usize = 16;
+
+/// A local maximum of a map.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(crate) struct MapPeak {
+    /// Its top, cells: of a parabola through the highest cell and its neighbours, per axis.
+    pub(crate) cell: Vector2<f64>,
+    /// 0 to 1.
+    pub(crate) height: f64,
+}
+
+/// The peaks of one map within the corner of a face of the lattice, by height.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(crate) struct MapPeaks {
+    all: [MapPeak; MAX_PEAKS],
+    n: u8,
+    are_found: bool,
+    highest: u8,
+}
+
+/// A map as it is searched: rows of `size.0` cells.
+struct Map<'a> {
+    cells: &'a [u8],
+    size: (usize, usize),
+}
+
+impl MapPeaks {
+    /// Whether they were looked for.
+    pub(super) fn are_found(&self) -> bool {
+        self.are_found
+    }
+
+    /// Highest first.
+    pub(crate) fn as_slice(&self) -> &[MapPeak] {
+        &self.all[..usize::from(self.n)]
+    }
+
+    /// The highest value of the map, 0 to 1, within the half width of the lattice along both axes; 0 where no
+    /// value reaches that of the lowest peak.
+    pub(crate) fn highest(&self) -> f64 {
+        f64::from(self.highest) / 255.0
+    }
+
+    /// Finds the peaks of a map within `half_width_cells` times the square root of two of `center` along both axes.
+    pub(super) fn find(
+        &mut self,
+        cells: &[u8],
+        size: (usize, usize),
+        (center, half_width_cells): (Vector2<f64>, f64),
+    ) {
+        *self = Self {
+            are_found: true,
+            ..Self::default()
+        };
+        let map = Map { cells, size };
+        let reach = half_width_cells * 2.0f64.sqrt();
+        let columns = span(center.x, reach, size.0);
+        let near_columns = span(center.x, half_width_cells, size.0);
+        let near_rows = span(center.y, half_width_cells, size.1);
+        let mut rows = RowScan::default();
+        for y in span(center.y, reach, size.1) {
+            let row = &cells[y * size.0..][..size.0];
+            if is_low(row) {
+                continue;
+            }
+            let is_near = near_rows.contains(&y);
+            let tops = rows.scan(row, is_near);
+            let chunks = columns.start / CHUNK..columns.end.div_ceil(CHUNK);
+            for (chunk, bytes) in chunks.clone().zip(&tops[chunks]) {
+                let mut left = u128::from_le_bytes(*bytes);
+                while left != 0 {
+                    let byte = left.trailing_zeros() / 8;
+                    left &= left - 1;
+                    let x = chunk * CHUNK + byte as usize;
+                    if columns.contains(&x) && map.is_highest(x, y) {
+                        self.insert(MapPeak {
+                            cell: map.top_of(x, y),
+                            height: f64::from(row[x]) / 255.0,
+                        });
+                    }
+                }
+            }
+        }
+        let near = &rows.highest[near_columns];
+        self.highest = near.iter().fold(0, |most, &cell| most.max(cell));
+    }
+
+    fn insert(&mut self, peak: MapPeak) {
+        let own = self.as_slice();
+        let at = own.iter().take_while(|p| p.height >= peak.height).count();
+        if at < MAX_PEAKS {
+            let n = (own.len() + 1).min(MAX_PEAKS);
+            self.all[at..n].rotate_right(1);
+            self.all[at] = peak;
+            self.n = n as u8;
+        }
+    }
+}
+
+/// Whether no cell of a row reaches a peak's least height; a row that is not low may come out as one that is not
+/// even so.
+fn is_low(row: &[u8]) -> bool {
+    /// The bits of eight cells of which the least peak has one.
+    const HIGH: u64 = 0xf0f0_f0f0_f0f0_f0f0;
+    const _: () = assert!(LEAST_PEAK >= 16);
+    let (words, rest) = row.as_chunks::<8>();
+    let bits = words
+        .iter()
+        .fold(0, |all, word| all | u64::from_le_bytes(*word));
+    bits & HIGH == 0 && rest.iter().all(|&cell| cell < LEAST_PEAK)
+}
+
+/// Most cells of a row, in whole chunks.
+const MOST_CELLS: usize = MAX_SIDE.next_multiple_of(CHUNK);
+
+/// One row after the other, many cells at once: loops without branches over rows with zeros around them.
+struct RowScan {
+    padded: [u8; MOST_CELLS + 2],
+    tops: [u8; MOST_CELLS],
+    /// Per column, the highest cell of the rows that counted.
+    highest: [u8; MOST_CELLS],
+}
+
+impl Default for RowScan {
+    fn default() -> Self {
+        Self {
+            padded: [0; MOST_CELLS + 2],
+            tops: [0; MOST_CELLS],
+            highest: [0; MOST_CELLS],
+        }
+    }
+}
+
+impl RowScan {
+    /// One number per cell, not zero where it is high enough and no neighbour in the row is higher; of a plateau, its
+    /// first cell. All rows are of one length.
+    fn scan(&mut self, row: &[u8], counts: bool) -> &[[u8; CHUNK]] {
+        let n = row.len();
+        self.padded[1..=n].copy_from_slice(row);
+        let whole = n.next_multiple_of(CHUNK);
+        let (left, right) = (&self.padded[..whole], &self.padded[2..whole + 2]);
+        let own = &self.padded[1..=whole];
+        let tops = &mut self.tops[..whole];
+        for (((top, &left), &own), &right) in tops.iter_mut().zip(left).zip(own).zip(right) {
+            *top = u8::from(own >= LEAST_PEAK) & u8::from(own > left) & u8::from(own >= right);
+        }
+        if counts {
+            for (highest, &own) in self.highest[..whole].iter_mut().zip(own) {
+                *highest = (*highest).max(own);
+            }
+        }
+        tops.as_chunks().0
+    }
+}
+
+impl Map<'_> {
+    fn value(&self, x: usize, y: usize) -> u8 {
+        self.cells[y * self.size.0 + x]
+    }
+
+    /// Whether none of the neighbours in the rows above and below is higher; of a plateau, its first cell counts.
+    fn is_highest(&self, x: usize, y: usize) -> bool {
+        let (width, height) = self.size;
+        let own = self.value(x, y);
+        let columns = x.saturating_sub(1)..(x + 2).min(width);
+        let row = |y: usize| &self.cells[y * width..][columns.clone()];
+        let above = y == 0 || row(y - 1).iter().all(|&other| other < own);
+        above && (y + 1 == height || row(y + 1).iter().all(|&other| other <= own))
+    }
+
+    /// The top of the peak whose highest cell this is.
+    fn top_of(&self, x: usize, y: usize) -> Vector2<f64> {
+        let (width, height) = self.size;
+        let value = |x: usize, y: usize| f64::from(self.value(x, y));
+        let shift = |before: f64, after: f64| {
+            let bend = 2.0 * value(x, y) - before - after;
+            if bend > 0.0 {
+                (0.5 * (after - before) / bend).clamp(-0.5, 0.5)
+            } else {
+                0.0
+            }
+        };
+        let (left, right) = (
+            value(x.saturating_sub(1), y),
+            value((x + 1).min(width - 1), y),
+        );
+        let (above, below) = (
+            value(x, y.saturating_sub(1)),
+            value(x, (y + 1).min(height - 1)),
+        );
+        Vector2::new(
+            x as f64 + shift(left, right),
+            y as f64 + shift(above, below),
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    const SIZE: (usize, usize) = (12, 16);
+
+    fn found(cells: &[u8], center: [f64; 2], half_width_cells: f64) -> MapPeaks {
+        let mut peaks = MapPeaks::default();
+        peaks.find(cells, SIZE, (center.into(), half_width_cells));
+        peaks
+    }
+
+    fn gaussian(at: [f64; 2], height: f64) -> Vec<u8> {
+        let value = |i: usize| {
+            let (x, y) = ((i % SIZE.0) as f64 - at[0], (i / SIZE.0) as f64 - at[1]);
+            height * libm::exp(-(x * x + y * y) / 8.0)
+        };
+        (0..SIZE.0 * SIZE.1)
+            .map(|i| (255.0 * value(i)).round() as u8)
+            .collect()
+    }
+
+    #[test]
+    fn of_a_plateau_the_first_cell_is_the_peak() {
+        let mut cells = vec![0; SIZE.0 * SIZE.1];
+        for y in 4..7 {
+            cells[y * SIZE.0 + 3..][..3].fill(200);
+        }
+        let peaks = found(&cells, [5.0, 5.0], 4.0);
+        assert_eq!(peaks.as_slice().len(), 1);
+        assert!((peaks.as_slice()[0].cell - Vector2::new(3.5, 4.5)).norm() < 1e-9);
+    }
+
+    #[test]
+    fn the_highest_peaks_are_kept_highest_first() {
+        let mut cells = vec![0; SIZE.0 * SIZE.1];
+        let tops: Vec<u8> = (0..9).map(|i| 40 + 20 * ((i * 5) % 9)).collect();
+        for (i, &top) in tops.iter().enumerate() {
+            cells[(1 + 2 * (i / 3)) * SIZE.0 + 1 + 2 * (i % 3)] = top;
+        }
+        let peaks = found(&cells, [4.0, 4.0], 6.0);
+        let heights: Vec<f64> = peaks.as_slice().iter().map(|p| p.height * 255.0).collect();
+        assert_eq!(heights.len(), MAX_PEAKS);
+        for (height, expected) in heights
+            .iter()
+            .zip([200.0, 180.0, 160.0, 140.0, 120.0, 100.0])
+        {
+            assert!((height - expected).abs() < 1e-9, "{heights:?}");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn the_top_of_a_gaussian_is_found_to_a_tenth_of_a_cell(
+            x in 3.0f64..8.0, y in 3.0f64..12.0, height in 0.5f64..1.0,
+        ) {
+            let peaks = found(&gaussian([x, y], height), [6.0, 8.0], 6.0);
+            prop_assert_eq!(peaks.as_slice().len(), 1);
+            prop_assert!((peaks.as_slice()[0].cell - Vector2::new(x, y)).norm() < 0.1);
+        }
+
+        #[test]
+        fn a_peak_is_a_cell_that_none_around_it_exceeds(
+            cells in prop::collection::vec(0u8..60, SIZE.0 * SIZE.1),
+        ) {
+            let at = |x: i32, y: i32| {
+                let inside = (0..SIZE.0 as i32).contains(&x) && (0..SIZE.1 as i32).contains(&y);
+                if inside { cells[y as usize * SIZE.0 + x as usize] } else { 0 }
+            };
+            let around = (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (dx, dy)));
+            let around: Vec<_> = around.filter(|&d| d != (0, 0)).collect();
+            let is_peak = |i: i32| {
+                let (x, y) = (i % SIZE.0 as i32, i / SIZE.0 as i32);
+                let own = at(x, y);
+                // A neighbour that comes first in the map must be lower.
+                own >= LEAST_PEAK && around.iter().all(|&(dx, dy)| {
+                    let other = at(x + dx, y + dy);
+                    other < own || (other == own && (dy, dx) > (0, 0))
+                })
+            };
+            let expected = (0..cells.len() as i32).filter(|&i| is_peak(i)).count();
+            let peaks = found(&cells, [6.0, 8.0], 30.0);
+            prop_assert_eq!(peaks.as_slice().len(), expected.min(MAX_PEAKS));
+        }
+
+        #[test]
+        fn no_map_and_no_place_is_too_strange(
+            cells in prop::collection::vec(any::<u8>(), SIZE.0 * SIZE.1),
+            center in prop::array::uniform2(-40.0f64..40.0), half_width in 0.0f64..100.0,
+        ) {
+            let peaks = found(&cells, center, half_width);
+            prop_assert!(peaks.as_slice().windows(2).all(|p| p[0].height >= p[1].height));
+        }
+    }
+}

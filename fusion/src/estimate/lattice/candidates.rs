@@ -1,0 +1,227 @@
+//! Where the keypoint may be: the places where the lines of sight of the maps' peaks meet.
+//!
+//! A peak of view j is a line of sight: it is at the cell `p_j`, and near the prediction an offset d is at the cell
+//! `c_j + J_j d`. The offset on which several lines and the Gaussian around the prediction agree best solves
+//!
+//! ```text
+//!   (sum_j w_j J_j' J_j / s^2 + sum_j w_j I / sigma^2) d = sum_j w_j J_j' (p_j - c_j) / s^2,    w_j = a_j h_j
+//! ```
+//!
+//! with `h_j` the height of the peak and s its sigma: the maximum of F where every map is one Gaussian. Two lines make a
+//! candidate where they pass each other closely; a line that meets no other makes one alone, next to the prediction.
+//! Then each candidate takes in all lines that pass it, and F says which are the best.
+
+use nalgebra::{Vector2, Vector3};
+
+use super::symmetric::Symmetric;
+use super::witness::{Witness, Witnesses};
+use super::{KeypointPlace, LatticeMode, LatticeModes};
+use crate::estimate::evidence::{MapPeak, View};
+
+/// Most lines of sight that are paired, the heaviest: their pairs are what many views cost.
+const MAX_LINES: usize = 12;
+/// Most candidates.
+const MAX_CANDIDATES: usize = 16;
+/// Two lines meet where both pass within this of a place, in sigmas of a peak.
+const MEETING_SIGMAS: f64 = 2.5;
+/// A candidate takes in the lines that pass within this, in sigmas of a peak, the less the farther.
+const TAKEN_SIGMAS: f64 = 3.0;
+/// Candidates closer than this are one, in cells of the finest view: what runs into one peak of S.
+pub(super) const ONE_PLACE_CELLS: f64 = 2.0;
+/// Share of the best score below which a candidate is none.
+const LEAST_OF_BEST: f64 = 0.3;
+
+/// The line of sight of one peak, near the prediction.
+#[derive(Debug, Clone, Copy)]
+struct Sightline {
+    /// Which witness shows it.
+    witness: usize,
+    /// `w_j`.
+    weight: f64,
+    /// Cells per metre along columns and rows, over the sigma of a peak.
+    slopes: [Vector3<f64>; 2],
+    /// `c_j - p_j`, over the sigma of a peak.
+    off: Vector2<f64>,
+    information: Symmetric,
+    pull: Vector3<f64>,
+    is_met: bool,
+}
+
+/// What some lines know together.
+#[derive(Debug, Clone, Copy, Default)]
+struct Meeting {
+    weight: f64,
+    information: Symmetric,
+    pull: Vector3<f64>,
+}
+
+/// The candidates of one keypoint, with their buffers.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Candidates {
+    lines: Vec<Sightline>,
+    places_m: Vec<Vector3<f64>>,
+}
+
+impl Candidates {
+    /// Fills `modes` with the best candidates.
+    pub(super) fn find(
+        &mut self,
+        at: &KeypointPlace<'_>,
+        witnesses: &Witnesses,
+        modes: &mut LatticeModes,
+    ) {
+        self.gather(at, witnesses);
+        self.meet(at, ONE_PLACE_CELLS * witnesses.cell_m);
+        for &place_m in &self.places_m {
+            let offset_m = self.drawn_together(place_m, at);
+            let score = witnesses.score(at, offset_m);
+            if score > 0.0 {
+                insert(modes, LatticeMode::at(offset_m, score), witnesses.cell_m);
+            }
+        }
+        let least = modes.as_slice().first().map_or(0.0, |m| m.score) * LEAST_OF_BEST;
+        modes.n = modes.as_slice().iter().filter(|m| m.score >= least).count();
+    }
+
+    /// Gathers the lines of sight, the heaviest first.
+    fn gather(&mut self, at: &KeypointPlace<'_>, witnesses: &Witnesses) {
+        self.lines.clear();
+        for (index, witness) in witnesses.iter().enumerate() {
+            let view = &at.views[witness.view];
+            for peak in view.peaks(at.keypoint).as_slice() {
+                let line = Sightline::of(peak, (index, witness), view);
+                if line.weight > 0.0 {
+                    let own = &self.lines;
+                    let place = own.iter().position(|l| line.weight > l.weight);
+                    let place = place.unwrap_or(own.len());
+                    if place < MAX_LINES {
+                        self.lines.truncate(MAX_LINES - 1);
+                        self.lines.insert(place, line);
+                    }
+                }
+            }
+        }
+    }
+
+    /// Finds the places where lines meet, and those of lines that meet no other.
+    fn meet(&mut self, at: &KeypointPlace<'_>, one_place_m: f64) {
+        self.places_m.clear();
+        for b in 1..self.lines.len() {
+            for a in 0..b {
+                let [one, other] = [self.lines[a], self.lines[b]];
+                if one.witness == other.witness {
+                    continue;
+                }
+                let mut both = Meeting::default();
+                both.add(&one, 1.0);
+                both.add(&other, 1.0);
+                let place_m = both.place_m(at);
+                let passes = |line: &Sightline| {
+                    line.passes(&place_m).norm_squared() < MEETING_SIGMAS * MEETING_SIGMAS
+                };
+                if passes(&one) && passes(&other) {
+                    self.lines[a].is_met = true;
+                    self.lines[b].is_met = true;
+                    self.add(place_m, one_place_m);
+                }
+            }
+        }
+        for index in 0..self.lines.len() {
+            if !self.lines[index].is_met {
+                let mut alone = Meeting::default();
+                alone.add(&self.lines[index], 1.0);
+                self.add(alone.place_m(at), one_place_m);
+            }
+        }
+    }
+
+    fn add(&mut self, place_m: Vector3<f64>, one_place_m: f64) {
+        let one2 = one_place_m * one_place_m;
+        let mut known = self.places_m.iter();
+        if self.places_m.len() < MAX_CANDIDATES
+            && known.all(|known| (known - place_m).norm_squared() >= one2)
+        {
+            self.places_m.push(place_m);
+        }
+    }
+
+    /// The place on which all lines agree that pass `place_m`.
+    fn drawn_together(&self, place_m: Vector3<f64>, at: &KeypointPlace<'_>) -> Vector3<f64> {
+        let mut near = Meeting::default();
+        for line in &self.lines {
+            let inside = 1.0 - line.passes(&place_m).norm_squared() / (TAKEN_SIGMAS * TAKEN_SIGMAS);
+            if inside > 0.0 {
+                near.add(line, inside * inside);
+            }
+        }
+        if near.weight > 0.0 {
+            near.place_m(at)
+        } else {
+            place_m
+        }
+    }
+}
+
+/// Keeps the best modes; of two that are one place, the better.
+fn insert(modes: &mut LatticeModes, mode: LatticeMode, cell_m: f64) {
+    let one_place_m = ONE_PLACE_CELLS * cell_m;
+    let is_near = |m: &LatticeMode| (m.offset_m - mode.offset_m).norm() < one_place_m;
+    let n = modes.n;
+    if let Some(known) = modes.as_slice().iter().position(is_near) {
+        if modes.modes[known].score >= mode.score {
+            return;
+        }
+        modes.modes[known..n].rotate_left(1);
+        modes.n -= 1;
+    }
+    modes.insert(mode);
+}
+
+impl Sightline {
+    fn of(peak: &MapPeak, (index, witness): (usize, &Witness), view: &View) -> Self {
+        let m = &witness.cell_from_offset;
+        let depth_m = m.m34;
+        let per_cell = 1.0 / view.peak_sigma_cells();
+        let row = |i: usize| Vector3::new(m[(i, 0)], m[(i, 1)], m[(i, 2)]);
+        let scale = per_cell / depth_m;
+        let slopes = [
+            (row(0) - row(2) * peak.cell.x) * scale,
+            (row(1) - row(2) * peak.cell.y) * scale,
+        ];
+        let off = (Vector2::new(m.m14, m.m24) / depth_m - peak.cell) * per_cell;
+        let weight = witness.weight * peak.height;
+        let [x, y] = slopes;
+        Self {
+            witness: index,
+            weight,
+            slopes,
+            off,
+            information: Symmetric::of_products([(&x, &(x * weight)), (&y, &(y * weight))]),
+            pull: (x * off.x + y * off.y) * -weight,
+            is_met: false,
+        }
+    }
+
+    /// How far the line passes a place, in sigmas of a peak.
+    fn passes(&self, place_m: &Vector3<f64>) -> Vector2<f64> {
+        let [x, y] = &self.slopes;
+        self.off + Vector2::new(x.dot(place_m), y.dot(place_m))
+    }
+}
+
+impl Meeting {
+    fn add(&mut self, line: &Sightline, share: f64) {
+        self.weight += line.weight * share;
+        self.information.add(&line.information, share);
+        self.pull += line.pull * share;
+    }
+
+    /// The place that the lines agree on, inside the lattice.
+    fn place_m(&self, at: &KeypointPlace<'_>) -> Vector3<f64> {
+        let sigma_m = at.parameters.prior_sigma_m;
+        let prior = self.weight / (sigma_m * sigma_m);
+        let place_m = self.information.solve(prior, &self.pull);
+        let half_m = at.parameters.half_width_m;
+        place_m.map(|v| v.clamp(-half_m, half_m))
+    }
+}
