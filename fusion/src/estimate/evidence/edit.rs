@@ -81,6 +81,9 @@ impl View {
         let size = self.map_size();
         let cells = self.maps.cells_mut(keypoint);
         disc(size, notch.at, NOTCH_END_SIGMAS * sigma, |index, r2| {
+            if cells[index] == 0 {
+                return;
+            }
             let place = Vector2::new((index % width) as f64, (index / width) as f64);
             let share = notch.stays.map_or(1.0, |(stays, height)| {
                 let own = height * gauss((place - stays).norm_squared());

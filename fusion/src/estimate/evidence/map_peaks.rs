@@ -75,8 +75,10 @@ impl MapPeaks {
             if is_low(row) {
                 continue;
             }
-            let is_near = near_rows.contains(&y);
-            let tops = rows.scan(row, is_near);
+            if near_rows.contains(&y) {
+                rows.count(row);
+            }
+            let tops = rows.tops(&map, y);
             let chunks = columns.start / CHUNK..columns.end.div_ceil(CHUNK);
             for (chunk, bytes) in chunks.clone().zip(&tops[chunks]) {
                 let mut left = u128::from_le_bytes(*bytes);
@@ -125,18 +127,16 @@ fn is_low(row: &[u8]) -> bool {
 /// Most cells of a row, in whole chunks.
 const MOST_CELLS: usize = MAX_SIDE.next_multiple_of(CHUNK);
 
-/// One row after the other, many cells at once: loops without branches over rows with zeros around them.
+/// One row after the other, many cells at once: loops without branches.
 struct RowScan {
-    padded: [u8; MOST_CELLS + 2],
     tops: [u8; MOST_CELLS],
-    /// Per column, the highest cell of the rows that counted.
+    /// Per column, the highest cell of the rows that count.
     highest: [u8; MOST_CELLS],
 }
 
 impl Default for RowScan {
     fn default() -> Self {
         Self {
-            padded: [0; MOST_CELLS + 2],
             tops: [0; MOST_CELLS],
             highest: [0; MOST_CELLS],
         }
@@ -144,24 +144,39 @@ impl Default for RowScan {
 }
 
 impl RowScan {
-    /// One number per cell, not zero where it is high enough and no neighbour in the row is higher; of a plateau, its
-    /// first cell. All rows are of one length.
-    fn scan(&mut self, row: &[u8], counts: bool) -> &[[u8; CHUNK]] {
-        let n = row.len();
-        self.padded[1..=n].copy_from_slice(row);
-        let whole = n.next_multiple_of(CHUNK);
-        let (left, right) = (&self.padded[..whole], &self.padded[2..whole + 2]);
-        let own = &self.padded[1..=whole];
-        let tops = &mut self.tops[..whole];
-        for (((top, &left), &own), &right) in tops.iter_mut().zip(left).zip(own).zip(right) {
-            *top = u8::from(own >= LEAST_PEAK) & u8::from(own > left) & u8::from(own >= right);
+    fn count(&mut self, row: &[u8]) {
+        for (highest, &cell) in self.highest.iter_mut().zip(row) {
+            *highest = (*highest).max(cell);
         }
-        if counts {
-            for (highest, &own) in self.highest[..whole].iter_mut().zip(own) {
-                *highest = (*highest).max(own);
+    }
+
+    /// One number per cell of a row, not zero where it is high enough and no neighbour in the row is higher; of a
+    /// plateau, its first cell. All rows are of one length.
+    fn tops(&mut self, map: &Map<'_>, y: usize) -> &[[u8; CHUNK]] {
+        let width = map.size.0;
+        let start = y * width;
+        let tops = &mut self.tops[..width];
+        let top = |left: u8, own: u8, right: u8| {
+            u8::from(own >= LEAST_PEAK) & u8::from(own > left) & u8::from(own >= right)
+        };
+        // The cell before the first and the one after the last belong to other rows, or to none.
+        let last = width - 1;
+        if let Some(around) = map.cells.get(start.wrapping_sub(1)..start + width + 1) {
+            let (left, own, right) = (&around[..width], &around[1..=width], &around[2..]);
+            for (((tops, &left), &own), &right) in tops.iter_mut().zip(left).zip(own).zip(right) {
+                *tops = top(left, own, right);
+            }
+        } else {
+            let row = &map.cells[start..start + width];
+            for (tops, cells) in tops.iter_mut().skip(1).zip(row.windows(3)) {
+                *tops = top(cells[0], cells[1], cells[2]);
             }
         }
-        tops.as_chunks().0
+        let row = &map.cells[start..start + width];
+        let beside = |x: usize| if x < width { row[x] } else { 0 };
+        tops[0] = top(0, row[0], beside(1));
+        tops[last] = top(beside(last.wrapping_sub(1)), row[last], 0);
+        self.tops.as_chunks().0
     }
 }
 

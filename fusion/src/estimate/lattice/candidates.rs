@@ -22,8 +22,11 @@ use crate::estimate::evidence::{MapPeak, View};
 const MAX_LINES: usize = 12;
 /// Most candidates.
 const MAX_CANDIDATES: usize = 16;
+const _: () = assert!(MAX_CANDIDATES <= u32::BITS as usize);
 /// Two lines meet where both pass within this of a place, in sigmas of a peak.
 const MEETING_SIGMAS: f64 = 2.5;
+/// A line that passes a candidate within this, in sigmas of a peak, may come from there.
+const THERE_SIGMAS: f64 = 1.0;
 /// A candidate takes in the lines that pass within this, in sigmas of a peak, the less the farther.
 const TAKEN_SIGMAS: f64 = 3.0;
 /// Candidates closer than this are one, in cells of the finest view: what runs into one peak of S.
@@ -45,6 +48,8 @@ struct Sightline {
     information: Symmetric,
     pull: Vector3<f64>,
     is_met: bool,
+    /// One bit per candidate that it passes as closely as if it were there.
+    explained: u32,
 }
 
 /// What some lines know together.
@@ -109,7 +114,9 @@ impl Candidates {
         for b in 1..self.lines.len() {
             for a in 0..b {
                 let [one, other] = [self.lines[a], self.lines[b]];
-                if one.witness == other.witness {
+                // Of many views, most pairs meet where others have met before.
+                let is_known = one.explained & other.explained != 0;
+                if one.witness == other.witness || is_known {
                     continue;
                 }
                 let mut both = Meeting::default();
@@ -141,7 +148,13 @@ impl Candidates {
         if self.places_m.len() < MAX_CANDIDATES
             && known.all(|known| (known - place_m).norm_squared() >= one2)
         {
+            let place = self.places_m.len();
             self.places_m.push(place_m);
+            for line in &mut self.lines {
+                let is_there = line.passes(&place_m).norm_squared() < THERE_SIGMAS * THERE_SIGMAS;
+                line.is_met |= is_there;
+                line.explained |= u32::from(is_there) << place;
+            }
         }
     }
 
@@ -199,6 +212,7 @@ impl Sightline {
             information: Symmetric::of_products([(&x, &(x * weight)), (&y, &(y * weight))]),
             pull: (x * off.x + y * off.y) * -weight,
             is_met: false,
+            explained: 0,
         }
     }
 

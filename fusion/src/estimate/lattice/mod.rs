@@ -110,6 +110,9 @@ impl LatticeModes {
 struct Keypoint {
     witnesses: Witnesses,
     modes: LatticeModes,
+    /// Per witness, what its map shows at the place that was refined last, and that place.
+    says: Vec<f64>,
+    says_at_m: Vector3<f64>,
 }
 
 /// The search, with its buffers. Nothing is allocated once they have grown to a venue's views.
@@ -130,8 +133,6 @@ struct Work {
     candidates: Candidates,
     coarse: CoarsePass,
     refiner: Refiner,
-    /// Per witness, what its map shows at the found place.
-    says: Vec<f64>,
 }
 
 impl LatticeSearch {
@@ -185,7 +186,7 @@ impl LatticeSearch {
                 .share_votes(views, index, &mut self.closeness, &self.sight);
             keypoint.find_modes(&at, &mut self.work);
             let best = keypoint.modes.as_slice().first().copied();
-            estimates.push(keypoint.estimate(&at, best, &mut self.work));
+            estimates.push(keypoint.estimate(&at, best));
         }
         for sides in &self.sides {
             let pair = sides.indices();
@@ -202,9 +203,9 @@ impl LatticeSearch {
                 parameters.min_support,
             );
             for (k, mode) in pair.into_iter().zip(chosen) {
-                let keypoint = &self.keypoints[k];
+                let keypoint = &mut self.keypoints[k];
                 let mode = mode.map(|mode| keypoint.refined(&place(k), mode, &mut self.work));
-                estimates[k] = keypoint.estimate(&place(k), mode, &mut self.work);
+                estimates[k] = keypoint.estimate(&place(k), mode);
             }
         }
     }
@@ -286,39 +287,54 @@ impl Keypoint {
     }
 
     /// The mode where Newton's steps lead. Its score stays that of F's maximum; the place is that of S's, near it.
-    fn refined(&self, at: &KeypointPlace<'_>, mode: LatticeMode, work: &mut Work) -> LatticeMode {
+    fn refined(
+        &mut self,
+        at: &KeypointPlace<'_>,
+        mode: LatticeMode,
+        work: &mut Work,
+    ) -> LatticeMode {
         if mode.is_refined {
+            self.listen(at, mode.offset_m);
             return mode;
         }
         let step_m = self.fine_m(at);
+        let found = work
+            .refiner
+            .newton(at, &self.witnesses, mode.offset_m, step_m);
+        let before = mode.score / prior(mode.offset_m, at.parameters.prior_sigma_m);
+        let found = found.filter(|offset_m| self.listen(at, *offset_m) >= refine::LOSS * before);
+        let offset_m = found.unwrap_or_else(|| {
+            self.listen(at, mode.offset_m);
+            mode.offset_m
+        });
         LatticeMode {
-            offset_m: work
-                .refiner
-                .newton(at, &self.witnesses, mode.offset_m, step_m),
+            offset_m,
             is_refined: true,
             ..mode
         }
     }
 
+    /// S at an offset; `says` is then what each map shows there.
+    fn listen(&mut self, at: &KeypointPlace<'_>, offset_m: Vector3<f64>) -> f64 {
+        self.says_at_m = offset_m;
+        self.witnesses
+            .listen(at.views, at.keypoint, offset_m, &mut self.says)
+    }
+
     /// The estimate for `mode`, or the fall back to the prediction without one.
-    fn estimate(
-        &self,
-        at: &KeypointPlace<'_>,
-        mode: Option<LatticeMode>,
-        work: &mut Work,
-    ) -> KeypointEstimate {
+    fn estimate(&mut self, at: &KeypointPlace<'_>, mode: Option<LatticeMode>) -> KeypointEstimate {
         let Some(LatticeMode { offset_m, .. }) = mode else {
             return KeypointEstimate::unsupported(at.predicted_m, 0.0);
         };
-        let says = &mut work.says;
-        let support = self.witnesses.listen(at.views, at.keypoint, offset_m, says);
-        let support = support.clamp(0.0, 1.0);
+        debug_assert_eq!(offset_m, self.says_at_m, "refined last");
+        let support = self.witnesses.weighed(&self.says).clamp(0.0, 1.0);
         let position_m = at.predicted_m + offset_m;
         if support < at.parameters.min_support || !position_m.iter().all(|v| v.is_finite()) {
             return KeypointEstimate::unsupported(at.predicted_m, support);
         }
         let mut estimate = KeypointEstimate::unsupported(position_m, support);
-        self.witnesses.testify(says, at.parameters, &mut estimate);
+        self.witnesses
+            .testify(&self.says, at.parameters, &mut estimate);
         estimate
     }
 }

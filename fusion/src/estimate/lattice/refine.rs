@@ -19,7 +19,7 @@ const LAST_FREE_M: f64 = 1e-4;
 const FARTHEST_STEPS: f64 = 6.0;
 /// Share of S that Newton may lose before the candidate itself is kept. Bilinear samples make
 /// the value at a maximum itself uncertain by less than this.
-const LOSS: f64 = 0.85;
+pub(super) const LOSS: f64 = 0.85;
 
 /// The best of a point and its 26 neighbours at `step_m`.
 pub(super) fn best_neighbour(
@@ -48,7 +48,7 @@ pub(super) struct Refiner {
 
 impl Refiner {
     /// Damped Newton on S from `start_m` in steps of at most `step_m`; returns the offset from the
-    /// prediction, metres.
+    /// prediction, metres, unless it led far away.
     ///
     /// ```text
     ///   (H + lambda I) delta = g - lambda d,    lambda = S/sigma^2,    then: = g
@@ -66,7 +66,7 @@ impl Refiner {
         witnesses: &Witnesses,
         start_m: Vector3<f64>,
         step_m: f64,
-    ) -> Vector3<f64> {
+    ) -> Option<Vector3<f64>> {
         self.hills.clear();
         self.hills.resize(witnesses.iter().len(), None);
         let sigma_m = at.parameters.prior_sigma_m;
@@ -85,7 +85,7 @@ impl Refiner {
                 let delta = s.curvature.solve(lambda, &(s.gradient - offset_m * pull));
                 let length_m = delta.norm();
                 if !length_m.is_finite() {
-                    return start_m;
+                    return None;
                 }
                 offset_m += delta * (step_m / length_m.max(step_m));
                 if length_m < last_m {
@@ -93,13 +93,7 @@ impl Refiner {
                 }
             }
         }
-        let support = |offset_m| witnesses.support(at.views, at.keypoint, offset_m);
-        let near = (offset_m - start_m).norm() <= FARTHEST_STEPS * step_m;
-        if near && support(offset_m) >= LOSS * support(start_m) {
-            offset_m
-        } else {
-            start_m
-        }
+        ((offset_m - start_m).norm() <= FARTHEST_STEPS * step_m).then_some(offset_m)
     }
 }
 

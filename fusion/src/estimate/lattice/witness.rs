@@ -158,6 +158,11 @@ impl Witnesses {
         says.clear();
         let values = self.all.iter();
         says.extend(values.map(|w| w.map_value(views, keypoint, offset_m)));
+        self.weighed(says)
+    }
+
+    /// S, of what each map shows.
+    pub(super) fn weighed(&self, says: &[f64]) -> f64 {
         let weighted = self.all.iter().zip(says).map(|(w, says)| w.weight * *says);
         weighted.sum()
     }

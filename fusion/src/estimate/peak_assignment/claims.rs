@@ -4,11 +4,11 @@ use std::ops::Range;
 
 use farfield_proto::id::ViewpointIndex;
 use farfield_proto::keypoints::KeypointSet;
-use nalgebra::{Matrix3x4, Vector2, Vector3};
+use nalgebra::{Vector2, Vector3};
 
 use super::groups::Groups;
 use crate::estimate::estimator::Estimator;
-use crate::estimate::evidence::bilinear;
+use crate::estimate::evidence::{ExpectedKeypoint, bilinear};
 use crate::estimate::occlusion::{BodyCapsules, SightCone};
 use crate::method::Method;
 
@@ -66,15 +66,10 @@ struct Claim {
     track: usize,
     view: usize,
     keypoint: usize,
-    predicted_m: Vector3<f64>,
+    expected: ExpectedKeypoint,
     /// Expected error of the prediction, metres.
     sigma_m: f64,
     eye_m: Vector3<f64>,
-    cell_from_world: Matrix3x4<f64>,
-    /// The prediction in the map.
-    cell: Vector2<f64>,
-    /// Metres per cell at the prediction.
-    cell_m: f64,
     /// Whether another's prediction is in reach, or this in another's.
     meets: bool,
     /// Its peaks.
@@ -230,14 +225,14 @@ impl Claims {
             let Some(direction) = claim.direction_of(peak.cell) else {
                 continue;
             };
-            let depth_m = (claim.predicted_m - claim.eye_m).dot(&direction);
+            let depth_m = (claim.expected.position_m - claim.eye_m).dot(&direction);
             let point_m = claim.eye_m + direction * depth_m;
-            peak.off_m = (point_m - claim.predicted_m).norm();
+            peak.off_m = (point_m - claim.expected.position_m).norm();
             let place = ClaimedPlace {
                 eye_m: claim.eye_m,
                 direction,
                 point_m,
-                width_m: ONE_PLACE_CELLS * claim.cell_m,
+                width_m: ONE_PLACE_CELLS * claim.expected.cell_m,
             };
             if let Some(known) = place.among(&self.places) {
                 peak.place = known;
@@ -280,11 +275,11 @@ impl Claims {
         let (off_m, height) = self.peak_of(claim, place).map_or_else(
             || {
                 let view = &tracks[me.track].as_ref().views()[me.view];
-                let nearest_m = it.nearest_to(me.predicted_m);
+                let nearest_m = it.nearest_to(me.expected.position_m);
                 let height = me.cell_of(nearest_m).map_or(0.0, |cell| {
                     bilinear(view.cells(me.keypoint), view.map_size(), cell)
                 });
-                ((nearest_m - me.predicted_m).norm(), height)
+                ((nearest_m - me.expected.position_m).norm(), height)
             },
             |peak| (peak.off_m, peak.height),
         );
@@ -313,24 +308,27 @@ impl Claim {
             track: member.track,
             view: member.view,
             keypoint,
-            predicted_m: expected.position_m,
+            expected: *expected,
             sigma_m: if seen {
                 contact.seen_sigma_m
             } else {
                 contact.unseen_sigma_m
             },
             eye_m: view.center_m(),
-            cell_from_world: *view.cell_from_world(keypoint),
-            cell: expected.cell,
-            cell_m: expected.cell_m,
             meets: false,
             peaks: 0..0,
         })
     }
 
+    /// Where a point (world, metres) is in the map, homogeneous.
+    fn project(&self, point_m: &Vector3<f64>) -> Vector3<f64> {
+        let offset_m = point_m - self.expected.position_m;
+        self.expected.cell_from_offset * offset_m.push(1.0)
+    }
+
     /// Where a point (world, metres) is in the map; `None` behind the camera.
     fn cell_of(&self, point_m: Vector3<f64>) -> Option<Vector2<f64>> {
-        let h = self.cell_from_world * point_m.push(1.0);
+        let h = self.project(&point_m);
         (h.z > 0.0).then(|| Vector2::new(h.x, h.y) / h.z)
     }
 
@@ -338,32 +336,42 @@ impl Claim {
     fn direction_of(&self, cell: Vector2<f64>) -> Option<Vector3<f64>> {
         // The rows of a pinhole's matrix are what a ray is at right angles to: cell x is where
         // (row 0 - x row 2) vanishes, and y likewise.
-        let row = |i: usize| self.cell_from_world.fixed_view::<1, 3>(i, 0).transpose();
+        let m = &self.expected.cell_from_offset;
+        let row = |i: usize| Vector3::new(m[(i, 0)], m[(i, 1)], m[(i, 2)]);
         let across = row(0) - row(2) * cell.x;
         let down = row(1) - row(2) * cell.y;
         let direction = across.cross(&down).try_normalize(f64::MIN_POSITIVE)?;
         Some(direction * direction.dot(&row(2)).signum())
     }
 
-    /// How far from this one the keypoint of `other` is seen, metres along columns and rows.
-    fn apart_m(&self, other: &Self) -> Option<Vector2<f64>> {
-        let cell = self.cell_of(other.predicted_m)?;
-        Some((cell - self.cell).abs() * self.cell_m)
+    /// Whether the keypoint of `other` is seen within `reach_m` of this one, and whether the windows of both touch.
+    fn reaches(&self, other: &Self, reach_m: f64) -> [bool; 2] {
+        let h = self.project(&other.expected.position_m);
+        let cell = &self.expected.cell;
+        // Cells times a depth that is positive: a division for each pair of a crowd would be most of the work.
+        let apart = Vector2::new(h.x - cell.x * h.z, h.y - cell.y * h.z);
+        let reach = reach_m / self.expected.cell_m * h.z;
+        let touching = TOUCHING_REACHES * reach;
+        [
+            h.z > 0.0 && apart.norm_squared() < reach * reach,
+            h.z > 0.0 && apart.x.abs() < touching && apart.y.abs() < touching,
+        ]
     }
 }
 
 /// Notes whether two claims come near each other, and whether their windows of `reach_m` touch: then they may show
 /// one peak.
 fn compare(claims: &mut [Claim], groups: &mut Groups, [a, b]: [usize; 2], reach_m: f64) {
-    let apart_m = [claims[a].apart_m(&claims[b]), claims[b].apart_m(&claims[a])];
-    for apart_m in apart_m.into_iter().flatten() {
-        if apart_m.norm() < reach_m {
-            claims[a].meets = true;
-            claims[b].meets = true;
-        }
-        if apart_m.max() < TOUCHING_REACHES * reach_m {
-            groups.link(a, b);
-        }
+    let [one, other] = [
+        claims[a].reaches(&claims[b], reach_m),
+        claims[b].reaches(&claims[a], reach_m),
+    ];
+    if one[0] || other[0] {
+        claims[a].meets = true;
+        claims[b].meets = true;
+    }
+    if one[1] || other[1] {
+        groups.link(a, b);
     }
 }
 
@@ -420,14 +428,14 @@ mod tests {
             meeting.place();
             let member = Claimant { track: 0, view: 0, crowded: true, claims: 0..0 };
             let claim = Claim::new(&member, LEFT_WRIST, &meeting.tracks, &meeting.method).unwrap();
-            let point_m = claim.predicted_m + Vector3::from(off);
+            let point_m = claim.expected.position_m + Vector3::from(off);
             let direction = claim.direction_of(claim.cell_of(point_m).unwrap()).unwrap();
             let from_eye_m = point_m - claim.eye_m;
             prop_assert!((from_eye_m - direction * from_eye_m.norm()).norm() < 1e-9);
             // A cell is as wide as it is said to be, across the line of sight.
-            let beside_m = claim.predicted_m + direction.cross(&Vector3::z()).normalize() * 0.01;
-            let cells = (claim.cell_of(beside_m).unwrap() - claim.cell).norm();
-            prop_assert!((cells * claim.cell_m - 0.01).abs() < 0.001);
+            let beside_m = claim.expected.position_m + direction.cross(&Vector3::z()).normalize() * 0.01;
+            let cells = (claim.cell_of(beside_m).unwrap() - claim.expected.cell).norm();
+            prop_assert!((cells * claim.expected.cell_m - 0.01).abs() < 0.001);
         }
     }
 }
