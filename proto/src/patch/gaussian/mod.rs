@@ -1,11 +1,12 @@
 //! Maps with loss: the peaks of a map as Gaussians of a few whole numbers, and corrections of what these leave.
 //!
-//! The encoder fits ([`fit`]) and chooses ([`explain`]) the Gaussians; [`mode`] draws them, the same on both sides;
+//! The encoder fits ([`fit`]) and chooses ([`explain`]) the Gaussians ([`mode`]); [`drawing`] draws them, the same on both sides;
 //! [`mode_coder`] and [`correction`] write or read them in adaptive [`contexts`] that begin with [`priors`];
 //! [`recipe`] says how finely at each compression level.
 
 pub(in crate::patch) mod contexts;
 pub(in crate::patch) mod correction;
+mod drawing;
 pub(in crate::patch) mod explain;
 mod fit;
 pub(in crate::patch) mod mode;
@@ -13,3 +14,4 @@ pub(in crate::patch) mod mode_coder;
 mod peak_predictor;
 mod priors;
 pub(in crate::patch) mod recipe;
+mod rounding;

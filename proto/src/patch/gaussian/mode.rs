@@ -4,6 +4,7 @@
 //! its width, whichever makes them longer. Both sides compute every cell with additions, products and
 //! roots of single precision alone, so that all machines draw the same maps.
 
+use super::rounding::{at_most, ceil, exp2, floor, not_below_zero, whole};
 use crate::patch::maps::Maps;
 
 /// Positions are whole numbers of this many to a unit.
@@ -15,11 +16,11 @@ const PER_OCTAVE: f32 = 12.0;
 /// Widths are at most so many steps from the usual one: a quarter to four times.
 pub(in crate::patch) const WIDEST: i32 = 24;
 /// Correlations are eighths.
-const CORRELATION: f32 = 1.0 / 8.0;
+pub(super) const CORRELATION: f32 = 1.0 / 8.0;
 /// Most steps of a correlation.
 pub(in crate::patch) const MOST_TILTED: i32 = 6;
 /// Where a mode ends, squared and in sigmas: at 1/55 of its height.
-const REACH2: f32 = 8.0;
+pub(super) const REACH2: f32 = 8.0;
 /// Positions may be so far outside the map, units.
 pub(in crate::patch) const OUTSIDE: i32 = 4;
 
@@ -100,83 +101,41 @@ impl Mode {
     pub(in crate::patch) fn rows(&self, scale: &MapScale) -> std::ops::Range<usize> {
         let [_, y] = self.center(scale);
         // Along one axis an ellipse reaches as far as its sigma says, however it is turned.
-        span(y, sigma(self.width[1], scale) * REACH2.sqrt(), scale.height)
-    }
-
-    /// Draws the mode into one map wherever it is higher than what is there.
-    pub(in crate::patch) fn draw(&self, scale: &MapScale, cells: &mut [u8]) {
-        let [sx, sy] = self.width.map(|width| sigma(width, scale));
-        let correlation = self.tilt as f32 * CORRELATION;
-        let rest = 1.0 - correlation * correlation;
-        // The exponent is -(a dx^2 + 2 b dx dy + c dy^2) / 2.
-        let a = 1.0 / (sx * sx * rest);
-        let b = -correlation / (sx * sy * rest);
-        let across = sx * rest.sqrt();
-        let [x, y] = self.center(scale);
-        let height = f32::from(self.height);
-        let fall = exp(-a);
-        for row in self.rows(scale) {
-            let dy = row as f32 - y;
-            // Along a row the Gaussian is one about `middle`, and lower by what is between the two.
-            let middle = x - b / a * dy;
-            let down = dy * dy / (sy * sy);
-            let reach = across * (REACH2 - down).max(0.0).sqrt();
-            let columns = span(middle, reach, scale.width);
-            let dx = columns.start as f32 - middle;
-            // Each value is the last one times a ratio, each ratio the last one times `fall`.
-            let mut value = height * exp(-0.5 * (a * dx * dx + down));
-            let mut ratio = exp(-a * (dx + 0.5));
-            for cell in &mut cells[row * scale.width..][columns] {
-                // Within 0 to 255 but for rounding, and casts saturate.
-                *cell = (*cell).max((value + 0.5) as u8);
-                value *= ratio;
-                ratio *= fall;
-            }
-        }
+        let reach = sigma(self.width[1], scale) * REACH2.sqrt();
+        let height = scale.height as f32;
+        let [first, end] = [span_start(y, reach, height), span_end(y, reach, height)].map(whole);
+        first.min(end) as usize..end as usize
     }
 }
 
 /// Sigma of a width, cells.
-fn sigma(width: i32, scale: &MapScale) -> f32 {
-    SIGMA * scale.cells * exp2(width as f32 / PER_OCTAVE)
+pub(super) fn sigma(width: i32, scale: &MapScale) -> f32 {
+    SIGMA * scale.cells * WIDTHS[(width + WIDEST).clamp(0, 2 * WIDEST) as usize]
 }
 
-/// The cells of `size` in a row within `reach` of `center`.
-fn span(center: f32, reach: f32, size: usize) -> std::ops::Range<usize> {
-    // Plain casts take what is negative or not a number for 0, and cost no call of a library.
-    let [first, last] = [center - reach, center + reach];
-    let before = first as usize;
-    let first = before + usize::from((before as f32) < first);
-    let end = last as usize + usize::from(last >= 0.0);
-    let end = end.min(size);
-    first.min(end)..end
+/// Widths, of the usual one.
+static WIDTHS: [f32; 2 * WIDEST as usize + 1] = {
+    let mut widths = [0.0; 2 * WIDEST as usize + 1];
+    let mut i = 0;
+    while i < widths.len() {
+        widths[i] = exp2((i as f32 - WIDEST as f32) / PER_OCTAVE);
+        i += 1;
+    }
+    widths
+};
+
+/// The first of the `size` cells of a row or column that are within `reach` of `center`.
+#[inline]
+pub(super) fn span_start(center: f32, reach: f32, size: f32) -> f32 {
+    ceil(at_most(size, not_below_zero(center - reach)))
 }
 
-/// The exponential of a number that is not positive, to 3e-7 of it, the same on all machines.
-fn exp(x: f32) -> f32 {
-    exp2(x * std::f32::consts::LOG2_E)
-}
-
-/// 2 to the power of `x`, from -126 to 126, as [`exp`].
-fn exp2(x: f32) -> f32 {
-    let x = x.clamp(-126.0, 126.0);
-    // The nearest whole number: casts go towards zero, and this one is positive.
-    let whole = (x + 128.5) as i32 - 128;
-    let f = x - whole as f32;
-    // Taylor's: the remainder is below 2e-7 from -1/2 to 1/2.
-    let terms = [
-        1.535_336_2e-4,
-        1.339_887_4e-3,
-        9.618_437e-3,
-        5.550_332_5e-2,
-        2.402_264_7e-1,
-        6.931_472e-1,
-        1.0,
-    ];
-    let power = terms
-        .into_iter()
-        .fold(0.0, |sum: f32, term: f32| sum * f + term);
-    power * f32::from_bits(((whole + 127) as u32) << 23)
+/// The cell after the last one of them; there are none where this is not after the first.
+#[inline]
+pub(super) fn span_end(center: f32, reach: f32, size: f32) -> f32 {
+    let last = center + reach;
+    let after = if last < 0.0 { 0.0 } else { 1.0 };
+    at_most(size, floor(at_most(size, not_below_zero(last))) + after)
 }
 
 #[cfg(test)]
@@ -222,12 +181,6 @@ mod tests {
                     prop_assert_eq!(cell, 0);
                 }
             }
-        }
-
-        #[test]
-        fn powers_are_near_those_of_the_library(x in -60.0f32..60.0) {
-            let expected = libm::exp2(f64::from(x));
-            prop_assert!((f64::from(exp2(x)) / expected - 1.0).abs() < 4e-7);
         }
 
         #[test]
