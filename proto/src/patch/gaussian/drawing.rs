@@ -1,24 +1,25 @@
 //! Draws modes: what both sides show of one, cell by cell.
 //!
 //! Along a row each cell is made from the one before, so a row alone takes as long as its products one after the other.
-//! Several rows are therefore drawn in step: what is written as arrays of their numbers is vectors on every machine. Each
+//! Four rows are therefore drawn in step: what is written as arrays of their numbers is vectors on every machine. Each
 //! cell is made by the same operations in the same order as if its row were drawn alone.
 
 use super::mode::{CORRELATION, MapScale, Mode, REACH2, sigma, span_end, span_start};
 use super::rounding::{at_most, exp, floor, not_below_zero, whole, whole_below};
 
 /// Rows that are drawn in step.
-const ROWS: usize = 8;
-/// Cells of each row that are laid into the map at once, four to a word.
-const WORDS: usize = 4;
-const CELLS: usize = 4 * WORDS;
-/// From the n-th last of the first half on: bytes that keep the first n cells.
-static KEEP: [u8; 2 * CELLS] = {
-    let mut keep = [0; 2 * CELLS];
-    let mut i = 0;
-    while i < CELLS {
-        keep[i] = u8::MAX;
-        i += 1;
+const ROWS: usize = 4;
+/// So many times such rows are begun before any is drawn: none of them waits for another.
+const GROUPS: usize = 4;
+/// Cells of each row that are laid into the map at once.
+const CELLS: usize = 8;
+/// What keeps the first n of so many cells, for every n; the first is the lowest byte.
+static KEEP: [u64; CELLS + 1] = {
+    let mut keep = [u64::MAX; CELLS + 1];
+    let mut n = 0;
+    while n < CELLS {
+        keep[n] = (1 << (8 * n)) - 1;
+        n += 1;
     }
     keep
 };
@@ -36,20 +37,18 @@ impl Mode {
     pub(in crate::patch) fn draw(&self, scale: &MapScale, cells: &mut [u8]) {
         let outline = Outline::of(self, scale);
         let rows = self.rows(scale);
-        let longest = outline.longest_row();
-        for first in rows.clone().step_by(ROWS) {
-            let mut drawing = outline.rows(first, rows.end);
-            for drawn in (0..longest).step_by(CELLS) {
-                let mut words = [[0; ROWS]; WORDS];
-                let needed = (longest - drawn).div_ceil(4) as usize;
-                for four in words.iter_mut().take(needed) {
-                    *four = drawing.four_cells(outline.fall);
-                }
-                for i in 0..ROWS {
-                    let start = (first + i) * scale.width + (drawing.start[i] + drawn) as usize;
-                    let left = drawing.length[i].saturating_sub(drawn);
-                    lay(cells, start, words.map(|four| four[i]), left as usize);
-                }
+        for first in rows.clone().step_by(GROUPS * ROWS) {
+            let mut groups = [RowsInStep::default(); GROUPS];
+            let needed = (rows.end - first).div_ceil(ROWS).min(GROUPS);
+            let groups = &mut groups[..needed];
+            for (i, group) in groups.iter_mut().enumerate() {
+                outline.place(first + i * ROWS, rows.end, group);
+            }
+            for group in &mut *groups {
+                outline.begin(group);
+            }
+            for (i, group) in groups.iter_mut().enumerate() {
+                outline.draw(first + i * ROWS, group, cells);
             }
         }
     }
@@ -68,7 +67,9 @@ struct Outline {
     /// What each ratio of a cell to the one before is multiplied with for the next.
     fall: f32,
     /// Columns of the map.
-    width: f32,
+    width: usize,
+    /// No row has more cells than this.
+    longest: u32,
 }
 
 impl Outline {
@@ -78,62 +79,82 @@ impl Outline {
         let rest = 1.0 - correlation * correlation;
         let a = 1.0 / (sx * sx * rest);
         let b = -correlation / (sx * sy * rest);
+        let (across, width) = (sx * rest.sqrt(), scale.width);
+        // A little more, for what is rounded where the ends of rows are computed.
+        let longest = floor(2.0 * across * REACH2.sqrt() + 0.01) + 1.0;
         Self {
             center: mode.center(scale),
             height: mode.height.into(),
             a,
             b_of_a: b / a,
             sy2: sy * sy,
-            across: sx * rest.sqrt(),
+            across,
             fall: exp(-a),
-            width: scale.width as f32,
+            width,
+            longest: whole(at_most(width as f32, longest)),
         }
     }
 
-    /// No row has more cells than this.
-    fn longest_row(&self) -> u32 {
-        let reach = self.across * REACH2.sqrt();
-        // A little more, for what is rounded where the ends of rows are computed.
-        whole(at_most(self.width, floor(2.0 * reach + 0.01) + 1.0))
-    }
-
-    /// The rows from `first` on as they begin; those from `end` on are empty.
-    // Apart from what uses them row by row, so that they stay vectors.
+    /// Where the rows from `first` on are; those from `end` on are empty.
+    // This and what follows in its own function, so that no use row by row keeps numbers from being vectors.
     #[inline(never)]
-    fn rows(&self, first: usize, end: usize) -> RowsInStep {
+    fn place(&self, first: usize, end: usize, rows: &mut RowsInStep) {
         let [x, y] = self.center;
-        let rows = first as f32;
-        let dy = each(|i| rows + i as f32 - y);
+        let (width, after) = (self.width as f32, end as f32);
+        let row = each(|i| first as f32 + i as f32);
+        let dy = row.map(|row| row - y);
         // Along a row the Gaussian is one about `middle`, and lower by what is between the two.
         let middle = dy.map(|dy| x - self.b_of_a * dy);
         let down = dy.map(|dy| dy * dy / self.sy2);
         let reach = down.map(|down| self.across * not_below_zero(REACH2 - down).sqrt());
-        let start = each(|i| span_start(middle[i], reach[i], self.width));
-        let ends = each(|i| span_end(middle[i], reach[i], self.width));
-        let dx = each(|i| start[i] - middle[i]);
-        let length = each(|i| whole(not_below_zero(ends[i] - start[i])));
-        let end = end as f32;
-        RowsInStep {
-            start: start.map(whole),
-            length: each(|i| {
-                if rows + (i as f32) < end {
-                    length[i]
-                } else {
-                    0
-                }
-            }),
-            value: each(|i| self.height * exp(-0.5 * (self.a * dx[i] * dx[i] + down[i]))),
-            ratio: dx.map(|dx| exp(-self.a * (dx + 0.5))),
+        let start = each(|i| span_start(middle[i], reach[i], width));
+        let end = each(|i| span_end(middle[i], reach[i], width));
+        let end = each(|i| if row[i] < after { end[i] } else { 0.0 });
+        rows.start = start.map(whole);
+        rows.length = each(|i| whole(not_below_zero(end[i] - start[i])));
+        rows.dx = each(|i| start[i] - middle[i]);
+        rows.down = down;
+    }
+
+    /// The first values and ratios of rows that are placed.
+    #[inline(never)]
+    fn begin(&self, rows: &mut RowsInStep) {
+        let RowsInStep { dx, down, .. } = *rows;
+        rows.value = each(|i| self.height * exp(-0.5 * (self.a * dx[i] * dx[i] + down[i])));
+        rows.ratio = dx.map(|dx| exp(-self.a * (dx + 0.5)));
+    }
+
+    /// Draws the rows from `first` on, which are begun.
+    #[inline]
+    fn draw(&self, first: usize, rows: &mut RowsInStep, cells: &mut [u8]) {
+        for drawn in (0..self.longest).step_by(CELLS) {
+            let low = rows.four_cells(self.fall);
+            let high = if drawn + 4 < self.longest {
+                rows.four_cells(self.fall)
+            } else {
+                [0; ROWS]
+            };
+            for i in 0..ROWS {
+                let start = (first + i) * self.width + (rows.start[i] + drawn) as usize;
+                let left = rows.length[i].saturating_sub(drawn) as usize;
+                let eight = u64::from(low[i]) | u64::from(high[i]) << 32;
+                lay(cells, start, eight & KEEP[CELLS.min(left)]);
+            }
         }
     }
 }
 
 /// Rows of a mode, one below the other, while they are drawn.
+#[derive(Debug, Clone, Copy, Default)]
 struct RowsInStep {
     /// The first column of each.
     start: Rows<u32>,
     /// How many cells they have.
     length: Rows<u32>,
+    /// From the middle of each to its first column.
+    dx: Rows<f32>,
+    /// By what the exponent is lower in the middle, doubled.
+    down: Rows<f32>,
     /// The next value: the last one times a ratio.
     value: Rows<f32>,
     /// The next ratio: the last one times a constant.
@@ -142,7 +163,6 @@ struct RowsInStep {
 
 impl RowsInStep {
     /// The next four cells of each row, the first in the lowest byte.
-    // Apart for the same reason.
     #[inline(never)]
     fn four_cells(&mut self, fall: f32) -> Rows<u32> {
         let (mut value, mut ratio) = (self.value, self.ratio);
@@ -164,16 +184,27 @@ fn cell(value: f32) -> u32 {
     whole_below(at_most(255.0, value + 0.5))
 }
 
-/// Lays the first `length` cells of `words` over the cells from `start` on.
-#[inline]
-fn lay(cells: &mut [u8], start: usize, words: [u32; WORDS], length: usize) {
+/// Lays [`CELLS`] cells over those from `start` on, the first in the lowest byte.
+// In its own function, so that the cells stay one number until they are a vector.
+#[inline(never)]
+fn lay(cells: &mut [u8], start: usize, drawn: u64) {
     // Always all of them: where a row ends cannot be foreseen, and zeros leave the cells after it what they are.
-    let keep = &KEEP[CELLS - length.min(CELLS)..];
-    let drawn: [u8; CELLS] = std::array::from_fn(|i| keep[i] & words[i / 4].to_le_bytes()[i % 4]);
     let cells = cells.get_mut(start..).unwrap_or_default();
-    let lay = |(cell, drawn): (&mut u8, u8)| *cell = drawn.max(*cell);
     match cells.first_chunk_mut::<CELLS>() {
-        Some(cells) => cells.iter_mut().zip(drawn).for_each(lay),
-        None => cells.iter_mut().zip(drawn).for_each(lay),
+        Some(cells) => lay_all(cells, drawn),
+        None => lay_last(cells, drawn),
     }
+}
+
+#[inline]
+fn lay_all(cells: &mut [u8], drawn: u64) {
+    for (cell, drawn) in cells.iter_mut().zip(drawn.to_le_bytes()) {
+        *cell = drawn.max(*cell);
+    }
+}
+
+/// [`lay_all`] where the map ends before.
+#[cold]
+fn lay_last(cells: &mut [u8], drawn: u64) {
+    lay_all(cells, drawn);
 }
