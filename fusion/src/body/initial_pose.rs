@@ -52,8 +52,7 @@ impl<'a> PoseFinder<'a> {
             let priors = Priors::new(self.parameters, &pose, SINCE_LAST_POSE_S);
             pose = self
                 .solver
-                .solve(skeleton, &pose, &targets, &priors, self.bounds)
-                .pose;
+                .fit(skeleton, &pose, &targets, &priors, self.bounds);
         }
         Some(pose)
     }

@@ -151,7 +151,7 @@ impl LateSearch {
         let solution = self
             .solver
             .solve(body.skeleton, &moment.pose, &self.targets, &priors, None);
-        body.skeleton.forward(&solution.pose, &mut self.kinematics);
+        self.kinematics.clone_from(self.solver.body());
         moment.measured_m = Joint::ALL.map(|joint| self.kinematics.joint_m(joint));
         moment.unobserved = solution.unobserved;
         moment.views = moment.estimates.iter().map(|e| e.views).max().unwrap_or(0);

@@ -121,15 +121,14 @@ impl Solver {
     fn solve_from(&mut self, start: &Pose, last: &Pose, method: &Method) -> (Pose, f64) {
         let priors = Priors::new(&method.parameters.ik, last, method.dt_s);
         let bounds = method.range_of_motion.as_ref();
-        let solution = self
+        let pose = self
             .ik
-            .solve(&self.skeleton, start, &self.targets, &priors, bounds);
-        self.skeleton.forward(&solution.pose, &mut self.kinematics);
-        let apart = |target: &Target| {
-            (self.kinematics.joint_m(target.joint) - target.position_m).norm_squared()
-        };
+            .fit(&self.skeleton, start, &self.targets, &priors, bounds);
+        let body = self.ik.body();
+        let apart =
+            |target: &Target| (body.joint_m(target.joint) - target.position_m).norm_squared();
         let sum_m2: f64 = self.targets.iter().map(apart).sum();
-        (solution.pose, (sum_m2 / self.targets.len() as f64).sqrt())
+        (pose, (sum_m2 / self.targets.len() as f64).sqrt())
     }
 
     /// The pose as it is published.

@@ -10,10 +10,12 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::normal::{Factor, NormalEquations};
+use super::composite::{Twist, TwistCovariance};
+use super::factor::Factor;
+use super::normal::{NormalEquations, Row};
 use super::observability::spread_before;
-use crate::body::skeleton::dof::MAX_CHAIN;
-use crate::body::skeleton::{Joint, Kinematics, N_DOF, N_JOINTS, Site, chain_of};
+use crate::body::skeleton::dof::{ANCESTORS, LINKS, MAX_CHAIN};
+use crate::body::skeleton::{Joint, Kinematics, N_DOF, N_JOINTS, N_LINKS, Site};
 
 /// What is known of one point of the body.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -30,6 +32,7 @@ pub struct PointInformation {
 pub struct JointSpread {
     normal: NormalEquations,
     factor: Factor,
+    covariance: Box<[Row; N_DOF]>,
     /// Precision of what is known before, per DoF.
     before: [f64; N_DOF],
 }
@@ -39,6 +42,7 @@ impl Default for JointSpread {
         Self {
             normal: NormalEquations::new(),
             factor: Factor::new(),
+            covariance: Box::new([[0.0; MAX_CHAIN]; N_DOF]),
             before: spread_before().map(|s| 1.0 / (s * s)),
         }
     }
@@ -52,27 +56,39 @@ impl JointSpread {
         body: &Kinematics,
         points: impl Iterator<Item = PointInformation>,
     ) -> [f64; N_JOINTS] {
-        self.normal.clear();
+        self.normal.begin(body);
         for point in points.filter(|p| p.information.iter().all(|v| v.is_finite())) {
-            let place_m = body.site_m(&point.site);
-            self.normal.add(
-                body,
-                point.site.joint.link(),
-                &place_m,
-                &Vector3::zeros(),
-                &point.information,
-            );
+            let (link, place_m) = (point.site.joint.link(), body.site_m(&point.site));
+            let (information, pull) = (&point.information, Vector3::zeros());
+            self.normal.add(link, &place_m, information, &pull);
         }
+        self.normal.gather(body, false);
         self.factor
             .compute(&self.normal, &self.before, &[false; N_DOF]);
+        self.factor.invert(&mut self.covariance);
+        let of_links = self.of_links();
         Joint::ALL.map(|joint| {
-            let chain = chain_of(joint.link());
-            let place_m = body.joint_m(joint);
-            let mut columns = [Vector3::zeros(); MAX_CHAIN];
-            for (column, &dof) in columns.iter_mut().zip(chain) {
-                *column = body.moving_column(dof, &place_m);
-            }
-            self.factor.trace_of(chain, &mut columns) / 3.0
+            let x_m = body.joint_m(joint) - self.normal.origin_m();
+            of_links[joint.link() as usize].trace_at(&x_m) / 3.0
         })
+    }
+
+    /// The covariance of the twist of each link.
+    fn of_links(&self) -> [TwistCovariance; N_LINKS] {
+        let twists = self.normal.twists();
+        let mut of_links = [TwistCovariance::default(); N_LINKS];
+        for (l, link) in LINKS.iter().enumerate() {
+            let mut known = of_links[link.parent as usize];
+            for i in link.dofs() {
+                let (row, ancestors) = (&self.covariance[i], ANCESTORS[i].dofs());
+                let mut shared = Twist::default();
+                for (covariance, &j) in row.iter().zip(ancestors) {
+                    shared.add_share(&twists[j], *covariance);
+                }
+                known.add(&twists[i], row[ancestors.len()], &shared);
+            }
+            of_links[l] = known;
+        }
+        of_links
     }
 }

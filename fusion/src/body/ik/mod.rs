@@ -6,8 +6,9 @@
 //!
 //! (rₜ = pₜ(q) - yₜ; Aₜ is the inverse covariance of the target. Of one that is known across a ray only, it is singular.)
 //!
-//! Damped Gauss-Newton (Levenberg-Marquardt) with the analytic Jacobian. The normal equations keep
-//! the sparsity of the tree (`normal.rs`): a target only meets the DoF it hangs from. Bounds are an
+//! Damped Gauss-Newton (Levenberg-Marquardt) with the analytic Jacobian; without bounds, where keypoints that no body
+//! fits leave residuals, with the curvature of the cost from the second step on. What targets say is summed per link
+//! (`composite.rs`), and the normal equations keep the sparsity of the tree (`normal.rs`, `factor.rs`). Bounds are an
 //! active set and hold exactly.
 //!
 //! The weight vᵢ is why the priors do not bias what the targets determine. With Σᵢ the variance that
@@ -17,17 +18,25 @@
 //! tick alike and its pull would stay, while the pull to the last pose is gone once a person is still.
 //! The same test, Σᵢ > τᵢ² after the solve, flags a reported angle as unobserved.
 
+mod aims;
+mod composite;
 mod covariance;
+mod factor;
 mod normal;
 mod observability;
+mod prior_term;
 mod priors;
 mod relative_sigma;
 mod solver;
+mod target;
 
 pub use covariance::{JointSpread, PointInformation};
 pub use priors::Priors;
 pub use relative_sigma::relative_sigmas;
-pub use solver::{IkSolver, Solution, Target};
+pub use solver::IkSolver;
+pub use target::{Solution, Target};
 
+#[cfg(test)]
+mod dense_tests;
 #[cfg(test)]
 mod tests;

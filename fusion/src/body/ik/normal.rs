@@ -1,64 +1,126 @@
-//! Normal equations of a tree and their factor without fill-in.
+//! Normal equations of a tree.
 //!
-//! Entry (i, j) of H = `Σ w JᵀJ` is zero unless one DoF hangs from the other. Eliminating the leaves
-//! first, H = `LᵀL` with L lower triangular keeps exactly these zeros (R. Featherstone, "Efficient
-//! factorization of the joint-space inertia matrix for branched kinematic trees", IJRR 2005). A
-//! factor costs about 2,000 multiplications instead of the 10,700 of a dense one.
+//! Entry (i, j) of H = `Σ w JᵀJ` is zero unless one DoF hangs from the other, so a row keeps only the entries with the
+//! DoF that its own hangs from, one after the other: a row of an ancestor is as long as the front of its own.
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::body::skeleton::dof::{ANCESTORS, MAX_CHAIN};
-use crate::body::skeleton::{Kinematics, Link, N_DOF, chain_of};
+use super::composite::{Composite, Twist};
+use crate::body::skeleton::dof::{ANCESTORS, LINKS, MAX_CHAIN};
+use crate::body::skeleton::{Joint, Kinematics, Link, N_DOF, N_LINKS};
 
-/// Least pivot: a DoF that nothing determines stays where it is.
-const MIN_PIVOT: f64 = 1e-9;
+/// The entries of a row of a symmetric matrix with the DoF that its DoF hangs from, ascending, and with itself.
+pub(super) type Row = [f64; MAX_CHAIN];
 
-type Matrix = [[f64; N_DOF]; N_DOF];
-
-/// H (only entries (i, j) with j = i or an ancestor of i) and gradient of the targets' part of the
-/// cost.
+/// H and gradient of the targets' part of the cost.
 #[derive(Debug, Clone)]
 pub(super) struct NormalEquations {
-    h: Box<Matrix>,
+    /// The pelvis, in the world, metres: what the bodies' motions are about.
+    origin_m: Vector3<f64>,
+    /// Of each link alone; after [`Self::gather`] with all that hangs from it.
+    links: Box<[Composite; N_LINKS]>,
+    /// Of each DoF, and where its axis passes, from the origin.
+    twists: [Twist; N_DOF],
+    centres_m: [Vector3<f64>; N_DOF],
+    /// Whether H has the curvature of the targets' part, or only its first order.
+    is_curved: bool,
+    h: Box<[Row; N_DOF]>,
     g: [f64; N_DOF],
 }
 
 impl NormalEquations {
     pub(super) fn new() -> Self {
         Self {
-            h: Box::new([[0.0; N_DOF]; N_DOF]),
+            origin_m: Vector3::zeros(),
+            links: Box::new([Composite::default(); N_LINKS]),
+            twists: [Twist::default(); N_DOF],
+            centres_m: [Vector3::zeros(); N_DOF],
+            is_curved: false,
+            h: Box::new([[0.0; MAX_CHAIN]; N_DOF]),
             g: [0.0; N_DOF],
         }
     }
 
-    pub(super) fn clear(&mut self) {
-        for row in self.h.iter_mut() {
-            row.fill(0.0);
-        }
-        self.g.fill(0.0);
+    /// Begins the equations of `body` in its pose, without any target.
+    pub(super) fn begin(&mut self, body: &Kinematics) {
+        self.origin_m = body.joint_m(Joint::Pelvis);
+        *self.links = [Composite::default(); N_LINKS];
     }
 
-    /// Adds ½ rᵀ I r for a point fixed to `link`; r = `residual_m` = point - target, I = `information`, the inverse
-    /// covariance of its place, 1/m².
+    /// Adds ½ rᵀ I r for a point fixed to `link`; I = `information`, the inverse covariance of its place, 1/m², and
+    /// `pull` = I r with r = point - target.
     pub(super) fn add(
         &mut self,
-        body: &Kinematics,
         link: Link,
         point_m: &Vector3<f64>,
-        residual_m: &Vector3<f64>,
         information: &Matrix3<f64>,
+        pull: &Vector3<f64>,
     ) {
-        let chain = chain_of(link);
-        let mut columns = [Vector3::zeros(); MAX_CHAIN];
-        for (n, &i) in chain.iter().enumerate() {
-            columns[n] = body.moving_column(i, point_m);
-            let weighted = information * columns[n];
-            self.g[i] += weighted.dot(residual_m);
-            let row = &mut self.h[i];
-            for (column, &j) in columns[..=n].iter().zip(chain) {
-                row[j] += weighted.dot(column);
+        let x_m = point_m - self.origin_m;
+        self.links[link as usize].add(&x_m, information, pull);
+    }
+
+    /// Makes the equations of what was added since [`Self::begin`], for the same `body`. With `is_curved`, H is the
+    /// second derivative of the cost (as if the DoF of a shoulder turned one after the other), which may have
+    /// negative eigenvalues; else the first order of Gauss and Newton.
+    pub(super) fn gather(&mut self, body: &Kinematics, is_curved: bool) {
+        for l in (1..N_LINKS).rev() {
+            let (above, rest) = self.links.split_at_mut(l);
+            above[LINKS[l].parent as usize] += &rest[0];
+        }
+        self.centres_m = body.centres_m.map(|centre_m| centre_m - self.origin_m);
+        for ((twist, axis), centre_m) in
+            (self.twists.iter_mut().zip(&body.axes)).zip(&self.centres_m)
+        {
+            *twist = Twist::about(axis, centre_m);
+        }
+        for (twist, axis) in self.twists.iter_mut().zip(&body.axes[..3]) {
+            *twist = Twist::along(axis);
+        }
+        self.fill(is_curved);
+    }
+
+    /// Leaves the curvature out.
+    pub(super) fn straighten(&mut self) {
+        if self.is_curved {
+            self.fill(false);
+        }
+    }
+
+    /// Fills H and gradient from the links' sums.
+    fn fill(&mut self, is_curved: bool) {
+        self.is_curved = is_curved;
+        for (link, composite) in LINKS.iter().zip(&*self.links) {
+            let push = composite.push();
+            for i in link.dofs() {
+                let twist = &self.twists[i];
+                let mut resistance = composite.resistance(twist);
+                if is_curved {
+                    resistance.turn_by(&composite.turned_moment(twist, &self.centres_m[i]));
+                }
+                let (row, ancestors) = (&mut self.h[i], ANCESTORS[i].dofs());
+                for (entry, &j) in row.iter_mut().zip(ancestors) {
+                    *entry = self.twists[j].dot(&resistance);
+                }
+                row[ancestors.len()] = twist.dot(&resistance);
+                self.g[i] = twist.dot(&push);
             }
         }
+    }
+
+    /// Whether H has the curvature in it.
+    pub(super) fn is_curved(&self) -> bool {
+        self.is_curved
+    }
+
+    /// How each DoF moves what hangs from it, about [`Self::origin_m`].
+    pub(super) fn twists(&self) -> &[Twist; N_DOF] {
+        &self.twists
+    }
+
+    /// The pelvis' place at [`Self::begin`], world, metres: the origin of the twists.
+    pub(super) fn origin_m(&self) -> &Vector3<f64> {
+        &self.origin_m
     }
 
     /// Gradient of the targets' part.
@@ -66,9 +128,14 @@ impl NormalEquations {
         &self.g
     }
 
+    /// Row of DoF `i`.
+    pub(super) fn row(&self, i: usize) -> &Row {
+        &self.h[i]
+    }
+
     /// Diagonal entry of the targets' part.
     pub(super) fn diagonal(&self, i: usize) -> f64 {
-        self.h[i][i]
+        self.h[i][ANCESTORS[i].dofs().len()]
     }
 
     /// Subtracts from `rhs` of the DoF that are free what the prescribed steps of the others cause.
@@ -79,110 +146,13 @@ impl NormalEquations {
         rhs: &mut [f64; N_DOF],
     ) {
         for (i, ancestors) in ANCESTORS.iter().enumerate() {
-            for &j in ancestors.dofs() {
+            for (entry, &j) in self.h[i].iter().zip(ancestors.dofs()) {
                 match (held[i], held[j]) {
-                    (true, false) => rhs[j] -= self.h[i][j] * step[i],
-                    (false, true) => rhs[i] -= self.h[i][j] * step[j],
+                    (true, false) => rhs[j] -= entry * step[i],
+                    (false, true) => rhs[i] -= entry * step[j],
                     _ => {}
                 }
             }
         }
-    }
-}
-
-/// L of H + diag = `LᵀL`.
-#[derive(Debug, Clone)]
-pub(super) struct Factor {
-    l: Box<Matrix>,
-}
-
-impl Factor {
-    pub(super) fn new() -> Self {
-        Self {
-            l: Box::new([[0.0; N_DOF]; N_DOF]),
-        }
-    }
-
-    /// Factors `normal` with `diagonal` added, without the DoF that are `held`.
-    pub(super) fn compute(
-        &mut self,
-        normal: &NormalEquations,
-        diagonal: &[f64; N_DOF],
-        held: &[bool; N_DOF],
-    ) {
-        for (i, ancestors) in ANCESTORS.iter().enumerate() {
-            let (from, to) = (&normal.h[i], &mut self.l[i]);
-            to[i] = if held[i] { 1.0 } else { from[i] + diagonal[i] };
-            for &j in ancestors.dofs() {
-                to[j] = if held[i] || held[j] { 0.0 } else { from[j] };
-            }
-        }
-        for k in (0..N_DOF).rev() {
-            let (above, rest) = self.l.split_at_mut(k);
-            let row = &mut rest[0];
-            let pivot = row[k].max(MIN_PIVOT).sqrt();
-            row[k] = pivot;
-            let ancestors = ANCESTORS[k].dofs();
-            for &i in ancestors {
-                row[i] /= pivot;
-            }
-            for (n, &i) in ancestors.iter().enumerate() {
-                let factor = row[i];
-                let target = &mut above[i];
-                for &j in &ancestors[..=n] {
-                    target[j] -= factor * row[j];
-                }
-            }
-        }
-    }
-
-    /// Replaces `b` by the solution of (`LᵀL`) x = b.
-    pub(super) fn solve(&self, b: &mut [f64; N_DOF]) {
-        for k in (0..N_DOF).rev() {
-            let row = &self.l[k];
-            b[k] /= row[k];
-            for &i in ANCESTORS[k].dofs() {
-                b[i] -= row[i] * b[k];
-            }
-        }
-        for k in 0..N_DOF {
-            let row = &self.l[k];
-            for &j in ANCESTORS[k].dofs() {
-                b[k] -= row[j] * b[j];
-            }
-            b[k] /= row[k];
-        }
-    }
-
-    /// Diagonal entry (i, i) of the inverse: the variance of DoF i.
-    pub(super) fn variance(&self, i: usize) -> f64 {
-        let mut column = [0.0; N_DOF];
-        column[i] = 1.0;
-        let mut variance = 0.0;
-        for &k in ANCESTORS[i].dofs().iter().chain(&[i]).rev() {
-            let row = &self.l[k];
-            column[k] /= row[k];
-            variance += column[k] * column[k];
-            for &j in ANCESTORS[k].dofs() {
-                column[j] -= row[j] * column[k];
-            }
-        }
-        variance
-    }
-
-    /// Trace of J H⁻¹ Jᵀ for a point that hangs from the DoF of `chain` alone; `columns` are those of
-    /// its Jacobian J, in the order of the chain, and are overwritten.
-    pub(super) fn trace_of(&self, chain: &[usize], columns: &mut [Vector3<f64>]) -> f64 {
-        let mut trace = 0.0;
-        for (n, &k) in chain.iter().enumerate().rev() {
-            let row = &self.l[k];
-            let (above, rest) = columns.split_at_mut(n);
-            let column = rest[0] / row[k];
-            trace += column.norm_squared();
-            for (other, &j) in above.iter_mut().zip(chain) {
-                *other -= column * row[j];
-            }
-        }
-        trace
     }
 }

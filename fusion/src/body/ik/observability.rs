@@ -2,9 +2,10 @@
 
 use std::f64::consts::PI;
 
-use super::normal::{Factor, NormalEquations};
+use super::factor::Factor;
+use super::normal::{NormalEquations, Row};
 use crate::body::skeleton::angles::FIRST_JOINT_ANGLE;
-use crate::body::skeleton::dof::{DofGroup, first_of};
+use crate::body::skeleton::dof::{ANCESTORS, DofGroup, MAX_CHAIN, first_of};
 use crate::body::skeleton::range_of_motion::spread_rad;
 use crate::body::skeleton::{N_ANGLES, N_DOF, N_ROOT_DOF, Pose, Side, reported_angles};
 
@@ -31,6 +32,7 @@ pub(super) struct Observability {
     /// Variance at which a DoF counts as unknown.
     unknown: [f64; N_DOF],
     variance: [f64; N_DOF],
+    covariance: Box<[Row; N_DOF]>,
 }
 
 impl Observability {
@@ -48,14 +50,17 @@ impl Observability {
             before: spread.map(|s| 1.0 / (s * s)),
             unknown,
             variance: spread.map(|s| s * s),
+            covariance: Box::new([[0.0; MAX_CHAIN]; N_DOF]),
         }
     }
 
     /// Measures the targets that `normal` holds. Overwrites `factor`.
     pub(super) fn measure(&mut self, normal: &NormalEquations, factor: &mut Factor) {
         factor.compute(normal, &self.before, &[false; N_DOF]);
-        for (i, variance) in self.variance.iter_mut().enumerate() {
-            *variance = factor.variance(i);
+        factor.invert(&mut self.covariance);
+        let rows = self.covariance.iter().zip(&ANCESTORS);
+        for (variance, (row, ancestors)) in self.variance.iter_mut().zip(rows) {
+            *variance = row[ancestors.dofs().len()];
         }
     }
 

@@ -4,6 +4,8 @@
 //! tilt against the spine, or the twist of a straight limb. These go to the rest pose and stay near
 //! their last value; [`super`] says how the priors give way where targets know better.
 
+use std::sync::LazyLock;
+
 use farfield_proto::venue::parameters::IkParameters;
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -40,6 +42,10 @@ const RHYTHM_FROM_RAD: f64 = 0.524;
 /// (Neumann, see [`crate::body::skeleton::range_of_motion`]).
 const RHYTHM_SHARE: f64 = 0.2;
 
+/// The DoF of the neutral pose.
+static NEUTRAL: LazyLock<[f64; N_JOINT_DOF]> =
+    LazyLock::new(|| Pose::neutral(Vector3::zeros(), UnitQuaternion::identity()).dof);
+
 /// The two priors of one solve.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Priors {
@@ -62,7 +68,7 @@ impl Priors {
         let mut change_sigma = [parameters.change_sigma_rad * ticks; N_DOF];
         change_sigma[..3].fill(ROOT_CHANGE_SIGMA_M * ticks);
         let mut priors = Self {
-            rest: Pose::neutral(Vector3::zeros(), UnitQuaternion::identity()).dof,
+            rest: *NEUTRAL,
             rest_sigma_rad: [parameters.rest_sigma_rad; N_JOINT_DOF],
             last: *last,
             change_sigma,

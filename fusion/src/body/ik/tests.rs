@@ -4,10 +4,9 @@ use std::f64::consts::PI;
 
 use farfield_proto::keypoints::COCO17;
 use farfield_proto::venue::parameters::IkParameters;
-use nalgebra::{Matrix3, SMatrix, SVector, Unit, UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, Unit, UnitQuaternion, Vector3};
 use proptest::prelude::*;
 
-use super::normal::{Factor, NormalEquations};
 use super::*;
 use crate::body::skeleton::dof::{DofGroup, first_of};
 use crate::body::skeleton::{
@@ -41,7 +40,7 @@ fn standing() -> Pose {
     Pose::neutral(Vector3::new(1.0, -2.0, 0.95), UnitQuaternion::identity())
 }
 
-fn placed(pose: &Pose) -> Kinematics {
+pub(super) fn placed(pose: &Pose) -> Kinematics {
     let mut kinematics = Kinematics::default();
     body().forward(pose, &mut kinematics);
     kinematics
@@ -60,7 +59,7 @@ fn targets(pose: &Pose, joints: impl IntoIterator<Item = Joint>, sigma_m: f64) -
         .collect()
 }
 
-fn all_joints(pose: &Pose) -> Vec<Target> {
+pub(super) fn all_joints(pose: &Pose) -> Vec<Target> {
     targets(pose, Joint::ALL, EXACT_JOINTS_SIGMA_M)
 }
 
@@ -104,7 +103,7 @@ fn is_unobserved(solution: &Solution, name: &str) -> bool {
 
 /// A pose inside the range of motion, in any orientation. Elbows are bent by 17 degrees and more: at a
 /// straight elbow the twist that is wrong by half a turn is a minimum too, some millimetres off.
-fn any_pose() -> impl Strategy<Value = Pose> {
+pub(super) fn any_pose() -> impl Strategy<Value = Pose> {
     let range = RangeOfMotion::default();
     let inside = prop::collection::vec(0.02..0.98, N_JOINT_DOF);
     (prop::array::uniform3(-PI..PI), inside).prop_map(move |(turn, share)| {
@@ -139,39 +138,6 @@ fn any_motion() -> impl Strategy<Value = (Pose, Pose)> {
 }
 
 proptest! {
-    #[test]
-    fn the_factor_solves_what_a_dense_one_solves(
-        pose in any_pose(),
-        weights in prop::collection::vec(0.1..1000.0, 29),
-        rays in prop::collection::vec(prop::option::of(prop::array::uniform3(0.1..1.0)), 29),
-    ) {
-        let at = placed(&pose);
-        let mut normal = NormalEquations::new();
-        normal.clear();
-        let mut dense = SMatrix::<f64, N_DOF, N_DOF>::identity();
-        let mut gradient = SVector::<f64, N_DOF>::zeros();
-        let residual = Vector3::new(0.1, -0.2, 0.3);
-        for ((joint, w), ray) in Joint::ALL.into_iter().zip(weights).zip(rays) {
-            let ray = ray.map(|d| Unit::new_normalize(Vector3::from(d)));
-            let across = ray.map_or(Matrix3::identity(), |d| Matrix3::identity() - d.as_ref() * d.transpose());
-            let point = at.joint_m(joint);
-            normal.add(&at, joint.link(), &point, &residual, &(across * w));
-            let j = SMatrix::<f64, 3, N_DOF>::from_fn(|row, dof| at.column(dof, joint.link(), &point)[row]);
-            dense += j.transpose() * across * j * w;
-            gradient += j.transpose() * across * residual * w;
-        }
-        let mut factor = Factor::new();
-        factor.compute(&normal, &[1.0; N_DOF], &[false; N_DOF]);
-        let mut x = *normal.gradient();
-        factor.solve(&mut x);
-        let inverse = dense.cholesky().unwrap().inverse();
-        let expected = inverse * gradient;
-        for i in 0..N_DOF {
-            prop_assert!((x[i] - expected[i]).abs() < 1e-8);
-            prop_assert!((factor.variance(i) - inverse[(i, i)]).abs() < 1e-8);
-        }
-    }
-
     #[test]
     fn exact_joints_give_the_pose_back((start, truth) in any_motion()) {
         let targets = all_joints(&truth);

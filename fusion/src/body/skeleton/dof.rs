@@ -11,6 +11,8 @@
 //! (its z, x, y, which are our -y, x, z), each axis carried along by the ones before. The shoulder
 //! alone is different, see `shoulder.rs`.
 
+use std::ops::Range;
+
 use super::joint::{Joint, Link, N_LINKS, Side};
 
 /// All degrees of freedom.
@@ -99,6 +101,13 @@ pub(crate) struct LinkSpec {
     /// The first DoF, of all 40.
     pub(crate) first_dof: usize,
     pub(crate) motion: DofMotion,
+}
+
+impl LinkSpec {
+    /// The DoF by which the link moves against its parent, of all 40.
+    pub(crate) const fn dofs(&self) -> Range<usize> {
+        self.first_dof..self.first_dof + self.motion.n_dof()
+    }
 }
 
 impl DofMotion {
@@ -314,8 +323,8 @@ mod tests {
     fn every_dof_belongs_to_exactly_one_link_and_follows_its_ancestors() {
         let mut owners = [0; N_DOF];
         for link in LINKS {
-            for k in 0..link.motion.n_dof() {
-                owners[link.first_dof + k] += 1;
+            for dof in link.dofs() {
+                owners[dof] += 1;
             }
         }
         assert_eq!(owners, [1; N_DOF]);

@@ -34,7 +34,7 @@ impl Pose {
         let mut dof = [0.0; N_JOINT_DOF];
         for side in Side::BOTH {
             let first = first_of(side, DofGroup::Shoulder);
-            let hanging = SwingTwist::new(side).coordinates_of(&Matrix3::identity());
+            let hanging = SwingTwist::of(side).coordinates_of(&Matrix3::identity());
             dof[first..first + 3].copy_from_slice(&hanging);
         }
         Self {
@@ -114,7 +114,7 @@ impl Pose {
         for (turn, q) in scapula_turns(side).iter().zip(&self.dof[scapula..]) {
             turn_about(&mut trunk_from_scapula, turn.axis, turn.sign * q);
         }
-        let arm = SwingTwist::new(side).direction(self.dof[shoulder], self.dof[shoulder + 1]);
+        let arm = SwingTwist::of(side).direction(self.dof[shoulder], self.dof[shoulder + 1]);
         libm::acos((-(trunk_from_scapula * arm).z).clamp(-1.0, 1.0))
     }
 
@@ -131,7 +131,7 @@ impl Pose {
 /// Shoulder coordinates (raising swing, inward swing, twist; radians) of a rotation, scapula from
 /// upper arm.
 pub fn shoulder_coordinates(side: Side, scapula_from_upper_arm: &Matrix3<f64>) -> [f64; 3] {
-    SwingTwist::new(side).coordinates_of(scapula_from_upper_arm)
+    SwingTwist::of(side).coordinates_of(scapula_from_upper_arm)
 }
 
 /// The constant part of one person: where each joint is fixed in its link.
@@ -163,7 +163,7 @@ impl Skeleton {
         Self {
             proportions: *proportions,
             offset_m,
-            shoulders: Side::BOTH.map(SwingTwist::new),
+            shoulders: Side::BOTH.map(|side| *SwingTwist::of(side)),
         }
     }
 

@@ -12,6 +12,7 @@
 //! the elbow's axis to the side has R = 1 and t = 0.
 
 use std::f64::consts::PI;
+use std::sync::LazyLock;
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -51,7 +52,13 @@ pub(crate) struct ShoulderState {
 }
 
 impl SwingTwist {
-    pub(crate) fn new(side: Side) -> Self {
+    /// The shoulder of `side`.
+    pub(crate) fn of(side: Side) -> &'static Self {
+        static BOTH: LazyLock<[SwingTwist; 2]> = LazyLock::new(|| Side::BOTH.map(SwingTwist::new));
+        &BOTH[side as usize]
+    }
+
+    fn new(side: Side) -> Self {
         // Computed for the right and mirrored: a direction flips its y, a rotation vector its x, z.
         let m = side.mirror();
         let (sin_a, cos_a) = libm::sincos(CENTRE_AZIMUTH_RAD);
@@ -83,10 +90,11 @@ impl SwingTwist {
     /// Rotation and axes at `q` = (s₁, s₂, t), radians. Cost: two sine-cosine pairs.
     pub(crate) fn evaluate(&self, q: &[f64]) -> ShoulderState {
         let s = self.swing(q[0], q[1]);
-        let swung = exp(&s) * self.rest;
+        let series = Rodrigues::of(&s);
+        let swung = series.exp() * self.rest;
         let mut rotation = swung;
         turn_about(&mut rotation, Axis::Z, self.twist_sign * q[2]);
-        let left = left_jacobian(&s);
+        let left = series.left_jacobian();
         let axes = [
             left * self.raise,
             left * self.inward,
@@ -137,36 +145,60 @@ pub(crate) fn wrap(angle_rad: f64) -> f64 {
 
 /// The rotation of a rotation vector.
 pub(crate) fn exp(s: &Vector3<f64>) -> Matrix3<f64> {
-    let (k, k2, a, b, _) = rodrigues(s);
-    Matrix3::identity() + k * a + k2 * b
+    Rodrigues::of(s).exp()
 }
 
-/// J of d exp(s) = `[J ds]× exp(s)`.
-fn left_jacobian(s: &Vector3<f64>) -> Matrix3<f64> {
-    let (k, k2, _, b, c) = rodrigues(s);
-    Matrix3::identity() + k * b + k2 * c
+/// What rotation and Jacobian of a rotation vector s are made of, θ = |s|.
+struct Rodrigues {
+    /// `[s]×`.
+    cross: Matrix3<f64>,
+    /// Its square.
+    squared: Matrix3<f64>,
+    /// sin θ/θ.
+    a: f64,
+    /// (1 - cos θ)/θ².
+    b: f64,
+    /// (θ - sin θ)/θ³.
+    c: f64,
 }
 
-/// `[s]×`, its square, sin θ/θ, (1 - cos θ)/θ², (θ - sin θ)/θ³ with θ = |s|.
-fn rodrigues(s: &Vector3<f64>) -> (Matrix3<f64>, Matrix3<f64>, f64, f64, f64) {
-    let k = s.cross_matrix();
-    let angle = s.norm();
-    let squared = angle * angle;
-    let (a, b, c) = if angle < SMALL_RAD {
-        (
-            1.0 - squared / 6.0,
-            0.5 - squared / 24.0,
-            1.0 / 6.0 - squared / 120.0,
-        )
-    } else {
-        let (sin, cos) = libm::sincos(angle);
-        (
-            sin / angle,
-            (1.0 - cos) / squared,
-            (angle - sin) / (squared * angle),
-        )
-    };
-    (k, k * k, a, b, c)
+impl Rodrigues {
+    fn of(s: &Vector3<f64>) -> Self {
+        let cross = s.cross_matrix();
+        let angle = s.norm();
+        let squared = angle * angle;
+        let (a, b, c) = if angle < SMALL_RAD {
+            (
+                1.0 - squared / 6.0,
+                0.5 - squared / 24.0,
+                1.0 / 6.0 - squared / 120.0,
+            )
+        } else {
+            let (sin, cos) = libm::sincos(angle);
+            (
+                sin / angle,
+                (1.0 - cos) / squared,
+                (angle - sin) / (squared * angle),
+            )
+        };
+        Self {
+            cross,
+            squared: cross * cross,
+            a,
+            b,
+            c,
+        }
+    }
+
+    /// The rotation.
+    fn exp(&self) -> Matrix3<f64> {
+        Matrix3::identity() + self.cross * self.a + self.squared * self.b
+    }
+
+    /// J of d exp(s) = `[J ds]× exp(s)`.
+    fn left_jacobian(&self) -> Matrix3<f64> {
+        Matrix3::identity() + self.cross * self.b + self.squared * self.c
+    }
 }
 
 /// Turns a frame about one of its own axes: the other two columns mix.

@@ -142,8 +142,7 @@ impl Estimator {
                 .solve(&body.skeleton, &estimate.pose, targets, &priors, None);
         estimate.unobserved = solution.unobserved;
         estimate.free_pose = solution.pose;
-        body.skeleton
-            .forward(&solution.pose, &mut estimate.kinematics);
+        estimate.kinematics.clone_from(estimate.solver.body());
         estimate.measured_m = joints_of(&estimate.kinematics);
     }
 
@@ -192,11 +191,11 @@ impl Estimator {
             let other_m = self.fit_joints_from(&free, &last, method);
             if other_m >= misfit_m {
                 self.estimate.pose = stuck;
+                self.body
+                    .skeleton
+                    .forward(&stuck, &mut self.estimate.kinematics);
             }
         }
-        self.body
-            .skeleton
-            .forward(&self.estimate.pose, &mut self.estimate.kinematics);
         let joints_m = joints_of(&self.estimate.kinematics);
         self.estimate
             .motion
@@ -209,25 +208,19 @@ impl Estimator {
     fn fit_joints_from(&mut self, start: &Pose, last: &Pose, method: &Method) -> f64 {
         let priors = Priors::new(&method.parameters.ik, last, method.dt_s);
         let bounds = method.range_of_motion.as_ref();
-        self.estimate.pose = self
-            .estimate
-            .solver
-            .solve(
-                &self.body.skeleton,
-                start,
-                &self.estimate.targets,
-                &priors,
-                bounds,
-            )
-            .pose;
-        self.body
-            .skeleton
-            .forward(&self.estimate.pose, &mut self.estimate.kinematics);
+        let estimate = &mut self.estimate;
+        estimate.pose = estimate.solver.fit(
+            &self.body.skeleton,
+            start,
+            &estimate.targets,
+            &priors,
+            bounds,
+        );
+        estimate.kinematics.clone_from(estimate.solver.body());
         let apart = |target: &Target| {
-            (self.estimate.kinematics.joint_m(target.joint) - target.position_m).norm_squared()
+            (estimate.kinematics.joint_m(target.joint) - target.position_m).norm_squared()
         };
-        (self.estimate.targets.iter().map(apart).sum::<f64>() / self.estimate.targets.len() as f64)
-            .sqrt()
+        (estimate.targets.iter().map(apart).sum::<f64>() / estimate.targets.len() as f64).sqrt()
     }
 
     /// Measures the link lengths anew when it is time to; the pose stays, and the next tick fits it.

@@ -1,0 +1,69 @@
+//! The targets of one solve, and how far the body is from them.
+
+use nalgebra::Vector3;
+
+use super::Target;
+use super::normal::NormalEquations;
+use crate::body::skeleton::Kinematics;
+
+/// A target, and the point of the body that should be there.
+#[derive(Debug, Clone)]
+struct AimedPoint {
+    target: Target,
+    /// In the pose that was placed last, world, metres.
+    point_m: Vector3<f64>,
+    /// Information times residual there: gradient of the cost by the point.
+    pull: Vector3<f64>,
+}
+
+/// Targets that count. Allocates only when there are more than ever before.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Aims {
+    points: Vec<AimedPoint>,
+}
+
+impl Aims {
+    /// Takes those of `targets` that count.
+    pub(super) fn set(&mut self, targets: &[Target]) {
+        self.points.clear();
+        let counting = targets.iter().filter(|target| target.counts());
+        self.points.extend(counting.map(|&target| AimedPoint {
+            target,
+            point_m: Vector3::zeros(),
+            pull: Vector3::zeros(),
+        }));
+    }
+
+    /// Looks where `body` has the points; returns the targets' part of the cost.
+    pub(super) fn place(&mut self, body: &Kinematics) -> f64 {
+        let mut cost = 0.0;
+        for aimed in &mut self.points {
+            let target = &aimed.target;
+            aimed.point_m = body.site_m(&target.site());
+            let residual_m = aimed.point_m - target.position_m;
+            aimed.pull = target.information * residual_m;
+            cost += residual_m.dot(&aimed.pull);
+        }
+        0.5 * cost
+    }
+
+    /// Builds the normal equations for `body`, which was placed last; see
+    /// [`NormalEquations::gather`].
+    pub(super) fn linearise(
+        &self,
+        body: &Kinematics,
+        is_curved: bool,
+        normal: &mut NormalEquations,
+    ) {
+        normal.begin(body);
+        for AimedPoint {
+            target,
+            point_m,
+            pull,
+        } in &self.points
+        {
+            normal.add(target.joint.link(), point_m, &target.information, pull);
+        }
+        normal.gather(body, is_curved);
+    }
+}

@@ -1,0 +1,180 @@
+//! What is known of all points that hang from a link, as one matrix.
+//!
+//! A DoF moves every point below it as one rigid body: by v + ω × x, with (ω, v) its [`Twist`] about an
+//! origin that all links share. So what the points of a link and of all that hangs from it say can be summed
+//! before any DoF is looked at,
+//!
+//! ```text
+//!   C = Σₜ Xₜᵀ Iₜ Xₜ,   w = Σₜ Xₜᵀ Iₜ rₜ,   Xₜ = (-[xₜ]×  1)        Hᵢⱼ = Sᵢᵀ Cᵢ Sⱼ,   gᵢ = Sᵢᵀ wᵢ
+//! ```
+//!
+//! Sᵢ the twist of DoF i, Cᵢ and wᵢ of the link that it turns, j = i or a DoF that it hangs from: the composite
+//! rigid body algorithm (R. Featherstone, "Rigid Body Dynamics Algorithms", 2008, chapter 6) with information
+//! in place of mass. The work grows with the points, not with points times DoF squared.
+
+use std::ops::AddAssign;
+
+use nalgebra::{Matrix3, Vector3};
+
+/// How a rigid body moves per unit of a DoF.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Twist {
+    /// Its turn, ω.
+    turn: Vector3<f64>,
+    /// The motion of the origin, v, metres.
+    shift_m: Vector3<f64>,
+}
+
+impl Twist {
+    /// Of a turn about `axis`, per unit, through `centre_m` from the origin.
+    pub(super) fn about(axis: &Vector3<f64>, centre_m: &Vector3<f64>) -> Self {
+        Self {
+            turn: *axis,
+            shift_m: centre_m.cross(axis),
+        }
+    }
+
+    /// Of a motion along `axis` without a turn.
+    pub(super) fn along(axis: &Vector3<f64>) -> Self {
+        Self {
+            turn: Vector3::zeros(),
+            shift_m: *axis,
+        }
+    }
+
+    /// Adds `share` of `other`.
+    pub(super) fn add_share(&mut self, other: &Self, share: f64) {
+        self.turn += other.turn * share;
+        self.shift_m += other.shift_m * share;
+    }
+
+    /// What `push` does along this twist.
+    pub(super) fn dot(&self, push: &Push) -> f64 {
+        self.turn.dot(&push.moment) + self.shift_m.dot(&push.force)
+    }
+}
+
+/// What acts on a rigid body: the dual of a [`Twist`].
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Push {
+    moment: Vector3<f64>,
+    force: Vector3<f64>,
+}
+
+impl Push {
+    /// Adds a moment.
+    pub(super) fn turn_by(&mut self, moment: &Vector3<f64>) {
+        self.moment += moment;
+    }
+}
+
+/// C and w of a link: symmetric 6 by 6, in blocks, and a push.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Composite {
+    turn: Matrix3<f64>,
+    /// Of the turn's rows and the shift's columns.
+    mixed: Matrix3<f64>,
+    shift: Matrix3<f64>,
+    /// Σ x fᵀ of the points x that are pulled by f: the moment, and what a turn makes of it.
+    lever: Matrix3<f64>,
+    force: Vector3<f64>,
+}
+
+impl Composite {
+    /// Adds a point at `x_m` from the origin, of which `information` (1/m², symmetric) is known, and which is pulled
+    /// by `pull` = information times residual.
+    pub(super) fn add(
+        &mut self,
+        x_m: &Vector3<f64>,
+        information: &Matrix3<f64>,
+        pull: &Vector3<f64>,
+    ) {
+        let mixed = crossed(x_m, information);
+        self.turn += crossed(x_m, &mixed.transpose());
+        self.mixed += mixed;
+        self.shift += information;
+        self.lever += x_m * pull.transpose();
+        self.force += pull;
+    }
+
+    /// What a motion of all points by `twist` meets with: C S.
+    pub(super) fn resistance(&self, twist: &Twist) -> Push {
+        Push {
+            moment: self.turn * twist.turn + self.mixed * twist.shift_m,
+            force: self.mixed.tr_mul(&twist.turn) + self.shift * twist.shift_m,
+        }
+    }
+
+    /// w.
+    pub(super) fn push(&self) -> Push {
+        Push {
+            moment: axial(&self.lever),
+            force: self.force,
+        }
+    }
+
+    /// How the moment of the pulls changes when all points turn about an axis through `centre_m`, from the origin,
+    /// while the pulls stay: Σ (a × (x - c)) × f.
+    pub(super) fn turned_moment(&self, twist: &Twist, centre_m: &Vector3<f64>) -> Vector3<f64> {
+        let axis = &twist.turn;
+        let along = self.lever.trace() - centre_m.dot(&self.force);
+        self.lever * axis - centre_m * self.force.dot(axis) - axis * along
+    }
+}
+
+impl AddAssign<&Self> for Composite {
+    fn add_assign(&mut self, other: &Self) {
+        self.turn += other.turn;
+        self.mixed += other.mixed;
+        self.shift += other.shift;
+        self.lever += other.lever;
+        self.force += other.force;
+    }
+}
+
+/// How unsure the place of a rigid body is: the covariance of its twist, symmetric 6 by 6, in blocks.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct TwistCovariance {
+    turn: Matrix3<f64>,
+    /// Of the turn's rows and the shift's columns.
+    mixed: Matrix3<f64>,
+    shift: Matrix3<f64>,
+}
+
+impl TwistCovariance {
+    /// Adds a DoF that moves the body by `twist`, of this `variance`; `shared` is the sum of the twists that were
+    /// added before, each times its covariance with this one.
+    pub(super) fn add(&mut self, twist: &Twist, variance: f64, shared: &Twist) {
+        // S uᵀ + u Sᵀ + σ S Sᵀ = S wᵀ + w Sᵀ with w = u + σ/2 S.
+        let mut with = *shared;
+        with.add_share(twist, 0.5 * variance);
+        let (turn, shift) = (&twist.turn, &twist.shift_m);
+        self.turn += turn * with.turn.transpose() + with.turn * turn.transpose();
+        self.mixed += turn * with.shift_m.transpose() + with.turn * shift.transpose();
+        self.shift += shift * with.shift_m.transpose() + with.shift_m * shift.transpose();
+    }
+
+    /// Trace of the covariance of a point at `x_m` from the origin: X K Xᵀ, m².
+    pub(super) fn trace_at(&self, x_m: &Vector3<f64>) -> f64 {
+        let swept = x_m.norm_squared() * self.turn.trace() - x_m.dot(&(self.turn * x_m));
+        swept - 2.0 * x_m.dot(&axial(&self.mixed)) + self.shift.trace()
+    }
+}
+
+/// `[x]×` M.
+fn crossed(x: &Vector3<f64>, m: &Matrix3<f64>) -> Matrix3<f64> {
+    Matrix3::from_columns(&[
+        x.cross(&m.column(0)),
+        x.cross(&m.column(1)),
+        x.cross(&m.column(2)),
+    ])
+}
+
+/// Σ u × v of the Σ u vᵀ that `m` is.
+fn axial(m: &Matrix3<f64>) -> Vector3<f64> {
+    Vector3::new(
+        m[(1, 2)] - m[(2, 1)],
+        m[(2, 0)] - m[(0, 2)],
+        m[(0, 1)] - m[(1, 0)],
+    )
+}
