@@ -6,10 +6,13 @@
 
 mod measure;
 mod report;
+mod scaling;
 
 use std::io::{IsTerminal as _, stderr};
-use std::thread;
+use std::path::PathBuf;
+use std::{fs, thread};
 
+use anyhow::Context as _;
 use farfield_node::process::{NodeError, say};
 use farfield_proto::patch::CompressionLevel;
 use farfield_sim::recorded_venue::{RATE_HZ, RecordedVenue, VenueSize};
@@ -47,6 +50,9 @@ pub(crate) struct BenchArgs {
     /// Patches without loss, instead of at the compression level that a live link starts with.
     #[arg(long)]
     lossless: bool,
+    /// Measure sizes from 4 x 5 to 28 x 30, and draw what a tick costs over viewpoints x people into this SVG file.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["viewpoints", "people"])]
+    scaling: Option<PathBuf>,
     /// Print JSON instead of tables.
     #[arg(long)]
     json: bool,
@@ -63,6 +69,12 @@ pub(crate) fn bench(args: &BenchArgs) -> Result<(), NodeError> {
     } else {
         report.to_string()
     };
+    if let Some(path) = &args.scaling {
+        let drawn = scaling::svg(&report.runs, &report.lines, 1e3 / RATE_HZ);
+        fs::write(path, drawn)
+            .with_context(|| format!("writing {}", path.display()))
+            .map_err(NodeError::Failed)?;
+    }
     output::print(&text).map_err(NodeError::Failed)
 }
 
@@ -91,13 +103,21 @@ fn measured(args: &BenchArgs) -> anyhow::Result<BenchReport> {
             report.runs.push(measure(&venue, size, threads)?);
         }
     }
+    if args.scaling.is_some() {
+        report.lines = scaling::cost_lines(&report.runs);
+    }
     Ok(report)
 }
 
 impl BenchArgs {
     fn sizes(&self) -> Vec<VenueSize> {
         let asked = self.viewpoints.zip(self.people);
-        let sizes = asked.map_or_else(|| SIZES.to_vec(), |size| vec![size]);
+        let ladder = if self.scaling.is_some() {
+            scaling::SIZES.to_vec()
+        } else {
+            SIZES.to_vec()
+        };
+        let sizes = asked.map_or(ladder, |size| vec![size]);
         let size = |(viewpoints, people)| VenueSize { viewpoints, people };
         sizes.into_iter().map(size).collect()
     }

@@ -6,6 +6,8 @@ use farfield_proto::patch::CompressionLevel;
 use farfield_sim::recorded_venue::RATE_HZ;
 use serde::Serialize;
 
+use super::scaling::CostLine;
+
 /// Everything that was measured.
 #[derive(Debug, Serialize)]
 pub(super) struct BenchReport {
@@ -16,6 +18,9 @@ pub(super) struct BenchReport {
     /// Number of the patches' compression level.
     pub(super) compression_level: u8,
     pub(super) runs: Vec<BenchRun>,
+    /// What a patch costs, where sizes were measured for it.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub(super) lines: Vec<CostLine>,
 }
 
 /// One venue on a number of threads.
@@ -52,6 +57,7 @@ impl BenchReport {
             cores,
             compression_level: level.number(),
             runs: Vec::new(),
+            lines: Vec::new(),
         }
     }
 
@@ -112,6 +118,14 @@ impl fmt::Display for BenchReport {
                 1e3 / run.p99_ms,
                 self.rate_hz,
                 tick_ms / run.p99_ms
+            )?;
+        }
+        for line in &self.lines {
+            writeln!(
+                f,
+                "threads: {}: {:.1} us for each viewpoint of each person at the median; the size farthest from that \
+                 line takes {:.2} of its time",
+                line.threads, line.us_per_patch, line.farthest
             )?;
         }
         Ok(())

@@ -87,7 +87,7 @@ impl WalkBench {
                     .see(&set.persons[0], set.viewpoint, camera, &self.method)
             );
         }
-        self.track.place_views(&std::iter::empty(), &self.method);
+        self.track.place_views(&[], 0, &self.method);
     }
 
     fn tick(&mut self) {
