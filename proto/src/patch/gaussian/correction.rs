@@ -17,6 +17,8 @@ const _: () = assert!(ZERO_CLASSES == 20 && SIZE_NODES == MOST_SIZE as usize);
 /// The corrections of one map.
 #[derive(Debug, Clone, Default)]
 pub(in crate::patch) struct CorrectionGrid {
+    /// The sides of the maps that the places are for.
+    sides: [usize; 2],
     /// Cells from one to the next, at least 1.
     pitch: f32,
     /// The cells, along columns and rows, next to the places of the grid.
@@ -32,14 +34,19 @@ pub(in crate::patch) struct CorrectionGrid {
 impl CorrectionGrid {
     /// Makes room for maps of `scale`.
     pub(in crate::patch) fn reset(&mut self, scale: &MapScale) {
+        self.window = [0..0, 0..0];
+        let sides = [scale.width, scale.height];
+        if self.sides == sides {
+            return;
+        }
+        self.sides = sides;
         self.pitch = scale.cells.max(1.0);
-        for (places, size) in self.places.iter_mut().zip([scale.width, scale.height]) {
+        for (places, size) in self.places.iter_mut().zip(sides) {
             let n = ((size - 1) as f32 / self.pitch).ceil() as usize + 1;
             let cell = |place: usize| ((place as f32 * self.pitch + 0.5) as usize).min(size - 1);
             places.clear();
             places.extend((0..n).map(|place| cell(place) as u16));
         }
-        self.window = [0..0, 0..0];
     }
 
     /// Takes what is between a map and what its modes show, in steps; whether any is left.
