@@ -228,20 +228,11 @@ fn value<C: BitCoder>(
 ) -> i16 {
     let [left, up, above_left, above_right] = around.map(|v| u32::from(v.unsigned_abs().min(64)));
     let near = 2 * (left + up) + above_left + above_right;
-    let busy = match near {
-        0 => 0,
-        1 => 1,
-        2..=3 => 2,
-        4..=6 => 3,
-        _ => 4,
-    };
-    let height = match shown {
-        0 => 0,
-        1..=39 => 1,
-        40..=119 => 2,
-        _ => 3,
-    };
-    if !coder.code(value != 0, &mut contexts.zero[busy * 4 + height]) {
+    // Counted, not branched to: what is around cannot be foreseen.
+    let busy = [0, 1, 3, 6].map(|most| usize::from(near > most));
+    let height = [0, 39, 119].map(|most| usize::from(shown > most));
+    let class = busy.iter().sum::<usize>() * 4 + height.iter().sum::<usize>();
+    if !coder.code(value != 0, &mut contexts.zero[class]) {
         return 0;
     }
     let signs = around[0].signum() + around[1].signum();
