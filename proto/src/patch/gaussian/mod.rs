@@ -1,7 +1,7 @@
 //! Maps with loss: the peaks of a map as Gaussians of a few whole numbers, and corrections of what these leave.
 //!
-//! The encoder fits ([`fit`]) and chooses ([`explain`]) the Gaussians ([`mode`]); [`drawing`] draws them, the same on both sides;
-//! [`mode_coder`] and [`correction`] write or read them in adaptive [`contexts`] that begin with [`priors`];
+//! The encoder fits ([`fit`]) and chooses ([`explain`]) the Gaussians ([`mode`]); [`drawing`] draws them, the same on
+//! both sides; [`mode_coder`] and [`correction`] write or read them in adaptive [`contexts`] that begin with [`priors`];
 //! [`recipe`] says how finely at each compression level.
 
 pub(in crate::patch) mod contexts;
