@@ -4,14 +4,17 @@
 //! outside a crop there is no information. Joints behind a camera have no projection: they are left
 //! out, and links that cross the near plane are cut there. Nothing here assumes an upright person.
 
+mod projection;
+
 use farfield_proto::bounding_box::{BoundingBox, BoxRate};
 use farfield_proto::camera::CameraModel;
 use farfield_proto::frames::Pixel;
 use farfield_proto::id::CameraIndex;
 use farfield_proto::message::CameraBox;
 use farfield_proto::venue::parameters::BoxParameters;
-use nalgebra::{Matrix3x4, Rotation2, Vector2, Vector3};
+use nalgebra::{Rotation2, Vector2};
 
+use self::projection::{Cube, Extent, ProjectedJoints};
 use crate::body::skeleton::Joint;
 use crate::body::skeleton::Joints;
 
@@ -75,7 +78,7 @@ impl Boxes {
     /// the camera or nothing of the box is in the image. Where the neck is behind the camera,
     /// `neck_px` is `torso_px`.
     ///
-    /// Cost: eight projections per joint, twice.
+    /// Cost: a projection per joint, twice, and eight more for those at the rim.
     pub fn camera_box(
         &mut self,
         camera: CameraIndex,
@@ -87,16 +90,22 @@ impl Boxes {
         if self.turned.len() <= index {
             self.turned.resize(index + 1, false);
         }
-        let trunk = Trunk::seen_by(model, now_m)?;
+        let p = model.projection_matrix();
+        let now_seen = ProjectedJoints::new(&p, now_m);
+        let trunk = Trunk::seen_by(model, &now_seen)?;
         let turned = trunk.turns(self.turned[index], &shape.parameters);
         let rotation = |trunk: &Trunk| if turned { trunk.rotation_rad() } else { 0.0 };
-        let now = Region::around(model, now_m, rotation(&trunk), shape)?;
+        let cube = Cube::new(&p, shape.lattice_half_width_m);
+        let around = |seen: &ProjectedJoints<'_>, trunk: &Trunk| {
+            Region::around(model, (seen, &cube), rotation(trunk), shape.margin)
+        };
+        let now = around(&now_seen, &trunk)?;
         self.turned[index] = turned;
         if !now.touches_image(model) {
             return None;
         }
-        let next = Trunk::seen_by(model, next_m)
-            .and_then(|next_trunk| Region::around(model, next_m, rotation(&next_trunk), shape));
+        let next_seen = ProjectedJoints::new(&p, next_m);
+        let next = Trunk::seen_by(model, &next_seen).and_then(|trunk| around(&next_seen, &trunk));
         Some(CameraBox {
             camera,
             bounding_box: now.bounding_box(),
@@ -117,14 +126,12 @@ struct Trunk {
 }
 
 impl Trunk {
-    fn seen_by(model: &CameraModel, joints_m: &Joints) -> Option<Self> {
-        let p = model.projection_matrix();
-        let [pelvis_m, neck_m] = [Joint::Pelvis, Joint::Neck].map(|joint| joints_m[joint as usize]);
-        let pelvis = p * pelvis_m.push(1.0);
-        let pelvis_px = in_front(pelvis)?;
-        let neck_px = in_front(p * neck_m.push(1.0));
+    fn seen_by(model: &CameraModel, seen: &ProjectedJoints<'_>) -> Option<Self> {
+        let pelvis_px = seen.pixel(Joint::Pelvis)?;
+        let neck_px = seen.pixel(Joint::Neck);
+        let trunk_m = (seen.joint_m(Joint::Neck) - seen.joint_m(Joint::Pelvis)).norm();
         let focal_px = 0.5 * (model.intrinsics().fx_px + model.intrinsics().fy_px);
-        let from_the_side_px = (neck_m - pelvis_m).norm() * focal_px / pelvis.z;
+        let from_the_side_px = trunk_m * focal_px / seen.of(Joint::Pelvis).z;
         let broadside = neck_px.map_or(0.0, |neck| {
             (neck - pelvis_px).norm() / from_the_side_px.max(1e-9)
         });
@@ -170,52 +177,46 @@ impl Region {
     /// The region of eq. (2), measured along axes turned by `rotation_rad`.
     fn around(
         model: &CameraModel,
-        joints_m: &Joints,
+        (seen, cube): (&ProjectedJoints<'_>, &Cube),
         rotation_rad: f64,
-        shape: &BoxShape,
+        margin: f64,
     ) -> Option<Self> {
-        let p = model.projection_matrix();
-        let depth_m = |joint: Joint| (p.row(2) * joints_m[joint as usize].push(1.0)).x;
-        let in_front = Joint::ALL
-            .iter()
-            .filter(|&&joint| depth_m(joint) >= NEAR_M)
-            .count();
-        if in_front < LEAST_JOINTS_IN_FRONT {
+        if seen.n_in_front() < LEAST_JOINTS_IN_FRONT {
             return None;
         }
         let to_box = Rotation2::new(-rotation_rad);
         let far_px = model.size_px().map(f64::from);
-        let add = |extent: &mut Extent, px: Vector2<f64>| {
+        let place = |px: Vector2<f64>| {
             let kept = |v: f64, size: f64| {
                 v.clamp(-FARTHEST_IMAGES * size, (1.0 + FARTHEST_IMAGES) * size)
             };
-            extent.add(to_box * Vector2::new(kept(px.x, far_px[0]), kept(px.y, far_px[1])));
+            to_box * Vector2::new(kept(px.x, far_px[0]), kept(px.y, far_px[1]))
         };
-        let (mut body, mut lattice) = (Extent::EMPTY, Extent::EMPTY);
+        let mut body = Extent::EMPTY;
         for joint in Joint::ALL {
-            let depth = depth_m(joint);
-            if depth >= NEAR_M {
-                let h = p * joints_m[joint as usize].push(1.0);
-                add(&mut body, Vector2::new(h.x, h.y) / h.z);
-                for corner in cube_corners(&p, h, shape.lattice_half_width_m) {
-                    add(&mut lattice, corner);
-                }
-            }
             // Where a link crosses the near plane, the body goes on to the crossing.
-            let parent_m = joint
-                .parent()
-                .map(|parent| (depth_m(parent), joints_m[parent as usize]));
-            if let Some((parent_depth, parent_m)) = parent_m
-                && (depth >= NEAR_M) != (parent_depth >= NEAR_M)
-            {
-                let t = (NEAR_M - depth) / (parent_depth - depth);
-                let h = p * joints_m[joint as usize].lerp(&parent_m, t).push(1.0);
-                add(&mut body, Vector2::new(h.x, h.y) / h.z);
+            let ends = seen.pixel(joint).into_iter().chain(seen.crossing(joint));
+            for px in ends {
+                body.add(place(px));
             }
         }
-        let half = body.size() * (0.5 * shape.margin);
+        let half = body.size() * (0.5 * margin);
+        let mut lattice = Extent::EMPTY;
         lattice.add(body.center() - half);
         lattice.add(body.center() + half);
+        // How far a box's sides are turned from the image's.
+        let turned = to_box.matrix().abs();
+        for joint in Joint::ALL {
+            let Some(px) = seen.pixel(joint) else {
+                continue;
+            };
+            let h = seen.of(joint);
+            if !lattice.holds(place(px), turned * cube.reach_px(h, px)) {
+                for corner in cube.corners(h) {
+                    lattice.add(place(corner));
+                }
+            }
+        }
         let size_px = lattice.size().map(|side| side.max(LEAST_SIDE_PX));
         let center_px = to_box.inverse() * lattice.center();
         size_px.iter().all(|v| v.is_finite()).then_some(Self {
@@ -255,57 +256,6 @@ impl Region {
             rotation_rad: turn as f32,
         }
     }
-}
-
-/// Smallest and largest coordinates.
-struct Extent {
-    least: Vector2<f64>,
-    most: Vector2<f64>,
-}
-
-impl Extent {
-    const EMPTY: Self = Self {
-        least: Vector2::new(f64::INFINITY, f64::INFINITY),
-        most: Vector2::new(f64::NEG_INFINITY, f64::NEG_INFINITY),
-    };
-
-    fn add(&mut self, p: Vector2<f64>) {
-        self.least = self.least.inf(&p);
-        self.most = self.most.sup(&p);
-    }
-
-    fn size(&self) -> Vector2<f64> {
-        self.most - self.least
-    }
-
-    fn center(&self) -> Vector2<f64> {
-        (self.most + self.least) * 0.5
-    }
-}
-
-/// The projected corners of a cube of `half_width_m` around a point that projects to the
-/// homogeneous pixel `h`; corners behind the near plane are left out.
-fn cube_corners(
-    p: &Matrix3x4<f64>,
-    h: Vector3<f64>,
-    half_width_m: f64,
-) -> impl Iterator<Item = Vector2<f64>> {
-    let sides: [Vector3<f64>; 3] = [0, 1, 2].map(|i| p.column(i) * half_width_m);
-    (0..8).filter_map(move |corner| {
-        let signed = |i: usize| {
-            if corner >> i & 1 == 0 {
-                sides[i]
-            } else {
-                -sides[i]
-            }
-        };
-        in_front(h + signed(0) + signed(1) + signed(2))
-    })
-}
-
-/// The pixel of a homogeneous pixel whose third number is a depth in metres.
-fn in_front(h: Vector3<f64>) -> Option<Vector2<f64>> {
-    (h.z >= NEAR_M).then(|| Vector2::new(h.x, h.y) / h.z)
 }
 
 /// The wire's precision.

@@ -4,7 +4,7 @@ use std::f64::consts::{FRAC_PI_2, PI};
 
 use farfield_proto::camera::{Distortion, Intrinsics};
 use farfield_proto::frames::{Point, Transform};
-use nalgebra::{Isometry3, Point3, Rotation3, Translation3, UnitQuaternion};
+use nalgebra::{Isometry3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use proptest::prelude::*;
 
 use super::*;
@@ -233,4 +233,73 @@ fn a_rate_across_half_a_turn_goes_the_short_way() {
         )
         .unwrap();
     assert!((f64::from(b.rate.rotation_rad) - 0.05).abs() < 1e-4);
+}
+
+/// All that a box must hold, in the axes of a box turned by `rotation_rad`: every corner of every cube, the body with
+/// its margin.
+fn plain_extent(joints: &Joints, rotation_rad: f64) -> (Vector2<f64>, Vector2<f64>) {
+    let (shape, p) = (shape(), model().projection_matrix());
+    let far_px = model().size_px().map(f64::from);
+    let place = |h: Vector3<f64>| {
+        let kept =
+            |v: f64, size: f64| v.clamp(-FARTHEST_IMAGES * size, (1.0 + FARTHEST_IMAGES) * size);
+        Rotation2::new(-rotation_rad)
+            * Vector2::new(kept(h.x / h.z, far_px[0]), kept(h.y / h.z, far_px[1]))
+    };
+    let half_m = shape.lattice_half_width_m;
+    let (mut body, mut all) = (Vec::new(), Vec::new());
+    for joint in Joint::ALL {
+        let h = p * joints[joint.index()].push(1.0);
+        if h.z >= NEAR_M {
+            body.push(place(h));
+            for corner in 0..8 {
+                let side = |i: usize| {
+                    p.column(i)
+                        * if corner >> i & 1 == 0 {
+                            half_m
+                        } else {
+                            -half_m
+                        }
+                };
+                let h = h + side(0) + side(1) + side(2);
+                if h.z >= NEAR_M {
+                    all.push(place(h));
+                }
+            }
+        }
+        body.extend(
+            ProjectedJoints::new(&p, joints)
+                .crossing(joint)
+                .map(|px| place(px.push(1.0))),
+        );
+    }
+    let rim = |points: &[Vector2<f64>]| {
+        let first = points[0];
+        points.iter().fold((first, first), |(least, most), p| {
+            (least.inf(p), most.sup(p))
+        })
+    };
+    let (least, most) = rim(&body);
+    let half = (most - least) * (0.5 * shape.margin);
+    all.push((most + least) * 0.5 - half);
+    all.push((most + least) * 0.5 + half);
+    rim(&all)
+}
+
+proptest! {
+    #[test]
+    fn cubes_that_are_left_out_would_not_have_made_a_box_larger(
+        axis_angle in prop::array::uniform3(-3.0f64..3.0), x in -7.5f64..5.0, y in -3.0f64..3.0, turn in -PI..PI,
+    ) {
+        let joints = posed(Rotation3::new(axis_angle.into()), [x, y, 1.0]);
+        let (model, shape) = (model(), shape());
+        let p = model.projection_matrix();
+        let (seen, cube) = (ProjectedJoints::new(&p, &joints), Cube::new(&p, shape.lattice_half_width_m));
+        if let Some(region) = Region::around(&model, (&seen, &cube), turn, shape.margin) {
+            let (least, most) = plain_extent(&joints, turn);
+            let size_px = (most - least).map(|side| side.max(LEAST_SIDE_PX));
+            prop_assert_eq!(region.size_px, size_px);
+            prop_assert_eq!(region.center_px, Rotation2::new(-turn).inverse() * ((most + least) * 0.5));
+        }
+    }
 }

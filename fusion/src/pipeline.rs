@@ -14,7 +14,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use farfield_proto::id::{CameraIndex, SessionId, ViewpointIndex};
 use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::message::identity_event::IdentityEvent;
-use farfield_proto::message::{BoxSet, Order, PatchSet, PoseSet};
+use farfield_proto::message::{BoxSet, Order, PatchSet, PersonBoxes, PoseSet};
 use farfield_proto::model_card::{HeatmapCard, PEAK_SIGMA_OF_WIDTH};
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::Venue;
@@ -122,6 +122,8 @@ pub struct Pipeline {
     bodies: Vec<BodyCapsules>,
     peak_assignment: PeakAssignment,
     separation: Separation,
+    /// Per person and viewpoint, where the person will be.
+    boxes: Vec<Vec<Option<PersonBoxes>>>,
     smoother: Option<FixedLagSmoother>,
 }
 
@@ -184,6 +186,7 @@ impl Pipeline {
             horizons: vec![1; venue.viewpoints.len()],
             method,
             separation: Separation::default(),
+            boxes: Vec::new(),
             journal: Journal::default(),
             bodies: Vec::new(),
         }
@@ -360,31 +363,30 @@ impl Pipeline {
 
     /// The boxes per viewpoint, `horizons` (ticks, one per viewpoint) after `tick`, which was just stepped.
     fn boxes_after(&mut self, tick: Tick, horizons: &[i64]) -> Vec<BoxSet> {
-        let (session, cameras, method) = (self.session, &self.cameras, &self.method);
-        let viewpoints = self.viewpoints.iter().zip(horizons).enumerate();
-        let registry = &mut self.registry;
-        let set = |(index, (own, &horizon)): (usize, (&Vec<CameraIndex>, &i64))| {
-            let look = registry.looking(own, tick + horizon);
-            let own: Vec<_> = own
-                .iter()
-                .filter_map(|&c| Some((c, &cameras.get(usize::from(c.0))?.model)))
-                .collect();
-            let persons = registry
-                .tracks_mut()
-                .iter_mut()
-                .filter_map(|track| track.boxes(&own, horizon as f64, method))
-                .collect();
-            BoxSet {
-                session,
-                tick: tick + horizon,
-                viewpoint: ViewpointIndex(index as u16),
-                order: Order::Track,
-                live: None,
-                detection_cameras: look,
-                persons,
-            }
+        let (cameras, method) = (&self.cameras, &self.method);
+        let viewpoints = self.viewpoints.iter().map(Vec::as_slice);
+        let viewpoints = viewpoints.zip(horizons.iter().copied());
+        let (tracks, made) = (self.registry.tracks_mut(), &mut self.boxes);
+        made.resize_with(tracks.len(), Vec::new);
+        each_with(tracks, made, |track, made| {
+            track.boxes(viewpoints.clone(), cameras, method, made);
+        });
+        let set = |(index, (own, horizon)): (usize, (&[CameraIndex], i64))| BoxSet {
+            session: self.session,
+            tick: tick + horizon,
+            viewpoint: ViewpointIndex(index as u16),
+            order: Order::Track,
+            live: None,
+            detection_cameras: self.registry.looking(own, tick + horizon),
+            persons: Vec::new(),
         };
-        viewpoints.map(set).collect()
+        let mut sets: Vec<BoxSet> = viewpoints.enumerate().map(set).collect();
+        for own in &mut self.boxes {
+            for (set, boxes) in sets.iter_mut().zip(own.drain(..)) {
+                set.persons.extend(boxes);
+            }
+        }
+        sets
     }
 }
 
@@ -398,4 +400,18 @@ fn each(tracks: &mut [Track], stage: impl Fn(usize, &mut Track) + Sync) {
             .enumerate()
             .for_each(|(index, track)| stage(index, track)),
     }
+}
+
+/// Runs a stage for every person with the one of `results` that is its own, in parallel where there are several.
+fn each_with<T: Send>(
+    tracks: &mut [Track],
+    results: &mut [T],
+    stage: impl Fn(&mut Track, &mut T) + Sync,
+) {
+    if let ([only], [result]) = (&mut *tracks, &mut *results) {
+        stage(only, result);
+        return;
+    }
+    let own = tracks.par_iter_mut().zip(results.par_iter_mut());
+    own.for_each(|(track, result)| stage(track, result));
 }

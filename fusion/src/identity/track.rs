@@ -1,6 +1,5 @@
 //! One person: how it is followed, and who it is.
 
-use farfield_proto::camera::CameraModel;
 use farfield_proto::id::{CameraIndex, PersonId};
 use farfield_proto::message::{PersonBoxes, PersonPose, PersonState};
 use farfield_proto::tick::Tick;
@@ -13,7 +12,7 @@ use super::tentative::{TentativeTick, Votes};
 use crate::align::TickGroup;
 use crate::body::keypoint_estimate::KeypointEstimate;
 use crate::body::skeleton::{Pose, Skeleton};
-use crate::estimate::estimator::{Estimator, RestartPoint, TickSnapshot};
+use crate::estimate::estimator::{BodyAhead, Estimator, RestartPoint, TickSnapshot};
 use crate::method::{Method, VenueView};
 
 /// How far somebody lost may be from where it is carried, per axis, for its crops to be its own, metres. They are cut
@@ -210,19 +209,33 @@ impl Track {
         self.estimator.published(self.identity.id, self.state())
     }
 
-    /// Where the person will be in `cameras`, `horizon_ticks` after the newest pose; `None` when none of them
-    /// will see it.
-    pub fn boxes(
+    /// Fills `made` with where the person will be in the cameras of each of `viewpoints` (of the venue's `cameras`),
+    /// so many ticks after the newest pose; `None` where none of them will see it.
+    pub fn boxes<'a>(
         &mut self,
-        cameras: &[(CameraIndex, &CameraModel)],
-        horizon_ticks: f64,
+        viewpoints: impl Iterator<Item = (&'a [CameraIndex], i64)>,
+        cameras: &[VenueView],
         method: &Method,
-    ) -> Option<PersonBoxes> {
-        let cameras = self.estimator.boxes(cameras, horizon_ticks, method);
-        (!cameras.is_empty()).then_some(PersonBoxes {
-            person: self.identity.wire_id,
-            cameras,
-        })
+        made: &mut Vec<Option<PersonBoxes>>,
+    ) {
+        made.clear();
+        let mut ahead: Option<(i64, BodyAhead)> = None;
+        for (own, ticks) in viewpoints {
+            // Mostly all viewpoints have one horizon.
+            let (_, ahead) = match ahead.take_if(|(of, _)| *of == ticks) {
+                Some(same) => ahead.insert(same),
+                None => ahead.insert((ticks, self.estimator.ahead(ticks as f64, method))),
+            };
+            let own = own.iter().filter_map(|&index| {
+                let camera = cameras.get(usize::from(index.0))?;
+                Some((index, &camera.model))
+            });
+            let boxes = self.estimator.boxes(own, ahead);
+            made.push((!boxes.is_empty()).then_some(PersonBoxes {
+                person: self.identity.wire_id,
+                cameras: boxes,
+            }));
+        }
     }
 
     /// Tells `into` what `tick`, the last one, came to. Allocates only while `into` grows.

@@ -100,11 +100,10 @@ impl WalkBench {
     }
 
     fn boxes(&mut self) {
+        let ahead = self.track.ahead(1.0, &self.method);
         for (index, camera) in self.ring.cameras().iter().enumerate() {
-            black_box(
-                self.track
-                    .boxes(&[(CameraIndex(index as u16), camera)], 1.0, &self.method),
-            );
+            let own = std::iter::once((CameraIndex(index as u16), camera));
+            black_box(self.track.boxes(own, &ahead));
         }
     }
 }

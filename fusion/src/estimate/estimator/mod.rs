@@ -32,6 +32,7 @@ use crate::boxes::Boxes;
 use crate::method::Method;
 
 pub use self::moment::TickSnapshot;
+pub use self::output::BodyAhead;
 pub(crate) use self::restart::RestartPoint;
 
 /// What the views of a tick show of one person.

@@ -6,30 +6,48 @@ use farfield_proto::message::{CameraBox, PersonPose, PersonState};
 use nalgebra::Vector3;
 
 use super::Estimator;
-use crate::body::skeleton::reported_angles;
+use crate::body::skeleton::{Joints, reported_angles};
+use crate::boxes::BoxShape;
 use crate::estimate::uncertainty;
 use crate::method::Method;
 
+/// A body as it is predicted for the tick of a set of boxes.
+#[derive(Debug, Clone)]
+pub struct BodyAhead {
+    /// The joints at that tick, and one tick later, world, metres.
+    now_m: Joints,
+    next_m: Joints,
+    /// How large its boxes are.
+    shape: BoxShape,
+}
+
 impl Estimator {
-    /// Where the person will be in `cameras`, `horizon_ticks` after the newest pose, paper (2) and (4): in
-    /// those that will see it.
-    pub fn boxes(
-        &mut self,
-        cameras: &[(CameraIndex, &CameraModel)],
-        horizon_ticks: f64,
-        method: &Method,
-    ) -> Vec<CameraBox> {
-        let estimate = &mut self.estimate;
-        let (mut now_m, mut next_m) = (estimate.ahead_m, estimate.ahead_m);
+    /// Where the person will be `horizon_ticks` after the newest pose, paper (3).
+    pub fn ahead(&self, horizon_ticks: f64, method: &Method) -> BodyAhead {
+        let estimate = &self.estimate;
         let prediction = &method.parameters.prediction;
-        let motion = &estimate.motion;
-        motion.predict(horizon_ticks, method.dt_s, prediction, &mut now_m);
-        motion.predict(horizon_ticks + 1.0, method.dt_s, prediction, &mut next_m);
-        let shape = method.box_shape.after(horizon_ticks * method.dt_s);
-        let boxes = &mut estimate.boxes;
-        let seen = cameras.iter().filter_map(|(index, model)| {
-            boxes.camera_box(*index, model, (&now_m, &next_m), &shape)
-        });
+        let at = |ticks: f64| {
+            let mut joints_m = estimate.ahead_m;
+            let motion = &estimate.motion;
+            motion.predict(ticks, method.dt_s, prediction, &mut joints_m);
+            joints_m
+        };
+        BodyAhead {
+            now_m: at(horizon_ticks),
+            next_m: at(horizon_ticks + 1.0),
+            shape: method.box_shape.after(horizon_ticks * method.dt_s),
+        }
+    }
+
+    /// The boxes of a person that will be `ahead`, in those of `cameras` that will see it, paper (2) and (4).
+    pub fn boxes<'a>(
+        &mut self,
+        cameras: impl Iterator<Item = (CameraIndex, &'a CameraModel)>,
+        ahead: &BodyAhead,
+    ) -> Vec<CameraBox> {
+        let (joints_m, boxes) = ((&ahead.now_m, &ahead.next_m), &mut self.estimate.boxes);
+        let seen = cameras
+            .filter_map(|(index, model)| boxes.camera_box(index, model, joints_m, &ahead.shape));
         seen.map(|seen| seen.snapped()).collect()
     }
 
