@@ -135,6 +135,9 @@ pub struct DropSummary {
     /// Live: messages that fusion had no room to send.
     #[serde(default)]
     pub unsent: u64,
+    /// Live: patches that were left out because their ticks would have cost more than their time.
+    #[serde(default)]
+    pub shed: u64,
 }
 
 /// What a clock measured.

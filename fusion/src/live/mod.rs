@@ -13,6 +13,7 @@ pub mod membership;
 pub mod meter;
 pub mod pace;
 pub mod queue;
+pub mod shedding;
 pub mod tick_time;
 
 pub use farfield_proto::tick::{Micros, SECOND_US};

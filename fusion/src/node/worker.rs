@@ -18,6 +18,7 @@ use super::output::exporter::Exporter;
 use super::session::mode::RunMode;
 use crate::align::TickGroup;
 use crate::export::pose_files::Presence;
+use crate::live::Micros;
 use crate::pipeline::Pipeline;
 
 /// A tick to work on.
@@ -54,6 +55,8 @@ pub(super) struct Stepped {
     pub(super) unusable: u32,
     /// How long the core's stages have taken so far, told once a second.
     pub(super) stages: Option<Vec<StageTime>>,
+    /// How many patches there were, and how long the step took, microseconds; `None` of a tick with a detection pass.
+    pub(super) cost: Option<(usize, Micros)>,
 }
 
 /// What the thread leaves behind.
@@ -192,6 +195,10 @@ impl FusionWork {
             lap_start = laps.lap(stage.name(), lap_start);
         });
         laps.lap("step", start);
+        let patches = job.group.patch_sets.iter().map(|set| set.persons.len());
+        let has_pass = !job.group.sighting_sets.is_empty();
+        let took_us = Micros::try_from(clock::micros_since(start)).unwrap_or(Micros::MAX);
+        let cost = (!has_pass).then_some((patches.sum(), took_us));
         self.last = Some(job.group.tick);
         let stepped = Stepped {
             unusable: output.unusable_patches + output.unusable_sightings,
@@ -200,6 +207,7 @@ impl FusionWork {
             poses: output.poses,
             events: output.events,
             boxes: output.boxes,
+            cost,
         };
         let to_write = ToWrite {
             poses: output.finished,

@@ -6,6 +6,7 @@ mod delays;
 mod receiving;
 mod run;
 mod sending;
+mod shed;
 mod start;
 mod status;
 

@@ -20,6 +20,7 @@ use super::super::config::FusionConfig;
 use super::super::worker::{FusionWorker, Job};
 use super::context::LiveContext;
 use super::delays::Delays;
+use super::shed::LiveShedding;
 use super::start::{LiveStart, is_recorded};
 use crate::align::TickGroup;
 use crate::live::edge::Edge;
@@ -86,6 +87,7 @@ pub(super) struct LiveFusion<'a> {
     pub(super) last: Option<Tick>,
     /// Ticks that were stepped without input because the core was behind.
     pub(super) without_input: u64,
+    pub(super) shedding: LiveShedding,
     /// Messages that could not be read, of nobody in particular.
     pub(super) unreadable: u64,
     /// Messages that fusion had no room to send.
@@ -147,6 +149,7 @@ impl<'a> LiveFusion<'a> {
             core_stages: Vec::new(),
             last: None,
             without_input: 0,
+            shedding: LiveShedding::default(),
             unreadable: 0,
             unsent: 0,
             expect_until_us,
@@ -209,6 +212,7 @@ impl<'a> LiveFusion<'a> {
                         let edges = status.live.map(|live| live.edges).unwrap_or_default();
                         self.tell_refusals(&edges);
                         reporter.links(recent.map(|r| (r.p50_us, r.p99_us)), edges);
+                        self.shedding.tell();
                     }
                 }
             }
@@ -248,6 +252,8 @@ impl<'a> LiveFusion<'a> {
             }
             arrived_us = None;
         }
+        self.shedding
+            .trim(&mut group, self.edges.len(), self.time.period_us());
         self.queue.stepped();
         self.in_flight = Some(InFlight {
             captured_us: self.time.at(tick) + earliest_capture_us(&group),
@@ -333,6 +339,7 @@ impl<'a> LiveFusion<'a> {
             missing: sum(|edge| edge.missing),
             refused: self.tally.refused,
             unsent: self.unsent,
+            shed: self.shedding.shed,
         }
     }
 

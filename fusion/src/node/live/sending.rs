@@ -35,7 +35,10 @@ impl LiveFusion<'_> {
             boxes,
             unusable,
             stages,
+            cost,
         } = stepped;
+        cost.into_iter()
+            .for_each(|cost| self.shedding.stepped(cost));
         let tick = poses.tick;
         self.last = Some(tick);
         self.tally.unusable += u64::from(unusable);

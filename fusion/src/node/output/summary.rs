@@ -55,6 +55,8 @@ pub(in crate::node) struct Lost {
     pub(in crate::node) refused: u64,
     /// What fusion had no room to send.
     pub(in crate::node) unsent: u64,
+    /// Patches that ticks had no time for.
+    pub(in crate::node) shed: u64,
 }
 
 /// Puts the facts together; nothing outside `timing` depends on a clock or another process.
@@ -99,6 +101,7 @@ pub(in crate::node) fn summarize(venue: &Venue, facts: &RunFacts<'_>) -> Summary
             missing: lost.missing,
             refused: lost.refused,
             unsent: lost.unsent,
+            shed: lost.shed,
         },
         backends: by_edge(|status| &status.backend),
         models: by_edge(|status| &status.network_hash),
