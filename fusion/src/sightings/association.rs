@@ -7,19 +7,11 @@
 
 use std::collections::BTreeSet;
 
-use farfield_proto::order_statistics::upper_median;
 use nalgebra::Vector3;
 
+use super::agreement::{Agreements, RayAgreement};
 use crate::sightings::rays::{SightedBody, SightedRay};
 use crate::sightings::reconstruction::{Reconstruction, reconstruct};
-
-/// How far outside the field two rays may meet, metres: their meeting point is less certain than
-/// a body's.
-const FIELD_SLACK_M: f64 = 0.5;
-
-/// Sine of the angle between two rays, below which (4 degrees) they say nothing about each other:
-/// they meet anywhere.
-const PARALLEL_SINE: f64 = 0.07;
 
 /// Share of the members that may disagree with a new one: one bad sighting in a group must not keep
 /// the good ones out.
@@ -47,21 +39,31 @@ impl Gates {
         })
     }
 
+    /// Whether `ray` passes through the field grown by `slack_m`.
+    pub(crate) fn are_crossed_by(&self, ray: &SightedRay, slack_m: f64) -> bool {
+        let (mut from, mut to) = (0.0_f64, f64::INFINITY);
+        for i in 0..3 {
+            let low = self.field_min_m[i] - slack_m - ray.origin_m[i];
+            let high = self.field_max_m[i] + slack_m - ray.origin_m[i];
+            let along = ray.direction[i];
+            if along.abs() < f64::MIN_POSITIVE {
+                // Inside these two planes everywhere or nowhere.
+                if low > 0.0 || high < 0.0 {
+                    return false;
+                }
+                continue;
+            }
+            let (first, second) = (low / along, high / along);
+            from = from.max(first.min(second));
+            to = to.min(first.max(second));
+        }
+        from <= to
+    }
+
     /// Largest distance of a ray from its point: half of that between two rays.
     pub(crate) fn point_distance_m(&self) -> f64 {
         0.5 * self.ray_distance_m
     }
-}
-
-/// What two witnesses say about each other.
-#[derive(Debug, Clone, Copy, PartialEq)]
-enum RayAgreement {
-    /// Too little in common to tell.
-    Unknown,
-    /// The rays pass each other.
-    Disagree,
-    /// Median distance of the rays, metres.
-    Agree(f64),
 }
 
 /// Groups `free` witnesses (indices into `witnesses`) by person. Each group has two or more members
@@ -121,45 +123,34 @@ fn take_best(hypotheses: &mut Vec<Reconstruction>) -> Option<Reconstruction> {
 
 /// The different groups that grow from the pairs that agree, members ascending.
 fn grown_groups(witnesses: &[SightedBody], free: &[usize], gates: &Gates) -> BTreeSet<Vec<usize>> {
-    let mut verdicts = vec![vec![RayAgreement::Unknown; free.len()]; free.len()];
-    for a in 0..free.len() {
-        for b in a + 1..free.len() {
-            verdicts[a][b] = verdict(&witnesses[free[a]], &witnesses[free[b]], gates);
-            verdicts[b][a] = verdicts[a][b];
-        }
-    }
-    let mut groups = BTreeSet::new();
-    for a in 0..free.len() {
-        for b in a + 1..free.len() {
-            if let RayAgreement::Agree(_) = verdicts[a][b] {
-                let grown = grow(a, b, &verdicts, |m| witnesses[free[m]].viewpoint, gates);
-                groups.insert(grown.into_iter().map(|m| free[m]).collect());
-            }
-        }
-    }
-    groups
+    let mut agreements = Agreements::among(witnesses, free, gates);
+    let pairs = agreements.pairs();
+    let pairs = pairs.into_iter();
+    pairs
+        .map(|(a, b)| grow(a, b, &mut agreements, gates))
+        .collect()
 }
 
 /// Grows the pair (`a`, `b`) by the witness of another viewpoint that its members agree with best,
 /// until there is none.
-fn grow<V: PartialEq>(
-    a: usize,
-    b: usize,
-    verdicts: &[Vec<RayAgreement>],
-    viewpoint: impl Fn(usize) -> V,
-    gates: &Gates,
-) -> Vec<usize> {
+fn grow(a: usize, b: usize, agreements: &mut Agreements<'_>, gates: &Gates) -> Vec<usize> {
     let mut members = vec![a, b];
+    // Who agrees with none of the members gets no vote.
+    let mut candidates: BTreeSet<usize> = agreements.with(a).chain(agreements.with(b)).collect();
     loop {
-        let candidates = (0..verdicts.len())
-            .filter(|&c| members.iter().all(|&m| viewpoint(m) != viewpoint(c)))
-            .filter_map(|c| Some((c, votes(c, &members, verdicts, gates)?)));
-        let Some((best, _)) = candidates.max_by(|x, y| x.1.total_cmp(&y.1).then(y.0.cmp(&x.0)))
-        else {
+        candidates.retain(|&c| {
+            let mut others = members.iter();
+            !others.any(|&m| agreements.are_of_one_viewpoint(m, c))
+        });
+        let votes = candidates
+            .iter()
+            .filter_map(|&c| Some((c, votes(c, &members, agreements, gates)?)));
+        let Some((best, _)) = votes.max_by(|x, y| x.1.total_cmp(&y.1).then(y.0.cmp(&x.0))) else {
             members.sort_unstable();
             return members;
         };
         members.push(best);
+        candidates.extend(agreements.with(best));
     }
 }
 
@@ -168,12 +159,12 @@ fn grow<V: PartialEq>(
 fn votes(
     candidate: usize,
     members: &[usize],
-    verdicts: &[Vec<RayAgreement>],
+    agreements: &mut Agreements<'_>,
     gates: &Gates,
 ) -> Option<f64> {
     let (mut agreeing, mut disagreeing, mut sum) = (0_u32, 0_u32, 0.0);
     for &m in members {
-        match verdicts[candidate][m] {
+        match agreements.between(candidate, m) {
             RayAgreement::Unknown => {}
             RayAgreement::Disagree => disagreeing += 1,
             RayAgreement::Agree(distance) => {
@@ -184,48 +175,4 @@ fn votes(
     }
     let compared = f64::from(agreeing + disagreeing);
     (agreeing > 0 && f64::from(disagreeing) <= MAX_DISAGREEING * compared).then_some(sum)
-}
-
-/// Compares two witnesses by the distances of their rays, keypoint by keypoint.
-fn verdict(a: &SightedBody, b: &SightedBody, gates: &Gates) -> RayAgreement {
-    if a.viewpoint == b.viewpoint {
-        return RayAgreement::Unknown;
-    }
-    let distances: Vec<f64> = a
-        .in_common(b)
-        .filter_map(|(p, q)| meeting(p, q, gates))
-        .collect();
-    if distances.len() < gates.min_keypoints {
-        return RayAgreement::Unknown;
-    }
-    let agreeing = distances
-        .iter()
-        .filter(|&&d| d <= gates.ray_distance_m)
-        .count();
-    match upper_median(distances) {
-        Some(d) if d <= gates.ray_distance_m && agreeing >= gates.min_keypoints => {
-            RayAgreement::Agree(d)
-        }
-        _ => RayAgreement::Disagree,
-    }
-}
-
-/// The distance at which two rays pass each other; infinite when they do so behind a camera or
-/// outside the field, `None` when they are too parallel to tell.
-fn meeting(p: &SightedRay, q: &SightedRay, gates: &Gates) -> Option<f64> {
-    let normal = p.direction.cross(&q.direction);
-    let sine = normal.norm();
-    if sine < PARALLEL_SINE {
-        return None;
-    }
-    let between = q.origin_m - p.origin_m;
-    let along_p = between.cross(&q.direction).dot(&normal) / (sine * sine);
-    let along_q = between.cross(&p.direction).dot(&normal) / (sine * sine);
-    let middle = 0.5 * (p.origin_m + p.direction * along_p + q.origin_m + q.direction * along_q);
-    let possible = along_p > 0.0 && along_q > 0.0 && gates.inside(&middle, FIELD_SLACK_M);
-    Some(if possible {
-        between.dot(&normal).abs() / sine
-    } else {
-        f64::INFINITY
-    })
 }

@@ -27,16 +27,35 @@ pub(crate) struct DetectionPass {
     /// One per viewpoint and person seen.
     pub(crate) witnesses: Vec<SightedBody>,
     /// Per camera of the venue: whether the detector ran on it.
-    pub(crate) detected: Vec<bool>,
+    detected: Vec<bool>,
+    /// Per camera: what the witnesses cover in its image.
+    outlines: Vec<Vec<BodyOutline>>,
+    viewpoints: Vec<ViewpointIndex>,
 }
 
 impl DetectionPass {
+    /// Of the cameras that `detected`, one each of the venue.
+    pub(crate) fn new(witnesses: Vec<SightedBody>, detected: Vec<bool>) -> Self {
+        let mut viewpoints: Vec<ViewpointIndex> = witnesses.iter().map(|w| w.viewpoint).collect();
+        viewpoints.sort_unstable();
+        viewpoints.dedup();
+        let mut outlines = vec![Vec::new(); detected.len()];
+        for witness in &witnesses {
+            if let Some(own) = outlines.get_mut(witness.camera) {
+                own.extend(BodyOutline::around(witness));
+            }
+        }
+        Self {
+            witnesses,
+            detected,
+            outlines,
+            viewpoints,
+        }
+    }
+
     /// The viewpoints that saw anybody, in order.
-    pub(crate) fn viewpoints(&self) -> Vec<ViewpointIndex> {
-        let mut all: Vec<ViewpointIndex> = self.witnesses.iter().map(|w| w.viewpoint).collect();
-        all.sort_unstable();
-        all.dedup();
-        all
+    pub(crate) fn viewpoints(&self) -> &[ViewpointIndex] {
+        &self.viewpoints
     }
 
     /// Whether a camera of `viewpoint` on which the detector ran has the body of `points_m` (world) well in its image,
@@ -57,16 +76,11 @@ impl DetectionPass {
                 continue;
             }
             in_view = true;
-            let mut outlines = self
-                .witnesses
-                .iter()
-                .filter(|w| w.camera == index)
-                .filter_map(BodyOutline::around);
-            let covers = |outline: BodyOutline| {
+            let covers = |outline: &BodyOutline| {
                 let inside = pixels.iter().filter(|pixel| outline.holds(pixel)).count();
                 inside as f64 >= HIDDEN_SHARE * points_m.len() as f64
             };
-            if outlines.any(covers) {
+            if self.outlines[index].iter().any(covers) {
                 return false;
             }
         }
@@ -88,6 +102,7 @@ pub(crate) fn in_sight(model: &CameraModel, points_m: &[Vector3<f64>]) -> Vec<Pi
 }
 
 /// The upright rectangle that a sighted body covers in an image, undistorted pixels.
+#[derive(Debug, Clone)]
 struct BodyOutline {
     low: Vector2<f64>,
     high: Vector2<f64>,

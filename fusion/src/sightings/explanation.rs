@@ -2,7 +2,6 @@
 
 use std::collections::BTreeSet;
 
-use farfield_proto::order_statistics::upper_median;
 use nalgebra::Vector3;
 
 use crate::sightings::rays::SightedBody;
@@ -25,10 +24,10 @@ pub(crate) fn explained(
     tracked: &[KnownBody],
     explained_m: f64,
 ) -> Vec<Option<usize>> {
-    let mut pairs = Vec::new();
+    let (mut pairs, mut distances) = (Vec::new(), Vec::new());
     for (t, body) in tracked.iter().enumerate() {
         for (w, witness) in witnesses.iter().enumerate() {
-            let distance = witness_distance_m(witness, body).filter(|&d| d < explained_m);
+            let distance = distance_below(explained_m, witness, body, &mut distances);
             pairs.extend(distance.map(|d| (d, t, w)));
         }
     }
@@ -43,17 +42,36 @@ pub(crate) fn explained(
     explained
 }
 
-/// Median distance of the rays of a witness from the keypoints of a tracked body, metres.
-pub(crate) fn witness_distance_m(witness: &SightedBody, body: &KnownBody) -> Option<f64> {
+/// Median distance of the rays of a witness from the keypoints of a tracked body, metres, where it is below `limit_m`.
+/// `distances` is overwritten.
+fn distance_below(
+    limit_m: f64,
+    witness: &SightedBody,
+    body: &KnownBody,
+    distances: &mut Vec<f64>,
+) -> Option<f64> {
     let rays = witness.rays.iter().zip(&body.keypoints_m);
-    let distances: Vec<f64> = rays
-        .filter_map(|(ray, point)| Some(ray.as_ref()?.distance_m(point)))
-        .collect();
-    if distances.len() < EXPLAINED_KEYPOINTS {
-        None
-    } else {
-        upper_median(distances)
+    let n = rays.clone().filter(|(ray, _)| ray.is_some()).count();
+    if n < EXPLAINED_KEYPOINTS {
+        return None;
     }
+    // The upper median is below the limit when more than half of all are.
+    let mut may_be_far = n - (n / 2 + 1);
+    distances.clear();
+    for (ray, point_m) in rays {
+        let Some(ray) = ray else { continue };
+        let distance_m = ray.distance_m(point_m);
+        distances.push(distance_m);
+        if distance_m < limit_m {
+            continue;
+        }
+        if may_be_far == 0 {
+            return None;
+        }
+        may_be_far -= 1;
+    }
+    distances.sort_by(f64::total_cmp);
+    distances.get(n / 2).copied()
 }
 
 /// Mean distance of the keypoints of a group from those of a tracked body, metres.

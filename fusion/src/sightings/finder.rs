@@ -120,10 +120,8 @@ impl PersonFinder {
         detected: Vec<bool>,
     ) -> DetectionPass {
         let n_keypoints = self.keypoints.len();
-        DetectionPass {
-            witnesses: witnesses(sightings, &self.cameras, n_keypoints, self.min_score),
-            detected,
-        }
+        let witnesses = witnesses(sightings, &self.cameras, n_keypoints, self.min_score);
+        DetectionPass::new(witnesses, detected)
     }
 
     /// The persons that `sightings` of one tick, of all cameras, show and that `tracked` does not hold,
@@ -188,7 +186,7 @@ impl PersonFinder {
             self.explained_m,
         );
         let (mut seen, mut missed_by) = (0, Vec::new());
-        for viewpoint in pass.viewpoints() {
+        for &viewpoint in pass.viewpoints() {
             let mut own = pass.witnesses.iter().zip(&explained);
             if own.any(|(w, by)| by.is_some() && w.viewpoint == viewpoint) {
                 seen += 1;
@@ -239,11 +237,13 @@ impl PersonFinder {
         mut bodies: Vec<BodyGroup>,
     ) {
         self.attention.fade();
-        let viewpoints = pass.viewpoints();
+        let by_whom = explained.iter().zip(&pass.witnesses);
+        let seen: BTreeSet<(usize, ViewpointIndex)> = by_whom
+            .filter_map(|(by, witness)| Some(((*by)?, witness.viewpoint)))
+            .collect();
         for (t, body) in tracked.iter().enumerate() {
-            for &viewpoint in &viewpoints {
-                let mut own = pass.witnesses.iter().zip(explained);
-                if own.any(|(w, by)| *by == Some(t) && w.viewpoint == viewpoint) {
+            for &viewpoint in pass.viewpoints() {
+                if seen.contains(&(t, viewpoint)) {
                     self.attention.saw(viewpoint);
                 } else if pass.is_missed_by(viewpoint, &self.cameras, &body.keypoints_m) {
                     self.attention.missed(viewpoint);
@@ -299,7 +299,7 @@ fn missed_by(
     pass: &DetectionPass,
 ) -> Vec<ViewpointIndex> {
     let members = group.members.iter().map(|&m| pass.witnesses[m].viewpoint);
-    let others = pass.viewpoints().into_iter();
+    let others = pass.viewpoints().iter().copied();
     others
         .filter(|viewpoint| !members.clone().any(|member| member == *viewpoint))
         .filter(|&viewpoint| pass.is_missed_by(viewpoint, cameras, points_m))

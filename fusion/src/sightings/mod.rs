@@ -8,6 +8,7 @@
 //!
 //! Everything is compared in the world, in metres. Who is who is not decided here.
 
+mod agreement;
 mod association;
 mod attention;
 pub(crate) mod contradiction;

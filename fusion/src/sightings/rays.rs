@@ -10,7 +10,6 @@ use farfield_proto::camera::CameraModel;
 use farfield_proto::frames::{Pixel, Undistorted};
 use farfield_proto::id::ViewpointIndex;
 use farfield_proto::message::Sighting;
-use farfield_proto::order_statistics::upper_median;
 use nalgebra::Vector3;
 
 /// Sightings of two cameras of one viewpoint may show the same person when their rays differ by less
@@ -24,6 +23,9 @@ const SAME_SIGHTING_SHARE: f64 = 0.04;
 
 /// Least keypoints in common for two sightings of one viewpoint to be compared.
 const SAME_PERSON_KEYPOINTS: usize = 4;
+
+/// Far more than what rounding makes of the cosine between two unit vectors.
+const COSINE_ROUNDING: f64 = 1e-9;
 
 /// A keypoint as one camera sees it.
 #[derive(Debug, Clone, Copy)]
@@ -164,42 +166,59 @@ pub(crate) fn witnesses(
         let rivals = (0..all.len()).filter(|&other| body_of[other] == body_of[w]);
         rivals.max_by(|&x, &y| all[x].worth().total_cmp(&all[y].worth()).then(y.cmp(&x)))
     };
-    let kept: Vec<usize> = (0..all.len()).filter(|&w| best_of(w) == Some(w)).collect();
-    kept.into_iter().map(|w| all[w].clone()).collect()
+    let kept: Vec<bool> = (0..all.len()).map(|w| best_of(w) == Some(w)).collect();
+    let all = all.into_iter().zip(kept);
+    all.filter_map(|(body, is_kept)| is_kept.then_some(body))
+        .collect()
 }
 
 /// Pairs of sightings of one viewpoint that may show the same person, with how much they differ as
 /// a share of the body's angular size.
 fn same_person_pairs(all: &[SightedBody]) -> Vec<(f64, usize, usize)> {
-    let mut pairs = Vec::new();
+    let sizes_rad: Vec<f64> = all.iter().map(SightedBody::angular_size_rad).collect();
+    let (mut pairs, mut angles) = (Vec::new(), Vec::new());
     for (a, first) in all.iter().enumerate() {
         for (b, second) in all.iter().enumerate().skip(a + 1) {
+            if first.viewpoint != second.viewpoint {
+                continue;
+            }
             let limit = if first.camera == second.camera {
                 SAME_SIGHTING_SHARE
             } else {
                 SAME_PERSON_SHARE
             };
-            let share = difference_share(first, second).filter(|&share| share < limit);
-            pairs.extend(share.map(|share| (share, a, b)));
+            let size_rad = sizes_rad[a].max(sizes_rad[b]);
+            if are_apart(first, second, limit * size_rad) {
+                continue;
+            }
+            let share = median_angle_rad(first, second, &mut angles).map(|angle| angle / size_rad);
+            pairs.extend(share.filter(|&share| share < limit).map(|s| (s, a, b)));
         }
     }
     pairs
 }
 
-/// Median angle between the rays of two sightings of one viewpoint over the body's angular size;
-/// `None` for different viewpoints and with too few keypoints in common.
-fn difference_share(a: &SightedBody, b: &SightedBody) -> Option<f64> {
-    if a.viewpoint != b.viewpoint {
-        return None;
+/// Whether the median angle between the rays of two sightings is `limit_rad` or more for certain. (That it is not
+/// certain says nothing.)
+fn are_apart(a: &SightedBody, b: &SightedBody, limit_rad: f64) -> bool {
+    // An angle is larger than the limit where its cosine is less than 1 - limit²/2, which is never above the limit's.
+    let apart = 1.0 - 0.5 * limit_rad * limit_rad - COSINE_ROUNDING;
+    let (mut common, mut larger) = (0, 0);
+    for (p, q) in a.in_common(b) {
+        common += 1;
+        larger += usize::from(p.direction.dot(&q.direction) < apart);
     }
-    let angles: Vec<f64> = a
-        .in_common(b)
-        .map(|(p, q)| p.direction.angle(&q.direction))
-        .collect();
-    let size = a.angular_size_rad().max(b.angular_size_rad());
-    if angles.len() < SAME_PERSON_KEYPOINTS {
-        None
-    } else {
-        Some(upper_median(angles)? / size)
-    }
+    // The upper median is the one after the first half.
+    larger >= common - common / 2
+}
+
+/// Median angle between the rays of two sightings of one viewpoint; `None` with too few keypoints in common. `angles`
+/// is overwritten.
+fn median_angle_rad(a: &SightedBody, b: &SightedBody, angles: &mut Vec<f64>) -> Option<f64> {
+    angles.clear();
+    let common = a.in_common(b);
+    angles.extend(common.map(|(p, q)| p.direction.angle(&q.direction)));
+    angles.sort_by(f64::total_cmp);
+    let is_compared = angles.len() >= SAME_PERSON_KEYPOINTS;
+    is_compared.then(|| angles[angles.len() / 2])
 }

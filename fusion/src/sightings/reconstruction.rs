@@ -107,26 +107,32 @@ fn summary(
 
 /// The point that at least two of `rays` agree on; of more than two, the ray without which the
 /// others agree best is dropped until all pass within `gate_m`.
-fn agreed_point(mut rays: Vec<&SightedRay>, gate_m: f64) -> Option<SightedKeypoint> {
-    let mut best = meeting(&rays)?;
+fn agreed_point(rays: Vec<&SightedRay>, gate_m: f64) -> Option<SightedKeypoint> {
+    let bundle = RayBundle::of(rays);
+    let mut kept: Vec<usize> = (0..bundle.rays.len()).collect();
+    let mut others = Vec::with_capacity(kept.len());
+    let mut best = bundle.meeting(&kept)?;
     while best.worst_m > gate_m {
-        if rays.len() == 2 {
+        if kept.len() == 2 {
             return None;
         }
-        let without = (0..rays.len()).filter_map(|dropped| {
-            let mut others = rays.clone();
-            others.remove(dropped);
-            Some((meeting(&others)?, others))
+        let without = (0..kept.len()).filter_map(|dropped| {
+            others.clear();
+            others.extend_from_slice(&kept[..dropped]);
+            others.extend_from_slice(&kept[dropped + 1..]);
+            Some((bundle.meeting(&others)?, dropped))
         });
         // Flat angles make rays pass near each other whatever they show, so they count for less.
         let doubt = |m: &RayMeeting| m.worst_m / m.sine;
-        (best, rays) = without.min_by(|a, b| doubt(&a.0).total_cmp(&doubt(&b.0)))?;
+        let (meeting, dropped) = without.min_by(|a, b| doubt(&a.0).total_cmp(&doubt(&b.0)))?;
+        best = meeting;
+        kept.remove(dropped);
     }
-    let score = rays.iter().map(|ray| ray.score).sum::<f64>() / rays.len() as f64;
+    let score = kept.iter().map(|&r| bundle.rays[r].score).sum::<f64>() / kept.len() as f64;
     Some(SightedKeypoint {
         position_m: best.point_m,
         score,
-        views: rays.len() as u16,
+        views: kept.len() as u16,
     })
 }
 
@@ -139,48 +145,77 @@ struct RayMeeting {
     sine: f64,
 }
 
-/// The nearest point to `rays`; `None` when they are too few or nearly parallel, or meet behind a
-/// camera.
-fn meeting(rays: &[&SightedRay]) -> Option<RayMeeting> {
-    let crossed = |a: &SightedRay, b: &SightedRay| a.direction.cross(&b.direction).norm();
-    let pairs = rays
-        .iter()
-        .enumerate()
-        .flat_map(|(i, a)| rays[i + 1..].iter().map(move |b| crossed(a, b)));
-    let sine = pairs.fold(0.0, f64::max);
-    if sine < libm::sin(MIN_ANGLE_RAD) {
-        return None;
-    }
-    let even = nearest_point(rays, |_| 1.0)?;
-    // An error of a pixel is an error in metres that grows with the distance, so near cameras
-    // decide; one repetition is enough for the distances to be known.
-    let point_m = nearest_point(rays, |ray| ray.depth_m(&even).max(NEAREST_M).powi(-2))?;
-    let in_front = rays.iter().all(|ray| ray.depth_m(&point_m) > 0.0);
-    let worst_m = rays
-        .iter()
-        .map(|ray| ray.distance_m(&point_m))
-        .fold(0.0, f64::max);
-    in_front.then_some(RayMeeting {
-        point_m,
-        worst_m,
-        sine,
-    })
+/// The rays of one keypoint, with what all of their subsets share.
+struct RayBundle<'a> {
+    rays: Vec<&'a SightedRay>,
+    /// I - d dᵀ of each ray.
+    across: Vec<Matrix3<f64>>,
+    /// Per ray, the sines of its angles to those before it.
+    sines: Vec<Vec<f64>>,
 }
 
-/// The point with the least weighted sum of squared distances from `rays`.
-///
-/// ```text
-///   (sum w P) x = sum w P o,   P = I - d d'      w = score times `trust`
-/// ```
-fn nearest_point(rays: &[&SightedRay], trust: impl Fn(&SightedRay) -> f64) -> Option<Vector3<f64>> {
-    let mut a = Matrix3::zeros();
-    let mut b = Vector3::zeros();
-    for ray in rays {
-        let p = (Matrix3::identity() - ray.direction * ray.direction.transpose())
-            * (ray.score * trust(ray));
-        a += p;
-        b += p * ray.origin_m;
+impl<'a> RayBundle<'a> {
+    fn of(rays: Vec<&'a SightedRay>) -> Self {
+        let across =
+            |ray: &&SightedRay| Matrix3::identity() - ray.direction * ray.direction.transpose();
+        let sines = |(n, ray): (usize, &&SightedRay)| {
+            let before = rays[..n].iter();
+            before
+                .map(|other| other.direction.cross(&ray.direction).norm())
+                .collect()
+        };
+        Self {
+            across: rays.iter().map(across).collect(),
+            sines: rays.iter().enumerate().map(sines).collect(),
+            rays,
+        }
     }
-    let x = a.cholesky()?.solve(&b);
-    x.iter().all(|v| v.is_finite()).then_some(x)
+
+    /// The nearest point to the rays `of` these indices, ascending; `None` when they are too few or nearly parallel,
+    /// or meet behind a camera.
+    fn meeting(&self, of: &[usize]) -> Option<RayMeeting> {
+        let before = |(n, &r): (usize, &usize)| {
+            let others = of[..n].iter();
+            others.fold(0.0_f64, |widest, &other| widest.max(self.sines[r][other]))
+        };
+        let sine = of.iter().enumerate().map(before).fold(0.0, f64::max);
+        if sine < libm::sin(MIN_ANGLE_RAD) {
+            return None;
+        }
+        let even = self.nearest_point(of, |_| 1.0)?;
+        // An error of a pixel is an error in metres that grows with the distance, so near cameras
+        // decide; one repetition is enough for the distances to be known.
+        let trust = |ray: &SightedRay| ray.depth_m(&even).max(NEAREST_M).powi(-2);
+        let point_m = self.nearest_point(of, trust)?;
+        let rays = of.iter().map(|&r| self.rays[r]);
+        let in_front = rays.clone().all(|ray| ray.depth_m(&point_m) > 0.0);
+        let worst_m = rays.map(|ray| ray.distance_m(&point_m)).fold(0.0, f64::max);
+        in_front.then_some(RayMeeting {
+            point_m,
+            worst_m,
+            sine,
+        })
+    }
+
+    /// The point with the least weighted sum of squared distances from the rays `of` these indices.
+    ///
+    /// ```text
+    ///   (sum w P) x = sum w P o,   P = I - d d'      w = score times `trust`
+    /// ```
+    fn nearest_point(
+        &self,
+        of: &[usize],
+        trust: impl Fn(&SightedRay) -> f64,
+    ) -> Option<Vector3<f64>> {
+        let mut a = Matrix3::zeros();
+        let mut b = Vector3::zeros();
+        for &r in of {
+            let ray = self.rays[r];
+            let p = self.across[r] * (ray.score * trust(ray));
+            a += p;
+            b += p * ray.origin_m;
+        }
+        let x = a.cholesky()?.solve(&b);
+        x.iter().all(|v| v.is_finite()).then_some(x)
+    }
 }
