@@ -85,12 +85,19 @@ impl Decoder {
         for keypoint in 0..into.keypoints() {
             self.modes.clear();
             self.model.modes(reader, recipe, &mut self.modes);
-            let cells = into.cells_mut(keypoint);
+            let (cells, written) = into.to_write(keypoint);
             for mode in &self.modes {
                 mode.draw(&scale, cells);
+                let rows = mode.rows(&scale);
+                *written = if written.start >= written.end {
+                    rows
+                } else {
+                    written.start.min(rows.start)..written.end.max(rows.end)
+                };
             }
             let contexts = &mut self.model.contexts;
             if rest.step > 0 && reader.code(false, contexts.corrected(self.modes.len())) {
+                *written = 0..scale.height;
                 self.grid.code(reader, contexts, cells, &scale);
                 self.grid.apply(cells, rest.step, &scale);
             }

@@ -1,5 +1,7 @@
 //! Part confidence maps, as cells and as they travel, and how large they may be.
 
+use std::ops::Range;
+
 use serde::{Deserialize, Serialize};
 
 /// Largest width and height of a map, cells.
@@ -76,13 +78,25 @@ pub enum PatchError {
 }
 
 /// Part confidence maps: one map of `width` x `height` cells per keypoint, value = cell / 255.
-#[derive(Debug, Clone, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Default)]
 pub struct Maps {
     pub(super) width: usize,
     pub(super) height: usize,
     keypoints: usize,
     pub(super) cells: Vec<u8>,
+    /// Per map, the rows outside which all cells are zero: the maps of a crowd are larger than a processor's caches,
+    /// and most of their rows are empty.
+    written: Vec<Range<usize>>,
 }
+
+impl PartialEq for Maps {
+    fn eq(&self, other: &Self) -> bool {
+        let shape = |maps: &Self| (maps.width, maps.height, maps.keypoints);
+        shape(self) == shape(other) && self.cells == other.cells
+    }
+}
+
+impl Eq for Maps {}
 
 impl Maps {
     /// Empty maps (all cells 0). Sides above [`MAX_SIDE`] and more keypoints than [`MAX_KEYPOINTS`]
@@ -96,12 +110,21 @@ impl Maps {
     /// Makes these maps of the given size, all cells 0, without giving memory back. Sides above
     /// [`MAX_SIDE`] and more keypoints than [`MAX_KEYPOINTS`] are cut to these.
     pub fn resize(&mut self, width: usize, height: usize, keypoints: usize) {
-        self.width = width.min(MAX_SIDE);
-        self.height = height.min(MAX_SIDE);
-        self.keypoints = keypoints.min(MAX_KEYPOINTS);
+        let [width, height] = [width, height].map(|side| side.min(MAX_SIDE));
+        let keypoints = keypoints.min(MAX_KEYPOINTS);
+        if (width, height, keypoints) == (self.width, self.height, self.keypoints) {
+            for (k, rows) in self.written.iter_mut().enumerate() {
+                let Range { start, end } = std::mem::take(rows);
+                let first = k * height;
+                self.cells[(first + start) * width..(first + end) * width].fill(0);
+            }
+            return;
+        }
+        (self.width, self.height, self.keypoints) = (width, height, keypoints);
         self.cells.clear();
-        self.cells
-            .resize(self.width * self.height * self.keypoints, 0);
+        self.cells.resize(width * height * keypoints, 0);
+        self.written.clear();
+        self.written.resize(keypoints, 0..0);
     }
 
     /// Cells in a row.
@@ -133,8 +156,27 @@ impl Maps {
     /// # Panics
     /// When there is no such keypoint.
     pub fn cells_mut(&mut self, k: usize) -> &mut [u8] {
+        let height = self.height;
+        let (cells, written) = self.to_write(k);
+        *written = 0..height;
+        cells
+    }
+
+    /// The rows of the map of keypoint `k` outside which all cells are zero.
+    ///
+    /// # Panics
+    /// When there is no such keypoint.
+    pub fn written_rows(&self, k: usize) -> Range<usize> {
+        self.written[k].clone()
+    }
+
+    /// The map of keypoint `k`, and the rows that are written: for whoever writes only some and adds them.
+    pub(super) fn to_write(&mut self, k: usize) -> (&mut [u8], &mut Range<usize>) {
         let area = self.width * self.height;
-        &mut self.cells[k * area..(k + 1) * area]
+        (
+            &mut self.cells[k * area..(k + 1) * area],
+            &mut self.written[k],
+        )
     }
 }
 

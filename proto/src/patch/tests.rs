@@ -271,6 +271,27 @@ proptest! {
     }
 
     #[test]
+    fn nothing_of_a_patch_is_left_in_the_maps_for_the_next(
+        sigmas in (1.0f32..5.0, 1.0f32..5.0), second_peaks in (0.0f32..0.9, 0.0f32..0.9), levels in (0u8..8, 0u8..8),
+        damage in (any::<prop::sample::Index>(), any::<u8>()),
+    ) {
+        let maps = (body(sigmas.0, second_peaks.0), body(sigmas.1, second_peaks.1));
+        let encoded = |maps: &Maps, level| Encoder::new().encode(maps, CompressionLevel::new(level));
+        let (mut first, second) = (encoded(&maps.0, levels.0), encoded(&maps.1, levels.1));
+        if !first.bytes.is_empty() {
+            let at = damage.0.index(first.bytes.len());
+            first.bytes[at] ^= damage.1;
+        }
+        let (mut decoder, mut used, mut fresh) = (Decoder::new(), Maps::default(), Maps::default());
+        let _whether_readable = decoder.decode(&first, &mut used);
+        decoder.decode(&second, &mut used).unwrap();
+        Decoder::new().decode(&second, &mut fresh).unwrap();
+        prop_assert_eq!(&used, &fresh);
+        used.resize(second.width.into(), second.height.into(), second.keypoints.into());
+        prop_assert!(used.cells.iter().all(|&cell| cell == 0));
+    }
+
+    #[test]
     fn random_bytes_never_panic(
         width in 0u16..300, height in 0u16..300, keypoints in 0u8..70,
         bytes in prop::collection::vec(any::<u8>(), 0..600),

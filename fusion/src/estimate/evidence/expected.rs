@@ -2,6 +2,7 @@
 
 use nalgebra::{Matrix3x4, Vector2, Vector3};
 
+use super::map_peaks::Map;
 use super::{MapPeaks, View};
 use crate::estimate::occlusion::SightCone;
 
@@ -87,11 +88,12 @@ impl View {
             {
                 let size = (self.maps.width(), self.maps.height());
                 let half_width_cells = half_width_m / expected.cell_m;
-                peaks.find(
-                    self.maps.cells(keypoint),
+                let map = Map {
+                    cells: self.maps.cells(keypoint),
                     size,
-                    (expected.cell, half_width_cells),
-                );
+                    written_rows: self.maps.written_rows(keypoint),
+                };
+                peaks.find(&map, (expected.cell, half_width_cells));
             }
         }
     }

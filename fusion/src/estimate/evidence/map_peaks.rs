@@ -1,5 +1,7 @@
 //! The peaks of one map around where its keypoint is expected.
 
+use std::ops::Range;
+
 use farfield_proto::patch::MAX_SIDE;
 use nalgebra::Vector2;
 
@@ -30,10 +32,11 @@ pub(crate) struct MapPeaks {
     highest: u8,
 }
 
-/// A map as it is searched: rows of `size.0` cells.
-struct Map<'a> {
-    cells: &'a [u8],
-    size: (usize, usize),
+/// A map as it is searched: rows of `size.0` cells, which are zero outside the `written_rows`.
+pub(super) struct Map<'a> {
+    pub(super) cells: &'a [u8],
+    pub(super) size: (usize, usize),
+    pub(super) written_rows: Range<usize>,
 }
 
 impl MapPeaks {
@@ -54,34 +57,31 @@ impl MapPeaks {
     }
 
     /// Finds the peaks of a map within `half_width_cells` times the square root of two of `center` along both axes.
-    pub(super) fn find(
-        &mut self,
-        cells: &[u8],
-        size: (usize, usize),
-        (center, half_width_cells): (Vector2<f64>, f64),
-    ) {
+    pub(super) fn find(&mut self, map: &Map<'_>, (center, half_width_cells): (Vector2<f64>, f64)) {
         *self = Self {
             are_found: true,
             ..Self::default()
         };
-        let map = Map { cells, size };
+        let Map { cells, size, .. } = *map;
         let reach = half_width_cells * 2.0f64.sqrt();
         let columns = span(center.x, reach, size.0);
         let near_columns = span(center.x, half_width_cells, size.0);
         let near_rows = span(center.y, half_width_cells, size.1);
-        let mut rows = RowScan::default();
-        for y in span(center.y, reach, size.1) {
+        // In whole words, which hold the window.
+        let words = columns.start / 8 * 8..columns.end.next_multiple_of(8).min(size.0);
+        let mut highest = [0; MAX_SIDE];
+        let rows = span(center.y, reach, size.1);
+        let written = &map.written_rows;
+        for y in rows.start.max(written.start)..rows.end.min(written.end) {
             let row = &cells[y * size.0..][..size.0];
-            if is_low(row) {
+            if is_low(&row[words.clone()]) {
                 continue;
             }
             if near_rows.contains(&y) {
-                rows.count(row);
+                raise(&mut highest[..size.0], row);
             }
-            let tops = rows.tops(&map, y);
-            let chunks = columns.start / CHUNK..columns.end.div_ceil(CHUNK);
-            for (chunk, bytes) in chunks.clone().zip(&tops[chunks]) {
-                let mut left = u128::from_le_bytes(*bytes);
+            for chunk in columns.start / CHUNK..columns.end.div_ceil(CHUNK) {
+                let mut left = map.tops(chunk * CHUNK, y);
                 while left != 0 {
                     let byte = left.trailing_zeros() / 8;
                     left &= left - 1;
@@ -95,7 +95,7 @@ impl MapPeaks {
                 }
             }
         }
-        let near = &rows.highest[near_columns];
+        let near = &highest[near_columns];
         self.highest = near.iter().fold(0, |most, &cell| most.max(cell));
     }
 
@@ -124,65 +124,86 @@ fn is_low(row: &[u8]) -> bool {
     bits & HIGH == 0 && rest.iter().all(|&cell| cell < LEAST_PEAK)
 }
 
-/// Most cells of a row, in whole chunks.
-const MOST_CELLS: usize = MAX_SIDE.next_multiple_of(CHUNK);
-
-/// One row after the other, many cells at once: loops without branches.
-struct RowScan {
-    tops: [u8; MOST_CELLS],
-    /// Per column, the highest cell of the rows that count.
-    highest: [u8; MOST_CELLS],
-}
-
-impl Default for RowScan {
-    fn default() -> Self {
-        Self {
-            tops: [0; MOST_CELLS],
-            highest: [0; MOST_CELLS],
+/// Raises each of `highest` to the cell of its column.
+fn raise(highest: &mut [u8], row: &[u8]) {
+    let (chunks, rest) = highest.as_chunks_mut::<CHUNK>();
+    let (rows, row_rest) = row.as_chunks::<CHUNK>();
+    for (highest, row) in chunks.iter_mut().zip(rows) {
+        for (highest, &cell) in highest.iter_mut().zip(row) {
+            *highest = cell.max(*highest);
         }
+    }
+    for (highest, &cell) in rest.iter_mut().zip(row_rest) {
+        *highest = cell.max(*highest);
     }
 }
 
-impl RowScan {
-    fn count(&mut self, row: &[u8]) {
-        for (highest, &cell) in self.highest.iter_mut().zip(row) {
-            *highest = (*highest).max(cell);
-        }
-    }
-
-    /// One number per cell of a row, not zero where it is high enough and no neighbour in the row is higher; of a
-    /// plateau, its first cell. All rows are of one length.
-    fn tops(&mut self, map: &Map<'_>, y: usize) -> &[[u8; CHUNK]] {
-        let width = map.size.0;
-        let start = y * width;
-        let tops = &mut self.tops[..width];
-        let top = |left: u8, own: u8, right: u8| {
-            u8::from(own >= LEAST_PEAK) & u8::from(own > left) & u8::from(own >= right)
-        };
-        // The cell before the first and the one after the last belong to other rows, or to none.
-        let last = width - 1;
-        if let Some(around) = map.cells.get(start.wrapping_sub(1)..start + width + 1) {
-            let (left, own, right) = (&around[..width], &around[1..=width], &around[2..]);
-            for (((tops, &left), &own), &right) in tops.iter_mut().zip(left).zip(own).zip(right) {
-                *tops = top(left, own, right);
-            }
-        } else {
-            let row = &map.cells[start..start + width];
-            for (tops, cells) in tops.iter_mut().skip(1).zip(row.windows(3)) {
-                *tops = top(cells[0], cells[1], cells[2]);
-            }
-        }
-        let row = &map.cells[start..start + width];
-        let beside = |x: usize| if x < width { row[x] } else { 0 };
-        tops[0] = top(0, row[0], beside(1));
-        tops[last] = top(beside(last.wrapping_sub(1)), row[last], 0);
-        self.tops.as_chunks().0
-    }
+/// Whether a cell is high enough, higher than those `before` it and not lower than those `after` it: 1, or 0. In sums
+/// that saturate, which processors do for many cells at once.
+fn is_top(own: u8, before: u8, after: u8) -> u8 {
+    let is_high = own.saturating_sub(LEAST_PEAK - 1).min(1);
+    let is_higher = own.saturating_sub(before).min(1);
+    let is_lower = after.saturating_sub(own).min(1);
+    is_high & is_higher & (1 - is_lower)
 }
 
 impl Map<'_> {
     fn value(&self, x: usize, y: usize) -> u8 {
         self.cells[y * self.size.0 + x]
+    }
+
+    /// One byte per cell of a chunk of a row, from column `first` on: 1 where it is high enough and higher than its
+    /// neighbours in the row and the column; of a plateau, where its first cell is.
+    fn tops(&self, first: usize, y: usize) -> u128 {
+        let width = self.size.0;
+        let mut tops = self
+            .inner_tops(first, y)
+            .unwrap_or_else(|| std::array::from_fn(|i| self.top(first + i, y)));
+        // What lies before the first cell and after the last belongs to other rows.
+        if first == 0 {
+            tops[0] = self.top(0, y);
+        }
+        for (x, top) in (first..)
+            .zip(&mut tops)
+            .skip((width - 1).saturating_sub(first))
+        {
+            *top = self.top(x, y);
+        }
+        u128::from_le_bytes(tops)
+    }
+
+    /// [`Self::tops`] but for the first and the last cell of the row; `None` where there is no row above or below.
+    fn inner_tops(&self, first: usize, y: usize) -> Option<[u8; CHUNK]> {
+        let width = self.size.0;
+        let at = y * width + first;
+        let chunk = |at: usize| self.cells.get(at..)?.first_chunk::<CHUNK>();
+        let own = chunk(at)?;
+        let (left, above) = (chunk(at.checked_sub(1)?)?, chunk(at.checked_sub(width)?)?);
+        let (right, below) = (chunk(at + 1)?, chunk(at + width)?);
+        Some(std::array::from_fn(|i| {
+            is_top(own[i], left[i].max(above[i]), right[i].max(below[i]))
+        }))
+    }
+
+    /// As [`is_top`], of any cell: beyond the map there is nothing, and nothing is a top there.
+    fn top(&self, x: usize, y: usize) -> u8 {
+        let (width, height) = self.size;
+        if x >= width {
+            return 0;
+        }
+        let left = if x > 0 { self.value(x - 1, y) } else { 0 };
+        let right = if x + 1 < width {
+            self.value(x + 1, y)
+        } else {
+            0
+        };
+        let above = if y > 0 { self.value(x, y - 1) } else { 0 };
+        let below = if y + 1 < height {
+            self.value(x, y + 1)
+        } else {
+            0
+        };
+        is_top(self.value(x, y), left.max(above), right.max(below))
     }
 
     /// Whether none of the neighbours in the rows above and below is higher; of a plateau, its first cell counts.
@@ -232,7 +253,12 @@ mod tests {
 
     fn found(cells: &[u8], center: [f64; 2], half_width_cells: f64) -> MapPeaks {
         let mut peaks = MapPeaks::default();
-        peaks.find(cells, SIZE, (center.into(), half_width_cells));
+        let map = Map {
+            cells,
+            size: SIZE,
+            written_rows: 0..SIZE.1,
+        };
+        peaks.find(&map, (center.into(), half_width_cells));
         peaks
     }
 

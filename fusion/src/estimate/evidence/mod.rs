@@ -199,7 +199,9 @@ impl View {
         }
         for (keypoint, &crop) in self.crop_of_keypoint.iter().enumerate() {
             let seen = &self.crops[usize::from(crop)].seen;
-            seen.extend(self.maps.cells_mut(keypoint));
+            if !seen.is_whole() {
+                seen.extend(self.maps.cells_mut(keypoint));
+            }
         }
         Ok(())
     }

@@ -77,6 +77,11 @@ impl SeenCells {
             .unwrap_or(true)
     }
 
+    /// Whether every cell stands for itself.
+    pub(super) fn is_whole(&self) -> bool {
+        self.outline == CropOutline::Whole
+    }
+
     /// Gives the unseen cells of one map the values of their nearest seen cells.
     pub(super) fn extend(&self, cells: &mut [u8]) {
         match &self.outline {

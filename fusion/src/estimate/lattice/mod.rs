@@ -57,6 +57,8 @@ struct LatticeMode {
     score: f64,
     /// Whether Newton's steps have led to it.
     is_refined: bool,
+    /// How many of these are to seek the maximum of F first: none from where lines of sight meet.
+    pulled_steps: usize,
 }
 
 impl LatticeMode {
@@ -65,6 +67,7 @@ impl LatticeMode {
             offset_m,
             score,
             is_refined: false,
+            pulled_steps: 0,
         }
     }
 }
@@ -276,6 +279,7 @@ impl Keypoint {
         let known = self.modes.as_slice().iter();
         let mut apart_m = known.map(|m| (m.offset_m - mode.offset_m).norm());
         if mode.score > 0.0 && apart_m.all(|apart_m| apart_m >= one_place_m) {
+            mode.pulled_steps = refine::PULLED_STEPS;
             self.modes.insert(mode);
         }
     }
@@ -298,9 +302,12 @@ impl Keypoint {
             return mode;
         }
         let step_m = self.fine_m(at);
-        let found = work
-            .refiner
-            .newton(at, &self.witnesses, mode.offset_m, step_m);
+        let found = work.refiner.newton(
+            at,
+            &self.witnesses,
+            (mode.offset_m, mode.pulled_steps),
+            step_m,
+        );
         let before = mode.score / prior(mode.offset_m, at.parameters.prior_sigma_m);
         let found = found.filter(|offset_m| self.listen(at, *offset_m) >= refine::LOSS * before);
         let offset_m = found.unwrap_or_else(|| {

@@ -7,7 +7,7 @@ use super::witness::{Witness, Witnesses};
 use super::{KeypointPlace, LatticeMode};
 
 /// Most Newton steps that seek the maximum of F; three settle to a hundredth of a cell.
-const PULLED_STEPS: usize = 3;
+pub(super) const PULLED_STEPS: usize = 3;
 /// Most Newton steps that seek the maximum of S. Each leaves lambda/(h + lambda) of the pull, h the
 /// curvature of S: about a tenth with cells of 35 mm.
 const FREE_STEPS: usize = 3;
@@ -59,12 +59,13 @@ impl Refiner {
     /// from a quadratic per view (least squares over 5 x 5 cells around the projection), curvatures that
     /// point the wrong way left out, so H + lambda I is positive definite. The steps with lambda d seek the
     /// maximum of F, which lies towards the prediction; the others take that pull back where the views
-    /// determine the position, and leave it where they do not (along the ray of a single view).
+    /// determine the position, and leave it where they do not (along the ray of a single view). A start that is
+    /// such a maximum already, as far as the views do not determine it, needs no `pulled_steps`.
     pub(super) fn newton(
         &mut self,
         at: &KeypointPlace<'_>,
         witnesses: &Witnesses,
-        start_m: Vector3<f64>,
+        (start_m, pulled_steps): (Vector3<f64>, usize),
         step_m: f64,
     ) -> Option<Vector3<f64>> {
         self.hills.clear();
@@ -72,7 +73,7 @@ impl Refiner {
         let sigma_m = at.parameters.prior_sigma_m;
         let mut offset_m = start_m;
         for (steps, is_pulled, last_m) in [
-            (PULLED_STEPS, true, LAST_PULLED_M),
+            (pulled_steps, true, LAST_PULLED_M),
             (FREE_STEPS, false, LAST_FREE_M),
         ] {
             for _ in 0..steps {
