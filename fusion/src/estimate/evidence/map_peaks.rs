@@ -67,33 +67,30 @@ impl MapPeaks {
         let columns = span(center.x, reach, size.0);
         let near_columns = span(center.x, half_width_cells, size.0);
         let near_rows = span(center.y, half_width_cells, size.1);
-        // In whole words, which hold the window.
-        let words = columns.start / 8 * 8..columns.end.next_multiple_of(8).min(size.0);
-        let mut highest = [0; MAX_SIDE];
+        // In whole chunks, which hold the window.
+        let chunks = columns.start / CHUNK * CHUNK..columns.end.next_multiple_of(CHUNK).min(size.0);
+        let (mut highest, mut tops) = ([0; MAX_SIDE], [0; MAX_SIDE]);
         let rows = span(center.y, reach, size.1);
         let written = &map.written_rows;
         for y in rows.start.max(written.start)..rows.end.min(written.end) {
             let row = &cells[y * size.0..][..size.0];
-            if is_low(&row[words.clone()]) {
+            if is_low(&row[chunks.clone()]) {
                 continue;
             }
             if near_rows.contains(&y) {
-                raise(&mut highest[..size.0], row);
+                raise(&mut highest[chunks.clone()], &row[chunks.clone()]);
             }
-            for chunk in columns.start / CHUNK..columns.end.div_ceil(CHUNK) {
-                let mut left = map.tops(chunk * CHUNK, y);
-                while left != 0 {
-                    let byte = left.trailing_zeros() / 8;
-                    left &= left - 1;
-                    let x = chunk * CHUNK + byte as usize;
-                    if columns.contains(&x) && map.is_highest(x, y) {
-                        self.insert(MapPeak {
-                            cell: map.top_of(x, y),
-                            height: f64::from(row[x]) / 255.0,
-                        });
-                    }
+            let tops = &mut tops[..chunks.len()];
+            map.find_tops(chunks.start, y, tops);
+            each_top(tops, |at| {
+                let x = chunks.start + at;
+                if columns.contains(&x) && map.is_highest(x, y) {
+                    self.insert(MapPeak {
+                        cell: map.top_of(x, y),
+                        height: f64::from(row[x]) / 255.0,
+                    });
                 }
-            }
+            });
         }
         let near = &highest[near_columns];
         self.highest = near.iter().fold(0, |most, &cell| most.max(cell));
@@ -126,15 +123,24 @@ fn is_low(row: &[u8]) -> bool {
 
 /// Raises each of `highest` to the cell of its column.
 fn raise(highest: &mut [u8], row: &[u8]) {
-    let (chunks, rest) = highest.as_chunks_mut::<CHUNK>();
-    let (rows, row_rest) = row.as_chunks::<CHUNK>();
-    for (highest, row) in chunks.iter_mut().zip(rows) {
-        for (highest, &cell) in highest.iter_mut().zip(row) {
-            *highest = cell.max(*highest);
+    for (highest, &cell) in highest.iter_mut().zip(row) {
+        *highest = cell.max(*highest);
+    }
+}
+
+/// Calls `each` with the place of every byte that is 1; the others are 0.
+fn each_top(tops: &[u8], mut each: impl FnMut(usize)) {
+    let (words, rest) = tops.as_chunks::<8>();
+    for (first, word) in (0..).step_by(8).zip(words) {
+        let mut left = u64::from_le_bytes(*word);
+        while left != 0 {
+            each(first + left.trailing_zeros() as usize / 8);
+            left &= left - 1;
         }
     }
-    for (highest, &cell) in rest.iter_mut().zip(row_rest) {
-        *highest = cell.max(*highest);
+    let first_of_rest = tops.len() - rest.len();
+    for (i, _) in rest.iter().enumerate().filter(|(_, top)| **top == 1) {
+        each(first_of_rest + i);
     }
 }
 
@@ -152,43 +158,39 @@ impl Map<'_> {
         self.cells[y * self.size.0 + x]
     }
 
-    /// One byte per cell of a chunk of a row, from column `first` on: 1 where it is high enough and higher than its
-    /// neighbours in the row and the column; of a plateau, where its first cell is.
-    fn tops(&self, first: usize, y: usize) -> u128 {
-        let width = self.size.0;
-        let mut tops = self
-            .inner_tops(first, y)
-            .unwrap_or_else(|| std::array::from_fn(|i| self.top(first + i, y)));
+    /// One byte per cell of a row, from column `first` on: 1 where it is high enough and higher than its neighbours in
+    /// the row and the column; of a plateau, where its first cell is. In one loop over slices of one length, which
+    /// becomes one of many cells at a time.
+    fn find_tops(&self, first: usize, y: usize, tops: &mut [u8]) {
+        let (width, height) = self.size;
+        let n = tops.len();
+        let at = y * width + first;
+        if y == 0 || y + 1 == height {
+            for (x, top) in (first..).zip(tops) {
+                *top = self.top(x, y);
+            }
+            return;
+        }
+        let of = |at: usize| &self.cells[at..at + n];
+        let before = of(at - 1).iter().zip(of(at - width));
+        let after = of(at + 1).iter().zip(of(at + width));
+        let around = of(at).iter().zip(before.zip(after));
+        for (top, (&own, ((&left, &above), (&right, &below)))) in tops.iter_mut().zip(around) {
+            *top = is_top(own, left.max(above), right.max(below));
+        }
         // What lies before the first cell and after the last belongs to other rows.
-        if first == 0 {
+        if first == 0 && n > 0 {
             tops[0] = self.top(0, y);
         }
-        for (x, top) in (first..)
-            .zip(&mut tops)
-            .skip((width - 1).saturating_sub(first))
-        {
-            *top = self.top(x, y);
+        if first + n == width && n > 0 {
+            tops[n - 1] = self.top(width - 1, y);
         }
-        u128::from_le_bytes(tops)
     }
 
-    /// [`Self::tops`] but for the first and the last cell of the row; `None` where there is no row above or below.
-    fn inner_tops(&self, first: usize, y: usize) -> Option<[u8; CHUNK]> {
-        let width = self.size.0;
-        let at = y * width + first;
-        let chunk = |at: usize| self.cells.get(at..)?.first_chunk::<CHUNK>();
-        let own = chunk(at)?;
-        let (left, above) = (chunk(at.checked_sub(1)?)?, chunk(at.checked_sub(width)?)?);
-        let (right, below) = (chunk(at + 1)?, chunk(at + width)?);
-        Some(std::array::from_fn(|i| {
-            is_top(own[i], left[i].max(above[i]), right[i].max(below[i]))
-        }))
-    }
-
-    /// As [`is_top`], of any cell: beyond the map there is nothing, and nothing is a top there.
+    /// As [`is_top`], of any cell: beyond the map there is nothing.
     fn top(&self, x: usize, y: usize) -> u8 {
         let (width, height) = self.size;
-        if x >= width {
+        if self.value(x, y) < LEAST_PEAK {
             return 0;
         }
         let left = if x > 0 { self.value(x - 1, y) } else { 0 };
