@@ -85,7 +85,7 @@ impl Decoder {
         for keypoint in 0..into.keypoints() {
             self.modes.clear();
             self.model.modes(reader, recipe, &mut self.modes);
-            let (cells, written) = into.to_write(keypoint);
+            let (cells, written) = into.cells_and_written(keypoint);
             for mode in &self.modes {
                 mode.draw(&scale, cells);
                 let rows = mode.rows(&scale);

@@ -157,7 +157,7 @@ impl Maps {
     /// When there is no such keypoint.
     pub fn cells_mut(&mut self, k: usize) -> &mut [u8] {
         let height = self.height;
-        let (cells, written) = self.to_write(k);
+        let (cells, written) = self.cells_and_written(k);
         *written = 0..height;
         cells
     }
@@ -171,7 +171,7 @@ impl Maps {
     }
 
     /// The map of keypoint `k`, and the rows that are written: for whoever writes only some and adds them.
-    pub(super) fn to_write(&mut self, k: usize) -> (&mut [u8], &mut Range<usize>) {
+    pub(super) fn cells_and_written(&mut self, k: usize) -> (&mut [u8], &mut Range<usize>) {
         let area = self.width * self.height;
         (
             &mut self.cells[k * area..(k + 1) * area],

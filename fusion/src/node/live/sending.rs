@@ -37,8 +37,9 @@ impl LiveFusion<'_> {
             stages,
             cost,
         } = stepped;
-        cost.into_iter()
-            .for_each(|cost| self.shedding.stepped(cost));
+        if let Some(cost) = cost {
+            self.shedding.stepped(cost);
+        }
         let tick = poses.tick;
         self.last = Some(tick);
         self.tally.unusable += u64::from(unusable);
