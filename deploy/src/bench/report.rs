@@ -6,8 +6,6 @@ use farfield_proto::patch::CompressionLevel;
 use farfield_sim::recorded_venue::RATE_HZ;
 use serde::Serialize;
 
-use super::scaling::CostLine;
-
 /// Everything that was measured.
 #[derive(Debug, Serialize)]
 pub(super) struct BenchReport {
@@ -47,6 +45,16 @@ pub(super) struct BenchRun {
 pub(super) struct StageMedian {
     pub(super) stage: &'static str,
     pub(super) p50_us: f64,
+}
+
+/// Median ticks as a line over patches per tick, on a number of threads.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub(super) struct CostLine {
+    pub(super) threads: usize,
+    /// What a viewpoint of a person costs, microseconds.
+    pub(super) us_per_patch: f64,
+    /// The size that lies farthest from the line: its time over that of the line.
+    pub(super) farthest: f64,
 }
 
 impl BenchReport {

@@ -3,9 +3,8 @@
 
 use farfield_proto::order_statistics::mean_median;
 use farfield_score::plot::{Layer, Plot, PlotAxis};
-use serde::Serialize;
 
-use super::report::BenchRun;
+use super::report::{BenchRun, CostLine};
 
 /// Sizes that are measured for it: viewpoints, people.
 pub(super) const SIZES: [(usize, usize); 8] = [
@@ -18,16 +17,6 @@ pub(super) const SIZES: [(usize, usize); 8] = [
     (16, 22),
     (28, 30),
 ];
-
-/// Median ticks as a line over patches per tick, on a number of threads.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub(super) struct CostLine {
-    pub(super) threads: usize,
-    /// What a viewpoint of a person costs, microseconds.
-    pub(super) us_per_patch: f64,
-    /// The size that lies farthest from the line: its time over that of the line.
-    pub(super) farthest: f64,
-}
 
 /// The lines of all numbers of threads: through nothing, where nothing costs nothing, and with the median slope, which
 /// no single size sets.

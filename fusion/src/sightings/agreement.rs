@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::Vector3;
 
-use super::association::Gates;
+use super::gates::Gates;
 use super::rays::{SightedBody, SightedRay};
 
 /// How far outside the field two rays may meet, metres: their meeting point is less certain than

@@ -7,64 +7,14 @@
 
 use std::collections::BTreeSet;
 
-use nalgebra::Vector3;
-
 use super::agreement::{Agreements, RayAgreement};
-use crate::sightings::rays::{SightedBody, SightedRay};
+use super::gates::Gates;
+use crate::sightings::rays::SightedBody;
 use crate::sightings::reconstruction::{Reconstruction, reconstruct};
 
 /// Share of the members that may disagree with a new one: one bad sighting in a group must not keep
 /// the good ones out.
 const MAX_DISAGREEING: f64 = 0.34;
-
-/// What association needs to know.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Gates {
-    /// Largest distance between two rays of one keypoint, metres.
-    pub(crate) ray_distance_m: f64,
-    /// Least keypoints that two witnesses must agree on.
-    pub(crate) min_keypoints: usize,
-    /// Lower corner of the field, world metres.
-    pub(crate) field_min_m: Vector3<f64>,
-    /// Upper corner of the field, world metres.
-    pub(crate) field_max_m: Vector3<f64>,
-}
-
-impl Gates {
-    /// Whether `point_m` is in the field grown by `slack_m`.
-    pub(crate) fn inside(&self, point_m: &Vector3<f64>, slack_m: f64) -> bool {
-        (0..3).all(|i| {
-            point_m[i] >= self.field_min_m[i] - slack_m
-                && point_m[i] <= self.field_max_m[i] + slack_m
-        })
-    }
-
-    /// Whether `ray` passes through the field grown by `slack_m`.
-    pub(crate) fn are_crossed_by(&self, ray: &SightedRay, slack_m: f64) -> bool {
-        let (mut from, mut to) = (0.0_f64, f64::INFINITY);
-        for i in 0..3 {
-            let low = self.field_min_m[i] - slack_m - ray.origin_m[i];
-            let high = self.field_max_m[i] + slack_m - ray.origin_m[i];
-            let along = ray.direction[i];
-            if along.abs() < f64::MIN_POSITIVE {
-                // Inside these two planes everywhere or nowhere.
-                if low > 0.0 || high < 0.0 {
-                    return false;
-                }
-                continue;
-            }
-            let (first, second) = (low / along, high / along);
-            from = from.max(first.min(second));
-            to = to.min(first.max(second));
-        }
-        from <= to
-    }
-
-    /// Largest distance of a ray from its point: half of that between two rays.
-    pub(crate) fn point_distance_m(&self) -> f64 {
-        0.5 * self.ray_distance_m
-    }
-}
 
 /// Groups `free` witnesses (indices into `witnesses`) by person. Each group has two or more members
 /// of different viewpoints, is accepted by `plausible`, and shares no member with another.

@@ -11,9 +11,10 @@ use farfield_proto::venue::Field;
 use farfield_proto::venue::parameters::BirthParameters;
 use nalgebra::Vector3;
 
-use super::association::{Gates, associate};
+use super::association::associate;
 use super::attention::Attention;
 use super::contradiction::DetectionPass;
+use super::gates::Gates;
 use super::plausibility::is_plausible;
 use crate::body::keypoint_estimate::KeypointEstimate;
 use crate::body::observed::ObservedJoints;

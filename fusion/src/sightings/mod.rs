@@ -3,6 +3,7 @@
 //! ```text
 //!   sightings -> rays -> association -> reconstruction, plausibility -> finder: SightedPerson
 //!   explanation: which sightings a known body explains; contradiction: which viewpoints should see it and do not
+//!   agreement: what two sightings say about each other; gates: how near, and where, rays must meet
 //!   attention: what the silence of a viewpoint is worth
 //! ```
 //!
@@ -16,6 +17,7 @@ pub(crate) mod explanation;
 pub mod finder;
 #[cfg(test)]
 pub(crate) mod fixture;
+mod gates;
 mod plausibility;
 pub(crate) mod rays;
 mod reconstruction;

@@ -91,7 +91,7 @@ impl SwingTwist {
     pub(crate) fn evaluate(&self, q: &[f64]) -> ShoulderState {
         let s = self.swing(q[0], q[1]);
         let series = Rodrigues::of(&s);
-        let swung = series.exp() * self.rest;
+        let swung = series.rotation() * self.rest;
         let mut rotation = swung;
         turn_about(&mut rotation, Axis::Z, self.twist_sign * q[2]);
         let left = series.left_jacobian();
@@ -145,7 +145,7 @@ pub(crate) fn wrap(angle_rad: f64) -> f64 {
 
 /// The rotation of a rotation vector.
 pub(crate) fn exp(s: &Vector3<f64>) -> Matrix3<f64> {
-    Rodrigues::of(s).exp()
+    Rodrigues::of(s).rotation()
 }
 
 /// What rotation and Jacobian of a rotation vector s are made of, θ = |s|.
@@ -191,7 +191,7 @@ impl Rodrigues {
     }
 
     /// The rotation.
-    fn exp(&self) -> Matrix3<f64> {
+    fn rotation(&self) -> Matrix3<f64> {
         Matrix3::identity() + self.cross * self.a + self.squared * self.b
     }
 
