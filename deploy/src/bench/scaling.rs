@@ -7,7 +7,7 @@ use farfield_score::plot::{Layer, Plot, PlotAxis};
 use super::report::{BenchRun, CostLine};
 
 /// Sizes that are measured for it: viewpoints, people.
-pub(super) const SIZES: [(usize, usize); 8] = [
+pub(super) const SIZES: [(usize, usize); 7] = [
     (4, 5),
     (4, 10),
     (8, 10),
@@ -15,7 +15,6 @@ pub(super) const SIZES: [(usize, usize); 8] = [
     (12, 16),
     (12, 22),
     (16, 22),
-    (28, 30),
 ];
 
 /// The lines of all numbers of threads: through nothing, where nothing costs nothing, and with the median slope, which

@@ -5,7 +5,7 @@
 //! groups compete for their witnesses: the one with the most agreeing rays takes its witnesses out
 //! of all others. A false body owns rays that belong to people with more of them, and starves.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use super::agreement::{Agreements, RayAgreement};
 use super::gates::Gates;
@@ -15,6 +15,10 @@ use crate::sightings::reconstruction::{Reconstruction, reconstruct};
 /// Share of the members that may disagree with a new one: one bad sighting in a group must not keep
 /// the good ones out.
 const MAX_DISAGREEING: f64 = 0.34;
+
+/// Members from which a group is not grown again from other pairs of its own: nearly all of them lead to it, and they
+/// are as many as its viewpoints squared.
+const LARGE: usize = 6;
 
 /// Groups `free` witnesses (indices into `witnesses`) by person. Each group has two or more members
 /// of different viewpoints, is accepted by `plausible`, and shares no member with another.
@@ -74,11 +78,26 @@ fn take_best(hypotheses: &mut Vec<Reconstruction>) -> Option<Reconstruction> {
 /// The different groups that grow from the pairs that agree, members ascending.
 fn grown_groups(witnesses: &[SightedBody], free: &[usize], gates: &Gates) -> BTreeSet<Vec<usize>> {
     let mut agreements = Agreements::among(witnesses, free, gates);
-    let pairs = agreements.pairs();
-    let pairs = pairs.into_iter();
-    pairs
-        .map(|(a, b)| grow(a, b, &mut agreements, gates))
-        .collect()
+    let mut groups: BTreeSet<Vec<usize>> = BTreeSet::new();
+    // Per witness, the large groups that hold it, by their number.
+    let mut large_of: BTreeMap<usize, BTreeSet<usize>> = BTreeMap::new();
+    let mut n_large = 0;
+    for (a, b) in agreements.pairs() {
+        let is_inside = (large_of.get(&a).zip(large_of.get(&b)))
+            .is_some_and(|(of_a, of_b)| !of_a.is_disjoint(of_b));
+        if is_inside {
+            continue;
+        }
+        let group = grow(a, b, &mut agreements, gates);
+        if group.len() >= LARGE && !groups.contains(&group) {
+            for &member in &group {
+                large_of.entry(member).or_default().insert(n_large);
+            }
+            n_large += 1;
+        }
+        groups.insert(group);
+    }
+    groups
 }
 
 /// Grows the pair (`a`, `b`) by the witness of another viewpoint that its members agree with best,
