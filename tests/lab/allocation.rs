@@ -26,7 +26,6 @@ fn a_tick_in_steady_state_allocates_nothing() {
             assert!(track.see(&set.persons[0], set.viewpoint, camera, &method));
         }
         track.place_views(&[], 0, &method);
-        track.find_peaks(&method);
         track.search(&method);
         track.fit_keypoints(&method);
         track.smooth(&method);

@@ -45,7 +45,7 @@ impl Estimator {
     }
 
     /// Finds the peaks of all maps around where their keypoints are expected; the views are placed.
-    pub fn find_peaks(&mut self, method: &Method) {
+    pub(crate) fn find_peaks(&mut self, method: &Method) {
         for view in self.views_mut() {
             view.find_peaks(method.parameters.lattice.half_width_m);
         }

@@ -15,7 +15,7 @@ use nalgebra::{Vector2, Vector3};
 
 use super::symmetric::Symmetric;
 use super::witness::{Witness, Witnesses};
-use super::{KeypointPlace, LatticeMode, LatticeModes};
+use super::{KeypointPlace, LatticeMode, LatticeModes, ModeOrigin};
 use crate::estimate::evidence::{MapPeak, View};
 
 /// Most lines of sight that are paired, the heaviest: their pairs are what many views cost.
@@ -81,7 +81,11 @@ impl Candidates {
             let offset_m = self.drawn_together(place_m, at);
             let score = witnesses.score(at, offset_m);
             if score > 0.0 {
-                insert(modes, LatticeMode::at(offset_m, score), witnesses.cell_m);
+                insert(
+                    modes,
+                    LatticeMode::new(offset_m, score, ModeOrigin::Meeting),
+                    witnesses.cell_m,
+                );
             }
         }
         let least = modes.as_slice().first().map_or(0.0, |m| m.score) * LEAST_OF_BEST;

@@ -8,7 +8,7 @@ use farfield_proto::venue::parameters::LatticeParameters;
 use nalgebra::Vector3;
 
 use super::witness::{Witness, Witnesses};
-use super::{LatticeMode, LatticeModes};
+use super::{LatticeMode, LatticeModes, ModeOrigin};
 use crate::estimate::evidence::View;
 
 /// Most steps from the centre to a side; a lattice that would need more has a wider step.
@@ -34,14 +34,14 @@ impl CoarsePass {
         &self.modes
     }
 
-    /// Scores the lattice of one keypoint; returns its step in metres.
+    /// Scores the lattice of one keypoint.
     pub(super) fn run(
         &mut self,
         views: &[View],
         keypoint: usize,
         witnesses: &Witnesses,
         parameters: &LatticeParameters,
-    ) -> f64 {
+    ) {
         let wanted =
             (parameters.half_width_m / (parameters.coarse_step_cells * witnesses.cell_m)).ceil();
         // NaN and what is below 1 become 1.
@@ -55,7 +55,6 @@ impl CoarsePass {
         }
         self.weigh(k, step_m / parameters.prior_sigma_m);
         self.find_modes(k, step_m);
-        step_m
     }
 
     /// Adds the weighted map of one view to every point.
@@ -117,8 +116,11 @@ impl CoarsePass {
             }
             let place = [index % n, index / n % n, index / (n * n)];
             let offset_m = Vector3::from(place.map(|i| (i as f64 - k as f64) * step_m));
-            self.modes
-                .insert(LatticeMode::at(offset_m, f64::from(score)));
+            self.modes.insert(LatticeMode::new(
+                offset_m,
+                f64::from(score),
+                ModeOrigin::Ascent,
+            ));
         }
     }
 

@@ -55,19 +55,26 @@ struct LatticeMode {
     offset_m: Vector3<f64>,
     /// F there.
     score: f64,
-    /// Whether Newton's steps have led to it.
-    is_refined: bool,
-    /// How many of these are to seek the maximum of F first: none from where lines of sight meet.
-    pulled_steps: usize,
+    origin: ModeOrigin,
+}
+
+/// What a mode is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum ModeOrigin {
+    /// Where lines of sight meet: a maximum of F as far as the peaks' places tell.
+    Meeting,
+    /// Where an ascent ended, to a fine step.
+    Ascent,
+    /// Where Newton's steps led.
+    Refined,
 }
 
 impl LatticeMode {
-    fn at(offset_m: Vector3<f64>, score: f64) -> Self {
+    fn new(offset_m: Vector3<f64>, score: f64, origin: ModeOrigin) -> Self {
         Self {
             offset_m,
             score,
-            is_refined: false,
-            pulled_steps: 0,
+            origin,
         }
     }
 }
@@ -82,7 +89,7 @@ struct LatticeModes {
 impl Default for LatticeModes {
     fn default() -> Self {
         Self {
-            modes: [LatticeMode::at(Vector3::zeros(), 0.0); MAX_MODES],
+            modes: [LatticeMode::new(Vector3::zeros(), 0.0, ModeOrigin::Meeting); MAX_MODES],
             n: 0,
         }
     }
@@ -113,9 +120,8 @@ impl LatticeModes {
 struct Keypoint {
     witnesses: Witnesses,
     modes: LatticeModes,
-    /// Per witness, what its map shows at the place that was refined last, and that place.
+    /// Per witness, what its map shows at the place that was refined last.
     says: Vec<f64>,
-    says_at_m: Vector3<f64>,
 }
 
 /// The search, with its buffers. Nothing is allocated once they have grown to a venue's views.
@@ -263,7 +269,7 @@ impl Keypoint {
         let score = |offset_m: Vector3<f64>| self.witnesses.score(at, offset_m);
         let fine_m = self.fine_m(at);
         let mut step_m = fine_m * f64::from(at.parameters.fine_per_coarse.max(1));
-        let mut mode = LatticeMode::at(start_m, score(start_m));
+        let mut mode = LatticeMode::new(start_m, score(start_m), ModeOrigin::Ascent);
         for _ in 0..MOST_STRIDES {
             let next = refine::best_neighbour(mode, step_m, score);
             if next == mode {
@@ -279,7 +285,6 @@ impl Keypoint {
         let known = self.modes.as_slice().iter();
         let mut apart_m = known.map(|m| (m.offset_m - mode.offset_m).norm());
         if mode.score > 0.0 && apart_m.all(|apart_m| apart_m >= one_place_m) {
-            mode.pulled_steps = refine::PULLED_STEPS;
             self.modes.insert(mode);
         }
     }
@@ -297,17 +302,17 @@ impl Keypoint {
         mode: LatticeMode,
         work: &mut Work,
     ) -> LatticeMode {
-        if mode.is_refined {
-            self.listen(at, mode.offset_m);
-            return mode;
-        }
+        let pulled_steps = match mode.origin {
+            ModeOrigin::Meeting => 0,
+            ModeOrigin::Ascent => refine::PULLED_STEPS,
+            ModeOrigin::Refined => {
+                self.listen(at, mode.offset_m);
+                return mode;
+            }
+        };
+        let start = (mode.offset_m, pulled_steps);
         let step_m = self.fine_m(at);
-        let found = work.refiner.newton(
-            at,
-            &self.witnesses,
-            (mode.offset_m, mode.pulled_steps),
-            step_m,
-        );
+        let found = work.refiner.newton(at, &self.witnesses, start, step_m);
         let before = mode.score / prior(mode.offset_m, at.parameters.prior_sigma_m);
         let found = found.filter(|offset_m| self.listen(at, *offset_m) >= refine::LOSS * before);
         let offset_m = found.unwrap_or_else(|| {
@@ -316,24 +321,22 @@ impl Keypoint {
         });
         LatticeMode {
             offset_m,
-            is_refined: true,
+            origin: ModeOrigin::Refined,
             ..mode
         }
     }
 
     /// S at an offset; `says` is then what each map shows there.
     fn listen(&mut self, at: &KeypointPlace<'_>, offset_m: Vector3<f64>) -> f64 {
-        self.says_at_m = offset_m;
         self.witnesses
             .listen(at.views, at.keypoint, offset_m, &mut self.says)
     }
 
-    /// The estimate for `mode`, or the fall back to the prediction without one.
+    /// The estimate for `mode`, which was refined last, or the fall back to the prediction without one.
     fn estimate(&mut self, at: &KeypointPlace<'_>, mode: Option<LatticeMode>) -> KeypointEstimate {
         let Some(LatticeMode { offset_m, .. }) = mode else {
             return KeypointEstimate::unsupported(at.predicted_m, 0.0);
         };
-        debug_assert_eq!(offset_m, self.says_at_m, "refined last");
         let support = self.witnesses.weighed(&self.says).clamp(0.0, 1.0);
         let position_m = at.predicted_m + offset_m;
         if support < at.parameters.min_support || !position_m.iter().all(|v| v.is_finite()) {

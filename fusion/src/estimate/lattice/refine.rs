@@ -31,7 +31,7 @@ pub(super) fn best_neighbour(
     for i in (0..27).filter(|&i| i != 13) {
         let place = Vector3::new(i % 3, i / 3 % 3, i / 9).map(|v| f64::from(v) - 1.0);
         let offset_m = mode.offset_m + place * step_m;
-        let candidate = LatticeMode::at(offset_m, score(offset_m));
+        let candidate = LatticeMode::new(offset_m, score(offset_m), mode.origin);
         if candidate.score > best.score {
             best = candidate;
         }

@@ -7,8 +7,8 @@
 //!                          -> one assignment of claims to places -> notches in the losers' maps
 //! ```
 //!
-//! One decision per viewpoint and kind of joint, over all who meet there: the sum of the costs is
-//! least, and the order of the persons does not matter. The cost of a place for a claim is its negative log
+//! One decision per viewpoint, kind of joint and group of claims that may have a peak in common, over all who meet there:
+//! the sum of the costs is least, and the order of the persons does not matter. The cost of a place for a claim is its negative log
 //! likelihood,
 //!
 //! ```text
