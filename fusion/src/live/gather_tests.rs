@@ -1,27 +1,11 @@
 //! What becomes of messages that come in any order, twice, late, early, or from strangers.
 
-use farfield_proto::id::CameraIndex;
-use farfield_proto::message::PersonPatch;
-use farfield_proto::patch::EncodedMaps;
 use proptest::prelude::*;
 
 use super::*;
+use crate::live::fixture::{SESSION, of_persons, patches};
 
-const SESSION: SessionId = SessionId(7);
 const VIEWPOINTS: u16 = 3;
-
-fn patches(tick: i64, viewpoint: u16, part: u16, parts: u16) -> PatchSet {
-    PatchSet {
-        session: SESSION,
-        tick: Tick(tick),
-        viewpoint: ViewpointIndex(viewpoint),
-        part,
-        parts,
-        sighting_parts: 0,
-        timing: None,
-        persons: Vec::new(),
-    }
-}
 
 fn gather() -> LiveGather {
     LiveGather::new(SESSION, Tick(10), VIEWPOINTS.into(), [8, 6])
@@ -66,28 +50,6 @@ fn what_comes_after_its_tick_is_late_once_and_then_repeated() {
     (0..8).for_each(|_| drop(gather.take()));
     let forgotten = gather.add_patches(patches(10, 2, 0, 1), 50);
     assert_eq!(forgotten, Taken::Refused(Refused::Late));
-}
-
-fn patch(person: u32) -> PersonPatch {
-    PersonPatch {
-        person: PersonId(person),
-        camera: CameraIndex(0),
-        box_tick: Tick(0),
-        capture_offset_us: 0,
-        crops: Vec::new(),
-        crop_of_keypoint: Vec::new(),
-        maps: EncodedMaps {
-            width: 1,
-            height: 1,
-            keypoints: 1,
-            bytes: Vec::new(),
-        },
-    }
-}
-
-fn of_persons(mut set: PatchSet, persons: std::ops::Range<u32>) -> PatchSet {
-    set.persons = persons.map(patch).collect();
-    set
 }
 
 #[test]

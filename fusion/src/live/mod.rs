@@ -7,6 +7,8 @@
 pub mod arrivals;
 pub mod edge;
 pub mod edge_clock;
+#[cfg(test)]
+pub(crate) mod fixture;
 pub mod gather;
 pub mod horizon;
 pub mod membership;

@@ -193,13 +193,9 @@ fn meeting(p: &SightedRay, q: &SightedRay, gates: &Gates) -> Option<f64> {
 
 #[cfg(test)]
 mod tests {
-    use farfield_proto::id::ViewpointIndex;
-    use farfield_proto::venue::parameters::BirthParameters;
-    use nalgebra::Point3;
-
     use super::*;
     use crate::body::fixture::{Noise, standing};
-    use crate::sightings::fixture::{TestHall, hall, looking_at_the_middle};
+    use crate::sightings::fixture::{TestHall, hall, hall_of_sixteen};
     use crate::sightings::rays::witnesses;
 
     fn gates(hall: &TestHall) -> Gates {
@@ -262,19 +258,7 @@ mod tests {
 
     #[test]
     fn spectators_on_the_stands_make_few_pairs() {
-        let mut noise = Noise(11);
-        let eyes = (0..16).map(|i| {
-            let (sin, cos) = libm::sincos(f64::from(i) * std::f64::consts::PI / 8.0);
-            let eye = Point3::new(5.5 * cos, 4.5 * sin, 2.5);
-            (
-                ViewpointIndex(i as u16),
-                looking_at_the_middle("around", eye),
-            )
-        });
-        let hall = TestHall {
-            cameras: eyes.collect(),
-            parameters: BirthParameters::default(),
-        };
+        let (hall, mut noise) = (hall_of_sixteen(), Noise(11));
         let gates = gates(&hall);
         let places_m = places_m(4, 56, &mut noise);
         let all = sighted(&hall, &places_m, &mut noise);

@@ -7,7 +7,7 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::body::fixture::{Noise, standing};
-use crate::sightings::fixture::{TestHall, hall, looking_at_the_middle};
+use crate::sightings::fixture::{TestHall, hall, hall_of_sixteen, looking_at_the_middle};
 
 /// Mean error of a keypoint that 2 to 4 cameras see with 5 px of noise at 5 to 9 m (27 to 45 mm
 /// per view and axis), metres.
@@ -84,6 +84,19 @@ proptest! {
         let (dx, dy) = (0.3 * heading.cos(), 0.3 * heading.sin());
         let bodies = [standing(dx, dy, 1.8, &mut noise), standing(-dx, -dy, 1.7, &mut noise)];
         check(&find(&hall(), &bodies, 2.0, &mut noise), &bodies)?;
+    }
+
+    #[test]
+    fn of_many_viewpoints_every_one_is_in_the_group_of_each_person(seed in any::<u64>(), heading in 0.0f64..6.3) {
+        let mut noise = Noise(seed);
+        let hall = hall_of_sixteen();
+        let (dx, dy) = (0.3 * heading.cos(), 0.3 * heading.sin());
+        let side_by_side = [standing(dx, dy, 1.8, &mut noise), standing(-dx, -dy, 1.7, &mut noise)];
+        for bodies in [four(&mut noise), side_by_side.to_vec()] {
+            let found = find(&hall, &bodies, 2.0, &mut noise);
+            check(&found, &bodies)?;
+            prop_assert!(found.iter().all(|person| person.views >= 14), "{:?}", found.iter().map(|p| p.views).collect::<Vec<_>>());
+        }
     }
 
     #[test]

@@ -28,6 +28,22 @@ pub(crate) fn hall() -> TestHall {
     }
 }
 
+/// As [`hall`], with sixteen cameras around the field.
+pub(crate) fn hall_of_sixteen() -> TestHall {
+    let cameras = (0..16).map(|i| {
+        let (sin, cos) = libm::sincos(f64::from(i) * std::f64::consts::PI / 8.0);
+        let eye = Point3::new(5.5 * cos, 4.5 * sin, 2.5);
+        (
+            ViewpointIndex(i as u16),
+            looking_at_the_middle("around", eye),
+        )
+    });
+    TestHall {
+        cameras: cameras.collect(),
+        parameters: BirthParameters::default(),
+    }
+}
+
 pub(crate) struct TestHall {
     pub(crate) cameras: Vec<(ViewpointIndex, CameraModel)>,
     pub(crate) parameters: BirthParameters,

@@ -66,40 +66,13 @@ impl LiveShedding {
 
 #[cfg(test)]
 mod tests {
-    use farfield_proto::id::{CameraIndex, PersonId, SessionId, ViewpointIndex};
-    use farfield_proto::message::{PatchSet, PersonPatch};
-    use farfield_proto::patch::EncodedMaps;
-    use farfield_proto::tick::Tick;
-
     use super::*;
+    use crate::live::fixture::{of_persons, patches};
 
     const PERIOD_US: f64 = 16_667.0;
 
     fn group(viewpoints: u16, people: u32) -> TickGroup {
-        let patch = |person| PersonPatch {
-            person: PersonId(person),
-            camera: CameraIndex(0),
-            box_tick: Tick(0),
-            capture_offset_us: 0,
-            crops: Vec::new(),
-            crop_of_keypoint: Vec::new(),
-            maps: EncodedMaps {
-                width: 48,
-                height: 64,
-                keypoints: 17,
-                bytes: Vec::new(),
-            },
-        };
-        let set = |viewpoint| PatchSet {
-            session: SessionId(1),
-            tick: Tick(0),
-            viewpoint: ViewpointIndex(viewpoint),
-            part: 0,
-            parts: 1,
-            sighting_parts: 0,
-            timing: None,
-            persons: (0..people).map(patch).collect(),
-        };
+        let set = |viewpoint| of_persons(patches(0, viewpoint, 0, 1), 0..people);
         TickGroup {
             patch_sets: (0..viewpoints).map(set).collect(),
             ..TickGroup::default()
