@@ -10,9 +10,10 @@ mod scaling;
 
 use std::io::{IsTerminal as _, stderr};
 use std::path::PathBuf;
-use std::{fs, thread};
+use std::thread;
 
 use anyhow::Context as _;
+use farfield_fusion::export::unfinished::write_whole;
 use farfield_node::process::{NodeError, say};
 use farfield_proto::patch::CompressionLevel;
 use farfield_sim::recorded_venue::{RATE_HZ, RecordedVenue, VenueSize};
@@ -69,13 +70,14 @@ pub(crate) fn bench(args: &BenchArgs) -> Result<(), NodeError> {
     } else {
         report.to_string()
     };
-    if let Some(path) = &args.scaling {
-        let drawn = scaling::svg(&report.runs, &report.lines, 1e3 / RATE_HZ);
-        fs::write(path, drawn)
-            .with_context(|| format!("writing {}", path.display()))
-            .map_err(NodeError::Failed)?;
-    }
-    output::print(&text).map_err(NodeError::Failed)
+    output::print(&text).map_err(NodeError::Failed)?;
+    let Some(path) = &args.scaling else {
+        return Ok(());
+    };
+    let drawn = scaling::svg(&report.runs, &report.lines, 1e3 / RATE_HZ);
+    write_whole(path, drawn.as_bytes())
+        .with_context(|| format!("writing {}", path.display()))
+        .map_err(NodeError::Failed)
 }
 
 fn measured(args: &BenchArgs) -> anyhow::Result<BenchReport> {
@@ -112,12 +114,11 @@ fn measured(args: &BenchArgs) -> anyhow::Result<BenchReport> {
 impl BenchArgs {
     fn sizes(&self) -> Vec<VenueSize> {
         let asked = self.viewpoints.zip(self.people);
-        let ladder = if self.scaling.is_some() {
-            scaling::SIZES.to_vec()
-        } else {
-            SIZES.to_vec()
+        let sizes = match asked {
+            Some(size) => vec![size],
+            None if self.scaling.is_some() => scaling::SIZES.to_vec(),
+            None => SIZES.to_vec(),
         };
-        let sizes = asked.map_or(ladder, |size| vec![size]);
         let size = |(viewpoints, people)| VenueSize { viewpoints, people };
         sizes.into_iter().map(size).collect()
     }

@@ -17,8 +17,8 @@ pub(super) const SIZES: [(usize, usize); 7] = [
     (16, 22),
 ];
 
-/// The lines of all numbers of threads: through nothing, where nothing costs nothing, and with the median slope, which
-/// no single size sets.
+/// The lines of all numbers of threads: through the origin, with the median of the sizes' slopes, which no single size
+/// sets.
 pub(super) fn cost_lines(runs: &[BenchRun]) -> Vec<CostLine> {
     let mut threads: Vec<usize> = runs.iter().map(|run| run.threads).collect();
     threads.sort_unstable();
