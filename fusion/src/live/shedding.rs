@@ -1,9 +1,9 @@
 //! What is left out where a tick costs more than its time: the patches of some viewpoints, in turn.
 //!
 //! A tick costs about the same for each patch, so the cost of the next one is known before it is begun. Where it is more
-//! than [`SHARE_OF_PERIOD`] of the time between two ticks, as many viewpoints as needed are left out of the tick,
+//! than a set share of the time between two ticks, as many viewpoints as needed are left out of the tick,
 //! beginning with the one after the last that was left out: every viewpoint is seen again within a few ticks, and
-//! nobody is lost of whom the others see enough. At least [`LEAST_VIEWPOINTS`] stay. What was left out is in the
+//! nobody is lost of whom the others see enough. At least three stay. What was left out is in the
 //! recording, and the tick's decision does not name it: a replay does the same.
 
 use super::Micros;
