@@ -6,7 +6,6 @@
 
 pub mod arrivals;
 pub mod edge;
-pub mod edge_clock;
 #[cfg(test)]
 pub(crate) mod fixture;
 pub mod gather;

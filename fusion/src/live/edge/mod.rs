@@ -1,18 +1,20 @@
 //! How fusion hears one edge: its clock, its delays, what was sent to it, and what went wrong.
 
+pub mod clock;
+
 use std::collections::VecDeque;
 
 use farfield_proto::message::live::{EdgeLink, HeardPatches, LiveBoxes, PatchTiming};
 use farfield_proto::message::{BoxSet, PatchSet};
 use farfield_proto::tick::Tick;
 
-use super::arrivals::{Arrivals, Task};
-use super::edge_clock::{EdgeClock, Exchange};
-use super::horizon::Horizon;
-use super::meter::Meter;
-use super::pace::Pace;
-use super::tick_time::TickTime;
-use super::{Micros, SECOND_US};
+use self::clock::{EdgeClock, Exchange};
+use crate::live::arrivals::{Arrivals, Task};
+use crate::live::horizon::Horizon;
+use crate::live::meter::Meter;
+use crate::live::pace::Pace;
+use crate::live::tick_time::TickTime;
+use crate::live::{Micros, SECOND_US};
 
 /// An edge that has said nothing for so long is not waited for.
 const SILENT_US: Micros = SECOND_US / 2;
@@ -363,5 +365,4 @@ fn push_bounded<T>(queue: &mut VecDeque<T>, item: T, most: usize) {
 }
 
 #[cfg(test)]
-#[path = "edge_tests.rs"]
 mod tests;

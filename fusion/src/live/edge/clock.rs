@@ -15,7 +15,7 @@ use std::collections::VecDeque;
 
 use farfield_proto::message::live::MAX_CLOCK_CORRECTION_US;
 
-use super::{Micros, SECOND_US};
+use crate::live::{Micros, SECOND_US};
 
 /// How long an exchange counts.
 const LIFE_US: Micros = 8 * SECOND_US;
