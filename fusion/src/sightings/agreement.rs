@@ -4,8 +4,7 @@
 //! miss the field are left out before any pair is made, a pair is given up as soon as it cannot agree any more, and
 //! whether two disagree or cannot be compared is found out only of those that a group asks about.
 
-use std::collections::BTreeMap;
-
+use farfield_proto::id::ViewpointIndex;
 use nalgebra::Vector3;
 
 use super::gates::Gates;
@@ -22,101 +21,110 @@ const PARALLEL_SINE: f64 = 0.07;
 /// Far more than what rounding moves a meeting point by, metres.
 const ROUNDING_M: f64 = 1e-6;
 
-/// What two witnesses say about each other.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum RayAgreement {
-    /// Too little in common to tell.
-    Unknown,
-    /// The rays pass each other.
-    Disagree,
-    /// Median distance of the rays, metres.
-    Agree(f64),
-}
+/// Far more than what rounding changes the square of a distance by, as a factor.
+const ROUNDING: f64 = 1.0 + 1e-9;
 
-/// The agreements among the free witnesses of a pass.
+/// The agreements among the free witnesses of a pass. Those that agree with anybody have places from 0, in the order
+/// of the witnesses.
 pub(super) struct Agreements<'a> {
     witnesses: &'a [SightedBody],
     gates: &'a Gates,
-    /// Per witness, who agrees with it and by which median distance, metres.
-    agreeing: BTreeMap<usize, BTreeMap<usize, f64>>,
-    /// Of pairs that do not agree, the lower first: whether they were comparable.
-    comparable: BTreeMap<(usize, usize), bool>,
-    /// How many pairs were looked at.
-    pub(super) compared: usize,
+    /// Per place, which witness it is.
+    witness_at: Vec<usize>,
+    /// Per place, the places that agree with it in order, with the median distance of the rays in metres.
+    agreeing: Vec<Vec<(usize, f64)>>,
+    /// Per place that was asked about, whether each place can be compared with it.
+    comparable: Vec<Vec<bool>>,
 }
 
 impl<'a> Agreements<'a> {
     /// Among `free` (indices into `witnesses`, ascending).
     pub(super) fn among(witnesses: &'a [SightedBody], free: &[usize], gates: &'a Gates) -> Self {
-        let mut all = Self {
-            witnesses,
-            gates,
-            agreeing: BTreeMap::new(),
-            comparable: BTreeMap::new(),
-            compared: 0,
-        };
-        let in_field: Vec<(usize, SightedBody)> = free
-            .iter()
-            .map(|&w| (w, within_field(&witnesses[w], gates)))
-            .filter(|(_, body)| body.rays.iter().flatten().count() >= gates.min_keypoints)
-            .collect();
+        let in_field = in_field(witnesses, free, gates);
+        let mut pairs = Vec::new();
         for (at, (a, first)) in in_field.iter().enumerate() {
             for (b, second) in &in_field[at + 1..] {
                 if first.viewpoint == second.viewpoint {
                     continue;
                 }
-                all.compared += 1;
-                if !may_agree(first, second, gates) {
-                    continue;
-                }
-                let verdict = verdict(&witnesses[*a], &witnesses[*b], gates);
-                if let RayAgreement::Agree(distance_m) = verdict {
-                    all.agreeing.entry(*a).or_default().insert(*b, distance_m);
-                    all.agreeing.entry(*b).or_default().insert(*a, distance_m);
+                if may_agree(first, second, gates) {
+                    let distance_m = agreement_m(&witnesses[*a], &witnesses[*b], gates);
+                    pairs.extend(distance_m.map(|distance_m| (*a, *b, distance_m)));
                 }
             }
         }
-        all
+        let mut witness_at: Vec<usize> = pairs.iter().flat_map(|&(a, b, _)| [a, b]).collect();
+        witness_at.sort_unstable();
+        witness_at.dedup();
+        let mut place_of = vec![usize::MAX; witnesses.len()];
+        for (place, &witness) in witness_at.iter().enumerate() {
+            place_of[witness] = place;
+        }
+        // The pairs are in order, so those below each place come before those above it.
+        let mut agreeing = vec![Vec::new(); witness_at.len()];
+        for (a, b, distance_m) in pairs {
+            let (a, b) = (place_of[a], place_of[b]);
+            agreeing[a].push((b, distance_m));
+            agreeing[b].push((a, distance_m));
+        }
+        Self {
+            witnesses,
+            gates,
+            comparable: vec![Vec::new(); witness_at.len()],
+            witness_at,
+            agreeing,
+        }
     }
 
-    /// The pairs that agree, the lower first, in order.
+    /// How many witnesses agree with anybody: how many places there are.
+    pub(super) fn len(&self) -> usize {
+        self.witness_at.len()
+    }
+
+    /// Which witness is at `place`.
+    pub(super) fn witness(&self, place: usize) -> usize {
+        self.witness_at[place]
+    }
+
+    /// The viewpoint of the witness at `place`.
+    pub(super) fn viewpoint(&self, place: usize) -> ViewpointIndex {
+        self.witnesses[self.witness_at[place]].viewpoint
+    }
+
+    /// The pairs of places that agree, the lower first, in order.
     pub(super) fn pairs(&self) -> Vec<(usize, usize)> {
-        let of = |(&a, others): (&usize, &BTreeMap<usize, f64>)| {
-            let above = others.range(a + 1..);
-            above.map(|(&b, _)| (a, b)).collect::<Vec<_>>()
+        let of = |(a, others): (usize, &Vec<(usize, f64)>)| {
+            let above = others.iter().filter(move |&&(b, _)| b > a);
+            above.map(|&(b, _)| (a, b)).collect::<Vec<_>>()
         };
-        self.agreeing.iter().flat_map(of).collect()
+        self.agreeing.iter().enumerate().flat_map(of).collect()
     }
 
-    /// Who agrees with `witness`, in order.
-    pub(super) fn with(&self, witness: usize) -> impl Iterator<Item = usize> {
-        self.agreeing
-            .get(&witness)
-            .into_iter()
-            .flat_map(|others| others.keys().copied())
+    /// The places that agree with `place`, in order, with the median distance of the rays in metres.
+    pub(super) fn with(&self, place: usize) -> &[(usize, f64)] {
+        &self.agreeing[place]
     }
 
-    /// What `a` and `b` say about each other.
-    pub(super) fn between(&mut self, a: usize, b: usize) -> RayAgreement {
-        let agreed = self.agreeing.get(&a).and_then(|others| others.get(&b));
-        if let Some(&distance_m) = agreed {
-            return RayAgreement::Agree(distance_m);
+    /// Per place, whether it has enough in common with `place` to disagree with it where it does not agree.
+    pub(super) fn comparable(&mut self, place: usize) -> &[bool] {
+        if self.comparable[place].is_empty() {
+            let own = &self.witnesses[self.witness_at[place]];
+            let others = self.witness_at.iter().map(|&other| &self.witnesses[other]);
+            self.comparable[place] = others
+                .map(|other| are_comparable(own, other, self.gates))
+                .collect();
         }
-        let (witnesses, gates) = (self.witnesses, self.gates);
-        let (low, high) = (a.min(b), a.max(b));
-        let compare = || verdict(&witnesses[low], &witnesses[high], gates) != RayAgreement::Unknown;
-        let is_comparable = *self.comparable.entry((low, high)).or_insert_with(compare);
-        if is_comparable {
-            RayAgreement::Disagree
-        } else {
-            RayAgreement::Unknown
-        }
+        &self.comparable[place]
     }
+}
 
-    /// Whether `a` and `b` are of one viewpoint.
-    pub(super) fn are_of_one_viewpoint(&self, a: usize, b: usize) -> bool {
-        self.witnesses[a].viewpoint == self.witnesses[b].viewpoint
-    }
+/// The `free` witnesses that may agree with any, without the rays that can meet no other where it counts.
+fn in_field(witnesses: &[SightedBody], free: &[usize], gates: &Gates) -> Vec<(usize, SightedBody)> {
+    let bodies = free
+        .iter()
+        .map(|&w| (w, within_field(&witnesses[w], gates)));
+    let enough = |body: &SightedBody| body.rays.iter().flatten().count() >= gates.min_keypoints;
+    bodies.filter(|(_, body)| enough(body)).collect()
 }
 
 /// `body` without the rays that can meet no other where it counts.
@@ -139,35 +147,44 @@ fn may_agree(a: &SightedBody, b: &SightedBody, gates: &Gates) -> bool {
             return false;
         }
         left -= 1;
-        let distance_m = meeting(p, q, gates);
-        agreeing += usize::from(distance_m.is_some_and(|d| d <= gates.ray_distance_m));
+        let agree = || meeting(p, q, gates).is_some_and(|d| d <= gates.ray_distance_m);
+        agreeing += usize::from(!are_far(p, q, gates) && agree());
     }
     agreeing >= gates.min_keypoints
 }
 
-/// Compares two witnesses by the distances of their rays, keypoint by keypoint.
-fn verdict(a: &SightedBody, b: &SightedBody, gates: &Gates) -> RayAgreement {
-    if a.viewpoint == b.viewpoint {
-        return RayAgreement::Unknown;
-    }
+/// Whether two rays pass each other farther than they may, for certain. (That it is not certain says nothing.)
+fn are_far(p: &SightedRay, q: &SightedRay, gates: &Gates) -> bool {
+    let normal = p.direction.cross(&q.direction);
+    let across = (q.origin_m - p.origin_m).dot(&normal);
+    across * across > gates.ray_distance_m.powi(2) * normal.norm_squared() * ROUNDING
+}
+
+/// The median distance of the rays of two witnesses, metres, where they agree.
+fn agreement_m(a: &SightedBody, b: &SightedBody, gates: &Gates) -> Option<f64> {
     let mut distances: Vec<f64> = a
         .in_common(b)
         .filter_map(|(p, q)| meeting(p, q, gates))
         .collect();
-    if distances.is_empty() || distances.len() < gates.min_keypoints {
-        return RayAgreement::Unknown;
-    }
     let agreeing = distances
         .iter()
         .filter(|&&d| d <= gates.ray_distance_m)
         .count();
-    distances.sort_by(f64::total_cmp);
-    let median_m = distances[distances.len() / 2];
-    if median_m <= gates.ray_distance_m && agreeing >= gates.min_keypoints {
-        RayAgreement::Agree(median_m)
-    } else {
-        RayAgreement::Disagree
+    if agreeing < gates.min_keypoints {
+        return None;
     }
+    distances.sort_by(f64::total_cmp);
+    let median_m = *distances.get(distances.len() / 2)?;
+    (median_m <= gates.ray_distance_m).then_some(median_m)
+}
+
+/// Whether two witnesses have enough rays in common that are not parallel, to say anything about each other.
+fn are_comparable(a: &SightedBody, b: &SightedBody, gates: &Gates) -> bool {
+    let tells = |(p, q): &(&SightedRay, &SightedRay)| {
+        p.direction.cross(&q.direction).norm() >= PARALLEL_SINE
+    };
+    let least = gates.min_keypoints.max(1);
+    a.viewpoint != b.viewpoint && a.in_common(b).filter(tells).take(least).count() == least
 }
 
 /// The distance at which two rays pass each other; infinite when they do so behind a camera or
@@ -195,17 +212,8 @@ fn meeting(p: &SightedRay, q: &SightedRay, gates: &Gates) -> Option<f64> {
 mod tests {
     use super::*;
     use crate::body::fixture::{Noise, standing};
-    use crate::sightings::fixture::{TestHall, hall, hall_of_sixteen};
+    use crate::sightings::fixture::{TestHall, gates, hall, hall_of_sixteen};
     use crate::sightings::rays::witnesses;
-
-    fn gates(hall: &TestHall) -> Gates {
-        Gates {
-            ray_distance_m: hall.parameters.ray_distance_m,
-            min_keypoints: hall.parameters.min_keypoints as usize,
-            field_min_m: Vector3::new(-4.0, -3.0, -0.3),
-            field_max_m: Vector3::new(4.0, 3.0, 2.6),
-        }
-    }
 
     /// What the cameras of `hall` sight of people at these places (x, y, height of the ground, metres).
     fn sighted(hall: &TestHall, places_m: &[[f64; 3]], noise: &mut Noise) -> Vec<SightedBody> {
@@ -235,6 +243,21 @@ mod tests {
         all
     }
 
+    /// What two witnesses say about each other, compared plainly: the median distance of their rays, metres, where
+    /// they agree, and whether they are comparable.
+    fn plain(a: &SightedBody, b: &SightedBody, gates: &Gates) -> (Option<f64>, bool) {
+        let pairs = a.in_common(b);
+        let mut distances: Vec<f64> = pairs.filter_map(|(p, q)| meeting(p, q, gates)).collect();
+        if a.viewpoint == b.viewpoint || distances.len() < gates.min_keypoints {
+            return (None, false);
+        }
+        distances.sort_by(f64::total_cmp);
+        let median_m = distances[distances.len() / 2];
+        let enough = distances[gates.min_keypoints - 1] <= gates.ray_distance_m;
+        let agree = enough && median_m <= gates.ray_distance_m;
+        (agree.then_some(median_m), true)
+    }
+
     #[test]
     fn who_agrees_is_who_agrees_when_every_pair_is_compared() {
         let (hall, mut noise) = (hall(), Noise(7));
@@ -243,17 +266,24 @@ mod tests {
         let all = sighted(&hall, &places_m, &mut noise);
         let free: Vec<usize> = (0..all.len()).collect();
         let mut agreements = Agreements::among(&all, &free, &gates);
-        let mut agreeing = 0;
-        for a in 0..all.len() {
-            for b in a + 1..all.len() {
-                let plain = verdict(&all[a], &all[b], &gates);
-                assert_eq!(agreements.between(a, b), plain, "{a} {b}");
-                assert_eq!(agreements.between(b, a), plain, "{b} {a}");
-                agreeing += usize::from(matches!(plain, RayAgreement::Agree(_)));
+        let agreement = |a: usize, b: usize| plain(&all[a], &all[b], &gates);
+        let expected = (0..all.len()).flat_map(|a| (a + 1..all.len()).map(move |b| (a, b)));
+        let expected = expected.filter(|&(a, b)| agreement(a, b).0.is_some());
+        let expected: Vec<_> = expected.collect();
+        let witnesses = |(a, b)| (agreements.witness(a), agreements.witness(b));
+        let pairs: Vec<_> = agreements.pairs().into_iter().map(witnesses).collect();
+        assert_eq!(pairs, expected);
+        assert!(pairs.len() > 6, "{}", pairs.len());
+        for a in 0..agreements.len() {
+            for &(b, distance_m) in agreements.with(a) {
+                let plain = agreement(agreements.witness(a), agreements.witness(b)).0;
+                assert_eq!(plain.map(f64::to_bits), Some(distance_m.to_bits()));
+            }
+            for (b, is_comparable) in agreements.comparable(a).to_vec().into_iter().enumerate() {
+                let plain = agreement(agreements.witness(a), agreements.witness(b)).1;
+                assert_eq!(is_comparable, plain, "{a} {b}");
             }
         }
-        assert_eq!(agreements.pairs().len(), agreeing);
-        assert!(agreeing > 6, "{agreeing}");
     }
 
     #[test]
@@ -263,7 +293,8 @@ mod tests {
         let places_m = places_m(4, 56, &mut noise);
         let all = sighted(&hall, &places_m, &mut noise);
         let free: Vec<usize> = (0..all.len()).collect();
-        let (n, compared) = (all.len(), Agreements::among(&all, &free, &gates).compared);
+        let in_field = in_field(&all, &free, &gates);
+        let (n, compared) = (all.len(), in_field.len() * in_field.len() / 2);
         assert!(n > 900, "{n} sightings");
         assert!(compared < n * n / 30, "{compared} pairs of {n} sightings");
     }

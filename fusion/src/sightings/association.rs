@@ -4,21 +4,18 @@
 //! of rays. So groups are grown from every pair that agrees, each group is triangulated, and the
 //! groups compete for their witnesses: the one with the most agreeing rays takes its witnesses out
 //! of all others. A false body owns rays that belong to people with more of them, and starves.
+//!
+//! Most groups are such, and many times more than people. So a group is triangulated when it could be the next to win,
+//! by the number of its rays: until then it is only noted who has taken what. Nearly all starve untriangulated, and
+//! those that win are the same.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::cmp::Ordering;
+use std::collections::{BTreeSet, BinaryHeap};
 
-use super::agreement::{Agreements, RayAgreement};
 use super::gates::Gates;
+use super::growth::grown_groups;
 use crate::sightings::rays::SightedBody;
 use crate::sightings::reconstruction::{Reconstruction, reconstruct};
-
-/// Share of the members that may disagree with a new one: one bad sighting in a group must not keep
-/// the good ones out.
-const MAX_DISAGREEING: f64 = 0.34;
-
-/// Members from which a group is not grown again from other pairs of its own: nearly all of them lead to it, and they
-/// are as many as its viewpoints squared.
-const LARGE: usize = 6;
 
 /// Groups `free` witnesses (indices into `witnesses`) by person. Each group has two or more members
 /// of different viewpoints, is accepted by `plausible`, and shares no member with another.
@@ -38,110 +35,202 @@ pub(crate) fn associate(
         )?;
         plausible(&mut group).then_some(group)
     };
-    let mut hypotheses: Vec<Reconstruction> = grown_groups(witnesses, free, gates)
-        .iter()
-        .filter_map(|members| build(members))
-        .collect();
-    let mut accepted: Vec<Reconstruction> = Vec::new();
-    while let Some(best) = take_best(&mut hypotheses) {
-        // What the winner took is gone for the others; what they are left with may still be a person.
-        let mut rest: BTreeSet<Vec<usize>> = BTreeSet::new();
-        hypotheses.retain(|other| {
-            let remaining: Vec<usize> = other
-                .members
-                .iter()
-                .copied()
-                .filter(|m| !best.members.contains(m))
-                .collect();
-            let untouched = remaining.len() == other.members.len();
-            if !untouched && remaining.len() >= 2 {
-                rest.insert(remaining);
-            }
-            untouched
-        });
-        hypotheses.extend(rest.iter().filter_map(|members| build(members)));
-        accepted.push(best);
-    }
-    accepted
-}
-
-fn take_best(hypotheses: &mut Vec<Reconstruction>) -> Option<Reconstruction> {
-    let by_support = |a: &Reconstruction, b: &Reconstruction| {
-        a.support
-            .total_cmp(&b.support)
-            .then_with(|| b.members.cmp(&a.members))
+    let mut accepted = Accepted {
+        groups: Vec::new(),
+        taken_by: vec![usize::MAX; witnesses.len()],
     };
-    let best = (0..hypotheses.len()).max_by(|&a, &b| by_support(&hypotheses[a], &hypotheses[b]))?;
-    Some(hypotheses.swap_remove(best))
-}
-
-/// The different groups that grow from the pairs that agree, members ascending.
-fn grown_groups(witnesses: &[SightedBody], free: &[usize], gates: &Gates) -> BTreeSet<Vec<usize>> {
-    let mut agreements = Agreements::among(witnesses, free, gates);
-    let mut groups: BTreeSet<Vec<usize>> = BTreeSet::new();
-    // Per witness, the large groups that hold it, by their number.
-    let mut large_of: BTreeMap<usize, BTreeSet<usize>> = BTreeMap::new();
-    let mut n_large = 0;
-    for (a, b) in agreements.pairs() {
-        let is_inside = (large_of.get(&a).zip(large_of.get(&b)))
-            .is_some_and(|(of_a, of_b)| !of_a.is_disjoint(of_b));
-        if is_inside {
+    let n_rays: Vec<usize> = witnesses
+        .iter()
+        .map(|witness| witness.rays.iter().flatten().count())
+        .collect();
+    let grown = grown_groups(witnesses, free, gates).into_iter();
+    let mut hypotheses: BinaryHeap<Hypothesis> = grown
+        .map(|members| Hypothesis::noted(members, &n_rays))
+        .collect();
+    let mut triangulated: BTreeSet<Vec<usize>> = BTreeSet::new();
+    while let Some(hypothesis) = hypotheses.pop() {
+        let Hypothesis {
+            most_support,
+            group,
+            members,
+        } = hypothesis;
+        if let Some(group) = group {
+            match accepted.first_rival(&group.members) {
+                None => accepted.take(group),
+                Some(rival) => {
+                    let rest = accepted.without(&group.members, rival);
+                    hypotheses.push(Hypothesis::noted(rest, &n_rays));
+                }
+            }
             continue;
         }
-        let group = grow(a, b, &mut agreements, gates);
-        if group.len() >= LARGE && !groups.contains(&group) {
-            for &member in &group {
-                large_of.entry(member).or_default().insert(n_large);
-            }
-            n_large += 1;
+        let left = accepted.left_of(&members);
+        if left.len() < 2 {
+            // Whatever its members are found to be, fewer than two of them are free.
+            continue;
         }
-        groups.insert(group);
-    }
-    groups
-}
-
-/// Grows the pair (`a`, `b`) by the witness of another viewpoint that its members agree with best,
-/// until there is none.
-fn grow(a: usize, b: usize, agreements: &mut Agreements<'_>, gates: &Gates) -> Vec<usize> {
-    let mut members = vec![a, b];
-    // Who agrees with none of the members gets no vote.
-    let mut candidates: BTreeSet<usize> = agreements.with(a).chain(agreements.with(b)).collect();
-    loop {
-        candidates.retain(|&c| {
-            let mut others = members.iter();
-            !others.any(|&m| agreements.are_of_one_viewpoint(m, c))
-        });
-        let votes = candidates
-            .iter()
-            .filter_map(|&c| Some((c, votes(c, &members, agreements, gates)?)));
-        let Some((best, _)) = votes.max_by(|x, y| x.1.total_cmp(&y.1).then(y.0.cmp(&x.0))) else {
-            members.sort_unstable();
-            return members;
-        };
-        members.push(best);
-        candidates.extend(agreements.with(best));
-    }
-}
-
-/// How well `candidate` fits the members: each agreement counts up to 1, by its distance. `None`
-/// when nobody agrees or too many disagree.
-fn votes(
-    candidate: usize,
-    members: &[usize],
-    agreements: &mut Agreements<'_>,
-    gates: &Gates,
-) -> Option<f64> {
-    let (mut agreeing, mut disagreeing, mut sum) = (0_u32, 0_u32, 0.0);
-    for &m in members {
-        match agreements.between(candidate, m) {
-            RayAgreement::Unknown => {}
-            RayAgreement::Disagree => disagreeing += 1,
-            RayAgreement::Agree(distance) => {
-                agreeing += 1;
-                sum += 1.0 - 0.5 * distance / gates.ray_distance_m;
-            }
+        let noted = Hypothesis::noted(left, &n_rays);
+        if noted.most_support < most_support {
+            hypotheses.push(Hypothesis { members, ..noted });
+        } else if triangulated.insert(members.clone())
+            && let Some(group) = build(&members)
+        {
+            hypotheses.push(Hypothesis::triangulated(group));
         }
     }
-    let compared = f64::from(agreeing + disagreeing);
-    (agreeing > 0 && f64::from(disagreeing) <= MAX_DISAGREEING * compared).then_some(sum)
+    accepted.groups
+}
+
+/// The groups that have won.
+struct Accepted {
+    groups: Vec<Reconstruction>,
+    /// Per witness, which of them has taken it; `usize::MAX`: none.
+    taken_by: Vec<usize>,
+}
+
+impl Accepted {
+    fn take(&mut self, group: Reconstruction) {
+        for &member in &group.members {
+            self.taken_by[member] = self.groups.len();
+        }
+        self.groups.push(group);
+    }
+
+    /// The first that has taken any of `members`.
+    fn first_rival(&self, members: &[usize]) -> Option<usize> {
+        let rivals = members.iter().map(|&m| self.taken_by[m]);
+        rivals.min().filter(|&rival| rival != usize::MAX)
+    }
+
+    /// What `rival` has left of `members`.
+    fn without(&self, members: &[usize], rival: usize) -> Vec<usize> {
+        let members = members.iter().copied();
+        members.filter(|&m| self.taken_by[m] != rival).collect()
+    }
+
+    /// Those of `members` that nobody has taken.
+    fn left_of(&self, members: &[usize]) -> Vec<usize> {
+        let members = members.iter().copied();
+        let free = members.filter(|&m| self.taken_by[m] == usize::MAX);
+        free.collect()
+    }
+}
+
+/// Witnesses that may be of one person.
+struct Hypothesis {
+    /// The support of the group, or the most that it can be.
+    most_support: f64,
+    /// `None` until it is triangulated.
+    group: Option<Reconstruction>,
+    /// Those that it is to be triangulated from, ascending.
+    members: Vec<usize>,
+}
+
+impl Hypothesis {
+    /// `members` that are not triangulated yet; `n_rays` are those of every witness.
+    fn noted(members: Vec<usize>, n_rays: &[usize]) -> Self {
+        // A ray counts 1 at most.
+        let most: usize = members.iter().map(|&m| n_rays[m]).sum();
+        Self {
+            most_support: most as f64,
+            group: None,
+            members,
+        }
+    }
+
+    fn triangulated(group: Reconstruction) -> Self {
+        Self {
+            most_support: group.support,
+            members: group.members.clone(),
+            group: Some(group),
+        }
+    }
+}
+
+impl Ord for Hypothesis {
+    /// By support; who is not triangulated yet may have as much; of those with the same the one with the first members.
+    fn cmp(&self, other: &Self) -> Ordering {
+        let by_support = self.most_support.total_cmp(&other.most_support);
+        by_support
+            .then_with(|| self.group.is_none().cmp(&other.group.is_none()))
+            .then_with(|| other.members.cmp(&self.members))
+    }
+}
+
+impl PartialOrd for Hypothesis {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl PartialEq for Hypothesis {
+    fn eq(&self, other: &Self) -> bool {
+        self.cmp(other).is_eq()
+    }
+}
+
+impl Eq for Hypothesis {}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::body::fixture::{Noise, standing};
+    use crate::sightings::fixture::{gates, hall_of_sixteen};
+    use crate::sightings::rays::witnesses;
+
+    /// The groups that win when every group is triangulated before any of them has.
+    fn all_triangulated_at_once(witnesses: &[SightedBody], gates: &Gates) -> Vec<Vec<usize>> {
+        let free: Vec<usize> = (0..witnesses.len()).collect();
+        let gate_m = gates.point_distance_m();
+        let build = |of: &Vec<usize>| reconstruct(witnesses, of, gate_m, gates.min_keypoints);
+        let grown = grown_groups(witnesses, &free, gates);
+        let mut groups: Vec<Reconstruction> = grown.iter().filter_map(build).collect();
+        let mut accepted = Vec::new();
+        while let Some(best) = groups.iter().cloned().max_by(|a, b| {
+            let by_support = a.support.total_cmp(&b.support);
+            by_support.then_with(|| b.members.cmp(&a.members))
+        }) {
+            let is_free = |m: &&usize| !best.members.contains(m);
+            groups = groups
+                .iter()
+                .filter_map(|other| {
+                    let rest: Vec<usize> = other.members.iter().filter(is_free).copied().collect();
+                    if rest.len() == other.members.len() {
+                        Some(other.clone())
+                    } else {
+                        build(&rest)
+                    }
+                })
+                .collect();
+            accepted.push(best.members);
+        }
+        accepted
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(12))]
+
+        #[test]
+        fn who_wins_is_who_wins_when_all_groups_are_triangulated_at_once(seed in any::<u64>()) {
+            let (hall, mut noise) = (hall_of_sixteen(), Noise(seed));
+            let gates = gates(&hall);
+            let bodies: Vec<_> = (0..7)
+                .map(|_| {
+                    let [x, y] = [noise.uniform(), noise.uniform()];
+                    standing(6.0 * x - 3.0, 4.0 * y - 2.0, 1.7, &mut noise)
+                })
+                .collect();
+            let mut sightings = hall.sightings(&bodies, 4.0, &mut noise);
+            // Most are hidden from some.
+            sightings.retain(|_| noise.uniform() < 0.5);
+            let all = witnesses(&sightings, &hall.cameras, 17, hall.parameters.min_score);
+            let free: Vec<usize> = (0..all.len()).collect();
+            let found = associate(&all, &free, &gates, |_| true);
+            let found: Vec<Vec<usize>> = found.into_iter().map(|group| group.members).collect();
+            prop_assert!(found.len() >= 5);
+            prop_assert_eq!(found, all_triangulated_at_once(&all, &gates));
+        }
+    }
 }

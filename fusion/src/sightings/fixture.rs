@@ -9,6 +9,7 @@ use farfield_proto::venue::Field;
 use farfield_proto::venue::parameters::BirthParameters;
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
+use super::gates::Gates;
 use crate::body::fixture::Noise;
 use crate::sightings::finder::PersonFinder;
 
@@ -41,6 +42,16 @@ pub(crate) fn hall_of_sixteen() -> TestHall {
     TestHall {
         cameras: cameras.collect(),
         parameters: BirthParameters::default(),
+    }
+}
+
+/// What witnesses in `hall` are held to.
+pub(crate) fn gates(hall: &TestHall) -> Gates {
+    Gates {
+        ray_distance_m: hall.parameters.ray_distance_m,
+        min_keypoints: hall.parameters.min_keypoints as usize,
+        field_min_m: Vector3::new(-4.0, -3.0, -0.3),
+        field_max_m: Vector3::new(4.0, 3.0, 2.6),
     }
 }
 

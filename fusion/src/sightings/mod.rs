@@ -1,7 +1,7 @@
 //! Bodies that several viewpoints sighted without a box.
 //!
 //! ```text
-//!   sightings -> rays -> association -> reconstruction, plausibility -> finder: SightedPerson
+//!   sightings -> rays -> growth -> association -> reconstruction, plausibility -> finder: SightedPerson
 //!   explanation: which sightings a known body explains; contradiction: which viewpoints should see it and do not
 //!   agreement: what two sightings say about each other; gates: how near, and where, rays must meet
 //!   attention: what the silence of a viewpoint is worth
@@ -18,6 +18,7 @@ pub mod finder;
 #[cfg(test)]
 pub(crate) mod fixture;
 mod gates;
+mod growth;
 mod plausibility;
 pub(crate) mod rays;
 mod reconstruction;

@@ -11,6 +11,12 @@ const MIN_ANGLE_RAD: f64 = 0.14;
 /// Distance below which a camera does not get more weight for being near, metres.
 const NEAREST_M: f64 = 0.1;
 
+/// Sine of an angle between two rays below which their distance is not known well.
+const MIN_GAP_SINE: f64 = 1e-3;
+
+/// More than rounding takes from a distance, as a factor.
+const ROUNDING: f64 = 1.0 - 1e-9;
+
 /// A keypoint in space.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SightedKeypoint {
@@ -45,18 +51,16 @@ pub(crate) fn reconstruct(
 ) -> Option<Reconstruction> {
     let mut members = members.to_vec();
     let n_keypoints = witnesses.get(*members.first()?)?.rays.len();
+    let bundles: Vec<RayBundle<'_>> = (0..n_keypoints)
+        .map(|k| RayBundle::of(witnesses, &members, k))
+        .collect();
     loop {
         if members.len() < 2 {
             return None;
         }
-        let mut points = Vec::with_capacity(n_keypoints);
-        for k in 0..n_keypoints {
-            let rays: Vec<&SightedRay> = members
-                .iter()
-                .filter_map(|&m| witnesses[m].rays[k].as_ref())
-                .collect();
-            points.push(agreed_point(rays, gate_m));
-        }
+        let points = bundles.iter();
+        let points = points.map(|bundle| bundle.agreed_point(&members, gate_m));
+        let points: Vec<Option<SightedKeypoint>> = points.collect();
         let worst = members
             .iter()
             .enumerate()
@@ -105,37 +109,6 @@ fn summary(
     }
 }
 
-/// The point that at least two of `rays` agree on; of more than two, the ray without which the
-/// others agree best is dropped until all pass within `gate_m`.
-fn agreed_point(rays: Vec<&SightedRay>, gate_m: f64) -> Option<SightedKeypoint> {
-    let bundle = RayBundle::of(rays);
-    let mut kept: Vec<usize> = (0..bundle.rays.len()).collect();
-    let mut others = Vec::with_capacity(kept.len());
-    let mut best = bundle.meeting(&kept)?;
-    while best.worst_m > gate_m {
-        if kept.len() == 2 {
-            return None;
-        }
-        let without = (0..kept.len()).filter_map(|dropped| {
-            others.clear();
-            others.extend_from_slice(&kept[..dropped]);
-            others.extend_from_slice(&kept[dropped + 1..]);
-            Some((bundle.meeting(&others)?, dropped))
-        });
-        // Flat angles make rays pass near each other whatever they show, so they count for less.
-        let doubt = |m: &RayMeeting| m.worst_m / m.sine;
-        let (meeting, dropped) = without.min_by(|a, b| doubt(&a.0).total_cmp(&doubt(&b.0)))?;
-        best = meeting;
-        kept.remove(dropped);
-    }
-    let score = kept.iter().map(|&r| bundle.rays[r].score).sum::<f64>() / kept.len() as f64;
-    Some(SightedKeypoint {
-        position_m: best.point_m,
-        score,
-        views: kept.len() as u16,
-    })
-}
-
 /// Where rays meet, more or less.
 struct RayMeeting {
     point_m: Vector3<f64>,
@@ -145,48 +118,185 @@ struct RayMeeting {
     sine: f64,
 }
 
+impl RayMeeting {
+    /// Flat angles make rays pass near each other whatever they show, so they count for less.
+    fn doubt(&self) -> f64 {
+        self.worst_m / self.sine
+    }
+}
+
+/// What two rays are to each other.
+#[derive(Clone, Copy)]
+struct RayPair {
+    /// Sine of their angle.
+    sine: f64,
+    /// Least distance between their lines, metres; 0 of nearly parallel ones.
+    gap_m: f64,
+}
+
+impl RayPair {
+    fn of(p: &SightedRay, q: &SightedRay) -> Self {
+        let normal = p.direction.cross(&q.direction);
+        let sine = normal.norm();
+        let across = (q.origin_m - p.origin_m).dot(&normal).abs();
+        Self {
+            sine,
+            gap_m: if sine < MIN_GAP_SINE {
+                0.0
+            } else {
+                across / sine
+            },
+        }
+    }
+}
+
 /// The rays of one keypoint, with what all of their subsets share.
 struct RayBundle<'a> {
     rays: Vec<&'a SightedRay>,
-    /// I - d dᵀ of each ray.
+    /// Whose they are, ascending.
+    of: Vec<usize>,
+    /// P = I - d d' of each ray.
     across: Vec<Matrix3<f64>>,
-    /// Per ray, the sines of its angles to those before it.
-    sines: Vec<Vec<f64>>,
+    /// Score times P of each ray, and that times its origin.
+    weighted: Vec<(Matrix3<f64>, Vector3<f64>)>,
+    /// Per ray, what it is to those before it.
+    pairs: Vec<Vec<RayPair>>,
 }
 
 impl<'a> RayBundle<'a> {
-    fn of(rays: Vec<&'a SightedRay>) -> Self {
+    /// The rays of keypoint `k` that `members` (ascending) have.
+    fn of(witnesses: &'a [SightedBody], members: &[usize], k: usize) -> Self {
+        let seen = members
+            .iter()
+            .filter_map(|&m| Some((m, witnesses[m].rays[k].as_ref()?)));
+        let (of, rays): (Vec<usize>, Vec<&SightedRay>) = seen.unzip();
         let across =
             |ray: &&SightedRay| Matrix3::identity() - ray.direction * ray.direction.transpose();
-        let sines = |(n, ray): (usize, &&SightedRay)| {
+        let across: Vec<Matrix3<f64>> = rays.iter().map(across).collect();
+        let weighted = rays.iter().zip(&across).map(|(ray, across)| {
+            let p = across * ray.score;
+            (p, p * ray.origin_m)
+        });
+        let pairs = |(n, ray): (usize, &&SightedRay)| {
             let before = rays[..n].iter();
-            before
-                .map(|other| other.direction.cross(&ray.direction).norm())
-                .collect()
+            before.map(|other| RayPair::of(other, ray)).collect()
         };
         Self {
-            across: rays.iter().map(across).collect(),
-            sines: rays.iter().enumerate().map(sines).collect(),
+            weighted: weighted.collect(),
+            pairs: rays.iter().enumerate().map(pairs).collect(),
+            across,
+            of,
             rays,
         }
     }
 
-    /// The nearest point to the rays `of` these indices, ascending; `None` when they are too few or nearly parallel,
-    /// or meet behind a camera.
-    fn meeting(&self, of: &[usize]) -> Option<RayMeeting> {
+    /// The point that at least two rays of `members` agree on; of more than two, the ray without which the
+    /// others agree best is dropped until all pass within `gate_m`.
+    fn agreed_point(&self, members: &[usize], gate_m: f64) -> Option<SightedKeypoint> {
+        let mut kept: Vec<usize> = (0..self.rays.len())
+            .filter(|&r| members.contains(&self.of[r]))
+            .collect();
+        let mut best = self.meeting(&kept, self.most(&kept, |pair| pair.sine))?;
+        while best.worst_m > gate_m {
+            if kept.len() == 2 {
+                return None;
+            }
+            let (meeting, dropped) = self.best_without_one(&kept)?;
+            best = meeting;
+            kept.remove(dropped);
+        }
+        let score = kept.iter().map(|&r| self.rays[r].score).sum::<f64>() / kept.len() as f64;
+        Some(SightedKeypoint {
+            position_m: best.point_m,
+            score,
+            views: kept.len() as u16,
+        })
+    }
+
+    /// Where the rays `kept` meet with the least doubt when one is left out, and the place of that one; of several the
+    /// first.
+    ///
+    /// Of two rays one passes any point at half their distance or more. So where two are far apart, most that could be
+    /// left out need not be tried: those two would stay.
+    fn best_without_one(&self, kept: &[usize]) -> Option<(RayMeeting, usize)> {
+        let sines = self.most_without_each(kept, |pair| pair.sine);
+        let gaps_m = self.most_without_each(kept, |pair| pair.gap_m);
+        let least_doubt = |place: usize| ROUNDING * 0.5 * gaps_m[place] / sines[place];
+        let mut order: Vec<usize> = (0..kept.len()).collect();
+        order.sort_by(|&x, &y| least_doubt(x).total_cmp(&least_doubt(y)).then(x.cmp(&y)));
+        let mut others = Vec::with_capacity(kept.len());
+        let mut best: Option<(RayMeeting, usize)> = None;
+        for dropped in order {
+            let bound = best.as_ref().map(|(meeting, _)| meeting.doubt());
+            if bound.is_some_and(|doubt| least_doubt(dropped) > doubt) {
+                break;
+            }
+            others.clear();
+            others.extend_from_slice(&kept[..dropped]);
+            others.extend_from_slice(&kept[dropped + 1..]);
+            let Some(meeting) = self.meeting(&others, sines[dropped]) else {
+                continue;
+            };
+            let is_better = best.as_ref().is_none_or(|(best, place)| {
+                let by_doubt = meeting.doubt().total_cmp(&best.doubt());
+                by_doubt.then(dropped.cmp(place)).is_lt()
+            });
+            if is_better {
+                best = Some((meeting, dropped));
+            }
+        }
+        best
+    }
+
+    /// The most that a pair of the rays `of` these indices, ascending, has of something that is not negative.
+    fn most(&self, of: &[usize], what: impl Fn(&RayPair) -> f64) -> f64 {
         let before = |(n, &r): (usize, &usize)| {
             let others = of[..n].iter();
-            others.fold(0.0_f64, |widest, &other| widest.max(self.sines[r][other]))
+            others.fold(0.0_f64, |most, &other| {
+                most.max(what(&self.pairs[r][other]))
+            })
         };
-        let sine = of.iter().enumerate().map(before).fold(0.0, f64::max);
+        of.iter().enumerate().map(before).fold(0.0, f64::max)
+    }
+
+    /// [`Self::most`] without each of the rays.
+    fn most_without_each(&self, of: &[usize], what: impl Fn(&RayPair) -> f64) -> Vec<f64> {
+        let (mut most, mut ends) = (0.0, [0, 0]);
+        for (n, &r) in of.iter().enumerate() {
+            for (before, &other) in of[..n].iter().enumerate() {
+                let own = what(&self.pairs[r][other]);
+                if own > most {
+                    (most, ends) = (own, [before, n]);
+                }
+            }
+        }
+        let mut all = vec![most; of.len()];
+        // Only without one of that pair another has the most.
+        for end in ends {
+            let mut others = of.to_vec();
+            others.remove(end);
+            all[end] = self.most(&others, &what);
+        }
+        all
+    }
+
+    /// The nearest point to the rays `of` these indices, ascending, with `sine` that of their widest angle; `None` when
+    /// they are too few or nearly parallel, or meet behind a camera.
+    fn meeting(&self, of: &[usize], sine: f64) -> Option<RayMeeting> {
         if sine < libm::sin(MIN_ANGLE_RAD) {
             return None;
         }
-        let even = self.nearest_point(of, |_| 1.0)?;
+        let weighted = of.iter().map(|&r| self.weighted[r]);
+        let even = nearest_point(weighted)?;
         // An error of a pixel is an error in metres that grows with the distance, so near cameras
         // decide; one repetition is enough for the distances to be known.
-        let trust = |ray: &SightedRay| ray.depth_m(&even).max(NEAREST_M).powi(-2);
-        let point_m = self.nearest_point(of, trust)?;
+        let weighted = of.iter().map(|&r| {
+            let ray = self.rays[r];
+            let trust = ray.depth_m(&even).max(NEAREST_M).powi(-2);
+            let p = self.across[r] * (ray.score * trust);
+            (p, p * ray.origin_m)
+        });
+        let point_m = nearest_point(weighted)?;
         let rays = of.iter().map(|&r| self.rays[r]);
         let in_front = rays.clone().all(|ray| ray.depth_m(&point_m) > 0.0);
         let worst_m = rays.map(|ray| ray.distance_m(&point_m)).fold(0.0, f64::max);
@@ -196,26 +306,63 @@ impl<'a> RayBundle<'a> {
             sine,
         })
     }
+}
 
-    /// The point with the least weighted sum of squared distances from the rays `of` these indices.
-    ///
-    /// ```text
-    ///   (sum w P) x = sum w P o,   P = I - d d'      w = score times `trust`
-    /// ```
-    fn nearest_point(
-        &self,
-        of: &[usize],
-        trust: impl Fn(&SightedRay) -> f64,
-    ) -> Option<Vector3<f64>> {
-        let mut a = Matrix3::zeros();
-        let mut b = Vector3::zeros();
-        for &r in of {
-            let ray = self.rays[r];
-            let p = self.across[r] * (ray.score * trust(ray));
-            a += p;
-            b += p * ray.origin_m;
+/// The point with the least weighted sum of squared distances from rays, of which w P and w P o are given.
+///
+/// ```text
+///   (sum w P) x = sum w P o,   P = I - d d'      w = score times trust
+/// ```
+fn nearest_point(
+    weighted: impl Iterator<Item = (Matrix3<f64>, Vector3<f64>)>,
+) -> Option<Vector3<f64>> {
+    let mut a = Matrix3::zeros();
+    let mut b = Vector3::zeros();
+    for (p, p_origin) in weighted {
+        a += p;
+        b += p_origin;
+    }
+    let x = a.cholesky()?.solve(&b);
+    x.iter().all(|v| v.is_finite()).then_some(x)
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::body::fixture::{Noise, standing};
+    use crate::sightings::fixture::hall_of_sixteen;
+    use crate::sightings::rays::witnesses;
+
+    proptest! {
+        #[test]
+        fn the_ray_that_goes_is_the_one_that_goes_when_all_are_tried(
+            seed in any::<u64>(), n in 3usize..16, wild in 0usize..4,
+        ) {
+            let (hall, mut noise) = (hall_of_sixteen(), Noise(seed));
+            let bodies = [standing(0.5, -0.5, 1.7, &mut noise), standing(1.5, 1.0, 1.8, &mut noise)];
+            // The first `wild` viewpoints see another body.
+            let sighting = |camera: usize, noise: &mut Noise| {
+                hall.sighting(camera, &bodies[usize::from(camera < wild)], 5.0, noise)
+            };
+            let sightings: Vec<_> = (0..n).map(|camera| sighting(camera, &mut noise)).collect();
+            let all = witnesses(&sightings, &hall.cameras, 17, 0.1);
+            let members: Vec<usize> = (0..all.len()).collect();
+            let bundle = RayBundle::of(&all, &members, 5);
+            let kept: Vec<usize> = (0..bundle.rays.len()).collect();
+            prop_assume!(kept.len() > 2);
+            let without = (0..kept.len()).filter_map(|dropped| {
+                let mut others = kept.clone();
+                others.remove(dropped);
+                let meeting = bundle.meeting(&others, bundle.most(&others, |pair| pair.sine))?;
+                Some((meeting, dropped))
+            });
+            let expected = without.min_by(|a, b| a.0.doubt().total_cmp(&b.0.doubt()));
+            let bits = |(meeting, dropped): (RayMeeting, usize)| {
+                (meeting.point_m.map(f64::to_bits), meeting.worst_m.to_bits(), dropped)
+            };
+            prop_assert_eq!(bundle.best_without_one(&kept).map(bits), expected.map(bits));
         }
-        let x = a.cholesky()?.solve(&b);
-        x.iter().all(|v| v.is_finite()).then_some(x)
     }
 }
