@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use nalgebra::Vector3;
 
-use crate::sightings::rays::SightedBody;
+use crate::sightings::rays::{COSINE_ROUNDING, SightedBody};
 use crate::sightings::reconstruction::Reconstruction;
 
 /// Least keypoints that a witness shares with a body to be explained by it.
@@ -26,7 +26,11 @@ pub(crate) fn explained(
 ) -> Vec<Option<usize>> {
     let (mut pairs, mut distances) = (Vec::new(), Vec::new());
     for (t, body) in tracked.iter().enumerate() {
+        let mut ball = BodyBall::around(body, explained_m);
         for (w, witness) in witnesses.iter().enumerate() {
+            if ball.is_out_of_reach(witness) {
+                continue;
+            }
             let distance = distance_below(explained_m, witness, body, &mut distances);
             pairs.extend(distance.map(|d| (d, t, w)));
         }
@@ -40,6 +44,72 @@ pub(crate) fn explained(
         }
     }
     explained
+}
+
+/// Where a ray must pass to come near any keypoint of a body.
+struct BodyBall {
+    centre_m: Vector3<f64>,
+    radius_m: f64,
+    /// As the camera with this index sees it.
+    seen: Option<(usize, SeenBall)>,
+}
+
+/// A ball as a camera sees it; `None` where the camera is inside.
+type SeenBall = Option<BallOutline>;
+
+/// The outline of a ball.
+#[derive(Clone, Copy)]
+struct BallOutline {
+    /// Unit direction to the ball's centre, world.
+    direction: Vector3<f64>,
+    /// Sine and cosine of the angle between its centre and its edge.
+    sine_cosine: [f64; 2],
+}
+
+impl BodyBall {
+    /// Of the rays that pass nearer than `limit_m` to any keypoint of `body`.
+    fn around(body: &KnownBody, limit_m: f64) -> Self {
+        let n = body.keypoints_m.len().max(1) as f64;
+        let centre_m = body.keypoints_m.iter().sum::<Vector3<f64>>() / n;
+        let off_m = body.keypoints_m.iter().map(|p| (p - centre_m).norm());
+        // A keypoint that is nowhere leaves the ball nowhere: then nobody is out of reach.
+        let radius_m = limit_m + off_m.fold(0.0, f64::max);
+        Self {
+            centre_m,
+            radius_m,
+            seen: None,
+        }
+    }
+
+    /// Whether all rays of `witness` pass the ball, for certain. (That it is not certain says nothing.)
+    fn is_out_of_reach(&mut self, witness: &SightedBody) -> bool {
+        let Some(cone) = &witness.cone else {
+            return false;
+        };
+        let (_, seen) = match self.seen {
+            Some(seen) if seen.0 == witness.camera => seen,
+            _ => *self
+                .seen
+                .insert((witness.camera, self.outline(&cone.origin_m))),
+        };
+        let [sine, cosine] = cone.sine_cosine;
+        seen.is_some_and(|ball| {
+            let [ball_sine, ball_cosine] = ball.sine_cosine;
+            // Of the angle at which cone and ball touch from outside; it is less than a half turn.
+            let touching = cosine * ball_cosine - sine * ball_sine;
+            cosine > 0.0 && cone.axis.dot(&ball.direction) < touching - COSINE_ROUNDING
+        })
+    }
+
+    fn outline(&self, from_m: &Vector3<f64>) -> SeenBall {
+        let to_centre_m = self.centre_m - from_m;
+        let distance_m = to_centre_m.norm();
+        let sine = self.radius_m / distance_m;
+        (sine < 1.0).then(|| BallOutline {
+            direction: to_centre_m / distance_m,
+            sine_cosine: [sine, (1.0 - sine * sine).sqrt()],
+        })
+    }
 }
 
 /// Median distance of the rays of a witness from the keypoints of a tracked body, metres, where it is below `limit_m`.
@@ -81,4 +151,37 @@ pub(crate) fn body_distance_m(group: &Reconstruction, body: &KnownBody) -> Optio
         .filter_map(|(point, tracked)| Some((point.as_ref()?.position_m - tracked).norm()))
         .collect();
     (!distances.is_empty()).then(|| distances.iter().sum::<f64>() / distances.len() as f64)
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::body::fixture::{Noise, standing};
+    use crate::sightings::fixture::hall;
+    use crate::sightings::rays::witnesses;
+
+    proptest! {
+        #[test]
+        fn who_is_out_of_reach_passes_every_keypoint_too_far(seed in any::<u64>(), limit_m in 0.0f64..3.0) {
+            let (hall, mut noise) = (hall(), Noise(seed));
+            let mut within = |half_m: f64| half_m * (2.0 * noise.uniform() - 1.0);
+            let places_m = [[within(5.0), within(4.0)], [within(5.0), within(4.0)]];
+            let bodies = places_m.map(|[x, y]| standing(x, y, 1.7, &mut noise));
+            let sightings = hall.sightings(&bodies, 5.0, &mut noise);
+            let all = witnesses(&sightings, &hall.cameras, 17, 0.1);
+            for keypoints_m in bodies {
+                let body = KnownBody { keypoints_m };
+                let mut ball = BodyBall::around(&body, limit_m);
+                for witness in all.iter().filter(|&witness| ball.is_out_of_reach(witness)) {
+                    let pairs = witness.rays.iter().zip(&body.keypoints_m);
+                    let nearest_m = pairs
+                        .filter_map(|(ray, point_m)| Some(ray.as_ref()?.distance_m(point_m)))
+                        .fold(f64::INFINITY, f64::min);
+                    prop_assert!(nearest_m >= limit_m, "{nearest_m} m");
+                }
+            }
+        }
+    }
 }

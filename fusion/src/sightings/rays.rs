@@ -4,7 +4,7 @@
 //! rays in the world. Sightings come from the network: whatever does not fit the venue is left out
 //! here, and nothing after this file has to doubt an index or a number.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use farfield_proto::camera::CameraModel;
 use farfield_proto::frames::{Pixel, Undistorted};
@@ -25,7 +25,7 @@ const SAME_SIGHTING_SHARE: f64 = 0.04;
 const SAME_PERSON_KEYPOINTS: usize = 4;
 
 /// Far more than what rounding makes of the cosine between two unit vectors.
-const COSINE_ROUNDING: f64 = 1e-9;
+pub(crate) const COSINE_ROUNDING: f64 = 1e-9;
 
 /// A keypoint as one camera sees it.
 #[derive(Debug, Clone, Copy)]
@@ -62,6 +62,36 @@ pub(crate) struct SightedBody {
     pub(crate) camera: usize,
     /// Per keypoint of the network; `None` where it is not seen, or not well enough.
     pub(crate) rays: Vec<Option<SightedRay>>,
+    /// What holds all rays; `None` without rays.
+    pub(crate) cone: Option<RayCone>,
+}
+
+/// A cone that holds the rays of a camera.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct RayCone {
+    /// The pinhole, world metres.
+    pub(crate) origin_m: Vector3<f64>,
+    /// Unit direction in the world.
+    pub(crate) axis: Vector3<f64>,
+    /// Sine and cosine of the angle between the axis and the farthest ray.
+    pub(crate) sine_cosine: [f64; 2],
+}
+
+impl RayCone {
+    fn around(rays: &[Option<SightedRay>]) -> Option<Self> {
+        let rays = rays.iter().flatten();
+        let origin_m = rays.clone().next()?.origin_m;
+        let sum: Vector3<f64> = rays.clone().map(|ray| ray.direction).sum();
+        let axis = sum.try_normalize(f64::MIN_POSITIVE)?;
+        let cosines = rays.map(|ray| ray.direction.dot(&axis));
+        let cosine = cosines.fold(1.0, f64::min);
+        let sine = (1.0 - cosine * cosine).max(0.0).sqrt();
+        Some(Self {
+            origin_m,
+            axis,
+            sine_cosine: [sine, cosine],
+        })
+    }
 }
 
 impl SightedBody {
@@ -85,10 +115,12 @@ impl SightedBody {
             let usable = score >= min_score && x.is_finite() && y.is_finite();
             usable.then(|| sighted_ray(model, Pixel::new(x, y), score.min(1.0)))
         });
+        let rays: Vec<Option<SightedRay>> = rays.collect();
         Some(Self {
             viewpoint: *viewpoint,
             camera,
-            rays: rays.collect(),
+            cone: RayCone::around(&rays),
+            rays,
         })
     }
 
@@ -162,13 +194,17 @@ pub(crate) fn witnesses(
             }
         }
     }
-    let best_of = |w: usize| {
-        let rivals = (0..all.len()).filter(|&other| body_of[other] == body_of[w]);
-        rivals.max_by(|&x, &y| all[x].worth().total_cmp(&all[y].worth()).then(y.cmp(&x)))
-    };
-    let kept: Vec<bool> = (0..all.len()).map(|w| best_of(w) == Some(w)).collect();
-    let all = all.into_iter().zip(kept);
-    all.filter_map(|(body, is_kept)| is_kept.then_some(body))
+    // Per body, the best seen sighting; of several the first.
+    let mut best: Vec<Option<(f64, usize)>> = vec![None; all.len()];
+    for (w, witness) in all.iter().enumerate() {
+        let (best, worth) = (&mut best[body_of[w]], witness.worth());
+        if best.is_none_or(|(most, _)| worth.total_cmp(&most).is_gt()) {
+            *best = Some((worth, w));
+        }
+    }
+    let all = all.into_iter().enumerate();
+    all.filter(|&(w, _)| best[body_of[w]].is_some_and(|(_, best)| best == w))
+        .map(|(_, body)| body)
         .collect()
 }
 
@@ -176,12 +212,15 @@ pub(crate) fn witnesses(
 /// a share of the body's angular size.
 fn same_person_pairs(all: &[SightedBody]) -> Vec<(f64, usize, usize)> {
     let sizes_rad: Vec<f64> = all.iter().map(SightedBody::angular_size_rad).collect();
+    let mut of_viewpoint: BTreeMap<ViewpointIndex, Vec<usize>> = BTreeMap::new();
+    for (index, body) in all.iter().enumerate() {
+        of_viewpoint.entry(body.viewpoint).or_default().push(index);
+    }
     let (mut pairs, mut angles) = (Vec::new(), Vec::new());
     for (a, first) in all.iter().enumerate() {
-        for (b, second) in all.iter().enumerate().skip(a + 1) {
-            if first.viewpoint != second.viewpoint {
-                continue;
-            }
+        let own = &of_viewpoint[&first.viewpoint];
+        for &b in &own[own.partition_point(|&b| b <= a)..] {
+            let second = &all[b];
             let limit = if first.camera == second.camera {
                 SAME_SIGHTING_SHARE
             } else {
