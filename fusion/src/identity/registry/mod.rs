@@ -11,6 +11,7 @@ use farfield_proto::message::PersonPose;
 use farfield_proto::message::identity_event::IdentityEvent;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::{GivenPerson, Venue};
+use rayon::prelude::*;
 
 use super::decide::places::SharedPlaces;
 use super::decide::recognition::Newcomer;
@@ -217,28 +218,39 @@ impl Registry {
             return Vec::new();
         }
         let confirmed: Vec<PersonId> = confirmations.iter().map(|event| event.wire_id).collect();
-        let newcomers = self.newcomers(&confirmed, method);
-        let recognised = recognition::decide(&newcomers, &self.known(), &self.rules);
-        let mut poses = Vec::new();
+        let known = self.known();
+        let recognised = if known.is_empty() {
+            Vec::new()
+        } else {
+            let newcomers = self.newcomers(&confirmed, method);
+            recognition::decide(&newcomers, &known, &self.rules)
+        };
         for event in &confirmations {
             self.apply(std::slice::from_ref(event), tick, method);
             let of = |other: &&Event| other.wire_id == event.wire_id;
             if let Some(recognised) = recognised.iter().find(of) {
                 self.apply(std::slice::from_ref(recognised), tick, method);
             }
-            if let Some(index) = self.position(event.wire_id) {
-                poses.extend(self.tracks[index].solve_again(method));
-            }
         }
+        let poses = self.solve_again(&confirmed, method);
         self.take_facts();
         let elsewhere = recognition::found_elsewhere(&self.facts, &confirmed);
         self.apply(&elsewhere, tick, method);
         poses
     }
 
+    /// Solves the tentative ticks of those who are `confirmed` (wire ids) again: who came together is confirmed
+    /// together, so that a tick may have everybody to solve.
+    fn solve_again(&mut self, confirmed: &[PersonId], method: &Method) -> Vec<(Tick, PersonPose)> {
+        let tracks = self.tracks.par_iter_mut();
+        let own = tracks.filter(|track| confirmed.contains(&track.wire_id()));
+        let solved: Vec<_> = own.map(|track| track.solve_again(method)).collect();
+        solved.into_iter().flatten().collect()
+    }
+
     /// Those who are tentative; `confirmed` (wire ids) are those who will be confirmed at this tick.
     fn newcomers(&self, confirmed: &[PersonId], method: &Method) -> Vec<Newcomer> {
-        let tentative = self.tracks.iter().filter(|track| track.is_tentative());
+        let tentative = self.tracks.par_iter().filter(|track| track.is_tentative());
         let newcomer = |track: &Track| {
             let (appearance, since) = newcomer(track, method);
             let wire_id = track.wire_id();
