@@ -51,7 +51,7 @@ pub(crate) struct BenchArgs {
     /// Patches without loss, instead of at the compression level that a live link starts with.
     #[arg(long)]
     lossless: bool,
-    /// Measure sizes from 4 x 5 to 16 x 22, and draw what a tick costs over viewpoints x people into this SVG file.
+    /// Measure sizes from 4 x 5 to 28 x 30, and draw what a tick costs over viewpoints x people into this SVG file.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["viewpoints", "people"])]
     scaling: Option<PathBuf>,
     /// Print JSON instead of tables.

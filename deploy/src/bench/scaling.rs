@@ -7,7 +7,7 @@ use farfield_score::plot::{Layer, Plot, PlotAxis};
 use super::report::{BenchRun, CostLine};
 
 /// Sizes that are measured for it: viewpoints, people.
-pub(super) const SIZES: [(usize, usize); 7] = [
+pub(super) const SIZES: [(usize, usize); 8] = [
     (4, 5),
     (4, 10),
     (8, 10),
@@ -15,6 +15,7 @@ pub(super) const SIZES: [(usize, usize); 7] = [
     (12, 16),
     (12, 22),
     (16, 22),
+    (28, 30),
 ];
 
 /// The lines of all numbers of threads: through the origin, with the median of the sizes' slopes, which no single size
