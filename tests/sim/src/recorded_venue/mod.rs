@@ -14,7 +14,7 @@ use farfield_edge::source::{FrameSource, SourceError};
 use farfield_fusion::align::TickGroup;
 use farfield_fusion::pipeline::Pipeline;
 use farfield_proto::id::{SessionId, ViewpointIndex};
-use farfield_proto::message::BoxSet;
+use farfield_proto::message::{BoxSet, Order, SightingSet};
 use farfield_proto::patch::CompressionLevel;
 use farfield_proto::tick::Tick;
 use farfield_proto::toml_file::FileError;
@@ -22,6 +22,7 @@ use farfield_proto::venue::{Parameters, Venue};
 use rayon::prelude::*;
 
 pub use self::crowd_scene::RATE_HZ;
+use crate::scene::Scene;
 use crate::simulated::in_memory::{Input, sources_of, venue_of};
 
 /// The session that the groups belong to.
@@ -52,8 +53,19 @@ pub enum RecordVenueError {
 
 /// A venue and all that fusion got of it.
 pub struct RecordedVenue {
+    scene: Arc<Scene>,
     venue: Venue,
     groups: Vec<TickGroup>,
+    sightings: Vec<Vec<SightingSet>>,
+}
+
+/// Which detection passes are recorded.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RecordedPasses {
+    /// Those that fusion asks for.
+    Asked,
+    /// Of all cameras at every tick, too: a fusion that runs live asks at others.
+    AtEveryTick,
 }
 
 impl RecordedVenue {
@@ -68,17 +80,29 @@ impl RecordedVenue {
         level: CompressionLevel,
         done: &mut dyn FnMut(),
     ) -> Result<Self, RecordVenueError> {
+        Self::record_with(size, ticks, level, RecordedPasses::Asked, done)
+    }
+
+    /// As [`Self::record`], with the detection passes that `passes` says.
+    ///
+    /// # Errors
+    /// As [`Self::record`].
+    pub fn record_with(
+        size: VenueSize,
+        ticks: u32,
+        level: CompressionLevel,
+        passes: RecordedPasses,
+        done: &mut dyn FnMut(),
+    ) -> Result<Self, RecordVenueError> {
         let scene = Arc::new(crowd_scene::crowd_scene(size, ticks)?);
         let venue = venue_of(&scene, &Input::Maps, Parameters::default());
-        let sources = sources_of(&scene, &Input::Maps)?;
-        let edges = sources.into_iter().enumerate();
-        let mut edges = edges
-            .map(|(index, source)| {
-                MapEdge::new(&venue, ViewpointIndex(index as u16), source, level)
-            })
-            .collect::<Result<Vec<_>, _>>()?;
+        let mut edges = edges_of(&scene, &venue, level)?;
+        let mut lookouts = match passes {
+            RecordedPasses::Asked => Vec::new(),
+            RecordedPasses::AtEveryTick => edges_of(&scene, &venue, level)?,
+        };
         let (mut fusion, mut boxes) = fusion_of(&venue);
-        let mut groups = Vec::new();
+        let (mut groups, mut sightings) = (Vec::new(), Vec::new());
         for tick in (0..i64::from(ticks)).map(Tick) {
             // Edges share nothing, and their sets stay in the order of viewpoints.
             let outputs: Vec<EdgeOutput> = edges
@@ -96,9 +120,17 @@ impl RecordedVenue {
             }
             boxes = fusion.step(&group, &mut |_| {}).boxes;
             groups.push(group);
+            if passes == RecordedPasses::AtEveryTick {
+                sightings.push(sighted(&venue, &mut lookouts, tick)?);
+            }
             done();
         }
-        Ok(Self { venue, groups })
+        Ok(Self {
+            scene,
+            venue,
+            groups,
+            sightings,
+        })
     }
 
     /// A pipeline that the groups can be given to, from the first on.
@@ -106,10 +138,56 @@ impl RecordedVenue {
         fusion_of(&self.venue).0
     }
 
+    /// What the venue was simulated from.
+    pub fn scene(&self) -> &Arc<Scene> {
+        &self.scene
+    }
+
+    /// By tick, what a detection pass of all cameras showed; empty unless recorded
+    /// [`RecordedPasses::AtEveryTick`].
+    pub fn sightings(&self) -> &[Vec<SightingSet>] {
+        &self.sightings
+    }
+
     /// What fusion got, by tick.
     pub fn groups(&self) -> &[TickGroup] {
         &self.groups
     }
+}
+
+/// One edge for every viewpoint of `venue`, in order.
+fn edges_of(
+    scene: &Arc<Scene>,
+    venue: &Venue,
+    level: CompressionLevel,
+) -> Result<Vec<MapEdge>, RecordVenueError> {
+    let sources = sources_of(scene, &Input::Maps)?.into_iter().enumerate();
+    let edges = sources
+        .map(|(index, source)| MapEdge::new(venue, ViewpointIndex(index as u16), source, level));
+    Ok(edges.collect::<Result<_, _>>()?)
+}
+
+/// What a detection pass of all cameras shows at `tick`.
+fn sighted(
+    venue: &Venue,
+    lookouts: &mut [MapEdge],
+    tick: Tick,
+) -> Result<Vec<SightingSet>, RecordVenueError> {
+    let pairs = lookouts.par_iter_mut().zip(&venue.viewpoints).enumerate();
+    let sets = pairs.map(|(index, (edge, viewpoint))| {
+        let boxes = BoxSet {
+            session: SESSION,
+            tick,
+            viewpoint: ViewpointIndex(index as u16),
+            order: Order::Track,
+            live: None,
+            detection_cameras: viewpoint.cameras.clone(),
+            persons: Vec::new(),
+        };
+        Ok(edge.step(tick, &boxes)?.sighting_sets)
+    });
+    let sets: Vec<Vec<SightingSet>> = sets.collect::<Result<_, RecordVenueError>>()?;
+    Ok(sets.into_iter().flatten().collect())
 }
 
 /// Fusion at the first tick, and its first boxes.
