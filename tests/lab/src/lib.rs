@@ -7,7 +7,7 @@
 //! | module | what |
 //! | --- | --- |
 //! | [`conditions`] | links that are cut, far or lossy, in ticks and without a network |
-//! | [`live_venue`], [`relay`], [`namespaces`] | live venues of processes, the relays and network namespaces between them |
+//! | [`live_venue`], [`relay`], [`namespaces`] | live venues of processes, or of edges played from a recording; the relays and network namespaces between them |
 //! | [`bytes`] | our codec of maps beside what others send, bytes beside errors |
 //! | [`view_peaks`], [`leave_one_out`] | plain triangulation to compare with, and a comparison that needs no truth |
 //! | [`afar`] | real recordings as a camera much farther away would have made them |

@@ -7,6 +7,7 @@
 mod budget;
 mod bytes;
 mod codec;
+mod crowd;
 mod delays;
 mod figures;
 mod fuzz;
@@ -28,6 +29,7 @@ use farfield_node::process::{Ending, exit_code};
 use self::budget::BudgetArgs;
 use self::bytes::BytesArgs;
 use self::codec::CodecArgs;
+use self::crowd::CrowdArgs;
 use self::delays::DelaysArgs;
 use self::figures::FiguresArgs;
 use self::fuzz::corpus::CorpusArgs;
@@ -61,6 +63,8 @@ enum LabCommand {
     Bytes(BytesArgs),
     /// How good a venue is over links that are far, thin and lossy: all nodes live, as processes.
     Links(LinksArgs),
+    /// Many people and viewpoints, live: whether fusion keeps up with sets that were made beforehand.
+    Crowd(CrowdArgs),
     /// Whether anything grows in a venue that runs live for long.
     Soak(SoakArgs),
     /// One scene with changed parameters: its figures, and where the error comes from.
@@ -99,6 +103,7 @@ pub fn main() -> ExitCode {
         LabCommand::Suite(args) => suite::suite(&args),
         LabCommand::Bytes(args) => bytes::study(&args),
         LabCommand::Links(args) => links::links(&args),
+        LabCommand::Crowd(args) => crowd::crowd(&args),
         LabCommand::Soak(args) => soak::soak(&args),
         LabCommand::Budget(args) => budget::budget(&args),
         LabCommand::Delays(args) => delays::delays(&args),

@@ -6,6 +6,7 @@
 //! would start it; each can be killed and started again.
 
 mod node;
+mod player;
 mod vitals;
 mod watch;
 
@@ -21,6 +22,7 @@ use crate::namespaces::Namespaces;
 use crate::relay::UdpRelay;
 
 pub use self::node::NodeProcess;
+pub use self::player::{Played, Player, write_played_venue};
 pub use self::vitals::Vitals;
 pub use self::watch::{PoseArrival, SeenVenue, VenueWatch};
 
@@ -40,6 +42,8 @@ pub struct LiveVenue {
     ports: [u16; 2],
     namespaces: Option<Namespaces>,
     is_fusion_managed: bool,
+    /// The core that fusion has to itself, or shares with whoever else is put there; `None`: all.
+    fusion_core: Option<usize>,
 }
 
 impl LiveVenue {
@@ -74,6 +78,7 @@ impl LiveVenue {
             ports,
             namespaces,
             is_fusion_managed: true,
+            fusion_core: None,
         })
     }
 
@@ -101,6 +106,11 @@ impl LiveVenue {
         self.is_fusion_managed = false;
     }
 
+    /// From now on fusion is started on this core alone.
+    pub fn fusion_on_core(&mut self, core: usize) {
+        self.fusion_core = Some(core);
+    }
+
     /// Starts fusion with its results in `out`, and `more` arguments.
     ///
     /// # Errors
@@ -108,7 +118,14 @@ impl LiveVenue {
     pub fn start_fusion(&mut self, out: &Path, more: &[&str]) -> io::Result<()> {
         // Whoever manages a fusion node has claimed its folder.
         std::fs::create_dir_all(out)?;
-        let mut command = Command::new(&self.program);
+        let mut command = match self.fusion_core {
+            Some(core) => {
+                let mut command = Command::new("taskset");
+                command.args(["-c", &core.to_string()]).arg(&self.program);
+                command
+            }
+            None => Command::new(&self.program),
+        };
         command.arg("fusion").arg(&self.venue_path);
         // Between the namespaces of this machine there are no strangers.
         command.args(["--live", "--allow-plaintext", "--out"]);

@@ -163,7 +163,8 @@ impl SeenVenue {
     }
 }
 
-fn session(endpoint: &str) -> anyhow::Result<Session> {
+/// A session with fusion at `endpoint`, waited for as long as it takes.
+pub(super) fn session(endpoint: &str) -> anyhow::Result<Session> {
     let mut config = zenoh::Config::default();
     for (key, value) in [
         ("mode", "\"client\"".to_owned()),
@@ -184,7 +185,7 @@ fn session(endpoint: &str) -> anyhow::Result<Session> {
 }
 
 /// The subscriber lives as long as the session.
-fn subscribe(
+pub(super) fn subscribe(
     session: &Session,
     key: String,
     hear: impl Fn(&str, &[u8]) + Send + Sync + 'static,
@@ -201,13 +202,14 @@ fn lock(seen: &Mutex<SeenVenue>) -> MutexGuard<'_, SeenVenue> {
     seen.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-fn unix_us() -> u64 {
+/// Now, Unix time, microseconds.
+pub(super) fn unix_us() -> u64 {
     let since = SystemTime::now().duration_since(UNIX_EPOCH);
     u64::try_from(since.unwrap_or_default().as_micros()).unwrap_or(u64::MAX)
 }
 
 #[expect(clippy::needless_pass_by_value, reason = "what `map_err` takes")]
-fn zenoh_error(error: zenoh::Error) -> anyhow::Error {
+pub(super) fn zenoh_error(error: zenoh::Error) -> anyhow::Error {
     anyhow!("{error}")
 }
 
