@@ -52,14 +52,14 @@ pub(super) fn grown_groups(
 
 /// What the members of a group say about a witness.
 #[derive(Debug, Clone, Copy, Default)]
-struct Votes {
+struct MemberVotes {
     agreeing: u32,
     disagreeing: u32,
     /// Each agreement counts up to 1, by its distance.
     sum: f64,
 }
 
-impl Votes {
+impl MemberVotes {
     fn agree(&mut self, distance_m: f64, gates: &Gates) {
         self.agreeing += 1;
         self.sum += 1.0 - 0.5 * distance_m / gates.ray_distance_m;
@@ -82,7 +82,7 @@ struct Growth<'a> {
     /// Who agrees with a member and is of no member's viewpoint.
     candidates: Vec<usize>,
     /// Per place, what the members say about it.
-    votes: Vec<Votes>,
+    votes: Vec<MemberVotes>,
     /// Per place, whether it is or was a candidate: who is of a member's viewpoint does not come back.
     is_known: Vec<bool>,
     /// Per place, who joined last of those that agree with it.
@@ -98,7 +98,7 @@ impl<'a> Growth<'a> {
             members: Vec::new(),
             viewpoints: BTreeSet::new(),
             candidates: Vec::new(),
-            votes: vec![Votes::default(); n],
+            votes: vec![MemberVotes::default(); n],
             is_known: vec![false; n],
             agreed_last: vec![usize::MAX; n],
         }
@@ -170,8 +170,8 @@ impl<'a> Growth<'a> {
     }
 
     /// What the members say about `place`, with which none of them agrees.
-    fn votes_before(&mut self, place: usize) -> Votes {
-        let mut votes = Votes::default();
+    fn votes_before(&mut self, place: usize) -> MemberVotes {
+        let mut votes = MemberVotes::default();
         for &member in &self.members {
             votes.disagreeing += u32::from(self.agreements.comparable(member)[place]);
         }

@@ -14,7 +14,7 @@ const FARTHEST: f32 = 0.4;
 
 /// Where a person is in a camera, undistorted pixels.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Place {
+pub(super) struct CameraPlace {
     pub(super) camera: CameraIndex,
     pub(super) centre_px: [f32; 2],
     /// Height of the box; 0 of crops.
@@ -22,14 +22,14 @@ pub(super) struct Place {
 }
 
 /// Places of persons in a viewpoint.
-pub(super) type Places = BTreeMap<PersonId, Place>;
+pub(super) type Places = BTreeMap<PersonId, CameraPlace>;
 
 /// Where `boxes` have everybody at `tick`.
 pub(super) fn places_of_boxes(boxes: &BoxSet, tick: Tick) -> Places {
     let person = boxes.persons.iter().filter_map(|person| {
         let first = person.cameras.first()?;
         let now = first.bounding_box.moved_on(&first.rate, tick - boxes.tick);
-        let place = Place {
+        let place = CameraPlace {
             camera: first.camera,
             centre_px: now.center_px,
             height_px: now.size_px[1],
@@ -45,7 +45,7 @@ pub(super) fn places_of_patches<'a>(patches: impl Iterator<Item = &'a PersonPatc
         let crop = patch.crops.first()?;
         let middle = [crop.width, crop.height].map(|cells| f64::from(cells) / 2.0);
         let centre = crop.pixel(middle[0], middle[1]);
-        Some(Place {
+        Some(CameraPlace {
             camera: patch.camera,
             centre_px: [centre.x() as f32, centre.y() as f32],
             height_px: 0.0,
@@ -118,7 +118,7 @@ mod tests {
 
     fn places(of: &[(u32, f32)]) -> Places {
         let place = |&(id, x_px): &(u32, f32)| {
-            let place = Place {
+            let place = CameraPlace {
                 camera: CameraIndex(0),
                 centre_px: [x_px, 300.0],
                 height_px: 100.0,
