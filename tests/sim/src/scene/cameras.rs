@@ -35,13 +35,13 @@ pub(super) struct CameraRig {
     pub(super) cameras: Vec<CameraModel>,
 }
 
-/// Mounts the cameras of `wanted` around a field of `size_m`.
+/// Mounts the cameras of `wanted` around a field of `size_m` whose floor is `floor_m` above the ground.
 ///
 /// # Errors
 /// What is wrong, in words, when a field cannot be covered so.
 pub(super) fn generate(
     wanted: &GeneratedCameras,
-    size_m: [f64; 2],
+    (size_m, floor_m): ([f64; 2], f64),
     seed: u64,
 ) -> Result<CameraRig, String> {
     let half_m = Vector2::new(size_m[0] / 2.0, size_m[1] / 2.0);
@@ -56,7 +56,7 @@ pub(super) fn generate(
             .enumerate()
         {
             let name = format!("{name}-{}", index + 1);
-            let look = aim(eye, &slice, wanted.size_px).ok_or_else(|| {
+            let look = aim(eye, (&slice, floor_m), wanted.size_px).ok_or_else(|| {
                 format!("camera `{name}` cannot have its part of the field in view: stand further back, or use more cameras")
             })?;
             let [w, h] = wanted.size_px.map(f64::from);
@@ -186,11 +186,15 @@ struct CameraLook {
     focal_px: f64,
 }
 
-/// The direction from `eye` in which the prism over `slice` fits the image with the longest lens.
-fn aim(eye: Vector3<f64>, slice: &[Vector2<f64>], size_px: [u32; 2]) -> Option<CameraLook> {
+/// The direction from `eye` in which the prism over `slice` of the floor fits the image with the longest lens.
+fn aim(
+    eye: Vector3<f64>,
+    (slice, floor_m): (&[Vector2<f64>], f64),
+    size_px: [u32; 2],
+) -> Option<CameraLook> {
     let corners: Vec<Vector3<f64>> = slice
         .iter()
-        .flat_map(|p| [0.0, TOP_M].map(|z| Vector3::new(p.x, p.y, z) - eye))
+        .flat_map(|p| [0.0, TOP_M].map(|z| Vector3::new(p.x, p.y, floor_m + z) - eye))
         .collect();
     let sum: Vector3<f64> = corners.iter().map(Vector3::normalize).sum();
     let pan = sum.y.atan2(sum.x);
@@ -270,7 +274,7 @@ mod tests {
 
     /// Every point over the field is seen by a camera of every viewpoint.
     fn check(wanted: &GeneratedCameras, size_m: [f64; 2]) {
-        let rig = generate(wanted, size_m, 7).unwrap();
+        let rig = generate(wanted, (size_m, 0.0), 7).unwrap();
         assert_eq!(rig.viewpoints.len(), wanted.viewpoints);
         let names: std::collections::BTreeSet<_> =
             rig.cameras.iter().map(CameraModel::name).collect();
@@ -324,7 +328,7 @@ mod tests {
             size_px: [16, 8192],
             ..wanted(4, 1, 2.5, 1.5)
         };
-        let refused = generate(&narrow, [7.0, 5.0], 7).err().unwrap();
+        let refused = generate(&narrow, ([7.0, 5.0], 0.0), 7).err().unwrap();
         assert!(refused.contains("`north-east-1`"), "{refused}");
         assert!(refused.contains("stand further back"), "{refused}");
     }

@@ -88,6 +88,7 @@ pub struct Scene {
     planned_s: f64,
     seed: u64,
     size_m: [f64; 2],
+    floor_m: f64,
     rig: CameraRig,
     people: Vec<ScenePerson>,
     plan: ScenePlan,
@@ -145,6 +146,7 @@ impl Scene {
             planned_s: file.seconds,
             seed: file.seed,
             size_m: file.size_m,
+            floor_m: file.floor_m,
             rig,
             people,
             plan,
@@ -188,16 +190,22 @@ impl Scene {
         self.seed
     }
 
-    /// Field, x by y, centred on the origin, floor at z = 0, metres.
+    /// Field, x by y, centred on the origin, metres.
     pub fn size_m(&self) -> [f64; 2] {
         self.size_m
+    }
+
+    /// Height of what people stand on above the ground, metres.
+    pub fn floor_m(&self) -> f64 {
+        self.floor_m
     }
 
     /// The box that people are tracked in, as in a venue's `[field]`: least and greatest corner,
     /// metres. It is a little larger than the field, since limbs reach over its edge.
     pub fn field_bounds_m(&self) -> [[f64; 3]; 2] {
         let [x, y] = self.size_m.map(|size_m| size_m / 2.0 + FIELD_MARGIN_M);
-        [[-x, -y, FIELD_BOTTOM_M], [x, y, FIELD_TOP_M]]
+        let z = [FIELD_BOTTOM_M, FIELD_TOP_M].map(|height_m| self.floor_m + height_m);
+        [[-x, -y, z[0]], [x, y, z[1]]]
     }
 
     /// Places with cameras, in the order of their cameras.
@@ -263,7 +271,10 @@ impl Scene {
             return None;
         }
         let who = &self.people[person];
-        let joints_m = self.plan.joints_m(person, time_s);
+        let mut joints_m = self.plan.joints_m(person, time_s);
+        for joint_m in &mut joints_m {
+            joint_m.z += self.floor_m;
+        }
         let length_m = self.faults.definition.map_or(0.0, |fault| fault.offset_m);
         Some(PersonTruth::new(&joints_m, &who.definition, length_m))
     }

@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 use farfield_proto::toml_file::{FileError, Place, TomlFile, unknown_name};
 
 use super::SceneViewpoint;
-use super::file::SceneFile;
+use super::file::{PersonEntry, SceneFile};
 
 /// Viewpoints as bits: the n-th of the scene is bit n.
 pub type ViewpointMask = u64;
@@ -71,17 +71,23 @@ impl Sight {
         }
         for (i, entry) in file.lost.iter().enumerate() {
             let place = Place::field("lost").index(i);
-            let Some(person) = file.people.iter().position(|p| p.name == entry.person) else {
+            let named = |p: &PersonEntry| entry.person.as_ref().is_none_or(|name| *name == p.name);
+            let people = file.people.iter().enumerate();
+            let people: Vec<usize> = people.filter(|(_, p)| named(p)).map(|(i, _)| i).collect();
+            if let (Some(name), []) = (&entry.person, people.as_slice()) {
                 let known: Vec<&str> = file.people.iter().map(|p| p.name.as_str()).collect();
-                let problem = unknown_name("person", &entry.person, &known);
+                let problem = unknown_name("person", name, &known);
                 return Err(toml.error(&place.key("person"), problem));
-            };
-            sight.lost.push(LostInterval {
-                person,
-                from_s: entry.from_s,
-                until_s: entry.until_s,
-                seen_by: mask_of(&entry.except, &place.key("except"))?,
-            });
+            }
+            let seen_by = mask_of(&entry.except, &place.key("except"))?;
+            sight
+                .lost
+                .extend(people.into_iter().map(|person| LostInterval {
+                    person,
+                    from_s: entry.from_s,
+                    until_s: entry.until_s,
+                    seen_by,
+                }));
         }
         Ok(sight)
     }
@@ -139,6 +145,21 @@ mod tests {
         assert!(message.contains("did you mean `height_m`?"), "{message}");
         let message = refusal("[[poster]]\nat = [0, 0]\n");
         assert!(message.contains("did you mean `at_m`?"), "{message}");
+    }
+
+    #[test]
+    fn everybody_is_lost_where_nobody_is_named() {
+        let text = crate::embedded_files::SCENES
+            .iter()
+            .find(|s| s.0 == "court")
+            .unwrap()
+            .1;
+        let text = format!("{text}\n[[lost]]\nfrom_s = 1.0\nuntil_s = 2.0\n");
+        let scene = crate::embedded::with_clips(&text, Path::new("scenes/court.toml")).unwrap();
+        for person in 0..scene.people().len() {
+            let seen = [0.9, 1.5, 2.0].map(|time_s| scene.seen_by(person, time_s) != 0);
+            assert_eq!(seen, [true, false, true]);
+        }
     }
 
     #[test]

@@ -91,7 +91,7 @@ pub fn venue_of(scene: &Scene, input: &Input, parameters: Parameters) -> Venue {
         field: Field {
             min_m,
             max_m,
-            floor_m: 0.0,
+            floor_m: scene.floor_m(),
         },
         viewpoints,
         cameras,

@@ -57,6 +57,9 @@ impl VenueText<'_> {
         }
         let [min_m, max_m] = self.scene.field_bounds_m();
         writeln!(text, "\n[field]\nmin_m = {min_m:?}\nmax_m = {max_m:?}")?;
+        if self.scene.floor_m() != 0.0 {
+            writeln!(text, "floor_m = {:?}", self.scene.floor_m())?;
+        }
         for viewpoint in self.scene.viewpoints() {
             writeln!(text, "\n[[viewpoint]]\nname = {}", quoted(&viewpoint.name))?;
             for &camera in &viewpoint.cameras {

@@ -59,6 +59,7 @@ impl Check<'_> {
         for (i, size_m) in raw.size_m.into_iter().enumerate() {
             self.range(&Place::field("size_m").index(i), size_m, [1.0, 1000.0])?;
         }
+        self.range(&Place::field("floor_m"), raw.floor_m, [-100.0, 100.0])?;
         Ok(())
     }
 

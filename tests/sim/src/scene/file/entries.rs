@@ -103,12 +103,12 @@ pub struct PosterEntry {
     pub time_s: f64,
 }
 
-/// A person lost to all but some viewpoints, as it is written.
+/// A person, or everybody, lost to all but some viewpoints, as it is written.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LostEntry {
-    /// Name of the person.
-    pub person: String,
+    /// Name of the person; everybody where it is left out.
+    pub person: Option<String>,
     /// From when, seconds.
     pub from_s: f64,
     /// Until when, seconds.

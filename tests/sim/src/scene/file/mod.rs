@@ -41,6 +41,8 @@ pub struct SceneFile {
     pub seed: u64,
     /// Field, x by y, centred on the origin, metres.
     pub size_m: [f64; 2],
+    /// Height of what people stand on above the ground, metres: a stage. All else counts from the ground.
+    pub floor_m: f64,
     /// Where cameras come from.
     pub cameras: CameraSource,
     /// The people, in file order.
@@ -106,6 +108,7 @@ impl SceneFile {
             seconds: raw.seconds,
             seed: raw.seed,
             size_m: raw.size_m,
+            floor_m: raw.floor_m,
             cameras,
             people: people.collect(),
             mirrors: raw.mirror,

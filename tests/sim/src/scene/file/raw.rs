@@ -14,6 +14,8 @@ pub(super) struct SceneTable {
     #[serde(default)]
     pub(super) seed: u64,
     pub(super) size_m: [f64; 2],
+    #[serde(default)]
+    pub(super) floor_m: f64,
     pub(super) cameras: Option<GeneratedCameras>,
     pub(super) calibration: Option<String>,
     #[serde(default)]
