@@ -5,18 +5,22 @@ use farfield_proto::tick::Tick;
 use nalgebra::Vector3;
 
 use super::recognise::{Appearance, Lengths};
+use super::whereabouts::Whereabouts;
 use crate::body::measured::MeasuredBody;
 use crate::body::skeleton::Skeleton;
 
 /// Most people who are remembered; of more, those who left first are forgotten.
 const MAX_REMEMBERED: usize = 256;
 
+/// How long those are looked for who are missed, beside the regular passes, seconds: mostly links or lights fail, for
+/// all of them.
+const MISSED_S: f64 = 3.0;
+
 /// Where a person was surely itself: seen by two viewpoints, with nobody else in its place.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct LastSeen {
     pub(crate) tick: Tick,
-    /// The pelvis, world metres.
-    pub(crate) place_m: Vector3<f64>,
+    pub(crate) whereabouts: Whereabouts,
 }
 
 /// What is compared of somebody who is known: a body itself takes a hundred kilobytes.
@@ -25,10 +29,12 @@ pub(crate) struct Candidate {
     pub(crate) id: PersonId,
     pub(crate) last_seen: LastSeen,
     pub(crate) appearance: Appearance,
+    /// Whether it is expected back: lost, or missed since a short while.
+    pub(crate) is_expected: bool,
 }
 
 impl Candidate {
-    /// Who was `last_seen` there, with the body `skeleton`, known for `lived_s` seconds.
+    /// Who is lost and was `last_seen` there, with the body `skeleton`, known for `lived_s` seconds.
     pub(crate) fn new(
         id: PersonId,
         last_seen: LastSeen,
@@ -40,8 +46,9 @@ impl Candidate {
             last_seen,
             appearance: Appearance {
                 lengths: Lengths::of(skeleton, lived_s),
-                place_m: last_seen.place_m,
+                whereabouts: last_seen.whereabouts,
             },
+            is_expected: true,
         }
     }
 }
@@ -51,12 +58,21 @@ impl Candidate {
 pub(crate) struct Departed {
     pub(crate) id: PersonId,
     pub(crate) last_seen: LastSeen,
+    /// When it went, which is later: who is in somebody's arms is not surely itself.
+    pub(crate) gone: Tick,
+    /// Whether it was there, and nobody saw it any more.
+    pub(crate) is_missed: bool,
     pub(crate) body: MeasuredBody,
     /// How long the person was there, seconds.
     pub(crate) lived_s: f64,
 }
 
 impl Departed {
+    /// Whether it is missed since less than [`MISSED_S`].
+    fn is_expected(&self, now: Tick, rate_hz: f64) -> bool {
+        self.is_missed && (now - self.gone) as f64 <= MISSED_S * rate_hz
+    }
+
     /// Ticks of life so far.
     pub(crate) fn lived_ticks(&self, rate_hz: f64) -> u32 {
         (self.lived_s * rate_hz).round() as u32
@@ -79,18 +95,40 @@ impl Memory {
         self.gone.push(departed);
     }
 
-    /// Forgets who was last seen more than `return_s` before `now`.
+    /// Forgets who went more than `return_s` before `now`.
     pub(crate) fn forget(&mut self, now: Tick, return_s: f64, rate_hz: f64) {
         let limit = return_s * rate_hz;
         self.gone
-            .retain(|departed| (now - departed.last_seen.tick) as f64 <= limit);
+            .retain(|departed| (now - departed.gone) as f64 <= limit);
     }
 
     /// Those who may come back.
-    pub(crate) fn candidates(&self) -> impl Iterator<Item = Candidate> + '_ {
-        self.gone.iter().map(|departed| {
+    pub(crate) fn candidates(
+        &self,
+        now: Tick,
+        rate_hz: f64,
+    ) -> impl Iterator<Item = Candidate> + '_ {
+        self.gone.iter().map(move |departed| {
             let skeleton = &departed.body.skeleton;
-            Candidate::new(departed.id, departed.last_seen, skeleton, departed.lived_s)
+            let (id, last_seen, lived_s) = (departed.id, departed.last_seen, departed.lived_s);
+            Candidate {
+                is_expected: departed.is_expected(now, rate_hz),
+                ..Candidate::new(id, last_seen, skeleton, lived_s)
+            }
+        })
+    }
+
+    /// Where those were, and when they were last seen, who are missed since less than [`MISSED_S`].
+    pub(crate) fn places_of_missed(
+        &self,
+        now: Tick,
+        rate_hz: f64,
+    ) -> impl Iterator<Item = (Vector3<f64>, Tick)> + '_ {
+        let is_expected = move |departed: &&Departed| departed.is_expected(now, rate_hz);
+        let missed = self.gone.iter().filter(is_expected);
+        missed.map(|departed| {
+            let seen = &departed.last_seen;
+            (seen.whereabouts.place_m, seen.tick)
         })
     }
 

@@ -23,3 +23,4 @@ mod recognise;
 pub mod registry;
 mod tentative;
 pub mod track;
+mod whereabouts;

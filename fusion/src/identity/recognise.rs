@@ -8,12 +8,12 @@
 //!
 //!   d_i = ln(newcomer's length i / known length i):   same  N(0, S),   S = diag s_i^2
 //!                                                    other N(0, S + diag p^2 + c^2 1 1')
-//!   r = how far apart, on the floor:                 same  N(0, g^2 I),  g = G + w t
+//!   r = the place on the floor:                      same  as `super::whereabouts` says
 //!                                                    other uniform in the field
 //! ```
 //!
 //! `s_i` is how well the two lengths are measured, `p` and `c` how much people differ in single lengths
-//! and in stature, `t` the time between. Farther than the fastest could have got, they are not the same. All
+//! and in stature. Farther than the fastest could have got, they are not the same. All
 //! pairs are decided together: the assignment with the greatest sum of L counts, and of it only pairs
 //! without which the sum would be clearly less. Who is ambiguous stays somebody new: a stranger's id is
 //! worse than a new one.
@@ -21,8 +21,8 @@
 use farfield_proto::message::identity_event::Likeness;
 use farfield_proto::venue::Field;
 use farfield_proto::venue::parameters::BirthParameters;
-use nalgebra::Vector3;
 
+use super::whereabouts::Whereabouts;
 use crate::assign::assign;
 use crate::body::skeleton::Skeleton;
 
@@ -38,16 +38,13 @@ const ERROR_LASTS_S: f64 = 2.0;
 const SINGLE_SPREAD: f64 = 0.057;
 /// How much people differ in stature, `c`: two people, each with 5.5 %.
 const STATURE_SPREAD: f64 = 0.078;
-/// How far from where it was last seen a person is after no time, `G`, metres.
-const PLACE_SIGMA_M: f64 = 0.5;
-/// How much farther per second, `w`, metres per second: most people who leave turn about or stand.
-const WANDER_M_S: f64 = 1.0;
 /// Places count no more than this against a pair: some people run.
 const LEAST_PLACE: f64 = -3.0;
 /// What a distance may be off at once, metres, beside what the fastest run.
 const REACH_M: f64 = 1.0;
-/// Least gain of the whole assignment by a pair for it to count: a factor of e.
-const MARGIN: f64 = 1.0;
+/// Least gain of the whole assignment by a pair for it to count: a factor of 7. Who waits is better known a little
+/// later, and a new id is better than a wrong one.
+const MARGIN: f64 = 2.0;
 /// What stands for an impossible pair; far below any sum of L.
 const IMPOSSIBLE: f64 = -1e6;
 
@@ -111,9 +108,8 @@ impl Lengths {
 pub(crate) struct Appearance {
     /// The body.
     pub(crate) lengths: Lengths,
-    /// The pelvis, world metres: of a newcomer at its first tick, of a known person when it was last
-    /// seen well.
-    pub(crate) place_m: Vector3<f64>,
+    /// Of a newcomer at its first tick, of a known person when it was last seen well.
+    pub(crate) whereabouts: Whereabouts,
 }
 
 /// How much likelier a pair is one person than two: from link lengths, places and the time between.
@@ -140,14 +136,12 @@ impl LikenessModel {
         absence_s: f64,
     ) -> Option<f64> {
         let t = absence_s.max(0.0);
-        let r = (newcomer.place_m - known.place_m).xy().norm();
+        let (now, before) = (&newcomer.whereabouts, &known.whereabouts);
+        let r = (now.place_m - before.place_m).xy().norm();
         if r > REACH_M + self.speed_m_s * t {
             return None;
         }
-        let g2 = (PLACE_SIGMA_M + WANDER_M_S * t).powi(2);
-        // Two people apart are somewhere in the field, but nobody is spread wider than that.
-        let odds = (self.field_m2 / (std::f64::consts::TAU * g2)).max(1.0);
-        let place = libm::log(odds) - 0.5 * r * r / g2;
+        let place = before.ln_density(now, t, self.field_m2) + libm::log(self.field_m2);
         Some(newcomer.lengths.likeness(&known.lengths) + place.max(LEAST_PLACE))
     }
 }
@@ -171,7 +165,8 @@ impl Recognised {
         known: &Appearance,
         absence_s: f64,
     ) -> Likeness {
-        let distance_m = (newcomer.place_m - known.place_m).xy().norm();
+        let (now, before) = (&newcomer.whereabouts, &known.whereabouts);
+        let distance_m = (now.place_m - before.place_m).xy().norm();
         Likeness {
             distance_m: distance_m as f32,
             absence_s: absence_s as f32,
@@ -231,6 +226,7 @@ pub(crate) fn assign_known(likeness: &[Vec<Option<f64>>], least: f64) -> Vec<Opt
 mod tests {
     use super::*;
     use crate::body::skeleton::Proportions;
+    use nalgebra::Vector3;
 
     fn model() -> LikenessModel {
         let field = Field {
@@ -253,7 +249,7 @@ mod tests {
                 &Skeleton::new(&Proportions::from_stature(stature_m)),
                 seconds,
             ),
-            place_m: Vector3::new(x, y, 0.95),
+            whereabouts: Whereabouts::at(Vector3::new(x, y, 0.95)),
         }
     }
 
@@ -295,10 +291,10 @@ mod tests {
 
     #[test]
     fn a_choice_says_how_clear_it_is() {
-        let likeness = [vec![Some(3.0), Some(1.9)]];
+        let likeness = [vec![Some(4.0), Some(1.9)]];
         let chosen = assign_known(&likeness, 1.0)[0].unwrap();
-        assert!((chosen.log_ratio - 3.0).abs() < 1e-9);
-        assert!((chosen.margin.unwrap() - 1.1).abs() < 1e-9);
+        assert!((chosen.log_ratio - 4.0).abs() < 1e-9);
+        assert!((chosen.margin.unwrap() - 2.1).abs() < 1e-9);
         let alone = assign_known(&[vec![Some(3.0)]], 1.0)[0].unwrap();
         assert_eq!(alone.margin, None);
     }
@@ -306,7 +302,7 @@ mod tests {
     #[test]
     fn who_is_ambiguous_is_somebody_new() {
         assert_eq!(who(&[vec![Some(3.0), Some(2.8)]], 1.0), [None]);
-        assert_eq!(who(&[vec![Some(3.0), Some(1.9)]], 1.0), [Some(0)]);
+        assert_eq!(who(&[vec![Some(4.0), Some(1.9)]], 1.0), [Some(0)]);
         assert_eq!(who(&[vec![Some(0.5), None]], 1.0), [None]);
         assert_eq!(who(&[vec![Some(3.0)], vec![Some(2.9)]], 1.0), [None, None]);
         assert_eq!(who(&[Vec::new()], 1.0), [None]);

@@ -9,15 +9,16 @@ use super::memory::{Candidate, Departed, LastSeen};
 use super::phase::{self, Coverage, Phase, published};
 use super::poster::Stillness;
 use super::tentative::{TentativeTick, Votes};
+use super::whereabouts::Whereabouts;
 use crate::align::TickGroup;
 use crate::body::keypoint_estimate::KeypointEstimate;
-use crate::body::skeleton::{Pose, Skeleton};
+use crate::body::skeleton::{Joint, Pose, Skeleton};
 use crate::estimate::estimator::{BodyAhead, Estimator, RestartPoint, TickSnapshot};
 use crate::method::{Method, VenueView};
 
 /// How far somebody lost may be from where it is carried, per axis, for its crops to be its own, metres. They are cut
 /// there, and show whoever is there: farther away, it is for the sightings to say who is who.
-const ADRIFT_M: f64 = 0.2;
+const ADRIFT_M: f64 = 0.15;
 
 /// One person. Evidence, body and estimate are the estimator's; who it is, is [`TrackIdentity`].
 pub struct Track {
@@ -153,6 +154,12 @@ impl Track {
         phase::is_awaited(self.identity.phase, self.identity.coverage)
     }
 
+    /// Whether one viewpoint has led it on since two saw it.
+    pub(crate) fn is_led(&self) -> bool {
+        let coverage = self.identity.coverage;
+        coverage.unseen < coverage.missing
+    }
+
     /// The ticks before the last one that were solved again at it: those of a person who was confirmed.
     pub fn solved_again(&self) -> &[TickSnapshot] {
         &self.identity.changed.solved
@@ -260,11 +267,13 @@ impl Track {
         ))
     }
 
-    /// What is known of it; `None` of who was never seen.
-    pub(crate) fn departed(&self, rate_hz: f64) -> Option<Departed> {
+    /// What is known of it, who goes at tick `gone`; `None` of who was never seen.
+    pub(crate) fn departed(&self, gone: Tick, rate_hz: f64) -> Option<Departed> {
         Some(Departed {
             id: self.identity.id,
             last_seen: self.identity.last_seen?,
+            gone,
+            is_missed: false,
             body: self.estimator.body.clone(),
             lived_s: f64::from(self.identity.lived_ticks) / rate_hz,
         })
@@ -286,8 +295,17 @@ impl Track {
     pub(crate) fn is_seen_at(&mut self, tick: Tick) {
         self.identity.last_seen = Some(LastSeen {
             tick,
-            place_m: self.estimator.pose().root_m,
+            whereabouts: self.whereabouts(),
         });
+    }
+
+    /// Where it is, and how fast, as its filter says.
+    pub(crate) fn whereabouts(&self) -> Whereabouts {
+        let estimator = &self.estimator;
+        let velocity_m_s = estimator.motion().velocity_m_s()[Joint::Pelvis.index()];
+        Whereabouts::at(estimator.pose().root_m)
+            .facing_as(estimator.joints_m())
+            .moving(&velocity_m_s)
     }
 
     /// Notes that nobody else is near at `tick`.

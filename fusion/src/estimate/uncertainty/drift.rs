@@ -5,12 +5,13 @@
 //!
 //! ```text
 //!   body    D² = (1.15 v (t - tau (1 - exp(-t/tau))))²/3 + (0.1 t)² + (0.6 t²/2)²       metres per axis
+//!   where nothing shows it                               + (0.45 t v/(v + 0.5 m/s))²
 //!   limb    d  = reach (1 - exp(-(rate + gait v) u/reach))
 //! ```
 //!
 //! v is the speed of the pelvis when it was last seen, t the time since evidence of the person was
 //! lost, u that since the joint itself was. The first part of D is the distance that the fading
-//! velocity leaves behind, the others that somebody starts to walk. A limb moves against the body at a
+//! velocity leaves behind, the next two that somebody starts to walk, the last that who moves turns. A limb moves against the body at a
 //! rate that grows with the gait, and no further than it reaches.
 //!
 //! The numbers are fitted on the project's own scenes (evidence of each person withheld for 0.2 to 1 s
@@ -25,6 +26,12 @@ const LEFT_BEHIND: f64 = 1.15;
 /// Somebody who stood walks off: metres per second, and per second squared.
 const SETS_OFF_M_S: f64 = 0.10;
 const SETS_OFF_M_S2: f64 = 0.6;
+
+/// Who moves turns and changes pace, metres per second; half as much at the second one.
+const TURNS_M_S: f64 = 0.45;
+const TURNS_AT_M_S: f64 = 0.5;
+/// How fast anybody may change its way, metres per second squared: a runner is slow where it turns about.
+const SUDDEN_M_S2: f64 = 2.0;
 
 /// How a part of the body moves against the trunk.
 #[derive(Debug, Clone, Copy)]
@@ -78,6 +85,17 @@ pub(super) fn of_body_m2(speed_m_s: f64, coasted_s: f64, coast_decay_s: f64) -> 
     let behind_m = LEFT_BEHIND * speed_m_s.min(FASTEST_M_S) * (t - carried_s);
     let off_m2 = (SETS_OFF_M_S * t).powi(2) + (0.5 * SETS_OFF_M_S2 * t * t).powi(2);
     behind_m * behind_m / 3.0 + off_m2
+}
+
+/// Variance per axis (m²) that is added to [`of_body_m2`] where nothing shows the person.
+pub(super) fn of_turns_m2(speed_m_s: f64, coasted_s: f64) -> f64 {
+    let share = speed_m_s / (speed_m_s + TURNS_AT_M_S);
+    (TURNS_M_S * share * coasted_s).powi(2)
+}
+
+/// Variance per axis (m²) of whom one must be sure not to take for somebody else, in addition.
+pub(super) fn at_most_m2(coasted_s: f64) -> f64 {
+    (0.5 * SUDDEN_M_S2 * coasted_s * coasted_s).powi(2)
 }
 
 /// Variance per axis (m²) that `joint` gains against the body of a person moving at `speed_m_s` in

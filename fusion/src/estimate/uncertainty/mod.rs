@@ -151,10 +151,10 @@ impl Uncertainty {
         self.of_tick_m2
     }
 
-    /// How far, per axis, the body as a whole may be from where it is carried since nothing shows it, metres.
+    /// How far, per axis, the body as a whole may at most be from where it is carried since nothing shows it, metres.
     pub fn adrift_m(&self) -> f64 {
         match self.made_of {
-            MadeOf::Motion => self.body_m2.sqrt(),
+            MadeOf::Motion => (self.body_m2 + drift::at_most_m2(self.coasted_s)).sqrt(),
             MadeOf::Views | MadeOf::OneView => 0.0,
         }
     }
@@ -187,6 +187,9 @@ impl Uncertainty {
                 drift::of_body_m2(self.lost_speed_m_s, self.coasted_s, tick.coast_decay_s)
             }
         };
+        if tick.made_of == MadeOf::Motion {
+            self.body_m2 += drift::of_turns_m2(self.lost_speed_m_s, self.coasted_s);
+        }
         self.of_tick_m2 = [f64::INFINITY; N_JOINTS];
         match tick.made_of {
             MadeOf::Motion => self.coast(),

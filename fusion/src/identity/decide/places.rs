@@ -7,6 +7,7 @@ use nalgebra::Vector3;
 
 use crate::identity::event::{Event, EventKind};
 use crate::identity::facts::{Rules, TrackFacts};
+use crate::identity::phase::Phase;
 
 /// Two people whose pelvises are farther apart do not stand in each other's place, metres.
 const APART_M: f64 = 0.6;
@@ -82,6 +83,20 @@ pub(crate) fn step_back(everybody: &[TrackFacts], tick: Tick, rules: &Rules) -> 
     events
 }
 
+/// Whether the person at `index` is surely on a body of its own: nobody else is near, or it is sure who it is, and
+/// twice as far from everybody as two who stand in one place. So it is noted of people who walk side by side where
+/// they are.
+pub(crate) fn is_itself(everybody: &[TrackFacts], index: usize, rules: &Rules) -> bool {
+    let own = &everybody[index];
+    let apart_m = 2.0 * rules.births.same_place_m;
+    let others = everybody.iter().enumerate();
+    let mut others = others.filter(|(other, _)| *other != index);
+    others.all(|(_, other)| {
+        let is_sure = own.phase == Phase::Tracked;
+        is_apart(&other.joints_m[0], &own.joints_m[0]) || is_sure && own.distance_m(other) > apart_m
+    })
+}
+
 /// Whether nobody else is near the person at `index`.
 pub(crate) fn is_alone(everybody: &[TrackFacts], index: usize) -> bool {
     let own_m = everybody[index].joints_m[0];
@@ -111,6 +126,13 @@ struct SharedPlace {
 }
 
 impl SharedPlaces {
+    /// Whether `id` was in one place with anybody at the last tick that was counted.
+    pub(crate) fn hold(&self, id: PersonId) -> bool {
+        self.pairs
+            .iter()
+            .any(|pair| pair.older == id || pair.younger == id)
+    }
+
     /// Counts a tick: two tracks are in one place whose bodies are nearer than `births.same_place_m`.
     pub(crate) fn count(&mut self, everybody: &[TrackFacts], rules: &Rules) {
         std::mem::swap(&mut self.pairs, &mut self.before);
@@ -180,7 +202,6 @@ fn weaker<'a>(older: &'a TrackFacts, younger: &'a TrackFacts) -> (&'a TrackFacts
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::identity::phase::Phase;
 
     const LOST: Phase = Phase::Lost {
         since: Tick(5),
@@ -262,6 +283,26 @@ mod tests {
             }
             shared.count(&everybody, &rules());
             assert_eq!(who(&same_place(&everybody, &shared, &rules())), [goes]);
+        }
+    }
+
+    #[test]
+    fn who_walks_beside_somebody_is_itself_and_who_may_follow_another_is_not() {
+        let apart_m = 2.0 * rules().births.same_place_m;
+        let own = |phase| TrackFacts::example(1, phase).at_x(0.0);
+        let other = |x_m| TrackFacts::example(2, Phase::Tracked).at_x(x_m);
+        for (phase, x_m, expected) in [
+            (Phase::Tracked, apart_m + 0.01, true),
+            (Phase::Tracked, apart_m - 0.01, false),
+            (LOST, apart_m + 0.01, false),
+            (LOST, APART_M + 0.01, true),
+        ] {
+            let everybody = [own(phase), other(x_m)];
+            assert_eq!(
+                is_itself(&everybody, 0, &rules()),
+                expected,
+                "{phase:?} {x_m}"
+            );
         }
     }
 

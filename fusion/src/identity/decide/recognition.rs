@@ -11,6 +11,8 @@ use crate::identity::recognise::{Appearance, LikenessModel, assign_known};
 
 /// Least ln of the likelihood ratio at which a newcomer is somebody who was here before.
 const LEAST_RETURN: f64 = 1.0;
+/// By how much it may be less of somebody who is expected back: few strangers come just then.
+const EXPECTED: f64 = 1.5;
 
 /// Somebody tentative, or confirmed at this tick.
 #[derive(Debug, Clone)]
@@ -35,7 +37,9 @@ pub(crate) fn decide(newcomers: &[Newcomer], known: &[Candidate], rules: &Rules)
         .map(|newcomer| {
             let pair = |known: &Candidate| {
                 let absence_s = absence_s(newcomer, known);
-                model.likeness(&newcomer.appearance, &known.appearance, absence_s)
+                let likeness =
+                    model.likeness(&newcomer.appearance, &known.appearance, absence_s)?;
+                Some(likeness + if known.is_expected { EXPECTED } else { 0.0 })
             };
             known.iter().map(pair).collect()
         })
@@ -84,13 +88,14 @@ mod tests {
     use crate::identity::memory::LastSeen;
     use crate::identity::phase::Phase;
     use crate::identity::recognise::Lengths;
+    use crate::identity::whereabouts::Whereabouts;
     use nalgebra::Vector3;
 
     fn appearance(stature_m: f64, seconds: f64) -> Appearance {
         let skeleton = Skeleton::new(&Proportions::from_stature(stature_m));
         Appearance {
             lengths: Lengths::of(&skeleton, seconds),
-            place_m: Vector3::new(-3.0, 0.0, 0.95),
+            whereabouts: Whereabouts::at(Vector3::new(-3.0, 0.0, 0.95)),
         }
     }
 
@@ -100,9 +105,10 @@ mod tests {
             id: PersonId(id),
             last_seen: LastSeen {
                 tick: Tick(100),
-                place_m: appearance.place_m,
+                whereabouts: appearance.whereabouts,
             },
             appearance,
+            is_expected: false,
         }
     }
 
@@ -130,6 +136,22 @@ mod tests {
         assert!(why.distance_m < 0.01 && why.lengths_sigma < 1.0, "{why:?}");
         assert!((why.absence_s - 2.0).abs() < 1e-6);
         assert!(decide(&[newcomer(1.95, true)], &known, &rules).is_empty());
+    }
+
+    #[test]
+    fn less_is_asked_of_who_is_expected_back() {
+        let rules = Rules::example(20.0);
+        let is_recognised = |stature_m, is_expected| {
+            let known = Candidate {
+                is_expected,
+                ..known(3, stature_m)
+            };
+            !decide(&[newcomer(1.7, true)], &[known], &rules).is_empty()
+        };
+        let taller = (0..30).map(|step| 1.7 + 0.01 * f64::from(step));
+        let [expected, not] =
+            [true, false].map(|is| taller.clone().filter(|&s| is_recognised(s, is)).count());
+        assert!(expected > not && not > 0, "{expected} {not}");
     }
 
     #[test]

@@ -9,13 +9,10 @@ use crate::identity::event::{Event, EventKind};
 use crate::identity::facts::{Rules, TrackFacts};
 use crate::identity::memory::Candidate;
 use crate::identity::recognise::{Appearance, LikenessModel, assign_known};
+use crate::identity::whereabouts::Whereabouts;
 
 /// How far off its place somebody who stands may be sighted, metres.
 const SIGHTED_OFF_M: f64 = 0.3;
-/// From how far between where it was last and where it is carried these are two places, metres.
-const MOVED_M: f64 = 0.5;
-/// ln of how much rarer somebody who moved has stopped or turned about than gone on.
-const STOPPED: f64 = -1.5;
 /// Least ln of the likelihood ratio at which a sighted person is somebody lost: it is expected.
 const LEAST_FOUND: f64 = 0.0;
 
@@ -64,8 +61,8 @@ pub(crate) struct LostPerson {
     pub(crate) wire_id: PersonId,
     /// Who, and where it was surely seen last; `None` of who never was.
     pub(crate) known: Option<Candidate>,
-    /// Where it is carried, world, metres.
-    pub(crate) carried_m: Vector3<f64>,
+    /// Where one viewpoint has led it since, world, metres.
+    pub(crate) led_m: Option<Vector3<f64>>,
 }
 
 /// Which persons sighted at `tick` (`None` of who cannot be a body) are who of the lost.
@@ -82,18 +79,15 @@ pub(crate) fn revive(
         .map(|sighted| {
             let pair = |lost: &LostPerson| {
                 let known = lost.known.as_ref()?;
-                // It went on, or one viewpoint led it on; or it stopped or turned where it was last.
+                // It is on its way from where it was last, or one viewpoint has led it on.
                 let last = known.appearance;
-                let carried = Appearance {
-                    place_m: lost.carried_m,
+                let led = lost.led_m.map(|led_m| Appearance {
+                    whereabouts: Whereabouts::at(led_m),
                     ..last
-                };
+                });
                 let sighted = sighted.as_ref()?;
-                let likeness = |at| model.likeness(sighted, at, absence_s(known));
-                let moved_m = (lost.carried_m - last.place_m).xy().norm();
-                let stopped = if moved_m > MOVED_M { STOPPED } else { 0.0 };
-                let stopped = likeness(&last).map(|l| l + stopped);
-                [likeness(&carried), stopped]
+                let likeness = |at: &Appearance| model.likeness(sighted, at, absence_s(known));
+                [likeness(&last), led.as_ref().and_then(likeness)]
                     .into_iter()
                     .flatten()
                     .reduce(f64::max)
@@ -163,11 +157,11 @@ mod tests {
     }
 
     #[test]
-    fn who_is_lost_is_revived_where_it_was_last_or_is_carried() {
+    fn who_is_lost_is_revived_where_it_was_last_or_was_led() {
         let rules = Rules::example(20.0);
         let appearance = |x_m| Appearance {
             lengths: Lengths::of(&Skeleton::new(&Proportions::from_stature(1.75)), 5.0),
-            place_m: at(x_m),
+            whereabouts: Whereabouts::at(at(x_m)),
         };
         let lost = LostPerson {
             wire_id: PersonId(4),
@@ -175,11 +169,12 @@ mod tests {
                 id: PersonId(4),
                 last_seen: LastSeen {
                     tick: Tick(0),
-                    place_m: at(0.0),
+                    whereabouts: Whereabouts::at(at(0.0)),
                 },
                 appearance: appearance(0.0),
+                is_expected: true,
             }),
-            carried_m: at(3.0),
+            led_m: Some(at(3.0)),
         };
         let revived = |x_m| {
             let sighted = [None, Some(appearance(x_m))];

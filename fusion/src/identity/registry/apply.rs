@@ -60,7 +60,7 @@ impl Registry {
                     identity.coverage = Coverage::sighted(awaited_ticks);
                 }
                 EventKind::Revive { .. } => identity.coverage.revive(),
-                EventKind::Recognise { old, .. } => self.recognise(index, old),
+                EventKind::Recognise { old, .. } => self.recognise(index, old, tick),
                 EventKind::StepBack { ticks, .. } => self.tracks[index].step_back(ticks, method),
                 _ => {}
             }
@@ -94,8 +94,9 @@ impl Registry {
         let is_replaced = matches!(reason, DropReason::FoundElsewhere | DropReason::GivenByHand);
         if !track.is_tentative()
             && !is_replaced
-            && let Some(departed) = track.departed(self.rules.rate_hz)
+            && let Some(mut departed) = track.departed(tick, self.rules.rate_hz)
         {
+            departed.is_missed = matches!(reason, DropReason::Unseen { .. });
             self.memory.remember(departed);
         }
         if matches!(reason, DropReason::Poster { .. }) {
@@ -104,19 +105,19 @@ impl Registry {
     }
 
     /// Gives the track at `index` its older self's id and body.
-    fn recognise(&mut self, index: usize, old: PersonId) {
-        if let Some(known) = self.take_known(old) {
+    fn recognise(&mut self, index: usize, old: PersonId, tick: Tick) {
+        if let Some(known) = self.take_known(old, tick) {
             self.tracks[index].becomes(known, self.rules.rate_hz);
         }
     }
 
     /// What is known of `id`, who is gone or lost. The memory forgets it.
-    fn take_known(&mut self, id: PersonId) -> Option<Departed> {
+    fn take_known(&mut self, id: PersonId, tick: Tick) -> Option<Departed> {
         let gone = self.memory.take(id);
         gone.or_else(|| {
             let mut tracks = self.tracks.iter();
-            let is_it = |track: &&Track| track.identity.phase.is_lost() && track.id() == id;
-            tracks.find(is_it)?.departed(self.rules.rate_hz)
+            let is_it = |track: &&Track| self.may_be_elsewhere(track) && track.id() == id;
+            tracks.find(is_it)?.departed(tick, self.rules.rate_hz)
         })
     }
 }

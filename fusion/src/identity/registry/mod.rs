@@ -23,6 +23,7 @@ use super::memory::{Candidate, Memory};
 use super::poster::Posters;
 use super::recognise::{Appearance, Lengths};
 use super::track::Track;
+use super::whereabouts::Whereabouts;
 use crate::align::TickGroup;
 use crate::body::fit::fit;
 use crate::body::observed::ObservedJoints;
@@ -218,7 +219,7 @@ impl Registry {
             return Vec::new();
         }
         let confirmed: Vec<PersonId> = confirmations.iter().map(|event| event.wire_id).collect();
-        let known = self.known();
+        let known = self.known(tick);
         let recognised = if known.is_empty() {
             Vec::new()
         } else {
@@ -264,14 +265,22 @@ impl Registry {
         tentative.map(newcomer).collect()
     }
 
-    /// Those who are gone, and those who are lost.
-    fn known(&self) -> Vec<Candidate> {
+    /// Those who are gone, and those who may be elsewhere than where they are carried.
+    fn known(&self, tick: Tick) -> Vec<Candidate> {
         let lost = self
             .tracks
             .iter()
-            .filter(|track| track.identity.phase.is_lost());
+            .filter(|track| self.may_be_elsewhere(track));
         let lost = lost.filter_map(|track| track.candidate(self.rules.rate_hz));
-        self.memory.candidates().chain(lost).collect()
+        let rate_hz = self.rules.rate_hz;
+        self.memory.candidates(tick, rate_hz).chain(lost).collect()
+    }
+
+    /// Whether `track` is lost, or was a short while ago and is seen where somebody else stands: then it follows that
+    /// one.
+    fn may_be_elsewhere(&self, track: &Track) -> bool {
+        let phase = track.identity.phase;
+        phase.is_lost() || phase.is_doubtful() && self.shared_places.hold(track.id())
     }
 
     /// Takes note of who has nobody near; who has followed what was seen of another steps back.
@@ -290,10 +299,10 @@ impl Registry {
     fn note_who_is_seen(&mut self, tick: Tick) {
         self.take_facts();
         for (index, track) in self.tracks.iter_mut().enumerate() {
-            let is_alone = places::is_alone(&self.facts, index);
+            let is_itself = places::is_itself(&self.facts, index, &self.rules);
             let identity = &track.identity;
             let is_new = identity.last_seen.is_none() && !identity.phase.is_tentative();
-            if identity.coverage.missing == 0 && (is_alone || is_new) {
+            if identity.coverage.missing == 0 && (is_itself || is_new) {
                 track.is_seen_at(tick);
             }
         }
@@ -309,6 +318,11 @@ impl Registry {
             let lost_s = self.rules.seconds(track.identity.coverage.missing);
             let reach_m = self.rules.births.return_speed_m_s * lost_s;
             let place_m = track.estimator.joints_m()[0];
+            self.scheduler.ask_for_lost(tick, place_m, reach_m);
+        }
+        for (place_m, gone) in self.memory.places_of_missed(tick, self.rules.rate_hz) {
+            let gone_s = (tick - gone) as f64 / self.rules.rate_hz;
+            let reach_m = self.rules.births.return_speed_m_s * gone_s;
             self.scheduler.ask_for_lost(tick, place_m, reach_m);
         }
         self.scheduler.plan(tick + 1);
@@ -338,7 +352,11 @@ fn newcomer(track: &Track, method: &Method) -> (Appearance, Tick) {
     let since = record.ticks.first().map_or(Tick::default(), |t| t.tick);
     let appearance = Appearance {
         lengths: Lengths::of(&skeleton, seconds),
-        place_m: record.place_m,
+        // Its velocity takes the filter some ticks: meanwhile people turn little.
+        whereabouts: Whereabouts {
+            place_m: record.place_m,
+            ..track.whereabouts()
+        },
     };
     (appearance, since)
 }

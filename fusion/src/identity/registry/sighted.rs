@@ -17,6 +17,7 @@ use crate::identity::event::EventKind;
 use crate::identity::facts::TrackFacts;
 use crate::identity::recognise::{Appearance, Lengths};
 use crate::identity::track::Track;
+use crate::identity::whereabouts::Whereabouts;
 use crate::method::Method;
 use crate::sightings::contradiction::DetectionPass;
 use crate::sightings::finder::{KnownBody, SightedPerson};
@@ -141,7 +142,7 @@ impl Registry {
             .map(|track| LostPerson {
                 wire_id: track.wire_id(),
                 known: track.candidate(self.rules.rate_hz),
-                carried_m: track.estimator.joints_m()[0],
+                led_m: track.is_led().then(|| track.estimator.joints_m()[0]),
             })
             .collect();
         if lost.is_empty() || found.is_empty() {
@@ -254,11 +255,14 @@ impl Track {
         }
         let since = self.identity.last_seen.map(|seen| {
             let absence_s = (tick - seen.tick) as f64 * method.dt_s;
-            (pose.root_m - seen.place_m, absence_s)
+            (seen.whereabouts, absence_s)
         });
+        let now = Whereabouts::at(pose.root_m).facing(|joint| observed.position_m(joint));
         let velocity_m_s = since
             .filter(|&(_, absence_s)| absence_s > 0.0 && absence_s <= STRAIGHT_S)
-            .map_or_else(Vector3::zeros, |(way_m, absence_s)| way_m / absence_s);
+            .map_or_else(Vector3::zeros, |(seen, absence_s)| {
+                seen.velocity_at(&now, absence_s).push(0.0)
+            });
         estimator.restart_at(&pose);
         estimator.set_velocity(velocity_m_s);
         estimator.update_uncertainty(method.dt_s, method);
@@ -286,9 +290,10 @@ fn fitted(person: &SightedPerson, method: &Method) -> Option<Fitted> {
 /// A person as one tick's sightings show it.
 fn appearance_of(person: &SightedPerson, method: &Method) -> Option<Appearance> {
     let body = fitted(person, method)?;
+    let observed = person.observed(&method.sites);
     Some(Appearance {
         lengths: Lengths::of(&body.skeleton, 0.0),
-        place_m: Vector3::from(body.pose.root_m),
+        whereabouts: Whereabouts::at(body.pose.root_m).facing(|joint| observed.position_m(joint)),
     })
 }
 
