@@ -2,6 +2,7 @@
 //! that are far and lossy. Every run is the same.
 
 use std::collections::VecDeque;
+use std::ops::Range;
 
 use farfield_edge::pipeline::EdgeOutput;
 use farfield_proto::message::BoxSet;
@@ -21,6 +22,15 @@ pub struct Cuts {
 }
 
 impl Cuts {
+    /// The first ticks of the cuts within `ticks`, and those after their last ones.
+    pub fn within(self, ticks: &Range<Tick>) -> impl Iterator<Item = [Tick; 2]> + use<> {
+        let n = ticks.end.0 / self.every.max(1);
+        (1..=n).map(move |i| {
+            let from = Tick(i * self.every);
+            [from, from + self.lasts]
+        })
+    }
+
     /// Whether fusion hears nothing at `tick`.
     pub fn holds(&self, tick: Tick) -> bool {
         tick.0 >= self.every && tick.0 % self.every.max(1) < self.lasts

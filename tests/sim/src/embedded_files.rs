@@ -39,6 +39,12 @@ pub const SCENES: &[(&str, &str)] = &[
     ("cross", include_str!("../../scenes/cross.toml")),
     ("hug", include_str!("../../scenes/hug.toml")),
     ("scrum", include_str!("../../scenes/scrum.toml")),
+    ("long-hug", include_str!("../../scenes/long-hug.toml")),
+    (
+        "side-by-side",
+        include_str!("../../scenes/side-by-side.toml"),
+    ),
+    ("stage", include_str!("../../scenes/stage.toml")),
     ("legs", include_str!("../../scenes/legs.toml")),
     ("lost", include_str!("../../scenes/lost.toml")),
     ("return", include_str!("../../scenes/return.toml")),

@@ -146,6 +146,9 @@ fn text_of(args: &BudgetArgs, run: &SceneRun) -> Result<String, std::fmt::Error>
         for (tick, event) in &run.events {
             writeln!(text, "{:>8} {event}", tick.0)?;
         }
+        for change in run.id_changes(&run.finished) {
+            writeln!(text, "{change}")?;
+        }
     }
     writeln!(text, "{}", scores.identity_line())?;
     for (name, calibration) in sureness {

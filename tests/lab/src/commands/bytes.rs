@@ -90,7 +90,7 @@ fn run(args: &BytesArgs, scenes: Vec<NamedScene>, shelf: Option<&Path>) -> anyho
     };
     let codecs = Codec::all();
     let mut curves = Vec::new();
-    for NamedScene { name, scene } in scenes {
+    for NamedScene { name, scene, .. } in scenes {
         let mut scene = scene.shortened(args.seconds);
         if args.pixels {
             scene = without_map_faults(scene);

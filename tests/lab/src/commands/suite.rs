@@ -32,7 +32,7 @@ const DATA: &str = "../shared";
 )]
 #[derive(Debug, Clone, clap::Args)]
 pub(crate) struct SuiteArgs {
-    /// Suites (paper, identity, own), scene files or embedded scenes to run in this process and score,
+    /// Suites (paper, identity, hiccups, own), scene files or embedded scenes to run in this process and score,
     /// with and without range of motion, beside plain triangulation. The fixed scenes are looked for
     /// below `$FARFIELD_DATA`, else ../shared; where they are not there, scenes of the project's own
     /// clips run.
@@ -143,7 +143,7 @@ fn run(
         calibration: UncertaintyCalibration::default(),
         behind_limits: Vec::new(),
     };
-    for NamedScene { name, scene } in scenes {
+    for NamedScene { name, scene, cuts } in scenes {
         let mut scene = scene;
         if let Some(seconds) = args.seconds {
             scene = scene.shortened(seconds);
@@ -155,7 +155,7 @@ fn run(
             scene = without_map_faults(scene);
         }
         let scene = Arc::new(scene);
-        let of_scene = SceneReport::make(&name, &scene, input)
+        let of_scene = SceneReport::make(&name, (&scene, cuts), input)
             .with_context(|| format!("running scene {name}"))?;
         say(&format!("{of_scene}\n"))?;
         if let Some(folder) = &args.plot {

@@ -19,6 +19,7 @@ use nalgebra::{Matrix3x4, Vector3};
 use super::baseline::PersonView;
 use super::people::bodies::{People, add_poses};
 use super::people::gaps;
+use super::people::id_changes::IdChange;
 use super::people::presence::ScenePresence;
 use super::tee::tee;
 use super::traffic::Traffic;
@@ -310,6 +311,12 @@ impl SceneRun {
         let rate_hz = Some(self.scene.rate_hz());
         let (poses, truth) = (self.presence.asked_for(poses), self.truth_since(found));
         score(&poses, &truth, TruthExtent::Whole, rate_hz)
+    }
+
+    /// When somebody's id changes in `poses`.
+    pub fn id_changes(&self, poses: &PoseLines) -> Vec<IdChange> {
+        let poses = self.presence.asked_for(poses);
+        IdChange::all(&poses, &self.truth, self.scene.rate_hz())
     }
 
     /// The gaps of what a live listener gets, since it first got each actor, that nothing excuses; `live` are the

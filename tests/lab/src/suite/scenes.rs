@@ -6,10 +6,13 @@ use std::sync::Arc;
 
 use anyhow::Context as _;
 
+use farfield_proto::toml_file::FileError;
 use farfield_sim::embedded;
 use farfield_sim::motion::Clip;
 use farfield_sim::scene::Scene;
 use farfield_sim::scene::file::SceneFile;
+
+use crate::conditions::Cuts;
 
 /// A suite with a name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -24,22 +27,61 @@ pub struct Suite {
     pub probes: &'static [&'static str],
 }
 
-/// A fixed scene to which something is added.
+/// A scene to which something is added: a fixed one, or where a suite runs on the project's own, one of these.
 struct SceneVariant {
     name: &'static str,
     of: &'static str,
     /// TOML that is added to the file's.
     added: &'static str,
+    /// Seconds for which, ten times, all links are cut.
+    cut_s: Option<f64>,
 }
 
-const VARIANTS: [SceneVariant; 1] = [SceneVariant {
-    name: "futsal-lost",
-    of: "futsal",
-    added: include_str!("../../../scenes/lost-in-futsal.toml"),
-}];
+const fn added(name: &'static str, of: &'static str, added: &'static str) -> SceneVariant {
+    SceneVariant {
+        name,
+        of,
+        added,
+        cut_s: None,
+    }
+}
+
+const fn cut(name: &'static str, of: &'static str, cut_s: f64) -> SceneVariant {
+    SceneVariant {
+        name,
+        of,
+        added: "",
+        cut_s: Some(cut_s),
+    }
+}
+
+const VARIANTS: [SceneVariant; 11] = [
+    added(
+        "futsal-lost",
+        "futsal",
+        include_str!("../../../scenes/lost-in-futsal.toml"),
+    ),
+    added("h-lost", "h", ALL_LOST),
+    added("five-inverted-lost", "five-inverted", ALL_LOST),
+    cut("futsal-cut-0.3", "futsal", 0.3),
+    cut("futsal-cut-0.7", "futsal", 0.7),
+    cut("futsal-cut-1", "futsal", 1.0),
+    cut("futsal-cut-3", "futsal", 3.0),
+    cut("five-cut-0.3", "five", 0.3),
+    cut("five-cut-0.7", "five", 0.7),
+    cut("five-cut-1", "five", 1.0),
+    cut("five-cut-3", "five", 3.0),
+];
+
+const ALL_LOST: &str = include_str!("../../../scenes/all-lost.toml");
+
+/// How often links are cut.
+const CUTS: f64 = 10.0;
+/// How long they hold in between, seconds: longer than it takes to know everybody again.
+const HOLD_S: f64 = 1.8;
 
 /// All suites.
-pub const SUITES: [Suite; 3] = [
+pub const SUITES: [Suite; 4] = [
     Suite {
         name: "paper",
         fixed: &["a", "b", "c", "d", "e", "f", "g", "h", "futsal", "sprint"],
@@ -51,6 +93,24 @@ pub const SUITES: [Suite; 3] = [
         fixed: &["hug", "futsal-lost", "enter", "cross", "stadium"],
         own: &["hug", "lost", "enter", "cross"],
         probes: &["mirror", "poster", "return", "scrum", "blocked"],
+    },
+    Suite {
+        name: "hiccups",
+        fixed: &[
+            "h-lost",
+            "futsal-cut-0.3",
+            "futsal-cut-0.7",
+            "futsal-cut-1",
+            "futsal-cut-3",
+        ],
+        own: &[
+            "five-inverted-lost",
+            "futsal-cut-0.3",
+            "futsal-cut-0.7",
+            "futsal-cut-1",
+            "futsal-cut-3",
+        ],
+        probes: &["side-by-side", "long-hug", "stage"],
     },
     Suite {
         name: "own",
@@ -77,6 +137,8 @@ pub struct NamedScene {
     pub name: String,
     /// The scene.
     pub scene: Scene,
+    /// When all links are cut.
+    pub cuts: Option<Cuts>,
 }
 
 /// The scenes that were asked for.
@@ -99,7 +161,7 @@ pub fn choose(asked: &[String], root: &Path) -> anyhow::Result<ChosenScenes> {
     for name in asked {
         match SUITES.iter().find(|suite| suite.name == name) {
             Some(suite) => suite.add(root, &mut chosen)?,
-            None if VARIANTS.iter().any(|variant| variant.name == name) => {
+            None if variant(name).is_some() && missing_of(root, name).is_none() => {
                 chosen.scenes.push(fixed(root, name)?);
             }
             None => chosen.scenes.push(one(name)?),
@@ -112,7 +174,7 @@ impl ChosenScenes {
     /// Leaves out the scenes that pictures cannot show, those with mirrors, and says so in the note.
     pub fn leave_out_what_pictures_cannot_show(&mut self) {
         let mut left_out = Vec::new();
-        self.scenes.retain(|NamedScene { name, scene }| {
+        self.scenes.retain(|NamedScene { name, scene, .. }| {
             let is_shown = scene.mirrors().is_empty();
             if !is_shown {
                 left_out.push(name.clone());
@@ -135,11 +197,6 @@ impl ChosenScenes {
 
 impl Suite {
     fn add(&self, root: &Path, chosen: &mut ChosenScenes) -> anyhow::Result<()> {
-        let own = |name: &&str| -> anyhow::Result<NamedScene> {
-            let scene = embedded::scene(name)?;
-            let name = format!("own {name}");
-            Ok(NamedScene { name, scene })
-        };
         for name in self.probes {
             chosen.scenes.push(own(name)?);
         }
@@ -165,29 +222,80 @@ impl Suite {
     }
 }
 
-/// The file of a fixed scene or of a variant of one, and what is added to it.
-fn file_of(root: &Path, name: &str) -> (PathBuf, &'static str) {
-    let variant = VARIANTS.iter().find(|variant| variant.name == name);
-    let (of, added) = variant.map_or((name, ""), |variant| (variant.of, variant.added));
-    let file = root.join("scenes").join(of).with_extension("toml");
-    (file, added)
+fn variant(name: &str) -> Option<&'static SceneVariant> {
+    VARIANTS.iter().find(|variant| variant.name == name)
+}
+
+impl SceneVariant {
+    /// What it makes of the scene file `text`: it lasts until all cuts are over.
+    fn text(&self, text: &str) -> String {
+        let Some(cut_s) = self.cut_s else {
+            return format!("{text}\n{}", self.added);
+        };
+        let seconds = (CUTS + 1.0) * (cut_s + HOLD_S);
+        let line = |line: &str| {
+            if line.starts_with("seconds = ") {
+                format!("seconds = {seconds:?}\n")
+            } else {
+                format!("{line}\n")
+            }
+        };
+        text.lines().map(line).collect()
+    }
+
+    fn cuts(&self, rate_hz: f64) -> Option<Cuts> {
+        let ticks = |seconds: f64| (seconds * rate_hz).round() as i64;
+        let cut_s = self.cut_s?;
+        Some(Cuts {
+            every: ticks(cut_s + HOLD_S),
+            lasts: ticks(cut_s),
+            late: None,
+        })
+    }
+}
+
+/// The file of a fixed scene, or of that of which `name` is a variant.
+fn file_of(root: &Path, name: &str) -> PathBuf {
+    let of = variant(name).map_or(name, |variant| variant.of);
+    root.join("scenes").join(of).with_extension("toml")
 }
 
 fn fixed(root: &Path, name: &str) -> anyhow::Result<NamedScene> {
-    let (file, added) = file_of(root, name);
+    let file = file_of(root, name);
     let text =
         std::fs::read_to_string(&file).with_context(|| format!("reading {}", file.display()))?;
-    let text = format!("{text}\n{added}");
+    let variant = variant(name);
+    let text = variant.map_or(text.clone(), |variant| variant.text(&text));
     let load = &mut |clip: &Path| Ok(Arc::new(Clip::load(clip)?));
+    let scene = Scene::parse(&text, &file, load)?;
     Ok(NamedScene {
         name: name.to_owned(),
-        scene: Scene::parse(&text, &file, load)?,
+        cuts: variant.and_then(|variant| variant.cuts(scene.rate_hz())),
+        scene,
+    })
+}
+
+/// The project's own scene, or variant of one.
+fn own(name: &str) -> Result<NamedScene, FileError> {
+    let of = variant(name).map_or(name, |variant| variant.of);
+    let known = embedded::SCENES.iter().find(|(known, _)| *known == of);
+    let scene = match (variant(name), known) {
+        (Some(variant), Some((_, text))) => {
+            let path = Path::new("scenes").join(of).with_extension("toml");
+            embedded::with_clips(&variant.text(text), &path)?
+        }
+        _ => embedded::scene(name)?,
+    };
+    Ok(NamedScene {
+        name: format!("own {name}"),
+        cuts: variant(name).and_then(|variant| variant.cuts(scene.rate_hz())),
+        scene,
     })
 }
 
 /// The first file that a fixed scene needs and that is not there: itself or a clip.
 fn missing_of(root: &Path, name: &str) -> Option<PathBuf> {
-    let (file, _) = file_of(root, name);
+    let file = file_of(root, name);
     let Ok(text) = std::fs::read_to_string(&file) else {
         return Some(file);
     };
@@ -201,17 +309,15 @@ fn one(name: &str) -> anyhow::Result<NamedScene> {
     let path = Path::new(name);
     let suites = SUITES.map(|suite| suite.name).join(", ");
     if !path.exists() {
-        let own = embedded::scene(name);
-        let scene = own.ok().with_context(|| {
+        return own(name).ok().with_context(|| {
             format!("`{name}` is neither a suite ({suites}) nor a scene file that is there")
-        })?;
-        let name = format!("own {name}");
-        return Ok(NamedScene { name, scene });
+        });
     }
     let stem = path.file_stem().unwrap_or_default();
     Ok(NamedScene {
         name: stem.to_string_lossy().into_owned(),
         scene: Scene::load(path)?,
+        cuts: None,
     })
 }
 
@@ -240,6 +346,20 @@ mod tests {
         let mut shown = choose(&["hug".to_owned()], Path::new("nowhere")).unwrap();
         shown.leave_out_what_pictures_cannot_show();
         assert_eq!((shown.scenes.len(), shown.note), (1, None));
+    }
+
+    #[test]
+    fn links_are_cut_ten_times_within_the_scene() {
+        for name in ["futsal-cut-0.3", "futsal-cut-3"] {
+            let chosen = choose(&[name.to_owned()], Path::new("nowhere")).unwrap();
+            let [NamedScene { name, scene, cuts }] = chosen.scenes.as_slice() else {
+                panic!("one scene");
+            };
+            assert!(name.starts_with("own futsal-cut"));
+            let cuts: Vec<_> = cuts.unwrap().within(&scene.ticks()).collect();
+            let whole = cuts.iter().filter(|[_, until]| *until < scene.ticks().end);
+            assert_eq!(whole.count(), 10);
+        }
     }
 
     #[test]

@@ -17,9 +17,9 @@ const FASTEST_M_S: f64 = 20.0;
 /// How much nearer than asked two pelvises may come, metres: they are planned on samples.
 const NEAR_TOLERANCE_M: f64 = 0.02;
 /// Scenes in which contact is meant.
-const IN_CONTACT: [&str; 3] = ["cross", "hug", "scrum"];
+const IN_CONTACT: [&str; 4] = ["cross", "hug", "long-hug", "scrum"];
 /// Scenes in which people come or go.
-const COMING_OR_GOING: [&str; 2] = ["enter", "return"];
+const COMING_OR_GOING: [&str; 3] = ["enter", "return", "side-by-side"];
 
 /// A scene as it runs: everybody's joints at every tick, metres.
 struct Run {
@@ -131,6 +131,23 @@ fn everybody_is_in_the_field_unless_coming_or_going() {
             }
         }
     }
+}
+
+#[test]
+fn people_on_a_stage_stand_on_it_and_the_field_lies_above_it() {
+    let stage = RUNS.iter().find(|run| run.name == "stage").unwrap();
+    let floor_m = stage.scene.floor_m();
+    let lowest_m = |joints: &Joints| joints.iter().map(|joint| joint.z).fold(f64::MAX, f64::min);
+    for joints in stage.ticks.iter().flatten().flatten() {
+        assert!(lowest_m(joints) > floor_m - 0.1, "{}", lowest_m(joints));
+    }
+    let first: Vec<f64> = stage.ticks[0].iter().flatten().map(lowest_m).collect();
+    assert!(
+        first.iter().all(|low_m| *low_m < floor_m + 0.2),
+        "{first:?}"
+    );
+    let [min_m, max_m] = stage.scene.field_bounds_m();
+    assert!(min_m[2] < floor_m && floor_m + 2.0 < max_m[2]);
 }
 
 #[test]

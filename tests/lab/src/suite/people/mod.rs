@@ -2,6 +2,7 @@
 
 pub mod bodies;
 pub mod gaps;
+pub mod id_changes;
 pub mod meetings;
 pub mod presence;
 pub mod recovery;

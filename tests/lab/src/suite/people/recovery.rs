@@ -8,10 +8,13 @@ use farfield_score::lines::PoseLines;
 use farfield_score::{errors_over_time, matches_at};
 use serde::Serialize;
 
+use crate::conditions::Cuts;
 use farfield_sim::scene::Scene;
 
 /// Error up to which a skeleton sits, metres.
 pub const SITS_M: f64 = 0.05;
+/// From how long a loss on somebody may get a new id, seconds: nothing but the body is left to know it by.
+pub const LONG_S: f64 = 1.2;
 /// How long it must do so, seconds.
 const STAYS_S: f64 = 0.5;
 
@@ -24,6 +27,8 @@ pub struct Recovery {
     pub lost_s: [f64; 2],
     /// Whether the first pose afterwards has the id of the last one before.
     pub same_id: bool,
+    /// Whether it has the id that somebody else had before.
+    pub others_id: bool,
     /// Ticks without a pose within 0.5 m while it was lost.
     pub gaps: u64,
     /// Greatest error while it was lost, millimetres; of the ticks with a pose within 0.5 m.
@@ -34,22 +39,41 @@ pub struct Recovery {
 }
 
 impl Recovery {
-    /// Those of `poses` in `scene`, whose truth is `truth`: one for each loss that begins and ends within
-    /// the scene's ticks.
-    pub fn all(scene: &Scene, poses: &PoseLines, truth: &PoseLines) -> Vec<Self> {
+    /// Those of `poses` in `scene`, whose truth is `truth`: one for each loss, and for each person when all links are
+    /// cut, that begins and ends within the scene's ticks.
+    pub fn all(
+        (scene, cuts): (&Scene, Option<Cuts>),
+        poses: &PoseLines,
+        truth: &PoseLines,
+    ) -> Vec<Self> {
         let errors = errors_over_time(poses, truth);
+        let lost = scene.lost().iter();
+        let mut lost: Vec<(usize, [f64; 2])> = lost
+            .map(|lost| (lost.person, [lost.from_s, lost.until_s]))
+            .collect();
+        for [from, until] in cuts.iter().flat_map(|cuts| cuts.within(&scene.ticks())) {
+            let at_s = [scene.time_s(from), scene.time_s(until)];
+            lost.extend((0..scene.people().len()).map(|person| (person, at_s)));
+        }
         let end_s = scene.seconds();
-        let lost = scene.lost().iter().filter(|lost| lost.until_s < end_s);
-        lost.filter_map(|lost| {
-            let actor = scene.people()[lost.person].number;
-            let track = ErrorTrack {
-                actor,
-                rate_hz: scene.rate_hz(),
-                errors: errors.get(&actor)?,
-            };
-            Some(track.recovery([lost.from_s, lost.until_s], (poses, truth)))
-        })
-        .collect()
+        lost.retain(|(_, [_, until_s])| *until_s < end_s);
+        lost.into_iter()
+            .filter_map(|(person, lost_s)| {
+                let actor = scene.people()[person].number;
+                let track = ErrorTrack {
+                    actor,
+                    rate_hz: scene.rate_hz(),
+                    errors: errors.get(&actor)?,
+                };
+                Some(track.recovery(lost_s, (poses, truth)))
+            })
+            .collect()
+    }
+
+    /// Whether the id is kept, or after [`LONG_S`] at least nobody else's.
+    pub fn is_fair(&self) -> bool {
+        let [from_s, until_s] = self.lost_s;
+        self.same_id || until_s - from_s >= LONG_S && !self.others_id
     }
 }
 
@@ -74,6 +98,14 @@ impl ErrorTrack<'_> {
         let before = self.errors.iter().rev().filter(|(tick, _)| *tick < from);
         let after = || self.errors.iter().filter(|(tick, _)| *tick >= until);
         let ids = [before.clone().find_map(id_at), after().find_map(id_at)];
+        let before_all = before
+            .clone()
+            .next()
+            .map(|(tick, _)| matches_at(*tick, poses, truth));
+        let others_id = before_all
+            .into_iter()
+            .flatten()
+            .any(|(other, id)| other != self.actor && ids[1] == Some(id));
         let stays = (STAYS_S * self.rate_hz).ceil().max(1.0) as usize;
         let sits = |(_, error): &(Tick, Option<f64>)| error.is_some_and(|e| e < SITS_M);
         let afterwards: Vec<_> = after().collect();
@@ -85,6 +117,7 @@ impl ErrorTrack<'_> {
             actor: self.actor,
             lost_s,
             same_id: ids[0].is_some() && ids[0] == ids[1],
+            others_id,
             gaps: during().filter(|(_, error)| error.is_none()).count() as u64,
             worst_mm: during()
                 .filter_map(|(_, error)| error.map(|m| 1000.0 * m))
@@ -101,7 +134,11 @@ impl fmt::Display for Recovery {
             lost_s: [from_s, until_s],
             ..
         } = self;
-        let id = if self.same_id { "id kept" } else { "ID LOST" };
+        let id = match (self.same_id, self.others_id) {
+            (true, _) => "id kept",
+            (false, false) => "ID LOST",
+            (false, true) => "ID OF ANOTHER",
+        };
         let worst = self
             .worst_mm
             .map_or_else(|| "-".to_owned(), |mm| format!("{mm:.0} mm"));
@@ -113,6 +150,33 @@ impl fmt::Display for Recovery {
             f,
             "lost: {actor} from {from_s} to {until_s} s: {id}, {} gaps, error up to {worst}, {back}",
             self.gaps
+        )
+    }
+}
+
+/// Many recoveries in one line.
+pub struct RecoverySummary<'a>(pub &'a [Recovery]);
+
+impl fmt::Display for RecoverySummary<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let all = self.0.len();
+        let count = |of: fn(&Recovery) -> bool| self.0.iter().filter(|r| of(r)).count();
+        let mut seconds: Vec<f64> = self
+            .0
+            .iter()
+            .map(|r| r.seconds.unwrap_or(f64::INFINITY))
+            .collect();
+        seconds.sort_by(f64::total_cmp);
+        let after = |share: f64| seconds[((seconds.len() - 1) as f64 * share).round() as usize];
+        write!(
+            f,
+            "lost {all} times: {} ids kept, {} new, {} of others; below 50 mm after {:.2} s (median), {:.2} s (95 %), {:.2} s (worst)",
+            count(|r| r.same_id),
+            count(|r| !r.same_id && !r.others_id),
+            count(|r| r.others_id),
+            after(0.5),
+            after(0.95),
+            after(1.0)
         )
     }
 }

@@ -6,7 +6,7 @@ use std::fmt;
 use farfield_score::MeanScore;
 use serde::Serialize;
 
-use crate::suite::people::recovery::slowest_s;
+use crate::suite::people::recovery::{Recovery, slowest_s};
 use crate::suite::report::SceneReport;
 
 /// On which side of its number a figure must be.
@@ -148,6 +148,10 @@ const HUG_MPJPE_MM: f64 = 45.0;
 const BIRTH_S: f64 = 1.0;
 /// Longest time until somebody who was lost sits again, seconds.
 const RECOVERY_S: f64 = 0.2;
+/// After all links were cut for longer than [`SHORT_S`].
+const LONG_RECOVERY_S: f64 = 1.5;
+/// Up to how long cut links are a hiccup, seconds.
+const SHORT_S: f64 = 0.9;
 /// Times that two must have passed each other where that is what is probed.
 const CROSSINGS: f64 = 20.0;
 
@@ -247,13 +251,17 @@ fn of_identity(report: &SceneReport) -> Vec<BarVerdict> {
         verdicts.push(verdict("returns without the old id", Some(not_kept), none));
     }
     if !report.recoveries.is_empty() {
-        let not_kept = report.recoveries.iter().filter(|r| !r.same_id).count() as f64;
+        let not_kept = report.recoveries.iter().filter(|r| !r.is_fair()).count() as f64;
         let slowest = slowest_s(&report.recoveries);
+        let lost_s = |r: &Recovery| r.lost_s[1] - r.lost_s[0];
+        let longest_s = report.recoveries.iter().map(lost_s).fold(0.0, f64::max);
+        let is_long = longest_s > SHORT_S && report.cut;
+        let bound_s = if is_long { LONG_RECOVERY_S } else { RECOVERY_S };
         verdicts.push(verdict("ids not kept while lost", Some(not_kept), none));
         verdicts.push(verdict(
             "until below 50 mm, worst, s",
             slowest,
-            Bound::AtMost(RECOVERY_S),
+            Bound::AtMost(bound_s),
         ));
     }
     match report.scene.as_str() {

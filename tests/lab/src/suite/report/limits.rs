@@ -68,7 +68,7 @@ fn of_identity(scores: &Scores, recoveries: &[Recovery]) -> Vec<LimitedFigure> {
     let none = Bound::AtMost(0.0);
     let count = |measure, n: u64| (measure, n as f64, none);
     let (identity, lives) = (&scores.identity, &scores.lives);
-    let not_kept = recoveries.iter().filter(|lost| !lost.same_id).count();
+    let not_kept = recoveries.iter().filter(|lost| !lost.is_fair()).count();
     let mut figures = vec![
         count("id switches", identity.switches),
         count("false births", identity.false_births),
@@ -137,6 +137,7 @@ mod tests {
             actor: 1,
             lost_s: [0.2, 0.4],
             same_id,
+            others_id: false,
             gaps: 0,
             worst_mm: None,
             seconds: Some(0.0),

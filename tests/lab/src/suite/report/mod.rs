@@ -16,17 +16,21 @@ use farfield_score::points::PointSet;
 use farfield_score::table;
 use serde::Serialize;
 
+use crate::conditions::Cuts;
 use crate::suite::baseline::butterworth::ZeroPhase;
 use crate::suite::baseline::outliers::Thresholds;
 use crate::suite::baseline::{CUTOFFS_HZ, Trajectory};
 use crate::suite::people::bodies::People;
+use crate::suite::people::id_changes::IdChange;
 use crate::suite::people::meetings::meetings;
-use crate::suite::people::recovery::Recovery;
+use crate::suite::people::recovery::{Recovery, RecoverySummary};
 use crate::suite::run::{SceneRun, SceneRunPlan};
 use farfield_sim::scene::Scene;
 use farfield_sim::scene::range_of_motion::range_of_motion_excess;
 use farfield_sim::simulated::in_memory::Input;
 
+/// Losses of which more are summed up.
+const MANY: usize = 12;
 /// Width of the names in front of a row.
 const NAME_WIDTH: usize = 17;
 
@@ -127,8 +131,12 @@ pub struct SceneReport {
     /// Gaps of what a live listener gets, with range of motion, that nothing excuses
     /// ([`crate::suite::people::gaps`]).
     pub gaps_to_answer_for: u64,
-    /// What became of the people whom the scene lost for a while, live.
+    /// Whether all links were cut now and then.
+    pub cut: bool,
+    /// What became of the people whom the scene or the links lost for a while, live.
     pub recoveries: Vec<Recovery>,
+    /// When somebody got another id.
+    pub id_changes: Vec<IdChange>,
     /// Mean bytes of all patches of a tick.
     pub patch_bytes_per_tick: f64,
     /// What a live listener gets, with range of motion.
@@ -139,16 +147,23 @@ pub struct SceneReport {
 }
 
 impl SceneReport {
-    /// Runs `scene` with and without range of motion, and scores it.
+    /// Runs `scene` with and without range of motion, all links cut at `cuts`, and scores it.
     ///
     /// # Errors
     /// As [`SceneRun::make`].
-    pub fn make(name: &str, scene: &Arc<Scene>, input: &Input) -> anyhow::Result<Self> {
-        let bounded = SceneRunPlan {
-            keep_peaks: true,
+    pub fn make(
+        name: &str,
+        (scene, cuts): (&Arc<Scene>, Option<Cuts>),
+        input: &Input,
+    ) -> anyhow::Result<Self> {
+        let mut free = SceneRunPlan {
+            cuts,
             ..SceneRunPlan::default()
         };
-        let mut free = SceneRunPlan::default();
+        let bounded = SceneRunPlan {
+            keep_peaks: true,
+            ..free.clone()
+        };
         free.parameters.range_of_motion.enabled = false;
         let [bounded, free] = SceneRun::make_all(scene, input, [bounded, free])?;
         let found = bounded.found();
@@ -177,7 +192,9 @@ impl SceneReport {
             live,
             meetings: meetings(scene),
             gaps_to_answer_for: gaps.len() as u64,
-            recoveries: Recovery::all(scene, &bounded.causal, &bounded.truth),
+            cut: cuts.is_some(),
+            recoveries: Recovery::all((scene, cuts), &bounded.causal, &bounded.truth),
+            id_changes: bounded.id_changes(&bounded.finished),
             patch_bytes_per_tick: bounded.traffic.map_bytes as f64 / n_ticks.max(1) as f64,
             causal: bounded.causal,
             truth: bounded.truth,
@@ -220,8 +237,15 @@ impl fmt::Display for SceneReport {
         )?;
         writeln!(f, "{}", self.with_range_of_motion.identity_line())?;
         writeln!(f, "{}", self.with_range_of_motion.lives)?;
-        for recovery in &self.recoveries {
-            writeln!(f, "{recovery}")?;
+        if self.recoveries.len() > MANY {
+            writeln!(f, "{}", RecoverySummary(&self.recoveries))?;
+        } else {
+            for recovery in &self.recoveries {
+                writeln!(f, "{recovery}")?;
+            }
+        }
+        for change in &self.id_changes {
+            writeln!(f, "id: {change}")?;
         }
         let found: Vec<String> = self
             .found_after_ticks
