@@ -2,7 +2,7 @@
 
 use super::keypoint_estimate::KeypointEstimate;
 use super::remeasure::{Remeasure, RemeasureSchedule};
-use super::sites::{learn, without_offsets};
+use super::sites::{SiteEvidence, SiteFit, without_offsets};
 use super::skeleton::{Kinematics, Site, Skeleton};
 
 /// A body, which is the same from tick to tick and from life to life of a person.
@@ -14,6 +14,8 @@ pub struct MeasuredBody {
     pub sites: Vec<Option<Site>>,
     /// What its lengths are still measured from.
     pub(crate) remeasure: Remeasure,
+    /// What `sites` are learned from.
+    site_fit: SiteFit,
 }
 
 impl MeasuredBody {
@@ -23,6 +25,7 @@ impl MeasuredBody {
             skeleton,
             sites,
             remeasure: Remeasure::new(),
+            site_fit: SiteFit::new(),
         }
     }
 
@@ -35,7 +38,14 @@ impl MeasuredBody {
         kinematics: &Kinematics,
         dt_s: f64,
     ) {
-        learn(&mut self.sites, of_card, estimates, kinematics, dt_s);
+        let tick = SiteEvidence {
+            of_card,
+            estimates,
+            body: kinematics,
+            lengths: self.skeleton.proportions(),
+            dt_s,
+        };
+        self.site_fit.learn(&mut self.sites, &tick);
     }
 
     /// Measures the link lengths anew when it is time to; the pose stays, and the next tick fits it.

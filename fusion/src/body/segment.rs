@@ -82,6 +82,7 @@ impl Segment {
         match self {
             Self::UpperArm | Self::Forearm | Self::Thigh | Self::Shank => 0.08,
             Self::ShoulderWidth | Self::Trunk => 0.10,
+            Self::HipWidth => 0.07,
             _ => 0.20,
         }
     }

@@ -3,6 +3,7 @@
 use nalgebra::{Matrix3, SMatrix, SVector, Unit, Vector3};
 use proptest::prelude::*;
 
+use super::constants::{PoseElimination, SeenPoint};
 use super::factor::Factor;
 use super::normal::NormalEquations;
 use super::tests::{all_joints, any_pose, placed};
@@ -53,6 +54,44 @@ proptest! {
                 prop_assert!((entry - inverse[(i, j)]).abs() < 1e-8, "{i}, {j}");
             }
         }
+    }
+
+    #[test]
+    fn constants_are_what_is_left_when_a_dense_formula_eliminates_the_pose(
+        pose in any_pose(),
+        weights in prop::collection::vec(0.1..1000.0, 29),
+        moves in prop::collection::vec(prop::array::uniform3(-1.0..1.0), 58),
+    ) {
+        let at = placed(&pose);
+        let mut hessian = SMatrix::<f64, N_DOF, N_DOF>::from_diagonal(
+            &SVector::from(super::observability::spread_before().map(|s| s.powi(-2))),
+        );
+        let (mut gradient, mut shared) = (SVector::<f64, N_DOF>::zeros(), SMatrix::<f64, N_DOF, 2>::zeros());
+        let (mut information, mut pull) = (SMatrix::<f64, 2, 2>::zeros(), SVector::<f64, 2>::zeros());
+        let off_m = Vector3::new(0.01, -0.02, 0.03);
+        let mut points = Vec::new();
+        for ((joint, w), moves) in Joint::ALL.into_iter().zip(weights).zip(moves.chunks(2)) {
+            let (j, i) = (jacobian(&at, joint), Matrix3::from_diagonal_element(w));
+            let c = SMatrix::<f64, 3, 2>::from_fn(|row, k| moves[k][row]);
+            hessian += j.transpose() * i * j;
+            gradient += j.transpose() * i * off_m;
+            shared += j.transpose() * i * c;
+            information += c.transpose() * i * c;
+            pull += c.transpose() * i * off_m;
+            points.push(SeenPoint {
+                joint,
+                place_m: at.joint_m(joint),
+                off_m,
+                information: i,
+                moves: [0, 1].map(|k| Vector3::from(moves[k])),
+            });
+        }
+        let inverse = hessian.cholesky().unwrap().inverse();
+        let said = PoseElimination::new().said(&at, &points);
+        let expected = information - shared.transpose() * inverse * shared;
+        let expected_pull = pull - shared.transpose() * inverse * gradient;
+        prop_assert!((said.information - expected).amax() < 1e-8 * (1.0 + information.amax()));
+        prop_assert!((said.pull - expected_pull).amax() < 1e-8 * (1.0 + information.amax()));
     }
 
     #[test]

@@ -20,6 +20,7 @@
 
 mod aims;
 mod composite;
+mod constants;
 mod covariance;
 mod factor;
 mod normal;
@@ -30,6 +31,7 @@ mod relative_sigma;
 mod solver;
 mod target;
 
+pub(crate) use constants::{PoseElimination, SeenPoint};
 pub use covariance::{JointSpread, PointInformation};
 pub use priors::Priors;
 pub use relative_sigma::relative_sigmas;
