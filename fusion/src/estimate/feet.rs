@@ -1,11 +1,12 @@
 //! Feet that stand stay where they stand.
 //!
 //! The keypoints of most networks end at the ankles, so heels and toes hang from priors, and turn
-//! with the shank while a real foot stays flat on the floor. A foot counts as standing while its
-//! ankle is low, slow and below an upright shank; its heel and toe are then aimed at where they were
-//! put down, in the second inverse kinematics. The place follows what is measured slowly, so
-//! that a foot put down wrongly finds its place. This is a prior, not evidence: the ankle's angles stay
-//! flagged as unobserved.
+//! with the shank while a real foot stays flat on the floor; and the ankle of a standing foot trembles with
+//! the network. A foot counts as standing while its ankle is low, slow and below an upright shank; ankle,
+//! heel and toe are then aimed at where they were put down, in the second inverse kinematics. The place follows
+//! what is measured, slowly while it is near and soon when it is far, so that a foot put down wrongly finds
+//! its place and one that is dragged is not left behind. One that is taken up leaves its place within a few
+//! ticks, not in one. This is a prior, not evidence: the ankle's angles stay flagged as unobserved.
 
 use nalgebra::Vector3;
 
@@ -14,14 +15,22 @@ use crate::body::skeleton::{Joint, Side};
 
 /// Ankle height above the floor up to which a foot may stand, metres.
 const LOW_M: f64 = 0.16;
-/// Speed of the ankle below which a foot is put down, and above which it is taken up, metres per second.
-const SLOW_M_S: [f64; 2] = [0.15, 0.30];
+/// Speed of the ankle below which a foot is put down, and above which it is taken up, metres per second. The speed that
+/// is known of a foot that stands is that of the network's errors, up to 0.4 m/s; a foot that swings is soon past this.
+const SLOW_M_S: [f64; 2] = [0.15, 0.4];
 /// Cosine of the shank's tilt from which nobody stands on the foot (50 degrees).
 const UPRIGHT_COSINE: f64 = 0.64;
-/// How far the measured foot may be from its place until it is taken up, metres.
+/// How far the measured heel may be from its place until the foot is taken up, metres.
 const FARTHEST_M: f64 = 0.05;
-/// Time constant with which the place follows the measured foot, seconds.
+/// Time constant with which the place follows the measured foot, seconds ...
 const FOLLOW_S: f64 = 1.0;
+/// ... while the ankle is nearer than this, metres; at this distance it is half of that.
+const NEAR_M: f64 = 0.02;
+/// Time in which a foot that is taken up leaves its place, seconds.
+const LEAVE_S: f64 = 0.08;
+
+/// What is left of that is over, metres.
+const LEFT_M: f64 = 1e-4;
 
 /// Ankle, knee, heel and toe of a side.
 const JOINTS: [[Joint; 4]; 2] = [
@@ -39,18 +48,23 @@ const JOINTS: [[Joint; 4]; 2] = [
     ],
 ];
 
-/// Where a standing foot is, world, metres.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct FootContact {
-    heel_m: Vector3<f64>,
-    toe_m: Vector3<f64>,
+/// Ankle, heel and toe of one foot, or the ways between two such, world, metres.
+type FootPoints = [Vector3<f64>; 3];
+
+/// One foot.
+#[derive(Debug, Clone, Copy, Default)]
+struct Foot {
+    stands: bool,
+    /// From where it is measured to where it is aimed at; nothing for a foot in the air.
+    held_m: FootPoints,
+    aim_m: FootPoints,
 }
 
 /// Both feet of a person.
 #[derive(Debug, Clone)]
 pub(crate) struct Feet {
     floor_m: f64,
-    places: [Option<FootContact>; 2],
+    feet: [Foot; 2],
 }
 
 impl Feet {
@@ -58,46 +72,75 @@ impl Feet {
     pub(crate) fn above(floor_m: f64) -> Self {
         Self {
             floor_m,
-            places: [None; 2],
+            feet: [Foot::default(); 2],
         }
     }
 
     /// Puts feet down and takes them up, from the smoothed joints (world, metres) and their velocities.
     pub(crate) fn step(&mut self, joints_m: &Joints, velocity_m_s: &Joints, dt_s: f64) {
-        let share = (dt_s / FOLLOW_S).clamp(0.0, 1.0);
-        for (place, [ankle, knee, heel, toe]) in self.places.iter_mut().zip(JOINTS) {
+        for (foot, [ankle, knee, heel, toe]) in self.feet.iter_mut().zip(JOINTS) {
             let at = |joint: Joint| joints_m[joint.index()];
             let shank = at(knee) - at(ankle);
-            let speed_m_s = velocity_m_s[ankle.index()].norm();
             let is_low = at(ankle).z - self.floor_m < LOW_M;
             let may_stand = is_low && shank.z > UPRIGHT_COSINE * shank.norm();
-            let measured = FootContact {
-                heel_m: at(heel),
-                toe_m: at(toe),
-            };
-            *place = match *place {
-                _ if !may_stand => None,
-                None => (speed_m_s < SLOW_M_S[0]).then_some(measured),
-                Some(at_m) => {
-                    let off_m = measured.heel_m - at_m.heel_m;
-                    (speed_m_s < SLOW_M_S[1] && off_m.norm() < FARTHEST_M).then(|| FootContact {
-                        heel_m: at_m.heel_m + off_m * share,
-                        toe_m: at_m.toe_m + (measured.toe_m - at_m.toe_m) * share,
-                    })
-                }
-            };
+            let speed_m_s = velocity_m_s[ankle.index()].norm();
+            let measured_m = [ankle, heel, toe].map(at);
+            foot.step(&measured_m, speed_m_s, may_stand, dt_s);
         }
     }
 
-    /// Where a joint of a standing foot is, if it is one.
+    /// Where a joint of a foot is aimed at while it stands, or has just been taken up.
     pub(crate) fn place_of(&self, joint: Joint) -> Option<Vector3<f64>> {
-        let of = |side: Side| self.places[usize::from(side == Side::Right)];
-        match joint {
-            Joint::LeftHeel => of(Side::Left).map(|place| place.heel_m),
-            Joint::RightHeel => of(Side::Right).map(|place| place.heel_m),
-            Joint::LeftToe => of(Side::Left).map(|place| place.toe_m),
-            Joint::RightToe => of(Side::Right).map(|place| place.toe_m),
-            _ => None,
+        let (side, point) = match joint {
+            Joint::LeftAnkle => (Side::Left, 0),
+            Joint::LeftHeel => (Side::Left, 1),
+            Joint::LeftToe => (Side::Left, 2),
+            Joint::RightAnkle => (Side::Right, 0),
+            Joint::RightHeel => (Side::Right, 1),
+            Joint::RightToe => (Side::Right, 2),
+            _ => return None,
+        };
+        let foot = &self.feet[usize::from(side == Side::Right)];
+        let is_held = foot.stands || foot.held_m[point].norm() > LEFT_M;
+        is_held.then_some(foot.aim_m[point])
+    }
+}
+
+impl Foot {
+    fn step(&mut self, measured_m: &FootPoints, speed_m_s: f64, may_stand: bool, dt_s: f64) {
+        let left = 1.0 - (dt_s / LEAVE_S).clamp(0.0, 1.0);
+        let was_standing = self.stands;
+        if was_standing {
+            // The place stays, and what is measured has moved.
+            for (held, (aim, measured)) in self
+                .held_m
+                .iter_mut()
+                .zip(self.aim_m.iter().zip(measured_m))
+            {
+                *held = aim - measured;
+            }
+        }
+        let [ankle_off, heel_off, _] = self.held_m;
+        self.stands = may_stand
+            && if was_standing {
+                speed_m_s < SLOW_M_S[1] && heel_off.norm() < FARTHEST_M
+            } else {
+                speed_m_s < SLOW_M_S[0]
+            };
+        let kept = match (was_standing, self.stands) {
+            (true, true) => {
+                let hurry = 1.0 + ankle_off.norm_squared() / (NEAR_M * NEAR_M);
+                1.0 - (hurry * dt_s / FOLLOW_S).clamp(0.0, 1.0)
+            }
+            _ => left,
+        };
+        for (aim, (held, measured)) in self
+            .aim_m
+            .iter_mut()
+            .zip(self.held_m.iter_mut().zip(measured_m))
+        {
+            *held *= kept;
+            *aim = measured + *held;
         }
     }
 }
@@ -147,7 +190,9 @@ mod tests {
         for joint in &mut joints_m {
             joint.z += 0.3;
         }
-        feet.step(&joints_m, &moving(0.0), DT_S);
+        for _ in 0..60 {
+            feet.step(&joints_m, &moving(0.0), DT_S);
+        }
         assert_eq!(feet.place_of(Joint::RightHeel), None);
     }
 
@@ -171,5 +216,46 @@ mod tests {
         };
         assert!(stands_above(1.2));
         assert!(!stands_above(0.0));
+    }
+
+    #[test]
+    fn the_ankle_of_a_foot_that_stands_trembles_no_more_than_its_heel() {
+        let (mut feet, mut joints_m) = (Feet::above(0.0), standing());
+        feet.step(&joints_m, &moving(0.0), DT_S);
+        let put = feet.place_of(Joint::LeftAnkle).unwrap();
+        joints_m[Joint::LeftAnkle.index()].y += 0.01;
+        feet.step(&joints_m, &moving(0.3), DT_S);
+        let moved_m = (feet.place_of(Joint::LeftAnkle).unwrap() - put).norm();
+        assert!(moved_m < 0.0005, "{moved_m} m in a tick");
+    }
+
+    #[test]
+    fn a_foot_that_is_taken_up_leaves_its_place_without_a_jump() {
+        // In one tick, 40 mm were 2.4 m/s of a foot that may have done nothing but tremble.
+        let (mut feet, mut joints_m) = (Feet::above(0.0), standing());
+        feet.step(&joints_m, &moving(0.0), DT_S);
+        let put = feet.place_of(Joint::LeftHeel).unwrap();
+        for joint in &mut joints_m {
+            joint.x += 0.04;
+        }
+        feet.step(&joints_m, &moving(1.0), DT_S);
+        let moved_m = (feet.place_of(Joint::LeftHeel).unwrap() - put).norm();
+        assert!((0.005..0.015).contains(&moved_m), "{moved_m} m in a tick");
+    }
+
+    #[test]
+    fn a_foot_that_is_dragged_is_not_left_behind() {
+        const DRAGGED_M_S: f64 = 0.15;
+        let (mut feet, mut joints_m) = (Feet::above(0.0), standing());
+        feet.step(&joints_m, &moving(0.0), DT_S);
+        for _ in 0..120 {
+            feet.step(&joints_m, &moving(DRAGGED_M_S), DT_S);
+            for joint in &mut joints_m {
+                joint.x += DRAGGED_M_S * DT_S;
+            }
+        }
+        let ankle_m = joints_m[Joint::LeftAnkle.index()];
+        let behind_m = (feet.place_of(Joint::LeftAnkle).unwrap() - ankle_m).norm();
+        assert!(behind_m < 0.045, "{behind_m} m behind");
     }
 }
