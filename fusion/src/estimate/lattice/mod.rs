@@ -14,9 +14,10 @@
 //!
 //! Where we depart from the paper: the sum is divided by the weights, so that thresholds do not
 //! depend on the number of views; candidates are weighed by a Gaussian around the prediction; they are
-//! not the points of a lattice but the few places where the lines of sight of the maps' peaks meet, from
-//! which damped Newton steps on a smooth model of the maps lead on, so that the answer is not quantised;
-//! left and right are decided together. Only where maps show something and no peak, the slope of one
+//! not the points of a lattice but the few places where the lines of sight of the maps' peaks meet. Which of
+//! them it is F decides, linear in the maps; from there damped Newton steps on a smooth model of the maps
+//! lead on, so that the answer is not quantised, to the maximum of the sum of the maps' *squares*: a network
+//! that is unsure draws a lower peak, and is wrong by more. Left and right are decided together. Only where maps show something and no peak, the slope of one
 //! that lies beyond, the whole lattice is scored, and a halving descent leads to its best points. A
 //! keypoint that nothing supports falls back to its prediction, with weight 0.
 //!

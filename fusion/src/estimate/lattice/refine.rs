@@ -54,8 +54,9 @@ impl Refiner {
     ///   (H + lambda I) delta = g - lambda d,    lambda = S/sigma^2,    then: = g
     /// ```
     ///
-    /// Each view's map counts once more by its own value (S here is the sum of its squares): a network
-    /// that is unsure draws a lower peak, and is wrong by more. g and -H are gradient and curvature of S
+    /// S is here the sum of the maps' *squares*, half of it: each view's map counts once more by its own value, because a
+    /// network that is unsure draws a lower peak, and is wrong by more. Which candidate it is was decided by F, in
+    /// which the maps count as they are. g and -H are gradient and curvature of S
     /// from a quadratic per view (least squares over 5 x 5 cells around the projection), curvatures that
     /// point the wrong way left out, so H + lambda I is positive definite. The steps with lambda d seek the
     /// maximum of F, which lies towards the prediction; the others take that pull back where the views
@@ -98,7 +99,7 @@ impl Refiner {
     }
 }
 
-/// S around an offset, to second order: value, gradient (per metre), minus the Hessian.
+/// Half the sum of the maps' squares around an offset, to second order: value, gradient (per metre), minus the Hessian.
 #[derive(Default)]
 struct Surroundings {
     value: f64,
