@@ -9,6 +9,7 @@
 //! the edge's store, and `node` owns Zenoh, clock, files and threads. This crate never sees another viewpoint, and
 //! never a 3D pose.
 
+pub mod box_parts;
 pub mod choose;
 pub mod crop;
 #[cfg(feature = "network")]

@@ -375,6 +375,8 @@ impl Pipeline {
             session: self.session,
             tick: tick + horizon,
             viewpoint: ViewpointIndex(index as u16),
+            part: 0,
+            parts: 1,
             order: Order::Track,
             live: None,
             detection_cameras: self.registry.looking(own, tick + horizon),

@@ -4,11 +4,22 @@
 //! form: counts, grids, boxes and numbers. Whether it makes sense (a camera that exists, a session that lives) is for
 //! the node to decide.
 
+use std::sync::atomic::{AtomicU8, Ordering};
+
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
+use crate::message::live::MAX_REASON_BYTES;
+
 /// Version of the messages; any change of their fields or of the patch codec raises it.
-pub const VERSION: u8 = 3;
+///
+/// What each version's bytes are is pinned in `proto/golden/`, one folder a version, whose files are only ever added.
+/// A message that changes keeps its older forms in [`crate::message`], so that old recordings are read.
+pub const VERSION: u8 = 4;
+/// The oldest version that is read: recordings are kept for years.
+pub const OLDEST_READ: u8 = 3;
+/// The oldest version that is written, for nodes that are not updated yet: the one before this.
+pub const OLDEST_WRITTEN: u8 = VERSION - 1;
 /// Longest message, bytes. It bounds what decoding allocates, too: memory is reserved for elements that are there, not
 /// for the number that a message claims, so less than 64 bytes for each byte of the message.
 pub const MAX_MESSAGE_BYTES: usize = 1 << 20;
@@ -33,6 +44,22 @@ pub trait Message: Serialize + DeserializeOwned {
     /// # Errors
     /// What is wrong, in a few words.
     fn check(&self) -> Result<(), &'static str>;
+
+    /// Appends the message to `bytes` in the form of `version`, [`OLDEST_WRITTEN`] to [`VERSION`].
+    ///
+    /// # Errors
+    /// What postcard says; never for messages whose sequences know their length.
+    fn write(&self, _version: u8, bytes: Vec<u8>) -> postcard::Result<Vec<u8>> {
+        postcard::to_extend(self, bytes)
+    }
+
+    /// The message at the beginning of `bytes`, which `version` wrote ([`OLDEST_READ`] to [`VERSION`]), and what follows.
+    ///
+    /// # Errors
+    /// What postcard says.
+    fn read(_version: u8, bytes: &[u8]) -> postcard::Result<(Self, &[u8])> {
+        postcard::take_from_bytes(bytes)
+    }
 }
 
 /// Why bytes are not a message.
@@ -48,7 +75,9 @@ pub enum WireError {
         got: usize,
     },
     /// It was written by another version.
-    #[error("the message is of version {got}, expected {VERSION}")]
+    #[error(
+        "it speaks version {got} of the messages, here {OLDEST_READ} to {VERSION} are read: update the older node"
+    )]
     Version {
         /// Its version.
         got: u8,
@@ -75,13 +104,66 @@ pub enum WireError {
 /// # Panics
 /// Never for the messages of [`crate::message`]: all their sequences know their length.
 pub fn encode<M: Message>(message: &M) -> Vec<u8> {
-    postcard::to_extend(message, vec![VERSION])
+    encode_as(message, VERSION)
+}
+
+/// The message as bytes for a node that reads `version`, version first; a version that is not written any more, or not
+/// yet, counts as the nearest that is.
+///
+/// # Panics
+/// Never for the messages of [`crate::message`]: all their sequences know their length.
+pub fn encode_as<M: Message>(message: &M, version: u8) -> Vec<u8> {
+    let version = version.clamp(OLDEST_WRITTEN, VERSION);
+    message
+        .write(version, vec![version])
         .expect("writing to memory a type whose sequences know their length")
+}
+
+/// The message as bytes for a node of which nothing has been heard yet: questions and their answers.
+///
+/// # Panics
+/// Never for the messages of [`crate::message`]: all their sequences know their length.
+pub fn encode_for_anyone<M: Message>(message: &M) -> Vec<u8> {
+    encode_as(message, OLDEST_WRITTEN)
+}
+
+/// The version in which a node is spoken to: the newest that both know. So nodes of two neighbouring versions work
+/// together, and a venue is updated box by box, fusion first.
+///
+/// A status says beside its bytes what its node reads at most; the bytes themselves are in a version that all who listen
+/// read.
+#[derive(Debug)]
+pub struct SpokenVersion(AtomicU8);
+
+impl Default for SpokenVersion {
+    fn default() -> Self {
+        Self(AtomicU8::new(VERSION))
+    }
+}
+
+impl SpokenVersion {
+    /// Notes a status of the node, and what it `reads` at most; who does not say that reads what it writes.
+    pub fn hear(&self, status: &[u8], reads: Option<u8>) {
+        if let Some(version) = reads.or_else(|| status.first().copied()) {
+            let spoken = version.clamp(OLDEST_WRITTEN, VERSION);
+            self.0.store(spoken, Ordering::Relaxed);
+        }
+    }
+
+    /// The version to write for it.
+    pub fn get(&self) -> u8 {
+        self.0.load(Ordering::Relaxed)
+    }
 }
 
 /// The beginning of `text`, at most [`MAX_TEXT_BYTES`], cut between characters.
 pub fn cut_text(text: String) -> String {
     cut(text, MAX_TEXT_BYTES)
+}
+
+/// The beginning of why a camera gives no pictures, at most [`MAX_REASON_BYTES`], cut between characters.
+pub fn cut_reason(text: String) -> String {
+    cut(text, MAX_REASON_BYTES)
 }
 
 /// The beginning of the reason of a refusal, at most [`MAX_REFUSAL_BYTES`], cut between characters.
@@ -97,19 +179,18 @@ fn cut(mut text: String, most_bytes: usize) -> String {
 /// Reads a message of kind `M`.
 ///
 /// # Errors
-/// [`WireError`] when the bytes are not exactly one valid message of this version.
+/// [`WireError`] when the bytes are not exactly one valid message of a version that is read.
 pub fn decode<M: Message>(bytes: &[u8]) -> Result<M, WireError> {
     if bytes.len() > MAX_MESSAGE_BYTES {
         return Err(WireError::TooLong { got: bytes.len() });
     }
     let (&version, body) = bytes.split_first().ok_or(WireError::Empty)?;
-    if version != VERSION {
+    if !(OLDEST_READ..=VERSION).contains(&version) {
         return Err(WireError::Version { got: version });
     }
-    let (message, rest): (M, &[u8]) =
-        postcard::take_from_bytes(body).map_err(|error| WireError::Unreadable {
-            problem: error.to_string(),
-        })?;
+    let (message, rest) = M::read(version, body).map_err(|error| WireError::Unreadable {
+        problem: error.to_string(),
+    })?;
     if !rest.is_empty() {
         return Err(WireError::LeftOver { left: rest.len() });
     }
@@ -117,6 +198,10 @@ pub fn decode<M: Message>(bytes: &[u8]) -> Result<M, WireError> {
     Ok(message)
 }
 
+#[cfg(test)]
+mod fixture;
+#[cfg(test)]
+mod golden;
 #[cfg(test)]
 mod laws;
 #[cfg(test)]

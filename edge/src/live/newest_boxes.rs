@@ -3,7 +3,8 @@
 //! Box sets get lost, come twice and overtake each other: only a set newer than all before counts, so that a duplicate
 //! or a late one changes nothing. Without keys any process on the machine may send box sets: a foreign session is
 //! ignored while fusion's own goes on, and one that was accepted ends when it stops. Detection passes are scheduled by
-//! tick for all viewpoints alike, so those of a replaced set are kept until their tick.
+//! tick for all viewpoints alike, so those of a replaced set are kept until their tick. A set may come in several
+//! messages ([`crate::box_parts`]): the first of them that comes replaces the set before.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -14,6 +15,7 @@ use farfield_proto::message::live::BoxEcho;
 use farfield_proto::tick::Tick;
 
 use super::{Micros, SECOND_US};
+use crate::box_parts::BoxParts;
 
 /// Age up to which boxes are used, microseconds: as long as fusion by default keeps a person without views.
 pub const LIFE_US: Micros = SECOND_US;
@@ -35,6 +37,8 @@ pub enum BoxSetArrival {
     NewSession,
     /// Newer than all before.
     Newer,
+    /// Another message of the newest set.
+    Part,
     /// A duplicate, overtaken by a newer one, or of a session that is over.
     Stale,
     /// Of another session, while the one that is followed goes on.
@@ -53,6 +57,8 @@ struct StaleSequence {
 #[derive(Debug, Default)]
 pub struct NewestBoxes {
     newest: Option<(Arc<BoxSet>, u32, Micros)>,
+    /// Which messages of the newest have come.
+    parts: Option<BoxParts>,
     /// In order of tick.
     detection_requests: VecDeque<(Tick, Vec<CameraIndex>)>,
     past: VecDeque<SessionId>,
@@ -61,15 +67,18 @@ pub struct NewestBoxes {
 
 impl NewestBoxes {
     /// Takes a box set that arrived at `now_us`; what is not made for a live edge is stale.
-    pub fn hear(&mut self, boxes: Arc<BoxSet>, now_us: Micros) -> BoxSetArrival {
+    pub fn hear(&mut self, mut boxes: BoxSet, now_us: Micros) -> BoxSetArrival {
         let Some(sequence) = boxes.live.map(|live| live.sequence) else {
             return BoxSetArrival::Stale;
         };
+        if self.add_part(&boxes, sequence) {
+            return BoxSetArrival::Part;
+        }
         let arrival = self.judge(&boxes, sequence, now_us);
         match arrival {
             BoxSetArrival::Foreign => return arrival,
             BoxSetArrival::NewSession => self.leave_session(boxes.session),
-            BoxSetArrival::Newer | BoxSetArrival::Stale => {}
+            BoxSetArrival::Newer | BoxSetArrival::Part | BoxSetArrival::Stale => {}
         }
         // Those of a stale one may still be ahead.
         if arrival != BoxSetArrival::Stale || self.session() == Some(boxes.session) {
@@ -77,9 +86,21 @@ impl NewestBoxes {
         }
         if arrival != BoxSetArrival::Stale {
             self.claim = None;
-            self.newest = Some((boxes, sequence, now_us));
+            let same_session = self.newest.as_ref().map(|(before, ..)| &**before);
+            let before = same_session.filter(|before| before.session == boxes.session);
+            self.parts = Some(BoxParts::begin(&mut boxes, before));
+            self.newest = Some((boxes.into(), sequence, now_us));
         }
         arrival
+    }
+
+    /// Whether it is another message of the newest set, which it then completes.
+    fn add_part(&mut self, boxes: &BoxSet, sequence: u32) -> bool {
+        let (Some((newest, last, _)), Some(parts)) = (&mut self.newest, &mut self.parts) else {
+            return false;
+        };
+        let is_same = newest.session == boxes.session && *last == sequence;
+        is_same && !parts.is_whole() && parts.add(Arc::make_mut(newest), boxes)
     }
 
     fn judge(&mut self, boxes: &BoxSet, sequence: u32, now_us: Micros) -> BoxSetArrival {
@@ -211,6 +232,7 @@ fn is_after(a: u32, b: u32) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use crate::box_parts::tests::message;
     use farfield_proto::id::ViewpointIndex;
     use farfield_proto::message::Order;
     use farfield_proto::message::live::LiveBoxes;
@@ -218,11 +240,13 @@ mod tests {
 
     use super::*;
 
-    fn boxes(session: u64, sequence: u32) -> Arc<BoxSet> {
-        Arc::new(BoxSet {
+    fn boxes(session: u64, sequence: u32) -> BoxSet {
+        BoxSet {
             session: SessionId(session),
             tick: Tick(100 + i64::from(sequence)),
             viewpoint: ViewpointIndex(0),
+            part: 0,
+            parts: 1,
             order: Order::Track,
             live: Some(LiveBoxes {
                 sequence,
@@ -236,7 +260,7 @@ mod tests {
                 Vec::new()
             },
             persons: Vec::new(),
-        })
+        }
     }
 
     #[test]
@@ -347,6 +371,31 @@ mod tests {
         assert_eq!(newest.take_detection_request(Tick(107)), []);
         assert_eq!(newest.take_detection_request(Tick(115)), []);
         assert!(newest.detection_requests.is_empty());
+    }
+
+    #[test]
+    fn a_set_in_parts_is_used_from_its_first_message_on() {
+        let mut newest = NewestBoxes::default();
+        newest.hear(message(1, [0, 1], &[1, 2]), 0);
+        assert_eq!(
+            newest.hear(message(2, [0, 2], &[1]), 1),
+            BoxSetArrival::Newer
+        );
+        let persons = |newest: &NewestBoxes| newest.at(2).map(|boxes| boxes.persons.len());
+        assert_eq!(persons(&newest), Some(2));
+        assert_eq!(
+            newest.hear(message(2, [1, 2], &[3, 4]), 2),
+            BoxSetArrival::Part
+        );
+        assert_eq!(persons(&newest), Some(3));
+        assert_eq!(
+            newest.hear(message(2, [1, 2], &[3, 4]), 3),
+            BoxSetArrival::Stale
+        );
+        assert_eq!(
+            newest.echo(1).map(|echo| (echo.sequence, echo.held_us)),
+            Some((2, 0))
+        );
     }
 
     proptest! {

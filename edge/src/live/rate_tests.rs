@@ -2,11 +2,12 @@
 
 use std::collections::VecDeque;
 
+use farfield_proto::message::parts::MESSAGE_BYTES;
+
 use super::*;
 use crate::live::SECOND_US;
 
 const RATE_HZ: f64 = 60.0;
-const MESSAGE_BYTES: usize = 1200;
 /// What a person costs at each level, bytes; not what the controller believes at first.
 const TRUE_BYTES: [usize; LEVELS] = [700, 450, 380, 300, 250, 215, 190];
 

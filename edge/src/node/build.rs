@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use anyhow::Context as _;
 use farfield_node::clock;
-use farfield_node::process::NodeError;
+use farfield_node::process::{NodeError, say};
 use farfield_proto::message::Status;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::{Venue, VenueCamera};
@@ -126,11 +126,28 @@ pub fn probe_sources<'a>(
     cameras.into_iter().map(probe).collect()
 }
 
+/// The same for an edge that starts: a live camera that is not there yet is opened when it comes, and the others do not
+/// wait for it.
+fn probe_what_is_there<'a>(
+    sources: &dyn Sources,
+    venue: &Venue,
+    cameras: impl IntoIterator<Item = &'a VenueCamera>,
+) -> Result<Vec<(String, SourceInfo)>, SourceError> {
+    let probe = |camera: &VenueCamera| match sources.probe(camera, venue) {
+        Err(error @ SourceError::NotThere { .. }) if camera.source.is_live() => {
+            say(format_args!("{error}; it is opened when it comes"));
+            Ok((camera.model.name().to_owned(), SourceInfo::default()))
+        }
+        info => Ok((camera.model.name().to_owned(), info?)),
+    };
+    cameras.into_iter().map(probe).collect()
+}
+
 /// Opens everything but the network connection.
 pub(super) fn build(config: &EdgeConfig) -> Result<Built, NodeError> {
     let venue = &config.venue;
     let sources = &config.sources;
-    let infos = probe_sources(sources.as_ref(), venue, config.cameras());
+    let infos = probe_what_is_there(sources.as_ref(), venue, config.cameras());
     let infos = infos.map_err(NodeError::refused)?;
     let ticks = shared_ticks(&infos, config.ticks.as_ref()).map_err(NodeError::refused)?;
     let networks = load_networks(venue, config.cameras()).map_err(NodeError::refused)?;
@@ -165,6 +182,7 @@ pub(super) fn build(config: &EdgeConfig) -> Result<Built, NodeError> {
         node: config.name.clone(),
         process: RandomState::new().build_hasher().finish(),
         viewpoint: Some(config.viewpoint),
+        release: env!("CARGO_PKG_VERSION").to_owned(),
         ready: false,
         venue_hash: venue.hashes.venue.clone(),
         calibration_hash: venue.hashes.calibration.clone(),

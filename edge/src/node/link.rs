@@ -3,11 +3,15 @@
 //! Everything is reliable and blocks, at one priority: lock-step can wait, but must not lose or
 //! reorder. Nothing is scouted for; the endpoints are in the venue file.
 
-use farfield_node::session::{self, Delivery, FifoSubscriber, declare_alive, has_listener};
+use std::sync::Arc;
+
+use farfield_node::session::{
+    self, Delivery, FifoSubscriber, declare_alive, has_listener, put_status,
+};
 use farfield_proto::key::Keys;
 use farfield_proto::message::{BoxSet, Status};
 use farfield_proto::transport::{EdgeTransport, FUSION};
-use farfield_proto::wire;
+use farfield_proto::wire::{self, SpokenVersion, WireError};
 use tokio::sync::{mpsc, watch};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
@@ -29,8 +33,8 @@ pub(super) enum EdgeIncoming {
     Fusion(Box<Status>),
     /// Fusion has left.
     FusionGone,
-    /// A message that cannot be read, by its key.
-    Unreadable(String),
+    /// A message that cannot be read, by its key, and why.
+    Unreadable(String, WireError),
 }
 
 /// What the edge says.
@@ -102,11 +106,13 @@ impl EdgeSession {
     /// Starts the tasks that carry messages to and from the loop.
     pub(super) fn spawn(self, tasks: &TaskTracker, leave: &CancellationToken) -> EdgeEnds {
         let (incoming_tx, incoming) = mpsc::channel(QUEUE);
+        let spoken = Arc::new(SpokenVersion::default());
         for (topic, subscriber) in self.subscribers {
             tasks.spawn(listen(
                 topic,
                 subscriber,
                 incoming_tx.clone(),
+                Arc::clone(&spoken),
                 leave.clone(),
             ));
         }
@@ -125,6 +131,7 @@ impl EdgeSession {
             incoming,
             outgoing: outgoing_tx,
             matched,
+            spoken,
             session: self.session,
             _token: self.token,
         }
@@ -139,6 +146,8 @@ pub(super) struct EdgeEnds {
     pub(super) outgoing: mpsc::Sender<EdgeOutgoing>,
     /// Whether fusion listens for patches and sightings.
     pub(super) matched: watch::Receiver<bool>,
+    /// The version of messages in which fusion is spoken to.
+    pub(super) spoken: Arc<SpokenVersion>,
     session: Session,
     _token: LivelinessToken,
 }
@@ -164,6 +173,7 @@ async fn listen(
     topic: EdgeTopic,
     subscriber: FifoSubscriber,
     incoming: mpsc::Sender<EdgeIncoming>,
+    spoken: Arc<SpokenVersion>,
     leave: CancellationToken,
 ) {
     loop {
@@ -172,7 +182,7 @@ async fn listen(
             () = leave.cancelled() => return,
         };
         let Ok(sample) = sample else { return };
-        if let Some(message) = read(topic, &sample)
+        if let Some(message) = read(topic, &sample, &spoken)
             && incoming.send(message).await.is_err()
         {
             return;
@@ -180,9 +190,12 @@ async fn listen(
     }
 }
 
-fn read(topic: EdgeTopic, sample: &Sample) -> Option<EdgeIncoming> {
+fn read(topic: EdgeTopic, sample: &Sample, spoken: &SpokenVersion) -> Option<EdgeIncoming> {
     let key = sample.key_expr().as_str();
     let payload = sample.payload().to_bytes();
+    if let EdgeTopic::Fusion = topic {
+        spoken.hear(&payload, session::reads_at_most(sample));
+    }
     let incoming = match topic {
         EdgeTopic::Boxes => wire::decode(&payload).map(EdgeIncoming::Boxes),
         EdgeTopic::Fusion => {
@@ -194,7 +207,7 @@ fn read(topic: EdgeTopic, sample: &Sample) -> Option<EdgeIncoming> {
     };
     Some(incoming.unwrap_or_else(|error| {
         debug!(%key, %error, "message not readable");
-        EdgeIncoming::Unreadable(key.to_owned())
+        EdgeIncoming::Unreadable(key.to_owned(), error)
     }))
 }
 
@@ -207,16 +220,16 @@ fn speak(
     matched: &watch::Sender<bool>,
 ) {
     while let Some(message) = outgoing.blocking_recv() {
-        let (publisher, bytes) = match message {
-            EdgeOutgoing::Patches(bytes) => (patches, bytes),
-            EdgeOutgoing::Sightings(bytes) => (sightings, bytes),
+        let (publisher, sent) = match message {
+            EdgeOutgoing::Patches(bytes) => (patches, patches.put(bytes).wait()),
+            EdgeOutgoing::Sightings(bytes) => (sightings, sightings.put(bytes).wait()),
             EdgeOutgoing::Status(bytes) => {
                 // Statuses go out several times a second until the start: the moment to look.
                 matched.send_replace(has_listener(patches) && has_listener(sightings));
-                (status, bytes)
+                (status, put_status(status, bytes))
             }
         };
-        if let Err(error) = publisher.put(bytes).wait() {
+        if let Err(error) = sent {
             warn!(key = %publisher.key_expr(), %error, "not sent");
         }
     }

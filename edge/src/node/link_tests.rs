@@ -101,6 +101,8 @@ async fn boxes_arrive_patches_leave_in_order_and_fusion_is_missed() {
         session: SessionId(1),
         tick: Tick(3),
         viewpoint: ViewpointIndex(0),
+        part: 0,
+        parts: 1,
         order: Order::Track,
         live: None,
         detection_cameras: Vec::new(),

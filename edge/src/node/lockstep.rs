@@ -8,7 +8,7 @@ use anyhow::{Context as _, anyhow};
 use farfield_node::process::{Ending, NodeError};
 use farfield_proto::message::{BoxSet, Order, Status};
 use farfield_proto::tick::Tick;
-use farfield_proto::wire;
+use farfield_proto::wire::{self, WireError};
 use tokio::time::{MissedTickBehavior, interval};
 use tokio_util::sync::CancellationToken;
 use tracing::debug;
@@ -16,6 +16,7 @@ use tracing::debug;
 use super::compare::compare_files;
 use super::link::{EdgeEnds, EdgeIncoming, EdgeOutgoing};
 use super::worker::EdgeWorker;
+use crate::box_parts::BoxParts;
 
 /// How often an edge says that it is ready, until the first boxes come.
 const CALL_EVERY: Duration = Duration::from_millis(100);
@@ -39,7 +40,7 @@ fn is_live(incoming: &EdgeIncoming) -> bool {
     match incoming {
         EdgeIncoming::Boxes(boxes) => boxes.live.is_some(),
         EdgeIncoming::Fusion(status) => status.live.is_some(),
-        EdgeIncoming::FusionGone | EdgeIncoming::Unreadable(_) => false,
+        EdgeIncoming::FusionGone | EdgeIncoming::Unreadable(..) => false,
     }
 }
 
@@ -49,6 +50,8 @@ pub(super) struct LockStepEdge {
     pub(super) status: Status,
     /// The tick of the newest boxes that were handed to the pipeline.
     ordered: Option<Tick>,
+    /// A box set of which messages are still to come.
+    coming: Option<(BoxSet, BoxParts)>,
     n_calls: u32,
     /// Messages in a row that could not be read.
     garbled: u32,
@@ -60,6 +63,7 @@ impl LockStepEdge {
         Self {
             status,
             ordered: None,
+            coming: None,
             n_calls: 0,
             garbled: 0,
         }
@@ -105,7 +109,10 @@ impl LockStepEdge {
     pub(super) fn send_status(&self, ends: &EdgeEnds) {
         if ends
             .outgoing
-            .try_send(EdgeOutgoing::Status(wire::encode(&self.status)))
+            .try_send(EdgeOutgoing::Status(wire::encode_as(
+                &self.status,
+                ends.spoken.get(),
+            )))
             .is_err()
         {
             debug!("a status was not sent: the queue is full");
@@ -143,12 +150,12 @@ impl LockStepEdge {
                 "fusion has left{}",
                 self.at_tick()
             ))),
-            EdgeIncoming::Unreadable(key) => self.cannot_read(&key).map(|()| None),
+            EdgeIncoming::Unreadable(key, error) => self.cannot_read(&key, &error).map(|()| None),
         }
     }
 
     /// Before the run anybody's noise can be borne; in it, a message that is missing is never made up for.
-    fn cannot_read(&mut self, key: &str) -> Result<(), NodeError> {
+    fn cannot_read(&mut self, key: &str, error: &WireError) -> Result<(), NodeError> {
         self.status.unreadable += 1;
         self.garbled += 1;
         if self.ordered.is_none() && self.garbled < MAX_GARBLED {
@@ -156,7 +163,7 @@ impl LockStepEdge {
             return Ok(());
         }
         Err(NodeError::Failed(anyhow!(
-            "a message on {key} cannot be read: does fusion run another version of farfield?"
+            "a message on {key} cannot be read: {error}"
         )))
     }
 
@@ -164,6 +171,9 @@ impl LockStepEdge {
         if boxes.order == Order::End {
             return Ok(Some(Ending::Done));
         }
+        let Some(boxes) = self.joined(boxes) else {
+            return Ok(None);
+        };
         if self.ordered.is_some_and(|ordered| boxes.tick <= ordered) {
             debug!(tick = boxes.tick.0, "boxes for a tick that is done");
             return Ok(None);
@@ -171,6 +181,21 @@ impl LockStepEdge {
         self.ordered = Some(boxes.tick);
         worker.step(boxes)?;
         Ok(None)
+    }
+
+    /// The set of a message, once its last one is there: in lock-step none is lost.
+    fn joined(&mut self, mut message: BoxSet) -> Option<BoxSet> {
+        let is_next = |(set, _): &&mut (BoxSet, BoxParts)| {
+            (set.session, set.tick) == (message.session, message.tick)
+        };
+        if let Some((set, parts)) = self.coming.as_mut().filter(is_next) {
+            parts.add(set, &message);
+        } else {
+            let parts = BoxParts::begin(&mut message, None);
+            self.coming = Some((message, parts));
+        }
+        let is_whole = |(_, parts): &mut (BoxSet, BoxParts)| parts.is_whole();
+        self.coming.take_if(is_whole).map(|(set, _)| set)
     }
 
     fn compare(&self, fusion: &Status) -> Result<(), NodeError> {
@@ -199,6 +224,7 @@ mod tests {
             node: "ne".to_owned(),
             process: 7,
             viewpoint: None,
+            release: String::new(),
             ready: true,
             venue_hash: "v".to_owned(),
             calibration_hash: calibration_hash.to_owned(),
@@ -229,16 +255,18 @@ mod tests {
     #[test]
     fn noise_before_the_run_is_counted_and_another_version_is_given_up_on() {
         // Symptom to prevent: every edge, live ones too, waits here for fusion, and ended by one message.
+        let newer = WireError::Version { got: 99 };
         let mut edge = LockStepEdge::new(status("here"));
         for _ in 1..MAX_GARBLED {
-            edge.cannot_read("hall/box/ne").unwrap();
+            edge.cannot_read("hall/box/ne", &newer).unwrap();
         }
         assert_eq!(edge.status.unreadable, u64::from(MAX_GARBLED) - 1);
-        let error = edge.cannot_read("hall/box/ne").unwrap_err().to_string();
+        let error = edge.cannot_read("hall/box/ne", &newer);
+        let error = error.unwrap_err().to_string();
         assert!(error.contains("version") && error.contains("hall/box/ne"));
         let mut edge = LockStepEdge::new(status("here"));
         edge.ordered = Some(Tick(7));
-        edge.cannot_read("hall/box/ne").unwrap_err();
+        edge.cannot_read("hall/box/ne", &newer).unwrap_err();
     }
 
     #[test]

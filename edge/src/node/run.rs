@@ -65,7 +65,7 @@ pub(super) async fn run(config: &Arc<EdgeConfig>) -> Result<Ending, NodeError> {
         return Ok(Ending::Interrupted);
     };
     let mut ends = link.spawn(&tasks, &leave);
-    let worker = EdgeWorker::spawn(built.work, ends.outgoing.clone())
+    let worker = EdgeWorker::spawn(built.work, ends.outgoing.clone(), Arc::clone(&ends.spoken))
         .context("starting the pipeline's thread");
     let worker = worker.map_err(NodeError::Failed)?;
     let outcome = work(
@@ -148,6 +148,7 @@ async fn work_live(
     let ring = open_ring(config);
     let publishers =
         EdgePublishers::declare(&ends.session(), &config.venue.name, &config.name).await;
+    let publishers = publishers.map(|publishers| (publishers, Arc::clone(&ends.spoken)));
     let live = LiveEdge::spawn(
         work.into_parts(),
         status,

@@ -1,6 +1,7 @@
 //! The thread that computes: reads the frames of a tick, runs the pipeline, encodes the messages.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::JoinHandle;
 
@@ -9,7 +10,7 @@ use farfield_node::clock;
 use farfield_proto::message::{BoxSet, DETECTION_STAGE, StageTime};
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::VenueCamera;
-use farfield_proto::wire;
+use farfield_proto::wire::{self, SpokenVersion};
 use tokio::sync::mpsc;
 
 use super::frames_at::FramesAt;
@@ -65,8 +66,8 @@ impl EdgeWork {
         Ok(&mut self.opened.insert((from, frames)).1)
     }
 
-    /// One tick: the frames, the pipeline, the messages in the order they shall go out.
-    fn step(&mut self, boxes: &BoxSet) -> anyhow::Result<Vec<EdgeOutgoing>> {
+    /// One tick: the frames, the pipeline, the messages of `version` in the order they shall go out.
+    fn step(&mut self, boxes: &BoxSet, version: u8) -> anyhow::Result<Vec<EdgeOutgoing>> {
         let start = clock::now();
         let frames = self.read(boxes.tick)?;
         self.count("read", start);
@@ -86,7 +87,7 @@ impl EdgeWork {
             }
         }
         let start = clock::now();
-        let messages = encode(&output);
+        let messages = encode(&output, version);
         self.count("messages", start);
         Ok(messages)
     }
@@ -118,15 +119,15 @@ impl EdgeWork {
 }
 
 /// Sightings first: fusion knows from the patches how many to wait for.
-fn encode(output: &EdgeOutput) -> Vec<EdgeOutgoing> {
+fn encode(output: &EdgeOutput, version: u8) -> Vec<EdgeOutgoing> {
     let sightings = output
         .sighting_sets
         .iter()
-        .map(|set| EdgeOutgoing::Sightings(wire::encode(set)));
+        .map(|set| EdgeOutgoing::Sightings(wire::encode_as(set, version)));
     let patches = output
         .patch_sets
         .iter()
-        .map(|set| EdgeOutgoing::Patches(wire::encode(set)));
+        .map(|set| EdgeOutgoing::Patches(wire::encode_as(set, version)));
     sightings.chain(patches).collect()
 }
 
@@ -146,12 +147,13 @@ impl EdgeWorker {
     pub(super) fn spawn(
         work: EdgeWork,
         outgoing: mpsc::Sender<EdgeOutgoing>,
+        spoken: Arc<SpokenVersion>,
     ) -> std::io::Result<Self> {
         // Lock-step has one tick under way; the second place lets the loop never wait.
         let (jobs, to_do) = sync_channel(2);
         let (done_tx, done) = mpsc::channel(2);
         let thread = std::thread::Builder::new().name("pipeline".to_owned());
-        let thread = thread.spawn(move || run(work, &to_do, &outgoing, &done_tx))?;
+        let thread = thread.spawn(move || run(work, &to_do, (&outgoing, &spoken), &done_tx))?;
         Ok(Self { jobs, done, thread })
     }
 
@@ -183,12 +185,12 @@ impl EdgeWorker {
 fn run(
     mut work: EdgeWork,
     to_do: &Receiver<BoxSet>,
-    outgoing: &mpsc::Sender<EdgeOutgoing>,
+    (outgoing, spoken): (&mpsc::Sender<EdgeOutgoing>, &SpokenVersion),
     done: &mpsc::Sender<Done>,
 ) -> EdgeWork {
     while let Ok(boxes) = to_do.recv() {
         let tick = boxes.tick;
-        let result = work.step(&boxes).and_then(|messages| {
+        let result = work.step(&boxes, spoken.get()).and_then(|messages| {
             // When full, this thread waits for the network; the loop never does.
             let sent = messages
                 .into_iter()

@@ -42,7 +42,6 @@ use crate::source::{Frame, FrameContent, MapCrop};
 pub use error::PipelineError;
 #[cfg(feature = "study")]
 pub use map_encoder::StandIn;
-pub use parts::MESSAGE_BYTES;
 pub use request::StepRequest;
 
 /// A part of a step whose duration is measured.

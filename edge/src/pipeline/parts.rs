@@ -1,11 +1,8 @@
 //! Splits the persons and sightings of a tick into messages, each readable alone.
 
+use farfield_proto::message::parts::split;
 use farfield_proto::message::{PatchSet, PersonPatch, Sighting, SightingSet};
 use farfield_proto::wire;
-
-/// Size of a message that fits one Ethernet frame with the overhead of Zenoh and TCP, bytes. A
-/// person whose maps alone are larger gets a message of its own.
-pub const MESSAGE_BYTES: usize = 1200;
 
 /// The patch sets of a tick: the persons split over copies of `head`, numbered; at least one.
 pub(super) fn patch_sets(head: &PatchSet, persons: Vec<PersonPatch>) -> Vec<PatchSet> {
@@ -14,7 +11,7 @@ pub(super) fn patch_sets(head: &PatchSet, persons: Vec<PersonPatch>) -> Vec<Patc
         ..head.clone()
     };
     let empty = wire::encode(&probe).len();
-    let groups = grouped(persons, empty, |person| {
+    let groups = split(persons, empty, |person| {
         probe.persons.push(person);
         let bytes = wire::encode(&probe).len() - empty;
         (probe.persons.pop(), bytes)
@@ -38,7 +35,7 @@ pub(super) fn sighting_sets(head: &SightingSet, sightings: Vec<Sighting>) -> Vec
         ..head.clone()
     };
     let empty = wire::encode(&probe).len();
-    let groups = grouped(sightings, empty, |sighting| {
+    let groups = split(sightings, empty, |sighting| {
         probe.sightings.push(sighting);
         let bytes = wire::encode(&probe).len() - empty;
         (probe.sightings.pop(), bytes)
@@ -55,39 +52,10 @@ pub(super) fn sighting_sets(head: &SightingSet, sightings: Vec<Sighting>) -> Vec
         .collect()
 }
 
-/// Fills groups in order until [`MESSAGE_BYTES`]; at least one group, none but the first empty.
-///
-/// `measure` gives the item back with the bytes that it adds to a message of `empty` bytes.
-fn grouped<T>(
-    items: Vec<T>,
-    empty: usize,
-    mut measure: impl FnMut(T) -> (Option<T>, usize),
-) -> Vec<Vec<T>> {
-    // Bytes: part numbers and counts may take more than the one byte each that `empty` has.
-    const SLACK: usize = 8;
-    let mut groups = vec![Vec::new()];
-    let mut bytes = empty + SLACK;
-    for item in items {
-        let (Some(item), more) = measure(item) else {
-            continue;
-        };
-        let group = groups
-            .last_mut()
-            .filter(|group| group.is_empty() || bytes + more <= MESSAGE_BYTES);
-        if let Some(group) = group {
-            group.push(item);
-            bytes += more;
-        } else {
-            groups.push(vec![item]);
-            bytes = empty + SLACK + more;
-        }
-    }
-    groups
-}
-
 #[cfg(test)]
 mod tests {
     use farfield_proto::id::{CameraIndex, PersonId, SessionId, ViewpointIndex};
+    use farfield_proto::message::parts::MESSAGE_BYTES;
     use farfield_proto::patch::EncodedMaps;
     use farfield_proto::tick::Tick;
 

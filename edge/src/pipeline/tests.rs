@@ -131,6 +131,8 @@ fn boxes(detection: &[u16], persons: Vec<Vec<CameraBox>>) -> BoxSet {
         session: SessionId(9),
         tick: Tick(40),
         viewpoint: ViewpointIndex(0),
+        part: 0,
+        parts: 1,
         order: Order::Track,
         live: None,
         detection_cameras: detection.iter().copied().map(CameraIndex).collect(),

@@ -7,6 +7,7 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use farfield_proto::message::identity_event::IdentityEvent;
+use farfield_proto::message::live::CameraHealth;
 use farfield_proto::tick::Tick;
 use serde::{Deserialize, Serialize};
 
@@ -153,9 +154,26 @@ pub struct TimingSummary {
     pub look_share: BTreeMap<String, f64>,
     /// Per viewpoint: bytes on the wire with protocol overhead, where they can be measured.
     pub link_bytes_on_wire: BTreeMap<String, u64>,
+    /// Per camera of a live run, as its edge described it last.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub cameras: BTreeMap<String, CameraSummary>,
     /// The recording, where one was made.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub recording: Option<RecordingSummary>,
+}
+
+/// How a camera did.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct CameraSummary {
+    /// How it was at the end.
+    pub health: CameraHealth,
+    /// Frames per second at the end.
+    pub frames_per_s: f32,
+    /// How often it stopped working.
+    pub troubles: u32,
+    /// Why it gave no pictures when it last gave none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reason: Option<String>,
 }
 
 /// What a recording came to.

@@ -22,6 +22,7 @@ fn status(node: &str, process: u64) -> Status {
         node: node.to_owned(),
         process,
         viewpoint: None,
+        release: String::new(),
         ready: true,
         venue_hash: "v1".to_owned(),
         calibration_hash: "c1".to_owned(),

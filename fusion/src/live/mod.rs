@@ -5,6 +5,7 @@
 //! same answers. The shell that reads the clock and the sockets is `node::live`.
 
 pub mod arrivals;
+pub mod cameras;
 pub mod edge;
 #[cfg(test)]
 pub(crate) mod fixture;

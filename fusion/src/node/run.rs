@@ -98,7 +98,7 @@ async fn run(
                 config,
                 session,
                 out: claim.folder(),
-                wiretap: &interceptor.wiretap,
+                interceptor: &interceptor,
                 recording: recording.as_ref(),
             };
             Box::pin(run.lock_step(pipeline, &mut outside)).await

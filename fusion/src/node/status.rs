@@ -13,6 +13,7 @@ pub(super) fn own_status(hashes: &VenueHash) -> Status {
         node: FUSION.to_owned(),
         process: 0,
         viewpoint: None,
+        release: env!("CARGO_PKG_VERSION").to_owned(),
         ready: true,
         venue_hash: hashes.venue.clone(),
         calibration_hash: hashes.calibration.clone(),

@@ -184,6 +184,8 @@ mod tests {
             session: SessionId(1),
             tick: Tick(5),
             viewpoint: ViewpointIndex(0),
+            part: 0,
+            parts: 1,
             order: Order::Track,
             live: None,
             detection_cameras: Vec::new(),

@@ -165,6 +165,8 @@ fn patches_are_stamped_with_their_sending() {
         session: SESSION,
         tick: Tick(0),
         viewpoint: ViewpointIndex(0),
+        part: 0,
+        parts: 1,
         order: Order::Track,
         live: Some(LiveBoxes {
             sequence: 0,

@@ -4,6 +4,7 @@
 
 use anyhow::{Context as _, anyhow};
 use farfield_proto::transport::{EdgeTransport, FusionTransport, ZenohSetting};
+use farfield_proto::wire::VERSION;
 use tracing::warn;
 use zenoh::handlers::{FifoChannel, FifoChannelHandler};
 use zenoh::liveliness::LivelinessToken;
@@ -91,6 +92,21 @@ pub async fn publisher(
         .await
         .map_err(zenoh_error)
         .with_context(|| format!("declaring the publisher of {key}"))
+}
+
+/// Puts a status: beside its bytes stands the newest version of messages that this node reads, for
+/// [`farfield_proto::wire::SpokenVersion`]. Nodes that know nothing of it leave it unread.
+///
+/// # Errors
+/// What Zenoh says.
+pub fn put_status(publisher: &Publisher<'_>, bytes: Vec<u8>) -> zenoh::Result<()> {
+    publisher.put(bytes).attachment(vec![VERSION]).wait()
+}
+
+/// What the node of a status reads at most, if it says so.
+pub fn reads_at_most(status: &Sample) -> Option<u8> {
+    let attachment = status.attachment()?.to_bytes();
+    attachment.first().copied()
 }
 
 /// Whether somebody listens to what `publisher` says.

@@ -3,7 +3,8 @@
 //! A message that passed is valid in its form; whether it makes sense (a camera that exists, a session that lives) is
 //! for the node to decide.
 
-use super::live::{LiveStatus, MAX_CLOCK_CORRECTION_US, MAX_EDGES};
+use super::live::{LiveStatus, MAX_CLOCK_CORRECTION_US, MAX_EDGES, MAX_REASON_BYTES};
+use super::older::{BoxSet3, Status3};
 use super::{
     BoxSet, CameraBox, MAX_CAPTURE_OFFSET_US, MAX_CROPS, MAX_PERSONS, MAX_SIGHTINGS, MAX_STAGES,
     PatchSet, PersonPatch, PersonPose, PoseSet, Sighting, SightingSet, Status,
@@ -67,7 +68,22 @@ fn check_patch(patch: &PersonPatch) -> Result<(), &'static str> {
 }
 
 impl Message for BoxSet {
+    fn write(&self, version: u8, bytes: Vec<u8>) -> postcard::Result<Vec<u8>> {
+        match version {
+            ..=3 => postcard::to_extend(&BoxSet3::of(self), bytes),
+            _ => postcard::to_extend(self, bytes),
+        }
+    }
+
+    fn read(version: u8, bytes: &[u8]) -> postcard::Result<(Self, &[u8])> {
+        match version {
+            ..=3 => postcard::take_from_bytes(bytes).map(|(set, rest)| (BoxSet3::read(set), rest)),
+            _ => postcard::take_from_bytes(bytes),
+        }
+    }
+
     fn check(&self) -> Result<(), &'static str> {
+        check_parts(self.part, self.parts)?;
         ensure(
             self.persons.len() <= MAX_PERSONS,
             "more persons than a message may have",
@@ -174,10 +190,30 @@ fn check_pose(pose: &PersonPose) -> Result<(), &'static str> {
 }
 
 impl Message for Status {
+    fn write(&self, version: u8, bytes: Vec<u8>) -> postcard::Result<Vec<u8>> {
+        match version {
+            ..=3 => postcard::to_extend(&Status3::of(self), bytes),
+            _ => postcard::to_extend(self, bytes),
+        }
+    }
+
+    fn read(version: u8, bytes: &[u8]) -> postcard::Result<(Self, &[u8])> {
+        match version {
+            ..=3 => {
+                postcard::take_from_bytes(bytes).map(|(status, rest)| (Status3::read(status), rest))
+            }
+            _ => postcard::take_from_bytes(bytes),
+        }
+    }
+
     fn check(&self) -> Result<(), &'static str> {
         ensure(
             is_key_chunk(&self.node),
             "a node name that cannot stand in a key",
+        )?;
+        ensure(
+            self.release.len() <= MAX_HASH_BYTES,
+            "a text that is too long",
         )?;
         let hashes = [&self.venue_hash, &self.calibration_hash, &self.network_hash];
         let short = hashes.iter().all(|hash| hash.len() <= MAX_HASH_BYTES);
@@ -212,6 +248,11 @@ fn check_live(live: &LiveStatus) -> Result<(), &'static str> {
     let failure = live.recording_failure.iter();
     ensure(
         failure.clone().all(|text| text.len() <= MAX_TEXT_BYTES),
+        "a text that is too long",
+    )?;
+    let mut reasons = live.cameras.iter().filter_map(|c| c.reason.as_ref());
+    ensure(
+        reasons.all(|reason| reason.len() <= MAX_REASON_BYTES),
         "a text that is too long",
     )?;
     let rates = live.cameras.iter().map(|c| &c.frames_per_s);

@@ -11,6 +11,8 @@ pub mod fill;
 pub mod handout;
 pub mod identity_event;
 pub mod live;
+mod older;
+pub mod parts;
 mod patch_form;
 
 use serde::{Deserialize, Serialize};
@@ -83,6 +85,10 @@ pub struct BoxSet {
     pub tick: Tick,
     /// The viewpoint that it is for.
     pub viewpoint: ViewpointIndex,
+    /// This message's number among those of the set, from 0; all but the persons is the same in each.
+    pub part: u16,
+    /// How many messages the set has, at least 1.
+    pub parts: u16,
     /// Whether the run goes on.
     pub order: Order,
     /// Clock and link; `None` in lock-step.
@@ -218,6 +224,8 @@ pub struct Status {
     pub process: u64,
     /// The viewpoint, for an edge.
     pub viewpoint: Option<ViewpointIndex>,
+    /// Which farfield it runs, as `0.1.0`; empty where an older one does not say.
+    pub release: String,
     /// Whether everything is open and matched, and the node only waits for its first box set.
     pub ready: bool,
     /// Fingerprint of the venue file.

@@ -2,7 +2,7 @@
 
 use proptest::prelude::*;
 
-use super::tests::stage;
+use super::fixture::stage;
 use super::*;
 use crate::bounding_box::{BoundingBox, BoxRate};
 use crate::grid::CellGrid;
@@ -169,6 +169,8 @@ fn any_box_set() -> impl Strategy<Value = BoxSet> {
             session: SessionId(head.0),
             tick: Tick(head.1),
             viewpoint: ViewpointIndex(head.2),
+            part: 0,
+            parts: 1,
             order,
             live: live_boxes(head.1),
             detection_cameras: look.into_iter().map(CameraIndex).collect(),
@@ -263,6 +265,7 @@ fn any_status() -> impl Strategy<Value = Status> {
                 node,
                 process,
                 viewpoint: viewpoint.map(ViewpointIndex),
+                release: String::new(),
                 ready,
                 venue_hash,
                 calibration_hash,

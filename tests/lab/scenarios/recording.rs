@@ -1,5 +1,6 @@
 //! Recordings: what was recorded is solved again, as it was or in another way, whole or torn.
 
+mod old_versions;
 mod same_bits;
 
 use std::collections::BTreeSet;

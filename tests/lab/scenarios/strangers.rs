@@ -285,6 +285,7 @@ async fn an_edge_that_calls_itself_by_anothers_name_under_its_own_key_is_not_bel
     let edge = enter(&hall, &hall.identity("certs", "north-east"), &[], PATIENCE).await;
     let edge = edge.expect("an honest key is let in");
     let lie = Status {
+        release: String::new(),
         node: "north-west".to_owned(),
         process: 7,
         viewpoint: Some(ViewpointIndex(1)),

@@ -112,7 +112,7 @@ impl Fusion {
         let replies = self
             .session
             .get(self.key.as_str())
-            .payload(wire::encode(question))
+            .payload(wire::encode_for_anyone(question))
             .priority(Priority::DataLow)
             .congestion_control(CongestionControl::Block)
             .timeout(PATIENCE)

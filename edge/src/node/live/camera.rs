@@ -64,11 +64,11 @@ impl LiveCamera {
                 Pause::NoTick => drop(self.shared.pause(LOOK_EVERY_US)),
                 Pause::Failed(error) => {
                     let text = error.to_string();
+                    let wait_us = self.shared.frames.failed(self.at, &text);
                     if text != said {
                         say(format_args!("{text}; it is opened again until it works"));
                         said = text;
                     }
-                    let wait_us = self.shared.frames.failed(self.at);
                     if !self.shared.pause(wait_us) {
                         return;
                     }

@@ -7,6 +7,7 @@ use std::time::Duration;
 use farfield_proto::id::CameraIndex;
 use farfield_proto::message::live::{CameraHealth, CameraStatus};
 use farfield_proto::tick::Tick;
+use farfield_proto::wire::cut_reason;
 
 use crate::live::Micros;
 use crate::live::health::{CameraWatch, PictureSample};
@@ -47,6 +48,8 @@ struct Slot {
     frames: VecDeque<Frame>,
     watch: CameraWatch,
     lag: Lag,
+    /// Why it failed, until it gives pictures again.
+    reason: Option<String>,
 }
 
 /// From the capture of a camera's frames to when they come, microseconds.
@@ -81,6 +84,7 @@ impl FrameStore {
             frames: VecDeque::new(),
             watch: CameraWatch::new(period_us),
             lag: Lag::default(),
+            reason: None,
         };
         Self {
             slots: Mutex::new(cameras.iter().map(slot).collect()),
@@ -107,6 +111,7 @@ impl FrameStore {
             delivery.frame.capture_offset_us,
             now_us,
         );
+        slot.reason = None;
         slot.lag.add(delivery.lag_us, self.most_hitch_us);
         // Two frames of one tick, or a tick that comes again: the newest counts.
         slot.frames.retain(|kept| kept.tick < delivery.frame.tick);
@@ -118,10 +123,13 @@ impl FrameStore {
         self.changed.notify_all();
     }
 
-    /// Notes that a camera has failed; how long to wait until it is opened again, microseconds.
-    pub(super) fn failed(&self, at: usize) -> Micros {
+    /// Notes that a camera has failed, and why; how long to wait until it is opened again, microseconds.
+    pub(super) fn failed(&self, at: usize, why: &str) -> Micros {
         let mut slots = self.lock();
-        let wait_us = slots.get_mut(at).map(|slot| slot.watch.failed());
+        let wait_us = slots.get_mut(at).map(|slot| {
+            slot.reason = Some(cut_reason(why.to_owned()));
+            slot.watch.failed()
+        });
         wait_us.unwrap_or(Micros::MAX)
     }
 
@@ -181,6 +189,7 @@ impl FrameStore {
                 health: slot.watch.health(now_us),
                 frames_per_s,
                 capture_offset_us,
+                reason: slot.reason.clone(),
             }
         };
         slots.iter_mut().map(status).collect()
@@ -259,7 +268,7 @@ mod tests {
         assert!(is_there(&store, 1, 1));
         put(&store, 1, 0, None);
         assert!(!is_there(&store, 1, 1));
-        store.failed(1);
+        store.failed(1, "unplugged");
         assert!(is_there(&store, 1, 1));
     }
 
@@ -304,7 +313,7 @@ mod tests {
         let store = store();
         put(&store, 0, 1, None);
         assert_eq!(store.lag_us(PERIOD), 3_000);
-        store.failed(0);
+        store.failed(0, "unplugged");
         assert_eq!(store.lag_us(PERIOD), 0);
     }
 

@@ -2,6 +2,7 @@
 
 use farfield_proto::message::BoxSet;
 use farfield_proto::message::live::{LiveStatus, PatchTiming};
+use farfield_proto::message::parts::MESSAGE_BYTES;
 use farfield_proto::tick::Tick;
 use farfield_proto::transport::MESSAGE_OVERHEAD_BYTES;
 use farfield_proto::venue::parameters::LinkParameters;
@@ -11,7 +12,6 @@ use crate::live::budget::ByteBudget;
 use crate::live::newest_boxes::{BoxSetArrival, NewestBoxes};
 use crate::live::rate::{MessageKind, RateController};
 use crate::live::tick_clock::TickClock;
-use crate::pipeline::MESSAGE_BYTES;
 
 /// What a live edge knows and counts.
 #[derive(Debug)]
@@ -45,7 +45,7 @@ impl Ledger {
     /// Takes boxes that arrived at `now_us`.
     pub(super) fn take_boxes(&mut self, boxes: BoxSet, now_us: Micros) -> BoxSetArrival {
         let live = boxes.live;
-        let arrival = self.boxes.hear(boxes.into(), now_us);
+        let arrival = self.boxes.hear(boxes, now_us);
         let is_followed = matches!(arrival, BoxSetArrival::NewSession | BoxSetArrival::Newer);
         let (Some(live), true) = (live, is_followed) else {
             return arrival;

@@ -20,7 +20,7 @@ use farfield_node::clock::VenueClock;
 use farfield_node::process::{Ending, NodeError, say};
 use farfield_proto::message::live::{EdgeLink, LiveStatus};
 use farfield_proto::message::{Order, Status};
-use farfield_proto::wire;
+use farfield_proto::wire::{self, SpokenVersion, WireError};
 use tokio::sync::oneshot;
 use tokio::time::{MissedTickBehavior, interval};
 use tokio_util::sync::CancellationToken;
@@ -50,6 +50,8 @@ pub(super) struct LiveEdge {
     /// Why the edge should end, as fusion said last.
     objection: Option<NodeError>,
     refusal: RepeatedRefusal,
+    /// Why messages of fusion cannot be read, as was said last.
+    foreign: Option<WireError>,
     failed: oneshot::Receiver<anyhow::Error>,
 }
 
@@ -63,7 +65,7 @@ impl LiveEdge {
         parts: Parts,
         status: Status,
         clock: VenueClock,
-        publishers: EdgePublishers,
+        publishers: (EdgePublishers, Arc<SpokenVersion>),
         ring: Option<RingHandle>,
     ) -> std::io::Result<Self> {
         let shared = Arc::new(Shared::new(&parts, clock, publishers, ring));
@@ -75,6 +77,7 @@ impl LiveEdge {
             refused: None,
             objection: None,
             refusal: RepeatedRefusal::default(),
+            foreign: None,
             failed,
         })
     }
@@ -108,7 +111,7 @@ impl LiveEdge {
                 // Fusion uses nothing of an edge before it knows what files it holds.
                 BoxSetArrival::NewSession => self.send_status(),
                 BoxSetArrival::Foreign => self.status.unreadable += 1,
-                BoxSetArrival::Newer | BoxSetArrival::Stale => {}
+                BoxSetArrival::Newer | BoxSetArrival::Part | BoxSetArrival::Stale => {}
             },
             EdgeIncoming::Fusion(fusion) => {
                 self.weigh(&fusion);
@@ -116,7 +119,7 @@ impl LiveEdge {
             }
             // It comes back, and finds the cameras open.
             EdgeIncoming::FusionGone => {}
-            EdgeIncoming::Unreadable(_) => self.status.unreadable += 1,
+            EdgeIncoming::Unreadable(_, error) => self.cannot_read(&error),
         }
         Ok(None)
     }
@@ -177,7 +180,21 @@ impl LiveEdge {
         });
         self.status.tick = self.shared.last_tick();
         self.shared
-            .send(MessageKind::Status, wire::encode(&self.status));
+            .send(MessageKind::Status, self.shared.encode(&self.status));
+    }
+
+    /// Counts a message that cannot be read, and says once why when it is of another version.
+    fn cannot_read(&mut self, error: &WireError) {
+        self.status.unreadable += 1;
+        if let WireError::Version { .. } = error
+            && self.foreign.as_ref() != Some(error)
+        {
+            say(format_args!(
+                "{}: fusion cannot be understood: {error}",
+                self.status.node
+            ));
+            self.foreign = Some(error.clone());
+        }
     }
 
     /// Takes what fusion says of the edge.

@@ -1,6 +1,6 @@
 //! What a live edge publishes on. Nothing blocks: what cannot go at once is dropped.
 
-use farfield_node::session::{self, Delivery};
+use farfield_node::session::{self, Delivery, put_status};
 use farfield_proto::key::Keys;
 use tracing::debug;
 use zenoh::pubsub::Publisher;
@@ -37,13 +37,13 @@ impl EdgePublishers {
 
     /// Hands a message to the network.
     pub(super) fn put(&self, message: MessageKind, bytes: Vec<u8>) {
-        let publisher = match message {
-            MessageKind::Patches(_) => &self.patches,
-            MessageKind::Sightings => &self.sightings,
-            MessageKind::Status => &self.status,
+        let (publisher, sent) = match message {
+            MessageKind::Patches(_) => (&self.patches, self.patches.put(bytes).wait()),
+            MessageKind::Sightings => (&self.sightings, self.sightings.put(bytes).wait()),
+            MessageKind::Status => (&self.status, put_status(&self.status, bytes)),
         };
         // While fusion is away there is nobody to send to.
-        if let Err(error) = publisher.put(bytes).wait() {
+        if let Err(error) = sent {
             debug!(key = %publisher.key_expr(), %error, "not sent");
         }
     }

@@ -1,7 +1,7 @@
 //! What the threads of a live edge share.
 
 use std::collections::BTreeMap;
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use farfield_node::clock::VenueClock;
@@ -10,6 +10,7 @@ use farfield_proto::id::SessionId;
 use farfield_proto::message::live::LiveStatus;
 use farfield_proto::message::{BoxSet, StageTime};
 use farfield_proto::tick::Tick;
+use farfield_proto::wire::{self, Message, SpokenVersion};
 use tokio_util::sync::CancellationToken;
 
 use super::frames::FrameStore;
@@ -32,16 +33,17 @@ pub(super) struct Shared {
     ledger: Mutex<Ledger>,
     stages: Mutex<BTreeMap<&'static str, Histogram>>,
     publishers: EdgePublishers,
+    spoken: Arc<SpokenVersion>,
     ring: Option<RingHandle>,
     stop: CancellationToken,
 }
 
 impl Shared {
-    /// For the cameras of `parts`; what is sent goes to `publishers`, and to `ring` if there is one.
+    /// For the cameras of `parts`; what is sent goes to `publishers`, in the version that fusion reads, and to `ring` if there is one.
     pub(super) fn new(
         parts: &Parts,
         clock: VenueClock,
-        publishers: EdgePublishers,
+        (publishers, spoken): (EdgePublishers, Arc<SpokenVersion>),
         ring: Option<RingHandle>,
     ) -> Self {
         let venue = &parts.venue;
@@ -53,6 +55,7 @@ impl Shared {
             ledger: Mutex::new(Ledger::new(venue.rate_hz, &venue.parameters.link)),
             stages: Mutex::default(),
             publishers,
+            spoken,
             ring,
             stop: CancellationToken::new(),
         }
@@ -73,6 +76,11 @@ impl Shared {
     /// Fusion's session, once there is one.
     pub(super) fn session(&self) -> Option<SessionId> {
         self.ledger().boxes.session()
+    }
+
+    /// The bytes of a message for fusion.
+    pub(super) fn encode<M: Message>(&self, message: &M) -> Vec<u8> {
+        wire::encode_as(message, self.spoken.get())
     }
 
     /// Sends a message if the budget allows it; whether it does.

@@ -134,6 +134,8 @@ impl Script {
             session: self.life,
             tick: self.now() + 2,
             viewpoint: ViewpointIndex(0),
+            part: 0,
+            parts: 1,
             order,
             live: Some(LiveBoxes {
                 sequence: self.sequence,
@@ -160,6 +162,7 @@ impl Script {
             node: "fusion".to_owned(),
             process: 0,
             viewpoint: None,
+            release: String::new(),
             ready: true,
             venue_hash: self.venue.hashes.venue.clone(),
             calibration_hash: calibration_hash.to_owned(),

@@ -10,7 +10,6 @@ use farfield_proto::message::fill::SetKind;
 use farfield_proto::message::live::{BoxEcho, PatchTiming};
 use farfield_proto::message::{BoxSet, Order};
 use farfield_proto::tick::Tick;
-use farfield_proto::wire;
 use tracing::debug;
 
 use super::shared::Shared;
@@ -150,6 +149,8 @@ impl Ticker {
                 session,
                 tick,
                 viewpoint: self.viewpoint,
+                part: 0,
+                parts: 1,
                 order: Order::Track,
                 live: None,
                 detection_cameras: Vec::new(),
@@ -210,7 +211,7 @@ impl Ticker {
             kind,
         };
         for set in &output.sighting_sets {
-            let bytes = wire::encode(set);
+            let bytes = self.shared.encode(set);
             self.shared
                 .keep(label(set.session, SetKind::Sightings), &bytes);
             self.shared.send(MessageKind::Sightings, bytes);
@@ -220,7 +221,7 @@ impl Ticker {
         for mut set in output.patch_sets {
             let now_us = self.shared.clock.now_us();
             set.timing = self.shared.ledger().timing(start.tick, now_us);
-            let bytes = wire::encode(&set);
+            let bytes = self.shared.encode(&set);
             self.shared
                 .keep(label(set.session, SetKind::Patches), &bytes);
             persons += set.persons.len();

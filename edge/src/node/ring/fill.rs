@@ -55,9 +55,9 @@ pub(in crate::node) async fn answer_questions(
             debug!("the ring is busy, or the disk hangs");
             continue;
         };
-        let mut bytes = wire::encode(&filled);
+        let mut bytes = wire::encode_for_anyone(&filled);
         if !admit(bytes.len()) {
-            bytes = wire::encode(&later(&request));
+            bytes = wire::encode_for_anyone(&later(&request));
         }
         if let Err(error) = question.reply(&key, bytes).await {
             debug!(%error, "not answered");

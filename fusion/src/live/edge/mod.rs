@@ -7,6 +7,7 @@ use std::collections::VecDeque;
 use farfield_proto::message::live::{EdgeLink, HeardPatches, LiveBoxes, PatchTiming};
 use farfield_proto::message::{BoxSet, PatchSet};
 use farfield_proto::tick::Tick;
+use farfield_proto::wire::WireError;
 
 use self::clock::{EdgeClock, Exchange};
 use crate::live::arrivals::{Arrivals, Task};
@@ -88,6 +89,8 @@ pub struct Edge {
     pub missing: u64,
     /// Messages that could not be read.
     pub unreadable: u64,
+    /// The version in which it writes, where that is not read here.
+    foreign: Option<WireError>,
 }
 
 impl Edge {
@@ -115,6 +118,14 @@ impl Edge {
     /// Notes how many bytes a box set took.
     pub fn sent_bytes(&mut self, bytes: usize) {
         self.pace.sent(bytes);
+    }
+
+    /// Notes a message that could not be read.
+    pub fn cannot_read(&mut self, error: &WireError) {
+        self.unreadable += 1;
+        if let WireError::Version { .. } = error {
+            self.foreign = Some(error.clone());
+        }
     }
 
     /// Another node speaks for the viewpoint: what was known of the last one says nothing.
@@ -159,6 +170,7 @@ impl Edge {
     /// Takes note of a patch set, used or not.
     pub fn hear_patches(&mut self, set: &PatchSet, came: Came, time: &TickTime) -> Trip {
         self.hear(set.tick, came, time);
+        self.foreign = None;
         // A clock that is far off is measured, too: it must be told.
         let sent_us = set.timing.map(|timing| {
             let sent_us = time
@@ -318,7 +330,9 @@ impl Edge {
         EdgeLink {
             viewpoint: self.name.clone(),
             live: self.is_heard(now_us) && self.is_on_time(),
-            refused: self.refused_clock(),
+            refused: self
+                .refused_clock()
+                .or(self.foreign.as_ref().map(WireError::to_string)),
             round_trip_us: round_trip_us.and_then(|us| u32::try_from(us).ok()),
             clock_offset_us: offset_us.and_then(|us| i32::try_from(us).ok()),
             horizon_ticks: self.horizon.ticks() as f32,

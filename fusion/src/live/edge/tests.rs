@@ -19,6 +19,8 @@ fn boxes(tick: i64, detect: bool) -> BoxSet {
         session: SessionId(1),
         tick: Tick(tick),
         viewpoint: ViewpointIndex(0),
+        part: 0,
+        parts: 1,
         order: Order::Track,
         live: None,
         detection_cameras: if detect {

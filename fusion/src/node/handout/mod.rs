@@ -72,12 +72,12 @@ impl Handout {
             files: shared.collect::<Result<_, _>>()?,
         };
         check_unchanged(venue, &list.files)?;
-        let list = wire::encode(&list);
+        let list = wire::encode_for_anyone(&list);
         let signature = identity
             .map(|identity| sign::sign(&list, identity))
             .transpose()?;
         Ok(Self {
-            list: wire::encode(&SignedList { list, signature }),
+            list: wire::encode_for_anyone(&SignedList { list, signature }),
             files: files.into_iter().map(|(_, path)| path).collect(),
             models: (n_networks > 0 && models.len() == n_networks).then(|| models.join("+")),
         })
@@ -96,7 +96,7 @@ impl Handout {
                 let path = path.context("no such file in the list")?;
                 let bytes =
                     read_at(path, from).with_context(|| format!("reading {}", path.display()))?;
-                Ok(wire::encode(&Chunk { bytes }))
+                Ok(wire::encode_for_anyone(&Chunk { bytes }))
             }
         }
     }

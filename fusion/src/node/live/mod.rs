@@ -85,6 +85,7 @@ pub(super) async fn live(
         last: finished.last,
         stages: finished.stages,
         paths: run.paths(),
+        cameras: run.camera_summaries(),
         last_words: &last_words,
         elapsed: clock::now().duration_since(began),
         recording: context.recording.map(RecordingThread::so_far),

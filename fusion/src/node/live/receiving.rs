@@ -12,6 +12,7 @@ use super::run::LiveFusion;
 use super::start::note_present;
 use crate::align::Refused;
 use crate::live::Micros;
+use crate::live::cameras::in_words;
 use crate::live::edge::Came;
 use crate::live::gather::Taken;
 use crate::live::membership::Said;
@@ -57,11 +58,11 @@ impl LiveFusion<'_> {
                     say(format_args!("viewpoint {node} has left"));
                 }
             }
-            FusionIncoming::Unreadable(key) => {
+            FusionIncoming::Unreadable(key, error) => {
                 let node = key.rsplit('/').next().unwrap_or_default();
                 let viewpoint = self.config.venue.viewpoint_named(node);
                 match viewpoint.and_then(|v| self.edges.get_mut(usize::from(v.0))) {
-                    Some(edge) => edge.unreadable += 1,
+                    Some(edge) => edge.cannot_read(&error),
                     None => self.unreadable += 1,
                 }
             }
@@ -164,7 +165,23 @@ impl LiveFusion<'_> {
                 self.edges[index].expect(self.expect_until_us);
                 debug!(node = status.node, "another node speaks");
             }
-            Said::Unknown => debug!(node = status.node, "not a viewpoint of the venue"),
+            Said::Unknown => {
+                debug!(node = status.node, "not a viewpoint of the venue");
+                return;
+            }
+        }
+        let cameras = status.live.as_ref().map(|live| live.cameras.as_slice());
+        for notice in self.cameras.hear(cameras.unwrap_or_default()) {
+            let camera = self.config.venue.camera(notice.camera);
+            let name = camera.map_or("?", |camera| camera.model.name());
+            let why = notice
+                .reason
+                .map_or_else(String::new, |why| format!(": {why}"));
+            say(format_args!(
+                "viewpoint {}: camera {name} {}{why}",
+                status.node,
+                in_words(notice.health)
+            ));
         }
     }
 

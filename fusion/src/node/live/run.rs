@@ -23,6 +23,8 @@ use super::delays::Delays;
 use super::shed::LiveShedding;
 use super::start::{LiveStart, is_recorded};
 use crate::align::TickGroup;
+use crate::export::summary::CameraSummary;
+use crate::live::cameras::Cameras;
 use crate::live::edge::Edge;
 use crate::live::gather::LiveGather;
 use crate::live::membership::Membership;
@@ -93,6 +95,7 @@ pub(super) struct LiveFusion<'a> {
     /// Messages that fusion had no room to send.
     pub(super) unsent: u64,
     pub(super) refusals: Vec<Option<String>>,
+    pub(super) cameras: Cameras,
     /// Until when edges are waited for of which nothing has come yet.
     pub(super) expect_until_us: Micros,
     /// Results of detection passes that came too late.
@@ -148,6 +151,7 @@ impl<'a> LiveFusion<'a> {
             delays: Delays::new(venue),
             core_stages: Vec::new(),
             last: None,
+            cameras: Cameras::default(),
             without_input: 0,
             shedding: LiveShedding::default(),
             unreadable: 0,
@@ -207,9 +211,10 @@ impl<'a> LiveFusion<'a> {
                         self.interceptor.clock.discipline();
                         let now_us = self.interceptor.clock.now_us();
                         let status = self.status(self.config, now_us);
-                        self.send(ends, FusionOutgoing::Status(wire::encode(&status)));
+                        let links = status.live.as_ref().map(|live| live.edges.clone());
+                        let edges = links.unwrap_or_default();
+                        self.send(ends, FusionOutgoing::Status(Box::new(status)));
                         let recent = self.delays.take_recent();
-                        let edges = status.live.map(|live| live.edges).unwrap_or_default();
                         self.tell_refusals(&edges);
                         reporter.links(recent.map(|r| (r.p50_us, r.p99_us)), edges);
                         self.shedding.tell();
@@ -341,6 +346,21 @@ impl<'a> LiveFusion<'a> {
             unsent: self.unsent,
             shed: self.shedding.shed,
         }
+    }
+
+    /// How the cameras did, by name.
+    pub(super) fn camera_summaries(&self) -> BTreeMap<String, CameraSummary> {
+        let named = self.cameras.records().filter_map(|(index, record)| {
+            let camera = self.config.venue.camera(index)?;
+            let summary = CameraSummary {
+                health: record.health,
+                frames_per_s: record.frames_per_s,
+                troubles: record.troubles,
+                reason: record.reason.clone(),
+            };
+            Some((camera.model.name().to_owned(), summary))
+        });
+        named.collect()
     }
 
     /// How long messages are on their paths, by node.

@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
 use farfield_proto::id::ViewpointIndex;
+use farfield_proto::message::parts::box_messages;
 use farfield_proto::message::{BoxSet, Order, PoseSet, Status};
 use farfield_proto::wire;
 use tokio::time::{MissedTickBehavior, interval, timeout};
@@ -87,10 +88,11 @@ impl LiveFusion<'_> {
                 continue;
             }
             set.live = Some(self.edges[index].send(set, &self.time, now_us));
-            let bytes = wire::encode(set);
-            self.edges[index].sent_bytes(bytes.len());
-            self.tally.boxes(set.viewpoint, bytes.len() as u64);
-            self.send(ends, FusionOutgoing::Boxes(index, bytes));
+            for bytes in box_messages(set, self.interceptor.spoken(index)) {
+                self.edges[index].sent_bytes(bytes.len());
+                self.tally.boxes(set.viewpoint, bytes.len() as u64);
+                self.send(ends, FusionOutgoing::Boxes(index, bytes));
+            }
         }
         self.newest = sets;
     }
@@ -154,6 +156,8 @@ impl LiveFusion<'_> {
                 session: self.session,
                 tick,
                 viewpoint: ViewpointIndex(index as u16),
+                part: 0,
+                parts: 1,
                 order: Order::End,
                 live: None,
                 detection_cameras: Vec::new(),
@@ -161,7 +165,8 @@ impl LiveFusion<'_> {
             };
             let now_us = self.interceptor.clock.now_us();
             set.live = Some(self.edges[index].send(&set, &self.time, now_us));
-            self.send(ends, FusionOutgoing::Boxes(index, wire::encode(&set)));
+            let bytes = wire::encode_as(&set, self.interceptor.spoken(index));
+            self.send(ends, FusionOutgoing::Boxes(index, bytes));
         }
     }
 

@@ -13,7 +13,6 @@ use farfield_proto::message::live::LiveStatus;
 use farfield_proto::tick::Tick;
 use farfield_proto::transport::FUSION;
 use farfield_proto::venue::{Source, Venue};
-use farfield_proto::wire;
 use tokio::time::{Instant, MissedTickBehavior, interval, sleep_until};
 
 use super::super::config::FusionConfig;
@@ -82,7 +81,7 @@ pub(super) async fn clock_start(
             present,
         }));
     }
-    let status = wire::encode(&waiting_status(&own_status(&venue.hashes)));
+    let status = Box::new(waiting_status(&own_status(&venue.hashes)));
     let mut calls = interval(CALL_EVERY);
     calls.set_missed_tick_behavior(MissedTickBehavior::Delay);
     let (mut n_calls, mut leave_out_at) = (0u32, None);
@@ -171,6 +170,8 @@ mod tests {
     use farfield_proto::venue::VenueHash;
 
     use super::super::tests::venue;
+    use farfield_proto::wire;
+
     use super::*;
 
     #[test]

@@ -88,6 +88,7 @@ impl Scripted {
             node: self.name().to_owned(),
             process: u64::from(self.index) + 1,
             viewpoint: Some(farfield_proto::id::ViewpointIndex(self.index)),
+            release: String::new(),
             ready: true,
             venue_hash: self.venue_hash.clone(),
             calibration_hash: self.calibration_hash.clone(),

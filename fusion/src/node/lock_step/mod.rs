@@ -4,6 +4,7 @@ mod readiness;
 mod run;
 mod start;
 
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::Duration;
 
@@ -12,7 +13,6 @@ use farfield_node::clock;
 use farfield_node::process::{Ending, NodeError};
 use farfield_proto::id::SessionId;
 use farfield_proto::message::Status;
-use farfield_proto::wire;
 use tokio::time::timeout;
 use tracing::warn;
 
@@ -23,10 +23,10 @@ use super::config::FusionConfig;
 use super::output::exporter::Exporter;
 use super::output::summary::{self, Lost, RunFacts, summarize};
 use super::recording::RecordingThread;
+use super::session::interceptor::Interceptor;
 use super::session::link::FusionEnds;
 use super::session::messages::{FusionIncoming, FusionOutgoing, Liveliness};
 use super::session::mode::RunMode;
-use super::session::wiretap::WiretapHandle;
 use super::status::failed_status;
 use super::worker::FusionWorker;
 use crate::pipeline::Pipeline;
@@ -44,7 +44,7 @@ pub(super) struct Begin<'a> {
     pub(super) session: SessionId,
     /// Where the results go.
     pub(super) out: &'a Path,
-    pub(super) wiretap: &'a WiretapHandle,
+    pub(super) interceptor: &'a Interceptor,
     pub(super) recording: Option<&'a RecordingThread>,
 }
 
@@ -83,7 +83,7 @@ impl Begin<'_> {
         let mut worker = FusionWorker::spawn(pipeline, exporter, RunMode::LockStep)
             .context("starting the core's thread")
             .map_err(NodeError::Failed)?;
-        let mut run = LockStepFusion::new(venue, self.session, start, self.wiretap.clone());
+        let mut run = LockStepFusion::new(venue, self.session, start, self.interceptor);
         let outcome = run
             .run(&first, &mut worker, outside)
             .await
@@ -112,6 +112,7 @@ impl Begin<'_> {
             last: finished.last,
             stages: finished.stages,
             paths: Vec::new(),
+            cameras: BTreeMap::new(),
             last_words: &last_words,
             elapsed: clock::now().duration_since(began),
             recording: self.recording.map(RecordingThread::so_far),
@@ -157,7 +158,7 @@ fn say_failure(config: &FusionConfig, ends: &FusionEnds, error: &NodeError) {
     let status = failed_status(&config.venue.hashes, error);
     if ends
         .outgoing
-        .try_send(FusionOutgoing::Status(wire::encode(&status)))
+        .try_send(FusionOutgoing::Status(Box::new(status)))
         .is_err()
     {
         warn!("the edges were not told: the queue is full");

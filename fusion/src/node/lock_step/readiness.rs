@@ -275,6 +275,7 @@ mod tests {
             node: node.to_owned(),
             process: 1,
             viewpoint: None,
+            release: String::new(),
             ready: true,
             venue_hash: "v1".to_owned(),
             calibration_hash: "c1".to_owned(),

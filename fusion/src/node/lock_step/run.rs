@@ -10,6 +10,7 @@ use std::time::Duration;
 use anyhow::{Context as _, anyhow};
 use farfield_node::process::Ending;
 use farfield_proto::id::{SessionId, ViewpointIndex};
+use farfield_proto::message::parts::box_messages;
 use farfield_proto::message::{BoxSet, Order, Status};
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::Venue;
@@ -22,9 +23,10 @@ use super::readiness::Start;
 use crate::align::Gather;
 use crate::node::output::progress::Reporter;
 use crate::node::output::tally::Tally;
+use crate::node::session::interceptor::Interceptor;
 use crate::node::session::link::FusionEnds;
 use crate::node::session::messages::{FusionIncoming, FusionOutgoing, Liveliness};
-use crate::node::session::wiretap::{CopiedStep, WiretapHandle};
+use crate::node::session::wiretap::CopiedStep;
 use crate::node::status::check;
 use crate::node::worker::{FusionWorker, Stepped};
 
@@ -44,7 +46,7 @@ pub(in crate::node) struct LockStepFusion<'a> {
     session: SessionId,
     ticks: Range<Tick>,
     gather: Gather,
-    wiretap: WiretapHandle,
+    interceptor: &'a Interceptor,
     /// What has passed over the links.
     pub(in crate::node) tally: Tally,
     /// The last tick that is done.
@@ -62,7 +64,7 @@ impl<'a> LockStepFusion<'a> {
         venue: &'a Venue,
         session: SessionId,
         start: &Start,
-        wiretap: WiretapHandle,
+        interceptor: &'a Interceptor,
     ) -> Self {
         let ticks = start.ticks.clone();
         let process = |edge: &Status| (edge.node.clone(), edge.process);
@@ -72,7 +74,7 @@ impl<'a> LockStepFusion<'a> {
             session,
             ticks,
             gather,
-            wiretap,
+            interceptor,
             tally: Tally::new(venue),
             last: None,
             gone: BTreeSet::new(),
@@ -109,7 +111,7 @@ impl<'a> LockStepFusion<'a> {
                     if self.deadline.is_some() && self.gather.is_complete() {
                         self.deadline = None;
                         let group = self.gather.take();
-                        self.wiretap.decided(CopiedStep {
+                        self.interceptor.wiretap.decided(CopiedStep {
                             group: &group,
                             late: &[],
                             horizons: &[],
@@ -139,6 +141,8 @@ impl<'a> LockStepFusion<'a> {
                 session: self.session,
                 tick,
                 viewpoint,
+                part: 0,
+                parts: 1,
                 order: Order::End,
                 live: None,
                 detection_cameras: Vec::new(),
@@ -179,9 +183,9 @@ impl<'a> LockStepFusion<'a> {
             }
             FusionIncoming::Alive(..) => return Ok(None),
             // The tick would never be complete.
-            FusionIncoming::Unreadable(key) => {
+            FusionIncoming::Unreadable(key, error) => {
                 return Err(anyhow!(
-                    "a message on {key} cannot be read, at tick {}",
+                    "a message on {key} cannot be read, at tick {}: {error}",
                     self.gather.tick()
                 ));
             }
@@ -235,12 +239,11 @@ impl<'a> LockStepFusion<'a> {
 
     fn send_boxes(&mut self, sets: &[BoxSet], ends: &FusionEnds) -> anyhow::Result<()> {
         for set in sets {
-            let bytes = wire::encode(set);
-            self.tally.boxes(set.viewpoint, bytes.len() as u64);
-            send(
-                ends,
-                FusionOutgoing::Boxes(usize::from(set.viewpoint.0), bytes),
-            )?;
+            let index = usize::from(set.viewpoint.0);
+            for bytes in box_messages(set, self.interceptor.spoken(index)) {
+                self.tally.boxes(set.viewpoint, bytes.len() as u64);
+                send(ends, FusionOutgoing::Boxes(index, bytes))?;
+            }
         }
         self.deadline = Some(
             Instant::now() + Duration::from_secs_f64(self.venue.parameters.link.lockstep_timeout_s),

@@ -3,9 +3,9 @@
 use std::time::Duration;
 
 use anyhow::{Context as _, anyhow};
-use farfield_node::process::{Managed, NodeError};
+use farfield_node::process::{Managed, NodeError, say};
 use farfield_proto::transport::FUSION;
-use farfield_proto::wire;
+use farfield_proto::wire::{VERSION, WireError};
 use tokio::time::{Instant, MissedTickBehavior, interval, sleep_until};
 use tracing::debug;
 
@@ -44,7 +44,7 @@ pub(in crate::node) async fn wait_until_ready(
     let deadline = Instant::now() + patience;
     let mut calls = interval(CALL_EVERY);
     calls.set_missed_tick_behavior(MissedTickBehavior::Delay);
-    let status = wire::encode(&own_status(&config.venue.hashes));
+    let status = Box::new(own_status(&config.venue.hashes));
     let mut n_calls = 0u32;
     loop {
         tokio::select! {
@@ -95,8 +95,13 @@ fn receive(readiness: &mut Readiness, incoming: FusionIncoming) -> Result<(), No
             debug!("a message from before the start");
             Ok(())
         }
-        FusionIncoming::Unreadable(key) => Err(NodeError::failed(anyhow!(
-            "a message on {key} cannot be read: is another version of farfield running there?"
+        // It speaks as we do as soon as it has heard us.
+        FusionIncoming::Unreadable(key, WireError::Version { got }) if got > VERSION => {
+            say(format_args!("{key}: {}", WireError::Version { got }));
+            Ok(())
+        }
+        FusionIncoming::Unreadable(key, error) => Err(NodeError::failed(anyhow!(
+            "a message on {key} cannot be read: {error}"
         ))),
     }
 }

@@ -15,7 +15,7 @@ use farfield_proto::venue::Venue;
 use super::tally::Tally;
 use crate::export::pose_files::Presence;
 use crate::export::summary::{
-    DropSummary, RecordingSummary, StageTiming, Summary, TickSpan, TimingSummary,
+    CameraSummary, DropSummary, RecordingSummary, StageTiming, Summary, TickSpan, TimingSummary,
 };
 use crate::export::unfinished::write_whole;
 
@@ -40,6 +40,8 @@ pub(in crate::node) struct RunFacts<'a> {
     /// The last statuses of the edges, with their times.
     pub(in crate::node) last_words: &'a [Status],
     pub(in crate::node) elapsed: Duration,
+    /// Per camera, as its edge described it; none in lock-step.
+    pub(in crate::node) cameras: BTreeMap<String, CameraSummary>,
     /// What was recorded, when anything was.
     pub(in crate::node) recording: Option<RecordingSummary>,
 }
@@ -112,6 +114,7 @@ pub(in crate::node) fn summarize(venue: &Venue, facts: &RunFacts<'_>) -> Summary
             stages: stages(facts),
             look_share: look_shares(facts.last_words),
             link_bytes_on_wire: BTreeMap::new(),
+            cameras: facts.cameras.clone(),
             recording: facts.recording.clone(),
         },
     }

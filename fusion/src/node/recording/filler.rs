@@ -167,7 +167,7 @@ impl Filler {
         let replies = self
             .zenoh
             .get(&self.key)
-            .payload(wire::encode(request))
+            .payload(wire::encode_for_anyone(request))
             .priority(Priority::Background)
             .congestion_control(CongestionControl::Drop)
             .consolidation(ConsolidationMode::None)

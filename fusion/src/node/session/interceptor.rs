@@ -6,6 +6,7 @@ use farfield_node::clock::VenueClock;
 use farfield_proto::id::ViewpointIndex;
 use farfield_proto::message::Status;
 use farfield_proto::venue::Venue;
+use farfield_proto::wire::{SpokenVersion, VERSION};
 
 use super::messages::Arrival;
 use super::wiretap::{CopiedMessage, WiretapHandle};
@@ -17,6 +18,8 @@ pub(in crate::node) struct Interceptor {
     pub(in crate::node) wiretap: WiretapHandle,
     /// Names of the viewpoints, by index.
     names: Arc<[String]>,
+    /// What the edge of each viewpoint is spoken to in.
+    spoken: Arc<[SpokenVersion]>,
     venue_hash: Arc<str>,
 }
 
@@ -28,6 +31,11 @@ impl Interceptor {
             clock,
             wiretap,
             names: names.collect(),
+            spoken: venue
+                .viewpoints
+                .iter()
+                .map(|_| SpokenVersion::default())
+                .collect(),
             venue_hash: venue.hashes.venue.as_str().into(),
         }
     }
@@ -45,6 +53,31 @@ impl Interceptor {
         let same_index = status.viewpoint.map(|v| usize::from(v.0)) == index;
         key.rsplit('/').next() == Some(&status.node)
             && (same_index || status.venue_hash != *self.venue_hash)
+    }
+
+    /// Notes what version the node reads whose status has come under `key`.
+    pub(super) fn heard_status(&self, key: &str, status: &[u8], reads: Option<u8>) {
+        let own = self
+            .names
+            .iter()
+            .position(|name| key.rsplit('/').next() == Some(name));
+        if let Some(spoken) = own.and_then(|index| self.spoken.get(index)) {
+            spoken.hear(status, reads);
+        }
+    }
+
+    /// The version of messages in which the edge of the viewpoint of this index is spoken to.
+    pub(in crate::node) fn spoken(&self, index: usize) -> u8 {
+        self.spoken.get(index).map_or(VERSION, SpokenVersion::get)
+    }
+
+    /// The newest version that all edges read.
+    pub(super) fn spoken_by_all(&self) -> u8 {
+        self.spoken
+            .iter()
+            .map(SpokenVersion::get)
+            .min()
+            .unwrap_or(VERSION)
     }
 
     /// Notes a message that has come.

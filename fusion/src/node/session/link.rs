@@ -23,6 +23,9 @@ use super::subscribers::Subscribers;
 
 /// Messages that wait for the loop; when it is full, what has come waits in its subscription.
 const QUEUE: usize = 256;
+/// Places for what goes out, per viewpoint: the boxes of as many people as one message names, with four cameras each,
+/// take fewer messages.
+const BOX_MESSAGES: usize = 32;
 
 /// The open session with all that is declared on it.
 pub(in crate::node) struct FusionSession {
@@ -85,9 +88,10 @@ impl FusionSession {
         let (incoming_tx, incoming) = mpsc::channel(QUEUE);
         self.subscribers
             .spawn(tasks, interceptor, &incoming_tx, stop);
-        // Lock-step has at most one box set per viewpoint, one pose set, one decision, one set of events and
-        // a few statuses under way.
-        let (outgoing_tx, outgoing) = mpsc::channel(4 * (self.publishers.viewpoints() + 4));
+        // Lock-step has at most one box set per viewpoint, in a few messages, one pose set, one decision, one set of
+        // events and a few statuses under way.
+        let (outgoing_tx, outgoing) =
+            mpsc::channel(BOX_MESSAGES * (self.publishers.viewpoints() + 4));
         let (matched_tx, matched) = watch::channel(false);
         let (publishers, own_interceptor) = (self.publishers, interceptor.clone());
         tasks.spawn_blocking(move || publishers.send_all(outgoing, &own_interceptor, &matched_tx));

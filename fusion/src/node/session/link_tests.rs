@@ -80,7 +80,7 @@ async fn what_cannot_be_used_is_told(edge: &zenoh::Session, ends: &mut FusionEnd
     for bytes in [of_another, vec![0xff; 40]] {
         edge.put("link-test/patch/a", bytes).await.unwrap();
         match next(ends).await {
-            FusionIncoming::Unreadable(key) => assert_eq!(key, "link-test/patch/a"),
+            FusionIncoming::Unreadable(key, _) => assert_eq!(key, "link-test/patch/a"),
             other => panic!("{other:?}"),
         }
     }
@@ -141,7 +141,9 @@ async fn an_edge_is_heard_answered_and_missed() {
 
     while !*ends.matched.borrow() {
         ends.outgoing
-            .send(FusionOutgoing::Status(Vec::new()))
+            .send(FusionOutgoing::Status(Box::new(own_status(
+                &venue().hashes,
+            ))))
             .await
             .unwrap();
         timeout(PATIENCE, ends.matched.changed())
@@ -200,4 +202,60 @@ fn a_node_speaks_under_its_own_name_only() {
         ..says("a", Some(1))
     };
     assert!(interceptor.may_say("link-test/status/a", &elsewhere));
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn an_edge_of_the_version_before_is_spoken_to_in_its_own_until_it_is_updated() {
+    let reach = Reach {
+        endpoints: vec!["tcp/127.0.0.1:0".to_owned()],
+        identity: None,
+    };
+    let link = FusionSession::open(&venue(), &reach, RunMode::LockStep)
+        .await
+        .unwrap();
+    let interceptor = Interceptor::new(&venue(), VenueClock::start(), WiretapHandle::new(None));
+    let endpoint = link.locators().await[0].clone();
+    let (tasks, leave) = (TaskTracker::new(), CancellationToken::new());
+    let mut ends = link.spawn(&tasks, &leave, &interceptor);
+    let edge = client(&endpoint).await;
+    let heard = edge
+        .declare_subscriber("link-test/status/fusion")
+        .await
+        .unwrap();
+    let own = Status {
+        node: "a".to_owned(),
+        viewpoint: Some(ViewpointIndex(0)),
+        ..own_status(&venue().hashes)
+    };
+    // The bytes, and what stands beside them: nothing, from a node that knows of no other version.
+    for (written, reads, spoken) in [
+        (wire::OLDEST_WRITTEN, None, wire::OLDEST_WRITTEN),
+        (wire::OLDEST_WRITTEN, Some(wire::VERSION), wire::VERSION),
+        (wire::VERSION, Some(wire::VERSION + 1), wire::VERSION),
+    ] {
+        let put = edge.put("link-test/status/a", wire::encode_as(&own, written));
+        put.attachment(reads.map(|version| vec![version]))
+            .await
+            .unwrap();
+        loop {
+            if matches!(next(&mut ends).await, FusionIncoming::Status(status) if status.node == "a")
+            {
+                break;
+            }
+        }
+        assert_eq!(interceptor.spoken(0), spoken);
+        let status = FusionOutgoing::Status(Box::new(own_status(&venue().hashes)));
+        ends.outgoing.send(status).await.unwrap();
+        let sample = timeout(PATIENCE, heard.recv_async()).await;
+        let sample = sample.expect("fusion says nothing").unwrap();
+        assert_eq!(sample.payload().to_bytes()[0], spoken);
+        assert_eq!(
+            farfield_node::session::reads_at_most(&sample),
+            Some(wire::VERSION)
+        );
+    }
+    edge.close().await.unwrap();
+    timeout(PATIENCE, ends.close(&tasks, &leave))
+        .await
+        .expect("the tasks do not end");
 }

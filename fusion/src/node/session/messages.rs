@@ -1,6 +1,7 @@
 //! What passes between the wire and the loop.
 
 use farfield_proto::message::{PatchSet, SightingSet, Status};
+use farfield_proto::wire::WireError;
 
 /// What the network tells the loop.
 #[derive(Debug)]
@@ -13,8 +14,8 @@ pub(in crate::node) enum FusionIncoming {
     Status(Box<Status>),
     /// A node has joined or left.
     Alive(String, Liveliness),
-    /// A message that cannot be read, by its key.
-    Unreadable(String),
+    /// A message that cannot be read, by its key, and why.
+    Unreadable(String, WireError),
 }
 
 /// How a message came.
@@ -49,5 +50,5 @@ pub(in crate::node) enum FusionOutgoing {
     /// What changed who is who at a tick.
     Events(Vec<u8>),
     /// How fusion is.
-    Status(Vec<u8>),
+    Status(Box<Status>),
 }

@@ -1,9 +1,10 @@
 //! All that fusion publishes on, and the thread that does.
 
-use farfield_node::session::{self, Delivery, has_listener};
+use farfield_node::session::{self, Delivery, has_listener, put_status};
 use farfield_proto::key::Keys;
 use farfield_proto::transport::FUSION;
 use farfield_proto::venue::Venue;
+use farfield_proto::wire;
 use tokio::sync::{mpsc, watch};
 use tracing::warn;
 use zenoh::pubsub::Publisher;
@@ -69,21 +70,28 @@ impl FusionPublishers {
         matched: &watch::Sender<bool>,
     ) {
         while let Some(message) = outgoing.blocking_recv() {
+            let is_status = matches!(message, FusionOutgoing::Status(_));
             let (publisher, bytes) = match message {
                 FusionOutgoing::Boxes(viewpoint, bytes) => (self.boxes.get(viewpoint), bytes),
                 FusionOutgoing::Poses(bytes) => (Some(&self.poses), bytes),
                 FusionOutgoing::Smooth(bytes) => (Some(&self.smooth), bytes),
                 FusionOutgoing::Decision(bytes) => (Some(&self.decisions), bytes),
                 FusionOutgoing::Events(bytes) => (Some(&self.events), bytes),
-                FusionOutgoing::Status(bytes) => {
+                FusionOutgoing::Status(status) => {
                     // Statuses go out several times a second until the start: the moment to look.
                     matched.send_replace(self.boxes.iter().all(has_listener));
-                    (Some(&self.status), bytes)
+                    let version = interceptor.spoken_by_all();
+                    (Some(&self.status), wire::encode_as(&*status, version))
                 }
             };
             let Some(publisher) = publisher else { continue };
             interceptor.published(publisher.key_expr().as_str(), &bytes);
-            if let Err(error) = publisher.put(bytes).wait() {
+            let sent = if is_status {
+                put_status(publisher, bytes)
+            } else {
+                publisher.put(bytes).wait()
+            };
+            if let Err(error) = sent {
                 warn!(key = %publisher.key_expr(), %error, "not sent");
             }
         }

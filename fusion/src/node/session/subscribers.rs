@@ -158,6 +158,9 @@ fn read(topic: FusionTopic, sample: &Sample, interceptor: &Interceptor) -> Fusio
     }
     let payload = sample.payload().to_bytes();
     let arrival = interceptor.received(key, &payload);
+    if let FusionTopic::Statuses = topic {
+        interceptor.heard_status(key, &payload, session::reads_at_most(sample));
+    }
     let own = |viewpoint| {
         let may = interceptor.may_speak(key, viewpoint);
         may.then_some(())
@@ -178,6 +181,6 @@ fn read(topic: FusionTopic, sample: &Sample, interceptor: &Interceptor) -> Fusio
     };
     incoming.unwrap_or_else(|error| {
         debug!(%key, %error, "message not readable");
-        FusionIncoming::Unreadable(key.to_owned())
+        FusionIncoming::Unreadable(key.to_owned(), error)
     })
 }

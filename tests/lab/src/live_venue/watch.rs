@@ -222,6 +222,7 @@ mod tests {
             node: node.to_owned(),
             process: 0,
             viewpoint: None,
+            release: String::new(),
             ready: true,
             venue_hash: String::new(),
             calibration_hash: String::new(),

@@ -276,6 +276,8 @@ fn box_set() -> BoxSet {
         session: SESSION,
         tick: TICK,
         viewpoint: VIEWPOINT,
+        part: 0,
+        parts: 1,
         order: Order::Track,
         live: Some(LiveBoxes {
             sequence: 300,
@@ -332,6 +334,7 @@ fn status() -> Status {
         node: "north".to_owned(),
         process: 129,
         viewpoint: Some(VIEWPOINT),
+        release: String::new(),
         ready: true,
         venue_hash: "ab".to_owned(),
         calibration_hash: "cd".to_owned(),

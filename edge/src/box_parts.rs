@@ -1,0 +1,189 @@
+//! Puts the messages of a box set together again.
+//!
+//! Live, any of them may be missing: who stands in one that has not come yet keeps the boxes of the set before, moved on
+//! to the new tick. In lock-step all come, in order, and a set is worked on when it is whole.
+
+use farfield_proto::message::{BoxSet, PersonBoxes};
+
+/// A box set of which some messages have come.
+#[derive(Debug, Clone)]
+pub struct BoxParts {
+    /// Which of its messages have come.
+    came: Vec<bool>,
+    /// Persons from the set before, who stood in no message yet, by id.
+    carried: Vec<PersonBoxes>,
+}
+
+impl BoxParts {
+    /// Begins with the first message of a new set that has come, and completes its persons with those of `before`.
+    pub fn begin(set: &mut BoxSet, before: Option<&BoxSet>) -> Self {
+        let mut came = vec![false; usize::from(set.parts)];
+        came[usize::from(set.part)] = true;
+        let mut this = Self {
+            came,
+            carried: Vec::new(),
+        };
+        if let (false, Some(before)) = (this.is_whole(), before) {
+            let ticks = set.tick.0.saturating_sub(before.tick.0);
+            this.carried = before
+                .persons
+                .iter()
+                .map(|person| moved_on(person, ticks))
+                .collect();
+            this.forget_carried(&set.persons);
+            set.persons.extend(this.carried.iter().cloned());
+        }
+        this
+    }
+
+    /// Adds another message of the same set to what `whole` has; `false`: it has come before, or is of another set.
+    pub fn add(&mut self, whole: &mut BoxSet, set: &BoxSet) -> bool {
+        let came = self.came.get_mut(usize::from(set.part));
+        let Some(came @ false) = came.filter(|_| set.parts == whole.parts) else {
+            return false;
+        };
+        *came = true;
+        let new = |person: &PersonBoxes| set.persons.iter().any(|of| of.person == person.person);
+        whole.persons.retain(|person| !new(person));
+        whole.persons.extend(set.persons.iter().cloned());
+        self.forget_carried(&set.persons);
+        if self.is_whole() {
+            // Who stands in none of its messages has left.
+            let carried = std::mem::take(&mut self.carried);
+            let left = |person: &PersonBoxes| carried.iter().any(|of| of.person == person.person);
+            whole.persons.retain(|person| !left(person));
+            whole.persons.sort_by_key(|person| person.person);
+        }
+        true
+    }
+
+    /// Whether all of its messages have come.
+    pub fn is_whole(&self) -> bool {
+        self.came.iter().all(|came| *came)
+    }
+
+    fn forget_carried(&mut self, new: &[PersonBoxes]) {
+        self.carried
+            .retain(|person| new.iter().all(|of| of.person != person.person));
+    }
+}
+
+fn moved_on(person: &PersonBoxes, ticks: i64) -> PersonBoxes {
+    let mut person = person.clone();
+    for camera in &mut person.cameras {
+        let [x, y] = camera.rate.center_px.map(|rate| rate * ticks as f32);
+        for joint in [&mut camera.torso_px, &mut camera.neck_px] {
+            *joint = [joint[0] + x, joint[1] + y];
+        }
+        camera.bounding_box = camera.bounding_box.moved_on(&camera.rate, ticks);
+    }
+    person
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use farfield_proto::bounding_box::{BoundingBox, BoxRate};
+    use farfield_proto::id::{CameraIndex, PersonId, SessionId, ViewpointIndex};
+    use farfield_proto::message::live::LiveBoxes;
+    use farfield_proto::message::{CameraBox, Order};
+    use farfield_proto::tick::Tick;
+    use proptest::prelude::*;
+
+    use super::*;
+
+    /// Message `part` of `parts` of a set with `persons`, each at x = `tick` pixels and moving by one a tick.
+    pub(crate) fn message(tick: i64, [part, parts]: [u16; 2], persons: &[u32]) -> BoxSet {
+        let camera = CameraBox {
+            camera: CameraIndex(0),
+            bounding_box: BoundingBox {
+                center_px: [tick as f32, 50.0],
+                size_px: [40.0, 80.0],
+                rotation_rad: 0.0,
+            },
+            rate: BoxRate {
+                center_px: [1.0, 0.0],
+                ..BoxRate::default()
+            },
+            torso_px: [tick as f32, 50.0],
+            neck_px: [tick as f32, 20.0],
+        };
+        let person = |&person: &u32| PersonBoxes {
+            person: PersonId(person),
+            cameras: vec![camera],
+        };
+        BoxSet {
+            session: SessionId(1),
+            tick: Tick(tick),
+            viewpoint: ViewpointIndex(0),
+            part,
+            parts,
+            order: Order::Track,
+            live: Some(LiveBoxes {
+                sequence: tick as u32,
+                epoch_us: 0,
+                clock_correction_us: None,
+                heard: None,
+            }),
+            detection_cameras: Vec::new(),
+            persons: persons.iter().map(person).collect(),
+        }
+    }
+
+    fn ids(set: &BoxSet) -> Vec<u32> {
+        let mut ids: Vec<u32> = set.persons.iter().map(|person| person.person.0).collect();
+        ids.sort_unstable();
+        ids
+    }
+
+    #[test]
+    fn who_stands_in_a_message_that_is_missing_is_moved_on_from_the_set_before() {
+        let before = message(10, [0, 1], &[1, 2, 3]);
+        let mut whole = message(12, [0, 2], &[1, 2]);
+        let parts = BoxParts::begin(&mut whole, Some(&before));
+        assert!(!parts.is_whole());
+        assert_eq!(ids(&whole), [1, 2, 3]);
+        let third = &whole.persons[2].cameras[0];
+        assert_eq!(third.bounding_box.center_px, [12.0, 50.0]);
+        assert_eq!(third.neck_px, [12.0, 20.0]);
+    }
+
+    #[test]
+    fn who_stands_in_none_of_the_messages_has_left() {
+        let before = message(10, [0, 1], &[1, 2, 9]);
+        let mut whole = message(11, [1, 2], &[2]);
+        let mut parts = BoxParts::begin(&mut whole, Some(&before));
+        assert!(parts.add(&mut whole, &message(11, [0, 2], &[1])));
+        assert!(parts.is_whole());
+        assert_eq!(ids(&whole), [1, 2]);
+    }
+
+    #[test]
+    fn a_message_that_comes_twice_or_has_another_count_changes_nothing() {
+        let mut whole = message(11, [0, 2], &[1]);
+        let mut parts = BoxParts::begin(&mut whole, None);
+        assert!(!parts.add(&mut whole, &message(11, [0, 2], &[7])));
+        assert!(!parts.add(&mut whole, &message(11, [1, 3], &[7])));
+        assert_eq!(ids(&whole), [1]);
+    }
+
+    proptest! {
+        #[test]
+        fn whatever_the_order_a_whole_set_has_its_persons_and_no_others(
+            mut order in Just((0u16..5).collect::<Vec<_>>()).prop_shuffle(),
+            before in prop::collection::btree_set(0u32..20, 0..12),
+        ) {
+            let before: Vec<u32> = before.into_iter().collect();
+            let before = message(3, [0, 1], &before);
+            let first = order.remove(0);
+            let persons = |part: u16| [u32::from(part) * 2, u32::from(part) * 2 + 1];
+            let mut whole = message(5, [first, 5], &persons(first));
+            let mut parts = BoxParts::begin(&mut whole, Some(&before));
+            for part in order {
+                prop_assert!(parts.add(&mut whole, &message(5, [part, 5], &persons(part))));
+            }
+            prop_assert!(parts.is_whole());
+            prop_assert_eq!(ids(&whole), (0..10).collect::<Vec<u32>>());
+            prop_assert!(whole.persons.iter().all(|p| p.cameras[0].bounding_box.center_px[0] == 5.0));
+        }
+    }
+}
