@@ -145,6 +145,18 @@ pub enum SourceError {
         /// What the program that decodes said, led by a separator; may be empty.
         said: String,
     },
+    /// A live source has not closed, and gives no pictures.
+    #[error("{at}: no picture for {silent_s} s after {read} frames{said}")]
+    Silent {
+        /// Which source.
+        at: SourceOrigin,
+        /// How long it was waited for, seconds.
+        silent_s: u64,
+        /// Frames read before.
+        read: u64,
+        /// What the program that decodes said, led by a separator; may be empty.
+        said: String,
+    },
     /// More frames were decoded than the file was found to hold.
     #[error("{at}: has more frames than the {expected} that its index lists")]
     Surplus {

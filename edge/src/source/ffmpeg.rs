@@ -119,10 +119,15 @@ impl Ffmpeg {
         self.child.as_inner().id()
     }
 
+    /// Ends the process.
+    pub(super) fn kill(&mut self) {
+        // It fails only when it has ended already.
+        self.child.kill().ok();
+    }
+
     /// Ends the process and waits until it is gone.
     pub(super) fn stop(&mut self) {
-        // Both fail only when it has ended already.
-        self.child.kill().ok();
+        self.kill();
         self.child.as_inner_mut().wait().ok();
         if let Some(thread) = self.messages.take() {
             thread.join().ok();

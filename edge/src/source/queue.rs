@@ -7,6 +7,8 @@
 use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
+#[cfg(feature = "node")]
+use std::time::Duration;
 
 use super::{Frame, SourceError};
 
@@ -142,6 +144,34 @@ impl<T> Prefetch<T> {
         self.shared.changed.notify_all();
     }
 }
+
+#[cfg(feature = "node")]
+impl<T> Prefetch<T> {
+    /// As [`Self::pop`], but waits for `patience` at most.
+    ///
+    /// # Errors
+    /// [`Silence`] when nothing has come by then.
+    pub(super) fn pop_within(
+        &self,
+        patience: Duration,
+    ) -> Result<Option<Result<T, SourceError>>, Silence> {
+        let nothing = |state: &mut PrefetchState<T>| state.frames.is_empty() && !state.ended;
+        let changed = &self.shared.changed;
+        let waited = changed.wait_timeout_while(self.shared.lock(), patience, nothing);
+        let (mut state, result) = waited.unwrap_or_else(PoisonError::into_inner);
+        if result.timed_out() {
+            return Err(Silence);
+        }
+        let frame = state.frames.pop_front();
+        self.shared.changed.notify_all();
+        Ok(frame)
+    }
+}
+
+/// No frame has come for as long as one was waited for.
+#[cfg(feature = "node")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Silence;
 
 impl<T> Drop for Prefetch<T> {
     fn drop(&mut self) {

@@ -8,6 +8,7 @@ use std::borrow::Cow;
 use std::io::BufReader;
 use std::path::Path;
 use std::process::ChildStdout;
+use std::time::Duration;
 
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::TickFrom;
@@ -22,6 +23,11 @@ use crate::live::timecode::Timecode;
 
 /// Largest relative difference between a recording's rate and the venue's: 59.94 is as good as 60.
 const RATE_TOLERANCE: f64 = 0.005;
+
+/// A live source that gives no picture for so long hangs, and is closed: it is opened again then.
+const SILENCE: Duration = Duration::from_secs(2);
+/// The same for its first picture, which has connections and key frames to wait for.
+const FIRST_SILENCE: Duration = Duration::from_secs(10);
 
 /// Time between two frames, in periods, outside which one was lost or doubled.
 const GAP_PERIODS: std::ops::Range<f64> = 0.5..1.5;
@@ -183,6 +189,26 @@ impl VideoSource {
         })
     }
 
+    /// The next frame of a live source, which may hang.
+    fn pop_live(&mut self) -> Result<Option<Result<Frame, SourceError>>, SourceError> {
+        let patience = if self.read == 0 {
+            FIRST_SILENCE
+        } else {
+            SILENCE
+        };
+        self.prefetch.pop_within(patience).map_err(|_| {
+            self.done = true;
+            self.ffmpeg.kill();
+            let (_, said) = self.ffmpeg.finish();
+            SourceError::Silent {
+                at: self.at.clone(),
+                silent_s: patience.as_secs(),
+                read: self.read,
+                said,
+            }
+        })
+    }
+
     /// Called once, after the last frame.
     fn end(&mut self) -> Result<Option<Frame>, SourceError> {
         let (success, said) = self.ffmpeg.finish();
@@ -207,7 +233,11 @@ impl FrameSource for VideoSource {
         if self.done {
             return Ok(None);
         }
-        match self.prefetch.pop() {
+        let popped = match self.expected {
+            Some(_) => self.prefetch.pop(),
+            None => self.pop_live()?,
+        };
+        match popped {
             Some(Ok(frame)) => {
                 if let Some(expected) = self.expected.filter(|&expected| self.read >= expected) {
                     self.done = true;

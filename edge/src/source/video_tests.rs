@@ -352,6 +352,43 @@ fn a_live_source_of_another_size_is_refused() {
     ));
 }
 
+#[test]
+fn a_stream_that_goes_silent_without_closing_is_given_up() {
+    // Symptom to prevent: a camera that hung was waited for until the edge ended.
+    let Some(studio) = studio() else { return };
+    let clip = studio.record(
+        "-f lavfi -i testsrc2=size=96x64:rate=30 -frames:v 10 -c:v ffv1",
+        "hang.nut",
+    );
+    let bytes = std::fs::read(clip).unwrap();
+    let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let url = format!("tcp://{}", listener.local_addr().unwrap());
+    let (closed, wait) = std::sync::mpsc::channel::<()>();
+    let camera = std::thread::spawn(move || {
+        let (mut stream, _) = listener.accept().unwrap();
+        std::io::Write::write_all(&mut stream, &bytes).unwrap();
+        // Open, and without another byte.
+        wait.recv().unwrap_err();
+    });
+    let mut source = open_live(&url, expected(), Tick(0)).unwrap();
+    let problem = std::iter::from_fn(|| Some(source.next_frame())).find_map(Result::err);
+    let problem = problem.unwrap();
+    assert!(
+        matches!(
+            problem,
+            SourceError::Silent {
+                silent_s: 2,
+                read: 1..,
+                ..
+            }
+        ),
+        "{problem}"
+    );
+    assert_eq!(source.next_frame(), Ok(None));
+    drop((source, closed));
+    camera.join().unwrap();
+}
+
 #[cfg(target_os = "linux")]
 #[test]
 fn dropping_a_source_leaves_no_process_behind() {
