@@ -14,7 +14,8 @@
 //!
 //! The first and the third are QUIC, the third without keys. Zenoh has to be asked for datagrams
 //! (`?mixed_rel=1`), and for streams over UDP (`?rel=1`, without which a lost declaration stays lost);
-//! that and [`MIN_WINDOW_BYTES`] are added to endpoints that say nothing else behind `?` and `#`.
+//! and for [`MIN_WINDOW_BYTES`] and [`DATAGRAM_BUFFER_BYTES`]. Each of these is added to an endpoint that does not say it
+//! itself behind `?` or `#`; what else stands there stays.
 
 mod access;
 pub mod endpoint;
@@ -151,20 +152,40 @@ fn completed(endpoints: &[String]) -> Vec<String> {
 }
 
 fn complete(endpoint: &str) -> String {
-    let asked = match endpoint.split_once('/') {
-        Some(("quic", _)) => "?mixed_rel=1",
-        Some(("udp", _)) => "?rel=1;mixed_rel=1",
+    let metadata: &[(&str, u32)] = match scheme(endpoint) {
+        "quic" => &[("mixed_rel", 1)],
+        "udp" => &[("rel", 1), ("mixed_rel", 1)],
         _ => return endpoint.to_owned(),
     };
-    let (address, config) = match endpoint.split_once('#') {
-        Some((address, config)) => (address, config.to_owned()),
-        None => (
-            endpoint,
-            format!("min_window={MIN_WINDOW_BYTES};datagram_buffer={DATAGRAM_BUFFER_BYTES}"),
-        ),
+    let config = [
+        ("min_window", MIN_WINDOW_BYTES),
+        ("datagram_buffer", DATAGRAM_BUFFER_BYTES),
+    ];
+    let (rest, own_config) = endpoint.split_once('#').unwrap_or((endpoint, ""));
+    let (address, own_metadata) = rest.split_once('?').unwrap_or((rest, ""));
+    // `rel=0` asks for plain UDP: then there is nothing to mix.
+    let metadata = if is_said(own_metadata, "rel") {
+        &[]
+    } else {
+        metadata
     };
-    let asked = if address.contains('?') { "" } else { asked };
-    format!("{address}{asked}#{config}")
+    let (metadata, config) = (with(own_metadata, metadata), with(own_config, &config));
+    format!("{address}?{metadata}#{config}")
+}
+
+/// The options of `own` (`a=1;b=2`), and those of `defaults` that it does not say.
+fn with(own: &str, defaults: &[(&str, u32)]) -> String {
+    let own_options = own.split(';').filter(|option| !option.is_empty());
+    let missing = defaults.iter().filter(|(name, _)| !is_said(own, name));
+    let missing = missing.map(|(name, value)| format!("{name}={value}"));
+    let all: Vec<String> = own_options.map(str::to_owned).chain(missing).collect();
+    all.join(";")
+}
+
+fn is_said(options: &str, name: &str) -> bool {
+    options
+        .split(';')
+        .any(|option| option.split('=').next() == Some(name))
 }
 
 fn common(mode: &str, endpoints: &[String]) -> Vec<ZenohSetting> {
@@ -252,7 +273,7 @@ mod tests {
     }
 
     #[test]
-    fn best_effort_is_asked_for_unless_the_endpoint_says_otherwise() {
+    fn what_an_endpoint_does_not_say_is_added_and_what_it_says_stays() {
         let added =
             format!("min_window={MIN_WINDOW_BYTES};datagram_buffer={DATAGRAM_BUFFER_BYTES}");
         for (said, meant) in [
@@ -261,7 +282,13 @@ mod tests {
             ("udp/h:1?rel=0", format!("udp/h:1?rel=0#{added}")),
             (
                 "quic/h:1#bind=h:2",
-                "quic/h:1?mixed_rel=1#bind=h:2".to_owned(),
+                format!("quic/h:1?mixed_rel=1#bind=h:2;{added}"),
+            ),
+            (
+                "quic/h:1#min_window=9",
+                format!(
+                    "quic/h:1?mixed_rel=1#min_window=9;datagram_buffer={DATAGRAM_BUFFER_BYTES}"
+                ),
             ),
             ("tls/h:1", "tls/h:1".to_owned()),
         ] {
