@@ -65,10 +65,23 @@ pub fn exit_code(outcome: Result<Ending, NodeError>) -> ExitCode {
     }
 }
 
-/// Says a line to whoever reads standard error.
+/// Says a line to whoever reads standard error. What other nodes have said may stand in it: what would command a
+/// terminal is written out (`\u{1b}`).
 pub fn say(line: fmt::Arguments<'_>) {
     // `eprintln!` would panic when nobody reads any more, or the disk behind it is full.
-    drop(writeln!(stderr(), "{line}"));
+    drop(writeln!(stderr(), "{}", harmless(&line.to_string())));
+}
+
+fn harmless(line: &str) -> String {
+    let mut text = String::with_capacity(line.len());
+    for c in line.chars() {
+        if c.is_control() && c != '\n' && c != '\t' {
+            text.extend(c.escape_unicode());
+        } else {
+            text.push(c);
+        }
+    }
+    text
 }
 
 /// Cancels `stop` at SIGINT or SIGTERM, and with `managed` when standard input closes: the parent has
@@ -119,4 +132,17 @@ fn watch_parent(stop: CancellationToken) -> std::io::Result<()> {
         .name("parent".to_owned())
         .spawn(watch)
         .map(drop)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_another_node_says_commands_no_terminal() {
+        assert_eq!(
+            harmless("a\u{1b}[2Jb\r\u{9b}c\td\n"),
+            "a\\u{1b}[2Jb\\u{d}\\u{9b}c\td\n"
+        );
+    }
 }
