@@ -140,12 +140,9 @@ async fn an_edge_is_heard_answered_and_missed() {
     what_cannot_be_used_is_told(&edge, &mut ends, set).await;
 
     while !*ends.matched.borrow() {
-        ends.outgoing
-            .send(FusionOutgoing::Status(Box::new(own_status(
-                &venue().hashes,
-            ))))
-            .await
-            .unwrap();
+        let status = Box::new(own_status(&venue().hashes));
+        let status = FusionOutgoing::Status(status);
+        ends.outgoing.send(status).await.unwrap();
         timeout(PATIENCE, ends.matched.changed())
             .await
             .expect("the boxes have no listener")

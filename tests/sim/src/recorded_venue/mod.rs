@@ -179,6 +179,8 @@ fn sighted(
             session: SESSION,
             tick,
             viewpoint: ViewpointIndex(index as u16),
+            part: 0,
+            parts: 1,
             order: Order::Track,
             live: None,
             detection_cameras: viewpoint.cameras.clone(),

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+use farfield_edge::box_parts::BoxParts;
 use farfield_proto::id::{CameraIndex, SessionId, ViewpointIndex};
 use farfield_proto::key::Keys;
 use farfield_proto::message::live::{BoxEcho, LiveStatus, PatchTiming};
@@ -26,6 +27,8 @@ const DETECTIONS: usize = 64;
 pub(super) struct HeardBoxes {
     /// The newest boxes, and their arrival as Unix time, microseconds.
     pub(super) newest: Option<(BoxSet, u64)>,
+    /// Which messages of the newest have come.
+    parts: Option<BoxParts>,
     /// The cameras that detection passes were asked of.
     detection: BTreeMap<Tick, Vec<CameraIndex>>,
     /// Whether the run is over.
@@ -33,7 +36,7 @@ pub(super) struct HeardBoxes {
 }
 
 impl HeardBoxes {
-    fn hear(&mut self, boxes: BoxSet) {
+    fn hear(&mut self, mut boxes: BoxSet) {
         self.is_over |= boxes.order == Order::End;
         if !boxes.detection_cameras.is_empty() {
             let cameras = boxes.detection_cameras.clone();
@@ -42,9 +45,16 @@ impl HeardBoxes {
                 self.detection.pop_first();
             }
         }
-        let newest = self.newest.as_ref();
-        let is_newer = newest.is_none_or(|(newest, _)| newest.tick <= boxes.tick);
+        if let (Some((newest, _)), Some(parts)) = (&mut self.newest, &mut self.parts)
+            && newest.live == boxes.live
+            && parts.add(newest, &boxes)
+        {
+            return;
+        }
+        let newest = self.newest.as_ref().map(|(newest, _)| newest);
+        let is_newer = newest.is_none_or(|newest| newest.tick <= boxes.tick);
         if is_newer && boxes.live.is_some() {
+            self.parts = Some(BoxParts::begin(&mut boxes, newest));
             self.newest = Some((boxes, unix_us()));
         }
     }
@@ -218,6 +228,7 @@ fn status_of(venue: &Venue, index: usize, ticks: i64) -> Status {
         node: venue.viewpoints[index].name.clone(),
         process: index as u64 + 1,
         viewpoint: Some(ViewpointIndex(index as u16)),
+        release: String::new(),
         ready: true,
         venue_hash: venue.hashes.venue.clone(),
         calibration_hash: venue.hashes.calibration.clone(),
