@@ -9,8 +9,6 @@ use std::sync::atomic::{AtomicU8, Ordering};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-use crate::message::live::MAX_REASON_BYTES;
-
 /// Version of the messages; any change of their fields or of the patch codec raises it.
 ///
 /// What each version's bytes are is pinned in `proto/golden/`, one folder a version, whose files are only ever added.
@@ -34,6 +32,8 @@ pub const MAX_TEXT_BYTES: usize = 8192;
 /// Longest reason of a refusal in fusion's status, bytes: with one for every edge that a venue may have, the status
 /// still fits a message.
 pub const MAX_REFUSAL_BYTES: usize = 1024;
+/// Longest reason of a camera in a status, bytes.
+pub const MAX_REASON_BYTES: usize = 512;
 /// Longest fingerprint in a status, bytes: two of them stand in one refusal.
 pub const MAX_HASH_BYTES: usize = 256;
 

@@ -3,7 +3,7 @@
 //! A message that passed is valid in its form; whether it makes sense (a camera that exists, a session that lives) is
 //! for the node to decide.
 
-use super::live::{LiveStatus, MAX_CLOCK_CORRECTION_US, MAX_EDGES, MAX_REASON_BYTES};
+use super::live::{LiveStatus, MAX_CLOCK_CORRECTION_US, MAX_EDGES};
 use super::older::{BoxSet3, Status3};
 use super::{
     BoxSet, CameraBox, MAX_CAPTURE_OFFSET_US, MAX_CROPS, MAX_PERSONS, MAX_SIGHTINGS, MAX_STAGES,
@@ -12,7 +12,9 @@ use super::{
 use crate::grid::CellGrid;
 use crate::key::is_key_chunk;
 use crate::patch::MAX_KEYPOINTS;
-use crate::wire::{MAX_CAMERAS, MAX_HASH_BYTES, MAX_JOINTS, MAX_PARTS, MAX_TEXT_BYTES, Message};
+use crate::wire::{
+    MAX_CAMERAS, MAX_HASH_BYTES, MAX_JOINTS, MAX_PARTS, MAX_REASON_BYTES, MAX_TEXT_BYTES, Message,
+};
 
 impl Message for PatchSet {
     fn check(&self) -> Result<(), &'static str> {

@@ -14,8 +14,6 @@ use crate::tick::Tick;
 pub const MAX_CLOCK_CORRECTION_US: i32 = 1_800_000_000;
 /// Most edges in a fusion node's status.
 pub const MAX_EDGES: usize = 256;
-/// Longest reason of a camera in a status, bytes.
-pub const MAX_REASON_BYTES: usize = 512;
 
 /// In a patch set: when it was sent, and which box set the edge had received by then.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -102,7 +100,7 @@ pub struct CameraStatus {
     pub frames_per_s: f32,
     /// Capture instants of its frames less their ticks' times, mean of the last second, microseconds.
     pub capture_offset_us: i32,
-    /// Why it gives no pictures, in the words of whatever reads them; at most [`MAX_REASON_BYTES`].
+    /// Why it gives no pictures, in the words of whatever reads them; at most [`crate::wire::MAX_REASON_BYTES`].
     pub reason: Option<String>,
 }
 
