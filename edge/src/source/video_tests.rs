@@ -357,8 +357,8 @@ fn a_stream_that_goes_silent_without_closing_is_given_up() {
     // Symptom to prevent: a camera that hung was waited for until the edge ended.
     let Some(studio) = studio() else { return };
     let clip = studio.record(
-        "-f lavfi -i testsrc2=size=96x64:rate=30 -frames:v 10 -c:v ffv1",
-        "hang.nut",
+        "-f lavfi -i testsrc2=size=96x64:rate=30 -frames:v 60 -pix_fmt yuv420p",
+        "hang.y4m",
     );
     let bytes = std::fs::read(clip).unwrap();
     let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();

@@ -9,6 +9,7 @@ mod relay;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
+use farfield_proto::message::parts::MESSAGE_BYTES;
 use farfield_proto::order_statistics::value_after;
 use farfield_proto::transport::{EdgeTransport, FusionTransport, Identity, ZenohSetting};
 use relay::{Faults, Relay};
@@ -174,7 +175,7 @@ fn sum_up(mut arrivals: Vec<(usize, Duration)>) -> Sent {
 const QUIC: &str = "quic/127.0.0.1:PORT";
 const PLAIN: &str = "udp/127.0.0.1:PORT";
 /// As Zenoh has them: datagrams that wait for the congestion controller.
-const CUBIC: &str = "quic/127.0.0.1:PORT?mixed_rel=1#datagram_buffer=1048576";
+const CUBIC: &str = "quic/127.0.0.1:PORT?mixed_rel=1#min_window=0;datagram_buffer=1048576";
 const STREAM: &str = "quic/127.0.0.1:PORT?mixed_rel=0";
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
@@ -195,6 +196,30 @@ async fn best_effort_messages_over_quic_are_datagrams_that_are_lost_alone() {
     let sent = send(&rig, "links/patch/a", (200, 400)).await;
     assert!(rig.relay.lost.load(Ordering::Relaxed) > 0);
     assert_eq!(sent.arrived, 200);
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_message_of_the_largest_size_is_one_datagram() {
+    // Symptom to prevent: messages were 1200 bytes, datagrams 1150, and every loss took two messages' worth.
+    const COUNT: usize = 200;
+    let faults = Faults {
+        delay: Duration::from_millis(1),
+        lose_every: 0,
+    };
+    let rig = Rig::new(QUIC, faults).await;
+    let mut per_message = Vec::new();
+    for bytes in [400, MESSAGE_BYTES, 1200] {
+        let before = rig.relay.came.load(Ordering::Relaxed);
+        send(&rig, "links/patch/a", (COUNT, bytes)).await;
+        let came = rig.relay.came.load(Ordering::Relaxed) - before;
+        println!(
+            "{COUNT} messages of {bytes} bytes took {came} datagrams, acknowledgements included"
+        );
+        per_message.push(came as f64 / COUNT as f64);
+    }
+    // What two take is seen, too.
+    assert!(per_message[1] < per_message[0] + 0.2, "{per_message:?}");
+    assert!(per_message[2] > per_message[0] + 0.3, "{per_message:?}");
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]

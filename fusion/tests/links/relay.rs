@@ -34,6 +34,8 @@ pub(crate) struct Relay {
     pub(crate) port: u16,
     /// Datagrams lost since the start.
     pub(crate) lost: Arc<AtomicU64>,
+    /// Datagrams that came for the target since the start.
+    pub(crate) came: Arc<AtomicU64>,
     _tasks: JoinSet<()>,
 }
 
@@ -46,18 +48,25 @@ impl Relay {
                 .expect("a socket"),
         );
         let port = front.local_addr().expect("an address").port();
-        let lost = Arc::new(AtomicU64::new(0));
+        let (lost, came): (Arc<AtomicU64>, Arc<AtomicU64>) = <_>::default();
         let mut tasks = JoinSet::new();
-        tasks.spawn(carry(front, target, faults, Arc::clone(&lost)));
+        let counts = [&lost, &came].map(Arc::clone);
+        tasks.spawn(carry(front, target, faults, counts));
         Self {
             port,
             lost,
+            came,
             _tasks: tasks,
         }
     }
 }
 
-async fn carry(front: Arc<UdpSocket>, target: u16, faults: Faults, lost: Arc<AtomicU64>) {
+async fn carry(
+    front: Arc<UdpSocket>,
+    target: u16,
+    faults: Faults,
+    [lost, came]: [Arc<AtomicU64>; 2],
+) {
     let mut ways: BTreeMap<SocketAddr, mpsc::Sender<Due>> = BTreeMap::new();
     let mut tasks = JoinSet::new();
     let mut buffer = vec![0; MAX_BYTES];
@@ -66,6 +75,7 @@ async fn carry(front: Arc<UdpSocket>, target: u16, faults: Faults, lost: Arc<Ato
         let Ok((n, from)) = front.recv_from(&mut buffer).await else {
             continue;
         };
+        came.fetch_add(1, Ordering::Relaxed);
         let way = if let Some(way) = ways.get(&from) {
             way.clone()
         } else {

@@ -5,7 +5,7 @@ use crate::wire;
 
 /// Size up to which a message travels in one datagram, bytes. Zenoh fills datagrams of 1150 bytes over QUIC whatever the
 /// path carries, and adds its own head. What takes two datagrams is lost with either.
-pub const MESSAGE_BYTES: usize = 1100;
+pub const MESSAGE_BYTES: usize = 1120;
 /// What part numbers and counts may take beyond the one byte each that they have in an empty message.
 const SLACK_BYTES: usize = 8;
 
