@@ -32,6 +32,8 @@ const OVERTAKEN_US: Micros = SECOND_US / 50;
 const DETECTION_OVERTAKEN_US: Micros = SECOND_US / 10;
 /// A message that comes so long before or after its tick says nothing of its link.
 const FAR_US: Micros = 10 * SECOND_US;
+/// So many messages in a row of another version are no noise: the edge runs another farfield.
+const FOREIGN_IN_A_ROW: u32 = 10;
 /// A clock that was refused is let in again when it is within this share of the bound.
 const FORGIVEN: f64 = 0.9;
 
@@ -89,8 +91,8 @@ pub struct Edge {
     pub missing: u64,
     /// Messages that could not be read.
     pub unreadable: u64,
-    /// The version in which it writes, where that is not read here.
-    foreign: Option<WireError>,
+    /// Messages in a row of a version that is not read here, and which.
+    foreign: Option<(u32, WireError)>,
 }
 
 impl Edge {
@@ -124,8 +126,15 @@ impl Edge {
     pub fn cannot_read(&mut self, error: &WireError) {
         self.unreadable += 1;
         if let WireError::Version { .. } = error {
-            self.foreign = Some(error.clone());
+            let before = self.foreign.as_ref().map_or(0, |(in_a_row, _)| *in_a_row);
+            self.foreign = Some((before + 1, error.clone()));
         }
+    }
+
+    /// Why it cannot be understood, when nothing that it says can be read.
+    fn misunderstanding(&self) -> Option<String> {
+        let (in_a_row, error) = self.foreign.as_ref()?;
+        (*in_a_row >= FOREIGN_IN_A_ROW).then(|| error.to_string())
     }
 
     /// Another node speaks for the viewpoint: what was known of the last one says nothing.
@@ -330,9 +339,7 @@ impl Edge {
         EdgeLink {
             viewpoint: self.name.clone(),
             live: self.is_heard(now_us) && self.is_on_time(),
-            refused: self
-                .refused_clock()
-                .or(self.foreign.as_ref().map(WireError::to_string)),
+            refused: self.refused_clock().or_else(|| self.misunderstanding()),
             round_trip_us: round_trip_us.and_then(|us| u32::try_from(us).ok()),
             clock_offset_us: offset_us.and_then(|us| i32::try_from(us).ok()),
             horizon_ticks: self.horizon.ticks() as f32,

@@ -272,3 +272,34 @@ fn a_tick_that_was_left_out_is_not_waited_for_once_a_later_one_has_come() {
     assert!(waits(&mut edge, 51) < 50_000);
     assert_eq!(waits(&mut edge, 53), 400_000);
 }
+
+#[test]
+fn an_edge_of_another_version_is_named_and_noise_between_its_messages_is_not() {
+    let mut edge = Edge::new("north", BOUND_MS);
+    let time = time();
+    let newer = WireError::Version { got: 99 };
+    let silent = PatchTiming {
+        sent_after_us: 5_000,
+        clock_correction_us: 0,
+        echo: None,
+    };
+    for tick in 0..50 {
+        let came = Came {
+            at_us: time.at(Tick(tick)) + 6_000,
+            bytes: 500,
+        };
+        edge.cannot_read(&newer);
+        edge.hear_patches(&patches(tick, silent, None), came, &time);
+    }
+    assert_eq!(edge.link(time.at(Tick(50))).refused, None);
+    for _ in 0..FOREIGN_IN_A_ROW {
+        edge.cannot_read(&newer);
+    }
+    let link = edge.link(time.at(Tick(50)));
+    let refused = link.refused.unwrap();
+    assert!(
+        refused.contains("version 99") && refused.contains("update"),
+        "{refused}"
+    );
+    assert_eq!(link.unreadable, 50 + u64::from(FOREIGN_IN_A_ROW));
+}

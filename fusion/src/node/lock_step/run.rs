@@ -148,12 +148,9 @@ impl<'a> LockStepFusion<'a> {
                 detection_cameras: Vec::new(),
                 persons: Vec::new(),
             };
-            if send(
-                ends,
-                FusionOutgoing::Boxes(usize::from(viewpoint.0), wire::encode(&set)),
-            )
-            .is_err()
-            {
+            let index = usize::from(viewpoint.0);
+            let bytes = wire::encode_as(&set, self.interceptor.spoken(index));
+            if send(ends, FusionOutgoing::Boxes(index, bytes)).is_err() {
                 debug!("an end order was not sent: the queue is full");
             }
         }
