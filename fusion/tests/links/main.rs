@@ -208,7 +208,7 @@ async fn a_message_of_the_largest_size_is_one_datagram() {
     };
     let rig = Rig::new(QUIC, faults).await;
     let mut per_message = Vec::new();
-    for bytes in [400, MESSAGE_BYTES, 1200] {
+    for bytes in [400, MESSAGE_BYTES, 2000] {
         let before = rig.relay.came.load(Ordering::Relaxed);
         send(&rig, "links/patch/a", (COUNT, bytes)).await;
         let came = rig.relay.came.load(Ordering::Relaxed) - before;
@@ -219,7 +219,7 @@ async fn a_message_of_the_largest_size_is_one_datagram() {
     }
     // What two take is seen, too.
     assert!(per_message[1] < per_message[0] + 0.2, "{per_message:?}");
-    assert!(per_message[2] > per_message[0] + 0.3, "{per_message:?}");
+    assert!(per_message[2] > per_message[0] + 0.5, "{per_message:?}");
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
