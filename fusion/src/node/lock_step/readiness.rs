@@ -255,10 +255,10 @@ impl Readiness {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
 
-    fn readiness(asked: Option<Range<Tick>>) -> Readiness {
+    pub(in crate::node::lock_step) fn readiness(asked: Option<Range<Tick>>) -> Readiness {
         let nodes = [("a".to_owned(), None), ("b".to_owned(), None)].into();
         Readiness {
             venue_hash: "v1".to_owned(),

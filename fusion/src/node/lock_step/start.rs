@@ -1,9 +1,10 @@
 //! The start of a lock-step run: fusion waits until every edge is there, ready and listening.
 
+use std::collections::BTreeMap;
 use std::time::Duration;
 
 use anyhow::{Context as _, anyhow};
-use farfield_node::process::{Managed, NodeError, say};
+use farfield_node::process::{Managed, NodeError};
 use farfield_proto::transport::FUSION;
 use farfield_proto::wire::{VERSION, WireError};
 use tokio::time::{Instant, MissedTickBehavior, interval, sleep_until};
@@ -20,6 +21,9 @@ use crate::node::status::{check, own_status};
 const CALL_EVERY: Duration = Duration::from_millis(100);
 /// Calls between two reminders, for a person who watches, of who is missing.
 const REMIND_EVERY: u32 = 100;
+/// So many messages of a newer version, and their node has not heard us: it cannot speak as we do. It speaks ten times a
+/// second.
+const MAX_NEWER: u32 = 20;
 
 /// Waits for all edges; `None` when told to stop before.
 ///
@@ -46,11 +50,13 @@ pub(in crate::node) async fn wait_until_ready(
     calls.set_missed_tick_behavior(MissedTickBehavior::Delay);
     let status = Box::new(own_status(&config.venue.hashes));
     let mut n_calls = 0u32;
+    let mut newer = BTreeMap::new();
     loop {
         tokio::select! {
             () = stop.cancelled() => return Ok(None),
             incoming = ends.incoming.recv() => {
-                receive(&mut readiness, incoming.context("the subscriptions have ended").map_err(NodeError::failed)?)?;
+                let incoming = incoming.context("the subscriptions have ended").map_err(NodeError::failed)?;
+                receive(&mut readiness, &mut newer, incoming)?;
             }
             _ = calls.tick() => {
                 n_calls = n_calls.wrapping_add(1);
@@ -77,7 +83,12 @@ pub(in crate::node) async fn wait_until_ready(
     }
 }
 
-fn receive(readiness: &mut Readiness, incoming: FusionIncoming) -> Result<(), NodeError> {
+/// `newer` counts the messages of newer versions, by key.
+fn receive(
+    readiness: &mut Readiness,
+    newer: &mut BTreeMap<String, u32>,
+    incoming: FusionIncoming,
+) -> Result<(), NodeError> {
     match incoming {
         // Fusion receives its own, too.
         FusionIncoming::Status(status) if status.node == FUSION => Ok(()),
@@ -95,13 +106,46 @@ fn receive(readiness: &mut Readiness, incoming: FusionIncoming) -> Result<(), No
             debug!("a message from before the start");
             Ok(())
         }
-        // It speaks as we do as soon as it has heard us.
-        FusionIncoming::Unreadable(key, WireError::Version { got }) if got > VERSION => {
-            say(format_args!("{key}: {}", WireError::Version { got }));
-            Ok(())
+        FusionIncoming::Unreadable(key, error) => {
+            if let WireError::Version { got: VERSION.. } = error {
+                let messages = newer.entry(key.clone()).or_insert(0);
+                *messages += 1;
+                if *messages <= MAX_NEWER {
+                    debug!(%key, %error, "not readable");
+                    return Ok(());
+                }
+            }
+            Err(NodeError::failed(anyhow!(
+                "a message on {key} cannot be read: {error}"
+            )))
         }
-        FusionIncoming::Unreadable(key, error) => Err(NodeError::failed(anyhow!(
-            "a message on {key} cannot be read: {error}"
-        ))),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use farfield_proto::wire::OLDEST_READ;
+
+    use super::*;
+    use crate::node::lock_step::readiness::tests::readiness;
+
+    #[test]
+    fn a_newer_node_may_find_our_version_and_one_that_does_not_is_named() {
+        let mut readiness = readiness(None);
+        let mut newer = BTreeMap::new();
+        let key = || "link-test/status/a".to_owned();
+        let mut hear = |got| {
+            let incoming = FusionIncoming::Unreadable(key(), WireError::Version { got });
+            receive(&mut readiness, &mut newer, incoming)
+        };
+        for _ in 0..MAX_NEWER {
+            hear(VERSION + 1).unwrap();
+        }
+        let error = hear(VERSION + 1).unwrap_err().to_string();
+        assert!(
+            error.contains("status/a") && error.contains("version 5"),
+            "{error}"
+        );
+        hear(OLDEST_READ - 1).unwrap_err();
     }
 }
