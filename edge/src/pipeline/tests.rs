@@ -1,5 +1,7 @@
 //! The steps of an edge, with a network that answers with what it is shown.
 
+mod detection;
+
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -326,20 +328,6 @@ fn all_crops_of_a_tick_are_one_inference() {
     );
 }
 
-#[test]
-fn only_the_cameras_that_are_asked_run_the_detector() {
-    let venue = venue(&[KEYPOINTS, KEYPOINTS]);
-    let mut edge = EdgePipeline::new(&venue, ViewpointIndex(0), None, None).unwrap();
-    let frames = [1.0, 2.0].map(|x| Some(frame(FrameContent::Keypoints(candidates(x, 2.0)))));
-    for asked in [&[0][..], &[1], &[0, 1]] {
-        let output = step(&mut edge, &frames, &boxes(asked, Vec::new())).unwrap();
-        let sightings = output.sighting_sets.iter().flat_map(|s| &s.sightings);
-        assert_eq!(sightings.map(|s| s.camera.0).collect::<Vec<_>>(), asked);
-    }
-    let output = step(&mut edge, &frames, &boxes(&[], Vec::new())).unwrap();
-    assert!(output.sighting_sets.is_empty());
-}
-
 fn candidates(x: f64, y: f64) -> KeypointFrame {
     let candidate = KeypointCandidate {
         position: Pixel::new(x, y),
@@ -349,34 +337,6 @@ fn candidates(x: f64, y: f64) -> KeypointFrame {
         persons: vec![vec![Some(candidate); 17]],
         peaks: vec![vec![candidate]; 17],
     }
-}
-
-#[test]
-fn keypoint_sources_need_no_network_and_are_sighted_as_grouped() {
-    let mut edge = EdgePipeline::new(&venue(&[KEYPOINTS]), ViewpointIndex(0), None, None).unwrap();
-    let frames = [Some(frame(FrameContent::Keypoints(candidates(
-        333.0, 222.0,
-    ))))];
-    let persons = vec![vec![box_at(0, [320.0, 240.0], 1.2)]];
-    let output = step(&mut edge, &frames, &boxes(&[0, 1], persons)).unwrap();
-    let patch = patches(&output)[0];
-    assert_eq!(
-        (
-            patch.crops.len(),
-            patch.crops[0].width,
-            patch.crops[0].height
-        ),
-        (1, 48, 64)
-    );
-    let [x, y] = peak_of(patch, 11).unwrap();
-    assert!((x - 333.0).hypot(y - 222.0) < 0.2);
-    assert_eq!(output.sighting_sets[0].sightings.len(), 1);
-    assert_eq!(output.patch_sets[0].sighting_parts, 1);
-    let all = output
-        .patch_sets
-        .iter()
-        .map(|set| wire::decode::<PatchSet>(&wire::encode(set)).unwrap());
-    assert_eq!(all.collect::<Vec<_>>(), output.patch_sets);
 }
 
 /// Paints one cell of every map at the middle of the box that it is given.
@@ -422,33 +382,6 @@ fn painted_maps_are_asked_for_the_box_at_the_frames_tick() {
     let sighting = &output.sighting_sets[0].sightings[0];
     let found_px = sighting.keypoints[3].unwrap().position_px;
     assert_near(Some(found_px.map(f64::from)), 333.0, 222.0);
-}
-
-#[test]
-fn a_pass_without_people_is_reported_and_an_edge_without_a_detector_reports_no_pass() {
-    let mut edge = EdgePipeline::new(&venue(&[KEYPOINTS]), ViewpointIndex(0), None, None).unwrap();
-    let output = step(&mut edge, &[None], &boxes(&[0, 1], Vec::new())).unwrap();
-    assert_eq!(
-        (
-            output.sighting_sets.len(),
-            output.patch_sets[0].sighting_parts
-        ),
-        (1, 1)
-    );
-    let mut blind = pipeline(&[PICTURES]);
-    let output = step(
-        &mut blind,
-        &[Some(disc(5.0, 5.0))],
-        &boxes(&[0, 1], Vec::new()),
-    )
-    .unwrap();
-    assert_eq!(
-        (
-            output.sighting_sets.len(),
-            output.patch_sets[0].sighting_parts
-        ),
-        (0, 0)
-    );
 }
 
 #[test]

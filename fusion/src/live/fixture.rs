@@ -22,7 +22,7 @@ pub(crate) fn patches(tick: i64, viewpoint: u16, part: u16, parts: u16) -> Patch
 }
 
 /// The smallest patch.
-fn patch(person: u32) -> PersonPatch {
+pub(crate) fn patch(person: u32) -> PersonPatch {
     PersonPatch {
         person: PersonId(person),
         camera: CameraIndex(0),

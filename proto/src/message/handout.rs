@@ -86,7 +86,7 @@ pub struct SharedFile {
 /// A [`FileList`] with fusion's signature.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SignedList {
-    /// The list, as [`crate::wire::encode`] writes it.
+    /// The list, as [`crate::wire::encode_for_anyone`] writes it.
     pub list: Vec<u8>,
     /// `None` in a venue without keys.
     pub signature: Option<ListSignature>,

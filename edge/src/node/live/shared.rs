@@ -39,7 +39,8 @@ pub(super) struct Shared {
 }
 
 impl Shared {
-    /// For the cameras of `parts`; what is sent goes to `publishers`, in the version that fusion reads, and to `ring` if there is one.
+    /// For the cameras of `parts`; what is sent goes to `publishers`, in the version that fusion reads, and to `ring` if
+    /// there is one.
     pub(super) fn new(
         parts: &Parts,
         clock: VenueClock,

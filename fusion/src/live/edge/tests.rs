@@ -1,11 +1,11 @@
 //! An edge on a link that we know, and what fusion finds out about it.
 
-use farfield_proto::id::{CameraIndex, PersonId, SessionId, ViewpointIndex};
+use farfield_proto::id::{CameraIndex, SessionId, ViewpointIndex};
 use farfield_proto::message::live::{BoxEcho, PatchTiming};
 use farfield_proto::message::{Order, PersonPatch};
-use farfield_proto::patch::EncodedMaps;
 
 use super::*;
+use crate::live::fixture;
 
 const BOUND_MS: f64 = 100.0;
 const START_US: Micros = 1_700_000_000 * SECOND_US;
@@ -34,28 +34,14 @@ fn boxes(tick: i64, detect: bool) -> BoxSet {
 
 fn patches(tick: i64, timing: PatchTiming, box_tick: Option<i64>) -> PatchSet {
     let patch = |box_tick| PersonPatch {
-        person: PersonId(1),
-        camera: CameraIndex(0),
         box_tick: Tick(box_tick),
         capture_offset_us: 1_000,
-        crops: Vec::new(),
-        crop_of_keypoint: Vec::new(),
-        maps: EncodedMaps {
-            width: 1,
-            height: 1,
-            keypoints: 1,
-            bytes: Vec::new(),
-        },
+        ..fixture::patch(1)
     };
     PatchSet {
-        session: SessionId(1),
-        tick: Tick(tick),
-        viewpoint: ViewpointIndex(0),
-        part: 0,
-        parts: 1,
-        sighting_parts: 0,
         timing: Some(timing),
         persons: box_tick.map(patch).into_iter().collect(),
+        ..fixture::patches(tick, 0, 0, 1)
     }
 }
 

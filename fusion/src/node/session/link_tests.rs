@@ -86,23 +86,49 @@ async fn what_cannot_be_used_is_told(edge: &zenoh::Session, ends: &mut FusionEnd
     }
 }
 
+/// Fusion's open link, what all messages pass, and the tasks behind it.
+struct OpenLink {
+    ends: FusionEnds,
+    interceptor: Interceptor,
+    endpoint: String,
+    tasks: TaskTracker,
+    leave: CancellationToken,
+}
+
+impl OpenLink {
+    async fn open(wiretap: WiretapHandle) -> Self {
+        let reach = Reach {
+            endpoints: vec!["tcp/127.0.0.1:0".to_owned()],
+            identity: None,
+        };
+        let link = FusionSession::open(&venue(), &reach, RunMode::LockStep)
+            .await
+            .unwrap();
+        let interceptor = Interceptor::new(&venue(), VenueClock::start(), wiretap);
+        let endpoint = link.locators().await[0].clone();
+        let (tasks, leave) = (TaskTracker::new(), CancellationToken::new());
+        Self {
+            ends: link.spawn(&tasks, &leave, &interceptor),
+            interceptor,
+            endpoint,
+            tasks,
+            leave,
+        }
+    }
+
+    async fn close(self) {
+        timeout(PATIENCE, self.ends.close(&self.tasks, &self.leave))
+            .await
+            .expect("the tasks do not end");
+    }
+}
+
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn an_edge_is_heard_answered_and_missed() {
-    let reach = Reach {
-        endpoints: vec!["tcp/127.0.0.1:0".to_owned()],
-        identity: None,
-    };
-    let link = FusionSession::open(&venue(), &reach, RunMode::LockStep)
-        .await
-        .unwrap();
     let kept = Arc::new(Kept::default());
     let wiretap = WiretapHandle::new(Some(Arc::clone(&kept) as Arc<dyn Wiretap>));
-    let interceptor = Interceptor::new(&venue(), VenueClock::start(), wiretap);
-    let endpoint = link.locators().await[0].clone();
-    let (tasks, leave) = (TaskTracker::new(), CancellationToken::new());
-    let mut ends = link.spawn(&tasks, &leave, &interceptor);
-
-    let edge = client(&endpoint).await;
+    let mut link = OpenLink::open(wiretap).await;
+    let edge = client(&link.endpoint).await;
     let token = edge
         .liveliness()
         .declare_token("link-test/alive/a")
@@ -111,7 +137,7 @@ async fn an_edge_is_heard_answered_and_missed() {
     let boxes = edge.declare_subscriber("link-test/box/a").await.unwrap();
     loop {
         // Fusion receives its own token, too.
-        if matches!(next(&mut ends).await, FusionIncoming::Alive(node, Liveliness::There) if node == "a")
+        if matches!(next(&mut link.ends).await, FusionIncoming::Alive(node, Liveliness::There) if node == "a")
         {
             break;
         }
@@ -129,7 +155,7 @@ async fn an_edge_is_heard_answered_and_missed() {
     };
     let bytes = wire::encode(&set);
     edge.put("link-test/patch/a", bytes.clone()).await.unwrap();
-    match next(&mut ends).await {
+    match next(&mut link.ends).await {
         FusionIncoming::Patches(received_set, arrival) => {
             assert_eq!((&received_set, arrival.bytes), (&set, bytes.len() as u64));
             let received = kept.received.lock().unwrap().clone();
@@ -137,18 +163,19 @@ async fn an_edge_is_heard_answered_and_missed() {
         }
         other => panic!("{other:?}"),
     }
-    what_cannot_be_used_is_told(&edge, &mut ends, set).await;
+    what_cannot_be_used_is_told(&edge, &mut link.ends, set).await;
 
-    while !*ends.matched.borrow() {
+    while !*link.ends.matched.borrow() {
         let status = Box::new(own_status(&venue().hashes));
         let status = FusionOutgoing::Status(status);
-        ends.outgoing.send(status).await.unwrap();
-        timeout(PATIENCE, ends.matched.changed())
+        link.ends.outgoing.send(status).await.unwrap();
+        timeout(PATIENCE, link.ends.matched.changed())
             .await
             .expect("the boxes have no listener")
             .unwrap();
     }
-    ends.outgoing
+    link.ends
+        .outgoing
         .send(FusionOutgoing::Boxes(0, vec![1, 2, 3]))
         .await
         .unwrap();
@@ -163,14 +190,12 @@ async fn an_edge_is_heard_answered_and_missed() {
     drop(token);
     edge.close().await.unwrap();
     loop {
-        if matches!(next(&mut ends).await, FusionIncoming::Alive(node, Liveliness::Gone) if node == "a")
+        if matches!(next(&mut link.ends).await, FusionIncoming::Alive(node, Liveliness::Gone) if node == "a")
         {
             break;
         }
     }
-    timeout(PATIENCE, ends.close(&tasks, &leave))
-        .await
-        .expect("the tasks do not end");
+    link.close().await;
 }
 
 #[test]
@@ -203,18 +228,8 @@ fn a_node_speaks_under_its_own_name_only() {
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn an_edge_of_the_version_before_is_spoken_to_in_its_own_until_it_is_updated() {
-    let reach = Reach {
-        endpoints: vec!["tcp/127.0.0.1:0".to_owned()],
-        identity: None,
-    };
-    let link = FusionSession::open(&venue(), &reach, RunMode::LockStep)
-        .await
-        .unwrap();
-    let interceptor = Interceptor::new(&venue(), VenueClock::start(), WiretapHandle::new(None));
-    let endpoint = link.locators().await[0].clone();
-    let (tasks, leave) = (TaskTracker::new(), CancellationToken::new());
-    let mut ends = link.spawn(&tasks, &leave, &interceptor);
-    let edge = client(&endpoint).await;
+    let mut link = OpenLink::open(WiretapHandle::new(None)).await;
+    let edge = client(&link.endpoint).await;
     let heard = edge
         .declare_subscriber("link-test/status/fusion")
         .await
@@ -235,14 +250,14 @@ async fn an_edge_of_the_version_before_is_spoken_to_in_its_own_until_it_is_updat
             .await
             .unwrap();
         loop {
-            if matches!(next(&mut ends).await, FusionIncoming::Status(status) if status.node == "a")
+            if matches!(next(&mut link.ends).await, FusionIncoming::Status(status) if status.node == "a")
             {
                 break;
             }
         }
-        assert_eq!(interceptor.spoken(0), spoken);
+        assert_eq!(link.interceptor.spoken(0), spoken);
         let status = FusionOutgoing::Status(Box::new(own_status(&venue().hashes)));
-        ends.outgoing.send(status).await.unwrap();
+        link.ends.outgoing.send(status).await.unwrap();
         let sample = timeout(PATIENCE, heard.recv_async()).await;
         let sample = sample.expect("fusion says nothing").unwrap();
         assert_eq!(sample.payload().to_bytes()[0], spoken);
@@ -252,7 +267,5 @@ async fn an_edge_of_the_version_before_is_spoken_to_in_its_own_until_it_is_updat
         );
     }
     edge.close().await.unwrap();
-    timeout(PATIENCE, ends.close(&tasks, &leave))
-        .await
-        .expect("the tasks do not end");
+    link.close().await;
 }
