@@ -9,6 +9,7 @@ use anyhow::Context as _;
 use farfield_node::clock;
 use farfield_node::process::{NodeError, say};
 use farfield_proto::message::Status;
+use farfield_proto::message::health::NodeHealth;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::{Venue, VenueCamera};
 use farfield_proto::wire;
@@ -195,6 +196,7 @@ pub(super) fn build(config: &EdgeConfig) -> Result<Built, NodeError> {
         failure: None,
         stages: Vec::new(),
         live: None,
+        health: NodeHealth::default(),
     };
     Ok(Built { work, status })
 }

@@ -5,6 +5,8 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::anyhow;
+#[cfg(feature = "study")]
+use farfield_node::clock::ClockFault;
 use farfield_node::clock::VenueClock;
 use farfield_node::endpoints::{Asked, LinkEnd, Reach};
 use farfield_node::files::load_venue;
@@ -52,16 +54,56 @@ pub struct EdgeArgs {
     /// End when standard input closes.
     #[arg(long, hide = true)]
     pub managed: bool,
-    /// Put the clock forward by so many milliseconds.
+    /// What is wrong with the clock on purpose.
     #[cfg(feature = "study")]
+    #[command(flatten)]
+    pub clock_fault: ClockFaultArgs,
+}
+
+/// What is wrong with the system's clock, as this edge sees it, on purpose.
+#[cfg(feature = "study")]
+#[derive(Debug, Clone, Default, clap::Args)]
+pub struct ClockFaultArgs {
+    /// It is ahead by so many milliseconds.
     #[arg(
-        long,
+        long = "clock-shift-ms",
         hide = true,
         value_name = "N",
         default_value_t = 0,
         allow_hyphen_values = true
     )]
-    pub clock_shift_ms: i64,
+    pub shift_ms: i64,
+    /// So many seconds after the start ...
+    #[arg(
+        long = "clock-set-after-s",
+        hide = true,
+        value_name = "S",
+        requires = "set_by_ms"
+    )]
+    pub set_after_s: Option<u32>,
+    /// ... somebody sets it forward by so many milliseconds.
+    #[arg(
+        long = "clock-set-by-ms",
+        hide = true,
+        value_name = "N",
+        allow_hyphen_values = true
+    )]
+    pub set_by_ms: Option<i64>,
+    /// The system says that NTP keeps it right.
+    #[arg(long = "clock-synchronised", hide = true)]
+    pub is_synchronised: bool,
+}
+
+#[cfg(feature = "study")]
+impl From<ClockFaultArgs> for ClockFault {
+    fn from(args: ClockFaultArgs) -> Self {
+        let by_us = args.set_by_ms.map(|ms| ms.saturating_mul(1000));
+        Self {
+            shift_us: args.shift_ms.saturating_mul(1000),
+            set: args.set_after_s.zip(by_us),
+            synchronised: args.is_synchronised.then_some(true),
+        }
+    }
 }
 
 /// The validated start of an edge node.
@@ -78,9 +120,8 @@ pub(super) struct EdgeConfig {
     pub(super) managed: Managed,
     /// Where the sets are kept that were sent or could not be sent.
     pub(super) ring: PathBuf,
-    /// How far the clock is wrong on purpose, microseconds.
     #[cfg(feature = "study")]
-    clock_shift_us: i64,
+    clock_fault: ClockFault,
 }
 
 impl EdgeConfig {
@@ -120,7 +161,7 @@ impl EdgeConfig {
             ticks: args.ticks,
             managed,
             #[cfg(feature = "study")]
-            clock_shift_us: args.clock_shift_ms.saturating_mul(1000),
+            clock_fault: args.clock_fault.into(),
         })
     }
 
@@ -143,7 +184,7 @@ impl EdgeConfig {
     /// The clock that the edge goes by when it runs live, wrong by as much as a study wants.
     #[cfg(feature = "study")]
     pub(super) fn start_clock(&self) -> VenueClock {
-        VenueClock::start_shifted(self.clock_shift_us)
+        VenueClock::start_wrong(self.clock_fault)
     }
 
     /// The cameras of the viewpoint, in file order.

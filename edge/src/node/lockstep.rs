@@ -218,6 +218,7 @@ impl LockStepEdge {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use farfield_proto::message::health::NodeHealth;
 
     fn status(calibration_hash: &str) -> Status {
         Status {
@@ -236,6 +237,7 @@ mod tests {
             failure: None,
             stages: Vec::new(),
             live: None,
+            health: NodeHealth::default(),
         }
     }
 

@@ -68,13 +68,8 @@ pub(super) async fn run(config: &Arc<EdgeConfig>) -> Result<Ending, NodeError> {
     let worker = EdgeWorker::spawn(built.work, ends.outgoing.clone(), Arc::clone(&ends.spoken))
         .context("starting the pipeline's thread");
     let worker = worker.map_err(NodeError::Failed)?;
-    let outcome = work(
-        config,
-        LockStepEdge::new(built.status),
-        worker,
-        (&mut ends, &stop),
-    )
-    .await;
+    let run = LockStepEdge::new(built.status);
+    let outcome = Box::pin(work(config, run, worker, (&mut ends, &stop))).await;
     stop.cancel();
     if timeout(DRAIN, ends.close(&tasks, &leave)).await.is_err() {
         warn!("tasks still running, leaving anyway");

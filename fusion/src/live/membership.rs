@@ -209,19 +209,50 @@ impl Membership {
 
     /// Maps of different networks do not compare. Whoever came first goes on.
     fn other_network(&self, index: usize, status: &Status) -> Option<String> {
-        let others = self.members.iter().enumerate();
-        let others =
-            others.filter(|(i, m)| *i != index && m.speaker.is_some() && m.refused.is_none());
-        // A viewpoint of keypoint files runs no network, and fits any.
-        let mut networks = others
-            .filter_map(|(_, m)| Some((&m.name, &m.last_word.as_ref()?.network_hash)))
-            .filter(|(_, hash)| !hash.is_empty() && !status.network_hash.is_empty());
-        let (name, hash) = networks.find(|(_, hash)| **hash != status.network_hash)?;
+        let (name, hash) = self.others_with_network(index, status).find(|(_, hash)| {
+            // Another backend computes the same maps but for the last bits.
+            models_and_backend(hash).0 != models_and_backend(&status.network_hash).0
+        })?;
         Some(format!(
             "it runs another network than {name}: {} and {hash}",
             status.network_hash
         ))
     }
+
+    /// A warning where the viewpoint of this index computes with another backend than the first of the others.
+    pub fn other_backend(&self, index: usize) -> Option<String> {
+        let status = self.members.get(index)?.last_word.as_ref()?;
+        let (name, hash) = self.others_with_network(index, status).next()?;
+        let backends = [hash, &status.network_hash].map(|hash| models_and_backend(hash).1);
+        (backends[0] != backends[1]).then(|| {
+            format!(
+                "it computes with {}, {name} with {}: both take part; tract is several times slower, and is what an edge falls back on where it finds no ONNX Runtime",
+                backends[1], backends[0]
+            )
+        })
+    }
+
+    /// The other viewpoints that take part and run a network, with its fingerprint; none where `status` has no network:
+    /// a viewpoint of keypoint files fits any.
+    fn others_with_network<'a>(
+        &'a self,
+        index: usize,
+        status: &'a Status,
+    ) -> impl Iterator<Item = (&'a str, &'a str)> {
+        let others = self.members.iter().enumerate();
+        let others =
+            others.filter(move |(i, m)| *i != index && m.speaker.is_some() && m.refused.is_none());
+        others
+            .filter_map(|(_, m)| {
+                Some((m.name.as_str(), m.last_word.as_ref()?.network_hash.as_str()))
+            })
+            .filter(|(_, hash)| !hash.is_empty() && !status.network_hash.is_empty())
+    }
+}
+
+/// The two parts of a fingerprint of networks: which, and what computes them.
+fn models_and_backend(network_hash: &str) -> (&str, &str) {
+    network_hash.rsplit_once('+').unwrap_or((network_hash, ""))
 }
 
 #[cfg(test)]

@@ -1,5 +1,6 @@
 //! Who is let in, and who is refused by name.
 
+use farfield_proto::message::health::NodeHealth;
 use farfield_proto::message::live::LiveStatus;
 
 use super::*;
@@ -34,6 +35,7 @@ fn status(node: &str, process: u64) -> Status {
         failure: None,
         stages: Vec::new(),
         live: None,
+        health: NodeHealth::default(),
     }
 }
 
@@ -75,6 +77,31 @@ fn of_two_networks_the_first_goes_on_and_keypoint_files_fit_any() {
     members.hear(&other, 1);
     assert!(!members.is_welcome(0) && members.is_welcome(1));
     assert!(members.refused(0).unwrap().contains("n2"));
+}
+
+#[test]
+fn a_box_that_fell_back_to_tract_and_spoke_first_shuts_nobody_out() {
+    let mut members = membership();
+    let with = |node: &str, process, backend: &str| Status {
+        network_hash: format!("n1+d1+{backend}"),
+        ..status(node, process)
+    };
+    members.hear(&with("a", 1, "tract"), 0);
+    members.hear(&with("b", 2, "onnxruntime"), 0);
+    assert!(members.is_welcome(0) && members.is_welcome(1));
+    let warning = members.other_backend(1).unwrap();
+    assert!(
+        warning.contains("with onnxruntime, a with tract"),
+        "{warning}"
+    );
+    members.hear(&with("a", 1, "onnxruntime"), 1);
+    assert_eq!(members.other_backend(1), None);
+    let other = Status {
+        network_hash: "n2+d1+tract".to_owned(),
+        ..status("a", 1)
+    };
+    members.hear(&other, 2);
+    assert!(!members.is_welcome(0));
 }
 
 #[test]

@@ -3,6 +3,7 @@
 use anyhow::anyhow;
 use farfield_node::process::NodeError;
 use farfield_proto::message::Status;
+use farfield_proto::message::health::NodeHealth;
 use farfield_proto::transport::FUSION;
 use farfield_proto::venue::VenueHash;
 use farfield_proto::wire;
@@ -25,6 +26,7 @@ pub(super) fn own_status(hashes: &VenueHash) -> Status {
         failure: None,
         stages: Vec::new(),
         live: None,
+        health: NodeHealth::default(),
     }
 }
 

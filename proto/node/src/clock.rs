@@ -4,6 +4,10 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicI64, Ordering};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
+use farfield_proto::message::health::SystemClock;
+
+use crate::system_clock;
+
 /// Now, for spans.
 #[expect(
     clippy::disallowed_methods,
@@ -36,27 +40,48 @@ pub struct VenueClock {
     start: Instant,
     /// Unix time at `start`, microseconds.
     at_start_us: Arc<AtomicI64>,
-    /// How far it is wrong on purpose, microseconds.
-    shift_us: i64,
+    fault: ClockFault,
+}
+
+/// What is wrong with a clock on purpose; by default nothing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct ClockFault {
+    /// How far the system's time is off, microseconds.
+    pub shift_us: i64,
+    /// After how many seconds somebody sets it, and by how many microseconds.
+    pub set: Option<(u32, i64)>,
+    /// What the system says of its clock; `None`: what it really says.
+    pub synchronised: Option<bool>,
+}
+
+impl ClockFault {
+    fn shift_us(&self, since_start: Duration) -> i64 {
+        let set = self
+            .set
+            .filter(|(after_s, _)| since_start >= Duration::from_secs(u64::from(*after_s)));
+        self.shift_us
+            .saturating_add(set.map_or(0, |(_, by_us)| by_us))
+    }
 }
 
 impl VenueClock {
     /// Starts with the system's time.
     pub fn start() -> Self {
-        Self::put_forward(0)
+        Self::start_with(ClockFault::default())
     }
 
-    /// Starts with the system's time put forward by `shift_us` microseconds, and keeps that distance.
+    /// Starts with a system's time of which `fault` is wrong.
     #[cfg(feature = "study")]
-    pub fn start_shifted(shift_us: i64) -> Self {
-        Self::put_forward(shift_us)
+    pub fn start_wrong(fault: ClockFault) -> Self {
+        Self::start_with(fault)
     }
 
-    fn put_forward(shift_us: i64) -> Self {
+    fn start_with(fault: ClockFault) -> Self {
+        let start_us = unix_us().saturating_add(fault.shift_us(Duration::ZERO));
         Self {
             start: now(),
-            at_start_us: Arc::new(AtomicI64::new(unix_us().saturating_add(shift_us))),
-            shift_us,
+            at_start_us: Arc::new(AtomicI64::new(start_us)),
+            fault,
         }
     }
 
@@ -75,10 +100,24 @@ impl VenueClock {
 
     /// Follows the system's clock by a little; to be called once a second.
     pub fn discipline(&self) {
-        let shown_us = unix_us().saturating_add(self.shift_us);
-        let error_us = shown_us.saturating_sub(self.now_us());
-        let step_us = error_us.clamp(-SLEW_US_PER_S, SLEW_US_PER_S);
+        let step_us = self.ahead_us().clamp(-SLEW_US_PER_S, SLEW_US_PER_S);
         self.at_start_us.fetch_add(step_us, Ordering::Relaxed);
+    }
+
+    /// How the system's clock is, and by how much it is ahead of this one.
+    pub fn system(&self) -> SystemClock {
+        let said = system_clock::read();
+        SystemClock {
+            synchronised: self.fault.synchronised.unwrap_or(said.synchronised),
+            ahead_us: self.ahead_us(),
+            ..said
+        }
+    }
+
+    fn ahead_us(&self) -> i64 {
+        let since_start = now().duration_since(self.start);
+        let shown_us = unix_us().saturating_add(self.fault.shift_us(since_start));
+        shown_us.saturating_sub(self.now_us())
     }
 
     fn elapsed_us(&self) -> i64 {
@@ -99,7 +138,7 @@ mod tests {
         let clock = VenueClock {
             start: now().checked_sub(Duration::from_millis(5)).unwrap(),
             at_start_us: Arc::new(AtomicI64::new(i64::MAX)),
-            shift_us: 0,
+            fault: ClockFault::default(),
         };
         assert_eq!(clock.now_us(), i64::MAX);
         clock.discipline();

@@ -10,6 +10,7 @@
 //! | [`clock`] | the only reader of the machine's clock; the venue's clock, which never jumps |
 //! | [`histogram`] | how long things took, over days, in bounded room |
 //! | [`log`] | what a node logs, and how it listens in on a library's log |
+//! | [`system_clock`] | whether NTP or PTP keeps the machine's clock right |
 //! | [`runtime`] | starting the runtime, and ending it whatever still waits |
 //!
 //! Nothing here knows what a node works on: what only edges or only fusion need lies with them.
@@ -22,3 +23,4 @@ pub mod log;
 pub mod process;
 pub mod runtime;
 pub mod session;
+pub mod system_clock;

@@ -70,13 +70,6 @@ fn check_patch(patch: &PersonPatch) -> Result<(), &'static str> {
 }
 
 impl Message for BoxSet {
-    fn write(&self, version: u8, bytes: Vec<u8>) -> postcard::Result<Vec<u8>> {
-        match version {
-            ..=3 => postcard::to_extend(&BoxSet3::of(self), bytes),
-            _ => postcard::to_extend(self, bytes),
-        }
-    }
-
     fn read(version: u8, bytes: &[u8]) -> postcard::Result<(Self, &[u8])> {
         match version {
             ..=3 => postcard::take_from_bytes(bytes).map(|(set, rest)| (BoxSet3::read(set), rest)),
@@ -193,9 +186,10 @@ fn check_pose(pose: &PersonPose) -> Result<(), &'static str> {
 
 impl Message for Status {
     fn write(&self, version: u8, bytes: Vec<u8>) -> postcard::Result<Vec<u8>> {
+        let bytes = postcard::to_extend(self, bytes)?;
         match version {
-            ..=3 => postcard::to_extend(&Status3::of(self), bytes),
-            _ => postcard::to_extend(self, bytes),
+            ..=4 => Ok(bytes),
+            _ => postcard::to_extend(&self.health, bytes),
         }
     }
 
@@ -204,7 +198,12 @@ impl Message for Status {
             ..=3 => {
                 postcard::take_from_bytes(bytes).map(|(status, rest)| (Status3::read(status), rest))
             }
-            _ => postcard::take_from_bytes(bytes),
+            4 => postcard::take_from_bytes(bytes),
+            _ => {
+                let (status, rest) = postcard::take_from_bytes::<Self>(bytes)?;
+                let (health, rest) = postcard::take_from_bytes(rest)?;
+                Ok((Self { health, ..status }, rest))
+            }
         }
     }
 
@@ -232,6 +231,7 @@ impl Message for Status {
         )?;
         let in_order = self.ticks.is_none_or(|[first, end]| first <= end);
         ensure(in_order, "ticks that end before they begin")?;
+        self.health.check()?;
         self.live.iter().try_for_each(check_live)
     }
 }

@@ -9,6 +9,7 @@ mod check;
 pub mod decision;
 pub mod fill;
 pub mod handout;
+pub mod health;
 pub mod identity_event;
 pub mod live;
 mod older;
@@ -20,6 +21,7 @@ use serde::{Deserialize, Serialize};
 use crate::bounding_box::{BoundingBox, BoxRate};
 use crate::grid::CellGrid;
 use crate::id::{CameraIndex, PersonId, SessionId, ViewpointIndex};
+use crate::message::health::NodeHealth;
 use crate::message::live::{LiveBoxes, LiveStatus, PatchTiming};
 use crate::order_statistics::percentile;
 use crate::patch::EncodedMaps;
@@ -249,6 +251,9 @@ pub struct Status {
     pub stages: Vec<StageTime>,
     /// How it runs live; `None` in lock-step.
     pub live: Option<LiveStatus>,
+    /// How it is otherwise; on the wire it follows the fields above.
+    #[serde(skip)]
+    pub health: NodeHealth,
 }
 
 /// Most stages in one status.

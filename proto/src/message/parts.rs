@@ -38,10 +38,10 @@ pub fn split<T>(
     groups
 }
 
-/// The messages of a box set for a node that reads `version`: its persons in parts, numbered. Version 3 has no parts.
+/// The messages of a box set for a node that reads `version`: its persons in parts, numbered.
 pub fn box_messages(set: &BoxSet, version: u8) -> Vec<Vec<u8>> {
     let whole = wire::encode_as(set, version);
-    if whole.len() <= MESSAGE_BYTES || version <= 3 {
+    if whole.len() <= MESSAGE_BYTES {
         return vec![whole];
     }
     let mut probe = BoxSet {

@@ -3,6 +3,7 @@
 use crate::bounding_box::{BoundingBox, BoxRate};
 use crate::grid::CellGrid;
 use crate::id::{CameraIndex, PersonId, SessionId, ViewpointIndex};
+use crate::message::health::{LinkHealth, NodeHealth, SystemClock};
 use crate::message::live::{
     BoxEcho, CameraHealth, CameraStatus, EdgeLink, HeardPatches, LiveBoxes, LiveStatus, PatchTiming,
 };
@@ -196,5 +197,20 @@ pub(super) fn status() -> Status {
         failure: Some("lost".to_owned()),
         stages: vec![stage(3)],
         live: Some(live_status()),
+        health: NodeHealth {
+            system_clock: Some(SystemClock {
+                synchronised: true,
+                max_error_us: Some(1_500),
+                ahead_us: -40,
+            }),
+            certificate_ends_s: Some(1_800_000_000),
+            follows: Some(SessionId(9)),
+            links: vec![LinkHealth {
+                clock_uncertainty_us: Some(20_000),
+                clock_correction_us: Some(-150),
+                dropped: 6,
+            }],
+            notices: vec!["the disk is full".to_owned()],
+        },
     }
 }

@@ -11,11 +11,13 @@ use std::path::PathBuf;
 use super::fixture::{box_set, patch_set, pose_set, sighting_set, status};
 use super::*;
 use crate::id::{SessionId, ViewpointIndex};
+use crate::message::Status;
 use crate::message::decision::{Decision, UsedSet};
 use crate::message::fill::{FillRequest, Filled, SetKind, StoredSet};
 use crate::message::handout::{
     Chunk, FileKind, FileList, HandoutRequest, ListSignature, SharedFile, SignedList,
 };
+use crate::message::health::NodeHealth;
 use crate::message::identity_event::tests::every_event;
 use crate::patch::{CompressionLevel, Decoder, EncodedMaps, Encoder, Maps, quantize};
 use crate::tick::Tick;
@@ -98,8 +100,14 @@ fn the_bytes_of_every_message_stay_as_they_are_in_every_version() {
         .iter_mut()
         .flat_map(|live| &mut live.cameras);
     cameras.for_each(|camera| camera.reason = None);
+    let without_health = Status {
+        health: NodeHealth::default(),
+        ..status.clone()
+    };
+    without_reasons.health = NodeHealth::default();
     check_by_version("status", &status, |version| match version {
         ..=3 => &without_reasons,
+        4 => &without_health,
         _ => &status,
     });
     check("identity_events", &every_event());

@@ -10,6 +10,7 @@ use crate::id::{CameraIndex, PersonId, SessionId, ViewpointIndex};
 use crate::message::decision::Decision;
 use crate::message::fill::{FillRequest, Filled};
 use crate::message::handout::{Chunk, FileList, HandoutRequest, SignedList};
+use crate::message::health::NodeHealth;
 use crate::message::identity_event::IdentityEventSet;
 use crate::message::live::{BoxEcho, HeardPatches, LiveBoxes, LiveStatus, PatchTiming};
 use crate::message::{
@@ -281,6 +282,11 @@ fn any_status() -> impl Strategy<Value = Status> {
                     held_back: process,
                     ..LiveStatus::default()
                 }),
+                health: NodeHealth {
+                    certificate_ends_s: failed.then_some(process),
+                    follows: viewpoint.map(|v| SessionId(v.into())),
+                    ..NodeHealth::default()
+                },
             }
         })
 }

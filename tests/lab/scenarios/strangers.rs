@@ -7,6 +7,7 @@ use std::process::{Child, Stdio};
 use std::time::Duration;
 
 use farfield_proto::id::ViewpointIndex;
+use farfield_proto::message::health::NodeHealth;
 use farfield_proto::message::{PoseSet, Status};
 use farfield_proto::transport::{EdgeTransport, Identity};
 use farfield_proto::wire;
@@ -300,6 +301,7 @@ async fn an_edge_that_calls_itself_by_anothers_name_under_its_own_key_is_not_bel
         failure: None,
         stages: Vec::new(),
         live: None,
+        health: NodeHealth::default(),
     };
     let lie = async {
         loop {

@@ -18,6 +18,7 @@ use std::time::Duration;
 use anyhow::{Context as _, anyhow};
 use farfield_node::clock::VenueClock;
 use farfield_node::process::{Ending, NodeError, say};
+use farfield_proto::message::health::NodeHealth;
 use farfield_proto::message::live::{EdgeLink, LiveStatus};
 use farfield_proto::message::{Order, Status};
 use farfield_proto::wire::{self, SpokenVersion, WireError};
@@ -179,8 +180,22 @@ impl LiveEdge {
             ..self.shared.describe(now_us)
         });
         self.status.tick = self.shared.last_tick();
+        self.status.health = self.health();
         self.shared
             .send(MessageKind::Status, self.shared.encode(&self.status));
+    }
+
+    /// How the node is, beside its work.
+    fn health(&self) -> NodeHealth {
+        let mut health = NodeHealth {
+            system_clock: Some(self.shared.clock.system()),
+            follows: self.shared.session(),
+            ..NodeHealth::default()
+        };
+        if let Some(failure) = self.shared.ring_failure() {
+            health.notice(failure);
+        }
+        health
     }
 
     /// Counts a message that cannot be read, and says once why when it is of another version.

@@ -9,6 +9,7 @@ use farfield_node::files::load_venue;
 use farfield_node::process::{Ending, NodeError};
 use farfield_proto::bounding_box::{BoundingBox, BoxRate};
 use farfield_proto::id::{CameraIndex, PersonId, SessionId, ViewpointIndex};
+use farfield_proto::message::health::NodeHealth;
 use farfield_proto::message::live::{EdgeLink, LiveBoxes, LiveStatus};
 use farfield_proto::message::{
     BoxSet, CameraBox, Order, PatchSet, PersonBoxes, SightingSet, Status,
@@ -178,6 +179,7 @@ impl Script {
                 edges,
                 ..LiveStatus::default()
             }),
+            health: NodeHealth::default(),
         }
     }
 
@@ -240,7 +242,7 @@ fn start_edge(venue: &Path, endpoint: &str) -> JoinHandle<Result<Ending, NodeErr
         ticks: None,
         managed: false,
         #[cfg(feature = "study")]
-        clock_shift_ms: 0,
+        clock_fault: crate::node::config::ClockFaultArgs::default(),
         ring: Some(venue.with_file_name("ring")),
     };
     let config = Arc::new(EdgeConfig::load(args, Arc::new(RecordedSources)).unwrap());

@@ -5,24 +5,34 @@
 //!
 //! ```text
 //!   round trip = (t4 - t1) - (t3 - t2)
-//!   offset     = ((t2 - t1) + (t3 - t4)) / 2       the edge's clock less fusion's
+//!   t3 - t4 <= offset <= t2 - t1                   the edge's clock less fusion's
 //! ```
 //!
-//! The error of the offset is at most half of the round trip, and least where nothing waited in a queue: so
-//! the exchange with the shortest round trip of the last seconds is believed.
+//! Neither way takes less than no time, whatever share of the round trip each has: that is all that an exchange proves.
+//! The exchanges of the last seconds prove it best where nothing waited in a queue, each way for itself. Where the system
+//! says that NTP or PTP keeps the edge's clock right it is believed as far as the bounds let it; else the middle is
+//! assumed, as NTP does.
 
 use std::collections::VecDeque;
 
+use farfield_proto::message::health::SystemClock;
 use farfield_proto::message::live::MAX_CLOCK_CORRECTION_US;
 
+use super::agreement::OffsetBounds;
 use crate::live::{Micros, SECOND_US};
 
 /// How long an exchange counts.
 const LIFE_US: Micros = 8 * SECOND_US;
-/// The best exchange of each of these spans is kept.
+/// The best of each of these spans is kept.
 const SPAN_US: Micros = SECOND_US / 4;
+/// How fast two oscillators drift apart, parts per million: what an exchange proves fades by so much.
+const DRIFT_PPM: Micros = 200;
 /// Exchanges after which the clock is known.
 const ENOUGH: u32 = 4;
+/// An exchange that contradicts the others by more was made with a clock that has been set.
+const CONTRADICTION_US: Micros = 1_000;
+/// So many of them in a row, and the ones before are of another clock.
+const CONTRADICTIONS: usize = 3;
 /// The correction is told anew when it is wrong by more: less is the restlessness of queues.
 const DEAD_BAND_US: Micros = 500;
 /// Largest offset that is measured: a machine that was never told the time is in 1970.
@@ -45,13 +55,13 @@ pub struct Exchange {
     pub arrived_us: Micros,
 }
 
+/// What an exchange, or the best of several, has shown.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[expect(clippy::struct_field_names, reason = "the unit is part of each name")]
 struct Measured {
     at_us: Micros,
     round_trip_us: Micros,
     /// Of the edge's own clock, before any correction.
-    offset_us: Micros,
+    offset: OffsetBounds,
 }
 
 /// What is known of one edge's clock.
@@ -59,10 +69,16 @@ struct Measured {
 pub struct EdgeClock {
     /// The best of each span, oldest first.
     best: VecDeque<Measured>,
+    /// The newest exchanges, where they contradict those.
+    contradictions: Vec<Measured>,
     exchanges: u32,
     newest_round_trip_us: Option<Micros>,
     /// Round trips as they mostly are, microseconds: a running mean.
     usual_round_trip_us: f64,
+    /// What the edge says of its system's clock.
+    system: Option<SystemClock>,
+    /// What the clocks of the venue's systems agree on, by fusion's clock.
+    common_us: Micros,
     told_us: Option<Micros>,
 }
 
@@ -77,47 +93,85 @@ impl EdgeClock {
         let weight = if self.exchanges == 0 { 1.0 } else { 0.05 };
         self.usual_round_trip_us += weight * (round_trip_us - self.usual_round_trip_us);
         self.exchanges = self.exchanges.saturating_add(1);
-        let span = measured.at_us.div_euclid(SPAN_US);
-        match self.best.back_mut() {
-            Some(last) if last.at_us.div_euclid(SPAN_US) >= span => {
-                if measured.round_trip_us <= last.round_trip_us {
-                    *last = Measured {
-                        at_us: last.at_us,
-                        ..measured
-                    };
-                }
+        if self.contradicts(&measured) {
+            self.contradictions.push(measured);
+            if self.contradictions.len() < CONTRADICTIONS {
+                return;
             }
-            _ => self.best.push_back(measured),
+            self.best.clear();
+            for measured in std::mem::take(&mut self.contradictions) {
+                self.keep(measured);
+            }
+        } else {
+            self.contradictions.clear();
+            self.keep(measured);
         }
-        let oldest_us = measured.at_us - LIFE_US;
-        while self.best.front().is_some_and(|m| m.at_us < oldest_us) {
-            self.best.pop_front();
-        }
-        if let Some(offset_us) = self.offset_us() {
-            let told_us = self.told_us.unwrap_or(0);
-            let is_wrong = (offset_us + told_us).abs() > DEAD_BAND_US;
-            self.told_us = Some(if is_wrong { -offset_us } else { told_us });
-        }
+        self.tell();
+    }
+
+    /// Takes what the edge says of its system's clock.
+    pub fn hear_system(&mut self, system: Option<SystemClock>) {
+        self.system = system;
+        self.tell();
+    }
+
+    /// Takes what the clocks of all systems agree on.
+    pub fn agree_on(&mut self, common_us: Micros) {
+        self.common_us = common_us;
+        self.tell();
     }
 
     /// Forgets everything: another edge stands in the place.
     pub fn clear(&mut self) {
-        *self = Self::default();
+        *self = Self {
+            common_us: self.common_us,
+            ..Self::default()
+        };
     }
 
     /// Whether enough is known to use what the edge says.
     pub fn is_known(&self) -> bool {
-        self.exchanges >= ENOUGH
+        self.exchanges >= ENOUGH && !self.best.is_empty()
     }
 
-    /// The edge's own clock less fusion's, before any correction; `None` until it is known.
+    /// Whether the edge's system says that something keeps its clock right.
+    pub fn is_synchronised(&self) -> bool {
+        self.system.is_some_and(|system| system.synchronised)
+    }
+
+    /// The edge's own clock less fusion's, before any correction, as it is believed; `None` until it is known.
     pub fn offset_us(&self) -> Option<Micros> {
-        self.shortest().map(|m| m.offset_us)
+        let bounds = self.bounds()?;
+        Some(match self.system {
+            Some(system) if system.synchronised => {
+                bounds.nearest(self.common_us.saturating_sub(system.ahead_us))
+            }
+            _ => bounds.middle_us(),
+        })
+    }
+
+    /// The clock of the edge's system less fusion's, as it is believed.
+    pub fn system_offset_us(&self) -> Option<Micros> {
+        let ahead_us = self.system.map_or(0, |system| system.ahead_us);
+        Some(self.offset_us()?.saturating_add(ahead_us))
+    }
+
+    /// How far [`Self::offset_us`] may be from the truth, microseconds; `None` until it is known.
+    pub fn uncertainty_us(&self) -> Option<Micros> {
+        let (bounds, offset_us) = (self.bounds()?, self.offset_us()?);
+        Some((offset_us - bounds.lo_us).max(bounds.hi_us - offset_us))
+    }
+
+    /// Where the offset of the clock of the edge's system lies; `None` until it is known.
+    pub fn system_bounds(&self) -> Option<OffsetBounds> {
+        let ahead_us = self.system.map_or(0, |system| system.ahead_us);
+        Some(self.bounds()?.moved(ahead_us))
     }
 
     /// The shortest round trip of the last seconds; `None` until it is known.
     pub fn round_trip_us(&self) -> Option<Micros> {
-        self.shortest().map(|m| m.round_trip_us)
+        let round_trips = self.best.iter().map(|m| m.round_trip_us);
+        round_trips.min().filter(|_| self.is_known())
     }
 
     /// The round trip of the newest exchange.
@@ -137,15 +191,62 @@ impl EdgeClock {
         (told_us.unsigned_abs() <= MAX_CLOCK_CORRECTION_US.unsigned_abs()).then_some(told_us)
     }
 
-    /// By how much the clock is off at least, whichever share of the round trip each way takes.
+    /// By how much the clock of the edge's system is off at least, whichever share of the round trip each way takes.
     pub fn surely_off_us(&self) -> Micros {
-        let of = |m: &Measured| (m.offset_us.abs() - m.round_trip_us / 2).max(0);
-        self.shortest().map_or(0, of)
+        self.system_bounds()
+            .map_or(0, |bounds| bounds.beyond_us(self.common_us))
     }
 
-    fn shortest(&self) -> Option<&Measured> {
-        let best = self.best.iter().min_by_key(|m| m.round_trip_us);
-        best.filter(|_| self.is_known())
+    /// What all exchanges of the last seconds prove together.
+    fn bounds(&self) -> Option<OffsetBounds> {
+        let newest_us = self.best.back()?.at_us;
+        let faded = self.best.iter().map(|m| {
+            let fade_us = (newest_us - m.at_us).max(0) * DRIFT_PPM / SECOND_US;
+            (m.offset.lo_us - fade_us, m.offset.hi_us + fade_us)
+        });
+        let (lo_us, hi_us) = faded.reduce(|a, b| (a.0.max(b.0), a.1.min(b.1)))?;
+        let bounds = if lo_us <= hi_us {
+            OffsetBounds { lo_us, hi_us }
+        } else {
+            // It drifts faster than that: as far as can be told it is in between.
+            let middle_us = hi_us + (lo_us - hi_us) / 2;
+            OffsetBounds {
+                lo_us: middle_us,
+                hi_us: middle_us,
+            }
+        };
+        self.is_known().then_some(bounds)
+    }
+
+    fn contradicts(&self, measured: &Measured) -> bool {
+        self.bounds().is_some_and(|bounds| {
+            let OffsetBounds { lo_us, hi_us } = measured.offset;
+            (lo_us - bounds.hi_us).max(bounds.lo_us - hi_us) > CONTRADICTION_US
+        })
+    }
+
+    fn keep(&mut self, measured: Measured) {
+        let span = measured.at_us.div_euclid(SPAN_US);
+        match self.best.back_mut() {
+            Some(last) if last.at_us.div_euclid(SPAN_US) >= span => {
+                last.round_trip_us = last.round_trip_us.min(measured.round_trip_us);
+                last.offset.lo_us = last.offset.lo_us.max(measured.offset.lo_us);
+                last.offset.hi_us = last.offset.hi_us.min(measured.offset.hi_us);
+            }
+            _ => self.best.push_back(measured),
+        }
+        let oldest_us = measured.at_us - LIFE_US;
+        while self.best.front().is_some_and(|m| m.at_us < oldest_us) {
+            self.best.pop_front();
+        }
+    }
+
+    fn tell(&mut self) {
+        if let Some(offset_us) = self.offset_us() {
+            let told_us = self.told_us.unwrap_or(0);
+            let is_wrong = (offset_us + told_us).abs() > DEAD_BAND_US;
+            self.told_us = Some(if is_wrong { -offset_us } else { told_us });
+        }
     }
 }
 
@@ -159,13 +260,15 @@ fn measure(exchange: &Exchange) -> Option<Measured> {
     } = *exchange;
     let t2 = t3.saturating_sub(held_us);
     let round_trip_us = t4.saturating_sub(t1).saturating_sub(held_us);
-    let offset_us = (t2.saturating_sub(t1)).saturating_add(t3.saturating_sub(t4)) / 2;
+    let (lo_us, hi_us) = (t3.saturating_sub(t4), t2.saturating_sub(t1));
     let possible = (0..LONGEST_US).contains(&round_trip_us) && held_us >= 0;
-    let near = offset_us.abs() < LARGEST_US && correction_us.abs() < LARGEST_US;
-    (possible && near).then_some(Measured {
+    let near = [lo_us, hi_us, correction_us]
+        .iter()
+        .all(|us| us.unsigned_abs() < LARGEST_US.unsigned_abs());
+    (possible && near).then(|| Measured {
         at_us: t4,
         round_trip_us,
-        offset_us: offset_us - correction_us,
+        offset: OffsetBounds { lo_us, hi_us }.moved(-correction_us),
     })
 }
 
@@ -259,6 +362,73 @@ mod tests {
         assert!(!clock.is_known());
     }
 
+    fn synchronised(ahead_us: Micros) -> SystemClock {
+        SystemClock {
+            synchronised: true,
+            max_error_us: None,
+            ahead_us,
+        }
+    }
+
+    #[test]
+    fn a_clock_that_is_kept_right_is_not_corrected_for_a_lopsided_link() {
+        for (there_us, back_us) in [(10_000, 30_000), (10_000, 90_000), (90_000, 10_000)] {
+            let mut clock = EdgeClock::default();
+            (0..100).for_each(|i| clock.add(&exchange(i * 16_667, 0, there_us, back_us)));
+            let assumed_us = clock.correction_us().unwrap();
+            assert_eq!(
+                Micros::from(assumed_us).abs(),
+                (there_us - back_us).abs() / 2
+            );
+            clock.hear_system(Some(synchronised(0)));
+            assert_eq!(
+                (clock.offset_us(), clock.correction_us()),
+                (Some(0), Some(0))
+            );
+            assert_eq!(clock.uncertainty_us(), Some(there_us.max(back_us)));
+        }
+    }
+
+    #[test]
+    fn what_is_proved_is_corrected_whatever_the_system_says() {
+        let mut clock = EdgeClock::default();
+        clock.hear_system(Some(synchronised(0)));
+        (0..100).for_each(|i| clock.add(&exchange(i * 16_667, 50_000, 10_000, 30_000)));
+        // It is 20 ms ahead at least.
+        assert_eq!(clock.correction_us(), Some(-20_000));
+        assert_eq!(clock.surely_off_us(), 20_000);
+    }
+
+    #[test]
+    fn a_clock_that_jumps_is_followed_within_a_few_exchanges() {
+        let mut clock = EdgeClock::default();
+        (0..600).for_each(|i| clock.add(&exchange(i * 16_667, -2_000_000, 30_000, 10_000)));
+        assert!(clock.surely_off_us() > 1_900_000);
+        (600..603).for_each(|i| clock.add(&exchange(i * 16_667, 0, 30_000, 10_000)));
+        assert_eq!(clock.surely_off_us(), 0);
+        assert!(clock.offset_us().unwrap().abs() <= 10_000);
+    }
+
+    #[test]
+    fn a_system_that_was_set_right_is_off_no_more_though_the_edge_goes_on_by_its_old_time() {
+        let mut clock = EdgeClock::default();
+        let exchanges = |clock: &mut EdgeClock, from: i64| {
+            (from..from + 60)
+                .for_each(|i| clock.add(&exchange(i * 16_667, -2_000_000, 30_000, 10_000)));
+        };
+        clock.hear_system(Some(synchronised(0)));
+        exchanges(&mut clock, 0);
+        assert!(clock.surely_off_us() > 1_900_000);
+        clock.hear_system(Some(synchronised(2_000_000)));
+        assert_eq!(clock.surely_off_us(), 0);
+        exchanges(&mut clock, 60);
+        assert_eq!(
+            clock.correction_us(),
+            Some(2_000_000),
+            "exact, on a lopsided link"
+        );
+    }
+
     proptest! {
         #[test]
         fn queues_hardly_disturb_the_offset(
@@ -270,8 +440,10 @@ mod tests {
                 clock.add(&exchange(i * 16_667, offset, 5_000 + there, 5_000 + back));
             }
             let found = clock.offset_us().unwrap();
+            // Each way takes 5 ms at least.
+            prop_assert!((found - offset).abs() <= clock.uncertainty_us().unwrap() - 5_000);
             let round_trip = clock.round_trip_us().unwrap();
-            prop_assert!((found - offset).abs() <= (round_trip - 10_000) / 2 + 1);
+            prop_assert!(clock.uncertainty_us().unwrap() <= round_trip / 2 + LIFE_US * DRIFT_PPM / SECOND_US + 1);
             prop_assert!(Micros::from(clock.correction_us().unwrap() + found as i32).abs() <= DEAD_BAND_US);
             prop_assert!(clock.best.len() <= (LIFE_US / SPAN_US + 2) as usize);
         }

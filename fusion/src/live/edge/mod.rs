@@ -1,9 +1,12 @@
 //! How fusion hears one edge: its clock, its delays, what was sent to it, and what went wrong.
 
+pub mod agreement;
 pub mod clock;
+pub mod common_clock;
 
 use std::collections::VecDeque;
 
+use farfield_proto::message::health::{LinkHealth, SystemClock};
 use farfield_proto::message::live::{EdgeLink, HeardPatches, LiveBoxes, PatchTiming};
 use farfield_proto::message::{BoxSet, PatchSet};
 use farfield_proto::tick::Tick;
@@ -176,6 +179,33 @@ impl Edge {
         }
     }
 
+    /// Takes what the edge says of its system's clock.
+    pub fn hear_system_clock(&mut self, system: Option<SystemClock>) {
+        self.clock.hear_system(system);
+        self.judge_clock();
+    }
+
+    /// Takes the time that the venue's systems agree on, less the one that the run goes by.
+    pub fn agree_on_clock(&mut self, common_us: Micros) {
+        self.clock.agree_on(common_us);
+        self.judge_clock();
+    }
+
+    /// What is known of its clock.
+    pub fn clock(&self) -> &EdgeClock {
+        &self.clock
+    }
+
+    /// For the status: what newer nodes are told of the link.
+    pub fn link_health(&self) -> LinkHealth {
+        let uncertainty_us = self.clock.uncertainty_us();
+        LinkHealth {
+            clock_uncertainty_us: uncertainty_us.and_then(|us| u32::try_from(us).ok()),
+            clock_correction_us: self.clock.correction_us(),
+            dropped: 0,
+        }
+    }
+
     /// Takes note of a patch set, used or not.
     pub fn hear_patches(&mut self, set: &PatchSet, came: Came, time: &TickTime) -> Trip {
         self.hear(set.tick, came, time);
@@ -323,10 +353,15 @@ impl Edge {
 
     /// Why its clock is refused, if it is.
     pub fn refused_clock(&self) -> Option<String> {
-        let offset_ms = self.clock.offset_us().unwrap_or(0) as f64 / 1e3;
+        let offset_ms = self.clock.system_offset_us().unwrap_or(0) as f64 / 1e3;
         self.is_clock_refused.then(|| {
+            let remedy = if self.clock.is_synchronised() {
+                "its system says that NTP or PTP keeps it right, so look at where that gets its time from"
+            } else {
+                "set it, by NTP or PTP"
+            };
             format!(
-                "its clock is off by {offset_ms:.0} ms, at most {} are borne (`clock_bound_ms`): set it, by NTP or PTP",
+                "its clock is off by {offset_ms:.0} ms, at most {} are borne (`clock_bound_ms`): {remedy}",
                 self.clock_bound_us / 1000
             )
         })

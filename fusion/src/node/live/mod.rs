@@ -1,6 +1,7 @@
 //! Live: nobody waits for anybody. Edges come and go, messages get lost, clocks are off, and at every tick
 //! there are poses and boxes.
 
+mod clocks;
 mod context;
 mod delays;
 mod receiving;

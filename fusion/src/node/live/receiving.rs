@@ -164,6 +164,9 @@ impl LiveFusion<'_> {
                 self.edges[index].start_again();
                 self.edges[index].expect(self.expect_until_us);
                 debug!(node = status.node, "another node speaks");
+                if let Some(warning) = self.members.other_backend(index) {
+                    say(format_args!("viewpoint {}: {warning}", status.node));
+                }
             }
             Said::Unknown => {
                 debug!(node = status.node, "not a viewpoint of the venue");

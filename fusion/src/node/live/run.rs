@@ -26,6 +26,7 @@ use crate::align::TickGroup;
 use crate::export::summary::CameraSummary;
 use crate::live::cameras::Cameras;
 use crate::live::edge::Edge;
+use crate::live::edge::common_clock::CommonClock;
 use crate::live::gather::LiveGather;
 use crate::live::membership::Membership;
 use crate::live::pace::Pace;
@@ -96,6 +97,8 @@ pub(super) struct LiveFusion<'a> {
     pub(super) unsent: u64,
     pub(super) refusals: Vec<Option<String>>,
     pub(super) cameras: Cameras,
+    pub(super) common_clock: CommonClock,
+    pub(super) is_own_clock_suspected: bool,
     /// Until when edges are waited for of which nothing has come yet.
     pub(super) expect_until_us: Micros,
     /// Results of detection passes that came too late.
@@ -152,6 +155,8 @@ impl<'a> LiveFusion<'a> {
             core_stages: Vec::new(),
             last: None,
             cameras: Cameras::default(),
+            common_clock: CommonClock::default(),
+            is_own_clock_suspected: false,
             without_input: 0,
             shedding: LiveShedding::default(),
             unreadable: 0,
@@ -209,6 +214,7 @@ impl<'a> LiveFusion<'a> {
                     self.beat(ends);
                     if n_beats.is_multiple_of(BEATS_PER_STATUS) {
                         self.interceptor.clock.discipline();
+                        self.weigh_clocks();
                         let now_us = self.interceptor.clock.now_us();
                         let status = self.status(self.config, now_us);
                         let links = status.live.as_ref().map(|live| live.edges.clone());

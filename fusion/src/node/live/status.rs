@@ -30,6 +30,7 @@ impl LiveFusion<'_> {
                 recording_failure: self.interceptor.wiretap.failure().map(wire::cut_text),
                 ..LiveStatus::default()
             }),
+            health: self.health(),
             ..own_status(&config.venue.hashes)
         }
     }

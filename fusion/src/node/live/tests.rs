@@ -8,6 +8,7 @@ use farfield_node::endpoints::Reach;
 use farfield_node::process::Managed;
 use farfield_proto::calibration::Calibration;
 use farfield_proto::id::SessionId;
+use farfield_proto::message::health::NodeHealth;
 use farfield_proto::message::live::{BoxEcho, EdgeLink, PatchTiming};
 use farfield_proto::message::{BoxSet, Order, PatchSet, PoseSet, Status};
 use farfield_proto::tick::Tick;
@@ -100,6 +101,7 @@ impl Scripted {
             failure: None,
             stages: Vec::new(),
             live: None,
+            health: NodeHealth::default(),
         }
     }
 

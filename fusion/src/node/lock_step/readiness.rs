@@ -257,6 +257,7 @@ impl Readiness {
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
+    use farfield_proto::message::health::NodeHealth;
 
     pub(in crate::node::lock_step) fn readiness(asked: Option<Range<Tick>>) -> Readiness {
         let nodes = [("a".to_owned(), None), ("b".to_owned(), None)].into();
@@ -287,6 +288,7 @@ pub(super) mod tests {
             failure: None,
             stages: Vec::new(),
             live: None,
+            health: NodeHealth::default(),
         }
     }
 

@@ -216,6 +216,7 @@ pub(super) fn zenoh_error(error: zenoh::Error) -> anyhow::Error {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use farfield_proto::message::health::NodeHealth;
 
     fn status_of(node: &str) -> Status {
         Status {
@@ -234,6 +235,7 @@ mod tests {
             failure: None,
             stages: Vec::new(),
             live: None,
+            health: NodeHealth::default(),
         }
     }
 

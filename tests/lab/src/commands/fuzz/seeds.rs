@@ -20,6 +20,7 @@ use farfield_proto::message::fill::{FillRequest, Filled, SetKind, StoredSet};
 use farfield_proto::message::handout::{
     Chunk, FileKind, FileList, HandoutRequest, ListSignature, SharedFile, SignedList,
 };
+use farfield_proto::message::health::NodeHealth;
 use farfield_proto::message::identity_event::{
     Change, DropReason, IdentityEvent, IdentityEventSet, Likeness,
 };
@@ -349,6 +350,7 @@ fn status() -> Status {
             every_nth_tick: 1,
             ..LiveStatus::default()
         }),
+        health: NodeHealth::default(),
     }
 }
 

@@ -6,6 +6,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use farfield_edge::box_parts::BoxParts;
 use farfield_proto::id::{CameraIndex, SessionId, ViewpointIndex};
 use farfield_proto::key::Keys;
+use farfield_proto::message::health::NodeHealth;
 use farfield_proto::message::live::{BoxEcho, LiveStatus, PatchTiming};
 use farfield_proto::message::{BoxSet, Order, PatchSet, PersonPatch, SightingSet, Status};
 use farfield_proto::tick::Tick;
@@ -243,6 +244,7 @@ fn status_of(venue: &Venue, index: usize, ticks: i64) -> Status {
             every_nth_tick: 1,
             ..LiveStatus::default()
         }),
+        health: NodeHealth::default(),
     }
 }
 

@@ -1,0 +1,59 @@
+//! What fusion makes of the clocks of all machines, once a second.
+
+use farfield_node::process::say;
+use farfield_proto::message::health::NodeHealth;
+
+use super::run::LiveFusion;
+use crate::live::Micros;
+use crate::live::edge::Edge;
+
+impl LiveFusion<'_> {
+    /// Weighs the clocks of all systems, and says when it is this machine's that seems wrong.
+    pub(super) fn weigh_clocks(&mut self) {
+        for status in self.members.last_words() {
+            let viewpoint = self.config.venue.viewpoint_named(&status.node);
+            if let Some(edge) = viewpoint.and_then(|v| self.edges.get_mut(usize::from(v.0))) {
+                edge.hear_system_clock(status.health.system_clock);
+            }
+        }
+        let own = self.interceptor.clock.system();
+        let common_us = self
+            .common_clock
+            .weigh(own, self.edges.iter().map(Edge::clock));
+        for edge in &mut self.edges {
+            edge.agree_on_clock(common_us);
+        }
+        let bound_us = (self.config.venue.parameters.link.clock_bound_ms * 1e3) as Micros;
+        let error_us = self.common_clock.own_error_us();
+        let is_suspected = error_us.abs() > bound_us;
+        if is_suspected != self.is_own_clock_suspected {
+            let off_s = error_us as f64 / 1e6;
+            if is_suspected {
+                say(format_args!(
+                    "the clock of this machine seems to be {off_s:.2} s off: those of the edges agree on another time, and are followed; set it by NTP or PTP"
+                ));
+            } else {
+                say(format_args!(
+                    "the clock of this machine agrees with those of the edges again"
+                ));
+            }
+        }
+        self.is_own_clock_suspected = is_suspected;
+    }
+
+    /// How this node is.
+    pub(super) fn health(&self) -> NodeHealth {
+        let mut health = NodeHealth {
+            system_clock: Some(self.interceptor.clock.system()),
+            links: self.edges.iter().map(Edge::link_health).collect(),
+            ..NodeHealth::default()
+        };
+        if self.is_own_clock_suspected {
+            let off_s = self.common_clock.own_error_us() as f64 / 1e6;
+            health.notice(format!(
+                "fusion's clock seems to be {off_s:.2} s off: those of the edges agree on another time"
+            ));
+        }
+        health
+    }
+}
