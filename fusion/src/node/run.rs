@@ -25,7 +25,7 @@ use super::output::progress::Reporter;
 use super::output::summary;
 use super::recording::{RecordingFile, RecordingThread, head};
 use super::session::authentication_log;
-use super::session::interceptor::Interceptor;
+use super::session::interceptor::{Interceptor, Senders};
 use super::session::link::FusionSession;
 use super::session::mode::RunMode;
 use super::session::wiretap::WiretapHandle;
@@ -71,7 +71,8 @@ async fn run(
         .map_err(NodeError::Failed)?;
     let claim = claim_folder(config)?;
     let mut reporter = Reporter::new(config.managed, config.detail);
-    let link = FusionSession::open(&config.venue, &config.reach, config.mode)
+    let senders = Senders::new(&config.venue, clock::VenueClock::start());
+    let link = FusionSession::open(&config.venue, &config.reach, config.mode, &senders)
         .await
         .map_err(NodeError::Failed)?;
     let venue = config.venue.name.clone();
@@ -85,7 +86,7 @@ async fn run(
     reporter.listening(link.locators().await);
     let recording = record(config, session, &pipeline).map_err(NodeError::Failed)?;
     let wiretap = WiretapHandle::new(recording.as_ref().map(RecordingThread::wiretap));
-    let interceptor = Interceptor::new(&config.venue, clock::VenueClock::start(), wiretap);
+    let interceptor = Interceptor::new(&config.venue, senders, wiretap);
     let mut ends = link.spawn(&tasks, &leave, &interceptor);
     let outcome = match config.mode {
         RunMode::LockStep => {

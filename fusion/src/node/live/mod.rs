@@ -1,9 +1,10 @@
 //! Live: nobody waits for anybody. Edges come and go, messages get lost, clocks are off, and at every tick
 //! there are poses and boxes.
 
-mod clocks;
 mod context;
 mod delays;
+mod flood;
+mod health;
 mod receiving;
 mod run;
 mod sending;

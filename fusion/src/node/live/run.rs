@@ -20,6 +20,7 @@ use super::super::config::FusionConfig;
 use super::super::worker::{FusionWorker, Job};
 use super::context::LiveContext;
 use super::delays::Delays;
+use super::flood::FloodWatch;
 use super::shed::LiveShedding;
 use super::start::{LiveStart, is_recorded};
 use crate::align::TickGroup;
@@ -97,6 +98,7 @@ pub(super) struct LiveFusion<'a> {
     pub(super) unsent: u64,
     pub(super) refusals: Vec<Option<String>>,
     pub(super) cameras: Cameras,
+    pub(super) flood: FloodWatch,
     pub(super) common_clock: CommonClock,
     pub(super) is_own_clock_suspected: bool,
     /// Until when edges are waited for of which nothing has come yet.
@@ -155,6 +157,7 @@ impl<'a> LiveFusion<'a> {
             core_stages: Vec::new(),
             last: None,
             cameras: Cameras::default(),
+            flood: FloodWatch::default(),
             common_clock: CommonClock::default(),
             is_own_clock_suspected: false,
             without_input: 0,
@@ -215,6 +218,7 @@ impl<'a> LiveFusion<'a> {
                     if n_beats.is_multiple_of(BEATS_PER_STATUS) {
                         self.interceptor.clock.discipline();
                         self.weigh_clocks();
+                        self.look_for_floods();
                         let now_us = self.interceptor.clock.now_us();
                         let status = self.status(self.config, now_us);
                         let links = status.live.as_ref().map(|live| live.edges.clone());

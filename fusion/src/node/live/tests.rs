@@ -25,7 +25,7 @@ use super::*;
 use crate::export::summary::Summary;
 use crate::live::tick_time::TickTime;
 use crate::node::output::progress::{Detail, Reporter};
-use crate::node::session::interceptor::Interceptor;
+use crate::node::session::interceptor::{Interceptor, Senders};
 use crate::node::session::link::FusionSession;
 use crate::node::session::wiretap::WiretapHandle;
 
@@ -208,18 +208,25 @@ async fn listen(endpoint: String, stop: CancellationToken) -> (Vec<i64>, Option<
     (ticks, newest)
 }
 
+/// A live run that listens on some port.
+fn live_config() -> FusionConfig {
+    FusionConfig {
+        mode: RunMode::Live,
+        reach: Reach {
+            endpoints: vec!["tcp/127.0.0.1:0".to_owned()],
+            identity: None,
+        },
+        ..FusionConfig::of_venue(venue())
+    }
+}
+
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn everybody_goes_on_while_one_babbles_one_is_refused_and_clocks_are_off() {
     let out = tempfile::tempdir().unwrap();
-    let config = FusionConfig {
-        mode: RunMode::Live,
-        ..FusionConfig::of_venue(venue())
-    };
-    let reach = Reach {
-        endpoints: vec!["tcp/127.0.0.1:0".to_owned()],
-        identity: None,
-    };
-    let link = FusionSession::open(&config.venue, &reach, RunMode::Live)
+    let config = live_config();
+    let clock = VenueClock::start();
+    let senders = Senders::new(&config.venue, clock.clone());
+    let link = FusionSession::open(&config.venue, &config.reach, RunMode::Live, &senders)
         .await
         .unwrap();
     let endpoint = link.locators().await[0].clone();
@@ -228,8 +235,7 @@ async fn everybody_goes_on_while_one_babbles_one_is_refused_and_clocks_are_off()
         CancellationToken::new(),
         CancellationToken::new(),
     );
-    let clock = VenueClock::start();
-    let interceptor = Interceptor::new(&config.venue, clock.clone(), WiretapHandle::new(None));
+    let interceptor = Interceptor::new(&config.venue, senders, WiretapHandle::new(None));
     let mut ends = link.spawn(&tasks, &leave, &interceptor);
     let edge = |index: u16, shift_ms: i64| Scripted {
         index,

@@ -9,28 +9,74 @@ use farfield_proto::venue::Venue;
 use farfield_proto::wire::{SpokenVersion, VERSION};
 
 use super::messages::Arrival;
+use super::quota::Quota;
 use super::wiretap::{CopiedMessage, WiretapHandle};
+
+/// Who sends: the viewpoints, by their index, and behind them all others as one.
+#[derive(Debug, Clone)]
+pub(in crate::node) struct Senders {
+    names: Arc<[String]>,
+    quotas: Arc<[Quota]>,
+    clock: VenueClock,
+}
+
+impl Senders {
+    /// Those of `venue`; how fast they send is measured by `clock`.
+    pub(in crate::node) fn new(venue: &Venue, clock: VenueClock) -> Self {
+        let budget = venue.parameters.link.budget_bytes_per_s;
+        Self {
+            names: venue.viewpoints.iter().map(|v| v.name.clone()).collect(),
+            quotas: (0..=venue.viewpoints.len())
+                .map(|_| Quota::new(budget))
+                .collect(),
+            clock,
+        }
+    }
+
+    /// How many there are.
+    pub(super) fn len(&self) -> usize {
+        self.quotas.len()
+    }
+
+    /// Who may publish under `key`.
+    pub(super) fn index(&self, key: &str) -> usize {
+        let node = key.rsplit('/').next();
+        let own = self.names.iter().position(|name| node == Some(name));
+        own.unwrap_or(self.names.len())
+    }
+
+    /// Whether a message of `bytes` may come from `sender` now; counted where not.
+    pub(super) fn admit(&self, sender: usize, bytes: usize) -> bool {
+        let quota = self.quotas.get(sender);
+        quota.is_some_and(|quota| quota.admits(bytes, self.clock.now_us()))
+    }
+
+    /// Counts a message of `sender` that was lost.
+    pub(super) fn count_dropped(&self, sender: usize) {
+        if let Some(quota) = self.quotas.get(sender) {
+            quota.count_dropped();
+        }
+    }
+}
 
 /// What every message passes on its way in or out: the clock, and whoever listens in.
 #[derive(Debug, Clone)]
 pub(in crate::node) struct Interceptor {
     pub(in crate::node) clock: VenueClock,
     pub(in crate::node) wiretap: WiretapHandle,
-    /// Names of the viewpoints, by index.
-    names: Arc<[String]>,
+    senders: Senders,
     /// What the edge of each viewpoint is spoken to in.
     spoken: Arc<[SpokenVersion]>,
     venue_hash: Arc<str>,
 }
 
 impl Interceptor {
-    /// Goes by `clock`, and copies to `wiretap`.
-    pub(in crate::node) fn new(venue: &Venue, clock: VenueClock, wiretap: WiretapHandle) -> Self {
-        let names = venue.viewpoints.iter().map(|v| v.name.clone());
+    /// Goes by the clock of `senders`, and copies to `wiretap`.
+    pub(in crate::node) fn new(venue: &Venue, senders: Senders, wiretap: WiretapHandle) -> Self {
         Self {
-            clock,
+            clock: senders.clock.clone(),
             wiretap,
-            names: names.collect(),
+            senders,
             spoken: venue
                 .viewpoints
                 .iter()
@@ -42,14 +88,18 @@ impl Interceptor {
 
     /// Whether who may publish under `key` may speak for `viewpoint`.
     pub(super) fn may_speak(&self, key: &str, viewpoint: ViewpointIndex) -> bool {
-        let name = self.names.get(usize::from(viewpoint.0));
+        let name = self.senders.names.get(usize::from(viewpoint.0));
         name.is_some_and(|name| key.rsplit('/').next() == Some(name))
     }
 
     /// Whether who may publish under `key` may say `status`. Who holds another venue file may count its
     /// viewpoints in another way: it is refused for that, by name.
     pub(super) fn may_say(&self, key: &str, status: &Status) -> bool {
-        let index = self.names.iter().position(|name| *name == status.node);
+        let index = self
+            .senders
+            .names
+            .iter()
+            .position(|name| *name == status.node);
         let same_index = status.viewpoint.map(|v| usize::from(v.0)) == index;
         key.rsplit('/').next() == Some(&status.node)
             && (same_index || status.venue_hash != *self.venue_hash)
@@ -58,6 +108,7 @@ impl Interceptor {
     /// Notes what version the node reads whose status has come under `key`.
     pub(super) fn heard_status(&self, key: &str, status: &[u8], reads: Option<u8>) {
         let own = self
+            .senders
             .names
             .iter()
             .position(|name| key.rsplit('/').next() == Some(name));
@@ -80,14 +131,30 @@ impl Interceptor {
             .unwrap_or(VERSION)
     }
 
-    /// Notes a message that has come.
-    pub(super) fn received(&self, key: &str, bytes: &[u8]) -> Arrival {
-        let at_us = self.clock.now_us();
-        self.wiretap.received(CopiedMessage { key, bytes, at_us });
+    /// How a message of these bytes has come: now.
+    pub(super) fn arrived(&self, bytes: &[u8]) -> Arrival {
         Arrival {
             bytes: bytes.len() as u64,
-            at_us,
+            at_us: self.clock.now_us(),
         }
+    }
+
+    /// Notes a message that has come and can be read.
+    pub(super) fn received(&self, key: &str, bytes: &[u8], Arrival { at_us, .. }: Arrival) {
+        self.wiretap.received(CopiedMessage { key, bytes, at_us });
+    }
+
+    /// Notes a message that has come and cannot be read: of each node one a second.
+    pub(super) fn received_unreadable(&self, key: &str, bytes: &[u8], arrival: Arrival) {
+        let quota = self.senders.quotas.get(self.senders.index(key));
+        if quota.is_some_and(|quota| quota.records_unreadable(arrival.at_us)) {
+            self.received(key, bytes, arrival);
+        }
+    }
+
+    /// Messages of the viewpoint of this index that found no place, or were over what may come from it.
+    pub(in crate::node) fn dropped(&self, index: usize) -> u64 {
+        self.senders.quotas.get(index).map_or(0, Quota::dropped)
     }
 
     /// Notes a message that goes out.

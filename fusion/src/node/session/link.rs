@@ -15,7 +15,7 @@ use tokio_util::task::TaskTracker;
 use zenoh::Session;
 use zenoh::liveliness::LivelinessToken;
 
-use super::interceptor::Interceptor;
+use super::interceptor::{Interceptor, Senders};
 use super::messages::{FusionIncoming, FusionOutgoing};
 use super::mode::RunMode;
 use super::publishers::FusionPublishers;
@@ -41,6 +41,7 @@ impl FusionSession {
         venue: &Venue,
         reach: &Reach,
         mode: RunMode,
+        senders: &Senders,
     ) -> anyhow::Result<Self> {
         let viewpoints: Vec<&str> = venue.viewpoints.iter().map(|v| v.name.as_str()).collect();
         let transport = FusionTransport {
@@ -52,7 +53,7 @@ impl FusionSession {
         let session = session::listen(&transport).await?;
         let keys = Keys::new(&venue.name);
         let publishers = FusionPublishers::declare(&session, venue, mode).await?;
-        let subscribers = Subscribers::declare(&session, &keys, mode).await?;
+        let subscribers = Subscribers::declare(&session, &keys, mode, senders).await?;
         let token = declare_alive(&session, keys.alive(FUSION)).await?;
         Ok(Self {
             session,

@@ -16,7 +16,7 @@ use tokio::time::timeout;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
-use super::{FusionEnds, FusionIncoming, FusionOutgoing, FusionSession, Interceptor};
+use super::{FusionEnds, FusionIncoming, FusionOutgoing, FusionSession, Interceptor, Senders};
 use crate::node::session::messages::Liveliness;
 use crate::node::session::mode::RunMode;
 use crate::node::session::wiretap::{CopiedMessage, CopiedStep, Wiretap, WiretapHandle};
@@ -101,10 +101,11 @@ impl OpenLink {
             endpoints: vec!["tcp/127.0.0.1:0".to_owned()],
             identity: None,
         };
-        let link = FusionSession::open(&venue(), &reach, RunMode::LockStep)
+        let senders = Senders::new(&venue(), VenueClock::start());
+        let link = FusionSession::open(&venue(), &reach, RunMode::LockStep, &senders)
             .await
             .unwrap();
-        let interceptor = Interceptor::new(&venue(), VenueClock::start(), wiretap);
+        let interceptor = Interceptor::new(&venue(), senders, wiretap);
         let endpoint = link.locators().await[0].clone();
         let (tasks, leave) = (TaskTracker::new(), CancellationToken::new());
         Self {
@@ -202,7 +203,11 @@ async fn an_edge_is_heard_answered_and_missed() {
 fn a_node_speaks_under_its_own_name_only() {
     // Symptom to prevent: by a status under its own key, edge a put another process in the place of b.
     let venue = venue();
-    let interceptor = Interceptor::new(&venue, VenueClock::start(), WiretapHandle::new(None));
+    let interceptor = Interceptor::new(
+        &venue,
+        Senders::new(&venue, VenueClock::start()),
+        WiretapHandle::new(None),
+    );
     let says = |node: &str, viewpoint: Option<u16>| Status {
         node: node.to_owned(),
         viewpoint: viewpoint.map(ViewpointIndex),

@@ -2,6 +2,8 @@
 //! enters. What else comes from other nodes: queries of edges (`node/handout/mod.rs`), answers of their rings
 //! (`node/recording/filler.rs`); and what the recorder node receives (`node/recorder_node.rs`).
 
+use std::sync::Arc;
+
 use anyhow::Context as _;
 use farfield_node::session::{self, FifoSubscriber, zenoh_error};
 use farfield_proto::key::Keys;
@@ -12,16 +14,16 @@ use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 use tracing::debug;
 use zenoh::Session;
-use zenoh::handlers::{RingChannel, RingChannelHandler};
 use zenoh::pubsub::Subscriber;
 use zenoh::sample::{Sample, SampleKind};
 
-use super::interceptor::Interceptor;
+use super::inbox::Inbox;
+use super::interceptor::{Interceptor, Senders};
 use super::messages::{FusionIncoming, Liveliness};
 use super::mode::RunMode;
 
-/// Messages that wait of one subscription. When full: in lock-step Zenoh stops reading, and the edges
-/// wait; live the oldest are lost, as a thread of Zenoh's that waits would hold up everybody.
+/// Messages that wait: in lock-step of one subscription, and when it is full Zenoh stops reading, and the edges wait; live
+/// of each node of one subscription, and its oldest are lost, as a thread of Zenoh's that waits would hold up everybody.
 const QUEUE: usize = 256;
 
 /// Everything that fusion subscribes to.
@@ -36,8 +38,9 @@ impl Subscribers {
         session: &Session,
         keys: &Keys,
         mode: RunMode,
+        senders: &Senders,
     ) -> anyhow::Result<Self> {
-        let subscribe = |key| subscriber(session, key, mode);
+        let subscribe = |key| subscriber(session, key, mode, senders.clone());
         Ok(Self(vec![
             (FusionTopic::Patches, subscribe(keys.patches()).await?),
             (FusionTopic::Sightings, subscribe(keys.sightings()).await?),
@@ -82,8 +85,11 @@ enum FusionTopic {
 enum Subscription {
     /// All of it, in order.
     All(FifoSubscriber),
-    /// The newest of it.
-    Newest(Subscriber<RingChannelHandler<Sample>>),
+    /// The newest of it, of each node.
+    Newest(
+        Arc<Inbox<Sample>>,
+        #[expect(dead_code, reason = "dropped, it is undeclared")] Subscriber<()>,
+    ),
 }
 
 impl Subscription {
@@ -91,24 +97,34 @@ impl Subscription {
     async fn next(&self) -> Option<Sample> {
         match self {
             Self::All(subscriber) => subscriber.recv_async().await.ok(),
-            Self::Newest(subscriber) => subscriber.recv_async().await.ok(),
+            Self::Newest(inbox, _) => Some(inbox.next().await),
         }
     }
 }
 
 /// Subscribes to `key`.
-async fn subscriber(session: &Session, key: String, mode: RunMode) -> anyhow::Result<Subscription> {
+async fn subscriber(
+    session: &Session,
+    key: String,
+    mode: RunMode,
+    senders: Senders,
+) -> anyhow::Result<Subscription> {
     match mode {
         RunMode::LockStep => session::subscriber(session, key, QUEUE)
             .await
             .map(Subscription::All),
         RunMode::Live => {
-            let declared = session
-                .declare_subscriber(key.clone())
-                .with(RingChannel::new(QUEUE))
-                .await;
+            let inbox = Arc::new(Inbox::new(senders.len(), QUEUE));
+            let into = Arc::clone(&inbox);
+            let take = move |sample: Sample| {
+                let sender = senders.index(sample.key_expr().as_str());
+                if senders.admit(sender, sample.payload().len()) && into.put(sender, sample) {
+                    senders.count_dropped(sender);
+                }
+            };
+            let declared = session.declare_subscriber(key.clone()).callback(take).await;
             declared
-                .map(Subscription::Newest)
+                .map(|subscriber| Subscription::Newest(inbox, subscriber))
                 .map_err(zenoh_error)
                 .with_context(|| format!("subscribing to {key}"))
         }
@@ -157,7 +173,7 @@ fn read(topic: FusionTopic, sample: &Sample, interceptor: &Interceptor) -> Fusio
         return FusionIncoming::Alive(node, presence);
     }
     let payload = sample.payload().to_bytes();
-    let arrival = interceptor.received(key, &payload);
+    let arrival = interceptor.arrived(&payload);
     if let FusionTopic::Statuses = topic {
         interceptor.heard_status(key, &payload, session::reads_at_most(sample));
     }
@@ -179,8 +195,15 @@ fn read(topic: FusionTopic, sample: &Sample, interceptor: &Interceptor) -> Fusio
                 .ok_or(WireError::Invalid("under the key of another node"))
         }),
     };
-    incoming.unwrap_or_else(|error| {
-        debug!(%key, %error, "message not readable");
-        FusionIncoming::Unreadable(key.to_owned(), error)
-    })
+    match incoming {
+        Ok(incoming) => {
+            interceptor.received(key, &payload, arrival);
+            incoming
+        }
+        Err(error) => {
+            debug!(%key, %error, "message not readable");
+            interceptor.received_unreadable(key, &payload, arrival);
+            FusionIncoming::Unreadable(key.to_owned(), error)
+        }
+    }
 }

@@ -1,6 +1,8 @@
 //! Hostile bytes on every subscribed key of a running system: it goes on, and counts them.
 
 use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use farfield_proto::key::Keys;
 use farfield_proto::message::{BoxSet, PatchSet, PoseSet, SightingSet, Status};
@@ -114,4 +116,68 @@ fn hostile_bytes_on_every_key_are_counted_and_change_nothing() {
     for node in stage.live.nodes() {
         assert!(!node.said().contains("panicked"), "{}", node.said());
     }
+}
+
+/// How fast the recording grows while the stage plays for some seconds, bytes per tick.
+fn growth(stage: &LiveStage, recording: &Path) -> f64 {
+    let look = || {
+        (
+            std::fs::metadata(recording).unwrap().len(),
+            stage.seen().poses,
+        )
+    };
+    let (bytes, poses) = look();
+    stage.go_on(6.0);
+    let (more_bytes, more_poses) = look();
+    (more_bytes - bytes) as f64 / (more_poses - poses) as f64
+}
+
+#[test]
+fn an_edge_in_other_hands_that_floods_is_named_and_fills_neither_the_recording_nor_the_others_places()
+ {
+    let mut stage = LiveStage::prepare(&[], "");
+    let recording = stage.folder.path().join("run.mcap");
+    let out = stage.out("first");
+    stage.start_with(&out, &["--record", recording.to_str().unwrap()]);
+    stage.go_on(2.0);
+    let (before, ids) = (growth(&stage, &recording), stage.ids());
+    let viewpoint = stage.live.venue().viewpoints[0].name.clone();
+    let key = Keys::new(&stage.live.venue().name).patch(&viewpoint);
+    let (is_over, sent_bytes) = (AtomicBool::new(false), AtomicU64::new(0));
+    let noise = vec![0xffu8; 8_000];
+    let flooded = std::thread::scope(|scope| {
+        scope.spawn(|| {
+            while !is_over.load(Ordering::Relaxed) {
+                for _ in 0..64 {
+                    stage.watch().put(&key, &noise).unwrap();
+                }
+                sent_bytes.fetch_add(64 * 8_000, Ordering::Relaxed);
+                // Half of a core is fusion's.
+                std::thread::sleep(std::time::Duration::from_millis(5));
+            }
+        });
+        let flooded = growth(&stage, &recording);
+        is_over.store(true, Ordering::Relaxed);
+        flooded
+    });
+    let sent = sent_bytes.load(Ordering::Relaxed);
+    let said = stage.live.fusion.as_ref().unwrap().said();
+    println!(
+        "a flood of {} MB: the recording grew by {flooded:.0} bytes a tick, before by {before:.0}",
+        sent / 1_000_000
+    );
+    assert!(flooded < 1.3 * before, "{flooded} and {before}");
+    assert!(
+        said.contains(&format!(
+            "viewpoint {viewpoint} sends more than any edge may"
+        )),
+        "{said}"
+    );
+    assert_eq!(stage.ids(), ids);
+    stage.wait("its drops are shown", |seen| {
+        let fusion = seen.statuses.get("fusion");
+        fusion.is_some_and(|status| {
+            status.health.links[0].dropped > 0 && status.health.links[1].dropped == 0
+        })
+    });
 }

@@ -1,7 +1,7 @@
-//! What fusion makes of the clocks of all machines, once a second.
+//! What fusion makes of itself and of all machines once a second: their clocks, and who floods.
 
 use farfield_node::process::say;
-use farfield_proto::message::health::NodeHealth;
+use farfield_proto::message::health::{LinkHealth, NodeHealth};
 
 use super::run::LiveFusion;
 use crate::live::Micros;
@@ -41,13 +41,32 @@ impl LiveFusion<'_> {
         self.is_own_clock_suspected = is_suspected;
     }
 
+    /// Names who sends more than it may.
+    pub(super) fn look_for_floods(&mut self) {
+        let names = self.config.venue.viewpoints.iter().map(|v| v.name.as_str());
+        let dropped = (0..).map(|index| self.interceptor.dropped(index));
+        self.flood.look(names.zip(dropped));
+    }
+
     /// How this node is.
     pub(super) fn health(&self) -> NodeHealth {
+        let links = self
+            .edges
+            .iter()
+            .enumerate()
+            .map(|(index, edge)| LinkHealth {
+                dropped: self.interceptor.dropped(index),
+                ..edge.link_health()
+            });
         let mut health = NodeHealth {
             system_clock: Some(self.interceptor.clock.system()),
-            links: self.edges.iter().map(Edge::link_health).collect(),
+            links: links.collect(),
             ..NodeHealth::default()
         };
+        for index in self.flood.flooding() {
+            let name = &self.config.venue.viewpoints[index].name;
+            health.notice(format!("viewpoint {name} sends more than any edge may"));
+        }
         if self.is_own_clock_suspected {
             let off_s = self.common_clock.own_error_us() as f64 / 1e6;
             health.notice(format!(

@@ -1,0 +1,121 @@
+//! How much one node may send, live: what is over is dropped unread, and counted.
+//!
+//! An edge has a valid key, and may be in other hands all the same. What it can cost fusion and its recording is bounded
+//! here, before anything is decoded.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Mutex, PoisonError};
+
+use farfield_proto::transport::MESSAGE_OVERHEAD_BYTES;
+
+/// Bytes per second of a node where the venue has no budget: more than lossless maps of a crowd take.
+const MOST_BYTES_PER_S: f64 = (32 << 20) as f64;
+/// So many times its budget may come from a node: delays of the network bunch messages.
+const OVER_BUDGET: f64 = 2.0;
+/// What may come at once, seconds of the rate.
+const BURST_S: f64 = 1.0;
+/// Messages that cannot be read are recorded once in so long, of each node: enough to see what they are.
+const UNREADABLE_EVERY_US: i64 = 1_000_000;
+
+/// What may come from one node, and what did not pass.
+#[derive(Debug)]
+pub(super) struct Quota {
+    bytes_per_s: f64,
+    bucket: Mutex<Bucket>,
+    dropped: AtomicU64,
+}
+
+#[derive(Debug)]
+struct Bucket {
+    bytes: f64,
+    filled_us: Option<i64>,
+    unreadable_us: Option<i64>,
+}
+
+impl Quota {
+    /// Of a node that keeps to `budget_bytes_per_s`; 0: no budget.
+    pub(super) fn new(budget_bytes_per_s: f64) -> Self {
+        let bytes_per_s = if budget_bytes_per_s > 0.0 {
+            (OVER_BUDGET * budget_bytes_per_s).min(MOST_BYTES_PER_S)
+        } else {
+            MOST_BYTES_PER_S
+        };
+        Self {
+            bytes_per_s,
+            bucket: Mutex::new(Bucket {
+                bytes: bytes_per_s * BURST_S,
+                filled_us: None,
+                unreadable_us: None,
+            }),
+            dropped: AtomicU64::new(0),
+        }
+    }
+
+    /// Whether a message of `bytes` may pass at `now_us`; counted where not.
+    pub(super) fn admits(&self, bytes: usize, now_us: i64) -> bool {
+        let mut bucket = self.bucket.lock().unwrap_or_else(PoisonError::into_inner);
+        let since_us = bucket
+            .filled_us
+            .map_or(0, |at_us| now_us.saturating_sub(at_us));
+        bucket.filled_us = Some(now_us);
+        let more = since_us.max(0) as f64 / 1e6 * self.bytes_per_s;
+        bucket.bytes = (bucket.bytes + more).min(self.bytes_per_s * BURST_S);
+        let cost = (bytes + MESSAGE_OVERHEAD_BYTES) as f64;
+        let is_admitted = bucket.bytes >= cost;
+        if is_admitted {
+            bucket.bytes -= cost;
+        } else {
+            self.count_dropped();
+        }
+        is_admitted
+    }
+
+    /// Whether a message that cannot be read is recorded at `now_us`.
+    pub(super) fn records_unreadable(&self, now_us: i64) -> bool {
+        let mut bucket = self.bucket.lock().unwrap_or_else(PoisonError::into_inner);
+        let is_due = bucket
+            .unreadable_us
+            .is_none_or(|at_us| now_us.saturating_sub(at_us) >= UNREADABLE_EVERY_US);
+        if is_due {
+            bucket.unreadable_us = Some(now_us);
+        }
+        is_due
+    }
+
+    /// Counts a message that found no place.
+    pub(super) fn count_dropped(&self) {
+        self.dropped.fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// Messages that did not pass, since the start.
+    pub(super) fn dropped(&self) -> u64 {
+        self.dropped.load(Ordering::Relaxed)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_node_that_keeps_to_its_budget_loses_nothing_and_one_that_floods_gets_twice_it() {
+        let honest = Quota::new(100_000.0);
+        let sent = (0..1_000).filter(|i| honest.admits(900, i * 10_000));
+        assert_eq!(sent.count(), 1_000, "90 kB/s");
+        let flood = Quota::new(100_000.0);
+        // 10 MB/s for 10 s.
+        let passed = (0..100_000)
+            .filter(|i| flood.admits(1_000, i * 100))
+            .count();
+        let cost = 1_000 + MESSAGE_OVERHEAD_BYTES;
+        assert!(passed * cost <= 2_200_000, "{passed}");
+        assert_eq!(flood.dropped(), 100_000 - passed as u64);
+    }
+
+    #[test]
+    fn of_what_cannot_be_read_one_a_second_is_recorded() {
+        let quota = Quota::new(0.0);
+        let recorded = (0..100).filter(|i| quota.records_unreadable(i * 100_000));
+        assert_eq!(recorded.count(), 10);
+    }
+}
