@@ -3,7 +3,8 @@
 //! Fusion reports the one-way delay of the newest patches that arrived. The least of the last seconds is the base delay;
 //! what exceeds it is a queue that the edge itself has filled (LEDBAT, RFC 6817, section 2.4.2). A standing queue, or a
 //! loss above that of radio links, lowers the rate to a little less than what arrives, so that the queue empties.
-//! Without either, the rate grows: fast up to where the link was full the last time, slowly beyond.
+//! Without either, the rate grows: fast up to where the link was full the last time, slowly beyond. Loss that stays
+//! however little is sent is the link's own, and no reason to send still less.
 
 use farfield_proto::message::live::HeardPatches;
 use farfield_proto::tick::Tick;
@@ -18,8 +19,13 @@ const EMPTY_US: Micros = 8_000;
 const STANDS_US: Micros = 200_000;
 /// Window over which the least one-way delay is the base delay, microseconds, in two halves.
 const BASE_DELAY_WINDOW_US: Micros = 20 * SECOND_US;
-/// Loss above this share means a full link, not radio noise.
+/// Loss above this share, beside what the link loses however little is sent, means a full link, not radio noise.
 const LOSS: f64 = 0.15;
+/// Share of a new report in the loss of late, and in that of the last seconds.
+const LOSS_SHARES: [f64; 2] = [0.05, 0.02];
+/// What is still lost when the rate was lowered for so long for loss alone is the link's own, microseconds: reports tell of
+/// the last second.
+const FUTILE_LOSS_US: Micros = 5 * SECOND_US / 2;
 /// Shortest time between two steps down, microseconds: a step must be seen before the next.
 const STEP_PAUSE_US: Micros = 250_000;
 /// When fusion has reported nothing new for so long, the link counts as cut, microseconds.
@@ -50,7 +56,14 @@ pub struct LinkLoad {
     base_delay: WindowMin,
     recent: [(Micros, Micros); 16],
     n_recent: usize,
+    /// What was lost since the last step down, a running mean.
     loss: f64,
+    /// The same of the last seconds, whatever was done.
+    usual_loss: f64,
+    /// What the link loses however little is sent.
+    own_loss: f64,
+    /// When the rate was first lowered for loss alone, and what it was before.
+    lossy_since: Option<(Micros, f64)>,
     sent: SentLog,
     since_us: Option<Micros>,
     newest: Option<Tick>,
@@ -72,6 +85,9 @@ impl Default for LinkLoad {
             recent: [(Micros::MIN, 0); 16],
             n_recent: 0,
             loss: 0.0,
+            usual_loss: 0.0,
+            own_loss: 0.0,
+            lossy_since: None,
             sent: SentLog::default(),
             since_us: None,
             newest: None,
@@ -154,15 +170,24 @@ impl LinkLoad {
         let is_whole = now_us - since_us >= WHOLE_US;
         if is_whole && payload > 0 {
             let lost = 1.0 - f64::from(heard.bytes) / payload as f64;
-            self.loss += 0.05 * (lost.clamp(0.0, 1.0) - self.loss);
+            self.note_loss(lost.clamp(0.0, 1.0));
         }
         let arrived = if is_whole && payload > 0 {
             f64::from(heard.bytes) * total as f64 / payload as f64
         } else {
             0.8 * total as f64
         };
-        if queue_us.is_some_and(|us| us > QUEUE_US) || self.loss > LOSS {
+        let has_queue = queue_us.is_some_and(|us| us > QUEUE_US);
+        let is_lossy = self.loss > self.own_loss + LOSS;
+        if has_queue || is_lossy {
+            let rate = self.rate;
+            if !has_queue && self.is_futile(now_us) {
+                return;
+            }
             self.slow_down(arrived, queue_us.unwrap_or(0), now_us - sent_us, now_us);
+            if !has_queue {
+                self.lossy_since.get_or_insert((now_us, rate));
+            }
         } else if queue_us.is_none_or(|us| us < EMPTY_US) {
             self.steps = 0;
             if limited {
@@ -173,6 +198,29 @@ impl LinkLoad {
         } else {
             self.grown_at_us = now_us;
         }
+    }
+
+    fn note_loss(&mut self, lost: f64) {
+        let [of_late, of_seconds] = LOSS_SHARES;
+        self.loss += of_late * (lost - self.loss);
+        self.usual_loss += of_seconds * (lost - self.usual_loss);
+        // It gets better with the weather, and is then noticed again when it gets worse.
+        self.own_loss = self.own_loss.min(self.usual_loss + LOSS / 2.0);
+        if self.usual_loss < LOSS / 2.0 {
+            self.lossy_since = None;
+        }
+    }
+
+    /// Whether less was sent for so long, for loss alone, that the loss must be the link's own: then the rate is what it
+    /// was before.
+    fn is_futile(&mut self, now_us: Micros) -> bool {
+        let long_ago = |(since_us, _): &mut (Micros, f64)| now_us - *since_us >= FUTILE_LOSS_US;
+        let Some((_, rate)) = self.lossy_since.take_if(long_ago) else {
+            return false;
+        };
+        self.own_loss = self.loss.max(self.usual_loss);
+        (self.rate, self.full_at, self.grown_at_us) = (rate, None, now_us);
+        true
     }
 
     /// The queue that stands, microseconds; `None` while too little is known.
@@ -205,7 +253,10 @@ impl LinkLoad {
             self.before = (queue_us, self.rate);
         }
         self.steps += 1;
-        if self.steps > FUTILE_STEPS && 2 * queue_us > self.before.0 && self.loss <= LOSS {
+        if self.steps > FUTILE_STEPS
+            && 2 * queue_us > self.before.0
+            && self.loss <= self.own_loss + LOSS
+        {
             self.take_for_base_delay();
             return;
         }

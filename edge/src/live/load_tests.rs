@@ -62,6 +62,39 @@ fn noise_of_a_radio_link_is_no_fullness_but_a_third_lost_is() {
 }
 
 #[test]
+fn what_a_link_loses_however_little_is_sent_does_not_bring_the_rate_down() {
+    // Symptom to prevent: a fifth lost at random, and the rate fell by a quarter every second, to the least.
+    for share in [0.8, 0.7] {
+        let mut load = LinkLoad::default();
+        run(&mut load, 0, 1_800, |_| 10_000, share);
+        assert!(load.rate() > 60_000.0, "{share}: {}", load.rate());
+        // A queue still counts.
+        run(&mut load, 1_800, 120, |_| 60_000, share);
+        assert!(load.rate() < 60_000.0, "{share}: {}", load.rate());
+    }
+}
+
+#[test]
+fn a_link_that_drops_what_is_too_much_is_not_taken_for_one_that_loses_at_random() {
+    // A policer of 30 kB/s: what is above goes, whatever the delay.
+    let mut load = LinkLoad::default();
+    let mut rates = Vec::new();
+    for tick in 0..3_600 {
+        let now = tick * SECOND_US / 60;
+        let sent = (load.rate() / 60.0).min(1_000.0);
+        load.sent(Some(Tick(tick)), (0.9 * sent) as usize, sent as usize, now);
+        let arrived = 0.9 * (60.0 * sent).min(30_000.0);
+        load.hear(&heard(tick - 2, 10_000, arrived as u32), 0, true, now);
+        rates.push(sent * 60.0);
+    }
+    let late = &rates[1_200..];
+    let mean = late.iter().sum::<f64>() / late.len() as f64;
+    let above = late.iter().filter(|&&rate| rate > 45_000.0).count();
+    assert!(mean > 20_000.0 && mean < 40_000.0, "{mean}");
+    assert!(above * 20 < late.len(), "{above} of {}", late.len());
+}
+
+#[test]
 fn a_corrected_clock_is_no_queue() {
     let mut load = LinkLoad::default();
     for tick in 0..600 {
