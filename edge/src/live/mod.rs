@@ -9,6 +9,7 @@ pub mod capture;
 pub mod health;
 pub mod load;
 pub mod newest_boxes;
+pub mod own_boxes;
 pub mod rate;
 pub mod refusal;
 pub mod round_robin;

@@ -160,6 +160,11 @@ impl NewestBoxes {
         (now_us - heard_us <= LIFE_US).then_some(boxes)
     }
 
+    /// The newest boxes, however old.
+    pub fn last(&self) -> Option<&Arc<BoxSet>> {
+        self.newest.as_ref().map(|(boxes, ..)| boxes)
+    }
+
     /// Fusion's session, once there is one; it stays when boxes grow old.
     pub fn session(&self) -> Option<SessionId> {
         self.newest.as_ref().map(|(boxes, ..)| boxes.session)

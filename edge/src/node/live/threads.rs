@@ -28,7 +28,13 @@ pub(super) fn spawn(
             .name(format!("camera {at}"))
             .spawn(move || camera.run())?;
     }
-    let mut ticker = Ticker::new(Arc::clone(shared), parts.pipeline, parts.viewpoint);
+    let Parts {
+        venue,
+        pipeline,
+        viewpoint,
+        ..
+    } = parts;
+    let mut ticker = Ticker::new(Arc::clone(shared), pipeline, viewpoint, &venue);
     let work = move || {
         if let Err(error) = ticker.run() {
             drop(failed.send(error));

@@ -10,10 +10,12 @@ use farfield_proto::message::fill::SetKind;
 use farfield_proto::message::live::{BoxEcho, PatchTiming};
 use farfield_proto::message::{BoxSet, Order};
 use farfield_proto::tick::Tick;
+use farfield_proto::venue::Venue;
 use tracing::debug;
 
 use super::shared::Shared;
 use crate::live::Micros;
+use crate::live::own_boxes::OwnBoxes;
 use crate::live::rate::{MessageKind, SendPlan};
 use crate::live::round_robin;
 use crate::node::stage_times::split_detection;
@@ -25,6 +27,11 @@ use crate::source::Frame;
 const CAPTURE_TO_SENT: &str = "capture to sent";
 /// How long it waits where there is nothing to wait for, microseconds.
 const IDLE_US: Micros = 10_000;
+/// When fusion has said nothing for so long, microseconds, it is watched where people go; it speaks ten times a second at
+/// least.
+const WATCH_FROM_US: Micros = 150_000;
+/// When fusion has said nothing for so long, microseconds, boxes are what was watched, and no predictions any more.
+const LEAD_FROM_US: Micros = 300_000;
 /// Ticks in a row that may fail; after more the edge gives up.
 const MAX_FAILURES: u32 = 60;
 /// The largest timing: what messages are measured with before their own is known.
@@ -44,6 +51,11 @@ pub(super) struct Ticker {
     viewpoint: ViewpointIndex,
     frames: Vec<Option<Frame>>,
     chosen: Vec<PersonId>,
+    /// The people as this edge follows them itself.
+    own_boxes: OwnBoxes,
+    rate_hz: f64,
+    /// For how long it does without fusion, microseconds.
+    longest_alone_us: Micros,
     laps: Vec<(EdgeStage, u32)>,
     failures: u32,
 }
@@ -53,6 +65,10 @@ struct TickStart {
     tick: Tick,
     boxes: Arc<BoxSet>,
     detection_cameras: Vec<CameraIndex>,
+    /// The tick of fusion's newest boxes, where those of this tick are the edge's own.
+    box_tick: Option<Tick>,
+    /// Whether fusion is silent, so that it must be watched where people go.
+    is_watched: bool,
     plan: SendPlan,
     may_send: bool,
 }
@@ -62,8 +78,12 @@ impl Ticker {
         shared: Arc<Shared>,
         pipeline: EdgePipeline,
         viewpoint: ViewpointIndex,
+        venue: &Venue,
     ) -> Self {
         Self {
+            own_boxes: OwnBoxes::default(),
+            rate_hz: venue.rate_hz,
+            longest_alone_us: (venue.parameters.births.one_view_s * 1e6) as Micros,
             shared,
             pipeline,
             viewpoint,
@@ -141,11 +161,24 @@ impl Ticker {
         let mut ledger = self.shared.ledger();
         let session = ledger.boxes.session()?;
         let requested = ledger.boxes.take_detection_request(tick);
-        let (boxes, detection_cameras) = if let Some(boxes) = ledger.boxes.at(now_us) {
-            (Arc::clone(boxes), requested)
+        let silent_us = ledger.boxes.silent_us(now_us).unwrap_or(0);
+        let is_alone = (LEAD_FROM_US..=self.longest_alone_us).contains(&silent_us);
+        let last = ledger.boxes.last().filter(|_| is_alone);
+        let own = last.and_then(|last| Some((self.own_boxes.at(tick, last)?, last.tick)));
+        let box_tick = own.as_ref().map(|(_, tick)| *tick);
+        let in_force = ledger.boxes.at(now_us);
+        let detection_cameras = if in_force.is_some() {
+            requested
+        } else {
+            self.pipeline.regular_detection_cameras(tick)
+        };
+        let boxes = if let Some((own, _)) = own {
+            Arc::new(own)
+        } else if let Some(boxes) = in_force {
+            Arc::clone(boxes)
         } else {
             // Fusion is gone: what there is to see is for whoever asks for it later.
-            let nobody = Arc::new(BoxSet {
+            Arc::new(BoxSet {
                 session,
                 tick,
                 viewpoint: self.viewpoint,
@@ -155,8 +188,7 @@ impl Ticker {
                 live: None,
                 detection_cameras: Vec::new(),
                 persons: Vec::new(),
-            });
-            (nobody, self.pipeline.regular_detection_cameras(tick))
+            })
         };
         let plan = ledger.rate.plan(boxes.persons.len(), now_us);
         ledger.last = Some(tick);
@@ -164,6 +196,8 @@ impl Ticker {
             tick,
             boxes,
             detection_cameras,
+            box_tick,
+            is_watched: silent_us >= WATCH_FROM_US,
             plan,
             may_send: ledger.rate.may_send(tick, now_us),
         })
@@ -205,6 +239,12 @@ impl Ticker {
     }
 
     fn send(&mut self, start: &TickStart, output: EdgeOutput) {
+        if start.is_watched {
+            let sets = &output.patch_sets;
+            self.own_boxes.see(&start.boxes, sets, self.rate_hz);
+        } else {
+            self.own_boxes.clear();
+        }
         let label = |session, kind| Label {
             session,
             tick: start.tick,
@@ -221,6 +261,10 @@ impl Ticker {
         for mut set in output.patch_sets {
             let now_us = self.shared.clock.now_us();
             set.timing = self.shared.ledger().timing(start.tick, now_us);
+            // How old fusion's boxes are when they are used is what it learns from this.
+            if let Some(box_tick) = start.box_tick {
+                set.persons.iter_mut().for_each(|p| p.box_tick = box_tick);
+            }
             let bytes = self.shared.encode(&set);
             self.shared
                 .keep(label(set.session, SetKind::Patches), &bytes);

@@ -1,8 +1,14 @@
 //! Links that double and reorder what they carry, and links that are cut.
 
 use std::collections::BTreeSet;
+use std::fs::File;
+use std::ops::Range;
+use std::path::Path;
+use std::time::Duration;
 
+use farfield_fusion::recording::reader::{AnySet, Recording};
 use farfield_lab::relay::Impairment;
+use farfield_proto::tick::Tick;
 
 use super::stage::LiveStage;
 use crate::farfield::poses;
@@ -34,4 +40,42 @@ fn doubled_and_reordered_messages_change_nobody() {
     assert!(at.is_sorted_by(|a, b| a < b), "a tick was worked on twice");
     let people: BTreeSet<u64> = at.iter().map(|(_, person)| *person).collect();
     assert_eq!(people.len(), ids.len(), "{people:?}");
+}
+
+/// Patches of persons that each tick from `from` to `to` has of the viewpoint of index `viewpoint`, in `recording`.
+fn patches_of(recording: &Path, viewpoint: u16, ticks: Range<Tick>) -> usize {
+    let mut recording = Recording::open(File::open(recording).unwrap()).unwrap();
+    let session = recording.sessions()[0].session;
+    let sets = ticks.start.0..ticks.end.0;
+    sets.flat_map(|tick| recording.sets(session, Tick(tick)).unwrap())
+        .filter_map(|set| match set {
+            AnySet::Patches(set) if set.viewpoint.0 == viewpoint => Some(set.persons.len()),
+            _ => None,
+        })
+        .sum()
+}
+
+#[test]
+fn an_edge_goes_on_following_people_while_its_link_is_cut_and_the_recording_gets_their_patches() {
+    let mut stage = LiveStage::prepare(&[], "");
+    let recording = stage.folder.path().join("run.mcap");
+    let out = stage.out("first");
+    stage.start_with(&out, &["--record", recording.to_str().unwrap()]);
+    stage.go_on(2.0);
+    let tick = |stage: &LiveStage| stage.seen().newest.as_ref().unwrap().tick;
+    let before = tick(&stage);
+    stage.live.relays[0].cut(Duration::from_secs(3));
+    stage.go_on(3.0);
+    let after = tick(&stage);
+    stage.go_on(2.0);
+    stage.finish("first");
+    let found = patches_of(&recording, 0, before..after);
+    // Two people, of whom cameras do not always see both.
+    let usual = patches_of(&recording, 0, before + -60..before);
+    let per_tick = found as f64 / (after - before) as f64;
+    let usual_per_tick = usual as f64 / 60.0;
+    println!(
+        "{per_tick:.2} patches a tick while the link was cut for 3 s, {usual_per_tick:.2} before"
+    );
+    assert!(per_tick > 0.8 * usual_per_tick);
 }

@@ -1,0 +1,360 @@
+//! Boxes that an edge makes itself while fusion says nothing: each person's last box, carried on by what its maps show.
+//!
+//! Fusion predicts boxes from all viewpoints; without it an edge has its own maps alone. They are enough to keep a person
+//! in the crop for some seconds, so that the ring holds patches of the outage and not only sightings: the box stays where
+//! most keypoints have it that were seen before, and grows as they spread.
+
+use std::collections::BTreeMap;
+
+use farfield_proto::id::{CameraIndex, PersonId};
+use farfield_proto::message::{BoxSet, CameraBox, PatchSet, PersonBoxes, PersonPatch};
+use farfield_proto::order_statistics::upper_median;
+use farfield_proto::patch::{Decoder, Maps};
+use farfield_proto::tick::Tick;
+
+/// Least height of a peak that counts, of 255.
+const LEAST_PEAK: u8 = 77;
+/// So many keypoints must be seen at two ticks for a box to follow them.
+const ENOUGH_KEYPOINTS: usize = 4;
+/// Share of a new measurement of how fast a box moves.
+const RATE_SHARE: f32 = 0.3;
+/// Share of a new look in where a keypoint is on the body: limbs move, the median of all hardly.
+const BODY_SHARE: f32 = 0.1;
+/// Most that a box grows or shrinks by from one look to the next.
+const MOST_GROWTH: f32 = 1.03;
+/// For so long somebody is followed whom the maps do not show, seconds.
+const UNSEEN_S: f64 = 0.5;
+
+/// One person in one camera.
+#[derive(Debug, Clone)]
+struct Followed {
+    at: CameraBox,
+    /// The tick of [`Self::at`].
+    tick: Tick,
+    /// Where its keypoints are from the middle of the box, over the box's height.
+    body: Vec<Option<[f32; 2]>>,
+    /// When it was last seen.
+    seen: Tick,
+}
+
+/// The people of a viewpoint, as it follows them itself.
+#[derive(Debug, Default)]
+pub struct OwnBoxes {
+    followed: BTreeMap<(PersonId, CameraIndex), Followed>,
+    decoder: Decoder,
+    maps: Option<Maps>,
+}
+
+impl OwnBoxes {
+    /// Forgets everybody: fusion says again where they are.
+    pub fn clear(&mut self) {
+        self.followed.clear();
+    }
+
+    /// Takes what the patches of `sets`, cut by `boxes`, show; ticks must rise.
+    pub fn see(&mut self, boxes: &BoxSet, sets: &[PatchSet], rate_hz: f64) {
+        for set in sets {
+            for patch in &set.persons {
+                self.see_patch(boxes, patch, set.tick);
+            }
+            let longest = (UNSEEN_S * rate_hz) as i64;
+            self.followed
+                .retain(|_, followed| set.tick - followed.seen <= longest);
+        }
+    }
+
+    /// The boxes of `tick`, in the place of those of `before`; `None` while nobody is followed.
+    pub fn at(&self, tick: Tick, before: &BoxSet) -> Option<BoxSet> {
+        let mut persons: Vec<PersonBoxes> = Vec::new();
+        for ((person, _), followed) in &self.followed {
+            let at = carried(&followed.at, tick - followed.tick);
+            match persons.last_mut().filter(|last| last.person == *person) {
+                Some(last) => last.cameras.push(at),
+                None => persons.push(PersonBoxes {
+                    person: *person,
+                    cameras: vec![at],
+                }),
+            }
+        }
+        (!persons.is_empty()).then(|| BoxSet {
+            tick,
+            persons,
+            detection_cameras: Vec::new(),
+            ..before.clone()
+        })
+    }
+
+    fn see_patch(&mut self, boxes: &BoxSet, patch: &PersonPatch, tick: Tick) {
+        let Some(keypoints_px) = self.keypoints(patch) else {
+            return;
+        };
+        let key = (patch.person, patch.camera);
+        let Some(followed) = self.followed.get_mut(&key) else {
+            let person = boxes.persons.iter().find(|p| p.person == patch.person);
+            let own = person.and_then(|p| p.cameras.iter().find(|c| c.camera == patch.camera));
+            if let Some(at) = own {
+                let at = carried(at, tick - boxes.tick);
+                let followed = Followed {
+                    body: body(&at, &keypoints_px),
+                    at,
+                    tick,
+                    seen: tick,
+                };
+                self.followed.insert(key, followed);
+            }
+            return;
+        };
+        followed.see(&keypoints_px, tick);
+    }
+
+    /// The highest peak of each map, where there is a clear one; `None` of maps that cannot be read.
+    fn keypoints(&mut self, patch: &PersonPatch) -> Option<Vec<Option<[f32; 2]>>> {
+        let maps = self.maps.get_or_insert_with(|| Maps::new(1, 1, 1));
+        self.decoder.decode(&patch.maps, maps).ok()?;
+        let peak = |keypoint: usize| {
+            let [x, y] = peak(maps.cells(keypoint), maps.width())?;
+            let crop = usize::from(*patch.crop_of_keypoint.get(keypoint)?);
+            let px = patch.crops.get(crop)?.pixel(x, y);
+            Some([px.x() as f32, px.y() as f32])
+        };
+        Some((0..maps.keypoints()).map(peak).collect())
+    }
+}
+
+impl Followed {
+    fn see(&mut self, keypoints_px: &[Option<[f32; 2]>], tick: Tick) {
+        let pairs = self.body.iter().zip(keypoints_px);
+        let common: Vec<([f32; 2], [f32; 2])> =
+            pairs.filter_map(|(a, b)| Some(((*a)?, (*b)?))).collect();
+        if common.len() < ENOUGH_KEYPOINTS {
+            return;
+        }
+        let ticks = tick - self.tick;
+        let before = carried(&self.at, ticks);
+        let height_px = before.bounding_box.size_px[1];
+        let [known, now_px] = [
+            spread(common.iter().map(|(a, _)| *a)),
+            spread(common.iter().map(|(_, b)| *b)),
+        ];
+        let growth = now_px / (known * height_px).max(1.0);
+        let growth = growth.clamp(1.0 / MOST_GROWTH, MOST_GROWTH);
+        let scale_px = growth * height_px;
+        // A keypoint that jumps to another person, or to the other side, is one of many.
+        let place = |i: usize| median(common.iter().map(|(a, b)| b[i] - scale_px * a[i]));
+        let mut at = before;
+        for i in [0, 1] {
+            let moved = place(i) - before.bounding_box.center_px[i];
+            let rate = self.at.rate.center_px[i] + moved / ticks.max(1) as f32;
+            at.rate.center_px[i] += RATE_SHARE * (rate - at.rate.center_px[i]);
+            at.bounding_box.center_px[i] += moved;
+            at.bounding_box.size_px[i] *= growth;
+            at.torso_px[i] += moved;
+            at.neck_px[i] += moved;
+        }
+        (at.rate.size_px, at.rate.rotation_rad) = ([0.0; 2], 0.0);
+        if !at.bounding_box.is_valid() {
+            return;
+        }
+        for (known, now) in self.body.iter_mut().zip(body(&at, keypoints_px)) {
+            match (&mut *known, now) {
+                (Some(known), Some(now)) => {
+                    for i in [0, 1] {
+                        known[i] += BODY_SHARE * (now[i] - known[i]);
+                    }
+                }
+                (None, Some(_)) => *known = now,
+                (_, None) => {}
+            }
+        }
+        (self.at, self.tick, self.seen) = (at, tick, tick);
+    }
+}
+
+/// Where keypoints are from the middle of a box, over its height.
+fn body(at: &CameraBox, keypoints_px: &[Option<[f32; 2]>]) -> Vec<Option<[f32; 2]>> {
+    let (center_px, height_px) = (at.bounding_box.center_px, at.bounding_box.size_px[1]);
+    let own = |px: &[f32; 2]| [0, 1].map(|i| (px[i] - center_px[i]) / height_px);
+    keypoints_px.iter().map(|px| px.as_ref().map(own)).collect()
+}
+
+/// The middle of the highest peak of a map, cells, if it is high enough: the mean of its cell and those around, by height.
+fn peak(cells: &[u8], width: usize) -> Option<[f64; 2]> {
+    let highest = cells.iter().enumerate();
+    let (at, &height) = highest.max_by_key(|&(at, &height)| (height, std::cmp::Reverse(at)))?;
+    let (x, y) = (at % width, at / width);
+    let (mut sum, mut place) = (0.0, [0.0; 2]);
+    for (dy, dx) in (0..3).flat_map(|dy| (0..3).map(move |dx| (dy, dx))) {
+        // One to the left and above is where the count begins.
+        let (Some(cx), Some(cy)) = ((x + dx).checked_sub(1), (y + dy).checked_sub(1)) else {
+            continue;
+        };
+        let inside = cx < width;
+        let value = cells.get(cy * width + cx).filter(|_| inside);
+        let weight = f64::from(value.copied().unwrap_or(0));
+        sum += weight;
+        place = [place[0] + weight * cx as f64, place[1] + weight * cy as f64];
+    }
+    (height >= LEAST_PEAK).then(|| place.map(|v| v / sum))
+}
+
+/// The box so many ticks on, without growing by its age.
+fn carried(at: &CameraBox, ticks: i64) -> CameraBox {
+    let (mut moved, n) = (*at, ticks as f32);
+    for i in [0, 1] {
+        let by = n * at.rate.center_px[i];
+        moved.bounding_box.center_px[i] += by;
+        moved.torso_px[i] += by;
+        moved.neck_px[i] += by;
+    }
+    moved
+}
+
+fn median(values: impl Iterator<Item = f32>) -> f32 {
+    upper_median(values.map(f64::from).collect()).unwrap_or(0.0) as f32
+}
+
+/// How far the points are from their middle, mostly.
+fn spread(points: impl Iterator<Item = [f32; 2]> + Clone) -> f32 {
+    let middle = [0, 1].map(|i| median(points.clone().map(|p| p[i])));
+    median(points.map(|p| (p[0] - middle[0]).hypot(p[1] - middle[1])))
+}
+
+#[cfg(test)]
+mod tests {
+    use farfield_proto::bounding_box::{BoundingBox, BoxRate};
+    use farfield_proto::frames::Pixel;
+    use farfield_proto::grid::CellGrid;
+    use farfield_proto::id::{SessionId, ViewpointIndex};
+    use farfield_proto::message::Order;
+    use farfield_proto::patch::{CompressionLevel, Encoder};
+
+    use super::*;
+
+    const RATE_HZ: f64 = 60.0;
+    /// Where the keypoints are from the middle of the person, pixels.
+    const BODY: [[f32; 2]; 6] = [
+        [0.0, -80.0],
+        [-20.0, -50.0],
+        [20.0, -50.0],
+        [-15.0, 10.0],
+        [15.0, 10.0],
+        [0.0, 70.0],
+    ];
+
+    fn camera_box(center_px: [f32; 2]) -> CameraBox {
+        CameraBox {
+            camera: CameraIndex(2),
+            bounding_box: BoundingBox {
+                center_px,
+                size_px: [120.0, 220.0],
+                rotation_rad: 0.0,
+            },
+            rate: BoxRate {
+                center_px: [3.0, 0.0],
+                ..BoxRate::default()
+            },
+            torso_px: center_px,
+            neck_px: [center_px[0], center_px[1] - 60.0],
+        }
+    }
+
+    fn boxes(tick: i64, cameras: Vec<CameraBox>) -> BoxSet {
+        BoxSet {
+            session: SessionId(1),
+            tick: Tick(tick),
+            viewpoint: ViewpointIndex(0),
+            part: 0,
+            parts: 1,
+            order: Order::Track,
+            live: None,
+            detection_cameras: vec![CameraIndex(2)],
+            persons: vec![PersonBoxes {
+                person: PersonId(7),
+                cameras,
+            }],
+        }
+    }
+
+    /// What the network sees of a person at `place_px`, `scale` large, in a crop around `boxes`: nothing outside.
+    fn patches(tick: i64, boxes: &BoxSet, place_px: [f32; 2], scale: f32) -> PatchSet {
+        let own = &boxes.persons[0].cameras[0].bounding_box;
+        let step_px = own.size_px[1] / 64.0;
+        let grid = CellGrid {
+            origin_px: [0, 1].map(|i| own.center_px[i] - [24.0, 32.0][i] * step_px),
+            step_px: [step_px, 0.0],
+            width: 48,
+            height: 64,
+        };
+        let mut maps = Maps::new(48, 64, BODY.len());
+        for (k, at) in BODY.iter().enumerate() {
+            let px = [0, 1].map(|i| f64::from(place_px[i] + scale * at[i]));
+            let cell = grid.cell(Pixel::new(px[0], px[1]));
+            for (i, value) in maps.cells_mut(k).iter_mut().enumerate() {
+                let (x, y) = ((i % 48) as f64, (i / 48) as f64);
+                let squared = (x - cell[0]).powi(2) + (y - cell[1]).powi(2);
+                *value = (230.0 * (-squared / 4.5).exp()) as u8;
+            }
+        }
+        let level = CompressionLevel::LOSSLESS;
+        let patch = PersonPatch {
+            person: PersonId(7),
+            camera: CameraIndex(2),
+            box_tick: boxes.tick,
+            capture_offset_us: 0,
+            crops: vec![grid],
+            crop_of_keypoint: vec![0; BODY.len()],
+            maps: Encoder::new().encode(&maps, level),
+        };
+        PatchSet {
+            session: SessionId(1),
+            tick: Tick(tick),
+            viewpoint: ViewpointIndex(0),
+            part: 0,
+            parts: 1,
+            sighting_parts: 0,
+            timing: None,
+            persons: vec![patch],
+        }
+    }
+
+    #[test]
+    fn a_person_who_turns_back_is_followed_for_seconds_by_what_the_maps_show() {
+        // Straight on, the box of fusion would be 900 pixels off at the end.
+        let place_px = |tick: i64| {
+            let t = tick as f32 / 60.0;
+            [500.0 + 90.0 * (2.0 * t).sin(), 400.0 - 12.0 * t]
+        };
+        let scale = |tick: i64| 1.0 + 0.05 * tick as f32 / 60.0;
+        let first = boxes(0, vec![camera_box(place_px(0))]);
+        let (mut own, mut used) = (OwnBoxes::default(), first.clone());
+        for tick in 0..300 {
+            let seen = patches(tick, &used, place_px(tick), scale(tick));
+            own.see(&used, &[seen], RATE_HZ);
+            used = own.at(Tick(tick + 1), &first).unwrap();
+            assert_eq!(used.tick, Tick(tick + 1));
+            let at = &used.persons[0].cameras[0].bounding_box;
+            let want = place_px(tick + 1);
+            let off = [0, 1].map(|i| at.center_px[i] - want[i]);
+            assert!(off[0].hypot(off[1]) < 25.0, "{off:?} at {tick}");
+        }
+        let height = used.persons[0].cameras[0].bounding_box.size_px[1];
+        assert!((height / 220.0 - 1.25).abs() < 0.12, "{height}");
+        assert!(used.detection_cameras.is_empty());
+    }
+
+    #[test]
+    fn who_is_not_seen_is_let_go_after_half_a_second() {
+        let first = boxes(0, vec![camera_box([500.0, 400.0])]);
+        let mut own = OwnBoxes::default();
+        assert_eq!(own.at(Tick(1), &first), None);
+        own.see(&first, &[patches(0, &first, [500.0, 400.0], 1.0)], RATE_HZ);
+        let nobody = |tick| patches(tick, &first, [9_000.0, 400.0], 1.0);
+        own.see(&first, &[nobody(30)], RATE_HZ);
+        assert!(own.at(Tick(31), &first).is_some());
+        own.see(&first, &[nobody(31)], RATE_HZ);
+        assert_eq!(own.at(Tick(32), &first), None);
+        own.see(&first, &[patches(40, &first, [500.0, 400.0], 1.0)], RATE_HZ);
+        own.clear();
+        assert_eq!(own.at(Tick(41), &first), None);
+    }
+}
