@@ -123,3 +123,36 @@ fn the_units_start_nodes_with_arguments_that_the_nodes_know() {
         FarfieldCli::try_parse_from(words).unwrap_or_else(|error| panic!("{unit}: {error}"));
     }
 }
+
+/// What systemd itself finds wrong with the units; skipped, with a word, where there is no systemd.
+#[test]
+fn systemd_finds_nothing_wrong_with_the_units() {
+    let folder = tempfile::tempdir().unwrap();
+    let units = ["farfield-fusion.service", "farfield-edge@.service"].map(|unit| {
+        // The programs are not installed here.
+        let text: Vec<String> = read(&format!("systemd/{unit}"))
+            .lines()
+            .map(|line| match line.strip_prefix("ExecStart=") {
+                Some(command) => {
+                    let arguments = command.split_once(' ').map_or("", |(_, rest)| rest);
+                    format!("ExecStart=/bin/true {arguments}")
+                }
+                None => line.to_owned(),
+            })
+            .collect();
+        let copy = folder.path().join(unit.replace('@', "@north-east"));
+        std::fs::write(&copy, text.join("\n")).unwrap();
+        copy
+    });
+    let verify = std::process::Command::new("systemd-analyze")
+        .arg("verify")
+        .args(&units)
+        .output();
+    let Ok(verify) = verify else {
+        println!("SKIPPED: systemd-analyze is not there");
+        return;
+    };
+    let said = String::from_utf8_lossy(&verify.stderr);
+    let of_ours = said.lines().filter(|line| line.contains("farfield"));
+    assert_eq!(of_ours.collect::<Vec<_>>(), [""; 0], "{said}");
+}
