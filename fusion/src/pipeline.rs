@@ -27,6 +27,7 @@ use crate::boxes::BoxShape;
 use crate::estimate::occlusion::BodyCapsules;
 use crate::estimate::peak_assignment::PeakAssignment;
 use crate::estimate::separation::Separation;
+use crate::identity::known::KnownPeople;
 use crate::identity::registry::Registry;
 use crate::identity::track::Track;
 use crate::journal::Journal;
@@ -227,6 +228,17 @@ impl Pipeline {
         self.registry.begin(tick, &self.method);
         let next = vec![1; self.viewpoints.len()];
         self.boxes_after(tick + -1, &next)
+    }
+
+    /// Takes over who was there in the run before this one, which begins at `tick`; to be called before
+    /// [`Self::first_boxes`].
+    pub fn expect(&mut self, known: &KnownPeople, tick: Tick) {
+        self.registry.expect(known, tick, &self.method);
+    }
+
+    /// Who would be expected in a run that began after `tick`, the last.
+    pub fn known_people(&self, tick: Tick) -> KnownPeople {
+        self.registry.known_people(tick)
     }
 
     /// Works on one tick. `mark` is told after each stage, for whoever measures.

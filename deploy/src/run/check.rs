@@ -7,7 +7,8 @@ use anyhow::anyhow;
 use farfield_edge::node::{Networks, load_networks, probe_sources};
 use farfield_edge::source::{SourceError, common_ticks};
 use farfield_fusion::node::{
-    check_folder, check_given_keypoints, check_given_ticks, check_names, check_place, load_card,
+    check_folder, check_given_keypoints, check_given_ticks, check_live_or_recorded, check_names,
+    check_place, load_card,
 };
 use farfield_node::process::NodeError;
 use farfield_proto::tick::Tick;
@@ -64,6 +65,9 @@ pub(crate) fn check(args: RunArgs) -> Result<(RunPlan, Networks), NodeError> {
     }
     if let Some(Some(record)) = &args.record {
         check_place(record).map_err(NodeError::Refused)?;
+    }
+    if args.live {
+        check_live_or_recorded(&venue, &args.venue).map_err(NodeError::refused)?;
     }
     let infos = probe_sources(&sources, &venue, &venue.cameras).map_err(NodeError::refused)?;
     let pace = if args.live {

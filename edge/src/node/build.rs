@@ -196,7 +196,13 @@ pub(super) fn build(config: &EdgeConfig) -> Result<Built, NodeError> {
         failure: None,
         stages: Vec::new(),
         live: None,
-        health: NodeHealth::default(),
+        health: NodeHealth {
+            certificate_ends_s: config
+                .reach
+                .validity
+                .and_then(|validity| u64::try_from(validity.until_s).ok()),
+            ..NodeHealth::default()
+        },
     };
     Ok(Built { work, status })
 }

@@ -132,6 +132,11 @@ impl Memory {
         })
     }
 
+    /// Everybody who is remembered, in the order in which they went.
+    pub(crate) fn everybody(&self) -> &[Departed] {
+        &self.gone
+    }
+
     /// Hands out who has come back.
     pub(crate) fn take(&mut self, id: PersonId) -> Option<Departed> {
         let at = self.gone.iter().position(|departed| departed.id == id)?;

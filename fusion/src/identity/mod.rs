@@ -16,6 +16,7 @@ mod decide;
 mod detection_scheduler;
 mod event;
 mod facts;
+pub mod known;
 mod memory;
 pub mod phase;
 mod poster;

@@ -11,6 +11,7 @@ pub mod edge;
 pub(crate) mod fixture;
 pub mod gather;
 pub mod horizon;
+pub mod late_detections;
 pub mod membership;
 pub mod meter;
 pub mod pace;

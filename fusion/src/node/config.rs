@@ -15,6 +15,7 @@ use farfield_proto::venue::Venue;
 
 use super::given::{check_given_keypoints, check_given_ticks};
 use super::handout::Handout;
+use super::live_or_recorded::check_live_or_recorded;
 use super::output::progress::Detail;
 use super::recording::check_place;
 use super::session::mode::RunMode;
@@ -92,6 +93,7 @@ impl FusionConfig {
             reach: Reach {
                 endpoints: Vec::new(),
                 identity: None,
+                validity: None,
             },
             handout: Arc::default(),
             mode: RunMode::LockStep,
@@ -111,6 +113,9 @@ impl FusionConfig {
         check_given_keypoints(&venue, &args.venue, card.as_ref()).map_err(NodeError::refused)?;
         if let Some(ticks) = &args.ticks {
             check_given_ticks(&venue, &args.venue, ticks).map_err(NodeError::refused)?;
+        }
+        if args.live {
+            check_live_or_recorded(&venue, &args.venue).map_err(NodeError::refused)?;
         }
         if let Some(record) = &args.record {
             check_place(record).map_err(NodeError::Refused)?;

@@ -7,6 +7,7 @@ mod config;
 mod given;
 mod handout;
 mod live;
+mod live_or_recorded;
 mod lock_step;
 mod output;
 mod recorder_node;
@@ -19,6 +20,7 @@ mod worker;
 
 pub use self::config::{FusionArgs, check_names, load_card};
 pub use self::given::{check_given_keypoints, check_given_ticks};
+pub use self::live_or_recorded::check_live_or_recorded;
 pub use self::output::claim::{FolderClaim, check_folder};
 pub use self::output::progress::{Body, LinkProgress, Progress, Report};
 pub use self::recorder_node::{RecordArgs, main as record};

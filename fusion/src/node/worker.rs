@@ -18,6 +18,7 @@ use super::output::exporter::Exporter;
 use super::session::mode::RunMode;
 use crate::align::TickGroup;
 use crate::export::pose_files::Presence;
+use crate::identity::known::KnownPeople;
 use crate::live::Micros;
 use crate::pipeline::Pipeline;
 
@@ -55,6 +56,8 @@ pub(super) struct Stepped {
     pub(super) unusable: u32,
     /// How long the core's stages have taken so far, told once a second.
     pub(super) stages: Option<Vec<StageTime>>,
+    /// Who is known, live, told once a second.
+    pub(super) people: Option<KnownPeople>,
     /// How many patches there were, and how long the step took, microseconds; `None` of a tick with a detection pass.
     pub(super) cost: Option<(usize, Micros)>,
 }
@@ -200,9 +203,12 @@ impl FusionWork {
         let took_us = Micros::from(clock::micros_since(start));
         let cost = (!has_pass).then_some((patches.sum(), took_us));
         self.last = Some(job.group.tick);
+        let stages = self.laps.told_once_a_second(start);
+        let is_told = stages.is_some() && self.mode == RunMode::Live;
         let stepped = Stepped {
             unusable: output.unusable_patches + output.unusable_sightings,
-            stages: self.laps.told_once_a_second(start),
+            people: is_told.then(|| self.pipeline.known_people(job.group.tick)),
+            stages,
             smoothed: output.smoothed.clone(),
             poses: output.poses,
             events: output.events,

@@ -28,6 +28,8 @@ pub enum Content {
     Presence,
     /// What the recorder says of itself, as JSON.
     Recorder,
+    /// Whom a session expects from the one before it, as JSON.
+    Expected,
 }
 
 /// One channel.
@@ -51,6 +53,7 @@ pub fn channels(name: &str, viewpoints: &[&str]) -> Vec<Channel> {
         channel(keys.event(), Content::Events),
         channel(json_poses(&keys), Content::JsonPoses),
         channel(format!("{name}/recorder"), Content::Recorder),
+        channel(expected(name), Content::Expected),
     ];
     for kind in [SetKind::Patches, SetKind::Sightings] {
         for viewpoint in viewpoints {
@@ -72,6 +75,11 @@ pub fn channels(name: &str, viewpoints: &[&str]) -> Vec<Channel> {
         all.push(channel(keys.alive(node), Content::Presence));
     }
     all
+}
+
+/// The topic of whom a session of the venue `name` expects from the one before it.
+pub fn expected(name: &str) -> String {
+    format!("{name}/expected")
 }
 
 /// The topic of the poses as JSON.

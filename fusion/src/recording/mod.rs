@@ -12,6 +12,7 @@ use mcap::records::Record;
 
 pub mod channels;
 mod compression;
+pub mod expected;
 mod framing;
 pub mod holes;
 pub mod poses_json;

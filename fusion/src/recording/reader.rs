@@ -18,8 +18,10 @@ use mcap::records::Record;
 use serde::Deserialize;
 
 use super::channels::{Content, channels};
+use super::expected::ExpectedPeople;
 use super::framing::{FileEnd, FramingError, PackedChunk, RecordPlace, unpack, walk};
 use super::{CALIBRATION_FILE, CARD_FILE, FACTS, PROFILE, VENUE_FILE};
+use crate::identity::known::KnownPeople;
 
 /// Why a file cannot be replayed.
 #[derive(Debug, thiserror::Error)]
@@ -82,6 +84,8 @@ pub struct SessionPart {
     pub decisions: Vec<Decision>,
     /// First and last tick of which there are sets or a decision.
     pub ticks: [Tick; 2],
+    /// Whom it expected from the session before it.
+    pub expected: KnownPeople,
     /// Distinct sets, filled ones too.
     pub sets: usize,
     /// Distinct sets that are there only because they were asked for after an outage.
@@ -124,7 +128,7 @@ impl<R: Read + Seek> Recording<R> {
         index
             .sets
             .dedup_by_key(|set| (set.session, set.tick, set.kind, set.viewpoint, set.part));
-        let sessions = sessions(&index.sets, index.decisions);
+        let sessions = sessions(&index.sets, index.decisions, index.expected);
         Ok(Self {
             file,
             packed_chunks: index.packed_chunks,
@@ -260,6 +264,7 @@ struct Index {
     sets: Vec<SetEntry>,
     poses: BTreeMap<(SessionId, Tick), MessagePosition>,
     decisions: Vec<Decision>,
+    expected: Vec<ExpectedPeople>,
     unreadable: u64,
     lost: u64,
 }
@@ -339,6 +344,13 @@ impl Index {
                 self.lost = says.map_or(self.lost, |says| says.lost);
                 Ok(())
             }
+            Content::Expected => {
+                let expected = serde_json::from_slice(data)
+                    .ok()
+                    .and_then(ExpectedPeople::checked);
+                self.expected.extend(expected);
+                Ok(())
+            }
             _ => Ok(()),
         };
         self.unreadable += u64::from(read.is_err());
@@ -387,7 +399,11 @@ fn topics(facts: &BTreeMap<String, String>) -> BTreeMap<String, Content> {
 }
 
 /// The lives of fusion, from all sets (in order) and decisions.
-fn sessions(sets: &[SetEntry], decisions: Vec<Decision>) -> Vec<SessionPart> {
+fn sessions(
+    sets: &[SetEntry],
+    decisions: Vec<Decision>,
+    expected: Vec<ExpectedPeople>,
+) -> Vec<SessionPart> {
     let mut parts: BTreeMap<SessionId, SessionPart> = BTreeMap::new();
     for set in sets {
         let part = entry(&mut parts, set.session, set.tick);
@@ -397,6 +413,11 @@ fn sessions(sets: &[SetEntry], decisions: Vec<Decision>) -> Vec<SessionPart> {
     for decision in decisions {
         let part = entry(&mut parts, decision.session, decision.tick);
         part.decisions.push(decision);
+    }
+    for ExpectedPeople { session, known } in expected {
+        if let Some(part) = parts.get_mut(&session) {
+            part.expected = known;
+        }
     }
     let mut parts: Vec<SessionPart> = parts.into_values().collect();
     for part in &mut parts {
@@ -417,6 +438,7 @@ fn entry(
         session,
         decisions: Vec::new(),
         ticks: [tick, tick],
+        expected: KnownPeople::default(),
         sets: 0,
         filled: 0,
     });

@@ -113,7 +113,10 @@ impl<R: Read + Seek> Replay<R> {
         let mut to_do = ticks(&part)?;
         let first = part.decisions.first().map(|decision| decision.first);
         let boxes = first.or(to_do.first().copied());
-        let boxes = boxes.map(|first| pipeline.first_boxes(first));
+        let boxes = boxes.map(|first| {
+            pipeline.expect(&part.expected, first);
+            pipeline.first_boxes(first)
+        });
         to_do.reverse();
         Ok(Self {
             recording,
@@ -292,6 +295,7 @@ mod tests {
     use farfield_proto::id::SessionId;
 
     use super::*;
+    use crate::identity::known::KnownPeople;
 
     fn part(ticks: &[i64]) -> SessionPart {
         let decision = |&tick: &i64| Decision {
@@ -303,6 +307,7 @@ mod tests {
             sightings: Vec::new(),
         };
         SessionPart {
+            expected: KnownPeople::default(),
             session: SessionId(1),
             decisions: ticks.iter().map(decision).collect(),
             ticks: [Tick(ticks[0]), Tick(ticks[ticks.len() - 1])],

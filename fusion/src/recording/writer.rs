@@ -112,7 +112,7 @@ impl<W: Write> RecordingWriter<W> {
         for Channel { topic, content } in channels(&head.venue, &viewpoints) {
             let (schema, encoding) = match content {
                 Content::JsonPoses => (schema, "json"),
-                Content::Presence | Content::Recorder => (0, "json"),
+                Content::Presence | Content::Recorder | Content::Expected => (0, "json"),
                 _ => (0, WIRE_ENCODING),
             };
             let id = file

@@ -8,6 +8,8 @@ use farfield_proto::transport::endpoint::is_endpoint;
 use farfield_proto::transport::{Exposure, Identity};
 use farfield_proto::venue::{Endpoints, Venue};
 
+use crate::certificate::{self, Validity};
+use crate::clock;
 use crate::files::load_identity;
 use crate::process::NodeError;
 
@@ -42,6 +44,8 @@ pub struct Reach {
     pub endpoints: Vec<String>,
     /// By what it proves who it is; `None` without TLS.
     pub identity: Option<Identity>,
+    /// Until when the certificate of [`Self::identity`] holds.
+    pub validity: Option<Validity>,
 }
 
 impl LinkEnd {
@@ -86,6 +90,11 @@ impl Asked<'_> {
             .map(|keys| load_identity(keys, self.node))
             .transpose()
             .map_err(NodeError::refused)?;
+        let now_s = i64::try_from(clock::unix_time().as_secs()).unwrap_or(i64::MAX);
+        let validity = identity
+            .as_ref()
+            .map(|identity| certificate::check(identity, self.node, now_s))
+            .transpose()?;
         let exposure = Exposure {
             has_keys: identity.is_some(),
             allow_plaintext: self.allow_plaintext || venue.security.allow_plaintext,
@@ -95,6 +104,7 @@ impl Asked<'_> {
         Ok(Reach {
             endpoints: endpoints.map_err(NodeError::refused)?,
             identity,
+            validity,
         })
     }
 }

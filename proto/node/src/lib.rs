@@ -7,6 +7,7 @@
 //!
 //! | module | what |
 //! | --- | --- |
+//! | [`certificate`] | until when a node's certificate holds |
 //! | [`clock`] | the only reader of the machine's clock; the venue's clock, which never jumps |
 //! | [`histogram`] | how long things took, over days, in bounded room |
 //! | [`log`] | what a node logs, and how it listens in on a library's log |
@@ -15,6 +16,7 @@
 //!
 //! Nothing here knows what a node works on: what only edges or only fusion need lies with them.
 
+pub mod certificate;
 pub mod clock;
 pub mod endpoints;
 pub mod files;

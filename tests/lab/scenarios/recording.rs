@@ -59,7 +59,7 @@ fn replay(file: &Path, out: &Path, more: &[&str]) -> FinishedCommand {
 }
 
 /// Replays and returns what was printed as JSON.
-fn replayed(file: &Path, out: &Path, more: &[&str]) -> serde_json::Value {
+pub(crate) fn replayed(file: &Path, out: &Path, more: &[&str]) -> serde_json::Value {
     let finished = replay(file, out, &[more, &["--json"]].concat());
     assert_eq!(finished.code, 0, "{}\n{}", finished.stdout, finished.stderr);
     serde_json::from_str(&finished.stdout).unwrap()

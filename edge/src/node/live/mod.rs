@@ -16,8 +16,10 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::{Context as _, anyhow};
-use farfield_node::clock::VenueClock;
+use farfield_node::certificate::ending_notice;
+use farfield_node::clock::{self, VenueClock};
 use farfield_node::process::{Ending, NodeError, say};
+use farfield_proto::id::SessionId;
 use farfield_proto::message::health::NodeHealth;
 use farfield_proto::message::live::{EdgeLink, LiveStatus};
 use farfield_proto::message::{Order, Status};
@@ -51,6 +53,8 @@ pub(super) struct LiveEdge {
     /// Why the edge should end, as fusion said last.
     objection: Option<NodeError>,
     refusal: RepeatedRefusal,
+    /// The session of fusion that was followed last.
+    followed: Option<SessionId>,
     /// Why messages of fusion cannot be read, as was said last.
     foreign: Option<WireError>,
     failed: oneshot::Receiver<anyhow::Error>,
@@ -78,6 +82,7 @@ impl LiveEdge {
             refused: None,
             objection: None,
             refusal: RepeatedRefusal::default(),
+            followed: None,
             foreign: None,
             failed,
         })
@@ -110,7 +115,10 @@ impl LiveEdge {
             }
             EdgeIncoming::Boxes(boxes) => match self.shared.take_boxes(boxes) {
                 // Fusion uses nothing of an edge before it knows what files it holds.
-                BoxSetArrival::NewSession => self.send_status(),
+                BoxSetArrival::NewSession => {
+                    self.say_whom_it_follows();
+                    self.send_status();
+                }
                 BoxSetArrival::Foreign => self.status.unreadable += 1,
                 BoxSetArrival::Newer | BoxSetArrival::Part | BoxSetArrival::Stale => {}
             },
@@ -123,6 +131,18 @@ impl LiveEdge {
             EdgeIncoming::Unreadable(_, error) => self.cannot_read(&error),
         }
         Ok(None)
+    }
+
+    /// Says that another fusion, or a new life of the same, is followed than before.
+    fn say_whom_it_follows(&mut self) {
+        let session = self.shared.session();
+        if let (Some(before), Some(now)) = (self.followed, session) {
+            say(format_args!(
+                "{}: follows another fusion now, session {:x} instead of {:x}: it was started again, or there are two",
+                self.status.node, now.0, before.0
+            ));
+        }
+        self.followed = session.or(self.followed);
     }
 
     /// Works until fusion says that the run is over, or somebody stops the edge.
@@ -190,8 +210,15 @@ impl LiveEdge {
         let mut health = NodeHealth {
             system_clock: Some(self.shared.clock.system()),
             follows: self.shared.session(),
+            certificate_ends_s: self.status.health.certificate_ends_s,
             ..NodeHealth::default()
         };
+        let until_s = health.certificate_ends_s.map(u64::cast_signed);
+        let now_s = clock::unix_time().as_secs().cast_signed();
+        let ending = until_s.and_then(|until_s| ending_notice(&self.status.node, until_s, now_s));
+        if let Some(text) = ending {
+            health.notice(text);
+        }
         if let Some(failure) = self.shared.ring_failure() {
             health.notice(failure);
         }

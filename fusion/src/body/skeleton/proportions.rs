@@ -28,6 +28,13 @@ macro_rules! proportions {
                 Self { $($field: $ratio * stature_m,)* }
             }
 
+            /// The body of these lengths (metres), in the order of the fields; `None` of another number of them.
+            pub fn from_lengths(lengths_m: &[f64]) -> Option<Self> {
+                let mut left = lengths_m.iter().copied();
+                let proportions = Self { $($field: left.next()?,)* };
+                left.next().is_none().then_some(proportions)
+            }
+
             /// Every length with its name, in the order of the fields.
             pub fn lengths_m(&self) -> impl Iterator<Item = (&'static str, f64)> {
                 [$((stringify!($field), self.$field)),*].into_iter()
@@ -97,6 +104,16 @@ impl Proportions {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_body_is_its_lengths() {
+        let body = Proportions::from_stature(1.68);
+        let mut lengths_m: Vec<f64> = body.lengths_m().map(|(_, m)| m).collect();
+        assert_eq!(Proportions::from_lengths(&lengths_m), Some(body));
+        lengths_m.push(1.0);
+        assert_eq!(Proportions::from_lengths(&lengths_m), None);
+        assert_eq!(Proportions::from_lengths(&lengths_m[..5]), None);
+    }
 
     #[test]
     fn an_impossible_length_is_refused_by_name() {

@@ -19,6 +19,7 @@ use super::decide::{lives, places, recognition};
 use super::detection_scheduler::DetectionScheduler;
 use super::event::{Event, EventKind};
 use super::facts::{Rules, TrackFacts};
+use super::known::{KnownPeople, KnownPerson};
 use super::memory::{Candidate, Memory};
 use super::poster::Posters;
 use super::recognise::{Appearance, Lengths};
@@ -100,6 +101,30 @@ impl Registry {
     pub fn begin(&mut self, tick: Tick, method: &Method) {
         self.scheduler.begin(tick);
         self.take_in_given(tick, method);
+    }
+
+    /// Who was there in the run before this, which begins at `tick`: they may come back.
+    pub fn expect(&mut self, known: &KnownPeople, tick: Tick, method: &Method) {
+        self.next_id = self.next_id.max(known.next_id);
+        let departed = known.people.iter();
+        for departed in departed.filter_map(|person| person.departed(tick, &method.sites)) {
+            self.memory.remember(departed);
+        }
+    }
+
+    /// Who would be expected in a run that began after `tick`.
+    pub fn known_people(&self, tick: Tick) -> KnownPeople {
+        let rate_hz = self.rules.rate_hz;
+        let confirmed = self.tracks.iter().filter(|track| !track.is_tentative());
+        let there = confirmed.filter_map(|track| track.departed(tick, rate_hz));
+        let gone = self.memory.everybody().iter();
+        let gone = gone.map(|departed| KnownPerson::of(departed, false));
+        KnownPeople {
+            next_id: self.next_id,
+            people: gone
+                .chain(there.map(|departed| KnownPerson::of(&departed, true)))
+                .collect(),
+        }
     }
 
     /// Everybody, in the order of their initiation.

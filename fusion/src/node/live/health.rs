@@ -1,7 +1,10 @@
-//! What fusion makes of itself and of all machines once a second: their clocks, and who floods.
+//! What fusion makes of itself and of all machines once a second: their clocks, their keys, and who floods.
 
+use farfield_node::certificate::ending_notice;
+use farfield_node::clock;
 use farfield_node::process::say;
 use farfield_proto::message::health::{LinkHealth, NodeHealth};
+use farfield_proto::transport::FUSION;
 
 use super::run::LiveFusion;
 use crate::live::Micros;
@@ -41,6 +44,20 @@ impl LiveFusion<'_> {
         self.is_own_clock_suspected = is_suspected;
     }
 
+    /// Says once of every viewpoint whose certificate ends soon that it does.
+    pub(super) fn look_at_certificates(&mut self) {
+        let now_s = clock::unix_time().as_secs().cast_signed();
+        for status in self.members.last_words() {
+            let until_s = status.health.certificate_ends_s.map(u64::cast_signed);
+            let notice = until_s.and_then(|until_s| ending_notice(&status.node, until_s, now_s));
+            if let Some(notice) = notice
+                && self.told_certificates.insert(status.node.clone())
+            {
+                say(format_args!("{notice}"));
+            }
+        }
+    }
+
     /// Names who sends more than it may.
     pub(super) fn look_for_floods(&mut self) {
         let names = self.config.venue.viewpoints.iter().map(|v| v.name.as_str());
@@ -58,11 +75,19 @@ impl LiveFusion<'_> {
                 dropped: self.interceptor.dropped(index),
                 ..edge.link_health()
             });
+        let validity = self.config.reach.validity;
+        let until_s = validity.map(|validity| validity.until_s);
         let mut health = NodeHealth {
             system_clock: Some(self.interceptor.clock.system()),
+            certificate_ends_s: until_s.map(i64::cast_unsigned),
             links: links.collect(),
             ..NodeHealth::default()
         };
+        let now_s = clock::unix_time().as_secs().cast_signed();
+        let ending = until_s.and_then(|until_s| ending_notice(FUSION, until_s, now_s));
+        if let Some(text) = ending {
+            health.notice(text);
+        }
         for index in self.flood.flooding() {
             let name = &self.config.venue.viewpoints[index].name;
             health.notice(format!("viewpoint {name} sends more than any edge may"));

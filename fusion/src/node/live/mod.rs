@@ -4,6 +4,7 @@
 mod context;
 mod delays;
 mod flood;
+mod handover;
 mod health;
 mod receiving;
 mod run;
@@ -17,8 +18,10 @@ use std::time::Duration;
 use anyhow::Context as _;
 use farfield_node::clock;
 use farfield_node::process::{Ending, Managed, NodeError};
+use farfield_proto::tick::Tick;
 
 pub(super) use self::context::LiveContext;
+use self::handover::Handover;
 use self::run::LiveFusion;
 use self::start::clock_start;
 use super::output::exporter::Exporter;
@@ -26,7 +29,10 @@ use super::output::summary::{self, RunFacts, summarize};
 use super::recording::RecordingThread;
 use super::session::mode::RunMode;
 use super::worker::FusionWorker;
+use crate::identity::known::KnownPeople;
 use crate::pipeline::Pipeline;
+use crate::recording::channels;
+use crate::recording::expected::ExpectedPeople;
 
 /// How long the edges may take to deliver what the recording lacks, when the run is over.
 const FILL_PATIENCE: Duration = Duration::from_secs(30);
@@ -48,13 +54,27 @@ pub(super) async fn live(
     let venue = &config.venue;
     let began = clock::now();
     let first = start.first;
+    // Under a parent all nodes end together.
+    let people_path = (config.managed == Managed::No).then(|| handover::place(venue, context.out));
+    if let Some(known) = people_path
+        .as_deref()
+        .and_then(|path| handover::read(path, venue, &start))
+    {
+        expect(known, &mut pipeline, &context, first).map_err(NodeError::Failed)?;
+    }
     let boxes = pipeline.first_boxes(first);
     let exporter =
         Exporter::create(context.out, venue, pipeline.keypoints()).map_err(NodeError::Failed)?;
     let mut worker = FusionWorker::spawn(pipeline, exporter, RunMode::Live)
         .context("starting the core's thread")
         .map_err(NodeError::Failed)?;
+    let epoch_us = start.time.epoch_us();
     let mut run = LiveFusion::new(&context, start);
+    run.handover = people_path
+        .map(|path| Handover::start(path, venue, epoch_us))
+        .transpose()
+        .context("starting the thread that keeps who is here")
+        .map_err(NodeError::Failed)?;
     let outcome = run.run(boxes, &mut worker, &mut context).await;
     if let Some(recording) = context.recording {
         let patience = match outcome {
@@ -73,6 +93,9 @@ pub(super) async fn live(
         run.last_words()
     };
     let finished = worker.finish().await.map_err(NodeError::Failed)?;
+    if let Some(handover) = run.handover.take() {
+        handover.finish().await;
+    }
     let people = finished.people.map_err(NodeError::Failed)?;
     let Some(last) = finished.last else {
         return outcome.map_err(NodeError::Failed);
@@ -96,5 +119,28 @@ pub(super) async fn live(
     outcome.map_err(NodeError::Failed)
 }
 
+/// Lets `pipeline` expect who was here before, and a recording know it.
+fn expect(
+    known: KnownPeople,
+    pipeline: &mut Pipeline,
+    context: &LiveContext<'_>,
+    first: Tick,
+) -> anyhow::Result<()> {
+    let expected = ExpectedPeople {
+        session: context.session,
+        known,
+    };
+    // A replay reads it from this text, and shall have the same bits.
+    let json = serde_json::to_vec(&expected).context("writing people as JSON")?;
+    let expected: ExpectedPeople = serde_json::from_slice(&json).context("reading people")?;
+    if let Some(recording) = context.recording {
+        let topic = channels::expected(&context.config.venue.name);
+        let now_us = context.interceptor.clock.now_us();
+        recording.queue().note(&topic, &json, now_us);
+    }
+    pipeline.expect(&expected.known, first);
+    Ok(())
+}
+
 #[cfg(test)]
-mod tests;
+pub(super) mod tests;

@@ -22,9 +22,6 @@ use crate::node::session::messages::{Arrival, FusionIncoming, Liveliness};
 /// Late sets that wait for the smoother's next step; of more, the newest are dropped.
 const MAX_LATE: usize = 256;
 
-/// So many results of detection passes must have come too late for an operator to be told.
-const LATE_DETECTIONS_TOLD: u32 = 5;
-
 impl LiveFusion<'_> {
     /// Receives on until `done`: a queue that nobody empties would hold up the answers to others, too.
     pub(super) async fn receive_until(
@@ -129,14 +126,17 @@ impl LiveFusion<'_> {
         }
     }
 
-    /// Tracks are initiated by detection passes only: that an edge's take too long is said, once.
+    /// Tracks are initiated by detection passes only: that an edge's take longer than anybody waits is said, once.
     fn report_late_detection(&mut self, tick: Tick, index: usize, at_us: Micros) {
-        self.late_detections += 1;
-        if self.late_detections == LATE_DETECTIONS_TOLD {
+        let after_ms = (at_us - self.time.at(tick)) / 1000;
+        let deadline_ms = self.config.venue.parameters.link.deadline_ms;
+        let Some(late) = self.late_detections.get_mut(index) else {
+            return;
+        };
+        if late.is_told(after_ms as f64, deadline_ms, at_us) {
             let name = &self.config.venue.viewpoints[index].name;
-            let after_ms = (at_us - self.time.at(tick)) / 1000;
             say(format_args!(
-                "viewpoint {name}: the sightings of a detection pass came {after_ms} ms after its tick, too late to be used; if that goes on, raise `deadline_ms` in [link]"
+                "viewpoint {name}: the sightings of its detection passes come {after_ms} ms after their ticks, and `deadline_ms` in [link] is {deadline_ms:.0}: too late to be used; raise it, or find out what holds that edge up"
             ));
         }
     }

@@ -21,6 +21,7 @@ use super::super::worker::{FusionWorker, Job};
 use super::context::LiveContext;
 use super::delays::Delays;
 use super::flood::FloodWatch;
+use super::handover::Handover;
 use super::shed::LiveShedding;
 use super::start::{LiveStart, is_recorded};
 use crate::align::TickGroup;
@@ -29,6 +30,7 @@ use crate::live::cameras::Cameras;
 use crate::live::edge::Edge;
 use crate::live::edge::common_clock::CommonClock;
 use crate::live::gather::LiveGather;
+use crate::live::late_detections::LateDetections;
 use crate::live::membership::Membership;
 use crate::live::pace::Pace;
 use crate::live::queue::{Next, TickQueue, Waiting};
@@ -99,12 +101,15 @@ pub(super) struct LiveFusion<'a> {
     pub(super) refusals: Vec<Option<String>>,
     pub(super) cameras: Cameras,
     pub(super) flood: FloodWatch,
+    /// The viewpoints of whom it was said that their certificate ends.
+    pub(super) told_certificates: BTreeSet<String>,
+    pub(super) handover: Option<Handover>,
     pub(super) common_clock: CommonClock,
     pub(super) is_own_clock_suspected: bool,
     /// Until when edges are waited for of which nothing has come yet.
     pub(super) expect_until_us: Micros,
     /// Results of detection passes that came too late.
-    pub(super) late_detections: u32,
+    pub(super) late_detections: Vec<LateDetections>,
 }
 
 impl<'a> LiveFusion<'a> {
@@ -158,6 +163,8 @@ impl<'a> LiveFusion<'a> {
             last: None,
             cameras: Cameras::default(),
             flood: FloodWatch::default(),
+            told_certificates: BTreeSet::new(),
+            handover: None,
             common_clock: CommonClock::default(),
             is_own_clock_suspected: false,
             without_input: 0,
@@ -165,7 +172,7 @@ impl<'a> LiveFusion<'a> {
             unreadable: 0,
             unsent: 0,
             expect_until_us,
-            late_detections: 0,
+            late_detections: vec![LateDetections::default(); venue.viewpoints.len()],
         }
     }
 
@@ -219,6 +226,7 @@ impl<'a> LiveFusion<'a> {
                         self.interceptor.clock.discipline();
                         self.weigh_clocks();
                         self.look_for_floods();
+                        self.look_at_certificates();
                         let now_us = self.interceptor.clock.now_us();
                         let status = self.status(self.config, now_us);
                         let links = status.live.as_ref().map(|live| live.edges.clone());

@@ -37,6 +37,7 @@ impl LiveFusion<'_> {
             unusable,
             stages,
             cost,
+            people,
         } = stepped;
         if let Some(cost) = cost {
             self.shedding.stepped(cost);
@@ -46,6 +47,9 @@ impl LiveFusion<'_> {
         self.tally.unusable += u64::from(unusable);
         if let Some(stages) = stages {
             self.core_stages = stages;
+        }
+        if let (Some(handover), Some(people)) = (&self.handover, people) {
+            handover.keep(tick, people);
         }
         self.send_boxes(boxes, ends);
         let bytes = wire::encode(&poses);

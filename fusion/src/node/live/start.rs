@@ -12,7 +12,7 @@ use farfield_proto::message::Status;
 use farfield_proto::message::live::LiveStatus;
 use farfield_proto::tick::Tick;
 use farfield_proto::transport::FUSION;
-use farfield_proto::venue::{Source, Venue};
+use farfield_proto::venue::Venue;
 use tokio::time::{Instant, MissedTickBehavior, interval, sleep_until};
 
 use super::super::config::FusionConfig;
@@ -47,8 +47,7 @@ pub(super) struct LiveStart {
 
 /// Whether all pictures are recorded, or simulated: then they are played from a tick that fusion sets.
 pub(super) fn is_recorded(venue: &Venue) -> bool {
-    let plays = |source: &Source| !matches!(source, Source::V4l { .. } | Source::Ffmpeg { .. });
-    venue.cameras.iter().all(|camera| plays(&camera.source))
+    !venue.cameras.iter().any(|camera| camera.source.is_live())
 }
 
 /// Finds the time of the ticks, and the first; `None` when told to stop before.

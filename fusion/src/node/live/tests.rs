@@ -35,7 +35,7 @@ const RATE_HZ: f64 = 30.0;
 const TICKS: i64 = 90;
 const NAMES: [&str; 4] = ["a", "b", "c", "d"];
 
-pub(super) fn venue() -> Venue {
+pub(in crate::node) fn venue() -> Venue {
     let camera = |name: &&str| {
         format!(
             "[{name}]\nname = \"{name}\"\nsize = [640, 480]\nmatrix = [[500.0, 0.0, 320.0], [0.0, 500.0, 240.0], [0.0, 0.0, 1.0]]\n\
@@ -215,6 +215,7 @@ fn live_config() -> FusionConfig {
         reach: Reach {
             endpoints: vec!["tcp/127.0.0.1:0".to_owned()],
             identity: None,
+            validity: None,
         },
         ..FusionConfig::of_venue(venue())
     }

@@ -100,6 +100,7 @@ impl OpenLink {
         let reach = Reach {
             endpoints: vec!["tcp/127.0.0.1:0".to_owned()],
             identity: None,
+            validity: None,
         };
         let senders = Senders::new(&venue(), VenueClock::start());
         let link = FusionSession::open(&venue(), &reach, RunMode::LockStep, &senders)

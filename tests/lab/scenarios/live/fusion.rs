@@ -1,11 +1,14 @@
 //! Fusion goes and comes.
 
+use std::collections::BTreeMap;
 use std::process::Command;
 use std::time::Duration;
 
 use farfield_lab::live_venue::NodeProcess;
+use farfield_proto::message::PersonPose;
 
 use super::stage::{LiveStage, PEOPLE, RATE_HZ};
+use crate::recording::replayed;
 
 /// Tracks must be back so soon after the first patches, seconds.
 const BACK_WITHIN_S: f64 = 2.0;
@@ -15,10 +18,20 @@ const PATIENCE: Duration = Duration::from_mins(1);
 /// Ends fusion by `end` and starts it again with its results in `name`; waits until everybody is tracked, and
 /// returns how long after the first poses that was, seconds by ticks.
 fn start_anew(stage: &mut LiveStage, name: &str, end: impl FnOnce(NodeProcess)) -> f64 {
+    start_anew_with(stage, name, end, &[])
+}
+
+/// The same with more arguments for the new fusion.
+fn start_anew_with(
+    stage: &mut LiveStage,
+    name: &str,
+    end: impl FnOnce(NodeProcess),
+    more: &[&str],
+) -> f64 {
     let last = stage.seen().newest.as_ref().unwrap().session;
     end(stage.live.fusion.take().unwrap());
     let out = stage.out(name);
-    stage.live.start_fusion(&out, &[]).unwrap();
+    stage.live.start_fusion(&out, more).unwrap();
     stage.wait("everybody is tracked again", |seen| {
         let again = seen.newest.as_ref().is_some_and(|set| set.session != last);
         again && seen.tracked() == PEOPLE
@@ -28,6 +41,14 @@ fn start_anew(stage: &mut LiveStage, name: &str, end: impl FnOnce(NodeProcess)) 
     let mut again = seen.arrivals.iter().filter(|a| a.session == session);
     let tracked = again.clone().find(|a| a.tracked == PEOPLE).unwrap();
     (tracked.tick - again.next().unwrap().tick) as f64 / RATE_HZ
+}
+
+/// Who walks on which side of the stage, as the poses of now say: one is always on each.
+fn sides(stage: &LiveStage) -> BTreeMap<u32, bool> {
+    let seen = stage.seen();
+    let persons = &seen.newest.as_ref().unwrap().persons;
+    let side = |pose: &PersonPose| (pose.person.0, pose.joints_m[0][1] > 0.0);
+    persons.iter().map(side).collect()
 }
 
 /// As a power cut would.
@@ -70,4 +91,30 @@ fn a_fusion_that_is_stopped_leaves_its_edges_at_work_for_the_next() {
     stage.go_on(1.0);
     let at_work = stage.live.edges.iter().flatten();
     assert_eq!(at_work.filter_map(NodeProcess::vitals).count(), 4);
+}
+
+#[test]
+fn people_keep_their_ids_when_fusion_is_killed_and_a_recording_of_its_next_life_is_solved_alike() {
+    let mut stage = LiveStage::prepare(&[], "");
+    stage.live.fusion_by_hand();
+    stage.start();
+    stage.go_on(3.0);
+    let before = sides(&stage);
+    assert_eq!(before.len(), PEOPLE);
+    let recording = stage.folder.path().join("second.mcap");
+    let path = recording.to_str().unwrap().to_owned();
+    start_anew_with(&mut stage, "second", kill, &["--record", &path]);
+    stage.go_on(1.0);
+    assert_eq!(sides(&stage), before, "{}", stage.live.said());
+    start_anew(&mut stage, "third", terminate);
+    stage.go_on(1.0);
+    assert_eq!(sides(&stage), before, "{}", stage.live.said());
+    let said = replayed(&recording, &stage.folder.path().join("again"), &[]);
+    let (same, different) = (
+        &said["replay"]["same_ticks"],
+        &said["replay"]["different_ticks"],
+    );
+    println!("two restarts kept both ids; replayed: {same} ticks the same, {different} different");
+    assert_eq!(*different, 0, "{said}");
+    assert!(same.as_u64().unwrap() > 30, "{said}");
 }

@@ -1,0 +1,175 @@
+//! Who was there when fusion ended, so that the next one knows them again: ids, places, bodies.
+
+use farfield_proto::id::PersonId;
+use farfield_proto::tick::Tick;
+use nalgebra::{Vector2, Vector3};
+use serde::{Deserialize, Serialize};
+
+use super::memory::{Departed, LastSeen};
+use super::whereabouts::Whereabouts;
+use crate::body::measured::MeasuredBody;
+use crate::body::skeleton::{Proportions, Site, Skeleton};
+
+/// Most people who are handed on.
+const MAX_PEOPLE: usize = 512;
+/// Farther from the origin nobody is, metres.
+const FARTHEST_M: f64 = 1e5;
+
+/// Everybody who may come back, and the id that nobody has had.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct KnownPeople {
+    /// The id of the next who is new.
+    pub next_id: u32,
+    /// Who is known.
+    pub people: Vec<KnownPerson>,
+}
+
+/// One person who is known.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct KnownPerson {
+    /// The id.
+    pub id: u32,
+    /// When it was surely itself.
+    pub seen: Tick,
+    /// When it went; `None` of who was there.
+    pub gone: Option<Tick>,
+    /// Where the pelvis was then, world, metres.
+    pub place_m: [f64; 3],
+    /// How fast, on the floor, world, metres per second.
+    pub velocity_m_s: Option<[f64; 2]>,
+    /// From its right to its left, on the floor, of length 1.
+    pub to_left: Option<[f64; 2]>,
+    /// The lengths of the body, metres, in the order of [`Proportions::lengths_m`].
+    pub lengths_m: Vec<f64>,
+    /// How long it was there, seconds.
+    pub lived_s: f64,
+}
+
+impl KnownPeople {
+    /// The same, if everything in it is possible.
+    ///
+    /// # Errors
+    /// What is wrong, in a few words.
+    pub fn checked(self) -> Result<Self, &'static str> {
+        if self.people.len() > MAX_PEOPLE {
+            return Err("more people than a venue may have");
+        }
+        if self.people.iter().any(|person| person.id >= self.next_id) {
+            return Err("an id that is still to be given");
+        }
+        if self.people.iter().any(|person| person.body().is_none()) {
+            return Err("lengths of no body");
+        }
+        let is_possible = |person: &KnownPerson| {
+            let numbers = person
+                .place_m
+                .iter()
+                .chain(person.velocity_m_s.iter().flatten())
+                .chain(person.to_left.iter().flatten())
+                .chain([&person.lived_s]);
+            let mut numbers = numbers.copied();
+            numbers.all(|v| v.abs() < FARTHEST_M) && person.lived_s >= 0.0
+        };
+        if !self.people.iter().all(is_possible) {
+            return Err("a place or a speed of nobody");
+        }
+        Ok(self)
+    }
+}
+
+impl KnownPerson {
+    /// Of who is remembered, or would be if it went now.
+    pub(crate) fn of(departed: &Departed, is_there: bool) -> Self {
+        let Whereabouts {
+            place_m,
+            velocity_m_s,
+            to_left,
+        } = departed.last_seen.whereabouts;
+        let proportions = departed.body.skeleton.proportions();
+        Self {
+            id: departed.id.0,
+            seen: departed.last_seen.tick,
+            gone: (!is_there).then_some(departed.gone),
+            place_m: place_m.into(),
+            velocity_m_s: velocity_m_s.map(Into::into),
+            to_left: to_left.map(Into::into),
+            lengths_m: proportions.lengths_m().map(|(_, m)| m).collect(),
+            lived_s: departed.lived_s,
+        }
+    }
+
+    /// As it is remembered from `tick` on, at which a run begins; `sites` are those of the network's card. `None` where
+    /// the lengths are those of no body.
+    pub(crate) fn departed(&self, tick: Tick, sites: &[Option<Site>]) -> Option<Departed> {
+        Some(Departed {
+            id: PersonId(self.id),
+            last_seen: LastSeen {
+                tick: self.seen,
+                whereabouts: Whereabouts {
+                    place_m: Vector3::from(self.place_m),
+                    velocity_m_s: self.velocity_m_s.map(Vector2::from),
+                    to_left: self.to_left.map(Vector2::from),
+                },
+            },
+            gone: self.gone.unwrap_or(tick),
+            is_missed: self.gone.is_none(),
+            body: MeasuredBody::new(self.body()?, sites.to_vec()),
+            lived_s: self.lived_s,
+        })
+    }
+
+    fn body(&self) -> Option<Skeleton> {
+        let proportions = Proportions::from_lengths(&self.lengths_m)?.checked().ok()?;
+        Some(Skeleton::new(&proportions))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn known(id: u32) -> KnownPerson {
+        let proportions = Proportions::from_stature(1.81);
+        KnownPerson {
+            id,
+            seen: Tick(100),
+            gone: None,
+            place_m: [1.0, -2.0, 0.95],
+            velocity_m_s: Some([0.1, 1.3]),
+            to_left: None,
+            lengths_m: proportions.lengths_m().map(|(_, m)| m).collect(),
+            lived_s: 12.5,
+        }
+    }
+
+    #[test]
+    fn who_is_handed_on_is_who_it_was() {
+        let before = known(7);
+        let departed = before.departed(Tick(130), &[]).unwrap();
+        assert!(departed.is_missed && departed.gone == Tick(130));
+        assert_eq!(KnownPerson::of(&departed, true), before);
+        let gone = KnownPerson {
+            gone: Some(Tick(90)),
+            ..before
+        };
+        let departed = gone.departed(Tick(130), &[]).unwrap();
+        assert!(!departed.is_missed);
+        assert_eq!(KnownPerson::of(&departed, false), gone);
+    }
+
+    #[test]
+    fn what_nobody_can_be_is_refused() {
+        let people = |spoil: fn(&mut KnownPerson)| {
+            let mut person = known(7);
+            spoil(&mut person);
+            let people = vec![person];
+            KnownPeople { next_id: 8, people }.checked()
+        };
+        assert!(people(|_| ()).is_ok());
+        assert!(people(|p| p.id = 8).is_err());
+        assert!(people(|p| p.lengths_m[3] = f64::NAN).is_err());
+        assert!(people(|p| p.lengths_m.truncate(3)).is_err());
+        assert!(people(|p| p.place_m[1] = f64::INFINITY).is_err());
+        assert!(people(|p| p.lived_s = -1.0).is_err());
+    }
+}

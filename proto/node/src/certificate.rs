@@ -1,0 +1,152 @@
+//! Until when a node's certificate holds: links are closed when it ends, so that is said in time.
+
+use std::path::Path;
+
+use anyhow::anyhow;
+use farfield_proto::toml_file::FileError;
+use farfield_proto::transport::Identity;
+use x509_parser::pem::parse_x509_pem;
+
+use crate::process::{NodeError, say};
+
+/// From so many days before its end on it is said that a certificate ends.
+pub const TOLD_DAYS: i64 = 30;
+const DAY_S: i64 = 86_400;
+
+/// From when and until when a certificate holds, Unix time in seconds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Validity {
+    /// The first second.
+    pub from_s: i64,
+    /// The last second.
+    pub until_s: i64,
+}
+
+impl Validity {
+    /// That of the certificate in the PEM file at `path`.
+    ///
+    /// # Errors
+    /// When the file cannot be read, or holds no certificate: names it.
+    pub fn read(path: &Path) -> Result<Self, FileError> {
+        let failed = |problem: String| FileError::new(path, problem);
+        let text = std::fs::read(path)
+            .map_err(|error| failed(format!("cannot read the certificate: {error}")))?;
+        let (_, pem) = parse_x509_pem(&text)
+            .map_err(|error| failed(format!("found no certificate in PEM: {error}")))?;
+        let certificate = pem
+            .parse_x509()
+            .map_err(|error| failed(format!("found no X.509 certificate: {error}")))?;
+        let validity = certificate.validity();
+        Ok(Self {
+            from_s: validity.not_before.timestamp(),
+            until_s: validity.not_after.timestamp(),
+        })
+    }
+}
+
+/// What is to be said at `now_s` of `node`'s certificate, which ends at `until_s`; `None` while it holds for long.
+pub fn ending_notice(node: &str, until_s: i64, now_s: i64) -> Option<String> {
+    let days = until_s.saturating_sub(now_s).div_euclid(DAY_S);
+    (days < TOLD_DAYS).then(|| {
+        let when = match days {
+            ..=-1 => format!("has ended {} days ago", -days),
+            0 => "ends today".to_owned(),
+            _ => format!("ends in {days} days"),
+        };
+        format!(
+            "the certificate of {node} {when}, and links with it are closed then: `farfield certs VENUE --out DIR --renew {node}` makes a new one"
+        )
+    })
+}
+
+/// Reads until when `identity`, that of `node`, holds, and says so where that is soon.
+///
+/// # Errors
+/// [`NodeError::Refused`] when it is over, or no certificate; [`NodeError::Failed`] when it has not begun: then it is
+/// rather this machine's clock that is wrong, and may be right when the node is started again.
+pub fn check(identity: &Identity, node: &str, now_s: i64) -> Result<Validity, NodeError> {
+    let path = &identity.certificate;
+    let validity = Validity::read(path).map_err(NodeError::refused)?;
+    if now_s < validity.from_s {
+        return Err(NodeError::failed(anyhow!(
+            "{}: the certificate begins in {:.1} days by the clock of this machine, which is rather wrong: set it, by NTP or PTP",
+            path.display(),
+            (validity.from_s - now_s) as f64 / DAY_S as f64
+        )));
+    }
+    let notice = ending_notice(node, validity.until_s, now_s);
+    if now_s > validity.until_s {
+        let notice = notice.unwrap_or_default();
+        return Err(NodeError::refused(FileError::new(path, notice)));
+    }
+    if let Some(notice) = notice {
+        say(format_args!("{notice}"));
+    }
+    Ok(validity)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::PathBuf;
+
+    use super::*;
+
+    const NOW_S: i64 = 1_790_000_000;
+
+    /// A certificate that holds from one day to another, counted from [`NOW_S`].
+    fn identity(folder: &Path, from_days: i64, until_days: i64) -> Identity {
+        let at =
+            |days: i64| time::OffsetDateTime::from_unix_timestamp(NOW_S + days * DAY_S).unwrap();
+        let mut params = rcgen::CertificateParams::new(vec!["hall".to_owned()]).unwrap();
+        (params.not_before, params.not_after) = (at(from_days), at(until_days));
+        let key = rcgen::KeyPair::generate().unwrap();
+        let certificate = params.self_signed(&key).unwrap();
+        let path = folder.join("ne.pem");
+        std::fs::write(&path, certificate.pem()).unwrap();
+        Identity {
+            authority: PathBuf::new(),
+            certificate: path,
+            key: PathBuf::new(),
+        }
+    }
+
+    #[test]
+    fn a_certificate_says_in_time_that_it_ends_and_is_refused_afterwards() {
+        let folder = tempfile::tempdir().unwrap();
+        let identity = |until| identity(folder.path(), -100, until);
+        let validity = check(&identity(31), "ne", NOW_S).unwrap();
+        assert_eq!(validity.until_s, NOW_S + 31 * DAY_S);
+        assert_eq!(ending_notice("ne", validity.until_s, NOW_S), None);
+        let notice = ending_notice("ne", validity.until_s, NOW_S + 2 * DAY_S).unwrap();
+        assert!(
+            notice.contains("ne ends in 29 days") && notice.contains("--renew ne"),
+            "{notice}"
+        );
+        let refused = check(&identity(-3), "ne", NOW_S).unwrap_err();
+        assert!(matches!(refused, NodeError::Refused(_)));
+        assert!(
+            refused.to_string().contains("has ended 3 days ago"),
+            "{refused}"
+        );
+    }
+
+    #[test]
+    fn before_its_beginning_the_clock_is_suspected_and_the_node_may_be_started_again() {
+        let folder = tempfile::tempdir().unwrap();
+        let error = check(&identity(folder.path(), 2, 100), "ne", NOW_S).unwrap_err();
+        assert!(matches!(error, NodeError::Failed(_)));
+        assert!(
+            error.to_string().contains("the clock of this machine"),
+            "{error}"
+        );
+    }
+
+    #[test]
+    fn what_is_no_certificate_is_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("ne.pem");
+        std::fs::write(&path, "hello").unwrap();
+        let error = Validity::read(&path).unwrap_err().to_string();
+        assert!(error.contains("ne.pem") && error.contains("PEM"), "{error}");
+    }
+}
