@@ -135,12 +135,4 @@ mod tests {
             assert_eq!(read(&box_messages(&set, wire::VERSION)), [set]);
         }
     }
-
-    #[test]
-    fn for_a_node_that_knows_no_parts_it_is_one_message() {
-        let set = boxes_of(22);
-        let messages = box_messages(&set, 3);
-        assert_eq!((messages.len(), messages[0][0]), (1, 3));
-        assert_eq!(read(&messages), [set]);
-    }
 }
