@@ -118,11 +118,11 @@ fn show(
     let end = session.watch(&plan, out, &mut DemoTicker::new(&play))?;
     let done = run::done(out).map_err(NodeError::Failed)?;
     let Some(ticks) = done.filter(|ticks| !ticks.is_empty()) else {
-        return run::finish(&plan, out, end, false);
+        return run::finish(&plan, &claim, end, false);
     };
     let truth = out.join("truth.jsonl");
     venue_folder::write_truth(&play.scene, &ticks, &truth).map_err(NodeError::Failed)?;
-    let ending = run::finish(&plan, out, end, false)?;
+    let ending = run::finish(&plan, &claim, end, false)?;
     tell_score(out, &truth, &ticks, play.scene.rate_hz()).map_err(NodeError::Failed)?;
     Ok(ending)
 }

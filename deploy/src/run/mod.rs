@@ -13,7 +13,6 @@ mod session;
 mod verdict;
 mod watch;
 
-use std::path::Path;
 use std::process::ExitCode;
 
 use farfield_fusion::node::FolderClaim;
@@ -47,18 +46,21 @@ fn run(args: RunArgs) -> Result<Ending, NodeError> {
     let claim =
         FolderClaim::take(plan.out.as_deref(), &plan.venue.name).map_err(NodeError::Refused)?;
     let end = session.watch(&plan, claim.folder(), &mut ProgressLine::new(&plan))?;
-    finish(&plan, claim.folder(), end, json)
+    finish(&plan, &claim, end, json)
 }
 
-/// Draws and prints what the run has left in `out`.
+/// Draws and prints what the run has left in its folder.
 pub(crate) fn finish(
     plan: &RunPlan,
-    out: &Path,
+    claim: &FolderClaim,
     end: RunEnd,
     json: bool,
 ) -> Result<Ending, NodeError> {
+    let out = claim.folder();
     if end.last.is_none() {
         report::discard_unfinished(out);
+    } else {
+        claim.salvage();
     }
     if matches!(end.verdict, RunVerdict::Done) {
         draw::draw(plan, out).map_err(NodeError::Failed)?;

@@ -1,16 +1,22 @@
 //! Turns poses into the files that others read: `poses.jsonl`, TRC and MOT per person, `summary.json`.
 //!
 //! [`Layout`] names what a pose holds by position. [`mod@line`], [`trc`] and [`mot`] are text and know no
-//! file; [`pose_files`] alone writes, each file under a temporary name until it is whole.
-//! [`summary`] is what a run says of itself.
+//! file; [`pose_files`] alone writes, each file under a temporary name until it is whole, and [`salvage`]
+//! makes whole what a process has left that was killed. [`summary`] is what a run says of itself.
 
+pub mod full_disk;
 pub mod line;
 pub mod mot;
 pub mod pose_files;
 pub mod rounding;
+pub mod salvage;
 pub mod summary;
 pub mod trc;
 pub mod unfinished;
+mod whole;
+
+/// Rows that a head has room to count: years of them. It is written before they come.
+const MOST_ROWS: u64 = 9_999_999_999;
 
 /// What the numbers of a [`PersonPose`](farfield_proto::message::PersonPose) are called.
 #[derive(Debug, Clone, PartialEq)]

@@ -11,22 +11,29 @@ use farfield_proto::message::PersonPose;
 
 use super::rounding::{draw_in, round, round_inward};
 use super::trc::TIME_DECIMALS;
-use super::{AngleColumn, AngleUnit, Layout};
+use super::{AngleColumn, AngleUnit, Layout, MOST_ROWS};
 
 /// Decimals of angles in degrees, and of translations in metres.
 const DECIMALS: u32 = 6;
+/// What stands before the number of rows.
+const ROWS: &str = "nRows=";
 
-/// The header up to the row of names.
-pub fn header(layout: &Layout, n_rows: u64) -> String {
+/// How a header begins.
+pub(super) const FIRST_WORD: &str = "Coordinates";
+/// The last line of the header; one of names follows.
+pub(super) const END_OF_HEAD: &str = "endheader";
+
+/// The header up to the row of names, of no rows so far; [`with_rows`] counts them in as many bytes.
+pub fn header(layout: &Layout) -> String {
     let columns = layout.angles.iter().map(|angle| angle.name.as_str());
     let names = iter::once("time")
         .chain(columns)
         .collect::<Vec<_>>()
-        .join("	");
-    format!(
-        "Coordinates\n\
+        .join("\t");
+    let longest = format!(
+        "{FIRST_WORD}\n\
          version=1\n\
-         nRows={n_rows}\n\
+         {ROWS}{MOST_ROWS}\n\
          nColumns={}\n\
          inDegrees=yes\n\
          \n\
@@ -34,10 +41,30 @@ pub fn header(layout: &Layout, n_rows: u64) -> String {
          If the header above contains a line with 'inDegrees', this indicates whether rotational values \
          are in degrees (yes) or radians (no).\n\
          \n\
-         endheader\n\
+         {END_OF_HEAD}\n\
          {names}\n",
         layout.angles.len() + 1
-    )
+    );
+    with_rows(&longest, 0).unwrap_or(longest)
+}
+
+/// `head` with its number of rows; as long as before, by spaces in the empty line before its end. `None`: it
+/// is no header of ours, or has no room for the number.
+pub fn with_rows(head: &str, n_rows: u64) -> Option<String> {
+    let mut lines: Vec<&str> = head.split('\n').collect();
+    let count = format!("{ROWS}{n_rows}");
+    let counted = lines.iter().position(|line| line.starts_with(ROWS))?;
+    let padding = lines.iter().position(|line| *line == END_OF_HEAD)?;
+    let padding = padding.checked_sub(1).filter(|&i| i > counted)?;
+    if !lines[padding].trim_end_matches(' ').is_empty() {
+        return None;
+    }
+    lines[counted] = &count;
+    lines[padding] = "";
+    let length: usize = lines.iter().map(|line| line.len() + 1).sum();
+    let spaces = " ".repeat((head.len() + 1).checked_sub(length)?);
+    lines[padding] = &spaces;
+    Some(lines.join("\n"))
 }
 
 /// One row.
@@ -78,7 +105,7 @@ mod tests {
     fn a_file_is_as_opensim_reads_it() {
         let layout = fixture::layout();
         let pose = fixture::pose(1, PersonState::Tracked);
-        let text = header(&layout, 1) + &row(&layout, 0.05, &pose);
+        let text = with_rows(&header(&layout), 1).unwrap() + &row(&layout, 0.05, &pose);
         let lines: Vec<&str> = text.lines().collect();
         assert_eq!(
             lines[..5],
@@ -93,6 +120,19 @@ mod tests {
         let end = lines.iter().position(|&line| line == "endheader").unwrap();
         assert_eq!(lines[end + 1], "time\tpelvis_tilt\tpelvis_tx\tknee_angle_l");
         assert_eq!(lines[end + 2], "0.050000\t30.000001\t2.500000\t23.491269");
+    }
+
+    #[test]
+    fn a_head_is_as_long_whatever_it_counts() {
+        let head = header(&fixture::layout());
+        for n_rows in [1, 99_999_999, MOST_ROWS] {
+            let counted = with_rows(&head, n_rows).unwrap();
+            assert_eq!(counted.len(), head.len());
+            assert!(counted.contains(&format!("\nnRows={n_rows}\nnColumns=4\n")));
+            assert_eq!(with_rows(&counted, 0).unwrap(), head);
+        }
+        assert_eq!(with_rows(&head, u64::MAX), None);
+        assert_eq!(with_rows("nRows=1\n", 1), None);
     }
 
     #[test]

@@ -1,18 +1,22 @@
 //! The files of poses that a run leaves in its folder, written as the ticks come.
 //!
 //! `poses.jsonl`, and per person `poses_<person>.trc` and `angles_<person>.mot`. They get their names
-//! in [`PoseFiles::finish`], also after a run that was cut short: what was finished so far is whole.
+//! in [`PoseFiles::finish`], also after a run that was cut short or whose disk took no more: what was written
+//! so far is whole.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use farfield_proto::id::PersonId;
 use farfield_proto::message::{PersonPose, PoseSet};
 use farfield_proto::tick::Tick;
 
+use super::full_disk::FullDisk;
 use super::line::PoseLine;
-use super::unfinished::Unfinished;
+use super::unfinished::{Unfinished, sync_folder_of};
+use super::whole::{Kind, make_whole};
 use super::{Layout, mot, trc};
 
 /// Why a file could not be written.
@@ -49,26 +53,54 @@ pub struct Presence {
     pub ticks: u64,
 }
 
+/// What a run's files have come to.
+#[derive(Debug, Default)]
+pub struct Written {
+    /// Who was there, by id, also at ticks that could not be written.
+    pub people: Vec<Presence>,
+    /// Ticks whose poses are not in `poses.jsonl`, or not all; the files of persons may lack a few more.
+    pub unwritten_ticks: u64,
+    /// Why not, or why a file has not got its name.
+    pub failure: Option<WriteError>,
+}
+
 /// The growing files of one run.
 #[derive(Debug)]
 pub struct PoseFiles {
     folder: PathBuf,
     layout: Layout,
     rate_hz: f64,
+    disk: Arc<dyn FullDisk>,
     lines: Unfinished,
     persons: BTreeMap<PersonId, PersonFiles>,
     last: Option<Tick>,
+    /// The first thing that went wrong; nothing is written after it.
+    failure: Option<WriteError>,
+    /// Per tick with lines that the system may not have yet: where they end.
+    unsettled: VecDeque<u64>,
+    /// Ticks since the failure.
+    refused_ticks: u64,
 }
 
 #[derive(Debug)]
 struct PersonFiles {
     trc: Unfinished,
+    /// Room for it is kept at the beginning of the file, and of [`Self::mot_head`] in the other.
+    trc_head: String,
     mot: Unfinished,
+    mot_head: String,
     presence: Presence,
 }
 
+impl PersonFiles {
+    fn both(&mut self) -> [&mut Unfinished; 2] {
+        [&mut self.trc, &mut self.mot]
+    }
+}
+
 impl PoseFiles {
-    /// Starts `poses.jsonl` in `folder`, which must exist. `rate_hz` must be above 0.
+    /// Starts `poses.jsonl` in `folder`, which must exist. `rate_hz` must be above 0; `disk` says what is
+    /// done when there is no room.
     ///
     /// # Errors
     /// [`WriteError::Io`] when the file cannot be made.
@@ -76,24 +108,58 @@ impl PoseFiles {
         folder: impl Into<PathBuf>,
         layout: Layout,
         rate_hz: f64,
+        disk: Arc<dyn FullDisk>,
     ) -> Result<Self, WriteError> {
         let folder = folder.into();
-        let lines = create(folder.join("poses.jsonl"))?;
+        let lines = create(folder.join("poses.jsonl"), &disk)?;
         Ok(Self {
             folder,
             layout,
             rate_hz,
+            disk,
             lines,
             persons: BTreeMap::new(),
             last: None,
+            failure: None,
+            unsettled: VecDeque::new(),
+            refused_ticks: 0,
         })
     }
 
-    /// Writes the persons of one tick, by id. Ticks must rise.
+    /// Writes the persons of one tick, by id. Ticks must rise. After a failure nothing is written any more:
+    /// ticks are counted.
     ///
     /// # Errors
     /// [`WriteError::OutOfOrder`], or [`WriteError::Io`] when the disk does not take it.
-    pub fn write(&mut self, poses: &PoseSet) -> Result<(), WriteError> {
+    pub fn write(&mut self, poses: &PoseSet) -> Result<(), &WriteError> {
+        if self.failure.is_none()
+            && let Err(error) = self.write_tick(poses)
+        {
+            self.failure = Some(error);
+        }
+        let handed_over = self.lines.handed_over();
+        while self
+            .unsettled
+            .front()
+            .is_some_and(|&end| end <= handed_over)
+        {
+            self.unsettled.pop_front();
+        }
+        let has_lines = !poses.persons.is_empty();
+        match &self.failure {
+            None => {
+                self.unsettled
+                    .extend(has_lines.then_some(self.lines.taken()));
+                Ok(())
+            }
+            Some(failure) => {
+                self.refused_ticks += u64::from(has_lines);
+                Err(failure)
+            }
+        }
+    }
+
+    fn write_tick(&mut self, poses: &PoseSet) -> Result<(), WriteError> {
         if let Some(last) = self.last.filter(|&last| poses.tick <= last) {
             return Err(WriteError::OutOfOrder {
                 tick: poses.tick,
@@ -113,14 +179,9 @@ impl PoseFiles {
                 .map_err(|e| io_error(self.lines.path(), e))?;
             self.write_person(poses.tick, pose)?;
         }
-        for files in self
-            .persons
-            .values_mut()
-            .filter(|f| f.presence.last_tick != poses.tick)
-        {
-            for file in [&mut files.trc, &mut files.mot] {
-                file.rest()
-                    .map_err(|source| io_error(file.path(), source))?;
+        for files in self.persons.values_mut() {
+            if files.presence.last_tick != poses.tick {
+                each(files.both(), Unfinished::rest)?;
             }
         }
         Ok(())
@@ -128,18 +189,12 @@ impl PoseFiles {
 
     fn write_person(&mut self, tick: Tick, pose: &PersonPose) -> Result<(), WriteError> {
         let person = pose.person;
-        let files = match self.persons.entry(person) {
-            std::collections::btree_map::Entry::Occupied(entry) => entry.into_mut(),
-            std::collections::btree_map::Entry::Vacant(entry) => entry.insert(PersonFiles {
-                trc: create(self.folder.join(format!("poses_{person}.trc")))?,
-                mot: create(self.folder.join(format!("angles_{person}.mot")))?,
-                presence: Presence {
-                    person,
-                    first_tick: tick,
-                    last_tick: tick + -1,
-                    ticks: 0,
-                },
-            }),
+        if !self.persons.contains_key(&person) {
+            let files = self.begin_person(person, tick)?;
+            self.persons.insert(person, files);
+        }
+        let Some(files) = self.persons.get_mut(&person) else {
+            return Ok(());
         };
         let presence = &mut files.presence;
         let seconds = |tick: Tick| (tick - presence.first_tick) as f64 / self.rate_hz;
@@ -159,38 +214,138 @@ impl PoseFiles {
         Ok(())
     }
 
-    /// Gives all files their names, and says who was there, by id.
+    fn begin_person(&self, person: PersonId, tick: Tick) -> Result<PersonFiles, WriteError> {
+        let name = format!("poses_{person}.trc");
+        let mut files = PersonFiles {
+            trc: create(self.folder.join(&name), &self.disk)?,
+            trc_head: trc::header(&self.layout, &name, self.rate_hz, tick),
+            mot: create(self.folder.join(format!("angles_{person}.mot")), &self.disk)?,
+            mot_head: mot::header(&self.layout),
+            presence: Presence {
+                person,
+                first_tick: tick,
+                last_tick: tick + -1,
+                ticks: 0,
+            },
+        };
+        append(&mut files.trc, &files.trc_head)?;
+        append(&mut files.mot, &files.mot_head)?;
+        Ok(files)
+    }
+
+    /// Waits until the disk has `poses.jsonl` as it is so far.
     ///
     /// # Errors
-    /// [`WriteError::Io`]; files that already have their names keep them.
-    pub fn finish(self) -> Result<Vec<Presence>, WriteError> {
-        let Self {
-            layout,
-            rate_hz,
-            lines,
-            persons,
-            ..
-        } = self;
-        let path = lines.path().to_owned();
-        lines.finish().map_err(|source| io_error(&path, source))?;
-        let mut presences = Vec::with_capacity(persons.len());
-        for (person, files) in persons {
-            let PersonFiles { trc, mot, presence } = files;
-            let n_rows = (presence.last_tick - presence.first_tick + 1).unsigned_abs();
-            let name = format!("poses_{person}.trc");
-            let heads = [
-                trc::header(&layout, &name, rate_hz, presence.first_tick, n_rows),
-                mot::header(&layout, presence.ticks),
-            ];
-            for (file, head) in [trc, mot].into_iter().zip(heads) {
-                let path = file.path().to_owned();
-                file.finish_with_head(&head)
-                    .map_err(|source| io_error(&path, source))?;
-            }
-            presences.push(presence);
-        }
-        Ok(presences)
+    /// [`WriteError::Io`]; nothing is written any more then.
+    pub fn sync_lines(&mut self) -> Result<(), &WriteError> {
+        self.sync_with(|files| each([&mut files.lines], Unfinished::sync))
     }
+
+    /// Waits until the disk has the files of persons as they are so far. Those who are not there at present
+    /// keep no handle.
+    ///
+    /// # Errors
+    /// [`WriteError::Io`]; nothing is written any more then.
+    pub fn sync_persons(&mut self) -> Result<(), &WriteError> {
+        self.sync_with(|files| {
+            let last = files.last;
+            for person in files.persons.values_mut() {
+                let is_there = Some(person.presence.last_tick) == last;
+                each(person.both(), Unfinished::sync)?;
+                if !is_there {
+                    each(person.both(), Unfinished::rest)?;
+                }
+            }
+            // The names of files that were begun since.
+            sync_folder_of(files.lines.path()).map_err(|e| io_error(&files.folder, e))
+        })
+    }
+
+    fn sync_with(
+        &mut self,
+        sync: impl FnOnce(&mut Self) -> Result<(), WriteError>,
+    ) -> Result<(), &WriteError> {
+        if self.failure.is_none() {
+            self.failure = sync(self).err();
+        }
+        match &self.failure {
+            Some(failure) => Err(failure),
+            None => Ok(()),
+        }
+    }
+
+    /// Gives all files their names. Where not everything could be written, they are cut after their last
+    /// whole line.
+    pub fn finish(mut self) -> Written {
+        let is_synced = self.sync_lines().is_ok() && self.sync_persons().is_ok();
+        let people = self.persons.values().map(|files| files.presence).collect();
+        let folder = self.lines.path().to_owned();
+        let (unwritten_ticks, failure) = if is_synced {
+            (0, self.name_all())
+        } else {
+            let failure = self.failure.take();
+            (self.cut_all(), failure)
+        };
+        let synced = sync_folder_of(&folder).map_err(|e| io_error(&folder, e));
+        Written {
+            people,
+            unwritten_ticks,
+            failure: failure.or(synced.err()),
+        }
+    }
+
+    /// All of it is on the disk. One file that gets no name keeps no other from it.
+    fn name_all(self) -> Option<WriteError> {
+        let mut failure = None;
+        let mut note = |done: Result<(), WriteError>| {
+            failure = failure.take().or(done.err());
+        };
+        note(name(self.lines, None));
+        for files in self.persons.into_values() {
+            let Presence {
+                first_tick,
+                last_tick,
+                ticks,
+                ..
+            } = files.presence;
+            let n_rows = (last_tick - first_tick + 1).unsigned_abs();
+            note(name(files.trc, trc::with_rows(&files.trc_head, n_rows)));
+            note(name(files.mot, mot::with_rows(&files.mot_head, ticks)));
+        }
+        failure
+    }
+
+    /// Keeps what the system has taken; returns how many ticks are not in it.
+    fn cut_all(self) -> u64 {
+        let cut = |mut file: Unfinished, kind| {
+            // There may be a little room by now.
+            drop(file.rest());
+            make_whole(&file.leave(), kind).ok().flatten()
+        };
+        for files in self.persons.into_values() {
+            // The failure is known already; what stays has a name that says what it is.
+            drop((cut(files.trc, Kind::Trc), cut(files.mot, Kind::Mot)));
+        }
+        let bytes = cut(self.lines, Kind::Lines).map_or(0, |whole| whole.bytes);
+        let torn = self.unsettled.iter().filter(|&&end| end > bytes).count();
+        self.refused_ticks + torn as u64
+    }
+}
+
+/// Gives a file its name, and before that its head, where it has one.
+fn name(mut file: Unfinished, head: Option<String>) -> Result<(), WriteError> {
+    let head = head.map_or(Ok(()), |head| file.overwrite_head(head.as_bytes()));
+    head.and_then(|()| file.give_name())
+        .map_err(|e| io_error(file.path(), e))
+}
+
+fn each<const N: usize>(
+    files: [&mut Unfinished; N],
+    mut work: impl FnMut(&mut Unfinished) -> io::Result<()>,
+) -> Result<(), WriteError> {
+    files
+        .into_iter()
+        .try_for_each(|file| work(file).map_err(|e| io_error(file.path(), e)))
 }
 
 fn io_error(path: &Path, source: io::Error) -> WriteError {
@@ -200,8 +355,9 @@ fn io_error(path: &Path, source: io::Error) -> WriteError {
     }
 }
 
-fn create(path: PathBuf) -> Result<Unfinished, WriteError> {
-    Unfinished::create(&path).map_err(|source| WriteError::Io { path, source })
+fn create(path: PathBuf, disk: &Arc<dyn FullDisk>) -> Result<Unfinished, WriteError> {
+    let made = Unfinished::create_on(&path, Arc::clone(disk));
+    made.map_err(|source| WriteError::Io { path, source })
 }
 
 fn append(file: &mut Unfinished, text: &str) -> Result<(), WriteError> {
@@ -216,17 +372,20 @@ mod tests {
     use farfield_proto::message::PersonState::Tracked;
 
     use super::super::fixture;
+    use super::super::full_disk::GiveUp;
     use super::*;
 
     fn written(ticks: &[(i64, &[u32])]) -> (tempfile::TempDir, Vec<Presence>) {
         let folder = tempfile::tempdir().unwrap();
-        let mut files = PoseFiles::create(folder.path(), fixture::layout(), 50.0).unwrap();
+        let mut files =
+            PoseFiles::create(folder.path(), fixture::layout(), 50.0, Arc::new(GiveUp)).unwrap();
         for &(tick, ids) in ticks {
             let persons: Vec<_> = ids.iter().map(|&id| (id, Tracked)).collect();
             files.write(&fixture::poses(tick, &persons)).unwrap();
         }
-        let presences = files.finish().unwrap();
-        (folder, presences)
+        let written = files.finish();
+        assert!(written.failure.is_none() && written.unwritten_ticks == 0);
+        (folder, written.people)
     }
 
     #[test]
@@ -292,7 +451,8 @@ mod tests {
     #[test]
     fn a_run_that_is_given_up_leaves_nothing_half_written() {
         let folder = tempfile::tempdir().unwrap();
-        let mut files = PoseFiles::create(folder.path(), fixture::layout(), 50.0).unwrap();
+        let mut files =
+            PoseFiles::create(folder.path(), fixture::layout(), 50.0, Arc::new(GiveUp)).unwrap();
         files.write(&fixture::poses(0, &[(1, Tracked)])).unwrap();
         drop(files);
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
@@ -301,7 +461,8 @@ mod tests {
     #[test]
     fn ticks_out_of_order_are_refused() {
         let folder = tempfile::tempdir().unwrap();
-        let mut files = PoseFiles::create(folder.path(), fixture::layout(), 50.0).unwrap();
+        let mut files =
+            PoseFiles::create(folder.path(), fixture::layout(), 50.0, Arc::new(GiveUp)).unwrap();
         files.write(&fixture::poses(5, &[])).unwrap();
         let error = files.write(&fixture::poses(5, &[])).unwrap_err();
         assert_eq!(error.to_string(), "tick 5 came after tick 5");

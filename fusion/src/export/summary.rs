@@ -157,6 +157,9 @@ pub struct TimingSummary {
     /// Per camera of a live run, as its edge described it last.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub cameras: BTreeMap<String, CameraSummary>,
+    /// What the files lack, where the disk did not take all poses.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub poses: Option<PosesSummary>,
     /// The recording, where one was made.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub recording: Option<RecordingSummary>,
@@ -174,6 +177,17 @@ pub struct CameraSummary {
     /// Why it gave no pictures when it last gave none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
+}
+
+/// What the files of poses lack.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct PosesSummary {
+    /// Ticks whose poses are not in `poses.jsonl`, or not all; the files of persons may lack a few more.
+    pub unwritten_ticks: u64,
+    /// The same of the smoothed poses.
+    pub unwritten_smoothed_ticks: u64,
+    /// What the system said; `None`: the disk was too slow.
+    pub failure: Option<String>,
 }
 
 /// What a recording came to.
@@ -211,6 +225,15 @@ impl Summary {
     #[expect(clippy::missing_panics_doc, reason = "see the message")]
     pub fn to_json(&self) -> String {
         let mut text = serde_json::to_string_pretty(self)
+            .expect("a map with string keys and numbers always serialises");
+        text.push('\n');
+        text
+    }
+
+    /// The same in fewer bytes, for a place that has no more.
+    #[expect(clippy::missing_panics_doc, reason = "see the message")]
+    pub fn to_short_json(&self) -> String {
+        let mut text = serde_json::to_string(self)
             .expect("a map with string keys and numbers always serialises");
         text.push('\n');
         text

@@ -10,29 +10,53 @@ use std::fmt::Write as _;
 use farfield_proto::message::PersonPose;
 use farfield_proto::tick::Tick;
 
-use super::Layout;
 use super::line::POSITION_DECIMALS;
 use super::rounding::round;
+use super::{Layout, MOST_ROWS};
 
 /// Decimals of the time column, seconds.
 pub(super) const TIME_DECIMALS: usize = 6;
 
-/// The five header lines. `file_name` is what the file calls itself.
-pub fn header(layout: &Layout, file_name: &str, rate_hz: f64, first: Tick, n_rows: u64) -> String {
+/// How a header begins.
+pub(super) const FIRST_WORD: &str = "PathFileType";
+/// Lines of a header.
+pub(super) const HEAD_LINES: usize = 5;
+
+/// The five header lines, of no rows so far; [`with_rows`] counts them in as many bytes. `file_name` is what
+/// the file calls itself.
+pub fn header(layout: &Layout, file_name: &str, rate_hz: f64, first: Tick) -> String {
     let markers = layout.markers();
-    let names = markers.join("			");
+    let names = markers.join("\t\t\t");
     let axes: Vec<String> = (1..=markers.len())
-        .map(|i| format!("X{i}	Y{i}	Z{i}"))
+        .map(|i| format!("X{i}\tY{i}\tZ{i}"))
         .collect();
-    let axes = axes.join("	");
-    format!(
-        "PathFileType\t4\t(X/Y/Z)\t{file_name}\n\
+    let axes = axes.join("\t");
+    let longest = format!(
+        "{FIRST_WORD}\t4\t(X/Y/Z)\t{file_name}\n\
          DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames\n\
-         {rate_hz}\t{rate_hz}\t{n_rows}\t{}\tm\t{rate_hz}\t{first}\t{n_rows}\n\
+         {rate_hz}\t{rate_hz}\t{MOST_ROWS}\t{}\tm\t{rate_hz}\t{first}\t{MOST_ROWS}\n\
          Frame#\tTime\t{names}\t\t\n\
          \t\t{axes}\n",
         markers.len()
-    )
+    );
+    with_rows(&longest, 0).unwrap_or(longest)
+}
+
+/// `head` with its number of rows; as long as before, by tabs at the end of the first line, which readers
+/// take for empty cells. `None`: it is no header of ours, or has no room for the number.
+pub fn with_rows(head: &str, n_rows: u64) -> Option<String> {
+    let mut lines: Vec<&str> = head.split('\n').collect();
+    let count = n_rows.to_string();
+    let mut values: Vec<&str> = lines.get(2)?.split('\t').collect();
+    for place in [2, 7] {
+        *values.get_mut(place)? = &count;
+    }
+    let values = values.join("\t");
+    *lines.get_mut(2)? = &values;
+    let title = lines[0].trim_end_matches('\t');
+    let rest = lines[1..].join("\n");
+    let room = head.len().checked_sub(title.len() + 1 + rest.len())?;
+    Some(format!("{title}{}\n{rest}", "\t".repeat(room)))
 }
 
 /// One row: a pose, or the row of a tick without one.
@@ -67,11 +91,13 @@ mod tests {
     fn a_file_is_as_pose2sim_writes_it() {
         let layout = fixture::layout();
         let pose = fixture::pose(1, PersonState::Tracked);
-        let text = header(&layout, "poses_1.trc", 60.0, Tick(300), 2)
+        let head = header(&layout, "poses_1.trc", 60.0, Tick(300));
+        let text = with_rows(&head, 2).unwrap()
             + &row(&layout, Tick(300), 0.0, Some(&pose))
             + &row(&layout, Tick(301), 1.0 / 60.0, None);
         let lines: Vec<&str> = text.lines().collect();
-        assert_eq!(lines[0], "PathFileType\t4\t(X/Y/Z)\tposes_1.trc");
+        let title = lines[0].trim_end_matches('\t');
+        assert_eq!(title, "PathFileType\t4\t(X/Y/Z)\tposes_1.trc");
         assert_eq!(lines[2], "60\t60\t2\t3\tm\t60\t300\t2");
         assert_eq!(
             lines[3],
@@ -84,6 +110,19 @@ mod tests {
             "300\t0.000000\t2.00000\t0.90000\t1.00000\t-2.00000\t0.50000\t1.25000\t-2.00000\t0.50000\t1.26000"
         );
         assert_eq!(lines[6], format!("301\t0.016667{}", "\tNaN".repeat(9)));
+    }
+
+    #[test]
+    fn a_head_is_as_long_whatever_it_counts() {
+        let head = header(&fixture::layout(), "poses_1.trc", 60.0, Tick(300));
+        for n_rows in [1, 99_999_999, MOST_ROWS] {
+            let counted = with_rows(&head, n_rows).unwrap();
+            assert_eq!(counted.len(), head.len());
+            assert!(counted.contains(&format!("60\t60\t{n_rows}\t3\tm\t60\t300\t{n_rows}\n")));
+            assert_eq!(with_rows(&counted, 0).unwrap(), head);
+        }
+        assert_eq!(with_rows(&head, u64::MAX), None);
+        assert_eq!(with_rows("Frame#\tTime\n", 1), None);
     }
 
     #[test]

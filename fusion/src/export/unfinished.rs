@@ -1,18 +1,28 @@
-//! Files that appear under their name only when they are whole.
+//! Files that appear under their name only when they are whole, and are on the disk when they have it.
 
 use std::fs::{self, File, OpenOptions};
-use std::io::{self, BufWriter, Write};
+use std::io::{self, BufWriter, ErrorKind, Seek as _, SeekFrom, Write};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use super::full_disk::{FullDisk, GiveUp, patiently};
 
 /// What a file is called until it is whole: its own name with this behind it.
-const SUFFIX: &str = ".tmp";
+pub(super) const SUFFIX: &str = ".tmp";
 
 /// A file being written. Dropped before [`Unfinished::finish`], it is taken away again.
 #[derive(Debug)]
 pub struct Unfinished {
     path: PathBuf,
-    writer: Option<BufWriter<File>>,
-    finished: bool,
+    disk: Arc<dyn FullDisk>,
+    /// `None` while it rests.
+    writer: Option<BufWriter<PatientFile>>,
+    /// Bytes that were written, buffered ones among them.
+    taken: u64,
+    /// Whether the system has bytes that may not be on the disk.
+    unsynced: bool,
+    /// Whether the temporary file is to stay, or is gone.
+    settled: bool,
 }
 
 impl Unfinished {
@@ -22,12 +32,25 @@ impl Unfinished {
     /// When the temporary file cannot be made, or is there: someone else writes it, or did so and was
     /// killed.
     pub fn create(path: impl Into<PathBuf>) -> io::Result<Self> {
+        Self::create_on(path, Arc::new(GiveUp))
+    }
+
+    /// The same, where `disk` says what is done when there is no room.
+    ///
+    /// # Errors
+    /// As [`Self::create`].
+    pub fn create_on(path: impl Into<PathBuf>, disk: Arc<dyn FullDisk>) -> io::Result<Self> {
         let path = path.into();
-        let file = File::create_new(temporary(&path))?;
+        let making = || File::create_new(temporary(&path));
+        let file = patiently(&*disk, &path, making)?;
+        let file = PatientFile::new(file, &path, Arc::clone(&disk));
         Ok(Self {
             path,
+            disk,
             writer: Some(BufWriter::new(file)),
-            finished: false,
+            taken: 0,
+            unsynced: true,
+            settled: false,
         })
     }
 
@@ -36,16 +59,44 @@ impl Unfinished {
         &self.path
     }
 
+    /// Bytes that were written so far.
+    pub fn taken(&self) -> u64 {
+        self.taken
+    }
+
+    /// How many of them the system has: a process that is killed loses the others.
+    pub fn handed_over(&self) -> u64 {
+        let buffered = self.writer.as_ref().map_or(0, |w| w.buffer().len());
+        self.taken.saturating_sub(buffered as u64)
+    }
+
     /// Writes out what is buffered and lets go of the file for a while, so that files which are
     /// seldom written to do not use up the system's handles. Writing takes it up again.
     ///
     /// # Errors
     /// When the buffered bytes cannot be written.
     pub fn rest(&mut self) -> io::Result<()> {
-        match self.writer.take() {
-            Some(mut writer) => writer.flush(),
-            None => Ok(()),
+        let Some(writer) = self.writer.take() else {
+            return Ok(());
+        };
+        writer.into_inner().map(drop).map_err(|refused| {
+            let (error, writer) = refused.into_parts();
+            self.writer = Some(writer);
+            error
+        })
+    }
+
+    /// Writes out what is buffered, and waits until the disk has it: a power cut loses only what comes
+    /// after.
+    ///
+    /// # Errors
+    /// When the buffered bytes cannot be written.
+    pub fn sync(&mut self) -> io::Result<()> {
+        if self.unsynced {
+            self.awake()?.flush()?;
+            self.unsynced = false;
         }
+        Ok(())
     }
 
     /// Gives the file its name; what was there under it is replaced.
@@ -53,60 +104,152 @@ impl Unfinished {
     /// # Errors
     /// When the last bytes cannot be written, or the file not be renamed.
     pub fn finish(mut self) -> io::Result<()> {
+        self.give_name()?;
+        sync_folder_of(&self.path)
+    }
+
+    /// The same without waiting for the folder: who finishes several files does so once.
+    pub(super) fn give_name(&mut self) -> io::Result<()> {
+        self.sync()?;
         self.rest()?;
         fs::rename(temporary(&self.path), &self.path)?;
-        self.finished = true;
+        self.settled = true;
         Ok(())
     }
 
-    /// Finishes with `head` in front of what was written: for formats whose header counts the rows.
+    /// Writes `head` over the first bytes, for formats whose header counts the rows. Takes no room.
     ///
     /// # Errors
-    /// As [`Self::finish`], or when there is no room for both copies.
-    pub fn finish_with_head(mut self, head: &str) -> io::Result<()> {
+    /// When it cannot be written.
+    pub(super) fn overwrite_head(&mut self, head: &[u8]) -> io::Result<()> {
         self.rest()?;
-        let mut body = File::open(temporary(&self.path))?;
-        let mut whole_name = self.path.clone().into_os_string();
-        whole_name.push(".head");
-        let mut whole = Self::create(PathBuf::from(whole_name))?;
-        whole.write_all(head.as_bytes())?;
-        io::copy(&mut body, &mut whole)?;
-        whole.rest()?;
-        fs::rename(temporary(&whole.path), &self.path)?;
-        whole.finished = true;
-        Ok(())
+        self.unsynced = true;
+        overwrite(&temporary(&self.path), head)
+    }
+
+    /// Leaves the temporary file as the system has it, without what is buffered; returns its path.
+    pub(super) fn leave(mut self) -> PathBuf {
+        self.forget_buffered();
+        self.settled = true;
+        temporary(&self.path)
+    }
+
+    /// Dropped, a buffer would try once more.
+    fn forget_buffered(&mut self) {
+        if let Some(writer) = self.writer.take() {
+            drop(writer.into_parts());
+        }
+    }
+
+    fn awake(&mut self) -> io::Result<&mut BufWriter<PatientFile>> {
+        let writer = if let Some(writer) = self.writer.take() {
+            writer
+        } else {
+            let mut append = OpenOptions::new();
+            let file = append.append(true).open(temporary(&self.path))?;
+            let disk = Arc::clone(&self.disk);
+            BufWriter::new(PatientFile::new(file, &self.path, disk))
+        };
+        Ok(self.writer.insert(writer))
     }
 }
 
 impl Write for Unfinished {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        if self.writer.is_none() {
-            let file = OpenOptions::new()
-                .append(true)
-                .open(temporary(&self.path))?;
-            self.writer = Some(BufWriter::new(file));
-        }
-        match &mut self.writer {
-            Some(writer) => writer.write(bytes),
-            None => Err(io::Error::other("the file was just opened")),
-        }
+        self.unsynced = true;
+        let n = self.awake()?.write(bytes)?;
+        self.taken += n as u64;
+        Ok(n)
     }
 
     fn flush(&mut self) -> io::Result<()> {
-        self.writer.as_mut().map_or(Ok(()), Write::flush)
+        self.rest()
     }
 }
 
 impl Drop for Unfinished {
     fn drop(&mut self) {
-        if !self.finished {
+        self.forget_buffered();
+        if !self.settled {
             // Nobody is left to tell: at worst a file stays that says by its name what it is.
             drop(fs::remove_file(temporary(&self.path)));
         }
     }
 }
 
-fn temporary(path: &Path) -> PathBuf {
+/// A file of which every write is tried for as long as its disk says; flushed, it is on the disk.
+#[derive(Debug)]
+pub struct PatientFile {
+    file: File,
+    /// What it is called when it finds no room.
+    path: PathBuf,
+    disk: Arc<dyn FullDisk>,
+}
+
+impl PatientFile {
+    /// Writes to `file`, which is or will be `path`.
+    pub fn new(file: File, path: impl Into<PathBuf>, disk: Arc<dyn FullDisk>) -> Self {
+        let path = path.into();
+        Self { file, path, disk }
+    }
+}
+
+impl Write for PatientFile {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let Self { file, path, disk } = self;
+        patiently(&**disk, path, || file.write(bytes))
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        let Self { file, path, disk } = self;
+        patiently(&**disk, path, || sync(file))
+    }
+}
+
+/// What is no file on a disk (a pipe, `/dev/full`) has nothing to wait for.
+fn sync(file: &File) -> io::Result<()> {
+    match file.sync_data() {
+        Err(error)
+            if matches!(
+                error.kind(),
+                ErrorKind::InvalidInput | ErrorKind::Unsupported
+            ) =>
+        {
+            Ok(())
+        }
+        synced => synced,
+    }
+}
+
+/// Writes `head` over the first bytes of `file`.
+pub(super) fn overwrite(file: &Path, head: &[u8]) -> io::Result<()> {
+    let mut file = OpenOptions::new().write(true).open(file)?;
+    file.seek(SeekFrom::Start(0))?;
+    file.write_all(head)
+}
+
+/// Makes `folder` and those above it, where `disk` says what is done when there is no room.
+///
+/// # Errors
+/// When it cannot be made.
+pub fn create_folder_on(folder: &Path, disk: &dyn FullDisk) -> io::Result<()> {
+    patiently(disk, folder, || fs::create_dir_all(folder))
+}
+
+/// Waits until the names in the folder of `path` are on the disk.
+///
+/// # Errors
+/// When the folder cannot be opened or synced.
+pub fn sync_folder_of(path: &Path) -> io::Result<()> {
+    let folder = match path.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    };
+    sync(&File::open(folder)?)
+}
+
+/// What the file that will be `path` is called until then.
+pub fn temporary(path: &Path) -> PathBuf {
     let mut name = path.as_os_str().to_owned();
     name.push(SUFFIX);
     PathBuf::from(name)
@@ -152,16 +295,32 @@ mod tests {
     }
 
     #[test]
-    fn a_head_can_come_last_and_stand_first() {
+    fn a_head_is_written_where_room_was_kept_for_it() {
         let folder = tempfile::tempdir().unwrap();
         let mut file = Unfinished::create(folder.path().join("a.txt")).unwrap();
-        file.write_all(b"rows").unwrap();
-        file.finish_with_head("head ").unwrap();
+        file.write_all(b"____ rows").unwrap();
+        file.overwrite_head(b"head").unwrap();
+        file.write_all(b" more").unwrap();
+        file.overwrite_head(b"HEAD").unwrap();
+        file.finish().unwrap();
         assert_eq!(names(folder.path()), ["a.txt"]);
         assert_eq!(
             fs::read_to_string(folder.path().join("a.txt")).unwrap(),
-            "head rows"
+            "HEAD rows more"
         );
+    }
+
+    #[test]
+    fn what_the_system_has_is_told_from_what_is_buffered() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut file = Unfinished::create(folder.path().join("a.txt")).unwrap();
+        file.write_all(b"buffered").unwrap();
+        assert_eq!((file.taken(), file.handed_over()), (8, 0));
+        file.sync().unwrap();
+        assert_eq!((file.taken(), file.handed_over()), (8, 8));
+        file.write_all(b" and lost").unwrap();
+        let left = file.leave();
+        assert_eq!(fs::read_to_string(left).unwrap(), "buffered");
     }
 
     #[test]

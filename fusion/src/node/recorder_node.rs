@@ -31,6 +31,7 @@ use zenoh::sample::{Sample, SampleKind};
 use super::config::{check_names, load_card};
 use super::recording::{RecordingFile, RecordingThread, check_place, head};
 use super::session::authentication_log;
+use super::session::mode::RunMode;
 
 /// Messages that wait between Zenoh and the recorder's own queue.
 const QUEUE: usize = 1024;
@@ -119,7 +120,8 @@ fn begin(args: &RecordArgs, venue: &Venue) -> Result<RecordingThread, NodeError>
     let file = RecordingFile::make(&args.out, &venue.name).map_err(NodeError::Failed)?;
     // Whose session it is comes with the messages; nobody asks the edges for what is missing.
     let (session, parameters) = (SessionId::default(), &venue.parameters.recording);
-    RecordingThread::start(file, head, session, parameters).map_err(NodeError::Failed)
+    RecordingThread::start(file, head, session, RunMode::Live, parameters)
+        .map_err(NodeError::Failed)
 }
 
 /// Notes all that is said until somebody stops it.

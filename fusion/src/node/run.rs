@@ -22,7 +22,7 @@ use super::live::{LiveContext, live};
 use super::lock_step::{Begin, Outside};
 use super::output::claim::FolderClaim;
 use super::output::progress::Reporter;
-use super::output::summary;
+use super::output::summary_file::SummaryFile;
 use super::recording::{RecordingFile, RecordingThread, head};
 use super::session::authentication_log;
 use super::session::interceptor::{Interceptor, Senders};
@@ -87,6 +87,7 @@ async fn run(
     let recording = record(config, session, &pipeline).map_err(NodeError::Failed)?;
     let wiretap = WiretapHandle::new(recording.as_ref().map(RecordingThread::wiretap));
     let interceptor = Interceptor::new(&config.venue, senders, wiretap);
+    let mut summary = SummaryFile::in_folder(claim.folder());
     let mut ends = link.spawn(&tasks, &leave, &interceptor);
     let outcome = match config.mode {
         RunMode::LockStep => {
@@ -95,10 +96,11 @@ async fn run(
                 reporter: &mut reporter,
                 stop: &stop,
             };
-            let run = Begin {
+            let mut run = Begin {
                 config,
                 session,
                 out: claim.folder(),
+                summary: &mut summary,
                 interceptor: &interceptor,
                 recording: recording.as_ref(),
             };
@@ -113,6 +115,7 @@ async fn run(
                 config,
                 session,
                 out: claim.folder(),
+                summary: &mut summary,
                 recording: recording.as_ref(),
                 interceptor: &interceptor,
                 ends: &mut ends,
@@ -126,11 +129,18 @@ async fn run(
     if timeout(DRAIN, ends.close(&tasks, &leave)).await.is_err() {
         warn!("tasks still running, leaving anyway");
     }
-    if let Some(recording) = recording {
-        let recorded = recording.finish().await.map_err(NodeError::Failed)?;
-        summary::complete(claim.folder(), &recorded).map_err(NodeError::Failed)?;
-    }
+    let closed = close(recording, summary).await;
+    closed.map_err(NodeError::Failed)?;
     outcome
+}
+
+/// Finishes the recording, and then the summary, which says what it has come to.
+async fn close(recording: Option<RecordingThread>, summary: SummaryFile) -> anyhow::Result<()> {
+    let recorded = match recording {
+        Some(recording) => Some(recording.finish().await?),
+        None => None,
+    };
+    summary.finish(recorded.as_ref())
 }
 
 /// The folder of the results: the parent's, or one of its own.
@@ -155,5 +165,6 @@ fn record(
     let venue = &config.venue;
     let head = head(venue, &config.venue_path, pipeline.keypoints(), FUSION)?;
     let file = RecordingFile::make(asked, &venue.name)?;
-    RecordingThread::start(file, head, session, &venue.parameters.recording).map(Some)
+    let parameters = &venue.parameters.recording;
+    RecordingThread::start(file, head, session, config.mode, parameters).map(Some)
 }

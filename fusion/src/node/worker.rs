@@ -1,4 +1,4 @@
-//! The thread that computes: one tick after the other through the core, and the results to disk.
+//! The thread that computes: one tick after the other through the core, and the results to who writes them.
 
 use std::collections::BTreeMap;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
@@ -8,16 +8,15 @@ use std::time::{Duration, Instant};
 use anyhow::{Context as _, anyhow};
 use farfield_node::clock;
 use farfield_node::histogram::Histogram;
-use farfield_node::process::say;
 use farfield_proto::message::identity_event::IdentityEvent;
 use farfield_proto::message::{BoxSet, PatchSet, PoseSet, StageTime};
 use farfield_proto::tick::Tick;
 use tokio::sync::mpsc;
 
-use super::output::exporter::Exporter;
+use super::output::export_thread::ExportThread;
+use super::output::exporter::Exported;
 use super::session::mode::RunMode;
 use crate::align::TickGroup;
-use crate::export::pose_files::Presence;
 use crate::identity::known::KnownPeople;
 use crate::live::Micros;
 use crate::pipeline::Pipeline;
@@ -65,8 +64,8 @@ pub(super) struct Stepped {
 /// What the thread leaves behind.
 #[derive(Debug)]
 pub(super) struct Finished {
-    /// Who was there, or why the files could not be written.
-    pub(super) people: anyhow::Result<Vec<Presence>>,
+    /// Who was there, and what the files lack.
+    pub(super) exported: Exported,
     /// The last tick that went through the core.
     pub(super) last: Option<Tick>,
     /// How long it took.
@@ -78,18 +77,18 @@ pub(super) struct FusionWorker {
     jobs: SyncSender<Job>,
     /// Results, in the order of the jobs; closed when the thread has ended.
     pub(super) done: mpsc::Receiver<Stepped>,
-    thread: JoinHandle<Finished>,
+    thread: JoinHandle<anyhow::Result<Finished>>,
 }
 
 impl FusionWorker {
-    /// Starts the thread. Where the files cannot be written it ends, unless the run is live: then that is said,
-    /// and the people are followed on.
+    /// Starts the thread. Where the files cannot be written it ends, unless the run is live: then the people are
+    /// followed on.
     ///
     /// # Errors
     /// When the system has no thread left.
     pub(super) fn spawn(
         pipeline: Pipeline,
-        exporter: Exporter,
+        exporter: ExportThread,
         mode: RunMode,
     ) -> std::io::Result<Self> {
         // There is one tick under way; the second place lets the loop never wait.
@@ -101,7 +100,6 @@ impl FusionWorker {
                 pipeline,
                 exporter,
                 mode,
-                written: Ok(()),
                 last: None,
                 laps: Laps::default(),
             }
@@ -126,7 +124,7 @@ impl FusionWorker {
         let joined = tokio::task::spawn_blocking(move || self.thread.join())
             .await
             .context("waiting for the core")?;
-        joined.map_err(|_| anyhow!("the core has panicked"))
+        joined.map_err(|_| anyhow!("the core has panicked"))?
     }
 }
 
@@ -139,49 +137,46 @@ struct ToWrite {
 /// What the thread owns.
 struct FusionWork {
     pipeline: Pipeline,
-    exporter: Exporter,
+    exporter: ExportThread,
     mode: RunMode,
-    /// Why nothing more is written, if so.
-    written: anyhow::Result<()>,
     last: Option<Tick>,
     laps: Laps,
 }
 
 impl FusionWork {
-    fn run(mut self, to_do: &Receiver<Job>, done: &mpsc::Sender<Stepped>) -> Finished {
+    fn run(
+        mut self,
+        to_do: &Receiver<Job>,
+        done: &mpsc::Sender<Stepped>,
+    ) -> anyhow::Result<Finished> {
         while let Ok(job) = to_do.recv() {
             let (stepped, finished) = self.step(&job);
             // Who listens has left when the run was stopped; the files are finished all the same.
             let listening = done.blocking_send(stepped).is_ok();
             let start = clock::now();
-            self.write(&finished.poses, &finished.smoothed);
+            self.exporter.write(finished.poses, finished.smoothed);
             self.laps.lap("write", start);
-            if !listening || self.written.is_err() && self.mode == RunMode::LockStep {
+            if !listening || self.mode == RunMode::LockStep && self.exporter.has_failed() {
                 break;
             }
         }
         let Self {
             mut pipeline,
-            mut exporter,
-            written,
+            exporter,
             last,
             laps,
             ..
         } = self;
-        let people = if last.is_none() {
-            // Files without a tick would only be in the way: dropped, they go.
-            written.map(|()| Vec::new())
+        let exported = if last.is_none() {
+            exporter.discard().map(|()| Exported::default())
         } else {
-            written
-                .and_then(|()| exporter.write(&pipeline.finish()))
-                .and_then(|()| exporter.write_smoothed(&pipeline.finish_smoothed()))
-                .and_then(|()| exporter.finish())
+            exporter.finish(pipeline.finish(), pipeline.finish_smoothed())
         };
-        Finished {
-            people,
+        Ok(Finished {
+            exported: exported?,
             last,
             stages: laps.times(),
-        }
+        })
     }
 
     fn step(&mut self, job: &Job) -> (Stepped, ToWrite) {
@@ -220,17 +215,6 @@ impl FusionWork {
             smoothed: output.smoothed,
         };
         (stepped, to_write)
-    }
-
-    fn write(&mut self, finished: &[PoseSet], smoothed: &[PoseSet]) {
-        if self.written.is_err() {
-            return;
-        }
-        let written = self.exporter.write(finished);
-        self.written = written.and_then(|()| self.exporter.write_smoothed(smoothed));
-        if let (Err(error), RunMode::Live) = (&self.written, self.mode) {
-            say(format_args!("no more poses are written: {error:#}"));
-        }
     }
 }
 

@@ -8,6 +8,7 @@ use tokio_util::sync::CancellationToken;
 use super::super::config::FusionConfig;
 use super::super::recording::RecordingThread;
 use crate::node::output::progress::Reporter;
+use crate::node::output::summary_file::SummaryFile;
 use crate::node::session::interceptor::Interceptor;
 use crate::node::session::link::FusionEnds;
 
@@ -17,6 +18,7 @@ pub(in crate::node) struct LiveContext<'a> {
     pub(in crate::node) session: SessionId,
     /// Where the results go.
     pub(in crate::node) out: &'a Path,
+    pub(in crate::node) summary: &'a mut SummaryFile,
     /// Who records, if anybody does.
     pub(in crate::node) recording: Option<&'a RecordingThread>,
     pub(in crate::node) interceptor: &'a Interceptor,

@@ -24,8 +24,8 @@ pub(super) use self::context::LiveContext;
 use self::handover::Handover;
 use self::run::LiveFusion;
 use self::start::clock_start;
-use super::output::exporter::Exporter;
-use super::output::summary::{self, RunFacts, summarize};
+use super::output::export_thread::{ExportThread, missing};
+use super::output::summary::{RunFacts, summarize};
 use super::recording::RecordingThread;
 use super::session::mode::RunMode;
 use super::worker::FusionWorker;
@@ -63,8 +63,10 @@ pub(super) async fn live(
         expect(known, &mut pipeline, &context, first).map_err(NodeError::Failed)?;
     }
     let boxes = pipeline.first_boxes(first);
-    let exporter =
-        Exporter::create(context.out, venue, pipeline.keypoints()).map_err(NodeError::Failed)?;
+    let keypoints = pipeline.keypoints();
+    let exporter = ExportThread::start(context.out, venue, keypoints, RunMode::Live)
+        .map_err(NodeError::Failed)?;
+    context.summary.reserve().map_err(NodeError::Failed)?;
     let mut worker = FusionWorker::spawn(pipeline, exporter, RunMode::Live)
         .context("starting the core's thread")
         .map_err(NodeError::Failed)?;
@@ -96,7 +98,6 @@ pub(super) async fn live(
     if let Some(handover) = run.handover.take() {
         handover.finish().await;
     }
-    let people = finished.people.map_err(NodeError::Failed)?;
     let Some(last) = finished.last else {
         return outcome.map_err(NodeError::Failed);
     };
@@ -106,7 +107,7 @@ pub(super) async fn live(
         tally: &run.tally,
         lost: run.lost(),
         ending: outcome.as_ref().ok().copied(),
-        people,
+        exported: &finished.exported,
         last: finished.last,
         stages: finished.stages,
         paths: run.paths(),
@@ -115,8 +116,12 @@ pub(super) async fn live(
         elapsed: clock::now().duration_since(began),
         recording: context.recording.map(RecordingThread::so_far),
     };
-    summary::write(context.out, &summarize(venue, &facts)).map_err(NodeError::Failed)?;
-    outcome.map_err(NodeError::Failed)
+    let summary = summarize(venue, &facts);
+    context.summary.put(summary).map_err(NodeError::Failed)?;
+    match &finished.exported.missing {
+        Some(poses) => Err(NodeError::Failed(missing(poses))),
+        None => outcome.map_err(NodeError::Failed),
+    }
 }
 
 /// Lets `pipeline` expect who was here before, and a recording know it.

@@ -25,6 +25,7 @@ use super::*;
 use crate::export::summary::Summary;
 use crate::live::tick_time::TickTime;
 use crate::node::output::progress::{Detail, Reporter};
+use crate::node::output::summary_file::SummaryFile;
 use crate::node::session::interceptor::{Interceptor, Senders};
 use crate::node::session::link::FusionSession;
 use crate::node::session::wiretap::WiretapHandle;
@@ -231,11 +232,8 @@ async fn everybody_goes_on_while_one_babbles_one_is_refused_and_clocks_are_off()
         .await
         .unwrap();
     let endpoint = link.locators().await[0].clone();
-    let (tasks, leave, stop) = (
-        TaskTracker::new(),
-        CancellationToken::new(),
-        CancellationToken::new(),
-    );
+    let tasks = TaskTracker::new();
+    let [leave, stop] = [CancellationToken::new(), CancellationToken::new()];
     let interceptor = Interceptor::new(&config.venue, senders, WiretapHandle::new(None));
     let mut ends = link.spawn(&tasks, &leave, &interceptor);
     let edge = |index: u16, shift_ms: i64| Scripted {
@@ -265,10 +263,12 @@ async fn everybody_goes_on_while_one_babbles_one_is_refused_and_clocks_are_off()
     let session = SessionId(1 << 63);
     let pipeline = Pipeline::new(&config.venue, None, session);
     let mut reporter = Reporter::new(Managed::No, Detail::Counts);
+    let mut summary = SummaryFile::in_folder(out.path());
     let context = LiveContext {
         config: &config,
         session,
         out: out.path(),
+        summary: &mut summary,
         recording: None,
         interceptor: &interceptor,
         ends: &mut ends,
@@ -279,6 +279,7 @@ async fn everybody_goes_on_while_one_babbles_one_is_refused_and_clocks_are_off()
         .await
         .unwrap();
     assert_eq!(ending.unwrap(), Ending::Done);
+    summary.finish(None).unwrap();
     for edge in edges {
         let heard = timeout(PATIENCE, edge).await.unwrap().unwrap();
         assert!(
@@ -295,8 +296,7 @@ async fn everybody_goes_on_while_one_babbles_one_is_refused_and_clocks_are_off()
         assert!(said.is_some_and(|said| said.count > 10), "{stage}");
     }
     check_links(&newest.live.unwrap().edges);
-    let text = std::fs::read_to_string(out.path().join("summary.json")).unwrap();
-    check_summary(&serde_json::from_str(&text).unwrap());
+    check_summary(out.path());
 }
 
 fn check_links(links: &[EdgeLink]) {
@@ -314,7 +314,9 @@ fn check_links(links: &[EdgeLink]) {
     assert!(!d.live && refused.contains("calibration"), "{d:?}");
 }
 
-fn check_summary(summary: &Summary) {
+fn check_summary(out: &Path) {
+    let text = std::fs::read_to_string(out.join("summary.json")).unwrap();
+    let summary: Summary = serde_json::from_str(&text).unwrap();
     assert!(summary.complete);
     assert_eq!((summary.ticks.first, summary.ticks.done), (Tick(0), 90));
     assert!(summary.drops.unreadable > 10 && summary.drops.refused > 10);

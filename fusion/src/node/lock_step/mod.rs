@@ -20,8 +20,9 @@ use self::readiness::Start;
 use self::run::LockStepFusion;
 use self::start::wait_until_ready;
 use super::config::FusionConfig;
-use super::output::exporter::Exporter;
-use super::output::summary::{self, Lost, RunFacts, summarize};
+use super::output::export_thread::{ExportThread, missing};
+use super::output::summary::{Lost, RunFacts, summarize};
+use super::output::summary_file::SummaryFile;
 use super::recording::RecordingThread;
 use super::session::interceptor::Interceptor;
 use super::session::link::FusionEnds;
@@ -44,6 +45,7 @@ pub(super) struct Begin<'a> {
     pub(super) session: SessionId,
     /// Where the results go.
     pub(super) out: &'a Path,
+    pub(super) summary: &'a mut SummaryFile,
     pub(super) interceptor: &'a Interceptor,
     pub(super) recording: Option<&'a RecordingThread>,
 }
@@ -51,7 +53,7 @@ pub(super) struct Begin<'a> {
 impl Begin<'_> {
     /// Waits for all edges, and runs.
     pub(super) async fn lock_step(
-        &self,
+        &mut self,
         pipeline: Pipeline,
         outside: &mut Outside<'_>,
     ) -> Result<Ending, NodeError> {
@@ -68,7 +70,7 @@ impl Begin<'_> {
 
     /// Runs; all edges are ready.
     async fn run(
-        &self,
+        &mut self,
         start: &Start,
         mut pipeline: Pipeline,
         outside: &mut Outside<'_>,
@@ -79,7 +81,9 @@ impl Begin<'_> {
         let began = clock::now();
         let first = pipeline.first_boxes(ticks.start);
         let keypoints = pipeline.keypoints().clone();
-        let exporter = Exporter::create(self.out, venue, &keypoints).map_err(NodeError::Failed)?;
+        let exporter = ExportThread::start(self.out, venue, &keypoints, RunMode::LockStep)
+            .map_err(NodeError::Failed)?;
+        self.summary.reserve().map_err(NodeError::Failed)?;
         let mut worker = FusionWorker::spawn(pipeline, exporter, RunMode::LockStep)
             .context("starting the core's thread")
             .map_err(NodeError::Failed)?;
@@ -94,7 +98,6 @@ impl Begin<'_> {
         run.send_end(outside.ends);
         let last_words = farewell(&mut run, outside.ends, venue.viewpoints.len()).await;
         let finished = worker.finish().await.map_err(NodeError::Failed)?;
-        let people = finished.people.map_err(NodeError::Failed)?;
         if finished.last.is_none() {
             // There is nothing to sum up.
             return outcome;
@@ -108,7 +111,7 @@ impl Begin<'_> {
                 ..Lost::default()
             },
             ending: outcome.as_ref().ok().copied(),
-            people,
+            exported: &finished.exported,
             last: finished.last,
             stages: finished.stages,
             paths: Vec::new(),
@@ -117,8 +120,12 @@ impl Begin<'_> {
             elapsed: clock::now().duration_since(began),
             recording: self.recording.map(RecordingThread::so_far),
         };
-        summary::write(self.out, &summarize(venue, &facts)).map_err(NodeError::Failed)?;
-        outcome
+        let summary = summarize(venue, &facts);
+        self.summary.put(summary).map_err(NodeError::Failed)?;
+        match &finished.exported.missing {
+            Some(poses) => Err(NodeError::Failed(missing(poses))),
+            None => outcome,
+        }
     }
 }
 

@@ -1,11 +1,17 @@
 //! Where results go: never over something that is already there, and never where another run writes.
+//!
+//! A run holds a lock on [`LOCK`] for as long as it lives, and so one that was killed is known by a lock that
+//! nobody holds: what it has left is made whole before the next run begins.
 
-use std::fs::{self, File};
+use std::fs::{self, File, TryLockError};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, anyhow, ensure};
+use farfield_node::process::say;
 use tracing::warn;
+
+use crate::export::salvage::salvage;
 
 /// Where the numbered folders of a venue go when nobody names one.
 const PARENT: &str = "farfield-out";
@@ -18,6 +24,8 @@ const LOCK: &str = "run.lock";
 pub struct FolderClaim {
     folder: PathBuf,
     holder: Holder,
+    /// Held together by a run and the nodes that it has started; `None` where the file system has no locks.
+    lock: Option<File>,
 }
 
 /// Who frees a folder in the end.
@@ -32,7 +40,8 @@ enum Holder {
 }
 
 impl FolderClaim {
-    /// Claims `asked`, or without it the first `farfield-out/<venue>-<n>`, n from 1, that nobody has.
+    /// Claims `asked`, or without it the first `farfield-out/<venue>-<n>`, n from 1, that nobody has. What
+    /// runs have left there that were killed is made whole.
     ///
     /// # Errors
     /// When `asked` holds something, is a file, is claimed, or a folder cannot be made: names it.
@@ -42,6 +51,7 @@ impl FolderClaim {
         };
         if let Some(parent) = asked.parent() {
             make_folder(parent)?;
+            finish_killed(parent, venue);
         }
         match make_new(asked)? {
             Some(claim) => Ok(claim),
@@ -51,7 +61,10 @@ impl FolderClaim {
 
     /// The folder that the process which started this one has claimed for it.
     pub(in crate::node) fn of_parent(folder: PathBuf) -> Self {
+        // Where the parent dies first the folder is still written to.
+        let lock = File::open(folder.join(LOCK)).ok();
         Self {
+            lock: lock.filter(|lock| lock.try_lock_shared().is_ok()),
             folder,
             holder: Holder::Parent,
         }
@@ -59,6 +72,7 @@ impl FolderClaim {
 
     fn numbered(parent: &Path, venue: &str) -> anyhow::Result<Self> {
         make_folder(parent)?;
+        finish_killed(parent, venue);
         for n in 1..u32::MAX {
             if let Some(claim) = make_new(&parent.join(format!("{venue}-{n}")))? {
                 return Ok(claim);
@@ -70,6 +84,15 @@ impl FolderClaim {
     /// The folder.
     pub fn folder(&self) -> &Path {
         &self.folder
+    }
+
+    /// Makes whole what a node has left that was killed. Does nothing while one still writes.
+    pub fn salvage(&self) {
+        // Only who holds it alone gets more than it has.
+        let is_alone = |lock: &File| lock.try_lock().is_ok();
+        if self.lock.as_ref().is_none_or(is_alone) {
+            make_whole(&self.folder);
+        }
     }
 }
 
@@ -101,15 +124,23 @@ fn make_new(folder: &Path) -> anyhow::Result<Option<FolderClaim>> {
 fn lock(folder: &Path, holder: Holder) -> anyhow::Result<FolderClaim> {
     check_folder(folder)?;
     let path = folder.join(LOCK);
-    match File::create_new(&path) {
+    let file = match File::create_new(&path) {
         Err(error) if error.kind() == ErrorKind::AlreadyExists => return Err(taken(folder)),
-        made => drop(made.with_context(|| format!("making {}", path.display()))?),
-    }
+        made => made.with_context(|| format!("making {}", path.display()))?,
+    };
+    let lock = match file.try_lock_shared() {
+        Ok(()) => Some(file),
+        // Somebody takes it for that of a killed run, and takes it away.
+        Err(TryLockError::WouldBlock) => return Err(taken(folder)),
+        Err(TryLockError::Error(_)) => None,
+    };
     let claim = FolderClaim {
         folder: folder.to_owned(),
         holder,
+        lock,
     };
-    // Another run may have come and gone since the folder was looked at.
+    // Another run may have come and gone since the folder was looked at, or have found the lock unheld.
+    ensure!(path.exists(), taken(folder));
     ensure!(
         holds_only(folder, LOCK)?,
         "output folder {} is not empty: name another, or empty it first",
@@ -118,7 +149,8 @@ fn lock(folder: &Path, holder: Holder) -> anyhow::Result<FolderClaim> {
     Ok(claim)
 }
 
-/// Refuses a folder that holds something, and a path that is not a folder. Makes nothing.
+/// Refuses a folder that holds something, and a path that is not a folder. Makes nothing; what a run has left
+/// in it that was killed is made whole.
 ///
 /// # Errors
 /// Names the path and what is wrong with it.
@@ -131,19 +163,86 @@ pub fn check_folder(path: &Path) -> anyhow::Result<()> {
         path.is_dir(),
         "output {shown}: found a file, expected a folder"
     );
+    let was_killed = release(path);
     if path.join(LOCK).exists() {
         return Err(taken(path));
     }
+    let is_empty = holds_only(path, LOCK)?;
     ensure!(
-        holds_only(path, LOCK)?,
+        is_empty || !was_killed,
+        "output folder {shown} is not empty: it holds the results of a run that was killed, which are whole now; \
+         name another"
+    );
+    ensure!(
+        is_empty,
         "output folder {shown} is not empty: name another, or empty it first"
     );
     Ok(())
 }
 
+/// Makes whole what runs of `venue` have left in their numbered folders in `parent` that were killed.
+fn finish_killed(parent: &Path, venue: &str) {
+    let Ok(entries) = parent.read_dir() else {
+        // A folder that cannot be read is told of by who wants to write there.
+        return;
+    };
+    for entry in entries.flatten() {
+        let name = entry.file_name();
+        let number = name.to_str().and_then(|name| name.strip_prefix(venue));
+        let number = number.and_then(|rest| rest.strip_prefix('-'));
+        let is_ours = number.is_some_and(|number| number.parse::<u32>().is_ok());
+        // A folder with nothing but its lock may be that of a run which is just about to hold it.
+        if is_ours && !holds_only(&entry.path(), LOCK).unwrap_or(true) {
+            release(&entry.path());
+        }
+    }
+}
+
+/// Makes `folder` whole, and frees it, where the run was killed that had claimed it; says whether there was
+/// one.
+fn release(folder: &Path) -> bool {
+    let path = folder.join(LOCK);
+    let Ok(lock) = File::open(&path) else {
+        return false;
+    };
+    // Held while the files are made whole: two that begin at once do not get into each other's way.
+    if lock.try_lock().is_err() || !path.exists() {
+        return false;
+    }
+    if !make_whole(folder) {
+        return false;
+    }
+    if let Err(error) = fs::remove_file(&path) {
+        warn!(folder = %folder.display(), %error, "the folder stays locked");
+    }
+    true
+}
+
+/// Says which files have become whole; whether all have.
+fn make_whole(folder: &Path) -> bool {
+    match salvage(folder) {
+        Ok(files) if files.is_empty() => true,
+        Ok(files) => {
+            say(format_args!(
+                "{}: the run that wrote here was killed; {} files that it left are whole now",
+                folder.display(),
+                files.len()
+            ));
+            true
+        }
+        Err(error) => {
+            say(format_args!(
+                "{}: what a killed run has left here is not whole: {error}",
+                folder.display()
+            ));
+            false
+        }
+    }
+}
+
 fn taken(folder: &Path) -> anyhow::Error {
     anyhow!(
-        "output folder {} is not empty: another run writes to it, or was killed and left {LOCK} there",
+        "output folder {} is not empty: another run writes to it ({LOCK})",
         folder.display()
     )
 }
@@ -207,6 +306,75 @@ mod tests {
         drop(first);
         assert!(refused(&out).contains("name another"));
         assert!(!out.join(LOCK).exists());
+    }
+
+    /// What a run leaves that is killed at its second tick: its lock dies with it.
+    fn killed(folder: &Path) {
+        fs::create_dir_all(folder).unwrap();
+        fs::write(folder.join(LOCK), "").unwrap();
+        fs::write(folder.join("poses.jsonl.tmp"), "{\"tick\":1}\n{\"ti").unwrap();
+    }
+
+    fn poses(folder: &Path) -> String {
+        fs::read_to_string(folder.join("poses.jsonl")).unwrap()
+    }
+
+    #[test]
+    fn what_killed_runs_of_the_venue_left_is_whole_when_the_next_begins() {
+        let dir = tempfile::tempdir().unwrap();
+        let folder = |name: &str| dir.path().join(name);
+        for name in ["hall-1", "hall-3", "hall-3-1"] {
+            killed(&folder(name));
+        }
+        let running = FolderClaim::numbered(dir.path(), "hall").unwrap();
+        assert_eq!(running.folder(), folder("hall-2"));
+        for name in ["hall-1", "hall-3"] {
+            assert_eq!(poses(&folder(name)), "{\"tick\":1}\n");
+            assert_eq!(fs::read_dir(folder(name)).unwrap().count(), 1, "no lock");
+        }
+        assert!(folder("hall-3-1").join(LOCK).exists(), "another venue's");
+        fs::write(running.folder().join("poses.jsonl.tmp"), "half").unwrap();
+        let next = FolderClaim::take(Some(&folder("named")), "hall").unwrap();
+        let half = fs::read_to_string(running.folder().join("poses.jsonl.tmp")).unwrap();
+        assert_eq!(half, "half", "a run that lives is left alone");
+        drop((running, next));
+    }
+
+    #[test]
+    fn a_named_folder_of_a_killed_run_is_made_whole_and_refused() {
+        let dir = tempfile::tempdir().unwrap();
+        killed(dir.path());
+        let said = refused(dir.path());
+        assert!(
+            said.contains("killed") && said.contains("whole now"),
+            "{said}"
+        );
+        assert_eq!(poses(dir.path()), "{\"tick\":1}\n");
+        assert!(refused(dir.path()).contains("name another, or empty it"));
+        let empty = dir.path().join("empty");
+        fs::create_dir(&empty).unwrap();
+        fs::write(empty.join(LOCK), "").unwrap();
+        drop(FolderClaim::take(Some(&empty), "hall").unwrap());
+    }
+
+    #[test]
+    fn a_folder_is_held_by_the_nodes_of_a_run_that_was_killed_itself() {
+        let dir = tempfile::tempdir().unwrap();
+        let out = dir.path().join("out");
+        let run = FolderClaim::take(Some(&out), "hall").unwrap();
+        let node = FolderClaim::of_parent(out.clone());
+        fs::write(out.join("poses.jsonl.tmp"), "{}\n").unwrap();
+        run.salvage();
+        assert!(
+            out.join("poses.jsonl.tmp").exists(),
+            "the node may still write"
+        );
+        // Killed, it takes nothing away.
+        let FolderClaim { lock, .. } = &mut *std::mem::ManuallyDrop::new(run);
+        drop(lock.take());
+        assert!(refused(&out).contains("another run"));
+        drop(node);
+        assert!(refused(&out).contains("whole now"));
     }
 
     #[test]

@@ -1,86 +1,123 @@
 //! The files of a run: finished ticks in, whole files at the end.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use anyhow::Context as _;
 use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::message::PoseSet;
 use farfield_proto::venue::Venue;
 
+use super::pose_queue::FinalPoses;
 use crate::body::skeleton::{ANGLE_NAMES, Joint, RangeOfMotion};
-use crate::export::pose_files::{PoseFiles, Presence};
+use crate::export::full_disk::FullDisk;
+use crate::export::pose_files::{PoseFiles, Presence, WriteError, Written};
+use crate::export::salvage::SMOOTH;
+use crate::export::summary::PosesSummary;
+use crate::export::unfinished::create_folder_on;
 use crate::export::{AngleColumn, AngleUnit, Layout};
-
-/// The folder of the smoothed poses in that of the run's.
-const SMOOTH: &str = "smooth";
 
 /// Writes poses as they become final.
 pub(in crate::node) struct Exporter {
     folder: PathBuf,
     layout: Layout,
     rate_hz: f64,
+    disk: Arc<dyn FullDisk>,
     files: PoseFiles,
     /// Those of the fixed-lag smoother, once there are some.
     smooth: Option<PoseFiles>,
 }
 
+/// What the files have come to.
+#[derive(Debug, Default)]
+pub(in crate::node) struct Exported {
+    /// Who was there.
+    pub(in crate::node) people: Vec<Presence>,
+    /// What the files lack, if anything.
+    pub(in crate::node) missing: Option<PosesSummary>,
+}
+
 impl Exporter {
-    /// Starts the files in `folder`, which must exist.
+    /// Starts the files in `folder`, which must exist; `disk` says what is done when there is no room.
     pub(in crate::node) fn create(
         folder: &Path,
         venue: &Venue,
         keypoints: &KeypointSet,
+        disk: Arc<dyn FullDisk>,
     ) -> anyhow::Result<Self> {
         let layout = layout(venue, keypoints);
-        let files = PoseFiles::create(folder, layout.clone(), venue.rate_hz);
+        let files = PoseFiles::create(folder, layout.clone(), venue.rate_hz, Arc::clone(&disk));
         Ok(Self {
             folder: folder.to_owned(),
             layout,
             rate_hz: venue.rate_hz,
+            disk,
             files: files.context("starting the files of the poses")?,
             smooth: None,
         })
     }
 
-    /// Writes smoothed ticks, in order, into a folder of their own.
-    pub(in crate::node) fn write_smoothed(&mut self, smoothed: &[PoseSet]) -> anyhow::Result<()> {
-        if smoothed.is_empty() {
-            return Ok(());
+    /// Writes a tick that will not change any more. Ticks must rise; smoothed ones have a folder of their own.
+    pub(in crate::node) fn write(&mut self, poses: &FinalPoses) -> anyhow::Result<()> {
+        match poses {
+            FinalPoses::Live(poses) => told(self.files.write(poses), "writing the poses"),
+            FinalPoses::Smoothed(poses) => self.write_smoothed(poses),
         }
+    }
+
+    fn write_smoothed(&mut self, poses: &PoseSet) -> anyhow::Result<()> {
         let files = if let Some(files) = &mut self.smooth {
             files
         } else {
             let folder = self.folder.join(SMOOTH);
-            std::fs::create_dir_all(&folder)
+            create_folder_on(&folder, &*self.disk)
                 .with_context(|| format!("making {}", folder.display()))?;
-            let files = PoseFiles::create(folder, self.layout.clone(), self.rate_hz)?;
+            let (layout, disk) = (self.layout.clone(), Arc::clone(&self.disk));
+            let files = PoseFiles::create(folder, layout, self.rate_hz, disk)?;
             self.smooth.insert(files)
         };
-        smoothed
-            .iter()
-            .try_for_each(|poses| files.write(poses))
-            .context("writing the smoothed poses")
+        told(files.write(poses), "writing the smoothed poses")
     }
 
-    /// Writes ticks that will not change any more, in order.
-    pub(in crate::node) fn write(&mut self, finished: &[PoseSet]) -> anyhow::Result<()> {
-        finished
-            .iter()
-            .try_for_each(|poses| self.files.write(poses))
-            .context("writing the poses")
+    /// Waits until the disk has all lines so far.
+    pub(in crate::node) fn sync_lines(&mut self) -> anyhow::Result<()> {
+        let all = [Some(&mut self.files), self.smooth.as_mut()];
+        let mut all = all.into_iter().flatten();
+        all.try_for_each(|files| told(files.sync_lines(), "writing the poses"))
     }
 
-    /// Completes all files, and says who was there.
-    pub(in crate::node) fn finish(self) -> anyhow::Result<Vec<Presence>> {
-        if let Some(smooth) = self.smooth {
-            smooth
-                .finish()
-                .context("finishing the files of the smoothed poses")?;
+    /// Waits until the disk has the files of persons as they are so far.
+    pub(in crate::node) fn sync_persons(&mut self) -> anyhow::Result<()> {
+        let all = [Some(&mut self.files), self.smooth.as_mut()];
+        let mut all = all.into_iter().flatten();
+        all.try_for_each(|files| told(files.sync_persons(), "writing the poses"))
+    }
+
+    /// Gives all files their names: what could be written is whole.
+    pub(in crate::node) fn finish(self) -> Exported {
+        let smooth = self.smooth.map(PoseFiles::finish).unwrap_or_default();
+        let Written {
+            people,
+            unwritten_ticks,
+            failure,
+        } = self.files.finish();
+        let failure = failure.or(smooth.failure);
+        let is_whole = failure.is_none() && unwritten_ticks + smooth.unwritten_ticks == 0;
+        let missing = PosesSummary {
+            unwritten_ticks,
+            unwritten_smoothed_ticks: smooth.unwritten_ticks,
+            failure: failure.map(|error| error.to_string()),
+        };
+        Exported {
+            people,
+            missing: (!is_whole).then_some(missing),
         }
-        self.files
-            .finish()
-            .context("finishing the files of the poses")
     }
+}
+
+/// The files keep their failure, and tell it at the end once more.
+fn told(written: Result<(), &WriteError>, doing: &'static str) -> anyhow::Result<()> {
+    written.map_err(|error| anyhow::anyhow!("{doing}: {error}"))
 }
 
 /// What the numbers of a pose of `venue` are called.

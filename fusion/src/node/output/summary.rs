@@ -2,22 +2,19 @@
 
 use std::collections::BTreeMap;
 use std::ops::Range;
-use std::path::Path;
 use std::time::Duration;
 
-use anyhow::Context as _;
 use farfield_node::process::Ending;
 use farfield_proto::message::{DETECTION_STAGE, StageTime, Status};
 use farfield_proto::tick::Tick;
 use farfield_proto::transport::FUSION;
 use farfield_proto::venue::Venue;
 
+use super::exporter::Exported;
 use super::tally::Tally;
-use crate::export::pose_files::Presence;
 use crate::export::summary::{
     CameraSummary, DropSummary, RecordingSummary, StageTiming, Summary, TickSpan, TimingSummary,
 };
-use crate::export::unfinished::write_whole;
 
 /// What is known when a run is over.
 pub(in crate::node) struct RunFacts<'a> {
@@ -30,7 +27,8 @@ pub(in crate::node) struct RunFacts<'a> {
     pub(in crate::node) lost: Lost,
     /// How it ended; `None` when it failed.
     pub(in crate::node) ending: Option<Ending>,
-    pub(in crate::node) people: Vec<Presence>,
+    /// Who was there, and what the files lack.
+    pub(in crate::node) exported: &'a Exported,
     /// The last tick that went through the core.
     pub(in crate::node) last: Option<Tick>,
     /// Times of fusion's own stages.
@@ -88,7 +86,13 @@ pub(in crate::node) fn summarize(venue: &Venue, facts: &RunFacts<'_>) -> Summary
             end: ticks.end,
             done,
         },
-        people: facts.people.iter().copied().map(Into::into).collect(),
+        people: facts
+            .exported
+            .people
+            .iter()
+            .copied()
+            .map(Into::into)
+            .collect(),
         events: facts.tally.event_counts().clone(),
         links: facts.tally.links(),
         drops: DropSummary {
@@ -115,27 +119,10 @@ pub(in crate::node) fn summarize(venue: &Venue, facts: &RunFacts<'_>) -> Summary
             look_share: look_shares(facts.last_words),
             link_bytes_on_wire: BTreeMap::new(),
             cameras: facts.cameras.clone(),
+            poses: facts.exported.missing.clone(),
             recording: facts.recording.clone(),
         },
     }
-}
-
-/// Says in the summary in `folder` what the recording has come to in the end: what failed after the summary
-/// was written, too.
-pub(in crate::node) fn complete(folder: &Path, recording: &RecordingSummary) -> anyhow::Result<()> {
-    let path = folder.join("summary.json");
-    if !path.exists() {
-        // A run without a tick leaves none.
-        return Ok(());
-    }
-    let reading = || format!("reading {}", path.display());
-    let text = std::fs::read_to_string(&path).with_context(reading)?;
-    let mut summary: Summary = serde_json::from_str(&text).with_context(reading)?;
-    let known = summary.timing.recording.replace(recording.clone());
-    if known.as_ref() == Some(recording) {
-        return Ok(());
-    }
-    write(folder, &summary)
 }
 
 /// Per program and library: its version.
@@ -179,12 +166,4 @@ fn look_shares(last_words: &[Status]) -> BTreeMap<String, f64> {
         (of(false) > 0.0).then(|| (status.node.clone(), of(true) / of(false)))
     };
     last_words.iter().filter_map(share).collect()
-}
-
-/// Writes `summary.json` into `folder`.
-pub(in crate::node) fn write(folder: &Path, summary: &Summary) -> anyhow::Result<()> {
-    let path = folder.join("summary.json");
-    let text = summary.to_json();
-    write_whole(path.clone(), text.as_bytes())
-        .with_context(|| format!("writing {}", path.display()))
 }

@@ -1,7 +1,6 @@
 //! The thread that writes a recording: what passed in, chunks of a second out.
 
 use std::collections::BTreeSet;
-use std::fs::File;
 use std::io::{self, BufWriter};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -25,7 +24,11 @@ use super::file::RecordingFile;
 use super::filler::{Fillers, SharedHoles};
 use super::queue::{Note, QueueState, RecordingQueue};
 use super::retention::delete_old;
+use crate::export::full_disk::FullDisk;
 use crate::export::summary::RecordingSummary;
+use crate::export::unfinished::PatientFile;
+use crate::node::output::room::WaitForRoom;
+use crate::node::session::mode::RunMode;
 use crate::node::session::wiretap::Wiretap;
 use crate::recording::channels::Content;
 use crate::recording::holes::Holes;
@@ -43,12 +46,14 @@ pub(in crate::node) struct RecordingThread {
     holes: SharedHoles,
     filled: Arc<AtomicU64>,
     queue: Arc<RecordingQueue>,
+    room: Arc<WaitForRoom>,
     /// `None` once it is waited for.
     thread: Option<JoinHandle<()>>,
 }
 
 impl RecordingThread {
-    /// Begins to write to `file` what passes fusion in `session`.
+    /// Begins to write to `file` what passes fusion in `session`. Live it waits when the disk is full, and what
+    /// then finds no place in its queue is lost; in lock-step it ends.
     ///
     /// # Errors
     /// When the head cannot be written, or no thread starts.
@@ -56,12 +61,15 @@ impl RecordingThread {
         file: RecordingFile,
         head: Head,
         session: SessionId,
+        mode: RunMode,
         parameters: &RecordingParameters,
     ) -> anyhow::Result<Self> {
         let RecordingFile { path, file } = file;
         let (venue, recorder) = (head.venue.clone(), head.venue.clone() + "/recorder");
         let (n_viewpoints, rate_hz) = (head.viewpoints.len(), head.rate_hz);
         let (queue, notes) = RecordingQueue::open(&head.venue, session);
+        let room = Arc::<WaitForRoom>::default();
+        let file = PatientFile::new(file, &path, Arc::clone(&room) as Arc<dyn FullDisk>);
         let writer = RecordingWriter::create(BufWriter::new(file), head);
         let writer = writer.with_context(|| format!("writing the recording {}", path.display()))?;
         let state = Arc::clone(queue.state());
@@ -81,6 +89,9 @@ impl RecordingThread {
             filled: Arc::clone(&filled),
             rings: BTreeSet::new(),
         };
+        if mode == RunMode::Live {
+            room.start();
+        }
         let thread = std::thread::Builder::new().name("recorder".to_owned());
         let thread = thread.spawn(move || work.run(writer, &notes));
         Ok(Self {
@@ -89,6 +100,7 @@ impl RecordingThread {
             holes,
             filled,
             queue: Arc::new(queue),
+            room,
             thread: Some(thread.context("starting the recorder's thread")?),
         })
     }
@@ -130,6 +142,7 @@ impl RecordingThread {
     /// # Errors
     /// When the thread has panicked.
     pub(in crate::node) async fn finish(mut self) -> anyhow::Result<RecordingSummary> {
+        self.room.stop();
         let (queue, thread) = (Arc::clone(&self.queue), self.thread.take());
         let finish = move || {
             queue.end();
@@ -163,7 +176,7 @@ struct RecordingWork {
 }
 
 impl RecordingWork {
-    fn run(mut self, mut writer: RecordingWriter<BufWriter<File>>, notes: &Receiver<Note>) {
+    fn run(mut self, mut writer: RecordingWriter<BufWriter<PatientFile>>, notes: &Receiver<Note>) {
         let written = self.write_all(&mut writer, notes);
         let written = written.and_then(|()| writer.finish().map(drop));
         if let Err(error) = written {
@@ -179,7 +192,7 @@ impl RecordingWork {
     /// Until the last note has been written.
     fn write_all(
         &mut self,
-        writer: &mut RecordingWriter<BufWriter<File>>,
+        writer: &mut RecordingWriter<BufWriter<PatientFile>>,
         notes: &Receiver<Note>,
     ) -> io::Result<()> {
         let (mut flush_at, mut clean_at) = (clock::now() + self.chunk, clock::now());
@@ -265,7 +278,10 @@ impl RecordingWork {
     }
 
     /// Notes in the recording itself that it has gaps.
-    fn say_losses(&mut self, writer: &mut RecordingWriter<BufWriter<File>>) -> io::Result<()> {
+    fn say_losses(
+        &mut self,
+        writer: &mut RecordingWriter<BufWriter<PatientFile>>,
+    ) -> io::Result<()> {
         let lost = self.state.lost();
         if lost == self.lost {
             return Ok(());
@@ -291,6 +307,7 @@ fn until(then: Instant, now: Instant) -> Duration {
 #[cfg(test)]
 mod tests {
     use std::collections::BTreeMap;
+    use std::fs::File;
     use std::os::fd::OwnedFd;
 
     use super::*;
@@ -319,7 +336,9 @@ mod tests {
             chunk_s: 3600.0,
             ..RecordingParameters::default()
         };
-        let recording = RecordingThread::start(file, head(), SessionId(1), &parameters).unwrap();
+        let recording =
+            RecordingThread::start(file, head(), SessionId(1), RunMode::LockStep, &parameters);
+        let recording = recording.unwrap();
         recording.queue().note("hall/pose", b"x", 0);
         assert_eq!(recording.so_far().failure, None);
         drop(reader);

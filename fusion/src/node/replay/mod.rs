@@ -19,8 +19,9 @@ use self::report::{Done, FileFacts};
 use self::venue::{Changes, replay_venue};
 use super::config::check_names;
 use super::output::claim::{FolderClaim, check_folder};
-use super::output::exporter::Exporter;
-use super::output::summary;
+use super::output::export_thread::{ExportThread, missing};
+use super::output::summary_file::SummaryFile;
+use super::session::mode::RunMode;
 use crate::export::summary::EventCounts;
 use crate::pipeline::Pipeline;
 use crate::recording::reader::{Recording, SessionPart};
@@ -109,8 +110,10 @@ fn replay(args: &ReplayArgs, print: fn(&str) -> anyhow::Result<()>) -> Result<En
         .map_err(refused)?;
     let span = replay.span().unwrap_or(recorded);
     let claim = FolderClaim::take(args.out.as_deref(), &venue.name).map_err(refused)?;
-    let exporter =
-        Exporter::create(claim.folder(), &venue, &keypoints).map_err(NodeError::Failed)?;
+    let exporter = ExportThread::start(claim.folder(), &venue, &keypoints, RunMode::LockStep)
+        .map_err(NodeError::Failed)?;
+    let mut file_of_summary = SummaryFile::in_folder(claim.folder());
+    file_of_summary.reserve().map_err(NodeError::Failed)?;
     let done = Solving {
         replay,
         exporter,
@@ -120,14 +123,20 @@ fn replay(args: &ReplayArgs, print: fn(&str) -> anyhow::Result<()>) -> Result<En
     .run()
     .map_err(NodeError::Failed)?;
     let summary = done.summary(&venue, span);
-    summary::write(claim.folder(), &summary).map_err(NodeError::Failed)?;
+    file_of_summary
+        .put(summary.clone())
+        .map_err(NodeError::Failed)?;
+    file_of_summary.finish(None).map_err(NodeError::Failed)?;
     let text = if args.json {
         done.json(&summary, &file).map_err(NodeError::Failed)?
     } else {
         done.words(claim.folder())
     };
     print(&text).map_err(NodeError::Failed)?;
-    Ok(done.ending)
+    match &done.exported.missing {
+        Some(poses) => Err(NodeError::Failed(missing(poses))),
+        None => Ok(done.ending),
+    }
 }
 
 /// Reads the recording through, and says what is missing of it.
@@ -192,7 +201,7 @@ fn choose(args: &ReplayArgs, sessions: &[SessionPart]) -> anyhow::Result<Session
 /// A replay under way.
 struct Solving {
     replay: Replay<BufReader<File>>,
-    exporter: Exporter,
+    exporter: ExportThread,
     /// Whether the poses of two passes are written.
     smooth: bool,
     events: EventCounts,
@@ -203,13 +212,15 @@ impl Solving {
         let began = clock::now();
         let (stop, runtime) = watch_signals()?;
         let mut ending = Ending::Done;
-        while let Some(output) = self.replay.step(&mut |_| {})? {
+        while !self.exporter.has_failed()
+            && let Some(output) = self.replay.step(&mut |_| {})?
+        {
             let written = if self.smooth {
-                &output.smoothed
+                output.smoothed
             } else {
-                &output.finished
+                output.finished
             };
-            self.exporter.write(written)?;
+            self.exporter.write(written, Vec::new());
             self.events.count(&output.events);
             if stop.is_cancelled() && self.replay.left() > 0 {
                 ending = Ending::Interrupted;
@@ -223,13 +234,12 @@ impl Solving {
         } else {
             self.replay.finish()
         };
-        self.exporter.write(&last)?;
         Ok(Done {
             ending,
             choice: self.replay.choice(),
             tally: self.replay.tally(),
             events: self.events,
-            people: self.exporter.finish()?,
+            exported: self.exporter.finish(last, Vec::new())?,
             elapsed_s: clock::now().duration_since(began).as_secs_f64(),
         })
     }

@@ -10,8 +10,8 @@ use farfield_proto::tick::Tick;
 use farfield_proto::venue::Venue;
 use serde::Serialize;
 
-use crate::export::pose_files::Presence;
 use crate::export::summary::{EventCounts, Summary, TickSpan, TimingSummary};
+use crate::node::output::exporter::Exported;
 use crate::node::output::summary;
 use crate::recording::reader::Recording;
 use crate::recording::replay::{Choice, ReplayTally};
@@ -21,7 +21,7 @@ pub(super) struct Done {
     pub(super) ending: Ending,
     pub(super) choice: Choice,
     pub(super) tally: ReplayTally,
-    pub(super) people: Vec<Presence>,
+    pub(super) exported: Exported,
     pub(super) events: EventCounts,
     pub(super) elapsed_s: f64,
 }
@@ -130,18 +130,25 @@ impl Done {
             venue_hash: venue.hashes.venue.clone(),
             calibration_hash: venue.hashes.calibration.clone(),
             rate_hz: venue.rate_hz,
-            complete: self.ending == Ending::Done,
+            complete: self.ending == Ending::Done && self.exported.missing.is_none(),
             ticks: TickSpan {
                 first,
                 end: last + 1,
                 done: self.tally.ticks,
             },
-            people: self.people.iter().copied().map(Into::into).collect(),
+            people: self
+                .exported
+                .people
+                .iter()
+                .copied()
+                .map(Into::into)
+                .collect(),
             events: self.events.clone(),
             versions: summary::versions(),
             timing: TimingSummary {
                 elapsed_s: self.elapsed_s,
                 ticks_per_s: self.tally.ticks as f64 / self.elapsed_s.max(1e-9),
+                poses: self.exported.missing.clone(),
                 ..TimingSummary::default()
             },
             ..Summary::default()
@@ -168,7 +175,7 @@ impl Done {
             "{} ticks solved from {sets} ({}), {} people, {:.0} ticks/s\n{published}\n",
             tally.ticks,
             tally.sets,
-            self.people.len(),
+            self.exported.people.len(),
             tally.ticks as f64 / self.elapsed_s.max(1e-9)
         );
         for (count, what) in [
