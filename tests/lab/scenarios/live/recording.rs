@@ -1,12 +1,12 @@
-//! Recordings of a live run when the disk is full.
+//! Files of a live run when the disk is full, or hangs, or fusion is killed.
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::process::{Child, Command};
 
 use farfield_fusion::recording::reader::Recording;
 
-use super::stage::LiveStage;
+use super::stage::{LiveStage, PEOPLE, RATE_HZ};
 
 /// Room on the small disk: less than a minute of the stage, more than the head of a recording.
 const SIZE: &str = "size=600k";
@@ -22,13 +22,44 @@ impl SmallDisk {
     fn mount(path: &Path) -> Result<Self, String> {
         std::fs::create_dir(path).unwrap();
         let mut mount = Command::new("mount");
-        mount.args(["-t", "tmpfs", "-o", SIZE, "tmpfs"]).arg(path);
-        let output = mount.output().map_err(|error| error.to_string())?;
-        if output.status.success() {
-            Ok(Self(path.to_owned()))
-        } else {
-            Err(String::from_utf8_lossy(&output.stderr).trim().to_owned())
-        }
+        said(mount.args(["-t", "tmpfs", "-o", SIZE, "tmpfs"]).arg(path))?;
+        Ok(Self(path.to_owned()))
+    }
+
+    /// One that can be made to hang.
+    ///
+    /// # Errors
+    /// Why there is none: it takes root and loop devices.
+    fn mount_freezable(path: &Path) -> Result<Self, String> {
+        std::fs::create_dir(path).unwrap();
+        let image = path.with_extension("image");
+        File::create(&image).unwrap().set_len(32 << 20).unwrap();
+        said(Command::new("mkfs.ext4").arg("-q").arg(&image))?;
+        let mut mount = Command::new("mount");
+        said(mount.args(["-o", "loop"]).arg(&image).arg(path))?;
+        Ok(Self(path.to_owned()))
+    }
+
+    /// Makes it hang for so many seconds. Another process lets it go again, whatever happens here.
+    fn freeze(&self, seconds: u32) -> Child {
+        let script = format!("fsfreeze -f \"$0\" && sleep {seconds}; fsfreeze -u \"$0\"");
+        let mut freeze = Command::new("sh");
+        freeze.args(["-c", &script]).arg(&self.0).spawn().unwrap()
+    }
+
+    /// Makes it larger.
+    fn grow(&self) {
+        let mut mount = Command::new("mount");
+        said(mount.args(["-o", "remount,size=40m"]).arg(&self.0)).unwrap();
+    }
+}
+
+fn said(command: &mut Command) -> Result<(), String> {
+    let output = command.output().map_err(|error| error.to_string())?;
+    if output.status.success() {
+        Ok(())
+    } else {
+        Err(String::from_utf8_lossy(&output.stderr).trim().to_owned())
     }
 }
 
@@ -40,7 +71,7 @@ impl Drop for SmallDisk {
 }
 
 #[test]
-fn a_full_disk_ends_the_recording_with_a_clear_error_and_capture_goes_on() {
+fn a_recording_waits_for_room_on_a_full_disk_while_capture_goes_on() {
     let mut stage = LiveStage::prepare(&[], "");
     let disk = match SmallDisk::mount(&stage.folder.path().join("disk")) {
         Ok(disk) => disk,
@@ -54,19 +85,83 @@ fn a_full_disk_ends_the_recording_with_a_clear_error_and_capture_goes_on() {
     let path = record.to_str().unwrap();
     stage.start_with(&out, &["--record", path]);
     let fusion = || stage.live.fusion.as_ref().unwrap();
-    stage.wait("the recording ends", |_| {
-        fusion().said().contains("has ended")
+    stage.wait("the recording waits", |_| {
+        fusion().said().contains("the disk is full")
     });
     let said = fusion().said();
     assert!(said.contains("run.mcap"), "{said}");
     let before = stage.takes();
     stage.go_on(3.0);
     before.assert_flat(&stage.takes());
+    disk.grow();
+    stage.wait("the recording goes on", |_| {
+        fusion().said().contains("there is room again")
+    });
+    stage.finish("first");
     let recording = Recording::open(File::open(&record).unwrap()).unwrap();
     let part = &recording.sessions()[0];
     println!(
         "{} sets can be read, of ticks {} to {}",
         part.sets, part.ticks[0], part.ticks[1]
     );
-    assert!(part.sets > 0);
+    assert!(part.sets > 0 && recording.end().whole);
+}
+
+#[test]
+fn a_disk_that_hangs_holds_up_no_live_pose() {
+    // Symptom to prevent: fusion's core wrote the poses itself, and there were none for as long as the disk hung.
+    let mut stage = LiveStage::prepare(&[], "");
+    let disk = match SmallDisk::mount_freezable(&stage.folder.path().join("disk")) {
+        Ok(disk) => disk,
+        Err(reason) => {
+            println!("SKIPPED a disk that hangs: cannot mount one: {reason}");
+            return;
+        }
+    };
+    let out = disk.0.join("out");
+    stage.start_with(&out, &[]);
+    let mut frozen = disk.freeze(5);
+    let from = stage.seen().poses;
+    std::thread::sleep(std::time::Duration::from_secs(4));
+    let meanwhile = stage.seen().poses - from;
+    assert!(frozen.try_wait().unwrap().is_none(), "it hung meanwhile");
+    println!("{meanwhile} poses in 4 s while the disk hung, at {RATE_HZ} Hz");
+    assert!(meanwhile as f64 > 3.0 * RATE_HZ, "{meanwhile}");
+    assert!(frozen.wait().unwrap().success());
+    stage.finish("first");
+    let summary = std::fs::read_to_string(out.join("summary.json")).unwrap();
+    let summary: serde_json::Value = serde_json::from_str(&summary).unwrap();
+    assert_eq!(
+        summary["timing"]["poses"],
+        serde_json::Value::Null,
+        "nothing is missing"
+    );
+}
+
+#[test]
+fn what_a_killed_fusion_left_is_whole_when_the_next_begins() {
+    let mut stage = LiveStage::prepare(&[], "");
+    stage.live.fusion_by_hand();
+    let venue = stage.live.venue().name.clone();
+    let [first, second] = [1, 2].map(|n| stage.out(&format!("{venue}-{n}")));
+    stage.start_with(&first, &[]);
+    // Lines go to the disk once a second.
+    stage.go_on(2.0);
+    stage.live.fusion.take().unwrap().kill().unwrap();
+    assert!(first.join("run.lock").exists() && first.join("poses.jsonl.tmp").exists());
+    stage.live.start_fusion(&second, &[]).unwrap();
+    stage.wait("the first life's files are whole", |_| {
+        !first.join("run.lock").exists()
+    });
+    let said = stage.live.fusion.as_ref().unwrap().said();
+    assert!(said.contains("whole now"), "{said}");
+    let lines = std::fs::read_to_string(first.join("poses.jsonl")).unwrap();
+    assert!(lines.lines().count() > PEOPLE * RATE_HZ as usize);
+    for line in lines.lines() {
+        serde_json::from_str::<serde_json::Value>(line).unwrap();
+    }
+    for entry in first.read_dir().unwrap() {
+        let path = entry.unwrap().path();
+        assert!(path.extension().is_none_or(|e| e != "tmp"), "{path:?}");
+    }
 }
