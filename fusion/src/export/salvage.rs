@@ -103,6 +103,26 @@ mod tests {
     }
 
     #[test]
+    fn a_head_that_the_disk_has_lost_is_left_as_it_is() {
+        let folder = tempfile::tempdir().unwrap();
+        let damaged = b"PathFileType\t4\t\xff\xfe\n2\n3\n4\n5\n1\t0.0\n";
+        let endless = [b"Coordinates\n".to_vec(), vec![b'\n'; 2 << 20]].concat();
+        for (name, bytes) in [
+            ("poses_1.trc.tmp", &damaged[..]),
+            ("angles_1.mot.tmp", &endless),
+        ] {
+            fs::write(folder.path().join(name), bytes).unwrap();
+        }
+        assert!(salvage(folder.path()).unwrap().is_empty());
+        for (name, bytes) in [
+            ("poses_1.trc.tmp", &damaged[..]),
+            ("angles_1.mot.tmp", &endless),
+        ] {
+            assert_eq!(fs::read(folder.path().join(name)).unwrap(), bytes);
+        }
+    }
+
+    #[test]
     fn a_file_cut_at_any_byte_is_that_of_a_run_that_ended_there() {
         const TICKS: i64 = 3;
         let whole = run_of(TICKS);

@@ -15,6 +15,9 @@ use super::{mot, trc};
 /// Bytes of a line, far above any that a run writes: what is longer is none.
 const LONGEST_LINE: u64 = 16 << 20;
 
+/// Bytes of a head, far above any that a run writes.
+const LONGEST_HEAD: usize = 1 << 20;
+
 /// What is written in a file of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Kind {
@@ -153,13 +156,21 @@ impl WholeLines {
             this.bytes += line.len() as u64;
             if in_head {
                 head.extend_from_slice(&line);
+                if head.len() > LONGEST_HEAD {
+                    this.is_foreign = true;
+                    break;
+                }
                 n_head += 1;
                 in_head = !kind.is_head(&head, n_head);
             } else {
                 this.n_rows += 1;
             }
         }
-        this.head = String::from_utf8_lossy(&head).into_owned();
+        // What is no text has lost something to the disk: written over, it would take rows along.
+        match String::from_utf8(head) {
+            Ok(head) => this.head = head,
+            Err(_) => this.is_foreign = true,
+        }
         Ok(this)
     }
 }

@@ -1,5 +1,7 @@
 //! Who was there when fusion ended, so that the next one knows them again: ids, places, bodies.
 
+use std::collections::BTreeSet;
+
 use farfield_proto::id::PersonId;
 use farfield_proto::tick::Tick;
 use nalgebra::{Vector2, Vector3};
@@ -12,6 +14,8 @@ use crate::body::skeleton::{Proportions, Site, Skeleton};
 
 /// Most people who are handed on.
 const MAX_PEOPLE: usize = 512;
+/// Ids that are handed on are below: some are left to be given.
+const MAX_ID: u32 = u32::MAX / 2;
 /// Farther from the origin nobody is, metres.
 const FARTHEST_M: f64 = 1e5;
 
@@ -54,8 +58,19 @@ impl KnownPeople {
         if self.people.len() > MAX_PEOPLE {
             return Err("more people than a venue may have");
         }
+        if self.next_id > MAX_ID {
+            return Err("more ids than are ever given");
+        }
         if self.people.iter().any(|person| person.id >= self.next_id) {
             return Err("an id that is still to be given");
+        }
+        let ids: BTreeSet<u32> = self.people.iter().map(|person| person.id).collect();
+        if ids.len() != self.people.len() {
+            return Err("two people of one id");
+        }
+        let is_in_order = |person: &KnownPerson| person.gone.is_none_or(|gone| person.seen <= gone);
+        if !self.people.iter().all(is_in_order) {
+            return Err("somebody who was seen after going");
         }
         if self.people.iter().any(|person| person.body().is_none()) {
             return Err("lengths of no body");
@@ -99,8 +114,11 @@ impl KnownPerson {
     }
 
     /// As it is remembered from `tick` on, at which a run begins; `sites` are those of the network's card. `None` where
-    /// the lengths are those of no body.
+    /// the lengths are those of no body, or it was there later than `tick`.
     pub(crate) fn departed(&self, tick: Tick, sites: &[Option<Site>]) -> Option<Departed> {
+        if self.seen > tick || self.gone.is_some_and(|gone| gone > tick) {
+            return None;
+        }
         Some(Departed {
             id: PersonId(self.id),
             last_seen: LastSeen {
@@ -171,5 +189,23 @@ mod tests {
         assert!(people(|p| p.lengths_m.truncate(3)).is_err());
         assert!(people(|p| p.place_m[1] = f64::INFINITY).is_err());
         assert!(people(|p| p.lived_s = -1.0).is_err());
+        assert!(people(|p| p.gone = Some(Tick(99))).is_err());
+        let many = |next_id, ids: [u32; 2]| KnownPeople {
+            next_id,
+            people: ids.map(known).into(),
+        };
+        assert!(many(8, [6, 7]).checked().is_ok());
+        assert!(many(8, [7, 7]).checked().is_err());
+        assert!(many(u32::MAX, [6, 7]).checked().is_err());
+    }
+
+    #[test]
+    fn who_was_there_later_than_the_run_begins_is_nobody() {
+        assert!(known(7).departed(Tick(99), &[]).is_none());
+        let later = KnownPerson {
+            gone: Some(Tick(i64::MAX)),
+            ..known(7)
+        };
+        assert!(later.departed(Tick(130), &[]).is_none());
     }
 }

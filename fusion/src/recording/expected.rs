@@ -1,4 +1,5 @@
-//! Whom a session expects from the one before it: noted once, before its first tick, so that a replay expects them, too.
+//! Whom a session expects from the one before it: noted once by fusion's own recording, before its first tick, so that a
+//! replay expects them, too.
 
 use farfield_proto::id::SessionId;
 use serde::{Deserialize, Serialize};

@@ -345,11 +345,12 @@ impl Index {
                 Ok(())
             }
             Content::Expected => {
-                let expected = serde_json::from_slice(data)
-                    .ok()
-                    .and_then(ExpectedPeople::checked);
-                self.expected.extend(expected);
-                Ok(())
+                let expected = serde_json::from_slice(data);
+                let expected = expected.ok().and_then(ExpectedPeople::checked);
+                let unreadable = wire::WireError::Invalid("people who cannot be");
+                expected
+                    .map(|people| self.expected.push(people))
+                    .ok_or(unreadable)
             }
             _ => Ok(()),
         };

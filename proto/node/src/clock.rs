@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicI64, Ordering};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
-use farfield_proto::message::health::SystemClock;
+use farfield_proto::message::health::{MAX_AHEAD_US, SystemClock};
 
 use crate::system_clock;
 
@@ -29,9 +29,9 @@ pub fn unix_time() -> Duration {
         .unwrap_or_default()
 }
 
-/// Fastest that a [`VenueClock`] follows the system's clock, microseconds per second: far above what
-/// any oscillator drifts by, far below what a tick would notice.
-const SLEW_US_PER_S: i64 = 1000;
+/// Fastest that a [`VenueClock`] follows the system's clock, microseconds per second: above what any oscillator drifts by,
+/// far below what the measuring of clocks would notice. By how much it is behind is told meanwhile.
+const SLEW_US_PER_S: i64 = 100;
 
 /// The clock that the venue goes by: Unix time, by PTP or NTP the same on all machines, that never jumps,
 /// whatever is done to the system's clock. Clones show the same time.
@@ -109,7 +109,7 @@ impl VenueClock {
         let said = system_clock::read();
         SystemClock {
             synchronised: self.fault.synchronised.unwrap_or(said.synchronised),
-            ahead_us: self.ahead_us(),
+            ahead_us: self.ahead_us().clamp(-MAX_AHEAD_US, MAX_AHEAD_US),
             ..said
         }
     }

@@ -8,6 +8,9 @@ use super::live::MAX_EDGES;
 use crate::id::SessionId;
 use crate::wire::MAX_REASON_BYTES;
 
+/// Most that a system's clock may be ahead of the node's, either way, microseconds: a machine that was never told the time
+/// is in 1970.
+pub const MAX_AHEAD_US: i64 = 100 * 365 * 86_400 * 1_000_000;
 /// Most notices of one status.
 pub const MAX_NOTICES: usize = 16;
 
@@ -67,6 +70,10 @@ impl NodeHealth {
         if self.links.len() > MAX_EDGES {
             return Err("more edges than a venue may have");
         }
+        let ahead_us = self.system_clock.map_or(0, |clock| clock.ahead_us);
+        if ahead_us.unsigned_abs() > MAX_AHEAD_US.unsigned_abs() {
+            return Err("a clock that is ahead of any time");
+        }
         if self.notices.len() > MAX_NOTICES {
             return Err("more notices than a status may have");
         }
@@ -84,6 +91,25 @@ impl NodeHealth {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_clock_ahead_of_any_time_is_refused() {
+        for (ahead_us, is_ok) in [
+            (MAX_AHEAD_US, true),
+            (-MAX_AHEAD_US, true),
+            (MAX_AHEAD_US + 1, false),
+            (i64::MIN, false),
+        ] {
+            let health = NodeHealth {
+                system_clock: Some(SystemClock {
+                    ahead_us,
+                    ..SystemClock::default()
+                }),
+                ..NodeHealth::default()
+            };
+            assert_eq!(health.check().is_ok(), is_ok, "{ahead_us}");
+        }
+    }
 
     #[test]
     fn whatever_is_noticed_can_be_sent() {

@@ -65,8 +65,6 @@ struct TickStart {
     tick: Tick,
     boxes: Arc<BoxSet>,
     detection_cameras: Vec<CameraIndex>,
-    /// The tick of fusion's newest boxes, where those of this tick are the edge's own.
-    box_tick: Option<Tick>,
     /// Whether fusion is silent, so that it must be watched where people go.
     is_watched: bool,
     plan: SendPlan,
@@ -164,15 +162,14 @@ impl Ticker {
         let silent_us = ledger.boxes.silent_us(now_us).unwrap_or(0);
         let is_alone = (LEAD_FROM_US..=self.longest_alone_us).contains(&silent_us);
         let last = ledger.boxes.last().filter(|_| is_alone);
-        let own = last.and_then(|last| Some((self.own_boxes.at(tick, last)?, last.tick)));
-        let box_tick = own.as_ref().map(|(_, tick)| *tick);
+        let own = last.and_then(|last| self.own_boxes.at(tick, last));
         let in_force = ledger.boxes.at(now_us);
         let detection_cameras = if in_force.is_some() {
             requested
         } else {
             self.pipeline.regular_detection_cameras(tick)
         };
-        let boxes = if let Some((own, _)) = own {
+        let boxes = if let Some(own) = own {
             Arc::new(own)
         } else if let Some(boxes) = in_force {
             Arc::clone(boxes)
@@ -196,7 +193,6 @@ impl Ticker {
             tick,
             boxes,
             detection_cameras,
-            box_tick,
             is_watched: silent_us >= WATCH_FROM_US,
             plan,
             may_send: ledger.rate.may_send(tick, now_us),
@@ -261,10 +257,6 @@ impl Ticker {
         for mut set in output.patch_sets {
             let now_us = self.shared.clock.now_us();
             set.timing = self.shared.ledger().timing(start.tick, now_us);
-            // How old fusion's boxes are when they are used is what it learns from this.
-            if let Some(box_tick) = start.box_tick {
-                set.persons.iter_mut().for_each(|p| p.box_tick = box_tick);
-            }
             let bytes = self.shared.encode(&set);
             self.shared
                 .keep(label(set.session, SetKind::Patches), &bytes);

@@ -355,7 +355,7 @@ impl Registry {
 
     fn new_id(&mut self) -> PersonId {
         let id = PersonId(self.next_id);
-        self.next_id += 1;
+        self.next_id = self.next_id.saturating_add(1);
         id
     }
 }

@@ -31,12 +31,12 @@ impl OffsetBounds {
 
     /// Halfway between the bounds.
     pub fn middle_us(&self) -> Micros {
-        self.lo_us + (self.hi_us - self.lo_us) / 2
+        self.lo_us.midpoint(self.hi_us)
     }
 
     /// How far `us` is outside; 0 between the bounds.
     pub fn beyond_us(&self, us: Micros) -> Micros {
-        (us - self.nearest(us)).abs()
+        us.saturating_sub(self.nearest(us)).saturating_abs()
     }
 }
 

@@ -8,7 +8,7 @@ use crate::live::Micros;
 
 /// How near to the time that it keeps a clock is that NTP or PTP keeps right, microseconds.
 const KEPT_WITHIN_US: Micros = 1_000;
-/// So many clocks that nothing keeps right must agree: none of them is believed alone.
+/// So many clocks must agree: none is believed alone.
 const ENOUGH: usize = 2;
 
 /// The time that most systems show.
@@ -19,8 +19,8 @@ pub struct CommonClock {
 }
 
 impl CommonClock {
-    /// Weighs fusion's own system against those of the edges. Systems that say that something keeps them right are asked
-    /// alone, where there are any. Returns [`Self::common_us`].
+    /// Weighs fusion's own system against those of the edges that are there. Systems that say that something keeps them
+    /// right are asked alone, where there are several. Returns [`Self::common_us`].
     pub fn weigh<'a>(
         &mut self,
         own: SystemClock,
@@ -35,22 +35,16 @@ impl CommonClock {
                 hi_us: own.ahead_us.saturating_add(KEPT_WITHIN_US),
             });
         }
-        if voters.is_empty() {
-            voters.extend(edges.filter_map(EdgeClock::system_bounds));
-            if voters.len() < ENOUGH {
-                voters.clear();
-            }
+        // What one alone says of itself, an edge in other hands may say, too.
+        if voters.len() < ENOUGH && !own.synchronised {
+            voters = edges.filter_map(EdgeClock::system_bounds).collect();
         }
-        let agreed = agreement(&voters);
-        // What was agreed on before is kept while it can be true: bounds come and go with the queues.
-        self.common_us = agreed.map_or(self.own_us, |bounds| {
-            let before_us = bounds.nearest(self.common_us);
-            if bounds.beyond_us(self.own_us) == 0 {
-                self.own_us
-            } else {
-                before_us
-            }
-        });
+        let agreed = agreement(&voters).filter(|_| voters.len() >= ENOUGH);
+        // Fusion's own time where it can be true; else what was agreed on before, as bounds come and go with the queues.
+        self.common_us = match agreed {
+            Some(bounds) if bounds.beyond_us(self.own_us) > 0 => bounds.nearest(self.common_us),
+            _ => self.own_us,
+        };
         self.common_us
     }
 
@@ -61,7 +55,7 @@ impl CommonClock {
 
     /// By how much fusion's own system seems to be wrong, microseconds.
     pub fn own_error_us(&self) -> Micros {
-        self.own_us - self.common_us
+        self.own_us.saturating_sub(self.common_us)
     }
 }
 
@@ -121,11 +115,7 @@ mod tests {
         assert!(off_us(own(false), &[edge(-2_000_000, false)])[0] > 1_900_000);
         assert!(off_us(own(true), &[edge(-2_000_000, true)])[0] > 1_900_000);
         let kept_right = [edge(-2_000_000, true)];
-        assert_eq!(
-            off_us(own(false), &kept_right),
-            [0],
-            "but where only its clock is kept right"
-        );
+        assert!(off_us(own(false), &kept_right)[0] > 1_900_000);
     }
 
     #[test]
@@ -134,6 +124,28 @@ mod tests {
         let off = off_us(own(true), &edges);
         assert_eq!((off[0], off[2]), (0, 0));
         assert!(off[1] > 1_900_000);
+    }
+
+    #[test]
+    fn one_edge_that_says_that_it_is_kept_right_turns_nobody_else_out() {
+        let edges = [edge(2_000_000, true), edge(0, false), edge(500, false)];
+        let off = off_us(own(false), &edges);
+        assert!(off[0] > 1_900_000 && (off[1], off[2]) == (0, 0), "{off:?}");
+    }
+
+    #[test]
+    fn whatever_an_edge_says_of_its_clock_there_is_an_answer() {
+        for ahead_us in [i64::MIN, i64::MAX] {
+            let mut wrong = edge(0, true);
+            wrong.hear_system(Some(SystemClock {
+                synchronised: true,
+                max_error_us: None,
+                ahead_us,
+            }));
+            let edges = [wrong, edge(0, false), edge(0, false)];
+            assert_eq!(off_us(own(false), &edges)[1..], [0, 0]);
+            assert_eq!(off_us(own(true), &edges)[1..], [0, 0]);
+        }
     }
 
     #[test]

@@ -2,29 +2,29 @@
 
 use farfield_node::process::say;
 
-/// Messages dropped in a second from which it is a flood, and no hiccup of the network.
+/// Messages over its quota in a second from which it is a flood, and no hiccup of the network.
 const FLOOD: u64 = 50;
 
-/// The messages of each viewpoint that did not pass, as last looked at.
+/// The messages of each viewpoint that were over its quota, as last looked at.
 #[derive(Debug, Default)]
 pub(super) struct FloodWatch(Vec<Watched>);
 
 #[derive(Debug, Clone, Copy, Default)]
 struct Watched {
-    dropped: u64,
+    refused: u64,
     is_told: bool,
 }
 
 impl FloodWatch {
-    /// Looks, once a second, at how many messages of each viewpoint, `named`, did not pass since the start.
+    /// Looks, once a second, at how many messages of each viewpoint, `named`, were over its quota since the start.
     pub(super) fn look<'a>(&mut self, named: impl Iterator<Item = (&'a str, u64)>) {
-        for (index, (name, dropped)) in named.enumerate() {
+        for (index, (name, refused)) in named.enumerate() {
             if self.0.len() <= index {
                 self.0.push(Watched::default());
             }
             let watched = &mut self.0[index];
-            let more = dropped - watched.dropped.min(dropped);
-            watched.dropped = dropped;
+            let more = refused - watched.refused.min(refused);
+            watched.refused = refused;
             let is_flood = more >= FLOOD;
             if is_flood && !watched.is_told {
                 say(format_args!(
@@ -53,8 +53,8 @@ mod tests {
     #[test]
     fn a_flood_is_told_by_name_and_a_hiccup_is_not() {
         let mut watch = FloodWatch::default();
-        let mut look = |dropped: [u64; 2]| {
-            watch.look(["a", "b"].into_iter().zip(dropped));
+        let mut look = |refused: [u64; 2]| {
+            watch.look(["a", "b"].into_iter().zip(refused));
             watch.flooding().collect::<Vec<_>>()
         };
         assert_eq!(look([FLOOD - 1, 0]), [0; 0]);

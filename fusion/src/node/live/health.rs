@@ -20,15 +20,16 @@ impl LiveFusion<'_> {
             }
         }
         let own = self.interceptor.clock.system();
-        let common_us = self
-            .common_clock
-            .weigh(own, self.edges.iter().map(Edge::clock));
+        let now_us = self.interceptor.clock.now_us();
+        // Who has left has no vote.
+        let there = self.edges.iter().filter(|edge| edge.is_heard(now_us));
+        let common_us = self.common_clock.weigh(own, there.map(Edge::clock));
         for edge in &mut self.edges {
             edge.agree_on_clock(common_us);
         }
         let bound_us = (self.config.venue.parameters.link.clock_bound_ms * 1e3) as Micros;
         let error_us = self.common_clock.own_error_us();
-        let is_suspected = error_us.abs() > bound_us;
+        let is_suspected = error_us.saturating_abs() > bound_us;
         if is_suspected != self.is_own_clock_suspected {
             let off_s = error_us as f64 / 1e6;
             if is_suspected {
@@ -61,8 +62,8 @@ impl LiveFusion<'_> {
     /// Names who sends more than it may.
     pub(super) fn look_for_floods(&mut self) {
         let names = self.config.venue.viewpoints.iter().map(|v| v.name.as_str());
-        let dropped = (0..).map(|index| self.interceptor.dropped(index));
-        self.flood.look(names.zip(dropped));
+        let refused = (0..).map(|index| self.interceptor.refused(index));
+        self.flood.look(names.zip(refused));
     }
 
     /// How this node is.

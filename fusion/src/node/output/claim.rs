@@ -6,6 +6,7 @@
 use std::fs::{self, File, TryLockError};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
+use std::thread::JoinHandle;
 
 use anyhow::{Context as _, anyhow, ensure};
 use farfield_node::process::say;
@@ -26,6 +27,8 @@ pub struct FolderClaim {
     holder: Holder,
     /// Held together by a run and the nodes that it has started; `None` where the file system has no locks.
     lock: Option<File>,
+    /// Makes whole what killed runs have left.
+    salvage: Option<JoinHandle<()>>,
 }
 
 /// Who frees a folder in the end.
@@ -49,14 +52,14 @@ impl FolderClaim {
         let Some(asked) = asked else {
             return Self::numbered(Path::new(PARENT), venue);
         };
-        if let Some(parent) = asked.parent() {
-            make_folder(parent)?;
-            finish_killed(parent, venue);
-        }
-        match make_new(asked)? {
-            Some(claim) => Ok(claim),
-            None => lock(asked, Holder::Finder),
-        }
+        let parent = asked.parent().unwrap_or(Path::new(""));
+        make_folder(parent)?;
+        let mut claim = match make_new(asked)? {
+            Some(claim) => claim,
+            None => lock(asked, Holder::Finder)?,
+        };
+        claim.salvage_beside(parent, venue);
+        Ok(claim)
     }
 
     /// The folder that the process which started this one has claimed for it.
@@ -65,6 +68,7 @@ impl FolderClaim {
         let lock = File::open(folder.join(LOCK)).ok();
         Self {
             lock: lock.filter(|lock| lock.try_lock_shared().is_ok()),
+            salvage: None,
             folder,
             holder: Holder::Parent,
         }
@@ -72,13 +76,35 @@ impl FolderClaim {
 
     fn numbered(parent: &Path, venue: &str) -> anyhow::Result<Self> {
         make_folder(parent)?;
-        finish_killed(parent, venue);
         for n in 1..u32::MAX {
-            if let Some(claim) = make_new(&parent.join(format!("{venue}-{n}")))? {
+            if let Some(mut claim) = make_new(&parent.join(format!("{venue}-{n}")))? {
+                claim.salvage_beside(parent, venue);
                 return Ok(claim);
             }
         }
         Err(anyhow!("{} is full", parent.display()))
+    }
+
+    /// Makes whole, on a thread that nobody waits for, what killed runs of `venue` have left in `parent`: of a long run
+    /// that is gigabytes to read. What the thread does not get done the next run does.
+    fn salvage_beside(&mut self, parent: &Path, venue: &str) {
+        let parent = if parent.as_os_str().is_empty() {
+            PathBuf::from(".")
+        } else {
+            parent.to_owned()
+        };
+        let venue = venue.to_owned();
+        let thread = std::thread::Builder::new().name("salvage".to_owned());
+        match thread.spawn(move || finish_killed(&parent, &venue)) {
+            Ok(thread) => self.salvage = Some(thread),
+            Err(error) => warn!(%error, "what killed runs have left stays as it is"),
+        }
+    }
+
+    /// Waits until all that killed runs have left is whole.
+    #[cfg(test)]
+    fn wait_for_salvage(&mut self) {
+        self.salvage.take().unwrap().join().unwrap();
     }
 
     /// The folder.
@@ -138,6 +164,7 @@ fn lock(folder: &Path, holder: Holder) -> anyhow::Result<FolderClaim> {
         folder: folder.to_owned(),
         holder,
         lock,
+        salvage: None,
     };
     // Another run may have come and gone since the folder was looked at, or have found the lock unheld.
     ensure!(path.exists(), taken(folder));
@@ -326,15 +353,17 @@ mod tests {
         for name in ["hall-1", "hall-3", "hall-3-1"] {
             killed(&folder(name));
         }
-        let running = FolderClaim::numbered(dir.path(), "hall").unwrap();
+        let mut running = FolderClaim::numbered(dir.path(), "hall").unwrap();
         assert_eq!(running.folder(), folder("hall-2"));
+        running.wait_for_salvage();
         for name in ["hall-1", "hall-3"] {
             assert_eq!(poses(&folder(name)), "{\"tick\":1}\n");
             assert_eq!(fs::read_dir(folder(name)).unwrap().count(), 1, "no lock");
         }
         assert!(folder("hall-3-1").join(LOCK).exists(), "another venue's");
         fs::write(running.folder().join("poses.jsonl.tmp"), "half").unwrap();
-        let next = FolderClaim::take(Some(&folder("named")), "hall").unwrap();
+        let mut next = FolderClaim::take(Some(&folder("named")), "hall").unwrap();
+        next.wait_for_salvage();
         let half = fs::read_to_string(running.folder().join("poses.jsonl.tmp")).unwrap();
         assert_eq!(half, "half", "a run that lives is left alone");
         drop((running, next));

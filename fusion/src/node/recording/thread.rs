@@ -68,7 +68,12 @@ impl RecordingThread {
         let (venue, recorder) = (head.venue.clone(), head.venue.clone() + "/recorder");
         let (n_viewpoints, rate_hz) = (head.viewpoints.len(), head.rate_hz);
         let (queue, notes) = RecordingQueue::open(&head.venue, session);
-        let room = Arc::<WaitForRoom>::default();
+        let room = {
+            let (path, venue, days) = (path.clone(), venue.clone(), parameters.retention_days);
+            Arc::new(WaitForRoom::by(move || {
+                drop(delete_old(&path, &venue, days));
+            }))
+        };
         let file = PatientFile::new(file, &path, Arc::clone(&room) as Arc<dyn FullDisk>);
         let writer = RecordingWriter::create(BufWriter::new(file), head);
         let writer = writer.with_context(|| format!("writing the recording {}", path.display()))?;

@@ -51,10 +51,10 @@ impl Senders {
         quota.is_some_and(|quota| quota.admits(bytes, self.clock.now_us()))
     }
 
-    /// Counts a message of `sender` that was lost.
-    pub(super) fn count_dropped(&self, sender: usize) {
+    /// Counts a message of `sender` that found no place.
+    pub(super) fn count_lost(&self, sender: usize) {
         if let Some(quota) = self.quotas.get(sender) {
-            quota.count_dropped();
+            quota.count_lost();
         }
     }
 }
@@ -150,6 +150,11 @@ impl Interceptor {
         if quota.is_some_and(|quota| quota.records_unreadable(arrival.at_us)) {
             self.received(key, bytes, arrival);
         }
+    }
+
+    /// Messages of the viewpoint of this index that were over what may come from it.
+    pub(in crate::node) fn refused(&self, index: usize) -> u64 {
+        self.senders.quotas.get(index).map_or(0, Quota::refused)
     }
 
     /// Messages of the viewpoint of this index that found no place, or were over what may come from it.

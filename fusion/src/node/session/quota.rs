@@ -22,7 +22,10 @@ const UNREADABLE_EVERY_US: i64 = 1_000_000;
 pub(super) struct Quota {
     bytes_per_s: f64,
     bucket: Mutex<Bucket>,
-    dropped: AtomicU64,
+    /// Those that were over the quota.
+    refused: AtomicU64,
+    /// Those that found no place.
+    lost: AtomicU64,
 }
 
 #[derive(Debug)]
@@ -47,7 +50,8 @@ impl Quota {
                 filled_us: None,
                 unreadable_us: None,
             }),
-            dropped: AtomicU64::new(0),
+            refused: AtomicU64::new(0),
+            lost: AtomicU64::new(0),
         }
     }
 
@@ -65,7 +69,7 @@ impl Quota {
         if is_admitted {
             bucket.bytes -= cost;
         } else {
-            self.count_dropped();
+            self.refused.fetch_add(1, Ordering::Relaxed);
         }
         is_admitted
     }
@@ -83,13 +87,18 @@ impl Quota {
     }
 
     /// Counts a message that found no place.
-    pub(super) fn count_dropped(&self) {
-        self.dropped.fetch_add(1, Ordering::Relaxed);
+    pub(super) fn count_lost(&self) {
+        self.lost.fetch_add(1, Ordering::Relaxed);
     }
 
-    /// Messages that did not pass, since the start.
+    /// Messages that were over what may come, since the start: the sender's doing.
+    pub(super) fn refused(&self) -> u64 {
+        self.refused.load(Ordering::Relaxed)
+    }
+
+    /// These and those that found no place, which may be this node's doing.
     pub(super) fn dropped(&self) -> u64 {
-        self.dropped.load(Ordering::Relaxed)
+        self.refused() + self.lost.load(Ordering::Relaxed)
     }
 }
 
@@ -109,7 +118,10 @@ mod tests {
             .count();
         let cost = 1_000 + MESSAGE_OVERHEAD_BYTES;
         assert!(passed * cost <= 2_200_000, "{passed}");
-        assert_eq!(flood.dropped(), 100_000 - passed as u64);
+        assert_eq!(flood.refused(), 100_000 - passed as u64);
+        // Who found no place because fusion was slow has not flooded.
+        honest.count_lost();
+        assert_eq!((honest.refused(), honest.dropped()), (0, 1));
     }
 
     #[test]

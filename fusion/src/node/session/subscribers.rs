@@ -119,7 +119,7 @@ async fn subscriber(
             let take = move |sample: Sample| {
                 let sender = senders.index(sample.key_expr().as_str());
                 if senders.admit(sender, sample.payload().len()) && into.put(sender, sample) {
-                    senders.count_dropped(sender);
+                    senders.count_lost(sender);
                 }
             };
             let declared = session.declare_subscriber(key.clone()).callback(take).await;
