@@ -9,11 +9,11 @@ use std::collections::BTreeMap;
 use farfield_proto::id::{CameraIndex, PersonId};
 use farfield_proto::message::{BoxSet, CameraBox, PatchSet, PersonBoxes, PersonPatch};
 use farfield_proto::order_statistics::upper_median;
-use farfield_proto::patch::{Decoder, Maps};
+use farfield_proto::patch::{Decoder, Encoder, Maps};
 use farfield_proto::tick::Tick;
 
 /// Least height of a peak that counts, of 255.
-const LEAST_PEAK: u8 = 77;
+const LEAST_PEAK: f32 = 77.0;
 /// So many keypoints must be seen at two ticks for a box to follow them.
 const ENOUGH_KEYPOINTS: usize = 4;
 /// Share of a new measurement of how fast a box moves.
@@ -29,12 +29,10 @@ const UNSEEN_S: f64 = 0.5;
 #[derive(Debug, Clone)]
 struct Followed {
     at: CameraBox,
-    /// The tick of [`Self::at`].
+    /// The tick of [`Self::at`], at which it was last seen.
     tick: Tick,
     /// Where its keypoints are from the middle of the box, over the box's height.
     body: Vec<Option<[f32; 2]>>,
-    /// When it was last seen.
-    seen: Tick,
 }
 
 /// The people of a viewpoint, as it follows them itself.
@@ -42,6 +40,8 @@ struct Followed {
 pub struct OwnBoxes {
     followed: BTreeMap<(PersonId, CameraIndex), Followed>,
     decoder: Decoder,
+    /// Finds the peaks of decoded maps as it does of those that it packs.
+    fitter: Encoder,
     maps: Option<Maps>,
 }
 
@@ -59,7 +59,7 @@ impl OwnBoxes {
             }
             let longest = (UNSEEN_S * rate_hz) as i64;
             self.followed
-                .retain(|_, followed| set.tick - followed.seen <= longest);
+                .retain(|_, followed| set.tick - followed.tick <= longest);
         }
     }
 
@@ -98,7 +98,6 @@ impl OwnBoxes {
                     body: body(&at, &keypoints_px),
                     at,
                     tick,
-                    seen: tick,
                 };
                 self.followed.insert(key, followed);
             }
@@ -111,13 +110,14 @@ impl OwnBoxes {
     fn keypoints(&mut self, patch: &PersonPatch) -> Option<Vec<Option<[f32; 2]>>> {
         let maps = self.maps.get_or_insert_with(|| Maps::new(1, 1, 1));
         self.decoder.decode(&patch.maps, maps).ok()?;
-        let peak = |keypoint: usize| {
-            let [x, y] = peak(maps.cells(keypoint), maps.width())?;
+        let place = |(keypoint, peak): (usize, Option<([f32; 2], f32)>)| {
+            let ([x, y], _) = peak.filter(|(_, height)| *height >= LEAST_PEAK)?;
             let crop = usize::from(*patch.crop_of_keypoint.get(keypoint)?);
-            let px = patch.crops.get(crop)?.pixel(x, y);
+            let px = patch.crops.get(crop)?.pixel(x.into(), y.into());
             Some([px.x() as f32, px.y() as f32])
         };
-        Some((0..maps.keypoints()).map(peak).collect())
+        let peaks = self.fitter.peaks(maps).into_iter();
+        Some(peaks.enumerate().map(place).collect())
     }
 }
 
@@ -166,7 +166,7 @@ impl Followed {
                 (_, None) => {}
             }
         }
-        (self.at, self.tick, self.seen) = (at, tick, tick);
+        (self.at, self.tick) = (at, tick);
     }
 }
 
@@ -175,26 +175,6 @@ fn body(at: &CameraBox, keypoints_px: &[Option<[f32; 2]>]) -> Vec<Option<[f32; 2
     let (center_px, height_px) = (at.bounding_box.center_px, at.bounding_box.size_px[1]);
     let own = |px: &[f32; 2]| [0, 1].map(|i| (px[i] - center_px[i]) / height_px);
     keypoints_px.iter().map(|px| px.as_ref().map(own)).collect()
-}
-
-/// The middle of the highest peak of a map, cells, if it is high enough: the mean of its cell and those around, by height.
-fn peak(cells: &[u8], width: usize) -> Option<[f64; 2]> {
-    let highest = cells.iter().enumerate();
-    let (at, &height) = highest.max_by_key(|&(at, &height)| (height, std::cmp::Reverse(at)))?;
-    let (x, y) = (at % width, at / width);
-    let (mut sum, mut place) = (0.0, [0.0; 2]);
-    for (dy, dx) in (0..3).flat_map(|dy| (0..3).map(move |dx| (dy, dx))) {
-        // One to the left and above is where the count begins.
-        let (Some(cx), Some(cy)) = ((x + dx).checked_sub(1), (y + dy).checked_sub(1)) else {
-            continue;
-        };
-        let inside = cx < width;
-        let value = cells.get(cy * width + cx).filter(|_| inside);
-        let weight = f64::from(value.copied().unwrap_or(0));
-        sum += weight;
-        place = [place[0] + weight * cx as f64, place[1] + weight * cy as f64];
-    }
-    (height >= LEAST_PEAK).then(|| place.map(|v| v / sum))
 }
 
 /// The box so many ticks on, without growing by its age.
@@ -226,7 +206,7 @@ mod tests {
     use farfield_proto::grid::CellGrid;
     use farfield_proto::id::{SessionId, ViewpointIndex};
     use farfield_proto::message::Order;
-    use farfield_proto::patch::{CompressionLevel, Encoder};
+    use farfield_proto::patch::CompressionLevel;
 
     use super::*;
 

@@ -10,7 +10,7 @@ use x509_parser::pem::parse_x509_pem;
 use crate::process::{NodeError, say};
 
 /// From so many days before its end on it is said that a certificate ends.
-pub const TOLD_DAYS: i64 = 30;
+const TOLD_DAYS: i64 = 30;
 const DAY_S: i64 = 86_400;
 
 /// From when and until when a certificate holds, Unix time in seconds.

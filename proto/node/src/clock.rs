@@ -29,6 +29,11 @@ pub fn unix_time() -> Duration {
         .unwrap_or_default()
 }
 
+/// Seconds since 1970.
+pub fn unix_s() -> i64 {
+    unix_time().as_secs().cast_signed()
+}
+
 /// Fastest that a [`VenueClock`] follows the system's clock, microseconds per second: above what any oscillator drifts by,
 /// far below what the measuring of clocks would notice. By how much it is behind is told meanwhile.
 const SLEW_US_PER_S: i64 = 100;

@@ -90,10 +90,9 @@ impl Asked<'_> {
             .map(|keys| load_identity(keys, self.node))
             .transpose()
             .map_err(NodeError::refused)?;
-        let now_s = i64::try_from(clock::unix_time().as_secs()).unwrap_or(i64::MAX);
         let validity = identity
             .as_ref()
-            .map(|identity| certificate::check(identity, self.node, now_s))
+            .map(|identity| certificate::check(identity, self.node, clock::unix_s()))
             .transpose()?;
         let exposure = Exposure {
             has_keys: identity.is_some(),

@@ -185,7 +185,7 @@ impl Encoder {
     }
 
     /// The highest peak of each map, fitted: column and row, cells, and height, of 255; `None` where no cell is above the
-    /// floor. For comparison with systems that send keypoints only.
+    /// floor. For whoever needs keypoints only: an edge that follows people itself, and comparisons.
     pub fn peaks(&mut self, maps: &Maps) -> Vec<Option<([f32; 2], f32)>> {
         let scale = MapScale::of(maps);
         let Some(mut recipe) = Recipe::of(CompressionLevel::new(1)) else {

@@ -214,8 +214,8 @@ impl LiveEdge {
             ..NodeHealth::default()
         };
         let until_s = health.certificate_ends_s.map(u64::cast_signed);
-        let now_s = clock::unix_time().as_secs().cast_signed();
-        let ending = until_s.and_then(|until_s| ending_notice(&self.status.node, until_s, now_s));
+        let ending =
+            until_s.and_then(|until_s| ending_notice(&self.status.node, until_s, clock::unix_s()));
         if let Some(text) = ending {
             health.notice(text);
         }

@@ -143,18 +143,16 @@ impl EdgeClock {
     /// The edge's own clock less fusion's, before any correction, as it is believed; `None` until it is known.
     pub fn offset_us(&self) -> Option<Micros> {
         let bounds = self.bounds()?;
-        Some(match self.system {
-            Some(system) if system.synchronised => {
-                bounds.nearest(self.common_us.saturating_sub(system.ahead_us))
-            }
-            _ => bounds.middle_us(),
+        Some(if self.is_synchronised() {
+            bounds.nearest(self.common_us.saturating_sub(self.ahead_us()))
+        } else {
+            bounds.middle_us()
         })
     }
 
     /// The clock of the edge's system less fusion's, as it is believed.
     pub fn system_offset_us(&self) -> Option<Micros> {
-        let ahead_us = self.system.map_or(0, |system| system.ahead_us);
-        Some(self.offset_us()?.saturating_add(ahead_us))
+        Some(self.offset_us()?.saturating_add(self.ahead_us()))
     }
 
     /// How far [`Self::offset_us`] may be from the truth, microseconds; `None` until it is known.
@@ -165,8 +163,7 @@ impl EdgeClock {
 
     /// Where the offset of the clock of the edge's system lies; `None` until it is known.
     pub fn system_bounds(&self) -> Option<OffsetBounds> {
-        let ahead_us = self.system.map_or(0, |system| system.ahead_us);
-        Some(self.bounds()?.moved(ahead_us))
+        Some(self.bounds()?.moved(self.ahead_us()))
     }
 
     /// The shortest round trip of the last seconds; `None` until it is known.
@@ -196,6 +193,11 @@ impl EdgeClock {
     pub fn surely_off_us(&self) -> Micros {
         self.system_bounds()
             .map_or(0, |bounds| bounds.beyond_us(self.common_us))
+    }
+
+    /// By how much the edge's system is ahead of the clock that the edge goes by.
+    fn ahead_us(&self) -> Micros {
+        self.system.map_or(0, |system| system.ahead_us)
     }
 
     /// What all exchanges of the last seconds prove together.

@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 use tracing::debug;
 
 use super::start::LiveStart;
-use crate::export::unfinished::write_whole;
+use crate::export::unfinished::{temporary, write_whole};
 use crate::identity::known::KnownPeople;
 
 /// Longest file that is read, bytes.
@@ -145,9 +145,7 @@ fn write(path: &Path, file: &HandoverFile) -> anyhow::Result<()> {
     let result = write_whole(path, &json);
     if result.is_err() {
         // A fusion that was killed while it wrote has left the beginning of one.
-        let mut half = path.as_os_str().to_owned();
-        half.push(".tmp");
-        drop(fs::remove_file(&half));
+        drop(fs::remove_file(temporary(path)));
         debug!(path = %path.display(), "taking away what was half written");
         return write_whole(path, &json).with_context(|| format!("writing {}", path.display()));
     }

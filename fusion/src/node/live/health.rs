@@ -47,7 +47,7 @@ impl LiveFusion<'_> {
 
     /// Says once of every viewpoint whose certificate ends soon that it does.
     pub(super) fn look_at_certificates(&mut self) {
-        let now_s = clock::unix_time().as_secs().cast_signed();
+        let now_s = clock::unix_s();
         for status in self.members.last_words() {
             let until_s = status.health.certificate_ends_s.map(u64::cast_signed);
             let notice = until_s.and_then(|until_s| ending_notice(&status.node, until_s, now_s));
@@ -84,7 +84,7 @@ impl LiveFusion<'_> {
             links: links.collect(),
             ..NodeHealth::default()
         };
-        let now_s = clock::unix_time().as_secs().cast_signed();
+        let now_s = clock::unix_s();
         let ending = until_s.and_then(|until_s| ending_notice(FUSION, until_s, now_s));
         if let Some(text) = ending {
             health.notice(text);

@@ -13,7 +13,7 @@ use crate::body::skeleton::{ANGLE_NAMES, Joint, RangeOfMotion};
 use crate::export::full_disk::FullDisk;
 use crate::export::pose_files::{PoseFiles, Presence, WriteError, Written};
 use crate::export::salvage::SMOOTH;
-use crate::export::summary::PosesSummary;
+use crate::export::summary::{PersonSummary, PosesSummary};
 use crate::export::unfinished::create_folder_on;
 use crate::export::{AngleColumn, AngleUnit, Layout};
 
@@ -35,6 +35,13 @@ pub(in crate::node) struct Exported {
     pub(in crate::node) people: Vec<Presence>,
     /// What the files lack, if anything.
     pub(in crate::node) missing: Option<PosesSummary>,
+}
+
+impl Exported {
+    /// Who was there, as `summary.json` has it.
+    pub(in crate::node) fn people_of_summary(&self) -> Vec<PersonSummary> {
+        self.people.iter().copied().map(Into::into).collect()
+    }
 }
 
 impl Exporter {

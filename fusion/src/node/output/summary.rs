@@ -86,13 +86,7 @@ pub(in crate::node) fn summarize(venue: &Venue, facts: &RunFacts<'_>) -> Summary
             end: ticks.end,
             done,
         },
-        people: facts
-            .exported
-            .people
-            .iter()
-            .copied()
-            .map(Into::into)
-            .collect(),
+        people: facts.exported.people_of_summary(),
         events: facts.tally.event_counts().clone(),
         links: facts.tally.links(),
         drops: DropSummary {

@@ -136,13 +136,7 @@ impl Done {
                 end: last + 1,
                 done: self.tally.ticks,
             },
-            people: self
-                .exported
-                .people
-                .iter()
-                .copied()
-                .map(Into::into)
-                .collect(),
+            people: self.exported.people_of_summary(),
             events: self.events.clone(),
             versions: summary::versions(),
             timing: TimingSummary {
