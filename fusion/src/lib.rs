@@ -11,6 +11,7 @@
 //! | [`sightings`] | people whom several viewpoints found without a box |
 //! | [`identity`] | who is who: tracks that begin, are confirmed, lost, recognised and let go |
 //! | [`boxes`] | predicted joints as regions of each camera |
+//! | [`camera_agreement`] | whether the cameras agree, and why not |
 //! | [`smoother`] | poses once more, with what came after them |
 //! | [`export`] | poses as text that other programs read |
 //! | [`live`] | what fusion decides by clocks and deadlines, with time as an argument |
@@ -24,6 +25,7 @@ pub mod align;
 pub mod assign;
 pub mod body;
 pub mod boxes;
+pub mod camera_agreement;
 pub mod estimate;
 pub mod export;
 pub mod identity;

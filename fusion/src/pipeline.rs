@@ -24,6 +24,7 @@ use crate::align::TickGroup;
 use crate::body::ik::relative_sigmas;
 use crate::body::skeleton::{RangeOfMotion, sites_of};
 use crate::boxes::BoxShape;
+use crate::camera_agreement::{AgreementSamples, AgreementWatch};
 use crate::estimate::occlusion::BodyCapsules;
 use crate::estimate::peak_assignment::PeakAssignment;
 use crate::estimate::separation::Separation;
@@ -126,6 +127,7 @@ pub struct Pipeline {
     /// Per person and viewpoint, where the person will be.
     boxes: Vec<Vec<Option<PersonBoxes>>>,
     smoother: Option<FixedLagSmoother>,
+    agreement: AgreementWatch,
 }
 
 impl Pipeline {
@@ -170,6 +172,7 @@ impl Pipeline {
             session,
             smoother: delay.map(|delay| FixedLagSmoother::new(session, delay, &method)),
             registry: Registry::new(venue, method.keypoints.clone()),
+            agreement: AgreementWatch::new(venue, &method.keypoints),
             peak_assignment: PeakAssignment::new(&method.keypoints, venue.viewpoints.len()),
             cameras: venue
                 .cameras
@@ -244,6 +247,8 @@ impl Pipeline {
     /// Works on one tick. `mark` is told after each stage, for whoever measures.
     pub fn step(&mut self, group: &TickGroup, mark: &mut dyn FnMut(Stage)) -> StepOutput {
         let unusable_patches = self.see(group);
+        self.agreement
+            .note_views(group.tick, self.registry.tracks());
         mark(Stage::Views);
         self.assign_peaks();
         mark(Stage::PeakAssignment);
@@ -257,6 +262,7 @@ impl Pipeline {
         self.solve(|track, method| track.estimator.fit_joints(method));
         mark(Stage::Ik2);
         let outcome = self.registry.step(group, &self.method);
+        self.agreement.note_found(group, self.registry.tracks());
         let poses = PoseSet {
             session: self.session,
             tick: group.tick,
@@ -280,6 +286,11 @@ impl Pipeline {
             unusable_sightings: outcome.unusable_sightings,
             events: outcome.events,
         }
+    }
+
+    /// What tells whether the cameras agree, as far as it is kept.
+    pub fn agreement(&self) -> AgreementSamples {
+        self.agreement.samples()
     }
 
     /// Ends the run: the ticks that were still held back, without those who were never confirmed.

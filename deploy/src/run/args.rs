@@ -37,6 +37,9 @@ pub(crate) struct RunArgs {
         reason = "absent, without and with a file: how clap says it"
     )]
     pub(crate) record: Option<Option<PathBuf>>,
+    /// End with exit code 1 when the cameras do not agree with each other.
+    #[arg(long)]
+    pub(crate) strict: bool,
     /// Print the summary as JSON.
     #[arg(long)]
     pub(crate) json: bool,

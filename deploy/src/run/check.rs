@@ -42,6 +42,8 @@ pub(crate) struct RunPlan {
     pub(crate) record: Option<Option<PathBuf>>,
     /// The ticks to draw, if any shall be drawn; in order.
     pub(crate) overlay: Vec<Tick>,
+    /// Whether a run has failed whose cameras do not agree.
+    pub(crate) strict: bool,
 }
 
 impl RunPlan {
@@ -103,6 +105,7 @@ pub(crate) fn check(args: RunArgs) -> Result<(RunPlan, Networks), NodeError> {
         out: args.out,
         record: args.record,
         overlay,
+        strict: args.strict,
     };
     Ok((plan, networks))
 }

@@ -71,6 +71,11 @@ pub(crate) fn finish(
         say(format_args!("unfinished files are in {}", files.display()));
     }
     match end.verdict {
+        RunVerdict::Done if plan.strict => {
+            printed?;
+            report::check_agreement(out).map_err(NodeError::Failed)?;
+            Ok(Ending::Done)
+        }
         RunVerdict::Done => printed.map(|()| Ending::Done),
         RunVerdict::Interrupted => printed.map(|()| Ending::Interrupted),
         RunVerdict::Failed(error) => Err(error),

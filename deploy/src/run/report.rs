@@ -32,6 +32,25 @@ pub(crate) fn done(out: &Path) -> anyhow::Result<Option<Range<Tick>>> {
     Ok(ticks.map(|ticks| ticks.first..ticks.first + ticks.done.cast_signed()))
 }
 
+/// Whether the cameras of the run in `out` agreed with each other.
+///
+/// # Errors
+/// When they did not.
+pub(super) fn check_agreement(out: &Path) -> anyhow::Result<()> {
+    let summary = read(out)?.map(|(summary, _)| summary);
+    let found: Vec<String> = summary
+        .iter()
+        .flat_map(|summary| &summary.agreement.disagreements)
+        .map(|disagreement| disagreement.found.clone())
+        .collect();
+    anyhow::ensure!(
+        found.is_empty(),
+        "the cameras do not agree: {}",
+        found.join("; ")
+    );
+    Ok(())
+}
+
 fn read(out: &Path) -> anyhow::Result<Option<(Summary, String)>> {
     let path = out.join("summary.json");
     if !path.exists() {
@@ -91,6 +110,12 @@ fn for_people(summary: &Summary, out: &str) -> String {
     }
     if summary.people.is_empty() {
         line(format_args!("nobody was found"));
+        for reason in summary.agreement.sighted.why_nobody() {
+            line(format_args!("  {reason}"));
+        }
+    }
+    for shown in summary.agreement.lines() {
+        line(format_args!("{shown}"));
     }
     let patches: u64 = summary.links.values().map(|link| link.patches).sum();
     let bytes: u64 = summary.links.values().map(|link| link.patch_bytes).sum();

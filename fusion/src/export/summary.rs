@@ -12,6 +12,7 @@ use farfield_proto::tick::Tick;
 use serde::{Deserialize, Serialize};
 
 use super::pose_files::Presence;
+use crate::camera_agreement::AgreementReport;
 
 /// A run, as `summary.json` tells it.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
@@ -33,6 +34,9 @@ pub struct Summary {
     /// How often which event changed who is who.
     #[serde(default)]
     pub events: EventCounts,
+    /// Whether the cameras agree with each other, by what they showed lately; and what does not fit.
+    #[serde(default)]
+    pub agreement: AgreementReport,
     /// Per viewpoint, what went over its link.
     pub links: BTreeMap<String, LinkSummary>,
     /// What was lost, over all links.

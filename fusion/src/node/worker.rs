@@ -17,9 +17,13 @@ use super::output::export_thread::ExportThread;
 use super::output::exporter::Exported;
 use super::session::mode::RunMode;
 use crate::align::TickGroup;
+use crate::camera_agreement::{AgreementReport, AgreementSamples};
 use crate::identity::known::KnownPeople;
 use crate::live::Micros;
 use crate::pipeline::Pipeline;
+
+/// How often it is judged live whether the cameras agree.
+const AGREEMENT_EVERY: Duration = Duration::from_secs(10);
 
 /// A tick to work on.
 #[derive(Debug, Default)]
@@ -57,6 +61,8 @@ pub(super) struct Stepped {
     pub(super) stages: Option<Vec<StageTime>>,
     /// Who is known, live, told once a second.
     pub(super) people: Option<KnownPeople>,
+    /// What tells whether the cameras agree, live, told every ten seconds.
+    pub(super) agreement: Option<AgreementSamples>,
     /// How many patches there were, and how long the step took, microseconds; `None` of a tick with a detection pass.
     pub(super) cost: Option<(usize, Micros)>,
 }
@@ -70,6 +76,8 @@ pub(super) struct Finished {
     pub(super) last: Option<Tick>,
     /// How long it took.
     pub(super) stages: Vec<StageTime>,
+    /// Whether the cameras agreed.
+    pub(super) agreement: AgreementReport,
 }
 
 /// The loop's handle on the thread.
@@ -102,6 +110,7 @@ impl FusionWorker {
                 mode,
                 last: None,
                 laps: Laps::default(),
+                agreement_told: None,
             }
             .run(&to_do, &done_tx)
         })?;
@@ -141,6 +150,7 @@ struct FusionWork {
     mode: RunMode,
     last: Option<Tick>,
     laps: Laps,
+    agreement_told: Option<Instant>,
 }
 
 impl FusionWork {
@@ -167,6 +177,7 @@ impl FusionWork {
             laps,
             ..
         } = self;
+        let agreement = pipeline.agreement().report();
         let exported = if last.is_none() {
             exporter.discard().map(|()| Exported::default())
         } else {
@@ -176,6 +187,7 @@ impl FusionWork {
             exported: exported?,
             last,
             stages: laps.times(),
+            agreement,
         })
     }
 
@@ -203,6 +215,7 @@ impl FusionWork {
         let stepped = Stepped {
             unusable: output.unusable_patches + output.unusable_sightings,
             people: is_told.then(|| self.pipeline.known_people(job.group.tick)),
+            agreement: (is_told && self.is_agreement_due(start)).then(|| self.pipeline.agreement()),
             stages,
             smoothed: output.smoothed.clone(),
             poses: output.poses,
@@ -215,6 +228,18 @@ impl FusionWork {
             smoothed: output.smoothed,
         };
         (stepped, to_write)
+    }
+}
+
+impl FusionWork {
+    /// Whether the agreement of the cameras is to be judged again.
+    fn is_agreement_due(&mut self, now: Instant) -> bool {
+        let is_due = |told: Instant| now.duration_since(told) >= AGREEMENT_EVERY;
+        let is_due = self.agreement_told.is_none_or(is_due);
+        if is_due {
+            self.agreement_told = Some(now);
+        }
+        is_due
     }
 }
 

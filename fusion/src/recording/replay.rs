@@ -9,6 +9,7 @@ use farfield_proto::tick::Tick;
 use super::reader::{AnySet, Recording, RecordingError, SessionPart};
 use super::renumber::Renumber;
 use crate::align::{Gather, TickGroup};
+use crate::camera_agreement::AgreementSamples;
 use crate::pipeline::{Pipeline, Stage, StepOutput};
 
 /// Ticks without any set that a replay goes through per set that is there, and beside them: what is
@@ -170,6 +171,11 @@ impl<R: Read + Seek> Replay<R> {
             *count += 1;
         }
         Ok(Some(output))
+    }
+
+    /// What tells whether the cameras agree, as far as it is kept.
+    pub fn agreement(&self) -> AgreementSamples {
+        self.pipeline.agreement()
     }
 
     /// The ticks that were still held back when the last was done.

@@ -4,7 +4,7 @@
 //!   sightings -> rays -> growth -> association -> reconstruction, plausibility -> finder: SightedPerson
 //!   explanation: which sightings a known body explains; contradiction: which viewpoints should see it and do not
 //!   agreement: what two sightings say about each other; gates: how near, and where, rays must meet
-//!   attention: what the silence of a viewpoint is worth
+//!   attention: what the silence of a viewpoint is worth; diagnosis: why sightings became nobody
 //! ```
 //!
 //! Everything is compared in the world, in metres. Who is who is not decided here.
@@ -13,6 +13,7 @@ mod agreement;
 mod association;
 mod attention;
 pub(crate) mod contradiction;
+pub mod diagnosis;
 pub(crate) mod explanation;
 pub mod finder;
 #[cfg(test)]

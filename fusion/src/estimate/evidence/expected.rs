@@ -1,5 +1,6 @@
 //! Where a view expects a keypoint: what the search, the assignment of peaks and the swaps of sides all start from.
 
+use farfield_proto::frames::{Pixel, Undistorted};
 use nalgebra::{Matrix3x4, Vector2, Vector3};
 
 use super::map_peaks::Map;
@@ -96,6 +97,23 @@ impl View {
                 peaks.find(&map, (expected.cell, half_width_cells));
             }
         }
+    }
+
+    /// The undistorted pixel of the highest peak in the whole map of `keypoint`, wherever it is expected, and its
+    /// height, 0 to 1; `None` where no peak counts, or the camera does not see it.
+    ///
+    /// # Panics
+    /// When the view has no such keypoint.
+    pub(crate) fn highest_peak(&self, keypoint: usize) -> Option<(Pixel<Undistorted>, f64)> {
+        let map = Map {
+            cells: self.maps.cells(keypoint),
+            size: (self.maps.width(), self.maps.height()),
+            written_rows: self.maps.written_rows(keypoint),
+        };
+        let peak = map.highest_peak()?;
+        let pixel = || self.grid(keypoint).pixel(peak.cell.x, peak.cell.y);
+        let is_seen = self.knows(keypoint, peak.cell);
+        is_seen.then(|| (pixel(), peak.height))
     }
 
     /// The peaks of the map of `keypoint`; none before [`Self::find_peaks`].

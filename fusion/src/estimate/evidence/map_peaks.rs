@@ -218,6 +218,29 @@ impl Map<'_> {
         above && (y + 1 == height || row(y + 1).iter().all(|&other| other <= own))
     }
 
+    /// The highest cell's peak, wherever it is; `None` where none is as high as the lowest peak that counts.
+    pub(super) fn highest_peak(&self) -> Option<MapPeak> {
+        let (width, rows) = (self.size.0, self.written_rows.clone());
+        let mut highest = (0, 0);
+        for y in rows {
+            let row = &self.cells[y * width..][..width];
+            let most = row.iter().fold(0, |most: u8, &cell| most.max(cell));
+            if most > highest.0 {
+                highest = (most, y);
+            }
+        }
+        let (most, y) = highest;
+        if most < LEAST_PEAK {
+            return None;
+        }
+        let row = &self.cells[y * width..][..width];
+        let x = row.iter().position(|&cell| cell == most)?;
+        Some(MapPeak {
+            cell: self.top_of(x, y),
+            height: f64::from(most) / 255.0,
+        })
+    }
+
     /// The top of the peak whose highest cell this is.
     fn top_of(&self, x: usize, y: usize) -> Vector2<f64> {
         let (width, height) = self.size;

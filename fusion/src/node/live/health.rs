@@ -59,6 +59,13 @@ impl LiveFusion<'_> {
         }
     }
 
+    /// Says what of the cameras does not fit, once.
+    pub(super) fn look_at_agreement(&mut self) {
+        if let Some(judge) = &mut self.agreement {
+            self.disagreements = judge.warnings();
+        }
+    }
+
     /// Names who sends more than it may.
     pub(super) fn look_for_floods(&mut self) {
         let names = self.config.venue.viewpoints.iter().map(|v| v.name.as_str());
@@ -92,6 +99,9 @@ impl LiveFusion<'_> {
         for index in self.flood.flooding() {
             let name = &self.config.venue.viewpoints[index].name;
             health.notice(format!("viewpoint {name} sends more than any edge may"));
+        }
+        for words in &self.disagreements {
+            health.notice(words.clone());
         }
         if self.is_own_clock_suspected {
             let off_s = self.common_clock.own_error_us() as f64 / 1e6;

@@ -1,6 +1,7 @@
 //! Live: nobody waits for anybody. Edges come and go, messages get lost, clocks are off, and at every tick
 //! there are poses and boxes.
 
+mod agreement;
 mod context;
 mod delays;
 mod flood;
@@ -20,6 +21,7 @@ use farfield_node::clock;
 use farfield_node::process::{Ending, Managed, NodeError};
 use farfield_proto::tick::Tick;
 
+use self::agreement::AgreementJudge;
 pub(super) use self::context::LiveContext;
 use self::handover::Handover;
 use self::run::LiveFusion;
@@ -77,6 +79,8 @@ pub(super) async fn live(
         .transpose()
         .context("starting the thread that keeps who is here")
         .map_err(NodeError::Failed)?;
+    let judge = AgreementJudge::start().context("starting the thread that judges cameras");
+    run.agreement = Some(judge.map_err(NodeError::Failed)?);
     let outcome = run.run(boxes, &mut worker, &mut context).await;
     if let Some(recording) = context.recording {
         let patience = match outcome {
@@ -108,6 +112,7 @@ pub(super) async fn live(
         lost: run.lost(),
         ending: outcome.as_ref().ok().copied(),
         exported: &finished.exported,
+        agreement: &finished.agreement,
         last: finished.last,
         stages: finished.stages,
         paths: run.paths(),

@@ -18,6 +18,7 @@ use tokio::time::{MissedTickBehavior, interval, sleep_until};
 
 use super::super::config::FusionConfig;
 use super::super::worker::{FusionWorker, Job};
+use super::agreement::AgreementJudge;
 use super::context::LiveContext;
 use super::delays::Delays;
 use super::flood::FloodWatch;
@@ -104,6 +105,10 @@ pub(super) struct LiveFusion<'a> {
     /// The viewpoints of whom it was said that their certificate ends.
     pub(super) told_certificates: BTreeSet<String>,
     pub(super) handover: Option<Handover>,
+    /// Whether the cameras agree; `None` before the run.
+    pub(super) agreement: Option<AgreementJudge>,
+    /// What of them does not fit, in words.
+    pub(super) disagreements: Vec<String>,
     pub(super) common_clock: CommonClock,
     pub(super) is_own_clock_suspected: bool,
     /// Until when edges are waited for of which nothing has come yet.
@@ -165,6 +170,8 @@ impl<'a> LiveFusion<'a> {
             flood: FloodWatch::default(),
             told_certificates: BTreeSet::new(),
             handover: None,
+            agreement: None,
+            disagreements: Vec::new(),
             common_clock: CommonClock::default(),
             is_own_clock_suspected: false,
             without_input: 0,
@@ -227,6 +234,7 @@ impl<'a> LiveFusion<'a> {
                         self.weigh_clocks();
                         self.look_for_floods();
                         self.look_at_certificates();
+                        self.look_at_agreement();
                         let now_us = self.interceptor.clock.now_us();
                         let status = self.status(self.config, now_us);
                         let links = status.live.as_ref().map(|live| live.edges.clone());

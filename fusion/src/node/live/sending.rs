@@ -38,6 +38,7 @@ impl LiveFusion<'_> {
             stages,
             cost,
             people,
+            agreement,
         } = stepped;
         if let Some(cost) = cost {
             self.shedding.stepped(cost);
@@ -50,6 +51,9 @@ impl LiveFusion<'_> {
         }
         if let (Some(handover), Some(people)) = (&self.handover, people) {
             handover.keep(tick, people);
+        }
+        if let (Some(judge), Some(samples)) = (&self.agreement, agreement) {
+            judge.judge(samples);
         }
         self.send_boxes(boxes, ends);
         let bytes = wire::encode(&poses);

@@ -112,6 +112,7 @@ impl Begin<'_> {
             },
             ending: outcome.as_ref().ok().copied(),
             exported: &finished.exported,
+            agreement: &finished.agreement,
             last: finished.last,
             stages: finished.stages,
             paths: Vec::new(),

@@ -12,6 +12,7 @@ use farfield_proto::venue::Venue;
 
 use super::exporter::Exported;
 use super::tally::Tally;
+use crate::camera_agreement::AgreementReport;
 use crate::export::summary::{
     CameraSummary, DropSummary, RecordingSummary, StageTiming, Summary, TickSpan, TimingSummary,
 };
@@ -29,6 +30,8 @@ pub(in crate::node) struct RunFacts<'a> {
     pub(in crate::node) ending: Option<Ending>,
     /// Who was there, and what the files lack.
     pub(in crate::node) exported: &'a Exported,
+    /// Whether the cameras agreed.
+    pub(in crate::node) agreement: &'a AgreementReport,
     /// The last tick that went through the core.
     pub(in crate::node) last: Option<Tick>,
     /// Times of fusion's own stages.
@@ -88,6 +91,7 @@ pub(in crate::node) fn summarize(venue: &Venue, facts: &RunFacts<'_>) -> Summary
         },
         people: facts.exported.people_of_summary(),
         events: facts.tally.event_counts().clone(),
+        agreement: facts.agreement.clone(),
         links: facts.tally.links(),
         drops: DropSummary {
             unreadable: facts

@@ -239,6 +239,7 @@ impl Solving {
             choice: self.replay.choice(),
             tally: self.replay.tally(),
             events: self.events,
+            agreement: self.replay.agreement().report(),
             exported: self.exporter.finish(last, Vec::new())?,
             elapsed_s: clock::now().duration_since(began).as_secs_f64(),
         })

@@ -10,6 +10,7 @@ use farfield_proto::tick::Tick;
 use farfield_proto::venue::Venue;
 use serde::Serialize;
 
+use crate::camera_agreement::AgreementReport;
 use crate::export::summary::{EventCounts, Summary, TickSpan, TimingSummary};
 use crate::node::output::exporter::Exported;
 use crate::node::output::summary;
@@ -23,6 +24,7 @@ pub(super) struct Done {
     pub(super) tally: ReplayTally,
     pub(super) exported: Exported,
     pub(super) events: EventCounts,
+    pub(super) agreement: AgreementReport,
     pub(super) elapsed_s: f64,
 }
 
@@ -138,6 +140,7 @@ impl Done {
             },
             people: self.exported.people_of_summary(),
             events: self.events.clone(),
+            agreement: self.agreement.clone(),
             versions: summary::versions(),
             timing: TimingSummary {
                 elapsed_s: self.elapsed_s,
@@ -172,6 +175,10 @@ impl Done {
             self.exported.people.len(),
             tally.ticks as f64 / self.elapsed_s.max(1e-9)
         );
+        for line in self.agreement.lines() {
+            text.push_str(&line);
+            text.push('\n');
+        }
         for (count, what) in [
             (
                 tally.undecided,

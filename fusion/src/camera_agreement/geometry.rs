@@ -1,0 +1,111 @@
+//! Lines of sight of cameras, and how near two of them pass each other.
+
+use farfield_proto::camera::CameraModel;
+use nalgebra::{Matrix3, Vector2, Vector3};
+
+/// Sine of the angle between two lines of sight below which their distance tells nothing (6 degrees).
+const PARALLEL_SINE: f64 = 0.1;
+
+/// A camera without its lens.
+#[derive(Debug, Clone)]
+pub(super) struct SightLines {
+    /// World, metres.
+    pub(super) center_m: Vector3<f64>,
+    world_from_camera: Matrix3<f64>,
+    focal_px: Vector2<f64>,
+    principal_px: Vector2<f64>,
+}
+
+impl SightLines {
+    pub(super) fn of(model: &CameraModel) -> Self {
+        let intrinsics = model.intrinsics();
+        let rotation = model.camera_from_world().isometry().rotation;
+        Self {
+            center_m: model.center().coordinates_m().coords,
+            world_from_camera: rotation.inverse().to_rotation_matrix().into_inner(),
+            focal_px: Vector2::new(intrinsics.fx_px, intrinsics.fy_px),
+            principal_px: Vector2::new(intrinsics.cx_px, intrinsics.cy_px),
+        }
+    }
+
+    /// Where the undistorted pixel (x, y) points, world; as long as it takes to come one metre deeper.
+    pub(super) fn direction(&self, pixel: [f32; 2]) -> Vector3<f64> {
+        let at = Vector2::new(f64::from(pixel[0]), f64::from(pixel[1])) - self.principal_px;
+        let normalised = at.component_div(&self.focal_px);
+        self.world_from_camera * normalised.push(1.0)
+    }
+
+    /// The undistorted pixel of a world point, metres, and its depth; `None` behind the camera.
+    pub(super) fn project(&self, point_m: &Vector3<f64>) -> Option<(Vector2<f64>, f64)> {
+        let p = self.world_from_camera.tr_mul(&(point_m - self.center_m));
+        let pixel = || p.xy().component_mul(&self.focal_px) / p.z + self.principal_px;
+        (p.z > 0.0).then(|| (pixel(), p.z))
+    }
+
+    /// Mean of the two focal lengths, pixels.
+    pub(super) fn mean_focal_px(&self) -> f64 {
+        0.5 * (self.focal_px.x + self.focal_px.y)
+    }
+
+    /// The principal point, pixels.
+    pub(super) fn principal_px(&self) -> Vector2<f64> {
+        self.principal_px
+    }
+}
+
+/// Where two lines of sight come nearest to each other.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Meeting {
+    /// How far from each other they pass, metres; infinite when they do so behind a camera.
+    pub(super) gap_m: f64,
+    /// The same with a side: negative where the second passes on the other one.
+    pub(super) signed_gap_m: f64,
+    /// How deep in front of the two cameras, metres.
+    pub(super) depths_m: [f64; 2],
+}
+
+/// How the lines meet that start at `a_m` and `b_m` with these directions, as [`SightLines::direction`] has them;
+/// `None` when they are too parallel to tell.
+pub(super) fn meeting(
+    (a_m, a_direction): (&Vector3<f64>, &Vector3<f64>),
+    (b_m, b_direction): (&Vector3<f64>, &Vector3<f64>),
+) -> Option<Meeting> {
+    let normal = a_direction.cross(b_direction);
+    let squared = normal.norm_squared();
+    let lengths2 = a_direction.norm_squared() * b_direction.norm_squared();
+    let is_apart = squared >= PARALLEL_SINE * PARALLEL_SINE * lengths2;
+    if !is_apart || lengths2 == 0.0 {
+        return None;
+    }
+    let between = b_m - a_m;
+    let depth_m = |other: &Vector3<f64>| between.cross(other).dot(&normal) / squared;
+    let depths_m = [depth_m(b_direction), depth_m(a_direction)];
+    let signed_gap_m = between.dot(&normal) / squared.sqrt();
+    let in_front = depths_m.iter().all(|&depth_m| depth_m > 0.0);
+    Some(Meeting {
+        gap_m: if in_front {
+            signed_gap_m.abs()
+        } else {
+            f64::INFINITY
+        },
+        signed_gap_m,
+        depths_m,
+    })
+}
+
+/// Where the lines of sight of several cameras come nearest to each other, least squares, world, metres; `None`
+/// where they are parallel.
+pub(super) fn nearest_point_m<'a>(
+    lines: impl Iterator<Item = (&'a Vector3<f64>, Vector3<f64>)>,
+) -> Option<Vector3<f64>> {
+    let (mut matrix, mut vector) = (Matrix3::zeros(), Vector3::zeros());
+    for (origin_m, direction) in lines {
+        let unit = direction.normalize();
+        let across = Matrix3::identity() - unit * unit.transpose();
+        matrix += across;
+        vector += across * origin_m;
+    }
+    // Two lines that are 6 degrees apart have 0.005.
+    let inverse = matrix.try_inverse()?;
+    (matrix.determinant() > 0.005).then(|| inverse * vector)
+}

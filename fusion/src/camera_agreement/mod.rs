@@ -1,0 +1,256 @@
+//! Do the cameras of a venue agree?
+//!
+//! Swapped videos, a calibration of last week, a camera that is three frames late: all of these give skeletons, and
+//! wrong ones. What tells them is how the sightings and the crops of each camera meet those of the others.
+//!
+//! ```text
+//!   Pipeline::step -> AgreementWatch: keeps what cameras showed lately (`samples`), in bounded memory
+//!                      '-> AgreementSamples, now and then, to another thread -> judge -> AgreementReport
+//!   judge: `pairs` of cameras on sightings; `time_shift`, `refit` on what crops show tick by tick -> a cause in `words`
+//! ```
+//!
+//! Nothing here moves a pose. A report costs tens of milliseconds and is made beside the loop, or at the end of a run.
+
+mod geometry;
+mod judge;
+mod nobody;
+mod pairs;
+mod refit;
+mod report;
+mod samples;
+#[cfg(test)]
+mod tests;
+mod time_shift;
+mod words;
+
+use std::collections::BTreeSet;
+use std::sync::Arc;
+
+use farfield_proto::camera::CameraModel;
+use farfield_proto::id::ViewpointIndex;
+use farfield_proto::keypoints::KeypointSet;
+use farfield_proto::order_statistics::upper_median;
+use farfield_proto::tick::Tick;
+use farfield_proto::venue::parameters::BirthParameters;
+use farfield_proto::venue::{Field, Venue};
+
+pub use self::report::{
+    AgreementReport, AgreementVerdict, CameraAgreement, Disagreement, DisagreementCause,
+    SightedReport,
+};
+
+use self::geometry::SightLines;
+use self::judge::Judge;
+use self::pairs::Partners;
+use self::samples::Samples;
+use crate::align::TickGroup;
+use crate::body::observed::ObservedJoints;
+use crate::body::segment::stature_m;
+use crate::body::skeleton::Joint;
+use crate::identity::track::Track;
+use crate::sightings::diagnosis::Diagnosed;
+
+/// Statures of people of whom one was measured at some instant, the newest so many.
+const MAX_STATURES: usize = 256;
+/// Time between two such instants, seconds.
+const STATURE_EVERY_S: f64 = 0.1;
+/// Least of them that tell the unit of a calibration.
+const MIN_STATURES: usize = 8;
+/// Median stature of everybody outside which the unit of the calibration is doubted, metres: school children are taller,
+/// and no team is.
+const STATURES_M: std::ops::RangeInclusive<f64> = 1.2..=2.15;
+
+/// A camera as it is judged.
+#[derive(Debug)]
+struct JudgedCamera {
+    name: String,
+    viewpoint: ViewpointIndex,
+    size_px: [u32; 2],
+    lines: SightLines,
+}
+
+/// What does not change during a run.
+#[derive(Debug)]
+struct AgreementCameras {
+    all: Vec<JudgedCamera>,
+    partners: Partners,
+    rate_hz: f64,
+    models: Vec<(ViewpointIndex, CameraModel)>,
+    keypoints: KeypointSet,
+    field: Field,
+    births: BirthParameters,
+}
+
+impl AgreementCameras {
+    fn lines(&self) -> Vec<SightLines> {
+        self.all.iter().map(|camera| camera.lines.clone()).collect()
+    }
+}
+
+/// Keeps what is needed to say whether the cameras agree.
+#[derive(Debug)]
+pub struct AgreementWatch {
+    cameras: Arc<AgreementCameras>,
+    samples: Samples,
+    statures_m: Vec<f64>,
+}
+
+/// What was kept, for whoever judges it.
+#[derive(Debug, Clone)]
+pub struct AgreementSamples {
+    cameras: Arc<AgreementCameras>,
+    samples: Samples,
+    statures_m: Vec<f64>,
+}
+
+impl AgreementWatch {
+    /// Nothing kept yet of the cameras of `venue`, whose network knows `keypoints`.
+    pub fn new(venue: &Venue, keypoints: &KeypointSet) -> Self {
+        let all: Vec<JudgedCamera> = venue
+            .cameras
+            .iter()
+            .map(|camera| JudgedCamera {
+                name: camera.model.name().to_owned(),
+                viewpoint: camera.viewpoint,
+                size_px: camera.model.size_px(),
+                lines: SightLines::of(&camera.model),
+            })
+            .collect();
+        Self {
+            samples: Samples::new(venue.rate_hz, all.len()),
+            cameras: Arc::new(AgreementCameras {
+                all,
+                partners: partners(keypoints),
+                rate_hz: venue.rate_hz,
+                models: venue
+                    .cameras
+                    .iter()
+                    .map(|camera| (camera.viewpoint, camera.model.clone()))
+                    .collect(),
+                keypoints: keypoints.clone(),
+                field: venue.field,
+                births: venue.parameters.births.clone(),
+            }),
+            statures_m: Vec::new(),
+        }
+    }
+
+    /// Keeps what crops show of the people who are followed at `tick`; before their peaks are assigned.
+    pub(crate) fn note_views(&mut self, tick: Tick, tracks: &[Track]) {
+        self.samples.note_views(tick, tracks);
+    }
+
+    /// Keeps whom a detection pass found, and now and then how tall those are who are followed.
+    pub(crate) fn note_found(&mut self, group: &TickGroup, tracks: &[Track]) {
+        let every = ((STATURE_EVERY_S * self.cameras.rate_hz).round() as i64).max(1);
+        if group.tick.0 % every == 0 {
+            self.note_statures(tracks);
+        }
+        if group.sighting_sets.is_empty() {
+            return;
+        }
+        let all = &self.cameras.all;
+        let is_own = |camera: usize, viewpoint: u16| {
+            let camera: Option<&JudgedCamera> = all.get(camera);
+            camera.is_some_and(|camera| camera.viewpoint.0 == viewpoint)
+        };
+        let n_keypoints = self.cameras.partners.len();
+        self.samples.note_pass(group, n_keypoints, is_own);
+    }
+
+    fn note_statures(&mut self, tracks: &[Track]) {
+        let seen = tracks.iter().filter(|track| !track.is_tentative());
+        for track in seen.filter(|track| track.estimator().n_views() >= 2) {
+            if self.statures_m.len() == MAX_STATURES {
+                self.statures_m.remove(0);
+            }
+            let mut body = ObservedJoints::default();
+            for (joint, position_m) in Joint::ALL.iter().zip(track.estimator().joints_m()) {
+                body.set(*joint, *position_m, 1.0);
+            }
+            self.statures_m.extend(stature_m([&body]));
+        }
+    }
+
+    /// What is kept so far.
+    pub fn samples(&self) -> AgreementSamples {
+        AgreementSamples {
+            cameras: Arc::clone(&self.cameras),
+            samples: self.samples.so_far(),
+            statures_m: self.statures_m.clone(),
+        }
+    }
+}
+
+impl AgreementSamples {
+    /// Judges them. It takes tens of milliseconds with a few cameras.
+    pub fn report(&self) -> AgreementReport {
+        let mut report = Judge::new(&self.cameras, &self.samples).report();
+        report.sighted = self.sighted();
+        report.disagreements.extend(self.doubtful_scale());
+        report
+    }
+
+    /// What detection passes found, and what became of it.
+    fn sighted(&self) -> SightedReport {
+        let AgreementCameras {
+            all,
+            models,
+            keypoints,
+            field,
+            births,
+            ..
+        } = &*self.cameras;
+        let diagnosed = Diagnosed {
+            cameras: models,
+            keypoints,
+            field,
+            parameters: births,
+        };
+        let mut report = SightedReport {
+            passes: self.samples.n_passes,
+            ..SightedReport::default()
+        };
+        for (camera, count) in all.iter().zip(&self.samples.n_sightings) {
+            report.by_camera.insert(camera.name.clone(), *count);
+        }
+        for pass in &self.samples.passes {
+            diagnosed.count(&pass.sightings(), &mut report.diagnosis);
+        }
+        let viewpoints: BTreeSet<ViewpointIndex> = all.iter().map(|c| c.viewpoint).collect();
+        report.viewpoints = viewpoints.len() as u64;
+        report
+    }
+
+    fn doubtful_scale(&self) -> Option<Disagreement> {
+        if self.statures_m.len() < MIN_STATURES {
+            return None;
+        }
+        let stature_m = upper_median(self.statures_m.clone())?;
+        let cause = DisagreementCause::WorldScale { stature_m };
+        let (found, remedy) = words::of(&[], cause, self.cameras.rate_hz);
+        (!STATURES_M.contains(&stature_m)).then(|| Disagreement {
+            cameras: Vec::new(),
+            cause,
+            found,
+            remedy,
+        })
+    }
+}
+
+/// Per keypoint the one on the other side of the body; itself where there is none.
+fn partners(keypoints: &KeypointSet) -> Partners {
+    let other = |name: &String| match name.split_once('_') {
+        Some(("left", part)) => Some(format!("right_{part}")),
+        Some(("right", part)) => Some(format!("left_{part}")),
+        _ => None,
+    };
+    let names = keypoints.names().iter().enumerate();
+    names
+        .map(|(index, name)| {
+            other(name)
+                .and_then(|o| keypoints.index_of(&o))
+                .unwrap_or(index)
+        })
+        .collect()
+}

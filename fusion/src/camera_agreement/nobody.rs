@@ -1,0 +1,104 @@
+//! Why nobody was found, in words.
+
+use super::report::SightedReport;
+
+impl SightedReport {
+    /// The likely reasons why a run without people has none, the likeliest first; each with what to do.
+    pub fn why_nobody(&self) -> Vec<String> {
+        let seeing: Vec<&str> = self
+            .by_camera
+            .iter()
+            .filter(|(_, count)| **count > 0)
+            .map(|(name, _)| name.as_str())
+            .collect();
+        let counts = self
+            .by_camera
+            .iter()
+            .map(|(name, count)| format!("{name} {count}"));
+        let counts = counts.collect::<Vec<_>>().join(", ");
+        if seeing.is_empty() {
+            return vec![
+                "no camera sighted anybody: is the detector the right one, are people in the pictures, and at least 48 px tall there?"
+                    .to_owned(),
+            ];
+        }
+        let mut reasons = vec![format!("sightings by camera: {counts}")];
+        if self.viewpoints < 2 {
+            reasons.push(
+                "there is only one viewpoint: people are found where two viewpoints see them"
+                    .to_owned(),
+            );
+            return reasons;
+        }
+        if let [only] = seeing[..] {
+            reasons.push(format!(
+                "only camera {only} sighted anybody: people are found where cameras of two viewpoints see them"
+            ));
+            return reasons;
+        }
+        let bodies = &self.diagnosis;
+        if bodies.bodies == 0 {
+            reasons.push(
+                "the lines of sight of no two viewpoints met on a body: do the videos begin at the same instant, and does the calibration belong to these cameras, in this order?"
+                    .to_owned(),
+            );
+            return reasons;
+        }
+        let wrong = bodies.too_small + bodies.too_large;
+        let of_all = |count: u64| format!("{count} of {} bodies", bodies.bodies);
+        let mean_m = bodies.wrong_statures_m / wrong.max(1) as f64;
+        let [x, y, z] = bodies.outside_at_m;
+        let mut causes = [
+            (
+                wrong,
+                format!(
+                    "{} on which lines of sight met have sizes that people do not have ({mean_m:.2} m on average): is the calibration in metres?",
+                    of_all(wrong)
+                ),
+            ),
+            (
+                bodies.outside_field,
+                format!(
+                    "{} stand outside the field, around ({x:.1}, {y:.1}, {z:.1}) m: set `[field]` min_m and max_m of the venue",
+                    of_all(bodies.outside_field)
+                ),
+            ),
+            (
+                bodies.under_floor,
+                format!(
+                    "{} are under the floor: is z up in the calibration, and `[field] floor_m` right?",
+                    of_all(bodies.under_floor)
+                ),
+            ),
+            (
+                bodies.upside_down,
+                format!(
+                    "{} stand on their heads: z must point up in the calibration",
+                    of_all(bodies.upside_down)
+                ),
+            ),
+            (
+                bodies.misshapen,
+                format!(
+                    "{} have limbs that fit no person: do the keypoints come in the order of the network's card, and the videos begin at the same instant?",
+                    of_all(bodies.misshapen)
+                ),
+            ),
+            (
+                bodies.people,
+                format!(
+                    "{} are people in the field, but were not seen for long enough to be sure: give the run more ticks",
+                    of_all(bodies.people)
+                ),
+            ),
+        ];
+        causes.sort_by(|a, b| b.0.cmp(&a.0));
+        reasons.extend(
+            causes
+                .into_iter()
+                .filter(|(count, _)| *count > 0)
+                .map(|(_, text)| text),
+        );
+        reasons
+    }
+}

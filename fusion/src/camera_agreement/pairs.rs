@@ -1,0 +1,169 @@
+//! How well two cameras agree on whom detection passes found, whatever their pictures are taken for.
+//!
+//! Of two sightings the lines of sight of each keypoint pass each other at some distance. A person that both cameras
+//! show passes near itself; who is who is not known, so each sighting is compared with the one that fits it best.
+//! Distances count by a saturating cost (Geman and McClure's): one wrong keypoint is one wrong keypoint, however far
+//! off it is.
+
+use farfield_proto::order_statistics::upper_median;
+use nalgebra::Vector3;
+
+use super::geometry::{Meeting, SightLines, meeting};
+use super::samples::{PassSample, SeenBody};
+
+/// Where the cost of a distance reaches one half, metres.
+const HALF_COST_M: f64 = 0.06;
+/// Least keypoints that two sightings must have in common.
+const MIN_COMMON: usize = 5;
+
+/// What a distance between two lines of sight costs, 0 to 1.
+pub(super) fn cost(gap_m: f64) -> f64 {
+    if gap_m.is_finite() {
+        let squared = gap_m * gap_m;
+        squared / (squared + HALF_COST_M * HALF_COST_M)
+    } else {
+        1.0
+    }
+}
+
+/// What the pictures of a camera may be taken for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum PictureChange {
+    AsItIs,
+    /// Left and right are exchanged, of the people too.
+    Mirrored,
+    HalfTurned,
+}
+
+/// The lines of sight of the sightings of one camera: per pass and sighting, by keypoint; zero where it is not seen.
+pub(super) struct CameraRays {
+    pub(super) center_m: Vector3<f64>,
+    pub(super) of_pass: Vec<Vec<Vec<Vector3<f64>>>>,
+}
+
+/// Two keypoints that are each other's mirror image: for every keypoint its partner, itself without one.
+pub(super) type Partners = Vec<usize>;
+
+impl CameraRays {
+    /// The sightings of `camera`, whose pictures are changed so and seen through `lines`. `size_px` is the picture's.
+    pub(super) fn of(
+        passes: &[&PassSample],
+        (camera, size_px): (usize, [u32; 2]),
+        lines: &SightLines,
+        (change, partners): (PictureChange, &Partners),
+    ) -> Self {
+        let [width, height] = size_px.map(|side| side as f32);
+        let direction = |body: &SeenBody, keypoint: usize| {
+            let from = match change {
+                PictureChange::Mirrored => partners[keypoint],
+                PictureChange::AsItIs | PictureChange::HalfTurned => keypoint,
+            };
+            let Some(seen) = &body[from] else {
+                return Vector3::zeros();
+            };
+            let [x, y] = seen.pixel;
+            lines.direction(match change {
+                PictureChange::AsItIs => [x, y],
+                PictureChange::Mirrored => [width - 1.0 - x, y],
+                PictureChange::HalfTurned => [width - 1.0 - x, height - 1.0 - y],
+            })
+        };
+        let rays = |body: &SeenBody| (0..body.len()).map(|k| direction(body, k)).collect();
+        let of_pass = |pass: &&PassSample| pass.of_camera[camera].iter().map(rays).collect();
+        Self {
+            center_m: lines.center_m,
+            of_pass: passes.iter().map(of_pass).collect(),
+        }
+    }
+}
+
+/// How two cameras agree.
+#[derive(Debug, Clone, Default)]
+pub(super) struct PairAgreement {
+    cost_sum: f64,
+    /// Of every keypoint that both show.
+    meetings: Vec<Meeting>,
+}
+
+impl PairAgreement {
+    pub(super) fn of(a: &CameraRays, b: &CameraRays) -> Self {
+        let mut all = Self::default();
+        for (of_a, of_b) in a.of_pass.iter().zip(&b.of_pass) {
+            let compare = |one: &Vec<Vector3<f64>>, other: &Vec<Vector3<f64>>| {
+                Self::of_bodies((&a.center_m, one), (&b.center_m, other))
+            };
+            // Each of those of whom there are fewer has one among the others.
+            if of_a.len() <= of_b.len() {
+                for one in of_a {
+                    all.add(best(of_b.iter().filter_map(|other| compare(one, other))));
+                }
+            } else {
+                for one in of_b {
+                    all.add(best(of_a.iter().filter_map(|other| compare(other, one))));
+                }
+            }
+        }
+        all
+    }
+
+    fn of_bodies(
+        (a_m, a): (&Vector3<f64>, &[Vector3<f64>]),
+        (b_m, b): (&Vector3<f64>, &[Vector3<f64>]),
+    ) -> Option<Self> {
+        let rays = a.iter().zip(b);
+        let meetings: Vec<Meeting> = rays
+            .filter_map(|(p, q)| meeting((a_m, p), (b_m, q)))
+            .collect();
+        (meetings.len() >= MIN_COMMON).then(|| Self {
+            cost_sum: meetings.iter().map(|met| cost(met.gap_m)).sum(),
+            meetings,
+        })
+    }
+
+    fn add(&mut self, other: Option<Self>) {
+        if let Some(other) = other {
+            self.cost_sum += other.cost_sum;
+            self.meetings.extend(other.meetings);
+        }
+    }
+
+    /// How many keypoints were compared.
+    pub(super) fn len(&self) -> usize {
+        self.meetings.len()
+    }
+
+    /// 0 where all lines of sight meet, 1 where none do.
+    pub(super) fn mean_cost(&self) -> f64 {
+        self.cost_sum / self.len().max(1) as f64
+    }
+
+    /// Median distance between the lines of sight, metres; infinite where most meet behind a camera.
+    pub(super) fn median_m(&self) -> Option<f64> {
+        upper_median(self.meetings.iter().map(|met| met.gap_m).collect())
+    }
+
+    /// Width of a pixel where the lines of sight meet, metres: of the camera in which it is wider.
+    pub(super) fn pixel_m(&self, focal_px: [f64; 2]) -> f64 {
+        let of = |side: usize| {
+            let widths_m = self
+                .meetings
+                .iter()
+                .map(|met| met.depths_m[side].abs() / focal_px[side]);
+            upper_median(widths_m.collect()).unwrap_or(0.0)
+        };
+        of(0).max(of(1))
+    }
+
+    /// [`Self::median_m`] in pixels of the first and the second camera, whose focal lengths are these.
+    pub(super) fn median_px(&self, focal_px: [f64; 2]) -> Option<[f64; 2]> {
+        let of = |side: usize| {
+            let px = |met: &Meeting| met.gap_m / met.depths_m[side] * focal_px[side];
+            upper_median(self.meetings.iter().map(px).collect())
+        };
+        Some([of(0)?, of(1)?])
+    }
+}
+
+fn best(all: impl Iterator<Item = PairAgreement>) -> Option<PairAgreement> {
+    all.min_by(|p, q| p.mean_cost().total_cmp(&q.mean_cost()))
+}

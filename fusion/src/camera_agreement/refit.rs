@@ -1,0 +1,122 @@
+//! Whether a camera would agree with another focal length, or turned a little: a similarity between where the others
+//! say the keypoints of people are in its picture, and where it shows them.
+//!
+//! ```text
+//!   u = s R(v - c) + c + t
+//! ```
+//!
+//! v is the keypoint as the others triangulate it, seen through the calibration; u the one that is shown; c the principal
+//! point. Weighted least squares, weights after Geman and McClure, so that single keypoints do not count.
+
+use farfield_proto::order_statistics::upper_median;
+use nalgebra::{Matrix4, Vector2, Vector3, Vector4};
+
+use super::geometry::{SightLines, nearest_point_m};
+use super::samples::Burst;
+
+/// Of the ticks of a burst every so many are compared.
+const EVERY_TICKS: usize = 4;
+/// Least keypoints that tell.
+const MIN_POINTS: usize = 100;
+/// Rounds of weighting.
+const ROUNDS: usize = 8;
+
+/// What a camera would have to be to agree.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Refit {
+    /// True focal length as a factor of the calibrated one.
+    pub(super) focal_factor: f64,
+    /// By how much the picture is turned or moved, radians at the camera: the largest of all axes.
+    pub(super) turned_rad: f64,
+    /// What is left of the median distance in the picture, as a share of what it is without.
+    pub(super) ratio: f64,
+}
+
+/// Fits `camera` to what the cameras that are `right` show of the same people; `None` where fewer than two of these do,
+/// or too few keypoints are compared.
+pub(super) fn refit(
+    bursts: &[&Burst],
+    lines: &[SightLines],
+    (camera, right): (usize, &[usize]),
+) -> Option<Refit> {
+    let own = &lines[camera];
+    let pairs = pairs_px(bursts, lines, (camera, right));
+    if pairs.len() < MIN_POINTS {
+        return None;
+    }
+    let apart = |to: &dyn Fn(&Vector2<f64>) -> Vector2<f64>| {
+        upper_median(pairs.iter().map(|(v, u)| (to(v) - u).norm()).collect())
+    };
+    let before_px = apart(&|v| *v)?;
+    let mut similarity = Vector4::new(1.0, 0.0, 0.0, 0.0);
+    for _ in 0..ROUNDS {
+        let scale_px = apart(&|v| applied(&similarity, v))?.max(1.0);
+        let (mut matrix, mut vector) = (Matrix4::zeros(), Vector4::zeros());
+        for (v, u) in &pairs {
+            let off2 = (applied(&similarity, v) - u).norm_squared() / (scale_px * scale_px);
+            let weight = 1.0 / ((1.0 + off2) * (1.0 + off2));
+            for (row, value) in [
+                (Vector4::new(v.x, -v.y, 1.0, 0.0), u.x),
+                (Vector4::new(v.y, v.x, 0.0, 1.0), u.y),
+            ] {
+                matrix += weight * row * row.transpose();
+                vector += weight * value * row;
+            }
+        }
+        similarity = matrix.cholesky()?.solve(&vector);
+    }
+    let after_px = apart(&|v| applied(&similarity, v))?;
+    let [a, b, x, y] = similarity.into();
+    let (roll_rad, focal_px) = (libm::atan2(b, a).abs(), own.mean_focal_px());
+    Some(Refit {
+        focal_factor: libm::hypot(a, b),
+        turned_rad: roll_rad.max(libm::atan2(libm::hypot(x, y), focal_px)),
+        ratio: after_px / before_px.max(f64::MIN_POSITIVE),
+    })
+}
+
+fn applied(similarity: &Vector4<f64>, v: &Vector2<f64>) -> Vector2<f64> {
+    let [a, b, x, y] = (*similarity).into();
+    Vector2::new(a * v.x - b * v.y + x, b * v.x + a * v.y + y)
+}
+
+/// Where the others say a keypoint is, and where `camera` shows it, pixels from its principal point.
+fn pairs_px(
+    bursts: &[&Burst],
+    lines: &[SightLines],
+    (camera, right): (usize, &[usize]),
+) -> Vec<(Vector2<f64>, Vector2<f64>)> {
+    let own = &lines[camera];
+    let mut pairs = Vec::new();
+    for burst in bursts {
+        for trail in burst.trails.iter().filter(|trail| trail.camera == camera) {
+            let others = burst.trails.iter().filter(|other| {
+                other.person == trail.person
+                    && other.camera != camera
+                    && right.contains(&other.camera)
+            });
+            let others: Vec<_> = others.collect();
+            for tick in (0..trail.len()).step_by(EVERY_TICKS) {
+                let Some((_, seen)) = trail.at(tick) else {
+                    continue;
+                };
+                for (k, shown) in seen.iter().enumerate().filter(|(_, seen)| seen.score > 0.0) {
+                    let directions = others.iter().filter_map(|other| {
+                        let theirs = other.at(tick)?.1.get(k).filter(|seen| seen.score > 0.0)?;
+                        let lines = &lines[other.camera];
+                        Some((&lines.center_m, lines.direction(theirs.pixel)))
+                    });
+                    let directions: Vec<(&Vector3<f64>, Vector3<f64>)> = directions.collect();
+                    let point = (directions.len() >= 2)
+                        .then(|| nearest_point_m(directions.into_iter()))
+                        .flatten();
+                    if let Some((v, _)) = point.and_then(|point_m| own.project(&point_m)) {
+                        let u = Vector2::from(shown.pixel.map(f64::from));
+                        pairs.push((v - own.principal_px(), u - own.principal_px()));
+                    }
+                }
+            }
+        }
+    }
+    pairs
+}

@@ -1,0 +1,166 @@
+//! What is found of the agreement of cameras, in words and numbers.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use crate::sightings::diagnosis::SightingDiagnosis;
+
+/// How the cameras of a venue agree.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct AgreementReport {
+    /// By the name of the camera.
+    pub cameras: BTreeMap<String, CameraAgreement>,
+    /// What does not fit, the surest first.
+    pub disagreements: Vec<Disagreement>,
+    /// Whom detection passes found.
+    #[serde(default)]
+    pub sighted: SightedReport,
+}
+
+/// What detection passes found, and what became of it.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct SightedReport {
+    /// Detection passes in which anybody was sighted.
+    pub passes: u64,
+    /// Sightings by the name of the camera.
+    pub by_camera: BTreeMap<String, u64>,
+    /// How many viewpoints there are.
+    pub viewpoints: u64,
+    /// The bodies on which the lines of sight of several viewpoints met, in those passes that are kept.
+    pub diagnosis: SightingDiagnosis,
+}
+
+impl AgreementReport {
+    /// A line per camera, and a warning per disagreement, for people; empty where nothing could be compared.
+    pub fn lines(&self) -> Vec<String> {
+        let cameras = self
+            .cameras
+            .iter()
+            .filter(|(_, camera)| camera.keypoints > 0);
+        let width = self.cameras.keys().map(String::len).max().unwrap_or(0);
+        let mut lines: Vec<String> = cameras
+            .map(|(name, camera)| format!("camera {name:width$}  {}", camera.words()))
+            .collect();
+        lines.extend(self.warnings());
+        lines
+    }
+
+    /// What does not fit, and what to do: a line each.
+    pub fn warnings(&self) -> impl Iterator<Item = String> {
+        let warning = |d: &Disagreement| format!("warning: {}; {}", d.found, d.remedy);
+        self.disagreements.iter().map(warning)
+    }
+}
+
+impl CameraAgreement {
+    fn words(&self) -> String {
+        let verdict = match self.verdict {
+            AgreementVerdict::Unknown => "could not be compared",
+            AgreementVerdict::Agrees => "agrees with the others",
+            AgreementVerdict::Disagrees => "DISAGREES with the others",
+        };
+        let apart = match (self.distance_mm, self.distance_px) {
+            (Some(mm), Some(px)) => format!(": {mm:.0} mm, {px:.0} px apart at the median"),
+            _ => String::new(),
+        };
+        let late = self.late_ticks.filter(|late| late.abs() >= 0.05);
+        let late = late.map_or_else(String::new, |late| format!(", {late:+.1} ticks late"));
+        format!("{verdict}{apart}{late}")
+    }
+}
+
+/// How one camera agrees with the others.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct CameraAgreement {
+    /// What is to be thought of it.
+    pub verdict: AgreementVerdict,
+    /// Keypoints that were compared with those of other cameras.
+    pub keypoints: u64,
+    /// How far its lines of sight pass those of the camera that it agrees with best, millimetres: the median; `None`
+    /// where nothing could be compared, or most lines would meet behind a camera.
+    pub distance_mm: Option<f64>,
+    /// The same in its picture, pixels.
+    pub distance_px: Option<f64>,
+    /// By how many ticks its pictures are late (negative: early) against those of the others; `None` where nothing
+    /// moved enough to tell.
+    pub late_ticks: Option<f64>,
+}
+
+/// What is to be thought of a camera.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum AgreementVerdict {
+    /// Nothing could be compared.
+    #[default]
+    Unknown,
+    /// It shows what the others show.
+    Agrees,
+    /// It does not.
+    Disagrees,
+}
+
+/// Something that does not fit, and what may be the cause.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Disagreement {
+    /// The cameras, by name; none where it is about all of them.
+    pub cameras: Vec<String>,
+    /// The likely cause.
+    #[serde(flatten)]
+    pub cause: DisagreementCause,
+    /// What was found, in words.
+    pub found: String,
+    /// What to do about it, in words.
+    pub remedy: String,
+}
+
+impl Disagreement {
+    /// The cause and the cameras, without numbers: the same for as long as it is the same disagreement.
+    pub fn name(&self) -> String {
+        let cause = std::mem::discriminant(&self.cause);
+        format!("{cause:?} {}", self.cameras.join(" "))
+    }
+}
+
+/// Why cameras do not agree.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "cause", rename_all = "snake_case")]
+pub enum DisagreementCause {
+    /// The pictures come so many ticks after those of the others (negative: before).
+    Late {
+        /// Ticks.
+        ticks: f64,
+    },
+    /// The pictures come at another rate.
+    Drifts {
+        /// By how many ticks more per minute they are late.
+        ticks_per_minute: f64,
+    },
+    /// Left and right are exchanged in the pictures.
+    Mirrored,
+    /// The pictures stand on their heads.
+    HalfTurned,
+    /// Two cameras have each other's pictures, or each other's calibration.
+    Swapped,
+    /// Two cameras show the same picture.
+    SamePictures,
+    /// The pictures fit the calibration of another camera.
+    OtherCalibration,
+    /// The focal length is another than the calibration says.
+    FocalLength {
+        /// True length as a factor of the calibrated one.
+        factor: f64,
+    },
+    /// The camera was turned since it was calibrated.
+    Turned {
+        /// Degrees.
+        degrees: f64,
+    },
+    /// People have sizes that people do not have: the unit of the calibration.
+    WorldScale {
+        /// Median stature of all people, metres.
+        stature_m: f64,
+    },
+    /// None of these explains it.
+    Unexplained,
+}

@@ -1,0 +1,314 @@
+//! What cameras showed lately: the sightings of detection passes, and the keypoints of a few people tick by tick.
+//!
+//! Sightings are made without fusion's help, so they tell what is wrong at large. The keypoints that crops show of the
+//! people who are followed come at every tick, so they tell by how much time a camera is off. Both are kept in bounded
+//! memory, and shared when they are handed to whoever judges them.
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+
+use farfield_proto::id::CameraIndex;
+use farfield_proto::message::{KeypointPeak, Sighting};
+use farfield_proto::tick::Tick;
+
+use crate::align::TickGroup;
+use crate::estimate::evidence::View;
+use crate::identity::track::Track;
+
+/// Detection passes that are kept, the newest.
+const MAX_PASSES: usize = 48;
+/// Sightings of one camera in a pass that are kept, those that were found surest.
+const MAX_BODIES: usize = 6;
+/// Least time between two passes that are kept, seconds, once there are some.
+const PASS_EVERY_S: f64 = 0.5;
+/// Passes that are kept whatever the time between them.
+const FIRST_PASSES: usize = 6;
+/// Length of a burst, seconds: as long as the longest shift in time that is looked for, twice.
+const BURST_S: f64 = 2.0;
+/// The first bursts follow each other; of the later ones one in so many is kept.
+const ONE_BURST_IN: u64 = 5;
+/// Bursts that are kept: the first, and the newest.
+const MAX_BURSTS: usize = 6;
+/// People whose keypoints are kept.
+const MAX_PEOPLE: usize = 2;
+/// Least score of a peak, 0 to 1.
+const MIN_SCORE: f32 = 0.3;
+
+/// A keypoint in a picture.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct SeenKeypoint {
+    /// Undistorted pixels.
+    pub(super) pixel: [f32; 2],
+    /// 0 to 1.
+    pub(super) score: f32,
+}
+
+/// Per keypoint of the network.
+pub(super) type SeenBody = Vec<Option<SeenKeypoint>>;
+
+/// A detection pass: per camera of the venue, whom it sighted.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct PassSample {
+    pub(super) tick: Tick,
+    pub(super) of_camera: Vec<Vec<SeenBody>>,
+}
+
+impl PassSample {
+    /// As they were sent, but for those that were not kept.
+    pub(super) fn sightings(&self) -> Vec<Sighting> {
+        let of_camera = self.of_camera.iter().enumerate();
+        let bodies = of_camera.flat_map(|(camera, bodies)| bodies.iter().map(move |b| (camera, b)));
+        let keypoint = |seen: &Option<SeenKeypoint>| {
+            seen.map(|seen| KeypointPeak {
+                position_px: seen.pixel,
+                score: seen.score,
+            })
+        };
+        bodies
+            .map(|(camera, body)| Sighting {
+                camera: CameraIndex(camera as u16),
+                score: 1.0,
+                keypoints: body.iter().map(keypoint).collect(),
+            })
+            .collect()
+    }
+}
+
+/// One person in one camera during a burst.
+#[derive(Debug, Clone)]
+pub(super) struct Trail {
+    pub(super) person: u32,
+    pub(super) camera: usize,
+    n_keypoints: usize,
+    /// From the first tick of the burst on: when the picture was taken, ticks after its tick; not a number where there
+    /// was none.
+    late_ticks: Vec<f32>,
+    /// Per tick all keypoints; the score is 0 of what is not seen.
+    seen: Vec<SeenKeypoint>,
+}
+
+impl Trail {
+    /// How many ticks from the first of the burst on it may know.
+    pub(super) fn len(&self) -> usize {
+        self.late_ticks.len()
+    }
+
+    /// When the picture of a tick of the burst was taken, ticks after its tick, and what it shows.
+    pub(super) fn at(&self, tick: usize) -> Option<(f64, &[SeenKeypoint])> {
+        let late = f64::from(*self.late_ticks.get(tick)?);
+        let seen = self.seen.get(tick * self.n_keypoints..)?;
+        late.is_finite().then(|| (late, &seen[..self.n_keypoints]))
+    }
+
+    /// A trail of what is given, on time.
+    #[cfg(test)]
+    pub(super) fn of(person: u32, camera: usize, bodies: &[SeenBody]) -> Self {
+        let unseen = SeenKeypoint {
+            pixel: [0.0; 2],
+            score: 0.0,
+        };
+        Self {
+            person,
+            camera,
+            n_keypoints: bodies.first().map_or(0, Vec::len),
+            late_ticks: vec![0.0; bodies.len()],
+            seen: bodies
+                .iter()
+                .flatten()
+                .map(|seen| seen.unwrap_or(unseen))
+                .collect(),
+        }
+    }
+
+    fn note(&mut self, at: usize, (view, rate_hz): (&View, f64)) {
+        if view.n_keypoints() != self.n_keypoints || self.late_ticks.len() > at {
+            return;
+        }
+        let unseen = SeenKeypoint {
+            pixel: [0.0; 2],
+            score: 0.0,
+        };
+        self.late_ticks.resize(at, f32::NAN);
+        self.seen.resize(at * self.n_keypoints, unseen);
+        self.late_ticks
+            .push((view.capture_offset_s * rate_hz) as f32);
+        self.seen.extend((0..self.n_keypoints).map(|keypoint| {
+            let peak = view.highest_peak(keypoint);
+            peak.filter(|(_, score)| *score >= f64::from(MIN_SCORE))
+                .map_or(unseen, |(pixel, score)| SeenKeypoint {
+                    pixel: [pixel.x() as f32, pixel.y() as f32],
+                    score: score as f32,
+                })
+        }));
+    }
+}
+
+/// Some ticks in a row.
+#[derive(Debug, Clone)]
+pub(super) struct Burst {
+    pub(super) first: Tick,
+    pub(super) trails: Vec<Trail>,
+}
+
+/// What is kept.
+#[derive(Debug, Clone)]
+pub(super) struct Samples {
+    rate_hz: f64,
+    n_cameras: usize,
+    first: Option<Tick>,
+    pub(super) passes: VecDeque<Arc<PassSample>>,
+    pub(super) bursts: VecDeque<Arc<Burst>>,
+    current: Option<(u64, Burst)>,
+    /// Detection passes in which anything was sighted, all since the start.
+    pub(super) n_passes: u64,
+    /// Per camera, whom they sighted.
+    pub(super) n_sightings: Vec<u64>,
+}
+
+impl Samples {
+    pub(super) fn new(rate_hz: f64, n_cameras: usize) -> Self {
+        Self {
+            rate_hz,
+            n_cameras,
+            first: None,
+            passes: VecDeque::new(),
+            bursts: VecDeque::new(),
+            current: None,
+            n_passes: 0,
+            n_sightings: vec![0; n_cameras],
+        }
+    }
+
+    /// Keeps what `group` holds of a detection pass. `owner(camera)` is the viewpoint of a camera.
+    pub(super) fn note_pass(
+        &mut self,
+        group: &TickGroup,
+        n_keypoints: usize,
+        is_own: impl Fn(usize, u16) -> bool,
+    ) {
+        let mut all: Vec<_> = group
+            .sighting_sets
+            .iter()
+            .flat_map(|set| {
+                set.sightings
+                    .iter()
+                    .map(|sighting| (set.viewpoint, sighting))
+            })
+            .filter(|(viewpoint, sighting)| {
+                let camera = usize::from(sighting.camera.0);
+                is_own(camera, viewpoint.0) && sighting.keypoints.len() == n_keypoints
+            })
+            .map(|(_, sighting)| sighting)
+            .collect();
+        self.n_passes += u64::from(!all.is_empty());
+        for sighting in &all {
+            self.n_sightings[usize::from(sighting.camera.0)] += 1;
+        }
+        if all.is_empty() || !self.is_due(group.tick) {
+            return;
+        }
+        all.sort_by(|a, b| b.score.total_cmp(&a.score));
+        let mut of_camera = vec![Vec::new(); self.n_cameras];
+        for sighting in all {
+            let bodies: &mut Vec<SeenBody> = &mut of_camera[usize::from(sighting.camera.0)];
+            if bodies.len() < MAX_BODIES {
+                let seen = |peak: &Option<KeypointPeak>| {
+                    let peak = peak.as_ref()?;
+                    let is_number = peak.position_px.iter().all(|v| v.is_finite());
+                    (peak.score >= MIN_SCORE && is_number).then_some(SeenKeypoint {
+                        pixel: peak.position_px,
+                        score: peak.score,
+                    })
+                };
+                bodies.push(sighting.keypoints.iter().map(seen).collect());
+            }
+        }
+        if self.passes.len() == MAX_PASSES {
+            self.passes.pop_front();
+        }
+        self.passes.push_back(Arc::new(PassSample {
+            tick: group.tick,
+            of_camera,
+        }));
+    }
+
+    fn is_due(&self, tick: Tick) -> bool {
+        let last = self.passes.back().map(|pass| pass.tick);
+        let is_later = last.is_none_or(|last| (tick - last) as f64 >= PASS_EVERY_S * self.rate_hz);
+        is_later || self.passes.len() < FIRST_PASSES && last.is_none_or(|last| tick > last)
+    }
+
+    /// Keeps what the views of `tick` show of some people, when a burst is under way.
+    pub(super) fn note_views(&mut self, tick: Tick, tracks: &[Track]) {
+        let first = *self.first.get_or_insert(tick);
+        let length = self.burst_ticks();
+        let number = (tick - first).unsigned_abs() / length;
+        if self.current.as_ref().is_some_and(|(n, _)| *n != number) {
+            self.end_burst();
+        }
+        let is_kept = number < ONE_BURST_IN || number.is_multiple_of(ONE_BURST_IN);
+        if tick < first || !is_kept {
+            return;
+        }
+        let burst_first = first + (number * length).cast_signed();
+        let (_, burst) = self.current.get_or_insert_with(|| {
+            let burst = Burst {
+                first: burst_first,
+                trails: Vec::new(),
+            };
+            (number, burst)
+        });
+        let at = (tick - burst_first).unsigned_abs() as usize;
+        let seen = tracks
+            .iter()
+            .filter(|track| !track.estimator().views().is_empty());
+        for track in seen.take(MAX_PEOPLE) {
+            for view in track.estimator().views() {
+                let trail = burst.trail(view, track.wire_id().0, length as usize);
+                trail.note(at, (view, self.rate_hz));
+            }
+        }
+    }
+
+    fn burst_ticks(&self) -> u64 {
+        ((BURST_S * self.rate_hz).round() as u64).max(2)
+    }
+
+    fn end_burst(&mut self) {
+        if let Some((_, burst)) = self.current.take()
+            && !burst.trails.is_empty()
+        {
+            if self.bursts.len() == MAX_BURSTS {
+                self.bursts.remove(1);
+            }
+            self.bursts.push_back(Arc::new(burst));
+        }
+    }
+
+    /// The same, with the burst under way as the last.
+    pub(super) fn so_far(&self) -> Self {
+        let mut samples = self.clone();
+        samples.end_burst();
+        samples
+    }
+}
+
+impl Burst {
+    /// The trail of a person in a camera, made if there is none.
+    fn trail(&mut self, view: &View, person: u32, n_ticks: usize) -> &mut Trail {
+        let camera = usize::from(view.camera.0);
+        let mut trails = self.trails.iter();
+        let found = trails.position(|trail| trail.person == person && trail.camera == camera);
+        let index = found.unwrap_or_else(|| {
+            self.trails.push(Trail {
+                person,
+                camera,
+                n_keypoints: view.n_keypoints(),
+                late_ticks: Vec::with_capacity(n_ticks),
+                seen: Vec::with_capacity(n_ticks * view.n_keypoints()),
+            });
+            self.trails.len() - 1
+        });
+        &mut self.trails[index]
+    }
+}

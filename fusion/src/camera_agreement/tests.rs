@@ -1,0 +1,306 @@
+//! A hall in which two people walk about, seen by four cameras of which some are not what the venue says.
+
+use farfield_proto::camera::CameraModel;
+use farfield_proto::frames::Point;
+use nalgebra::Vector3;
+
+use super::samples::{Burst, PassSample, SeenBody, SeenKeypoint, Trail};
+use super::*;
+use crate::body::fixture::{Noise, standing};
+use crate::sightings::fixture::hall;
+
+const RATE_HZ: f64 = 60.0;
+const TICKS: usize = 120;
+
+/// What is wrong with the pictures of a camera.
+#[derive(Clone, Copy, Default)]
+struct Mistake {
+    late_ticks: i64,
+    /// Ticks more in each burst than in the one before.
+    later_each_burst: i64,
+    mirrored: bool,
+    half_turned: bool,
+}
+
+/// The hall, what each camera shows (whose pictures, and what is wrong with them), and by how much all is scaled.
+struct Hall {
+    shows: [(usize, Mistake); 4],
+    bursts: usize,
+    scale: f64,
+}
+
+impl Default for Hall {
+    fn default() -> Self {
+        Self {
+            shows: std::array::from_fn(|camera| (camera, Mistake::default())),
+            bursts: 2,
+            scale: 1.0,
+        }
+    }
+}
+
+impl Hall {
+    fn with(camera: usize, mistake: Mistake) -> Self {
+        let mut hall = Self::default();
+        hall.shows[camera].1 = mistake;
+        hall
+    }
+
+    fn report(&self) -> AgreementReport {
+        let hall = hall();
+        let mut noise = Noise(5);
+        let keypoints = KeypointSet::coco17();
+        let shape = [
+            standing(0.0, 0.0, 1.7, &mut noise),
+            standing(0.0, 0.0, 1.85, &mut noise),
+        ];
+        let judged = hall
+            .cameras
+            .iter()
+            .enumerate()
+            .map(|(i, (viewpoint, model))| JudgedCamera {
+                name: format!("cam{i}"),
+                viewpoint: *viewpoint,
+                size_px: model.size_px(),
+                lines: SightLines::of(model),
+            });
+        let cameras = AgreementCameras {
+            all: judged.collect(),
+            partners: partners(&keypoints),
+            rate_hz: RATE_HZ,
+            models: hall.cameras.clone(),
+            keypoints: keypoints.clone(),
+            field: Field {
+                min_m: [-4.0, -3.0, -0.3],
+                max_m: [4.0, 3.0, 2.6],
+                floor_m: 0.0,
+            },
+            births: BirthParameters::default(),
+        };
+        let partners = cameras.partners.clone();
+        let mut samples = Samples::new(RATE_HZ, 4);
+        let mut see = |camera: usize, person: usize, (burst, tick): (usize, usize)| -> SeenBody {
+            let (whose, mistake) = self.shows[camera];
+            let late = mistake.late_ticks + mistake.later_each_burst * burst as i64;
+            let at = (burst * 600 + tick) as f64 - late as f64;
+            let body = walking(&shape[person], person, at / RATE_HZ, self.scale);
+            let seen: SeenBody = body
+                .iter()
+                .map(|p| pixel(&hall.cameras[whose].1, p, &mut noise))
+                .collect();
+            changed(seen, mistake, &partners)
+        };
+        for burst in 0..self.bursts {
+            for tick in [0, 30, 60, 90] {
+                let bodies = |camera| {
+                    (0..2)
+                        .map(|person| see(camera, person, (burst, tick)))
+                        .collect()
+                };
+                samples.passes.push_back(Arc::new(PassSample {
+                    tick: Tick((burst * 600 + tick) as i64),
+                    of_camera: (0..4).map(bodies).collect(),
+                }));
+            }
+            let trails = (0..4).flat_map(|camera| (0..2).map(move |person| (camera, person)));
+            let trails = trails.map(|(camera, person)| {
+                let bodies: Vec<SeenBody> = (0..TICKS)
+                    .map(|tick| see(camera, person, (burst, tick)))
+                    .collect();
+                Trail::of(person as u32, camera, &bodies)
+            });
+            let trails = trails.collect();
+            samples.bursts.push_back(Arc::new(Burst {
+                first: Tick(burst as i64 * 600),
+                trails,
+            }));
+        }
+        AgreementSamples {
+            cameras: Arc::new(cameras),
+            samples,
+            statures_m: vec![1.75 * self.scale; 20],
+        }
+        .report()
+    }
+
+    /// The causes that are named, each with its cameras.
+    fn causes(&self) -> Vec<(Vec<String>, DisagreementCause)> {
+        let disagreements = self.report().disagreements.into_iter();
+        disagreements.map(|d| (d.cameras, d.cause)).collect()
+    }
+}
+
+/// A body that walks to and fro with swinging limbs.
+fn walking(shape: &[Vector3<f64>], person: usize, at_s: f64, scale: f64) -> Vec<Vector3<f64>> {
+    let side = if person == 0 { 1.0 } else { -1.0 };
+    let place = Vector3::new(side * (1.5 * libm::sin(0.9 * at_s)), side * 1.2, 0.0);
+    let swing = |k: usize| {
+        let phase = if k % 2 == 0 { 0.0 } else { 3.0 };
+        let reach = if k >= 7 { 0.25 } else { 0.02 };
+        Vector3::new(reach * libm::sin(6.0 * at_s + phase), 0.0, 0.0)
+    };
+    let moved = shape.iter().enumerate();
+    moved.map(|(k, p)| scale * (p + place + swing(k))).collect()
+}
+
+fn pixel(model: &CameraModel, p: &Vector3<f64>, noise: &mut Noise) -> Option<SeenKeypoint> {
+    let pixel = model.project(Point::new((*p).into()))?;
+    let off = [noise.normal() * 2.0, noise.normal() * 2.0];
+    Some(SeenKeypoint {
+        pixel: [(pixel.x() + off[0]) as f32, (pixel.y() + off[1]) as f32],
+        score: 0.8,
+    })
+}
+
+fn changed(seen: SeenBody, mistake: Mistake, partners: &Partners) -> SeenBody {
+    let of = |k: usize| {
+        let from = if mistake.mirrored { partners[k] } else { k };
+        let mut keypoint = seen[from]?;
+        if mistake.mirrored != mistake.half_turned {
+            keypoint.pixel[0] = 1919.0 - keypoint.pixel[0];
+        }
+        if mistake.half_turned {
+            keypoint.pixel[1] = 1199.0 - keypoint.pixel[1];
+        }
+        Some(keypoint)
+    };
+    (0..seen.len()).map(of).collect()
+}
+
+fn names(cameras: &[usize]) -> Vec<String> {
+    cameras
+        .iter()
+        .map(|camera| format!("cam{camera}"))
+        .collect()
+}
+
+#[test]
+fn cameras_that_are_what_the_venue_says_agree() {
+    let report = Hall::default().report();
+    assert_eq!(report.disagreements, []);
+    for (name, camera) in &report.cameras {
+        assert_eq!(camera.verdict, AgreementVerdict::Agrees, "{name}");
+        assert!(camera.distance_mm.unwrap() < 30.0, "{name} {camera:?}");
+        assert!(camera.late_ticks.unwrap().abs() < 0.2, "{name} {camera:?}");
+    }
+}
+
+#[test]
+fn every_swapped_pair_is_named() {
+    for a in 0..4 {
+        for b in a + 1..4 {
+            let mut hall = Hall::default();
+            hall.shows.swap(a, b);
+            let causes = hall.causes();
+            match causes.as_slice() {
+                // Of cameras that stand opposite each other either pair may be the swapped one.
+                [(cameras, DisagreementCause::Swapped)] => {
+                    let both = names(&[a, b]);
+                    assert!(
+                        cameras.chunks(2).any(|pair| pair == both),
+                        "{a} {b}: {cameras:?}"
+                    );
+                    assert!(cameras.len() == 2 || b == a + 2, "{a} {b}: {cameras:?}");
+                }
+                other => panic!("cameras {a} and {b}: {other:?}"),
+            }
+        }
+    }
+}
+
+#[test]
+fn a_mirror_a_half_turn_and_a_borrowed_picture_are_named() {
+    let mirrored = Mistake {
+        mirrored: true,
+        ..Mistake::default()
+    };
+    let expected = (names(&[1]), DisagreementCause::Mirrored);
+    assert_eq!(Hall::with(1, mirrored).causes(), [expected]);
+    let half_turned = Mistake {
+        half_turned: true,
+        ..Mistake::default()
+    };
+    let expected = (names(&[2]), DisagreementCause::HalfTurned);
+    assert_eq!(Hall::with(2, half_turned).causes(), [expected]);
+    let mut hall = Hall::default();
+    hall.shows[3].0 = 0;
+    let causes = hall.causes();
+    assert_eq!(causes.len(), 1, "{causes:?}");
+    assert_eq!(causes[0].1, DisagreementCause::SamePictures);
+}
+
+#[test]
+fn a_camera_that_is_late_or_early_is_told_by_how_much_to_a_fifth_of_a_tick() {
+    for late_ticks in [1, 3, 30, -3, -45] {
+        let mistake = Mistake {
+            late_ticks,
+            ..Mistake::default()
+        };
+        let causes = Hall::with(2, mistake).causes();
+        match causes.as_slice() {
+            [(cameras, DisagreementCause::Late { ticks })] => {
+                assert_eq!(*cameras, names(&[2]));
+                assert!(
+                    (ticks - late_ticks as f64).abs() < 0.2,
+                    "{ticks}, not {late_ticks}"
+                );
+            }
+            other => panic!("{late_ticks}: {other:?}"),
+        }
+    }
+}
+
+#[test]
+fn a_camera_at_another_rate_drifts() {
+    let mistake = Mistake {
+        later_each_burst: 2,
+        ..Mistake::default()
+    };
+    let hall = Hall {
+        bursts: 3,
+        ..Hall::with(1, mistake)
+    };
+    match hall.causes().as_slice() {
+        // Two ticks in ten seconds.
+        [(cameras, DisagreementCause::Drifts { ticks_per_minute })] => {
+            assert_eq!(*cameras, names(&[1]));
+            assert!((ticks_per_minute - 12.0).abs() < 2.0, "{ticks_per_minute}");
+        }
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn people_of_half_their_size_tell_of_the_unit_of_the_calibration() {
+    let hall = Hall {
+        scale: 0.55,
+        ..Hall::default()
+    };
+    let report = hall.report();
+    match report.disagreements.as_slice() {
+        [
+            Disagreement {
+                cause: DisagreementCause::WorldScale { stature_m },
+                found,
+                ..
+            },
+        ] => {
+            assert!((stature_m - 0.96).abs() < 0.01);
+            assert!(found.contains("0.96 m tall"), "{found}");
+        }
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn three_cameras_in_a_ring_of_wrong_names_are_told_of() {
+    let mut hall = Hall::default();
+    hall.shows = [0, 2, 3, 1].map(|camera| (camera, Mistake::default()));
+    let report = hall.report();
+    assert!(!report.disagreements.is_empty());
+    assert!(
+        report
+            .warnings()
+            .all(|warning| warning.starts_with("warning: "))
+    );
+}

@@ -1,0 +1,368 @@
+//! By how many ticks each camera is off: the shift at which what it shows meets what the others show.
+//!
+//! For two cameras that follow the same people the cost of the distances between their lines of sight is drawn over the
+//! time by which one is moved against the other. What of a keypoint's distance stays the same is left out: it is of the
+//! calibration, or of what the network takes for the keypoint, and says nothing of time. The shifts of all cameras
+//! together are those with the least sum, found from zero by moving one camera at a time; a parabola through the least
+//! cost gives the fraction of a tick.
+
+use farfield_proto::order_statistics::upper_median;
+use nalgebra::Vector3;
+
+use super::geometry::{SightLines, meeting};
+use super::pairs::cost;
+use super::samples::{Burst, Trail};
+
+/// Longest shift that is looked for, seconds.
+const LONGEST_S: f64 = 1.0;
+/// Keypoints that must have been compared at a shift.
+const MIN_COMPARED: usize = 60;
+/// Of the ticks of a burst every so many are compared at first; later, near the least cost, all.
+const COARSE_TICKS: usize = 3;
+/// Other cameras that one is compared with.
+const MAX_PARTNERS: usize = 5;
+/// Rounds in which all cameras are moved.
+const MAX_ROUNDS: usize = 24;
+
+/// Of two cameras: the mean cost by shift, from `-reach` to `reach` ticks; not a number where nothing is known.
+struct Curve {
+    a: usize,
+    b: usize,
+    costs: Vec<f64>,
+}
+
+/// What is known of a camera's time.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(super) struct Shift {
+    /// By how many ticks its pictures are late: what it shows at a tick happened so many ticks before.
+    pub(super) late_ticks: f64,
+    /// Mean cost against the others as they are moved: without and with its own shift.
+    pub(super) cost_before: f64,
+    pub(super) cost_after: f64,
+}
+
+/// Which keypoints are compared: the halves have different ones, so that one can confirm the other.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum KeypointHalf {
+    All,
+    Odd,
+    Even,
+}
+
+impl KeypointHalf {
+    fn has(self, keypoint: usize) -> bool {
+        match self {
+            Self::All => true,
+            Self::Odd => keypoint % 2 == 1,
+            Self::Even => keypoint.is_multiple_of(2),
+        }
+    }
+}
+
+/// Per camera its shift; `None` where too little moved before it, or too few others saw the same.
+pub(super) fn shifts(
+    bursts: &[&Burst],
+    lines: &[SightLines],
+    (rate_hz, half): (f64, KeypointHalf),
+) -> Vec<Option<Shift>> {
+    let reach = (LONGEST_S * rate_hz).round().max(1.0) as usize;
+    let curves = curves(bursts, lines, (reach, half));
+    let mut ticks = vec![0_isize; lines.len()];
+    for _ in 0..MAX_ROUNDS {
+        let moves = (0..lines.len()).filter_map(|camera| {
+            let sums = sums(&curves, &ticks, camera, reach)?;
+            let now = sums[index(ticks[camera], reach)];
+            let (at, least) = least(&sums)?;
+            let gain = now - least;
+            (gain > 1e-6).then_some((camera, at as isize - reach as isize, gain))
+        });
+        let Some((camera, to, _)) = moves.max_by(|a, b| a.2.total_cmp(&b.2)) else {
+            break;
+        };
+        ticks[camera] = to;
+    }
+    take_most_for_right(&mut ticks);
+    let fractions = fractions(&curves, &ticks, reach);
+    (0..lines.len())
+        .map(|camera| {
+            let sums = sums(&curves, &ticks, camera, reach)?;
+            let n = curves
+                .iter()
+                .filter(|c| c.a == camera || c.b == camera)
+                .count() as f64;
+            Some(Shift {
+                late_ticks: ticks[camera] as f64 + fractions[camera],
+                cost_before: sums[reach] / n,
+                cost_after: sums[index(ticks[camera], reach)] / n,
+            })
+        })
+        .collect()
+}
+
+/// What each camera is off beyond whole ticks: those with which the vertices of all curves agree best, weighted by how
+/// sharp they are.
+fn fractions(curves: &[Curve], ticks: &[isize], reach: usize) -> Vec<f64> {
+    let vertices = curves.iter().filter_map(|curve| {
+        let at = index(ticks[curve.b] - ticks[curve.a], reach);
+        let costs = curve.costs.get(at.checked_sub(1)?..at + 2)?;
+        let vertex = vertex(costs[0], costs[1], costs[2]);
+        let bend = costs[0] + costs[2] - 2.0 * costs[1];
+        (bend > 0.0).then_some((curve.a, curve.b, vertex, bend))
+    });
+    let vertices: Vec<(usize, usize, f64, f64)> = vertices.collect();
+    let mut fractions = vec![0.0_f64; ticks.len()];
+    for _ in 0..MAX_ROUNDS {
+        for camera in 0..ticks.len() {
+            let own = vertices.iter().filter_map(|&(a, b, vertex, bend)| {
+                let said = match camera {
+                    _ if camera == a => fractions[b] - vertex,
+                    _ if camera == b => fractions[a] + vertex,
+                    _ => return None,
+                };
+                Some((said * bend, bend))
+            });
+            let (sum, weight) = own.fold((0.0, 0.0), |all, own| (all.0 + own.0, all.1 + own.1));
+            if weight > 0.0 {
+                fractions[camera] = sum / weight;
+            }
+        }
+    }
+    let middle = upper_median(fractions.clone()).unwrap_or(0.0);
+    fractions.iter().map(|fraction| fraction - middle).collect()
+}
+
+/// Only differences between cameras are seen: the time that most of them have is taken for right.
+fn take_most_for_right(ticks: &mut [isize]) {
+    let near = |of: isize| {
+        ticks
+            .iter()
+            .filter(|other| (*other - of).abs() <= 1)
+            .count()
+    };
+    let best = ticks
+        .iter()
+        .copied()
+        .max_by_key(|&of| (near(of), -of.abs()));
+    let Some(best) = best.filter(|&best| near(best) > near(0)) else {
+        return;
+    };
+    for tick in ticks {
+        *tick -= best;
+    }
+}
+
+fn index(ticks: isize, reach: usize) -> usize {
+    (ticks + reach.cast_signed())
+        .clamp(0, 2 * reach.cast_signed())
+        .cast_unsigned()
+}
+
+fn least(sums: &[f64]) -> Option<(usize, f64)> {
+    let known = sums
+        .iter()
+        .copied()
+        .enumerate()
+        .filter(|(_, sum)| sum.is_finite());
+    known.min_by(|a, b| a.1.total_cmp(&b.1))
+}
+
+/// Where between two neighbours the parabola through three costs is least, -0.5 to 0.5.
+fn vertex(before: f64, at: f64, after: f64) -> f64 {
+    let bend = before + after - 2.0 * at;
+    let shift = 0.5 * (before - after) / bend;
+    if bend > 0.0 && shift.is_finite() {
+        shift.clamp(-0.5, 0.5)
+    } else {
+        0.0
+    }
+}
+
+/// The cost against all others, over the shift of one `camera` while the others have those of `ticks`; `None` without
+/// others.
+fn sums(curves: &[Curve], ticks: &[isize], camera: usize, reach: usize) -> Option<Vec<f64>> {
+    let mut sums = vec![0.0; 2 * reach + 1];
+    let mut n = 0;
+    for curve in curves.iter().filter(|c| c.a == camera || c.b == camera) {
+        n += 1;
+        for (at, sum) in sums.iter_mut().enumerate() {
+            let own = at.cast_signed() - reach.cast_signed();
+            let shift = if curve.a == camera {
+                ticks[curve.b] - own
+            } else {
+                own - ticks[curve.a]
+            };
+            let is_inside = shift.unsigned_abs() <= reach;
+            *sum += if is_inside {
+                curve.costs[index(shift, reach)]
+            } else {
+                f64::NAN
+            };
+        }
+    }
+    (n > 0).then_some(sums)
+}
+
+fn curves(
+    bursts: &[&Burst],
+    lines: &[SightLines],
+    (reach, half): (usize, KeypointHalf),
+) -> Vec<Curve> {
+    let mut curves: Vec<Curve> = Vec::new();
+    for a in 0..lines.len() {
+        let compared = curves.iter().filter(|c| c.b == a).count();
+        let mut left = MAX_PARTNERS.saturating_sub(compared);
+        for b in a + 1..lines.len() {
+            if left == 0 {
+                break;
+            }
+            if let Some(costs) = curve(bursts, lines, (a, b), (reach, half)) {
+                curves.push(Curve { a, b, costs });
+                left -= 1;
+            }
+        }
+    }
+    curves
+}
+
+/// The mean cost between two cameras over the shift of the second against the first.
+fn curve(
+    bursts: &[&Burst],
+    lines: &[SightLines],
+    (a, b): (usize, usize),
+    (reach, half): (usize, KeypointHalf),
+) -> Option<Vec<f64>> {
+    if (lines[a].center_m - lines[b].center_m).norm() < 1e-6 {
+        return None;
+    }
+    let pairs: Vec<(Drawn, Drawn)> = bursts
+        .iter()
+        .flat_map(|burst| {
+            let of = |camera: usize| burst.trails.iter().filter(move |t| t.camera == camera);
+            of(a).filter_map(move |first| {
+                let second = of(b).find(|second| second.person == first.person)?;
+                Some((Drawn::of(first, &lines[a]), Drawn::of(second, &lines[b])))
+            })
+        })
+        .collect();
+    if pairs.is_empty() {
+        return None;
+    }
+    let mut gaps_m: Vec<Vec<f64>> = Vec::new();
+    let mut mean = |shift: isize, every: usize| {
+        let (mut sum, mut n) = (0.0, 0);
+        for (first, second) in &pairs {
+            gaps_m.resize_with(first.n_keypoints, Vec::new);
+            first.compare(second, (shift, every), &mut gaps_m);
+            let compared = gaps_m.iter_mut().enumerate().filter(|(k, _)| half.has(*k));
+            for (_, gaps_m) in compared {
+                let (cost, count) = cost_of_change(gaps_m);
+                sum += cost;
+                n += count;
+            }
+        }
+        if n >= MIN_COMPARED {
+            sum / n as f64
+        } else {
+            f64::NAN
+        }
+    };
+    let all = -reach.cast_signed()..=reach.cast_signed();
+    let mut costs: Vec<f64> = all.map(|shift| mean(shift, COARSE_TICKS)).collect();
+    let near = least(&costs)?.0.cast_signed() - reach.cast_signed();
+    for shift in (near - 2..=near + 2).chain(-2..=2) {
+        if shift.unsigned_abs() <= reach {
+            costs[index(shift, reach)] = mean(shift, 1);
+        }
+    }
+    Some(costs)
+}
+
+/// What the distances of one keypoint cost beyond what stays the same, summed, and how many they are. Sorts them.
+fn cost_of_change(gaps_m: &mut [f64]) -> (f64, usize) {
+    gaps_m.sort_by(f64::total_cmp);
+    let Some(&middle_m) = gaps_m.get(gaps_m.len() / 2) else {
+        return (0.0, 0);
+    };
+    let costs = gaps_m.iter().map(|gap_m| cost(gap_m - middle_m));
+    (costs.sum(), gaps_m.len())
+}
+
+/// The lines of sight of a trail.
+struct Drawn {
+    center_m: Vector3<f64>,
+    /// Per tick: when its picture was taken, ticks after it.
+    late: Vec<Option<f64>>,
+    n_keypoints: usize,
+    /// Per tick all keypoints; zero of what is not seen.
+    directions: Vec<Vector3<f64>>,
+}
+
+impl Drawn {
+    fn of(trail: &Trail, lines: &SightLines) -> Self {
+        let ticks = (0..trail.len()).map(|tick| trail.at(tick));
+        let n_keypoints = ticks.clone().flatten().map(|(_, seen)| seen.len()).next();
+        let n_keypoints = n_keypoints.unwrap_or(0);
+        let mut directions = Vec::with_capacity(trail.len() * n_keypoints);
+        for seen in ticks.clone() {
+            let of = |k: usize| {
+                let seen = seen.and_then(|(_, seen)| seen.get(k));
+                let seen = seen.filter(|seen| seen.score > 0.0);
+                seen.map_or_else(Vector3::zeros, |seen| lines.direction(seen.pixel))
+            };
+            directions.extend((0..n_keypoints).map(of));
+        }
+        Self {
+            center_m: lines.center_m,
+            late: ticks.map(|tick| tick.map(|(late, _)| late)).collect(),
+            n_keypoints,
+            directions,
+        }
+    }
+
+    fn tick(&self, tick: usize) -> &[Vector3<f64>] {
+        &self.directions[tick * self.n_keypoints..][..self.n_keypoints]
+    }
+
+    /// Per keypoint the distances, with their sides, where `other` is looked up `shift` ticks after this.
+    fn compare(&self, other: &Self, (shift, every): (isize, usize), gaps_m: &mut [Vec<f64>]) {
+        gaps_m.iter_mut().for_each(Vec::clear);
+        for tick in (0..self.late.len()).step_by(every) {
+            let Some(late) = self.late[tick] else {
+                continue;
+            };
+            let at = tick.cast_signed() + shift;
+            let Some((before, share)) = other.around(at, late) else {
+                continue;
+            };
+            let own = self.tick(tick);
+            let first = other.tick(before);
+            let second = other.tick(before + usize::from(share > 0.0));
+            for (k, direction) in own.iter().enumerate().take(other.n_keypoints) {
+                let (p, q) = (&first[k], &second[k]);
+                if p.norm_squared() == 0.0 || q.norm_squared() == 0.0 {
+                    continue;
+                }
+                let between = p + (q - p) * share;
+                let met = meeting((&self.center_m, direction), (&other.center_m, &between));
+                gaps_m[k].extend(met.map(|met| met.signed_gap_m));
+            }
+        }
+    }
+
+    /// The tick before the instant `late` ticks after `at`, and the share of the way to the next.
+    fn around(&self, at: isize, late: f64) -> Option<(usize, f64)> {
+        let at = usize::try_from(at).ok()?;
+        let own = (*self.late.get(at)?)?;
+        // How far the own picture of that tick is from the instant.
+        let ahead = late - own;
+        let whole = ahead.floor();
+        let before = usize::try_from(at.cast_signed() + whole as isize).ok()?;
+        let share = ahead - whole;
+        self.late.get(before).copied().flatten()?;
+        if share < 1e-3 {
+            return Some((before, 0.0));
+        }
+        self.late.get(before + 1).copied().flatten()?;
+        Some((before, share))
+    }
+}

@@ -1,0 +1,85 @@
+//! What a disagreement is called, and what is to be done about it.
+
+use super::report::DisagreementCause;
+
+/// What was found of these cameras, and the remedy.
+pub(super) fn of(cameras: &[String], cause: DisagreementCause, rate_hz: f64) -> (String, String) {
+    let first = cameras.first().map_or("", String::as_str);
+    let second = cameras.get(1).map_or("", String::as_str);
+    match cause {
+        DisagreementCause::Late { ticks } => {
+            let (word, cut, ticks) = if ticks > 0.0 {
+                ("late", "its first", ticks)
+            } else {
+                ("early", "the first of all others by", -ticks)
+            };
+            let seconds = ticks / rate_hz;
+            let ms = seconds * 1000.0;
+            (
+                format!("camera {first} is {ticks:.1} ticks ({ms:.0} ms) {word} against the others"),
+                format!(
+                    "cut the videos so that all begin at the same instant (here {cut} {seconds:.3} s, ffmpeg -ss); live: look at the clock of its box"
+                ),
+            )
+        }
+        DisagreementCause::Drifts { ticks_per_minute } => (
+            format!(
+                "camera {first} runs at another rate: it is {ticks_per_minute:.1} ticks later every minute"
+            ),
+            "give the true rate of its video: convert it to the rate of the venue, or record all cameras at one rate"
+                .to_owned(),
+        ),
+        DisagreementCause::Mirrored => (
+            format!("the pictures of camera {first} seem to be mirrored"),
+            "switch mirroring off in the camera, or flip the video back (ffmpeg -vf hflip)".to_owned(),
+        ),
+        DisagreementCause::HalfTurned => (
+            format!("the pictures of camera {first} seem to stand on their heads"),
+            "turn the video by 180 degrees (ffmpeg -vf hflip,vflip), or calibrate the camera as it hangs"
+                .to_owned(),
+        ),
+        DisagreementCause::Swapped => {
+            let pairs = cameras.chunks(2).map(|pair| pair.join(" and "));
+            let pairs = pairs.collect::<Vec<String>>().join(", or else ");
+            (
+                format!("cameras {pairs} seem to be swapped: each fits the calibration of the other"),
+                "exchange their sources in the venue file, or their names in the calibration".to_owned(),
+            )
+        }
+        DisagreementCause::SamePictures => (
+            format!("cameras {first} and {second} seem to show the same pictures"),
+            "give each camera its own source in the venue file".to_owned(),
+        ),
+        DisagreementCause::OtherCalibration => (
+            format!("the pictures of camera {first} fit the calibration of camera {second} better than its own"),
+            "look whether the sources in the venue file and the names in the calibration belong together"
+                .to_owned(),
+        ),
+        DisagreementCause::FocalLength { factor } => (
+            format!(
+                "the focal length of camera {first} seems to be {factor:.2} times the calibrated one"
+            ),
+            "was it zoomed, or calibrated at another resolution? Calibrate its lens again".to_owned(),
+        ),
+        DisagreementCause::Turned { degrees } => (
+            format!("camera {first} seems to have been turned by {degrees:.1} degrees since it was calibrated"),
+            "calibrate where it stands again".to_owned(),
+        ),
+        DisagreementCause::WorldScale { stature_m } => (
+            format!("everybody is {stature_m:.2} m tall"),
+            "is the calibration in metres? Scale its translations, or calibrate with an object of known size"
+                .to_owned(),
+        ),
+        DisagreementCause::Unexplained => match second {
+            "" => (
+                format!("camera {first} does not agree with the others"),
+                "look at its picture and its calibration: it may have been moved, or belong to another venue"
+                    .to_owned(),
+            ),
+            _ => (
+                format!("cameras {} do not agree with each other", cameras.join(", ")),
+                "look at their pictures and the calibration: `--overlay` draws what fusion found".to_owned(),
+            ),
+        },
+    }
+}

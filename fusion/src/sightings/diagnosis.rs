@@ -1,0 +1,200 @@
+//! Why sightings became nobody: what the bodies looked like on which lines of sight met, wherever that was.
+//!
+//! The finder asks for people inside the field with the proportions of people. Here every group of sightings whose rays
+//! meet is reconstructed, and it is counted what spoke against each.
+
+use farfield_proto::camera::CameraModel;
+use farfield_proto::id::ViewpointIndex;
+use farfield_proto::keypoints::KeypointSet;
+use farfield_proto::message::Sighting;
+use farfield_proto::venue::Field;
+use farfield_proto::venue::parameters::BirthParameters;
+use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
+
+use super::association::associate;
+use super::gates::Gates;
+use super::plausibility::is_plausible;
+use super::rays::witnesses;
+use super::reconstruction::Reconstruction;
+use crate::body::observed::ObservedJoints;
+use crate::body::segment::stature_m;
+use crate::body::skeleton::Joint;
+
+/// Statures that are looked at as those of people, metres.
+const STATURES_M: std::ops::RangeInclusive<f64> = 0.95..=2.4;
+/// How far below the floor the lowest point of a body may be, metres: an ankle is never there.
+const UNDER_FLOOR_M: f64 = 0.3;
+/// How far everything is looked for, metres from the origin.
+const ANYWHERE_M: f64 = 1.0e4;
+
+/// What became of bodies on which the rays of several viewpoints met.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct SightingDiagnosis {
+    /// Bodies on which rays met.
+    pub bodies: u64,
+    /// Those that are people inside the field.
+    pub people: u64,
+    /// Those that have the proportions of people, but are outside the field.
+    pub outside_field: u64,
+    /// Of those outside: the mean of their middles, world, metres.
+    pub outside_at_m: [f64; 3],
+    /// Those that are under the floor.
+    pub under_floor: u64,
+    /// Those whose head is below their hips, outside the field or in it.
+    pub upside_down: u64,
+    /// Those that are smaller than people.
+    pub too_small: u64,
+    /// Those that are larger than people.
+    pub too_large: u64,
+    /// Sum of the statures of those that are too small or too large, metres.
+    pub wrong_statures_m: f64,
+    /// Those whose limbs do not fit each other.
+    pub misshapen: u64,
+}
+
+/// What finding people was asked with.
+pub(crate) struct Diagnosed<'a> {
+    pub(crate) cameras: &'a [(ViewpointIndex, CameraModel)],
+    pub(crate) keypoints: &'a KeypointSet,
+    pub(crate) field: &'a Field,
+    pub(crate) parameters: &'a BirthParameters,
+}
+
+impl Diagnosed<'_> {
+    /// Counts what `sightings` of one tick show into `counts`.
+    pub(crate) fn count(&self, sightings: &[Sighting], counts: &mut SightingDiagnosis) {
+        let n_keypoints = self.keypoints.len();
+        let all = witnesses(
+            sightings,
+            self.cameras,
+            n_keypoints,
+            self.parameters.min_score,
+        );
+        let free: Vec<usize> = (0..all.len()).collect();
+        let gates = Gates {
+            ray_distance_m: self.parameters.ray_distance_m,
+            min_keypoints: self.parameters.min_keypoints as usize,
+            field_min_m: Vector3::repeat(-ANYWHERE_M),
+            field_max_m: Vector3::repeat(ANYWHERE_M),
+        };
+        for group in associate(&all, &free, &gates, |_| true) {
+            self.judge(&group, counts);
+        }
+    }
+
+    fn judge(&self, group: &Reconstruction, counts: &mut SightingDiagnosis) {
+        let mut body = ObservedJoints::default();
+        for (name, point) in self.keypoints.names().iter().zip(&group.keypoints_m) {
+            if let (Some(joint), Some(point)) = (Joint::from_name(name), point) {
+                body.set(joint, point.position_m, point.score);
+            }
+        }
+        let points: Vec<Vector3<f64>> = body.iter().map(|(_, point)| point.position_m).collect();
+        let (Some(stature), false) = (stature_m([&body]), points.is_empty()) else {
+            return;
+        };
+        counts.bodies += 1;
+        if !STATURES_M.contains(&stature) {
+            counts.wrong_statures_m += stature;
+            if stature < *STATURES_M.start() {
+                counts.too_small += 1;
+            } else {
+                counts.too_large += 1;
+            }
+            return;
+        }
+        if head_is_below_hips(&body) {
+            counts.upside_down += 1;
+        }
+        let lowest_m = points.iter().map(|p| p.z).fold(f64::INFINITY, f64::min);
+        let middle = points.iter().sum::<Vector3<f64>>() / points.len() as f64;
+        let inside =
+            (0..3).all(|i| (self.field.min_m[i]..=self.field.max_m[i]).contains(&middle[i]));
+        if !is_plausible(&mut body) {
+            counts.misshapen += 1;
+        } else if lowest_m < self.field.floor_m - UNDER_FLOOR_M {
+            counts.under_floor += 1;
+        } else if inside {
+            counts.people += 1;
+        } else {
+            counts.outside_field += 1;
+            for (sum, value) in counts.outside_at_m.iter_mut().zip(middle.iter()) {
+                // The mean so far.
+                *sum += (value - *sum) / counts.outside_field as f64;
+            }
+        }
+    }
+}
+
+fn head_is_below_hips(body: &ObservedJoints) -> bool {
+    let mean_z = |joints: [Joint; 2]| {
+        let places = joints.map(|joint| body.position_m(joint));
+        Some(0.5 * (places[0]?.z + places[1]?.z))
+    };
+    let shoulders = mean_z([Joint::LeftShoulder, Joint::RightShoulder]);
+    let hips = mean_z([Joint::LeftHip, Joint::RightHip]);
+    shoulders
+        .zip(hips)
+        .is_some_and(|(shoulders, hips)| shoulders < hips)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::body::fixture::{Noise, standing};
+    use crate::sightings::fixture::{TestHall, hall};
+
+    fn diagnosis(hall: &TestHall, field: Field, body: &[Vector3<f64>]) -> SightingDiagnosis {
+        let mut noise = Noise(3);
+        let sightings = hall.sightings(&[body.to_vec()], 1.0, &mut noise);
+        let mut counts = SightingDiagnosis::default();
+        Diagnosed {
+            cameras: &hall.cameras,
+            keypoints: &KeypointSet::coco17(),
+            field: &field,
+            parameters: &hall.parameters,
+        }
+        .count(&sightings, &mut counts);
+        counts
+    }
+
+    fn field() -> Field {
+        Field {
+            min_m: [-4.0, -3.0, -0.3],
+            max_m: [4.0, 3.0, 2.6],
+            floor_m: 0.0,
+        }
+    }
+
+    #[test]
+    fn a_person_in_the_field_is_a_person() {
+        let counts = diagnosis(&hall(), field(), &standing(0.5, 0.2, 1.7, &mut Noise(1)));
+        assert_eq!((counts.bodies, counts.people), (1, 1), "{counts:?}");
+    }
+
+    #[test]
+    fn who_stands_beside_the_field_is_said_to_and_where() {
+        let field = Field {
+            max_m: [-1.0, 3.0, 2.6],
+            ..field()
+        };
+        let counts = diagnosis(&hall(), field, &standing(0.5, 0.2, 1.7, &mut Noise(1)));
+        assert_eq!(counts.outside_field, 1, "{counts:?}");
+        assert!((counts.outside_at_m[0] - 0.5).abs() < 0.1, "{counts:?}");
+    }
+
+    #[test]
+    fn sizes_that_no_person_has_are_told_from_wrong_places() {
+        let body = standing(0.0, 0.0, 1.7, &mut Noise(1));
+        let small: Vec<_> = body.iter().map(|p| p * 0.4).collect();
+        assert_eq!(diagnosis(&hall(), field(), &small).too_small, 1);
+        let sunk: Vec<_> = body.iter().map(|p| p - Vector3::z() * 1.2).collect();
+        assert_eq!(diagnosis(&hall(), field(), &sunk).under_floor, 1);
+        let turned: Vec<_> = body
+            .iter()
+            .map(|p| Vector3::new(p.x, -p.y, 1.8 - p.z))
+            .collect();
+        assert_eq!(diagnosis(&hall(), field(), &turned).upside_down, 1);
+    }
+}
