@@ -109,6 +109,7 @@ fn show(
         out: None,
         record: None,
         overlay: args.overlay.clone(),
+        strict: false,
         json: false,
     })?;
     undo.keep();

@@ -25,7 +25,7 @@ const PASS_EVERY_S: f64 = 0.5;
 const FIRST_PASSES: usize = 6;
 /// Length of a burst, seconds: as long as the longest shift in time that is looked for, twice.
 const BURST_S: f64 = 2.0;
-/// The first bursts follow each other; of the later ones one in so many is kept.
+/// One burst in so many is kept: finding the highest peaks of whole maps takes some percent of a tick.
 const ONE_BURST_IN: u64 = 5;
 /// Bursts that are kept: the first, and the newest.
 const MAX_BURSTS: usize = 6;
@@ -240,13 +240,19 @@ impl Samples {
 
     /// Keeps what the views of `tick` show of some people, when a burst is under way.
     pub(super) fn note_views(&mut self, tick: Tick, tracks: &[Track]) {
+        let is_anybody_seen = tracks
+            .iter()
+            .any(|track| !track.estimator().views().is_empty());
+        if self.first.is_none() && !is_anybody_seen {
+            return;
+        }
         let first = *self.first.get_or_insert(tick);
         let length = self.burst_ticks();
         let number = (tick - first).unsigned_abs() / length;
         if self.current.as_ref().is_some_and(|(n, _)| *n != number) {
             self.end_burst();
         }
-        let is_kept = number < ONE_BURST_IN || number.is_multiple_of(ONE_BURST_IN);
+        let is_kept = number.is_multiple_of(ONE_BURST_IN);
         if tick < first || !is_kept {
             return;
         }

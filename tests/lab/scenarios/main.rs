@@ -4,6 +4,7 @@
     reason = "what goes wrong in a scenario fails it, with its place"
 )]
 
+mod agreement;
 mod bad_input;
 mod data;
 mod demo;

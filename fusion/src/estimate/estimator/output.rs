@@ -75,8 +75,17 @@ impl Estimator {
     /// Says how sure the new pose is, `dt_s` after the last one.
     pub(crate) fn update_uncertainty(&mut self, dt_s: f64, method: &Method) {
         let made_of = self.made_of(method);
+        let seen = uncertainty::SeenPose {
+            views: self.views(),
+            sites: &self.body.sites,
+            predicted_m: &self.evidence.predicted_m,
+            body: &self.estimate.kinematics,
+            relative_sigmas: &method.relative_sigmas,
+        };
+        let variance_factor = seen.variance_factor();
         let estimate = &mut self.estimate;
         estimate.uncertainty.step(&uncertainty::TickEvidence {
+            variance_factor,
             estimates: &self.evidence.estimates,
             sites: &self.body.sites,
             body: &estimate.kinematics,

@@ -220,16 +220,18 @@ impl Map<'_> {
 
     /// The highest cell's peak, wherever it is; `None` where none is as high as the lowest peak that counts.
     pub(super) fn highest_peak(&self) -> Option<MapPeak> {
-        let (width, rows) = (self.size.0, self.written_rows.clone());
-        let mut highest = (0, 0);
-        for y in rows {
-            let row = &self.cells[y * width..][..width];
-            let most = row.iter().fold(0, |most: u8, &cell| most.max(cell));
-            if most > highest.0 {
-                highest = (most, y);
+        let width = self.size.0;
+        let (mut most, mut y) = (0, 0);
+        for at in self.written_rows.clone() {
+            let row = &self.cells[at * width..][..width];
+            if is_low(row) {
+                continue;
+            }
+            let own = row.iter().fold(0, |own, &cell| cell.max(own));
+            if own > most {
+                (most, y) = (own, at);
             }
         }
-        let (most, y) = highest;
         if most < LEAST_PEAK {
             return None;
         }
@@ -285,6 +287,37 @@ mod tests {
         };
         peaks.find(&map, (center.into(), half_width_cells));
         peaks
+    }
+
+    #[test]
+    fn the_highest_peak_of_a_map_is_found_wherever_it_is() {
+        for at in [[3.0, 2.0], [20.4, 30.7], [41.0, 9.2], [0.0, 0.0]] {
+            let cells = gaussian(at, 0.8);
+            let map = Map {
+                cells: &cells,
+                size: SIZE,
+                written_rows: 0..SIZE.1,
+            };
+            let peak = map.highest_peak().unwrap();
+            let off = (peak.cell - Vector2::from(at)).norm();
+            assert!(off < 0.1, "{at:?}: {:?}", peak.cell);
+            assert!((peak.height - 0.8).abs() < 0.05);
+        }
+        let nothing = vec![20; SIZE.0 * SIZE.1];
+        let map = Map {
+            cells: &nothing,
+            size: SIZE,
+            written_rows: 0..SIZE.1,
+        };
+        assert_eq!(map.highest_peak(), None);
+        assert_eq!(
+            Map {
+                written_rows: 5..5,
+                ..map
+            }
+            .highest_peak(),
+            None
+        );
     }
 
     fn gaussian(at: [f64; 2], height: f64) -> Vec<u8> {

@@ -1,6 +1,6 @@
 //! How sure a pose is: one standard deviation per joint and axis, sqrt(trace/3) of the covariance.
 //!
-//! Three things are known of a joint at a tick, all as variance per axis:
+//! Four things are known of a joint at a tick, all as variance per axis:
 //!
 //! * what the views of this tick tell (`views`), carried through the skeleton to all joints by
 //!   [`JointSpread`]: a joint that no keypoint shows hangs from those that are seen, and is somewhere in
@@ -11,6 +11,7 @@
 //! * what was known when the joint was last seen, and how far it may have gone since (`drift`): it is
 //!   taken where it is less. It grows limb by limb, and with the whole body while fewer than two views
 //!   show the person;
+//! * what its views show elsewhere (`disagreement`): cameras that do not agree make nobody sure;
 //! * how far off the pose was a moment ago: the filter takes its time to come back, and so does this.
 //!
 //! Errors of a network last for seconds, so a tick does not become surer by the ticks before it: this
@@ -18,12 +19,14 @@
 //! sigma, not so that sigma is their root mean square: errors of keypoints have longer tails than a
 //! normal distribution.
 
+mod disagreement;
 mod drift;
 mod known;
 mod lasting;
 mod observation;
 mod views;
 
+pub(crate) use disagreement::SeenPose;
 pub use known::UncertaintySnapshot;
 pub(crate) use observation::BodyObservation;
 pub use views::weigh_views;
@@ -82,6 +85,8 @@ pub struct TickEvidence<'a> {
     pub velocity_m_s: &'a Joints,
     /// What the pose was made of.
     pub made_of: MadeOf,
+    /// By what the variance is larger because views show the person elsewhere, at least 1; `None`: none tells.
+    pub variance_factor: Option<f64>,
     /// Time since the last tick, seconds.
     pub dt_s: f64,
     /// With which the velocity of a coasting person fades, seconds.
@@ -104,6 +109,8 @@ pub struct Uncertainty {
     held_m2: [f64; N_JOINTS],
     /// Since then.
     unseen_s: [f64; N_JOINTS],
+    /// By what views that do not fit made the variance larger lately.
+    variance_factor: f64,
     /// What the last pose was made of.
     made_of: MadeOf,
     /// Since it is no longer made of what it was before.
@@ -125,6 +132,7 @@ impl Default for Uncertainty {
             misfit_m2: [0.0; N_JOINTS],
             held_m2: [0.0; N_JOINTS],
             unseen_s: [0.0; N_JOINTS],
+            variance_factor: 1.0,
             made_of: MadeOf::Views,
             coasted_s: 0.0,
             body_m2: 0.0,
@@ -137,18 +145,22 @@ impl Default for Uncertainty {
 impl Uncertainty {
     /// Per joint one standard deviation per axis, metres; `None` until the person was seen.
     pub fn sigma_m(&self) -> Option<[f64; N_JOINTS]> {
-        self.is_known.then(|| self.variance_m2.map(f64::sqrt))
+        let variance_m2 = self.variance_m2()?;
+        Some(variance_m2.map(f64::sqrt))
     }
 
     /// Per joint the variance per axis, m²; `None` until the person was seen.
     pub fn variance_m2(&self) -> Option<[f64; N_JOINTS]> {
-        self.is_known.then_some(self.variance_m2)
+        let factor = self.variance_factor;
+        self.is_known
+            .then(|| self.variance_m2.map(|variance_m2| factor * variance_m2))
     }
 
     /// Per joint how sure the views of the last tick alone were of it, variance per axis, m²: without the
     /// ticks before, and without what is the same in all ticks. Infinite where they said nothing.
     pub fn of_tick_m2(&self) -> [f64; N_JOINTS] {
-        self.of_tick_m2
+        let factor = self.variance_factor;
+        self.of_tick_m2.map(|variance_m2| factor * variance_m2)
     }
 
     /// How far, per axis, the body as a whole may at most be from where it is carried since nothing shows it, metres.
@@ -168,6 +180,7 @@ impl Uncertainty {
     pub fn reset(&mut self) {
         self.is_known = false;
         self.misfit_m2 = [0.0; N_JOINTS];
+        self.variance_factor = 1.0;
     }
 
     /// Takes in one tick.
@@ -247,6 +260,10 @@ impl Uncertainty {
             body: tick.body,
         };
         let mut seen_m2 = observation.variances_m2(&mut self.spread, MadeOf::Views);
+        if let Some(factor) = tick.variance_factor {
+            let keep = 1.0 - libm::exp(-tick.dt_s / MISFIT_S);
+            self.variance_factor += keep * (factor - self.variance_factor);
+        }
         self.of_tick_m2 = seen_m2;
         self.compare(tick);
         let misfits_m2 = self.misfit_m2.iter().zip(Joint::ALL);

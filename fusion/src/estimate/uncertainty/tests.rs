@@ -77,6 +77,7 @@ impl SimulatedView {
             sites: &sites,
             body: &self.body,
             velocity_m_s: &self.velocity_m_s,
+            variance_factor: None,
             made_of,
             dt_s: DT_S,
             coast_decay_s: 0.25,

@@ -47,6 +47,11 @@ pub fn weigh_views(
     }
 }
 
+/// By how much a view errs per axis of its picture where its map is `height` and a native pixel `pixel_m` wide, m².
+pub(super) fn variance_m2(relative_sigma: f64, height: f64, pixel_m: f64) -> f64 {
+    (NETWORK_M * relative_sigma / height).powi(2) + (PIXEL_ERROR * pixel_m).powi(2)
+}
+
 /// What one view tells of keypoint `k` where it is `offset_m` from the prediction.
 fn told_by(view: &View, k: usize, offset_m: Vector3<f64>, relative: f64) -> Matrix3<f64> {
     let none = Matrix3::zeros();
@@ -70,7 +75,7 @@ fn told_by(view: &View, k: usize, offset_m: Vector3<f64>, relative: f64) -> Matr
     .norm()
         / (2.0f64.sqrt() * h.z);
     let pixel_m = 1.0 / (cells_per_m * view.grid(k).pixels_per_cell());
-    let variance_m2 = (NETWORK_M * relative / height).powi(2) + (PIXEL_ERROR * pixel_m).powi(2);
+    let variance_m2 = variance_m2(relative, height, pixel_m);
     let ray = (place_m - view.center_m()).normalize();
     (Matrix3::identity() - ray * ray.transpose()) / variance_m2
 }

@@ -1,0 +1,239 @@
+//! Cameras that are not what the venue says: the sample with real mistakes in it, and what a run says of each.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::PathBuf;
+
+use serde_json::{Value, json};
+
+use crate::data::checkout;
+use crate::farfield::{FinishedCommand, command, finish, run};
+
+const CAMERAS: [&str; 4] = ["north-east", "north-west", "south-east", "south-west"];
+/// Of the 17 COCO keypoints, the one on the other side.
+const OTHER_SIDE: [usize; 17] = [0, 2, 1, 4, 3, 6, 5, 8, 7, 10, 9, 12, 11, 14, 13, 16, 15];
+/// Width and height of the sample's pictures, pixels.
+const SIZE_PX: [f64; 2] = [1920.0, 1200.0];
+
+/// A copy of the sample venue with mistakes.
+struct MistakenSample {
+    dir: tempfile::TempDir,
+    /// Per camera its lines: the people of a tick.
+    lines: BTreeMap<&'static str, Vec<Value>>,
+}
+
+impl MistakenSample {
+    fn new() -> Self {
+        let dir = tempfile::tempdir().unwrap();
+        let sample = checkout().join("examples/walk");
+        for name in ["venue.toml", "calibration.toml"] {
+            fs::copy(sample.join(name), dir.path().join(name)).unwrap();
+        }
+        let lines = CAMERAS.map(|camera| {
+            let text = fs::read_to_string(sample.join(format!("{camera}.jsonl"))).unwrap();
+            let lines = text.lines().map(|line| serde_json::from_str(line).unwrap());
+            (camera, lines.collect())
+        });
+        Self {
+            dir,
+            lines: lines.into(),
+        }
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.dir.path().join(name)
+    }
+
+    fn swap(mut self, a: &'static str, b: &'static str) -> Self {
+        let (of_a, of_b) = (self.lines[a].clone(), self.lines[b].clone());
+        self.lines.extend([(a, of_b), (b, of_a)]);
+        self
+    }
+
+    /// What the camera shows happened so many ticks before.
+    fn late(mut self, camera: &'static str, ticks: usize) -> Self {
+        let own = self.lines.get_mut(camera).unwrap();
+        let n = own.len();
+        let first = own[0].clone();
+        own.splice(0..0, std::iter::repeat_n(first, ticks));
+        own.truncate(n);
+        self
+    }
+
+    /// Changes every keypoint of these cameras: `from(k)` says which one it is, `pixel` where.
+    fn change(
+        mut self,
+        cameras: &[&'static str],
+        from: fn(usize) -> usize,
+        pixel: fn([f64; 2]) -> [f64; 2],
+    ) -> Self {
+        for camera in cameras {
+            for line in self.lines.get_mut(camera).unwrap() {
+                for person in line["persons"].as_array_mut().unwrap() {
+                    let old = person["keypoints"].as_array().unwrap().clone();
+                    let new = (0..old.len()).map(|k| match old[from(k)].as_array() {
+                        Some(keypoint) => {
+                            let at =
+                                pixel([0, 1].map(|axis: usize| keypoint[axis].as_f64().unwrap()));
+                            json!([at[0], at[1], keypoint[2]])
+                        }
+                        None => Value::Null,
+                    });
+                    person["keypoints"] = new.collect();
+                }
+            }
+        }
+        self
+    }
+
+    fn replace(self, file: &str, change: impl Fn(&str) -> String) -> Self {
+        let path = self.path(file);
+        let text = fs::read_to_string(&path).unwrap();
+        let changed = change(&text);
+        assert_ne!(changed, text, "{file} is as it was");
+        fs::write(path, changed).unwrap();
+        self
+    }
+
+    fn write(&self) {
+        for (camera, lines) in &self.lines {
+            let lines: Vec<String> = lines.iter().map(Value::to_string).collect();
+            let path = self.path(&format!("{camera}.jsonl"));
+            fs::write(path, lines.join("\n") + "\n").unwrap();
+        }
+    }
+
+    fn run(&self, more: &[&str]) -> FinishedCommand {
+        self.write();
+        run(&self.path("venue.toml"), &self.path("out"), more)
+    }
+
+    fn is_told(&self, words: &[&str]) {
+        let finished = self.run(&[]);
+        for word in words {
+            assert!(
+                finished.stdout.contains(word),
+                "no {word:?} in\n{}",
+                finished.stdout
+            );
+        }
+        println!("{}", warnings(&finished.stdout).join("\n"));
+    }
+}
+
+fn warnings(stdout: &str) -> Vec<&str> {
+    let lines = stdout.lines();
+    lines
+        .filter(|line| line.starts_with("warning: ") || line.starts_with("  "))
+        .collect()
+}
+
+#[test]
+fn the_sample_as_it_is_agrees_and_passes_strictly() {
+    let finished = MistakenSample::new().run(&["--strict"]);
+    assert_eq!(warnings(&finished.stdout), [""; 0], "{}", finished.stdout);
+    for camera in CAMERAS {
+        let told = finished
+            .stdout
+            .lines()
+            .find(|line| line.contains(camera))
+            .unwrap();
+        assert!(told.contains("agrees with the others"), "{told}");
+    }
+}
+
+#[test]
+fn swapped_sources_are_named_and_fail_strictly() {
+    let sample = MistakenSample::new().swap("north-east", "north-west");
+    sample.is_told(&["cameras north-east and north-west seem to be swapped"]);
+    let summary = fs::read_to_string(sample.path("out/summary.json")).unwrap();
+    let summary: Value = serde_json::from_str(&summary).unwrap();
+    assert_eq!(summary["agreement"]["disagreements"][0]["cause"], "swapped");
+    fs::remove_dir_all(sample.path("out")).unwrap();
+    let mut strict = command();
+    strict
+        .arg("run")
+        .arg(sample.path("venue.toml"))
+        .arg("--strict");
+    strict.arg("--out").arg(sample.path("out"));
+    let strict = finish(&strict.output().unwrap());
+    assert_eq!(strict.code, 1, "{}", strict.stderr);
+    assert!(
+        strict.stderr.contains("the cameras do not agree"),
+        "{}",
+        strict.stderr
+    );
+}
+
+#[test]
+fn a_late_source_is_named_with_its_lateness() {
+    MistakenSample::new().late("south-west", 3).is_told(&[
+        "camera south-west is 3.",
+        "ticks (10",
+        "late against the others",
+    ]);
+}
+
+#[test]
+fn mirrored_and_upside_down_sources_are_named() {
+    let mirror: fn([f64; 2]) -> [f64; 2] = |[x, y]| [SIZE_PX[0] - 1.0 - x, y];
+    MistakenSample::new()
+        .change(&["south-east"], |k| OTHER_SIDE[k], mirror)
+        .is_told(&["pictures of camera south-east seem to be mirrored"]);
+    let turn: fn([f64; 2]) -> [f64; 2] = |[x, y]| [SIZE_PX[0] - 1.0 - x, SIZE_PX[1] - 1.0 - y];
+    MistakenSample::new()
+        .change(&["north-west"], |k| k, turn)
+        .is_told(&["camera north-west seem to stand on their heads"]);
+}
+
+#[test]
+fn a_source_that_two_cameras_have_is_named() {
+    let mut sample = MistakenSample::new();
+    let shown = sample.lines["north-east"].clone();
+    sample.lines.insert("south-east", shown);
+    sample.is_told(&["north-east", "south-east", "show the same pictures"]);
+}
+
+#[test]
+fn a_calibration_in_another_unit_is_told_by_the_size_of_people() {
+    let scaled = |text: &str, factor: f64| {
+        let lines = text
+            .lines()
+            .map(|line| match line.strip_prefix("translation = ") {
+                Some(numbers) => {
+                    let numbers: Vec<f64> = serde_json::from_str(numbers).unwrap();
+                    let scaled: Vec<f64> = numbers.iter().map(|n| n * factor).collect();
+                    format!("translation = {scaled:?}\n")
+                }
+                None => format!("{line}\n"),
+            });
+        lines.collect::<String>()
+    };
+    MistakenSample::new()
+        .replace("calibration.toml", |text| scaled(text, 1.0 / 1.6))
+        .is_told(&["everybody is 1.", "m tall", "is the calibration in metres?"]);
+    MistakenSample::new()
+        .replace("calibration.toml", |text| scaled(text, 0.3))
+        .is_told(&["nobody was found", "sizes that people do not have"]);
+}
+
+#[test]
+fn why_nobody_was_found_is_said() {
+    MistakenSample::new()
+        .replace("venue.toml", |text| {
+            text.replace("min_m = [-4.0, -4.0, -0.3]", "min_m = [14.0, 14.0, -0.3]")
+                .replace("max_m = [4.0, 4.0, 2.4]", "max_m = [20.0, 20.0, 2.4]")
+        })
+        .is_told(&["nobody was found", "stand outside the field, around ("]);
+    // Another list of keypoints: the arms come first, the face last.
+    MistakenSample::new()
+        .change(&CAMERAS, |k| (k + 5) % 17, |pixel| pixel)
+        .is_told(&["nobody was found", "order of the network's card"]);
+    let mut alone = MistakenSample::new();
+    for camera in &CAMERAS[1..] {
+        for line in alone.lines.get_mut(camera).unwrap() {
+            line["persons"] = json!([]);
+        }
+    }
+    alone.is_told(&["nobody was found", "only camera north-east sighted anybody"]);
+}
