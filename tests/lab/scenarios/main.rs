@@ -11,6 +11,7 @@ mod far_people;
 mod farfield;
 mod live;
 mod lockstep;
+mod mistakes;
 mod nodes_by_hand;
 mod outputs;
 mod recording;
