@@ -1,22 +1,37 @@
 //! What can be said on the command line. Wrong usage ends with exit code 2.
+//!
+//! `-h` of every command fits a terminal of 24 rows and 80 columns and has an example: the first paragraph of an
+//! option's text is all of it there, the others are for `--help`.
+
+use std::ffi::{OsStr, OsString};
+use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 use farfield_edge::node::EdgeArgs;
 use farfield_fusion::node::{FusionArgs, RecordArgs, ReplayArgs};
+use farfield_node::process::{EXIT_REFUSED, say, say_json};
 
 use crate::bench::BenchArgs;
 use crate::certs::CertsArgs;
 use crate::demo::DemoArgs;
 use crate::evaluate::EvaluateArgs;
+use crate::manual::{CompletionsArgs, ManArgs};
 use crate::parameters::ParametersArgs;
 use crate::run::RunArgs;
 use crate::simulate::SimulateArgs;
 
 /// Markerless motion capture for wide fields.
 ///
-/// Exit codes: 0 done, 1 ran but failed, 2 wrong input or usage, 130 interrupted.
+/// Exit codes: 0 done, 1 ran but failed, 2 wrong input or usage, 130 interrupted. With `--json` what went wrong is JSON,
+/// too: `{"error": ..., "exit_code": 2}`. `RUST_LOG=debug` says more of what happens.
 #[derive(Debug, Parser)]
-#[command(name = "farfield", version)]
+#[command(
+    name = "farfield",
+    version,
+    after_help = "Example: farfield demo     (-h after a command: its options; --help: all about them)",
+    // As many commands as there are leave no rows for more.
+    help_template = "{about}\nUsage: {usage}\n\n{subcommands}\n\n{after-help}"
+)]
 pub(crate) struct FarfieldCli {
     #[command(subcommand)]
     pub(crate) command: FarfieldCommand,
@@ -25,37 +40,227 @@ pub(crate) struct FarfieldCli {
 /// One thing to do.
 #[derive(Debug, Subcommand)]
 pub(crate) enum FarfieldCommand {
-    /// Bring up all nodes of a venue on this machine and work through its recordings.
+    /// Run all nodes of a venue on this machine.
+    #[command(after_help = "Example: farfield run hall.toml --ticks 300..900 --overlay")]
     Run(RunArgs),
     /// Start the edge node of one viewpoint.
+    #[command(after_help = "Example: farfield edge hall.toml --viewpoint north-east --from-fusion")]
     Edge(EdgeArgs),
     /// Start the fusion node.
+    #[command(after_help = "Example: farfield fusion hall.toml --live --listen quic/10.0.0.1:7447")]
     Fusion(FusionArgs),
     /// Record everything that is said in a venue, as an MCAP file.
+    #[command(after_help = "Example: farfield record hall.toml --out recordings/")]
     Record(RecordArgs),
-    /// Solve a recording again: as it was, or with other parameters or another calibration.
+    /// Solve a recording again, as it was or otherwise.
+    #[command(after_help = "Example: farfield replay hall.mcap --set smoothing.cutoff_hz=3")]
     Replay(ReplayArgs),
-    /// List every parameter of a venue file: unit, default, range and what it is.
+    /// List every parameter of a venue file.
+    ///
+    /// With unit, default, range and what it is.
+    #[command(after_help = "Example: farfield parameters")]
     Parameters(ParametersArgs),
     /// Score poses against a truth.
+    #[command(after_help = "Example: farfield evaluate out/poses.jsonl truth.jsonl")]
     Evaluate(EvaluateArgs),
-    /// Show the whole system at work on people who do not exist, and how far it is from the truth.
+    /// Show it all at work on simulated people, scored.
+    ///
+    /// People who do not exist, cameras that see them, every node of a venue around them, and how far the poses are from
+    /// the truth.
+    #[command(after_help = "Example: farfield demo --ticks 90")]
     Demo(DemoArgs),
-    /// Make the keys of a venue: an authority, and one certificate per node.
+    /// Make the keys of a venue.
+    ///
+    /// An authority, and one certificate per node.
+    #[command(after_help = "Example: farfield certs hall.toml --out certs --host fusion-host")]
     Certs(CertsArgs),
-    /// Record a simulated scene as a venue that `farfield run` takes.
+    /// Record a simulated scene as a venue for `farfield run`.
+    #[command(after_help = "Example: farfield simulate court.toml --out court")]
     Simulate(SimulateArgs),
-    /// Measure how many people and viewpoints this machine carries, and at which rate.
+    /// Measure how many people this machine carries.
+    ///
+    /// People and viewpoints, and at which rate.
+    #[command(after_help = "Example: farfield bench --viewpoints 4 --people 8")]
     Bench(BenchArgs),
+    /// Print what a shell needs to complete commands.
+    #[command(after_help = "Example: farfield completions bash > /etc/bash_completion.d/farfield")]
+    Completions(CompletionsArgs),
+    /// Write the manual pages.
+    #[command(after_help = "Example: farfield man --out /usr/local/share/man/man1")]
+    Man(ManArgs),
+}
+
+impl FarfieldCli {
+    /// What this process was told; else its exit code, when all is said: help that was asked for, or wrong usage.
+    pub(crate) fn of_process() -> Result<Self, ExitCode> {
+        let words = joined(std::env::args_os());
+        Self::try_parse_from(&words).map_err(|error| {
+            // Where nobody reads there is nobody to tell.
+            drop(error.print());
+            if let Some(word) = words.get(1).filter(|word| is_venue(word)) {
+                let word = word.display();
+                say(format_args!("tip: `farfield run {word}` runs a venue"));
+            }
+            if error.use_stderr() && words.iter().any(|word| word == "--json") {
+                let said = error.to_string();
+                let said = said.trim().strip_prefix("error: ").unwrap_or(said.trim());
+                say_json(said, EXIT_REFUSED);
+            }
+            u8::try_from(error.exit_code()).map_or(ExitCode::FAILURE, ExitCode::from)
+        })
+    }
+}
+
+/// `words` with the values of options that can do without one joined to them: `--overlay 42` is `--overlay=42`, but what
+/// follows `--overlay` in `run --overlay hall.toml` is the venue.
+fn joined(words: impl IntoIterator<Item = OsString>) -> Vec<OsString> {
+    let mut joined: Vec<OsString> = Vec::new();
+    for word in words {
+        let is_of_run = joined.get(1).is_some_and(|it| it == "run" || it == "demo");
+        let is_value = match joined.last().and_then(|last| last.to_str()) {
+            Some("--overlay") => is_tick(&word),
+            Some("--record") => is_file(&word),
+            _ => false,
+        };
+        match joined.last_mut() {
+            Some(last) if is_of_run && is_value => {
+                last.push("=");
+                last.push(word);
+            }
+            _ => joined.push(word),
+        }
+    }
+    joined
+}
+
+fn is_venue(word: &OsStr) -> bool {
+    word.as_encoded_bytes().ends_with(b".toml")
+}
+
+/// Whether a word may be meant for ticks: venues are called otherwise.
+fn is_tick(word: &OsStr) -> bool {
+    let bytes = word.as_encoded_bytes();
+    let digits = bytes.strip_prefix(b"-").unwrap_or(bytes);
+    digits.first().is_some_and(u8::is_ascii_digit) && !is_venue(word)
+}
+
+fn is_file(word: &OsStr) -> bool {
+    !word.as_encoded_bytes().starts_with(b"-") && !is_venue(word)
 }
 
 #[cfg(test)]
 mod tests {
+    use clap::CommandFactory as _;
+
     use super::*;
+
+    /// A terminal as terminals have been since they had a size.
+    const ROWS: usize = 24;
+    const COLUMNS: usize = 80;
 
     #[test]
     fn the_command_line_is_consistent() {
-        use clap::CommandFactory as _;
         FarfieldCli::command().debug_assert();
+    }
+
+    #[test]
+    fn short_help_fits_a_terminal_and_has_an_example() {
+        let mut cli = FarfieldCli::command().term_width(COLUMNS);
+        cli.build();
+        let names: Vec<String> = cli
+            .get_subcommands()
+            .map(|it| it.get_name().to_owned())
+            .collect();
+        let mut faults = Vec::new();
+        for name in names.iter().filter(|name| *name != "help") {
+            let command = cli.find_subcommand_mut(name).unwrap();
+            let help = command
+                .clone()
+                .term_width(COLUMNS)
+                .render_help()
+                .to_string();
+            let rows = help.lines().count();
+            // The prompt needs a row of its own.
+            if rows >= ROWS {
+                faults.push(format!("{name}: {rows} rows\n{help}"));
+            }
+            if let Some(long) = help.lines().find(|line| line.chars().count() > COLUMNS) {
+                faults.push(format!("{name}: {long}"));
+            }
+            if !help.contains("Example: farfield ") {
+                faults.push(format!("{name}: no example"));
+            }
+        }
+        let help = cli.render_help().to_string();
+        if help.lines().count() >= ROWS {
+            faults.push(help);
+        }
+        assert!(faults.is_empty(), "{}", faults.join("\n"));
+    }
+
+    #[test]
+    fn every_example_is_understood() {
+        let mut cli = FarfieldCli::command();
+        cli.build();
+        for command in cli.get_subcommands().filter(|it| it.get_name() != "help") {
+            let example = command.get_after_help().unwrap().to_string();
+            let words = example.strip_prefix("Example: ").unwrap();
+            let words = words.split(" > ").next().unwrap().split(' ');
+            let words = joined(words.map(OsString::from));
+            assert!(FarfieldCli::try_parse_from(words).is_ok(), "{example}");
+        }
+    }
+
+    fn words(line: &str) -> String {
+        let words = joined(line.split(' ').map(OsString::from));
+        let words: Vec<&str> = words.iter().map(|word| word.to_str().unwrap()).collect();
+        words.join(" ")
+    }
+
+    #[test]
+    fn an_option_that_can_do_without_a_value_does_not_eat_the_venue() {
+        for (said, understood) in [
+            (
+                "farfield run --overlay hall.toml",
+                "farfield run --overlay hall.toml",
+            ),
+            (
+                "farfield run --overlay 2nd-hall.toml",
+                "farfield run --overlay 2nd-hall.toml",
+            ),
+            (
+                "farfield run hall.toml --overlay 42",
+                "farfield run hall.toml --overlay=42",
+            ),
+            (
+                "farfield run hall.toml --overlay -3,x",
+                "farfield run hall.toml --overlay=-3,x",
+            ),
+            (
+                "farfield run hall.toml --overlay --json",
+                "farfield run hall.toml --overlay --json",
+            ),
+            (
+                "farfield run --record hall.toml",
+                "farfield run --record hall.toml",
+            ),
+            (
+                "farfield run hall.toml --record a.mcap",
+                "farfield run hall.toml --record=a.mcap",
+            ),
+            ("farfield demo --overlay 3", "farfield demo --overlay=3"),
+            (
+                "farfield fusion hall.toml --record a",
+                "farfield fusion hall.toml --record a",
+            ),
+        ] {
+            assert_eq!(words(said), understood);
+        }
+        let parsed = FarfieldCli::try_parse_from(["farfield", "run", "--overlay", "hall.toml"]);
+        let FarfieldCommand::Run(args) = parsed.unwrap().command else {
+            unreachable!("it is a run");
+        };
+        assert_eq!(args.venue, std::path::Path::new("hall.toml"));
+        assert_eq!(args.overlay, Some(None));
     }
 }

@@ -4,14 +4,15 @@
 //! truth with nothing to compare. That the result cannot be printed is not.
 
 use std::fs::{self, File};
-use std::io::BufReader;
+use std::io::{BufRead as _, BufReader};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, anyhow, bail, ensure};
-use farfield_node::process::NodeError;
+use farfield_node::process::{NodeError, say};
 use farfield_proto::tick::{Tick, parse_range};
 use farfield_score::lines::{LinesRole, PoseLines, TruthExtent};
+use farfield_score::overlap::Overlap;
 use farfield_score::plot::plot_of;
 use farfield_score::points::PointSet;
 use farfield_score::table::side_by_side;
@@ -24,16 +25,20 @@ use crate::output;
 pub(crate) struct EvaluateArgs {
     /// The poses, as `farfield run` writes them.
     poses: PathBuf,
-    /// The truth: one line per tick and person, with those joints and keypoints that are known.
+    /// The truth, one line per tick and person.
+    ///
+    /// With those joints and keypoints that are known.
     truth: PathBuf,
-    /// Other poses of the same truth, to stand beside: such as those of a run without range of motion.
+    /// Other poses of the same truth, to stand beside.
     #[arg(long, value_name = "POSES")]
     beside: Option<PathBuf>,
-    /// Which points to compare: joints, keypoints or shelf14.
+    /// What to compare: joints, keypoints or shelf14.
     #[arg(long, default_value = "joints")]
     points: PointSet,
-    /// What TRUTH leaves out: whole (whoever is not in it was not there) or partial (annotated in part: poses of
-    /// whom it does not hold are not held against anybody).
+    /// Whether TRUTH holds everybody.
+    ///
+    /// whole: whoever is not in it was not there; partial: annotated in part, and poses of whom it does not hold are not
+    /// held against anybody.
     #[arg(
         id = "truth-extent",
         long = "truth",
@@ -41,17 +46,19 @@ pub(crate) struct EvaluateArgs {
         value_name = "whole|partial"
     )]
     extent: TruthExtent,
-    /// Only these ticks, A..B (B not among them).
+    /// Only these ticks, B not among them.
     #[arg(long, value_parser = parse_range, value_name = "A..B", allow_hyphen_values = true)]
     ticks: Option<Range<Tick>>,
-    /// Ticks per second, for jitter and foot slide. Default: that of the summary.json beside POSES,
-    /// else that of the venue.toml beside TRUTH; without any the two are left out.
+    /// Ticks per second, for jitter and foot slide.
+    ///
+    /// Default: that of the summary.json beside POSES, else that of the venue.toml beside TRUTH; without any the two are
+    /// left out.
     #[arg(long, value_name = "HZ")]
     rate_hz: Option<f64>,
-    /// Print JSON instead of a table.
+    /// Print the scores, or what went wrong, as JSON.
     #[arg(long)]
-    json: bool,
-    /// Draw the error of each actor over time as SVG, into this file.
+    pub(crate) json: bool,
+    /// Draw the errors over time into this SVG file.
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
 }
@@ -96,7 +103,9 @@ impl Evaluation {
         };
         let named = [("POSES", &self.scores), ("--beside", beside)];
         format!(
-            "{}\nPOSES: {}\n--beside: {}\nPOSES: {}\n--beside: {}",
+            "POSES: {}\n--beside: {}\n\n{}\nPOSES: {}\n--beside: {}\nPOSES: {}\n--beside: {}",
+            self.scores.sentence(),
+            beside.sentence(),
             side_by_side(15, &named),
             self.scores.identity_line(),
             beside.identity_line(),
@@ -130,10 +139,13 @@ fn scores_of(args: &EvaluateArgs) -> anyhow::Result<(Evaluation, String)> {
         "{}: none of the points that are compared is known of anybody",
         args.truth.display()
     );
-    let poses = read(&args.poses, LinesRole::Poses, args)?;
+    if let Some(doubt) = doubt(args) {
+        say(format_args!("warning: {doubt}"));
+    }
+    let poses = poses_beside(&truth, &args.poses, args)?;
     let rate_hz = rate_hz(args);
     let beside = args.beside.as_ref().map(|path| {
-        let poses = read(path, LinesRole::Poses, args)?;
+        let poses = poses_beside(&truth, path, args)?;
         Ok::<_, anyhow::Error>(score(&poses, &truth, args.extent, rate_hz))
     });
     let title = format!("{}: mean error", args.poses.display());
@@ -144,6 +156,43 @@ fn scores_of(args: &EvaluateArgs) -> anyhow::Result<(Evaluation, String)> {
         beside: beside.transpose()?,
     };
     Ok((evaluation, plot))
+}
+
+/// What speaks against TRUTH being one, if anything does: whoever swaps the two, or names one twice, gets fine figures.
+fn doubt(args: &EvaluateArgs) -> Option<String> {
+    let (poses, truth) = (args.poses.display(), args.truth.display());
+    let same = |a: &Path, b: &Path| Some(fs::canonicalize(a).ok()? == fs::canonicalize(b).ok()?);
+    if same(&args.poses, &args.truth) == Some(true) {
+        return Some(format!("{poses} is scored against itself"));
+    }
+    let is_of_run = |path: &Path| {
+        let mut line = String::new();
+        BufReader::new(File::open(path).ok()?)
+            .read_line(&mut line)
+            .ok()?;
+        let line: serde_json::Value = serde_json::from_str(&line).ok()?;
+        // Only a run knows these.
+        Some(line.get("state").is_some() && line.get("views").is_some())
+    };
+    (is_of_run(&args.truth)? && !is_of_run(&args.poses)?).then(|| {
+        format!(
+            "{truth} looks like the poses of a run and {poses} does not: expected POSES, then TRUTH"
+        )
+    })
+}
+
+/// The poses of `path`, which must be of what `truth` is of.
+fn poses_beside(truth: &PoseLines, path: &Path, args: &EvaluateArgs) -> anyhow::Result<PoseLines> {
+    let poses = read(path, LinesRole::Poses, args)?;
+    let overlap = Overlap::of(&poses, truth);
+    let shown = || format!("{} and {}", path.display(), args.truth.display());
+    if let Some(refusal) = overlap.refusal() {
+        bail!("{}: {refusal}", shown());
+    }
+    if let Some(warning) = overlap.warning() {
+        say(format_args!("warning: {}: {warning}", shown()));
+    }
+    Ok(poses)
 }
 
 fn read(path: &Path, role: LinesRole, args: &EvaluateArgs) -> anyhow::Result<PoseLines> {
@@ -258,6 +307,28 @@ mod tests {
         fs::write(&args.truth, LINE).unwrap();
         args.ticks = Some(Tick(0)..Tick(5));
         assert!(refused(&args).ends_with("nobody is there in ticks 0..5"));
+    }
+
+    #[test]
+    fn poses_of_another_run_are_refused() {
+        let (_folder, args) = folder_with(&LINE.replace("\"tick\": 5", "\"tick\": 50"));
+        let said = refused(&args);
+        assert!(said.contains("the poses have ticks 5 to 5"), "{said}");
+        assert!(said.contains("truth.jsonl: no tick in common"), "{said}");
+    }
+
+    #[test]
+    fn who_swaps_poses_and_truth_or_names_one_twice_is_told() {
+        let (_folder, mut args) = folder_with(LINE);
+        assert_eq!(doubt(&args), None);
+        let of_run = LINE.replace(
+            "\"person\": 1",
+            "\"person\": 1, \"state\": \"tracked\", \"views\": 4",
+        );
+        fs::write(&args.truth, of_run).unwrap();
+        assert!(doubt(&args).unwrap().contains("expected POSES, then TRUTH"));
+        args.truth.clone_from(&args.poses);
+        assert!(doubt(&args).unwrap().contains("against itself"));
     }
 
     #[test]

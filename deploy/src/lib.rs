@@ -12,6 +12,7 @@ mod certs;
 mod cli;
 mod demo;
 mod evaluate;
+mod manual;
 pub mod output;
 mod overlay;
 mod parameters;
@@ -25,17 +26,22 @@ mod venue_folder;
 use std::process::ExitCode;
 use std::sync::Arc;
 
-use clap::{CommandFactory as _, Parser as _};
-use farfield_node::process::{Ending, exit_code};
+use clap::CommandFactory as _;
+use farfield_node::process::{Ending, NodeError, Told, exit_code, exit_code_told};
 use farfield_sim::simulated::VenueSources;
 
 use crate::cli::{FarfieldCli, FarfieldCommand};
 
 /// Does what the command line of this process says.
 ///
-/// Ends the process itself, with exit code 2, on wrong usage.
+/// On wrong usage that is said, and the exit code is 2.
 pub fn main() -> ExitCode {
-    match FarfieldCli::parse().command {
+    let command = match FarfieldCli::of_process() {
+        Ok(cli) => cli.command,
+        Err(code) => return code,
+    };
+    let done = |done: Result<(), NodeError>| done.map(|()| Ending::Done);
+    match command {
         FarfieldCommand::Run(args) => run::main(args),
         FarfieldCommand::Edge(args) => {
             farfield_edge::node::main(args, Arc::new(VenueSources::default()))
@@ -45,13 +51,19 @@ pub fn main() -> ExitCode {
         FarfieldCommand::Replay(args) => farfield_fusion::node::replay(&args, output::print),
         FarfieldCommand::Demo(args) => demo::main(&args),
         FarfieldCommand::Simulate(args) => simulate::main(args),
-        FarfieldCommand::Bench(args) => exit_code(bench::bench(&args).map(|()| Ending::Done)),
-        FarfieldCommand::Certs(args) => exit_code(certs::certs(&args).map(|()| Ending::Done)),
+        FarfieldCommand::Certs(args) => exit_code(done(certs::certs(&args))),
+        FarfieldCommand::Completions(args) => {
+            exit_code(done(manual::completions(&args, FarfieldCli::command())))
+        }
+        FarfieldCommand::Man(args) => exit_code(done(manual::man(&args, FarfieldCli::command()))),
+        FarfieldCommand::Bench(args) => {
+            exit_code_told(done(bench::bench(&args)), Told::as_json_if(args.json))
+        }
         FarfieldCommand::Parameters(args) => {
-            exit_code(parameters::print(&args).map(|()| Ending::Done))
+            exit_code_told(done(parameters::print(&args)), Told::as_json_if(args.json))
         }
         FarfieldCommand::Evaluate(args) => {
-            exit_code(evaluate::evaluate(&args).map(|()| Ending::Done))
+            exit_code_told(done(evaluate::evaluate(&args)), Told::as_json_if(args.json))
         }
     }
 }

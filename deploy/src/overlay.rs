@@ -2,7 +2,7 @@
 //!
 //! Joints go through the camera's projection and its lens distortion, so that the drawing sits on the
 //! raw picture. Where a source has no pictures, its keypoint candidates are drawn on a dark canvas.
-//! Every person's id stands over its head.
+//! Every person's id stands over its head. What nothing determined is grey.
 
 mod number;
 
@@ -12,7 +12,6 @@ use farfield_fusion::body::skeleton::Joint;
 use farfield_proto::camera::{CameraModel, NEAR_PLANE_M};
 use farfield_proto::frames::{Point, World};
 use farfield_proto::id::PersonId;
-use farfield_proto::message::PersonPose;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::{Venue, VenueCamera};
 use image::{Rgb, RgbImage};
@@ -22,6 +21,8 @@ use self::number::draw_number;
 
 /// Behind keypoint candidates.
 const CANVAS: Rgb<u8> = Rgb([24, 26, 30]);
+/// Joints that nothing determined, and the bones to them.
+const GUESS: [u8; 3] = [128, 128, 128];
 /// Candidates; brighter with their score.
 const CANDIDATE: [u8; 3] = [150, 155, 165];
 /// Around bones, so that they show on any background.
@@ -33,6 +34,17 @@ const PIECES: u32 = 8;
 /// Bones begin this much in front of the near plane, where projections are still finite.
 const CLIP_DEPTH_M: f64 = NEAR_PLANE_M * 1.01;
 
+/// A person as drawn.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct DrawnPerson {
+    /// Whose id stands over the head.
+    pub(crate) id: PersonId,
+    /// World metres, in the order of the skeletal model.
+    pub(crate) joints_m: Vec<[f64; 3]>,
+    /// Per joint whether nothing determined it.
+    pub(crate) is_guess: Vec<bool>,
+}
+
 /// The picture of `camera` at `tick` with `persons` drawn over it, each in a colour of its own.
 ///
 /// # Errors
@@ -42,7 +54,7 @@ pub(crate) fn overlay(
     venue: &Venue,
     camera: &VenueCamera,
     tick: Tick,
-    persons: &[PersonPose],
+    persons: &[DrawnPerson],
 ) -> anyhow::Result<RgbImage> {
     let frame = sources
         .open(camera, venue, tick)?
@@ -66,15 +78,9 @@ pub(crate) fn overlay(
     };
     let bones = bones();
     for person in persons {
-        let joints_m: Vec<_> = person.joints_m.iter().map(|j| j.map(f64::from)).collect();
-        draw_skeleton(
-            &mut image,
-            &camera.model,
-            &joints_m,
-            &bones,
-            person_colour(person.person),
-        );
-        draw_id(&mut image, &camera.model, &joints_m, person.person);
+        let colour = person_colour(person.id);
+        draw_skeleton(&mut image, &camera.model, person, &bones, colour);
+        draw_id(&mut image, &camera.model, &person.joints_m, person.id);
     }
     Ok(image)
 }
@@ -95,24 +101,34 @@ fn bones() -> Vec<(usize, usize)> {
     Joint::ALL.into_iter().filter_map(of).collect()
 }
 
-/// Draws one body: `joints_m` in world metres, `bones` as pairs of positions in it (pairs beyond its
+/// Draws one body: `bones` are pairs of positions among its joints (pairs beyond their
 /// end are left out). What lies behind the camera, or where the lens model does not reach, is not
 /// drawn.
 fn draw_skeleton(
     image: &mut RgbImage,
     camera: &CameraModel,
-    joints_m: &[[f64; 3]],
+    person: &DrawnPerson,
     bones: &[(usize, usize)],
     colour: [u8; 3],
 ) {
     let radius_px = stroke_radius_px(image);
+    let joints_m = &person.joints_m;
     let joint = |i: usize| joints_m.get(i).map(|&m| Point::new(Point3::from(m)));
+    let colour_of = |i: usize| match person.is_guess.get(i) {
+        Some(true) => GUESS,
+        _ => colour,
+    };
     let lines: Vec<_> = bones
         .iter()
-        .filter_map(|&(a, b)| Some(bone_pixels(camera, joint(a)?, joint(b)?)))
+        .filter_map(|&(a, b)| Some((bone_pixels(camera, joint(a)?, joint(b)?), colour_of(b))))
         .collect();
-    for (radius_px, colour) in [(radius_px + 1.0, OUTLINE), (radius_px, colour)] {
-        for line in &lines {
+    for is_outline in [true, false] {
+        for (line, colour) in &lines {
+            let (radius_px, colour) = if is_outline {
+                (radius_px + 1.0, OUTLINE)
+            } else {
+                (radius_px, *colour)
+            };
             for piece in line.windows(2) {
                 if let [Some(from), Some(to)] = *piece {
                     draw_line(image, from, to, radius_px, colour);
@@ -120,11 +136,11 @@ fn draw_skeleton(
             }
         }
     }
-    let light = colour.map(|c| c / 2 + 127);
-    for at in (0..joints_m.len())
-        .filter_map(joint)
-        .filter_map(|p_w| pixel(camera, p_w))
-    {
+    for (i, p_w) in (0..joints_m.len()).filter_map(|i| Some((i, joint(i)?))) {
+        let Some(at) = pixel(camera, p_w) else {
+            continue;
+        };
+        let light = colour_of(i).map(|c| c / 2 + 127);
         draw_line(image, at, at, radius_px * 1.6, OUTLINE);
         draw_line(image, at, at, radius_px * 1.2, light);
     }
@@ -257,9 +273,17 @@ mod tests {
         CameraModel::new("front", [160, 120], intrinsics, distortion, pose).unwrap()
     }
 
+    fn person(joints_m: &[[f64; 3]]) -> DrawnPerson {
+        DrawnPerson {
+            id: PersonId(1),
+            joints_m: joints_m.to_vec(),
+            is_guess: vec![false; joints_m.len()],
+        }
+    }
+
     fn drawn(camera: &CameraModel, joints_m: &[[f64; 3]]) -> RgbImage {
         let mut image = RgbImage::new(160, 120);
-        draw_skeleton(&mut image, camera, joints_m, &[(0, 1)], RED);
+        draw_skeleton(&mut image, camera, &person(joints_m), &[(0, 1)], RED);
         image
     }
 
@@ -276,6 +300,20 @@ mod tests {
         );
         assert!(is_red(&image, 60, 59) && is_red(&image, 100, 60));
         assert!(!is_red(&image, 60, 64) && !is_red(&image, 20, 59));
+    }
+
+    #[test]
+    fn a_bone_to_a_joint_that_nothing_determined_is_grey() {
+        let camera = camera(Distortion::default());
+        let mut image = RgbImage::new(160, 120);
+        let joints_m = [[-1.0, 0.0, 2.0], [0.0, 0.0, 2.0], [1.0, 0.0, 2.0]];
+        let person = DrawnPerson {
+            is_guess: vec![false, false, true],
+            ..person(&joints_m)
+        };
+        draw_skeleton(&mut image, &camera, &person, &[(0, 1), (1, 2)], RED);
+        assert!(is_red(&image, 50, 59));
+        assert_eq!(image.get_pixel(105, 59).0, GUESS);
     }
 
     #[test]
@@ -320,7 +358,7 @@ mod tests {
             assert!(drawn(&camera, &[wrong, wrong]) == nothing, "{wrong:?}");
         }
         let mut image = nothing.clone();
-        draw_skeleton(&mut image, &camera, &[], &[(0, 1), (7, 99)], RED);
+        draw_skeleton(&mut image, &camera, &person(&[]), &[(0, 1), (7, 99)], RED);
         assert!(image == nothing);
     }
 

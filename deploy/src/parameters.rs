@@ -17,7 +17,7 @@ use crate::output;
 pub(crate) struct ParametersArgs {
     /// Print the list as JSON.
     #[arg(long)]
-    json: bool,
+    pub(crate) json: bool,
 }
 
 /// Prints the list.
@@ -107,6 +107,7 @@ fn listed() -> Vec<Listed> {
 
 /// A line each, in columns.
 fn table(all: &[Listed]) -> String {
+    const INTRODUCTION: &str = "A venue file may set each of these under its table; `--set TABLE.FIELD=VALUE` of `run`, `demo` and `replay` tries one.";
     const HEAD: [&str; 5] = ["parameter", "unit", "default", "range", "what it is"];
     let rows: Vec<[String; 5]> = all.iter().map(Listed::columns).collect();
     let width = |i: usize| {
@@ -118,7 +119,8 @@ fn table(all: &[Listed]) -> String {
         let [a, b, c, d, e] = row;
         format!("{a:name$}  {b:unit$}  {c:default$}  {d:range$}  {e}\n")
     };
-    let mut text = line(HEAD);
+    let mut text = format!("{INTRODUCTION}\n\n");
+    text += &line(HEAD);
     let users = all.iter().filter(|listed| !listed.tuning).count();
     for (i, row) in rows.iter().enumerate() {
         if i == users {
@@ -154,7 +156,7 @@ mod tests {
                 "{parameter}"
             );
         }
-        assert_eq!(text.lines().count(), PARAMETERS.len() + 3);
+        assert_eq!(text.lines().count(), PARAMETERS.len() + 5);
     }
 
     #[test]

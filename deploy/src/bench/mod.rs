@@ -36,27 +36,37 @@ const MOST_THREADS: usize = 256;
 /// What `farfield bench` is told.
 #[derive(Debug, Clone, clap::Args)]
 pub(crate) struct BenchArgs {
-    /// Viewpoints of one camera each, 2 to 64. Default: 4 with 5 people, 4 with 8 and 12 with 22.
+    /// Viewpoints of one camera each, 2 to 64.
+    ///
+    /// Default: 4 with 5 people, 4 with 8 and 12 with 22.
     #[arg(long, value_name = "V", requires = "people", value_parser = viewpoints)]
     viewpoints: Option<usize>,
     /// People, 1 to 200.
     #[arg(long, value_name = "P", requires = "viewpoints", value_parser = people)]
     people: Option<usize>,
-    /// Threads that fusion computes on. Default: one, then one per core.
+    /// Threads that fusion computes on.
+    ///
+    /// Default: one, then one per core.
     #[arg(long, value_name = "N", value_parser = threads)]
     threads: Option<usize>,
-    /// Ticks at 60 Hz that are recorded and gone over; the first 30 are not measured.
+    /// Ticks at 60 Hz that are gone over.
+    ///
+    /// The first 30 are not measured.
     #[arg(long, value_name = "N", default_value = "180", value_parser = ticks)]
     ticks: usize,
-    /// Patches without loss, instead of at the compression level that a live link starts with.
+    /// Patches without loss.
+    ///
+    /// Instead of at the compression level that a live link starts with.
     #[arg(long)]
     lossless: bool,
-    /// Measure sizes from 4 x 5 to 28 x 30, and draw what a tick costs over viewpoints x people into this SVG file.
+    /// Measure many sizes, and draw them into this SVG file.
+    ///
+    /// From 4 x 5 to 28 x 30: what a tick costs over viewpoints x people.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["viewpoints", "people"])]
     scaling: Option<PathBuf>,
     /// Print JSON instead of tables.
     #[arg(long)]
-    json: bool,
+    pub(crate) json: bool,
 }
 
 /// Measures, and prints what came out.

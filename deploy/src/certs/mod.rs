@@ -23,22 +23,30 @@ use files::{Folder, Old, write_together};
 pub(crate) struct CertsArgs {
     /// The venue file.
     pub(crate) venue: PathBuf,
-    /// Folder for the keys; the venue file names it as `[security] certificates`.
+    /// Folder for the keys.
+    ///
+    /// The venue file names it as `[security] certificates`.
     #[arg(long, value_name = "DIR")]
     pub(crate) out: PathBuf,
-    /// Another name or address that fusion is reached by, besides those of the venue's endpoints.
+    /// Another name or address of fusion's machine.
+    ///
+    /// Besides those of the venue's endpoints.
     #[arg(long, value_name = "NAME|IP")]
     pub(crate) host: Vec<String>,
     /// Make a key for someone who only listens, too.
     #[arg(long, value_name = "NAME")]
     pub(crate) node: Vec<String>,
-    /// Issue this node's key again, or the key of a node that came later.
+    /// Issue the key of this node anew, or of a later one.
     #[arg(long, value_name = "NODE")]
     pub(crate) renew: Vec<String>,
-    /// Folder of the authority's key, `ca.key`; it belongs to no node. Default: the folder of the keys.
+    /// Folder of the authority's own key, `ca.key`.
+    ///
+    /// It belongs to no node. Default: the folder of the keys.
     #[arg(long, value_name = "DIR")]
     pub(crate) authority: Option<PathBuf>,
-    /// How long the nodes' certificates hold, days; the authority's holds five times as long.
+    /// How many days the certificates hold.
+    ///
+    /// Those of the nodes; the authority's holds five times as long.
     #[arg(long, value_name = "N", default_value_t = 825, value_parser = clap::value_parser!(u32).range(1..=7300))]
     pub(crate) days: u32,
 }

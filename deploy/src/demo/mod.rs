@@ -36,29 +36,51 @@ pub(crate) struct DemoArgs {
     #[arg(long, value_name = "N", default_value_t = 300, conflicts_with = "forever",
           value_parser = clap::value_parser!(u32).range(1..))]
     pub(crate) ticks: u32,
-    /// Run until Ctrl-C. Every five minutes of the people's time they start anew, and with them the
+    /// Run until Ctrl-C.
+    ///
+    /// Every five minutes of the people's time they start anew, and with them the
     /// files: in `farfield-out/demo-N`, or DIR, DIR-2 and so on.
     #[arg(long)]
     pub(crate) forever: bool,
-    /// Make maps from the truth in place of pictures: no rendering, no network, many times faster.
+    /// No pictures and no network: many times faster.
+    ///
+    /// Maps are made from the truth, with the faults that networks have.
     #[arg(long)]
     pub(crate) maps: bool,
-    /// Give people by hand where they come in, instead of finding them in the pictures.
+    /// Give the people by hand instead of finding them.
     #[arg(long, conflicts_with = "maps")]
     pub(crate) given: bool,
-    /// Folder for the results; must be empty or not there. Default: `farfield-out/demo-N`.
+    /// Folder for the results.
+    ///
+    /// It must be empty or not there. Default: `farfield-out/demo-N`.
     #[arg(long, value_name = "DIR")]
     pub(crate) out: Option<PathBuf>,
     /// Another scene than the court.
     #[arg(long, value_name = "FILE")]
     pub(crate) scene: Option<PathBuf>,
-    /// Draw the skeletons over every camera's picture of these ticks; without any, of the middle one.
-    #[arg(long, value_name = "TICK[,TICK]...", num_args = 0..=1)]
+    /// Draw skeletons over the pictures of these ticks.
+    ///
+    /// Numbers with commas between. Without it, or without a tick, of the middle one. One picture per camera.
+    #[arg(long, value_name = "TICKS", num_args = 0..=1, require_equals = true)]
     #[expect(
         clippy::option_option,
         reason = "absent, without and with ticks: how clap says it"
     )]
     pub(crate) overlay: Option<Option<TickList>>,
+    /// Record, for `farfield replay`.
+    ///
+    /// As an MCAP file. Default: `recording.mcap` in the folder of the results.
+    #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true)]
+    #[expect(
+        clippy::option_option,
+        reason = "absent, without and with a file: how clap says it"
+    )]
+    pub(crate) record: Option<Option<PathBuf>>,
+    /// Use another value of a parameter.
+    ///
+    /// See `farfield parameters`; for example `smoothing.cutoff_hz=3`.
+    #[arg(long, value_name = "TABLE.FIELD=VALUE")]
+    pub(crate) set: Vec<String>,
 }
 
 /// Runs the demo and says how good it was.
@@ -102,17 +124,19 @@ fn show(
     let claim = FolderClaim::take(out, NAME).map_err(NodeError::Refused)?;
     let out = claim.folder();
     let (play, undo) = Play::stage(script, &out.join(VENUE)).map_err(NodeError::Failed)?;
-    let (plan, networks) = run::check(RunArgs {
+    let (mut plan, networks) = run::check(RunArgs {
         live: false,
         venue: play.venue.clone(),
         ticks: None,
         out: None,
-        record: None,
-        overlay: args.overlay.clone(),
+        record: args.record.clone(),
+        set: args.set.clone(),
+        overlay: Some(args.overlay.clone().flatten()),
         strict: false,
         json: false,
     })?;
     undo.keep();
+    plan.stage(out).map_err(NodeError::Failed)?;
     let backend = PictureBackend::of(networks).map_err(NodeError::failed)?;
     let words = words::beginning(&play, &backend, out);
     output::print(&words).map_err(NodeError::Failed)?;
@@ -124,6 +148,9 @@ fn show(
     let truth = out.join("truth.jsonl");
     venue_folder::write_truth(&play.scene, &ticks, &truth).map_err(NodeError::Failed)?;
     let ending = run::finish(&plan, &claim, end, false)?;
+    if ending == Ending::Done {
+        output::print(&words::pictures(out, &plan.overlay)).map_err(NodeError::Failed)?;
+    }
     tell_score(out, &truth, &ticks, play.scene.rate_hz()).map_err(NodeError::Failed)?;
     Ok(ending)
 }

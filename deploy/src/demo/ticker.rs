@@ -10,7 +10,7 @@ use tokio::time::Instant;
 use super::live_error::mean_error_m;
 use super::play::Play;
 use crate::output;
-use crate::run::{Follow, ProgressDetail};
+use crate::run::{Follow, ProgressDetail, TimeLeft};
 
 /// The longest time without a line.
 const EVERY: Duration = Duration::from_secs(1);
@@ -20,6 +20,7 @@ pub(super) struct DemoTicker<'a> {
     play: &'a Play,
     /// When the last line was printed, and how far the run was then.
     last: Option<(Instant, Tick, u64)>,
+    left: TimeLeft,
     /// A tick that no line has told of yet.
     untold: Option<Progress>,
 }
@@ -29,6 +30,7 @@ impl<'a> DemoTicker<'a> {
         Self {
             play,
             last: None,
+            left: TimeLeft::default(),
             untold: None,
         }
     }
@@ -50,7 +52,9 @@ impl<'a> DemoTicker<'a> {
             ticks_per_s: ticks / elapsed_s,
             bytes_per_tick: progress.bytes.saturating_sub(bytes) as f64 / ticks,
         });
-        let line = line(self.play, progress.tick, &progress.bodies, rates);
+        let done = (progress.tick + 1).0.unsigned_abs();
+        let left = self.left.at(now, done, self.play.ticks.into());
+        let line = line(self.play, progress.tick, &progress.bodies, rates, left);
         // The run goes on when nobody reads: its files are what counts.
         drop(output::print(&line));
     }
@@ -64,7 +68,11 @@ impl Follow for DemoTicker<'_> {
     fn tick(&mut self, progress: &Progress) {
         let now = Instant::now();
         match self.last {
-            None => self.last = Some((now, progress.tick, progress.bytes)),
+            None => {
+                let done = (progress.tick + 1).0.unsigned_abs();
+                self.left.at(now, done, self.play.ticks.into());
+                self.last = Some((now, progress.tick, progress.bytes));
+            }
             Some((last, ..))
                 if now.duration_since(last) >= EVERY || self.is_full(progress.tick) =>
             {
@@ -91,7 +99,13 @@ struct Rates {
     bytes_per_tick: f64,
 }
 
-fn line(play: &Play, tick: Tick, bodies: &[Body], rates: Option<Rates>) -> String {
+fn line(
+    play: &Play,
+    tick: Tick,
+    bodies: &[Body],
+    rates: Option<Rates>,
+    left: Option<String>,
+) -> String {
     let rate_hz = play.scene.rate_hz();
     let time_s = (tick + 1).seconds(rate_hz);
     let whole_s = f64::from(play.ticks) / rate_hz;
@@ -108,8 +122,9 @@ fn line(play: &Play, tick: Tick, bodies: &[Body], rates: Option<Rates>) -> Strin
             rates.bytes_per_tick * rate_hz / links / 1e3
         )
     });
+    let left = left.map_or_else(String::new, |left| format!("   {left}"));
     format!(
-        "{time_s:6.1} of {whole_s:.1} s   {} of {} people tracked   {error}{rates}\n",
+        "{time_s:6.1} of {whole_s:.1} s   {} of {} people tracked   {error}{rates}{left}\n",
         bodies.len(),
         truth.len(),
     )
@@ -146,11 +161,17 @@ mod tests {
             bytes_per_tick: 8000.0,
         };
         assert_eq!(
-            line(&play, Tick(29), &bodies, Some(rates)),
-            "   1.0 of 10.0 s   4 of 4 people tracked    20 mm off    12.3 ticks/s   60 kB/s per viewpoint\n"
+            line(
+                &play,
+                Tick(29),
+                &bodies,
+                Some(rates),
+                Some("about 20 s left".to_owned())
+            ),
+            "   1.0 of 10.0 s   4 of 4 people tracked    20 mm off    12.3 ticks/s   60 kB/s per viewpoint   about 20 s left\n"
         );
         assert_eq!(
-            line(&play, Tick(29), &[], None),
+            line(&play, Tick(29), &[], None, None),
             "   1.0 of 10.0 s   0 of 4 people tracked   none near the truth\n"
         );
     }

@@ -2,22 +2,20 @@
 
 use std::fmt::{self, Write as _};
 use std::path::Path;
-use std::thread;
 use std::time::Duration;
 
 use farfield_edge::inference::NetworkError;
 use farfield_edge::node::Networks;
+use farfield_proto::tick::Tick;
 
 use super::play::Play;
-
-/// What a tick costs beside the network, as a share of it: rendering, fusion, and the processes that
-/// wait for each other.
-const BESIDE: f64 = 0.5;
 
 /// What reads the pictures.
 pub(super) struct PictureBackend {
     /// Which it is, in its own words.
     pub(super) line: String,
+    /// Whether it is the fall-back.
+    is_slow: bool,
     /// What one crop takes; `None` when there are no pictures.
     pub(super) crop_time: Option<Duration>,
 }
@@ -30,6 +28,7 @@ impl PictureBackend {
     pub(super) fn of(mut networks: Networks) -> Result<Self, NetworkError> {
         Ok(Self {
             crop_time: networks.crop_time()?,
+            is_slow: networks.is_slow,
             line: networks.backend,
         })
     }
@@ -61,6 +60,12 @@ fn write(text: &mut String, play: &Play, backend: &PictureBackend, out: &Path) -
     )?;
     if backend.crop_time.is_some() {
         writeln!(text, "{}", backend.line)?;
+        if backend.is_slow {
+            writeln!(
+                text,
+                "with ONNX Runtime this demo takes about a third of the time"
+            )?;
+        }
     } else {
         writeln!(
             text,
@@ -82,28 +87,26 @@ fn write(text: &mut String, play: &Play, backend: &PictureBackend, out: &Path) -
     )
 }
 
-/// What the network makes of it on this machine.
+/// What the network has to do, as far as that is known before the first tick.
 fn cost(play: &Play, crop_time: Option<Duration>) -> String {
-    let Some(crop_s) = crop_time.map(|time| time.as_secs_f64()) else {
+    let Some(crop_time) = crop_time else {
         return String::new();
     };
-    let viewpoints = play.scene.viewpoints().len();
-    let cores = thread::available_parallelism().map_or(1, std::num::NonZero::get);
-    let crops = play.scene.people().len() * viewpoints;
-    let tick_s = crops as f64 * crop_s * (1.0 + BESIDE) / cores.min(viewpoints).max(1) as f64;
-    let crops = format!("{crops} crops a tick at {:.1} ms", crop_s * 1e3);
-    let whole = span(f64::from(play.ticks) * tick_s);
-    format!(", will take about {whole} here ({crops})")
+    let crops = play.scene.people().len() * play.scene.viewpoints().len();
+    let crop_ms = crop_time.as_secs_f64() * 1e3;
+    format!(
+        ": {crops} crops a tick, {crop_ms:.1} ms each when nothing else runs; how long it takes is told as soon as it is \
+         known"
+    )
 }
 
-/// A time as people say it when they do not know it exactly.
-fn span(seconds: f64) -> String {
-    if seconds < 90.0 {
-        let tens = ((seconds / 10.0).ceil() * 10.0).max(10.0);
-        format!("{tens:.0} s")
-    } else {
-        format!("{:.0} minutes", (seconds / 60.0).ceil())
-    }
+/// Where the pictures are that were drawn.
+pub(super) fn pictures(out: &Path, ticks: &[Tick]) -> String {
+    let names = ticks.iter().map(|tick| {
+        let picture = out.join(format!("overlay_*_{tick}.png"));
+        format!("skeletons over the pictures: {}\n", picture.display())
+    });
+    names.collect()
 }
 
 #[cfg(test)]
@@ -111,9 +114,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_time_that_nobody_knows_exactly_is_round() {
-        assert_eq!(span(0.2), "10 s");
-        assert_eq!(span(41.0), "50 s");
-        assert_eq!(span(95.0), "2 minutes");
+    fn the_pictures_are_named() {
+        assert_eq!(
+            pictures(Path::new("out"), &[Tick(150)]),
+            "skeletons over the pictures: out/overlay_*_150.png\n"
+        );
+        assert_eq!(pictures(Path::new("out"), &[]), "");
     }
 }

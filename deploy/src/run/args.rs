@@ -12,26 +12,37 @@ use farfield_proto::tick::{Tick, parse_range};
 pub(crate) struct RunArgs {
     /// The venue file.
     pub(crate) venue: PathBuf,
-    /// Run live: cameras as their pictures come, recordings as fast as they were made; nobody waits. Without
-    /// it, in lock-step.
+    /// Run live: nobody waits; without it, in lock-step.
+    ///
+    /// Cameras give their pictures as they come, recordings as fast as they were made. In lock-step every node waits for
+    /// the others, and two runs give the same poses.
     #[arg(long)]
     pub(crate) live: bool,
-    /// Work on these ticks only (half-open); all recordings must hold them.
+    /// Work on these ticks only, B not among them.
+    ///
+    /// All recordings must hold them.
     #[arg(long, value_name = "A..B", value_parser = parse_range, allow_hyphen_values = true)]
     pub(crate) ticks: Option<Range<Tick>>,
-    /// Folder for the results; must be empty or not there. Default: `farfield-out/VENUE-N`.
+    /// Folder for the results.
+    ///
+    /// It must be empty or not there. Default: `farfield-out/VENUE-N`.
     #[arg(long, value_name = "DIR")]
     pub(crate) out: Option<PathBuf>,
-    /// Draw the skeletons over every camera's picture of these ticks; without any, of the middle one.
-    #[arg(long, value_name = "TICK[,TICK]...", num_args = 0..=1, allow_negative_numbers = true)]
+    /// Draw skeletons over the pictures of these ticks.
+    ///
+    /// Numbers with commas between; without any, of the middle tick. One picture per camera. What nothing determined is
+    /// grey.
+    #[arg(long, value_name = "TICKS", num_args = 0..=1, require_equals = true)]
     #[expect(
         clippy::option_option,
         reason = "absent, without and with ticks: how clap says it"
     )]
     pub(crate) overlay: Option<Option<TickList>>,
-    /// Record everything that fusion hears and says, and what it used for each tick, as an MCAP file that
-    /// `farfield replay` takes. Default: `recording.mcap` in the folder of the results.
-    #[arg(long, value_name = "FILE", num_args = 0..=1)]
+    /// Record, for `farfield replay`.
+    ///
+    /// Everything that fusion hears and says, and what it used for each tick, as an MCAP file. Default:
+    /// `recording.mcap` in the folder of the results.
+    #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true)]
     #[expect(
         clippy::option_option,
         reason = "absent, without and with a file: how clap says it"
@@ -40,7 +51,13 @@ pub(crate) struct RunArgs {
     /// End with exit code 1 when the cameras do not agree with each other.
     #[arg(long)]
     pub(crate) strict: bool,
-    /// Print the summary as JSON.
+    /// Use another value of a parameter.
+    ///
+    /// See `farfield parameters`; for example `smoothing.cutoff_hz=3`. The venue file that comes of it lies among the
+    /// results.
+    #[arg(long, value_name = "TABLE.FIELD=VALUE")]
+    pub(crate) set: Vec<String>,
+    /// Print the summary, or what went wrong, as JSON.
     #[arg(long)]
     pub(crate) json: bool,
 }
@@ -90,11 +107,8 @@ mod tests {
         assert_eq!(run_args(&[]).overlay, None);
         assert_eq!(run_args(&["--overlay"]).overlay, Some(None));
         assert_eq!(run_args(&["--overlay", "--json"]).overlay, Some(None));
-        assert_eq!(
-            run_args(&["--overlay", "42", "--json"]).overlay,
-            ticks(&[42])
-        );
-        assert_eq!(run_args(&["--overlay", "-3"]).overlay, ticks(&[-3]));
+        assert_eq!(run_args(&["--overlay=42", "--json"]).overlay, ticks(&[42]));
+        assert_eq!(run_args(&["--overlay=-3"]).overlay, ticks(&[-3]));
         assert_eq!(
             run_args(&["--overlay=-3,42, 50"]).overlay,
             ticks(&[-3, 42, 50])
@@ -103,7 +117,7 @@ mod tests {
 
     #[test]
     fn a_tick_that_is_no_number_is_refused_by_name() {
-        let error = parsed(&["--overlay", "3,x"]).unwrap_err();
+        let error = parsed(&["--overlay=3,x"]).unwrap_err();
         assert_eq!(error.exit_code(), 2);
         assert!(error.to_string().contains("`x`"), "{error}");
     }

@@ -1,21 +1,25 @@
 //! Everything that a run can be refused for, before a process starts or a file is made.
 
+use std::collections::BTreeMap;
 use std::ops::Range;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use anyhow::anyhow;
+use anyhow::{Context as _, anyhow, bail};
 use farfield_edge::node::{Networks, load_networks, probe_sources};
 use farfield_edge::source::{SourceError, common_ticks};
+use farfield_fusion::export::unfinished::write_whole;
 use farfield_fusion::node::{
     check_folder, check_given_keypoints, check_given_ticks, check_live_or_recorded, check_names,
     check_place, load_card,
 };
+use farfield_node::files::{load_venue, parse_venue};
 use farfield_node::process::NodeError;
 use farfield_proto::tick::Tick;
-use farfield_proto::venue::Venue;
+use farfield_proto::venue::{Source, Venue};
 use farfield_sim::simulated::VenueSources;
 
 use super::args::{RunArgs, TickList};
+use super::values::changed_venue;
 
 /// What sets the pace of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -29,6 +33,8 @@ pub(crate) enum RunPace {
 /// A run that nothing speaks against.
 pub(crate) struct RunPlan {
     pub(crate) venue_path: PathBuf,
+    /// What is to stand in its place, with other values.
+    changed: Option<String>,
     pub(crate) venue: Venue,
     /// How its sources are opened.
     pub(crate) sources: VenueSources,
@@ -47,6 +53,20 @@ pub(crate) struct RunPlan {
 }
 
 impl RunPlan {
+    /// Writes the venue file that the nodes read, where it is not the operator's own, into the folder of the results.
+    ///
+    /// # Errors
+    /// When it cannot be written.
+    pub(crate) fn stage(&mut self, out: &Path) -> anyhow::Result<()> {
+        if let Some(text) = &self.changed {
+            let path = out.join("venue.toml");
+            write_whole(path.clone(), text.as_bytes())
+                .with_context(|| format!("writing {}", path.display()))?;
+            self.venue_path = path;
+        }
+        Ok(())
+    }
+
     /// Where fusion listens: a free port of this machine.
     pub(super) fn loopback(&self) -> &'static str {
         match self.venue.security.certificates {
@@ -59,9 +79,19 @@ impl RunPlan {
 /// Reads the venue, probes every source and loads every network once: the edges will load them for
 /// themselves.
 pub(crate) fn check(args: RunArgs) -> Result<(RunPlan, Networks), NodeError> {
-    let venue = farfield_node::files::load_venue(&args.venue).map_err(NodeError::refused)?;
+    let changed = if args.set.is_empty() {
+        None
+    } else {
+        Some(changed_venue(&args.venue, &args.set).map_err(NodeError::Refused)?)
+    };
+    let venue = match &changed {
+        Some(text) => parse_venue(text, &args.venue),
+        None => load_venue(&args.venue),
+    };
+    let venue = venue.map_err(NodeError::refused)?;
     let sources = VenueSources::default();
     check_names(&venue).map_err(NodeError::Refused)?;
+    check_own_recordings(&venue, &args.venue).map_err(NodeError::Refused)?;
     if let Some(out) = &args.out {
         check_folder(out).map_err(NodeError::Refused)?;
     }
@@ -98,6 +128,7 @@ pub(crate) fn check(args: RunArgs) -> Result<(RunPlan, Networks), NodeError> {
     check_given_keypoints(&venue, &args.venue, card.as_ref()).map_err(NodeError::refused)?;
     let plan = RunPlan {
         venue_path: args.venue,
+        changed,
         venue,
         sources,
         pace,
@@ -108,6 +139,30 @@ pub(crate) fn check(args: RunArgs) -> Result<(RunPlan, Networks), NodeError> {
         strict: args.strict,
     };
     Ok((plan, networks))
+}
+
+/// Refuses one recording for two cameras: their rays would meet anywhere, and nothing would say why.
+fn check_own_recordings(venue: &Venue, path: &Path) -> anyhow::Result<()> {
+    let mut owners: BTreeMap<&Path, &str> = BTreeMap::new();
+    for camera in &venue.cameras {
+        let (Source::Video { path: recording }
+        | Source::Images { path: recording }
+        | Source::Keypoints {
+            path: recording, ..
+        }) = &camera.source
+        else {
+            continue;
+        };
+        let name = camera.model.name();
+        if let Some(other) = owners.insert(recording, name) {
+            bail!(
+                "{}: `source`: cameras `{other}` and `{name}` have the same recording {}, expected one of its own for each",
+                path.display(),
+                recording.display()
+            );
+        }
+    }
+    Ok(())
 }
 
 fn overlay_ticks(asked: Option<TickList>, ticks: &Range<Tick>) -> Result<Vec<Tick>, NodeError> {

@@ -141,6 +141,7 @@ impl Children {
         let mut child = command
             .spawn()
             .with_context(|| format!("starting {name}"))?;
+        debug!(name, process = child.id(), "node started");
         let stdin = child.stdin.take().context("a child's standard input")?;
         self.tasks.spawn(follow(
             name.to_owned(),
@@ -196,6 +197,7 @@ async fn follow(
         }
     };
     let ((), said, status) = tokio::join!(reports, errors, wait);
+    debug!(node, status = ?status.map(|it| it.to_string()), "node ended");
     drop(
         events
             .send(NodeEvent::Exited(Exit { node, status, said }))

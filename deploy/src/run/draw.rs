@@ -6,24 +6,29 @@ use std::io::{BufRead as _, BufReader};
 use std::path::Path;
 
 use anyhow::Context as _;
-use farfield_fusion::body::skeleton::Joint;
+use farfield_fusion::body::determined::{UNKNOWN_M, determined_joints};
+use farfield_fusion::body::skeleton::{Joint, sites_of};
 use farfield_fusion::export::unfinished::write_whole;
 use farfield_proto::id::PersonId;
-use farfield_proto::message::{PersonPose, PersonState};
+use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::tick::Tick;
 use image::{ImageFormat, RgbImage};
 use serde::Deserialize;
+use serde_json::Value;
 
 use super::check::RunPlan;
-use crate::overlay::overlay;
+use crate::overlay::{DrawnPerson, overlay};
 
 /// What of a line of `poses.jsonl` is drawn.
 #[derive(Debug, Deserialize)]
 struct DrawnPoseLine {
     tick: Tick,
     person: u32,
-    state: PersonState,
-    joints: BTreeMap<String, [f32; 3]>,
+    joints: BTreeMap<String, [f64; 3]>,
+    #[serde(default)]
+    keypoints: BTreeMap<String, Value>,
+    #[serde(default)]
+    sigma_m: BTreeMap<String, f32>,
 }
 
 /// Writes `overlay_<camera>_<tick>.png` for every camera and every tick that the plan asks for, with
@@ -53,9 +58,9 @@ fn png(image: &RgbImage) -> anyhow::Result<Vec<u8>> {
 }
 
 /// The poses of `ticks`, of which some may have none.
-fn recorded(path: &Path, ticks: &[Tick]) -> anyhow::Result<BTreeMap<Tick, Vec<PersonPose>>> {
+fn recorded(path: &Path, ticks: &[Tick]) -> anyhow::Result<BTreeMap<Tick, Vec<DrawnPerson>>> {
     let file = File::open(path).with_context(|| format!("opening {}", path.display()))?;
-    let mut persons: BTreeMap<Tick, Vec<PersonPose>> = BTreeMap::new();
+    let mut persons: BTreeMap<Tick, Vec<DrawnPerson>> = BTreeMap::new();
     for line in BufReader::new(file).lines() {
         let line = line.with_context(|| format!("reading {}", path.display()))?;
         let line: DrawnPoseLine =
@@ -65,28 +70,33 @@ fn recorded(path: &Path, ticks: &[Tick]) -> anyhow::Result<BTreeMap<Tick, Vec<Pe
             break;
         }
         if ticks.contains(&line.tick) {
-            persons.entry(line.tick).or_default().push(pose(&line));
+            persons.entry(line.tick).or_default().push(person(&line));
         }
     }
     Ok(persons)
 }
 
-fn pose(line: &DrawnPoseLine) -> PersonPose {
+fn person(line: &DrawnPoseLine) -> DrawnPerson {
     let joint = |joint: &Joint| {
-        line.joints
-            .get(joint.name())
-            .copied()
-            .unwrap_or([f32::NAN; 3])
+        let at_m = line.joints.get(joint.name());
+        at_m.copied().unwrap_or([f64::NAN; 3])
     };
-    PersonPose {
-        person: PersonId(line.person),
-        state: line.state,
+    let keypoints = KeypointSet::new(line.keypoints.keys().cloned().collect());
+    let is_determined = determined_joints(&sites_of(&keypoints, &BTreeMap::new()));
+    let is_guess = |(joint, is_determined): (Joint, bool)| {
+        let sigma_m = line.sigma_m.get(joint.name());
+        // Lines of others may be without keypoints.
+        (!is_determined && !keypoints.is_empty())
+            || sigma_m.is_some_and(|&sigma_m| sigma_m > UNKNOWN_M)
+    };
+    DrawnPerson {
+        id: PersonId(line.person),
         joints_m: Joint::ALL.iter().map(joint).collect(),
-        keypoints_m: Vec::new(),
-        sigma_m: Vec::new(),
-        angles: Vec::new(),
-        unobserved: 0,
-        views: 0,
+        is_guess: Joint::ALL
+            .into_iter()
+            .zip(is_determined)
+            .map(is_guess)
+            .collect(),
     }
 }
 
@@ -112,14 +122,31 @@ mod tests {
         let ids = |tick| {
             persons[&Tick(tick)]
                 .iter()
-                .map(|p| p.person.0)
+                .map(|p| p.id.0)
                 .collect::<Vec<_>>()
         };
         assert_eq!(persons.len(), 2, "nobody is there at tick 3");
         assert_eq!((ids(4), ids(5)), (vec![1], vec![1, 2]));
         assert_eq!(
-            persons[&Tick(5)][0].joints_m[Joint::Pelvis.index()].map(f32::to_bits),
-            [1.0f32, 2.0, 0.9].map(f32::to_bits)
+            persons[&Tick(5)][0].joints_m[Joint::Pelvis.index()].map(f64::to_bits),
+            [1.0f64, 2.0, 0.9].map(f64::to_bits)
         );
+    }
+
+    #[test]
+    fn what_keypoints_do_not_show_or_nobody_knows_any_more_is_a_guess() {
+        let line = |keypoints: &str, sigma_m: f64| {
+            let text = format!(
+                "{{\"tick\":4,\"person\":1,\"joints\":{{}},\"keypoints\":{{{keypoints}}},\
+                 \"sigma_m\":{{\"left_knee\":{sigma_m}}}}}"
+            );
+            person(&serde_json::from_str(&text).unwrap())
+        };
+        let ankles = "\"left_ankle\":[0,0,0],\"right_ankle\":[0,0,0]";
+        let is_guess = |person: &DrawnPerson, joint: Joint| person.is_guess[joint.index()];
+        let seen = line(ankles, 0.02);
+        assert!(!is_guess(&seen, Joint::LeftKnee) && is_guess(&seen, Joint::LeftToe));
+        assert!(is_guess(&line(ankles, 0.2), Joint::LeftKnee));
+        assert!(!is_guess(&line("", 0.02), Joint::LeftToe));
     }
 }

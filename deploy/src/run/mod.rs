@@ -8,8 +8,10 @@ mod children;
 mod draw;
 mod follow;
 mod progress;
+mod remaining;
 mod report;
 mod session;
+mod values;
 mod verdict;
 mod watch;
 
@@ -17,11 +19,12 @@ use std::process::ExitCode;
 
 use farfield_fusion::node::FolderClaim;
 use farfield_node::log::start_log;
-use farfield_node::process::{Ending, NodeError, exit_code, say};
+use farfield_node::process::{Ending, NodeError, Told, exit_code_told, say};
 
 pub(crate) use self::args::{RunArgs, TickList};
 pub(crate) use self::check::{RunPlan, check};
 pub(crate) use self::follow::{Follow, ProgressDetail};
+pub(crate) use self::remaining::TimeLeft;
 pub(crate) use self::report::done;
 pub(crate) use self::session::Session;
 pub(crate) use self::verdict::{RunEnd, RunVerdict};
@@ -31,12 +34,13 @@ use self::progress::ProgressLine;
 /// Runs a venue to its end and says what came out.
 pub(crate) fn main(args: RunArgs) -> ExitCode {
     start_log();
-    exit_code(run(args))
+    let told = Told::as_json_if(args.json);
+    exit_code_told(run(args), told)
 }
 
 fn run(args: RunArgs) -> Result<Ending, NodeError> {
     let json = args.json;
-    let (plan, networks) = check(args)?;
+    let (mut plan, networks) = check(args)?;
     if !networks.backend.is_empty() {
         say(format_args!("{}", networks.backend));
     }
@@ -45,6 +49,7 @@ fn run(args: RunArgs) -> Result<Ending, NodeError> {
     // From here on an interruption is heard: the folder is the sign that the run has begun.
     let claim =
         FolderClaim::take(plan.out.as_deref(), &plan.venue.name).map_err(NodeError::Refused)?;
+    plan.stage(claim.folder()).map_err(NodeError::Failed)?;
     let end = session.watch(&plan, claim.folder(), &mut ProgressLine::new(&plan))?;
     finish(&plan, &claim, end, json)
 }
@@ -65,7 +70,11 @@ pub(crate) fn finish(
     if matches!(end.verdict, RunVerdict::Done) {
         draw::draw(plan, out).map_err(NodeError::Failed)?;
     }
-    let printed = report::print(out, json).map_err(NodeError::Failed);
+    let printed = match &end.verdict {
+        // As JSON one thing is said: what went wrong.
+        RunVerdict::Failed(_) if json => Ok(()),
+        _ => report::print(out, json).map_err(NodeError::Failed),
+    };
     if report::has_unfinished(out) {
         let files = out.join("*.tmp");
         say(format_args!("unfinished files are in {}", files.display()));

@@ -11,6 +11,7 @@ use tokio::time::Instant;
 
 use super::check::RunPlan;
 use super::follow::{Follow, ProgressDetail};
+use super::remaining::TimeLeft;
 
 /// How often a line is printed where there is no terminal.
 const LINE_EVERY: Duration = Duration::from_secs(10);
@@ -26,6 +27,7 @@ pub(super) struct ProgressLine {
     /// Live: the delay of the poses, and how every edge is.
     links: Option<String>,
     began: Option<Instant>,
+    left: TimeLeft,
     last_line: Option<Instant>,
 }
 
@@ -36,7 +38,7 @@ impl ProgressLine {
             let (bar, shown) = match total {
                 Some(total) => (
                     ProgressBar::new(total.unsigned_abs()),
-                    "{bar:30} {pos}/{len} {msg} {eta}",
+                    "{bar:30} {pos}/{len} {msg}",
                 ),
                 None => (ProgressBar::new_spinner(), "{spinner} {msg}"),
             };
@@ -52,6 +54,7 @@ impl ProgressLine {
             total,
             links: None,
             began: None,
+            left: TimeLeft::default(),
             last_line: None,
         }
     }
@@ -105,8 +108,11 @@ impl Follow for ProgressLine {
             0.0
         };
         let links = self.links.as_deref().unwrap_or_default();
+        let total = self.total.map(i64::unsigned_abs);
+        let left = total.and_then(|total| self.left.at(now, done.unsigned_abs(), total));
+        let left = left.map_or_else(String::new, |left| format!("{left}, "));
         let message = format!(
-            "tick {}, {rate:.1} ticks/s, {} persons, {}/s{links}",
+            "{left}tick {}, {rate:.1} ticks/s, {} persons, {}/s{links}",
             tick.tick,
             tick.persons,
             HumanBytes(bytes_per_s as u64)

@@ -38,20 +38,27 @@ use crate::venue_folder::{self, CALIBRATION};
 pub(crate) struct SimulateArgs {
     /// The scene file.
     pub(crate) scene: PathBuf,
-    /// Folder for the venue; must be empty or not there.
+    /// Folder for the venue.
+    ///
+    /// It must be empty or not there.
     #[arg(long, value_name = "DIR")]
     pub(crate) out: PathBuf,
-    /// What the cameras record. Default: videos where ffmpeg is installed, else images.
-    #[arg(long = "as", value_name = "KIND")]
+    /// What to record: videos, images, keypoints, maps.
+    ///
+    /// Default: videos where ffmpeg is installed, else images.
+    #[arg(long = "as", value_name = "KIND", hide_possible_values = true)]
     pub(crate) kind: Option<RecordingKind>,
-    /// Record these ticks only (half-open).
+    /// Record these ticks only, B not among them.
     #[arg(long, value_name = "A..B", value_parser = parse_range, allow_hyphen_values = true)]
     pub(crate) ticks: Option<Range<Tick>>,
-    /// Let people go back the way they came, so that the recording has no end; only with `--as maps`.
+    /// Let people go back the way they came, endlessly.
+    ///
+    /// Only with `--as maps`.
     #[arg(long)]
     pub(crate) there_and_back: bool,
-    /// Card of a detector that finds the people in the pictures. Without one the venue gives them by
-    /// hand where they first are.
+    /// Card of a detector that finds the people.
+    ///
+    /// Without one the venue gives them by hand where they first are.
     #[arg(long, value_name = "CARD")]
     pub(crate) detector: Option<PathBuf>,
 }

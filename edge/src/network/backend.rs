@@ -130,7 +130,7 @@ impl InferenceBackend {
             .map_err(|e| e.to_string())?;
         let description = format!(
             "inference by ort-tract ({reason}): 5 to 20 times slower than ONNX Runtime; \
-             install the Python package `onnxruntime` or set ${VARIABLE} to the library"
+             `pip install onnxruntime`, or set ${VARIABLE} to the library"
         );
         Ok(Self {
             environment,

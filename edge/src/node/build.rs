@@ -38,6 +38,8 @@ pub struct Networks {
     pub hash: String,
     /// The line that says which backend runs, and what that costs; empty without a network.
     pub backend: String,
+    /// Whether the slow fall-back runs.
+    pub is_slow: bool,
 }
 
 impl Networks {
@@ -78,6 +80,7 @@ pub fn load_networks<'a>(
             detector: None,
             hash: String::new(),
             backend: String::new(),
+            is_slow: false,
         });
     }
     let backend = InferenceBackend::start(BackendChoice::Best)?;
@@ -108,6 +111,7 @@ pub fn load_networks<'a>(
         detector,
         hash,
         backend: backend.describe().to_owned(),
+        is_slow: backend.is_tract(),
     })
 }
 
@@ -157,6 +161,7 @@ pub(super) fn build(config: &EdgeConfig) -> Result<Built, NodeError> {
         detector,
         hash,
         backend,
+        ..
     } = networks;
     let keypoints = keypoints.map(|network| Box::new(network) as Box<dyn KeypointNetwork>);
     let detector = detector.map(|detector| Box::new(detector) as Box<dyn PersonDetector>);

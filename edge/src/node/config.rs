@@ -29,26 +29,37 @@ pub struct EdgeArgs {
     /// Name of the viewpoint whose cameras this node has.
     #[arg(long, value_name = "NAME")]
     pub viewpoint: String,
-    /// Where fusion listens, for example `quic/10.0.0.1:7447`; the venue file's, if left out.
+    /// Where fusion listens; the venue file's, if left out.
+    ///
+    /// For example `quic/10.0.0.1:7447`.
     #[arg(long, value_name = "ENDPOINT")]
     pub connect: Vec<String>,
-    /// Talk to other machines without TLS: everyone in the network may read and send along.
+    /// Talk to other machines without TLS.
+    ///
+    /// Everyone in the network may read and send along.
     #[arg(long)]
     pub allow_plaintext: bool,
-    /// Before the start fetch from fusion what differs of the venue file, its calibration and its networks.
+    /// Fetch what differs of the venue's files from fusion first.
+    ///
+    /// The venue file, its calibration and its networks, signed.
     #[arg(long)]
     pub from_fusion: bool,
-    /// With `--from-fusion`: the venue's name, while there is no venue file to say it.
+    /// With `--from-fusion`: the venue's name.
+    ///
+    /// While there is no venue file to say it.
     #[arg(long, value_name = "NAME", requires = "from_fusion")]
     pub venue_name: Option<String>,
     /// Folder of this node's keys; the venue file's, if left out.
     #[arg(long, value_name = "DIR")]
     pub certificates: Option<PathBuf>,
-    /// Refuse to start unless the recordings hold these ticks (half-open).
+    /// Refuse to start unless the recordings hold these.
+    ///
+    /// Half-open: B is not among them.
     #[arg(long, value_name = "A..B", value_parser = parse_range, allow_hyphen_values = true)]
     pub ticks: Option<Range<Tick>>,
-    /// Folder for what is kept of the patches when fusion runs live, see `[recording] ring_mib`. Default:
-    /// `farfield-ring/VENUE/VIEWPOINT`.
+    /// Folder for what is kept of the patches, live.
+    ///
+    /// See `[recording] ring_mib`. Default: `farfield-ring/VENUE/VIEWPOINT`.
     #[arg(long, value_name = "DIR")]
     pub ring: Option<PathBuf>,
     /// End when standard input closes.

@@ -26,25 +26,66 @@ const MAX_LINE_BYTES: u64 = 1 << 22;
 /// another scale.
 const MAX_SCORE: f64 = 1.25;
 
+/// Keypoints of which none is farther from the corner than this are shares of the picture's size, not pixels ...
+const SHARE_OF_PICTURE: f64 = 1.5;
+/// ... when there are as many as two people have.
+const FEWEST_POINTS: usize = 2 * COCO17.len();
+
 /// No pixel is farther from zero; keeps sums of them exact.
 const MAX_PX: f64 = 1e12;
 
 pub(super) fn probe(path: &Path, expected: &ExpectedSource) -> Result<SourceInfo, SourceError> {
     let mut lines = KeypointLines::open(path, expected)?;
-    let Some((first, _)) = lines.next()? else {
+    let Some((first, frame)) = lines.next()? else {
         return Err(SourceError::Unreadable {
             at: expected.at.clone(),
             problem: "it has no lines".to_owned(),
         });
     };
     let mut last = first;
-    while let Some((tick, _)) = lines.next()? {
+    let mut reach = Reach::default();
+    reach.add(&frame);
+    while let Some((tick, frame)) = lines.next()? {
         last = tick;
+        reach.add(&frame);
     }
+    reach.check(expected)?;
     Ok(SourceInfo {
         ticks: Some(first..last + 1),
         ..SourceInfo::default()
     })
+}
+
+/// How far the keypoints of a file reach.
+#[derive(Debug, Default)]
+struct Reach {
+    n_points: usize,
+    largest_px: f64,
+}
+
+impl Reach {
+    fn add(&mut self, frame: &KeypointFrame) {
+        for point in frame.peaks.iter().flatten() {
+            let at = point.position.vector_px();
+            self.n_points += 1;
+            self.largest_px = self.largest_px.max(at.amax());
+        }
+    }
+
+    /// Refuses what is no file of pixels: nobody would be found, and nothing would say why.
+    fn check(&self, expected: &ExpectedSource) -> Result<(), SourceError> {
+        if self.n_points >= FEWEST_POINTS && self.largest_px <= SHARE_OF_PICTURE {
+            return Err(SourceError::Unreadable {
+                at: expected.at.clone(),
+                problem: format!(
+                    "all {} keypoints lie within {:.2} pixels of the corner, as shares of a picture do; expected pixels of \
+                     {} x {}",
+                    self.n_points, self.largest_px, expected.size_px[0], expected.size_px[1]
+                ),
+            });
+        }
+        Ok(())
+    }
 }
 
 pub(super) fn open(

@@ -55,6 +55,23 @@ fn ticks_are_those_that_the_lines_name() {
 }
 
 #[test]
+fn shares_of_the_picture_in_place_of_pixels_are_refused() {
+    let line = |tick: i64, scale: f64| {
+        let point = format!("[{},{},0.9]", 0.4 * scale, 0.7 * scale);
+        let points = vec![point; 17].join(",");
+        format!(r#"{{"tick":{tick},"persons":[{{"keypoints":[{points}]}}]}}"#)
+    };
+    let file_of = |scale: f64| format!("{}\n{}", line(0, scale), line(1, scale));
+    let said = refusal(&file_of(1.0));
+    assert!(
+        said.contains("34 keypoints lie within 0.70 pixels"),
+        "{said}"
+    );
+    assert!(said.contains("expected pixels of 640 x 480"), "{said}");
+    assert!(probe(file(file_of(400.0).as_bytes()).path(), &expected()).is_ok());
+}
+
+#[test]
 fn absent_peaks_are_those_of_the_persons() {
     let (_, frame) = parse_line(&line(0)).unwrap();
     let nose = KeypointCandidate {

@@ -3,11 +3,13 @@
 //! ```text
 //!   points in space -> observed -> proportions (segment), initial_pose (limbs) -> fit: skeleton and first pose
 //!   a life's first seconds -> remeasure: link lengths; sites: where the network's keypoints sit
+//!   a set of keypoints -> determined: what it can tell of a body at all
 //! ```
 //!
 //! Everything is compared in the world, in metres: cameras differ, and people lie, crouch and stand
 //! on their hands.
 
+pub mod determined;
 pub mod fit;
 #[cfg(test)]
 pub(crate) mod fixture;

@@ -13,6 +13,7 @@ pub(crate) fn layout() -> Layout {
     };
     Layout {
         joints: vec!["pelvis".to_owned(), "left_knee".to_owned()],
+        is_marker: vec![true; 2],
         keypoints: vec!["left_knee".to_owned()],
         angles: vec![
             AngleColumn::named("pelvis_tilt"),

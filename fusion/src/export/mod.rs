@@ -9,11 +9,14 @@ pub mod line;
 pub mod mot;
 pub mod pose_files;
 pub mod rounding;
+pub mod run_clock;
 pub mod salvage;
 pub mod summary;
 pub mod trc;
 pub mod unfinished;
 mod whole;
+
+use crate::body::determined::AngleEvidence;
 
 /// Rows that a head has room to count: years of them. It is written before they come.
 const MOST_ROWS: u64 = 9_999_999_999;
@@ -23,6 +26,8 @@ const MOST_ROWS: u64 = 9_999_999_999;
 pub struct Layout {
     /// Names of the joints, in the order of the skeletal model.
     pub joints: Vec<String>,
+    /// Per joint whether the keypoints determine it: others are no markers.
+    pub is_marker: Vec<bool>,
     /// Names of the keypoints, in the order of the network's card.
     pub keypoints: Vec<String>,
     /// The reported angles, in the model's order.
@@ -38,6 +43,8 @@ pub struct AngleColumn {
     pub unit: AngleUnit,
     /// The range of motion that was enforced, radians: written numbers do not leave it by rounding.
     pub range_rad: Option<[f64; 2]>,
+    /// How it follows from the keypoints: what they say nothing of is no column of a MOT file.
+    pub evidence: AngleEvidence,
 }
 
 /// What the numbers of an [`AngleColumn`] are.
@@ -61,15 +68,18 @@ impl AngleColumn {
             name,
             unit,
             range_rad: None,
+            evidence: AngleEvidence::Own,
         }
     }
 }
 
 impl Layout {
-    /// The markers of a TRC file: the joints, then the keypoints, each name once. A keypoint that is
-    /// called like a joint is `keypoint_<name>`: the two differ where the network means another
+    /// The markers of a TRC file: the joints that are determined, then the keypoints, each name once. A keypoint
+    /// that is called like a joint is `keypoint_<name>`: the two differ where the network means another
     /// point than the anatomical centre.
     pub fn markers(&self) -> Vec<String> {
+        let joints = self.joints.iter().zip(&self.is_marker);
+        let joints = joints.filter(|(_, is_marker)| **is_marker);
         let keypoints = self.keypoints.iter().map(|name| {
             if self.joints.contains(name) {
                 format!("keypoint_{name}")
@@ -77,7 +87,16 @@ impl Layout {
                 name.clone()
             }
         });
-        self.joints.iter().cloned().chain(keypoints).collect()
+        joints
+            .map(|(name, _)| name.clone())
+            .chain(keypoints)
+            .collect()
+    }
+
+    /// The columns of a MOT file.
+    fn columns(&self) -> impl Iterator<Item = &AngleColumn> {
+        let columns = self.angles.iter();
+        columns.filter(|angle| angle.evidence != AngleEvidence::Missing)
     }
 }
 

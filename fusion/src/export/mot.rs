@@ -1,8 +1,9 @@
 //! MOT, OpenSim's motion file: the reported angles over time.
 //!
 //! Degrees, the root's translations metres, in the frame of the TRC file (y up). Time starts at 0 with
-//! the file's first tick. A tick without a pose has no row: OpenSim's `Storage` stops reading at a
-//! `NaN`, and interpolates over time that is missing.
+//! the run's first tick, as in all files of a run. A tick without a pose has no row: OpenSim's `Storage` stops reading
+//! at a `NaN`, and interpolates over time that is missing. For the same reason an angle that the keypoints say nothing
+//! of has no column: the head names it, and those that are known only together.
 
 use std::fmt::Write as _;
 use std::iter;
@@ -12,6 +13,7 @@ use farfield_proto::message::PersonPose;
 use super::rounding::{draw_in, round, round_inward};
 use super::trc::TIME_DECIMALS;
 use super::{AngleColumn, AngleUnit, Layout, MOST_ROWS};
+use crate::body::determined::AngleEvidence;
 
 /// Decimals of angles in degrees, and of translations in metres.
 const DECIMALS: u32 = 6;
@@ -25,27 +27,48 @@ pub(super) const END_OF_HEAD: &str = "endheader";
 
 /// The header up to the row of names, of no rows so far; [`with_rows`] counts them in as many bytes.
 pub fn header(layout: &Layout) -> String {
-    let columns = layout.angles.iter().map(|angle| angle.name.as_str());
-    let names = iter::once("time")
-        .chain(columns)
-        .collect::<Vec<_>>()
-        .join("\t");
+    let columns: Vec<&str> = layout.columns().map(|angle| angle.name.as_str()).collect();
+    let n_columns = columns.len() + 1;
+    let names = iter::once("time").chain(columns);
+    let names = names.collect::<Vec<_>>().join("\t");
+    let [missing, shared] = [
+        (
+            "Left out, since the keypoints do not determine them",
+            AngleEvidence::Missing,
+        ),
+        (
+            "Determined only together with those that hang from them",
+            AngleEvidence::Shared,
+        ),
+    ]
+    .map(|(what, evidence)| note(layout, what, evidence));
     let longest = format!(
         "{FIRST_WORD}\n\
          version=1\n\
          {ROWS}{MOST_ROWS}\n\
-         nColumns={}\n\
+         nColumns={n_columns}\n\
          inDegrees=yes\n\
          \n\
          Units are S.I. units (second, meters, Newtons, ...)\n\
          If the header above contains a line with 'inDegrees', this indicates whether rotational values \
          are in degrees (yes) or radians (no).\n\
+         {missing}{shared}\
          \n\
          {END_OF_HEAD}\n\
-         {names}\n",
-        layout.angles.len() + 1
+         {names}\n"
     );
     with_rows(&longest, 0).unwrap_or(longest)
+}
+
+/// A line of the head that names the angles of such evidence; nothing where there are none.
+fn note(layout: &Layout, what: &str, evidence: AngleEvidence) -> String {
+    let angles = layout.angles.iter();
+    let named = angles.filter(|angle| angle.evidence == evidence);
+    let names: Vec<&str> = named.map(|angle| angle.name.as_str()).collect();
+    if names.is_empty() {
+        return String::new();
+    }
+    format!("{what}: {}\n", names.join(" "))
 }
 
 /// `head` with its number of rows; as long as before, by spaces in the empty line before its end. `None`: it
@@ -71,6 +94,9 @@ pub fn with_rows(head: &str, n_rows: u64) -> Option<String> {
 pub fn row(layout: &Layout, time_s: f64, pose: &PersonPose) -> String {
     let mut text = format!("{time_s:.TIME_DECIMALS$}");
     for (angle, &value) in layout.angles.iter().zip(&pose.angles) {
+        if angle.evidence == AngleEvidence::Missing {
+            continue;
+        }
         write!(text, "\t{:.*}", DECIMALS as usize, angle.printed(value))
             .expect("a string takes all that is written to it");
     }
@@ -120,6 +146,26 @@ mod tests {
         let end = lines.iter().position(|&line| line == "endheader").unwrap();
         assert_eq!(lines[end + 1], "time\tpelvis_tilt\tpelvis_tx\tknee_angle_l");
         assert_eq!(lines[end + 2], "0.050000\t30.000001\t2.500000\t23.491269");
+    }
+
+    #[test]
+    fn an_angle_that_nothing_determines_is_no_column_and_is_named_in_the_head() {
+        let mut layout = fixture::layout();
+        layout.angles[0].evidence = AngleEvidence::Shared;
+        layout.angles[2].evidence = AngleEvidence::Missing;
+        let head = header(&layout);
+        for line in [
+            "nColumns=3",
+            "Left out, since the keypoints do not determine them: knee_angle_l",
+            "Determined only together with those that hang from them: pelvis_tilt",
+            "time\tpelvis_tilt\tpelvis_tx",
+        ] {
+            assert!(head.lines().any(|found| found == line), "{line}: {head}");
+        }
+        let counted = with_rows(&head, 12).unwrap();
+        assert_eq!(counted.len(), head.len());
+        let pose = fixture::pose(1, PersonState::Tracked);
+        assert_eq!(row(&layout, 0.05, &pose), "0.050000\t30.000001\t2.500000\n");
     }
 
     #[test]

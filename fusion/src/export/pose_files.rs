@@ -15,8 +15,9 @@ use farfield_proto::tick::Tick;
 
 use super::full_disk::FullDisk;
 use super::line::PoseLine;
+use super::run_clock::{RunClock, RunEnd};
 use super::unfinished::{Unfinished, sync_folder_of};
-use super::whole::{Kind, make_whole};
+use super::whole::{Kind, Whole, make_whole};
 use super::{Layout, mot, trc};
 
 /// Why a file could not be written.
@@ -69,7 +70,7 @@ pub struct Written {
 pub struct PoseFiles {
     folder: PathBuf,
     layout: Layout,
-    rate_hz: f64,
+    clock: RunClock,
     disk: Arc<dyn FullDisk>,
     lines: Unfinished,
     persons: BTreeMap<PersonId, PersonFiles>,
@@ -85,6 +86,7 @@ pub struct PoseFiles {
 #[derive(Debug)]
 struct PersonFiles {
     trc: Unfinished,
+    trc_rows: u64,
     /// Room for it is kept at the beginning of the file, and of [`Self::mot_head`] in the other.
     trc_head: String,
     mot: Unfinished,
@@ -93,6 +95,12 @@ struct PersonFiles {
 }
 
 impl PersonFiles {
+    fn add_row(&mut self, row: &str) -> Result<(), WriteError> {
+        append(&mut self.trc, row)?;
+        self.trc_rows += 1;
+        Ok(())
+    }
+
     fn both(&mut self) -> [&mut Unfinished; 2] {
         [&mut self.trc, &mut self.mot]
     }
@@ -100,7 +108,7 @@ impl PersonFiles {
 
 impl PoseFiles {
     /// Starts `poses.jsonl` in `folder`, which must exist. `rate_hz` must be above 0; `disk` says what is
-    /// done when there is no room.
+    /// done when there is no room. Time counts from the first tick that is written, also one without anybody.
     ///
     /// # Errors
     /// [`WriteError::Io`] when the file cannot be made.
@@ -108,6 +116,7 @@ impl PoseFiles {
         folder: impl Into<PathBuf>,
         layout: Layout,
         rate_hz: f64,
+        end: RunEnd,
         disk: Arc<dyn FullDisk>,
     ) -> Result<Self, WriteError> {
         let folder = folder.into();
@@ -115,7 +124,7 @@ impl PoseFiles {
         Ok(Self {
             folder,
             layout,
-            rate_hz,
+            clock: RunClock::new(rate_hz, end),
             disk,
             lines,
             persons: BTreeMap::new(),
@@ -124,6 +133,18 @@ impl PoseFiles {
             unsettled: VecDeque::new(),
             refused_ticks: 0,
         })
+    }
+
+    /// The first tick of the run, where something has been written.
+    pub fn first(&self) -> Option<Tick> {
+        self.clock.first
+    }
+
+    /// Lets time count from `first`, the first tick of the run; for files whose own first tick is a later one.
+    #[must_use]
+    pub fn counting_from(mut self, first: Option<Tick>) -> Self {
+        self.clock.first = first;
+        self
     }
 
     /// Writes the persons of one tick, by id. Ticks must rise. After a failure nothing is written any more:
@@ -167,6 +188,7 @@ impl PoseFiles {
             });
         }
         self.last = Some(poses.tick);
+        self.clock.first.get_or_insert(poses.tick);
         let mut sorted: Vec<&PersonPose> = poses.persons.iter().collect();
         sorted.sort_by_key(|pose| pose.person);
         for pose in sorted {
@@ -196,19 +218,17 @@ impl PoseFiles {
         let Some(files) = self.persons.get_mut(&person) else {
             return Ok(());
         };
-        let presence = &mut files.presence;
-        let seconds = |tick: Tick| (tick - presence.first_tick) as f64 / self.rate_hz;
-        for gap in (presence.last_tick.0 + 1..tick.0).map(Tick) {
-            append(
-                &mut files.trc,
-                &trc::row(&self.layout, gap, seconds(gap), None),
-            )?;
+        let clock = self.clock;
+        for gap in clock
+            .blank(files.presence.last_tick.0 + 1..tick.0)
+            .map(Tick)
+        {
+            files.add_row(&trc::row(&self.layout, gap, clock.seconds(gap), None))?;
         }
-        append(
-            &mut files.trc,
-            &trc::row(&self.layout, tick, seconds(tick), Some(pose)),
-        )?;
-        append(&mut files.mot, &mot::row(&self.layout, seconds(tick), pose))?;
+        let seconds = clock.seconds(tick);
+        files.add_row(&trc::row(&self.layout, tick, seconds, Some(pose)))?;
+        append(&mut files.mot, &mot::row(&self.layout, seconds, pose))?;
+        let presence = &mut files.presence;
         presence.last_tick = tick;
         presence.ticks += 1;
         Ok(())
@@ -216,15 +236,19 @@ impl PoseFiles {
 
     fn begin_person(&self, person: PersonId, tick: Tick) -> Result<PersonFiles, WriteError> {
         let name = format!("poses_{person}.trc");
+        // The rows before come with the first pose.
+        let absence = self.clock.first_at(tick).0..tick.0;
+        let first_row = Tick(self.clock.blank(absence).start);
         let mut files = PersonFiles {
             trc: create(self.folder.join(&name), &self.disk)?,
-            trc_head: trc::header(&self.layout, &name, self.rate_hz, tick),
+            trc_rows: 0,
+            trc_head: trc::header(&self.layout, &name, self.clock.rate_hz, first_row),
             mot: create(self.folder.join(format!("angles_{person}.mot")), &self.disk)?,
             mot_head: mot::header(&self.layout),
             presence: Presence {
                 person,
                 first_tick: tick,
-                last_tick: tick + -1,
+                last_tick: first_row + -1,
                 ticks: 0,
             },
         };
@@ -301,15 +325,20 @@ impl PoseFiles {
             failure = failure.take().or(done.err());
         };
         note(name(self.lines, None));
-        for files in self.persons.into_values() {
-            let Presence {
-                first_tick,
-                last_tick,
-                ticks,
-                ..
-            } = files.presence;
-            let n_rows = (last_tick - first_tick + 1).unsigned_abs();
-            note(name(files.trc, trc::with_rows(&files.trc_head, n_rows)));
+        for mut files in self.persons.into_values() {
+            let until = self.last.filter(|_| self.clock.end == RunEnd::Known);
+            let left = files.presence.last_tick;
+            let absence = left.0 + 1..until.unwrap_or(left).0 + 1;
+            let is_filled = self.clock.blank(absence).map(Tick).try_for_each(|gap| {
+                let seconds = self.clock.seconds(gap);
+                files.add_row(&trc::row(&self.layout, gap, seconds, None))
+            });
+            let ticks = files.presence.ticks;
+            note(match is_filled {
+                Ok(()) => name(files.trc, trc::with_rows(&files.trc_head, files.trc_rows)),
+                // All poses are in it.
+                Err(_) => cut(files.trc, Kind::Trc).map(drop),
+            });
             note(name(files.mot, mot::with_rows(&files.mot_head, ticks)));
         }
         failure
@@ -317,19 +346,23 @@ impl PoseFiles {
 
     /// Keeps what the system has taken; returns how many ticks are not in it.
     fn cut_all(self) -> u64 {
-        let cut = |mut file: Unfinished, kind| {
-            // There may be a little room by now.
-            drop(file.rest());
-            make_whole(&file.leave(), kind).ok().flatten()
-        };
         for files in self.persons.into_values() {
             // The failure is known already; what stays has a name that says what it is.
             drop((cut(files.trc, Kind::Trc), cut(files.mot, Kind::Mot)));
         }
-        let bytes = cut(self.lines, Kind::Lines).map_or(0, |whole| whole.bytes);
+        let lines = cut(self.lines, Kind::Lines).ok().flatten();
+        let bytes = lines.map_or(0, |whole| whole.bytes);
         let torn = self.unsettled.iter().filter(|&&end| end > bytes).count();
         self.refused_ticks + torn as u64
     }
+}
+
+/// Cuts a file after its last whole line, and gives it its name.
+fn cut(mut file: Unfinished, kind: Kind) -> Result<Option<Whole>, WriteError> {
+    // There may be a little room by now.
+    drop(file.rest());
+    let path = file.leave();
+    make_whole(&path, kind).map_err(|e| io_error(&path, e))
 }
 
 /// Gives a file its name, and before that its head, where it has one.
@@ -377,8 +410,14 @@ mod tests {
 
     fn written(ticks: &[(i64, &[u32])]) -> (tempfile::TempDir, Vec<Presence>) {
         let folder = tempfile::tempdir().unwrap();
-        let mut files =
-            PoseFiles::create(folder.path(), fixture::layout(), 50.0, Arc::new(GiveUp)).unwrap();
+        let mut files = PoseFiles::create(
+            folder.path(),
+            fixture::layout(),
+            50.0,
+            RunEnd::Known,
+            Arc::new(GiveUp),
+        )
+        .unwrap();
         for &(tick, ids) in ticks {
             let persons: Vec<_> = ids.iter().map(|&id| (id, Tracked)).collect();
             files.write(&fixture::poses(tick, &persons)).unwrap();
@@ -421,21 +460,59 @@ mod tests {
     }
 
     #[test]
-    fn a_tick_without_the_person_is_a_row_of_nan_in_trc_and_no_row_in_mot() {
-        let (folder, _) = written(&[(10, &[1]), (11, &[]), (12, &[1])]);
-        let trc = fs::read_to_string(folder.path().join("poses_1.trc")).unwrap();
-        let rows: Vec<&str> = trc.lines().skip(5).collect();
-        assert_eq!(rows.len(), 3);
-        assert!(rows[1].starts_with("11\t0.020000\tNaN\t"));
-        assert!(rows[2].starts_with("12\t0.040000\t2.00000\t"));
-        let mot = fs::read_to_string(folder.path().join("angles_1.mot")).unwrap();
-        assert!(mot.contains("nRows=2\n"));
-        let times: Vec<&str> = mot
-            .lines()
-            .skip(11)
-            .map(|row| row.split('\t').next().unwrap())
-            .collect();
-        assert_eq!(times, ["0.000000", "0.040000"]);
+    fn all_files_of_a_run_have_its_clock_and_blank_rows_where_somebody_is_away() {
+        let (folder, presences) = written(&[
+            (8, &[]),
+            (9, &[]),
+            (10, &[1]),
+            (11, &[]),
+            (12, &[1]),
+            (13, &[2]),
+        ]);
+        assert_eq!(presences[0].first_tick, Tick(10));
+        let read = |name: &str| fs::read_to_string(folder.path().join(name)).unwrap();
+        let rows = |name: &str, head: usize| -> Vec<String> {
+            let text = read(name);
+            let rows = text.lines().skip(head);
+            rows.map(|row| row.split('\t').take(3).collect::<Vec<_>>().join(" "))
+                .collect()
+        };
+        assert_eq!(
+            rows("poses_1.trc", 5),
+            [
+                "8 0.000000 ",
+                "9 0.020000 ",
+                "10 0.040000 2.00000",
+                "11 0.060000 ",
+                "12 0.080000 2.00000",
+                "13 0.100000 "
+            ]
+        );
+        assert_eq!(rows("poses_2.trc", 5).len(), 6);
+        assert!(read("poses_1.trc").contains("\n50\t50\t6\t3\tm\t50\t8\t6\n"));
+        assert!(read("angles_1.mot").contains("nRows=2\n"));
+        let angles = rows("angles_1.mot", 11);
+        assert_eq!(
+            angles,
+            ["0.040000 30.000001 2.500000", "0.080000 30.000001 2.500000"]
+        );
+        assert!(rows("angles_2.mot", 11)[0].starts_with("0.100000 "));
+    }
+
+    #[test]
+    fn who_was_away_for_hours_leaves_no_rows_of_them() {
+        let hours = 8 * 3600 * 50;
+        let (folder, _) = written(&[(0, &[1]), (hours, &[1, 2])]);
+        let rows = |name: &str| {
+            let text = fs::read_to_string(folder.path().join(name)).unwrap();
+            text.lines().count() - 5
+        };
+        assert_eq!((rows("poses_1.trc"), rows("poses_2.trc")), (2, 1));
+        let text = fs::read_to_string(folder.path().join("poses_2.trc")).unwrap();
+        assert!(
+            text.contains("\n1440000\t28800.000000\t"),
+            "the clock is the run's"
+        );
     }
 
     #[test]
@@ -451,8 +528,14 @@ mod tests {
     #[test]
     fn a_run_that_is_given_up_leaves_nothing_half_written() {
         let folder = tempfile::tempdir().unwrap();
-        let mut files =
-            PoseFiles::create(folder.path(), fixture::layout(), 50.0, Arc::new(GiveUp)).unwrap();
+        let mut files = PoseFiles::create(
+            folder.path(),
+            fixture::layout(),
+            50.0,
+            RunEnd::Known,
+            Arc::new(GiveUp),
+        )
+        .unwrap();
         files.write(&fixture::poses(0, &[(1, Tracked)])).unwrap();
         drop(files);
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
@@ -461,8 +544,14 @@ mod tests {
     #[test]
     fn ticks_out_of_order_are_refused() {
         let folder = tempfile::tempdir().unwrap();
-        let mut files =
-            PoseFiles::create(folder.path(), fixture::layout(), 50.0, Arc::new(GiveUp)).unwrap();
+        let mut files = PoseFiles::create(
+            folder.path(),
+            fixture::layout(),
+            50.0,
+            RunEnd::Known,
+            Arc::new(GiveUp),
+        )
+        .unwrap();
         files.write(&fixture::poses(5, &[])).unwrap();
         let error = files.write(&fixture::poses(5, &[])).unwrap_err();
         assert_eq!(error.to_string(), "tick 5 came after tick 5");

@@ -73,6 +73,7 @@ mod tests {
     use super::super::fixture;
     use super::super::full_disk::GiveUp;
     use super::super::pose_files::PoseFiles;
+    use super::super::run_clock::RunEnd;
     use super::super::summary::Summary;
     use super::super::whole::WholeLines;
     use super::*;
@@ -94,7 +95,8 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let layout = fixture::layout();
         let disk = Arc::new(GiveUp);
-        let mut files = PoseFiles::create(folder.path(), layout, RATE_HZ, disk).unwrap();
+        let mut files =
+            PoseFiles::create(folder.path(), layout, RATE_HZ, RunEnd::Known, disk).unwrap();
         for tick in 0..n_ticks {
             files.write(&fixture::poses(tick, &[(1, Tracked)])).unwrap();
         }

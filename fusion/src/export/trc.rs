@@ -2,8 +2,9 @@
 //!
 //! Metres, y up: TRC (x, y, z) = world (y, z, x). Markers are [`Layout::markers`]. `Frame#` is the
 //! venue's tick, so that the files of several persons can be laid side by side; time starts at 0 with
-//! the file's first tick. Every tick in between has a row: one without a pose holds `NaN`, which
-//! OpenSim 4 reads as a missing marker (it refuses rows that end in empty cells).
+//! the run's first tick, as in all files of a run. Every tick has a row. What is not known is blank: the whole row of a
+//! tick without a pose, and a marker that may be anywhere. OpenSim 4 reads blanks as missing markers, but
+//! refuses rows that end in one, so that a row's last cell is `NaN` then.
 
 use std::fmt::Write as _;
 
@@ -13,6 +14,7 @@ use farfield_proto::tick::Tick;
 use super::line::POSITION_DECIMALS;
 use super::rounding::round;
 use super::{Layout, MOST_ROWS};
+use crate::body::determined::UNKNOWN_M;
 
 /// Decimals of the time column, seconds.
 pub(super) const TIME_DECIMALS: usize = 6;
@@ -62,22 +64,42 @@ pub fn with_rows(head: &str, n_rows: u64) -> Option<String> {
 /// One row: a pose, or the row of a tick without one.
 pub fn row(layout: &Layout, tick: Tick, time_s: f64, pose: Option<&PersonPose>) -> String {
     let mut text = format!("{tick}\t{time_s:.TIME_DECIMALS$}");
-    let n_markers = layout.joints.len() + layout.keypoints.len();
-    match pose {
-        Some(pose) => {
-            let joints = pose.joints_m.iter().take(layout.joints.len());
-            for [x, y, z] in joints.chain(pose.keypoints_m.iter().take(layout.keypoints.len())) {
-                for v in [y, z, x] {
-                    let v = round(f64::from(*v), POSITION_DECIMALS);
-                    write!(text, "\t{v:.*}", POSITION_DECIMALS as usize)
-                        .expect("a string takes all that is written to it");
-                }
-            }
+    if let Some(pose) = pose {
+        let joints = (0..layout.joints.len()).filter(|&i| layout.is_marker[i]);
+        for i in joints {
+            push_marker(&mut text, pose.joints_m.get(i), pose.sigma_m.get(i));
         }
-        None => text.push_str(&"\tNaN".repeat(3 * n_markers)),
+        for (i, name) in layout.keypoints.iter().enumerate() {
+            let joint = layout.joints.iter().position(|joint| joint == name);
+            let sigma_m = joint.and_then(|joint| pose.sigma_m.get(joint));
+            push_marker(&mut text, pose.keypoints_m.get(i), sigma_m);
+        }
+    } else {
+        let joints = layout.is_marker.iter().filter(|is_marker| **is_marker);
+        text.push_str(&BLANK.repeat(joints.count() + layout.keypoints.len()));
+    }
+    if text.ends_with('\t') {
+        text.push_str("NaN");
     }
     text.push('\n');
     text
+}
+
+/// The cells of a marker of which nothing is known.
+const BLANK: &str = "\t\t\t";
+
+/// Adds the cells of a point in world metres, of which a standard deviation may be known.
+fn push_marker(text: &mut String, at_m: Option<&[f32; 3]>, sigma_m: Option<&f32>) {
+    let is_unknown = sigma_m.is_some_and(|&sigma_m| sigma_m > UNKNOWN_M);
+    let Some(&[x, y, z]) = at_m.filter(|_| !is_unknown) else {
+        text.push_str(BLANK);
+        return;
+    };
+    for v in [y, z, x] {
+        let v = round(f64::from(v), POSITION_DECIMALS);
+        write!(text, "\t{v:.*}", POSITION_DECIMALS as usize)
+            .expect("a string takes all that is written to it");
+    }
 }
 
 #[cfg(test)]
@@ -109,7 +131,26 @@ mod tests {
             lines[5],
             "300\t0.000000\t2.00000\t0.90000\t1.00000\t-2.00000\t0.50000\t1.25000\t-2.00000\t0.50000\t1.26000"
         );
-        assert_eq!(lines[6], format!("301\t0.016667{}", "\tNaN".repeat(9)));
+        assert_eq!(lines[6], format!("301\t0.016667{}NaN", "\t".repeat(9)));
+    }
+
+    #[test]
+    fn a_marker_that_may_be_anywhere_is_blank_and_one_that_nothing_determines_is_left_out() {
+        let mut layout = fixture::layout();
+        let mut pose = fixture::pose(1, PersonState::Coasting);
+        pose.sigma_m = vec![0.02, 0.3];
+        assert_eq!(
+            row(&layout, Tick(7), 0.5, Some(&pose)),
+            "7\t0.500000\t2.00000\t0.90000\t1.00000\t\t\t\t\t\tNaN\n"
+        );
+        pose.sigma_m.clear();
+        layout.is_marker = vec![false, true];
+        assert_eq!(layout.markers(), ["left_knee", "keypoint_left_knee"]);
+        let row = row(&layout, Tick(7), 0.5, Some(&pose));
+        assert!(row.starts_with("7\t0.500000\t-2.00000\t"), "{row}");
+        let cells = header(&layout, "poses_1.trc", 60.0, Tick(7));
+        let cells = cells.lines().nth(4).unwrap().split('\t').count();
+        assert_eq!(row.split('\t').count(), cells);
     }
 
     #[test]

@@ -29,26 +29,35 @@ use super::session::mode::RunMode;
 pub struct FusionArgs {
     /// The venue file.
     pub venue: PathBuf,
-    /// Run live: at every tick of the clock, over what the edges have sent by then. Without it, in
-    /// lock-step.
+    /// Run live: nobody waits; without it, in lock-step.
+    ///
+    /// At every tick of the clock, over what the edges have sent by then.
     #[arg(long)]
     pub live: bool,
-    /// Where to listen for edges, for example `quic/0.0.0.0:7447`; the venue file's, if left out.
+    /// Where to listen; the venue file's, if left out.
+    ///
+    /// For example `quic/0.0.0.0:7447`.
     #[arg(long, value_name = "ENDPOINT")]
     pub listen: Vec<String>,
-    /// Talk to other machines without TLS: everyone in the network may read and send along.
+    /// Talk to other machines without TLS.
+    ///
+    /// Everyone in the network may read and send along.
     #[arg(long)]
     pub allow_plaintext: bool,
     /// Folder of fusion's keys; the venue file's, if left out.
     #[arg(long, value_name = "DIR")]
     pub certificates: Option<PathBuf>,
-    /// Work on these ticks only (half-open).
+    /// Work on these ticks only, B not among them.
     #[arg(long, value_name = "A..B", value_parser = parse_range, allow_hyphen_values = true)]
     pub ticks: Option<Range<Tick>>,
-    /// Folder for the results; must be empty or not there.
+    /// Folder for the results.
+    ///
+    /// It must be empty or not there.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Record everything that is received and sent, and what was used for each tick, as an MCAP file: this
+    /// Record, for `farfield replay`.
+    ///
+    /// Everything that is received and sent, and what was used for each tick, as an MCAP file: this
     /// one, which must not be there, or a new one in this folder.
     #[arg(long, value_name = "FILE")]
     pub record: Option<PathBuf>,

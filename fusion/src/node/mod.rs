@@ -25,6 +25,6 @@ pub use self::output::claim::{FolderClaim, check_folder};
 pub use self::output::progress::{Body, LinkProgress, Progress, Report};
 pub use self::recorder_node::{RecordArgs, main as record};
 pub use self::recording::check_place;
-pub use self::replay::{ReplayArgs, main as replay};
+pub use self::replay::{ReplayArgs, main as replay, with_values};
 pub use self::run::main;
 pub use self::session::wiretap::{CopiedMessage, CopiedStep, Wiretap};

@@ -46,16 +46,20 @@ const TELL_EVERY: Duration = Duration::from_secs(5);
 pub struct RecordArgs {
     /// The venue file.
     pub venue: PathBuf,
-    /// Where fusion listens, for example `quic/10.0.0.1:7447`; the venue file's, if left out.
+    /// Where fusion listens; the venue file's, if left out.
+    ///
+    /// For example `quic/10.0.0.1:7447`.
     #[arg(long, value_name = "ENDPOINT")]
     pub connect: Vec<String>,
-    /// Talk to other machines without TLS: everyone in the network may read and send along.
+    /// Talk to other machines without TLS.
+    ///
+    /// Everyone in the network may read and send along.
     #[arg(long)]
     pub allow_plaintext: bool,
     /// Folder of the recorder's keys; the venue file's, if left out.
     #[arg(long, value_name = "DIR")]
     pub certificates: Option<PathBuf>,
-    /// The recording: a file that is not there yet, or a folder for a new one.
+    /// The recording: a new file, or a folder for one.
     #[arg(long, value_name = "FILE.mcap")]
     pub out: PathBuf,
 }

@@ -16,7 +16,15 @@ use farfield_proto::venue::{Venue, VenueFile};
 pub fn load_venue(path: &Path) -> Result<Venue, FileError> {
     let text = fs::read_to_string(path)
         .map_err(|error| FileError::new(path, format!("cannot read the venue file: {error}")))?;
-    let file = VenueFile::parse(&text, path)?;
+    parse_venue(&text, path)
+}
+
+/// Understands `text` as the venue file at `path`, and reads the calibration that it names.
+///
+/// # Errors
+/// As [`load_venue`].
+pub fn parse_venue(text: &str, path: &Path) -> Result<Venue, FileError> {
+    let file = VenueFile::parse(text, path)?;
     let calibration_path = file.calibration_path();
     let calibration_text = fs::read_to_string(&calibration_path).map_err(|error| {
         file.calibration_error(format!(

@@ -3,15 +3,45 @@
 use std::fmt;
 use std::io::{IsTerminal as _, stderr};
 
-use tracing::Event;
 use tracing::field::{Field, Visit};
+use tracing::{Event, debug};
 use tracing_subscriber::layer::{Identity, SubscriberExt as _};
 use tracing_subscriber::util::SubscriberInitExt as _;
 use tracing_subscriber::{EnvFilter, Layer, Registry};
 
+use crate::process::say;
+
 /// What is logged unless `RUST_LOG` says otherwise. Zenoh warns about every peer that leaves: the nodes
 /// say that themselves, by name. So they do with the backend.
 const LOGGED: &str = "warn,zenoh=error,ort=error,farfield_edge::network::backend=error";
+
+/// Libraries whose own log is only of use to who asks for it by name.
+const LIBRARIES: [&str; 6] = ["zenoh", "quinn", "rustls", "ort", "tract", "mio"];
+
+/// What is logged when `RUST_LOG` is `asked`: of libraries that it does not name, warnings and worse.
+fn filter_of(asked: &str) -> String {
+    let is_unnamed = |library: &&&str| !asked.contains(**library);
+    let quiet = LIBRARIES.iter().filter(is_unnamed);
+    let quiet = quiet.map(|library| format!("{library}=warn"));
+    quiet
+        .chain([asked.to_owned()])
+        .collect::<Vec<_>>()
+        .join(",")
+}
+
+/// The filter of the log; what `RUST_LOG` says is told of where it says nothing that can be understood.
+fn filter() -> EnvFilter {
+    let asked = std::env::var(EnvFilter::DEFAULT_ENV).unwrap_or_default();
+    if asked.trim().is_empty() {
+        return EnvFilter::new(LOGGED);
+    }
+    EnvFilter::try_new(filter_of(&asked)).unwrap_or_else(|error| {
+        say(format_args!(
+            "RUST_LOG: found `{asked}`, expected a level or TARGET=LEVEL, with commas between: {error}"
+        ));
+        EnvFilter::new(LOGGED)
+    })
+}
 
 /// Sends the log to standard error: warnings and worse, unless `RUST_LOG` says otherwise.
 pub fn start_log() {
@@ -20,7 +50,7 @@ pub fn start_log() {
 
 /// The same, with `listener` beside it: what a node makes of the log of a library.
 pub fn start_log_with(listener: impl Layer<Registry> + Send + Sync) {
-    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(LOGGED));
+    let filter = filter();
     let lines = tracing_subscriber::fmt::layer()
         .with_writer(stderr)
         .with_ansi(stderr().is_terminal())
@@ -31,6 +61,8 @@ pub fn start_log_with(listener: impl Layer<Registry> + Send + Sync) {
         .with(lines)
         .try_init();
     drop(already_started);
+    let arguments: Vec<_> = std::env::args_os().skip(1).collect();
+    debug!(version = env!("CARGO_PKG_VERSION"), ?arguments, "started");
 }
 
 /// The message of an event, without its fields.
@@ -47,6 +79,27 @@ impl Visit for Text {
     fn record_debug(&mut self, field: &Field, value: &dyn fmt::Debug) {
         if field.name() == "message" {
             self.0 = format!("{value:?}");
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn libraries_are_quiet_unless_they_are_named() {
+        assert_eq!(
+            filter_of("debug"),
+            "zenoh=warn,quinn=warn,rustls=warn,ort=warn,tract=warn,mio=warn,debug"
+        );
+        let named = filter_of("info,zenoh_transport=debug");
+        assert!(
+            !named.contains("zenoh=warn") && named.contains("quinn=warn"),
+            "{named}"
+        );
+        for asked in ["debug", "farfield_edge=trace", "zenoh=info,debug"] {
+            EnvFilter::try_new(filter_of(asked)).unwrap();
         }
     }
 }

@@ -1,7 +1,7 @@
 //! How a node behaves as a process: what tells it to stop, what it says, its exit code.
 
 use std::fmt;
-use std::io::{Read as _, Write as _, stderr};
+use std::io::{Read as _, Write as _, stderr, stdout};
 use std::process::ExitCode;
 
 use tokio::signal::unix::{SignalKind, signal};
@@ -10,6 +10,8 @@ use tokio_util::task::TaskTracker;
 
 /// Exit code of a run that was interrupted: 128 + SIGINT.
 pub const EXIT_INTERRUPTED: u8 = 130;
+/// Exit code of what ran and failed.
+pub const EXIT_FAILED: u8 = 1;
 /// Exit code for wrong input or usage.
 pub const EXIT_REFUSED: u8 = 2;
 
@@ -43,6 +45,16 @@ impl NodeError {
     }
 }
 
+impl NodeError {
+    /// The exit code that says it.
+    pub fn exit_code(&self) -> u8 {
+        match self {
+            Self::Refused(_) => EXIT_REFUSED,
+            Self::Failed(_) => EXIT_FAILED,
+        }
+    }
+}
+
 impl fmt::Display for NodeError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (Self::Refused(error) | Self::Failed(error)) = self;
@@ -57,12 +69,40 @@ pub fn exit_code(outcome: Result<Ending, NodeError>) -> ExitCode {
         Ok(Ending::Interrupted) => ExitCode::from(EXIT_INTERRUPTED),
         Err(error) => {
             say(format_args!("error: {error}"));
-            match error {
-                NodeError::Refused(_) => ExitCode::from(EXIT_REFUSED),
-                NodeError::Failed(_) => ExitCode::FAILURE,
-            }
+            ExitCode::from(error.exit_code())
         }
     }
+}
+
+/// How a command tells what went wrong.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Told {
+    /// In words on standard error.
+    InWords,
+    /// As JSON on standard output, too.
+    AsJson,
+}
+
+impl Told {
+    /// As `--json` was given or not.
+    pub fn as_json_if(json: bool) -> Self {
+        if json { Self::AsJson } else { Self::InWords }
+    }
+}
+
+/// [`exit_code`] of a command that may have been asked for JSON.
+pub fn exit_code_told(outcome: Result<Ending, NodeError>, told: Told) -> ExitCode {
+    if let (Err(error), Told::AsJson) = (&outcome, told) {
+        say_json(&error.to_string(), error.exit_code());
+    }
+    exit_code(outcome)
+}
+
+/// Prints an error on standard output as programs read it.
+pub fn say_json(error: &str, exit_code: u8) {
+    let text = serde_json::json!({ "error": error, "exit_code": exit_code });
+    // A reader that has gone wants no more.
+    drop(writeln!(stdout(), "{text}"));
 }
 
 /// Says a line to whoever reads standard error. What other nodes have said may stand in it: what would command a

@@ -12,6 +12,7 @@ mod far_people;
 mod farfield;
 mod live;
 mod lockstep;
+mod mistakes;
 mod nodes_by_hand;
 mod outputs;
 mod recording;

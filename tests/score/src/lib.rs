@@ -1,7 +1,8 @@
 //! Measures how good poses are against a truth: accuracy per actor, and identity over all. It is what
 //! `farfield evaluate` prints.
 //!
-//! Read [`score`] first: two files of lines come in ([`lines`]), one [`Scores`] comes out. Each tick, truths and poses
+//! Read [`score`] first: two files of lines come in ([`lines`]; [`overlap`] says whether they are of the same people),
+//! one [`Scores`] comes out. Each tick, truths and poses
 //! are matched one to one on the mean distance of the points that both know ([`points`] says which these are). Then
 //! come the errors of each actor ([`accuracy`]), the smoothness of what it was given ([`motion`]), the ids
 //! ([`identity`]), how people came ([`lives`]) and, where poses say how sure they are ([`detail`]), whether that is true
@@ -18,6 +19,7 @@ pub mod identity;
 pub mod lines;
 pub mod lives;
 pub mod motion;
+pub mod overlap;
 mod pairing;
 pub mod plot;
 pub mod points;

@@ -54,6 +54,11 @@ impl Distances {
         (d <= GATE_M).then_some(d)
     }
 
+    /// The least distance of any pair; infinite without one.
+    pub(crate) fn nearest_m(&self) -> f64 {
+        self.values_m.iter().copied().fold(f64::INFINITY, f64::min)
+    }
+
     /// The distance of a pair.
     pub(crate) fn of_m(&self, truth_idx: usize, pose_idx: usize) -> f64 {
         self.values_m[truth_idx * self.pose_ids.len() + pose_idx]

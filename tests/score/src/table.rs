@@ -29,6 +29,7 @@ pub type TableRow = [Option<f64>; COLUMNS.len()];
 
 impl fmt::Display for Scores {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "{}\n", self.sentence())?;
         writeln!(f, "{}", head(5))?;
         for (actor, score) in &self.actors {
             writeln!(f, "{}", line(5, &actor.to_string(), &score.row()))?;
@@ -56,6 +57,25 @@ impl fmt::Display for Scores {
 }
 
 impl Scores {
+    /// The whole in a sentence.
+    pub fn sentence(&self) -> String {
+        let frames: u64 = self.actors.values().map(|actor| actor.frames).sum();
+        let gaps: u64 = self.actors.values().map(|actor| actor.gaps).sum();
+        let people = match self.actors.len() {
+            1 => "1 person".to_owned(),
+            n => format!("{n} people"),
+        };
+        let off = self.mean.mpjpe_mm.map_or_else(
+            || "nothing is near the truth".to_owned(),
+            |mm| format!("joints are {mm:.0} mm off on average"),
+        );
+        let switches = match self.identity.switches {
+            0 => "nobody changed ids".to_owned(),
+            n => format!("ids changed {n} times"),
+        };
+        format!("{people}, {frames} true poses: {off}, {gaps} poses are missing, {switches}")
+    }
+
     /// The figures of identity in one line.
     pub fn identity_line(&self) -> String {
         let id = &self.identity;

@@ -17,6 +17,7 @@ use super::exporter::{Exported, Exporter};
 use super::pose_queue::{FinalPoses, PoseQueue, Taken};
 use super::room::WaitForRoom;
 use crate::export::full_disk::FullDisk;
+use crate::export::run_clock::RunEnd;
 use crate::export::summary::PosesSummary;
 use crate::node::session::mode::RunMode;
 
@@ -62,7 +63,11 @@ impl ExportThread {
     ) -> anyhow::Result<Self> {
         let shared = Arc::<Shared>::default();
         let room = Arc::clone(&shared.room) as Arc<dyn FullDisk>;
-        let exporter = Exporter::create(folder, venue, keypoints, room)?;
+        let end = match mode {
+            RunMode::Live => RunEnd::Open,
+            RunMode::LockStep => RunEnd::Known,
+        };
+        let exporter = Exporter::create(folder, venue, keypoints, end, room)?;
         let work = ExportWork {
             exporter,
             mode,

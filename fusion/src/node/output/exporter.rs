@@ -1,5 +1,6 @@
 //! The files of a run: finished ticks in, whole files at the end.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -9,9 +10,11 @@ use farfield_proto::message::PoseSet;
 use farfield_proto::venue::Venue;
 
 use super::pose_queue::FinalPoses;
-use crate::body::skeleton::{ANGLE_NAMES, Joint, RangeOfMotion};
+use crate::body::determined::Determined;
+use crate::body::skeleton::{ANGLE_NAMES, Joint, RangeOfMotion, sites_of};
 use crate::export::full_disk::FullDisk;
 use crate::export::pose_files::{PoseFiles, Presence, WriteError, Written};
+use crate::export::run_clock::RunEnd;
 use crate::export::salvage::SMOOTH;
 use crate::export::summary::{PersonSummary, PosesSummary};
 use crate::export::unfinished::create_folder_on;
@@ -22,6 +25,7 @@ pub(in crate::node) struct Exporter {
     folder: PathBuf,
     layout: Layout,
     rate_hz: f64,
+    end: RunEnd,
     disk: Arc<dyn FullDisk>,
     files: PoseFiles,
     /// Those of the fixed-lag smoother, once there are some.
@@ -50,14 +54,17 @@ impl Exporter {
         folder: &Path,
         venue: &Venue,
         keypoints: &KeypointSet,
+        end: RunEnd,
         disk: Arc<dyn FullDisk>,
     ) -> anyhow::Result<Self> {
         let layout = layout(venue, keypoints);
-        let files = PoseFiles::create(folder, layout.clone(), venue.rate_hz, Arc::clone(&disk));
+        let (own, rate_hz) = (Arc::clone(&disk), venue.rate_hz);
+        let files = PoseFiles::create(folder, layout.clone(), rate_hz, end, own);
         Ok(Self {
             folder: folder.to_owned(),
             layout,
-            rate_hz: venue.rate_hz,
+            rate_hz,
+            end,
             disk,
             files: files.context("starting the files of the poses")?,
             smooth: None,
@@ -80,7 +87,8 @@ impl Exporter {
             create_folder_on(&folder, &*self.disk)
                 .with_context(|| format!("making {}", folder.display()))?;
             let (layout, disk) = (self.layout.clone(), Arc::clone(&self.disk));
-            let files = PoseFiles::create(folder, layout, self.rate_hz, disk)?;
+            let files = PoseFiles::create(folder, layout, self.rate_hz, self.end, disk)?;
+            let files = files.counting_from(self.files.first());
             self.smooth.insert(files)
         };
         told(files.write(poses), "writing the smoothed poses")
@@ -131,8 +139,10 @@ fn told(written: Result<(), &WriteError>, doing: &'static str) -> anyhow::Result
 pub(in crate::node) fn layout(venue: &Venue, keypoints: &KeypointSet) -> Layout {
     let parameters = &venue.parameters.range_of_motion;
     let range = RangeOfMotion::new(parameters.factor);
+    let determined = Determined::by(&sites_of(keypoints, &BTreeMap::new()));
     let angle = |(index, name): (usize, &&str)| {
         let mut column = AngleColumn::named(*name);
+        column.evidence = determined.angles[index];
         if parameters.enabled && column.unit == AngleUnit::Radian {
             let (lo, hi) = range.reported_range(index);
             column.range_rad = (lo.is_finite() && hi.is_finite()).then_some([lo, hi]);
@@ -144,6 +154,7 @@ pub(in crate::node) fn layout(venue: &Venue, keypoints: &KeypointSet) -> Layout 
             .iter()
             .map(|joint| joint.name().to_owned())
             .collect(),
+        is_marker: determined.joints.to_vec(),
         keypoints: keypoints.names().to_vec(),
         angles: ANGLE_NAMES.iter().enumerate().map(angle).collect(),
     }

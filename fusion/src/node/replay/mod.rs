@@ -11,11 +11,14 @@ use std::process::ExitCode;
 use anyhow::{Context as _, anyhow};
 use farfield_node::clock;
 use farfield_node::log::start_log;
-use farfield_node::process::{Ending, Managed, NodeError, exit_code, say, stop_when_told};
+use farfield_node::process::{
+    Ending, Managed, NodeError, Told, exit_code_told, say, stop_when_told,
+};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
 use self::report::{Done, FileFacts};
+pub use self::venue::with_values;
 use self::venue::{Changes, replay_venue};
 use super::config::check_names;
 use super::output::claim::{FolderClaim, check_folder};
@@ -30,33 +33,44 @@ use crate::recording::replay::{Choice, PatchOwners, Replay};
 /// Arguments of a replay.
 #[derive(Debug, Clone, clap::Args)]
 pub struct ReplayArgs {
-    /// The recording, an MCAP file of `farfield record` or of `--record`.
+    /// The recording, an MCAP file.
+    ///
+    /// Of `farfield record`, or of `--record`.
     pub file: PathBuf,
-    /// Folder for the results; must be empty or not there. Default: `farfield-out/VENUE-N`.
+    /// Folder for the results.
+    ///
+    /// It must be empty or not there. Default: `farfield-out/VENUE-N`.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Use this venue file instead of the recorded one; its viewpoints and cameras must be the same.
+    /// Use this venue file, not the recorded one.
+    ///
+    /// Its viewpoints and cameras must be the same.
     #[arg(long, value_name = "VENUE.toml")]
     pub venue: Option<PathBuf>,
-    /// Use this calibration instead of the recorded one.
+    /// Use this calibration, not the recorded one.
     #[arg(long, value_name = "FILE")]
     pub calibration: Option<PathBuf>,
-    /// Use another value of a parameter (see `farfield parameters`), for example `smoothing.cutoff_hz=3`.
+    /// Use another value of a parameter.
+    ///
+    /// See `farfield parameters`; for example `smoothing.cutoff_hz=3`.
     #[arg(long, value_name = "TABLE.FIELD=VALUE")]
     pub set: Vec<String>,
-    /// Use all sets, those too that came late or were delivered after an outage, instead of those that
-    /// fusion used then.
+    /// Use what came too late, too.
+    ///
+    /// All sets, those too that were delivered after an outage, instead of those that fusion used then.
     #[arg(long)]
     pub late: bool,
-    /// Write the poses of two passes, forward and back over the recording, instead of those that a live
-    /// listener could have had.
+    /// Smooth: two passes, forward and back.
+    ///
+    /// Instead of the poses that a live listener could have had.
     #[arg(long)]
     pub smooth: bool,
-    /// Which life of fusion, where the recording has several: from 1, as they are listed. Default: the
-    /// one with the most ticks.
+    /// Which life of fusion, where there are several.
+    ///
+    /// From 1, as they are listed.
     #[arg(long, value_name = "N")]
     pub session: Option<usize>,
-    /// Print the summary as JSON.
+    /// Print the summary, or what went wrong, as JSON.
     #[arg(long)]
     pub json: bool,
 }
@@ -64,7 +78,7 @@ pub struct ReplayArgs {
 /// Replays a recording to its end and says on standard error what went wrong.
 pub fn main(args: &ReplayArgs, print: fn(&str) -> anyhow::Result<()>) -> ExitCode {
     start_log();
-    exit_code(replay(args, print))
+    exit_code_told(replay(args, print), Told::as_json_if(args.json))
 }
 
 fn replay(args: &ReplayArgs, print: fn(&str) -> anyhow::Result<()>) -> Result<Ending, NodeError> {
@@ -132,7 +146,10 @@ fn replay(args: &ReplayArgs, print: fn(&str) -> anyhow::Result<()>) -> Result<En
     } else {
         done.words(claim.folder())
     };
-    print(&text).map_err(NodeError::Failed)?;
+    // As JSON one thing is said: what went wrong.
+    if !args.json || done.exported.missing.is_none() {
+        print(&text).map_err(NodeError::Failed)?;
+    }
     match &done.exported.missing {
         Some(poses) => Err(NodeError::Failed(missing(poses))),
         None => Ok(done.ending),

@@ -139,8 +139,11 @@ fn read(path: &Path) -> anyhow::Result<String> {
     fs::read_to_string(path).with_context(|| format!("reading {}", path.display()))
 }
 
-/// The venue file `text` with other values. A parameter is named `table.name`, wherever it stands.
-fn with_values(text: &str, set: &[String]) -> anyhow::Result<String> {
+/// The venue file `text` with other values, `table.name=value`. A parameter is named so wherever it stands.
+///
+/// # Errors
+/// When a value cannot be set, or the text is no TOML.
+pub fn with_values(text: &str, set: &[String]) -> anyhow::Result<String> {
     if set.is_empty() {
         return Ok(text.to_owned());
     }

@@ -1,0 +1,78 @@
+//! How long a run will still take, measured from what of it is done. Nothing is said before that can be known.
+
+use std::time::Duration;
+
+use tokio::time::Instant;
+
+/// For how long ticks must have passed: the first ones wait for caches, detection passes and each other.
+const KNOWN_AFTER: Duration = Duration::from_secs(3);
+
+/// Watches ticks go by.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct TimeLeft {
+    /// When the first report came, and how many ticks were done then.
+    began: Option<(Instant, u64)>,
+}
+
+impl TimeLeft {
+    /// Takes in that `done` of `total` ticks are done at `now`; says how much time is left, once that is known.
+    pub(crate) fn at(&mut self, now: Instant, done: u64, total: u64) -> Option<String> {
+        let (began, before) = *self.began.get_or_insert((now, done));
+        let elapsed = now.duration_since(began);
+        let passed = done.saturating_sub(before);
+        if elapsed < KNOWN_AFTER || passed == 0 || done >= total {
+            return None;
+        }
+        let left_s = elapsed.as_secs_f64() / passed as f64 * (total - done) as f64;
+        Some(format!("about {} left", span(left_s)))
+    }
+}
+
+/// A time as people say it when they do not know it exactly.
+fn span(seconds: f64) -> String {
+    let minutes = seconds / 60.0;
+    match seconds {
+        ..10.0 => format!("{:.0} s", seconds.ceil()),
+        ..90.0 => format!("{:.0} s", (seconds / 10.0).round() * 10.0),
+        ..5400.0 => format!("{:.0} min", minutes.ceil()),
+        _ => format!("{:.1} h", minutes / 60.0),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_time_left_is_told_from_the_ticks_that_were_measured_and_not_before() {
+        let start = Instant::now();
+        let at = |s: u64| start + Duration::from_secs(s);
+        let mut left = TimeLeft::default();
+        assert_eq!(left.at(at(0), 1, 301), None);
+        assert_eq!(left.at(at(2), 11, 301), None, "two seconds are no measure");
+        // 5 ticks a second, and 280 to go.
+        assert_eq!(left.at(at(4), 21, 301).unwrap(), "about 60 s left");
+        assert_eq!(left.at(at(60), 301, 301), None, "all is done");
+    }
+
+    #[test]
+    fn a_run_that_stands_still_promises_nothing() {
+        let start = Instant::now();
+        let mut left = TimeLeft::default();
+        assert_eq!(left.at(start, 5, 100), None);
+        assert_eq!(left.at(start + Duration::from_mins(1), 5, 100), None);
+    }
+
+    #[test]
+    fn a_time_that_nobody_knows_exactly_is_round() {
+        for (seconds, said) in [
+            (0.2, "1 s"),
+            (41.0, "40 s"),
+            (95.0, "2 min"),
+            (5000.0, "84 min"),
+            (9000.0, "2.5 h"),
+        ] {
+            assert_eq!(span(seconds), said);
+        }
+    }
+}

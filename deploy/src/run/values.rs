@@ -1,0 +1,88 @@
+//! `--set`: the venue with other values, as a venue file of its own among the results.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use anyhow::Context as _;
+use farfield_fusion::node::with_values;
+use toml::{Table, Value};
+
+/// The venue file at `path` with the values of `set`. The files that it names have their full paths, so that the text
+/// may lie elsewhere.
+///
+/// # Errors
+/// When the file cannot be read, or a value not be set.
+pub(super) fn changed_venue(path: &Path, set: &[String]) -> anyhow::Result<String> {
+    let shown = || path.display().to_string();
+    let text = fs::read_to_string(path).with_context(shown)?;
+    let mut venue: Table = with_values(&text, set)?.parse().with_context(shown)?;
+    let path = std::path::absolute(path).with_context(shown)?;
+    let folder = path.parent().unwrap_or(Path::new("/"));
+    for name in ["calibration", "network", "detector"] {
+        make_full(&mut venue, name, folder);
+    }
+    if let Some(Value::Table(security)) = venue.get_mut("security") {
+        make_full(security, "certificates", folder);
+    }
+    for viewpoint in tables(venue.get_mut("viewpoint")) {
+        for camera in tables(viewpoint.get_mut("camera")) {
+            if let Some(Value::Table(source)) = camera.get_mut("source") {
+                make_full(source, "path", folder);
+            }
+        }
+    }
+    toml::to_string(&venue).context("writing the venue file")
+}
+
+fn tables(array: Option<&mut Value>) -> impl Iterator<Item = &mut Table> {
+    let array = array.and_then(Value::as_array_mut);
+    array.into_iter().flatten().filter_map(Value::as_table_mut)
+}
+
+fn make_full(table: &mut Table, name: &str, folder: &Path) {
+    if let Some(Value::String(name)) = table.get_mut(name) {
+        let full: PathBuf = folder.join(name.as_str());
+        *name = full.display().to_string();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_changed_venue_may_lie_anywhere() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("hall.toml");
+        fs::write(
+            &path,
+            "name = \"hall\"\ncalibration = \"calibration.toml\"\n[[viewpoint]]\n[[viewpoint.camera]]\n\
+             source = { kind = \"keypoints\", path = \"/else/a.jsonl\" }\n[[viewpoint.camera]]\n\
+             source = { kind = \"video\", path = \"b.mp4\" }\n",
+        )
+        .unwrap();
+        let text = changed_venue(&path, &["births.coast_s=2".to_owned()]).unwrap();
+        let venue: Table = text.parse().unwrap();
+        let full = |name: &str| folder.path().join(name).display().to_string();
+        assert_eq!(
+            venue["calibration"].as_str(),
+            Some(&*full("calibration.toml"))
+        );
+        assert_eq!(venue["births"]["coast_s"].as_integer(), Some(2));
+        let cameras = venue["viewpoint"][0]["camera"].as_array().unwrap();
+        let path_of = |i: usize| cameras[i]["source"]["path"].as_str().unwrap().to_owned();
+        assert_eq!(
+            (path_of(0), path_of(1)),
+            ("/else/a.jsonl".to_owned(), full("b.mp4"))
+        );
+    }
+
+    #[test]
+    fn an_unknown_parameter_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("hall.toml");
+        fs::write(&path, "name = \"hall\"\n").unwrap();
+        let refused = changed_venue(&path, &["births.coast=2".to_owned()]).unwrap_err();
+        assert!(refused.to_string().contains("births.coast_s"), "{refused}");
+    }
+}

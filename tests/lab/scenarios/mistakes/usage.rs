@@ -1,0 +1,308 @@
+//! Mistakes on the command line, with results, truths, recordings and keys.
+
+use std::fs;
+
+use super::folder::{change_lines, change_ticks, keep_lines, nothing, write};
+use super::{Mistake, are_told};
+use crate::farfield::{command, finish};
+
+fn usage(what: &'static str, words: &'static str, told: &'static [&'static str]) -> Mistake {
+    Mistake {
+        what,
+        make: nothing,
+        words,
+        code: 2,
+        told,
+    }
+}
+
+#[test]
+fn a_command_line_that_is_wrong_is_refused_with_what_was_expected() {
+    are_told(&[
+        usage("no venue", "run", &["<VENUE>"]),
+        usage(
+            "no command",
+            "venue.toml",
+            &["unrecognized subcommand", "venue.toml"],
+        ),
+        usage("a command that is misspelt", "evalute a b", &["evalute"]),
+        usage(
+            "an option of another program",
+            "run venue.toml --outdir out",
+            &["--outdir", "--out"],
+        ),
+        usage(
+            "ticks the wrong way round",
+            "run venue.toml --out out --ticks 90..30",
+            &["90..30", "A below B"],
+        ),
+        usage(
+            "ticks as in Python",
+            "run venue.toml --out out --ticks 0:30",
+            &["0:30", "300..900"],
+        ),
+        usage(
+            "more ticks than there are",
+            "run venue.toml --out out --ticks 0..500",
+            &["0..500", "0..120"],
+        ),
+        usage(
+            "a picture of a tick that is not there",
+            "run venue.toml --out out --overlay 500",
+            &["500", "0..120"],
+        ),
+        usage(
+            "a picture of no tick",
+            "run venue.toml --out out --overlay 3,x",
+            &["`x`"],
+        ),
+        usage(
+            "results where others are",
+            "run venue.toml --out good",
+            &["good", "not empty"],
+        ),
+        usage(
+            "a recording nowhere",
+            "run venue.toml --out out --record no/such/a.mcap",
+            &["no/such"],
+        ),
+        usage(
+            "an endpoint without a protocol",
+            "fusion venue.toml --listen 127.0.0.1:7447",
+            &["--listen", "quic/"],
+        ),
+        usage(
+            "a kind of recording that does not exist",
+            "simulate s.toml --out out --as video",
+            &["videos"],
+        ),
+        usage(
+            "a shell that does not exist",
+            "completions dos",
+            &["dos", "bash"],
+        ),
+    ]);
+}
+
+#[test]
+fn poses_and_truths_that_do_not_belong_together_are_told_apart() {
+    let told = |what, make, words, code, told| Mistake {
+        what,
+        make,
+        words,
+        code,
+        told,
+    };
+    are_told(&[
+        told(
+            "the truth of other ticks",
+            |f| change_ticks(f, "truth.jsonl", 5000),
+            "evaluate good/poses.jsonl truth.jsonl",
+            2,
+            &["ticks 0 to 119", "ticks 5000 to 5119"],
+        ),
+        told(
+            "the truth of another hall",
+            |f| {
+                change_lines(f, "truth.jsonl", |line| {
+                    for point in line["joints"].as_object_mut().unwrap().values_mut() {
+                        point[0] = (point[0].as_f64().unwrap() + 40.0).into();
+                    }
+                    line.as_object_mut().unwrap().remove("keypoints");
+                })
+            },
+            "evaluate good/poses.jsonl truth.jsonl",
+            2,
+            &["no place in common", " m from a truth"],
+        ),
+        told(
+            "poses of the first ticks",
+            |f| keep_lines(f, "good/poses.jsonl", 16),
+            "evaluate good/poses.jsonl truth.jsonl",
+            0,
+            &["warning", "only 8 of the truth's 120 ticks"],
+        ),
+        told(
+            "poses of nobody",
+            |f| write(f, "empty.jsonl", ""),
+            "evaluate empty.jsonl truth.jsonl",
+            0,
+            &["warning", "hold nobody"],
+        ),
+        told(
+            "truth and poses swapped",
+            nothing,
+            "evaluate truth.jsonl good/poses.jsonl",
+            0,
+            &["warning", "POSES, then TRUTH"],
+        ),
+        told(
+            "poses against themselves",
+            nothing,
+            "evaluate good/poses.jsonl good/poses.jsonl",
+            0,
+            &["warning", "against itself"],
+        ),
+        told(
+            "a TRC file",
+            nothing,
+            "evaluate good/poses_1.trc truth.jsonl",
+            2,
+            &["poses_1.trc:1", "not JSON"],
+        ),
+        told(
+            "ticks that nobody was there",
+            nothing,
+            "evaluate good/poses.jsonl truth.jsonl --ticks 500..600",
+            2,
+            &["500..600"],
+        ),
+        told(
+            "a rate of nothing",
+            nothing,
+            "evaluate good/poses.jsonl truth.jsonl --rate-hz 0",
+            2,
+            &["--rate-hz"],
+        ),
+    ]);
+}
+
+#[test]
+fn recordings_and_keys_that_are_asked_for_wrongly_are_refused() {
+    are_told(&[
+        usage(
+            "poses in place of a recording",
+            "replay good/poses.jsonl --out out",
+            &["poses.jsonl", "not an MCAP file"],
+        ),
+        usage(
+            "a recording that is not there",
+            "replay a.mcap --out out",
+            &["a.mcap"],
+        ),
+        usage(
+            "a parameter without its table",
+            "replay good/recording.mcap --out out --set cutoff_hz=3",
+            &["--set", "smoothing.cutoff_hz=3"],
+        ),
+        usage(
+            "a parameter that is misspelt",
+            "replay good/recording.mcap --out out --set smoothing.cutof_hz=3",
+            &["did you mean `smoothing.cutoff_hz`"],
+        ),
+        usage(
+            "a parameter in words",
+            "replay good/recording.mcap --out out --set smoothing.cutoff_hz=fast",
+            &["smoothing.cutoff_hz", "fast"],
+        ),
+        usage(
+            "a life that is not there",
+            "replay good/recording.mcap --out out --session 5",
+            &["--session", "5"],
+        ),
+        usage(
+            "a key for whom nobody knows",
+            "certs venue.toml --out keys --renew north",
+            &["--renew", "found `north`"],
+        ),
+        usage(
+            "keys for no time",
+            "certs venue.toml --out keys --days 0",
+            &["--days"],
+        ),
+        usage(
+            "a host that is none",
+            "certs venue.toml --out keys --host fusion_host:7447",
+            &["--host", "without a port"],
+        ),
+    ]);
+}
+
+#[test]
+fn a_log_that_cannot_be_understood_is_told_of() {
+    let mut run = command();
+    run.args(["run", "nowhere.toml"])
+        .env("RUST_LOG", "farfield=loud");
+    let said = finish(&run.output().unwrap());
+    assert!(
+        said.stderr.contains("RUST_LOG: found `farfield=loud`"),
+        "{}",
+        said.stderr
+    );
+}
+
+#[test]
+fn what_went_wrong_is_json_where_json_was_asked_for() {
+    for words in [
+        "run nowhere.toml --json",
+        "evaluate a.jsonl b.jsonl --json",
+        "replay nowhere.mcap --json",
+        "run --ticks 9..3 hall.toml --json",
+        "bench --people 8 --json",
+    ] {
+        let said = finish(&command().args(words.split(' ')).output().unwrap());
+        assert_eq!(said.code, 2, "{words}: {}", said.stderr);
+        let told: serde_json::Value = serde_json::from_str(&said.stdout)
+            .unwrap_or_else(|error| panic!("{words}: {error}: {:?}", said.stdout));
+        assert_eq!(told["exit_code"], 2, "{words}");
+        let error = told["error"].as_str().unwrap();
+        assert!(
+            !error.is_empty() && !error.starts_with("error"),
+            "{words}: {error}"
+        );
+        assert!(!said.stderr.is_empty(), "{words}: people are told, too");
+    }
+}
+
+#[test]
+fn an_overlay_before_the_venue_does_not_eat_it() {
+    let folder = super::folder::sample();
+    let mut run = command();
+    run.current_dir(folder.path());
+    run.args([
+        "run",
+        "--overlay",
+        "venue.toml",
+        "--ticks",
+        "0..30",
+        "--out",
+        "out",
+    ]);
+    let said = finish(&run.output().unwrap());
+    assert_eq!(said.code, 0, "{}", said.stderr);
+    let names = fs::read_dir(folder.path().join("out")).unwrap();
+    let names: Vec<_> = names.map(|entry| entry.unwrap().file_name()).collect();
+    assert!(
+        names.iter().any(|name| name == "overlay_north-east_15.png"),
+        "{names:?}"
+    );
+}
+
+#[test]
+fn a_value_that_is_set_is_used_and_stands_in_a_venue_among_the_results() {
+    let folder = super::folder::sample();
+    let farfield = |words: &str| {
+        let mut command = command();
+        command.current_dir(folder.path()).args(words.split(' '));
+        finish(&command.output().unwrap())
+    };
+    let said =
+        farfield("run venue.toml --ticks 0..60 --out out --record --set births.confirm_s=0.9");
+    assert_eq!(said.code, 0, "{}", said.stderr);
+    let venue = fs::read_to_string(folder.path().join("out/venue.toml")).unwrap();
+    assert!(venue.contains("confirm_s = 0.9"), "{venue}");
+    let again = farfield("run out/venue.toml --ticks 0..60 --out again");
+    assert_eq!(again.code, 0, "{}", again.stderr);
+    let replayed = farfield("replay out/recording.mcap --out replayed");
+    assert_eq!(replayed.code, 0, "{}", replayed.stderr);
+    let poses = |out: &str| fs::read(folder.path().join(out).join("poses.jsonl")).unwrap();
+    assert!(!poses("out").is_empty() && poses("out") == poses("again"));
+    assert!(poses("out") == poses("replayed"));
+    let refused = farfield("run venue.toml --out third --set births.confirm=0.9");
+    assert_eq!(refused.code, 2);
+    assert!(
+        refused.stderr.contains("births.confirm_s"),
+        "{}",
+        refused.stderr
+    );
+}

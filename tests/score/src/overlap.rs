@@ -1,0 +1,205 @@
+//! Whether poses and a truth are of the same people at the same time: what a score is worth nothing without.
+
+use std::fmt;
+use std::ops::RangeInclusive;
+
+use farfield_proto::tick::Tick;
+
+use super::lines::PoseLines;
+use super::pairing::{Distances, GATE_M};
+
+/// Share of ticks below which two files barely overlap.
+const BARELY: f64 = 0.1;
+
+/// Where poses and a truth meet.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Overlap {
+    /// First and last tick of the poses.
+    poses: Option<RangeInclusive<Tick>>,
+    /// First and last tick of the truth.
+    truth: Option<RangeInclusive<Tick>>,
+    /// Ticks at which the truth holds people.
+    true_ticks: usize,
+    /// Ticks at which both hold people.
+    shared_ticks: usize,
+    /// Of these, those at which a pose is near enough to be a truth's.
+    near_ticks: usize,
+    /// The least mean distance of the points of a pose from those of a truth, metres.
+    nearest_m: Option<f64>,
+}
+
+impl Overlap {
+    /// Compares two files.
+    pub fn of(poses: &PoseLines, truth: &PoseLines) -> Self {
+        let mut overlap = Self {
+            poses: span(poses),
+            truth: span(truth),
+            true_ticks: truth.ticks().count(),
+            shared_ticks: 0,
+            near_ticks: 0,
+            nearest_m: None,
+        };
+        for tick in truth.ticks() {
+            if let (Some(truths), Some(poses)) = (truth.people_at(tick), poses.people_at(tick)) {
+                overlap.shared_ticks += 1;
+                let nearest_m = Distances::new(truths, poses).nearest_m();
+                overlap.near_ticks += usize::from(nearest_m <= GATE_M);
+                let least_m = overlap.nearest_m.unwrap_or(f64::INFINITY).min(nearest_m);
+                overlap.nearest_m = least_m.is_finite().then_some(least_m);
+            }
+        }
+        overlap
+    }
+
+    /// Why there is nothing to score, if so. Poses of nobody are scored: all of the truth is missing then.
+    pub fn refusal(&self) -> Option<String> {
+        let poses = self.poses.as_ref()?;
+        if self.shared_ticks == 0 {
+            return Some(format!(
+                "no tick in common: the poses have {}, the truth has {}; expected poses of what the truth is of",
+                Span(poses),
+                self.of_truth()
+            ));
+        }
+        if self.near_ticks > 0 {
+            return None;
+        }
+        let shared = self.shared_ticks;
+        let nearest = self.nearest_m.map_or_else(
+            || "no point is known of both".to_owned(),
+            |nearest_m| {
+                format!(
+                    "the nearest pose is {nearest_m:.2} m from a truth, and at most {GATE_M} m is a match"
+                )
+            },
+        );
+        Some(format!(
+            "no place in common at the {shared} ticks that both hold: {nearest}; expected poses of the same people, \
+             in the same coordinates"
+        ))
+    }
+
+    /// What speaks against a score that can be made, if anything does.
+    pub fn warning(&self) -> Option<String> {
+        let Some(poses) = &self.poses else {
+            return Some(format!(
+                "the poses hold nobody; the truth has {}",
+                self.of_truth()
+            ));
+        };
+        let is_barely = |part: usize, of: usize| (part as f64) < BARELY * of as f64;
+        if is_barely(self.shared_ticks, self.true_ticks) {
+            return Some(format!(
+                "only {} of the truth's {} ticks have poses: the poses have {}, the truth has {}",
+                self.shared_ticks,
+                self.true_ticks,
+                Span(poses),
+                self.of_truth()
+            ));
+        }
+        is_barely(self.near_ticks, self.shared_ticks).then(|| {
+            format!(
+                "at only {} of {} ticks is a pose within {GATE_M} m of a truth",
+                self.near_ticks, self.shared_ticks
+            )
+        })
+    }
+
+    fn of_truth(&self) -> String {
+        let span = self.truth.as_ref();
+        span.map_or_else(|| "none".to_owned(), |span| Span(span).to_string())
+    }
+}
+
+fn span(lines: &PoseLines) -> Option<RangeInclusive<Tick>> {
+    let first = lines.ticks().next()?;
+    Some(first..=lines.ticks().last().unwrap_or(first))
+}
+
+struct Span<'a>(&'a RangeInclusive<Tick>);
+
+impl fmt::Display for Span<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "ticks {} to {}", self.0.start(), self.0.end())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::ops::Range;
+    use std::path::Path;
+
+    use super::*;
+    use crate::lines::LinesRole;
+    use crate::points::PointSet;
+
+    fn lines(ticks: Range<i64>, x_m: impl Fn(i64) -> f64, joint: &str) -> PoseLines {
+        let line = |tick: i64| {
+            let x_m = x_m(tick);
+            format!(
+                "{{\"tick\": {tick}, \"person\": 1, \"joints\": {{\"{joint}\": [{x_m}, 0, 1]}}}}\n"
+            )
+        };
+        let text: String = ticks.map(line).collect();
+        let path = Path::new("x.jsonl");
+        PoseLines::read(
+            text.as_bytes(),
+            path,
+            LinesRole::Poses,
+            PointSet::Joints,
+            None,
+        )
+        .unwrap()
+    }
+
+    fn standing(ticks: Range<i64>, x_m: f64) -> PoseLines {
+        lines(ticks, |_| x_m, "left_hip")
+    }
+
+    fn overlap(poses: &PoseLines) -> Overlap {
+        Overlap::of(poses, &standing(0..100, 0.0))
+    }
+
+    #[test]
+    fn poses_of_the_same_people_at_the_same_time_are_scored_without_a_word() {
+        let overlap = overlap(&standing(5..90, 0.1));
+        assert_eq!((overlap.refusal(), overlap.warning()), (None, None));
+    }
+
+    #[test]
+    fn other_ticks_are_refused_with_those_of_both() {
+        let refusal = overlap(&standing(100..200, 0.0)).refusal().unwrap();
+        assert!(
+            refusal.contains("the poses have ticks 100 to 199"),
+            "{refusal}"
+        );
+        assert!(refusal.contains("the truth has ticks 0 to 99"), "{refusal}");
+    }
+
+    #[test]
+    fn another_place_is_refused_with_the_nearest_distance() {
+        let refusal = overlap(&standing(0..100, 3.25)).refusal().unwrap();
+        assert!(refusal.contains("100 ticks"), "{refusal}");
+        assert!(refusal.contains("3.25 m"), "{refusal}");
+        let other_points = lines(0..100, |_| 0.0, "left_knee");
+        let refusal = overlap(&other_points).refusal().unwrap();
+        assert!(refusal.contains("no point is known of both"), "{refusal}");
+    }
+
+    #[test]
+    fn who_barely_meets_the_truth_is_scored_with_a_warning() {
+        let warning = overlap(&standing(95..400, 0.0)).warning().unwrap();
+        assert!(warning.contains("5 of the truth's 100 ticks"), "{warning}");
+        let passing = lines(0..100, |tick| 0.2 * tick as f64 - 10.05, "left_hip");
+        let warning = overlap(&passing).warning().unwrap();
+        assert!(warning.contains("at only 5 of 100 ticks"), "{warning}");
+        assert_eq!(overlap(&standing(90..400, 0.0)).warning(), None);
+    }
+
+    #[test]
+    fn poses_of_nobody_are_told_of() {
+        let overlap = overlap(&standing(0..0, 0.0));
+        assert_eq!(overlap.refusal(), None);
+        assert!(overlap.warning().unwrap().contains("hold nobody"));
+    }
+}
