@@ -6,6 +6,7 @@ use farfield_fusion::node::{FusionArgs, RecordArgs, ReplayArgs};
 
 use crate::bench::BenchArgs;
 use crate::certs::CertsArgs;
+use crate::check_venue::CheckArgs;
 use crate::demo::DemoArgs;
 use crate::evaluate::EvaluateArgs;
 use crate::parameters::ParametersArgs;
@@ -27,6 +28,8 @@ pub(crate) struct FarfieldCli {
 pub(crate) enum FarfieldCommand {
     /// Bring up all nodes of a venue on this machine and work through its recordings.
     Run(RunArgs),
+    /// Look whether a venue can be run: files, sources, calibration, networks; draws what every camera sees.
+    Check(CheckArgs),
     /// Start the edge node of one viewpoint.
     Edge(EdgeArgs),
     /// Start the fusion node.

@@ -9,12 +9,16 @@
 
 mod bench;
 mod certs;
+mod check_venue;
 mod cli;
 mod demo;
 mod evaluate;
+mod keys;
 pub mod output;
 mod overlay;
 mod parameters;
+mod recorded_rates;
+mod report_lines;
 mod run;
 #[cfg(test)]
 mod samples;
@@ -43,6 +47,7 @@ pub fn main() -> ExitCode {
         FarfieldCommand::Fusion(args) => farfield_fusion::node::main(args),
         FarfieldCommand::Record(args) => farfield_fusion::node::record(args),
         FarfieldCommand::Replay(args) => farfield_fusion::node::replay(&args, output::print),
+        FarfieldCommand::Check(args) => check_venue::main(&args),
         FarfieldCommand::Demo(args) => demo::main(&args),
         FarfieldCommand::Simulate(args) => simulate::main(args),
         FarfieldCommand::Bench(args) => exit_code(bench::bench(&args).map(|()| Ending::Done)),
