@@ -8,6 +8,7 @@ use crate::bench::BenchArgs;
 use crate::certs::CertsArgs;
 use crate::check_venue::CheckArgs;
 use crate::demo::DemoArgs;
+use crate::doctor::DoctorArgs;
 use crate::evaluate::EvaluateArgs;
 use crate::parameters::ParametersArgs;
 use crate::run::RunArgs;
@@ -30,6 +31,8 @@ pub(crate) enum FarfieldCommand {
     Run(RunArgs),
     /// Look whether a venue can be run: files, sources, calibration, networks; draws what every camera sees.
     Check(CheckArgs),
+    /// Look whether this machine can do what a venue asks of it: inference, programs, disk, clock, ports, keys.
+    Doctor(DoctorArgs),
     /// Start the edge node of one viewpoint.
     Edge(EdgeArgs),
     /// Start the fusion node.

@@ -12,6 +12,7 @@ mod certs;
 mod check_venue;
 mod cli;
 mod demo;
+mod doctor;
 mod evaluate;
 mod keys;
 pub mod output;
@@ -49,6 +50,7 @@ pub fn main() -> ExitCode {
         FarfieldCommand::Replay(args) => farfield_fusion::node::replay(&args, output::print),
         FarfieldCommand::Check(args) => check_venue::main(&args),
         FarfieldCommand::Demo(args) => demo::main(&args),
+        FarfieldCommand::Doctor(args) => doctor::main(&args),
         FarfieldCommand::Simulate(args) => simulate::main(args),
         FarfieldCommand::Bench(args) => exit_code(bench::bench(&args).map(|()| Ending::Done)),
         FarfieldCommand::Certs(args) => exit_code(certs::certs(&args).map(|()| Ending::Done)),
