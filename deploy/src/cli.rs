@@ -10,6 +10,7 @@ use crate::check_venue::CheckArgs;
 use crate::demo::DemoArgs;
 use crate::doctor::DoctorArgs;
 use crate::evaluate::EvaluateArgs;
+use crate::init::InitArgs;
 use crate::parameters::ParametersArgs;
 use crate::run::RunArgs;
 use crate::simulate::SimulateArgs;
@@ -33,6 +34,8 @@ pub(crate) enum FarfieldCommand {
     Check(CheckArgs),
     /// Look whether this machine can do what a venue asks of it: inference, programs, disk, clock, ports, keys.
     Doctor(DoctorArgs),
+    /// Make a venue of a folder of recordings and a calibration.
+    Init(InitArgs),
     /// Start the edge node of one viewpoint.
     Edge(EdgeArgs),
     /// Start the fusion node.

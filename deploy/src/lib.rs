@@ -14,6 +14,7 @@ mod cli;
 mod demo;
 mod doctor;
 mod evaluate;
+mod init;
 mod keys;
 pub mod output;
 mod overlay;
@@ -51,6 +52,7 @@ pub fn main() -> ExitCode {
         FarfieldCommand::Check(args) => check_venue::main(&args),
         FarfieldCommand::Demo(args) => demo::main(&args),
         FarfieldCommand::Doctor(args) => doctor::main(&args),
+        FarfieldCommand::Init(args) => init::main(&args),
         FarfieldCommand::Simulate(args) => simulate::main(args),
         FarfieldCommand::Bench(args) => exit_code(bench::bench(&args).map(|()| Ending::Done)),
         FarfieldCommand::Certs(args) => exit_code(certs::certs(&args).map(|()| Ending::Done)),
