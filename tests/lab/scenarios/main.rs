@@ -5,6 +5,7 @@
 )]
 
 mod bad_input;
+mod before_a_run;
 mod data;
 mod demo;
 mod far_people;
