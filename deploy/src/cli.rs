@@ -13,8 +13,11 @@ use farfield_node::process::{EXIT_REFUSED, say, say_json};
 
 use crate::bench::BenchArgs;
 use crate::certs::CertsArgs;
+use crate::check_venue::CheckArgs;
 use crate::demo::DemoArgs;
+use crate::doctor::DoctorArgs;
 use crate::evaluate::EvaluateArgs;
+use crate::init::InitArgs;
 use crate::manual::{CompletionsArgs, ManArgs};
 use crate::parameters::ParametersArgs;
 use crate::run::RunArgs;
@@ -43,6 +46,19 @@ pub(crate) enum FarfieldCommand {
     /// Run all nodes of a venue on this machine.
     #[command(after_help = "Example: farfield run hall.toml --ticks 300..900 --overlay")]
     Run(RunArgs),
+    /// Look whether a venue can be run.
+    ///
+    /// Files, sources, calibration, networks; draws what every camera sees.
+    #[command(after_help = "Example: farfield check hall.toml --out looks/")]
+    Check(CheckArgs),
+    /// Look whether this machine can do what a venue asks of it.
+    ///
+    /// Inference, programs, disk, clock, ports, keys.
+    #[command(after_help = "Example: farfield doctor hall.toml")]
+    Doctor(DoctorArgs),
+    /// Make a venue of a folder of recordings and a calibration.
+    #[command(after_help = "Example: farfield init recordings/ --calibration calibration.toml")]
+    Init(InitArgs),
     /// Start the edge node of one viewpoint.
     #[command(after_help = "Example: farfield edge hall.toml --viewpoint north-east --from-fusion")]
     Edge(EdgeArgs),

@@ -9,13 +9,19 @@
 
 mod bench;
 mod certs;
+mod check_venue;
 mod cli;
 mod demo;
+mod doctor;
 mod evaluate;
+mod init;
+mod keys;
 mod manual;
 pub mod output;
 mod overlay;
 mod parameters;
+mod recorded_rates;
+mod report_lines;
 mod run;
 #[cfg(test)]
 mod samples;
@@ -49,7 +55,10 @@ pub fn main() -> ExitCode {
         FarfieldCommand::Fusion(args) => farfield_fusion::node::main(args),
         FarfieldCommand::Record(args) => farfield_fusion::node::record(args),
         FarfieldCommand::Replay(args) => farfield_fusion::node::replay(&args, output::print),
+        FarfieldCommand::Check(args) => check_venue::main(&args),
         FarfieldCommand::Demo(args) => demo::main(&args),
+        FarfieldCommand::Doctor(args) => doctor::main(&args),
+        FarfieldCommand::Init(args) => init::main(&args),
         FarfieldCommand::Simulate(args) => simulate::main(args),
         FarfieldCommand::Certs(args) => exit_code(done(certs::certs(&args))),
         FarfieldCommand::Completions(args) => {

@@ -5,6 +5,7 @@
 //! Every person's id stands over its head. What nothing determined is grey.
 
 mod number;
+mod place;
 
 use anyhow::Context as _;
 use farfield_edge::source::{FrameContent, KeypointCandidate, Sources};
@@ -18,6 +19,7 @@ use image::{Rgb, RgbImage};
 use nalgebra::{Point3, Vector2};
 
 use self::number::draw_number;
+pub(crate) use self::place::draw_place;
 
 /// Behind keypoint candidates.
 const CANVAS: Rgb<u8> = Rgb([24, 26, 30]);
@@ -60,22 +62,7 @@ pub(crate) fn overlay(
         .open(camera, venue, tick)?
         .next_frame()?
         .with_context(|| format!("camera `{}` has no tick {tick}", camera.model.name()))?;
-    let mut image = match frame.content {
-        FrameContent::Image(image) => image,
-        FrameContent::Keypoints(keypoints) => {
-            let [width, height] = camera.model.size_px();
-            let mut canvas = RgbImage::from_pixel(width, height, CANVAS);
-            draw_candidates(&mut canvas, keypoints.peaks.iter().flatten());
-            canvas
-        }
-        FrameContent::Painted(painter) => {
-            let [width, height] = camera.model.size_px();
-            let mut canvas = RgbImage::from_pixel(width, height, CANVAS);
-            let found = painter.persons();
-            draw_candidates(&mut canvas, found.iter().flatten().flatten());
-            canvas
-        }
-    };
+    let mut image = background(Some(frame.content), &camera.model);
     let bones = bones();
     for person in persons {
         let colour = person_colour(person.id);
@@ -83,6 +70,24 @@ pub(crate) fn overlay(
         draw_id(&mut image, &camera.model, &person.joints_m, person.id);
     }
     Ok(image)
+}
+
+/// What is drawn on: the camera's picture; where there is none, a dark one with the candidates that there are.
+pub(crate) fn background(content: Option<FrameContent>, camera: &CameraModel) -> RgbImage {
+    let [width, height] = camera.size_px();
+    let mut canvas = RgbImage::from_pixel(width, height, CANVAS);
+    match content {
+        Some(FrameContent::Image(image)) => return image,
+        Some(FrameContent::Keypoints(keypoints)) => {
+            draw_candidates(&mut canvas, keypoints.peaks.iter().flatten());
+        }
+        Some(FrameContent::Painted(painter)) => {
+            let found = painter.persons();
+            draw_candidates(&mut canvas, found.iter().flatten().flatten());
+        }
+        None => {}
+    }
+    canvas
 }
 
 /// Writes the id of a person over its head, where that is in the picture.

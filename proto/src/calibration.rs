@@ -21,6 +21,9 @@ pub const MAX_DISTANCE_M: f64 = 500.0;
 /// How far R R' of a 3 x 3 rotation may be from the identity: files keep six digits or more.
 const ROTATION_TOLERANCE: f64 = 1e-3;
 
+/// Longest Rodrigues vector, radians: a whole turn, with room for rounding. Tools write half of it at most.
+const MAX_ROTATION_RAD: f64 = std::f64::consts::TAU + 1e-3;
+
 /// The fields by which a table is known as a camera's.
 const CAMERA_FIELDS: [&str; 5] = ["size", "matrix", "distortions", "rotation", "translation"];
 
@@ -31,6 +34,8 @@ pub struct Calibration {
     pub cameras: BTreeMap<String, CameraModel>,
     /// Fingerprint of the file's text: 16 hexadecimal digits.
     pub hash: String,
+    /// Length of every rotation that is written as a Rodrigues vector, by its camera's name, radians.
+    pub rotation_lengths_rad: BTreeMap<String, f64>,
 }
 
 impl Calibration {
@@ -43,6 +48,7 @@ impl Calibration {
         let file = TomlFile::parse(text, path)?;
         let root: Table = file.read()?;
         let mut cameras = BTreeMap::new();
+        let mut rotation_lengths_rad = BTreeMap::new();
         for (place, name, table) in camera_tables(&root) {
             let entry = Entry {
                 file: &file,
@@ -53,6 +59,9 @@ impl Calibration {
                 continue;
             }
             let model = entry.camera(&name)?;
+            if let Some(length_rad) = entry.rotation_length_rad()? {
+                rotation_lengths_rad.insert(model.name().to_owned(), length_rad);
+            }
             if cameras.insert(model.name().to_owned(), model).is_some() {
                 return Err(entry.error("name", format!("a second camera is called `{name}`")));
             }
@@ -67,6 +76,7 @@ impl Calibration {
         Ok(Self {
             cameras,
             hash: file.fingerprint(),
+            rotation_lengths_rad,
         })
     }
 }
@@ -226,14 +236,8 @@ impl Entry<'_> {
 
     /// Rodrigues vector or 3 x 3 matrix.
     fn rotation(&self) -> Result<UnitQuaternion<f64>, FileError> {
-        let is_matrix = self
-            .get("rotation")?
-            .as_array()
-            .is_some_and(|rows| rows.iter().any(Value::is_array));
-        if !is_matrix {
-            return Ok(UnitQuaternion::from_scaled_axis(Vector3::from(
-                self.numbers::<3>("rotation")?,
-            )));
+        if !self.has_rotation_matrix()? {
+            return Ok(UnitQuaternion::from_scaled_axis(self.rotation_vector()?));
         }
         let m = self.matrix("rotation")?;
         let off = (m * m.transpose() - Matrix3::identity()).abs().max();
@@ -246,6 +250,33 @@ impl Entry<'_> {
         Ok(UnitQuaternion::from_rotation_matrix(
             &Rotation3::from_matrix(&m),
         ))
+    }
+
+    fn has_rotation_matrix(&self) -> Result<bool, FileError> {
+        let rows = self.get("rotation")?.as_array();
+        Ok(rows.is_some_and(|rows| rows.iter().any(Value::is_array)))
+    }
+
+    /// A Rodrigues vector; one of more than a whole turn is none that a tool writes.
+    fn rotation_vector(&self) -> Result<Vector3<f64>, FileError> {
+        let vector = Vector3::from(self.numbers::<3>("rotation")?);
+        let length = vector.norm();
+        if length > MAX_ROTATION_RAD {
+            let problem = format!(
+                "found a vector of length {length:.1}, expected radians, at most 6.28: these look like degrees; \
+                 multiply them by 0.017453"
+            );
+            return Err(self.error("rotation", problem));
+        }
+        Ok(vector)
+    }
+
+    /// `None` where the rotation is written as a matrix.
+    fn rotation_length_rad(&self) -> Result<Option<f64>, FileError> {
+        if self.has_rotation_matrix()? {
+            return Ok(None);
+        }
+        Ok(Some(self.rotation_vector()?.norm()))
     }
 
     fn matrix(&self, field: &str) -> Result<Matrix3<f64>, FileError> {

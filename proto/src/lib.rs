@@ -20,6 +20,7 @@ pub mod message;
 pub mod model_card;
 pub mod order_statistics;
 pub mod patch;
+pub mod plausibility;
 pub mod tick;
 pub mod toml_file;
 pub mod transport;

@@ -6,20 +6,25 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, anyhow, bail};
 use farfield_edge::node::{Networks, load_networks, probe_sources};
-use farfield_edge::source::{SourceError, common_ticks};
+use farfield_edge::source::{SourceError, SourceInfo, common_ticks};
 use farfield_fusion::export::unfinished::write_whole;
 use farfield_fusion::node::{
     check_folder, check_given_keypoints, check_given_ticks, check_live_or_recorded, check_names,
     check_place, load_card,
 };
 use farfield_node::files::{load_venue, parse_venue};
-use farfield_node::process::NodeError;
+use farfield_node::process::{NodeError, say};
+use farfield_proto::plausibility::{self, Finding, Severity};
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::{Source, Venue};
 use farfield_sim::simulated::VenueSources;
 
 use super::args::{RunArgs, TickList};
 use super::values::changed_venue;
+use crate::recorded_rates::odd_rates;
+
+/// How far apart recordings of different rates may be at the end of a run, ticks.
+const MAX_DRIFT_TICKS: f64 = 0.5;
 
 /// What sets the pace of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -101,6 +106,7 @@ pub(crate) fn check(args: RunArgs) -> Result<(RunPlan, Networks), NodeError> {
     if args.live {
         check_live_or_recorded(&venue, &args.venue).map_err(NodeError::refused)?;
     }
+    check_calibration(&venue)?;
     let infos = probe_sources(&sources, &venue, &venue.cameras).map_err(NodeError::refused)?;
     let pace = if args.live {
         RunPace::Live
@@ -112,6 +118,7 @@ pub(crate) fn check(args: RunArgs) -> Result<(RunPlan, Networks), NodeError> {
         ticks => Some(ticks.map_err(NodeError::refused)?),
     };
     if let Some(ticks) = &ticks {
+        check_rates(&infos, ticks)?;
         check_given_ticks(&venue, &args.venue, ticks).map_err(NodeError::refused)?;
     }
     let overlay = match (args.overlay, &ticks) {
@@ -161,6 +168,40 @@ fn check_own_recordings(venue: &Venue, path: &Path) -> anyhow::Result<()> {
                 recording.display()
             );
         }
+    }
+    Ok(())
+}
+
+/// Refuses a calibration with which no run can be right, and says what in it is doubtful.
+fn check_calibration(venue: &Venue) -> Result<(), NodeError> {
+    let path = venue.calibration_path.display();
+    let findings = plausibility::of_venue(venue);
+    let is_wrong = |finding: &&Finding| finding.severity == Severity::Wrong;
+    let wrong: Vec<String> = findings
+        .iter()
+        .filter(is_wrong)
+        .map(|finding| format!("{path}: {finding}"))
+        .collect();
+    if !wrong.is_empty() {
+        return Err(NodeError::Refused(anyhow!(
+            "{}\n`farfield check VENUE` draws what every camera should see",
+            wrong.join("\n")
+        )));
+    }
+    for finding in &findings {
+        say(format_args!("doubtful: {path}: {finding}"));
+    }
+    Ok(())
+}
+
+/// Refuses recordings of different rates that would be half a tick apart before the end.
+fn check_rates(infos: &[(String, SourceInfo)], ticks: &Range<Tick>) -> Result<(), NodeError> {
+    for rate in odd_rates(infos) {
+        if rate.drift_ticks(ticks.end - ticks.start) > MAX_DRIFT_TICKS {
+            let (problem, remedy) = (rate.problem(), rate.remedy());
+            return Err(NodeError::Refused(anyhow!("{problem}; {remedy}")));
+        }
+        say(format_args!("doubtful: {}", rate.problem()));
     }
     Ok(())
 }

@@ -7,6 +7,7 @@ use ort::environment::Environment;
 use tracing::{info, warn};
 
 use super::library::{Places, VARIABLE};
+use super::providers;
 use crate::inference::NetworkError;
 
 /// What to start.
@@ -74,6 +75,15 @@ impl InferenceBackend {
     /// Whether the slow fall-back runs.
     pub fn is_tract(&self) -> bool {
         self.is_tract
+    }
+
+    /// Which execution providers the library was built with, by ONNX Runtime's names. The processor's alone is used.
+    pub fn providers(&self) -> Vec<&'static str> {
+        if self.is_tract {
+            Vec::new()
+        } else {
+            providers::built_in()
+        }
     }
 
     pub(super) fn environment(&self) -> &Environment {

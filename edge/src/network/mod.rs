@@ -7,6 +7,7 @@ mod backend;
 mod library;
 mod model;
 mod outputs;
+mod providers;
 
 use std::path::Path;
 

@@ -12,12 +12,12 @@ use ffmpeg_sidecar::ffprobe::ffprobe_path;
 use serde::Deserialize;
 
 use super::ffmpeg::{collect_messages, file_input, said, start_problem};
-use super::{SourceError, SourceOrigin};
+use super::{RecordingLabels, SourceError, SourceOrigin};
 
 const ENTRIES: &str = "packet=pts,flags:\
     stream=width,height,time_base,r_frame_rate,avg_frame_rate,nb_frames,duration:\
-    stream_tags=rotate,DURATION,NUMBER_OF_FRAMES,timecode:stream_side_data=rotation:\
-    format_tags=timecode";
+    stream_tags=rotate,DURATION,NUMBER_OF_FRAMES,timecode,creation_time:stream_side_data=rotation:\
+    format_tags=timecode,creation_time";
 
 /// The first video stream of a recording.
 #[derive(Debug, Clone, PartialEq)]
@@ -35,8 +35,8 @@ pub(super) struct VideoStream {
     /// Presentation times of the frames in order, seconds; empty where the container has none or they
     /// are too coarse for the rate.
     pub(super) times_s: Vec<f64>,
-    /// The SMPTE timecode of the first frame, where the recording has one.
-    pub(super) timecode: Option<String>,
+    /// What its container says of its making.
+    pub(super) labels: RecordingLabels,
     /// What `ffprobe` had to say, as the end of a sentence.
     pub(super) said: String,
 }
@@ -165,7 +165,15 @@ impl Listing {
         let duration_s = number(&stream.duration).or(tag("DURATION").and_then(parse_clock_s));
         let counted = count(&stream.nb_frames).or(tag("NUMBER_OF_FRAMES").and_then(count));
         let announced = counted.or_else(|| frames_in(duration_s?, rate_hz?));
-        let timecode = tag("timecode").or(self.format.tags.get("timecode").map(String::as_str));
+        let label = |name: &str| {
+            let of_format = self.format.tags.get(name).map(String::as_str);
+            tag(name).or(of_format).map(str::to_owned)
+        };
+        let labels = RecordingLabels {
+            created: label("creation_time"),
+            timecode: label("timecode"),
+            rotation_deg,
+        };
         // What an edit list discards is no frame.
         let frames = self
             .packets
@@ -173,7 +181,7 @@ impl Listing {
             .filter(|packet| !packet.flags.contains('D'));
         let unit_s = parse_fraction(&stream.time_base);
         Some(VideoStream {
-            timecode: timecode.map(str::to_owned),
+            labels,
             packets: self.packets.len() as u64,
             frames: frames.clone().count() as u64,
             announced,
@@ -297,7 +305,7 @@ mod tests {
             let json = format!(
                 r#"{{"streams": [{{"width": 96, "height": 64{stream}}}], "format": {{{format}}}}}"#
             );
-            read(&json).unwrap().timecode
+            read(&json).unwrap().labels.timecode
         };
         let own = r#", "tags": {"timecode": "00:59:58;02"}"#;
         let of_format = r#""tags": {"timecode": "01:00:00:00"}"#;

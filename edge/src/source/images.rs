@@ -29,7 +29,7 @@ pub(super) fn probe(path: &Path, expected: &ExpectedSource) -> Result<SourceInfo
     Ok(SourceInfo {
         ticks: Some(expected.ticks(numbers.end - numbers.start)?),
         size_px: Some(expected.size_px),
-        rate_hz: None,
+        ..SourceInfo::default()
     })
 }
 

@@ -116,6 +116,19 @@ pub struct SourceInfo {
     pub size_px: Option<[u32; 2]>,
     /// Frames per second, where the recording says so.
     pub rate_hz: Option<f64>,
+    /// What else its container says.
+    pub labels: RecordingLabels,
+}
+
+/// What the container of a video says of its making; cameras and editing programs write what they like.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct RecordingLabels {
+    /// When it was made, as it is written there: mostly `2026-05-01T18:00:00.000000Z`.
+    pub created: Option<String>,
+    /// The SMPTE timecode of its first frame.
+    pub timecode: Option<String>,
+    /// By how much its pictures are turned when they are decoded, degrees.
+    pub rotation_deg: f64,
 }
 
 /// Ticks farther from zero have no exact time in seconds; sums of two others do not overflow.

@@ -37,6 +37,7 @@ pub(super) fn probe(device: &Path, expected: &ExpectedSource) -> Result<SourceIn
         ticks: None,
         size_px: Some(expected.size_px),
         rate_hz,
+        ..SourceInfo::default()
     })
 }
 

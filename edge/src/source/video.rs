@@ -46,6 +46,7 @@ pub(super) fn probe(path: &Path, expected: &ExpectedSource) -> Result<SourceInfo
         ticks: Some(expected.ticks(stream.frames)?),
         size_px: Some(stream.size_px),
         rate_hz: stream.rate_hz,
+        labels: stream.labels,
     })
 }
 
@@ -61,7 +62,7 @@ fn by_timecode<'a>(
         at: expected.at.clone(),
         problem,
     };
-    let text = stream.timecode.as_deref();
+    let text = stream.labels.timecode.as_deref();
     let text = text.ok_or_else(|| wrong("found none in the recording".to_owned()))?;
     let rate_hz = stream.rate_hz.unwrap_or(expected.rate_hz);
     let first = Timecode::parse(text, rate_hz).map_err(|error| wrong(error.to_string()))?;

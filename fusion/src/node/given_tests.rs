@@ -60,6 +60,7 @@ keypoints_m = {{ {keypoints_m} }}
     let calibration = Calibration {
         cameras: [("south".to_owned(), camera.unwrap())].into(),
         hash: "0123456789abcdef".to_owned(),
+        rotation_lengths_rad: std::collections::BTreeMap::new(),
     };
     Venue::parse(&text, path(), calibration).unwrap()
 }

@@ -77,6 +77,20 @@ fn what_is_wrong_is_named_with_table_field_and_line() {
 }
 
 #[test]
+fn a_rotation_in_degrees_is_refused_and_one_of_more_than_half_a_turn_remembered() {
+    let said = refusal("[1.2, -0.3, 0.4]", "[96.7, 3.0, 0.4]");
+    assert!(
+        said.starts_with(
+            "cal.toml:6: `one.rotation`: found a vector of length 96.7, expected radians"
+        ),
+        "{said}"
+    );
+    let long = CAMERA.replace("[1.2, -0.3, 0.4]", "[0.0, 4.0, 3.0]");
+    let calibration = parse(&format!("[one]{long}")).unwrap();
+    assert!((calibration.rotation_lengths_rad["a"] - 5.0).abs() < 1e-12);
+}
+
+#[test]
 fn wrong_matrices_are_refused() {
     let singular = refusal("[0.0, 910.0, 360.0]", "[0.0, 0.0, 360.0]");
     assert!(

@@ -73,6 +73,7 @@ fn calibration() -> Calibration {
     Calibration {
         cameras: cameras.into(),
         hash: "0123456789abcdef".to_owned(),
+        rotation_lengths_rad: std::collections::BTreeMap::new(),
     }
 }
 

@@ -6,6 +6,7 @@
 
 mod agreement;
 mod bad_input;
+mod before_a_run;
 mod data;
 mod demo;
 mod far_people;

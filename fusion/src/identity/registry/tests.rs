@@ -47,6 +47,7 @@ fn venue(hall: &TestHall) -> Venue {
             .map(|(_, model)| (model.name().to_owned(), model.clone()))
             .collect(),
         hash: String::new(),
+        rotation_lengths_rad: std::collections::BTreeMap::new(),
     };
     Venue::parse(&text, Path::new("hall.toml"), calibration).unwrap()
 }

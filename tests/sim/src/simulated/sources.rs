@@ -120,6 +120,7 @@ impl Sources for VenueSources {
                 ticks: Some(ticks_of(&file, venue.first_tick)),
                 size_px: Some(file.header().size_px),
                 rate_hz: Some(file.header().rate_hz),
+                ..SourceInfo::default()
             });
         }
         let Source::Simulated { path, .. } = &camera.source else {
@@ -130,6 +131,7 @@ impl Sources for VenueSources {
             ticks: Some(simulated.ticks),
             size_px: Some(camera.model.size_px()),
             rate_hz: Some(simulated.crowd.scene().rate_hz()),
+            ..SourceInfo::default()
         })
     }
 

@@ -1,0 +1,152 @@
+//! `farfield check`: whether a venue can be run, in seconds and without a run. Every file is read, every source opened,
+//! and what every camera sees is drawn.
+//!
+//! Read (what cannot be read at all is refused) -> files, calibration -> sources, time -> networks, keys -> pictures.
+
+mod networks;
+mod opened;
+mod pictures;
+mod sources;
+mod time;
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use clap::Args;
+use farfield_fusion::node::check_names;
+use farfield_node::log::start_log;
+use farfield_node::process::{NodeError, exit_code};
+use farfield_proto::calibration::Calibration;
+use farfield_proto::plausibility::{self, Finding, Severity};
+use farfield_proto::venue::Venue;
+use farfield_sim::simulated::VenueSources;
+
+use crate::keys::look_at_keys;
+use crate::report_lines::{ReportForm, ReportLines, Verdict};
+
+use self::opened::open_all;
+
+/// Arguments of `farfield check`.
+#[derive(Debug, Args)]
+pub(crate) struct CheckArgs {
+    /// The venue file.
+    pub(crate) venue: PathBuf,
+    /// Folder for the pictures. Default: `farfield-out/check-VENUE`.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) out: Option<PathBuf>,
+    /// Print as JSON.
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+/// Checks a venue and prints what was found: exit code 0, or 1 when anything failed; 2 when the venue file cannot be
+/// read.
+pub(crate) fn main(args: &CheckArgs) -> ExitCode {
+    start_log();
+    let mut report = ReportLines::default();
+    let printed = check(&args.venue, args.out.as_deref(), &mut report).and_then(|()| {
+        report
+            .print(ReportForm::of(args.json))
+            .map_err(NodeError::Failed)
+    });
+    printed.unwrap_or_else(|error| exit_code(Err(error)))
+}
+
+/// Looks at all of a venue.
+///
+/// # Errors
+/// [`NodeError::Refused`] when the venue file cannot be read.
+pub(crate) fn check(
+    path: &Path,
+    out: Option<&Path>,
+    report: &mut ReportLines,
+) -> Result<(), NodeError> {
+    let venue = match farfield_node::files::load_venue(path) {
+        Ok(venue) => venue,
+        // The calibration is a file of its own: another tool's.
+        Err(error) if error.path != path => {
+            report.fail(
+                "calibration",
+                error.to_string(),
+                "mend it there, or calibrate again",
+            );
+            return Ok(());
+        }
+        Err(error) => return Err(NodeError::refused(error)),
+    };
+    look_at_venue(&venue, path, report);
+    look_at_calibration(&venue, report);
+    let opened = open_all(&VenueSources::default(), &venue);
+    sources::look_at_sources(&venue, &opened, report);
+    time::look_at_time(&venue, path, &opened, report);
+    networks::look_at_networks(&venue, path, report);
+    look_at_keys(&venue, path, farfield_node::clock::unix_s(), report);
+    let out = out.map_or_else(
+        || Path::new("farfield-out").join(format!("check-{}", venue.name)),
+        Path::to_path_buf,
+    );
+    pictures::draw(&venue, &opened, &out, report);
+    Ok(())
+}
+
+fn look_at_venue(venue: &Venue, path: &Path, report: &mut ReportLines) {
+    let text = format!(
+        "{}: `{}`, {} cameras at {} viewpoints, {} ticks per second",
+        path.display(),
+        venue.name,
+        venue.cameras.len(),
+        venue.viewpoints.len(),
+        venue.rate_hz
+    );
+    match check_names(venue) {
+        Ok(()) => report.ok("venue", text),
+        Err(error) => report.fail(
+            "venue",
+            error.to_string(),
+            "give the viewpoint another `name`",
+        ),
+    }
+}
+
+fn look_at_calibration(venue: &Venue, report: &mut ReportLines) {
+    let mut findings = plausibility::of_venue(venue);
+    let path = &venue.calibration_path;
+    let text = std::fs::read_to_string(path).unwrap_or_default();
+    // It was read a moment ago; what has changed since is the next check's.
+    if let Ok(calibration) = Calibration::parse(&text, path) {
+        findings.extend(plausibility::of_rotations(&calibration));
+    }
+    for finding in &findings {
+        push(finding, report);
+    }
+    let seen = plausibility::coverage(venue);
+    if findings.is_empty() {
+        report.ok(
+            "calibration",
+            format!("{}: nothing speaks against it", path.display()),
+        );
+    }
+    let [x0, y0, _] = venue.field.min_m;
+    let [x1, y1, _] = venue.field.max_m;
+    report.ok(
+        "calibration",
+        format!(
+            "two viewpoints or more see {:.0} % of the field, x {x0:.1} to {x1:.1} m, y {y0:.1} to {y1:.1} m, from its floor to 2 m",
+            100.0 * seen.by_two
+        ),
+    );
+}
+
+/// Adds what was found in the calibration.
+fn push(finding: &Finding, report: &mut ReportLines) {
+    let verdict = match finding.severity {
+        Severity::Wrong => Verdict::Failed,
+        Severity::Doubtful => Verdict::Warning,
+    };
+    report.push(
+        "calibration",
+        verdict,
+        finding.problem(),
+        finding.remedy.as_str(),
+    );
+}

@@ -1,0 +1,111 @@
+//! Every source opened, all at the same time: its first frames tell what no header does.
+
+use std::hash::{DefaultHasher, Hash as _, Hasher as _};
+
+use farfield_edge::source::{FrameContent, SourceError, SourceInfo, Sources};
+use farfield_proto::tick::Tick;
+use farfield_proto::venue::{Venue, VenueCamera};
+
+/// Frames of a video that are compared with another's: the first may be black in both.
+const FRAMES: usize = 3;
+/// Frames of keypoints that are compared: the first may hold nobody.
+const KEYPOINT_FRAMES: usize = 60;
+/// Sources that are opened at the same time: each may be a process that decodes.
+const TOGETHER: usize = 16;
+
+/// What came out of one camera's source.
+pub(super) struct OpenedSource {
+    /// What its headers say.
+    pub(super) info: Result<SourceInfo, SourceError>,
+    /// Its first frame; `None` where the headers are wrong already.
+    pub(super) first: Option<Result<FrameContent, String>>,
+    /// What tells its first frames from another camera's; `None` of what is the same in any: nobody, or one colour.
+    pub(super) content: Option<u64>,
+}
+
+/// Opens the sources of all cameras, in the venue's order.
+pub(super) fn open_all(sources: &dyn Sources, venue: &Venue) -> Vec<OpenedSource> {
+    let mut opened = Vec::new();
+    for cameras in venue.cameras.chunks(TOGETHER) {
+        std::thread::scope(|scope| {
+            let threads: Vec<_> = cameras
+                .iter()
+                .map(|camera| scope.spawn(move || open(sources, venue, camera)))
+                .collect();
+            let failed = || OpenedSource {
+                info: Ok(SourceInfo::default()),
+                first: Some(Err("reading it has failed inside this program".to_owned())),
+                content: None,
+            };
+            let ends = threads
+                .into_iter()
+                .map(|it| it.join().unwrap_or_else(|_| failed()));
+            opened.extend(ends);
+        });
+    }
+    opened
+}
+
+fn open(sources: &dyn Sources, venue: &Venue, camera: &VenueCamera) -> OpenedSource {
+    let info = match sources.probe(camera, venue) {
+        Ok(info) => info,
+        Err(error) => {
+            return OpenedSource {
+                info: Err(error),
+                first: None,
+                content: None,
+            };
+        }
+    };
+    let from = info.ticks.as_ref().map_or(Tick(0), |ticks| ticks.start);
+    let (first, content) = match frames(sources, venue, camera, from) {
+        Ok((first, content)) => (Ok(first), content),
+        Err(problem) => (Err(problem), None),
+    };
+    OpenedSource {
+        info: Ok(info),
+        first: Some(first),
+        content,
+    }
+}
+
+fn frames(
+    sources: &dyn Sources,
+    venue: &Venue,
+    camera: &VenueCamera,
+    from: Tick,
+) -> Result<(FrameContent, Option<u64>), String> {
+    let mut source = sources
+        .open(camera, venue, from)
+        .map_err(|it| it.to_string())?;
+    let mut first = None;
+    let mut hash = DefaultHasher::new();
+    let mut tells = false;
+    for read in 0..KEYPOINT_FRAMES {
+        let frame = match source.next_frame() {
+            Ok(Some(frame)) => frame,
+            Err(error) if first.is_none() => return Err(error.to_string()),
+            // The end; what is wrong with a later frame is the run's to complain of.
+            Ok(None) | Err(_) => break,
+        };
+        let is_done = match &frame.content {
+            FrameContent::Image(image) => {
+                image.as_raw().hash(&mut hash);
+                tells |= image.pixels().any(|it| it != image.get_pixel(0, 0));
+                read + 1 >= FRAMES || camera.source.is_live()
+            }
+            FrameContent::Keypoints(keypoints) => {
+                format!("{keypoints:?}").hash(&mut hash);
+                tells |= keypoints.peaks.iter().any(|peaks| !peaks.is_empty());
+                false
+            }
+            FrameContent::Painted(_) => true,
+        };
+        first.get_or_insert(frame.content);
+        if is_done {
+            break;
+        }
+    }
+    let first = first.ok_or_else(|| "it has no frame".to_owned())?;
+    Ok((first, tells.then(|| hash.finish())))
+}

@@ -1,0 +1,257 @@
+//! Whether the recordings show the same moments: their rates, their lengths, and what their containers say of when they
+//! began.
+
+use std::path::Path;
+
+use farfield_edge::live::timecode::Timecode;
+use farfield_edge::source::{SourceError, SourceInfo, common_ticks};
+use farfield_fusion::node::{check_given_ticks, check_live_or_recorded};
+use farfield_proto::venue::{TickFrom, Venue};
+use time::{Date, Month, PrimitiveDateTime, Time};
+
+use super::opened::OpenedSource;
+use crate::recorded_rates::{are_apart, odd_rates, usual_rate_hz};
+use crate::report_lines::ReportLines;
+
+/// The group of these lines.
+const TIME: &str = "time";
+/// Containers say when they were made in whole seconds, and some when they were closed.
+const CREATED_APART_S: f64 = 2.5;
+
+/// Looks at the times of all sources that were opened.
+pub(super) fn look_at_time(
+    venue: &Venue,
+    path: &Path,
+    opened: &[OpenedSource],
+    report: &mut ReportLines,
+) {
+    let known = venue.cameras.iter().zip(opened);
+    let infos: Vec<(String, SourceInfo)> = known
+        .filter_map(|(camera, source)| {
+            Some((
+                camera.model.name().to_owned(),
+                source.info.as_ref().ok()?.clone(),
+            ))
+        })
+        .collect();
+    if let Err(error) = check_live_or_recorded(venue, path) {
+        report.warn(TIME, error.to_string(), "run recordings without `--live`");
+    }
+    look_at_rates(venue, &infos, report);
+    look_at_lengths(venue, path, &infos, report);
+    look_at_creation(&infos, report);
+    look_at_timecodes(venue, opened, report);
+}
+
+fn look_at_rates(venue: &Venue, infos: &[(String, SourceInfo)], report: &mut ReportLines) {
+    let odd = odd_rates(infos);
+    for rate in &odd {
+        report.fail(TIME, rate.problem(), rate.remedy());
+    }
+    let Some(usual_hz) = usual_rate_hz(infos) else {
+        return;
+    };
+    if are_apart(usual_hz, venue.rate_hz) {
+        report.warn(
+            TIME,
+            format!(
+                "the recordings have {usual_hz:.3} frames per second, the venue's `rate_hz` is {}: times are off by {:.1} s after an hour",
+                venue.rate_hz,
+                3600.0 * (usual_hz / venue.rate_hz - 1.0).abs()
+            ),
+            format!("rate_hz = {usual_hz:.6}"),
+        );
+    } else if odd.is_empty() {
+        report.ok(
+            TIME,
+            format!("all recordings that say their rate have {usual_hz:.3} frames per second"),
+        );
+    }
+}
+
+fn look_at_lengths(
+    venue: &Venue,
+    path: &Path,
+    infos: &[(String, SourceInfo)],
+    report: &mut ReportLines,
+) {
+    if infos.is_empty() {
+        return;
+    }
+    let ticks = match common_ticks(infos, None) {
+        Ok(ticks) => ticks,
+        Err(SourceError::Endless) => {
+            report.ok(TIME, "all sources are live");
+            return;
+        }
+        Err(SourceError::Lengths {
+            a,
+            b,
+            shared: Some(shared),
+        }) => {
+            report.warn(
+                TIME,
+                format!(
+                    "the recordings differ in length: camera `{}` has ticks {}..{}, camera `{}` has {}..{}",
+                    a.0, a.1.start, a.1.end, b.0, b.1.start, b.1.end
+                ),
+                format!(
+                    "if they begin at the same moment: `farfield run {} --ticks {}..{}`; if they end at it, cut them at their beginning",
+                    path.display(), shared.start, shared.end
+                ),
+            );
+            shared
+        }
+        Err(error) => {
+            report.fail(
+                TIME,
+                error.to_string(),
+                "look at `first_tick` and `tick_from`",
+            );
+            return;
+        }
+    };
+    if let Err(error) = check_given_ticks(venue, path, &ticks) {
+        report.fail(
+            TIME,
+            error.to_string(),
+            "give the person at a tick that the recordings have",
+        );
+    }
+    let frames = ticks.end - ticks.start;
+    report.ok(
+        TIME,
+        format!(
+            "all recordings hold ticks {}..{}: {frames} frames, {:.1} s",
+            ticks.start,
+            ticks.end,
+            frames as f64 / venue.rate_hz
+        ),
+    );
+}
+
+fn look_at_creation(infos: &[(String, SourceInfo)], report: &mut ReportLines) {
+    let created = infos.iter().filter_map(|(camera, info)| {
+        Some((unix_s(info.labels.created.as_deref()?)?, camera.as_str()))
+    });
+    let mut created: Vec<(f64, &str)> = created.collect();
+    created.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let (Some(first), Some(last)) = (created.first(), created.last()) else {
+        return;
+    };
+    let apart_s = last.0 - first.0;
+    if apart_s > CREATED_APART_S {
+        report.warn(
+            TIME,
+            format!(
+                "by their files, the recording of camera `{}` was made {apart_s:.0} s after that of `{}`",
+                last.1, first.1
+            ),
+            "if they were not cut to the same moment since, cut them: frame 0 of all must show it",
+        );
+    } else if created.len() > 1 {
+        report.ok(
+            TIME,
+            format!(
+                "{} recordings were made within {apart_s:.1} s of each other",
+                created.len()
+            ),
+        );
+    }
+}
+
+fn look_at_timecodes(venue: &Venue, opened: &[OpenedSource], report: &mut ReportLines) {
+    let mut first: Option<(i64, &str)> = None;
+    for (camera, source) in venue.cameras.iter().zip(opened) {
+        let Ok(info) = &source.info else { continue };
+        let Some(text) = &info.labels.timecode else {
+            continue;
+        };
+        let rate_hz = info.rate_hz.unwrap_or(venue.rate_hz);
+        let Ok(timecode) = Timecode::parse(text, rate_hz) else {
+            continue;
+        };
+        if camera.tick_from == TickFrom::Timecode {
+            continue;
+        }
+        let (frames, name) = (timecode.frames(), camera.model.name());
+        match first {
+            None => first = Some((frames, name)),
+            Some((earlier, other)) if earlier != frames => {
+                report.warn(
+                    TIME,
+                    format!(
+                        "by their timecodes, the recording of camera `{name}` begins {} frames after that of `{other}`",
+                        frames - earlier
+                    ),
+                    "if the timecodes were set together, write `tick_from = \"timecode\"` for every camera",
+                );
+                return;
+            }
+            Some(_) => {}
+        }
+    }
+}
+
+/// Unix time in seconds of `2026-05-01T18:00:00.5Z`; `None` of another form, and of the epoch that some programs write
+/// for want of a clock.
+fn unix_s(text: &str) -> Option<f64> {
+    let (date, clock) = text.strip_suffix('Z')?.split_once('T')?;
+    let mut date = date.split('-');
+    let mut number = || date.next()?.parse::<u16>().ok();
+    let (year, month, day) = (number()?, number()?, number()?);
+    let month = Month::try_from(u8::try_from(month).ok()?).ok()?;
+    let date = Date::from_calendar_date(i32::from(year), month, u8::try_from(day).ok()?).ok()?;
+    let mut parts = clock.split(':');
+    let (hour, minute) = (parts.next()?.parse().ok()?, parts.next()?.parse().ok()?);
+    let second: f64 = parts.next()?.parse().ok()?;
+    if year < 2000 || !(0.0..61.0).contains(&second) {
+        return None;
+    }
+    let at = PrimitiveDateTime::new(date, Time::from_hms(hour, minute, 0).ok()?);
+    Some(at.assume_utc().unix_timestamp() as f64 + second)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_time_of_a_container_is_read_and_nonsense_is_not() {
+        assert_eq!(
+            unix_s("2026-05-01T18:00:00.500000Z").map(f64::to_bits),
+            Some(1_777_658_400.5_f64.to_bits())
+        );
+        for text in [
+            "",
+            "yesterday",
+            "2026-13-01T00:00:00Z",
+            "1904-01-01T00:00:00Z",
+            "2026-05-01T18:00Z",
+            "2026-05-01",
+        ] {
+            assert_eq!(unix_s(text), None, "{text}");
+        }
+    }
+
+    #[test]
+    fn recordings_that_were_made_apart_are_told_of() {
+        let info = |created: &str| {
+            let mut info = SourceInfo::default();
+            info.labels.created = Some(created.to_owned());
+            info
+        };
+        let infos = [
+            ("a".to_owned(), info("2026-05-01T18:00:00Z")),
+            ("b".to_owned(), info("2026-05-01T18:00:12Z")),
+        ];
+        let mut report = ReportLines::default();
+        look_at_creation(&infos, &mut report);
+        assert!(
+            report.lines()[0]
+                .text
+                .contains("`b` was made 12 s after that of `a`"),
+            "{report:?}"
+        );
+    }
+}

@@ -1,0 +1,101 @@
+//! `farfield doctor`: whether this machine can do what a venue asks of it: inference, programs, disk, clock, ports, keys.
+//!
+//! Each part is looked at for itself, with what it looks at as an argument, and adds its lines; together they take less
+//! than five seconds. Nothing is changed: what is written to measure the disk is taken away again.
+
+mod clock;
+mod disk;
+mod inference;
+mod machine;
+mod ports;
+mod programs;
+#[cfg(test)]
+mod tests;
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use clap::Args;
+use farfield_node::files::load_venue;
+use farfield_node::log::start_log;
+use farfield_node::process::{NodeError, exit_code};
+use farfield_node::{clock as node_clock, system_clock};
+use farfield_proto::transport::Exposure;
+use farfield_proto::venue::{Source, Venue};
+
+use crate::keys::look_at_keys;
+use crate::report_lines::{ReportForm, ReportLines};
+
+use self::disk::DiskNeed;
+use self::programs::ProgramNeed;
+
+/// Arguments of `farfield doctor`.
+#[derive(Debug, Args)]
+pub(crate) struct DoctorArgs {
+    /// The venue file: its network, its ports and its keys are looked at too.
+    pub(crate) venue: Option<PathBuf>,
+    /// Folder for results, whose disk is measured. Default: `farfield-out`, or where it would be made.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) out: Option<PathBuf>,
+    /// Print as JSON.
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+/// Looks at this machine and prints what was found: exit code 0, or 1 when anything failed; 2 when the venue cannot be
+/// read.
+pub(crate) fn main(args: &DoctorArgs) -> ExitCode {
+    start_log();
+    let printed = doctor(args).and_then(|report| {
+        report
+            .print(ReportForm::of(args.json))
+            .map_err(NodeError::Failed)
+    });
+    printed.unwrap_or_else(|error| exit_code(Err(error)))
+}
+
+fn doctor(args: &DoctorArgs) -> Result<ReportLines, NodeError> {
+    let venue = args
+        .venue
+        .as_deref()
+        .map(load_venue)
+        .transpose()
+        .map_err(NodeError::refused)?;
+    let venue = venue.as_ref();
+    let mut report = ReportLines::default();
+    machine::look_at_machine(&machine::facts(), &mut report);
+    inference::look_at_inference(venue, &mut report);
+    let path = std::env::var_os("PATH").unwrap_or_default();
+    programs::look_at_programs(&path, program_need(venue), &mut report);
+    let folder = args.out.as_deref().unwrap_or(Path::new("farfield-out"));
+    disk::look_at_disk(folder, DiskNeed::of(venue), &mut report);
+    clock::look_at_clock(
+        &system_clock::read(),
+        node_clock::unix_s(),
+        venue,
+        &mut report,
+    );
+    ports::look_at_ports(venue, &mut report);
+    if let (Some(venue), Some(path)) = (venue, &args.venue) {
+        look_at_keys(venue, path, node_clock::unix_s(), &mut report);
+    }
+    Ok(report)
+}
+
+/// How much a venue needs the programs that decode video; any, without one.
+fn program_need(venue: Option<&Venue>) -> ProgramNeed {
+    let is_decoded =
+        |source: &Source| matches!(source, Source::Video { .. } | Source::Ffmpeg { .. });
+    match venue {
+        Some(venue) if !venue.cameras.iter().any(|it| is_decoded(&it.source)) => ProgramNeed::None,
+        _ => ProgramNeed::Video,
+    }
+}
+
+/// What `venue` says of who may talk to whom; nothing, without one.
+fn exposure(venue: Option<&Venue>) -> Exposure {
+    Exposure {
+        has_keys: venue.is_some_and(|it| it.security.certificates.is_some()),
+        allow_plaintext: venue.is_some_and(|it| it.security.allow_plaintext),
+    }
+}

@@ -1,0 +1,411 @@
+//! Faults made for real, one after the other, and what is said of each. What takes a process of its own (another
+//! ONNX Runtime, a full disk) is a scenario.
+
+use std::ffi::OsString;
+use std::net::{TcpListener, UdpSocket};
+use std::os::unix::fs::PermissionsExt as _;
+
+use farfield_proto::message::health::SystemClock;
+
+use super::disk::{judge_rate, judge_room, look_at_disk};
+use super::machine::{MachineFacts, look_at_machine};
+use super::*;
+use crate::report_lines::Verdict::{self, Failed, Warning};
+
+const DAY_S: i64 = 86_400;
+const NOW_S: i64 = 1_790_000_000;
+
+/// A venue in `folder` with `more` in its file.
+fn venue(folder: &Path, more: &str) -> Venue {
+    let calibration = include_str!("../../calibration.sample.toml");
+    std::fs::write(folder.join("calibration.toml"), calibration).unwrap();
+    let text = format!(
+        "name = \"hall\"\nrate_hz = 60.0\ncalibration = \"calibration.toml\"\n{more}\n\
+         [[viewpoint]]\nname = \"sw\"\n[[viewpoint.camera]]\nname = \"sw\"\n\
+         source = {{ kind = \"keypoints\", path = \"sw.jsonl\" }}\n"
+    );
+    let path = folder.join("venue.toml");
+    std::fs::write(&path, text).unwrap();
+    load_venue(&path).unwrap()
+}
+
+/// A program of that name that prints `said` and ends with `code`.
+fn program(folder: &Path, name: &str, said: &str, code: i32) {
+    let path = folder.join(name);
+    std::fs::write(&path, format!("#!/bin/sh\necho '{said}'\nexit {code}\n")).unwrap();
+    std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o755)).unwrap();
+}
+
+/// What is said of the programs in `folder`.
+fn programs_in(folder: &Path) -> ReportLines {
+    let mut report = ReportLines::default();
+    programs::look_at_programs(folder.as_os_str(), ProgramNeed::Video, &mut report);
+    report
+}
+
+fn clock_said(clock: SystemClock, now_s: i64) -> ReportLines {
+    let mut report = ReportLines::default();
+    clock::look_at_clock(&clock, now_s, None, &mut report);
+    report
+}
+
+/// What is said of the ports of a venue where fusion listens at `endpoint`.
+fn ports_said(endpoint: &str, more: &str) -> ReportLines {
+    let folder = tempfile::tempdir().unwrap();
+    let text = format!("[fusion]\nlisten = [\"{endpoint}\"]\n{more}");
+    let mut report = ReportLines::default();
+    ports::look_at_ports(Some(&venue(folder.path(), &text)), &mut report);
+    report
+}
+
+/// Keys of fusion in a folder, which hold from one day to another, counted from [`NOW_S`].
+fn make_keys(folder: &Path, from_days: i64, until_days: i64) {
+    let at = |days: i64| time::OffsetDateTime::from_unix_timestamp(NOW_S + days * DAY_S).unwrap();
+    for (node, from, until) in [("ca", -100, 4000), ("fusion", from_days, until_days)] {
+        let mut params = rcgen::CertificateParams::new(vec!["hall".to_owned()]).unwrap();
+        (params.not_before, params.not_after) = (at(from), at(until));
+        let key = rcgen::KeyPair::generate().unwrap();
+        let certificate = params.self_signed(&key).unwrap();
+        std::fs::write(folder.join(format!("{node}.pem")), certificate.pem()).unwrap();
+        let path = folder.join(format!("{node}.key"));
+        std::fs::write(&path, key.serialize_pem()).unwrap();
+        std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o600)).unwrap();
+    }
+}
+
+/// What is said of keys that hold from one day to another, after `harm` was done to them.
+fn keys_said(days: [i64; 2], harm: impl FnOnce(&Path)) -> ReportLines {
+    let folder = tempfile::tempdir().unwrap();
+    let keys = folder.path().join("certs");
+    std::fs::create_dir(&keys).unwrap();
+    make_keys(&keys, days[0], days[1]);
+    harm(&keys);
+    let venue = venue(folder.path(), "[security]\ncertificates = \"certs\"");
+    let mut report = ReportLines::default();
+    look_at_keys(
+        &venue,
+        &folder.path().join("venue.toml"),
+        NOW_S,
+        &mut report,
+    );
+    report
+}
+
+fn disk_said(folder: &Path) -> ReportLines {
+    let mut report = ReportLines::default();
+    look_at_disk(folder, DiskNeed::of(None), &mut report);
+    report
+}
+
+fn judged(judge: impl FnOnce(&mut ReportLines)) -> ReportLines {
+    let mut report = ReportLines::default();
+    judge(&mut report);
+    report
+}
+
+fn machine_said(facts: MachineFacts) -> ReportLines {
+    judged(|report| look_at_machine(&facts, report))
+}
+
+const KEPT: SystemClock = SystemClock {
+    synchronised: true,
+    max_error_us: Some(800),
+    ahead_us: 0,
+};
+const FINE: MachineFacts = MachineFacts {
+    cores: 8,
+    free_bytes: Some(8 << 30),
+    is_wide: true,
+};
+
+/// A fault, what was said with it, and what must be said: a verdict, words of the line and of what mends it.
+type Case<'a> = (&'a str, ReportLines, (Verdict, &'a str, &'a str));
+
+/// Looks whether each of `cases` is found, and says what mends it.
+fn check(cases: Vec<Case<'_>>) {
+    let mut faults = Vec::new();
+    for (what, report, (verdict, text, remedy)) in cases {
+        let is_found = report.lines().iter().any(|line| {
+            line.verdict == verdict && line.text.contains(text) && line.remedy.contains(remedy)
+        });
+        if !is_found {
+            faults.push(format!("{what}: {:#?}", report.lines()));
+        }
+    }
+    assert!(faults.is_empty(), "{}", faults.join("\n"));
+}
+
+#[test]
+fn programs_that_are_missing_old_or_broken_are_found() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| {
+        let path = folder.path().join(name);
+        std::fs::create_dir(&path).unwrap();
+        path
+    };
+    let (none, one, old, broken) = (at("none"), at("one"), at("old"), at("broken"));
+    program(&one, "ffmpeg", "ffmpeg version 6.0 Copyright", 0);
+    for name in ["ffmpeg", "ffprobe"] {
+        program(
+            &old,
+            name,
+            &format!("{name} version 4.2.7-0ubuntu0.1 Copyright"),
+            0,
+        );
+        program(&broken, name, "", 127);
+    }
+    let mend = "apt install ffmpeg";
+    check(vec![
+        (
+            "no ffmpeg",
+            programs_in(&none),
+            (Failed, "`ffmpeg` cannot be started", mend),
+        ),
+        (
+            "no ffprobe",
+            programs_in(&one),
+            (Failed, "`ffprobe` cannot be started", mend),
+        ),
+        (
+            "an old ffmpeg",
+            programs_in(&old),
+            (Failed, "ffmpeg 4.2.7-0ubuntu0.1, expected 5.1", mend),
+        ),
+        (
+            "a broken ffmpeg",
+            programs_in(&broken),
+            (Failed, "no version", mend),
+        ),
+    ]);
+}
+
+#[test]
+fn disks_that_cannot_be_written_are_full_or_slow_are_found() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("file");
+    std::fs::write(&file, "").unwrap();
+    let need = DiskNeed::of(None);
+    let room = |free: u64| judged(|it| judge_room("d", free, need, it));
+    let slow = judged(|it| judge_rate("d", 2e6, need, it));
+    check(vec![
+        (
+            "nobody may write",
+            disk_said(Path::new("/proc/sys")),
+            (Failed, "/proc/sys", "--out DIR"),
+        ),
+        (
+            "a file, no folder",
+            disk_said(&file),
+            (Failed, "file", "--out DIR"),
+        ),
+        (
+            "a full disk",
+            room(40 << 20),
+            (Failed, "are free", "delete recordings"),
+        ),
+        (
+            "little room",
+            room(3 << 30),
+            (Warning, "hours", "delete recordings"),
+        ),
+        ("a slow disk", slow, (Warning, "2 MB/s", "faster disk")),
+    ]);
+}
+
+#[test]
+fn clocks_that_nothing_keeps_right_are_found() {
+    let free = SystemClock {
+        synchronised: false,
+        ..KEPT
+    };
+    let rough = SystemClock {
+        max_error_us: Some(900_000),
+        ..KEPT
+    };
+    let mend = "timedatectl set-ntp true";
+    check(vec![
+        (
+            "nothing sets it",
+            clock_said(free, NOW_S),
+            (Warning, "nothing keeps the clock right", mend),
+        ),
+        (
+            "far from its server",
+            clock_said(rough, NOW_S),
+            (Warning, "may be off by 900 ms", "chronyc makestep"),
+        ),
+        (
+            "in 1970",
+            clock_said(KEPT, 1000),
+            (Failed, "before this program", mend),
+        ),
+    ]);
+}
+
+#[test]
+fn places_where_fusion_cannot_listen_are_found() {
+    let tcp = TcpListener::bind("127.0.0.1:0").unwrap();
+    let udp = UdpSocket::bind("127.0.0.1:0").unwrap();
+    let tcp_endpoint = format!("tcp/{}", tcp.local_addr().unwrap());
+    let udp_endpoint = format!("udp/{}", udp.local_addr().unwrap());
+    let by_us = format!("(process {})", std::process::id());
+    let open = "[security]\nallow_plaintext = true";
+    let keys = "[security]\ncertificates = \"certs\"";
+    let nobody = "quic/no-such-host.invalid:7447";
+    let mend = "[fusion] listen";
+    check(vec![
+        (
+            "a port that is taken",
+            ports_said(&tcp_endpoint, ""),
+            (Failed, &by_us, "kill"),
+        ),
+        (
+            "taken, of datagrams",
+            ports_said(&udp_endpoint, ""),
+            (Failed, "is taken by", "another port"),
+        ),
+        (
+            "another machine's",
+            ports_said("tcp/192.0.2.1:7447", open),
+            (Warning, "not an address of this", mend),
+        ),
+        (
+            "a host that is not there",
+            ports_said(nobody, keys),
+            (Failed, "no host", mend),
+        ),
+        (
+            "plain text",
+            ports_said("tcp/0.0.0.0:7447", ""),
+            (Failed, "not encrypted", "farfield certs"),
+        ),
+    ]);
+}
+
+#[test]
+fn keys_that_do_not_hold_or_are_not_safe_are_found() {
+    let fine = [-1, 100];
+    let open_to_all = |keys: &Path| {
+        let mode = std::fs::Permissions::from_mode(0o644);
+        std::fs::set_permissions(keys.join("fusion.key"), mode).unwrap();
+    };
+    let rename = |keys: &Path| {
+        for name in ["fusion.pem", "fusion.key"] {
+            std::fs::rename(keys.join(name), keys.join(format!("other-{name}"))).unwrap();
+        }
+    };
+    let without_key = |keys: &Path| std::fs::remove_file(keys.join("fusion.key")).unwrap();
+    let no_authority = |keys: &Path| std::fs::write(keys.join("ca.pem"), "hello").unwrap();
+    let without_all = |keys: &Path| std::fs::remove_dir_all(keys).unwrap();
+    let renew = "--renew fusion";
+    check(vec![
+        (
+            "over",
+            keys_said([-100, -3], |_| {}),
+            (Failed, "has ended 3 days ago", renew),
+        ),
+        (
+            "not begun",
+            keys_said([2, 100], |_| {}),
+            (Failed, "begins in 2.0 days", "clock"),
+        ),
+        (
+            "ends soon",
+            keys_said([-100, 9], |_| {}),
+            (Warning, "ends in 9 days", renew),
+        ),
+        (
+            "others may read it",
+            keys_said(fine, open_to_all),
+            (Failed, "its mode is 644", "chmod 600"),
+        ),
+        (
+            "gone",
+            keys_said(fine, without_key),
+            (Failed, "fusion.key", renew),
+        ),
+        (
+            "no authority",
+            keys_said(fine, no_authority),
+            (Failed, "ca.pem", "copy ca.pem"),
+        ),
+        (
+            "no keys at all",
+            keys_said(fine, without_all),
+            (Failed, "no such folder", "farfield certs"),
+        ),
+        (
+            "another venue's",
+            keys_said(fine, rename),
+            (Failed, "no keys of any node", "farfield certs"),
+        ),
+    ]);
+}
+
+#[test]
+fn machines_that_are_too_small_are_found() {
+    let small = MachineFacts {
+        free_bytes: Some(100 << 20),
+        ..FINE
+    };
+    let old = MachineFacts {
+        is_wide: false,
+        ..FINE
+    };
+    check(vec![
+        (
+            "little memory",
+            machine_said(small),
+            (Failed, "0.1 GB of memory", "end other programs"),
+        ),
+        (
+            "an old processor",
+            machine_said(old),
+            (Warning, "without AVX2", "processor"),
+        ),
+    ]);
+}
+
+#[test]
+fn a_machine_without_faults_gives_no_false_alarm() {
+    let folder = tempfile::tempdir().unwrap();
+    let path: OsString = folder.path().into();
+    for name in ["ffmpeg", "ffprobe"] {
+        program(
+            folder.path(),
+            name,
+            &format!("{name} version 5.1.9-0+deb12u1 Copyright"),
+            0,
+        );
+    }
+    let reports = [
+        programs_in(Path::new(&path)),
+        clock_said(KEPT, NOW_S),
+        ports_said("tcp/127.0.0.1:0", ""),
+        keys_said([-1, 100], |_| {}),
+        machine_said(FINE),
+        judged(|it| judge_room("d", 500 << 30, DiskNeed::of(None), it)),
+        judged(|it| judge_rate("d", 100e6, DiskNeed::of(None), it)),
+    ];
+    for report in reports {
+        assert_eq!(report.verdict(), Verdict::Ok, "{:#?}", report.lines());
+        assert!(!report.lines().is_empty());
+    }
+}
+
+#[test]
+fn a_venue_without_videos_does_without_ffmpeg() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut report = ReportLines::default();
+    let need = program_need(Some(&venue(folder.path(), "")));
+    programs::look_at_programs(folder.path().as_os_str(), need, &mut report);
+    assert_eq!(report.verdict(), Verdict::Warning);
+}
+
+#[test]
+fn nothing_stays_on_the_disk_that_was_measured() {
+    let folder = tempfile::tempdir().unwrap();
+    let report = disk_said(&folder.path().join("not/there/yet"));
+    assert_ne!(report.verdict(), Verdict::Failed, "{:#?}", report.lines());
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+}

@@ -1,0 +1,236 @@
+//! `farfield init`: the venue file of a folder of recordings and a calibration.
+//!
+//! Find (calibration, recordings) -> match names -> rate, viewpoints, field -> write, unless there is such a file -> check.
+//! What the flags leave open is asked on a terminal; without one it is refused, with the flag that says it.
+
+mod matching;
+mod questions;
+mod rate;
+mod recordings;
+mod seen_field;
+mod venue_text;
+mod viewpoints;
+
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::{Context as _, anyhow, bail, ensure};
+use clap::Args;
+use farfield_node::log::start_log;
+use farfield_node::process::{NodeError, exit_code};
+use farfield_proto::calibration::Calibration;
+use farfield_proto::venue::Venue;
+
+use crate::check_venue::check;
+use crate::output;
+use crate::report_lines::{ReportForm, ReportLines, Verdict};
+
+use self::questions::answer;
+use self::recordings::Recording;
+use self::venue_text::VenueDraft;
+use self::viewpoints::ViewpointArg;
+
+/// Arguments of `farfield init`.
+#[derive(Debug, Args)]
+pub(crate) struct InitArgs {
+    /// The folder of the recordings: videos, folders of numbered pictures, or keypoint files, named after the cameras.
+    pub(crate) folder: PathBuf,
+    /// The calibration file. Default: the one in the folder.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) calibration: Option<PathBuf>,
+    /// Where the recordings are, if not in the folder itself or in `videos` in it.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) videos: Option<PathBuf>,
+    /// Frames per second. Default: what the videos say.
+    #[arg(long, value_name = "HZ")]
+    pub(crate) rate: Option<f64>,
+    /// Card of the keypoint network; pictures need one.
+    #[arg(long, value_name = "CARD")]
+    pub(crate) network: Option<PathBuf>,
+    /// Card of the detector that finds people in pictures.
+    #[arg(long, value_name = "CARD")]
+    pub(crate) detector: Option<PathBuf>,
+    /// Cameras that stand at one place; only the cameras that are named are used. Default: all, each a viewpoint.
+    #[arg(long, value_name = "NAME=CAM1,CAM2")]
+    pub(crate) viewpoint: Vec<ViewpointArg>,
+    /// Where people are tracked, metres. Default: what two viewpoints see.
+    #[arg(long, value_name = "X0,Y0,X1,Y1", allow_hyphen_values = true, value_parser = seen_field::parse)]
+    pub(crate) field: Option<[f64; 4]>,
+    /// The venue file. Default: `venue.toml` in the folder.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) out: Option<PathBuf>,
+    /// Print the checks as JSON.
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+/// Writes a venue file, checks it, and names the next command.
+pub(crate) fn main(args: &InitArgs) -> ExitCode {
+    start_log();
+    init(args).unwrap_or_else(|error| exit_code(Err(error)))
+}
+
+fn init(args: &InitArgs) -> Result<ExitCode, NodeError> {
+    let out = args
+        .out
+        .clone()
+        .unwrap_or_else(|| args.folder.join("venue.toml"));
+    let text = draft(args, &out).map_err(NodeError::Refused)?;
+    write_new(&out, &text).map_err(NodeError::Refused)?;
+    let mut report = ReportLines::default();
+    report.ok("written", out.display().to_string());
+    check(&out, None, &mut report)?;
+    let form = ReportForm::of(args.json);
+    let code = report.print(form).map_err(NodeError::Failed)?;
+    if form == ReportForm::Text {
+        let next = match report.verdict() {
+            Verdict::Failed => {
+                format!("mend what failed, then: farfield check {}\n", out.display())
+            }
+            _ => format!("next: farfield run {} --overlay\n", out.display()),
+        };
+        output::print(&next).map_err(NodeError::Failed)?;
+    }
+    Ok(code)
+}
+
+/// The text of the venue file that will be `out`.
+fn draft(args: &InitArgs, out: &Path) -> anyhow::Result<String> {
+    ensure!(
+        !out.exists(),
+        "{} is there already, and is not written over: name another with `--out FILE`",
+        out.display()
+    );
+    ensure!(
+        args.folder.is_dir(),
+        "{}: expected a folder",
+        args.folder.display()
+    );
+    let (calibration_path, calibration) = find_calibration(args)?;
+    let recordings = recordings::find(&args.folder, args.videos.as_deref())?;
+    let viewpoints = viewpoints::choose(&args.viewpoint, &calibration)?;
+    let cameras: Vec<&str> = viewpoints
+        .iter()
+        .flat_map(|it| &it.cameras)
+        .map(String::as_str)
+        .collect();
+    let matched = matching::matched(&cameras, &recordings, args.viewpoint.is_empty())?;
+    let rate_hz = rate_hz(args, &recordings)?;
+    let needs_network = recordings.iter().any(Recording::gives_pictures);
+    let network = network(args, needs_network)?;
+    let mut draft = VenueDraft {
+        out,
+        name: venue_text::name_of(&args.folder),
+        rate_hz,
+        calibration: &calibration_path,
+        network: network.as_deref(),
+        detector: args.detector.as_deref(),
+        field: args.field,
+        viewpoints: &viewpoints,
+        matched: &matched,
+    };
+    if draft.field.is_none() {
+        // Read once without a field: what the cameras see needs the venue.
+        let venue = parsed(&draft.to_toml(), out, &calibration)?;
+        draft.field = seen_field::seen(&venue);
+    }
+    let text = draft.to_toml();
+    parsed(&text, out, &calibration)?;
+    Ok(text)
+}
+
+fn parsed(text: &str, out: &Path, calibration: &Calibration) -> anyhow::Result<Venue> {
+    Venue::parse(text, out, calibration.clone())
+        .context("the venue file that would be written is none")
+}
+
+/// The calibration that was named, else the only one in the folder.
+fn find_calibration(args: &InitArgs) -> anyhow::Result<(PathBuf, Calibration)> {
+    let read = |path: &Path| -> anyhow::Result<Calibration> {
+        let text =
+            std::fs::read_to_string(path).with_context(|| format!("reading {}", path.display()))?;
+        Ok(Calibration::parse(&text, path)?)
+    };
+    if let Some(path) = &args.calibration {
+        return Ok((path.clone(), read(path)?));
+    }
+    let mut found: Vec<PathBuf> = recordings::entries(&args.folder)?
+        .into_iter()
+        .filter(|path| path.extension().is_some_and(|it| it == "toml"))
+        // A venue file or a card has none of a camera's tables.
+        .filter(|path| std::fs::read_to_string(path).is_ok_and(|text| text.contains("distortions")))
+        .collect();
+    match (found.pop(), found.is_empty()) {
+        (Some(path), true) => {
+            let calibration = read(&path)?;
+            Ok((path, calibration))
+        }
+        (last, _) => {
+            let names: Vec<String> = found
+                .iter()
+                .chain(&last)
+                .map(|it| it.display().to_string())
+                .collect();
+            let what = if names.is_empty() {
+                "no calibration is".to_owned()
+            } else {
+                format!("{} are", names.join(", "))
+            };
+            let question = format!(
+                "{what} in {}. Which file is the calibration?",
+                args.folder.display()
+            );
+            match answer(&question)? {
+                Some(path) => Ok((PathBuf::from(&path), read(Path::new(&path))?)),
+                None => bail!(
+                    "{what} in {}: name the calibration with `--calibration FILE`",
+                    args.folder.display()
+                ),
+            }
+        }
+    }
+}
+
+fn rate_hz(args: &InitArgs, recordings: &[Recording]) -> anyhow::Result<f64> {
+    if let Some(rate_hz) = args.rate {
+        ensure!(
+            rate_hz > 0.0,
+            "`--rate`: found {rate_hz}, expected frames per second"
+        );
+        return Ok(rate_hz);
+    }
+    if let Some(rate_hz) = rate::of_videos(recordings)? {
+        return Ok(rate_hz);
+    }
+    match answer("How many frames per second do the recordings have?")? {
+        Some(text) => text
+            .parse()
+            .map_err(|_| anyhow!("found `{text}`, expected a number such as 60")),
+        None => bail!(
+            "these recordings do not say how many frames per second they have: say so with `--rate HZ`"
+        ),
+    }
+}
+
+fn network(args: &InitArgs, is_needed: bool) -> anyhow::Result<Option<PathBuf>> {
+    if args.network.is_some() || !is_needed {
+        return Ok(args.network.clone());
+    }
+    match answer("Which file is the card of the keypoint network?")? {
+        Some(path) => Ok(Some(path.into())),
+        None => bail!(
+            "pictures need a keypoint network: name its card with `--network CARD` (docs/venue.md)"
+        ),
+    }
+}
+
+/// Writes a file that was not there.
+fn write_new(path: &Path, text: &str) -> anyhow::Result<()> {
+    let write = || {
+        let mut file = std::fs::File::create_new(path)?;
+        file.write_all(text.as_bytes())?;
+        file.sync_all()
+    };
+    write().with_context(|| format!("writing {}", path.display()))
+}

@@ -1,0 +1,53 @@
+//! How many frames per second videos have, as their containers say.
+
+use std::process::{Command, Stdio};
+
+use anyhow::{Context as _, bail};
+
+use super::recordings::{Recording, RecordingKind};
+
+/// The rate of the first video; `None` where there is none. Whether the others have the same is looked at afterwards.
+///
+/// # Errors
+/// When ffprobe is not there, or the file is no video.
+pub(super) fn of_videos(recordings: &[Recording]) -> anyhow::Result<Option<f64>> {
+    let Some(video) = recordings.iter().find(|it| it.kind == RecordingKind::Video) else {
+        return Ok(None);
+    };
+    let shown = video.path.display();
+    let mut input = std::ffi::OsString::from("file:");
+    input.push(&video.path);
+    let output = Command::new("ffprobe")
+        .args(["-v", "error", "-select_streams", "v:0", "-show_entries", "stream=avg_frame_rate", "-of", "csv=p=0"])
+        .arg(input)
+        .stdin(Stdio::null())
+        .output()
+        .context("starting `ffprobe`, to read the rate of the videos: install ffmpeg (`apt install ffmpeg`), or say `--rate HZ`")?;
+    let said = String::from_utf8_lossy(&output.stdout);
+    match said.lines().next().and_then(fraction) {
+        Some(rate_hz) => Ok(Some(rate_hz)),
+        None => bail!(
+            "{shown} does not say how many frames per second it has: {}",
+            String::from_utf8_lossy(&output.stderr).trim()
+        ),
+    }
+}
+
+/// `60000/1001` and the like, above 0.
+fn fraction(text: &str) -> Option<f64> {
+    let (above, below) = text.trim().trim_end_matches(',').split_once('/')?;
+    let value = above.parse::<f64>().ok()? / below.parse::<f64>().ok()?;
+    (value.is_finite() && value > 0.0).then_some(value)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rates_are_fractions() {
+        assert!(fraction("60000/1001").is_some_and(|hz| (hz - 59.94).abs() < 1e-3));
+        assert_eq!(fraction("0/0"), None);
+        assert_eq!(fraction("x"), None);
+    }
+}

@@ -1,0 +1,190 @@
+//! What of a folder is a recording: videos, keypoint files, folders of numbered pictures.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context as _, ensure};
+
+const VIDEOS: [&str; 10] = [
+    "mp4", "mov", "mkv", "avi", "m4v", "webm", "mts", "m2ts", "mxf", "mpg",
+];
+const PICTURES: [&str; 3] = ["png", "jpg", "jpeg"];
+
+/// What a recording is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum RecordingKind {
+    /// A video file.
+    Video,
+    /// Numbered pictures.
+    Images,
+    /// 2D keypoints, one line per tick.
+    Keypoints,
+}
+
+/// One camera's recording.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Recording {
+    /// What it is.
+    pub(super) kind: RecordingKind,
+    /// The file, or the pattern of the pictures' names.
+    pub(super) path: PathBuf,
+    /// What names the camera: the file's name without its ending, or the folder's.
+    pub(super) name: String,
+}
+
+impl Recording {
+    /// As it is written in a venue file.
+    pub(super) fn kind_name(&self) -> &'static str {
+        match self.kind {
+            RecordingKind::Video => "video",
+            RecordingKind::Images => "images",
+            RecordingKind::Keypoints => "keypoints",
+        }
+    }
+
+    /// Whether a network has to look at it.
+    pub(super) fn gives_pictures(&self) -> bool {
+        self.kind != RecordingKind::Keypoints
+    }
+}
+
+/// The recordings in `videos`; if that is not said, in `folder`, or in `videos` in it.
+pub(super) fn find(folder: &Path, videos: Option<&Path>) -> anyhow::Result<Vec<Recording>> {
+    let places = match videos {
+        Some(videos) => vec![videos.to_owned()],
+        None => vec![folder.to_owned(), folder.join("videos")],
+    };
+    for place in places.iter().filter(|it| videos.is_some() || it.is_dir()) {
+        let found: Vec<Recording> = entries(place)?
+            .iter()
+            .filter_map(|it| recording(it))
+            .collect();
+        if !found.is_empty() {
+            return Ok(found);
+        }
+    }
+    let names: Vec<String> = places.iter().map(|it| it.display().to_string()).collect();
+    anyhow::bail!(
+        "no recordings are in {}: expected videos ({}), folders of numbered pictures, or keypoint files (jsonl); \
+         name their folder with `--videos DIR`",
+        names.join(" or "),
+        VIDEOS.join(", ")
+    )
+}
+
+/// What is in a folder, by name.
+pub(super) fn entries(folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
+    let read = std::fs::read_dir(folder)
+        .with_context(|| format!("reading the folder {}", folder.display()))?;
+    let mut entries: Vec<PathBuf> = read.flatten().map(|entry| entry.path()).collect();
+    entries.sort();
+    ensure!(
+        entries.len() < 100_000,
+        "{}: too much is in this folder",
+        folder.display()
+    );
+    Ok(entries)
+}
+
+fn ending(path: &Path) -> String {
+    path.extension()
+        .unwrap_or_default()
+        .to_string_lossy()
+        .to_lowercase()
+}
+
+fn recording(path: &Path) -> Option<Recording> {
+    let name = path.file_stem()?.to_str()?.to_owned();
+    if name.starts_with('.') {
+        return None;
+    }
+    if path.is_dir() {
+        let name = path.file_name()?.to_str()?.to_owned();
+        let path = path.join(pattern(&entries(path).ok()?)?);
+        return Some(Recording {
+            kind: RecordingKind::Images,
+            path,
+            name,
+        });
+    }
+    let kind = match ending(path).as_str() {
+        ending if VIDEOS.contains(&ending) => RecordingKind::Video,
+        // What simulated venues and data sets call what is to be found.
+        "jsonl" if name != "truth" && name != "poses" => RecordingKind::Keypoints,
+        _ => return None,
+    };
+    Some(Recording {
+        kind,
+        path: path.to_owned(),
+        name,
+    })
+}
+
+/// The number pattern of the pictures among `files`; `None` where no two have one.
+fn pattern(files: &[PathBuf]) -> Option<String> {
+    let names = files
+        .iter()
+        .filter(|path| PICTURES.contains(&ending(path).as_str()));
+    let names: Vec<&str> = names
+        .filter_map(|path| path.file_name()?.to_str())
+        .collect();
+    let [first, .., last] = names[..] else {
+        return None;
+    };
+    let (stem, ending) = first.rsplit_once('.')?;
+    let prefix = stem.trim_end_matches(|c: char| c.is_ascii_digit());
+    let digits = stem.len() - prefix.len();
+    if digits == 0 || prefix.contains('%') {
+        return None;
+    }
+    let fixed = last.len() == first.len();
+    let number = if fixed && digits > 1 {
+        format!("%0{digits}d")
+    } else {
+        "%d".to_owned()
+    };
+    Some(format!("{prefix}{number}.{ending}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn videos_keypoints_and_folders_of_pictures_are_recordings_and_others_are_not() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        for name in [
+            "a.MP4",
+            "b.jsonl",
+            "truth.jsonl",
+            "notes.txt",
+            ".hidden.mp4",
+        ] {
+            std::fs::write(at(name), "").unwrap();
+        }
+        for name in [
+            "c/000001.png",
+            "c/000002.png",
+            "d/f1.jpg",
+            "d/f10.jpg",
+            "empty/readme.md",
+        ] {
+            std::fs::create_dir_all(at(name).parent().unwrap()).unwrap();
+            std::fs::write(at(name), "").unwrap();
+        }
+        let found = find(folder.path(), None).unwrap();
+        let said: Vec<_> = found
+            .iter()
+            .map(|it| (it.name.as_str(), it.kind_name(), it.path.clone()))
+            .collect();
+        assert_eq!(
+            said,
+            [
+                ("a", "video", at("a.MP4")),
+                ("b", "keypoints", at("b.jsonl")),
+                ("c", "images", at("c/%06d.png")),
+                ("d", "images", at("d/f%d.jpg")),
+            ]
+        );
+    }
+}

@@ -1,0 +1,141 @@
+//! The keys of a venue, looked at: whether they are there, hold now, and are their owner's alone.
+
+use std::os::unix::fs::PermissionsExt as _;
+use std::path::Path;
+
+use farfield_node::certificate::{Validity, ending_notice};
+use farfield_proto::transport::{FUSION, Identity, RECORDER};
+use farfield_proto::venue::Venue;
+
+use crate::report_lines::{ReportLines, Verdict};
+
+/// The group of these lines.
+const KEYS: &str = "keys";
+
+/// Looks at the keys that the file of `venue`, at `path`, names, at `now_s` (Unix time in seconds). A folder may hold
+/// those of one node alone.
+pub(crate) fn look_at_keys(venue: &Venue, path: &Path, now_s: i64, report: &mut ReportLines) {
+    let Some(folder) = &venue.security.certificates else {
+        return;
+    };
+    let make = format!(
+        "farfield certs {} --out {}",
+        path.display(),
+        folder.display()
+    );
+    if !folder.is_dir() {
+        let text = format!("{}: there is no such folder", folder.display());
+        report.fail(KEYS, text, make);
+        return;
+    }
+    let viewpoints = venue.viewpoints.iter().map(|it| it.name.as_str());
+    let nodes = || viewpoints.clone().chain([FUSION, RECORDER]);
+    let is_here = |node: &&str| {
+        let identity = Identity::in_folder(folder, node);
+        identity.certificate.exists() || identity.key.exists()
+    };
+    let here: Vec<&str> = nodes().filter(is_here).collect();
+    if here.is_empty() {
+        let text = format!(
+            "{}: there are no keys of any node of this venue",
+            folder.display()
+        );
+        report.fail(KEYS, text, make);
+        return;
+    }
+    look_at_authority(folder, now_s, report);
+    for node in here {
+        let renew = format!("{make} --renew {node}");
+        look_at_node(
+            &Identity::in_folder(folder, node),
+            node,
+            now_s,
+            &renew,
+            report,
+        );
+    }
+}
+
+fn look_at_authority(folder: &Path, now_s: i64, report: &mut ReportLines) {
+    let path = folder.join("ca.pem");
+    let (verdict, text) = match Validity::read(&path) {
+        Err(error) => (Verdict::Failed, error.to_string()),
+        Ok(it) if now_s > it.until_s || now_s < it.from_s => (
+            Verdict::Failed,
+            format!("{}: the authority does not hold now", path.display()),
+        ),
+        Ok(_) => return,
+    };
+    report.push(
+        KEYS,
+        verdict,
+        text,
+        "copy ca.pem from where `farfield certs` has made it, or make new keys in another folder",
+    );
+}
+
+fn look_at_node(
+    identity: &Identity,
+    node: &str,
+    now_s: i64,
+    renew: &str,
+    report: &mut ReportLines,
+) {
+    let validity = match Validity::read(&identity.certificate) {
+        Ok(validity) => validity,
+        Err(error) => {
+            report.fail(KEYS, error.to_string(), renew);
+            return;
+        }
+    };
+    if now_s < validity.from_s {
+        let text = format!(
+            "{}: it begins in {:.1} days by the clock of this machine",
+            identity.certificate.display(),
+            (validity.from_s - now_s) as f64 / 86_400.0
+        );
+        report.fail(
+            KEYS,
+            text,
+            "set the clock of this machine (`timedatectl set-ntp true`)",
+        );
+        return;
+    }
+    if let Some(notice) = ending_notice(node, validity.until_s, now_s) {
+        let verdict = if now_s > validity.until_s {
+            Verdict::Failed
+        } else {
+            Verdict::Warning
+        };
+        let notice = notice.split(": ").next().unwrap_or_default();
+        report.push(KEYS, verdict, notice, renew);
+        return;
+    }
+    match std::fs::metadata(&identity.key) {
+        Err(error) => report.fail(KEYS, format!("{}: {error}", identity.key.display()), renew),
+        Ok(about) if about.permissions().mode() & 0o077 != 0 => {
+            let mode = about.permissions().mode() & 0o777;
+            let text = format!(
+                "{}: its mode is {mode:03o}, so that others may read the key of {node}, expected 600",
+                identity.key.display()
+            );
+            let remedy = format!("chmod 600 {}", identity.key.display());
+            report.fail(KEYS, text, remedy);
+        }
+        Ok(_) => {
+            if let Err(error) = std::fs::File::open(&identity.key) {
+                report.fail(
+                    KEYS,
+                    format!("{}: {error}", identity.key.display()),
+                    "start the node as the owner of its key",
+                );
+                return;
+            }
+            let days = (validity.until_s - now_s) / 86_400;
+            report.ok(
+                KEYS,
+                format!("the certificate of {node} holds for {days} days"),
+            );
+        }
+    }
+}

@@ -1,0 +1,124 @@
+//! What the calibration says of the place, drawn on a camera's picture: the field, its floor, the world's axes, the other
+//! cameras.
+
+use farfield_proto::camera::CameraModel;
+use farfield_proto::frames::{Point, World};
+use farfield_proto::venue::Venue;
+use image::RgbImage;
+use nalgebra::{Point3, Vector2, Vector3};
+
+use super::number::draw_number;
+use super::{OUTLINE, bone_pixels, draw_line, pixel, stroke_radius_px};
+
+const FLOOR: [u8; 3] = [150, 150, 150];
+const FIELD: [u8; 3] = [255, 210, 0];
+const CAMERA: [u8; 3] = [255, 60, 220];
+const AXES: [[u8; 3]; 3] = [[255, 40, 40], [40, 220, 40], [70, 110, 255]];
+/// The field is drawn up to this height above its floor, metres: people.
+const TOP_M: f64 = 2.0;
+/// Lines of the floor are so far apart, metres; in wide fields the second.
+const STEPS_M: [f64; 2] = [1.0, 5.0];
+/// A field with a longer side is wide, metres.
+const WIDE_M: f64 = 30.0;
+/// Length of the axes, metres.
+const AXIS_M: f64 = 1.0;
+/// Most lines of the floor along one side.
+const MAX_LINES: f64 = 400.0;
+
+/// Draws the place as the camera at `index` of `venue` should see it.
+pub(crate) fn draw_place(image: &mut RgbImage, venue: &Venue, index: usize) {
+    let Some(camera) = venue.cameras.get(index).map(|it| &it.model) else {
+        return;
+    };
+    let radius_px = stroke_radius_px(image);
+    let mut lines = Drawn { image, camera };
+    draw_floor(&mut lines, venue, 0.4 * radius_px);
+    draw_field(&mut lines, venue, 0.8 * radius_px);
+    for (axis, colour) in AXES.into_iter().enumerate() {
+        let mut tip = Vector3::zeros();
+        tip[axis] = AXIS_M;
+        lines.line(Vector3::zeros(), tip, 1.8 * radius_px, colour);
+    }
+    let others = venue
+        .cameras
+        .iter()
+        .enumerate()
+        .filter(|(i, _)| *i != index);
+    for (i, other) in others {
+        let center = other.model.center();
+        let Some(at) = pixel(camera, center) else {
+            continue;
+        };
+        draw_line(lines.image, at, at, 3.0 * radius_px, OUTLINE);
+        draw_line(lines.image, at, at, 2.4 * radius_px, CAMERA);
+        let foot = at - Vector2::new(0.0, 5.0 * radius_px);
+        draw_number(lines.image, i as u32 + 1, foot, radius_px, CAMERA);
+    }
+}
+
+/// Lines of the world on the picture of a camera.
+struct Drawn<'a> {
+    image: &'a mut RgbImage,
+    camera: &'a CameraModel,
+}
+
+impl Drawn<'_> {
+    /// A line in world metres, in pieces of 1 m: a lens bends it.
+    fn line(&mut self, from: Vector3<f64>, to: Vector3<f64>, radius_px: f64, colour: [u8; 3]) {
+        let pieces = (to - from).norm().ceil().clamp(1.0, MAX_LINES);
+        let at = |i: f64| -> Point<World> {
+            Point::new(Point3::from(from + (to - from) * (i / pieces)))
+        };
+        let mut i = 0.0;
+        while i < pieces {
+            let pixels = bone_pixels(self.camera, at(i), at(i + 1.0));
+            for piece in pixels.windows(2) {
+                if let [Some(a), Some(b)] = *piece {
+                    draw_line(self.image, a, b, radius_px, colour);
+                }
+            }
+            i += 1.0;
+        }
+    }
+}
+
+fn draw_floor(lines: &mut Drawn<'_>, venue: &Venue, radius_px: f64) {
+    let field = &venue.field;
+    let (min, max, z) = (field.min_m, field.max_m, field.floor_m);
+    let longest_m = (max[0] - min[0]).max(max[1] - min[1]);
+    let step_m = STEPS_M[usize::from(longest_m > WIDE_M)].max(longest_m / MAX_LINES);
+    for (across, along) in [(0, 1), (1, 0)] {
+        // Lines stand at whole metres, so that the axes lie on two of them.
+        let mut at_m = (min[across] / step_m).ceil() * step_m;
+        while at_m <= max[across] {
+            let mut ends = [Vector3::new(0.0, 0.0, z); 2];
+            for (end, limit_m) in ends.iter_mut().zip([min[along], max[along]]) {
+                end[across] = at_m;
+                end[along] = limit_m;
+            }
+            lines.line(ends[0], ends[1], radius_px, FLOOR);
+            at_m += step_m;
+        }
+    }
+}
+
+fn draw_field(lines: &mut Drawn<'_>, venue: &Venue, radius_px: f64) {
+    let field = &venue.field;
+    let (min, max) = (field.min_m, field.max_m);
+    let corner = |i: usize, z: f64| {
+        let [x, y] = [
+            [min[0], min[1]],
+            [max[0], min[1]],
+            [max[0], max[1]],
+            [min[0], max[1]],
+        ][i % 4];
+        Vector3::new(x, y, z)
+    };
+    let (floor_m, top_m) = (field.floor_m, field.floor_m + TOP_M);
+    for i in 0..4 {
+        for z in [floor_m, top_m] {
+            lines.line(corner(i, z), corner(i + 1, z), radius_px, FIELD);
+        }
+        lines.line(corner(i, floor_m), corner(i, top_m), radius_px, FIELD);
+    }
+}

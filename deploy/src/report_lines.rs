@@ -1,0 +1,244 @@
+//! What `farfield check`, `farfield doctor` and `farfield init` answer: groups of lines, each with a verdict and with what
+//! mends it, as text for people and as JSON for programs.
+
+use std::fmt::Write as _;
+use std::process::ExitCode;
+
+use serde::Serialize;
+
+use crate::output;
+
+/// How something is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum Verdict {
+    /// As it should be.
+    Ok,
+    /// A run may go well with it.
+    Warning,
+    /// No run will.
+    Failed,
+}
+
+/// One thing that was looked at.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub(crate) struct ReportLine {
+    /// What it belongs to.
+    #[serde(skip)]
+    pub(crate) group: &'static str,
+    /// How it is.
+    pub(crate) verdict: Verdict,
+    /// What was found, and what was expected.
+    pub(crate) text: String,
+    /// The command or the field that mends it; empty where nothing needs to be.
+    #[serde(skip_serializing_if = "String::is_empty")]
+    pub(crate) remedy: String,
+}
+
+/// All that was looked at, in order.
+#[derive(Debug, Default)]
+pub(crate) struct ReportLines {
+    lines: Vec<ReportLine>,
+}
+
+#[derive(Serialize)]
+struct Document<'a> {
+    verdict: Verdict,
+    failed: usize,
+    warnings: usize,
+    groups: Vec<Group<'a>>,
+}
+
+#[derive(Serialize)]
+struct Group<'a> {
+    group: &'a str,
+    lines: Vec<&'a ReportLine>,
+}
+
+impl ReportLines {
+    /// Notes that something is as it should be.
+    pub(crate) fn ok(&mut self, group: &'static str, text: impl Into<String>) {
+        self.push(group, Verdict::Ok, text, "");
+    }
+
+    /// Notes something that may be meant.
+    pub(crate) fn warn(
+        &mut self,
+        group: &'static str,
+        text: impl Into<String>,
+        remedy: impl Into<String>,
+    ) {
+        self.push(group, Verdict::Warning, text, remedy);
+    }
+
+    /// Notes something with which no run goes well.
+    pub(crate) fn fail(
+        &mut self,
+        group: &'static str,
+        text: impl Into<String>,
+        remedy: impl Into<String>,
+    ) {
+        self.push(group, Verdict::Failed, text, remedy);
+    }
+
+    /// Notes one line.
+    pub(crate) fn push(
+        &mut self,
+        group: &'static str,
+        verdict: Verdict,
+        text: impl Into<String>,
+        remedy: impl Into<String>,
+    ) {
+        self.lines.push(ReportLine {
+            group,
+            verdict,
+            text: text.into(),
+            remedy: remedy.into(),
+        });
+    }
+
+    /// The lines so far, in order.
+    #[cfg(test)]
+    pub(crate) fn lines(&self) -> &[ReportLine] {
+        &self.lines
+    }
+
+    /// How many lines have this verdict.
+    pub(crate) fn count(&self, verdict: Verdict) -> usize {
+        self.lines.iter().filter(|it| it.verdict == verdict).count()
+    }
+
+    /// The worst verdict; [`Verdict::Ok`] of nothing.
+    pub(crate) fn verdict(&self) -> Verdict {
+        let worst = self.lines.iter().map(|it| it.verdict).max();
+        worst.unwrap_or(Verdict::Ok)
+    }
+
+    fn groups(&self) -> Vec<Group<'_>> {
+        let mut groups: Vec<Group<'_>> = Vec::new();
+        for line in &self.lines {
+            match groups.iter_mut().find(|it| it.group == line.group) {
+                Some(group) => group.lines.push(line),
+                None => groups.push(Group {
+                    group: line.group,
+                    lines: vec![line],
+                }),
+            }
+        }
+        groups
+    }
+
+    /// For people: the groups, what mends a line under it, and a line that sums up.
+    pub(crate) fn to_text(&self) -> String {
+        let mut text = String::new();
+        for group in self.groups() {
+            // Writing to a string does not fail.
+            writeln!(text, "{}", group.group).ok();
+            for line in group.lines {
+                let word = match line.verdict {
+                    Verdict::Ok => "OK",
+                    Verdict::Warning => "warning",
+                    Verdict::Failed => "failed",
+                };
+                writeln!(
+                    text,
+                    "  {word:<8} {}",
+                    line.text.replace('\n', "\n           ")
+                )
+                .ok();
+                if !line.remedy.is_empty() {
+                    writeln!(text, "           -> {}", line.remedy).ok();
+                }
+            }
+        }
+        text + &self.closing() + "\n"
+    }
+
+    /// The line that sums up.
+    fn closing(&self) -> String {
+        let plural = |count: usize| if count == 1 { "" } else { "s" };
+        let (failed, warnings) = (self.count(Verdict::Failed), self.count(Verdict::Warning));
+        match (failed, warnings) {
+            (0, 0) => "all is as it should be".to_owned(),
+            (0, _) => format!("nothing failed, {warnings} warning{}", plural(warnings)),
+            (_, 0) => format!("{failed} failed"),
+            (_, _) => format!("{failed} failed, {warnings} warning{}", plural(warnings)),
+        }
+    }
+
+    /// For programs: `{verdict, failed, warnings, groups: [{group, lines: [{verdict, text, remedy}]}]}`.
+    pub(crate) fn to_json(&self) -> anyhow::Result<String> {
+        let document = Document {
+            verdict: self.verdict(),
+            failed: self.count(Verdict::Failed),
+            warnings: self.count(Verdict::Warning),
+            groups: self.groups(),
+        };
+        Ok(serde_json::to_string_pretty(&document)? + "\n")
+    }
+
+    /// Prints the lines; the exit code is 1 when anything failed.
+    ///
+    /// # Errors
+    /// When standard output cannot be written.
+    pub(crate) fn print(&self, form: ReportForm) -> anyhow::Result<ExitCode> {
+        output::print(&match form {
+            ReportForm::Text => self.to_text(),
+            ReportForm::Json => self.to_json()?,
+        })?;
+        Ok(match self.verdict() {
+            Verdict::Failed => ExitCode::FAILURE,
+            Verdict::Ok | Verdict::Warning => ExitCode::SUCCESS,
+        })
+    }
+}
+
+/// How a report is printed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum ReportForm {
+    /// For people.
+    Text,
+    /// For programs.
+    Json,
+}
+
+impl ReportForm {
+    /// What `--json` asks for.
+    pub(crate) fn of(json: bool) -> Self {
+        if json { Self::Json } else { Self::Text }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn report() -> ReportLines {
+        let mut report = ReportLines::default();
+        report.ok("disk", "12 GB are free");
+        report.fail("ports", "7447 is taken", "stop it");
+        report.warn("disk", "it is slow", "");
+        report
+    }
+
+    #[test]
+    fn lines_stand_in_their_groups_with_what_mends_them_and_are_summed_up() {
+        assert_eq!(
+            report().to_text(),
+            "disk\n  OK       12 GB are free\n  warning  it is slow\nports\n  failed   7447 is taken\n           -> stop it\n1 failed, 1 warning\n"
+        );
+        assert_eq!(ReportLines::default().to_text(), "all is as it should be\n");
+    }
+
+    #[test]
+    fn programs_read_the_same() {
+        let json: serde_json::Value = serde_json::from_str(&report().to_json().unwrap()).unwrap();
+        assert_eq!(json["verdict"], "failed");
+        assert_eq!(
+            (json["failed"].as_u64(), json["warnings"].as_u64()),
+            (Some(1), Some(1))
+        );
+        assert_eq!(json["groups"][1]["lines"][0]["remedy"], "stop it");
+        assert_eq!(json["groups"][0]["lines"][0]["verdict"], "ok");
+    }
+}

@@ -1,0 +1,131 @@
+//! What of the field the cameras see: every camera a part, two viewpoints together most of it.
+
+use std::collections::BTreeSet;
+
+use nalgebra::Point3;
+
+use crate::frames::Point;
+use crate::venue::{Field, Venue};
+
+use super::{Cause, Finding, Severity, Sight, places};
+
+/// Points along either side of the field that are looked at.
+const SIDE: u32 = 25;
+/// Heights above the floor that are looked at, metres: feet to heads.
+const HEIGHTS_M: [f64; 4] = [0.0, 0.7, 1.4, 2.0];
+/// Less than this share of a field that somebody has stated is told of, if it is in two viewpoints.
+const LITTLE: f64 = 0.1;
+/// Corners that differ by less are the same, metres.
+const SAME_M: f64 = 1e-6;
+
+/// What of the field is seen, from the floor to 2 m, bodies and walls left out of account.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Coverage {
+    /// Of each camera, in the venue's order: the share of the field that it sees.
+    pub of_camera: Vec<f64>,
+    /// The share that two viewpoints or more see.
+    pub by_two: f64,
+}
+
+/// Looks at a grid of points all over the field. Cost: some 2,500 projections per camera.
+pub fn coverage(venue: &Venue) -> Coverage {
+    let points = points(&venue.field);
+    let mut counts = vec![0_usize; venue.cameras.len()];
+    let mut by_two = 0_usize;
+    for &p_m in &points {
+        let mut viewpoints = BTreeSet::new();
+        for (camera, count) in venue.cameras.iter().zip(&mut counts) {
+            let p_w = Point::new(Point3::from(p_m));
+            if camera
+                .model
+                .project(p_w)
+                .is_some_and(|px| camera.model.sees(px))
+            {
+                *count += 1;
+                viewpoints.insert(camera.viewpoint.0);
+            }
+        }
+        by_two += usize::from(viewpoints.len() >= 2);
+    }
+    let share = |count: usize| count as f64 / points.len() as f64;
+    Coverage {
+        of_camera: counts.into_iter().map(share).collect(),
+        by_two: share(by_two),
+    }
+}
+
+fn points(field: &Field) -> Vec<[f64; 3]> {
+    let along = |axis: usize, i: u32| {
+        let share = (f64::from(i) + 0.5) / f64::from(SIDE);
+        field.min_m[axis] + share * (field.max_m[axis] - field.min_m[axis])
+    };
+    let mut points = Vec::new();
+    for height_m in HEIGHTS_M {
+        for i in 0..SIDE {
+            for j in 0..SIDE {
+                points.push([along(0, i), along(1, j), field.floor_m + height_m]);
+            }
+        }
+    }
+    points
+}
+
+pub(super) fn findings(venue: &Venue, seen: &Coverage) -> Vec<Finding> {
+    let mut findings = Vec::new();
+    for (camera, &share) in venue.cameras.iter().zip(&seen.of_camera) {
+        if share == 0.0 {
+            findings.push(Finding {
+                camera: Some(camera.model.name().to_owned()),
+                cause: Cause::LooksAway,
+                severity: Severity::Doubtful,
+                found: "it sees no point of the field".to_owned(),
+                expected: format!("a part of {}", words(&venue.field)),
+                remedy: "look at its `rotation` and `translation` (world to camera, radians, metres), or at `[field]`"
+                    .to_owned(),
+            });
+        }
+    }
+    if venue.viewpoints.len() < 2 {
+        findings.push(Finding {
+            camera: None,
+            cause: Cause::OneViewpoint,
+            severity: Severity::Doubtful,
+            found: "there is one viewpoint".to_owned(),
+            expected: "two or more: one alone does not say how far away somebody is".to_owned(),
+            remedy: "give cameras that stand apart a `[[viewpoint]]` each".to_owned(),
+        });
+    } else if seen.by_two == 0.0 || seen.by_two < LITTLE && is_stated(venue) {
+        let severity = if seen.by_two == 0.0 {
+            Severity::Wrong
+        } else {
+            Severity::Doubtful
+        };
+        findings.push(Finding {
+            camera: None,
+            cause: Cause::FieldUnseen,
+            severity,
+            found: format!("two viewpoints see {:.0} % of the field", (100.0 * seen.by_two).ceil()),
+            expected: format!("most of {}", words(&venue.field)),
+            remedy: "set `[field]` to where people are, or look where the cameras point (`farfield check` draws it)"
+                .to_owned(),
+        });
+    }
+    findings
+}
+
+/// Whether somebody has said where people are: the field that is made from the cameras reaches far behind them.
+fn is_stated(venue: &Venue) -> bool {
+    let sights: Vec<Sight> = venue.cameras.iter().map(Sight::of).collect();
+    let made = places::around(&sights, &venue.field);
+    let field = &venue.field;
+    let sides = field.min_m.iter().chain(&field.max_m);
+    let mut both = sides.zip(made.min_m.iter().chain(&made.max_m));
+    both.any(|(a, b)| (a - b).abs() > SAME_M)
+}
+
+/// The field as an operator reads it.
+fn words(field: &Field) -> String {
+    let [x0, y0, _] = field.min_m;
+    let [x1, y1, _] = field.max_m;
+    format!("the field, x {x0:.1} to {x1:.1} m and y {y0:.1} to {y1:.1} m, from its floor to 2 m")
+}

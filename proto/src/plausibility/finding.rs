@@ -1,0 +1,117 @@
+//! What is said of a calibration.
+
+use std::fmt;
+
+/// How much a finding says.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Severity {
+    /// There are halls in which it is so.
+    Doubtful,
+    /// No run can be right with it.
+    Wrong,
+}
+
+/// What kind of mistake was found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Cause {
+    /// Another axis of the world than z points up, or z points down.
+    WorldAxes,
+    /// The file takes camera to world.
+    Backwards,
+    /// A camera stands below the floor.
+    UnderFloor,
+    /// A camera hangs higher, or stands lower, than cameras do.
+    Height,
+    /// A camera's picture is upside down.
+    UpsideDown,
+    /// A camera's picture is turned by about 90 degrees.
+    Sideways,
+    /// A rotation vector is longer than half a turn.
+    LongRotation,
+    /// The field of view is not one of a lens with the picture's size.
+    FieldOfView,
+    /// The focal lengths along rows and columns differ.
+    PixelShape,
+    /// The principal point is far from the picture's middle.
+    PrincipalPoint,
+    /// The distortion is not one of a lens.
+    Distortion,
+    /// All cameras are very near each other, or very far apart: another unit of length.
+    Units,
+    /// Two cameras stand at the same place.
+    SamePlace,
+    /// A camera sees no part of the field.
+    LooksAway,
+    /// Little of the field is seen from two viewpoints.
+    FieldUnseen,
+    /// There is one viewpoint alone.
+    OneViewpoint,
+    /// Pictures of another size than the calibration's.
+    PictureSize,
+}
+
+impl Cause {
+    /// As programs read it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::WorldAxes => "world_axes",
+            Self::Backwards => "backwards",
+            Self::UnderFloor => "under_floor",
+            Self::Height => "height",
+            Self::UpsideDown => "upside_down",
+            Self::Sideways => "sideways",
+            Self::LongRotation => "long_rotation",
+            Self::FieldOfView => "field_of_view",
+            Self::PixelShape => "pixel_shape",
+            Self::PrincipalPoint => "principal_point",
+            Self::Distortion => "distortion",
+            Self::Units => "units",
+            Self::SamePlace => "same_place",
+            Self::LooksAway => "looks_away",
+            Self::FieldUnseen => "field_unseen",
+            Self::OneViewpoint => "one_viewpoint",
+            Self::PictureSize => "picture_size",
+        }
+    }
+}
+
+/// One thing that speaks against a calibration.
+///
+/// Reads as ``camera `ne`: it stands 1.2 m under the floor, expected above it; ...``.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Finding {
+    /// The camera that it is about; `None` when it is about all of them.
+    pub camera: Option<String>,
+    /// What kind of mistake it is.
+    pub cause: Cause,
+    /// How much it says.
+    pub severity: Severity,
+    /// What was found.
+    pub found: String,
+    /// What was expected.
+    pub expected: String,
+    /// What mends it.
+    pub remedy: String,
+}
+
+impl Finding {
+    /// What was found and what was expected, without the remedy.
+    pub fn problem(&self) -> String {
+        let of = self
+            .camera
+            .as_ref()
+            .map(|camera| format!("camera `{camera}`: "));
+        format!(
+            "{}{}, expected {}",
+            of.unwrap_or_default(),
+            self.found,
+            self.expected
+        )
+    }
+}
+
+impl fmt::Display for Finding {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}; {}", self.problem(), self.remedy)
+    }
+}

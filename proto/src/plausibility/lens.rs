@@ -1,0 +1,214 @@
+//! Whether pinhole and lens can be those of a camera with pictures of that size.
+
+use crate::camera::{CameraModel, Intrinsics};
+use crate::frames::Pixel;
+
+use super::{Cause, Finding, Severity};
+
+/// Horizontal fields of view that are usual, and that exist, degrees. No lens draws 165 on a plane; one of half a degree is a
+/// telescope.
+const USUAL_VIEW_DEG: [f64; 2] = [5.0, 150.0];
+const POSSIBLE_VIEW_DEG: [f64; 2] = [0.5, 165.0];
+/// fx over fy of square pixels, as far as calibrations are off.
+const SQUARE: [f64; 2] = [0.9, 1.1];
+/// fx over fy beyond which no sensor or video format is.
+const POSSIBLE_SHAPE: [f64; 2] = [0.45, 2.2];
+/// Widths over heights of the pixels of video formats that are not square: HDV and DVCPRO, PAL and NTSC, wide and not.
+const PIXEL_SHAPES: [f64; 6] = [
+    4.0 / 3.0,
+    3.0 / 2.0,
+    16.0 / 11.0,
+    12.0 / 11.0,
+    40.0 / 33.0,
+    10.0 / 11.0,
+];
+const SHAPE_TOLERANCE: f64 = 0.03;
+/// Distance of the principal point from the middle, as shares of width and height.
+const USUAL_OFFSET: f64 = 0.15;
+const POSSIBLE_OFFSET: f64 = 0.4;
+/// Where an ideal pinhole draws the picture's edge over where the lens does, from the principal point: less is a lens
+/// that stretches its edges. Pincushion of a tenth is much; zooms have a few hundredths.
+const USUAL_STRETCH: f64 = 0.85;
+const POSSIBLE_STRETCH: f64 = 0.75;
+/// The most that a barrel lens of OpenCV's model pulls in: beyond it the edges are extrapolated.
+const USUAL_PULL: f64 = 3.0;
+/// Coefficients beyond these come from fits to too few pictures.
+const USUAL_RADIAL: f64 = 100.0;
+const USUAL_TANGENTIAL: f64 = 0.1;
+
+pub(super) fn findings(camera: &CameraModel) -> Vec<Finding> {
+    let found = [
+        field_of_view(camera),
+        pixel_shape(camera),
+        principal_point(camera),
+        distortion(camera),
+    ];
+    found.into_iter().flatten().collect()
+}
+
+fn finding(
+    camera: &CameraModel,
+    cause: Cause,
+    severity: Severity,
+    found: String,
+    expected: String,
+    remedy: &str,
+) -> Finding {
+    Finding {
+        camera: Some(camera.name().to_owned()),
+        cause,
+        severity,
+        found,
+        expected,
+        remedy: remedy.to_owned(),
+    }
+}
+
+fn is_within(value: f64, [low, high]: [f64; 2]) -> bool {
+    (low..=high).contains(&value)
+}
+
+/// Doubtful outside `usual`, wrong outside `possible`.
+fn severity(value: f64, usual: [f64; 2], possible: [f64; 2]) -> Option<Severity> {
+    match (is_within(value, usual), is_within(value, possible)) {
+        (true, _) => None,
+        (false, true) => Some(Severity::Doubtful),
+        (false, false) => Some(Severity::Wrong),
+    }
+}
+
+fn field_of_view(camera: &CameraModel) -> Option<Finding> {
+    let width_px = f64::from(camera.size_px()[0]);
+    let fx_px = camera.intrinsics().fx_px;
+    let view_deg = (2.0 * libm::atan(0.5 * width_px / fx_px)).to_degrees();
+    let severity = severity(view_deg, USUAL_VIEW_DEG, POSSIBLE_VIEW_DEG)?;
+    Some(finding(
+        camera,
+        Cause::FieldOfView,
+        severity,
+        format!(
+            "a focal length of {fx_px:.0} px with pictures {width_px:.0} px wide sees {view_deg:.1} degrees"
+        ),
+        format!("{} to {} degrees", USUAL_VIEW_DEG[0], USUAL_VIEW_DEG[1]),
+        "`matrix` is in pixels, not millimetres, and of pictures of this `size`",
+    ))
+}
+
+fn pixel_shape(camera: &CameraModel) -> Option<Finding> {
+    let Intrinsics { fx_px, fy_px, .. } = *camera.intrinsics();
+    let ratio = fx_px / fy_px;
+    // fx counts pixels: wide ones are fewer.
+    let is_format = |shape: f64| (ratio * shape - 1.0).abs() < SHAPE_TOLERANCE;
+    if PIXEL_SHAPES.into_iter().any(is_format) {
+        return None;
+    }
+    let severity = severity(ratio, SQUARE, POSSIBLE_SHAPE)?;
+    Some(finding(
+        camera,
+        Cause::PixelShape,
+        severity,
+        format!("fx is {fx_px:.0} px and fy {fy_px:.0} px"),
+        "two that differ by a few hundredths".to_owned(),
+        "look at `matrix`: rows or numbers may be exchanged, or the pictures were stretched after it was made",
+    ))
+}
+
+fn principal_point(camera: &CameraModel) -> Option<Finding> {
+    let [width_px, height_px] = camera.size_px().map(f64::from);
+    let Intrinsics { cx_px, cy_px, .. } = *camera.intrinsics();
+    let offset = [cx_px / width_px - 0.5, cy_px / height_px - 0.5];
+    let farthest = offset[0].abs().max(offset[1].abs());
+    let severity = severity(farthest, [0.0, USUAL_OFFSET], [0.0, POSSIBLE_OFFSET])?;
+    let is_turned = (cx_px / height_px - 0.5).abs() < 0.1 && (cy_px / width_px - 0.5).abs() < 0.1;
+    let factor = 0.5 * (cx_px / width_px + cy_px / height_px) * 2.0;
+    let is_scaled = (offset[0] - offset[1]).abs() < 0.1;
+    let remedy = if is_turned {
+        "cx and cy fit a picture turned by 90 degrees: `size` is [width, height] of the pictures as they are decoded".to_owned()
+    } else if is_scaled {
+        format!(
+            "`matrix` looks like that of pictures of {:.0}x{:.0}: scale its first two rows, or correct `size`",
+            width_px * factor,
+            height_px * factor
+        )
+    } else {
+        "look at `matrix`: [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] of pictures of this `size`"
+            .to_owned()
+    };
+    Some(finding(
+        camera,
+        Cause::PrincipalPoint,
+        severity,
+        format!(
+            "its principal point is ({cx_px:.0}, {cy_px:.0}) in pictures of {width_px}x{height_px}"
+        ),
+        "one near the middle".to_owned(),
+        &remedy,
+    ))
+}
+
+fn distortion(camera: &CameraModel) -> Option<Finding> {
+    let lens = camera.distortion();
+    if lens.is_none() {
+        return None;
+    }
+    let pulls = edge_pulls(camera);
+    let least = pulls.iter().copied().fold(f64::INFINITY, f64::min);
+    let most = pulls.iter().copied().fold(0.0, f64::max);
+    let radial = [lens.k1, lens.k2, lens.k3, lens.k4, lens.k5, lens.k6];
+    let is_overfit = radial.iter().any(|k| k.abs() > USUAL_RADIAL)
+        || lens.p1.abs().max(lens.p2.abs()) > USUAL_TANGENTIAL;
+    let (severity, found) = if least < USUAL_STRETCH {
+        let severity = if least < POSSIBLE_STRETCH {
+            Severity::Wrong
+        } else {
+            Severity::Doubtful
+        };
+        let found = format!(
+            "its distortion moves the edge of the picture out by {:.0} %",
+            100.0 * (1.0 / least - 1.0)
+        );
+        (severity, found)
+    } else if most > USUAL_PULL {
+        let found = format!("its distortion shrinks the edge of the picture to a {most:.1}th");
+        (Severity::Doubtful, found)
+    } else if is_overfit {
+        let found = format!(
+            "its coefficients are {radial:?}, {:?}, {:?}",
+            lens.p1, lens.p2
+        );
+        (Severity::Doubtful, found)
+    } else {
+        return None;
+    };
+    Some(finding(
+        camera,
+        Cause::Distortion,
+        severity,
+        found,
+        "a few hundredths, or tenths inwards for a wide lens".to_owned(),
+        "look at `distortions`: k1 k2 p1 p2 (k3 (k4 k5 k6)); calibrate with more pictures, or write zeros",
+    ))
+}
+
+/// Distance from the principal point of what a pinhole would draw over that of what the lens draws, at the corners and
+/// the middles of the picture's edges.
+fn edge_pulls(camera: &CameraModel) -> Vec<f64> {
+    let [width_px, height_px] = camera.size_px().map(f64::from);
+    let Intrinsics { cx_px, cy_px, .. } = *camera.intrinsics();
+    let shares = [0.0, 0.5, 1.0];
+    let mut pulls = Vec::new();
+    for x in shares {
+        for y in shares {
+            let at = [x * width_px - 0.5, y * height_px - 0.5];
+            let drawn_px = libm::hypot(at[0] - cx_px, at[1] - cy_px);
+            // Near the axis nothing is moved.
+            if (x, y) == (0.5, 0.5) || drawn_px < 1.0 {
+                continue;
+            }
+            if let Some(ideal) = camera.undistort(Pixel::new(at[0], at[1])) {
+                pulls.push(libm::hypot(ideal.x() - cx_px, ideal.y() - cy_px) / drawn_px);
+            }
+        }
+    }
+    pulls
+}

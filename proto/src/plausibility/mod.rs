@@ -1,0 +1,184 @@
+//! Whether a venue's calibration can be true, told from its numbers alone: before anybody has walked, before a source is
+//! opened.
+//!
+//! Read [`of_venue`] first. A finding is [`Severity::Wrong`] where no run can be right with it, and is then refused;
+//! where there are halls in which it is as it says, it is [`Severity::Doubtful`], and said. What only people show (videos
+//! of two cameras swapped, one that is late, a camera that was moved) is not looked for here.
+
+mod coverage;
+mod finding;
+mod lens;
+mod places;
+mod upright;
+
+use crate::calibration::Calibration;
+use crate::camera::CameraModel;
+use crate::frames::Transform;
+use crate::venue::{Field, Venue, VenueCamera};
+
+pub use self::coverage::{Coverage, coverage};
+pub use self::finding::{Cause, Finding, Severity};
+
+/// All that speaks against the calibration of `venue`, what is wrong first, then in the order of its cameras.
+pub fn of_venue(venue: &Venue) -> Vec<Finding> {
+    let sights: Vec<Sight> = venue.cameras.iter().map(Sight::of).collect();
+    let seen = coverage(venue);
+    let mut findings = Vec::new();
+    findings.extend(
+        venue
+            .cameras
+            .iter()
+            .flat_map(|it| lens::findings(&it.model)),
+    );
+    let mut stand = standing(&sights, &venue.field);
+    stand.extend(coverage::findings(venue, &seen));
+    if let Some(finding) = backwards(venue, &stand) {
+        // One cause; what follows from it would only hide it.
+        stand.clear();
+        stand.push(finding);
+    }
+    findings.extend(stand);
+    findings.sort_by_key(|finding| finding.severity != Severity::Wrong);
+    findings
+}
+
+/// What speaks against rotations as they are written: the same vector in degrees is another rotation. Longer ones than
+/// two half turns are no calibration at all ([`Calibration::parse`]).
+pub fn of_rotations(calibration: &Calibration) -> Vec<Finding> {
+    let long = calibration
+        .rotation_lengths_rad
+        .iter()
+        .filter(|(_, length_rad)| **length_rad > std::f64::consts::PI + 1e-6);
+    long.map(|(camera, length_rad)| Finding {
+        camera: Some(camera.clone()),
+        cause: Cause::LongRotation,
+        severity: Severity::Doubtful,
+        found: format!("`rotation` is a vector of length {length_rad:.2}"),
+        expected: "radians, at most 3.14".to_owned(),
+        remedy: "if these are degrees, multiply them by 0.017453".to_owned(),
+    })
+    .collect()
+}
+
+/// What speaks against pictures of `found_px` (width, height) for `camera`, which was calibrated with others.
+pub fn of_picture_size(camera: &CameraModel, found_px: [u32; 2]) -> Option<Finding> {
+    let [width, height] = camera.size_px();
+    if found_px == [width, height] {
+        return None;
+    }
+    let same_shape =
+        u64::from(found_px[0]) * u64::from(height) == u64::from(found_px[1]) * u64::from(width);
+    let remedy = if found_px == [height, width] {
+        "the pictures are turned by 90 degrees: calibrate with pictures that are turned as these are, or turn these \
+         (`ffmpeg -i IN -vf transpose=1 OUT`; `transpose=2` the other way)"
+            .to_owned()
+    } else if same_shape {
+        let factor = f64::from(found_px[0]) / f64::from(width);
+        format!(
+            "if the pictures were only scaled, multiply `size` and the first two rows of `matrix` by {factor:.6}; \
+             if they are cropped, calibrate again"
+        )
+    } else {
+        "calibrate with pictures of this size: these are cropped, or of another camera".to_owned()
+    };
+    Some(Finding {
+        camera: Some(camera.name().to_owned()),
+        cause: Cause::PictureSize,
+        severity: Severity::Wrong,
+        found: format!("its pictures have {}x{} pixels", found_px[0], found_px[1]),
+        expected: format!("{width}x{height}, the calibration's `size`"),
+        remedy,
+    })
+}
+
+/// Where a camera stands and how it is turned, in the axes of the world.
+#[derive(Debug, Clone)]
+struct Sight {
+    name: String,
+    viewpoint: usize,
+    center_m: [f64; 3],
+    /// Where the picture's right, its upper edge and its middle point, unit vectors.
+    right: [f64; 3],
+    up: [f64; 3],
+    forward: [f64; 3],
+}
+
+impl Sight {
+    fn of(camera: &VenueCamera) -> Self {
+        Self::of_model(&camera.model, usize::from(camera.viewpoint.0))
+    }
+
+    fn of_model(model: &CameraModel, viewpoint: usize) -> Self {
+        let rotation = model
+            .camera_from_world()
+            .isometry()
+            .rotation
+            .to_rotation_matrix();
+        // The rows of the rotation are the camera's axes: x right, y down, z forward.
+        let row = |i: usize| [0, 1, 2].map(|j| rotation[(i, j)]);
+        let center = model.center().coordinates_m();
+        Self {
+            name: model.name().to_owned(),
+            viewpoint,
+            center_m: [center.x, center.y, center.z],
+            right: row(0),
+            up: row(1).map(|v| -v),
+            forward: row(2),
+        }
+    }
+}
+
+/// What speaks against how the cameras stand.
+fn standing(sights: &[Sight], field: &Field) -> Vec<Finding> {
+    let mut findings = upright::findings(sights, field);
+    // In a world that lies on its side heights say nothing.
+    if !findings.iter().any(|it| it.cause == Cause::WorldAxes) {
+        findings.extend(places::heights(sights, field));
+    }
+    findings.extend(places::distances(sights));
+    findings
+}
+
+/// Whether everything would be well if the file took camera to world instead of world to camera: what most programs call
+/// a camera's pose.
+fn backwards(venue: &Venue, findings: &[Finding]) -> Option<Finding> {
+    let is_bad = |finding: &&Finding| {
+        finding.severity == Severity::Wrong
+            || matches!(finding.cause, Cause::LooksAway | Cause::UnderFloor)
+    };
+    if venue.cameras.len() < 2 || !findings.iter().any(|it| is_bad(&it)) {
+        return None;
+    }
+    let mut turned = venue.clone();
+    for camera in &mut turned.cameras {
+        let inverse = camera.model.camera_from_world().isometry().inverse();
+        let model = &camera.model;
+        camera.model = CameraModel::new(
+            model.name(),
+            model.size_px(),
+            *model.intrinsics(),
+            *model.distortion(),
+            Transform::new(inverse),
+        )
+        .ok()?;
+    }
+    let sights: Vec<Sight> = turned.cameras.iter().map(Sight::of).collect();
+    turned.field = places::around(&sights, &venue.field);
+    let seen = coverage(&turned);
+    let all_is_well = standing(&sights, &turned.field).is_empty()
+        && coverage::findings(&turned, &seen).is_empty();
+    all_is_well.then(|| Finding {
+        camera: None,
+        cause: Cause::Backwards,
+        severity: Severity::Wrong,
+        found: format!(
+            "as written, {}; read the other way round (camera to world) all cameras stand upright around the field",
+            findings.iter().find(is_bad).map_or("nothing fits", |it| it.found.as_str())
+        ),
+        expected: "`rotation` and `translation` that take world coordinates to the camera's".to_owned(),
+        remedy: "write the inverse of each: R' and -R' t".to_owned(),
+    })
+}
+
+#[cfg(test)]
+mod tests;

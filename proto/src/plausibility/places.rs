@@ -1,0 +1,174 @@
+//! Whether cameras stand where cameras can: heights, distances, units of length.
+
+use crate::venue::Field;
+
+use super::{Cause, Finding, Severity, Sight};
+
+/// How far below the floor the origin of a world may put a camera that stands on it, metres.
+const FLOOR_TOLERANCE_M: f64 = 0.2;
+/// No stage or pit is deeper, metres.
+const DEEPEST_M: f64 = 5.0;
+/// Heights of cameras, metres: the roof of a large hall, and what no building has.
+const HIGH_M: f64 = 60.0;
+const HIGHEST_M: f64 = 200.0;
+/// Lower than this stands no tripod, metres.
+const LOW_M: f64 = 0.2;
+/// Where cameras are at this height one on the floor is odd, metres.
+const USUAL_HEIGHT_M: f64 = 1.0;
+/// A venue is larger, metres; and what cannot be one at all.
+const NARROW_M: f64 = 0.5;
+const POINT_M: f64 = 0.02;
+/// Few venues are wider, metres.
+const WIDE_M: f64 = 300.0;
+/// Cameras of two viewpoints that are nearer stand at one place, metres.
+const SAME_PLACE_M: f64 = 0.01;
+/// Cosine of an angle of about 0.2 degrees: turned alike.
+const ALIKE: f64 = 0.999_99;
+/// How far the field reaches beyond the cameras when nobody has said how far, metres.
+const MARGIN_M: f64 = 5.0;
+
+fn of_camera(sight: &Sight, cause: Cause, severity: Severity, found: String) -> Finding {
+    let (expected, remedy) = match cause {
+        Cause::UnderFloor => (
+            "one above the floor",
+            "z is up and 0 on the floor: look at the sign of `translation`, and at which point the calibration took as its origin",
+        ),
+        _ => (
+            "0.2 to 60 m",
+            "`translation` is in metres, world to camera: the camera stands at -R' t",
+        ),
+    };
+    Finding {
+        camera: Some(sight.name.clone()),
+        cause,
+        severity,
+        found,
+        expected: expected.to_owned(),
+        remedy: remedy.to_owned(),
+    }
+}
+
+pub(super) fn heights(sights: &[Sight], field: &Field) -> Vec<Finding> {
+    // Those who film a stage may stand lower than it.
+    let floor_m = field.floor_m.min(0.0);
+    let height_m = |sight: &Sight| sight.center_m[2] - floor_m;
+    let below = sights
+        .iter()
+        .filter(|it| height_m(it) < -FLOOR_TOLERANCE_M)
+        .count();
+    let mut sorted: Vec<f64> = sights.iter().map(height_m).collect();
+    sorted.sort_unstable_by(f64::total_cmp);
+    let usual_m = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
+    let judge = |sight: &Sight| {
+        let h_m = height_m(sight);
+        if h_m < -FLOOR_TOLERANCE_M {
+            let is_wrong = h_m < -DEEPEST_M || 2 * below > sights.len();
+            let severity = if is_wrong {
+                Severity::Wrong
+            } else {
+                Severity::Doubtful
+            };
+            let found = format!("it stands {:.2} m under the floor", -h_m);
+            Some(of_camera(sight, Cause::UnderFloor, severity, found))
+        } else if h_m > HIGH_M {
+            let severity = if h_m > HIGHEST_M {
+                Severity::Wrong
+            } else {
+                Severity::Doubtful
+            };
+            let found = format!("it hangs {h_m:.0} m above the floor");
+            Some(of_camera(sight, Cause::Height, severity, found))
+        } else if h_m < LOW_M && usual_m > USUAL_HEIGHT_M {
+            let found = format!("it stands {h_m:.2} m above the floor");
+            Some(of_camera(sight, Cause::Height, Severity::Doubtful, found))
+        } else {
+            None
+        }
+    };
+    sights.iter().filter_map(judge).collect()
+}
+
+pub(super) fn distances(sights: &[Sight]) -> Vec<Finding> {
+    let is_wrong = |finding: &Finding| finding.severity == Severity::Wrong;
+    let same = same_places(sights);
+    if same.iter().any(is_wrong) {
+        return same;
+    }
+    // In too small a unit cameras that stand apart seem to stand at one place.
+    match units(sights) {
+        Some(finding) if same.is_empty() || is_wrong(&finding) => vec![finding],
+        _ => same,
+    }
+}
+
+fn distance_m(a: &Sight, b: &Sight) -> f64 {
+    let [x, y, z] = [0, 1, 2].map(|i| a.center_m[i] - b.center_m[i]);
+    (x * x + y * y + z * z).sqrt()
+}
+
+fn same_places(sights: &[Sight]) -> Vec<Finding> {
+    let mut findings = Vec::new();
+    for (i, b) in sights.iter().enumerate() {
+        let Some(a) = sights[..i].iter().find(|a| distance_m(a, b) < SAME_PLACE_M) else {
+            continue;
+        };
+        let cosine = |u: [f64; 3], v: [f64; 3]| u[0] * v[0] + u[1] * v[1] + u[2] * v[2];
+        let is_alike = cosine(a.forward, b.forward) > ALIKE && cosine(a.right, b.right) > ALIKE;
+        // Cameras of one viewpoint may share a mast.
+        let (severity, how) = match (is_alike, a.viewpoint == b.viewpoint) {
+            (false, true) => continue,
+            (true, false) => (Severity::Wrong, "at the same place, turned alike, as"),
+            (true, true) => (Severity::Doubtful, "at the same place, turned alike, as"),
+            (false, false) => (Severity::Doubtful, "at the same place as"),
+        };
+        findings.push(Finding {
+            camera: Some(b.name.clone()),
+            cause: Cause::SamePlace,
+            severity,
+            found: format!("it stands {how} `{}`", a.name),
+            expected: "places that differ".to_owned(),
+            remedy: "look whether the table of one was copied to the other, or never calibrated"
+                .to_owned(),
+        });
+    }
+    findings
+}
+
+/// Whether the lengths are metres.
+fn units(sights: &[Sight]) -> Option<Finding> {
+    let viewpoints_differ = sights.iter().any(|it| it.viewpoint != sights[0].viewpoint);
+    let pairs = |i: usize| sights[..i].iter().map(move |a| distance_m(a, &sights[i]));
+    let widest_m = (1..sights.len()).flat_map(pairs).fold(0.0, f64::max);
+    if !viewpoints_differ || (NARROW_M..=WIDE_M).contains(&widest_m) {
+        return None;
+    }
+    let severity = if widest_m < POINT_M {
+        Severity::Wrong
+    } else {
+        Severity::Doubtful
+    };
+    let remedy = if widest_m < NARROW_M {
+        "`translation` is in metres; if the calibration counts in squares of its board, multiply by a square's length"
+    } else {
+        "`translation` is in metres: multiply centimetres by 0.01, millimetres by 0.001"
+    };
+    Some(Finding {
+        camera: None,
+        cause: Cause::Units,
+        severity,
+        found: format!("all cameras are within {widest_m:.2} m of each other"),
+        expected: format!("a venue {NARROW_M} to {WIDE_M} m wide"),
+        remedy: remedy.to_owned(),
+    })
+}
+
+/// The field that a venue with these cameras has by default.
+pub(super) fn around(sights: &[Sight], heights: &Field) -> Field {
+    let mut field = *heights;
+    for axis in 0..2 {
+        let along = || sights.iter().map(|it| it.center_m[axis]);
+        field.min_m[axis] = along().fold(f64::INFINITY, f64::min) - MARGIN_M;
+        field.max_m[axis] = along().fold(f64::NEG_INFINITY, f64::max) + MARGIN_M;
+    }
+    field
+}

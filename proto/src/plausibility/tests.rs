@@ -1,0 +1,427 @@
+//! A hall that is as it should be, and one mistake after the other in it.
+
+use std::fmt::Write as _;
+use std::path::Path;
+
+use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
+
+use super::*;
+use crate::camera::{Distortion, Intrinsics};
+
+/// A camera as a calibration describes it.
+#[derive(Clone)]
+struct Given {
+    /// Where it stands, metres.
+    center_m: Vector3<f64>,
+    /// World to camera.
+    rotation: Matrix3<f64>,
+    intrinsics: Intrinsics,
+    distortion: Distortion,
+    size_px: [u32; 2],
+}
+
+/// Turns the world's axes to those of a camera at `center_m` that looks at `at_m`, upright.
+fn looking(center_m: Vector3<f64>, at_m: Vector3<f64>) -> Matrix3<f64> {
+    let forward = (at_m - center_m).normalize();
+    let right = forward.cross(&Vector3::z()).normalize();
+    let down = forward.cross(&right);
+    Matrix3::from_rows(&[right.transpose(), down.transpose(), forward.transpose()])
+}
+
+/// Four cameras in the corners of a hall of 12 x 8 m, which look at its middle.
+fn hall() -> Vec<Given> {
+    let corners = [(6.0, 4.0), (-6.0, 4.0), (-6.0, -4.0), (6.0, -4.0)];
+    let given = |(x, y): (f64, f64)| {
+        let center_m = Vector3::new(x, y, 2.5);
+        Given {
+            center_m,
+            rotation: looking(center_m, Vector3::new(0.0, 0.0, 1.0)),
+            intrinsics: Intrinsics {
+                fx_px: 1000.0,
+                fy_px: 1000.0,
+                cx_px: 639.5,
+                cy_px: 359.5,
+            },
+            distortion: Distortion {
+                k1: -0.08,
+                k2: 0.02,
+                ..Distortion::default()
+            },
+            size_px: [1280, 720],
+        }
+    };
+    corners.map(given).to_vec()
+}
+
+fn venue(cameras: &[Given], viewpoints: usize) -> Venue {
+    let mut text =
+        "name = \"hall\"\nrate_hz = 60.0\ncalibration = \"c.toml\"\n[field]\nmin_m = [-5.0, -3.0, -0.3]\nmax_m = [5.0, 3.0, 2.6]\n"
+            .to_owned();
+    let mut models = std::collections::BTreeMap::new();
+    for (i, given) in cameras.iter().enumerate() {
+        if i < viewpoints {
+            write!(text, "[[viewpoint]]\nname = \"v{i}\"\n").unwrap();
+        }
+        write!(
+            text,
+            "[[viewpoint.camera]]\nname = \"c{i}\"\nsource = {{ kind = \"keypoints\", path = \"{i}.jsonl\" }}\n"
+        )
+        .unwrap();
+        let rotation =
+            UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(given.rotation));
+        let translation = Translation3::from(-(given.rotation * given.center_m));
+        let model = CameraModel::new(
+            format!("c{i}"),
+            given.size_px,
+            given.intrinsics,
+            given.distortion,
+            Transform::new(Isometry3::from_parts(translation, rotation)),
+        );
+        models.insert(format!("c{i}"), model.unwrap());
+    }
+    let calibration = Calibration {
+        cameras: models,
+        hash: String::new(),
+        rotation_lengths_rad: std::collections::BTreeMap::new(),
+    };
+    Venue::parse(&text, Path::new("hall.toml"), calibration).unwrap()
+}
+
+fn said(cameras: &[Given]) -> Vec<Finding> {
+    of_venue(&venue(cameras, cameras.len()))
+}
+
+/// Turns the whole world: what stood at p stands at `turn` p.
+fn turned(turn: Matrix3<f64>) -> Vec<Given> {
+    let mut cameras = hall();
+    for camera in &mut cameras {
+        camera.center_m = turn * camera.center_m;
+        camera.rotation *= turn.transpose();
+    }
+    cameras
+}
+
+/// The hall with one thing changed at its second camera.
+fn with(change: impl FnOnce(&mut Given)) -> Vec<Given> {
+    let mut cameras = hall();
+    change(&mut cameras[1]);
+    cameras
+}
+
+/// The camera's picture, turned about its axis.
+fn roll(camera: &mut Given, angle_deg: f64) {
+    let about_axis = Rotation3::from_axis_angle(&Vector3::z_axis(), angle_deg.to_radians());
+    camera.rotation = about_axis.matrix() * camera.rotation;
+}
+
+#[test]
+fn a_hall_that_is_as_it_should_be_gives_no_word() {
+    assert_eq!(said(&hall()), []);
+    assert!(coverage(&venue(&hall(), 4)).by_two > 0.8);
+}
+
+/// A hall, and what must be said of it: the cause, how much it says, the camera.
+type Case = (
+    &'static str,
+    Vec<Given>,
+    (Cause, Severity, Option<&'static str>),
+);
+
+/// Looks whether each of `cases` is named by its cause and its camera.
+fn check(cases: Vec<Case>) {
+    let mut faults = Vec::new();
+    for (what, cameras, expected) in cases {
+        let findings = said(&cameras);
+        let mut named = findings
+            .iter()
+            .map(|it| (it.cause, it.severity, it.camera.as_deref()));
+        if !named.any(|it| it == expected) {
+            let lines: Vec<String> = findings
+                .iter()
+                .map(|it| format!("{:?} {it}", it.severity))
+                .collect();
+            faults.push(format!("{what}: expected {expected:?}, got {lines:#?}"));
+        }
+    }
+    assert!(faults.is_empty(), "{}", faults.join("\n"));
+}
+
+/// The hall with every camera changed.
+fn with_all(change: impl Fn(&mut Given)) -> Vec<Given> {
+    let mut cameras = hall();
+    cameras.iter_mut().for_each(change);
+    cameras
+}
+
+/// The hall with its second camera put where the first is.
+fn with_copy(change: impl FnOnce(&mut Given)) -> Vec<Given> {
+    let mut cameras = hall();
+    cameras[1] = cameras[0].clone();
+    change(&mut cameras[1]);
+    cameras
+}
+
+const ONE: Option<&str> = Some("c1");
+
+#[test]
+fn a_world_whose_z_is_not_up_is_named() {
+    let turn = |rows: [f64; 9]| turned(Matrix3::from_row_slice(&rows));
+    let wrong = (Cause::WorldAxes, Severity::Wrong, None);
+    let inverse = |camera: &mut Given| {
+        camera.center_m = -(camera.rotation * camera.center_m);
+        camera.rotation.transpose_mut();
+    };
+    check(vec![
+        (
+            "z down",
+            turn([1., 0., 0., 0., -1., 0., 0., 0., -1.]),
+            wrong,
+        ),
+        ("y up", turn([1., 0., 0., 0., 0., 1., 0., -1., 0.]), wrong),
+        ("y down", turn([1., 0., 0., 0., 0., -1., 0., 1., 0.]), wrong),
+        ("x up", turn([0., 0., 1., 1., 0., 0., 0., 1., 0.]), wrong),
+        (
+            "camera to world",
+            with_all(inverse),
+            (Cause::Backwards, Severity::Wrong, None),
+        ),
+        (
+            "upside down",
+            with(|it| roll(it, 180.0)),
+            (Cause::UpsideDown, Severity::Doubtful, ONE),
+        ),
+        (
+            "turned by a quarter",
+            with(|it| roll(it, 90.0)),
+            (Cause::Sideways, Severity::Doubtful, ONE),
+        ),
+        (
+            "all upside down",
+            with_all(|it| roll(it, 180.0)),
+            (Cause::UpsideDown, Severity::Doubtful, Some("c0")),
+        ),
+    ]);
+}
+
+#[test]
+fn a_camera_where_no_camera_is_is_named() {
+    use Severity::{Doubtful, Wrong};
+    let height = |m: f64| with(|it| it.center_m.z = m);
+    let away = |it: &mut Given| it.rotation = looking(it.center_m, it.center_m * 2.0);
+    let elsewhere =
+        |it: &mut Given| it.rotation = looking(it.center_m, Vector3::new(-3.0, 2.0, 0.0));
+    let nowhere = |it: &mut Given| {
+        it.center_m = Vector3::zeros();
+        it.rotation = Matrix3::identity();
+    };
+    check(vec![
+        (
+            "under the floor",
+            height(-1.0),
+            (Cause::UnderFloor, Doubtful, ONE),
+        ),
+        (
+            "far under the floor",
+            height(-9.0),
+            (Cause::UnderFloor, Wrong, ONE),
+        ),
+        (
+            "all under the floor",
+            with_all(|it| it.center_m.z = -1.0),
+            (Cause::UnderFloor, Wrong, Some("c0")),
+        ),
+        ("on a tower", height(70.0), (Cause::Height, Doubtful, ONE)),
+        ("in the sky", height(250.0), (Cause::Height, Wrong, ONE)),
+        ("on the floor", height(0.05), (Cause::Height, Doubtful, ONE)),
+        (
+            "squares of a board",
+            with_all(|it| it.center_m *= 0.02),
+            (Cause::Units, Doubtful, None),
+        ),
+        (
+            "kilometres",
+            with_all(|it| it.center_m *= 0.001),
+            (Cause::Units, Wrong, None),
+        ),
+        (
+            "centimetres",
+            with_all(|it| it.center_m *= 26.0),
+            (Cause::Units, Doubtful, None),
+        ),
+        (
+            "a table copied",
+            with_copy(|_| ()),
+            (Cause::SamePlace, Wrong, ONE),
+        ),
+        (
+            "never calibrated",
+            with_all(nowhere),
+            (Cause::SamePlace, Wrong, ONE),
+        ),
+        (
+            "one place, turned elsewhere",
+            with_copy(elsewhere),
+            (Cause::SamePlace, Doubtful, ONE),
+        ),
+        (
+            "looks at the wall",
+            with(away),
+            (Cause::LooksAway, Doubtful, ONE),
+        ),
+        (
+            "all look at the wall",
+            with_all(away),
+            (Cause::FieldUnseen, Wrong, None),
+        ),
+    ]);
+}
+
+#[test]
+fn a_lens_that_is_none_is_named() {
+    use Severity::{Doubtful, Wrong};
+    let pinhole = |change: fn(&mut Intrinsics)| with(|it| change(&mut it.intrinsics));
+    let bent = |k1: f64| with(|it| it.distortion.k1 = k1);
+    check(vec![
+        (
+            "a focal length in mm",
+            pinhole(|it| it.fx_px = 8.0),
+            (Cause::FieldOfView, Wrong, ONE),
+        ),
+        (
+            "a telescope",
+            pinhole(|it| (it.fx_px, it.fy_px) = (2e4, 2e4)),
+            (Cause::FieldOfView, Doubtful, ONE),
+        ),
+        (
+            "another fy",
+            pinhole(|it| it.fy_px = 1400.0),
+            (Cause::PixelShape, Doubtful, ONE),
+        ),
+        (
+            "fy of half the size",
+            pinhole(|it| it.fy_px = 400.0),
+            (Cause::PixelShape, Wrong, ONE),
+        ),
+        (
+            "its middle outside",
+            pinhole(|it| it.cx_px = 1300.0),
+            (Cause::PrincipalPoint, Wrong, ONE),
+        ),
+        (
+            "its middle aside",
+            pinhole(|it| it.cy_px = 500.0),
+            (Cause::PrincipalPoint, Doubtful, ONE),
+        ),
+        (
+            "the matrix of 4K in HD",
+            pinhole(|it| {
+                (it.fx_px, it.fy_px) = (2.0 * it.fx_px, 2.0 * it.fy_px);
+                (it.cx_px, it.cy_px) = (2.0 * it.cx_px, 2.0 * it.cy_px);
+            }),
+            (Cause::PrincipalPoint, Wrong, ONE),
+        ),
+        (
+            "a distortion of 5",
+            bent(5.0),
+            (Cause::Distortion, Wrong, ONE),
+        ),
+        (
+            "a distortion of 0.7",
+            bent(0.7),
+            (Cause::Distortion, Doubtful, ONE),
+        ),
+    ]);
+}
+
+#[test]
+fn what_is_wrong_comes_before_what_is_doubtful() {
+    let mut cameras = hall();
+    roll(&mut cameras[0], 180.0);
+    cameras[3].distortion.k1 = 5.0;
+    let findings = said(&cameras);
+    let causes: Vec<Cause> = findings.iter().map(|it| it.cause).collect();
+    assert_eq!(causes, [Cause::Distortion, Cause::UpsideDown]);
+}
+
+#[test]
+fn cameras_that_do_not_agree_on_up_are_told_of_together() {
+    let mut cameras = hall();
+    for (camera, angle_deg) in cameras.iter_mut().zip([180.0, 90.0, -90.0, 0.0]) {
+        roll(camera, angle_deg);
+    }
+    let findings = said(&cameras);
+    assert_eq!(findings.len(), 1, "{findings:?}");
+    assert!(
+        findings[0]
+            .to_string()
+            .contains("do not agree on which way is up: 1 of 4")
+    );
+}
+
+#[test]
+fn one_viewpoint_alone_is_doubted() {
+    let findings = of_venue(&venue(&hall(), 1));
+    assert_eq!(findings.len(), 1, "{findings:?}");
+    assert_eq!(findings[0].cause, Cause::OneViewpoint);
+}
+
+#[test]
+fn two_cameras_on_one_mast_and_one_overhead_give_no_word() {
+    let mut cameras = hall();
+    let mut beside = cameras[3].clone();
+    beside.rotation = looking(beside.center_m, Vector3::new(-3.0, 2.0, 0.0));
+    let mut overhead = cameras[0].clone();
+    overhead.center_m = Vector3::new(0.0, 0.0, 9.0);
+    overhead.rotation = looking(overhead.center_m, Vector3::new(0.01, 0.0, 0.0));
+    cameras.insert(0, overhead);
+    cameras.push(beside);
+    // The last two are of one viewpoint.
+    assert_eq!(of_venue(&venue(&cameras, 5)), []);
+}
+
+#[test]
+fn anamorphic_pixels_of_a_video_format_are_believed() {
+    let hdv = with(|it| {
+        it.size_px = [1440, 1080];
+        it.intrinsics = Intrinsics {
+            fx_px: 1177.0,
+            fy_px: 1573.0,
+            cx_px: 703.0,
+            cy_px: 532.0,
+        };
+    });
+    assert_eq!(said(&hdv), []);
+}
+
+#[test]
+fn long_rotations_are_doubted() {
+    let calibration = Calibration {
+        cameras: std::collections::BTreeMap::new(),
+        hash: String::new(),
+        rotation_lengths_rad: [("a".to_owned(), 3.1), ("b".to_owned(), 5.2)].into(),
+    };
+    let said: Vec<String> = of_rotations(&calibration)
+        .iter()
+        .map(Finding::to_string)
+        .collect();
+    assert_eq!(
+        said,
+        [
+            "camera `b`: `rotation` is a vector of length 5.20, expected radians, at most 3.14; if these are degrees, multiply them by 0.017453"
+        ]
+    );
+}
+
+#[test]
+fn pictures_of_another_size_are_told_how_they_differ() {
+    let venue = venue(&hall(), 4);
+    let remedy = |found_px| of_picture_size(&venue.cameras[0].model, found_px).map(|it| it.remedy);
+    assert_eq!(remedy([1280, 720]), None);
+    assert!(
+        remedy([720, 1280])
+            .unwrap()
+            .contains("turned by 90 degrees")
+    );
+    assert!(remedy([1920, 1080]).unwrap().contains("by 1.500000"));
+    assert!(remedy([1280, 960]).unwrap().contains("cropped"));
+}

@@ -1,0 +1,150 @@
+//! Which way is up: cameras are hung with their pictures upright, so most of them say it.
+
+use crate::venue::Field;
+
+use super::{Cause, Finding, Severity, Sight};
+
+/// Sine of how far a camera may be rolled and still count as upright: 30 degrees.
+const ROLLED: f64 = 0.5;
+/// Cosine between a picture's upward direction and the vertical that an upright camera has at least.
+const UPWARD: f64 = 0.3;
+/// A camera that looks within about 20 degrees of the vertical has no upward direction.
+const OVERHEAD: f64 = 0.94;
+/// Share of the cameras that must agree on another vertical before the world is said to be turned.
+const AGREED: f64 = 0.75;
+/// Cosine of the angle between the views of two cameras that look from different sides.
+const SIDES: f64 = 0.5;
+
+/// The directions that a world's up is written in, by the words for them.
+const AXES: [(&str, [f64; 3]); 5] = [
+    ("-z", [0.0, 0.0, -1.0]),
+    ("+y", [0.0, 1.0, 0.0]),
+    ("-y", [0.0, -1.0, 0.0]),
+    ("+x", [1.0, 0.0, 0.0]),
+    ("-x", [-1.0, 0.0, 0.0]),
+];
+const Z: [f64; 3] = [0.0, 0.0, 1.0];
+
+fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+/// Whether the picture is upright where `axis` is up.
+fn is_upright(sight: &Sight, axis: [f64; 3]) -> bool {
+    dot(sight.right, axis).abs() < ROLLED && dot(sight.up, axis) > UPWARD
+}
+
+fn has_upward(sight: &Sight) -> bool {
+    sight.forward[2].abs() < OVERHEAD
+}
+
+pub(super) fn findings(sights: &[Sight], field: &Field) -> Vec<Finding> {
+    let upright = |axis: [f64; 3]| sights.iter().filter(|it| is_upright(it, axis)).count();
+    let judged = sights.iter().filter(|it| has_upward(it)).count();
+    // A camera that looks straight down is as upright as one wants.
+    if sights.len() >= 2 && 2 * (upright(Z) + sights.len() - judged) < sights.len() {
+        let (name, axis, count) = AXES
+            .into_iter()
+            .map(|(name, axis)| (name, axis, upright(axis)))
+            .max_by_key(|(_, _, count)| *count)
+            .unwrap_or(("-z", AXES[0].1, 0));
+        if count >= 2 && count as f64 >= AGREED * sights.len() as f64 {
+            if let Some(finding) = turned_world(sights, field, name, axis, count) {
+                return vec![finding];
+            }
+        } else {
+            return vec![no_agreement(sights)];
+        }
+    }
+    sights.iter().filter_map(rolled).collect()
+}
+
+/// The world has `axis` up; `None` where it is rather the cameras that hang upside down.
+fn turned_world(
+    sights: &[Sight],
+    field: &Field,
+    name: &str,
+    axis: [f64; 3],
+    count: usize,
+) -> Option<Finding> {
+    let floor_m = field.floor_m.min(0.0);
+    let below = sights.iter().filter(|it| it.center_m[2] < floor_m).count();
+    let is_down = axis[2] < 0.0;
+    if is_down && 2 * below < sights.len() {
+        return None;
+    }
+    // From one side, cameras that lie on theirs look like a turned world.
+    let sides = sights
+        .iter()
+        .any(|a| sights.iter().any(|b| dot(a.forward, b.forward) < SIDES));
+    let severity = if is_down || sides {
+        Severity::Wrong
+    } else {
+        Severity::Doubtful
+    };
+    let turn = match name {
+        "-z" => "turn it by half a turn about x: (x, y, z) becomes (x, -y, -z)",
+        "+y" => "turn it: (x, y, z) becomes (x, -z, y)",
+        "-y" => "turn it: (x, y, z) becomes (x, z, -y)",
+        "+x" => "turn it: (x, y, z) becomes (y, z, x)",
+        _ => "turn it: (x, y, z) becomes (-y, z, -x)",
+    };
+    Some(Finding {
+        camera: None,
+        cause: Cause::WorldAxes,
+        severity,
+        found: format!(
+            "{count} of {} cameras are upright only if {name} of the world is up",
+            sights.len()
+        ),
+        expected: "z up, with the floor at 0".to_owned(),
+        remedy: format!(
+            "the world of the calibration has another axis up; {turn}, in the tool that wrote it"
+        ),
+    })
+}
+
+fn no_agreement(sights: &[Sight]) -> Finding {
+    let upright = sights.iter().filter(|it| is_upright(it, Z)).count();
+    Finding {
+        camera: None,
+        cause: Cause::WorldAxes,
+        severity: Severity::Doubtful,
+        found: format!(
+            "the cameras do not agree on which way is up: {upright} of {} are upright where z is",
+            sights.len()
+        ),
+        expected: "most pictures upright".to_owned(),
+        remedy: "look at `rotation`: world to camera, radians, in the order of the calibration's cameras".to_owned(),
+    }
+}
+
+/// A single camera whose picture is not upright.
+fn rolled(sight: &Sight) -> Option<Finding> {
+    if !has_upward(sight) || is_upright(sight, Z) {
+        return None;
+    }
+    // The vertical as the picture shows it: its angle to the picture's upper edge.
+    let roll_deg = libm::atan2(dot(sight.right, Z), dot(sight.up, Z)).to_degrees();
+    let (cause, found, remedy) = match roll_deg.abs() {
+        135.0.. => (
+            Cause::UpsideDown,
+            "its picture is upside down".to_owned(),
+            "turn the pictures (`ffmpeg -i IN -vf hflip,vflip OUT`) and calibrate with those: networks read people who stand",
+        ),
+        45.0.. => (
+            Cause::Sideways,
+            format!("its picture is turned by {roll_deg:.0} degrees"),
+            "turn the pictures (`ffmpeg -i IN -vf transpose=1 OUT`) and calibrate with those: networks read people who stand",
+        ),
+        _ => return None,
+    };
+    Some(Finding {
+        camera: Some(sight.name.clone()),
+        cause,
+        severity: Severity::Doubtful,
+        found,
+        expected: "one in which people stand".to_owned(),
+        remedy: remedy.to_owned(),
+    })
+}

@@ -1,0 +1,237 @@
+//! `farfield check`, and runs that are refused for what it finds.
+
+use std::fs;
+use std::process::Command;
+
+use super::{WalkFolder, lines, says};
+use crate::farfield::FinishedCommand;
+
+fn check(folder: &WalkFolder) -> FinishedCommand {
+    folder.farfield(&["check", "venue.toml", "--json"])
+}
+
+#[test]
+fn the_sample_is_as_it_should_be_and_every_camera_is_drawn() {
+    let folder = WalkFolder::new();
+    let finished = folder.farfield(&["check", "venue.toml", "--out", "drawn"]);
+    assert_eq!(finished.code, 0, "{}\n{}", finished.stdout, finished.stderr);
+    assert!(
+        finished.stdout.ends_with("all is as it should be\n"),
+        "{}",
+        finished.stdout
+    );
+    for camera in ["north-east", "north-west", "south-east", "south-west"] {
+        let picture = fs::read(folder.path(&format!("drawn/check_{camera}.png"))).unwrap();
+        assert!(picture.starts_with(b"\x89PNG"));
+    }
+}
+
+/// What is spoilt: a file, what stands in it, what shall; and the words that must be said of it.
+type Mistake<'a> = (&'a str, &'a str, &'a str, &'a str, &'a [&'a str]);
+
+/// Every mistake in the sample is said by a check (exit code 1); those that a run can never be right with are
+/// refused by a run, too.
+#[test]
+fn mistakes_are_found_without_a_run() {
+    let north_east = "path = \"north-east.jsonl\"";
+    let mistakes: [Mistake<'_>; 6] = [
+        (
+            "calibration.toml",
+            "distortions = [-0.08, 0.02",
+            "distortions = [5.0, 0.02",
+            "failed",
+            &["north-east", "distortion", "distortions"],
+        ),
+        (
+            "calibration.toml",
+            "rotation = [",
+            "rotation = [96.7, 3.1, 0.5]\nas_it_was = [",
+            "failed",
+            &["calibration.toml:", "radians", "degrees"],
+        ),
+        (
+            "venue.toml",
+            north_east,
+            "path = \"north-west.jsonl\"",
+            "failed",
+            &["`north-east` and `north-west` have one source"],
+        ),
+        (
+            "venue.toml",
+            north_east,
+            "path = \"nort-east.jsonl\"",
+            "failed",
+            &["nort-east.jsonl", "correct `source`"],
+        ),
+        (
+            "calibration.toml",
+            "distortions = [-0.08, 0.02",
+            "distortions = [0.0, 0.3",
+            "warning",
+            &["north-east", "distortion"],
+        ),
+        (
+            "venue.toml",
+            "calibration = \"calibration.toml\"",
+            "calibration = \"calibration.toml\"\n[security]\ncertificates = \"certs\"",
+            "failed",
+            &["no such folder", "farfield certs"],
+        ),
+    ];
+    for (file, from, to, verdict, words) in mistakes {
+        let folder = WalkFolder::new();
+        folder.replace(file, from, to);
+        let finished = check(&folder);
+        let said = lines(&finished);
+        assert_eq!(
+            finished.code,
+            i32::from(verdict == "failed"),
+            "{to}: {said:#?}"
+        );
+        assert!(says(&said, verdict, words), "{to}: {said:#?}");
+    }
+}
+
+#[test]
+fn a_recording_that_two_cameras_share_under_two_names_is_found() {
+    let folder = WalkFolder::new();
+    fs::copy(
+        folder.path("south-east.jsonl"),
+        folder.path("south-west.jsonl"),
+    )
+    .unwrap();
+    let finished = check(&folder);
+    let words = ["`south-west` and `south-east` show the same"];
+    assert!(
+        says(&lines(&finished), "failed", &words),
+        "{}",
+        finished.stdout
+    );
+}
+
+#[test]
+fn recordings_of_different_lengths_are_told_with_the_ticks_that_all_have() {
+    let folder = WalkFolder::new();
+    let text = fs::read_to_string(folder.path("south-east.jsonl")).unwrap();
+    let cut: String = text
+        .lines()
+        .take(20)
+        .map(|line| format!("{line}\n"))
+        .collect();
+    fs::write(folder.path("south-east.jsonl"), cut).unwrap();
+    let finished = check(&folder);
+    assert_eq!(finished.code, 0);
+    let words = ["differ in length", "farfield run venue.toml --ticks 0..20"];
+    assert!(
+        says(&lines(&finished), "warning", &words),
+        "{}",
+        finished.stdout
+    );
+}
+
+#[test]
+fn a_venue_file_that_cannot_be_read_is_refused() {
+    let folder = WalkFolder::new();
+    folder.replace("venue.toml", "rate_hz = 30.0", "rate_herz = 30.0");
+    let finished = check(&folder);
+    assert_eq!(finished.code, 2, "{}", finished.stderr);
+    assert!(
+        finished.stderr.contains("did you mean `rate_hz`"),
+        "{}",
+        finished.stderr
+    );
+}
+
+#[test]
+fn a_run_is_refused_for_what_is_surely_wrong_and_says_what_is_doubtful() {
+    let folder = WalkFolder::new();
+    folder.replace(
+        "calibration.toml",
+        "distortions = [-0.08, 0.02",
+        "distortions = [5.0, 0.02",
+    );
+    let finished = folder.farfield(&["run", "venue.toml", "--out", "out"]);
+    assert_eq!(finished.code, 2, "{}", finished.stderr);
+    for word in [
+        "calibration.toml",
+        "north-east",
+        "distortion",
+        "farfield check",
+    ] {
+        assert!(
+            finished.stderr.contains(word),
+            "{word}: {}",
+            finished.stderr
+        );
+    }
+    assert!(!folder.path("out").exists());
+    let folder = WalkFolder::new();
+    folder.replace(
+        "calibration.toml",
+        "distortions = [-0.08, 0.02",
+        "distortions = [0.0, 0.3",
+    );
+    let finished = folder.farfield(&["run", "venue.toml", "--out", "out", "--ticks", "0..5"]);
+    assert_eq!(finished.code, 0, "{}", finished.stderr);
+    assert!(
+        finished
+            .stderr
+            .contains("doubtful: calibration.toml: camera `north-east`"),
+        "{}",
+        finished.stderr
+    );
+}
+
+/// Makes half a second of video; false, with a word, where there is no ffmpeg.
+fn video(folder: &WalkFolder, name: &str, picture: &str) -> bool {
+    let made = Command::new("ffmpeg")
+        .args([
+            "-nostdin", "-v", "error", "-f", "lavfi", "-t", "0.5", "-i", picture,
+        ])
+        .args(["-pix_fmt", "yuv420p", "-preset", "ultrafast"])
+        .arg(folder.path(name))
+        .status();
+    if made.is_ok_and(|status| status.success()) {
+        return true;
+    }
+    println!("SKIPPED videos at two rates: no ffmpeg");
+    false
+}
+
+#[test]
+fn videos_of_another_rate_another_size_and_the_same_content_are_named() {
+    let folder = WalkFolder::new();
+    let videos = [
+        ("north-east", "testsrc2=size=1920x1200:rate=60"),
+        ("north-west", "testsrc2=size=320x240:rate=60"),
+        ("south-west", "testsrc=size=1920x1200:rate=60000/1001"),
+        ("south-east", "testsrc2=size=1920x1200:rate=60"),
+    ];
+    for (corner, picture) in videos {
+        if !video(&folder, &format!("{corner}.mp4"), picture) {
+            return;
+        }
+        let was = format!("kind = \"keypoints\", path = \"{corner}.jsonl\"");
+        let is = format!("kind = \"video\", path = \"{corner}.mp4\"");
+        folder.replace("venue.toml", &was, &is);
+    }
+    let rate_and_network = "rate_hz = 60.0\nnetwork = \"no.toml\"";
+    folder.replace("venue.toml", "rate_hz = 30.0", rate_and_network);
+    let said = lines(&check(&folder));
+    for words in [
+        [
+            "`south-west` has 59.940",
+            "3.6 s after an hour",
+            "ffmpeg -i IN -vf fps=60.000000",
+        ],
+        ["320x240", "`north-west`", "cropped"],
+        [
+            "`north-east` and `south-east` show the same",
+            "byte for byte",
+            "`source`",
+        ],
+        ["no.toml", "`network`", "card"],
+    ] {
+        assert!(says(&said, "failed", &words), "{words:?}: {said:#?}");
+    }
+}

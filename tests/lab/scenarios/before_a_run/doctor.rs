@@ -1,0 +1,137 @@
+//! `farfield doctor` on this machine: what is wrong with a process or a disk of its own. The other faults are tests of the
+//! doctor's parts.
+
+use std::fs;
+use std::path::Path;
+use std::process::Command;
+use std::time::Instant;
+
+use super::{WalkFolder, lines, says};
+use crate::farfield::{FinishedCommand, command, finish};
+
+/// Longest that a doctor may take, seconds; the tests' machine is shared.
+const PATIENCE_S: f64 = 5.0;
+
+fn doctor(folder: &Path, change: impl FnOnce(&mut Command), more: &[&str]) -> FinishedCommand {
+    let mut command = command();
+    command
+        .current_dir(folder)
+        .args(["doctor", "--json"])
+        .args(more);
+    change(&mut command);
+    finish(&command.output().unwrap())
+}
+
+#[test]
+#[expect(
+    clippy::disallowed_methods,
+    reason = "how long the doctor takes is what is measured"
+)]
+fn this_machine_fails_in_nothing_and_is_done_in_seconds() {
+    let folder = tempfile::tempdir().unwrap();
+    let start = Instant::now();
+    let finished = doctor(folder.path(), |_| (), &[]);
+    let took_s = start.elapsed().as_secs_f64();
+    println!("doctor took {took_s:.1} s\n{}", finished.stdout);
+    let said = lines(&finished);
+    for group in ["machine", "inference", "programs", "disk", "clock", "ports"] {
+        assert!(
+            said.iter().any(|line| line[0] == group),
+            "{group}: {said:#?}"
+        );
+    }
+    // Without ffmpeg, or with fusion's port in use, it is right to complain.
+    let may_fail = |group: &str| ["programs", "ports"].contains(&group);
+    let failed: Vec<_> = said
+        .iter()
+        .filter(|it| it[1] == "failed" && !may_fail(&it[0]))
+        .collect();
+    assert!(failed.is_empty(), "{failed:#?}");
+    assert!(took_s < 3.0 * PATIENCE_S, "{took_s} s");
+    assert_eq!(
+        fs::read_dir(folder.path()).unwrap().count(),
+        0,
+        "nothing is left over"
+    );
+}
+
+#[test]
+fn an_onnx_runtime_that_is_not_there_or_is_none_is_found() {
+    let folder = tempfile::tempdir().unwrap();
+    let text = folder.path().join("libonnxruntime.so");
+    fs::write(&text, "no library").unwrap();
+    for path in [Path::new("/nowhere/libonnxruntime.so"), &text] {
+        let finished = doctor(
+            folder.path(),
+            |it| drop(it.env("ORT_DYLIB_PATH", path)),
+            &[],
+        );
+        assert_eq!(finished.code, 1);
+        let words = [path.to_str().unwrap(), "unset ORT_DYLIB_PATH"];
+        assert!(
+            says(&lines(&finished), "failed", &words),
+            "{}",
+            finished.stdout
+        );
+    }
+}
+
+#[test]
+fn a_search_path_without_ffmpeg_is_found() {
+    let folder = tempfile::tempdir().unwrap();
+    let finished = doctor(folder.path(), |it| drop(it.env("PATH", folder.path())), &[]);
+    assert_eq!(finished.code, 1);
+    let words = ["`ffmpeg` cannot be started", "apt install ffmpeg"];
+    assert!(
+        says(&lines(&finished), "failed", &words),
+        "{}",
+        finished.stdout
+    );
+}
+
+#[test]
+fn a_full_disk_is_found() {
+    let folder = tempfile::tempdir().unwrap();
+    let disk = folder.path().join("disk");
+    fs::create_dir(&disk).unwrap();
+    let mount = Command::new("mount")
+        .args(["-t", "tmpfs", "-o", "size=256k", "tmpfs"])
+        .arg(&disk)
+        .status();
+    if !mount.is_ok_and(|status| status.success()) {
+        println!("SKIPPED a full disk: mounting one takes root");
+        return;
+    }
+    let finished = doctor(folder.path(), |_| (), &["--out", "disk"]);
+    let unmounted = Command::new("umount").arg(&disk).status();
+    assert!(unmounted.unwrap().success());
+    assert_eq!(finished.code, 1);
+    let said = lines(&finished);
+    assert!(
+        says(&said, "failed", &["disk cannot be written", "--out DIR"]),
+        "{said:#?}"
+    );
+}
+
+#[test]
+fn the_network_of_a_venue_that_is_not_there_is_found_and_a_venue_that_is_not_is_refused() {
+    let folder = WalkFolder::new();
+    folder.replace(
+        "venue.toml",
+        "rate_hz = 30.0",
+        "rate_hz = 30.0\nnetwork = \"models/no.toml\"",
+    );
+    let finished = doctor(folder.dir.path(), |_| (), &["venue.toml"]);
+    assert_eq!(finished.code, 1);
+    assert!(
+        says(
+            &lines(&finished),
+            "failed",
+            &["models/no.toml", "correct `network`"]
+        ),
+        "{}",
+        finished.stdout
+    );
+    let finished = doctor(folder.dir.path(), |_| (), &["no.toml"]);
+    assert_eq!(finished.code, 2, "{}", finished.stderr);
+}

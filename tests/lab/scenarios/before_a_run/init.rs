@@ -1,0 +1,109 @@
+//! `farfield init`: a venue from a folder of recordings and a calibration.
+
+use std::fs;
+
+use super::WalkFolder;
+
+#[test]
+fn a_folder_of_recordings_and_a_calibration_become_a_venue_that_runs() {
+    let folder = WalkFolder::new();
+    fs::remove_file(folder.path("venue.toml")).unwrap();
+    fs::rename(
+        folder.path("north-east.jsonl"),
+        folder.path("take 2 North_East.jsonl"),
+    )
+    .unwrap();
+    let finished = folder.farfield(&["init", ".", "--rate", "30"]);
+    assert_eq!(finished.code, 0, "{}\n{}", finished.stdout, finished.stderr);
+    assert!(
+        finished
+            .stdout
+            .ends_with("next: farfield run ./venue.toml --overlay\n"),
+        "{}",
+        finished.stdout
+    );
+    let text = fs::read_to_string(folder.path("venue.toml")).unwrap();
+    for part in ["rate_hz = 30.0", "take 2 North_East.jsonl", "[field]", "# "] {
+        assert!(text.contains(part), "{part} in\n{text}");
+    }
+    let finished = folder.farfield(&["run", "venue.toml", "--ticks", "0..10", "--out", "out"]);
+    assert_eq!(finished.code, 0, "{}", finished.stderr);
+}
+
+#[test]
+fn a_venue_file_that_is_there_is_not_written_over() {
+    let folder = WalkFolder::new();
+    let before = fs::read(folder.path("venue.toml")).unwrap();
+    let finished = folder.farfield(&["init", ".", "--rate", "30"]);
+    assert_eq!(finished.code, 2);
+    assert!(
+        finished.stderr.contains("venue.toml is there already"),
+        "{}",
+        finished.stderr
+    );
+    assert_eq!(fs::read(folder.path("venue.toml")).unwrap(), before);
+}
+
+#[test]
+fn what_is_missing_is_refused_with_the_flag_or_the_names() {
+    let folder = WalkFolder::new();
+    fs::remove_file(folder.path("venue.toml")).unwrap();
+    let refused = |args: &[&str], words: &[&str]| {
+        let finished = folder.farfield(&[&["init", "."], args].concat());
+        assert_eq!(finished.code, 2, "{}", finished.stdout);
+        for word in words {
+            assert!(
+                finished.stderr.contains(word),
+                "{word}: {}",
+                finished.stderr
+            );
+        }
+        assert!(!folder.path("venue.toml").exists());
+    };
+    refused(&[], &["frames per second", "--rate"]);
+    refused(
+        &["--rate", "30", "--viewpoint", "a=nort-east"],
+        &["did you mean `north-east`"],
+    );
+    fs::rename(folder.path("south-west.jsonl"), folder.path("south.jsonl")).unwrap();
+    refused(
+        &["--rate", "30"],
+        &[
+            "`south` is of no camera",
+            "camera `south-west` has no recording",
+            "cameras of the calibration: north-east,",
+        ],
+    );
+    fs::rename(
+        folder.path("calibration.toml"),
+        folder.path("calibration.txt"),
+    )
+    .unwrap();
+    refused(
+        &["--rate", "30"],
+        &["no calibration is in .", "--calibration"],
+    );
+}
+
+#[test]
+fn cameras_that_are_named_make_a_viewpoint_and_others_are_left_out() {
+    let folder = WalkFolder::new();
+    let finished = folder.farfield(&[
+        "init",
+        ".",
+        "--rate",
+        "30",
+        "--out",
+        "two.toml",
+        "--field=-3,-3,3,3",
+        "--viewpoint",
+        "north=north-east,north-west",
+        "--viewpoint",
+        "south=south-east",
+    ]);
+    assert_eq!(finished.code, 0, "{}\n{}", finished.stdout, finished.stderr);
+    let text = fs::read_to_string(folder.path("two.toml")).unwrap();
+    assert_eq!(text.matches("[[viewpoint]]").count(), 2, "{text}");
+    assert_eq!(text.matches("[[viewpoint.camera]]").count(), 3, "{text}");
+    assert!(text.contains("min_m = [-3.0, -3.0, -0.3]"), "{text}");
+}

@@ -1,0 +1,79 @@
+//! What the operator is told before a run: by `farfield check`, `doctor` and `init`, and by a run that is refused.
+
+mod check;
+mod doctor;
+mod init;
+mod plausible;
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use serde_json::Value;
+
+use crate::data::checkout;
+use crate::farfield::{FinishedCommand, command, finish};
+
+/// A folder with a copy of the sample, in which commands are run.
+struct WalkFolder {
+    dir: tempfile::TempDir,
+}
+
+impl WalkFolder {
+    fn new() -> Self {
+        let dir = tempfile::tempdir().unwrap();
+        for entry in fs::read_dir(checkout().join("examples/walk")).unwrap() {
+            let path = entry.unwrap().path();
+            fs::copy(&path, dir.path().join(path.file_name().unwrap())).unwrap();
+        }
+        Self { dir }
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.dir.path().join(name)
+    }
+
+    fn replace(&self, file: &str, from: &str, to: &str) {
+        let text = fs::read_to_string(self.path(file)).unwrap();
+        assert!(text.contains(from), "{file} has no {from:?}");
+        fs::write(self.path(file), text.replacen(from, to, 1)).unwrap();
+    }
+
+    fn farfield(&self, args: &[&str]) -> FinishedCommand {
+        farfield_in(self.dir.path(), args)
+    }
+}
+
+/// Runs `farfield` with `args` in `folder`, to its end.
+fn farfield_in(folder: &Path, args: &[&str]) -> FinishedCommand {
+    let output = command().current_dir(folder).args(args).output().unwrap();
+    finish(&output)
+}
+
+/// The lines of a report in JSON: group, verdict, text, remedy.
+fn lines(finished: &FinishedCommand) -> Vec<[String; 4]> {
+    let report: Value = serde_json::from_str(&finished.stdout).unwrap_or_else(|error| {
+        panic!("{error}\n{}\n{}", finished.stdout, finished.stderr);
+    });
+    let text = |value: &Value| value.as_str().unwrap_or_default().to_owned();
+    let mut lines = Vec::new();
+    for group in report["groups"].as_array().unwrap() {
+        for line in group["lines"].as_array().unwrap() {
+            let fields = [
+                &group["group"],
+                &line["verdict"],
+                &line["text"],
+                &line["remedy"],
+            ];
+            lines.push(fields.map(text));
+        }
+    }
+    lines
+}
+
+/// Whether a line of that verdict has all of `words` in its text or its remedy.
+fn says(lines: &[[String; 4]], verdict: &str, words: &[&str]) -> bool {
+    lines.iter().any(|[_, found, text, remedy]| {
+        let has = |word: &&str| text.contains(*word) || remedy.contains(*word);
+        found == verdict && words.iter().all(has)
+    })
+}
