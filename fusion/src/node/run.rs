@@ -43,6 +43,9 @@ pub fn main(args: FusionArgs) -> ExitCode {
 fn load_and_run(args: FusionArgs) -> Result<Ending, NodeError> {
     let config = FusionConfig::load(args)?;
     let session = new_session();
+    if let Some(identity) = &config.reach.identity {
+        authentication_log::know_generations(&identity.generations);
+    }
     let pipeline = Pipeline::new(&config.venue, config.card.as_ref(), session);
     let ending = runtime::block_on(2, run(&config, session, pipeline));
     authentication_log::sum_up();
