@@ -41,6 +41,7 @@ use crate::node::output::tally::Tally;
 use crate::node::session::interceptor::Interceptor;
 use crate::node::session::link::FusionEnds;
 use crate::node::session::messages::FusionOutgoing;
+use crate::node::session::other_fusion::OtherFusionWatch;
 use crate::node::session::wiretap::CopiedStep;
 
 /// How often the loop looks after what nothing else wakes it for.
@@ -106,6 +107,9 @@ pub(super) struct LiveFusion<'a> {
     pub(super) handover: Option<Handover>,
     pub(super) common_clock: CommonClock,
     pub(super) is_own_clock_suspected: bool,
+    /// Who looks for another fusion of the venue, and whether one was told.
+    pub(super) others: OtherFusionWatch,
+    pub(super) is_other_told: bool,
     /// Until when edges are waited for of which nothing has come yet.
     pub(super) expect_until_us: Micros,
     /// Results of detection passes that came too late.
@@ -167,6 +171,8 @@ impl<'a> LiveFusion<'a> {
             handover: None,
             common_clock: CommonClock::default(),
             is_own_clock_suspected: false,
+            others: context.others.clone(),
+            is_other_told: false,
             without_input: 0,
             shedding: LiveShedding::default(),
             unreadable: 0,
@@ -227,6 +233,7 @@ impl<'a> LiveFusion<'a> {
                         self.weigh_clocks();
                         self.look_for_floods();
                         self.look_at_certificates();
+                        self.look_for_another();
                         let now_us = self.interceptor.clock.now_us();
                         let status = self.status(self.config, now_us);
                         let links = status.live.as_ref().map(|live| live.edges.clone());
