@@ -105,6 +105,9 @@ impl LiveFusion<'_> {
                 "another fusion of this venue is there: {other}; end one of the two"
             ));
         }
+        for notice in self.disks.iter().filter_map(|disk| disk.notice()) {
+            health.notice(notice);
+        }
         let now_s = clock::unix_s();
         let ending = until_s.and_then(|until_s| ending_notice(FUSION, until_s, now_s));
         if let Some(text) = ending {

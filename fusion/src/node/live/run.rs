@@ -4,6 +4,7 @@
 //! queue, and is dropped when that is full.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::Context as _;
@@ -38,6 +39,7 @@ use crate::live::tick_time::TickTime;
 use crate::live::{Micros, SECOND_US};
 use crate::node::output::summary::Lost;
 use crate::node::output::tally::Tally;
+use crate::node::output::wait_for_disk_room::WaitForDiskRoom;
 use crate::node::session::interceptor::Interceptor;
 use crate::node::session::link::FusionEnds;
 use crate::node::session::messages::FusionOutgoing;
@@ -105,6 +107,8 @@ pub(super) struct LiveFusion<'a> {
     /// The viewpoints of whom it was said that their certificate ends.
     pub(super) told_certificates: BTreeSet<String>,
     pub(super) handover: Option<Handover>,
+    /// Those that something is written to.
+    pub(super) disks: Vec<Arc<WaitForDiskRoom>>,
     pub(super) common_clock: CommonClock,
     pub(super) is_own_clock_suspected: bool,
     /// Who looks for another fusion of the venue, and whether one was told.
@@ -169,6 +173,7 @@ impl<'a> LiveFusion<'a> {
             flood: FloodWatch::default(),
             told_certificates: BTreeSet::new(),
             handover: None,
+            disks: Vec::new(),
             common_clock: CommonClock::default(),
             is_own_clock_suspected: false,
             others: context.others.clone(),
