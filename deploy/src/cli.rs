@@ -11,6 +11,7 @@ use crate::evaluate::EvaluateArgs;
 use crate::parameters::ParametersArgs;
 use crate::run::RunArgs;
 use crate::simulate::SimulateArgs;
+use crate::status::StatusArgs;
 
 /// Markerless motion capture for wide fields.
 ///
@@ -33,6 +34,8 @@ pub(crate) enum FarfieldCommand {
     Fusion(FusionArgs),
     /// Record everything that is said in a venue, as an MCAP file.
     Record(RecordArgs),
+    /// Show how the nodes of a running venue are.
+    Status(StatusArgs),
     /// Solve a recording again: as it was, or with other parameters or another calibration.
     Replay(ReplayArgs),
     /// List every parameter of a venue file: unit, default, range and what it is.

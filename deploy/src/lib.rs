@@ -20,6 +20,7 @@ mod run;
 mod samples;
 mod signals;
 mod simulate;
+mod status;
 mod venue_folder;
 
 use std::process::ExitCode;
@@ -42,6 +43,7 @@ pub fn main() -> ExitCode {
         }
         FarfieldCommand::Fusion(args) => farfield_fusion::node::main(args),
         FarfieldCommand::Record(args) => farfield_fusion::node::record(args),
+        FarfieldCommand::Status(args) => exit_code(status::status(&args)),
         FarfieldCommand::Replay(args) => farfield_fusion::node::replay(&args, output::print),
         FarfieldCommand::Demo(args) => demo::main(&args),
         FarfieldCommand::Simulate(args) => simulate::main(args),
