@@ -41,8 +41,8 @@ impl CertificateFile {
             .parse_x509()
             .map_err(|error| failed(format!("found no X.509 certificate: {error}")))?;
         let validity = certificate.validity();
-        let names = certificate.subject().iter_common_name();
-        let name = names.filter_map(|name| name.as_str().ok()).next();
+        let mut names = certificate.subject().iter_common_name();
+        let name = names.find_map(|name| name.as_str().ok());
         Ok(Self {
             validity: Validity {
                 from_s: validity.not_before.timestamp(),

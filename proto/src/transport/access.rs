@@ -244,7 +244,7 @@ pub(super) fn at_fusion(
         of_reader(&keys),
         &mut old,
     ));
-    setting(venue, &subjects, old)
+    setting(venue, &subjects, &old)
 }
 
 /// An edge's access control: everything under the venue's name for fusion, nothing for others.
@@ -253,11 +253,11 @@ pub(super) fn at_edge(venue: &str, generations: &Generations) -> ZenohSetting {
     let rules = rules([(&ALL_MESSAGES, all.clone())], [(&ALL_MESSAGES, all)]);
     let mut old = Vec::new();
     let fusion = subject(venue, FUSION, generations, rules, &mut old);
-    setting(venue, &[fusion], old)
+    setting(venue, &[fusion], &old)
 }
 
 /// `old` are names that may do nothing: without a subject of their own Zenoh does not say whom it denies something.
-fn setting(venue: &str, subjects: &[Subject], old: Vec<String>) -> ZenohSetting {
+fn setting(venue: &str, subjects: &[Subject], old: &[String]) -> ZenohSetting {
     let (mut rules, mut names, mut policies) = (Vec::new(), Vec::new(), Vec::new());
     let mut add =
         |id: &str, permission: &str, of: &[String], allowed: &[(&str, &[&str], &[String])]| {
@@ -293,7 +293,7 @@ fn setting(venue: &str, subjects: &[Subject], old: Vec<String>) -> ZenohSetting 
         let denied =
             ["ingress", "egress"].map(|flow| (flow, ALL_MESSAGES.as_slice(), all.as_slice()));
         // No node has a blank in its name.
-        add("too old", "deny", &old, &denied);
+        add("too old", "deny", old, &denied);
     }
     let value = format!(
         "{{enabled:true,default_permission:\"deny\",rules:[{}],subjects:[{}],policies:[{}]}}",

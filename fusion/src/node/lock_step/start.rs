@@ -52,6 +52,8 @@ pub(in crate::node) async fn wait_until_ready(
     calls.set_missed_tick_behavior(MissedTickBehavior::Delay);
     let mut status = Box::new(own_status(&config.venue.hashes));
     status.health.follows = Some(session);
+    let validity = config.reach.validity;
+    status.health.certificate_ends_s = validity.map(|v| v.until_s.cast_unsigned());
     let mut n_calls = 0u32;
     let mut newer = BTreeMap::new();
     loop {

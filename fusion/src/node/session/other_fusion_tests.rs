@@ -45,7 +45,7 @@ async fn first_fusion() -> (Session, String) {
     let token = session.liveliness().declare_token("two/alive/fusion").await;
     let endpoint = session.info().locators().await[0].to_string();
     let speaker = session.clone();
-    tokio::spawn(async move {
+    TaskTracker::new().spawn(async move {
         let _token = token.unwrap();
         let hashes = VenueHash {
             venue: "v".to_owned(),
