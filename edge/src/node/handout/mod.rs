@@ -157,9 +157,14 @@ async fn fetch_by(args: &EdgeArgs, contact: &FirstContact) -> Result<(), NodeErr
     };
     fusion.close().await;
     taken?;
-    history
-        .note(&list, clock::unix_s())
-        .map_err(NodeError::Failed)
+    if let Err(error) = history.note(&list, clock::unix_s()) {
+        // On a disk that nobody may write to the files are there already.
+        say(format_args!(
+            "{}: older files of fusion would not be noticed: {error:#}",
+            args.viewpoint
+        ));
+    }
+    Ok(())
 }
 
 /// Fetches all that differs, then puts all of it in place, the venue file last.
