@@ -22,6 +22,7 @@ use crate::manual::{CompletionsArgs, ManArgs};
 use crate::parameters::ParametersArgs;
 use crate::run::RunArgs;
 use crate::simulate::SimulateArgs;
+use crate::status::StatusArgs;
 
 /// Markerless motion capture for wide fields.
 ///
@@ -68,6 +69,9 @@ pub(crate) enum FarfieldCommand {
     /// Record everything that is said in a venue, as an MCAP file.
     #[command(after_help = "Example: farfield record hall.toml --out recordings/")]
     Record(RecordArgs),
+    /// Show how the nodes of a running venue are.
+    #[command(after_help = "Example: farfield status hall.toml --watch")]
+    Status(StatusArgs),
     /// Solve a recording again, as it was or otherwise.
     #[command(after_help = "Example: farfield replay hall.mcap --set smoothing.cutoff_hz=3")]
     Replay(ReplayArgs),

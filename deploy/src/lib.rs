@@ -27,6 +27,7 @@ mod run;
 mod samples;
 mod signals;
 mod simulate;
+mod status;
 mod venue_folder;
 
 use std::process::ExitCode;
@@ -54,6 +55,7 @@ pub fn main() -> ExitCode {
         }
         FarfieldCommand::Fusion(args) => farfield_fusion::node::main(args),
         FarfieldCommand::Record(args) => farfield_fusion::node::record(args),
+        FarfieldCommand::Status(args) => exit_code(status::status(&args)),
         FarfieldCommand::Replay(args) => farfield_fusion::node::replay(&args, output::print),
         FarfieldCommand::Check(args) => check_venue::main(&args),
         FarfieldCommand::Demo(args) => demo::main(&args),

@@ -20,6 +20,7 @@
 mod access;
 pub mod endpoint;
 mod exposure;
+mod generations;
 mod json;
 
 use std::path::{Path, PathBuf};
@@ -29,8 +30,9 @@ use json::{list, quoted};
 
 use crate::transport::endpoint::scheme;
 
-pub use access::{FUSION, READER, RECORDER, common_name};
+pub use access::{FUSION, READER, RECORDER, common_name, generation_of, reader};
 pub use exposure::{Exposure, ExposureError};
+pub use generations::{GENERATIONS_FILE, Generations};
 
 /// What Zenoh and the protocols below it add to a message, bytes. Counted on the loopback of a namespace with an
 /// MTU of 1500: about 70 for TCP over IPv4, acknowledgements the other way included; a TLS record adds 22. The
@@ -67,15 +69,18 @@ pub struct Identity {
     pub certificate: PathBuf,
     /// The node's private key, PEM.
     pub key: PathBuf,
+    /// Which certificates of others are too old.
+    pub generations: Generations,
 }
 
 impl Identity {
-    /// The files of `node` in a folder that `farfield certs` has written.
+    /// The files of `node` in a folder that `farfield certs` has written; what its file of generations says is not known yet.
     pub fn in_folder(folder: &Path, node: &str) -> Self {
         Self {
             authority: folder.join("ca.pem"),
             certificate: folder.join(format!("{node}.pem")),
             key: folder.join(format!("{node}.key")),
+            generations: Generations::default(),
         }
     }
 }
@@ -110,7 +115,7 @@ impl EdgeTransport<'_> {
         ]));
         if let Some(identity) = self.identity {
             settings.push(tls(identity));
-            settings.push(access::at_edge(self.venue));
+            settings.push(access::at_edge(self.venue, &identity.generations));
         }
         settings
     }
@@ -140,7 +145,11 @@ impl FusionTransport<'_> {
         ]));
         if let Some(identity) = self.identity {
             settings.push(tls(identity));
-            settings.push(access::at_fusion(self.venue, self.viewpoints));
+            settings.push(access::at_fusion(
+                self.venue,
+                self.viewpoints,
+                &identity.generations,
+            ));
         }
         settings
     }

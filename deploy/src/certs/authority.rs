@@ -3,7 +3,7 @@
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use anyhow::Context as _;
-use farfield_proto::transport::{FUSION, READER, RECORDER, common_name};
+use farfield_proto::transport::{FUSION, RECORDER, common_name, reader};
 use rcgen::{
     BasicConstraints, CertificateParams, DistinguishedName, DnType, ExtendedKeyUsagePurpose, IsCa,
     Issuer, KeyPair, KeyUsagePurpose,
@@ -125,13 +125,19 @@ impl Authority {
         self.key.clone()
     }
 
-    /// A new key for `bearer` of `venue` and its certificate. Only fusion's is good for being connected
-    /// to: an edge's key makes no fusion node.
-    pub(super) fn issue(&self, venue: &str, bearer: &Bearer, days: u32) -> anyhow::Result<Pair> {
+    /// A new key for `bearer` of `venue` and its certificate, of this generation. Only fusion's is good for being
+    /// connected to: an edge's key makes no fusion node.
+    pub(super) fn issue(
+        &self,
+        venue: &str,
+        bearer: &Bearer,
+        generation: u32,
+        days: u32,
+    ) -> anyhow::Result<Pair> {
         let (names, name, usages) = match &bearer.role {
             NodeRole::Fusion(hosts) => (
                 hosts.clone(),
-                bearer.node.as_str(),
+                bearer.node.clone(),
                 vec![
                     ExtendedKeyUsagePurpose::ServerAuth,
                     ExtendedKeyUsagePurpose::ClientAuth,
@@ -139,18 +145,18 @@ impl Authority {
             ),
             NodeRole::Edge | NodeRole::Recorder => (
                 Vec::new(),
-                bearer.node.as_str(),
+                bearer.node.clone(),
                 vec![ExtendedKeyUsagePurpose::ClientAuth],
             ),
             NodeRole::Reader => (
                 Vec::new(),
-                READER,
+                reader(&bearer.node),
                 vec![ExtendedKeyUsagePurpose::ClientAuth],
             ),
         };
         let mut params = CertificateParams::new(names)
             .with_context(|| format!("the hosts of {}", bearer.node))?;
-        params.distinguished_name = named(&common_name(venue, name));
+        params.distinguished_name = named(&common_name(venue, &name, generation));
         params
             .distinguished_name
             .push(DnType::OrganizationalUnitName, bearer.node.as_str());

@@ -1,8 +1,8 @@
 //! A folder of keys: keys are for their owner alone, and nothing is written over.
 
-use std::fs::{self, OpenOptions};
+use std::fs::{self, DirBuilder, OpenOptions};
 use std::io::Write as _;
-use std::os::unix::fs::OpenOptionsExt as _;
+use std::os::unix::fs::{DirBuilderExt as _, OpenOptionsExt as _};
 use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
@@ -11,12 +11,11 @@ use super::authority::Pair;
 
 /// The authority's certificate.
 pub(super) const AUTHORITY: &str = "ca.pem";
-/// The authority's key.
-pub(super) const AUTHORITY_KEY: &str = "ca.key";
 /// Readable by all, writable by the owner.
 const PUBLIC: u32 = 0o644;
 /// For the owner alone.
 const SECRET: u32 = 0o600;
+const SECRET_FOLDER: u32 = 0o700;
 
 /// A folder of keys.
 pub(super) struct Folder {
@@ -47,6 +46,23 @@ impl Folder {
     pub(super) fn make(&self) -> anyhow::Result<()> {
         fs::create_dir_all(&self.path)
             .with_context(|| format!("making the folder {}", self.path.display()))
+    }
+
+    /// Makes it for its owner alone, unless it is there.
+    pub(super) fn make_secret(&self) -> anyhow::Result<()> {
+        let made = DirBuilder::new()
+            .recursive(true)
+            .mode(SECRET_FOLDER)
+            .create(&self.path);
+        made.with_context(|| format!("making the folder {}", self.path.display()))
+    }
+
+    /// The text of `name`; `None` where there is no such file.
+    pub(super) fn read_if_there(&self, name: &str) -> anyhow::Result<Option<String>> {
+        match self.path.join(name).try_exists() {
+            Ok(false) => Ok(None),
+            _ => self.read(name).map(Some),
+        }
     }
 
     pub(super) fn read(&self, name: &str) -> anyhow::Result<String> {

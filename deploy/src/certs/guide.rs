@@ -8,8 +8,8 @@ use super::authority::{Bearer, NodeRole};
 pub(super) fn text(venue: &Venue, bearers: &[Bearer]) -> String {
     let head = format!(
         "Keys of the venue \"{}\", made by `farfield certs`.\n\n\
-         Each node gets ca.pem and the two files with its own name, in the folder that the venue\n\
-         file names as `[security] certificates`. No node needs another node's .key.\n\n",
+         Each node gets ca.pem, generations.toml and the two files with its own name, in the folder\n\
+         that the venue file names as `[security] certificates`. No node needs another node's .key.\n\n",
         venue.name
     );
     let line = |Bearer { node, role }: &Bearer| {
@@ -35,8 +35,9 @@ pub(super) fn text(venue: &Venue, bearers: &[Bearer]) -> String {
     let lines: String = bearers.iter().map(line).collect();
     let foot = "\nca.key makes new keys for this venue. Keep it apart from all nodes, offline if you can;\n\
          only `farfield certs VENUE --out DIR --renew NODE` needs it (`--authority DIR` says where it is).\n\
-         If a node's key has come into other hands: make all keys anew, as certificates are not\n\
-         called back. If fusion is to be reached by another name: `--renew fusion` with every\n\
-         `--host NAME` that the venue file does not say.\n";
+         If a node's key has come into other hands: `--renew NODE`, give that node its new files,\n\
+         copy generations.toml to fusion's machine (after `--renew fusion` to all machines), and start\n\
+         fusion again: the old key is refused from then on. If fusion is to be reached by another name:\n\
+         `--renew fusion` with every `--host NAME` that the venue file does not say.\n";
     head + &lines + foot
 }

@@ -10,9 +10,10 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, anyhow};
 use clap::Args;
+use farfield_node::files::{AUTHORITY_KEY, load_venue};
 use farfield_node::process::{NodeError, say};
 use farfield_proto::key::is_key_chunk;
-use farfield_proto::transport::{FUSION, READER, RECORDER};
+use farfield_proto::transport::{FUSION, GENERATIONS_FILE, Generations, READER, RECORDER};
 use farfield_proto::venue::Venue;
 
 use authority::{Authority, Bearer, Pair};
@@ -41,7 +42,7 @@ pub(crate) struct CertsArgs {
     pub(crate) renew: Vec<String>,
     /// Folder of the authority's own key, `ca.key`.
     ///
-    /// It belongs to no node. Default: the folder of the keys.
+    /// It belongs to no node. Default: that of `--out` with `-authority` behind it.
     #[arg(long, value_name = "DIR")]
     pub(crate) authority: Option<PathBuf>,
     /// How many days the certificates hold.
@@ -60,45 +61,83 @@ pub(crate) fn certs(args: &CertsArgs) -> Result<(), NodeError> {
 }
 
 fn make(args: &CertsArgs) -> anyhow::Result<()> {
-    let venue = farfield_node::files::load_venue(&args.venue)?;
+    let venue = load_venue(&args.venue)?;
     let bearers = bearers(&venue, args)?;
     let folder = Folder::new(&args.out);
-    let keys_of_authority = args.authority.as_deref().unwrap_or(&args.out);
+    let keys_of_authority = folder_of_authority(args);
+    let mut generations = Generations::default();
     if args.renew.is_empty() {
         let authority = Authority::new(&venue.name, args.days)?;
         let guide = guide::text(&venue, &bearers);
         create(
-            [&folder, &Folder::new(keys_of_authority)],
+            [&folder, &Folder::new(&keys_of_authority)],
             &authority,
-            &bearers,
+            (&bearers, &mut generations),
             &guide,
         )?;
     } else {
-        let authority = read_authority(&folder, keys_of_authority)?;
-        let issue = |bearer| authority.issue(&venue.name, bearer, args.days);
-        let pairs: Vec<Pair> = bearers.iter().map(issue).collect::<Result<_, _>>()?;
+        let authority = read_authority(&folder, &keys_of_authority)?;
+        if let Some(text) = folder.read_if_there(GENERATIONS_FILE)? {
+            generations = Generations::parse(&text, &args.out.join(GENERATIONS_FILE))?;
+        }
+        let mut issue = |bearer: &Bearer| {
+            let generation = generations.renew(&bearer.node);
+            authority.issue(&venue.name, bearer, generation, args.days)
+        };
+        let pairs: Vec<Pair> = bearers.iter().map(&mut issue).collect::<Result<_, _>>()?;
+        let newest = generations.to_toml(&venue.name);
         let renewed = bearers.iter().zip(&pairs);
-        let files: Vec<_> = renewed
+        let mut files: Vec<_> = renewed
             .flat_map(|(bearer, pair)| folder.pair(&bearer.node, pair))
             .collect();
+        files.push(folder.public(GENERATIONS_FILE, &newest));
         write_together(&files, Old::Replaced)?;
     }
     for bearer in &bearers {
         say(format_args!(
-            "{}: {}",
+            "{}: {}, generation {}",
             bearer.node,
-            args.out.join(format!("{}.pem", bearer.node)).display()
+            args.out.join(format!("{}.pem", bearer.node)).display(),
+            generations.of(&bearer.node)
         ));
     }
     if args.renew.is_empty() {
-        let key = keys_of_authority.join(files::AUTHORITY_KEY);
+        let key = keys_of_authority.join(AUTHORITY_KEY);
         say(format_args!(
             "{} makes new keys for this venue: keep it apart from the nodes; who goes where is in {}",
             key.display(),
             args.out.join("README.txt").display()
         ));
+    } else {
+        let is_fusion = bearers.iter().any(|bearer| bearer.node == FUSION);
+        let whom = if is_fusion {
+            "every machine"
+        } else {
+            "fusion's machine"
+        };
+        say(format_args!(
+            "older keys of these nodes are refused as soon as {} lies beside ca.pem on {whom} and that node was started again",
+            args.out.join(GENERATIONS_FILE).display()
+        ));
     }
     Ok(())
+}
+
+/// Where the authority's key is, or will be: apart from those of the nodes, unless an earlier release has put it there.
+fn folder_of_authority(args: &CertsArgs) -> PathBuf {
+    if let Some(folder) = &args.authority {
+        return folder.clone();
+    }
+    let is_among_keys = !args.renew.is_empty() && args.out.join(AUTHORITY_KEY).is_file();
+    let name = args.out.file_name().filter(|_| !is_among_keys);
+    name.map_or_else(
+        || args.out.clone(),
+        |name| {
+            let mut name = name.to_owned();
+            name.push("-authority");
+            args.out.with_file_name(name)
+        },
+    )
 }
 
 /// Who gets a key now.
@@ -143,14 +182,15 @@ fn is_reader(out: &Path, name: &str) -> bool {
     is_key_chunk(name) && name != "ca" && out.join(format!("{name}.pem")).is_file()
 }
 
-/// Makes all keys, those of the authority in the folder `apart`, or none.
+/// Makes all keys, of the next of their generations, those of the authority in the folder `apart`, or none.
 fn create(
     [folder, apart]: [&Folder; 2],
     authority: &Authority,
-    bearers: &[Bearer],
+    (bearers, generations): (&[Bearer], &mut Generations),
     guide: &str,
 ) -> anyhow::Result<()> {
-    let mut names = vec![files::AUTHORITY.to_owned(), "README.txt".to_owned()];
+    let names = [files::AUTHORITY, "README.txt", GENERATIONS_FILE];
+    let mut names = names.map(str::to_owned).to_vec();
     for bearer in bearers {
         names.extend([
             format!("{}.pem", bearer.node),
@@ -158,19 +198,24 @@ fn create(
         ]);
     }
     folder.check_free(&names)?;
-    apart.check_free(&[files::AUTHORITY_KEY.to_owned()])?;
+    apart.check_free(&[AUTHORITY_KEY.to_owned()])?;
     folder.make()?;
-    apart.make()?;
+    apart.make_secret()?;
     // All are made before the first is written.
     let (certificate, key) = (authority.certificate(), authority.key());
     let pairs: Vec<Pair> = bearers
         .iter()
-        .map(|bearer| authority.issue(&authority.venue, bearer, authority.days))
+        .map(|bearer| {
+            let generation = generations.renew(&bearer.node);
+            authority.issue(&authority.venue, bearer, generation, authority.days)
+        })
         .collect::<Result<_, _>>()?;
+    let newest = generations.to_toml(&authority.venue);
     let mut all = vec![
         folder.public(files::AUTHORITY, &certificate),
-        apart.secret(files::AUTHORITY_KEY, &key),
+        apart.secret(AUTHORITY_KEY, &key),
         folder.public("README.txt", guide),
+        folder.public(GENERATIONS_FILE, &newest),
     ];
     for (bearer, pair) in bearers.iter().zip(&pairs) {
         all.extend(folder.pair(&bearer.node, pair));
@@ -181,7 +226,7 @@ fn create(
 fn read_authority(folder: &Folder, keys_of_authority: &Path) -> anyhow::Result<Authority> {
     let certificate = folder.read(files::AUTHORITY)?;
     let key = Folder::new(keys_of_authority)
-        .read(files::AUTHORITY_KEY)
+        .read(AUTHORITY_KEY)
         .context("the authority's key is needed; say where it is with --authority DIR")?;
     Authority::read(&certificate, &key)
 }

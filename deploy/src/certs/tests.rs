@@ -55,10 +55,14 @@ impl Scratch {
 fn every_node_gets_a_key_that_only_its_owner_can_read() {
     let scratch = Scratch::new();
     scratch.run(&["--node", "screen"]).unwrap();
-    for node in ["ca", "fusion", "ne", "screen"] {
-        let path = scratch.path("certs").join(format!("{node}.key"));
-        let mode = std::fs::metadata(path).unwrap().permissions().mode();
-        assert_eq!(mode & 0o777, 0o600, "{node}.key");
+    let mode = |path: PathBuf| std::fs::metadata(path).unwrap().permissions().mode() & 0o777;
+    // The authority's is not among them.
+    assert!(!scratch.path("certs").join("ca.key").exists());
+    assert_eq!(mode(scratch.path("certs-authority")), 0o700);
+    assert_eq!(mode(scratch.path("certs-authority").join("ca.key")), 0o600);
+    for node in ["fusion", "ne", "screen"] {
+        let key = scratch.path("certs").join(format!("{node}.key"));
+        assert_eq!(mode(key), 0o600, "{node}.key");
         assert!(
             scratch
                 .read(&format!("{node}.pem"))
@@ -95,6 +99,12 @@ fn one_key_is_renewed_with_an_authority_that_is_kept_apart() {
         .unwrap();
     assert!(!scratch.path("certs").join("ca.key").exists());
     let before = [scratch.read("ne.key"), scratch.read("fusion.key")];
+    let generations = || {
+        let path = scratch.path("certs").join(GENERATIONS_FILE);
+        let known = Generations::parse(&scratch.read(GENERATIONS_FILE), &path).unwrap();
+        ["fusion", "ne", "recorder", "screen"].map(|node| known.of(node))
+    };
+    assert_eq!(generations(), [1, 1, 1, 1]);
     assert!(scratch.run(&["--renew", "ne"]).is_err(), "without the key");
     scratch
         .run(&[
@@ -110,6 +120,7 @@ fn one_key_is_renewed_with_an_authority_that_is_kept_apart() {
         .unwrap();
     assert_ne!(scratch.read("ne.key"), before[0]);
     assert_eq!(scratch.read("fusion.key"), before[1]);
+    assert_eq!(generations(), [1, 2, 1, 2]);
     let error = scratch
         .run(&["--renew", "nowhere", "--authority", apart])
         .unwrap_err();
@@ -129,4 +140,16 @@ fn names_and_hosts_that_cannot_be_are_refused() {
         assert!(scratch.run(&wrong).is_err(), "{wrong:?}");
     }
     assert!(!scratch.path("certs").exists());
+}
+
+#[test]
+fn keys_that_an_earlier_release_has_made_are_renewed_where_they_are() {
+    let scratch = Scratch::new();
+    scratch.run(&[]).unwrap();
+    let (keys, apart) = (scratch.path("certs"), scratch.path("certs-authority"));
+    std::fs::rename(apart.join("ca.key"), keys.join("ca.key")).unwrap();
+    std::fs::remove_file(keys.join(GENERATIONS_FILE)).unwrap();
+    scratch.run(&["--renew", "ne"]).unwrap();
+    let text = scratch.read(GENERATIONS_FILE);
+    assert!(text.ends_with("[generation]\n\"ne\" = 1\n"), "{text}");
 }

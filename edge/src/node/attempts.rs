@@ -43,20 +43,20 @@ impl<S: Subscriber> Layer<S> for Attempts {
 
 /// What Zenoh's words mean.
 fn reason(text: &str) -> Option<&'static str> {
+    let other_name = "fusion's certificate is not good for that address: `farfield certs --renew fusion --host` makes one that is";
+    let other_venue = "whoever answers there has a certificate of another venue";
+    let expired = "fusion's certificate has run out";
+    let not_yet = "fusion's certificate is not valid yet: is this machine's clock right?";
     let reasons = [
-        (
-            "NotValidForName",
-            "fusion's certificate is not good for that address: `farfield certs --renew fusion --host` makes one that is",
-        ),
-        (
-            "UnknownIssuer",
-            "whoever answers there has a certificate of another venue",
-        ),
-        ("Expired", "fusion's certificate has run out"),
-        (
-            "NotValidYet",
-            "fusion's certificate is not valid yet: is this machine's clock right?",
-        ),
+        // rustls says these in two ways.
+        ("certificate not valid for name", other_name),
+        ("NotValidForName", other_name),
+        ("certificate expired", expired),
+        ("Expired", expired),
+        ("certificate not valid yet", not_yet),
+        ("NotValidYet", not_yet),
+        ("UnknownIssuer", other_venue),
+        ("BadSignature", other_venue),
         ("refused", "nobody listens there"),
         ("imed out", "nobody answers there"),
         ("elapsed", "nobody answers there"),

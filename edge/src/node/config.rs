@@ -23,6 +23,10 @@ const RINGS: &str = "farfield-ring";
 
 /// Arguments of an edge node.
 #[derive(Debug, Clone, clap::Args)]
+#[expect(
+    clippy::struct_excessive_bools,
+    reason = "each is a switch of the command line"
+)]
 pub struct EdgeArgs {
     /// The venue file.
     pub venue: PathBuf,
@@ -49,6 +53,9 @@ pub struct EdgeArgs {
     /// While there is no venue file to say it.
     #[arg(long, value_name = "NAME", requires = "from_fusion")]
     pub venue_name: Option<String>,
+    /// With `--from-fusion`: take files that fusion had replaced by others since.
+    #[arg(long, requires = "from_fusion")]
+    pub accept_older: bool,
     /// Folder of this node's keys; the venue file's, if left out.
     #[arg(long, value_name = "DIR")]
     pub certificates: Option<PathBuf>,

@@ -5,7 +5,8 @@
 use std::time::Duration;
 
 use anyhow::{Context as _, anyhow};
-use farfield_node::process::{Ending, NodeError};
+use farfield_node::process::{Ending, NodeError, say};
+use farfield_proto::message::health::NodeHealth;
 use farfield_proto::message::{BoxSet, Order, Status};
 use farfield_proto::tick::Tick;
 use farfield_proto::wire::{self, WireError};
@@ -22,6 +23,10 @@ use crate::box_parts::BoxParts;
 const CALL_EVERY: Duration = Duration::from_millis(100);
 /// Calls per status once the run has begun: one a second.
 const CALLS_PER_STATUS: u32 = 10;
+
+/// Calls that nobody answers, before a person is told that fusion says nothing, and between two reminders of it.
+const SILENT_CALLS: u32 = 50;
+const REMIND_EVERY: u32 = 100;
 
 /// Messages in a row that cannot be read before the run, after which fusion must be of another version: it
 /// speaks ten times a second then.
@@ -44,6 +49,20 @@ fn is_live(incoming: &EdgeIncoming) -> bool {
     }
 }
 
+fn is_worth_a_word(unheard: u32) -> bool {
+    unheard >= SILENT_CALLS && (unheard - SILENT_CALLS).is_multiple_of(REMIND_EVERY)
+}
+
+/// Why a fusion that was reached may say nothing. Zenoh does not answer whom it denies.
+fn silence(node: &str, health: &NodeHealth) -> String {
+    match health.certificate_ends_s {
+        Some(_) => format!(
+            "fusion was reached, but says nothing to this node: it refuses its certificate (what fusion says there names it: older keys are refused once `farfield certs --renew {node}` has made new ones), or has just gone"
+        ),
+        None => "whoever was reached is no fusion of this venue, or has just gone: has its venue file the same `name`?".to_owned(),
+    }
+}
+
 /// An edge at work.
 pub(super) struct LockStepEdge {
     /// What the edge says of itself.
@@ -53,6 +72,8 @@ pub(super) struct LockStepEdge {
     /// A box set of which messages are still to come.
     coming: Option<(BoxSet, BoxParts)>,
     n_calls: u32,
+    /// Calls since fusion was heard last.
+    unheard: u32,
     /// Messages in a row that could not be read.
     garbled: u32,
 }
@@ -65,6 +86,7 @@ impl LockStepEdge {
             ordered: None,
             coming: None,
             n_calls: 0,
+            unheard: 0,
             garbled: 0,
         }
     }
@@ -125,6 +147,14 @@ impl LockStepEdge {
             self.send_status(ends);
         }
         self.n_calls = self.n_calls.wrapping_add(1);
+        self.unheard = self.unheard.saturating_add(1);
+        if self.ordered.is_none() && is_worth_a_word(self.unheard) {
+            let name = &self.status.node;
+            say(format_args!(
+                "{name}: {}",
+                silence(name, &self.status.health)
+            ));
+        }
     }
 
     fn receive(
@@ -133,7 +163,7 @@ impl LockStepEdge {
         worker: &EdgeWorker,
     ) -> Result<Option<LockStepEnding>, NodeError> {
         if matches!(incoming, EdgeIncoming::Boxes(_) | EdgeIncoming::Fusion(_)) {
-            self.garbled = 0;
+            (self.garbled, self.unheard) = (0, 0);
         }
         match incoming {
             incoming if self.ordered.is_none() && is_live(&incoming) => {
@@ -218,7 +248,6 @@ impl LockStepEdge {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use farfield_proto::message::health::NodeHealth;
 
     fn status(calibration_hash: &str) -> Status {
         Status {
@@ -269,6 +298,18 @@ mod tests {
         let mut edge = LockStepEdge::new(status("here"));
         edge.ordered = Some(Tick(7));
         edge.cannot_read("hall/box/ne", &newer).unwrap_err();
+    }
+
+    #[test]
+    fn a_fusion_that_says_nothing_is_told_of_with_what_to_look_for() {
+        let keys = NodeHealth {
+            certificate_ends_s: Some(7),
+            ..NodeHealth::default()
+        };
+        assert!(silence("ne", &keys).contains("--renew ne"));
+        assert!(silence("ne", &NodeHealth::default()).contains("`name`"));
+        let told: Vec<u32> = (0..300).filter(|&n| is_worth_a_word(n)).collect();
+        assert_eq!(told, [50, 150, 250]);
     }
 
     #[test]

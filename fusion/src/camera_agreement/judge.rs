@@ -205,7 +205,9 @@ impl<'a> Judge<'a> {
     fn find_same_pictures(&self, report: &mut AgreementReport, told: &mut [bool]) {
         for a in 0..self.cameras.len() {
             for b in a + 1..self.cameras.len() {
-                if self.show_the_same(a, b) {
+                // Two cameras on one pole may look the same way.
+                let is_elsewhere = self.cameras[a].viewpoint != self.cameras[b].viewpoint;
+                if is_elsewhere && self.show_the_same(a, b) {
                     told[a] = true;
                     told[b] = true;
                     report

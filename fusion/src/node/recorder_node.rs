@@ -41,6 +41,9 @@ const DIFFERS_US: i64 = 5_000_000;
 /// How often somebody who watches is told how it goes.
 const TELL_EVERY: Duration = Duration::from_secs(5);
 
+/// Such times between two reminders that the disk is full.
+const REMIND_EVERY: u32 = 12;
+
 /// Arguments of the recording node.
 #[derive(Debug, Clone, clap::Args)]
 pub struct RecordArgs {
@@ -145,7 +148,8 @@ async fn listen(
     let fusion = keys.status(FUSION);
     let mut agreement = Agreement::default();
     let mut tell = tokio::time::interval(TELL_EVERY);
-    let mut n_messages = 0u64;
+    let (mut n_messages, mut n_waits) = (0u64, 0u32);
+    let disk = recording.disk_room();
     loop {
         let sample: Sample = tokio::select! {
             () = stop.cancelled() => return Ok(()),
@@ -164,6 +168,13 @@ async fn listen(
                 if recording.so_far().failure.is_some() {
                     // It has been said why; there is nothing left to do.
                     return Ok(());
+                }
+                n_waits = disk.notice().map_or(0, |_| n_waits + 1);
+                if let Some(notice) = disk.notice()
+                    && n_waits.is_multiple_of(REMIND_EVERY)
+                {
+                    let lost = recording.so_far().lost;
+                    say(format_args!("{notice}; {lost} messages are lost so far"));
                 }
                 tracing::info!(n_messages, "recording");
                 continue;

@@ -8,7 +8,7 @@ use anyhow::Context as _;
 use farfield_node::clock;
 use farfield_node::log::start_log_with;
 use farfield_node::process::{Ending, Managed, NodeError, exit_code, stop_when_told};
-use farfield_node::runtime;
+use farfield_node::{runtime, session};
 use farfield_proto::id::SessionId;
 use farfield_proto::transport::FUSION;
 use tokio::time::timeout;
@@ -28,6 +28,7 @@ use super::session::authentication_log;
 use super::session::interceptor::{Interceptor, Senders};
 use super::session::link::FusionSession;
 use super::session::mode::RunMode;
+use super::session::other_fusion::OtherFusionWatch;
 use super::session::wiretap::WiretapHandle;
 use crate::pipeline::Pipeline;
 
@@ -42,6 +43,9 @@ pub fn main(args: FusionArgs) -> ExitCode {
 
 fn load_and_run(args: FusionArgs) -> Result<Ending, NodeError> {
     let config = FusionConfig::load(args)?;
+    if let Some(identity) = &config.reach.identity {
+        authentication_log::know_generations(&identity.generations);
+    }
     let session = new_session();
     let pipeline = Pipeline::new(&config.venue, config.card.as_ref(), session);
     let ending = runtime::block_on(2, run(&config, session, pipeline));
@@ -69,14 +73,15 @@ async fn run(
     stop_when_told(&tasks, &stop, config.managed)
         .context("listening for signals")
         .map_err(NodeError::Failed)?;
+    let others = look_for_another(config, &tasks, &leave).await;
+    if !others.be_the_only_one(config.mode, &stop).await? {
+        return Ok(Ending::Interrupted);
+    }
     let claim = claim_folder(config)?;
     let mut reporter = Reporter::new(config.managed, config.detail);
     let senders = Senders::new(&config.venue, clock::VenueClock::start());
-    let link = FusionSession::open(&config.venue, &config.reach, config.mode, &senders)
-        .await
-        .map_err(NodeError::Failed)?;
-    let venue = config.venue.name.clone();
-    let handout = Arc::clone(&config.handout);
+    let link = open_link(config, &senders, &others).await?;
+    let (venue, handout) = (config.venue.name.clone(), Arc::clone(&config.handout));
     tasks.spawn(handout::serve(
         link.session(),
         venue,
@@ -121,6 +126,7 @@ async fn run(
                 ends: &mut ends,
                 reporter: &mut reporter,
                 stop: &stop,
+                others,
             };
             Box::pin(live(context, pipeline)).await
         }
@@ -141,6 +147,54 @@ async fn close(recording: Option<RecordingThread>, summary: SummaryFile) -> anyh
         None => None,
     };
     summary.finish(recorded.as_ref())
+}
+
+/// Looks whether the venue has another fusion; not under a parent, which has told its edges where this one is.
+async fn look_for_another(
+    config: &FusionConfig,
+    tasks: &TaskTracker,
+    leave: &CancellationToken,
+) -> OtherFusionWatch {
+    match config.managed {
+        Managed::Yes => OtherFusionWatch::nowhere(),
+        Managed::No => OtherFusionWatch::start(&config.venue, &config.reach, tasks, leave).await,
+    }
+}
+
+/// Listens, and lets `others` know that this node is none of them.
+///
+/// # Errors
+/// What Zenoh says; where the place is taken, by whom.
+async fn open_link(
+    config: &FusionConfig,
+    senders: &Senders,
+    others: &OtherFusionWatch,
+) -> Result<FusionSession, NodeError> {
+    match FusionSession::open(&config.venue, &config.reach, config.mode, senders).await {
+        Ok(link) => {
+            others.know_own(link.zenoh_id());
+            Ok(link)
+        }
+        Err(error) => Err(NodeError::Failed(name_who_listens(config, error).await)),
+    }
+}
+
+/// The same error, with who has the place where this node could not listen, if it is another fusion of the venue.
+async fn name_who_listens(config: &FusionConfig, error: anyhow::Error) -> anyhow::Error {
+    if !session::is_taken(&error) {
+        return error;
+    }
+    let (tasks, leave) = (TaskTracker::new(), CancellationToken::new());
+    let others = OtherFusionWatch::at_taken(&config.venue, &config.reach, &tasks, &leave);
+    let other = others.first().await;
+    leave.cancel();
+    match other {
+        Some(other) => error.context(format!(
+            "a fusion of venue {} is there already: {other}; end it, or let this one listen elsewhere (--listen)",
+            config.venue.name
+        )),
+        None => error,
+    }
 }
 
 /// The folder of the results: the parent's, or one of its own.

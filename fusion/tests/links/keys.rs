@@ -28,7 +28,7 @@ pub(crate) fn write(folder: &Path, venue: &str, nodes: &[&str]) {
         ];
         params
             .distinguished_name
-            .push(DnType::CommonName, common_name(venue, node));
+            .push(DnType::CommonName, common_name(venue, node, 0));
         let key = KeyPair::generate().unwrap();
         let certificate = params.signed_by(&key, &authority).unwrap();
         std::fs::write(folder.join(format!("{node}.pem")), certificate.pem()).unwrap();

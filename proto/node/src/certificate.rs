@@ -4,7 +4,7 @@ use std::path::Path;
 
 use anyhow::anyhow;
 use farfield_proto::toml_file::FileError;
-use farfield_proto::transport::Identity;
+use farfield_proto::transport::{GENERATIONS_FILE, Identity, generation_of};
 use x509_parser::pem::parse_x509_pem;
 
 use crate::process::{NodeError, say};
@@ -28,6 +28,20 @@ impl Validity {
     /// # Errors
     /// When the file cannot be read, or holds no certificate: names it.
     pub fn read(path: &Path) -> Result<Self, FileError> {
+        CertificateFile::read(path).map(|certificate| certificate.validity)
+    }
+}
+
+/// What a node's certificate says.
+#[derive(Debug)]
+struct CertificateFile {
+    validity: Validity,
+    /// Whose it is; empty where it does not say.
+    common_name: String,
+}
+
+impl CertificateFile {
+    fn read(path: &Path) -> Result<Self, FileError> {
         let failed = |problem: String| FileError::new(path, problem);
         let text = std::fs::read(path)
             .map_err(|error| failed(format!("cannot read the certificate: {error}")))?;
@@ -37,10 +51,33 @@ impl Validity {
             .parse_x509()
             .map_err(|error| failed(format!("found no X.509 certificate: {error}")))?;
         let validity = certificate.validity();
+        let mut names = certificate.subject().iter_common_name();
+        let name = names.find_map(|name| name.as_str().ok());
         Ok(Self {
-            from_s: validity.not_before.timestamp(),
-            until_s: validity.not_after.timestamp(),
+            validity: Validity {
+                from_s: validity.not_before.timestamp(),
+                until_s: validity.not_after.timestamp(),
+            },
+            common_name: name.unwrap_or_default().to_owned(),
         })
+    }
+
+    /// Refuses a certificate at `path` that is older than the newest that `identity` knows of its node: others refuse it.
+    fn check_generation(&self, identity: &Identity, path: &Path) -> Result<(), FileError> {
+        let Some((node, generation)) = generation_of(&self.common_name) else {
+            return Ok(());
+        };
+        let newest = identity.generations.of(node);
+        if generation >= newest {
+            return Ok(());
+        }
+        Err(FileError::new(
+            path,
+            format!(
+                "found the certificate `{}`, of generation {generation}, and {GENERATIONS_FILE} beside it says that {newest} is the newest of {node}: others refuse an older one; copy {node}.pem and {node}.key of that generation here",
+                self.common_name
+            ),
+        ))
     }
 }
 
@@ -62,11 +99,14 @@ pub fn ending_notice(node: &str, until_s: i64, now_s: i64) -> Option<String> {
 /// Reads until when `identity`, that of `node`, holds, and says so where that is soon.
 ///
 /// # Errors
-/// [`NodeError::Refused`] when it is over, or no certificate; [`NodeError::Failed`] when it has not begun: then it is
+/// [`NodeError::Refused`] when it is over, older than the newest of its node, or no certificate; [`NodeError::Failed`] when it has not begun: then it is
 /// rather this machine's clock that is wrong, and may be right when the node is started again.
 pub fn check(identity: &Identity, node: &str, now_s: i64) -> Result<Validity, NodeError> {
     let path = &identity.certificate;
-    let validity = Validity::read(path).map_err(NodeError::refused)?;
+    let certificate = CertificateFile::read(path).map_err(NodeError::refused)?;
+    let generation = certificate.check_generation(identity, path);
+    generation.map_err(NodeError::refused)?;
+    let validity = certificate.validity;
     if now_s < validity.from_s {
         return Err(NodeError::failed(anyhow!(
             "{}: the certificate begins in {:.1} days by the clock of this machine, which is rather wrong: set it, by NTP or PTP",
@@ -89,6 +129,8 @@ pub fn check(identity: &Identity, node: &str, now_s: i64) -> Result<Validity, No
 mod tests {
     use std::path::PathBuf;
 
+    use farfield_proto::transport::{Generations, common_name};
+
     use super::*;
 
     const NOW_S: i64 = 1_790_000_000;
@@ -99,6 +141,10 @@ mod tests {
             |days: i64| time::OffsetDateTime::from_unix_timestamp(NOW_S + days * DAY_S).unwrap();
         let mut params = rcgen::CertificateParams::new(vec!["hall".to_owned()]).unwrap();
         (params.not_before, params.not_after) = (at(from_days), at(until_days));
+        let name = common_name("hall", "ne", 2);
+        params
+            .distinguished_name
+            .push(rcgen::DnType::CommonName, name);
         let key = rcgen::KeyPair::generate().unwrap();
         let certificate = params.self_signed(&key).unwrap();
         let path = folder.join("ne.pem");
@@ -107,6 +153,7 @@ mod tests {
             authority: PathBuf::new(),
             certificate: path,
             key: PathBuf::new(),
+            generations: Generations::default(),
         }
     }
 
@@ -142,11 +189,28 @@ mod tests {
     }
 
     #[test]
+    fn a_certificate_of_an_older_generation_than_the_newest_is_refused_at_home() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut identity = identity(folder.path(), -1, 100);
+        for _ in 0..2 {
+            identity.generations.renew("ne");
+            check(&identity, "ne", NOW_S).unwrap();
+        }
+        identity.generations.renew("ne");
+        let refused = check(&identity, "ne", NOW_S).unwrap_err();
+        assert!(matches!(refused, NodeError::Refused(_)));
+        let refused = refused.to_string();
+        for word in ["ne.pem", "`hall/ne/2`", "generation 2", "3 is the newest"] {
+            assert!(refused.contains(word), "{word}: {refused}");
+        }
+    }
+
+    #[test]
     fn what_is_no_certificate_is_named() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("ne.pem");
         std::fs::write(&path, "hello").unwrap();
-        let error = Validity::read(&path).unwrap_err().to_string();
+        let error = CertificateFile::read(&path).unwrap_err().to_string();
         assert!(error.contains("ne.pem") && error.contains("PEM"), "{error}");
     }
 }

@@ -1,12 +1,19 @@
 //! The files that describe a venue, read for the pure code that understands them.
 
 use std::fs;
+use std::io::ErrorKind;
+use std::os::unix::fs::MetadataExt as _;
 use std::path::Path;
 
 use farfield_proto::calibration::Calibration;
 use farfield_proto::toml_file::FileError;
-use farfield_proto::transport::Identity;
+use farfield_proto::transport::{GENERATIONS_FILE, Generations, Identity};
 use farfield_proto::venue::{Venue, VenueFile};
+
+use crate::process::say;
+
+/// The name of the file by which `farfield certs` makes keys.
+pub const AUTHORITY_KEY: &str = "ca.key";
 
 /// Reads the venue file at `path` and the calibration that it names.
 ///
@@ -35,12 +42,12 @@ pub fn parse_venue(text: &str, path: &Path) -> Result<Venue, FileError> {
     file.venue(Calibration::parse(&calibration_text, &calibration_path)?)
 }
 
-/// The files in `folder` by which `node` proves who it is.
+/// The files in `folder` by which `node` proves who it is, and which certificates of others are too old.
 ///
 /// # Errors
-/// [`FileError`] naming the first of them that cannot be read.
+/// [`FileError`] naming the first of them that cannot be read, or the key where others than its owner can read it.
 pub fn load_identity(folder: &Path, node: &str) -> Result<Identity, FileError> {
-    let identity = Identity::in_folder(folder, node);
+    let mut identity = Identity::in_folder(folder, node);
     let files = [
         (
             &identity.authority,
@@ -55,12 +62,96 @@ pub fn load_identity(folder: &Path, node: &str) -> Result<Identity, FileError> {
             FileError::new(path, problem)
         })?;
     }
+    check_secret(&identity.key)?;
+    warn_of_the_authoritys_key(folder);
+    identity.generations = load_generations(folder)?;
     Ok(identity)
+}
+
+/// What the folder of keys says of generations; nothing where it was made before they were counted.
+fn load_generations(folder: &Path) -> Result<Generations, FileError> {
+    let path = folder.join(GENERATIONS_FILE);
+    match fs::read_to_string(&path) {
+        Ok(text) => Generations::parse(&text, &path),
+        Err(error) if error.kind() == ErrorKind::NotFound => Ok(Generations::default()),
+        Err(error) => Err(FileError::new(
+            &path,
+            format!("cannot read which certificates are the newest: {error}"),
+        )),
+    }
+}
+
+/// Refuses a private key that others than its owner can read or replace. A group may read what root owns: so systemd hands
+/// credentials to a service.
+fn check_secret(path: &Path) -> Result<(), FileError> {
+    let metadata = fs::metadata(path)
+        .map_err(|error| FileError::new(path, format!("cannot read the key: {error}")))?;
+    let (mode, is_of_root) = (metadata.mode() & 0o777, metadata.uid() == 0);
+    let too_open = if is_of_root { 0o037 } else { 0o077 };
+    if mode & too_open == 0 {
+        return Ok(());
+    }
+    Err(FileError::new(
+        path,
+        format!(
+            "found mode {mode:04o}, expected a private key for its owner alone (0600): others on this machine could take it; `chmod 600 {}` mends it, and if they may have, `farfield certs --renew` makes a new one",
+            path.display()
+        ),
+    ))
+}
+
+/// Says that whoever has this machine has the venue.
+fn warn_of_the_authoritys_key(folder: &Path) {
+    let path = folder.join(AUTHORITY_KEY);
+    if path.exists() {
+        say(format_args!(
+            "{}: the key of the venue's authority lies among those of a node, and whoever takes this machine can make keys for all: keep it elsewhere, `farfield certs --authority DIR` finds it there",
+            path.display()
+        ));
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// A folder of keys whose key has `mode`, beside what `more` says.
+    fn identity(mode: u32, more: &[(&str, &str)]) -> Result<Identity, String> {
+        use std::os::unix::fs::PermissionsExt as _;
+        let folder = tempfile::tempdir().unwrap();
+        let files = [("ca.pem", ""), ("ne.pem", ""), ("ne.key", "secret")];
+        for (name, text) in files.iter().chain(more) {
+            fs::write(folder.path().join(name), text).unwrap();
+        }
+        let key = folder.path().join("ne.key");
+        fs::set_permissions(&key, fs::Permissions::from_mode(mode)).unwrap();
+        load_identity(folder.path(), "ne").map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn a_private_key_that_others_can_read_is_refused_with_what_mends_it() {
+        identity(0o600, &[]).unwrap();
+        identity(0o400, &[]).unwrap();
+        for open in [0o604, 0o644, 0o660, 0o666, 0o602] {
+            let refused = identity(open, &[]).unwrap_err();
+            let mends = format!("found mode {open:04o}");
+            assert!(
+                refused.contains(&mends) && refused.contains("chmod 600 "),
+                "{refused}"
+            );
+            assert!(!refused.contains("secret"), "{refused}");
+        }
+    }
+
+    #[test]
+    fn which_certificates_are_the_newest_stands_beside_the_keys() {
+        assert_eq!(identity(0o600, &[]).unwrap().generations.of("fusion"), 0);
+        let known = [(GENERATIONS_FILE, "[generation]\nfusion = 3\n")];
+        assert_eq!(identity(0o600, &known).unwrap().generations.of("fusion"), 3);
+        let wrong = [(GENERATIONS_FILE, "[generation]\nfusion = -3\n")];
+        let refused = identity(0o600, &wrong).unwrap_err();
+        assert!(refused.contains("generations.toml:2"), "{refused}");
+    }
 
     #[test]
     fn a_file_that_cannot_be_read_is_named() {

@@ -47,9 +47,7 @@ pub async fn listen(transport: &FusionTransport<'_>) -> anyhow::Result<Session> 
     let config = config(transport.settings())?;
     let session = zenoh::open(config).await.map_err(zenoh_error);
     session.map_err(|error| {
-        // Zenoh has no kind for it.
-        let taken = error.to_string().contains("in use");
-        let hint = if taken {
+        let hint = if is_taken(&error) {
             "; choose another with --listen"
         } else {
             ""
@@ -59,6 +57,12 @@ pub async fn listen(transport: &FusionTransport<'_>) -> anyhow::Result<Session> 
             transport.listen.join(", ")
         )
     })
+}
+
+/// Whether a place to listen at could not be had because another process has it.
+pub fn is_taken(error: &anyhow::Error) -> bool {
+    // Zenoh has no kind for it.
+    error.to_string().contains("in use")
 }
 
 /// Closes `session`; that it did not go well is logged.

@@ -21,7 +21,7 @@ pub struct NodeHealth {
     pub system_clock: Option<SystemClock>,
     /// When the node's certificate ends, Unix time in seconds; `None` without keys.
     pub certificate_ends_s: Option<u64>,
-    /// The session of fusion that an edge follows.
+    /// The session of fusion that an edge follows; of fusion its own.
     pub follows: Option<SessionId>,
     /// Of fusion: what is known of its links beside [`LiveStatus::edges`](super::live::LiveStatus::edges), in the same
     /// order.

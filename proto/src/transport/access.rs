@@ -1,25 +1,60 @@
 //! Which node may publish, subscribe, query and answer on which keys, as Zenoh's access control: everything else is
 //! denied.
 //!
-//! A node is known by the common name of its certificate, which stands for exactly one node, or for
-//! all readers. Directions are those of the node that the rules are for: `ingress` comes in.
+//! A node is known by the common name of its certificate, which stands for exactly one node, and says of which generation
+//! it is: an older one is denied everything. Directions are those of the node that the rules are for: `ingress` comes in.
 
 use super::ZenohSetting;
+use super::generations::{AHEAD, BEHIND, Generations};
 use super::json::{list, quoted};
 use crate::key::Keys;
 
 /// Fusion's name among the nodes.
 pub const FUSION: &str = "fusion";
-/// The common name of all readers: they may subscribe to poses, events and statuses, and publish nothing.
+/// What the common names of all readers begin with: they may subscribe to poses, events and statuses, and publish nothing.
 pub const READER: &str = "reader";
 
 /// The recorder node's name: it may subscribe to everything, and publishes nothing.
 pub const RECORDER: &str = "recorder";
 
-/// The common name in the certificate of `node`: its name under the venue's, so that an authority
-/// that serves two venues lets no node into the other one.
-pub fn common_name(venue: &str, node: &str) -> String {
-    format!("{venue}/{node}")
+/// The common name in the certificate of `node`, of this generation: under the venue's name, so that an authority that
+/// serves two venues lets no node into the other one. Of generation 0 are those that were made before they were counted.
+pub fn common_name(venue: &str, node: &str, generation: u32) -> String {
+    match generation {
+        0 => format!("{venue}/{node}"),
+        generation => format!("{venue}/{node}/{generation}"),
+    }
+}
+
+/// Of which node and generation a certificate of this common name is.
+pub fn generation_of(common_name: &str) -> Option<(&str, u32)> {
+    let (_, node) = common_name.split_once('/')?;
+    match node.rsplit_once('/') {
+        Some((node, number)) => {
+            let node = node
+                .strip_prefix(READER)
+                .and_then(|name| name.strip_prefix('/'))
+                .unwrap_or(node);
+            Some((node, number.parse().ok()?))
+        }
+        None => Some((node, 0)),
+    }
+}
+
+/// The reader `name` among the nodes, for [`common_name`].
+pub fn reader(name: &str) -> String {
+    format!("{READER}/{name}")
+}
+
+/// The common names of `node` that are admitted where `newest` is the newest generation that is known.
+fn admitted(venue: &str, node: &str, newest: u32) -> impl Iterator<Item = String> {
+    (newest..=newest + AHEAD).map(move |generation| common_name(venue, node, generation))
+}
+
+/// Those that are too old.
+fn outdated(venue: &str, node: &str, newest: u32) -> impl Iterator<Item = String> {
+    (newest.saturating_sub(BEHIND)..newest)
+        .map(move |generation| common_name(venue, node, generation))
 }
 
 /// All kinds of messages that Zenoh's access control knows.
@@ -126,50 +161,139 @@ fn of_recorder(keys: &Keys) -> Vec<Rule<'static>> {
     )
 }
 
+/// What another fusion of the venue may do at fusion: find out that there is one, and which.
+fn of_other_fusion(keys: &Keys) -> Vec<Rule<'static>> {
+    let (status, alive) = (vec![keys.status(FUSION)], vec![keys.alive(FUSION)]);
+    rules(
+        [(&SUBSCRIBE, status.clone()), (&WATCH_TOKENS, alive.clone())],
+        [(&PUBLISH, status), (&DECLARE_TOKEN, alive)],
+    )
+}
+
+/// Who certain common names stand for, and what they may do.
+struct Subject {
+    /// How it is called among the settings.
+    id: String,
+    /// Of these certificates.
+    names: Vec<String>,
+    rules: Vec<Rule<'static>>,
+}
+
+/// The certificates of `node` that are admitted, with what they may do; and those that are too old.
+fn subject(
+    venue: &str,
+    node: &str,
+    generations: &Generations,
+    rules: Vec<Rule<'static>>,
+    old: &mut Vec<String>,
+) -> Subject {
+    let newest = generations.of(node);
+    old.extend(outdated(venue, node, newest));
+    Subject {
+        id: node.to_owned(),
+        names: admitted(venue, node, newest).collect(),
+        rules,
+    }
+}
+
+/// The same for all readers: each has a name of its own, but for those that were made before generations were counted.
+fn readers(
+    venue: &str,
+    viewpoints: &[&str],
+    generations: &Generations,
+    rules: Vec<Rule<'static>>,
+    old: &mut Vec<String>,
+) -> Subject {
+    let mut names = Vec::new();
+    let is_other =
+        |name: &&str| [FUSION, RECORDER, READER].contains(name) || viewpoints.contains(name);
+    for name in generations.nodes().filter(|name| !is_other(name)) {
+        let newest = generations.of(name);
+        names.extend(admitted(venue, &reader(name), newest));
+        old.extend(outdated(venue, &reader(name), newest).skip(1));
+    }
+    let shared = common_name(venue, READER, 0);
+    let place = if names.is_empty() { &mut names } else { old };
+    place.push(shared);
+    Subject {
+        id: READER.to_owned(),
+        names,
+        rules,
+    }
+}
+
 /// Fusion's access control for edges at `viewpoints`, and for readers.
-pub(super) fn at_fusion(venue: &str, viewpoints: &[&str]) -> ZenohSetting {
+pub(super) fn at_fusion(
+    venue: &str,
+    viewpoints: &[&str],
+    generations: &Generations,
+) -> ZenohSetting {
     let keys = Keys::new(venue);
-    let mut subjects: Vec<(&str, Vec<Rule<'_>>)> = viewpoints
+    let mut old = Vec::new();
+    let mut of = |node: &str, rules| subject(venue, node, generations, rules, &mut old);
+    let mut subjects: Vec<Subject> = viewpoints
         .iter()
-        .map(|viewpoint| (*viewpoint, of_edge(&keys, viewpoint)))
+        .map(|viewpoint| of(viewpoint, of_edge(&keys, viewpoint)))
         .collect();
-    subjects.push((READER, of_reader(&keys)));
-    subjects.push((RECORDER, of_recorder(&keys)));
-    setting(venue, &subjects)
+    subjects.push(of(FUSION, of_other_fusion(&keys)));
+    subjects.push(of(RECORDER, of_recorder(&keys)));
+    subjects.push(readers(
+        venue,
+        viewpoints,
+        generations,
+        of_reader(&keys),
+        &mut old,
+    ));
+    setting(venue, &subjects, &old)
 }
 
 /// An edge's access control: everything under the venue's name for fusion, nothing for others.
-pub(super) fn at_edge(venue: &str) -> ZenohSetting {
+pub(super) fn at_edge(venue: &str, generations: &Generations) -> ZenohSetting {
     let all = vec![Keys::new(venue).all()];
     let rules = rules([(&ALL_MESSAGES, all.clone())], [(&ALL_MESSAGES, all)]);
-    setting(venue, &[(FUSION, rules)])
+    let mut old = Vec::new();
+    let fusion = subject(venue, FUSION, generations, rules, &mut old);
+    setting(venue, &[fusion], &old)
 }
 
-fn setting(venue: &str, subjects: &[(&str, Vec<Rule<'_>>)]) -> ZenohSetting {
+/// `old` are names that may do nothing: without a subject of their own Zenoh does not say whom it denies something.
+fn setting(venue: &str, subjects: &[Subject], old: &[String]) -> ZenohSetting {
     let (mut rules, mut names, mut policies) = (Vec::new(), Vec::new(), Vec::new());
-    for (node, allowed) in subjects {
-        let mut ids = Vec::new();
-        for rule in allowed {
-            let id = format!("{node} {}", ids.len());
-            rules.push(format!(
-                "{{id:{},permission:\"allow\",flows:[{}],messages:{},key_exprs:{}}}",
-                quoted(&id),
-                quoted(rule.flow),
-                list(rule.messages),
-                list(&rule.keys),
+    let mut add =
+        |id: &str, permission: &str, of: &[String], allowed: &[(&str, &[&str], &[String])]| {
+            let mut ids = Vec::new();
+            for (flow, messages, keys) in allowed {
+                let rule = format!("{id} {}", ids.len());
+                rules.push(format!(
+                    "{{id:{},permission:{},flows:[{}],messages:{},key_exprs:{}}}",
+                    quoted(&rule),
+                    quoted(permission),
+                    quoted(flow),
+                    list(messages),
+                    list(keys),
+                ));
+                ids.push(rule);
+            }
+            names.push(format!(
+                "{{id:{},cert_common_names:{}}}",
+                quoted(id),
+                list(of)
             ));
-            ids.push(id);
-        }
-        names.push(format!(
-            "{{id:{},cert_common_names:{}}}",
-            quoted(node),
-            list(&[common_name(venue, node)]),
-        ));
-        policies.push(format!(
-            "{{rules:{},subjects:{}}}",
-            list(&ids),
-            list(&[*node])
-        ));
+            policies.push(format!("{{rules:{},subjects:{}}}", list(&ids), list(&[id])));
+        };
+    for Subject { id, names, rules } in subjects {
+        let allowed: Vec<_> = rules
+            .iter()
+            .map(|rule| (rule.flow, rule.messages, rule.keys.as_slice()))
+            .collect();
+        add(id, "allow", names, &allowed);
+    }
+    if !old.is_empty() {
+        let all = [Keys::new(venue).all()];
+        let denied =
+            ["ingress", "egress"].map(|flow| (flow, ALL_MESSAGES.as_slice(), all.as_slice()));
+        // No node has a blank in its name.
+        add("too old", "deny", old, &denied);
     }
     let value = format!(
         "{{enabled:true,default_permission:\"deny\",rules:[{}],subjects:[{}],policies:[{}]}}",
@@ -200,7 +324,7 @@ mod tests {
     }
 
     #[test]
-    fn a_reader_and_the_recorder_publish_nothing() {
+    fn a_reader_the_recorder_and_another_fusion_publish_nothing() {
         let publishes = |rule: &Rule<'_>| {
             rule.flow == "ingress"
                 && !rule
@@ -211,6 +335,7 @@ mod tests {
         let keys = Keys::new("hall");
         assert!(!of_reader(&keys).iter().any(publishes));
         assert!(!of_recorder(&keys).iter().any(publishes));
+        assert!(!of_other_fusion(&keys).iter().any(publishes));
     }
 
     #[test]
@@ -228,8 +353,45 @@ mod tests {
 
     #[test]
     fn names_of_one_venue_are_none_of_another() {
-        let (_, access) = at_fusion("hall", &["ne"]);
-        assert!(access.contains(r#"["hall/ne"]"#), "{access}");
+        let (_, access) = at_fusion("hall", &["ne"], &Generations::default());
+        assert!(access.contains(r#"["hall/ne","hall/ne/1","#), "{access}");
         assert!(access.contains(r#"["hall/reader"]"#), "{access}");
+        assert!(!access.contains("deny\",flows"), "{access}");
+    }
+
+    /// The common names of the subject `id` in a setting.
+    fn names(access: &str, id: &str) -> String {
+        let from = format!("{{id:\"{id}\",cert_common_names:[");
+        let rest = access.split(&from).nth(1).unwrap_or_default();
+        rest.split(']').next().unwrap_or_default().to_owned()
+    }
+
+    #[test]
+    fn only_the_newest_generation_of_a_node_is_admitted_and_what_the_authority_makes_after_it() {
+        let mut generations = Generations::default();
+        for node in ["fusion", "ne", "ne", "screen", "screen"] {
+            generations.renew(node);
+        }
+        let (_, access) = at_fusion("hall", &["ne", "nw"], &generations);
+        assert!(names(&access, "ne").starts_with("\"hall/ne/2\",\"hall/ne/3\""));
+        assert!(names(&access, "nw").starts_with("\"hall/nw\",\"hall/nw/1\""));
+        assert!(names(&access, "reader").starts_with("\"hall/reader/screen/2\""));
+        let old =
+            "\"hall/ne\",\"hall/ne/1\",\"hall/fusion\",\"hall/reader/screen/1\",\"hall/reader\"";
+        assert_eq!(names(&access, "too old"), old);
+        let (_, access) = at_edge("hall", &generations);
+        assert!(names(&access, "fusion").starts_with("\"hall/fusion/1\""));
+        assert_eq!(names(&access, "too old"), "\"hall/fusion\"");
+    }
+
+    #[test]
+    fn a_common_name_says_of_which_generation_it_is() {
+        for (node, generation) in [("ne", 0), ("ne", 7), ("fusion", 1)] {
+            let name = common_name("hall", node, generation);
+            assert_eq!(generation_of(&name), Some((node, generation)));
+        }
+        let screen = common_name("hall", &reader("screen"), 3);
+        assert_eq!(generation_of(&screen), Some(("screen", 3)));
+        assert_eq!(generation_of("hall/ne/x"), None);
     }
 }

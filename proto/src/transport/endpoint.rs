@@ -33,6 +33,22 @@ pub fn host(endpoint: &str) -> &str {
     bare.unwrap_or(host)
 }
 
+/// The port of an endpoint.
+pub fn port(endpoint: &str) -> Option<u16> {
+    let (_, port) = address(endpoint).rsplit_once(':')?;
+    port.parse().ok()
+}
+
+/// The same endpoint at another host, an IPv6 address in its brackets.
+pub fn at_host(endpoint: &str, host: &str) -> String {
+    let (before, rest) = endpoint.split_once('/').unwrap_or(("", endpoint));
+    let port = address(endpoint)
+        .rsplit_once(':')
+        .map_or("", |(_, port)| port);
+    let options = &rest[address(endpoint).len()..];
+    format!("{before}/{host}:{port}{options}")
+}
+
 /// Host and port.
 fn address(endpoint: &str) -> &str {
     let rest = endpoint.split_once('/').map_or("", |(_, rest)| rest);
@@ -78,5 +94,12 @@ mod tests {
         assert_eq!(scheme("quic/a.lan:1?mixed_rel=1"), "quic");
         assert_eq!(host("quic/a.lan:1?mixed_rel=1"), "a.lan");
         assert_eq!(host("tcp/[::1]:1"), "::1");
+        assert_eq!(port("quic/a.lan:7447?mixed_rel=1"), Some(7447));
+        assert_eq!(port("tcp/[::1]"), None);
+        assert_eq!(
+            at_host("quic/0.0.0.0:7447?mixed_rel=1#a=b", "127.0.0.1"),
+            "quic/127.0.0.1:7447?mixed_rel=1#a=b"
+        );
+        assert_eq!(at_host("tcp/[::]:1", "[::1]"), "tcp/[::1]:1");
     }
 }

@@ -1,6 +1,9 @@
 //! Who has no key of the venue, or the wrong one, or asks for more than its own: over real QUIC sockets,
 //! beside honest nodes that notice nothing.
 
+mod keys;
+mod words;
+
 use std::net::UdpSocket;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Stdio};

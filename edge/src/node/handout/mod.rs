@@ -2,6 +2,7 @@
 //! calibration and the networks.
 
 mod ask;
+mod history;
 mod names;
 mod place;
 mod verify;
@@ -12,7 +13,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context as _, anyhow, ensure};
 use farfield_node::files::{load_identity, load_venue};
 use farfield_node::process::{Managed, NodeError, say, stop_when_told};
-use farfield_node::{runtime, session};
+use farfield_node::{clock, runtime, session};
 use farfield_proto::message::handout::{FileKind, FileList, SharedFile};
 use farfield_proto::transport::{EdgeTransport, Exposure, Identity};
 use farfield_proto::wire;
@@ -23,6 +24,7 @@ use super::attempts;
 use super::config::EdgeArgs;
 use super::reminder::remind;
 use ask::Fusion;
+use history::HandoutHistory;
 use names::VenueFileNames;
 use place::Part;
 
@@ -39,8 +41,8 @@ struct FirstContact {
 /// Fetches what differs; `false` when told to stop before.
 ///
 /// # Errors
-/// When it is not known where fusion is or what the venue is called, a signature or a hash is wrong, a file
-/// would lie outside the venue's folder, or cannot be written.
+/// When it is not known where fusion is or what the venue is called, a signature or a hash is wrong, the files are older
+/// than those that were fetched before, a file would lie outside the venue's folder, or cannot be written.
 pub(super) fn fetch(args: &EdgeArgs) -> Result<bool, NodeError> {
     let contact = first_contact(args)?;
     runtime::block_on(1, async {
@@ -143,12 +145,26 @@ async fn fetch_by(args: &EdgeArgs, contact: &FirstContact) -> Result<(), NodeErr
             contact.venue
         )));
     }
+    let mut history = HandoutHistory::read(&args.venue).map_err(NodeError::refused)?;
+    if !args.accept_older {
+        // The right fusion may come back: the node may be started again.
+        let checked = history.check(&list, clock::unix_s());
+        checked.map_err(NodeError::Failed)?;
+    }
     let taken = tokio::select! {
         taken = take(args, contact, &fusion, &list) => taken,
         never = remind(|| waiting(Some(fusion.failure()?))) => match never {},
     };
     fusion.close().await;
-    taken
+    taken?;
+    if let Err(error) = history.note(&list, clock::unix_s()) {
+        // On a disk that nobody may write to the files are there already.
+        say(format_args!(
+            "{}: older files of fusion would not be noticed: {error:#}",
+            args.viewpoint
+        ));
+    }
+    Ok(())
 }
 
 /// Fetches all that differs, then puts all of it in place, the venue file last.

@@ -238,6 +238,7 @@ fn start_edge(venue: &Path, endpoint: &str) -> JoinHandle<Result<Ending, NodeErr
         allow_plaintext: false,
         from_fusion: false,
         venue_name: None,
+        accept_older: false,
         certificates: None,
         ticks: None,
         managed: false,

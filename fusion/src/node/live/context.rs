@@ -11,6 +11,7 @@ use crate::node::output::progress::Reporter;
 use crate::node::output::summary_file::SummaryFile;
 use crate::node::session::interceptor::Interceptor;
 use crate::node::session::link::FusionEnds;
+use crate::node::session::other_fusion::OtherFusionWatch;
 
 /// What a live run works with.
 pub(in crate::node) struct LiveContext<'a> {
@@ -25,4 +26,6 @@ pub(in crate::node) struct LiveContext<'a> {
     pub(in crate::node) ends: &'a mut FusionEnds,
     pub(in crate::node) reporter: &'a mut Reporter,
     pub(in crate::node) stop: &'a CancellationToken,
+    /// Who looks for another fusion of the venue.
+    pub(in crate::node) others: OtherFusionWatch,
 }

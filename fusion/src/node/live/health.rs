@@ -73,6 +73,21 @@ impl LiveFusion<'_> {
         self.flood.look(names.zip(refused));
     }
 
+    /// Names another fusion that has come since, once.
+    pub(super) fn look_for_another(&mut self) {
+        let other = self.others.named();
+        if other.is_some() != self.is_other_told {
+            let venue = &self.config.venue.name;
+            match &other {
+                Some(other) => say(format_args!(
+                    "another fusion of venue {venue} is there: {other}; edges follow the one that they reach: end one of the two"
+                )),
+                None => say(format_args!("the other fusion of venue {venue} has gone")),
+            }
+        }
+        self.is_other_told = other.is_some();
+    }
+
     /// How this node is.
     pub(super) fn health(&self) -> NodeHealth {
         let links = self
@@ -88,9 +103,18 @@ impl LiveFusion<'_> {
         let mut health = NodeHealth {
             system_clock: Some(self.interceptor.clock.system()),
             certificate_ends_s: until_s.map(i64::cast_unsigned),
+            follows: Some(self.session),
             links: links.collect(),
             ..NodeHealth::default()
         };
+        if let Some(other) = self.others.named() {
+            health.notice(format!(
+                "another fusion of this venue is there: {other}; end one of the two"
+            ));
+        }
+        for notice in self.disks.iter().filter_map(|disk| disk.notice()) {
+            health.notice(notice);
+        }
         let now_s = clock::unix_s();
         let ending = until_s.and_then(|until_s| ending_notice(FUSION, until_s, now_s));
         if let Some(text) = ending {

@@ -14,6 +14,7 @@ mod shed;
 mod start;
 mod status;
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::Context as _;
@@ -28,6 +29,7 @@ use self::run::LiveFusion;
 use self::start::clock_start;
 use super::output::export_thread::{ExportThread, missing};
 use super::output::summary::{RunFacts, summarize};
+use super::output::wait_for_disk_room::WaitForDiskRoom;
 use super::recording::RecordingThread;
 use super::session::mode::RunMode;
 use super::worker::FusionWorker;
@@ -58,22 +60,21 @@ pub(super) async fn live(
     let first = start.first;
     // Under a parent all nodes end together.
     let people_path = (config.managed == Managed::No).then(|| handover::place(venue, context.out));
-    if let Some(known) = people_path
-        .as_deref()
-        .and_then(|path| handover::read(path, venue, &start))
-    {
-        expect(known, &mut pipeline, &context, first).map_err(NodeError::Failed)?;
-    }
+    let known = people_path.as_deref();
+    let known = known.and_then(|path| handover::read(path, venue, &start));
+    expect(known, &mut pipeline, &context, first).map_err(NodeError::Failed)?;
     let boxes = pipeline.first_boxes(first);
     let keypoints = pipeline.keypoints();
     let exporter = ExportThread::start(context.out, venue, keypoints, RunMode::Live)
         .map_err(NodeError::Failed)?;
     context.summary.reserve().map_err(NodeError::Failed)?;
+    let disks = disks(&exporter, context.recording);
     let mut worker = FusionWorker::spawn(pipeline, exporter, RunMode::Live)
         .context("starting the core's thread")
         .map_err(NodeError::Failed)?;
     let epoch_us = start.time.epoch_us();
     let mut run = LiveFusion::new(&context, start);
+    run.disks = disks;
     run.handover = people_path
         .map(|path| Handover::start(path, venue, epoch_us))
         .transpose()
@@ -129,13 +130,25 @@ pub(super) async fn live(
     }
 }
 
-/// Lets `pipeline` expect who was here before, and a recording know it.
+/// Those that the run writes to.
+fn disks(
+    exporter: &ExportThread,
+    recording: Option<&RecordingThread>,
+) -> Vec<Arc<WaitForDiskRoom>> {
+    let recording = recording.map(RecordingThread::disk_room);
+    std::iter::once(exporter.disk_room())
+        .chain(recording)
+        .collect()
+}
+
+/// Lets `pipeline` expect who was here before, and a recording know it; if anybody was.
 fn expect(
-    known: KnownPeople,
+    known: Option<KnownPeople>,
     pipeline: &mut Pipeline,
     context: &LiveContext<'_>,
     first: Tick,
 ) -> anyhow::Result<()> {
+    let Some(known) = known else { return Ok(()) };
     let expected = ExpectedPeople {
         session: context.session,
         known,

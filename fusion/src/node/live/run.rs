@@ -4,6 +4,7 @@
 //! queue, and is dropped when that is full.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::Context as _;
@@ -39,9 +40,11 @@ use crate::live::tick_time::TickTime;
 use crate::live::{Micros, SECOND_US};
 use crate::node::output::summary::Lost;
 use crate::node::output::tally::Tally;
+use crate::node::output::wait_for_disk_room::WaitForDiskRoom;
 use crate::node::session::interceptor::Interceptor;
 use crate::node::session::link::FusionEnds;
 use crate::node::session::messages::FusionOutgoing;
+use crate::node::session::other_fusion::OtherFusionWatch;
 use crate::node::session::wiretap::CopiedStep;
 
 /// How often the loop looks after what nothing else wakes it for.
@@ -109,8 +112,13 @@ pub(super) struct LiveFusion<'a> {
     pub(super) agreement: Option<AgreementJudge>,
     /// What of them does not fit, in words.
     pub(super) disagreements: Vec<String>,
+    /// Those that something is written to.
+    pub(super) disks: Vec<Arc<WaitForDiskRoom>>,
     pub(super) common_clock: CommonClock,
     pub(super) is_own_clock_suspected: bool,
+    /// Who looks for another fusion of the venue, and whether one was told.
+    pub(super) others: OtherFusionWatch,
+    pub(super) is_other_told: bool,
     /// Until when edges are waited for of which nothing has come yet.
     pub(super) expect_until_us: Micros,
     /// Results of detection passes that came too late.
@@ -172,8 +180,11 @@ impl<'a> LiveFusion<'a> {
             handover: None,
             agreement: None,
             disagreements: Vec::new(),
+            disks: Vec::new(),
             common_clock: CommonClock::default(),
             is_own_clock_suspected: false,
+            others: context.others.clone(),
+            is_other_told: false,
             without_input: 0,
             shedding: LiveShedding::default(),
             unreadable: 0,
@@ -235,6 +246,7 @@ impl<'a> LiveFusion<'a> {
                         self.look_for_floods();
                         self.look_at_certificates();
                         self.look_at_agreement();
+                        self.look_for_another();
                         let now_us = self.interceptor.clock.now_us();
                         let status = self.status(self.config, now_us);
                         let links = status.live.as_ref().map(|live| live.edges.clone());

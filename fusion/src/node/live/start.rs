@@ -8,7 +8,9 @@ use std::collections::BTreeSet;
 use std::time::Duration;
 
 use anyhow::Context as _;
+use farfield_proto::id::SessionId;
 use farfield_proto::message::Status;
+use farfield_proto::message::health::NodeHealth;
 use farfield_proto::message::live::LiveStatus;
 use farfield_proto::tick::Tick;
 use farfield_proto::transport::FUSION;
@@ -62,6 +64,7 @@ pub(super) async fn clock_start(
         interceptor,
         ends,
         reporter,
+        session,
         stop,
         ..
     } = context;
@@ -80,7 +83,8 @@ pub(super) async fn clock_start(
             present,
         }));
     }
-    let status = Box::new(waiting_status(&own_status(&venue.hashes)));
+    let status = waiting_status(&own_status(&venue.hashes), *session);
+    let status = Box::new(status);
     let mut calls = interval(CALL_EVERY);
     calls.set_missed_tick_behavior(MissedTickBehavior::Delay);
     let (mut n_calls, mut leave_out_at) = (0u32, None);
@@ -154,12 +158,16 @@ pub(super) fn note_present(venue: &Venue, present: &mut BTreeSet<String>, node: 
 }
 
 /// A status by which edges know that the run is live.
-fn waiting_status(own: &Status) -> Status {
+fn waiting_status(own: &Status, session: SessionId) -> Status {
     Status {
         live: Some(LiveStatus {
             every_nth_tick: 1,
             ..LiveStatus::default()
         }),
+        health: NodeHealth {
+            follows: Some(session),
+            ..NodeHealth::default()
+        },
         ..own.clone()
     }
 }
@@ -188,8 +196,9 @@ mod tests {
             venue: "v".to_owned(),
             calibration: "c".to_owned(),
         };
-        let status = waiting_status(&own_status(&hashes));
+        let status = waiting_status(&own_status(&hashes), SessionId(7));
         let received: Status = wire::decode(&wire::encode(&status)).unwrap();
         assert_eq!(received.live.unwrap().epoch_us, None);
+        assert_eq!(received.health.follows, Some(SessionId(7)));
     }
 }

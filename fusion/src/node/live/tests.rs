@@ -28,6 +28,7 @@ use crate::node::output::progress::{Detail, Reporter};
 use crate::node::output::summary_file::SummaryFile;
 use crate::node::session::interceptor::{Interceptor, Senders};
 use crate::node::session::link::FusionSession;
+use crate::node::session::other_fusion::OtherFusionWatch;
 use crate::node::session::wiretap::WiretapHandle;
 
 /// Far above what a loaded machine takes; a test that waits as long has failed.
@@ -274,6 +275,7 @@ async fn everybody_goes_on_while_one_babbles_one_is_refused_and_clocks_are_off()
         ends: &mut ends,
         reporter: &mut reporter,
         stop: &stop,
+        others: OtherFusionWatch::nowhere(),
     };
     let ending = timeout(PATIENCE, Box::pin(live(context, pipeline)))
         .await

@@ -57,7 +57,7 @@ impl Begin<'_> {
         pipeline: Pipeline,
         outside: &mut Outside<'_>,
     ) -> Result<Ending, NodeError> {
-        match wait_until_ready(self.config, outside).await {
+        match wait_until_ready(self.config, self.session, outside).await {
             Ok(Some(start)) => Box::pin(self.run(&start, pipeline, outside)).await,
             Ok(None) => Ok(Ending::Interrupted),
             Err(error) => {

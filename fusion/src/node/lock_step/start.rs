@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use anyhow::{Context as _, anyhow};
 use farfield_node::process::{Managed, NodeError};
+use farfield_proto::id::SessionId;
 use farfield_proto::transport::FUSION;
 use farfield_proto::wire::{VERSION, WireError};
 use tokio::time::{Instant, MissedTickBehavior, interval, sleep_until};
@@ -35,6 +36,7 @@ const MAX_NEWER: u32 = 20;
 /// hand at a tick that the run does not have.
 pub(in crate::node) async fn wait_until_ready(
     config: &FusionConfig,
+    session: SessionId,
     outside: &mut Outside<'_>,
 ) -> Result<Option<Start>, NodeError> {
     let Outside {
@@ -48,7 +50,10 @@ pub(in crate::node) async fn wait_until_ready(
     let deadline = Instant::now() + patience;
     let mut calls = interval(CALL_EVERY);
     calls.set_missed_tick_behavior(MissedTickBehavior::Delay);
-    let status = Box::new(own_status(&config.venue.hashes));
+    let mut status = Box::new(own_status(&config.venue.hashes));
+    status.health.follows = Some(session);
+    let validity = config.reach.validity;
+    status.health.certificate_ends_s = validity.map(|v| v.until_s.cast_unsigned());
     let mut n_calls = 0u32;
     let mut newer = BTreeMap::new();
     loop {

@@ -15,7 +15,7 @@ use farfield_proto::venue::Venue;
 
 use super::exporter::{Exported, Exporter};
 use super::pose_queue::{FinalPoses, PoseQueue, Taken};
-use super::room::WaitForRoom;
+use super::wait_for_disk_room::WaitForDiskRoom;
 use crate::export::full_disk::FullDisk;
 use crate::export::run_clock::RunEnd;
 use crate::export::summary::PosesSummary;
@@ -47,7 +47,7 @@ struct Shared {
     has_failed: AtomicBool,
     /// Whether the files are not wanted after all.
     is_discarded: AtomicBool,
-    room: Arc<WaitForRoom>,
+    room: Arc<WaitForDiskRoom>,
 }
 
 impl ExportThread {
@@ -117,6 +117,11 @@ impl ExportThread {
             FinalPoses::Live(_) => self.refused += 1,
             FinalPoses::Smoothed(_) => self.refused_smoothed += 1,
         }
+    }
+
+    /// Whether the files wait for room on their disk.
+    pub(in crate::node) fn disk_room(&self) -> Arc<WaitForDiskRoom> {
+        Arc::clone(&self.shared.room)
     }
 
     /// Whether nothing is written any more.

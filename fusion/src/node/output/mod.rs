@@ -5,7 +5,7 @@ pub(super) mod export_thread;
 pub(super) mod exporter;
 mod pose_queue;
 pub(super) mod progress;
-pub(super) mod room;
 pub(super) mod summary;
 pub(super) mod summary_file;
 pub(super) mod tally;
+pub(super) mod wait_for_disk_room;

@@ -27,7 +27,7 @@ use super::retention::delete_old;
 use crate::export::full_disk::FullDisk;
 use crate::export::summary::RecordingSummary;
 use crate::export::unfinished::PatientFile;
-use crate::node::output::room::WaitForRoom;
+use crate::node::output::wait_for_disk_room::WaitForDiskRoom;
 use crate::node::session::mode::RunMode;
 use crate::node::session::wiretap::Wiretap;
 use crate::recording::channels::Content;
@@ -46,7 +46,7 @@ pub(in crate::node) struct RecordingThread {
     holes: SharedHoles,
     filled: Arc<AtomicU64>,
     queue: Arc<RecordingQueue>,
-    room: Arc<WaitForRoom>,
+    room: Arc<WaitForDiskRoom>,
     /// `None` once it is waited for.
     thread: Option<JoinHandle<()>>,
 }
@@ -70,7 +70,7 @@ impl RecordingThread {
         let (queue, notes) = RecordingQueue::open(&head.venue, session);
         let room = {
             let (path, venue, days) = (path.clone(), venue.clone(), parameters.retention_days);
-            Arc::new(WaitForRoom::by(move || {
+            Arc::new(WaitForDiskRoom::by(move || {
                 drop(delete_old(&path, &venue, days));
             }))
         };
@@ -113,6 +113,11 @@ impl RecordingThread {
     /// Where what passes is noted.
     pub(in crate::node) fn wiretap(&self) -> Arc<dyn Wiretap> {
         Arc::clone(&self.queue) as Arc<dyn Wiretap>
+    }
+
+    /// Whether the file waits for room on its disk.
+    pub(in crate::node) fn disk_room(&self) -> Arc<WaitForDiskRoom> {
+        Arc::clone(&self.room)
     }
 
     /// Where messages are noted.

@@ -1,12 +1,13 @@
 //! Who was turned away, as the log of a server has it: Zenoh's own log says it under other names or not at all. A listener on that log
 //! tells the operator once per kind, and counts.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 
 use farfield_node::log::message;
 use farfield_node::process::say;
+use farfield_proto::transport::{GENERATIONS_FILE, Generations, generation_of};
 use tracing::level_filters::LevelFilter;
 use tracing::{Event, Subscriber};
 use tracing_subscriber::Layer;
@@ -17,12 +18,18 @@ use tracing_subscriber::layer::Context;
 const ACCESS: &str = "zenoh::net::routing::interceptor::access_control";
 /// Where Zenoh's links log whom they do not let in.
 const LINKS: [&str; 2] = ["zenoh_link_commons", "zenoh_link_tls"];
+/// Nodes whose certificates are remembered; of more it is not said whose they are.
+const MAX_NAMED: usize = 256;
 /// Kinds of refusals that are told; more are only counted.
 const MAX_TOLD: usize = 64;
 /// What Zenoh logs last when it works out ahead what a node may do on a key: nobody has done it yet.
 const LAST_OF_AHEAD: &str = "Declare Liveliness Subscriber (";
 
 static TURNED_AWAY: AtomicU64 = AtomicU64::new(0);
+/// Which certificates are the newest, by what this node admits others.
+static NEWEST: OnceLock<Generations> = OnceLock::new();
+/// The common names of certificates, by what Zenoh calls their nodes.
+static NAMED: Mutex<BTreeMap<String, String>> = Mutex::new(BTreeMap::new());
 static TOLD: Mutex<BTreeSet<String>> = Mutex::new(BTreeSet::new());
 
 thread_local! {
@@ -35,6 +42,11 @@ pub(in crate::node) fn sum_up() {
     if times > 0 {
         say(format_args!("fusion: turned away {times} times in all"));
     }
+}
+
+/// From now on it is told of a certificate that it is too old, where `newest` says so.
+pub(in crate::node) fn know_generations(newest: &Generations) {
+    NEWEST.get_or_init(|| newest.clone());
 }
 
 /// The listener, with what it listens to.
@@ -53,13 +65,13 @@ impl<S: Subscriber> Layer<S> for AuthenticationLog {
     fn on_event(&self, event: &Event<'_>, _: Context<'_, S>) {
         let text = message(event);
         let refusal = if event.metadata().target() == ACCESS {
-            denied(&text)
+            denied(&text, NEWEST.get())
         } else {
             not_let_in(&text)
         };
         let Some(refusal) = refusal else { return };
         TURNED_AWAY.fetch_add(1, Ordering::Relaxed);
-        let mut told = TOLD.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut told = lock(&TOLD);
         if told.len() < MAX_TOLD && told.insert(refusal.clone()) {
             say(format_args!("fusion: {refusal}"));
         }
@@ -67,33 +79,76 @@ impl<S: Subscriber> Layer<S> for AuthenticationLog {
 }
 
 /// What a line of the access control means, if somebody has tried what is denied.
-fn denied(text: &str) -> Option<String> {
+fn denied(text: &str, newest: Option<&Generations>) -> Option<String> {
     if text.contains("caching permissions") {
         IS_AHEAD.with(|ahead| ahead.store(true, Ordering::Relaxed));
         return None;
     }
     if text.contains("did not match any configured ACL subject") {
-        return Some(
-            "refused all that a node does whose certificate names no node of this venue".to_owned(),
-        );
+        return Some(format!(
+            "refused all that a node does whose certificate names no node of this venue; one that came later is known by the {GENERATIONS_FILE} that lies beside its keys: copy it here, and start again"
+        ));
     }
     let cached = text.strip_prefix("Using cached result: ");
     if cached.is_none() && IS_AHEAD.with(|ahead| ahead.load(Ordering::Relaxed)) {
+        remember_name(text);
         if text.contains(LAST_OF_AHEAD) {
             IS_AHEAD.with(|ahead| ahead.store(false, Ordering::Relaxed));
         }
         return None;
     }
-    let (who, what) = text.split_once(" is unauthorized to ")?;
+    let (who, what) = cached.unwrap_or(text).split_once(" is unauthorized to ")?;
     let (what, key) = what.split_once(" (ingress) on ")?;
-    // Without the cache Zenoh says by which certificate, too: interface, then name.
-    let name = who.split_once(" on ").map(|(_, subject)| subject);
-    let name = name.and_then(|subject| subject.split('+').find(|part| part.contains('/')));
+    let name = match cached {
+        // What was worked out ahead has said by which certificate.
+        Some(_) => lock(&NAMED).get(who).cloned(),
+        None => certificate(who).map(|(_, name)| name.to_owned()),
+    };
+    let name = name.as_deref();
+    if let Some(too_old) = name.and_then(|name| too_old(name, newest?)) {
+        return Some(too_old);
+    }
     let who = name.map_or_else(
         || "a node".to_owned(),
         |name| format!("the node of certificate {name}"),
     );
     Some(format!("refused {who}: {} on {key}", what.to_lowercase()))
+}
+
+/// What Zenoh calls a node, and the common name of its certificate.
+fn certificate(who: &str) -> Option<(&str, &str)> {
+    let (node, subject) = who.split_once(" on ")?;
+    let (_, rest) = subject.split_once("CertCommonName(")?;
+    let (name, _) = rest.split_once(')')?;
+    Some((node, name))
+}
+
+/// Remembers whose certificate a node has that is denied something ahead.
+fn remember_name(text: &str) {
+    let denied = text.split_once(" is unauthorized to ");
+    let Some((node, name)) = denied.and_then(|(who, _)| certificate(who)) else {
+        return;
+    };
+    let mut named = lock(&NAMED);
+    if named.len() < MAX_NAMED {
+        named.insert(node.to_owned(), name.to_owned());
+    }
+}
+
+fn lock<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
+    // Whatever a thread that panicked left undone, the sets are whole.
+    shared.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Why nothing is allowed to whoever has the certificate of this common name, if it is too old.
+fn too_old(name: &str, newest: &Generations) -> Option<String> {
+    let (node, generation) = generation_of(name)?;
+    let newest = newest.of(node);
+    (generation < newest).then(|| {
+        format!(
+            "refused all that the node of certificate {name} does: {node} has got new keys since, of generation {newest}; copy {node}.pem and {node}.key of `farfield certs --renew {node}` to its machine, or find out who has the old ones"
+        )
+    })
 }
 
 /// What a link's warning means, if it is about who wants in.
@@ -107,12 +162,21 @@ fn not_let_in(text: &str) -> Option<String> {
             "BadSignature",
             "its certificate is not of this venue's authority",
         ),
+        // rustls says it in two ways.
         (
             "Expired",
             "its certificate has run out; `farfield certs --renew` makes a new one",
         ),
         (
+            "certificate expired",
+            "its certificate has run out; `farfield certs --renew` makes a new one",
+        ),
+        (
             "NotValidYet",
+            "its certificate is not valid yet: is a clock wrong?",
+        ),
+        (
+            "certificate not valid yet",
             "its certificate is not valid yet: is a clock wrong?",
         ),
         ("sent no certificates", "it has no certificate"),
@@ -129,25 +193,28 @@ mod tests {
     #[test]
     fn a_denied_message_is_told_with_who_and_where() {
         let told = denied(
-            "4f2a on lo+walk/north-east+quic+4f2a is unauthorized to Put (ingress) on walk/patch/b",
+            "4f2a on Interface(lo)+CertCommonName(walk/north-east)+Transport(Quic)+4f2a is unauthorized to Put (ingress) on walk/patch/b",
+            None,
         );
         assert_eq!(
             told.as_deref(),
             Some("refused the node of certificate walk/north-east: put on walk/patch/b")
         );
-        let cached =
-            denied("Using cached result: 4f2a is unauthorized to Put (ingress) on walk/patch/b");
+        let cached = denied(
+            "Using cached result: 4f2a is unauthorized to Put (ingress) on walk/patch/b",
+            None,
+        );
         assert_eq!(
             cached.as_deref(),
             Some("refused a node: put on walk/patch/b")
         );
         assert_eq!(
-            denied("4f2a on x is authorized to Put (ingress) on k"),
+            denied("4f2a on x is authorized to Put (ingress) on k", None),
             None
         );
         // What fusion does not send out is nobody's attempt.
         assert_eq!(
-            denied("4f2a on x is unauthorized to Put (egress) on k"),
+            denied("4f2a on x is unauthorized to Put (egress) on k", None),
             None
         );
     }
@@ -155,15 +222,58 @@ mod tests {
     #[test]
     fn what_nobody_has_tried_yet_is_not_told() {
         assert_eq!(
-            denied("ACL (ingress): caching permissions for `k` ..."),
+            denied("ACL (ingress): caching permissions for `k` ...", None),
             None
         );
-        assert_eq!(denied("z on s is unauthorized to Put (ingress) on k"), None);
         assert_eq!(
-            denied("z on s is unauthorized to Declare Liveliness Subscriber (ingress) on k"),
+            denied("z on s is unauthorized to Put (ingress) on k", None),
             None
         );
-        assert!(denied("z on s is unauthorized to Put (ingress) on k").is_some());
+        assert_eq!(
+            denied(
+                "z on s is unauthorized to Declare Liveliness Subscriber (ingress) on k",
+                None
+            ),
+            None
+        );
+        assert!(denied("z on s is unauthorized to Put (ingress) on k", None).is_some());
+    }
+
+    #[test]
+    fn what_is_denied_by_a_cached_result_is_told_with_whose_certificate_it_is() {
+        // Symptom to prevent: nearly all that is denied is, and was told of "a node".
+        for ahead in [
+            "ACL (ingress): caching permissions for `k` ...",
+            "5e on Interface(lo)+CertCommonName(walk/south-east/1)+Transport(Quic)+5e is unauthorized to Put (ingress) on k",
+            "5e on Interface(lo)+CertCommonName(walk/south-east/1)+Transport(Quic)+5e is unauthorized to Declare Liveliness Subscriber (ingress) on k",
+        ] {
+            assert_eq!(denied(ahead, None), None);
+        }
+        let told = denied(
+            "Using cached result: 5e is unauthorized to Put (ingress) on k",
+            None,
+        );
+        let words = "refused the node of certificate walk/south-east/1: put on k";
+        assert_eq!(told.as_deref(), Some(words));
+    }
+
+    #[test]
+    fn a_certificate_that_is_too_old_is_named_with_the_newest() {
+        let mut newest = Generations::default();
+        newest.renew("ne");
+        newest.renew("ne");
+        let text = |name: &str| {
+            format!(
+                "4f2a on Interface(lo)+CertCommonName({name})+Transport(Quic)+4f2a is unauthorized to Put (ingress) on walk/patch/ne"
+            )
+        };
+        let told = denied(&text("walk/ne/1"), Some(&newest)).unwrap();
+        assert!(
+            told.contains("walk/ne/1") && told.contains("generation 2"),
+            "{told}"
+        );
+        let told = denied(&text("walk/ne/2"), Some(&newest)).unwrap();
+        assert!(told.ends_with("put on walk/patch/ne"), "{told}");
     }
 
     #[test]

@@ -14,6 +14,7 @@ use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 use zenoh::Session;
 use zenoh::liveliness::LivelinessToken;
+use zenoh::session::ZenohId;
 
 use super::interceptor::{Interceptor, Senders};
 use super::messages::{FusionIncoming, FusionOutgoing};
@@ -66,6 +67,11 @@ impl FusionSession {
     /// The session, for others who declare something on it.
     pub(in crate::node) fn session(&self) -> Session {
         self.session.clone()
+    }
+
+    /// The name of the session among all of Zenoh's.
+    pub(in crate::node) fn zenoh_id(&self) -> ZenohId {
+        self.session.zid()
     }
 
     /// The endpoints that edges can connect to, with the ports that were really taken.

@@ -1,8 +1,11 @@
-//! Edges that go and come, and one that does not belong.
+//! Edges that go and come, and one that does not belong; and the table that shows it.
 
 use std::fs;
+use std::io::{BufRead as _, BufReader};
+use std::process::Stdio;
 
 use super::stage::{LiveStage, heard};
+use crate::farfield::{command, farfield};
 
 #[test]
 fn an_edge_that_is_killed_is_missed_and_joins_again_by_itself() {
@@ -51,4 +54,74 @@ fn an_edge_of_another_calibration_is_refused_by_name_and_the_others_go_on() {
         refused.is_some_and(|why| why.contains("calibration"))
     });
     stage.go_on(1.0);
+}
+
+#[test]
+fn the_status_shows_a_row_for_every_node_and_fails_when_one_is_missing_or_nobody_answers() {
+    let mut stage = LiveStage::open();
+    let venue = stage.folder.path().join("venue.toml");
+    let endpoint = stage.live.endpoint();
+    let words = ["status", venue.to_str().unwrap(), "--connect", &endpoint];
+    let show = |more: &[&str]| farfield(&[&words, more].concat());
+    let names: Vec<String> = stage
+        .live
+        .nodes()
+        .map(|node| node.name().to_owned())
+        .collect();
+    let shown = show(&[]);
+    assert_eq!(shown.code, 0, "{}\n{}", shown.stdout, shown.stderr);
+    println!("{}", shown.stdout);
+    let rows: Vec<&str> = shown.stdout.lines().skip(1).collect();
+    assert_eq!(rows.len(), names.len(), "{}", shown.stdout);
+    for name in &names {
+        let row = rows.iter().find(|row| row.starts_with(&format!("{name} ")));
+        let row = row.unwrap_or_else(|| panic!("{name}: {}", shown.stdout));
+        assert!(
+            row.contains("live") && row.contains(env!("CARGO_PKG_VERSION")),
+            "{row}"
+        );
+    }
+    assert!(!shown.stdout.contains('\u{1b}'), "it pipes");
+
+    let mut watching = command()
+        .args(words)
+        .args(["--watch", "--json"])
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let lines = BufReader::new(watching.stdout.take().unwrap()).lines();
+    for line in lines.take(2) {
+        let state: serde_json::Value = serde_json::from_str(&line.unwrap()).unwrap();
+        let fusion = &state["nodes"][0];
+        assert_eq!(
+            (&fusion["node"], &fusion["state"]),
+            (&"fusion".into(), &"live".into())
+        );
+        assert!(fusion["delay_ms"][0].as_f64().unwrap() > 0.0, "{fusion}");
+        assert_eq!(state["nodes"][1]["cameras"][0]["health"], "works");
+    }
+    watching.kill().unwrap();
+    watching.wait().unwrap();
+
+    let edge = stage.live.edges[0].take().unwrap();
+    let name = edge.name().to_owned();
+    edge.kill().unwrap();
+    stage.wait("the edge is missed", |seen| {
+        heard(seen, &name).is_some_and(|edge| !edge.live)
+    });
+    let shown = show(&[]);
+    assert_eq!(shown.code, 1, "{}", shown.stdout);
+    assert!(shown.stdout.contains("RED"), "{}", shown.stdout);
+    assert!(
+        shown.stderr.contains(&format!("{name} (")),
+        "{}",
+        shown.stderr
+    );
+
+    stage.live.fusion.take().unwrap().kill().unwrap();
+    let shown = show(&[]);
+    assert_eq!(shown.code, 1, "{}", shown.stderr);
+    for word in ["nobody answers", &endpoint, "whether fusion runs"] {
+        assert!(shown.stderr.contains(word), "{word}: {}", shown.stderr);
+    }
 }

@@ -1,6 +1,7 @@
 //! Fusion goes and comes.
 
 use std::collections::BTreeMap;
+use std::net::TcpListener;
 use std::process::Command;
 use std::time::Duration;
 
@@ -8,6 +9,7 @@ use farfield_lab::live_venue::NodeProcess;
 use farfield_proto::message::PersonPose;
 
 use super::stage::{LiveStage, PEOPLE, RATE_HZ};
+use crate::farfield::farfield;
 use crate::recording::replayed;
 
 /// Tracks must be back so soon after the first patches, seconds.
@@ -117,4 +119,70 @@ fn people_keep_their_ids_when_fusion_is_killed_and_a_recording_of_its_next_life_
     println!("two restarts kept both ids; replayed: {same} ticks the same, {different} different");
     assert_eq!(*different, 0, "{said}");
     assert!(same.as_u64().unwrap() > 30, "{said}");
+}
+
+#[test]
+fn a_second_fusion_is_refused_by_name_or_waits_and_takes_the_place_of_one_that_is_killed() {
+    // Symptom to prevent: edges went over to a second fusion, on another host, and nobody said a word.
+    let free = TcpListener::bind("127.0.0.1:0").unwrap();
+    let known = format!("tcp/{}", free.local_addr().unwrap());
+    drop(free);
+    let venue = format!("[fusion]\nconnect = [\"{known}\"]\n");
+    let mut stage = LiveStage::prepare(&[], &venue);
+    stage.live.fusion_by_hand();
+    let out = stage.out("first");
+    stage.start_with(&out, &["--listen", &known]);
+    let ids = stage.ids();
+
+    let path = stage.folder.path().join("venue.toml");
+    let second = |more: &[&str]| {
+        let (venue, out) = (path.to_str().unwrap(), stage.out("refused"));
+        farfield(&[&["fusion", venue, "--out", out.to_str().unwrap()], more].concat())
+    };
+    let lock_step = second(&["--listen", "tcp/127.0.0.1:0"]);
+    assert_eq!(lock_step.code, 2, "{}", lock_step.stderr);
+    let same_place = second(&["--live", "--listen", &known]);
+    assert_eq!(same_place.code, 1, "{}", same_place.stderr);
+    for said in [&lock_step.stderr, &same_place.stderr] {
+        assert!(
+            said.contains("fusion of venue stage is there already") && said.contains(&known),
+            "{said}"
+        );
+    }
+
+    let first = stage.live.fusion.take().unwrap();
+    let out = stage.out("second");
+    stage.live.start_fusion(&out, &[]).unwrap();
+    let waits = |stage: &LiveStage| stage.live.fusion.as_ref().unwrap().said();
+    stage.wait("the second one waits", |_| {
+        waits(&stage).contains("waits until it has gone")
+    });
+    let said = waits(&stage);
+    assert!(
+        said.contains(&known) && said.contains("heard by it"),
+        "{said}"
+    );
+    stage.go_on(1.0);
+    assert_eq!(stage.ids(), ids, "the first goes on");
+    let session = stage.seen().newest.as_ref().unwrap().session;
+    kill(first);
+    stage.wait("the second takes its place", |seen| {
+        let is_second = seen
+            .newest
+            .as_ref()
+            .is_some_and(|set| set.session != session);
+        is_second && seen.tracked() == PEOPLE
+    });
+    assert!(
+        waits(&stage).contains("takes its place"),
+        "{}",
+        waits(&stage)
+    );
+    for edge in stage.live.edges.iter().flatten() {
+        assert!(
+            edge.said().contains("follows another fusion now"),
+            "{}",
+            edge.said()
+        );
+    }
 }

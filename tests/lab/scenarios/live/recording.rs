@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command};
 
 use farfield_fusion::recording::reader::Recording;
+use farfield_lab::live_venue::SeenVenue;
 
 use super::stage::{LiveStage, PEOPLE, RATE_HZ};
 
@@ -90,6 +91,14 @@ fn a_recording_waits_for_room_on_a_full_disk_while_capture_goes_on() {
     });
     let said = fusion().said();
     assert!(said.contains("run.mcap"), "{said}");
+    let is_shown = |seen: &SeenVenue| {
+        let notices = seen
+            .statuses
+            .get("fusion")
+            .map(|status| &status.health.notices);
+        notices.is_some_and(|notices| notices.iter().any(|text| text.contains("the disk is full")))
+    };
+    stage.wait("the status shows it", is_shown);
     let before = stage.takes();
     stage.go_on(3.0);
     before.assert_flat(&stage.takes());
@@ -97,6 +106,7 @@ fn a_recording_waits_for_room_on_a_full_disk_while_capture_goes_on() {
     stage.wait("the recording goes on", |_| {
         fusion().said().contains("there is room again")
     });
+    stage.wait("the status shows it no more", |seen| !is_shown(seen));
     stage.finish("first");
     let recording = Recording::open(File::open(&record).unwrap()).unwrap();
     let part = &recording.sessions()[0];

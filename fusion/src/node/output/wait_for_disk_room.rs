@@ -1,8 +1,8 @@
-//! Waits out a full disk, and says so once.
+//! Waiting for room on a disk that is full, and saying so: once, and in the status for as long as it lasts.
 
 use std::fmt;
-use std::path::Path;
-use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
@@ -19,27 +19,27 @@ const MAKE_ROOM_EVERY: u32 = 60;
 /// What may make room on a disk that is full.
 type MakeRoom = Box<dyn Fn() + Send + Sync>;
 
-/// What finds no room waits for it, from [`WaitForRoom::start`] to [`WaitForRoom::stop`].
+/// What finds no room waits for it, from [`WaitForDiskRoom::start`] to [`WaitForDiskRoom::stop`].
 #[derive(Default)]
-pub(in crate::node) struct WaitForRoom {
+pub(in crate::node) struct WaitForDiskRoom {
     make_room: Option<MakeRoom>,
     tries: AtomicU32,
     is_patient: Mutex<bool>,
     changed: Condvar,
-    /// Whether it has been said that something waits.
-    told: AtomicBool,
+    /// The file of which it has been said that it waits.
+    told: Mutex<Option<PathBuf>>,
 }
 
-impl fmt::Debug for WaitForRoom {
+impl fmt::Debug for WaitForDiskRoom {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("WaitForRoom")
+        f.debug_struct("WaitForDiskRoom")
             .field("is_patient", &self.is_patient)
             .field("told", &self.told)
             .finish_non_exhaustive()
     }
 }
 
-impl WaitForRoom {
+impl WaitForDiskRoom {
     /// On a disk that is full, `make_room` is called at once and then every minute: whoever waits for the room cannot.
     pub(in crate::node) fn by(make_room: impl Fn() + Send + Sync + 'static) -> Self {
         Self {
@@ -59,10 +59,13 @@ impl WaitForRoom {
         self.changed.notify_all();
     }
 
-    /// Whether something has been told to wait.
-    #[cfg(test)]
-    pub(super) fn is_awaited(&self) -> bool {
-        self.told.load(Ordering::Relaxed)
+    /// What waits, in words, while something does.
+    pub(in crate::node) fn notice(&self) -> Option<String> {
+        self.lock_told().as_deref().map(in_words)
+    }
+
+    fn lock_told(&self) -> MutexGuard<'_, Option<PathBuf>> {
+        self.told.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn lock(&self) -> MutexGuard<'_, bool> {
@@ -72,7 +75,7 @@ impl WaitForRoom {
     }
 }
 
-impl FullDisk for WaitForRoom {
+impl FullDisk for WaitForDiskRoom {
     fn try_again(&self, path: &Path) -> bool {
         if !*self.lock() {
             return false;
@@ -83,11 +86,9 @@ impl FullDisk for WaitForRoom {
         {
             make_room();
         }
-        if !self.told.swap(true, Ordering::Relaxed) {
-            say(format_args!(
-                "{}: the disk is full; what is to be written waits until there is room",
-                path.display()
-            ));
+        let before = self.lock_told().replace(path.to_owned());
+        if before.is_none() {
+            say(format_args!("{}", in_words(path)));
         }
         let waited = self
             .changed
@@ -99,8 +100,7 @@ impl FullDisk for WaitForRoom {
 
     fn took(&self, path: &Path) {
         // What still fits in at the end is not worth a word.
-        if self.told.load(Ordering::Relaxed) && *self.lock() {
-            self.told.store(false, Ordering::Relaxed);
+        if *self.lock() && self.lock_told().take().is_some() {
             self.tries.store(0, Ordering::Relaxed);
             say(format_args!(
                 "{}: there is room again, and writing goes on",
@@ -108,6 +108,13 @@ impl FullDisk for WaitForRoom {
             ));
         }
     }
+}
+
+fn in_words(path: &Path) -> String {
+    format!(
+        "{}: the disk is full; what is to be written waits until there is room",
+        path.display()
+    )
 }
 
 #[cfg(test)]
@@ -120,7 +127,7 @@ mod tests {
     fn what_can_be_deleted_is_deleted_before_anything_waits() {
         let called = Arc::new(AtomicU32::new(0));
         let counts = Arc::clone(&called);
-        let room = WaitForRoom::by(move || {
+        let room = WaitForDiskRoom::by(move || {
             counts.fetch_add(1, Ordering::Relaxed);
         });
         let path = Path::new("a.mcap");
@@ -129,7 +136,10 @@ mod tests {
         room.start();
         assert!(room.try_again(path) && room.try_again(path));
         assert_eq!(called.load(Ordering::Relaxed), 1);
+        let notice = room.notice().unwrap();
+        assert!(notice.starts_with("a.mcap: the disk is full"), "{notice}");
         room.took(path);
+        assert_eq!(room.notice(), None);
         assert!(room.try_again(path));
         assert_eq!(
             called.load(Ordering::Relaxed),

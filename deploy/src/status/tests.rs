@@ -1,0 +1,246 @@
+//! What is shown of a venue, by statuses as its nodes say them.
+
+use std::path::Path;
+use std::time::Instant;
+
+use farfield_proto::calibration::Calibration;
+use farfield_proto::id::{CameraIndex, ViewpointIndex};
+use farfield_proto::message::StageTime;
+use farfield_proto::message::health::NodeHealth;
+use farfield_proto::message::live::CameraStatus;
+use farfield_proto::tick::Tick;
+
+use super::super::table;
+use super::*;
+
+const NOW_S: i64 = 1_790_000_000;
+
+fn venue() -> Venue {
+    let camera = |name: &str| {
+        format!(
+            "[{name}]\nname = \"{name}\"\nsize = [640, 480]\nmatrix = [[500.0, 0.0, 320.0], [0.0, 500.0, 240.0], [0.0, 0.0, 1.0]]\n\
+             distortions = [0.0, 0.0, 0.0, 0.0, 0.0]\nrotation = [1.5707963, 0.0, 0.0]\ntranslation = [0.0, 1.0, 5.0]\n"
+        )
+    };
+    let viewpoint = |name: &str| {
+        format!(
+            "[[viewpoint]]\nname = \"{name}\"\n[[viewpoint.camera]]\nname = \"c-{name}\"\nsource = {{ kind = \"keypoints\", path = \"c.jsonl\" }}\n"
+        )
+    };
+    let calibration = camera("c-ne") + &camera("c-nw");
+    let text = "name = \"hall\"\nrate_hz = 30.0\ncalibration = \"c.toml\"\n".to_owned()
+        + &viewpoint("ne")
+        + &viewpoint("nw");
+    let calibration = Calibration::parse(&calibration, Path::new("c.toml")).unwrap();
+    Venue::parse(&text, Path::new("venue.toml"), calibration).unwrap()
+}
+
+fn status(node: &str, tick: i64, live: LiveStatus) -> Status {
+    Status {
+        node: node.to_owned(),
+        process: 7,
+        viewpoint: (node != FUSION).then_some(ViewpointIndex(0)),
+        release: "0.1.0".to_owned(),
+        ready: true,
+        venue_hash: String::new(),
+        calibration_hash: String::new(),
+        network_hash: String::new(),
+        backend: String::new(),
+        ticks: None,
+        tick: Some(Tick(tick)),
+        unreadable: 0,
+        failure: None,
+        stages: Vec::new(),
+        live: Some(live),
+        health: NodeHealth::default(),
+    }
+}
+
+fn link(viewpoint: &str) -> EdgeLink {
+    EdgeLink {
+        viewpoint: viewpoint.to_owned(),
+        live: true,
+        refused: None,
+        round_trip_us: Some(1_500),
+        clock_offset_us: Some(-2_250),
+        horizon_ticks: 2.0,
+        bytes_per_s: 41_000,
+        late: 0,
+        missing: 0,
+        unreadable: 0,
+    }
+}
+
+fn camera(index: u16, health: CameraHealth) -> CameraStatus {
+    CameraStatus {
+        camera: CameraIndex(index),
+        health,
+        frames_per_s: 30.0,
+        capture_offset_us: 0,
+        reason: (health != CameraHealth::Works).then(|| "connection refused".to_owned()),
+    }
+}
+
+/// All nodes as they should be, each heard twice.
+fn well() -> Heard {
+    let mut heard = Heard::default();
+    let now = clock::now();
+    let before = now.checked_sub(Duration::from_secs(1)).unwrap();
+    for (tick, at) in [(100, before), (130, now)] {
+        for status in statuses(tick) {
+            take(&mut heard, status, at);
+        }
+    }
+    heard
+}
+
+fn take(heard: &mut Heard, status: Status, at: Instant) {
+    heard.present.insert(status.node.clone());
+    heard.take(status, at);
+}
+
+fn statuses(tick: i64) -> [Status; 3] {
+    let mut fusion = status(
+        FUSION,
+        tick,
+        LiveStatus {
+            edges: vec![link("ne"), link("nw")],
+            ..LiveStatus::default()
+        },
+    );
+    fusion.stages = vec![StageTime {
+        stage: CAPTURE_TO_POSE.to_owned(),
+        count: 9,
+        total_us: 9,
+        p50_us: 52_000,
+        p99_us: 88_000,
+        p999_us: 99_000,
+        max_us: 99_000,
+    }];
+    fusion.health.certificate_ends_s = Some(NOW_S.unsigned_abs() + 400 * DAY_S.unsigned_abs());
+    fusion.health.links = vec![
+        LinkHealth {
+            clock_uncertainty_us: Some(400),
+            ..LinkHealth::default()
+        };
+        2
+    ];
+    let edge = |node: &str, index: u16| {
+        let live = LiveStatus {
+            every_nth_tick: 1,
+            bytes_per_s: 40_000,
+            cameras: vec![camera(index, CameraHealth::Works)],
+            ..LiveStatus::default()
+        };
+        status(node, tick, live)
+    };
+    [fusion, edge("ne", 0), edge("nw", 1)]
+}
+
+fn of<'a>(state: &'a VenueState, node: &str) -> &'a NodeState {
+    state.nodes.iter().find(|state| state.node == node).unwrap()
+}
+
+#[test]
+fn a_venue_that_is_well_is_a_table_without_a_word_too_many() {
+    let state = VenueState::new(&venue(), &well(), NOW_S);
+    assert_eq!(state.attention(), None);
+    let text = table::text(&state);
+    let lines: Vec<&str> = text.lines().collect();
+    assert_eq!(lines.len(), 4, "{text}");
+    for word in [
+        "fusion", "ok", "live", "0.1.0", "30.0", "52 (88)", "82.0", "400 days",
+    ] {
+        assert!(lines[1].contains(word), "{word}\n{text}");
+    }
+    for word in [
+        "ne ",
+        "ok",
+        "1.5 rtt",
+        "lossless",
+        "40.0",
+        "-2.2 ±0.4",
+        "1 work",
+    ] {
+        assert!(lines[2].contains(word), "{word}\n{text}");
+    }
+    let json = serde_json::to_value(&state).unwrap();
+    assert_eq!(json["nodes"][1]["clock"]["offset_ms"], -2.25);
+    assert_eq!(json["nodes"][1]["mark"], "ok");
+}
+
+#[test]
+fn whoever_is_missing_refused_or_silent_is_to_be_looked_after() {
+    let venue = venue();
+    let mut heard = well();
+    heard.nodes.remove("nw");
+    heard.present.remove("nw");
+    let state = VenueState::new(&venue, &heard, NOW_S);
+    assert_eq!(
+        (of(&state, "nw").mark, of(&state, "ne").mark),
+        (Mark::Red, Mark::Ok)
+    );
+    assert_eq!(
+        state.attention().unwrap(),
+        "to be looked after: nw (not there)"
+    );
+
+    let mut heard = well();
+    let [mut fusion, ..] = statuses(160);
+    let edges = &mut fusion.live.as_mut().unwrap().edges;
+    (edges[0].live, edges[0].refused) = (false, Some("it holds another calibration".to_owned()));
+    take(&mut heard, fusion, clock::now());
+    let state = VenueState::new(&venue, &heard, NOW_S);
+    let attention = state.attention().unwrap();
+    assert!(
+        attention.contains("ne (refused: it holds another calibration"),
+        "{attention}"
+    );
+    assert!(
+        table::text(&state).contains("RED  refused"),
+        "{}",
+        table::text(&state)
+    );
+
+    let mut heard = well();
+    let long_ago = clock::now().checked_sub(SILENT + SILENT).unwrap();
+    heard.nodes.get_mut("ne").unwrap().at = long_ago;
+    let state = VenueState::new(&venue, &heard, NOW_S);
+    assert_eq!(of(&state, "ne").state, "silent for 6 s");
+}
+
+#[test]
+fn a_camera_that_gives_no_pictures_is_named_with_the_reason() {
+    let mut heard = well();
+    let [_, mut edge, _] = statuses(160);
+    edge.live.as_mut().unwrap().cameras = vec![camera(0, CameraHealth::Failed)];
+    take(&mut heard, edge, clock::now());
+    let state = VenueState::new(&venue(), &heard, NOW_S);
+    let text = table::text(&state);
+    assert!(text.contains("0 of 1 work"), "{text}");
+    assert!(
+        text.contains("camera c-ne has failed") && text.contains("connection refused"),
+        "{text}"
+    );
+    assert_eq!(of(&state, "ne").mark, Mark::Red);
+}
+
+#[test]
+fn notices_and_keys_that_end_soon_are_warnings_on_one_line() {
+    let mut heard = well();
+    let [mut fusion, ..] = statuses(160);
+    fusion.health.certificate_ends_s = Some(NOW_S.unsigned_abs() + 9 * DAY_S.unsigned_abs());
+    fusion.health.notices = vec!["one\u{1b}[2J\ntwo".to_owned()];
+    take(&mut heard, fusion, clock::now());
+    let state = VenueState::new(&venue(), &heard, NOW_S);
+    let text = table::text(&state);
+    assert_eq!(text.lines().count(), 4, "{text}");
+    assert!(
+        text.contains("9 days") && text.contains("one [2J two"),
+        "{text}"
+    );
+    assert_eq!(
+        (of(&state, FUSION).mark, state.attention()),
+        (Mark::Warning, None)
+    );
+}

@@ -1,0 +1,133 @@
+//! Another fusion of the venue, as real sessions on the loopback.
+
+use std::path::Path;
+
+use farfield_proto::calibration::Calibration;
+use farfield_proto::message::health::NodeHealth;
+use farfield_proto::transport::FusionTransport;
+use farfield_proto::venue::VenueHash;
+
+use super::*;
+use crate::node::status::own_status;
+
+/// Far above what a loaded machine takes; a test that waits as long has failed.
+const PATIENCE: Duration = Duration::from_secs(20);
+
+fn venue(connect: &[String]) -> Venue {
+    let calibration = "[c]\nname = \"c\"\nsize = [640, 480]\nmatrix = [[500.0, 0.0, 320.0], [0.0, 500.0, 240.0], [0.0, 0.0, 1.0]]\n\
+                       distortions = [0.0, 0.0, 0.0, 0.0, 0.0]\nrotation = [1.5707963, 0.0, 0.0]\ntranslation = [0.0, 1.0, 5.0]\n";
+    let text = format!(
+        "name = \"two\"\nrate_hz = 30.0\ncalibration = \"c.toml\"\n[fusion]\nconnect = {connect:?}\n[[viewpoint]]\nname = \"a\"\n\
+         [[viewpoint.camera]]\nname = \"c\"\nsource = {{ kind = \"keypoints\", path = \"c.jsonl\" }}\n"
+    );
+    let calibration = Calibration::parse(calibration, Path::new("c.toml")).unwrap();
+    Venue::parse(&text, Path::new("venue.toml"), calibration).unwrap()
+}
+
+fn reach(listen: &str) -> Reach {
+    Reach {
+        endpoints: vec![listen.to_owned()],
+        identity: None,
+        validity: None,
+    }
+}
+
+/// A fusion that says once a moment who it is, and where it listens.
+async fn first_fusion() -> (Session, String) {
+    let listen = ["tcp/127.0.0.1:0".to_owned()];
+    let transport = FusionTransport {
+        venue: "two",
+        viewpoints: &["a"],
+        listen: &listen,
+        identity: None,
+    };
+    let session = session::listen(&transport).await.unwrap();
+    let token = session.liveliness().declare_token("two/alive/fusion").await;
+    let endpoint = session.info().locators().await[0].to_string();
+    let speaker = session.clone();
+    TaskTracker::new().spawn(async move {
+        let _token = token.unwrap();
+        let hashes = VenueHash {
+            venue: "v".to_owned(),
+            calibration: "c".to_owned(),
+        };
+        let status = Status {
+            tick: Some(Tick(77)),
+            health: NodeHealth {
+                follows: Some(SessionId(0xabc)),
+                ..NodeHealth::default()
+            },
+            ..own_status(&hashes)
+        };
+        loop {
+            if speaker
+                .put("two/status/fusion", wire::encode(&status))
+                .await
+                .is_err()
+            {
+                return;
+            }
+            tokio::time::sleep(Duration::from_millis(50)).await;
+        }
+    });
+    (session, endpoint)
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn the_second_is_refused_in_lock_step_and_waits_live_until_the_first_has_gone() {
+    let (first, endpoint) = first_fusion().await;
+    let (tasks, leave, stop) = <(TaskTracker, CancellationToken, CancellationToken)>::default();
+    let venue = venue(std::slice::from_ref(&endpoint));
+    let others = OtherFusionWatch::start(&venue, &reach("tcp/127.0.0.1:0"), &tasks, &leave).await;
+    let refused = others.be_the_only_one(RunMode::LockStep, &stop).await;
+    let refused = refused.unwrap_err();
+    assert!(matches!(refused, NodeError::Refused(_)));
+    let refused = refused.to_string();
+    for word in [&endpoint, "venue two", "session abc", "tick 77", "end it"] {
+        assert!(refused.contains(word), "{word}: {refused}");
+    }
+    let live = others.be_the_only_one(RunMode::Live, &stop);
+    let end = async {
+        tokio::time::sleep(Duration::from_millis(200)).await;
+        first.close().await.unwrap();
+    };
+    let waited = async { tokio::join!(live, end).0 };
+    let waited = tokio::time::timeout(PATIENCE, waited).await;
+    assert!(waited.expect("it waits for nobody").unwrap());
+    assert_eq!(others.named(), None);
+    leave.cancel();
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn whoever_is_alone_begins_and_is_not_taken_for_another() {
+    let (own, endpoint) = first_fusion().await;
+    let (tasks, leave, stop) = <(TaskTracker, CancellationToken, CancellationToken)>::default();
+    let venue = venue(&["tcp/127.0.0.1:9".to_owned(), endpoint.clone()]);
+    // It listens there itself: nobody else can.
+    let others = OtherFusionWatch::start(&venue, &reach(&endpoint), &tasks, &leave).await;
+    assert_eq!(others.endpoints, ["tcp/127.0.0.1:9"]);
+    assert!(
+        others
+            .be_the_only_one(RunMode::LockStep, &stop)
+            .await
+            .unwrap()
+    );
+    // By a way around, it answers itself.
+    let around = OtherFusionWatch::at(
+        "two",
+        vec![endpoint],
+        &reach("tcp/10.0.0.1:1"),
+        &tasks,
+        &leave,
+    );
+    around.know_own(own.zid());
+    assert_eq!(around.first().await, None);
+    leave.cancel();
+}
+
+#[test]
+fn a_place_that_is_taken_is_looked_at_by_an_address_that_answers() {
+    assert_eq!(reachable("quic/0.0.0.0:7447"), "quic/127.0.0.1:7447");
+    assert_eq!(reachable("tcp/[::]:7447?a=b"), "tcp/[::1]:7447?a=b");
+    assert_eq!(reachable("tcp/10.0.0.7:7447"), "tcp/10.0.0.7:7447");
+}

@@ -1,0 +1,282 @@
+//! Why somebody was turned away is known by the words of Zenoh's log alone. Here every refusal is provoked, over both
+//! encrypted transports: when Zenoh, or TLS below it, says it in other words, these fail, and the lists of words in
+//! `fusion/src/node/session/authentication_log.rs` and `edge/src/node/attempts.rs` are to be mended.
+
+use std::net::{TcpListener, UdpSocket};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, SystemTime};
+
+use farfield_lab::live_venue::NodeProcess;
+use farfield_proto::transport::{FUSION, FusionTransport, Identity, common_name};
+use rcgen::{CertificateParams, DnType, ExtendedKeyUsagePurpose, Issuer, KeyPair};
+use zenoh::{Session, Wait as _};
+
+use super::keys::{edge, fusion, has_said, wait_for};
+use super::{SecuredHall, VIEWPOINTS, enter};
+use crate::farfield::farfield;
+
+/// How long a stranger tries to get in.
+const TRY: Duration = Duration::from_secs(20);
+const DAY: Duration = Duration::from_hours(24);
+
+/// A certificate to be made.
+struct Wanted<'a> {
+    common_name: &'a str,
+    /// Whom it is good for being connected to at.
+    host: &'a str,
+    /// Days from now.
+    holds: [i64; 2],
+}
+
+impl Wanted<'_> {
+    /// Makes it by the authority of `hall`, in a folder of its own.
+    fn make(&self, hall: &SecuredHall) -> Identity {
+        let read = |name: &str| std::fs::read_to_string(hall.path(name)).unwrap();
+        let key = KeyPair::from_pem(&read("certs-authority/ca.key")).unwrap();
+        let issuer = Issuer::from_ca_cert_pem(&read("certs/ca.pem"), key).unwrap();
+        let mut params = CertificateParams::new(vec![self.host.to_owned()]).unwrap();
+        params.distinguished_name = rcgen::DistinguishedName::new();
+        params
+            .distinguished_name
+            .push(DnType::CommonName, self.common_name);
+        params.extended_key_usages = vec![
+            ExtendedKeyUsagePurpose::ServerAuth,
+            ExtendedKeyUsagePurpose::ClientAuth,
+        ];
+        let at = |days: i64| match u32::try_from(days) {
+            Ok(days) => SystemTime::now() + DAY * days,
+            Err(_) => SystemTime::now() - DAY * days.unsigned_abs() as u32,
+        };
+        (params.not_before, params.not_after) =
+            (at(self.holds[0]).into(), at(self.holds[1]).into());
+        let key = KeyPair::generate().unwrap();
+        let certificate = params.signed_by(&key, &issuer).unwrap();
+        let folder = hall.path(&format!("made-{}", key.serialize_pem().len()));
+        let folder = (0..)
+            .map(|n| folder.with_extension(n.to_string()))
+            .find(|path| !path.exists());
+        let folder: PathBuf = folder.unwrap();
+        std::fs::create_dir(&folder).unwrap();
+        let identity = Identity {
+            authority: hall.path("certs/ca.pem"),
+            ..Identity::in_folder(&folder, "node")
+        };
+        std::fs::write(&identity.certificate, certificate.pem()).unwrap();
+        std::fs::write(&identity.key, key.serialize_pem()).unwrap();
+        identity
+    }
+}
+
+/// The hall at an endpoint of `scheme`, with keys of another authority in `elsewhere`, and a second generation for
+/// north-east.
+fn hall_at(scheme: &str) -> SecuredHall {
+    let mut hall = SecuredHall::new();
+    let address = if scheme == "tls" {
+        TcpListener::bind("127.0.0.1:0").unwrap().local_addr()
+    } else {
+        UdpSocket::bind("127.0.0.1:0").unwrap().local_addr()
+    };
+    hall.endpoint = format!("{scheme}/{}", address.unwrap());
+    hall.certs("elsewhere");
+    let words = [
+        "certs".into(),
+        hall.path("venue.toml"),
+        "--out".into(),
+        hall.path("certs"),
+    ];
+    let renewed = farfield(&[&words[..], &["--renew".into(), "north-east".into()]].concat());
+    assert_eq!(renewed.code, 0, "{}", renewed.stderr);
+    hall
+}
+
+/// Somebody tries to get in for as long as it takes `node` to say `words`.
+async fn is_refused(
+    hall: &SecuredHall,
+    identity: &Identity,
+    bare: bool,
+    node: &NodeProcess,
+    words: &str,
+) {
+    let tls = format!(
+        "{{ root_ca_certificate: {:?}, enable_mtls: false }}",
+        hall.path("certs/ca.pem").to_str().unwrap()
+    );
+    let change = [("transport/link/tls", tls)];
+    let change = if bare { &change[..] } else { &[] };
+    let session = enter(hall, identity, change, TRY).await;
+    if let Some(session) = &session {
+        // What it does is refused, not that it comes.
+        session.put("walk/patch/north-west", "lie").await.unwrap();
+        drop(
+            session
+                .liveliness()
+                .declare_token("walk/alive/north-west")
+                .await
+                .unwrap(),
+        );
+    }
+    tokio::task::block_in_place(|| wait_for(node, words));
+}
+
+async fn fusion_names_whom_it_refuses(scheme: &str) {
+    let hall = hall_at(scheme);
+    let fusion = fusion(&hall, "out");
+    wait_for(&fusion, "listens on");
+    let make = |common_name: &str, holds| {
+        let host = "127.0.0.1";
+        Wanted {
+            common_name,
+            host,
+            holds,
+        }
+        .make(&hall)
+    };
+    let mut foreign = hall.identity("elsewhere", "north-east");
+    foreign.authority = hall.path("certs/ca.pem");
+    let good = || hall.identity("certs", "north-east");
+    let current = common_name("walk", "north-east", 2);
+    for (identity, is_bare, words) in [
+        (
+            foreign,
+            false,
+            "refused a node: its certificate is not of this venue's authority",
+        ),
+        (good(), true, "refused a node: it has no certificate"),
+        (
+            make(&current, [-9, -2]),
+            false,
+            "refused a node: its certificate has run out",
+        ),
+        (
+            make(&current, [2, 9]),
+            false,
+            "refused a node: its certificate is not valid yet",
+        ),
+        (
+            make("walk/nobody", [-1, 9]),
+            false,
+            "whose certificate names no node of this venue",
+        ),
+        (
+            make("walk/north-east/1", [-1, 9]),
+            false,
+            "the node of certificate walk/north-east/1 does: north-east has got new keys",
+        ),
+        (
+            good(),
+            false,
+            "refused the node of certificate walk/north-east/2: ",
+        ),
+    ] {
+        is_refused(&hall, &identity, is_bare, &fusion, words).await;
+    }
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn fusion_knows_every_refusal_by_zenohs_words_over_quic() {
+    fusion_names_whom_it_refuses("quic").await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn fusion_knows_every_refusal_by_zenohs_words_over_tls() {
+    fusion_names_whom_it_refuses("tls").await;
+}
+
+/// A router with fusion's part of the access control, and whatever certificate it is.
+fn listen(hall: &SecuredHall, identity: &Identity) -> Session {
+    let listen = [hall.endpoint.clone()];
+    let transport = FusionTransport {
+        venue: "walk",
+        viewpoints: &VIEWPOINTS,
+        listen: &listen,
+        identity: Some(identity),
+    };
+    let mut config = zenoh::Config::default();
+    for (key, value) in transport.settings() {
+        config.insert_json5(&key, &value).unwrap();
+    }
+    zenoh::open(config).wait().unwrap()
+}
+
+fn an_edge_says_why_it_waits(scheme: &str) {
+    let start = |hall: &SecuredHall, keys: &Path| {
+        let mut command = edge(hall, &hall.path("venue.toml"), "north-east");
+        command.arg("--certificates").arg(keys);
+        NodeProcess::start("edge", command).unwrap()
+    };
+    let name = common_name("walk", FUSION, 1);
+    let good = Wanted {
+        common_name: &name,
+        host: "127.0.0.1",
+        holds: [-1, 9],
+    };
+    let mut waiting = Vec::new();
+    for (server, words) in [
+        (
+            Some(Wanted {
+                holds: [-9, -2],
+                ..good
+            }),
+            "fusion's certificate has run out",
+        ),
+        (
+            Some(Wanted {
+                holds: [2, 9],
+                ..good
+            }),
+            "fusion's certificate is not valid yet",
+        ),
+        (
+            Some(Wanted {
+                host: "elsewhere.lan",
+                ..good
+            }),
+            "fusion's certificate is not good for that address",
+        ),
+        (None, "has a certificate of another venue"),
+    ] {
+        let hall = hall_at(scheme);
+        let identity = match server {
+            Some(wanted) => wanted.make(&hall),
+            None => hall.identity("elsewhere", FUSION),
+        };
+        let (session, edge) = (listen(&hall, &identity), start(&hall, &hall.path("certs")));
+        waiting.push((Some(session), edge, words, hall));
+    }
+    let hall = hall_at(scheme);
+    // Its certificate is of another authority than fusion's, which it trusts.
+    std::fs::copy(hall.path("certs/ca.pem"), hall.path("elsewhere/ca.pem")).unwrap();
+    let session = listen(&hall, &hall.identity("certs", FUSION));
+    let edge = start(&hall, &hall.path("elsewhere"));
+    waiting.push((
+        Some(session),
+        edge,
+        "it does not take this edge's certificate",
+        hall,
+    ));
+    let hall = hall_at(scheme);
+    let edge = start(&hall, &hall.path("certs"));
+    let words = if scheme == "tls" {
+        "nobody listens there"
+    } else {
+        "nobody answers there"
+    };
+    waiting.push((None, edge, words, hall));
+    let said: Vec<bool> = waiting
+        .iter()
+        .map(|(_, edge, words, _)| has_said(edge, words))
+        .collect();
+    for ((_, edge, words, _), has_said) in waiting.iter().zip(said) {
+        assert!(has_said, "{scheme}: not said: {words}\n{}", edge.said());
+    }
+}
+
+#[test]
+fn an_edge_knows_by_zenohs_words_why_it_waits_over_quic() {
+    an_edge_says_why_it_waits("quic");
+}
+
+#[test]
+fn an_edge_knows_by_zenohs_words_why_it_waits_over_tls() {
+    an_edge_says_why_it_waits("tls");
+}
