@@ -113,12 +113,8 @@ fn a_recording_that_two_cameras_share_under_two_names_is_found() {
 fn recordings_of_different_lengths_are_told_with_the_ticks_that_all_have() {
     let folder = WalkFolder::new();
     let text = fs::read_to_string(folder.path("south-east.jsonl")).unwrap();
-    let cut: String = text
-        .lines()
-        .take(20)
-        .map(|line| format!("{line}\n"))
-        .collect();
-    fs::write(folder.path("south-east.jsonl"), cut).unwrap();
+    let cut: Vec<&str> = text.lines().take(20).collect();
+    fs::write(folder.path("south-east.jsonl"), cut.join("\n") + "\n").unwrap();
     let finished = check(&folder);
     assert_eq!(finished.code, 0);
     let words = ["differ in length", "farfield run venue.toml --ticks 0..20"];

@@ -63,7 +63,9 @@ fn an_onnx_runtime_that_is_not_there_or_is_none_is_found() {
     for path in [Path::new("/nowhere/libonnxruntime.so"), &text] {
         let finished = doctor(
             folder.path(),
-            |it| drop(it.env("ORT_DYLIB_PATH", path)),
+            |it| {
+                it.env("ORT_DYLIB_PATH", path);
+            },
             &[],
         );
         assert_eq!(finished.code, 1);
@@ -79,7 +81,13 @@ fn an_onnx_runtime_that_is_not_there_or_is_none_is_found() {
 #[test]
 fn a_search_path_without_ffmpeg_is_found() {
     let folder = tempfile::tempdir().unwrap();
-    let finished = doctor(folder.path(), |it| drop(it.env("PATH", folder.path())), &[]);
+    let finished = doctor(
+        folder.path(),
+        |it| {
+            it.env("PATH", folder.path());
+        },
+        &[],
+    );
     assert_eq!(finished.code, 1);
     let words = ["`ffmpeg` cannot be started", "apt install ffmpeg"];
     assert!(
