@@ -380,6 +380,20 @@ fn two_cameras_on_one_mast_and_one_overhead_give_no_word() {
 }
 
 #[test]
+fn twins_on_one_mast_give_no_word_and_a_copy_does() {
+    let mut cameras = hall();
+    cameras.push(cameras[3].clone());
+    let copied = of_venue(&venue(&cameras, 4));
+    assert_eq!(copied.len(), 1, "{copied:?}");
+    assert_eq!(
+        (copied[0].cause, copied[0].severity),
+        (Cause::SamePlace, Severity::Doubtful)
+    );
+    cameras[4].center_m.x += 0.004;
+    assert_eq!(of_venue(&venue(&cameras, 4)), []);
+}
+
+#[test]
 fn anamorphic_pixels_of_a_video_format_are_believed() {
     let hdv = with(|it| {
         it.size_px = [1440, 1080];
