@@ -11,7 +11,7 @@ use farfield_node::process::{Ending, Managed, NodeError, exit_code, stop_when_to
 use farfield_node::{runtime, session};
 use farfield_proto::id::SessionId;
 use farfield_proto::transport::FUSION;
-use tokio::time::timeout;
+use tokio::time::{sleep, timeout};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 use tracing::warn;
@@ -28,12 +28,16 @@ use super::session::authentication_log;
 use super::session::interceptor::{Interceptor, Senders};
 use super::session::link::FusionSession;
 use super::session::mode::RunMode;
-use super::session::other_fusion::OtherFusionWatch;
+use super::session::other_fusion::{OtherFusionWatch, Place};
 use super::session::wiretap::WiretapHandle;
 use crate::pipeline::Pipeline;
 
 /// How long the tasks may take to end.
 const DRAIN: Duration = Duration::from_secs(5);
+
+/// How often a place to listen at is tried that another fusion of the venue may just have left, and how long after a try.
+const TRIES: u32 = 20;
+const TRY_AGAIN: Duration = Duration::from_millis(250);
 
 /// Runs a fusion node to its end and says on standard error what went wrong.
 pub fn main(args: FusionArgs) -> ExitCode {
@@ -74,13 +78,13 @@ async fn run(
         .context("listening for signals")
         .map_err(NodeError::Failed)?;
     let others = look_for_another(config, &tasks, &leave).await;
-    if !others.be_the_only_one(config.mode, &stop).await? {
+    let Some(place) = others.be_the_only_one(config.mode, &stop).await? else {
         return Ok(Ending::Interrupted);
-    }
+    };
     let claim = claim_folder(config)?;
     let mut reporter = Reporter::new(config.managed, config.detail);
     let senders = Senders::new(&config.venue, clock::VenueClock::start());
-    let link = open_link(config, &senders, &others).await?;
+    let link = open_link(config, &senders, (&others, place)).await?;
     let (venue, handout) = (config.venue.name.clone(), Arc::clone(&config.handout));
     tasks.spawn(handout::serve(
         link.session(),
@@ -168,14 +172,23 @@ async fn look_for_another(
 async fn open_link(
     config: &FusionConfig,
     senders: &Senders,
-    others: &OtherFusionWatch,
+    (others, place): (&OtherFusionWatch, Place),
 ) -> Result<FusionSession, NodeError> {
-    match FusionSession::open(&config.venue, &config.reach, config.mode, senders).await {
-        Ok(link) => {
-            others.know_own(link.zenoh_id());
-            Ok(link)
+    let mut tries = match place {
+        Place::Free => 1,
+        Place::Inherited => TRIES,
+    };
+    loop {
+        tries -= 1;
+        match FusionSession::open(&config.venue, &config.reach, config.mode, senders).await {
+            Ok(link) => {
+                others.know_own(link.zenoh_id());
+                return Ok(link);
+            }
+            // A process that was killed closes one thing after the other.
+            Err(error) if tries > 0 && session::is_taken(&error) => sleep(TRY_AGAIN).await,
+            Err(error) => return Err(NodeError::Failed(name_who_listens(config, error).await)),
         }
-        Err(error) => Err(NodeError::Failed(name_who_listens(config, error).await)),
     }
 }
 

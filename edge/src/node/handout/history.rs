@@ -186,7 +186,7 @@ mod tests {
         let venue = folder.path().join("venue.toml");
         let mut history = HandoutHistory::read(&venue).unwrap();
         let old = |i: i64| (blake3::hash(&i.to_le_bytes()), i);
-        history.sets = (0..MAX_SETS as i64).map(old).collect();
+        history.sets = (0..).take(MAX_SETS).map(old).collect();
         history.note(&list(2), NOW_S).unwrap();
         let history = HandoutHistory::read(&venue).unwrap();
         assert_eq!(history.sets.len(), MAX_SETS);

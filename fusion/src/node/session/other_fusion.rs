@@ -106,6 +106,15 @@ fn age(session: SessionId) -> Option<String> {
     }
 }
 
+/// How a fusion came to be the only one of its venue.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(in crate::node) enum Place {
+    /// There was none.
+    Free,
+    /// Another has gone: what it had open may still be closing.
+    Inherited,
+}
+
 /// Those that answer now, by endpoint.
 type Answering = BTreeMap<String, OtherFusion>;
 
@@ -224,7 +233,7 @@ impl OtherFusionWatch {
         (!named.is_empty()).then(|| named.join(" and "))
     }
 
-    /// Lets a run begin: in lock-step there must be no other, live the other is waited for until it has gone. `false` when
+    /// Lets a run begin: in lock-step there must be no other, live the other is waited for until it has gone. `None` when
     /// told to `stop` before.
     ///
     /// # Errors
@@ -233,9 +242,11 @@ impl OtherFusionWatch {
         &self,
         mode: RunMode,
         stop: &CancellationToken,
-    ) -> Result<bool, NodeError> {
-        let Some(Some(other)) = stop.run_until_cancelled(self.first()).await else {
-            return Ok(!stop.is_cancelled());
+    ) -> Result<Option<Place>, NodeError> {
+        let other = match stop.run_until_cancelled(self.first()).await {
+            Some(Some(other)) => other,
+            Some(None) => return Ok(Some(Place::Free)),
+            None => return Ok(None),
         };
         let venue = &self.venue;
         if mode == RunMode::LockStep {
@@ -248,11 +259,11 @@ impl OtherFusionWatch {
         reminders.set_missed_tick_behavior(MissedTickBehavior::Delay);
         loop {
             tokio::select! {
-                () = stop.cancelled() => return Ok(false),
+                () = stop.cancelled() => return Ok(None),
                 gone = answering.wait_for(Answering::is_empty) => {
                     drop(gone);
                     say(format_args!("the other fusion of venue {venue} has gone: this one takes its place"));
-                    return Ok(true);
+                    return Ok(Some(Place::Inherited));
                 }
                 _ = reminders.tick() => {
                     let other = self.named().unwrap_or_else(|| other.clone());

@@ -93,7 +93,8 @@ async fn the_second_is_refused_in_lock_step_and_waits_live_until_the_first_has_g
     };
     let waited = async { tokio::join!(live, end).0 };
     let waited = tokio::time::timeout(PATIENCE, waited).await;
-    assert!(waited.expect("it waits for nobody").unwrap());
+    let place = waited.expect("it waits for nobody").unwrap();
+    assert_eq!(place, Some(Place::Inherited));
     assert_eq!(others.named(), None);
     leave.cancel();
 }
@@ -106,12 +107,8 @@ async fn whoever_is_alone_begins_and_is_not_taken_for_another() {
     // It listens there itself: nobody else can.
     let others = OtherFusionWatch::start(&venue, &reach(&endpoint), &tasks, &leave).await;
     assert_eq!(others.endpoints, ["tcp/127.0.0.1:9"]);
-    assert!(
-        others
-            .be_the_only_one(RunMode::LockStep, &stop)
-            .await
-            .unwrap()
-    );
+    let place = others.be_the_only_one(RunMode::LockStep, &stop).await;
+    assert_eq!(place.unwrap(), Some(Place::Free));
     // By a way around, it answers itself.
     let around = OtherFusionWatch::at(
         "two",
