@@ -4,7 +4,7 @@
 //! truth with nothing to compare. That the result cannot be printed is not.
 
 use std::fs::{self, File};
-use std::io::{BufRead as _, BufReader};
+use std::io::{BufRead as _, BufReader, Read as _};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
@@ -19,6 +19,9 @@ use farfield_score::table::side_by_side;
 use farfield_score::{Scores, score};
 
 use crate::output;
+
+/// Longest line that is looked at to see what a file is, bytes.
+const LONGEST_LINE_BYTES: u64 = 64 << 10;
 
 /// What `farfield evaluate` is told.
 #[derive(Debug, Clone, clap::Args)]
@@ -166,8 +169,11 @@ fn doubt(args: &EvaluateArgs) -> Option<String> {
         return Some(format!("{poses} is scored against itself"));
     }
     let is_of_run = |path: &Path| {
+        // A pipe can be read once only.
+        let is_file = std::fs::metadata(path).ok()?.is_file();
+        let file = is_file.then(|| File::open(path).ok())??;
         let mut line = String::new();
-        BufReader::new(File::open(path).ok()?)
+        BufReader::new(file.take(LONGEST_LINE_BYTES))
             .read_line(&mut line)
             .ok()?;
         let line: serde_json::Value = serde_json::from_str(&line).ok()?;

@@ -70,9 +70,14 @@ pub(crate) fn finish(
     if matches!(end.verdict, RunVerdict::Done) {
         draw::draw(plan, out).map_err(NodeError::Failed)?;
     }
+    let agreed = match end.verdict {
+        RunVerdict::Done if plan.strict => report::check_agreement(out).map_err(NodeError::Failed),
+        _ => Ok(()),
+    };
     let printed = match &end.verdict {
         // As JSON one thing is said: what went wrong.
         RunVerdict::Failed(_) if json => Ok(()),
+        _ if json && agreed.is_err() => Ok(()),
         _ => report::print(out, json).map_err(NodeError::Failed),
     };
     if report::has_unfinished(out) {
@@ -80,12 +85,7 @@ pub(crate) fn finish(
         say(format_args!("unfinished files are in {}", files.display()));
     }
     match end.verdict {
-        RunVerdict::Done if plan.strict => {
-            printed?;
-            report::check_agreement(out).map_err(NodeError::Failed)?;
-            Ok(Ending::Done)
-        }
-        RunVerdict::Done => printed.map(|()| Ending::Done),
+        RunVerdict::Done => printed.and(agreed).map(|()| Ending::Done),
         RunVerdict::Interrupted => printed.map(|()| Ending::Interrupted),
         RunVerdict::Failed(error) => Err(error),
     }

@@ -28,6 +28,7 @@ pub(super) fn changed_venue(path: &Path, set: &[String]) -> anyhow::Result<Strin
         for camera in tables(viewpoint.get_mut("camera")) {
             if let Some(Value::Table(source)) = camera.get_mut("source") {
                 make_full(source, "path", folder);
+                make_full(source, "device", folder);
             }
         }
     }

@@ -1,16 +1,21 @@
 //! Lines of sight of cameras, and how near two of them pass each other.
 
 use farfield_proto::camera::CameraModel;
+use farfield_proto::venue::Field;
 use nalgebra::{Matrix3, Vector2, Vector3};
 
 /// Sine of the angle between two lines of sight below which their distance tells nothing (6 degrees).
 const PARALLEL_SINE: f64 = 0.1;
+
+/// Places along a line of sight that are looked at.
+const PLACES: usize = 12;
 
 /// A camera without its lens.
 #[derive(Debug, Clone)]
 pub(super) struct SightLines {
     /// World, metres.
     pub(super) center_m: Vector3<f64>,
+    size_px: Vector2<f64>,
     world_from_camera: Matrix3<f64>,
     focal_px: Vector2<f64>,
     principal_px: Vector2<f64>,
@@ -22,6 +27,7 @@ impl SightLines {
         let rotation = model.camera_from_world().isometry().rotation;
         Self {
             center_m: model.center().coordinates_m().coords,
+            size_px: Vector2::from(model.size_px().map(f64::from)),
             world_from_camera: rotation.inverse().to_rotation_matrix().into_inner(),
             focal_px: Vector2::new(intrinsics.fx_px, intrinsics.fy_px),
             principal_px: Vector2::new(intrinsics.cx_px, intrinsics.cy_px),
@@ -40,6 +46,34 @@ impl SightLines {
         let p = self.world_from_camera.tr_mul(&(point_m - self.center_m));
         let pixel = || p.xy().component_mul(&self.focal_px) / p.z + self.principal_px;
         (p.z > 0.0).then(|| (pixel(), p.z))
+    }
+
+    /// Which share of the places within `field` that lie along `direction` from `from_m` this camera sees, 0 to 1; 0 where
+    /// the line misses the field.
+    pub(super) fn share_in_view(
+        &self,
+        (from_m, direction): (&Vector3<f64>, &Vector3<f64>),
+        field: &Field,
+    ) -> f64 {
+        let (mut near, mut far) = (0.0_f64, f64::INFINITY);
+        for axis in 0..3 {
+            let at = |side: f64| (side - from_m[axis]) / direction[axis];
+            let (a, b) = (at(field.min_m[axis]), at(field.max_m[axis]));
+            near = near.max(a.min(b));
+            far = far.min(a.max(b));
+        }
+        // Lines that are parallel to a side have places that are no numbers, and are taken for missing the field.
+        if !far.is_finite() || near >= far {
+            return 0.0;
+        }
+        let is_seen = |place: usize| {
+            let along = near + (far - near) * (place as f64 + 0.5) / PLACES as f64;
+            let seen = self.project(&(from_m + direction * along));
+            seen.is_some_and(|(px, _)| {
+                (0.0..self.size_px.x).contains(&px.x) && (0.0..self.size_px.y).contains(&px.y)
+            })
+        };
+        (0..PLACES).filter(|&place| is_seen(place)).count() as f64 / PLACES as f64
     }
 
     /// Mean of the two focal lengths, pixels.

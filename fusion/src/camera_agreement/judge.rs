@@ -6,6 +6,8 @@
 
 use std::collections::BTreeMap;
 
+use farfield_proto::venue::Field;
+
 use super::geometry::SightLines;
 use super::pairs::{CameraRays, PairAgreement, Partners, PictureChange};
 use super::refit::refit;
@@ -27,7 +29,7 @@ const AGREES_M: f64 = 0.042;
 const AGREES_PX: f64 = 1.5;
 /// The same as a factor of that of the two cameras that agree best: networks differ.
 const AGREES_FACTOR: f64 = 2.5;
-/// No cameras agree whose lines pass farther from each other than this, metres.
+/// No cameras agree whose lines pass farther from each other than this, metres, unless their pixels are as wide.
 const NEVER_AGREES_M: f64 = 0.11;
 /// What a cause leaves of the cost that it explains.
 const EXPLAINS: f64 = 0.6;
@@ -55,12 +57,17 @@ const SAME_PX: f32 = 6.0;
 pub(super) struct Judge<'a> {
     cameras: &'a [JudgedCamera],
     partners: &'a Partners,
+    field: &'a Field,
     rate_hz: f64,
     passes: Vec<&'a PassSample>,
     bursts: Vec<&'a Burst>,
     as_it_is: Vec<CameraRays>,
     pairs: BTreeMap<(usize, usize), PairAgreement>,
     shifts: Vec<Option<Shift>>,
+    /// The same from the odd and from the even keypoints alone.
+    halves: [Vec<Option<Shift>>; 2],
+    /// Per camera by how many ticks more it is late every minute, where that is sure.
+    drifts: Vec<Option<f64>>,
 }
 
 impl<'a> Judge<'a> {
@@ -69,15 +76,16 @@ impl<'a> Judge<'a> {
         let step = all.len().div_ceil(PASSES).max(1);
         let passes: Vec<&PassSample> = all.iter().rev().step_by(step).map(AsRef::as_ref).collect();
         let bursts: Vec<&Burst> = samples.bursts.iter().map(AsRef::as_ref).collect();
+        let lines = cameras.lines();
+        let of = |half: KeypointHalf| shifts(&bursts, &lines, (cameras.rate_hz, half));
         let mut judge = Self {
             cameras: &cameras.all,
             partners: &cameras.partners,
+            field: &cameras.field,
             rate_hz: cameras.rate_hz,
-            shifts: shifts(
-                &bursts,
-                &cameras.lines(),
-                (cameras.rate_hz, KeypointHalf::All),
-            ),
+            shifts: of(KeypointHalf::All),
+            halves: [of(KeypointHalf::Odd), of(KeypointHalf::Even)],
+            drifts: drifts(&bursts, &lines, cameras.rate_hz),
             passes,
             bursts,
             as_it_is: Vec::new(),
@@ -88,7 +96,7 @@ impl<'a> Judge<'a> {
             .collect();
         for a in 0..judge.cameras.len() {
             for b in a + 1..judge.cameras.len() {
-                let pair = PairAgreement::of(&judge.as_it_is[a], &judge.as_it_is[b]);
+                let pair = PairAgreement::of(&judge.as_it_is[a], &judge.as_it_is[b], judge.field);
                 if judge.cameras[a].viewpoint != judge.cameras[b].viewpoint
                     && pair.len() >= MIN_KEYPOINTS
                 {
@@ -112,42 +120,31 @@ impl<'a> Judge<'a> {
     }
 
     pub(super) fn report(&self) -> AgreementReport {
-        let right = self.taken_for_right();
         let mut report = AgreementReport::default();
         let mut told = vec![false; self.cameras.len()];
         self.find_same_pictures(&mut report, &mut told);
-        let is_compared =
-            |camera: usize| self.pairs.keys().any(|&(a, b)| a == camera || b == camera);
-        let outside: Vec<usize> = (0..self.cameras.len())
-            .filter(|camera| is_compared(*camera) && !right.contains(camera))
-            .collect();
-        for &camera in &outside {
-            if !told[camera] {
-                let disagreement = self.explain(camera, (&right, &outside), &mut told);
-                report.disagreements.push(disagreement);
-            }
-            told[camera] = true;
+        for group in self.groups() {
+            self.judge_group(&group, &mut report.disagreements, &mut told);
         }
-        let drifts = self.drifts();
         for camera in 0..self.cameras.len() {
+            let drift = || {
+                self.drifts[camera]
+                    .map(|ticks_per_minute| DisagreementCause::Drifts { ticks_per_minute })
+            };
             let late = || {
                 self.late(camera)
                     .map(|ticks| DisagreementCause::Late { ticks })
             };
-            let cause = drifts[camera]
-                .map(|ticks_per_minute| DisagreementCause::Drifts { ticks_per_minute });
             if !told[camera]
-                && let Some(cause) = cause.or_else(late)
+                && let Some(cause) = drift().or_else(late)
             {
                 told[camera] = true;
-                report
-                    .disagreements
-                    .push(self.disagreement(&[camera], cause));
+                let disagreement = self.disagreement(&[camera], cause);
+                report.disagreements.push(disagreement);
             }
         }
-        if right.is_empty() {
-            merge_swaps(&mut report.disagreements, self.rate_hz);
-        }
+        let is_compared =
+            |camera: usize| self.pairs.keys().any(|&(a, b)| a == camera || b == camera);
         for (index, camera) in self.cameras.iter().enumerate() {
             let verdict = match (told[index], is_compared(index)) {
                 (true, _) => AgreementVerdict::Disagrees,
@@ -161,38 +158,65 @@ impl<'a> Judge<'a> {
         report
     }
 
-    /// The largest set of cameras that are linked by agreement; none where no two agree, or two sets are as large.
-    fn taken_for_right(&self) -> Vec<usize> {
-        let medians = self
-            .pairs
+    /// The cameras that were compared, by groups that have nobody in common.
+    fn groups(&self) -> Vec<Vec<usize>> {
+        let compared = || self.pairs.keys().copied();
+        let sets = linked(self.cameras.len(), compared());
+        sets.into_iter().filter(|set| set.len() > 1).collect()
+    }
+
+    /// Explains every camera of a group that is not among those which are taken for right.
+    fn judge_group(&self, group: &[usize], all: &mut Vec<Disagreement>, told: &mut [bool]) {
+        let right = self.taken_for_right(group);
+        let outside = group
             .iter()
-            .map(|(pair, agreement)| (*pair, agreement.median_m()));
-        let medians: Vec<_> = medians.filter_map(|(pair, m)| Some((pair, m?))).collect();
+            .copied()
+            .filter(|camera| !right.contains(camera));
+        let outside: Vec<usize> = outside.collect();
+        let (mut found, mut unexplained) = (Vec::new(), Vec::new());
+        for &camera in &outside {
+            if !told[camera] {
+                match self.explain(camera, (&right, group, &outside), told) {
+                    Some((cameras, cause)) => found.push(self.disagreement(&cameras, cause)),
+                    None => unexplained.push(camera),
+                }
+            }
+            told[camera] = true;
+        }
+        if right.is_empty() {
+            merge_swaps(&mut found, self.rate_hz);
+            if !unexplained.is_empty() {
+                found.push(self.disagreement(&unexplained, DisagreementCause::Unexplained));
+            }
+        } else {
+            for camera in unexplained {
+                found.push(self.disagreement(&[camera], DisagreementCause::Unexplained));
+            }
+        }
+        all.extend(found);
+    }
+
+    /// The largest set of cameras of a group that are linked by agreement; none where no two agree, or two sets are as
+    /// large.
+    fn taken_for_right(&self, group: &[usize]) -> Vec<usize> {
+        let own = self.pairs.iter().filter(|((a, _), _)| group.contains(a));
+        let medians = own.filter_map(|(pair, agreement)| Some((*pair, agreement.median_m()?)));
+        let medians: Vec<((usize, usize), f64)> = medians.collect();
         let least_m = medians
             .iter()
             .map(|(_, m)| *m)
             .fold(f64::INFINITY, f64::min);
         let limit_m = (AGREES_FACTOR * least_m).min(NEVER_AGREES_M);
-        let mut set_of: Vec<usize> = (0..self.cameras.len()).collect();
         let is_near = |(a, b): (usize, usize), median_m: f64| {
             let pixel_m = self.pairs[&(a, b)].pixel_m([a, b].map(|c| self.focal_px(c)));
             median_m <= limit_m.max(AGREES_M + AGREES_PX * pixel_m)
         };
-        for ((a, b), _) in medians.iter().filter(|(pair, m)| is_near(*pair, *m)) {
-            let (into, from) = (set_of[*a], set_of[*b]);
-            for set in set_of.iter_mut().filter(|set| **set == from) {
-                *set = into;
-            }
-        }
-        let members = |set: usize| set_of.iter().filter(|of| **of == set).count();
-        let sets: std::collections::BTreeSet<usize> = set_of.iter().copied().collect();
-        let most = sets.iter().map(|&set| members(set)).max().unwrap_or(0);
-        let mut largest = sets.into_iter().filter(|&set| members(set) == most);
+        let near = medians.iter().filter(|(pair, m)| is_near(*pair, *m));
+        let sets = linked(self.cameras.len(), near.map(|(pair, _)| *pair));
+        let most = sets.iter().map(Vec::len).max().unwrap_or(0);
+        let mut largest = sets.into_iter().filter(|set| set.len() == most);
         match (largest.next(), largest.next()) {
-            (Some(set), None) if most >= 2 => {
-                let cameras = 0..self.cameras.len();
-                cameras.filter(|&camera| set_of[camera] == set).collect()
-            }
+            (Some(set), None) if most >= 2 => set,
             _ => Vec::new(),
         }
     }
@@ -233,23 +257,24 @@ impl<'a> Judge<'a> {
         n >= MIN_KEYPOINTS && same * 10 >= n * 7
     }
 
-    /// What makes `camera`, which is outside of those that are `right`, agree best.
+    /// What makes `camera` of a group, which is outside of those that are `right`, agree best, and which cameras it is
+    /// about; `None` where nothing does.
     fn explain(
         &self,
         camera: usize,
-        (right, outside): (&[usize], &[usize]),
+        (right, group, outside): (&[usize], &[usize], &[usize]),
         told: &mut [bool],
-    ) -> Disagreement {
+    ) -> Option<(Vec<usize>, DisagreementCause)> {
         let others: Vec<usize> = if right.is_empty() {
-            (0..self.cameras.len())
+            group
+                .iter()
+                .copied()
                 .filter(|&other| other != camera)
                 .collect()
         } else {
             right.to_vec()
         };
-        let Some(as_it_is) = self.cost_against(camera, &self.as_it_is[camera], &others) else {
-            return self.disagreement(&[camera], DisagreementCause::Unexplained);
-        };
+        let as_it_is = self.cost_against(camera, &self.as_it_is[camera], &others)?;
         let mut causes: Vec<(f64, Vec<usize>, DisagreementCause)> = Vec::new();
         for (change, cause) in [
             (PictureChange::Mirrored, DisagreementCause::Mirrored),
@@ -260,7 +285,7 @@ impl<'a> Judge<'a> {
                 causes.push((cost / as_it_is, vec![camera], cause));
             }
         }
-        for other in (0..self.cameras.len()).filter(|&other| other != camera) {
+        for other in group.iter().copied().filter(|&other| other != camera) {
             let apart: Vec<usize> = others.iter().copied().filter(|&o| o != other).collect();
             let is_outside = outside.contains(&other) && !told[other];
             let rays = self.rays(camera, other, PictureChange::AsItIs);
@@ -312,19 +337,14 @@ impl<'a> Judge<'a> {
         let is_cause = |ratio: f64| {
             ratio < EXPLAINS || ratio < EXPLAINS_IN_PART && ratio < STANDS_OUT * second
         };
-        match causes
+        let (_, cameras, cause) = causes
             .into_iter()
             .next()
-            .filter(|(ratio, ..)| is_cause(*ratio))
-        {
-            Some((_, cameras, cause)) => {
-                if cause == DisagreementCause::Swapped {
-                    cameras.iter().for_each(|&camera| told[camera] = true);
-                }
-                self.disagreement(&cameras, cause)
-            }
-            None => self.disagreement(&[camera], DisagreementCause::Unexplained),
+            .filter(|(ratio, ..)| is_cause(*ratio))?;
+        if cause == DisagreementCause::Swapped {
+            cameras.iter().for_each(|&camera| told[camera] = true);
         }
+        Some((cameras, cause))
     }
 
     /// Mean cost of `rays` against these others; `None` where they have too little in common.
@@ -333,7 +353,7 @@ impl<'a> Judge<'a> {
         let others = others
             .iter()
             .filter(|&&other| other != camera && self.cameras[other].viewpoint != own);
-        let pairs = others.map(|&other| PairAgreement::of(rays, &self.as_it_is[other]));
+        let pairs = others.map(|&other| PairAgreement::of(rays, &self.as_it_is[other], self.field));
         let costs: Vec<f64> = pairs
             .filter(|pair| pair.len() >= MIN_KEYPOINTS)
             .map(|pair| pair.mean_cost())
@@ -341,67 +361,21 @@ impl<'a> Judge<'a> {
         (!costs.is_empty()).then(|| costs.iter().sum::<f64>() / costs.len() as f64)
     }
 
-    /// By how many ticks `camera` is late, when that is sure.
+    /// By how many ticks `camera` is late, when that is sure and worth a word.
     fn late(&self, camera: usize) -> Option<f64> {
         let shift = self.shifts[camera]?;
         let is_told = shift.late_ticks.abs() >= LATE_TICKS
             && shift.cost_after < LATE_EXPLAINS * shift.cost_before;
-        if !is_told {
-            return None;
-        }
-        let lines: Vec<SightLines> = self.cameras.iter().map(|c| c.lines.clone()).collect();
-        let of = |half: KeypointHalf| {
-            let shift = shifts(&self.bursts, &lines, (self.rate_hz, half))[camera];
-            shift.map(|shift| shift.late_ticks)
-        };
-        let (first, second) = (of(KeypointHalf::Odd)?, of(KeypointHalf::Even)?);
-        let differ = (first - second).abs();
-        let is_same = differ <= LATE_DIFFERENCE_TICKS.max(LATE_DIFFERENCE * shift.late_ticks.abs());
-        (is_same && first * second > 0.0).then_some(shift.late_ticks)
+        self.known_late(camera).filter(|_| is_told)
     }
 
-    /// Per camera by how many ticks more it is late every minute, where that is sure.
-    fn drifts(&self) -> Vec<Option<f64>> {
-        let none = vec![None; self.cameras.len()];
-        let (Some(first), Some(last)) = (self.bursts.first(), self.bursts.last()) else {
-            return none;
-        };
-        let minutes = (last.first - first.first) as f64 / self.rate_hz / 60.0;
-        if minutes < LEAST_DRIFT_MINUTES {
-            return none;
-        }
-        let lines: Vec<SightLines> = self.cameras.iter().map(|c| c.lines.clone()).collect();
-        let of = |burst: &Burst, half| shifts(&[burst], &lines, (self.rate_hz, half));
-        let gains = [KeypointHalf::Odd, KeypointHalf::Even].map(|half| {
-            let (before, after) = (of(first, half), of(last, half));
-            let gain = |(before, after): (&Option<Shift>, &Option<Shift>)| {
-                Some((*after)?.late_ticks - (*before)?.late_ticks)
-            };
-            before
-                .iter()
-                .zip(&after)
-                .map(gain)
-                .collect::<Vec<Option<f64>>>()
-        });
-        let [odd, even] = &gains;
-        odd.iter()
-            .zip(even)
-            .map(|(odd, even)| {
-                let (odd, even) = ((*odd)?, (*even)?);
-                let differ = (odd - even).abs();
-                let is_sure = odd.abs().min(even.abs()) >= LATE_TICKS
-                    && odd * even > 0.0
-                    && differ <= LATE_DIFFERENCE_TICKS.max(LATE_DIFFERENCE * odd.abs());
-                is_sure.then_some(0.5 * (odd + even) / minutes)
-            })
-            .collect()
-    }
-
-    /// By how many ticks `camera` is late, as far as that is known, to a hundredth.
+    /// By how many ticks `camera` is late, to a hundredth; `None` where nothing moved enough to tell, or the halves of the
+    /// keypoints tell otherwise.
     fn known_late(&self, camera: usize) -> Option<f64> {
-        let late_ticks = self.shifts[camera]?.late_ticks;
-        let is_known = late_ticks.abs() < LATE_TICKS || self.late(camera).is_some();
-        is_known.then_some((100.0 * late_ticks).round() / 100.0)
+        let shift = self.shifts[camera].filter(|shift| shift.is_sharp)?;
+        let halves = [&self.halves[0], &self.halves[1]].map(|half| half[camera]);
+        let [first, second] = [halves[0]?.late_ticks, halves[1]?.late_ticks];
+        is_same(first, second).then_some((100.0 * shift.late_ticks).round() / 100.0)
     }
 
     fn numbers(&self, camera: usize, verdict: AgreementVerdict) -> CameraAgreement {
@@ -439,6 +413,67 @@ impl<'a> Judge<'a> {
             remedy,
         }
     }
+}
+
+/// Whether the halves of the keypoints tell the same shift.
+fn is_same(first: f64, second: f64) -> bool {
+    let most = LATE_DIFFERENCE_TICKS.max(LATE_DIFFERENCE * first.abs());
+    (first - second).abs() <= most
+}
+
+/// Sets of `n` cameras that are linked by these pairs.
+fn linked(n: usize, pairs: impl Iterator<Item = (usize, usize)>) -> Vec<Vec<usize>> {
+    let mut set_of: Vec<usize> = (0..n).collect();
+    for (a, b) in pairs {
+        let (into, from) = (set_of[a], set_of[b]);
+        for set in set_of.iter_mut().filter(|set| **set == from) {
+            *set = into;
+        }
+    }
+    let members = |set: usize| (0..n).filter(|&camera| set_of[camera] == set).collect();
+    let sets = (0..n).map(members);
+    sets.filter(|set: &Vec<usize>| !set.is_empty()).collect()
+}
+
+/// Per camera by how many ticks more it is late every minute, where the bursts lie on a line and that is steep enough.
+fn drifts(bursts: &[&Burst], lines: &[SightLines], rate_hz: f64) -> Vec<Option<f64>> {
+    let none = vec![None; lines.len()];
+    let (Some(first), Some(last)) = (bursts.first(), bursts.last()) else {
+        return none;
+    };
+    let minutes_at = |burst: &Burst| (burst.first - first.first) as f64 / rate_hz / 60.0;
+    let minutes = minutes_at(last);
+    if minutes < LEAST_DRIFT_MINUTES {
+        return none;
+    }
+    let of = |burst: &&Burst| {
+        let half = |half| shifts(&[burst], lines, (rate_hz, half));
+        (
+            minutes_at(burst),
+            half(KeypointHalf::Odd),
+            half(KeypointHalf::Even),
+        )
+    };
+    let all: Vec<(f64, Vec<Option<Shift>>, Vec<Option<Shift>>)> = bursts.iter().map(of).collect();
+    let drift = |camera: usize| {
+        let told = all.iter().filter_map(|(at, odd, even)| {
+            let (odd, even) = (odd[camera]?, even[camera]?);
+            let is_told = odd.is_sharp && even.is_sharp && is_same(odd.late_ticks, even.late_ticks);
+            is_told.then_some((*at, 0.5 * (odd.late_ticks + even.late_ticks)))
+        });
+        let told: Vec<(f64, f64)> = told.collect();
+        let (&(from, before), &(to, after)) = (told.first()?, told.last()?);
+        let rate = (after - before) / (to - from);
+        let is_on_line = |&(at, late): &(f64, f64)| {
+            let expected = before + rate * (at - from);
+            (late - expected).abs() <= LATE_DIFFERENCE_TICKS
+        };
+        let is_drift = told.len() >= 3
+            && (after - before).abs() >= 2.0 * LATE_TICKS
+            && told.iter().all(is_on_line);
+        is_drift.then_some(rate)
+    };
+    (0..lines.len()).map(drift).collect()
 }
 
 /// Where cameras stand opposite each other, two swaps may explain the same: then it is one or the other.

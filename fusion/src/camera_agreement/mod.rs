@@ -9,7 +9,8 @@
 //!   judge: `pairs` of cameras on sightings; `time_shift`, `refit` on what crops show tick by tick -> a cause in `words`
 //! ```
 //!
-//! Nothing here moves a pose. A report costs tens of milliseconds and is made beside the loop, or at the end of a run.
+//! Nothing here moves a pose. A report takes up to some hundred milliseconds, and is made beside the loop, or at the end of
+//! a run.
 
 mod geometry;
 mod judge;
@@ -183,7 +184,7 @@ impl AgreementWatch {
 }
 
 impl AgreementSamples {
-    /// Judges them. It takes tens of milliseconds with a few cameras.
+    /// Judges them: for whoever has time to wait.
     pub fn report(&self) -> AgreementReport {
         let mut report = Judge::new(&self.cameras, &self.samples).report();
         report.sighted = self.sighted();

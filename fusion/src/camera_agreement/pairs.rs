@@ -1,11 +1,14 @@
 //! How well two cameras agree on whom detection passes found, whatever their pictures are taken for.
 //!
 //! Of two sightings the lines of sight of each keypoint pass each other at some distance. A person that both cameras
-//! show passes near itself; who is who is not known, so each sighting is compared with the one that fits it best.
+//! show passes near itself; who is who is not known, so each sighting is compared with the one that fits it best. Where
+//! none does, it counts only when the other camera sees nearly all places of the field where the person may be: cameras
+//! that look at different parts of a field say nothing of each other.
 //! Distances count by a saturating cost (Geman and McClure's): one wrong keypoint is one wrong keypoint, however far
 //! off it is.
 
 use farfield_proto::order_statistics::upper_median;
+use farfield_proto::venue::Field;
 use nalgebra::Vector3;
 
 use super::geometry::{Meeting, SightLines, meeting};
@@ -13,6 +16,10 @@ use super::samples::{PassSample, SeenBody};
 
 /// Where the cost of a distance reaches one half, metres.
 const HALF_COST_M: f64 = 0.06;
+/// Share of the places where a person may be that a camera must see to speak against it.
+const IN_VIEW: f64 = 0.9;
+/// Mean cost below which two sightings are taken to be of one person, whatever else there is.
+const SAME_PERSON_COST: f64 = 0.5;
 /// Least keypoints that two sightings must have in common.
 const MIN_COMMON: usize = 5;
 
@@ -37,7 +44,7 @@ pub(super) enum PictureChange {
 
 /// The lines of sight of the sightings of one camera: per pass and sighting, by keypoint; zero where it is not seen.
 pub(super) struct CameraRays {
-    pub(super) center_m: Vector3<f64>,
+    lines: SightLines,
     pub(super) of_pass: Vec<Vec<Vec<Vector3<f64>>>>,
 }
 
@@ -71,7 +78,7 @@ impl CameraRays {
         let rays = |body: &SeenBody| (0..body.len()).map(|k| direction(body, k)).collect();
         let of_pass = |pass: &&PassSample| pass.of_camera[camera].iter().map(rays).collect();
         Self {
-            center_m: lines.center_m,
+            lines: lines.clone(),
             of_pass: passes.iter().map(of_pass).collect(),
         }
     }
@@ -86,24 +93,43 @@ pub(super) struct PairAgreement {
 }
 
 impl PairAgreement {
-    pub(super) fn of(a: &CameraRays, b: &CameraRays) -> Self {
+    pub(super) fn of(a: &CameraRays, b: &CameraRays, field: &Field) -> Self {
         let mut all = Self::default();
         for (of_a, of_b) in a.of_pass.iter().zip(&b.of_pass) {
             let compare = |one: &Vec<Vector3<f64>>, other: &Vec<Vector3<f64>>| {
-                Self::of_bodies((&a.center_m, one), (&b.center_m, other))
+                Self::of_bodies((&a.lines.center_m, one), (&b.lines.center_m, other))
             };
             // Each of those of whom there are fewer has one among the others.
             if of_a.len() <= of_b.len() {
                 for one in of_a {
-                    all.add(best(of_b.iter().filter_map(|other| compare(one, other))));
+                    let best = best(of_b.iter().filter_map(|other| compare(one, other)));
+                    all.add(best.filter(|best| best.counts((one, &a.lines), &b.lines, field)));
                 }
             } else {
                 for one in of_b {
-                    all.add(best(of_a.iter().filter_map(|other| compare(other, one))));
+                    let best = best(of_a.iter().filter_map(|other| compare(other, one)));
+                    all.add(best.filter(|best| best.counts((one, &b.lines), &a.lines, field)));
                 }
             }
         }
         all
+    }
+
+    /// Whether this, the best for a body that the first camera shows, says anything of the two cameras.
+    fn counts(
+        &self,
+        (body, shown_by): (&[Vector3<f64>], &SightLines),
+        other: &SightLines,
+        field: &Field,
+    ) -> bool {
+        if self.mean_cost() < SAME_PERSON_COST {
+            return true;
+        }
+        let seen = body
+            .iter()
+            .filter(|direction| direction.norm_squared() > 0.0);
+        let middle: Vector3<f64> = seen.sum();
+        other.share_in_view((&shown_by.center_m, &middle), field) >= IN_VIEW
     }
 
     fn of_bodies(

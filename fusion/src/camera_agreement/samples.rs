@@ -27,7 +27,7 @@ const FIRST_PASSES: usize = 6;
 const BURST_S: f64 = 2.0;
 /// One burst in so many is kept: finding the highest peaks of whole maps takes some percent of a tick.
 const ONE_BURST_IN: u64 = 5;
-/// Bursts that are kept: the first, and the newest.
+/// Bursts that are kept, the newest.
 const MAX_BURSTS: usize = 6;
 /// People whose keypoints are kept.
 const MAX_PEOPLE: usize = 2;
@@ -285,7 +285,7 @@ impl Samples {
             && !burst.trails.is_empty()
         {
             if self.bursts.len() == MAX_BURSTS {
-                self.bursts.remove(1);
+                self.bursts.pop_front();
             }
             self.bursts.push_back(Arc::new(burst));
         }

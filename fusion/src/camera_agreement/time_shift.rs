@@ -21,6 +21,9 @@ const MIN_COMPARED: usize = 60;
 const COARSE_TICKS: usize = 3;
 /// Other cameras that one is compared with.
 const MAX_PARTNERS: usize = 5;
+/// So many ticks beside the least cost it must be larger by this factor for the shift to be known.
+const SHARP_TICKS: usize = 4;
+const SHARP: f64 = 1.03;
 /// Rounds in which all cameras are moved.
 const MAX_ROUNDS: usize = 24;
 
@@ -39,6 +42,8 @@ pub(super) struct Shift {
     /// Mean cost against the others as they are moved: without and with its own shift.
     pub(super) cost_before: f64,
     pub(super) cost_after: f64,
+    /// Whether some ticks more or less would be clearly worse: something moved.
+    pub(super) is_sharp: bool,
 }
 
 /// Which keypoints are compared: the halves have different ones, so that one can confirm the other.
@@ -90,10 +95,14 @@ pub(super) fn shifts(
                 .iter()
                 .filter(|c| c.a == camera || c.b == camera)
                 .count() as f64;
+            let at = index(ticks[camera], reach);
+            let beside = [at.checked_sub(SHARP_TICKS), Some(at + SHARP_TICKS)];
+            let beside = beside.into_iter().flatten().filter_map(|at| sums.get(at));
             Some(Shift {
                 late_ticks: ticks[camera] as f64 + fractions[camera],
                 cost_before: sums[reach] / n,
-                cost_after: sums[index(ticks[camera], reach)] / n,
+                cost_after: sums[at] / n,
+                is_sharp: beside.fold(true, |is, sum| is && sum / sums[at] >= SHARP),
             })
         })
         .collect()

@@ -177,17 +177,18 @@ impl FusionWork {
             laps,
             ..
         } = self;
-        let agreement = pipeline.agreement().report();
         let exported = if last.is_none() {
             exporter.discard().map(|()| Exported::default())
         } else {
             exporter.finish(pipeline.finish(), pipeline.finish_smoothed())
         };
+        // The files are whole before anything is judged.
+        let exported = exported?;
         Ok(Finished {
-            exported: exported?,
+            exported,
             last,
             stages: laps.times(),
-            agreement,
+            agreement: pipeline.agreement().report(),
         })
     }
 

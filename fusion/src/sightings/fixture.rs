@@ -122,12 +122,23 @@ impl TestHall {
 
 /// A 1920 x 1200 camera at `eye` that looks at the middle of the hall.
 pub(crate) fn looking_at_the_middle(name: &str, eye: Point3<f64>) -> CameraModel {
-    let up_is_y = Isometry3::look_at_rh(&eye, &Point3::new(0.0, 0.0, 0.9), &Vector3::z());
+    looking_at(name, eye.coords.into(), [0.0, 0.0, 0.9], 1000.0)
+}
+
+/// A 1920 x 1200 camera at `eye_m` that looks at `aim_m`, with this focal length.
+pub(crate) fn looking_at(
+    name: &str,
+    eye_m: [f64; 3],
+    aim_m: [f64; 3],
+    focal_px: f64,
+) -> CameraModel {
+    let (eye, aim) = (Point3::from(eye_m), Point3::from(aim_m));
+    let up_is_y = Isometry3::look_at_rh(&eye, &aim, &Vector3::z());
     let down_is_y = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
     let camera_from_world = Isometry3::from_parts(Translation3::identity(), down_is_y) * up_is_y;
     let intrinsics = Intrinsics {
-        fx_px: 1000.0,
-        fy_px: 1000.0,
+        fx_px: focal_px,
+        fy_px: focal_px,
         cx_px: 959.5,
         cy_px: 599.5,
     };

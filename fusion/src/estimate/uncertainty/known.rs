@@ -15,6 +15,7 @@ pub struct UncertaintySnapshot {
     coasted_s: f64,
     speed_m_s: f64,
     lost_speed_m_s: f64,
+    variance_factor: f64,
 }
 
 impl Uncertainty {
@@ -29,6 +30,7 @@ impl Uncertainty {
             coasted_s: self.coasted_s,
             speed_m_s: self.speed_m_s,
             lost_speed_m_s: self.lost_speed_m_s,
+            variance_factor: self.variance_factor,
         }
     }
 
@@ -43,6 +45,7 @@ impl Uncertainty {
         self.coasted_s = known.coasted_s;
         self.speed_m_s = known.speed_m_s;
         self.lost_speed_m_s = known.lost_speed_m_s;
+        self.variance_factor = known.variance_factor;
         self.misfit_m2 = [0.0; N_JOINTS];
     }
 }

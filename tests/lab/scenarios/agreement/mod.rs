@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use serde_json::{Value, json};
 
 use crate::data::checkout;
-use crate::farfield::{FinishedCommand, command, finish, run};
+use crate::farfield::{FinishedCommand, command, finish, poses, run};
 
 const CAMERAS: [&str; 4] = ["north-east", "north-west", "south-east", "south-west"];
 /// Of the 17 COCO keypoints, the one on the other side.
@@ -124,6 +124,28 @@ impl MistakenSample {
     }
 }
 
+/// Median over all joints and ticks of the `sigma_m` of `out/poses.jsonl`, metres.
+fn median_sigma_m(sample: &MistakenSample) -> f64 {
+    let mut all: Vec<f64> = poses(&sample.path("out"))
+        .iter()
+        .flat_map(|pose| pose["sigma_m"].as_object().unwrap().clone())
+        .filter_map(|(_, sigma_m)| sigma_m.as_f64())
+        .collect();
+    all.sort_by(f64::total_cmp);
+    all[all.len() / 2]
+}
+
+#[test]
+fn a_wrong_venue_does_not_look_sure() {
+    let right = MistakenSample::new();
+    right.run(&[]);
+    let wrong = MistakenSample::new().swap("north-east", "north-west");
+    wrong.run(&[]);
+    let (right_m, wrong_m) = (median_sigma_m(&right), median_sigma_m(&wrong));
+    println!("median sigma: {right_m:.4} m as it is, {wrong_m:.4} m swapped");
+    assert!(wrong_m > 1.3 * right_m, "{wrong_m} m, {right_m} m as it is");
+}
+
 fn warnings(stdout: &str) -> Vec<&str> {
     let lines = stdout.lines();
     lines
@@ -159,7 +181,11 @@ fn swapped_sources_are_named_and_fail_strictly() {
         .arg(sample.path("venue.toml"))
         .arg("--strict");
     strict.arg("--out").arg(sample.path("out"));
+    strict.arg("--json");
     let strict = finish(&strict.output().unwrap());
+    // One document, whatever happens.
+    let said: Value = serde_json::from_str(&strict.stdout).unwrap();
+    assert_eq!(said["exit_code"], 1, "{said}");
     assert_eq!(strict.code, 1, "{}", strict.stderr);
     assert!(
         strict.stderr.contains("the cameras do not agree"),
@@ -194,7 +220,7 @@ fn a_source_that_two_cameras_have_is_named() {
     let mut sample = MistakenSample::new();
     let shown = sample.lines["north-east"].clone();
     sample.lines.insert("south-east", shown);
-    sample.is_told(&["north-east", "south-east", "show the same pictures"]);
+    sample.is_told(&["cameras north-east and south-east seem to show the same pictures"]);
 }
 
 #[test]
