@@ -1,7 +1,8 @@
 //! Lines of sight of cameras, and how near two of them pass each other.
 
+use std::ops::Range;
+
 use farfield_proto::camera::CameraModel;
-use farfield_proto::venue::Field;
 use nalgebra::{Matrix3, Vector2, Vector3};
 
 /// Sine of the angle between two lines of sight below which their distance tells nothing (6 degrees).
@@ -48,27 +49,16 @@ impl SightLines {
         (p.z > 0.0).then(|| (pixel(), p.z))
     }
 
-    /// Which share of the places within `field` that lie along `direction` from `from_m` this camera sees, 0 to 1; 0 where
-    /// the line misses the field.
+    /// Which share of the places along `direction` from `from_m`, as deep as `depths_m`, this camera sees, 0 to 1.
     pub(super) fn share_in_view(
         &self,
         (from_m, direction): (&Vector3<f64>, &Vector3<f64>),
-        field: &Field,
+        depths_m: Range<f64>,
     ) -> f64 {
-        let (mut near, mut far) = (0.0_f64, f64::INFINITY);
-        for axis in 0..3 {
-            let at = |side: f64| (side - from_m[axis]) / direction[axis];
-            let (a, b) = (at(field.min_m[axis]), at(field.max_m[axis]));
-            near = near.max(a.min(b));
-            far = far.min(a.max(b));
-        }
-        // Lines that are parallel to a side have places that are no numbers, and are taken for missing the field.
-        if !far.is_finite() || near >= far {
-            return 0.0;
-        }
         let is_seen = |place: usize| {
-            let along = near + (far - near) * (place as f64 + 0.5) / PLACES as f64;
-            let seen = self.project(&(from_m + direction * along));
+            let share = (place as f64 + 0.5) / PLACES as f64;
+            let depth_m = depths_m.start + (depths_m.end - depths_m.start) * share;
+            let seen = self.project(&(from_m + direction * depth_m));
             seen.is_some_and(|(px, _)| {
                 (0.0..self.size_px.x).contains(&px.x) && (0.0..self.size_px.y).contains(&px.y)
             })

@@ -6,8 +6,6 @@
 
 use std::collections::BTreeMap;
 
-use farfield_proto::venue::Field;
-
 use super::geometry::SightLines;
 use super::pairs::{CameraRays, PairAgreement, Partners, PictureChange};
 use super::refit::refit;
@@ -45,6 +43,10 @@ const STANDS_OUT: f64 = 0.9;
 const LATE_TICKS: f64 = 0.6;
 /// What it must leave of the cost.
 const LATE_EXPLAINS: f64 = 0.96;
+/// Shifts from so many ticks on are looked for among so many that one of them explains something by chance.
+const FAR_TICKS: f64 = 8.0;
+/// What they must leave.
+const FAR_EXPLAINS: f64 = 0.7;
 /// By how much the halves of the keypoints may differ in it, ticks.
 const LATE_DIFFERENCE_TICKS: f64 = 0.5;
 /// The same as a share of the shift.
@@ -57,7 +59,6 @@ const SAME_PX: f32 = 6.0;
 pub(super) struct Judge<'a> {
     cameras: &'a [JudgedCamera],
     partners: &'a Partners,
-    field: &'a Field,
     rate_hz: f64,
     passes: Vec<&'a PassSample>,
     bursts: Vec<&'a Burst>,
@@ -81,7 +82,6 @@ impl<'a> Judge<'a> {
         let mut judge = Self {
             cameras: &cameras.all,
             partners: &cameras.partners,
-            field: &cameras.field,
             rate_hz: cameras.rate_hz,
             shifts: of(KeypointHalf::All),
             halves: [of(KeypointHalf::Odd), of(KeypointHalf::Even)],
@@ -96,7 +96,7 @@ impl<'a> Judge<'a> {
             .collect();
         for a in 0..judge.cameras.len() {
             for b in a + 1..judge.cameras.len() {
-                let pair = PairAgreement::of(&judge.as_it_is[a], &judge.as_it_is[b], judge.field);
+                let pair = PairAgreement::of_common(&judge.as_it_is[a], &judge.as_it_is[b]);
                 if judge.cameras[a].viewpoint != judge.cameras[b].viewpoint
                     && pair.len() >= MIN_KEYPOINTS
                 {
@@ -353,7 +353,7 @@ impl<'a> Judge<'a> {
         let others = others
             .iter()
             .filter(|&&other| other != camera && self.cameras[other].viewpoint != own);
-        let pairs = others.map(|&other| PairAgreement::of(rays, &self.as_it_is[other], self.field));
+        let pairs = others.map(|&other| PairAgreement::of(rays, &self.as_it_is[other]));
         let costs: Vec<f64> = pairs
             .filter(|pair| pair.len() >= MIN_KEYPOINTS)
             .map(|pair| pair.mean_cost())
@@ -364,8 +364,13 @@ impl<'a> Judge<'a> {
     /// By how many ticks `camera` is late, when that is sure and worth a word.
     fn late(&self, camera: usize) -> Option<f64> {
         let shift = self.shifts[camera]?;
-        let is_told = shift.late_ticks.abs() >= LATE_TICKS
-            && shift.cost_after < LATE_EXPLAINS * shift.cost_before;
+        let explains = if shift.late_ticks.abs() < FAR_TICKS {
+            LATE_EXPLAINS
+        } else {
+            FAR_EXPLAINS
+        };
+        let is_told =
+            shift.late_ticks.abs() >= LATE_TICKS && shift.cost_after < explains * shift.cost_before;
         self.known_late(camera).filter(|_| is_told)
     }
 

@@ -2,13 +2,14 @@
 //!
 //! Of two sightings the lines of sight of each keypoint pass each other at some distance. A person that both cameras
 //! show passes near itself; who is who is not known, so each sighting is compared with the one that fits it best. Where
-//! none does, it counts only when the other camera sees nearly all places of the field where the person may be: cameras
-//! that look at different parts of a field say nothing of each other.
+//! none does, it counts only when one of the two cameras sees nearly all places where the other's person may be, by the
+//! size that it has: cameras that look at different parts of a field say nothing of each other.
 //! Distances count by a saturating cost (Geman and McClure's): one wrong keypoint is one wrong keypoint, however far
 //! off it is.
 
+use std::ops::Range;
+
 use farfield_proto::order_statistics::upper_median;
-use farfield_proto::venue::Field;
 use nalgebra::Vector3;
 
 use super::geometry::{Meeting, SightLines, meeting};
@@ -17,7 +18,11 @@ use super::samples::{PassSample, SeenBody};
 /// Where the cost of a distance reaches one half, metres.
 const HALF_COST_M: f64 = 0.06;
 /// Share of the places where a person may be that a camera must see to speak against it.
-const IN_VIEW: f64 = 0.9;
+const IN_VIEW: f64 = 0.8;
+/// From the highest to the lowest keypoint of somebody who stands, metres.
+const EXTENT_M: f64 = 1.5;
+/// Depths at which somebody may be, as factors of the one at which the keypoints are so far apart.
+const DEPTHS: Range<f64> = 0.5..1.4;
 /// Mean cost below which two sightings are taken to be of one person, whatever else there is.
 const SAME_PERSON_COST: f64 = 0.5;
 /// Least keypoints that two sightings must have in common.
@@ -93,43 +98,54 @@ pub(super) struct PairAgreement {
 }
 
 impl PairAgreement {
-    pub(super) fn of(a: &CameraRays, b: &CameraRays, field: &Field) -> Self {
+    /// Of all sightings, each with the one that fits it best.
+    pub(super) fn of(a: &CameraRays, b: &CameraRays) -> Self {
+        Self::where_it_counts(a, b, |_, _| true)
+    }
+
+    /// Of those sightings that fit, or that the other camera would have to show.
+    pub(super) fn of_common(a: &CameraRays, b: &CameraRays) -> Self {
+        Self::where_it_counts(a, b, |(one, by), (other, other_by)| {
+            must_be_seen((one, by), other_by) || must_be_seen((other, other_by), by)
+        })
+    }
+
+    fn where_it_counts(
+        a: &CameraRays,
+        b: &CameraRays,
+        counts: impl Fn((&[Vector3<f64>], &SightLines), (&[Vector3<f64>], &SightLines)) -> bool,
+    ) -> Self {
         let mut all = Self::default();
         for (of_a, of_b) in a.of_pass.iter().zip(&b.of_pass) {
             let compare = |one: &Vec<Vector3<f64>>, other: &Vec<Vector3<f64>>| {
                 Self::of_bodies((&a.lines.center_m, one), (&b.lines.center_m, other))
             };
             // Each of those of whom there are fewer has one among the others.
-            if of_a.len() <= of_b.len() {
-                for one in of_a {
-                    let best = best(of_b.iter().filter_map(|other| compare(one, other)));
-                    all.add(best.filter(|best| best.counts((one, &a.lines), &b.lines, field)));
-                }
+            let a_has_fewer = of_a.len() <= of_b.len();
+            let (few, many) = if a_has_fewer {
+                (of_a, of_b)
             } else {
-                for one in of_b {
-                    let best = best(of_a.iter().filter_map(|other| compare(other, one)));
-                    all.add(best.filter(|best| best.counts((one, &b.lines), &a.lines, field)));
-                }
+                (of_b, of_a)
+            };
+            let (few_by, many_by) = if a_has_fewer { (a, b) } else { (b, a) };
+            for one in few {
+                let fits = many.iter().filter_map(|other| {
+                    let agreement = if a_has_fewer {
+                        compare(one, other)
+                    } else {
+                        compare(other, one)
+                    };
+                    Some((agreement?, other))
+                });
+                let best = fits.min_by(|p, q| p.0.mean_cost().total_cmp(&q.0.mean_cost()));
+                let counted = best.filter(|(agreement, other)| {
+                    agreement.mean_cost() < SAME_PERSON_COST
+                        || counts((one, &few_by.lines), (other, &many_by.lines))
+                });
+                all.add(counted.map(|(agreement, _)| agreement));
             }
         }
         all
-    }
-
-    /// Whether this, the best for a body that the first camera shows, says anything of the two cameras.
-    fn counts(
-        &self,
-        (body, shown_by): (&[Vector3<f64>], &SightLines),
-        other: &SightLines,
-        field: &Field,
-    ) -> bool {
-        if self.mean_cost() < SAME_PERSON_COST {
-            return true;
-        }
-        let seen = body
-            .iter()
-            .filter(|direction| direction.norm_squared() > 0.0);
-        let middle: Vector3<f64> = seen.sum();
-        other.share_in_view((&shown_by.center_m, &middle), field) >= IN_VIEW
     }
 
     fn of_bodies(
@@ -190,6 +206,16 @@ impl PairAgreement {
     }
 }
 
-fn best(all: impl Iterator<Item = PairAgreement>) -> Option<PairAgreement> {
-    all.min_by(|p, q| p.mean_cost().total_cmp(&q.mean_cost()))
+/// Whether a camera sees nearly all places where `body`, which another shows, may be, by the size that it has.
+fn must_be_seen((body, by): (&[Vector3<f64>], &SightLines), other: &SightLines) -> bool {
+    let seen = || {
+        body.iter()
+            .filter(|direction| direction.norm_squared() > 0.0)
+    };
+    let apart = |p: &Vector3<f64>| seen().map(|q| (p - q).norm()).fold(0.0, f64::max);
+    let extent = seen().map(apart).fold(0.0, f64::max);
+    let depth_m = EXTENT_M / extent.max(f64::MIN_POSITIVE);
+    let middle = seen().sum::<Vector3<f64>>() / seen().count().max(1) as f64;
+    let depths_m = DEPTHS.start * depth_m..DEPTHS.end * depth_m;
+    other.share_in_view((&by.center_m, &middle), depths_m) >= IN_VIEW
 }

@@ -24,6 +24,10 @@ const MAX_PARTNERS: usize = 5;
 /// So many ticks beside the least cost it must be larger by this factor for the shift to be known.
 const SHARP_TICKS: usize = 4;
 const SHARP: f64 = 1.03;
+/// Shifts this near to the longest are no least cost: it may lie beyond.
+const EDGE_TICKS: usize = 2;
+/// By which factor most shifts cost more than the least.
+const STANDS_OUT: f64 = 1.25;
 /// Rounds in which all cameras are moved.
 const MAX_ROUNDS: usize = 24;
 
@@ -102,10 +106,20 @@ pub(super) fn shifts(
                 late_ticks: ticks[camera] as f64 + fractions[camera],
                 cost_before: sums[reach] / n,
                 cost_after: sums[at] / n,
-                is_sharp: beside.fold(true, |is, sum| is && sum / sums[at] >= SHARP),
+                is_sharp: beside.fold(stands_out(&sums, at), |is, sum| {
+                    is && sum / sums[at] >= SHARP
+                }),
             })
         })
         .collect()
+}
+
+/// Whether the cost at `at` is inside the shifts that were looked at, and clearly less than at most of them.
+fn stands_out(sums: &[f64], at: usize) -> bool {
+    let known = sums.iter().copied().filter(|sum| sum.is_finite());
+    let middle = upper_median(known.collect()).unwrap_or(0.0);
+    let is_inside = at >= EDGE_TICKS && at + EDGE_TICKS < sums.len();
+    is_inside && middle >= STANDS_OUT * sums[at]
 }
 
 /// What each camera is off beyond whole ticks: those with which the vertices of all curves agree best, weighted by how
