@@ -1,10 +1,11 @@
-//! The keys of a venue, looked at: whether they are there, hold now, and are their owner's alone.
+//! The keys of a venue, looked at by the rules of the nodes: whether they are there, hold now, are the newest, and are their
+//! owner's alone.
 
-use std::os::unix::fs::PermissionsExt as _;
 use std::path::Path;
 
-use farfield_node::certificate::{Validity, ending_notice};
-use farfield_proto::transport::{FUSION, Identity, RECORDER};
+use farfield_node::certificate::{Validity, check_generation, ending_notice};
+use farfield_node::files::{check_secret, load_generations};
+use farfield_proto::transport::{FUSION, GENERATIONS_FILE, Generations, Identity, RECORDER};
 use farfield_proto::venue::Venue;
 
 use crate::report_lines::{ReportLines, Verdict};
@@ -44,15 +45,18 @@ pub(crate) fn look_at_keys(venue: &Venue, path: &Path, now_s: i64, report: &mut 
         return;
     }
     look_at_authority(folder, now_s, report);
+    let generations = load_generations(folder).unwrap_or_else(|error| {
+        let remedy = format!("copy {GENERATIONS_FILE} from where `farfield certs` has made it");
+        report.fail(KEYS, error.to_string(), remedy);
+        Generations::default()
+    });
     for node in here {
+        let identity = Identity {
+            generations: generations.clone(),
+            ..Identity::in_folder(folder, node)
+        };
         let renew = format!("{make} --renew {node}");
-        look_at_node(
-            &Identity::in_folder(folder, node),
-            node,
-            now_s,
-            &renew,
-            report,
-        );
+        look_at_node(&identity, node, now_s, &renew, report);
     }
 }
 
@@ -88,6 +92,11 @@ fn look_at_node(
             return;
         }
     };
+    if let Err(error) = check_generation(identity) {
+        let remedy = format!("copy the newest {node}.pem and {node}.key here");
+        report.fail(KEYS, error.to_string(), remedy);
+        return;
+    }
     if now_s < validity.from_s {
         let text = format!(
             "{}: it begins in {:.1} days by the clock of this machine",
@@ -111,31 +120,22 @@ fn look_at_node(
         report.push(KEYS, verdict, notice, renew);
         return;
     }
-    match std::fs::metadata(&identity.key) {
-        Err(error) => report.fail(KEYS, format!("{}: {error}", identity.key.display()), renew),
-        Ok(about) if about.permissions().mode() & 0o077 != 0 => {
-            let mode = about.permissions().mode() & 0o777;
-            let text = format!(
-                "{}: its mode is {mode:03o}, so that others may read the key of {node}, expected 600",
-                identity.key.display()
-            );
-            let remedy = format!("chmod 600 {}", identity.key.display());
-            report.fail(KEYS, text, remedy);
-        }
-        Ok(_) => {
-            if let Err(error) = std::fs::File::open(&identity.key) {
-                report.fail(
-                    KEYS,
-                    format!("{}: {error}", identity.key.display()),
-                    "start the node as the owner of its key",
-                );
-                return;
-            }
-            let days = (validity.until_s - now_s) / 86_400;
-            report.ok(
-                KEYS,
-                format!("the certificate of {node} holds for {days} days"),
-            );
-        }
+    let key = &identity.key;
+    if let Err(error) = std::fs::metadata(key) {
+        report.fail(KEYS, format!("{}: {error}", key.display()), renew);
+        return;
     }
+    if let Err(error) = check_secret(key) {
+        let remedy = format!("chmod 600 {}", key.display());
+        report.fail(KEYS, error.to_string(), remedy);
+        return;
+    }
+    if let Err(error) = std::fs::File::open(key) {
+        let text = format!("{}: {error}", key.display());
+        report.fail(KEYS, text, "start the node as the owner of its key");
+        return;
+    }
+    let days = (validity.until_s - now_s) / 86_400;
+    let text = format!("the certificate of {node} holds for {days} days");
+    report.ok(KEYS, text);
 }

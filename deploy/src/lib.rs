@@ -55,7 +55,9 @@ pub fn main() -> ExitCode {
         }
         FarfieldCommand::Fusion(args) => farfield_fusion::node::main(args),
         FarfieldCommand::Record(args) => farfield_fusion::node::record(args),
-        FarfieldCommand::Status(args) => exit_code(status::status(&args)),
+        FarfieldCommand::Status(args) => {
+            exit_code_told(status::status(&args), Told::as_json_if(args.json))
+        }
         FarfieldCommand::Replay(args) => farfield_fusion::node::replay(&args, output::print),
         FarfieldCommand::Check(args) => check_venue::main(&args),
         FarfieldCommand::Demo(args) => demo::main(&args),

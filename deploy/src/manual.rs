@@ -45,13 +45,13 @@ pub(crate) fn man(args: &ManArgs, cli: Command) -> Result<(), NodeError> {
     let folder = &args.out;
     std::fs::create_dir_all(folder)
         .with_context(|| format!("making {}", folder.display()))
-        .map_err(NodeError::Refused)?;
+        .map_err(NodeError::Failed)?;
     let mut n_pages = 0;
     for (name, page) in pages(cli).map_err(NodeError::Failed)? {
         let path = folder.join(name);
         write_whole(path.clone(), &page)
             .with_context(|| format!("writing {}", path.display()))
-            .map_err(NodeError::Refused)?;
+            .map_err(NodeError::Failed)?;
         n_pages += 1;
     }
     let said = format!("{n_pages} manual pages in {}\n", folder.display());

@@ -4,20 +4,38 @@ use std::io::{self, ErrorKind, Write as _, stdout};
 
 use anyhow::Context as _;
 
+/// Whether somebody reads standard output.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Reader {
+    /// Yes, as far as is known.
+    Reads,
+    /// No longer: whoever prints on and on has nobody left to do it for.
+    Gone,
+}
+
 /// Prints `text` as it is. A reader that has gone wants no more, which is no error.
 ///
 /// # Errors
 /// When the text cannot be written, for example because the disk behind standard output is full.
 pub fn print(text: &str) -> anyhow::Result<()> {
+    print_while_read(text).map(|_| ())
+}
+
+/// [`print`], and whether to go on.
+///
+/// # Errors
+/// As [`print`].
+pub fn print_while_read(text: &str) -> anyhow::Result<Reader> {
     let mut out = stdout().lock();
-    allow_gone(out.write_all(text.as_bytes()).and_then(|()| out.flush()))
+    reader_after(out.write_all(text.as_bytes()).and_then(|()| out.flush()))
         .context("writing to standard output")
 }
 
-fn allow_gone(written: io::Result<()>) -> io::Result<()> {
+fn reader_after(written: io::Result<()>) -> io::Result<Reader> {
     match written {
-        Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(()),
-        written => written,
+        Ok(()) => Ok(Reader::Reads),
+        Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(Reader::Gone),
+        Err(error) => Err(error),
     }
 }
 
@@ -27,7 +45,9 @@ mod tests {
 
     #[test]
     fn only_a_reader_that_has_gone_is_forgiven() {
-        allow_gone(Err(ErrorKind::BrokenPipe.into())).unwrap();
-        allow_gone(Err(ErrorKind::StorageFull.into())).unwrap_err();
+        let gone = reader_after(Err(ErrorKind::BrokenPipe.into()));
+        assert_eq!(gone.unwrap(), Reader::Gone);
+        reader_after(Err(ErrorKind::StorageFull.into())).unwrap_err();
+        assert_eq!(reader_after(Ok(())).unwrap(), Reader::Reads);
     }
 }

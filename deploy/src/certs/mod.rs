@@ -2,6 +2,7 @@
 
 mod authority;
 mod files;
+mod generations;
 mod guide;
 mod hosts;
 
@@ -16,7 +17,7 @@ use farfield_proto::key::is_key_chunk;
 use farfield_proto::transport::{FUSION, GENERATIONS_FILE, Generations, READER, RECORDER};
 use farfield_proto::venue::Venue;
 
-use authority::{Authority, Bearer, Pair};
+use authority::{Authority, Bearer, NodeRole, Pair};
 use files::{Folder, Old, write_together};
 
 /// Arguments of `farfield certs`.
@@ -77,9 +78,7 @@ fn make(args: &CertsArgs) -> anyhow::Result<()> {
         )?;
     } else {
         let authority = read_authority(&folder, &keys_of_authority)?;
-        if let Some(text) = folder.read_if_there(GENERATIONS_FILE)? {
-            generations = Generations::parse(&text, &args.out.join(GENERATIONS_FILE))?;
-        }
+        generations = generations::known(&args.out, &venue.name)?;
         let mut issue = |bearer: &Bearer| {
             let generation = generations.renew(&bearer.node);
             authority.issue(&venue.name, bearer, generation, args.days)
@@ -119,6 +118,11 @@ fn make(args: &CertsArgs) -> anyhow::Result<()> {
             "older keys of these nodes are refused as soon as {} lies beside ca.pem on {whom} and that node was started again",
             args.out.join(GENERATIONS_FILE).display()
         ));
+        if bearers.iter().any(|it| it.role == NodeRole::Reader) {
+            say(format_args!(
+                "so are the keys of all readers that a release has made which did not count: they share one name; renew them too"
+            ));
+        }
     }
     Ok(())
 }

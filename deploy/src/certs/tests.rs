@@ -149,7 +149,55 @@ fn keys_that_an_earlier_release_has_made_are_renewed_where_they_are() {
     let (keys, apart) = (scratch.path("certs"), scratch.path("certs-authority"));
     std::fs::rename(apart.join("ca.key"), keys.join("ca.key")).unwrap();
     std::fs::remove_file(keys.join(GENERATIONS_FILE)).unwrap();
+    let authority = Authority::read(&scratch.read("ca.pem"), &scratch.read("ca.key")).unwrap();
+    for bearer in [
+        Bearer::fusion(Vec::new()),
+        Bearer::edge("ne"),
+        Bearer::recorder(),
+    ] {
+        let pair = authority.issue("hall", &bearer, 0, 825).unwrap();
+        let path = keys.join(format!("{}.pem", bearer.node));
+        std::fs::write(path, pair.certificate).unwrap();
+    }
     scratch.run(&["--renew", "ne"]).unwrap();
     let text = scratch.read(GENERATIONS_FILE);
     assert!(text.ends_with("[generation]\n\"ne\" = 1\n"), "{text}");
+}
+
+#[test]
+fn a_renewal_does_not_count_anew_where_the_file_of_generations_is_lost_or_old() {
+    // Symptom to prevent: generation 1 was made, and admitted, again, with the keys that were stolen.
+    let scratch = Scratch::new();
+    scratch.run(&[]).unwrap();
+    let (keys, path) = (
+        scratch.path("certs"),
+        scratch.path("certs").join(GENERATIONS_FILE),
+    );
+    let first = scratch.read(GENERATIONS_FILE);
+    scratch.run(&["--renew", "ne"]).unwrap();
+    let (second, key) = (scratch.read(GENERATIONS_FILE), scratch.read("ne.key"));
+    let refused = |node: &str| format!("{:#}", scratch.run(&["--renew", node]).unwrap_err());
+    std::fs::remove_file(&path).unwrap();
+    for node in ["ne", "fusion"] {
+        let error = refused(node);
+        assert!(
+            error.contains("generations.toml: found no such file"),
+            "{error}"
+        );
+    }
+    std::fs::write(&path, first).unwrap();
+    let error = refused("fusion");
+    for word in ["found 1", "of ne", "expected 2", "ne.pem"] {
+        assert!(error.contains(word), "{word}: {error}");
+    }
+    assert_eq!(scratch.read("ne.key"), key);
+    // Nor where all certificates are elsewhere.
+    std::fs::remove_file(&path).unwrap();
+    for node in ["fusion", "ne", "recorder"] {
+        std::fs::remove_file(keys.join(format!("{node}.pem"))).unwrap();
+    }
+    assert!(refused("ne").contains("nor certificates"));
+    std::fs::write(&path, second).unwrap();
+    scratch.run(&["--renew", "ne"]).unwrap();
+    assert!(scratch.read(GENERATIONS_FILE).contains("\"ne\" = 3\n"));
 }

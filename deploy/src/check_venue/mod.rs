@@ -15,9 +15,9 @@ use std::process::ExitCode;
 use clap::Args;
 use farfield_fusion::node::check_names;
 use farfield_node::log::start_log;
-use farfield_node::process::{NodeError, exit_code};
+use farfield_node::process::{NodeError, Told, exit_code_told};
 use farfield_proto::calibration::Calibration;
-use farfield_proto::plausibility::{self, Finding, Severity};
+use farfield_proto::plausibility::{self, Cause, Finding, Severity};
 use farfield_proto::venue::Venue;
 use farfield_sim::simulated::VenueSources;
 
@@ -49,7 +49,7 @@ pub(crate) fn main(args: &CheckArgs) -> ExitCode {
             .print(ReportForm::of(args.json))
             .map_err(NodeError::Failed)
     });
-    printed.unwrap_or_else(|error| exit_code(Err(error)))
+    printed.unwrap_or_else(|error| exit_code_told(Err(error), Told::as_json_if(args.json)))
 }
 
 /// Looks at all of a venue.
@@ -119,13 +119,18 @@ fn look_at_calibration(venue: &Venue, report: &mut ReportLines) {
     for finding in &findings {
         push(finding, report);
     }
-    let seen = plausibility::coverage(venue);
     if findings.is_empty() {
         report.ok(
             "calibration",
             format!("{}: nothing speaks against it", path.display()),
         );
     }
+    let is_of_coverage =
+        |it: &Finding| matches!(it.cause, Cause::FieldUnseen | Cause::OneViewpoint);
+    if findings.iter().any(is_of_coverage) {
+        return;
+    }
+    let seen = plausibility::coverage(venue);
     let [x0, y0, _] = venue.field.min_m;
     let [x1, y1, _] = venue.field.max_m;
     report.ok(
@@ -149,4 +154,32 @@ fn push(finding: &Finding, report: &mut ReportLines) {
         finding.problem(),
         finding.remedy.as_str(),
     );
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_share_that_is_too_small_is_not_said_to_be_well() {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("venue.sample.toml");
+        let mut venue = farfield_node::files::load_venue(&path).unwrap();
+        let shares = |venue: &Venue| {
+            let mut report = ReportLines::default();
+            look_at_calibration(venue, &mut report);
+            let is_share =
+                |it: &&crate::report_lines::ReportLine| it.text.contains(" % of the field");
+            let shares = report.lines().iter().filter(is_share);
+            shares.map(|it| it.verdict).collect::<Vec<_>>()
+        };
+        assert_eq!(shares(&venue), [Verdict::Ok]);
+        let (min_m, max_m) = (venue.field.min_m, venue.field.max_m);
+        venue.field.min_m[0] += 1e4;
+        venue.field.max_m[0] += 1e4;
+        assert_eq!(shares(&venue), [Verdict::Failed]);
+        (venue.field.min_m, venue.field.max_m) = (min_m, max_m);
+        venue.viewpoints.truncate(1);
+        venue.cameras.retain(|camera| camera.viewpoint.0 == 0);
+        assert_eq!(shares(&venue), []);
+    }
 }

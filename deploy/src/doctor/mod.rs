@@ -18,7 +18,7 @@ use std::process::ExitCode;
 use clap::Args;
 use farfield_node::files::load_venue;
 use farfield_node::log::start_log;
-use farfield_node::process::{NodeError, exit_code};
+use farfield_node::process::{NodeError, Told, exit_code_told};
 use farfield_node::{clock as node_clock, system_clock};
 use farfield_proto::transport::Exposure;
 use farfield_proto::venue::{Source, Venue};
@@ -51,7 +51,7 @@ pub(crate) fn main(args: &DoctorArgs) -> ExitCode {
             .print(ReportForm::of(args.json))
             .map_err(NodeError::Failed)
     });
-    printed.unwrap_or_else(|error| exit_code(Err(error)))
+    printed.unwrap_or_else(|error| exit_code_told(Err(error), Told::as_json_if(args.json)))
 }
 
 fn doctor(args: &DoctorArgs) -> Result<ReportLines, NodeError> {

@@ -6,6 +6,7 @@ use std::net::{TcpListener, UdpSocket};
 use std::os::unix::fs::PermissionsExt as _;
 
 use farfield_proto::message::health::SystemClock;
+use farfield_proto::transport::{GENERATIONS_FILE, common_name};
 
 use super::disk::{judge_rate, judge_room, look_at_disk};
 use super::machine::{MachineFacts, look_at_machine};
@@ -64,6 +65,9 @@ fn make_keys(folder: &Path, from_days: i64, until_days: i64) {
     for (node, from, until) in [("ca", -100, 4000), ("fusion", from_days, until_days)] {
         let mut params = rcgen::CertificateParams::new(vec!["hall".to_owned()]).unwrap();
         (params.not_before, params.not_after) = (at(from), at(until));
+        params
+            .distinguished_name
+            .push(rcgen::DnType::CommonName, common_name("hall", node, 1));
         let key = rcgen::KeyPair::generate().unwrap();
         let certificate = params.self_signed(&key).unwrap();
         std::fs::write(folder.join(format!("{node}.pem")), certificate.pem()).unwrap();
@@ -295,6 +299,9 @@ fn keys_that_do_not_hold_or_are_not_safe_are_found() {
         }
     };
     let without_key = |keys: &Path| std::fs::remove_file(keys.join("fusion.key")).unwrap();
+    let generations = |text: &'static str| {
+        move |keys: &Path| std::fs::write(keys.join(GENERATIONS_FILE), text).unwrap()
+    };
     let no_authority = |keys: &Path| std::fs::write(keys.join("ca.pem"), "hello").unwrap();
     let without_all = |keys: &Path| std::fs::remove_dir_all(keys).unwrap();
     let renew = "--renew fusion";
@@ -317,7 +324,17 @@ fn keys_that_do_not_hold_or_are_not_safe_are_found() {
         (
             "others may read it",
             keys_said(fine, open_to_all),
-            (Failed, "its mode is 644", "chmod 600"),
+            (Failed, "found mode 0644", "chmod 600"),
+        ),
+        (
+            "an older generation",
+            keys_said(fine, generations("[generation]\nfusion = 2\n")),
+            (Failed, "2 is the newest of fusion", "copy the newest"),
+        ),
+        (
+            "no number of a generation",
+            keys_said(fine, generations("[generation]\nfusion = -2\n")),
+            (Failed, "generations.toml:2", "copy generations.toml"),
         ),
         (
             "gone",

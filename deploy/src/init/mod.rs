@@ -11,14 +11,15 @@ mod seen_field;
 mod venue_text;
 mod viewpoints;
 
-use std::io::Write as _;
+use std::fs::{self, File};
+use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context as _, anyhow, bail, ensure};
 use clap::Args;
 use farfield_node::log::start_log;
-use farfield_node::process::{NodeError, exit_code};
+use farfield_node::process::{NodeError, Told, exit_code_told};
 use farfield_proto::calibration::Calibration;
 use farfield_proto::venue::Venue;
 
@@ -68,7 +69,7 @@ pub(crate) struct InitArgs {
 /// Writes a venue file, checks it, and names the next command.
 pub(crate) fn main(args: &InitArgs) -> ExitCode {
     start_log();
-    init(args).unwrap_or_else(|error| exit_code(Err(error)))
+    init(args).unwrap_or_else(|error| exit_code_told(Err(error), Told::as_json_if(args.json)))
 }
 
 fn init(args: &InitArgs) -> Result<ExitCode, NodeError> {
@@ -77,7 +78,11 @@ fn init(args: &InitArgs) -> Result<ExitCode, NodeError> {
         .clone()
         .unwrap_or_else(|| args.folder.join("venue.toml"));
     let text = draft(args, &out).map_err(NodeError::Refused)?;
-    write_new(&out, &text).map_err(NodeError::Refused)?;
+    let write = |file: &mut File| {
+        file.write_all(text.as_bytes())?;
+        file.sync_all()
+    };
+    write_new(&out, write).map_err(NodeError::Failed)?;
     let mut report = ReportLines::default();
     report.ok("written", out.display().to_string());
     check(&out, None, &mut report)?;
@@ -225,12 +230,31 @@ fn network(args: &InitArgs, is_needed: bool) -> anyhow::Result<Option<PathBuf>> 
     }
 }
 
-/// Writes a file that was not there.
-fn write_new(path: &Path, text: &str) -> anyhow::Result<()> {
-    let write = || {
-        let mut file = std::fs::File::create_new(path)?;
-        file.write_all(text.as_bytes())?;
-        file.sync_all()
-    };
-    write().with_context(|| format!("writing {}", path.display()))
+/// Writes a file that was not there; none is there where that fails.
+fn write_new(path: &Path, write: impl FnOnce(&mut File) -> io::Result<()>) -> anyhow::Result<()> {
+    let written = File::create_new(path).and_then(|mut file| {
+        // Half a file would refuse the next try.
+        write(&mut file).inspect_err(|_| drop(fs::remove_file(path)))
+    });
+    written.with_context(|| format!("writing {}", path.display()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_that_cannot_be_written_to_its_end_is_taken_away_and_another_is_left() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("venue.toml");
+        let full = |file: &mut File| {
+            file.write_all(b"half")?;
+            Err(io::ErrorKind::StorageFull.into())
+        };
+        write_new(&path, full).unwrap_err();
+        assert!(!path.exists());
+        write_new(&path, |file| file.write_all(b"whole")).unwrap();
+        write_new(&path, full).unwrap_err();
+        assert_eq!(fs::read(&path).unwrap(), b"whole");
+    }
 }

@@ -1,13 +1,17 @@
 //! What of a folder is a recording: videos, keypoint files, folders of numbered pictures.
 
+use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, ensure};
+use farfield_node::process::say;
 
 const VIDEOS: [&str; 10] = [
     "mp4", "mov", "mkv", "avi", "m4v", "webm", "mts", "m2ts", "mxf", "mpg",
 ];
 const PICTURES: [&str; 3] = ["png", "jpg", "jpeg"];
+/// So much is looked at in a folder.
+const MAX_ENTRIES: usize = 100_000;
 
 /// What a recording is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -54,10 +58,10 @@ pub(super) fn find(folder: &Path, videos: Option<&Path>) -> anyhow::Result<Vec<R
         None => vec![folder.to_owned(), folder.join("videos")],
     };
     for place in places.iter().filter(|it| videos.is_some() || it.is_dir()) {
-        let found: Vec<Recording> = entries(place)?
-            .iter()
-            .filter_map(|it| recording(it))
-            .collect();
+        let mut found = Vec::new();
+        for path in entries(place)? {
+            found.extend(recording(&path)?);
+        }
         if !found.is_empty() {
             return Ok(found);
         }
@@ -78,9 +82,11 @@ pub(super) fn entries(folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
     let mut entries: Vec<PathBuf> = read.flatten().map(|entry| entry.path()).collect();
     entries.sort();
     ensure!(
-        entries.len() < 100_000,
-        "{}: too much is in this folder",
-        folder.display()
+        entries.len() < MAX_ENTRIES,
+        "{}: found {} files in this folder, expected fewer than {MAX_ENTRIES}: make a video of so many pictures, or move \
+         away what is no recording",
+        folder.display(),
+        entries.len()
     );
     Ok(entries)
 }
@@ -92,20 +98,40 @@ fn ending(path: &Path) -> String {
         .to_lowercase()
 }
 
-fn recording(path: &Path) -> Option<Recording> {
+/// What is at `path`, if it is a recording.
+fn recording(path: &Path) -> anyhow::Result<Option<Recording>> {
+    let name = path.file_name().and_then(|name| name.to_str());
+    match name.filter(|name| !name.starts_with('.')) {
+        Some(name) if path.is_dir() => pictures(path, name),
+        Some(_) => Ok(file(path)),
+        None => Ok(None),
+    }
+}
+
+/// The folder at `path`, if it has numbered pictures.
+fn pictures(path: &Path, name: &str) -> anyhow::Result<Option<Recording>> {
+    let files = match entries(path) {
+        // Every disk has such folders, of others.
+        Err(error) if is_denied(&error) => {
+            say(format_args!("passed over: {error:#}"));
+            return Ok(None);
+        }
+        files => files?,
+    };
+    Ok(pattern(&files).map(|pattern| Recording {
+        kind: RecordingKind::Images,
+        path: path.join(pattern),
+        name: name.to_owned(),
+    }))
+}
+
+fn is_denied(error: &anyhow::Error) -> bool {
+    let error = error.downcast_ref::<io::Error>();
+    error.is_some_and(|error| error.kind() == ErrorKind::PermissionDenied)
+}
+
+fn file(path: &Path) -> Option<Recording> {
     let name = path.file_stem()?.to_str()?.to_owned();
-    if name.starts_with('.') {
-        return None;
-    }
-    if path.is_dir() {
-        let name = path.file_name()?.to_str()?.to_owned();
-        let path = path.join(pattern(&entries(path).ok()?)?);
-        return Some(Recording {
-            kind: RecordingKind::Images,
-            path,
-            name,
-        });
-    }
     let kind = match ending(path).as_str() {
         ending if VIDEOS.contains(&ending) => RecordingKind::Video,
         // What simulated venues and data sets call what is to be found.

@@ -23,7 +23,7 @@ use tokio_util::task::TaskTracker;
 
 use self::listen::Listener;
 use self::state::VenueState;
-use crate::output;
+use crate::output::{self, Reader};
 
 /// How long fusion may take to answer: some tries, over a far link.
 const ANSWER: Duration = Duration::from_secs(6);
@@ -114,7 +114,10 @@ async fn join_and_show(
         draws.set_missed_tick_behavior(MissedTickBehavior::Delay);
         loop {
             draws.tick().await;
-            draw(args, &state()).map_err(NodeError::Failed)?;
+            if draw(args, &state()).map_err(NodeError::Failed)? == Reader::Gone {
+                session::close(&session).await;
+                return Ok(Ending::Done);
+            }
         }
     }
     let state = state();
@@ -129,10 +132,10 @@ async fn join_and_show(
     }
 }
 
-fn draw(args: &StatusArgs, state: &VenueState) -> anyhow::Result<()> {
+fn draw(args: &StatusArgs, state: &VenueState) -> anyhow::Result<Reader> {
     if args.json {
         let json = serde_json::to_string(state).context("writing the status as JSON")?;
-        return output::print(&(json + "\n"));
+        return output::print_while_read(&(json + "\n"));
     }
     let clear = if args.watch && stdout().is_terminal() {
         CLEAR
@@ -144,7 +147,7 @@ fn draw(args: &StatusArgs, state: &VenueState) -> anyhow::Result<()> {
     } else {
         ""
     };
-    output::print(&format!("{clear}{}{gap}", table::text(state)))
+    output::print_while_read(&format!("{clear}{}{gap}", table::text(state)))
 }
 
 /// What was tried, and what to look at.

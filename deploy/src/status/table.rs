@@ -72,9 +72,10 @@ fn row(node: &NodeState) -> [String; HEAD.len()] {
         known(node.clock.as_ref().map(clock)),
         known(cameras(&node.cameras)),
         known(node.certificate_days.map(|days| format!("{days} days"))),
-        // A notice is one line, whatever a node has said.
-        notices.join("; ").replace(char::is_control, " "),
+        notices.join("; "),
     ]
+    // One line that commands no terminal, whatever a node has said.
+    .map(|cell| cell.replace(char::is_control, " "))
 }
 
 /// Of fusion its poses', of an edge its round trip.

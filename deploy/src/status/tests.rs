@@ -244,3 +244,19 @@ fn notices_and_keys_that_end_soon_are_warnings_on_one_line() {
         (Mark::Warning, None)
     );
 }
+
+#[test]
+fn what_a_node_says_of_its_release_and_its_failure_commands_no_terminal() {
+    let mut heard = well();
+    let [_, mut edge, _] = statuses(160);
+    edge.release = "9\u{1b}[2J\u{9b}1A\n".to_owned();
+    edge.failure = Some("out\u{1b}]0;of\u{7}\nmemory".to_owned());
+    take(&mut heard, edge, clock::now());
+    let text = table::text(&VenueState::new(&venue(), &heard, NOW_S));
+    assert_eq!(text.lines().count(), 4, "{text:?}");
+    assert!(
+        !text.contains(|c: char| c.is_control() && c != '\n'),
+        "{text:?}"
+    );
+    assert!(text.contains("out ]0;of  memory"), "{text:?}");
+}

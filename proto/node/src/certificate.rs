@@ -62,8 +62,8 @@ impl CertificateFile {
         })
     }
 
-    /// Refuses a certificate at `path` that is older than the newest that `identity` knows of its node: others refuse it.
-    fn check_generation(&self, identity: &Identity, path: &Path) -> Result<(), FileError> {
+    /// As [`check_generation`], with what the file says.
+    fn check_generation(&self, identity: &Identity) -> Result<(), FileError> {
         let Some((node, generation)) = generation_of(&self.common_name) else {
             return Ok(());
         };
@@ -72,13 +72,29 @@ impl CertificateFile {
             return Ok(());
         }
         Err(FileError::new(
-            path,
+            &identity.certificate,
             format!(
                 "found the certificate `{}`, of generation {generation}, and {GENERATIONS_FILE} beside it says that {newest} is the newest of {node}: others refuse an older one; copy {node}.pem and {node}.key of that generation here",
                 self.common_name
             ),
         ))
     }
+}
+
+/// The common name in the certificate at `path`; empty where it has none.
+///
+/// # Errors
+/// When the file cannot be read, or holds no certificate: names it.
+pub fn common_name_in(path: &Path) -> Result<String, FileError> {
+    CertificateFile::read(path).map(|certificate| certificate.common_name)
+}
+
+/// Refuses a certificate that is older than the newest that `identity` knows of its node: others refuse it.
+///
+/// # Errors
+/// [`FileError`] with both generations, or when the certificate cannot be read.
+pub fn check_generation(identity: &Identity) -> Result<(), FileError> {
+    CertificateFile::read(&identity.certificate)?.check_generation(identity)
 }
 
 /// What is to be said at `now_s` of `node`'s certificate, which ends at `until_s`; `None` while it holds for long.
@@ -104,7 +120,7 @@ pub fn ending_notice(node: &str, until_s: i64, now_s: i64) -> Option<String> {
 pub fn check(identity: &Identity, node: &str, now_s: i64) -> Result<Validity, NodeError> {
     let path = &identity.certificate;
     let certificate = CertificateFile::read(path).map_err(NodeError::refused)?;
-    let generation = certificate.check_generation(identity, path);
+    let generation = certificate.check_generation(identity);
     generation.map_err(NodeError::refused)?;
     let validity = certificate.validity;
     if now_s < validity.from_s {

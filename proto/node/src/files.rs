@@ -69,7 +69,10 @@ pub fn load_identity(folder: &Path, node: &str) -> Result<Identity, FileError> {
 }
 
 /// What the folder of keys says of generations; nothing where it was made before they were counted.
-fn load_generations(folder: &Path) -> Result<Generations, FileError> {
+///
+/// # Errors
+/// [`FileError`] when its file is there and cannot be read, or says something else.
+pub fn load_generations(folder: &Path) -> Result<Generations, FileError> {
     let path = folder.join(GENERATIONS_FILE);
     match fs::read_to_string(&path) {
         Ok(text) => Generations::parse(&text, &path),
@@ -83,7 +86,10 @@ fn load_generations(folder: &Path) -> Result<Generations, FileError> {
 
 /// Refuses a private key that others than its owner can read or replace. A group may read what root owns: so systemd hands
 /// credentials to a service.
-fn check_secret(path: &Path) -> Result<(), FileError> {
+///
+/// # Errors
+/// [`FileError`] with the mode that was found, or when there is no such file.
+pub fn check_secret(path: &Path) -> Result<(), FileError> {
     let metadata = fs::metadata(path)
         .map_err(|error| FileError::new(path, format!("cannot read the key: {error}")))?;
     let (mode, is_of_root) = (metadata.mode() & 0o777, metadata.uid() == 0);

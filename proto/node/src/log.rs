@@ -4,6 +4,7 @@ use std::fmt;
 use std::io::{IsTerminal as _, stderr};
 
 use tracing::field::{Field, Visit};
+use tracing::level_filters::LevelFilter;
 use tracing::{Event, debug};
 use tracing_subscriber::layer::{Identity, SubscriberExt as _};
 use tracing_subscriber::util::SubscriberInitExt as _;
@@ -18,15 +19,26 @@ const LOGGED: &str = "warn,zenoh=error,ort=error,farfield_edge::network::backend
 /// Libraries whose own log is only of use to who asks for it by name.
 const LIBRARIES: [&str; 6] = ["zenoh", "quinn", "rustls", "ort", "tract", "mio"];
 
-/// What is logged when `RUST_LOG` is `asked`: of libraries that it does not name, warnings and worse.
+/// What is logged when `RUST_LOG` is `asked`: of libraries that it does not name, warnings and worse, or less where it asks
+/// for less of all.
 fn filter_of(asked: &str) -> String {
-    let is_unnamed = |library: &&&str| !asked.contains(**library);
+    let directives = || asked.split(',').map(str::trim).filter(|it| !it.is_empty());
+    let of_all: Option<LevelFilter> = directives().rev().find_map(|it| it.parse().ok());
+    let level = of_all.map_or(LevelFilter::WARN, |level| level.min(LevelFilter::WARN));
+    let is_unnamed = |library: &&&str| !directives().any(|it| is_about(it, library));
     let quiet = LIBRARIES.iter().filter(is_unnamed);
-    let quiet = quiet.map(|library| format!("{library}=warn"));
+    let quiet = quiet.map(|library| format!("{library}={level}"));
     quiet
         .chain([asked.to_owned()])
         .collect::<Vec<_>>()
         .join(",")
+}
+
+/// Whether the target of `directive` (`TARGET[SPAN]=LEVEL`) is `library`, a part of it or a crate of its family.
+fn is_about(directive: &str, library: &str) -> bool {
+    let target = directive.split(['=', '[']).next().unwrap_or_default();
+    let rest = target.strip_prefix(library);
+    rest.is_some_and(|rest| rest.is_empty() || rest.starts_with(['_', ':']))
 }
 
 /// The filter of the log; what `RUST_LOG` says is told of where it says nothing that can be understood.
@@ -98,8 +110,41 @@ mod tests {
             !named.contains("zenoh=warn") && named.contains("quinn=warn"),
             "{named}"
         );
-        for asked in ["debug", "farfield_edge=trace", "zenoh=info,debug"] {
+        for asked in [
+            "debug",
+            "off",
+            "farfield_edge=trace",
+            "zenoh=info,debug",
+            "ort::session[run]=info",
+        ] {
             EnvFilter::try_new(filter_of(asked)).unwrap();
         }
+    }
+
+    #[test]
+    fn who_asks_for_less_of_all_gets_less_of_libraries_too() {
+        for (asked, level) in [
+            ("error", "error"),
+            ("off", "off"),
+            ("debug, OFF", "off"),
+            ("info", "warn"),
+        ] {
+            let filter = filter_of(asked);
+            for library in LIBRARIES {
+                let quiet = format!("{library}={level},");
+                assert!(filter.contains(&quiet), "{asked}: {filter}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_library_is_named_by_a_target_and_not_by_letters_within_another() {
+        let filter = filter_of("farfield_fusion::export=debug,farfield_proto::transport=trace");
+        assert!(filter.contains("ort=warn,"), "{filter}");
+        for named in ["ort", "ort=info", "ort::session=info", "ort[run]=info"] {
+            let filter = filter_of(named);
+            assert!(!filter.contains("ort=warn"), "{named}: {filter}");
+        }
+        assert!(filter_of("orthography=debug").contains("ort=warn,"));
     }
 }

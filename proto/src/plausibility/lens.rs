@@ -23,9 +23,9 @@ const PIXEL_SHAPES: [f64; 6] = [
     10.0 / 11.0,
 ];
 const SHAPE_TOLERANCE: f64 = 0.03;
-/// Distance of the principal point from the middle, as shares of width and height.
+/// Distance of the principal point from the middle, as shares of width and height. Any is possible: that of a camera which
+/// reads a window of its sensor lies where the window was put.
 const USUAL_OFFSET: f64 = 0.15;
-const POSSIBLE_OFFSET: f64 = 0.4;
 /// Where an ideal pinhole draws the picture's edge over where the lens does, from the principal point: less is a lens
 /// that stretches its edges. Pincushion of a tenth is much; zooms have a few hundredths.
 const USUAL_STRETCH: f64 = 0.85;
@@ -118,7 +118,9 @@ fn principal_point(camera: &CameraModel) -> Option<Finding> {
     let Intrinsics { cx_px, cy_px, .. } = *camera.intrinsics();
     let offset = [cx_px / width_px - 0.5, cy_px / height_px - 0.5];
     let farthest = offset[0].abs().max(offset[1].abs());
-    let severity = severity(farthest, [0.0, USUAL_OFFSET], [0.0, POSSIBLE_OFFSET])?;
+    if farthest <= USUAL_OFFSET {
+        return None;
+    }
     let is_turned = (cx_px / height_px - 0.5).abs() < 0.1 && (cy_px / width_px - 0.5).abs() < 0.1;
     let factor = 0.5 * (cx_px / width_px + cy_px / height_px) * 2.0;
     let is_scaled = (offset[0] - offset[1]).abs() < 0.1;
@@ -137,11 +139,11 @@ fn principal_point(camera: &CameraModel) -> Option<Finding> {
     Some(finding(
         camera,
         Cause::PrincipalPoint,
-        severity,
+        Severity::Doubtful,
         format!(
             "its principal point is ({cx_px:.0}, {cy_px:.0}) in pictures of {width_px}x{height_px}"
         ),
-        "one near the middle".to_owned(),
+        "one near the middle, unless the camera reads a window of its sensor".to_owned(),
         &remedy,
     ))
 }

@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context as _, anyhow, ensure};
 use farfield_node::files::{load_identity, load_venue};
 use farfield_node::process::{Managed, NodeError, say, stop_when_told};
-use farfield_node::{clock, runtime, session};
+use farfield_node::{certificate, clock, runtime, session};
 use farfield_proto::message::handout::{FileKind, FileList, SharedFile};
 use farfield_proto::transport::{EdgeTransport, Exposure, Identity};
 use farfield_proto::wire;
@@ -83,6 +83,10 @@ fn first_contact(args: &EdgeArgs) -> Result<FirstContact, NodeError> {
         .or_else(|| beside.is_dir().then_some(beside));
     let identity = keys.map(|keys| load_identity(&keys, &args.viewpoint));
     let identity = identity.transpose().map_err(NodeError::refused)?;
+    if let Some(identity) = &identity {
+        // Fusion would only be silent to it.
+        certificate::check(identity, &args.viewpoint, clock::unix_s())?;
+    }
     let exposure = Exposure {
         has_keys: identity.is_some(),
         allow_plaintext: args.allow_plaintext
@@ -230,4 +234,64 @@ fn check_kinds(list: &FileList) -> anyhow::Result<()> {
         );
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use std::os::unix::fs::PermissionsExt as _;
+
+    use clap::Parser as _;
+    use farfield_proto::transport::{GENERATIONS_FILE, common_name};
+    use rcgen::{CertificateParams, DnType, KeyPair, date_time_ymd};
+
+    use super::*;
+
+    #[derive(clap::Parser)]
+    struct Cli {
+        #[command(flatten)]
+        args: EdgeArgs,
+    }
+
+    /// How an edge without a venue file reaches fusion, with a certificate of generation 1 that holds until `year`, where
+    /// `newest` is the newest.
+    fn contact(year: i32, newest: u32) -> Result<FirstContact, NodeError> {
+        let folder = tempfile::tempdir().unwrap();
+        let keys = folder.path().join(CERTIFICATES);
+        std::fs::create_dir(&keys).unwrap();
+        let mut params = CertificateParams::default();
+        params.not_before = date_time_ymd(2020, 1, 1);
+        params.not_after = date_time_ymd(year, 1, 1);
+        params
+            .distinguished_name
+            .push(DnType::CommonName, common_name("hall", "ne", 1));
+        let key = KeyPair::generate().unwrap();
+        let certificate = params.self_signed(&key).unwrap().pem();
+        let newest = format!("[generation]\nne = {newest}\n");
+        for (name, text) in [
+            ("ca.pem", &certificate),
+            ("ne.pem", &certificate),
+            ("ne.key", &key.serialize_pem()),
+            (GENERATIONS_FILE, &newest),
+        ] {
+            let path = keys.join(name);
+            std::fs::write(&path, text).unwrap();
+            std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o600)).unwrap();
+        }
+        let venue = folder.path().join("venue.toml");
+        let words = "--viewpoint ne --from-fusion --venue-name hall --connect quic/127.0.0.1:7447";
+        let words = ["edge", venue.to_str().unwrap()]
+            .into_iter()
+            .chain(words.split(' '));
+        first_contact(&Cli::parse_from(words).args)
+    }
+
+    #[test]
+    fn an_edge_whose_certificate_has_ended_or_is_too_old_does_not_wait_for_fusion() {
+        assert!(contact(4000, 1).is_ok());
+        for (year, newest, words) in [(2021, 1, "has ended"), (4000, 2, "2 is the newest of ne")] {
+            let refused = contact(year, newest).err().unwrap();
+            assert!(matches!(refused, NodeError::Refused(_)), "{refused}");
+            assert!(refused.to_string().contains(words), "{refused}");
+        }
+    }
 }

@@ -1,7 +1,7 @@
 //! Who was turned away, as the log of a server has it: Zenoh's own log says it under other names or not at all. A listener on that log
 //! tells the operator once per kind, and counts.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 
@@ -18,7 +18,7 @@ use tracing_subscriber::layer::Context;
 const ACCESS: &str = "zenoh::net::routing::interceptor::access_control";
 /// Where Zenoh's links log whom they do not let in.
 const LINKS: [&str; 2] = ["zenoh_link_commons", "zenoh_link_tls"];
-/// Nodes whose certificates are remembered; of more it is not said whose they are.
+/// Nodes whose certificates are remembered; of more those that came last.
 const MAX_NAMED: usize = 256;
 /// Kinds of refusals that are told; more are only counted.
 const MAX_TOLD: usize = 64;
@@ -28,8 +28,7 @@ const LAST_OF_AHEAD: &str = "Declare Liveliness Subscriber (";
 static TURNED_AWAY: AtomicU64 = AtomicU64::new(0);
 /// Which certificates are the newest, by what this node admits others.
 static NEWEST: OnceLock<Generations> = OnceLock::new();
-/// The common names of certificates, by what Zenoh calls their nodes.
-static NAMED: Mutex<BTreeMap<String, String>> = Mutex::new(BTreeMap::new());
+static NAMED: Mutex<CertificateNames> = Mutex::new(CertificateNames::new());
 static TOLD: Mutex<BTreeSet<String>> = Mutex::new(BTreeSet::new());
 
 thread_local! {
@@ -57,6 +56,41 @@ where
     let links = LINKS.map(|target| (target, LevelFilter::WARN));
     let targets = Targets::new().with_target(ACCESS, LevelFilter::TRACE);
     AuthenticationLog.with_filter(targets.with_targets(links))
+}
+
+/// The common names of certificates, by what Zenoh calls their nodes: each session of a node is another one, and one that
+/// is denied comes again and again.
+struct CertificateNames {
+    by_node: BTreeMap<String, String>,
+    /// The nodes, the oldest first.
+    nodes: VecDeque<String>,
+}
+
+impl CertificateNames {
+    const fn new() -> Self {
+        Self {
+            by_node: BTreeMap::new(),
+            nodes: VecDeque::new(),
+        }
+    }
+
+    /// Remembers that of `node`, and forgets the oldest where there are too many.
+    fn remember(&mut self, node: &str, name: &str) {
+        let known = self.by_node.insert(node.to_owned(), name.to_owned());
+        if known.is_some() {
+            return;
+        }
+        self.nodes.push_back(node.to_owned());
+        if self.nodes.len() > MAX_NAMED
+            && let Some(oldest) = self.nodes.pop_front()
+        {
+            self.by_node.remove(&oldest);
+        }
+    }
+
+    fn of(&self, node: &str) -> Option<String> {
+        self.by_node.get(node).cloned()
+    }
 }
 
 struct AuthenticationLog;
@@ -101,7 +135,7 @@ fn denied(text: &str, newest: Option<&Generations>) -> Option<String> {
     let (what, key) = what.split_once(" (ingress) on ")?;
     let name = match cached {
         // What was worked out ahead has said by which certificate.
-        Some(_) => lock(&NAMED).get(who).cloned(),
+        Some(_) => lock(&NAMED).of(who),
         None => certificate(who).map(|(_, name)| name.to_owned()),
     };
     let name = name.as_deref();
@@ -129,10 +163,7 @@ fn remember_name(text: &str) {
     let Some((node, name)) = denied.and_then(|(who, _)| certificate(who)) else {
         return;
     };
-    let mut named = lock(&NAMED);
-    if named.len() < MAX_NAMED {
-        named.insert(node.to_owned(), name.to_owned());
-    }
+    lock(&NAMED).remember(node, name);
 }
 
 fn lock<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
@@ -255,6 +286,22 @@ mod tests {
         );
         let words = "refused the node of certificate walk/south-east/1: put on k";
         assert_eq!(told.as_deref(), Some(words));
+    }
+
+    #[test]
+    fn after_hundreds_of_denied_sessions_the_next_is_named_all_the_same() {
+        let mut names = CertificateNames::new();
+        for i in 0..2 * MAX_NAMED {
+            names.remember(&format!("{i:x}"), "walk/ne/1");
+            names.remember(&format!("{i:x}"), "walk/ne/2");
+        }
+        let newest = format!("{:x}", 2 * MAX_NAMED - 1);
+        assert_eq!(names.of(&newest).as_deref(), Some("walk/ne/2"));
+        assert_eq!(names.of("0"), None);
+        assert_eq!(
+            (names.by_node.len(), names.nodes.len()),
+            (MAX_NAMED, MAX_NAMED)
+        );
     }
 
     #[test]

@@ -239,6 +239,10 @@ fn what_went_wrong_is_json_where_json_was_asked_for() {
         "replay nowhere.mcap --json",
         "run --ticks 9..3 hall.toml --json",
         "bench --people 8 --json",
+        "check nowhere.toml --json",
+        "doctor nowhere.toml --json",
+        "init nowhere --json",
+        "status nowhere.toml --json",
     ] {
         let said = finish(&command().args(words.split(' ')).output().unwrap());
         assert_eq!(said.code, 2, "{words}: {}", said.stderr);

@@ -1,0 +1,72 @@
+//! How far the generations of a venue's keys are counted: a renewal that began again would let keys in that were replaced.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context as _, bail, ensure};
+use farfield_node::certificate::common_name_in;
+use farfield_proto::transport::{GENERATIONS_FILE, Generations, generation_of};
+
+use super::files::Folder;
+
+/// What mends a file that is lost or old.
+const REMEDY: &str = "keys that were replaced would be good again: copy the newest one here, for example from fusion's machine";
+
+/// The newest generations as `folder` says, for another renewal of keys of `venue`. There is no file where an earlier release
+/// has made the keys, which did not count.
+///
+/// # Errors
+/// When the file is missing, or says less than the certificates beside it.
+pub(super) fn known(folder: &Path, venue: &str) -> anyhow::Result<Generations> {
+    let path = folder.join(GENERATIONS_FILE);
+    let text = Folder::new(folder).read_if_there(GENERATIONS_FILE)?;
+    let known = match &text {
+        Some(text) => Generations::parse(text, &path)?,
+        None => Generations::default(),
+    };
+    let mut n_nodes = 0;
+    for certificate in certificates(folder)? {
+        let name = match common_name_in(&certificate) {
+            Ok(name) => name,
+            // That may be why it is made anew.
+            Err(_) if text.is_some() => continue,
+            Err(error) => return Err(error.into()),
+        };
+        let is_ours = name
+            .strip_prefix(venue)
+            .is_some_and(|rest| rest.starts_with('/'));
+        let Some((node, generation)) = generation_of(&name).filter(|_| is_ours) else {
+            continue;
+        };
+        n_nodes += 1;
+        let newest = known.of(node);
+        if generation > newest {
+            let found = match &text {
+                Some(_) => format!("found {newest} as the newest generation of {node}"),
+                None => "found no such file".to_owned(),
+            };
+            bail!(
+                "{}: {found}, expected {generation} or more, as {} says; {REMEDY}",
+                path.display(),
+                certificate.display()
+            );
+        }
+    }
+    ensure!(
+        text.is_some() || n_nodes > 0,
+        "{}: found no such file, nor certificates of venue {venue} beside it; {REMEDY}",
+        path.display()
+    );
+    Ok(known)
+}
+
+/// The certificates in `folder`, by name.
+fn certificates(folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
+    let read = || {
+        let paths = std::fs::read_dir(folder)?.map(|entry| entry.map(|entry| entry.path()));
+        paths.collect::<std::io::Result<Vec<PathBuf>>>()
+    };
+    let mut paths = read().with_context(|| format!("reading the folder {}", folder.display()))?;
+    paths.retain(|path| path.extension().is_some_and(|it| it == "pem"));
+    paths.sort();
+    Ok(paths)
+}
