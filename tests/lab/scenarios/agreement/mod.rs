@@ -1,5 +1,7 @@
 //! Cameras that are not what the venue says: the sample with real mistakes in it, and what a run says of each.
 
+mod treadmill;
+
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::PathBuf;

@@ -1,0 +1,148 @@
+//! The man on the treadmill, with mistakes in his videos: real cameras, a real network, and what a run says.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use serde_json::Value;
+
+use crate::data::{onnx_runtime, recording};
+use crate::farfield::run;
+
+const SCENARIO: &str = "mistakes on the treadmill";
+const CAMERAS: [&str; 4] = ["cam01", "cam02", "cam03", "cam04"];
+/// Widths of the cameras' pictures, pixels.
+const WIDTHS_PX: [u32; 4] = [1080, 1080, 1088, 1088];
+
+/// The recording, and a folder for what is made of it.
+struct Treadmill {
+    folder: PathBuf,
+    dir: tempfile::TempDir,
+}
+
+impl Treadmill {
+    /// `None`, said on stdout, where the recording, ONNX Runtime or ffmpeg is not there.
+    fn new() -> Option<Self> {
+        let venue = recording(SCENARIO, "data/pose2sim/single/venue.toml")?;
+        if !onnx_runtime(SCENARIO) {
+            return None;
+        }
+        Some(Self {
+            folder: fs::canonicalize(venue.parent()?).unwrap(),
+            dir: tempfile::tempdir().unwrap(),
+        })
+    }
+
+    fn video(&self, camera: &str) -> PathBuf {
+        self.folder.join("videos").join(format!("{camera}.mp4"))
+    }
+
+    /// The video of a camera through a filter of ffmpeg, as long as it was.
+    fn filtered(&self, camera: &str, filter: &str, name: &str) -> PathBuf {
+        let path = self.dir.path().join(format!("{camera}-{name}.mp4"));
+        let ended = Command::new("ffmpeg")
+            .args(["-v", "error", "-i"])
+            .arg(self.video(camera))
+            .args(["-vf", filter, "-frames:v", "100"])
+            .args(["-c:v", "libx264", "-crf", "12", "-preset", "veryfast"])
+            .arg(&path)
+            .status()
+            .unwrap();
+        assert!(ended.success());
+        path
+    }
+
+    /// The video of the camera `of`, as wide as those of the camera `as_of`.
+    fn as_wide_as(&self, of: usize, as_of: usize) -> PathBuf {
+        let filter = match (WIDTHS_PX[of], WIDTHS_PX[as_of]) {
+            (own, other) if own == other => return self.video(CAMERAS[of]),
+            (1080, _) => "pad=1088:1920:4:0",
+            _ => "crop=1080:1920:4:0",
+        };
+        self.filtered(CAMERAS[of], filter, "as-wide")
+    }
+
+    /// Runs the venue with other videos of these cameras: what does not fit, as its summary says.
+    fn disagreements(&self, name: &str, videos: &[(&str, &Path)]) -> Vec<Value> {
+        let mut venue = fs::read_to_string(self.folder.join("venue.toml")).unwrap();
+        for camera in CAMERAS {
+            let other = videos.iter().find(|(of, _)| *of == camera);
+            let video = other.map_or_else(|| self.video(camera), |(_, video)| video.to_path_buf());
+            let own = format!("\"videos/{camera}.mp4\"");
+            assert!(venue.contains(&own));
+            venue = venue.replace(&own, &format!("{:?}", video.display().to_string()));
+        }
+        let models = fs::canonicalize(self.folder.join("../../../models")).unwrap();
+        let full = |file: &str| format!("{:?}", self.folder.join(file).display().to_string());
+        let venue = venue
+            .replace("../../../models", &models.display().to_string())
+            .replace("\"calibration.toml\"", &full("calibration.toml"));
+        let path = self.dir.path().join(format!("{name}.toml"));
+        fs::write(&path, venue).unwrap();
+        let out = self.dir.path().join(name);
+        run(&path, &out, &[]);
+        let summary = fs::read_to_string(out.join("summary.json")).unwrap();
+        let summary: Value = serde_json::from_str(&summary).unwrap();
+        let found = summary["agreement"]["disagreements"]
+            .as_array()
+            .unwrap()
+            .clone();
+        for one in &found {
+            println!("treadmill, {name}: {}", one["found"].as_str().unwrap());
+        }
+        found
+    }
+}
+
+#[test]
+fn all_six_swapped_pairs_are_named() {
+    let Some(treadmill) = Treadmill::new() else {
+        return;
+    };
+    for a in 0..4 {
+        for b in a + 1..4 {
+            let videos = [treadmill.as_wide_as(b, a), treadmill.as_wide_as(a, b)];
+            let name = format!("swapped-{}-{}", a + 1, b + 1);
+            let changed = [(CAMERAS[a], &*videos[0]), (CAMERAS[b], &*videos[1])];
+            let found = treadmill.disagreements(&name, &changed);
+            assert_eq!(found.len(), 1, "{name}: {found:?}");
+            assert_eq!(found[0]["cause"], "swapped", "{name}");
+            assert_eq!(
+                found[0]["cameras"],
+                serde_json::json!([CAMERAS[a], CAMERAS[b]])
+            );
+        }
+    }
+}
+
+#[test]
+fn a_shift_in_time_is_found_to_a_fifth_of_a_tick() {
+    let Some(treadmill) = Treadmill::new() else {
+        return;
+    };
+    assert_eq!(treadmill.disagreements("as-it-is", &[]), [] as [Value; 0]);
+    for ticks in [1, 3, 30] {
+        let filter = format!("tpad=start={ticks}:start_mode=clone");
+        let name = format!("late-{ticks}");
+        let video = treadmill.filtered("cam02", &filter, &name);
+        let found = treadmill.disagreements(&name, &[("cam02", &*video)]);
+        assert_eq!(found.len(), 1, "{name}: {found:?}");
+        assert_eq!(found[0]["cause"], "late", "{name}");
+        let told = found[0]["ticks"].as_f64().unwrap();
+        assert!((told - f64::from(ticks)).abs() < 0.2, "{name}: {told}");
+    }
+}
+
+#[test]
+fn mirrored_and_upside_down_videos_are_named() {
+    let Some(treadmill) = Treadmill::new() else {
+        return;
+    };
+    for (filter, cause) in [("hflip", "mirrored"), ("hflip,vflip", "half_turned")] {
+        let video = treadmill.filtered("cam02", filter, cause);
+        let found = treadmill.disagreements(cause, &[("cam02", &*video)]);
+        assert_eq!(found.len(), 1, "{cause}: {found:?}");
+        assert_eq!(found[0]["cause"], cause);
+        assert_eq!(found[0]["cameras"], serde_json::json!(["cam02"]));
+    }
+}
