@@ -48,7 +48,7 @@ pub(crate) struct RunArgs {
         reason = "absent, without and with a file: how clap says it"
     )]
     pub(crate) record: Option<Option<PathBuf>>,
-    /// End with exit code 1 when the cameras do not agree with each other.
+    /// Exit code 1 when cameras disagree
     #[arg(long)]
     pub(crate) strict: bool,
     /// Use another value of a parameter.

@@ -207,7 +207,7 @@ impl<'a> Row<'a> {
         } else if silent >= SILENT {
             self.red(format!("silent for {} s", silent.as_secs()));
         } else if status.live.is_none() {
-            self.state.state = "lock-step".to_owned();
+            "lock-step".clone_into(&mut self.state.state);
         } else {
             "live".clone_into(&mut self.state.state);
         }

@@ -79,6 +79,7 @@ impl SightLines {
 
 /// Where two lines of sight come nearest to each other.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[expect(clippy::struct_field_names, reason = "the unit is in the name")]
 pub(super) struct Meeting {
     /// How far from each other they pass, metres; infinite when they do so behind a camera.
     pub(super) gap_m: f64,

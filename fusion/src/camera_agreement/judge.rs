@@ -8,7 +8,6 @@ use std::collections::BTreeMap;
 
 use super::geometry::SightLines;
 use super::pairs::{CameraRays, PairAgreement, Partners, PictureChange};
-use super::refit::refit;
 use super::report::{
     AgreementReport, AgreementVerdict, CameraAgreement, Disagreement, DisagreementCause,
 };
@@ -29,16 +28,6 @@ const AGREES_PX: f64 = 1.5;
 const AGREES_FACTOR: f64 = 2.5;
 /// No cameras agree whose lines pass farther from each other than this, metres, unless their pixels are as wide.
 const NEVER_AGREES_M: f64 = 0.11;
-/// What a cause leaves of the cost that it explains.
-const EXPLAINS: f64 = 0.6;
-/// What it may leave when no other leaves nearly as little: networks err on heads that hang down.
-const EXPLAINS_IN_PART: f64 = 0.8;
-/// From which change of the focal length on it is called that, as a share.
-const OTHER_FOCAL_LENGTH: f64 = 0.03;
-/// A fit of four numbers explains a little of anything.
-const REFIT_HANDICAP: f64 = 1.3;
-/// How much less than what any other leaves.
-const STANDS_OUT: f64 = 0.9;
 /// Shift in time that is told of, ticks.
 const LATE_TICKS: f64 = 0.6;
 /// What it must leave of the cost.
@@ -57,14 +46,14 @@ const LEAST_DRIFT_MINUTES: f64 = 0.08;
 const SAME_PX: f32 = 6.0;
 
 pub(super) struct Judge<'a> {
-    cameras: &'a [JudgedCamera],
+    pub(super) cameras: &'a [JudgedCamera],
     partners: &'a Partners,
     rate_hz: f64,
     passes: Vec<&'a PassSample>,
-    bursts: Vec<&'a Burst>,
-    as_it_is: Vec<CameraRays>,
+    pub(super) bursts: Vec<&'a Burst>,
+    pub(super) as_it_is: Vec<CameraRays>,
     pairs: BTreeMap<(usize, usize), PairAgreement>,
-    shifts: Vec<Option<Shift>>,
+    pub(super) shifts: Vec<Option<Shift>>,
     /// The same from the odd and from the even keypoints alone.
     halves: [Vec<Option<Shift>>; 2],
     /// Per camera by how many ticks more it is late every minute, where that is sure.
@@ -108,7 +97,12 @@ impl<'a> Judge<'a> {
     }
 
     /// The sightings of `camera` changed so, seen with the calibration of `calibrated`.
-    fn rays(&self, camera: usize, calibrated: usize, change: PictureChange) -> CameraRays {
+    pub(super) fn rays(
+        &self,
+        camera: usize,
+        calibrated: usize,
+        change: PictureChange,
+    ) -> CameraRays {
         let size_px = self.cameras[camera].size_px;
         let lines = &self.cameras[calibrated].lines;
         CameraRays::of(
@@ -126,7 +120,7 @@ impl<'a> Judge<'a> {
         for group in self.groups() {
             self.judge_group(&group, &mut report.disagreements, &mut told);
         }
-        for camera in 0..self.cameras.len() {
+        for (camera, told) in told.iter_mut().enumerate() {
             let drift = || {
                 self.drifts[camera]
                     .map(|ticks_per_minute| DisagreementCause::Drifts { ticks_per_minute })
@@ -135,10 +129,8 @@ impl<'a> Judge<'a> {
                 self.late(camera)
                     .map(|ticks| DisagreementCause::Late { ticks })
             };
-            if !told[camera]
-                && let Some(cause) = drift().or_else(late)
-            {
-                told[camera] = true;
+            if !*told && let Some(cause) = drift().or_else(late) {
+                *told = true;
                 let disagreement = self.disagreement(&[camera], cause);
                 report.disagreements.push(disagreement);
             }
@@ -257,98 +249,13 @@ impl<'a> Judge<'a> {
         n >= MIN_KEYPOINTS && same * 10 >= n * 7
     }
 
-    /// What makes `camera` of a group, which is outside of those that are `right`, agree best, and which cameras it is
-    /// about; `None` where nothing does.
-    fn explain(
+    /// Mean cost of `rays` against these others; `None` where they have too little in common.
+    pub(super) fn cost_against(
         &self,
         camera: usize,
-        (right, group, outside): (&[usize], &[usize], &[usize]),
-        told: &mut [bool],
-    ) -> Option<(Vec<usize>, DisagreementCause)> {
-        let others: Vec<usize> = if right.is_empty() {
-            group
-                .iter()
-                .copied()
-                .filter(|&other| other != camera)
-                .collect()
-        } else {
-            right.to_vec()
-        };
-        let as_it_is = self.cost_against(camera, &self.as_it_is[camera], &others)?;
-        let mut causes: Vec<(f64, Vec<usize>, DisagreementCause)> = Vec::new();
-        for (change, cause) in [
-            (PictureChange::Mirrored, DisagreementCause::Mirrored),
-            (PictureChange::HalfTurned, DisagreementCause::HalfTurned),
-        ] {
-            let rays = self.rays(camera, camera, change);
-            if let Some(cost) = self.cost_against(camera, &rays, &others) {
-                causes.push((cost / as_it_is, vec![camera], cause));
-            }
-        }
-        for other in group.iter().copied().filter(|&other| other != camera) {
-            let apart: Vec<usize> = others.iter().copied().filter(|&o| o != other).collect();
-            let is_outside = outside.contains(&other) && !told[other];
-            let rays = self.rays(camera, other, PictureChange::AsItIs);
-            let Some(before) = self.cost_against(camera, &self.as_it_is[camera], &apart) else {
-                continue;
-            };
-            let Some(cost) = self.cost_against(camera, &rays, &apart) else {
-                continue;
-            };
-            let exchanged = self.rays(other, camera, PictureChange::AsItIs);
-            let swap = self
-                .cost_against(other, &exchanged, &apart)
-                .filter(|_| is_outside);
-            let other_before = self.cost_against(other, &self.as_it_is[other], &apart);
-            match (swap, other_before) {
-                (Some(of_other), Some(other_before)) if of_other < EXPLAINS * other_before => {
-                    let ratio = (cost + of_other) / (before + other_before);
-                    causes.push((ratio, vec![camera, other], DisagreementCause::Swapped));
-                }
-                _ => {
-                    let cause = if right.contains(&other) {
-                        DisagreementCause::SamePictures
-                    } else {
-                        DisagreementCause::OtherCalibration
-                    };
-                    causes.push((cost / before, vec![camera, other], cause));
-                }
-            }
-        }
-        if let (Some(shift), Some(ticks)) = (self.shifts[camera], self.late(camera)) {
-            let ratio = shift.cost_after / shift.cost_before;
-            causes.push((ratio, vec![camera], DisagreementCause::Late { ticks }));
-        }
-        let lines: Vec<SightLines> = self.cameras.iter().map(|c| c.lines.clone()).collect();
-        if let Some(refit) = refit(&self.bursts, &lines, (camera, right)) {
-            let cause = if (refit.focal_factor - 1.0).abs() > OTHER_FOCAL_LENGTH {
-                DisagreementCause::FocalLength {
-                    factor: (1000.0 * refit.focal_factor).round() / 1000.0,
-                }
-            } else {
-                DisagreementCause::Turned {
-                    degrees: rounded(refit.turned_rad.to_degrees()),
-                }
-            };
-            causes.push((REFIT_HANDICAP * refit.ratio, vec![camera], cause));
-        }
-        causes.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let second = causes.get(1).map_or(1.0, |(ratio, ..)| *ratio);
-        let is_cause = |ratio: f64| {
-            ratio < EXPLAINS || ratio < EXPLAINS_IN_PART && ratio < STANDS_OUT * second
-        };
-        let (_, cameras, cause) = causes
-            .into_iter()
-            .next()
-            .filter(|(ratio, ..)| is_cause(*ratio))?;
-        if cause == DisagreementCause::Swapped {
-            cameras.iter().for_each(|&camera| told[camera] = true);
-        }
-        Some((cameras, cause))
-    }
-
-    /// Mean cost of `rays` against these others; `None` where they have too little in common.
-    fn cost_against(&self, camera: usize, rays: &CameraRays, others: &[usize]) -> Option<f64> {
+        rays: &CameraRays,
+        others: &[usize],
+    ) -> Option<f64> {
         let own = self.cameras[camera].viewpoint;
         let others = others
             .iter()
@@ -362,7 +269,7 @@ impl<'a> Judge<'a> {
     }
 
     /// By how many ticks `camera` is late, when that is sure and worth a word.
-    fn late(&self, camera: usize) -> Option<f64> {
+    pub(super) fn late(&self, camera: usize) -> Option<f64> {
         let shift = self.shifts[camera]?;
         let explains = if shift.late_ticks.abs() < FAR_TICKS {
             LATE_EXPLAINS
@@ -459,7 +366,7 @@ fn drifts(bursts: &[&Burst], lines: &[SightLines], rate_hz: f64) -> Vec<Option<f
             half(KeypointHalf::Even),
         )
     };
-    let all: Vec<(f64, Vec<Option<Shift>>, Vec<Option<Shift>>)> = bursts.iter().map(of).collect();
+    let all: Vec<_> = bursts.iter().map(of).collect();
     let drift = |camera: usize| {
         let told = all.iter().filter_map(|(at, odd, even)| {
             let (odd, even) = (odd[camera]?, even[camera]?);
@@ -517,6 +424,6 @@ fn same_pixels(one: &SeenBody, other: &SeenBody) -> (usize, usize) {
 }
 
 /// To a tenth.
-fn rounded(value: f64) -> f64 {
+pub(super) fn rounded(value: f64) -> f64 {
     (10.0 * value).round() / 10.0
 }

@@ -12,6 +12,7 @@
 //! Nothing here moves a pose. A report takes up to some hundred milliseconds, and is made beside the loop, or at the end of
 //! a run.
 
+mod explain;
 mod geometry;
 mod judge;
 mod nobody;

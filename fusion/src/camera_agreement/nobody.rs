@@ -1,6 +1,9 @@
 //! Why nobody was found, in words.
 
+use std::cmp::Reverse;
+
 use super::report::SightedReport;
+use crate::sightings::diagnosis::SightingDiagnosis;
 
 impl SightedReport {
     /// The likely reasons why a run without people has none, the likeliest first; each with what to do.
@@ -44,11 +47,27 @@ impl SightedReport {
             );
             return reasons;
         }
+        let mut causes = bodies.causes();
+        causes.sort_by_key(|(count, _)| Reverse(*count));
+        reasons.extend(
+            causes
+                .into_iter()
+                .filter(|(count, _)| *count > 0)
+                .map(|(_, text)| text),
+        );
+        reasons
+    }
+}
+
+impl SightingDiagnosis {
+    /// What spoke against bodies, each with how many it was.
+    fn causes(&self) -> [(u64, String); 6] {
+        let bodies = self;
         let wrong = bodies.too_small + bodies.too_large;
         let of_all = |count: u64| format!("{count} of {} bodies", bodies.bodies);
         let mean_m = bodies.wrong_statures_m / wrong.max(1) as f64;
         let [x, y, z] = bodies.outside_at_m;
-        let mut causes = [
+        [
             (
                 wrong,
                 format!(
@@ -91,14 +110,6 @@ impl SightedReport {
                     of_all(bodies.people)
                 ),
             ),
-        ];
-        causes.sort_by(|a, b| b.0.cmp(&a.0));
-        reasons.extend(
-            causes
-                .into_iter()
-                .filter(|(count, _)| *count > 0)
-                .map(|(_, text)| text),
-        );
-        reasons
+        ]
     }
 }

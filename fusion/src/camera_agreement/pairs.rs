@@ -4,7 +4,7 @@
 //! show passes near itself; who is who is not known, so each sighting is compared with the one that fits it best. Where
 //! none does, it counts only when one of the two cameras sees nearly all places where the other's person may be, by the
 //! size that it has: cameras that look at different parts of a field say nothing of each other.
-//! Distances count by a saturating cost (Geman and McClure's): one wrong keypoint is one wrong keypoint, however far
+//! Distances count by a saturating cost (Geman and `McClure`'s): one wrong keypoint is one wrong keypoint, however far
 //! off it is.
 
 use std::ops::Range;

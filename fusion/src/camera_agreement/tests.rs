@@ -1,5 +1,7 @@
 //! A hall in which two people walk about, seen by four cameras of which some are not what the venue says.
 
+#![expect(clippy::cast_possible_wrap, reason = "a few hundred ticks")]
+
 use farfield_proto::camera::CameraModel;
 use farfield_proto::frames::Point;
 use nalgebra::Vector3;
@@ -56,6 +58,10 @@ impl Hall {
         hall
     }
 
+    #[expect(
+        clippy::too_many_lines,
+        reason = "one hall, from its cameras to its report"
+    )]
     fn report(&self) -> AgreementReport {
         let mut hall = hall();
         if self.narrow {
@@ -107,7 +113,7 @@ impl Hall {
                 .iter()
                 .map(|p| pixel(&hall.cameras[whose].1, p, &mut noise))
                 .collect();
-            changed(seen, mistake, &partners)
+            changed(&seen, mistake, &partners)
         };
         for burst in 0..self.bursts {
             for tick in [0, 30, 60, 90] {
@@ -165,7 +171,7 @@ fn walking(shape: &[Vector3<f64>], person: usize, at_s: f64, scale: f64) -> Vec<
     let side = if person == 0 { 1.0 } else { -1.0 };
     let place = Vector3::new(side * (1.5 * libm::sin(0.9 * at_s)), side * 1.2, 0.0);
     let swing = |k: usize| {
-        let phase = if k % 2 == 0 { 0.0 } else { 3.0 };
+        let phase = if k.is_multiple_of(2) { 0.0 } else { 3.0 };
         let reach = if k >= 7 { 0.25 } else { 0.02 };
         Vector3::new(reach * libm::sin(6.0 * at_s + phase), 0.0, 0.0)
     };
@@ -182,7 +188,7 @@ fn pixel(model: &CameraModel, p: &Vector3<f64>, noise: &mut Noise) -> Option<See
     })
 }
 
-fn changed(seen: SeenBody, mistake: Mistake, partners: &Partners) -> SeenBody {
+fn changed(seen: &SeenBody, mistake: Mistake, partners: &Partners) -> SeenBody {
     let of = |k: usize| {
         let from = if mistake.mirrored { partners[k] } else { k };
         let mut keypoint = seen[from]?;
@@ -324,8 +330,10 @@ fn people_of_half_their_size_tell_of_the_unit_of_the_calibration() {
 
 #[test]
 fn three_cameras_in_a_ring_of_wrong_names_are_told_of() {
-    let mut hall = Hall::default();
-    hall.shows = [0, 2, 3, 1].map(|camera| (camera, Mistake::default()));
+    let hall = Hall {
+        shows: [0, 2, 3, 1].map(|camera| (camera, Mistake::default())),
+        ..Hall::default()
+    };
     let causes = hall.causes().into_iter();
     let blamed: BTreeSet<String> = causes.flat_map(|(names, _)| names).collect();
     let ring: BTreeSet<String> = names(&[1, 2, 3]).into_iter().collect();

@@ -83,7 +83,7 @@ pub(super) fn shifts(
             let now = sums[index(ticks[camera], reach)];
             let (at, least) = least(&sums)?;
             let gain = now - least;
-            (gain > 1e-6).then_some((camera, at as isize - reach as isize, gain))
+            (gain > 1e-6).then_some((camera, at.cast_signed() - reach.cast_signed(), gain))
         });
         let Some((camera, to, _)) = moves.max_by(|a, b| a.2.total_cmp(&b.2)) else {
             break;

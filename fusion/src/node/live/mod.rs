@@ -60,8 +60,7 @@ pub(super) async fn live(
     let first = start.first;
     // Under a parent all nodes end together.
     let people_path = (config.managed == Managed::No).then(|| handover::place(venue, context.out));
-    let known = people_path.as_deref();
-    let known = known.and_then(|path| handover::read(path, venue, &start));
+    let known = (people_path.as_deref()).and_then(|path| handover::read(path, venue, &start));
     expect(known, &mut pipeline, &context, first).map_err(NodeError::Failed)?;
     let boxes = pipeline.first_boxes(first);
     let keypoints = pipeline.keypoints();
@@ -80,8 +79,7 @@ pub(super) async fn live(
         .transpose()
         .context("starting the thread that keeps who is here")
         .map_err(NodeError::Failed)?;
-    let judge = AgreementJudge::start().context("starting the thread that judges cameras");
-    run.agreement = Some(judge.map_err(NodeError::Failed)?);
+    run.agreement = Some(judge()?);
     let outcome = run.run(boxes, &mut worker, &mut context).await;
     if let Some(recording) = context.recording {
         let patience = match outcome {
@@ -139,6 +137,12 @@ fn disks(
     std::iter::once(exporter.disk_room())
         .chain(recording)
         .collect()
+}
+
+/// Who judges whether the cameras agree.
+fn judge() -> Result<AgreementJudge, NodeError> {
+    let judge = AgreementJudge::start().context("starting the thread that judges cameras");
+    judge.map_err(NodeError::Failed)
 }
 
 /// Lets `pipeline` expect who was here before, and a recording know it; if anybody was.

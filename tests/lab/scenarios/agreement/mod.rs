@@ -198,11 +198,9 @@ fn swapped_sources_are_named_and_fail_strictly() {
 
 #[test]
 fn a_late_source_is_named_with_its_lateness() {
-    MistakenSample::new().late("south-west", 3).is_told(&[
-        "camera south-west is 3.",
-        "ticks (10",
-        "late against the others",
-    ]);
+    MistakenSample::new()
+        .late("south-west", 3)
+        .is_told(&["camera south-west is ", " ms) late against the others"]);
 }
 
 #[test]

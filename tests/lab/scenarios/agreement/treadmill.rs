@@ -40,6 +40,9 @@ impl Treadmill {
     /// The video of a camera through a filter of ffmpeg, as long as it was.
     fn filtered(&self, camera: &str, filter: &str, name: &str) -> PathBuf {
         let path = self.dir.path().join(format!("{camera}-{name}.mp4"));
+        if path.exists() {
+            return path;
+        }
         let ended = Command::new("ffmpeg")
             .args(["-v", "error", "-i"])
             .arg(self.video(camera))
@@ -99,18 +102,15 @@ fn all_six_swapped_pairs_are_named() {
     let Some(treadmill) = Treadmill::new() else {
         return;
     };
-    for a in 0..4 {
-        for b in a + 1..4 {
+    for (a, first) in CAMERAS.into_iter().enumerate() {
+        for (b, second) in CAMERAS.into_iter().enumerate().skip(a + 1) {
             let videos = [treadmill.as_wide_as(b, a), treadmill.as_wide_as(a, b)];
             let name = format!("swapped-{}-{}", a + 1, b + 1);
-            let changed = [(CAMERAS[a], &*videos[0]), (CAMERAS[b], &*videos[1])];
+            let changed = [(first, &*videos[0]), (second, &*videos[1])];
             let found = treadmill.disagreements(&name, &changed);
             assert_eq!(found.len(), 1, "{name}: {found:?}");
             assert_eq!(found[0]["cause"], "swapped", "{name}");
-            assert_eq!(
-                found[0]["cameras"],
-                serde_json::json!([CAMERAS[a], CAMERAS[b]])
-            );
+            assert_eq!(found[0]["cameras"], serde_json::json!([first, second]));
         }
     }
 }

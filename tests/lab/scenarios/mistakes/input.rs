@@ -10,6 +10,7 @@ const RUN: &str = "run venue.toml --out out";
 const CAMERAS: [&str; 4] = ["north-east", "north-west", "south-west", "south-east"];
 
 #[test]
+#[expect(clippy::too_many_lines, reason = "a table of mistakes")]
 fn a_venue_file_that_is_wrong_is_refused_by_line_and_field() {
     let of = |what, make, told| Mistake {
         what,
@@ -47,7 +48,7 @@ fn a_venue_file_that_is_wrong_is_refused_by_line_and_field() {
                     "venue.toml",
                     "[[viewpoint]]\nname = \"north-west\"",
                     "[[viewpoint]]\nname = \"north-east\"",
-                )
+                );
             },
             &["viewpoint[1].name", "differ"],
         ),
@@ -79,7 +80,7 @@ fn a_venue_file_that_is_wrong_is_refused_by_line_and_field() {
                     "venue.toml",
                     "\"north-east.jsonl\"",
                     "\"C:\\videos\\a.jsonl\"",
-                )
+                );
             },
             &["venue.toml:14"],
         ),
@@ -106,7 +107,7 @@ fn a_venue_file_that_is_wrong_is_refused_by_line_and_field() {
                     "venue.toml",
                     "kind = \"keypoints\", path = \"north-east.jsonl\"",
                     "kind = \"video\", path = \"a.mp4\"",
-                )
+                );
             },
             &["network", "north-east"],
         ),
@@ -118,7 +119,7 @@ fn a_venue_file_that_is_wrong_is_refused_by_line_and_field() {
                     "venue.toml",
                     "camera]]\nname = \"north-west\"",
                     "camera]]\nname = \"nw\"",
-                )
+                );
             },
             &["venue.toml", "nw"],
         ),
@@ -177,7 +178,7 @@ fn a_calibration_that_is_wrong_is_refused_by_file_and_field() {
                     "calibration.toml",
                     "[[1050.0, 0.0, 959.5], [0.0, 1050.0, 599.5], [0.0, 0.0, 1.0]]",
                     "[1050.0, 1050.0, 959.5, 599.5]",
-                )
+                );
             },
             &["calibration.toml:4", "matrix"],
         ),
@@ -189,7 +190,7 @@ fn a_calibration_that_is_wrong_is_refused_by_file_and_field() {
                     "calibration.toml",
                     "[-0.08, 0.02, 0.0, 0.0, 0.0]",
                     "[-0.08, 0.02, 0.0]",
-                )
+                );
             },
             &["distortions", "found 3"],
         ),

@@ -109,7 +109,7 @@ fn poses_and_truths_that_do_not_belong_together_are_told_apart() {
                         point[0] = (point[0].as_f64().unwrap() + 40.0).into();
                     }
                     line.as_object_mut().unwrap().remove("keypoints");
-                })
+                });
             },
             "evaluate good/poses.jsonl truth.jsonl",
             2,

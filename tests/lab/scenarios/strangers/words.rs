@@ -52,7 +52,7 @@ impl Wanted<'_> {
         let key = KeyPair::generate().unwrap();
         let certificate = params.signed_by(&key, &issuer).unwrap();
         let folder = hall.path(&format!("made-{}", key.serialize_pem().len()));
-        let folder = (0..)
+        let folder = (0..1000)
             .map(|n| folder.with_extension(n.to_string()))
             .find(|path| !path.exists());
         let folder: PathBuf = folder.unwrap();

@@ -1,0 +1,122 @@
+//! What would make a camera agree: the likely causes, weighed by how much each leaves of the cost.
+
+use super::geometry::SightLines;
+use super::judge::{Judge, rounded};
+use super::pairs::PictureChange;
+use super::refit::refit;
+use super::report::DisagreementCause;
+
+/// What a cause leaves of the cost that it explains.
+const EXPLAINS: f64 = 0.6;
+/// What it may leave when no other leaves nearly as little: networks err on heads that hang down.
+const EXPLAINS_IN_PART: f64 = 0.8;
+/// From which change of the focal length on it is called that, as a share.
+const OTHER_FOCAL_LENGTH: f64 = 0.03;
+/// A fit of four numbers explains a little of anything.
+const REFIT_HANDICAP: f64 = 1.3;
+/// How much less than what any other leaves.
+const STANDS_OUT: f64 = 0.9;
+/// Turns larger than this are no camera that was pushed, radians.
+const MOST_TURNED_RAD: f64 = 0.35;
+
+/// What a cause leaves of the cost, the cameras that it is about, and the cause.
+type Weighed = (f64, Vec<usize>, DisagreementCause);
+
+impl Judge<'_> {
+    /// What makes `camera` of a group, which is outside of those that are `right`, agree best, and which cameras it is
+    /// about; `None` where nothing does.
+    pub(super) fn explain(
+        &self,
+        camera: usize,
+        (right, group, outside): (&[usize], &[usize], &[usize]),
+        told: &mut [bool],
+    ) -> Option<(Vec<usize>, DisagreementCause)> {
+        let others: Vec<usize> = if right.is_empty() {
+            let others = group.iter().copied();
+            others.filter(|&other| other != camera).collect()
+        } else {
+            right.to_vec()
+        };
+        let as_it_is = self.cost_against(camera, &self.as_it_is[camera], &others)?;
+        let mut causes: Vec<Weighed> = Vec::new();
+        for (change, cause) in [
+            (PictureChange::Mirrored, DisagreementCause::Mirrored),
+            (PictureChange::HalfTurned, DisagreementCause::HalfTurned),
+        ] {
+            let rays = self.rays(camera, camera, change);
+            if let Some(cost) = self.cost_against(camera, &rays, &others) {
+                causes.push((cost / as_it_is, vec![camera], cause));
+            }
+        }
+        for other in group.iter().copied().filter(|&other| other != camera) {
+            let apart: Vec<usize> = others.iter().copied().filter(|&o| o != other).collect();
+            let may_be_swapped = outside.contains(&other) && !told[other];
+            let roles = (right.contains(&other), may_be_swapped);
+            causes.extend(self.with_calibration_of((camera, other), &apart, roles));
+        }
+        if let (Some(shift), Some(ticks)) = (self.shifts[camera], self.late(camera)) {
+            let ratio = shift.cost_after / shift.cost_before;
+            causes.push((ratio, vec![camera], DisagreementCause::Late { ticks }));
+        }
+        causes.extend(self.refitted(camera, right));
+        causes.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let second = causes.get(1).map_or(1.0, |(ratio, ..)| *ratio);
+        let is_cause = |ratio: f64| {
+            ratio < EXPLAINS || ratio < EXPLAINS_IN_PART && ratio < STANDS_OUT * second
+        };
+        let best = causes.into_iter().next();
+        let (_, cameras, cause) = best.filter(|(ratio, ..)| is_cause(*ratio))?;
+        if cause == DisagreementCause::Swapped {
+            for &camera in &cameras {
+                told[camera] = true;
+            }
+        }
+        Some((cameras, cause))
+    }
+
+    /// What the calibration of the `other` camera leaves of the cost of a camera against those `apart` from both; the
+    /// other may be taken for right, or may be swapped with it.
+    fn with_calibration_of(
+        &self,
+        (camera, other): (usize, usize),
+        apart: &[usize],
+        (is_right, may_be_swapped): (bool, bool),
+    ) -> Option<Weighed> {
+        let before = self.cost_against(camera, &self.as_it_is[camera], apart)?;
+        let rays = self.rays(camera, other, PictureChange::AsItIs);
+        let cost = self.cost_against(camera, &rays, apart)?;
+        let cameras = vec![camera, other];
+        let exchanged = self.rays(other, camera, PictureChange::AsItIs);
+        let of_other = self.cost_against(other, &exchanged, apart);
+        let other_before = self.cost_against(other, &self.as_it_is[other], apart);
+        if let (true, Some(of_other), Some(other_before)) = (may_be_swapped, of_other, other_before)
+            && of_other < EXPLAINS * other_before
+        {
+            let ratio = (cost + of_other) / (before + other_before);
+            return Some((ratio, cameras, DisagreementCause::Swapped));
+        }
+        let cause = if is_right {
+            DisagreementCause::SamePictures
+        } else {
+            DisagreementCause::OtherCalibration
+        };
+        Some((cost / before, cameras, cause))
+    }
+
+    /// What another focal length, or a small turn, leaves.
+    fn refitted(&self, camera: usize, right: &[usize]) -> Option<Weighed> {
+        let lines: Vec<SightLines> = self.cameras.iter().map(|c| c.lines.clone()).collect();
+        let refit = refit(&self.bursts, &lines, (camera, right))?;
+        let cause = if (refit.focal_factor - 1.0).abs() > OTHER_FOCAL_LENGTH {
+            DisagreementCause::FocalLength {
+                factor: (1000.0 * refit.focal_factor).round() / 1000.0,
+            }
+        } else {
+            DisagreementCause::Turned {
+                degrees: rounded(refit.turned_rad.to_degrees()),
+            }
+        };
+        let is_small = refit.turned_rad <= MOST_TURNED_RAD;
+        is_small.then(|| (REFIT_HANDICAP * refit.ratio, vec![camera], cause))
+    }
+}
