@@ -21,10 +21,10 @@ pub fn print(text: &str) -> anyhow::Result<()> {
     print_while_read(text).map(|_| ())
 }
 
-/// [`print`], and whether to go on.
+/// [`print()`], and whether to go on.
 ///
 /// # Errors
-/// As [`print`].
+/// As [`print()`].
 pub fn print_while_read(text: &str) -> anyhow::Result<Reader> {
     let mut out = stdout().lock();
     reader_after(out.write_all(text.as_bytes()).and_then(|()| out.flush()))
