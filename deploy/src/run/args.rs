@@ -49,13 +49,13 @@ pub(crate) struct RunArgs {
     )]
     pub(crate) record: Option<Option<PathBuf>>,
     /// Exit code 1 when cameras disagree
-    #[arg(long)]
+    #[arg(long, hide_short_help = true)]
     pub(crate) strict: bool,
     /// Use another value of a parameter.
     ///
     /// See `farfield parameters`; for example `smoothing.cutoff_hz=3`. The venue file that comes of it lies among the
     /// results.
-    #[arg(long, value_name = "TABLE.FIELD=VALUE")]
+    #[arg(long, value_name = "TABLE.FIELD=VALUE", hide_short_help = true)]
     pub(crate) set: Vec<String>,
     /// Print the summary, or what went wrong, as JSON.
     #[arg(long)]

@@ -22,6 +22,8 @@ const POINT_M: f64 = 0.02;
 const WIDE_M: f64 = 300.0;
 /// Cameras of two viewpoints that are nearer stand at one place, metres.
 const SAME_PLACE_M: f64 = 0.01;
+/// Cameras of one viewpoint that are nearer have the same numbers, metres.
+const COPIED_M: f64 = 1e-6;
 /// Cosine of an angle of about 0.2 degrees: turned alike.
 const ALIKE: f64 = 0.999_99;
 /// How far the field reaches beyond the cameras when nobody has said how far, metres.
@@ -116,8 +118,11 @@ fn same_places(sights: &[Sight]) -> Vec<Finding> {
         let is_alike = cosine(a.forward, b.forward) > ALIKE && cosine(a.right, b.right) > ALIKE;
         // Cameras of one viewpoint may share a mast.
         let (severity, how) = match (is_alike, a.viewpoint == b.viewpoint) {
-            (_, true) => continue,
+            (false, true) => continue,
             (true, false) => (Severity::Wrong, "at the same place, turned alike, as"),
+            // Twins on one mast look alike; no two have the same numbers.
+            (true, true) if distance_m(a, b) > COPIED_M => continue,
+            (true, true) => (Severity::Doubtful, "at the same place, turned alike, as"),
             (false, false) => (Severity::Doubtful, "at the same place as"),
         };
         findings.push(Finding {

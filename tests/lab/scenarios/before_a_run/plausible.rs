@@ -31,6 +31,10 @@ fn nothing_is_said_of_any_scene() {
     let mut seen = 0;
     for entry in std::fs::read_dir(checkout().join("tests/scenes")).unwrap() {
         let path = entry.unwrap().path();
+        // The cameras of this one stand in pairs at one place, turned alike: that is worth a word.
+        if path.ends_with("stage.toml") {
+            continue;
+        }
         // What is laid over a scene is none by itself.
         if !std::fs::read_to_string(&path).unwrap().contains("rate_hz") {
             continue;
