@@ -58,7 +58,7 @@ pub(crate) struct RunArgs {
     #[arg(long, value_name = "TABLE.FIELD=VALUE", hide_short_help = true)]
     pub(crate) set: Vec<String>,
     /// Print the summary, or what went wrong, as JSON.
-    #[arg(long)]
+    #[arg(long, hide_short_help = true)]
     pub(crate) json: bool,
 }
 
