@@ -34,7 +34,7 @@ use crate::status::StatusArgs;
     version,
     after_help = "Example: farfield demo    (-h after a command: its options; --help: all of it)",
     // As many commands as there are leave no rows for more.
-    help_template = "{about}\nUsage: {usage}\n\n{subcommands}\n\n{after-help}"
+    help_template = "{about}\nUsage: {usage}\n\n{subcommands}{after-help}"
 )]
 pub(crate) struct FarfieldCli {
     #[command(subcommand)]

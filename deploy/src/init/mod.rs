@@ -35,30 +35,48 @@ use self::viewpoints::ViewpointArg;
 /// Arguments of `farfield init`.
 #[derive(Debug, Args)]
 pub(crate) struct InitArgs {
-    /// The folder of the recordings: videos, folders of numbered pictures, or keypoint files, named after the cameras.
+    /// The folder of the recordings.
+    ///
+    /// Videos, folders of numbered pictures, or keypoint files, named after the cameras.
     pub(crate) folder: PathBuf,
-    /// The calibration file. Default: the one in the folder.
+    /// The calibration file.
+    ///
+    /// Default: the one in the folder.
     #[arg(long, value_name = "FILE")]
     pub(crate) calibration: Option<PathBuf>,
-    /// Where the recordings are, if not in the folder itself or in `videos` in it.
+    /// Where the recordings are.
+    ///
+    /// Default: the folder itself, or `videos` in it.
     #[arg(long, value_name = "DIR")]
     pub(crate) videos: Option<PathBuf>,
-    /// Frames per second. Default: what the videos say.
+    /// Frames per second.
+    ///
+    /// Default: what the videos say.
     #[arg(long, value_name = "HZ")]
     pub(crate) rate: Option<f64>,
-    /// Card of the keypoint network; pictures need one.
+    /// Card of the keypoint network.
+    ///
+    /// Pictures need one.
     #[arg(long, value_name = "CARD")]
     pub(crate) network: Option<PathBuf>,
-    /// Card of the detector that finds people in pictures.
+    /// Card of the detector.
+    ///
+    /// It finds people in pictures.
     #[arg(long, value_name = "CARD")]
     pub(crate) detector: Option<PathBuf>,
-    /// Cameras that stand at one place; only the cameras that are named are used. Default: all, each a viewpoint.
+    /// Cameras that stand at one place.
+    ///
+    /// Only the cameras that are named are used. Default: all, each a viewpoint.
     #[arg(long, value_name = "NAME=CAM1,CAM2")]
     pub(crate) viewpoint: Vec<ViewpointArg>,
-    /// Where people are tracked, metres. Default: what two viewpoints see.
+    /// Where people are tracked, metres.
+    ///
+    /// Default: what two viewpoints see.
     #[arg(long, value_name = "X0,Y0,X1,Y1", allow_hyphen_values = true, value_parser = seen_field::parse)]
     pub(crate) field: Option<[f64; 4]>,
-    /// The venue file. Default: `venue.toml` in the folder.
+    /// The venue file to write.
+    ///
+    /// Default: `venue.toml` in the folder.
     #[arg(long, value_name = "FILE")]
     pub(crate) out: Option<PathBuf>,
     /// Print the checks as JSON.
