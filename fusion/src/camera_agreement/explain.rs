@@ -1,6 +1,5 @@
 //! What would make a camera agree: the likely causes, weighed by how much each leaves of the cost.
 
-use super::geometry::SightLines;
 use super::judge::{Judge, rounded};
 use super::pairs::PictureChange;
 use super::refit::refit;
@@ -105,8 +104,7 @@ impl Judge<'_> {
 
     /// What another focal length, or a small turn, leaves.
     fn refitted(&self, camera: usize, right: &[usize]) -> Option<Weighed> {
-        let lines: Vec<SightLines> = self.cameras.iter().map(|c| c.lines.clone()).collect();
-        let refit = refit(&self.bursts, &lines, (camera, right))?;
+        let refit = refit(&self.bursts, &self.lines, (camera, right))?;
         let cause = if (refit.focal_factor - 1.0).abs() > OTHER_FOCAL_LENGTH {
             DisagreementCause::FocalLength {
                 factor: (1000.0 * refit.focal_factor).round() / 1000.0,

@@ -50,6 +50,7 @@ pub(super) struct Judge<'a> {
     partners: &'a Partners,
     rate_hz: f64,
     passes: Vec<&'a PassSample>,
+    pub(super) lines: Vec<SightLines>,
     pub(super) bursts: Vec<&'a Burst>,
     pub(super) as_it_is: Vec<CameraRays>,
     pairs: BTreeMap<(usize, usize), PairAgreement>,
@@ -75,6 +76,7 @@ impl<'a> Judge<'a> {
             shifts: of(KeypointHalf::All),
             halves: [of(KeypointHalf::Odd), of(KeypointHalf::Even)],
             drifts: drifts(&bursts, &lines, cameras.rate_hz),
+            lines,
             passes,
             bursts,
             as_it_is: Vec::new(),
@@ -104,7 +106,7 @@ impl<'a> Judge<'a> {
         change: PictureChange,
     ) -> CameraRays {
         let size_px = self.cameras[camera].size_px;
-        let lines = &self.cameras[calibrated].lines;
+        let lines = &self.lines[calibrated];
         CameraRays::of(
             &self.passes,
             (camera, size_px),
@@ -214,7 +216,7 @@ impl<'a> Judge<'a> {
     }
 
     fn focal_px(&self, camera: usize) -> f64 {
-        self.cameras[camera].lines.mean_focal_px()
+        self.lines[camera].mean_focal_px()
     }
 
     /// Two cameras whose keypoints stand in the same pixels at every pass.

@@ -31,6 +31,8 @@ const ONE_BURST_IN: u64 = 5;
 const MAX_BURSTS: usize = 6;
 /// People whose keypoints are kept.
 const MAX_PEOPLE: usize = 2;
+/// Trails of a burst: people who come and go do not make it grow without end.
+const MAX_TRAILS: usize = 256;
 /// Least score of a peak, 0 to 1.
 const MIN_SCORE: f32 = 0.3;
 
@@ -42,6 +44,12 @@ pub(super) struct SeenKeypoint {
     /// 0 to 1.
     pub(super) score: f32,
 }
+
+/// What a trail has of a keypoint that is not seen.
+const UNSEEN: SeenKeypoint = SeenKeypoint {
+    pixel: [0.0; 2],
+    score: 0.0,
+};
 
 /// Per keypoint of the network.
 pub(super) type SeenBody = Vec<Option<SeenKeypoint>>;
@@ -103,10 +111,6 @@ impl Trail {
     /// A trail of what is given, on time.
     #[cfg(test)]
     pub(super) fn of(person: u32, camera: usize, bodies: &[SeenBody]) -> Self {
-        let unseen = SeenKeypoint {
-            pixel: [0.0; 2],
-            score: 0.0,
-        };
         Self {
             person,
             camera,
@@ -115,7 +119,7 @@ impl Trail {
             seen: bodies
                 .iter()
                 .flatten()
-                .map(|seen| seen.unwrap_or(unseen))
+                .map(|seen| seen.unwrap_or(UNSEEN))
                 .collect(),
         }
     }
@@ -124,18 +128,14 @@ impl Trail {
         if view.n_keypoints() != self.n_keypoints || self.late_ticks.len() > at {
             return;
         }
-        let unseen = SeenKeypoint {
-            pixel: [0.0; 2],
-            score: 0.0,
-        };
         self.late_ticks.resize(at, f32::NAN);
-        self.seen.resize(at * self.n_keypoints, unseen);
+        self.seen.resize(at * self.n_keypoints, UNSEEN);
         self.late_ticks
             .push((view.capture_offset_s * rate_hz) as f32);
         self.seen.extend((0..self.n_keypoints).map(|keypoint| {
             let peak = view.highest_peak(keypoint);
             peak.filter(|(_, score)| *score >= f64::from(MIN_SCORE))
-                .map_or(unseen, |(pixel, score)| SeenKeypoint {
+                .map_or(UNSEEN, |(pixel, score)| SeenKeypoint {
                     pixel: [pixel.x() as f32, pixel.y() as f32],
                     score: score as f32,
                 })
@@ -179,7 +179,7 @@ impl Samples {
         }
     }
 
-    /// Keeps what `group` holds of a detection pass. `owner(camera)` is the viewpoint of a camera.
+    /// Keeps what `group` holds of a detection pass; `is_own(camera, viewpoint)` says whether the one is the other's.
     pub(super) fn note_pass(
         &mut self,
         group: &TickGroup,
@@ -270,8 +270,9 @@ impl Samples {
             .filter(|track| !track.estimator().views().is_empty());
         for track in seen.take(MAX_PEOPLE) {
             for view in track.estimator().views() {
-                let trail = burst.trail(view, track.wire_id().0, length as usize);
-                trail.note(at, (view, self.rate_hz));
+                if let Some(trail) = burst.trail(view, track.wire_id().0, length as usize) {
+                    trail.note(at, (view, self.rate_hz));
+                }
             }
         }
     }
@@ -300,12 +301,12 @@ impl Samples {
 }
 
 impl Burst {
-    /// The trail of a person in a camera, made if there is none.
-    fn trail(&mut self, view: &View, person: u32, n_ticks: usize) -> &mut Trail {
+    /// The trail of a person in a camera, made if there is none; `None` where there are too many.
+    fn trail(&mut self, view: &View, person: u32, n_ticks: usize) -> Option<&mut Trail> {
         let camera = usize::from(view.camera.0);
-        let mut trails = self.trails.iter();
-        let found = trails.position(|trail| trail.person == person && trail.camera == camera);
-        let index = found.unwrap_or_else(|| {
+        let is_it = |trail: &Trail| trail.person == person && trail.camera == camera;
+        let found = self.trails.iter().position(is_it);
+        if found.is_none() && self.trails.len() < MAX_TRAILS {
             self.trails.push(Trail {
                 person,
                 camera,
@@ -313,8 +314,8 @@ impl Burst {
                 late_ticks: Vec::with_capacity(n_ticks),
                 seen: Vec::with_capacity(n_ticks * view.n_keypoints()),
             });
-            self.trails.len() - 1
-        });
-        &mut self.trails[index]
+            return self.trails.last_mut();
+        }
+        self.trails.get_mut(found?)
     }
 }

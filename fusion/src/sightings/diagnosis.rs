@@ -14,15 +14,13 @@ use serde::{Deserialize, Serialize};
 
 use super::association::associate;
 use super::gates::Gates;
-use super::plausibility::is_plausible;
+use super::plausibility::{STATURES_M, is_plausible};
 use super::rays::witnesses;
 use super::reconstruction::Reconstruction;
 use crate::body::observed::ObservedJoints;
 use crate::body::segment::stature_m;
 use crate::body::skeleton::Joint;
 
-/// Statures that are looked at as those of people, metres.
-const STATURES_M: std::ops::RangeInclusive<f64> = 0.95..=2.4;
 /// How far below the floor the lowest point of a body may be, metres: an ankle is never there.
 const UNDER_FLOOR_M: f64 = 0.3;
 /// How far everything is looked for, metres from the origin.

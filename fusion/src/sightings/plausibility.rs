@@ -8,7 +8,7 @@ use crate::body::segment::{Segment, stature_m};
 use crate::body::skeleton::Joint;
 
 /// Statures of people, metres, from small children to the tallest, with what keypoints are off.
-const STATURES_M: std::ops::RangeInclusive<f64> = 0.95..=2.4;
+pub(super) const STATURES_M: std::ops::RangeInclusive<f64> = 0.95..=2.4;
 
 /// How far a segment may be from the length that the stature asks for, as factors. Networks put
 /// shoulders and hips up to 50 mm off the joints, and two views alone see lengths to a tenth.

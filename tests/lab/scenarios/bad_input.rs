@@ -1,36 +1,12 @@
 //! Bad input: exit code 2, one message that names the file and the field, nothing half-written.
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use crate::data::checkout;
+use crate::data::{SampleFolder, checkout};
 use crate::farfield::{FinishedCommand, command, finish};
 
-/// A copy of the sample venue to spoil.
-struct SpoiltSample {
-    dir: tempfile::TempDir,
-}
-
-impl SpoiltSample {
-    fn new() -> Self {
-        let dir = tempfile::tempdir().unwrap();
-        for entry in fs::read_dir(checkout().join("examples/walk")).unwrap() {
-            let path = entry.unwrap().path();
-            fs::copy(&path, dir.path().join(path.file_name().unwrap())).unwrap();
-        }
-        Self { dir }
-    }
-
-    fn path(&self, name: &str) -> PathBuf {
-        self.dir.path().join(name)
-    }
-
-    fn replace(&self, file: &str, from: &str, to: &str) {
-        let text = fs::read_to_string(self.path(file)).unwrap();
-        assert!(text.contains(from), "{file} has no {from:?} to spoil");
-        fs::write(self.path(file), text.replacen(from, to, 1)).unwrap();
-    }
-
+impl SampleFolder {
     fn run(&self, more: &[&str]) -> FinishedCommand {
         let mut command = command();
         command
@@ -44,7 +20,7 @@ impl SpoiltSample {
 }
 
 /// Runs the spoilt sample and checks that it is refused with a message that names all of `named`.
-fn is_refused(sample: &SpoiltSample, more: &[&str], named: &[&str]) {
+fn is_refused(sample: &SampleFolder, more: &[&str], named: &[&str]) {
     let finished = sample.run(more);
     assert_eq!(
         finished.code, 2,
@@ -68,7 +44,7 @@ fn is_refused(sample: &SpoiltSample, more: &[&str], named: &[&str]) {
 
 #[test]
 fn a_calibration_without_one_of_the_cameras_is_refused() {
-    let sample = SpoiltSample::new();
+    let sample = SampleFolder::new();
     sample.replace(
         "calibration.toml",
         "[south-west]\nname = \"south-west\"",
@@ -79,7 +55,7 @@ fn a_calibration_without_one_of_the_cameras_is_refused() {
 
 #[test]
 fn a_singular_camera_matrix_is_refused() {
-    let sample = SpoiltSample::new();
+    let sample = SampleFolder::new();
     sample.replace(
         "calibration.toml",
         "matrix = [[1050.0, 0.0",
@@ -90,7 +66,7 @@ fn a_singular_camera_matrix_is_refused() {
 
 #[test]
 fn a_calibration_with_nan_is_refused() {
-    let sample = SpoiltSample::new();
+    let sample = SampleFolder::new();
     sample.replace(
         "calibration.toml",
         "translation = [",
@@ -105,7 +81,7 @@ fn a_calibration_with_nan_is_refused() {
 
 #[test]
 fn a_venue_that_names_an_unknown_camera_is_refused() {
-    let sample = SpoiltSample::new();
+    let sample = SampleFolder::new();
     sample.replace(
         "venue.toml",
         "[[viewpoint.camera]]\nname = \"north-west\"",
@@ -116,21 +92,21 @@ fn a_venue_that_names_an_unknown_camera_is_refused() {
 
 #[test]
 fn a_source_that_is_not_there_is_refused() {
-    let sample = SpoiltSample::new();
+    let sample = SampleFolder::new();
     fs::remove_file(sample.path("south-east.jsonl")).unwrap();
     is_refused(&sample, &[], &["south-east.jsonl"]);
 }
 
 #[test]
 fn an_unknown_field_of_the_venue_is_refused_with_the_nearest_name() {
-    let sample = SpoiltSample::new();
+    let sample = SampleFolder::new();
     sample.replace("venue.toml", "rate_hz", "rate_hertz");
     is_refused(&sample, &[], &["venue.toml", "rate_hertz", "rate_hz"]);
 }
 
 #[test]
 fn sources_of_different_lengths_are_refused_unless_the_ticks_lie_inside_all() {
-    let sample = SpoiltSample::new();
+    let sample = SampleFolder::new();
     let text = fs::read_to_string(sample.path("north-west.jsonl")).unwrap();
     let shorter: String = text
         .lines()
@@ -145,7 +121,7 @@ fn sources_of_different_lengths_are_refused_unless_the_ticks_lie_inside_all() {
 #[test]
 fn ticks_outside_the_clip_are_refused() {
     is_refused(
-        &SpoiltSample::new(),
+        &SampleFolder::new(),
         &["--ticks", "60..400"],
         &["400", "120"],
     );
@@ -153,7 +129,7 @@ fn ticks_outside_the_clip_are_refused() {
 
 #[test]
 fn a_broken_line_of_keypoints_is_refused_with_its_line_number() {
-    let sample = SpoiltSample::new();
+    let sample = SampleFolder::new();
     let text = fs::read_to_string(sample.path("north-east.jsonl")).unwrap();
     let broken: String = text
         .lines()
@@ -172,7 +148,7 @@ fn a_broken_line_of_keypoints_is_refused_with_its_line_number() {
 
 #[test]
 fn an_output_folder_that_is_not_empty_is_refused_and_left_alone() {
-    let sample = SpoiltSample::new();
+    let sample = SampleFolder::new();
     fs::create_dir(sample.path("out")).unwrap();
     fs::write(sample.path("out/notes.txt"), "mine").unwrap();
     let finished = sample.run(&[]);
@@ -184,7 +160,7 @@ fn an_output_folder_that_is_not_empty_is_refused_and_left_alone() {
 /// A person given by hand, complete enough for a body.
 const PERSON: &str = "left_shoulder = [0.1, 0.2, 1.4], right_shoulder = [-0.2, 0.2, 1.4], left_hip = [0.05, 0.2, 0.95], right_hip = [-0.15, 0.2, 0.95], nose = [-0.05, 0.3, 1.65]";
 
-fn give_person(sample: &SpoiltSample, tick: i64, keypoints_m: &str) {
+fn give_person(sample: &SampleFolder, tick: i64, keypoints_m: &str) {
     let text = fs::read_to_string(sample.path("venue.toml")).unwrap();
     let text = format!("{text}\n[[person]]\ntick = {tick}\nkeypoints_m = {{ {keypoints_m} }}\n");
     fs::write(sample.path("venue.toml"), text).unwrap();
@@ -193,14 +169,14 @@ fn give_person(sample: &SpoiltSample, tick: i64, keypoints_m: &str) {
 #[test]
 fn a_person_given_outside_the_ticks_of_the_run_is_refused() {
     // Symptom: such a person was missing from the results without a word.
-    let sample = SpoiltSample::new();
+    let sample = SampleFolder::new();
     give_person(&sample, 400, PERSON);
     is_refused(
         &sample,
         &[],
         &["venue.toml", "person[0].tick", "400", "0..120"],
     );
-    let sample = SpoiltSample::new();
+    let sample = SampleFolder::new();
     give_person(&sample, 3, PERSON);
     is_refused(
         &sample,
@@ -211,7 +187,7 @@ fn a_person_given_outside_the_ticks_of_the_run_is_refused() {
 
 #[test]
 fn a_person_given_with_too_few_keypoints_is_refused() {
-    let sample = SpoiltSample::new();
+    let sample = SampleFolder::new();
     give_person(&sample, 0, "nose = [0.0, 0.0, 1.6]");
     is_refused(&sample, &[], &["venue.toml", "person[0].keypoints_m", "5"]);
 }
@@ -230,8 +206,8 @@ fn a_person_given_with_a_keypoint_that_the_network_does_not_know_is_refused() {
 }
 
 /// A venue of four short videos with the small network of the tests, or `None` without ffmpeg.
-fn video_sample(scenario: &str) -> Option<SpoiltSample> {
-    let sample = SpoiltSample::new();
+fn video_sample(scenario: &str) -> Option<SampleFolder> {
+    let sample = SampleFolder::new();
     let names = ["north-east", "north-west", "south-west", "south-east"];
     for name in names {
         if !make_video(&sample.path(&format!("{name}.mp4")), "1920x1200", 30, 12) {

@@ -1,5 +1,6 @@
 //! The recordings that some scenarios need and the project does not carry.
 
+use std::fs;
 use std::io::{Write as _, stdout};
 use std::path::{Path, PathBuf};
 
@@ -38,6 +39,36 @@ pub(crate) fn onnx_runtime(scenario: &str) -> bool {
 /// The root of the checkout.
 pub(crate) fn checkout() -> &'static Path {
     Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../.."))
+}
+
+/// A folder with a copy of the sample, `examples/walk`: to spoil, or to run commands in.
+pub(crate) struct SampleFolder {
+    dir: tempfile::TempDir,
+}
+
+impl SampleFolder {
+    pub(crate) fn new() -> Self {
+        let dir = tempfile::tempdir().unwrap();
+        for entry in fs::read_dir(checkout().join("examples/walk")).unwrap() {
+            let path = entry.unwrap().path();
+            fs::copy(&path, dir.path().join(path.file_name().unwrap())).unwrap();
+        }
+        Self { dir }
+    }
+
+    pub(crate) fn folder(&self) -> &Path {
+        self.dir.path()
+    }
+
+    pub(crate) fn path(&self, name: &str) -> PathBuf {
+        self.dir.path().join(name)
+    }
+
+    pub(crate) fn replace(&self, file: &str, from: &str, to: &str) {
+        let text = fs::read_to_string(self.path(file)).unwrap();
+        assert!(text.contains(from), "{file} has no {from:?}");
+        fs::write(self.path(file), text.replacen(from, to, 1)).unwrap();
+    }
 }
 
 /// Says it on stdout itself: what is printed by a macro is shown of tests that fail alone, and this one passes.

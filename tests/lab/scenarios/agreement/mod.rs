@@ -8,7 +8,7 @@ use std::path::PathBuf;
 
 use serde_json::{Value, json};
 
-use crate::data::checkout;
+use crate::data::SampleFolder;
 use crate::farfield::{FinishedCommand, command, finish, poses, run};
 
 const CAMERAS: [&str; 4] = ["north-east", "north-west", "south-east", "south-west"];
@@ -19,31 +19,27 @@ const SIZE_PX: [f64; 2] = [1920.0, 1200.0];
 
 /// A copy of the sample venue with mistakes.
 struct MistakenSample {
-    dir: tempfile::TempDir,
+    folder: SampleFolder,
     /// Per camera its lines: the people of a tick.
     lines: BTreeMap<&'static str, Vec<Value>>,
 }
 
 impl MistakenSample {
     fn new() -> Self {
-        let dir = tempfile::tempdir().unwrap();
-        let sample = checkout().join("examples/walk");
-        for name in ["venue.toml", "calibration.toml"] {
-            fs::copy(sample.join(name), dir.path().join(name)).unwrap();
-        }
+        let folder = SampleFolder::new();
         let lines = CAMERAS.map(|camera| {
-            let text = fs::read_to_string(sample.join(format!("{camera}.jsonl"))).unwrap();
+            let text = fs::read_to_string(folder.path(&format!("{camera}.jsonl"))).unwrap();
             let lines = text.lines().map(|line| serde_json::from_str(line).unwrap());
             (camera, lines.collect())
         });
         Self {
-            dir,
+            folder,
             lines: lines.into(),
         }
     }
 
     fn path(&self, name: &str) -> PathBuf {
-        self.dir.path().join(name)
+        self.folder.path(name)
     }
 
     fn swap(mut self, a: &'static str, b: &'static str) -> Self {

@@ -3,16 +3,17 @@
 use std::fs;
 use std::process::Command;
 
-use super::{WalkFolder, lines, says};
+use super::{lines, says};
+use crate::data::SampleFolder;
 use crate::farfield::FinishedCommand;
 
-fn check(folder: &WalkFolder) -> FinishedCommand {
+fn check(folder: &SampleFolder) -> FinishedCommand {
     folder.farfield(&["check", "venue.toml", "--json"])
 }
 
 #[test]
 fn the_sample_is_as_it_should_be_and_every_camera_is_drawn() {
-    let folder = WalkFolder::new();
+    let folder = SampleFolder::new();
     let finished = folder.farfield(&["check", "venue.toml", "--out", "drawn"]);
     assert_eq!(finished.code, 0, "{}\n{}", finished.stdout, finished.stderr);
     assert!(
@@ -79,7 +80,7 @@ fn mistakes_are_found_without_a_run() {
         ),
     ];
     for (file, from, to, verdict, words) in mistakes {
-        let folder = WalkFolder::new();
+        let folder = SampleFolder::new();
         folder.replace(file, from, to);
         let finished = check(&folder);
         let said = lines(&finished);
@@ -94,7 +95,7 @@ fn mistakes_are_found_without_a_run() {
 
 #[test]
 fn a_recording_that_two_cameras_share_under_two_names_is_found() {
-    let folder = WalkFolder::new();
+    let folder = SampleFolder::new();
     fs::copy(
         folder.path("south-east.jsonl"),
         folder.path("south-west.jsonl"),
@@ -111,7 +112,7 @@ fn a_recording_that_two_cameras_share_under_two_names_is_found() {
 
 #[test]
 fn recordings_of_different_lengths_are_told_with_the_ticks_that_all_have() {
-    let folder = WalkFolder::new();
+    let folder = SampleFolder::new();
     let text = fs::read_to_string(folder.path("south-east.jsonl")).unwrap();
     let cut: Vec<&str> = text.lines().take(20).collect();
     fs::write(folder.path("south-east.jsonl"), cut.join("\n") + "\n").unwrap();
@@ -127,7 +128,7 @@ fn recordings_of_different_lengths_are_told_with_the_ticks_that_all_have() {
 
 #[test]
 fn a_venue_file_that_cannot_be_read_is_refused() {
-    let folder = WalkFolder::new();
+    let folder = SampleFolder::new();
     folder.replace("venue.toml", "rate_hz = 30.0", "rate_herz = 30.0");
     let finished = check(&folder);
     assert_eq!(finished.code, 2, "{}", finished.stderr);
@@ -140,7 +141,7 @@ fn a_venue_file_that_cannot_be_read_is_refused() {
 
 #[test]
 fn a_run_is_refused_for_what_is_surely_wrong_and_says_what_is_doubtful() {
-    let folder = WalkFolder::new();
+    let folder = SampleFolder::new();
     folder.replace(
         "calibration.toml",
         "distortions = [-0.08, 0.02",
@@ -161,7 +162,7 @@ fn a_run_is_refused_for_what_is_surely_wrong_and_says_what_is_doubtful() {
         );
     }
     assert!(!folder.path("out").exists());
-    let folder = WalkFolder::new();
+    let folder = SampleFolder::new();
     folder.replace(
         "calibration.toml",
         "distortions = [-0.08, 0.02",
@@ -179,7 +180,7 @@ fn a_run_is_refused_for_what_is_surely_wrong_and_says_what_is_doubtful() {
 }
 
 /// Makes half a second of video; false, with a word, where there is no ffmpeg.
-fn video(folder: &WalkFolder, name: &str, picture: &str) -> bool {
+fn video(folder: &SampleFolder, name: &str, picture: &str) -> bool {
     let made = Command::new("ffmpeg")
         .args([
             "-nostdin", "-v", "error", "-f", "lavfi", "-t", "0.5", "-i", picture,
@@ -196,7 +197,7 @@ fn video(folder: &WalkFolder, name: &str, picture: &str) -> bool {
 
 #[test]
 fn videos_of_another_rate_another_size_and_the_same_content_are_named() {
-    let folder = WalkFolder::new();
+    let folder = SampleFolder::new();
     let videos = [
         ("north-east", "testsrc2=size=1920x1200:rate=60"),
         ("north-west", "testsrc2=size=320x240:rate=60"),

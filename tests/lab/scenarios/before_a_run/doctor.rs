@@ -6,7 +6,8 @@ use std::path::Path;
 use std::process::Command;
 use std::time::Instant;
 
-use super::{WalkFolder, lines, says};
+use super::{lines, says};
+use crate::data::SampleFolder;
 use crate::farfield::{FinishedCommand, command, finish};
 
 /// Longest that a doctor may take, seconds; the tests' machine is shared.
@@ -123,13 +124,13 @@ fn a_full_disk_is_found() {
 
 #[test]
 fn the_network_of_a_venue_that_is_not_there_is_found_and_a_venue_that_is_not_is_refused() {
-    let folder = WalkFolder::new();
+    let folder = SampleFolder::new();
     folder.replace(
         "venue.toml",
         "rate_hz = 30.0",
         "rate_hz = 30.0\nnetwork = \"models/no.toml\"",
     );
-    let finished = doctor(folder.dir.path(), |_| (), &["venue.toml"]);
+    let finished = doctor(folder.folder(), |_| (), &["venue.toml"]);
     assert_eq!(finished.code, 1);
     assert!(
         says(
@@ -140,6 +141,6 @@ fn the_network_of_a_venue_that_is_not_there_is_found_and_a_venue_that_is_not_is_
         "{}",
         finished.stdout
     );
-    let finished = doctor(folder.dir.path(), |_| (), &["no.toml"]);
+    let finished = doctor(folder.folder(), |_| (), &["no.toml"]);
     assert_eq!(finished.code, 2, "{}", finished.stderr);
 }

@@ -2,11 +2,11 @@
 
 use std::fs;
 
-use super::WalkFolder;
+use crate::data::SampleFolder;
 
 #[test]
 fn a_folder_of_recordings_and_a_calibration_become_a_venue_that_runs() {
-    let folder = WalkFolder::new();
+    let folder = SampleFolder::new();
     fs::remove_file(folder.path("venue.toml")).unwrap();
     fs::rename(
         folder.path("north-east.jsonl"),
@@ -32,7 +32,7 @@ fn a_folder_of_recordings_and_a_calibration_become_a_venue_that_runs() {
 
 #[test]
 fn a_venue_file_that_is_there_is_not_written_over() {
-    let folder = WalkFolder::new();
+    let folder = SampleFolder::new();
     let before = fs::read(folder.path("venue.toml")).unwrap();
     let finished = folder.farfield(&["init", ".", "--rate", "30"]);
     assert_eq!(finished.code, 2);
@@ -46,7 +46,7 @@ fn a_venue_file_that_is_there_is_not_written_over() {
 
 #[test]
 fn what_is_missing_is_refused_with_the_flag_or_the_names() {
-    let folder = WalkFolder::new();
+    let folder = SampleFolder::new();
     fs::remove_file(folder.path("venue.toml")).unwrap();
     let refused = |args: &[&str], words: &[&str]| {
         let finished = folder.farfield(&[&["init", "."], args].concat());
@@ -87,7 +87,7 @@ fn what_is_missing_is_refused_with_the_flag_or_the_names() {
 
 #[test]
 fn cameras_that_are_named_make_a_viewpoint_and_others_are_left_out() {
-    let folder = WalkFolder::new();
+    let folder = SampleFolder::new();
     let finished = folder.farfield(&[
         "init",
         ".",

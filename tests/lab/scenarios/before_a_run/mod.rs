@@ -5,41 +5,16 @@ mod doctor;
 mod init;
 mod plausible;
 
-use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use serde_json::Value;
 
-use crate::data::checkout;
+use crate::data::SampleFolder;
 use crate::farfield::{FinishedCommand, command, finish};
 
-/// A folder with a copy of the sample, in which commands are run.
-struct WalkFolder {
-    dir: tempfile::TempDir,
-}
-
-impl WalkFolder {
-    fn new() -> Self {
-        let dir = tempfile::tempdir().unwrap();
-        for entry in fs::read_dir(checkout().join("examples/walk")).unwrap() {
-            let path = entry.unwrap().path();
-            fs::copy(&path, dir.path().join(path.file_name().unwrap())).unwrap();
-        }
-        Self { dir }
-    }
-
-    fn path(&self, name: &str) -> PathBuf {
-        self.dir.path().join(name)
-    }
-
-    fn replace(&self, file: &str, from: &str, to: &str) {
-        let text = fs::read_to_string(self.path(file)).unwrap();
-        assert!(text.contains(from), "{file} has no {from:?}");
-        fs::write(self.path(file), text.replacen(from, to, 1)).unwrap();
-    }
-
+impl SampleFolder {
     fn farfield(&self, args: &[&str]) -> FinishedCommand {
-        farfield_in(self.dir.path(), args)
+        farfield_in(self.folder(), args)
     }
 }
 

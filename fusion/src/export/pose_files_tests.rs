@@ -1,0 +1,158 @@
+//! What the files of a run hold, and what is left of a run that is given up.
+
+use std::fs;
+
+use farfield_proto::message::PersonState::Tracked;
+
+use super::super::fixture;
+use super::super::full_disk::GiveUp;
+use super::*;
+
+fn written(ticks: &[(i64, &[u32])]) -> (tempfile::TempDir, Vec<Presence>) {
+    let folder = tempfile::tempdir().unwrap();
+    let mut files = PoseFiles::create(
+        folder.path(),
+        fixture::layout(),
+        50.0,
+        RunEnd::Known,
+        Arc::new(GiveUp),
+    )
+    .unwrap();
+    for &(tick, ids) in ticks {
+        let persons: Vec<_> = ids.iter().map(|&id| (id, Tracked)).collect();
+        files.write(&fixture::poses(tick, &persons)).unwrap();
+    }
+    let written = files.finish();
+    assert!(written.failure.is_none() && written.unwritten_ticks == 0);
+    (folder, written.people)
+}
+
+#[test]
+fn a_run_leaves_lines_by_tick_and_person_and_two_files_per_person() {
+    let (folder, presences) = written(&[(10, &[2, 1]), (11, &[2])]);
+    let mut names: Vec<String> = fs::read_dir(folder.path())
+        .unwrap()
+        .map(|e| e.unwrap().file_name().into_string().unwrap())
+        .collect();
+    names.sort();
+    assert_eq!(
+        names,
+        [
+            "angles_1.mot",
+            "angles_2.mot",
+            "poses.jsonl",
+            "poses_1.trc",
+            "poses_2.trc"
+        ]
+    );
+    let lines = fs::read_to_string(folder.path().join("poses.jsonl")).unwrap();
+    let heads: Vec<&str> = lines.lines().map(|line| &line[..22]).collect();
+    let head = |tick: i64, person: u32| format!("{{\"tick\":{tick},\"person\":{person},");
+    assert_eq!(heads, [head(10, 1), head(10, 2), head(11, 2)]);
+    assert_eq!(
+        (
+            presences[1].first_tick,
+            presences[1].last_tick,
+            presences[1].ticks
+        ),
+        (Tick(10), Tick(11), 2)
+    );
+}
+
+#[test]
+fn all_files_of_a_run_have_its_clock_and_blank_rows_where_somebody_is_away() {
+    let (folder, presences) = written(&[
+        (8, &[]),
+        (9, &[]),
+        (10, &[1]),
+        (11, &[]),
+        (12, &[1]),
+        (13, &[2]),
+    ]);
+    assert_eq!(presences[0].first_tick, Tick(10));
+    let read = |name: &str| fs::read_to_string(folder.path().join(name)).unwrap();
+    let rows = |name: &str, head: usize| -> Vec<String> {
+        let text = read(name);
+        let rows = text.lines().skip(head);
+        rows.map(|row| row.split('\t').take(3).collect::<Vec<_>>().join(" "))
+            .collect()
+    };
+    assert_eq!(
+        rows("poses_1.trc", 5),
+        [
+            "8 0.000000 ",
+            "9 0.020000 ",
+            "10 0.040000 2.00000",
+            "11 0.060000 ",
+            "12 0.080000 2.00000",
+            "13 0.100000 "
+        ]
+    );
+    assert_eq!(rows("poses_2.trc", 5).len(), 6);
+    assert!(read("poses_1.trc").contains("\n50\t50\t6\t3\tm\t50\t8\t6\n"));
+    assert!(read("angles_1.mot").contains("nRows=2\n"));
+    let angles = rows("angles_1.mot", 11);
+    assert_eq!(
+        angles,
+        ["0.040000 30.000001 2.500000", "0.080000 30.000001 2.500000"]
+    );
+    assert!(rows("angles_2.mot", 11)[0].starts_with("0.100000 "));
+}
+
+#[test]
+fn who_was_away_for_hours_leaves_no_rows_of_them() {
+    let hours = 8 * 3600 * 50;
+    let (folder, _) = written(&[(0, &[1]), (hours, &[1, 2])]);
+    let rows = |name: &str| {
+        let text = fs::read_to_string(folder.path().join(name)).unwrap();
+        text.lines().count() - 5
+    };
+    assert_eq!((rows("poses_1.trc"), rows("poses_2.trc")), (2, 1));
+    let text = fs::read_to_string(folder.path().join("poses_2.trc")).unwrap();
+    assert!(
+        text.contains("\n1440000\t28800.000000\t"),
+        "the clock is the run's"
+    );
+}
+
+#[test]
+fn nobody_leaves_an_empty_file_of_lines() {
+    let (folder, presences) = written(&[(0, &[])]);
+    assert!(presences.is_empty());
+    assert_eq!(
+        fs::read_to_string(folder.path().join("poses.jsonl")).unwrap(),
+        ""
+    );
+}
+
+#[test]
+fn a_run_that_is_given_up_leaves_nothing_half_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut files = PoseFiles::create(
+        folder.path(),
+        fixture::layout(),
+        50.0,
+        RunEnd::Known,
+        Arc::new(GiveUp),
+    )
+    .unwrap();
+    files.write(&fixture::poses(0, &[(1, Tracked)])).unwrap();
+    drop(files);
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
+}
+
+#[test]
+fn ticks_out_of_order_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut files = PoseFiles::create(
+        folder.path(),
+        fixture::layout(),
+        50.0,
+        RunEnd::Known,
+        Arc::new(GiveUp),
+    )
+    .unwrap();
+    files.write(&fixture::poses(5, &[])).unwrap();
+    let error = files.write(&fixture::poses(5, &[])).unwrap_err();
+    assert_eq!(error.to_string(), "tick 5 came after tick 5");
+}
