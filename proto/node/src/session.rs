@@ -2,6 +2,8 @@
 //!
 //! Nothing is scouted for: fusion listens, everybody else connects to it, at the endpoints of the venue file.
 
+use std::thread;
+
 use anyhow::{Context as _, anyhow};
 use farfield_proto::transport::{EdgeTransport, FusionTransport, ZenohSetting};
 use farfield_proto::wire::VERSION;
@@ -27,15 +29,21 @@ pub enum Delivery {
     BestEffort,
 }
 
-/// A session with fusion, waited for as long as it takes.
+/// A session with fusion, waited for as long as it takes; who no longer waits leaves nothing behind that holds the runtime.
 ///
 /// # Errors
 /// When Zenoh refuses a setting, or cannot open the session: names the endpoints.
 pub async fn connect(transport: &EdgeTransport<'_>) -> anyhow::Result<Session> {
     let config = config(transport.settings())?;
-    // Opening blocks its thread until fusion is there; only so can the wait be called off.
-    let session = tokio::task::spawn_blocking(|| zenoh::open(config).wait()).await;
-    let session = session.context("opening the session")?.map_err(zenoh_error);
+    // Opening blocks its thread until fusion is there. A thread of its own can be left behind, where the runtime would
+    // wait for one of its own when it ends.
+    let (opened, session) = tokio::sync::oneshot::channel();
+    thread::Builder::new()
+        .name("connect".to_owned())
+        .spawn(move || drop(opened.send(zenoh::open(config).wait())))
+        .context("starting the thread that opens the session")?;
+    let session = session.await.context("opening the session")?;
+    let session = session.map_err(zenoh_error);
     session.with_context(|| format!("connecting to {}", transport.connect.join(", ")))
 }
 
