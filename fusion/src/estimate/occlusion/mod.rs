@@ -121,7 +121,7 @@ impl BodyCapsules {
         let outside_m = beside_m * sight.cosine - along_m * sight.sine;
         // What cannot be compared is not out of the way.
         let is_away = outside_m > self.reach_m
-            || along_m < -self.reach_m
+            || (along_m < -self.reach_m && !sight.is_all_around())
             || along_m > sight.far_m + self.reach_m;
         !is_away
     }
@@ -157,11 +157,11 @@ impl BodyCapsules {
     }
 }
 
-/// A sphere as seen from a point: the cone that holds it.
+/// A sphere as seen from a point: the cone that holds it. From inside it is in every direction.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct SightCone {
     direction: Vector3<f64>,
-    /// Of half its opening.
+    /// Of half its opening: at most a quarter turn, or a half turn for every direction.
     sine: f64,
     cosine: f64,
     /// Where the sphere ends, metres from the eye.
@@ -173,20 +173,30 @@ impl SightCone {
     pub(crate) fn around(eye_m: &Vector3<f64>, center_m: &Vector3<f64>, radius_m: f64) -> Self {
         let from_eye_m = center_m - eye_m;
         let distance_m = from_eye_m.norm();
-        let sine = (radius_m / distance_m).min(1.0);
+        let sine = radius_m / distance_m;
+        let (sine, cosine) = if sine <= 1.0 {
+            (sine, (1.0 - sine * sine).sqrt())
+        } else {
+            (0.0, -1.0)
+        };
         Self {
             direction: from_eye_m / distance_m,
             sine,
-            cosine: (1.0 - sine * sine).sqrt(),
+            cosine,
             far_m: distance_m + radius_m,
         }
+    }
+
+    /// Whether it is every direction.
+    fn is_all_around(&self) -> bool {
+        self.cosine < 0.0
     }
 
     /// Whether the two, from the same eye, have a direction in common; cones that cannot be compared have.
     pub(crate) fn overlaps(&self, other: &Self) -> bool {
         let of_both = self.cosine * other.cosine - self.sine * other.sine;
         let cosine = self.direction.dot(&other.direction);
-        cosine.is_nan() || cosine >= of_both
+        cosine.is_nan() || cosine >= of_both || self.is_all_around() || other.is_all_around()
     }
 }
 
@@ -346,6 +356,15 @@ mod tests {
         prop::array::uniform3(-2.0f64..2.0).prop_map(Vector3::from)
     }
 
+    #[test]
+    fn from_inside_of_what_is_looked_at_nobody_is_out_of_the_way() {
+        let (eye, around) = (Vector3::zeros(), Vector3::new(0.0, 1.0, 0.0));
+        let all = SightCone::around(&eye, &around, 2.0);
+        let behind = post(0.0, -2.0);
+        assert!(behind.may_hide(&eye, &all));
+        assert!(behind.cone(&eye, 0.0).overlaps(&all) && all.overlaps(&behind.cone(&eye, 0.0)));
+    }
+
     proptest! {
         #[test]
         fn who_hides_a_point_is_never_taken_for_out_of_the_way(
@@ -360,7 +379,8 @@ mod tests {
         fn cones_overlap_where_their_angles_say_so(eye in point(), x in 1.0f64..6.0, y in -4.0f64..4.0) {
             let (one, other) = (post(3.0, 0.0), post(x, y));
             let half_rad = |body: &BodyCapsules| {
-                libm::asin((body.reach_m / (body.center_m - eye).norm()).min(1.0))
+                let sine = body.reach_m / (body.center_m - eye).norm();
+                if sine > 1.0 { std::f64::consts::PI } else { libm::asin(sine) }
             };
             let apart_rad = (one.center_m - eye).angle(&(other.center_m - eye));
             let margin_rad = half_rad(&one) + half_rad(&other) - apart_rad;
