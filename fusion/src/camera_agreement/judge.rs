@@ -47,7 +47,7 @@ const SAME_PX: f32 = 6.0;
 
 pub(super) struct Judge<'a> {
     pub(super) cameras: &'a [JudgedCamera],
-    partners: &'a Partners,
+    pub(super) partners: &'a Partners,
     rate_hz: f64,
     passes: Vec<&'a PassSample>,
     pub(super) lines: Vec<SightLines>,
@@ -122,6 +122,7 @@ impl<'a> Judge<'a> {
         for group in self.groups() {
             self.judge_group(&group, &mut report.disagreements, &mut told);
         }
+        self.find_what_agrees_by_chance(&mut report.disagreements, &mut told);
         for (camera, told) in told.iter_mut().enumerate() {
             let drift = || {
                 self.drifts[camera]
@@ -314,7 +315,7 @@ impl<'a> Judge<'a> {
         }
     }
 
-    fn disagreement(&self, cameras: &[usize], cause: DisagreementCause) -> Disagreement {
+    pub(super) fn disagreement(&self, cameras: &[usize], cause: DisagreementCause) -> Disagreement {
         let names = cameras
             .iter()
             .map(|&camera| self.cameras[camera].name.clone());

@@ -15,6 +15,7 @@
 mod explain;
 mod geometry;
 mod judge;
+mod keypoint_order;
 mod nobody;
 mod pairs;
 mod refit;

@@ -87,6 +87,27 @@ impl CameraRays {
             of_pass: passes.iter().map(of_pass).collect(),
         }
     }
+
+    /// The same with the keypoints in another order: per keypoint the one that is in its place.
+    pub(super) fn reordered(&self, order: &[usize]) -> Self {
+        let at = |body: &Vec<Vector3<f64>>, place: usize| {
+            body.get(place).copied().unwrap_or_else(Vector3::zeros)
+        };
+        let body = |body: &Vec<Vector3<f64>>| order.iter().map(|&place| at(body, place)).collect();
+        Self {
+            lines: self.lines.clone(),
+            of_pass: self
+                .of_pass
+                .iter()
+                .map(|bodies| bodies.iter().map(body).collect())
+                .collect(),
+        }
+    }
+
+    /// Where the camera is, world, metres.
+    pub(super) fn center_m(&self) -> &Vector3<f64> {
+        &self.lines.center_m
+    }
 }
 
 /// How two cameras agree.

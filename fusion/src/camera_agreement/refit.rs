@@ -12,7 +12,7 @@ use farfield_proto::order_statistics::upper_median;
 use nalgebra::{Matrix4, Vector2, Vector3, Vector4};
 
 use super::geometry::{SightLines, nearest_point_m};
-use super::samples::Burst;
+use super::samples::{Burst, SeenKeypoint};
 
 /// Of the ticks of a burst every so many are compared.
 const EVERY_TICKS: usize = 4;
@@ -88,6 +88,25 @@ fn pairs_px(
 ) -> Vec<(Vector2<f64>, Vector2<f64>)> {
     let own = &lines[camera];
     let mut pairs = Vec::new();
+    for_each_body(bursts, lines, (camera, right), |expected_px, shown| {
+        let both = expected_px.iter().zip(shown);
+        let both = both.filter_map(|(v, u)| Some((v.as_ref()?, u.as_ref()?)));
+        pairs.extend(both.map(|(v, u)| (v - own.principal_px(), u - own.principal_px())));
+    });
+    pairs
+}
+
+/// Calls `with` for what `camera` shows of a person at some tick, by keypoint, undistorted pixels: where the others that are
+/// `right` say it is, and where it is shown.
+pub(super) fn for_each_body(
+    bursts: &[&Burst],
+    lines: &[SightLines],
+    (camera, right): (usize, &[usize]),
+    mut with: impl FnMut(&[Option<Vector2<f64>>], &[Option<Vector2<f64>>]),
+) {
+    let own = &lines[camera];
+    let is_seen = |seen: &SeenKeypoint| seen.score > 0.0;
+    let pixel = |seen: &SeenKeypoint| Vector2::from(seen.pixel.map(f64::from));
     for burst in bursts {
         for trail in burst.trails.iter().filter(|trail| trail.camera == camera) {
             let others = burst.trails.iter().filter(|other| {
@@ -100,23 +119,21 @@ fn pairs_px(
                 let Some((_, seen)) = trail.at(tick) else {
                     continue;
                 };
-                for (k, shown) in seen.iter().enumerate().filter(|(_, seen)| seen.score > 0.0) {
+                let expected_px = |k: usize| {
                     let directions = others.iter().filter_map(|other| {
-                        let theirs = other.at(tick)?.1.get(k).filter(|seen| seen.score > 0.0)?;
+                        let theirs = other.at(tick)?.1.get(k).filter(|seen| is_seen(seen))?;
                         let lines = &lines[other.camera];
                         Some((&lines.center_m, lines.direction(theirs.pixel)))
                     });
                     let directions: Vec<(&Vector3<f64>, Vector3<f64>)> = directions.collect();
-                    let point = (directions.len() >= 2)
-                        .then(|| nearest_point_m(directions.into_iter()))
-                        .flatten();
-                    if let Some((v, _)) = point.and_then(|point_m| own.project(&point_m)) {
-                        let u = Vector2::from(shown.pixel.map(f64::from));
-                        pairs.push((v - own.principal_px(), u - own.principal_px()));
-                    }
-                }
+                    let enough = directions.len() >= 2;
+                    let point_m = enough.then(|| nearest_point_m(directions.into_iter()));
+                    Some(own.project(&point_m.flatten()?)?.0)
+                };
+                let expected_px: Vec<_> = (0..seen.len()).map(expected_px).collect();
+                let shown: Vec<_> = seen.iter().map(|s| is_seen(s).then(|| pixel(s))).collect();
+                with(&expected_px, &shown);
             }
         }
     }
-    pairs
 }

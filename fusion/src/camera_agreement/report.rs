@@ -146,6 +146,13 @@ pub enum DisagreementCause {
     SamePictures,
     /// The pictures fit the calibration of another camera.
     OtherCalibration,
+    /// The keypoints that come of it are in another order than the network's: in a file that another program wrote.
+    KeypointOrder {
+        /// How many are where another should be.
+        moved: usize,
+        /// Whether left and right are exchanged, and nothing else.
+        sides: bool,
+    },
     /// The focal length is another than the calibration says.
     FocalLength {
         /// True length as a factor of the calibrated one.

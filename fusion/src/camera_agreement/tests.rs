@@ -24,6 +24,10 @@ struct Mistake {
     late_in_burst: Option<usize>,
     mirrored: bool,
     half_turned: bool,
+    /// Per keypoint the one that is written in its place.
+    order: Option<[usize; 17]>,
+    /// Its focal length as a factor of the calibrated one; 0 is 1.
+    focal_factor: f32,
     /// Which of the two people the camera shows alone.
     sees_only: Option<usize>,
 }
@@ -191,7 +195,14 @@ fn pixel(model: &CameraModel, p: &Vector3<f64>, noise: &mut Noise) -> Option<See
 fn changed(seen: &SeenBody, mistake: Mistake, partners: &Partners) -> SeenBody {
     let of = |k: usize| {
         let from = if mistake.mirrored { partners[k] } else { k };
+        let from = mistake.order.map_or(from, |order| order[from]);
         let mut keypoint = seen[from]?;
+        if mistake.focal_factor > 0.0 {
+            let middle = [959.5, 599.5];
+            for (pixel, middle) in keypoint.pixel.iter_mut().zip(middle) {
+                *pixel = middle + mistake.focal_factor * (*pixel - middle);
+            }
+        }
         if mistake.mirrored != mistake.half_turned {
             keypoint.pixel[0] = 1919.0 - keypoint.pixel[0];
         }
@@ -263,6 +274,46 @@ fn a_mirror_a_half_turn_and_a_borrowed_picture_are_named() {
     let causes = hall.causes();
     assert_eq!(causes.len(), 1, "{causes:?}");
     assert_eq!(causes[0].1, DisagreementCause::SamePictures);
+}
+
+#[test]
+fn keypoints_in_another_order_are_named() {
+    let sides = [0, 2, 1, 4, 3, 6, 5, 8, 7, 10, 9, 12, 11, 14, 13, 16, 15];
+    // From the ankles up, as in MPII and what came of it.
+    let upwards = std::array::from_fn(|k| 16 - k);
+    // By limbs, as OpenPose writes them.
+    let by_limbs = [0, 5, 6, 8, 10, 7, 9, 12, 14, 16, 11, 13, 15, 2, 1, 4, 3];
+    for (order, is_of_sides) in [(sides, true), (upwards, false), (by_limbs, false)] {
+        let mistake = Mistake {
+            order: Some(order),
+            ..Mistake::default()
+        };
+        match Hall::with(2, mistake).causes().as_slice() {
+            [(cameras, DisagreementCause::KeypointOrder { moved, sides })] => {
+                assert_eq!(*cameras, names(&[2]));
+                assert_eq!(*sides, is_of_sides, "{order:?}");
+                assert!(*moved >= 8, "{order:?}: {moved}");
+            }
+            other => panic!("{order:?}: {other:?}"),
+        }
+    }
+}
+
+#[test]
+fn another_focal_length_is_told_by_its_factor() {
+    for focal_factor in [0.8, 0.91, 1.1] {
+        let mistake = Mistake {
+            focal_factor,
+            ..Mistake::default()
+        };
+        match Hall::with(1, mistake).causes().as_slice() {
+            [(cameras, DisagreementCause::FocalLength { factor })] => {
+                assert_eq!(*cameras, names(&[1]));
+                assert!((factor - f64::from(focal_factor)).abs() < 0.02, "{factor}");
+            }
+            other => panic!("{focal_factor}: {other:?}"),
+        }
+    }
 }
 
 #[test]

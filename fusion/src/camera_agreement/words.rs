@@ -7,21 +7,7 @@ pub(super) fn of(cameras: &[String], cause: DisagreementCause, rate_hz: f64) -> 
     let first = cameras.first().map_or("", String::as_str);
     let second = cameras.get(1).map_or("", String::as_str);
     match cause {
-        DisagreementCause::Late { ticks } => {
-            let (word, cut, ticks) = if ticks > 0.0 {
-                ("late", "its first", ticks)
-            } else {
-                ("early", "the first of all others by", -ticks)
-            };
-            let seconds = ticks / rate_hz;
-            let ms = seconds * 1000.0;
-            (
-                format!("camera {first} is {ticks:.1} ticks ({ms:.0} ms) {word} against the others"),
-                format!(
-                    "cut the videos so that all begin at the same instant (here {cut} {seconds:.3} s, ffmpeg -ss); live: look at the clock of its box"
-                ),
-            )
-        }
+        DisagreementCause::Late { ticks } => late(first, ticks, rate_hz),
         DisagreementCause::Drifts { ticks_per_minute } => (
             format!(
                 "camera {first} runs at another rate: it is {ticks_per_minute:.1} ticks later every minute"
@@ -55,6 +41,17 @@ pub(super) fn of(cameras: &[String], cause: DisagreementCause, rate_hz: f64) -> 
             "look whether the sources in the venue file and the names in the calibration belong together"
                 .to_owned(),
         ),
+        DisagreementCause::KeypointOrder { moved, sides } => (
+            if sides {
+                format!("left and right are exchanged in the keypoints of camera {first}")
+            } else {
+                format!(
+                    "the keypoints of camera {first} are in another order than those of the others: {moved} are where another should be"
+                )
+            },
+            "write them in COCO's order: nose, eyes, ears, shoulders, elbows, wrists, hips, knees, ankles, the person's left before the right"
+                .to_owned(),
+        ),
         DisagreementCause::FocalLength { factor } => (
             format!(
                 "the focal length of camera {first} seems to be {factor:.2} times the calibrated one"
@@ -70,16 +67,41 @@ pub(super) fn of(cameras: &[String], cause: DisagreementCause, rate_hz: f64) -> 
             "is the calibration in metres? Scale its translations, or calibrate with an object of known size"
                 .to_owned(),
         ),
-        DisagreementCause::Unexplained => match second {
-            "" => (
-                format!("camera {first} does not agree with the others"),
-                "look at its picture and its calibration: it may have been moved, or belong to another venue"
-                    .to_owned(),
+        DisagreementCause::Unexplained => unexplained(cameras),
+    }
+}
+
+fn late(camera: &str, ticks: f64, rate_hz: f64) -> (String, String) {
+    let (word, cut, ticks) = if ticks > 0.0 {
+        ("late", "its first", ticks)
+    } else {
+        ("early", "the first of all others by", -ticks)
+    };
+    let seconds = ticks / rate_hz;
+    let ms = seconds * 1000.0;
+    (
+        format!("camera {camera} is {ticks:.1} ticks ({ms:.0} ms) {word} against the others"),
+        format!(
+            "cut the videos so that all begin at the same instant (here {cut} {seconds:.3} s, ffmpeg -ss); live: look at the clock of its box"
+        ),
+    )
+}
+
+fn unexplained(cameras: &[String]) -> (String, String) {
+    if let [camera] = cameras {
+        (
+            format!("camera {camera} does not agree with the others"),
+            "look at its picture and its calibration: it may have been moved, or belong to another venue"
+                .to_owned(),
+        )
+    } else {
+        (
+            format!(
+                "cameras {} do not agree with each other",
+                cameras.join(", ")
             ),
-            _ => (
-                format!("cameras {} do not agree with each other", cameras.join(", ")),
-                "look at their pictures and the calibration: `--overlay` draws what fusion found".to_owned(),
-            ),
-        },
+            "look at their pictures and the calibration: `--overlay` draws what fusion found"
+                .to_owned(),
+        )
     }
 }

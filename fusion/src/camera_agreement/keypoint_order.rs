@@ -1,0 +1,159 @@
+//! Whether the keypoints of a camera are in another order than those of the others: a file that another program wrote, or
+//! left and right confused.
+//!
+//! Of the people whom cameras show, every keypoint of one is compared with every keypoint of the others. The assignment of least
+//! cost says which is which; where it is not the one of the names, the order is another.
+
+use nalgebra::{Vector2, Vector3};
+
+use super::geometry::{SightLines, meeting};
+use super::pairs::{CameraRays, Partners, cost};
+use super::refit::for_each_body;
+use super::samples::Burst;
+use crate::assign::assign;
+
+/// What it costs to take a keypoint for another: those of a face lie together.
+const MOVED_COST: f64 = 0.03;
+/// By how much less a keypoint must cost in its other place to count as one that has moved.
+const MOVED_GAIN: f64 = 0.1;
+/// Least keypoints that have moved: fewer are a network's confusions.
+const MIN_MOVED: usize = 4;
+/// How near a keypoint must be to cost one half, as a share of the extent of the body.
+const NEAR: f64 = 0.08;
+/// Least comparisons of two keypoints that tell.
+const MIN_COMPARED: usize = 4;
+
+/// In which order the keypoints of a camera are.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct KeypointOrder {
+    /// Per keypoint of the network the one that the camera has in its place.
+    pub(super) of: Vec<usize>,
+    /// How many are elsewhere for certain.
+    pub(super) moved: usize,
+    /// Whether left and right are exchanged, and nothing else.
+    pub(super) sides: bool,
+}
+
+/// What an order of keypoints is, and what it leaves of the cost of that of the names.
+pub(super) type WeighedOrder = (f64, KeypointOrder);
+
+/// The order in which `camera` shows keypoints, by where the cameras that are `right` say they are: tells left from right
+/// where lines of sight alone do not, as between cameras of one height. `None` where it is that of the names.
+pub(super) fn shown_order(
+    bursts: &[&Burst],
+    lines: &[SightLines],
+    of: (usize, &[usize]),
+    partners: &Partners,
+) -> Option<WeighedOrder> {
+    let mut costs = Costs::none(partners.len());
+    for_each_body(bursts, lines, of, |expected_px, shown| {
+        let seen = || expected_px.iter().flatten();
+        let apart = |p: &Vector2<f64>| seen().map(|q| (p - q).norm()).fold(0.0, f64::max);
+        let near_px = NEAR * seen().map(apart).fold(0.0, f64::max);
+        for (keypoint, v) in expected_px.iter().enumerate() {
+            for (place, u) in shown.iter().enumerate() {
+                if let (Some(v), Some(u)) = (v, u) {
+                    let off2 = (v - u).norm_squared();
+                    costs.add((keypoint, place), off2 / (off2 + near_px * near_px));
+                }
+            }
+        }
+    });
+    let order = costs.order(partners)?;
+    let all = |place: &dyn Fn(usize) -> usize| -> f64 {
+        (0..partners.len()).map(|k| costs.mean((k, place(k)))).sum()
+    };
+    Some((all(&|k| order.of[k]) / all(&|k| k), order))
+}
+
+/// The order of the keypoints of `own` that fits these others best; `None` where it is that of the names.
+pub(super) fn keypoint_order(
+    own: &CameraRays,
+    others: &[&CameraRays],
+    partners: &Partners,
+) -> Option<KeypointOrder> {
+    let mut costs = Costs::none(partners.len());
+    for other in others {
+        for (bodies, theirs) in own.of_pass.iter().zip(&other.of_pass) {
+            for body in bodies {
+                let gap_m = |them: &Vec<Vector3<f64>>| middles_gap_m((own, body), (other, them));
+                let nearest = theirs.iter().min_by(|a, b| gap_m(a).total_cmp(&gap_m(b)));
+                for (keypoint, direction) in nearest.into_iter().flatten().enumerate() {
+                    for (place, shown) in body.iter().enumerate() {
+                        let met = meeting((other.center_m(), direction), (own.center_m(), shown));
+                        if let Some(met) = met {
+                            costs.add((keypoint, place), cost(met.gap_m));
+                        }
+                    }
+                }
+            }
+        }
+    }
+    costs.order(partners)
+}
+
+/// What it costs to take keypoints for each other: per keypoint of the network and place in which a camera has one, the
+/// sum and how many there are.
+struct Costs {
+    n: usize,
+    of: Vec<(f64, usize)>,
+}
+
+impl Costs {
+    fn none(n: usize) -> Self {
+        Self {
+            n,
+            of: vec![(0.0, 0); n * n],
+        }
+    }
+
+    fn add(&mut self, (keypoint, place): (usize, usize), cost: f64) {
+        if let Some((sum, compared)) = self.of.get_mut(keypoint * self.n + place) {
+            *sum += cost;
+            *compared += 1;
+        }
+    }
+
+    fn mean(&self, (keypoint, place): (usize, usize)) -> f64 {
+        match self.of[keypoint * self.n + place] {
+            (sum, compared) if compared >= MIN_COMPARED => sum / compared as f64,
+            _ => 1.0,
+        }
+    }
+
+    /// The order of least cost; `None` where it is that of the names.
+    fn order(&self, partners: &Partners) -> Option<KeypointOrder> {
+        let with_names = |keypoint: usize, place: usize| {
+            self.mean((keypoint, place)) + MOVED_COST * f64::from(u8::from(keypoint != place))
+        };
+        let of: Option<Vec<usize>> = assign(self.n, self.n, with_names).into_iter().collect();
+        let of = of?;
+        let has_moved = |keypoint: usize| {
+            let place = of[keypoint];
+            let gain = self.mean((keypoint, keypoint)) - self.mean((keypoint, place));
+            place != keypoint && gain > MOVED_GAIN
+        };
+        let moved: Vec<usize> = (0..self.n).filter(|&k| has_moved(k)).collect();
+        let sides = moved
+            .iter()
+            .all(|&keypoint| of[keypoint] == partners[keypoint]);
+        (moved.len() >= MIN_MOVED).then_some(KeypointOrder {
+            moved: moved.len(),
+            sides,
+            of,
+        })
+    }
+}
+
+/// How far the lines of sight of the middles of two bodies pass each other, metres: whatever the order, a middle is one.
+fn middles_gap_m(
+    (a, of_a): (&CameraRays, &[Vector3<f64>]),
+    (b, of_b): (&CameraRays, &[Vector3<f64>]),
+) -> f64 {
+    let middle = |body: &[Vector3<f64>]| -> Vector3<f64> {
+        let seen = body.iter().filter(|ray| ray.norm_squared() > 0.0);
+        seen.map(Vector3::normalize).sum()
+    };
+    meeting((a.center_m(), &middle(of_a)), (b.center_m(), &middle(of_b)))
+        .map_or(f64::INFINITY, |met| met.gap_m)
+}
