@@ -212,6 +212,17 @@ fn mirrored_and_upside_down_sources_are_named() {
 }
 
 #[test]
+fn a_file_with_its_keypoints_in_another_order_is_named() {
+    MistakenSample::new()
+        .change(&["south-east"], |k| OTHER_SIDE[k], |pixel| pixel)
+        .is_told(&["left and right are exchanged in the keypoints of camera south-east"]);
+    // Another list of keypoints: the arms come first, the face last.
+    MistakenSample::new()
+        .change(&["north-west"], |k| (k + 5) % 17, |pixel| pixel)
+        .is_told(&["the keypoints of camera north-west are in another order"]);
+}
+
+#[test]
 fn a_source_that_two_cameras_have_is_named() {
     let mut sample = MistakenSample::new();
     let shown = sample.lines["north-east"].clone();
