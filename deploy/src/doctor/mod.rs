@@ -1,4 +1,5 @@
-//! `farfield doctor`: whether this machine can do what a venue asks of it: inference, programs, disk, clock, ports, keys.
+//! `farfield doctor`: whether this machine can do what a venue asks of it: inference, programs, disk, clock, ports, keys, and which
+//! version the nodes of a venue run that runs now.
 //!
 //! Each part is looked at for itself, with what it looks at as an argument, and adds its lines; together they take less
 //! than five seconds. Nothing is changed: what is written to measure the disk is taken away again.
@@ -7,6 +8,7 @@ mod clock;
 mod disk;
 mod inference;
 mod machine;
+mod nodes;
 mod ports;
 mod programs;
 #[cfg(test)]
@@ -34,6 +36,9 @@ use self::programs::ProgramNeed;
 pub(crate) struct DoctorArgs {
     /// The venue file: its network, its ports and its keys are looked at too.
     pub(crate) venue: Option<PathBuf>,
+    /// Where fusion listens, whose nodes are asked which version they run; the venue file's, if left out.
+    #[arg(long, value_name = "ENDPOINT", requires = "venue")]
+    pub(crate) connect: Vec<String>,
     /// Folder for results, whose disk is measured. Default: `farfield-out`, or where it would be made.
     #[arg(long, value_name = "DIR")]
     pub(crate) out: Option<PathBuf>,
@@ -78,6 +83,7 @@ fn doctor(args: &DoctorArgs) -> Result<ReportLines, NodeError> {
     ports::look_at_ports(venue, &mut report);
     if let (Some(venue), Some(path)) = (venue, &args.venue) {
         look_at_keys(venue, path, node_clock::unix_s(), &mut report);
+        nodes::look_at_nodes(venue, &args.connect, &mut report);
     }
     Ok(report)
 }

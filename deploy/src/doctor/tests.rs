@@ -12,6 +12,7 @@ use super::disk::{judge_rate, judge_room, look_at_disk};
 use super::machine::{MachineFacts, look_at_machine};
 use super::*;
 use crate::report_lines::Verdict::{self, Failed, Warning};
+use crate::status::NodeInShort;
 
 const DAY_S: i64 = 86_400;
 const NOW_S: i64 = 1_790_000_000;
@@ -425,4 +426,36 @@ fn nothing_stays_on_the_disk_that_was_measured() {
     let report = disk_said(&folder.path().join("not/there/yet"));
     assert_ne!(report.verdict(), Verdict::Failed, "{:#?}", report.lines());
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+}
+
+#[test]
+fn a_node_of_another_version_and_one_in_trouble_are_told_of() {
+    let node = |name: &str, version: &str, trouble: Option<&str>| NodeInShort {
+        name: name.to_owned(),
+        version: version.to_owned(),
+        trouble: trouble.map(str::to_owned),
+    };
+    let here = env!("CARGO_PKG_VERSION");
+    let mut report = ReportLines::default();
+    nodes::judge_nodes(
+        "hall",
+        &[
+            node("fusion", here, None),
+            node("north", "0.0.9", None),
+            node("south", "", Some("not there")),
+        ],
+        &mut report,
+    );
+    let said: Vec<&str> = report
+        .lines()
+        .iter()
+        .map(|line| line.text.as_str())
+        .collect();
+    let expected = [
+        format!("of venue hall run farfield {here}, as this machine: fusion"),
+        format!("north runs farfield 0.0.9, this machine {here}"),
+        "south: not there".to_owned(),
+    ];
+    assert_eq!(said, expected);
+    assert_eq!(report.count(Warning), 2);
 }

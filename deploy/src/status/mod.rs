@@ -20,15 +20,18 @@ use farfield_proto::venue::Venue;
 use tokio::time::{MissedTickBehavior, interval, sleep, timeout};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
+use zenoh::Session;
 
 use self::listen::Listener;
-use self::state::VenueState;
+use self::state::{Mark, NodeState, VenueState};
 use crate::output::{self, Reader};
 
 /// How long fusion may take to answer: some tries, over a far link.
 const ANSWER: Duration = Duration::from_secs(6);
 /// How long statuses are listened for: every node says one a second, and two make a rate.
 const LISTEN: Duration = Duration::from_millis(2300);
+/// The same where no rate is asked for.
+const LISTEN_SHORT: Duration = Duration::from_millis(1300);
 /// How often a table that is watched is drawn.
 const DRAW_EVERY: Duration = Duration::from_secs(1);
 /// Clears a terminal, and begins at its top.
@@ -95,18 +98,8 @@ async fn join_and_show(
     venue: &Venue,
     reach: &Reach,
 ) -> Result<Ending, NodeError> {
-    let transport = EdgeTransport {
-        venue: &venue.name,
-        connect: &reach.endpoints,
-        identity: reach.identity.as_ref(),
-    };
-    let joined = timeout(ANSWER, session::connect(&transport)).await;
-    let session = joined
-        .map_err(|_| NodeError::Failed(nobody(venue, reach)))?
-        .map_err(NodeError::Failed)?;
-    let listener = Listener::start(&session, venue)
-        .await
-        .map_err(NodeError::Failed)?;
+    let joined = join(venue, reach, ANSWER).await?;
+    let (session, listener) = joined.ok_or_else(|| NodeError::Failed(nobody(venue, reach)))?;
     sleep(LISTEN).await;
     let state = || VenueState::new(venue, &listener.heard(), clock::unix_s());
     if args.watch {
@@ -130,6 +123,77 @@ async fn join_and_show(
         None => Ok(Ending::Done),
         Some(why) => Err(NodeError::Failed(anyhow!("{why}"))),
     }
+}
+
+/// A session with fusion, and what is heard on it; `None` when nobody answers in time.
+async fn join(
+    venue: &Venue,
+    reach: &Reach,
+    answer: Duration,
+) -> Result<Option<(Session, Listener)>, NodeError> {
+    let transport = EdgeTransport {
+        venue: &venue.name,
+        connect: &reach.endpoints,
+        identity: reach.identity.as_ref(),
+    };
+    let Ok(session) = timeout(answer, session::connect(&transport)).await else {
+        return Ok(None);
+    };
+    let session = session.map_err(NodeError::Failed)?;
+    let listener = Listener::start(&session, venue).await;
+    Ok(Some((session, listener.map_err(NodeError::Failed)?)))
+}
+
+/// A node in short.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct NodeInShort {
+    /// Its name: `fusion`, or a viewpoint's.
+    pub(crate) name: String,
+    /// Which farfield it runs; empty where it does not say.
+    pub(crate) version: String,
+    /// Why somebody must look after it.
+    pub(crate) trouble: Option<String>,
+}
+
+impl From<NodeState> for NodeInShort {
+    fn from(state: NodeState) -> Self {
+        Self {
+            name: state.node,
+            version: state.version,
+            trouble: (state.mark == Mark::Red).then_some(state.state),
+        }
+    }
+}
+
+/// The nodes of `venue` as they say that they are, for whoever asks at `connect`, or where the venue file says; `None` when
+/// nobody answers within `answer`.
+///
+/// # Errors
+/// [`NodeError::Refused`] where keys or endpoints are wrong, [`NodeError::Failed`] with what Zenoh says.
+pub(crate) fn join_for_a_moment(
+    venue: &Venue,
+    connect: &[String],
+    answer: Duration,
+) -> Result<Option<Vec<NodeInShort>>, NodeError> {
+    let asked = Asked {
+        side: LinkEnd::Connect,
+        node: RECORDER,
+        endpoints: connect,
+        certificates: None,
+        allow_plaintext: false,
+    };
+    let reach = asked.in_venue(venue)?;
+    runtime::block_on(2, async {
+        let Some((session, listener)) = join(venue, &reach, answer).await? else {
+            return Ok(None);
+        };
+        sleep(LISTEN_SHORT).await;
+        let state = VenueState::new(venue, &listener.heard(), clock::unix_s());
+        session::close(&session).await;
+        Ok(Some(
+            state.nodes.into_iter().map(NodeInShort::from).collect(),
+        ))
+    })
 }
 
 fn draw(args: &StatusArgs, state: &VenueState) -> anyhow::Result<Reader> {

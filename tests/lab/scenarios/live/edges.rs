@@ -83,6 +83,19 @@ fn the_status_shows_a_row_for_every_node_and_fails_when_one_is_missing_or_nobody
     }
     assert!(!shown.stdout.contains('\u{1b}'), "it pipes");
 
+    let doctor = farfield(&["doctor", venue.to_str().unwrap(), "--connect", &endpoint]);
+    let version = env!("CARGO_PKG_VERSION");
+    let same = format!("run farfield {version}, as this machine: ");
+    let said = doctor
+        .stdout
+        .lines()
+        .find_map(|line| Some(line.split_once(&same)?.1));
+    let mut said: Vec<&str> = said.unwrap_or_default().split(", ").collect();
+    let mut expected: Vec<&str> = names.iter().map(String::as_str).collect();
+    said.sort_unstable();
+    expected.sort_unstable();
+    assert_eq!(said, expected, "{}", doctor.stdout);
+
     let mut watching = command()
         .args(words)
         .args(["--watch", "--json"])
