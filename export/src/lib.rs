@@ -4,7 +4,12 @@
 //! program expects.
 
 pub mod axes;
+pub mod run;
 pub mod skeleton;
+pub mod timeline;
+
+#[cfg(test)]
+pub(crate) mod fixture;
 
 /// The value of that name, of those a command line may name.
 ///

@@ -1,0 +1,171 @@
+//! What a first reading of `poses.jsonl` tells: who is there when, and how long everybody's limbs are.
+
+use std::collections::BTreeMap;
+use std::io::BufRead;
+use std::ops::Range;
+use std::path::Path;
+
+use farfield_fusion::body::skeleton::{Joint, N_JOINTS};
+use farfield_proto::toml_file::FileError;
+use nalgebra::Vector3;
+
+use super::line::{PoseLine, for_each_line};
+use crate::skeleton::{Offsets, links_of};
+
+/// Width of a bin in which lengths are counted, metres.
+const BIN_M: f64 = 1e-4;
+/// Most people of a run, far above any that a field holds: what is kept per person is bounded.
+const MOST_PEOPLE: usize = 10_000;
+/// Most names of keypoints.
+const MOST_KEYPOINTS: usize = 512;
+/// Lengths beyond this are counted as it, metres.
+const LONGEST_M: f64 = 3.0;
+
+/// Who is in a file of poses.
+#[derive(Debug, Clone, Default)]
+pub struct Survey {
+    /// Everybody, by id.
+    pub people: BTreeMap<u32, PersonSurvey>,
+    /// Names of the keypoints, in the order in which they come first.
+    pub keypoints: Vec<String>,
+    /// Lines that were counted.
+    pub lines: u64,
+}
+
+/// One person of a file.
+#[derive(Debug, Clone)]
+pub struct PersonSurvey {
+    /// First tick with a pose.
+    pub first: i64,
+    /// Last tick with a pose.
+    pub last: i64,
+    /// Ticks with a pose.
+    pub n_ticks: u64,
+    /// The body's offsets: the median over the ticks, component by component. While a run still learns a body they are
+    /// those it settles on.
+    pub offsets: Offsets,
+    /// Where each keypoint sits from the joint of its name, in the frame of the link that holds the joint (x forward, y
+    /// left, z up in the neutral pose), metres: the mean over the ticks. Keypoints without such a joint are left out.
+    pub sites_m: BTreeMap<String, Vector3<f64>>,
+}
+
+#[derive(Default)]
+struct Counting {
+    first: i64,
+    last: i64,
+    n_ticks: u64,
+    bins: Vec<[BTreeMap<i32, Bin>; 3]>,
+    sites: BTreeMap<String, (Vector3<f64>, u64)>,
+}
+
+#[derive(Default)]
+struct Bin {
+    count: u64,
+    sum_m: f64,
+}
+
+impl Survey {
+    /// Reads all lines of `file` (called `path`), and counts those whose tick is in `ticks`.
+    ///
+    /// # Errors
+    /// The first line that is wrong, or out of order.
+    pub fn of(file: impl BufRead, path: &Path, ticks: &Range<i64>) -> Result<Self, FileError> {
+        let mut survey = Self::default();
+        let mut people = BTreeMap::<u32, Counting>::new();
+        let mut last = None;
+        for_each_line(file, path, |text, number| {
+            let line = PoseLine::parse(text, path, number)?;
+            let place = (line.tick, line.person);
+            let at = |problem: String| Err(FileError::new(path, problem).at_line(number));
+            if let Some(before) = last.replace(place).filter(|before| *before >= place) {
+                return at(format!(
+                    "found tick {} of person {} after tick {} of person {}, expected them sorted",
+                    place.0, place.1, before.0, before.1
+                ));
+            }
+            if !ticks.contains(&line.tick) {
+                return Ok(());
+            }
+            for (name, _) in &line.keypoints_m {
+                if !survey.keypoints.contains(name) {
+                    survey.keypoints.push(name.clone());
+                }
+            }
+            survey.lines += 1;
+            people.entry(line.person).or_default().add(&line);
+            if people.len() > MOST_PEOPLE || survey.keypoints.len() > MOST_KEYPOINTS {
+                return at(format!(
+                    "found more than {MOST_PEOPLE} people or {MOST_KEYPOINTS} keypoints, expected those of a field"
+                ));
+            }
+            Ok(())
+        })?;
+        survey.people = people
+            .into_iter()
+            .map(|(id, counting)| (id, counting.finish()))
+            .collect();
+        Ok(survey)
+    }
+}
+
+impl Counting {
+    fn add(&mut self, line: &PoseLine) {
+        if self.n_ticks == 0 {
+            self.first = line.tick;
+            self.bins.resize_with(N_JOINTS, Default::default);
+        }
+        self.last = line.tick;
+        self.n_ticks += 1;
+        let body = links_of(&line.angles);
+        let offsets = Offsets::measured(&line.joints_m, &body);
+        for (bins, offset_m) in self.bins.iter_mut().zip(&offsets.0) {
+            for (bins, &v) in bins.iter_mut().zip(offset_m) {
+                let v = v.clamp(-LONGEST_M, LONGEST_M);
+                let bin = bins.entry((v / BIN_M).round() as i32).or_default();
+                bin.count += 1;
+                bin.sum_m += v;
+            }
+        }
+        for (name, at_m) in &line.keypoints_m {
+            let Some(joint) = Joint::from_name(name) else {
+                continue;
+            };
+            let apart_m = at_m - line.joints_m[joint.index()];
+            let (sum, count) = self.sites.entry(name.clone()).or_default();
+            *sum += body.rotation(joint.link()).tr_mul(&apart_m);
+            *count += 1;
+        }
+    }
+
+    fn finish(self) -> PersonSurvey {
+        let mut offsets = Offsets([Vector3::zeros(); N_JOINTS]);
+        for (offset_m, bins) in offsets.0.iter_mut().zip(&self.bins) {
+            for (v, bins) in offset_m.iter_mut().zip(bins) {
+                *v = median_m(bins, self.n_ticks);
+            }
+        }
+        let sites_m = self
+            .sites
+            .into_iter()
+            .map(|(name, (sum, count))| (name, sum / count as f64));
+        PersonSurvey {
+            first: self.first,
+            last: self.last,
+            n_ticks: self.n_ticks,
+            offsets,
+            sites_m: sites_m.collect(),
+        }
+    }
+}
+
+/// The mean of the bin that holds the median.
+fn median_m(bins: &BTreeMap<i32, Bin>, n: u64) -> f64 {
+    let mut below = 0;
+    for bin in bins.values() {
+        below += bin.count;
+        if 2 * below >= n {
+            return bin.sum_m / bin.count as f64;
+        }
+    }
+    0.0
+}

@@ -1,0 +1,144 @@
+//! Poses on other clocks.
+
+use super::*;
+use crate::fixture::{RUN_HZ, sample_at};
+
+fn clock(rate_hz: f64, end: i64) -> Clock {
+    Clock {
+        run_hz: RUN_HZ,
+        rate_hz,
+        zero: 0,
+        first: 0,
+        end,
+    }
+}
+
+/// Frames of a person who is there at `ticks`.
+fn frames(
+    clock: Clock,
+    gaps: Gaps,
+    ticks: impl Iterator<Item = i64>,
+    at: impl Fn(f64) -> Sample,
+) -> Vec<Frame> {
+    let mut frames = Vec::new();
+    let mut keep = |frame| {
+        frames.push(frame);
+        Ok::<_, ()>(())
+    };
+    let mut resampler = Resampler::new(clock, gaps, RestPose::TPose);
+    for tick in ticks {
+        resampler
+            .push(tick, at(tick as f64 / RUN_HZ), &mut keep)
+            .unwrap();
+    }
+    resampler.finish(&mut keep).unwrap();
+    assert_eq!(frames.len() as u64, clock.n_frames());
+    frames
+}
+
+fn pose(frame: &Frame) -> &Sample {
+    &frame.pose.as_ref().unwrap().0
+}
+
+/// Greatest distance between joints of two samples, metres.
+fn apart_m(a: &Sample, b: &Sample) -> f64 {
+    let (a, b) = (a.joints_m(RestPose::TPose), b.joints_m(RestPose::TPose));
+    a.iter()
+        .zip(&b)
+        .map(|(a, b)| (a - b).norm())
+        .fold(0.0, f64::max)
+}
+
+#[test]
+fn at_the_runs_own_rate_poses_are_what_they_were() {
+    for frame in frames(clock(RUN_HZ, 90), Gaps::Keep, 0..90, sample_at) {
+        assert_eq!(pose(&frame), &sample_at(frame.time_s));
+    }
+}
+
+#[test]
+fn at_twice_the_rate_poses_lie_on_the_motion() {
+    let frames = frames(clock(2.0 * RUN_HZ, 60), Gaps::Keep, 0..60, sample_at);
+    assert_eq!(frames.len(), 119);
+    for frame in &frames {
+        // A swing of 0.7 rad at 1 Hz between samples of 60 Hz: (2 pi)^2 0.7 / 8 / 60^2 rad, on a metre.
+        assert!(apart_m(pose(frame), &sample_at(frame.time_s)) < 2e-3);
+    }
+}
+
+#[test]
+fn at_half_the_rate_slow_motion_stays_and_fast_trembling_goes() {
+    let trembling = |t: f64| {
+        let mut sample = sample_at(t);
+        sample.motion.root_m.z += 0.05 * libm::cos(2.0 * PI * 25.0 * t);
+        sample
+    };
+    let frames = frames(clock(RUN_HZ / 2.0, 240), Gaps::Keep, 0..240, trembling);
+    assert_eq!(frames.len(), 120);
+    // Where the filter is whole.
+    for frame in &frames[6..114] {
+        let apart_m = apart_m(pose(frame), &sample_at(frame.time_s));
+        assert!(apart_m < 6e-3, "{apart_m}");
+    }
+}
+
+#[test]
+fn a_person_who_walks_evenly_is_not_shifted_at_the_ends() {
+    let walking = |t: f64| {
+        let mut sample = sample_at(0.0);
+        sample.motion.root_m.x += 2.0 * t;
+        sample
+    };
+    for frame in frames(clock(RUN_HZ / 3.0, 100), Gaps::Keep, 0..100, walking) {
+        assert!(
+            apart_m(pose(&frame), &walking(frame.time_s)) < 1e-3,
+            "{}",
+            frame.index
+        );
+    }
+}
+
+#[test]
+fn gaps_are_kept_or_filled_as_asked() {
+    let there = || (0..30).chain(40..60);
+    let kept = frames(clock(RUN_HZ, 60), Gaps::Keep, there(), sample_at);
+    let absent: Vec<u64> = kept
+        .iter()
+        .filter(|f| f.pose.is_none())
+        .map(|f| f.index)
+        .collect();
+    assert_eq!(absent, (30..40).collect::<Vec<u64>>());
+    let filled = frames(clock(RUN_HZ, 60), Gaps::Mark, there(), sample_at);
+    for frame in &filled {
+        let (sample, origin) = frame.pose.as_ref().unwrap();
+        assert_eq!(*origin == Origin::Filled, (30..40).contains(&frame.index));
+        assert!(apart_m(sample, &sample_at(frame.time_s)) < 0.1);
+    }
+}
+
+#[test]
+fn nobody_is_there_before_the_first_and_after_the_last_pose() {
+    for gaps in [Gaps::Keep, Gaps::Fill] {
+        let frames = frames(clock(RUN_HZ, 60), gaps, 10..50, sample_at);
+        let there: Vec<u64> = frames
+            .iter()
+            .filter(|f| f.pose.is_some())
+            .map(|f| f.index)
+            .collect();
+        assert_eq!(there, (10..50).collect::<Vec<u64>>());
+    }
+}
+
+#[test]
+fn time_counts_from_the_runs_first_tick() {
+    let clock = Clock {
+        run_hz: 50.0,
+        rate_hz: 25.0,
+        zero: 100,
+        first: 150,
+        end: 160,
+    };
+    assert_eq!(clock.n_frames(), 5);
+    assert!((clock.seconds(2) - 1.08).abs() < 1e-12);
+    assert!((clock.position(2) - 154.0).abs() < 1e-12);
+}
