@@ -1,13 +1,35 @@
 //! Poses of a run in the formats of other programs.
 //!
-//! [`skeleton`] is the one export skeleton, which every animated format shares, and [`axes`] are the units and axes a
-//! program expects.
+//! [`export`](export()) is the whole of it: a run folder in, files out, whole or not at all. What it is made of:
+//!
+//! | module | what |
+//! | --- | --- |
+//! | [`run`] | a run folder, read line by line |
+//! | [`skeleton`] | the one export skeleton, which every animated format shares |
+//! | [`axes`] | the units and axes that programs expect |
+//! | [`timeline`] | other rates; gaps kept or filled |
+//! | [`formats`] | a writer per format, of bytes |
+//!
+//! Equal runs and options give equal bytes.
 
 pub mod axes;
+mod error;
+mod export;
+mod files;
+pub mod formats;
+mod options;
 pub mod run;
 pub mod skeleton;
+mod subject;
 pub mod timeline;
 
+pub use error::ExportError;
+pub use export::{Progress, Written, export};
+pub use options::{Existing, ExportRequest, Format, Lengths, Options};
+pub use subject::Subject;
+
+#[cfg(test)]
+mod export_tests;
 #[cfg(test)]
 pub(crate) mod fixture;
 

@@ -1,0 +1,291 @@
+//! One export: the run is surveyed, then read once more per person and file; files get their names when all are whole.
+
+use std::collections::BTreeMap;
+use std::io;
+use std::ops::Range;
+use std::path::PathBuf;
+
+use crate::error::ExportError;
+use crate::files::{self, Unfinished};
+use crate::formats::bvh::BvhWriter;
+use crate::formats::gltf::{Container, GltfPerson, GltfWriter};
+use crate::options::{ExportRequest, Format, Options};
+use crate::run::line::for_each_line;
+use crate::run::{PoseLine, RunFacts, Sample, Survey};
+use crate::subject::Subject;
+use crate::timeline::{Clock, Frame, Resampler};
+
+/// Frame rates beyond these are refused, Hz.
+const RATES_HZ: std::ops::RangeInclusive<f64> = 0.5..=2000.0;
+
+/// A file that was written.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Written {
+    /// Where it is.
+    pub path: PathBuf,
+    /// What it is.
+    pub format: Format,
+    /// Who is in it.
+    pub people: Vec<u32>,
+    /// Its bytes.
+    pub bytes: u64,
+}
+
+/// How far an export has come.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Progress {
+    /// Readings of the poses that are done.
+    pub done: usize,
+    /// Of so many: the survey, and one per person and format.
+    pub of: usize,
+}
+
+/// Writes what is asked for; all files, or none.
+///
+/// # Errors
+/// What of the run, the options or the files is wrong. Files that were there before are as they were.
+pub fn export(
+    request: &ExportRequest,
+    mut progress: impl FnMut(Progress),
+) -> Result<Vec<Written>, ExportError> {
+    let run = Run::open(request)?;
+    let mut step = Progress {
+        done: 1,
+        of: 1 + request.formats.len() * run.people.len(),
+    };
+    progress(step);
+    files::make_folder(&request.out)?;
+    let mut unfinished = Vec::new();
+    for &format in &request.formats {
+        let everybody: Vec<u32> = run.people.keys().copied().collect();
+        let files: Vec<Vec<u32>> = if format.holds_all() {
+            vec![everybody]
+        } else {
+            everybody.into_iter().map(|person| vec![person]).collect()
+        };
+        for people in files {
+            let who = people.first().map_or("", |person| run.name(*person));
+            let path = request.out.join(format.file_name(who));
+            let mut file = Unfinished::create(path, request.existing)?;
+            run.write(format, &people, &mut file, &mut || {
+                step.done += 1;
+                progress(step);
+            })?;
+            file.complete()?;
+            unfinished.push((format, people, file));
+        }
+    }
+    let name = |(format, people, file): (Format, Vec<u32>, Unfinished)| {
+        let (path, bytes) = file.name()?;
+        Ok(Written {
+            path,
+            format,
+            people,
+            bytes,
+        })
+    };
+    unfinished.into_iter().map(name).collect()
+}
+
+/// A run that is being exported.
+struct Run<'a> {
+    request: &'a ExportRequest,
+    survey: Survey,
+    clock: Clock,
+    /// Who is exported, and what they are called.
+    people: BTreeMap<u32, String>,
+}
+
+impl<'a> Run<'a> {
+    fn open(request: &'a ExportRequest) -> Result<Self, ExportError> {
+        let options = &request.options;
+        if let Some(refusal) = request
+            .formats
+            .iter()
+            .find_map(|format| options.refusal(*format))
+        {
+            return Err(ExportError::Options(refusal));
+        }
+        let facts = RunFacts::parse(&files::read_text(&request.summary)?, &request.summary)?;
+        let clock = clock_of(&facts, options)?;
+        let ticks = clock.first..clock.end;
+        let survey = Survey::of(files::open(&request.poses)?, &request.poses, &ticks)?;
+        let people = people_of(&survey, options, &ticks)?;
+        Ok(Self {
+            request,
+            survey,
+            clock,
+            people,
+        })
+    }
+
+    fn name(&self, person: u32) -> &str {
+        self.people.get(&person).map_or("", String::as_str)
+    }
+
+    fn subject(&self, person: u32) -> Option<Subject<'_>> {
+        Some(Subject {
+            id: person,
+            name: self.name(person),
+            survey: self.survey.people.get(&person)?,
+            keypoints: &self.survey.keypoints,
+            clock: self.clock,
+            options: &self.request.options,
+        })
+    }
+
+    /// Writes one file; calls `done` after each person.
+    fn write(
+        &self,
+        format: Format,
+        people: &[u32],
+        file: &mut Unfinished,
+        done: &mut dyn FnMut(),
+    ) -> Result<(), ExportError> {
+        let subjects: Vec<Subject<'_>> = people
+            .iter()
+            .filter_map(|person| self.subject(*person))
+            .collect();
+        let path = file.path().to_owned();
+        let error = |source| ExportError::io(&path, "writing", source);
+        if let Some(container) = container_of(format) {
+            let mut writer = GltfWriter::default();
+            for subject in subjects {
+                let mut person = GltfPerson::new(subject);
+                self.for_each_frame(subject.id, |frame| {
+                    person.frame(&frame);
+                    Ok(())
+                })?;
+                writer.add(person).map_err(error)?;
+                done();
+            }
+            return writer.finish(file, container).map_err(error);
+        }
+        for subject in subjects {
+            self.per_person(subject, file, BvhWriter::new, BvhWriter::frame)?;
+            done();
+        }
+        Ok(())
+    }
+
+    /// Writes one person with a writer that takes frames as they come.
+    fn per_person<'s, T>(
+        &self,
+        subject: Subject<'s>,
+        file: &'s mut Unfinished,
+        new: impl FnOnce(&'s mut Unfinished, Subject<'s>) -> io::Result<T>,
+        frame: impl Fn(&mut T, &Frame) -> io::Result<()>,
+    ) -> Result<(), ExportError> {
+        let path = file.path().to_owned();
+        let error = |source| ExportError::io(&path, "writing", source);
+        let mut writer = new(file, subject).map_err(error)?;
+        self.for_each_frame(subject.id, |at| frame(&mut writer, &at).map_err(error))
+    }
+
+    /// Calls `each` with every frame of one person, in order.
+    fn for_each_frame(
+        &self,
+        person: u32,
+        mut each: impl FnMut(Frame) -> Result<(), ExportError>,
+    ) -> Result<(), ExportError> {
+        let options = &self.request.options;
+        let path = &self.request.poses;
+        let mut resampler = Resampler::new(self.clock, options.gaps, options.rest);
+        for_each_line(files::open(path)?, path, |text, number| {
+            let (tick, of) = PoseLine::parse_head(text, path, number)?;
+            if of != person || !(self.clock.first..self.clock.end).contains(&tick) {
+                return Ok(());
+            }
+            let line = PoseLine::parse(text, path, number)?;
+            let sample = Sample::of(&line, options.rest, &self.survey.keypoints);
+            resampler.push(tick, sample, &mut each)
+        })?;
+        resampler.finish(each)
+    }
+}
+
+/// How the glTF file of that format is put together; `None`: it is none.
+const fn container_of(format: Format) -> Option<Container> {
+    match format {
+        Format::Glb => Some(Container::Binary),
+        Format::Gltf => Some(Container::Json),
+        Format::Bvh => None,
+    }
+}
+
+fn clock_of(facts: &RunFacts, options: &Options) -> Result<Clock, ExportError> {
+    let run = facts.ticks.first..facts.ticks.end;
+    let ticks = options.ticks.clone().unwrap_or_else(|| run.clone());
+    if ticks.is_empty() || ticks.start < run.start || ticks.end > run.end {
+        return Err(ExportError::Options(format!(
+            "found ticks {}..{}, expected some of the run's {}..{}",
+            ticks.start, ticks.end, run.start, run.end
+        )));
+    }
+    let rate_hz = options.rate_hz.unwrap_or(facts.rate_hz);
+    if options.rate_hz.is_some() && !RATES_HZ.contains(&rate_hz) {
+        return Err(ExportError::Options(format!(
+            "found a rate of {rate_hz} Hz, expected {} to {} Hz",
+            RATES_HZ.start(),
+            RATES_HZ.end()
+        )));
+    }
+    Ok(Clock {
+        run_hz: facts.rate_hz,
+        rate_hz,
+        zero: run.start,
+        first: ticks.start,
+        end: ticks.end,
+    })
+}
+
+/// Who is exported, and what they are called.
+fn people_of(
+    survey: &Survey,
+    options: &Options,
+    ticks: &Range<i64>,
+) -> Result<BTreeMap<u32, String>, ExportError> {
+    let known: Vec<u32> = survey.people.keys().copied().collect();
+    let asked = if options.people.is_empty() {
+        &known
+    } else {
+        &options.people
+    };
+    let mut people = BTreeMap::new();
+    for person in asked {
+        if !known.contains(person) {
+            return Err(ExportError::Options(format!(
+                "found person {person}, expected one of {known:?}"
+            )));
+        }
+        let name = options
+            .called
+            .get(person)
+            .map_or_else(|| person.to_string(), |name| file_word(name));
+        if let Some((other, _)) = people.iter().find(|(_, taken)| **taken == name) {
+            return Err(ExportError::Options(format!(
+                "persons {other} and {person} are both called `{name}`"
+            )));
+        }
+        people.insert(*person, name);
+    }
+    if people.is_empty() {
+        return Err(ExportError::Options(format!(
+            "nobody is there in ticks {}..{}",
+            ticks.start, ticks.end
+        )));
+    }
+    Ok(people)
+}
+
+/// `name` as a part of a file's name: what is no letter, digit, `-` or `_` becomes `_`.
+fn file_word(name: &str) -> String {
+    let safe = |c: char| {
+        if c.is_alphanumeric() || c == '-' {
+            c
+        } else {
+            '_'
+        }
+    };
+    name.chars().take(64).map(safe).collect()
+}

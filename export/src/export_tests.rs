@@ -1,0 +1,141 @@
+//! Whole exports of a run that is made up.
+
+use std::fs;
+use std::path::Path;
+
+use crate::fixture::{poses_jsonl, summary_json};
+use crate::{Existing, ExportError, ExportRequest, Format, Options, Written, export};
+
+const N_TICKS: i64 = 50;
+
+/// A run of three people in `folder`, and a request for all formats of it.
+fn request(folder: &Path) -> ExportRequest {
+    fs::write(folder.join("poses.jsonl"), poses_jsonl(&[1, 2, 5], N_TICKS)).unwrap();
+    fs::write(folder.join("summary.json"), summary_json(N_TICKS)).unwrap();
+    ExportRequest {
+        poses: folder.join("poses.jsonl"),
+        summary: folder.join("summary.json"),
+        out: folder.join("out"),
+        formats: Format::ALL.map(|(_, format)| format).to_vec(),
+        options: Options::default(),
+        existing: Existing::Refuse,
+    }
+}
+
+fn run(request: &ExportRequest) -> Result<Vec<Written>, ExportError> {
+    export(request, |_| ())
+}
+
+fn bytes_of(written: &[Written]) -> Vec<(String, Vec<u8>)> {
+    let name = |w: &Written| w.path.file_name().unwrap().to_str().unwrap().to_owned();
+    written
+        .iter()
+        .map(|w| (name(w), fs::read(&w.path).unwrap()))
+        .collect()
+}
+
+#[test]
+fn equal_runs_give_equal_bytes() {
+    let folders = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
+    let [one, other] = folders
+        .each_ref()
+        .map(|folder| bytes_of(&run(&request(folder.path())).unwrap()));
+    assert!(one == other);
+    for (written, (_, bytes)) in run(&ExportRequest {
+        existing: Existing::Replace,
+        ..request(folders[0].path())
+    })
+    .unwrap()
+    .iter()
+    .zip(&one)
+    {
+        assert_eq!(written.bytes, bytes.len() as u64);
+    }
+}
+
+#[test]
+fn nothing_is_left_of_an_export_that_failed() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut request = request(folder.path());
+    fs::create_dir_all(&request.out).unwrap();
+    let last = request.out.join("poses_5.bvh");
+    fs::write(&last, "mine").unwrap();
+    request.formats = vec![Format::Bvh];
+    let refused = run(&request).unwrap_err();
+    assert!(
+        matches!(&refused, ExportError::Exists { path } if *path == last),
+        "{refused}"
+    );
+    let left: Vec<_> = fs::read_dir(&request.out).unwrap().collect();
+    assert_eq!(left.len(), 1);
+    request.existing = Existing::Replace;
+    assert_eq!(run(&request).unwrap().len(), 3);
+    assert!(fs::read_to_string(&last).unwrap().starts_with("HIERARCHY"));
+}
+
+#[test]
+fn options_that_do_not_fit_are_refused_with_what_would() {
+    let folder = tempfile::tempdir().unwrap();
+    let base = request(folder.path());
+    let refused = |change: &dyn Fn(&mut ExportRequest)| {
+        let mut request = base.clone();
+        change(&mut request);
+        run(&request).unwrap_err().to_string()
+    };
+    assert_eq!(
+        refused(&|r| r.options.people = vec![3]),
+        "found person 3, expected one of [1, 2, 5]"
+    );
+    assert_eq!(
+        refused(&|r| r.options.ticks = Some(40..60)),
+        "found ticks 40..60, expected some of the run's 0..50"
+    );
+    assert_eq!(
+        refused(&|r| r.options.rate_hz = Some(f64::NAN)),
+        "found a rate of NaN Hz, expected 0.5 to 2000 Hz"
+    );
+    assert!(
+        refused(&|r| r.options.gaps = crate::timeline::Gaps::Mark)
+            .starts_with("bvh has no place for marks")
+    );
+    assert!(!base.out.exists());
+}
+
+#[test]
+fn one_person_a_time_range_and_another_rate_are_taken_out() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut request = request(folder.path());
+    request.formats = vec![Format::Bvh];
+    request.options.people = vec![2];
+    request.options.called = [(2, "Ada L.".to_owned())].into();
+    request.options.ticks = Some(10..40);
+    request.options.rate_hz = Some(30.0);
+    let written = run(&request).unwrap();
+    assert_eq!(written.len(), 1);
+    assert!(written[0].path.ends_with("poses_Ada_L_.bvh"));
+    let text = fs::read_to_string(&written[0].path).unwrap();
+    assert!(text.contains("Frames: 15\nFrame Time: 0.033333333\n"));
+    assert_eq!(
+        text.lines()
+            .rev()
+            .take_while(|line| *line != "Frame Time: 0.033333333")
+            .count(),
+        15
+    );
+}
+
+#[test]
+fn a_line_that_is_wrong_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let request = request(folder.path());
+    fs::write(
+        &request.poses,
+        poses_jsonl(&[1], 3).replacen("\"pelvis\":", "\"pelvsi\":", 1),
+    )
+    .unwrap();
+    let refused = run(&request).unwrap_err().to_string();
+    assert!(
+        refused.ends_with("poses.jsonl:1: `joints.pelvis`: missing, expected three numbers"),
+        "{refused}"
+    );
+}

@@ -1,0 +1,4 @@
+//! The formats, each as a writer of bytes that knows no file.
+
+pub mod bvh;
+pub mod gltf;

@@ -1,0 +1,148 @@
+//! What an export is asked for.
+
+use std::collections::BTreeMap;
+use std::ops::Range;
+use std::path::PathBuf;
+use std::str::FromStr;
+
+use crate::axes::Preset;
+use crate::skeleton::{BoneNames, RestPose};
+use crate::timeline::Gaps;
+
+/// A format of other programs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Format {
+    /// BVH, one file a person.
+    Bvh,
+    /// glTF 2.0 in one binary file, all people.
+    Glb,
+    /// glTF 2.0 as JSON with its data inside, all people.
+    Gltf,
+}
+
+impl Format {
+    /// Every format with its name on the command line.
+    pub const ALL: [(&'static str, Self); 3] =
+        [("bvh", Self::Bvh), ("glb", Self::Glb), ("gltf", Self::Gltf)];
+
+    /// Its name on the command line.
+    pub fn name(self) -> &'static str {
+        let found = Self::ALL.iter().find(|(_, format)| *format == self);
+        found.map_or("", |(name, _)| *name)
+    }
+
+    /// What a file is called: of one person, who is called `who`, or (`None`) of all.
+    pub(crate) fn file_name(self, who: &str) -> String {
+        match self {
+            Self::Bvh => format!("poses_{who}.bvh"),
+            Self::Glb => "poses.glb".to_owned(),
+            Self::Gltf => "poses.gltf".to_owned(),
+        }
+    }
+
+    /// Whether one file holds all people.
+    pub const fn holds_all(self) -> bool {
+        matches!(self, Self::Glb | Self::Gltf)
+    }
+
+    /// Whether it has a place for marks of what was filled.
+    const fn has_marks(self) -> bool {
+        !matches!(self, Self::Bvh)
+    }
+}
+
+impl FromStr for Format {
+    type Err = String;
+
+    fn from_str(name: &str) -> Result<Self, String> {
+        crate::named(name, &Self::ALL)
+    }
+}
+
+/// How long the bones of an animated skeleton are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Lengths {
+    /// Constant: what the run settled on. What retargeting expects.
+    #[default]
+    Settled,
+    /// As they were at each tick: bones have moving offsets, and joints are those of `poses.jsonl` while a run still
+    /// learns a body.
+    Measured,
+}
+
+impl Lengths {
+    /// Every choice with its name on the command line.
+    pub const ALL: [(&'static str, Self); 2] =
+        [("settled", Self::Settled), ("measured", Self::Measured)];
+}
+
+impl FromStr for Lengths {
+    type Err = String;
+
+    fn from_str(name: &str) -> Result<Self, String> {
+        crate::named(name, &Self::ALL)
+    }
+}
+
+/// What to do with files that are there already.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Existing {
+    /// Nothing is written.
+    #[default]
+    Refuse,
+    /// They are replaced, when the new ones are whole.
+    Replace,
+}
+
+/// How poses are written.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Options {
+    /// Who; empty: everybody.
+    pub people: Vec<u32>,
+    /// What people are called in files and their names; others are called by their id.
+    pub called: BTreeMap<u32, String>,
+    /// Which ticks, the end not among them; `None`: the whole run.
+    pub ticks: Option<Range<i64>>,
+    /// Frames per second; `None`: the run's.
+    pub rate_hz: Option<f64>,
+    /// What becomes of ticks without a pose.
+    pub gaps: Gaps,
+    /// How long bones are.
+    pub lengths: Lengths,
+    /// How the skeleton rests.
+    pub rest: RestPose,
+    /// What its bones are called.
+    pub names: BoneNames,
+    /// Whose units and axes; `None`: those of the format.
+    pub preset: Option<Preset>,
+}
+
+impl Options {
+    /// Why `format` cannot be written so.
+    pub(crate) fn refusal(&self, format: Format) -> Option<String> {
+        let marked = self.gaps == Gaps::Mark && !format.has_marks();
+        marked.then(|| {
+            format!(
+                "{} has no place for marks: gaps can be kept or filled",
+                format.name()
+            )
+        })
+    }
+}
+
+/// An export of one run.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ExportRequest {
+    /// The poses: a run's `poses.jsonl`, or the smoothed ones.
+    pub poses: PathBuf,
+    /// The run's `summary.json`.
+    pub summary: PathBuf,
+    /// Folder of the files; it is made where it is not there.
+    pub out: PathBuf,
+    /// What is written.
+    pub formats: Vec<Format>,
+    /// How.
+    pub options: Options,
+    /// What to do with files that are there already.
+    pub existing: Existing,
+}
