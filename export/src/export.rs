@@ -1,14 +1,15 @@
 //! One export: the run is surveyed, then read once more per person and file; files get their names when all are whole.
 
 use std::collections::BTreeMap;
-use std::io;
 use std::ops::Range;
 use std::path::PathBuf;
 
 use crate::error::ExportError;
 use crate::files::{self, Unfinished};
 use crate::formats::bvh::BvhWriter;
+use crate::formats::c3d::C3dWriter;
 use crate::formats::gltf::{Container, GltfPerson, GltfWriter};
+use crate::formats::table::{TidyWriter, WideWriter, point_names};
 use crate::options::{ExportRequest, Format, Options};
 use crate::run::line::for_each_line;
 use crate::run::{PoseLine, RunFacts, Sample, Survey};
@@ -161,25 +162,39 @@ impl<'a> Run<'a> {
             }
             return writer.finish(file, container).map_err(error);
         }
+        if format == Format::CsvTidy {
+            let names = point_names(&self.survey.keypoints);
+            let mut writer = TidyWriter::new(file);
+            for subject in subjects {
+                self.for_each_frame(subject.id, |frame| {
+                    writer.frame(&subject, &names, &frame).map_err(error)
+                })?;
+                done();
+            }
+            return writer.finish().map_err(error);
+        }
         for subject in subjects {
-            self.per_person(subject, file, BvhWriter::new, BvhWriter::frame)?;
+            match format {
+                Format::Bvh => {
+                    let mut writer = BvhWriter::new(&mut *file, subject).map_err(error)?;
+                    self.for_each_frame(subject.id, |frame| writer.frame(&frame).map_err(error))?;
+                }
+                Format::C3d => {
+                    let mut writer = C3dWriter::new(&mut *file, subject).map_err(error)?;
+                    self.for_each_frame(subject.id, |frame| writer.frame(&frame).map_err(error))?;
+                    writer.finish().map_err(error)?;
+                }
+                Format::Csv => {
+                    let mut writer = WideWriter::new(&mut *file, subject).map_err(error)?;
+                    self.for_each_frame(subject.id, |frame| writer.frame(&frame).map_err(error))?;
+                    writer.finish().map_err(error)?;
+                }
+                // Files of all people, which are written above.
+                Format::Glb | Format::Gltf | Format::CsvTidy => {}
+            }
             done();
         }
         Ok(())
-    }
-
-    /// Writes one person with a writer that takes frames as they come.
-    fn per_person<'s, T>(
-        &self,
-        subject: Subject<'s>,
-        file: &'s mut Unfinished,
-        new: impl FnOnce(&'s mut Unfinished, Subject<'s>) -> io::Result<T>,
-        frame: impl Fn(&mut T, &Frame) -> io::Result<()>,
-    ) -> Result<(), ExportError> {
-        let path = file.path().to_owned();
-        let error = |source| ExportError::io(&path, "writing", source);
-        let mut writer = new(file, subject).map_err(error)?;
-        self.for_each_frame(subject.id, |at| frame(&mut writer, &at).map_err(error))
     }
 
     /// Calls `each` with every frame of one person, in order.
@@ -209,7 +224,7 @@ const fn container_of(format: Format) -> Option<Container> {
     match format {
         Format::Glb => Some(Container::Binary),
         Format::Gltf => Some(Container::Json),
-        Format::Bvh => None,
+        Format::Bvh | Format::C3d | Format::Csv | Format::CsvTidy => None,
     }
 }
 

@@ -18,12 +18,24 @@ pub enum Format {
     Glb,
     /// glTF 2.0 as JSON with its data inside, all people.
     Gltf,
+    /// C3D, one file a person.
+    C3d,
+    /// CSV with a column per number, one file a person.
+    Csv,
+    /// CSV with a row per point or angle, all people.
+    CsvTidy,
 }
 
 impl Format {
     /// Every format with its name on the command line.
-    pub const ALL: [(&'static str, Self); 3] =
-        [("bvh", Self::Bvh), ("glb", Self::Glb), ("gltf", Self::Gltf)];
+    pub const ALL: [(&'static str, Self); 6] = [
+        ("bvh", Self::Bvh),
+        ("glb", Self::Glb),
+        ("gltf", Self::Gltf),
+        ("c3d", Self::C3d),
+        ("csv", Self::Csv),
+        ("csv-tidy", Self::CsvTidy),
+    ];
 
     /// Its name on the command line.
     pub fn name(self) -> &'static str {
@@ -37,12 +49,15 @@ impl Format {
             Self::Bvh => format!("poses_{who}.bvh"),
             Self::Glb => "poses.glb".to_owned(),
             Self::Gltf => "poses.gltf".to_owned(),
+            Self::C3d => format!("poses_{who}.c3d"),
+            Self::Csv => format!("poses_{who}.csv"),
+            Self::CsvTidy => "poses_tidy.csv".to_owned(),
         }
     }
 
     /// Whether one file holds all people.
     pub const fn holds_all(self) -> bool {
-        matches!(self, Self::Glb | Self::Gltf)
+        matches!(self, Self::Glb | Self::Gltf | Self::CsvTidy)
     }
 
     /// Whether it has a place for marks of what was filled.

@@ -1,4 +1,7 @@
 //! The formats, each as a writer of bytes that knows no file.
 
 pub mod bvh;
+pub mod c3d;
 pub mod gltf;
+mod points;
+pub mod table;

@@ -1,0 +1,214 @@
+//! C3D, the format of biomechanics: joints and keypoints as points, one person a file.
+//!
+//! Millimetres, z up, unless a preset says otherwise; floating-point data of Intel's byte order. The first frame is
+//! number 1 and lies at the first exported tick; `FARFIELD:START_SECONDS` is its time since the run's first. Frame numbers
+//! of the head end at 65535: beyond it `TRIAL:ACTUAL_START_FIELD` and `ACTUAL_END_FIELD` count. A point that is not
+//! there has residual -1; else its residual is its standard deviation in whole units of length, 0 for what was filled, and
+//! its camera mask has as many bits as views took part (up to seven).
+//!
+//! Source: "The C3D File Format, A Technical User Guide", Motion Lab Systems 2021.
+
+mod parameters;
+
+use std::io::{self, Write};
+
+use self::parameters::Parameters;
+use super::points::{Point, names, points};
+use crate::axes::{Axes, Orientation, Unit};
+use crate::subject::Subject;
+use crate::timeline::{Frame, Origin};
+
+const DEFAULT_AXES: Axes = Axes {
+    unit: Unit::Millimetre,
+    orientation: Orientation::ZUp,
+};
+/// Bytes of a block, of which a file is made.
+const BLOCK: usize = 512;
+/// Most points of a file: readers take no more than 255 labels.
+const MOST_POINTS: usize = 255;
+/// Where the parameters begin, in blocks from 1.
+const PARAMETER_START: u8 = 2;
+/// Stands for a file of C3D.
+const KEY: u8 = 0x50;
+/// Says that events have labels of four letters; there are none.
+const LABELS_OF_FOUR: u16 = 12_345;
+/// Largest residual and cameras that a point has room for.
+const MOST_RESIDUAL: f64 = 255.0;
+const MOST_CAMERAS: u32 = 7;
+
+/// Writes one person.
+#[derive(Debug)]
+pub struct C3dWriter<'a, W> {
+    out: W,
+    subject: Subject<'a>,
+    axes: Axes,
+    n_points: usize,
+    bytes: usize,
+}
+
+impl<'a, W: Write> C3dWriter<'a, W> {
+    /// Writes the head and the parameters.
+    ///
+    /// # Errors
+    /// Those of `out`; more points or frames than the format has room for.
+    pub fn new(mut out: W, subject: Subject<'a>) -> io::Result<Self> {
+        let axes = subject.options.preset.map_or(DEFAULT_AXES, Axes::of_points);
+        let labels = names(subject.keypoints);
+        if labels.len() > MOST_POINTS {
+            return Err(io::Error::other(format!(
+                "{} points, a C3D file has room for {MOST_POINTS}",
+                labels.len()
+            )));
+        }
+        let n_frames = u32::try_from(subject.clock.n_frames())
+            .map_err(|_| io::Error::other("more frames than a C3D file can count"))?;
+        // The number of blocks is written in the parameters, which it does not change the size of.
+        let blocks = parameters_of(&subject, &labels, axes, n_frames, 0)?.len() / BLOCK;
+        let data_start = u16::from(PARAMETER_START) + blocks as u16;
+        let parameters = parameters_of(&subject, &labels, axes, n_frames, data_start)?;
+        out.write_all(&head(
+            labels.len() as u16,
+            n_frames,
+            data_start,
+            subject.clock.rate_hz,
+        ))?;
+        out.write_all(&parameters)?;
+        Ok(Self {
+            out,
+            subject,
+            axes,
+            n_points: labels.len(),
+            bytes: 0,
+        })
+    }
+
+    /// Writes a frame.
+    ///
+    /// # Errors
+    /// Those of the writer.
+    pub fn frame(&mut self, frame: &Frame) -> io::Result<()> {
+        let found = frame.pose.as_ref().map(|(sample, origin)| {
+            let all = points(sample, self.subject.options.rest, self.subject.keypoints);
+            (all, *origin, sample.views)
+        });
+        let mut bytes = Vec::with_capacity(16 * self.n_points);
+        for k in 0..self.n_points {
+            let (point, origin, views) = match &found {
+                Some((all, origin, views)) => (all.get(k).copied().flatten(), *origin, *views),
+                None => (None, Origin::Seen, 0),
+            };
+            for v in self.numbers(point.filter(Point::is_known), origin, views) {
+                bytes.extend(v.to_le_bytes());
+            }
+        }
+        self.bytes += bytes.len();
+        self.out.write_all(&bytes)
+    }
+
+    /// Fills the last block.
+    ///
+    /// # Errors
+    /// Those of the writer.
+    pub fn finish(mut self) -> io::Result<()> {
+        let missing = self.bytes.next_multiple_of(BLOCK) - self.bytes;
+        self.out.write_all(&vec![0; missing])
+    }
+
+    /// Place, and cameras and residual, of a point.
+    fn numbers(&self, point: Option<Point>, origin: Origin, views: u32) -> [f32; 4] {
+        let Some(point) = point else {
+            return [0.0, 0.0, 0.0, -1.0];
+        };
+        let [x, y, z]: [f64; 3] = self.axes.point(&point.at_m).into();
+        let told = match origin {
+            Origin::Filled => 0.0,
+            Origin::Seen => {
+                let cameras = (1_u32 << views.min(MOST_CAMERAS)) - 1;
+                let sigma = point.sigma_m.unwrap_or(0.0) * self.axes.unit.per_metre();
+                f64::from(cameras * 256) + sigma.round().clamp(0.0, MOST_RESIDUAL)
+            }
+        };
+        [x, y, z, told].map(|v| v as f32)
+    }
+}
+
+/// The first block.
+fn head(n_points: u16, n_frames: u32, data_start: u16, rate_hz: f64) -> Vec<u8> {
+    let mut words = [0_u16; BLOCK / 2];
+    words[0] = u16::from_le_bytes([PARAMETER_START, KEY]);
+    words[1] = n_points;
+    words[3] = 1;
+    words[4] = u16::try_from(n_frames).unwrap_or(u16::MAX);
+    // A scale below 0 stands for floating-point data; residuals are in whole units.
+    (words[6], words[7]) = halves((-1.0_f32).to_bits());
+    words[8] = data_start;
+    // One analogue sample of each of no channels per frame: readers compare it with ANALOG:RATE.
+    words[9] = 1;
+    (words[10], words[11]) = halves((rate_hz as f32).to_bits());
+    words[149] = LABELS_OF_FOUR;
+    words.iter().flat_map(|word| word.to_le_bytes()).collect()
+}
+
+/// The lower and the upper half.
+const fn halves(word: u32) -> (u16, u16) {
+    (word as u16, (word >> 16) as u16)
+}
+
+fn parameters_of(
+    subject: &Subject<'_>,
+    labels: &[String],
+    axes: Axes,
+    n_frames: u32,
+    data_start: u16,
+) -> io::Result<Vec<u8>> {
+    let up = match axes.orientation {
+        Orientation::ZUp | Orientation::LeftZUp => "+Z",
+        Orientation::YUp | Orientation::LeftYUp => "+Y",
+    };
+    let clock = subject.clock;
+    let field = |frame: u32| {
+        let (low, high) = halves(frame);
+        [low, high]
+    };
+    let own = |text: &str| [text.to_owned()];
+    let mut p = Parameters::default();
+    p.group("POINT");
+    p.integer("USED", labels.len() as u16)?;
+    p.float("SCALE", -1.0)?;
+    p.float("RATE", clock.rate_hz as f32)?;
+    p.integer("DATA_START", data_start)?;
+    // A whole number ends at 65535; a real one goes on.
+    match u16::try_from(n_frames) {
+        Ok(n_frames) => p.integer("FRAMES", n_frames)?,
+        Err(_) => p.float("FRAMES", n_frames as f32)?,
+    }
+    p.texts("LABELS", labels)?;
+    p.texts("DESCRIPTIONS", labels)?;
+    p.text("UNITS", axes.unit.symbol())?;
+    p.text("X_SCREEN", "+X")?;
+    p.text("Y_SCREEN", up)?;
+    p.group("ANALOG");
+    p.integer("USED", 0)?;
+    p.float("GEN_SCALE", 1.0)?;
+    p.float("RATE", clock.rate_hz as f32)?;
+    p.group("FORCE_PLATFORM");
+    p.integer("USED", 0)?;
+    p.group("TRIAL");
+    p.list("ACTUAL_START_FIELD", &field(1))?;
+    p.list("ACTUAL_END_FIELD", &field(n_frames))?;
+    p.float("CAMERA_RATE", clock.rate_hz as f32)?;
+    p.group("SUBJECTS");
+    p.integer("USED", 1)?;
+    p.integer("IS_STATIC", 0)?;
+    p.texts("NAMES", &own(subject.name))?;
+    p.texts("LABEL_PREFIXES", &own(""))?;
+    p.group("MANUFACTURER");
+    p.text("COMPANY", "Farfield")?;
+    p.text("SOFTWARE", "farfield export")?;
+    p.group("FARFIELD");
+    p.float("START_SECONDS", clock.seconds(0) as f32)?;
+    p.into_blocks()
+}
+
+#[cfg(test)]
+mod tests;

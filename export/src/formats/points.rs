@@ -1,0 +1,60 @@
+//! The points that formats of markers hold: the joints, then the keypoints.
+
+use farfield_fusion::body::determined::UNKNOWN_M;
+use farfield_fusion::body::skeleton::Joint;
+use nalgebra::Vector3;
+
+use crate::run::Sample;
+use crate::skeleton::RestPose;
+
+/// What points are called, as in our TRC files: a keypoint that is called like a joint is `keypoint_<name>`.
+pub(crate) fn names(keypoints: &[String]) -> Vec<String> {
+    let joints = Joint::ALL.iter().map(|joint| joint.name().to_owned());
+    let keypoints = keypoints.iter().map(|name| match Joint::from_name(name) {
+        Some(_) => format!("keypoint_{name}"),
+        None => name.clone(),
+    });
+    joints.chain(keypoints).collect()
+}
+
+/// A point of a pose.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Point {
+    /// In the world, metres.
+    pub(crate) at_m: Vector3<f64>,
+    /// Standard deviation per axis, metres, where it is known.
+    pub(crate) sigma_m: Option<f64>,
+}
+
+impl Point {
+    /// Whether it is known at all where it is.
+    pub(crate) fn is_known(&self) -> bool {
+        self.sigma_m
+            .is_none_or(|sigma_m| sigma_m <= f64::from(UNKNOWN_M))
+    }
+}
+
+/// The points of a pose, in the order of [`names`]; `None` where the pose has no such keypoint.
+pub(crate) fn points(sample: &Sample, rest: RestPose, keypoints: &[String]) -> Vec<Option<Point>> {
+    let sigma_m = |joint: Joint| {
+        let all = sample.sigma_m.as_ref()?;
+        Some(all[joint.index()]).filter(|sigma_m| sigma_m.is_finite())
+    };
+    let joints_m = sample.joints_m(rest);
+    let joints = Joint::ALL.iter().map(|&joint| {
+        Some(Point {
+            at_m: joints_m[joint.index()],
+            sigma_m: sigma_m(joint),
+        })
+    });
+    let keypoints = keypoints
+        .iter()
+        .zip(&sample.keypoints_m)
+        .map(|(name, at_m)| {
+            Some(Point {
+                at_m: (*at_m)?,
+                sigma_m: Joint::from_name(name).and_then(sigma_m),
+            })
+        });
+    joints.chain(keypoints).collect()
+}

@@ -1,0 +1,276 @@
+//! CSV: wide, a row per frame and a column per number, one person a file; and tidy, a row per point or angle, all
+//! people in one.
+//!
+//! Metres, z up, unless a preset says otherwise; columns name their unit. Angles are degrees, and the root's translations
+//! metres in `OpenSim`'s ground, as in our MOT files. Wide tables have a row for every frame, blank where nobody is; tidy
+//! ones leave it out. `origin` says of each row whether its pose was seen, filled, or is absent; it is left out where
+//! gaps were to be filled without a mark.
+
+use std::io::{self, Write};
+
+use farfield_fusion::body::skeleton::ANGLE_NAMES;
+use farfield_fusion::body::skeleton::angles::is_translation;
+use farfield_proto::message::PersonState;
+
+use super::points::{Point, names, points};
+use crate::axes::{Axes, Unit};
+use crate::run::Sample;
+use crate::subject::Subject;
+use crate::timeline::{Frame, Gaps, Origin};
+
+/// Decimals of angles, degrees.
+const ANGLE_DECIMALS: usize = 4;
+/// Decimals of the root's translations, metres.
+const METRE_DECIMALS: usize = 5;
+
+/// How numbers of one export are written.
+#[derive(Debug, Clone, Copy)]
+struct Style {
+    axes: Axes,
+    is_marked: bool,
+}
+
+impl Style {
+    fn of(subject: &Subject<'_>) -> Self {
+        Self {
+            axes: subject.options.preset.map_or(Axes::WORLD, Axes::of_points),
+            is_marked: subject.options.gaps != Gaps::Fill,
+        }
+    }
+
+    /// A hundredth of a millimetre.
+    fn length(self, value: f64) -> String {
+        let decimals = match self.axes.unit {
+            Unit::Metre => 5,
+            Unit::Centimetre => 3,
+            Unit::Millimetre => 2,
+        };
+        fixed(value, decimals)
+    }
+
+    fn place(self, point: &Point) -> [String; 3] {
+        let at: [f64; 3] = self.axes.point(&point.at_m).into();
+        at.map(|v| self.length(v))
+    }
+
+    fn sigma(self, point: &Point) -> String {
+        let sigma = point
+            .sigma_m
+            .map(|sigma_m| self.length(sigma_m * self.axes.unit.per_metre()));
+        sigma.unwrap_or_default()
+    }
+}
+
+fn fixed(value: f64, decimals: usize) -> String {
+    let text = format!("{value:.decimals$}");
+    // Rounded to zero from below it would read -0.
+    match text.strip_prefix('-') {
+        Some(rest) if rest.bytes().all(|b| b == b'0' || b == b'.') => rest.to_owned(),
+        _ => text,
+    }
+}
+
+fn origin(frame: &Frame) -> &'static str {
+    match &frame.pose {
+        None => "absent",
+        Some((_, Origin::Seen)) => "seen",
+        Some((_, Origin::Filled)) => "filled",
+    }
+}
+
+const fn state(state: PersonState) -> &'static str {
+    match state {
+        PersonState::Tentative => "tentative",
+        PersonState::Tracked => "tracked",
+        PersonState::Coasting => "coasting",
+    }
+}
+
+/// Name and number of every angle, degrees (translations metres).
+fn angles(sample: &Sample) -> impl Iterator<Item = (&'static str, &'static str, String)> {
+    ANGLE_NAMES.iter().enumerate().map(|(i, name)| {
+        let value = sample.angles[i];
+        if is_translation(i) {
+            (*name, "m", fixed(value, METRE_DECIMALS))
+        } else {
+            (*name, "deg", fixed(value.to_degrees(), ANGLE_DECIMALS))
+        }
+    })
+}
+
+/// What every row begins with.
+fn when(frame: &Frame) -> [String; 2] {
+    [fixed(frame.time_s, 6), fixed(frame.position, 3)]
+}
+
+/// Writes one person, a column per number.
+#[derive(Debug)]
+pub struct WideWriter<'a, W: Write> {
+    out: csv::Writer<W>,
+    subject: Subject<'a>,
+    style: Style,
+    n_columns: usize,
+}
+
+impl<'a, W: Write> WideWriter<'a, W> {
+    /// Writes the names of the columns.
+    ///
+    /// # Errors
+    /// Those of `out`.
+    pub fn new(out: W, subject: Subject<'a>) -> io::Result<Self> {
+        let style = Style::of(&subject);
+        let unit = style.axes.unit.symbol();
+        let mut columns = vec!["time_s".to_owned(), "tick".to_owned()];
+        if style.is_marked {
+            columns.push("origin".to_owned());
+        }
+        columns.extend(["state".to_owned(), "views".to_owned()]);
+        for name in names(subject.keypoints) {
+            columns.extend(["x", "y", "z", "sigma"].map(|what| format!("{name}_{what}_{unit}")));
+        }
+        columns.extend(ANGLE_NAMES.iter().enumerate().map(|(i, name)| {
+            let unit = if is_translation(i) { "m" } else { "deg" };
+            format!("{name}_{unit}")
+        }));
+        let mut out = csv::Writer::from_writer(out);
+        out.write_record(&columns)?;
+        Ok(Self {
+            out,
+            subject,
+            style,
+            n_columns: columns.len(),
+        })
+    }
+
+    /// Writes a frame.
+    ///
+    /// # Errors
+    /// Those of the writer.
+    pub fn frame(&mut self, frame: &Frame) -> io::Result<()> {
+        let mut row: Vec<String> = when(frame).into();
+        if self.style.is_marked {
+            row.push(origin(frame).to_owned());
+        }
+        if let Some((sample, _)) = &frame.pose {
+            row.extend([state(sample.state).to_owned(), sample.views.to_string()]);
+            for point in points(sample, self.subject.options.rest, self.subject.keypoints) {
+                match point {
+                    Some(point) => {
+                        row.extend(self.style.place(&point));
+                        row.push(self.style.sigma(&point));
+                    }
+                    None => row.extend([const { String::new() }; 4]),
+                }
+            }
+            row.extend(angles(sample).map(|(_, _, value)| value));
+        }
+        row.resize(self.n_columns, String::new());
+        Ok(self.out.write_record(&row)?)
+    }
+
+    /// Writes what is left.
+    ///
+    /// # Errors
+    /// Those of the writer.
+    pub fn finish(mut self) -> io::Result<()> {
+        self.out.flush()
+    }
+}
+
+/// Writes people one after the other, a row per point or angle.
+#[derive(Debug)]
+pub struct TidyWriter<W: Write> {
+    out: csv::Writer<W>,
+    has_head: bool,
+}
+
+impl<W: Write> TidyWriter<W> {
+    /// Nothing so far.
+    pub fn new(out: W) -> Self {
+        Self {
+            out: csv::Writer::from_writer(out),
+            has_head: false,
+        }
+    }
+
+    /// Writes a frame of a person; before the first the names of the columns.
+    ///
+    /// # Errors
+    /// Those of the writer.
+    pub fn frame(
+        &mut self,
+        subject: &Subject<'_>,
+        names: &[String],
+        frame: &Frame,
+    ) -> io::Result<()> {
+        let style = Style::of(subject);
+        if !std::mem::replace(&mut self.has_head, true) {
+            let unit = style.axes.unit.symbol();
+            let places = ["x", "y", "z", "sigma"].map(|what| format!("{what}_{unit}"));
+            let mut head = ["time_s", "tick", "person", "kind", "name"]
+                .map(str::to_owned)
+                .to_vec();
+            head.extend(places);
+            head.extend(["angle_deg", "length_m"].map(str::to_owned));
+            head.extend(style.is_marked.then(|| "origin".to_owned()));
+            self.out.write_record(&head)?;
+        }
+        let Some((sample, _)) = &frame.pose else {
+            return Ok(());
+        };
+        let mut first: Vec<String> = when(frame).into();
+        first.push(subject.name.to_owned());
+        let mark = style.is_marked.then(|| origin(frame).to_owned());
+        let mut write = |cells: [&str; 8]| {
+            let row = first
+                .iter()
+                .map(String::as_str)
+                .chain(cells)
+                .chain(mark.as_deref());
+            self.out.write_record(row)
+        };
+        let all = points(sample, subject.options.rest, subject.keypoints);
+        let n_joints = all.len() - subject.keypoints.len();
+        for (k, (name, point)) in names.iter().zip(&all).enumerate() {
+            let Some(point) = point else {
+                continue;
+            };
+            let kind = if k < n_joints { "joint" } else { "keypoint" };
+            let [x, y, z] = style.place(point);
+            write([kind, name, &x, &y, &z, &style.sigma(point), "", ""])?;
+        }
+        for (name, unit, value) in angles(sample) {
+            let (angle, length) = if unit == "m" {
+                ("", value.as_str())
+            } else {
+                (value.as_str(), "")
+            };
+            write(["angle", name, "", "", "", "", angle, length])?;
+        }
+        Ok(())
+    }
+
+    /// Writes what is left.
+    ///
+    /// # Errors
+    /// Those of the writer.
+    pub fn finish(mut self) -> io::Result<()> {
+        self.out.flush()
+    }
+}
+
+/// What the points of these keypoints are called in tables, joints first.
+pub fn point_names(keypoints: &[String]) -> Vec<String> {
+    names(keypoints)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn zero_has_no_sign() {
+        assert_eq!(fixed(-1e-9, 5), "0.00000");
+        assert_eq!(fixed(-0.5, 1), "-0.5");
+    }
+}
