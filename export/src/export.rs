@@ -9,6 +9,7 @@ use crate::files::{self, Unfinished};
 use crate::formats::bvh::BvhWriter;
 use crate::formats::c3d::C3dWriter;
 use crate::formats::gltf::{Container, GltfPerson, GltfWriter};
+use crate::formats::osim::write_model;
 use crate::formats::table::{TidyWriter, WideWriter, point_names};
 use crate::options::{ExportRequest, Format, Options};
 use crate::run::line::for_each_line;
@@ -189,6 +190,7 @@ impl<'a> Run<'a> {
                     self.for_each_frame(subject.id, |frame| writer.frame(&frame).map_err(error))?;
                     writer.finish().map_err(error)?;
                 }
+                Format::Osim => write_model(&mut *file, &subject).map_err(error)?,
                 // Files of all people, which are written above.
                 Format::Glb | Format::Gltf | Format::CsvTidy => {}
             }
@@ -224,7 +226,7 @@ const fn container_of(format: Format) -> Option<Container> {
     match format {
         Format::Glb => Some(Container::Binary),
         Format::Gltf => Some(Container::Json),
-        Format::Bvh | Format::C3d | Format::Csv | Format::CsvTidy => None,
+        Format::Bvh | Format::C3d | Format::Csv | Format::CsvTidy | Format::Osim => None,
     }
 }
 

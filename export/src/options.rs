@@ -24,17 +24,20 @@ pub enum Format {
     Csv,
     /// CSV with a row per point or angle, all people.
     CsvTidy,
+    /// A scaled `OpenSim` model per person.
+    Osim,
 }
 
 impl Format {
     /// Every format with its name on the command line.
-    pub const ALL: [(&'static str, Self); 6] = [
+    pub const ALL: [(&'static str, Self); 7] = [
         ("bvh", Self::Bvh),
         ("glb", Self::Glb),
         ("gltf", Self::Gltf),
         ("c3d", Self::C3d),
         ("csv", Self::Csv),
         ("csv-tidy", Self::CsvTidy),
+        ("osim", Self::Osim),
     ];
 
     /// Its name on the command line.
@@ -52,6 +55,7 @@ impl Format {
             Self::C3d => format!("poses_{who}.c3d"),
             Self::Csv => format!("poses_{who}.csv"),
             Self::CsvTidy => "poses_tidy.csv".to_owned(),
+            Self::Osim => format!("model_{who}.osim"),
         }
     }
 

@@ -3,5 +3,6 @@
 pub mod bvh;
 pub mod c3d;
 pub mod gltf;
+pub mod osim;
 mod points;
 pub mod table;

@@ -26,12 +26,13 @@ fn word(bytes: &[u8], number: usize) -> u16 {
     u16::from_le_bytes([bytes[2 * number - 2], bytes[2 * number - 1]])
 }
 
-fn float(bytes: &[u8], at: usize) -> f32 {
-    f32::from_le_bytes(bytes[at..at + 4].try_into().unwrap())
+/// The bits of a floating-point number: numbers that are written as they are come back so.
+fn float(bytes: &[u8], at: usize) -> u32 {
+    u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap())
 }
 
 /// Cameras and residual of the first point of a frame from 0.
-fn told(bytes: &[u8], frame: usize) -> f32 {
+fn told(bytes: &[u8], frame: usize) -> u32 {
     let n_points = usize::from(word(bytes, 2));
     let start = 512 * (usize::from(word(bytes, 9)) - 1);
     float(bytes, start + 16 * n_points * frame + 12)
@@ -46,7 +47,10 @@ fn the_head_says_where_what_lies() {
         [word(&bytes, 2), word(&bytes, 4), word(&bytes, 5)],
         [29 + 3, 1, 40]
     );
-    assert_eq!([float(&bytes, 12), float(&bytes, 20)], [-1.0, 60.0]);
+    assert_eq!(
+        [float(&bytes, 12), float(&bytes, 20)],
+        [-1.0_f32, 60.0].map(f32::to_bits)
+    );
     // The parameters have as many blocks as lie before the data.
     assert_eq!(u16::from(bytes[514]) + 2, word(&bytes, 9));
     assert_eq!(bytes[515], 84);
@@ -57,12 +61,11 @@ fn absent_points_have_no_residual_and_filled_ones_no_camera() {
     // Person 2 is away between ticks 20 and 30; others are seen by 4 views, 12 mm sure.
     let (kept, filled) = (file(Gaps::Keep), file(Gaps::Fill));
     let seen = f32::from(0x0F00_u16) + 12.0;
-    assert_eq!(
-        [19, 20, 29, 30].map(|frame| told(&kept, frame)),
-        [seen, -1.0, -1.0, seen]
-    );
+    let [kept_gap, filled_gap] =
+        [-1.0, 0.0].map(|gap: f32| [seen, gap, gap, seen].map(f32::to_bits));
+    assert_eq!([19, 20, 29, 30].map(|frame| told(&kept, frame)), kept_gap);
     assert_eq!(
         [19, 20, 29, 30].map(|frame| told(&filled, frame)),
-        [seen, 0.0, 0.0, seen]
+        filled_gap
     );
 }
