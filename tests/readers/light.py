@@ -1,0 +1,230 @@
+"""Reads exports back with other people's readers and compares them with poses.jsonl.
+
+    pip install bvhio ezc3d c3d pygltflib pyarrow numpy
+    python tests/readers/light.py RUN MEASURED SETTLED [VALIDATOR]
+
+RUN is the run's folder; MEASURED and SETTLED hold its exports in all formats with `lengths=measured` and
+`lengths=settled`, at the run's rate. VALIDATOR is the folder of npm's gltf-validator; without it, or without Node, that
+one check is left out, and said so. Bounds: joints 1 mm, rotations 0.01 degrees. Exits with 1 where one is not kept.
+"""
+
+import pathlib
+import shutil
+import subprocess
+import sys
+import warnings
+
+import numpy as np
+
+from expected import Y_UP, Worst, angle_between_deg, local_rotations, poses
+
+MM, DEG = 1.0, 0.01
+STEP = 7  # Every so many ticks are compared: bvhio is slow.
+
+
+def check_bvh(folder, mode, by_person, worst):
+    import bvhio
+
+    for person, lines in by_person.items():
+        root = bvhio.readAsHierarchy(str(folder / f"poses_{person}.bvh"))
+        joints = {joint.Name: joint for joint, _, _ in root.layout()}
+        parent_of = {child.Name: joint.Name for joint in joints.values() for child in joint.Children}
+        # It turns every joint's own axes along the bone: against its rest in the world the turn is ours again.
+        root.loadRestPose()
+        at_rest = {name: world_rotation(joint) for name, joint in joints.items()}
+        for line in lines[::STEP]:
+            root.loadPose(line["tick"])
+            for name, at in line["joints"].items():
+                if name in joints and mode == "measured":
+                    p = joints[name].PositionWorld
+                    worst.take("bvhio joints mm", 10 * np.linalg.norm(np.array([p.x, p.y, p.z]) - 100 * Y_UP @ at))
+            for name, rotation in local_rotations(line["angles"]).items():
+                world = world_rotation(joints[name]) @ at_rest[name].T
+                parent = parent_of.get(name)
+                above = world_rotation(joints[parent]) @ at_rest[parent].T if parent else np.eye(3)
+                found = above.T @ world
+                worst.take(f"bvhio rotations deg, {mode}", angle_between_deg(found, Y_UP @ rotation @ Y_UP.T))
+
+
+def world_rotation(joint):
+    q = joint.RotationWorld
+    return quaternion(q.x, q.y, q.z, q.w)
+
+
+def quaternion(x, y, z, w):
+    n = np.sqrt(x * x + y * y + z * z + w * w)
+    x, y, z, w = x / n, y / n, z / n, w / n
+    return np.array([
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ])
+
+
+def accessor(gltf, index):
+    a = gltf.accessors[index]
+    view = gltf.bufferViews[a.bufferView]
+    width = {"SCALAR": 1, "VEC3": 3, "VEC4": 4, "MAT4": 16}[a.type]
+    data = gltf.get_data_from_buffer_uri(gltf.buffers[0].uri) if gltf.buffers[0].uri else gltf.binary_blob()
+    values = np.frombuffer(data, "<f4", a.count * width, (view.byteOffset or 0) + (a.byteOffset or 0))
+    return values.reshape(a.count, width).astype(float)
+
+
+def check_gltf(path, mode, by_person, rate_hz, first, worst):
+    import pygltflib
+
+    gltf = pygltflib.GLTF2().load(str(path))
+    tracks = {}
+    for channel in gltf.animations[0].channels:
+        sampler = gltf.animations[0].samplers[channel.sampler]
+        tracks[channel.target.node, channel.target.path] = (accessor(gltf, sampler.input)[:, 0], accessor(gltf, sampler.output))
+    for (_, path_), (_, values) in tracks.items():
+        if path_ == "rotation" and len(values) > 1:
+            turned_over = np.sum(values[1:] * values[:-1], axis=1).min()
+            worst.take("glTF sign flips", 0 if turned_over >= 0 else 1)
+    for node in gltf.nodes:
+        if not (node.name or "").startswith("person_"):
+            continue
+        lines = by_person[node.extras["person"]]
+        for line in lines[::STEP]:
+            place(gltf, tracks, node.children[0], np.eye(3), np.zeros(3), line, (line["tick"] - first) / rate_hz, mode, worst)
+    for skin in gltf.skins:
+        inverse = accessor(gltf, skin.inverseBindMatrices).reshape(-1, 4, 4)
+        rest = {}
+        for index in skin.joints:
+            parent = next((i for i in skin.joints if index in (gltf.nodes[i].children or [])), None)
+            rest[index] = rest.get(parent, np.zeros(3)) + np.array(gltf.nodes[index].translation)
+        for index, matrix in zip(skin.joints, inverse):
+            worst.take("glTF inverse bind matrices mm", 1000 * np.abs(matrix[3, :3] + rest[index]).max())
+
+
+def place(gltf, tracks, index, world, at, line, time, mode, worst):
+    node = gltf.nodes[index]
+    here = np.array(node.translation)
+    local = np.eye(3)
+    for path, kind in (("translation", 0), ("rotation", 1)):
+        if (index, path) in tracks:
+            times, values = tracks[index, path]
+            key = int(np.abs(times - time).argmin())
+            worst.take("glTF times s", abs(times[key] - time))
+            if kind == 0:
+                here = values[key]
+            else:
+                local = quaternion(*values[key])
+    at = at + world @ here
+    rotation = local_rotations(line["angles"]).get(node.name)
+    if rotation is not None:
+        worst.take(f"glTF rotations deg, {mode}", angle_between_deg(local, Y_UP @ rotation @ Y_UP.T))
+    if node.name in line["joints"] and mode == "measured":
+        worst.take("glTF joints mm", 1000 * np.linalg.norm(at - Y_UP @ line["joints"][node.name]))
+    for child in node.children or []:
+        place(gltf, tracks, child, world @ local, at, line, time, mode, worst)
+
+
+def check_c3d(folder, by_person, first, worst):
+    import c3d
+    import ezc3d
+
+    for person, lines in by_person.items():
+        path = folder / f"poses_{person}.c3d"
+        file = ezc3d.c3d(str(path))
+        labels = file["parameters"]["POINT"]["LABELS"]["value"]
+        data = file["data"]["points"]
+        for line in lines:
+            for name, at in named_points(line):
+                point = data[:3, labels.index(name), line["tick"] - first]
+                if line["sigma_m"].get(name.removeprefix("keypoint_"), 0) > 0.1:
+                    continue  # Nothing is known of where it is; the file says so.
+                worst.take("ezc3d points mm", np.linalg.norm(point - 1000 * np.array(at)))
+        with open(path, "rb") as opened, warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            reader = c3d.Reader(opened)
+            labels = [label.strip() for label in reader.point_labels]
+            by_frame = {line["tick"] - first + 1: line for line in lines}
+            for number, points, _ in reader.read_frames():
+                for name, at in named_points(by_frame[number]) if number in by_frame else []:
+                    point = points[labels.index(name)]
+                    if point[3] >= 0:
+                        worst.take("c3d points mm", np.linalg.norm(point[:3] - 1000 * np.array(at)))
+
+
+def named_points(line):
+    yield from line["joints"].items()
+    for name, at in line["keypoints"].items():
+        yield (f"keypoint_{name}" if name in line["joints"] else name), at
+
+
+def check_csv(folder, by_person, worst):
+    from pyarrow import csv
+
+    for person, lines in by_person.items():
+        table = csv.read_csv(folder / f"poses_{person}.csv").to_pydict()
+        row_of = {round(tick): row for row, tick in enumerate(table["tick"])}
+        for line in lines:
+            row = row_of[line["tick"]]
+            for name, at in named_points(line):
+                found = [table[f"{name}_{axis}_m"][row] for axis in "xyz"]
+                worst.take("CSV points mm", 1000 * np.linalg.norm(np.array(found) - at))
+            for name, value in line["angles"].items():
+                if not name.startswith("pelvis_t") or name == "pelvis_tilt":
+                    apart = np.radians(table[f"{name}_deg"][row]) - value
+                    worst.take("CSV angles deg", abs(np.degrees(np.angle(np.exp(1j * apart)))))
+    table = csv.read_csv(folder / "poses_tidy.csv").to_pydict()
+    n_expected = sum(len(line["joints"]) + len(line["keypoints"]) + 40 for lines in by_person.values() for line in lines)
+    worst.take("CSV tidy rows missing", abs(n_expected - len(table["name"])))
+
+
+def check_parquet(folder, worst):
+    from pyarrow import csv, parquet
+
+    if not (folder / "poses.parquet").exists():
+        print("poses.parquet: not written, not checked")
+        return
+    wide = parquet.read_table(folder / "poses.parquet").to_pydict()
+    tidy = csv.read_csv(folder / "poses_tidy.csv").to_pydict()
+    worst.take("Parquet rows missing", abs(len(wide["name"]) - len(tidy["name"])))
+
+
+def check_validator(folders, validator, worst):
+    if validator is None or shutil.which("node") is None:
+        print("gltf-validator: Node or the package is not there, not checked")
+        return
+    script = (
+        "const v=require(process.argv[1]),fs=require('fs');"
+        "v.validateBytes(new Uint8Array(fs.readFileSync(process.argv[2])))"
+        ".then(r=>console.log(r.issues.numErrors+r.issues.numWarnings+r.issues.numInfos+r.issues.numHints))"
+    )
+    for folder in folders:
+        for path in sorted(folder.glob("*.gl*")):
+            told = subprocess.run(["node", "-e", script, validator, path], capture_output=True, text=True, check=True)
+            worst.take("gltf-validator issues", int(told.stdout))
+
+
+def main(run, measured, settled, validator=None):
+    by_person, rate_hz, first = poses(run)
+    bounds = {"bvhio joints mm": MM, "glTF joints mm": MM, "ezc3d points mm": MM, "c3d points mm": MM, "CSV points mm": MM}
+    bounds |= {"glTF inverse bind matrices mm": 1e-3, "glTF times s": 1e-4, "glTF sign flips": 0, "CSV angles deg": DEG}
+    bounds |= {"CSV tidy rows missing": 0}
+    worst = Worst(bounds)
+    folders = {"measured": pathlib.Path(measured), "settled": pathlib.Path(settled)}
+    for mode, folder in folders.items():
+        bounds |= {f"bvhio rotations deg, {mode}": DEG, f"glTF rotations deg, {mode}": DEG}
+        check_bvh(folder, mode, by_person, worst)
+        for name in ("poses.glb", "poses.gltf"):
+            check_gltf(folder / name, mode, by_person, rate_hz, first, worst)
+        check_c3d(folder, by_person, first, worst)
+        check_csv(folder, by_person, worst)
+        check_parquet(folder, worst)
+    check_validator(folders.values(), validator, worst)
+    for what in ("gltf-validator issues", "Parquet rows missing"):
+        if what in worst.found:
+            bounds[what] = 0
+    worst.bounds = bounds
+    return worst.failures()
+
+
+if __name__ == "__main__":
+    if len(sys.argv) not in (4, 5):
+        sys.exit(__doc__)
+    failed = main(*sys.argv[1:])
+    sys.exit(f"out of bounds: {', '.join(failed)}" if failed else 0)
