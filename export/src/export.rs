@@ -10,6 +10,7 @@ use crate::formats::bvh::BvhWriter;
 use crate::formats::c3d::C3dWriter;
 use crate::formats::gltf::{Container, GltfPerson, GltfWriter};
 use crate::formats::osim::write_model;
+use crate::formats::parquet::ParquetWriter;
 use crate::formats::table::{TidyWriter, WideWriter, point_names};
 use crate::options::{ExportRequest, Format, Options};
 use crate::run::line::for_each_line;
@@ -174,6 +175,16 @@ impl<'a> Run<'a> {
             }
             return writer.finish().map_err(error);
         }
+        if let (Format::Parquet, Some(first)) = (format, subjects.first()) {
+            let mut writer = ParquetWriter::new(file, first).map_err(error)?;
+            for subject in &subjects {
+                self.for_each_frame(subject.id, |frame| {
+                    writer.frame(subject, &frame).map_err(error)
+                })?;
+                done();
+            }
+            return writer.finish().map_err(error);
+        }
         for subject in subjects {
             match format {
                 Format::Bvh => {
@@ -192,7 +203,7 @@ impl<'a> Run<'a> {
                 }
                 Format::Osim => write_model(&mut *file, &subject).map_err(error)?,
                 // Files of all people, which are written above.
-                Format::Glb | Format::Gltf | Format::CsvTidy => {}
+                Format::Glb | Format::Gltf | Format::CsvTidy | Format::Parquet => {}
             }
             done();
         }
@@ -226,7 +237,12 @@ const fn container_of(format: Format) -> Option<Container> {
     match format {
         Format::Glb => Some(Container::Binary),
         Format::Gltf => Some(Container::Json),
-        Format::Bvh | Format::C3d | Format::Csv | Format::CsvTidy | Format::Osim => None,
+        Format::Bvh
+        | Format::C3d
+        | Format::Csv
+        | Format::CsvTidy
+        | Format::Parquet
+        | Format::Osim => None,
     }
 }
 

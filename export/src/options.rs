@@ -24,19 +24,22 @@ pub enum Format {
     Csv,
     /// CSV with a row per point or angle, all people.
     CsvTidy,
+    /// Parquet with a column per number, all people.
+    Parquet,
     /// A scaled `OpenSim` model per person.
     Osim,
 }
 
 impl Format {
     /// Every format with its name on the command line.
-    pub const ALL: [(&'static str, Self); 7] = [
+    pub const ALL: [(&'static str, Self); 8] = [
         ("bvh", Self::Bvh),
         ("glb", Self::Glb),
         ("gltf", Self::Gltf),
         ("c3d", Self::C3d),
         ("csv", Self::Csv),
         ("csv-tidy", Self::CsvTidy),
+        ("parquet", Self::Parquet),
         ("osim", Self::Osim),
     ];
 
@@ -55,13 +58,14 @@ impl Format {
             Self::C3d => format!("poses_{who}.c3d"),
             Self::Csv => format!("poses_{who}.csv"),
             Self::CsvTidy => "poses_tidy.csv".to_owned(),
+            Self::Parquet => "poses.parquet".to_owned(),
             Self::Osim => format!("model_{who}.osim"),
         }
     }
 
     /// Whether one file holds all people.
     pub const fn holds_all(self) -> bool {
-        matches!(self, Self::Glb | Self::Gltf | Self::CsvTidy)
+        matches!(self, Self::Glb | Self::Gltf | Self::CsvTidy | Self::Parquet)
     }
 
     /// Whether it has a place for marks of what was filled.

@@ -174,15 +174,18 @@ def check_csv(folder, by_person, worst):
     worst.take("CSV tidy rows missing", abs(n_expected - len(table["name"])))
 
 
-def check_parquet(folder, worst):
-    from pyarrow import csv, parquet
+def check_parquet(folder, by_person, worst):
+    from pyarrow import parquet
 
-    if not (folder / "poses.parquet").exists():
-        print("poses.parquet: not written, not checked")
-        return
-    wide = parquet.read_table(folder / "poses.parquet").to_pydict()
-    tidy = csv.read_csv(folder / "poses_tidy.csv").to_pydict()
-    worst.take("Parquet rows missing", abs(len(wide["name"]) - len(tidy["name"])))
+    table = parquet.read_table(folder / "poses.parquet").to_pydict()
+    row_of = {key: row for row, key in enumerate(zip(table["person"], map(round, table["tick"])))}
+    worst.take("Parquet rows missing", abs(sum(map(len, by_person.values())) - len(row_of)))
+    for person, lines in by_person.items():
+        for line in lines:
+            row = row_of[person, line["tick"]]
+            for name, at in named_points(line):
+                found = [table[f"{name}_{axis}_m"][row] for axis in "xyz"]
+                worst.take("Parquet points mm", 1000 * np.linalg.norm(np.array(found) - at))
 
 
 def check_validator(folders, validator, worst):
@@ -204,7 +207,7 @@ def main(run, measured, settled, validator=None):
     by_person, rate_hz, first = poses(run)
     bounds = {"bvhio joints mm": MM, "glTF joints mm": MM, "ezc3d points mm": MM, "c3d points mm": MM, "CSV points mm": MM}
     bounds |= {"glTF inverse bind matrices mm": 1e-3, "glTF times s": 1e-4, "glTF sign flips": 0, "CSV angles deg": DEG}
-    bounds |= {"CSV tidy rows missing": 0}
+    bounds |= {"CSV tidy rows missing": 0, "Parquet rows missing": 0, "Parquet points mm": MM}
     worst = Worst(bounds)
     folders = {"measured": pathlib.Path(measured), "settled": pathlib.Path(settled)}
     for mode, folder in folders.items():
@@ -214,11 +217,10 @@ def main(run, measured, settled, validator=None):
             check_gltf(folder / name, mode, by_person, rate_hz, first, worst)
         check_c3d(folder, by_person, first, worst)
         check_csv(folder, by_person, worst)
-        check_parquet(folder, worst)
+        check_parquet(folder, by_person, worst)
     check_validator(folders.values(), validator, worst)
-    for what in ("gltf-validator issues", "Parquet rows missing"):
-        if what in worst.found:
-            bounds[what] = 0
+    if "gltf-validator issues" in worst.found:
+        bounds["gltf-validator issues"] = 0
     worst.bounds = bounds
     return worst.failures()
 

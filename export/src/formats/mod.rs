@@ -4,5 +4,6 @@ pub mod bvh;
 pub mod c3d;
 pub mod gltf;
 pub mod osim;
+pub mod parquet;
 mod points;
 pub mod table;

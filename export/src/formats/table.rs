@@ -25,13 +25,14 @@ const METRE_DECIMALS: usize = 5;
 
 /// How numbers of one export are written.
 #[derive(Debug, Clone, Copy)]
-struct Style {
-    axes: Axes,
-    is_marked: bool,
+pub(super) struct Style {
+    pub(super) axes: Axes,
+    /// Whether rows say where their pose comes from.
+    pub(super) is_marked: bool,
 }
 
 impl Style {
-    fn of(subject: &Subject<'_>) -> Self {
+    pub(super) fn of(subject: &Subject<'_>) -> Self {
         Self {
             axes: subject.options.preset.map_or(Axes::WORLD, Axes::of_points),
             is_marked: subject.options.gaps != Gaps::Fill,
@@ -70,7 +71,7 @@ fn fixed(value: f64, decimals: usize) -> String {
     }
 }
 
-fn origin(frame: &Frame) -> &'static str {
+pub(super) fn origin(frame: &Frame) -> &'static str {
     match &frame.pose {
         None => "absent",
         Some((_, Origin::Seen)) => "seen",
@@ -78,7 +79,7 @@ fn origin(frame: &Frame) -> &'static str {
     }
 }
 
-const fn state(state: PersonState) -> &'static str {
+pub(super) const fn state(state: PersonState) -> &'static str {
     match state {
         PersonState::Tentative => "tentative",
         PersonState::Tracked => "tracked",
