@@ -2,7 +2,7 @@
 //!
 //! Columns are those of the wide CSV, with the person's id and name before them; positions and angles are f32, absent
 //! frames are left out, and what is not known is null. Metres, z up, unless a preset says otherwise. Not compressed: the
-//! codecs are not built in. Rows are gathered to groups of [`ROWS`], which is what is held in memory.
+//! codecs are not built in. Rows are gathered to groups of 2048, which is what is held in memory.
 
 use std::io::{self, Write};
 use std::sync::Arc;

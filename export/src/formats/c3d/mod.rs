@@ -177,11 +177,8 @@ fn parameters_of(
     p.float("SCALE", -1.0)?;
     p.float("RATE", clock.rate_hz as f32)?;
     p.integer("DATA_START", data_start)?;
-    // A whole number ends at 65535; a real one goes on.
-    match u16::try_from(n_frames) {
-        Ok(n_frames) => p.integer("FRAMES", n_frames)?,
-        Err(_) => p.float("FRAMES", n_frames as f32)?,
-    }
+    // A whole number ends at 65535: readers then take TRIAL's fields, or read on to the end.
+    p.integer("FRAMES", u16::try_from(n_frames).unwrap_or(u16::MAX))?;
     p.texts("LABELS", labels)?;
     p.texts("DESCRIPTIONS", labels)?;
     p.text("UNITS", axes.unit.symbol())?;
