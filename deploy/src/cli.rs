@@ -17,6 +17,7 @@ use crate::check_venue::CheckArgs;
 use crate::demo::DemoArgs;
 use crate::doctor::DoctorArgs;
 use crate::evaluate::EvaluateArgs;
+use crate::export::ExportArgs;
 use crate::init::InitArgs;
 use crate::manual::{CompletionsArgs, ManArgs};
 use crate::parameters::ParametersArgs;
@@ -32,7 +33,8 @@ use crate::status::StatusArgs;
 #[command(
     name = "farfield",
     version,
-    after_help = "Example: farfield demo    (-h after a command: its options; --help: all of it)",
+    after_help = "Example: farfield demo    (-h after a command: its options; --help: all of it)\n\
+        `completions` and `man` are for whoever installs it.",
     // As many commands as there are leave no rows for more.
     help_template = "{about}\nUsage: {usage}\n\n{subcommands}{after-help}"
 )]
@@ -83,6 +85,11 @@ pub(crate) enum FarfieldCommand {
     /// Score poses against a truth.
     #[command(after_help = "Example: farfield evaluate out/poses.jsonl truth.jsonl")]
     Evaluate(EvaluateArgs),
+    /// Write the poses of a run for other programs.
+    ///
+    /// Animation, biomechanics, tables: BVH, glTF, C3D, CSV, Parquet, `OpenSim` models.
+    #[command(after_help = "Example: farfield export out --format glb,c3d --name 1=Ada")]
+    Export(ExportArgs),
     /// Show it all at work on simulated people, scored.
     ///
     /// People who do not exist, cameras that see them, every node of a venue around them, and how far the poses are from
@@ -103,10 +110,16 @@ pub(crate) enum FarfieldCommand {
     #[command(after_help = "Example: farfield bench --viewpoints 4 --people 8")]
     Bench(BenchArgs),
     /// Print what a shell needs to complete commands.
-    #[command(after_help = "Example: farfield completions bash > /etc/bash_completion.d/farfield")]
+    #[command(
+        hide = true,
+        after_help = "Example: farfield completions bash > /etc/bash_completion.d/farfield"
+    )]
     Completions(CompletionsArgs),
     /// Write the manual pages.
-    #[command(after_help = "Example: farfield man --out /usr/local/share/man/man1")]
+    #[command(
+        hide = true,
+        after_help = "Example: farfield man --out /usr/local/share/man/man1"
+    )]
     Man(ManArgs),
 }
 

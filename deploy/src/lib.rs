@@ -14,6 +14,7 @@ mod cli;
 mod demo;
 mod doctor;
 mod evaluate;
+mod export;
 mod init;
 mod keys;
 mod manual;
@@ -74,6 +75,9 @@ pub fn main() -> ExitCode {
         }
         FarfieldCommand::Parameters(args) => {
             exit_code_told(done(parameters::print(&args)), Told::as_json_if(args.json))
+        }
+        FarfieldCommand::Export(args) => {
+            exit_code_told(done(export::export_run(&args)), Told::as_json_if(args.json))
         }
         FarfieldCommand::Evaluate(args) => {
             exit_code_told(done(evaluate::evaluate(&args)), Told::as_json_if(args.json))

@@ -9,6 +9,7 @@ mod bad_input;
 mod before_a_run;
 mod data;
 mod demo;
+mod exports;
 mod far_people;
 mod farfield;
 mod live;
