@@ -1,2 +1,4 @@
 //! Calibration of a wide field: how each camera sees (intrinsics), and where it stands (extrinsics). Pure: values and text
 //! in, values and text out.
+
+pub mod formats;

@@ -1,0 +1,468 @@
+//! Unit, handedness and axes of a file's world: recognised from the numbers, put right where there is no doubt.
+
+use farfield_proto::calibration::MAX_DISTANCE_M;
+use farfield_proto::camera::Intrinsics;
+use farfield_proto::toml_file::FileError;
+use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
+
+use super::ImportOptions;
+use super::camera::{
+    CameraRecord, FileUnit, LensModel, RawCamera, RawPose, RawSet, Remark, RemarkKind,
+};
+use super::tree::Source;
+
+/// Cameras of one venue that are nearer to each other, all of them, stand in another unit, metres.
+const TOO_NEAR_M: f64 = 0.1;
+/// Above this many units two readings are possible: a stadium in metres, a desk in millimetres.
+const LARGE: f64 = 60.0;
+/// Share of the mean direction "up" that an axis must have to be called so: cameras look down by 60 degrees at most.
+const UP_SHARE: f64 = 0.5;
+
+/// An axis of the world with its direction.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum WorldAxis {
+    /// +x.
+    X,
+    /// -x.
+    MinusX,
+    /// +y.
+    Y,
+    /// -y.
+    MinusY,
+    /// +z.
+    Z,
+    /// -z.
+    MinusZ,
+}
+
+impl WorldAxis {
+    /// All six.
+    pub const ALL: [Self; 6] = [
+        Self::X,
+        Self::MinusX,
+        Self::Y,
+        Self::MinusY,
+        Self::Z,
+        Self::MinusZ,
+    ];
+
+    /// `x`, `-x`, `y`, ...: as the command line has it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::X => "x",
+            Self::MinusX => "-x",
+            Self::Y => "y",
+            Self::MinusY => "-y",
+            Self::Z => "z",
+            Self::MinusZ => "-z",
+        }
+    }
+
+    /// The axis of this name.
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|axis| axis.name() == name)
+    }
+
+    pub(super) fn vector(self) -> Vector3<f64> {
+        match self {
+            Self::X => Vector3::x(),
+            Self::MinusX => -Vector3::x(),
+            Self::Y => Vector3::y(),
+            Self::MinusY => -Vector3::y(),
+            Self::Z => Vector3::z(),
+            Self::MinusZ => -Vector3::z(),
+        }
+    }
+}
+
+/// What the numbers called a pose mean.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum PoseMeaning {
+    /// What the format says.
+    #[default]
+    AsFormat,
+    /// The file has the inverse of what its format says (camera to world instead of world to camera).
+    Inverse,
+}
+
+/// The axes of a camera in the file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum CameraAxes {
+    /// x right, y down, looking along +z.
+    #[default]
+    OpenCv,
+    /// x right, y up, looking along -z (OpenGL, Blender).
+    OpenGl,
+}
+
+/// `raw` in metres, right-handed, z up where the options say how; with all that is to be said of it.
+///
+/// # Errors
+/// [`FileError`] for a mirrored world when no option says which axis, and for a mirror that there is not.
+pub(super) fn settle(
+    raw: RawSet,
+    options: &ImportOptions,
+    source: &Source<'_>,
+) -> Result<(Vec<CameraRecord>, Vec<Remark>), FileError> {
+    let mut remarks = raw.remarks;
+    let mut cameras = raw.cameras;
+    for camera in &mut cameras {
+        make_focal_lengths_positive(camera, &mut remarks);
+        if let Some(pose) = &mut camera.pose {
+            *pose = reread(*pose, options.pose, options.camera_axes);
+        }
+    }
+    unmirror(&mut cameras, options, source, &mut remarks)?;
+    let metres = metres_per_unit(&cameras, raw.unit, options, &mut remarks);
+    for pose in cameras.iter_mut().filter_map(|camera| camera.pose.as_mut()) {
+        pose.translation *= metres;
+        if let Some(up) = options.up {
+            pose.rotation *= turn_up(up);
+        }
+    }
+    look_at_directions(&cameras, &mut remarks);
+    if options.up.is_none() {
+        look_at_up(&cameras, &mut remarks);
+    }
+    let records = cameras
+        .into_iter()
+        .map(|camera| record(camera, &mut remarks));
+    let records = records.collect();
+    Ok((records, remarks))
+}
+
+/// A negative focal length is a mirrored axis of the camera: x = f X / Z = (-f) (-X) / Z.
+fn make_focal_lengths_positive(camera: &mut RawCamera, remarks: &mut Vec<Remark>) {
+    let Intrinsics { fx_px, fy_px, .. } = camera.intrinsics;
+    let sign = [fx_px, fy_px].map(|f| if f < 0.0 { -1.0 } else { 1.0 });
+    if sign.iter().all(|&s| s > 0.0) {
+        return;
+    }
+    camera.intrinsics.fx_px = fx_px.abs();
+    camera.intrinsics.fy_px = fy_px.abs();
+    if let LensModel::Rational(d) = &mut camera.lens {
+        d.p2 *= sign[0];
+        d.p1 *= sign[1];
+    }
+    if let Some(pose) = &mut camera.pose {
+        let flip = Matrix3::from_diagonal(&Vector3::new(sign[0], sign[1], 1.0));
+        pose.rotation = flip * pose.rotation;
+        pose.translation = flip * pose.translation;
+    }
+    let text = format!(
+        "its focal lengths are {fx_px:.1} and {fy_px:.1}; the camera's axes were turned so that both are above 0, which \
+         draws the same picture"
+    );
+    remarks.push(Remark::of_camera(RemarkKind::Corrected, &camera.name, text));
+}
+
+fn reread(pose: RawPose, meaning: PoseMeaning, axes: CameraAxes) -> RawPose {
+    let pose = match meaning {
+        PoseMeaning::AsFormat => pose,
+        PoseMeaning::Inverse => RawPose {
+            rotation: pose.rotation.transpose(),
+            translation: pose.center(),
+        },
+    };
+    match axes {
+        CameraAxes::OpenCv => pose,
+        CameraAxes::OpenGl => {
+            let flip = Matrix3::from_diagonal(&Vector3::new(1.0, -1.0, -1.0));
+            RawPose {
+                rotation: flip * pose.rotation,
+                translation: flip * pose.translation,
+            }
+        }
+    }
+}
+
+/// A world whose axes are a left hand's has rotations with determinant -1.
+fn unmirror(
+    cameras: &mut [RawCamera],
+    options: &ImportOptions,
+    source: &Source<'_>,
+    remarks: &mut Vec<Remark>,
+) -> Result<(), FileError> {
+    let placed = || {
+        cameras
+            .iter()
+            .filter_map(|camera| Some((&camera.name, camera.pose?)))
+    };
+    let is_mirrored = |pose: &RawPose| pose.rotation.determinant() < 0.0;
+    let mirrored: Vec<&str> = placed()
+        .filter(|(_, pose)| is_mirrored(pose))
+        .map(|(name, _)| name.as_str())
+        .collect();
+    if mirrored.is_empty() {
+        return match options.mirrored {
+            None => Ok(()),
+            Some(_) => Err(source.error(
+                "the option says that an axis is mirrored, but all rotations of the file are right-handed; leave the option out",
+            )),
+        };
+    }
+    if mirrored.len() < placed().count() {
+        return Err(source.error(format!(
+            "the rotations of `{}` are mirrored (determinant -1) and the others are not: no one world has both",
+            mirrored.join("`, `")
+        )));
+    }
+    let Some(axis) = options.mirrored else {
+        return Err(source.error(
+            "all rotations are mirrored (determinant -1): the file's world has the axes of a left hand; say which axis to \
+             turn round with the option `mirrored` (x, y or z; mostly y or z)",
+        ));
+    };
+    let flip = Matrix3::identity() - 2.0 * axis.vector() * axis.vector().transpose();
+    for pose in cameras.iter_mut().filter_map(|camera| camera.pose.as_mut()) {
+        pose.rotation *= flip;
+    }
+    let text = format!(
+        "the file's world has the axes of a left hand; its {} axis was turned round",
+        axis.name().trim_start_matches('-')
+    );
+    remarks.push(Remark::of_all(RemarkKind::Corrected, text));
+    Ok(())
+}
+
+/// The largest distance between two cameras; of one camera, from the origin.
+fn spread(cameras: &[RawCamera]) -> Option<f64> {
+    let centers: Vec<Vector3<f64>> = cameras
+        .iter()
+        .filter_map(|c| Some(c.pose?.center()))
+        .collect();
+    if let [only] = centers.as_slice() {
+        return Some(only.norm());
+    }
+    let pairs = centers
+        .iter()
+        .enumerate()
+        .flat_map(|(i, a)| centers.iter().skip(i + 1).map(move |b| (a - b).norm()));
+    pairs.max_by(f64::total_cmp)
+}
+
+fn metres_per_unit(
+    cameras: &[RawCamera],
+    unit: FileUnit,
+    options: &ImportOptions,
+    remarks: &mut Vec<Remark>,
+) -> f64 {
+    if let Some(metres) = options.metres_per_unit {
+        return metres;
+    }
+    let mut say = |kind, text: String| remarks.push(Remark::of_all(kind, text));
+    let Some(spread) = spread(cameras) else {
+        return 1.0;
+    };
+    let apart = format!("the cameras are up to {spread:.3} units apart");
+    match unit {
+        FileUnit::Millimetres => {
+            if spread * 1e-3 < TOO_NEAR_M && spread > 0.0 {
+                say(
+                    RemarkKind::Doubtful,
+                    format!(
+                        "the format is in millimetres, but {apart}; if they are metres, give 1 as metres per unit"
+                    ),
+                );
+            }
+            1e-3
+        }
+        _ if spread > MAX_DISTANCE_M => {
+            say(
+                RemarkKind::Corrected,
+                format!("{apart}: the file is in millimetres, and was turned into metres"),
+            );
+            1e-3
+        }
+        FileUnit::None => {
+            say(
+                RemarkKind::Assumed,
+                format!(
+                    "the format has no unit of length; {apart}, taken as metres. If they are not, give the metres per unit"
+                ),
+            );
+            1.0
+        }
+        FileUnit::Metres => {
+            if spread > LARGE {
+                say(
+                    RemarkKind::Doubtful,
+                    format!(
+                        "{apart}, taken as metres; if they are millimetres, give 0.001 as metres per unit"
+                    ),
+                );
+            } else if spread > 0.0 && spread < TOO_NEAR_M {
+                say(
+                    RemarkKind::Doubtful,
+                    format!(
+                        "{apart}, taken as metres, which is nearer than cameras stand; give the metres per unit"
+                    ),
+                );
+            }
+            1.0
+        }
+    }
+}
+
+/// Takes the world with z up to the file's: the rotation that brings z to `up`.
+pub(super) fn turn_up(up: WorldAxis) -> Matrix3<f64> {
+    let rotation = Rotation3::rotation_between(&Vector3::z(), &up.vector())
+        .unwrap_or_else(|| Rotation3::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI));
+    // Whole quarter turns: entries are 0, 1 or -1.
+    rotation.matrix().map(f64::round)
+}
+
+/// How well cameras look at one place: the share that has it in front, and how far their axes pass it, by the mean distance
+/// to it. `None` where all look along one direction.
+fn convergence(poses: &[RawPose]) -> Option<(f64, f64)> {
+    let mut normal = Matrix3::zeros();
+    let mut right = Vector3::zeros();
+    for pose in poses {
+        let forward: Vector3<f64> = pose.rotation.row(2).transpose();
+        let across = Matrix3::identity() - forward * forward.transpose();
+        normal += across;
+        right += across * pose.center();
+    }
+    let eigenvalues = normal.symmetric_eigenvalues();
+    if eigenvalues.min() < 0.02 * eigenvalues.max() {
+        return None;
+    }
+    let place = normal.cholesky()?.solve(&right);
+    let n = poses.len() as f64;
+    let mut in_front = 0.0;
+    let mut passed = 0.0;
+    let mut distance = 0.0;
+    for pose in poses {
+        let seen = pose.rotation * place + pose.translation;
+        in_front += f64::from(u8::from(seen.z > 0.0)) / n;
+        passed += seen.xy().norm_squared() / n;
+        distance += seen.norm() / n;
+    }
+    Some((in_front, passed.sqrt() / distance.max(1e-12)))
+}
+
+/// Cameras around a field look at it: where they do not, another meaning of the poses may be the right one.
+fn look_at_directions(cameras: &[RawCamera], remarks: &mut Vec<Remark>) {
+    let poses: Vec<RawPose> = cameras.iter().filter_map(|camera| camera.pose).collect();
+    if poses.len() < 2 {
+        return;
+    }
+    let judge = |meaning, axes| {
+        let read: Vec<RawPose> = poses
+            .iter()
+            .map(|pose| reread(*pose, meaning, axes))
+            .collect();
+        convergence(&read)
+    };
+    let as_written = judge(PoseMeaning::AsFormat, CameraAxes::OpenCv);
+    // Of cameras that all look one way only another reading can say something.
+    let (in_front, passed) = as_written.unwrap_or((0.0, f64::INFINITY));
+    // At half the distance the axes meet nowhere.
+    let meets = as_written.is_none() || (in_front > 0.5 && passed < 0.5);
+    if in_front >= 1.0 && passed < 0.2 {
+        return;
+    }
+    let others = [
+        (
+            PoseMeaning::AsFormat,
+            CameraAxes::OpenGl,
+            "the cameras look along -z with y up (OpenGL): option `camera_axes`",
+        ),
+        (
+            PoseMeaning::Inverse,
+            CameraAxes::OpenCv,
+            "the file takes camera to world: option `pose`",
+        ),
+        (
+            PoseMeaning::Inverse,
+            CameraAxes::OpenGl,
+            "the file takes camera to world and looks along -z (OpenGL): options `pose` and `camera_axes`",
+        ),
+    ];
+    let best = others
+        .into_iter()
+        .filter_map(|(meaning, axes, text)| Some((judge(meaning, axes)?, text)))
+        .filter(|((front, pass), _)| {
+            *front >= 1.0 && *pass < 0.2 && (in_front < 1.0 || *pass < 0.5 * passed)
+        })
+        .min_by(|a, b| a.0.1.total_cmp(&b.0.1));
+    let found = match as_written {
+        Some(_) => format!(
+            "{:.0} of {} cameras look away from the place where their axes come nearest, which they pass by {:.0} % of its distance",
+            (1.0 - in_front) * poses.len() as f64,
+            poses.len(),
+            100.0 * passed
+        ),
+        None => "all cameras look one way".to_owned(),
+    };
+    let text = match best {
+        Some((_, remedy)) => format!("{found}; all would look at one place if {remedy}"),
+        None if meets => return,
+        None => {
+            format!("{found}; if they stand around a field, look at the meaning of their poses")
+        }
+    };
+    remarks.push(Remark::of_all(RemarkKind::Doubtful, text));
+}
+
+/// Which axis of the world points up, judged by the upper edges of the pictures.
+fn look_at_up(cameras: &[RawCamera], remarks: &mut Vec<Remark>) {
+    let poses: Vec<RawPose> = cameras.iter().filter_map(|camera| camera.pose).collect();
+    if poses.len() < 2 {
+        return;
+    }
+    let sum: Vector3<f64> = poses
+        .iter()
+        .map(|pose| -pose.rotation.row(1).transpose())
+        .sum();
+    let up = sum / poses.len() as f64;
+    let largest = WorldAxis::ALL
+        .into_iter()
+        .max_by(|a, b| up.dot(&a.vector()).total_cmp(&up.dot(&b.vector())));
+    let Some(axis) = largest.filter(|axis| up.dot(&axis.vector()) >= UP_SHARE) else {
+        let text = "the pictures do not agree on which way is up: the world lies askew, or cameras stand on their side";
+        remarks.push(Remark::of_all(RemarkKind::Doubtful, text));
+        return;
+    };
+    if axis != WorldAxis::Z {
+        let name = axis.name();
+        let text = format!(
+            "the pictures' upper edges point along {name} of the world: {name} is up there, and z is here; give the option \
+             `up` as {name} to turn it"
+        );
+        remarks.push(Remark::of_all(RemarkKind::Doubtful, text));
+        return;
+    }
+    if poses.iter().all(|pose| pose.center().z < 0.0) {
+        let text = "z is up, but all cameras stand below 0: the floor is not where z is 0, or the board that gave the world \
+                    was seen mirrored, which no reprojection error shows";
+        remarks.push(Remark::of_all(RemarkKind::Doubtful, text));
+    }
+}
+
+fn record(camera: RawCamera, remarks: &mut Vec<Remark>) -> CameraRecord {
+    let Intrinsics { cx_px, cy_px, .. } = camera.intrinsics;
+    let size_px = camera.size_px.unwrap_or_else(|| {
+        let size = [cx_px, cy_px].map(|c| (2.0 * c + 1.0).round().clamp(1.0, 65_536.0) as u32);
+        let text = format!(
+            "the file has no size of the picture; taken as {} x {} with the principal point in its middle",
+            size[0], size[1]
+        );
+        remarks.push(Remark::of_camera(RemarkKind::Assumed, &camera.name, text));
+        size
+    });
+    let camera_from_world = camera.pose.map(|pose| {
+        let rotation = Rotation3::from_matrix_unchecked(pose.rotation);
+        Isometry3::from_parts(
+            Translation3::from(pose.translation),
+            UnitQuaternion::from_rotation_matrix(&rotation),
+        )
+    });
+    CameraRecord {
+        name: camera.name,
+        size_px,
+        intrinsics: camera.intrinsics,
+        lens: camera.lens,
+        camera_from_world,
+    }
+}

@@ -1,0 +1,196 @@
+//! One camera as every format can say it, and what an import says beside it.
+
+use std::fmt;
+
+use farfield_proto::camera::{Distortion, Intrinsics};
+use nalgebra::{Isometry3, Matrix3, Vector3};
+
+/// How a lens draws.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum LensModel {
+    /// OpenCV's rational model with tangential terms.
+    Rational(Distortion),
+    /// Kannala and Brandt 2006 as OpenCV's `fisheye` has it: with the angle theta to the axis the point is drawn at the
+    /// radius theta (1 + k1 theta^2 + k2 theta^4 + k3 theta^6 + k4 theta^8), in focal lengths.
+    KannalaBrandt([f64; 4]),
+}
+
+impl LensModel {
+    /// A lens without distortion.
+    pub fn ideal() -> Self {
+        Self::Rational(Distortion::default())
+    }
+
+    /// Whether it is the fisheye model.
+    pub fn is_fisheye(&self) -> bool {
+        matches!(self, Self::KannalaBrandt(_))
+    }
+
+    /// OpenCV's order: 4 coefficients of the fisheye model, else 5, or 8 where the denominator is used.
+    pub fn coefficients(&self) -> Vec<f64> {
+        match self {
+            Self::KannalaBrandt(k) => k.to_vec(),
+            Self::Rational(d) => {
+                let mut all = vec![d.k1, d.k2, d.p1, d.p2, d.k3];
+                if !all_zero(&[d.k4, d.k5, d.k6]) {
+                    all.extend([d.k4, d.k5, d.k6]);
+                }
+                all
+            }
+        }
+    }
+
+    /// The rational model from OpenCV's order (k1, k2, p1, p2, k3, k4, k5, k6); what is not given is 0. `None` for more
+    /// than 8 coefficients, unless all further ones (thin prism, tilt) are 0.
+    pub fn rational(coefficients: &[f64]) -> Option<Self> {
+        let at = |i: usize| coefficients.get(i).copied().unwrap_or(0.0);
+        if coefficients.len() > 14 || coefficients.iter().skip(8).any(|&c| c != 0.0) {
+            return None;
+        }
+        Some(Self::Rational(Distortion {
+            k1: at(0),
+            k2: at(1),
+            p1: at(2),
+            p2: at(3),
+            k3: at(4),
+            k4: at(5),
+            k5: at(6),
+            k6: at(7),
+        }))
+    }
+}
+
+/// Whether no coefficient does anything.
+pub(super) fn all_zero(coefficients: &[f64]) -> bool {
+    coefficients.iter().all(|&c| c == 0.0)
+}
+
+/// One camera: name, picture, lens and place. Pixels as in [`farfield_proto::frames::Pixel`], (0, 0) being the centre of
+/// the first pixel; the camera looks along +z with x right and y down.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CameraRecord {
+    /// Its name in the file.
+    pub name: String,
+    /// Width and height of the picture, pixels.
+    pub size_px: [u32; 2],
+    /// Focal lengths and principal point.
+    pub intrinsics: Intrinsics,
+    /// The lens.
+    pub lens: LensModel,
+    /// World metres to camera metres; `None` in a file of intrinsics alone.
+    pub camera_from_world: Option<Isometry3<f64>>,
+}
+
+/// How sure a remark of an import is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum RemarkKind {
+    /// The file does not say it, and something had to be taken.
+    Assumed,
+    /// The numbers leave no doubt, and it was put right.
+    Corrected,
+    /// The numbers speak against the file; nothing was changed, the remark says which option would.
+    Doubtful,
+}
+
+impl RemarkKind {
+    /// As programs read it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Assumed => "assumed",
+            Self::Corrected => "corrected",
+            Self::Doubtful => "doubtful",
+        }
+    }
+}
+
+/// One thing that the reader of a converted file must know.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Remark {
+    /// How sure it is.
+    pub kind: RemarkKind,
+    /// The camera that it is about; `None` when it is about all.
+    pub camera: Option<String>,
+    /// A sentence.
+    pub text: String,
+}
+
+impl Remark {
+    pub(super) fn of_all(kind: RemarkKind, text: impl Into<String>) -> Self {
+        Self {
+            kind,
+            camera: None,
+            text: text.into(),
+        }
+    }
+
+    pub(super) fn of_camera(kind: RemarkKind, camera: &str, text: impl Into<String>) -> Self {
+        Self {
+            kind,
+            camera: Some(camera.to_owned()),
+            text: text.into(),
+        }
+    }
+}
+
+impl fmt::Display for Remark {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if let Some(camera) = &self.camera {
+            write!(f, "camera `{camera}`: ")?;
+        }
+        write!(f, "{} ({})", self.text, self.kind.name())
+    }
+}
+
+/// Unit of length of a file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum FileUnit {
+    /// The format says millimetres.
+    Millimetres,
+    /// The format says metres, but tools write others into it.
+    Metres,
+    /// The format has no unit.
+    None,
+}
+
+/// World to camera as a file has it: any unit, perhaps mirrored.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct RawPose {
+    /// Its rows are the camera's axes; orthonormal, determinant 1 or -1.
+    pub(super) rotation: Matrix3<f64>,
+    /// In the unit of the file.
+    pub(super) translation: Vector3<f64>,
+}
+
+impl RawPose {
+    /// The pose of a camera at `position`.
+    pub(super) fn at(rotation: Matrix3<f64>, position: Vector3<f64>) -> Self {
+        Self {
+            rotation,
+            translation: -(rotation * position),
+        }
+    }
+
+    /// Where the camera is, in the unit of the file.
+    pub(super) fn center(&self) -> Vector3<f64> {
+        -(self.rotation.transpose() * self.translation)
+    }
+}
+
+/// A camera as a file has it.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct RawCamera {
+    pub(super) name: String,
+    pub(super) size_px: Option<[u32; 2]>,
+    /// Focal lengths may be negative here.
+    pub(super) intrinsics: Intrinsics,
+    pub(super) lens: LensModel,
+    pub(super) pose: Option<RawPose>,
+}
+
+/// All that a reader of one format found.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct RawSet {
+    pub(super) cameras: Vec<RawCamera>,
+    pub(super) unit: FileUnit,
+    pub(super) remarks: Vec<Remark>,
+}

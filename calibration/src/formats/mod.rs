@@ -1,0 +1,409 @@
+//! Calibrations of other tools, read and written: `farfield calibrate convert`.
+//!
+//! [`import`] takes the texts of one calibration and guesses whose they are; [`export`] writes what it found in another
+//! tool's way. In between every camera is a [`CameraRecord`]: metres, a right-handed world, pixels from the centre of the
+//! first one, OpenCV's axes. What a file does not say, or says in another unit, is told in [`Remark`]s; what is certain is
+//! put right, what is not can be asked for by [`ImportOptions`].
+
+mod axes;
+mod camera;
+mod colmap;
+mod easymocap;
+mod kalibr;
+mod opencv;
+mod qualisys;
+mod toml_tables;
+mod tree;
+mod vicon;
+mod xml;
+
+use std::collections::BTreeSet;
+use std::fmt;
+use std::path::PathBuf;
+
+use farfield_proto::toml_file::FileError;
+use nalgebra::Isometry3;
+
+pub use self::axes::{CameraAxes, PoseMeaning, WorldAxis};
+pub use self::camera::{CameraRecord, LensModel, Remark, RemarkKind};
+use self::tree::{Node, Source};
+
+/// Longest text that is read, bytes: no calibration has a hundredth of it.
+const MAX_TEXT_BYTES: usize = 32 << 20;
+/// Most cameras of one calibration.
+const MAX_CAMERAS: usize = 4096;
+
+/// Whose file it is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Format {
+    /// TOML with one table per camera, metres: ours, aniposelib's, Pose2Sim's.
+    Farfield,
+    /// The same in millimetres, as `FreeMoCap` writes it.
+    FreeMoCap,
+    /// Caliscope's `camera_array.toml`.
+    Caliscope,
+    /// YAML of `cv::FileStorage`, or ROS, one file a camera.
+    OpenCvYaml,
+    /// JSON of `cv::FileStorage`, one file a camera.
+    OpenCvJson,
+    /// Qualisys' `.qca.txt`.
+    Qualisys,
+    /// Theia's calibration file.
+    Theia,
+    /// `EasyMocap`'s `intri.yml` and `extri.yml`.
+    EasyMocap,
+    /// Vicon's `.xcp`.
+    Vicon,
+    /// COLMAP's `cameras.txt` and `images.txt`.
+    Colmap,
+    /// Kalibr's `camchain.yaml`.
+    Kalibr,
+}
+
+impl Format {
+    /// All of them.
+    pub const ALL: [Self; 11] = [
+        Self::Farfield,
+        Self::FreeMoCap,
+        Self::Caliscope,
+        Self::OpenCvYaml,
+        Self::OpenCvJson,
+        Self::Qualisys,
+        Self::Theia,
+        Self::EasyMocap,
+        Self::Vicon,
+        Self::Colmap,
+        Self::Kalibr,
+    ];
+
+    /// As the command line has it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Farfield => "farfield",
+            Self::FreeMoCap => "freemocap",
+            Self::Caliscope => "caliscope",
+            Self::OpenCvYaml => "opencv-yaml",
+            Self::OpenCvJson => "opencv-json",
+            Self::Qualisys => "qualisys",
+            Self::Theia => "theia",
+            Self::EasyMocap => "easymocap",
+            Self::Vicon => "vicon",
+            Self::Colmap => "colmap",
+            Self::Kalibr => "kalibr",
+        }
+    }
+
+    /// The format of this name; `aniposelib`, `anipose` and `pose2sim` are ours too.
+    pub fn from_name(name: &str) -> Option<Self> {
+        if matches!(name, "aniposelib" | "anipose" | "pose2sim") {
+            return Some(Self::Farfield);
+        }
+        Self::ALL.into_iter().find(|format| format.name() == name)
+    }
+}
+
+impl fmt::Display for Format {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// A file by its name: read by the caller, or to be written by him.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct TextFile {
+    /// Its name; of a file to be written, without a folder.
+    pub path: PathBuf,
+    /// All of it.
+    pub text: String,
+}
+
+/// What the caller knows better than the file. The default is to believe the file.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct ImportOptions {
+    /// Whose the files are; `None`: guessed by their content.
+    pub format: Option<Format>,
+    /// How many metres one unit of length of the file is; `None`: by format and numbers.
+    pub metres_per_unit: Option<f64>,
+    /// Which axis of the file's world points up; it becomes z. `None`: the world is left as it is.
+    pub up: Option<WorldAxis>,
+    /// Which axis of a left-handed world is turned round.
+    pub mirrored: Option<WorldAxis>,
+    /// Which way the poses of the file go.
+    pub pose: PoseMeaning,
+    /// The cameras' axes in the file.
+    pub camera_axes: CameraAxes,
+    /// Whether distortions of four coefficients are a fisheye's where the file does not say.
+    pub four_are_fisheye: bool,
+    /// Width and height of the videos where they show the middle of the sensor only (Vicon), pixels.
+    pub video_px: Option<[u32; 2]>,
+}
+
+/// What was read.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Imported {
+    /// Whose files they are.
+    pub format: Format,
+    /// The cameras in the order of the files; at least one, names all different.
+    pub cameras: Vec<CameraRecord>,
+    /// What was assumed, put right, or is doubtful.
+    pub remarks: Vec<Remark>,
+}
+
+/// Reads the texts of one calibration.
+///
+/// # Errors
+/// [`FileError`] with file, line and field: no known format, broken syntax, a field that is missing or no usable number, a
+/// mirrored world without the option that says which axis, no camera, two of one name.
+pub fn import(files: &[TextFile], options: &ImportOptions) -> Result<Imported, FileError> {
+    let sources: Vec<Source<'_>> = files
+        .iter()
+        .map(|file| Source {
+            path: &file.path,
+            text: &file.text,
+        })
+        .collect();
+    let Some(first) = sources.first() else {
+        return Err(FileError::new("", "no file was given"));
+    };
+    if let Some(long) = sources
+        .iter()
+        .find(|source| source.text.len() > MAX_TEXT_BYTES)
+    {
+        return Err(long.error(format!(
+            "found {} bytes, expected a calibration of at most {MAX_TEXT_BYTES}",
+            long.text.len()
+        )));
+    }
+    if let Some(metres) = options
+        .metres_per_unit
+        .filter(|m| !(m.is_finite() && *m > 0.0))
+    {
+        return Err(first.error(format!(
+            "{metres} metres per unit: expected a number above 0"
+        )));
+    }
+    let format = match options.format {
+        Some(format) => format,
+        None => guess(&sources)?,
+    };
+    if let (true, Some(second)) = (is_one_file(format), sources.get(1)) {
+        return Err(second.error(format!(
+            "the format `{format}` is one file, and {} were given",
+            sources.len()
+        )));
+    }
+    let raw = match format {
+        Format::Farfield | Format::FreeMoCap | Format::Caliscope => {
+            toml_tables::read(first, format, options)
+        }
+        Format::OpenCvYaml | Format::OpenCvJson => opencv::read(&sources, options),
+        Format::Qualisys | Format::Theia => qualisys::read(first, format),
+        Format::EasyMocap => easymocap::read(&sources, options),
+        Format::Vicon => vicon::read(first, options),
+        Format::Colmap => read_colmap(&sources),
+        Format::Kalibr => kalibr::read(first),
+    }?;
+    if raw.cameras.is_empty() {
+        return Err(first.error(format!(
+            "no camera was found, expected a calibration of the format `{format}`"
+        )));
+    }
+    if raw.cameras.len() > MAX_CAMERAS {
+        return Err(first.error(format!(
+            "found {} cameras, expected at most {MAX_CAMERAS}",
+            raw.cameras.len()
+        )));
+    }
+    let mut names = BTreeSet::new();
+    if let Some(twice) = raw
+        .cameras
+        .iter()
+        .find(|camera| !names.insert(&camera.name))
+    {
+        return Err(first.error(format!("two cameras are called `{}`", twice.name)));
+    }
+    let (cameras, remarks) = axes::settle(raw, options, first)?;
+    Ok(Imported {
+        format,
+        cameras,
+        remarks,
+    })
+}
+
+fn is_one_file(format: Format) -> bool {
+    !matches!(
+        format,
+        Format::OpenCvYaml | Format::OpenCvJson | Format::EasyMocap | Format::Colmap
+    )
+}
+
+fn read_colmap(sources: &[Source<'_>]) -> Result<camera::RawSet, FileError> {
+    let cameras = sources
+        .iter()
+        .find(|source| colmap::is_cameras(source.text));
+    let images = sources.iter().find(|source| colmap::is_images(source.text));
+    match (cameras, images, sources) {
+        (Some(cameras), images, _) => colmap::read(cameras, images),
+        (None, _, [first, ..]) => {
+            Err(first.error("found no `cameras.txt` (CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS)"))
+        }
+        (None, _, []) => Err(FileError::new("", "no file was given")),
+    }
+}
+
+/// Whose files these are, by their content.
+///
+/// # Errors
+/// [`FileError`] naming the first file where it is none of the known ones.
+fn guess(sources: &[Source<'_>]) -> Result<Format, FileError> {
+    let Some(first) = sources.first() else {
+        return Err(FileError::new("", "no file was given"));
+    };
+    let text = first.text.trim_start_matches('\u{feff}').trim_start();
+    if text.starts_with('<') {
+        let found =
+            qualisys::guess(first).or_else(|| text.contains("<Cameras").then_some(Format::Vicon));
+        return match found {
+            Some(format) => Ok(format),
+            // Broken XML says where; other XML says that it is not known.
+            None => Err(xml::parse(first).err().unwrap_or_else(|| {
+                first.error(
+                    "found XML, expected <calibration> of Qualisys or Theia, or <Cameras> of Vicon",
+                )
+            })),
+        };
+    }
+    if text.starts_with('{') {
+        return Ok(Format::OpenCvJson);
+    }
+    if sources.iter().any(|source| colmap::is_cameras(source.text)) {
+        return Ok(Format::Colmap);
+    }
+    if let Ok(value) = toml_tables::value(first) {
+        let caliscope = toml_tables::is_caliscope(&Node::root(*first, &value));
+        return Ok(if caliscope {
+            Format::Caliscope
+        } else {
+            Format::Farfield
+        });
+    }
+    if text
+        .lines()
+        .any(|line| line.trim_start().starts_with("cam0:"))
+        && text.contains("camera_model")
+    {
+        return Ok(Format::Kalibr);
+    }
+    let starts = |prefix: &str| {
+        sources
+            .iter()
+            .any(|s| s.text.lines().any(|line| line.starts_with(prefix)))
+    };
+    if starts("K_") && (starts("dist_") || starts("D_")) {
+        return Ok(Format::EasyMocap);
+    }
+    if text.starts_with("%YAML") || opencv::value(first).is_ok_and(|value| value.is_object()) {
+        return Ok(Format::OpenCvYaml);
+    }
+    let names: Vec<&str> = Format::ALL.iter().map(|format| format.name()).collect();
+    Err(first.error(format!(
+        "its content is of no known format, expected one of {}; if it is one, name it and its syntax error will be said",
+        names.join(", ")
+    )))
+}
+
+/// Why cameras cannot be written in a format.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum ExportError {
+    /// A camera has no pose, and the format needs one.
+    #[error(
+        "camera `{camera}` has no pose, and the format `{format}` needs one: only opencv-yaml and opencv-json do without"
+    )]
+    NoPose {
+        /// Which camera.
+        camera: String,
+        /// Which format.
+        format: Format,
+    },
+    /// The format has no such lens.
+    #[error("camera `{camera}`: the format `{format}` cannot say its lens; it has {has}")]
+    Lens {
+        /// Which camera.
+        camera: String,
+        /// Which format.
+        format: Format,
+        /// What the format has.
+        has: &'static str,
+    },
+    /// The format cannot say the name.
+    #[error("camera `{camera}`: the format `{format}` cannot have this name, expected {expected}")]
+    Name {
+        /// Which camera.
+        camera: String,
+        /// Which format.
+        format: Format,
+        /// What it can have.
+        expected: &'static str,
+    },
+    /// There is nothing to write.
+    #[error("no camera was given")]
+    NoCamera,
+}
+
+/// The files of `cameras` in `format`.
+///
+/// Kalibr's has the first camera as its world, COLMAP's no unit of length, Caliscope's and Kalibr's numbers instead of names.
+///
+/// # Errors
+/// [`ExportError`] for a camera without a pose or with a lens or a name that the format has not.
+pub fn export(cameras: &[CameraRecord], format: Format) -> Result<Vec<TextFile>, ExportError> {
+    if cameras.is_empty() {
+        return Err(ExportError::NoCamera);
+    }
+    let one = |path: &str, text: String| {
+        vec![TextFile {
+            path: path.into(),
+            text,
+        }]
+    };
+    Ok(match format {
+        Format::Farfield | Format::FreeMoCap => {
+            one("calibration.toml", toml_tables::write(cameras, format)?)
+        }
+        Format::Caliscope => one("camera_array.toml", toml_tables::write(cameras, format)?),
+        Format::OpenCvYaml | Format::OpenCvJson => cameras
+            .iter()
+            .map(|camera| opencv::write(camera, format))
+            .collect(),
+        Format::Qualisys => one("calibration.qca.txt", qualisys::write(cameras, format)?),
+        Format::Theia => one("calibration.txt", qualisys::write(cameras, format)?),
+        Format::EasyMocap => easymocap::write(cameras)?,
+        Format::Vicon => one("calibration.xcp", vicon::write(cameras)?),
+        Format::Colmap => colmap::write(cameras)?,
+        Format::Kalibr => one("camchain.yaml", kalibr::write(cameras)?),
+    })
+}
+
+/// The pose of `camera`, which `format` needs.
+fn placed(camera: &CameraRecord, format: Format) -> Result<Isometry3<f64>, ExportError> {
+    camera.camera_from_world.ok_or_else(|| ExportError::NoPose {
+        camera: camera.name.clone(),
+        format,
+    })
+}
+
+/// The name of a camera's file: nothing in it leads out of a folder.
+fn file_name(camera: &str, extension: &str) -> PathBuf {
+    let safe = |c: char| {
+        if c.is_alphanumeric() || "-_ ".contains(c) {
+            c
+        } else {
+            '_'
+        }
+    };
+    let stem: String = camera.chars().map(safe).collect();
+    PathBuf::from(format!("{stem}.{extension}"))
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,320 @@
+//! OpenCV's YAML and JSON: one camera a file, or several in one, as its samples, its users and ROS name the fields.
+
+use std::fmt::Write as _;
+use std::path::Path;
+
+use farfield_proto::toml_file::FileError;
+use nalgebra::{Matrix3, Vector3};
+use serde_json::Value;
+
+use super::camera::{CameraRecord, FileUnit, RawCamera, RawPose, RawSet, Remark, RemarkKind};
+use super::toml_tables::lens;
+use super::tree::{Node, Source, whole_size};
+use super::{Format, ImportOptions, TextFile};
+
+const MATRIX: [&str; 10] = [
+    "camera_matrix",
+    "cameraMatrix",
+    "K-matrix",
+    "K",
+    "intrinsic_matrix",
+    "intrinsicMatrix",
+    "mtx",
+    "CameraMatrix",
+    "Camera_Matrix",
+    "matrix",
+];
+const DISTORTION: [&str; 11] = [
+    "distortion_coefficients",
+    "distCoeffs",
+    "distCoeff",
+    "dist_coeffs",
+    "dist_coeff",
+    "distortionCoefficients",
+    "Distortion_Coefficients",
+    "distortions",
+    "dist",
+    "D",
+    "distortion",
+];
+const SIZE: [&str; 6] = [
+    "image_size",
+    "imageSize",
+    "resolution",
+    "size",
+    "img_size",
+    "image_shape",
+];
+const ROTATION: [&str; 6] = [
+    "rvec",
+    "rotation_vector",
+    "rotation_matrix",
+    "R",
+    "rotation",
+    "Rot",
+];
+const TRANSLATION: [&str; 5] = ["tvec", "translation_vector", "T", "t", "translation"];
+/// Names of the fisheye model in the field `distortion_model`.
+const FISHEYE: [&str; 5] = [
+    "equidistant",
+    "fisheye",
+    "kannala_brandt",
+    "kannala_brandt4",
+    "opencv_fisheye",
+];
+
+/// The tree of a YAML or JSON text.
+///
+/// OpenCV's `%YAML:1.0` and its tags are read as they are; what it writes for "not a number" is none in any format, and
+/// becomes nothing, which a reader then refuses by name.
+pub(super) fn value(source: &Source<'_>) -> Result<Value, FileError> {
+    let text = source.text.trim_start_matches('\u{feff}');
+    if text.trim_start().starts_with(['{', '[']) {
+        let text = without_bare_nan(text, "null");
+        return serde_json::from_str(&text).map_err(|error| {
+            let problem = format!("not valid JSON: {error}");
+            source.error(problem).at_line(error.line().max(1))
+        });
+    }
+    let text = without_bare_nan(text, ".nan");
+    serde_saphyr::from_str(&text).map_err(|error| {
+        let message = error.to_string();
+        let first = message.lines().next().unwrap_or_default();
+        let refused = source.error(format!("not valid YAML: {first}"));
+        match error.location() {
+            Some(location) => refused.at_line(usize::try_from(location.line()).unwrap_or(1)),
+            None => refused,
+        }
+    })
+}
+
+/// `.Nan`, `.Inf` and `-.Inf` as OpenCV writes them, by `instead`.
+fn without_bare_nan(text: &str, instead: &str) -> String {
+    if !text.contains(".Nan") && !text.contains(".Inf") {
+        return text.to_owned();
+    }
+    text.replace("-.Inf", instead)
+        .replace(".Inf", instead)
+        .replace(".Nan", instead)
+}
+
+/// All cameras of `files`, which are of one kind.
+pub(super) fn read(sources: &[Source<'_>], options: &ImportOptions) -> Result<RawSet, FileError> {
+    let mut cameras = Vec::new();
+    let mut remarks = Vec::new();
+    let values = sources.iter().map(value).collect::<Result<Vec<_>, _>>()?;
+    let roots: Vec<Node<'_>> = sources
+        .iter()
+        .zip(&values)
+        .map(|(source, value)| Node::root(*source, value))
+        .collect();
+    if let Some(pair) = stereo(&roots, options)? {
+        cameras.extend(pair);
+    }
+    for (root, source) in roots.iter().zip(sources) {
+        for (name, table) in tables(root, source.path) {
+            cameras.push(camera(name, &table, options, &mut remarks)?);
+        }
+    }
+    Ok(RawSet {
+        cameras,
+        unit: FileUnit::Metres,
+        remarks,
+    })
+}
+
+fn tables<'a>(root: &Node<'a>, path: &Path) -> Vec<(String, Node<'a>)> {
+    let name_of = |table: &Node<'_>, otherwise: &str| {
+        table
+            .any(&["camera_name", "name", "camera"])
+            .and_then(|name| name.text())
+            .unwrap_or_else(|| otherwise.to_owned())
+    };
+    if root.any(&MATRIX).is_some() {
+        let stem = path
+            .file_stem()
+            .map(|stem| stem.to_string_lossy().into_owned());
+        return vec![(name_of(root, &stem.unwrap_or_default()), root.clone())];
+    }
+    let mut found = Vec::new();
+    for (key, table) in root.fields() {
+        if table.any(&MATRIX).is_some() {
+            found.push((name_of(&table, key), table));
+        } else if key == "cameras" {
+            let inner = table.fields().into_iter().chain(table.items());
+            let inner = inner.filter(|(_, inner)| inner.any(&MATRIX).is_some());
+            found.extend(inner.map(|(key, inner)| (name_of(&inner, key), inner)));
+        }
+    }
+    found
+}
+
+/// The two files, or one, of OpenCV's stereo sample: M1, D1, M2, D2 and R, T from the first camera to the second.
+fn stereo(
+    roots: &[Node<'_>],
+    options: &ImportOptions,
+) -> Result<Option<[RawCamera; 2]>, FileError> {
+    let find = |name: &str| roots.iter().find_map(|root| root.get(name));
+    let (Some(m1), Some(m2)) = (find("M1"), find("M2")) else {
+        return Ok(None);
+    };
+    let (Some(rotation), Some(translation)) = (find("R"), find("T")) else {
+        return Err(
+            m2.error("`M1` and `M2` without `R` and `T`: give the file of the extrinsics as well")
+        );
+    };
+    let one = |name: &str, matrix: &Node<'_>, distortion: Option<Node<'_>>, pose| {
+        let distortion = distortion
+            .ok_or_else(|| matrix.error("expected `D1` and `D2` beside `M1` and `M2`"))?;
+        Ok(RawCamera {
+            name: name.to_owned(),
+            size_px: None,
+            intrinsics: matrix.intrinsics()?,
+            lens: lens(
+                &distortion,
+                &distortion.numbers()?,
+                options.four_are_fisheye,
+            )?,
+            pose: Some(pose),
+        })
+    };
+    let first = RawPose {
+        rotation: Matrix3::identity(),
+        translation: Vector3::zeros(),
+    };
+    let second = RawPose {
+        rotation: rotation.rotation()?,
+        translation: translation.vector()?,
+    };
+    Ok(Some([
+        one("1", &m1, find("D1"), first)?,
+        one("2", &m2, find("D2"), second)?,
+    ]))
+}
+
+fn camera(
+    name: String,
+    table: &Node<'_>,
+    options: &ImportOptions,
+    remarks: &mut Vec<Remark>,
+) -> Result<RawCamera, FileError> {
+    let matrix = table.need(&MATRIX)?;
+    let list = table.need(&DISTORTION)?;
+    let coefficients = list.numbers()?;
+    let model = table
+        .any(&["distortion_model", "model"])
+        .and_then(|model| model.text());
+    let flag = table
+        .any(&["fisheye_model", "fisheye"])
+        .map(|flag| flag.flag())
+        .transpose()?;
+    let named = model.map(|model| FISHEYE.contains(&model.to_lowercase().as_str()));
+    let is_fisheye = named.or(flag).unwrap_or(options.four_are_fisheye);
+    if coefficients.len() == 4 && named.is_none() && flag.is_none() && !options.four_are_fisheye {
+        let text = "four distortion coefficients, taken as k1, k2, p1, p2; if the lens is a fisheye, say so with the option \
+                    `fisheye`";
+        remarks.push(Remark::of_camera(RemarkKind::Assumed, &name, text));
+    }
+    let pose = match (table.any(&ROTATION), table.any(&TRANSLATION)) {
+        (Some(rotation), Some(translation)) => Some(RawPose {
+            rotation: rotation.rotation()?,
+            translation: translation.vector()?,
+        }),
+        // ROS calls its rectification R.
+        _ => None,
+    };
+    Ok(RawCamera {
+        name,
+        size_px: size(table)?,
+        intrinsics: matrix.intrinsics()?,
+        lens: lens(&list, &coefficients, is_fisheye)?,
+        pose,
+    })
+}
+
+fn size(table: &Node<'_>) -> Result<Option<[u32; 2]>, FileError> {
+    let width = table.any(&["image_width", "imageWidth", "image_Width", "width"]);
+    let height = table.any(&["image_height", "imageHeight", "image_Height", "height"]);
+    if let (Some(width), Some(height)) = (width, height) {
+        let size = [width.number()?, height.number()?];
+        let size = whole_size(size)
+            .ok_or_else(|| width.error(format!("found {size:?}, expected pixels above 0")))?;
+        return Ok(Some(size));
+    }
+    table.any(&SIZE).map(|size| size.size()).transpose()
+}
+
+/// A matrix as OpenCV writes it into YAML, indented by `indent`.
+pub(super) fn yaml_matrix(name: &str, rows: usize, data: &[f64], indent: &str) -> String {
+    let columns = data.len() / rows.max(1);
+    let numbers: Vec<String> = data.iter().map(|v| format!("{v:?}")).collect();
+    format!(
+        "{indent}{name}: !!opencv-matrix\n{indent}   rows: {rows}\n{indent}   cols: {columns}\n{indent}   dt: d\n{indent}   \
+         data: [ {} ]\n",
+        numbers.join(", ")
+    )
+}
+
+/// The matrices of a camera: name, rows, numbers.
+fn matrices(camera: &CameraRecord) -> Vec<(&'static str, usize, Vec<f64>)> {
+    let k = &camera.intrinsics;
+    let matrix = vec![k.fx_px, 0.0, k.cx_px, 0.0, k.fy_px, k.cy_px, 0.0, 0.0, 1.0];
+    let mut all = vec![
+        ("camera_matrix", 3, matrix),
+        ("distortion_coefficients", 1, camera.lens.coefficients()),
+    ];
+    if let Some(pose) = &camera.camera_from_world {
+        let rotation = pose.rotation.to_rotation_matrix();
+        let rows = rotation.matrix().transpose().iter().copied().collect();
+        all.push(("rotation_matrix", 3, rows));
+        all.push((
+            "translation_vector",
+            3,
+            pose.translation.vector.iter().copied().collect(),
+        ));
+    }
+    all
+}
+
+/// One file a camera, as `cv::FileStorage` reads it.
+pub(super) fn write(camera: &CameraRecord, format: Format) -> TextFile {
+    let [width, height] = camera.size_px;
+    let model = match camera.lens.is_fisheye() {
+        true => "equidistant",
+        false if camera.lens.coefficients().len() == 8 => "rational_polynomial",
+        false => "plumb_bob",
+    };
+    let name = serde_json::Value::from(camera.name.as_str()).to_string();
+    let mut text = String::new();
+    let extension = if format == Format::OpenCvJson {
+        let mut fields = vec![
+            format!("    \"camera_name\": {name}"),
+            format!("    \"image_width\": {width}"),
+            format!("    \"image_height\": {height}"),
+            format!("    \"distortion_model\": \"{model}\""),
+        ];
+        for (field, rows, data) in matrices(camera) {
+            let columns = data.len() / rows;
+            fields.push(format!(
+                "    \"{field}\": {{\n        \"type_id\": \"opencv-matrix\",\n        \"rows\": {rows},\n        \"cols\": \
+                 {columns},\n        \"dt\": \"d\",\n        \"data\": {data:?}\n    }}"
+            ));
+        }
+        // Writing into a string cannot fail.
+        _ = writeln!(text, "{{\n{}\n}}", fields.join(",\n"));
+        "json"
+    } else {
+        _ = write!(
+            text,
+            "%YAML:1.0\n---\ncamera_name: {name}\nimage_width: {width}\nimage_height: {height}\ndistortion_model: {model}\n"
+        );
+        for (field, rows, data) in matrices(camera) {
+            text.push_str(&yaml_matrix(field, rows, &data, ""));
+        }
+        "yml"
+    };
+    TextFile {
+        path: super::file_name(&camera.name, extension),
+        text,
+    }
+}

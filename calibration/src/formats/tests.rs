@@ -1,0 +1,406 @@
+//! Round trips through every format, and what trips everybody.
+
+use std::fmt::Write as _;
+
+use farfield_proto::camera::{Distortion, Intrinsics};
+use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use proptest::prelude::*;
+
+use super::*;
+
+fn file(path: &str, text: impl Into<String>) -> TextFile {
+    TextFile {
+        path: path.into(),
+        text: text.into(),
+    }
+}
+
+fn import_text(path: &str, text: &str) -> Result<Imported, FileError> {
+    import(&[file(path, text)], &ImportOptions::default())
+}
+
+/// A camera at `center` that looks at the origin; `up` of the world.
+fn looking(name: &str, center: [f64; 3], up: Vector3<f64>, lens: LensModel) -> CameraRecord {
+    let eye = Point3::from(Vector3::from(center));
+    let view = Isometry3::look_at_rh(&eye, &Point3::origin(), &up);
+    // nalgebra looks along -z with y up.
+    let flip = Isometry3::from_parts(
+        Translation3::identity(),
+        UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI),
+    );
+    CameraRecord {
+        name: name.to_owned(),
+        size_px: [1920, 1080],
+        intrinsics: Intrinsics {
+            fx_px: 1500.0,
+            fy_px: 1500.0,
+            cx_px: 959.5,
+            cy_px: 539.5,
+        },
+        lens,
+        camera_from_world: Some(flip * view),
+    }
+}
+
+fn ring(up: Vector3<f64>, lens: LensModel) -> Vec<CameraRecord> {
+    let corners = [
+        [4.0, 3.0, 2.5],
+        [-4.0, 3.5, 2.0],
+        [-3.0, -4.0, 2.2],
+        [3.5, -3.0, 3.0],
+    ];
+    let turned = |c: [f64; 3]| {
+        let turn =
+            Rotation3::rotation_between(&Vector3::z(), &up).unwrap_or_else(Rotation3::identity);
+        (turn * Vector3::from(c)).into()
+    };
+    corners
+        .iter()
+        .enumerate()
+        .map(|(i, c)| looking(&format!("cam{i}"), turned(*c), up, lens))
+        .collect()
+}
+
+fn any_camera(fisheye: bool) -> impl Strategy<Value = CameraRecord> {
+    (
+        prop::array::uniform3(-20.0f64..20.0),
+        prop::array::uniform3(-3.0f64..3.0),
+        prop::array::uniform4(500.0f64..2500.0),
+        prop::array::uniform5(-0.3f64..0.3),
+        [2u32..5000, 2u32..5000],
+    )
+        .prop_map(move |(t, r, f, k, size_px)| CameraRecord {
+            name: "north_1".to_owned(),
+            size_px,
+            intrinsics: Intrinsics {
+                fx_px: f[0],
+                fy_px: f[1],
+                cx_px: f[2],
+                cy_px: f[3],
+            },
+            lens: if fisheye {
+                LensModel::KannalaBrandt([k[0], k[1], k[2], k[3]])
+            } else {
+                LensModel::Rational(Distortion {
+                    k1: k[0].signum() * k[0].abs().max(0.001),
+                    k2: k[1],
+                    p1: k[2] * 0.01,
+                    p2: k[3] * 0.01,
+                    k3: k[4],
+                    ..Distortion::default()
+                })
+            },
+            camera_from_world: Some(Isometry3::new(t.into(), r.into())),
+        })
+}
+
+/// What the format can hold of the lens.
+fn fitting(mut camera: CameraRecord, format: Format) -> CameraRecord {
+    if let LensModel::Rational(d) = &mut camera.lens {
+        match format {
+            Format::Kalibr => d.k3 = 0.0,
+            Format::Vicon => (d.p1, d.p2) = (0.0, 0.0),
+            _ => {}
+        }
+    }
+    camera
+}
+
+fn check_round_trip(camera: &CameraRecord, format: Format) -> Result<(), TestCaseError> {
+    let camera = fitting(camera.clone(), format);
+    let files = export(std::slice::from_ref(&camera), format)
+        .map_err(|e| TestCaseError::fail(e.to_string()))?;
+    let options = ImportOptions {
+        format: Some(format),
+        ..ImportOptions::default()
+    };
+    let back = import(&files, &options).map_err(|e| TestCaseError::fail(e.to_string()))?;
+    let [read] = back.cameras.as_slice() else {
+        return Err(TestCaseError::fail("one camera"));
+    };
+    prop_assert_eq!(read.size_px, camera.size_px);
+    prop_assert_eq!(read.lens.is_fisheye(), camera.lens.is_fisheye());
+    for (a, b) in read
+        .lens
+        .coefficients()
+        .iter()
+        .zip(camera.lens.coefficients())
+    {
+        prop_assert!((a - b).abs() < 1e-15, "{a} {b}");
+    }
+    let both = |i: &Intrinsics| [i.fx_px, i.fy_px, i.cx_px, i.cy_px];
+    for (a, b) in both(&read.intrinsics)
+        .into_iter()
+        .zip(both(&camera.intrinsics))
+    {
+        prop_assert!((a - b).abs() < 1e-9, "{a} {b}");
+    }
+    let (Some(a), Some(b)) = (read.camera_from_world, camera.camera_from_world) else {
+        return Err(TestCaseError::fail("a pose"));
+    };
+    // Kalibr's world is the first camera.
+    if format != Format::Kalibr {
+        let off = (a.to_homogeneous() - b.to_homogeneous()).abs().max();
+        prop_assert!(off < 1e-9, "{off}");
+    }
+    Ok(())
+}
+
+proptest! {
+    #[test]
+    fn a_camera_comes_back_from_every_format(camera in any_camera(false)) {
+        for format in Format::ALL {
+            check_round_trip(&camera, format)?;
+        }
+    }
+
+    #[test]
+    fn a_fisheye_comes_back_from_every_format_that_has_one(camera in any_camera(true)) {
+        use Format as F;
+        for format in [F::Farfield, F::FreeMoCap, F::Caliscope, F::OpenCvYaml, F::OpenCvJson, F::Colmap, F::Kalibr] {
+            check_round_trip(&camera, format)?;
+        }
+        for format in [F::Qualisys, F::Theia, F::EasyMocap, F::Vicon] {
+            let refused = matches!(export(std::slice::from_ref(&camera), format), Err(ExportError::Lens { .. }));
+            prop_assert!(refused, "{}", format);
+        }
+    }
+
+    #[test]
+    fn no_text_makes_a_reader_panic(text in "[\\[\\]{}:,.!%<>/=a-zA-Z0-9_\" \n-]{0,200}", format in 0usize..11) {
+        let options = ImportOptions { format: Some(Format::ALL[format]), ..ImportOptions::default() };
+        _ = import(&[file("x", text.clone())], &options);
+        _ = import(&[file("x", text)], &ImportOptions::default());
+    }
+}
+
+#[test]
+fn the_format_is_guessed_by_content_and_nothing_is_said_of_a_good_ring() {
+    let cameras = ring(Vector3::z(), LensModel::ideal());
+    for format in Format::ALL {
+        let files = export(&cameras, format).expect("these cameras fit every format");
+        let found = import(&files, &ImportOptions::default()).expect("what was written is read");
+        let same = match format {
+            // In metres or millimetres, the same file.
+            Format::FreeMoCap => Format::Farfield,
+            other => other,
+        };
+        assert_eq!(found.format, same);
+        let doubtful = found
+            .remarks
+            .iter()
+            .filter(|remark| remark.kind == RemarkKind::Doubtful);
+        let expected = usize::from(format == Format::Kalibr);
+        assert_eq!(doubtful.count(), expected, "{format}: {:?}", found.remarks);
+        if format == Format::Kalibr {
+            continue;
+        }
+        for (read, written) in found.cameras.iter().zip(&cameras) {
+            let both = [read, written].map(|c| c.camera_from_world.map(|p| p.to_homogeneous()));
+            let [Some(a), Some(b)] = both else {
+                panic!("a pose")
+            };
+            assert!((a - b).abs().max() < 1e-9, "{format}");
+        }
+    }
+}
+
+#[test]
+fn millimetres_in_a_file_of_metres_are_put_right_and_said() {
+    let files =
+        export(&ring(Vector3::z(), LensModel::ideal()), Format::FreeMoCap).expect("written");
+    let found = import(&files, &ImportOptions::default()).expect("read");
+    let said = found
+        .remarks
+        .iter()
+        .any(|r| r.kind == RemarkKind::Corrected && r.text.contains("millimetres"));
+    assert!(said, "{:?}", found.remarks);
+    let center = found.cameras[0]
+        .camera_from_world
+        .map(|p| p.inverse().translation.vector.norm());
+    assert!(
+        center.is_some_and(|c| (c - 5.59).abs() < 0.01),
+        "{center:?}"
+    );
+}
+
+#[test]
+fn a_world_with_y_up_is_said_and_turned_when_asked() {
+    let files = export(&ring(Vector3::y(), LensModel::ideal()), Format::Farfield).expect("written");
+    let found = import(&files, &ImportOptions::default()).expect("read");
+    let said = found
+        .remarks
+        .iter()
+        .any(|r| r.kind == RemarkKind::Doubtful && r.text.contains("y is up there"));
+    assert!(said, "{:?}", found.remarks);
+    let options = ImportOptions {
+        up: Some(WorldAxis::Y),
+        ..ImportOptions::default()
+    };
+    let turned = import(&files, &options).expect("read");
+    assert_eq!(turned.remarks, Vec::new());
+    let heights = turned
+        .cameras
+        .iter()
+        .filter_map(|c| Some(c.camera_from_world?.inverse().translation.z));
+    let heights: Vec<f64> = heights.collect();
+    for (height, expected) in heights.iter().zip([2.5, 2.0, 2.2, 3.0]) {
+        assert!((height - expected).abs() < 1e-9, "{heights:?}");
+    }
+}
+
+#[test]
+fn every_axis_can_be_up() {
+    for up in WorldAxis::ALL {
+        let turn = super::axes::turn_up(up);
+        assert!((turn.determinant() - 1.0).abs() < 1e-12, "{}", up.name());
+        let vector = turn * Vector3::z();
+        assert_eq!(super::axes::WorldAxis::from_name(up.name()), Some(up));
+        assert!((vector - up.vector()).norm() < 1e-12, "{}", up.name());
+    }
+}
+
+/// `ring` with its world mirrored along z, as Caliscope's TOML.
+fn left_handed() -> String {
+    let flip = Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, -1.0));
+    let mut text = String::new();
+    for (i, camera) in ring(Vector3::z(), LensModel::ideal()).iter().enumerate() {
+        let pose = camera.camera_from_world.expect("placed");
+        let r = pose.rotation.to_rotation_matrix().into_inner() * flip;
+        let rows: Vec<[f64; 3]> = (0..3).map(|i| [r[(i, 0)], r[(i, 1)], r[(i, 2)]]).collect();
+        let t: [f64; 3] = pose.translation.vector.into();
+        _ = write!(
+            text,
+            "[cam_{i}]\nsize = [1920, 1080]\nmatrix = [[1500.0, 0, 959.5], [0, 1500.0, 539.5], [0, 0, 1]]\n\
+             distortions = [0, 0, 0, 0, 0]\nrotation = {rows:?}\ntranslation = {t:?}\n"
+        );
+    }
+    text
+}
+
+#[test]
+fn a_left_handed_world_is_refused_until_an_axis_is_named() {
+    let text = left_handed();
+    let error = import_text("left.toml", &text).expect_err("mirrored");
+    assert!(error.problem.contains("left hand"), "{error}");
+    let options = ImportOptions {
+        mirrored: Some(WorldAxis::Z),
+        ..ImportOptions::default()
+    };
+    let found = import(&[file("left.toml", text)], &options).expect("the axis is named");
+    for (read, written) in found
+        .cameras
+        .iter()
+        .zip(ring(Vector3::z(), LensModel::ideal()))
+    {
+        let both = [read.camera_from_world, written.camera_from_world];
+        let [Some(a), Some(b)] = both.map(|p| p.map(|p| p.to_homogeneous())) else {
+            panic!("a pose")
+        };
+        assert!((a - b).abs().max() < 1e-9);
+    }
+    let right = export(&ring(Vector3::z(), LensModel::ideal()), Format::Farfield).expect("written");
+    let error = import(&right, &options).expect_err("nothing is mirrored");
+    assert!(error.problem.contains("right-handed"), "{error}");
+}
+
+#[test]
+fn poses_the_other_way_round_and_opengl_axes_are_told_apart() {
+    let cameras = ring(Vector3::z(), LensModel::ideal());
+    let flip = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
+    for (change, expected) in [
+        (0, "camera to world: option `pose`"),
+        (1, "OpenGL): option `camera_axes`"),
+    ] {
+        let changed: Vec<CameraRecord> = cameras
+            .iter()
+            .map(|camera| {
+                let pose = camera.camera_from_world.expect("placed");
+                let pose = if change == 0 {
+                    pose.inverse()
+                } else {
+                    flip * pose
+                };
+                CameraRecord {
+                    camera_from_world: Some(pose),
+                    ..camera.clone()
+                }
+            })
+            .collect();
+        let files = export(&changed, Format::Farfield).expect("written");
+        let found = import(&files, &ImportOptions::default()).expect("read");
+        assert!(
+            found.remarks.iter().any(|r| r.text.contains(expected)),
+            "{:?}",
+            found.remarks
+        );
+    }
+}
+
+#[test]
+fn cameras_that_all_stand_under_the_floor_are_doubtful() {
+    let mut cameras = ring(Vector3::z(), LensModel::ideal());
+    for camera in &mut cameras {
+        let down = Isometry3::translation(0.0, 0.0, 10.0);
+        camera.camera_from_world = camera.camera_from_world.map(|pose| pose * down);
+    }
+    let files = export(&cameras, Format::Farfield).expect("written");
+    let found = import(&files, &ImportOptions::default()).expect("read");
+    assert!(
+        found.remarks.iter().any(|r| r.text.contains("mirrored")),
+        "{:?}",
+        found.remarks
+    );
+}
+
+#[test]
+fn a_negative_focal_length_draws_the_same_with_turned_axes() {
+    let text = "[a]\nsize = [640, 480]\nmatrix = [[-600.0, 0, 320], [0, -600.0, 240], [0, 0, 1]]\ndistortions = [0.1, 0, 0.01, 0.02, 0]\n\
+                rotation = [0.1, 0.2, 0.3]\ntranslation = [0.1, 0.2, 4.0]\n";
+    let found = import_text("a.toml", text).expect("read");
+    let camera = &found.cameras[0];
+    assert!((camera.intrinsics.fx_px - 600.0).abs() < 1e-12);
+    let pose = camera.camera_from_world.expect("placed");
+    let LensModel::Rational(d) = camera.lens else {
+        panic!("a pinhole")
+    };
+    let x = pose * Point3::new(0.3, -0.2, 0.5);
+    let original = Isometry3::new(Vector3::new(0.1, 0.2, 4.0), Vector3::new(0.1, 0.2, 0.3))
+        * Point3::new(0.3, -0.2, 0.5);
+    let draw = |p: Point3<f64>, f: f64, p1: f64, p2: f64| {
+        let (x, y) = (p.x / p.z, p.y / p.z);
+        let r2 = x * x + y * y;
+        let g = 1.0 + 0.1 * r2;
+        (
+            f * (x * g + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x)) + 320.0,
+            f * (y * g + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y) + 240.0,
+        )
+    };
+    let (a, b) = (
+        draw(original, -600.0, 0.01, 0.02),
+        draw(x, 600.0, d.p1, d.p2),
+    );
+    assert!(
+        (a.0 - b.0).abs() < 1e-9 && (a.1 - b.1).abs() < 1e-9,
+        "{a:?} {b:?}"
+    );
+}
+
+#[test]
+fn what_is_none_of_the_formats_is_refused_with_their_names() {
+    let error = import_text("notes.txt", "Dear diary, today").expect_err("no calibration");
+    assert!(error.problem.contains("kalibr"), "{error}");
+    let error = import_text("a.xml", "<svg/>").expect_err("other XML");
+    assert!(error.problem.contains("Vicon"), "{error}");
+    let error = import_text("a.toml", "name = 3\n").expect_err("no camera");
+    assert!(error.problem.contains("no camera"), "{error}");
+}
+
+#[test]
+fn a_camera_without_a_pose_is_named_when_it_is_written() {
+    let mut camera = looking("east", [4.0, 0.0, 2.0], Vector3::z(), LensModel::ideal());
+    camera.camera_from_world = None;
+    assert!(export(std::slice::from_ref(&camera), Format::OpenCvYaml).is_ok());
+    let error = export(&[camera], Format::Farfield).expect_err("no pose");
+    assert!(error.to_string().contains("`east`"), "{error}");
+}

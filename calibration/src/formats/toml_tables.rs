@@ -1,0 +1,203 @@
+//! TOML with one table per camera: ours, aniposelib's, Pose2Sim's, FreeMoCap's (millimetres) and Caliscope's (`cam_id`, 3 x 3
+//! rotations).
+
+use std::fmt::Write as _;
+
+use farfield_proto::toml_file::{FileError, TomlFile};
+use nalgebra::Matrix3;
+use serde_json::Value;
+
+use super::camera::{
+    CameraRecord, FileUnit, LensModel, RawCamera, RawPose, RawSet, Remark, RemarkKind,
+};
+use super::tree::{Node, Source};
+use super::{ExportError, Format, ImportOptions, placed};
+
+/// The fields by which a table is known as a camera's.
+const CAMERA_FIELDS: [&str; 5] = ["size", "matrix", "distortions", "rotation", "translation"];
+
+pub(super) fn value(source: &Source<'_>) -> Result<Value, FileError> {
+    let file = TomlFile::parse(source.text, source.path)?;
+    let root: toml::Table = file.read()?;
+    serde_json::to_value(root).map_err(|error| source.error(error.to_string()))
+}
+
+/// Whether the tables have Caliscope's fields.
+pub(super) fn is_caliscope(root: &Node<'_>) -> bool {
+    tables(root)
+        .iter()
+        .any(|(_, table)| table.get("cam_id").is_some())
+}
+
+pub(super) fn read(
+    source: &Source<'_>,
+    format: Format,
+    options: &ImportOptions,
+) -> Result<RawSet, FileError> {
+    let value = value(source)?;
+    let root = Node::root(*source, &value);
+    let mut remarks = Vec::new();
+    let mut cameras = Vec::new();
+    for (name, table) in tables(&root) {
+        if table.get("ignore").map_or(Ok(false), |flag| flag.flag())? {
+            let text = "the file says `ignore`: left out";
+            remarks.push(Remark::of_camera(RemarkKind::Assumed, &name, text));
+            continue;
+        }
+        cameras.push(camera(name, &table, options)?);
+    }
+    let unit = if format == Format::FreeMoCap {
+        FileUnit::Millimetres
+    } else {
+        FileUnit::Metres
+    };
+    Ok(RawSet {
+        cameras,
+        unit,
+        remarks,
+    })
+}
+
+/// Every table that describes a camera, with the camera's name.
+fn tables<'a>(root: &Node<'a>) -> Vec<(String, Node<'a>)> {
+    let is_camera = |table: &Node<'_>| CAMERA_FIELDS.iter().any(|field| table.get(field).is_some());
+    let mut found = Vec::new();
+    for (key, table) in root.fields() {
+        if key == "metadata" {
+            continue;
+        }
+        if is_camera(&table) {
+            found.push((key.to_owned(), table));
+        } else if key == "cameras" {
+            let inner = table.fields().into_iter().filter(|(_, t)| is_camera(t));
+            found.extend(inner.map(|(id, t)| (format!("cam_{id}"), t)));
+        }
+    }
+    let name = |key: String, table: &Node<'_>| {
+        let named = table.get("name").and_then(|name| name.text());
+        let numbered = table.get("cam_id").and_then(|id| id.text());
+        named
+            .or(numbered.map(|id| format!("cam_{id}")))
+            .unwrap_or(key)
+    };
+    found
+        .into_iter()
+        .map(|(key, table)| (name(key, &table), table))
+        .collect()
+}
+
+fn camera(name: String, table: &Node<'_>, options: &ImportOptions) -> Result<RawCamera, FileError> {
+    let list = table.need(&["distortions"])?;
+    let coefficients = list.numbers()?;
+    let said = table.get("fisheye").map(|flag| flag.flag()).transpose()?;
+    let lens = lens(
+        &list,
+        &coefficients,
+        said.unwrap_or(options.four_are_fisheye),
+    )?;
+    let pose = match (table.get("rotation"), table.get("translation")) {
+        (Some(rotation), Some(translation)) => Some(RawPose {
+            rotation: rotation.rotation()?,
+            translation: translation.vector()?,
+        }),
+        (None, None) => None,
+        (Some(_), None) => {
+            return Err(table
+                .need(&["translation"])
+                .err()
+                .unwrap_or_else(|| table.error("no translation")));
+        }
+        (None, Some(_)) => {
+            return Err(table
+                .need(&["rotation"])
+                .err()
+                .unwrap_or_else(|| table.error("no rotation")));
+        }
+    };
+    Ok(RawCamera {
+        name,
+        size_px: Some(table.need(&["size"])?.size()?),
+        intrinsics: table.need(&["matrix"])?.intrinsics()?,
+        lens,
+        pose,
+    })
+}
+
+/// The lens of a list in OpenCV's order.
+pub(super) fn lens(
+    list: &Node<'_>,
+    coefficients: &[f64],
+    is_fisheye: bool,
+) -> Result<LensModel, FileError> {
+    if is_fisheye {
+        let four = <[f64; 4]>::try_from(coefficients).map_err(|_| {
+            list.error(format!(
+                "found {} values, expected 4 of a fisheye lens",
+                coefficients.len()
+            ))
+        })?;
+        return Ok(LensModel::KannalaBrandt(four));
+    }
+    if matches!(coefficients.len(), 1 | 3) || coefficients.len() > 14 {
+        return Err(list.error(format!(
+            "found {} values, expected 4, 5, 8, 12 or 14 in OpenCV's order",
+            coefficients.len()
+        )));
+    }
+    LensModel::rational(coefficients).ok_or_else(|| {
+        list.error("it has thin prism or tilt coefficients other than 0, which are not supported")
+    })
+}
+
+/// A TOML string or key.
+fn quoted(text: &str) -> String {
+    toml::Value::String(text.to_owned()).to_string()
+}
+
+fn rows(m: &Matrix3<f64>) -> String {
+    let rows: Vec<String> = (0..3)
+        .map(|i| format!("[{:?}, {:?}, {:?}]", m[(i, 0)], m[(i, 1)], m[(i, 2)]))
+        .collect();
+    format!("[{}]", rows.join(", "))
+}
+
+/// `cameras` as one file.
+pub(super) fn write(cameras: &[CameraRecord], format: Format) -> Result<String, ExportError> {
+    let units_per_metre = if format == Format::FreeMoCap {
+        1e3
+    } else {
+        1.0
+    };
+    let mut text = String::new();
+    for (i, camera) in cameras.iter().enumerate() {
+        let pose = placed(camera, format)?;
+        let rotation = pose.rotation.to_rotation_matrix();
+        let (header, rotation) = if format == Format::Caliscope {
+            (
+                format!("[cameras.{i}]\ncam_id = {i}\nignore = false"),
+                rows(rotation.matrix()),
+            )
+        } else {
+            let name = quoted(&camera.name);
+            let vector: [f64; 3] = pose.rotation.scaled_axis().into();
+            (format!("[{name}]\nname = {name}"), format!("{vector:?}"))
+        };
+        let translation: [f64; 3] = (pose.translation.vector * units_per_metre).into();
+        let k = &camera.intrinsics;
+        let matrix = Matrix3::new(k.fx_px, 0.0, k.cx_px, 0.0, k.fy_px, k.cy_px, 0.0, 0.0, 1.0);
+        // Writing into a string cannot fail.
+        _ = writeln!(
+            text,
+            "{header}\nsize = {:?}\nmatrix = {}\ndistortions = {:?}\nrotation = {rotation}\ntranslation = {translation:?}\n\
+             fisheye = {}\n",
+            camera.size_px,
+            rows(&matrix),
+            camera.lens.coefficients(),
+            camera.lens.is_fisheye(),
+        );
+    }
+    if format != Format::Caliscope {
+        text.push_str("[metadata]\nadjusted = false\nerror = 0.0\n");
+    }
+    Ok(text)
+}
