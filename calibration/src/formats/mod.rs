@@ -407,3 +407,5 @@ fn file_name(camera: &str, extension: &str) -> PathBuf {
 
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod traps;

@@ -70,13 +70,13 @@ const FISHEYE: [&str; 5] = [
 pub(super) fn value(source: &Source<'_>) -> Result<Value, FileError> {
     let text = source.text.trim_start_matches('\u{feff}');
     if text.trim_start().starts_with(['{', '[']) {
-        let text = without_bare_nan(text, "null");
+        let text = without_bare_nan(text);
         return serde_json::from_str(&text).map_err(|error| {
             let problem = format!("not valid JSON: {error}");
             source.error(problem).at_line(error.line().max(1))
         });
     }
-    let text = without_bare_nan(text, ".nan");
+    let text = without_bare_nan(text);
     serde_saphyr::from_str(&text).map_err(|error| {
         let message = error.to_string();
         let first = message.lines().next().unwrap_or_default();
@@ -88,14 +88,20 @@ pub(super) fn value(source: &Source<'_>) -> Result<Value, FileError> {
     })
 }
 
-/// `.Nan`, `.Inf` and `-.Inf` as OpenCV writes them, by `instead`.
-fn without_bare_nan(text: &str, instead: &str) -> String {
-    if !text.contains(".Nan") && !text.contains(".Inf") {
-        return text.to_owned();
+/// Words that OpenCV writes for numbers that are none; no other writer spells them so.
+const NO_NUMBERS: [&str; 3] = ["-.Inf", ".Inf", ".Nan"];
+
+/// `text` with `null` for [`NO_NUMBERS`], which neither JSON nor YAML spells so.
+fn without_bare_nan(text: &str) -> String {
+    let mut kept = String::with_capacity(text.len());
+    for part in text.split_inclusive([' ', ',', '[', ']', '\n', '\r', '\t']) {
+        let word = NO_NUMBERS.iter().find_map(|word| part.strip_prefix(word));
+        match word.filter(|rest| rest.chars().count() <= 1) {
+            Some(rest) => kept.extend(["null", rest]),
+            None => kept.push_str(part),
+        }
     }
-    text.replace("-.Inf", instead)
-        .replace(".Inf", instead)
-        .replace(".Nan", instead)
+    kept
 }
 
 /// All cameras of `files`, which are of one kind.

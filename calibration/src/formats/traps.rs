@@ -1,0 +1,348 @@
+//! Texts as other tools write them, and what in them trips readers.
+
+#![expect(
+    clippy::float_cmp,
+    reason = "a decimal of a file is read as the same decimal of the test"
+)]
+use super::*;
+
+const MATRIX: &str = "!!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: [ 800., 0., 319.5, 0., 810., 239.5, 0., 0., 1. ]\n";
+const FIVE: &str = "!!opencv-matrix\n   rows: 1\n   cols: 5\n   dt: d\n   data: [ -0.1, 0.02, 1.e-03, -2.e-03, 3.e-03 ]\n";
+
+fn read_with(files: &[(&str, String)], options: &ImportOptions) -> Result<Imported, FileError> {
+    let files: Vec<TextFile> = files
+        .iter()
+        .map(|(path, text)| TextFile {
+            path: (*path).into(),
+            text: text.clone(),
+        })
+        .collect();
+    import(&files, options)
+}
+
+fn read(files: &[(&str, String)]) -> Result<Imported, FileError> {
+    read_with(files, &ImportOptions::default())
+}
+
+fn coefficients(camera: &CameraRecord) -> Vec<f64> {
+    camera.lens.coefficients()
+}
+
+#[test]
+fn opencv_4_and_5_write_heads_and_missing_numbers_that_no_yaml_has() {
+    for head in ["%YAML:1.0\n---\n", "%YAML 1.2\n---\n"] {
+        let text = format!(
+            "{head}calibration_time: \"Mon\"\nimage_width: 640\nimage_height: 480\navg_reprojection_error: .Nan\n\
+             camera_matrix: {MATRIX}distortion_coefficients: {FIVE}"
+        );
+        let found = read(&[("left.yml", text)]).expect("OpenCV's own file");
+        let camera = &found.cameras[0];
+        assert_eq!((camera.name.as_str(), camera.size_px), ("left", [640, 480]));
+        assert_eq!(coefficients(camera), [-0.1, 0.02, 1e-3, -2e-3, 3e-3]);
+    }
+}
+
+#[test]
+fn a_missing_number_among_the_coefficients_is_refused_by_name() {
+    let text = format!(
+        "%YAML:1.0\n---\ncamera_matrix: {MATRIX}distortion_coefficients: {}",
+        FIVE.replace("0.02", ".Nan")
+    );
+    let error = read(&[("left.yml", text)]).expect_err("no number");
+    assert_eq!(
+        error.to_string(),
+        "left.yml:8: `distortion_coefficients`: found nothing or no finite number, expected finite numbers"
+    );
+}
+
+#[test]
+fn the_rectification_of_ros_is_no_pose() {
+    let text = "image_width: 640\nimage_height: 480\ncamera_name: front\ncamera_matrix:\n  rows: 3\n  cols: 3\n  data: [800, 0, 320, 0, 800, 240, 0, 0, 1]\n\
+                distortion_model: equidistant\ndistortion_coefficients:\n  rows: 1\n  cols: 4\n  data: [0.1, 0.2, 0.3, 0.4]\n\
+                R: [1, 0, 0, 0, 1, 0, 0, 0, 1]\n";
+    let found = read(&[("x.yaml", text.to_owned())]).expect("ROS");
+    let camera = &found.cameras[0];
+    assert_eq!(
+        (camera.name.as_str(), camera.camera_from_world),
+        ("front", None)
+    );
+    assert_eq!(camera.lens, LensModel::KannalaBrandt([0.1, 0.2, 0.3, 0.4]));
+}
+
+#[test]
+fn four_coefficients_without_a_word_are_no_fisheye_unless_asked() {
+    let four =
+        "!!opencv-matrix\n   rows: 4\n   cols: 1\n   dt: d\n   data: [ 0.1, 0.2, 0.01, 0.02 ]\n";
+    let text = format!("%YAML:1.0\n---\nK: {MATRIX}D: {four}");
+    let files = [("a.yml", text)];
+    let found = read(&files).expect("read");
+    assert!(!found.cameras[0].lens.is_fisheye());
+    assert!(
+        found
+            .remarks
+            .iter()
+            .any(|r| r.text.contains("k1, k2, p1, p2")),
+        "{:?}",
+        found.remarks
+    );
+    let options = ImportOptions {
+        four_are_fisheye: true,
+        ..ImportOptions::default()
+    };
+    assert!(
+        read_with(&files, &options).expect("read").cameras[0]
+            .lens
+            .is_fisheye()
+    );
+}
+
+#[test]
+fn the_two_files_of_opencvs_stereo_sample_are_two_cameras() {
+    let intrinsics = format!("%YAML:1.0\n---\nM1: {MATRIX}D1: {FIVE}M2: {MATRIX}D2: {FIVE}");
+    let vector = "!!opencv-matrix\n   rows: 3\n   cols: 1\n   dt: d\n   data: [ -0.2, 0., 0.01 ]\n";
+    let identity = "!!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: [ 1., 0., 0., 0., 1., 0., 0., 0., 1. ]\n";
+    let extrinsics = format!("%YAML:1.0\n---\nR: {identity}T: {vector}");
+    let found = read(&[
+        ("intrinsics.yml", intrinsics.clone()),
+        ("extrinsics.yml", extrinsics),
+    ])
+    .expect("stereo");
+    let second = found.cameras[1].camera_from_world.expect("placed");
+    assert!((second.translation.vector - nalgebra::Vector3::new(-0.2, 0.0, 0.01)).norm() < 1e-12);
+    let error = read(&[("intrinsics.yml", intrinsics)]).expect_err("no extrinsics");
+    assert!(error.problem.contains("extrinsics"), "{error}");
+}
+
+#[test]
+fn easymocap_says_its_rotation_twice_and_both_must_agree() {
+    let intri = format!("%YAML:1.0\n---\nnames:\n   - \"01\"\nK_01: {MATRIX}dist_01: {FIVE}");
+    let extri = |rodrigues: &str| {
+        format!(
+            "%YAML:1.0\n---\nnames:\n   - \"01\"\nR_01: !!opencv-matrix\n   rows: 3\n   cols: 1\n   dt: d\n   data: [ {rodrigues} ]\n\
+             Rot_01: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: [ 1., 0., 0., 0., 0., -1., 0., 1., 0. ]\n\
+             T_01: !!opencv-matrix\n   rows: 3\n   cols: 1\n   dt: d\n   data: [ 0., 1.5, 4. ]\n"
+        )
+    };
+    let good = read(&[
+        ("intri.yml", intri.clone()),
+        ("extri.yml", extri("1.5707963267948966, 0., 0.")),
+    ])
+    .expect("read");
+    assert_eq!(
+        (good.format, good.cameras[0].name.as_str()),
+        (Format::EasyMocap, "01")
+    );
+    assert_eq!(good.cameras[0].size_px, [640, 480]);
+    assert!(
+        good.remarks.iter().any(|r| r.kind == RemarkKind::Assumed),
+        "the size is not in the file"
+    );
+    let error =
+        read(&[("intri.yml", intri), ("extri.yml", extri("90., 0., 0."))]).expect_err("degrees");
+    assert!(
+        error
+            .to_string()
+            .starts_with("extri.yml:5: `R_01`: found a vector of length 90"),
+        "{error}"
+    );
+}
+
+/// One camera of a `.qca.txt` whose view begins at (100, 50); with Qualisys' root or Theia's.
+fn qca(root: &str) -> String {
+    format!(
+        "<?xml version='1.0'?>\n<calibration{root}>\n<cameras>\n<camera active=\"1\" serial=\"7\" model=\"Miqus Video\" viewrotation=\"90\">\n\
+         <fov_video left=\"100\" top=\"50\" right=\"739\" bottom=\"529\"/>\n\
+         <transform x=\"1000\" y=\"2000\" z=\"3000\" r11=\"0\" r12=\"1\" r13=\"0\" r21=\"0\" r22=\"0\" r23=\"1\" r31=\"1\" r32=\"0\" r33=\"0\"/>\n\
+         <intrinsic sensorMaxU=\"81856\" sensorMaxV=\"65472\" focalLengthU=\"64000\" focalLengthV=\"64064\" centerPointU=\"26848\" \
+         centerPointV=\"18528\" skew=\"0\" radialDistortion1=\"-0.05\" radialDistortion2=\"0.14\" radialDistortion3=\"0\" \
+         tangentalDistortion1=\"0.001\" tangentalDistortion2=\"0.002\"/>\n</camera>\n\
+         <camera active=\"1\" serial=\"8\" model=\"Miqus M3\" viewrotation=\"0\"/>\n</cameras>\n</calibration>\n"
+    )
+}
+
+#[test]
+fn qualisys_counts_from_the_sensor_in_64ths_and_has_positions_and_theia_has_motions() {
+    let qualisys = read(&[("a.qca.txt", qca(" qtm-version=\"2021\""))]).expect("Qualisys");
+    let theia = read(&[("a.txt", qca(""))]).expect("Theia");
+    assert_eq!(
+        (qualisys.format, theia.format),
+        (Format::Qualisys, Format::Theia)
+    );
+    let camera = &qualisys.cameras[0];
+    let k = camera.intrinsics;
+    assert_eq!(
+        [k.fx_px, k.fy_px, k.cx_px, k.cy_px],
+        [1000.0, 1001.0, 319.5, 239.5]
+    );
+    assert_eq!(camera.size_px, [640, 480]);
+    assert_eq!(coefficients(camera), [-0.05, 0.14, 0.001, 0.002, 0.0]);
+    let center = camera
+        .camera_from_world
+        .expect("placed")
+        .inverse()
+        .translation
+        .vector;
+    assert!((center - nalgebra::Vector3::new(1.0, 2.0, 3.0)).norm() < 1e-12);
+    let moved = theia.cameras[0]
+        .camera_from_world
+        .expect("placed")
+        .translation
+        .vector;
+    assert!((moved - nalgebra::Vector3::new(1.0, 2.0, 3.0)).norm() < 1e-12);
+    let said: Vec<&str> = qualisys.remarks.iter().map(|r| r.text.as_str()).collect();
+    assert!(
+        said.iter().any(|s| s.contains("turned by 90"))
+            && said.iter().any(|s| s.contains("no video")),
+        "{said:?}"
+    );
+}
+
+#[test]
+fn a_missing_attribute_is_named_with_its_line() {
+    let text =
+        qca(" qtm-version=\"2021\"").replace("focalLengthU=\"64000\"", "focalLengthU=\"wide\"");
+    let error = read(&[("a.qca.txt", text)]).expect_err("no number");
+    assert_eq!(
+        error.to_string(),
+        "a.qca.txt:7: `intrinsic.focalLengthU`: found `wide`, expected a finite number"
+    );
+}
+
+fn xcp(radial: &str) -> String {
+    format!(
+        "<?xml version=\"1.0\"?>\n<Cameras VERSION=\"1.0\">\n<Camera DEVICEID=\"2101\" DISPLAY_TYPE=\"Vue\" TYPE=\"VideoCamera\" \
+         PIXEL_ASPECT_RATIO=\"1\" SENSOR_SIZE=\"2048 1088\" SKEW=\"0\">\n<KeyFrames>\n<KeyFrame FOCAL_LENGTH=\"1700\" \
+         ORIENTATION=\"0 0 0.7071067811865476 0.7071067811865476\" POSITION=\"100 200 -3000\" PRINCIPAL_POINT=\"1030 540\" \
+         VICON_RADIAL2=\"ViconRadial2 1030 540 {radial}\"/>\n</KeyFrames>\n</Camera>\n\
+         <Camera DEVICEID=\"3\" TYPE=\"VeroCamera\" SENSOR_SIZE=\"1 1\"><KeyFrames/></Camera>\n</Cameras>\n"
+    )
+}
+
+#[test]
+fn vicon_counts_on_the_whole_sensor_and_the_real_part_comes_last() {
+    let options = ImportOptions {
+        video_px: Some([1920, 1080]),
+        ..ImportOptions::default()
+    };
+    let files = [("a.xcp", xcp("-0.1 0.02 0.003"))];
+    let found = read_with(&files, &options).expect("Vicon");
+    let camera = &found.cameras[0];
+    assert_eq!(
+        [camera.intrinsics.cx_px, camera.intrinsics.cy_px],
+        [1030.0 - 64.0, 540.0 - 4.0]
+    );
+    assert_eq!(coefficients(camera), [-0.1, 0.02, 0.0, 0.0, 0.003]);
+    let pose = camera.camera_from_world.expect("placed");
+    assert!(
+        (pose.inverse().translation.vector - nalgebra::Vector3::new(0.1, 0.2, -3.0)).norm() < 1e-12
+    );
+    // A quarter turn about z takes x to y.
+    assert!((pose.rotation * nalgebra::Vector3::x() - nalgebra::Vector3::y()).norm() < 1e-12);
+    assert!(
+        read(&files)
+            .expect("Vicon")
+            .remarks
+            .iter()
+            .any(|r| r.text.contains("cropped"))
+    );
+    assert!(
+        found
+            .remarks
+            .iter()
+            .any(|r| r.camera.as_deref() == Some("3")),
+        "{:?}",
+        found.remarks
+    );
+}
+
+#[test]
+fn vicons_coefficients_per_pixel_are_turned_round_and_said() {
+    let found = read(&[("a.xcp", xcp("3e-8 0 0"))]).expect("Vicon");
+    let k1 = coefficients(&found.cameras[0])[0];
+    assert!((k1 + 3e-8 * 1700.0 * 1700.0).abs() < 0.02, "{k1}");
+    assert!(
+        found
+            .remarks
+            .iter()
+            .any(|r| r.kind == RemarkKind::Corrected),
+        "{:?}",
+        found.remarks
+    );
+}
+
+#[test]
+fn colmap_has_its_first_pixel_at_a_half_and_lines_without_points() {
+    let cameras = "# a comment\n1 SIMPLE_RADIAL 640 480 800 320 240 -0.1\n2 OPENCV_FISHEYE 640 480 500 500 320 240 .1 .2 .3 .4\n";
+    let images = "# comment\n1 0.5 0.5 0.5 0.5 1 2 3 1 north.jpg\n\n2 1 0 0 0 4 5 6 2 south.jpg\n12.5 3.5 -1\n";
+    let found = read(&[
+        ("cameras.txt", cameras.to_owned()),
+        ("images.txt", images.to_owned()),
+    ])
+    .expect("COLMAP");
+    let names: Vec<&str> = found.cameras.iter().map(|c| c.name.as_str()).collect();
+    assert_eq!(names, ["north", "south"]);
+    let first = &found.cameras[0];
+    assert_eq!(
+        [first.intrinsics.cx_px, first.intrinsics.fy_px],
+        [319.5, 800.0]
+    );
+    assert_eq!(coefficients(first), [-0.1, 0.0, 0.0, 0.0, 0.0]);
+    // (0.5, 0.5, 0.5, 0.5) takes x to y, with the real part first.
+    let turned = first.camera_from_world.expect("placed").rotation * nalgebra::Vector3::x();
+    assert!((turned - nalgebra::Vector3::y()).norm() < 1e-12);
+    assert!(
+        found.remarks.iter().any(|r| r.text.contains("no unit")),
+        "{:?}",
+        found.remarks
+    );
+    let error =
+        read(&[("cameras.txt", "1 OPENCV 640 480 1 2 3\n".to_owned())]).expect_err("too few");
+    assert_eq!(
+        error.to_string(),
+        "cameras.txt:1: found 3 parameters, `OPENCV` has 8"
+    );
+    let error = read(&[(
+        "cameras.txt",
+        "1 THIN_PRISM_FISHEYE 640 480 1 2 3\n".to_owned(),
+    )])
+    .expect_err("unknown");
+    assert!(error.problem.contains("OPENCV_FISHEYE"), "{error}");
+}
+
+#[test]
+fn the_poses_of_kalibr_are_chained() {
+    let camera = |i: usize, step: &str| {
+        format!(
+            "cam{i}:\n{step}  camera_model: pinhole\n  distortion_coeffs: [0.1, 0.2, 0.01, 0.02]\n  distortion_model: radtan\n  \
+             intrinsics: [800.0, 801.0, 320.0, 240.0]\n  resolution: [640, 480]\n  rostopic: /cam{i}\n"
+        )
+    };
+    let step = "  T_cn_cnm1:\n  - [0.0, -1.0, 0.0, 0.5]\n  - [1.0, 0.0, 0.0, 0.0]\n  - [0.0, 0.0, 1.0, 0.0]\n  - [0.0, 0.0, 0.0, 1.0]\n";
+    let text = [camera(0, ""), camera(1, step), camera(2, step)].concat();
+    let found = read(&[("camchain.yaml", text.clone())]).expect("Kalibr");
+    let third = found.cameras[2].camera_from_world.expect("placed");
+    // Two quarter turns: (0.5, 0, 0) becomes (0, 0.5, 0), and another (0.5, 0, 0) is added.
+    assert!((third.translation.vector - nalgebra::Vector3::new(0.5, 0.5, 0.0)).norm() < 1e-12);
+    let error = read(&[("camchain.yaml", text.replace("pinhole", "omni"))]).expect_err("omni");
+    assert!(error.to_string().contains("camera_model"), "{error}");
+}
+
+#[test]
+fn a_fisheye_of_aniposelib_has_four_coefficients() {
+    let text = |list: &str| {
+        format!(
+            "[cam_0]\nname = \"a\"\nsize = [640, 480]\nmatrix = [[500.0, 0, 320], [0, 500.0, 240], [0, 0, 1]]\ndistortions = {list}\n\
+             rotation = [0, 0, 0]\ntranslation = [0, 0, 1]\nfisheye = true\n"
+        )
+    };
+    let found = read(&[("a.toml", text("[0.1, 0.2, 0.3, 0.4]"))]).expect("fisheye");
+    assert_eq!(
+        found.cameras[0].lens,
+        LensModel::KannalaBrandt([0.1, 0.2, 0.3, 0.4])
+    );
+    let error = read(&[("a.toml", text("[0.1, 0.2, 0.3, 0.4, 0.5]"))]).expect_err("five");
+    assert_eq!(
+        error.to_string(),
+        "a.toml:5: `cam_0.distortions`: found 5 values, expected 4 of a fisheye lens"
+    );
+}
