@@ -1,4 +1,5 @@
 //! Calibration of a wide field: how each camera sees (intrinsics), and where it stands (extrinsics). Pure: values and text
 //! in, values and text out.
 
+pub mod board;
 pub mod formats;

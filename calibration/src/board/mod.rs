@@ -1,0 +1,46 @@
+//! Cameras from boards and known points: how a camera sees ([`calibrate`]), and where it stands by points whose places are known
+//! ([`pose_from_points`]).
+
+mod adjust;
+mod carried;
+mod coverage;
+mod homography;
+mod intrinsics;
+mod pose;
+mod projection;
+mod start;
+
+use nalgebra::{Vector2, Vector3};
+
+use self::adjust::Sighting;
+pub use self::coverage::Coverage;
+pub use self::intrinsics::{BoardCalibration, BoardError, PictureFit, calibrate};
+pub use self::pose::{OtherPose, PointPose, PoseError, pose_from_points};
+pub use self::projection::Coefficients;
+
+/// The corners of a board in one picture.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BoardView {
+    /// The picture's name.
+    pub name: String,
+    /// Corners on the board, x along a row, y along a column, metres.
+    pub board_m: Vec<[f64; 2]>,
+    /// Where each was seen, distorted pixels; (0, 0) is the centre of the first.
+    pub pixels: Vec<[f64; 2]>,
+}
+
+impl BoardView {
+    fn sighting(&self) -> Sighting {
+        Sighting {
+            board: self
+                .board_m
+                .iter()
+                .map(|[x, y]| Vector3::new(*x, *y, 0.0))
+                .collect(),
+            pixels: self.pixels.iter().copied().map(Vector2::from).collect(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;
