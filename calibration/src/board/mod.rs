@@ -1,19 +1,26 @@
-//! Cameras from boards and known points: how a camera sees ([`calibrate`]), and where it stands by points whose places are known
-//! ([`pose_from_points`]).
+//! Cameras from boards and known points: chessboards and `ChArUco` in pictures ([`detect_chessboard`], [`detect_charuco`]), how a
+//! camera sees ([`calibrate`]), and where it stands by points whose places are known ([`pose_from_points`]).
+//!
+//! Pictures come as grey bytes; who decodes files is the caller.
 
 mod adjust;
 mod carried;
 mod coverage;
+mod detect;
 mod homography;
 mod intrinsics;
 mod pose;
 mod projection;
+mod refine;
 mod start;
 
 use nalgebra::{Vector2, Vector3};
 
 use self::adjust::Sighting;
 pub use self::coverage::Coverage;
+pub use self::detect::{
+    Charuco, Chessboard, DetectError, GrayPicture, detect_charuco, detect_chessboard,
+};
 pub use self::intrinsics::{BoardCalibration, BoardError, PictureFit, calibrate};
 pub use self::pose::{OtherPose, PointPose, PoseError, pose_from_points};
 pub use self::projection::Coefficients;

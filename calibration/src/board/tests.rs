@@ -356,3 +356,78 @@ fn points_on_a_line_are_refused() {
         pose_from_points(&intrinsics(1400.0), &pinhole(), &points, &pixels).expect_err("a line");
     assert_eq!(error, PoseError::OnALine);
 }
+
+/// A drawn board: squares of `side` px, `columns` x `rows` of them, with a white rim; slightly turned and blurred by averaging.
+fn drawn_board(columns: u32, rows: u32, side: f64, turn: f64) -> (u32, u32, Vec<u8>) {
+    let (width, height) = (640u32, 480u32);
+    let (c, s) = (libm::cos(turn), libm::sin(turn));
+    let mut pixels = Vec::new();
+    for (y, x) in (0..height).flat_map(|y| (0..width).map(move |x| (y, x))) {
+        let mut sum = 0.0;
+        for (dy, dx) in (0..4).flat_map(|dy| (0..4).map(move |dx| (dy, dx))) {
+            let px = f64::from(x) + (f64::from(dx) - 1.5) / 4.0 - 320.0;
+            let py = f64::from(y) + (f64::from(dy) - 1.5) / 4.0 - 240.0;
+            let u = ((c * px + s * py) / side + 0.5 * f64::from(columns)).floor();
+            let v = ((-s * px + c * py) / side + 0.5 * f64::from(rows)).floor();
+            let inside = u >= 0.0 && v >= 0.0 && u < f64::from(columns) && v < f64::from(rows);
+            let black = inside && (u as u32 + v as u32).is_multiple_of(2);
+            sum += if black { 30.0 } else { 220.0 };
+        }
+        pixels.push((sum / 16.0) as u8);
+    }
+    (width, height, pixels)
+}
+
+#[test]
+fn a_drawn_chessboard_is_found_to_a_tenth_of_a_pixel() {
+    let (width, height, pixels) = drawn_board(8, 5, 40.0, 0.2);
+    let picture = GrayPicture {
+        width,
+        height,
+        pixels: &pixels,
+    };
+    let board = Chessboard {
+        corners: [4, 7],
+        square_m: 0.06,
+    };
+    let found = detect_chessboard("drawn", &picture, &board).expect("a board");
+    assert_eq!(found.pixels.len(), 28);
+    let (c, s) = (libm::cos(0.2), libm::sin(0.2));
+    for [x, y] in &found.pixels {
+        let u = (c * (x - 320.0) + s * (y - 240.0)) / 40.0;
+        let v = (-s * (x - 320.0) + c * (y - 240.0)) / 40.0;
+        // Corners at whole numbers along the eight squares, at halves along the five.
+        let off = [u - u.round(), v - 0.5 - (v - 0.5).round()].map(|d| (40.0 * d).abs());
+        assert!(off[0] < 0.1 && off[1] < 0.1, "{off:?}");
+    }
+    let small = Chessboard {
+        corners: [4, 4],
+        square_m: 0.06,
+    };
+    let error = detect_chessboard("drawn", &picture, &small).expect_err("another board");
+    assert!(matches!(error, DetectError::OtherBoard { .. }), "{error}");
+}
+
+#[test]
+fn an_empty_picture_has_no_board_and_too_few_bytes_are_named() {
+    let pixels = vec![128; 640 * 480];
+    let board = Chessboard {
+        corners: [4, 7],
+        square_m: 0.06,
+    };
+    let picture = GrayPicture {
+        width: 640,
+        height: 480,
+        pixels: &pixels,
+    };
+    assert_eq!(
+        detect_chessboard("grey", &picture, &board),
+        Err(DetectError::NotFound)
+    );
+    let short = GrayPicture {
+        width: 641,
+        ..picture
+    };
+    let error = detect_chessboard("short", &short, &board).expect_err("bytes");
+    assert_eq!(error.to_string(), "found 307200 bytes, expected 641 x 480");
+}
