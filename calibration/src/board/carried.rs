@@ -4,15 +4,13 @@ use farfield_proto::camera::{CameraError, CameraModel, Intrinsics};
 use farfield_proto::frames::Transform;
 use nalgebra::{DMatrix, Isometry3, Vector2};
 
-use super::Coverage;
-use super::intrinsics::{BoardError, PictureFit};
+use super::coverage::Coverage;
+use super::found::{BoardError, LARGEST_COEFFICIENT, PictureFit};
 use super::projection::Optics;
 use crate::formats::LensModel;
 
 /// Largest standard deviation of a focal length, as a share of it.
 const FOCAL_SHARE: f64 = 0.05;
-/// No coefficient of a lens below 120 degrees is larger; what is is a sum of two that cancel.
-pub(super) const LARGEST_COEFFICIENT: f64 = 10.0;
 /// A lens that is known worse at a corner of the picture is worth a word, pixels.
 const CORNER_PX: f64 = 2.0;
 /// So far towards a corner boards should reach.

@@ -13,23 +13,13 @@ use chess_corners::UpscaleConfig;
 use nalgebra::Vector2;
 
 use super::BoardView;
+use super::picture::GrayPicture;
 use super::refine::refined;
 
 /// Most pixels of a picture.
 const MOST_PIXELS: usize = 1 << 28;
 /// Most squares along a side of a board.
 const MOST_SQUARES: u32 = 200;
-
-/// A grey picture: one byte a pixel, row by row from the upper left.
-#[derive(Debug, Clone, Copy)]
-pub struct GrayPicture<'a> {
-    /// Width, pixels.
-    pub width: u32,
-    /// Height, pixels.
-    pub height: u32,
-    /// `width` x `height` bytes.
-    pub pixels: &'a [u8],
-}
 
 /// A chessboard.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -82,25 +72,24 @@ pub enum DetectError {
     },
 }
 
-impl<'a> GrayPicture<'a> {
-    fn view(&self) -> Result<GrayImageView<'a>, DetectError> {
-        let (width, height) = (self.width as usize, self.height as usize);
-        let count = width
-            .checked_mul(height)
-            .filter(|count| (1..=MOST_PIXELS).contains(count));
-        if count != Some(self.pixels.len()) {
-            return Err(DetectError::Bytes {
-                found: self.pixels.len(),
-                width: self.width,
-                height: self.height,
-            });
-        }
-        Ok(GrayImageView {
-            width,
-            height,
-            data: self.pixels,
-        })
+/// `picture` as the crates have it.
+fn view<'a>(picture: &GrayPicture<'a>) -> Result<GrayImageView<'a>, DetectError> {
+    let (width, height) = (picture.width as usize, picture.height as usize);
+    let count = width
+        .checked_mul(height)
+        .filter(|count| (1..=MOST_PIXELS).contains(count));
+    if count != Some(picture.pixels.len()) {
+        return Err(DetectError::Bytes {
+            found: picture.pixels.len(),
+            width: picture.width,
+            height: picture.height,
+        });
     }
+    Ok(GrayImageView {
+        width,
+        height,
+        data: picture.pixels,
+    })
 }
 
 /// How the picture is looked at, one after the other until the whole board is found: as it is, coarse to fine for large
@@ -138,7 +127,7 @@ pub fn detect_chessboard(
     board: &Chessboard,
 ) -> Result<BoardView, DetectError> {
     check_board(board.corners, board.square_m)?;
-    let view = picture.view()?;
+    let view = view(picture)?;
     let full = (board.corners[0] * board.corners[1]) as usize;
     let mut best: Option<ChessboardDetection> = None;
     let mut other = None;
@@ -233,7 +222,7 @@ pub fn detect_charuco(
     board: &Charuco,
 ) -> Result<BoardView, DetectError> {
     check_board(board.squares, board.square_m)?;
-    let view = picture.view()?;
+    let view = view(picture)?;
     let share = board.marker_m / board.square_m;
     if !(share > 0.0 && share < 1.0) {
         return Err(DetectError::Board(format!(

@@ -7,8 +7,10 @@ mod adjust;
 mod carried;
 mod coverage;
 mod detect;
+mod found;
 mod homography;
 mod intrinsics;
+mod picture;
 mod pose;
 mod projection;
 mod refine;
@@ -18,10 +20,10 @@ use nalgebra::{Vector2, Vector3};
 
 use self::adjust::Sighting;
 pub use self::coverage::Coverage;
-pub use self::detect::{
-    Charuco, Chessboard, DetectError, GrayPicture, detect_charuco, detect_chessboard,
-};
-pub use self::intrinsics::{BoardCalibration, BoardError, PictureFit, calibrate};
+pub use self::detect::{Charuco, Chessboard, DetectError, detect_charuco, detect_chessboard};
+pub use self::found::{BoardCalibration, BoardError, PictureFit};
+pub use self::intrinsics::calibrate;
+pub use self::picture::GrayPicture;
 pub use self::pose::{OtherPose, PointPose, PoseError, pose_from_points};
 pub use self::projection::Coefficients;
 

@@ -3,7 +3,7 @@
 
 use nalgebra::{Matrix2, Vector2};
 
-use super::GrayPicture;
+use super::picture::GrayPicture;
 
 /// Rounds at most.
 const MOST_ROUNDS: usize = 20;
