@@ -100,7 +100,7 @@ pub enum BoardError {
     /// Too many coefficients for the pictures.
     #[error(
         "the pictures do not carry {asked} coefficients: `{name}` came out as {value:.3} +- {sigma:.3}, expected at most \
-             {LARGEST_COEFFICIENT} in size; ask for five, or take more pictures that reach the corners"
+             {LARGEST_COEFFICIENT} in size; {}take more pictures, some with the board in the corners", if *asked > 5 { "ask for five, or " } else { "" }
     )]
     Coefficient {
         /// How many were asked for.
