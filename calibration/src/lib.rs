@@ -1,5 +1,7 @@
 //! Calibration of a wide field: how each camera sees (intrinsics), and where it stands (extrinsics). Pure: values and text
 //! in, values and text out.
 
+pub mod adjustment;
+pub mod alignment;
 pub mod board;
 pub mod formats;

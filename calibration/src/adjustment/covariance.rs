@@ -1,0 +1,188 @@
+//! How well the cameras are known: the inverse of the reduced matrix, with the seven free directions taken out.
+//!
+//! The result is what remains after the found camera centres have been laid on the true ones by a similarity: the
+//! displacements of the centres have no mean, no turn and no stretch about their middle (Umeyama 1991, linearised). So it
+//! can be compared with a truth, and does not depend on which camera happened to be the first.
+
+use nalgebra::{DMatrix, Matrix3, Vector3};
+
+use super::normal::{Columns, Normal};
+use super::path::Path;
+use super::problem::Problem;
+use super::projection::TIME;
+
+/// Least eigenvalue of the scaled matrix over which a direction counts as determined.
+const LEAST_EIGENVALUE: f64 = 1e-9;
+
+/// Least share that a camera has in an undetermined direction to be named.
+const LEAST_SHARE: f64 = 0.05;
+
+/// Standard deviations of one camera.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CameraSigma {
+    /// Of the centre, root of the summed variances of the three axes, in the world's unit.
+    pub position: f64,
+    /// Of the rotation, root of the summed variances about the three axes, radians.
+    pub rotation_rad: f64,
+    /// Of the focal length, as a share; zero where it is fixed.
+    pub focal_share: f64,
+    /// Of the time, seconds; zero where it is fixed.
+    pub time_s: f64,
+    /// Covariance of the centre.
+    pub position_covariance: Matrix3<f64>,
+}
+
+/// A direction that the sights do not determine.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Degenerate {
+    /// Eigenvalue of the scaled matrix: 1 is as well as if nothing else were free, 0 not at all.
+    pub eigenvalue: f64,
+    /// Cameras that move in it, the most first, with their share (summing to at most one).
+    pub cameras: Vec<(usize, f64)>,
+}
+
+/// What is known of all cameras.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Covariance {
+    /// Per camera; `None` where its pose is fixed.
+    pub cameras: Vec<Option<CameraSigma>>,
+    /// Directions that are not determined.
+    pub degenerate: Vec<Degenerate>,
+}
+
+/// The covariance of the cameras of `problem` at its minimum; `None` when no camera is free or nothing was seen.
+pub fn covariance(problem: &Problem) -> Option<Covariance> {
+    let columns = Columns::of(problem);
+    let normal = Normal::of(problem, &columns);
+    let matrix = normal.reduce(0.0)?.matrix;
+    let n = columns.count;
+    if n == 0 {
+        return None;
+    }
+    // Scaled so that each direction counts as what it can tell of itself.
+    let scale: Vec<f64> = (0..n)
+        .map(|i| 1.0 / normal.cameras[(i, i)].max(1e-300).sqrt())
+        .collect();
+    let scaled = DMatrix::from_fn(n, n, |i, j| matrix[(i, j)] * scale[i] * scale[j]);
+    let free = complement(&gauge(problem, &columns, &scale));
+    let inner = free.transpose() * scaled * &free;
+    let eigen = inner.symmetric_eigen();
+    let vectors = &free * &eigen.eigenvectors;
+    let mut degenerate: Vec<Degenerate> = Vec::new();
+    let mut found = DMatrix::zeros(n, n);
+    for (k, &eigenvalue) in eigen.eigenvalues.iter().enumerate() {
+        let v = vectors.column(k);
+        if eigenvalue < LEAST_EIGENVALUE {
+            degenerate.push(Degenerate {
+                eigenvalue,
+                cameras: shares(&columns, v.as_slice()),
+            });
+        }
+        let variance = 1.0 / eigenvalue.max(LEAST_EIGENVALUE * 1e-3);
+        found += v * v.transpose() * variance;
+    }
+    degenerate.sort_by(|a, b| a.eigenvalue.total_cmp(&b.eigenvalue));
+    let entry = |i: usize, j: usize| found[(i, j)] * scale[i] * scale[j];
+    let cameras = columns.of_camera.iter().map(|own| {
+        let column = |parameter| {
+            own.iter()
+                .find(|(p, _, _)| *p == parameter)
+                .map(|(_, column, _)| *column)
+        };
+        let first = column(0)?;
+        let sigma = |parameter| column(parameter).map_or(0.0, |c| entry(c, c).max(0.0).sqrt());
+        let norm = |from: usize| {
+            let variances = (from..from + 3).map(|p| sigma(p) * sigma(p));
+            variances.sum::<f64>().sqrt()
+        };
+        Some(CameraSigma {
+            position: norm(3),
+            rotation_rad: norm(0),
+            focal_share: sigma(6),
+            time_s: sigma(TIME),
+            position_covariance: Matrix3::from_fn(|i, j| entry(first + 3 + i, first + 3 + j)),
+        })
+    });
+    Some(Covariance {
+        cameras: cameras.collect(),
+        degenerate,
+    })
+}
+
+fn shares(columns: &Columns, v: &[f64]) -> Vec<(usize, f64)> {
+    let of = |own: &[(usize, usize, f64)]| own.iter().map(|(_, c, _)| v[*c] * v[*c]).sum::<f64>();
+    let mut shares: Vec<(usize, f64)> = columns
+        .of_camera
+        .iter()
+        .map(|own| of(own))
+        .enumerate()
+        .filter(|(_, share)| *share > LEAST_SHARE)
+        .collect();
+    shares.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
+    shares
+}
+
+/// The conditions that fix the frame, one column each, over the scaled parameters: the displaced centres have no mean, no
+/// turn, no stretch; and, where every camera's clock is free along a curve, the clocks no mean and no stretch.
+fn gauge(problem: &Problem, columns: &Columns, scale: &[f64]) -> DMatrix<f64> {
+    let posed: Vec<(usize, Vector3<f64>)> = problem
+        .cameras
+        .iter()
+        .zip(&columns.of_camera)
+        .filter_map(|(camera, own)| {
+            let (_, column, _) = own.iter().find(|(p, _, _)| *p == 3)?;
+            Some((*column, camera.state.center_w))
+        })
+        .collect();
+    let n = columns.count;
+    let mut conditions = DMatrix::zeros(n, 9);
+    // Fixed cameras hold the frame themselves.
+    if posed.len() == problem.cameras.len() && posed.len() > 1 {
+        let middle = posed
+            .iter()
+            .fold(Vector3::zeros(), |total, (_, center)| total + center)
+            / posed.len() as f64;
+        for (column, center) in &posed {
+            let arm = center - middle;
+            for axis in 0..3 {
+                let row = column + axis;
+                let s = scale[row];
+                conditions[(row, axis)] = s;
+                let turned = Vector3::ith(axis, 1.0);
+                for about in 0..3 {
+                    conditions[(row, 3 + about)] =
+                        s * Vector3::ith(about, 1.0).cross(&arm).dot(&turned);
+                }
+                conditions[(row, 6)] = s * arm[axis];
+            }
+        }
+    }
+    let clocks: Vec<usize> = columns
+        .of_camera
+        .iter()
+        .filter_map(|own| Some(own.iter().find(|(p, _, _)| *p == TIME)?.1))
+        .collect();
+    let is_curve = matches!(problem.path, Path::Curve(_));
+    if is_curve && clocks.len() == problem.cameras.len() {
+        for clock in clocks {
+            conditions[(clock, 7)] = scale[clock];
+        }
+    }
+    conditions
+}
+
+/// An orthonormal basis of what is orthogonal to the columns of `conditions`.
+fn complement(conditions: &DMatrix<f64>) -> DMatrix<f64> {
+    let n = conditions.nrows();
+    let mut normed = conditions.clone();
+    for mut column in normed.column_iter_mut() {
+        let norm = column.norm();
+        if norm > 0.0 {
+            column /= norm;
+        }
+    }
+    let projector = &normed * normed.transpose();
+    let eigen = projector.symmetric_eigen();
+    let kept: Vec<usize> = (0..n).filter(|k| eigen.eigenvalues[*k] < 1e-9).collect();
+    DMatrix::from_fn(n, kept.len(), |i, k| eigen.eigenvectors[(i, kept[k])])
+}

@@ -1,0 +1,143 @@
+//! Where the seen points are: each for itself, or along a smooth curve in time.
+
+use nalgebra::Vector3;
+
+use super::problem::{CameraState, Observation};
+
+/// A uniform cubic B-spline in time.
+///
+/// At s = (t - start) / spacing, i = floor(s), u = s - i, the point is the sum of the controls i to i + 3 with the weights
+/// (1-u)^3 / 6, (3u^3 - 6u^2 + 4) / 6, (-3u^3 + 3u^2 + 3u + 1) / 6, u^3 / 6.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Spline {
+    /// Time at which it starts, seconds.
+    pub start_s: f64,
+    /// Time from knot to knot, seconds.
+    pub spacing_s: f64,
+    /// Control points, world.
+    pub controls: Vec<Vector3<f64>>,
+    /// Weight of the squared second differences of the controls: holds the curve where nobody saw it.
+    pub stiffness: f64,
+}
+
+/// What was seen.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Path {
+    /// Points that have nothing to do with each other, by [`Observation::point`].
+    Points(Vec<Vector3<f64>>),
+    /// One curve, by the times of the frames.
+    Curve(Spline),
+}
+
+/// The nodes that a place on the path depends on.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Support {
+    pub(super) first: usize,
+    pub(super) count: usize,
+    pub(super) weights: [f64; 4],
+    /// Derivatives of the weights by time, 1/s.
+    pub(super) slopes: [f64; 4],
+}
+
+impl Spline {
+    /// A curve from `start_s` to `end_s` at the origin.
+    pub fn over(start_s: f64, end_s: f64, spacing_s: f64, stiffness: f64) -> Self {
+        let spans = ((end_s - start_s) / spacing_s).ceil().max(1.0) as usize;
+        Self {
+            start_s,
+            spacing_s,
+            controls: vec![Vector3::zeros(); spans + 3],
+            stiffness,
+        }
+    }
+
+    /// The point at `time_s`; `None` outside the curve.
+    pub fn at(&self, time_s: f64) -> Option<Vector3<f64>> {
+        let support = self.support(time_s)?;
+        Some(sum(&self.controls, &support, &support.weights))
+    }
+
+    pub(super) fn support(&self, time_s: f64) -> Option<Support> {
+        let s = (time_s - self.start_s) / self.spacing_s;
+        let spans = self.controls.len().checked_sub(3)?;
+        if !(s >= 0.0 && s <= spans as f64) || spans == 0 {
+            return None;
+        }
+        let first = (s as usize).min(spans - 1);
+        let u = s - first as f64;
+        let v = 1.0 - u;
+        let weights = [
+            v * v * v,
+            (3.0 * u - 6.0) * u * u + 4.0,
+            ((-3.0 * u + 3.0) * u + 3.0) * u + 1.0,
+            u * u * u,
+        ];
+        let slopes = [
+            -3.0 * v * v,
+            (9.0 * u - 12.0) * u,
+            (-9.0 * u + 6.0) * u + 3.0,
+            3.0 * u * u,
+        ];
+        Some(Support {
+            first,
+            count: 4,
+            weights: weights.map(|w| w / 6.0),
+            slopes: slopes.map(|w| w / (6.0 * self.spacing_s)),
+        })
+    }
+}
+
+impl Path {
+    /// The points or controls.
+    pub fn nodes(&self) -> &[Vector3<f64>] {
+        match self {
+            Self::Points(points) => points,
+            Self::Curve(spline) => &spline.controls,
+        }
+    }
+
+    /// The points or controls, to be moved.
+    pub fn nodes_mut(&mut self) -> &mut [Vector3<f64>] {
+        match self {
+            Self::Points(points) => points,
+            Self::Curve(spline) => &mut spline.controls,
+        }
+    }
+
+    /// Where the point was that `observation` saw; `None` when the path does not reach there.
+    pub fn place(&self, observation: &Observation, camera: &CameraState) -> Option<Vector3<f64>> {
+        let support = self.support(observation, camera)?;
+        Some(sum(self.nodes(), &support, &support.weights))
+    }
+
+    pub(super) fn support(
+        &self,
+        observation: &Observation,
+        camera: &CameraState,
+    ) -> Option<Support> {
+        match self {
+            Self::Points(points) => (observation.point < points.len()).then_some(Support {
+                first: observation.point,
+                count: 1,
+                weights: [1.0, 0.0, 0.0, 0.0],
+                slopes: [0.0; 4],
+            }),
+            Self::Curve(spline) => spline.support(camera.time_s(observation.frame)),
+        }
+    }
+
+    /// How many nodes before itself a node is coupled to.
+    pub(super) fn reach(&self) -> usize {
+        match self {
+            Self::Points(_) => 0,
+            Self::Curve(_) => 3,
+        }
+    }
+}
+
+/// The weighted sum of the nodes of `support`.
+pub(super) fn sum(nodes: &[Vector3<f64>], support: &Support, weights: &[f64; 4]) -> Vector3<f64> {
+    let used = nodes.iter().skip(support.first).take(support.count);
+    used.zip(weights)
+        .fold(Vector3::zeros(), |total, (node, w)| total + node * *w)
+}

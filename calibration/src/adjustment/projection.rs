@@ -1,0 +1,194 @@
+//! Where a camera draws a point, and the derivatives by all that can move.
+
+use nalgebra::{Matrix2, Matrix2x3, Matrix3, SMatrix, UnitQuaternion, Vector2, Vector3};
+
+use super::problem::CameraState;
+
+/// Numbers of a camera, in this order: rotation (3, rad), centre (3, m), focal length (share), principal point (2, px),
+/// distortion (8), time (s), rate (share of the period).
+pub const PARAMETERS: usize = 19;
+
+/// Index of the time among the parameters; the rate follows.
+pub(super) const TIME: usize = 17;
+
+/// Points nearer than this share of a unit are not projected.
+const NEAR: f64 = 1e-6;
+
+/// Least slope of the radius that the lens draws, by the radius of the pinhole.
+const LEAST_SLOPE: f64 = 0.02;
+
+/// Step in which the fold is looked for, at the axis.
+const FOLD_STEP: f64 = 0.005;
+
+/// A projection with its derivatives.
+#[derive(Debug, Clone, Copy)]
+pub struct Projected {
+    /// Distorted pixels.
+    pub px: Vector2<f64>,
+    /// By the world point, px/m.
+    pub by_point: Matrix2x3<f64>,
+    /// By the camera's parameters; those of time and rate are left at zero, because they act through the path.
+    pub by_camera: SMatrix<f64, 2, PARAMETERS>,
+}
+
+impl CameraState {
+    /// The distorted pixel of `point_w`; `None` behind the camera, or where the lens model folds back.
+    pub fn project(&self, point_w: &Vector3<f64>, fold_radius: f64) -> Option<Vector2<f64>> {
+        let (n, _) = self.normalised(point_w, fold_radius)?;
+        let (drawn, _) = self.draw(&n);
+        Some(self.pixel_of(&drawn))
+    }
+
+    /// As [`Self::project`], with derivatives.
+    pub fn project_with_derivatives(
+        &self,
+        point_w: &Vector3<f64>,
+        fold_radius: f64,
+    ) -> Option<Projected> {
+        let (n, point_c) = self.normalised(point_w, fold_radius)?;
+        let (drawn, by_normalised) = self.draw(&n);
+        let focal = Matrix2::new(self.intrinsics.fx_px, 0.0, 0.0, self.intrinsics.fy_px);
+        let depth = point_c.z;
+        let pinhole = Matrix2x3::new(1.0, 0.0, -n.x, 0.0, 1.0, -n.y) / depth;
+        let by_point_c = focal * by_normalised * pinhole;
+        let rotation = self.camera_from_world.to_rotation_matrix();
+        let by_point = by_point_c * rotation.matrix();
+        let mut by_camera = SMatrix::<f64, 2, PARAMETERS>::zeros();
+        by_camera
+            .fixed_view_mut::<2, 3>(0, 0)
+            .copy_from(&(-by_point_c * cross_matrix(&point_c)));
+        by_camera.fixed_view_mut::<2, 3>(0, 3).copy_from(&-by_point);
+        by_camera.set_column(6, &(focal * drawn));
+        by_camera[(0, 7)] = 1.0;
+        by_camera[(1, 8)] = 1.0;
+        by_camera
+            .fixed_view_mut::<2, 8>(0, 9)
+            .copy_from(&(focal * self.by_coefficients(&n)));
+        Some(Projected {
+            px: self.pixel_of(&drawn),
+            by_point,
+            by_camera,
+        })
+    }
+
+    /// The state moved by `step`, in the order and units of [`PARAMETERS`].
+    #[must_use]
+    pub fn moved(&self, step: &[f64; PARAMETERS]) -> Self {
+        let mut moved = *self;
+        let turn = Vector3::new(step[0], step[1], step[2]);
+        moved.camera_from_world = UnitQuaternion::from_scaled_axis(turn) * self.camera_from_world;
+        moved.camera_from_world.renormalize();
+        moved.center_w += Vector3::new(step[3], step[4], step[5]);
+        let focal = libm::exp(step[6]);
+        moved.intrinsics.fx_px *= focal;
+        moved.intrinsics.fy_px *= focal;
+        moved.intrinsics.cx_px += step[7];
+        moved.intrinsics.cy_px += step[8];
+        for (coefficient, by) in moved.distortion.iter_mut().zip(&step[9..17]) {
+            *coefficient += by;
+        }
+        moved.pivot_s += step[TIME];
+        moved.period_s *= libm::exp(step[TIME + 1]);
+        moved
+    }
+
+    /// How far this state is from `start`, in the parameters (pose left at zero: it carries no prior).
+    pub(super) fn distance_from(&self, start: &Self) -> [f64; PARAMETERS] {
+        let mut d = [0.0; PARAMETERS];
+        d[6] = libm::log(self.intrinsics.fx_px / start.intrinsics.fx_px);
+        d[7] = self.intrinsics.cx_px - start.intrinsics.cx_px;
+        d[8] = self.intrinsics.cy_px - start.intrinsics.cy_px;
+        for i in 0..8 {
+            d[9 + i] = self.distortion[i] - start.distortion[i];
+        }
+        d[TIME] = self.pivot_s - start.pivot_s;
+        d[TIME + 1] = libm::log(self.period_s / start.period_s);
+        d
+    }
+
+    /// The radius (tangent of the angle to the axis) at which the lens model folds back, or 50 where it does not before.
+    pub fn fold_radius(&self) -> f64 {
+        if self.distortion.iter().all(|c| *c == 0.0) {
+            return 1e6;
+        }
+        let mut r = 0.0;
+        let mut last = 0.0;
+        while r < 50.0 {
+            let next = r + FOLD_STEP * (1.0 + r);
+            let (g, _, denominator) = self.radial(next * next);
+            if denominator <= 0.0 || next * g - last < LEAST_SLOPE * (next - r) {
+                return r;
+            }
+            last = next * g;
+            r = next;
+        }
+        r
+    }
+
+    fn normalised(
+        &self,
+        point_w: &Vector3<f64>,
+        fold_radius: f64,
+    ) -> Option<(Vector2<f64>, Vector3<f64>)> {
+        let point_c = self.camera_from_world * (point_w - self.center_w);
+        if point_c.z <= NEAR {
+            return None;
+        }
+        let n = Vector2::new(point_c.x / point_c.z, point_c.y / point_c.z);
+        (n.norm_squared() <= fold_radius * fold_radius).then_some((n, point_c))
+    }
+
+    fn pixel_of(&self, drawn: &Vector2<f64>) -> Vector2<f64> {
+        let i = &self.intrinsics;
+        Vector2::new(i.fx_px * drawn.x + i.cx_px, i.fy_px * drawn.y + i.cy_px)
+    }
+
+    /// The radial factor, its derivative by r2 and its denominator.
+    fn radial(&self, r2: f64) -> (f64, f64, f64) {
+        let [k1, k2, _, _, k3, k4, k5, k6] = self.distortion;
+        let numerator = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3));
+        let denominator = 1.0 + r2 * (k4 + r2 * (k5 + r2 * k6));
+        let g = numerator / denominator;
+        let rise = k1 + r2 * (2.0 * k2 + 3.0 * r2 * k3);
+        let fall = k4 + r2 * (2.0 * k5 + 3.0 * r2 * k6);
+        (g, (rise - g * fall) / denominator, denominator)
+    }
+
+    /// OpenCV's lens (documentation of `calib3d`) on normalised coordinates, and its Jacobian.
+    fn draw(&self, n: &Vector2<f64>) -> (Vector2<f64>, Matrix2<f64>) {
+        let [_, _, p1, p2, ..] = self.distortion;
+        let (x, y, r2) = (n.x, n.y, n.norm_squared());
+        let (g, slope, _) = self.radial(r2);
+        let drawn = Vector2::new(
+            x * g + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
+            y * g + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
+        );
+        let off = 2.0 * slope * x * y + 2.0 * (p1 * x + p2 * y);
+        let jacobian = Matrix2::new(
+            g + 2.0 * slope * x * x + 2.0 * p1 * y + 6.0 * p2 * x,
+            off,
+            off,
+            g + 2.0 * slope * y * y + 6.0 * p1 * y + 2.0 * p2 * x,
+        );
+        (drawn, jacobian)
+    }
+
+    /// Derivatives of [`Self::draw`] by the eight coefficients.
+    fn by_coefficients(&self, n: &Vector2<f64>) -> SMatrix<f64, 2, 8> {
+        let (x, y, r2) = (n.x, n.y, n.norm_squared());
+        let (g, _, denominator) = self.radial(r2);
+        let powers = [r2, r2 * r2, r2 * r2 * r2];
+        let mut by = SMatrix::<f64, 2, 8>::zeros();
+        for (power, (above, below)) in powers.into_iter().zip([(0, 5), (1, 6), (4, 7)]) {
+            by.set_column(above, &(n * (power / denominator)));
+            by.set_column(below, &(n * (-g * power / denominator)));
+        }
+        by.set_column(2, &Vector2::new(2.0 * x * y, r2 + 2.0 * y * y));
+        by.set_column(3, &Vector2::new(r2 + 2.0 * x * x, 2.0 * x * y));
+        by
+    }
+}
+
+fn cross_matrix(v: &Vector3<f64>) -> Matrix3<f64> {
+    Matrix3::new(0.0, -v.z, v.y, v.z, 0.0, -v.x, -v.y, v.x, 0.0)
+}

@@ -1,0 +1,5 @@
+//! From a world of its own, whose place, turn and size are arbitrary, to the venue: metres, z up, the floor at zero.
+
+mod similarity;
+
+pub use similarity::{Similarity, SimilarityError, mirrored_rms, rms};
