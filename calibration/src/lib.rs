@@ -5,3 +5,4 @@ pub mod adjustment;
 pub mod alignment;
 pub mod board;
 pub mod formats;
+pub mod geometry;

@@ -1,0 +1,15 @@
+//! Geometry of few views: relative pose of two, pose of one before known points, the point that several see.
+//!
+//! Sights are unit vectors in the camera's axes (x right, y down, z forward), so that lenses are out of the way; errors
+//! are angles in radians.
+
+mod consensus;
+mod essential;
+mod polynomial;
+mod resection;
+mod triangulation;
+mod two_view;
+
+pub use resection::{Resection, resect};
+pub use triangulation::{Sight, triangulate};
+pub use two_view::{RelativePose, TwoViews, relative_pose, sampson_rad};
