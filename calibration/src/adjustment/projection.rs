@@ -20,6 +20,10 @@ const LEAST_SLOPE: f64 = 0.02;
 /// Step in which the fold is looked for, at the axis.
 const FOLD_STEP: f64 = 0.005;
 
+/// Steps of the inverse of the lens, and how near it has to come, in focal lengths.
+const MOST_NEWTON_STEPS: usize = 40;
+const UNDISTORTED: f64 = 1e-12;
+
 /// A projection with its derivatives.
 #[derive(Debug, Clone, Copy)]
 pub struct Projected {
@@ -123,6 +127,32 @@ impl CameraState {
             r = next;
         }
         r
+    }
+
+    /// The unit vector, camera axes, of what is drawn at `px`; `None` where nothing is drawn before the lens model folds.
+    pub fn bearing(&self, px: [f64; 2], fold_radius: f64) -> Option<Vector3<f64>> {
+        let i = &self.intrinsics;
+        let target = Vector2::new((px[0] - i.cx_px) / i.fx_px, (px[1] - i.cy_px) / i.fy_px);
+        let mut n = target;
+        if n.norm() > 0.9 * fold_radius {
+            n *= 0.9 * fold_radius / n.norm();
+        }
+        let mut missed = self.draw(&n).0 - target;
+        for _ in 0..MOST_NEWTON_STEPS {
+            if missed.norm() < UNDISTORTED {
+                return Some(Vector3::new(n.x, n.y, 1.0).normalize());
+            }
+            let mut step = self.draw(&n).1.try_inverse()? * missed;
+            let better = (0..20).find_map(|_| {
+                let next = n - step;
+                step *= 0.5;
+                let next_missed = self.draw(&next).0 - target;
+                let helps = next.norm() <= fold_radius && next_missed.norm() < missed.norm();
+                helps.then_some((next, next_missed))
+            });
+            (n, missed) = better?;
+        }
+        None
     }
 
     fn normalised(

@@ -229,6 +229,15 @@ fn any_state() -> impl Strategy<Value = CameraState> {
 
 proptest! {
     #[test]
+    fn a_bearing_is_drawn_where_it_came_from(state in any_state(), x in 0.0f64..1920.0, y in 0.0f64..1200.0) {
+        let fold = state.fold_radius();
+        let bearing = state.bearing([x, y], fold).unwrap();
+        let back = state.camera_from_world.inverse() * bearing * 3.0 + state.center_w;
+        let px = state.project(&back, fold).unwrap();
+        prop_assert!((px.x - x).abs() < 1e-8 && (px.y - y).abs() < 1e-8);
+    }
+
+    #[test]
     fn derivatives_are_those_of_the_projection(state in any_state(), x in -1.0f64..1.0, y in -1.0f64..1.0, z in -0.5f64..0.5) {
         const STEP: f64 = 1e-6;
         let point = Vector3::new(x, y, z);

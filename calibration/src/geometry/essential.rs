@@ -1,8 +1,11 @@
 //! The essential matrices of five sights (Nister 2004, solved as in Stewenius, Engels and Nister 2006).
 
-use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
+use nalgebra::{Matrix3, SMatrix, SVector, Schur, Vector3};
 
 use super::polynomial::{Cubic, Linear, Quadratic, add_cube, add_square};
+
+/// Most iterations for the eigenvalues; 20 to 40 are usual.
+const MOST_ITERATIONS: usize = 300;
 
 type Matrix10 = SMatrix<f64, 10, 10>;
 
@@ -16,7 +19,11 @@ pub(super) fn five_point(a: &[Vector3<f64>; 5], b: &[Vector3<f64>; 5]) -> Vec<Ma
         return Vec::new();
     };
     let mut found = Vec::new();
-    for root in action.complex_eigenvalues().iter() {
+    // Without a limit nearly degenerate sights can keep it busy for ever.
+    let Some(schur) = Schur::try_new(action, f64::EPSILON, MOST_ITERATIONS) else {
+        return Vec::new();
+    };
+    for root in schur.complex_eigenvalues().iter() {
         if root.im.abs() > 1e-8 * (1.0 + root.re.abs()) {
             continue;
         }

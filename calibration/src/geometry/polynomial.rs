@@ -1,6 +1,6 @@
 //! Polynomials in three unknowns up to the third degree, by their coefficients, and the real roots of a quartic.
 
-use nalgebra::Matrix4;
+use nalgebra::{Matrix4, Schur};
 
 /// Exponents of x, y, z; a polynomial of first degree has the last 4, of second the last 10, of third all.
 const EXPONENTS: [[u8; 3]; 20] = [
@@ -92,7 +92,10 @@ pub(super) fn quartic_roots(c: &[f64; 5]) -> Vec<f64> {
     if companion.iter().any(|v| !v.is_finite()) {
         return Vec::new();
     }
-    let roots = companion.complex_eigenvalues();
+    let Some(schur) = Schur::try_new(companion, f64::EPSILON, 200) else {
+        return Vec::new();
+    };
+    let roots = schur.complex_eigenvalues();
     let real = roots
         .iter()
         .filter(|r| r.im.abs() < 1e-4 * (1.0 + r.re.abs()));

@@ -75,6 +75,35 @@ pub fn relative_pose(
     better.filter(|pose| pose.inliers.len() >= 8)
 }
 
+/// Mean loss (0 all fit, 1 none) of the best of `samples` random essential matrices: quick, and without a pose. Gives up
+/// after a third of the samples where none has come below `hopeless`.
+pub fn least_loss(
+    pairs: &[TwoViews],
+    threshold_rad: f64,
+    samples: usize,
+    hopeless: f64,
+    rng: &mut ChaCha8Rng,
+) -> f64 {
+    let count = pairs.len() as f64;
+    let mut best = count;
+    for tried in 0..samples {
+        if 3 * tried > samples && best > hopeless * count {
+            break;
+        }
+        let Some(chosen) = sample::<5>(rng, pairs.len()) else {
+            return 1.0;
+        };
+        let a = chosen.map(|i| pairs[i].0);
+        let b = chosen.map(|i| pairs[i].1);
+        for e in five_point(&a, &b) {
+            if let Some(loss) = summed_loss(&e, pairs, threshold_rad, best) {
+                best = loss;
+            }
+        }
+    }
+    best / count
+}
+
 /// Summed squared distance over the threshold, at most 1 each; `None` as soon as it is over `limit`.
 fn summed_loss(
     e: &Matrix3<f64>,

@@ -1,0 +1,258 @@
+//! What is known of the venue, and the similarity that it asks for.
+
+use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
+
+use super::similarity::{Similarity, SimilarityError, mirrored_rms, rms};
+use crate::adjustment::CameraState;
+use crate::geometry::triangulate;
+
+/// Where a camera, by name, saw something: distorted pixels.
+pub type Click = (String, [f64; 2]);
+
+/// Largest angle between a click and the point that all clicks agree on, radians.
+const CLICK_RAD: f64 = 0.02;
+/// A mirror image counts as one when it fits this much better, and the proper fit is worse than a share of the extent.
+const MIRROR_GAIN: f64 = 0.3;
+const MIRROR_SHARE: f64 = 0.01;
+
+/// A point of the venue whose place is known, and which cameras saw.
+#[derive(Debug, Clone, PartialEq)]
+pub struct KnownPoint {
+    /// What it is called in errors.
+    pub name: String,
+    /// Where it is, venue, metres.
+    pub position_m: [f64; 3],
+    /// Where at least two cameras saw it.
+    pub clicks: Vec<Click>,
+}
+
+/// A distance between the pinholes of two cameras.
+#[derive(Debug, Clone, PartialEq)]
+pub struct KnownDistance {
+    /// One camera's name.
+    pub first: String,
+    /// The other's.
+    pub second: String,
+    /// Metres.
+    pub distance_m: f64,
+}
+
+/// What is known of the venue; all of it may be empty.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Anchors {
+    /// Places of cameras by name, venue, metres.
+    pub centers_m: Vec<(String, [f64; 3])>,
+    /// Known points.
+    pub points: Vec<KnownPoint>,
+    /// Known distances; the scale where fewer than three places are known.
+    pub distances: Vec<KnownDistance>,
+    /// Points of the floor, each with the clicks of at least two cameras: three say where the floor is and which way is
+    /// up, where fewer than three places are known.
+    pub floor: Vec<Vec<Click>>,
+}
+
+/// What the anchors settled.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Alignment {
+    /// From the world of the adjustment to the venue.
+    pub venue_from_found: Similarity,
+    /// Whether lengths are metres.
+    pub has_scale: bool,
+    /// Whether z is up and the floor at zero.
+    pub has_floor: bool,
+    /// Root of the mean squared distance of the known places to where they were found, metres; `None` without any.
+    pub rms_m: Option<f64>,
+}
+
+impl Anchors {
+    /// What remains of it without the cameras `names`: for those that have no pose.
+    #[must_use]
+    pub fn without(&self, names: &[&str]) -> Self {
+        let has = |name: &String| !names.contains(&name.as_str());
+        let mut left = self.clone();
+        left.centers_m.retain(|(name, _)| has(name));
+        left.distances
+            .retain(|it| has(&it.first) && has(&it.second));
+        for point in &mut left.points {
+            point.clicks.retain(|(name, _)| has(name));
+        }
+        left.points.retain(|point| point.clicks.len() >= 2);
+        for clicks in &mut left.floor {
+            clicks.retain(|(name, _)| has(name));
+        }
+        left.floor.retain(|clicks| clicks.len() >= 2);
+        left
+    }
+
+    /// The similarity from the world of `cameras` (by name) to the venue.
+    ///
+    /// # Errors
+    /// What does not fit, in words: an unknown camera, clicks that do not meet, places on a line, a mirror image.
+    pub fn align(&self, cameras: &[(String, CameraState)]) -> Result<Alignment, String> {
+        let mut found = Vec::new();
+        let mut known = Vec::new();
+        for (name, center_m) in &self.centers_m {
+            found.push(camera(cameras, name)?.center_w);
+            known.push(Vector3::from(*center_m));
+        }
+        for point in &self.points {
+            found.push(meeting(cameras, &point.clicks, &point.name)?);
+            known.push(Vector3::from(point.position_m));
+        }
+        if known.len() >= 3 {
+            return onto(&found, &known);
+        }
+        let scale = self.scale(cameras)?;
+        let scaled = Similarity {
+            scale: scale.unwrap_or(1.0),
+            ..Similarity::identity()
+        };
+        let levelled = self.level(cameras)?;
+        let turned = levelled.unwrap_or_else(Similarity::identity);
+        Ok(Alignment {
+            venue_from_found: turned.then(&scaled),
+            has_scale: scale.is_some(),
+            has_floor: levelled.is_some(),
+            rms_m: None,
+        })
+    }
+
+    fn scale(&self, cameras: &[(String, CameraState)]) -> Result<Option<f64>, String> {
+        let mut scales = Vec::new();
+        for known in &self.distances {
+            let first = camera(cameras, &known.first)?.center_w;
+            let second = camera(cameras, &known.second)?.center_w;
+            let here = (first - second).norm();
+            if known.distance_m.is_nan() || known.distance_m <= 0.0 || here <= 0.0 {
+                return Err(format!(
+                    "distance of `{}` and `{}`: found {} m, expected more than 0",
+                    known.first, known.second, known.distance_m
+                ));
+            }
+            scales.push(known.distance_m / here);
+        }
+        let least = scales.iter().copied().fold(f64::INFINITY, f64::min);
+        let most = scales.iter().copied().fold(0.0, f64::max);
+        if most > 1.05 * least {
+            let ratio = most / least;
+            return Err(format!(
+                "the known distances contradict each other by a factor of {ratio:.2}: look for a wrong one"
+            ));
+        }
+        let count = scales.len() as f64;
+        Ok((!scales.is_empty()).then(|| scales.iter().sum::<f64>() / count))
+    }
+
+    /// Turns and lifts so that the floor is z = 0 and the cameras are above it.
+    fn level(&self, cameras: &[(String, CameraState)]) -> Result<Option<Similarity>, String> {
+        if self.floor.len() < 3 {
+            return Ok(None);
+        }
+        let points = self.floor.iter().enumerate();
+        let points: Vec<Vector3<f64>> = points
+            .map(|(i, clicks)| meeting(cameras, clicks, &format!("floor point {}", i + 1)))
+            .collect::<Result<_, _>>()?;
+        let middle = points.iter().fold(Vector3::zeros(), |s, p| s + p) / points.len() as f64;
+        let spread = points.iter().fold(Matrix3::zeros(), |s, p| {
+            s + (p - middle) * (p - middle).transpose()
+        });
+        let eigen = spread.symmetric_eigen();
+        let mut order = [0, 1, 2];
+        order.sort_by(|a, b| eigen.eigenvalues[*a].total_cmp(&eigen.eigenvalues[*b]));
+        if eigen.eigenvalues[order[1]] <= 1e-6 * eigen.eigenvalues[order[2]] {
+            return Err("the floor points lie on one line, expected three that do not".to_owned());
+        }
+        let mut up = eigen.eigenvectors.column(order[0]).into_owned();
+        let heights = cameras.iter().map(|(_, c)| (c.center_w - middle).dot(&up));
+        let above = heights.clone().filter(|h| *h > 0.0).count();
+        if above != 0 && above != cameras.len() {
+            return Err(format!(
+                "{above} of {} cameras are on one side of the floor, expected all: floor points may be clicked wrongly",
+                cameras.len()
+            ));
+        }
+        if above == 0 {
+            up = -up;
+        }
+        let rotation = UnitQuaternion::rotation_between(&up, &Vector3::z()).unwrap_or_else(|| {
+            UnitQuaternion::from_rotation_matrix(&Rotation3::from_axis_angle(
+                &Vector3::x_axis(),
+                std::f64::consts::PI,
+            ))
+        });
+        Ok(Some(Similarity {
+            scale: 1.0,
+            rotation,
+            shift: -(rotation * middle),
+        }))
+    }
+}
+
+fn onto(found: &[Vector3<f64>], known: &[Vector3<f64>]) -> Result<Alignment, String> {
+    let say = |error: SimilarityError| format!("known places: {error}");
+    let venue_from_found = Similarity::between(found, known).map_err(say)?;
+    let left_m = rms(&venue_from_found, found, known);
+    let mirrored_m = mirrored_rms(found, known).map_err(say)?;
+    let middle = known.iter().fold(Vector3::zeros(), |s, p| s + p) / known.len() as f64;
+    let extent = known
+        .iter()
+        .map(|p| (p - middle).norm())
+        .fold(0.0, f64::max);
+    if mirrored_m < MIRROR_GAIN * left_m && left_m > MIRROR_SHARE * extent {
+        return Err(format!(
+            "the known places fit a mirror image of the cameras ({mirrored_m:.3} m) and not the cameras ({left_m:.3} m): \
+             two axes of the known places are exchanged or one points the wrong way, or the videos are mirrored"
+        ));
+    }
+    Ok(Alignment {
+        venue_from_found,
+        has_scale: true,
+        has_floor: true,
+        rms_m: Some(left_m),
+    })
+}
+
+fn camera<'a>(cameras: &'a [(String, CameraState)], name: &str) -> Result<&'a CameraState, String> {
+    let found = cameras.iter().find(|(other, _)| other == name);
+    found.map(|(_, state)| state).ok_or_else(|| {
+        let names: Vec<&str> = cameras.iter().map(|(name, _)| name.as_str()).collect();
+        format!(
+            "found camera `{name}`, expected one of {}",
+            names.join(", ")
+        )
+    })
+}
+
+fn meeting(
+    cameras: &[(String, CameraState)],
+    clicks: &[Click],
+    what: &str,
+) -> Result<Vector3<f64>, String> {
+    let mut sights = Vec::new();
+    for (name, px) in clicks {
+        let state = camera(cameras, name)?;
+        let bearing = state.bearing(*px, state.fold_radius()).ok_or_else(|| {
+            format!(
+                "{what}: camera `{name}` draws nothing at ({}, {})",
+                px[0], px[1]
+            )
+        })?;
+        sights.push((state.center_w, state.camera_from_world.inverse() * bearing));
+    }
+    let (point, agreeing) = triangulate(&sights, CLICK_RAD).ok_or_else(|| {
+        format!(
+            "{what}: its clicks in {} cameras do not meet, expected at least two that do",
+            clicks.len()
+        )
+    })?;
+    if agreeing.len() < sights.len() {
+        let off = (0..sights.len())
+            .find(|i| !agreeing.contains(i))
+            .unwrap_or(0);
+        let name = clicks.get(off).map_or("", |(name, _)| name.as_str());
+        return Err(format!(
+            "{what}: its click in camera `{name}` does not meet the others"
+        ));
+    }
+    Ok(point)
+}

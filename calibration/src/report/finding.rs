@@ -1,0 +1,62 @@
+//! What speaks against a calibration.
+
+use std::fmt;
+
+/// What kind of mistake it is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Cause {
+    /// A camera has no pose: it shares too little with the others, or agrees with none.
+    NotConnected,
+    /// Much of what a camera saw does not fit.
+    Outliers,
+    /// The sights do not determine something.
+    Degenerate,
+    /// A camera's place is known badly.
+    Uncertain,
+    /// The halves of the data disagree: a camera was moved, or a clock wanders.
+    HalvesDisagree,
+    /// The focal length had to move far from the given one.
+    Focal,
+    /// Residuals are much larger than those of other cameras.
+    Residual,
+    /// The lens model folds inside the picture.
+    LensFolds,
+    /// Nothing says how long a metre is.
+    NoScale,
+    /// Nothing says which way is up.
+    NoFloor,
+    /// Known places are far from where they were found.
+    Anchors,
+    /// A camera is under the floor.
+    UnderFloor,
+}
+
+/// One thing that speaks against a calibration.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Finding {
+    /// The camera it is about; `None` for all.
+    pub camera: Option<String>,
+    /// What kind of mistake.
+    pub cause: Cause,
+    /// Whether no run can be right with it; else it is only said.
+    pub is_wrong: bool,
+    /// What was found.
+    pub found: String,
+    /// What was expected.
+    pub expected: String,
+    /// What to do.
+    pub remedy: String,
+}
+
+impl fmt::Display for Finding {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if let Some(camera) = &self.camera {
+            write!(f, "camera `{camera}`: ")?;
+        }
+        write!(
+            f,
+            "{}, expected {}; {}",
+            self.found, self.expected, self.remedy
+        )
+    }
+}

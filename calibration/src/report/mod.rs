@@ -1,0 +1,54 @@
+//! What is said of a calibration: per camera numbers, and what speaks against it.
+
+mod finding;
+mod text;
+
+pub use finding::{Cause, Finding};
+pub use text::calibration_toml;
+
+/// What is said of one camera.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CameraReport {
+    /// The camera's name.
+    pub name: String,
+    /// Sights that the last adjustment looked at.
+    pub sights: usize,
+    /// Share of them within four standard deviations.
+    pub used_share: f64,
+    /// Root of the mean squared length of the residuals of those, pixels.
+    pub rms_px: f64,
+    /// Standard deviation of a sight along each axis, pixels.
+    pub noise_px: f64,
+    /// Standard deviation of the pinhole's place after similarity alignment of all cameras, metres.
+    pub position_sigma_m: f64,
+    /// Standard deviation of its rotation, degrees.
+    pub rotation_sigma_deg: f64,
+    /// Its focal length now over the given one.
+    pub focal_ratio: f64,
+    /// Time of frame 0, seconds, on the clock of the camera with the most sights.
+    pub offset_s: f64,
+    /// Frames per second of that clock.
+    pub rate_hz: f64,
+    /// How far first and second half of the data, adjusted apart, put its pinhole from each other, metres.
+    pub halves_m: f64,
+    /// And how far they turn it, degrees.
+    pub halves_deg: f64,
+}
+
+/// What is said of all cameras.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Report {
+    /// Per camera that has a pose.
+    pub cameras: Vec<CameraReport>,
+    /// Distance of the known places to where they were found, root mean square, metres.
+    pub anchors_rms_m: Option<f64>,
+    /// What speaks against it, what is wrong first.
+    pub findings: Vec<Finding>,
+}
+
+impl Report {
+    /// Whether nothing is wrong.
+    pub fn passes(&self) -> bool {
+        !self.findings.iter().any(|finding| finding.is_wrong)
+    }
+}
