@@ -6,5 +6,5 @@ pub mod alignment;
 pub mod board;
 pub mod formats;
 pub mod geometry;
-
+pub mod points;
 pub mod report;

@@ -23,14 +23,15 @@ const LARGEST_FRAME: f64 = 1e9;
 ///
 /// A line is a frame, x and y, apart by blanks, tabs, commas or semicolons. Lines that are empty or begin with `#` or `%`
 /// are left out, and the first of the others may be a heading. A position of `nan nan` or of exactly `0 0` says that the
-/// point was not seen in that frame. Frames must rise.
+/// point was not seen in that frame. Frames must not fall, and a frame has one position.
 ///
 /// # Errors
-/// [`FileError`] with the line: not three numbers, a number out of range, a frame that does not rise, no sighting at all.
+/// [`FileError`] with the line: not three numbers, a number out of range, a frame that falls or has two positions, no sighting at all.
 pub fn parse(text: &str, path: &Path) -> Result<Vec<Sighting>, FileError> {
     let mut sightings: Vec<Sighting> = Vec::new();
     let mut last_frame = f64::NEG_INFINITY;
     let mut is_first = true;
+    let mut is_last_seen = false;
     for (index, line) in text.lines().enumerate() {
         let wrong = |problem: String| FileError::new(path, problem).at_line(index + 1);
         if index >= MOST_LINES {
@@ -50,12 +51,16 @@ pub fn parse(text: &str, path: &Path) -> Result<Vec<Sighting>, FileError> {
                 "found frame {frame}, expected 0 to {LARGEST_FRAME:e}"
             )));
         }
-        if frame <= last_frame {
+        if frame < last_frame {
             return Err(wrong(format!(
-                "found frame {frame} after frame {last_frame}, expected frames that rise"
+                "found frame {frame} after frame {last_frame}, expected frames that do not fall"
             )));
         }
+        let is_repeated = frame <= last_frame && is_last_seen;
         last_frame = frame;
+        if !is_repeated {
+            is_last_seen = false;
+        }
         if (x.is_nan() && y.is_nan()) || (x == 0.0 && y == 0.0) {
             continue;
         }
@@ -63,6 +68,16 @@ pub fn parse(text: &str, path: &Path) -> Result<Vec<Sighting>, FileError> {
         if !(is_pixel(x) && is_pixel(y)) {
             return Err(wrong(format!("found ({x}, {y}), expected pixels")));
         }
+        if is_repeated {
+            let first = sightings.last().map(|s| s.px);
+            if first == Some([x, y]) {
+                continue;
+            }
+            return Err(wrong(format!(
+                "found frame {frame} a second time, with another position, expected one sighting per frame"
+            )));
+        }
+        is_last_seen = true;
         sightings.push(Sighting { frame, px: [x, y] });
     }
     if sightings.is_empty() {
@@ -92,7 +107,7 @@ fn numbers(line: &str) -> Result<[f64; 3], String> {
     Ok([number(frame)?, number(x)?, number(y)?])
 }
 
-/// Reads `points.dat` and `IdMat.dat` of MultiCamSelfCal: three rows per camera (x, y, 1), a column per frame; and one row per
+/// Reads `points.dat` and `IdMat.dat` of `MultiCamSelfCal`: three rows per camera (x, y, 1), a column per frame; and one row per
 /// camera, 1 where it saw the point. One list of sightings per camera; either path is only named in errors.
 ///
 /// # Errors
@@ -114,8 +129,15 @@ pub fn parse_multicamselfcal(
     }
     let frames = seen_rows.first().map_or(0, Vec::len);
     let is_other = |row: &Vec<f64>| row.len() != frames;
-    if let Some(row) = seen_rows.iter().chain(&point_rows).find(|row| is_other(row)) {
-        let problem = format!("found a row of {} numbers beside one of {frames}", row.len());
+    if let Some(row) = seen_rows
+        .iter()
+        .chain(&point_rows)
+        .find(|row| is_other(row))
+    {
+        let problem = format!(
+            "found a row of {} numbers beside one of {frames}",
+            row.len()
+        );
         return Err(FileError::new(points.1, problem));
     }
     let cameras = seen_rows.iter().zip(point_rows.chunks_exact(3));
@@ -161,7 +183,13 @@ mod tests {
         let text = " frame no.  x  y\n1.000  10.5 20\n2 0 0\n3, 11.5, 21\n\n# end\n4\tnan\tnan\n";
         let found = read(text).unwrap();
         assert_eq!(found.len(), 2);
-        assert_eq!(found[1], Sighting { frame: 3.0, px: [11.5, 21.0] });
+        assert_eq!(
+            found[1],
+            Sighting {
+                frame: 3.0,
+                px: [11.5, 21.0]
+            }
+        );
     }
 
     #[test]
@@ -169,7 +197,8 @@ mod tests {
         for (text, expected) in [
             ("1 2 3\n2 x 3\n", "found `x`, expected a number"),
             ("1 2 3\n2 3\n", "found 2 values, expected 3"),
-            ("1 2 3\n1 2 3\n", "expected frames that rise"),
+            ("2 2 3\n1 2 3\n", "expected frames that do not fall"),
+            ("1 2 3\n1 2 4\n", "a second time"),
             ("1 2 3\n2 inf 3\n", "expected pixels"),
             ("1 2 3\n-1 2 3\n", "found frame -1"),
         ] {
@@ -181,11 +210,20 @@ mod tests {
 
     #[test]
     fn a_matrix_of_points_is_read() {
-        let (points, seen) = ("1 2 3\n4 5 6\n1 1 1\n7 8 9\n1 2 3\n1 1 1\n", "1 0 1\n0 1 1\n");
+        let (points, seen) = (
+            "1 2 3\n4 5 6\n1 1 1\n7 8 9\n1 2 3\n1 1 1\n",
+            "1 0 1\n0 1 1\n",
+        );
         let path = Path::new("points.dat");
         let found = parse_multicamselfcal((points, path), (seen, path)).unwrap();
         assert_eq!(found[0].len(), 2);
-        assert_eq!(found[1][0], Sighting { frame: 1.0, px: [8.0, 2.0] });
+        assert_eq!(
+            found[1][0],
+            Sighting {
+                frame: 1.0,
+                px: [8.0, 2.0]
+            }
+        );
         let short = parse_multicamselfcal(("1 2\n", path), (seen, path));
         assert!(short.is_err());
     }

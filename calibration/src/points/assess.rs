@@ -1,0 +1,350 @@
+//! What speaks for and against a calibration that was found.
+
+use super::chain::Chain;
+use super::halves::halves;
+use super::refine::noise_px;
+use super::request::{PointCamera, PointRequest, Timing};
+use crate::adjustment::{CameraState, Covariance, Problem};
+use crate::alignment::Alignment;
+use crate::report::{CameraReport, Cause, Finding, Report};
+
+/// Residuals within this many standard deviations are used; less than these shares are doubtful, and wrong.
+const USED_SIGMAS: f64 = 4.0;
+const USUAL_SHARE: f64 = 0.8;
+const LEAST_SHARE: f64 = 0.6;
+/// Uncertainty of a place that is doubtful, and wrong, as a share of the distance between cameras.
+const DOUBTFUL_SIGMA: f64 = 0.005;
+const WRONG_SIGMA: f64 = 0.03;
+/// Halves disagree when they are this many of their standard deviations apart, and by more than a share of the distance
+/// between cameras, or by more degrees.
+const HALVES_SIGMAS: f64 = 6.0;
+const HALVES_SHARE: f64 = 0.001;
+const HALVES_DEG: f64 = 0.05;
+/// Change of the focal length that is doubtful, and wrong.
+const DOUBTFUL_FOCAL: f64 = 0.02;
+const WRONG_FOCAL: f64 = 0.06;
+/// Noise that is doubtful, and wrong, over the gate.
+const DOUBTFUL_NOISE: f64 = 0.5;
+const WRONG_NOISE: f64 = 1.0;
+/// Distance of known places from where they were found that is wrong, as a share of the distance between cameras.
+const ANCHORS_SHARE: f64 = 0.02;
+
+/// All that a report is made of.
+pub(super) struct Found<'a> {
+    pub(super) request: &'a PointRequest,
+    pub(super) chain: &'a Chain,
+    pub(super) problem: Problem,
+    pub(super) posed: Vec<usize>,
+    pub(super) covariance: Option<Covariance>,
+    pub(super) alignment: Alignment,
+}
+
+pub(super) fn assess(found: &Found<'_>) -> Report {
+    let cameras = camera_reports(found);
+    let mut findings = not_connected(found);
+    let span_m = span_m(found);
+    for (report, state) in cameras.iter().zip(states(found)) {
+        findings.extend(of_camera(report, found, span_m));
+        findings.extend(of_place(report, &state, found));
+    }
+    findings.extend(degenerate(found));
+    findings.extend(of_alignment(found, span_m));
+    findings.sort_by_key(|finding| !finding.is_wrong);
+    Report {
+        cameras,
+        anchors_rms_m: found.alignment.rms_m,
+        findings,
+    }
+}
+
+fn states(found: &Found<'_>) -> Vec<CameraState> {
+    let venue = &found.alignment.venue_from_found;
+    let each = found.problem.cameras.iter();
+    each.map(|camera| venue.apply_to_camera(&camera.state))
+        .collect()
+}
+
+fn asked<'a>(found: &'a Found<'_>, index: usize) -> Option<&'a PointCamera> {
+    found.request.cameras.get(*found.posed.get(index)?)
+}
+
+/// The largest distance between two cameras.
+fn span_m(found: &Found<'_>) -> f64 {
+    let states = states(found);
+    let mut most: f64 = 0.0;
+    for a in &states {
+        for b in &states {
+            most = most.max((a.center_w - b.center_w).norm());
+        }
+    }
+    most
+}
+
+fn camera_reports(found: &Found<'_>) -> Vec<CameraReport> {
+    let noise = noise_px(&found.problem);
+    let residuals = found.problem.residuals_px();
+    let scale = found.alignment.venue_from_found.scale;
+    let apart = halves(&found.problem);
+    let states = states(found);
+    let mut reports = Vec::new();
+    for (index, state) in states.iter().enumerate() {
+        let Some(camera) = asked(found, index) else {
+            continue;
+        };
+        let own = found.problem.observations.iter().zip(&residuals);
+        let own: Vec<Option<f64>> = own
+            .filter(|(it, _)| it.camera == index)
+            .map(|(_, length)| *length)
+            .collect();
+        let fits = |length: &f64| *length < USED_SIGMAS * noise[index];
+        let used: Vec<f64> = own.iter().flatten().copied().filter(fits).collect();
+        let squares: f64 = used.iter().map(|length| length * length).sum();
+        let sigma = found
+            .covariance
+            .as_ref()
+            .and_then(|c| c.cameras.get(index)?.as_ref());
+        let half = apart.get(index).copied().flatten();
+        reports.push(CameraReport {
+            name: camera.name.clone(),
+            sights: own.len(),
+            used_share: used.len() as f64 / own.len().max(1) as f64,
+            rms_px: (squares / used.len().max(1) as f64).sqrt(),
+            noise_px: noise[index],
+            position_sigma_m: sigma.map_or(f64::NAN, |s| s.position * scale),
+            rotation_sigma_deg: sigma.map_or(f64::NAN, |s| s.rotation_rad.to_degrees()),
+            focal_ratio: state.intrinsics.fx_px / camera.intrinsics.fx_px,
+            offset_s: state.time_s(0.0),
+            rate_hz: 1.0 / state.period_s,
+            halves_m: half.map_or(f64::NAN, |(d, _)| d * scale),
+            halves_deg: half.map_or(f64::NAN, |(_, turned)| turned.to_degrees()),
+        });
+    }
+    reports
+}
+
+fn finding(
+    camera: &str,
+    cause: Cause,
+    is_wrong: bool,
+    found: String,
+    expected: &str,
+    remedy: &str,
+) -> Finding {
+    Finding {
+        camera: (!camera.is_empty()).then(|| camera.to_owned()),
+        cause,
+        is_wrong,
+        found,
+        expected: expected.to_owned(),
+        remedy: remedy.to_owned(),
+    }
+}
+
+fn not_connected(found: &Found<'_>) -> Vec<Finding> {
+    let cameras = found.request.cameras.iter().enumerate();
+    let without = cameras.filter(|(index, _)| !found.posed.contains(index));
+    let each = without.map(|(index, camera)| {
+        let own = found.chain.pairs.iter().filter(|p| p.first == index || p.second == index);
+        let best = own.max_by(|a, b| a.share().total_cmp(&b.share()));
+        let said = best.map_or_else(
+            || "it shares no moment with another camera".to_owned(),
+            |pair| {
+                let other = if pair.first == index { pair.second } else { pair.first };
+                let name = found.request.cameras.get(other).map_or("", |c| c.name.as_str());
+                format!(
+                    "with no camera enough agrees (at best {:.0} % of {} common moments, with `{name}`)",
+                    100.0 * pair.share(),
+                    pair.common
+                )
+            },
+        );
+        finding(
+            &camera.name,
+            Cause::NotConnected,
+            true,
+            said,
+            "40 % of 15 moments or more",
+            "carry the point where it and another camera both see it; or its video is of another camera, mirrored or late, \
+             or its lens is wrong",
+        )
+    });
+    each.collect()
+}
+
+fn of_camera(report: &CameraReport, found: &Found<'_>, span_m: f64) -> Vec<Finding> {
+    let mut findings = Vec::new();
+    let name = &report.name;
+    if report.used_share < USUAL_SHARE {
+        findings.push(finding(
+            name,
+            Cause::Outliers,
+            report.used_share < LEAST_SHARE,
+            format!("{:.0} % of its sights fit", 100.0 * report.used_share),
+            "80 % or more",
+            "it was moved on the way, or something else was taken for the point",
+        ));
+    }
+    let noise = report.noise_px / found.request.gate_px;
+    if noise > DOUBTFUL_NOISE {
+        findings.push(finding(
+            name,
+            Cause::Residual,
+            noise > WRONG_NOISE,
+            format!("its residuals are {:.1} px", report.noise_px),
+            &format!("below {:.1} px", DOUBTFUL_NOISE * found.request.gate_px),
+            "look at its lens, its clock and whether it was moved",
+        ));
+    }
+    let share = report.position_sigma_m / span_m;
+    if share.is_nan() || share > DOUBTFUL_SIGMA {
+        findings.push(finding(
+            name,
+            Cause::Uncertain,
+            share.is_nan() || share > WRONG_SIGMA,
+            format!("its place is known to {:.3} m", report.position_sigma_m),
+            &format!("{:.3} m or better", DOUBTFUL_SIGMA * span_m),
+            "carry the point near it and far from it, high and low, where other cameras see it too",
+        ));
+    }
+    let change = (report.focal_ratio - 1.0).abs();
+    if change > DOUBTFUL_FOCAL {
+        findings.push(finding(
+            name,
+            Cause::Focal,
+            change > WRONG_FOCAL,
+            format!(
+                "its focal length is {:.3} of the given one",
+                report.focal_ratio
+            ),
+            "within a hundredth or two",
+            "calibrate its lens again, at the zoom and focus that it has now",
+        ));
+    }
+    // Each half is as uncertain as the whole times the root of two, and there are two.
+    let far = report.halves_m > HALVES_SIGMAS * 2.0 * report.position_sigma_m
+        && report.halves_m > HALVES_SHARE * span_m;
+    let turned = report.halves_deg > HALVES_SIGMAS * 2.0 * report.rotation_sigma_deg
+        && report.halves_deg > HALVES_DEG;
+    if far || turned {
+        findings.push(finding(
+            name,
+            Cause::HalvesDisagree,
+            report.halves_m > WRONG_SIGMA * span_m || report.halves_deg > 10.0 * HALVES_DEG,
+            format!(
+                "first and second half put it {:.3} m and {:.3} degrees apart",
+                report.halves_m, report.halves_deg
+            ),
+            "the same within their uncertainty",
+            "it was moved on the way, its clock wanders, or its lens is not as given",
+        ));
+    }
+    findings
+}
+
+fn of_place(report: &CameraReport, state: &CameraState, found: &Found<'_>) -> Vec<Finding> {
+    let mut findings = Vec::new();
+    if found.alignment.has_floor && found.alignment.has_scale && state.center_w.z < 0.0 {
+        findings.push(finding(
+            &report.name,
+            Cause::UnderFloor,
+            true,
+            format!("it stands {:.2} m under the floor", -state.center_w.z),
+            "above it",
+            "z of the known places must point up, and the floor be at zero",
+        ));
+    }
+    let size = found.request.cameras.iter().find(|c| c.name == report.name);
+    let folds = size.is_some_and(|camera| {
+        let [width, height] = camera.size_px.map(f64::from);
+        let corners = [
+            [0.0, 0.0],
+            [width - 1.0, 0.0],
+            [0.0, height - 1.0],
+            [width - 1.0, height - 1.0],
+        ];
+        let fold = state.fold_radius();
+        corners
+            .into_iter()
+            .any(|px| state.bearing(px, fold).is_none())
+    });
+    if folds {
+        findings.push(finding(
+            &report.name,
+            Cause::LensFolds,
+            false,
+            "its lens model folds before the corners of its picture".to_owned(),
+            "a model that draws all of it",
+            "calibrate its lens with pictures of a board in the corners",
+        ));
+    }
+    findings
+}
+
+fn degenerate(found: &Found<'_>) -> Vec<Finding> {
+    let Some(covariance) = &found.covariance else {
+        return Vec::new();
+    };
+    let name = |index: &usize| asked(found, *index).map_or("", |c| c.name.as_str());
+    let each = covariance.degenerate.iter().map(|direction| {
+        let names: Vec<&str> = direction.cameras.iter().map(|(index, _)| name(index)).collect();
+        finding(
+            "",
+            Cause::Degenerate,
+            true,
+            format!("the sights leave undetermined how {} stand", names.join(", ")),
+            "sights that fix every camera",
+            "carry the point across the field, near and far, high and low: not along one line or at one distance",
+        )
+    });
+    each.take(1).collect()
+}
+
+fn of_alignment(found: &Found<'_>, span_m: f64) -> Vec<Finding> {
+    let mut findings = Vec::new();
+    if !found.alignment.has_scale {
+        findings.push(finding(
+            "",
+            Cause::NoScale,
+            true,
+            "nothing says how long a metre is".to_owned(),
+            "a known distance, or three known places",
+            "measure the distance between two cameras, 5 m or more",
+        ));
+    }
+    if !found.alignment.has_floor {
+        findings.push(finding(
+            "",
+            Cause::NoFloor,
+            false,
+            "nothing says where the floor is".to_owned(),
+            "three points of the floor, or three known places",
+            "click three points of the floor in two cameras each",
+        ));
+    }
+    if let Some(rms_m) = found
+        .alignment
+        .rms_m
+        .filter(|rms_m| *rms_m > ANCHORS_SHARE * span_m)
+    {
+        findings.push(finding(
+            "",
+            Cause::Anchors,
+            true,
+            format!("the known places are {rms_m:.3} m from where they were found"),
+            &format!("{:.3} m or less", ANCHORS_SHARE * span_m),
+            "look for exchanged names, another unit, or a wrong number among them",
+        ));
+    }
+    let two = found.problem.cameras.len() == 2;
+    if two && found.request.timing == Timing::Unknown {
+        findings.push(finding(
+            "",
+            Cause::Uncertain,
+            false,
+            "two cameras alone tell little of their clocks".to_owned(),
+            "three or more",
+            "add a camera, or give the offsets",
+        ));
+    }
+    findings
+}

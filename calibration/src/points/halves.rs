@@ -1,0 +1,80 @@
+//! The first and the second half of the data, adjusted apart.
+
+use crate::adjustment::{AdjustedCamera, Block, CameraState, Free, Limits, Path, Problem, adjust};
+use crate::alignment::Similarity;
+
+/// Sights of a camera that a half needs.
+const LEAST_SIGHTS: usize = 15;
+
+/// Per camera, how far the two halves put its centre from each other (in the unit of the problem) and turn it (radians),
+/// after the second was laid on the first by a similarity; `None` where a half has too little.
+///
+/// Lenses and clocks stay as the whole has them: a half starts from the whole, and what it then moves is the pose.
+pub(super) fn halves(problem: &Problem) -> Vec<Option<(f64, f64)>> {
+    let none = vec![None; problem.cameras.len()];
+    let moments: Vec<f64> = problem
+        .observations
+        .iter()
+        .map(|it| moment(problem, it))
+        .collect();
+    let mut sorted = moments.clone();
+    sorted.sort_by(f64::total_cmp);
+    let Some(middle) = sorted.get(sorted.len() / 2).copied() else {
+        return none;
+    };
+    let solved = |is_first: bool| {
+        let mut half = problem.clone();
+        let mut kept = moments.iter().map(|moment| (*moment < middle) == is_first);
+        half.observations.retain(|_| kept.next().unwrap_or(false));
+        let mut counts = vec![0; problem.cameras.len()];
+        for observation in &half.observations {
+            counts[observation.camera] += 1;
+        }
+        for (camera, count) in half.cameras.iter_mut().zip(&counts) {
+            // What saw nothing keeps its place.
+            let free = if *count < LEAST_SIGHTS {
+                Free::none()
+            } else {
+                Free::none().with(Block::Pose)
+            };
+            *camera = AdjustedCamera::new(camera.state, free);
+        }
+        let limits = Limits {
+            steps: 25,
+            decrease: 1e-6,
+        };
+        adjust(&mut half, limits);
+        let states: Vec<CameraState> = half.cameras.iter().map(|c| c.state).collect();
+        (states, counts)
+    };
+    let ((first, first_counts), (second, second_counts)) = (solved(true), solved(false));
+    let both: Vec<usize> = (0..first.len())
+        .filter(|i| first_counts[*i] >= LEAST_SIGHTS && second_counts[*i] >= LEAST_SIGHTS)
+        .collect();
+    let centers =
+        |states: &[CameraState]| both.iter().map(|i| states[*i].center_w).collect::<Vec<_>>();
+    let Ok(similarity) = Similarity::between(&centers(&second), &centers(&first)) else {
+        return none;
+    };
+    let apart = (0..first.len()).map(|i| {
+        both.contains(&i).then(|| {
+            let moved = similarity.apply_to_camera(&second[i]);
+            let turned = moved
+                .camera_from_world
+                .angle_to(&first[i].camera_from_world);
+            ((moved.center_w - first[i].center_w).norm(), turned)
+        })
+    });
+    apart.collect()
+}
+
+/// What orders an observation in time.
+fn moment(problem: &Problem, observation: &crate::adjustment::Observation) -> f64 {
+    match &problem.path {
+        Path::Points(_) => observation.point as f64,
+        Path::Curve(_) => {
+            let camera = problem.cameras.get(observation.camera);
+            camera.map_or(0.0, |camera| camera.state.time_s(observation.frame))
+        }
+    }
+}

@@ -1,0 +1,24 @@
+//! Calibration from a single moving point: a ball, a light or a drone, that cameras saw from different places.
+//!
+//! [`calibrate`] starts from nothing but lenses and sightings ([`parse`] reads them): clocks are found where cameras are not
+//! synchronised, then relative poses of pairs, then one camera after the other, then all is adjusted to all. The result
+//! says how good it is and what speaks against it ([`crate::report::Report`]).
+
+mod assess;
+mod chain;
+mod clocks;
+mod curve;
+mod error;
+mod file;
+mod halves;
+mod outcome;
+mod refine;
+mod request;
+mod timing;
+mod view;
+
+pub use error::CalibrationError;
+pub use file::{Sighting, parse, parse_multicamselfcal};
+pub use outcome::{FoundCamera, PointCalibration, Stage, calibrate};
+pub use request::{Lenses, PointCamera, PointRequest, Timing};
+

@@ -1,0 +1,272 @@
+//! The whole way from sightings to a calibration.
+
+use farfield_proto::camera::{CameraError, CameraModel};
+use farfield_proto::frames::Transform;
+use nalgebra::{Isometry3, Translation3};
+
+use super::assess::{Found, assess};
+use super::chain::{Chain, chain};
+use super::clocks::{at_common_moments, join_clocks, set_own_clock};
+use super::curve::{Clocks, refine_curve};
+use super::error::CalibrationError;
+use super::refine::{Refined, refine};
+use super::request::{PointCamera, PointRequest, Timing};
+use super::view::{Track, View};
+use crate::adjustment::{CameraState, covariance};
+use crate::report::{Report, calibration_toml};
+
+/// Sightings that a camera needs.
+const LEAST_SIGHTINGS: usize = 20;
+/// Frame rates that are believed, 1/s.
+const RATES_HZ: [f64; 2] = [0.1, 1e5];
+/// The gate of the search for clocks and of poses between frames, over that of synchronised ones: clocks are a little off.
+const CLOCK_GATE: f64 = 2.0;
+const INTERPOLATED_GATE: f64 = 4.0;
+
+/// Where a calibration is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Stage {
+    /// Looks for the lags of the clocks: the longest stage where they are unknown.
+    Clocks,
+    /// Looks for poses from nothing.
+    Poses,
+    /// Adjusts all to all.
+    Adjustment,
+    /// Says how good it is.
+    Report,
+}
+
+/// One camera with its pose.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FoundCamera {
+    /// Its name.
+    pub name: String,
+    /// Width and height of its pictures, pixels.
+    pub size_px: [u32; 2],
+    /// Lens, pose in the venue, and clock.
+    pub state: CameraState,
+}
+
+impl FoundCamera {
+    /// As the rest of the system has it.
+    ///
+    /// # Errors
+    /// [`CameraError`] where its numbers are none that a camera can have, or its lens model folds inside the picture.
+    pub fn model(&self) -> Result<CameraModel, CameraError> {
+        let rotation = self.state.camera_from_world;
+        let shift = Translation3::from(-(rotation * self.state.center_w));
+        CameraModel::new(
+            &self.name,
+            self.size_px,
+            self.state.intrinsics,
+            self.state.lens(),
+            Transform::new(Isometry3::from_parts(shift, rotation)),
+        )
+    }
+}
+
+/// What was found.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PointCalibration {
+    /// The cameras that have a pose, in the order of the request.
+    pub cameras: Vec<FoundCamera>,
+    /// What is said of it. Look at [`Report::passes`] before use.
+    pub report: Report,
+}
+
+impl PointCalibration {
+    /// The calibration file.
+    pub fn toml(&self) -> String {
+        let cameras = self.cameras.iter();
+        calibration_toml(cameras.map(|c| (c.name.as_str(), c.size_px, &c.state)))
+    }
+}
+
+/// Finds where the cameras stand, and how their clocks run, from what they saw of one moving point. `progress` is told of
+/// every stage as it begins.
+///
+/// A result is not a pass: what speaks against it is in [`PointCalibration::report`]. The same request gives the same bits.
+///
+/// # Errors
+/// [`CalibrationError`] where nothing can be made of the request: too few cameras or sightings, impossible lenses or rates,
+/// no two cameras that agree, known places that do not fit (a mirror image among them).
+pub fn calibrate(
+    request: &PointRequest,
+    progress: &mut dyn FnMut(Stage),
+) -> Result<PointCalibration, CalibrationError> {
+    check(request)?;
+    let tracks = request.cameras.iter().map(|camera| {
+        let track = Track::of(camera)?;
+        if track.seen.len() < LEAST_SIGHTINGS {
+            return Err(CalibrationError::TooFewSightings {
+                camera: camera.name.clone(),
+                found: track.seen.len(),
+                least: LEAST_SIGHTINGS,
+            });
+        }
+        Ok(track)
+    });
+    let mut tracks: Vec<Track> = tracks.collect::<Result<_, _>>()?;
+    let (chain, refined) = if request.timing == Timing::Synchronised {
+        synchronised(&tracks, request, progress)?
+    } else {
+        by_clocks(&mut tracks, request, progress)?
+    };
+    progress(Stage::Report);
+    finish(request, &chain, refined)
+}
+
+fn check(request: &PointRequest) -> Result<(), CalibrationError> {
+    if request.cameras.len() < 2 {
+        return Err(CalibrationError::TooFewCameras {
+            found: request.cameras.len(),
+        });
+    }
+    let mut names: Vec<&str> = request.cameras.iter().map(|c| c.name.as_str()).collect();
+    names.sort_unstable();
+    if let Some(twice) = names.windows(2).find(|w| w[0] == w[1]) {
+        return Err(CalibrationError::SameName {
+            camera: twice[0].to_owned(),
+        });
+    }
+    let clocks = request
+        .cameras
+        .iter()
+        .filter(|_| request.timing != Timing::Synchronised);
+    for camera in clocks {
+        let found = camera.rate_hz.unwrap_or(f64::NAN);
+        if !(RATES_HZ[0]..=RATES_HZ[1]).contains(&found) {
+            return Err(CalibrationError::Rate {
+                camera: camera.name.clone(),
+                found,
+            });
+        }
+        let offset_s = camera.offset_s.unwrap_or(f64::NAN);
+        if request.timing == Timing::Clocks && !offset_s.is_finite() {
+            return Err(CalibrationError::Offset {
+                camera: camera.name.clone(),
+            });
+        }
+    }
+    Ok(())
+}
+
+fn synchronised(
+    tracks: &[Track],
+    request: &PointRequest,
+    progress: &mut dyn FnMut(Stage),
+) -> Result<(Chain, Refined), CalibrationError> {
+    progress(Stage::Poses);
+    let views: Vec<View> = tracks.iter().map(Track::by_frame).collect();
+    let chain = chain(&views, request.gate_px, request.seed);
+    check_chain(&chain, request)?;
+    progress(Stage::Adjustment);
+    let refined = refine(&views, &chain.cameras, request.lenses, request.gate_px);
+    Ok((chain, refined))
+}
+
+fn by_clocks(
+    tracks: &mut [Track],
+    request: &PointRequest,
+    progress: &mut dyn FnMut(Stage),
+) -> Result<(Chain, Refined), CalibrationError> {
+    progress(Stage::Clocks);
+    let rates = request.cameras.iter().map(|c| c.rate_hz.unwrap_or(1.0));
+    let rates: Vec<f64> = rates.collect();
+    let (joined, clocks) = if request.timing == Timing::Clocks {
+        for ((track, camera), rate_hz) in tracks.iter_mut().zip(&request.cameras).zip(&rates) {
+            set_own_clock(track, *rate_hz);
+            track.state.pivot_s += camera.offset_s.unwrap_or(0.0);
+        }
+        (vec![true; tracks.len()], Clocks::Given)
+    } else {
+        let gate_px = CLOCK_GATE * request.gate_px;
+        let joined = join_clocks(tracks, &rates, gate_px, request.seed);
+        (joined, Clocks::Free)
+    };
+    progress(Stage::Poses);
+    let views = at_common_moments(tracks, &joined);
+    let gate_px = INTERPOLATED_GATE * request.gate_px;
+    let chain = chain(&views, gate_px, request.seed);
+    check_chain(&chain, request)?;
+    progress(Stage::Adjustment);
+    let gate_px = CLOCK_GATE * request.gate_px;
+    let refined = refine_curve(
+        tracks,
+        &views,
+        &chain.cameras,
+        request.lenses,
+        clocks,
+        gate_px,
+    );
+    let refined = refined.ok_or_else(|| nothing_agrees(&chain, request))?;
+    Ok((chain, refined))
+}
+
+fn check_chain(chain: &Chain, request: &PointRequest) -> Result<(), CalibrationError> {
+    if chain.count() >= 2 {
+        return Ok(());
+    }
+    Err(nothing_agrees(chain, request))
+}
+
+fn nothing_agrees(chain: &Chain, request: &PointRequest) -> CalibrationError {
+    let best = chain
+        .pairs
+        .iter()
+        .max_by(|a, b| a.share().total_cmp(&b.share()));
+    let name = |index: Option<usize>| {
+        let camera = index.and_then(|i| request.cameras.get(i));
+        camera.map_or_else(String::new, |camera: &PointCamera| camera.name.clone())
+    };
+    CalibrationError::NothingAgrees {
+        first: name(best.map(|pair| pair.first)),
+        second: name(best.map(|pair| pair.second)),
+        moments: best.map_or(0, |pair| pair.common),
+        share_percent: best.map_or(0.0, |pair| 100.0 * pair.share()),
+    }
+}
+
+fn finish(
+    request: &PointRequest,
+    chain: &Chain,
+    refined: Refined,
+) -> Result<PointCalibration, CalibrationError> {
+    let named = refined.posed.iter().zip(&refined.problem.cameras);
+    let named: Vec<(String, CameraState)> = named
+        .filter_map(|(i, camera)| Some((request.cameras.get(*i)?.name.clone(), camera.state)))
+        .collect();
+    let has_pose = |camera: &&PointCamera| named.iter().any(|(name, _)| *name == camera.name);
+    let cameras = request.cameras.iter();
+    let without: Vec<&str> = cameras
+        .filter(|camera| !has_pose(camera))
+        .map(|camera| camera.name.as_str())
+        .collect();
+    let alignment = request
+        .anchors
+        .without(&without)
+        .align(&named)
+        .map_err(CalibrationError::Alignment)?;
+    let found = Found {
+        request,
+        chain,
+        covariance: covariance(&refined.problem),
+        problem: refined.problem,
+        posed: refined.posed,
+        alignment,
+    };
+    let report = assess(&found);
+    let cameras = found.posed.iter().zip(&found.problem.cameras);
+    let cameras = cameras.filter_map(|(i, adjusted)| {
+        let camera = request.cameras.get(*i)?;
+        Some(FoundCamera {
+            name: camera.name.clone(),
+            size_px: camera.size_px,
+            state: alignment.venue_from_found.apply_to_camera(&adjusted.state),
+        })
+    });
+    Ok(PointCalibration {
+        cameras: cameras.collect(),
+        report,
+    })
+}

@@ -1,0 +1,160 @@
+//! The last adjustment: all moments, noise estimated per camera, lenses freed as asked.
+
+use super::chain::problem;
+use super::request::Lenses;
+use super::view::View;
+use crate::adjustment::{AdjustedCamera, Block, CameraState, Free, Limits, Loss, Problem, adjust};
+
+/// Most moments of a last adjustment.
+const MOST_MOMENTS: usize = 4000;
+/// Tuning of Cauchy's loss: 95 % efficient where all is well.
+const CAUCHY: f64 = 2.385;
+/// Median of the length of a residual of unit standard deviation per axis (Rayleigh).
+const RAYLEIGH_MEDIAN: f64 = 1.1774;
+/// Least noise that is believed, pixels.
+const LEAST_SIGMA_PX: f64 = 0.02;
+/// Noise of a camera over that of the one in the middle. Without limits one camera of few comes to weigh so much that all
+/// points follow it, and seems ever less noisy.
+const NOISE_RATIOS: [f64; 2] = [0.5, 4.0];
+/// Rounds of estimating the noise and adjusting.
+const ROUNDS: usize = 4;
+/// What is believed of given lenses where they may move: focal length as a share, principal point as a share of the focal
+/// length, coefficients.
+const FOCAL_PRIOR: f64 = 0.03;
+const PRINCIPAL_PRIOR: f64 = 0.02;
+const COEFFICIENT_PRIOR: f64 = 0.05;
+
+/// A refined problem, with the index of each of its cameras among all.
+#[derive(Debug, Clone)]
+pub(super) struct Refined {
+    pub(super) problem: Problem,
+    pub(super) posed: Vec<usize>,
+}
+
+/// What may move of a camera beside its pose.
+pub(super) fn freedom(lenses: Lenses, state: &CameraState) -> Free {
+    let focal_px = state.intrinsics.fx_px;
+    let pose = Free::none().with(Block::Pose);
+    match lenses {
+        Lenses::Given => pose,
+        Lenses::Focal => pose.with_prior(Block::Focal, FOCAL_PRIOR),
+        Lenses::All => {
+            let coefficients = if state.distortion[5..].iter().any(|c| *c != 0.0) {
+                Block::EightCoefficients
+            } else {
+                Block::FiveCoefficients
+            };
+            pose.with_prior(Block::Focal, FOCAL_PRIOR)
+                .with_prior(Block::Principal, PRINCIPAL_PRIOR * focal_px)
+                .with_prior(coefficients, COEFFICIENT_PRIOR)
+        }
+    }
+}
+
+/// Adjusts all `views` that have a pose, on the moments that several of them saw.
+pub(super) fn refine(
+    views: &[View],
+    cameras: &[Option<CameraState>],
+    lenses: Lenses,
+    gate_px: f64,
+) -> Refined {
+    let mut current = cameras.to_vec();
+    let mut gate = gate_px;
+    let mut sigmas: Option<Vec<f64>> = None;
+    let mut last = None;
+    for round in 0..ROUNDS {
+        let seen = if lenses == Lenses::Given {
+            views.to_vec()
+        } else {
+            seen_through(views, &current)
+        };
+        let (mut problem, posed) = problem(&seen, &current, gate, MOST_MOMENTS);
+        problem.loss = Loss::Cauchy(CAUCHY);
+        for (adjusted, index) in problem.cameras.iter_mut().zip(&posed) {
+            let given = CameraState {
+                intrinsics: views[*index].state.intrinsics,
+                distortion: views[*index].state.distortion,
+                ..adjusted.state
+            };
+            let free = freedom(lenses, &given);
+            *adjusted = AdjustedCamera {
+                state: adjusted.state,
+                start: given,
+                free,
+            };
+        }
+        if let Some(sigmas) = &sigmas {
+            weigh(&mut problem, sigmas);
+        }
+        let limits = Limits {
+            steps: 40,
+            decrease: if round + 1 < ROUNDS { 1e-4 } else { 1e-8 },
+        };
+        adjust(&mut problem, limits);
+        for (camera, index) in problem.cameras.iter().zip(&posed) {
+            current[*index] = Some(camera.state);
+        }
+        let found = noise_px(&problem);
+        gate = found
+            .iter()
+            .fold(0.3f64, |most, s| most.max(3.0 * s))
+            .min(gate_px);
+        sigmas = Some(found);
+        last = Some(Refined { problem, posed });
+    }
+    last.unwrap_or_else(|| {
+        let (problem, posed) = problem(views, cameras, gate_px, 0);
+        Refined { problem, posed }
+    })
+}
+
+/// The views with the bearings that the lenses of `cameras` give them.
+fn seen_through(views: &[View], cameras: &[Option<CameraState>]) -> Vec<View> {
+    let mut seen = views.to_vec();
+    for (view, camera) in seen.iter_mut().zip(cameras) {
+        let Some(camera) = camera else { continue };
+        let fold_radius = camera.fold_radius();
+        for sight in view.seen.values_mut() {
+            if let Some(bearing) = camera.bearing(sight.px, fold_radius) {
+                sight.bearing = bearing;
+            }
+        }
+    }
+    seen
+}
+
+/// Gives each observation the noise of its camera.
+pub(super) fn weigh(problem: &mut Problem, sigmas: &[f64]) {
+    for observation in &mut problem.observations {
+        if let Some(sigma) = sigmas.get(observation.camera) {
+            observation.sigma_px = *sigma;
+        }
+    }
+}
+
+/// Standard deviation per axis of each camera's residuals, from their median, pixels.
+///
+/// Points take up freedom of their own: what is left is raised by the ratio of coordinates to coordinates less unknowns.
+pub(super) fn noise_px(problem: &Problem) -> Vec<f64> {
+    let mut lengths = vec![Vec::new(); problem.cameras.len()];
+    let residuals = problem.residuals_px();
+    for (observation, length) in problem.observations.iter().zip(&residuals) {
+        if let Some(length) = length {
+            lengths[observation.camera].push(*length);
+        }
+    }
+    let coordinates = 2.0 * problem.observations.len() as f64;
+    let unknowns = 3.0 * problem.path.nodes().len() as f64;
+    let raise = (coordinates / (coordinates - unknowns).max(0.2 * coordinates)).sqrt();
+    let sigma = |mut lengths: Vec<f64>| {
+        lengths.sort_by(f64::total_cmp);
+        let median = lengths.get(lengths.len() / 2).copied().unwrap_or(1.0);
+        (raise * median / RAYLEIGH_MEDIAN).max(LEAST_SIGMA_PX)
+    };
+    let found: Vec<f64> = lengths.into_iter().map(sigma).collect();
+    let mut sorted = found.clone();
+    sorted.sort_by(f64::total_cmp);
+    let usual = sorted.get(sorted.len() / 2).copied().unwrap_or(1.0);
+    let [low, high] = NOISE_RATIOS.map(|ratio| ratio * usual);
+    found.into_iter().map(|s| s.clamp(low, high)).collect()
+}
