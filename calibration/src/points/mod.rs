@@ -22,3 +22,13 @@ pub use file::{Sighting, parse, parse_multicamselfcal};
 pub use outcome::{FoundCamera, PointCalibration, Stage, calibrate};
 pub use request::{Lenses, PointCamera, PointRequest, Timing};
 
+#[cfg(test)]
+mod faults;
+#[cfg(test)]
+mod real;
+#[cfg(test)]
+mod recorded;
+#[cfg(test)]
+mod simulated;
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,212 @@
+//! Planted faults: none may pass.
+
+use nalgebra::Vector3;
+
+use super::simulated::{HALL, USUAL, cameras, request};
+use super::*;
+use crate::adjustment::CameraState;
+use crate::alignment::KnownDistance;
+
+type Plant = fn(&mut PointRequest, &[CameraState]);
+
+fn know_centers(
+    request: &mut PointRequest,
+    truth: &[CameraState],
+    moved: fn(Vector3<f64>) -> Vector3<f64>,
+) {
+    let named = request.cameras.iter().zip(truth);
+    request.anchors.centers_m = named
+        .map(|(camera, state)| (camera.name.clone(), moved(state.center_w).into()))
+        .collect();
+}
+
+fn mirror(camera: &mut PointCamera) {
+    let width = f64::from(camera.size_px[0]);
+    for sighting in &mut camera.sightings {
+        sighting.px[0] = width - 1.0 - sighting.px[0];
+    }
+}
+
+/// What is planted, and a word of what must be said of it.
+const FAULTS: [(&str, &str, Plant); 17] = [
+    ("one video is mirrored", "c2", |request, _| {
+        mirror(&mut request.cameras[2]);
+    }),
+    ("all videos are mirrored", "mirror", |request, truth| {
+        request.cameras.iter_mut().for_each(mirror);
+        know_centers(request, truth, |c| c);
+    }),
+    (
+        "x and y of the known places are exchanged",
+        "mirror",
+        |request, truth| {
+            know_centers(request, truth, |c| Vector3::new(c.y, c.x, c.z));
+        },
+    ),
+    (
+        "z of the known places points down",
+        "mirror",
+        |request, truth| {
+            know_centers(request, truth, |c| Vector3::new(c.x, c.y, -c.z));
+        },
+    ),
+    (
+        "known places are turned upside down",
+        "under the floor",
+        |request, truth| {
+            know_centers(request, truth, |c| Vector3::new(c.x, -c.y, -c.z));
+        },
+    ),
+    (
+        "two cameras are swapped",
+        "known places",
+        |request, truth| {
+            know_centers(request, truth, |c| c);
+            let first = request.cameras[0].sightings.clone();
+            request.cameras[0].sightings =
+                std::mem::replace(&mut request.cameras[3].sightings, first);
+        },
+    ),
+    ("a camera is knocked half-way", "c1", |request, _| {
+        let seen = request.cameras[1].sightings.iter_mut();
+        seen.filter(|s| s.frame > 250.0)
+            .for_each(|s| s.px[0] += 12.0);
+    }),
+    ("a focal length is wrong by a fifth", "c1", |request, _| {
+        request.cameras[1].intrinsics.fx_px *= 1.2;
+        request.cameras[1].intrinsics.fy_px *= 1.2;
+    }),
+    (
+        "a focal length is wrong by a tenth, and may move",
+        "c1",
+        |request, _| {
+            request.lenses = Lenses::Focal;
+            request.cameras[1].intrinsics.fx_px *= 1.1;
+            request.cameras[1].intrinsics.fy_px *= 1.1;
+        },
+    ),
+    ("a camera is late by a second", "c4", |request, _| {
+        request.cameras[4]
+            .sightings
+            .iter_mut()
+            .for_each(|s| s.frame += 5.0);
+    }),
+    (
+        "sightings of another resolution",
+        "another resolution",
+        |request, _| {
+            request.cameras[0].size_px = [960, 600];
+        },
+    ),
+    ("sightings of half the resolution", "c0", |request, _| {
+        request.cameras[0]
+            .sightings
+            .iter_mut()
+            .for_each(|s| s.px = s.px.map(|v| 0.5 * v));
+    }),
+    ("a camera shares no moment", "c3", |request, _| {
+        request.cameras[3]
+            .sightings
+            .iter_mut()
+            .for_each(|s| s.frame += 1000.0);
+    }),
+    ("no length is known", "metre", |request, _| {
+        request.anchors.distances.clear();
+    }),
+    (
+        "two known distances contradict each other",
+        "contradict",
+        |request, truth| {
+            request.anchors.distances.push(KnownDistance {
+                first: "c0".to_owned(),
+                second: "c2".to_owned(),
+                distance_m: 100.0 * (truth[0].center_w - truth[2].center_w).norm(),
+            });
+        },
+    ),
+    (
+        "half of what a camera saw is something else",
+        "c2",
+        |request, _| {
+            let seen = request.cameras[2].sightings.iter_mut().enumerate();
+            seen.filter(|(i, _)| i % 2 == 0)
+                .for_each(|(i, s)| s.px = [(i * 7 % 1900) as f64, (i * 13 % 1200) as f64]);
+        },
+    ),
+    ("the point never moved", "agree", |request, _| {
+        for camera in &mut request.cameras {
+            let px = camera.sightings[0].px;
+            camera.sightings.iter_mut().for_each(|s| s.px = px);
+        }
+    }),
+];
+
+#[test]
+fn no_planted_fault_passes() {
+    let mut truth = cameras(&HALL);
+    truth.truncate(5);
+    for state in &mut truth {
+        state.period_s = 0.2;
+    }
+    let mut sound = request(&HALL, &truth, &USUAL, Timing::Synchronised);
+    sound.anchors.distances = vec![KnownDistance {
+        first: "c0".to_owned(),
+        second: "c1".to_owned(),
+        distance_m: (truth[0].center_w - truth[1].center_w).norm(),
+    }];
+    let passed = calibrate(&sound, &mut |_| ()).unwrap();
+    assert!(passed.report.passes(), "{:?}", passed.report.findings);
+    let mut missed = Vec::new();
+    for (what, word, plant) in FAULTS {
+        let mut request = sound.clone();
+        plant(&mut request, &truth);
+        let said = match calibrate(&request, &mut |_| ()) {
+            Err(error) => error.to_string(),
+            Ok(found) => {
+                let wrong = found.report.findings.iter().filter(|f| f.is_wrong);
+                let said: Vec<String> = wrong.map(ToString::to_string).collect();
+                said.join(" | ")
+            }
+        };
+        println!("{what}: {said}");
+        if !said.contains(word) {
+            missed.push(what);
+        }
+    }
+    assert!(missed.is_empty(), "{missed:?}");
+}
+
+#[test]
+fn a_straight_walk_is_not_enough() {
+    let mut truth = cameras(&HALL);
+    truth.truncate(4);
+    let mut sound = request(&HALL, &truth, &USUAL, Timing::Synchronised);
+    for (camera, state) in sound.cameras.iter_mut().zip(&truth) {
+        camera.sightings = (0..300)
+            .map(|frame| {
+                let along = 0.05 * f64::from(frame) - 7.5;
+                let px = state.project(&Vector3::new(0.3 * along, along, 1.0), 10.0);
+                let wobble = 0.3 * libm::sin(f64::from(frame * frame));
+                let px = px.map_or([900.0, 600.0], |px| [px.x + wobble, px.y - wobble]);
+                Sighting {
+                    frame: f64::from(frame),
+                    px,
+                }
+            })
+            .collect();
+    }
+    sound.anchors.distances = vec![KnownDistance {
+        first: "c0".to_owned(),
+        second: "c1".to_owned(),
+        distance_m: 10.0,
+    }];
+    match calibrate(&sound, &mut |_| ()) {
+        Err(error) => println!("{error}"),
+        Ok(found) => {
+            for finding in &found.report.findings {
+                println!("{finding}");
+            }
+            assert!(!found.report.passes());
+        }
+    }
+}

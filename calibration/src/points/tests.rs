@@ -1,0 +1,119 @@
+//! From sightings to cameras, on simulated fields.
+
+use super::simulated::{Errors, Field, HALL, PITCH, SMALL, USUAL, cameras, request, worst};
+use super::*;
+use crate::adjustment::CameraState;
+use crate::alignment::KnownDistance;
+
+fn quiet(request: &PointRequest) -> Result<PointCalibration, CalibrationError> {
+    calibrate(request, &mut |_| ())
+}
+
+fn at_rate(field: &Field, rate_hz: f64) -> Vec<CameraState> {
+    let mut states = cameras(field);
+    for state in &mut states {
+        state.period_s = 1.0 / rate_hz;
+    }
+    states
+}
+
+/// With the true distance of the first two cameras.
+fn with_scale(mut request: PointRequest, truth: &[CameraState]) -> PointRequest {
+    request.anchors.distances = vec![KnownDistance {
+        first: "c0".to_owned(),
+        second: "c1".to_owned(),
+        distance_m: (truth[0].center_w - truth[1].center_w).norm(),
+    }];
+    request
+}
+
+fn found_states(found: &PointCalibration) -> Vec<CameraState> {
+    found.cameras.iter().map(|c| c.state).collect()
+}
+
+/// Metres and degrees of the worst camera that the issue of this module asks for.
+const BARS: [(Field, f64, f64); 3] = [
+    (SMALL, 0.0015, 0.006),
+    (HALL, 0.004, 0.008),
+    (PITCH, 0.040, 0.015),
+];
+
+#[test]
+fn fields_of_three_sizes_are_found_from_nothing() {
+    for (field, bar_m, bar_deg) in BARS {
+        for lenses in [Lenses::Given, Lenses::Focal] {
+            let truth = at_rate(&field, 10.0);
+            let mut request = with_scale(
+                request(&field, &truth, &USUAL, Timing::Synchronised),
+                &truth,
+            );
+            request.lenses = lenses;
+            let found = quiet(&request).unwrap();
+            let (off_m, off_deg) = worst(&found_states(&found), &truth);
+            println!(
+                "{:?} {lenses:?}: {off_m:.5} m {off_deg:.5} deg",
+                field.size_m
+            );
+            for finding in &found.report.findings {
+                println!("  {finding}");
+            }
+            assert!(off_m < bar_m && off_deg < bar_deg);
+            assert!(found.report.passes(), "{:?}", found.report.findings);
+        }
+    }
+}
+
+#[test]
+fn a_camera_that_sees_the_ball_in_a_fifth_of_the_frames_does_not_matter() {
+    let truth = at_rate(&HALL, 10.0);
+    let errors = Errors {
+        last_camera_share: 0.2,
+        ..USUAL
+    };
+    let request = request(&HALL, &truth, &errors, Timing::Synchronised);
+    let found = quiet(&request).unwrap();
+    let (off_m, off_deg) = worst(&found_states(&found), &truth);
+    println!("a fifth: {off_m:.5} m {off_deg:.5} deg");
+    assert!(off_m < 0.006 && off_deg < 0.012, "{off_m} {off_deg}");
+}
+
+#[test]
+fn cameras_of_unknown_clocks_are_found() {
+    let mut truth = at_rate(&HALL, 25.0);
+    for (i, state) in truth.iter_mut().enumerate() {
+        state.pivot_s = 1.3 * (i as f64) - 5.0 + 0.013 * (i * i) as f64;
+        state.period_s *= 1.0 + 2e-5 * (i as f64 - 3.0);
+    }
+    truth.truncate(5);
+    let mut request = request(&HALL, &truth, &USUAL, Timing::Unknown);
+    for camera in &mut request.cameras {
+        camera.rate_hz = Some(25.0);
+        camera.offset_s = None;
+    }
+    let found = quiet(&request).unwrap();
+    let states = found_states(&found);
+    let (off_m, off_deg) = worst(&states, &truth);
+    println!("unknown clocks: {off_m:.5} m {off_deg:.5} deg");
+    // Against the first camera, whose clock is as good as any.
+    let behind_s = |states: &[CameraState], i: usize| {
+        (states[i].time_s(1000.0) - states[0].time_s(1000.0)) * 25.0
+    };
+    for i in 1..truth.len() {
+        let frames_off = behind_s(&states, i) - behind_s(&truth, i);
+        assert!(
+            frames_off.abs() < 0.01,
+            "camera {i} is off by {frames_off} frames"
+        );
+    }
+    assert!(off_m < 0.006 && off_deg < 0.012, "{off_m} {off_deg}");
+}
+
+#[test]
+fn the_same_request_gives_the_same_bits() {
+    let truth = at_rate(&SMALL, 5.0);
+    let request = request(&SMALL, &truth, &USUAL, Timing::Synchronised);
+    assert_eq!(
+        quiet(&request).unwrap().toml(),
+        quiet(&request).unwrap().toml()
+    );
+}
