@@ -19,7 +19,7 @@ mod view;
 
 pub use error::CalibrationError;
 pub use file::{Sighting, parse, parse_multicamselfcal};
-pub use outcome::{FoundCamera, PointCalibration, Stage, calibrate};
+pub use outcome::{FoundCamera, PathPoint, PointCalibration, Stage, calibrate};
 pub use request::{Lenses, PointCamera, PointRequest, Timing};
 
 #[cfg(test)]

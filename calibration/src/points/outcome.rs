@@ -1,5 +1,7 @@
 //! The whole way from sightings to a calibration.
 
+use std::collections::{BTreeMap, BTreeSet};
+
 use farfield_proto::camera::{CameraError, CameraModel};
 use farfield_proto::frames::Transform;
 use nalgebra::{Isometry3, Translation3};
@@ -12,7 +14,8 @@ use super::error::CalibrationError;
 use super::refine::{Refined, refine};
 use super::request::{PointCamera, PointRequest, Timing};
 use super::view::{Track, View};
-use crate::adjustment::{CameraState, covariance};
+use crate::adjustment::{CameraState, Path, Problem, covariance};
+use crate::alignment::Similarity;
 use crate::report::{Report, calibration_toml};
 
 /// Sightings that a camera needs.
@@ -65,11 +68,24 @@ impl FoundCamera {
     }
 }
 
+/// Where the point was.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PathPoint {
+    /// When, seconds on the clock of the camera with the most sights; the frame where cameras are synchronised.
+    pub time_s: f64,
+    /// Venue, metres.
+    pub position_m: [f64; 3],
+    /// How many cameras saw it then.
+    pub cameras: usize,
+}
+
 /// What was found.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PointCalibration {
     /// The cameras that have a pose, in the order of the request.
     pub cameras: Vec<FoundCamera>,
+    /// Where the point was whenever at least two of them saw it, in the order of time.
+    pub path: Vec<PathPoint>,
     /// What is said of it. Look at [`Report::passes`] before use.
     pub report: Report,
 }
@@ -267,6 +283,42 @@ fn finish(
     });
     Ok(PointCalibration {
         cameras: cameras.collect(),
+        path: path(&found.problem, &alignment.venue_from_found),
         report,
     })
+}
+
+/// Where the point was at each moment that at least two cameras saw; along a curve, within each knot's span.
+fn path(problem: &Problem, venue: &Similarity) -> Vec<PathPoint> {
+    let mut seen: BTreeMap<usize, (f64, BTreeSet<usize>)> = BTreeMap::new();
+    for observation in &problem.observations {
+        let Some(camera) = problem.cameras.get(observation.camera) else {
+            continue;
+        };
+        let (moment, time_s) = match &problem.path {
+            Path::Points(_) => (observation.point, observation.frame),
+            Path::Curve(spline) => {
+                let time_s = camera.state.time_s(observation.frame);
+                let span = (time_s - spline.start_s) / spline.spacing_s;
+                (span.max(0.0) as usize, time_s)
+            }
+        };
+        let entry = seen.entry(moment).or_insert((time_s, BTreeSet::new()));
+        entry.1.insert(observation.camera);
+    }
+    let several = seen
+        .into_iter()
+        .filter(|(_, (_, cameras))| cameras.len() >= 2);
+    let points = several.filter_map(|(moment, (time_s, cameras))| {
+        let point = match &problem.path {
+            Path::Points(points) => *points.get(moment)?,
+            Path::Curve(spline) => spline.at(time_s)?,
+        };
+        Some(PathPoint {
+            time_s,
+            position_m: venue.apply(&point).into(),
+            cameras: cameras.len(),
+        })
+    });
+    points.collect()
 }
