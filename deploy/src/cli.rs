@@ -12,6 +12,7 @@ use farfield_fusion::node::{FusionArgs, RecordArgs, ReplayArgs};
 use farfield_node::process::{EXIT_REFUSED, say, say_json};
 
 use crate::bench::BenchArgs;
+use crate::calibrate::CalibrateArgs;
 use crate::certs::CertsArgs;
 use crate::check_venue::CheckArgs;
 use crate::demo::DemoArgs;
@@ -62,6 +63,11 @@ pub(crate) enum FarfieldCommand {
     /// Make a venue of a folder of recordings and a calibration.
     #[command(after_help = "Example: farfield init recordings/ --calibration calibration.toml")]
     Init(InitArgs),
+    /// Find how cameras see and where they stand.
+    ///
+    /// From pictures of a board, from a point that was carried through the field, from another program's files.
+    #[command(after_help = "Example: farfield calibrate points seen/*.txt --lens lenses.toml")]
+    Calibrate(CalibrateArgs),
     /// Start the edge node of one viewpoint.
     #[command(after_help = "Example: farfield edge hall.toml --viewpoint north-east --from-fusion")]
     Edge(EdgeArgs),

@@ -1,0 +1,223 @@
+//! `farfield calibrate convert`: calibrations of other programs.
+
+use std::fmt::Write as _;
+use std::path::PathBuf;
+
+use clap::Args;
+use farfield_calibration::formats::{
+    CameraAxes, Format, ImportOptions, Imported, PoseMeaning, Remark, TextFile, WorldAxis, export,
+    import,
+};
+use farfield_node::process::NodeError;
+use serde::Serialize;
+
+use super::{read, refuse_existing, write};
+use crate::output;
+
+/// What `farfield calibrate convert` is told.
+#[derive(Debug, Args)]
+pub(super) struct ConvertArgs {
+    /// The files of one calibration; several where a format has one per camera.
+    #[arg(required = true)]
+    files: Vec<PathBuf>,
+    /// Folder for the files that are written.
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// What to write: farfield, freemocap, caliscope, qualisys, opencv-yaml, ...
+    ///
+    /// farfield (aniposelib's and Pose2Sim's too), freemocap, caliscope, opencv-yaml, opencv-json, qualisys, theia,
+    /// easymocap, vicon, colmap, kalibr.
+    #[arg(long, value_name = "FORMAT", default_value = "farfield", value_parser = format)]
+    to: Format,
+    /// Whose the files are. Default: told by their content.
+    #[arg(long, value_name = "FORMAT", value_parser = format)]
+    from: Option<Format>,
+    /// How many metres a unit of length is. Default: by format and numbers.
+    #[arg(long, value_name = "METRES")]
+    metres_per_unit: Option<f64>,
+    /// Which axis points up: x, -x, y, -y, z, -z; it becomes z.
+    #[arg(long, value_name = "AXIS", value_parser = axis, allow_hyphen_values = true)]
+    up: Option<WorldAxis>,
+    /// Which axis of a left-handed world is turned round.
+    #[arg(long, value_name = "AXIS", value_parser = axis, allow_hyphen_values = true)]
+    mirrored: Option<WorldAxis>,
+    /// The poses are camera to world where the format says world to camera.
+    #[arg(long, hide_short_help = true)]
+    inverse_poses: bool,
+    /// The cameras look along -z with y up, as OpenGL's and Blender's do.
+    #[arg(long, hide_short_help = true)]
+    opengl_axes: bool,
+    /// Distortions of four numbers are a fisheye's where the file does not say.
+    #[arg(long, hide_short_help = true)]
+    four_are_fisheye: bool,
+    /// Size of the videos where they show the middle of the sensor: `1280x720`.
+    #[arg(long, hide_short_help = true, value_name = "WxH", value_parser = size)]
+    video_px: Option<[u32; 2]>,
+    /// Replace files that are there already.
+    #[arg(long)]
+    replace: bool,
+    /// Print what was read and written, or what went wrong, as JSON.
+    #[arg(long)]
+    pub(super) json: bool,
+}
+
+/// A format of this name.
+pub(super) fn format(word: &str) -> Result<Format, String> {
+    Format::from_name(word).ok_or_else(|| {
+        let names: Vec<&str> = Format::ALL.iter().map(|format| format.name()).collect();
+        format!("`{word}` is not one of {}", names.join(", "))
+    })
+}
+
+fn axis(word: &str) -> Result<WorldAxis, String> {
+    match word {
+        "x" | "+x" => Ok(WorldAxis::X),
+        "-x" => Ok(WorldAxis::MinusX),
+        "y" | "+y" => Ok(WorldAxis::Y),
+        "-y" => Ok(WorldAxis::MinusY),
+        "z" | "+z" => Ok(WorldAxis::Z),
+        "-z" => Ok(WorldAxis::MinusZ),
+        _ => Err(format!("`{word}` is not one of x, -x, y, -y, z, -z")),
+    }
+}
+
+/// `1280x720`.
+pub(super) fn size(word: &str) -> Result<[u32; 2], String> {
+    let sides = word.split_once('x');
+    let sides = sides.and_then(|(a, b)| Some([a.parse().ok()?, b.parse().ok()?]));
+    sides
+        .filter(|sides: &[u32; 2]| !sides.contains(&0))
+        .ok_or_else(|| format!("found `{word}`, expected two numbers above 0, for example 4x7"))
+}
+
+/// What is printed as JSON.
+#[derive(Debug, Serialize)]
+struct Converted<'a> {
+    from: &'static str,
+    to: &'static str,
+    cameras: Vec<&'a str>,
+    remarks: Vec<RemarkLine<'a>>,
+    files: Vec<PathBuf>,
+}
+
+#[derive(Debug, Serialize)]
+struct RemarkLine<'a> {
+    kind: &'static str,
+    camera: Option<&'a str>,
+    text: &'a str,
+}
+
+impl<'a> RemarkLine<'a> {
+    fn of(remark: &'a Remark) -> Self {
+        Self {
+            kind: remark.kind.name(),
+            camera: remark.camera.as_deref(),
+            text: &remark.text,
+        }
+    }
+}
+
+/// Reads one, says what was assumed, and writes the other.
+///
+/// # Errors
+/// [`NodeError::Refused`] where files cannot be read or written so, [`NodeError::Failed`] where the disk is in the way.
+pub(super) fn convert(args: &ConvertArgs) -> Result<(), NodeError> {
+    let files: Vec<TextFile> = args
+        .files
+        .iter()
+        .map(|path| read(path))
+        .collect::<Result<_, _>>()
+        .map_err(NodeError::Refused)?;
+    let imported = import(&files, &options(args)).map_err(NodeError::refused)?;
+    let texts = export(&imported.cameras, args.to).map_err(NodeError::refused)?;
+    let texts: Vec<TextFile> = texts
+        .into_iter()
+        .map(|file| TextFile {
+            path: args.out.join(&file.path),
+            text: file.text,
+        })
+        .collect();
+    for file in &texts {
+        refuse_existing(&file.path, args.replace)?;
+    }
+    for file in &texts {
+        write(&file.path, &file.text)?;
+    }
+    let said = if args.json {
+        json(&imported, args.to, &texts)?
+    } else {
+        lines(&imported, &texts)
+    };
+    output::print(&said).map_err(NodeError::Failed)
+}
+
+fn options(args: &ConvertArgs) -> ImportOptions {
+    ImportOptions {
+        format: args.from,
+        metres_per_unit: args.metres_per_unit,
+        up: args.up,
+        mirrored: args.mirrored,
+        pose: if args.inverse_poses {
+            PoseMeaning::Inverse
+        } else {
+            PoseMeaning::AsFormat
+        },
+        camera_axes: if args.opengl_axes {
+            CameraAxes::OpenGl
+        } else {
+            CameraAxes::OpenCv
+        },
+        four_are_fisheye: args.four_are_fisheye,
+        video_px: args.video_px,
+    }
+}
+
+fn json(imported: &Imported, to: Format, texts: &[TextFile]) -> Result<String, NodeError> {
+    let converted = Converted {
+        from: imported.format.name(),
+        to: to.name(),
+        cameras: imported.cameras.iter().map(|it| it.name.as_str()).collect(),
+        remarks: imported.remarks.iter().map(RemarkLine::of).collect(),
+        files: texts.iter().map(|file| file.path.clone()).collect(),
+    };
+    let text = serde_json::to_string_pretty(&converted).map_err(NodeError::failed)?;
+    Ok(text + "\n")
+}
+
+fn lines(imported: &Imported, texts: &[TextFile]) -> String {
+    let mut text = String::new();
+    // Writing to a string does not fail.
+    writeln!(
+        text,
+        "{} cameras of a calibration of the format {}",
+        imported.cameras.len(),
+        imported.format
+    )
+    .ok();
+    for remark in &imported.remarks {
+        let camera = remark.camera.as_deref();
+        let camera = camera.map_or_else(String::new, |camera| format!("camera {camera}: "));
+        writeln!(text, "{}: {camera}{}", remark.kind.name(), remark.text).ok();
+    }
+    for file in texts {
+        writeln!(text, "{}", file.path.display()).ok();
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn formats_axes_and_sizes_are_understood_or_said() {
+        assert_eq!(format("pose2sim"), Ok(Format::Farfield));
+        assert!(format("blender").unwrap_err().contains("qualisys"));
+        assert_eq!(axis("-y"), Ok(WorldAxis::MinusY));
+        assert!(axis("up").unwrap_err().contains("-z"));
+        assert_eq!(size("4x7"), Ok([4, 7]));
+        for word in ["4", "4x", "0x7", "4x-7"] {
+            assert!(size(word).is_err(), "{word}");
+        }
+    }
+}

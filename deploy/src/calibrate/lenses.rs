@@ -1,0 +1,86 @@
+//! What is known of the cameras' lenses: calibrations in any format that is read, of one camera or of all.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use anyhow::{anyhow, bail};
+use farfield_calibration::formats::{CameraRecord, ImportOptions, LensModel, import};
+use farfield_proto::camera::{Distortion, Intrinsics};
+
+use super::read;
+
+/// `[NAME=]FILE`, as on the command line.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct LensFile {
+    /// The camera that it is of; `None`: those that the file names.
+    camera: Option<String>,
+    path: PathBuf,
+}
+
+impl std::str::FromStr for LensFile {
+    type Err = String;
+
+    fn from_str(word: &str) -> Result<Self, String> {
+        Ok(match word.split_once('=') {
+            Some((name, path)) if !name.is_empty() && !path.is_empty() => Self {
+                camera: Some(name.to_owned()),
+                path: path.into(),
+            },
+            Some(_) => return Err(format!("found `{word}`, expected NAME=FILE or FILE")),
+            None => Self {
+                camera: None,
+                path: word.into(),
+            },
+        })
+    }
+}
+
+/// A camera's lens.
+#[derive(Debug, Clone)]
+pub(super) struct Lens {
+    pub(super) size_px: [u32; 2],
+    pub(super) intrinsics: Intrinsics,
+    pub(super) distortion: Distortion,
+}
+
+/// The lenses of all files by camera. The file of one camera may be given for one of another name.
+///
+/// # Errors
+/// What cannot be read, or is of a lens that is not supported.
+pub(super) fn lenses(files: &[LensFile]) -> anyhow::Result<BTreeMap<String, Lens>> {
+    let mut all = BTreeMap::new();
+    for file in files {
+        let imported = import(&[read(&file.path)?], &ImportOptions::default())?;
+        for record in imported.cameras.iter().filter(|_| file.camera.is_none()) {
+            all.insert(record.name.clone(), lens(record, &file.path)?);
+        }
+        if let Some(camera) = &file.camera {
+            let same = imported.cameras.iter().find(|it| it.name == *camera);
+            let record = match (same, imported.cameras.as_slice()) {
+                (Some(record), _) | (None, [record]) => record,
+                (None, several) => bail!(
+                    "{}: found {} cameras and none is called `{camera}`",
+                    file.path.display(),
+                    several.len()
+                ),
+            };
+            all.insert(camera.clone(), lens(record, &file.path)?);
+        }
+    }
+    Ok(all)
+}
+
+fn lens(record: &CameraRecord, path: &Path) -> anyhow::Result<Lens> {
+    let LensModel::Rational(distortion) = &record.lens else {
+        return Err(anyhow!(
+            "{}: camera `{}` has a fisheye lens, which is not supported here yet: expected a pinhole with five or eight coefficients",
+            path.display(),
+            record.name
+        ));
+    };
+    Ok(Lens {
+        size_px: record.size_px,
+        intrinsics: record.intrinsics,
+        distortion: *distortion,
+    })
+}

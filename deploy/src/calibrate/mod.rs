@@ -1,0 +1,119 @@
+//! `farfield calibrate`: how cameras see and where they stand, found from pictures of a board and from a point that was
+//! carried through the field, or taken over from another program's files.
+
+mod board;
+mod convert;
+mod lenses;
+mod points;
+mod sheet;
+
+use std::fs;
+use std::path::Path;
+
+use anyhow::{Context as _, anyhow};
+use clap::{Args, Subcommand};
+use farfield_calibration::formats::TextFile;
+use farfield_node::process::NodeError;
+
+/// Largest file that is read as text, bytes.
+const MAX_TEXT_BYTES: u64 = 64 << 20;
+
+/// What `farfield calibrate` is told.
+#[derive(Debug, Args)]
+pub(crate) struct CalibrateArgs {
+    #[command(subcommand)]
+    command: CalibrateCommand,
+}
+
+/// One way to a calibration.
+#[derive(Debug, Subcommand)]
+enum CalibrateCommand {
+    /// How a camera sees, from pictures of a chessboard or a `ChArUco` board.
+    #[command(
+        after_help = "Example: farfield calibrate board pictures/ --chessboard 4x7 --square-mm 60 --camera cam01"
+    )]
+    Board(board::BoardArgs),
+    /// Where cameras stand, from a ball, a light or a drone that they saw.
+    #[command(
+        after_help = "Example: farfield calibrate points seen/*.txt --lens lenses.toml --distance north,south=24.1"
+    )]
+    Points(points::PointsArgs),
+    /// Turn another program's calibration into ours, or ours into another's.
+    #[command(after_help = "Example: farfield calibrate convert hall.qca.txt --out calibration")]
+    Convert(convert::ConvertArgs),
+}
+
+impl CalibrateArgs {
+    /// Whether answers and errors are JSON.
+    pub(crate) fn is_json(&self) -> bool {
+        match &self.command {
+            CalibrateCommand::Board(args) => args.json,
+            CalibrateCommand::Points(args) => args.json,
+            CalibrateCommand::Convert(args) => args.json,
+        }
+    }
+}
+
+/// Makes the calibration that is asked for.
+///
+/// # Errors
+/// [`NodeError::Refused`] where the input cannot carry it, [`NodeError::Failed`] where a calibration was made that does not
+/// pass, or cannot be written.
+pub(crate) fn calibrate(args: &CalibrateArgs) -> Result<(), NodeError> {
+    match &args.command {
+        CalibrateCommand::Board(args) => board::from_board(args),
+        CalibrateCommand::Points(args) => points::from_points(args),
+        CalibrateCommand::Convert(args) => convert::convert(args),
+    }
+}
+
+/// All of a text file of a sensible size.
+fn read(path: &Path) -> anyhow::Result<TextFile> {
+    let named = || path.display().to_string();
+    let bytes = fs::metadata(path).with_context(named)?.len();
+    if bytes > MAX_TEXT_BYTES {
+        return Err(anyhow!(
+            "{}: found {bytes} bytes, expected at most {MAX_TEXT_BYTES}",
+            named()
+        ));
+    }
+    let text = fs::read_to_string(path).with_context(named)?;
+    Ok(TextFile {
+        path: path.to_owned(),
+        text,
+    })
+}
+
+/// Refuses to write over what is there.
+fn refuse_existing(path: &Path, replace: bool) -> Result<(), NodeError> {
+    if !replace && path.exists() {
+        let problem = anyhow!("{} is there already: --replace replaces it", path.display());
+        return Err(NodeError::Refused(problem));
+    }
+    Ok(())
+}
+
+/// Writes a text file whole or not at all, and makes its folder.
+fn write(path: &Path, text: &str) -> Result<(), NodeError> {
+    let written = || -> anyhow::Result<()> {
+        let folder = path.parent().filter(|it| !it.as_os_str().is_empty());
+        let folder = folder.unwrap_or(Path::new("."));
+        fs::create_dir_all(folder)?;
+        let mut file = tempfile::NamedTempFile::new_in(folder)?;
+        std::io::Write::write_all(&mut file, text.as_bytes())?;
+        file.as_file().sync_all()?;
+        file.persist(path)?;
+        Ok(())
+    };
+    let written = written().with_context(|| format!("writing {}", path.display()));
+    written.map_err(NodeError::Failed)
+}
+
+/// `NAME=VALUE`.
+fn named<T: std::str::FromStr>(word: &str, expected: &str) -> Result<(String, T), String> {
+    let found = word.split_once('=').and_then(|(name, value)| {
+        let value = value.trim().parse().ok()?;
+        (!name.trim().is_empty()).then(|| (name.trim().to_owned(), value))
+    });
+    found.ok_or_else(|| format!("found `{word}`, expected {expected}"))
+}

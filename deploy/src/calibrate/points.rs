@@ -1,0 +1,395 @@
+//! `farfield calibrate points`: where cameras stand, from a single moving point that they saw.
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+use anyhow::{anyhow, bail, ensure};
+use clap::{Args, ValueEnum};
+use farfield_calibration::alignment::{Anchors, KnownDistance};
+use farfield_calibration::points::{
+    Lenses, PointCalibration, PointCamera, PointRequest, Stage, Timing, calibrate, parse,
+};
+use farfield_calibration::report::CameraReport;
+use farfield_node::process::{NodeError, say};
+use serde::Serialize;
+
+use super::lenses::{LensFile, lenses};
+use super::{named, read, refuse_existing, sheet, write};
+use crate::output;
+
+/// What `farfield calibrate points` is told.
+#[derive(Debug, Args)]
+pub(super) struct PointsArgs {
+    /// Where each camera saw the point: NAME.txt, with `frame x y` on each line.
+    ///
+    /// Distorted pixels, the centre of the first is (0, 0); the file's name is the camera's. More than one in a frame is not
+    /// allowed: the detector decides, and up to a tenth may be wrong.
+    #[arg(required = true)]
+    seen: Vec<PathBuf>,
+    /// Lenses: a calibration of any format, or NAME=FILE for one camera.
+    #[arg(long, value_name = "[NAME=]FILE", required = true)]
+    lens: Vec<LensFile>,
+    /// Whether frames are of one moment: synchronised, given, unknown.
+    ///
+    /// synchronised: frames of one number; given: by --rate-hz and --offset-s; unknown: rates are about right, offsets are
+    /// looked for.
+    #[arg(
+        long,
+        value_name = "HOW",
+        default_value = "synchronised",
+        hide_possible_values = true
+    )]
+    clocks: Clocks,
+    /// Frames per second: of all cameras, or NAME=HZ.
+    #[arg(long, value_name = "[NAME=]HZ", value_parser = rate)]
+    rate_hz: Vec<(Option<String>, f64)>,
+    /// Time of a camera's frame 0, seconds, on a clock that all share.
+    #[arg(long, value_name = "NAME=S", value_parser = offset)]
+    offset_s: Vec<(String, f64)>,
+    /// Distance between two cameras: what tells the scale.
+    #[arg(long, value_name = "A,B=METRES", value_parser = distance)]
+    distance: Vec<KnownDistance>,
+    /// Where a camera is known to stand; three say scale, place and up.
+    #[arg(long, value_name = "NAME=X,Y,Z", value_parser = place, allow_hyphen_values = true)]
+    at: Vec<(String, [f64; 3])>,
+    /// What of the lenses may move: none, focal, all.
+    #[arg(
+        long,
+        value_name = "WHAT",
+        default_value = "none",
+        hide_possible_values = true
+    )]
+    free: FreeLens,
+    /// Distance in pixels within which sights agree while poses are rough.
+    #[arg(long, value_name = "PX", default_value_t = 3.0, hide_short_help = true)]
+    gate_px: f64,
+    /// Seed of the random samples.
+    #[arg(long, value_name = "N", default_value_t = 1, hide_short_help = true)]
+    seed: u64,
+    /// The calibration to write; its sheet goes beside it, as HTML.
+    #[arg(long, value_name = "FILE", default_value = "calibration.toml")]
+    out: PathBuf,
+    /// Replace files that are there already.
+    #[arg(long)]
+    replace: bool,
+    /// Print what was found, or what went wrong, as JSON.
+    #[arg(long)]
+    pub(super) json: bool,
+}
+
+/// What is known of when frames were taken.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum Clocks {
+    Synchronised,
+    Given,
+    Unknown,
+}
+
+/// What of the lenses may move.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum FreeLens {
+    None,
+    Focal,
+    All,
+}
+
+fn rate(word: &str) -> Result<(Option<String>, f64), String> {
+    let expected = "HZ or NAME=HZ, for example 59.94 or north=59.94";
+    if word.contains('=') {
+        let (name, hz) = named(word, expected)?;
+        return Ok((Some(name), hz));
+    }
+    let hz = word
+        .parse()
+        .map_err(|_| format!("found `{word}`, expected {expected}"))?;
+    Ok((None, hz))
+}
+
+fn offset(word: &str) -> Result<(String, f64), String> {
+    named(word, "NAME=SECONDS, for example north=-0.35")
+}
+
+fn distance(word: &str) -> Result<KnownDistance, String> {
+    let expected = "A,B=METRES, for example north,south=24.1";
+    let (names, distance_m) = named::<f64>(word, expected)?;
+    match names.split_once(',') {
+        Some((first, second)) if distance_m > 0.0 => Ok(KnownDistance {
+            first: first.trim().to_owned(),
+            second: second.trim().to_owned(),
+            distance_m,
+        }),
+        _ => Err(format!("found `{word}`, expected {expected}")),
+    }
+}
+
+fn place(word: &str) -> Result<(String, [f64; 3]), String> {
+    let expected = "NAME=X,Y,Z in metres, for example north=0,12.5,4";
+    let (name, place) = named::<String>(word, expected)?;
+    let numbers: Result<Vec<f64>, _> = place.split(',').map(|it| it.trim().parse()).collect();
+    match numbers.map(<[f64; 3]>::try_from) {
+        Ok(Ok(at_m)) => Ok((name, at_m)),
+        _ => Err(format!("found `{word}`, expected {expected}")),
+    }
+}
+
+/// What is printed as JSON.
+#[derive(Debug, Serialize)]
+struct Found<'a> {
+    passes: bool,
+    cameras: Vec<Camera<'a>>,
+    without_pose: Vec<&'a str>,
+    known_places_rms_m: Option<f64>,
+    findings: Vec<FindingLine<'a>>,
+    files: [&'a Path; 2],
+}
+
+#[derive(Debug, Serialize)]
+struct Camera<'a> {
+    name: &'a str,
+    sights: usize,
+    used_share: f64,
+    rms_px: f64,
+    position_sigma_mm: f64,
+    rotation_sigma_deg: f64,
+    halves_mm: f64,
+    halves_deg: f64,
+    focal_ratio: f64,
+    offset_s: f64,
+    rate_hz: f64,
+}
+
+#[derive(Debug, Serialize)]
+struct FindingLine<'a> {
+    camera: Option<&'a str>,
+    is_wrong: bool,
+    found: &'a str,
+    expected: &'a str,
+    remedy: &'a str,
+}
+
+/// Finds the cameras, writes calibration and sheet, and says how good they are.
+///
+/// # Errors
+/// [`NodeError::Refused`] where the input cannot carry a calibration, [`NodeError::Failed`] where the one that was found
+/// does not pass.
+pub(super) fn from_points(args: &PointsArgs) -> Result<(), NodeError> {
+    let request = request(args).map_err(NodeError::Refused)?;
+    let sheet_path = args.out.with_extension("html");
+    for path in [&args.out, &sheet_path] {
+        refuse_existing(path, args.replace)?;
+    }
+    let told = &mut |stage: Stage| {
+        say(format_args!(
+            "{}",
+            match stage {
+                Stage::Clocks => "looking for the lags of the clocks",
+                Stage::Poses => "looking for poses",
+                Stage::Adjustment => "adjusting all to all",
+                Stage::Report => "looking how good it is",
+            }
+        ));
+    };
+    let found = calibrate(&request, told).map_err(NodeError::refused)?;
+    write(&args.out, &found.toml())?;
+    write(&sheet_path, &sheet::html(&args.out, &found))?;
+    let files = [args.out.as_path(), sheet_path.as_path()];
+    let missing: Vec<&str> = request
+        .cameras
+        .iter()
+        .map(|camera| camera.name.as_str())
+        .filter(|name| found.cameras.iter().all(|it| it.name != *name))
+        .collect();
+    let text = if args.json {
+        json(&found, missing, files)?
+    } else {
+        lines(&found, files)
+    };
+    output::print(&text).map_err(NodeError::Failed)?;
+    if found.report.passes() {
+        return Ok(());
+    }
+    Err(NodeError::Failed(anyhow!(
+        "the calibration does not pass: {} says why",
+        sheet_path.display()
+    )))
+}
+
+fn request(args: &PointsArgs) -> anyhow::Result<PointRequest> {
+    let lenses = lenses(&args.lens)?;
+    let mut seen = BTreeMap::new();
+    for path in &args.seen {
+        let name = path
+            .file_stem()
+            .and_then(|it| it.to_str())
+            .unwrap_or_default();
+        let sightings = parse(&read(path)?.text, path)?;
+        if seen.insert(name.to_owned(), sightings).is_some() {
+            bail!("{}: two files are of camera `{name}`", path.display());
+        }
+    }
+    let known: Vec<&str> = seen.keys().map(String::as_str).collect();
+    let is_known = |name: &str| {
+        ensure!(
+            known.contains(&name),
+            "unknown camera `{name}`, expected one of {}",
+            known.join(", ")
+        );
+        Ok(())
+    };
+    let rates = args.rate_hz.iter().filter_map(|(name, _)| name.as_ref());
+    let distances = args.distance.iter().flat_map(|it| [&it.first, &it.second]);
+    let offsets = args.offset_s.iter().map(|(name, _)| name);
+    let places = args.at.iter().map(|(name, _)| name);
+    for name in rates.chain(distances).chain(offsets).chain(places) {
+        is_known(name)?;
+    }
+    let mut cameras = Vec::new();
+    for (name, sightings) in seen {
+        let Some(lens) = lenses.get(&name) else {
+            let has: Vec<&str> = lenses.keys().map(String::as_str).collect();
+            bail!(
+                "no lens of camera `{name}`: found those of {}; give it by --lens {name}=FILE",
+                has.join(", ")
+            );
+        };
+        let of_all = args.rate_hz.iter().filter(|(of, _)| of.is_none());
+        let own = args
+            .rate_hz
+            .iter()
+            .filter(|(of, _)| of.as_deref() == Some(&name));
+        let rate_hz = own.chain(of_all).map(|(_, hz)| *hz).next();
+        let offset_s = args.offset_s.iter().find(|(of, _)| *of == name);
+        cameras.push(PointCamera {
+            size_px: lens.size_px,
+            intrinsics: lens.intrinsics,
+            distortion: lens.distortion,
+            rate_hz,
+            offset_s: offset_s.map(|(_, s)| *s),
+            sightings,
+            name,
+        });
+    }
+    let timing = match args.clocks {
+        Clocks::Synchronised => Timing::Synchronised,
+        Clocks::Given => Timing::Clocks,
+        Clocks::Unknown => Timing::Unknown,
+    };
+    Ok(PointRequest {
+        lenses: match args.free {
+            FreeLens::None => Lenses::Given,
+            FreeLens::Focal => Lenses::Focal,
+            FreeLens::All => Lenses::All,
+        },
+        gate_px: args.gate_px,
+        seed: args.seed,
+        anchors: Anchors {
+            centers_m: args.at.clone(),
+            distances: args.distance.clone(),
+            ..Anchors::default()
+        },
+        ..PointRequest::new(cameras, timing)
+    })
+}
+
+fn json(
+    found: &PointCalibration,
+    without_pose: Vec<&str>,
+    files: [&Path; 2],
+) -> Result<String, NodeError> {
+    let cameras = found.report.cameras.iter().map(|it| Camera {
+        name: &it.name,
+        sights: it.sights,
+        used_share: it.used_share,
+        rms_px: it.rms_px,
+        position_sigma_mm: 1000.0 * it.position_sigma_m,
+        rotation_sigma_deg: it.rotation_sigma_deg,
+        halves_mm: 1000.0 * it.halves_m,
+        halves_deg: it.halves_deg,
+        focal_ratio: it.focal_ratio,
+        offset_s: it.offset_s,
+        rate_hz: it.rate_hz,
+    });
+    let findings = found.report.findings.iter().map(|it| FindingLine {
+        camera: it.camera.as_deref(),
+        is_wrong: it.is_wrong,
+        found: &it.found,
+        expected: &it.expected,
+        remedy: &it.remedy,
+    });
+    let document = Found {
+        passes: found.report.passes(),
+        cameras: cameras.collect(),
+        without_pose,
+        known_places_rms_m: found.report.anchors_rms_m,
+        findings: findings.collect(),
+        files,
+    };
+    let text = serde_json::to_string_pretty(&document).map_err(NodeError::failed)?;
+    Ok(text + "\n")
+}
+
+fn lines(found: &PointCalibration, files: [&Path; 2]) -> String {
+    let mut text = String::new();
+    // Writing to a string does not fail.
+    for camera in &found.report.cameras {
+        writeln!(text, "camera {}: {}", camera.name, in_words(camera)).ok();
+    }
+    if let Some(rms_m) = found.report.anchors_rms_m {
+        writeln!(
+            text,
+            "known places: {:.0} mm from where they were found",
+            1000.0 * rms_m
+        )
+        .ok();
+    }
+    for finding in &found.report.findings {
+        let word = if finding.is_wrong { "WRONG" } else { "warning" };
+        writeln!(text, "{word}: {finding}").ok();
+    }
+    for path in files {
+        writeln!(text, "{}", path.display()).ok();
+    }
+    text
+}
+
+fn in_words(camera: &CameraReport) -> String {
+    format!(
+        "{:.2} px over {} sights, {:.0} % used; known to {:.1} mm and {:.3} degrees; halves of the data {:.1} mm apart",
+        camera.rms_px,
+        camera.sights,
+        100.0 * camera.used_share,
+        1000.0 * camera.position_sigma_m,
+        camera.rotation_sigma_deg,
+        1000.0 * camera.halves_m
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_known_of_cameras_is_understood_or_said() {
+        assert_eq!(rate("59.94"), Ok((None, 59.94)));
+        assert_eq!(rate("north=25"), Ok((Some("north".to_owned()), 25.0)));
+        assert_eq!(
+            place("n=0,-12.5, 4"),
+            Ok(("n".to_owned(), [0.0, -12.5, 4.0]))
+        );
+        let known = distance("north,south=24.1").unwrap();
+        assert_eq!(
+            (known.first.as_str(), known.second.as_str()),
+            ("north", "south")
+        );
+        for wrong in [
+            rate("fast").unwrap_err(),
+            offset("0.3").unwrap_err(),
+            distance("north=3").unwrap_err(),
+            distance("a,b=-3").unwrap_err(),
+            place("n=1,2").unwrap_err(),
+        ] {
+            assert!(wrong.contains("expected"), "{wrong}");
+        }
+    }
+}
