@@ -9,16 +9,17 @@ use super::{check, root, workspace};
 /// What each package may depend on among ours, in any table: for building, for tests, for build scripts.
 /// Edge and fusion never see each other, and nothing that is delivered sees the laboratory. All names but
 /// the operator's command's begin with `farfield-`.
-const MAY_DEPEND_ON: [(&str, &[&str]); 9] = [
+const MAY_DEPEND_ON: [(&str, &[&str]); 10] = [
     ("proto", &[]),
     ("node", &["proto"]),
     ("edge", &["proto", "node"]),
     ("fusion", &["proto", "node"]),
+    ("export", &["proto", "fusion"]),
     ("sim", &["proto", "edge", "fusion"]),
     ("score", &["proto", "fusion"]),
     (
         "farfield",
-        &["proto", "node", "edge", "fusion", "sim", "score"],
+        &["proto", "node", "edge", "fusion", "export", "sim", "score"],
     ),
     (
         "lab",

@@ -3,7 +3,7 @@
 use super::{check, root, workspace};
 
 /// The cores.
-const CORES: [&str; 3] = ["proto/src/", "edge/src/", "fusion/src/"];
+const CORES: [&str; 4] = ["proto/src/", "edge/src/", "fusion/src/", "export/src/"];
 /// What in their folders is shell. Everything else knows no file, socket, clock or runtime.
 const SHELLS: [&str; 7] = [
     "edge/src/node",
@@ -15,7 +15,8 @@ const SHELLS: [&str; 7] = [
     "fusion/src/main.rs",
 ];
 /// The core files that write files: they give them their names when they are whole.
-const WRITERS: [&str; 2] = [
+const WRITERS: [&str; 3] = [
+    "export/src/files.rs",
     "fusion/src/export/unfinished.rs",
     "fusion/src/export/whole.rs",
 ];
