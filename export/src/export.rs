@@ -12,6 +12,7 @@ use crate::formats::gltf::{Container, GltfPerson, GltfWriter};
 use crate::formats::osim::write_model;
 use crate::formats::parquet::ParquetWriter;
 use crate::formats::table::{TidyWriter, WideWriter, point_names};
+use crate::formats::trc_mot::{MotWriter, TrcWriter};
 use crate::options::{ExportRequest, Format, Options};
 use crate::run::line::for_each_line;
 use crate::run::{PoseLine, RunFacts, Sample, Survey};
@@ -145,39 +146,57 @@ impl<'a> Run<'a> {
         file: &mut Unfinished,
         done: &mut dyn FnMut(),
     ) -> Result<(), ExportError> {
-        let subjects: Vec<Subject<'_>> = people
-            .iter()
-            .filter_map(|person| self.subject(*person))
-            .collect();
+        let subjects = people.iter().filter_map(|person| self.subject(*person));
+        let subjects: Vec<Subject<'_>> = subjects.collect();
+        match format {
+            Format::Glb => self.write_gltf(&subjects, file, Container::Binary, done),
+            Format::Gltf => self.write_gltf(&subjects, file, Container::Json, done),
+            Format::CsvTidy | Format::Parquet => self.write_table(format, &subjects, file, done),
+            _ => subjects.into_iter().try_for_each(|subject| {
+                self.write_person(format, subject, file)?;
+                done();
+                Ok(())
+            }),
+        }
+    }
+
+    fn write_gltf(
+        &self,
+        subjects: &[Subject<'_>],
+        file: &mut Unfinished,
+        container: Container,
+        done: &mut dyn FnMut(),
+    ) -> Result<(), ExportError> {
+        let mut writer = GltfWriter::default();
+        for subject in subjects {
+            let mut person = GltfPerson::new(*subject);
+            self.for_each_frame(subject.id, |frame| {
+                person.frame(&frame);
+                Ok(())
+            })?;
+            writer.add(person).map_err(|source| file.error(source))?;
+            done();
+        }
+        let written = writer.finish(&mut *file, container);
+        written.map_err(|source| file.error(source))
+    }
+
+    /// Writes a table of all people.
+    fn write_table(
+        &self,
+        format: Format,
+        subjects: &[Subject<'_>],
+        file: &mut Unfinished,
+        done: &mut dyn FnMut(),
+    ) -> Result<(), ExportError> {
         let path = file.path().to_owned();
         let error = |source| ExportError::io(&path, "writing", source);
-        if let Some(container) = container_of(format) {
-            let mut writer = GltfWriter::default();
-            for subject in subjects {
-                let mut person = GltfPerson::new(subject);
-                self.for_each_frame(subject.id, |frame| {
-                    person.frame(&frame);
-                    Ok(())
-                })?;
-                writer.add(person).map_err(error)?;
-                done();
-            }
-            return writer.finish(file, container).map_err(error);
-        }
-        if format == Format::CsvTidy {
-            let names = point_names(&self.survey.keypoints);
-            let mut writer = TidyWriter::new(file);
-            for subject in subjects {
-                self.for_each_frame(subject.id, |frame| {
-                    writer.frame(&subject, &names, &frame).map_err(error)
-                })?;
-                done();
-            }
-            return writer.finish().map_err(error);
-        }
-        if let (Format::Parquet, Some(first)) = (format, subjects.first()) {
+        let Some(first) = subjects.first() else {
+            return Ok(());
+        };
+        if format == Format::Parquet {
             let mut writer = ParquetWriter::new(file, first).map_err(error)?;
-            for subject in &subjects {
+            for subject in subjects {
                 self.for_each_frame(subject.id, |frame| {
                     writer.frame(subject, &frame).map_err(error)
                 })?;
@@ -185,29 +204,61 @@ impl<'a> Run<'a> {
             }
             return writer.finish().map_err(error);
         }
+        let names = point_names(&self.survey.keypoints);
+        let mut writer = TidyWriter::new(file);
         for subject in subjects {
-            match format {
-                Format::Bvh => {
-                    let mut writer = BvhWriter::new(&mut *file, subject).map_err(error)?;
-                    self.for_each_frame(subject.id, |frame| writer.frame(&frame).map_err(error))?;
-                }
-                Format::C3d => {
-                    let mut writer = C3dWriter::new(&mut *file, subject).map_err(error)?;
-                    self.for_each_frame(subject.id, |frame| writer.frame(&frame).map_err(error))?;
-                    writer.finish().map_err(error)?;
-                }
-                Format::Csv => {
-                    let mut writer = WideWriter::new(&mut *file, subject).map_err(error)?;
-                    self.for_each_frame(subject.id, |frame| writer.frame(&frame).map_err(error))?;
-                    writer.finish().map_err(error)?;
-                }
-                Format::Osim => write_model(&mut *file, &subject).map_err(error)?,
-                // Files of all people, which are written above.
-                Format::Glb | Format::Gltf | Format::CsvTidy | Format::Parquet => {}
-            }
+            self.for_each_frame(subject.id, |frame| {
+                writer.frame(subject, &names, &frame).map_err(error)
+            })?;
             done();
         }
-        Ok(())
+        writer.finish().map_err(error)
+    }
+
+    /// Writes the file of one person.
+    fn write_person(
+        &self,
+        format: Format,
+        subject: Subject<'_>,
+        file: &mut Unfinished,
+    ) -> Result<(), ExportError> {
+        let path = file.path().to_owned();
+        let error = |source| ExportError::io(&path, "writing", source);
+        let person = subject.id;
+        match format {
+            Format::Bvh => {
+                let mut writer = BvhWriter::new(file, subject).map_err(error)?;
+                self.for_each_frame(person, |frame| writer.frame(&frame).map_err(error))
+            }
+            Format::C3d => {
+                let mut writer = C3dWriter::new(file, subject).map_err(error)?;
+                self.for_each_frame(person, |frame| writer.frame(&frame).map_err(error))?;
+                writer.finish().map_err(error)
+            }
+            Format::Csv => {
+                let mut writer = WideWriter::new(file, subject).map_err(error)?;
+                self.for_each_frame(person, |frame| writer.frame(&frame).map_err(error))?;
+                writer.finish().map_err(error)
+            }
+            Format::Trc => {
+                let name = format.file_name(subject.name);
+                let mut writer = TrcWriter::new(file, subject, &name).map_err(error)?;
+                self.for_each_frame(person, |frame| writer.frame(&frame).map_err(error))
+            }
+            Format::Mot => {
+                // The head counts the rows, and absent frames have none.
+                let mut n_rows = 0;
+                self.for_each_frame(person, |frame| {
+                    n_rows += u64::from(frame.pose.is_some());
+                    Ok(())
+                })?;
+                let mut writer = MotWriter::new(file, subject, n_rows).map_err(error)?;
+                self.for_each_frame(person, |frame| writer.frame(&frame).map_err(error))
+            }
+            Format::Osim => write_model(file, &subject).map_err(error),
+            // Of all people, which `write` has told from these.
+            Format::Glb | Format::Gltf | Format::CsvTidy | Format::Parquet => Ok(()),
+        }
     }
 
     /// Calls `each` with every frame of one person, in order.
@@ -229,20 +280,6 @@ impl<'a> Run<'a> {
             resampler.push(tick, sample, &mut each)
         })?;
         resampler.finish(each)
-    }
-}
-
-/// How the glTF file of that format is put together; `None`: it is none.
-const fn container_of(format: Format) -> Option<Container> {
-    match format {
-        Format::Glb => Some(Container::Binary),
-        Format::Gltf => Some(Container::Json),
-        Format::Bvh
-        | Format::C3d
-        | Format::Csv
-        | Format::CsvTidy
-        | Format::Parquet
-        | Format::Osim => None,
     }
 }
 

@@ -139,3 +139,47 @@ fn a_line_that_is_wrong_is_named() {
         "{refused}"
     );
 }
+
+#[test]
+fn trc_and_mot_have_the_rows_that_their_heads_count() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut request = request(folder.path());
+    request.formats = vec![Format::Trc, Format::Mot];
+    request.options.people = vec![2];
+    let written = bytes_of(&run(&request).unwrap());
+    let text = |i: usize| String::from_utf8(written[i].1.clone()).unwrap();
+    // Person 2 is away for 10 of 50 ticks: blank in one, left out in the other.
+    let (trc, mot) = (text(0), text(1));
+    assert_eq!(trc.lines().nth(2).unwrap().split('\t').nth(2), Some("50"));
+    assert_eq!(trc.lines().count(), 5 + 50);
+    assert!(mot.contains("\nnRows=40\n"));
+    let rows = mot.lines().skip_while(|line| *line != "endheader").count();
+    assert_eq!(rows, 2 + 40);
+}
+
+#[test]
+fn in_gltf_a_pose_is_held_to_the_end_of_a_gap() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut request = request(folder.path());
+    request.formats = vec![Format::Gltf];
+    request.options.people = vec![2];
+    let held = bytes_of(&run(&request).unwrap());
+    let json: serde_json::Value = serde_json::from_slice(&held[0].1).unwrap();
+    let person = json["nodes"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .find(|node| node["name"] == "person_2")
+        .unwrap();
+    let absent = person["extras"]["absent_s"][0].as_array().unwrap();
+    assert!((absent[0].as_f64().unwrap() - 20.0 / 60.0).abs() < 1e-9);
+    assert!((absent[1].as_f64().unwrap() - 29.0 / 60.0).abs() < 1e-9);
+    let input = json["animations"][0]["samplers"][0]["input"]
+        .as_u64()
+        .unwrap();
+    // 40 ticks, and the one that holds.
+    assert_eq!(
+        json["accessors"][usize::try_from(input).unwrap()]["count"],
+        41
+    );
+}

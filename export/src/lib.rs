@@ -13,6 +13,7 @@
 //! Equal runs and options give equal bytes.
 
 pub mod axes;
+mod choice;
 mod error;
 mod export;
 mod files;
@@ -32,15 +33,3 @@ pub use subject::Subject;
 mod export_tests;
 #[cfg(test)]
 pub(crate) mod fixture;
-
-/// The value of that name, of those a command line may name.
-///
-/// # Errors
-/// The names that there are.
-pub(crate) fn named<T: Copy>(name: &str, all: &[(&'static str, T)]) -> Result<T, String> {
-    let found = all.iter().find(|(known, _)| *known == name);
-    found.map(|(_, value)| *value).ok_or_else(|| {
-        let known: Vec<&str> = all.iter().map(|(known, _)| *known).collect();
-        format!("`{name}` is not one of {}", known.join(", "))
-    })
-}

@@ -28,11 +28,15 @@ pub enum Format {
     Parquet,
     /// A scaled `OpenSim` model per person.
     Osim,
+    /// TRC, one file a person: the markers of the model, as a run writes them.
+    Trc,
+    /// MOT, one file a person: the coordinates of the model, as a run writes them.
+    Mot,
 }
 
 impl Format {
     /// Every format with its name on the command line.
-    pub const ALL: [(&'static str, Self); 8] = [
+    pub const ALL: [(&'static str, Self); 10] = [
         ("bvh", Self::Bvh),
         ("glb", Self::Glb),
         ("gltf", Self::Gltf),
@@ -41,6 +45,8 @@ impl Format {
         ("csv-tidy", Self::CsvTidy),
         ("parquet", Self::Parquet),
         ("osim", Self::Osim),
+        ("trc", Self::Trc),
+        ("mot", Self::Mot),
     ];
 
     /// Its name on the command line.
@@ -59,6 +65,8 @@ impl Format {
             Self::Csv => format!("poses_{who}.csv"),
             Self::CsvTidy => "poses_tidy.csv".to_owned(),
             Self::Parquet => "poses.parquet".to_owned(),
+            Self::Trc => format!("poses_{who}.trc"),
+            Self::Mot => format!("angles_{who}.mot"),
             Self::Osim => format!("model_{who}.osim"),
         }
     }
@@ -70,7 +78,7 @@ impl Format {
 
     /// Whether it has a place for marks of what was filled.
     const fn has_marks(self) -> bool {
-        !matches!(self, Self::Bvh)
+        !matches!(self, Self::Bvh | Self::Trc | Self::Mot)
     }
 }
 
@@ -78,7 +86,7 @@ impl FromStr for Format {
     type Err = String;
 
     fn from_str(name: &str) -> Result<Self, String> {
-        crate::named(name, &Self::ALL)
+        crate::choice::named(name, &Self::ALL)
     }
 }
 
@@ -103,7 +111,7 @@ impl FromStr for Lengths {
     type Err = String;
 
     fn from_str(name: &str) -> Result<Self, String> {
-        crate::named(name, &Self::ALL)
+        crate::choice::named(name, &Self::ALL)
     }
 }
 

@@ -7,3 +7,4 @@ pub mod osim;
 pub mod parquet;
 mod points;
 pub mod table;
+pub mod trc_mot;

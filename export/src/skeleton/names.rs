@@ -158,7 +158,7 @@ impl FromStr for BoneNames {
     type Err = String;
 
     fn from_str(name: &str) -> Result<Self, String> {
-        crate::named(name, &Self::ALL)
+        crate::choice::named(name, &Self::ALL)
     }
 }
 

@@ -58,7 +58,7 @@ impl FromStr for RestPose {
     type Err = String;
 
     fn from_str(name: &str) -> Result<Self, String> {
-        crate::named(name, &Self::ALL)
+        crate::choice::named(name, &Self::ALL)
     }
 }
 

@@ -1,0 +1,148 @@
+//! TRC and MOT as a run writes them, of other stretches and rates: the same heads and rows, from `farfield_fusion`.
+//!
+//! Metres, y up, whatever the preset. Which joints are markers, and which angles are columns, is decided as in a run: by
+//! what the keypoints determine.
+
+use std::collections::BTreeMap;
+use std::io::{self, Write};
+
+use farfield_fusion::body::determined::Determined;
+use farfield_fusion::body::skeleton::{ANGLE_NAMES, Joint, RangeOfMotion, sites_of};
+use farfield_fusion::export::{AngleColumn, Layout, mot, trc};
+use farfield_proto::id::PersonId;
+use farfield_proto::keypoints::KeypointSet;
+use farfield_proto::message::PersonPose;
+use farfield_proto::tick::Tick;
+use nalgebra::Vector3;
+
+use crate::run::Sample;
+use crate::subject::Subject;
+use crate::timeline::Frame;
+
+/// What the numbers of a pose are called.
+fn layout_of(keypoints: &[String]) -> Layout {
+    let set = KeypointSet::new(keypoints.to_vec());
+    let determined = Determined::by(&sites_of(&set, &BTreeMap::new()));
+    let range = RangeOfMotion::default();
+    let angles = ANGLE_NAMES.iter().enumerate().map(|(i, name)| {
+        let (low, high) = range.reported_range(i);
+        AngleColumn {
+            range_rad: low.is_finite().then_some([low, high]),
+            evidence: determined.angles[i],
+            ..AngleColumn::named(*name)
+        }
+    });
+    Layout {
+        joints: Joint::ALL.map(|joint| joint.name().to_owned()).to_vec(),
+        is_marker: determined.joints.to_vec(),
+        keypoints: keypoints.to_vec(),
+        angles: angles.collect(),
+    }
+}
+
+/// The pose as fusion publishes it.
+fn pose_of(sample: &Sample, subject: &Subject<'_>) -> PersonPose {
+    let single = |at_m: &Vector3<f64>| [at_m.x as f32, at_m.y as f32, at_m.z as f32];
+    let sigma_m = sample.sigma_m.as_ref();
+    let keypoints_m = sample.keypoints_m.iter();
+    PersonPose {
+        person: PersonId(subject.id),
+        state: sample.state,
+        joints_m: sample
+            .joints_m(subject.options.rest)
+            .iter()
+            .map(single)
+            .collect(),
+        keypoints_m: keypoints_m
+            .map(|at_m| at_m.as_ref().map_or([f32::NAN; 3], single))
+            .collect(),
+        sigma_m: sigma_m.map_or_else(Vec::new, |all| all.iter().map(|v| *v as f32).collect()),
+        angles: sample.angles.iter().map(|v| *v as f32).collect(),
+        unobserved: 0,
+        views: u16::try_from(sample.views).unwrap_or(u16::MAX),
+    }
+}
+
+/// A head with its number of rows.
+fn counted(head: Option<String>) -> io::Result<String> {
+    head.ok_or_else(|| io::Error::other("more rows than the head has room for"))
+}
+
+/// Writes one person's markers.
+#[derive(Debug)]
+pub struct TrcWriter<'a, W> {
+    out: W,
+    subject: Subject<'a>,
+    layout: Layout,
+}
+
+impl<'a, W: Write> TrcWriter<'a, W> {
+    /// Writes the head; `file_name` is what the file calls itself.
+    ///
+    /// # Errors
+    /// Those of `out`.
+    pub fn new(mut out: W, subject: Subject<'a>, file_name: &str) -> io::Result<Self> {
+        let layout = layout_of(subject.keypoints);
+        let clock = subject.clock;
+        let head = trc::header(&layout, file_name, clock.rate_hz, Tick(clock.first));
+        let head = counted(trc::with_rows(&head, clock.n_frames()))?;
+        out.write_all(head.as_bytes())?;
+        Ok(Self {
+            out,
+            subject,
+            layout,
+        })
+    }
+
+    /// Writes a frame. Frames are numbered on from the first one's tick.
+    ///
+    /// # Errors
+    /// Those of the writer.
+    pub fn frame(&mut self, frame: &Frame) -> io::Result<()> {
+        let number = Tick(self.subject.clock.first + frame.index.cast_signed());
+        let pose = frame
+            .pose
+            .as_ref()
+            .map(|(sample, _)| pose_of(sample, &self.subject));
+        let row = trc::row(&self.layout, number, frame.time_s, pose.as_ref());
+        self.out.write_all(row.as_bytes())
+    }
+}
+
+/// Writes one person's angles.
+#[derive(Debug)]
+pub struct MotWriter<'a, W> {
+    out: W,
+    subject: Subject<'a>,
+    layout: Layout,
+}
+
+impl<'a, W: Write> MotWriter<'a, W> {
+    /// Writes the head of a file with `n_rows` frames that have a pose.
+    ///
+    /// # Errors
+    /// Those of `out`.
+    pub fn new(mut out: W, subject: Subject<'a>, n_rows: u64) -> io::Result<Self> {
+        let layout = layout_of(subject.keypoints);
+        let head = counted(mot::with_rows(&mot::header(&layout), n_rows))?;
+        out.write_all(head.as_bytes())?;
+        Ok(Self {
+            out,
+            subject,
+            layout,
+        })
+    }
+
+    /// Writes a frame; one without a pose has no row.
+    ///
+    /// # Errors
+    /// Those of the writer.
+    pub fn frame(&mut self, frame: &Frame) -> io::Result<()> {
+        let Some((sample, _)) = &frame.pose else {
+            return Ok(());
+        };
+        let pose = pose_of(sample, &self.subject);
+        let row = mot::row(&self.layout, frame.time_s, &pose);
+        self.out.write_all(row.as_bytes())
+    }
+}
