@@ -14,6 +14,8 @@ use crate::skeleton::{Offsets, links_of};
 
 /// Width of a bin in which lengths are counted, metres.
 const BIN_M: f64 = 1e-4;
+/// What positions are rounded to in `poses.jsonl`, metres.
+const GRAIN_M: f64 = 1e-5;
 /// Most people of a run, far above any that a field holds: what is kept per person is bounded.
 const MOST_PEOPLE: usize = 10_000;
 /// Most names of keypoints.
@@ -158,13 +160,14 @@ impl Counting {
     }
 }
 
-/// The mean of the bin that holds the median.
+/// The mean of the bin that holds the median, to the decimals of `poses.jsonl`: what is level stays level.
 fn median_m(bins: &BTreeMap<i32, Bin>, n: u64) -> f64 {
     let mut below = 0;
     for bin in bins.values() {
         below += bin.count;
         if 2 * below >= n {
-            return bin.sum_m / bin.count as f64;
+            let mean_m = bin.sum_m / bin.count as f64;
+            return (mean_m / GRAIN_M).round() * GRAIN_M;
         }
     }
     0.0
