@@ -34,9 +34,9 @@ pub(crate) struct ExportArgs {
     ///
     /// `RUN/smooth/poses.jsonl` are the smoothed poses. A recording is solved first: `farfield replay RECORDING --out RUN`.
     run: PathBuf,
-    /// What to write: bvh, glb, gltf, c3d, csv, csv-tidy, parquet, osim.
+    /// What to write: bvh, glb, gltf, c3d, csv, csv-tidy, parquet, osim, trc, mot.
     ///
-    /// Several with commas between them, or all. TRC and MOT are written by the run itself.
+    /// Several with commas between them, or all. TRC and MOT of the whole run are written by the run itself.
     #[arg(long, value_delimiter = ',', required = true, value_name = "FORMAT", value_parser = formats)]
     format: Vec<Formats>,
     /// Folder for the files. Default: `export` in that of the run.

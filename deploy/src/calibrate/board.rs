@@ -132,7 +132,7 @@ pub(super) fn from_board(args: &BoardArgs) -> Result<(), NodeError> {
         name: args.camera.clone(),
         size_px: found.size_px,
         intrinsics: found.intrinsics,
-        lens: found.lens.clone(),
+        lens: found.lens,
         camera_from_world: None,
     };
     let texts = export(&[record], args.to).map_err(NodeError::refused)?;

@@ -41,12 +41,12 @@ pub(super) struct ConvertArgs {
     /// Which axis of a left-handed world is turned round.
     #[arg(long, value_name = "AXIS", value_parser = axis, allow_hyphen_values = true)]
     mirrored: Option<WorldAxis>,
-    /// The poses are camera to world where the format says world to camera.
-    #[arg(long, hide_short_help = true)]
-    inverse_poses: bool,
-    /// The cameras look along -z with y up, as OpenGL's and Blender's do.
-    #[arg(long, hide_short_help = true)]
-    opengl_axes: bool,
+    /// Which way poses go: as-format, or inverse, camera to world where the format says world to camera.
+    #[arg(long, hide_short_help = true, value_name = "WAY", default_value = "as-format", value_parser = poses)]
+    poses: PoseMeaning,
+    /// Axes of the cameras: opencv, or opengl, along -z with y up, as Blender's are too.
+    #[arg(long, hide_short_help = true, value_name = "AXES", default_value = "opencv", value_parser = camera_axes)]
+    camera_axes: CameraAxes,
     /// Distortions of four numbers are a fisheye's where the file does not say.
     #[arg(long, hide_short_help = true)]
     four_are_fisheye: bool,
@@ -78,6 +78,22 @@ fn axis(word: &str) -> Result<WorldAxis, String> {
         "z" | "+z" => Ok(WorldAxis::Z),
         "-z" => Ok(WorldAxis::MinusZ),
         _ => Err(format!("`{word}` is not one of x, -x, y, -y, z, -z")),
+    }
+}
+
+fn poses(word: &str) -> Result<PoseMeaning, String> {
+    match word {
+        "as-format" => Ok(PoseMeaning::AsFormat),
+        "inverse" => Ok(PoseMeaning::Inverse),
+        _ => Err(format!("`{word}` is not one of as-format, inverse")),
+    }
+}
+
+fn camera_axes(word: &str) -> Result<CameraAxes, String> {
+    match word {
+        "opencv" => Ok(CameraAxes::OpenCv),
+        "opengl" => Ok(CameraAxes::OpenGl),
+        _ => Err(format!("`{word}` is not one of opencv, opengl")),
     }
 }
 
@@ -157,16 +173,8 @@ fn options(args: &ConvertArgs) -> ImportOptions {
         metres_per_unit: args.metres_per_unit,
         up: args.up,
         mirrored: args.mirrored,
-        pose: if args.inverse_poses {
-            PoseMeaning::Inverse
-        } else {
-            PoseMeaning::AsFormat
-        },
-        camera_axes: if args.opengl_axes {
-            CameraAxes::OpenGl
-        } else {
-            CameraAxes::OpenCv
-        },
+        pose: args.poses,
+        camera_axes: args.camera_axes,
         four_are_fisheye: args.four_are_fisheye,
         video_px: args.video_px,
     }

@@ -9,9 +9,10 @@ use super::{check, root, workspace};
 /// What each package may depend on among ours, in any table: for building, for tests, for build scripts.
 /// Edge and fusion never see each other, and nothing that is delivered sees the laboratory. All names but
 /// the operator's command's begin with `farfield-`.
-const MAY_DEPEND_ON: [(&str, &[&str]); 10] = [
+const MAY_DEPEND_ON: [(&str, &[&str]); 11] = [
     ("proto", &[]),
     ("node", &["proto"]),
+    ("calibration", &["proto"]),
     ("edge", &["proto", "node"]),
     ("fusion", &["proto", "node"]),
     ("export", &["proto", "fusion"]),
@@ -19,7 +20,16 @@ const MAY_DEPEND_ON: [(&str, &[&str]); 10] = [
     ("score", &["proto", "fusion"]),
     (
         "farfield",
-        &["proto", "node", "edge", "fusion", "export", "sim", "score"],
+        &[
+            "proto",
+            "node",
+            "calibration",
+            "edge",
+            "fusion",
+            "export",
+            "sim",
+            "score",
+        ],
     ),
     (
         "lab",

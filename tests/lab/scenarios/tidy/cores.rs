@@ -3,7 +3,13 @@
 use super::{check, root, workspace};
 
 /// The cores.
-const CORES: [&str; 4] = ["proto/src/", "edge/src/", "fusion/src/", "export/src/"];
+const CORES: [&str; 5] = [
+    "proto/src/",
+    "calibration/src/",
+    "edge/src/",
+    "fusion/src/",
+    "export/src/",
+];
 /// What in their folders is shell. Everything else knows no file, socket, clock or runtime.
 const SHELLS: [&str; 7] = [
     "edge/src/node",

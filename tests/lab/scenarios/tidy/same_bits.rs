@@ -5,8 +5,13 @@ use std::collections::BTreeSet;
 
 use super::{check, workspace};
 
-/// What must: maps decoded and solved, poses exported.
-const SAME: [&str; 3] = ["proto/src/", "fusion/src/", "export/src/"];
+/// What must: maps decoded and solved, cameras calibrated, poses exported.
+const SAME: [&str; 4] = [
+    "proto/src/",
+    "calibration/src/",
+    "fusion/src/",
+    "export/src/",
+];
 /// The functions of `f64` and `f32` that the C library computes. (Square roots are the processor's, and exact.)
 const OF_THE_C_LIBRARY: [&str; 25] = [
     "sin", "cos", "tan", "sin_cos", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh",
