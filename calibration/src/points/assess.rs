@@ -151,11 +151,17 @@ fn not_connected(found: &Found<'_>) -> Vec<Finding> {
             |pair| {
                 let other = if pair.first == index { pair.second } else { pair.first };
                 let name = found.request.cameras.get(other).map_or("", |c| c.name.as_str());
-                format!(
-                    "with no camera enough agrees (at best {:.0} % of {} common moments, with `{name}`)",
-                    100.0 * pair.share(),
-                    pair.common
-                )
+                let (percent, common) = (100.0 * pair.share(), pair.common);
+                if pair.is_sound() {
+                    format!(
+                        "it agrees with `{name}` ({percent:.0} % of {common} common moments), but not with where the \
+                         others together put the point"
+                    )
+                } else {
+                    format!(
+                        "with no camera enough agrees (at best {percent:.0} % of {common} common moments, with `{name}`)"
+                    )
+                }
             },
         );
         finding(
@@ -163,7 +169,7 @@ fn not_connected(found: &Found<'_>) -> Vec<Finding> {
             Cause::NotConnected,
             true,
             said,
-            "40 % of 15 moments or more",
+            "one pose that fits them all, on 40 % of 15 common moments or more",
             "carry the point where it and another camera both see it; or its video is of another camera, mirrored or late, \
              or its lens is wrong",
         )

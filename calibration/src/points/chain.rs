@@ -46,7 +46,8 @@ impl Pair {
         agreeing as f64 / self.common.max(1) as f64
     }
 
-    fn is_sound(&self) -> bool {
+    /// Whether enough of it agrees for one pose.
+    pub(super) fn is_sound(&self) -> bool {
         self.common >= LEAST_COMMON && self.share() >= LEAST_SHARE
     }
 
