@@ -66,10 +66,7 @@ pub fn main() -> ExitCode {
         FarfieldCommand::Doctor(args) => doctor::main(&args),
         FarfieldCommand::Init(args) => init::main(&args),
         FarfieldCommand::Simulate(args) => simulate::main(args),
-        FarfieldCommand::Calibrate(args) => {
-            let told = Told::as_json_if(args.is_json());
-            exit_code_told(done(calibrate::calibrate(&args)), told)
-        }
+        FarfieldCommand::Calibrate(args) => calibrate::main(&args),
         FarfieldCommand::Certs(args) => exit_code(done(certs::certs(&args))),
         FarfieldCommand::Completions(args) => {
             exit_code(done(manual::completions(&args, FarfieldCli::command())))

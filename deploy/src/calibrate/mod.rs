@@ -9,11 +9,12 @@ mod sheet;
 
 use std::fs;
 use std::path::Path;
+use std::process::ExitCode;
 
 use anyhow::{Context as _, anyhow};
 use clap::{Args, Subcommand};
 use farfield_calibration::formats::TextFile;
-use farfield_node::process::NodeError;
+use farfield_node::process::{EXIT_FAILED, NodeError, Told, exit_code_told};
 
 /// Largest file that is read as text, bytes.
 const MAX_TEXT_BYTES: u64 = 64 << 20;
@@ -43,9 +44,17 @@ enum CalibrateCommand {
     Convert(convert::ConvertArgs),
 }
 
+/// How a calibration that was made is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Judged {
+    /// A run can use it, as far as is known.
+    Passes,
+    /// It is written, and what speaks against it is said.
+    Fails,
+}
+
 impl CalibrateArgs {
-    /// Whether answers and errors are JSON.
-    pub(crate) fn is_json(&self) -> bool {
+    fn is_json(&self) -> bool {
         match &self.command {
             CalibrateCommand::Board(args) => args.json,
             CalibrateCommand::Points(args) => args.json,
@@ -54,16 +63,17 @@ impl CalibrateArgs {
     }
 }
 
-/// Makes the calibration that is asked for.
-///
-/// # Errors
-/// [`NodeError::Refused`] where the input cannot carry it, [`NodeError::Failed`] where a calibration was made that does not
-/// pass, or cannot be written.
-pub(crate) fn calibrate(args: &CalibrateArgs) -> Result<(), NodeError> {
-    match &args.command {
-        CalibrateCommand::Board(args) => board::from_board(args),
+/// Makes the calibration that is asked for: exit code 1 where it does not pass, 2 where the input cannot carry one.
+pub(crate) fn main(args: &CalibrateArgs) -> ExitCode {
+    let made = match &args.command {
+        CalibrateCommand::Board(args) => board::from_board(args).map(|()| Judged::Passes),
         CalibrateCommand::Points(args) => points::from_points(args),
-        CalibrateCommand::Convert(args) => convert::convert(args),
+        CalibrateCommand::Convert(args) => convert::convert(args).map(|()| Judged::Passes),
+    };
+    match made {
+        Ok(Judged::Passes) => ExitCode::SUCCESS,
+        Ok(Judged::Fails) => ExitCode::from(EXIT_FAILED),
+        Err(error) => exit_code_told(Err(error), Told::as_json_if(args.is_json())),
     }
 }
 

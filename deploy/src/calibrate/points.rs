@@ -4,18 +4,19 @@ use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-use anyhow::{anyhow, bail, ensure};
+use anyhow::{bail, ensure};
 use clap::{Args, ValueEnum};
 use farfield_calibration::alignment::{Anchors, KnownDistance};
 use farfield_calibration::points::{
     Lenses, PointCalibration, PointCamera, PointRequest, Stage, Timing, calibrate, parse,
 };
 use farfield_calibration::report::CameraReport;
-use farfield_node::process::{NodeError, say};
+use farfield_node::process::{EXIT_FAILED, NodeError, say};
+use farfield_proto::calibration::Calibration;
 use serde::Serialize;
 
 use super::lenses::{LensFile, lenses};
-use super::{named, read, refuse_existing, sheet, write};
+use super::{Judged, named, read, refuse_existing, sheet, write};
 use crate::output;
 
 /// What `farfield calibrate points` is told.
@@ -133,12 +134,20 @@ fn place(word: &str) -> Result<(String, [f64; 3]), String> {
     }
 }
 
+/// What is said of a calibration that is written and should not be used.
+const DOES_NOT_PASS: &str = "the calibration does not pass: its sheet says why";
+
 /// What is printed as JSON.
 #[derive(Debug, Serialize)]
 struct Found<'a> {
     passes: bool,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    error: Option<&'static str>,
+    exit_code: u8,
     cameras: Vec<Camera<'a>>,
     without_pose: Vec<&'a str>,
+    /// Why a run will not take it.
+    refused: Option<&'a str>,
     known_places_rms_m: Option<f64>,
     findings: Vec<FindingLine<'a>>,
     files: [&'a Path; 2],
@@ -171,9 +180,8 @@ struct FindingLine<'a> {
 /// Finds the cameras, writes calibration and sheet, and says how good they are.
 ///
 /// # Errors
-/// [`NodeError::Refused`] where the input cannot carry a calibration, [`NodeError::Failed`] where the one that was found
-/// does not pass.
-pub(super) fn from_points(args: &PointsArgs) -> Result<(), NodeError> {
+/// [`NodeError::Refused`] where the input cannot carry a calibration, [`NodeError::Failed`] where the disk is in the way.
+pub(super) fn from_points(args: &PointsArgs) -> Result<Judged, NodeError> {
     let request = request(args).map_err(NodeError::Refused)?;
     let sheet_path = args.out.with_extension("html");
     for path in [&args.out, &sheet_path] {
@@ -191,7 +199,10 @@ pub(super) fn from_points(args: &PointsArgs) -> Result<(), NodeError> {
         ));
     };
     let found = calibrate(&request, told).map_err(NodeError::refused)?;
-    write(&args.out, &found.toml())?;
+    let calibration = found.toml();
+    let refusal = Calibration::parse(&calibration, &args.out).err();
+    let refusal = refusal.map(|error| format!("a run will refuse this calibration: {error}"));
+    write(&args.out, &calibration)?;
     write(&sheet_path, &sheet::html(&args.out, &found))?;
     let files = [args.out.as_path(), sheet_path.as_path()];
     let missing: Vec<&str> = request
@@ -201,18 +212,16 @@ pub(super) fn from_points(args: &PointsArgs) -> Result<(), NodeError> {
         .filter(|name| found.cameras.iter().all(|it| it.name != *name))
         .collect();
     let text = if args.json {
-        json(&found, missing, files)?
+        json(&found, (missing, refusal.as_deref()), files)?
     } else {
-        lines(&found, files)
+        lines(&found, refusal.as_deref(), files)
     };
     output::print(&text).map_err(NodeError::Failed)?;
-    if found.report.passes() {
-        return Ok(());
+    if found.report.passes() && refusal.is_none() {
+        return Ok(Judged::Passes);
     }
-    Err(NodeError::Failed(anyhow!(
-        "the calibration does not pass: {} says why",
-        sheet_path.display()
-    )))
+    say(format_args!("error: {DOES_NOT_PASS}"));
+    Ok(Judged::Fails)
 }
 
 fn request(args: &PointsArgs) -> anyhow::Result<PointRequest> {
@@ -294,7 +303,7 @@ fn request(args: &PointsArgs) -> anyhow::Result<PointRequest> {
 
 fn json(
     found: &PointCalibration,
-    without_pose: Vec<&str>,
+    (without_pose, refused): (Vec<&str>, Option<&str>),
     files: [&Path; 2],
 ) -> Result<String, NodeError> {
     let cameras = found.report.cameras.iter().map(|it| Camera {
@@ -317,10 +326,14 @@ fn json(
         expected: &it.expected,
         remedy: &it.remedy,
     });
+    let passes = found.report.passes() && refused.is_none();
     let document = Found {
-        passes: found.report.passes(),
+        passes,
+        error: (!passes).then_some(DOES_NOT_PASS),
+        exit_code: if passes { 0 } else { EXIT_FAILED },
         cameras: cameras.collect(),
         without_pose,
+        refused,
         known_places_rms_m: found.report.anchors_rms_m,
         findings: findings.collect(),
         files,
@@ -329,7 +342,7 @@ fn json(
     Ok(text + "\n")
 }
 
-fn lines(found: &PointCalibration, files: [&Path; 2]) -> String {
+fn lines(found: &PointCalibration, refusal: Option<&str>, files: [&Path; 2]) -> String {
     let mut text = String::new();
     // Writing to a string does not fail.
     for camera in &found.report.cameras {
@@ -346,6 +359,9 @@ fn lines(found: &PointCalibration, files: [&Path; 2]) -> String {
     for finding in &found.report.findings {
         let word = if finding.is_wrong { "WRONG" } else { "warning" };
         writeln!(text, "{word}: {finding}").ok();
+    }
+    if let Some(refusal) = refusal {
+        writeln!(text, "WRONG: {refusal}").ok();
     }
     for path in files {
         writeln!(text, "{}", path.display()).ok();

@@ -7,6 +7,7 @@
 mod agreement;
 mod bad_input;
 mod before_a_run;
+mod calibration;
 mod data;
 mod demo;
 mod exports;
