@@ -30,16 +30,16 @@ pub(super) struct BoardArgs {
     /// Pictures of one camera (JPEG, PNG), or folders of them.
     #[arg(required = true)]
     pictures: Vec<PathBuf>,
-    /// A chessboard, by its inner corners each way: 4x7 has 5 x 8 squares.
+    /// A chessboard, by inner corners: 4x7 has 5 x 8 squares.
     #[arg(long, value_name = "AxB", value_parser = size, required_unless_present = "charuco", conflicts_with = "charuco")]
     chessboard: Option<[u32; 2]>,
-    /// A `ChArUco` board, by its squares along a row and a column.
+    /// A Charuco board, by its squares along a row and a column.
     #[arg(long, value_name = "AxB", value_parser = size, requires_all = ["marker_mm", "dictionary"])]
     charuco: Option<[u32; 2]>,
     /// Side of a square, millimetres.
     #[arg(long, value_name = "MM")]
     square_mm: f64,
-    /// Side of a marker of the `ChArUco` board, millimetres.
+    /// Side of a marker of the Charuco board, millimetres.
     #[arg(long, value_name = "MM")]
     marker_mm: Option<f64>,
     /// Dictionary of its markers, for example `DICT_4X4_50`.
@@ -48,7 +48,7 @@ pub(super) struct BoardArgs {
     /// The camera's name in the file that is written.
     #[arg(long, value_name = "NAME")]
     camera: String,
-    /// How many numbers describe the lens: 5, 8, or fisheye.
+    /// Numbers of the lens: 5, 8, or fisheye.
     #[arg(long, value_name = "5|8|fisheye", default_value = "5", value_parser = coefficients)]
     coefficients: Coefficients,
     /// Folder for the file. Default: this one.
@@ -60,7 +60,7 @@ pub(super) struct BoardArgs {
     )]
     out: PathBuf,
     /// How it is written: opencv-yaml or opencv-json.
-    #[arg(long, value_name = "FORMAT", default_value = "opencv-yaml", value_parser = format)]
+    #[arg(long, hide_short_help = true, value_name = "FORMAT", default_value = "opencv-yaml", value_parser = format)]
     to: Format,
     /// Replace a file that is there already.
     #[arg(long)]

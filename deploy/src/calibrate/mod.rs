@@ -8,6 +8,7 @@ mod points;
 mod sheet;
 
 use std::fs;
+use std::os::unix::fs::PermissionsExt as _;
 use std::path::Path;
 use std::process::ExitCode;
 
@@ -29,7 +30,7 @@ pub(crate) struct CalibrateArgs {
 /// One way to a calibration.
 #[derive(Debug, Subcommand)]
 enum CalibrateCommand {
-    /// How a camera sees, from pictures of a chessboard or a `ChArUco` board.
+    /// How a camera sees, from pictures of a chessboard or a Charuco board.
     #[command(
         after_help = "Example: farfield calibrate board pictures/ --chessboard 4x7 --square-mm 60 --camera cam01"
     )]
@@ -109,7 +110,11 @@ fn write(path: &Path, text: &str) -> Result<(), NodeError> {
         let folder = path.parent().filter(|it| !it.as_os_str().is_empty());
         let folder = folder.unwrap_or(Path::new("."));
         fs::create_dir_all(folder)?;
-        let mut file = tempfile::NamedTempFile::new_in(folder)?;
+        // A temporary file is its maker's alone; a finished one is like any other.
+        let like_any = fs::Permissions::from_mode(0o666);
+        let mut file = tempfile::Builder::new()
+            .permissions(like_any)
+            .tempfile_in(folder)?;
         std::io::Write::write_all(&mut file, text.as_bytes())?;
         file.as_file().sync_all()?;
         file.persist(path)?;

@@ -371,7 +371,7 @@ fn lines(found: &PointCalibration, refusal: Option<&str>, files: [&Path; 2]) -> 
 
 fn in_words(camera: &CameraReport) -> String {
     format!(
-        "{:.2} px over {} sights, {:.0} % used; known to {:.1} mm and {:.3} degrees; halves of the data {:.1} mm apart",
+        "{:.2} px over {} sights, {:.0} % used; noise alone moves it by {:.1} mm and {:.3} degrees; halves of the data {:.1} mm apart",
         camera.rms_px,
         camera.sights,
         100.0 * camera.used_share,

@@ -57,8 +57,8 @@ fn findings(page: &mut String, found: &PointCalibration) {
 
 fn table(page: &mut String, found: &PointCalibration) {
     page.push_str(
-        "<h2>Cameras</h2>\n<table><tr><th>camera</th><th>sights</th><th>used</th><th>off by</th><th>place known to</th>\
-         <th>rotation known to</th><th>halves apart</th><th>focal length</th><th>frame 0 at</th><th>rate</th></tr>\n",
+        "<h2>Cameras</h2>\n<table><tr><th>camera</th><th>sights</th><th>used</th><th>off by</th><th>place, by noise alone</th>\
+         <th>rotation, by noise alone</th><th>halves apart</th><th>focal length</th><th>frame 0 at</th><th>rate</th></tr>\n",
     );
     for it in &found.report.cameras {
         writeln!(

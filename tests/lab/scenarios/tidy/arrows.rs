@@ -34,10 +34,29 @@ const MAY_DEPEND_ON: [(&str, &[&str]); 11] = [
     (
         "lab",
         &[
-            "proto", "node", "edge", "fusion", "sim", "score", "farfield",
+            "proto",
+            "node",
+            "calibration",
+            "edge",
+            "fusion",
+            "export",
+            "sim",
+            "score",
+            "farfield",
         ],
     ),
-    ("fuzz", &["proto", "edge", "fusion", "sim", "score"]),
+    (
+        "fuzz",
+        &[
+            "proto",
+            "calibration",
+            "edge",
+            "fusion",
+            "export",
+            "sim",
+            "score",
+        ],
+    ),
 ];
 
 /// The name of a package as the table has it.

@@ -6,6 +6,7 @@
 //! outside the workspace, brings in this folder by its path. So nothing here names another module of this
 //! crate.
 
+mod foreign;
 mod messages;
 mod recorded;
 mod texts;
@@ -15,16 +16,22 @@ mod venue_texts;
 pub type Target = fn(&[u8]) -> String;
 
 /// The fuzz targets by name, in the order of the alphabet.
-pub const TARGETS: [(&str, Target); 12] = [
+pub const TARGETS: [(&str, Target); 15] = [
     ("calibration_text", venue_texts::calibration_text),
     ("clip_text", texts::clip_text),
+    (
+        "foreign_calibration_text",
+        foreign::foreign_calibration_text,
+    ),
     ("keypoints_text", texts::keypoints_text),
     ("maps_file", recorded::maps_file),
     ("model_card_text", texts::model_card_text),
     ("patch_decode", messages::patch_decode),
+    ("point_sightings_text", foreign::point_sightings_text),
     ("poses_text", texts::poses_text),
     ("recording_file", recorded::recording_file),
     ("ring_segment", recorded::ring_segment),
+    ("run_text", foreign::run_text),
     ("scene_text", texts::scene_text),
     ("venue_text", venue_texts::venue_text),
     ("wire_decode", messages::wire_decode),
