@@ -14,6 +14,7 @@ use farfield_export::timeline::Gaps;
 use farfield_export::{
     Existing, ExportError, ExportRequest, Format, Lengths, Options, Written, export,
 };
+use farfield_fusion::export::salvage::SMOOTH;
 use farfield_node::process::NodeError;
 use farfield_proto::tick::{Tick, parse_range};
 use indicatif::{HumanBytes, ProgressBar};
@@ -228,14 +229,21 @@ fn poses_of(run: &Path) -> anyhow::Result<(PathBuf, PathBuf)> {
         );
         return Ok((poses, run.to_owned()));
     }
+    ensure!(
+        run.is_file(),
+        "{}: there is nothing of this name: expected the folder of a run",
+        run.display()
+    );
     let folder = run.parent().filter(|it| !it.as_os_str().is_empty());
     Ok((run.to_owned(), folder.unwrap_or(Path::new(".")).to_owned()))
 }
 
 /// What the run says of itself: beside the poses, or above those that were smoothed.
 fn summary_of(folder: &Path) -> anyhow::Result<PathBuf> {
-    let places = [folder.join(SUMMARY), folder.join("..").join(SUMMARY)];
-    let found = places.into_iter().find(|path| path.is_file());
+    let above = folder.file_name().is_some_and(|name| name == SMOOTH);
+    let above = above.then(|| folder.join("..").join(SUMMARY));
+    let places = [Some(folder.join(SUMMARY)), above];
+    let found = places.into_iter().flatten().find(|path| path.is_file());
     found.ok_or_else(|| {
         anyhow!(
             "{}: there is no {SUMMARY} beside the poses: it says at which rate they are",

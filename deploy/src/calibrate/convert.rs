@@ -3,12 +3,14 @@
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
+use anyhow::anyhow;
 use clap::Args;
 use farfield_calibration::formats::{
     CameraAxes, Format, ImportOptions, Imported, PoseMeaning, Remark, TextFile, WorldAxis, export,
     import,
 };
 use farfield_node::process::NodeError;
+use farfield_proto::calibration::Calibration;
 use serde::Serialize;
 
 use super::{read, refuse_existing, write};
@@ -155,6 +157,12 @@ pub(super) fn convert(args: &ConvertArgs) -> Result<(), NodeError> {
         .collect();
     for file in &texts {
         refuse_existing(&file.path, args.replace)?;
+    }
+    if args.to == Format::Farfield {
+        for file in &texts {
+            let fits = Calibration::parse(&file.text, &file.path);
+            fits.map_err(|error| NodeError::Refused(anyhow!("no run can use it: {error}")))?;
+        }
     }
     for file in &texts {
         write(&file.path, &file.text)?;

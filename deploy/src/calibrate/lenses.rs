@@ -3,8 +3,9 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use anyhow::{anyhow, bail};
+use anyhow::{anyhow, bail, ensure};
 use farfield_calibration::formats::{CameraRecord, ImportOptions, LensModel, import};
+use farfield_node::process::say;
 use farfield_proto::camera::{Distortion, Intrinsics};
 
 use super::read;
@@ -51,8 +52,15 @@ pub(super) fn lenses(files: &[LensFile]) -> anyhow::Result<BTreeMap<String, Lens
     let mut all = BTreeMap::new();
     for file in files {
         let imported = import(&[read(&file.path)?], &ImportOptions::default())?;
+        for remark in &imported.remarks {
+            say(format_args!(
+                "{}: {}: {remark}",
+                file.path.display(),
+                remark.kind.name()
+            ));
+        }
         for record in imported.cameras.iter().filter(|_| file.camera.is_none()) {
-            all.insert(record.name.clone(), lens(record, &file.path)?);
+            insert(&mut all, &record.name, lens(record, &file.path)?)?;
         }
         if let Some(camera) = &file.camera {
             let same = imported.cameras.iter().find(|it| it.name == *camera);
@@ -64,10 +72,18 @@ pub(super) fn lenses(files: &[LensFile]) -> anyhow::Result<BTreeMap<String, Lens
                     several.len()
                 ),
             };
-            all.insert(camera.clone(), lens(record, &file.path)?);
+            insert(&mut all, camera, lens(record, &file.path)?)?;
         }
     }
     Ok(all)
+}
+
+fn insert(all: &mut BTreeMap<String, Lens>, camera: &str, lens: Lens) -> anyhow::Result<()> {
+    ensure!(
+        all.insert(camera.to_owned(), lens).is_none(),
+        "--lens: two files are of camera `{camera}`"
+    );
+    Ok(())
 }
 
 fn lens(record: &CameraRecord, path: &Path) -> anyhow::Result<Lens> {

@@ -3,18 +3,19 @@
 
 mod board;
 mod convert;
+mod judged;
 mod lenses;
 mod points;
 mod sheet;
 
 use std::fs;
-use std::os::unix::fs::PermissionsExt as _;
 use std::path::Path;
 use std::process::ExitCode;
 
 use anyhow::{Context as _, anyhow};
 use clap::{Args, Subcommand};
 use farfield_calibration::formats::TextFile;
+use farfield_fusion::export::unfinished::write_whole;
 use farfield_node::process::{EXIT_FAILED, NodeError, Told, exit_code_told};
 
 /// Largest file that is read as text, bytes.
@@ -106,21 +107,10 @@ fn refuse_existing(path: &Path, replace: bool) -> Result<(), NodeError> {
 
 /// Writes a text file whole or not at all, and makes its folder.
 fn write(path: &Path, text: &str) -> Result<(), NodeError> {
-    let written = || -> anyhow::Result<()> {
-        let folder = path.parent().filter(|it| !it.as_os_str().is_empty());
-        let folder = folder.unwrap_or(Path::new("."));
-        fs::create_dir_all(folder)?;
-        // A temporary file is its maker's alone; a finished one is like any other.
-        let like_any = fs::Permissions::from_mode(0o666);
-        let mut file = tempfile::Builder::new()
-            .permissions(like_any)
-            .tempfile_in(folder)?;
-        std::io::Write::write_all(&mut file, text.as_bytes())?;
-        file.as_file().sync_all()?;
-        file.persist(path)?;
-        Ok(())
-    };
-    let written = written().with_context(|| format!("writing {}", path.display()));
+    let folder = path.parent().filter(|it| !it.as_os_str().is_empty());
+    let made = folder.map_or(Ok(()), fs::create_dir_all);
+    let written = made.and_then(|()| write_whole(path, text.as_bytes()));
+    let written = written.with_context(|| format!("writing {}", path.display()));
     written.map_err(NodeError::Failed)
 }
 

@@ -8,13 +8,13 @@ use anyhow::{bail, ensure};
 use clap::{Args, ValueEnum};
 use farfield_calibration::alignment::{Anchors, KnownDistance};
 use farfield_calibration::points::{
-    Lenses, PointCalibration, PointCamera, PointRequest, Stage, Timing, calibrate, parse,
+    Lenses, PointCamera, PointRequest, Stage, Timing, calibrate, parse,
 };
 use farfield_calibration::report::CameraReport;
 use farfield_node::process::{EXIT_FAILED, NodeError, say};
-use farfield_proto::calibration::Calibration;
 use serde::Serialize;
 
+use super::judged::JudgedCalibration;
 use super::lenses::{LensFile, lenses};
 use super::{Judged, named, read, refuse_existing, sheet, write};
 use crate::output;
@@ -69,6 +69,8 @@ pub(super) struct PointsArgs {
     #[arg(long, value_name = "N", default_value_t = 1, hide_short_help = true)]
     seed: u64,
     /// The calibration to write; its sheet goes beside it, as HTML.
+    ///
+    /// One that does not pass is called NAME.failed.toml instead, and takes the place of none.
     #[arg(long, value_name = "FILE", default_value = "calibration.toml")]
     out: PathBuf,
     /// Replace files that are there already.
@@ -146,10 +148,12 @@ struct Found<'a> {
     exit_code: u8,
     cameras: Vec<Camera<'a>>,
     without_pose: Vec<&'a str>,
-    /// Why a run will not take it.
-    refused: Option<&'a str>,
     known_places_rms_m: Option<f64>,
     findings: Vec<FindingLine<'a>>,
+    /// Why a run would not take it.
+    refused: &'a [String],
+    /// What a run would say of it.
+    doubtful: &'a [String],
     files: [&'a Path; 2],
 }
 
@@ -164,8 +168,10 @@ struct Camera<'a> {
     halves_mm: f64,
     halves_deg: f64,
     focal_ratio: f64,
-    offset_s: f64,
-    rate_hz: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    offset_s: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    rate_hz: Option<f64>,
 }
 
 #[derive(Debug, Serialize)]
@@ -183,8 +189,7 @@ struct FindingLine<'a> {
 /// [`NodeError::Refused`] where the input cannot carry a calibration, [`NodeError::Failed`] where the disk is in the way.
 pub(super) fn from_points(args: &PointsArgs) -> Result<Judged, NodeError> {
     let request = request(args).map_err(NodeError::Refused)?;
-    let sheet_path = args.out.with_extension("html");
-    for path in [&args.out, &sheet_path] {
+    for path in [&args.out, &args.out.with_extension("html")] {
         refuse_existing(path, args.replace)?;
     }
     let told = &mut |stage: Stage| {
@@ -199,32 +204,54 @@ pub(super) fn from_points(args: &PointsArgs) -> Result<Judged, NodeError> {
         ));
     };
     let found = calibrate(&request, told).map_err(NodeError::refused)?;
-    let calibration = found.toml();
-    let refusal = Calibration::parse(&calibration, &args.out).err();
-    let refusal = refusal.map(|error| format!("a run will refuse this calibration: {error}"));
-    write(&args.out, &calibration)?;
-    write(&sheet_path, &sheet::html(&args.out, &found))?;
-    let files = [args.out.as_path(), sheet_path.as_path()];
-    let missing: Vec<&str> = request
-        .cameras
-        .iter()
-        .map(|camera| camera.name.as_str())
-        .filter(|name| found.cameras.iter().all(|it| it.name != *name))
-        .collect();
-    let text = if args.json {
-        json(&found, (missing, refusal.as_deref()), files)?
+    let judged = JudgedCalibration::of(&found, &args.out);
+    let out = if judged.passes() {
+        args.out.clone()
     } else {
-        lines(&found, refusal.as_deref(), files)
+        args.out.with_extension("failed.toml")
+    };
+    let sheet = out.with_extension("html");
+    write(&sheet, &sheet::html(&out, &judged))?;
+    write(&out, &judged.text)?;
+    let files = [out.as_path(), sheet.as_path()];
+    let text = if args.json {
+        json(&judged, &request, files)?
+    } else {
+        lines(&judged, &request, files)
     };
     output::print(&text).map_err(NodeError::Failed)?;
-    if found.report.passes() && refusal.is_none() {
+    if judged.passes() {
         return Ok(Judged::Passes);
     }
     say(format_args!("error: {DOES_NOT_PASS}"));
     Ok(Judged::Fails)
 }
 
+/// The cameras that have no pose.
+fn without_pose<'a>(judged: &JudgedCalibration<'_>, request: &'a PointRequest) -> Vec<&'a str> {
+    let names = request.cameras.iter().map(|camera| camera.name.as_str());
+    let has_none = |name: &&str| judged.found.cameras.iter().all(|it| it.name != *name);
+    names.filter(has_none).collect()
+}
+
+/// What is given of clocks must be asked for.
+fn refuse_unused(args: &PointsArgs) -> anyhow::Result<()> {
+    let is_free = matches!(args.clocks, Clocks::Unknown);
+    if matches!(args.clocks, Clocks::Synchronised) {
+        ensure!(
+            args.rate_hz.is_empty() && args.offset_s.is_empty(),
+            "--rate-hz and --offset-s say nothing of cameras that are synchronised: give --clocks given, or unknown"
+        );
+    }
+    ensure!(
+        !is_free || args.offset_s.is_empty(),
+        "--offset-s: offsets are looked for with --clocks unknown; give --clocks given where they are known"
+    );
+    Ok(())
+}
+
 fn request(args: &PointsArgs) -> anyhow::Result<PointRequest> {
+    refuse_unused(args)?;
     let lenses = lenses(&args.lens)?;
     let mut seen = BTreeMap::new();
     for path in &args.seen {
@@ -302,11 +329,13 @@ fn request(args: &PointsArgs) -> anyhow::Result<PointRequest> {
 }
 
 fn json(
-    found: &PointCalibration,
-    (without_pose, refused): (Vec<&str>, Option<&str>),
+    judged: &JudgedCalibration<'_>,
+    request: &PointRequest,
     files: [&Path; 2],
 ) -> Result<String, NodeError> {
-    let cameras = found.report.cameras.iter().map(|it| Camera {
+    let report = &judged.found.report;
+    let has_clocks = request.timing != Timing::Synchronised;
+    let cameras = report.cameras.iter().map(|it| Camera {
         name: &it.name,
         sights: it.sights,
         used_share: it.used_share,
@@ -316,39 +345,44 @@ fn json(
         halves_mm: 1000.0 * it.halves_m,
         halves_deg: it.halves_deg,
         focal_ratio: it.focal_ratio,
-        offset_s: it.offset_s,
-        rate_hz: it.rate_hz,
+        offset_s: has_clocks.then_some(it.offset_s),
+        rate_hz: has_clocks.then_some(it.rate_hz),
     });
-    let findings = found.report.findings.iter().map(|it| FindingLine {
+    let findings = report.findings.iter().map(|it| FindingLine {
         camera: it.camera.as_deref(),
         is_wrong: it.is_wrong,
         found: &it.found,
         expected: &it.expected,
         remedy: &it.remedy,
     });
-    let passes = found.report.passes() && refused.is_none();
+    let passes = judged.passes();
     let document = Found {
         passes,
         error: (!passes).then_some(DOES_NOT_PASS),
         exit_code: if passes { 0 } else { EXIT_FAILED },
         cameras: cameras.collect(),
-        without_pose,
-        refused,
-        known_places_rms_m: found.report.anchors_rms_m,
+        without_pose: without_pose(judged, request),
+        known_places_rms_m: report.anchors_rms_m,
         findings: findings.collect(),
+        refused: &judged.refusals,
+        doubtful: &judged.doubts,
         files,
     };
     let text = serde_json::to_string_pretty(&document).map_err(NodeError::failed)?;
     Ok(text + "\n")
 }
 
-fn lines(found: &PointCalibration, refusal: Option<&str>, files: [&Path; 2]) -> String {
+fn lines(judged: &JudgedCalibration<'_>, request: &PointRequest, files: [&Path; 2]) -> String {
+    let report = &judged.found.report;
     let mut text = String::new();
     // Writing to a string does not fail.
-    for camera in &found.report.cameras {
+    for camera in &report.cameras {
         writeln!(text, "camera {}: {}", camera.name, in_words(camera)).ok();
     }
-    if let Some(rms_m) = found.report.anchors_rms_m {
+    for name in without_pose(judged, request) {
+        writeln!(text, "camera {name}: no pose").ok();
+    }
+    if let Some(rms_m) = report.anchors_rms_m {
         writeln!(
             text,
             "known places: {:.0} mm from where they were found",
@@ -356,12 +390,15 @@ fn lines(found: &PointCalibration, refusal: Option<&str>, files: [&Path; 2]) -> 
         )
         .ok();
     }
-    for finding in &found.report.findings {
+    for finding in &report.findings {
         let word = if finding.is_wrong { "WRONG" } else { "warning" };
         writeln!(text, "{word}: {finding}").ok();
     }
-    if let Some(refusal) = refusal {
-        writeln!(text, "WRONG: {refusal}").ok();
+    for refusal in &judged.refusals {
+        writeln!(text, "WRONG: a run refuses it: {refusal}").ok();
+    }
+    for doubt in &judged.doubts {
+        writeln!(text, "warning: {doubt}").ok();
     }
     for path in files {
         writeln!(text, "{}", path.display()).ok();

@@ -6,6 +6,8 @@ use std::path::Path;
 
 use farfield_calibration::points::{FoundCamera, PointCalibration};
 
+use super::judged::JudgedCalibration;
+
 /// Side of the plan, pixels of the page, and its margin.
 const PLAN_PX: f64 = 640.0;
 const MARGIN_PX: f64 = 60.0;
@@ -18,9 +20,10 @@ const STYLE: &str = "body{font:16px/1.5 system-ui,sans-serif;margin:2rem auto;ma
     @media(prefers-color-scheme:dark){body{background:#14171a;color:#dde}.pass{color:#4cc38a}.fail{color:#ff7a6b}}";
 
 /// The sheet of the calibration that is written to `path`.
-pub(super) fn html(path: &Path, found: &PointCalibration) -> String {
+pub(super) fn html(path: &Path, judged: &JudgedCalibration<'_>) -> String {
+    let found = judged.found;
     let name = escaped(&path.display().to_string());
-    let (class, verdict) = if found.report.passes() {
+    let (class, verdict) = if judged.passes() {
         ("pass", "It passes.")
     } else {
         ("fail", "It does not pass.")
@@ -29,7 +32,7 @@ pub(super) fn html(path: &Path, found: &PointCalibration) -> String {
         "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><title>Calibration {name}</title><style>{STYLE}</style>\n\
          <h1>Calibration {name}</h1>\n<p class=\"{class}\"><strong>{verdict}</strong></p>\n"
     );
-    findings(&mut page, found);
+    findings(&mut page, judged);
     table(&mut page, found);
     plan(&mut page, found);
     page
@@ -37,20 +40,21 @@ pub(super) fn html(path: &Path, found: &PointCalibration) -> String {
 
 // Writing to a string does not fail.
 
-fn findings(page: &mut String, found: &PointCalibration) {
-    if found.report.findings.is_empty() {
+fn findings(page: &mut String, judged: &JudgedCalibration<'_>) {
+    let report = judged.found.report.findings.iter();
+    let mut all: Vec<(bool, String)> = report.map(|it| (it.is_wrong, it.to_string())).collect();
+    let refusals = judged.refusals.iter();
+    all.extend(refusals.map(|it| (true, format!("a run refuses it: {it}"))));
+    all.extend(judged.doubts.iter().map(|it| (false, it.clone())));
+    if all.is_empty() {
         page.push_str("<p>Nothing speaks against it.</p>\n");
         return;
     }
+    all.sort_by_key(|(is_wrong, _)| !is_wrong);
     page.push_str("<h2>What speaks against it</h2>\n<ul>\n");
-    for finding in &found.report.findings {
-        let class = if finding.is_wrong { "fail" } else { "warn" };
-        writeln!(
-            page,
-            "<li class=\"{class}\">{}</li>",
-            escaped(&finding.to_string())
-        )
-        .ok();
+    for (is_wrong, text) in all {
+        let class = if is_wrong { "fail" } else { "warn" };
+        writeln!(page, "<li class=\"{class}\">{}</li>", escaped(&text)).ok();
     }
     page.push_str("</ul>\n");
 }

@@ -15,6 +15,11 @@ const ANSWER: Duration = Duration::from_millis(1500);
 pub(super) fn look_at_nodes(venue: &Venue, connect: &[String], report: &mut ReportLines) {
     match join_for_a_moment(venue, connect, ANSWER) {
         Ok(Some(nodes)) => judge_nodes(&venue.name, &nodes, report),
+        Ok(None) if !connect.is_empty() => report.warn(
+            NODES,
+            format!("nobody answers at {}", connect.join(", ")),
+            "look whether fusion runs and listens there, and whether the way is open",
+        ),
         Ok(None) => report.ok(
             NODES,
             format!(

@@ -38,6 +38,13 @@ pub(super) struct HeardNode {
 }
 
 impl Heard {
+    /// Whether all who are there have said how they are.
+    pub(super) fn is_complete(&self) -> bool {
+        let is_heard =
+            |name: &String| self.nodes.contains_key(name) || self.unreadable.contains_key(name);
+        !self.present.is_empty() && self.present.iter().all(is_heard)
+    }
+
     /// Takes a status that came at `at`.
     pub(super) fn take(&mut self, status: Status, at: Instant) {
         let before = self.nodes.get(&status.node);

@@ -17,7 +17,7 @@ use farfield_node::process::{Ending, Managed, NodeError, stop_when_told};
 use farfield_node::{clock, log, runtime, session};
 use farfield_proto::transport::{EdgeTransport, RECORDER};
 use farfield_proto::venue::Venue;
-use tokio::time::{MissedTickBehavior, interval, sleep, timeout};
+use tokio::time::{Instant, MissedTickBehavior, interval, sleep, timeout};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 use zenoh::Session;
@@ -30,8 +30,8 @@ use crate::output::{self, Reader};
 const ANSWER: Duration = Duration::from_secs(6);
 /// How long statuses are listened for: every node says one a second, and two make a rate.
 const LISTEN: Duration = Duration::from_millis(2300);
-/// The same where no rate is asked for.
-const LISTEN_SHORT: Duration = Duration::from_millis(1300);
+/// How long tokens of nodes that are there may take to come.
+const SETTLED: Duration = Duration::from_millis(400);
 /// How often a table that is watched is drawn.
 const DRAW_EVERY: Duration = Duration::from_secs(1);
 /// Clears a terminal, and begins at its top.
@@ -187,7 +187,12 @@ pub(crate) fn join_for_a_moment(
         let Some((session, listener)) = join(venue, &reach, answer).await? else {
             return Ok(None);
         };
-        sleep(LISTEN_SHORT).await;
+        // Every node says once a second how it is; a far link takes its time.
+        let until = Instant::now() + LISTEN;
+        sleep(SETTLED).await;
+        while !listener.heard().is_complete() && Instant::now() < until {
+            sleep(SETTLED / 4).await;
+        }
         let state = VenueState::new(venue, &listener.heard(), clock::unix_s());
         session::close(&session).await;
         Ok(Some(

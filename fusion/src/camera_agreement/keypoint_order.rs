@@ -108,7 +108,9 @@ impl Costs {
     }
 
     fn add(&mut self, (keypoint, place): (usize, usize), cost: f64) {
-        if let Some((sum, compared)) = self.of.get_mut(keypoint * self.n + place) {
+        let both = keypoint < self.n && place < self.n;
+        let cell = self.of.get_mut(keypoint * self.n + place);
+        if let Some((sum, compared)) = cell.filter(|_| both) {
             *sum += cost;
             *compared += 1;
         }

@@ -49,7 +49,7 @@ pub(super) fn of(cameras: &[String], cause: DisagreementCause, rate_hz: f64) -> 
                     "the keypoints of camera {first} are in another order than those of the others: {moved} are where another should be"
                 )
             },
-            "write them in COCO's order: nose, eyes, ears, shoulders, elbows, wrists, hips, knees, ankles, the person's left before the right"
+            "write them in the order of the network's card (COCO: nose, eyes, ears, shoulders, elbows, wrists, hips, knees, ankles, the person's left before the right)"
                 .to_owned(),
         ),
         DisagreementCause::FocalLength { factor } => (

@@ -47,7 +47,8 @@ fn seen_by(camera: &CameraModel, number: usize) -> String {
         let pixel = pixel.filter(|pixel| camera.sees(*pixel));
         if let Some(pixel) = pixel.and_then(|pixel| camera.distort(pixel)) {
             let [dx, dy] = jitter_px(frame, number);
-            text += &format!("{frame} {:.3} {:.3}\n", pixel.x() + dx, pixel.y() + dy);
+            let line = format!("{frame} {:.3} {:.3}\n", pixel.x() + dx, pixel.y() + dy);
+            text.push_str(&line);
         }
     }
     text
@@ -110,16 +111,11 @@ fn a_light_that_was_carried_through_the_hall_calibrates_its_cameras() {
     println!("{}", done.stdout);
     assert_eq!(done.code, 0, "{}\n{}", done.stdout, done.stderr);
     let found = calibration(&light.folder.path("found.toml"));
-    for camera in &light.truth.cameras {
-        let same = found.cameras.iter().find(|it| it.name() == camera.name());
-        let apart_m =
-            (same.unwrap().center().coordinates_m() - camera.center().coordinates_m()).norm();
-        println!(
-            "{}: {:.1} mm from the truth",
-            camera.name(),
-            1000.0 * apart_m
-        );
-        assert!(apart_m < 0.005, "{}: {apart_m} m", camera.name());
+    for (name, camera) in &light.truth.cameras {
+        let at_m = found.cameras[name].center().coordinates_m();
+        let apart_m = (at_m - camera.center().coordinates_m()).norm();
+        println!("{name}: {:.1} mm from the truth", 1000.0 * apart_m);
+        assert!(apart_m < 0.005, "{name}: {apart_m} m");
     }
     let sheet = fs::read_to_string(light.folder.path("found.html")).unwrap();
     assert!(
@@ -142,8 +138,13 @@ fn a_calibration_without_a_length_is_written_and_does_not_pass() {
     assert_eq!(said["passes"], false);
     assert_eq!(said["exit_code"], 1);
     assert!(said["findings"].to_string().contains("metre"), "{said}");
-    let sheet = fs::read_to_string(light.folder.path("found.html")).unwrap();
+    let sheet = fs::read_to_string(light.folder.path("found.failed.html")).unwrap();
     assert!(sheet.contains("It does not pass."), "{sheet}");
+    assert!(light.folder.path("found.failed.toml").is_file());
+    assert!(
+        !light.folder.path("found.toml").exists(),
+        "it takes the place of none"
+    );
 }
 
 #[test]
@@ -158,6 +159,7 @@ fn what_cannot_be_calibrated_is_refused_by_name() {
     refused(&["--at", "norht=0,0,3"], "unknown camera `norht`");
     refused(&["--distance", "north-east=3"], "A,B=METRES");
     refused(&["--clocks", "given"], "rate_hz");
+    refused(&["--rate-hz", "50"], "--clocks given, or unknown");
     let broken = light.folder.path("north-east.txt");
     fs::write(&broken, "frame x y\n0 1.0 2.0\n1 1.0\n").unwrap();
     refused(&[], "north-east.txt:3");

@@ -17,7 +17,14 @@ pub(super) fn foreign_calibration_text(bytes: &[u8]) -> String {
     let imported = import(&[file], &ImportOptions::default());
     let mut became = read_or_refused(&imported);
     if let Ok(imported) = imported {
-        became += &format!(", {}: {}", imported.format, size(imported.cameras.len()));
+        let cameras = size(imported.cameras.len());
+        became.extend([
+            ", ",
+            imported.format.name(),
+            ": ",
+            &cameras.to_string(),
+            " ",
+        ]);
         for format in Format::ALL {
             let written = export(&imported.cameras, format);
             became.push(if written.is_ok() { '+' } else { '-' });
@@ -56,7 +63,7 @@ pub(super) fn run_text(bytes: &[u8]) -> String {
             head.is_ok() || whole.is_err(),
             "a line without a head is no pose"
         );
-        became += &format!("; {}", read_or_refused(&whole));
+        became.extend(["; ", &read_or_refused(&whole)]);
     }
     became
 }
