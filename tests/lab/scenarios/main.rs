@@ -7,16 +7,15 @@
 mod agreement;
 mod bad_input;
 mod before_a_run;
-mod calibration;
 mod data;
 mod demo;
-mod exports;
 mod far_people;
 mod farfield;
 mod live;
 mod lockstep;
 mod mistakes;
 mod nodes_by_hand;
+mod other_programs;
 mod outputs;
 mod recording;
 mod shelf;
