@@ -164,10 +164,21 @@ impl Judge<'_> {
         }
     }
 
+    /// By the crops, where fusion has not undone it already: it takes a view's left for its right where that fits; else by
+    /// the sightings.
     fn certain_order(&self, camera: usize, right: &[usize]) -> Option<(f64, DisagreementCause)> {
         let of = (camera, right);
-        let (ratio, order) = shown_order(&self.bursts, &self.lines, of, self.partners)?;
-        (ratio < CERTAIN_ORDER).then(|| (ratio, order_cause(&order)))
+        let shown = shown_order(&self.bursts, &self.lines, of, self.partners);
+        let shown = shown.map(|(ratio, order)| (ratio, order_cause(&order)));
+        let sighted = || {
+            let as_it_is = self.cost_against(camera, &self.as_it_is[camera], right)?;
+            let (ratio, _, cause) = self.in_another_order(camera, right, as_it_is)?;
+            Some((ratio, cause))
+        };
+        let is_certain = |(ratio, _): &(f64, DisagreementCause)| *ratio < CERTAIN_ORDER;
+        shown
+            .filter(is_certain)
+            .or_else(|| sighted().filter(is_certain))
     }
 
     fn certain_focal_length(
