@@ -23,12 +23,4 @@ pub use outcome::{FoundCamera, PathPoint, PointCalibration, Stage, calibrate};
 pub use request::{Lenses, PointCamera, PointRequest, Timing};
 
 #[cfg(test)]
-mod faults;
-#[cfg(test)]
-mod real;
-#[cfg(test)]
-mod recorded;
-#[cfg(test)]
-mod simulated;
-#[cfg(test)]
 mod tests;

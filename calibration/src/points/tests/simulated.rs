@@ -5,10 +5,9 @@ use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use super::file::Sighting;
-use super::request::{PointCamera, PointRequest, Timing};
 use crate::adjustment::CameraState;
 use crate::alignment::Similarity;
+use crate::points::{PointCamera, PointRequest, Sighting, Timing};
 
 /// A field with cameras around it.
 #[derive(Debug, Clone, Copy)]

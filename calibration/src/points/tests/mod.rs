@@ -1,6 +1,11 @@
 //! From sightings to cameras, on simulated fields.
 
-use super::simulated::{Errors, Field, HALL, PITCH, SMALL, USUAL, cameras, request, worst};
+mod faults;
+mod real;
+mod recorded;
+mod simulated;
+
+use self::simulated::{Errors, Field, HALL, PITCH, SMALL, USUAL, cameras, request, worst};
 use super::*;
 use crate::adjustment::CameraState;
 use crate::alignment::KnownDistance;
