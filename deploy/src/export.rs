@@ -203,6 +203,7 @@ fn request(args: &ExportArgs) -> anyhow::Result<ExportRequest> {
             rest: args.rest,
             names: args.names,
             preset: args.preset,
+            ..Options::default()
         },
         existing: if args.replace {
             Existing::Replace

@@ -12,7 +12,7 @@ pub enum ExportError {
     #[error("{0}")]
     Run(Box<FileError>),
     /// The system refused.
-    #[error("{what} {}: {source}", path.display())]
+    #[error("{what} {}", path.display())]
     Io {
         /// The file.
         path: PathBuf,

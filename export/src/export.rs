@@ -21,6 +21,8 @@ use crate::timeline::{Clock, Frame, Resampler};
 
 /// Frame rates beyond these are refused, Hz.
 const RATES_HZ: std::ops::RangeInclusive<f64> = 0.5..=2000.0;
+/// Longest gaps beyond these are refused, seconds: what is longer is no gap, it is another visit.
+const LONGEST_GAPS_S: std::ops::RangeInclusive<f64> = 0.0..=3600.0;
 
 /// A file that was written.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -269,7 +271,12 @@ impl<'a> Run<'a> {
     ) -> Result<(), ExportError> {
         let options = &self.request.options;
         let path = &self.request.poses;
-        let mut resampler = Resampler::new(self.clock, options.gaps, options.rest);
+        let mut resampler = Resampler::new(
+            self.clock,
+            options.gaps,
+            options.longest_gap_s,
+            options.rest,
+        );
         for_each_line(files::open(path)?, path, |text, number| {
             let (tick, of) = PoseLine::parse_head(text, path, number)?;
             if of != person || !(self.clock.first..self.clock.end).contains(&tick) {
@@ -290,6 +297,14 @@ fn clock_of(facts: &RunFacts, options: &Options) -> Result<Clock, ExportError> {
         return Err(ExportError::Options(format!(
             "found ticks {}..{}, expected some of the run's {}..{}",
             ticks.start, ticks.end, run.start, run.end
+        )));
+    }
+    if !LONGEST_GAPS_S.contains(&options.longest_gap_s) {
+        return Err(ExportError::Options(format!(
+            "found {} s as the longest gap that is filled, expected {} to {} s",
+            options.longest_gap_s,
+            LONGEST_GAPS_S.start(),
+            LONGEST_GAPS_S.end()
         )));
     }
     let rate_hz = options.rate_hz.unwrap_or(facts.rate_hz);

@@ -62,6 +62,7 @@ fn line(person: u32, tick: i64, t: f64) -> PoseLine {
         keypoints_m: KEYPOINTS.iter().map(|name| keypoint(name)).collect(),
         sigma_m: Some([0.012; 29]),
         angles: reported_angles(&pose),
+        unobserved: 0,
         views: 4,
     }
 }

@@ -126,7 +126,7 @@ pub enum Existing {
 }
 
 /// How poses are written.
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Options {
     /// Who; empty: everybody.
     pub people: Vec<u32>,
@@ -138,6 +138,8 @@ pub struct Options {
     pub rate_hz: Option<f64>,
     /// What becomes of ticks without a pose.
     pub gaps: Gaps,
+    /// Longest gap that is filled, from pose to pose, seconds.
+    pub longest_gap_s: f64,
     /// How long bones are.
     pub lengths: Lengths,
     /// How the skeleton rests.
@@ -146,6 +148,23 @@ pub struct Options {
     pub names: BoneNames,
     /// Whose units and axes; `None`: those of the format.
     pub preset: Option<Preset>,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            people: Vec::new(),
+            called: BTreeMap::new(),
+            ticks: None,
+            rate_hz: None,
+            gaps: Gaps::default(),
+            longest_gap_s: 1.0,
+            lengths: Lengths::default(),
+            rest: RestPose::default(),
+            names: BoneNames::default(),
+            preset: None,
+        }
+    }
 }
 
 impl Options {

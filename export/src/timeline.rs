@@ -2,7 +2,8 @@
 //!
 //! Positions are in ticks of the run, as real numbers. At a higher rate poses in between are interpolated: positions
 //! linearly, rotations spherically. At a lower one what the new rate cannot show is filtered out first, by a sinc under
-//! a Hann window over three periods of the new rate to each side; towards the edge of what was seen the window narrows.
+//! a Hann window over three periods of the new rate to each side; towards the edge of what is there the window narrows.
+//! Gaps are filled first, tick by tick, so that nothing jumps at their edges.
 
 use std::collections::VecDeque;
 use std::f64::consts::PI;
@@ -117,18 +118,20 @@ pub struct Frame {
 pub struct Resampler {
     clock: Clock,
     gaps: Gaps,
+    longest_gap_s: f64,
     rest: RestPose,
-    samples: VecDeque<(i64, Sample)>,
+    samples: VecDeque<(i64, Sample, Origin)>,
     next: u64,
     n_frames: u64,
 }
 
 impl Resampler {
-    /// One that has seen nothing.
-    pub fn new(clock: Clock, gaps: Gaps, rest: RestPose) -> Self {
+    /// One that has seen nothing. Gaps that last longer than `longest_gap_s` from pose to pose, seconds, stay gaps.
+    pub fn new(clock: Clock, gaps: Gaps, longest_gap_s: f64, rest: RestPose) -> Self {
         Self {
             clock,
             gaps,
+            longest_gap_s,
             rest,
             samples: VecDeque::new(),
             next: 0,
@@ -146,7 +149,29 @@ impl Resampler {
         sample: Sample,
         mut each: impl FnMut(Frame) -> Result<(), E>,
     ) -> Result<(), E> {
-        self.samples.push_back((tick, sample));
+        if let Some((last, before, _)) = self.samples.back().cloned() {
+            let apart = tick - last;
+            let is_filled = self.gaps != Gaps::Keep
+                && (apart as f64 - SAME) / self.clock.run_hz <= self.longest_gap_s;
+            for missing in (last + 1..tick).take_while(|_| is_filled) {
+                let share = (missing - last) as f64 / apart as f64;
+                let weighted = [(1.0 - share, &before), (share, &sample)];
+                let centre = if share > 0.5 { &sample } else { &before };
+                let filled = Sample::mean(&weighted, centre, self.rest).unseen();
+                self.take_in(missing, filled, Origin::Filled, &mut each)?;
+            }
+        }
+        self.take_in(tick, sample, Origin::Seen, &mut each)
+    }
+
+    fn take_in<E>(
+        &mut self,
+        tick: i64,
+        sample: Sample,
+        origin: Origin,
+        each: &mut impl FnMut(Frame) -> Result<(), E>,
+    ) -> Result<(), E> {
+        self.samples.push_back((tick, sample, origin));
         while self.next < self.n_frames
             && self.clock.position(self.next) + self.clock.half_width() <= tick as f64 + SAME
         {
@@ -176,7 +201,7 @@ impl Resampler {
         while self
             .samples
             .get(1)
-            .is_some_and(|(tick, _)| (*tick as f64) < oldest)
+            .is_some_and(|(tick, ..)| (*tick as f64) < oldest)
         {
             self.samples.pop_front();
         }
@@ -191,32 +216,33 @@ impl Resampler {
     fn pose_at(&self, position: f64) -> Option<(Sample, Origin)> {
         let after = self
             .samples
-            .partition_point(|(tick, _)| *tick as f64 <= position + SAME);
+            .partition_point(|(tick, ..)| *tick as f64 <= position + SAME);
         let i = after.checked_sub(1)?;
-        let (tick, before) = self.samples.get(i)?;
+        let (tick, before, origin) = self.samples.get(i)?;
         if let Some(filtered) = self.filtered(position, i) {
-            return Some((filtered, Origin::Seen));
+            return Some(filtered);
         }
         let share = position - *tick as f64;
         if share <= SAME {
-            return Some((before.clone(), Origin::Seen));
+            return Some((before.clone(), *origin));
         }
-        let (later, next) = self.samples.get(after)?;
-        let apart = later - tick;
-        let origin = match (apart, self.gaps) {
-            (1, _) => Origin::Seen,
-            (_, Gaps::Keep) => return None,
-            (_, Gaps::Fill | Gaps::Mark) => Origin::Filled,
-        };
-        let share = share / apart as f64;
+        // What was to be filled is there.
+        let (_, next, later) = self
+            .samples
+            .get(after)
+            .filter(|(later, ..)| later - tick == 1)?;
         let centre = if share > 0.5 { next } else { before };
         let mean = Sample::mean(&[(1.0 - share, before), (share, next)], centre, self.rest);
-        Some((mean, origin))
+        Some(if *origin == Origin::Seen && *later == Origin::Seen {
+            (mean, Origin::Seen)
+        } else {
+            (mean.unseen(), Origin::Filled)
+        })
     }
 
     /// The pose at `position` without what the new rate cannot show; `None` where no filter is needed or too little lies
     /// on one of its sides. Sample `i` is the last before it.
-    fn filtered(&self, position: f64, i: usize) -> Option<Sample> {
+    fn filtered(&self, position: f64, i: usize) -> Option<(Sample, Origin)> {
         let half = self.clock.half_width();
         if half <= 0.0 {
             return None;
@@ -260,8 +286,12 @@ impl Resampler {
         }
         let next_is_nearer =
             i < last && tick_of(i + 1) as f64 - position < position - tick_of(i) as f64;
-        let centre = &self.samples[if next_is_nearer { i + 1 } else { i }].1;
-        Some(Sample::mean(&weighted, centre, self.rest))
+        let (_, centre, origin) = &self.samples[if next_is_nearer { i + 1 } else { i }];
+        let mean = Sample::mean(&weighted, centre, self.rest);
+        Some(match origin {
+            Origin::Seen => (mean, Origin::Seen),
+            Origin::Filled => (mean.unseen(), Origin::Filled),
+        })
     }
 }
 

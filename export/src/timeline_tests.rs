@@ -1,5 +1,7 @@
 //! Poses on other clocks.
 
+use farfield_proto::message::PersonState;
+
 use super::*;
 use crate::fixture::{RUN_HZ, sample_at};
 
@@ -25,7 +27,7 @@ fn frames(
         frames.push(frame);
         Ok::<_, ()>(())
     };
-    let mut resampler = Resampler::new(clock, gaps, RestPose::TPose);
+    let mut resampler = Resampler::new(clock, gaps, 1.0, RestPose::TPose);
     for tick in ticks {
         resampler
             .push(tick, at(tick as f64 / RUN_HZ), &mut keep)
@@ -113,6 +115,68 @@ fn gaps_are_kept_or_filled_as_asked() {
         let (sample, origin) = frame.pose.as_ref().unwrap();
         assert_eq!(*origin == Origin::Filled, (30..40).contains(&frame.index));
         assert!(apart_m(sample, &sample_at(frame.time_s)) < 0.1);
+    }
+}
+
+#[test]
+fn what_is_filled_does_not_claim_to_be_measured() {
+    let there = || (0..30).chain(40..60);
+    for frame in frames(clock(2.0 * RUN_HZ, 60), Gaps::Fill, there(), sample_at) {
+        let (sample, origin) = frame.pose.as_ref().unwrap();
+        let is_measured = sample.sigma_m.is_some() && sample.views == 4;
+        assert_eq!(is_measured, *origin == Origin::Seen, "{}", frame.index);
+        assert_eq!(
+            sample.state == PersonState::Coasting,
+            *origin == Origin::Filled
+        );
+        assert_eq!(*origin == Origin::Filled, (59..80).contains(&frame.index));
+    }
+}
+
+#[test]
+fn gaps_beyond_the_longest_stay_gaps() {
+    // From pose to pose 60 ticks are a second.
+    for (later, n_absent) in [(89, 0), (90, 60)] {
+        let there = (0..30).chain(later..100);
+        let filled = frames(clock(RUN_HZ, 100), Gaps::Fill, there, sample_at);
+        let absent = filled.iter().filter(|frame| frame.pose.is_none());
+        assert_eq!(absent.count(), n_absent);
+    }
+}
+
+#[test]
+fn at_a_lower_rate_nothing_jumps_at_the_edges_of_what_was_filled() {
+    let walking = |t: f64| {
+        let mut sample = sample_at(0.0);
+        sample.motion.root_m.x += 2.0 * t;
+        sample
+    };
+    let there = (0..40).chain(55..120);
+    let filled = frames(clock(RUN_HZ / 3.0, 120), Gaps::Fill, there, walking);
+    for frame in &filled {
+        let apart_m = apart_m(pose(frame), &walking(frame.time_s));
+        assert!(apart_m < 1e-3, "{} {apart_m}", frame.index);
+    }
+    assert!(
+        filled
+            .iter()
+            .any(|f| matches!(&f.pose, Some((_, Origin::Filled))))
+    );
+}
+
+#[test]
+fn an_angle_that_is_unobserved_stays_so_between_ticks() {
+    let unobserved = |t: f64| Sample {
+        unobserved: if t < 0.5 { 0b100 } else { 0 },
+        ..sample_at(t)
+    };
+    for frame in frames(clock(2.0 * RUN_HZ, 60), Gaps::Keep, 0..60, unobserved) {
+        assert_eq!(
+            pose(&frame).is_unobserved(2),
+            frame.index < 60,
+            "{}",
+            frame.index
+        );
     }
 }
 

@@ -22,7 +22,7 @@ MM, DEG = 1.0, 0.01
 STEP = 7  # Every so many ticks are compared: bvhio is slow.
 
 
-def check_bvh(folder, mode, by_person, worst):
+def check_bvh(folder, mode, by_person, first, worst):
     import bvhio
 
     for person, lines in by_person.items():
@@ -33,7 +33,7 @@ def check_bvh(folder, mode, by_person, worst):
         root.loadRestPose()
         at_rest = {name: world_rotation(joint) for name, joint in joints.items()}
         for line in lines[::STEP]:
-            root.loadPose(line["tick"])
+            root.loadPose(line["tick"] - first)
             for name, at in line["joints"].items():
                 if name in joints and mode == "measured":
                     p = joints[name].PositionWorld
@@ -132,6 +132,8 @@ def check_c3d(folder, by_person, first, worst):
         data = file["data"]["points"]
         for line in lines:
             for name, at in named_points(line):
+                if name not in labels:
+                    continue  # No keypoint ever tells where it is.
                 point = data[:3, labels.index(name), line["tick"] - first]
                 if line["sigma_m"].get(name.removeprefix("keypoint_"), 0) > 0.1:
                     continue  # Nothing is known of where it is; the file says so.
@@ -143,6 +145,8 @@ def check_c3d(folder, by_person, first, worst):
             by_frame = {line["tick"] - first + 1: line for line in lines}
             for number, points, _ in reader.read_frames():
                 for name, at in named_points(by_frame[number]) if number in by_frame else []:
+                    if name not in labels:
+                        continue
                     point = points[labels.index(name)]
                     if point[3] >= 0:
                         worst.take("c3d points mm", np.linalg.norm(point[:3] - 1000 * np.array(at)))
@@ -167,11 +171,17 @@ def check_csv(folder, by_person, worst):
                 worst.take("CSV points mm", 1000 * np.linalg.norm(np.array(found) - at))
             for name, value in line["angles"].items():
                 if not name.startswith("pelvis_t") or name == "pelvis_tilt":
+                    if name in line["unobserved"]:
+                        worst.take("CSV unobserved angles with a number", 0 if table[f"{name}_deg"][row] is None else 1)
+                        continue
                     apart = np.radians(table[f"{name}_deg"][row]) - value
                     worst.take("CSV angles deg", abs(np.degrees(np.angle(np.exp(1j * apart)))))
     table = csv.read_csv(folder / "poses_tidy.csv").to_pydict()
     n_expected = sum(len(line["joints"]) + len(line["keypoints"]) + 40 for lines in by_person.values() for line in lines)
-    worst.take("CSV tidy rows missing", abs(n_expected - len(table["name"])))
+    worst.take("CSV tidy rows missing", abs(n_expected - len(table["item"])))
+    n_unobserved = sum(len(line["unobserved"]) for lines in by_person.values() for line in lines)
+    n_found = sum(kind == "angle" and not observed for kind, observed in zip(table["kind"], table["observed"]))
+    worst.take("CSV tidy angles marked wrongly", abs(n_unobserved - n_found))
 
 
 def check_parquet(folder, by_person, worst):
@@ -186,6 +196,12 @@ def check_parquet(folder, by_person, worst):
             for name, at in named_points(line):
                 found = [table[f"{name}_{axis}_m"][row] for axis in "xyz"]
                 worst.take("Parquet points mm", 1000 * np.linalg.norm(np.array(found) - at))
+            known = {name for name in line["angles"] if table[f"{name}_{unit(name)}"][row] is not None}
+            worst.take("Parquet angles marked wrongly", len(known ^ (set(line["angles"]) - set(line["unobserved"]))))
+
+
+def unit(angle):
+    return "m" if angle in ("pelvis_tx", "pelvis_ty", "pelvis_tz") else "deg"
 
 
 def check_validator(folders, validator, worst):
@@ -208,11 +224,12 @@ def main(run, measured, settled, validator=None):
     bounds = {"bvhio joints mm": MM, "glTF joints mm": MM, "ezc3d points mm": MM, "c3d points mm": MM, "CSV points mm": MM}
     bounds |= {"glTF inverse bind matrices mm": 1e-3, "glTF times s": 1e-4, "glTF sign flips": 0, "CSV angles deg": DEG}
     bounds |= {"CSV tidy rows missing": 0, "Parquet rows missing": 0, "Parquet points mm": MM}
+    bounds |= {"CSV unobserved angles with a number": 0, "CSV tidy angles marked wrongly": 0, "Parquet angles marked wrongly": 0}
     worst = Worst(bounds)
     folders = {"measured": pathlib.Path(measured), "settled": pathlib.Path(settled)}
     for mode, folder in folders.items():
         bounds |= {f"bvhio rotations deg, {mode}": DEG, f"glTF rotations deg, {mode}": DEG}
-        check_bvh(folder, mode, by_person, worst)
+        check_bvh(folder, mode, by_person, first, worst)
         for name in ("poses.glb", "poses.gltf"):
             check_gltf(folder / name, mode, by_person, rate_hz, first, worst)
         check_c3d(folder, by_person, first, worst)

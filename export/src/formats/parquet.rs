@@ -1,7 +1,7 @@
 //! Parquet: all people in one table, a row per person and frame, a column per number.
 //!
 //! Columns are those of the wide CSV, with the person's id and name before them; positions and angles are f32, absent
-//! frames are left out, and what is not known is null. Metres, z up, unless a preset says otherwise. Not compressed: the
+//! frames are left out, and what is not known is null: angles that a tick left to a prior, too. Metres, z up, unless a preset says otherwise. Not compressed: the
 //! codecs are not built in. Rows are gathered to groups of 2048, which is what is held in memory.
 
 use std::io::{self, Write};
@@ -74,13 +74,19 @@ impl<W: Write + Send> ParquetWriter<W> {
         let mut columns = vec![
             number("time_s", Physical::DOUBLE)?,
             number("tick", Physical::DOUBLE)?,
-            number("person", Physical::INT32)?,
+            column(
+                "person",
+                Physical::INT32,
+                Some(LogicalType::integer(32, false)),
+                Repetition::REQUIRED,
+            )?,
             text("name")?,
         ];
-        if style.is_marked {
-            columns.push(text("origin")?);
-        }
-        columns.extend([text("state")?, number("views", Physical::INT32)?]);
+        columns.extend([
+            text("origin")?,
+            text("state")?,
+            number("views", Physical::INT32)?,
+        ]);
         let unit = style.axes.unit.symbol();
         let mut numbers = Vec::new();
         for name in names(subject.keypoints) {
@@ -139,10 +145,12 @@ impl<W: Write + Send> ParquetWriter<W> {
         });
         let angles = sample.angles.iter().enumerate();
         let angles = angles.map(|(i, v)| {
-            Some(if is_translation(i) {
-                *v
-            } else {
-                v.to_degrees()
+            (!sample.is_unobserved(i)).then(|| {
+                if is_translation(i) {
+                    *v
+                } else {
+                    v.to_degrees()
+                }
             })
         });
         for (column, value) in rows.numbers.iter_mut().zip(places.chain(angles)) {
@@ -155,7 +163,7 @@ impl<W: Write + Send> ParquetWriter<W> {
     }
 
     fn write_rows(&mut self) -> io::Result<()> {
-        let Self { out, style, rows } = self;
+        let Self { out, rows, .. } = self;
         if rows.times_s.is_empty() {
             return Ok(());
         }
@@ -164,9 +172,7 @@ impl<W: Write + Send> ParquetWriter<W> {
         write::<DoubleType, _>(&mut group, &rows.ticks, None)?;
         write::<Int32Type, _>(&mut group, &rows.people, None)?;
         write::<ByteArrayType, _>(&mut group, &rows.names, None)?;
-        if style.is_marked {
-            write::<ByteArrayType, _>(&mut group, &rows.origins, None)?;
-        }
+        write::<ByteArrayType, _>(&mut group, &rows.origins, None)?;
         write::<ByteArrayType, _>(&mut group, &rows.states, None)?;
         write::<Int32Type, _>(&mut group, &rows.views, None)?;
         for column in &rows.numbers {

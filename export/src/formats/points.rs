@@ -1,7 +1,10 @@
 //! The points that formats of markers hold: the joints, then the keypoints.
 
-use farfield_fusion::body::determined::UNKNOWN_M;
-use farfield_fusion::body::skeleton::Joint;
+use std::collections::BTreeMap;
+
+use farfield_fusion::body::determined::{UNKNOWN_M, determined_joints};
+use farfield_fusion::body::skeleton::{Joint, sites_of};
+use farfield_proto::keypoints::KeypointSet;
 use nalgebra::Vector3;
 
 use crate::run::Sample;
@@ -15,6 +18,15 @@ pub(crate) fn names(keypoints: &[String]) -> Vec<String> {
         None => name.clone(),
     });
     joints.chain(keypoints).collect()
+}
+
+/// Per point, in the order of [`names`], whether these keypoints tell where it is at all: markers of our TRC files are
+/// those that they do.
+pub(crate) fn determined(keypoints: &[String]) -> Vec<bool> {
+    let set = KeypointSet::new(keypoints.to_vec());
+    let joints = determined_joints(&sites_of(&set, &BTreeMap::new()));
+    let keypoints = keypoints.iter().map(|_| true);
+    joints.into_iter().chain(keypoints).collect()
 }
 
 /// A point of a pose.

@@ -3,8 +3,9 @@
 //!
 //! Metres, z up, unless a preset says otherwise; columns name their unit. Angles are degrees, and the root's translations
 //! metres in `OpenSim`'s ground, as in our MOT files. Wide tables have a row for every frame, blank where nobody is; tidy
-//! ones leave it out. `origin` says of each row whether its pose was seen, filled, or is absent; it is left out where
-//! gaps were to be filled without a mark.
+//! ones leave it out. `origin` says of each row whether its pose was seen, filled, or is absent. An angle that its tick
+//! left to a prior is blank in wide tables; tidy ones have it, with `observed` false, as they have joints that no keypoint
+//! ever tells.
 
 use std::io::{self, Write};
 
@@ -12,11 +13,11 @@ use farfield_fusion::body::skeleton::ANGLE_NAMES;
 use farfield_fusion::body::skeleton::angles::is_translation;
 use farfield_proto::message::PersonState;
 
-use super::points::{Point, names, points};
+use super::points::{Point, determined, names, points};
 use crate::axes::{Axes, Unit};
 use crate::run::Sample;
 use crate::subject::Subject;
-use crate::timeline::{Frame, Gaps, Origin};
+use crate::timeline::{Frame, Origin};
 
 /// Decimals of angles, degrees.
 const ANGLE_DECIMALS: usize = 4;
@@ -27,15 +28,12 @@ const METRE_DECIMALS: usize = 5;
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Style {
     pub(super) axes: Axes,
-    /// Whether rows say where their pose comes from.
-    pub(super) is_marked: bool,
 }
 
 impl Style {
     pub(super) fn of(subject: &Subject<'_>) -> Self {
         Self {
             axes: subject.options.preset.map_or(Axes::WORLD, Axes::of_points),
-            is_marked: subject.options.gaps != Gaps::Fill,
         }
     }
 
@@ -87,14 +85,28 @@ pub(super) const fn state(state: PersonState) -> &'static str {
     }
 }
 
-/// Name and number of every angle, degrees (translations metres).
-fn angles(sample: &Sample) -> impl Iterator<Item = (&'static str, &'static str, String)> {
+/// One reported angle of a row.
+struct AngleCell {
+    name: &'static str,
+    /// Degrees, or metres.
+    value: String,
+    /// Whether it is a translation.
+    is_length: bool,
+    is_observed: bool,
+}
+
+fn angles(sample: &Sample) -> impl Iterator<Item = AngleCell> {
     ANGLE_NAMES.iter().enumerate().map(|(i, name)| {
-        let value = sample.angles[i];
-        if is_translation(i) {
-            (*name, "m", fixed(value, METRE_DECIMALS))
-        } else {
-            (*name, "deg", fixed(value.to_degrees(), ANGLE_DECIMALS))
+        let (value, is_length) = (sample.angles[i], is_translation(i));
+        AngleCell {
+            name,
+            value: if is_length {
+                fixed(value, METRE_DECIMALS)
+            } else {
+                fixed(value.to_degrees(), ANGLE_DECIMALS)
+            },
+            is_length,
+            is_observed: !sample.is_unobserved(i),
         }
     })
 }
@@ -122,10 +134,7 @@ impl<'a, W: Write> WideWriter<'a, W> {
         let style = Style::of(&subject);
         let unit = style.axes.unit.symbol();
         let mut columns = vec!["time_s".to_owned(), "tick".to_owned()];
-        if style.is_marked {
-            columns.push("origin".to_owned());
-        }
-        columns.extend(["state".to_owned(), "views".to_owned()]);
+        columns.extend(["origin", "state", "views"].map(str::to_owned));
         for name in names(subject.keypoints) {
             columns.extend(["x", "y", "z", "sigma"].map(|what| format!("{name}_{what}_{unit}")));
         }
@@ -149,9 +158,7 @@ impl<'a, W: Write> WideWriter<'a, W> {
     /// Those of the writer.
     pub fn frame(&mut self, frame: &Frame) -> io::Result<()> {
         let mut row: Vec<String> = when(frame).into();
-        if self.style.is_marked {
-            row.push(origin(frame).to_owned());
-        }
+        row.push(origin(frame).to_owned());
         if let Some((sample, _)) = &frame.pose {
             row.extend([state(sample.state).to_owned(), sample.views.to_string()]);
             for point in points(sample, self.subject.options.rest, self.subject.keypoints) {
@@ -163,7 +170,13 @@ impl<'a, W: Write> WideWriter<'a, W> {
                     None => row.extend([const { String::new() }; 4]),
                 }
             }
-            row.extend(angles(sample).map(|(_, _, value)| value));
+            row.extend(angles(sample).map(|angle| {
+                if angle.is_observed {
+                    angle.value
+                } else {
+                    String::new()
+                }
+            }));
         }
         row.resize(self.n_columns, String::new());
         Ok(self.out.write_record(&row)?)
@@ -208,45 +221,49 @@ impl<W: Write> TidyWriter<W> {
         if !std::mem::replace(&mut self.has_head, true) {
             let unit = style.axes.unit.symbol();
             let places = ["x", "y", "z", "sigma"].map(|what| format!("{what}_{unit}"));
-            let mut head = ["time_s", "tick", "person", "kind", "name"]
+            let mut head = ["time_s", "tick", "person", "name", "kind", "item"]
                 .map(str::to_owned)
                 .to_vec();
             head.extend(places);
-            head.extend(["angle_deg", "length_m"].map(str::to_owned));
-            head.extend(style.is_marked.then(|| "origin".to_owned()));
+            head.extend(["angle_deg", "length_m", "observed", "origin"].map(str::to_owned));
             self.out.write_record(&head)?;
         }
         let Some((sample, _)) = &frame.pose else {
             return Ok(());
         };
         let mut first: Vec<String> = when(frame).into();
-        first.push(subject.name.to_owned());
-        let mark = style.is_marked.then(|| origin(frame).to_owned());
-        let mut write = |cells: [&str; 8]| {
+        first.extend([subject.id.to_string(), subject.name.to_owned()]);
+        let mut write = |cells: [&str; 8], is_observed: bool| {
             let row = first
                 .iter()
                 .map(String::as_str)
                 .chain(cells)
-                .chain(mark.as_deref());
+                .chain([if is_observed { "true" } else { "false" }, origin(frame)]);
             self.out.write_record(row)
         };
         let all = points(sample, subject.options.rest, subject.keypoints);
+        let is_determined = determined(subject.keypoints);
         let n_joints = all.len() - subject.keypoints.len();
-        for (k, (name, point)) in names.iter().zip(&all).enumerate() {
+        for (k, ((name, point), is_determined)) in
+            names.iter().zip(&all).zip(is_determined).enumerate()
+        {
             let Some(point) = point else {
                 continue;
             };
             let kind = if k < n_joints { "joint" } else { "keypoint" };
             let [x, y, z] = style.place(point);
-            write([kind, name, &x, &y, &z, &style.sigma(point), "", ""])?;
+            let sigma = style.sigma(point);
+            write([kind, name, &x, &y, &z, &sigma, "", ""], is_determined)?;
         }
-        for (name, unit, value) in angles(sample) {
-            let (angle, length) = if unit == "m" {
-                ("", value.as_str())
+        for angle in angles(sample) {
+            let value = angle.value.as_str();
+            let (degrees, metres) = if angle.is_length {
+                ("", value)
             } else {
-                (value.as_str(), "")
+                (value, "")
             };
-            write(["angle", name, "", "", "", "", angle, length])?;
+            let cells = ["angle", angle.name, "", "", "", "", degrees, metres];
+            write(cells, angle.is_observed)?;
         }
         Ok(())
     }

@@ -58,7 +58,7 @@ fn pose_of(sample: &Sample, subject: &Subject<'_>) -> PersonPose {
             .collect(),
         sigma_m: sigma_m.map_or_else(Vec::new, |all| all.iter().map(|v| *v as f32).collect()),
         angles: sample.angles.iter().map(|v| *v as f32).collect(),
-        unobserved: 0,
+        unobserved: sample.unobserved,
         views: u16::try_from(sample.views).unwrap_or(u16::MAX),
     }
 }

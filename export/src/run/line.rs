@@ -34,6 +34,8 @@ pub struct PoseLine {
     pub sigma_m: Option<[f64; N_JOINTS]>,
     /// The 40 reported angles.
     pub angles: Angles,
+    /// Bit per reported angle: set where this tick's keypoints tell nothing of it and a prior carries it.
+    pub unobserved: u64,
     /// Views that took part.
     pub views: u32,
 }
@@ -53,6 +55,8 @@ struct Raw {
     keypoints: Entries<[f64; 3]>,
     sigma_m: Option<Entries<f64>>,
     angles: Entries<f64>,
+    #[serde(default)]
+    unobserved: Vec<String>,
     #[serde(default)]
     views: u32,
 }
@@ -121,6 +125,9 @@ impl PoseLine {
                 .ok_or_else(|| (Some(field()), "missing, expected three numbers".to_owned()))?;
             *at_m = point(found).map_err(|problem| (Some(field()), problem))?;
         }
+        for (k, (name, _)) in raw.keypoints.0.iter().enumerate() {
+            check_name(name, &raw.keypoints.0[..k])?;
+        }
         let keypoints_m = raw
             .keypoints
             .0
@@ -141,6 +148,15 @@ impl PoseLine {
                 (Some(format!("angles.{name}")), problem)
             })?;
         }
+        let mut unobserved = 0;
+        for name in &raw.unobserved {
+            let angle = ANGLE_NAMES.iter().position(|known| known == name);
+            let angle = angle.ok_or_else(|| {
+                let problem = format!("found {name:?}, expected names of angles");
+                (Some("unobserved".to_owned()), problem)
+            })?;
+            unobserved |= 1 << angle;
+        }
         let sigma_m = raw
             .sigma_m
             .map(|sigmas| Joint::ALL.map(|joint| sigmas.get(joint.name()).unwrap_or(f64::NAN)));
@@ -152,9 +168,25 @@ impl PoseLine {
             keypoints_m,
             sigma_m,
             angles,
+            unobserved,
             views: raw.views,
         })
     }
+}
+
+/// Names become columns, labels and markers: each once, and nothing that a line of text cannot hold.
+fn check_name(name: &str, before: &[(String, [f64; 3])]) -> Result<(), Fault> {
+    let found = if name.trim().is_empty() {
+        "an empty name".to_owned()
+    } else if name.chars().any(char::is_control) {
+        format!("the name {name:?} with control characters")
+    } else if before.iter().any(|(known, _)| known == name) {
+        format!("the name `{name}` twice")
+    } else {
+        return Ok(());
+    };
+    let problem = format!("found {found}, expected names of keypoints, each once");
+    Err((Some("keypoints".to_owned()), problem))
 }
 
 fn point(at: [f64; 3]) -> Result<Vector3<f64>, String> {
@@ -238,6 +270,35 @@ mod tests {
     fn what_is_no_json_is_refused_with_its_line() {
         assert!(refused("{").starts_with("poses.jsonl:7: "));
         assert!(refused("[]").starts_with("poses.jsonl:7: "));
+    }
+
+    #[test]
+    fn names_of_keypoints_that_no_table_could_hold_are_refused() {
+        let whole = crate::fixture::json(&crate::fixture::line_at(1, 0));
+        for (name, found) in [
+            ("", "found an empty name"),
+            ("a\\tb", "control characters"),
+            ("left_knee", "found the name `left_knee` twice"),
+        ] {
+            let (head, rest) = whole.split_once("\"keypoints\":").unwrap();
+            let rest = rest.replacen("\"nose\":", &format!("\"{name}\":"), 1);
+            let refused = refused(&format!("{head}\"keypoints\":{rest}"));
+            assert!(
+                refused.contains("`keypoints`: ") && refused.contains(found),
+                "{refused}"
+            );
+        }
+    }
+
+    #[test]
+    fn unobserved_angles_are_known_by_name() {
+        let whole = crate::fixture::json(&crate::fixture::line_at(1, 0));
+        let with =
+            |names: &str| whole.replace("\"unobserved\":[]", &format!("\"unobserved\":[{names}]"));
+        let read = |text: &str| PoseLine::parse(text, Path::new("poses.jsonl"), 7);
+        let line = read(&with("\"pelvis_list\"")).unwrap();
+        assert_eq!(line.unobserved, 0b10);
+        assert!(refused(&with("\"tail\"")).contains("`unobserved`: found \"tail\", expected"));
     }
 
     #[test]

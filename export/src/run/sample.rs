@@ -1,7 +1,7 @@
 //! One person at one moment in the terms of the export skeleton, and what lies between such moments.
 
 use farfield_fusion::body::skeleton::angles::is_translation;
-use farfield_fusion::body::skeleton::{Joint, N_JOINTS};
+use farfield_fusion::body::skeleton::{ANGLE_NAMES, Joint, N_JOINTS};
 use farfield_proto::message::PersonState;
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -21,6 +21,8 @@ pub struct Sample {
     pub offsets: Offsets,
     /// The reported angles.
     pub angles: Angles,
+    /// Bit per reported angle: set where only a prior tells it.
+    pub unobserved: u64,
     /// The keypoints' sites in the world, metres, in the order of [`Survey::keypoints`](super::Survey).
     pub keypoints_m: Vec<Option<Vector3<f64>>>,
     /// Standard deviations of the joints per axis, metres.
@@ -44,6 +46,7 @@ impl Sample {
             motion: Motion::of_links(&body, rest),
             offsets,
             angles: line.angles,
+            unobserved: line.unobserved,
             keypoints_m: keypoints.iter().map(keypoint).collect(),
             sigma_m: line.sigma_m,
         }
@@ -58,7 +61,8 @@ impl Sample {
     ///
     /// Rotations are averaged in the tangent space at the centre: `R = R_c exp(Σ wᵢ log(R_c⁻¹ Rᵢ))`, which for two is the
     /// spherical linear interpolation. Lengths and positions are averaged as they are, angles from the centre's by the
-    /// shorter way round. What cannot be averaged is the centre's.
+    /// shorter way round. An angle is unobserved where samples with half of the weight leave it so; deviations are averaged
+    /// where all have one. What cannot be averaged is the centre's.
     pub fn mean(weighted: &[(f64, &Self)], centre: &Self, rest: RestPose) -> Self {
         let points =
             |of: &dyn Fn(&Self) -> Vector3<f64>| weighted.iter().map(|(w, s)| of(s) * *w).sum();
@@ -95,7 +99,8 @@ impl Sample {
                 .all(|(_, s)| s.keypoints_m.get(k).copied().flatten().is_some());
             all.then(|| points(&|s| s.keypoints_m[k].unwrap_or_default()))
         });
-        let sigma_m = weighted.iter().all(|(_, s)| s.sigma_m.is_some()).then(|| {
+        let all_have_sigma = weighted.iter().all(|(_, s)| s.sigma_m.is_some());
+        let sigma_m = all_have_sigma.then(|| {
             let of = |j: usize| {
                 weighted
                     .iter()
@@ -111,7 +116,29 @@ impl Sample {
             motion,
             offsets: Offsets(Joint::ALL.map(|joint| points(&|s| s.offsets.of_joint(joint)))),
             keypoints_m: keypoints_m.collect(),
-            sigma_m,
+            sigma_m: sigma_m.or(centre.sigma_m),
+            unobserved: (0..ANGLE_NAMES.len())
+                .filter(|&angle| {
+                    let without = weighted.iter().filter(|(_, s)| s.is_unobserved(angle));
+                    without.map(|(w, _)| w).sum::<f64>() >= 0.5
+                })
+                .fold(0, |bits, angle| bits | 1 << angle),
+        }
+    }
+
+    /// Whether only a prior tells a reported angle.
+    pub fn is_unobserved(&self, angle: usize) -> bool {
+        self.unobserved >> angle & 1 == 1
+    }
+
+    /// The same pose as that of a moment at which nobody saw the person: no view, no deviation.
+    #[must_use]
+    pub fn unseen(self) -> Self {
+        Self {
+            state: PersonState::Coasting,
+            views: 0,
+            sigma_m: None,
+            ..self
         }
     }
 }

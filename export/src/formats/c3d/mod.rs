@@ -1,4 +1,5 @@
-//! C3D, the format of biomechanics: joints and keypoints as points, one person a file.
+//! C3D, the format of biomechanics: joints and keypoints as points, one person a file. Joints that the keypoints never tell
+//! are left out, as in our TRC files.
 //!
 //! Millimetres, z up, unless a preset says otherwise; floating-point data of Intel's byte order. The first frame is
 //! number 1 and lies at the first exported tick; `FARFIELD:START_SECONDS` is its time since the run's first. Frame numbers
@@ -13,7 +14,7 @@ mod parameters;
 use std::io::{self, Write};
 
 use self::parameters::Parameters;
-use super::points::{Point, names, points};
+use super::points::{Point, determined, names, points};
 use crate::axes::{Axes, Orientation, Unit};
 use crate::subject::Subject;
 use crate::timeline::{Frame, Origin};
@@ -42,7 +43,8 @@ pub struct C3dWriter<'a, W> {
     out: W,
     subject: Subject<'a>,
     axes: Axes,
-    n_points: usize,
+    /// Which points are in the file.
+    is_marker: Vec<bool>,
     bytes: usize,
 }
 
@@ -53,7 +55,10 @@ impl<'a, W: Write> C3dWriter<'a, W> {
     /// Those of `out`; more points or frames than the format has room for.
     pub fn new(mut out: W, subject: Subject<'a>) -> io::Result<Self> {
         let axes = subject.options.preset.map_or(DEFAULT_AXES, Axes::of_points);
-        let labels = names(subject.keypoints);
+        let is_marker = determined(subject.keypoints);
+        let labels = names(subject.keypoints).into_iter().zip(&is_marker);
+        let labels = labels.filter_map(|(name, is_marker)| is_marker.then_some(name));
+        let labels: Vec<String> = labels.collect();
         if labels.len() > MOST_POINTS {
             return Err(io::Error::other(format!(
                 "{} points, a C3D file has room for {MOST_POINTS}",
@@ -77,7 +82,7 @@ impl<'a, W: Write> C3dWriter<'a, W> {
             out,
             subject,
             axes,
-            n_points: labels.len(),
+            is_marker,
             bytes: 0,
         })
     }
@@ -91,8 +96,9 @@ impl<'a, W: Write> C3dWriter<'a, W> {
             let all = points(sample, self.subject.options.rest, self.subject.keypoints);
             (all, *origin, sample.views)
         });
-        let mut bytes = Vec::with_capacity(16 * self.n_points);
-        for k in 0..self.n_points {
+        let mut bytes = Vec::with_capacity(16 * self.is_marker.len());
+        let markers = self.is_marker.iter().enumerate();
+        for (k, _) in markers.filter(|(_, is_marker)| **is_marker) {
             let (point, origin, views) = match &found {
                 Some((all, origin, views)) => (all.get(k).copied().flatten(), *origin, *views),
                 None => (None, Origin::Seen, 0),

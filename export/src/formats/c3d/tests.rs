@@ -1,6 +1,7 @@
 //! The bytes of C3D files, read by their places in the format's description.
 
-use crate::fixture::{poses_jsonl, summary_json};
+use crate::fixture::{KEYPOINTS, poses_jsonl, summary_json};
+use crate::formats::points::determined;
 use crate::timeline::Gaps;
 use crate::{Existing, ExportRequest, Format, Options, export};
 
@@ -41,11 +42,15 @@ fn told(bytes: &[u8], frame: usize) -> u32 {
 #[test]
 fn the_head_says_where_what_lies() {
     let bytes = file(Gaps::Keep);
+    // Nose, left knee and right wrist: what hangs from none of them is left out, as in a TRC file.
+    let kept = determined(&KEYPOINTS.map(str::to_owned));
+    let n_joints = kept.iter().take(29).filter(|is_kept| **is_kept).count() as u16;
+    assert!((10..20).contains(&n_joints), "{n_joints}");
     assert_eq!(bytes.len() % 512, 0);
     assert_eq!(&bytes[..2], &[2, 0x50]);
     assert_eq!(
         [word(&bytes, 2), word(&bytes, 4), word(&bytes, 5)],
-        [29 + 3, 1, 40]
+        [n_joints + 3, 1, 40]
     );
     assert_eq!(
         [float(&bytes, 12), float(&bytes, 20)],
