@@ -15,7 +15,7 @@ use crate::formats::table::{TidyWriter, WideWriter, point_names};
 use crate::formats::trc_mot::{MotWriter, TrcWriter};
 use crate::options::{ExportRequest, Format, Options};
 use crate::run::line::for_each_line;
-use crate::run::{PoseLine, RunFacts, Sample, Survey};
+use crate::run::{PersonSurvey, PoseLine, RunFacts, Sample, Survey};
 use crate::subject::Subject;
 use crate::timeline::{Clock, Frame, Resampler};
 
@@ -23,6 +23,11 @@ use crate::timeline::{Clock, Frame, Resampler};
 const RATES_HZ: std::ops::RangeInclusive<f64> = 0.5..=2000.0;
 /// Longest gaps beyond these are refused, seconds: what is longer is no gap, it is another visit.
 const LONGEST_GAPS_S: std::ops::RangeInclusive<f64> = 0.0..=3600.0;
+
+/// Most frames of a person: 46 hours at 60 Hz.
+const MOST_FRAMES: u64 = 10_000_000;
+/// Longest stretch without a pose at the end of a person's files, seconds.
+const LONGEST_END_S: f64 = 3600.0;
 
 /// A file that was written.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -70,7 +75,7 @@ pub fn export(
             everybody.into_iter().map(|person| vec![person]).collect()
         };
         for people in files {
-            let who = people.first().map_or("", |person| run.name(*person));
+            let who = people.first().map_or("", |person| run.word(*person));
             let path = request.out.join(format.file_name(who));
             let mut file = Unfinished::create(path, request.existing)?;
             run.write(format, &people, &mut file, &mut || {
@@ -99,7 +104,16 @@ struct Run<'a> {
     survey: Survey,
     clock: Clock,
     /// Who is exported, and what they are called.
-    people: BTreeMap<u32, String>,
+    people: BTreeMap<u32, Called>,
+}
+
+/// What a person is called.
+#[derive(Debug, Clone, PartialEq, Eq)]
+struct Called {
+    /// In files, as it was given.
+    name: String,
+    /// In their names.
+    word: String,
 }
 
 impl<'a> Run<'a> {
@@ -117,6 +131,9 @@ impl<'a> Run<'a> {
         let ticks = clock.first..clock.end;
         let survey = Survey::of(files::open(&request.poses)?, &request.poses, &ticks)?;
         let people = people_of(&survey, options, &ticks)?;
+        for person in people.keys() {
+            check_frames(*person, &clock_of_person(clock, survey.people.get(person)))?;
+        }
         Ok(Self {
             request,
             survey,
@@ -125,17 +142,18 @@ impl<'a> Run<'a> {
         })
     }
 
-    fn name(&self, person: u32) -> &str {
-        self.people.get(&person).map_or("", String::as_str)
+    fn word(&self, person: u32) -> &str {
+        self.people.get(&person).map_or("", |called| &called.word)
     }
 
     fn subject(&self, person: u32) -> Option<Subject<'_>> {
+        let survey = self.survey.people.get(&person)?;
         Some(Subject {
             id: person,
-            name: self.name(person),
-            survey: self.survey.people.get(&person)?,
+            name: &self.people.get(&person)?.name,
+            survey,
             keypoints: &self.survey.keypoints,
-            clock: self.clock,
+            clock: clock_of_person(self.clock, Some(survey)),
             options: &self.request.options,
         })
     }
@@ -243,7 +261,7 @@ impl<'a> Run<'a> {
                 writer.finish().map_err(error)
             }
             Format::Trc => {
-                let name = format.file_name(subject.name);
+                let name = format.file_name(self.word(person));
                 let mut writer = TrcWriter::new(file, subject, &name).map_err(error)?;
                 self.for_each_frame(person, |frame| writer.frame(&frame).map_err(error))
             }
@@ -271,15 +289,12 @@ impl<'a> Run<'a> {
     ) -> Result<(), ExportError> {
         let options = &self.request.options;
         let path = &self.request.poses;
-        let mut resampler = Resampler::new(
-            self.clock,
-            options.gaps,
-            options.longest_gap_s,
-            options.rest,
-        );
+        let clock = clock_of_person(self.clock, self.survey.people.get(&person));
+        let mut resampler =
+            Resampler::new(clock, options.gaps, options.longest_gap_s, options.rest);
         for_each_line(files::open(path)?, path, |text, number| {
             let (tick, of) = PoseLine::parse_head(text, path, number)?;
-            if of != person || !(self.clock.first..self.clock.end).contains(&tick) {
+            if of != person || !(clock.first..clock.end).contains(&tick) {
                 return Ok(());
             }
             let line = PoseLine::parse(text, path, number)?;
@@ -324,35 +339,76 @@ fn clock_of(facts: &RunFacts, options: &Options) -> Result<Clock, ExportError> {
     })
 }
 
+/// The frames of one person: they end with the last pose where the rest is long and empty, as TRC files of live runs do.
+fn clock_of_person(clock: Clock, survey: Option<&PersonSurvey>) -> Clock {
+    let last = survey
+        .and_then(|survey| survey.present)
+        .map(|(_, last)| last);
+    let empty = last.filter(|last| (clock.end - last) as f64 / clock.run_hz > LONGEST_END_S);
+    Clock {
+        end: empty.map_or(clock.end, |last| last + 1),
+        ..clock
+    }
+}
+
+/// A summary may say anything: what would fill a disk is refused.
+fn check_frames(person: u32, clock: &Clock) -> Result<(), ExportError> {
+    let n_frames = clock.n_frames();
+    if n_frames <= MOST_FRAMES {
+        return Ok(());
+    }
+    Err(ExportError::Options(format!(
+        "found {n_frames} frames of person {person}, expected at most {MOST_FRAMES}: export fewer ticks, or a lower rate"
+    )))
+}
+
 /// Who is exported, and what they are called.
 fn people_of(
     survey: &Survey,
     options: &Options,
     ticks: &Range<i64>,
-) -> Result<BTreeMap<u32, String>, ExportError> {
-    let known: Vec<u32> = survey.people.keys().copied().collect();
+) -> Result<BTreeMap<u32, Called>, ExportError> {
+    let is_present = |person: &PersonSurvey| person.present.is_some();
+    let there = survey.people.iter().filter(|(_, it)| is_present(it));
+    let there: Vec<u32> = there.map(|(id, _)| *id).collect();
+    if let Some(person) = options
+        .called
+        .keys()
+        .find(|person| !survey.people.contains_key(person))
+    {
+        return Err(ExportError::Options(format!(
+            "found a name for person {person}, expected one of {:?}",
+            survey.people.keys().collect::<Vec<_>>()
+        )));
+    }
     let asked = if options.people.is_empty() {
-        &known
+        &there
     } else {
         &options.people
     };
-    let mut people = BTreeMap::new();
+    let mut people = BTreeMap::<u32, Called>::new();
     for person in asked {
-        if !known.contains(person) {
+        if !there.contains(person) {
             return Err(ExportError::Options(format!(
-                "found person {person}, expected one of {known:?}"
+                "found person {person}, expected one of {there:?}"
             )));
         }
-        let name = options
-            .called
-            .get(person)
-            .map_or_else(|| person.to_string(), |name| file_word(name));
-        if let Some((other, _)) = people.iter().find(|(_, taken)| **taken == name) {
+        if people.contains_key(person) {
+            continue;
+        }
+        let called = called(*person, options)?;
+        // Some systems do not tell capital letters apart.
+        let lower = called.word.to_lowercase();
+        let taken = people
+            .iter()
+            .find(|(_, it)| it.word.to_lowercase() == lower);
+        if let Some((other, _)) = taken {
             return Err(ExportError::Options(format!(
-                "persons {other} and {person} are both called `{name}`"
+                "persons {other} and {person} are both called `{}` in names of files",
+                called.word
             )));
         }
-        people.insert(*person, name);
+        people.insert(*person, called);
     }
     if people.is_empty() {
         return Err(ExportError::Options(format!(
@@ -361,6 +417,25 @@ fn people_of(
         )));
     }
     Ok(people)
+}
+
+fn called(person: u32, options: &Options) -> Result<Called, ExportError> {
+    let Some(name) = options.called.get(&person) else {
+        let name = person.to_string();
+        return Ok(Called {
+            word: name.clone(),
+            name,
+        });
+    };
+    if name.trim().is_empty() || name.chars().any(char::is_control) {
+        return Err(ExportError::Options(format!(
+            "found {name:?} as the name of person {person}, expected letters"
+        )));
+    }
+    Ok(Called {
+        name: name.clone(),
+        word: file_word(name),
+    })
 }
 
 /// `name` as a part of a file's name: what is no letter, digit, `-` or `_` becomes `_`.

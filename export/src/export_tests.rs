@@ -183,3 +183,92 @@ fn in_gltf_a_pose_is_held_to_the_end_of_a_gap() {
         41
     );
 }
+
+#[test]
+fn names_are_checked_and_kept_as_they_were_given() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut request = request(folder.path());
+    request.formats = vec![Format::CsvTidy, Format::Osim, Format::C3d];
+    request.options.people = vec![1, 1];
+    request.options.called = [(1, "Ada & L.".to_owned())].into();
+    let written = bytes_of(&run(&request).unwrap());
+    let names: Vec<&str> = written.iter().map(|(name, _)| name.as_str()).collect();
+    assert_eq!(
+        names,
+        [
+            "poses_tidy.csv",
+            "model_Ada___L_.osim",
+            "poses_Ada___L_.c3d"
+        ]
+    );
+    let text = |i: usize| String::from_utf8_lossy(&written[i].1).into_owned();
+    assert!(
+        text(0)
+            .lines()
+            .nth(1)
+            .unwrap()
+            .contains(",1,Ada & L.,joint,pelvis,")
+    );
+    assert!(text(1).contains("\"person_Ada &amp; L.\""));
+    assert!(text(2).contains("Ada & L."));
+    request.existing = Existing::Replace;
+    let mut refused = |person: u32, name: &str| {
+        request.options.called = [(person, name.to_owned())].into();
+        let error = run(&request).unwrap_err();
+        let source = std::error::Error::source(&error).map(ToString::to_string);
+        format!("{error} {}", source.unwrap_or_default())
+    };
+    assert!(
+        refused(777, "Ada").starts_with("found a name for person 777, expected one of [1, 2, 5]")
+    );
+    assert!(refused(1, "a\tb").contains("as the name of person 1"));
+    assert!(refused(1, &"x".repeat(200)).contains("the name of person 1 has 200 bytes"));
+}
+
+#[test]
+fn lengths_are_those_of_the_whole_file_whatever_the_ticks() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut request = request(folder.path());
+    // The first ten ticks of person 1 are of a longer head.
+    let mut text = String::new();
+    for tick in 0..N_TICKS {
+        let mut line = crate::fixture::line_at(1, tick);
+        if tick < 10 {
+            line.joints_m[3].z += 0.05;
+        }
+        text += &crate::fixture::json(&line);
+    }
+    fs::write(&request.poses, text).unwrap();
+    request.formats = vec![Format::Osim];
+    request.existing = Existing::Replace;
+    let whole = bytes_of(&run(&request).unwrap());
+    request.options.ticks = Some(0..10);
+    assert!(whole == bytes_of(&run(&request).unwrap()));
+}
+
+#[test]
+fn a_summary_cannot_make_files_endless() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut request = request(folder.path());
+    request.formats = vec![Format::Csv];
+    request.options.people = vec![1];
+    let far = 1_i64 << 41;
+    fs::write(&request.summary, summary_json(far)).unwrap();
+    // Nobody is there for years: the file ends with the last pose.
+    let written = bytes_of(&run(&request).unwrap());
+    let rows = String::from_utf8(written[0].1.clone()).unwrap();
+    assert_eq!(rows.lines().count(), 1 + 50);
+    let late = crate::run::PoseLine {
+        tick: far - 1,
+        ..crate::fixture::line_at(1, N_TICKS)
+    };
+    let late = crate::fixture::json(&late);
+    let early = fs::read_to_string(&request.poses).unwrap();
+    fs::write(&request.poses, early + &late).unwrap();
+    request.existing = Existing::Replace;
+    let refused = run(&request).unwrap_err().to_string();
+    assert!(
+        refused.contains("frames of person 1, expected at most 10000000"),
+        "{refused}"
+    );
+}

@@ -10,7 +10,7 @@ use crate::timeline::{Clock, Frame};
 pub struct Subject<'a> {
     /// The id.
     pub id: u32,
-    /// What the person is called.
+    /// What the person is called, as it was given.
     pub name: &'a str,
     /// Who that is.
     pub survey: &'a PersonSurvey,

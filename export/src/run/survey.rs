@@ -5,7 +5,8 @@ use std::io::BufRead;
 use std::ops::Range;
 use std::path::Path;
 
-use farfield_fusion::body::skeleton::{Joint, N_JOINTS};
+use farfield_fusion::body::skeleton::{Joint, N_JOINTS, sites_of};
+use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::toml_file::FileError;
 use nalgebra::Vector3;
 
@@ -30,34 +31,27 @@ pub struct Survey {
     pub people: BTreeMap<u32, PersonSurvey>,
     /// Names of the keypoints, in the order in which they come first.
     pub keypoints: Vec<String>,
-    /// Lines that were counted.
-    pub lines: u64,
 }
 
 /// One person of a file.
 #[derive(Debug, Clone)]
 pub struct PersonSurvey {
-    /// First tick with a pose.
-    pub first: i64,
-    /// Last tick with a pose.
-    pub last: i64,
-    /// Ticks with a pose.
-    pub n_ticks: u64,
-    /// The body's offsets: the median over the ticks, component by component. While a run still learns a body they are
+    /// First and last tick with a pose among those that are exported; `None` where there is none.
+    pub present: Option<(i64, i64)>,
+    /// The body's offsets: the median over all ticks of the file, component by component. While a run still learns a body they are
     /// those it settles on.
     pub offsets: Offsets,
-    /// Where each keypoint sits from the joint of its name, in the frame of the link that holds the joint (x forward, y
-    /// left, z up in the neutral pose), metres: the mean over the ticks. Keypoints without such a joint are left out.
-    pub sites_m: BTreeMap<String, Vector3<f64>>,
+    /// The joint that each keypoint sits on, and where it sits from it, in the frame of the link that holds the joint (x forward, y
+    /// left, z up in the neutral pose), metres: the mean over all ticks. Keypoints that sit on none are left out.
+    pub sites_m: BTreeMap<String, (Joint, Vector3<f64>)>,
 }
 
 #[derive(Default)]
 struct Counting {
-    first: i64,
-    last: i64,
+    present: Option<(i64, i64)>,
     n_ticks: u64,
     bins: Vec<[BTreeMap<i32, Bin>; 3]>,
-    sites: BTreeMap<String, (Vector3<f64>, u64)>,
+    sites: BTreeMap<String, (Joint, Vector3<f64>, u64)>,
 }
 
 #[derive(Default)]
@@ -67,13 +61,15 @@ struct Bin {
 }
 
 impl Survey {
-    /// Reads all lines of `file` (called `path`), and counts those whose tick is in `ticks`.
+    /// Reads all lines of `file` (called `path`). Lengths and names are those of the whole file, whatever `ticks`, which
+    /// decide only who is present.
     ///
     /// # Errors
     /// The first line that is wrong, or out of order.
     pub fn of(file: impl BufRead, path: &Path, ticks: &Range<i64>) -> Result<Self, FileError> {
         let mut survey = Self::default();
         let mut people = BTreeMap::<u32, Counting>::new();
+        let mut sites = BTreeMap::<String, Joint>::new();
         let mut last = None;
         for_each_line(file, path, |text, number| {
             let line = PoseLine::parse(text, path, number)?;
@@ -85,16 +81,24 @@ impl Survey {
                     place.0, place.1, before.0, before.1
                 ));
             }
-            if !ticks.contains(&line.tick) {
-                return Ok(());
-            }
             for (name, _) in &line.keypoints_m {
                 if !survey.keypoints.contains(name) {
                     survey.keypoints.push(name.clone());
+                    let set = KeypointSet::new(vec![name.clone()]);
+                    sites.extend(
+                        sites_of(&set, &BTreeMap::new())
+                            .into_iter()
+                            .flatten()
+                            .map(|site| (name.clone(), site.joint)),
+                    );
                 }
             }
-            survey.lines += 1;
-            people.entry(line.person).or_default().add(&line);
+            let counting = people.entry(line.person).or_default();
+            counting.add(&line, &sites);
+            if ticks.contains(&line.tick) {
+                let first = counting.present.map_or(line.tick, |(first, _)| first);
+                counting.present = Some((first, line.tick));
+            }
             if people.len() > MOST_PEOPLE || survey.keypoints.len() > MOST_KEYPOINTS {
                 return at(format!(
                     "found more than {MOST_PEOPLE} people or {MOST_KEYPOINTS} keypoints, expected those of a field"
@@ -111,12 +115,10 @@ impl Survey {
 }
 
 impl Counting {
-    fn add(&mut self, line: &PoseLine) {
+    fn add(&mut self, line: &PoseLine, sites: &BTreeMap<String, Joint>) {
         if self.n_ticks == 0 {
-            self.first = line.tick;
             self.bins.resize_with(N_JOINTS, Default::default);
         }
-        self.last = line.tick;
         self.n_ticks += 1;
         let body = links_of(&line.angles);
         let offsets = Offsets::measured(&line.joints_m, &body);
@@ -129,11 +131,12 @@ impl Counting {
             }
         }
         for (name, at_m) in &line.keypoints_m {
-            let Some(joint) = Joint::from_name(name) else {
+            let Some(&joint) = sites.get(name) else {
                 continue;
             };
             let apart_m = at_m - line.joints_m[joint.index()];
-            let (sum, count) = self.sites.entry(name.clone()).or_default();
+            let site = self.sites.entry(name.clone());
+            let (_, sum, count) = site.or_insert((joint, Vector3::zeros(), 0));
             *sum += body.rotation(joint.link()).tr_mul(&apart_m);
             *count += 1;
         }
@@ -149,11 +152,9 @@ impl Counting {
         let sites_m = self
             .sites
             .into_iter()
-            .map(|(name, (sum, count))| (name, sum / count as f64));
+            .map(|(name, (joint, sum, count))| (name, (joint, sum / count as f64)));
         PersonSurvey {
-            first: self.first,
-            last: self.last,
-            n_ticks: self.n_ticks,
+            present: self.present,
             offsets,
             sites_m: sites_m.collect(),
         }

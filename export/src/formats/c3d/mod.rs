@@ -13,7 +13,7 @@ mod parameters;
 
 use std::io::{self, Write};
 
-use self::parameters::Parameters;
+use self::parameters::{LONGEST, Parameters};
 use super::points::{Point, determined, names, points};
 use crate::axes::{Axes, Orientation, Unit};
 use crate::subject::Subject;
@@ -63,6 +63,13 @@ impl<'a, W: Write> C3dWriter<'a, W> {
             return Err(io::Error::other(format!(
                 "{} points, a C3D file has room for {MOST_POINTS}",
                 labels.len()
+            )));
+        }
+        if subject.name.len() > LONGEST {
+            return Err(io::Error::other(format!(
+                "the name of person {} has {} bytes, a C3D file has room for {LONGEST}",
+                subject.id,
+                subject.name.len()
             )));
         }
         let n_frames = u32::try_from(subject.clock.n_frames())

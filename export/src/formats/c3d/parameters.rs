@@ -5,7 +5,7 @@ use std::io;
 use super::BLOCK;
 
 /// Longest name and text: their lengths are a byte, and some readers take it for signed.
-const LONGEST: usize = 127;
+pub(super) const LONGEST: usize = 127;
 /// Intel's byte order and floating-point numbers.
 const INTEL: u8 = 84;
 

@@ -56,6 +56,8 @@ impl Keys {
     }
 
     pub(super) fn push(&mut self, frame: &Frame, subject: &Subject<'_>) {
+        // Since the first exported tick: near 0 f32 has room for it.
+        let time_s = frame.index as f64 / subject.clock.rate_hz;
         let presence = match &frame.pose {
             None => Presence::Absent,
             Some((_, Origin::Seen)) => Presence::Seen,
@@ -68,8 +70,8 @@ impl Keys {
         };
         if let Some(spans) = spans {
             match spans.last_mut().filter(|_| presence == self.previous) {
-                Some(span) => span[1] = frame.time_s,
-                None => spans.push([frame.time_s; 2]),
+                Some(span) => span[1] = time_s,
+                None => spans.push([time_s; 2]),
             }
         }
         if let Some((sample, _)) = &frame.pose {
@@ -79,7 +81,7 @@ impl Keys {
                 // To the last frame of the gap the pose before it is held.
                 self.push_key(&held, span[1], subject);
             }
-            self.push_key(sample, frame.time_s, subject);
+            self.push_key(sample, time_s, subject);
             self.last = Some(sample.clone());
         }
         self.previous = presence;

@@ -1,7 +1,8 @@
 //! glTF 2.0: all people in one file, each a skeleton with a stick body skinned to it, and one animation.
 //!
 //! Metres, y up, facing +z, whatever the preset: the format knows nothing else. Rest rotations are the identity and rest
-//! scales 1; quaternions keep their sign from key to key. Time 0 is the run's first tick. Where a person is absent
+//! scales 1; quaternions keep their sign from key to key. Time 0 is the first exported tick, and
+//! `start_s` in a person's `extras` its time since the run's first. Where a person is absent
 //! there are no keys but the one that holds the last pose to the end of the gap; who is absent or filled when stands
 //! in the person's `extras`.
 //!
@@ -106,7 +107,7 @@ impl GltfWriter {
     /// Adds a person with all frames.
     ///
     /// # Errors
-    /// A time that f32 cannot tell from the one before: days after the run's start.
+    /// A time that f32 cannot tell from the one before: days after the first frame.
     pub fn add(&mut self, person: GltfPerson<'_>) -> io::Result<()> {
         let GltfPerson { subject, keys } = person;
         let rig = subject.rig();
@@ -255,6 +256,7 @@ fn extras(subject: &Subject<'_>, keys: &Keys) -> io::Result<json::Extras> {
     let value = serde_json::json!({
         "person": subject.id,
         "name": subject.name,
+        "start_s": subject.clock.seconds(0),
         "constant_lengths": subject.options.lengths == Lengths::Settled,
         "absent_s": keys.absent_s,
         "filled_s": keys.filled_s,

@@ -16,7 +16,7 @@ use nalgebra::Vector3;
 
 use self::segments::{Coordinate, SEGMENTS, Segment, segment_of};
 use self::xml::Xml;
-use super::points::names;
+use super::points::{determined, names};
 use crate::skeleton::Offsets;
 use crate::subject::Subject;
 
@@ -92,16 +92,16 @@ fn push_body(xml: &mut Xml, segment: &Segment, offsets: &Offsets) {
         .map_or(Vector3::zeros(), |end| in_link_m(end, offsets));
     let length_m = along_m.norm().max(SHORT_M);
     let thick_m = THICKNESS * length_m;
-    // A solid cylinder along the segment, and nearly so where it lies otherwise.
-    let around = mass_kg * thick_m * thick_m / 2.0;
-    let across = mass_kg * (length_m * length_m / 12.0 + thick_m * thick_m / 4.0);
+    let [around, across] = cylinder_kg_m2(mass_kg, thick_m / 2.0, length_m);
+    // Feet lie along x, all else that has an end along y.
+    let [xx, yy] = match segment.end {
+        Some(_) if !segment.is_upright => [around, across],
+        _ => [across, around],
+    };
     xml.open_named("Body", segment.name);
     xml.leaf("mass", &format!("{mass_kg:.6}"));
     xml.leaf("mass_center", &vector(&(along_m / 2.0)));
-    xml.leaf(
-        "inertia",
-        &format!("{across:.6} {around:.6} {across:.6} 0 0 0"),
-    );
+    xml.leaf("inertia", &format!("{xx:.6} {yy:.6} {across:.6} 0 0 0"));
     if segment.is_upright {
         xml.open("components");
         xml.open_named("PhysicalOffsetFrame", "stick");
@@ -129,6 +129,14 @@ fn push_body(xml: &mut Xml, segment: &Segment, offsets: &Offsets) {
         xml.close("attached_geometry");
     }
     xml.close("Body");
+}
+
+/// Moments of inertia of a solid cylinder about its own axis, and across it through its middle, kg m²: m r²/2 and
+/// m (3 r² + l²)/12.
+fn cylinder_kg_m2(mass_kg: f64, radius_m: f64, length_m: f64) -> [f64; 2] {
+    let square = radius_m * radius_m;
+    let across = mass_kg * (3.0 * square + length_m * length_m) / 12.0;
+    [mass_kg * square / 2.0, across]
 }
 
 fn stature_m(offsets: &Offsets) -> f64 {
@@ -239,13 +247,13 @@ fn push_axes(xml: &mut Xml, what: &str, coordinates: &[Coordinate], spare: [&str
 
 fn push_markers(xml: &mut Xml, subject: &Subject<'_>) {
     let names = names(subject.keypoints);
-    let keypoints = subject.keypoints.iter().map(|name| {
-        let site_m = subject.survey.sites_m.get(name)?;
-        Some((Joint::from_name(name)?, *site_m))
-    });
-    let joints = Joint::ALL
+    let keypoints = subject
+        .keypoints
         .iter()
-        .map(|&joint| Some((joint, Vector3::zeros())));
+        .map(|name| subject.survey.sites_m.get(name).copied());
+    let is_marker = determined(subject.keypoints);
+    let joints = Joint::ALL.iter().zip(is_marker);
+    let joints = joints.map(|(&joint, is_marker)| is_marker.then_some((joint, Vector3::zeros())));
     for (name, marker) in names.iter().zip(joints.chain(keypoints)) {
         let Some((joint, site_m)) = marker else {
             continue;

@@ -79,3 +79,13 @@ fn every_angle_is_one_coordinate_and_every_link_one_body() {
     let mass: f64 = SEGMENTS.iter().map(|segment| segment.mass_share).sum();
     assert!((mass - 1.0).abs() < 1e-9);
 }
+
+#[test]
+fn a_cylinder_that_is_known_has_the_inertia_that_is_known() {
+    // 6 kg, 0.5 m in radius and 1 m long: 6 * 0.25 / 2 about its axis, 6 (0.75 + 1) / 12 across.
+    let [along, across] = cylinder_kg_m2(6.0, 0.5, 1.0);
+    assert!((along - 0.75).abs() < 1e-12 && (across - 0.875).abs() < 1e-12);
+    // Thin as a stick: nothing about itself, m l^2 / 12 across.
+    let [along, across] = cylinder_kg_m2(3.0, 0.0, 2.0);
+    assert!(along.abs() < 1e-12 && (across - 1.0).abs() < 1e-12);
+}
