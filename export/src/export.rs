@@ -4,8 +4,10 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::PathBuf;
 
+use farfield_fusion::export::unfinished::Unfinished;
+
 use crate::error::ExportError;
-use crate::files::{self, Unfinished};
+use crate::files;
 use crate::formats::bvh::BvhWriter;
 use crate::formats::c3d::C3dWriter;
 use crate::formats::gltf::{Container, GltfPerson, GltfWriter};
@@ -54,48 +56,53 @@ pub struct Progress {
 /// Writes what is asked for; all files, or none.
 ///
 /// # Errors
-/// What of the run, the options or the files is wrong. Files that were there before are as they were.
+/// What of the run, the options or the files is wrong. Files that were there before are as they were, but for those that
+/// the error of a failed naming lists.
 pub fn export(
     request: &ExportRequest,
     mut progress: impl FnMut(Progress),
 ) -> Result<Vec<Written>, ExportError> {
+    // What is in the way is told before an hour of poses is read, where names are known by then.
+    let of_all = request.formats.iter().filter(|format| format.holds_all());
+    for format in of_all {
+        files::check_target(&request.out.join(format.file_name("")), request.existing)?;
+    }
     let run = Run::open(request)?;
     let mut step = Progress {
         done: 1,
         of: 1 + request.formats.len() * run.people.len(),
     };
     progress(step);
+    let targets = run.targets();
+    for (_, _, path) in &targets {
+        files::check_target(path, request.existing)?;
+    }
     files::make_folder(&request.out)?;
     let mut unfinished = Vec::new();
-    for &format in &request.formats {
-        let everybody: Vec<u32> = run.people.keys().copied().collect();
-        let files: Vec<Vec<u32>> = if format.holds_all() {
-            vec![everybody]
-        } else {
-            everybody.into_iter().map(|person| vec![person]).collect()
-        };
-        for people in files {
-            let who = people.first().map_or("", |person| run.word(*person));
-            let path = request.out.join(format.file_name(who));
-            let mut file = Unfinished::create(path, request.existing)?;
-            run.write(format, &people, &mut file, &mut || {
-                step.done += 1;
-                progress(step);
-            })?;
-            file.complete()?;
-            unfinished.push((format, people, file));
-        }
+    for (format, people, path) in targets {
+        let mut file = files::create(&path)?;
+        run.write(format, &people, &mut file, &mut || {
+            step.done += 1;
+            progress(step);
+        })?;
+        files::complete(&mut file)?;
+        unfinished.push((format, people, file));
     }
-    let name = |(format, people, file): (Format, Vec<u32>, Unfinished)| {
-        let (path, bytes) = file.name()?;
-        Ok(Written {
+    for (_, _, file) in &unfinished {
+        files::check_target(file.path(), request.existing)?;
+    }
+    let mut written: Vec<Written> = Vec::new();
+    for (format, people, file) in unfinished {
+        let named: Vec<PathBuf> = written.iter().map(|it| it.path.clone()).collect();
+        let (path, bytes) = files::name(file, &named)?;
+        written.push(Written {
             path,
             format,
             people,
             bytes,
-        })
-    };
-    unfinished.into_iter().map(name).collect()
+        });
+    }
+    Ok(written)
 }
 
 /// A run that is being exported.
@@ -140,6 +147,25 @@ impl<'a> Run<'a> {
             clock,
             people,
         })
+    }
+
+    /// All files: what, of whom, where.
+    fn targets(&self) -> Vec<(Format, Vec<u32>, PathBuf)> {
+        let everybody: Vec<u32> = self.people.keys().copied().collect();
+        let mut targets = Vec::new();
+        for &format in &self.request.formats {
+            let files: Vec<Vec<u32>> = if format.holds_all() {
+                vec![everybody.clone()]
+            } else {
+                everybody.iter().map(|person| vec![*person]).collect()
+            };
+            for people in files {
+                let who = people.first().map_or("", |person| self.word(*person));
+                let path = self.request.out.join(format.file_name(who));
+                targets.push((format, people, path));
+            }
+        }
+        targets
     }
 
     fn word(&self, person: u32) -> &str {
@@ -187,6 +213,8 @@ impl<'a> Run<'a> {
         container: Container,
         done: &mut dyn FnMut(),
     ) -> Result<(), ExportError> {
+        let path = file.path().to_owned();
+        let error = |source| ExportError::io(&path, "writing", source);
         let mut writer = GltfWriter::default();
         for subject in subjects {
             let mut person = GltfPerson::new(*subject);
@@ -194,11 +222,11 @@ impl<'a> Run<'a> {
                 person.frame(&frame);
                 Ok(())
             })?;
-            writer.add(person).map_err(|source| file.error(source))?;
+            writer.add(person).map_err(error)?;
             done();
         }
         let written = writer.finish(&mut *file, container);
-        written.map_err(|source| file.error(source))
+        written.map_err(error)
     }
 
     /// Writes a table of all people.

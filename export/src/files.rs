@@ -1,14 +1,14 @@
 //! The one place of this crate that touches files: reading a run, and writing whole files or none.
 
-use std::fs::{self, File, OpenOptions};
-use std::io::{self, BufReader, BufWriter, Read as _};
+use std::fs::{self, File};
+use std::io::{self, BufReader, Read as _};
 use std::path::{Path, PathBuf};
+
+use farfield_fusion::export::unfinished::{Unfinished, temporary};
 
 use crate::error::ExportError;
 use crate::options::Existing;
 
-/// What a file is called until it is whole.
-const SUFFIX: &str = ".tmp";
 /// Bytes of a summary, far above any that a run writes.
 const LARGEST_SUMMARY: u64 = 64 << 20;
 
@@ -32,85 +32,93 @@ pub(crate) fn make_folder(path: &Path) -> Result<(), ExportError> {
     fs::create_dir_all(path).map_err(|source| ExportError::io(path, "making", source))
 }
 
-/// A file under its temporary name, which goes unless it is finished.
-#[derive(Debug)]
-pub(crate) struct Unfinished {
-    path: PathBuf,
-    temporary: PathBuf,
-    file: Option<BufWriter<File>>,
-    bytes: u64,
+/// Refuses targets that are in the way: folders, and where nothing is to be replaced files that are there.
+pub(crate) fn check_target(path: &Path, existing: Existing) -> Result<(), ExportError> {
+    if path.is_dir() {
+        let source = io::Error::from(io::ErrorKind::IsADirectory);
+        return Err(ExportError::io(path, "writing", source));
+    }
+    // A link that leads nowhere is there, too.
+    if existing == Existing::Refuse && path.symlink_metadata().is_ok() {
+        return Err(ExportError::Exists {
+            path: path.to_owned(),
+        });
+    }
+    Ok(())
 }
 
-impl Unfinished {
-    /// Starts the file `path`.
-    pub(crate) fn create(path: PathBuf, existing: Existing) -> Result<Self, ExportError> {
-        if existing == Existing::Refuse && path.exists() {
-            return Err(ExportError::Exists { path });
+/// Starts the file `path` under its temporary name, which goes unless it is finished.
+pub(crate) fn create(path: &Path) -> Result<Unfinished, ExportError> {
+    let made = Unfinished::create(path);
+    made.map_err(|source| ExportError::io(&temporary(path), "making", source))
+}
+
+/// Brings all of a file to the disk, still under its temporary name.
+pub(crate) fn complete(file: &mut Unfinished) -> Result<(), ExportError> {
+    let synced = file.sync().and_then(|()| file.rest());
+    synced.map_err(|source| ExportError::io(file.path(), "writing", source))
+}
+
+/// Gives a file its name; `named` have theirs already, which an error tells.
+pub(crate) fn name(file: Unfinished, named: &[PathBuf]) -> Result<(PathBuf, u64), ExportError> {
+    let (path, bytes) = (file.path().to_owned(), file.taken());
+    match file.finish() {
+        Ok(()) => Ok((path, bytes)),
+        Err(source) if named.is_empty() => Err(ExportError::io(&path, "naming", source)),
+        Err(source) => {
+            let names: Vec<String> = named.iter().map(|it| it.display().to_string()).collect();
+            let problem = format!(
+                "{source}; these are whole and have their names already: {}",
+                names.join(", ")
+            );
+            let source = io::Error::new(source.kind(), problem);
+            Err(ExportError::io(&path, "naming", source))
         }
-        let mut temporary = path.clone().into_os_string();
-        temporary.push(SUFFIX);
-        let temporary = PathBuf::from(temporary);
-        let file = OpenOptions::new()
-            .write(true)
-            .create(true)
-            .truncate(true)
-            .open(&temporary);
-        let file = file.map_err(|source| ExportError::io(&temporary, "making", source))?;
-        Ok(Self {
-            path,
-            temporary,
-            file: Some(BufWriter::with_capacity(1 << 18, file)),
-            bytes: 0,
-        })
-    }
-
-    /// Its name to be.
-    pub(crate) fn path(&self) -> &Path {
-        &self.path
-    }
-
-    /// The error of writing it.
-    pub(crate) fn error(&self, source: io::Error) -> ExportError {
-        ExportError::io(&self.path, "writing", source)
-    }
-
-    /// Brings all of it to the disk, still under its temporary name.
-    pub(crate) fn complete(&mut self) -> Result<(), ExportError> {
-        let Some(file) = self.file.take() else {
-            return Ok(());
-        };
-        let synced = file.into_inner().map_err(io::IntoInnerError::into_error);
-        let synced = synced.and_then(|file| file.sync_all());
-        synced.map_err(|source| self.error(source))
-    }
-
-    /// Gives it its name. It must be complete.
-    pub(crate) fn name(mut self) -> Result<(PathBuf, u64), ExportError> {
-        self.complete()?;
-        fs::rename(&self.temporary, &self.path).map_err(|source| self.error(source))?;
-        Ok((std::mem::take(&mut self.path), self.bytes))
     }
 }
 
-impl io::Write for Unfinished {
-    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        let Some(file) = &mut self.file else {
-            return Err(io::Error::other("the file is complete"));
-        };
-        let written = io::Write::write(file, bytes)?;
-        self.bytes += written as u64;
-        Ok(written)
+#[cfg(test)]
+mod tests {
+    use std::io::Write as _;
+
+    use super::*;
+
+    #[test]
+    fn a_name_that_cannot_be_given_tells_which_were() {
+        let folder = tempfile::tempdir().unwrap();
+        let [one, other] = ["one", "other"].map(|name| folder.path().join(name));
+        let files = [&one, &other].map(|path| {
+            let mut file = create(path).unwrap();
+            file.write_all(b"text").unwrap();
+            complete(&mut file).unwrap();
+            file
+        });
+        // Made after the targets were looked at.
+        fs::create_dir(&other).unwrap();
+        let [first, second] = files;
+        assert_eq!(name(first, &[]).unwrap(), (one.clone(), 4));
+        let refused = name(second, std::slice::from_ref(&one)).unwrap_err();
+        let source = std::error::Error::source(&refused).unwrap().to_string();
+        assert!(refused.to_string().starts_with("naming "), "{refused}");
+        assert!(source.contains(&one.display().to_string()), "{source}");
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 2);
     }
 
-    fn flush(&mut self) -> io::Result<()> {
-        self.file.as_mut().map_or(Ok(()), io::Write::flush)
+    #[test]
+    fn a_file_that_another_export_has_begun_is_left_alone() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("one");
+        let _first = create(&path).unwrap();
+        let refused = create(&path).unwrap_err().to_string();
+        assert!(refused.ends_with("one.tmp"), "{refused}");
     }
-}
 
-impl Drop for Unfinished {
-    fn drop(&mut self) {
-        // Once it has its name there is none of the temporary one; nothing is left to do where it cannot be removed.
-        drop(self.file.take());
-        drop(fs::remove_file(&self.temporary));
+    #[test]
+    fn a_folder_in_the_way_is_refused_even_where_files_are_replaced() {
+        let folder = tempfile::tempdir().unwrap();
+        for existing in [Existing::Refuse, Existing::Replace] {
+            assert!(check_target(folder.path(), existing).is_err());
+            assert!(check_target(&folder.path().join("new"), existing).is_ok());
+        }
     }
 }
