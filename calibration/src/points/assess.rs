@@ -23,9 +23,9 @@ const HALVES_DEG: f64 = 0.05;
 /// Change of the focal length that is doubtful, and wrong.
 const DOUBTFUL_FOCAL: f64 = 0.02;
 const WRONG_FOCAL: f64 = 0.06;
-/// Noise that is doubtful, and wrong, over the gate.
-const DOUBTFUL_NOISE: f64 = 0.5;
-const WRONG_NOISE: f64 = 1.0;
+/// Noise that is doubtful, and wrong, pixels: not a share of the gate, which a user widens at will.
+const DOUBTFUL_NOISE_PX: f64 = 1.5;
+const WRONG_NOISE_PX: f64 = 3.0;
 /// Distance of known places from where they were found that is wrong, as a share of the distance between cameras.
 const ANCHORS_SHARE: f64 = 0.02;
 
@@ -44,7 +44,7 @@ pub(super) fn assess(found: &Found<'_>) -> Report {
     let mut findings = not_connected(found);
     let span_m = span_m(found);
     for (report, state) in cameras.iter().zip(states(found)) {
-        findings.extend(of_camera(report, found, span_m));
+        findings.extend(of_camera(report, span_m));
         findings.extend(of_place(report, &state, found));
     }
     findings.extend(degenerate(found));
@@ -177,7 +177,7 @@ fn not_connected(found: &Found<'_>) -> Vec<Finding> {
     each.collect()
 }
 
-fn of_camera(report: &CameraReport, found: &Found<'_>, span_m: f64) -> Vec<Finding> {
+fn of_camera(report: &CameraReport, span_m: f64) -> Vec<Finding> {
     let mut findings = Vec::new();
     let name = &report.name;
     if report.used_share < USUAL_SHARE {
@@ -190,14 +190,13 @@ fn of_camera(report: &CameraReport, found: &Found<'_>, span_m: f64) -> Vec<Findi
             "it was moved on the way, or something else was taken for the point",
         ));
     }
-    let noise = report.noise_px / found.request.gate_px;
-    if noise > DOUBTFUL_NOISE {
+    if report.noise_px > DOUBTFUL_NOISE_PX {
         findings.push(finding(
             name,
             Cause::Residual,
-            noise > WRONG_NOISE,
+            report.noise_px > WRONG_NOISE_PX,
             format!("its residuals are {:.1} px", report.noise_px),
-            &format!("below {:.1} px", DOUBTFUL_NOISE * found.request.gate_px),
+            &format!("below {DOUBTFUL_NOISE_PX:.1} px"),
             "look at its lens, its clock and whether it was moved",
         ));
     }

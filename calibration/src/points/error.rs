@@ -80,6 +80,9 @@ pub enum CalibrationError {
         /// Share of them that agrees.
         share_percent: f64,
     },
+    /// A number of the request, or what it says of the venue, is none that can be used.
+    #[error("{0}")]
+    Request(String),
     /// What is known of the venue cannot be laid on the result.
     #[error("{0}")]
     Alignment(String),

@@ -42,7 +42,10 @@ pub fn parse(text: &str, path: &Path) -> Result<Vec<Sighting>, FileError> {
             continue;
         }
         let may_be_heading = std::mem::take(&mut is_first);
-        if may_be_heading && line.starts_with(char::is_alphabetic) {
+        // `nan 1 2` begins with a letter too, but is a sighting without a frame.
+        let first = line.split(is_between).find(|part| !part.is_empty());
+        let is_number = first.is_some_and(|part| part.parse::<f64>().is_ok());
+        if may_be_heading && !is_number && line.starts_with(char::is_alphabetic) {
             continue;
         }
         let [frame, x, y] = numbers(line).map_err(wrong)?;
@@ -89,9 +92,14 @@ pub fn parse(text: &str, path: &Path) -> Result<Vec<Sighting>, FileError> {
     Ok(sightings)
 }
 
+/// What stands between two values of a line.
+fn is_between(c: char) -> bool {
+    c.is_whitespace() || matches!(c, ',' | ';')
+}
+
 fn numbers(line: &str) -> Result<[f64; 3], String> {
     let parts: Vec<&str> = line
-        .split(|c: char| c.is_whitespace() || matches!(c, ',' | ';'))
+        .split(is_between)
         .filter(|part| !part.is_empty())
         .collect();
     let [frame, x, y] = parts.as_slice() else {
@@ -205,6 +213,11 @@ mod tests {
             let error = read(text).unwrap_err();
             assert!(error.contains(expected) && error.contains('2'), "{error}");
         }
+        assert!(
+            read("nan 1 2\n3 4 5\n")
+                .unwrap_err()
+                .contains("found frame NaN")
+        );
         assert!(read("frame x y\n").unwrap_err().contains("no sighting"));
     }
 

@@ -15,13 +15,17 @@ use super::refine::{Refined, refine};
 use super::request::{PointCamera, PointRequest, Timing};
 use super::view::{Track, View};
 use crate::adjustment::{CameraState, Path, Problem, covariance};
-use crate::alignment::Similarity;
+use crate::alignment::{Anchors, Similarity};
 use crate::report::{Report, calibration_toml};
 
 /// Sightings that a camera needs.
 const LEAST_SIGHTINGS: usize = 20;
 /// Frame rates that are believed, 1/s.
 const RATES_HZ: [f64; 2] = [0.1, 1e5];
+/// Gates that are believed, pixels: at the least a search ends soon, and beyond the most anything agrees.
+const GATES_PX: [f64; 2] = [0.1, 50.0];
+/// How far the number of a frame may be from a whole one.
+const WHOLE: f64 = 1e-6;
 /// The gate of the search for clocks and of poses between frames, over that of synchronised ones: clocks are a little off.
 const CLOCK_GATE: f64 = 2.0;
 const INTERPOLATED_GATE: f64 = 4.0;
@@ -145,6 +149,9 @@ fn check(request: &PointRequest) -> Result<(), CalibrationError> {
             camera: twice[0].to_owned(),
         });
     }
+    check_gate(request.gate_px)?;
+    check_frames(request)?;
+    check_anchors(&request.anchors)?;
     let clocks = request
         .cameras
         .iter()
@@ -163,6 +170,71 @@ fn check(request: &PointRequest) -> Result<(), CalibrationError> {
                 camera: camera.name.clone(),
             });
         }
+    }
+    Ok(())
+}
+
+/// With a gate that is no number, or none at all, the search for clocks would not end.
+fn check_gate(gate_px: f64) -> Result<(), CalibrationError> {
+    if (GATES_PX[0]..=GATES_PX[1]).contains(&gate_px) {
+        return Ok(());
+    }
+    let [least, most] = GATES_PX;
+    Err(CalibrationError::Request(format!(
+        "`gate_px`: found {gate_px}, expected {least} to {most} pixels"
+    )))
+}
+
+/// Frames of synchronised cameras are moments by their number: one between two numbers belongs to no moment.
+fn check_frames(request: &PointRequest) -> Result<(), CalibrationError> {
+    if request.timing != Timing::Synchronised {
+        return Ok(());
+    }
+    for camera in &request.cameras {
+        let is_between = |frame: f64| !frame.is_finite() || (frame - frame.round()).abs() > WHOLE;
+        if let Some(sighting) = camera.sightings.iter().find(|s| is_between(s.frame)) {
+            return Err(CalibrationError::Request(format!(
+                "camera `{}`: found frame {}, expected whole frames of synchronised cameras; give rates and offsets, or \
+                 leave the clocks to be found",
+                camera.name, sighting.frame
+            )));
+        }
+    }
+    Ok(())
+}
+
+fn check_anchors(anchors: &Anchors) -> Result<(), CalibrationError> {
+    let refuse = |text: String| Err(CalibrationError::Request(text));
+    let places = anchors.centers_m.iter().map(|(name, at)| (name, at));
+    let places = places.chain(anchors.points.iter().map(|it| (&it.name, &it.position_m)));
+    for (name, at_m) in places {
+        if !at_m.iter().all(|v| v.is_finite()) {
+            return refuse(format!(
+                "known place of `{name}`: found {at_m:?}, expected three finite numbers of metres"
+            ));
+        }
+    }
+    for it in &anchors.distances {
+        if !(it.distance_m.is_finite() && it.distance_m > 0.0) {
+            return refuse(format!(
+                "distance of `{}` and `{}`: found {} m, expected a finite number above 0",
+                it.first, it.second, it.distance_m
+            ));
+        }
+        if it.first == it.second {
+            return refuse(format!(
+                "found a distance of `{}` to itself, expected two cameras",
+                it.first
+            ));
+        }
+    }
+    let known = anchors.centers_m.len() + anchors.points.len();
+    if (1..3).contains(&known) && anchors.distances.is_empty() {
+        let names: Vec<&str> = anchors.centers_m.iter().map(|(n, _)| n.as_str()).collect();
+        return refuse(format!(
+            "found {known} known places ({}), which fix nothing: give three places, or a distance",
+            names.join(", ")
+        ));
     }
     Ok(())
 }

@@ -122,3 +122,44 @@ fn the_same_request_gives_the_same_bits() {
         quiet(&request).unwrap().toml()
     );
 }
+
+#[test]
+fn what_cannot_be_used_is_refused_before_any_search() {
+    type Spoil = fn(&mut PointRequest);
+    let truth = at_rate(&SMALL, 5.0);
+    let sound = request(&SMALL, &truth, &USUAL, Timing::Synchronised);
+    let cases: [(&str, Spoil); 8] = [
+        ("`gate_px`: found NaN", |it| it.gate_px = f64::NAN),
+        ("`gate_px`: found -1", |it| it.gate_px = -1.0),
+        ("`gate_px`: found inf", |it| it.gate_px = f64::INFINITY),
+        ("expected whole frames", |it| {
+            it.cameras[1].sightings[3].frame += 0.25;
+        }),
+        ("known place of `c0`", |it| {
+            it.anchors.centers_m = vec![("c0".to_owned(), [0.0, f64::NAN, 1.0])];
+        }),
+        ("give three places, or a distance", |it| {
+            it.anchors.centers_m = vec![("c0".to_owned(), [0.0, 1.0, 1.0])];
+        }),
+        ("`c0` to itself", |it| {
+            it.anchors.distances = vec![distance("c0", "c0", 1.0)];
+        }),
+        ("expected a finite number above 0", |it| {
+            it.anchors.distances = vec![distance("c0", "c1", f64::INFINITY)];
+        }),
+    ];
+    for (expected, spoil) in cases {
+        let mut spoiled = sound.clone();
+        spoil(&mut spoiled);
+        let error = quiet(&spoiled).unwrap_err().to_string();
+        assert!(error.contains(expected), "{error}");
+    }
+}
+
+fn distance(first: &str, second: &str, distance_m: f64) -> KnownDistance {
+    KnownDistance {
+        first: first.to_owned(),
+        second: second.to_owned(),
+        distance_m,
+    }
+}
