@@ -15,6 +15,12 @@ const CLICK_RAD: f64 = 0.02;
 const MIRROR_GAIN: f64 = 0.3;
 const MIRROR_SHARE: f64 = 0.01;
 
+/// Least extent of known places across the line that they are nearest to, as a share of that along it (lengths).
+const LEAST_SPREAD: f64 = 0.05;
+
+/// Where places were found, and where they are.
+type Places = (Vec<Vector3<f64>>, Vec<Vector3<f64>>);
+
 /// A point of the venue whose place is known, and which cameras saw.
 #[derive(Debug, Clone, PartialEq)]
 pub struct KnownPoint {
@@ -89,16 +95,7 @@ impl Anchors {
     /// # Errors
     /// What does not fit, in words: an unknown camera, clicks that do not meet, places on a line, a mirror image.
     pub fn align(&self, cameras: &[(String, CameraState)]) -> Result<Alignment, String> {
-        let mut found = Vec::new();
-        let mut known = Vec::new();
-        for (name, center_m) in &self.centers_m {
-            found.push(camera(cameras, name)?.center_w);
-            known.push(Vector3::from(*center_m));
-        }
-        for point in &self.points {
-            found.push(meeting(cameras, &point.clicks, &point.name)?);
-            known.push(Vector3::from(point.position_m));
-        }
+        let (found, known) = self.places(cameras)?;
         if known.len() >= 3 {
             return onto(&found, &known);
         }
@@ -115,6 +112,40 @@ impl Anchors {
             has_floor: levelled.is_some(),
             rms_m: None,
         })
+    }
+
+    /// Where the known places were found, and where they are.
+    fn places(&self, cameras: &[(String, CameraState)]) -> Result<Places, String> {
+        let mut found = Vec::new();
+        let mut known = Vec::new();
+        for (name, center_m) in &self.centers_m {
+            found.push(camera(cameras, name)?.center_w);
+            known.push(Vector3::from(*center_m));
+        }
+        for point in &self.points {
+            found.push(meeting(cameras, &point.clicks, &point.name)?);
+            known.push(Vector3::from(point.position_m));
+        }
+        Ok((found, known))
+    }
+
+    /// The known place without which the others fit best, and the root of their mean squared distance then, metres; `None`
+    /// of fewer than four, which leave nothing to compare.
+    pub fn odd_place(&self, cameras: &[(String, CameraState)]) -> Option<(String, f64)> {
+        let (found, known) = self.places(cameras).ok()?;
+        if known.len() < 4 {
+            return None;
+        }
+        let centers = self.centers_m.iter().map(|(name, _)| name);
+        let names = centers.chain(self.points.iter().map(|point| &point.name));
+        let each = names.enumerate().filter_map(|(index, name)| {
+            let (mut found, mut known) = (found.clone(), known.clone());
+            found.remove(index);
+            known.remove(index);
+            let fitted = Similarity::between(&found, &known).ok()?;
+            Some((name.clone(), rms(&fitted, &found, &known)))
+        });
+        each.min_by(|a, b| a.1.total_cmp(&b.1))
     }
 
     fn scale(&self, cameras: &[(String, CameraState)]) -> Result<Option<f64>, String> {
@@ -188,8 +219,29 @@ impl Anchors {
     }
 }
 
+/// Error where places lie so nearly on one line that a turn about it stays open.
+fn check_spread(places: &[Vector3<f64>], whose: &str) -> Result<(), String> {
+    let middle = places.iter().fold(Vector3::zeros(), |s, p| s + p) / places.len() as f64;
+    let spread = places.iter().fold(Matrix3::zeros(), |s, p| {
+        s + (p - middle) * (p - middle).transpose()
+    });
+    let mut lengths = spread.symmetric_eigenvalues().map(|v| v.max(0.0).sqrt());
+    lengths.as_mut_slice().sort_by(f64::total_cmp);
+    if lengths[1] >= LEAST_SPREAD * lengths[2] && lengths[2] > 0.0 {
+        return Ok(());
+    }
+    Err(format!(
+        "{whose} lie nearly on one line: across it they extend {:.1} % of what they do along it, expected at least {:.0} %; \
+         which way is up would stay open. Give a place that is off the line",
+        100.0 * lengths[1] / lengths[2].max(f64::MIN_POSITIVE),
+        100.0 * LEAST_SPREAD
+    ))
+}
+
 fn onto(found: &[Vector3<f64>], known: &[Vector3<f64>]) -> Result<Alignment, String> {
     let say = |error: SimilarityError| format!("known places: {error}");
+    check_spread(known, "the known places")?;
+    check_spread(found, "the known places, as they were found,")?;
     let venue_from_found = Similarity::between(found, known).map_err(say)?;
     let left_m = rms(&venue_from_found, found, known);
     let mirrored_m = mirrored_rms(found, known).map_err(say)?;

@@ -1,9 +1,11 @@
 //! What speaks for and against a calibration that was found.
 
 use super::chain::Chain;
-use super::halves::halves;
-use super::refine::noise_px;
-use super::request::{PointCamera, PointRequest, Timing};
+use super::halves::{Apart, halves};
+use super::over_time::knocked_at;
+use super::refine::{bounded, noise_px};
+use super::request::{PointCamera, PointRequest};
+use super::venue::of_alignment;
 use crate::adjustment::{CameraState, Covariance, Problem};
 use crate::alignment::Alignment;
 use crate::report::{CameraReport, Cause, Finding, Report};
@@ -15,19 +17,17 @@ const LEAST_SHARE: f64 = 0.6;
 /// Uncertainty of a place that is doubtful, and wrong, as a share of the distance between cameras.
 const DOUBTFUL_SIGMA: f64 = 0.005;
 const WRONG_SIGMA: f64 = 0.03;
-/// Halves disagree when they are this many of their standard deviations apart, and by more than a share of the distance
-/// between cameras, or by more degrees.
-const HALVES_SIGMAS: f64 = 6.0;
-const HALVES_SHARE: f64 = 0.001;
-const HALVES_DEG: f64 = 0.05;
+/// Halves disagree when they draw a point at the usual depth so many pixels apart: doubtful where it is also so many of
+/// their standard deviations, and wrong.
+const HALVES_SIGMAS: f64 = 5.0;
+const DOUBTFUL_HALVES_PX: f64 = 1.5;
+const WRONG_HALVES_PX: f64 = 3.0;
 /// Change of the focal length that is doubtful, and wrong.
 const DOUBTFUL_FOCAL: f64 = 0.02;
 const WRONG_FOCAL: f64 = 0.06;
 /// Noise that is doubtful, and wrong, pixels: not a share of the gate, which a user widens at will.
 const DOUBTFUL_NOISE_PX: f64 = 1.5;
 const WRONG_NOISE_PX: f64 = 3.0;
-/// Distance of known places from where they were found that is wrong, as a share of the distance between cameras.
-const ANCHORS_SHARE: f64 = 0.02;
 
 /// All that a report is made of.
 pub(super) struct Found<'a> {
@@ -37,18 +37,23 @@ pub(super) struct Found<'a> {
     pub(super) posed: Vec<usize>,
     pub(super) covariance: Option<Covariance>,
     pub(super) alignment: Alignment,
+    /// The known place without which the others fit best, and to how many metres.
+    pub(super) odd_place: Option<(String, f64)>,
 }
 
 pub(super) fn assess(found: &Found<'_>) -> Report {
-    let cameras = camera_reports(found);
+    let apart = halves(&found.problem);
+    let cameras = camera_reports(found, &apart);
     let mut findings = not_connected(found);
     let span_m = span_m(found);
-    for (report, state) in cameras.iter().zip(states(found)) {
-        findings.extend(of_camera(report, span_m));
+    for (index, (report, state)) in cameras.iter().zip(states(found)).enumerate() {
+        let apart_px = apart.get(index).copied().flatten().map(|it| it.px);
+        findings.extend(of_camera(report, apart_px, span_m));
         findings.extend(of_place(report, &state, found));
     }
     findings.extend(degenerate(found));
-    findings.extend(of_alignment(found, span_m));
+    findings.extend(of_alignment(found, &cameras));
+    findings.extend(knocked(found, &cameras));
     findings.sort_by_key(|finding| !finding.is_wrong);
     Report {
         cameras,
@@ -57,7 +62,7 @@ pub(super) fn assess(found: &Found<'_>) -> Report {
     }
 }
 
-fn states(found: &Found<'_>) -> Vec<CameraState> {
+pub(super) fn states(found: &Found<'_>) -> Vec<CameraState> {
     let venue = &found.alignment.venue_from_found;
     let each = found.problem.cameras.iter();
     each.map(|camera| venue.apply_to_camera(&camera.state))
@@ -69,7 +74,7 @@ fn asked<'a>(found: &'a Found<'_>, index: usize) -> Option<&'a PointCamera> {
 }
 
 /// The largest distance between two cameras.
-fn span_m(found: &Found<'_>) -> f64 {
+pub(super) fn span_m(found: &Found<'_>) -> f64 {
     let states = states(found);
     let mut most: f64 = 0.0;
     for a in &states {
@@ -80,11 +85,11 @@ fn span_m(found: &Found<'_>) -> f64 {
     most
 }
 
-fn camera_reports(found: &Found<'_>) -> Vec<CameraReport> {
+fn camera_reports(found: &Found<'_>, apart: &[Option<Apart>]) -> Vec<CameraReport> {
     let noise = noise_px(&found.problem);
+    let bounds = bounded(&noise);
     let residuals = found.problem.residuals_px();
     let scale = found.alignment.venue_from_found.scale;
-    let apart = halves(&found.problem);
     let states = states(found);
     let mut reports = Vec::new();
     for (index, state) in states.iter().enumerate() {
@@ -96,7 +101,7 @@ fn camera_reports(found: &Found<'_>) -> Vec<CameraReport> {
             .filter(|(it, _)| it.camera == index)
             .map(|(_, length)| *length)
             .collect();
-        let fits = |length: &f64| *length < USED_SIGMAS * noise[index];
+        let fits = |length: &f64| *length < USED_SIGMAS * bounds[index];
         let used: Vec<f64> = own.iter().flatten().copied().filter(fits).collect();
         let squares: f64 = used.iter().map(|length| length * length).sum();
         let sigma = found
@@ -115,14 +120,14 @@ fn camera_reports(found: &Found<'_>) -> Vec<CameraReport> {
             focal_ratio: state.intrinsics.fx_px / camera.intrinsics.fx_px,
             offset_s: state.time_s(0.0),
             rate_hz: 1.0 / state.period_s,
-            halves_m: half.map_or(f64::NAN, |(d, _)| d * scale),
-            halves_deg: half.map_or(f64::NAN, |(_, turned)| turned.to_degrees()),
+            halves_m: half.map_or(f64::NAN, |it| it.distance * scale),
+            halves_deg: half.map_or(f64::NAN, |it| it.turned_rad.to_degrees()),
         });
     }
     reports
 }
 
-fn finding(
+pub(super) fn finding(
     camera: &str,
     cause: Cause,
     is_wrong: bool,
@@ -177,7 +182,7 @@ fn not_connected(found: &Found<'_>) -> Vec<Finding> {
     each.collect()
 }
 
-fn of_camera(report: &CameraReport, span_m: f64) -> Vec<Finding> {
+fn of_camera(report: &CameraReport, apart_px: Option<f64>, span_m: f64) -> Vec<Finding> {
     let mut findings = Vec::new();
     let name = &report.name;
     if report.used_share < USUAL_SHARE {
@@ -225,25 +230,65 @@ fn of_camera(report: &CameraReport, span_m: f64) -> Vec<Finding> {
             "calibrate its lens again, at the zoom and focus that it has now",
         ));
     }
+    findings.extend(of_halves(report, apart_px));
+    findings
+}
+
+/// What the halves of the data say of a camera, which they draw `apart_px` pixels apart.
+fn of_halves(report: &CameraReport, apart_px: Option<f64>) -> Option<Finding> {
+    let name = &report.name;
+    let Some(apart_px) = apart_px.filter(|apart_px| apart_px.is_finite()) else {
+        return Some(finding(
+            name,
+            Cause::HalvesUnchecked,
+            false,
+            "halves not checked: one of them has too few of its sights, or of other cameras'"
+                .to_owned(),
+            "15 sights or more in each half, in three cameras that do not stand on one line",
+            "carry the point before it at the beginning and at the end",
+        ));
+    };
     // Each half is as uncertain as the whole times the root of two, and there are two.
-    let far = report.halves_m > HALVES_SIGMAS * 2.0 * report.position_sigma_m
-        && report.halves_m > HALVES_SHARE * span_m;
-    let turned = report.halves_deg > HALVES_SIGMAS * 2.0 * report.rotation_sigma_deg
-        && report.halves_deg > HALVES_DEG;
-    if far || turned {
-        findings.push(finding(
+    let is_far = report.halves_m > HALVES_SIGMAS * 2.0 * report.position_sigma_m;
+    let is_turned = report.halves_deg > HALVES_SIGMAS * 2.0 * report.rotation_sigma_deg;
+    let is_wrong = apart_px > WRONG_HALVES_PX;
+    (is_wrong || (apart_px > DOUBTFUL_HALVES_PX && (is_far || is_turned))).then(|| {
+        finding(
             name,
             Cause::HalvesDisagree,
-            report.halves_m > WRONG_SIGMA * span_m || report.halves_deg > 10.0 * HALVES_DEG,
+            is_wrong,
             format!(
-                "first and second half put it {:.3} m and {:.3} degrees apart",
+                "first and second half put it {:.3} m and {:.3} degrees apart, which moves a point by {apart_px:.1} px",
                 report.halves_m, report.halves_deg
             ),
-            "the same within their uncertainty",
+            &format!("{DOUBTFUL_HALVES_PX:.1} px or less"),
             "it was moved on the way, its clock wanders, or its lens is not as given",
-        ));
-    }
-    findings
+        )
+    })
+}
+
+/// Cameras that fit at some times only.
+fn knocked(found: &Found<'_>, cameras: &[CameraReport]) -> Vec<Finding> {
+    let bounds = bounded(&cameras.iter().map(|it| it.noise_px).collect::<Vec<_>>());
+    let residuals = found.problem.residuals_px();
+    let each = cameras.iter().zip(bounds).enumerate();
+    let each = each.filter_map(|(index, (camera, noise))| {
+        let own = found.problem.observations.iter().zip(&residuals);
+        let own = own.filter(|(it, _)| it.camera == index);
+        let used: Vec<bool> = own
+            .map(|(_, length)| length.is_some_and(|length| length < USED_SIGMAS * noise))
+            .collect();
+        let percent = 100.0 * knocked_at(&used)?;
+        Some(finding(
+            &camera.name,
+            Cause::Knocked,
+            true,
+            format!("moved, or its clock jumped, at about {percent:.0} % of its sights"),
+            "sights that fit equally well at all times",
+            "leave out what it saw from there on, or calibrate again",
+        ))
+    });
+    each.collect()
 }
 
 fn of_place(report: &CameraReport, state: &CameraState, found: &Found<'_>) -> Vec<Finding> {
@@ -302,54 +347,4 @@ fn degenerate(found: &Found<'_>) -> Vec<Finding> {
         )
     });
     each.take(1).collect()
-}
-
-fn of_alignment(found: &Found<'_>, span_m: f64) -> Vec<Finding> {
-    let mut findings = Vec::new();
-    if !found.alignment.has_scale {
-        findings.push(finding(
-            "",
-            Cause::NoScale,
-            true,
-            "nothing says how long a metre is".to_owned(),
-            "a known distance, or three known places",
-            "measure the distance between two cameras, 5 m or more",
-        ));
-    }
-    if !found.alignment.has_floor {
-        findings.push(finding(
-            "",
-            Cause::NoFloor,
-            false,
-            "nothing says where the floor is".to_owned(),
-            "three points of the floor, or three known places",
-            "click three points of the floor in two cameras each",
-        ));
-    }
-    if let Some(rms_m) = found
-        .alignment
-        .rms_m
-        .filter(|rms_m| *rms_m > ANCHORS_SHARE * span_m)
-    {
-        findings.push(finding(
-            "",
-            Cause::Anchors,
-            true,
-            format!("the known places are {rms_m:.3} m from where they were found"),
-            &format!("{:.3} m or less", ANCHORS_SHARE * span_m),
-            "look for exchanged names, another unit, or a wrong number among them",
-        ));
-    }
-    let two = found.problem.cameras.len() == 2;
-    if two && found.request.timing == Timing::Unknown {
-        findings.push(finding(
-            "",
-            Cause::Uncertain,
-            false,
-            "two cameras alone tell little of their clocks".to_owned(),
-            "three or more",
-            "add a camera, or give the offsets",
-        ));
-    }
-    findings
 }

@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 
 use super::chain::{evenly, points};
 use super::clocks::range_s;
-use super::refine::{Refined, freedom, noise_px, weigh};
+use super::refine::{Refined, bounded, freedom, noise_px, weigh};
 use super::request::Lenses;
 use super::view::{Track, View};
 use crate::adjustment::{
@@ -73,7 +73,7 @@ pub(super) fn refine_curve(
             decrease: if round + 1 < ROUNDS { 1e-4 } else { 1e-7 },
         };
         adjust(&mut refined.problem, limits);
-        let sigmas = noise_px(&refined.problem);
+        let sigmas = bounded(&noise_px(&refined.problem));
         weigh(&mut refined.problem, &sigmas);
     }
     Some(refined)

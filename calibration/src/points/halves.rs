@@ -1,16 +1,49 @@
 //! The first and the second half of the data, adjusted apart.
 
+use farfield_proto::order_statistics::upper_median;
+use nalgebra::Vector3;
+
 use crate::adjustment::{AdjustedCamera, Block, CameraState, Free, Limits, Path, Problem, adjust};
 use crate::alignment::Similarity;
 
 /// Sights of a camera that a half needs.
 const LEAST_SIGHTS: usize = 15;
 
+/// How far two halves put a camera from each other.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Apart {
+    /// Their pinholes, in the unit of the problem.
+    pub(super) distance: f64,
+    /// Their axes.
+    pub(super) turned_rad: f64,
+    /// What both draw of a point straight ahead of the first, at the usual depth; infinite where one draws it not.
+    pub(super) px: f64,
+}
+
+/// Per camera the median depth of what it saw; `None` of nothing.
+fn depths(problem: &Problem) -> Vec<Option<f64>> {
+    let mut depths = vec![Vec::new(); problem.cameras.len()];
+    for it in &problem.observations {
+        let Some(camera) = problem.cameras.get(it.camera) else {
+            continue;
+        };
+        let point = match &problem.path {
+            Path::Points(points) => points.get(it.point).copied(),
+            Path::Curve(spline) => spline.at(camera.state.time_s(it.frame)),
+        };
+        if let Some(point) = point {
+            let seen = camera.state.camera_from_world * (point - camera.state.center_w);
+            depths[it.camera].push(seen.z);
+        }
+    }
+    depths.into_iter().map(upper_median).collect()
+}
+
 /// Per camera, how far the two halves put its centre from each other (in the unit of the problem) and turn it (radians),
 /// after the second was laid on the first by a similarity; `None` where a half has too little.
 ///
 /// Lenses and clocks stay as the whole has them: a half starts from the whole, and what it then moves is the pose.
-pub(super) fn halves(problem: &Problem) -> Vec<Option<(f64, f64)>> {
+pub(super) fn halves(problem: &Problem) -> Vec<Option<Apart>> {
     let none = vec![None; problem.cameras.len()];
     let moments: Vec<f64> = problem
         .observations
@@ -56,13 +89,23 @@ pub(super) fn halves(problem: &Problem) -> Vec<Option<(f64, f64)>> {
     let Ok(similarity) = Similarity::between(&centers(&second), &centers(&first)) else {
         return none;
     };
+    let depths = depths(problem);
     let apart = (0..first.len()).map(|i| {
         both.contains(&i).then(|| {
             let moved = similarity.apply_to_camera(&second[i]);
             let turned = moved
                 .camera_from_world
                 .angle_to(&first[i].camera_from_world);
-            ((moved.center_w - first[i].center_w).norm(), turned)
+            let depth = depths.get(i).copied().flatten().unwrap_or(f64::NAN);
+            let ahead = Vector3::new(0.0, 0.0, depth);
+            let point = first[i].center_w + first[i].camera_from_world.inverse() * ahead;
+            let drawn = |state: &CameraState| state.project(&point, state.fold_radius());
+            let px = drawn(&first[i]).zip(drawn(&moved));
+            Apart {
+                distance: (moved.center_w - first[i].center_w).norm(),
+                turned_rad: turned,
+                px: px.map_or(f64::INFINITY, |(a, b)| (a - b).norm()),
+            }
         })
     });
     apart.collect()

@@ -12,9 +12,11 @@ mod error;
 mod file;
 mod halves;
 mod outcome;
+mod over_time;
 mod refine;
 mod request;
 mod timing;
+mod venue;
 mod view;
 
 pub use error::CalibrationError;

@@ -330,11 +330,8 @@ fn finish(
         .filter(|camera| !has_pose(camera))
         .map(|camera| camera.name.as_str())
         .collect();
-    let alignment = request
-        .anchors
-        .without(&without)
-        .align(&named)
-        .map_err(CalibrationError::Alignment)?;
+    let anchors = request.anchors.without(&without);
+    let alignment = anchors.align(&named).map_err(CalibrationError::Alignment)?;
     let found = Found {
         request,
         chain,
@@ -342,6 +339,7 @@ fn finish(
         problem: refined.problem,
         posed: refined.posed,
         alignment,
+        odd_place: anchors.odd_place(&named),
     };
     let report = assess(&found);
     let cameras = found.posed.iter().zip(&found.problem.cameras);

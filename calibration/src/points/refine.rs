@@ -1,5 +1,7 @@
 //! The last adjustment: all moments, noise estimated per camera, lenses freed as asked.
 
+use farfield_proto::order_statistics::upper_median;
+
 use super::chain::problem;
 use super::request::Lenses;
 use super::view::View;
@@ -94,7 +96,7 @@ pub(super) fn refine(
         for (camera, index) in problem.cameras.iter().zip(&posed) {
             current[*index] = Some(camera.state);
         }
-        let found = noise_px(&problem);
+        let found = bounded(&noise_px(&problem));
         gate = found
             .iter()
             .fold(0.3f64, |most, s| most.max(3.0 * s))
@@ -146,15 +148,16 @@ pub(super) fn noise_px(problem: &Problem) -> Vec<f64> {
     let coordinates = 2.0 * problem.observations.len() as f64;
     let unknowns = 3.0 * problem.path.nodes().len() as f64;
     let raise = (coordinates / (coordinates - unknowns).max(0.2 * coordinates)).sqrt();
-    let sigma = |mut lengths: Vec<f64>| {
-        lengths.sort_by(f64::total_cmp);
-        let median = lengths.get(lengths.len() / 2).copied().unwrap_or(1.0);
+    let sigma = |lengths: Vec<f64>| {
+        let median = upper_median(lengths).unwrap_or(1.0);
         (raise * median / RAYLEIGH_MEDIAN).max(LEAST_SIGMA_PX)
     };
-    let found: Vec<f64> = lengths.into_iter().map(sigma).collect();
-    let mut sorted = found.clone();
-    sorted.sort_by(f64::total_cmp);
-    let usual = sorted.get(sorted.len() / 2).copied().unwrap_or(1.0);
+    lengths.into_iter().map(sigma).collect()
+}
+
+/// The noise that adjustments weigh by: each within a range about that of the camera in the middle.
+pub(super) fn bounded(noise_px: &[f64]) -> Vec<f64> {
+    let usual = upper_median(noise_px.to_vec()).unwrap_or(1.0);
     let [low, high] = NOISE_RATIOS.map(|ratio| ratio * usual);
-    found.into_iter().map(|s| s.clamp(low, high)).collect()
+    noise_px.iter().map(|s| s.clamp(low, high)).collect()
 }

@@ -15,6 +15,8 @@ pub enum Cause {
     Uncertain,
     /// The halves of the data disagree: a camera was moved, or a clock wanders.
     HalvesDisagree,
+    /// The halves of the data could not be compared.
+    HalvesUnchecked,
     /// The focal length had to move far from the given one.
     Focal,
     /// Residuals are much larger than those of other cameras.
@@ -27,6 +29,10 @@ pub enum Cause {
     NoFloor,
     /// Known places are far from where they were found.
     Anchors,
+    /// The world is mirrored or on its head, or nothing tells whether it is.
+    Handedness,
+    /// A camera fits at some times and not at others: it was moved, or its clock jumped.
+    Knocked,
     /// A camera is under the floor.
     UnderFloor,
 }

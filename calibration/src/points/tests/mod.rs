@@ -22,13 +22,17 @@ fn at_rate(field: &Field, rate_hz: f64) -> Vec<CameraState> {
     states
 }
 
-/// With the true distance of the first two cameras.
+/// With the true distance of the first two cameras, and where all of them stand.
 fn with_scale(mut request: PointRequest, truth: &[CameraState]) -> PointRequest {
     request.anchors.distances = vec![KnownDistance {
         first: "c0".to_owned(),
         second: "c1".to_owned(),
         distance_m: (truth[0].center_w - truth[1].center_w).norm(),
     }];
+    let named = request.cameras.iter().zip(truth);
+    request.anchors.centers_m = named
+        .map(|(camera, state)| (camera.name.clone(), state.center_w.into()))
+        .collect();
     request
 }
 
