@@ -58,6 +58,9 @@ pub(crate) struct ExportArgs {
     /// Ticks without a pose: keep, fill, or mark what is filled.
     #[arg(long, value_name = "HOW", default_value = "keep")]
     gaps: Gaps,
+    /// Longest gap that is filled, seconds.
+    #[arg(long, hide_short_help = true, value_name = "S", default_value_t = 1.0)]
+    longest_gap_s: f64,
     /// Whose units and axes: blender, unreal, unity, opensim, visual3d.
     ///
     /// Default: those of the format.
@@ -203,7 +206,7 @@ fn request(args: &ExportArgs) -> anyhow::Result<ExportRequest> {
             rest: args.rest,
             names: args.names,
             preset: args.preset,
-            ..Options::default()
+            longest_gap_s: args.longest_gap_s,
         },
         existing: if args.replace {
             Existing::Replace

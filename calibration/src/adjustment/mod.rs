@@ -9,6 +9,7 @@
 //! Residuals are distorted pixels over their standard deviation; [`Loss`] says how those that do not fit count.
 
 mod band;
+mod camera_state;
 mod covariance;
 mod loss;
 mod normal;
@@ -17,10 +18,11 @@ mod problem;
 mod projection;
 mod solve;
 
+pub use camera_state::{CameraState, Observation};
 pub use covariance::{CameraSigma, Covariance, Degenerate, covariance};
 pub use loss::Loss;
 pub use path::{Path, Spline};
-pub use problem::{AdjustedCamera, Block, CameraState, Free, Observation, Problem};
+pub use problem::{AdjustedCamera, Block, Free, Problem};
 pub use projection::{PARAMETERS, Projected};
 pub use solve::{Limits, Outcome, adjust};
 

@@ -3,8 +3,9 @@
 use nalgebra::{DMatrix, DVector, Matrix2x3, SMatrix, Vector2};
 
 use super::band::Band;
+use super::camera_state::Observation;
 use super::path::{Path, Support, sum};
-use super::problem::{Observation, Problem};
+use super::problem::Problem;
 use super::projection::{PARAMETERS, TIME};
 
 /// Residual of a sight that has no projection (behind the camera, beyond the lens, off the path), standard deviations.

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::problem::{CameraState, Observation};
+use super::camera_state::{CameraState, Observation};
 
 /// A uniform cubic B-spline in time.
 ///

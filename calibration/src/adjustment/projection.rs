@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix2, Matrix2x3, Matrix3, SMatrix, UnitQuaternion, Vector2, Vector3};
 
-use super::problem::CameraState;
+use super::camera_state::CameraState;
 
 /// Numbers of a camera, in this order: rotation (3, rad), centre (3, m), focal length (share), principal point (2, px),
 /// distortion (8), time (s), rate (share of the period).

@@ -1,0 +1,86 @@
+//! What an adjustment holds of a camera, and what a camera saw.
+
+use farfield_proto::camera::{CameraModel, Distortion, Intrinsics};
+use nalgebra::{UnitQuaternion, Vector3};
+
+/// One camera as the adjustment holds it.
+///
+/// A point X of the world is seen from R (X - C); time in seconds is `pivot_s + (frame - pivot_frame) period_s`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CameraState {
+    /// R: world axes to camera axes.
+    pub camera_from_world: UnitQuaternion<f64>,
+    /// C: the pinhole in the world, metres (or units of the first baseline, before alignment).
+    pub center_w: Vector3<f64>,
+    /// Pinhole, pixels.
+    pub intrinsics: Intrinsics,
+    /// Lens, as k1, k2, p1, p2, k3, k4, k5, k6 of OpenCV.
+    pub distortion: [f64; 8],
+    /// Time of frame `pivot_frame`, seconds.
+    pub pivot_s: f64,
+    /// The frame at which time and rate do not mix: about the middle of what the camera saw.
+    pub pivot_frame: f64,
+    /// Time from frame to frame, seconds.
+    pub period_s: f64,
+}
+
+impl CameraState {
+    /// A camera at the origin that looks along z, at one frame per second.
+    pub fn at_origin(intrinsics: Intrinsics, distortion: &Distortion) -> Self {
+        let d = distortion;
+        Self {
+            camera_from_world: UnitQuaternion::identity(),
+            center_w: Vector3::zeros(),
+            intrinsics,
+            distortion: [d.k1, d.k2, d.p1, d.p2, d.k3, d.k4, d.k5, d.k6],
+            pivot_s: 0.0,
+            pivot_frame: 0.0,
+            period_s: 1.0,
+        }
+    }
+
+    /// The state of a calibrated camera, at one frame per second.
+    pub fn of_model(model: &CameraModel) -> Self {
+        let pose = model.camera_from_world().isometry();
+        Self {
+            camera_from_world: pose.rotation,
+            center_w: model.center().coordinates_m().coords,
+            ..Self::at_origin(*model.intrinsics(), model.distortion())
+        }
+    }
+
+    /// The lens as proto has it.
+    pub fn lens(&self) -> Distortion {
+        let [k1, k2, p1, p2, k3, k4, k5, k6] = self.distortion;
+        Distortion {
+            k1,
+            k2,
+            p1,
+            p2,
+            k3,
+            k4,
+            k5,
+            k6,
+        }
+    }
+
+    /// Time of a frame, seconds.
+    pub fn time_s(&self, frame: f64) -> f64 {
+        self.pivot_s + (frame - self.pivot_frame) * self.period_s
+    }
+}
+
+/// One sight of the point by one camera.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Observation {
+    /// Index of the camera.
+    pub camera: usize,
+    /// Index of the point, where the path is a set of points.
+    pub point: usize,
+    /// Frame of the camera, where the path is a curve in time.
+    pub frame: f64,
+    /// Distorted pixels.
+    pub px: [f64; 2],
+    /// Standard deviation of each coordinate, pixels.
+    pub sigma_px: f64,
+}
