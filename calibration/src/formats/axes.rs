@@ -107,6 +107,7 @@ pub(super) fn settle(
     let mut remarks = raw.remarks;
     let mut cameras = raw.cameras;
     for camera in &mut cameras {
+        check_numbers(camera, source)?;
         make_focal_lengths_positive(camera, &mut remarks);
         if let Some(pose) = &mut camera.pose {
             *pose = reread(*pose, options.pose, options.camera_axes);
@@ -129,6 +130,35 @@ pub(super) fn settle(
         .map(|camera| record(camera, &mut remarks));
     let records = records.collect();
     Ok((records, remarks))
+}
+
+/// A lens with a focal length of 0, or a number that is none, draws nothing; some programs write 0 where they do not know.
+fn check_numbers(camera: &RawCamera, source: &Source<'_>) -> Result<(), FileError> {
+    let Intrinsics {
+        fx_px,
+        fy_px,
+        cx_px,
+        cy_px,
+    } = camera.intrinsics;
+    let refuse = |what: &str, found: f64, expected: &str| {
+        Err(source.error(format!(
+            "camera `{}`: {what}: found {found}, expected {expected}",
+            camera.name
+        )))
+    };
+    for focal_px in [fx_px, fy_px] {
+        if !focal_px.is_finite() || focal_px == 0.0 {
+            return refuse("focal length", focal_px, "a finite number of pixels but 0");
+        }
+    }
+    if let Some(found) = [cx_px, cy_px].into_iter().find(|v| !v.is_finite()) {
+        return refuse("principal point", found, "finite pixels");
+    }
+    let mut coefficients = camera.lens.coefficients().into_iter();
+    if let Some(found) = coefficients.find(|v| !v.is_finite()) {
+        return refuse("coefficient of the lens", found, "a finite number");
+    }
+    Ok(())
 }
 
 /// A negative focal length is a mirrored axis of the camera: x = f X / Z = (-f) (-X) / Z.

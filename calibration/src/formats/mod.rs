@@ -335,6 +335,14 @@ pub enum ExportError {
         /// What the format has.
         has: &'static str,
     },
+    /// Two cameras would be written to one file.
+    #[error(
+        "two cameras would both be written to `{}`, expected names that differ in more than signs and capitals", path.display()
+    )]
+    SameFile {
+        /// Which file.
+        path: PathBuf,
+    },
     /// The format cannot say the name.
     #[error("camera `{camera}`: the format `{format}` cannot have this name, expected {expected}")]
     Name {
@@ -366,7 +374,7 @@ pub fn export(cameras: &[CameraRecord], format: Format) -> Result<Vec<TextFile>,
             text,
         }]
     };
-    Ok(match format {
+    let files: Vec<TextFile> = match format {
         Format::Farfield | Format::FreeMoCap => {
             one("calibration.toml", toml_tables::write(cameras, format)?)
         }
@@ -381,7 +389,16 @@ pub fn export(cameras: &[CameraRecord], format: Format) -> Result<Vec<TextFile>,
         Format::Vicon => one("calibration.xcp", vicon::write(cameras)?),
         Format::Colmap => colmap::write(cameras)?,
         Format::Kalibr => one("camchain.yaml", kalibr::write(cameras)?),
-    })
+    };
+    // Some disks take capitals for small letters.
+    let mut seen = BTreeSet::new();
+    for file in &files {
+        if !seen.insert(file.path.to_string_lossy().to_lowercase()) {
+            let path = file.path.clone();
+            return Err(ExportError::SameFile { path });
+        }
+    }
+    Ok(files)
 }
 
 /// The pose of `camera`, which `format` needs.

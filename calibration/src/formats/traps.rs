@@ -219,6 +219,45 @@ fn xcp(radial: &str) -> String {
 }
 
 #[test]
+fn a_focal_length_of_zero_is_refused_with_its_camera() {
+    let text = xcp("0 0 0").replace("FOCAL_LENGTH=\"1700\"", "FOCAL_LENGTH=\"0\"");
+    let error = read(&[("system.xcp", text)])
+        .expect_err("nothing can be drawn")
+        .to_string();
+    assert!(
+        error.contains("system.xcp") && error.contains("focal length"),
+        "{error}"
+    );
+    let text = format!(
+        "%YAML:1.0\n---\nimage_width: 640\nimage_height: 480\ncamera_matrix: {MATRIX}distortion_coefficients: {}",
+        FIVE.replace("0.02", ".Nan")
+    );
+    let error = read(&[("left.yml", text)])
+        .expect_err("nothing can be drawn")
+        .to_string();
+    assert!(error.contains("left"), "{error}");
+}
+
+#[test]
+fn two_cameras_are_not_written_to_one_file() {
+    let text = format!(
+        "%YAML:1.0\n---\nimage_width: 640\nimage_height: 480\ncamera_matrix: {MATRIX}distortion_coefficients: {FIVE}"
+    );
+    let mut cameras = read(&[("left.yml", text)])
+        .expect("OpenCV's own file")
+        .cameras;
+    cameras.push(CameraRecord {
+        name: "Left".to_owned(),
+        ..cameras[0].clone()
+    });
+    let found = export(&cameras, Format::OpenCvYaml);
+    assert!(
+        matches!(found, Err(ExportError::SameFile { .. })),
+        "{found:?}"
+    );
+}
+
+#[test]
 fn vicon_counts_on_the_whole_sensor_and_the_real_part_comes_last() {
     let options = ImportOptions {
         video_px: Some([1920, 1080]),
