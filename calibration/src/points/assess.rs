@@ -285,7 +285,7 @@ fn knocked(found: &Found<'_>, cameras: &[CameraReport]) -> Vec<Finding> {
             true,
             format!("moved, or its clock jumped, at about {percent:.0} % of its sights"),
             "sights that fit equally well at all times",
-            "leave out what it saw from there on, or calibrate again",
+            "leave out what it saw before or after, or calibrate again",
         ))
     });
     each.collect()

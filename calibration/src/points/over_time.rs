@@ -10,7 +10,7 @@ const LEAST_RUN: usize = 2;
 const BAD_SHARE: f64 = 0.5;
 
 /// Where in `used` (whether each sight fits, in the order of time) the first run of windows begins that fit less than half
-/// as well as the usual one; a share of all sights, 0 to 1. Windows are 20, or 10 where sights are few.
+/// as well as the usual one, or where it ends if it begins with the first; a share of all sights, 0 to 1. Windows are 20, or 10 where sights are few.
 pub(super) fn knocked_at(used: &[bool]) -> Option<f64> {
     let windows = if used.len() >= WINDOWS * 2 * LEAST_SIGHTS {
         WINDOWS
@@ -27,10 +27,14 @@ pub(super) fn knocked_at(used: &[bool]) -> Option<f64> {
     });
     let shares: Vec<f64> = shares.collect();
     let bar = BAD_SHARE * upper_median(shares.clone())?;
-    let run = shares
-        .windows(LEAST_RUN)
-        .position(|run| run.iter().all(|share| *share < bar))?;
-    Some(run as f64 / windows as f64)
+    let mut runs = shares.windows(LEAST_RUN);
+    let start = runs.position(|run| run.iter().all(|share| *share < bar))?;
+    let change = if start > 0 {
+        start
+    } else {
+        shares.iter().take_while(|share| **share < bar).count()
+    };
+    Some(change as f64 / windows as f64)
 }
 
 #[cfg(test)]
@@ -47,15 +51,15 @@ mod tests {
     }
 
     #[test]
-    fn a_part_that_does_not_fit_is_found_where_it_begins() {
-        for (count, from, to) in [
-            (400, 0.85, 1.0),
-            (400, 0.5, 0.6),
-            (400, 0.0, 0.2),
-            (60, 0.6, 1.0),
+    fn a_part_that_does_not_fit_is_found_where_it_begins_or_ends() {
+        for (count, from, to, change) in [
+            (400, 0.85, 1.0, 0.85),
+            (400, 0.5, 0.6, 0.5),
+            (400, 0.0, 0.2, 0.2),
+            (60, 0.6, 1.0, 0.6),
         ] {
             let at = knocked_at(&used(count, from, to)).unwrap();
-            assert!((at - from).abs() < 0.06, "{at} {from}");
+            assert!((at - change).abs() < 0.06, "{at} {change}");
         }
     }
 

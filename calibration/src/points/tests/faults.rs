@@ -28,7 +28,7 @@ fn mirror(camera: &mut PointCamera) {
 }
 
 /// What is planted, and a word of what must be said of it.
-const FAULTS: [(&str, &str, Plant); 19] = [
+const FAULTS: [(&str, &str, Plant); 20] = [
     ("one video is mirrored", "c2", |request, _| {
         mirror(&mut request.cameras[2]);
     }),
@@ -36,6 +36,14 @@ const FAULTS: [(&str, &str, Plant); 19] = [
         request.cameras.iter_mut().for_each(mirror);
         know_centers(request, truth, |c| c);
     }),
+    (
+        "all videos are mirrored, and the known places lie in a plane",
+        "mirror",
+        |request, truth| {
+            request.cameras.iter_mut().for_each(mirror);
+            know_centers(request, truth, |c| Vector3::new(c.x, c.y, 4.0));
+        },
+    ),
     (
         "x and y of the known places are exchanged",
         "mirror",
