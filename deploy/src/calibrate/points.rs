@@ -406,15 +406,25 @@ fn lines(judged: &JudgedCalibration<'_>, request: &PointRequest, files: [&Path; 
     text
 }
 
+/// How far the halves of the data are apart, where both could be solved.
+pub(super) fn halves(camera: &CameraReport) -> String {
+    let (mm, degrees) = (1000.0 * camera.halves_m, camera.halves_deg);
+    if mm.is_finite() && degrees.is_finite() {
+        format!("{mm:.1} mm, {degrees:.3} degrees apart")
+    } else {
+        "not checked".to_owned()
+    }
+}
+
 fn in_words(camera: &CameraReport) -> String {
     format!(
-        "{:.2} px over {} sights, {:.0} % used; noise alone moves it by {:.1} mm and {:.3} degrees; halves of the data {:.1} mm apart",
+        "{:.2} px over {} sights, {:.0} % used; noise alone moves it by {:.1} mm and {:.3} degrees; halves of the data {}",
         camera.rms_px,
         camera.sights,
         100.0 * camera.used_share,
         1000.0 * camera.position_sigma_m,
         camera.rotation_sigma_deg,
-        1000.0 * camera.halves_m
+        halves(camera)
     )
 }
 

@@ -7,6 +7,7 @@ use std::path::Path;
 use farfield_calibration::points::{FoundCamera, PointCalibration};
 
 use super::judged::JudgedCalibration;
+use super::points::halves;
 
 /// Side of the plan, pixels of the page, and its margin.
 const PLAN_PX: f64 = 640.0;
@@ -62,21 +63,20 @@ fn findings(page: &mut String, judged: &JudgedCalibration<'_>) {
 fn table(page: &mut String, found: &PointCalibration) {
     page.push_str(
         "<h2>Cameras</h2>\n<table><tr><th>camera</th><th>sights</th><th>used</th><th>off by</th><th>place, by noise alone</th>\
-         <th>rotation, by noise alone</th><th>halves apart</th><th>focal length</th><th>frame 0 at</th><th>rate</th></tr>\n",
+         <th>rotation, by noise alone</th><th>halves of the data</th><th>focal length</th><th>frame 0 at</th><th>rate</th></tr>\n",
     );
     for it in &found.report.cameras {
         writeln!(
             page,
             "<tr><td>{}</td><td>{}</td><td>{:.0} %</td><td>{:.2} px</td><td>{:.1} mm</td><td>{:.3}&deg;</td>\
-             <td>{:.1} mm, {:.3}&deg;</td><td>&times; {:.4}</td><td>{:.4} s</td><td>{:.4} Hz</td></tr>",
+             <td>{}</td><td>&times; {:.4}</td><td>{:.4} s</td><td>{:.4} Hz</td></tr>",
             escaped(&it.name),
             it.sights,
             100.0 * it.used_share,
             it.rms_px,
             1000.0 * it.position_sigma_m,
             it.rotation_sigma_deg,
-            1000.0 * it.halves_m,
-            it.halves_deg,
+            halves(it),
             it.focal_ratio,
             it.offset_s,
             it.rate_hz
