@@ -29,13 +29,13 @@ use crate::status::StatusArgs;
 /// Markerless motion capture for wide fields.
 ///
 /// Exit codes: 0 done, 1 ran but failed, 2 wrong input or usage, 130 interrupted. With `--json` what went wrong is JSON,
-/// too: `{"error": ..., "exit_code": 2}`. `RUST_LOG=debug` says more of what happens.
+/// too: `{"error": ..., "exit_code": 2}`. `RUST_LOG=debug` says more of what happens. `farfield completions` and
+/// `farfield man` are for whoever installs it.
 #[derive(Debug, Parser)]
 #[command(
     name = "farfield",
     version,
-    after_help = "Example: farfield demo    (-h after a command: its options; --help: all of it)\n\
-        `completions` and `man` are for whoever installs it.",
+    after_help = "Example: farfield demo    (-h after a command: its options; --help: all of it)",
     // As many commands as there are leave no rows for more.
     help_template = "{about}\nUsage: {usage}\n\n{subcommands}{after-help}"
 )]

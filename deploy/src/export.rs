@@ -35,12 +35,12 @@ pub(crate) struct ExportArgs {
     ///
     /// `RUN/smooth/poses.jsonl` are the smoothed poses. A recording is solved first: `farfield replay RECORDING --out RUN`.
     run: PathBuf,
-    /// What to write: bvh, glb, gltf, c3d, csv, csv-tidy, parquet, osim, trc, mot.
+    /// What to write, with commas: glb,c3d,csv, or all.
     ///
-    /// Several with commas between them, or all. TRC and MOT of the whole run are written by the run itself.
+    /// bvh, glb, gltf, c3d, csv, csv-tidy, parquet, osim, trc, mot. TRC and MOT of the whole run are written by the run itself.
     #[arg(long, value_delimiter = ',', required = true, value_name = "FORMAT", value_parser = formats)]
     format: Vec<Formats>,
-    /// Folder for the files. Default: `export` in that of the run.
+    /// Folder for the files. Default: RUN/export.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Only these people, by id.
@@ -55,19 +55,29 @@ pub(crate) struct ExportArgs {
     /// Frames per second. Default: the venue's.
     #[arg(long, hide_short_help = true, value_name = "HZ")]
     rate_hz: Option<f64>,
-    /// Ticks without a pose: keep, fill, or mark what is filled.
-    #[arg(long, value_name = "HOW", default_value = "keep")]
+    /// Gaps: keep, fill, or mark what is filled.
+    #[arg(
+        long,
+        value_name = "HOW",
+        default_value = "keep",
+        hide_default_value = true
+    )]
     gaps: Gaps,
     /// Longest gap that is filled, seconds.
     #[arg(long, hide_short_help = true, value_name = "S", default_value_t = 1.0)]
     longest_gap_s: f64,
-    /// Whose units and axes: blender, unreal, unity, opensim, visual3d.
+    /// Units and axes of blender, unreal, opensim, ...
     ///
-    /// Default: those of the format.
+    /// blender, unreal, unity, opensim, visual3d. Default: those of the format.
     #[arg(long, value_name = "PROGRAM")]
     preset: Option<Preset>,
-    /// What bones are called: farfield, unreal, mixamo, unity, vrm.
-    #[arg(long, value_name = "PROGRAM", default_value = "farfield")]
+    /// Names of bones as of unreal, mixamo, unity, vrm.
+    #[arg(
+        long,
+        value_name = "PROGRAM",
+        default_value = "farfield",
+        hide_default_value = true
+    )]
     names: BoneNames,
     /// How the skeleton rests: t-pose or a-pose.
     #[arg(

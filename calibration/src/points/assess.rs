@@ -5,7 +5,6 @@ use super::halves::{Apart, halves};
 use super::over_time::knocked_at;
 use super::refine::{bounded, noise_px};
 use super::request::{PointCamera, PointRequest};
-use super::venue::of_alignment;
 use crate::adjustment::{CameraState, Covariance, Problem};
 use crate::alignment::Alignment;
 use crate::report::{CameraReport, Cause, Finding, Report};
@@ -41,6 +40,7 @@ pub(super) struct Found<'a> {
     pub(super) odd_place: Option<(String, f64)>,
 }
 
+/// What is said of the cameras; [`super::venue`] has what is said of the whole.
 pub(super) fn assess(found: &Found<'_>) -> Report {
     let apart = halves(&found.problem);
     let cameras = camera_reports(found, &apart);
@@ -52,9 +52,7 @@ pub(super) fn assess(found: &Found<'_>) -> Report {
         findings.extend(of_place(report, &state, found));
     }
     findings.extend(degenerate(found));
-    findings.extend(of_alignment(found, &cameras));
     findings.extend(knocked(found, &cameras));
-    findings.sort_by_key(|finding| !finding.is_wrong);
     Report {
         cameras,
         anchors_rms_m: found.alignment.rms_m,

@@ -13,6 +13,7 @@ use super::curve::{Clocks, refine_curve};
 use super::error::CalibrationError;
 use super::refine::{Refined, refine};
 use super::request::{PointCamera, PointRequest, Timing};
+use super::venue::of_alignment;
 use super::view::{Track, View};
 use crate::adjustment::{CameraState, Path, Problem, covariance};
 use crate::alignment::{Anchors, Similarity};
@@ -341,7 +342,11 @@ fn finish(
         alignment,
         odd_place: anchors.odd_place(&named),
     };
-    let report = assess(&found);
+    let mut report = assess(&found);
+    report
+        .findings
+        .extend(of_alignment(&found, &report.cameras));
+    report.findings.sort_by_key(|finding| !finding.is_wrong);
     let cameras = found.posed.iter().zip(&found.problem.cameras);
     let cameras = cameras.filter_map(|(i, adjusted)| {
         let camera = request.cameras.get(*i)?;
