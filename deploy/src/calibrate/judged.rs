@@ -4,6 +4,7 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use farfield_calibration::points::PointCalibration;
+use farfield_calibration::report::CameraReport;
 use farfield_proto::calibration::Calibration;
 use farfield_proto::plausibility::{self, Severity};
 use farfield_proto::venue::Venue;
@@ -66,4 +67,14 @@ fn venue_of_all(found: &PointCalibration, text: &str, path: &Path) -> Result<Ven
         .ok();
     }
     Venue::parse(&venue, path, calibration).map_err(|error| error.to_string())
+}
+
+/// How far the halves of the data are apart, where both could be solved.
+pub(super) fn halves(camera: &CameraReport) -> String {
+    let (mm, degrees) = (1000.0 * camera.halves_m, camera.halves_deg);
+    if mm.is_finite() && degrees.is_finite() {
+        format!("{mm:.1} mm, {degrees:.3} degrees apart")
+    } else {
+        "not checked".to_owned()
+    }
 }

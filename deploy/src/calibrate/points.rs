@@ -14,7 +14,7 @@ use farfield_calibration::report::CameraReport;
 use farfield_node::process::{EXIT_FAILED, NodeError, say};
 use serde::Serialize;
 
-use super::judged::JudgedCalibration;
+use super::judged::{JudgedCalibration, halves};
 use super::lenses::{LensFile, lenses};
 use super::{Judged, named, read, refuse_existing, sheet, write};
 use crate::output;
@@ -404,16 +404,6 @@ fn lines(judged: &JudgedCalibration<'_>, request: &PointRequest, files: [&Path; 
         writeln!(text, "{}", path.display()).ok();
     }
     text
-}
-
-/// How far the halves of the data are apart, where both could be solved.
-pub(super) fn halves(camera: &CameraReport) -> String {
-    let (mm, degrees) = (1000.0 * camera.halves_m, camera.halves_deg);
-    if mm.is_finite() && degrees.is_finite() {
-        format!("{mm:.1} mm, {degrees:.3} degrees apart")
-    } else {
-        "not checked".to_owned()
-    }
 }
 
 fn in_words(camera: &CameraReport) -> String {

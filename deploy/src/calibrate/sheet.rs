@@ -6,8 +6,7 @@ use std::path::Path;
 
 use farfield_calibration::points::{FoundCamera, PointCalibration};
 
-use super::judged::JudgedCalibration;
-use super::points::halves;
+use super::judged::{JudgedCalibration, halves};
 
 /// Side of the plan, pixels of the page, and its margin.
 const PLAN_PX: f64 = 640.0;
