@@ -123,7 +123,7 @@ fn shares(columns: &Columns, v: &[f64]) -> Vec<(usize, f64)> {
 }
 
 /// The conditions that fix the frame, one column each, over the scaled parameters: the displaced centres have no mean, no
-/// turn, no stretch; and, where every camera's clock is free along a curve, the clocks no mean and no stretch.
+/// turn, no stretch; and, where every camera's clock is free along a curve, the clocks no mean.
 fn gauge(problem: &Problem, columns: &Columns, scale: &[f64]) -> DMatrix<f64> {
     let posed: Vec<(usize, Vector3<f64>)> = problem
         .cameras
@@ -135,7 +135,7 @@ fn gauge(problem: &Problem, columns: &Columns, scale: &[f64]) -> DMatrix<f64> {
         })
         .collect();
     let n = columns.count;
-    let mut conditions = DMatrix::zeros(n, 9);
+    let mut conditions = DMatrix::zeros(n, 8);
     // Fixed cameras hold the frame themselves.
     if posed.len() == problem.cameras.len() && posed.len() > 1 {
         let middle = posed

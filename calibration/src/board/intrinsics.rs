@@ -1,6 +1,7 @@
 //! How a camera sees, from boards in several pictures: Zhang 2000's closed form, then the least squares of [`super::adjust`];
 //! and whether the pictures carry what was asked of them.
 
+use farfield_proto::order_statistics::upper_median;
 use nalgebra::{DMatrix, Vector2};
 
 use super::BoardView;
@@ -133,9 +134,8 @@ fn judge_pictures(
             hurts: false,
         });
     }
-    let mut sorted: Vec<f64> = pictures.iter().map(|picture| picture.rms_px).collect();
-    sorted.sort_unstable_by(f64::total_cmp);
-    let median = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
+    let all = pictures.iter().map(|picture| picture.rms_px).collect();
+    let median = upper_median(all).unwrap_or(0.0);
     for picture in &mut pictures {
         picture.hurts = picture.rms_px > HARMLESS_PX.max(HURTS * median);
     }

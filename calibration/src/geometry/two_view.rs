@@ -1,5 +1,6 @@
 //! How one camera stands to another, from what both saw of the same moments.
 
+use farfield_proto::order_statistics::upper_median;
 use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, UnitQuaternion, Vector3};
 use rand_chacha::ChaCha8Rng;
 
@@ -175,10 +176,8 @@ fn agreeing<'a>(
 fn finished(pose: Pose, pairs: &[TwoViews], threshold_rad: f64) -> Option<RelativePose> {
     let e = pose.1.cross_matrix() * pose.0.to_rotation_matrix().matrix();
     let loss = summed_loss(&e, pairs, threshold_rad, f64::INFINITY)? / pairs.len() as f64;
-    let (inliers, mut cosines): (Vec<usize>, Vec<f64>) =
-        agreeing(&pose, pairs, threshold_rad).unzip();
-    cosines.sort_by(f64::total_cmp);
-    let median = *cosines.get(cosines.len() / 2)?;
+    let (inliers, cosines): (Vec<usize>, Vec<f64>) = agreeing(&pose, pairs, threshold_rad).unzip();
+    let median = upper_median(cosines)?;
     Some(RelativePose {
         rotation: pose.0,
         translation: pose.1,

@@ -1,5 +1,6 @@
 //! The last adjustment where cameras are not synchronised: every sight at its own time, the point on a smooth curve.
 
+use farfield_proto::order_statistics::value_after;
 use nalgebra::Vector3;
 
 use super::chain::{evenly, points};
@@ -107,7 +108,7 @@ fn start(
         }
     }
     travelled.sort_by(f64::total_cmp);
-    let usual = travelled.get(travelled.len() * 3 / 4).copied()?;
+    let usual = value_after(&travelled, 0.75)?;
     let bend = USUAL_BEND * usual;
     spline.stiffness = if bend > 0.0 { 1.0 / (bend * bend) } else { 1.0 };
     let mut observations = Vec::new();

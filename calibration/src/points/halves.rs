@@ -50,9 +50,7 @@ pub(super) fn halves(problem: &Problem) -> Vec<Option<Apart>> {
         .iter()
         .map(|it| moment(problem, it))
         .collect();
-    let mut sorted = moments.clone();
-    sorted.sort_by(f64::total_cmp);
-    let Some(middle) = sorted.get(sorted.len() / 2).copied() else {
+    let Some(middle) = upper_median(moments.clone()) else {
         return none;
     };
     let solved = |is_first: bool| {

@@ -17,7 +17,8 @@ use super::venue::of_alignment;
 use super::view::{Track, View};
 use crate::adjustment::{CameraState, Path, Problem, covariance};
 use crate::alignment::{Anchors, Similarity};
-use crate::report::{Report, calibration_toml};
+use crate::formats::{CameraRecord, ExportError, Format, LensModel, export};
+use crate::report::Report;
 
 /// Sightings that a camera needs.
 const LEAST_SIGHTINGS: usize = 20;
@@ -61,15 +62,30 @@ impl FoundCamera {
     /// # Errors
     /// [`CameraError`] where its numbers are none that a camera can have, or its lens model folds inside the picture.
     pub fn model(&self) -> Result<CameraModel, CameraError> {
-        let rotation = self.state.camera_from_world;
-        let shift = Translation3::from(-(rotation * self.state.center_w));
         CameraModel::new(
             &self.name,
             self.size_px,
             self.state.intrinsics,
             self.state.lens(),
-            Transform::new(Isometry3::from_parts(shift, rotation)),
+            Transform::new(self.camera_from_world()),
         )
+    }
+
+    /// As calibrations of all formats have it.
+    pub fn record(&self) -> CameraRecord {
+        CameraRecord {
+            name: self.name.clone(),
+            size_px: self.size_px,
+            intrinsics: self.state.intrinsics,
+            lens: LensModel::Rational(self.state.lens()),
+            camera_from_world: Some(self.camera_from_world()),
+        }
+    }
+
+    fn camera_from_world(&self) -> Isometry3<f64> {
+        let rotation = self.state.camera_from_world;
+        let shift = Translation3::from(-(rotation * self.state.center_w));
+        Isometry3::from_parts(shift, rotation)
     }
 }
 
@@ -97,9 +113,13 @@ pub struct PointCalibration {
 
 impl PointCalibration {
     /// The calibration file.
-    pub fn toml(&self) -> String {
-        let cameras = self.cameras.iter();
-        calibration_toml(cameras.map(|c| (c.name.as_str(), c.size_px, &c.state)))
+    ///
+    /// # Errors
+    /// Where no camera has a pose.
+    pub fn toml(&self) -> Result<String, ExportError> {
+        let records: Vec<CameraRecord> = self.cameras.iter().map(FoundCamera::record).collect();
+        let files = export(&records, Format::Farfield)?;
+        Ok(files.into_iter().map(|file| file.text).collect())
     }
 }
 
@@ -396,4 +416,48 @@ fn path(problem: &Problem, venue: &Similarity) -> Vec<PathPoint> {
         })
     });
     points.collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use farfield_proto::calibration::Calibration;
+    use farfield_proto::camera::{Distortion, Intrinsics};
+    use nalgebra::{UnitQuaternion, Vector3};
+    use proptest::prelude::*;
+
+    use super::*;
+
+    proptest! {
+        #[test]
+        fn what_is_written_reads_back(
+            turn in prop::array::uniform3(-1.8f64..1.8),
+            center in prop::array::uniform3(-50.0f64..50.0),
+            k1 in -0.05f64..0.05,
+            k4 in prop::sample::select(vec![0.0, 0.01]),
+        ) {
+            let intrinsics = Intrinsics { fx_px: 1234.5, fy_px: 1230.1, cx_px: 955.2, cy_px: 601.7 };
+            let lens = Distortion { k1, k4, ..Distortion::default() };
+            let state = CameraState {
+                camera_from_world: UnitQuaternion::from_scaled_axis(Vector3::from(turn)),
+                center_w: Vector3::from(center),
+                ..CameraState::at_origin(intrinsics, &lens)
+            };
+            let found = FoundCamera {
+                name: "north \"east\"".to_owned(),
+                size_px: [1920, 1200],
+                state,
+            };
+            let text = PointCalibration { cameras: vec![found], path: Vec::new(), report: Report::default() }.toml().unwrap();
+            let read = Calibration::parse(&text, Path::new("calibration.toml")).unwrap();
+            let camera = &read.cameras["north \"east\""];
+            prop_assert_eq!(camera.intrinsics(), &intrinsics);
+            prop_assert_eq!(camera.distortion(), &lens);
+            prop_assert_eq!(camera.size_px(), [1920, 1200]);
+            prop_assert!((camera.center().coordinates_m().coords - state.center_w).norm() < 1e-9);
+            let rotation = camera.camera_from_world().isometry().rotation;
+            prop_assert!(rotation.angle_to(&state.camera_from_world) < 1e-9);
+        }
+    }
 }

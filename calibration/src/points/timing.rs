@@ -5,6 +5,7 @@
 //! still shows, then ever narrower ones. Moments at which the point stood still in either picture say nothing of time, and
 //! are thinned out.
 
+use farfield_proto::order_statistics::value_after;
 use nalgebra::Vector3;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -88,7 +89,7 @@ impl Timed<'_> {
             })
             .collect();
         speeds.sort_by(f64::total_cmp);
-        speeds.get(speeds.len() * 3 / 4).copied().unwrap_or(0.0)
+        value_after(&speeds, 0.75).unwrap_or(0.0)
     }
 }
 

@@ -1,5 +1,6 @@
 //! What each camera saw, with the lens taken out.
 
+use farfield_proto::order_statistics::upper_median;
 use std::collections::BTreeMap;
 
 use farfield_proto::camera::{CameraError, CameraModel};
@@ -94,9 +95,7 @@ impl Track {
         let distances: Vec<f64> = (0..self.seen.len())
             .map(|i| self.unevenness_px(i))
             .collect();
-        let mut sorted = distances.clone();
-        sorted.sort_by(f64::total_cmp);
-        let usual = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
+        let usual = upper_median(distances.clone()).unwrap_or(0.0);
         let limit = OUTLIER_PX.max(OUTLIER_TIMES * usual);
         let kept = self.seen.iter().zip(distances).filter(|(_, d)| *d < limit);
         Self {
@@ -125,8 +124,7 @@ impl Track {
                 distances.push(libm::hypot(off(0), off(1)));
             }
         }
-        distances.sort_by(f64::total_cmp);
-        distances.get(distances.len() / 2).copied().unwrap_or(0.0)
+        upper_median(distances).unwrap_or(0.0)
     }
 
     /// The bearing and pixel at `frame`, by a straight line between its neighbours if these are at most `most_gap` frames

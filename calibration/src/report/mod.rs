@@ -1,10 +1,8 @@
 //! What is said of a calibration: per camera numbers, and what speaks against it.
 
 mod finding;
-mod text;
 
 pub use finding::{Cause, Finding};
-pub use text::calibration_toml;
 
 /// What is said of one camera.
 #[derive(Debug, Clone, PartialEq)]

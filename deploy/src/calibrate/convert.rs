@@ -72,15 +72,8 @@ pub(super) fn format(word: &str) -> Result<Format, String> {
 }
 
 fn axis(word: &str) -> Result<WorldAxis, String> {
-    match word {
-        "x" | "+x" => Ok(WorldAxis::X),
-        "-x" => Ok(WorldAxis::MinusX),
-        "y" | "+y" => Ok(WorldAxis::Y),
-        "-y" => Ok(WorldAxis::MinusY),
-        "z" | "+z" => Ok(WorldAxis::Z),
-        "-z" => Ok(WorldAxis::MinusZ),
-        _ => Err(format!("`{word}` is not one of x, -x, y, -y, z, -z")),
-    }
+    let named = WorldAxis::from_name(word.trim_start_matches('+'));
+    named.ok_or_else(|| format!("`{word}` is not one of x, -x, y, -y, z, -z"))
 }
 
 fn poses(word: &str) -> Result<PoseMeaning, String> {

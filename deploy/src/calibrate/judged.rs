@@ -23,9 +23,10 @@ pub(super) struct JudgedCalibration<'a> {
 impl<'a> JudgedCalibration<'a> {
     /// Judges what was found; `path` is only named in what is said.
     pub(super) fn of(found: &'a PointCalibration, path: &Path) -> Self {
-        let text = found.toml();
+        let written = found.toml().map_err(|error| error.to_string());
+        let text = written.clone().unwrap_or_default();
         let (mut refusals, mut doubts) = (Vec::new(), Vec::new());
-        match venue_of_all(found, &text, path) {
+        match written.and_then(|text| venue_of_all(found, &text, path)) {
             Err(refusal) => refusals.push(refusal),
             Ok(venue) => {
                 for finding in plausibility::of_venue(&venue) {

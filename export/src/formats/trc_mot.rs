@@ -3,12 +3,10 @@
 //! Metres, y up, whatever the preset. Which joints are markers, and which angles are columns, is decided as in a run: by
 //! what the keypoints determine.
 
-use std::collections::BTreeMap;
 use std::io::{self, Write};
 
-use farfield_fusion::body::determined::Determined;
-use farfield_fusion::body::skeleton::{ANGLE_NAMES, Joint, RangeOfMotion, sites_of};
-use farfield_fusion::export::{AngleColumn, Layout, mot, trc};
+use farfield_fusion::body::skeleton::RangeOfMotion;
+use farfield_fusion::export::{Layout, mot, trc};
 use farfield_proto::id::PersonId;
 use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::message::PersonPose;
@@ -19,25 +17,10 @@ use crate::run::Sample;
 use crate::subject::Subject;
 use crate::timeline::Frame;
 
-/// What the numbers of a pose are called.
+/// What the numbers of a pose are called; ranges of motion are as they are unless a venue says otherwise.
 fn layout_of(keypoints: &[String]) -> Layout {
     let set = KeypointSet::new(keypoints.to_vec());
-    let determined = Determined::by(&sites_of(&set, &BTreeMap::new()));
-    let range = RangeOfMotion::default();
-    let angles = ANGLE_NAMES.iter().enumerate().map(|(i, name)| {
-        let (low, high) = range.reported_range(i);
-        AngleColumn {
-            range_rad: low.is_finite().then_some([low, high]),
-            evidence: determined.angles[i],
-            ..AngleColumn::named(*name)
-        }
-    });
-    Layout {
-        joints: Joint::ALL.map(|joint| joint.name().to_owned()).to_vec(),
-        is_marker: determined.joints.to_vec(),
-        keypoints: keypoints.to_vec(),
-        angles: angles.collect(),
-    }
+    Layout::of(&set, Some(&RangeOfMotion::default()))
 }
 
 /// The pose as fusion publishes it.

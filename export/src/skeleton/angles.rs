@@ -3,7 +3,9 @@
 //! The rotations of pelvis and arms are reported as angles in OpenSim's axes (forward, up, right): flexion about z,
 //! then adduction about x, then rotation about y. All other angles are degrees of freedom of the body themselves.
 
-use farfield_fusion::body::skeleton::angles::FIRST_JOINT_ANGLE;
+use farfield_fusion::body::skeleton::angles::{
+    FIRST_JOINT_ANGLE, body_from_opensim, ground_from_world,
+};
 use farfield_fusion::body::skeleton::dof::{DofGroup, N_JOINT_DOF, first_of};
 use farfield_fusion::body::skeleton::shoulder_coordinates;
 use farfield_fusion::body::skeleton::{N_ANGLES, Pose, Side, reported_angles};
@@ -11,16 +13,6 @@ use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
 /// The reported angles of one pose, in the order of `ANGLE_NAMES`: radians, the root's translations metres.
 pub type Angles = [f64; N_ANGLES];
-
-/// Columns: OpenSim's axes (forward, up, right) in our link frames (forward, left, up).
-fn body_from_opensim() -> Matrix3<f64> {
-    Matrix3::from_columns(&[Vector3::x(), Vector3::z(), -Vector3::y()])
-}
-
-/// OpenSim's ground from the world: (x, y, z) of the ground = (y, z, x) of the world.
-fn ground_from_world() -> Matrix3<f64> {
-    Matrix3::new(0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0)
-}
 
 /// Rz(a) Rx(b) Ry(c), radians.
 pub fn zxy_rotation([a, b, c]: [f64; 3]) -> Matrix3<f64> {

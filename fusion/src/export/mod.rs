@@ -16,7 +16,12 @@ pub mod trc;
 pub mod unfinished;
 mod whole;
 
-use crate::body::determined::AngleEvidence;
+use std::collections::BTreeMap;
+
+use farfield_proto::keypoints::KeypointSet;
+
+use crate::body::determined::{AngleEvidence, Determined};
+use crate::body::skeleton::{ANGLE_NAMES, Joint, RangeOfMotion, sites_of};
 
 /// Rows that a head has room to count: years of them. It is written before they come.
 const MOST_ROWS: u64 = 9_999_999_999;
@@ -74,6 +79,29 @@ impl AngleColumn {
 }
 
 impl Layout {
+    /// The layout of poses of a network with these `keypoints`; `range` of motion where one was enforced.
+    pub fn of(keypoints: &KeypointSet, range: Option<&RangeOfMotion>) -> Self {
+        let determined = Determined::by(&sites_of(keypoints, &BTreeMap::new()));
+        let angle = |(index, name): (usize, &&str)| {
+            let mut column = AngleColumn::named(*name);
+            column.evidence = determined.angles[index];
+            if let (Some(range), AngleUnit::Radian) = (range, column.unit) {
+                let (lo, hi) = range.reported_range(index);
+                column.range_rad = (lo.is_finite() && hi.is_finite()).then_some([lo, hi]);
+            }
+            column
+        };
+        Self {
+            joints: Joint::ALL
+                .iter()
+                .map(|joint| joint.name().to_owned())
+                .collect(),
+            is_marker: determined.joints.to_vec(),
+            keypoints: keypoints.names().to_vec(),
+            angles: ANGLE_NAMES.iter().enumerate().map(angle).collect(),
+        }
+    }
+
     /// The markers of a TRC file: the joints that are determined, then the keypoints, each name once. A keypoint
     /// that is called like a joint is `keypoint_<name>`: the two differ where the network means another
     /// point than the anatomical centre.

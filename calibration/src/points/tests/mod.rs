@@ -122,8 +122,8 @@ fn the_same_request_gives_the_same_bits() {
     let truth = at_rate(&SMALL, 5.0);
     let request = request(&SMALL, &truth, &USUAL, Timing::Synchronised);
     assert_eq!(
-        quiet(&request).unwrap().toml(),
-        quiet(&request).unwrap().toml()
+        quiet(&request).unwrap().toml().unwrap(),
+        quiet(&request).unwrap().toml().unwrap()
     );
 }
 

@@ -96,8 +96,7 @@ pub fn reported_angles(pose: &Pose) -> [f64; N_ANGLES] {
 fn root_angles(pose: &Pose) -> [f64; 3] {
     // Rows: ground axes in the world. Columns of `axes`: OpenSim's pelvis axes (forward, up, right).
     let world_from_pelvis = pose.root_rotation.to_rotation_matrix().into_inner();
-    let ground_from_world = Matrix3::new(0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0);
-    zxy(&(ground_from_world * world_from_pelvis * body_from_opensim()))
+    zxy(&(ground_from_world() * world_from_pelvis * body_from_opensim()))
 }
 
 /// Flexion, adduction, rotation of an arm against its scapula, radians.
@@ -111,8 +110,13 @@ fn arm_angles(side: Side, dof: &[f64; N_JOINT_DOF]) -> [f64; 3] {
     [flex, side.mirror() * add, side.mirror() * rot]
 }
 
+/// OpenSim's ground from the world: (x, y, z) of the ground is (y, z, x) of the world.
+pub fn ground_from_world() -> Matrix3<f64> {
+    Matrix3::new(0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0)
+}
+
 /// Columns: OpenSim's axes (forward, up, right) in our link frames (forward, left, up).
-fn body_from_opensim() -> Matrix3<f64> {
+pub fn body_from_opensim() -> Matrix3<f64> {
     Matrix3::from_columns(&[Vector3::x(), Vector3::z(), -Vector3::y()])
 }
 

@@ -1,6 +1,5 @@
 //! The files of a run: finished ticks in, whole files at the end.
 
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -10,15 +9,14 @@ use farfield_proto::message::PoseSet;
 use farfield_proto::venue::Venue;
 
 use super::pose_queue::FinalPoses;
-use crate::body::determined::Determined;
-use crate::body::skeleton::{ANGLE_NAMES, Joint, RangeOfMotion, sites_of};
+use crate::body::skeleton::RangeOfMotion;
+use crate::export::Layout;
 use crate::export::full_disk::FullDisk;
 use crate::export::pose_files::{PoseFiles, Presence, WriteError, Written};
 use crate::export::run_clock::RunEnd;
 use crate::export::salvage::SMOOTH;
 use crate::export::summary::{PersonSummary, PosesSummary};
 use crate::export::unfinished::create_folder_on;
-use crate::export::{AngleColumn, AngleUnit, Layout};
 
 /// Writes poses as they become final.
 pub(in crate::node) struct Exporter {
@@ -139,23 +137,5 @@ fn told(written: Result<(), &WriteError>, doing: &'static str) -> anyhow::Result
 pub(in crate::node) fn layout(venue: &Venue, keypoints: &KeypointSet) -> Layout {
     let parameters = &venue.parameters.range_of_motion;
     let range = RangeOfMotion::new(parameters.factor);
-    let determined = Determined::by(&sites_of(keypoints, &BTreeMap::new()));
-    let angle = |(index, name): (usize, &&str)| {
-        let mut column = AngleColumn::named(*name);
-        column.evidence = determined.angles[index];
-        if parameters.enabled && column.unit == AngleUnit::Radian {
-            let (lo, hi) = range.reported_range(index);
-            column.range_rad = (lo.is_finite() && hi.is_finite()).then_some([lo, hi]);
-        }
-        column
-    };
-    Layout {
-        joints: Joint::ALL
-            .iter()
-            .map(|joint| joint.name().to_owned())
-            .collect(),
-        is_marker: determined.joints.to_vec(),
-        keypoints: keypoints.names().to_vec(),
-        angles: ANGLE_NAMES.iter().enumerate().map(angle).collect(),
-    }
+    Layout::of(keypoints, parameters.enabled.then_some(&range))
 }
