@@ -14,9 +14,9 @@ const MARGIN_PX: f64 = 60.0;
 /// Most points of the path that are drawn.
 const MAX_DRAWN: usize = 4000;
 /// How the page looks, in the light and in the dark.
-const STYLE: &str = "body{font:16px/1.5 system-ui,sans-serif;margin:2rem auto;max-width:62rem;padding:0 1rem}\
+const STYLE: &str = "body{font:16px/1.5 system-ui,sans-serif;margin:2rem auto;max-width:72rem;padding:0 1rem}\
     table{border-collapse:collapse;width:100%}th,td{text-align:right;padding:.3rem .6rem;border-bottom:1px solid #8884}\
-    th:first-child,td:first-child{text-align:left}.pass{color:#0a7d4d}.fail{color:#c0392b}svg{width:100%;height:auto}\
+    td{white-space:nowrap}th:first-child,td:first-child{text-align:left}.wide{overflow-x:auto}.pass{color:#0a7d4d}.fail{color:#c0392b}svg{width:100%;height:auto}\
     @media(prefers-color-scheme:dark){body{background:#14171a;color:#dde}.pass{color:#4cc38a}.fail{color:#ff7a6b}}";
 
 /// The sheet of the calibration that is written to `path`.
@@ -61,7 +61,7 @@ fn findings(page: &mut String, judged: &JudgedCalibration<'_>) {
 
 fn table(page: &mut String, found: &PointCalibration) {
     page.push_str(
-        "<h2>Cameras</h2>\n<table><tr><th>camera</th><th>sights</th><th>used</th><th>off by</th><th>place, by noise alone</th>\
+        "<h2>Cameras</h2>\n<div class=\"wide\"><table><tr><th>camera</th><th>sights</th><th>used</th><th>off by</th><th>place, by noise alone</th>\
          <th>rotation, by noise alone</th><th>halves of the data</th><th>focal length</th><th>frame 0 at</th><th>rate</th></tr>\n",
     );
     for it in &found.report.cameras {
@@ -82,7 +82,7 @@ fn table(page: &mut String, found: &PointCalibration) {
         )
         .ok();
     }
-    page.push_str("</table>\n");
+    page.push_str("</table></div>\n");
     if let Some(rms_m) = found.report.anchors_rms_m {
         writeln!(
             page,
