@@ -18,6 +18,7 @@ use tracing::warn;
 
 use super::config::{FusionArgs, FusionConfig};
 use super::handout;
+use super::listeners::{NoListeners, OpenListeners, RunAtItsStart};
 use super::live::{LiveContext, live};
 use super::lock_step::{Begin, Outside};
 use super::output::claim::FolderClaim;
@@ -41,18 +42,23 @@ const TRY_AGAIN: Duration = Duration::from_millis(250);
 
 /// Runs a fusion node to its end and says on standard error what went wrong.
 pub fn main(args: FusionArgs) -> ExitCode {
-    start_log_with(authentication_log::layer());
-    exit_code(load_and_run(args))
+    main_with(args, Box::new(NoListeners))
 }
 
-fn load_and_run(args: FusionArgs) -> Result<Ending, NodeError> {
+/// As [`main`]; whom `listeners` opens gets a copy of every message.
+pub fn main_with(args: FusionArgs, listeners: Box<dyn OpenListeners>) -> ExitCode {
+    start_log_with(authentication_log::layer());
+    exit_code(load_and_run(args, listeners))
+}
+
+fn load_and_run(args: FusionArgs, listeners: Box<dyn OpenListeners>) -> Result<Ending, NodeError> {
     let config = FusionConfig::load(args)?;
     if let Some(identity) = &config.reach.identity {
         authentication_log::know_generations(&identity.generations);
     }
     let session = new_session();
     let pipeline = Pipeline::new(&config.venue, config.card.as_ref(), session);
-    let ending = runtime::block_on(2, run(&config, session, pipeline));
+    let ending = runtime::block_on(2, run(&config, session, pipeline, listeners));
     authentication_log::sum_up();
     ending
 }
@@ -67,6 +73,7 @@ async fn run(
     config: &FusionConfig,
     session: SessionId,
     pipeline: Pipeline,
+    listeners: Box<dyn OpenListeners>,
 ) -> Result<Ending, NodeError> {
     // `stop` asks the run to end; `leave` ends the tasks that carry messages, once all is said.
     let (tasks, stop, leave) = (
@@ -94,7 +101,7 @@ async fn run(
     ));
     reporter.listening(link.locators().await);
     let recording = record(config, session, &pipeline).map_err(NodeError::Failed)?;
-    let wiretap = WiretapHandle::new(recording.as_ref().map(RecordingThread::wiretap));
+    let wiretap = open_wiretaps(config, &pipeline, (recording.as_ref(), listeners))?;
     let interceptor = Interceptor::new(&config.venue, senders, wiretap);
     let mut summary = SummaryFile::in_folder(claim.folder());
     let mut ends = link.spawn(&tasks, &leave, &interceptor);
@@ -142,6 +149,22 @@ async fn run(
     let closed = close(recording, summary).await;
     closed.map_err(NodeError::Failed)?;
     outcome
+}
+
+/// The recording, and whoever else listens.
+fn open_wiretaps(
+    config: &FusionConfig,
+    pipeline: &Pipeline,
+    (recording, listeners): (Option<&RecordingThread>, Box<dyn OpenListeners>),
+) -> Result<WiretapHandle, NodeError> {
+    let listeners = listeners.open(RunAtItsStart {
+        venue: &config.venue,
+        keypoints: pipeline.keypoints(),
+        is_live: config.mode == RunMode::Live,
+        identity: config.reach.identity.as_ref(),
+    })?;
+    let recorder = recording.map(RecordingThread::wiretap);
+    Ok(WiretapHandle::new(recorder.into_iter().chain(listeners)))
 }
 
 /// Finishes the recording, and then the summary, which says what it has come to.

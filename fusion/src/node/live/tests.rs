@@ -235,7 +235,7 @@ async fn everybody_goes_on_while_one_babbles_one_is_refused_and_clocks_are_off()
     let endpoint = link.locators().await[0].clone();
     let tasks = TaskTracker::new();
     let [leave, stop] = [CancellationToken::new(), CancellationToken::new()];
-    let interceptor = Interceptor::new(&config.venue, senders, WiretapHandle::new(None));
+    let interceptor = Interceptor::new(&config.venue, senders, WiretapHandle::default());
     let mut ends = link.spawn(&tasks, &leave, &interceptor);
     let edge = |index: u16, shift_ms: i64| Scripted {
         index,

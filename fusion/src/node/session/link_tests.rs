@@ -128,7 +128,7 @@ impl OpenLink {
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn an_edge_is_heard_answered_and_missed() {
     let kept = Arc::new(Kept::default());
-    let wiretap = WiretapHandle::new(Some(Arc::clone(&kept) as Arc<dyn Wiretap>));
+    let wiretap = WiretapHandle::new([Arc::clone(&kept) as Arc<dyn Wiretap>]);
     let mut link = OpenLink::open(wiretap).await;
     let edge = client(&link.endpoint).await;
     let token = edge
@@ -207,7 +207,7 @@ fn a_node_speaks_under_its_own_name_only() {
     let interceptor = Interceptor::new(
         &venue,
         Senders::new(&venue, VenueClock::start()),
-        WiretapHandle::new(None),
+        WiretapHandle::default(),
     );
     let says = |node: &str, viewpoint: Option<u16>| Status {
         node: node.to_owned(),
@@ -234,7 +234,7 @@ fn a_node_speaks_under_its_own_name_only() {
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn an_edge_of_the_version_before_is_spoken_to_in_its_own_until_it_is_updated() {
-    let mut link = OpenLink::open(WiretapHandle::new(None)).await;
+    let mut link = OpenLink::open(WiretapHandle::default()).await;
     let edge = client(&link.endpoint).await;
     let heard = edge
         .declare_subscriber("link-test/status/fusion")

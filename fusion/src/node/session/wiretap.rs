@@ -52,45 +52,83 @@ pub trait Wiretap: Send + Sync {
     }
 }
 
-/// The wiretap of a run, if it has one.
+/// The wiretaps of a run.
 #[derive(Clone, Default)]
-pub(in crate::node) struct WiretapHandle(Option<Arc<dyn Wiretap>>);
+pub(in crate::node) struct WiretapHandle(Arc<[Arc<dyn Wiretap>]>);
 
 impl WiretapHandle {
-    pub(in crate::node) fn new(wiretap: Option<Arc<dyn Wiretap>>) -> Self {
-        Self(wiretap)
+    pub(in crate::node) fn new(wiretaps: impl IntoIterator<Item = Arc<dyn Wiretap>>) -> Self {
+        Self(wiretaps.into_iter().collect())
     }
 
     pub(in crate::node) fn received(&self, message: CopiedMessage<'_>) {
-        if let Some(wiretap) = &self.0 {
+        for wiretap in self.0.iter() {
             wiretap.received(message);
         }
     }
 
     pub(in crate::node) fn published(&self, message: CopiedMessage<'_>) {
-        if let Some(wiretap) = &self.0 {
+        for wiretap in self.0.iter() {
             wiretap.published(message);
         }
     }
 
     pub(in crate::node) fn decided(&self, decided: CopiedStep<'_>) {
-        if let Some(wiretap) = &self.0 {
+        for wiretap in self.0.iter() {
             wiretap.decided(decided);
         }
     }
 }
 
 impl WiretapHandle {
-    /// Why nobody listens any more, if somebody did.
+    /// Why one of them listens no more.
     pub(in crate::node) fn failure(&self) -> Option<String> {
-        self.0.as_ref()?.failure()
+        self.0.iter().find_map(|wiretap| wiretap.failure())
     }
 }
 
 impl fmt::Debug for WiretapHandle {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_tuple("WiretapHandle")
-            .field(&self.0.is_some())
-            .finish()
+        f.debug_tuple("WiretapHandle").field(&self.0.len()).finish()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Mutex;
+
+    use super::*;
+
+    #[derive(Default)]
+    struct Kept(Mutex<Vec<(String, Vec<u8>)>>);
+
+    impl Wiretap for Kept {
+        fn received(&self, message: CopiedMessage<'_>) {
+            let kept = (message.key.to_owned(), message.bytes.to_vec());
+            self.0.lock().unwrap().push(kept);
+        }
+        fn published(&self, message: CopiedMessage<'_>) {
+            self.received(message);
+        }
+        fn decided(&self, _: CopiedStep<'_>) {}
+    }
+
+    #[test]
+    fn every_listener_gets_every_message() {
+        let kept = [Arc::new(Kept::default()), Arc::new(Kept::default())];
+        let handle = WiretapHandle::new(kept.clone().map(|it| it as Arc<dyn Wiretap>));
+        let message = |bytes| CopiedMessage {
+            key: "hall/pose",
+            bytes,
+            at_us: 7,
+        };
+        handle.received(message(&[1, 2]));
+        handle.published(message(&[3]));
+        for kept in kept {
+            let kept = kept.0.lock().unwrap();
+            let bytes: Vec<_> = kept.iter().map(|(_, bytes)| bytes.clone()).collect();
+            assert_eq!(bytes, [vec![1, 2], vec![3]]);
+        }
+        assert_eq!(handle.failure(), None);
     }
 }

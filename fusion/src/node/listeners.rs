@@ -1,0 +1,45 @@
+//! Who else hears what fusion hears and says.
+//!
+//! Fusion knows neither pages nor streams. The command around it does, and hands in what opens them: before the first
+//! message, by what is known of the run. Each listener is a [`Wiretap`]: it gets copies, and nobody waits for it.
+
+use std::sync::Arc;
+
+use farfield_node::process::NodeError;
+use farfield_proto::keypoints::KeypointSet;
+use farfield_proto::transport::Identity;
+use farfield_proto::venue::Venue;
+
+use super::session::wiretap::Wiretap;
+
+/// What listeners are told of a run before it begins.
+#[derive(Debug, Clone, Copy)]
+pub struct RunAtItsStart<'a> {
+    /// The venue.
+    pub venue: &'a Venue,
+    /// The keypoints of its network, in the order of poses and maps.
+    pub keypoints: &'a KeypointSet,
+    /// Whether it runs live; else in lock-step.
+    pub is_live: bool,
+    /// By which keys fusion proves who it is; `None` without TLS.
+    pub identity: Option<&'a Identity>,
+}
+
+/// Opens the listeners of a run. Called once, on the runtime of the node, after everything that can be refused was.
+pub trait OpenListeners: Send {
+    /// The listeners, which are let go of when the run is over.
+    ///
+    /// # Errors
+    /// What cannot be opened; the run does not begin then.
+    fn open(self: Box<Self>, run: RunAtItsStart<'_>) -> Result<Vec<Arc<dyn Wiretap>>, NodeError>;
+}
+
+/// Nobody else listens.
+#[derive(Debug, Clone, Copy)]
+pub struct NoListeners;
+
+impl OpenListeners for NoListeners {
+    fn open(self: Box<Self>, _: RunAtItsStart<'_>) -> Result<Vec<Arc<dyn Wiretap>>, NodeError> {
+        Ok(Vec::new())
+    }
+}
