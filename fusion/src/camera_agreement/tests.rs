@@ -4,7 +4,7 @@
 
 use farfield_proto::camera::CameraModel;
 use farfield_proto::frames::Point;
-use nalgebra::Vector3;
+use nalgebra::{Rotation3, Vector3};
 
 use super::samples::{Burst, PassSample, SeenBody, SeenKeypoint, Trail};
 use super::*;
@@ -28,6 +28,8 @@ struct Mistake {
     order: Option<[usize; 17]>,
     /// Its focal length as a factor of the calibrated one; 0 is 1.
     focal_factor: f32,
+    /// By what it was turned about its axes (right, down, ahead) since it was calibrated, degrees.
+    turned_deg: [f64; 3],
     /// Which of the two people the camera shows alone.
     sees_only: Option<usize>,
 }
@@ -203,6 +205,9 @@ fn changed(seen: &SeenBody, mistake: Mistake, partners: &Partners) -> SeenBody {
                 *pixel = middle + mistake.focal_factor * (*pixel - middle);
             }
         }
+        if mistake.turned_deg != [0.0; 3] {
+            keypoint.pixel = turned(keypoint.pixel, mistake.turned_deg);
+        }
         if mistake.mirrored != mistake.half_turned {
             keypoint.pixel[0] = 1919.0 - keypoint.pixel[0];
         }
@@ -212,6 +217,18 @@ fn changed(seen: &SeenBody, mistake: Mistake, partners: &Partners) -> SeenBody {
         Some(keypoint)
     };
     (0..seen.len()).map(of).collect()
+}
+
+/// Where a camera of the hall shows what it showed at `pixel` before it was turned.
+fn turned(pixel: [f32; 2], by_deg: [f64; 3]) -> [f32; 2] {
+    let [x, y] = pixel.map(f64::from);
+    let ray = Vector3::new(x - 959.5, y - 599.5, 1000.0);
+    let turn = Rotation3::from_scaled_axis(Vector3::from(by_deg.map(f64::to_radians)));
+    let ray = turn.inverse() * ray;
+    [
+        (959.5 + 1000.0 * ray.x / ray.z) as f32,
+        (599.5 + 1000.0 * ray.y / ray.z) as f32,
+    ]
 }
 
 fn names(cameras: &[usize]) -> Vec<String> {
@@ -312,6 +329,34 @@ fn another_focal_length_is_told_by_its_factor() {
                 assert!((factor - f64::from(focal_factor)).abs() < 0.02, "{factor}");
             }
             other => panic!("{focal_factor}: {other:?}"),
+        }
+    }
+}
+
+#[test]
+fn a_turn_of_two_degrees_is_told_to_either_side_and_one_of_five_about_any_axis() {
+    for turned_deg in [
+        [2.0, 0.0, 0.0],
+        [0.0, 2.0, 0.0],
+        [0.0, -2.0, 0.0],
+        [0.0, 0.0, 5.0],
+    ] {
+        let mistake = Mistake {
+            turned_deg,
+            ..Mistake::default()
+        };
+        for camera in 0..4 {
+            match Hall::with(camera, mistake).causes().as_slice() {
+                [(cameras, DisagreementCause::Turned { degrees })] => {
+                    assert_eq!(*cameras, names(&[camera]), "{turned_deg:?}");
+                    let expected = turned_deg.iter().map(|d| d.abs()).sum::<f64>();
+                    assert!(
+                        (degrees - expected).abs() < 0.3,
+                        "{turned_deg:?}: {degrees}"
+                    );
+                }
+                other => panic!("camera {camera} by {turned_deg:?}: {other:?}"),
+            }
         }
     }
 }
