@@ -21,12 +21,12 @@ mod worker;
 
 pub use self::config::{FusionArgs, check_names, load_card};
 pub use self::given::{check_given_keypoints, check_given_ticks};
-pub use self::listeners::{NoListeners, OpenListeners, RunAtItsStart};
+pub use self::listeners::{Listeners, NoListeners, OpenListeners, Opening, RunAtItsStart};
 pub use self::live_or_recorded::check_live_or_recorded;
 pub use self::output::claim::{FolderClaim, check_folder};
 pub use self::output::progress::{Body, LinkProgress, Progress, Report};
 pub use self::recorder_node::{RecordArgs, main as record};
 pub use self::recording::check_place;
-pub use self::replay::{ReplayArgs, main as replay, with_values};
+pub use self::replay::{ReplayArgs, main as replay, recorded_venue, with_values};
 pub use self::run::{main, main_with};
 pub use self::session::wiretap::{CopiedMessage, CopiedStep, Wiretap};

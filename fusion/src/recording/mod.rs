@@ -1,7 +1,7 @@
 //! Recordings: MCAP files of everything that fusion received and sent, and of what it used for each tick.
 //!
 //! [`writer`] writes to whatever takes bytes, [`reader`] reads from whatever has them, [`replay`] solves a
-//! recording again. No file is opened here, and no clock read: times come with the messages. A recording
+//! recording again, [`messages`] gives what passed, in time. No file is opened here, and no clock read: times come with the messages. A recording
 //! holds no pictures: none ever reach fusion.
 //!
 //! Channels are Zenoh keys with the bytes as they travelled (message encoding `farfield-wire`); log time
@@ -10,11 +10,14 @@
 
 use mcap::records::Record;
 
+pub mod attached;
 pub mod channels;
 mod compression;
 pub mod expected;
 mod framing;
 pub mod holes;
+pub mod messages;
+mod placed;
 pub mod poses_json;
 pub mod reader;
 mod renumber;

@@ -1,10 +1,10 @@
 //! Reads a recording: once through for what is where, then tick by tick.
 //!
 //! What is kept in memory is 48 bytes per set and the decisions; the sets themselves are read when
-//! their tick's turn comes. Of a file with compressed chunks, one chunk is kept unpacked.
+//! their tick's turn comes.
 
 use std::collections::BTreeMap;
-use std::io::{Read, Seek, SeekFrom};
+use std::io::{Read, Seek};
 
 use farfield_proto::id::{SessionId, ViewpointIndex};
 use farfield_proto::message::decision::Decision;
@@ -17,10 +17,12 @@ use farfield_proto::wire;
 use mcap::records::Record;
 use serde::Deserialize;
 
+use super::PROFILE;
+use super::attached::Attached;
 use super::channels::{Content, channels};
 use super::expected::ExpectedPeople;
-use super::framing::{FileEnd, FramingError, PackedChunk, RecordPlace, unpack, walk};
-use super::{CALIBRATION_FILE, CARD_FILE, FACTS, PROFILE, VENUE_FILE};
+use super::framing::{FileEnd, FramingError, RecordPlace, walk};
+use super::placed::{ChunkNumbers, MessagePosition, PlacedMessages};
 use crate::identity::known::KnownPeople;
 
 /// Why a file cannot be replayed.
@@ -39,19 +41,6 @@ pub enum RecordingError {
     #[error("byte {0}: the file has changed while it was read")]
     Changed(u64),
 }
-
-/// Where a recorded message stands.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-struct MessagePosition {
-    /// Which of the compressed chunks it is in; [`NO_CHUNK`]: it stands in the file as it is.
-    chunk: u32,
-    /// Its first byte: of the file, or of the chunk's unpacked records.
-    at: u64,
-    len: u32,
-}
-
-/// See [`MessagePosition::chunk`].
-const NO_CHUNK: u32 = u32::MAX;
 
 /// One recorded set, in the order in which the sets of a tick are wanted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -94,12 +83,8 @@ pub struct SessionPart {
 
 /// A recording that has been read through.
 pub struct Recording<R> {
-    file: R,
-    packed_chunks: Vec<PackedChunk>,
-    /// The compressed chunk that was read last, and its records.
-    unpacked: Option<(u32, Vec<u8>)>,
-    facts: BTreeMap<String, String>,
-    files: BTreeMap<String, Vec<u8>>,
+    messages: PlacedMessages<R>,
+    attached: Attached,
     sets: Vec<SetEntry>,
     poses: BTreeMap<(SessionId, Tick), MessagePosition>,
     sessions: Vec<SessionPart>,
@@ -116,25 +101,15 @@ impl<R: Read + Seek> Recording<R> {
     pub fn open(mut file: R) -> Result<Self, RecordingError> {
         let mut index = Index::default();
         let end = walk(&mut file, &mut |record, place| index.meet(record, place))?;
-        match index.profile {
-            None => return Err(RecordingError::NoHead),
-            Some(profile) if profile != PROFILE => return Err(RecordingError::Foreign(profile)),
-            Some(_) => {}
-        }
-        if index.facts.is_empty() {
-            return Err(RecordingError::NoHead);
-        }
+        let attached = index.attached.whole()?;
         index.sets.sort_unstable();
         index
             .sets
             .dedup_by_key(|set| (set.session, set.tick, set.kind, set.viewpoint, set.part));
         let sessions = sessions(&index.sets, index.decisions, index.expected);
         Ok(Self {
-            file,
-            packed_chunks: index.packed_chunks,
-            unpacked: None,
-            facts: index.facts,
-            files: index.files,
+            messages: PlacedMessages::new(file, index.chunks),
+            attached,
             sets: index.sets,
             poses: index.poses,
             sessions,
@@ -146,12 +121,17 @@ impl<R: Read + Seek> Recording<R> {
 
     /// Versions, fingerprints, who recorded.
     pub fn facts(&self) -> &BTreeMap<String, String> {
-        &self.facts
+        self.attached.facts()
     }
 
     /// The attached file `name`, as text.
     pub fn file(&self, name: &str) -> Option<&str> {
-        std::str::from_utf8(self.files.get(name)?).ok()
+        self.attached.file(name)
+    }
+
+    /// What it says of itself.
+    pub fn attached(&self) -> &Attached {
+        &self.attached
     }
 
     /// The lives of fusion in it, the one with the most ticks first.
@@ -189,7 +169,7 @@ impl<R: Read + Seek> Recording<R> {
             if (set.session, set.tick) != (session, tick) {
                 break;
             }
-            let bytes = self.bytes(set.position)?;
+            let bytes = self.messages.bytes(set.position)?;
             let changed = |_| RecordingError::Changed(set.position.at);
             found.push(match set.kind {
                 SetKind::Patches => AnySet::Patches(wire::decode(&bytes).map_err(changed)?),
@@ -211,56 +191,20 @@ impl<R: Read + Seek> Recording<R> {
         let Some(&position) = self.poses.get(&(session, tick)) else {
             return Ok(None);
         };
-        let bytes = self.bytes(position)?;
+        let bytes = self.messages.bytes(position)?;
         let poses = wire::decode(&bytes).map_err(|_| RecordingError::Changed(position.at))?;
         Ok(Some(poses))
-    }
-
-    fn bytes(&mut self, position: MessagePosition) -> Result<Vec<u8>, RecordingError> {
-        if position.chunk == NO_CHUNK {
-            return self.file_bytes(position.at, u64::from(position.len));
-        }
-        let kept = self.unpacked.take().filter(|(n, _)| *n == position.chunk);
-        let records = match kept {
-            Some((_, records)) => records,
-            None => self.unpack(position)?,
-        };
-        let bytes = usize::try_from(position.at).ok().and_then(|at| {
-            let until = at.checked_add(position.len as usize)?;
-            records.get(at..until).map(<[u8]>::to_vec)
-        });
-        self.unpacked = Some((position.chunk, records));
-        bytes.ok_or(RecordingError::Changed(position.at))
-    }
-
-    /// The records of the compressed chunk that `position` is in.
-    fn unpack(&mut self, position: MessagePosition) -> Result<Vec<u8>, RecordingError> {
-        let chunk = self.packed_chunks.get(position.chunk as usize).copied();
-        let chunk = chunk.ok_or(RecordingError::Changed(position.at))?;
-        let body = self.file_bytes(chunk.at, chunk.len)?;
-        Ok(unpack(&body, chunk.at)?)
-    }
-
-    fn file_bytes(&mut self, at: u64, len: u64) -> Result<Vec<u8>, RecordingError> {
-        let mut bytes = vec![0; len as usize];
-        self.file
-            .seek(SeekFrom::Start(at))
-            .and_then(|_| self.file.read_exact(&mut bytes))
-            .map_err(FramingError::Io)?;
-        Ok(bytes)
     }
 }
 
 /// What is gathered on the way through.
 #[derive(Default)]
 struct Index {
-    profile: Option<String>,
-    facts: BTreeMap<String, String>,
-    files: BTreeMap<String, Vec<u8>>,
+    attached: Attached,
     /// What stands under which topic, once the facts are known.
     topics: BTreeMap<String, Content>,
     contents: BTreeMap<u16, Content>,
-    packed_chunks: Vec<PackedChunk>,
+    chunks: ChunkNumbers,
     sets: Vec<SetEntry>,
     poses: BTreeMap<(SessionId, Tick), MessagePosition>,
     decisions: Vec<Decision>,
@@ -268,9 +212,6 @@ struct Index {
     unreadable: u64,
     lost: u64,
 }
-
-/// Channel, sequence and two times ahead of a message's bytes.
-const MESSAGE_HEAD_BYTES: u64 = 2 + 4 + 8 + 8;
 
 /// What a recorder says of itself.
 #[derive(Deserialize)]
@@ -281,18 +222,14 @@ struct RecorderSays {
 impl Index {
     fn meet(&mut self, record: Record<'_>, place: RecordPlace) {
         match record {
-            Record::Header(header) => {
-                self.profile = self.profile.take().or(Some(header.profile));
-            }
-            Record::Metadata(record) if record.name == FACTS && self.facts.is_empty() => {
-                self.facts = record.metadata;
-                self.topics = topics(&self.facts);
+            Record::Header(header) => self.attached.header(header.profile),
+            Record::Metadata(record) => {
+                if self.attached.metadata(record) {
+                    self.topics = topics(self.attached.facts());
+                }
             }
             Record::Attachment { header, data, .. } => {
-                let ours = [VENUE_FILE, CALIBRATION_FILE, CARD_FILE];
-                if ours.contains(&header.name.as_str()) && !self.files.contains_key(&header.name) {
-                    self.files.insert(header.name, data.into_owned());
-                }
+                self.attached.attachment(header, data.into_owned());
             }
             Record::Channel(channel) => {
                 if let Some(&content) = self.topics.get(&channel.topic) {
@@ -300,31 +237,14 @@ impl Index {
                 }
             }
             Record::Message { header, data } => {
-                if let (Some(&content), Ok(len)) = (
-                    self.contents.get(&header.channel_id),
-                    u32::try_from(data.len()),
-                ) {
-                    let position = MessagePosition {
-                        chunk: self.chunk_number(place.chunk),
-                        at: place.at + MESSAGE_HEAD_BYTES,
-                        len,
-                    };
+                if let Some(&content) = self.contents.get(&header.channel_id)
+                    && let Some(position) = self.chunks.position(place, &data)
+                {
                     self.message(content, position, &data);
                 }
             }
             _ => {}
         }
-    }
-
-    /// The number of the chunk that is gone through, which is the last.
-    fn chunk_number(&mut self, chunk: Option<PackedChunk>) -> u32 {
-        let Some(chunk) = chunk else {
-            return NO_CHUNK;
-        };
-        if self.packed_chunks.last() != Some(&chunk) {
-            self.packed_chunks.push(chunk);
-        }
-        self.packed_chunks.len() as u32 - 1
     }
 
     fn message(&mut self, content: Content, position: MessagePosition, data: &[u8]) {
@@ -388,7 +308,7 @@ impl Index {
 }
 
 /// The topics of the venue that `facts` name.
-fn topics(facts: &BTreeMap<String, String>) -> BTreeMap<String, Content> {
+pub(super) fn topics(facts: &BTreeMap<String, String>) -> BTreeMap<String, Content> {
     let (Some(venue), Some(viewpoints)) = (facts.get("venue"), facts.get("viewpoints")) else {
         return BTreeMap::new();
     };

@@ -14,6 +14,7 @@ use proptest::prelude::*;
 use super::chunk_tests::compressed;
 use super::compression::CompressionFormat;
 use super::framing::FramingError;
+use super::messages::MessagesInTime;
 use super::reader::{AnySet, Recording, RecordingError};
 use super::writer::{Head, PassedMessage, RecordingWriter};
 use super::*;
@@ -384,6 +385,40 @@ proptest! {
         for (tick, viewpoint) in order {
             let sets = recording.sets(SESSION, Tick(tick)).unwrap();
             prop_assert!(sets.contains(&AnySet::Patches(patches(tick, viewpoint))));
+        }
+    }
+}
+
+#[test]
+fn what_passed_is_given_in_time_from_any_form_of_the_file() {
+    for bytes in in_all_forms() {
+        let mut messages = MessagesInTime::open(Cursor::new(bytes.as_slice())).unwrap();
+        assert_eq!(
+            messages.attached().file(VENUE_FILE),
+            Some("name = \"hall\"\n")
+        );
+        assert_eq!(messages.span_us(), Some([1, 1]));
+        let mut passed = Vec::new();
+        let mut visit = |key: &str, bytes: &[u8], at_us| {
+            if key == "hall/pose" {
+                passed.push((wire::decode::<PoseSet>(bytes).unwrap(), at_us));
+            }
+        };
+        messages.read(1..2, &mut visit).unwrap();
+        messages.read(2..9, &mut visit).unwrap();
+        assert_eq!(passed, [0, 1, 2].map(|tick| (poses(tick), 1)));
+    }
+}
+
+#[test]
+fn what_is_no_recording_has_no_messages() {
+    let refused = MessagesInTime::open(Cursor::new(b"no MCAP file at all".as_slice()));
+    assert!(refused.is_err());
+    let bytes = recording();
+    for length in (0..bytes.len()).step_by(97) {
+        let cut = MessagesInTime::open(Cursor::new(&bytes[..length]));
+        if let Ok(mut cut) = cut {
+            cut.read(0..9, &mut |_, _, _| {}).unwrap();
         }
     }
 }

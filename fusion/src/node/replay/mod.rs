@@ -18,8 +18,8 @@ use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
 use self::report::{Done, FileFacts};
-pub use self::venue::with_values;
 use self::venue::{Changes, replay_venue};
+pub use self::venue::{recorded_venue, with_values};
 use super::config::check_names;
 use super::output::claim::{FolderClaim, check_folder};
 use super::output::export_thread::{ExportThread, missing};
@@ -93,7 +93,8 @@ fn replay(args: &ReplayArgs, print: fn(&str) -> anyhow::Result<()>) -> Result<En
         calibration: args.calibration.as_deref(),
         set: &args.set,
     };
-    let (venue, card) = replay_venue(&args.file, &recording, &changes).map_err(refused)?;
+    let (venue, card) =
+        replay_venue(&args.file, recording.attached(), &changes).map_err(refused)?;
     check_names(&venue).map_err(refused)?;
     let as_it_was = changes.none() && !args.late && !part.decisions.is_empty();
     let names = if as_it_was {

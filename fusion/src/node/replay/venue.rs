@@ -1,7 +1,6 @@
 //! The venue that a recording is solved for: as it was, or with what the operator wants otherwise.
 
 use std::fs;
-use std::io::{Read, Seek};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, anyhow, bail, ensure};
@@ -15,7 +14,7 @@ use farfield_proto::venue::parameters::{self, PARAMETERS, TABLES};
 use toml::{Table, Value};
 
 use super::super::config::load_card;
-use crate::recording::reader::Recording;
+use crate::recording::attached::Attached;
 use crate::recording::{CALIBRATION_FILE, CARD_FILE, VENUE_FILE, VENUE_LAYOUT};
 
 /// What shall be otherwise than it was.
@@ -41,16 +40,15 @@ impl Changes<'_> {
 /// # Errors
 /// When a file is missing or refused, a value cannot be set, or the viewpoints and cameras are not those
 /// of the recording.
-pub(super) fn replay_venue<R: Read + Seek>(
+pub(super) fn replay_venue(
     file: &Path,
-    recording: &Recording<R>,
+    recording: &Attached,
     changes: &Changes<'_>,
 ) -> anyhow::Result<(Venue, Option<HeatmapCard>)> {
-    let recorded = recorded(file, recording)?;
     if changes.none() {
-        let card = recorded_card(file, recording, &recorded.venue)?;
-        return Ok((recorded.venue, card));
+        return recorded_venue(file, recording);
     }
+    let recorded = recorded(file, recording)?;
     let text = match changes.venue {
         Some(path) => read(path)?,
         None => translated(&recorded.text, &recorded.path, recorded.layout)?.into_owned(),
@@ -71,6 +69,19 @@ pub(super) fn replay_venue<R: Read + Seek>(
     Ok((venue, card))
 }
 
+/// The venue of the recording `file` as it was, and the card of its network if it has one.
+///
+/// # Errors
+/// When what is attached is missing or refused.
+pub fn recorded_venue(
+    file: &Path,
+    recording: &Attached,
+) -> anyhow::Result<(Venue, Option<HeatmapCard>)> {
+    let venue = recorded(file, recording)?.venue;
+    let card = recorded_card(file, recording, &venue)?;
+    Ok((venue, card))
+}
+
 /// The venue as it was.
 struct Recorded {
     text: String,
@@ -81,7 +92,7 @@ struct Recorded {
     venue: Venue,
 }
 
-fn recorded<R: Read + Seek>(file: &Path, recording: &Recording<R>) -> anyhow::Result<Recorded> {
+fn recorded(file: &Path, recording: &Attached) -> anyhow::Result<Recorded> {
     let attached = |name: &str| {
         let text = recording.file(name);
         text.ok_or_else(|| anyhow!("{}: there is no {name} in the recording", file.display()))
@@ -113,9 +124,9 @@ fn recorded_layout(file: &Path, said: Option<&String>) -> anyhow::Result<u32> {
 }
 
 /// The card that `venue` names, as it was attached.
-fn recorded_card<R: Read + Seek>(
+fn recorded_card(
     file: &Path,
-    recording: &Recording<R>,
+    recording: &Attached,
     venue: &Venue,
 ) -> anyhow::Result<Option<HeatmapCard>> {
     let Some(path) = &venue.network else {
@@ -213,6 +224,7 @@ mod tests {
     use farfield_proto::venue::Parameters;
 
     use super::*;
+    use crate::recording::reader::Recording;
     use crate::recording::writer::{Head, RecordingWriter};
 
     #[test]
@@ -289,7 +301,7 @@ mod tests {
             set: &set,
         };
         let recording = recording(venue, layout);
-        replay_venue(Path::new("hall.mcap"), &recording, &changes).map(|(venue, _)| venue)
+        replay_venue(Path::new("hall.mcap"), recording.attached(), &changes).map(|(venue, _)| venue)
     }
 
     #[test]

@@ -1,0 +1,61 @@
+//! What a recording says of itself: versions and fingerprints, and the files that describe its venue.
+
+use std::collections::BTreeMap;
+
+use mcap::records::{AttachmentHeader, Metadata};
+
+use super::reader::RecordingError;
+use super::{CALIBRATION_FILE, CARD_FILE, FACTS, PROFILE, VENUE_FILE};
+
+/// What a recording says of itself.
+#[derive(Debug, Clone, Default)]
+pub struct Attached {
+    profile: Option<String>,
+    facts: BTreeMap<String, String>,
+    files: BTreeMap<String, Vec<u8>>,
+}
+
+impl Attached {
+    /// Versions, fingerprints, who recorded.
+    pub fn facts(&self) -> &BTreeMap<String, String> {
+        &self.facts
+    }
+
+    /// The attached file `name`, as text.
+    pub fn file(&self, name: &str) -> Option<&str> {
+        std::str::from_utf8(self.files.get(name)?).ok()
+    }
+
+    /// The first header of the file counts.
+    pub(super) fn header(&mut self, profile: String) {
+        self.profile = self.profile.take().or(Some(profile));
+    }
+
+    /// Whether these are the facts, and the first.
+    pub(super) fn metadata(&mut self, record: Metadata) -> bool {
+        let is_first = record.name == FACTS && self.facts.is_empty();
+        if is_first {
+            self.facts = record.metadata;
+        }
+        is_first
+    }
+
+    pub(super) fn attachment(&mut self, header: AttachmentHeader, data: Vec<u8>) {
+        let ours = [VENUE_FILE, CALIBRATION_FILE, CARD_FILE];
+        if ours.contains(&header.name.as_str()) {
+            self.files.entry(header.name).or_insert(data);
+        }
+    }
+
+    /// The same, when the file was gone through.
+    ///
+    /// # Errors
+    /// When it is not a recording of ours, or ends before its head does.
+    pub(super) fn whole(self) -> Result<Self, RecordingError> {
+        match self.profile {
+            Some(profile) if profile != PROFILE => Err(RecordingError::Foreign(profile)),
+            Some(_) if !self.facts.is_empty() => Ok(self),
+            _ => Err(RecordingError::NoHead),
+        }
+    }
+}

@@ -1,0 +1,133 @@
+//! Every message of a recording by when it passed: for who looks at a venue as it was, and solves nothing again.
+//!
+//! What is kept in memory is 32 bytes per message; bytes are read when they are asked for.
+
+use std::collections::BTreeMap;
+use std::io::{Read, Seek};
+use std::ops::Range;
+
+use mcap::records::Record;
+
+use super::attached::Attached;
+use super::framing::{RecordPlace, walk};
+use super::placed::{ChunkNumbers, MessagePosition, PlacedMessages};
+use super::reader::{RecordingError, topics};
+
+/// A message that is not read yet.
+#[derive(Debug, Clone, Copy)]
+struct Entry {
+    at_us: i64,
+    topic: u16,
+    position: MessagePosition,
+}
+
+/// A recording as a row of messages.
+#[derive(Debug)]
+pub struct MessagesInTime<R> {
+    messages: PlacedMessages<R>,
+    attached: Attached,
+    /// Keys of the venue, by the number in entries.
+    topics: Vec<String>,
+    /// By time; of one instant in the order of the file.
+    entries: Vec<Entry>,
+}
+
+impl<R: Read + Seek> MessagesInTime<R> {
+    /// Reads `file` through.
+    ///
+    /// # Errors
+    /// [`RecordingError`] when it is not a recording of ours, or broken otherwise than by an early end.
+    pub fn open(mut file: R) -> Result<Self, RecordingError> {
+        let mut index = Index::default();
+        walk(&mut file, &mut |record, place| index.meet(record, place))?;
+        let attached = index.attached.whole()?;
+        index.entries.sort_by_key(|entry| entry.at_us);
+        Ok(Self {
+            messages: PlacedMessages::new(file, index.chunks),
+            attached,
+            topics: index.topics,
+            entries: index.entries,
+        })
+    }
+
+    /// What it says of itself.
+    pub fn attached(&self) -> &Attached {
+        &self.attached
+    }
+
+    /// When the first and the last message passed, microseconds of Unix time; `None` without any.
+    pub fn span_us(&self) -> Option<[i64; 2]> {
+        Some([self.entries.first()?.at_us, self.entries.last()?.at_us])
+    }
+
+    /// Gives every message of `times_us` to `visit`, in order: its key, its bytes, when it passed.
+    ///
+    /// # Errors
+    /// When the file cannot be read any more; what was given before counts.
+    pub fn read(
+        &mut self,
+        times_us: Range<i64>,
+        visit: &mut dyn FnMut(&str, &[u8], i64),
+    ) -> Result<(), RecordingError> {
+        let place = |at_us| self.entries.partition_point(|entry| entry.at_us < at_us);
+        let (from, to) = (place(times_us.start), place(times_us.end));
+        for entry in self.entries.get(from..to).unwrap_or_default() {
+            let bytes = self.messages.bytes(entry.position)?;
+            if let Some(topic) = self.topics.get(usize::from(entry.topic)) {
+                visit(topic, &bytes, entry.at_us);
+            }
+        }
+        Ok(())
+    }
+}
+
+/// What is gathered on the way through.
+#[derive(Default)]
+struct Index {
+    attached: Attached,
+    /// The keys that the venue of the recording has.
+    known: Vec<String>,
+    topics: Vec<String>,
+    /// By a channel's number, that of its topic.
+    channels: BTreeMap<u16, u16>,
+    chunks: ChunkNumbers,
+    entries: Vec<Entry>,
+}
+
+impl Index {
+    fn meet(&mut self, record: Record<'_>, place: RecordPlace) {
+        match record {
+            Record::Header(header) => self.attached.header(header.profile),
+            Record::Metadata(record) => {
+                if self.attached.metadata(record) {
+                    self.known = topics(self.attached.facts()).into_keys().collect();
+                }
+            }
+            Record::Attachment { header, data, .. } => {
+                self.attached.attachment(header, data.into_owned());
+            }
+            Record::Channel(channel) if self.known.contains(&channel.topic) => {
+                let known = self.topics.iter().position(|topic| *topic == channel.topic);
+                let number = known.unwrap_or_else(|| {
+                    self.topics.push(channel.topic);
+                    self.topics.len() - 1
+                });
+                if let Ok(number) = u16::try_from(number) {
+                    self.channels.insert(channel.id, number);
+                }
+            }
+            Record::Message { header, data } => {
+                if let Some(&topic) = self.channels.get(&header.channel_id)
+                    && let Some(position) = self.chunks.position(place, &data)
+                {
+                    self.entries.push(Entry {
+                        at_us: (header.log_time / 1000).cast_signed(),
+                        topic,
+                        position,
+                    });
+                }
+            }
+            _ => {}
+        }
+    }
+}

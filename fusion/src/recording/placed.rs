@@ -1,0 +1,106 @@
+//! Where messages stand in a recording, and their bytes again.
+//!
+//! Of a file with compressed chunks, one chunk is kept unpacked.
+
+use std::io::{Read, Seek, SeekFrom};
+
+use super::framing::{FramingError, PackedChunk, RecordPlace, unpack};
+use super::reader::RecordingError;
+
+/// See [`MessagePosition::chunk`].
+const NO_CHUNK: u32 = u32::MAX;
+/// Channel, sequence and two times ahead of a message's bytes.
+const MESSAGE_HEAD_BYTES: u64 = 2 + 4 + 8 + 8;
+
+/// Where a recorded message stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) struct MessagePosition {
+    /// Which of the compressed chunks it is in; [`NO_CHUNK`]: it stands in the file as it is.
+    chunk: u32,
+    /// Its first byte: of the file, or of the chunk's unpacked records.
+    pub(super) at: u64,
+    len: u32,
+}
+
+/// The compressed chunks of a file, numbered while it is gone through.
+#[derive(Debug, Default)]
+pub(super) struct ChunkNumbers(Vec<PackedChunk>);
+
+impl ChunkNumbers {
+    /// Where the bytes of a message are whose record stands at `place`, which is in the last chunk; `None` where no file
+    /// has so long a message.
+    pub(super) fn position(&mut self, place: RecordPlace, data: &[u8]) -> Option<MessagePosition> {
+        Some(MessagePosition {
+            chunk: self.number(place.chunk),
+            at: place.at + MESSAGE_HEAD_BYTES,
+            len: u32::try_from(data.len()).ok()?,
+        })
+    }
+
+    fn number(&mut self, chunk: Option<PackedChunk>) -> u32 {
+        let Some(chunk) = chunk else {
+            return NO_CHUNK;
+        };
+        if self.0.last() != Some(&chunk) {
+            self.0.push(chunk);
+        }
+        self.0.len() as u32 - 1
+    }
+}
+
+/// A file whose messages are read by where they stand.
+#[derive(Debug)]
+pub(super) struct PlacedMessages<R> {
+    file: R,
+    chunks: Vec<PackedChunk>,
+    /// The compressed chunk that was read last, and its records.
+    unpacked: Option<(u32, Vec<u8>)>,
+}
+
+impl<R: Read + Seek> PlacedMessages<R> {
+    pub(super) fn new(file: R, chunks: ChunkNumbers) -> Self {
+        Self {
+            file,
+            chunks: chunks.0,
+            unpacked: None,
+        }
+    }
+
+    /// The bytes of a message.
+    ///
+    /// # Errors
+    /// When the file cannot be read any more.
+    pub(super) fn bytes(&mut self, position: MessagePosition) -> Result<Vec<u8>, RecordingError> {
+        if position.chunk == NO_CHUNK {
+            return self.file_bytes(position.at, u64::from(position.len));
+        }
+        let kept = self.unpacked.take().filter(|(n, _)| *n == position.chunk);
+        let records = match kept {
+            Some((_, records)) => records,
+            None => self.unpack(position)?,
+        };
+        let bytes = usize::try_from(position.at).ok().and_then(|at| {
+            let until = at.checked_add(position.len as usize)?;
+            records.get(at..until).map(<[u8]>::to_vec)
+        });
+        self.unpacked = Some((position.chunk, records));
+        bytes.ok_or(RecordingError::Changed(position.at))
+    }
+
+    /// The records of the compressed chunk that `position` is in.
+    fn unpack(&mut self, position: MessagePosition) -> Result<Vec<u8>, RecordingError> {
+        let chunk = self.chunks.get(position.chunk as usize).copied();
+        let chunk = chunk.ok_or(RecordingError::Changed(position.at))?;
+        let body = self.file_bytes(chunk.at, chunk.len)?;
+        Ok(unpack(&body, chunk.at)?)
+    }
+
+    fn file_bytes(&mut self, at: u64, len: u64) -> Result<Vec<u8>, RecordingError> {
+        let mut bytes = vec![0; len as usize];
+        self.file
+            .seek(SeekFrom::Start(at))
+            .and_then(|_| self.file.read_exact(&mut bytes))
+            .map_err(FramingError::Io)?;
+        Ok(bytes)
+    }
+}
