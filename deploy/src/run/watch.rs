@@ -107,6 +107,9 @@ impl RunWatch<'_> {
                 self.endpoint = endpoint.context("fusion listens nowhere")?;
                 self.start_edges()?;
             }
+            NodeEvent::Report(Report::Said(lines)) => {
+                lines.iter().for_each(|line| say(format_args!("{line}")));
+            }
             NodeEvent::Report(Report::Started { .. }) => self.started = true,
             NodeEvent::Report(Report::Tick(tick)) => {
                 self.last = Some(tick.tick);

@@ -3,6 +3,7 @@
 //! Fusion knows neither pages nor streams. The command around it does, and hands in what opens them: before the first
 //! message, by what is known of the run. Each listener is a [`Wiretap`]: it gets copies, and nobody waits for it.
 
+use std::pin::Pin;
 use std::sync::Arc;
 
 use farfield_node::process::NodeError;
@@ -25,13 +26,22 @@ pub struct RunAtItsStart<'a> {
     pub identity: Option<&'a Identity>,
 }
 
+/// Whoever listens, opened.
+#[derive(Default)]
+pub struct Listeners {
+    /// Who gets the copies; let go of when the run is over.
+    pub wiretaps: Vec<Arc<dyn Wiretap>>,
+    /// What the operator is told of them, a line each: where they can be reached.
+    pub said: Vec<String>,
+}
+
+/// The listeners of a run, or what cannot be opened: the run does not begin then.
+pub type Opening<'a> = Pin<Box<dyn Future<Output = Result<Listeners, NodeError>> + Send + 'a>>;
+
 /// Opens the listeners of a run. Called once, on the runtime of the node, after everything that can be refused was.
 pub trait OpenListeners: Send {
-    /// The listeners, which are let go of when the run is over.
-    ///
-    /// # Errors
-    /// What cannot be opened; the run does not begin then.
-    fn open(self: Box<Self>, run: RunAtItsStart<'_>) -> Result<Vec<Arc<dyn Wiretap>>, NodeError>;
+    /// Opens them.
+    fn open<'a>(self: Box<Self>, run: RunAtItsStart<'a>) -> Opening<'a>;
 }
 
 /// Nobody else listens.
@@ -39,7 +49,7 @@ pub trait OpenListeners: Send {
 pub struct NoListeners;
 
 impl OpenListeners for NoListeners {
-    fn open(self: Box<Self>, _: RunAtItsStart<'_>) -> Result<Vec<Arc<dyn Wiretap>>, NodeError> {
-        Ok(Vec::new())
+    fn open<'a>(self: Box<Self>, _: RunAtItsStart<'a>) -> Opening<'a> {
+        Box::pin(async { Ok(Listeners::default()) })
     }
 }

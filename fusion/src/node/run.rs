@@ -30,7 +30,7 @@ use super::session::interceptor::{Interceptor, Senders};
 use super::session::link::FusionSession;
 use super::session::mode::RunMode;
 use super::session::other_fusion::{OtherFusionWatch, Place};
-use super::session::wiretap::WiretapHandle;
+use super::session::wiretap::{Wiretap, WiretapHandle};
 use crate::pipeline::Pipeline;
 
 /// How long the tasks may take to end.
@@ -76,11 +76,8 @@ async fn run(
     listeners: Box<dyn OpenListeners>,
 ) -> Result<Ending, NodeError> {
     // `stop` asks the run to end; `leave` ends the tasks that carry messages, once all is said.
-    let (tasks, stop, leave) = (
-        TaskTracker::new(),
-        CancellationToken::new(),
-        CancellationToken::new(),
-    );
+    let tasks = TaskTracker::new();
+    let (stop, leave) = (CancellationToken::new(), CancellationToken::new());
     stop_when_told(&tasks, &stop, config.managed)
         .context("listening for signals")
         .map_err(NodeError::Failed)?;
@@ -101,7 +98,8 @@ async fn run(
     ));
     reporter.listening(link.locators().await);
     let recording = record(config, session, &pipeline).map_err(NodeError::Failed)?;
-    let wiretap = open_wiretaps(config, &pipeline, (recording.as_ref(), listeners))?;
+    let recorder = recording.as_ref().map(RecordingThread::wiretap);
+    let wiretap = open_wiretaps(config, &pipeline, (recorder, listeners), &reporter).await?;
     let interceptor = Interceptor::new(&config.venue, senders, wiretap);
     let mut summary = SummaryFile::in_folder(claim.folder());
     let mut ends = link.spawn(&tasks, &leave, &interceptor);
@@ -151,20 +149,24 @@ async fn run(
     outcome
 }
 
-/// The recording, and whoever else listens.
-fn open_wiretaps(
+/// The recorder, and whoever else listens.
+async fn open_wiretaps(
     config: &FusionConfig,
     pipeline: &Pipeline,
-    (recording, listeners): (Option<&RecordingThread>, Box<dyn OpenListeners>),
+    (recorder, listeners): (Option<Arc<dyn Wiretap>>, Box<dyn OpenListeners>),
+    reporter: &Reporter,
 ) -> Result<WiretapHandle, NodeError> {
-    let listeners = listeners.open(RunAtItsStart {
+    let run = RunAtItsStart {
         venue: &config.venue,
         keypoints: pipeline.keypoints(),
         is_live: config.mode == RunMode::Live,
         identity: config.reach.identity.as_ref(),
-    })?;
-    let recorder = recording.map(RecordingThread::wiretap);
-    Ok(WiretapHandle::new(recorder.into_iter().chain(listeners)))
+    };
+    let opened = listeners.open(run).await?;
+    reporter.said(&opened.said);
+    Ok(WiretapHandle::new(
+        recorder.into_iter().chain(opened.wiretaps),
+    ))
 }
 
 /// Finishes the recording, and then the summary, which says what it has come to.

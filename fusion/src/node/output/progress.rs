@@ -16,6 +16,8 @@ use serde::{Deserialize, Serialize};
 pub enum Report {
     /// The node listens here.
     Listening(Vec<String>),
+    /// What the operator is to be told, a line each.
+    Said(Vec<String>),
     /// All nodes are ready; the run goes over these ticks.
     Started {
         /// The first tick.
@@ -105,6 +107,15 @@ impl Reporter {
         match self.managed {
             Managed::Yes => send(&Report::Listening(endpoints)),
             Managed::No => say(format_args!("fusion listens on {}", endpoints.join(", "))),
+        }
+    }
+
+    /// Lines for the operator.
+    pub(in crate::node) fn said(&self, lines: &[String]) {
+        match self.managed {
+            Managed::Yes if lines.is_empty() => {}
+            Managed::Yes => send(&Report::Said(lines.to_owned())),
+            Managed::No => lines.iter().for_each(|line| say(format_args!("{line}"))),
         }
     }
 
