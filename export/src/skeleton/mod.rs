@@ -17,8 +17,7 @@ mod rig;
 
 pub use angles::{Angles, angles_of, pose_of, zxy, zxy_rotation};
 pub use bones::{Bone, N_BONES};
-pub use motion::Motion;
-pub(crate) use motion::links_of;
+pub use motion::{Motion, links_of};
 pub use names::BoneNames;
 pub use rig::{Offsets, RestPose, Rig};
 

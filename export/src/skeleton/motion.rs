@@ -18,7 +18,7 @@ pub struct Motion {
 }
 
 /// A body whose links are turned as `angles` say, at the pelvis that they say. Its joints are those of an average body.
-pub(crate) fn links_of(angles: &Angles) -> Kinematics {
+pub fn links_of(angles: &Angles) -> Kinematics {
     let mut body = Kinematics::default();
     // Rotations do not depend on lengths.
     Skeleton::new(&Proportions::from_stature(1.75)).forward(&pose_of(angles), &mut body);
