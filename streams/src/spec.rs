@@ -1,0 +1,302 @@
+//! Which stream goes where, as it is asked for: `qtm`, `vmc=127.0.0.1:39539`, `psn=236.10.10.10@192.168.1.7`.
+
+use std::fmt;
+use std::net::{IpAddr, Ipv4Addr, SocketAddr};
+use std::str::FromStr;
+
+use thiserror::Error;
+
+/// Ports that the stream of avatars may take from its first: one per person.
+pub const VMC_PORTS: u16 = 16;
+
+/// A protocol.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum StreamKind {
+    /// The real-time protocol of Qualisys Track Manager; a TCP server.
+    Qtm,
+    /// The Virtual Motion Capture protocol, OSC over UDP; sends to one port per person.
+    Vmc,
+    /// JSON over WebSocket; a TCP server.
+    WebSocket,
+    /// PosiStageNet over UDP multicast, or to one receiver.
+    Psn,
+}
+
+impl StreamKind {
+    /// Every protocol with its name.
+    pub const ALL: [(&'static str, Self); 4] = [
+        ("qtm", Self::Qtm),
+        ("vmc", Self::Vmc),
+        ("websocket", Self::WebSocket),
+        ("psn", Self::Psn),
+    ];
+
+    /// Its name.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Qtm => "qtm",
+            Self::Vmc => "vmc",
+            Self::WebSocket => "websocket",
+            Self::Psn => "psn",
+        }
+    }
+
+    /// Where it goes unless it is said. PosiStageNet's is a multicast group, sent to the loopback alone.
+    pub const fn default_address(self) -> SocketAddr {
+        let (ip, port) = match self {
+            Self::Qtm => (Ipv4Addr::LOCALHOST, 22223),
+            Self::Vmc => (Ipv4Addr::LOCALHOST, 39539),
+            Self::WebSocket => (Ipv4Addr::LOCALHOST, 8765),
+            Self::Psn => (Ipv4Addr::new(236, 10, 10, 10), 56565),
+        };
+        SocketAddr::new(IpAddr::V4(ip), port)
+    }
+
+    /// Whether it waits for clients at its address; the others send to it.
+    pub const fn is_server(self) -> bool {
+        matches!(self, Self::Qtm | Self::WebSocket)
+    }
+}
+
+/// A stream as it is asked for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct StreamSpec {
+    /// The protocol.
+    pub kind: StreamKind,
+    /// Where a server listens, or where a sender sends to.
+    pub address: SocketAddr,
+    /// The address of this machine by which multicast is sent; `None` leaves it to the system's routes.
+    pub interface: Option<Ipv4Addr>,
+}
+
+/// What is wrong with the text of a stream.
+#[derive(Debug, Clone, PartialEq, Eq, Error)]
+pub enum SpecError {
+    /// No protocol of that name.
+    #[error(
+        "stream `{found}`: found no stream of that name, expected one of qtm, vmc, websocket, psn"
+    )]
+    UnknownName {
+        /// The name.
+        found: String,
+    },
+    /// Not an address.
+    #[error(
+        "stream `{stream}`: found the address `{found}`, expected IP:PORT or IP, as {expected}"
+    )]
+    NoAddress {
+        /// The protocol's name.
+        stream: &'static str,
+        /// What stands for the address.
+        found: String,
+        /// The default one.
+        expected: SocketAddr,
+    },
+    /// `@` where it means nothing, or not an address behind it.
+    #[error(
+        "stream `{stream}`: found `@{found}`, expected the IPv4 address of one of this machine's interfaces, behind a multicast address of psn"
+    )]
+    NoInterface {
+        /// The protocol's name.
+        stream: &'static str,
+        /// What stands behind `@`.
+        found: String,
+    },
+    /// A port that cannot be sent to.
+    #[error("stream `{stream}`: found port {found}, expected {expected}")]
+    NoPort {
+        /// The protocol's name.
+        stream: &'static str,
+        /// The port.
+        found: u16,
+        /// Which ports are good.
+        expected: &'static str,
+    },
+}
+
+impl StreamSpec {
+    /// The stream of that protocol where it goes by default: nowhere but this machine.
+    pub const fn new(kind: StreamKind) -> Self {
+        Self {
+            kind,
+            address: kind.default_address(),
+            interface: match kind {
+                StreamKind::Psn => Some(Ipv4Addr::LOCALHOST),
+                _ => None,
+            },
+        }
+    }
+
+    /// Whether others than this machine can receive it. None of these protocols knows keys or passwords: who can reach the
+    /// address, or the network that is sent to, sees where everybody is.
+    pub fn leaves_this_machine(&self) -> bool {
+        match self.interface {
+            Some(interface) if self.address.ip().is_multicast() => !interface.is_loopback(),
+            _ => !self.address.ip().is_loopback(),
+        }
+    }
+
+    fn checked(self) -> Result<Self, SpecError> {
+        let refused = |expected| {
+            Err(SpecError::NoPort {
+                stream: self.kind.name(),
+                found: self.address.port(),
+                expected,
+            })
+        };
+        match (self.kind, self.address.port()) {
+            (StreamKind::Psn, 0) => refused("1 to 65535"),
+            (StreamKind::Vmc, port) if port == 0 || port > u16::MAX - (VMC_PORTS - 1) => {
+                refused("1 to 65520: each person has a port, the first this one")
+            }
+            _ => Ok(self),
+        }
+    }
+}
+
+impl FromStr for StreamSpec {
+    type Err = SpecError;
+
+    fn from_str(text: &str) -> Result<Self, SpecError> {
+        let (name, address) = match text.split_once('=') {
+            Some((name, address)) => (name, Some(address)),
+            None => (text, None),
+        };
+        let kind = StreamKind::ALL.iter().find(|(known, _)| *known == name);
+        let Some(&(stream, kind)) = kind else {
+            return Err(SpecError::UnknownName {
+                found: name.to_owned(),
+            });
+        };
+        let Some(given) = address else {
+            return Ok(Self::new(kind));
+        };
+        let (address, interface) = match given.split_once('@') {
+            Some((address, interface)) => (address, Some(interface)),
+            None => (given, None),
+        };
+        let default = kind.default_address();
+        let parsed = address.parse::<SocketAddr>().or_else(|_| {
+            let ip = address.trim_start_matches('[').trim_end_matches(']');
+            ip.parse::<IpAddr>()
+                .map(|ip| SocketAddr::new(ip, default.port()))
+        });
+        let address = parsed.map_err(|_| SpecError::NoAddress {
+            stream,
+            found: address.to_owned(),
+            expected: default,
+        })?;
+        let interface = interface
+            .map(|text| match text.parse::<Ipv4Addr>() {
+                Ok(ip) if kind == StreamKind::Psn && address.ip().is_multicast() => Ok(ip),
+                _ => Err(SpecError::NoInterface {
+                    stream,
+                    found: text.to_owned(),
+                }),
+            })
+            .transpose()?;
+        Self {
+            kind,
+            address,
+            interface,
+        }
+        .checked()
+    }
+}
+
+impl fmt::Display for StreamSpec {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}={}", self.kind.name(), self.address)?;
+        match self.interface {
+            Some(interface) => write!(f, "@{interface}"),
+            None => Ok(()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn read(text: &str) -> Result<StreamSpec, String> {
+        text.parse().map_err(|e: SpecError| e.to_string())
+    }
+
+    #[test]
+    fn by_default_nothing_leaves_this_machine() {
+        for (name, kind) in StreamKind::ALL {
+            let spec = read(name).unwrap();
+            assert_eq!(spec, StreamSpec::new(kind));
+            assert!(!spec.leaves_this_machine(), "{name}");
+        }
+    }
+
+    #[test]
+    fn an_address_beyond_the_loopback_is_taken_as_given_and_flagged() {
+        for text in [
+            "qtm=0.0.0.0:22223",
+            "qtm=[::]:22223",
+            "vmc=192.168.1.7",
+            "psn=236.10.10.10",
+            "psn=236.10.10.10:56565@192.168.1.7",
+            "websocket=10.0.0.1:80",
+        ] {
+            assert!(read(text).unwrap().leaves_this_machine(), "{text}");
+        }
+        for text in ["qtm=[::1]:1", "qtm=::1", "vmc=127.0.0.2:9", "psn=127.0.0.1"] {
+            assert!(!read(text).unwrap().leaves_this_machine(), "{text}");
+        }
+    }
+
+    #[test]
+    fn a_port_is_the_protocols_unless_it_is_given() {
+        assert_eq!(read("qtm=10.1.2.3").unwrap().address.port(), 22223);
+        assert_eq!(read("qtm=10.1.2.3:5").unwrap().address.port(), 5);
+    }
+
+    #[test]
+    fn errors_name_what_was_found_and_what_is_expected() {
+        let errors = [
+            (
+                "qmt",
+                "stream `qmt`: found no stream of that name, expected one of qtm, vmc, websocket, psn",
+            ),
+            (
+                "qtm=here",
+                "stream `qtm`: found the address `here`, expected IP:PORT or IP, as 127.0.0.1:22223",
+            ),
+            (
+                "vmc=127.0.0.1:65530",
+                "stream `vmc`: found port 65530, expected 1 to 65520: each person has a port, the first this one",
+            ),
+            (
+                "psn=127.0.0.1:0",
+                "stream `psn`: found port 0, expected 1 to 65535",
+            ),
+            (
+                "qtm=127.0.0.1@10.0.0.1",
+                "stream `qtm`: found `@10.0.0.1`, expected the IPv4 address of one of this machine's interfaces, behind a multicast address of psn",
+            ),
+        ];
+        for (text, message) in errors {
+            assert_eq!(read(text).unwrap_err(), message);
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn what_is_printed_is_read_again(ip in any::<u32>(), port in 1u16..65520, kind in 0usize..4) {
+            let address = SocketAddr::new(IpAddr::V4(ip.into()), port);
+            let spec = StreamSpec { kind: StreamKind::ALL[kind].1, address, interface: None };
+            prop_assert_eq!(spec.to_string().parse(), Ok(spec));
+        }
+
+        #[test]
+        fn no_text_panics(text in ".*") {
+            let read = text.parse::<StreamSpec>();
+            prop_assert!(read.is_ok() || read.is_err());
+        }
+    }
+}
