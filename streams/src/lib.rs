@@ -1,17 +1,32 @@
 //! Poses as live streams in the protocols that other programs speak.
 //!
+//! [`Streams`] is the whole of it: started with a list of [`StreamSpec`], given a tick's poses at a time, asked for a
+//! [`StreamReport`], stopped. Fusion's shell gives it what it publishes and never waits for it: between the two is a slot
+//! that holds the newest tick, and every stream, and every client of one, is a task that reads it when it can. Who is slow
+//! skips ticks, which is counted; who hangs is left after ten seconds, and harms nobody meanwhile.
+//!
 //! | module | what |
 //! | --- | --- |
 //! | [`frame`] | what all streams draw from: a tick's persons, the export skeleton's pose, the roster |
 //! | [`qtm`] | the real-time protocol of Qualisys Track Manager: TCP, XML, components |
+//! | [`vmc`] | Virtual Motion Capture: OSC over UDP, one person per port |
+//! | [`websocket`] | JSON for everybody else |
+//! | [`psn`] | PosiStageNet: where people are, for lighting desks |
 //!
 //! Encoders are pure: a frame in, bytes out. None of these protocols knows keys: streams keep to the loopback unless an
 //! address says otherwise ([`StreamSpec::leaves_this_machine`]).
 
 pub mod frame;
+pub mod psn;
 pub mod qtm;
+mod server;
+mod slot;
 mod spec;
+mod streams;
 pub mod synthetic;
+pub mod vmc;
+pub mod websocket;
 
 pub use frame::{Frame, FrameMaker, PersonFrame, Roster, RosterEntry, VenueFacts};
 pub use spec::{SpecError, StreamKind, StreamSpec, VMC_PORTS};
+pub use streams::{StreamError, StreamReport, Streams};

@@ -15,12 +15,14 @@
 mod command;
 mod components;
 mod parameters;
+mod server;
 mod session;
 mod wire;
 
 pub use command::{Command, Component, Components, Rate, Topic};
 pub use components::data_packet;
 pub use parameters::parameters;
+pub(crate) use server::serve;
 pub use session::{Answer, Layout, Session};
 pub use wire::{Incoming, Packet, PacketKind, TooLong};
 

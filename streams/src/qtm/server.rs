@@ -1,0 +1,127 @@
+//! The server: a task that takes connections, and one per client.
+
+use std::io;
+use std::net::SocketAddr;
+use std::sync::Arc;
+
+use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
+use tokio::net::{TcpListener, TcpStream, UdpSocket};
+
+use super::session::Session;
+use super::wire::Incoming;
+use crate::server::{BREATH, MAX_CLIENTS, listen, write};
+use crate::slot::Feed;
+use crate::streams::Shell;
+
+/// Bytes read from a client at once.
+const READ: usize = 4096;
+
+/// Serves clients at `address`; says where, as the port may have been left open.
+pub(crate) async fn serve(address: SocketAddr, shell: Shell) -> io::Result<SocketAddr> {
+    let listener = listen(address)?;
+    let bound = listener.local_addr()?;
+    // Bound where the clients connect to: datagrams come from the address that they know.
+    let udp = UdpSocket::bind(SocketAddr::new(bound.ip(), 0)).await?;
+    let udp = Arc::new(udp);
+    let clients = shell.clone();
+    shell.spawn(async move { accept(listener, udp, clients).await });
+    Ok(bound)
+}
+
+async fn accept(listener: TcpListener, udp: Arc<UdpSocket>, shell: Shell) {
+    loop {
+        let (mut socket, peer) = match listener.accept().await {
+            Ok(taken) => taken,
+            Err(error) => {
+                shell.counters.failed(format!("taking a client: {error}"));
+                tokio::time::sleep(BREATH).await;
+                continue;
+            }
+        };
+        let Some(guard) = shell.counters.client(MAX_CLIENTS) else {
+            let why = format!("client {peer}: refused, {MAX_CLIENTS} are there");
+            shell.counters.failed(why);
+            // Fits into the empty buffer of a new connection, or is not said.
+            drop(socket.try_write(&Session::refusal("Too many clients")));
+            drop(socket.shutdown().await);
+            continue;
+        };
+        let (client, udp) = (shell.clone(), Arc::clone(&udp));
+        shell.spawn_to_its_end(async move {
+            let mut feed = client.feed.clone();
+            let served = serve_client(socket, peer, &udp, &client, &mut feed).await;
+            if let Err(error) = served {
+                feed.miss();
+                client.counters.failed(format!("client {peer}: {error}"));
+            }
+            drop(guard);
+        });
+    }
+}
+
+/// Until the client leaves, does what cannot be understood, or takes nothing for too long.
+async fn serve_client(
+    mut socket: TcpStream,
+    peer: SocketAddr,
+    udp: &UdpSocket,
+    shell: &Shell,
+    feed: &mut Feed,
+) -> io::Result<()> {
+    socket.set_nodelay(true)?;
+    let stop = &shell.stop;
+    let (mut reader, mut writer) = socket.split();
+    let (mut session, mut incoming) = (Session::new(peer.ip()), Incoming::default());
+    let mut bytes = [0; READ];
+    feed.catch_up();
+    write(&mut writer, &Session::welcome(), stop).await?;
+    loop {
+        tokio::select! {
+            biased;
+            () = stop.cancelled() => {
+                // A client that hangs does not hear it.
+                let said = writer.try_write(&Session::goodbye());
+                drop(said);
+                return Ok(());
+            }
+            read = reader.read(&mut bytes) => {
+                let n = match read {
+                    Ok(0) => return Ok(()),
+                    Ok(n) => n,
+                    Err(error) if error.kind() == io::ErrorKind::ConnectionReset => return Ok(()),
+                    Err(error) => return Err(error),
+                };
+                incoming.push(bytes.get(..n).unwrap_or_default());
+                loop {
+                    let asked = match incoming.take() {
+                        Ok(Some(asked)) => asked,
+                        Ok(None) => break,
+                        Err(too_long) => {
+                            write(&mut writer, &Session::refusal("Parse error"), stop).await?;
+                            return Err(io::Error::new(io::ErrorKind::InvalidData, too_long));
+                        }
+                    };
+                    let was_streaming = session.is_streaming();
+                    let answer = session.answer(&asked, feed.newest().as_ref());
+                    if !was_streaming {
+                        feed.catch_up();
+                    }
+                    write(&mut writer, &answer.bytes, stop).await?;
+                    if answer.closes {
+                        return Ok(());
+                    }
+                }
+            }
+            frame = feed.next() => {
+                let Some(frame) = frame else { return Ok(()) };
+                let (tcp, datagram) = session.frame(&frame);
+                let is_data = !tcp.is_empty() && session.is_streaming() || datagram.is_some();
+                write(&mut writer, &tcp, stop).await?;
+                match datagram.map(|(to, data)| udp.try_send_to(&data, to)) {
+                    None | Some(Ok(_)) if is_data => shell.counters.sent(),
+                    None | Some(Ok(_)) => {}
+                    Some(Err(error)) => shell.counters.failed(format!("datagram to {peer}: {error}")),
+                }
+            }
+        }
+    }
+}

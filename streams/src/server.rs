@@ -1,0 +1,50 @@
+//! What both TCP servers share: how they listen, how they write to a client that may hang.
+
+use std::io;
+use std::net::SocketAddr;
+use std::time::Duration;
+
+use tokio::io::{AsyncWrite, AsyncWriteExt as _};
+use tokio::net::{TcpListener, TcpSocket};
+use tokio::time::timeout;
+use tokio_util::sync::CancellationToken;
+
+/// Most clients of one stream.
+pub(crate) const MAX_CLIENTS: usize = 16;
+/// Who takes nothing for so long is left.
+pub(crate) const STALL: Duration = Duration::from_secs(10);
+/// What the system may hold back for one client, bytes (Linux doubles it): some frames, so that a slow client gets new
+/// ones and not those of seconds ago.
+const SEND_BUFFER: u32 = 64 * 1024;
+/// Connections that wait to be taken.
+const BACKLOG: u32 = 16;
+/// How long to wait when no connection can be taken, as when there are too many open files.
+pub(crate) const BREATH: Duration = Duration::from_millis(100);
+
+/// Listens at `address`.
+pub(crate) fn listen(address: SocketAddr) -> io::Result<TcpListener> {
+    let socket = match address {
+        SocketAddr::V4(_) => TcpSocket::new_v4()?,
+        SocketAddr::V6(_) => TcpSocket::new_v6()?,
+    };
+    // So that a stream can start again at once; not so that two can share a port.
+    socket.set_reuseaddr(true)?;
+    socket.set_send_buffer_size(SEND_BUFFER)?;
+    socket.bind(address)?;
+    socket.listen(BACKLOG)
+}
+
+/// Writes all bytes, unless the client takes none for [`STALL`] or the streams stop.
+pub(crate) async fn write(
+    to: &mut (impl AsyncWrite + Unpin),
+    bytes: &[u8],
+    stop: &CancellationToken,
+) -> io::Result<()> {
+    tokio::select! {
+        biased;
+        () = stop.cancelled() => Err(io::ErrorKind::Interrupted.into()),
+        written = timeout(STALL, to.write_all(bytes)) => written.unwrap_or_else(|_| {
+            Err(io::Error::new(io::ErrorKind::TimedOut, "took nothing for ten seconds"))
+        }),
+    }
+}

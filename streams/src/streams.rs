@@ -1,0 +1,233 @@
+//! All streams of a run: started together, given a tick at a time, stopped together.
+
+use std::io;
+use std::net::SocketAddr;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
+
+use farfield_proto::message::PoseSet;
+use thiserror::Error;
+use tokio::sync::watch;
+use tokio_util::sync::CancellationToken;
+use tokio_util::task::TaskTracker;
+
+use crate::frame::{Frame, FrameMaker, VenueFacts};
+use crate::slot::{Counters, Feed, Slot};
+use crate::spec::{StreamKind, StreamSpec};
+use crate::{psn, qtm, vmc, websocket};
+
+/// How long streams may take to say goodbye to their clients.
+const GRACE: Duration = Duration::from_secs(2);
+
+/// Why streams cannot start.
+#[derive(Debug, Error)]
+pub enum StreamError {
+    /// The address cannot be had.
+    #[error("stream `{spec}`: {problem}: {source}")]
+    Open {
+        /// The stream.
+        spec: StreamSpec,
+        /// What was tried.
+        problem: &'static str,
+        /// What the system says.
+        source: io::Error,
+    },
+    /// Two streams of one protocol at one address.
+    #[error("stream `{0}`: found twice, expected once")]
+    Twice(StreamSpec),
+}
+
+/// How a stream does.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct StreamReport {
+    /// What was asked for.
+    pub spec: StreamSpec,
+    /// Where a server listens (the port that it got, where port 0 was asked for), or where a sender sends to.
+    pub address: SocketAddr,
+    /// Connected clients; of the stream of avatars, ports that are sent to; of PosiStageNet always 1.
+    pub clients: usize,
+    /// Frames that were sent, over all clients.
+    pub sent: u64,
+    /// Frames that clients did not get because they, or this machine, were too slow, over all clients.
+    pub skipped: u64,
+    /// What went wrong and was gone on without: refused or lost clients, datagrams that could not be sent.
+    pub failed: u64,
+    /// The last of these.
+    pub last_error: Option<String>,
+}
+
+/// What a stream's tasks share.
+#[derive(Debug, Clone)]
+pub(crate) struct Shell {
+    pub(crate) tasks: TaskTracker,
+    pub(crate) stop: CancellationToken,
+    pub(crate) counters: Arc<Counters>,
+    /// Not read by its owner: every task takes its own.
+    pub(crate) feed: Feed,
+}
+
+impl Shell {
+    /// Runs a task until it ends or the streams stop.
+    pub(crate) fn spawn(&self, task: impl Future<Output = ()> + Send + 'static) {
+        let stop = self.stop.clone();
+        self.tasks.spawn(async move {
+            tokio::select! {
+                biased;
+                () = stop.cancelled() => {}
+                () = task => {}
+            }
+        });
+    }
+
+    /// Runs a task that ends by itself when the streams stop.
+    pub(crate) fn spawn_to_its_end(&self, task: impl Future<Output = ()> + Send + 'static) {
+        self.tasks.spawn(task);
+    }
+}
+
+#[derive(Debug)]
+struct Running {
+    spec: StreamSpec,
+    address: SocketAddr,
+    counters: Arc<Counters>,
+}
+
+/// Running streams. Dropping it stops them too, without goodbyes.
+#[derive(Debug)]
+pub struct Streams {
+    running: Vec<Running>,
+    poses: watch::Sender<Option<Arc<PoseSet>>>,
+    slot: Arc<Slot>,
+    unreadable: Arc<AtomicU64>,
+    tasks: TaskTracker,
+    stop: CancellationToken,
+}
+
+impl Streams {
+    /// Opens all streams. Must be called inside a tokio runtime with I/O and time; the streams' tasks run there.
+    ///
+    /// # Errors
+    /// The first stream whose address cannot be had; nothing runs then.
+    pub async fn start(specs: &[StreamSpec], facts: VenueFacts) -> Result<Self, StreamError> {
+        for (i, spec) in specs.iter().enumerate() {
+            // Port 0 is another one each time.
+            let is_same = |other: &StreamSpec| {
+                other.kind == spec.kind && other.address == spec.address && spec.address.port() != 0
+            };
+            if specs.iter().take(i).any(is_same) {
+                return Err(StreamError::Twice(*spec));
+            }
+        }
+        let mut streams = Self {
+            running: Vec::new(),
+            poses: watch::Sender::new(None),
+            slot: Arc::new(Slot::new()),
+            unreadable: Arc::default(),
+            tasks: TaskTracker::new(),
+            stop: CancellationToken::new(),
+        };
+        for spec in specs {
+            streams.open(*spec).await?;
+        }
+        streams.make_frames(FrameMaker::new(facts));
+        Ok(streams)
+    }
+
+    async fn open(&mut self, spec: StreamSpec) -> Result<(), StreamError> {
+        let counters = Arc::new(Counters::default());
+        let shell = Shell {
+            tasks: self.tasks.clone(),
+            stop: self.stop.clone(),
+            feed: self.slot.feed(&counters),
+            counters: Arc::clone(&counters),
+        };
+        let opened = match spec.kind {
+            StreamKind::Qtm => qtm::serve(spec.address, shell).await,
+            StreamKind::Vmc => vmc::send(spec.address, shell).await,
+            StreamKind::WebSocket => websocket::serve(spec.address, &shell),
+            StreamKind::Psn => psn::send(spec.address, spec.interface, &shell),
+        };
+        let address = opened.map_err(|source| StreamError::Open {
+            spec,
+            problem: if spec.kind.is_server() {
+                "cannot listen there"
+            } else {
+                "cannot send there"
+            },
+            source,
+        })?;
+        self.running.push(Running {
+            spec,
+            address,
+            counters,
+        });
+        Ok(())
+    }
+
+    /// Makes frames of the newest poses, away from who publishes them.
+    fn make_frames(&self, mut maker: FrameMaker) {
+        let (mut poses, slot) = (self.poses.subscribe(), Arc::clone(&self.slot));
+        let (stop, unreadable) = (self.stop.clone(), Arc::clone(&self.unreadable));
+        self.tasks.spawn(async move {
+            loop {
+                tokio::select! {
+                    biased;
+                    () = stop.cancelled() => break,
+                    changed = poses.changed() => if changed.is_err() { break },
+                }
+                let newest = poses.borrow_and_update().clone();
+                if let Some(newest) = newest {
+                    slot.put(Arc::new(maker.frame(&newest)));
+                    unreadable.store(maker.unreadable(), Ordering::Relaxed);
+                }
+            }
+        });
+    }
+
+    /// Streams these poses. Never waits: poses that the streams have not come to yet are replaced.
+    pub fn poses(&self, poses: impl Into<Arc<PoseSet>>) {
+        self.poses.send_replace(Some(poses.into()));
+    }
+
+    /// Streams a frame that was made elsewhere. Never waits.
+    pub fn tick(&self, frame: Arc<Frame>) {
+        self.slot.put(frame);
+    }
+
+    /// How every stream does, in the order in which they were asked for.
+    pub fn report(&self) -> Vec<StreamReport> {
+        let report = |stream: &Running| {
+            let counted = stream.counters.read();
+            StreamReport {
+                spec: stream.spec,
+                address: stream.address,
+                clients: counted.clients,
+                sent: counted.sent,
+                skipped: counted.skipped,
+                failed: counted.failed,
+                last_error: counted.last_error,
+            }
+        };
+        self.running.iter().map(report).collect()
+    }
+
+    /// Poses that had not the numbers of the body model, and were not streamed.
+    pub fn unreadable_poses(&self) -> u64 {
+        self.unreadable.load(Ordering::Relaxed)
+    }
+
+    /// Says goodbye to clients and stops all tasks, within two seconds.
+    pub async fn stop(self) {
+        self.stop.cancel();
+        self.tasks.close();
+        // Who is not done by then is left: every task ends at its next await, or with its own limit of time.
+        drop(tokio::time::timeout(GRACE, self.tasks.wait()).await);
+    }
+}
+
+impl Drop for Streams {
+    fn drop(&mut self) {
+        self.stop.cancel();
+    }
+}

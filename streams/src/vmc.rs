@@ -1,0 +1,282 @@
+//! The Virtual Motion Capture protocol, version 3.1, as a performer: OSC over UDP, one person per port.
+//!
+//! Source: *VMC Protocol specification*, <https://protocol.vmc.info/specification> and
+//! <https://protocol.vmc.info/marionette-spec>.
+//!
+//! Unity's axes: metres, left-handed, y up; who faces the world's x faces z. Bones have the names of Unity's humanoid; each
+//! is sent against its parent and against the T-pose, in which all rotations are identities. The root is the point of the
+//! floor below the hips, not turned; the hips are against it. So the whole pose is there for receivers that move root and
+//! hips, and those that know only the root still follow the person over the floor.
+//!
+//! The first person goes to the first port, 39539 by default, the next to the next, up to [`VMC_PORTS`]. A person keeps the
+//! port for as long as it is in the roster. Who is not there is not sent.
+
+use std::collections::BTreeMap;
+use std::io;
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
+
+use farfield_export::axes::{Axes, Preset};
+use farfield_export::skeleton::{Bone, BoneNames};
+use farfield_proto::id::PersonId;
+use nalgebra::{UnitQuaternion, Vector3};
+use rosc::{OscBundle, OscMessage, OscPacket, OscTime, OscType, encoder};
+use tokio::net::UdpSocket;
+
+use crate::frame::{Frame, PersonFrame, Roster};
+use crate::spec::VMC_PORTS;
+use crate::streams::Shell;
+
+/// Messages of one datagram: below 1,500 bytes, as the specification asks.
+const MESSAGES_PER_BUNDLE: usize = 12;
+
+/// The datagrams of one person of a frame, each a bundle; `None` where OSC cannot encode them, which no frame causes.
+pub fn datagrams(frame: &Frame, person: &PersonFrame) -> Option<Vec<Vec<u8>>> {
+    let axes = Axes::of_points(Preset::Unity);
+    let root_m = Vector3::new(person.motion.root_m.x, person.motion.root_m.y, 0.0);
+    let mut messages = vec![
+        // A model is loaded; it is calibrated; the normal mode; tracked.
+        message("/VMC/Ext/OK", [1, 3, 0, 1].map(OscType::Int).to_vec()),
+        message("/VMC/Ext/T", vec![OscType::Float(frame.elapsed_s as f32)]),
+        posed(
+            "/VMC/Ext/Root/Pos",
+            "root",
+            &axes.point(&root_m),
+            &UnitQuaternion::identity(),
+        ),
+    ];
+    messages.extend(Bone::ALL.map(|bone| {
+        let i = bone.index();
+        let at_m = match bone.parent() {
+            None => person.motion.root_m - root_m,
+            Some(_) => person.rig.offset_m[i],
+        };
+        posed(
+            "/VMC/Ext/Bone/Pos",
+            BoneNames::Unity.name(bone),
+            &axes.point(&at_m),
+            &axes.rotation(&person.motion.rotations[i]),
+        )
+    }));
+    let bundles = messages.chunks(MESSAGES_PER_BUNDLE).map(|content| {
+        // "Immediately": the time is in the messages.
+        let timetag = OscTime {
+            seconds: 0,
+            fractional: 1,
+        };
+        let content = content.to_vec();
+        encoder::encode(&OscPacket::Bundle(OscBundle { timetag, content })).ok()
+    });
+    bundles.collect()
+}
+
+fn message(address: &str, args: Vec<OscType>) -> OscPacket {
+    OscPacket::Message(OscMessage {
+        addr: address.to_owned(),
+        args,
+    })
+}
+
+fn posed(address: &str, name: &str, at: &Vector3<f64>, turned: &UnitQuaternion<f64>) -> OscPacket {
+    let numbers = at.iter().chain(turned.coords.iter());
+    let mut args = vec![OscType::String(name.to_owned())];
+    args.extend(numbers.map(|v| OscType::Float(*v as f32)));
+    message(address, args)
+}
+
+/// Which person has which port.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Ports(BTreeMap<PersonId, u16>);
+
+impl Ports {
+    /// Gives people of the roster who have none the lowest free port; takes those of people who are not in it any more.
+    pub fn assign(&mut self, roster: &Roster) {
+        let is_there = |id: &PersonId| roster.people.iter().any(|entry| entry.id == *id);
+        self.0.retain(|id, _| is_there(id));
+        for entry in &roster.people {
+            let free = (0..VMC_PORTS).find(|port| !self.0.values().any(|taken| taken == port));
+            if let Some(port) = free {
+                self.0.entry(entry.id).or_insert(port);
+            }
+        }
+    }
+
+    /// The port of a person, counted from the first; `None` where there were none left.
+    pub fn of(&self, id: PersonId) -> Option<u16> {
+        self.0.get(&id).copied()
+    }
+
+    /// How many ports are sent to.
+    pub fn len(&self) -> usize {
+        self.0.len()
+    }
+
+    /// Whether none is sent to.
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+}
+
+/// Sends to `first`, the port of the first person.
+pub(crate) async fn send(first: SocketAddr, shell: Shell) -> io::Result<SocketAddr> {
+    let socket = UdpSocket::bind(SocketAddr::new(any_address(first), 0)).await?;
+    let mut feed = shell.feed.clone();
+    let counters = std::sync::Arc::clone(&shell.counters);
+    shell.spawn(async move {
+        let mut ports = Ports::default();
+        while let Some(frame) = feed.next().await {
+            ports.assign(&frame.roster);
+            counters.set_clients(ports.len());
+            for person in frame.confirmed() {
+                let Some(port) = ports.of(person.id) else {
+                    continue;
+                };
+                let to = SocketAddr::new(first.ip(), first.port().saturating_add(port));
+                let sent = datagrams(&frame, person)
+                    .ok_or_else(|| io::Error::other("cannot be encoded"))
+                    .and_then(|all| all.iter().try_for_each(|d| send_now(&socket, d, to)));
+                match sent {
+                    Ok(()) => counters.sent(),
+                    Err(error) => counters.failed(format!("{to}: {error}")),
+                }
+            }
+        }
+    });
+    Ok(first)
+}
+
+/// Where to bind a socket that sends to `address`: the loopback for the loopback, else any.
+pub(crate) fn any_address(address: SocketAddr) -> IpAddr {
+    match address.ip() {
+        ip if ip.is_loopback() => ip,
+        IpAddr::V4(_) => IpAddr::V4(Ipv4Addr::UNSPECIFIED),
+        IpAddr::V6(_) => IpAddr::V6(Ipv6Addr::UNSPECIFIED),
+    }
+}
+
+/// Sends a datagram, or fails where that would wait. That nobody listens is no failure.
+pub(crate) fn send_now(socket: &UdpSocket, datagram: &[u8], to: SocketAddr) -> io::Result<()> {
+    match socket.try_send_to(datagram, to) {
+        Ok(_) => Ok(()),
+        // An answer to an earlier datagram.
+        Err(error) if error.kind() == io::ErrorKind::ConnectionRefused => Ok(()),
+        Err(error) => Err(error),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use farfield_fusion::body::skeleton::{Pose, reported_angles};
+    use nalgebra::Quaternion;
+
+    use super::*;
+    use crate::frame::{FrameMaker, RosterEntry};
+    use crate::synthetic;
+
+    fn messages(frame: &Frame, person: &PersonFrame) -> Vec<OscMessage> {
+        let mut all = Vec::new();
+        for datagram in datagrams(frame, person).unwrap() {
+            assert!(datagram.len() < 1500, "{} bytes", datagram.len());
+            let (_, packet) = rosc::decoder::decode_udp(&datagram).unwrap();
+            let OscPacket::Bundle(bundle) = packet else {
+                panic!("no bundle")
+            };
+            for packet in bundle.content {
+                let OscPacket::Message(message) = packet else {
+                    panic!("no message")
+                };
+                all.push(message);
+            }
+        }
+        all
+    }
+
+    /// Position and rotation of a message.
+    fn posed_at(message: &OscMessage) -> (String, Vector3<f64>, UnitQuaternion<f64>) {
+        let name = message.args[0].clone().string().unwrap();
+        let v: Vec<f64> = message.args[1..]
+            .iter()
+            .map(|arg| f64::from(arg.clone().float().unwrap()))
+            .collect();
+        let turned = UnitQuaternion::new_normalize(Quaternion::new(v[6], v[3], v[4], v[5]));
+        (name, Vector3::new(v[0], v[1], v[2]), turned)
+    }
+
+    #[test]
+    fn joints_come_out_of_unitys_own_forward_kinematics() {
+        let frame = synthetic::frame(77);
+        let person = &frame.persons[1];
+        let all = messages(&frame, person);
+        assert_eq!(all.len(), 23);
+        assert_eq!([&all[0].addr, &all[1].addr], ["/VMC/Ext/OK", "/VMC/Ext/T"]);
+        let (root, mut at, mut turned) = posed_at(&all[2]);
+        assert_eq!(root, "root");
+        let mut world = BTreeMap::new();
+        for (bone, message) in Bone::ALL.into_iter().zip(&all[3..]) {
+            let (name, local, by) = posed_at(message);
+            assert_eq!(name, BoneNames::Unity.name(bone));
+            if let Some(parent) = bone.parent() {
+                (at, turned) = world[&parent];
+            }
+            let head = at + turned * local;
+            world.insert(bone, (head, turned * by));
+            if !matches!(bone, Bone::LeftToes | Bone::RightToes) {
+                let joint_m = person.joints_m[bone.joint().index()];
+                let expected = Vector3::new(-joint_m.y, joint_m.z, joint_m.x);
+                assert!((head - expected).norm() < 1e-5, "{name}");
+            }
+        }
+    }
+
+    #[test]
+    fn who_stands_upright_with_hanging_arms_has_turned_these_alone() {
+        let mut pose = synthetic::person_at(1, 0);
+        let neutral = Pose::neutral(Vector3::zeros(), UnitQuaternion::identity());
+        pose.angles = reported_angles(&neutral).map(|v| v as f32).to_vec();
+        let mut maker = FrameMaker::new(synthetic::facts());
+        let mut poses = synthetic::poses_at(1, 0);
+        poses.persons = vec![pose];
+        let frame = maker.frame(&poses);
+        let all = messages(&frame, &frame.persons[0]);
+        for message in &all[3..] {
+            let (name, _, by) = posed_at(message);
+            let expected = if name.ends_with("UpperArm") {
+                90.0
+            } else {
+                0.0
+            };
+            assert!((by.angle().to_degrees() - expected).abs() < 1e-3, "{name}");
+        }
+    }
+
+    #[test]
+    fn a_person_keeps_its_port_and_others_take_those_that_are_free() {
+        let entry = |id: u32| RosterEntry {
+            id: PersonId(id),
+            name: "x".into(),
+            offsets: Arc::unwrap_or_clone(synthetic::frame(0)).roster.people[0]
+                .offsets
+                .clone(),
+        };
+        let roster = |ids: &[u32]| Roster {
+            version: 0,
+            people: ids.iter().map(|id| entry(*id)).collect(),
+        };
+        let mut ports = Ports::default();
+        ports.assign(&roster(&[5, 3, 9]));
+        let of = |ports: &Ports, id| ports.of(PersonId(id));
+        assert_eq!(
+            [5, 3, 9].map(|id| of(&ports, id)),
+            [Some(0), Some(1), Some(2)]
+        );
+        ports.assign(&roster(&[5, 9, 4]));
+        assert_eq!(
+            [5, 9, 4, 3].map(|id| of(&ports, id)),
+            [Some(0), Some(2), Some(1), None]
+        );
+        let many: Vec<u32> = (100..130).collect();
+        ports.assign(&roster(&many));
+        assert_eq!(ports.len(), 16);
+    }
+}

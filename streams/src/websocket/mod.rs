@@ -1,0 +1,289 @@
+//! JSON over WebSocket: one text message per tick, the newest first, complete in itself.
+//!
+//! ```json
+//! {"format": "farfield-poses", "version": 1, "venue": "hall", "session": "7", "tick": 120, "rate_hz": 60, "time_s": 2.0,
+//!  "persons": [{"id": 1, "name": "person_1", "state": "tracked", "views": 4,
+//!    "joints_m": {"pelvis": [0.1, 2.0, 0.93], ...}, "sigma_m": {"pelvis": 0.012, ...},
+//!    "angles": {"pelvis_tilt": 0.02, ...}, "unobserved": ["scapula_tilt_r"]}]}
+//! ```
+//!
+//! Metres, z up, right-handed; radians (the angles' three translations: metres); `time_s` is the time of the tick since the
+//! first one. `sigma_m` is one standard deviation of each joint per axis, and `null` while it is not known. States are
+//! `tentative`, `tracked` and `coasting`. What a client sends is not looked at. Newer versions may say more; a change of
+//! what is said is another `version`.
+//!
+//! Browsers send along the page that asks (`Origin`): only pages of this machine and requests without one are answered, or
+//! any page on the web could watch through the browser of who runs the venue.
+
+use std::io;
+use std::net::SocketAddr;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use farfield_fusion::body::skeleton::{ANGLE_NAMES, Joint};
+use farfield_proto::message::PersonState;
+use serde::ser::{SerializeMap as _, SerializeSeq as _};
+use serde::{Serialize, Serializer};
+use tokio::io::AsyncWriteExt as _;
+use tokio::net::{TcpListener, TcpStream};
+use tokio::time::timeout;
+
+use crate::frame::{Frame, PersonFrame};
+use crate::server::{BREATH, MAX_CLIENTS, STALL, listen};
+use crate::slot::Feed;
+use crate::streams::Shell;
+
+mod connection;
+
+use connection::{Connection, Received, accept_connection};
+
+/// How long a client may take to say what it wants.
+const HANDSHAKE: Duration = Duration::from_secs(5);
+
+/// The message of a frame.
+pub fn message(frame: &Frame) -> String {
+    // Strings and finite numbers under keys that are strings cannot fail.
+    serde_json::to_string(&Message::of(frame)).unwrap_or_default()
+}
+
+#[derive(Serialize)]
+struct Message<'a> {
+    format: &'static str,
+    version: u32,
+    venue: &'a str,
+    /// A string: JavaScript's numbers have 53 bits.
+    session: String,
+    tick: i64,
+    rate_hz: f64,
+    time_s: Rounded,
+    persons: Vec<Person<'a>>,
+}
+
+#[derive(Serialize)]
+struct Person<'a> {
+    id: u32,
+    name: &'a str,
+    state: PersonState,
+    views: u16,
+    joints_m: Joints<'a>,
+    sigma_m: Option<Sigmas<'a>>,
+    angles: Angles<'a>,
+    unobserved: Unobserved,
+}
+
+impl<'a> Message<'a> {
+    fn of(frame: &'a Frame) -> Self {
+        let person = |person: &'a PersonFrame| Person {
+            id: person.id.0,
+            name: &person.name,
+            state: person.state,
+            views: person.views,
+            joints_m: Joints(person),
+            sigma_m: person.sigma_m.as_ref().map(Sigmas),
+            angles: Angles(&person.angles),
+            unobserved: Unobserved(person.unobserved),
+        };
+        Self {
+            format: "farfield-poses",
+            version: 1,
+            venue: &frame.venue,
+            session: frame.session.0.to_string(),
+            tick: frame.tick.0,
+            rate_hz: frame.rate_hz,
+            time_s: Rounded(frame.elapsed_s),
+            persons: frame.persons.iter().map(person).collect(),
+        }
+    }
+}
+
+/// A number of six decimals: micrometres, microseconds.
+struct Rounded(f64);
+
+impl Serialize for Rounded {
+    fn serialize<S: Serializer>(&self, to: S) -> Result<S::Ok, S::Error> {
+        to.serialize_f64((self.0 * 1e6).round() / 1e6)
+    }
+}
+
+struct Joints<'a>(&'a PersonFrame);
+
+impl Serialize for Joints<'_> {
+    fn serialize<S: Serializer>(&self, to: S) -> Result<S::Ok, S::Error> {
+        let mut map = to.serialize_map(Some(Joint::ALL.len()))?;
+        for (joint, at_m) in Joint::ALL.iter().zip(&self.0.joints_m) {
+            map.serialize_entry(joint.name(), &[at_m.x, at_m.y, at_m.z].map(Rounded))?;
+        }
+        map.end()
+    }
+}
+
+struct Sigmas<'a>(&'a [f64; Joint::ALL.len()]);
+
+impl Serialize for Sigmas<'_> {
+    fn serialize<S: Serializer>(&self, to: S) -> Result<S::Ok, S::Error> {
+        to.collect_map(
+            Joint::ALL
+                .iter()
+                .zip(self.0)
+                .map(|(joint, sigma_m)| (joint.name(), Rounded(*sigma_m))),
+        )
+    }
+}
+
+struct Angles<'a>(&'a [f64]);
+
+impl Serialize for Angles<'_> {
+    fn serialize<S: Serializer>(&self, to: S) -> Result<S::Ok, S::Error> {
+        to.collect_map(
+            ANGLE_NAMES
+                .iter()
+                .zip(self.0)
+                .map(|(name, angle)| (*name, Rounded(*angle))),
+        )
+    }
+}
+
+struct Unobserved(u64);
+
+impl Serialize for Unobserved {
+    fn serialize<S: Serializer>(&self, to: S) -> Result<S::Ok, S::Error> {
+        let mut list = to.serialize_seq(None)?;
+        for (i, name) in ANGLE_NAMES.iter().enumerate() {
+            if self.0 >> i & 1 == 1 {
+                list.serialize_element(name)?;
+            }
+        }
+        list.end()
+    }
+}
+
+/// The message of the newest frame that a client asked for: made once, for all clients.
+#[derive(Debug, Default)]
+struct Encoded(Mutex<Option<(Arc<Frame>, Arc<str>)>>);
+
+impl Encoded {
+    fn of(&self, frame: &Arc<Frame>) -> Arc<str> {
+        let mut last = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        match last.as_ref() {
+            Some((of, text)) if Arc::ptr_eq(of, frame) => Arc::clone(text),
+            _ => {
+                let text: Arc<str> = message(frame).into();
+                *last = Some((Arc::clone(frame), Arc::clone(&text)));
+                text
+            }
+        }
+    }
+}
+
+/// Serves clients at `address`; says where, as the port may have been left open.
+pub(crate) fn serve(address: SocketAddr, shell: &Shell) -> io::Result<SocketAddr> {
+    let listener = listen(address)?;
+    let bound = listener.local_addr()?;
+    let clients = shell.clone();
+    shell.spawn(async move { accept(listener, clients).await });
+    Ok(bound)
+}
+
+async fn accept(listener: TcpListener, shell: Shell) {
+    let encoded = Arc::new(Encoded::default());
+    loop {
+        let (mut socket, peer) = match listener.accept().await {
+            Ok(taken) => taken,
+            Err(error) => {
+                shell.counters.failed(format!("taking a client: {error}"));
+                tokio::time::sleep(BREATH).await;
+                continue;
+            }
+        };
+        let Some(guard) = shell.counters.client(MAX_CLIENTS) else {
+            let why = format!("client {peer}: refused, {MAX_CLIENTS} are there");
+            shell.counters.failed(why);
+            drop(socket.shutdown().await);
+            continue;
+        };
+        let (client, encoded) = (shell.clone(), Arc::clone(&encoded));
+        shell.spawn_to_its_end(async move {
+            let mut feed = client.feed.clone();
+            let served = serve_client(socket, &encoded, &client, &mut feed).await;
+            if let Err(error) = served {
+                feed.miss();
+                client.counters.failed(format!("client {peer}: {error}"));
+            }
+            drop(guard);
+        });
+    }
+}
+
+/// Until the client leaves, or takes nothing for too long.
+async fn serve_client(
+    socket: TcpStream,
+    encoded: &Encoded,
+    shell: &Shell,
+    feed: &mut Feed,
+) -> io::Result<()> {
+    socket.set_nodelay(true)?;
+    let connecting = timeout(HANDSHAKE, accept_connection(socket));
+    let mut connection: Connection = tokio::select! {
+        biased;
+        () = shell.stop.cancelled() => return Ok(()),
+        connected = connecting => connected.map_err(|_| {
+            io::Error::new(io::ErrorKind::TimedOut, "did not ask within five seconds")
+        })??,
+    };
+    feed.catch_up();
+    loop {
+        tokio::select! {
+            biased;
+            () = shell.stop.cancelled() => {
+                // A client that hangs does not hear it.
+                drop(timeout(BREATH, connection.close()).await);
+                return Ok(());
+            }
+            received = connection.receive() => match received? {
+                Received::Something => {}
+                Received::Goodbye => return Ok(()),
+            },
+            frame = feed.next() => {
+                let Some(frame) = frame else { return Ok(()) };
+                let text = encoded.of(&frame);
+                let sent = tokio::select! {
+                    biased;
+                    () = shell.stop.cancelled() => return Ok(()),
+                    sent = timeout(STALL, connection.send(&text)) => sent,
+                };
+                sent.map_err(|_| io::Error::new(io::ErrorKind::TimedOut, "took nothing for ten seconds"))??;
+                shell.counters.sent();
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::synthetic;
+
+    #[test]
+    fn a_message_says_who_is_where_by_name() {
+        let frame = synthetic::frame(120);
+        let read: serde_json::Value = serde_json::from_str(&message(&frame)).unwrap();
+        assert_eq!(read["format"], "farfield-poses");
+        assert_eq!(
+            [&read["tick"], &read["time_s"]],
+            [&120.into(), &1.0.into()] as [&serde_json::Value; 2]
+        );
+        assert_eq!(read["session"], "7");
+        let person = &read["persons"][1];
+        assert_eq!(person["name"], "Ada <& \"Zoë\">");
+        assert_eq!(person["state"], "tracked");
+        assert_eq!(
+            person["unobserved"],
+            serde_json::json!(["scapula_elevation_r"])
+        );
+        assert_eq!(person["joints_m"].as_object().unwrap().len(), 29);
+        assert_eq!(person["angles"].as_object().unwrap().len(), 40);
+        let knee = person["joints_m"]["left_knee"][2].as_f64().unwrap();
+        let expected = frame.persons[1].joints_m[Joint::LeftKnee.index()].z;
+        assert!((knee - expected).abs() <= 5e-7);
+    }
+}
