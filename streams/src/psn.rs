@@ -20,7 +20,7 @@ use tokio::net::UdpSocket;
 
 use crate::frame::{Frame, PersonFrame};
 use crate::streams::Shell;
-use crate::vmc::{any_address, send_now};
+use crate::vmc::{any_address, send_all};
 
 const INFO_PACKET: u16 = 0x6756;
 const DATA_PACKET: u16 = 0x6755;
@@ -138,9 +138,7 @@ pub(crate) fn send(
             if named.replace(second) != Some(second) {
                 packets.extend(info_packets(&frame, frame_id));
             }
-            let sent = packets
-                .iter()
-                .try_for_each(|packet| send_now(&socket, packet, address));
+            let sent = send_all(&socket, &packets, address).await;
             match sent {
                 Ok(()) => counters.sent(),
                 Err(error) => counters.failed(format!("{address}: {error}")),

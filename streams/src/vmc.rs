@@ -131,9 +131,10 @@ pub(crate) async fn send(first: SocketAddr, shell: Shell) -> io::Result<SocketAd
                     continue;
                 };
                 let to = SocketAddr::new(first.ip(), first.port().saturating_add(port));
-                let sent = datagrams(&frame, person)
-                    .ok_or_else(|| io::Error::other("cannot be encoded"))
-                    .and_then(|all| all.iter().try_for_each(|d| send_now(&socket, d, to)));
+                let sent = match datagrams(&frame, person) {
+                    Some(all) => send_all(&socket, &all, to).await,
+                    None => Err(io::Error::other("cannot be encoded")),
+                };
                 match sent {
                     Ok(()) => counters.sent(),
                     Err(error) => counters.failed(format!("{to}: {error}")),
@@ -153,14 +154,22 @@ pub(crate) fn any_address(address: SocketAddr) -> IpAddr {
     }
 }
 
-/// Sends a datagram, or fails where that would wait. That nobody listens is no failure.
-pub(crate) fn send_now(socket: &UdpSocket, datagram: &[u8], to: SocketAddr) -> io::Result<()> {
-    match socket.try_send_to(datagram, to) {
-        Ok(_) => Ok(()),
-        // An answer to an earlier datagram.
-        Err(error) if error.kind() == io::ErrorKind::ConnectionRefused => Ok(()),
-        Err(error) => Err(error),
+/// Sends datagrams. Where the system takes none, the stream waits and skips frames meanwhile. That nobody listens is no
+/// failure.
+pub(crate) async fn send_all(
+    socket: &UdpSocket,
+    datagrams: &[Vec<u8>],
+    to: SocketAddr,
+) -> io::Result<()> {
+    for datagram in datagrams {
+        match socket.send_to(datagram, to).await {
+            Ok(_) => {}
+            // An answer to an earlier datagram.
+            Err(error) if error.kind() == io::ErrorKind::ConnectionRefused => {}
+            Err(error) => return Err(error),
+        }
     }
+    Ok(())
 }
 
 #[cfg(test)]

@@ -12,6 +12,7 @@ use super::wire::Incoming;
 use crate::server::{BREATH, MAX_CLIENTS, listen, write};
 use crate::slot::Feed;
 use crate::streams::Shell;
+use crate::vmc::send_all;
 
 /// Bytes read from a client at once.
 const READ: usize = 4096;
@@ -116,10 +117,15 @@ async fn serve_client(
                 let (tcp, datagram) = session.frame(&frame);
                 let is_data = !tcp.is_empty() && session.is_streaming() || datagram.is_some();
                 write(&mut writer, &tcp, stop).await?;
-                match datagram.map(|(to, data)| udp.try_send_to(&data, to)) {
-                    None | Some(Ok(_)) if is_data => shell.counters.sent(),
-                    None | Some(Ok(_)) => {}
-                    Some(Err(error)) => shell.counters.failed(format!("datagram to {peer}: {error}")),
+                let sent = match datagram {
+                    Some((to, data)) => send_all(udp, &[data], to).await,
+                    None => Ok(()),
+                };
+                match sent {
+                    Ok(()) if is_data => shell.counters.sent(),
+                    Ok(()) => {}
+                    // Such as a crowd that fits into no datagram.
+                    Err(error) => shell.counters.failed(format!("datagram to {peer}: {error}")),
                 }
             }
         }

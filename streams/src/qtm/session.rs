@@ -107,7 +107,7 @@ impl Session {
     /// A client at that address, who has asked for nothing yet.
     pub fn new(peer: IpAddr) -> Self {
         Self {
-            peer: peer.to_canonical(),
+            peer,
             version: Version::NEWEST,
             layout: Layout::default(),
             streaming: None,
@@ -212,7 +212,7 @@ impl Session {
     ) -> Answer {
         let udp = match udp {
             // Or anybody could have a third machine flooded.
-            Some((Some(ip), _)) if ip.to_canonical() != self.peer => {
+            Some((Some(ip), _)) if ip.to_canonical() != self.peer.to_canonical() => {
                 return Answer::refuse("UDP goes to the client's own address only");
             }
             Some((_, port)) => Some(SocketAddr::new(self.peer, port)),

@@ -1,0 +1,168 @@
+//! Streams over sockets: what clients of another making see, and what those that hang cannot do to others.
+
+use std::error::Error;
+use std::time::Duration;
+
+use farfield_proto::tick::Tick;
+use farfield_streams::{StreamReport, StreamSpec, Streams, synthetic};
+use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
+use tokio::net::{TcpSocket, TcpStream, UdpSocket};
+use tokio::time::timeout;
+
+type Outcome = Result<(), Box<dyn Error>>;
+
+const SOON: Duration = Duration::from_secs(5);
+
+async fn started(spec: &str) -> Result<Streams, Box<dyn Error>> {
+    Ok(Streams::start(&[spec.parse()?], synthetic::facts()).await?)
+}
+
+fn report(streams: &Streams) -> StreamReport {
+    streams.report().remove(0)
+}
+
+fn command(text: &str) -> Vec<u8> {
+    let mut packet = (text.len() as u32 + 9).to_le_bytes().to_vec();
+    packet.extend_from_slice(&1u32.to_le_bytes());
+    packet.extend_from_slice(text.as_bytes());
+    packet.push(0);
+    packet
+}
+
+/// Kind and content of the next packet of QTM's protocol.
+async fn packet(client: &mut TcpStream) -> Result<(u32, Vec<u8>), Box<dyn Error>> {
+    let size = timeout(SOON, client.read_u32_le()).await??;
+    let kind = timeout(SOON, client.read_u32_le()).await??;
+    let mut content = vec![0; size as usize - 8];
+    timeout(SOON, client.read_exact(&mut content)).await??;
+    Ok((kind, content))
+}
+
+#[tokio::test]
+async fn a_port_that_is_taken_is_refused_by_name() -> Outcome {
+    let first = started("qtm=127.0.0.1:0").await?;
+    let taken = format!("qtm={}", report(&first).address);
+    let refused = started(&taken).await.unwrap_err().to_string();
+    assert!(
+        refused.starts_with(&format!("stream `{taken}`: cannot listen there: ")),
+        "{refused}"
+    );
+    let twice: Vec<StreamSpec> = vec!["vmc".parse()?, "vmc".parse()?];
+    let refused = Streams::start(&twice, synthetic::facts())
+        .await
+        .unwrap_err();
+    assert_eq!(
+        refused.to_string(),
+        "stream `vmc=127.0.0.1:39539`: found twice, expected once"
+    );
+    Ok(())
+}
+
+#[tokio::test]
+async fn poses_become_data_packets_and_the_end_is_announced() -> Outcome {
+    let streams = started("qtm=127.0.0.1:0").await?;
+    let mut client = TcpStream::connect(report(&streams).address).await?;
+    assert_eq!(
+        packet(&mut client).await?,
+        (1, b"QTM RT Interface connected\0".to_vec())
+    );
+    client
+        .write_all(&command("StreamFrames AllFrames 3D"))
+        .await?;
+    // Nobody was seen yet.
+    assert_eq!(packet(&mut client).await?.0, 4);
+    streams.poses(synthetic::poses_at(3, 17));
+    // People came.
+    assert_eq!(packet(&mut client).await?, (6, vec![1]));
+    let (kind, content) = packet(&mut client).await?;
+    assert_eq!((kind, &content[8..12]), (3, &17u32.to_le_bytes()[..]));
+    assert_eq!(content.len(), 16 + 8 + 8 + 3 * 29 * 12);
+    assert_eq!((report(&streams).clients, report(&streams).sent), (1, 1));
+    streams.stop().await;
+    assert_eq!(packet(&mut client).await?, (6, vec![12]));
+    assert_eq!(client.read(&mut [0; 8]).await?, 0);
+    Ok(())
+}
+
+#[tokio::test]
+async fn what_is_no_packet_ends_the_connection_and_nothing_else() -> Outcome {
+    let streams = started("qtm=127.0.0.1:0").await?;
+    let mut client = TcpStream::connect(report(&streams).address).await?;
+    packet(&mut client).await?;
+    client
+        .write_all(b"GET / HTTP/1.1\r\nHost: here\r\n\r\n")
+        .await?;
+    assert_eq!(packet(&mut client).await?, (0, b"Parse error\0".to_vec()));
+    // With bytes left unread, the system may reset the connection in place of ending it.
+    assert!(matches!(client.read(&mut [0; 8]).await, Ok(0) | Err(_)));
+    assert!(TcpStream::connect(report(&streams).address).await.is_ok());
+    Ok(())
+}
+
+#[tokio::test]
+async fn a_client_that_hangs_costs_others_no_frame() -> Outcome {
+    // 5 MB for who takes nothing: more than the system holds back.
+    const TICKS: u32 = 300;
+    let streams = started("qtm=127.0.0.1:0").await?;
+    let address = report(&streams).address;
+    let socket = TcpSocket::new_v4()?;
+    socket.set_recv_buffer_size(4096)?;
+    let mut hangs = socket.connect(address).await?;
+    hangs
+        .write_all(&command("StreamFrames AllFrames 3D 6D Skeleton"))
+        .await?;
+    let mut reads = TcpStream::connect(address).await?;
+    packet(&mut reads).await?;
+    reads
+        .write_all(&command("StreamFrames AllFrames 3D"))
+        .await?;
+    packet(&mut reads).await?;
+    for tick in 0..TICKS {
+        streams.poses(synthetic::poses_at(16, i64::from(tick)));
+        let received = loop {
+            let (kind, content) = packet(&mut reads).await?;
+            if kind == 3 {
+                break u32::from_le_bytes(content[8..12].try_into()?);
+            }
+        };
+        assert_eq!(received, tick);
+    }
+    let counted = report(&streams);
+    assert_eq!(counted.clients, 2);
+    // Buffers of the system took the first frames. Whoever hangs is in the middle of one.
+    assert!(counted.sent < u64::from(2 * TICKS), "{counted:?}");
+    streams.stop().await;
+    Ok(())
+}
+
+#[tokio::test]
+async fn people_have_ports_of_their_own() -> Outcome {
+    // Two ports beside each other that are free now.
+    let (first, second) = loop {
+        let first = UdpSocket::bind("127.0.0.1:0").await?;
+        let port = first.local_addr()?.port();
+        if port < 60_000
+            && let Ok(second) = UdpSocket::bind(("127.0.0.1", port + 1)).await
+        {
+            break (first, second);
+        }
+    };
+    let streams = started(&format!("vmc={}", first.local_addr()?)).await?;
+    let mut poses = synthetic::poses_at(2, 0);
+    streams.poses(poses.clone());
+    let mut datagram = [0; 2000];
+    for socket in [&first, &second] {
+        // A person is two datagrams.
+        for _ in 0..2 {
+            let n = timeout(SOON, socket.recv(&mut datagram)).await??;
+            assert!(datagram[..n].starts_with(b"#bundle\0"));
+        }
+    }
+    // The first goes; the second stays where it was.
+    poses.tick = Tick(1);
+    poses.persons.remove(0);
+    streams.poses(poses);
+    timeout(SOON, second.recv(&mut datagram)).await??;
+    assert!(first.try_recv(&mut datagram).is_err());
+    Ok(())
+}
