@@ -1,0 +1,188 @@
+// The connection to the server: the token, the WebSocket, and coming back by itself when it is lost.
+
+import { ProtocolError } from "./protocol/checked.ts";
+import { readSeries, readText, type Request, type Series, type TextMessage } from "./protocol/text.ts";
+import { readVenue, type Venue } from "./protocol/venue.ts";
+
+const SUBPROTOCOL = "farfield.page.v1";
+const TOKEN_KEY = "farfield.token";
+const FIRST_RETRY_MS = 500;
+const LONGEST_RETRY_MS = 5000;
+/** A status comes every second: a server that is silent for longer than this is away, whatever the socket says. */
+const SILENT_MS = 5000;
+const HTTP_TIMEOUT_MS = 8000;
+
+export type ConnectionState =
+  | { kind: "connecting" }
+  | { kind: "open" }
+  | { kind: "asleep" }
+  | { kind: "away"; since_ms: number; reason: string }
+  | { kind: "refused"; reason: string };
+
+export interface Receiver {
+  venue(venue: Venue): void;
+  state(state: ConnectionState): void;
+  text(message: TextMessage): void;
+  binary(view: DataView): void;
+  /** A message that could not be read, with why. */
+  unreadable(error: string): void;
+}
+
+/** The token of the page's address, which is taken out of it so that nobody copies it with a link. */
+function takeToken(): string | null {
+  const found = /^#token=([0-9a-fA-F]{1,128})$/.exec(location.hash);
+  if (found?.[1] !== undefined) {
+    sessionStorage.setItem(TOKEN_KEY, found[1]);
+    history.replaceState(null, "", location.pathname + location.search);
+  }
+  return sessionStorage.getItem(TOKEN_KEY);
+}
+
+export class Connection {
+  private readonly token = takeToken();
+  private socket: WebSocket | null = null;
+  private retry_ms = FIRST_RETRY_MS;
+  private timer = 0;
+  private lastMessage_ms = 0;
+  private awaySince_ms = 0;
+  private isAsleep = false;
+  private nextRequest = 1;
+  private venueText = "";
+  private readonly waiting = new Map<number, (error: string | null) => void>();
+
+  constructor(private readonly receiver: Receiver) {
+    setInterval(() => this.watchSilence(), 1000);
+  }
+
+  async open(): Promise<void> {
+    clearTimeout(this.timer);
+    if (this.isAsleep || this.socket !== null) return;
+    if (this.awaySince_ms === 0) this.receiver.state({ kind: "connecting" });
+    try {
+      const response = await this.get("/api/venue");
+      if (response.status === 401) {
+        const reason = "This address needs the token that fusion printed when it started: open that address, or its QR code.";
+        this.receiver.state({ kind: "refused", reason });
+        return;
+      }
+      if (!response.ok) throw new Error(`the server answers ${response.status}`);
+      const text = await response.text();
+      this.takeVenue(text);
+      this.connect();
+    } catch (error) {
+      this.retryLater(error instanceof ProtocolError ? error.message : "fusion does not answer");
+    }
+  }
+
+  /** A page that nobody sees keeps no connection. */
+  sleep(): void {
+    if (this.isAsleep) return;
+    this.isAsleep = true;
+    clearTimeout(this.timer);
+    this.socket?.close();
+    this.socket = null;
+    this.receiver.state({ kind: "asleep" });
+  }
+
+  wake(): void {
+    if (!this.isAsleep) return;
+    this.isAsleep = false;
+    void this.open();
+  }
+
+  get isOpen(): boolean {
+    return this.socket?.readyState === WebSocket.OPEN;
+  }
+
+  /** Sends a request whose answer nobody waits for. */
+  send(request: Request): void {
+    if (this.isOpen) this.socket?.send(JSON.stringify(request));
+  }
+
+  /** Sends a request; the promise is what the server says against it, `null` when it was done. */
+  ask(request: Request): Promise<string | null> {
+    if (!this.isOpen) return Promise.resolve("fusion is away");
+    const number = this.nextRequest++;
+    return new Promise((resolve) => {
+      this.waiting.set(number, resolve);
+      this.socket?.send(JSON.stringify({ ...request, request: number }));
+    });
+  }
+
+  async series(person: number, angles: readonly number[], from: number, to: number): Promise<Series> {
+    const query = `person=${person}&angles=${angles.join(",")}&from=${Math.round(from)}&to=${Math.round(to)}`;
+    const response = await this.get(`/api/series?${query}`);
+    if (!response.ok) throw new Error(`the server answers ${response.status}`);
+    return readSeries(await response.json());
+  }
+
+  private get(path: string): Promise<Response> {
+    const headers: Record<string, string> = this.token === null ? {} : { Authorization: `Bearer ${this.token}` };
+    return fetch(path, { headers, cache: "no-store", signal: AbortSignal.timeout(HTTP_TIMEOUT_MS) });
+  }
+
+  private takeVenue(text: string): void {
+    if (text === this.venueText) return;
+    // Everything on the page is made for one venue; another one, or a new release of the page, starts afresh.
+    if (this.venueText !== "") location.reload();
+    this.receiver.venue(readVenue(JSON.parse(text)));
+    this.venueText = text;
+  }
+
+  private connect(): void {
+    const scheme = location.protocol === "https:" ? "wss" : "ws";
+    const protocols = this.token === null ? [SUBPROTOCOL] : [SUBPROTOCOL, `token.${this.token}`];
+    const socket = new WebSocket(`${scheme}://${location.host}/ws`, protocols);
+    socket.binaryType = "arraybuffer";
+    this.socket = socket;
+    this.lastMessage_ms = performance.now();
+    socket.onopen = () => {
+      this.retry_ms = FIRST_RETRY_MS;
+      this.awaySince_ms = 0;
+      this.receiver.state({ kind: "open" });
+    };
+    socket.onmessage = (event: MessageEvent<ArrayBuffer | string>) => this.take(event.data);
+    socket.onclose = () => {
+      if (this.socket !== socket) return;
+      this.socket = null;
+      if (!this.isAsleep) this.retryLater("the connection to fusion has ended");
+    };
+  }
+
+  private take(data: ArrayBuffer | string): void {
+    this.lastMessage_ms = performance.now();
+    try {
+      if (typeof data !== "string") return this.receiver.binary(new DataView(data));
+      const message = readText(data);
+      if (message === null) return;
+      if (message.type === "answer") this.answer(message.request, message.isOk ? null : message.error);
+      else this.receiver.text(message);
+    } catch (error) {
+      if (!(error instanceof ProtocolError || error instanceof RangeError)) throw error;
+      this.receiver.unreadable(error.message);
+    }
+  }
+
+  private answer(request: number | null, error: string | null): void {
+    if (request === null) return this.receiver.unreadable(error ?? "a request was refused");
+    this.waiting.get(request)?.(error);
+    this.waiting.delete(request);
+  }
+
+  private retryLater(reason: string): void {
+    for (const resolve of this.waiting.values()) resolve("fusion is away");
+    this.waiting.clear();
+    if (this.awaySince_ms === 0) this.awaySince_ms = Date.now();
+    this.receiver.state({ kind: "away", since_ms: this.awaySince_ms, reason });
+    this.timer = window.setTimeout(() => void this.open(), this.retry_ms);
+    this.retry_ms = Math.min(LONGEST_RETRY_MS, this.retry_ms * 1.6);
+  }
+
+  private watchSilence(): void {
+    const socket = this.socket;
+    if (socket === null || performance.now() - this.lastMessage_ms < SILENT_MS) return;
+    this.socket = null;
+    socket.close();
+    this.retryLater("fusion is silent");
+  }
+}

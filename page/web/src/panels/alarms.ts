@@ -1,0 +1,124 @@
+// What is wrong, first of all: in words, with what mends it. The worst stands on top.
+
+import { KeyedChildren, button, element, setClass, setHidden, setText } from "../dom.ts";
+import { LEVEL_SIGNS } from "../palette.ts";
+import type { PageState } from "../state.ts";
+
+interface Shown {
+  key: string;
+  isFailed: boolean;
+  text: string;
+  remedy: string;
+  since_us: number | null;
+}
+
+/** Alarms that are shown before somebody asks for all. */
+const FIRST_FEW = 3;
+
+class Row {
+  readonly root = element("li", { class: "alarm" });
+  private readonly sign = element("span", { class: "alarm-sign", attributes: { "aria-hidden": "true" } });
+  private readonly text = element("strong");
+  private readonly remedy = element("span", { class: "alarm-remedy" });
+  private readonly since = element("span", { class: "alarm-since" });
+
+  constructor() {
+    this.root.append(this.sign, element("div", { class: "alarm-words" }, this.text, this.remedy), this.since);
+  }
+
+  fill(alarm: Shown, now_us: number): void {
+    setClass(this.root, "failed", alarm.isFailed);
+    setText(this.sign, alarm.isFailed ? LEVEL_SIGNS.failed : LEVEL_SIGNS.warning);
+    setText(this.text, sentence(alarm.text));
+    setText(this.remedy, alarm.remedy === "" ? "" : sentence(alarm.remedy));
+    setText(this.since, alarm.since_us === null ? "" : duration((now_us - alarm.since_us) / 1e6));
+  }
+}
+
+export class AlarmStrip {
+  readonly root = element("section", { class: "alarms", label: "Alarms", attributes: { "aria-live": "polite" } });
+  private readonly list = element("ul");
+  private readonly rows = new KeyedChildren(this.list, () => new Row());
+  private readonly more = button("", "Show all alarms", () => this.toggle(), "alarms-more");
+  private areAllShown = false;
+  private shownCount = 0;
+
+  constructor() {
+    this.root.append(this.list, this.more);
+  }
+
+  /** Number of alarms on the page. */
+  get count(): number {
+    return this.shownCount;
+  }
+
+  update(state: PageState): void {
+    const alarms = alarmsOf(state);
+    this.shownCount = alarms.length;
+    const few = this.areAllShown ? alarms : alarms.slice(0, FIRST_FEW);
+    const now_us = Date.now() * 1000;
+    this.rows.update(
+      few.map((alarm) => alarm.key),
+      (row, i) => {
+        const alarm = few[i];
+        if (alarm !== undefined) row.fill(alarm, now_us);
+      },
+    );
+    const hidden = alarms.length - few.length;
+    setHidden(this.more, hidden === 0 && !this.areAllShown);
+    setText(this.more, this.areAllShown ? "Show fewer" : `${hidden} more`);
+    setHidden(this.root, alarms.length === 0);
+  }
+
+  private toggle(): void {
+    this.areAllShown = !this.areAllShown;
+  }
+}
+
+/** Alarms of the server, and before them what only the page can know: that the server is away. */
+function alarmsOf(state: PageState): Shown[] {
+  const own: Shown[] = [];
+  const connection = state.connection;
+  if (connection.kind === "away") {
+    own.push({
+      key: "page/away",
+      isFailed: true,
+      text: `Nothing comes from fusion: ${connection.reason}`,
+      remedy: "What you see is the last that came. Look whether fusion runs (farfield status); this page comes back by itself.",
+      since_us: connection.since_ms * 1000,
+    });
+  }
+  if (connection.kind === "refused") {
+    own.push({ key: "page/refused", isFailed: true, text: "Fusion refuses this page", remedy: connection.reason, since_us: null });
+  }
+  if (state.unreadable > 0) {
+    own.push({
+      key: "page/unreadable",
+      isFailed: false,
+      text: `${state.unreadable} messages of fusion could not be read: ${state.unreadableReason}`,
+      remedy: "Load the page again; if it stays, fusion and page are of different releases.",
+      since_us: null,
+    });
+  }
+  const theirs = (state.status?.alarms ?? []).map((alarm) => ({
+    key: alarm.key,
+    isFailed: alarm.severity === "failed",
+    text: alarm.text,
+    remedy: alarm.remedy,
+    since_us: alarm.since_us,
+  }));
+  const seen = new Set<string>();
+  return [...own, ...theirs].filter((alarm) => !seen.has(alarm.key) && seen.add(alarm.key));
+}
+
+/** With a capital letter, as words on their own stand. */
+function sentence(text: string): string {
+  return text.charAt(0).toUpperCase() + text.slice(1);
+}
+
+function duration(s: number): string {
+  if (!Number.isFinite(s) || s < 1) return "now";
+  if (s < 120) return `${Math.floor(s)} s`;
+  if (s < 7200) return `${Math.floor(s / 60)} min`;
+  return `${Math.floor(s / 3600)} h`;
+}

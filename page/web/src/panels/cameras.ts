@@ -1,0 +1,114 @@
+// The cameras, viewpoint by viewpoint: health, frames per second, whom each serves, and what it sees as lines.
+
+import type { ChartColours } from "../charts/pen.ts";
+import { button, element, setClass, setHidden, setText } from "../dom.ts";
+import { LEVEL_SIGNS, type Level } from "../palette.ts";
+import type { CameraState } from "../protocol/status.ts";
+import type { CameraView } from "../protocol/ticks.ts";
+import type { Camera } from "../protocol/venue.ts";
+import { nameOf, type Actions, type PageState } from "../state.ts";
+import { count, fixed } from "../units.ts";
+import { CameraDrawing } from "./camera_tile.ts";
+
+const WORDS: Readonly<Record<CameraState, readonly [Level, string]>> = {
+  works: ["good", "works"],
+  frozen: ["failed", "frozen: the same picture again and again"],
+  black: ["failed", "black pictures"],
+  silent: ["failed", "no pictures"],
+  failed: ["failed", "failed, is being opened again"],
+  unknown: ["unknown", "nothing heard of it yet"],
+};
+
+export function levelOfCamera(state: CameraState): Level {
+  return WORDS[state][0];
+}
+
+class Tile {
+  readonly root = element("article", { class: "tile" });
+  readonly drawing: CameraDrawing;
+  private readonly lamp = element("span", { class: "lamp" });
+  private readonly state = element("span", { class: "tile-state" });
+  private readonly persons = element("p", { class: "tile-persons" });
+
+  constructor(
+    private readonly page: PageState,
+    private readonly index: number,
+    camera: Camera,
+    actions: Actions,
+  ) {
+    this.drawing = new CameraDrawing(page.venue, camera, "tile-picture");
+    const open = element("button", { class: "tile-open", label: `Open ${camera.name}`, attributes: { type: "button" } });
+    open.append(this.drawing.chart.canvas);
+    open.addEventListener("click", () => actions.openCamera(page.openCamera === index ? null : index));
+    const look = button("Look from it", `See the field in 3D from ${camera.name}`, () => actions.lookThrough(index));
+    const head = element("div", { class: "tile-head" }, this.lamp, element("b", { text: camera.name }), this.state);
+    this.root.append(head, open, element("div", { class: "tile-foot" }, this.persons, look));
+  }
+
+  update(): void {
+    const status = this.page.status?.cameras.find((camera) => camera.camera === this.index);
+    const [level, words] = WORDS[status?.state ?? "unknown"];
+    setText(this.lamp, LEVEL_SIGNS[level]);
+    for (const name of ["good", "failed", "unknown"]) setClass(this.lamp, name, name === level);
+    const rate = `${fixed(status?.framesPerSecond ?? null, 0)} frames/s`;
+    setText(this.state, level === "good" ? rate : words);
+    this.state.title = status?.reason ?? words;
+    setText(this.persons, this.personsText(status?.persons ?? [], level, status?.reason ?? null));
+    setClass(this.root, "open", this.page.openCamera === this.index);
+    setClass(this.root, "red", level === "failed");
+  }
+
+  draw(view: CameraView | null, colours: ChartColours): void {
+    const served = this.page.status?.cameras.find((camera) => camera.camera === this.index)?.persons ?? [];
+    const own = view !== null && view.camera === this.index && this.page.openCamera === this.index ? view : null;
+    this.drawing.draw(this.page.people, served, own, this.page.followed, colours);
+  }
+
+  private personsText(persons: readonly number[], level: Level, reason: string | null): string {
+    if (level === "failed" && reason !== null) return reason;
+    if (persons.length === 0) return "Serves nobody";
+    if (persons.length > 6) return `Serves ${count(persons.length, "person", "people")}`;
+    return `Serves ${persons.map((id) => nameOf(this.page, id).replace("Person ", "")).join(", ")}`;
+  }
+}
+
+export class CamerasPanel {
+  readonly root = element("div", { class: "cameras" });
+  private readonly tiles: Tile[] = [];
+  private readonly legend = element("p", {
+    class: "hint",
+    text:
+      "Lines, not pictures: pictures never leave an edge. In colour: who is served by the camera. Open a camera (click) for the " +
+      "boxes that fusion predicts (solid: chosen; dashed: another camera was), keypoints (dots) and sightings (squares).",
+  });
+  private next = 0;
+
+  constructor(state: PageState, actions: Actions) {
+    for (const viewpoint of state.venue.viewpoints) {
+      const row = element("div", { class: "tiles" });
+      for (const index of viewpoint.cameras) {
+        const camera = state.venue.cameras[index];
+        if (camera === undefined) continue;
+        const tile = new Tile(state, index, camera, actions);
+        this.tiles.push(tile);
+        row.append(tile.root);
+      }
+      this.root.append(element("h3", { text: `Viewpoint ${viewpoint.name}` }), row);
+    }
+    if (this.tiles.length === 0) this.root.append(element("p", { class: "hint", text: "The venue has no cameras." }));
+    this.root.append(this.legend);
+    setHidden(this.legend, this.tiles.length === 0);
+  }
+
+  update(): void {
+    for (const tile of this.tiles) tile.update();
+  }
+
+  /** Draws the open tile, and one of the others in turn: their cost per frame is the same for 4 and 40 cameras. */
+  draw(openIndex: number | null, view: CameraView | null, colours: ChartColours): void {
+    if (this.tiles.length === 0) return;
+    this.next = (this.next + 1) % this.tiles.length;
+    this.tiles[this.next]?.draw(view, colours);
+    if (openIndex !== null) this.tiles.find((tile) => tile.root.classList.contains("open"))?.draw(view, colours);
+  }
+}

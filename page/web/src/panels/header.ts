@@ -1,0 +1,107 @@
+// The bar on top: whose venue it is, whether all is well, the numbers that matter, recording, theme, help.
+
+import { button, element, setClass, setHidden, setText } from "../dom.ts";
+import { COASTING, TENTATIVE } from "../protocol/ticks.ts";
+import type { Actions, PageState } from "../state.ts";
+import type { Theme } from "../theme.ts";
+import { count, fixed, milliseconds } from "../units.ts";
+
+class Fact {
+  readonly root: HTMLElement;
+  private readonly value = element("b", { text: "–" });
+
+  constructor(name: string, title: string) {
+    this.root = element("div", { class: "fact", title }, this.value, element("span", { text: name }));
+  }
+
+  set(text: string): void {
+    setText(this.value, text);
+  }
+}
+
+export class Header {
+  readonly root = element("header", { class: "bar" });
+  private readonly state = element("span", { class: "pill", attributes: { role: "status" } });
+  private readonly people = new Fact("people", "Confirmed people, and those that are not confirmed yet or not seen at the moment");
+  private readonly rate = new Fact("poses/s", "Ticks per second for which fusion gives poses");
+  private readonly delay = new Fact("delay", "From the picture to the pose: half of all poses are quicker (P50)");
+  private readonly worst = new Fact("P99", "From the picture to the pose: 99 of 100 are quicker");
+  private readonly record = button("Record", "Start or stop a recording (R)", () => void this.toggleRecording(), "record");
+  private isRecording = false;
+
+  constructor(
+    private readonly actions: Actions,
+    venueName: string,
+    theme: Theme,
+    showHelp: () => void,
+  ) {
+    const themeButton = button("◐", "Dark or light (D)", () => theme.toggle(), "icon");
+    const help = button("?", "Keys and signs (?)", showHelp, "icon");
+    this.root.append(
+      element("h1", {}, element("span", { class: "brand", text: "Farfield" }), element("span", { text: venueName })),
+      this.state,
+      element("div", { class: "facts" }, this.people.root, this.rate.root, this.delay.root, this.worst.root),
+      this.record,
+      themeButton,
+      help,
+    );
+  }
+
+  update(state: PageState): void {
+    const [text, kind] = stateOf(state);
+    setText(this.state, text);
+    for (const name of ["good", "warning", "failed", "past"]) setClass(this.state, name, name === kind);
+    this.people.set(peopleText(state));
+    this.rate.set(fixed(state.status?.posesPerSecond ?? null, 0));
+    const whole = state.status?.latency.find((stage) => stage.stage === "capture_to_pose");
+    this.delay.set(milliseconds(whole?.p50_us ?? null));
+    this.worst.set(milliseconds(whole?.p99_us ?? null));
+    this.isRecording = state.status?.recording?.isRunning ?? false;
+    const may = state.actions.has("record");
+    setHidden(this.record, !may && !this.isRecording);
+    this.record.disabled = !may || state.connection.kind !== "open";
+    setClass(this.record, "on", this.isRecording);
+    setText(this.record, this.isRecording ? "Recording" : "Record");
+    this.record.title = state.status?.recording?.text ?? "Start or stop a recording (R)";
+  }
+
+  async toggleRecording(): Promise<void> {
+    if (this.record.hidden || this.record.disabled) {
+      this.actions.say("Recording needs the address with the token that fusion printed.");
+      return;
+    }
+    const error = await this.actions.ask({ do: this.isRecording ? "stop_recording" : "start_recording" });
+    this.actions.say(error ?? (this.isRecording ? "The recording is being closed." : "The recording begins."));
+  }
+}
+
+function peopleText(state: PageState): string {
+  let confirmed = 0;
+  let others = 0;
+  for (let i = 0; i < state.people.count; i++) {
+    const phase = state.people.states[i];
+    if (phase === TENTATIVE || phase === COASTING) others++;
+    else confirmed++;
+  }
+  return others === 0 ? `${confirmed}` : `${confirmed} + ${others}`;
+}
+
+function stateOf(state: PageState): [string, "good" | "warning" | "failed" | "past"] {
+  switch (state.connection.kind) {
+    case "connecting":
+      return ["Connecting", "past"];
+    case "asleep":
+      return ["Asleep", "past"];
+    case "refused":
+      return ["Refused", "failed"];
+    case "away":
+      return ["Fusion is away", "failed"];
+    case "open":
+  }
+  const alarms = state.status?.alarms ?? [];
+  const failed = alarms.filter((alarm) => alarm.severity === "failed").length;
+  if (failed > 0) return [`✕ ${count(failed, "failure", "failures")}`, "failed"];
+  if (alarms.length > 0) return [`! ${count(alarms.length, "warning", "warnings")}`, "warning"];
+  if (state.status === null) return ["Connected", "past"];
+  return ["✓ All is well", "good"];
+}
