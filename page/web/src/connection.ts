@@ -3,6 +3,7 @@
 import { ProtocolError } from "./protocol/checked.ts";
 import { readSeries, readText, type Request, type Series, type TextMessage } from "./protocol/text.ts";
 import { readVenue, type Venue } from "./protocol/venue.ts";
+import { remember, remembered } from "./storage.ts";
 
 const SUBPROTOCOL = "farfield.page.v1";
 const TOKEN_KEY = "farfield.token";
@@ -10,6 +11,7 @@ const FIRST_RETRY_MS = 500;
 const LONGEST_RETRY_MS = 5000;
 /** A status comes every second: a server that is silent for longer than this is away, whatever the socket says. */
 const SILENT_MS = 5000;
+const CONNECTING_MS = 15_000;
 const HTTP_TIMEOUT_MS = 8000;
 
 export type ConnectionState =
@@ -31,11 +33,10 @@ export interface Receiver {
 /** The token of the page's address, which is taken out of it so that nobody copies it with a link. */
 function takeToken(): string | null {
   const found = /^#token=([0-9a-fA-F]{1,128})$/.exec(location.hash);
-  if (found?.[1] !== undefined) {
-    sessionStorage.setItem(TOKEN_KEY, found[1]);
-    history.replaceState(null, "", location.pathname + location.search);
-  }
-  return sessionStorage.getItem(TOKEN_KEY);
+  if (found?.[1] === undefined) return remembered("sessionStorage", TOKEN_KEY);
+  remember("sessionStorage", TOKEN_KEY, found[1]);
+  history.replaceState(null, "", location.pathname + location.search);
+  return found[1];
 }
 
 export class Connection {
@@ -124,7 +125,7 @@ export class Connection {
   private takeVenue(text: string): void {
     if (text === this.venueText) return;
     // Everything on the page is made for one venue; another one, or a new release of the page, starts afresh.
-    if (this.venueText !== "") location.reload();
+    if (this.venueText !== "") return location.reload();
     this.receiver.venue(readVenue(JSON.parse(text)));
     this.venueText = text;
   }
@@ -180,7 +181,9 @@ export class Connection {
 
   private watchSilence(): void {
     const socket = this.socket;
-    if (socket === null || performance.now() - this.lastMessage_ms < SILENT_MS) return;
+    if (socket === null) return;
+    const patience_ms = socket.readyState === WebSocket.OPEN ? SILENT_MS : CONNECTING_MS;
+    if (performance.now() - this.lastMessage_ms < patience_ms) return;
     this.socket = null;
     socket.close();
     this.retryLater("fusion is silent");

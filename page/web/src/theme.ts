@@ -1,5 +1,7 @@
 // Dark and light: what the system prefers, until somebody chooses.
 
+import { remember, remembered } from "./storage.ts";
+
 const KEY = "farfield.theme";
 
 export interface SceneColours {
@@ -43,7 +45,7 @@ const LIGHT: SceneColours = {
 
 export class Theme {
   private readonly prefersLight = matchMedia("(prefers-color-scheme: light)");
-  private chosen = localStorage.getItem(KEY);
+  private chosen = remembered("localStorage", KEY);
   private readonly listeners: ((colours: SceneColours) => void)[] = [];
 
   constructor() {
@@ -67,7 +69,7 @@ export class Theme {
 
   toggle(): void {
     this.chosen = this.isLight ? "dark" : "light";
-    localStorage.setItem(KEY, this.chosen);
+    remember("localStorage", KEY, this.chosen);
     this.apply();
   }
 

@@ -20,6 +20,7 @@ class Row {
   private readonly sign = element("span", { class: "alarm-sign", attributes: { "aria-hidden": "true" } });
   private readonly text = element("strong");
   private readonly remedy = element("span", { class: "alarm-remedy" });
+  private shownRemedy = "";
   private readonly since = element("span", { class: "alarm-since" });
 
   constructor() {
@@ -30,8 +31,16 @@ class Row {
     setClass(this.root, "failed", alarm.isFailed);
     setText(this.sign, alarm.isFailed ? LEVEL_SIGNS.failed : LEVEL_SIGNS.warning);
     setText(this.text, sentence(alarm.text));
-    setText(this.remedy, alarm.remedy === "" ? "" : sentence(alarm.remedy));
+    this.setRemedy(alarm.remedy === "" ? "" : sentence(alarm.remedy));
     setText(this.since, alarm.since_us === null ? "" : duration((now_us - alarm.since_us) / 1e6));
+  }
+
+  /** Commands stand between backticks, and are set as such. */
+  private setRemedy(text: string): void {
+    if (text === this.shownRemedy) return;
+    this.shownRemedy = text;
+    const parts = text.split("`");
+    this.remedy.replaceChildren(...parts.map((part, i) => (i % 2 === 1 ? element("code", { text: part }) : part)));
   }
 }
 
@@ -84,7 +93,7 @@ function alarmsOf(state: PageState): Shown[] {
       key: "page/away",
       isFailed: true,
       text: `Nothing comes from fusion: ${connection.reason}`,
-      remedy: "What you see is the last that came. Look whether fusion runs (farfield status); this page comes back by itself.",
+      remedy: "What you see is the last that came. Look whether fusion runs (`farfield status`); this page comes back by itself.",
       since_us: connection.since_ms * 1000,
     });
   }

@@ -27,8 +27,9 @@ class Tile {
   readonly root = element("article", { class: "tile" });
   readonly drawing: CameraDrawing;
   private readonly lamp = element("span", { class: "lamp" });
-  private readonly state = element("span", { class: "tile-state" });
-  private readonly persons = element("p", { class: "tile-persons" });
+  private readonly state = element("p", { class: "tile-state" });
+  private readonly persons = element("p");
+  private readonly rate = element("p");
 
   constructor(
     private readonly page: PageState,
@@ -40,9 +41,10 @@ class Tile {
     const open = element("button", { class: "tile-open", label: `Open ${camera.name}`, attributes: { type: "button" } });
     open.append(this.drawing.chart.canvas);
     open.addEventListener("click", () => actions.openCamera(page.openCamera === index ? null : index));
-    const look = button("Look from it", `See the field in 3D from ${camera.name}`, () => actions.lookThrough(index));
-    const head = element("div", { class: "tile-head" }, this.lamp, element("b", { text: camera.name }), this.state);
-    this.root.append(head, open, element("div", { class: "tile-foot" }, this.persons, look));
+    const look = button("Look", `See the field in 3D from ${camera.name}`, () => actions.lookThrough(index));
+    const head = element("div", { class: "tile-head" }, this.lamp, element("b", { text: camera.name }));
+    const said = element("div", {}, this.state, this.persons, this.rate);
+    this.root.append(head, open, element("div", { class: "tile-foot" }, said, look));
   }
 
   update(): void {
@@ -50,8 +52,9 @@ class Tile {
     const [level, words] = WORDS[status?.state ?? "unknown"];
     setText(this.lamp, LEVEL_SIGNS[level]);
     for (const name of ["good", "failed", "unknown"]) setClass(this.lamp, name, name === level);
-    const rate = `${fixed(status?.framesPerSecond ?? null, 0)} frames/s`;
-    setText(this.state, level === "good" ? rate : words);
+    const rate_hz = fixed(status?.framesPerSecond ?? null, 0);
+    setText(this.rate, level === "failed" ? "" : `${rate_hz} frames/s`);
+    setText(this.state, level === "good" ? "" : words);
     this.state.title = status?.reason ?? words;
     setText(this.persons, this.personsText(status?.persons ?? [], level, status?.reason ?? null));
     setClass(this.root, "open", this.page.openCamera === this.index);

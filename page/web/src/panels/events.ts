@@ -2,7 +2,7 @@
 
 import { element, setText } from "../dom.ts";
 import type { Actions, PageState } from "../state.ts";
-import { clockTime } from "../units.ts";
+import { UNKNOWN, clockTime } from "../units.ts";
 
 const MOST_SHOWN = 80;
 
@@ -22,16 +22,21 @@ export class EventsPanel {
     if (signature === this.shown) return;
     this.shown = signature;
     setText(this.hint, newest.length === 0 ? "Nothing has changed who is who." : "Who came, went, was lost and found. Click to go there.");
-    const last = state.playback?.last ?? state.tick;
-    const first = state.venue.mode === "recording" ? (state.playback?.first ?? 0) : last;
+    const first = state.playback?.first ?? 0;
     this.list.replaceChildren(
       ...newest.map((event) => {
         const go = element("button", { attributes: { type: "button" } });
-        const time = clockTime((event.tick - first) / state.venue.rate_hz);
+        const isRecorded = state.venue.mode === "recording";
+        const time = isRecorded ? clockTime((event.tick - first) / state.venue.rate_hz) : timeOfDay(event.at_us);
         go.append(element("time", { text: time }), element("span", { text: event.text }));
         go.addEventListener("click", () => this.actions.send({ do: "seek", tick: event.tick }));
         return element("li", {}, go);
       }),
     );
   }
+}
+
+function timeOfDay(at_us: number): string {
+  const at = new Date(at_us / 1000);
+  return Number.isNaN(at.getTime()) ? UNKNOWN : at.toLocaleTimeString([], { hour12: false });
 }

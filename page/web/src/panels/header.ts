@@ -4,18 +4,21 @@ import { button, element, setClass, setHidden, setText } from "../dom.ts";
 import { COASTING, TENTATIVE } from "../protocol/ticks.ts";
 import type { Actions, PageState } from "../state.ts";
 import type { Theme } from "../theme.ts";
-import { count, fixed, milliseconds } from "../units.ts";
+import { UNKNOWN, count, fixed, milliseconds } from "../units.ts";
 
 class Fact {
   readonly root: HTMLElement;
-  private readonly value = element("b", { text: "–" });
+  private readonly value = element("b", { text: UNKNOWN });
+  private readonly name = element("span");
 
   constructor(name: string, title: string) {
-    this.root = element("div", { class: "fact", title }, this.value, element("span", { text: name }));
+    this.root = element("div", { class: "fact", title }, this.value, this.name);
+    setText(this.name, name);
   }
 
-  set(text: string): void {
+  set(text: string, name?: string): void {
     setText(this.value, text);
+    if (name !== undefined) setText(this.name, name);
   }
 }
 
@@ -51,7 +54,7 @@ export class Header {
     const [text, kind] = stateOf(state);
     setText(this.state, text);
     for (const name of ["good", "warning", "failed", "past"]) setClass(this.state, name, name === kind);
-    this.people.set(peopleText(state));
+    this.people.set(...peopleText(state));
     this.rate.set(fixed(state.status?.posesPerSecond ?? null, 0));
     const whole = state.status?.latency.find((stage) => stage.stage === "capture_to_pose");
     this.delay.set(milliseconds(whole?.p50_us ?? null));
@@ -75,7 +78,8 @@ export class Header {
   }
 }
 
-function peopleText(state: PageState): string {
+/** Number and name: those who are confirmed and seen, and how many are not. */
+function peopleText(state: PageState): [string, string] {
   let confirmed = 0;
   let others = 0;
   for (let i = 0; i < state.people.count; i++) {
@@ -83,7 +87,8 @@ function peopleText(state: PageState): string {
     if (phase === TENTATIVE || phase === COASTING) others++;
     else confirmed++;
   }
-  return others === 0 ? `${confirmed}` : `${confirmed} + ${others}`;
+  const name = confirmed === 1 ? "person" : "people";
+  return [`${confirmed}`, others === 0 ? name : `${name}, ${others} unsure`];
 }
 
 function stateOf(state: PageState): [string, "good" | "warning" | "failed" | "past"] {

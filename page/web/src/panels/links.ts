@@ -43,7 +43,7 @@ class LinkCard {
   private readonly trip = new Fact("round trip", "There and back on the network alone");
   private readonly loss = new Fact("missing / late", "Ticks per second of which nothing came, and that came too late");
   private readonly level = new Fact("compression level", "0: lossless, 6: fewest bytes; how the edge keeps its link free");
-  private readonly shed = new Fact("sends of", "Persons per tick that are sent; the others come in turn");
+  private readonly shed = new Fact("persons sent", "Persons per tick whose maps are sent; where not all are, they come in turn");
   private readonly clock = new Fact("clock", "The edge's clock less that of fusion, and how far that may be off");
 
   constructor() {
@@ -79,7 +79,7 @@ function levelText(link: LinkStatus, isAbove: boolean): string {
 }
 
 function shedText(link: LinkStatus): string {
-  const persons = link.personsPerTick === null ? "all persons" : `${link.personsPerTick} persons a tick`;
+  const persons = link.personsPerTick === null ? "all" : `${link.personsPerTick} a tick, in turn`;
   const every = link.everyNthTick ?? 1;
   return every > 1 ? `${persons}, every ${every}. tick` : persons;
 }

@@ -52,7 +52,9 @@ export class PersonPanel {
   private readonly why = element("p", { class: "why" });
   private readonly views = element("p", { class: "seen-by" });
   private readonly event = element("p", { class: "event" });
-  private readonly unobserved = element("p", { class: "unobserved" });
+  private readonly unobserved = element("p");
+  private readonly unobservedCount = element("summary");
+  private readonly clamped = element("p");
   private readonly nameForm = element("form", { class: "name-form" });
   private readonly name = element("input", {
     label: "Name of this person",
@@ -80,7 +82,8 @@ export class PersonPanel {
     });
     const close = button("✕", "Stop following (Esc)", () => actions.follow(null), "icon");
     const head = element("div", { class: "detail-head" }, this.dot, this.title, close);
-    this.root.append(head, this.nameForm, this.why, this.views, this.event, chart, this.unobserved);
+    const unobserved = element("details", { class: "unobserved" }, this.unobservedCount, this.unobserved);
+    this.root.append(head, this.nameForm, this.why, this.views, this.event, chart, this.clamped, unobserved);
     this.root.append(element("h3", { text: "How sure: standard deviation of the worst joint" }), partList);
   }
 
@@ -102,7 +105,7 @@ export class PersonPanel {
     setText(this.why, at < 0 ? "Not there at this moment." : `${capital(phase?.[0])}: ${phase?.[1] ?? ""}.`);
     setText(this.views, at < 0 ? "" : this.viewsText(at));
     setText(this.event, this.eventText(id));
-    setText(this.unobserved, at < 0 ? "" : this.anglesText(at));
+    this.fillAngles(at);
     if (at >= 0) for (const part of this.parts) part.fill(people, at);
   }
 
@@ -115,15 +118,15 @@ export class PersonPanel {
     return `Seen by ${rest}.`;
   }
 
-  private anglesText(at: number): string {
+  /** Angles that a prior carried are no evidence of anything: they are told by name. */
+  private fillAngles(at: number): void {
     const people = this.state.people;
     const listed = (bits: Uint32Array): string[] =>
-      this.angles.filter((angle) => bitOf(bits, at, angle.index)).map((angle) => angle.name.toLowerCase());
+      at < 0 ? [] : this.angles.filter((angle) => bitOf(bits, at, angle.index)).map((angle) => angle.name.toLowerCase());
     const [unobserved, clamped] = [listed(people.unobserved), listed(people.clamped)];
-    const texts = [];
-    if (unobserved.length > 0) texts.push(`Not observed, carried by a prior: ${unobserved.join(", ")}.`);
-    if (clamped.length > 0) texts.push(`At the end of the range of motion: ${clamped.join(", ")}.`);
-    return texts.join(" ");
+    setText(this.clamped, clamped.length === 0 ? "" : `At the end of the range of motion: ${clamped.join(", ")}.`);
+    setText(this.unobservedCount, `${unobserved.length} of ${this.angles.length} angles are not observed: a prior carries them`);
+    setText(this.unobserved, `${unobserved.join(", ")}.`);
   }
 
   private eventText(id: number): string {

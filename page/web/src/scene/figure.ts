@@ -28,8 +28,8 @@ const ROWS: readonly Row[] = [
   ["left_shoulder", "right_shoulder", 0.064, 0.064, 1],
   ["spine", "neck", 0.115, 0.155, 0.66, -0.38],
   ["neck", "head", 0.056, 0.054],
-  ["head", "nose", 0.098, 0.072, 1, -0.7],
-  ["head", "nose", 0.03, 0.018, 1, 0.62],
+  ["head", "nose", 0.1, 0.08, 1, -0.72],
+  ["head", "nose", 0.03, 0.02, 1, 0.08],
 ];
 
 /** The same on both sides, without `left_` or `right_`. */

@@ -122,7 +122,13 @@ export class Floor {
     geometry.setIndex(corners);
     const mesh = new Mesh(geometry, material);
     mesh.renderOrder = -1;
-    this.group.add(mesh);
+    // Far away paint is narrower than a pixel and would break into dots: a line never is.
+    const thin = new BufferGeometry();
+    const ends = lines.flatMap(([x1, y1, x2, y2]) => [x1, y1, z, x2, y2, z]);
+    thin.setAttribute("position", new BufferAttribute(new Float32Array(ends), 3));
+    const segments = new LineSegments(thin, material);
+    segments.renderOrder = -1;
+    this.group.add(mesh, segments);
   }
 }
 

@@ -22,12 +22,15 @@ const CELL_WIDTH_PX = 256;
 const CELL_HEIGHT_PX = 32;
 const FONT = "600 20px system-ui, sans-serif";
 const MOST_LABELS = 384;
+/** How far above its place a label stands, CSS pixels: seen from above, it would hide the head. */
+const ABOVE_PX = 14;
 
 const VERTEX = /* glsl */ `
   attribute vec4 place;   // xyz in the world, cell
   attribute vec2 shape;   // width in pixels of the texture, opacity
   uniform vec2 canvas;    // half the size of the canvas, pixels
   uniform float scale;
+  uniform float ratio;    // device pixels per CSS pixel
   varying vec2 vUv;
   varying float vOpacity;
   void main() {
@@ -35,7 +38,7 @@ const VERTEX = /* glsl */ `
     vec2 size = vec2(shape.x, ${CELL_HEIGHT_PX}.0) * scale;
     // Whole pixels keep the letters sharp.
     vec2 ndc = centre.xy / centre.w;
-    ndc = floor(ndc * canvas + 0.5) / canvas;
+    ndc = floor(ndc * canvas + vec2(0.5, 0.5 + ${ABOVE_PX}.0 * ratio)) / canvas;
     gl_Position = vec4((ndc + position.xy * size / (2.0 * canvas)) * centre.w, centre.zw);
     vec2 cell = vec2(mod(place.w, ${COLUMNS}.0), floor(place.w / ${COLUMNS}.0));
     vec2 uvInCell = vec2((position.x + 1.0) * 0.5 * shape.x / ${CELL_WIDTH_PX}.0, (1.0 - position.y) * 0.5);
@@ -96,7 +99,7 @@ export class Labels {
     this.material = new ShaderMaterial({
       vertexShader: VERTEX,
       fragmentShader: FRAGMENT,
-      uniforms: { texts: { value: this.texture }, canvas: { value: new Vector2(1, 1) }, scale: { value: 0.6 } },
+      uniforms: { texts: { value: this.texture }, canvas: { value: new Vector2(1, 1) }, scale: { value: 0.6 }, ratio: { value: 1 } },
       transparent: true,
       depthTest: false,
       depthWrite: false,
@@ -109,8 +112,9 @@ export class Labels {
   /** Size of the canvas in device pixels, and device pixels per CSS pixel. */
   resize(width_px: number, height_px: number, ratio: number): void {
     (this.material.uniforms["canvas"]?.value as Vector2).set(width_px / 2, height_px / 2);
-    const scale = this.material.uniforms["scale"];
+    const { scale, ratio: perPixel } = this.material.uniforms;
     if (scale !== undefined) scale.value = 0.6 * ratio;
+    if (perPixel !== undefined) perPixel.value = ratio;
   }
 
   setTheme(text: string, ground: string): void {

@@ -14,7 +14,7 @@ import { Trails } from "./trails.ts";
 import { View } from "./view.ts";
 
 /** Above the head, metres. */
-const LABEL_ABOVE_M = 0.3;
+const LABEL_ABOVE_M = 0.15;
 /** How near to somebody a click must be, CSS pixels. */
 const CLICK_PX = 28;
 
@@ -45,6 +45,7 @@ export class FieldScene {
   private people: People | null = null;
   private names: ReadonlyMap<number, string> = new Map();
   private pixelRatio = 1;
+  private isFirstFrame = true;
 
   constructor(
     private readonly venue: Venue,
@@ -197,11 +198,11 @@ export class FieldScene {
     const isSame =
       this.canvas.width === Math.floor(width * this.pixelRatio) && this.canvas.height === Math.floor(height * this.pixelRatio);
     if (isSame) return;
-    const isFirst = this.canvas.width === 300 && this.canvas.height === 150;
     this.renderer.setSize(width, height, false);
     this.labels.resize(this.canvas.width, this.canvas.height, this.pixelRatio);
     this.view.setAspect(width / height);
-    if (isFirst) this.view.setOrbit();
+    if (this.isFirstFrame) this.view.begin();
+    this.isFirstFrame = false;
   }
 }
 

@@ -7,6 +7,8 @@ import type { Camera, Venue } from "../protocol/venue.ts";
 const FIELD_OF_VIEW_DEG = 42;
 /** Time in which a new view is reached, seconds. */
 const MOVE_S = 0.45;
+/** Share of the canvas that the field fills. */
+const FILLED = 0.9;
 /** Distance from which somebody is followed, metres, unless it was nearer already. */
 const FOLLOW_DISTANCE_M = 6.5;
 /** Steps of the keyboard: radians of a turn, factor of a distance. */
@@ -21,6 +23,9 @@ export class View {
   private readonly controls: OrbitControls;
   private readonly centre = new Vector3();
   private readonly size_m: number;
+  private readonly isLongAlongX: boolean;
+  /** What is in view when the whole field is: its corners, and cameras that are not far away. */
+  private readonly toSee: Vector3[] = [];
   private readonly toPosition = new Vector3();
   private readonly toTarget = new Vector3();
   private readonly scratch = new Vector3();
@@ -35,6 +40,14 @@ export class View {
     const [x2, y2] = venue.fieldMax_m;
     this.centre.set((x1 + x2) / 2, (y1 + y2) / 2, venue.floor_m + 0.8);
     this.size_m = Math.max(x2 - x1, y2 - y1, 4);
+    this.isLongAlongX = x2 - x1 >= y2 - y1;
+    for (const x of [x1, x2]) {
+      for (const y of [y1, y2]) this.toSee.push(new Vector3(x, y, venue.floor_m), new Vector3(x, y, venue.floor_m + 2));
+    }
+    for (const { position_m } of venue.cameras) {
+      const place = new Vector3(...position_m);
+      if (place.distanceTo(this.centre) < this.size_m) this.toSee.push(place);
+    }
     this.camera = new PerspectiveCamera(FIELD_OF_VIEW_DEG, 1, 0.1, Math.max(500, 20 * this.size_m));
     this.camera.up.set(0, 0, 1);
     this.controls = new OrbitControls(this.camera, canvas);
@@ -44,8 +57,15 @@ export class View {
     this.controls.maxDistance = 6 * this.size_m;
     this.controls.zoomToCursor = true;
     this.controls.addEventListener("start", () => (this.left_s = 0));
+  }
+
+  /** The first view, once the shape of the canvas is known. */
+  begin(): void {
     this.setOrbit();
-    this.jump();
+    this.camera.position.copy(this.toPosition);
+    this.controls.target.copy(this.toTarget);
+    this.left_s = 0;
+    this.controls.update();
   }
 
   setAspect(aspect: number): void {
@@ -53,22 +73,21 @@ export class View {
     this.camera.updateProjectionMatrix();
   }
 
-  /** The whole field, from a corner; on a narrow canvas from farther away. */
+  /** The whole field, from a corner; on an upright canvas along its longer side. */
   setOrbit(): void {
     this.leave();
-    const distance_m = this.fitDistance() * 0.98;
-    this.toTarget.copy(this.centre);
-    this.toPosition.set(-0.3, -0.8, 0.52).normalize().multiplyScalar(distance_m).add(this.centre);
-    this.left_s = MOVE_S;
+    if (this.camera.aspect >= 1) this.scratch.set(-0.32, -0.78, 0.58);
+    else if (this.isLongAlongX) this.scratch.set(-0.8, -0.22, 0.55);
+    else this.scratch.set(-0.22, -0.8, 0.55);
+    this.goTo(this.scratch.normalize());
   }
 
-  /** From above, the field's +y up. */
+  /** From above, with the longer side of the field along that of the canvas. */
   setTop(): void {
     this.leave();
-    this.toTarget.copy(this.centre);
     // Exactly above, the direction that is up would not be defined.
-    this.toPosition.copy(this.centre).add(this.scratch.set(0, -0.002 * this.size_m, this.fitDistance() * 1.12));
-    this.left_s = MOVE_S;
+    const isTurned = this.camera.aspect >= 1 !== this.isLongAlongX;
+    this.goTo(this.scratch.set(isTurned ? -0.002 : 0, isTurned ? 0 : -0.002, 1).normalize());
   }
 
   follow(person: number | null): void {
@@ -130,13 +149,6 @@ export class View {
     this.camera.position.copy(target).add(offset);
   }
 
-  private jump(): void {
-    this.camera.position.copy(this.toPosition);
-    this.controls.target.copy(this.toTarget);
-    this.left_s = 0;
-    this.controls.update();
-  }
-
   private leave(): void {
     this.followed = null;
     if (this.through === null) return;
@@ -148,11 +160,34 @@ export class View {
     this.controls.target.copy(this.toTarget);
   }
 
-  private fitDistance(): number {
-    const half = Math.tan((FIELD_OF_VIEW_DEG / 2) * (Math.PI / 180));
-    const [x1, y1] = this.venue.fieldMin_m;
-    const [x2, y2] = this.venue.fieldMax_m;
-    return Math.max((x2 - x1) / (2 * half * this.camera.aspect), (y2 - y1) / (2 * half), 3) * 1.12 + 2;
+  /** Looks at the field from a direction, from so far that all of it and its cameras are in view. */
+  private goTo(direction: Vector3): void {
+    const right = new Vector3().crossVectors(this.camera.up, direction).normalize();
+    const up = new Vector3().crossVectors(direction, right);
+    const half = Math.tan((FIELD_OF_VIEW_DEG / 2) * (Math.PI / 180)) * FILLED;
+    const from = new Vector3();
+    let distance_m = 3;
+    // The middle of what is seen depends on the distance and the other way round; a few rounds are enough.
+    this.toTarget.copy(this.centre);
+    for (let round = 0; round < 6; round++) {
+      distance_m = 3;
+      let [low, high] = [Infinity, -Infinity];
+      for (const point of this.toSee) {
+        from.copy(point).sub(this.toTarget);
+        const toward_m = from.dot(direction);
+        const wide = Math.abs(from.dot(right)) / (half * this.camera.aspect);
+        distance_m = Math.max(distance_m, toward_m + wide, toward_m + Math.abs(from.dot(up)) / half);
+      }
+      for (const point of this.toSee) {
+        from.copy(point).sub(this.toTarget);
+        const height = from.dot(up) / (distance_m - from.dot(direction));
+        low = Math.min(low, height);
+        high = Math.max(high, height);
+      }
+      this.toTarget.addScaledVector(up, ((low + high) / 2) * distance_m);
+    }
+    this.toPosition.copy(this.toTarget).addScaledVector(direction, distance_m);
+    this.left_s = MOVE_S;
   }
 
   /** The pinhole of a camera, with its picture as large as fits into the canvas. */
