@@ -5,8 +5,8 @@ import { remember, remembered } from "./storage.ts";
 const KEY = "farfield.theme";
 
 export interface SceneColours {
+  /** Of the floor beyond the field too. */
   readonly background: number;
-  readonly ground: number;
   readonly field: number;
   readonly fineGrid: number;
   readonly coarseGrid: number;
@@ -18,8 +18,7 @@ export interface SceneColours {
 }
 
 const DARK: SceneColours = {
-  background: 0x11151c,
-  ground: 0x141922,
+  background: 0x12161e,
   field: 0x1b222d,
   fineGrid: 0x242d3a,
   coarseGrid: 0x313d4e,
@@ -31,8 +30,7 @@ const DARK: SceneColours = {
 };
 
 const LIGHT: SceneColours = {
-  background: 0xe9edf2,
-  ground: 0xe2e7ed,
+  background: 0xe4e9ef,
   field: 0xf4f6f9,
   fineGrid: 0xdde3ea,
   coarseGrid: 0xc3ccd7,

@@ -22,8 +22,8 @@ const TENTATIVE_OPACITY = 0.45;
 const COASTING_OPACITY = 0.55;
 /** Share by which those are dimmed who are not followed while somebody is. */
 const DIMMED = 0.25;
-/** Beyond so many people limbs have fewer corners. */
-const MANY_PERSONS = 30;
+/** Beyond so many people limbs have fewer corners, and small ones are left out. */
+const MANY_PERSONS = 24;
 /** Thickness of limbs when bones are shown instead of bodies. */
 const BONE_SHARE = 0.3;
 
@@ -115,6 +115,7 @@ export class Bodies {
   readonly mesh: Mesh;
   readonly shadow: Mesh;
   colouring: Colouring = "person";
+  private readonly fewLimbs: readonly Limb[];
   private readonly from: InstancedBufferAttribute;
   private readonly to: InstancedBufferAttribute;
   private readonly side: InstancedBufferAttribute;
@@ -122,18 +123,22 @@ export class Bodies {
   private readonly colourTo: InstancedBufferAttribute;
   private readonly fine: InstancedBufferGeometry;
   private readonly coarse: InstancedBufferGeometry;
+  /** For shadows, of which only the outline is seen. */
+  private readonly flat: InstancedBufferGeometry;
   private readonly body: ShaderMaterial;
   private readonly ground: ShaderMaterial;
 
   constructor(private readonly limbs: readonly Limb[], floor_m: number) {
+    this.fewLimbs = limbs.filter((limb) => !limb.isDetail);
     const instances = limbs.length * MOST_PERSONS;
     this.from = floats(instances);
     this.to = floats(instances);
     this.side = floats(instances);
     this.colourFrom = bytes(instances);
     this.colourTo = bytes(instances);
-    this.fine = this.geometry(12, 4);
-    this.coarse = this.geometry(8, 2);
+    this.fine = this.geometry(10, 3);
+    this.coarse = this.geometry(6, 2);
+    this.flat = this.geometry(6, 1);
     const thickness = { value: 1 };
     this.body = new ShaderMaterial({
       vertexShader: BODY_VERTEX,
@@ -148,7 +153,7 @@ export class Bodies {
       depthWrite: false,
     });
     this.mesh = new Mesh(this.fine, this.body);
-    this.shadow = new Mesh(this.coarse, this.ground);
+    this.shadow = new Mesh(this.flat, this.ground);
     this.shadow.renderOrder = -2;
     // The instances stand all over the field, the geometry's own bounds mean nothing.
     this.mesh.frustumCulled = false;
@@ -168,14 +173,15 @@ export class Bodies {
   /** Brings the meshes to these people; `followed` stands out. */
   update(people: People, followed: number | null): void {
     let at = 0;
+    const isMany = people.count > MANY_PERSONS;
     for (let i = 0; i < people.count; i++) {
       const isDimmed = followed !== null && people.ids[i] !== followed;
-      for (const limb of this.limbs) this.write(at++, people, i, limb, isDimmed);
+      for (const limb of isMany ? this.fewLimbs : this.limbs) this.write(at++, people, i, limb, isDimmed);
     }
-    const geometry = people.count > MANY_PERSONS ? this.coarse : this.fine;
+    const geometry = isMany ? this.coarse : this.fine;
     this.mesh.geometry = geometry;
     geometry.instanceCount = at;
-    this.coarse.instanceCount = at;
+    this.flat.instanceCount = at;
     for (const attribute of [this.from, this.to, this.side, this.colourFrom, this.colourTo]) {
       attribute.clearUpdateRanges();
       attribute.addUpdateRange(0, 4 * at);

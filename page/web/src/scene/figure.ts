@@ -17,7 +17,12 @@ export interface Limb {
   readonly sideFrom: number;
   readonly sideTo: number;
   readonly extend: number;
+  /** Whether it is left out where many people are drawn. */
+  readonly isDetail: boolean;
 }
+
+/** Limbs that nobody misses in a crowd, by their ends. */
+const DETAILS = new Set(["head nose 0.03", "left_ankle left_heel 0.04", "right_ankle right_heel 0.04", "spine neck 0.13"]);
 
 type Row = readonly [from: string, to: string, fromRadius_m: number, toRadius_m: number, depth?: number, extend?: number];
 
@@ -53,7 +58,8 @@ export function figureOf(venue: Venue): Limb[] {
     const b = index.get(to);
     if (a === undefined || b === undefined) return bonesOf(venue);
     const [sideFrom, sideTo] = sides(index, from, depth);
-    limbs.push({ from: a, to: b, fromRadius_m, toRadius_m, depth, extend, sideFrom, sideTo });
+    const isDetail = DETAILS.has(`${from} ${to} ${fromRadius_m}`);
+    limbs.push({ from: a, to: b, fromRadius_m, toRadius_m, depth, extend, sideFrom, sideTo, isDetail });
   }
   return limbs;
 }
@@ -79,5 +85,6 @@ function bonesOf(venue: Venue): Limb[] {
     sideFrom: -1,
     sideTo: -1,
     extend: 0,
+    isDetail: false,
   }));
 }

@@ -27,7 +27,6 @@ export class Floor {
   readonly group = new Group();
   /** Spacing of the fine grid, metres. */
   readonly spacing_m: number;
-  private readonly ground = new MeshBasicMaterial({ depthWrite: false });
   private readonly inside = new MeshBasicMaterial({ depthWrite: false });
   private readonly fine = new LineBasicMaterial();
   private readonly coarse = new LineBasicMaterial();
@@ -44,7 +43,6 @@ export class Floor {
     const step = this.spacing_m * COARSE_EVERY;
     const low = [Math.floor((x1 - beyond_m) / step) * step, Math.floor((y1 - beyond_m) / step) * step] as const;
     const high = [Math.ceil((x2 + beyond_m) / step) * step, Math.ceil((y2 + beyond_m) / step) * step] as const;
-    this.addPlane(low, high, z, this.ground, -5);
     this.addPlane([x1, y1], [x2, y2], z, this.inside, -4);
     this.addGrid(low, high, z + 0.002);
     this.addPaint(outlineOf(x1, y1, x2, y2), z + 0.008, PAINT_M, this.outline);
@@ -58,7 +56,6 @@ export class Floor {
 
   setTheme(colours: SceneColours): void {
     const set = (material: { color: Color }, colour: number): Color => material.color.set(colour);
-    set(this.ground, colours.ground);
     set(this.inside, colours.field);
     set(this.fine, colours.fineGrid);
     set(this.coarse, colours.coarseGrid);

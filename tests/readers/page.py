@@ -1,0 +1,268 @@
+"""Opens the live page in Debian's Chromium and does what an operator does.
+
+    pip install playwright websockets
+    python tests/readers/page.py URL SHOTS [--people N] [--start COMMAND]
+
+URL is the page's address as it was printed, with its token where it has one; with --start, COMMAND is run before, and the
+address is the last one that it prints (URL is then `-`). SHOTS is the folder for screenshots. --people: how many people
+the venue has at least. The venue must have an alarm at times, as `cargo run -p farfield-page --example synthetic` has.
+Chromium is /usr/bin/chromium, or what $CHROMIUM names. Prints a line per check; exits with 1 where one failed.
+"""
+
+import argparse
+import asyncio
+import contextlib
+import http.client
+import os
+import pathlib
+import re
+import shlex
+import subprocess
+import sys
+import threading
+import time
+import urllib.parse
+
+import websockets
+from playwright.sync_api import Error, sync_playwright
+
+# Without a graphics card Chromium draws WebGL by the processor, and says so.
+FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
+# Seconds: on a loaded machine software rendering takes its time.
+PATIENCE_S = 60
+# JavaScript of a frame, median, milliseconds, with 60 people; the machine should do nothing else.
+MOST_FRAME_MS = 3.0
+
+failures = []
+
+
+def check(what, is_right, found=""):
+    print(f"{'ok' if is_right else 'FAILED'}: {what}{f' ({found})' if found != '' else ''}", flush=True)
+    if not is_right:
+        failures.append(what)
+
+
+class Visit:
+    """A page that is open, with what its console said."""
+
+    def __init__(self, browser, url, **context):
+        self.context = browser.new_context(**context)
+        self.page = self.context.new_page()
+        self.said = []
+        self.page.on("console", lambda m: self.said.append(m.text) if m.type in ("error", "warning") else None)
+        self.page.on("pageerror", lambda error: self.said.append(str(error)))
+        self.began = time.monotonic()
+        self.page.goto(url)
+
+    def counter(self, name):
+        # Evaluated through the debugger: the page's own policy forbids texts as code.
+        return self.page.evaluate(f"window.farfield ? window.farfield.{name} : null")
+
+    def until(self, is_so, patience_s=PATIENCE_S):
+        """Seconds until something is so, or None."""
+        began = time.monotonic()
+        while time.monotonic() - began < patience_s:
+            with contextlib.suppress(Error):
+                if is_so():
+                    return time.monotonic() - began
+            self.page.wait_for_timeout(100)
+        return None
+
+    def shot(self, folder, name, **options):
+        self.page.screenshot(path=str(folder / f"{name}.png"), **options)
+
+
+def people_are_drawn(visit, folder, people):
+    is_there = visit.until(lambda: (visit.counter("persons") or 0) >= people) is not None
+    check(f"{people} people are drawn", is_there, f"{visit.counter('persons')} after {time.monotonic() - visit.began:.1f} s")
+    frames = visit.counter("frames")
+    visit.page.wait_for_timeout(5000)
+    check("frames go on", visit.counter("frames") > frames, f"{visit.counter('framesPerSecond'):.1f} frames/s")
+    check("JavaScript of a frame", visit.counter("frameMedian_ms") <= MOST_FRAME_MS,
+          f"median {visit.counter('frameMedian_ms'):.2f} ms, load {os.getloadavg()[0]:.1f}")
+    check("every message could be read", visit.counter("unreadable") == "", visit.counter("unreadable"))
+    visit.shot(folder, "field-dark")
+
+
+def follows(visit, folder):
+    page = visit.page
+    page.locator(".person").first.click()
+    check("a click follows somebody", visit.until(lambda: visit.counter("followed") is not None) is not None)
+    check("the followed person is told about", page.locator(".detail h2").is_visible())
+    page.wait_for_timeout(3000)
+    visit.shot(folder, "follow")
+    page.keyboard.press("c")
+    check("certainty has a key", page.locator(".key").is_visible())
+    page.wait_for_timeout(800)
+    visit.shot(folder, "certainty")
+    page.keyboard.press("c")
+    page.keyboard.press("Escape")
+    check("Escape stops following", visit.until(lambda: visit.counter("followed") is None) is not None)
+    page.keyboard.press("t")
+    page.wait_for_timeout(1500)
+    visit.shot(folder, "top")
+    page.keyboard.press("f")
+
+
+def looks_at_cameras(visit, folder):
+    page = visit.page
+    page.keyboard.press("2")
+    tiles = page.locator(".tile")
+    check("every camera has a tile", tiles.count() > 0, tiles.count())
+    page.locator(".tile-open").first.click()
+    page.wait_for_timeout(2000)
+    visit.shot(folder, "cameras")
+    page.select_option(".toolbar select", index=1)
+    page.wait_for_timeout(1500)
+    visit.shot(folder, "from-camera")
+    page.keyboard.press("f")
+    page.keyboard.press("3")
+    page.wait_for_timeout(2500)
+    check("every link has a card", page.locator(".links .card").count() > 0)
+    visit.shot(folder, "links")
+    page.keyboard.press("4")
+    page.wait_for_timeout(800)
+    visit.shot(folder, "events")
+    page.keyboard.press("?")
+    check("? lists the keys", page.locator("dialog.help").is_visible())
+    visit.shot(folder, "keys")
+    page.keyboard.press("Escape")
+    page.keyboard.press("1")
+
+
+def alarm_comes_and_goes(visit, folder):
+    alarm = visit.page.locator(".alarm")
+    came = visit.until(lambda: alarm.count() > 0)
+    text = alarm.first.inner_text() if came is not None else ""
+    check("an alarm comes in words", len(text.split()) > 4, repr(text))
+    check("with a remedy", came is not None and visit.page.locator(".alarm-remedy").first.inner_text() != "")
+    visit.shot(folder, "alarm")
+    check("and goes", visit.until(lambda: alarm.count() == 0) is not None)
+
+
+def scrubs(visit, folder):
+    page = visit.page
+    before = visit.counter("tick")
+    page.keyboard.press("j")
+    check("five seconds back is paused", visit.until(lambda: visit.counter("playback") == "paused") is not None)
+    moved = visit.until(lambda: visit.counter("tick") < before)
+    check("an earlier moment is shown", moved is not None, f"tick {before:.0f} -> {visit.counter('tick'):.0f}")
+    at = visit.counter("tick")
+    page.wait_for_timeout(1000)
+    check("it stays", visit.counter("tick") == at)
+    page.keyboard.press(".")
+    check("a step is a tick", visit.until(lambda: visit.counter("tick") == at + 1) is not None, visit.counter("tick") - at)
+    visit.shot(folder, "scrubbed")
+    page.keyboard.press(" ")
+    check("it plays on", visit.until(lambda: visit.counter("tick") > at + 10) is not None)
+    page.keyboard.press("l")
+    is_live = visit.until(lambda: visit.counter("playback") == "live") is not None
+    check("and is live again", is_live and visit.until(lambda: visit.counter("tick") > before) is not None)
+
+
+def records(visit):
+    record = visit.page.locator(".record")
+    if not record.is_visible():
+        print("left out: recording, which the server does not offer without a token")
+        return
+    for is_running in (True, False):
+        record.click()
+        is_so = visit.until(lambda: ("on" in (record.get_attribute("class") or "").split()) == is_running)
+        check(f"a recording {'starts' if is_running else 'stops'}", is_so is not None)
+
+
+def refuses_strangers(url):
+    """A foreign page must not read, nor somebody who let a name of theirs point here."""
+    parts = urllib.parse.urlsplit(url)
+    if parts.scheme != "http":
+        print("left out: strangers, who are tried over http only")
+        return
+    socket = f"ws://{parts.netloc}/ws"
+
+    async def opens(origin):
+        try:
+            async with websockets.connect(socket, origin=origin, open_timeout=10):
+                return 101
+        except websockets.exceptions.InvalidStatus as error:
+            return error.response.status_code
+
+    own = f"{parts.scheme}://{parts.netloc}"
+    check("a WebSocket of the page's own origin is open", asyncio.run(opens(own)) == 101)
+    foreign = asyncio.run(opens("http://stranger.example"))
+    check("a WebSocket of a foreign origin is refused", foreign == 403, foreign)
+    for host, wanted in ((parts.netloc, 200), ("stranger.example", 421)):
+        connection = http.client.HTTPConnection(parts.hostname, parts.port, timeout=10)
+        connection.request("GET", "/api/venue", headers={"Host": host})
+        status = connection.getresponse().status
+        check(f"Host {host} is answered {wanted}", status == wanted, status)
+        connection.close()
+
+
+def looks(browser, url, folder):
+    """Light, and a phone: seen by eye."""
+    light = Visit(browser, url, viewport={"width": 1280, "height": 720}, color_scheme="light")
+    phone = Visit(browser, url, viewport={"width": 390, "height": 844}, device_scale_factor=2, is_mobile=True, has_touch=True)
+    for visit, name in ((light, "field-light"), (phone, "phone")):
+        visit.page.bring_to_front()
+        check(f"{name}: people are drawn", visit.until(lambda v=visit: (v.counter("persons") or 0) > 0) is not None)
+        visit.page.wait_for_timeout(2500)
+        visit.shot(folder, name)
+        wide = visit.page.evaluate("document.documentElement.scrollWidth - document.documentElement.clientWidth")
+        check(f"{name}: nothing sticks out to the side", wide <= 0, f"{wide} px")
+        check(f"{name}: no console errors", not visit.said, visit.said[:3] or "")
+        visit.context.close()
+
+
+@contextlib.contextmanager
+def started(command):
+    """Runs a command and gives the last address that it prints first."""
+    process = subprocess.Popen(shlex.split(command), stdout=subprocess.PIPE, text=True)
+    try:
+        for line in process.stdout:
+            if found := re.search(r"https?://\S+", line):
+                # What it prints later must not fill the pipe.
+                threading.Thread(target=process.stdout.read, daemon=True).start()
+                yield found.group(0)
+                return
+        raise SystemExit(f"{command}: ended with {process.wait()} and without an address")
+    finally:
+        process.terminate()
+        process.wait(timeout=20)
+
+
+def visit_all(url, folder, people):
+    folder.mkdir(parents=True, exist_ok=True)
+    refuses_strangers(url)
+    with sync_playwright() as playwright:
+        chromium = os.environ.get("CHROMIUM", "/usr/bin/chromium")
+        browser = playwright.chromium.launch(executable_path=chromium, args=FLAGS)
+        visit = Visit(browser, url, viewport={"width": 1280, "height": 720}, color_scheme="dark")
+        people_are_drawn(visit, folder, people)
+        follows(visit, folder)
+        looks_at_cameras(visit, folder)
+        alarm_comes_and_goes(visit, folder)
+        scrubs(visit, folder)
+        records(visit)
+        check("the token is not in the address bar", "token" not in visit.page.url, visit.page.url)
+        check("no console errors", not visit.said, visit.said[:3] or "")
+        visit.context.close()
+        looks(browser, url, folder)
+        browser.close()
+
+
+def main():
+    parser = argparse.ArgumentParser()
+    parser.add_argument("url")
+    parser.add_argument("shots", type=pathlib.Path)
+    parser.add_argument("--people", type=int, default=1)
+    parser.add_argument("--start")
+    options = parser.parse_args()
+    with started(options.start) if options.start else contextlib.nullcontext(options.url) as url:
+        visit_all(url, options.shots, options.people)
+    if failures:
+        print(f"{len(failures)} failed: {'; '.join(failures)}")
+        sys.exit(1)
+
+
+if __name__ == "__main__":
+    main()
