@@ -1,0 +1,103 @@
+//! What does not change while a server runs: the answer of `/api/venue`.
+
+use farfield_proto::venue::{Field, Venue, VenueCamera};
+use serde::Serialize;
+
+use super::PROTOCOL;
+use super::text::{ActionKind, Mode, json};
+use crate::skeleton::Skeleton;
+
+#[derive(Serialize)]
+struct VenueDocument<'a> {
+    protocol: u8,
+    release: &'static str,
+    venue: &'a str,
+    mode: Mode,
+    rate_hz: f64,
+    field: FieldLines,
+    viewpoints: Vec<ViewpointLine<'a>>,
+    cameras: Vec<CameraLines<'a>>,
+    #[serde(flatten)]
+    skeleton: &'a Skeleton,
+    actions: &'a [ActionKind],
+}
+
+#[derive(Serialize)]
+struct FieldLines {
+    min_m: [f64; 3],
+    max_m: [f64; 3],
+    floor_m: f64,
+}
+
+impl From<Field> for FieldLines {
+    fn from(field: Field) -> Self {
+        Self {
+            min_m: field.min_m,
+            max_m: field.max_m,
+            floor_m: field.floor_m,
+        }
+    }
+}
+
+#[derive(Serialize)]
+struct ViewpointLine<'a> {
+    name: &'a str,
+    cameras: Vec<u16>,
+}
+
+#[derive(Serialize)]
+struct CameraLines<'a> {
+    name: &'a str,
+    viewpoint: u16,
+    size_px: [u32; 2],
+    fx_px: f64,
+    fy_px: f64,
+    cx_px: f64,
+    cy_px: f64,
+    /// World to camera, row by row.
+    rotation: [[f64; 3]; 3],
+    translation_m: [f64; 3],
+    position_m: [f64; 3],
+}
+
+impl<'a> From<&'a VenueCamera> for CameraLines<'a> {
+    fn from(camera: &'a VenueCamera) -> Self {
+        let model = &camera.model;
+        let of = model.intrinsics();
+        let camera_from_world = model.camera_from_world().isometry();
+        let rotation = camera_from_world.rotation.to_rotation_matrix();
+        let row = |i: usize| std::array::from_fn(|j| rotation[(i, j)]);
+        Self {
+            name: model.name(),
+            viewpoint: camera.viewpoint.0,
+            size_px: model.size_px(),
+            fx_px: of.fx_px,
+            fy_px: of.fy_px,
+            cx_px: of.cx_px,
+            cy_px: of.cy_px,
+            rotation: [row(0), row(1), row(2)],
+            translation_m: camera_from_world.translation.vector.into(),
+            position_m: model.center().coordinates_m().into(),
+        }
+    }
+}
+
+/// The document of a venue whose people have this skeleton.
+pub fn document(venue: &Venue, skeleton: &Skeleton, mode: Mode, actions: &[ActionKind]) -> String {
+    let viewpoints = venue.viewpoints.iter().map(|viewpoint| ViewpointLine {
+        name: &viewpoint.name,
+        cameras: viewpoint.cameras.iter().map(|camera| camera.0).collect(),
+    });
+    json(&VenueDocument {
+        protocol: PROTOCOL,
+        release: env!("CARGO_PKG_VERSION"),
+        venue: &venue.name,
+        mode,
+        rate_hz: venue.rate_hz,
+        field: venue.field.into(),
+        viewpoints: viewpoints.collect(),
+        cameras: venue.cameras.iter().map(CameraLines::from).collect(),
+        skeleton,
+        actions,
+    })
+}
