@@ -1,0 +1,425 @@
+//! What is wrong, in words, each with what mends it: the table of `docs/failures.md`, by what nodes say.
+
+use farfield_proto::id::ViewpointIndex;
+use farfield_proto::message::health::SystemClock;
+use farfield_proto::message::live::{CameraHealth, LiveStatus};
+use farfield_proto::tick::Micros;
+
+use super::context::Context;
+use super::nodes::{Nodes, SILENT_US};
+use crate::protocol::status::{Alarm, PageCounts, RecordingState, Severity};
+
+/// A certificate that ends in less time is worth a word, seconds.
+const ENDS_SOON_S: i64 = 30 * 86_400;
+const DAY_S: i64 = 86_400;
+/// An edge of which more ticks are missing a second is badly seen.
+const MISSING_PER_S: f64 = 2.0;
+
+/// What alarms are found from.
+pub(super) struct Circumstances<'a> {
+    pub(super) context: &'a Context,
+    pub(super) nodes: &'a Nodes,
+    pub(super) now_us: Micros,
+    /// How long ago the last poses came, microseconds; `None`: there were none yet.
+    pub(super) without_poses_us: Option<Micros>,
+    pub(super) recording: Option<&'a RecordingState>,
+    pub(super) counts: PageCounts,
+}
+
+/// Alarms under way.
+struct Found<'a> {
+    of: &'a Circumstances<'a>,
+    alarms: Vec<Alarm>,
+}
+
+/// Everything that is wrong now; `since_us` is now for each.
+pub(super) fn find(of: &Circumstances<'_>) -> Vec<Alarm> {
+    let mut found = Found {
+        of,
+        alarms: Vec::new(),
+    };
+    for node in Nodes::expected(of.context) {
+        found.node(node);
+    }
+    found.links();
+    found.cameras();
+    found.poses();
+    found.page();
+    found.alarms
+}
+
+impl Found<'_> {
+    fn say(
+        &mut self,
+        severity: Severity,
+        key: String,
+        subject: &str,
+        text: impl Into<String>,
+        remedy: impl Into<String>,
+    ) {
+        if self.alarms.iter().any(|alarm| alarm.key == key) {
+            return;
+        }
+        self.alarms.push(Alarm {
+            severity,
+            key,
+            subject: subject.to_owned(),
+            text: text.into(),
+            remedy: remedy.into(),
+            since_us: self.of.now_us,
+        });
+    }
+
+    fn node(&mut self, node: Option<ViewpointIndex>) {
+        let (context, nodes, now_us) = (self.of.context, self.of.nodes, self.of.now_us);
+        let name = context.node_name(node);
+        let subject = subject(context, node);
+        let key = format!("node/{name}");
+        let Some(heard) = nodes.get(node) else {
+            if nodes.fusion_live().is_some() {
+                let remedy = format!(
+                    "start it: `farfield edge VENUE --viewpoint {name}`; look at its power and network"
+                );
+                self.say(
+                    Severity::Failed,
+                    key,
+                    &subject,
+                    format!("{subject} has not been heard of yet"),
+                    remedy,
+                );
+            }
+            return;
+        };
+        let status = &heard.status;
+        let silent_us = now_us.saturating_sub(heard.at_us);
+        if let Some(failure) = &status.failure {
+            let remedy = "mend what it says and start it again; the others go on";
+            self.say(
+                Severity::Failed,
+                key,
+                &subject,
+                format!("{subject} gave up: {failure}"),
+                remedy,
+            );
+            return;
+        }
+        if silent_us >= SILENT_US {
+            let text = format!(
+                "{subject} has not been heard for {} s",
+                silent_us / 1_000_000
+            );
+            let remedy = if node.is_some() {
+                "look at its power, its network and its log; it joins again by itself"
+            } else {
+                "look at its log; start it again: edges go on by themselves for five seconds, and people come back with their ids"
+            };
+            self.say(Severity::Failed, key, &subject, text, remedy);
+            return;
+        }
+        if status.unreadable > 0 {
+            let text = format!(
+                "{subject} received {} messages that it could not read",
+                status.unreadable
+            );
+            let remedy = "update the older node: fusion first, then edge by edge";
+            self.say(Severity::Warning, key, &subject, text, remedy);
+        }
+        self.health(node, &subject);
+    }
+
+    /// What a node says of its clock, its keys and its disk.
+    fn health(&mut self, node: Option<ViewpointIndex>, subject: &str) {
+        let name = self.of.context.node_name(node).to_owned();
+        let Some(heard) = self.of.nodes.get(node) else {
+            return;
+        };
+        let health = &heard.status.health;
+        if let Some(SystemClock {
+            synchronised: false,
+            ..
+        }) = health.system_clock
+            && heard.status.live.is_some()
+        {
+            let text = format!("nothing keeps the clock of {subject} right");
+            let remedy = "start NTP or PTP on it (`timedatectl set-ntp true`, or chrony)";
+            self.say(
+                Severity::Warning,
+                format!("clock/{name}/free"),
+                subject,
+                text,
+                remedy,
+            );
+        }
+        let ends_s = health
+            .certificate_ends_s
+            .and_then(|ends_s| i64::try_from(ends_s).ok());
+        let left_s = ends_s.map(|ends_s| ends_s.saturating_sub(self.of.now_us / 1_000_000));
+        if let Some(left_s) = left_s.filter(|left_s| *left_s < ENDS_SOON_S) {
+            let key = format!("key/{name}");
+            let remedy = "make a new one with `farfield certs`, and bring it there";
+            if left_s < 0 {
+                self.say(
+                    Severity::Failed,
+                    key,
+                    subject,
+                    format!("the certificate of {subject} has ended"),
+                    remedy,
+                );
+            } else {
+                let text = format!(
+                    "the certificate of {subject} ends in {} days",
+                    left_s / DAY_S
+                );
+                self.say(Severity::Warning, key, subject, text, remedy);
+            }
+        }
+        if let Some(failure) = heard
+            .status
+            .live
+            .as_ref()
+            .and_then(|live| live.recording_failure.clone())
+        {
+            let remedy = "make room on its disk; poses go on without it";
+            self.say(
+                Severity::Failed,
+                format!("recording/{name}"),
+                subject,
+                failure,
+                remedy,
+            );
+        }
+        for (index, notice) in health.notices.iter().enumerate() {
+            let key = format!("node/{name}/notice/{index}");
+            let remedy = "see `farfield status` and `farfield doctor`";
+            self.say(Severity::Warning, key, subject, notice.clone(), remedy);
+        }
+    }
+
+    fn links(&mut self) {
+        let (context, nodes) = (self.of.context, self.of.nodes);
+        for (index, viewpoint, link, health) in nodes.links(context) {
+            let name = &link.viewpoint;
+            let subject = format!("link to {name}");
+            let key = format!("link/{name}");
+            let is_heard = nodes.get(Some(viewpoint)).is_some();
+            if let Some(refused) = &link.refused {
+                let severity = if link.live {
+                    Severity::Warning
+                } else {
+                    Severity::Failed
+                };
+                let remedy = "mend what it says: the same files, keys and clock on both; it joins again by itself";
+                self.say(
+                    severity,
+                    key.clone(),
+                    &subject,
+                    format!("{name} is refused: {refused}"),
+                    remedy,
+                );
+            } else if !link.live && is_heard {
+                let remedy = "look at its network and its log; the others go on";
+                self.say(
+                    Severity::Failed,
+                    key.clone(),
+                    &subject,
+                    format!("nothing comes from {name}"),
+                    remedy,
+                );
+            }
+            if let Some(edge) = nodes.edge_live(viewpoint).filter(|_| link.live) {
+                self.load(name, &subject, edge);
+            }
+            let missing = nodes
+                .get(None)
+                .and_then(|fusion| fusion.losses_per_s(index)[1]);
+            if let Some(missing) = missing.filter(|missing| link.live && *missing >= MISSING_PER_S)
+            {
+                let text = format!("of {missing:.0} ticks a second nothing comes from {name}");
+                let remedy = "the link loses messages: look at its cable or radio; give it more room or fewer people";
+                self.say(
+                    Severity::Warning,
+                    format!("{key}/missing"),
+                    &subject,
+                    text,
+                    remedy,
+                );
+            }
+            if health.dropped > 0 {
+                let text = format!(
+                    "{} messages of {name} found no place at fusion",
+                    health.dropped
+                );
+                let remedy = "fusion is too slow, or the edge sends too much: `farfield bench`, `farfield status`";
+                self.say(
+                    Severity::Warning,
+                    format!("{key}/dropped"),
+                    &subject,
+                    text,
+                    remedy,
+                );
+            }
+            self.clock(name, link.clock_offset_us, health.clock_uncertainty_us);
+        }
+    }
+
+    /// What an edge leaves out because its link carries no more.
+    fn load(&mut self, name: &str, subject: &str, edge: &LiveStatus) {
+        let usual = self.of.context.usual_level();
+        let mut less = Vec::new();
+        if edge.every_nth_tick > 1 {
+            less.push(format!("only one of {} ticks", edge.every_nth_tick));
+        }
+        if let Some(persons) = edge.persons_per_tick {
+            less.push(format!("{persons} people a tick"));
+        }
+        if edge.quality > usual {
+            less.push(format!(
+                "maps at compression level {} instead of {usual}",
+                edge.quality
+            ));
+        }
+        if !less.is_empty() {
+            let text = format!(
+                "the link to {name} is too thin: it sends {}",
+                less.join(", ")
+            );
+            let remedy = "give the link more room, or raise `[link] budget_bytes_per_s`; nothing queues up, and it comes back by itself";
+            self.say(
+                Severity::Warning,
+                format!("link/{name}/load"),
+                subject,
+                text,
+                remedy,
+            );
+        }
+    }
+
+    fn clock(&mut self, name: &str, offset_us: Option<i32>, uncertainty_us: Option<u32>) {
+        let bound_ms = self.of.context.venue.parameters.link.clock_bound_ms;
+        let Some(offset_us) = offset_us else {
+            return;
+        };
+        let off_ms = f64::from(offset_us.unsigned_abs()) / 1e3;
+        // Past the bound it is refused, which says so itself.
+        if off_ms > 0.5 * bound_ms {
+            let bound = uncertainty_us.map_or(String::new(), |us| {
+                format!(" (±{:.1})", f64::from(us) / 1e3)
+            });
+            let text = format!(
+                "the clock of {name} is {off_ms:.1} ms{bound} off; it is corrected up to {bound_ms} ms"
+            );
+            let remedy = "start NTP or PTP on it";
+            self.say(
+                Severity::Warning,
+                format!("clock/{name}"),
+                &format!("clock of {name}"),
+                text,
+                remedy,
+            );
+        }
+    }
+
+    fn cameras(&mut self) {
+        let (context, nodes) = (self.of.context, self.of.nodes);
+        for (index, camera) in context.venue.cameras.iter().enumerate() {
+            let Some(said) = nodes.camera(context, index as u16) else {
+                continue;
+            };
+            let (what, remedy) = match said.health {
+                CameraHealth::Works => continue,
+                CameraHealth::Frozen => (
+                    "gives the same picture over and over",
+                    "take its power away and give it back",
+                ),
+                CameraHealth::Black => (
+                    "gives black pictures",
+                    "look at its cap, its exposure and the light",
+                ),
+                CameraHealth::Silent => ("gives no pictures", "look at its cable and its power"),
+                CameraHealth::Failed => (
+                    "has failed, and is opened again until it works",
+                    "look at its cable, its power and its address",
+                ),
+            };
+            let name = camera.model.name();
+            let reason = said
+                .reason
+                .as_ref()
+                .map_or(String::new(), |reason| format!(": {reason}"));
+            let text = format!("camera {name} {what}{reason}");
+            let remedy = format!("{remedy}; its viewpoint takes another camera until then");
+            self.say(
+                Severity::Failed,
+                format!("camera/{name}"),
+                &format!("camera {name}"),
+                text,
+                remedy,
+            );
+        }
+    }
+
+    fn poses(&mut self) {
+        let fusion = self.of.nodes.get(None);
+        let is_live = fusion.is_some_and(|fusion| fusion.status.live.is_some());
+        let silent = self
+            .of
+            .without_poses_us
+            .filter(|us| is_live && *us >= SILENT_US);
+        let is_told = self
+            .alarms
+            .iter()
+            .any(|alarm| alarm.key.starts_with("node/"));
+        if let Some(us) = silent.filter(|_| !is_told) {
+            let text = format!("there have been no poses for {} s", us / 1_000_000);
+            let remedy = "look at fusion's log and at the machine's load";
+            self.say(Severity::Failed, "poses".to_owned(), "poses", text, remedy);
+        }
+    }
+
+    fn page(&mut self) {
+        if let Some(RecordingState {
+            running: false,
+            text,
+        }) = self.of.recording
+            && text.starts_with("failed")
+        {
+            let remedy = "make room on the disk, and start the recording again";
+            self.say(
+                Severity::Failed,
+                "recording".to_owned(),
+                "recording",
+                text.clone(),
+                remedy,
+            );
+        }
+        if self.of.counts.dropped > 0 {
+            let text = format!(
+                "the page lost {} messages: what it shows has gaps, poses have none",
+                self.of.counts.dropped
+            );
+            let remedy = "the machine is too busy for the page";
+            self.say(Severity::Warning, "page".to_owned(), "page", text, remedy);
+        }
+    }
+}
+
+/// A node as people call it.
+fn subject(context: &Context, node: Option<ViewpointIndex>) -> String {
+    match node {
+        None => "fusion".to_owned(),
+        Some(_) => format!("edge {}", context.node_name(node)),
+    }
+}
+
+/// The worst of the alarms whose keys are `prefix` or stand below it.
+pub(super) fn worst(alarms: &[Alarm], prefix: &str) -> Option<Severity> {
+    let is_of = |alarm: &&Alarm| {
+        let rest = alarm.key.strip_prefix(prefix);
+        rest.is_some_and(|rest| rest.is_empty() || rest.starts_with('/'))
+    };
+    alarms
+        .iter()
+        .filter(is_of)
+        .map(|alarm| alarm.severity)
+        .min()
+}

@@ -1,0 +1,191 @@
+//! What led to the poses of a tick: who was cropped from which camera, where boxes were, what detectors found. Kept for
+//! the ticks around the newest, until their poses come.
+
+use std::collections::{BTreeMap, VecDeque};
+
+use farfield_proto::id::{CameraIndex, PersonId, ViewpointIndex};
+use farfield_proto::message::identity_event::{Change, IdentityEvent};
+use farfield_proto::message::{BoxSet, CameraBox, PatchSet, Sighting, SightingSet};
+use farfield_proto::tick::Tick;
+
+use super::frame::FrameBox;
+
+/// Ticks that are kept while their poses are not there.
+const MAX_TICKS: usize = 256;
+/// How far from the newest poses a tick may be, ticks: what is farther was made by a clock that is wrong.
+const MAX_DISTANCE: i64 = 1200;
+/// Most crops and most sightings that are kept of a tick.
+const MAX_CROPS: usize = 4096;
+const MAX_SIGHTINGS: usize = 1024;
+/// Box sets that are kept of a viewpoint.
+const MAX_BOX_SETS: usize = 64;
+/// Most boxes of a set, over all cameras.
+const MAX_BOXES: usize = 4096;
+/// Most persons whose names on the wire are known.
+const MAX_WIRE_IDS: usize = 4096;
+
+/// What is known of a tick.
+#[derive(Debug, Clone, Default)]
+pub(super) struct TickEvidence {
+    /// Who was cropped from which camera at which viewpoint, and where boxes were.
+    pub(super) boxes: Vec<FrameBox>,
+    crops: Vec<(ViewpointIndex, PersonId, CameraIndex)>,
+    /// What detectors found.
+    pub(super) sightings: Vec<Sighting>,
+    /// When the last maps came, microseconds of Unix time.
+    pub(super) newest_patch_us: Option<i64>,
+    /// The earliest capture less the tick's time, microseconds.
+    pub(super) earliest_capture_us: Option<i32>,
+}
+
+impl TickEvidence {
+    /// Bit v: viewpoint v sent maps of the person.
+    pub(super) fn viewpoints_of(&self, person: PersonId) -> u64 {
+        let of = self.crops.iter().filter(|(_, who, _)| *who == person);
+        of.filter(|(viewpoint, ..)| viewpoint.0 < 64)
+            .fold(0, |bits, (viewpoint, ..)| bits | 1 << viewpoint.0)
+    }
+}
+
+/// What is kept of the ticks around the newest.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Evidence {
+    ticks: BTreeMap<Tick, TickEvidence>,
+    boxes: BTreeMap<ViewpointIndex, VecDeque<(Tick, Vec<(PersonId, CameraBox)>)>>,
+    /// Ids as poses have them, by the ids of patches and boxes, where the two differ.
+    ids: BTreeMap<PersonId, PersonId>,
+    newest: Option<Tick>,
+}
+
+impl Evidence {
+    fn tick(&mut self, tick: Tick) -> Option<&mut TickEvidence> {
+        if let Some(newest) = self.newest
+            && (tick <= newest || tick - newest > MAX_DISTANCE)
+        {
+            return None;
+        }
+        if self.ticks.len() >= MAX_TICKS && !self.ticks.contains_key(&tick) {
+            self.ticks.pop_first();
+        }
+        Some(self.ticks.entry(tick).or_default())
+    }
+
+    pub(super) fn take_patches(&mut self, set: &PatchSet, at_us: i64) {
+        let Some(tick) = self.tick(set.tick) else {
+            return;
+        };
+        tick.newest_patch_us = Some(
+            tick.newest_patch_us
+                .map_or(at_us, |newest| newest.max(at_us)),
+        );
+        for patch in &set.persons {
+            let offset_us = patch.capture_offset_us;
+            let earliest = tick
+                .earliest_capture_us
+                .map_or(offset_us, |us| us.min(offset_us));
+            tick.earliest_capture_us = Some(earliest);
+            if tick.crops.len() < MAX_CROPS {
+                tick.crops.push((set.viewpoint, patch.person, patch.camera));
+            }
+        }
+    }
+
+    pub(super) fn take_sightings(&mut self, set: SightingSet) {
+        if let Some(tick) = self.tick(set.tick) {
+            let room = MAX_SIGHTINGS.saturating_sub(tick.sightings.len());
+            tick.sightings.extend(set.sightings.into_iter().take(room));
+        }
+    }
+
+    pub(super) fn take_boxes(&mut self, viewpoint: ViewpointIndex, set: BoxSet) {
+        let sets = self.boxes.entry(viewpoint).or_default();
+        let boxes = set.persons.into_iter().flat_map(|person| {
+            let who = person.person;
+            person.cameras.into_iter().map(move |camera| (who, camera))
+        });
+        match sets.iter_mut().find(|(tick, _)| *tick == set.tick) {
+            Some((_, known)) => {
+                let room = MAX_BOXES.saturating_sub(known.len());
+                known.extend(boxes.take(room));
+            }
+            None => {
+                if sets.len() >= MAX_BOX_SETS {
+                    sets.pop_front();
+                }
+                sets.push_back((set.tick, boxes.take(MAX_BOXES).collect()));
+            }
+        }
+    }
+
+    /// Notes by which id patches name a person.
+    pub(super) fn take_event(&mut self, event: &IdentityEvent) {
+        let id = match event.change {
+            Change::Recognise { old, .. } => old,
+            _ => event.person,
+        };
+        if matches!(event.change, Change::Drop { .. }) || id == event.wire_id {
+            self.ids.remove(&event.wire_id);
+        } else if self.ids.len() < MAX_WIRE_IDS {
+            self.ids.insert(event.wire_id, id);
+        }
+    }
+
+    /// Who is who, and nothing of single ticks.
+    pub(super) fn essence(&self) -> Self {
+        Self {
+            ids: self.ids.clone(),
+            ..Self::default()
+        }
+    }
+
+    /// What is known of a tick whose poses have come; earlier ticks are forgotten.
+    pub(super) fn of_tick(&mut self, tick: Tick) -> TickEvidence {
+        let mut found = self.ticks.remove(&tick).unwrap_or_default();
+        self.ticks = self.ticks.split_off(&tick);
+        self.newest = Some(tick);
+        let published = |wire: PersonId| self.ids.get(&wire).copied().unwrap_or(wire);
+        for (_, person, _) in &mut found.crops {
+            *person = published(*person);
+        }
+        for sets in self.boxes.values() {
+            let Some((of, boxes)) = nearest(sets, tick) else {
+                continue;
+            };
+            found
+                .boxes
+                .extend(boxes.iter().map(|(person, camera)| FrameBox {
+                    person: published(*person),
+                    camera: camera.camera,
+                    bounding_box: Some(camera.bounding_box.moved_on(&camera.rate, tick - *of)),
+                    is_chosen: false,
+                }));
+        }
+        mark_chosen(&mut found);
+        found
+    }
+}
+
+/// The newest set for `tick` or before; else the first after it.
+fn nearest<T>(sets: &VecDeque<(Tick, T)>, tick: Tick) -> Option<&(Tick, T)> {
+    let before = sets
+        .iter()
+        .filter(|(of, _)| *of <= tick)
+        .max_by_key(|(of, _)| *of);
+    before.or_else(|| sets.iter().min_by_key(|(of, _)| *of))
+}
+
+/// Marks the boxes that edges took crops for; a crop without a box gets a mark of its own.
+fn mark_chosen(evidence: &mut TickEvidence) {
+    for (_, person, camera) in &evidence.crops {
+        let of = |b: &&mut FrameBox| b.person == *person && b.camera == *camera;
+        match evidence.boxes.iter_mut().find(of) {
+            Some(found) => found.is_chosen = true,
+            None => evidence.boxes.push(FrameBox {
+                person: *person,
+                camera: *camera,
+                bounding_box: None,
+                is_chosen: true,
+            }),
+        }
+    }
+}

@@ -1,0 +1,146 @@
+//! The way of messages into the page: a queue with a size in messages and in bytes, and the thread that reads them.
+
+use std::collections::BTreeSet;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
+use std::thread;
+use std::time::Duration;
+
+use farfield_proto::tick::{Micros, SECOND_US};
+
+use super::Shared;
+use super::context::Topic;
+use super::known::{Known, News};
+
+/// Most messages that wait: a second of eight viewpoints at 60 Hz, eight messages each.
+const MAX_WAITING: usize = 4096;
+/// Most bytes that wait.
+const MAX_WAITING_BYTES: usize = 16 << 20;
+/// After so long without a message time has gone on.
+const HEARTBEAT: Duration = Duration::from_millis(250);
+const HEARTBEAT_US: Micros = 250_000;
+
+/// A message on its way.
+struct Waiting {
+    topic: Topic,
+    bytes: Box<[u8]>,
+    at_us: Micros,
+}
+
+/// The near end of the queue.
+pub(crate) struct Feed {
+    sender: SyncSender<Waiting>,
+    waiting_bytes: Arc<AtomicUsize>,
+}
+
+impl Feed {
+    /// Starts the thread, which ends when the feed is dropped.
+    pub(crate) fn start(shared: Arc<Shared>) -> std::io::Result<Self> {
+        let (sender, receiver) = sync_channel(MAX_WAITING);
+        let waiting_bytes = Arc::<AtomicUsize>::default();
+        let bytes = Arc::clone(&waiting_bytes);
+        thread::Builder::new()
+            .name("page-feed".to_owned())
+            .spawn(move || Reading::new(shared).run(&receiver, &bytes))?;
+        Ok(Self {
+            sender,
+            waiting_bytes,
+        })
+    }
+
+    /// Whether there was room for a message.
+    pub(crate) fn offer(&self, topic: Topic, bytes: &[u8], at_us: Micros) -> bool {
+        let n = bytes.len();
+        let before = self.waiting_bytes.fetch_add(n, Ordering::Relaxed);
+        let has_room = before.saturating_add(n) <= MAX_WAITING_BYTES;
+        let waiting = || Waiting {
+            topic,
+            bytes: bytes.into(),
+            at_us,
+        };
+        let is_taken = has_room && self.sender.try_send(waiting()).is_ok();
+        if !is_taken {
+            self.waiting_bytes.fetch_sub(n, Ordering::Relaxed);
+        }
+        is_taken
+    }
+}
+
+/// The far end: what is known, and what was told of it.
+struct Reading {
+    shared: Arc<Shared>,
+    known: Known,
+    told_us: Option<Micros>,
+    told_alarms: BTreeSet<String>,
+}
+
+impl Reading {
+    fn new(shared: Arc<Shared>) -> Self {
+        Self {
+            known: Known::new(Arc::clone(&shared.context)),
+            shared,
+            told_us: None,
+            told_alarms: BTreeSet::new(),
+        }
+    }
+
+    fn run(mut self, receiver: &Receiver<Waiting>, waiting_bytes: &AtomicUsize) {
+        loop {
+            match receiver.recv_timeout(HEARTBEAT) {
+                Ok(waiting) => {
+                    waiting_bytes.fetch_sub(waiting.bytes.len(), Ordering::Relaxed);
+                    self.take(&waiting);
+                }
+                Err(RecvTimeoutError::Timeout) => {
+                    self.known.wait(HEARTBEAT_US);
+                    self.tell_status(true);
+                }
+                Err(RecvTimeoutError::Disconnected) => return,
+            }
+        }
+    }
+
+    fn take(&mut self, waiting: &Waiting) {
+        match self
+            .known
+            .take(waiting.topic, &waiting.bytes, waiting.at_us)
+        {
+            News::Frame(frame) => {
+                self.shared.past.push(Arc::clone(&frame));
+                self.shared.newest.send_replace(Some(frame));
+                self.tell_status(false);
+            }
+            News::Events(events) => self.shared.events.push(events),
+            News::Status => self.tell_status(true),
+            News::Nothing => {}
+        }
+    }
+
+    /// Tells how everything is, once a second; sooner where `may_be_new` and an alarm has come or gone.
+    fn tell_status(&mut self, may_be_new: bool) {
+        let now_us = self.known.now_us();
+        let is_due = self
+            .told_us
+            .is_none_or(|told_us| now_us.saturating_sub(told_us) >= SECOND_US);
+        if now_us == 0 || !(is_due || may_be_new) {
+            return;
+        }
+        let document = self.known.status(&self.shared.beside());
+        let alarms: BTreeSet<String> = document
+            .alarms
+            .iter()
+            .map(|alarm| alarm.key.clone())
+            .collect();
+        if !is_due && alarms == self.told_alarms {
+            return;
+        }
+        self.told_us = Some(now_us);
+        self.told_alarms = alarms;
+        let text: Arc<str> = document.to_json().into();
+        if let Some(tick) = self.known.newest_tick() {
+            self.shared.past.push_status(tick, Arc::clone(&text));
+        }
+        self.shared.status.send_replace(text);
+    }
+}

@@ -1,0 +1,331 @@
+//! All that the messages so far say: one in, what changed out. Pure, and cheap to copy, so that a recording can be entered
+//! anywhere.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::Arc;
+
+use farfield_proto::id::{SessionId, ViewpointIndex};
+use farfield_proto::message::identity_event::{
+    Change, DropReason, IdentityEvent, IdentityEventSet,
+};
+use farfield_proto::message::{BoxSet, PatchSet, PoseSet, SightingSet, Status};
+use farfield_proto::tick::{Micros, SECOND_US, Tick};
+use farfield_proto::wire::{self, WireError};
+
+use super::alarms::{self, Circumstances};
+use super::context::{Context, Topic};
+use super::evidence::Evidence;
+use super::frame::{Frame, SharedFrame};
+use super::latency::{LatencyWindow, Stage, tick_time_us};
+use super::nodes::Nodes;
+use crate::protocol::status::{Alarm, PageCounts, People, RecordingState, StatusDocument};
+use crate::protocol::text::EventLine;
+
+/// Most poses of the last second whose times are kept.
+const MAX_POSE_TIMES: usize = 2048;
+
+/// What is known.
+#[derive(Debug, Clone)]
+pub(crate) struct Known {
+    context: Arc<Context>,
+    session: Option<SessionId>,
+    nodes: Nodes,
+    evidence: Evidence,
+    latency: LatencyWindow,
+    epoch_us: Option<u64>,
+    newest: Option<SharedFrame>,
+    /// When the poses of the last second came.
+    pose_times: VecDeque<Micros>,
+    now_us: Micros,
+    /// Since when each alarm is on.
+    since: BTreeMap<String, Micros>,
+    unreadable: u64,
+}
+
+/// What a message changed.
+#[derive(Debug)]
+pub(crate) enum News {
+    /// The people of a tick.
+    Frame(SharedFrame),
+    /// Who became who.
+    Events(Vec<EventLine>),
+    /// How a node is.
+    Status,
+    /// Nothing that is told at once.
+    Nothing,
+}
+
+/// What a status is told of by others than the messages.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Beside {
+    pub(crate) recording: Option<RecordingState>,
+    pub(crate) counts: PageCounts,
+}
+
+impl Known {
+    pub(crate) fn new(context: Arc<Context>) -> Self {
+        Self {
+            context,
+            session: None,
+            nodes: Nodes::default(),
+            evidence: Evidence::default(),
+            latency: LatencyWindow::default(),
+            epoch_us: None,
+            newest: None,
+            pose_times: VecDeque::new(),
+            now_us: 0,
+            since: BTreeMap::new(),
+            unreadable: 0,
+        }
+    }
+
+    /// As of when, microseconds of Unix time.
+    pub(crate) fn now_us(&self) -> Micros {
+        self.now_us
+    }
+
+    /// What is known without what a second of messages says again: little, so that a recording keeps many of them.
+    pub(crate) fn essence(&self) -> Self {
+        Self {
+            context: Arc::clone(&self.context),
+            session: self.session,
+            nodes: self.nodes.clone(),
+            evidence: self.evidence.essence(),
+            latency: LatencyWindow::default(),
+            epoch_us: self.epoch_us,
+            newest: None,
+            pose_times: VecDeque::new(),
+            now_us: self.now_us,
+            since: self.since.clone(),
+            unreadable: self.unreadable,
+        }
+    }
+
+    /// Time has gone on without a message.
+    pub(crate) fn wait(&mut self, us: Micros) {
+        if self.now_us > 0 {
+            self.now_us = self.now_us.saturating_add(us);
+        }
+    }
+
+    /// Takes a message as it was on the wire.
+    pub(crate) fn take(&mut self, topic: Topic, bytes: &[u8], at_us: Micros) -> News {
+        self.now_us = self.now_us.max(at_us);
+        self.read(topic, bytes, at_us).unwrap_or_else(|_| {
+            self.unreadable += 1;
+            News::Nothing
+        })
+    }
+
+    fn read(&mut self, topic: Topic, bytes: &[u8], at_us: Micros) -> Result<News, WireError> {
+        Ok(match topic {
+            Topic::Poses => self.poses(wire::decode(bytes)?, at_us),
+            Topic::Events => self.events(&wire::decode(bytes)?, at_us),
+            Topic::Patches(viewpoint) => {
+                let set: PatchSet = wire::decode(bytes)?;
+                self.patches(viewpoint, set, at_us);
+                News::Nothing
+            }
+            Topic::Sightings(viewpoint) => {
+                let set: SightingSet = wire::decode(bytes)?;
+                if self.is_of_session(set.session) && set.viewpoint == viewpoint {
+                    self.evidence.take_sightings(set);
+                }
+                News::Nothing
+            }
+            Topic::Boxes(viewpoint) => {
+                let set: BoxSet = wire::decode(bytes)?;
+                self.enter(set.session);
+                self.epoch_us = set.live.map_or(self.epoch_us, |live| Some(live.epoch_us));
+                self.evidence.take_boxes(viewpoint, set);
+                News::Nothing
+            }
+            Topic::Status(node) => {
+                let status: Status = wire::decode(bytes)?;
+                if status.node == self.context.node_name(node) {
+                    self.nodes.take(node, status, at_us);
+                }
+                News::Status
+            }
+        })
+    }
+
+    fn is_of_session(&self, session: SessionId) -> bool {
+        self.session.is_none_or(|known| known == session)
+    }
+
+    /// Ids of another session mean other people.
+    fn enter(&mut self, session: SessionId) {
+        if !self.is_of_session(session) {
+            self.evidence = Evidence::default();
+            self.latency = LatencyWindow::default();
+            self.newest = None;
+            self.pose_times.clear();
+        }
+        self.session = Some(session);
+    }
+
+    fn patches(&mut self, viewpoint: ViewpointIndex, set: PatchSet, at_us: Micros) {
+        if !self.is_of_session(set.session) || set.viewpoint != viewpoint {
+            return;
+        }
+        // Of the messages of a tick the last tells how long all of them took.
+        let is_last = set.part.saturating_add(1) == set.parts;
+        if let (Some(timing), Some(epoch_us), true) = (set.timing, self.epoch_us, is_last) {
+            let tick_us = tick_time_us(epoch_us, set.tick, self.context.venue.rate_hz);
+            let sent_after_us = Micros::from(timing.sent_after_us);
+            let captures = set.persons.iter().map(|patch| patch.capture_offset_us);
+            let captured_us = Micros::from(captures.min().unwrap_or(0));
+            let to_send_us = sent_after_us.saturating_sub(captured_us);
+            self.latency.note(Stage::CaptureToSend, at_us, to_send_us);
+            let sent_us = tick_us.saturating_add(sent_after_us);
+            self.latency
+                .note(Stage::Link, at_us, at_us.saturating_sub(sent_us));
+        }
+        self.evidence.take_patches(&set, at_us);
+    }
+
+    fn poses(&mut self, set: PoseSet, at_us: Micros) -> News {
+        self.enter(set.session);
+        let evidence = self.evidence.of_tick(set.tick);
+        if let Some(patch_us) = evidence.newest_patch_us {
+            self.latency
+                .note(Stage::Fusion, at_us, at_us.saturating_sub(patch_us));
+        }
+        if let (Some(epoch_us), Some(captured_us)) = (self.epoch_us, evidence.earliest_capture_us) {
+            let tick_us = tick_time_us(epoch_us, set.tick, self.context.venue.rate_hz);
+            let capture_us = tick_us.saturating_add(Micros::from(captured_us));
+            self.latency.note(
+                Stage::CaptureToPose,
+                at_us,
+                at_us.saturating_sub(capture_us),
+            );
+        }
+        if self.pose_times.len() >= MAX_POSE_TIMES {
+            self.pose_times.pop_front();
+        }
+        self.pose_times.push_back(at_us);
+        let frame = Arc::new(Frame::new(&self.context, set, at_us, evidence));
+        self.newest = Some(Arc::clone(&frame));
+        News::Frame(frame)
+    }
+
+    fn events(&mut self, set: &IdentityEventSet, at_us: Micros) -> News {
+        self.enter(set.session);
+        let lines = set.events.iter().map(|event| {
+            self.evidence.take_event(event);
+            EventLine {
+                session: set.session.0 as u32,
+                tick: set.tick,
+                at_us,
+                person: event.person.0,
+                other: other(event),
+                change: event.change.name(),
+                text: event.to_string(),
+            }
+        });
+        News::Events(lines.collect())
+    }
+
+    /// How everything is; remembers since when each alarm is on.
+    pub(crate) fn status(&mut self, beside: &Beside) -> StatusDocument {
+        let now_us = self.now_us;
+        let counts = PageCounts {
+            unreadable: self.unreadable,
+            ..beside.counts
+        };
+        let last_us = self.pose_times.back();
+        let mut alarms = alarms::find(&Circumstances {
+            context: &self.context,
+            nodes: &self.nodes,
+            now_us,
+            without_poses_us: last_us.map(|last_us| now_us.saturating_sub(*last_us)),
+            recording: beside.recording.as_ref(),
+            counts,
+        });
+        for alarm in &mut alarms {
+            alarm.since_us = self.since.get(&alarm.key).copied().unwrap_or(now_us);
+        }
+        let keyed = alarms
+            .iter()
+            .map(|alarm| (alarm.key.clone(), alarm.since_us));
+        self.since = keyed.collect();
+        alarms.sort_by(|a, b| (a.severity, a.since_us).cmp(&(b.severity, b.since_us)));
+        let since_us = now_us.saturating_sub(SECOND_US);
+        // The last one stays: how long ago it came is asked for.
+        while self.pose_times.len() > 1
+            && self
+                .pose_times
+                .front()
+                .is_some_and(|at_us| *at_us <= since_us)
+        {
+            self.pose_times.pop_front();
+        }
+        let poses = self
+            .pose_times
+            .iter()
+            .filter(|at_us| **at_us > since_us)
+            .count();
+        self.document(beside, counts, alarms, poses)
+    }
+
+    fn document(
+        &mut self,
+        beside: &Beside,
+        counts: PageCounts,
+        alarms: Vec<Alarm>,
+        poses: usize,
+    ) -> StatusDocument {
+        let context = &self.context;
+        let name = |node| context.node_name(node).to_owned();
+        let worst = |node| {
+            let of =
+                ["node", "clock", "key", "recording"].map(|kind| format!("{kind}/{}", name(node)));
+            of.iter()
+                .filter_map(|prefix| alarms::worst(&alarms, prefix))
+                .min()
+        };
+        let nodes = Nodes::expected(context).map(|node| {
+            self.nodes
+                .node_line(context, node, worst(node).into(), self.now_us)
+        });
+        let link_state =
+            |viewpoint| alarms::worst(&alarms, &format!("link/{}", name(Some(viewpoint)))).into();
+        let newest = self.newest.as_deref();
+        let [tentative, tracked, coasting] = newest.map(Frame::phases).unwrap_or_default();
+        StatusDocument {
+            tick: newest.map(|frame| frame.tick),
+            at_us: self.now_us,
+            nodes: nodes.collect(),
+            links: self.nodes.link_lines(context, link_state),
+            cameras: self.nodes.camera_lines(context, newest),
+            latency: self.latency.lines(self.now_us),
+            people: People {
+                tentative,
+                tracked,
+                coasting,
+            },
+            poses_per_s: poses as f64,
+            recording: beside.recording.clone(),
+            page: counts,
+            alarms,
+        }
+    }
+
+    /// The newest tick with poses.
+    pub(crate) fn newest_tick(&self) -> Option<Tick> {
+        self.newest.as_ref().map(|frame| frame.tick)
+    }
+}
+
+/// The second person of an event.
+fn other(event: &IdentityEvent) -> Option<u32> {
+    match event.change {
+        Change::Recognise { old, .. } => Some(old.0),
+        Change::StepBack { other, .. }
+        | Change::Drop {
+            reason: DropReason::SamePlace { other, .. },
+        } => Some(other.0),
+        _ => None,
+    }
+}

@@ -1,0 +1,270 @@
+//! What the nodes of the venue have said of themselves, as lines of a status.
+
+use std::collections::BTreeMap;
+
+use farfield_proto::id::ViewpointIndex;
+use farfield_proto::message::Status;
+use farfield_proto::message::health::LinkHealth;
+use farfield_proto::message::live::{CameraHealth, CameraStatus, EdgeLink, LiveStatus};
+use farfield_proto::tick::{Micros, SECOND_US};
+
+use super::context::Context;
+use super::frame::Frame;
+use crate::protocol::status::{CameraLine, ClockLine, Condition, LinkLine, NodeLine, StageLine};
+
+/// A node says once a second how it is; one that is silent for so long is not well.
+pub(super) const SILENT_US: Micros = 3 * SECOND_US;
+/// Between two statuses that say a rate.
+const SHORTEST_US: Micros = SECOND_US / 10;
+
+/// Statuses, by node: `None` is fusion.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Nodes {
+    heard: BTreeMap<Option<ViewpointIndex>, HeardNode>,
+}
+
+/// A node that has said how it is.
+#[derive(Debug, Clone)]
+pub(super) struct HeardNode {
+    pub(super) status: Status,
+    pub(super) at_us: Micros,
+    /// The status before, of the same process, and when it came.
+    before: Option<(Counts, Micros)>,
+}
+
+/// What of a status rates are made of.
+#[derive(Debug, Clone)]
+struct Counts {
+    tick: Option<i64>,
+    /// Late and missing sets, by link.
+    links: Vec<[u64; 2]>,
+}
+
+impl Counts {
+    fn of(status: &Status) -> Self {
+        let edges = status.live.iter().flat_map(|live| &live.edges);
+        Self {
+            tick: status.tick.map(|tick| tick.0),
+            links: edges.map(|edge| [edge.late, edge.missing]).collect(),
+        }
+    }
+}
+
+impl HeardNode {
+    fn live(&self) -> Option<&LiveStatus> {
+        self.status.live.as_ref()
+    }
+
+    /// By how much a number has grown a second since the status before; `None`: not known, or it began anew.
+    fn rate(&self, now: i64, before: i64, before_us: Micros) -> Option<f64> {
+        let (grown, us) = (
+            now.checked_sub(before)?,
+            self.at_us.saturating_sub(before_us),
+        );
+        (grown >= 0 && us >= SHORTEST_US).then(|| grown as f64 * 1e6 / us as f64)
+    }
+
+    fn ticks_per_s(&self) -> Option<f64> {
+        let (before, before_us) = self.before.as_ref()?;
+        self.rate(self.status.tick?.0, before.tick?, *before_us)
+    }
+
+    /// Late and missing sets a second of a link.
+    pub(super) fn losses_per_s(&self, link: usize) -> [Option<f64>; 2] {
+        let now = self.live().and_then(|live| live.edges.get(link));
+        let before = self.before.as_ref();
+        let (Some(now), Some((before, before_us))) = (now, before) else {
+            return [None; 2];
+        };
+        let Some(before) = before.links.get(link) else {
+            return [None; 2];
+        };
+        let rate = |now: u64, before: u64| {
+            self.rate(
+                i64::try_from(now).ok()?,
+                i64::try_from(before).ok()?,
+                *before_us,
+            )
+        };
+        [rate(now.late, before[0]), rate(now.missing, before[1])]
+    }
+}
+
+impl Nodes {
+    pub(super) fn take(&mut self, node: Option<ViewpointIndex>, status: Status, at_us: Micros) {
+        let before = self.heard.get(&node);
+        let before = before.filter(|before| before.status.process == status.process);
+        let before = before.map(|before| (Counts::of(&before.status), before.at_us));
+        let heard = HeardNode {
+            status,
+            at_us,
+            before,
+        };
+        self.heard.insert(node, heard);
+    }
+
+    pub(super) fn get(&self, node: Option<ViewpointIndex>) -> Option<&HeardNode> {
+        self.heard.get(&node)
+    }
+
+    /// Fusion and the edges that the venue has.
+    pub(super) fn expected(
+        context: &Context,
+    ) -> impl Iterator<Item = Option<ViewpointIndex>> + use<> {
+        let n = context.venue.viewpoints.len();
+        [None]
+            .into_iter()
+            .chain((0..n).map(|index| Some(ViewpointIndex(index as u16))))
+    }
+
+    /// Fusion's live status.
+    pub(super) fn fusion_live(&self) -> Option<&LiveStatus> {
+        self.get(None)?.live()
+    }
+
+    /// An edge's live status.
+    pub(super) fn edge_live(&self, viewpoint: ViewpointIndex) -> Option<&LiveStatus> {
+        self.get(Some(viewpoint))?.live()
+    }
+
+    /// Fusion's links: to which viewpoint, what is said of it, and how healthy it is.
+    pub(super) fn links<'a>(
+        &'a self,
+        context: &'a Context,
+    ) -> impl Iterator<Item = (usize, ViewpointIndex, &'a EdgeLink, LinkHealth)> {
+        let health = self.get(None).map(|fusion| &fusion.status.health.links);
+        let edges = self.fusion_live().into_iter().flat_map(|live| &live.edges);
+        edges.enumerate().filter_map(move |(index, link)| {
+            let viewpoint = context.venue.viewpoint_named(&link.viewpoint)?;
+            let health = health.and_then(|links| links.get(index)).copied();
+            Some((index, viewpoint, link, health.unwrap_or_default()))
+        })
+    }
+
+    /// What is said of a camera by its edge.
+    pub(super) fn camera(&self, context: &Context, index: u16) -> Option<&CameraStatus> {
+        let viewpoint = context.venue.cameras.get(usize::from(index))?.viewpoint;
+        let mut cameras = self.edge_live(viewpoint)?.cameras.iter();
+        cameras.find(|camera| camera.camera.0 == index)
+    }
+
+    pub(super) fn node_line(
+        &self,
+        context: &Context,
+        node: Option<ViewpointIndex>,
+        state: Condition,
+        now_us: Micros,
+    ) -> NodeLine {
+        let heard = self.get(node);
+        let status = heard.map(|heard| &heard.status);
+        let text = |of: fn(&Status) -> &String| {
+            status.map(|status| of(status).clone()).unwrap_or_default()
+        };
+        let system = status.and_then(|status| status.health.system_clock);
+        NodeLine {
+            name: context.node_name(node).to_owned(),
+            kind: if node.is_none() { "fusion" } else { "edge" },
+            viewpoint: node.map(|viewpoint| viewpoint.0),
+            state: if heard.is_some() {
+                state
+            } else {
+                Condition::Unknown
+            },
+            heard_ago_s: heard.map(|heard| now_us.saturating_sub(heard.at_us).max(0) as f64 / 1e6),
+            release: text(|status| &status.release),
+            ready: status.is_some_and(|status| status.ready),
+            tick: status.and_then(|status| status.tick),
+            ticks_per_s: heard.and_then(HeardNode::ticks_per_s),
+            backend: text(|status| &status.backend),
+            failure: status.and_then(|status| status.failure.clone()),
+            notices: status
+                .map(|status| status.health.notices.clone())
+                .unwrap_or_default(),
+            unreadable: status.map_or(0, |status| status.unreadable),
+            missed_ticks: heard
+                .and_then(|heard| heard.live())
+                .map(|live| live.missed_ticks),
+            clock: system.map(|system| ClockLine {
+                synchronised: system.synchronised,
+                max_error_us: system.max_error_us,
+            }),
+            certificate_ends_s: status.and_then(|status| status.health.certificate_ends_s),
+            stages: status
+                .map(|status| status.stages.iter().map(StageLine::from).collect())
+                .unwrap_or_default(),
+        }
+    }
+
+    pub(super) fn link_lines(
+        &self,
+        context: &Context,
+        state: impl Fn(ViewpointIndex) -> Condition,
+    ) -> Vec<LinkLine> {
+        let lines = self.links(context).map(|(index, viewpoint, link, health)| {
+            let edge = self.edge_live(viewpoint);
+            let [late_per_s, missing_per_s] = self
+                .get(None)
+                .map_or([None; 2], |fusion| fusion.losses_per_s(index));
+            LinkLine {
+                viewpoint: viewpoint.0,
+                name: link.viewpoint.clone(),
+                state: state(viewpoint),
+                live: link.live,
+                refused: link.refused.clone(),
+                round_trip_us: link.round_trip_us,
+                clock_offset_us: link.clock_offset_us,
+                clock_uncertainty_us: health.clock_uncertainty_us,
+                clock_correction_us: health.clock_correction_us,
+                horizon_ticks: link.horizon_ticks,
+                bytes_per_s: link.bytes_per_s,
+                budget_bytes_per_s: context.budget_bytes_per_s(),
+                compression_level: edge.map(|edge| edge.quality),
+                usual_level: context.usual_level(),
+                persons_per_tick: edge.and_then(|edge| edge.persons_per_tick),
+                every_nth_tick: edge.map(|edge| edge.every_nth_tick),
+                held_back: edge.map(|edge| edge.held_back),
+                late: link.late,
+                missing: link.missing,
+                late_per_s,
+                missing_per_s,
+                unreadable: link.unreadable,
+                dropped: health.dropped,
+            }
+        });
+        lines.collect()
+    }
+
+    pub(super) fn camera_lines(
+        &self,
+        context: &Context,
+        newest: Option<&Frame>,
+    ) -> Vec<CameraLine> {
+        let lines = context.venue.cameras.iter().enumerate();
+        let line = |(index, camera): (usize, &farfield_proto::venue::VenueCamera)| {
+            let index = index as u16;
+            let said = self.camera(context, index);
+            CameraLine {
+                camera: index,
+                name: camera.model.name().to_owned(),
+                state: said.map_or("unknown", |said| health_name(said.health)),
+                frames_per_s: said.map(|said| said.frames_per_s),
+                capture_offset_us: said.map(|said| said.capture_offset_us),
+                reason: said.and_then(|said| said.reason.clone()),
+                persons: newest
+                    .map(|frame| frame.persons_of(farfield_proto::id::CameraIndex(index)))
+                    .unwrap_or_default(),
+            }
+        };
+        lines.map(line).collect()
+    }
+}
+
+fn health_name(health: CameraHealth) -> &'static str {
+    match health {
+        CameraHealth::Works => "works",
+        CameraHealth::Frozen => "frozen",
+        CameraHealth::Black => "black",
+        CameraHealth::Silent => "silent",
+        CameraHealth::Failed => "failed",
+    }
+}
