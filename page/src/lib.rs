@@ -1,6 +1,8 @@
 //! The live page: what is known of a venue, served to browsers and to programs, by the protocol of `docs/page.md`.
 //!
 //! It is fed with what passes on the wire anyway (or stands in a recording) by [`state::PageState::message`], knows nothing
+//! of Zenoh, and holds nobody up: what it has no room for it drops, and says so. [`server::Server`] serves it. What pages
+//! ask for beyond looking is done by who runs the server, behind [`actions::PageActions`].
 //!
 //! | module | what |
 //! | --- | --- |
@@ -8,6 +10,7 @@
 //! | [`state`] | what is known now, alarms in words, latencies |
 //! | [`history`], [`recording`] | the ticks that can be gone to |
 //! | [`playback`] | where a client is in time, pure |
+//! | [`server`] | HTTP, WebSockets, TLS, who may ask what |
 //! | [`qr`] | an address as a picture in a terminal |
 
 pub mod actions;
@@ -16,10 +19,12 @@ pub mod playback;
 pub mod protocol;
 pub mod qr;
 pub mod recording;
+pub mod server;
 pub mod skeleton;
 pub mod state;
 
 pub use actions::{Action, ActionKind, PageActions};
 pub use recording::RecordedMessages;
+pub use server::{Server, ServerOptions};
 pub use skeleton::{Angle, AngleUnit, Skeleton};
 pub use state::{PageOptions, PageState};

@@ -1,0 +1,198 @@
+//! The page of a venue that is made up, for work on the page and for its tests: no fusion, no camera, no network.
+//!
+//! `cargo run -p farfield-page --example synthetic -- [--people 8] [--port 7460] [--seconds N] [--recording MINUTES]`
+
+mod messages;
+mod people;
+mod venue;
+
+use std::io::Write as _;
+use std::net::SocketAddr;
+use std::sync::{Arc, OnceLock, Weak};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+use farfield_page::protocol::status::RecordingState;
+use farfield_page::{
+    Action, ActionKind, PageActions, PageOptions, PageState, RecordedMessages, Server,
+    ServerOptions, qr,
+};
+use farfield_proto::tick::Tick;
+use messages::Synthetic;
+use tokio::time::{Instant, sleep_until};
+use tokio_util::sync::CancellationToken;
+
+type Failure = Box<dyn std::error::Error>;
+
+/// What the command line says.
+struct Arguments {
+    people: u32,
+    port: u16,
+    seconds: Option<u64>,
+    recording_minutes: Option<u32>,
+}
+
+fn arguments() -> Result<Arguments, Failure> {
+    let mut found = Arguments {
+        people: 8,
+        port: 7460,
+        seconds: None,
+        recording_minutes: None,
+    };
+    let mut words = std::env::args().skip(1);
+    while let Some(word) = words.next() {
+        let value = words
+            .next()
+            .ok_or_else(|| format!("{word} needs a number"))?;
+        match word.as_str() {
+            "--people" => found.people = value.parse()?,
+            "--port" => found.port = value.parse()?,
+            "--seconds" => found.seconds = Some(value.parse()?),
+            "--recording" => found.recording_minutes = Some(value.parse()?),
+            _ => {
+                return Err(
+                    format!("{word}: expected --people, --port, --seconds or --recording").into(),
+                );
+            }
+        }
+    }
+    Ok(found)
+}
+
+/// Does what pages ask for as far as there is anything to do: says that it is done.
+#[derive(Default)]
+struct Pretended(OnceLock<Weak<PageState>>);
+
+impl PageActions for Pretended {
+    fn kinds(&self) -> Vec<ActionKind> {
+        vec![ActionKind::NamePerson, ActionKind::Record]
+    }
+
+    fn act(&self, action: &Action) -> Result<(), String> {
+        let state = self
+            .0
+            .get()
+            .and_then(Weak::upgrade)
+            .ok_or("the page has gone")?;
+        let (running, text) = match action {
+            Action::NamePerson { .. } => return Ok(()),
+            Action::StartRecording => (true, "synthetic_2026-03-01_18-30-05.mcap"),
+            Action::StopRecording => (false, "synthetic_2026-03-01_18-30-05.mcap is whole"),
+        };
+        state.set_recording(Some(RecordingState {
+            running,
+            text: text.to_owned(),
+        }));
+        Ok(())
+    }
+}
+
+/// A recording that is made up as it is read.
+struct MadeUp {
+    synthetic: Synthetic,
+    ticks: i64,
+}
+
+impl RecordedMessages for MadeUp {
+    fn span_us(&self) -> [i64; 2] {
+        [
+            self.synthetic.tick_us(Tick(0)),
+            self.synthetic.tick_us(Tick(self.ticks)),
+        ]
+    }
+
+    fn read(
+        &mut self,
+        from_us: i64,
+        to_us: i64,
+        visit: &mut dyn FnMut(&str, &[u8], i64),
+    ) -> Result<(), String> {
+        let period_us = self.synthetic.tick_us(Tick(60)) - self.synthetic.tick_us(Tick(0));
+        let tick = |us: i64| (us - self.synthetic.tick_us(Tick(0))) * 60 / period_us;
+        let (first, last) = (
+            (tick(from_us) - 10).max(0),
+            (tick(to_us) + 10).min(self.ticks),
+        );
+        let mut all: Vec<_> = (first..=last)
+            .flat_map(|t| self.synthetic.messages(Tick(t)))
+            .collect();
+        all.sort_by_key(|(_, _, at_us)| *at_us);
+        for (key, bytes, at_us) in all {
+            if (from_us..to_us).contains(&at_us) {
+                visit(&key, &bytes, at_us);
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Feeds tick after tick, each when it is.
+async fn feed(state: Arc<PageState>, synthetic: Synthetic) {
+    let began = Instant::now();
+    for tick in 1.. {
+        let tick = Tick(tick);
+        sleep_until(began + Duration::from_secs_f64(tick.seconds(venue::RATE_HZ))).await;
+        for (key, bytes, at_us) in synthetic.messages(tick) {
+            state.message(&key, &bytes, at_us);
+        }
+    }
+}
+
+#[tokio::main]
+async fn main() -> Result<(), Failure> {
+    tracing_subscriber::fmt()
+        .with_writer(std::io::stderr)
+        .init();
+    let arguments = arguments()?;
+    let (venue, skeleton) = (venue::venue(), venue::skeleton());
+    let epoch_us = i64::try_from(SystemTime::now().duration_since(UNIX_EPOCH)?.as_micros())?;
+    let synthetic = Synthetic::new(venue.clone(), arguments.people, epoch_us);
+    let actions = Arc::new(Pretended::default());
+    let options = PageOptions {
+        actions: Some(Arc::clone(&actions) as Arc<dyn PageActions>),
+        ..PageOptions::default()
+    };
+    let mut feeding = None;
+    let state = if let Some(minutes) = arguments.recording_minutes {
+        let made_up = MadeUp {
+            synthetic,
+            ticks: i64::from(minutes) * 3600,
+        };
+        PageState::recording(venue, skeleton, Box::new(made_up), options)?
+    } else {
+        let state = PageState::live(venue, skeleton, options)?;
+        feeding = Some(feed(Arc::clone(&state), synthetic));
+        state
+    };
+    actions.0.get_or_init(|| Arc::downgrade(&state));
+    let options = ServerOptions {
+        address: SocketAddr::from(([127, 0, 0, 1], arguments.port)),
+        ..ServerOptions::default()
+    };
+    let server = Server::bind(state, options).await?;
+    let mut out = std::io::stdout();
+    if let Some(code) = qr::terminal_code(&server.url()) {
+        writeln!(out, "{code}")?;
+    }
+    writeln!(out, "{}", server.url())?;
+    out.flush()?;
+    let stop = CancellationToken::new();
+    let serving = server.serve(stop.clone());
+    let ending = async {
+        match arguments.seconds {
+            Some(s) => tokio::time::sleep(Duration::from_secs(s)).await,
+            None => tokio::signal::ctrl_c().await.unwrap_or_default(),
+        }
+        stop.cancel();
+    };
+    let feeding = async {
+        match feeding {
+            Some(feeding) => feeding.await,
+            None => std::future::pending().await,
+        }
+    };
+    tokio::select! {
+        () = async { tokio::join!(serving, ending); } => {}
+        () = feeding => {}
+    }
+    Ok(())
+}

@@ -1,0 +1,509 @@
+//! One client: where it is in time, what it has chosen, and one loop that sends what is new and hears what it wants.
+//!
+//! Ticks wait nowhere: each is taken from the newest-value slot, or from the past, when there is room to send.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::time::Duration;
+
+use axum::extract::ws::{CloseFrame, Message, WebSocket, close_code};
+use farfield_proto::id::CameraIndex;
+use farfield_proto::tick::Tick;
+use futures_util::{SinkExt as _, StreamExt as _};
+use tokio::sync::watch;
+use tokio::time::{Instant, Interval, MissedTickBehavior, interval, sleep_until, timeout};
+use tokio_util::sync::CancellationToken;
+use tokio_util::task::TaskTracker;
+
+use super::Serving;
+use super::flow::{Allowance, Flow};
+use crate::playback::Cursor;
+use crate::protocol::request::{Action, RequestError, Wish, parse};
+use crate::protocol::text::{ActionKind, EventLine, Mode, Playback, TextMessage};
+use crate::state::Shared;
+use crate::state::frame::SharedFrame;
+use crate::state::past::Found;
+
+/// Events that a client is told when it comes.
+const FIRST_EVENTS: usize = 200;
+/// How long a client may take to take a message.
+const SEND_TIME: Duration = Duration::from_secs(30);
+/// How soon it is looked again for a tick that is on its way.
+const LOADING: Duration = Duration::from_millis(50);
+/// Ticks of the past are sent at most so often, per second.
+const MAX_PAST_HZ: f64 = 100.0;
+
+/// In which form a client gets ticks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Form {
+    /// Kinds 1 to 3.
+    Binary,
+    /// JSON.
+    Json,
+}
+
+/// Why a client is left.
+struct Left;
+
+/// What there is to do next.
+enum Next {
+    Stop,
+    Heard(Option<Result<Message, axum::Error>>),
+    Newest,
+    Look,
+    Status,
+    Events,
+    Names,
+    Second,
+}
+
+/// One client.
+pub(super) struct Client {
+    shared: Arc<Shared>,
+    tasks: TaskTracker,
+    stop: CancellationToken,
+    form: Form,
+    may_act: bool,
+    began: Instant,
+    cursor: Cursor,
+    camera: Option<CameraIndex>,
+    persons: Vec<u32>,
+    angles: Vec<u16>,
+    most_hz: Option<f64>,
+    /// The tick that was sent last, and whether it came just then.
+    sent: Option<(u32, Tick, bool)>,
+    /// By [`Self::most_hz`] no tick is sent before this one.
+    due_tick: f64,
+    /// When it is looked for a tick of the past.
+    look_at: Option<Instant>,
+    is_loading: bool,
+    sent_status: Option<Arc<str>>,
+    told_events: u64,
+    told_playback: Option<Playback>,
+    flow: Flow,
+    allowance: Allowance,
+    newest: watch::Receiver<Option<SharedFrame>>,
+    status: watch::Receiver<Arc<str>>,
+    names: watch::Receiver<Arc<BTreeMap<u32, String>>>,
+    events: watch::Receiver<u64>,
+}
+
+impl Client {
+    pub(super) fn new(serving: &Serving, may_act: bool, form: Form) -> Self {
+        let shared = Arc::clone(serving.state.shared());
+        shared.clients.fetch_add(1, Ordering::Relaxed);
+        let is_live = shared.mode == Mode::Live;
+        Self {
+            tasks: serving.tasks.clone(),
+            stop: serving.stop.clone(),
+            form,
+            may_act,
+            began: Instant::now(),
+            cursor: Cursor::live(shared.context.venue.rate_hz),
+            camera: None,
+            persons: Vec::new(),
+            angles: Vec::new(),
+            most_hz: None,
+            sent: None,
+            due_tick: f64::NEG_INFINITY,
+            look_at: (!is_live).then(Instant::now),
+            is_loading: !is_live,
+            sent_status: None,
+            told_events: 0,
+            told_playback: None,
+            flow: Flow::new(Duration::ZERO),
+            allowance: Allowance::new(Duration::ZERO),
+            newest: shared.newest.subscribe(),
+            status: shared.status.subscribe(),
+            names: shared.names.subscribe(),
+            events: shared.events.watch(),
+            shared,
+        }
+    }
+
+    /// Until the client leaves, or the server stops.
+    pub(super) async fn run(mut self, mut socket: WebSocket) {
+        if self.greet(&mut socket).await.is_ok() {
+            let mut second = interval(Duration::from_secs(1));
+            second.set_missed_tick_behavior(MissedTickBehavior::Delay);
+            while let Ok(()) = self.step(&mut socket, &mut second).await {}
+        }
+    }
+
+    fn now(&self) -> Duration {
+        self.began.elapsed()
+    }
+
+    async fn greet(&mut self, socket: &mut WebSocket) -> Result<(), Left> {
+        let hello = TextMessage::hello(self.shared.mode, self.may_act, &self.shared.kinds);
+        text(socket, hello.to_json()).await?;
+        if self.shared.mode == Mode::Recording {
+            // From the beginning, as soon as it is known where that is.
+            self.cursor.play(Tick(i64::MIN), self.now(), 1.0, None);
+        }
+        self.newest.mark_changed();
+        self.tell_names(socket).await?;
+        self.tell_events(socket).await?;
+        let status = Arc::clone(&self.status.borrow_and_update());
+        self.tell_status(socket, status).await
+    }
+
+    async fn step(&mut self, socket: &mut WebSocket, second: &mut Interval) -> Result<(), Left> {
+        let is_live = self.cursor.is_live();
+        let look_at = self.look_at;
+        let next = tokio::select! {
+            biased;
+            () = self.stop.cancelled() => Next::Stop,
+            heard = socket.next() => Next::Heard(heard),
+            _ = second.tick() => Next::Second,
+            Ok(()) = self.names.changed() => Next::Names,
+            Ok(()) = self.events.changed() => Next::Events,
+            Ok(()) = self.status.changed(), if is_live => Next::Status,
+            Ok(()) = self.newest.changed(), if is_live && self.flow.has_room() => Next::Newest,
+            () = sleep_until(look_at.unwrap_or_else(Instant::now)), if look_at.is_some() && self.flow.has_room() => Next::Look,
+        };
+        match next {
+            Next::Stop => close(socket, close_code::AWAY, "the server stops").await,
+            Next::Heard(heard) => self.hear(socket, heard).await,
+            Next::Newest => self.send_newest(socket).await,
+            Next::Look => self.look(socket).await,
+            Next::Status => {
+                let status = Arc::clone(&self.status.borrow_and_update());
+                self.tell_status(socket, status).await
+            }
+            Next::Events => self.tell_events(socket).await,
+            Next::Names => self.tell_names(socket).await,
+            Next::Second => self.each_second(socket).await,
+        }
+    }
+
+    async fn each_second(&mut self, socket: &mut WebSocket) -> Result<(), Left> {
+        let now = self.now();
+        if self.flow.is_gone(now) {
+            return Err(Left);
+        }
+        if let Some(ping) = self.flow.due_ping(now) {
+            send(socket, Message::Ping(ping.to_vec().into())).await?;
+        }
+        self.tell_playback(socket).await
+    }
+
+    async fn hear(
+        &mut self,
+        socket: &mut WebSocket,
+        heard: Option<Result<Message, axum::Error>>,
+    ) -> Result<(), Left> {
+        let text = match heard {
+            None | Some(Ok(Message::Close(_))) => return Err(Left),
+            Some(Err(_)) => {
+                return close(socket, close_code::SIZE, "not a message of the protocol").await;
+            }
+            Some(Ok(Message::Pong(payload))) => {
+                self.flow.answered(&payload, self.now());
+                return Ok(());
+            }
+            // Whoever pings, or sends binary messages, is counted as who asks.
+            Some(Ok(Message::Ping(_) | Message::Binary(_))) => None,
+            Some(Ok(Message::Text(text))) => Some(text),
+        };
+        if !self.allowance.take(self.now()) {
+            return close(
+                socket,
+                close_code::POLICY,
+                "more messages than anybody needs",
+            )
+            .await;
+        }
+        let Some(text) = text else {
+            return Ok(());
+        };
+        match parse(&text) {
+            Ok(request) => {
+                let outcome = self.fulfil(request.wish).await;
+                if request.number.is_some() || outcome.is_err() {
+                    answer(socket, request.number, outcome).await?;
+                }
+                self.tell_playback(socket).await
+            }
+            Err(RequestError::TooLong { .. }) => {
+                close(socket, close_code::SIZE, "the message is too long").await
+            }
+            Err(error) => answer(socket, None, Err(error.to_string())).await,
+        }
+    }
+
+    async fn fulfil(&mut self, wish: Wish) -> Result<(), String> {
+        let span = self.shared.past.span();
+        let here = self
+            .sent
+            .map(|(_, tick, _)| tick)
+            .or(span.map(|[_, last]| last));
+        let nothing = "there is nothing yet that could be gone to";
+        let at = || here.ok_or(nothing);
+        match wish {
+            Wish::Live => match (self.shared.mode, span) {
+                (Mode::Live, _) => {
+                    self.cursor.follow();
+                    self.newest.mark_changed();
+                    self.status.mark_changed();
+                }
+                (Mode::Recording, Some([_, last])) => self.cursor.stay(last),
+                (Mode::Recording, None) => return Err(nothing.to_owned()),
+            },
+            Wish::Pause => self.cursor.stay(at()?),
+            Wish::Seek(tick) => {
+                let [first, last] = span.ok_or(nothing)?;
+                self.cursor.stay(tick.clamp(first, last));
+            }
+            Wish::Step(ticks) => self.cursor.stay(at()? + ticks),
+            Wish::Play { speed, repeat } => self.cursor.play(at()?, self.now(), speed, repeat),
+            Wish::Camera(camera) => {
+                let n = self.shared.context.venue.cameras.len();
+                if let Some(camera) = camera.filter(|camera| usize::from(*camera) >= n) {
+                    return Err(format!(
+                        "there is no camera {camera}: the venue has {n}, counted from 0"
+                    ));
+                }
+                self.camera = camera.map(CameraIndex);
+                self.show_again();
+            }
+            Wish::Angles { persons, angles } => {
+                (self.persons, self.angles) = (persons, angles);
+                self.show_again();
+            }
+            Wish::Rate(hz) => {
+                self.most_hz = hz;
+                self.due_tick = f64::NEG_INFINITY;
+            }
+            Wish::Act(action) => return self.act(action).await,
+        }
+        self.look_at = (!self.cursor.is_live()).then(Instant::now);
+        Ok(())
+    }
+
+    /// What was chosen belongs to the tick that is shown, too.
+    fn show_again(&mut self) {
+        self.sent = self.sent.filter(|_| self.cursor.is_live());
+    }
+
+    async fn act(&self, action: Action) -> Result<(), String> {
+        if !self.may_act {
+            let what = match action.kind() {
+                ActionKind::NamePerson => "naming people",
+                ActionKind::Record => "recording",
+            };
+            return Err(format!("{what} needs the token of the page's address"));
+        }
+        let shared = Arc::clone(&self.shared);
+        let acting = self.tasks.spawn_blocking(move || shared.act(&action));
+        acting
+            .await
+            .map_err(|_| "it failed in a way that nobody expected".to_owned())?
+    }
+
+    /// Sends the newest tick, where it is due.
+    async fn send_newest(&mut self, socket: &mut WebSocket) -> Result<(), Left> {
+        let Some(frame) = self.newest.borrow_and_update().clone() else {
+            return Ok(());
+        };
+        let mark = (frame.session, frame.tick, true);
+        if self.sent == Some(mark) {
+            return Ok(());
+        }
+        if let Some(hz) = self.most_hz {
+            let (tick, step) = (frame.tick.0 as f64, self.shared.context.venue.rate_hz / hz);
+            // After a leap it begins anew.
+            let is_near = (self.due_tick - tick).abs() <= 2.0 * step + 1.0;
+            if is_near && tick + 0.5 < self.due_tick {
+                return Ok(());
+            }
+            self.due_tick = step + if is_near { self.due_tick } else { tick };
+        }
+        self.sent = Some(mark);
+        let first = match self.form {
+            Form::Binary => Message::Binary(frame.encoded.clone().into()),
+            Form::Json => Message::Text(frame.json(true).into()),
+        };
+        self.send_tick(socket, &frame, first).await
+    }
+
+    /// Sends the tick of the past that is due.
+    async fn look(&mut self, socket: &mut WebSocket) -> Result<(), Left> {
+        let span = self.shared.past.span();
+        let can_follow = self.shared.mode == Mode::Live;
+        let now = self.now();
+        let due = span.map(|span| (span, self.cursor.due(now, span, can_follow)));
+        let Some(([first, _], due)) = due else {
+            return self.wait_for_past(socket).await;
+        };
+        let Some(due) = due else {
+            // It has played into the newest.
+            self.look_at = None;
+            self.newest.mark_changed();
+            self.status.mark_changed();
+            return self.tell_playback(socket).await;
+        };
+        if self.sent.is_none() && self.cursor.is_playing() && self.is_loading {
+            // Play begins when there is something to play.
+            self.cursor.play(
+                first.max(due),
+                now,
+                self.cursor.speed(),
+                self.cursor.repeat(),
+            );
+        }
+        let frame = match self.shared.past.at(due) {
+            Found::Frame(frame) => frame,
+            Found::Loading => return self.wait_for_past(socket).await,
+            Found::Nothing => {
+                self.look_at = None;
+                return Ok(());
+            }
+        };
+        self.is_loading = false;
+        let least =
+            Duration::from_secs_f64(1.0 / self.most_hz.unwrap_or(MAX_PAST_HZ).min(MAX_PAST_HZ));
+        self.look_at = self
+            .cursor
+            .period()
+            .map(|period| Instant::now() + period.max(least));
+        let mark = (frame.session, frame.tick, false);
+        if self.sent != Some(mark) {
+            self.sent = Some(mark);
+            let first = match self.form {
+                Form::Binary => Message::Binary(frame.as_history().into()),
+                Form::Json => Message::Text(frame.json(false).into()),
+            };
+            self.send_tick(socket, &frame, first).await?;
+        }
+        match self.shared.past.status_at(frame.tick) {
+            Some(status) => self.tell_status(socket, status).await,
+            None => Ok(()),
+        }
+    }
+
+    async fn wait_for_past(&mut self, socket: &mut WebSocket) -> Result<(), Left> {
+        self.look_at = Some(Instant::now() + LOADING);
+        if !std::mem::replace(&mut self.is_loading, true) {
+            self.tell_playback(socket).await?;
+        }
+        Ok(())
+    }
+
+    async fn send_tick(
+        &mut self,
+        socket: &mut WebSocket,
+        frame: &SharedFrame,
+        first: Message,
+    ) -> Result<(), Left> {
+        feed(socket, first).await?;
+        if self.form == Form::Binary {
+            let camera = self
+                .camera
+                .and_then(|camera| frame.camera_view(&self.shared.context, camera));
+            if let Some(view) = camera {
+                feed(socket, Message::Binary(view.into())).await?;
+            }
+            if !self.persons.is_empty() && !self.angles.is_empty() {
+                let chosen = frame.chosen_angles(&self.persons, &self.angles);
+                feed(socket, Message::Binary(chosen.into())).await?;
+            }
+        }
+        if let Some(ping) = self.flow.sent_tick(self.began.elapsed()) {
+            feed(socket, Message::Ping(ping.to_vec().into())).await?;
+        }
+        in_time(socket.flush()).await
+    }
+
+    async fn tell_names(&mut self, socket: &mut WebSocket) -> Result<(), Left> {
+        let names = Arc::clone(&self.names.borrow_and_update());
+        text(socket, TextMessage::Names { names: &names }.to_json()).await
+    }
+
+    async fn tell_events(&mut self, socket: &mut WebSocket) -> Result<(), Left> {
+        self.events.borrow_and_update();
+        let (lines, told) = self.shared.events.after(self.told_events, FIRST_EVENTS);
+        self.told_events = told;
+        if lines.is_empty() {
+            return Ok(());
+        }
+        let events: Vec<&EventLine> = lines.iter().map(AsRef::as_ref).collect();
+        text(socket, TextMessage::Events { events }.to_json()).await
+    }
+
+    async fn tell_status(&mut self, socket: &mut WebSocket, status: Arc<str>) -> Result<(), Left> {
+        let is_told = self
+            .sent_status
+            .as_ref()
+            .is_some_and(|told| Arc::ptr_eq(told, &status));
+        if is_told || status.is_empty() {
+            return Ok(());
+        }
+        let json = status.to_string();
+        self.sent_status = Some(status);
+        text(socket, json).await
+    }
+
+    /// Where the client is, where that is new; once a second in any case.
+    async fn tell_playback(&mut self, socket: &mut WebSocket) -> Result<(), Left> {
+        let span = self.shared.past.span();
+        let playback = Playback {
+            state: self.cursor.state(),
+            tick: self.sent.map(|(_, tick, _)| tick),
+            speed: self.cursor.speed(),
+            repeat: self.cursor.repeat(),
+            first: span.map(|[first, _]| first),
+            last: span.map(|[_, last]| last),
+            loading: self.is_loading || self.shared.past.is_loading(),
+        };
+        if self.told_playback == Some(playback) {
+            return Ok(());
+        }
+        self.told_playback = Some(playback);
+        text(socket, TextMessage::Playback(playback).to_json()).await
+    }
+}
+
+impl Drop for Client {
+    fn drop(&mut self) {
+        self.shared.clients.fetch_sub(1, Ordering::Relaxed);
+    }
+}
+
+/// Waits for the network, but not for ever.
+async fn in_time<T>(sending: impl Future<Output = Result<T, axum::Error>>) -> Result<T, Left> {
+    match timeout(SEND_TIME, sending).await {
+        Ok(Ok(sent)) => Ok(sent),
+        Ok(Err(_)) | Err(_) => Err(Left),
+    }
+}
+
+async fn send(socket: &mut WebSocket, message: Message) -> Result<(), Left> {
+    in_time(socket.send(message)).await
+}
+
+async fn feed(socket: &mut WebSocket, message: Message) -> Result<(), Left> {
+    in_time(socket.feed(message)).await
+}
+
+async fn text(socket: &mut WebSocket, text: String) -> Result<(), Left> {
+    send(socket, Message::Text(text.into())).await
+}
+
+async fn answer(
+    socket: &mut WebSocket,
+    request: Option<u64>,
+    outcome: Result<(), String>,
+) -> Result<(), Left> {
+    text(socket, TextMessage::answer(request, outcome).to_json()).await
+}
+
+async fn close(socket: &mut WebSocket, code: u16, reason: &'static str) -> Result<(), Left> {
+    let frame = CloseFrame {
+        code,
+        reason: reason.into(),
+    };
+    send(socket, Message::Close(Some(frame))).await?;
+    Err(Left)
+}

@@ -1,0 +1,157 @@
+//! How much of what was sent a client has read, by its answers to pings: so that what is old never waits for it in the
+//! buffers of the network. Pure: what time it is, is an argument.
+
+use std::time::Duration;
+
+/// A ping follows after so many ticks.
+const TICKS_PER_PING: u32 = 16;
+/// With so many pings unanswered no more ticks are sent: at 60 Hz 0.8 s, more than a far link's round trip.
+const MAX_UNANSWERED: u64 = 3;
+/// A ping is due after so long without one.
+const LONGEST: Duration = Duration::from_secs(10);
+/// Who does not answer for so long is gone.
+const PATIENCE: Duration = Duration::from_secs(30);
+
+/// What one client has read.
+#[derive(Debug, Clone)]
+pub(super) struct Flow {
+    ticks: u32,
+    /// Numbers of the last ping sent and answered.
+    sent: u64,
+    answered: u64,
+    pinged_at: Duration,
+    heard_at: Duration,
+}
+
+impl Flow {
+    pub(super) fn new(now: Duration) -> Self {
+        Self {
+            ticks: 0,
+            sent: 0,
+            answered: 0,
+            pinged_at: now,
+            heard_at: now,
+        }
+    }
+
+    /// Whether a tick would be read soon.
+    pub(super) fn has_room(&self) -> bool {
+        self.sent - self.answered < MAX_UNANSWERED
+    }
+
+    /// Notes that a tick was sent; a ping that is due then.
+    pub(super) fn sent_tick(&mut self, now: Duration) -> Option<[u8; 8]> {
+        self.ticks += 1;
+        (self.ticks >= TICKS_PER_PING).then(|| self.ping(now))
+    }
+
+    /// A ping that is due because nothing else was sent for long.
+    pub(super) fn due_ping(&mut self, now: Duration) -> Option<[u8; 8]> {
+        (now.saturating_sub(self.pinged_at) >= LONGEST).then(|| self.ping(now))
+    }
+
+    fn ping(&mut self, now: Duration) -> [u8; 8] {
+        self.ticks = 0;
+        self.sent += 1;
+        self.pinged_at = now;
+        self.sent.to_le_bytes()
+    }
+
+    /// Notes an answer; one to what was never asked means nothing.
+    pub(super) fn answered(&mut self, payload: &[u8], now: Duration) {
+        let Ok(number) = payload.try_into().map(u64::from_le_bytes) else {
+            return;
+        };
+        if number <= self.sent {
+            self.answered = self.answered.max(number);
+            self.heard_at = now;
+        }
+    }
+
+    /// Whether the client does not answer any more.
+    pub(super) fn is_gone(&self, now: Duration) -> bool {
+        self.sent > self.answered && now.saturating_sub(self.heard_at) >= PATIENCE
+    }
+}
+
+/// How often a client may ask for something: a store of wishes that fills again.
+#[derive(Debug, Clone)]
+pub(super) struct Allowance {
+    left: f64,
+    at: Duration,
+}
+
+impl Allowance {
+    /// Wishes at once.
+    const MOST: f64 = 40.0;
+    /// Wishes a second.
+    const PER_S: f64 = 20.0;
+
+    pub(super) fn new(now: Duration) -> Self {
+        Self {
+            left: Self::MOST,
+            at: now,
+        }
+    }
+
+    /// Takes one; `false`: there was none left.
+    pub(super) fn take(&mut self, now: Duration) -> bool {
+        let filled = now.saturating_sub(self.at).as_secs_f64() * Self::PER_S;
+        self.left = (self.left + filled).min(Self::MOST);
+        self.at = now;
+        let is_left = self.left >= 1.0;
+        if is_left {
+            self.left -= 1.0;
+        }
+        is_left
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn s(s: u64) -> Duration {
+        Duration::from_secs(s)
+    }
+
+    #[test]
+    fn who_does_not_read_gets_48_ticks_and_then_none_until_it_answers() {
+        let mut flow = Flow::new(s(0));
+        let mut pings = Vec::new();
+        let mut sent = 0;
+        while flow.has_room() {
+            pings.extend(flow.sent_tick(s(1)));
+            sent += 1;
+        }
+        assert_eq!((sent, pings.len()), (48, 3));
+        flow.answered(&pings[1], s(2));
+        assert!(flow.has_room());
+    }
+
+    #[test]
+    fn answers_to_what_was_not_asked_mean_nothing() {
+        let mut flow = Flow::new(s(0));
+        for payload in [&[][..], &[1; 3], &u64::MAX.to_le_bytes()] {
+            flow.answered(payload, s(1));
+        }
+        assert_eq!(flow.answered, 0);
+    }
+
+    #[test]
+    fn who_is_silent_is_pinged_and_then_given_up() {
+        let mut flow = Flow::new(s(0));
+        assert_eq!(flow.due_ping(s(9)), None);
+        let ping = flow.due_ping(s(10)).unwrap();
+        assert!(!flow.is_gone(s(29)) && flow.is_gone(s(30)));
+        flow.answered(&ping, s(29));
+        assert!(!flow.is_gone(s(100)));
+    }
+
+    #[test]
+    fn twenty_wishes_a_second_are_heard_and_bursts_of_forty() {
+        let mut allowance = Allowance::new(s(0));
+        assert_eq!((0..100).filter(|_| allowance.take(s(0))).count(), 40);
+        assert_eq!((0..100).filter(|_| allowance.take(s(1))).count(), 20);
+    }
+}
