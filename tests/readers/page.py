@@ -213,24 +213,48 @@ def looks(browser, url, folder):
         visit.context.close()
 
 
-@contextlib.contextmanager
-def started(command):
-    """Runs a command and gives the last address that it prints first."""
-    process = subprocess.Popen(shlex.split(command), stdout=subprocess.PIPE, text=True)
-    try:
-        for line in process.stdout:
+class Server:
+    """A command that serves the page, and the address that it prints."""
+
+    def __init__(self, command):
+        self.command = command
+        self.process = subprocess.Popen(shlex.split(command), stdout=subprocess.PIPE, text=True)
+        for line in self.process.stdout:
             if found := re.search(r"https?://\S+", line):
+                self.url = found.group(0)
                 # What it prints later must not fill the pipe.
-                threading.Thread(target=process.stdout.read, daemon=True).start()
-                yield found.group(0)
+                threading.Thread(target=self.process.stdout.read, daemon=True).start()
                 return
-        raise SystemExit(f"{command}: ended with {process.wait()} and without an address")
+        raise SystemExit(f"{command}: ended with {self.process.wait()} and without an address")
+
+    def stop(self):
+        self.process.terminate()
+        self.process.wait(timeout=20)
+
+
+def comes_back(browser, server, folder):
+    """The server ends and is started again: another session, another token."""
+    visit = Visit(browser, server.url, viewport={"width": 1280, "height": 720}, color_scheme="dark")
+    check("people are drawn", visit.until(lambda: (visit.counter("persons") or 0) > 0) is not None)
+    server.stop()
+    pill = visit.page.locator(".pill")
+    is_away = visit.until(lambda: pill.inner_text() == "Fusion is away") is not None
+    check("the page says that fusion is away", is_away, pill.inner_text())
+    check("and what to do", "farfield status" in visit.page.locator(".alarm").first.inner_text())
+    visit.page.wait_for_timeout(1000)
+    visit.shot(folder, "away")
+    ticks = visit.counter("ticks")
+    again = Server(server.command)
+    try:
+        is_back = visit.until(lambda: visit.counter("ticks") > ticks and pill.inner_text() != "Fusion is away")
+        check("and comes back by itself", is_back is not None, f"after {is_back or 0:.1f} s")
+        check("nothing could not be read", visit.counter("unreadable") == "", visit.counter("unreadable"))
     finally:
-        process.terminate()
-        process.wait(timeout=20)
+        again.stop()
+    visit.context.close()
 
 
-def visit_all(url, folder, people):
+def visit_all(url, folder, people, server=None):
     folder.mkdir(parents=True, exist_ok=True)
     refuses_strangers(url)
     with sync_playwright() as playwright:
@@ -247,6 +271,8 @@ def visit_all(url, folder, people):
         check("no console errors", not visit.said, visit.said[:3] or "")
         visit.context.close()
         looks(browser, url, folder)
+        if server is not None:
+            comes_back(browser, server, folder)
         browser.close()
 
 
@@ -257,8 +283,12 @@ def main():
     parser.add_argument("--people", type=int, default=1)
     parser.add_argument("--start")
     options = parser.parse_args()
-    with started(options.start) if options.start else contextlib.nullcontext(options.url) as url:
-        visit_all(url, options.shots, options.people)
+    server = Server(options.start) if options.start else None
+    try:
+        visit_all(server.url if server else options.url, options.shots, options.people, server)
+    finally:
+        if server:
+            server.stop()
     if failures:
         print(f"{len(failures)} failed: {'; '.join(failures)}")
         sys.exit(1)

@@ -26,6 +26,8 @@ export interface Receiver {
   state(state: ConnectionState): void;
   text(message: TextMessage): void;
   binary(view: DataView): void;
+  /** Something that the operator should know once. */
+  notice(text: string): void;
   /** A message that could not be read, with why. */
   unreadable(error: string): void;
 }
@@ -33,14 +35,14 @@ export interface Receiver {
 /** The token of the page's address, which is taken out of it so that nobody copies it with a link. */
 function takeToken(): string | null {
   const found = /^#token=([0-9a-fA-F]{1,128})$/.exec(location.hash);
-  if (found?.[1] === undefined) return remembered("sessionStorage", TOKEN_KEY);
+  if (found?.[1] === undefined) return remembered("sessionStorage", TOKEN_KEY) || null;
   remember("sessionStorage", TOKEN_KEY, found[1]);
   history.replaceState(null, "", location.pathname + location.search);
   return found[1];
 }
 
 export class Connection {
-  private readonly token = takeToken();
+  private token = takeToken();
   private socket: WebSocket | null = null;
   private retry_ms = FIRST_RETRY_MS;
   private timer = 0;
@@ -61,6 +63,13 @@ export class Connection {
     if (this.awaySince_ms === 0) this.receiver.state({ kind: "connecting" });
     try {
       const response = await this.get("/api/venue");
+      if (response.status === 401 && this.token !== null) {
+        // Fusion makes another token at every start; on its own machine reading needs none.
+        this.token = null;
+        remember("sessionStorage", TOKEN_KEY, "");
+        this.receiver.notice("Fusion has started anew. To name people and record, open the address that it printed.");
+        return this.open();
+      }
       if (response.status === 401) {
         const reason = "This address needs the token that fusion printed when it started: open that address, or its QR code.";
         this.receiver.state({ kind: "refused", reason });

@@ -22,6 +22,7 @@ const connection = new Connection({
   state: tell,
   text: (message) => page?.takeText(message),
   binary: (view) => page?.takeBinary(view),
+  notice: (text) => page?.say(text),
   unreadable: (error) => page?.takeUnreadable(error),
 });
 

@@ -5,7 +5,7 @@ import { Chart, roundStep, type ChartColours } from "./pen.ts";
 import type { AngleSeries } from "./series.ts";
 
 /** Seconds that are shown. */
-export const CHART_S = 10;
+export const CHART_S = 6;
 /** Least extent of the axis, degrees: noise of a still joint must not fill it. */
 const LEAST_SPAN_DEG = 30;
 const LEFT_PX = 34;
@@ -15,7 +15,7 @@ export const LINE_COLOURS = ["#e69f00", "#56b4e9", "#1fb58a", "#d98cb8", "#e8702
 const DASHES: readonly (readonly number[])[] = [[], [], [], [6, 3], [6, 3], [2, 3]];
 
 export class AngleChart {
-  readonly chart = new Chart("angle-chart", "Joint angles over the last ten seconds, degrees");
+  readonly chart = new Chart("angle-chart", "Joint angles over the last seconds, degrees");
   private low = 0;
   private high = 90;
 

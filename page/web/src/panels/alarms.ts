@@ -15,6 +15,9 @@ interface Shown {
 /** Alarms that are shown before somebody asks for all. */
 const FIRST_FEW = 3;
 
+/** Keys of alarms that the page raises itself; the server has no such keys. */
+const OWN = "here/";
+
 class Row {
   readonly root = element("li", { class: "alarm" });
   private readonly sign = element("span", { class: "alarm-sign", attributes: { "aria-hidden": "true" } });
@@ -65,12 +68,14 @@ export class AlarmStrip {
     const alarms = alarmsOf(state);
     this.shownCount = alarms.length;
     const few = this.areAllShown ? alarms : alarms.slice(0, FIRST_FEW);
-    const now_us = Date.now() * 1000;
+    // By the server's clock, which the page's need not agree with; while one looks back, by the time that is shown.
+    const then_us = state.status?.at_us ?? Date.now() * 1000;
+    const now_us = then_us + (performance.now() - state.status_ms) * 1000;
     this.rows.update(
       few.map((alarm) => alarm.key),
       (row, i) => {
         const alarm = few[i];
-        if (alarm !== undefined) row.fill(alarm, now_us);
+        if (alarm !== undefined) row.fill(alarm, alarm.key.startsWith(OWN) ? Date.now() * 1000 : now_us);
       },
     );
     const hidden = alarms.length - few.length;
@@ -90,7 +95,7 @@ function alarmsOf(state: PageState): Shown[] {
   const connection = state.connection;
   if (connection.kind === "away") {
     own.push({
-      key: "page/away",
+      key: `${OWN}away`,
       isFailed: true,
       text: `Nothing comes from fusion: ${connection.reason}`,
       remedy: "What you see is the last that came. Look whether fusion runs (`farfield status`); this page comes back by itself.",
@@ -98,11 +103,11 @@ function alarmsOf(state: PageState): Shown[] {
     });
   }
   if (connection.kind === "refused") {
-    own.push({ key: "page/refused", isFailed: true, text: "Fusion refuses this page", remedy: connection.reason, since_us: null });
+    own.push({ key: `${OWN}refused`, isFailed: true, text: "Fusion refuses this page", remedy: connection.reason, since_us: null });
   }
   if (state.unreadable > 0) {
     own.push({
-      key: "page/unreadable",
+      key: `${OWN}unreadable`,
       isFailed: false,
       text: `${state.unreadable} messages of fusion could not be read: ${state.unreadableReason}`,
       remedy: "Load the page again; if it stays, fusion and page are of different releases.",

@@ -74,6 +74,8 @@ export interface Recording {
 
 export interface Status {
   readonly tick: number | null;
+  /** When it was so, Unix time by the server's clock. */
+  readonly at_us: number | null;
   readonly alarms: readonly Alarm[];
   readonly nodes: readonly NodeStatus[];
   readonly links: readonly LinkStatus[];
@@ -88,6 +90,7 @@ export function readStatus(fields: Fields): Status {
   const latency = fields.objectOrNull("latency");
   return {
     tick: fields.numberOrNull("tick"),
+    at_us: fields.numberOrNull("at_us"),
     alarms: fields.list("alarms", (value, path) => readAlarm(Fields.of(value, path))),
     nodes: fields.list("nodes", (value, path) => readNode(Fields.of(value, path))),
     links: fields.list("links", (value, path) => readLink(Fields.of(value, path))),

@@ -8,7 +8,7 @@ const FIELD_OF_VIEW_DEG = 42;
 /** Time in which a new view is reached, seconds. */
 const MOVE_S = 0.45;
 /** Share of the canvas that the field fills. */
-const FILLED = 0.9;
+const FILLED = 0.86;
 /** Distance from which somebody is followed, metres, unless it was nearer already. */
 const FOLLOW_DISTANCE_M = 6.5;
 /** Steps of the keyboard: radians of a turn, factor of a distance. */
@@ -29,6 +29,8 @@ export class View {
   private readonly toPosition = new Vector3();
   private readonly toTarget = new Vector3();
   private readonly scratch = new Vector3();
+  /** The view of the whole field that nobody has turned since: it is made anew for another shape of the canvas. */
+  private fitted: "orbit" | "top" | null = null;
   private left_s = 0;
   private lastFrame_ms = 0;
 
@@ -56,7 +58,10 @@ export class View {
     this.controls.minDistance = 1;
     this.controls.maxDistance = 6 * this.size_m;
     this.controls.zoomToCursor = true;
-    this.controls.addEventListener("start", () => (this.left_s = 0));
+    this.controls.addEventListener("start", () => {
+      this.left_s = 0;
+      this.fitted = null;
+    });
   }
 
   /** The first view, once the shape of the canvas is known. */
@@ -71,11 +76,14 @@ export class View {
   setAspect(aspect: number): void {
     this.camera.aspect = aspect;
     this.camera.updateProjectionMatrix();
+    if (this.fitted === "orbit") this.setOrbit();
+    else if (this.fitted === "top") this.setTop();
   }
 
   /** The whole field, from a corner; on an upright canvas along its longer side. */
   setOrbit(): void {
     this.leave();
+    this.fitted = "orbit";
     if (this.camera.aspect >= 1) this.scratch.set(-0.32, -0.78, 0.58);
     else if (this.isLongAlongX) this.scratch.set(-0.8, -0.22, 0.55);
     else this.scratch.set(-0.22, -0.8, 0.55);
@@ -85,6 +93,7 @@ export class View {
   /** From above, with the longer side of the field along that of the canvas. */
   setTop(): void {
     this.leave();
+    this.fitted = "top";
     // Exactly above, the direction that is up would not be defined.
     const isTurned = this.camera.aspect >= 1 !== this.isLongAlongX;
     this.goTo(this.scratch.set(isTurned ? -0.002 : 0, isTurned ? 0 : -0.002, 1).normalize());
@@ -94,6 +103,7 @@ export class View {
     if (this.through !== null && person !== null) this.leave();
     if (person !== null && this.followed === null) this.left_s = MOVE_S;
     this.followed = person;
+    this.fitted = null;
     if (person === null) this.left_s = 0;
   }
 
@@ -101,6 +111,7 @@ export class View {
   setThrough(index: number): void {
     if (this.venue.cameras[index] === undefined) return;
     this.followed = null;
+    this.fitted = null;
     this.through = index;
     this.left_s = 0;
     this.controls.enabled = false;
@@ -117,6 +128,7 @@ export class View {
     offset.multiplyScalar(ZOOM ** away);
     this.camera.position.copy(this.controls.target).add(offset);
     this.left_s = 0;
+    this.fitted = null;
   }
 
   /** Brings the camera to where it should be now. `target` is the followed person's torso. */
