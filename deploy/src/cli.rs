@@ -8,7 +8,7 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 use farfield_edge::node::EdgeArgs;
-use farfield_fusion::node::{FusionArgs, RecordArgs, ReplayArgs};
+use farfield_fusion::node::{RecordArgs, ReplayArgs};
 use farfield_node::process::{EXIT_REFUSED, say, say_json};
 
 use crate::bench::BenchArgs;
@@ -20,11 +20,13 @@ use crate::doctor::DoctorArgs;
 use crate::evaluate::EvaluateArgs;
 use crate::export::ExportArgs;
 use crate::init::InitArgs;
+use crate::listeners::FusionCommandArgs;
 use crate::manual::{CompletionsArgs, ManArgs};
 use crate::parameters::ParametersArgs;
 use crate::run::RunArgs;
 use crate::simulate::SimulateArgs;
 use crate::status::StatusArgs;
+use crate::view::ViewArgs;
 
 /// Markerless motion capture for wide fields.
 ///
@@ -73,7 +75,7 @@ pub(crate) enum FarfieldCommand {
     Edge(EdgeArgs),
     /// Start the fusion node.
     #[command(after_help = "Example: farfield fusion hall.toml --live --listen quic/10.0.0.1:7447")]
-    Fusion(FusionArgs),
+    Fusion(FusionCommandArgs),
     /// Record everything that is said in a venue, as an MCAP file.
     #[command(after_help = "Example: farfield record hall.toml --out recordings/")]
     Record(RecordArgs),
@@ -83,6 +85,9 @@ pub(crate) enum FarfieldCommand {
     /// Solve a recording again, as it was or otherwise.
     #[command(after_help = "Example: farfield replay hall.mcap --set smoothing.cutoff_hz=3")]
     Replay(ReplayArgs),
+    /// Look at a recording in a browser.
+    #[command(after_help = "Example: farfield view hall.mcap")]
+    View(ViewArgs),
     /// List every parameter of a venue file.
     ///
     /// With unit, default, range and what it is.

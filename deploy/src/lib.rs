@@ -18,6 +18,7 @@ mod evaluate;
 mod export;
 mod init;
 mod keys;
+mod listeners;
 mod manual;
 pub mod output;
 mod overlay;
@@ -31,6 +32,7 @@ mod signals;
 mod simulate;
 mod status;
 mod venue_folder;
+mod view;
 
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -55,12 +57,13 @@ pub fn main() -> ExitCode {
         FarfieldCommand::Edge(args) => {
             farfield_edge::node::main(args, Arc::new(VenueSources::default()))
         }
-        FarfieldCommand::Fusion(args) => farfield_fusion::node::main(args),
+        FarfieldCommand::Fusion(args) => listeners::fusion(args),
         FarfieldCommand::Record(args) => farfield_fusion::node::record(args),
         FarfieldCommand::Status(args) => {
             exit_code_told(status::status(&args), Told::as_json_if(args.json))
         }
         FarfieldCommand::Replay(args) => farfield_fusion::node::replay(&args, output::print),
+        FarfieldCommand::View(args) => view::main(&args),
         FarfieldCommand::Check(args) => check_venue::main(&args),
         FarfieldCommand::Demo(args) => demo::main(&args),
         FarfieldCommand::Doctor(args) => doctor::main(&args),

@@ -21,6 +21,7 @@ use farfield_proto::tick::Tick;
 use self::play::{DemoScript, Play};
 use self::ticker::DemoTicker;
 use self::words::PictureBackend;
+use crate::listeners::ListenerArgs;
 use crate::run::{self, RunArgs, Session, TickList};
 use crate::{output, venue_folder};
 
@@ -47,6 +48,14 @@ pub(crate) struct DemoArgs {
     /// Maps are made from the truth, with the faults that networks have.
     #[arg(long)]
     pub(crate) maps: bool,
+    /// With `--page`: pictures and networks in the place of maps.
+    #[arg(
+        long,
+        requires = "page",
+        conflicts_with = "maps",
+        hide_short_help = true
+    )]
+    pub(crate) pictures: bool,
     /// Give the people by hand instead of finding them.
     #[arg(long, conflicts_with = "maps")]
     pub(crate) given: bool,
@@ -79,8 +88,27 @@ pub(crate) struct DemoArgs {
     /// Use another value of a parameter.
     ///
     /// See `farfield parameters`; for example `smoothing.cutoff_hz=3`.
-    #[arg(long, value_name = "TABLE.FIELD=VALUE")]
+    #[arg(long, value_name = "TABLE.FIELD=VALUE", hide_short_help = true)]
     pub(crate) set: Vec<String>,
+    #[command(flatten)]
+    pub(crate) listeners: ListenerArgs,
+}
+
+impl DemoArgs {
+    /// Whether somebody looks on: then it runs live, from maps, until Ctrl-C.
+    fn is_shown(&self) -> bool {
+        self.listeners.page.is_some()
+    }
+
+    /// Whether it runs until Ctrl-C.
+    fn is_endless(&self) -> bool {
+        self.forever || self.is_shown()
+    }
+
+    /// Whether it does without pictures and networks.
+    fn is_of_maps(&self) -> bool {
+        self.maps || self.is_shown() && !self.pictures && !self.given
+    }
 }
 
 /// Runs the demo and says how good it was.
@@ -92,7 +120,7 @@ pub(crate) fn main(args: &DemoArgs) -> ExitCode {
 fn demo(args: &DemoArgs) -> Result<Ending, NodeError> {
     let script = DemoScript::choose(args).map_err(NodeError::Refused)?;
     let mut session = Session::open()?;
-    if !args.forever {
+    if !args.is_endless() {
         return show(args, &script, args.out.as_deref(), &mut session);
     }
     for round in 1.. {
@@ -125,13 +153,14 @@ fn show(
     let out = claim.folder();
     let (play, undo) = Play::stage(script, &out.join(VENUE)).map_err(NodeError::Failed)?;
     let (mut plan, networks) = run::check(RunArgs {
-        live: false,
+        live: args.is_shown(),
         venue: play.venue.clone(),
         ticks: None,
         out: None,
         record: args.record.clone(),
         set: args.set.clone(),
         overlay: Some(args.overlay.clone().flatten()),
+        listeners: args.listeners.clone(),
         strict: false,
         json: false,
     })?;

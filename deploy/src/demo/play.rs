@@ -64,7 +64,7 @@ impl DemoScript {
             "`--ticks`: found {}, expected at most {most}: scenes are planned ahead",
             args.ticks
         );
-        let ticks = if args.forever {
+        let ticks = if args.is_endless() {
             most.min((ROUND_S * rate_hz).round() as u32)
         } else {
             args.ticks
@@ -76,14 +76,14 @@ impl DemoScript {
         Ok(Self {
             table,
             origin,
-            content: if args.maps {
+            content: if args.is_of_maps() {
                 SimulatedContent::Maps
             } else {
                 SimulatedContent::Pixels
             },
             is_given: args.given,
             ticks,
-            is_last: !args.forever,
+            is_last: !args.is_endless(),
         })
     }
 

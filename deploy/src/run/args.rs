@@ -7,6 +7,8 @@ use std::str::FromStr;
 use clap::Args;
 use farfield_proto::tick::{Tick, parse_range};
 
+use crate::listeners::ListenerArgs;
+
 /// Arguments of `farfield run`.
 #[derive(Debug, Args)]
 pub(crate) struct RunArgs {
@@ -48,6 +50,8 @@ pub(crate) struct RunArgs {
         reason = "absent, without and with a file: how clap says it"
     )]
     pub(crate) record: Option<Option<PathBuf>>,
+    #[command(flatten)]
+    pub(crate) listeners: ListenerArgs,
     /// Exit code 1 when cameras disagree
     #[arg(long, hide_short_help = true)]
     pub(crate) strict: bool,

@@ -21,6 +21,7 @@ use farfield_sim::simulated::VenueSources;
 
 use super::args::{RunArgs, TickList};
 use super::values::changed_venue;
+use crate::listeners::ListenerArgs;
 use crate::recorded_rates::odd_rates;
 
 /// How far apart recordings of different rates may be at the end of a run, ticks.
@@ -53,6 +54,8 @@ pub(crate) struct RunPlan {
     pub(crate) record: Option<Option<PathBuf>>,
     /// The ticks to draw, if any shall be drawn; in order.
     pub(crate) overlay: Vec<Tick>,
+    /// Who shall listen to fusion.
+    pub(crate) listeners: ListenerArgs,
     /// Whether a run has failed whose cameras do not agree.
     pub(crate) strict: bool,
 }
@@ -143,6 +146,7 @@ pub(crate) fn check(args: RunArgs) -> Result<(RunPlan, Networks), NodeError> {
         out: args.out,
         record: args.record,
         overlay,
+        listeners: args.listeners,
         strict: args.strict,
     };
     Ok((plan, networks))

@@ -110,6 +110,7 @@ impl Children {
         if detail == ProgressDetail::Bodies {
             command.arg("--report-bodies");
         }
+        command.args(plan.listeners.words());
         command.stdout(Stdio::piped());
         self.start(FUSION, command)
     }

@@ -41,7 +41,7 @@ pub type Opening<'a> = Pin<Box<dyn Future<Output = Result<Listeners, NodeError>>
 /// Opens the listeners of a run. Called once, on the runtime of the node, after everything that can be refused was.
 pub trait OpenListeners: Send {
     /// Opens them.
-    fn open<'a>(self: Box<Self>, run: RunAtItsStart<'a>) -> Opening<'a>;
+    fn open(self: Box<Self>, run: RunAtItsStart<'_>) -> Opening<'_>;
 }
 
 /// Nobody else listens.
@@ -49,7 +49,7 @@ pub trait OpenListeners: Send {
 pub struct NoListeners;
 
 impl OpenListeners for NoListeners {
-    fn open<'a>(self: Box<Self>, _: RunAtItsStart<'a>) -> Opening<'a> {
+    fn open(self: Box<Self>, _: RunAtItsStart<'_>) -> Opening<'_> {
         Box::pin(async { Ok(Listeners::default()) })
     }
 }

@@ -31,13 +31,11 @@ impl Attached {
         self.profile = self.profile.take().or(Some(profile));
     }
 
-    /// Whether these are the facts, and the first.
-    pub(super) fn metadata(&mut self, record: Metadata) -> bool {
-        let is_first = record.name == FACTS && self.facts.is_empty();
-        if is_first {
+    /// The first facts of the file count.
+    pub(super) fn metadata(&mut self, record: Metadata) {
+        if record.name == FACTS && self.facts.is_empty() {
             self.facts = record.metadata;
         }
-        is_first
     }
 
     pub(super) fn attachment(&mut self, header: AttachmentHeader, data: Vec<u8>) {

@@ -99,9 +99,8 @@ impl Index {
         match record {
             Record::Header(header) => self.attached.header(header.profile),
             Record::Metadata(record) => {
-                if self.attached.metadata(record) {
-                    self.known = topics(self.attached.facts()).into_keys().collect();
-                }
+                self.attached.metadata(record);
+                self.known = topics(self.attached.facts()).into_keys().collect();
             }
             Record::Attachment { header, data, .. } => {
                 self.attached.attachment(header, data.into_owned());

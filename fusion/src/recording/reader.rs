@@ -224,9 +224,8 @@ impl Index {
         match record {
             Record::Header(header) => self.attached.header(header.profile),
             Record::Metadata(record) => {
-                if self.attached.metadata(record) {
-                    self.topics = topics(self.attached.facts());
-                }
+                self.attached.metadata(record);
+                self.topics = topics(self.attached.facts());
             }
             Record::Attachment { header, data, .. } => {
                 self.attached.attachment(header, data.into_owned());

@@ -1,0 +1,130 @@
+//! Who listens to fusion beside its recording: the live page, and streams in the protocols of other programs.
+//!
+//! Fusion knows neither; `farfield fusion` hands in what opens them. `farfield run` and `farfield demo` hand the same words on to
+//! the fusion that they start.
+
+mod page;
+mod streams;
+
+use std::net::SocketAddr;
+use std::process::ExitCode;
+
+use clap::Args;
+use farfield_fusion::node::{FusionArgs, Listeners, OpenListeners, Opening, RunAtItsStart};
+use farfield_node::process::NodeError;
+use farfield_streams::StreamSpec;
+
+pub(crate) use self::page::{PageServer, page_skeleton};
+
+/// Who shall listen.
+#[derive(Debug, Clone, Default, Args)]
+pub(crate) struct ListenerArgs {
+    /// Serve the live page.
+    ///
+    /// At <http://127.0.0.1:7460>, or at ADDRESS: an IP address and a port. Beyond this machine it is served with fusion's
+    /// certificate, and who opens it needs the token of the address that is printed.
+    #[arg(long, value_name = "ADDRESS", num_args = 0..=1, require_equals = true)]
+    #[expect(
+        clippy::option_option,
+        reason = "absent, without and with an address: how clap says it"
+    )]
+    pub(crate) page: Option<Option<SocketAddr>>,
+    /// A name by which browsers call this machine, for the live page.
+    #[arg(long, value_name = "NAME", requires = "page", hide_short_help = true)]
+    pub(crate) page_name: Vec<String>,
+    /// Stream poses: qtm, vmc, websocket or psn.
+    ///
+    /// By the protocol of that name, to this machine or to ADDRESS: an IP address, with or without a port. Beyond this
+    /// machine everybody who can reach it sees where people are: none of these protocols knows keys. See `docs/streams.md`.
+    #[arg(long, value_name = "NAME[=ADDRESS]")]
+    pub(crate) stream: Vec<StreamSpec>,
+}
+
+impl ListenerArgs {
+    /// The words of a command line that say the same.
+    pub(crate) fn words(&self) -> Vec<String> {
+        let page = self.page.iter().map(|address| match address {
+            Some(address) => format!("--page={address}"),
+            None => "--page".to_owned(),
+        });
+        let names = self
+            .page_name
+            .iter()
+            .map(|name| format!("--page-name={name}"));
+        let streams = self.stream.iter().map(|spec| format!("--stream={spec}"));
+        page.chain(names).chain(streams).collect()
+    }
+}
+
+/// Arguments of `farfield fusion`.
+#[derive(Debug, Args)]
+pub(crate) struct FusionCommandArgs {
+    #[command(flatten)]
+    fusion: FusionArgs,
+    #[command(flatten)]
+    listeners: ListenerArgs,
+}
+
+/// Runs a fusion node with its listeners.
+pub(crate) fn fusion(args: FusionCommandArgs) -> ExitCode {
+    farfield_fusion::node::main_with(args.fusion, Box::new(args.listeners))
+}
+
+impl OpenListeners for ListenerArgs {
+    fn open(self: Box<Self>, run: RunAtItsStart<'_>) -> Opening<'_> {
+        Box::pin(async move {
+            let mut listeners = Listeners::default();
+            if let Some(address) = self.page {
+                page::listen(&run, (address, &self.page_name), &mut listeners).await?;
+            }
+            if !self.stream.is_empty() {
+                let streams = streams::listen(&run, &self.stream, &mut listeners).await;
+                streams.map_err(NodeError::refused)?;
+            }
+            Ok(listeners)
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser as _;
+
+    use super::*;
+
+    #[derive(Debug, clap::Parser)]
+    struct Line {
+        #[command(flatten)]
+        listeners: ListenerArgs,
+    }
+
+    fn parsed(words: &[&str]) -> Result<ListenerArgs, clap::Error> {
+        let words = [&["fusion"], words].concat();
+        Line::try_parse_from(words).map(|line| line.listeners)
+    }
+
+    #[test]
+    fn what_a_run_hands_on_says_the_same() {
+        for words in [
+            &[][..],
+            &["--page"],
+            &["--page=10.0.0.1:7460", "--page-name=hall.local"],
+            &["--stream=qtm", "--stream=vmc=10.0.0.9:39539"],
+        ] {
+            let asked = parsed(words).unwrap();
+            let handed = asked.words();
+            let handed: Vec<&str> = handed.iter().map(String::as_str).collect();
+            let again = parsed(&handed).unwrap();
+            assert_eq!(again.page, asked.page);
+            assert_eq!(again.page_name, asked.page_name);
+            assert_eq!(again.stream, asked.stream);
+        }
+    }
+
+    #[test]
+    fn a_stream_that_is_none_is_refused_by_name() {
+        let refused = parsed(&["--stream=natnet"]).unwrap_err();
+        assert_eq!(refused.exit_code(), 2);
+        assert!(refused.to_string().contains("natnet"), "{refused}");
+    }
+}

@@ -1,0 +1,102 @@
+//! `farfield view RECORDING`: a recording on the page, to look at what happened and when.
+
+use std::fs::File;
+use std::io::BufReader;
+use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::Context as _;
+use clap::Args;
+use farfield_fusion::node::recorded_venue;
+use farfield_fusion::pipeline::Pipeline;
+use farfield_fusion::recording::messages::MessagesInTime;
+use farfield_node::log::start_log;
+use farfield_node::process::{Ending, NodeError, exit_code, say};
+use farfield_page::{PageOptions, PageState, RecordedMessages};
+use farfield_proto::id::SessionId;
+use farfield_proto::tick::Micros;
+
+use crate::listeners::{PageServer, page_skeleton};
+use crate::signals::Signals;
+
+/// Arguments of `farfield view`.
+#[derive(Debug, Args)]
+pub(crate) struct ViewArgs {
+    /// The recording, an MCAP file.
+    recording: PathBuf,
+    /// Where the page is served: an IP address of this machine and a port.
+    ///
+    /// Default: 127.0.0.1:7460.
+    #[arg(long, value_name = "ADDRESS")]
+    at: Option<SocketAddr>,
+}
+
+/// Serves the page of a recording until Ctrl-C.
+pub(crate) fn main(args: &ViewArgs) -> ExitCode {
+    start_log();
+    exit_code(view(args))
+}
+
+fn view(args: &ViewArgs) -> Result<Ending, NodeError> {
+    let path = &args.recording;
+    let state = state(path).map_err(NodeError::Refused)?;
+    farfield_node::runtime::block_on(2, async {
+        let mut signals = Signals::listen()
+            .context("listening for signals")
+            .map_err(NodeError::Failed)?;
+        let server = PageServer::start(state, (args.at, &[]), None).await?;
+        server
+            .said
+            .iter()
+            .for_each(|line| say(format_args!("{line}")));
+        say(format_args!("until Ctrl-C"));
+        signals.next().await;
+        server.stop();
+        Ok(Ending::Done)
+    })
+}
+
+/// What the page shows of the recording at `path`.
+fn state(path: &Path) -> anyhow::Result<std::sync::Arc<PageState>> {
+    let shown = path.display();
+    let file = File::open(path).with_context(|| format!("opening {shown}"))?;
+    let messages = MessagesInTime::open(BufReader::new(file));
+    let messages = messages.with_context(|| format!("reading {shown}"))?;
+    let span_us = messages
+        .span_us()
+        .with_context(|| format!("{shown}: found no messages, expected a recording of a run"))?;
+    let (venue, card) = recorded_venue(path, messages.attached())?;
+    let pipeline = Pipeline::new(&venue, card.as_ref(), SessionId(0));
+    let skeleton = page_skeleton(&venue, pipeline.keypoints());
+    let recorded = Recorded {
+        messages,
+        span_us,
+        path: path.to_owned(),
+    };
+    PageState::recording(venue, skeleton, Box::new(recorded), PageOptions::default())
+        .context("starting the page's thread")
+}
+
+/// A recording as the page reads it.
+struct Recorded {
+    messages: MessagesInTime<BufReader<File>>,
+    span_us: [Micros; 2],
+    path: PathBuf,
+}
+
+impl RecordedMessages for Recorded {
+    fn span_us(&self) -> [Micros; 2] {
+        self.span_us
+    }
+
+    fn read(
+        &mut self,
+        from_us: Micros,
+        to_us: Micros,
+        visit: &mut dyn FnMut(&str, &[u8], Micros),
+    ) -> Result<(), String> {
+        let read = self.messages.read(from_us..to_us, visit);
+        read.map_err(|error| format!("{}: {error}", self.path.display()))
+    }
+}
