@@ -139,3 +139,93 @@ impl History {
         range.map(Arc::clone).collect()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::state::fixture::{context, synthetic, tell};
+    use crate::state::known::{Known, News};
+
+    fn frames(ticks: [i64; 2]) -> Vec<SharedFrame> {
+        let news = tell(&mut Known::new(context()), &synthetic(2), ticks, |_, _| {
+            true
+        });
+        let frames = news.into_iter().filter_map(|news| match news {
+            News::Frame(frame) => Some(frame),
+            _ => None,
+        });
+        frames.collect()
+    }
+
+    fn history(bytes: usize, seconds: f64) -> History {
+        History::new(HistoryBounds { bytes, seconds }, 60.0)
+    }
+
+    #[test]
+    fn what_is_older_than_its_span_is_forgotten() {
+        let mut history = history(usize::MAX, 1.0);
+        for frame in frames([0, 100]) {
+            history.push_status(frame.tick, Arc::from("how it was"));
+            history.push(frame);
+        }
+        assert_eq!(history.span(), Some([Tick(39), Tick(99)]));
+        assert!(history.statuses.len() <= 62);
+    }
+
+    #[test]
+    fn it_never_takes_more_than_its_bytes() {
+        let most = 200_000;
+        let mut history = history(most, 1e9);
+        for frame in frames([0, 300]) {
+            history.push(frame);
+            assert!(history.bytes() <= most);
+        }
+        let [first, last] = history.span().unwrap();
+        assert!(first > Tick(0) && last == Tick(299));
+        let held: usize = history.frames.iter().map(|frame| frame.size_bytes()).sum();
+        assert_eq!(history.bytes(), held);
+    }
+
+    #[test]
+    fn a_tick_is_found_or_the_last_before_it_or_the_first() {
+        let mut history = history(usize::MAX, 1e9);
+        for frame in frames([10, 20])
+            .into_iter()
+            .filter(|frame| frame.tick != Tick(15))
+        {
+            history.push(frame);
+        }
+        let at = |tick| history.at(Tick(tick)).unwrap().tick.0;
+        assert_eq!([at(i64::MIN), at(12), at(15), at(99)], [10, 12, 14, 19]);
+        let range = history.range([Tick(11), Tick(18)], 3);
+        let ticks: Vec<i64> = range.iter().map(|frame| frame.tick.0).collect();
+        assert_eq!(ticks, [11, 14, 18]);
+    }
+
+    #[test]
+    fn fusion_that_begins_anew_begins_a_new_history() {
+        let mut history = history(usize::MAX, 1e9);
+        for frame in frames([100, 110]).into_iter().chain(frames([5, 8])) {
+            history.push(frame);
+        }
+        assert_eq!(history.span(), Some([Tick(5), Tick(7)]));
+    }
+
+    #[test]
+    fn five_minutes_of_eight_people_are_kept_in_the_memory_that_is_promised() {
+        let news = tell(
+            &mut Known::new(context()),
+            &synthetic(8),
+            [600, 660],
+            |_, _| true,
+        );
+        let sizes = news.iter().filter_map(|news| match news {
+            News::Frame(frame) => Some(frame.size_bytes()),
+            _ => None,
+        });
+        let one_second: usize = sizes.sum();
+        let bounds = HistoryBounds::default();
+        let all = one_second as f64 * bounds.seconds;
+        assert!(all < bounds.bytes as f64, "{all} bytes");
+    }
+}

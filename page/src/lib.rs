@@ -13,6 +13,9 @@
 //! | [`server`] | HTTP, WebSockets, TLS, who may ask what |
 //! | [`qr`] | an address as a picture in a terminal |
 
+#[cfg(test)]
+extern crate self as farfield_page;
+
 pub mod actions;
 pub mod history;
 pub mod playback;

@@ -2,6 +2,7 @@
 //!
 //! `cargo run -p farfield-page --example synthetic -- [--people 8] [--port 7460] [--seconds N] [--recording MINUTES]`
 
+mod made_up;
 mod messages;
 mod people;
 mod venue;
@@ -13,10 +14,10 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use farfield_page::protocol::status::RecordingState;
 use farfield_page::{
-    Action, ActionKind, PageActions, PageOptions, PageState, RecordedMessages, Server,
-    ServerOptions, qr,
+    Action, ActionKind, PageActions, PageOptions, PageState, Server, ServerOptions, qr,
 };
 use farfield_proto::tick::Tick;
+use made_up::MadeUp;
 use messages::Synthetic;
 use tokio::time::{Instant, sleep_until};
 use tokio_util::sync::CancellationToken;
@@ -86,45 +87,6 @@ impl PageActions for Pretended {
     }
 }
 
-/// A recording that is made up as it is read.
-struct MadeUp {
-    synthetic: Synthetic,
-    ticks: i64,
-}
-
-impl RecordedMessages for MadeUp {
-    fn span_us(&self) -> [i64; 2] {
-        [
-            self.synthetic.tick_us(Tick(0)),
-            self.synthetic.tick_us(Tick(self.ticks)),
-        ]
-    }
-
-    fn read(
-        &mut self,
-        from_us: i64,
-        to_us: i64,
-        visit: &mut dyn FnMut(&str, &[u8], i64),
-    ) -> Result<(), String> {
-        let period_us = self.synthetic.tick_us(Tick(60)) - self.synthetic.tick_us(Tick(0));
-        let tick = |us: i64| (us - self.synthetic.tick_us(Tick(0))) * 60 / period_us;
-        let (first, last) = (
-            (tick(from_us) - 10).max(0),
-            (tick(to_us) + 10).min(self.ticks),
-        );
-        let mut all: Vec<_> = (first..=last)
-            .flat_map(|t| self.synthetic.messages(Tick(t)))
-            .collect();
-        all.sort_by_key(|(_, _, at_us)| *at_us);
-        for (key, bytes, at_us) in all {
-            if (from_us..to_us).contains(&at_us) {
-                visit(&key, &bytes, at_us);
-            }
-        }
-        Ok(())
-    }
-}
-
 /// Feeds tick after tick, each when it is.
 async fn feed(state: Arc<PageState>, synthetic: Synthetic) {
     let began = Instant::now();
@@ -153,10 +115,7 @@ async fn main() -> Result<(), Failure> {
     };
     let mut feeding = None;
     let state = if let Some(minutes) = arguments.recording_minutes {
-        let made_up = MadeUp {
-            synthetic,
-            ticks: i64::from(minutes) * 3600,
-        };
+        let made_up = MadeUp::new(synthetic, i64::from(minutes) * 3600);
         PageState::recording(venue, skeleton, Box::new(made_up), options)?
     } else {
         let state = PageState::live(venue, skeleton, options)?;

@@ -144,3 +144,38 @@ impl Reading {
         self.shared.status.send_replace(text);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn without_reader() -> (Feed, Receiver<Waiting>) {
+        let (sender, receiver) = sync_channel(MAX_WAITING);
+        let waiting_bytes = Arc::default();
+        (
+            Feed {
+                sender,
+                waiting_bytes,
+            },
+            receiver,
+        )
+    }
+
+    #[test]
+    fn what_finds_no_room_is_refused_by_number_and_by_bytes() {
+        let (feed, _receiver) = without_reader();
+        let taken = (0..MAX_WAITING + 10).filter(|_| feed.offer(Topic::Poses, b"x", 0));
+        assert_eq!(taken.count(), MAX_WAITING);
+        let (feed, _receiver) = without_reader();
+        let large = vec![0; 1 << 20];
+        let taken = (0..20).filter(|_| feed.offer(Topic::Poses, &large, 0));
+        assert_eq!(taken.count(), 16);
+    }
+
+    #[test]
+    fn nobody_waits_for_a_reader_that_has_gone() {
+        let (feed, receiver) = without_reader();
+        drop(receiver);
+        assert!(!feed.offer(Topic::Poses, b"x", 0));
+    }
+}

@@ -1,1 +1,50 @@
+//! The made-up venue of the example, for tests.
 
+#[path = "../../examples/synthetic/made_up.rs"]
+pub(crate) mod made_up;
+#[path = "../../examples/synthetic/messages.rs"]
+pub(crate) mod messages;
+#[path = "../../examples/synthetic/people.rs"]
+pub(crate) mod people;
+#[path = "../../examples/synthetic/venue.rs"]
+pub(crate) mod venue;
+
+use std::sync::Arc;
+
+use farfield_proto::tick::Tick;
+use messages::Synthetic;
+
+use super::context::Context;
+use super::known::{Known, News};
+
+/// Unix time of tick 0 in tests, microseconds.
+pub(crate) const EPOCH_US: i64 = 1_767_225_600_000_000;
+
+/// The venue at work with so many people.
+pub(crate) fn synthetic(people: u32) -> Synthetic {
+    Synthetic::new(venue::venue(), people, EPOCH_US)
+}
+
+/// What is known of it beforehand.
+pub(crate) fn context() -> Arc<Context> {
+    Arc::new(Context::new(venue::venue(), venue::skeleton()))
+}
+
+/// Lets somebody know everything from tick `from` to `to`, not included; what `pass` refuses excepted.
+pub(crate) fn tell(
+    known: &mut Known,
+    synthetic: &Synthetic,
+    [from, to]: [i64; 2],
+    pass: impl Fn(&str, i64) -> bool,
+) -> Vec<News> {
+    let context = context();
+    let mut news = Vec::new();
+    for tick in (from..to).map(Tick) {
+        for (key, bytes, at_us) in synthetic.messages(tick) {
+            if let Some(topic) = context.topic(&key).filter(|_| pass(&key, tick.0)) {
+                news.push(known.take(topic, &bytes, at_us));
+            }
+        }
+    }
+    news
+}

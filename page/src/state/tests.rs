@@ -1,1 +1,324 @@
+//! What messages mean to who looks at the page.
 
+use std::sync::Arc;
+
+use farfield_proto::id::{CameraIndex, PersonId};
+use farfield_proto::message::PersonState;
+use farfield_proto::message::identity_event::{Change, IdentityEvent, Likeness};
+use farfield_proto::message::{PatchSet, PoseSet};
+use farfield_proto::tick::Tick;
+use farfield_proto::wire;
+use proptest::prelude::*;
+
+use super::context::Topic;
+use super::evidence::Evidence;
+use super::fixture::{context, synthetic, tell};
+use super::frame::SharedFrame;
+use super::known::{Beside, Known, News};
+use crate::protocol::camera_view::CameraView;
+use crate::protocol::chosen_angles::ChosenAngles;
+use crate::protocol::status::{Condition, Severity, StatusDocument};
+use crate::protocol::tick::TickMessage;
+
+fn status_of(known: &mut Known) -> StatusDocument {
+    known.status(&Beside::default())
+}
+
+fn newest(news: Vec<News>) -> SharedFrame {
+    let frames = news.into_iter().filter_map(|news| match news {
+        News::Frame(frame) => Some(frame),
+        _ => None,
+    });
+    frames.last().unwrap()
+}
+
+fn all(_: &str, _: i64) -> bool {
+    true
+}
+
+#[test]
+fn the_people_of_a_tick_are_told_with_who_sees_them() {
+    let (mut known, synthetic) = (Known::new(context()), synthetic(8));
+    let frame = newest(tell(&mut known, &synthetic, [60, 130], all));
+    let tick = TickMessage::decode(&frame.encoded).unwrap();
+    assert_eq!(
+        (tick.tick, tick.persons.len(), tick.joints),
+        (Tick(129), 8, 29)
+    );
+    let poses = (1..=8).map(|person| super::fixture::people::pose(person, Tick(129)));
+    for (person, pose) in tick.persons.iter().zip(poses) {
+        assert_eq!((person.id, person.state), (pose.person, pose.state));
+        for (steps, joint_m) in person.joints.iter().zip(&pose.joints_m) {
+            let told_m = tick.grid.point_m(*steps);
+            let off_m = (0..3)
+                .map(|i| (told_m[i] - joint_m[i]).abs())
+                .fold(0.0, f32::max);
+            assert!(off_m <= 0.51 * tick.grid.step_m, "{off_m}");
+        }
+        let is_seen = pose.state != PersonState::Coasting;
+        assert_eq!(person.viewpoints.count_ones() > 0, is_seen, "{person:?}");
+    }
+}
+
+#[test]
+fn a_chosen_camera_shows_boxes_and_keypoints_where_people_are() {
+    let (mut known, synthetic) = (Known::new(context()), synthetic(8));
+    let frame = newest(tell(&mut known, &synthetic, [60, 121], all));
+    let context = context();
+    let view = CameraView::decode(&frame.camera_view(&context, CameraIndex(0)).unwrap()).unwrap();
+    assert_eq!((view.persons.len(), view.keypoints), (8, 17));
+    let boxed: Vec<_> = view
+        .persons
+        .iter()
+        .filter_map(|p| Some((p, p.bounding_box?)))
+        .collect();
+    assert!(!boxed.is_empty());
+    for (person, bounding_box) in boxed {
+        for [x, y] in person.keypoints_px.iter().flatten() {
+            let ([cx, cy], [w, h]) = (bounding_box.center_px, bounding_box.size_px);
+            assert!(
+                (x - cx).abs() < 0.5 * w && (y - cy).abs() < 0.5 * h,
+                "{person:?}"
+            );
+        }
+    }
+    assert!(view.persons.iter().any(|person| person.is_chosen));
+    assert_eq!(view.sightings.len(), 1, "tick 120 had a detection pass");
+    assert_eq!(frame.camera_view(&context, CameraIndex(8)), None);
+}
+
+#[test]
+fn chosen_angles_are_those_of_the_pose() {
+    let (mut known, synthetic) = (Known::new(context()), synthetic(3));
+    let frame = newest(tell(&mut known, &synthetic, [60, 70], all));
+    let chosen = ChosenAngles::decode(&frame.chosen_angles(&[2, 99], &[22, 19, 500])).unwrap();
+    let pose = super::fixture::people::pose(2, Tick(69));
+    let expected = vec![pose.angles[22], pose.angles[19], 0.0];
+    assert_eq!(chosen.persons, [(PersonId(2), expected)]);
+}
+
+#[test]
+fn all_is_well_while_everybody_sends() {
+    let (mut known, synthetic) = (Known::new(context()), synthetic(8));
+    tell(&mut known, &synthetic, [0, 300], all);
+    let status = status_of(&mut known);
+    assert_eq!(status.alarms, []);
+    assert!(
+        status
+            .nodes
+            .iter()
+            .all(|node| node.state == Condition::Works)
+    );
+    assert!(status.cameras.iter().all(|camera| camera.state == "works"));
+    assert_eq!(status.nodes.len(), 5);
+    assert!(
+        (59.0..=61.0).contains(&status.poses_per_s),
+        "{}",
+        status.poses_per_s
+    );
+    let stages: Vec<_> = status.latency.stages.iter().map(|s| s.stage).collect();
+    assert_eq!(
+        stages,
+        ["capture_to_send", "link", "fusion", "capture_to_pose"]
+    );
+    // Poses pass 21 ms after their tick, captures 0.15 ms before it; every 97th pose is 9 ms late.
+    let whole = status.latency.stages.last().unwrap();
+    assert_eq!((whole.p50_us, whole.p99_us), (21_150, 30_150));
+}
+
+#[test]
+fn an_edge_that_is_cut_off_is_red_in_words_with_a_remedy_and_comes_back() {
+    let (mut known, synthetic) = (Known::new(context()), synthetic(8));
+    // The last edge is silent from second 12 on, for six.
+    tell(&mut known, &synthetic, [600, 60 * 16], all);
+    let status = status_of(&mut known);
+    let failed: Vec<_> = status
+        .alarms
+        .iter()
+        .filter(|a| a.severity == Severity::Failed)
+        .collect();
+    let keys: Vec<_> = failed.iter().map(|alarm| alarm.key.as_str()).collect();
+    assert_eq!(keys, ["node/south-east", "link/south-east"]);
+    assert!(
+        failed[0]
+            .text
+            .contains("edge south-east has not been heard for"),
+        "{failed:?}"
+    );
+    assert!(failed.iter().all(|alarm| !alarm.remedy.is_empty()));
+    assert_eq!(status.nodes[4].state, Condition::Failed);
+    assert_eq!(status.links[3].state, Condition::Failed);
+    assert_eq!(status.links[0].state, Condition::Works);
+    tell(&mut known, &synthetic, [60 * 16, 60 * 19], all);
+    let keys: Vec<String> = status_of(&mut known)
+        .alarms
+        .into_iter()
+        .map(|a| a.key)
+        .collect();
+    assert!(
+        !keys.iter().any(|key| key.contains("south-east")),
+        "{keys:?}"
+    );
+}
+
+#[test]
+fn a_black_camera_is_red_and_a_thin_link_a_warning_after_it() {
+    let (mut known, synthetic) = (Known::new(context()), synthetic(8));
+    tell(&mut known, &synthetic, [60 * 36, 60 * 40], all);
+    let status = status_of(&mut known);
+    assert_eq!(status.alarms[0].key, "camera/north-west-left");
+    assert_eq!(status.cameras[2].state, "black");
+    // Seconds 20 to 28 of 40: another time.
+    tell(&mut known, &synthetic, [60 * 60, 60 * 65], all);
+    let status = status_of(&mut known);
+    let thin = status
+        .alarms
+        .iter()
+        .find(|alarm| alarm.key == "link/north-west/load")
+        .unwrap();
+    assert!(
+        thin.text.contains("6 people a tick") && thin.text.contains("level 5 instead of 2"),
+        "{thin:?}"
+    );
+    assert_eq!(status.links[1].state, Condition::Warning);
+}
+
+#[test]
+fn an_alarm_keeps_its_beginning() {
+    let (mut known, synthetic) = (Known::new(context()), synthetic(1));
+    tell(&mut known, &synthetic, [600, 60 * 13], all);
+    let since_us = status_of(&mut known).alarms[0].since_us;
+    tell(&mut known, &synthetic, [60 * 13, 60 * 14], all);
+    assert_eq!(status_of(&mut known).alarms[0].since_us, since_us);
+}
+
+#[test]
+fn fusion_that_is_silent_is_red_when_only_time_goes_on() {
+    let (mut known, synthetic) = (Known::new(context()), synthetic(1));
+    tell(&mut known, &synthetic, [0, 120], all);
+    for _ in 0..16 {
+        known.wait(250_000);
+    }
+    let status = status_of(&mut known);
+    let keys: Vec<_> = status
+        .alarms
+        .iter()
+        .map(|alarm| alarm.key.as_str())
+        .collect();
+    assert!(keys.contains(&"node/fusion"), "{keys:?}");
+    assert!(status.poses_per_s.abs() < 1e-9);
+}
+
+#[test]
+fn maps_name_people_by_the_id_that_they_had_before_they_were_recognised() {
+    let mut evidence = Evidence::default();
+    let why = Likeness {
+        distance_m: 1.0,
+        absence_s: 2.0,
+        lengths_sigma: 0.5,
+        log_ratio: 9.0,
+        margin: None,
+    };
+    let recognised = IdentityEvent {
+        person: PersonId(7),
+        wire_id: PersonId(7),
+        change: Change::Recognise {
+            old: PersonId(3),
+            why,
+        },
+    };
+    evidence.take_event(&recognised);
+    let synthetic = synthetic(8);
+    let passed = synthetic.messages(Tick(90));
+    let patches = passed.iter().filter(|(key, ..)| key.contains("/patch/"));
+    for set in patches.map(|(_, bytes, _)| wire::decode::<PatchSet>(bytes).unwrap()) {
+        evidence.take_patches(&set, 0);
+    }
+    let found = evidence.of_tick(Tick(90));
+    assert_eq!(found.viewpoints_of(PersonId(7)), 0);
+    assert!(found.viewpoints_of(PersonId(3)) > 0);
+}
+
+#[test]
+fn another_session_means_other_people() {
+    let (mut known, synthetic) = (Known::new(context()), synthetic(2));
+    tell(&mut known, &synthetic, [0, 30], all);
+    let (_, bytes, at_us) = synthetic
+        .messages(Tick(31))
+        .into_iter()
+        .find(|(key, ..)| key.ends_with("/pose"))
+        .unwrap();
+    let mut poses: PoseSet = wire::decode(&bytes).unwrap();
+    poses.session.0 += 1;
+    poses.tick = Tick(3);
+    let News::Frame(frame) = known.take(Topic::Poses, &wire::encode(&poses), at_us) else {
+        panic!("no people");
+    };
+    assert_eq!(
+        (frame.session, frame.tick),
+        (poses.session.0 as u32, Tick(3))
+    );
+}
+
+#[test]
+fn what_cannot_be_read_is_counted() {
+    let mut known = Known::new(context());
+    known.take(Topic::Poses, b"no message", 1);
+    known.take(Topic::Status(None), &[], 2);
+    assert_eq!(status_of(&mut known).page.unreadable, 2);
+}
+
+fn any_topic() -> impl Strategy<Value = Topic> {
+    let context = context();
+    let topics: Vec<Topic> = [
+        "pose",
+        "event",
+        "status/fusion",
+        "patch/north-east",
+        "sighting/north-east",
+        "box/north-east",
+        "status/north-east",
+    ]
+    .iter()
+    .map(|key| context.topic(&format!("synthetic/{key}")).unwrap())
+    .collect();
+    prop::sample::select(topics)
+}
+
+proptest! {
+    #[test]
+    fn nothing_that_a_stranger_sends_stops_the_page(
+        messages in prop::collection::vec((any_topic(), prop::collection::vec(any::<u8>(), 0..120), any::<i64>()), 0..20),
+    ) {
+        let mut known = Known::new(context());
+        for (topic, mut bytes, at_us) in messages {
+            if let Some(version) = bytes.first_mut() {
+                *version = wire::VERSION;
+            }
+            known.take(topic, &bytes, at_us);
+            known.wait(250_000);
+            known.status(&Beside::default());
+        }
+    }
+
+    #[test]
+    fn true_messages_at_any_time_with_flipped_bits_do_not_stop_it_either(
+        flips in prop::collection::vec((any::<prop::sample::Index>(), any::<prop::sample::Index>(), any::<u8>(), any::<i64>()), 1..30),
+    ) {
+        let synthetic = synthetic(2);
+        let context = context();
+        let mut known = Known::new(Arc::clone(&context));
+        let passed = synthetic.messages(Tick(60));
+        for (which, place, flip, at_us) in flips {
+            let (key, bytes, _) = which.get(&passed);
+            let mut bytes = bytes.clone();
+            *place.get_mut(bytes.as_mut_slice()) ^= flip;
+            let topic = context.topic(key).unwrap();
+            if let News::Frame(frame) = known.take(topic, &bytes, at_us) {
+                frame.camera_view(&context, CameraIndex(0));
+                frame.json(true);
+            }
+            known.status(&Beside::default());
+        }
+    }
+}
