@@ -5,7 +5,8 @@ import { chartColours, type ChartColours } from "./charts/pen.ts";
 import type { Connection, ConnectionState } from "./connection.ts";
 import { Counters } from "./counters.ts";
 import { element, setClass, setHidden, setText } from "./dom.ts";
-import { Keyboard, type Key } from "./keyboard.ts";
+import { Keyboard } from "./keyboard.ts";
+import { pageKeys } from "./page_keys.ts";
 import { AlarmStrip } from "./panels/alarms.ts";
 import { AnglePanel } from "./panels/angles.ts";
 import { CamerasPanel, levelOfCamera } from "./panels/cameras.ts";
@@ -73,14 +74,26 @@ export class Page implements Actions {
   constructor(
     venue: Venue,
     private readonly connection: Connection,
-    private readonly theme: Theme,
+    theme: Theme,
     canvas: HTMLCanvasElement,
   ) {
     this.blender = new Blender(venue.joints.length);
     this.player = new Player(venue.rate_hz);
     this.state = emptyState(venue, this.blender);
     this.scene = new FieldScene(venue, canvas);
-    this.keyboard = new Keyboard(this.keys());
+    this.keyboard = new Keyboard(
+      pageKeys({
+        view: this.scene.view,
+        theme,
+        showHelp: () => this.keyboard.toggle(),
+        openTab: (at) => this.side.open(at),
+        toggleRecording: () => void this.header.toggleRecording(),
+        toolbar: () => this.toolbar,
+        timeline: () => this.timeline,
+        followNext: (step) => this.followNext(step),
+        escape: () => this.escape(),
+      }),
+    );
     this.header = new Header(this, venue.name, theme, () => this.keyboard.toggle());
     this.toolbar = new Toolbar(this.scene, this, this.state);
     this.timeline = new Timeline(this, this.state);
@@ -99,6 +112,7 @@ export class Page implements Actions {
     document.body.replaceChildren(
       this.header.root,
       this.alarms.root,
+      this.alarms.announced,
       element("main", {}, field, this.side.root),
       this.timeline.root,
       this.keyboard.overlay,
@@ -325,51 +339,6 @@ export class Page implements Actions {
   private escape(): void {
     if (this.state.followed !== null) this.follow(null);
     else if (this.scene.view.through !== null) this.toolbar.toField();
-  }
-
-  private keys(): Key[] {
-    const key = (pressed: string, shown: string, group: string, does: string, act: () => void): Key => ({
-      key: pressed,
-      shown,
-      group,
-      does,
-      act,
-    });
-    const nudge = (left: number, up: number, away: number) => (): void => this.scene.view.nudge(left, up, away);
-    return [
-      key("f", "F", "View", "the whole field", () => this.toolbar.toField()),
-      key("t", "T", "View", "from above", () => this.toolbar.toTop()),
-      key("]", "]", "View", "follow the next person", () => this.followNext(1)),
-      key("[", "[", "View", "follow the person before", () => this.followNext(-1)),
-      key("escape", "Esc", "View", "stop following; leave a camera", () => this.escape()),
-      key("arrowleft", "←", "View", "turn left", nudge(-1, 0, 0)),
-      key("arrowright", "→", "View", "turn right", nudge(1, 0, 0)),
-      key("arrowup", "↑", "View", "higher", nudge(0, 1, 0)),
-      key("arrowdown", "↓", "View", "lower", nudge(0, -1, 0)),
-      key("+", "+", "View", "nearer", nudge(0, 0, -1)),
-      key("-", "−", "View", "farther", nudge(0, 0, 1)),
-      key("c", "C", "Shown", "certainty as colour", () => this.toolbar.toggleSigma()),
-      key("n", "N", "Shown", "names", () => this.toolbar.toggle("labels")),
-      key("p", "P", "Shown", "trails", () => this.toolbar.toggle("trails")),
-      key("v", "V", "Shown", "cameras", () => this.toolbar.toggle("cameras")),
-      key("b", "B", "Shown", "bones or bodies", () => this.toolbar.toggle("bones")),
-      key("1", "1", "Shown", "people", () => this.side.open(0)),
-      key("2", "2", "Shown", "cameras", () => this.side.open(1)),
-      key("3", "3", "Shown", "links", () => this.side.open(2)),
-      key("4", "4", "Shown", "events", () => this.side.open(3)),
-      key("d", "D", "Shown", "dark or light", () => this.theme.toggle()),
-      key(" ", "space", "Time", "pause or play", () => this.timeline.togglePlay()),
-      key("l", "L", "Time", "live again", () => this.timeline.goLive()),
-      key(",", ",", "Time", "one tick back", () => this.timeline.step(-1)),
-      key(".", ".", "Time", "one tick on", () => this.timeline.step(1)),
-      key("j", "J", "Time", "five seconds back", () => this.timeline.skip(-5)),
-      key("k", "K", "Time", "five seconds on", () => this.timeline.skip(5)),
-      key("<", "<", "Time", "slower", () => this.timeline.faster(-1)),
-      key(">", ">", "Time", "faster", () => this.timeline.faster(1)),
-      key("o", "O", "Time", "loop about this moment", () => this.timeline.toggleLoop()),
-      key("r", "R", "Time", "start or stop a recording", () => void this.header.toggleRecording()),
-      key("?", "?", "Time", "this list", () => this.keyboard.toggle()),
-    ];
   }
 }
 

@@ -48,10 +48,13 @@ class Row {
 }
 
 export class AlarmStrip {
-  readonly root = element("section", { class: "alarms", label: "Alarms", attributes: { "aria-live": "polite" } });
+  readonly root = element("section", { class: "alarms", label: "Alarms" });
   private readonly list = element("ul");
   private readonly rows = new KeyedChildren(this.list, () => new Row());
   private readonly more = button("", "Show all alarms", () => this.toggle(), "alarms-more");
+  /** For who hears the page: texts that count seconds would be read out every second, so this changes with the alarms. */
+  readonly announced = element("div", { class: "unseen", attributes: { role: "alert" } });
+  private shownKeys = "";
   private areAllShown = false;
   private shownCount = 0;
 
@@ -78,6 +81,11 @@ export class AlarmStrip {
         if (alarm !== undefined) row.fill(alarm, alarm.key.startsWith(OWN) ? Date.now() * 1000 : now_us);
       },
     );
+    const keys = alarms.map((alarm) => alarm.key).join(" ");
+    if (keys !== this.shownKeys) {
+      this.shownKeys = keys;
+      setText(this.announced, alarms.length === 0 ? "No alarms" : alarms.map((alarm) => alarm.text).join(". "));
+    }
     const hidden = alarms.length - few.length;
     setHidden(this.more, hidden === 0 && !this.areAllShown);
     setText(this.more, this.areAllShown ? "Show fewer" : `${hidden} more`);

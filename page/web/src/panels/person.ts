@@ -132,7 +132,8 @@ export class PersonPanel {
   private eventText(id: number): string {
     for (let i = this.state.events.length - 1; i >= 0; i--) {
       const event = this.state.events[i];
-      if (event === undefined || (event.person !== id && event.other !== id)) continue;
+      if (event === undefined || event.session !== this.state.people.session) continue;
+      if (event.person !== id && event.other !== id) continue;
       const ago_s = (this.state.tick - event.tick) / this.state.venue.rate_hz;
       if (ago_s < -0.5) continue;
       return `${capital(event.text)}${Number.isFinite(ago_s) ? ` (${clockTime(Math.max(0, ago_s))} ago)` : ""}.`;

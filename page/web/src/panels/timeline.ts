@@ -62,9 +62,8 @@ export class Timeline {
     this.slider.min = `${first}`;
     this.slider.max = `${last}`;
     if (!this.isDragged) this.slider.value = `${Math.round(tick)}`;
-    const rate_hz = this.state.venue.rate_hz;
     const shown = this.isDragged ? Number(this.slider.value) : tick;
-    const text = isLive ? "now" : this.relative(shown, first, last, rate_hz);
+    const text = this.momentText(isLive, shown, first, last);
     setText(this.place, `${text} · tick ${Math.round(shown)}`);
     this.slider.setAttribute("aria-valuetext", text);
     setHidden(this.live, false);
@@ -110,10 +109,11 @@ export class Timeline {
     this.actions.send(loop === null ? { do: "play", speed } : { do: "play", speed, loop });
   }
 
-  private relative(tick: number, first: number, last: number, rate_hz: number): string {
-    return this.state.venue.mode === "recording"
-      ? clockTime((tick - first) / rate_hz)
-      : clockTime((tick - last) / rate_hz);
+  private momentText(isLive: boolean, tick: number, first: number, last: number): string {
+    const rate_hz = this.state.venue.rate_hz;
+    if (this.state.venue.mode === "recording") return clockTime((tick - first) / rate_hz);
+    if (isLive) return this.state.connection.kind === "open" ? "now" : "the last that came";
+    return clockTime((tick - last) / rate_hz);
   }
 
   private drag(): void {

@@ -4,6 +4,8 @@ import { Fields, ProtocolError } from "./checked.ts";
 import { readStatus, type Status } from "./status.ts";
 
 export interface IdentityEvent {
+  /** Ids of two sessions are unrelated. */
+  readonly session: number;
   readonly tick: number;
   readonly at_us: number;
   readonly person: number;
@@ -86,6 +88,7 @@ function readNames(fields: Fields): Map<number, string> {
 
 function readEvent(fields: Fields): IdentityEvent {
   return {
+    session: fields.whole("session"),
     tick: fields.number("tick"),
     at_us: fields.number("at_us"),
     person: fields.whole("person"),

@@ -121,6 +121,7 @@ export class Bodies {
   private readonly side: InstancedBufferAttribute;
   private readonly colourFrom: InstancedBufferAttribute;
   private readonly colourTo: InstancedBufferAttribute;
+  private readonly attributes: readonly InstancedBufferAttribute[];
   private readonly fine: InstancedBufferGeometry;
   private readonly coarse: InstancedBufferGeometry;
   /** For shadows, of which only the outline is seen. */
@@ -136,6 +137,7 @@ export class Bodies {
     this.side = floats(instances);
     this.colourFrom = bytes(instances);
     this.colourTo = bytes(instances);
+    this.attributes = [this.from, this.to, this.side, this.colourFrom, this.colourTo];
     this.fine = this.geometry(10, 3);
     this.coarse = this.geometry(6, 2);
     this.flat = this.geometry(6, 1);
@@ -182,7 +184,7 @@ export class Bodies {
     this.mesh.geometry = geometry;
     geometry.instanceCount = at;
     this.flat.instanceCount = at;
-    for (const attribute of [this.from, this.to, this.side, this.colourFrom, this.colourTo]) {
+    for (const attribute of this.attributes) {
       attribute.clearUpdateRanges();
       attribute.addUpdateRange(0, 4 * at);
       attribute.needsUpdate = true;

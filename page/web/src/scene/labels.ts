@@ -24,6 +24,12 @@ const FONT = "600 20px system-ui, sans-serif";
 const MOST_LABELS = 384;
 /** How far above its place a label stands, CSS pixels: seen from above, it would hide the head. */
 const ABOVE_PX = 14;
+/** By so much a label is nearer than its place, metres, as a number of GLSL. */
+const NEARER_M = "0.4";
+/** Texts are drawn larger than they are shown, so that they are sharp; on narrow canvases they are smaller. */
+const SCALE = 0.6;
+const NARROW_SCALE = 0.46;
+const NARROW_PX = 500;
 
 const VERTEX = /* glsl */ `
   attribute vec4 place;   // xyz in the world, cell
@@ -34,7 +40,10 @@ const VERTEX = /* glsl */ `
   varying vec2 vUv;
   varying float vOpacity;
   void main() {
-    vec4 centre = projectionMatrix * viewMatrix * vec4(place.xyz, 1.0);
+    vec4 inView = viewMatrix * vec4(place.xyz, 1.0);
+    // A little nearer, so that nobody's own head or shoulder covers the name.
+    inView.z += ${NEARER_M};
+    vec4 centre = projectionMatrix * inView;
     vec2 size = vec2(shape.x, ${CELL_HEIGHT_PX}.0) * scale;
     // Whole pixels keep the letters sharp.
     vec2 ndc = centre.xy / centre.w;
@@ -99,10 +108,9 @@ export class Labels {
     this.material = new ShaderMaterial({
       vertexShader: VERTEX,
       fragmentShader: FRAGMENT,
-      uniforms: { texts: { value: this.texture }, canvas: { value: new Vector2(1, 1) }, scale: { value: 0.6 }, ratio: { value: 1 } },
+      uniforms: { texts: { value: this.texture }, canvas: { value: new Vector2(1, 1) }, scale: { value: SCALE }, ratio: { value: 1 } },
+      // Depth is kept, so that nearer labels cover farther ones in whatever order they are drawn.
       transparent: true,
-      depthTest: false,
-      depthWrite: false,
     });
     this.mesh = new Mesh(this.geometry, this.material);
     this.mesh.frustumCulled = false;
@@ -113,7 +121,7 @@ export class Labels {
   resize(width_px: number, height_px: number, ratio: number): void {
     (this.material.uniforms["canvas"]?.value as Vector2).set(width_px / 2, height_px / 2);
     const { scale, ratio: perPixel } = this.material.uniforms;
-    if (scale !== undefined) scale.value = 0.6 * ratio;
+    if (scale !== undefined) scale.value = (width_px / ratio < NARROW_PX ? NARROW_SCALE : SCALE) * ratio;
     if (perPixel !== undefined) perPixel.value = ratio;
   }
 

@@ -137,7 +137,9 @@ export class FieldScene {
     if (this.shown.labels) {
       for (let i = 0; i < people.count; i++) {
         const head = 3 * (i * people.jointCount + this.head);
-        const [x, y, z] = [people.joints_m[head] ?? 0, people.joints_m[head + 1] ?? 0, people.joints_m[head + 2] ?? 0];
+        const x = people.joints_m[head] ?? 0;
+        const y = people.joints_m[head + 1] ?? 0;
+        const z = people.joints_m[head + 2] ?? 0;
         const id = people.ids[i] ?? 0;
         const opacity = followedAt >= 0 && followedAt !== i ? 0.45 : 1;
         this.labels.add(this.labelOf(id), this.colourOf(id), x, y, z + LABEL_ABOVE_M, opacity);
@@ -193,7 +195,8 @@ export class FieldScene {
   }
 
   private resize(): void {
-    const [width, height] = [this.canvas.clientWidth, this.canvas.clientHeight];
+    const width = this.canvas.clientWidth;
+    const height = this.canvas.clientHeight;
     if (width === 0 || height === 0) return;
     const isSame =
       this.canvas.width === Math.floor(width * this.pixelRatio) && this.canvas.height === Math.floor(height * this.pixelRatio);

@@ -93,7 +93,8 @@ export class Trails {
       if (slot === undefined || slot.id < 0 || (followed !== null && slot.id !== followed)) continue;
       const colour = personColour(slot.id);
       for (let k = 1; k < slot.count; k++) {
-        for (const back of [k, k - 1]) this.setVertex(vertex++, s, slot, back, colour);
+        this.setVertex(vertex++, s, slot, k, colour);
+        this.setVertex(vertex++, s, slot, k - 1, colour);
       }
     }
     this.lines.geometry.setDrawRange(0, vertex);

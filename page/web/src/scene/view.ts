@@ -29,6 +29,7 @@ export class View {
   private readonly toPosition = new Vector3();
   private readonly toTarget = new Vector3();
   private readonly scratch = new Vector3();
+  private readonly world = new Matrix4();
   /** The view of the whole field that nobody has turned since: it is made anew for another shape of the canvas. */
   private fitted: "orbit" | "top" | null = null;
   private left_s = 0;
@@ -207,13 +208,13 @@ export class View {
     const r = camera.rotation;
     const [x, y, z] = camera.position_m;
     // Columns are the camera's right, up and backward directions in the world: OpenGL looks along -z, with y up.
-    const world = new Matrix4().set(
+    this.world.set(
       r[0] ?? 1, -(r[3] ?? 0), -(r[6] ?? 0), x,
       r[1] ?? 0, -(r[4] ?? 0), -(r[7] ?? 0), y,
       r[2] ?? 0, -(r[5] ?? 0), -(r[8] ?? 0), z,
       0, 0, 0, 1,
     );
-    world.decompose(this.camera.position, this.camera.quaternion, this.scratch);
+    this.world.decompose(this.camera.position, this.camera.quaternion, this.scratch);
     const aspect = this.camera.aspect;
     const scale = Math.max(camera.width_px / aspect, camera.height_px);
     const [near, far] = [0.05, this.camera.far];
