@@ -34,7 +34,7 @@ import {
 } from "./protocol/ticks.ts";
 import type { Venue } from "./protocol/venue.ts";
 import { FieldScene } from "./scene/scene.ts";
-import { KEPT_EVENTS, nameOf, type Actions, type PageState } from "./state.ts";
+import { KEPT_EVENTS, isPast, nameOf, type Actions, type PageState } from "./state.ts";
 import type { Theme } from "./theme.ts";
 
 /** Panels are brought up to date so often; the scene at every frame. */
@@ -118,6 +118,7 @@ export class Page implements Actions {
       this.keyboard.overlay,
     );
     canvas.tabIndex = 0;
+    canvas.setAttribute("role", "application");
     canvas.setAttribute("aria-label", "The field in 3D. Arrow keys turn the view, plus and minus come nearer.");
     watchClicks(canvas, (x, y) => this.follow(this.scene.personAt(x, y)));
     theme.onChange((colours) => {
@@ -256,6 +257,7 @@ export class Page implements Actions {
   private updatePanels(): void {
     this.lastPanels_ms = performance.now();
     const { state } = this;
+    setClass(document.documentElement, "is-past", isPast(state));
     this.header.update(state);
     this.alarms.update(state);
     this.toolbar.update();

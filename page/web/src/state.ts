@@ -45,6 +45,11 @@ export interface Actions {
   say(text: string): void;
 }
 
+/** Whether a moment of a live venue is shown that is not now. */
+export function isPast(state: PageState): boolean {
+  return state.venue.mode === "live" && state.playback !== null && state.playback.state !== "live";
+}
+
 /** How people call somebody. */
 export function nameOf(state: PageState, id: number): string {
   return state.names.get(id) ?? `Person ${id}`;

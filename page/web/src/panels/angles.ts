@@ -14,7 +14,9 @@ import { UNKNOWN } from "../units.ts";
 
 const MOST_ANGLES = LINE_COLOURS.length;
 /** After a jump in time the past is asked for once the moment has stayed for so long. */
-const SETTLE_MS = 150;
+const SETTLE_MS = 300;
+/** Seconds of ticks that may be missing before they are asked for. */
+const GAP_S = 0.1;
 
 export class AnglePanel {
   readonly root = element("div", { class: "angles" });
@@ -54,7 +56,8 @@ export class AnglePanel {
     const person = message.persons.find(({ id }) => id === this.state.followed);
     if (person === undefined || person.values.length !== this.chosen.length) return;
     const step = message.tick - this.series.lastTick;
-    if (step < 0 || step > this.state.venue.rate_hz) this.fetchPast();
+    // Ticks that this page was too slow for are asked for again, as is the past after a jump.
+    if (step < 0 || step > GAP_S * this.state.venue.rate_hz) this.fetchPast();
     this.series.push(message.tick, (a) => {
       const angle = this.chosen[a];
       return angle === undefined || isUnobserved(person.id, angle.index) ? NaN : (person.values[a] ?? NaN);
@@ -80,8 +83,11 @@ export class AnglePanel {
   }
 
   private fetchPast(): void {
-    clearTimeout(this.timer);
-    this.timer = window.setTimeout(() => void this.askPast(), SETTLE_MS);
+    if (this.timer !== 0) return;
+    this.timer = window.setTimeout(() => {
+      this.timer = 0;
+      void this.askPast();
+    }, SETTLE_MS);
   }
 
   private async askPast(): Promise<void> {

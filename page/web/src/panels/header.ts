@@ -2,7 +2,7 @@
 
 import { button, element, setClass, setHidden, setText } from "../dom.ts";
 import { COASTING, TENTATIVE } from "../protocol/ticks.ts";
-import type { Actions, PageState } from "../state.ts";
+import { isPast, type Actions, type PageState } from "../state.ts";
 import type { Theme } from "../theme.ts";
 import { UNKNOWN, count, fixed, milliseconds } from "../units.ts";
 
@@ -105,8 +105,10 @@ function stateOf(state: PageState): [string, "good" | "warning" | "failed" | "pa
   }
   const alarms = state.status?.alarms ?? [];
   const failed = alarms.filter((alarm) => alarm.severity === "failed").length;
-  if (failed > 0) return [`✕ ${count(failed, "failure", "failures")}`, "failed"];
-  if (alarms.length > 0) return [`! ${count(alarms.length, "warning", "warnings")}`, "warning"];
+  // Who looks back sees what was wrong then.
+  const then = isPast(state) ? "Then: " : "";
+  if (failed > 0) return [`${then}✕ ${count(failed, "failure", "failures")}`, "failed"];
+  if (alarms.length > 0) return [`${then}! ${count(alarms.length, "warning", "warnings")}`, "warning"];
   if (state.status === null) return ["Connected", "past"];
-  return ["✓ All is well", "good"];
+  return then === "" ? ["✓ All is well", "good"] : ["Then: ✓ all was well", "past"];
 }

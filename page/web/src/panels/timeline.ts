@@ -1,6 +1,6 @@
 // Time: back over the last minutes or through a recording, speed, steps, a loop, and live again.
 
-import { button, element, setClass, setHidden, setPressed, setText } from "../dom.ts";
+import { button, element, setHidden, setPressed, setText } from "../dom.ts";
 import type { Actions, PageState } from "../state.ts";
 import { clockTime } from "../units.ts";
 
@@ -54,7 +54,6 @@ export class Timeline {
     for (const child of this.root.querySelectorAll<HTMLInputElement>("button, select, input")) child.disabled = !isUsable;
     if (playback === null || first === null || last === null) return setText(this.place, "");
     const isLive = playback.state === "live";
-    setClass(this.root, "is-past", !isLive);
     setPressed(this.live, isLive);
     setText(this.play, playback.state === "paused" ? "▶" : "❚❚");
     setPressed(this.loop, playback.loop !== null);

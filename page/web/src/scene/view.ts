@@ -9,6 +9,8 @@ const FIELD_OF_VIEW_DEG = 42;
 const MOVE_S = 0.45;
 /** Share of the canvas that the field fills. */
 const FILLED = 0.86;
+/** Cameras may stand so far outside the first view, as a share of their distance: people are what is looked at. */
+const CAMERAS_CUT = 0.18;
 /** Distance from which somebody is followed, metres, unless it was nearer already. */
 const FOLLOW_DISTANCE_M = 6.5;
 /** Steps of the keyboard: radians of a turn, factor of a distance. */
@@ -49,7 +51,7 @@ export class View {
     }
     for (const { position_m } of venue.cameras) {
       const place = new Vector3(...position_m);
-      if (place.distanceTo(this.centre) < this.size_m) this.toSee.push(place);
+      if (place.distanceTo(this.centre) < this.size_m) this.toSee.push(place.lerp(this.centre, CAMERAS_CUT));
     }
     this.camera = new PerspectiveCamera(FIELD_OF_VIEW_DEG, 1, 0.1, Math.max(500, 20 * this.size_m));
     this.camera.up.set(0, 0, 1);
