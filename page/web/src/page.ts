@@ -139,7 +139,7 @@ export class Page implements Actions {
 
   /** After a new connection the server knows nothing of what was asked before. */
   private askAgain(): void {
-    if (matchMedia("(max-width: 760px)").matches) this.send({ do: "rate", hz: PHONE_RATE_HZ });
+    if (isNarrow()) this.send({ do: "rate", hz: PHONE_RATE_HZ });
     if (this.state.openCamera !== null) this.send({ do: "camera", camera: this.state.openCamera });
     if (this.state.playback?.state === "paused" && Number.isFinite(this.state.tick)) {
       this.send({ do: "seek", tick: Math.round(this.state.tick) });
@@ -296,7 +296,10 @@ export class Page implements Actions {
     if (person !== null) this.person.open(person);
     this.angles.restart();
     this.updatePanels();
-    if (person !== null) this.person.root.scrollIntoView({ block: "nearest" });
+    if (person === null) return;
+    // On a phone list and field are below each other, and it is the field that one wants to see.
+    if (isNarrow()) scrollTo({ top: 0 });
+    else this.person.root.scrollIntoView({ block: "nearest" });
   }
 
   openCamera(camera: number | null): void {
@@ -361,6 +364,11 @@ function emptyState(venue: Venue, blender: Blender): PageState {
     unreadable: 0,
     unreadableReason: "",
   };
+}
+
+/** Whether the style sheet lays the page out for a phone. */
+function isNarrow(): boolean {
+  return matchMedia("(max-width: 760px)").matches;
 }
 
 /** A click that is no drag. */

@@ -15,6 +15,8 @@ import { View } from "./view.ts";
 
 /** Above the head, metres. */
 const LABEL_ABOVE_M = 0.15;
+/** Longer names are cut above heads, where they would cover others. */
+const LABEL_LETTERS = 16;
 /** How near to somebody a click must be, CSS pixels. */
 const CLICK_PX = 28;
 
@@ -152,7 +154,7 @@ export class FieldScene {
   private labelOf(id: number): string {
     let text = this.labelTexts.get(id);
     if (text === undefined) {
-      text = this.names.get(id) ?? `${id}`;
+      text = shortened(this.names.get(id) ?? `${id}`);
       this.labelTexts.set(id, text);
     }
     return text;
@@ -207,6 +209,11 @@ export class FieldScene {
     if (this.isFirstFrame) this.view.begin();
     this.isFirstFrame = false;
   }
+}
+
+function shortened(name: string): string {
+  const letters = [...name];
+  return letters.length <= LABEL_LETTERS ? name : `${letters.slice(0, LABEL_LETTERS - 1).join("")}…`;
 }
 
 /** Whether WebGL is drawn by the processor, as on a machine without a graphics card. */

@@ -10,7 +10,7 @@ const MOVE_S = 0.45;
 /** Share of the canvas that the field fills. */
 const FILLED = 0.86;
 /** Cameras may stand so far outside the first view, as a share of their distance: people are what is looked at. */
-const CAMERAS_CUT = 0.18;
+const CAMERAS_CUT = 0.1;
 /** Distance from which somebody is followed, metres, unless it was nearer already. */
 const FOLLOW_DISTANCE_M = 6.5;
 /** Steps of the keyboard: radians of a turn, factor of a distance. */
