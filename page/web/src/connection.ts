@@ -3,6 +3,7 @@
 import { ProtocolError } from "./protocol/checked.ts";
 import { readSeries, readText, type Request, type Series, type TextMessage } from "./protocol/text.ts";
 import { readVenue, type Venue } from "./protocol/venue.ts";
+import { RequestPacer } from "./request_pacer.ts";
 import { remember, remembered } from "./storage.ts";
 
 const SUBPROTOCOL = "farfield.page.v1";
@@ -51,6 +52,9 @@ export class Connection {
   private isAsleep = false;
   private nextRequest = 1;
   private venueText = "";
+  private readonly pacer = new RequestPacer((request) => {
+    if (this.isOpen) this.socket?.send(JSON.stringify(request));
+  });
   private readonly waiting = new Map<number, (error: string | null) => void>();
 
   constructor(private readonly receiver: Receiver) {
@@ -106,7 +110,7 @@ export class Connection {
 
   /** Sends a request whose answer nobody waits for. */
   send(request: Request): void {
-    if (this.isOpen) this.socket?.send(JSON.stringify(request));
+    if (this.isOpen) this.pacer.send(request, performance.now());
   }
 
   /** Sends a request; the promise is what the server says against it, `null` when it was done. */
@@ -182,6 +186,7 @@ export class Connection {
   private retryLater(reason: string): void {
     for (const resolve of this.waiting.values()) resolve("fusion is away");
     this.waiting.clear();
+    this.pacer.clear();
     if (this.awaySince_ms === 0) this.awaySince_ms = Date.now();
     this.receiver.state({ kind: "away", since_ms: this.awaySince_ms, reason });
     this.timer = window.setTimeout(() => void this.open(), this.retry_ms);

@@ -85,8 +85,4 @@ export class KeyedChildren<T extends { readonly root: HTMLElement }> {
       fill(row, index);
     });
   }
-
-  get(key: string): T | undefined {
-    return this.rows.get(key);
-  }
 }

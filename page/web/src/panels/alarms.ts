@@ -56,20 +56,13 @@ export class AlarmStrip {
   readonly announced = element("div", { class: "unseen", attributes: { role: "alert" } });
   private shownKeys = "";
   private areAllShown = false;
-  private shownCount = 0;
 
   constructor() {
     this.root.append(this.list, this.more);
   }
 
-  /** Number of alarms on the page. */
-  get count(): number {
-    return this.shownCount;
-  }
-
   update(state: PageState): void {
     const alarms = alarmsOf(state);
-    this.shownCount = alarms.length;
     const few = this.areAllShown ? alarms : alarms.slice(0, FIRST_FEW);
     // By the server's clock, which the page's need not agree with; while one looks back, by the time that is shown.
     const then_us = state.status?.at_us ?? Date.now() * 1000;
