@@ -38,6 +38,10 @@ pub(crate) struct Synthetic {
     epoch_us: i64,
 }
 
+fn viewpoint_index(index: usize) -> ViewpointIndex {
+    ViewpointIndex(index as u16)
+}
+
 const SESSION: SessionId = SessionId(0x5e55_1001);
 
 impl Synthetic {
@@ -65,15 +69,15 @@ impl Synthetic {
         for (index, viewpoint) in self.venue.viewpoints.iter().enumerate() {
             let name = &viewpoint.name;
             let boxes = self.boxes(index, tick, &people);
-            let chosen = self.patches(index, tick, &boxes, s);
+            let chosen = Self::patches(index, tick, &boxes, s);
             let sightings = self.sightings(index, tick);
             say(self.keys.boxes(name), encode(&boxes), tick_us - 20_000);
             if self.is_silent(index, s) {
                 continue;
             }
             // Delays that vary, a little and sometimes more.
-            let late_us =
-                9_000 + 1_500 * index as i64 + (tick.0 * 7919 + 13 * index as i64) % 3_000;
+            let number = i64::from(viewpoint_index(index).0);
+            let late_us = 9_000 + 1_500 * number + (tick.0 * 7919 + 13 * number) % 3_000;
             say(self.keys.patch(name), encode(&chosen), tick_us + late_us);
             if let Some(sightings) = sightings {
                 say(
@@ -127,7 +131,7 @@ impl Synthetic {
         BoxSet {
             session: SESSION,
             tick,
-            viewpoint: ViewpointIndex(viewpoint as u16),
+            viewpoint: viewpoint_index(viewpoint),
             part: 0,
             parts: 1,
             order: Order::Track,
@@ -176,7 +180,7 @@ impl Synthetic {
         })
     }
 
-    fn patches(&self, viewpoint: usize, tick: Tick, boxes: &BoxSet, s: f64) -> PatchSet {
+    fn patches(viewpoint: usize, tick: Tick, boxes: &BoxSet, s: f64) -> PatchSet {
         let crop = CellGrid {
             origin_px: [10.0, 20.5],
             step_px: [4.0, 0.25],
@@ -210,7 +214,7 @@ impl Synthetic {
         PatchSet {
             session: SESSION,
             tick,
-            viewpoint: ViewpointIndex(viewpoint as u16),
+            viewpoint: viewpoint_index(viewpoint),
             part: 0,
             parts: 1,
             sighting_parts: 0,
@@ -240,7 +244,7 @@ impl Synthetic {
         (tick.0 % 60 == 0).then(|| SightingSet {
             session: SESSION,
             tick,
-            viewpoint: ViewpointIndex(viewpoint as u16),
+            viewpoint: viewpoint_index(viewpoint),
             part: 0,
             parts: 1,
             sightings: vec![Sighting {
@@ -283,7 +287,7 @@ impl Synthetic {
             let is_silent = self.is_silent(index, s);
             links.push(self.link(index, tick, is_silent));
             if !is_silent {
-                self.say_one(&viewpoint.name, self.edge(index, tick, s), at_us, say);
+                self.say_one(&viewpoint.name, &self.edge(index, tick, s), at_us, say);
             }
         }
         let live = LiveStatus {
@@ -307,18 +311,18 @@ impl Synthetic {
             };
             self.venue.viewpoints.len()
         ];
-        self.say_one("fusion", status, at_us, say);
+        self.say_one("fusion", &status, at_us, say);
     }
 
     fn say_one(
         &self,
         name: &str,
-        status: Status,
+        status: &Status,
         at_us: i64,
         say: &mut impl FnMut(String, Vec<u8>, i64),
     ) {
         debug_assert_eq!(status.check(), Ok(()));
-        say(self.keys.status(name), encode(&status), at_us);
+        say(self.keys.status(name), encode(status), at_us);
     }
 
     fn link(&self, index: usize, tick: Tick, is_silent: bool) -> EdgeLink {
@@ -327,7 +331,7 @@ impl Synthetic {
             live: !is_silent,
             refused: None,
             round_trip_us: (!is_silent).then_some(1_900 + 400 * index as u32),
-            clock_offset_us: Some(350 - 500 * index as i32),
+            clock_offset_us: Some(350 - 500 * i32::from(viewpoint_index(index).0)),
             horizon_ticks: 2.4,
             bytes_per_s: if is_silent {
                 0
@@ -372,7 +376,7 @@ impl Synthetic {
             live,
             &[("network", 5_200), ("crop", 900), ("look", 14_000)],
         );
-        status.viewpoint = Some(ViewpointIndex(index as u16));
+        status.viewpoint = Some(viewpoint_index(index));
         status.process = 1000 + index as u64;
         "onnxruntime cpu".clone_into(&mut status.backend);
         status

@@ -32,7 +32,7 @@ impl Walk {
         let radius = 0.25 + 0.7 * lane;
         let [x, y] = [radius * HALF_FIELD_M[0], radius * HALF_FIELD_M[1]];
         let speed_mps = 1.2 + 3.0 * (n * 0.414_214).fract();
-        let sense = if person % 2 == 0 { 1.0 } else { -1.0 };
+        let sense = if person.is_multiple_of(2) { 1.0 } else { -1.0 };
         let round_rad = sense * speed_mps * s / (0.5 * (x + y)) + n * 2.4;
         let (sin, cos) = (libm::sin(round_rad), libm::cos(round_rad));
         let forward = (sense * Vector3::new(-x * sin, y * cos, 0.0)).normalize();
@@ -63,6 +63,21 @@ fn side(walk: &Walk, is_left: bool) -> [f64; 4] {
     [hip, knee, shoulder, elbow]
 }
 
+/// Joints that do not swing: forward, to the left, up from the floor, metres.
+const TRUNK_AND_HEAD: [(&str, [f64; 3]); 11] = [
+    ("pelvis", [0.0, 0.0, 0.95]),
+    ("spine", [0.0, 0.0, 1.08]),
+    ("neck", [0.02, 0.0, 1.48]),
+    ("head", [0.03, 0.0, 1.63]),
+    ("nose", [0.13, 0.0, 1.62]),
+    ("left_eye", [0.11, 0.03, 1.65]),
+    ("right_eye", [0.11, -0.03, 1.65]),
+    ("left_ear", [0.03, 0.08, 1.63]),
+    ("right_ear", [0.03, -0.08, 1.63]),
+    ("left_scapula", [-0.03, 0.04, 1.42]),
+    ("right_scapula", [-0.03, -0.04, 1.42]),
+];
+
 /// Somebody at a tick; person ids count from 1.
 pub(crate) fn pose(person: u32, tick: Tick) -> PersonPose {
     let s = tick.seconds(RATE_HZ);
@@ -75,19 +90,7 @@ pub(crate) fn pose(person: u32, tick: Tick) -> PersonPose {
         }
     };
     let bob = 0.02 * libm::cos(2.0 * walk.phase_rad);
-    for (name, at) in [
-        ("pelvis", [0.0, 0.0, 0.95]),
-        ("spine", [0.0, 0.0, 1.08]),
-        ("neck", [0.02, 0.0, 1.48]),
-        ("head", [0.03, 0.0, 1.63]),
-        ("nose", [0.13, 0.0, 1.62]),
-        ("left_eye", [0.11, 0.03, 1.65]),
-        ("right_eye", [0.11, -0.03, 1.65]),
-        ("left_ear", [0.03, 0.08, 1.63]),
-        ("right_ear", [0.03, -0.08, 1.63]),
-        ("left_scapula", [-0.03, 0.04, 1.42]),
-        ("right_scapula", [-0.03, -0.04, 1.42]),
-    ] {
+    for (name, at) in TRUNK_AND_HEAD {
         set(name, [at[0], at[1], at[2] + bob]);
     }
     let mut angles = vec![0.0f32; ANGLES.len()];

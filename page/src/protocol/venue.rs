@@ -23,6 +23,10 @@ struct VenueDocument<'a> {
 }
 
 #[derive(Serialize)]
+#[expect(
+    clippy::struct_field_names,
+    reason = "the names are those of the venue file"
+)]
 struct FieldLines {
     min_m: [f64; 3],
     max_m: [f64; 3],

@@ -96,7 +96,7 @@ impl Loader {
     fn times_us(&self, part: usize) -> [Micros; 2] {
         let from_us = self
             .from_us
-            .saturating_add(self.part_us.saturating_mul(part as Micros));
+            .saturating_add(self.part_us.saturating_mul(part.cast_signed() as Micros));
         [from_us, from_us.saturating_add(self.part_us)]
     }
 

@@ -25,18 +25,15 @@ struct Asset {
 impl Asset {
     fn new(path: &'static str, kind: &'static str, bytes: &'static [u8]) -> Self {
         let tag = digest(&SHA256, bytes);
-        let tag: String = tag
-            .as_ref()
-            .iter()
-            .take(8)
-            .map(|byte| format!("{byte:02x}"))
-            .collect();
+        let mut bits = [0; 8];
+        bits.copy_from_slice(&tag.as_ref()[..8]);
+        let tag = u64::from_be_bytes(bits);
         Self {
             path,
             kind,
             bytes,
             gzip: gzip(bytes).unwrap_or_default(),
-            tag: format!("\"{tag}\""),
+            tag: format!("\"{tag:016x}\""),
         }
     }
 }

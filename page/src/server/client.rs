@@ -7,17 +7,18 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
-use axum::extract::ws::{CloseFrame, Message, WebSocket, close_code};
+use axum::extract::ws::{Message, WebSocket, close_code};
 use farfield_proto::id::CameraIndex;
 use farfield_proto::tick::Tick;
 use futures_util::{SinkExt as _, StreamExt as _};
 use tokio::sync::watch;
-use tokio::time::{Instant, Interval, MissedTickBehavior, interval, sleep_until, timeout};
+use tokio::time::{Instant, Interval, MissedTickBehavior, interval, sleep_until};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
 use super::Serving;
 use super::flow::{Allowance, Flow};
+use super::outgoing::{Left, answer, close, feed, in_time, send, text};
 use crate::playback::Cursor;
 use crate::protocol::request::{Action, RequestError, Wish, parse};
 use crate::protocol::text::{ActionKind, EventLine, Mode, Playback, TextMessage};
@@ -27,8 +28,6 @@ use crate::state::past::Found;
 
 /// Events that a client is told when it comes.
 const FIRST_EVENTS: usize = 200;
-/// How long a client may take to take a message.
-const SEND_TIME: Duration = Duration::from_secs(30);
 /// How soon it is looked again for a tick that is on its way.
 const LOADING: Duration = Duration::from_millis(50);
 /// Ticks of the past are sent at most so often, per second.
@@ -42,9 +41,6 @@ pub(super) enum Form {
     /// JSON.
     Json,
 }
-
-/// Why a client is left.
-struct Left;
 
 /// What there is to do next.
 enum Next {
@@ -469,41 +465,4 @@ impl Drop for Client {
     fn drop(&mut self) {
         self.shared.clients.fetch_sub(1, Ordering::Relaxed);
     }
-}
-
-/// Waits for the network, but not for ever.
-async fn in_time<T>(sending: impl Future<Output = Result<T, axum::Error>>) -> Result<T, Left> {
-    match timeout(SEND_TIME, sending).await {
-        Ok(Ok(sent)) => Ok(sent),
-        Ok(Err(_)) | Err(_) => Err(Left),
-    }
-}
-
-async fn send(socket: &mut WebSocket, message: Message) -> Result<(), Left> {
-    in_time(socket.send(message)).await
-}
-
-async fn feed(socket: &mut WebSocket, message: Message) -> Result<(), Left> {
-    in_time(socket.feed(message)).await
-}
-
-async fn text(socket: &mut WebSocket, text: String) -> Result<(), Left> {
-    send(socket, Message::Text(text.into())).await
-}
-
-async fn answer(
-    socket: &mut WebSocket,
-    request: Option<u64>,
-    outcome: Result<(), String>,
-) -> Result<(), Left> {
-    text(socket, TextMessage::answer(request, outcome).to_json()).await
-}
-
-async fn close(socket: &mut WebSocket, code: u16, reason: &'static str) -> Result<(), Left> {
-    let frame = CloseFrame {
-        code,
-        reason: reason.into(),
-    };
-    send(socket, Message::Close(Some(frame))).await?;
-    Err(Left)
 }

@@ -1,4 +1,4 @@
-//! HTTP and WebSockets for pages: who may ask what, and the connections.
+//! HTTP and web sockets for pages: who may ask what, and the connections.
 //!
 //! Bound to the loopback it speaks plain HTTP, and everybody on the machine may read. Beyond it there is no server without
 //! keys, and nothing is told without the token.
@@ -7,6 +7,7 @@ mod access;
 mod assets;
 mod client;
 mod flow;
+mod outgoing;
 mod routes;
 mod series;
 #[cfg(test)]
@@ -38,7 +39,7 @@ pub use token::Token;
 
 /// Most connections at once: a browser opens six for one page.
 const MAX_CONNECTIONS: usize = 128;
-/// Most WebSockets at once.
+/// Most web sockets at once.
 pub(crate) const MAX_CLIENTS: usize = 32;
 /// How long a request's head, or a TLS handshake, may take.
 const HEAD_TIME: Duration = Duration::from_secs(10);

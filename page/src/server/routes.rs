@@ -81,12 +81,12 @@ fn json(text: String) -> Response {
     (headers, text).into_response()
 }
 
-/// Whether somebody may read; else the answer.
-fn may_read(rights: Rights) -> Result<(), Response> {
+/// Whether somebody may read.
+fn may_read(rights: Rights) -> Result<(), Refusal> {
     if rights.may_read {
         Ok(())
     } else {
-        Err(refused(Refusal::NoToken))
+        Err(Refusal::NoToken)
     }
 }
 
@@ -103,13 +103,13 @@ async fn asset(uri: Uri, headers: axum::http::HeaderMap) -> Response {
 async fn venue(State(serving): State<Serving>, Extension(rights): Extension<Rights>) -> Response {
     match may_read(rights) {
         Ok(()) => json(serving.state.shared().venue_document.clone()),
-        Err(response) => response,
+        Err(refusal) => refused(refusal),
     }
 }
 
 async fn status(State(serving): State<Serving>, Extension(rights): Extension<Rights>) -> Response {
-    if let Err(response) = may_read(rights) {
-        return response;
+    if let Err(refusal) = may_read(rights) {
+        return refused(refusal);
     }
     let newest = serving.state.shared().status.borrow().to_string();
     if newest.is_empty() {
@@ -124,8 +124,8 @@ async fn one_series(
     Extension(rights): Extension<Rights>,
     uri: Uri,
 ) -> Response {
-    if let Err(response) = may_read(rights) {
-        return response;
+    if let Err(refusal) = may_read(rights) {
+        return refused(refusal);
     }
     match series::parse(uri.query().unwrap_or_default()) {
         Ok(asked) => json(series::answer(serving.state.shared(), &asked)),
@@ -150,8 +150,8 @@ async fn json_socket(
 }
 
 fn socket(serving: Serving, rights: Rights, upgrade: WebSocketUpgrade, form: Form) -> Response {
-    if let Err(response) = may_read(rights) {
-        return response;
+    if let Err(refusal) = may_read(rights) {
+        return refused(refusal);
     }
     let Ok(permit) = Arc::clone(&serving.sockets).try_acquire_owned() else {
         return plain(

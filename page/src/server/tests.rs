@@ -19,6 +19,7 @@ use tokio_tungstenite::tungstenite::client::IntoClientRequest as _;
 use tokio_tungstenite::tungstenite::{self, Message};
 use tokio_tungstenite::{WebSocketStream, client_async};
 use tokio_util::sync::CancellationToken;
+use tokio_util::task::TaskTracker;
 
 use super::{Keys, MAX_CLIENTS, Server, ServerError, ServerOptions};
 use crate::actions::{Action, ActionKind, PageActions};
@@ -63,6 +64,11 @@ struct Running {
     serving: JoinHandle<()>,
 }
 
+/// Serves beside the test.
+fn serving(server: Server, stop: &CancellationToken) -> JoinHandle<()> {
+    TaskTracker::new().spawn(server.serve(stop.clone()))
+}
+
 impl Running {
     async fn serve(state: Arc<PageState>) -> Self {
         let options = ServerOptions {
@@ -76,7 +82,7 @@ impl Running {
             synthetic: synthetic(3),
             address: server.address(),
             token: server.token().text().to_owned(),
-            serving: tokio::task::spawn(server.serve(stop.clone())),
+            serving: serving(server, &stop),
             stop,
         }
     }
@@ -410,7 +416,7 @@ async fn beyond_the_loopback_everything_is_secret_and_nothing_is_told_without_th
         format!("https://hall.local:{port}/#token={token}")
     );
     let stop = CancellationToken::new();
-    let serving = tokio::task::spawn(server.serve(stop.clone()));
+    let serving = serving(server, &stop);
     let mut roots = RootCertStore::empty();
     roots.add(certificate).unwrap();
     let provider = Arc::new(tokio_rustls::rustls::crypto::ring::default_provider());

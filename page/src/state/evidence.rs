@@ -47,11 +47,14 @@ impl TickEvidence {
     }
 }
 
+/// The boxes for a viewpoint at a tick.
+type BoxesOfTick = (Tick, Vec<(PersonId, CameraBox)>);
+
 /// What is kept of the ticks around the newest.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Evidence {
     ticks: BTreeMap<Tick, TickEvidence>,
-    boxes: BTreeMap<ViewpointIndex, VecDeque<(Tick, Vec<(PersonId, CameraBox)>)>>,
+    boxes: BTreeMap<ViewpointIndex, VecDeque<BoxesOfTick>>,
     /// Ids as poses have them, by the ids of patches and boxes, where the two differ.
     ids: BTreeMap<PersonId, PersonId>,
     newest: Option<Tick>,
@@ -103,18 +106,15 @@ impl Evidence {
             let who = person.person;
             person.cameras.into_iter().map(move |camera| (who, camera))
         });
-        match sets.iter_mut().find(|(tick, _)| *tick == set.tick) {
-            Some((_, known)) => {
-                let room = MAX_BOXES.saturating_sub(known.len());
-                known.extend(boxes.take(room));
-            }
-            None => {
-                if sets.len() >= MAX_BOX_SETS {
-                    sets.pop_front();
-                }
-                sets.push_back((set.tick, boxes.take(MAX_BOXES).collect()));
-            }
+        if let Some((_, known)) = sets.iter_mut().find(|(tick, _)| *tick == set.tick) {
+            let room = MAX_BOXES.saturating_sub(known.len());
+            known.extend(boxes.take(room));
+            return;
         }
+        if sets.len() >= MAX_BOX_SETS {
+            sets.pop_front();
+        }
+        sets.push_back((set.tick, boxes.take(MAX_BOXES).collect()));
     }
 
     /// Notes by which id patches name a person.

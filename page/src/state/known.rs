@@ -123,7 +123,7 @@ impl Known {
             Topic::Events => self.events(&wire::decode(bytes)?, at_us),
             Topic::Patches(viewpoint) => {
                 let set: PatchSet = wire::decode(bytes)?;
-                self.patches(viewpoint, set, at_us);
+                self.patches(viewpoint, &set, at_us);
                 News::Nothing
             }
             Topic::Sightings(viewpoint) => {
@@ -165,7 +165,7 @@ impl Known {
         self.session = Some(session);
     }
 
-    fn patches(&mut self, viewpoint: ViewpointIndex, set: PatchSet, at_us: Micros) {
+    fn patches(&mut self, viewpoint: ViewpointIndex, set: &PatchSet, at_us: Micros) {
         if !self.is_of_session(set.session) || set.viewpoint != viewpoint {
             return;
         }
@@ -182,7 +182,7 @@ impl Known {
             self.latency
                 .note(Stage::Link, at_us, at_us.saturating_sub(sent_us));
         }
-        self.evidence.take_patches(&set, at_us);
+        self.evidence.take_patches(set, at_us);
     }
 
     fn poses(&mut self, set: PoseSet, at_us: Micros) -> News {
@@ -250,7 +250,7 @@ impl Known {
             .iter()
             .map(|alarm| (alarm.key.clone(), alarm.since_us));
         self.since = keyed.collect();
-        alarms.sort_by(|a, b| (a.severity, a.since_us).cmp(&(b.severity, b.since_us)));
+        alarms.sort_by_key(|alarm| (alarm.severity, alarm.since_us));
         let since_us = now_us.saturating_sub(SECOND_US);
         // The last one stays: how long ago it came is asked for.
         while self.pose_times.len() > 1
