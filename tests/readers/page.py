@@ -78,10 +78,19 @@ def people_are_drawn(visit, folder, people):
     frames = visit.counter("frames")
     visit.page.wait_for_timeout(5000)
     check("frames go on", visit.counter("frames") > frames, f"{visit.counter('framesPerSecond'):.1f} frames/s")
-    check("JavaScript of a frame", visit.counter("frameMedian_ms") <= MOST_FRAME_MS,
-          f"median {visit.counter('frameMedian_ms'):.2f} ms, load {os.getloadavg()[0]:.1f}")
     check("every message could be read", visit.counter("unreadable") == "", visit.counter("unreadable"))
     visit.shot(folder, "field-dark")
+
+
+def draws_quickly(visit):
+    """Times by the clock, which count what other programs do meanwhile: nothing is concluded on a machine that is busy."""
+    visit.page.wait_for_timeout(5000)
+    median_ms, load = visit.counter("frameMedian_ms"), os.getloadavg()[0]
+    told = f"median {median_ms:.2f} ms, P99 {visit.counter('frameP99_ms'):.1f} ms, load {load:.1f}"
+    if load > 1.5 * os.cpu_count():
+        print(f"left out: JavaScript of a frame, since the machine is busy ({told})")
+    else:
+        check("JavaScript of a frame", median_ms <= MOST_FRAME_MS, told)
 
 
 def follows(visit, folder):
@@ -102,6 +111,27 @@ def follows(visit, folder):
     page.wait_for_timeout(1500)
     visit.shot(folder, "top")
     page.keyboard.press("f")
+
+
+def names(visit):
+    """A name is text, whatever it looks like."""
+    page = visit.page
+    page.locator(".person").first.click()
+    form = page.locator(".name-form")
+    if form.is_visible():
+        name = "<i>Anna</i> & Co"
+        form.locator("input").fill(name)
+        form.locator("button").click()
+        title = page.locator(".detail h2")
+        is_named = visit.until(lambda: title.inner_text() == name)
+        check("somebody gets a name, which stays text", is_named is not None, title.inner_text())
+        form.locator("input").fill("")
+        form.locator("button").click()
+        check("and loses it", visit.until(lambda: title.inner_text() != name) is not None)
+    else:
+        print("left out: names, which the server does not take without a token")
+    page.locator("canvas.scene").focus()
+    page.keyboard.press("Escape")
 
 
 def looks_at_cameras(visit, folder):
@@ -263,10 +293,12 @@ def visit_all(url, folder, people, server=None):
         visit = Visit(browser, url, viewport={"width": 1280, "height": 720}, color_scheme="dark")
         people_are_drawn(visit, folder, people)
         follows(visit, folder)
+        names(visit)
         looks_at_cameras(visit, folder)
         alarm_comes_and_goes(visit, folder)
         scrubs(visit, folder)
         records(visit)
+        draws_quickly(visit)
         check("the token is not in the address bar", "token" not in visit.page.url, visit.page.url)
         check("no console errors", not visit.said, visit.said[:3] or "")
         visit.context.close()
