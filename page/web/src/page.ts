@@ -9,7 +9,7 @@ import { Keyboard } from "./keyboard.ts";
 import { pageKeys } from "./page_keys.ts";
 import { AlarmStrip } from "./panels/alarms.ts";
 import { AnglePanel } from "./panels/angles.ts";
-import { CamerasPanel, levelOfCamera } from "./panels/cameras.ts";
+import { CamerasPanel, healthOfCamera } from "./panels/cameras.ts";
 import { EventsPanel } from "./panels/events.ts";
 import { Header } from "./panels/header.ts";
 import { LinksPanel } from "./panels/links.ts";
@@ -18,6 +18,7 @@ import { PersonPanel } from "./panels/person.ts";
 import { Side } from "./panels/side.ts";
 import { Timeline } from "./panels/timeline.ts";
 import { Toolbar } from "./panels/toolbar.ts";
+import type { Level } from "./palette.ts";
 import { Player } from "./player.ts";
 import { ProtocolError } from "./protocol/checked.ts";
 import type { IdentityEvent, TextMessage } from "./protocol/text.ts";
@@ -216,10 +217,9 @@ export class Page implements Actions {
     this.state.events = [...this.state.events, ...fresh].slice(-KEPT_EVENTS);
   }
 
-  private cameraLevels(): ReturnType<typeof levelOfCamera>[] {
-    const levels = this.state.venue.cameras.map(() => levelOfCamera("unknown"));
-    for (const camera of this.state.status?.cameras ?? []) levels[camera.camera] = levelOfCamera(camera.state);
-    return levels;
+  private cameraLevels(): Level[] {
+    const { status, venue } = this.state;
+    return venue.cameras.map((camera, i) => healthOfCamera(status, i, camera.viewpoint)[0]);
   }
 
   // What is drawn.
@@ -281,7 +281,7 @@ export class Page implements Actions {
         break;
     }
     this.side.mark("People", state.people.count > 0 ? `${state.people.count}` : "");
-    const red = (state.status?.cameras ?? []).filter((camera) => levelOfCamera(camera.state) === "failed").length;
+    const red = this.cameraLevels().filter((level) => level === "failed").length;
     this.side.mark("Cameras", red > 0 ? `✕ ${red}` : "");
     const bad = (state.status?.links ?? []).filter((link) => link.state !== "works").length;
     this.side.mark("Links", bad > 0 ? `! ${bad}` : "");

@@ -57,12 +57,12 @@ export class AngleChart {
     let high = -Infinity;
     for (let i = 0; i < series.length; i++) {
       if (series.tickAt(i) < from) continue;
-      angles.forEach((angle, a) => {
-        const deg = series.valueAt(i, a) * angle.degreesPerRadian;
-        if (!Number.isFinite(deg)) return;
+      for (let a = 0; a < angles.length; a++) {
+        const deg = series.valueAt(i, a) * (angles[a]?.degreesPerRadian ?? NaN);
+        if (!Number.isFinite(deg)) continue;
         low = Math.min(low, deg);
         high = Math.max(high, deg);
-      });
+      }
     }
     if (low > high) [low, high] = [0, 90];
     const missing = Math.max(0, LEAST_SPAN_DEG - (high - low)) / 2;

@@ -3,7 +3,7 @@
 import type { ChartColours } from "../charts/pen.ts";
 import { button, element, setClass, setHidden, setText } from "../dom.ts";
 import { LEVEL_SIGNS, type Level } from "../palette.ts";
-import type { CameraState } from "../protocol/status.ts";
+import type { CameraState, Status } from "../protocol/status.ts";
 import type { CameraView } from "../protocol/ticks.ts";
 import type { Camera } from "../protocol/venue.ts";
 import { nameOf, type Actions, type PageState } from "../state.ts";
@@ -19,8 +19,12 @@ const WORDS: Readonly<Record<CameraState, readonly [Level, string]>> = {
   unknown: ["unknown", "nothing heard of it yet"],
 };
 
-export function levelOfCamera(state: CameraState): Level {
-  return WORDS[state][0];
+/** How a camera is, with words. What an edge said last is worth nothing while nothing comes from it. */
+export function healthOfCamera(status: Status | null, camera: number, viewpoint: number): readonly [Level, string] {
+  const [level, words] = WORDS[status?.cameras.find((other) => other.camera === camera)?.state ?? "unknown"];
+  const link = status?.links.find((other) => other.viewpoint === viewpoint);
+  if (level !== "good" || link?.state !== "failed") return [level, words];
+  return ["failed", link.refused === null ? "nothing comes from its edge" : "its edge is refused"];
 }
 
 class Tile {
@@ -34,7 +38,7 @@ class Tile {
   constructor(
     private readonly page: PageState,
     private readonly index: number,
-    camera: Camera,
+    private readonly camera: Camera,
     actions: Actions,
   ) {
     this.drawing = new CameraDrawing(page.venue, camera, "tile-picture");
@@ -49,7 +53,7 @@ class Tile {
 
   update(): void {
     const status = this.page.status?.cameras.find((camera) => camera.camera === this.index);
-    const [level, words] = WORDS[status?.state ?? "unknown"];
+    const [level, words] = healthOfCamera(this.page.status, this.index, this.camera.viewpoint);
     setText(this.lamp, LEVEL_SIGNS[level]);
     for (const name of ["good", "failed", "unknown"]) setClass(this.lamp, name, name === level);
     const rate_hz = fixed(status?.framesPerSecond ?? null, 0);

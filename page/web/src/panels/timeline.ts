@@ -60,7 +60,8 @@ export class Timeline {
     const tick = Number.isFinite(this.state.tick) ? this.state.tick : last;
     this.slider.min = `${first}`;
     this.slider.max = `${last}`;
-    if (!this.isDragged) this.slider.value = `${Math.round(tick)}`;
+    // Live, what is drawn is a few ticks behind the newest; nobody needs to see that here.
+    if (!this.isDragged) this.slider.value = `${isLive ? last : Math.round(tick)}`;
     const shown = this.isDragged ? Number(this.slider.value) : tick;
     const text = this.momentText(isLive, shown, first, last);
     setText(this.place, `${text} · tick ${Math.round(shown)}`);

@@ -1,0 +1,43 @@
+// A lamp must not be green for a camera of which nobody knows.
+
+import assert from "node:assert/strict";
+import { test } from "node:test";
+import { healthOfCamera } from "../src/panels/cameras.ts";
+import { readText } from "../src/protocol/text.ts";
+import type { Status } from "../src/protocol/status.ts";
+
+function status(camera: string, link: string, refused: string | null = null): Status {
+  const message = readText(
+    JSON.stringify({
+      type: "status",
+      tick: 1,
+      alarms: [],
+      nodes: [],
+      links: [{ viewpoint: 2, name: "ne", state: link, refused }],
+      cameras: [{ camera: 5, name: "a", state: camera, persons: [] }],
+      latency: null,
+      recording: null,
+    }),
+  );
+  assert.ok(message?.type === "status");
+  return message.status;
+}
+
+test("a camera that works behind a link that works is good", () => {
+  assert.equal(healthOfCamera(status("works", "works"), 5, 2)[0], "good");
+  assert.equal(healthOfCamera(status("works", "warning"), 5, 2)[0], "good");
+});
+
+test("a camera whose edge is silent or refused is not good, whatever the edge said last", () => {
+  assert.deepEqual(healthOfCamera(status("works", "failed"), 5, 2), ["failed", "nothing comes from its edge"]);
+  assert.deepEqual(healthOfCamera(status("works", "failed", "another calibration"), 5, 2), ["failed", "its edge is refused"]);
+});
+
+test("a camera's own failure is told before its edge's", () => {
+  assert.equal(healthOfCamera(status("black", "failed"), 5, 2)[1], "black pictures");
+});
+
+test("a camera of which nothing was heard is unknown", () => {
+  assert.equal(healthOfCamera(status("works", "works"), 6, 2)[0], "unknown");
+  assert.equal(healthOfCamera(null, 5, 2)[0], "unknown");
+});
