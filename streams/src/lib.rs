@@ -20,10 +20,12 @@ pub mod frame;
 pub mod psn;
 pub mod qtm;
 mod server;
+mod shell;
 mod slot;
 mod spec;
 mod streams;
 pub mod synthetic;
+mod udp;
 pub mod vmc;
 pub mod websocket;
 

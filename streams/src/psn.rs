@@ -19,8 +19,8 @@ use socket2::{Domain, Protocol, Socket, Type};
 use tokio::net::UdpSocket;
 
 use crate::frame::{Frame, PersonFrame};
-use crate::streams::Shell;
-use crate::vmc::{any_address, send_all};
+use crate::shell::Shell;
+use crate::udp::{any_address, send_all};
 
 const INFO_PACKET: u16 = 0x6756;
 const DATA_PACKET: u16 = 0x6755;

@@ -13,7 +13,8 @@ use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
 use crate::frame::{Frame, FrameMaker, VenueFacts};
-use crate::slot::{Counters, Feed, Slot};
+use crate::shell::Shell;
+use crate::slot::{Counters, Slot};
 use crate::spec::{StreamKind, StreamSpec};
 use crate::{psn, qtm, vmc, websocket};
 
@@ -55,35 +56,6 @@ pub struct StreamReport {
     pub failed: u64,
     /// The last of these.
     pub last_error: Option<String>,
-}
-
-/// What a stream's tasks share.
-#[derive(Debug, Clone)]
-pub(crate) struct Shell {
-    pub(crate) tasks: TaskTracker,
-    pub(crate) stop: CancellationToken,
-    pub(crate) counters: Arc<Counters>,
-    /// Not read by its owner: every task takes its own.
-    pub(crate) feed: Feed,
-}
-
-impl Shell {
-    /// Runs a task until it ends or the streams stop.
-    pub(crate) fn spawn(&self, task: impl Future<Output = ()> + Send + 'static) {
-        let stop = self.stop.clone();
-        self.tasks.spawn(async move {
-            tokio::select! {
-                biased;
-                () = stop.cancelled() => {}
-                () = task => {}
-            }
-        });
-    }
-
-    /// Runs a task that ends by itself when the streams stop.
-    pub(crate) fn spawn_to_its_end(&self, task: impl Future<Output = ()> + Send + 'static) {
-        self.tasks.spawn(task);
-    }
 }
 
 #[derive(Debug)]

@@ -13,7 +13,7 @@
 
 use std::collections::BTreeMap;
 use std::io;
-use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
+use std::net::SocketAddr;
 
 use farfield_export::axes::{Axes, Preset};
 use farfield_export::skeleton::{Bone, BoneNames};
@@ -23,8 +23,9 @@ use rosc::{OscBundle, OscMessage, OscPacket, OscTime, OscType, encoder};
 use tokio::net::UdpSocket;
 
 use crate::frame::{Frame, PersonFrame, Roster};
+use crate::shell::Shell;
 use crate::spec::VMC_PORTS;
-use crate::streams::Shell;
+use crate::udp::{any_address, send_all};
 
 /// Messages of one datagram: below 1,500 bytes, as the specification asks.
 const MESSAGES_PER_BUNDLE: usize = 12;
@@ -143,33 +144,6 @@ pub(crate) async fn send(first: SocketAddr, shell: Shell) -> io::Result<SocketAd
         }
     });
     Ok(first)
-}
-
-/// Where to bind a socket that sends to `address`: the loopback for the loopback, else any.
-pub(crate) fn any_address(address: SocketAddr) -> IpAddr {
-    match address.ip() {
-        ip if ip.is_loopback() => ip,
-        IpAddr::V4(_) => IpAddr::V4(Ipv4Addr::UNSPECIFIED),
-        IpAddr::V6(_) => IpAddr::V6(Ipv6Addr::UNSPECIFIED),
-    }
-}
-
-/// Sends datagrams. Where the system takes none, the stream waits and skips frames meanwhile. That nobody listens is no
-/// failure.
-pub(crate) async fn send_all(
-    socket: &UdpSocket,
-    datagrams: &[Vec<u8>],
-    to: SocketAddr,
-) -> io::Result<()> {
-    for datagram in datagrams {
-        match socket.send_to(datagram, to).await {
-            Ok(_) => {}
-            // An answer to an earlier datagram.
-            Err(error) if error.kind() == io::ErrorKind::ConnectionRefused => {}
-            Err(error) => return Err(error),
-        }
-    }
-    Ok(())
 }
 
 #[cfg(test)]

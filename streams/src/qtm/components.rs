@@ -16,7 +16,7 @@ use farfield_fusion::body::skeleton::Joint;
 use nalgebra::{Matrix3, Vector3};
 
 use super::command::Component;
-use super::session::Layout;
+use super::layout::Layout;
 use super::wire::{PacketKind, packet};
 use crate::frame::{Frame, PersonFrame, Roster};
 

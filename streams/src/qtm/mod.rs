@@ -14,6 +14,7 @@
 
 mod command;
 mod components;
+mod layout;
 mod parameters;
 mod server;
 mod session;
@@ -21,9 +22,10 @@ mod wire;
 
 pub use command::{Command, Component, Components, Rate, Topic};
 pub use components::data_packet;
+pub use layout::Layout;
 pub use parameters::parameters;
 pub(crate) use server::serve;
-pub use session::{Answer, Layout, Session};
+pub use session::{Answer, Session};
 pub use wire::{Incoming, Packet, PacketKind, TooLong};
 
 /// A version of the protocol.

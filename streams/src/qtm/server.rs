@@ -10,9 +10,9 @@ use tokio::net::{TcpListener, TcpStream, UdpSocket};
 use super::session::Session;
 use super::wire::Incoming;
 use crate::server::{BREATH, MAX_CLIENTS, listen, write};
+use crate::shell::Shell;
 use crate::slot::Feed;
-use crate::streams::Shell;
-use crate::vmc::send_all;
+use crate::udp::send_all;
 
 /// Bytes read from a client at once.
 const READ: usize = 4096;

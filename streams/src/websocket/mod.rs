@@ -30,8 +30,8 @@ use tokio::time::timeout;
 
 use crate::frame::{Frame, PersonFrame};
 use crate::server::{BREATH, MAX_CLIENTS, STALL, listen};
+use crate::shell::Shell;
 use crate::slot::Feed;
-use crate::streams::Shell;
 
 mod connection;
 

@@ -9,13 +9,14 @@ use super::{check, root, workspace};
 /// What each package may depend on among ours, in any table: for building, for tests, for build scripts.
 /// Edge and fusion never see each other, and nothing that is delivered sees the laboratory. All names but
 /// the operator's command's begin with `farfield-`.
-const MAY_DEPEND_ON: [(&str, &[&str]); 11] = [
+const MAY_DEPEND_ON: [(&str, &[&str]); 12] = [
     ("proto", &[]),
     ("node", &["proto"]),
     ("calibration", &["proto"]),
     ("edge", &["proto", "node"]),
     ("fusion", &["proto", "node"]),
     ("export", &["proto", "fusion"]),
+    ("streams", &["proto", "fusion", "export"]),
     ("sim", &["proto", "edge", "fusion"]),
     ("score", &["proto", "fusion"]),
     (
@@ -27,6 +28,7 @@ const MAY_DEPEND_ON: [(&str, &[&str]); 11] = [
             "edge",
             "fusion",
             "export",
+            "streams",
             "sim",
             "score",
         ],
@@ -40,6 +42,7 @@ const MAY_DEPEND_ON: [(&str, &[&str]); 11] = [
             "edge",
             "fusion",
             "export",
+            "streams",
             "sim",
             "score",
             "farfield",
@@ -53,6 +56,7 @@ const MAY_DEPEND_ON: [(&str, &[&str]); 11] = [
             "edge",
             "fusion",
             "export",
+            "streams",
             "sim",
             "score",
         ],
