@@ -126,7 +126,7 @@ pub(crate) fn send(
     shell: &Shell,
 ) -> io::Result<SocketAddr> {
     let socket = open(address, interface)?;
-    let mut feed = shell.feed.clone();
+    let mut feed = shell.feed.fresh();
     let counters = Arc::clone(&shell.counters);
     counters.set_clients(1);
     shell.spawn(async move {

@@ -93,10 +93,10 @@ impl Slot {
         Self(watch::Sender::new(Published::default()))
     }
 
-    /// Replaces the frame that is there; never waits.
-    pub(crate) fn put(&self, frame: Arc<Frame>) {
+    /// Replaces the frame that is there, before which `missed` frames were not made; never waits.
+    pub(crate) fn put(&self, frame: Arc<Frame>, missed: u64) {
         self.0.send_modify(|published| {
-            published.number += 1;
+            published.number += 1 + missed;
             published.frame = Some(frame);
         });
     }
@@ -120,6 +120,13 @@ pub(crate) struct Feed {
 }
 
 impl Feed {
+    /// Another reader, for whom all that was published by now is read.
+    pub(crate) fn fresh(&self) -> Self {
+        let mut fresh = self.clone();
+        fresh.catch_up();
+        fresh
+    }
+
     /// Waits for a frame that was not read yet; frames between it and the last are counted as skipped. `None` when no
     /// more will come. May be cancelled.
     pub(crate) async fn next(&mut self) -> Option<Arc<Frame>> {
@@ -164,13 +171,17 @@ mod tests {
         let (slot, counters) = (Slot::new(), Arc::new(Counters::default()));
         let mut feed = slot.feed(&counters);
         for tick in 0..5 {
-            slot.put(synthetic::frame(tick));
+            slot.put(synthetic::frame(tick), 0);
         }
         assert_eq!(feed.next().await.unwrap().tick.0, 4);
         assert_eq!(counters.read().skipped, 4);
-        slot.put(synthetic::frame(5));
+        slot.put(synthetic::frame(5), 0);
         assert_eq!(feed.next().await.unwrap().tick.0, 5);
         assert_eq!(counters.read().skipped, 4);
+        // Poses that were replaced before anybody came to them.
+        slot.put(synthetic::frame(8), 2);
+        assert_eq!(feed.next().await.unwrap().tick.0, 8);
+        assert_eq!(counters.read().skipped, 6);
         drop(slot);
         assert!(feed.next().await.is_none());
     }

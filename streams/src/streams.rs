@@ -65,11 +65,18 @@ struct Running {
     counters: Arc<Counters>,
 }
 
+/// The newest poses, and how many were published by then.
+#[derive(Debug, Clone, Default)]
+struct Newest {
+    number: u64,
+    poses: Option<Arc<PoseSet>>,
+}
+
 /// Running streams. Dropping it stops them too, without goodbyes.
 #[derive(Debug)]
 pub struct Streams {
     running: Vec<Running>,
-    poses: watch::Sender<Option<Arc<PoseSet>>>,
+    poses: watch::Sender<Newest>,
     slot: Arc<Slot>,
     unreadable: Arc<AtomicU64>,
     tasks: TaskTracker,
@@ -93,7 +100,7 @@ impl Streams {
         }
         let mut streams = Self {
             running: Vec::new(),
-            poses: watch::Sender::new(None),
+            poses: watch::Sender::new(Newest::default()),
             slot: Arc::new(Slot::new()),
             unreadable: Arc::default(),
             tasks: TaskTracker::new(),
@@ -142,6 +149,7 @@ impl Streams {
         let (mut poses, slot) = (self.poses.subscribe(), Arc::clone(&self.slot));
         let (stop, unreadable) = (self.stop.clone(), Arc::clone(&self.unreadable));
         self.tasks.spawn(async move {
+            let mut last = 0;
             loop {
                 tokio::select! {
                     biased;
@@ -149,8 +157,10 @@ impl Streams {
                     changed = poses.changed() => if changed.is_err() { break },
                 }
                 let newest = poses.borrow_and_update().clone();
-                if let Some(newest) = newest {
-                    slot.put(Arc::new(maker.frame(&newest)));
+                if let Some(poses) = newest.poses {
+                    let missed = newest.number.saturating_sub(last + 1);
+                    last = newest.number;
+                    slot.put(Arc::new(maker.frame(&poses)), missed);
                     unreadable.store(maker.unreadable(), Ordering::Relaxed);
                 }
             }
@@ -159,12 +169,15 @@ impl Streams {
 
     /// Streams these poses. Never waits: poses that the streams have not come to yet are replaced.
     pub fn poses(&self, poses: impl Into<Arc<PoseSet>>) {
-        self.poses.send_replace(Some(poses.into()));
+        self.poses.send_modify(|newest| {
+            newest.number += 1;
+            newest.poses = Some(poses.into());
+        });
     }
 
     /// Streams a frame that was made elsewhere. Never waits.
     pub fn tick(&self, frame: Arc<Frame>) {
-        self.slot.put(frame);
+        self.slot.put(frame, 0);
     }
 
     /// How every stream does, in the order in which they were asked for.

@@ -120,7 +120,7 @@ impl Ports {
 /// Sends to `first`, the port of the first person.
 pub(crate) async fn send(first: SocketAddr, shell: Shell) -> io::Result<SocketAddr> {
     let socket = UdpSocket::bind(SocketAddr::new(any_address(first), 0)).await?;
-    let mut feed = shell.feed.clone();
+    let mut feed = shell.feed.fresh();
     let counters = std::sync::Arc::clone(&shell.counters);
     shell.spawn(async move {
         let mut ports = Ports::default();

@@ -7,7 +7,8 @@
 It starts nothing: the streams run, at their default addresses. DIR holds npm's qualisys-rt; without it, or without Node,
 that one client is left out, and said so. While the clients receive, one after another, two more are connected and read
 nothing. Bounds: what the numbers of each format can hold for positions; 1 mm for joints after the client's own forward
-kinematics, 0.01 degrees for rotations; not one tick lost. Prints per client: frames, ticks a second, ticks lost, and how
+kinematics, 0.01 degrees for rotations; at most every twentieth tick lost, as streams
+skip ticks where the machine has no time for them (alone on it, none is). Prints per client: frames, ticks a second, ticks lost, and how
 long after its instant a tick arrived (P50, P99). Exits with 1 where a bound is not kept.
 """
 
@@ -90,8 +91,8 @@ class Received:
         p50, p99 = np.percentile(self.delays_ms, [50, 99]) if self.delays_ms else (np.nan, np.nan)
         rate = len(ticks) * self.truth.rate_hz / span if span else 0.0
         print(f"| {name} | {len(self.ticks)} | {rate:.1f} | {lost} | {p50:.2f} | {p99:.2f} |", flush=True)
-        worst.bounds |= {f"{name}: ticks lost": 0, f"{name}: nothing received": 0}
-        worst.take(f"{name}: ticks lost", lost)
+        worst.bounds |= {f"{name}: share of ticks lost": 0.05, f"{name}: nothing received": 0}
+        worst.take(f"{name}: share of ticks lost", lost / span if span else 1.0)
         worst.take(f"{name}: nothing received", 0 if len(ticks) > 30 else 1)
 
 

@@ -49,7 +49,7 @@ async fn accept(listener: TcpListener, udp: Arc<UdpSocket>, shell: Shell) {
         };
         let (client, udp) = (shell.clone(), Arc::clone(&udp));
         shell.spawn_to_its_end(async move {
-            let mut feed = client.feed.clone();
+            let mut feed = client.feed.fresh();
             let served = serve_client(socket, peer, &udp, &client, &mut feed).await;
             if let Err(error) = served {
                 feed.miss();

@@ -203,7 +203,7 @@ async fn accept(listener: TcpListener, shell: Shell) {
         };
         let (client, encoded) = (shell.clone(), Arc::clone(&encoded));
         shell.spawn_to_its_end(async move {
-            let mut feed = client.feed.clone();
+            let mut feed = client.feed.fresh();
             let served = serve_client(socket, &encoded, &client, &mut feed).await;
             if let Err(error) = served {
                 feed.miss();
