@@ -75,6 +75,8 @@ async fn main() -> Result<(), Box<dyn Error>> {
         )?;
         fs::rename(whole, path)?;
     }
+    // Time 0 of the streams is that of their first frame, which nothing may replace.
+    streams.poses(synthetic::poses_at(given.people, 0));
     let mut tick = 0;
     while (tick as f64) < given.seconds * synthetic::RATE_HZ {
         let poses = synthetic::poses_at(given.people, tick);

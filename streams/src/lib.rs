@@ -12,6 +12,7 @@
 //! | [`vmc`] | Virtual Motion Capture: OSC over UDP, one person per port |
 //! | [`websocket`] | JSON for everybody else |
 //! | [`psn`] | PosiStageNet: where people are, for lighting desks |
+//! | [`ros`] | messages of ROS 2, for whoever has a way to send them |
 //!
 //! Encoders are pure: a frame in, bytes out. None of these protocols knows keys: streams keep to the loopback unless an
 //! address says otherwise ([`StreamSpec::leaves_this_machine`]).
@@ -19,6 +20,7 @@
 pub mod frame;
 pub mod psn;
 pub mod qtm;
+pub mod ros;
 mod server;
 mod shell;
 mod slot;
