@@ -187,8 +187,19 @@ impl FrameMaker {
                 self.start = Some((poses.session, poses.tick));
                 self.tracks.clear();
                 self.seen.clear();
+                self.forget_everybody();
                 poses.tick
             }
+        }
+    }
+
+    /// Ids of another session mean other people.
+    fn forget_everybody(&mut self) {
+        if !self.roster.people.is_empty() {
+            self.roster = Arc::new(Roster {
+                version: self.roster.version + 1,
+                people: Vec::new(),
+            });
         }
     }
 
@@ -296,4 +307,86 @@ fn sigma_of(sigma_m: &[f32]) -> Option<[f64; N_JOINTS]> {
     let all: &[f32; N_JOINTS] = sigma_m.try_into().ok()?;
     let all = all.map(f64::from);
     all.iter().all(|v| v.is_finite()).then_some(all)
+}
+
+#[cfg(test)]
+mod tests {
+    use farfield_export::skeleton::Bone;
+
+    use super::*;
+    use crate::synthetic;
+
+    fn ids(roster: &Roster) -> Vec<u32> {
+        roster.people.iter().map(|entry| entry.id.0).collect()
+    }
+
+    #[test]
+    fn joints_come_out_of_the_export_skeleton_again() {
+        let frame = synthetic::frame(33);
+        for person in &frame.persons {
+            let heads_m = person.motion.heads_m(&person.rig);
+            for bone in Bone::ALL {
+                if !matches!(bone, Bone::LeftToes | Bone::RightToes) {
+                    let apart_m = heads_m[bone.index()] - person.joints_m[bone.joint().index()];
+                    assert!(apart_m.norm() < 1e-9, "{bone:?}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn who_has_gone_stays_in_the_roster_for_ten_seconds() {
+        let mut maker = FrameMaker::new(synthetic::facts());
+        let both = maker.frame(&synthetic::poses_at(2, 0)).roster;
+        assert_eq!((ids(&both), both.version), (vec![1, 2], 1));
+        let kept = maker.frame(&synthetic::poses_at(1, 600)).roster;
+        assert_eq!((ids(&kept), kept.version), (vec![1, 2], 1));
+        let gone = maker.frame(&synthetic::poses_at(1, 601)).roster;
+        assert_eq!((ids(&gone), gone.version), (vec![1], 2));
+        // Who comes back is the last of the list.
+        let mut poses = synthetic::poses_at(2, 602);
+        poses.persons.swap(0, 1);
+        let back = maker.frame(&poses).roster;
+        assert_eq!((ids(&back), back.version), (vec![1, 2], 3));
+    }
+
+    #[test]
+    fn tentative_people_are_in_frames_but_not_in_the_roster() {
+        let mut maker = FrameMaker::new(synthetic::facts());
+        let mut poses = synthetic::poses_at(2, 0);
+        poses.persons[1].state = PersonState::Tentative;
+        let frame = maker.frame(&poses);
+        assert_eq!(frame.persons.len(), 2);
+        assert_eq!(ids(&frame.roster), [1]);
+        assert!(frame.find(PersonId(2)).is_none());
+    }
+
+    #[test]
+    fn poses_with_other_numbers_than_the_models_are_left_out_and_counted() {
+        let mut maker = FrameMaker::new(synthetic::facts());
+        let mut poses = synthetic::poses_at(4, 0);
+        poses.persons[0].joints_m[3][1] = f32::NAN;
+        poses.persons[1].joints_m.pop();
+        poses.persons[2].angles.clear();
+        let frame = maker.frame(&poses);
+        assert_eq!(frame.persons.len(), 1);
+        assert_eq!(frame.persons[0].id, PersonId(4));
+        assert_eq!(maker.unreadable(), 3);
+    }
+
+    #[test]
+    fn another_session_begins_at_time_0_with_nobody_from_before() {
+        let mut maker = FrameMaker::new(synthetic::facts());
+        maker.frame(&synthetic::poses_at(2, 1000));
+        let before = maker.frame(&synthetic::poses_at(2, 1030));
+        assert_eq!(before.elapsed_us(), 500_000);
+        let mut poses = synthetic::poses_at(1, 1031);
+        poses.session = SessionId(8);
+        let frame = maker.frame(&poses);
+        assert_eq!((frame.elapsed_us(), ids(&frame.roster)), (0, vec![1]));
+        assert_ne!(frame.roster.version, before.roster.version);
+        // So does a tick that lies before the last one.
+        let again = maker.frame(&synthetic::poses_at(1, 5));
+        assert_eq!(again.elapsed_us(), 0);
+    }
 }
