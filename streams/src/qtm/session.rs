@@ -62,7 +62,9 @@ pub struct Session {
     version: Version,
     layout: Layout,
     streaming: Option<Streaming>,
-    told_roster: u64,
+    /// The list of people that the client knows of; `None` until it has asked for any: simple clients take an event for the
+    /// answer to what they asked.
+    told_roster: Option<u64>,
     rate_hz: f64,
 }
 
@@ -74,7 +76,7 @@ impl Session {
             version: Version::NEWEST,
             layout: Layout::default(),
             streaming: None,
-            told_roster: 0,
+            told_roster: None,
             rate_hz: 100.0,
         }
     }
@@ -138,7 +140,7 @@ impl Session {
                 rate,
                 udp,
                 components,
-            } => self.stream(rate, udp, components, newest.is_some()),
+            } => self.stream(rate, udp, components, newest),
             Command::StopStreaming => {
                 self.streaming = None;
                 Answer::default()
@@ -161,7 +163,7 @@ impl Session {
             self.rate_hz = frame.rate_hz;
         }
         self.layout.read(topics, roster);
-        self.told_roster = roster.version;
+        self.told_roster = Some(roster.version);
         let xml = parameters(topics, self.version, self.rate_hz, roster);
         Answer::packet(text(PacketKind::Xml, &xml))
     }
@@ -171,7 +173,7 @@ impl Session {
         rate: Rate,
         udp: Option<(Option<IpAddr>, u16)>,
         components: Vec<Component>,
-        begun: bool,
+        newest: Option<&Arc<Frame>>,
     ) -> Answer {
         let udp = match udp {
             // Or anybody could have a third machine flooded.
@@ -187,7 +189,9 @@ impl Session {
             udp,
             last: None,
         });
-        if begun {
+        let version = newest.map_or(0, |frame| frame.roster.version);
+        self.told_roster.get_or_insert(version);
+        if newest.is_some() {
             return Answer::default();
         }
         // As QTM does where no measurement runs; frames follow when there are some.
@@ -198,8 +202,9 @@ impl Session {
     pub fn frame(&mut self, frame: &Frame) -> (Vec<u8>, Option<(SocketAddr, Vec<u8>)>) {
         self.rate_hz = frame.rate_hz;
         let mut bytes = Vec::new();
-        if frame.roster.version != self.told_roster {
-            self.told_roster = frame.roster.version;
+        let version = frame.roster.version;
+        if self.told_roster.is_some_and(|told| told != version) {
+            self.told_roster = Some(version);
             bytes = event(Event::Connected);
         }
         let Some(streaming) = self.streaming.as_mut() else {
@@ -252,6 +257,14 @@ mod tests {
             u32::from_le_bytes(four.try_into().unwrap())
         });
         (kind, text_of(bytes.get(8..).unwrap_or_default()))
+    }
+
+    #[test]
+    fn who_has_asked_for_nothing_is_told_nothing() {
+        let mut session = session();
+        assert!(session.frame(&synthetic::frame(0)).0.is_empty());
+        ask(&mut session, "GetParameters General", None);
+        assert!(!session.frame(&synthetic::frame(0)).0.is_empty());
     }
 
     #[test]
