@@ -17,6 +17,7 @@ const MAY_DEPEND_ON: [(&str, &[&str]); 12] = [
     ("fusion", &["proto", "node"]),
     ("export", &["proto", "fusion"]),
     ("streams", &["proto", "fusion", "export"]),
+    ("import", &["proto", "calibration"]),
     ("sim", &["proto", "edge", "fusion"]),
     ("score", &["proto", "fusion"]),
     (
@@ -29,6 +30,7 @@ const MAY_DEPEND_ON: [(&str, &[&str]); 12] = [
             "fusion",
             "export",
             "streams",
+            "import",
             "sim",
             "score",
         ],
