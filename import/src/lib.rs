@@ -1,5 +1,6 @@
-//! 2D keypoints of other programs as a venue: whose keypoint is which of ours.
+//! 2D keypoints of other programs as a venue: what their files say.
 
+pub mod formats;
 mod frame_number;
 pub mod keypoints;
 pub mod person;

@@ -1,0 +1,176 @@
+//! COCO's JSON of keypoints, and `AlphaPose`'s, which is COCO's results with names of pictures in the place of ids.
+//!
+//! Results are `[{"image_id": 12, "category_id": 1, "keypoints": [x, y, score, ...], "score": 0.9}]`; annotations have tables
+//! of images, categories and annotations, and flags in the place of scores: 0 not labelled, 1 labelled and hidden, 2 seen.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use farfield_proto::toml_file::FileError;
+use serde::Deserialize;
+
+use super::Content;
+use super::json::{self, Number};
+use crate::frame_number::{self, MAX_FRAME};
+use crate::person::{CameraKey, Person};
+
+/// COCO's number of people.
+const PERSON: i64 = 1;
+/// What a keypoint is worth that was labelled where it could not be seen: half of one that was. Assumed, and said.
+const HIDDEN_SCORE: f64 = 0.5;
+
+#[derive(Deserialize)]
+struct ResultEntry {
+    image_id: ImageId,
+    category_id: Option<i64>,
+    #[serde(default)]
+    keypoints: Vec<Number>,
+}
+
+/// A number, or a picture's name.
+#[derive(Deserialize)]
+#[serde(untagged)]
+enum ImageId {
+    Number(i64),
+    Name(String),
+}
+
+#[derive(Deserialize)]
+struct AnnotationsFile {
+    images: Vec<ImageEntry>,
+    annotations: Vec<ResultEntry>,
+    #[serde(default)]
+    categories: Vec<CategoryEntry>,
+}
+
+#[derive(Deserialize)]
+struct ImageEntry {
+    id: i64,
+    file_name: String,
+}
+
+#[derive(Deserialize)]
+struct CategoryEntry {
+    id: i64,
+    #[serde(default)]
+    name: String,
+    #[serde(default)]
+    keypoints: Vec<String>,
+}
+
+/// Results of COCO or `AlphaPose`.
+pub(super) fn read_results(
+    text: &str,
+    path: &Path,
+    content: &mut Content,
+) -> Result<(), FileError> {
+    let entries: Vec<ResultEntry> = json::read(text, path)?;
+    for (i, entry) in entries.iter().enumerate() {
+        if entry.category_id.is_some_and(|id| id != PERSON) {
+            content.note("what is of another category than 1, people, was left out");
+            continue;
+        }
+        let (camera, frame) = match &entry.image_id {
+            ImageId::Number(id) => (CameraKey::OfFile, number(*id)),
+            ImageId::Name(name) => by_name(name),
+        };
+        let frame = frame
+            .map_err(|problem| FileError::new(path, problem).at_field(format!("[{i}].image_id")))?;
+        let at = |problem| FileError::new(path, problem).at_field(format!("[{i}].keypoints"));
+        let person =
+            json::flat_person(&mut content.keypoints, None, &entry.keypoints).map_err(at)?;
+        content.detections.frame(&camera, frame);
+        if let Some(person) = person {
+            content
+                .detections
+                .add(&camera, frame, &person)
+                .map_err(at)?;
+        }
+    }
+    Ok(())
+}
+
+/// COCO's annotations.
+pub(super) fn read_annotations(
+    text: &str,
+    path: &Path,
+    content: &mut Content,
+) -> Result<(), FileError> {
+    let file: AnnotationsFile = json::read(text, path)?;
+    let mut images = BTreeMap::new();
+    for (i, image) in file.images.iter().enumerate() {
+        let at = |field: &str, problem: String| {
+            FileError::new(path, problem).at_field(format!("images[{i}].{field}"))
+        };
+        let (camera, frame) = by_name(&image.file_name);
+        let frame = frame.map_err(|problem| at("file_name", problem))?;
+        content.detections.frame(&camera, frame);
+        if images.insert(image.id, (camera, frame)).is_some() {
+            return Err(at("id", format!("found {} twice", image.id)));
+        }
+    }
+    let people = file.categories.iter().find(|it| it.name == "person");
+    let people = people.or_else(|| file.categories.iter().find(|it| it.id == PERSON));
+    let id = people.map_or(PERSON, |it| it.id);
+    let names = people
+        .map(|it| it.keypoints.as_slice())
+        .filter(|it| !it.is_empty());
+    for (i, entry) in file.annotations.iter().enumerate() {
+        if entry.category_id.is_some_and(|it| it != id) {
+            content.note("what is of another category than people was left out");
+            continue;
+        }
+        let at = |field: &str, problem: String| {
+            FileError::new(path, problem).at_field(format!("annotations[{i}].{field}"))
+        };
+        let image = match &entry.image_id {
+            ImageId::Number(id) => images.get(id),
+            ImageId::Name(_) => None,
+        };
+        let (camera, frame) = image.ok_or_else(|| {
+            at(
+                "image_id",
+                "found an image that is not in `images`".to_owned(),
+            )
+        })?;
+        let person = json::flat_person(&mut content.keypoints, names, &entry.keypoints)
+            .map_err(|problem| at("keypoints", problem))?;
+        if let Some(mut person) = person {
+            flags_to_scores(&mut person);
+            content.note(
+                "annotations have flags instead of scores: seen was taken for 1, labelled and hidden for 0.5",
+            );
+            let added = content.detections.add(camera, *frame, &person);
+            added.map_err(|problem| at("keypoints", problem))?;
+        }
+    }
+    Ok(())
+}
+
+fn flags_to_scores(person: &mut Person) {
+    for keypoint in person.iter_mut().flatten() {
+        keypoint.score = if keypoint.score >= 2.0 {
+            1.0
+        } else {
+            HIDDEN_SCORE
+        };
+    }
+}
+
+fn number(id: i64) -> Result<i64, String> {
+    if (-MAX_FRAME..=MAX_FRAME).contains(&id) {
+        Ok(id)
+    } else {
+        Err(format!("found {id}, expected the number of a frame"))
+    }
+}
+
+/// The camera and the frame of a picture, by its name.
+fn by_name(name: &str) -> (CameraKey, Result<i64, String>) {
+    let folder = frame_number::folder_of_name(name);
+    let camera = folder.map_or(CameraKey::OfFile, |it| CameraKey::Named(it.to_owned()));
+    let frame = frame_number::of_name(name).ok_or_else(|| {
+        format!("found `{name}`, expected a name with the number of a frame, such as 000123.jpg")
+    });
+    (camera, frame)
+}

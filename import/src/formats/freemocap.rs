@@ -1,0 +1,65 @@
+//! `FreeMoCap`'s `*2dData_numCams_numFrames_numTrackedPoints_pixelXY.npy`: cameras x frames x points x (x, y, and something
+//! else). The cameras have no names but the order of their videos.
+//!
+//! Of `MediaPipe`'s points the body's 33 come first, hands and face after them; the third number is a depth there, no score.
+
+use std::path::Path;
+
+use farfield_proto::toml_file::FileError;
+
+use super::Content;
+use super::npy::Array;
+use crate::keypoints::Model;
+use crate::person::{CameraKey, Candidate};
+
+/// Most cameras of one recording.
+const MAX_CAMERAS: usize = 4096;
+
+pub(super) fn read(bytes: &[u8], path: &Path, content: &mut Content) -> Result<(), FileError> {
+    let whole = |problem: String| FileError::new(path, problem);
+    let array = Array::parse(bytes, path)?;
+    let &[cameras, frames, points, numbers] = array.shape.as_slice() else {
+        return Err(whole(format!(
+            "found an array {:?}, expected cameras x frames x points x numbers",
+            array.shape
+        )));
+    };
+    if !(2..=3).contains(&numbers) || cameras > MAX_CAMERAS {
+        return Err(whole(format!(
+            "found an array {:?}, expected at most {MAX_CAMERAS} cameras and 2 or 3 numbers a point: x, y",
+            array.shape
+        )));
+    }
+    let count = body_of(points);
+    content.note("the file has no scores: keypoints were taken for certain (score 1)");
+    for camera in 0..cameras {
+        let key = CameraKey::Nth(camera);
+        for frame in 0..frames {
+            // Bounded by the file's length: every frame has a number in it.
+            if points == 0 {
+                break;
+            }
+            let number = frame.cast_signed() as i64;
+            content.detections.frame(&key, number);
+            let mapping = content.keypoints.by_count(count).map_err(whole)?;
+            let person = mapping.person(|place| {
+                let at = |number: usize| array.at(&[camera, frame, place, number]);
+                Candidate::of(at(0), at(1), Some(1.0))
+            });
+            let added = person.and_then(|it| content.detections.add(&key, number, &it));
+            added.map_err(|problem| whole(problem).at_field(format!("[{camera}, {frame}]")))?;
+        }
+    }
+    Ok(())
+}
+
+/// How many of so many points are the body's: hands of 21 each and faces follow it.
+fn body_of(points: usize) -> usize {
+    match points {
+        // With hands (75), with the face's 468, 478 or none of its irises.
+        33 | 75 | 501 | 511 | 543 | 553 => Model::BlazePose.count(),
+        // With hands and face, as OpenPose has them.
+        67 | 95 | 137 => Model::Body25.count(),
+        other => other,
+    }
+}
