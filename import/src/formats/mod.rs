@@ -254,4 +254,8 @@ fn text<'a>(bytes: &'a [u8], path: &Path) -> Result<&'a str, FileError> {
 }
 
 #[cfg(test)]
+mod round_trips;
+#[cfg(test)]
+mod traps;
+#[cfg(test)]
 pub(crate) mod writers;
