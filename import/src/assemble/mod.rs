@@ -1,0 +1,245 @@
+//! Cameras side by side on one count of frames: which frames there are, on which scale scores are, what is doubtful; and the
+//! lines of our keypoint files.
+
+mod doubts;
+mod scores;
+
+use std::collections::BTreeMap;
+use std::io::{self, Write};
+use std::ops::Range;
+
+use farfield_calibration::formats::RemarkKind;
+
+use crate::person::{Frames, Person};
+use crate::report::RemarkReport;
+
+pub use self::scores::ScoreScale;
+
+/// Most frames of one import, with those that are missing: nine hours at 60 Hz. A number far beyond the others would make
+/// as many empty lines.
+const MAX_FRAMES: i64 = 2_000_000;
+
+/// What one camera saw, under its name in the calibration.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CameraFrames {
+    /// As the calibration has it.
+    pub name: String,
+    /// Width and height of the calibration's pictures, pixels.
+    pub size_px: [u32; 2],
+    /// Where the keypoints came from.
+    pub source: String,
+    /// They.
+    pub frames: Frames,
+}
+
+/// What all cameras have in common.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Assembled {
+    /// Ticks of every keypoint file.
+    pub ticks: Range<i64>,
+    /// What scores are divided by.
+    pub scale: ScoreScale,
+    /// What was assumed, and what is doubtful.
+    pub remarks: Vec<RemarkReport>,
+}
+
+/// Looks at all cameras together.
+///
+/// # Errors
+/// A sentence where nobody was found, where frames are too many, where keypoints are no pixels.
+pub fn assemble(cameras: &[CameraFrames]) -> Result<Assembled, String> {
+    let ticks = ticks(cameras)?;
+    let mut remarks = Vec::new();
+    frames_said(cameras, &ticks, &mut remarks);
+    let scale = ScoreScale::of(cameras, &mut remarks);
+    for camera in cameras {
+        doubts::look(camera, &mut remarks)?;
+    }
+    Ok(Assembled {
+        ticks,
+        scale,
+        remarks,
+    })
+}
+
+/// From the first frame of any camera to the last of any.
+fn ticks(cameras: &[CameraFrames]) -> Result<Range<i64>, String> {
+    if let Some(empty) = cameras.iter().find(|it| it.frames.is_empty()) {
+        return Err(format!(
+            "camera `{}` ({}) has no frames",
+            empty.name, empty.source
+        ));
+    }
+    let first = cameras
+        .iter()
+        .filter_map(|it| it.frames.keys().next())
+        .min();
+    let last = cameras
+        .iter()
+        .filter_map(|it| it.frames.keys().next_back())
+        .max();
+    let (Some(first), Some(last)) = (first, last) else {
+        return Err("found no keypoints of any camera".to_owned());
+    };
+    if last - first >= MAX_FRAMES {
+        return Err(format!(
+            "found frames from {first} to {last}, expected at most {MAX_FRAMES}: are the numbers in the names times, or \
+             something else than frames?"
+        ));
+    }
+    if cameras
+        .iter()
+        .all(|it| it.frames.values().all(Vec::is_empty))
+    {
+        return Err("found nobody in any frame of any camera".to_owned());
+    }
+    Ok(*first..last + 1)
+}
+
+/// Frames that do not begin at 0, that cameras do not share, that are missing.
+fn frames_said(cameras: &[CameraFrames], ticks: &Range<i64>, remarks: &mut Vec<RemarkReport>) {
+    if ticks.start != 0 {
+        remarks.push(RemarkReport::of_all(
+            RemarkKind::Assumed,
+            format!(
+                "the first frame is {}, and so is the first tick",
+                ticks.start
+            ),
+        ));
+    }
+    for camera in cameras {
+        let (Some((first, _)), Some((last, _))) = (
+            camera.frames.first_key_value(),
+            camera.frames.last_key_value(),
+        ) else {
+            continue;
+        };
+        if (*first, last + 1) != (ticks.start, ticks.end) {
+            remarks.push(RemarkReport::of_camera(
+                RemarkKind::Doubtful,
+                &camera.name,
+                format!(
+                    "its frames go from {first} to {last}, those of all cameras from {} to {}: cameras were put side by side \
+                     by these numbers, as if they had counted together",
+                    ticks.start,
+                    ticks.end - 1
+                ),
+            ));
+        }
+        let missing = last - first + 1 - camera.frames.len().cast_signed() as i64;
+        if missing > 0 {
+            remarks.push(RemarkReport::of_camera(
+                RemarkKind::Assumed,
+                &camera.name,
+                format!(
+                    "{missing} frames between its first and last are missing: nobody is in them"
+                ),
+            ));
+        }
+    }
+}
+
+/// Writes the keypoint file of one camera: a line per tick.
+///
+/// # Errors
+/// What `out` refuses.
+pub fn write_lines(
+    frames: &Frames,
+    ticks: &Range<i64>,
+    scale: ScoreScale,
+    out: &mut impl Write,
+) -> io::Result<()> {
+    for tick in ticks.clone() {
+        write!(out, "{{\"tick\":{tick},\"persons\":[")?;
+        let people = frames.get(&tick).map_or(&[][..], Vec::as_slice);
+        for (i, person) in people.iter().enumerate() {
+            if i > 0 {
+                out.write_all(b",")?;
+            }
+            write_person(person, scale, out)?;
+        }
+        out.write_all(b"]}\n")?;
+    }
+    Ok(())
+}
+
+fn write_person(person: &Person, scale: ScoreScale, out: &mut impl Write) -> io::Result<()> {
+    out.write_all(b"{\"keypoints\":[")?;
+    for (i, keypoint) in person.iter().enumerate() {
+        if i > 0 {
+            out.write_all(b",")?;
+        }
+        match keypoint {
+            // The shortest digits that are read as the same number.
+            Some(it) => write!(out, "[{},{},{}]", it.x_px, it.y_px, scale.applied(it.score))?,
+            None => out.write_all(b"null")?,
+        }
+    }
+    out.write_all(b"]}")
+}
+
+/// How many people there are in how many frames of one camera: mean and largest.
+pub(crate) fn people_per_frame(frames: &BTreeMap<i64, Vec<Person>>) -> (f64, usize) {
+    let all: usize = frames.values().map(Vec::len).sum();
+    let most = frames.values().map(Vec::len).max().unwrap_or(0);
+    (all as f64 / frames.len().max(1) as f64, most)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::person::Candidate;
+
+    fn camera(name: &str, frames: &[i64]) -> CameraFrames {
+        let seen = Candidate {
+            x_px: 300.0,
+            y_px: 400.5,
+            score: 0.75,
+        };
+        CameraFrames {
+            name: name.to_owned(),
+            size_px: [1920, 1080],
+            source: name.to_owned(),
+            frames: frames
+                .iter()
+                .map(|at| (*at, vec![[Some(seen); 17]]))
+                .collect(),
+        }
+    }
+
+    #[test]
+    fn cameras_share_one_range_and_what_is_missing_is_empty_and_said() {
+        let cameras = [camera("a", &[5, 6, 8]), camera("b", &[4, 5, 6, 7, 8])];
+        let assembled = assemble(&cameras).unwrap();
+        assert_eq!(assembled.ticks, 4..9);
+        let said: Vec<String> = assembled.remarks.iter().map(|it| it.text.clone()).collect();
+        let said = said.join("\n");
+        assert!(said.contains("the first frame is 4"), "{said}");
+        assert!(said.contains("its frames go from 5 to 8"), "{said}");
+        assert!(said.contains("1 frames between"), "{said}");
+        let mut lines = Vec::new();
+        write_lines(
+            &cameras[0].frames,
+            &assembled.ticks,
+            assembled.scale,
+            &mut lines,
+        )
+        .unwrap();
+        let lines = String::from_utf8(lines).unwrap();
+        let lines: Vec<&str> = lines.lines().collect();
+        assert_eq!(lines.len(), 5);
+        assert_eq!(lines[0], r#"{"tick":4,"persons":[]}"#);
+        assert!(lines[1].starts_with(r#"{"tick":5,"persons":[{"keypoints":[[300,400.5,0.75],"#));
+        assert_eq!(lines[3], r#"{"tick":7,"persons":[]}"#);
+    }
+
+    #[test]
+    fn numbers_that_count_no_frames_are_refused() {
+        let said = assemble(&[camera("a", &[0, 20_240_501_120_000])]).unwrap_err();
+        assert!(said.contains("something else than frames"), "{said}");
+        let mut empty = camera("a", &[0]);
+        empty.frames.insert(0, Vec::new());
+        assert!(assemble(&[empty]).unwrap_err().contains("nobody"));
+        assert!(assemble(&[]).is_err());
+    }
+}
