@@ -1,0 +1,223 @@
+//! The one place of this crate that touches files: listing a folder, reading with a bound, and writing a whole folder or none.
+
+use std::fs::{self, File};
+use std::io::{self, BufWriter, Read as _, Write};
+use std::path::{Path, PathBuf};
+
+use crate::error::ImportError;
+
+/// Folders inside folders that are looked into.
+const MAX_DEPTH: usize = 6;
+/// Most files of a folder and all inside it: ten hours of eight cameras, a file per frame and camera, are less.
+const MAX_FILES: usize = 20_000_000;
+/// A folder that an import has made is not looked into again.
+const VENUE: &str = "venue.toml";
+
+/// All files in `folder` and the folders inside it, by name; hidden ones and venues are passed over.
+pub(crate) fn list(folder: &Path) -> Result<Vec<PathBuf>, ImportError> {
+    let mut found = Vec::new();
+    let mut open = vec![(folder.to_owned(), 0)];
+    while let Some((at, depth)) = open.pop() {
+        let mut entries = entries(&at)?;
+        entries.sort();
+        if depth > 0 && entries.iter().any(|it| it.ends_with(VENUE)) {
+            continue;
+        }
+        for path in entries {
+            let name = path.file_name().unwrap_or_default().to_string_lossy();
+            if name.starts_with('.') {
+                continue;
+            }
+            if !path.is_dir() {
+                found.push(path);
+            } else if depth < MAX_DEPTH {
+                open.push((path, depth + 1));
+            }
+            if found.len() > MAX_FILES {
+                return Err(ImportError::refused(format!(
+                    "{}: found more than {MAX_FILES} files, expected the folder of one recording",
+                    folder.display()
+                )));
+            }
+        }
+    }
+    found.sort();
+    Ok(found)
+}
+
+/// Whether there is such a folder.
+pub(crate) fn is_folder(path: &Path) -> bool {
+    path.is_dir()
+}
+
+/// Whether there is such a file.
+pub(crate) fn is_file(path: &Path) -> bool {
+    path.is_file()
+}
+
+/// A folder with all the folders above it.
+pub(crate) fn full(folder: &Path) -> Result<PathBuf, ImportError> {
+    let full = folder.canonicalize();
+    full.map_err(|source| ImportError::io("reading the folder", folder, source))
+}
+
+/// What lies in one folder.
+pub(crate) fn entries(folder: &Path) -> Result<Vec<PathBuf>, ImportError> {
+    let read = fs::read_dir(folder)
+        .map_err(|source| ImportError::io("reading the folder", folder, source))?;
+    Ok(read.flatten().map(|entry| entry.path()).collect())
+}
+
+/// All of a file of at most `limit` bytes.
+pub(crate) fn read(path: &Path, limit: u64) -> Result<Vec<u8>, ImportError> {
+    let mut bytes = Vec::new();
+    let file = File::open(path).map_err(|source| ImportError::io("opening", path, source))?;
+    let read = file.take(limit + 1).read_to_end(&mut bytes);
+    read.map_err(|source| ImportError::io("reading", path, source))?;
+    if bytes.len() as u64 > limit {
+        return Err(ImportError::refused(format!(
+            "{}: found a file of more than {limit} bytes",
+            path.display()
+        )));
+    }
+    Ok(bytes)
+}
+
+/// The first bytes of a file, as text where they are.
+pub(crate) fn head(path: &Path, length: u64) -> Result<Vec<u8>, ImportError> {
+    let mut bytes = Vec::new();
+    let file = File::open(path).map_err(|source| ImportError::io("opening", path, source))?;
+    let read = file.take(length).read_to_end(&mut bytes);
+    read.map_err(|source| ImportError::io("reading", path, source))?;
+    Ok(bytes)
+}
+
+/// The text of a small file.
+pub(crate) fn read_text(path: &Path) -> Result<String, ImportError> {
+    const LARGEST_TEXT: u64 = 32 << 20;
+    let bytes = read(path, LARGEST_TEXT)?;
+    String::from_utf8(bytes).map_err(|_| {
+        ImportError::refused(format!(
+            "{}: found bytes that are no UTF-8 text",
+            path.display()
+        ))
+    })
+}
+
+/// A folder that gets its name when it is whole, and is taken away again unless it does.
+#[derive(Debug)]
+pub(crate) struct NewFolder {
+    made: PathBuf,
+    out: PathBuf,
+    is_named: bool,
+}
+
+impl NewFolder {
+    /// Starts the folder `out`, where nothing is but perhaps an empty folder.
+    pub(crate) fn create(out: &Path) -> Result<Self, ImportError> {
+        let is_empty = || fs::read_dir(out).is_ok_and(|mut it| it.next().is_none());
+        if out.symlink_metadata().is_ok() && !is_empty() {
+            return Err(ImportError::refused(format!(
+                "{} is there already, and is not written over: name another with `--out DIR`",
+                out.display()
+            )));
+        }
+        let name = out.file_name().ok_or_else(|| {
+            ImportError::refused(format!("{}: expected the name of a folder", out.display()))
+        })?;
+        let parent = out.parent().filter(|it| !it.as_os_str().is_empty());
+        let parent = parent.unwrap_or(Path::new("."));
+        fs::create_dir_all(parent).map_err(|source| ImportError::io("making", parent, source))?;
+        let made = parent.join(format!(".{}.tmp", name.to_string_lossy()));
+        // One that is there is another import's, or of one that was killed.
+        fs::create_dir(&made).map_err(|source| ImportError::io("making", &made, source))?;
+        Ok(Self {
+            made,
+            out: out.to_owned(),
+            is_named: false,
+        })
+    }
+
+    /// Writes one file, and the folder inside this one that it lies in.
+    pub(crate) fn write(
+        &self,
+        name: &Path,
+        write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
+    ) -> Result<(), ImportError> {
+        let path = self.made.join(name);
+        let written = || {
+            if let Some(folder) = path.parent() {
+                fs::create_dir_all(folder)?;
+            }
+            let mut file = BufWriter::new(File::create_new(&path)?);
+            write(&mut file)?;
+            file.flush()?;
+            file.get_ref().sync_all()
+        };
+        written().map_err(|source| ImportError::io("writing", &path, source))
+    }
+
+    /// Gives it its name.
+    pub(crate) fn finish(mut self) -> Result<(), ImportError> {
+        fs::rename(&self.made, &self.out)
+            .map_err(|source| ImportError::io("naming the finished folder", &self.out, source))?;
+        self.is_named = true;
+        Ok(())
+    }
+}
+
+impl Drop for NewFolder {
+    fn drop(&mut self) {
+        if !self.is_named {
+            // What was in the way is told of already.
+            fs::remove_dir_all(&self.made).ok();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_folder_has_its_name_when_it_is_whole_and_is_gone_else() {
+        let at = tempfile::tempdir().unwrap();
+        let out = at.path().join("venue");
+        let folder = NewFolder::create(&out).unwrap();
+        let full = |_: &mut BufWriter<File>| Err(io::ErrorKind::StorageFull.into());
+        folder.write(Path::new("a/b.txt"), full).unwrap_err();
+        assert!(!out.exists());
+        drop(folder);
+        assert_eq!(fs::read_dir(at.path()).unwrap().count(), 0);
+        let folder = NewFolder::create(&out).unwrap();
+        folder
+            .write(Path::new("a/b.txt"), |file| file.write_all(b"text"))
+            .unwrap();
+        folder.finish().unwrap();
+        assert_eq!(fs::read(out.join("a/b.txt")).unwrap(), b"text");
+        let said = NewFolder::create(&out).unwrap_err().to_string();
+        assert!(said.contains("is there already"), "{said}");
+        assert_eq!(fs::read_dir(at.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn hidden_files_and_venues_are_passed_over() {
+        let at = tempfile::tempdir().unwrap();
+        for name in [
+            "a.json",
+            ".hidden/b.json",
+            "made/venue.toml",
+            "made/c.json",
+            "in/d.json",
+        ] {
+            let path = at.path().join(name);
+            fs::create_dir_all(path.parent().unwrap()).unwrap();
+            fs::write(path, "").unwrap();
+        }
+        let found = list(at.path()).unwrap();
+        assert_eq!(
+            found,
+            [at.path().join("a.json"), at.path().join("in/d.json")]
+        );
+    }
+}

@@ -1,0 +1,194 @@
+//! What of a folder is what: which files are one camera's keypoints, which may be a calibration. Pure: names in, names out.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// Names of files that say nothing of their camera: the folder does.
+const NAMELESS: [&str; 6] = [
+    "alphapose-results",
+    "predictions",
+    "results",
+    "keypoints",
+    "person_keypoints",
+    "annotations",
+];
+
+/// Files that may be keypoints, and where.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub(crate) struct Candidates {
+    /// JSON files by their folder: of all frames each, or of one frame each.
+    pub(crate) json: BTreeMap<PathBuf, Vec<PathBuf>>,
+    /// Tables and arrays.
+    pub(crate) single: Vec<PathBuf>,
+}
+
+/// Which files may be keypoints.
+///
+/// Of Pose2Sim's folders the synchronised one is taken, and never the associated one, which has one person only.
+pub(crate) fn candidates(files: &[PathBuf], folder: &Path) -> Candidates {
+    let inside = |path: &Path, name: &str| {
+        let relative = path.strip_prefix(folder).unwrap_or(path);
+        let parent = relative.parent().unwrap_or(Path::new(""));
+        parent.iter().any(|part| part.eq_ignore_ascii_case(name))
+    };
+    let is_synchronised = files
+        .iter()
+        .any(|path| ending(path) == "json" && inside(path, "pose-sync"));
+    let mut found = Candidates::default();
+    for path in files {
+        let is_other = inside(path, "pose-associated") || (is_synchronised && inside(path, "pose"));
+        if is_other || inside(path, "calibration") {
+            continue;
+        }
+        let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+        match ending(path).as_str() {
+            "json" => {
+                let parent = path.parent().unwrap_or(Path::new("")).to_owned();
+                found.json.entry(parent).or_default().push(path.clone());
+            }
+            "csv" => found.single.push(path.clone()),
+            "npy" if stem.to_lowercase().contains("2ddata") => found.single.push(path.clone()),
+            _ => {}
+        }
+    }
+    found
+}
+
+/// What names the camera of a file, or of a folder of a file per frame.
+pub(crate) fn camera_name(path: &Path, is_folder: bool) -> String {
+    let part = |path: &Path| {
+        path.file_name()
+            .unwrap_or_default()
+            .to_string_lossy()
+            .into_owned()
+    };
+    if is_folder {
+        let name = part(path);
+        return name.strip_suffix("_json").unwrap_or(&name).to_owned();
+    }
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    // DeepLabCut writes its network behind the video's name.
+    let stem = stem.split("DLC_").next().unwrap_or_default();
+    if NAMELESS.contains(&stem.to_lowercase().as_str()) {
+        return path.parent().map(part).unwrap_or_default();
+    }
+    stem.to_owned()
+}
+
+/// Which files may be a calibration, in groups of one calibration each.
+pub(crate) fn calibrations(files: &[PathBuf]) -> Vec<Vec<PathBuf>> {
+    let name = |path: &Path| {
+        let name = path.file_name().unwrap_or_default();
+        name.to_string_lossy().to_lowercase()
+    };
+    let beside = |path: &Path, other: &str| {
+        let other = path.with_file_name(other);
+        files.contains(&other).then_some(other)
+    };
+    let mut found = Vec::new();
+    for path in files {
+        let name = name(path);
+        let is = |of: &str| ending(path) == of;
+        let is_toml = is("toml")
+            && !matches!(
+                name.as_str(),
+                "config.toml" | "venue.toml" | "calib_scene.toml"
+            );
+        let group = match name.as_str() {
+            "intri.yml" => beside(path, "extri.yml").map(|other| vec![path.clone(), other]),
+            "cameras.txt" => beside(path, "images.txt").map(|other| vec![path.clone(), other]),
+            _ if is_toml
+                || name.ends_with(".qca.txt")
+                || is("xcp")
+                || (name.contains("camchain") && is("yaml")) =>
+            {
+                Some(vec![path.clone()])
+            }
+            _ => None,
+        };
+        found.extend(group);
+    }
+    found
+}
+
+/// Whether a TOML file has tables of cameras.
+pub(crate) fn is_toml_of_cameras(text: &str) -> bool {
+    text.contains("distortions") && text.contains("translation") && text.contains("matrix")
+}
+
+/// A file's ending, in lower case.
+pub(crate) fn ending(path: &Path) -> String {
+    let ending = path.extension().unwrap_or_default();
+    ending.to_string_lossy().to_lowercase()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn paths(names: &[&str]) -> Vec<PathBuf> {
+        names
+            .iter()
+            .map(|name| Path::new("/take").join(name))
+            .collect()
+    }
+
+    #[test]
+    fn of_pose2sims_folders_the_synchronised_one_is_taken() {
+        let files = paths(&[
+            "pose/cam01_json/cam01_000000.json",
+            "pose-sync/cam01_json/cam01_000000.json",
+            "pose-associated/cam01_json/cam01_000000.json",
+        ]);
+        let found = candidates(&files, Path::new("/take"));
+        let folders: Vec<&PathBuf> = found.json.keys().collect();
+        assert_eq!(folders, [Path::new("/take/pose-sync/cam01_json")]);
+        let found = candidates(&files[..1], Path::new("/take"));
+        assert_eq!(found.json.len(), 1);
+    }
+
+    #[test]
+    fn arrays_of_two_dimensions_are_taken_and_others_are_not() {
+        let files = paths(&[
+            "output_data/raw_data/mediapipe_2dData_numCams_numFrames_numTrackedPoints_pixelXY.npy",
+            "output_data/raw_data/mediapipe_3dData_numFrames_numTrackedPoints_spatialXYZ.npy",
+            "calibration/xy.csv",
+        ]);
+        assert_eq!(candidates(&files, Path::new("/take")).single, files[..1]);
+    }
+
+    #[test]
+    fn folders_name_cameras_where_files_do_not() {
+        for (path, is_folder, name) in [
+            ("pose/cam01_json", true, "cam01"),
+            ("left/alphapose-results.json", false, "left"),
+            ("cam2.json", false, "cam2"),
+            (
+                "cam3DLC_resnet50_walkMay1shuffle1_500000.csv",
+                false,
+                "cam3",
+            ),
+        ] {
+            assert_eq!(camera_name(Path::new(path), is_folder), name);
+        }
+    }
+
+    #[test]
+    fn calibrations_are_told_by_their_names() {
+        let files = paths(&[
+            "Config.toml",
+            "calibration/Calib_scene.toml",
+            "calibration/Calib.toml",
+            "calibration/hall.qca.txt",
+            "extri.yml",
+            "intri.yml",
+            "notes.txt",
+        ]);
+        let expected = [
+            vec![files[2].clone()],
+            vec![files[3].clone()],
+            vec![files[5].clone(), files[4].clone()],
+        ];
+        assert_eq!(calibrations(&files), expected);
+    }
+}
