@@ -19,6 +19,7 @@ use crate::demo::DemoArgs;
 use crate::doctor::DoctorArgs;
 use crate::evaluate::EvaluateArgs;
 use crate::export::ExportArgs;
+use crate::import::ImportArgs;
 use crate::init::InitArgs;
 use crate::listeners::FusionCommandArgs;
 use crate::manual::{CompletionsArgs, ManArgs};
@@ -38,8 +39,8 @@ use crate::view::ViewArgs;
     name = "farfield",
     version,
     after_help = "Example: farfield demo    (-h after a command: its options; --help: all of it)",
-    // As many commands as there are leave no rows for more.
-    help_template = "{about}\nUsage: {usage}\n\n{subcommands}{after-help}"
+    // As many commands as there are leave no rows for more, not even for an empty one.
+    help_template = "{about}\nUsage: {usage}\n{subcommands}{after-help}"
 )]
 pub(crate) struct FarfieldCli {
     #[command(subcommand)]
@@ -65,6 +66,11 @@ pub(crate) enum FarfieldCommand {
     /// Make a venue of a folder of recordings and a calibration.
     #[command(after_help = "Example: farfield init recordings/ --calibration calibration.toml")]
     Init(InitArgs),
+    /// Make a venue of keypoints that another program has found.
+    ///
+    /// Pose2Sim, `OpenPose`, `AlphaPose`, COCO, `MMPose`, `DeepLabCut`, SLEAP, Caliscope, `FreeMoCap`; with its calibration.
+    #[command(after_help = "Example: farfield import my-pose2sim-trial --rate 60")]
+    Import(ImportArgs),
     /// Find how cameras see and where they stand.
     ///
     /// From pictures of a board, from a point that was carried through the field, from another program's files.

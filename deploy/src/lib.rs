@@ -16,6 +16,7 @@ mod demo;
 mod doctor;
 mod evaluate;
 mod export;
+mod import;
 mod init;
 mod keys;
 mod listeners;
@@ -68,6 +69,10 @@ pub fn main() -> ExitCode {
         FarfieldCommand::Demo(args) => demo::main(&args),
         FarfieldCommand::Doctor(args) => doctor::main(&args),
         FarfieldCommand::Init(args) => init::main(&args),
+        FarfieldCommand::Import(args) => exit_code_told(
+            done(import::import_folder(&args)),
+            Told::as_json_if(args.json),
+        ),
         FarfieldCommand::Simulate(args) => simulate::main(args),
         FarfieldCommand::Calibrate(args) => calibrate::main(&args),
         FarfieldCommand::Certs(args) => exit_code(done(certs::certs(&args))),

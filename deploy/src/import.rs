@@ -1,0 +1,197 @@
+//! `farfield import FOLDER`: 2D keypoints of other programs as a venue of keypoints.
+
+use std::fmt::Write as _;
+use std::io::ErrorKind;
+use std::path::PathBuf;
+
+use clap::Args;
+use farfield_import::ImportError;
+use farfield_import::formats::Format;
+use farfield_import::import::{ImportRequest, import};
+use farfield_import::keypoints::Model;
+use farfield_import::report::{CameraReport, Report};
+use farfield_node::process::NodeError;
+
+use crate::output;
+
+/// What `farfield import` is told.
+#[derive(Debug, Args)]
+pub(crate) struct ImportArgs {
+    /// The folder of Pose2Sim, `FreeMoCap`, ..., or of keypoints.
+    ///
+    /// A folder per camera with a JSON file per frame (`OpenPose`, Pose2Sim), or a file per camera (`AlphaPose`, COCO, `MMPose`,
+    /// `DeepLabCut`, SLEAP), or one file of all cameras (Caliscope, `FreeMoCap`).
+    folder: PathBuf,
+    /// The calibration, of any program that has one.
+    ///
+    /// The file, or the files where its format has several: `--calibration intri.yml --calibration extri.yml`. Default: the
+    /// only one in the folder, beside it, or one level above. `farfield calibrate convert --help` lists the formats.
+    #[arg(long, value_name = "FILE")]
+    calibration: Vec<PathBuf>,
+    /// Frames per second.
+    ///
+    /// Default: what Pose2Sim's Config.toml says.
+    #[arg(long, value_name = "HZ")]
+    rate: Option<f64>,
+    /// Whose keypoints they are. Default: told by content.
+    ///
+    /// openpose (Pose2Sim's too), alphapose, coco-results, coco, mmpose, deeplabcut, sleap, caliscope, freemocap.
+    #[arg(long, value_name = "FORMAT", value_parser = format)]
+    format: Option<Format>,
+    /// Which keypoints: `BODY_25B`, `HALPE_26`, ...
+    ///
+    /// `BODY_25`, `BODY_25B`, `BODY_135`, `COCO_18`, `MPII`, `COCO_17`, `COCO_23`, `COCO_133`, `HALPE_26`, `HALPE_68`, `HALPE_136`,
+    /// BLAZEPOSE. Default: told by their number, their names, or Config.toml.
+    #[arg(long, value_name = "MODEL", value_parser = model)]
+    keypoints: Option<Model>,
+    /// A camera of the calibration and its keypoints.
+    ///
+    /// A file, or a folder of a file per frame; only the cameras that are named are taken. Default: by their names.
+    #[arg(long, value_name = "NAME=FOLDER", value_parser = camera)]
+    camera: Vec<(String, PathBuf)>,
+    /// Folder to make. Default: `farfield` in the folder.
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Print what was made, or what went wrong, as JSON.
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+fn format(word: &str) -> Result<Format, String> {
+    Format::from_name(word).ok_or_else(|| {
+        let names: Vec<&str> = Format::ALL.iter().map(|format| format.name()).collect();
+        format!("`{word}` is not one of {}", names.join(", "))
+    })
+}
+
+fn model(word: &str) -> Result<Model, String> {
+    Model::from_name(word).ok_or_else(|| format!("`{word}` is not one of {}", Model::list()))
+}
+
+fn camera(word: &str) -> Result<(String, PathBuf), String> {
+    match word.split_once('=') {
+        Some((name, folder)) if !name.trim().is_empty() && !folder.is_empty() => {
+            Ok((name.trim().to_owned(), folder.into()))
+        }
+        _ => Err(format!(
+            "found `{word}`, expected NAME=FOLDER, for example cam01=pose/cam01_json"
+        )),
+    }
+}
+
+/// Makes the venue, whole or not at all, and says what is in it.
+///
+/// # Errors
+/// [`NodeError::Refused`] where files or options are in the way, [`NodeError::Failed`] where the disk is.
+pub(crate) fn import_folder(args: &ImportArgs) -> Result<(), NodeError> {
+    let request = ImportRequest {
+        folder: args.folder.clone(),
+        calibration: args.calibration.clone(),
+        rate_hz: args.rate,
+        format: args.format,
+        model: args.keypoints,
+        cameras: args.camera.clone(),
+        out: args.out.clone(),
+    };
+    let report = import(&request).map_err(node_error)?;
+    let text = if args.json {
+        serde_json::to_string_pretty(&report).map_err(NodeError::failed)? + "\n"
+    } else {
+        lines(&report)
+    };
+    output::print(&text).map_err(NodeError::Failed)
+}
+
+fn node_error(error: ImportError) -> NodeError {
+    match error {
+        ImportError::Io { ref source, .. } if source.kind() != ErrorKind::NotFound => {
+            NodeError::failed(error)
+        }
+        error => NodeError::refused(error),
+    }
+}
+
+fn lines(report: &Report) -> String {
+    let mut text = String::new();
+    let last = report.first_frame + report.frames - 1;
+    // Writing to a string does not fail.
+    writeln!(
+        text,
+        "{} cameras of the format {}, calibrated in {}: frames {} to {last} at {} Hz",
+        report.cameras.len(),
+        report.format,
+        report.calibration_format,
+        report.first_frame,
+        report.rate_hz
+    )
+    .ok();
+    for camera in &report.cameras {
+        writeln!(text, "{}", camera_line(camera)).ok();
+    }
+    writeln!(
+        text,
+        "keypoints of {}: {} of ours are in them{}",
+        report.model,
+        report.mapped.len(),
+        listed(", not ", &report.missing)
+    )
+    .ok();
+    if !report.left_out.is_empty() {
+        writeln!(text, "left out: {}", report.left_out.join(", ")).ok();
+    }
+    for remark in &report.remarks {
+        let camera = remark.camera.as_deref();
+        let camera = camera.map_or_else(String::new, |camera| format!("camera {camera}: "));
+        writeln!(text, "{}: {camera}{}", remark.kind, remark.text).ok();
+    }
+    let venue = report.venue.display();
+    writeln!(
+        text,
+        "next: farfield check {venue}, then farfield run {venue}"
+    )
+    .ok();
+    text
+}
+
+fn camera_line(camera: &CameraReport) -> String {
+    let missing = match camera.missing_frames {
+        0 => String::new(),
+        missing => format!(", {missing} missing"),
+    };
+    format!(
+        "camera {}: {}, frames {} to {}{missing}; {:.1} people in a frame, at most {}",
+        camera.name,
+        camera.source,
+        camera.first_frame,
+        camera.last_frame,
+        camera.people_mean,
+        camera.people_max
+    )
+}
+
+/// Names behind a word; nothing where there are none.
+fn listed(word: &str, names: &[&str]) -> String {
+    if names.is_empty() {
+        String::new()
+    } else {
+        format!("{word}{}", names.join(", "))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn formats_models_and_cameras_are_understood_or_said() {
+        assert_eq!(format("pose2sim"), Ok(Format::OpenPose));
+        assert!(format("vitpose").unwrap_err().contains("mmpose"));
+        assert_eq!(model("body_25b"), Ok(Model::Body25B));
+        assert!(model("ANIMAL2D_17").unwrap_err().contains("HALPE_26"));
+        let expected = ("cam01".to_owned(), PathBuf::from("pose/a=b"));
+        assert_eq!(camera("cam01=pose/a=b"), Ok(expected));
+        for word in ["cam01", "=pose", "cam01="] {
+            assert!(camera(word).unwrap_err().contains("NAME=FOLDER"), "{word}");
+        }
+    }
+}
