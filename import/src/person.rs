@@ -78,6 +78,21 @@ impl Detections {
         frames.entry(frame).or_default()
     }
 
+    /// Notes a frame that a file has once.
+    ///
+    /// # Errors
+    /// When it was there before.
+    pub(crate) fn new_frame(&mut self, camera: &CameraKey, frame: i64) -> Result<(), String> {
+        let is_known = |frames: &Frames| frames.contains_key(&frame);
+        if self.cameras.get(camera).is_some_and(is_known) {
+            return Err(format!(
+                "found frame {frame} twice, expected the frames of one camera"
+            ));
+        }
+        self.frame(camera, frame);
+        Ok(())
+    }
+
     /// Adds a person, unless nothing of them was found.
     ///
     /// # Errors

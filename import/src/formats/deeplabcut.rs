@@ -75,7 +75,10 @@ pub(super) fn read(text: &str, path: &Path, content: &mut Content) -> Result<(),
     for row in rows {
         let row = row?;
         let frame = frame(&row, n_index).map_err(|problem| row.error(path, problem))?;
-        content.detections.frame(&CameraKey::OfFile, frame);
+        content
+            .detections
+            .new_frame(&CameraKey::OfFile, frame)
+            .map_err(|problem| row.error(path, problem))?;
         for individual in everybody.values() {
             person(&row, individual, frame, content).map_err(|problem| row.error(path, problem))?;
         }

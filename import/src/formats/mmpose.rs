@@ -65,7 +65,10 @@ pub(super) fn read(text: &str, path: &Path, content: &mut Content) -> Result<(),
             let problem = format!("found {}, expected the number of a frame", frame.frame_id);
             return Err(FileError::new(path, problem).at_field(format!("[{i}].frame_id")));
         }
-        content.detections.frame(&CameraKey::OfFile, frame.frame_id);
+        content
+            .detections
+            .new_frame(&CameraKey::OfFile, frame.frame_id)
+            .map_err(|problem| FileError::new(path, problem).at_field(format!("[{i}].frame_id")))?;
         for (k, instance) in frame.instances.iter().enumerate() {
             let at = |problem| {
                 FileError::new(path, problem).at_field(format!("[{i}].instances[{k}].keypoints"))

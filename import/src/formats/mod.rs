@@ -87,6 +87,21 @@ impl Format {
     }
 }
 
+impl Format {
+    /// The ending that its files have.
+    pub(crate) fn ending(self) -> &'static str {
+        match self {
+            Self::OpenPose
+            | Self::AlphaPose
+            | Self::CocoResults
+            | Self::CocoAnnotations
+            | Self::MmPose => "json",
+            Self::DeepLabCut | Self::Sleap | Self::Caliscope => "csv",
+            Self::FreeMoCap => "npy",
+        }
+    }
+}
+
 impl fmt::Display for Format {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(self.name())
@@ -231,9 +246,9 @@ pub(crate) fn recognised(bytes: &[u8], path: &Path) -> Result<Option<Format>, Fi
     if npy::is_npy(bytes) {
         return Ok(Some(Format::FreeMoCap));
     }
-    let Ok(text) = text(bytes, path) else {
-        return Ok(None);
-    };
+    // The head of a table may end inside a character.
+    let text = bytes.utf8_chunks().next().map_or("", |it| it.valid());
+    let text = text.trim_start_matches('\u{feff}');
     match text.trim_start().chars().next() {
         Some('{' | '[') => json::recognised(text, path),
         Some(_) => Ok(table::recognised(text)),

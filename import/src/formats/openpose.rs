@@ -25,7 +25,10 @@ struct PersonEntry {
 pub(super) fn read(text: &str, path: &Path, content: &mut Content) -> Result<(), FileError> {
     let file: FrameFile = json::read(text, path)?;
     let frame = frame_of(path)?;
-    content.detections.frame(&CameraKey::OfFile, frame);
+    content
+        .detections
+        .new_frame(&CameraKey::OfFile, frame)
+        .map_err(|problem| FileError::new(path, problem))?;
     for (i, entry) in file.people.iter().enumerate() {
         let at = |problem| {
             FileError::new(path, problem).at_field(format!("people[{i}].pose_keypoints_2d"))

@@ -5,7 +5,7 @@ use std::path::Path;
 use proptest::prelude::*;
 
 use super::writers as write;
-use super::{Format, ParseOptions, parse};
+use super::{Format, ParseOptions, Reading, parse};
 use crate::keypoints::Model;
 use crate::person::{CameraKey, Candidate, Frames};
 
@@ -106,6 +106,21 @@ fn pythons_nan_is_not_found_and_pixels_beyond_every_picture_are_refused() {
     );
     assert_eq!(parsed.unwrap().detections.n_people(), 0);
     assert!(said(&person("1e30"), "1.json").contains("expected pixels"));
+}
+
+#[test]
+fn two_files_of_one_frame_are_two_cameras_and_refused() {
+    let mut reading = Reading::new(ParseOptions::default());
+    let text = write::openpose(&frames()[&0], Model::Body25);
+    reading
+        .read(text.as_bytes(), Path::new("cam1_000001.json"))
+        .unwrap();
+    let second = reading.read(text.as_bytes(), Path::new("cam2_000001.json"));
+    let said = second.unwrap_err().to_string();
+    assert!(
+        said.contains("cam2_000001.json: found frame 1 twice"),
+        "{said}"
+    );
 }
 
 #[test]

@@ -6,7 +6,7 @@ use farfield_proto::toml_file::FileError;
 
 use crate::error::ImportError;
 use crate::files;
-use crate::folder;
+use crate::folder::{self, Candidates};
 use crate::formats::{Format, MAX_FILE_BYTES, ParseOptions, Parsed, Reading, recognised};
 
 /// So much of a table says whose it is, bytes.
@@ -63,24 +63,10 @@ pub(super) fn found(
     options: ParseOptions,
 ) -> Result<Vec<Source>, ImportError> {
     let candidates = folder::candidates(listed, place);
-    let mut sources = Vec::new();
-    for (parent, paths) in &candidates.json {
-        if let Some(paths) = a_file_per_frame(paths, options)? {
-            sources.push(source(&paths, parent, true, options)?);
-            continue;
-        }
-        for path in paths {
-            let bytes = files::read(path, MAX_FILE_BYTES)?;
-            if is_one(&bytes, path, options) {
-                sources.push(source(std::slice::from_ref(path), path, false, options)?);
-            }
-        }
-    }
-    for path in &candidates.single {
-        let head = files::head(path, HEAD)?;
-        if is_one(&head, path, options) {
-            sources.push(source(std::slice::from_ref(path), path, false, options)?);
-        }
+    let mut sources = told_by(Trust::Content, &candidates, options)?;
+    if let (true, Some(_)) = (sources.is_empty(), options.format) {
+        // The reader of the format that was asked for says what is wrong.
+        sources = told_by(Trust::Word, &candidates, options)?;
     }
     if sources.is_empty() {
         let names: Vec<&str> = Format::ALL.iter().map(|format| format.name()).collect();
@@ -93,8 +79,49 @@ pub(super) fn found(
     Ok(sources)
 }
 
+/// Why a file is taken for keypoints.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Trust {
+    /// It looks like them.
+    Content,
+    /// The user has said whose they are.
+    Word,
+}
+
+/// What of `candidates` is keypoints.
+fn told_by(
+    trust: Trust,
+    candidates: &Candidates,
+    options: ParseOptions,
+) -> Result<Vec<Source>, ImportError> {
+    let mut sources = Vec::new();
+    for (parent, paths) in &candidates.json {
+        if let Some(paths) = a_file_per_frame(paths, trust, options)? {
+            sources.push(source(&paths, parent, true, options)?);
+            continue;
+        }
+        for path in paths {
+            let bytes = files::read(path, MAX_FILE_BYTES)?;
+            if is_one(&bytes, path, trust, options) {
+                sources.push(source(std::slice::from_ref(path), path, false, options)?);
+            }
+        }
+    }
+    for path in &candidates.single {
+        let head = files::head(path, HEAD)?;
+        if is_one(&head, path, trust, options) {
+            sources.push(source(std::slice::from_ref(path), path, false, options)?);
+        }
+    }
+    Ok(sources)
+}
+
 /// Whether a file is of the format that was asked for, or of any.
-fn is_one(bytes: &[u8], path: &Path, options: ParseOptions) -> bool {
+fn is_one(bytes: &[u8], path: &Path, trust: Trust, options: ParseOptions) -> bool {
+    if trust == Trust::Word {
+        let ending = options.format.map(Format::ending);
+        return ending == Some(folder::ending(path).as_str());
+    }
     // Other programs keep settings in JSON; broken files of theirs are not ours to tell of.
     let found = recognised(bytes, path).ok().flatten();
     match options.format {
@@ -106,8 +133,13 @@ fn is_one(bytes: &[u8], path: &Path, options: ParseOptions) -> bool {
 /// The files of `paths` that are a frame each; `None` where they are not.
 fn a_file_per_frame(
     paths: &[PathBuf],
+    trust: Trust,
     options: ParseOptions,
 ) -> Result<Option<Vec<PathBuf>>, ImportError> {
+    if trust == Trust::Word {
+        let is_per_frame = options.format == Some(Format::OpenPose);
+        return Ok(is_per_frame.then(|| paths.to_vec()));
+    }
     let Some(first) = paths.first() else {
         return Ok(None);
     };

@@ -13,7 +13,7 @@ use tempfile::TempDir;
 
 use super::{ImportRequest, import};
 use crate::error::ImportError;
-use crate::formats::writers as write;
+use crate::formats::{Format, writers as write};
 use crate::keypoints::Model;
 use crate::person::{Candidate, Frames, Person};
 use crate::report::Report;
@@ -267,6 +267,23 @@ fn a_broken_file_among_many_is_named() {
         "{refused}"
     );
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 3);
+}
+
+#[test]
+fn a_format_that_was_asked_for_says_what_is_wrong_with_files_that_look_like_none() {
+    let folder = pose2sim(&[], TWO_CAMERAS);
+    write(&folder.path().join("cam01.csv"), b"frame,nose.x\n1,2\n");
+    let refused = import(&request(folder.path())).unwrap_err().to_string();
+    assert!(refused.contains("found no 2D keypoints"), "{refused}");
+    let asked = ImportRequest {
+        format: Some(Format::Sleap),
+        ..request(folder.path())
+    };
+    let refused = import(&asked).unwrap_err().to_string();
+    assert!(
+        refused.contains("cam01.csv:1") && refused.contains("frame_idx"),
+        "{refused}"
+    );
 }
 
 #[test]
