@@ -3,6 +3,7 @@
 
 pub mod adjustment;
 pub mod alignment;
+pub mod ball;
 pub mod board;
 pub mod formats;
 pub mod geometry;

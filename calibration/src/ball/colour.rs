@@ -1,0 +1,209 @@
+//! Colours by hue, saturation and value, and a table that tells quickly which are meant.
+
+use std::str::FromStr;
+
+/// A range of colours. Source of hue, saturation and value: Smith 1978, "Color gamut transform pairs", on sRGB bytes as they
+/// are, as picture editors show them.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ColourRange {
+    /// From and to, degrees, 0 to 360; where `from` is the larger one the range goes through red: `[350, 20]`.
+    pub hue_deg: [f64; 2],
+    /// Least and most, 0 (grey) to 1.
+    pub saturation: [f64; 2],
+    /// Least and most, 0 (black) to 1.
+    pub value: [f64; 2],
+}
+
+/// How far the colours of a ball go about the one that was given: hue, degrees; saturation and value, share of them.
+const HUE_ABOUT_DEG: f64 = 16.0;
+const LEAST_SATURATION: f64 = 0.55;
+const LEAST_VALUE: f64 = 0.35;
+/// What counts as a saturated colour while nothing is known: skin and wood are below it.
+const SATURATED: f64 = 0.55;
+const NOT_DARK: f64 = 0.25;
+
+/// Levels of a channel in the table: 32 KiB stay in the nearest cache.
+const LEVELS: usize = 32;
+const SHIFT: u32 = 3;
+
+impl ColourRange {
+    /// All colours that are like `rgb` under the light and in the shade of one ball: hue within 16 degrees, at least 0.55 of its
+    /// saturation, at least 0.35 of its value.
+    pub fn about(rgb: [u8; 3]) -> Self {
+        let [hue, saturation, value] = hsv(rgb);
+        let turn = |deg: f64| if deg < 0.0 { deg + 360.0 } else { deg % 360.0 };
+        Self {
+            hue_deg: [turn(hue - HUE_ABOUT_DEG), turn(hue + HUE_ABOUT_DEG)],
+            saturation: [LEAST_SATURATION * saturation, 1.0],
+            value: [LEAST_VALUE * value, 1.0],
+        }
+    }
+
+    /// Any strong colour: what a first pass looks for, when the ball's is not known.
+    pub fn saturated() -> Self {
+        Self {
+            hue_deg: [0.0, 360.0],
+            saturation: [SATURATED, 1.0],
+            value: [NOT_DARK, 1.0],
+        }
+    }
+
+    /// Whether `rgb` is in it.
+    pub fn contains(&self, rgb: [u8; 3]) -> bool {
+        let [hue, saturation, value] = hsv(rgb);
+        let [from, to] = self.hue_deg;
+        let has_hue = if from <= to {
+            (from..=to).contains(&hue)
+        } else {
+            hue >= from || hue <= to
+        };
+        has_hue
+            && (self.saturation[0]..=self.saturation[1]).contains(&saturation)
+            && (self.value[0]..=self.value[1]).contains(&value)
+    }
+
+    /// Whether its numbers are such that anything can be in it.
+    pub(super) fn is_sound(&self) -> bool {
+        let is_range = |[low, high]: [f64; 2], most: f64| low >= 0.0 && low <= high && high <= most;
+        let hues = self.hue_deg.iter().all(|h| (0.0..=360.0).contains(h));
+        hues && is_range(self.saturation, 1.0) && is_range(self.value, 1.0)
+    }
+}
+
+/// `#rrggbb`, with what is like it ([`ColourRange::about`]), or `HUE-HUE,SAT-SAT,VALUE-VALUE` in degrees and percent, for
+/// example `20-45,60-100,30-100`.
+impl FromStr for ColourRange {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let wrong = || {
+            format!(
+                "found `{text}`, expected a colour as #rrggbb, or ranges of hue (degrees), saturation and value (percent) as \
+                 20-45,60-100,30-100"
+            )
+        };
+        if let Some(digits) = text.trim().strip_prefix('#') {
+            let is_hex = digits.len() == 6 && digits.bytes().all(|b| b.is_ascii_hexdigit());
+            let number = u32::from_str_radix(digits, 16).ok().filter(|_| is_hex);
+            let [_, r, g, b] = number.ok_or_else(wrong)?.to_be_bytes();
+            return Ok(Self::about([r, g, b]));
+        }
+        let ranges: Option<Vec<[f64; 2]>> = text
+            .split(',')
+            .map(|range| {
+                let (low, high) = range.split_once('-')?;
+                Some([low.trim().parse().ok()?, high.trim().parse().ok()?])
+            })
+            .collect();
+        let percent = |range: [f64; 2]| range.map(|v| v / 100.0);
+        match ranges.as_deref() {
+            Some([hue_deg, saturation, value]) => Some(Self {
+                hue_deg: *hue_deg,
+                saturation: percent(*saturation),
+                value: percent(*value),
+            })
+            .filter(Self::is_sound)
+            .ok_or_else(wrong),
+            _ => Err(wrong()),
+        }
+    }
+}
+
+/// Hue (degrees, 0 to 360; 0 of greys), saturation and value (0 to 1) of an sRGB colour.
+pub fn hsv(rgb: [u8; 3]) -> [f64; 3] {
+    let [r, g, b] = rgb.map(f64::from);
+    let most = r.max(g).max(b);
+    let range = most - r.min(g).min(b);
+    if range <= 0.0 {
+        return [0.0, 0.0, most / 255.0];
+    }
+    // The comparisons are of numbers that were copied, not computed.
+    let sixth = if r >= most {
+        (g - b) / range
+    } else if g >= most {
+        2.0 + (b - r) / range
+    } else {
+        4.0 + (r - g) / range
+    };
+    let turned = if sixth < 0.0 { sixth + 6.0 } else { sixth };
+    [60.0 * turned, range / most, most / 255.0]
+}
+
+/// Which colours are in a range, by their upper five bits.
+#[derive(Debug, Clone)]
+pub(super) struct ColourTable {
+    is_in: Vec<bool>,
+}
+
+impl ColourTable {
+    pub(super) fn of(range: &ColourRange) -> Self {
+        let level = |index: usize| ((index << SHIFT) + (1 << (SHIFT - 1))) as u8;
+        let colours = (0..LEVELS * LEVELS * LEVELS).map(|index| {
+            [
+                level(index / (LEVELS * LEVELS)),
+                level(index / LEVELS % LEVELS),
+                level(index % LEVELS),
+            ]
+        });
+        Self {
+            is_in: colours.map(|rgb| range.contains(rgb)).collect(),
+        }
+    }
+
+    pub(super) fn contains(&self, r: u8, g: u8, b: u8) -> bool {
+        let [r, g, b] = [r, g, b].map(|c| usize::from(c >> SHIFT));
+        let index = (r * LEVELS + g) * LEVELS + b;
+        self.is_in.get(index).copied().unwrap_or(false)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn hues_are_those_of_the_colour_wheel() {
+        for (rgb, expected) in [
+            ([255, 0, 0], [0.0, 1.0, 1.0]),
+            ([0, 255, 0], [120.0, 1.0, 1.0]),
+            ([0, 0, 255], [240.0, 1.0, 1.0]),
+            ([255, 0, 255], [300.0, 1.0, 1.0]),
+            ([255, 128, 0], [30.12, 1.0, 1.0]),
+            ([51, 51, 51], [0.0, 0.0, 0.2]),
+        ] {
+            let found = hsv(rgb);
+            for (a, b) in found.into_iter().zip(expected) {
+                assert!((a - b).abs() < 0.01, "{rgb:?}: {found:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_range_may_go_through_red() {
+        let red = ColourRange::about([230, 10, 20]);
+        assert!(red.hue_deg[0] > red.hue_deg[1]);
+        assert!(red.contains([230, 10, 20]) && red.contains([120, 5, 5]));
+        assert!(!red.contains([230, 120, 20]) && !red.contains([120, 110, 115]));
+        let table = ColourTable::of(&red);
+        assert!(table.contains(230, 10, 20) && !table.contains(20, 10, 230));
+    }
+
+    #[test]
+    fn ranges_are_read_or_refused_in_words() {
+        let read: ColourRange = "20-45,60-100,30-100".parse().unwrap();
+        assert!((read.hue_deg[1] - 45.0).abs() < 1e-12 && (read.saturation[0] - 0.6).abs() < 1e-12);
+        assert_eq!("#ff8000".parse(), Ok(ColourRange::about([255, 128, 0])));
+        for wrong in [
+            "",
+            "#ff80",
+            "#+f8000",
+            "20-45",
+            "20-45,60-110,0-1",
+            "a-b,1-2,3-4",
+            "nan-3,1-2,3-4",
+        ] {
+            let error = wrong.parse::<ColourRange>().unwrap_err();
+            assert!(error.contains("expected a colour as #rrggbb"), "{error}");
+        }
+    }
+}

@@ -1,0 +1,1 @@
+//! One thing among others, over many frames.
