@@ -4,7 +4,7 @@ use nalgebra::Vector2;
 
 use super::blobs::{Blob, Blobs};
 use super::chart::{BallLens, Chart};
-use super::outline::{Seed, covered_middle, first_outline, outline_near, rays};
+use super::outline::{Seed, covered_middle, outline, rays};
 use super::picture::Picture;
 use super::round::fit;
 
@@ -22,6 +22,15 @@ const LEAST_SHARE: f64 = 0.5;
 /// Share of the found disc that the blob must cover, and of the blob that may lie outside of it.
 const LEAST_COVER: f64 = 0.4;
 const MOST_OUTSIDE: f64 = 0.25;
+/// A blob is a speck where another of so many times its area is within this share of that one's size.
+const SPECK_TIMES: f64 = 5.0;
+const SPECK_REACH: f64 = 0.3;
+/// How much farther off the centre is than the noise of independent rays, and of independent pixels, would have it: neighbours share
+/// pixels, and a background goes together. Measured on drawn balls (`tests/centre.rs`).
+const OUTLINE_SIGMAS: f64 = 1.4;
+const COVER_SIGMAS: f64 = 3.5;
+/// Looks at an outline: the later ones from the middle that was found, so that what was hidden at first is looked for where it is.
+const LOOKS: usize = 3;
 /// What a blob without an outline counts, which may be anything small.
 const SMALL_SCORE: f64 = 0.8;
 
@@ -78,11 +87,29 @@ pub(super) fn candidates(
     room.chosen.truncate(MOST_BLOBS);
     let chosen = std::mem::take(&mut room.chosen);
     for (_, blob) in &chosen {
+        if is_speck(blobs, blob) {
+            continue;
+        }
         let candidate = candidate(picture, blobs, blob, lens, room);
         let [least, most] = diameter_px;
         found.extend(candidate.filter(|it| (0.8 * least..=1.25 * most).contains(&it.diameter_px)));
     }
     room.chosen = chosen;
+}
+
+/// Whether a blob is a speck at the rim of a larger one: a smeared ball and a shirt have many.
+fn is_speck(blobs: &Blobs, blob: &Blob) -> bool {
+    let [x, y] = blob.middle_px();
+    let is_beside = |middle: f64, [first, last]: [u32; 2]| {
+        let (first, last) = (f64::from(first), f64::from(last));
+        let margin = SPECK_REACH * (last - first) + 2.0;
+        (first - margin..=last + margin).contains(&middle)
+    };
+    blobs.all().iter().any(|other| {
+        other.area_px > SPECK_TIMES * blob.area_px
+            && is_beside(x, other.columns)
+            && is_beside(y, other.rows)
+    })
 }
 
 fn candidate(
@@ -97,17 +124,17 @@ fn candidate(
         middle_px: blob.middle_px(),
         // The mask leaves out pixels that are covered in part.
         radius_px: (0.25 * (width + height)).max((blob.area_px / std::f64::consts::PI).sqrt()),
-        colour: mean_colour(picture, blobs, blob)?,
+        colour: inner_colour(picture, blobs, blob)?,
     };
     if 2.0 * seed.radius_px < SMALLEST_OUTLINE_PX {
         return small(picture, &seed, [width, height], lens);
     }
-    first_outline(picture, &seed, &mut room.rim_px);
-    let mut about = seed.middle_px;
+    let mut looked = seed;
     let mut last = None;
-    // The second time from the middle that was found, so that what was hidden at first is looked for where it is.
-    for round in 0..2 {
-        let chart = Chart::about(lens, in_whole(picture, about));
+    for round in 0..LOOKS {
+        let known_px = (round > 0).then_some(looked.radius_px);
+        outline(picture, &looked, known_px, &mut room.rim_px);
+        let chart = Chart::about(lens, in_whole(picture, looked.middle_px));
         room.rim.clear();
         let rim = room
             .rim_px
@@ -117,13 +144,10 @@ fn candidate(
         let fitted = fit(&room.rim)?;
         let (px, diameter) = chart.ball(fitted.centre, fitted.radius)?;
         let scale = chart.scale(fitted.centre);
-        let radius_px = fitted.radius * scale;
-        if round == 0 {
-            about = in_part(picture, px);
-            if radius_px > 2.0 * seed.radius_px + 2.0 || radius_px < 0.4 * seed.radius_px {
-                return None;
-            }
-            outline_near(picture, about, radius_px, &mut room.rim_px);
+        looked.middle_px = in_part(picture, px);
+        looked.radius_px = fitted.radius * scale;
+        if !(0.4 * seed.radius_px..=2.0 * seed.radius_px + 2.0).contains(&looked.radius_px) {
+            return None;
         }
         last = Some((px, diameter, scale, fitted));
     }
@@ -140,8 +164,8 @@ fn candidate(
     is_ball.then(|| Candidate {
         px,
         diameter_px,
-        sigma_px: fitted.sigma * scale,
-        score: share.min(1.0) * fitted.axes_ratio * (1.0 - outside),
+        sigma_px: OUTLINE_SIGMAS * fitted.sigma * scale,
+        score: share.min(1.0) * fitted.axes_ratio * fitted.axes_ratio * (1.0 - outside),
         colour: seed.colour,
     })
 }
@@ -161,7 +185,7 @@ fn small(
     Some(Candidate {
         px: in_whole(picture, px),
         diameter_px: 2.0 * radius / scale,
-        sigma_px: sigma.max(0.02),
+        sigma_px: (COVER_SIGMAS * sigma).max(0.02),
         score: SMALL_SCORE * aspect,
         colour: seed.colour,
     })
@@ -194,17 +218,26 @@ fn within(row: u32, [from, to]: [u32; 2], middle_px: [f64; 2], radius_px: f64) -
     (right - left).max(0.0)
 }
 
-/// Mean colour over the pixels of a blob.
-fn mean_colour(picture: &Picture<'_>, blobs: &Blobs, blob: &Blob) -> Option<[f64; 3]> {
-    let (mut sum, mut count) = ([0.0; 3], 0.0);
+/// Mean colour of the pixels of a blob that are nearer to its middle than half of its radius: where it is smeared, those at the
+/// ends are mixed with what is behind. Of all where none is.
+fn inner_colour(picture: &Picture<'_>, blobs: &Blobs, blob: &Blob) -> Option<[f64; 3]> {
+    let [x, y] = blob.middle_px();
+    let most = 0.25 * blob.area_px / std::f64::consts::PI;
+    let mut sums = [([0.0; 3], 0.0); 2];
     for run in blobs.runs_of(blob) {
-        for x in run.from..run.to {
-            let colour = picture.pixel(x, run.row)?;
-            sum = std::array::from_fn(|c| sum[c] + colour[c]);
-            count += 1.0;
+        let down = f64::from(run.row) - y;
+        for column in run.from..run.to {
+            let colour = picture.pixel(column, run.row)?;
+            let across = f64::from(column) - x;
+            let is_inner = across * across + down * down <= most;
+            for (sum, count) in sums.iter_mut().skip(usize::from(!is_inner)) {
+                *sum = std::array::from_fn(|c| sum[c] + colour[c]);
+                *count += 1.0;
+            }
         }
     }
-    (count > 0.0).then(|| sum.map(|channel| channel / count))
+    let (sum, count) = sums.into_iter().find(|(_, count)| *count > 0.0)?;
+    Some(sum.map(|channel| channel / count))
 }
 
 /// From the picture's own pixels to those of the whole one, and back.

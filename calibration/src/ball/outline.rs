@@ -9,9 +9,14 @@ const RAYS: [usize; 2] = [16, 72];
 const STEP_PX: f64 = 0.5;
 /// Least difference of inside and outside, levels (root of the summed squares of three channels).
 const LEAST_CONTRAST: f64 = 18.0;
-/// Half the length of a ray on which an edge is looked for about where it is expected, share of the radius and pixels.
-const REACH: f64 = 0.2;
-const REACH_PX: [f64; 2] = [2.5, 6.0];
+/// How far to either side an edge is looked for: pixels, and share of the radius; where it is soft that share of the width over
+/// which it falls; and at most.
+const REACH_PX: f64 = 2.0;
+const REACH: f64 = 0.1;
+const REACH_OF_WIDTH: f64 = 0.75;
+const MOST_REACH: f64 = 0.6;
+/// Distance to a known radius within which an edge is believed, share of it.
+const NEAR_KNOWN: f64 = 0.2;
 /// Most samples of a ray.
 const MOST_SAMPLES: usize = 64;
 
@@ -30,51 +35,72 @@ pub(super) fn rays(radius_px: f64) -> usize {
     (around as usize).clamp(RAYS[0], RAYS[1])
 }
 
-/// Finds an outline from a blob: along each ray the colour of the seed ends somewhere. Points in pixels of the picture (its own,
-/// not the whole one's) into `found`.
-pub(super) fn first_outline(picture: &Picture<'_>, seed: &Seed, found: &mut Vec<[f64; 2]>) {
+/// Finds the outline of `seed` along rays from its middle, in the pixels of this picture (not the whole one's), into `found`.
+///
+/// Along each ray the colour of the seed gives way to what is around it: for the first time, or, where the radius is known
+/// from a first look, nearest to it. About there it is looked for more closely, the farther around the softer it is.
+pub(super) fn outline(
+    picture: &Picture<'_>,
+    seed: &Seed,
+    known_radius_px: Option<f64>,
+    found: &mut Vec<[f64; 2]>,
+) {
     found.clear();
     let r = seed.radius_px;
     let (near, far) = ((0.4 * r - 1.0).max(0.0), 1.6 * r + 4.0);
     let step = STEP_PX.max((far - near) / (MOST_SAMPLES - 1) as f64);
     along_rays(r, |direction| {
         let mut samples = [[0.0; 3]; MOST_SAMPLES];
-        let count = sampled(
+        let stretch = Stretch { near, step, far };
+        let count = sampled(picture, seed.middle_px, direction, stretch, &mut samples);
+        let samples = samples.get(..count)?;
+        let outside = mean(samples.get(count.checked_sub(4)?..)?);
+        let passage = Shares::between(&seed.colour, &outside).and_then(|shares| {
+            passage(samples, &shares, known_radius_px.map(|r| (r - near) / step))
+        });
+        let (about_px, reach_px) = match (passage, known_radius_px) {
+            (Some((at, width)), _) => (near + step * at, REACH_OF_WIDTH * step * width + REACH_PX),
+            // Shade may hide it from the one colour of the seed, and not from those on either side of it.
+            (None, Some(known_px)) => (known_px, REACH * r + REACH_PX),
+            (None, None) => return None,
+        };
+        let reach_px = reach_px.min(MOST_REACH * r + REACH_PX);
+        found.push(edge_near(
             picture,
             seed.middle_px,
             direction,
-            near,
-            step,
-            far,
-            &mut samples,
-        );
-        let samples = samples.get(..count)?;
-        let outside = mean(samples.get(count.checked_sub(4)?..)?);
-        let shares = Shares::between(&seed.colour, &outside)?;
-        let ends = samples
-            .windows(2)
-            .position(|pair| pair.iter().all(|colour| shares.of(colour) < 0.5))?;
-        let about = near + step * ends as f64 - 0.5 * step;
-        let at = edge_near(picture, seed.middle_px, direction, about, r)?;
-        found.push(at);
+            about_px,
+            reach_px,
+        )?);
         Some(())
     });
 }
 
-/// Finds the outline again about a circle that is nearly it, ray by ray from `middle_px`.
-pub(super) fn outline_near(
-    picture: &Picture<'_>,
-    middle_px: [f64; 2],
-    radius_px: f64,
-    found: &mut Vec<[f64; 2]>,
-) {
-    found.clear();
-    along_rays(radius_px, |direction| {
-        found.push(edge_near(
-            picture, middle_px, direction, radius_px, radius_px,
-        )?);
-        Some(())
-    });
+/// Where the shares fall below a half, in samples: the first time, or nearest to `expected`; and over how many samples they fall
+/// from four fifths to one.
+fn passage(samples: &[[f64; 3]], shares: &Shares, expected: Option<f64>) -> Option<(f64, f64)> {
+    let share = |index: usize| smooth(samples, index, shares);
+    let falls = |index: &usize| {
+        let is_in = share(*index).is_some_and(|s| s >= 0.5);
+        is_in && share(index + 1).is_some_and(|s| s < 0.5)
+    };
+    let mut falling = (0..samples.len().saturating_sub(1)).filter(falls);
+    let at = match expected {
+        None => falling.next()?,
+        Some(expected) => {
+            let off = |index: &usize| (*index as f64 + 0.5 - expected).abs();
+            let nearest = falling.min_by(|a, b| off(a).total_cmp(&off(b)))?;
+            Some(nearest).filter(|index| off(index) <= NEAR_KNOWN * expected + 4.0)?
+        }
+    };
+    let full = (0..=at)
+        .rev()
+        .find(|index| share(*index).is_some_and(|s| s > 0.8))
+        .unwrap_or(0);
+    let empty = (at..samples.len()).find(|index| share(*index).is_some_and(|s| s < 0.2));
+    let (here, next) = (share(at)?, share(at + 1)?);
+    let width = empty.unwrap_or(at + 1) - full;
+    Some((at as f64 + (here - 0.5) / (here - next), width as f64))
 }
 
 fn along_rays(radius_px: f64, mut look: impl FnMut([f64; 2]) -> Option<()>) {
@@ -96,20 +122,14 @@ fn edge_near(
     middle_px: [f64; 2],
     direction: [f64; 2],
     about_px: f64,
-    radius_px: f64,
+    reach_px: f64,
 ) -> Option<[f64; 2]> {
-    let reach = (REACH * radius_px).clamp(REACH_PX[0], REACH_PX[1]);
-    let near = (about_px - reach).max(0.0);
+    let near = (about_px - reach_px).max(0.0);
+    let far = about_px + reach_px;
+    let step = STEP_PX.max((far - near) / (MOST_SAMPLES - 1) as f64);
     let mut samples = [[0.0; 3]; MOST_SAMPLES];
-    let count = sampled(
-        picture,
-        middle_px,
-        direction,
-        near,
-        STEP_PX,
-        about_px + reach,
-        &mut samples,
-    );
+    let stretch = Stretch { near, step, far };
+    let count = sampled(picture, middle_px, direction, stretch, &mut samples);
     let samples = samples.get(..count)?;
     let quarter = (count / 4).max(2);
     let inside = mean(samples.get(..quarter)?);
@@ -124,7 +144,7 @@ fn edge_near(
         if here < 0.5 || next >= 0.5 {
             continue;
         }
-        let at = near + STEP_PX * (index as f64 + (here - 0.5) / (here - next));
+        let at = near + step * (index as f64 + (here - 0.5) / (here - next));
         let off = (at - about_px).abs();
         if best.is_none_or(|(least, _)| off < least) {
             best = Some((off, at));
@@ -176,20 +196,26 @@ fn mean(samples: &[[f64; 3]]) -> [f64; 3] {
     sum.map(|channel| channel / samples.len().max(1) as f64)
 }
 
-/// Samples from `near` to `far`, up to the picture's edge; how many there are.
+/// A part of a ray, pixels from where it starts.
+#[derive(Clone, Copy)]
+struct Stretch {
+    near: f64,
+    step: f64,
+    far: f64,
+}
+
+/// Samples of a stretch, up to the picture's edge; how many there are.
 fn sampled(
     picture: &Picture<'_>,
     middle_px: [f64; 2],
     direction: [f64; 2],
-    near: f64,
-    step: f64,
-    far: f64,
+    stretch: Stretch,
     into: &mut [[f64; 3]; MOST_SAMPLES],
 ) -> usize {
     let mut count = 0;
     for slot in into.iter_mut() {
-        let at = near + step * count as f64;
-        if at > far + 1e-9 {
+        let at = stretch.near + stretch.step * count as f64;
+        if at > stretch.far + 1e-9 {
             break;
         }
         let colour = picture.sample(

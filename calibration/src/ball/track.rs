@@ -27,7 +27,7 @@ const ROUNDNESS_POWER: i32 = 8;
 const SCORE_SHARE: f64 = 0.75;
 const SAME_COLOUR: f64 = 60.0;
 /// Least median score of a track.
-const LEAST_SCORE: f64 = 0.5;
+const LEAST_SCORE: f64 = 0.6;
 /// Frames that a track may share with those chosen before it, and still be the same thing seen twice.
 const MOST_SHARED: usize = 2;
 

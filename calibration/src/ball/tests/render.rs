@@ -1,5 +1,7 @@
 //! Pictures of a ball as a camera with a lens draws it, of which the centre is known.
 
+use std::sync::Arc;
+
 use farfield_proto::camera::{Distortion, Intrinsics};
 use nalgebra::{Vector2, Vector3};
 use rand::{RngExt, SeedableRng};
@@ -46,6 +48,8 @@ pub(crate) struct Scene {
     pub(crate) background: [f64; 3],
     /// Levels by which the background goes up and down.
     pub(crate) texture: f64,
+    /// What was drawn of it before, if all is as it was then.
+    pub(crate) drawn: Option<Arc<Vec<[f64; 3]>>>,
     /// Standard deviation of each byte, levels.
     pub(crate) noise: f64,
     pub(crate) patches: Vec<Patch>,
@@ -89,6 +93,20 @@ pub(crate) fn ball_at(camera: &CameraState, px: [f64; 2], distance_m: f64) -> Ba
     }
 }
 
+impl Patch {
+    /// How much of a pixel it covers.
+    fn cover(&self, px: [f64; 2]) -> f64 {
+        let off = [0, 1].map(|axis| (px[axis] - self.middle_px[axis]) / self.half_px[axis]);
+        let away = if self.is_box {
+            off[0].abs().max(off[1].abs())
+        } else {
+            libm::hypot(off[0], off[1])
+        };
+        let rim = self.half_px[0].min(self.half_px[1]);
+        ((1.0 - away) * rim + 0.5).clamp(0.0, 1.0)
+    }
+}
+
 impl Scene {
     /// Of the part of the camera's picture about `middle_px`.
     pub(crate) fn about(camera: &CameraState, middle_px: [f64; 2], size_px: [u32; 2]) -> Self {
@@ -99,11 +117,13 @@ impl Scene {
                 .clamp(0.0, most) as u32
         };
         Self {
-            camera: *camera,
+            // Balls are placed in camera axes.
+            camera: CameraState::at_origin(camera.intrinsics, &camera.lens()),
             origin_px: [origin(0), origin(1)],
             size_px,
             background: [120.0, 125.0, 115.0],
             texture: 30.0,
+            drawn: None,
             noise: 0.0,
             patches: Vec::new(),
             ball: None,
@@ -117,14 +137,11 @@ impl Scene {
     }
 
     pub(crate) fn bytes(&self, rng: &mut ChaCha8Rng) -> Vec<u8> {
-        let [width, height] = self.size_px;
-        let mut colours = Vec::with_capacity((width * height) as usize);
-        for y in 0..height {
-            for x in 0..width {
-                let px = [x + self.origin_px[0], y + self.origin_px[1]].map(f64::from);
-                colours.push(self.behind(px));
-            }
-        }
+        let mut colours = match &self.drawn {
+            Some(drawn) => drawn.to_vec(),
+            None => self.background(),
+        };
+        self.add_patches(&mut colours);
         if let Some(ball) = &self.ball {
             let steps = if ball.way_c.norm() > 0.0 { 15 } else { 1 };
             let covers: Vec<Vec<(usize, f64, [f64; 3])>> = (0..steps)
@@ -141,38 +158,58 @@ impl Scene {
             }
         }
         let mut noisy = |level: f64| {
+            // Eight bytes of any value add up to nearly a normal distribution.
+            let bytes: [u8; 8] = if self.noise > 0.0 {
+                rng.random()
+            } else {
+                [0; 8]
+            };
+            let sum: u32 = bytes.iter().map(|b| u32::from(*b)).sum();
             let noise = if self.noise > 0.0 {
-                self.noise * gauss(rng)
+                (f64::from(sum) - 1020.0) / 209.0
             } else {
                 0.0
             };
-            (level + noise).round().clamp(0.0, 255.0) as u8
+            (level + self.noise * noise).round().clamp(0.0, 255.0) as u8
         };
         colours.into_iter().flatten().map(&mut noisy).collect()
     }
 
-    /// What is seen at a pixel without the ball.
-    fn behind(&self, px: [f64; 2]) -> [f64; 3] {
-        let waves = self.texture
-            * (texture(px, 5.0, 1) + texture(px, 23.0, 2) + texture(px, 90.0, 3))
-            / 3.0;
-        let mut colour = [0, 1, 2].map(|c| {
-            self.background[c] + waves + 0.3 * self.texture * texture(px, 40.0, 7 + c as u32)
-        });
-        for patch in &self.patches {
-            let off = [0, 1].map(|axis| (px[axis] - patch.middle_px[axis]) / patch.half_px[axis]);
-            let away = if patch.is_box {
-                off[0].abs().max(off[1].abs())
-            } else {
-                libm::hypot(off[0], off[1])
-            };
-            let rim = patch.half_px[0].min(patch.half_px[1]);
-            let cover = ((1.0 - away) * rim + 0.5).clamp(0.0, 1.0);
-            for c in 0..3 {
-                colour[c] += cover * (patch.colour[c] - colour[c]);
+    /// The picture without patches and ball.
+    pub(crate) fn background(&self) -> Vec<[f64; 3]> {
+        let [width, height] = self.size_px;
+        let mut colours = Vec::with_capacity((width * height) as usize);
+        for y in 0..height {
+            for x in 0..width {
+                let px = [x + self.origin_px[0], y + self.origin_px[1]].map(f64::from);
+                let fine = texture(px, 5.0, 1) + texture(px, 23.0, 2) + texture(px, 90.0, 3);
+                let of_channel = |c: usize| 0.3 * texture(px, 40.0, 7 + c as u32) + fine / 3.0;
+                colours.push([0, 1, 2].map(|c| self.background[c] + self.texture * of_channel(c)));
             }
         }
-        colour
+        colours
+    }
+
+    fn add_patches(&self, colours: &mut [[f64; 3]]) {
+        let origin = self.origin_px.map(f64::from);
+        let width = self.size_px[0] as usize;
+        for patch in &self.patches {
+            let range = |axis: usize| {
+                let most = f64::from(self.size_px[axis]) - 1.0;
+                let at = |off: f64| {
+                    (patch.middle_px[axis] - origin[axis] + off).clamp(0.0, most) as usize
+                };
+                at(-patch.half_px[axis] - 2.0)..=at(patch.half_px[axis] + 2.0)
+            };
+            for y in range(1) {
+                for x in range(0) {
+                    let px = [x as f64 + origin[0], y as f64 + origin[1]];
+                    let cover = patch.cover(px);
+                    let colour = &mut colours[y * width + x];
+                    *colour = [0, 1, 2].map(|c| colour[c] + cover * (patch.colour[c] - colour[c]));
+                }
+            }
+        }
     }
 
     /// The pixels that the ball covers, how much of them, and with which colour.
@@ -303,12 +340,6 @@ fn texture(px: [f64; 2], size_px: f64, kind: u32) -> f64 {
     let above = level(x, y) * (1.0 - u) + level(x + 1.0, y) * u;
     let below = level(x, y + 1.0) * (1.0 - u) + level(x + 1.0, y + 1.0) * u;
     above * (1.0 - v) + below * v
-}
-
-/// Standard normal (Box and Muller).
-pub(crate) fn gauss(rng: &mut ChaCha8Rng) -> f64 {
-    let radius = (-2.0 * libm::log(rng.random_range(1e-12..1.0))).sqrt();
-    radius * libm::cos(std::f64::consts::TAU * rng.random_range(0.0..1.0))
 }
 
 pub(crate) fn seeded(seed: u64) -> ChaCha8Rng {

@@ -1,6 +1,7 @@
 //! From sightings to cameras, on simulated fields.
 
 mod faults;
+mod pictures;
 mod real;
 mod recorded;
 mod simulated;
