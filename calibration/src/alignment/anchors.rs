@@ -1,8 +1,12 @@
 //! What is known of the venue, and the similarity that it asks for.
 
-use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, Vector3};
 
+use super::floor::floor;
+use super::mark_fit::{FoundPlace, MarkFit, MarkFreedom, fit_marks};
+use super::marks::Marks;
 use super::similarity::{Similarity, SimilarityError, mirrored_rms, rms};
+use super::wand::wand_scale;
 use crate::adjustment::CameraState;
 use crate::geometry::triangulate;
 
@@ -55,6 +59,8 @@ pub struct Anchors {
     /// Points of the floor, each with the clicks of at least two cameras: three say where the floor is and which way is
     /// up, where fewer than three places are known.
     pub floor: Vec<Vec<Click>>,
+    /// What was clicked in pictures; counts beside all of the above.
+    pub marks: Option<Marks>,
 }
 
 /// What the anchors settled.
@@ -87,6 +93,7 @@ impl Anchors {
             clicks.retain(|(name, _)| has(name));
         }
         left.floor.retain(|clicks| clicks.len() >= 2);
+        left.marks = left.marks.map(|marks| marks.without(names));
         left
     }
 
@@ -95,6 +102,14 @@ impl Anchors {
     /// # Errors
     /// What does not fit, in words: an unknown camera, clicks that do not meet, places on a line, a mirror image.
     pub fn align(&self, cameras: &[(String, CameraState)]) -> Result<Alignment, String> {
+        if let Some(fitted) = self.fit_marks(cameras)? {
+            return Ok(Alignment {
+                venue_from_found: fitted.venue_from_found,
+                has_scale: true,
+                has_floor: true,
+                rms_m: Some(fitted.rms_m),
+            });
+        }
         let (found, known) = self.places(cameras)?;
         if known.len() >= 3 {
             return onto(&found, &known);
@@ -112,6 +127,24 @@ impl Anchors {
             has_floor: levelled.is_some(),
             rms_m: None,
         })
+    }
+
+    /// The fit of what was clicked, with the known places beside it; `None` where nothing clicked is known to be anywhere.
+    ///
+    /// # Errors
+    /// As [`fit_marks`].
+    pub fn fit_marks(&self, cameras: &[(String, CameraState)]) -> Result<Option<MarkFit>, String> {
+        let Some(marks) = self.marks.as_ref().filter(|marks| !marks.known.is_empty()) else {
+            return Ok(None);
+        };
+        let (found, known) = self.places(cameras)?;
+        let names = self.centers_m.iter().map(|(name, _)| name);
+        let names = names.chain(self.points.iter().map(|point| &point.name));
+        let places: Vec<FoundPlace> = names
+            .zip(found.into_iter().zip(known))
+            .map(|(name, (found, known))| (name.clone(), found, known))
+            .collect();
+        fit_marks(marks, &places, cameras, MarkFreedom::Similarity).map(Some)
     }
 
     /// Where the known places were found, and where they are.
@@ -149,7 +182,7 @@ impl Anchors {
     }
 
     fn scale(&self, cameras: &[(String, CameraState)]) -> Result<Option<f64>, String> {
-        let mut scales = Vec::new();
+        let mut lengths = Vec::new();
         for known in &self.distances {
             let first = camera(cameras, &known.first)?.center_w;
             let second = camera(cameras, &known.second)?.center_w;
@@ -160,62 +193,35 @@ impl Anchors {
                     known.first, known.second, known.distance_m
                 ));
             }
-            scales.push(known.distance_m / here);
+            lengths.push((here, known.distance_m));
         }
-        let least = scales.iter().copied().fold(f64::INFINITY, f64::min);
-        let most = scales.iter().copied().fold(0.0, f64::max);
-        if most > 1.05 * least {
-            let ratio = most / least;
-            return Err(format!(
-                "the known distances contradict each other by a factor of {ratio:.2}: look for a wrong one"
-            ));
+        for length in self.marks.iter().flat_map(|marks| &marks.lengths) {
+            let [a, b] = &length.ends;
+            let apart =
+                meeting(cameras, &a.clicks, &a.name)? - meeting(cameras, &b.clicks, &b.name)?;
+            lengths.push((apart.norm(), length.length_m));
         }
-        let count = scales.len() as f64;
-        Ok((!scales.is_empty()).then(|| scales.iter().sum::<f64>() / count))
+        if lengths.is_empty() {
+            return Ok(None);
+        }
+        Ok(Some(wand_scale(&lengths)?.scale))
     }
 
     /// Turns and lifts so that the floor is z = 0 and the cameras are above it.
     fn level(&self, cameras: &[(String, CameraState)]) -> Result<Option<Similarity>, String> {
-        if self.floor.len() < 3 {
+        let clicked = self.marks.iter().flat_map(|marks| &marks.floor);
+        let clicked = clicked.map(|point| (point.name.clone(), &point.clicks));
+        let numbered = self.floor.iter().enumerate();
+        let numbered = numbered.map(|(i, clicks)| (format!("floor point {}", i + 1), clicks));
+        let points: Vec<Vector3<f64>> = numbered
+            .chain(clicked)
+            .map(|(name, clicks)| meeting(cameras, clicks, &name))
+            .collect::<Result<_, _>>()?;
+        if points.len() < 3 {
             return Ok(None);
         }
-        let points = self.floor.iter().enumerate();
-        let points: Vec<Vector3<f64>> = points
-            .map(|(i, clicks)| meeting(cameras, clicks, &format!("floor point {}", i + 1)))
-            .collect::<Result<_, _>>()?;
-        let middle = points.iter().fold(Vector3::zeros(), |s, p| s + p) / points.len() as f64;
-        let spread = points.iter().fold(Matrix3::zeros(), |s, p| {
-            s + (p - middle) * (p - middle).transpose()
-        });
-        let eigen = spread.symmetric_eigen();
-        let mut order = [0, 1, 2];
-        order.sort_by(|a, b| eigen.eigenvalues[*a].total_cmp(&eigen.eigenvalues[*b]));
-        if eigen.eigenvalues[order[1]] <= 1e-6 * eigen.eigenvalues[order[2]] {
-            return Err("the floor points lie on one line, expected three that do not".to_owned());
-        }
-        let mut up = eigen.eigenvectors.column(order[0]).into_owned();
-        let heights = cameras.iter().map(|(_, c)| (c.center_w - middle).dot(&up));
-        let above = heights.clone().filter(|h| *h > 0.0).count();
-        if above != 0 && above != cameras.len() {
-            return Err(format!(
-                "{above} of {} cameras are on one side of the floor, expected all: floor points may be clicked wrongly",
-                cameras.len()
-            ));
-        }
-        if above == 0 {
-            up = -up;
-        }
-        let rotation = UnitQuaternion::rotation_between(&up, &Vector3::z()).unwrap_or_else(|| {
-            UnitQuaternion::from_rotation_matrix(&Rotation3::from_axis_angle(
-                &Vector3::x_axis(),
-                std::f64::consts::PI,
-            ))
-        });
-        Ok(Some(Similarity {
-            scale: 1.0,
-            rotation,
-            shift: -(rotation * middle),
-        }))
+        let centers: Vec<Vector3<f64>> = cameras.iter().map(|(_, c)| c.center_w).collect();
+        Ok(Some(floor(&points, &centers)?.level))
     }
 }
 
@@ -264,7 +270,10 @@ fn onto(found: &[Vector3<f64>], known: &[Vector3<f64>]) -> Result<Alignment, Str
     })
 }
 
-fn camera<'a>(cameras: &'a [(String, CameraState)], name: &str) -> Result<&'a CameraState, String> {
+pub(super) fn camera<'a>(
+    cameras: &'a [(String, CameraState)],
+    name: &str,
+) -> Result<&'a CameraState, String> {
     let found = cameras.iter().find(|(other, _)| other == name);
     found.map(|(_, state)| state).ok_or_else(|| {
         let names: Vec<&str> = cameras.iter().map(|(name, _)| name.as_str()).collect();
@@ -275,7 +284,7 @@ fn camera<'a>(cameras: &'a [(String, CameraState)], name: &str) -> Result<&'a Ca
     })
 }
 
-fn meeting(
+pub(super) fn meeting(
     cameras: &[(String, CameraState)],
     clicks: &[Click],
     what: &str,

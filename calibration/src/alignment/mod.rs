@@ -1,7 +1,26 @@
 //! From a world of its own, whose place, turn and size are arbitrary, to the venue: metres, z up, the floor at zero.
+//!
+//! What is known comes as [`Anchors`]: places of cameras and points, distances, and what was clicked in pictures ([`Marks`]): the
+//! marks and lines of a [`Court`] by name, other places, points of the floor, the ends of a wand. [`fit_marks`] lays the cameras on
+//! all of it; where nothing is known but lengths and the floor, [`wand_scale`] and [`floor`] say how long and which way is up.
 
 mod anchors;
+mod court;
+mod floor;
+mod mark_fit;
+mod mark_start;
+mod marks;
+mod sight;
 mod similarity;
+mod wand;
 
 pub use anchors::{Alignment, Anchors, Click, KnownDistance, KnownPoint};
+pub use court::{Court, CourtLine, CourtMark, LineShape};
+pub use floor::{Floor, floor};
+pub use mark_fit::{FoundPlace, MarkFit, MarkFreedom, MarkResidual, fit_marks};
+pub use marks::{ClickedLength, ClickedPoint, Known, KnownMark, Marks};
 pub use similarity::{Similarity, SimilarityError, mirrored_rms, rms};
+pub use wand::{WandScale, wand_scale};
+
+#[cfg(test)]
+mod tests;

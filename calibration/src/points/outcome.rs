@@ -250,7 +250,7 @@ fn check_anchors(anchors: &Anchors) -> Result<(), CalibrationError> {
         }
     }
     let known = anchors.centers_m.len() + anchors.points.len();
-    if (1..3).contains(&known) && anchors.distances.is_empty() {
+    if (1..3).contains(&known) && anchors.distances.is_empty() && anchors.marks.is_none() {
         let names: Vec<&str> = anchors.centers_m.iter().map(|(n, _)| n.as_str()).collect();
         return refuse(format!(
             "found {known} known places ({}), which fix nothing: give three places, or a distance",

@@ -5,6 +5,7 @@ use nalgebra::Vector3;
 
 use super::assess::{Found, finding, span_m, states};
 use super::request::Timing;
+use crate::adjustment::CameraState;
 use crate::report::{CameraReport, Cause, Finding};
 
 /// Distance of known places from where they were found that is doubtful: metres, and standard deviations of the places.
@@ -17,6 +18,9 @@ const WRONG_ANCHORS_M: f64 = 0.5;
 const ODD_SHARE: f64 = 1.0 / 3.0;
 /// Share by which a known distance may be off.
 const WRONG_DISTANCE: f64 = 0.02;
+/// Marks that are named, and the share of wrong ones, as one in so many, beyond which none can be believed.
+const MOST_NAMED: usize = 6;
+const WRONG_MARKS: f64 = 4.0;
 /// The z of a picture's upper edge below which a camera looks straight up or down, and says nothing of upright.
 const LEAST_UPRIGHT: f64 = 0.1;
 
@@ -56,6 +60,7 @@ pub(super) fn of_alignment(found: &Found<'_>, cameras: &[CameraReport]) -> Vec<F
     findings.extend(upright(found));
     findings.extend(known_places(found, cameras));
     findings.extend(known_distances(found));
+    findings.extend(marks(found));
     let two = found.problem.cameras.len() == 2;
     if two && found.request.timing == Timing::Unknown {
         findings.push(finding(
@@ -124,6 +129,52 @@ fn known_places(found: &Found<'_>, cameras: &[CameraReport]) -> Option<Finding> 
         &format!("{:.3} m or less", bar_m.min(wrong_m)),
         "look for exchanged names, another unit, or a wrong number among them",
     ))
+}
+
+/// Marks that were clicked beside the others.
+fn marks(found: &Found<'_>) -> Option<Finding> {
+    let named = found.posed.iter().zip(&found.problem.cameras);
+    let cameras: Vec<(String, CameraState)> = named
+        .filter_map(|(i, camera)| Some((found.request.cameras.get(*i)?.name.clone(), camera.state)))
+        .collect();
+    let has_pose = |name: &String| cameras.iter().any(|(other, _)| other == name);
+    let names = found.request.cameras.iter().map(|camera| &camera.name);
+    let without: Vec<&str> = names
+        .filter(|name| !has_pose(name))
+        .map(String::as_str)
+        .collect();
+    let fitted = found
+        .request
+        .anchors
+        .without(&without)
+        .fit_marks(&cameras)
+        .ok()??;
+    let said: Vec<String> = fitted
+        .outliers()
+        .take(MOST_NAMED)
+        .map(|it| match (&it.camera, it.px) {
+            (Some(camera), Some(px)) => format!(
+                "`{}` in camera `{camera}` ({px:.1} px, {:.3} m)",
+                it.name, it.m
+            ),
+            _ => format!("`{}` ({:.3} m)", it.name, it.m),
+        })
+        .collect();
+    let count = fitted.outliers().count();
+    (count > 0).then(|| {
+        finding(
+            "",
+            Cause::Anchors,
+            WRONG_MARKS * (count as f64) > fitted.residuals.len() as f64,
+            format!(
+                "{count} of {} clicked marks do not fit the others: {}",
+                fitted.residuals.len(),
+                said.join(", ")
+            ),
+            "marks that all fit one court",
+            "click them again, or look for exchanged names",
+        )
+    })
 }
 
 fn known_distances(found: &Found<'_>) -> Vec<Finding> {

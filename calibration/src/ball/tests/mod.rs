@@ -3,3 +3,4 @@
 mod centre;
 pub(crate) mod render;
 mod scene;
+mod speed;

@@ -9,7 +9,7 @@ mod simulated;
 use self::simulated::{Errors, Field, HALL, PITCH, SMALL, USUAL, cameras, request, worst};
 use super::*;
 use crate::adjustment::CameraState;
-use crate::alignment::KnownDistance;
+use crate::alignment::{Court, Known, KnownDistance, KnownMark, Marks};
 
 fn quiet(request: &PointRequest) -> Result<PointCalibration, CalibrationError> {
     calibrate(request, &mut |_| ())
@@ -71,6 +71,53 @@ fn fields_of_three_sizes_are_found_from_nothing() {
             assert!(found.report.passes(), "{:?}", found.report.findings);
         }
     }
+}
+
+#[test]
+fn clicked_marks_lay_the_cameras_on_the_court_and_a_wrong_one_is_named() {
+    let truth = at_rate(&HALL, 10.0);
+    let mut request = request(&HALL, &truth, &USUAL, Timing::Synchronised);
+    let court = Court::of("volleyball", None).unwrap();
+    let mut known: Vec<KnownMark> = Vec::new();
+    for mark in &court.marks {
+        let seen = request
+            .cameras
+            .iter()
+            .zip(&truth)
+            .filter_map(|(camera, state)| {
+                let px = state.project(&mark.position_m.into(), state.fold_radius())?;
+                let is_inside = (0.0..1920.0).contains(&px.x) && (0.0..1200.0).contains(&px.y);
+                is_inside.then(|| (camera.name.clone(), [px.x.round(), px.y.round()]))
+            });
+        known.push(KnownMark {
+            name: mark.name.clone(),
+            known: Known::Place(mark.position_m),
+            clicks: seen.collect(),
+        });
+    }
+    known[3].clicks[2].1[1] += 60.0;
+    let (name, camera) = (known[3].name.clone(), known[3].clicks[2].0.clone());
+    request.anchors.marks = Some(Marks {
+        known,
+        floor: Vec::new(),
+        lengths: Vec::new(),
+        click_sigma_px: 1.0,
+        place_sigma_m: 0.005,
+    });
+    let found = quiet(&request).unwrap();
+    for (camera, state) in found.cameras.iter().zip(&truth) {
+        let off_m = (camera.state.center_w - state.center_w).norm();
+        assert!(off_m < 0.01, "{}: {off_m}", camera.name);
+    }
+    assert!(found.report.passes(), "{:?}", found.report.findings);
+    let said: Vec<String> = found
+        .report
+        .findings
+        .iter()
+        .map(ToString::to_string)
+        .collect();
+    let expected = format!("`{name}` in camera `{camera}`");
+    assert!(said.iter().any(|it| it.contains(&expected)), "{said:?}");
 }
 
 #[test]

@@ -1,0 +1,182 @@
+//! Courts as their rules draw them: marks and lines by name, so that nobody has to measure what is painted on the floor.
+//!
+//! The origin is the middle of the court on the floor, x along its length, y across it, z up, metres. Seen as on a map, x to the
+//! right and y up: west is -x, east +x, south -y, north +y. So `corner_north_west` is (-length/2, width/2, 0). Which end is
+//! west is up to whoever clicks, but it must be the same in all cameras.
+//!
+//! Lines have a width, and lie where the rules measure them: boundary lines at their outer edge (football, futsal, handball,
+//! volleyball, tennis), in basketball at their inner edge. Posts are given by the inner edge of their foot and of the crossbar.
+
+mod ball_games;
+mod drawing;
+mod nets;
+
+use drawing::Drawing;
+use farfield_proto::toml_file::unknown_name;
+
+/// A place of a court that has a name.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CourtMark {
+    /// `corner_north_west`, `penalty_spot_east`, ...
+    pub name: String,
+    /// Metres from the middle of the court.
+    pub position_m: [f64; 3],
+}
+
+/// The shape of a line on the floor.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum LineShape {
+    /// From here to there.
+    Segment {
+        /// x and y, metres.
+        from_m: [f64; 2],
+        /// x and y, metres.
+        to_m: [f64; 2],
+    },
+    /// A part of a circle.
+    Arc {
+        /// x and y, metres.
+        centre_m: [f64; 2],
+        /// Metres.
+        radius_m: f64,
+        /// Where it begins, from +x towards +y, radians.
+        from_rad: f64,
+        /// How far it goes, towards +y; 2 pi is a circle.
+        by_rad: f64,
+    },
+}
+
+/// A line of a court that has a name.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CourtLine {
+    /// `touchline_north`, `centre_circle`, ...
+    pub name: String,
+    /// Where it is.
+    pub shape: LineShape,
+}
+
+/// What is painted on one.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Court {
+    /// `futsal`, `football`, ...
+    pub name: &'static str,
+    /// Whose rules, and which part of them.
+    pub rules: &'static str,
+    /// Length and width, metres.
+    pub size_m: [f64; 2],
+    /// Places by name.
+    pub marks: Vec<CourtMark>,
+    /// Lines by name, also for drawing.
+    pub lines: Vec<CourtLine>,
+}
+
+/// One row of the table of courts.
+struct Rules {
+    name: &'static str,
+    source: &'static str,
+    /// Length and width where none are given, and those that the rules allow (or that are played on).
+    usual_m: [f64; 2],
+    least_m: [f64; 2],
+    most_m: [f64; 2],
+    draw: fn(&mut Drawing),
+}
+
+const COURTS: [Rules; 6] = [
+    Rules {
+        name: "basketball",
+        source: "FIBA, Official Basketball Rules, article 2",
+        usual_m: [28.0, 15.0],
+        least_m: [22.0, 13.0],
+        most_m: [28.7, 15.3],
+        draw: ball_games::basketball,
+    },
+    Rules {
+        name: "football",
+        source: "IFAB, Laws of the Game, law 1",
+        usual_m: [105.0, 68.0],
+        least_m: [90.0, 45.0],
+        most_m: [120.0, 90.0],
+        draw: ball_games::football,
+    },
+    Rules {
+        name: "futsal",
+        source: "FIFA, Futsal Laws of the Game, law 1",
+        usual_m: [40.0, 20.0],
+        least_m: [25.0, 15.0],
+        most_m: [42.0, 25.0],
+        draw: ball_games::futsal,
+    },
+    Rules {
+        name: "handball",
+        source: "IHF, Rules of the Game: Indoor Handball, rule 1",
+        usual_m: [40.0, 20.0],
+        least_m: [38.0, 18.0],
+        most_m: [44.0, 22.0],
+        draw: ball_games::handball,
+    },
+    Rules {
+        name: "tennis",
+        source: "ITF, Rules of Tennis, rule 1",
+        usual_m: [23.77, 10.97],
+        least_m: [23.77, 10.97],
+        most_m: [23.77, 10.97],
+        draw: nets::tennis,
+    },
+    Rules {
+        name: "volleyball",
+        source: "FIVB, Official Volleyball Rules, rule 1",
+        usual_m: [18.0, 9.0],
+        least_m: [18.0, 9.0],
+        most_m: [18.0, 9.0],
+        draw: nets::volleyball,
+    },
+];
+
+impl Court {
+    /// The names of all courts, in the order of the alphabet.
+    pub fn names() -> Vec<&'static str> {
+        COURTS.iter().map(|rules| rules.name).collect()
+    }
+
+    /// The court called `name`, of its usual size, or of `size_m` (length, width).
+    ///
+    /// # Errors
+    /// In words: an unknown name, or a size that its rules do not allow.
+    pub fn of(name: &str, size_m: Option<[f64; 2]>) -> Result<Self, String> {
+        let Some(rules) = COURTS.iter().find(|rules| rules.name == name) else {
+            return Err(unknown_name("court", name, &Self::names()));
+        };
+        let size_m = size_m.unwrap_or(rules.usual_m);
+        let fits = |axis: usize| (rules.least_m[axis]..=rules.most_m[axis]).contains(&size_m[axis]);
+        if !(fits(0) && fits(1)) {
+            let ([a, b], [c, d]) = (rules.least_m, rules.most_m);
+            return Err(format!(
+                "found a {name} court of {} x {} m, expected {a} to {c} m by {b} to {d} m ({})",
+                size_m[0], size_m[1], rules.source
+            ));
+        }
+        let mut drawing = Drawing::of(size_m);
+        (rules.draw)(&mut drawing);
+        let (marks, lines) = drawing.finished();
+        Ok(Self {
+            name: rules.name,
+            rules: rules.source,
+            size_m,
+            marks,
+            lines,
+        })
+    }
+
+    /// The mark called `name`.
+    pub fn mark(&self, name: &str) -> Option<&CourtMark> {
+        self.marks.iter().find(|mark| mark.name == name)
+    }
+
+    /// The line called `name`.
+    pub fn line(&self, name: &str) -> Option<&CourtLine> {
+        self.lines.iter().find(|line| line.name == name)
+    }
+}
+
+#[cfg(test)]
+mod tests;

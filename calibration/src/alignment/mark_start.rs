@@ -1,0 +1,196 @@
+//! A first similarity from what was clicked, such that wrong clicks do not decide.
+
+use std::collections::BTreeMap;
+
+use nalgebra::{UnitQuaternion, Vector3};
+
+use super::mark_fit::MarkFreedom;
+use super::marks::Known;
+use super::sight::{Sights, What};
+use super::similarity::Similarity;
+use crate::adjustment::CameraState;
+use crate::board::pose_from_points;
+use crate::formats::LensModel;
+use crate::geometry::{Sight, triangulate};
+
+/// Largest angle between the clicks of a point, radians.
+const CLICK_RAD: f64 = 0.02;
+/// Most triples of places that are tried.
+const MOST_TRIPLES: usize = 3000;
+/// Residual beyond which something counts as wrong, standard deviations.
+const MOST_SIGMAS: f64 = 30.0;
+/// Least size of a triple of places across its longest side, as a share of it.
+const LEAST_SPREAD: f64 = 0.05;
+/// Clicks that the pose of one camera needs.
+const LEAST_CLICKS: usize = 4;
+
+/// Of the similarities that triples of places, and pairs of cameras, propose, the one that most agrees with.
+pub(super) fn start(sights: &Sights<'_>, freedom: MarkFreedom) -> Result<Similarity, String> {
+    let places = places(sights);
+    let mut proposed = of_triples(&places, freedom);
+    proposed.extend(of_cameras(sights, freedom));
+    let cost = |it: &Similarity| {
+        let each = sights.seen.iter().map(|seen| {
+            let residual = sights.residual(seen, it);
+            let r = residual.map_or(f64::INFINITY, |(r, sigma)| r.norm() / (MOST_SIGMAS * sigma));
+            (r * r).min(1.0)
+        });
+        each.sum::<f64>()
+    };
+    let costs = proposed.into_iter().map(|it| (cost(&it), it));
+    let best = costs.min_by(|a, b| a.0.total_cmp(&b.0));
+    best.map(|(_, it)| it).ok_or_else(|| {
+        format!(
+            "found {} clicked marks or known places that two cameras see, expected three that are not on one line, or two \
+             cameras with {LEAST_CLICKS} marks each",
+            places.len()
+        )
+    })
+}
+
+/// Places that are known, and where the cameras have them.
+fn places(sights: &Sights<'_>) -> Vec<(Vector3<f64>, Vector3<f64>)> {
+    let mut clicked: BTreeMap<&str, (Vec<Sight>, Vector3<f64>)> = BTreeMap::new();
+    let mut found = Vec::new();
+    for seen in &sights.seen {
+        match &seen.what {
+            What::Click {
+                camera,
+                direction,
+                known: Known::Place(at),
+                ..
+            } => {
+                let Some((_, state)) = sights.cameras.get(*camera) else {
+                    continue;
+                };
+                let entry = clicked.entry(seen.name.as_str());
+                let own = entry.or_insert_with(|| (Vec::new(), Vector3::from(*at)));
+                own.0.push((state.center_w, *direction));
+            }
+            What::Place(at, known) => found.push((*at, *known)),
+            _ => {}
+        }
+    }
+    let met = clicked.into_values().filter_map(|(rays, known)| {
+        let (at, _) = triangulate(&rays, CLICK_RAD)?;
+        Some((at, known))
+    });
+    found.extend(met);
+    found
+}
+
+fn of_triples(places: &[(Vector3<f64>, Vector3<f64>)], freedom: MarkFreedom) -> Vec<Similarity> {
+    let n = places.len();
+    let triples = n * n.saturating_sub(1) * n.saturating_sub(2) / 6;
+    let every = triples.div_ceil(MOST_TRIPLES).max(1);
+    let mut proposed = Vec::new();
+    let mut count = 0;
+    for i in 0..n {
+        for j in i + 1..n {
+            for k in j + 1..n {
+                count += 1;
+                if count % every != 0 {
+                    continue;
+                }
+                let chosen = [places[i], places[j], places[k]];
+                let (found, known) = (chosen.map(|it| it.0), chosen.map(|it| it.1));
+                if !is_spread(&known) || !is_spread(&found) {
+                    continue;
+                }
+                proposed.extend(fitted(&found, &known, freedom));
+            }
+        }
+    }
+    proposed
+}
+
+fn fitted(
+    found: &[Vector3<f64>; 3],
+    known: &[Vector3<f64>; 3],
+    freedom: MarkFreedom,
+) -> Option<Similarity> {
+    let similarity = Similarity::between(found, known).ok()?;
+    Some(with_freedom(similarity, &found[0], &known[0], freedom))
+}
+
+/// With the scale left as it is where only place and turn may change, `found` still at `known`.
+fn with_freedom(
+    it: Similarity,
+    found: &Vector3<f64>,
+    known: &Vector3<f64>,
+    freedom: MarkFreedom,
+) -> Similarity {
+    let scale = if freedom == MarkFreedom::Rigid {
+        1.0
+    } else {
+        it.scale
+    };
+    Similarity {
+        scale,
+        shift: known - it.rotation * found * scale,
+        ..it
+    }
+}
+
+fn is_spread(points: &[Vector3<f64>; 3]) -> bool {
+    let (p, q) = (points[1] - points[0], points[2] - points[0]);
+    let longest = p
+        .norm_squared()
+        .max(q.norm_squared())
+        .max((p - q).norm_squared());
+    p.cross(&q).norm() > LEAST_SPREAD * longest
+}
+
+/// Where single cameras stand by their own clicks; two of them tell the scale.
+fn of_cameras(sights: &Sights<'_>, freedom: MarkFreedom) -> Vec<Similarity> {
+    let mut posed: Vec<(&CameraState, UnitQuaternion<f64>, Vector3<f64>)> = Vec::new();
+    for (index, (_, state)) in sights.cameras.iter().enumerate() {
+        let (mut points, mut pixels) = (Vec::new(), Vec::new());
+        for seen in &sights.seen {
+            if let What::Click {
+                camera,
+                px,
+                known: Known::Place(at),
+                ..
+            } = &seen.what
+                && *camera == index
+            {
+                points.push(*at);
+                pixels.push(*px);
+            }
+        }
+        if points.len() < LEAST_CLICKS {
+            continue;
+        }
+        let lens = LensModel::Rational(state.lens());
+        let Ok(pose) = pose_from_points(&state.intrinsics, &lens, &points, &pixels) else {
+            continue;
+        };
+        let camera_from_venue = pose.camera_from_world;
+        let venue_from_found = camera_from_venue.rotation.inverse() * state.camera_from_world;
+        let center = camera_from_venue.inverse().translation.vector;
+        posed.push((state, venue_from_found, center));
+    }
+    let mut proposed = Vec::new();
+    for (i, (first, rotation, center)) in posed.iter().enumerate() {
+        if freedom == MarkFreedom::Rigid {
+            let it = Similarity {
+                rotation: *rotation,
+                ..Similarity::identity()
+            };
+            proposed.push(with_freedom(it, &first.center_w, center, freedom));
+        }
+        for (second, _, other) in posed.iter().skip(i + 1) {
+            let scale = (other - center).norm() / (second.center_w - first.center_w).norm();
+            if scale.is_finite() && scale > 0.0 {
+                let it = Similarity {
+                    scale,
+                    rotation: *rotation,
+                    shift: Vector3::zeros(),
+                };
+                proposed.push(with_freedom(it, &first.center_w, center, freedom));
+            }
+        }
+    }
+    proposed
+}

@@ -1,0 +1,102 @@
+//! The scale from things whose length is known: a wand that was carried through the field, distances between cameras.
+
+use farfield_proto::order_statistics::upper_median;
+
+/// A scale from several lengths.
+#[derive(Debug, Clone, PartialEq)]
+pub struct WandScale {
+    /// Metres over the units of the cameras.
+    pub scale: f64,
+    /// Its standard deviation, as a share, told from how the lengths differ; `None` of one length.
+    pub sigma_share: Option<f64>,
+    /// Indices of lengths that do not fit the others.
+    pub outliers: Vec<usize>,
+}
+
+/// Share by which a length may be off and not be an outlier, beside what the others let expect.
+const LEAST_SHARE: f64 = 0.002;
+/// Median absolute deviations of an outlier (of a normal distribution: four standard deviations).
+const DEVIATIONS: f64 = 5.9;
+/// Share of the lengths that must agree.
+const LEAST_AGREEING: f64 = 0.6;
+/// Share by which those that agree may differ.
+const MOST_SHARE: f64 = 0.05;
+
+/// The scale that most of `lengths` agree on: each as it was found, in the units of the cameras, and as it is, metres.
+///
+/// # Errors
+/// In words: no length, one that is none, or lengths that contradict each other.
+pub fn wand_scale(lengths: &[(f64, f64)]) -> Result<WandScale, String> {
+    let mut logs = Vec::new();
+    for (found, known) in lengths {
+        let is_length = |v: f64| v.is_finite() && v > 0.0;
+        if !is_length(*found) || !is_length(*known) {
+            return Err(format!("found a length of {known} m, expected more than 0"));
+        }
+        logs.push(libm::log(known / found));
+    }
+    let middle = upper_median(logs.clone()).ok_or("found no length, expected one or more")?;
+    let off: Vec<f64> = logs.iter().map(|log| (log - middle).abs()).collect();
+    let usual = upper_median(off.clone()).unwrap_or(0.0);
+    let limit = (DEVIATIONS * usual).clamp(LEAST_SHARE, MOST_SHARE);
+    let kept: Vec<f64> = logs
+        .iter()
+        .zip(&off)
+        .filter(|(_, off)| **off <= limit)
+        .map(|(log, _)| *log)
+        .collect();
+    let count = kept.len() as f64;
+    if count < LEAST_AGREEING * lengths.len() as f64 {
+        let least = logs.iter().copied().fold(f64::INFINITY, f64::min);
+        let most = logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        return Err(format!(
+            "the known distances contradict each other by a factor of {:.2}: look for a wrong one",
+            libm::exp(most - least)
+        ));
+    }
+    let mean = kept.iter().sum::<f64>() / count;
+    let squares: f64 = kept.iter().map(|log| (log - mean) * (log - mean)).sum();
+    Ok(WandScale {
+        scale: libm::exp(mean),
+        sigma_share: (count > 1.0).then(|| (squares / (count - 1.0) / count).sqrt()),
+        outliers: (0..off.len()).filter(|i| off[*i] > limit).collect(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_wrong_length_among_many_is_named_and_not_used() {
+        let mut lengths: Vec<(f64, f64)> = (0..12)
+            .map(|i| (0.25 * (1.0 + 1e-3 * libm::sin(f64::from(i))), 1.0))
+            .collect();
+        lengths[5].0 = 0.31;
+        let found = wand_scale(&lengths).unwrap();
+        assert_eq!(found.outliers, [5]);
+        assert!((found.scale - 4.0).abs() < 0.004, "{found:?}");
+        let sigma = found.sigma_share.unwrap();
+        assert!(sigma > 5e-5 && sigma < 5e-4, "{sigma}");
+    }
+
+    #[test]
+    fn lengths_that_contradict_each_other_are_refused() {
+        let error = wand_scale(&[(1.0, 1.0), (1.0, 1.3)]).unwrap_err();
+        assert!(
+            error.contains("contradict each other by a factor of 1.30"),
+            "{error}"
+        );
+        assert!(
+            wand_scale(&[]).is_err()
+                && wand_scale(&[(1.0, 0.0)]).is_err()
+                && wand_scale(&[(f64::NAN, 1.0)]).is_err()
+        );
+    }
+
+    #[test]
+    fn one_length_is_enough_and_says_nothing_of_itself() {
+        let found = wand_scale(&[(2.0, 5.0)]).unwrap();
+        assert!((found.scale - 2.5).abs() < 1e-12 && found.sigma_share.is_none());
+    }
+}
