@@ -7,6 +7,7 @@
 mod anchors;
 mod court;
 mod floor;
+mod mark_file;
 mod mark_fit;
 mod mark_start;
 mod marks;

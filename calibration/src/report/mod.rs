@@ -1,7 +1,9 @@
 //! What is said of a calibration: per camera numbers, and what speaks against it.
 
+mod field_map;
 mod finding;
 
+pub use field_map::{FieldCamera, FieldCell, FieldGrid, field_map};
 pub use finding::{Cause, Finding};
 
 /// What is said of one camera.
