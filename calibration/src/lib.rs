@@ -7,5 +7,6 @@ pub mod ball;
 pub mod board;
 pub mod formats;
 pub mod geometry;
+pub mod people;
 pub mod points;
 pub mod report;

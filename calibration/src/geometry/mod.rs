@@ -12,4 +12,4 @@ mod two_view;
 
 pub use resection::{Resection, resect};
 pub use triangulation::{Sight, triangulate};
-pub use two_view::{RelativePose, TwoViews, least_loss, relative_pose, sampson_rad};
+pub use two_view::{RelativePose, TwoViews, least_loss, refined_pose, relative_pose, sampson_rad};

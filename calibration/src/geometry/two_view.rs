@@ -76,6 +76,17 @@ pub fn relative_pose(
     better.filter(|pose| pose.inliers.len() >= 8)
 }
 
+/// The relative pose nearest to `start` (R, t) that the pairs agree with, within about `threshold_rad`; `None` where fewer
+/// than 8 do.
+pub fn refined_pose(
+    start: &(UnitQuaternion<f64>, Vector3<f64>),
+    pairs: &[TwoViews],
+    threshold_rad: f64,
+) -> Option<RelativePose> {
+    let pose = refined(start, pairs, threshold_rad);
+    finished(pose, pairs, threshold_rad).filter(|pose| pose.inliers.len() >= 8)
+}
+
 /// Mean loss (0 all fit, 1 none) of the best of `samples` random essential matrices: quick, and without a pose. Gives up
 /// after a third of the samples where none has come below `hopeless`.
 pub fn least_loss(

@@ -11,13 +11,13 @@ const LEAST_SIGHTS: usize = 15;
 
 /// How far two halves put a camera from each other.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Apart {
+pub(crate) struct Apart {
     /// Their pinholes, in the unit of the problem.
-    pub(super) distance: f64,
+    pub(crate) distance: f64,
     /// Their axes.
-    pub(super) turned_rad: f64,
+    pub(crate) turned_rad: f64,
     /// What both draw of a point straight ahead of the first, at the usual depth; infinite where one draws it not.
-    pub(super) px: f64,
+    pub(crate) px: f64,
 }
 
 /// Per camera the median depth of what it saw; `None` of nothing.
@@ -43,7 +43,7 @@ fn depths(problem: &Problem) -> Vec<Option<f64>> {
 /// after the second was laid on the first by a similarity; `None` where a half has too little.
 ///
 /// Lenses and clocks stay as the whole has them: a half starts from the whole, and what it then moves is the pose.
-pub(super) fn halves(problem: &Problem) -> Vec<Option<Apart>> {
+pub(crate) fn halves(problem: &Problem) -> Vec<Option<Apart>> {
     let none = vec![None; problem.cameras.len()];
     let moments: Vec<f64> = problem
         .observations

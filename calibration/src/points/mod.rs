@@ -19,6 +19,11 @@ mod timing;
 mod venue;
 mod view;
 
+pub(crate) use halves::{Apart, halves};
+pub(crate) use outcome::check_anchors;
+pub(crate) use over_time::knocked_at;
+pub(crate) use refine::freedom;
+
 pub use error::CalibrationError;
 pub use file::{Sighting, parse, parse_multicamselfcal};
 pub use outcome::{FoundCamera, PathPoint, PointCalibration, Stage, calibrate};

@@ -224,7 +224,7 @@ fn check_frames(request: &PointRequest) -> Result<(), CalibrationError> {
     Ok(())
 }
 
-fn check_anchors(anchors: &Anchors) -> Result<(), CalibrationError> {
+pub(crate) fn check_anchors(anchors: &Anchors) -> Result<(), CalibrationError> {
     let refuse = |text: String| Err(CalibrationError::Request(text));
     let places = anchors.centers_m.iter().map(|(name, at)| (name, at));
     let places = places.chain(anchors.points.iter().map(|it| (&it.name, &it.position_m)));

@@ -11,7 +11,7 @@ const BAD_SHARE: f64 = 0.5;
 
 /// Where in `used` (whether each sight fits, in the order of time) the first run of windows begins that fit less than half
 /// as well as the usual one, or where it ends if it begins with the first; a share of all sights, 0 to 1. Windows are 20, or 10 where sights are few.
-pub(super) fn knocked_at(used: &[bool]) -> Option<f64> {
+pub(crate) fn knocked_at(used: &[bool]) -> Option<f64> {
     let windows = if used.len() >= WINDOWS * 2 * LEAST_SIGHTS {
         WINDOWS
     } else {

@@ -34,7 +34,7 @@ pub(super) struct Refined {
 }
 
 /// What may move of a camera beside its pose.
-pub(super) fn freedom(lenses: Lenses, state: &CameraState) -> Free {
+pub(crate) fn freedom(lenses: Lenses, state: &CameraState) -> Free {
     let focal_px = state.intrinsics.fx_px;
     let pose = Free::none().with(Block::Pose);
     match lenses {

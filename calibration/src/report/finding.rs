@@ -35,6 +35,14 @@ pub enum Cause {
     Knocked,
     /// A camera is under the floor.
     UnderFloor,
+    /// People walked where they tell little of the cameras: along one line, at one distance.
+    Walk,
+    /// Feet do not lie on one plane, or people do not stand upright on it.
+    Feet,
+    /// Too few people were seen for too short a time.
+    TooFewPeople,
+    /// People come out larger or smaller than they are.
+    Stature,
 }
 
 /// One thing that speaks against a calibration.

@@ -1,0 +1,236 @@
+//! The adjustment of all cameras to all keypoints of the persons that were found, and finding these again with it.
+
+use farfield_proto::order_statistics::upper_median;
+use nalgebra::Vector3;
+use rayon::prelude::*;
+
+use super::associate::{Person, persons};
+use super::pair::{KEYPOINT_M, KEYPOINT_PX};
+use super::view::View;
+use crate::adjustment::{
+    AdjustedCamera, Block, CameraState, Free, Limits, Loss, Observation, Path, Problem, adjust,
+};
+use crate::points::{Lenses, freedom};
+
+/// Tuning of Cauchy's loss: 95 % efficient where all is well.
+const CAUCHY: f64 = 2.385;
+/// Median of the length of a residual of unit standard deviation per axis (Rayleigh).
+const RAYLEIGH_MEDIAN: f64 = 1.1774;
+/// The noise of a camera over the one that is expected.
+const NOISE_RATIOS: [f64; 2] = [0.3, 5.0];
+/// A keypoint of the least score counts as this much less sure.
+const LEAST_SCORE: f64 = 0.3;
+/// Rounds of finding persons and adjusting: gate (standard deviations of a keypoint), keypoints, steps, decrease.
+const ROUNDS: [(f64, usize, usize, f64); 4] = [
+    (14.0, 2500, 25, 1e-3),
+    (7.0, 4000, 25, 1e-3),
+    (4.0, 6000, 25, 1e-4),
+    (4.0, MOST_POINTS, 30, 1e-7),
+];
+/// Keypoints of the last adjustment.
+const MOST_POINTS: usize = 16_000;
+
+/// Where a point of the problem comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct PointOf {
+    /// Index of the person.
+    pub(super) person: usize,
+    /// Index of its keypoint.
+    pub(super) keypoint: usize,
+}
+
+/// What was adjusted.
+#[derive(Debug, Clone)]
+pub(super) struct Adjusted {
+    pub(super) problem: Problem,
+    /// Index of each of its cameras among all.
+    pub(super) posed: Vec<usize>,
+    pub(super) persons: Vec<Person>,
+    /// Per point of the path, in the order of time.
+    pub(super) points: Vec<PointOf>,
+    /// Per camera of the problem the noise of its keypoints over the expected one.
+    pub(super) noise: Vec<f64>,
+}
+
+/// Adjusts `cameras`, whose poses may be off by some degrees and a tenth of their distance.
+pub(super) fn settle(
+    views: &[View],
+    cameras: &[Option<CameraState>],
+    lenses: Lenses,
+) -> Option<Adjusted> {
+    let mut current = cameras.to_vec();
+    let mut noise = vec![1.0; views.len()];
+    let mut last = None;
+    for (round, (gate, most, steps, decrease)) in ROUNDS.into_iter().enumerate() {
+        let is_last = round + 1 == ROUNDS.len();
+        let found = found_persons(views, &current, gate, most);
+        let freed = if is_last { lenses } else { Lenses::Given };
+        let mut adjusted = problem(views, &current, found, freed, &noise)?;
+        let limits = Limits { steps, decrease };
+        adjust(&mut adjusted.problem, limits);
+        for (camera, index) in adjusted.problem.cameras.iter().zip(&adjusted.posed) {
+            current[*index] = Some(camera.state);
+        }
+        let ratios = noise_ratios(&adjusted.problem);
+        for (ratio, index) in ratios.iter().zip(&adjusted.posed) {
+            noise[*index] *= ratio;
+            noise[*index] = noise[*index].clamp(NOISE_RATIOS[0], NOISE_RATIOS[1]);
+        }
+        if is_last {
+            // What is known of the cameras depends on how noisy the keypoints turned out to be.
+            for observation in &mut adjusted.problem.observations {
+                observation.sigma_px *= ratios.get(observation.camera).copied().unwrap_or(1.0);
+            }
+            adjusted.noise = adjusted.posed.iter().map(|i| noise[*i]).collect();
+        }
+        last = Some(adjusted);
+    }
+    last
+}
+
+/// Persons at ticks that are evenly spread, as many as have about `most` keypoints.
+fn found_persons(
+    views: &[View],
+    cameras: &[Option<CameraState>],
+    gate: f64,
+    most: usize,
+) -> Vec<Person> {
+    let posed = views.iter().zip(cameras).filter(|(_, c)| c.is_some());
+    let mut ticks: Vec<i64> = posed.flat_map(|(v, _)| v.ticks.keys().copied()).collect();
+    ticks.sort_unstable();
+    ticks.dedup();
+    let at = |ticks: &[i64]| {
+        let each: Vec<Vec<Person>> = ticks
+            .par_iter()
+            .map(|tick| persons(views, cameras, *tick, gate))
+            .collect();
+        each.into_iter().flatten().collect::<Vec<Person>>()
+    };
+    // A few tell how many keypoints a tick has.
+    let few: Vec<i64> = evenly(&ticks, 30);
+    let keypoints = |persons: &[Person]| {
+        let each = persons.iter().flat_map(|it| &it.joints_m);
+        each.flatten().count()
+    };
+    let per_tick = keypoints(&at(&few)) as f64 / few.len().max(1) as f64;
+    let count = (most as f64 / per_tick.max(0.1)).ceil() as usize;
+    at(&evenly(&ticks, count.max(10)))
+}
+
+fn evenly(all: &[i64], most: usize) -> Vec<i64> {
+    if all.len() <= most {
+        return all.to_vec();
+    }
+    let each = (0..most).filter_map(|k| all.get(k * all.len() / most));
+    each.copied().collect()
+}
+
+fn problem(
+    views: &[View],
+    cameras: &[Option<CameraState>],
+    persons: Vec<Person>,
+    lenses: Lenses,
+    noise: &[f64],
+) -> Option<Adjusted> {
+    let posed: Vec<usize> = (0..views.len()).filter(|i| cameras[*i].is_some()).collect();
+    let mut adjusted = Vec::new();
+    for index in &posed {
+        let state = cameras[*index]?;
+        let given = CameraState {
+            intrinsics: views[*index].state.intrinsics,
+            distortion: views[*index].state.distortion,
+            ..state
+        };
+        let free = freedom(lenses, &given);
+        adjusted.push(AdjustedCamera {
+            state,
+            start: given,
+            free: if posed.len() < 2 {
+                Free::none().with(Block::Pose)
+            } else {
+                free
+            },
+        });
+    }
+    let (mut nodes, mut points, mut observations) = (Vec::new(), Vec::new(), Vec::new());
+    for (number, person) in persons.iter().enumerate() {
+        for (keypoint, joint) in person.joints_m.iter().enumerate() {
+            let Some(joint) = joint else { continue };
+            let own = person.members.iter().filter_map(|(camera, index)| {
+                let column = posed.iter().position(|it| it == camera)?;
+                let body = views[*camera].ticks.get(&person.tick)?.get(*index)?;
+                let seen = body.joints.get(keypoint).copied().flatten()?;
+                let state = &adjusted[column].state;
+                let depth_m = (joint - state.center_w).norm().max(0.3);
+                let on_body_px = KEYPOINT_M * views[*camera].focal_px() / depth_m;
+                let sure = seen.score.clamp(LEAST_SCORE, 1.0);
+                Some(Observation {
+                    camera: column,
+                    point: nodes.len(),
+                    frame: person.tick as f64,
+                    px: seen.px,
+                    sigma_px: libm::hypot(on_body_px, KEYPOINT_PX) * noise[*camera] / sure,
+                })
+            });
+            let own: Vec<Observation> = own.collect();
+            if own.len() < 2 {
+                continue;
+            }
+            observations.extend(own);
+            nodes.push(*joint);
+            points.push(PointOf {
+                person: number,
+                keypoint,
+            });
+        }
+    }
+    (!nodes.is_empty()).then(|| Adjusted {
+        problem: Problem {
+            cameras: adjusted,
+            path: Path::Points(nodes),
+            observations,
+            loss: Loss::Cauchy(CAUCHY),
+        },
+        noise: vec![1.0; posed.len()],
+        posed,
+        persons,
+        points,
+    })
+}
+
+/// Per camera how long residuals are over what their standard deviations foretell, from their median.
+///
+/// Points take up freedom of their own: what is left is raised by the ratio of coordinates to coordinates less unknowns.
+fn noise_ratios(problem: &Problem) -> Vec<f64> {
+    let mut lengths = vec![Vec::new(); problem.cameras.len()];
+    let residuals = problem.residuals_px();
+    for (observation, length) in problem.observations.iter().zip(&residuals) {
+        if let Some(length) = length {
+            lengths[observation.camera].push(length / observation.sigma_px);
+        }
+    }
+    let coordinates = 2.0 * problem.observations.len() as f64;
+    let unknowns = 3.0 * problem.path.nodes().len() as f64;
+    let raise = (coordinates / (coordinates - unknowns).max(0.2 * coordinates)).sqrt();
+    let ratio = |lengths: Vec<f64>| {
+        let median = upper_median(lengths).unwrap_or(RAYLEIGH_MEDIAN);
+        (raise * median / RAYLEIGH_MEDIAN).max(NOISE_RATIOS[0])
+    };
+    lengths.into_iter().map(ratio).collect()
+}
+
+impl Adjusted {
+    /// Where the keypoints of each person are, the world of the problem.
+    pub(super) fn bodies(&self, keypoints: usize) -> Vec<Vec<Option<Vector3<f64>>>> {
+        let mut bodies = vec![vec![None; keypoints]; self.persons.len()];
+        for (of, at) in self.points.iter().zip(self.problem.path.nodes()) {
+            if let Some(joint) = bodies
+                .get_mut(of.person)
+                .and_then(|body| body.get_mut(of.keypoint))
+            {
+                *joint = Some(*at);
+            }
+        }
+        bodies
+    }
+}

@@ -1,0 +1,273 @@
+//! What speaks for and against a calibration from people: camera by camera; [`super::findings`] has what is said of the
+//! whole.
+
+use super::adjust::Adjusted;
+use super::findings::of_all;
+use super::pair::Pair;
+use super::request::PeopleRequest;
+use super::venue::{Floor, Scale, Standing};
+use crate::adjustment::{CameraState, Covariance};
+use crate::alignment::Alignment;
+use crate::points::{Apart, halves, knocked_at};
+use crate::report::{CameraReport, Cause, Finding, Report};
+
+/// Residuals within this many standard deviations are used; less than these shares are doubtful, and wrong.
+const USED_SIGMAS: f64 = 4.0;
+const USUAL_SHARE: f64 = 0.75;
+const LEAST_SHARE: f64 = 0.5;
+/// Noise over the expected one (25 mm on the body and 1 px) that is doubtful, and wrong.
+const DOUBTFUL_NOISE: f64 = 2.0;
+const WRONG_NOISE: f64 = 4.0;
+/// Uncertainty of a place that is doubtful, and wrong, as a share of the distance between cameras.
+const DOUBTFUL_SIGMA: f64 = 0.005;
+const WRONG_SIGMA: f64 = 0.03;
+/// Halves disagree when they are so many standard deviations apart, and draw a point at the usual depth so many pixels
+/// apart: doubtful, and wrong.
+const HALVES_SIGMAS: f64 = 5.0;
+const DOUBTFUL_HALVES_PX: f64 = 2.0;
+const WRONG_HALVES_PX: f64 = 6.0;
+/// Change of the focal length that is doubtful, and wrong.
+const DOUBTFUL_FOCAL: f64 = 0.02;
+const WRONG_FOCAL: f64 = 0.06;
+
+/// All that a report is made of.
+pub(super) struct Found<'a> {
+    pub(super) request: &'a PeopleRequest,
+    pub(super) ticks_hz: f64,
+    pub(super) pairs: Vec<Pair>,
+    /// Cameras that fit only in a mirror.
+    pub(super) mirrored: Vec<usize>,
+    /// Per camera how many bodies told of its ground.
+    pub(super) bodies: Vec<usize>,
+    pub(super) adjusted: Adjusted,
+    pub(super) covariance: Option<Covariance>,
+    pub(super) alignment: Alignment,
+    pub(super) scale: Scale,
+    pub(super) standing: Standing,
+    pub(super) floor: Option<Floor>,
+}
+
+impl Found<'_> {
+    /// The cameras in the venue.
+    pub(super) fn states(&self) -> Vec<CameraState> {
+        let venue = &self.alignment.venue_from_found;
+        let each = self.adjusted.problem.cameras.iter();
+        each.map(|camera| venue.apply_to_camera(&camera.state))
+            .collect()
+    }
+
+    pub(super) fn name(&self, index: usize) -> &str {
+        let camera = self.request.cameras.get(index);
+        camera.map_or("", |camera| camera.name.as_str())
+    }
+
+    /// The largest distance between two cameras, metres.
+    fn span_m(&self) -> f64 {
+        let states = self.states();
+        let mut most: f64 = 0.0;
+        for a in &states {
+            for b in &states {
+                most = most.max((a.center_w - b.center_w).norm());
+            }
+        }
+        most
+    }
+}
+
+/// What is said of what was found.
+pub(super) fn assess(found: &Found<'_>) -> Report {
+    let apart = halves(&found.adjusted.problem);
+    let sights = sights(found);
+    let cameras = camera_reports(found, &apart, &sights);
+    let mut findings = of_all(found);
+    let span_m = found.span_m();
+    for (index, report) in cameras.iter().enumerate() {
+        let noise = found.adjusted.noise.get(index).copied().unwrap_or(f64::NAN);
+        findings.extend(of_camera(report, noise, span_m, found.bodies.len()));
+        findings.extend(of_halves(report, apart.get(index).copied().flatten()));
+        findings.extend(knocked(report, sights.get(index)));
+    }
+    findings.sort_by_key(|finding| !finding.is_wrong);
+    Report {
+        cameras,
+        anchors_rms_m: found.alignment.rms_m,
+        findings,
+    }
+}
+
+pub(super) fn finding(
+    camera: &str,
+    cause: Cause,
+    is_wrong: bool,
+    found: String,
+    expected: &str,
+    remedy: &str,
+) -> Finding {
+    Finding {
+        camera: (!camera.is_empty()).then(|| camera.to_owned()),
+        cause,
+        is_wrong,
+        found,
+        expected: expected.to_owned(),
+        remedy: remedy.to_owned(),
+    }
+}
+
+/// Per camera, in the order of time: length of each residual in pixels, and in standard deviations.
+fn sights(found: &Found<'_>) -> Vec<Vec<Option<(f64, f64)>>> {
+    let problem = &found.adjusted.problem;
+    let mut sights = vec![Vec::new(); problem.cameras.len()];
+    for (observation, length) in problem.observations.iter().zip(problem.residuals_px()) {
+        if let Some(own) = sights.get_mut(observation.camera) {
+            own.push(length.map(|length| (length, length / observation.sigma_px)));
+        }
+    }
+    sights
+}
+
+fn is_used(sight: &Option<(f64, f64)>) -> bool {
+    sight.is_some_and(|(_, sigmas)| sigmas < USED_SIGMAS)
+}
+
+fn camera_reports(
+    found: &Found<'_>,
+    apart: &[Option<Apart>],
+    sights: &[Vec<Option<(f64, f64)>>],
+) -> Vec<CameraReport> {
+    let scale = found.alignment.venue_from_found.scale;
+    let mut reports = Vec::new();
+    for (index, (state, own)) in found.states().iter().zip(sights).enumerate() {
+        let asked = found.adjusted.posed.get(index);
+        let Some(camera) = asked.and_then(|i| found.request.cameras.get(*i)) else {
+            continue;
+        };
+        let used: Vec<f64> = own
+            .iter()
+            .filter(|it| is_used(it))
+            .flatten()
+            .map(|(length, _)| *length)
+            .collect();
+        let squares: f64 = used.iter().map(|length| length * length).sum();
+        let sigma = found
+            .covariance
+            .as_ref()
+            .and_then(|c| c.cameras.get(index)?.as_ref());
+        let half = apart.get(index).copied().flatten();
+        let observations = found.adjusted.problem.observations.iter();
+        let sigmas = observations.filter(|it| it.camera == index);
+        let sigmas: Vec<f64> = sigmas.map(|it| it.sigma_px).collect();
+        reports.push(CameraReport {
+            name: camera.name.clone(),
+            sights: own.len(),
+            used_share: used.len() as f64 / own.len().max(1) as f64,
+            rms_px: (squares / used.len().max(1) as f64).sqrt(),
+            noise_px: farfield_proto::order_statistics::upper_median(sigmas).unwrap_or(f64::NAN),
+            position_sigma_m: sigma.map_or(f64::NAN, |s| s.position * scale),
+            rotation_sigma_deg: sigma.map_or(f64::NAN, |s| s.rotation_rad.to_degrees()),
+            focal_ratio: state.intrinsics.fx_px / camera.intrinsics.fx_px,
+            offset_s: camera.offset_s.unwrap_or(0.0),
+            rate_hz: camera.rate_hz.unwrap_or(found.request.rate_hz),
+            halves_m: half.map_or(f64::NAN, |it| it.distance * scale),
+            halves_deg: half.map_or(f64::NAN, |it| it.turned_rad.to_degrees()),
+        });
+    }
+    reports
+}
+
+fn of_camera(report: &CameraReport, noise: f64, span_m: f64, cameras: usize) -> Vec<Finding> {
+    let mut findings = Vec::new();
+    let name = &report.name;
+    if report.used_share < USUAL_SHARE {
+        findings.push(finding(
+            name,
+            Cause::Outliers,
+            report.used_share < LEAST_SHARE,
+            format!("{:.0} % of its keypoints fit", 100.0 * report.used_share),
+            "75 % or more",
+            "it was moved on the way, its clock is off, or its lens is not as given",
+        ));
+    }
+    if noise.is_nan() || noise > DOUBTFUL_NOISE {
+        findings.push(finding(
+            name,
+            Cause::Residual,
+            noise.is_nan() || noise > WRONG_NOISE,
+            format!("its keypoints are off by {noise:.1} times what is usual"),
+            "less than twice: 25 mm on the body and 1 px",
+            "look at its lens, its clock and whether it was moved",
+        ));
+    }
+    let share = report.position_sigma_m / span_m;
+    // Of two cameras alone the distance is the unit.
+    if cameras > 2 && (share.is_nan() || share > DOUBTFUL_SIGMA) {
+        findings.push(finding(
+            name,
+            Cause::Uncertain,
+            share.is_nan() || share > WRONG_SIGMA,
+            format!("its place is known to {:.3} m", report.position_sigma_m),
+            &format!("{:.3} m or better", DOUBTFUL_SIGMA * span_m),
+            "let people walk near it and far from it, longer, where other cameras see them too",
+        ));
+    }
+    let change = (report.focal_ratio - 1.0).abs();
+    if change > DOUBTFUL_FOCAL {
+        findings.push(finding(
+            name,
+            Cause::Focal,
+            change > WRONG_FOCAL,
+            format!(
+                "its focal length is {:.3} of the given one",
+                report.focal_ratio
+            ),
+            "within a hundredth or two",
+            "calibrate its lens again, at the zoom and focus that it has now",
+        ));
+    }
+    findings
+}
+
+/// What the halves of the data say of a camera.
+fn of_halves(report: &CameraReport, apart: Option<Apart>) -> Option<Finding> {
+    let name = &report.name;
+    let Some(apart_px) = apart.map(|it| it.px).filter(|px| px.is_finite()) else {
+        return Some(finding(
+            name,
+            Cause::HalvesUnchecked,
+            false,
+            "halves not checked: one of them has too few of its keypoints, or of other cameras'"
+                .to_owned(),
+            "15 keypoints or more in each half, in three cameras that do not stand on one line",
+            "let people walk before it at the beginning and at the end",
+        ));
+    };
+    // Each half is as uncertain as the whole times the root of two, and there are two.
+    let is_far = report.halves_m > HALVES_SIGMAS * 2.0 * report.position_sigma_m;
+    let is_turned = report.halves_deg > HALVES_SIGMAS * 2.0 * report.rotation_sigma_deg;
+    (apart_px > DOUBTFUL_HALVES_PX && (is_far || is_turned)).then(|| {
+        finding(
+            name,
+            Cause::HalvesDisagree,
+            apart_px > WRONG_HALVES_PX,
+            format!(
+                "first and second half put it {:.3} m and {:.3} degrees apart, which moves a point by {apart_px:.1} px",
+                report.halves_m, report.halves_deg
+            ),
+            &format!("{DOUBTFUL_HALVES_PX:.1} px or less"),
+            "it was moved on the way, its clock wanders, or its lens is not as given",
+        )
+    })
+}
+
+/// A camera that fits at some times only.
+fn knocked(report: &CameraReport, sights: Option<&Vec<Option<(f64, f64)>>>) -> Option<Finding> {
+    let used: Vec<bool> = sights?.iter().map(is_used).collect();
+    let percent = 100.0 * knocked_at(&used)?;
+    Some(finding(
+        &report.name,
+        Cause::Knocked,
+        true,
+        format!("moved, or its clock jumped, at about {percent:.0} % of its keypoints"),
+        "keypoints that fit equally well at all times",
+        "leave out what it saw before or after, or calibrate again",
+    ))
+}

@@ -1,0 +1,378 @@
+//! What speaks against a calibration from people as a whole: who was not connected, how people walked, the floor, the
+//! length of a metre.
+
+use std::collections::BTreeSet;
+
+use super::assess::{Found, finding};
+use super::ground::LEAST_BODIES;
+use super::plan::USUAL_STATURE_M;
+use super::venue::Scale;
+use crate::report::{Cause, Finding};
+use farfield_proto::order_statistics::{percentile, upper_median};
+
+/// Seconds of a person that two cameras see, summed over persons: less is doubtful, and wrong.
+const USUAL_PERSON_S: f64 = 60.0;
+const LEAST_PERSON_S: f64 = 8.0;
+/// Extent of where feet stood across their main direction: less than this share of that along it, and less than so many
+/// metres, is a straight walk.
+const LINE_SHARE: f64 = 0.12;
+const LINE_M: f64 = 0.25;
+/// Ratio of a camera's far to its near persons below which they all stand at one depth.
+const ONE_DEPTH: f64 = 1.15;
+/// Median distance of standing ankles from their plane that is doubtful, and wrong, metres.
+const DOUBTFUL_FEET_M: f64 = 0.05;
+const WRONG_FEET_M: f64 = 0.12;
+/// Mean lean of people that is doubtful, and wrong, degrees.
+const DOUBTFUL_LEAN_DEG: f64 = 4.0;
+const WRONG_LEAN_DEG: f64 = 12.0;
+/// Height of the floor, by feet, in a venue that known places fix: doubtful, and wrong, metres.
+const DOUBTFUL_FLOOR_M: f64 = 0.15;
+const WRONG_FLOOR_M: f64 = 0.5;
+/// Statures that are believed of a mean, metres.
+const STATURES_M: [f64; 2] = [1.2, 2.1];
+/// Difference of given and found stature that is doubtful.
+const DOUBTFUL_STATURE: f64 = 0.05;
+/// Share by which a known distance may be off.
+const WRONG_DISTANCE: f64 = 0.02;
+/// Distance of known places from where they were found that is doubtful, and wrong, metres.
+const DOUBTFUL_ANCHORS_M: f64 = 0.10;
+const WRONG_ANCHORS_M: f64 = 0.5;
+
+/// What is said of all cameras together.
+pub(super) fn of_all(found: &Found<'_>) -> Vec<Finding> {
+    let mut findings = not_connected(found);
+    findings.extend(degenerate(found));
+    findings.extend(too_few(found));
+    findings.extend(straight_walk(found));
+    findings.extend(one_depth(found));
+    findings.extend(feet(found));
+    findings.extend(under_floor(found));
+    findings.extend(metres(found));
+    findings.extend(places(found));
+    findings
+}
+
+fn not_connected(found: &Found<'_>) -> Vec<Finding> {
+    let without = (0..found.request.cameras.len()).filter(|i| !found.adjusted.posed.contains(i));
+    let each = without.map(|index| {
+        let name = found.name(index);
+        if found.mirrored.contains(&index) {
+            return finding(
+                name,
+                Cause::Handedness,
+                true,
+                "it agrees with the others only in a mirror".to_owned(),
+                "a picture that is not mirrored",
+                "turn off mirroring in the camera, or flip the video",
+            );
+        }
+        let bodies = found.bodies.get(index).copied().unwrap_or(0);
+        let own = found.pairs.iter().filter(|p| p.first == index || p.second == index);
+        let best = own.max_by(|a, b| a.matched.cmp(&b.matched).then(b.loss.total_cmp(&a.loss)));
+        let said = match best {
+            _ if bodies < LEAST_BODIES => {
+                format!("it saw {bodies} bodies with ankles and shoulders, of {LEAST_BODIES} that it needs")
+            }
+            None => "it saw nobody whom another camera saw at the same time".to_owned(),
+            Some(pair) => {
+                let other = if pair.first == index { pair.second } else { pair.first };
+                format!(
+                    "with no camera enough agrees: at best {} bodies with `{}`, {:.0} % of whose keypoints fit",
+                    pair.matched,
+                    found.name(other),
+                    100.0 * (1.0 - pair.loss)
+                )
+            }
+        };
+        finding(
+            name,
+            Cause::NotConnected,
+            true,
+            said,
+            "twenty bodies that it and another camera see at the same time",
+            "let people walk on curves where it and another camera both see them; or its clock or lens is wrong",
+        )
+    });
+    each.collect()
+}
+
+fn degenerate(found: &Found<'_>) -> Option<Finding> {
+    let direction = found.covariance.as_ref()?.degenerate.first()?;
+    let named = direction.cameras.iter().filter_map(|(index, _)| {
+        let asked = found.adjusted.posed.get(*index)?;
+        Some(found.name(*asked))
+    });
+    let names: Vec<&str> = named.collect();
+    Some(finding(
+        "",
+        Cause::Degenerate,
+        true,
+        format!(
+            "the people leave undetermined how {} stand",
+            names.join(", ")
+        ),
+        "people whom every camera sees together with others",
+        "let people walk across the whole field, near and far, on curves",
+    ))
+}
+
+/// Persons at the ticks that were looked at, as seconds of all ticks.
+fn person_seconds(found: &Found<'_>) -> f64 {
+    let persons = &found.adjusted.persons;
+    let ticks: BTreeSet<i64> = persons.iter().map(|it| it.tick).collect();
+    let (Some(first), Some(last)) = (ticks.first(), ticks.last()) else {
+        return 0.0;
+    };
+    let per_tick = persons.len() as f64 / ticks.len() as f64;
+    let span_s = (last - first + 1) as f64 / found.ticks_hz;
+    // Ticks are spread over the whole; those without anybody count for nothing.
+    let looked_s = ticks.len() as f64 / found.ticks_hz;
+    per_tick * span_s.min(looked_s * (span_s / looked_s).max(1.0))
+}
+
+fn too_few(found: &Found<'_>) -> Option<Finding> {
+    let seconds = person_seconds(found);
+    (seconds < USUAL_PERSON_S).then(|| {
+        finding(
+            "",
+            Cause::TooFewPeople,
+            seconds < LEAST_PERSON_S,
+            format!(
+                "people were seen by several cameras for {seconds:.0} s, summed over all of them"
+            ),
+            "60 s or more: four people for half a minute, and better two minutes",
+            "record longer, or more people",
+        )
+    })
+}
+
+fn straight_walk(found: &Found<'_>) -> Option<Finding> {
+    let scale = found.alignment.venue_from_found.scale;
+    let [along_m, across_m] = found.floor.as_ref()?.extent.map(|it| it * scale);
+    let is_line = across_m < LINE_M || across_m < LINE_SHARE * along_m;
+    is_line.then(|| {
+        finding(
+            "",
+            Cause::Walk,
+            across_m < LINE_M,
+            format!("all walked along one line: {across_m:.2} m across it, {along_m:.2} m along it (root mean square)"),
+            "walks that cover the field in both directions",
+            "let people walk on curves over the whole field",
+        )
+    })
+}
+
+/// Cameras that saw all people at about one depth.
+fn one_depth(found: &Found<'_>) -> Vec<Finding> {
+    let problem = &found.adjusted.problem;
+    let nodes = problem.path.nodes();
+    let each = problem
+        .cameras
+        .iter()
+        .enumerate()
+        .filter_map(|(index, camera)| {
+            let own = problem.observations.iter().filter(|it| it.camera == index);
+            let depths = own.filter_map(|it| {
+                let point = nodes.get(it.point)?;
+                Some((camera.state.camera_from_world * (point - camera.state.center_w)).z)
+            });
+            let mut depths: Vec<f64> = depths.collect();
+            depths.sort_by(f64::total_cmp);
+            let (near, far) = (percentile(&depths, 0.05)?, percentile(&depths, 0.95)?);
+            (far < ONE_DEPTH * near).then(|| {
+                finding(
+                    found.name(*found.adjusted.posed.get(index).unwrap_or(&index)),
+                    Cause::Walk,
+                    false,
+                    format!("it saw all people at one depth: {near:.1} to {far:.1} m"),
+                    "people near it and far from it",
+                    "let people walk towards it and away from it",
+                )
+            })
+        });
+    each.collect()
+}
+
+fn feet(found: &Found<'_>) -> Vec<Finding> {
+    let mut findings = Vec::new();
+    let Some(floor) = &found.floor else {
+        if !found.alignment.has_floor {
+            findings.push(finding(
+                "",
+                Cause::NoFloor,
+                true,
+                "nothing says where the floor is: too few bodies with both ankles and shoulders".to_owned(),
+                "an upright world: a run refuses any other",
+                "let people walk where their whole bodies are seen, or give the places of three cameras",
+            ));
+        }
+        return findings;
+    };
+    let scale = found.alignment.venue_from_found.scale;
+    let apart_m = floor.apart * scale;
+    if apart_m > DOUBTFUL_FEET_M {
+        findings.push(finding(
+            "",
+            Cause::Feet,
+            apart_m > WRONG_FEET_M,
+            format!("standing feet are {apart_m:.3} m from one plane at the median"),
+            "0.05 m or less",
+            "let people walk on level ground; give the places of three cameras where there is none",
+        ));
+    }
+    let lean_deg = floor.lean_rad.to_degrees();
+    if lean_deg > DOUBTFUL_LEAN_DEG {
+        findings.push(finding(
+            "",
+            Cause::Feet,
+            lean_deg > WRONG_LEAN_DEG,
+            format!("people lean by {lean_deg:.1} degrees on the floor that their feet make"),
+            "4 degrees or less",
+            "let people walk upright and in all directions, on level ground",
+        ));
+    }
+    findings
+}
+
+fn under_floor(found: &Found<'_>) -> Vec<Finding> {
+    if !found.alignment.has_floor {
+        return Vec::new();
+    }
+    let states = found.states();
+    let each = states.iter().zip(&found.adjusted.posed);
+    let each = each.filter(|(state, _)| state.center_w.z < 0.0);
+    each.map(|(state, index)| {
+        finding(
+            found.name(*index),
+            Cause::UnderFloor,
+            true,
+            format!("it stands {:.2} m under the floor", -state.center_w.z),
+            "above it",
+            "people must walk upright; where places are given, their z must point up",
+        )
+    })
+    .collect()
+}
+
+fn metres(found: &Found<'_>) -> Vec<Finding> {
+    let mut findings = Vec::new();
+    match found.scale {
+        Scale::Assumed => findings.push(finding(
+            "",
+            Cause::NoScale,
+            true,
+            format!("nothing says how long a metre is: people of {USUAL_STATURE_M:.2} m were assumed, which is good to 5 %"),
+            "a known distance, three known places, or the stature of the people",
+            "measure the distance between two cameras, 5 m or more",
+        )),
+        Scale::Stature => findings.push(finding(
+            "",
+            Cause::Stature,
+            false,
+            "metres come from the stature of the people, which is good to 1 to 2 %".to_owned(),
+            "a known distance",
+            "measure the distance between two cameras, 5 m or more",
+        )),
+        Scale::Measured => findings.extend(statures(found)),
+    }
+    if found.alignment.rms_m.is_none() {
+        findings.push(finding(
+            "",
+            Cause::Handedness,
+            false,
+            "handedness was not checked: if all videos were mirrored it would not show".to_owned(),
+            "three known places or more",
+            "give the places of three cameras or more",
+        ));
+    }
+    findings
+}
+
+/// How tall people come out where metres were measured.
+fn statures(found: &Found<'_>) -> Option<Finding> {
+    let scale = found.alignment.venue_from_found.scale;
+    let here_m = scale * found.standing.stature()?;
+    let given_m = found.request.stature_m.unwrap_or(here_m);
+    let is_wrong = !(STATURES_M[0]..=STATURES_M[1]).contains(&here_m);
+    let is_off = (here_m / given_m - 1.0).abs() > DOUBTFUL_STATURE;
+    (is_wrong || is_off).then(|| {
+        let said = found.request.stature_m.map_or_else(
+            || format!("{:.1} to {:.1} m", STATURES_M[0], STATURES_M[1]),
+            |given_m| format!("{given_m:.2} m, as given"),
+        );
+        finding(
+            "",
+            Cause::Stature,
+            is_wrong,
+            format!("people come out {here_m:.2} m tall"),
+            &said,
+            "look for a wrong unit or number among the known distances and places, and at the focal lengths",
+        )
+    })
+}
+
+/// What was measured of the venue against what was found.
+fn places(found: &Found<'_>) -> Vec<Finding> {
+    let mut findings = Vec::new();
+    let states = found.states();
+    if let Some(rms_m) = found
+        .alignment
+        .rms_m
+        .filter(|rms_m| *rms_m > DOUBTFUL_ANCHORS_M)
+    {
+        findings.push(finding(
+            "",
+            Cause::Anchors,
+            rms_m > WRONG_ANCHORS_M,
+            format!("the known places are {rms_m:.3} m from where they were found"),
+            "0.1 m or less",
+            "look for exchanged names, another unit, or a wrong number among them",
+        ));
+    }
+    if found.alignment.rms_m.is_some() {
+        let venue = &found.alignment.venue_from_found;
+        let heights = found.standing.ankles.iter().map(|it| venue.apply(it).z);
+        let ankle_m = upper_median(heights.collect()).unwrap_or(0.0);
+        let floor_m = ankle_m - super::plan::ANKLE_HEIGHT * USUAL_STATURE_M;
+        let tilt = found.floor.as_ref().map_or(0.0, |floor| {
+            let up = venue.rotation * floor.up;
+            up.angle(&nalgebra::Vector3::z()).to_degrees()
+        });
+        if floor_m.abs() > DOUBTFUL_FLOOR_M || tilt > DOUBTFUL_LEAN_DEG {
+            findings.push(finding(
+                "",
+                Cause::Anchors,
+                floor_m.abs() > WRONG_FLOOR_M || tilt > WRONG_LEAN_DEG,
+                format!("people walk at a height of {floor_m:.2} m on ground that is tilted by {tilt:.1} degrees"),
+                "a level floor at zero",
+                "look at the heights of the known places, and for exchanged axes",
+            ));
+        }
+    }
+    let center = |name: &String| {
+        let mut posed = found.adjusted.posed.iter().zip(&states);
+        posed
+            .find(|(index, _)| found.name(**index) == name)
+            .map(|(_, state)| state.center_w)
+    };
+    for known in &found.request.anchors.distances {
+        let (Some(first), Some(second)) = (center(&known.first), center(&known.second)) else {
+            continue;
+        };
+        let here_m = (first - second).norm();
+        if (here_m / known.distance_m - 1.0).abs() > WRONG_DISTANCE {
+            findings.push(finding(
+                "",
+                Cause::Anchors,
+                true,
+                format!(
+                    "`{}` and `{}` are {here_m:.3} m apart in the result, which contradicts the given {:.3} m",
+                    known.first, known.second, known.distance_m
+                ),
+                "at most 2 % of difference",
+                "measure the distance again, and look at the known places and distances beside it",
+            ));
+        }
+    }
+    findings
+}

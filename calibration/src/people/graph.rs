@@ -1,0 +1,198 @@
+//! From pairs of cameras to all of them: pairs that contradict others are left out, then rotations are averaged, then
+//! places.
+
+use std::collections::BTreeMap;
+
+use nalgebra::{DMatrix, DVector, UnitQuaternion, Vector3};
+
+use super::ground::Ground;
+use super::pair::Pair;
+
+/// Three pairs agree when going around turns by less, and misses the start by less than this share of the way.
+const LOOP_RAD: f64 = 0.12;
+const LOOP_SHARE: f64 = 0.3;
+/// A pair that is farther than this from the average is left out of it.
+const FAR_RAD: f64 = 0.2;
+/// Rounds of averaging.
+const ROUNDS: usize = 30;
+
+/// A camera over the common floor: world axes to camera axes, and the pinhole, metres.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Placed {
+    pub(super) camera_from_world: UnitQuaternion<f64>,
+    pub(super) center_m: Vector3<f64>,
+}
+
+/// Places of the cameras that hang together, in the world over the floor (z up) of the best connected one.
+pub(super) fn places(grounds: &[Option<Ground>], pairs: &[Pair]) -> Vec<Option<Placed>> {
+    let sound: Vec<&Pair> = pairs.iter().filter(|pair| pair.is_sound()).collect();
+    let worth: Vec<f64> = sound.iter().map(|pair| believed(pair, &sound)).collect();
+    let mut places = vec![None; grounds.len()];
+    let mut sums = vec![0.0; grounds.len()];
+    for (pair, worth) in sound.iter().zip(&worth) {
+        sums[pair.first] += worth;
+        sums[pair.second] += worth;
+    }
+    let root = (0..grounds.len())
+        .filter(|i| grounds[*i].is_some() && sums[*i] > 0.0)
+        .max_by(|a, b| sums[*a].total_cmp(&sums[*b]));
+    let Some((root, ground)) = root.and_then(|root| Some((root, grounds[root]?))) else {
+        return places;
+    };
+    places[root] = Some(Placed {
+        camera_from_world: ground.ground_from_camera.inverse(),
+        center_m: Vector3::new(0.0, 0.0, ground.height_m),
+    });
+    // Prim's tree, the most believed pair first.
+    loop {
+        let open = sound.iter().zip(&worth);
+        let open =
+            open.filter(|(pair, _)| places[pair.first].is_some() != places[pair.second].is_some());
+        let Some((pair, _)) = open.max_by(|a, b| a.1.total_cmp(b.1)) else {
+            break;
+        };
+        if let Some(first) = places[pair.first] {
+            places[pair.second] = Some(after(&first, pair));
+        } else if let Some(second) = places[pair.second] {
+            places[pair.first] = Some(before(&second, pair));
+        }
+    }
+    average_rotations(&mut places, &sound, &worth, root);
+    average_places(&mut places, &sound, &worth, root);
+    places
+}
+
+fn after(first: &Placed, pair: &Pair) -> Placed {
+    let camera_from_world = pair.rotation * first.camera_from_world;
+    Placed {
+        camera_from_world,
+        center_m: first.center_m - camera_from_world.inverse() * pair.shift_m,
+    }
+}
+
+fn before(second: &Placed, pair: &Pair) -> Placed {
+    Placed {
+        camera_from_world: pair.rotation.inverse() * second.camera_from_world,
+        center_m: second.center_m + second.camera_from_world.inverse() * pair.shift_m,
+    }
+}
+
+/// Its worth, raised by triples that agree with it and lowered by those that do not.
+fn believed(pair: &Pair, all: &[&Pair]) -> f64 {
+    let by_ends: BTreeMap<(usize, usize), &Pair> =
+        all.iter().map(|it| ((it.first, it.second), *it)).collect();
+    let most = all.iter().map(|it| it.second).max().unwrap_or(0);
+    let (mut good, mut bad) = (0, 0);
+    for third in 0..=most {
+        let mut ends = [pair.first, pair.second, third];
+        ends.sort_unstable();
+        let [a, b, c] = ends;
+        let edge = |x: usize, y: usize| by_ends.get(&(x, y));
+        if let (Some(ab), Some(bc), Some(ac)) = (edge(a, b), edge(b, c), edge(a, c)) {
+            if agree(ab, bc, ac) {
+                good += 1;
+            } else {
+                bad += 1;
+            }
+        }
+    }
+    pair.worth() * f64::from(1 + good) / f64::from(1 + good + 4 * bad)
+}
+
+fn agree(ab: &Pair, bc: &Pair, ac: &Pair) -> bool {
+    let around = bc.rotation * ab.rotation;
+    let shift_m = bc.rotation * ab.shift_m + bc.shift_m;
+    let way_m = ab.shift_m.norm() + bc.shift_m.norm() + ac.shift_m.norm();
+    around.angle_to(&ac.rotation) < LOOP_RAD && (shift_m - ac.shift_m).norm() < LOOP_SHARE * way_m
+}
+
+/// Each rotation becomes the mean of what its neighbours say, in turn; the root keeps its own.
+fn average_rotations(places: &mut [Option<Placed>], pairs: &[&Pair], worth: &[f64], root: usize) {
+    for _ in 0..ROUNDS {
+        for index in 0..places.len() {
+            let Some(own) = places[index].filter(|_| index != root) else {
+                continue;
+            };
+            let (mut step, mut total) = (Vector3::zeros(), 0.0);
+            for (pair, worth) in pairs.iter().zip(worth) {
+                let told = if pair.second == index {
+                    places[pair.first].map(|it| after(&it, pair))
+                } else if pair.first == index {
+                    places[pair.second].map(|it| before(&it, pair))
+                } else {
+                    None
+                };
+                let Some(told) = told else { continue };
+                let turn = (told.camera_from_world * own.camera_from_world.inverse()).scaled_axis();
+                if turn.norm() < FAR_RAD {
+                    step += turn * *worth;
+                    total += worth;
+                }
+            }
+            if total > 0.0 {
+                let turned = UnitQuaternion::from_scaled_axis(step / total) * own.camera_from_world;
+                places[index] = Some(Placed {
+                    camera_from_world: turned,
+                    ..own
+                });
+            }
+        }
+    }
+}
+
+/// Places that suit all pairs, by weighted least squares, far ones weighing less round by round.
+fn average_places(places: &mut [Option<Placed>], pairs: &[&Pair], worth: &[f64], root: usize) {
+    let free: Vec<usize> = (0..places.len())
+        .filter(|i| *i != root && places[*i].is_some())
+        .collect();
+    let column: BTreeMap<usize, usize> = free.iter().copied().zip(0..).collect();
+    let count = 3 * free.len();
+    for _ in 0..ROUNDS {
+        let mut matrix = DMatrix::<f64>::zeros(count, count);
+        let mut right = DVector::<f64>::zeros(count);
+        for (pair, worth) in pairs.iter().zip(worth) {
+            let (Some(a), Some(b)) = (places[pair.first], places[pair.second]) else {
+                continue;
+            };
+            let told = pair.rotation * a.camera_from_world;
+            if told.angle_to(&b.camera_from_world) > FAR_RAD {
+                continue;
+            }
+            // What leads from the first to the second in the world.
+            let step_m = -(b.camera_from_world.inverse() * pair.shift_m);
+            let missed_m = (b.center_m - a.center_m - step_m).norm();
+            let length_m = pair.shift_m.norm().max(0.1);
+            let share = missed_m / (0.1 * length_m);
+            let weight = worth / (length_m * length_m) / (1.0 + share * share);
+            let (i, j) = (column.get(&pair.first), column.get(&pair.second));
+            for axis in 0..3 {
+                if let Some(i) = i {
+                    matrix[(3 * i + axis, 3 * i + axis)] += weight;
+                    right[3 * i + axis] += weight * (b_fixed(j, &b) - step_m)[axis];
+                }
+                if let Some(j) = j {
+                    matrix[(3 * j + axis, 3 * j + axis)] += weight;
+                    right[3 * j + axis] += weight * (b_fixed(i, &a) + step_m)[axis];
+                }
+                if let (Some(i), Some(j)) = (i, j) {
+                    matrix[(3 * i + axis, 3 * j + axis)] -= weight;
+                    matrix[(3 * j + axis, 3 * i + axis)] -= weight;
+                }
+            }
+        }
+        let Some(cholesky) = matrix.cholesky() else {
+            return;
+        };
+        let solved = cholesky.solve(&right);
+        for (k, index) in free.iter().enumerate() {
+            if let Some(place) = &mut places[*index] {
+                place.center_m = Vector3::new(solved[3 * k], solved[3 * k + 1], solved[3 * k + 2]);
+            }
+        }
+    }
+}
+
+/// The place of a camera that does not move, or zero where it is an unknown.
+fn b_fixed(column: Option<&usize>, place: &Placed) -> Vector3<f64> {
+    column.map_or(place.center_m, |_| Vector3::zeros())
+}

@@ -1,0 +1,31 @@
+//! Calibration from people: nobody carries anything. Cameras see people walk, as 2D keypoints; nobody says who is whom.
+//!
+//! [`calibrate`] starts from nothing but lenses and keypoints. Each camera alone finds how it stands over the floor, from
+//! upright bodies of a usual stature; paths of feet propose how two cameras stand to each other, and all keypoints of the
+//! bodies that fit decide; pairs become one rough world; then all cameras are adjusted to all keypoints of all bodies. Up
+//! and floor are those of feet; metres come from stature, a known distance or known places.
+//!
+//! It refuses to guess who is who: a body that fits two others equally well is left out.
+
+mod adjust;
+mod assess;
+mod associate;
+mod error;
+mod findings;
+mod floor_match;
+mod graph;
+mod ground;
+mod outcome;
+mod pair;
+mod plan;
+mod request;
+mod tracklet;
+mod venue;
+mod view;
+
+pub use error::PeopleError;
+pub use outcome::{PeopleStage, calibrate};
+pub use request::{DetectedFrame, Detection, Keypoint, PeopleCamera, PeopleRequest};
+
+#[cfg(test)]
+mod tests;

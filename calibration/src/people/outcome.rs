@@ -1,0 +1,331 @@
+//! The whole way from bodies in pictures to a calibration.
+
+use std::collections::BTreeSet;
+
+use super::adjust::{Adjusted, settle};
+use super::assess::{Found, assess};
+use super::error::PeopleError;
+use super::floor_match::Feet;
+use super::graph::{Placed, places};
+use super::ground::{Ground, LEAST_BODIES, ground};
+use super::pair::{LEAST_MATCHED, Pair, Walkers, all_pairs, pair};
+use super::plan::{BodyPlan, USUAL_STATURE_M, other_sides};
+use super::request::PeopleRequest;
+use super::venue::{Standing, lay};
+use super::view::{Clock, View, view};
+use crate::adjustment::{CameraState, covariance};
+use crate::points::{
+    CalibrationError, FoundCamera, PathPoint, PointCalibration, Timing, check_anchors,
+};
+
+/// Frame rates that are believed, 1/s.
+const RATES_HZ: [f64; 2] = [0.1, 1e5];
+/// Statures that are believed, metres.
+const STATURES_M: [f64; 2] = [0.5, 2.5];
+
+/// Where a calibration from people is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum PeopleStage {
+    /// Joins bodies to tracklets, and looks how each camera stands over the floor.
+    Ground,
+    /// Looks how cameras stand to each other.
+    Pairs,
+    /// Adjusts all to all, and looks again who is who.
+    Adjustment,
+    /// Says how good it is.
+    Report,
+}
+
+/// Finds where the cameras stand from the people that they saw. `progress` is told of every stage as it begins.
+///
+/// [`PointCalibration::path`] is where people's feet were. A result is not a pass: what speaks against it is in
+/// [`PointCalibration::report`]. The same request gives the same bits.
+///
+/// # Errors
+/// [`PeopleError`] where nothing can be made of the request: too few cameras or people, impossible lenses, no two cameras
+/// that agree, known places that do not fit (a mirror image among them).
+pub fn calibrate(
+    request: &PeopleRequest,
+    progress: &mut dyn FnMut(PeopleStage),
+) -> Result<PointCalibration, PeopleError> {
+    check(request)?;
+    let plan =
+        BodyPlan::of(&request.keypoints).map_err(|missing| PeopleError::Keypoints { missing })?;
+    progress(PeopleStage::Ground);
+    let ticks_hz = ticks_hz(request);
+    let views = request.cameras.iter().map(|camera| {
+        let clock = Clock {
+            rate_hz: camera.rate_hz.unwrap_or(request.rate_hz),
+            offset_s: camera.offset_s.unwrap_or(0.0),
+            ticks_hz: (request.timing == Timing::Clocks).then_some(ticks_hz),
+        };
+        view(camera, plan.count, &clock)
+    });
+    let views: Vec<View> = views.collect::<Result<_, _>>()?;
+    let stature_m = request.stature_m.unwrap_or(USUAL_STATURE_M);
+    let (grounds, counts) = grounds(&views, &plan, stature_m);
+    check_grounds(request, &grounds, &counts)?;
+    progress(PeopleStage::Pairs);
+    let walkers = walkers(&views, &grounds, &plan, stature_m);
+    let pairs = all_pairs(&walkers, &plan, stature_m, request.seed);
+    let placed = places(&grounds, &pairs);
+    if placed.iter().flatten().count() < 2 {
+        return Err(nothing_agrees(request, &pairs));
+    }
+    let mirrored = mirrored(request, &walkers, &placed, &plan, stature_m);
+    progress(PeopleStage::Adjustment);
+    let cameras = states(&views, &placed);
+    let adjusted = settle(&views, &cameras, request.lenses);
+    let adjusted = adjusted.ok_or_else(|| nothing_agrees(request, &pairs))?;
+    progress(PeopleStage::Report);
+    finish(request, &plan, ticks_hz, pairs, mirrored, counts, adjusted)
+}
+
+fn check(request: &PeopleRequest) -> Result<(), PeopleError> {
+    if request.cameras.len() < 2 {
+        return Err(PeopleError::Request(CalibrationError::TooFewCameras {
+            found: request.cameras.len(),
+        }));
+    }
+    let mut names = BTreeSet::new();
+    for camera in &request.cameras {
+        if !names.insert(&camera.name) {
+            return Err(PeopleError::Request(CalibrationError::SameName {
+                camera: camera.name.clone(),
+            }));
+        }
+        let rate_hz = camera.rate_hz.unwrap_or(request.rate_hz);
+        if !(RATES_HZ[0]..=RATES_HZ[1]).contains(&rate_hz) {
+            return Err(PeopleError::Request(CalibrationError::Rate {
+                camera: camera.name.clone(),
+                found: rate_hz,
+            }));
+        }
+        let offset_s = camera.offset_s.unwrap_or(f64::NAN);
+        if request.timing == Timing::Clocks && !offset_s.is_finite() {
+            return Err(PeopleError::Request(CalibrationError::Offset {
+                camera: camera.name.clone(),
+            }));
+        }
+    }
+    if request.timing == Timing::Unknown {
+        return Err(PeopleError::Request(CalibrationError::Request(
+            "clocks that are not known are not found from people yet: synchronise the cameras, or give their offsets"
+                .to_owned(),
+        )));
+    }
+    if let Some(found) = request.stature_m
+        && !(STATURES_M[0]..=STATURES_M[1]).contains(&found)
+    {
+        return Err(PeopleError::Number {
+            field: "stature_m",
+            found,
+            expected: "0.5 to 2.5 metres",
+        });
+    }
+    check_anchors(&request.anchors).map_err(PeopleError::Request)
+}
+
+/// Ticks per second: of synchronised cameras frames are ticks, else the slowest camera gives them.
+fn ticks_hz(request: &PeopleRequest) -> f64 {
+    if request.timing == Timing::Synchronised {
+        return request.rate_hz;
+    }
+    let rates = request.cameras.iter();
+    let rates = rates.map(|camera| camera.rate_hz.unwrap_or(request.rate_hz));
+    rates.fold(f64::INFINITY, f64::min)
+}
+
+/// The ground under each camera, and how many bodies told of it.
+fn grounds(views: &[View], plan: &BodyPlan, stature_m: f64) -> (Vec<Option<Ground>>, Vec<usize>) {
+    let each = views
+        .iter()
+        .map(|view| match ground(view, plan, stature_m) {
+            Ok(found) => (Some(found), LEAST_BODIES),
+            Err(count) => (None, count),
+        });
+    each.unzip()
+}
+
+fn check_grounds(
+    request: &PeopleRequest,
+    grounds: &[Option<Ground>],
+    counts: &[usize],
+) -> Result<(), PeopleError> {
+    if grounds.iter().flatten().count() >= 2 {
+        return Ok(());
+    }
+    let without = counts.iter().zip(&request.cameras).zip(grounds);
+    let best = without
+        .filter(|(_, ground)| ground.is_none())
+        .max_by_key(|((count, _), _)| **count);
+    Err(PeopleError::TooFewBodies {
+        camera: best.map_or_else(String::new, |((_, camera), _)| camera.name.clone()),
+        found: best.map_or(0, |((count, _), _)| *count),
+        least: LEAST_BODIES,
+    })
+}
+
+fn walkers<'a>(
+    views: &'a [View],
+    grounds: &[Option<Ground>],
+    plan: &BodyPlan,
+    stature_m: f64,
+) -> Vec<Option<Walkers<'a>>> {
+    let each = views.iter().zip(grounds);
+    each.map(|(view, ground)| Some(Walkers::of(view, (*ground)?, plan, stature_m)))
+        .collect()
+}
+
+fn nothing_agrees(request: &PeopleRequest, pairs: &[Pair]) -> PeopleError {
+    let best = pairs
+        .iter()
+        .max_by(|a, b| (1.0 - a.loss).total_cmp(&(1.0 - b.loss)));
+    let name = |index: Option<usize>| {
+        let camera = index.and_then(|i| request.cameras.get(i));
+        camera.map_or_else(String::new, |camera| camera.name.clone())
+    };
+    PeopleError::NothingAgrees {
+        first: name(best.map(|it| it.first)),
+        second: name(best.map(|it| it.second)),
+        moments: best.map_or(0, |it| it.matched),
+        share_percent: best.map_or(0.0, |it| 100.0 * (1.0 - it.loss)),
+        least: LEAST_MATCHED,
+    }
+}
+
+/// The cameras without a place whose mirror image agrees with one that has a place.
+fn mirrored(
+    request: &PeopleRequest,
+    walkers: &[Option<Walkers<'_>>],
+    placed: &[Option<Placed>],
+    plan: &BodyPlan,
+    stature_m: f64,
+) -> Vec<usize> {
+    let sides = other_sides(&request.keypoints);
+    let is_mirrored = |index: &usize| {
+        let Some(own) = walkers[*index]
+            .as_ref()
+            .filter(|_| placed[*index].is_none())
+        else {
+            return false;
+        };
+        let turned = own.view.mirrored(&sides);
+        let ground = own.ground.mirrored();
+        let feet = own.feet.iter().map(|(tick, feet)| {
+            let turned = feet
+                .iter()
+                .map(|(id, at)| (*id, nalgebra::Vector2::new(at.x, -at.y)));
+            (*tick, turned.collect())
+        });
+        let turned = Walkers {
+            view: &turned,
+            ground,
+            feet: feet.collect::<Feet>(),
+        };
+        let others = walkers.iter().zip(placed).filter(|(_, p)| p.is_some());
+        others.filter_map(|(other, _)| other.as_ref()).any(|other| {
+            pair(other, &turned, plan, stature_m, request.seed).is_some_and(|it| it.is_sound())
+        })
+    };
+    (0..walkers.len()).filter(is_mirrored).collect()
+}
+
+fn states(views: &[View], placed: &[Option<Placed>]) -> Vec<Option<CameraState>> {
+    let each = views.iter().zip(placed);
+    each.map(|(view, placed)| {
+        placed.map(|it| CameraState {
+            camera_from_world: it.camera_from_world,
+            center_w: it.center_m,
+            ..view.state
+        })
+    })
+    .collect()
+}
+
+fn finish(
+    request: &PeopleRequest,
+    plan: &BodyPlan,
+    ticks_hz: f64,
+    pairs: Vec<Pair>,
+    mirrored: Vec<usize>,
+    bodies: Vec<usize>,
+    adjusted: Adjusted,
+) -> Result<PointCalibration, PeopleError> {
+    let posed = adjusted.posed.iter().zip(&adjusted.problem.cameras);
+    let named: Vec<(String, CameraState)> = posed
+        .filter_map(|(i, camera)| Some((request.cameras.get(*i)?.name.clone(), camera.state)))
+        .collect();
+    let has_pose = |name: &str| named.iter().any(|(other, _)| other == name);
+    let names = request.cameras.iter().map(|camera| camera.name.as_str());
+    let without: Vec<&str> = names.filter(|name| !has_pose(name)).collect();
+    let anchors = request.anchors.without(&without);
+    let standing = Standing::of(&adjusted, plan);
+    let floor = standing.floor();
+    let (alignment, scale) = lay(
+        &anchors,
+        &named,
+        &standing,
+        floor.as_ref(),
+        request.stature_m,
+    )
+    .map_err(|text| PeopleError::Request(CalibrationError::Alignment(text)))?;
+    let path = path(&adjusted, plan, &alignment.venue_from_found, ticks_hz);
+    let found = Found {
+        request,
+        ticks_hz,
+        pairs,
+        mirrored,
+        bodies,
+        covariance: covariance(&adjusted.problem),
+        adjusted,
+        alignment,
+        scale,
+        standing,
+        floor,
+    };
+    let report = assess(&found);
+    let cameras = found
+        .adjusted
+        .posed
+        .iter()
+        .zip(&found.adjusted.problem.cameras);
+    let cameras = cameras.filter_map(|(i, adjusted)| {
+        let camera = request.cameras.get(*i)?;
+        let venue = &found.alignment.venue_from_found;
+        Some(FoundCamera {
+            name: camera.name.clone(),
+            size_px: camera.size_px,
+            state: venue.apply_to_camera(&adjusted.state),
+        })
+    });
+    Ok(PointCalibration {
+        cameras: cameras.collect(),
+        path,
+        report,
+    })
+}
+
+/// Where people's feet were: the middle of the ankles of each person at each tick.
+fn path(
+    adjusted: &Adjusted,
+    plan: &BodyPlan,
+    venue: &crate::alignment::Similarity,
+    ticks_hz: f64,
+) -> Vec<PathPoint> {
+    let bodies = adjusted.bodies(plan.count);
+    let each = adjusted
+        .persons
+        .iter()
+        .zip(&bodies)
+        .filter_map(|(person, body)| {
+            let [left, right] = plan.ankles.map(|k| body.get(k).copied().flatten());
+            let middle = (left? + right?) / 2.0;
+            Some(PathPoint {
+                time_s: person.tick as f64 / ticks_hz,
+                position_m: venue.apply(&middle).into(),
+                cameras: person.members.len(),
+            })
+        });
+    each.collect()
+}

@@ -1,0 +1,306 @@
+//! How two cameras stand to each other, from people whom both saw and of whom nobody knows who is who.
+//!
+//! Feet propose ([`super::floor_match`]); whole bodies decide: under each proposal bodies are paired, and the pose is
+//! refined on all keypoints of the pairs, by their distances to the epipolar lines.
+
+use nalgebra::{UnitQuaternion, Vector2, Vector3};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
+
+use super::floor_match::{Feet, PlaneMotion, motions};
+use super::ground::Ground;
+use super::plan::{ANKLE_TO_SHOULDER, BodyPlan};
+use super::view::{Body, View};
+use crate::geometry::{
+    RelativePose, TwoViews, refined_pose, relative_pose, sampson_rad, triangulate,
+};
+use farfield_proto::order_statistics::upper_median;
+
+/// Bodies seen by both that a pair needs.
+pub(super) const LEAST_MATCHED: usize = 20;
+/// Mean loss of its keypoints (0 all fit, 1 none) from which a pair is none.
+const MOST_LOSS: f64 = 0.55;
+/// Ticks that are compared.
+const MOST_TICKS: usize = 120;
+/// Keypoints that two bodies must share, and their mean loss from which they are different bodies.
+const LEAST_KEYPOINTS: usize = 6;
+const MOST_BODY_LOSS: f64 = 0.5;
+/// Usual noise of a keypoint on a body, metres, and in the picture, pixels.
+pub(super) const KEYPOINT_M: f64 = 0.025;
+pub(super) const KEYPOINT_PX: f64 = 1.0;
+/// Gates of the rounds of pairing bodies, in standard deviations: starts are rough.
+const GATES: [f64; 4] = [16.0, 8.0, 4.0, 3.0];
+/// Distance of feet within which bodies may be the same: a sum, and a share of their distances from both cameras.
+const FOOT_GATE_M: f64 = 0.6;
+const FOOT_GATE_SHARE: f64 = 0.10;
+/// Keypoints that are refined on, and samples of five of them.
+const MOST_PAIRS: usize = 1500;
+const SAMPLES: usize = 60;
+/// Parallax beyond which more does not make a better pair, radians.
+const ENOUGH_PARALLAX_RAD: f64 = 0.5;
+
+/// One camera, ready to be compared.
+#[derive(Debug, Clone)]
+pub(super) struct Walkers<'a> {
+    pub(super) view: &'a View,
+    pub(super) ground: Ground,
+    pub(super) feet: Feet,
+}
+
+impl<'a> Walkers<'a> {
+    pub(super) fn of(view: &'a View, ground: Ground, plan: &BodyPlan, stature_m: f64) -> Self {
+        let ticks = view.ticks.iter().map(|(tick, bodies)| {
+            let feet = bodies
+                .iter()
+                .filter_map(|body| Some((body.tracklet, ground.foot_m(body, plan, stature_m)?)));
+            (*tick, feet.collect())
+        });
+        Self {
+            view,
+            ground,
+            feet: ticks.collect(),
+        }
+    }
+}
+
+/// How the second camera stands to the first: `x_b = rotation x_a + shift_m`.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Pair {
+    pub(super) first: usize,
+    pub(super) second: usize,
+    pub(super) rotation: UnitQuaternion<f64>,
+    pub(super) shift_m: Vector3<f64>,
+    /// Bodies that were paired, of at most those of 120 ticks.
+    pub(super) matched: usize,
+    /// Mean loss of their keypoints, 0 to 1.
+    pub(super) loss: f64,
+    /// Median angle between the two sights of a keypoint.
+    pub(super) parallax_rad: f64,
+}
+
+impl Pair {
+    pub(super) fn is_sound(&self) -> bool {
+        self.matched >= LEAST_MATCHED && self.loss < MOST_LOSS
+    }
+
+    /// How much it is believed.
+    pub(super) fn worth(&self) -> f64 {
+        let parallax = self.parallax_rad.clamp(0.02, ENOUGH_PARALLAX_RAD);
+        self.matched as f64 * (1.0 - self.loss) * parallax
+    }
+}
+
+/// All pairs of `walkers` (by the index of their camera) that have anything in common.
+pub(super) fn all_pairs(
+    walkers: &[Option<Walkers<'_>>],
+    plan: &BodyPlan,
+    stature_m: f64,
+    seed: u64,
+) -> Vec<Pair> {
+    let indices: Vec<(usize, usize)> = (0..walkers.len())
+        .flat_map(|i| (i + 1..walkers.len()).map(move |j| (i, j)))
+        .collect();
+    // Each pair has its own random numbers, so that the order of the threads does not matter.
+    indices
+        .into_par_iter()
+        .filter_map(|(i, j)| {
+            let (a, b) = (walkers[i].as_ref()?, walkers[j].as_ref()?);
+            let seed = seed ^ ((i as u64) << 32 | j as u64);
+            Some(Pair {
+                first: i,
+                second: j,
+                ..pair(a, b, plan, stature_m, seed)?
+            })
+        })
+        .collect()
+}
+
+/// How `b` stands to `a`; indices are left at zero.
+pub(super) fn pair(
+    a: &Walkers<'_>,
+    b: &Walkers<'_>,
+    plan: &BodyPlan,
+    stature_m: f64,
+    seed: u64,
+) -> Option<Pair> {
+    let proposals = motions(&a.feet, &b.feet, seed);
+    let found = proposals
+        .iter()
+        .filter_map(|motion| refined(a, b, motion, plan, stature_m, seed));
+    found.max_by(|x, y| {
+        let worth = |pair: &Pair| pair.matched as f64 * (1.0 - pair.loss);
+        worth(x).total_cmp(&worth(y))
+    })
+}
+
+/// Pose of `b` from `a` where the floors lie on each other by `motion`, metres.
+fn of_motion(a: &Ground, b: &Ground, motion: &PlaneMotion) -> (UnitQuaternion<f64>, Vector3<f64>) {
+    let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), motion.angle_rad);
+    let camera_from_ground = b.ground_from_camera.inverse();
+    let shift = Vector3::new(motion.shift_m.x, motion.shift_m.y, a.height_m - b.height_m);
+    (
+        camera_from_ground * turn * a.ground_from_camera,
+        camera_from_ground * shift,
+    )
+}
+
+/// Standard deviation of a keypoint's direction, radians: of the nearer camera, by the median distance of feet.
+fn sigma_rad(a: &Walkers<'_>, b: &Walkers<'_>) -> f64 {
+    let own = |it: &Walkers<'_>| {
+        let feet = it.feet.values().flatten();
+        let distances = feet.map(|(_, at)| libm::hypot(at.norm(), it.ground.height_m));
+        let distance_m = upper_median(distances.collect()).unwrap_or(5.0).max(1.0);
+        KEYPOINT_M / distance_m + KEYPOINT_PX / it.view.focal_px()
+    };
+    own(a).max(own(b))
+}
+
+fn refined(
+    a: &Walkers<'_>,
+    b: &Walkers<'_>,
+    motion: &PlaneMotion,
+    plan: &BodyPlan,
+    stature_m: f64,
+    seed: u64,
+) -> Option<Pair> {
+    let sigma_rad = sigma_rad(a, b);
+    let (rotation, shift_m) = of_motion(&a.ground, &b.ground, motion);
+    let mut pose = (rotation, shift_m.try_normalize(1e-3)?);
+    let mut best: Option<RelativePose> = None;
+    let mut matches = Vec::new();
+    for gate in GATES {
+        let gate_rad = gate * sigma_rad;
+        matches = matched(a, b, motion, plan, stature_m, &pose, gate_rad);
+        let pairs = keypoints(&matches);
+        let mut found = refined_pose(&pose, &pairs, gate_rad);
+        if gate <= 4.0 {
+            let mut rng = ChaCha8Rng::seed_from_u64(seed);
+            let fresh = relative_pose(&pairs, gate_rad, SAMPLES, &mut rng);
+            let is_better = |it: &RelativePose| found.as_ref().is_none_or(|old| it.loss < old.loss);
+            if let Some(fresh) = fresh.filter(|it| is_better(it)) {
+                found = Some(fresh);
+            }
+        }
+        let found = found?;
+        pose = (found.rotation, found.translation);
+        best = Some(found);
+    }
+    let best = best?;
+    let baseline_m = baseline_m(&matches, &pose, plan, stature_m).unwrap_or(shift_m.norm());
+    Some(Pair {
+        first: 0,
+        second: 0,
+        rotation: pose.0,
+        shift_m: pose.1 * baseline_m,
+        matched: matches.len(),
+        loss: best.loss,
+        parallax_rad: best.parallax_rad,
+    })
+}
+
+/// Bodies that are each other's best under `pose`, and whose feet are near each other under `motion`.
+fn matched<'a>(
+    a: &'a Walkers<'_>,
+    b: &'a Walkers<'_>,
+    motion: &PlaneMotion,
+    plan: &BodyPlan,
+    stature_m: f64,
+    pose: &(UnitQuaternion<f64>, Vector3<f64>),
+    gate_rad: f64,
+) -> Vec<(&'a Body, &'a Body)> {
+    let e = pose.1.cross_matrix() * pose.0.to_rotation_matrix().matrix();
+    let (from, to) = (&a.view.ticks, &b.view.ticks);
+    let ticks: Vec<i64> = from
+        .keys()
+        .filter(|t| to.contains_key(t))
+        .copied()
+        .collect();
+    let stride = ticks.len().div_ceil(MOST_TICKS).max(1);
+    let foot = |of: &Walkers<'_>, body: &Body| of.ground.foot_m(body, plan, stature_m);
+    let is_near = |at_a: Option<Vector2<f64>>, at_b: Option<Vector2<f64>>| {
+        let (Some(at_a), Some(at_b)) = (at_a, at_b) else {
+            return true;
+        };
+        let gate_m = FOOT_GATE_M + FOOT_GATE_SHARE * (at_a.norm() + at_b.norm());
+        (motion.apply(&at_a) - at_b).norm() < gate_m
+    };
+    let mut found = Vec::new();
+    for tick in ticks.iter().step_by(stride) {
+        let (Some(own), Some(others)) = (from.get(tick), to.get(tick)) else {
+            continue;
+        };
+        let mut losses = Vec::new();
+        for (i, x) in own.iter().enumerate() {
+            let at_a = foot(a, x);
+            for (j, y) in others.iter().enumerate() {
+                if !is_near(at_a, foot(b, y)) {
+                    continue;
+                }
+                if let Some(loss) = body_loss(&e, x, y, gate_rad) {
+                    losses.push((loss, i, j));
+                }
+            }
+        }
+        losses.sort_by(|x, y| x.0.total_cmp(&y.0));
+        let (mut used_a, mut used_b) = (vec![false; own.len()], vec![false; others.len()]);
+        for (_, i, j) in losses {
+            if !used_a[i] && !used_b[j] {
+                (used_a[i], used_b[j]) = (true, true);
+                found.push((&own[i], &others[j]));
+            }
+        }
+    }
+    found
+}
+
+/// Mean loss of the keypoints that two bodies share; `None` where they are not the same.
+fn body_loss(e: &nalgebra::Matrix3<f64>, x: &Body, y: &Body, gate_rad: f64) -> Option<f64> {
+    let both = x.joints.iter().zip(&y.joints);
+    let both = both.filter_map(|(x, y)| Some((x.as_ref()?.bearing, y.as_ref()?.bearing)));
+    let (mut total, mut count) = (0.0, 0);
+    for pair in both {
+        let d = sampson_rad(e, &pair) / gate_rad;
+        total += (d * d).min(1.0);
+        count += 1;
+    }
+    let loss = total / f64::from(count.max(1));
+    (count as usize >= LEAST_KEYPOINTS && loss < MOST_BODY_LOSS).then_some(loss)
+}
+
+/// The keypoints of paired bodies, at most 1,500 evenly spread.
+fn keypoints(matches: &[(&Body, &Body)]) -> Vec<TwoViews> {
+    let each = matches.iter().flat_map(|(x, y)| {
+        let both = x.joints.iter().zip(&y.joints);
+        both.filter_map(|(x, y)| Some((x.as_ref()?.bearing, y.as_ref()?.bearing)))
+    });
+    let all: Vec<TwoViews> = each.collect();
+    let stride = all.len().div_ceil(MOST_PAIRS).max(1);
+    all.into_iter().step_by(stride).collect()
+}
+
+/// The distance of the pinholes that gives bodies their usual length from ankles to shoulders.
+fn baseline_m(
+    matches: &[(&Body, &Body)],
+    (rotation, translation): &(UnitQuaternion<f64>, Vector3<f64>),
+    plan: &BodyPlan,
+    stature_m: f64,
+) -> Option<f64> {
+    let center = -(rotation.inverse() * translation);
+    let meet = |x: &Body, y: &Body, indices: &[usize]| {
+        let a = x.bearing_of_all(indices)?;
+        let b = rotation.inverse() * y.bearing_of_all(indices)?;
+        Some(triangulate(&[(Vector3::zeros(), a), (center, b)], 0.05)?.0)
+    };
+    let lengths = matches.iter().filter_map(|(x, y)| {
+        let ankles = meet(x, y, &plan.ankles)?;
+        let shoulders = meet(x, y, &plan.shoulders)?;
+        Some((shoulders - ankles).norm())
+    });
+    let lengths: Vec<f64> = lengths.collect();
+    if lengths.len() < LEAST_MATCHED / 2 {
+        return None;
+    }
+    let length = upper_median(lengths).filter(|length| *length > 1e-6)?;
+    Some(ANKLE_TO_SHOULDER * stature_m / length)
+}

@@ -1,0 +1,249 @@
+//! What each camera saw, with the lens taken out: bodies by tick, joined to tracklets.
+
+use std::collections::BTreeMap;
+
+use farfield_proto::camera::{CameraError, CameraModel};
+use farfield_proto::frames::Transform;
+use nalgebra::{Isometry3, Vector3};
+
+use super::error::PeopleError;
+use super::request::{Detection, PeopleCamera};
+use super::tracklet::{Tracked, tracklets};
+use crate::adjustment::CameraState;
+
+/// Keypoints below this score are not used.
+const LEAST_SCORE: f64 = 0.15;
+/// Keypoints that a body needs to be looked at.
+const LEAST_KEYPOINTS: usize = 6;
+/// Share of the keypoints of a camera that may lie outside of its picture.
+const OUTSIDE_SHARE: f64 = 0.2;
+
+/// One keypoint.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Joint {
+    pub(super) px: [f64; 2],
+    /// Unit vector, camera axes.
+    pub(super) bearing: Vector3<f64>,
+    pub(super) score: f64,
+}
+
+/// One body in one picture.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Body {
+    pub(super) joints: Vec<Option<Joint>>,
+    /// Number of its tracklet in its camera.
+    pub(super) tracklet: usize,
+}
+
+impl Body {
+    /// The mean bearing of the keypoints of `indices` that were seen; `None` of none.
+    pub(super) fn bearing(&self, indices: &[usize]) -> Option<Vector3<f64>> {
+        let seen = indices.iter().filter_map(|i| self.joints.get(*i)?.as_ref());
+        let sum = seen.fold(Vector3::zeros(), |sum, joint| sum + joint.bearing);
+        sum.try_normalize(0.1)
+    }
+
+    /// As [`Self::bearing`], where all of them were seen.
+    pub(super) fn bearing_of_all(&self, indices: &[usize]) -> Option<Vector3<f64>> {
+        let has = |i: &usize| self.joints.get(*i).is_some_and(Option::is_some);
+        indices
+            .iter()
+            .all(has)
+            .then(|| self.bearing(indices))
+            .flatten()
+    }
+}
+
+/// One camera and the bodies that it saw by tick.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct View {
+    /// Its lens; the pose is of no meaning.
+    pub(super) state: CameraState,
+    pub(super) ticks: BTreeMap<i64, Vec<Body>>,
+}
+
+impl View {
+    pub(super) fn focal_px(&self) -> f64 {
+        (self.state.intrinsics.fx_px * self.state.intrinsics.fy_px).sqrt()
+    }
+
+    /// The view that the camera would have had in a mirror: `other_sides` gives the keypoint of the other side.
+    pub(super) fn mirrored(&self, other_sides: &[usize]) -> Self {
+        let turned = |body: &Body| {
+            let joint = |other: &usize| {
+                let mut joint = body.joints.get(*other).copied().flatten()?;
+                joint.bearing.x = -joint.bearing.x;
+                Some(joint)
+            };
+            Body {
+                joints: other_sides.iter().map(joint).collect(),
+                tracklet: body.tracklet,
+            }
+        };
+        let ticks = self.ticks.iter();
+        Self {
+            state: self.state,
+            ticks: ticks
+                .map(|(tick, bodies)| (*tick, bodies.iter().map(turned).collect()))
+                .collect(),
+        }
+    }
+}
+
+/// The ticks of a camera's frames: tick = round((frame period + offset) rate).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Clock {
+    /// Frames per second of the camera.
+    pub(super) rate_hz: f64,
+    /// Time of its frame 0, seconds.
+    pub(super) offset_s: f64,
+    /// Ticks per second; `None` where frames of all cameras are ticks.
+    pub(super) ticks_hz: Option<f64>,
+}
+
+/// The view of `camera`, whose bodies have `count` keypoints.
+pub(super) fn view(
+    camera: &PeopleCamera,
+    count: usize,
+    clock: &Clock,
+) -> Result<View, PeopleError> {
+    check_lens(camera)?;
+    let state = CameraState::at_origin(camera.intrinsics, &camera.distortion);
+    let fold_radius = state.fold_radius();
+    let (mut outside, mut all) = (0, 0);
+    let mut frames = Vec::new();
+    let mut last = f64::NEG_INFINITY;
+    for it in &camera.frames {
+        if !(it.frame.is_finite() && it.frame > last) {
+            return Err(PeopleError::Frames {
+                camera: camera.name.clone(),
+                found: it.frame,
+                before: last,
+            });
+        }
+        last = it.frame;
+        let mut bodies = Vec::new();
+        for detection in &it.bodies {
+            if detection.keypoints.len() != count {
+                return Err(PeopleError::KeypointCount {
+                    camera: camera.name.clone(),
+                    frame: it.frame,
+                    found: detection.keypoints.len(),
+                    expected: count,
+                });
+            }
+            let seen = detection.keypoints.iter().flatten();
+            all += seen.clone().count();
+            outside += seen.filter(|k| is_outside(k.px, camera.size_px)).count();
+            bodies.extend(body(detection, camera.size_px, &state, fold_radius));
+        }
+        frames.push((it.frame, bodies));
+    }
+    if outside as f64 > OUTSIDE_SHARE * all as f64 {
+        return Err(PeopleError::OutsidePicture {
+            camera: camera.name.clone(),
+            outside,
+            of: all,
+            size_px: camera.size_px,
+        });
+    }
+    let tracks = tracklets(frames, clock.rate_hz);
+    Ok(View {
+        state,
+        ticks: by_tick(&tracks, clock),
+    })
+}
+
+fn is_outside(px: [f64; 2], size_px: [u32; 2]) -> bool {
+    (0..2).any(|axis| {
+        let size = f64::from(size_px[axis]);
+        !(px[axis] >= -0.02 * size && px[axis] <= 1.02 * size)
+    })
+}
+
+fn body(
+    detection: &Detection,
+    size_px: [u32; 2],
+    state: &CameraState,
+    fold_radius: f64,
+) -> Option<Body> {
+    let joint = |keypoint: &Option<super::request::Keypoint>| {
+        let it = keypoint.as_ref()?;
+        if it.score.is_nan() || it.score < LEAST_SCORE || is_outside(it.px, size_px) {
+            return None;
+        }
+        Some(Joint {
+            px: it.px,
+            bearing: state.bearing(it.px, fold_radius)?,
+            score: it.score.min(1.0),
+        })
+    };
+    let joints: Vec<Option<Joint>> = detection.keypoints.iter().map(joint).collect();
+    (joints.iter().flatten().count() >= LEAST_KEYPOINTS).then_some(Body {
+        joints,
+        tracklet: 0,
+    })
+}
+
+/// Refuses numbers that are none. A lens that folds in a corner of its picture is let pass.
+fn check_lens(camera: &PeopleCamera) -> Result<(), PeopleError> {
+    let model = CameraModel::new(
+        &camera.name,
+        camera.size_px,
+        camera.intrinsics,
+        camera.distortion,
+        Transform::new(Isometry3::identity()),
+    );
+    match model {
+        Ok(_) | Err(CameraError::Folds { .. }) => Ok(()),
+        Err(error) => Err(PeopleError::Camera(error)),
+    }
+}
+
+/// Bodies at whole ticks: as they were seen, or between two frames of a tracklet where clocks differ.
+fn by_tick(tracks: &[Vec<Tracked>], clock: &Clock) -> BTreeMap<i64, Vec<Body>> {
+    let mut ticks: BTreeMap<i64, Vec<Body>> = BTreeMap::new();
+    for (number, track) in tracks.iter().enumerate() {
+        let numbered = |mut body: Body| {
+            body.tracklet = number;
+            body
+        };
+        let Some(ticks_hz) = clock.ticks_hz else {
+            for it in track {
+                let own = ticks.entry(it.frame.round() as i64).or_default();
+                own.push(numbered(it.body.clone()));
+            }
+            continue;
+        };
+        let tick_of = |frame: f64| (frame / clock.rate_hz + clock.offset_s) * ticks_hz;
+        for pair in track.windows(2) {
+            let [a, b] = pair else { continue };
+            let (from, to) = (tick_of(a.frame), tick_of(b.frame));
+            let mut tick = from.ceil();
+            while tick < to {
+                let share = (tick - from) / (to - from);
+                let own = ticks.entry(tick as i64).or_default();
+                own.push(numbered(between(&a.body, &b.body, share)));
+                tick += 1.0;
+            }
+        }
+    }
+    ticks
+}
+
+/// The body a `share` of the way from `a` to `b`, of the keypoints that both have.
+fn between(a: &Body, b: &Body, share: f64) -> Body {
+    let joints = a.joints.iter().zip(&b.joints).map(|(a, b)| {
+        let (a, b) = (a.as_ref()?, b.as_ref()?);
+        let mix = |x: f64, y: f64| x + share * (y - x);
+        Some(Joint {
+            px: [mix(a.px[0], b.px[0]), mix(a.px[1], b.px[1])],
+            bearing: (a.bearing + (b.bearing - a.bearing) * share).normalize(),
+            score: a.score.min(b.score),
+        })
+    });
+    Body {
+        joints: joints.collect(),
+        tracklet: a.tracklet,
+    }
+}
