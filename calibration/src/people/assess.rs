@@ -1,6 +1,8 @@
 //! What speaks for and against a calibration from people: camera by camera; [`super::findings`] has what is said of the
 //! whole.
 
+use farfield_proto::order_statistics::upper_median;
+
 use super::adjust::Adjusted;
 use super::findings::of_all;
 use super::pair::Pair;
@@ -16,8 +18,13 @@ const USED_SIGMAS: f64 = 4.0;
 const USUAL_SHARE: f64 = 0.75;
 const LEAST_SHARE: f64 = 0.5;
 /// Noise over the expected one (25 mm on the body and 1 px) that is doubtful, and wrong.
-const DOUBTFUL_NOISE: f64 = 2.0;
+pub(super) const DOUBTFUL_NOISE: f64 = 1.8;
 const WRONG_NOISE: f64 = 4.0;
+/// And that is wrong over the noise of the camera in the middle: one that fits much worse than the others stands wrong.
+const WRONG_NOISE_RATIO: f64 = 2.0;
+/// Share of persons that a camera sees elsewhere which is doubtful, and wrong.
+pub(super) const DOUBTFUL_CONTRADICTION: f64 = 0.25;
+const WRONG_CONTRADICTION: f64 = 0.5;
 /// Uncertainty of a place that is doubtful, and wrong, as a share of the distance between cameras.
 const DOUBTFUL_SIGMA: f64 = 0.005;
 const WRONG_SIGMA: f64 = 0.03;
@@ -26,19 +33,28 @@ const WRONG_SIGMA: f64 = 0.03;
 const HALVES_SIGMAS: f64 = 5.0;
 const DOUBTFUL_HALVES_PX: f64 = 2.0;
 const WRONG_HALVES_PX: f64 = 6.0;
+/// Halves that draw a point so far apart are wrong however uncertain they are.
+const HOPELESS_HALVES_PX: f64 = 15.0;
 /// Change of the focal length that is doubtful, and wrong.
 const DOUBTFUL_FOCAL: f64 = 0.02;
 const WRONG_FOCAL: f64 = 0.06;
 
-/// All that a report is made of.
-pub(super) struct Found<'a> {
-    pub(super) request: &'a PeopleRequest,
-    pub(super) ticks_hz: f64,
+/// What was learnt on the way, by the index of the camera in the request.
+pub(super) struct Told {
     pub(super) pairs: Vec<Pair>,
     /// Cameras that fit only in a mirror.
     pub(super) mirrored: Vec<usize>,
     /// Per camera how many bodies told of its ground.
     pub(super) bodies: Vec<usize>,
+    /// Per camera of the problem, [`super::contradiction::contradictions`].
+    pub(super) contradictions: Vec<f64>,
+}
+
+/// All that a report is made of.
+pub(super) struct Found<'a> {
+    pub(super) request: &'a PeopleRequest,
+    pub(super) ticks_hz: f64,
+    pub(super) told: Told,
     pub(super) adjusted: Adjusted,
     pub(super) covariance: Option<Covariance>,
     pub(super) alignment: Alignment,
@@ -78,12 +94,16 @@ impl Found<'_> {
 pub(super) fn assess(found: &Found<'_>) -> Report {
     let apart = halves(&found.adjusted.problem);
     let sights = sights(found);
-    let cameras = camera_reports(found, &apart, &sights);
+    let mut cameras = camera_reports(found, &apart, &sights);
+    widen_sigmas(&mut cameras);
     let mut findings = of_all(found);
     let span_m = found.span_m();
     for (index, report) in cameras.iter().enumerate() {
         let noise = found.adjusted.noise.get(index).copied().unwrap_or(f64::NAN);
-        findings.extend(of_camera(report, noise, span_m, found.bodies.len()));
+        let usual = upper_median(found.adjusted.noise.clone()).unwrap_or(1.0);
+        findings.extend(of_noise(&report.name, noise, usual));
+        findings.extend(contradicting(report, found.told.contradictions.get(index)));
+        findings.extend(of_camera(report, span_m, cameras.len()));
         findings.extend(of_halves(report, apart.get(index).copied().flatten()));
         findings.extend(knocked(report, sights.get(index)));
     }
@@ -114,7 +134,7 @@ pub(super) fn finding(
 }
 
 /// Per camera, in the order of time: length of each residual in pixels, and in standard deviations.
-fn sights(found: &Found<'_>) -> Vec<Vec<Option<(f64, f64)>>> {
+fn sights(found: &Found<'_>) -> Vec<Vec<Residual>> {
     let problem = &found.adjusted.problem;
     let mut sights = vec![Vec::new(); problem.cameras.len()];
     for (observation, length) in problem.observations.iter().zip(problem.residuals_px()) {
@@ -125,14 +145,17 @@ fn sights(found: &Found<'_>) -> Vec<Vec<Option<(f64, f64)>>> {
     sights
 }
 
-fn is_used(sight: &Option<(f64, f64)>) -> bool {
+/// A residual's length in pixels, and in standard deviations; `None` where there is no projection.
+type Residual = Option<(f64, f64)>;
+
+fn is_used(sight: Residual) -> bool {
     sight.is_some_and(|(_, sigmas)| sigmas < USED_SIGMAS)
 }
 
 fn camera_reports(
     found: &Found<'_>,
     apart: &[Option<Apart>],
-    sights: &[Vec<Option<(f64, f64)>>],
+    sights: &[Vec<Residual>],
 ) -> Vec<CameraReport> {
     let scale = found.alignment.venue_from_found.scale;
     let mut reports = Vec::new();
@@ -143,9 +166,10 @@ fn camera_reports(
         };
         let used: Vec<f64> = own
             .iter()
-            .filter(|it| is_used(it))
+            .copied()
+            .filter(|it| is_used(*it))
             .flatten()
-            .map(|(length, _)| *length)
+            .map(|(length, _)| length)
             .collect();
         let squares: f64 = used.iter().map(|length| length * length).sum();
         let sigma = found
@@ -161,7 +185,7 @@ fn camera_reports(
             sights: own.len(),
             used_share: used.len() as f64 / own.len().max(1) as f64,
             rms_px: (squares / used.len().max(1) as f64).sqrt(),
-            noise_px: farfield_proto::order_statistics::upper_median(sigmas).unwrap_or(f64::NAN),
+            noise_px: upper_median(sigmas).unwrap_or(f64::NAN),
             position_sigma_m: sigma.map_or(f64::NAN, |s| s.position * scale),
             rotation_sigma_deg: sigma.map_or(f64::NAN, |s| s.rotation_rad.to_degrees()),
             focal_ratio: state.intrinsics.fx_px / camera.intrinsics.fx_px,
@@ -174,7 +198,63 @@ fn camera_reports(
     reports
 }
 
-fn of_camera(report: &CameraReport, noise: f64, span_m: f64, cameras: usize) -> Vec<Finding> {
+/// Widens the standard deviations of all cameras by what halves of the data are farther apart than they foretell, in the
+/// middle of the cameras: keypoints of one posture are wrong together, and the same way for many frames, which the
+/// covariance of the adjustment does not know.
+fn widen_sigmas(cameras: &mut [CameraReport]) {
+    // Each half is as uncertain as the whole times the root of two, and there are two.
+    let ratio = |halves: f64, sigma: f64| halves / (2.0 * sigma);
+    let places = cameras
+        .iter()
+        .map(|it| ratio(it.halves_m, it.position_sigma_m));
+    let turns = cameras
+        .iter()
+        .map(|it| ratio(it.halves_deg, it.rotation_sigma_deg));
+    let middle = |ratios: Vec<f64>| {
+        let known = ratios.into_iter().filter(|it| it.is_finite());
+        upper_median(known.collect()).unwrap_or(1.0).max(1.0)
+    };
+    let (places, turns) = (middle(places.collect()), middle(turns.collect()));
+    for camera in cameras {
+        camera.position_sigma_m *= places;
+        camera.rotation_sigma_deg *= turns;
+    }
+}
+
+fn of_noise(name: &str, noise: f64, usual: f64) -> Option<Finding> {
+    let is_odd = noise > DOUBTFUL_NOISE && noise > WRONG_NOISE_RATIO * usual;
+    (noise.is_nan() || noise > DOUBTFUL_NOISE).then(|| {
+        finding(
+            name,
+            Cause::Residual,
+            noise.is_nan() || noise > WRONG_NOISE || is_odd,
+            format!(
+                "its keypoints are off by {noise:.1} times what is usual, those of the camera in the middle by {usual:.1}"
+            ),
+            "less than 1.8: 25 mm on the body and 1 px",
+            "look at its lens, its clock and whether it was moved",
+        )
+    })
+}
+
+fn contradicting(report: &CameraReport, share: Option<&f64>) -> Option<Finding> {
+    let share = share
+        .copied()
+        .filter(|share| *share > DOUBTFUL_CONTRADICTION)?;
+    Some(finding(
+        &report.name,
+        Cause::Outliers,
+        share > WRONG_CONTRADICTION,
+        format!(
+            "of the people in its picture it sees {:.0} % elsewhere than the other cameras do",
+            100.0 * share
+        ),
+        "a quarter or less",
+        "its clock is off, it was moved, its lens is not as given, or its video is mirrored or another camera's",
+    ))
+}
+
+fn of_camera(report: &CameraReport, span_m: f64, cameras: usize) -> Vec<Finding> {
     let mut findings = Vec::new();
     let name = &report.name;
     if report.used_share < USUAL_SHARE {
@@ -185,16 +265,6 @@ fn of_camera(report: &CameraReport, noise: f64, span_m: f64, cameras: usize) -> 
             format!("{:.0} % of its keypoints fit", 100.0 * report.used_share),
             "75 % or more",
             "it was moved on the way, its clock is off, or its lens is not as given",
-        ));
-    }
-    if noise.is_nan() || noise > DOUBTFUL_NOISE {
-        findings.push(finding(
-            name,
-            Cause::Residual,
-            noise.is_nan() || noise > WRONG_NOISE,
-            format!("its keypoints are off by {noise:.1} times what is usual"),
-            "less than twice: 25 mm on the body and 1 px",
-            "look at its lens, its clock and whether it was moved",
         ));
     }
     let share = report.position_sigma_m / span_m;
@@ -243,7 +313,8 @@ fn of_halves(report: &CameraReport, apart: Option<Apart>) -> Option<Finding> {
     // Each half is as uncertain as the whole times the root of two, and there are two.
     let is_far = report.halves_m > HALVES_SIGMAS * 2.0 * report.position_sigma_m;
     let is_turned = report.halves_deg > HALVES_SIGMAS * 2.0 * report.rotation_sigma_deg;
-    (apart_px > DOUBTFUL_HALVES_PX && (is_far || is_turned)).then(|| {
+    let is_hopeless = apart_px > HOPELESS_HALVES_PX;
+    (is_hopeless || (apart_px > DOUBTFUL_HALVES_PX && (is_far || is_turned))).then(|| {
         finding(
             name,
             Cause::HalvesDisagree,
@@ -259,8 +330,8 @@ fn of_halves(report: &CameraReport, apart: Option<Apart>) -> Option<Finding> {
 }
 
 /// A camera that fits at some times only.
-fn knocked(report: &CameraReport, sights: Option<&Vec<Option<(f64, f64)>>>) -> Option<Finding> {
-    let used: Vec<bool> = sights?.iter().map(is_used).collect();
+fn knocked(report: &CameraReport, sights: Option<&Vec<Residual>>) -> Option<Finding> {
+    let used: Vec<bool> = sights?.iter().copied().map(is_used).collect();
     let percent = 100.0 * knocked_at(&used)?;
     Some(finding(
         &report.name,

@@ -53,10 +53,11 @@ pub(super) fn of_all(found: &Found<'_>) -> Vec<Finding> {
 }
 
 fn not_connected(found: &Found<'_>) -> Vec<Finding> {
-    let without = (0..found.request.cameras.len()).filter(|i| !found.adjusted.posed.contains(i));
+    let is_named = |i: &usize| !found.adjusted.posed.contains(i) || found.told.mirrored.contains(i);
+    let without = (0..found.request.cameras.len()).filter(is_named);
     let each = without.map(|index| {
         let name = found.name(index);
-        if found.mirrored.contains(&index) {
+        if found.told.mirrored.contains(&index) {
             return finding(
                 name,
                 Cause::Handedness,
@@ -66,8 +67,8 @@ fn not_connected(found: &Found<'_>) -> Vec<Finding> {
                 "turn off mirroring in the camera, or flip the video",
             );
         }
-        let bodies = found.bodies.get(index).copied().unwrap_or(0);
-        let own = found.pairs.iter().filter(|p| p.first == index || p.second == index);
+        let bodies = found.told.bodies.get(index).copied().unwrap_or(0);
+        let own = found.told.pairs.iter().filter(|p| p.first == index || p.second == index);
         let best = own.max_by(|a, b| a.matched.cmp(&b.matched).then(b.loss.total_cmp(&a.loss)));
         let said = match best {
             _ if bodies < LEAST_BODIES => {

@@ -28,6 +28,9 @@ const MOST_KEPT: usize = 4;
 /// The feet of a camera: by tick, (tracklet, place).
 pub(super) type Feet = BTreeMap<i64, Vec<(usize, Vector2<f64>)>>;
 
+/// A foot in both cameras.
+type FootPair = (Vector2<f64>, Vector2<f64>);
+
 /// b = R(angle) a + shift.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct PlaneMotion {
@@ -44,7 +47,7 @@ impl PlaneMotion {
     }
 
     /// Least squares.
-    fn fit(pairs: &[(Vector2<f64>, Vector2<f64>)], least_spread_m: f64) -> Option<Self> {
+    fn fit(pairs: &[FootPair], least_spread_m: f64) -> Option<Self> {
         let count = pairs.len() as f64;
         let sum = pairs
             .iter()
@@ -134,8 +137,8 @@ fn is_same(a: &PlaneMotion, b: &PlaneMotion) -> bool {
 }
 
 /// Feet of each pair of tracklets at the ticks that they share.
-fn shared_tracklets(a: &Feet, b: &Feet) -> Vec<Vec<(Vector2<f64>, Vector2<f64>)>> {
-    let mut shared: BTreeMap<(usize, usize), Vec<(Vector2<f64>, Vector2<f64>)>> = BTreeMap::new();
+fn shared_tracklets(a: &Feet, b: &Feet) -> Vec<Vec<FootPair>> {
+    let mut shared: BTreeMap<(usize, usize), Vec<FootPair>> = BTreeMap::new();
     for (tick, own) in a {
         for (i, at_a) in own {
             for (j, at_b) in b.get(tick).into_iter().flatten() {
@@ -180,12 +183,7 @@ fn settled(
 }
 
 /// How many feet agree, of those of the camera that sees fewer, and which.
-fn votes(
-    motion: &PlaneMotion,
-    a: &Feet,
-    b: &Feet,
-    ticks: &[i64],
-) -> (f64, Vec<(Vector2<f64>, Vector2<f64>)>) {
+fn votes(motion: &PlaneMotion, a: &Feet, b: &Feet, ticks: &[i64]) -> (f64, Vec<FootPair>) {
     let (mut agreeing, mut possible) = (0.0, 0.0);
     let mut pairs = Vec::new();
     for tick in ticks {

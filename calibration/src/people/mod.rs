@@ -10,6 +10,7 @@
 mod adjust;
 mod assess;
 mod associate;
+mod contradiction;
 mod error;
 mod findings;
 mod floor_match;

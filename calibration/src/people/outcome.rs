@@ -2,8 +2,11 @@
 
 use std::collections::BTreeSet;
 
+use nalgebra::Vector2;
+
 use super::adjust::{Adjusted, settle};
-use super::assess::{Found, assess};
+use super::assess::{DOUBTFUL_CONTRADICTION, DOUBTFUL_NOISE, Found, Told, assess};
+use super::contradiction::contradictions;
 use super::error::PeopleError;
 use super::floor_match::Feet;
 use super::graph::{Placed, places};
@@ -22,6 +25,9 @@ use crate::points::{
 const RATES_HZ: [f64; 2] = [0.1, 1e5];
 /// Statures that are believed, metres.
 const STATURES_M: [f64; 2] = [0.5, 2.5];
+
+/// What the pairs of a camera are worth in a mirror, over what they are without, from which it is mirrored.
+const MIRROR_GAIN: f64 = 1.5;
 
 /// Where a calibration from people is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -72,13 +78,21 @@ pub fn calibrate(
     if placed.iter().flatten().count() < 2 {
         return Err(nothing_agrees(request, &pairs));
     }
-    let mirrored = mirrored(request, &walkers, &placed, &plan, stature_m);
     progress(PeopleStage::Adjustment);
     let cameras = states(&views, &placed);
     let adjusted = settle(&views, &cameras, request.lenses);
     let adjusted = adjusted.ok_or_else(|| nothing_agrees(request, &pairs))?;
     progress(PeopleStage::Report);
-    finish(request, &plan, ticks_hz, pairs, mirrored, counts, adjusted)
+    let contradictions = contradictions(request, &views, &adjusted, plan.count);
+    let doubted = doubted(&adjusted, &contradictions, views.len());
+    let mirrored = mirrored(request, &walkers, &pairs, &doubted, &plan, stature_m);
+    let told = Told {
+        pairs,
+        mirrored,
+        bodies: counts,
+        contradictions,
+    };
+    finish(request, &plan, ticks_hz, told, adjusted)
 }
 
 fn check(request: &PeopleRequest) -> Result<(), PeopleError> {
@@ -194,41 +208,57 @@ fn nothing_agrees(request: &PeopleRequest, pairs: &[Pair]) -> PeopleError {
     }
 }
 
-/// The cameras without a place whose mirror image agrees with one that has a place.
+/// Of `doubted` cameras those that agree with the others only in a mirror.
 fn mirrored(
     request: &PeopleRequest,
     walkers: &[Option<Walkers<'_>>],
-    placed: &[Option<Placed>],
+    pairs: &[Pair],
+    doubted: &[usize],
     plan: &BodyPlan,
     stature_m: f64,
 ) -> Vec<usize> {
     let sides = other_sides(&request.keypoints);
-    let is_mirrored = |index: &usize| {
-        let Some(own) = walkers[*index]
-            .as_ref()
-            .filter(|_| placed[*index].is_none())
-        else {
+    let worth = |pair: &Pair| pair.worth() * f64::from(u8::from(pair.is_sound()));
+    let is_mirrored = |index: &&usize| {
+        let Some(own) = walkers.get(**index).and_then(Option::as_ref) else {
             return false;
         };
         let turned = own.view.mirrored(&sides);
-        let ground = own.ground.mirrored();
         let feet = own.feet.iter().map(|(tick, feet)| {
-            let turned = feet
-                .iter()
-                .map(|(id, at)| (*id, nalgebra::Vector2::new(at.x, -at.y)));
+            let turned = feet.iter().map(|(id, at)| (*id, Vector2::new(at.x, -at.y)));
             (*tick, turned.collect())
         });
         let turned = Walkers {
             view: &turned,
-            ground,
+            ground: own.ground.mirrored(),
             feet: feet.collect::<Feet>(),
         };
-        let others = walkers.iter().zip(placed).filter(|(_, p)| p.is_some());
-        others.filter_map(|(other, _)| other.as_ref()).any(|other| {
-            pair(other, &turned, plan, stature_m, request.seed).is_some_and(|it| it.is_sound())
-        })
+        let others = (0..walkers.len()).filter(|i| !doubted.contains(i));
+        let (mut plain, mut mirrored) = (0.0, 0.0);
+        for other in others {
+            let is_own =
+                |it: &&Pair| (it.first, it.second) == (other.min(**index), other.max(**index));
+            plain += pairs.iter().find(is_own).map_or(0.0, worth);
+            let other = walkers.get(other).and_then(Option::as_ref);
+            let found = other.and_then(|other| pair(other, &turned, plan, stature_m, request.seed));
+            mirrored += found.as_ref().map_or(0.0, worth);
+        }
+        mirrored > MIRROR_GAIN * plain
     };
-    (0..walkers.len()).filter(is_mirrored).collect()
+    doubted.iter().filter(is_mirrored).copied().collect()
+}
+
+/// The cameras that have no place, or one that does not suit what they saw.
+fn doubted(adjusted: &Adjusted, contradictions: &[f64], count: usize) -> Vec<usize> {
+    let is_doubted = |index: &usize| {
+        let Some(column) = adjusted.posed.iter().position(|it| it == index) else {
+            return true;
+        };
+        let noise = adjusted.noise.get(column).copied().unwrap_or(f64::INFINITY);
+        let contradiction = contradictions.get(column).copied().unwrap_or(1.0);
+        noise > DOUBTFUL_NOISE || contradiction > DOUBTFUL_CONTRADICTION
+    };
+    (0..count).filter(is_doubted).collect()
 }
 
 fn states(views: &[View], placed: &[Option<Placed>]) -> Vec<Option<CameraState>> {
@@ -247,9 +277,7 @@ fn finish(
     request: &PeopleRequest,
     plan: &BodyPlan,
     ticks_hz: f64,
-    pairs: Vec<Pair>,
-    mirrored: Vec<usize>,
-    bodies: Vec<usize>,
+    told: Told,
     adjusted: Adjusted,
 ) -> Result<PointCalibration, PeopleError> {
     let posed = adjusted.posed.iter().zip(&adjusted.problem.cameras);
@@ -274,9 +302,7 @@ fn finish(
     let found = Found {
         request,
         ticks_hz,
-        pairs,
-        mirrored,
-        bodies,
+        told,
         covariance: covariance(&adjusted.problem),
         adjusted,
         alignment,

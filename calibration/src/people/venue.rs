@@ -69,7 +69,7 @@ impl Standing {
                 Some((hip - knee).norm() + (knee - ankle).norm())
             };
             if let (Some((shoulders, hips)), Some(left), Some(right)) = (trunk, leg(0), leg(1)) {
-                let length = (shoulders - hips).norm() + (left + right) / 2.0;
+                let length = (shoulders - hips).norm() + f64::midpoint(left, right);
                 standing.statures.push(length / ANKLE_TO_SHOULDER);
             }
         }

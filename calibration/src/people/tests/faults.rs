@@ -1,0 +1,289 @@
+//! Planted faults: what a user does wrong is named, and does not pass.
+
+use nalgebra::Vector3;
+
+use super::*;
+use crate::alignment::KnownDistance;
+use crate::report::Cause;
+
+/// Short, so that many can be tried.
+const SHORT: Walk = Walk {
+    seconds: 16.0,
+    ..USUAL
+};
+
+/// Every camera of a small field that has fewer.
+fn six() -> Vec<CameraState> {
+    cameras(&Field {
+        cameras: 6,
+        ..SMALL
+    })
+}
+
+/// Whether `cause` is said of `camera` (all cameras: ""), as something wrong.
+fn is_said(found: &PointCalibration, camera: &str, cause: Cause) -> bool {
+    let mut findings = found.report.findings.iter();
+    findings
+        .any(|it| it.is_wrong && it.cause == cause && it.camera.as_deref().unwrap_or("") == camera)
+}
+
+#[test]
+fn a_good_one_passes_with_its_floor_at_zero_and_people_of_their_size() {
+    let truth = six();
+    let found = quiet(&request(&SMALL, &truth, &SHORT)).unwrap();
+    say(&found);
+    assert!(found.report.passes(), "{:?}", found.report.findings);
+    for (found, truth) in found.cameras.iter().zip(&truth) {
+        let off_m = found.state.center_w.z - truth.center_w.z;
+        println!("{}: {off_m:.3} m too high", found.name);
+        assert!(off_m.abs() < 0.06, "{off_m}");
+    }
+    let scale = |a: usize, b: usize| {
+        let here = (found.cameras[a].state.center_w - found.cameras[b].state.center_w).norm();
+        here / (truth[a].center_w - truth[b].center_w).norm()
+    };
+    println!("scale {:.4} {:.4}", scale(0, 3), scale(1, 4));
+    assert!((scale(0, 3) - 1.0).abs() < 0.03);
+}
+
+#[test]
+fn a_known_distance_gives_the_scale() {
+    let truth = six();
+    let mut request = request(&SMALL, &truth, &SHORT);
+    request.stature_m = None;
+    let distance_m = (truth[0].center_w - truth[3].center_w).norm();
+    request.anchors.distances = vec![KnownDistance {
+        first: "c0".to_owned(),
+        second: "c3".to_owned(),
+        distance_m,
+    }];
+    let found = quiet(&request).unwrap();
+    assert!(found.report.passes(), "{:?}", found.report.findings);
+    let here_m = (found.cameras[1].state.center_w - found.cameras[4].state.center_w).norm();
+    let true_m = (truth[1].center_w - truth[4].center_w).norm();
+    assert!((here_m / true_m - 1.0).abs() < 0.002, "{here_m} {true_m}");
+}
+
+#[test]
+fn nothing_that_tells_metres_does_not_pass() {
+    let truth = six();
+    let mut request = request(&SMALL, &truth, &SHORT);
+    request.stature_m = None;
+    let found = quiet(&request).unwrap();
+    assert!(is_said(&found, "", Cause::NoScale));
+}
+
+#[test]
+fn a_straight_walk_is_named() {
+    let truth = six();
+    let walk = Walk {
+        people: 1,
+        extent: [0.01, 1.0],
+        ..SHORT
+    };
+    // That nothing is found at all is as good.
+    match quiet(&request(&SMALL, &truth, &walk)) {
+        Ok(found) => {
+            say(&found);
+            assert!(is_said(&found, "", Cause::Walk));
+        }
+        Err(error) => println!("{error}"),
+    }
+}
+
+#[test]
+fn a_mirrored_video_is_named() {
+    let truth = six();
+    let mut request = request(&SMALL, &truth, &SHORT);
+    let width = f64::from(request.cameras[2].size_px[0]);
+    for frame in &mut request.cameras[2].frames {
+        for body in &mut frame.bodies {
+            // What is mirrored has its left on the right, and a network calls it so.
+            for pair in body.keypoints[1..].chunks_exact_mut(2) {
+                pair.swap(0, 1);
+            }
+            for keypoint in body.keypoints.iter_mut().flatten() {
+                keypoint.px[0] = width - keypoint.px[0];
+            }
+        }
+    }
+    let found = quiet(&request).unwrap();
+    say(&found);
+    assert!(is_said(&found, "c2", Cause::Handedness));
+}
+
+#[test]
+fn a_camera_that_nobody_shares_people_with_is_named() {
+    let truth = six();
+    let mut request = request(&SMALL, &truth, &SHORT);
+    // It was started after all others had been stopped.
+    for frame in &mut request.cameras[4].frames {
+        frame.frame += 1000.0;
+    }
+    let found = quiet(&request).unwrap();
+    say(&found);
+    assert!(is_said(&found, "c4", Cause::NotConnected));
+}
+
+#[test]
+fn a_camera_that_runs_late_does_not_pass() {
+    let truth = six();
+    let mut request = request(&SMALL, &truth, &SHORT);
+    for frame in &mut request.cameras[1].frames {
+        frame.frame += 8.0;
+    }
+    let found = quiet(&request).unwrap();
+    say(&found);
+    let mut own = found.report.findings.iter();
+    assert!(own.any(|it| it.is_wrong && it.camera.as_deref() == Some("c1")));
+}
+
+#[test]
+fn a_camera_that_was_knocked_half_way_is_named() {
+    let truth = six();
+    let mut request = request(&SMALL, &truth, &SHORT);
+    // Two degrees to the side.
+    for frame in request.cameras[3]
+        .frames
+        .iter_mut()
+        .filter(|it| it.frame >= 80.0)
+    {
+        let seen = frame
+            .bodies
+            .iter_mut()
+            .flat_map(|it| it.keypoints.iter_mut());
+        for keypoint in seen.flatten() {
+            keypoint.px[0] += 38.0;
+        }
+    }
+    let found = quiet(&request).unwrap();
+    say(&found);
+    let mut own = found.report.findings.iter();
+    assert!(own.any(|it| it.is_wrong && it.camera.as_deref() == Some("c3")));
+}
+
+#[test]
+fn a_wrong_focal_length_does_not_pass() {
+    let truth = six();
+    let mut request = request(&SMALL, &truth, &SHORT);
+    request.cameras[0].intrinsics.fx_px *= 1.25;
+    request.cameras[0].intrinsics.fy_px *= 1.25;
+    let found = quiet(&request).unwrap();
+    say(&found);
+    let mut own = found.report.findings.iter();
+    assert!(own.any(|it| it.is_wrong && it.camera.as_deref() == Some("c0")));
+}
+
+#[test]
+fn exchanged_places_do_not_pass() {
+    let truth = six();
+    let mut request = request(&SMALL, &truth, &SHORT);
+    request.anchors.centers_m = (0..6)
+        .map(|i| {
+            let at = if i == 0 {
+                1
+            } else if i == 1 {
+                0
+            } else {
+                i
+            };
+            (format!("c{i}"), truth[at].center_w.into())
+        })
+        .collect();
+    let passes = quiet(&request).is_ok_and(|found| found.report.passes());
+    assert!(!passes);
+}
+
+#[test]
+fn places_that_put_cameras_under_the_floor_do_not_pass() {
+    let truth = six();
+    let mut request = request(&SMALL, &truth, &SHORT);
+    let lowered = |state: &CameraState| state.center_w - Vector3::z() * 4.0;
+    request.anchors.centers_m = truth
+        .iter()
+        .enumerate()
+        .map(|(i, state)| (format!("c{i}"), lowered(state).into()))
+        .collect();
+    let found = quiet(&request).unwrap();
+    say(&found);
+    assert!(is_said(&found, "c0", Cause::UnderFloor));
+    assert!(is_said(&found, "", Cause::Anchors));
+}
+
+#[test]
+fn a_few_seconds_are_not_enough() {
+    let truth = six();
+    let walk = Walk {
+        people: 1,
+        seconds: 6.0,
+        ..SHORT
+    };
+    match quiet(&request(&SMALL, &truth, &walk)) {
+        Ok(found) => {
+            say(&found);
+            assert!(is_said(&found, "", Cause::TooFewPeople));
+        }
+        Err(error) => println!("{error}"),
+    }
+}
+
+#[test]
+fn what_cannot_be_used_is_refused_by_name() {
+    type Spoil = fn(&mut PeopleRequest);
+    let truth = six();
+    let walk = Walk {
+        seconds: 2.0,
+        ..SHORT
+    };
+    let sound = request(&SMALL, &truth, &walk);
+    let cases: [(&str, Spoil); 9] = [
+        ("found 1 cameras", |it| it.cameras.truncate(1)),
+        ("two cameras are called `c0`", |it| {
+            it.cameras[1].name = "c0".to_owned();
+        }),
+        ("`stature_m`: found 170", |it| it.stature_m = Some(170.0)),
+        ("`rate_hz`: found NaN", |it| it.rate_hz = f64::NAN),
+        ("lack `left_ankle`", |it| {
+            let names = farfield_proto::keypoints::COCO17[..15].iter();
+            let names = names.map(|name| (*name).to_owned());
+            it.keypoints = farfield_proto::keypoints::KeypointSet::new(names.collect());
+        }),
+        ("frame 0: found a body of 3 keypoints", |it| {
+            it.cameras[0].frames[0].bodies[0].keypoints.truncate(3);
+        }),
+        ("found frame 0 after 0", |it| {
+            it.cameras[0].frames[1].frame = 0.0;
+        }),
+        ("outside of its 640x480 picture", |it| {
+            it.cameras[0].size_px = [640, 480];
+        }),
+        ("give three places, or a distance", |it| {
+            it.anchors.centers_m = vec![("c0".to_owned(), [0.0, 1.0, 1.0])];
+        }),
+    ];
+    for (expected, spoil) in cases {
+        let mut request = sound.clone();
+        spoil(&mut request);
+        let said = quiet(&request).unwrap_err().to_string();
+        assert!(said.contains(expected), "{said}");
+    }
+    let mut nobody = sound;
+    for camera in &mut nobody.cameras {
+        camera.frames.clear();
+    }
+    let said = quiet(&nobody).unwrap_err().to_string();
+    assert!(said.contains("found 0 bodies"), "{said}");
+}
+
+#[test]
+fn the_same_request_gives_the_same_bits() {
+    let truth = six();
+    let walk = Walk {
+        seconds: 12.0,
+        ..SHORT
+    };
+    let request = request(&SMALL, &truth, &walk);
+    let once = quiet(&request).unwrap();
+    let again = quiet(&request).unwrap();
+    assert_eq!(once.toml().unwrap(), again.toml().unwrap());
+}
