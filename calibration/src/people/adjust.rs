@@ -16,17 +16,47 @@ use crate::points::{Lenses, freedom};
 const CAUCHY: f64 = 2.385;
 /// Median of the length of a residual of unit standard deviation per axis (Rayleigh).
 const RAYLEIGH_MEDIAN: f64 = 1.1774;
-/// The noise of a camera over the one that is expected.
-const NOISE_RATIOS: [f64; 2] = [0.3, 5.0];
+/// The noise of a camera over the one that is expected, and over that of the camera in the middle: without limits one
+/// camera of few comes to weigh so much that all points follow it, and seems ever less noisy.
+const NOISE: [f64; 2] = [0.3, 5.0];
+const NOISE_RATIOS: [f64; 2] = [0.6, 4.0];
 /// A keypoint of the least score counts as this much less sure.
 const LEAST_SCORE: f64 = 0.3;
-/// Rounds of finding persons and adjusting: gate (standard deviations of a keypoint), keypoints, steps, decrease.
-const ROUNDS: [(f64, usize, usize, f64); 4] = [
-    (14.0, 2500, 25, 1e-3),
-    (7.0, 4000, 25, 1e-3),
-    (4.0, 6000, 25, 1e-4),
-    (4.0, MOST_POINTS, 30, 1e-7),
-];
+/// A round of finding persons and adjusting.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Round {
+    /// Standard deviations of a keypoint within which it fits.
+    gate: f64,
+    /// About how many keypoints are looked at.
+    most: usize,
+    steps: usize,
+    decrease: f64,
+}
+
+impl Round {
+    const fn new(gate: f64, most: usize, steps: usize, decrease: f64) -> Self {
+        Self {
+            gate,
+            most,
+            steps,
+            decrease,
+        }
+    }
+
+    /// From rough poses.
+    pub(super) const FIRST: [Self; 2] = [
+        Self::new(14.0, 2500, 25, 1e-3),
+        Self::new(7.0, 4000, 25, 1e-3),
+    ];
+    /// On the way.
+    pub(super) const NEXT: [Self; 1] = [Self::new(5.0, 4000, 12, 1e-3)];
+    /// To the end.
+    pub(super) const LAST: [Self; 2] = [
+        Self::new(4.0, 6000, 25, 1e-4),
+        Self::new(4.0, MOST_POINTS, 30, 1e-7),
+    ];
+}
+
 /// Keypoints of the last adjustment.
 const MOST_POINTS: usize = 16_000;
 
@@ -52,40 +82,77 @@ pub(super) struct Adjusted {
     pub(super) noise: Vec<f64>,
 }
 
-/// Adjusts `cameras`, whose poses may be off by some degrees and a tenth of their distance.
+/// Cameras on their way, by their index in the request.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Settling {
+    pub(super) cameras: Vec<Option<CameraState>>,
+    /// The noise of their keypoints over the expected one.
+    noise: Vec<f64>,
+}
+
+impl Settling {
+    pub(super) fn new(cameras: Vec<Option<CameraState>>) -> Self {
+        Self {
+            noise: vec![1.0; cameras.len()],
+            cameras,
+        }
+    }
+}
+
+/// Moves `settling` round by round; lenses move in the last round only. `None` where nobody is found.
 pub(super) fn settle(
     views: &[View],
-    cameras: &[Option<CameraState>],
+    settling: &mut Settling,
     lenses: Lenses,
+    rounds: &[Round],
 ) -> Option<Adjusted> {
-    let mut current = cameras.to_vec();
-    let mut noise = vec![1.0; views.len()];
+    let Settling {
+        cameras: current,
+        noise,
+    } = settling;
     let mut last = None;
-    for (round, (gate, most, steps, decrease)) in ROUNDS.into_iter().enumerate() {
-        let is_last = round + 1 == ROUNDS.len();
-        let found = found_persons(views, &current, gate, most);
+    for (number, round) in rounds.iter().enumerate() {
+        let is_last = number + 1 == rounds.len();
+        let found = found_persons(views, current, round.gate, round.most);
         let freed = if is_last { lenses } else { Lenses::Given };
-        let mut adjusted = problem(views, &current, found, freed, &noise)?;
-        let limits = Limits { steps, decrease };
+        let mut adjusted = problem(views, current, found, freed, noise)?;
+        let limits = Limits {
+            steps: round.steps,
+            decrease: round.decrease,
+        };
         adjust(&mut adjusted.problem, limits);
         for (camera, index) in adjusted.problem.cameras.iter().zip(&adjusted.posed) {
             current[*index] = Some(camera.state);
         }
         let ratios = noise_ratios(&adjusted.problem);
+        let before = noise.clone();
         for (ratio, index) in ratios.iter().zip(&adjusted.posed) {
             noise[*index] *= ratio;
-            noise[*index] = noise[*index].clamp(NOISE_RATIOS[0], NOISE_RATIOS[1]);
         }
+        bound(noise, &adjusted.posed);
         if is_last {
             // What is known of the cameras depends on how noisy the keypoints turned out to be.
             for observation in &mut adjusted.problem.observations {
-                observation.sigma_px *= ratios.get(observation.camera).copied().unwrap_or(1.0);
+                let own = adjusted.posed.get(observation.camera);
+                let ratio = own.map_or(1.0, |i| noise[*i] / before[*i]);
+                observation.sigma_px *= ratio;
             }
             adjusted.noise = adjusted.posed.iter().map(|i| noise[*i]).collect();
         }
         last = Some(adjusted);
     }
     last
+}
+
+/// Keeps the noise of each camera within a range about that of the one in the middle.
+fn bound(noise: &mut [f64], posed: &[usize]) {
+    let known = posed.iter().filter_map(|i| noise.get(*i).copied());
+    let middle = upper_median(known.collect()).unwrap_or(1.0);
+    for noise in noise {
+        *noise = noise
+            .clamp(NOISE_RATIOS[0] * middle, NOISE_RATIOS[1] * middle)
+            .clamp(NOISE[0], NOISE[1]);
+    }
 }
 
 /// Persons at ticks that are evenly spread, as many as have about `most` keypoints.
@@ -214,7 +281,7 @@ fn noise_ratios(problem: &Problem) -> Vec<f64> {
     let raise = (coordinates / (coordinates - unknowns).max(0.2 * coordinates)).sqrt();
     let ratio = |lengths: Vec<f64>| {
         let median = upper_median(lengths).unwrap_or(RAYLEIGH_MEDIAN);
-        (raise * median / RAYLEIGH_MEDIAN).max(NOISE_RATIOS[0])
+        (raise * median / RAYLEIGH_MEDIAN).max(1e-3)
     };
     lengths.into_iter().map(ratio).collect()
 }

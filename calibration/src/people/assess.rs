@@ -8,6 +8,7 @@ use super::findings::of_all;
 use super::pair::Pair;
 use super::request::PeopleRequest;
 use super::venue::{Floor, Scale, Standing};
+use super::view::Clock;
 use crate::adjustment::{CameraState, Covariance};
 use crate::alignment::Alignment;
 use crate::points::{Apart, halves, knocked_at};
@@ -48,6 +49,8 @@ pub(super) struct Told {
     pub(super) bodies: Vec<usize>,
     /// Per camera of the problem, [`super::contradiction::contradictions`].
     pub(super) contradictions: Vec<f64>,
+    /// The clock of each camera.
+    pub(super) clocks: Vec<Clock>,
 }
 
 /// All that a report is made of.
@@ -164,6 +167,7 @@ fn camera_reports(
         let Some(camera) = asked.and_then(|i| found.request.cameras.get(*i)) else {
             continue;
         };
+        let clock = asked.and_then(|i| found.told.clocks.get(*i));
         let used: Vec<f64> = own
             .iter()
             .copied()
@@ -189,8 +193,8 @@ fn camera_reports(
             position_sigma_m: sigma.map_or(f64::NAN, |s| s.position * scale),
             rotation_sigma_deg: sigma.map_or(f64::NAN, |s| s.rotation_rad.to_degrees()),
             focal_ratio: state.intrinsics.fx_px / camera.intrinsics.fx_px,
-            offset_s: camera.offset_s.unwrap_or(0.0),
-            rate_hz: camera.rate_hz.unwrap_or(found.request.rate_hz),
+            offset_s: clock.map_or(0.0, |it| it.offset_s),
+            rate_hz: clock.map_or(found.request.rate_hz, |it| it.rate_hz),
             halves_m: half.map_or(f64::NAN, |it| it.distance * scale),
             halves_deg: half.map_or(f64::NAN, |it| it.turned_rad.to_degrees()),
         });

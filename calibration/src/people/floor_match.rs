@@ -13,11 +13,6 @@ use rand_chacha::ChaCha8Rng;
 const LEAST_SHARED: usize = 5;
 /// Root mean square distance of feet from their middle from which their path tells a turn, metres.
 const LEAST_SPREAD_M: f64 = 0.35;
-/// Most motions that are proposed by one pair of tracklets each, and by two.
-const MOST_SINGLE: usize = 800;
-const MOST_DOUBLE: usize = 1500;
-/// Ticks at which feet vote.
-const MOST_TICKS: usize = 80;
 /// Distance within which feet are the same: a sum, and a share of their distances from both cameras.
 const GATE_M: f64 = 0.35;
 const GATE_SHARE: f64 = 0.05;
@@ -27,6 +22,30 @@ const MOST_KEPT: usize = 4;
 
 /// The feet of a camera: by tick, (tracklet, place).
 pub(super) type Feet = BTreeMap<i64, Vec<(usize, Vector2<f64>)>>;
+
+/// How thoroughly to look.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Effort {
+    /// Most motions that are proposed by one pair of tracklets each, and by two.
+    single: usize,
+    double: usize,
+    /// Ticks at which feet vote.
+    ticks: usize,
+}
+
+impl Effort {
+    pub(super) const FULL: Self = Self {
+        single: 800,
+        double: 1500,
+        ticks: 80,
+    };
+    /// For one of hundreds of lags.
+    pub(super) const QUICK: Self = Self {
+        single: 120,
+        double: 0,
+        ticks: 40,
+    };
+}
 
 /// A foot in both cameras.
 type FootPair = (Vector2<f64>, Vector2<f64>);
@@ -78,22 +97,22 @@ impl PlaneMotion {
 }
 
 /// Motions that many feet agree with, the best first.
-pub(super) fn motions(a: &Feet, b: &Feet, seed: u64) -> Vec<PlaneMotion> {
-    let shared = shared_tracklets(a, b);
+pub(super) fn motions(a: &Feet, b: &Feet, effort: Effort, seed: u64) -> Vec<PlaneMotion> {
+    let shared = shared_tracklets(a, b, effort.single);
     let ticks: Vec<i64> = a.keys().filter(|t| b.contains_key(t)).copied().collect();
     if ticks.is_empty() {
         return Vec::new();
     }
-    let stride = ticks.len().div_ceil(MOST_TICKS);
+    let stride = ticks.len().div_ceil(effort.ticks);
     let ticks: Vec<i64> = ticks.into_iter().step_by(stride).collect();
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut found = Vec::new();
-    let step = shared.len().div_ceil(MOST_SINGLE).max(1);
+    let step = shared.len().div_ceil(effort.single).max(1);
     for pairs in shared.iter().step_by(step) {
         found.extend(PlaneMotion::fit(pairs, LEAST_SPREAD_M));
     }
     if shared.len() >= 2 {
-        for _ in 0..MOST_DOUBLE {
+        for _ in 0..effort.double {
             let (i, j) = (
                 rng.random_range(0..shared.len()),
                 rng.random_range(0..shared.len()),
@@ -137,7 +156,7 @@ fn is_same(a: &PlaneMotion, b: &PlaneMotion) -> bool {
 }
 
 /// Feet of each pair of tracklets at the ticks that they share.
-fn shared_tracklets(a: &Feet, b: &Feet) -> Vec<Vec<FootPair>> {
+fn shared_tracklets(a: &Feet, b: &Feet, most: usize) -> Vec<Vec<FootPair>> {
     let mut shared: BTreeMap<(usize, usize), Vec<FootPair>> = BTreeMap::new();
     for (tick, own) in a {
         for (i, at_a) in own {
@@ -152,7 +171,7 @@ fn shared_tracklets(a: &Feet, b: &Feet) -> Vec<Vec<FootPair>> {
         .collect();
     // The longest tell the most.
     shared.sort_by_key(|pairs| std::cmp::Reverse(pairs.len()));
-    shared.truncate(2 * MOST_SINGLE);
+    shared.truncate(2 * most);
     shared
 }
 
@@ -236,7 +255,7 @@ mod tests {
                 b.entry(tick).or_default().push((3 - who, truth.apply(&at)));
             }
         }
-        let found = motions(&a, &b, 1);
+        let found = motions(&a, &b, Effort::FULL, 1);
         let best = found.first().unwrap();
         let off = best.angle_rad - truth.angle_rad;
         assert!(libm::sin(off).abs() < 1e-6 && libm::cos(off) > 0.0);

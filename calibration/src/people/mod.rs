@@ -10,8 +10,10 @@
 mod adjust;
 mod assess;
 mod associate;
+mod clocks;
 mod contradiction;
 mod error;
+mod file;
 mod findings;
 mod floor_match;
 mod graph;
@@ -25,6 +27,7 @@ mod venue;
 mod view;
 
 pub use error::PeopleError;
+pub use file::{KeypointFileError, parse};
 pub use outcome::{PeopleStage, calibrate};
 pub use request::{DetectedFrame, Detection, Keypoint, PeopleCamera, PeopleRequest};
 

@@ -4,8 +4,9 @@ use std::collections::BTreeSet;
 
 use nalgebra::Vector2;
 
-use super::adjust::{Adjusted, settle};
+use super::adjust::{Adjusted, Round, Settling, settle};
 use super::assess::{DOUBTFUL_CONTRADICTION, DOUBTFUL_NOISE, Found, Told, assess};
+use super::clocks::{lags, refine};
 use super::contradiction::contradictions;
 use super::error::PeopleError;
 use super::floor_match::Feet;
@@ -15,10 +16,11 @@ use super::pair::{LEAST_MATCHED, Pair, Walkers, all_pairs, pair};
 use super::plan::{BodyPlan, USUAL_STATURE_M, other_sides};
 use super::request::PeopleRequest;
 use super::venue::{Standing, lay};
-use super::view::{Clock, View, view};
+use super::view::{Clock, Tracks, View};
 use crate::adjustment::{CameraState, covariance};
+use crate::alignment::Similarity;
 use crate::points::{
-    CalibrationError, FoundCamera, PathPoint, PointCalibration, Timing, check_anchors,
+    CalibrationError, FoundCamera, Lenses, PathPoint, PointCalibration, Timing, check_anchors,
 };
 
 /// Frame rates that are believed, 1/s.
@@ -26,6 +28,11 @@ const RATES_HZ: [f64; 2] = [0.1, 1e5];
 /// Statures that are believed, metres.
 const STATURES_M: [f64; 2] = [0.5, 2.5];
 
+/// Ticks per second where cameras are not synchronised: enough to tell how people walk.
+const MOST_TICKS_HZ: f64 = 10.0;
+/// Most rounds of putting clocks right, and the change at which they are, seconds.
+const CLOCK_ROUNDS: usize = 10;
+const CLOCK_S: f64 = 5e-4;
 /// What the pairs of a camera are worth in a mirror, over what they are without, from which it is mirrored.
 const MIRROR_GAIN: f64 = 1.5;
 
@@ -34,6 +41,8 @@ const MIRROR_GAIN: f64 = 1.5;
 pub enum PeopleStage {
     /// Joins bodies to tracklets, and looks how each camera stands over the floor.
     Ground,
+    /// Looks for the lags of the clocks: the longest stage where they are unknown.
+    Clocks,
     /// Looks how cameras stand to each other.
     Pairs,
     /// Adjusts all to all, and looks again who is who.
@@ -59,40 +68,78 @@ pub fn calibrate(
         BodyPlan::of(&request.keypoints).map_err(|missing| PeopleError::Keypoints { missing })?;
     progress(PeopleStage::Ground);
     let ticks_hz = ticks_hz(request);
-    let views = request.cameras.iter().map(|camera| {
-        let clock = Clock {
-            rate_hz: camera.rate_hz.unwrap_or(request.rate_hz),
-            offset_s: camera.offset_s.unwrap_or(0.0),
-            ticks_hz: (request.timing == Timing::Clocks).then_some(ticks_hz),
-        };
-        view(camera, plan.count, &clock)
-    });
-    let views: Vec<View> = views.collect::<Result<_, _>>()?;
+    let mut clocks = clocks_of(request, ticks_hz);
+    let tracks = request.cameras.iter().zip(&clocks);
+    let tracks: Vec<Tracks> = tracks
+        .map(|(camera, clock)| Tracks::of(camera, plan.count, clock.rate_hz))
+        .collect::<Result<_, _>>()?;
+    let views_at = |clocks: &[Clock]| {
+        let each = tracks.iter().zip(clocks);
+        each.map(|(tracks, clock)| tracks.view(clock))
+            .collect::<Vec<View>>()
+    };
+    let mut views = views_at(&clocks);
     let stature_m = request.stature_m.unwrap_or(USUAL_STATURE_M);
     let (grounds, counts) = grounds(&views, &plan, stature_m);
     check_grounds(request, &grounds, &counts)?;
+    if request.timing == Timing::Unknown {
+        progress(PeopleStage::Clocks);
+        let walkers = walkers(&views, &grounds, &plan, stature_m);
+        for (clock, lag) in clocks.iter_mut().zip(lags(&walkers, request.seed)) {
+            clock.offset_s += lag as f64 / ticks_hz;
+        }
+        views = views_at(&clocks);
+    }
     progress(PeopleStage::Pairs);
-    let walkers = walkers(&views, &grounds, &plan, stature_m);
-    let pairs = all_pairs(&walkers, &plan, stature_m, request.seed);
+    let walkers_now = walkers(&views, &grounds, &plan, stature_m);
+    let pairs = all_pairs(&walkers_now, &plan, stature_m, request.seed);
+    drop(walkers_now);
     let placed = places(&grounds, &pairs);
     if placed.iter().flatten().count() < 2 {
         return Err(nothing_agrees(request, &pairs));
     }
     progress(PeopleStage::Adjustment);
-    let cameras = states(&views, &placed);
-    let adjusted = settle(&views, &cameras, request.lenses);
+    let mut settling = Settling::new(states(&views, &placed));
+    let mut rough = settle(&views, &mut settling, Lenses::Given, &Round::FIRST);
+    if request.timing == Timing::Unknown {
+        for _ in 0..CLOCK_ROUNDS {
+            let Some(adjusted) = rough else { break };
+            let moved_s = refine(&mut clocks, &views, &adjusted);
+            views = views_at(&clocks);
+            rough = settle(&views, &mut settling, Lenses::Given, &Round::NEXT);
+            if moved_s < CLOCK_S {
+                break;
+            }
+        }
+    }
+    let adjusted = settle(&views, &mut settling, request.lenses, &Round::LAST);
     let adjusted = adjusted.ok_or_else(|| nothing_agrees(request, &pairs))?;
     progress(PeopleStage::Report);
     let contradictions = contradictions(request, &views, &adjusted, plan.count);
     let doubted = doubted(&adjusted, &contradictions, views.len());
+    let walkers = walkers(&views, &grounds, &plan, stature_m);
     let mirrored = mirrored(request, &walkers, &pairs, &doubted, &plan, stature_m);
     let told = Told {
         pairs,
         mirrored,
         bodies: counts,
         contradictions,
+        clocks,
     };
     finish(request, &plan, ticks_hz, told, adjusted)
+}
+
+/// The clocks to begin with.
+fn clocks_of(request: &PeopleRequest, ticks_hz: f64) -> Vec<Clock> {
+    let each = request.cameras.iter().map(|camera| Clock {
+        rate_hz: camera.rate_hz.unwrap_or(request.rate_hz),
+        offset_s: match request.timing {
+            Timing::Clocks => camera.offset_s.unwrap_or(0.0),
+            Timing::Synchronised | Timing::Unknown => 0.0,
+        },
+        ticks_hz: (request.timing != Timing::Synchronised).then_some(ticks_hz),
+    });
+    each.collect()
 }
 
 fn check(request: &PeopleRequest) -> Result<(), PeopleError> {
@@ -122,12 +169,6 @@ fn check(request: &PeopleRequest) -> Result<(), PeopleError> {
             }));
         }
     }
-    if request.timing == Timing::Unknown {
-        return Err(PeopleError::Request(CalibrationError::Request(
-            "clocks that are not known are not found from people yet: synchronise the cameras, or give their offsets"
-                .to_owned(),
-        )));
-    }
     if let Some(found) = request.stature_m
         && !(STATURES_M[0]..=STATURES_M[1]).contains(&found)
     {
@@ -140,14 +181,14 @@ fn check(request: &PeopleRequest) -> Result<(), PeopleError> {
     check_anchors(&request.anchors).map_err(PeopleError::Request)
 }
 
-/// Ticks per second: of synchronised cameras frames are ticks, else the slowest camera gives them.
+/// Ticks per second: of synchronised cameras frames are ticks, else ten, or as many as the slowest camera gives.
 fn ticks_hz(request: &PeopleRequest) -> f64 {
     if request.timing == Timing::Synchronised {
         return request.rate_hz;
     }
     let rates = request.cameras.iter();
     let rates = rates.map(|camera| camera.rate_hz.unwrap_or(request.rate_hz));
-    rates.fold(f64::INFINITY, f64::min)
+    rates.fold(MOST_TICKS_HZ, f64::min)
 }
 
 /// The ground under each camera, and how many bodies told of it.
@@ -298,7 +339,12 @@ fn finish(
         request.stature_m,
     )
     .map_err(|text| PeopleError::Request(CalibrationError::Alignment(text)))?;
-    let path = path(&adjusted, plan, &alignment.venue_from_found, ticks_hz);
+    let time_hz = if request.timing == Timing::Synchronised {
+        1.0
+    } else {
+        ticks_hz
+    };
+    let path = path(&adjusted, plan, &alignment.venue_from_found, time_hz);
     let found = Found {
         request,
         ticks_hz,
@@ -319,10 +365,14 @@ fn finish(
     let cameras = cameras.filter_map(|(i, adjusted)| {
         let camera = request.cameras.get(*i)?;
         let venue = &found.alignment.venue_from_found;
+        let mut state = venue.apply_to_camera(&adjusted.state);
+        if let Some(clock) = found.told.clocks.get(*i).filter(|it| it.ticks_hz.is_some()) {
+            (state.pivot_s, state.period_s) = (clock.offset_s, 1.0 / clock.rate_hz);
+        }
         Some(FoundCamera {
             name: camera.name.clone(),
             size_px: camera.size_px,
-            state: venue.apply_to_camera(&adjusted.state),
+            state,
         })
     });
     Ok(PointCalibration {
@@ -332,13 +382,8 @@ fn finish(
     })
 }
 
-/// Where people's feet were: the middle of the ankles of each person at each tick.
-fn path(
-    adjusted: &Adjusted,
-    plan: &BodyPlan,
-    venue: &crate::alignment::Similarity,
-    ticks_hz: f64,
-) -> Vec<PathPoint> {
+/// Where people's feet were: the middle of the ankles of each person at each tick; frames are times at a rate of 1.
+fn path(adjusted: &Adjusted, plan: &BodyPlan, venue: &Similarity, time_hz: f64) -> Vec<PathPoint> {
     let bodies = adjusted.bodies(plan.count);
     let each = adjusted
         .persons
@@ -348,7 +393,7 @@ fn path(
             let [left, right] = plan.ankles.map(|k| body.get(k).copied().flatten());
             let middle = (left? + right?) / 2.0;
             Some(PathPoint {
-                time_s: person.tick as f64 / ticks_hz,
+                time_s: person.tick as f64 / time_hz,
                 position_m: venue.apply(&middle).into(),
                 cameras: person.members.len(),
             })

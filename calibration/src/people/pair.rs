@@ -8,7 +8,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
-use super::floor_match::{Feet, PlaneMotion, motions};
+use super::floor_match::{Effort, Feet, PlaneMotion, motions};
 use super::ground::Ground;
 use super::plan::{ANKLE_TO_SHOULDER, BodyPlan};
 use super::view::{Body, View};
@@ -124,7 +124,7 @@ pub(super) fn pair(
     stature_m: f64,
     seed: u64,
 ) -> Option<Pair> {
-    let proposals = motions(&a.feet, &b.feet, seed);
+    let proposals = motions(&a.feet, &b.feet, Effort::FULL, seed);
     let found = proposals
         .iter()
         .filter_map(|motion| refined(a, b, motion, plan, stature_m, seed));

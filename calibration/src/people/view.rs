@@ -15,6 +15,8 @@ use crate::adjustment::CameraState;
 const LEAST_SCORE: f64 = 0.15;
 /// Keypoints that a body needs to be looked at.
 const LEAST_KEYPOINTS: usize = 6;
+/// Time between two frames from which nothing is said of what was between them, seconds.
+const MOST_BETWEEN_S: f64 = 0.15;
 /// Share of the keypoints of a camera that may lie outside of its picture.
 const OUTSIDE_SHARE: f64 = 0.2;
 
@@ -101,57 +103,74 @@ pub(super) struct Clock {
     pub(super) ticks_hz: Option<f64>,
 }
 
-/// The view of `camera`, whose bodies have `count` keypoints.
-pub(super) fn view(
-    camera: &PeopleCamera,
-    count: usize,
-    clock: &Clock,
-) -> Result<View, PeopleError> {
-    check_lens(camera)?;
-    let state = CameraState::at_origin(camera.intrinsics, &camera.distortion);
-    let fold_radius = state.fold_radius();
-    let (mut outside, mut all) = (0, 0);
-    let mut frames = Vec::new();
-    let mut last = f64::NEG_INFINITY;
-    for it in &camera.frames {
-        if !(it.frame.is_finite() && it.frame > last) {
-            return Err(PeopleError::Frames {
-                camera: camera.name.clone(),
-                found: it.frame,
-                before: last,
-            });
-        }
-        last = it.frame;
-        let mut bodies = Vec::new();
-        for detection in &it.bodies {
-            if detection.keypoints.len() != count {
-                return Err(PeopleError::KeypointCount {
+/// One camera and its tracklets, whenever they were.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Tracks {
+    state: CameraState,
+    tracks: Vec<Vec<Tracked>>,
+}
+
+impl Tracks {
+    /// The tracklets of `camera`, whose bodies have `count` keypoints, at `rate_hz` frames per second.
+    pub(super) fn of(
+        camera: &PeopleCamera,
+        count: usize,
+        rate_hz: f64,
+    ) -> Result<Self, PeopleError> {
+        check_lens(camera)?;
+        let state = CameraState::at_origin(camera.intrinsics, &camera.distortion);
+        let fold_radius = state.fold_radius();
+        let mut outside = 0;
+        let mut all = 0;
+        let mut frames = Vec::new();
+        let mut last = f64::NEG_INFINITY;
+        for it in &camera.frames {
+            if !(it.frame.is_finite() && it.frame > last) {
+                return Err(PeopleError::Frames {
                     camera: camera.name.clone(),
-                    frame: it.frame,
-                    found: detection.keypoints.len(),
-                    expected: count,
+                    found: it.frame,
+                    before: last,
                 });
             }
-            let seen = detection.keypoints.iter().flatten();
-            all += seen.clone().count();
-            outside += seen.filter(|k| is_outside(k.px, camera.size_px)).count();
-            bodies.extend(body(detection, camera.size_px, &state, fold_radius));
+            last = it.frame;
+            let mut bodies = Vec::new();
+            for detection in &it.bodies {
+                if detection.keypoints.len() != count {
+                    return Err(PeopleError::KeypointCount {
+                        camera: camera.name.clone(),
+                        frame: it.frame,
+                        found: detection.keypoints.len(),
+                        expected: count,
+                    });
+                }
+                let seen = detection.keypoints.iter().flatten();
+                all += seen.clone().count();
+                outside += seen.filter(|k| is_outside(k.px, camera.size_px)).count();
+                bodies.extend(body(detection, camera.size_px, &state, fold_radius));
+            }
+            frames.push((it.frame, bodies));
         }
-        frames.push((it.frame, bodies));
+        if outside as f64 > OUTSIDE_SHARE * all as f64 {
+            return Err(PeopleError::OutsidePicture {
+                camera: camera.name.clone(),
+                outside,
+                of: all,
+                size_px: camera.size_px,
+            });
+        }
+        Ok(Self {
+            state,
+            tracks: tracklets(frames, rate_hz),
+        })
     }
-    if outside as f64 > OUTSIDE_SHARE * all as f64 {
-        return Err(PeopleError::OutsidePicture {
-            camera: camera.name.clone(),
-            outside,
-            of: all,
-            size_px: camera.size_px,
-        });
+
+    /// The bodies at whole ticks of `clock`.
+    pub(super) fn view(&self, clock: &Clock) -> View {
+        View {
+            state: self.state,
+            ticks: by_tick(&self.tracks, clock),
+        }
     }
-    let tracks = tracklets(frames, clock.rate_hz);
-    Ok(View {
-        state,
-        ticks: by_tick(&tracks, clock),
-    })
 }
 
 fn is_outside(px: [f64; 2], size_px: [u32; 2]) -> bool {
@@ -218,6 +237,9 @@ fn by_tick(tracks: &[Vec<Tracked>], clock: &Clock) -> BTreeMap<i64, Vec<Body>> {
         let tick_of = |frame: f64| (frame / clock.rate_hz + clock.offset_s) * ticks_hz;
         for pair in track.windows(2) {
             let [a, b] = pair else { continue };
+            if (b.frame - a.frame) / clock.rate_hz > MOST_BETWEEN_S {
+                continue;
+            }
             let (from, to) = (tick_of(a.frame), tick_of(b.frame));
             let mut tick = from.ceil();
             while tick < to {

@@ -9,7 +9,7 @@ use farfield_proto::calibration::Calibration;
 use nalgebra::Vector2;
 
 use super::super::associate::persons;
-use super::super::view::{Clock, Joint, View, view};
+use super::super::view::{Clock, Joint, Tracks, View};
 use super::*;
 use crate::alignment::Similarity;
 use crate::geometry::{Sight, triangulate};
@@ -32,36 +32,11 @@ fn folder() -> Option<PathBuf> {
     None
 }
 
-fn frames(path: &Path, ticks: &std::ops::Range<u64>) -> Vec<DetectedFrame> {
+fn frames(path: &Path, ticks: &std::ops::Range<i64>) -> Vec<DetectedFrame> {
     let text = fs::read_to_string(path).unwrap();
-    let lines = text
-        .lines()
-        .map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap());
-    let own = lines.filter(|it| ticks.contains(&it["tick"].as_u64().unwrap()));
-    own.map(|it| DetectedFrame {
-        frame: it["tick"].as_f64().unwrap(),
-        bodies: it["persons"]
-            .as_array()
-            .unwrap()
-            .iter()
-            .map(detection)
-            .collect(),
-    })
-    .collect()
-}
-
-fn detection(person: &serde_json::Value) -> Detection {
-    let keypoints = person["keypoints"].as_array().unwrap().iter().map(|it| {
-        let numbers = it.as_array()?;
-        let number = |i: usize| numbers[i].as_f64().unwrap();
-        Some(Keypoint {
-            px: [number(0), number(1)],
-            score: number(2),
-        })
-    });
-    Detection {
-        keypoints: keypoints.collect(),
-    }
+    let mut frames = parse(&text, path, 17).unwrap();
+    frames.retain(|it| ticks.contains(&(it.frame as i64)));
+    frames
 }
 
 fn published(folder: &Path) -> Calibration {
@@ -69,7 +44,7 @@ fn published(folder: &Path) -> Calibration {
     Calibration::parse(&fs::read_to_string(&path).unwrap(), &path).unwrap()
 }
 
-fn request(folder: &Path, ticks: &std::ops::Range<u64>) -> PeopleRequest {
+fn request(folder: &Path, ticks: &std::ops::Range<i64>) -> PeopleRequest {
     let cameras = published(folder)
         .cameras
         .into_iter()
@@ -115,7 +90,7 @@ fn held_out_px(
     let views: Vec<View> = request
         .cameras
         .iter()
-        .map(|camera| view(camera, 17, &clock).unwrap())
+        .map(|camera| Tracks::of(camera, 17, 20.0).unwrap().view(&clock))
         .collect();
     let judge: Vec<Option<CameraState>> = judge.iter().copied().map(Some).collect();
     let ticks: BTreeSet<i64> = views.iter().flat_map(|v| v.ticks.keys().copied()).collect();

@@ -55,6 +55,8 @@ pub(super) struct Walk {
     /// Noise of a keypoint: on the body, metres, and in the picture, pixels.
     pub(super) noise_m: f64,
     pub(super) noise_px: f64,
+    /// Share of the noise on the body (its variance) that stays for a second, for each keypoint, person and camera apart.
+    pub(super) held_share: f64,
     /// Share of keypoints that are somewhere else on or about the body, and that are missing.
     pub(super) outlier_share: f64,
     pub(super) missed_share: f64,
@@ -67,6 +69,7 @@ pub(super) const USUAL: Walk = Walk {
     extent: [1.0, 1.0],
     noise_m: 0.025,
     noise_px: 1.0,
+    held_share: 0.0,
     outlier_share: 0.1,
     missed_share: 0.08,
     seed: 5,
@@ -89,6 +92,7 @@ pub(super) fn cameras(field: &Field) -> Vec<CameraState> {
             let center = Vector3::new(reach * c, reach * s, height);
             CameraState {
                 center_w: center,
+                period_s: 1.0 / RATE_HZ,
                 camera_from_world: looking(&center, &Vector3::new(0.0, 0.0, 0.8)),
                 ..CameraState::at_origin(
                     Intrinsics {
@@ -201,9 +205,9 @@ pub(super) fn body(field: &Field, walk: &Walk, who: usize, time_s: f64) -> Vec<V
 pub(super) fn request(field: &Field, states: &[CameraState], walk: &Walk) -> PeopleRequest {
     let mut rng = ChaCha8Rng::seed_from_u64(walk.seed);
     let cameras = states.iter().enumerate().map(|(index, state)| {
-        let frames = (0..(walk.seconds * RATE_HZ) as usize).map(|frame| DetectedFrame {
+        let frames = (0..(walk.seconds / state.period_s) as usize).map(|frame| DetectedFrame {
             frame: frame as f64,
-            bodies: seen(field, state, walk, frame as f64 / RATE_HZ, &mut rng),
+            bodies: seen(field, state, walk, state.time_s(frame as f64), &mut rng),
         });
         PeopleCamera {
             name: format!("c{index}"),
@@ -234,7 +238,11 @@ fn seen(
             continue;
         }
         let joints = body(field, walk, who, time_s);
-        bodies.extend(detection(&joints, state, walk, rng));
+        // What stays is drawn anew every second, from its own numbers.
+        let second = time_s.floor() as i64 as u64;
+        let camera = state.center_w.x.to_bits() ^ state.center_w.y.to_bits().rotate_left(17);
+        let held = ChaCha8Rng::seed_from_u64(camera ^ (second << 8) ^ who as u64);
+        bodies.extend(detection(&joints, state, walk, held, rng));
     }
     // What is no body is taken for one now and then.
     if rng.random_range(0.0..1.0) < 0.05 {
@@ -259,6 +267,7 @@ fn detection(
     joints: &[Vector3<f64>],
     state: &CameraState,
     walk: &Walk,
+    mut held: ChaCha8Rng,
     rng: &mut ChaCha8Rng,
 ) -> Option<Detection> {
     let fold = state.fold_radius();
@@ -282,7 +291,11 @@ fn detection(
             };
         }
         let sigma_px = walk.noise_m * state.intrinsics.fx_px / depth_m.max(0.5);
-        let mut noise = || sigma_px * gauss(rng) + walk.noise_px * gauss(rng);
+        let (stays, goes) = (walk.held_share.sqrt(), (1.0 - walk.held_share).sqrt());
+        let mut noise = || {
+            let on_body = stays * gauss(&mut held) + goes * gauss(rng);
+            sigma_px * on_body + walk.noise_px * gauss(rng)
+        };
         let noise = [noise(), noise()];
         let is_missed = rng.random_range(0.0..1.0) < walk.missed_share;
         let score = if is_outlier {
