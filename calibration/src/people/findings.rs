@@ -117,18 +117,15 @@ fn degenerate(found: &Found<'_>) -> Option<Finding> {
     ))
 }
 
-/// Persons at the ticks that were looked at, as seconds of all ticks.
+/// How many persons there are at a tick that was looked at, times the seconds from the first to the last of these.
 fn person_seconds(found: &Found<'_>) -> f64 {
     let persons = &found.adjusted.persons;
     let ticks: BTreeSet<i64> = persons.iter().map(|it| it.tick).collect();
     let (Some(first), Some(last)) = (ticks.first(), ticks.last()) else {
         return 0.0;
     };
-    let per_tick = persons.len() as f64 / ticks.len() as f64;
     let span_s = (last - first + 1) as f64 / found.ticks_hz;
-    // Ticks are spread over the whole; those without anybody count for nothing.
-    let looked_s = ticks.len() as f64 / found.ticks_hz;
-    per_tick * span_s.min(looked_s * (span_s / looked_s).max(1.0))
+    persons.len() as f64 / ticks.len() as f64 * span_s
 }
 
 fn too_few(found: &Found<'_>) -> Option<Finding> {

@@ -25,6 +25,8 @@ use crate::points::{
 
 /// Frame rates that are believed, 1/s.
 const RATES_HZ: [f64; 2] = [0.1, 1e5];
+/// How far the number of a frame may be from a whole one.
+const WHOLE: f64 = 1e-6;
 /// Statures that are believed, metres.
 const STATURES_M: [f64; 2] = [0.5, 2.5];
 
@@ -129,6 +131,24 @@ pub fn calibrate(
     finish(request, &plan, ticks_hz, told, adjusted)
 }
 
+/// Frames of synchronised cameras are moments by their number: one between two numbers belongs to no moment.
+fn check_frames(request: &PeopleRequest) -> Result<(), PeopleError> {
+    if request.timing != Timing::Synchronised {
+        return Ok(());
+    }
+    for camera in &request.cameras {
+        let is_between = |frame: f64| (frame - frame.round()).abs() > WHOLE;
+        if let Some(found) = camera.frames.iter().find(|it| is_between(it.frame)) {
+            return Err(PeopleError::Request(CalibrationError::Request(format!(
+                "camera `{}`: found frame {}, expected whole frames of synchronised cameras; give rates and offsets, or leave \
+                 the clocks to be found",
+                camera.name, found.frame
+            ))));
+        }
+    }
+    Ok(())
+}
+
 /// The clocks to begin with.
 fn clocks_of(request: &PeopleRequest, ticks_hz: f64) -> Vec<Clock> {
     let each = request.cameras.iter().map(|camera| Clock {
@@ -169,6 +189,7 @@ fn check(request: &PeopleRequest) -> Result<(), PeopleError> {
             }));
         }
     }
+    check_frames(request)?;
     if let Some(found) = request.stature_m
         && !(STATURES_M[0]..=STATURES_M[1]).contains(&found)
     {

@@ -236,7 +236,10 @@ fn what_cannot_be_used_is_refused_by_name() {
         ..SHORT
     };
     let sound = request(&SMALL, &truth, &walk);
-    let cases: [(&str, Spoil); 9] = [
+    let cases: [(&str, Spoil); 10] = [
+        ("expected whole frames", |it| {
+            it.cameras[1].frames[3].frame += 0.25;
+        }),
         ("found 1 cameras", |it| it.cameras.truncate(1)),
         ("two cameras are called `c0`", |it| {
             it.cameras[1].name = "c0".to_owned();
