@@ -3,10 +3,13 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use anyhow::{anyhow, bail, ensure};
-use farfield_calibration::formats::{CameraRecord, ImportOptions, LensModel, import};
+use anyhow::{Context as _, anyhow, bail, ensure};
+use farfield_calibration::formats::{
+    CameraRecord, Format, ImportOptions, LensModel, export, import,
+};
 use farfield_node::process::say;
 use farfield_proto::camera::{Distortion, Intrinsics};
+use nalgebra::Isometry3;
 
 use super::read;
 
@@ -42,6 +45,25 @@ pub(super) struct Lens {
     pub(super) size_px: [u32; 2],
     pub(super) intrinsics: Intrinsics,
     pub(super) distortion: Distortion,
+}
+
+impl Lens {
+    /// The lens as the calibration of a camera that stands nowhere in particular.
+    ///
+    /// # Errors
+    /// What no calibration can say.
+    pub(super) fn calibration(&self, name: &str) -> anyhow::Result<String> {
+        let record = CameraRecord {
+            name: name.to_owned(),
+            size_px: self.size_px,
+            intrinsics: self.intrinsics,
+            lens: LensModel::Rational(self.distortion),
+            camera_from_world: Some(Isometry3::identity()),
+        };
+        let files = export(&[record], Format::Farfield)?;
+        let file = files.into_iter().next();
+        Ok(file.context("a calibration without a file")?.text)
+    }
 }
 
 /// The lenses of all files by camera. The file of one camera may be given for one of another name.

@@ -1,6 +1,7 @@
 //! `farfield calibrate`: how cameras see and where they stand, found from pictures of a board and from a point that was
 //! carried through the field, or taken over from another program's files.
 
+mod ball;
 mod board;
 mod convert;
 mod judged;
@@ -36,6 +37,11 @@ enum CalibrateCommand {
         after_help = "Example: farfield calibrate board pictures/ --chessboard 4x7 --square-mm 60 --camera cam01"
     )]
     Board(board::BoardArgs),
+    /// Where cameras saw a ball, a light or a drone: what `points` takes.
+    #[command(
+        after_help = "Example: farfield calibrate ball recordings/ --lens lenses.toml --colour '#f08020'"
+    )]
+    Ball(ball::BallArgs),
     /// Where cameras stand, from a ball, a light or a drone that they saw.
     #[command(
         after_help = "Example: farfield calibrate points seen/*.txt --lens lenses.toml --distance north,south=24.1"
@@ -58,6 +64,7 @@ enum Judged {
 impl CalibrateArgs {
     fn is_json(&self) -> bool {
         match &self.command {
+            CalibrateCommand::Ball(args) => args.json,
             CalibrateCommand::Board(args) => args.json,
             CalibrateCommand::Points(args) => args.json,
             CalibrateCommand::Convert(args) => args.json,
@@ -68,6 +75,7 @@ impl CalibrateArgs {
 /// Makes the calibration that is asked for: exit code 1 where it does not pass, 2 where the input cannot carry one.
 pub(crate) fn main(args: &CalibrateArgs) -> ExitCode {
     let made = match &args.command {
+        CalibrateCommand::Ball(args) => ball::from_ball(args).map(|()| Judged::Passes),
         CalibrateCommand::Board(args) => board::from_board(args).map(|()| Judged::Passes),
         CalibrateCommand::Points(args) => points::from_points(args),
         CalibrateCommand::Convert(args) => convert::convert(args).map(|()| Judged::Passes),

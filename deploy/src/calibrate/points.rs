@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{bail, ensure};
 use clap::{Args, ValueEnum};
-use farfield_calibration::alignment::{Anchors, KnownDistance};
+use farfield_calibration::alignment::{Anchors, KnownDistance, Marks};
 use farfield_calibration::points::{
     Lenses, PointCamera, PointRequest, Stage, Timing, calibrate, parse,
 };
@@ -54,6 +54,11 @@ pub(super) struct PointsArgs {
     /// Where a camera is known to stand; three say scale, place and up.
     #[arg(long, value_name = "NAME=X,Y,Z", value_parser = place, allow_hyphen_values = true)]
     at: Vec<(String, [f64; 3])>,
+    /// Marks clicked in pictures, and what they are: lines and corners of a court, places, lengths, the floor.
+    ///
+    /// A TOML file; `docs/calibration.md` says what it may hold.
+    #[arg(long, value_name = "FILE")]
+    marks: Option<PathBuf>,
     /// What of the lenses may move: none, focal, all.
     #[arg(
         long,
@@ -306,6 +311,7 @@ fn request(args: &PointsArgs) -> anyhow::Result<PointRequest> {
             name,
         });
     }
+    let marks = args.marks.as_ref().map(|path| marks(path)).transpose()?;
     let timing = match args.clocks {
         Clocks::Synchronised => Timing::Synchronised,
         Clocks::Given => Timing::Clocks,
@@ -322,10 +328,15 @@ fn request(args: &PointsArgs) -> anyhow::Result<PointRequest> {
         anchors: Anchors {
             centers_m: args.at.clone(),
             distances: args.distance.clone(),
-            ..Anchors::default()
+            marks,
         },
         ..PointRequest::new(cameras, timing)
     })
+}
+
+/// What was clicked, and what it is.
+fn marks(path: &Path) -> anyhow::Result<Marks> {
+    Ok(Marks::parse(&read(path)?.text, path)?)
 }
 
 fn json(

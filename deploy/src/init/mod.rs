@@ -6,7 +6,7 @@
 mod matching;
 mod questions;
 mod rate;
-mod recordings;
+pub(crate) mod recordings;
 mod seen_field;
 mod venue_text;
 mod viewpoints;

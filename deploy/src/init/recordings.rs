@@ -15,7 +15,7 @@ const MAX_ENTRIES: usize = 100_000;
 
 /// What a recording is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum RecordingKind {
+pub(crate) enum RecordingKind {
     /// A video file.
     Video,
     /// Numbered pictures.
@@ -26,18 +26,18 @@ pub(super) enum RecordingKind {
 
 /// One camera's recording.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) struct Recording {
+pub(crate) struct Recording {
     /// What it is.
-    pub(super) kind: RecordingKind,
+    pub(crate) kind: RecordingKind,
     /// The file, or the pattern of the pictures' names.
-    pub(super) path: PathBuf,
+    pub(crate) path: PathBuf,
     /// What names the camera: the file's name without its ending, or the folder's.
-    pub(super) name: String,
+    pub(crate) name: String,
 }
 
 impl Recording {
     /// As it is written in a venue file.
-    pub(super) fn kind_name(&self) -> &'static str {
+    pub(crate) fn kind_name(&self) -> &'static str {
         match self.kind {
             RecordingKind::Video => "video",
             RecordingKind::Images => "images",
@@ -52,7 +52,7 @@ impl Recording {
 }
 
 /// The recordings in `videos`; if that is not said, in `folder`, or in `videos` in it.
-pub(super) fn find(folder: &Path, videos: Option<&Path>) -> anyhow::Result<Vec<Recording>> {
+pub(crate) fn find(folder: &Path, videos: Option<&Path>) -> anyhow::Result<Vec<Recording>> {
     let places = match videos {
         Some(videos) => vec![videos.to_owned()],
         None => vec![folder.to_owned(), folder.join("videos")],

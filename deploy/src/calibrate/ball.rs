@@ -1,0 +1,320 @@
+//! `farfield calibrate ball`: where cameras saw a ball that was carried through the field, a light in the dark, a drone.
+//!
+//! Writes the files that `farfield calibrate points` takes.
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context as _, anyhow, bail, ensure};
+use clap::{Args, ValueEnum};
+use farfield_calibration::ball::{
+    Appearance, BallFinder, BallLens, BallRequest, BallSighting, ColourRange, Picture,
+    sightings_text,
+};
+use farfield_edge::source::{FrameContent, RecordedSources, Sources as _};
+use farfield_node::process::{NodeError, say};
+use farfield_proto::calibration::Calibration;
+use farfield_proto::tick::Tick;
+use farfield_proto::venue::{Venue, VenueCamera};
+use rayon::iter::{IntoParallelRefIterator as _, ParallelIterator as _};
+use serde::Serialize;
+
+use super::lenses::{Lens, LensFile, lenses};
+use super::{refuse_existing, write};
+use crate::init::recordings::{self, Recording, RecordingKind};
+use crate::output;
+
+/// Pictures of the first pass, in which the ball's colour is learnt.
+const LEARNING_FRAMES: usize = 300;
+/// Sightings below which nothing can be made of a camera.
+const FEW: usize = 20;
+
+/// What `farfield calibrate ball` is told.
+#[derive(Debug, Args)]
+pub(super) struct BallArgs {
+    /// The folder of the recordings: videos or folders of numbered pictures, named after the cameras.
+    folder: PathBuf,
+    /// Lenses: a calibration of any format, or NAME=FILE for one camera.
+    #[arg(long, value_name = "[NAME=]FILE", required = true)]
+    lens: Vec<LensFile>,
+    /// What tells it: colour, moving-colour, light, motion.
+    ///
+    /// colour: nothing large has its colour; moving-colour: seats or signs have it too; light: a lamp in the dark; motion: a
+    /// drone before the sky. For all but colour and light the cameras stand still.
+    #[arg(
+        long,
+        value_name = "WHAT",
+        default_value = "moving-colour",
+        hide_possible_values = true
+    )]
+    by: ToldBy,
+    /// Its colour: #rrggbb, or hue,saturation,value ranges.
+    ///
+    /// As 20-45,60-100,30-100: degrees and percent. Left out: that of the most saturated round thing that moves.
+    #[arg(long, value_name = "COLOUR")]
+    colour: Option<ColourRange>,
+    /// Least brightness of a light, 0 to 255.
+    #[arg(long, value_name = "N", default_value_t = 200, hide_short_help = true)]
+    least_brightness: u8,
+    /// Least difference of what moves, levels of 255.
+    #[arg(long, value_name = "N", default_value_t = 20, hide_short_help = true)]
+    contrast: u8,
+    /// Least and most diameter in a picture, pixels.
+    #[arg(long, value_name = "A,B", value_parser = diameters, default_value = "5,400")]
+    diameter_px: [f64; 2],
+    /// Folder for NAME.txt: `frame x y` on each line.
+    #[arg(long, value_name = "DIR", default_value = "seen")]
+    out: PathBuf,
+    /// Replace files that are there already.
+    #[arg(long)]
+    replace: bool,
+    /// Print what was found, or what went wrong, as JSON.
+    #[arg(long)]
+    pub(super) json: bool,
+}
+
+/// By what the thing is told from all else.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum ToldBy {
+    Colour,
+    MovingColour,
+    Light,
+    Motion,
+}
+
+fn diameters(word: &str) -> Result<[f64; 2], String> {
+    let parsed = word
+        .split_once(',')
+        .and_then(|(least, most)| Some([least.trim().parse().ok()?, most.trim().parse().ok()?]));
+    parsed.ok_or_else(|| format!("found `{word}`, expected A,B in pixels, for example 8,120"))
+}
+
+/// What a camera saw.
+#[derive(Debug, Serialize)]
+struct Seen {
+    camera: String,
+    frames: u64,
+    sightings: usize,
+    /// At the median, pixels.
+    diameter_px: f64,
+    file: PathBuf,
+}
+
+/// Looks for it in every recording, and writes where it was.
+///
+/// # Errors
+/// [`NodeError::Refused`] where recordings or lenses cannot be read, or a ball is nowhere.
+pub(super) fn from_ball(args: &BallArgs) -> Result<(), NodeError> {
+    let cameras = cameras(args).map_err(NodeError::Refused)?;
+    for camera in &cameras {
+        refuse_existing(&camera.file(&args.out), args.replace)?;
+    }
+    let each: Vec<anyhow::Result<(u64, Vec<BallSighting>)>> =
+        cameras.par_iter().map(|camera| camera.look(args)).collect();
+    let mut seen = Vec::new();
+    let mut texts = Vec::new();
+    for (camera, found) in cameras.iter().zip(each) {
+        let (frames, found) = found.map_err(NodeError::Refused)?;
+        let mut diameters_px: Vec<f64> = found.iter().map(|it| it.diameter_px).collect();
+        diameters_px.sort_by(f64::total_cmp);
+        let middle = diameters_px.get(diameters_px.len() / 2);
+        texts.push(sightings_text(&found));
+        seen.push(Seen {
+            camera: camera.recording.name.clone(),
+            frames,
+            sightings: found.len(),
+            diameter_px: middle.copied().unwrap_or_default(),
+            file: camera.file(&args.out),
+        });
+    }
+    if seen.iter().all(|it| it.sightings == 0) {
+        return Err(NodeError::Refused(anyhow!(
+            "{}: nothing that moves was found in any recording: say what tells it by --by and --colour, and how large it \
+             appears by --diameter-px",
+            args.folder.display()
+        )));
+    }
+    for (it, text) in seen.iter().zip(&texts) {
+        write(&it.file, text)?;
+    }
+    let text = if args.json {
+        serde_json::to_string_pretty(&seen).map_err(NodeError::failed)? + "\n"
+    } else {
+        lines(&seen)
+    };
+    output::print(&text).map_err(NodeError::Failed)
+}
+
+fn lines(seen: &[Seen]) -> String {
+    let mut text = String::new();
+    // Writing to a string does not fail.
+    for it in seen {
+        let (camera, file) = (&it.camera, it.file.display());
+        let (sightings, frames) = (it.sightings, it.frames);
+        if it.sightings == 0 {
+            writeln!(text, "camera {camera}: not seen in {frames} frames, {file}").ok();
+            continue;
+        }
+        let few = if it.sightings < FEW { ": too few" } else { "" };
+        writeln!(
+            text,
+            "camera {camera}: seen in {sightings} of {frames} frames{few}, {:.0} px across at the median, {file}",
+            it.diameter_px
+        )
+        .ok();
+    }
+    text
+}
+
+/// A recording and the lens that it was made through.
+struct LookingCamera {
+    recording: Recording,
+    lens: BallLens,
+    venue: Venue,
+}
+
+impl LookingCamera {
+    fn file(&self, folder: &Path) -> PathBuf {
+        folder.join(format!("{}.txt", self.recording.name))
+    }
+
+    /// How many frames there are, and where it was.
+    fn look(&self, args: &BallArgs) -> anyhow::Result<(u64, Vec<BallSighting>)> {
+        let appearance = match (args.by, args.colour) {
+            (ToldBy::Light, _) => Appearance::Bright {
+                least: args.least_brightness,
+            },
+            (ToldBy::Motion, _) => Appearance::Moving {
+                contrast: args.contrast,
+            },
+            (ToldBy::Colour, Some(colour)) => Appearance::Colour(colour),
+            (ToldBy::MovingColour, Some(colour)) => Appearance::MovingColour(colour),
+            (by, None) => match self.learnt(args)? {
+                None => return Ok((0, Vec::new())),
+                Some(colour) if by == ToldBy::Colour => Appearance::Colour(colour),
+                Some(colour) => Appearance::MovingColour(colour),
+            },
+        };
+        let mut finder = self.finder(appearance, args)?;
+        let frames = self.show(&mut finder, usize::MAX)?;
+        Ok((frames, finder.finish()))
+    }
+
+    /// The colour of the most saturated round thing that moves.
+    fn learnt(&self, args: &BallArgs) -> anyhow::Result<Option<ColourRange>> {
+        let any = Appearance::MovingColour(ColourRange::saturated());
+        let mut finder = self.finder(any, args)?;
+        self.show(&mut finder, LEARNING_FRAMES)?;
+        let colour = finder.colour();
+        let name = &self.recording.name;
+        match &colour {
+            Some(found) => say(format_args!(
+                "camera {name}: its colour has hues of {:.0} to {:.0} degrees",
+                found.hue_deg[0], found.hue_deg[1]
+            )),
+            None => say(format_args!(
+                "camera {name}: nothing round, saturated and moving in the first {LEARNING_FRAMES} frames: give --colour"
+            )),
+        }
+        Ok(colour)
+    }
+
+    fn finder(&self, appearance: Appearance, args: &BallArgs) -> anyhow::Result<BallFinder> {
+        let request = BallRequest {
+            appearance,
+            diameter_px: args.diameter_px,
+            lens: Some(self.lens),
+        };
+        BallFinder::new(request).with_context(|| self.recording.path.display().to_string())
+    }
+
+    /// Shows the finder the first frames, at most so many; how many there were.
+    fn show(&self, finder: &mut BallFinder, most: usize) -> anyhow::Result<u64> {
+        let camera: &VenueCamera = self
+            .venue
+            .cameras
+            .first()
+            .context("a venue without cameras")?;
+        let mut source = RecordedSources.open(camera, &self.venue, Tick(0))?;
+        let mut frames = 0;
+        while (frames as usize) < most
+            && let Some(frame) = source.next_frame()?
+        {
+            let FrameContent::Image(image) = &frame.content else {
+                bail!("{}: found no pictures", self.recording.path.display());
+            };
+            let picture = Picture::rgb8(image.as_raw(), [image.width(), image.height()]);
+            let number = u64::try_from(frame.tick.0).unwrap_or_default();
+            let looked = picture.and_then(|picture| finder.look(number, &picture));
+            looked.with_context(|| self.recording.path.display().to_string())?;
+            frames += 1;
+        }
+        Ok(frames)
+    }
+}
+
+/// The recordings of the folder, each with its lens.
+fn cameras(args: &BallArgs) -> anyhow::Result<Vec<LookingCamera>> {
+    let lenses = lenses(&args.lens)?;
+    let found = recordings::find(&args.folder, None)?;
+    let pictures = found
+        .into_iter()
+        .filter(|it| it.kind != RecordingKind::Keypoints);
+    let each = pictures.map(|recording| {
+        let Some(lens) = lenses.get(&recording.name) else {
+            let has: Vec<&str> = lenses.keys().map(String::as_str).collect();
+            bail!(
+                "{}: no lens of camera `{}`: found those of {}; give it by --lens {}=FILE",
+                recording.path.display(),
+                recording.name,
+                has.join(", "),
+                recording.name
+            );
+        };
+        camera(recording, lens)
+    });
+    let cameras: Vec<LookingCamera> = each.collect::<anyhow::Result<_>>()?;
+    ensure!(
+        !cameras.is_empty(),
+        "{}: found keypoint files, expected videos or folders of pictures",
+        args.folder.display()
+    );
+    Ok(cameras)
+}
+
+/// A camera of a venue of its own: recordings are opened as those of venues are.
+fn camera(recording: Recording, lens: &Lens) -> anyhow::Result<LookingCamera> {
+    let path = &recording.path;
+    let looks = BallLens::new(lens.size_px, lens.intrinsics, lens.distortion);
+    let looks = looks.with_context(|| format!("the lens of camera {}", recording.name))?;
+    let full = std::path::absolute(path).with_context(|| path.display().to_string())?;
+    let calibration = lens.calibration(&recording.name)?;
+    let calibration = Calibration::parse(&calibration, path)?;
+    let quoted = |text: &str| toml::Value::from(text).to_string();
+    let text = format!(
+        "name = \"ball\"\nrate_hz = 30.0\ncalibration = \"lens.toml\"\n[[viewpoint]]\nname = \"v\"\n[[viewpoint.camera]]\n\
+         name = {}\nsource = {{ kind = \"{}\", path = {} }}\n",
+        quoted(&recording.name),
+        recording.kind_name(),
+        quoted(&full.display().to_string())
+    );
+    let venue = Venue::parse(&text, path, calibration)?;
+    Ok(LookingCamera {
+        recording,
+        lens: looks,
+        venue,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn diameters_are_two_numbers() {
+        assert_eq!(diameters("8, 120"), Ok([8.0, 120.0]));
+        for wrong in ["8", "a,b", "8-120"] {
+            assert!(diameters(wrong).unwrap_err().contains("expected"));
+        }
+    }
+}
