@@ -18,6 +18,7 @@ const MAY_DEPEND_ON: [(&str, &[&str]); 12] = [
     ("export", &["proto", "fusion"]),
     ("streams", &["proto", "fusion", "export"]),
     ("import", &["proto", "calibration"]),
+    ("page", &["proto"]),
     ("sim", &["proto", "edge", "fusion"]),
     ("score", &["proto", "fusion"]),
     (
@@ -31,6 +32,7 @@ const MAY_DEPEND_ON: [(&str, &[&str]); 12] = [
             "export",
             "streams",
             "import",
+            "page",
             "sim",
             "score",
         ],
