@@ -360,11 +360,15 @@ fn shelf() -> Option<PathBuf> {
     None
 }
 
-/// Somebody as `OpenPose` has them: what is not found is 0, 0, 0.
+/// What a run takes from a keypoint file: everybody of whom something was found, with scores up to 1, which `OpenPose`
+/// overshoots at three keypoints of this recording.
 fn people_found(path: &Path) -> Frames {
     let mut frames = people_of(path);
     for people in frames.values_mut() {
         people.retain(|person| person.iter().any(Option::is_some));
+        for found in people.iter_mut().flatten().flatten() {
+            found.score = found.score.min(1.0);
+        }
     }
     frames
 }
