@@ -12,6 +12,9 @@ use crate::report::RemarkReport;
 
 use super::ImportRequest;
 
+/// Levels above a folder that are looked at: Caliscope's is three above the points of one tracker.
+const LEVELS_ABOVE: usize = 3;
+
 /// What was found, and read.
 #[derive(Debug)]
 pub(super) struct FoundCalibration {
@@ -30,11 +33,11 @@ pub(super) fn find(
     let mut places = vec![listed.to_vec()];
     let full = files::full(&request.folder)?;
     // Pose2Sim and Caliscope keep it beside or above the recordings.
-    for level in full.ancestors().skip(1).take(2) {
+    for level in full.ancestors().skip(1).take(LEVELS_ABOVE) {
         places.push(around(level));
     }
     for place in &places {
-        let found = readable(folder::calibrations(place))?;
+        let found = readable(folder::calibrations(place));
         match chosen(found) {
             Ok(Some(files)) => return read(files),
             Ok(None) => {}
@@ -77,21 +80,15 @@ fn around(level: &Path) -> Vec<PathBuf> {
     found
 }
 
-/// Those that are calibrations by their content, too.
-fn readable(groups: Vec<Vec<PathBuf>>) -> Result<Vec<Vec<PathBuf>>, ImportError> {
-    let mut found = Vec::new();
-    for group in groups {
-        let is_one = match group.as_slice() {
-            [path] if folder::ending(path) == "toml" => {
-                folder::is_toml_of_cameras(&files::read_text(path)?)
-            }
-            _ => true,
-        };
-        if is_one {
-            found.push(group);
+/// Those that are calibrations by their content, too. What cannot be read is none.
+fn readable(groups: Vec<Vec<PathBuf>>) -> Vec<Vec<PathBuf>> {
+    let is_one = |group: &Vec<PathBuf>| match group.as_slice() {
+        [path] if folder::ending(path) == "toml" => {
+            files::read_text(path).is_ok_and(|text| folder::is_toml_of_cameras(&text))
         }
-    }
-    Ok(found)
+        _ => true,
+    };
+    groups.into_iter().filter(is_one).collect()
 }
 
 /// The only one; else the only one in TOML, into which other tools convert; else Caliscope's own beside its copies.

@@ -313,7 +313,7 @@ fn caliscopes_and_freemocaps_folders_are_read_with_their_calibrations() {
     );
     let walk = ImportRequest {
         rate_hz: rate,
-        ..request(&at("recordings/walk"))
+        ..request(&at("recordings/walk/POSE"))
     };
     let report = import(&walk).unwrap();
     assert_eq!(
