@@ -9,13 +9,14 @@ mod venue;
 
 use std::io::Write as _;
 use std::net::SocketAddr;
-use std::sync::{Arc, OnceLock, Weak};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError, Weak};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use farfield_page::protocol::status::RecordingState;
 use farfield_page::{
     Action, ActionKind, PageActions, PageOptions, PageState, Server, ServerOptions, qr,
 };
+use farfield_proto::order_statistics::percentile;
 use farfield_proto::tick::Tick;
 use made_up::MadeUp;
 use messages::Synthetic;
@@ -87,16 +88,37 @@ impl PageActions for Pretended {
     }
 }
 
-/// Feeds tick after tick, each when it is.
-async fn feed(state: Arc<PageState>, synthetic: Synthetic) {
+/// Feeds tick after tick, each when it is; notes how long the page keeps whoever feeds it.
+async fn feed(state: Arc<PageState>, synthetic: Synthetic, held_ns: &Mutex<Vec<u64>>) {
     let began = Instant::now();
     for tick in 1.. {
         let tick = Tick(tick);
         sleep_until(began + Duration::from_secs_f64(tick.seconds(venue::RATE_HZ))).await;
         for (key, bytes, at_us) in synthetic.messages(tick) {
+            let before = Instant::now();
             state.message(&key, &bytes, at_us);
+            let held = u64::try_from(before.elapsed().as_nanos()).unwrap_or(u64::MAX);
+            held_ns
+                .lock()
+                .unwrap_or_else(PoisonError::into_inner)
+                .push(held);
         }
     }
+}
+
+/// What whoever feeds the page waited for it, on standard error.
+fn tell_held(state: &PageState, held_ns: &Mutex<Vec<u64>>) {
+    let mut held = std::mem::take(&mut *held_ns.lock().unwrap_or_else(PoisonError::into_inner));
+    held.sort_unstable();
+    let us = |share| percentile(&held, share).unwrap_or_default() as f64 / 1e3;
+    eprintln!(
+        "{} messages, each held its feeder for {:.1} us (P50), {:.1} (P99), {:.1} (P99.9); {} dropped",
+        held.len(),
+        us(0.5),
+        us(0.99),
+        us(0.999),
+        state.dropped()
+    );
 }
 
 #[tokio::main]
@@ -113,13 +135,14 @@ async fn main() -> Result<(), Failure> {
         actions: Some(Arc::clone(&actions) as Arc<dyn PageActions>),
         ..PageOptions::default()
     };
+    let held_ns = Mutex::new(Vec::new());
     let mut feeding = None;
     let state = if let Some(minutes) = arguments.recording_minutes {
         let made_up = MadeUp::new(synthetic, i64::from(minutes) * 3600);
         PageState::recording(venue, skeleton, Box::new(made_up), options)?
     } else {
         let state = PageState::live(venue, skeleton, options)?;
-        feeding = Some(feed(Arc::clone(&state), synthetic));
+        feeding = Some(feed(Arc::clone(&state), synthetic, &held_ns));
         state
     };
     actions.0.get_or_init(|| Arc::downgrade(&state));
@@ -127,7 +150,7 @@ async fn main() -> Result<(), Failure> {
         address: SocketAddr::from(([127, 0, 0, 1], arguments.port)),
         ..ServerOptions::default()
     };
-    let server = Server::bind(state, options).await?;
+    let server = Server::bind(Arc::clone(&state), options).await?;
     let mut out = std::io::stdout();
     if let Some(code) = qr::terminal_code(&server.url()) {
         writeln!(out, "{code}")?;
@@ -153,5 +176,6 @@ async fn main() -> Result<(), Failure> {
         () = async { tokio::join!(serving, ending); } => {}
         () = feeding => {}
     }
+    tell_held(&state, &held_ns);
     Ok(())
 }

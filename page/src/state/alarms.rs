@@ -6,6 +6,7 @@ use farfield_proto::message::live::{CameraHealth, LiveStatus};
 use farfield_proto::tick::Micros;
 
 use super::context::Context;
+use super::growth::Growth;
 use super::nodes::{Nodes, SILENT_US};
 use crate::protocol::status::{Alarm, PageCounts, RecordingState, Severity};
 
@@ -29,13 +30,15 @@ pub(super) struct Circumstances<'a> {
 /// Alarms under way.
 struct Found<'a> {
     of: &'a Circumstances<'a>,
+    growth: &'a mut Growth,
     alarms: Vec<Alarm>,
 }
 
 /// Everything that is wrong now; `since_us` is now for each.
-pub(super) fn find(of: &Circumstances<'_>) -> Vec<Alarm> {
+pub(super) fn find<'a>(of: &'a Circumstances<'a>, growth: &'a mut Growth) -> Vec<Alarm> {
     let mut found = Found {
         of,
+        growth,
         alarms: Vec::new(),
     };
     for node in Nodes::expected(of.context) {
@@ -116,7 +119,8 @@ impl Found<'_> {
             self.say(Severity::Failed, key, &subject, text, remedy);
             return;
         }
-        if status.unreadable > 0 {
+        let key = format!("{key}/unreadable");
+        if self.growth.has_grown(&key, status.unreadable, now_us) {
             let text = format!(
                 "{subject} received {} messages that it could not read",
                 status.unreadable
@@ -244,19 +248,14 @@ impl Found<'_> {
                     remedy,
                 );
             }
-            if health.dropped > 0 {
+            let lost = format!("{key}/dropped");
+            if self.growth.has_grown(&lost, health.dropped, self.of.now_us) {
                 let text = format!(
                     "{} messages of {name} found no place at fusion",
                     health.dropped
                 );
                 let remedy = "fusion is too slow, or the edge sends too much: `farfield bench`, `farfield status`";
-                self.say(
-                    Severity::Warning,
-                    format!("{key}/dropped"),
-                    &subject,
-                    text,
-                    remedy,
-                );
+                self.say(Severity::Warning, lost, &subject, text, remedy);
             }
             self.clock(name, link.clock_offset_us, health.clock_uncertainty_us);
         }
@@ -392,7 +391,8 @@ impl Found<'_> {
                 remedy,
             );
         }
-        if self.of.counts.dropped > 0 {
+        let dropped = self.of.counts.dropped;
+        if self.growth.has_grown("page", dropped, self.of.now_us) {
             let text = format!(
                 "the page lost {} messages: what it shows has gaps, poses have none",
                 self.of.counts.dropped

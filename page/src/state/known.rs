@@ -16,6 +16,7 @@ use super::alarms::{self, Circumstances};
 use super::context::{Context, Topic};
 use super::evidence::Evidence;
 use super::frame::{Frame, SharedFrame};
+use super::growth::Growth;
 use super::latency::{LatencyWindow, Stage, tick_time_us};
 use super::nodes::Nodes;
 use crate::protocol::status::{Alarm, PageCounts, People, RecordingState, StatusDocument};
@@ -39,6 +40,7 @@ pub(crate) struct Known {
     now_us: Micros,
     /// Since when each alarm is on.
     since: BTreeMap<String, Micros>,
+    growth: Growth,
     unreadable: u64,
 }
 
@@ -75,6 +77,7 @@ impl Known {
             pose_times: VecDeque::new(),
             now_us: 0,
             since: BTreeMap::new(),
+            growth: Growth::default(),
             unreadable: 0,
         }
     }
@@ -97,6 +100,7 @@ impl Known {
             pose_times: VecDeque::new(),
             now_us: self.now_us,
             since: self.since.clone(),
+            growth: self.growth.clone(),
             unreadable: self.unreadable,
         }
     }
@@ -235,14 +239,17 @@ impl Known {
             ..beside.counts
         };
         let last_us = self.pose_times.back();
-        let mut alarms = alarms::find(&Circumstances {
-            context: &self.context,
-            nodes: &self.nodes,
-            now_us,
-            without_poses_us: last_us.map(|last_us| now_us.saturating_sub(*last_us)),
-            recording: beside.recording.as_ref(),
-            counts,
-        });
+        let mut alarms = alarms::find(
+            &Circumstances {
+                context: &self.context,
+                nodes: &self.nodes,
+                now_us,
+                without_poses_us: last_us.map(|last_us| now_us.saturating_sub(*last_us)),
+                recording: beside.recording.as_ref(),
+                counts,
+            },
+            &mut self.growth,
+        );
         for alarm in &mut alarms {
             alarm.since_us = self.since.get(&alarm.key).copied().unwrap_or(now_us);
         }

@@ -9,6 +9,7 @@ mod event_log;
 mod evidence;
 pub(crate) mod feed;
 pub(crate) mod frame;
+mod growth;
 pub(crate) mod known;
 mod latency;
 mod nodes;
