@@ -9,7 +9,7 @@ const FIRST_STEP: u8 = 4;
 const TIMES: u8 = 3;
 const MOST_CHANGE: u8 = 60;
 
-/// Median and usual change of every pixel's brightness, each moved by a level at a time (Manzanera and Richefeu 2007, "A new
+/// Median and usual change of every pixel's brightness, each moved by a level at a time (Manzanera & Richefeu 2007, "A new
 /// motion detection algorithm based on sigma-delta background estimation").
 ///
 /// Two bytes a pixel, however many pictures.
