@@ -1,7 +1,8 @@
 //! The live page of a run, and of a recording.
 
+use std::collections::BTreeMap;
 use std::net::SocketAddr;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, OnceLock, PoisonError, Weak};
 
 use anyhow::Context as _;
 use farfield_fusion::body::skeleton::angles::is_translation;
@@ -10,7 +11,10 @@ use farfield_fusion::node::{CopiedMessage, CopiedStep, Listeners, RunAtItsStart,
 use farfield_node::process::NodeError;
 use farfield_page::qr::terminal_code;
 use farfield_page::server::Keys;
-use farfield_page::{Angle, AngleUnit, PageOptions, PageState, Server, ServerOptions, Skeleton};
+use farfield_page::{
+    Action, ActionKind, Angle, AngleUnit, PageActions, PageOptions, PageState, Server,
+    ServerOptions, Skeleton,
+};
 use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::transport::Identity;
 use farfield_proto::venue::Venue;
@@ -70,10 +74,16 @@ pub(super) async fn listen(
     listeners: &mut Listeners,
 ) -> Result<(), NodeError> {
     let skeleton = page_skeleton(run.venue, run.keypoints);
-    let state = PageState::live(run.venue.clone(), skeleton, PageOptions::default());
+    let names = Arc::new(GivenNames::default());
+    let options = PageOptions {
+        actions: Some(Arc::clone(&names) as Arc<dyn PageActions>),
+        ..PageOptions::default()
+    };
+    let state = PageState::live(run.venue.clone(), skeleton, options);
     let state = state
         .context("starting the page's thread")
         .map_err(NodeError::Failed)?;
+    names.page.get_or_init(|| Arc::downgrade(&state));
     let server = PageServer::start(Arc::clone(&state), place, run.identity).await?;
     listeners.said.extend(server.said.iter().cloned());
     listeners.wiretaps.push(Arc::new(PageTap {
@@ -81,6 +91,37 @@ pub(super) async fn listen(
         _server: server,
     }));
     Ok(())
+}
+
+/// What people are called, for as long as the run lasts.
+#[derive(Default)]
+struct GivenNames {
+    by_person: Mutex<BTreeMap<u32, String>>,
+    page: OnceLock<Weak<PageState>>,
+}
+
+impl PageActions for GivenNames {
+    fn kinds(&self) -> Vec<ActionKind> {
+        vec![ActionKind::NamePerson]
+    }
+
+    fn act(&self, action: &Action) -> Result<(), String> {
+        let Action::NamePerson { person, name } = action else {
+            return Err("recordings are started with the run, by `--record`".to_owned());
+        };
+        // What a thread that died left is whole: it is one map.
+        let by_person = self.by_person.lock();
+        let mut by_person = by_person.unwrap_or_else(PoisonError::into_inner);
+        if name.is_empty() {
+            by_person.remove(person);
+        } else {
+            by_person.insert(*person, name.clone());
+        }
+        if let Some(page) = self.page.get().and_then(Weak::upgrade) {
+            page.set_names(by_person.clone());
+        }
+        Ok(())
+    }
 }
 
 /// Gives the page what passes.
