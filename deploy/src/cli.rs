@@ -33,7 +33,7 @@ use crate::view::ViewArgs;
 ///
 /// Exit codes: 0 done, 1 ran but failed, 2 wrong input or usage, 130 interrupted. With `--json` what went wrong is JSON,
 /// too: `{"error": ..., "exit_code": 2}`. `RUST_LOG=debug` says more of what happens. `farfield completions` and
-/// `farfield man` are for whoever installs it.
+/// `farfield man` are for whoever installs it, `farfield evaluate` for who has a truth.
 #[derive(Debug, Parser)]
 #[command(
     name = "farfield",
@@ -100,7 +100,10 @@ pub(crate) enum FarfieldCommand {
     #[command(after_help = "Example: farfield parameters")]
     Parameters(ParametersArgs),
     /// Score poses against a truth.
-    #[command(after_help = "Example: farfield evaluate out/poses.jsonl truth.jsonl")]
+    #[command(
+        hide = true,
+        after_help = "Example: farfield evaluate out/poses.jsonl truth.jsonl"
+    )]
     Evaluate(EvaluateArgs),
     /// Write the poses of a run for other programs.
     ///

@@ -9,7 +9,7 @@ use super::{check, root, workspace};
 /// What each package may depend on among ours, in any table: for building, for tests, for build scripts.
 /// Edge and fusion never see each other, and nothing that is delivered sees the laboratory. All names but
 /// the operator's command's begin with `farfield-`.
-const MAY_DEPEND_ON: [(&str, &[&str]); 12] = [
+const MAY_DEPEND_ON: [(&str, &[&str]); 14] = [
     ("proto", &[]),
     ("node", &["proto"]),
     ("calibration", &["proto"]),
@@ -46,6 +46,8 @@ const MAY_DEPEND_ON: [(&str, &[&str]); 12] = [
             "edge",
             "fusion",
             "export",
+            "import",
+            "page",
             "streams",
             "sim",
             "score",
@@ -60,6 +62,8 @@ const MAY_DEPEND_ON: [(&str, &[&str]); 12] = [
             "edge",
             "fusion",
             "export",
+            "import",
+            "page",
             "streams",
             "sim",
             "score",

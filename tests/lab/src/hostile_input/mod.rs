@@ -8,6 +8,7 @@
 
 mod foreign;
 mod messages;
+mod outside;
 mod recorded;
 mod texts;
 mod venue_texts;
@@ -16,19 +17,23 @@ mod venue_texts;
 pub type Target = fn(&[u8]) -> String;
 
 /// The fuzz targets by name, in the order of the alphabet.
-pub const TARGETS: [(&str, Target); 15] = [
+pub const TARGETS: [(&str, Target); 19] = [
     ("calibration_text", venue_texts::calibration_text),
+    ("clicked_marks_text", outside::clicked_marks_text),
     ("clip_text", texts::clip_text),
     (
         "foreign_calibration_text",
         foreign::foreign_calibration_text,
     ),
+    ("imported_keypoints", outside::imported_keypoints),
     ("keypoints_text", texts::keypoints_text),
     ("maps_file", recorded::maps_file),
     ("model_card_text", texts::model_card_text),
+    ("page_request_text", outside::page_request_text),
     ("patch_decode", messages::patch_decode),
     ("point_sightings_text", foreign::point_sightings_text),
     ("poses_text", texts::poses_text),
+    ("qtm_packets", outside::qtm_packets),
     ("recording_file", recorded::recording_file),
     ("ring_segment", recorded::ring_segment),
     ("run_text", foreign::run_text),
