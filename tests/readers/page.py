@@ -5,7 +5,7 @@
 
 URL is the page's address as it was printed, with its token where it has one; with --start, COMMAND is run before, and the
 address is the last one that it prints (URL is then `-`). SHOTS is the folder for screenshots. --people: how many people
-the venue has at least. The venue must have an alarm at times, as `cargo run -p farfield-page --example synthetic` has.
+the venue has at least. The venue must have an alarm at times, as `cargo run -p farfield-page --example synthetic_page` has.
 Chromium is /usr/bin/chromium, or what $CHROMIUM names. Prints a line per check; exits with 1 where one failed.
 """
 

@@ -1,12 +1,12 @@
 //! The made-up venue of the example, for tests.
 
-#[path = "../../examples/synthetic/made_up.rs"]
+#[path = "../../examples/synthetic_page/made_up.rs"]
 pub(crate) mod made_up;
-#[path = "../../examples/synthetic/messages.rs"]
+#[path = "../../examples/synthetic_page/messages.rs"]
 pub(crate) mod messages;
-#[path = "../../examples/synthetic/people.rs"]
+#[path = "../../examples/synthetic_page/people.rs"]
 pub(crate) mod people;
-#[path = "../../examples/synthetic/venue.rs"]
+#[path = "../../examples/synthetic_page/venue.rs"]
 pub(crate) mod venue;
 
 use std::sync::Arc;

@@ -1,6 +1,6 @@
 //! The page of a venue that is made up, for work on the page and for its tests: no fusion, no camera, no network.
 //!
-//! `cargo run -p farfield-page --example synthetic -- [--people 8] [--port 7460] [--seconds N] [--recording MINUTES]`
+//! `cargo run -p farfield-page --example synthetic_page -- [--people 8] [--port 7460] [--seconds N] [--recording MINUTES]`
 
 mod made_up;
 mod messages;
