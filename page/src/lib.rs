@@ -7,8 +7,7 @@
 //! | module | what |
 //! | --- | --- |
 //! | [`protocol`] | messages as bytes and as JSON, pure |
-//! | [`state`] | what is known now, alarms in words, latencies |
-//! | [`history`], [`recording`] | the ticks that can be gone to |
+//! | [`state`] | what is known now, alarms in words, latencies; the ticks that can be gone to, of the last minutes or of a recording |
 //! | [`playback`] | where a client is in time, pure |
 //! | [`server`] | HTTP, WebSockets, TLS, who may ask what |
 //! | [`qr`] | an address as a picture in a terminal |
@@ -17,17 +16,14 @@
 extern crate self as farfield_page;
 
 pub mod actions;
-pub mod history;
 pub mod playback;
 pub mod protocol;
 pub mod qr;
-pub mod recording;
 pub mod server;
 pub mod skeleton;
 pub mod state;
 
 pub use actions::{Action, ActionKind, PageActions};
-pub use recording::RecordedMessages;
 pub use server::{Server, ServerOptions};
 pub use skeleton::{Angle, AngleUnit, Skeleton};
-pub use state::{PageOptions, PageState};
+pub use state::{HistoryBounds, PageOptions, PageState, RecordedMessages};

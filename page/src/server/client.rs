@@ -23,7 +23,7 @@ use crate::playback::Cursor;
 use crate::protocol::request::{Action, RequestError, Wish, parse};
 use crate::protocol::text::{ActionKind, EventLine, Mode, Playback, TextMessage};
 use crate::state::Shared;
-use crate::state::frame::SharedFrame;
+use crate::state::known::frame::SharedFrame;
 use crate::state::past::Found;
 
 /// Events that a client is told when it comes.

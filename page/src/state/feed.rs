@@ -10,7 +10,7 @@ use std::time::Duration;
 use farfield_proto::tick::{Micros, SECOND_US};
 
 use super::Shared;
-use super::context::Topic;
+use super::known::context::Topic;
 use super::known::{Known, News};
 
 /// Most messages that wait: a second of eight viewpoints at 60 Hz, eight messages each.

@@ -14,7 +14,7 @@ use std::sync::Arc;
 use farfield_proto::tick::Tick;
 use messages::Synthetic;
 
-use super::context::Context;
+use super::known::context::Context;
 use super::known::{Known, News};
 
 /// Unix time of tick 0 in tests, microseconds.

@@ -3,17 +3,12 @@
 //! [`PageState`] is fed from wherever messages pass; it never makes that place wait. A thread of its own decodes. Frames
 //! are encoded once and handed to all clients by a slot that holds the newest only.
 
-mod alarms;
-pub(crate) mod context;
 mod event_log;
-mod evidence;
 pub(crate) mod feed;
-pub(crate) mod frame;
-mod growth;
+mod history;
 pub(crate) mod known;
-mod latency;
-mod nodes;
 pub(crate) mod past;
+mod recording;
 
 #[cfg(test)]
 pub(crate) mod fixture;
@@ -28,18 +23,19 @@ use farfield_proto::venue::Venue;
 use tokio::sync::watch;
 
 use crate::actions::{Action, PageActions};
-use crate::history::HistoryBounds;
 use crate::protocol::status::{PageCounts, RecordingState};
 use crate::protocol::text::{ActionKind, Mode};
 use crate::protocol::venue;
-use crate::recording::{RecordedMessages, Recording};
 use crate::skeleton::Skeleton;
-use context::Context;
 use event_log::EventLog;
 use feed::Feed;
-use frame::SharedFrame;
+pub use history::HistoryBounds;
 use known::Beside;
+use known::context::Context;
+use known::frame::SharedFrame;
 use past::Past;
+pub use recording::RecordedMessages;
+use recording::Recording;
 
 /// What the page can be told beside the venue.
 #[derive(Default)]

@@ -4,10 +4,11 @@ use std::sync::{Arc, Mutex};
 
 use farfield_proto::tick::Tick;
 
-use super::frame::SharedFrame;
+use super::history::{History, HistoryBounds};
+use super::known::frame::SharedFrame;
 use super::lock;
-use crate::history::{History, HistoryBounds};
-use crate::recording::Recording;
+pub(crate) use super::recording::Found;
+use super::recording::Recording;
 
 /// Where the past is kept.
 pub(crate) enum Past {
@@ -15,17 +16,6 @@ pub(crate) enum Past {
     Live(Mutex<History>),
     /// In a file, of which the parts in use are in memory.
     Recording(Arc<Recording>),
-}
-
-/// What was found of a tick.
-#[derive(Debug)]
-pub(crate) enum Found {
-    /// It, or the nearest to it.
-    Frame(SharedFrame),
-    /// It is on its way.
-    Loading,
-    /// There is nothing.
-    Nothing,
 }
 
 impl Past {

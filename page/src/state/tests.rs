@@ -10,10 +10,10 @@ use farfield_proto::tick::Tick;
 use farfield_proto::wire;
 use proptest::prelude::*;
 
-use super::context::Topic;
-use super::evidence::Evidence;
 use super::fixture::{context, synthetic, tell};
-use super::frame::SharedFrame;
+use super::known::context::Topic;
+use super::known::evidence::Evidence;
+use super::known::frame::SharedFrame;
 use super::known::{Beside, Known, News};
 use crate::protocol::camera_view::CameraView;
 use crate::protocol::chosen_angles::ChosenAngles;

@@ -14,10 +14,9 @@ use std::thread;
 
 use farfield_proto::tick::{Micros, Tick};
 
-use crate::history::History;
-use crate::state::frame::SharedFrame;
-use crate::state::past::Found;
-use crate::state::{Shared, lock};
+use super::history::History;
+use super::known::frame::SharedFrame;
+use super::{Shared, lock};
 use loader::Loader;
 
 /// Parts that may be asked for before the first is read.
@@ -38,6 +37,17 @@ pub trait RecordedMessages: Send {
         to_us: Micros,
         visit: &mut dyn FnMut(&str, &[u8], Micros),
     ) -> Result<(), String>;
+}
+
+/// What was found of a tick.
+#[derive(Debug)]
+pub(crate) enum Found {
+    /// It, or the nearest to it.
+    Frame(SharedFrame),
+    /// It is on its way.
+    Loading,
+    /// There is nothing.
+    Nothing,
 }
 
 /// A recording, as clients ask for it.

@@ -7,10 +7,10 @@ use std::time::Duration;
 use farfield_proto::tick::{Micros, Tick};
 
 use super::RecordedMessages;
-use crate::history::HistoryBounds;
+use crate::state::HistoryBounds;
 use crate::state::fixture::made_up::MadeUp;
 use crate::state::fixture::{synthetic, venue};
-use crate::state::frame::SharedFrame;
+use crate::state::known::frame::SharedFrame;
 use crate::state::past::Found;
 use crate::state::{PageOptions, PageState};
 
@@ -75,7 +75,7 @@ fn what_was_not_used_for_long_leaves_memory() {
     for tick in (0..2400).step_by(120) {
         at(&state, tick);
     }
-    let super::super::state::past::Past::Recording(recording) = &state.shared().past else {
+    let crate::state::past::Past::Recording(recording) = &state.shared().past else {
         panic!("no recording");
     };
     let inner = crate::state::lock(&recording.inner);

@@ -2,7 +2,6 @@
 
 use std::sync::Arc;
 
-use farfield_proto::bounding_box::BoundingBox;
 use farfield_proto::frames::Point;
 use farfield_proto::id::{CameraIndex, PersonId};
 use farfield_proto::message::{PersonPose, PersonState, PoseSet, Sighting};
@@ -10,7 +9,7 @@ use farfield_proto::tick::Tick;
 use nalgebra::Point3;
 
 use super::context::Context;
-use super::evidence::TickEvidence;
+use super::evidence::{FrameBox, TickEvidence};
 use crate::protocol::camera_view::{CameraView, ViewedPerson, ViewedSighting};
 use crate::protocol::chosen_angles::ChosenAngles;
 use crate::protocol::json_tick::json_tick;
@@ -42,15 +41,6 @@ struct FramePerson {
     unobserved: u64,
     /// In steps of the context's grid, as joints are.
     keypoints: Box<[[i16; 3]]>,
-}
-
-/// A person in a camera.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct FrameBox {
-    pub(super) person: PersonId,
-    pub(super) camera: CameraIndex,
-    pub(super) bounding_box: Option<BoundingBox>,
-    pub(super) is_chosen: bool,
 }
 
 /// Angles of one person at one tick.

@@ -1,6 +1,14 @@
 //! All that the messages so far say: one in, what changed out. Pure, and cheap to copy, so that a recording can be entered
 //! anywhere.
 
+mod alarms;
+pub(crate) mod context;
+pub(super) mod evidence;
+pub(crate) mod frame;
+mod growth;
+mod latency;
+mod nodes;
+
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
@@ -12,15 +20,15 @@ use farfield_proto::message::{BoxSet, PatchSet, PoseSet, SightingSet, Status};
 use farfield_proto::tick::{Micros, SECOND_US, Tick};
 use farfield_proto::wire::{self, WireError};
 
-use super::alarms::{self, Circumstances};
-use super::context::{Context, Topic};
-use super::evidence::Evidence;
-use super::frame::{Frame, SharedFrame};
-use super::growth::Growth;
-use super::latency::{LatencyWindow, Stage, tick_time_us};
-use super::nodes::Nodes;
 use crate::protocol::status::{Alarm, PageCounts, People, RecordingState, StatusDocument};
 use crate::protocol::text::EventLine;
+use alarms::Circumstances;
+use context::{Context, Topic};
+use evidence::Evidence;
+use frame::{Frame, SharedFrame};
+use growth::Growth;
+use latency::{LatencyWindow, Stage, tick_time_us};
+use nodes::Nodes;
 
 /// Most poses of the last second whose times are kept.
 const MAX_POSE_TIMES: usize = 2048;

@@ -3,12 +3,11 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
+use farfield_proto::bounding_box::BoundingBox;
 use farfield_proto::id::{CameraIndex, PersonId, ViewpointIndex};
 use farfield_proto::message::identity_event::{Change, IdentityEvent};
 use farfield_proto::message::{BoxSet, CameraBox, PatchSet, Sighting, SightingSet};
 use farfield_proto::tick::Tick;
-
-use super::frame::FrameBox;
 
 /// Ticks that are kept while their poses are not there.
 const MAX_TICKS: usize = 256;
@@ -24,23 +23,32 @@ const MAX_BOXES: usize = 4096;
 /// Most persons whose names on the wire are known.
 const MAX_WIRE_IDS: usize = 4096;
 
+/// A person in a camera.
+#[derive(Debug, Clone, Copy)]
+pub(in crate::state) struct FrameBox {
+    pub(in crate::state) person: PersonId,
+    pub(in crate::state) camera: CameraIndex,
+    pub(in crate::state) bounding_box: Option<BoundingBox>,
+    pub(in crate::state) is_chosen: bool,
+}
+
 /// What is known of a tick.
 #[derive(Debug, Clone, Default)]
-pub(super) struct TickEvidence {
+pub(in crate::state) struct TickEvidence {
     /// Who was cropped from which camera at which viewpoint, and where boxes were.
-    pub(super) boxes: Vec<FrameBox>,
+    pub(in crate::state) boxes: Vec<FrameBox>,
     crops: Vec<(ViewpointIndex, PersonId, CameraIndex)>,
     /// What detectors found.
-    pub(super) sightings: Vec<Sighting>,
+    pub(in crate::state) sightings: Vec<Sighting>,
     /// When the last maps came, microseconds of Unix time.
-    pub(super) newest_patch_us: Option<i64>,
+    pub(in crate::state) newest_patch_us: Option<i64>,
     /// The earliest capture less the tick's time, microseconds.
-    pub(super) earliest_capture_us: Option<i32>,
+    pub(in crate::state) earliest_capture_us: Option<i32>,
 }
 
 impl TickEvidence {
     /// Bit v: viewpoint v sent maps of the person.
-    pub(super) fn viewpoints_of(&self, person: PersonId) -> u64 {
+    pub(in crate::state) fn viewpoints_of(&self, person: PersonId) -> u64 {
         let of = self.crops.iter().filter(|(_, who, _)| *who == person);
         of.filter(|(viewpoint, ..)| viewpoint.0 < 64)
             .fold(0, |bits, (viewpoint, ..)| bits | 1 << viewpoint.0)
@@ -52,7 +60,7 @@ type BoxesOfTick = (Tick, Vec<(PersonId, CameraBox)>);
 
 /// What is kept of the ticks around the newest.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Evidence {
+pub(in crate::state) struct Evidence {
     ticks: BTreeMap<Tick, TickEvidence>,
     boxes: BTreeMap<ViewpointIndex, VecDeque<BoxesOfTick>>,
     /// Ids as poses have them, by the ids of patches and boxes, where the two differ.
@@ -73,7 +81,7 @@ impl Evidence {
         Some(self.ticks.entry(tick).or_default())
     }
 
-    pub(super) fn take_patches(&mut self, set: &PatchSet, at_us: i64) {
+    pub(in crate::state) fn take_patches(&mut self, set: &PatchSet, at_us: i64) {
         let Some(tick) = self.tick(set.tick) else {
             return;
         };
@@ -93,14 +101,14 @@ impl Evidence {
         }
     }
 
-    pub(super) fn take_sightings(&mut self, set: SightingSet) {
+    pub(in crate::state) fn take_sightings(&mut self, set: SightingSet) {
         if let Some(tick) = self.tick(set.tick) {
             let room = MAX_SIGHTINGS.saturating_sub(tick.sightings.len());
             tick.sightings.extend(set.sightings.into_iter().take(room));
         }
     }
 
-    pub(super) fn take_boxes(&mut self, viewpoint: ViewpointIndex, set: BoxSet) {
+    pub(in crate::state) fn take_boxes(&mut self, viewpoint: ViewpointIndex, set: BoxSet) {
         let sets = self.boxes.entry(viewpoint).or_default();
         let boxes = set.persons.into_iter().flat_map(|person| {
             let who = person.person;
@@ -118,7 +126,7 @@ impl Evidence {
     }
 
     /// Notes by which id patches name a person.
-    pub(super) fn take_event(&mut self, event: &IdentityEvent) {
+    pub(in crate::state) fn take_event(&mut self, event: &IdentityEvent) {
         let id = match event.change {
             Change::Recognise { old, .. } => old,
             _ => event.person,
@@ -131,7 +139,7 @@ impl Evidence {
     }
 
     /// Who is who, and nothing of single ticks.
-    pub(super) fn essence(&self) -> Self {
+    pub(in crate::state) fn essence(&self) -> Self {
         Self {
             ids: self.ids.clone(),
             ..Self::default()
@@ -139,7 +147,7 @@ impl Evidence {
     }
 
     /// What is known of a tick whose poses have come; earlier ticks are forgotten.
-    pub(super) fn of_tick(&mut self, tick: Tick) -> TickEvidence {
+    pub(in crate::state) fn of_tick(&mut self, tick: Tick) -> TickEvidence {
         let mut found = self.ticks.remove(&tick).unwrap_or_default();
         self.ticks = self.ticks.split_off(&tick);
         self.newest = Some(tick);

@@ -10,9 +10,9 @@ use farfield_proto::wire;
 use tracing::warn;
 
 use super::{IndexedPart, RecordedMessages, Recording};
-use crate::history::{History, HistoryBounds};
 use crate::state::Shared;
-use crate::state::context::{Context, Topic};
+use crate::state::history::{History, HistoryBounds};
+use crate::state::known::context::{Context, Topic};
 use crate::state::known::{Known, News};
 
 /// Length of a part, microseconds, unless the recording is very long.

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use farfield_proto::tick::Tick;
 
-use crate::state::frame::{Frame, SharedFrame};
+use crate::state::known::frame::{Frame, SharedFrame};
 
 /// Bounds of a history; whatever comes first.
 #[derive(Debug, Clone, Copy, PartialEq)]
