@@ -8,20 +8,14 @@
 //! It refuses to guess who is who: a body that fits two others equally well is left out.
 
 mod adjust;
-mod assess;
 mod associate;
-mod clocks;
-mod contradiction;
 mod error;
 mod file;
-mod findings;
-mod floor_match;
-mod graph;
-mod ground;
+mod judged;
 mod outcome;
-mod pair;
 mod plan;
 mod request;
+mod start;
 mod tracklet;
 mod venue;
 mod view;

@@ -21,11 +21,11 @@ const SAME_RAD: f64 = 0.2;
 const MOST_KEPT: usize = 4;
 
 /// The feet of a camera: by tick, (tracklet, place).
-pub(super) type Feet = BTreeMap<i64, Vec<(usize, Vector2<f64>)>>;
+pub(in crate::people) type Feet = BTreeMap<i64, Vec<(usize, Vector2<f64>)>>;
 
 /// How thoroughly to look.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Effort {
+pub(in crate::people) struct Effort {
     /// Most motions that are proposed by one pair of tracklets each, and by two.
     single: usize,
     double: usize,
@@ -34,13 +34,13 @@ pub(super) struct Effort {
 }
 
 impl Effort {
-    pub(super) const FULL: Self = Self {
+    pub(in crate::people) const FULL: Self = Self {
         single: 800,
         double: 1500,
         ticks: 80,
     };
     /// For one of hundreds of lags.
-    pub(super) const QUICK: Self = Self {
+    pub(in crate::people) const QUICK: Self = Self {
         single: 120,
         double: 0,
         ticks: 40,
@@ -52,15 +52,15 @@ type FootPair = (Vector2<f64>, Vector2<f64>);
 
 /// b = R(angle) a + shift.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct PlaneMotion {
-    pub(super) angle_rad: f64,
-    pub(super) shift_m: Vector2<f64>,
+pub(in crate::people) struct PlaneMotion {
+    pub(in crate::people) angle_rad: f64,
+    pub(in crate::people) shift_m: Vector2<f64>,
     /// Share of the feet, of those that could, that agree.
-    pub(super) score: f64,
+    pub(in crate::people) score: f64,
 }
 
 impl PlaneMotion {
-    pub(super) fn apply(&self, a: &Vector2<f64>) -> Vector2<f64> {
+    pub(in crate::people) fn apply(&self, a: &Vector2<f64>) -> Vector2<f64> {
         let (s, c) = (libm::sin(self.angle_rad), libm::cos(self.angle_rad));
         Vector2::new(c * a.x - s * a.y, s * a.x + c * a.y) + self.shift_m
     }
@@ -97,7 +97,12 @@ impl PlaneMotion {
 }
 
 /// Motions that many feet agree with, the best first.
-pub(super) fn motions(a: &Feet, b: &Feet, effort: Effort, seed: u64) -> Vec<PlaneMotion> {
+pub(in crate::people) fn motions(
+    a: &Feet,
+    b: &Feet,
+    effort: Effort,
+    seed: u64,
+) -> Vec<PlaneMotion> {
     let shared = shared_tracklets(a, b, effort.single);
     let ticks: Vec<i64> = a.keys().filter(|t| b.contains_key(t)).copied().collect();
     if ticks.is_empty() {

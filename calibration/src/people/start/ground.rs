@@ -8,11 +8,11 @@
 use farfield_proto::order_statistics::upper_median;
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector2, Vector3};
 
-use super::plan::{ANKLE_TO_SHOULDER, BodyPlan, LEG};
-use super::view::{Body, View};
+use crate::people::plan::{ANKLE_TO_SHOULDER, BodyPlan, LEG};
+use crate::people::view::{Body, View};
 
 /// Bodies that a camera needs, and the most that are looked at.
-pub(super) const LEAST_BODIES: usize = 25;
+pub(in crate::people) const LEAST_BODIES: usize = 25;
 const MOST_BODIES: usize = 400;
 /// Usual distance of a walking body's shoulders from straight above its ankles, as a share of the distance between them.
 const SWAY: f64 = 0.075;
@@ -27,11 +27,11 @@ const ABOVE_HORIZON: f64 = 6.0;
 
 /// A camera over the floor.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Ground {
+pub(in crate::people) struct Ground {
     /// Camera axes to axes over the floor: z up, x horizontally ahead, y to the left.
-    pub(super) ground_from_camera: UnitQuaternion<f64>,
+    pub(in crate::people) ground_from_camera: UnitQuaternion<f64>,
     /// Height of the pinhole over the plane of ankles, metres.
-    pub(super) height_m: f64,
+    pub(in crate::people) height_m: f64,
 }
 
 /// A body that tells where up is: directions to its ankles and its shoulders.
@@ -43,7 +43,7 @@ struct Upright {
 
 impl Ground {
     /// The ground under the same camera in a mirror that exchanges left and right.
-    pub(super) fn mirrored(&self) -> Self {
+    pub(in crate::people) fn mirrored(&self) -> Self {
         let up = self.ground_from_camera.inverse() * Vector3::z();
         Self {
             ground_from_camera: ground_from_camera(&Vector3::new(-up.x, up.y, up.z)),
@@ -53,7 +53,7 @@ impl Ground {
 
     /// Where over the floor a body stands, metres from below the camera: by its ankles, or where these are hidden by its
     /// hips.
-    pub(super) fn foot_m(
+    pub(in crate::people) fn foot_m(
         &self,
         body: &Body,
         plan: &BodyPlan,
@@ -71,7 +71,11 @@ impl Ground {
 }
 
 /// The ground under `view`; an error says how many usable bodies there are.
-pub(super) fn ground(view: &View, plan: &BodyPlan, stature_m: f64) -> Result<Ground, usize> {
+pub(in crate::people) fn ground(
+    view: &View,
+    plan: &BodyPlan,
+    stature_m: f64,
+) -> Result<Ground, usize> {
     let bodies = view.ticks.values().flatten();
     let upright = bodies.filter_map(|body| {
         Some(Upright {

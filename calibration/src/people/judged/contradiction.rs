@@ -5,16 +5,16 @@ use std::collections::BTreeSet;
 
 use nalgebra::Vector3;
 
-use super::adjust::Adjusted;
-use super::request::PeopleRequest;
-use super::view::View;
+use crate::people::adjust::Adjusted;
+use crate::people::request::PeopleRequest;
+use crate::people::view::View;
 
 /// Part of the picture at its edges where a body may be missed.
 const EDGE_SHARE: f64 = 0.1;
 
 /// Per camera of the problem: of the persons that others put well inside its picture, the share that it does not see there
 /// although it sees somebody whom nobody else does.
-pub(super) fn contradictions(
+pub(in crate::people) fn contradictions(
     request: &PeopleRequest,
     views: &[View],
     adjusted: &Adjusted,

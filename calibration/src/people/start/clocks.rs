@@ -8,10 +8,10 @@ use std::collections::BTreeMap;
 use nalgebra::{Matrix2, Vector2};
 use rayon::prelude::*;
 
-use super::adjust::Adjusted;
 use super::floor_match::{Effort, Feet, motions};
 use super::pair::Walkers;
-use super::view::{Clock, View};
+use crate::people::adjust::Adjusted;
+use crate::people::view::{Clock, View};
 
 /// Ticks between the lags that are tried first, at ten ticks per second.
 const COARSE_TICKS: i64 = 3;
@@ -37,7 +37,7 @@ struct Lag {
 }
 
 /// Per camera the ticks to be added to its own so that all agree, from the pairs that agree best; zero where none do.
-pub(super) fn lags(walkers: &[Option<Walkers<'_>>], seed: u64) -> Vec<i64> {
+pub(in crate::people) fn lags(walkers: &[Option<Walkers<'_>>], seed: u64) -> Vec<i64> {
     let indices: Vec<(usize, usize)> = (0..walkers.len())
         .flat_map(|i| (i + 1..walkers.len()).map(move |j| (i, j)))
         .collect();
@@ -116,7 +116,7 @@ fn lag(a: &Feet, b: &Feet, seed: u64) -> Option<(i64, f64)> {
 
 /// Moves each posed camera's clock by what its keypoints are behind or ahead along their way, and returns the largest
 /// change, seconds. The clocks keep their mean.
-pub(super) fn refine(clocks: &mut [Clock], views: &[View], adjusted: &Adjusted) -> f64 {
+pub(in crate::people) fn refine(clocks: &mut [Clock], views: &[View], adjusted: &Adjusted) -> f64 {
     let mut sums: BTreeMap<usize, (Matrix2<f64>, Vector2<f64>)> = BTreeMap::new();
     let problem = &adjusted.problem;
     let middle_s = {

@@ -10,15 +10,15 @@ use rayon::prelude::*;
 
 use super::floor_match::{Effort, Feet, PlaneMotion, motions};
 use super::ground::Ground;
-use super::plan::{ANKLE_TO_SHOULDER, BodyPlan};
-use super::view::{Body, View};
 use crate::geometry::{
     RelativePose, TwoViews, refined_pose, relative_pose, sampson_rad, triangulate,
 };
+use crate::people::plan::{ANKLE_TO_SHOULDER, BodyPlan};
+use crate::people::view::{Body, View};
 use farfield_proto::order_statistics::upper_median;
 
 /// Bodies seen by both that a pair needs.
-pub(super) const LEAST_MATCHED: usize = 20;
+pub(in crate::people) const LEAST_MATCHED: usize = 20;
 /// Mean loss of its keypoints (0 all fit, 1 none) from which a pair is none.
 const MOST_LOSS: f64 = 0.55;
 /// Ticks that are compared.
@@ -27,8 +27,8 @@ const MOST_TICKS: usize = 120;
 const LEAST_KEYPOINTS: usize = 6;
 const MOST_BODY_LOSS: f64 = 0.5;
 /// Usual noise of a keypoint on a body, metres, and in the picture, pixels.
-pub(super) const KEYPOINT_M: f64 = 0.025;
-pub(super) const KEYPOINT_PX: f64 = 1.0;
+pub(in crate::people) const KEYPOINT_M: f64 = 0.025;
+pub(in crate::people) const KEYPOINT_PX: f64 = 1.0;
 /// Gates of the rounds of pairing bodies, in standard deviations: starts are rough.
 const GATES: [f64; 4] = [16.0, 8.0, 4.0, 3.0];
 /// Distance of feet within which bodies may be the same: a sum, and a share of their distances from both cameras.
@@ -42,14 +42,19 @@ const ENOUGH_PARALLAX_RAD: f64 = 0.5;
 
 /// One camera, ready to be compared.
 #[derive(Debug, Clone)]
-pub(super) struct Walkers<'a> {
-    pub(super) view: &'a View,
-    pub(super) ground: Ground,
-    pub(super) feet: Feet,
+pub(in crate::people) struct Walkers<'a> {
+    pub(in crate::people) view: &'a View,
+    pub(in crate::people) ground: Ground,
+    pub(in crate::people) feet: Feet,
 }
 
 impl<'a> Walkers<'a> {
-    pub(super) fn of(view: &'a View, ground: Ground, plan: &BodyPlan, stature_m: f64) -> Self {
+    pub(in crate::people) fn of(
+        view: &'a View,
+        ground: Ground,
+        plan: &BodyPlan,
+        stature_m: f64,
+    ) -> Self {
         let ticks = view.ticks.iter().map(|(tick, bodies)| {
             let feet = bodies
                 .iter()
@@ -66,33 +71,33 @@ impl<'a> Walkers<'a> {
 
 /// How the second camera stands to the first: `x_b = rotation x_a + shift_m`.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Pair {
-    pub(super) first: usize,
-    pub(super) second: usize,
-    pub(super) rotation: UnitQuaternion<f64>,
-    pub(super) shift_m: Vector3<f64>,
+pub(in crate::people) struct Pair {
+    pub(in crate::people) first: usize,
+    pub(in crate::people) second: usize,
+    pub(in crate::people) rotation: UnitQuaternion<f64>,
+    pub(in crate::people) shift_m: Vector3<f64>,
     /// Bodies that were paired, of at most those of 120 ticks.
-    pub(super) matched: usize,
+    pub(in crate::people) matched: usize,
     /// Mean loss of their keypoints, 0 to 1.
-    pub(super) loss: f64,
+    pub(in crate::people) loss: f64,
     /// Median angle between the two sights of a keypoint.
-    pub(super) parallax_rad: f64,
+    pub(in crate::people) parallax_rad: f64,
 }
 
 impl Pair {
-    pub(super) fn is_sound(&self) -> bool {
+    pub(in crate::people) fn is_sound(&self) -> bool {
         self.matched >= LEAST_MATCHED && self.loss < MOST_LOSS
     }
 
     /// How much it is believed.
-    pub(super) fn worth(&self) -> f64 {
+    pub(in crate::people) fn worth(&self) -> f64 {
         let parallax = self.parallax_rad.clamp(0.02, ENOUGH_PARALLAX_RAD);
         self.matched as f64 * (1.0 - self.loss) * parallax
     }
 }
 
 /// All pairs of `walkers` (by the index of their camera) that have anything in common.
-pub(super) fn all_pairs(
+pub(in crate::people) fn all_pairs(
     walkers: &[Option<Walkers<'_>>],
     plan: &BodyPlan,
     stature_m: f64,
@@ -117,7 +122,7 @@ pub(super) fn all_pairs(
 }
 
 /// How `b` stands to `a`; indices are left at zero.
-pub(super) fn pair(
+pub(in crate::people) fn pair(
     a: &Walkers<'_>,
     b: &Walkers<'_>,
     plan: &BodyPlan,

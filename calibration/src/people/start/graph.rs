@@ -18,13 +18,13 @@ const ROUNDS: usize = 30;
 
 /// A camera over the common floor: world axes to camera axes, and the pinhole, metres.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Placed {
-    pub(super) camera_from_world: UnitQuaternion<f64>,
-    pub(super) center_m: Vector3<f64>,
+pub(in crate::people) struct Placed {
+    pub(in crate::people) camera_from_world: UnitQuaternion<f64>,
+    pub(in crate::people) center_m: Vector3<f64>,
 }
 
 /// Places of the cameras that hang together, in the world over the floor (z up) of the best connected one.
-pub(super) fn places(grounds: &[Option<Ground>], pairs: &[Pair]) -> Vec<Option<Placed>> {
+pub(in crate::people) fn places(grounds: &[Option<Ground>], pairs: &[Pair]) -> Vec<Option<Placed>> {
     let sound: Vec<&Pair> = pairs.iter().filter(|pair| pair.is_sound()).collect();
     let worth: Vec<f64> = sound.iter().map(|pair| believed(pair, &sound)).collect();
     let mut places = vec![None; grounds.len()];

@@ -4,9 +4,9 @@
 use std::collections::BTreeSet;
 
 use super::assess::{Found, finding};
-use super::ground::LEAST_BODIES;
-use super::plan::USUAL_STATURE_M;
-use super::venue::Scale;
+use crate::people::plan::USUAL_STATURE_M;
+use crate::people::start::ground::LEAST_BODIES;
+use crate::people::venue::Scale;
 use crate::report::{Cause, Finding};
 use farfield_proto::order_statistics::{percentile, upper_median};
 
@@ -39,7 +39,7 @@ const DOUBTFUL_ANCHORS_M: f64 = 0.10;
 const WRONG_ANCHORS_M: f64 = 0.5;
 
 /// What is said of all cameras together.
-pub(super) fn of_all(found: &Found<'_>) -> Vec<Finding> {
+pub(in crate::people) fn of_all(found: &Found<'_>) -> Vec<Finding> {
     let mut findings = not_connected(found);
     findings.extend(degenerate(found));
     findings.extend(too_few(found));
@@ -331,7 +331,7 @@ fn places(found: &Found<'_>) -> Vec<Finding> {
         let venue = &found.alignment.venue_from_found;
         let heights = found.standing.ankles.iter().map(|it| venue.apply(it).z);
         let ankle_m = upper_median(heights.collect()).unwrap_or(0.0);
-        let floor_m = ankle_m - super::plan::ANKLE_HEIGHT * USUAL_STATURE_M;
+        let floor_m = ankle_m - crate::people::plan::ANKLE_HEIGHT * USUAL_STATURE_M;
         let tilt = found.floor.as_ref().map_or(0.0, |floor| {
             let up = venue.rotation * floor.up;
             up.angle(&nalgebra::Vector3::z()).to_degrees()

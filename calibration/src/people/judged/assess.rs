@@ -3,14 +3,14 @@
 
 use farfield_proto::order_statistics::upper_median;
 
-use super::adjust::Adjusted;
 use super::findings::of_all;
-use super::pair::Pair;
-use super::request::PeopleRequest;
-use super::venue::{Floor, Scale, Standing};
-use super::view::Clock;
 use crate::adjustment::{CameraState, Covariance};
 use crate::alignment::Alignment;
+use crate::people::adjust::Adjusted;
+use crate::people::request::PeopleRequest;
+use crate::people::start::pair::Pair;
+use crate::people::venue::{Floor, Scale, Standing};
+use crate::people::view::Clock;
 use crate::points::{Apart, halves, knocked_at};
 use crate::report::{CameraReport, Cause, Finding, Report};
 
@@ -19,12 +19,12 @@ const USED_SIGMAS: f64 = 4.0;
 const USUAL_SHARE: f64 = 0.75;
 const LEAST_SHARE: f64 = 0.5;
 /// Noise over the expected one (25 mm on the body and 1 px) that is doubtful, and wrong.
-pub(super) const DOUBTFUL_NOISE: f64 = 1.8;
+pub(in crate::people) const DOUBTFUL_NOISE: f64 = 1.8;
 const WRONG_NOISE: f64 = 4.0;
 /// And that is wrong over the noise of the camera in the middle: one that fits much worse than the others stands wrong.
 const WRONG_NOISE_RATIO: f64 = 2.0;
 /// Share of persons that a camera sees elsewhere which is doubtful, and wrong.
-pub(super) const DOUBTFUL_CONTRADICTION: f64 = 0.25;
+pub(in crate::people) const DOUBTFUL_CONTRADICTION: f64 = 0.25;
 const WRONG_CONTRADICTION: f64 = 0.5;
 /// Uncertainty of a place that is doubtful, and wrong, as a share of the distance between cameras.
 const DOUBTFUL_SIGMA: f64 = 0.005;
@@ -41,41 +41,41 @@ const DOUBTFUL_FOCAL: f64 = 0.02;
 const WRONG_FOCAL: f64 = 0.06;
 
 /// What was learnt on the way, by the index of the camera in the request.
-pub(super) struct Told {
-    pub(super) pairs: Vec<Pair>,
+pub(in crate::people) struct Told {
+    pub(in crate::people) pairs: Vec<Pair>,
     /// Cameras that fit only in a mirror.
-    pub(super) mirrored: Vec<usize>,
+    pub(in crate::people) mirrored: Vec<usize>,
     /// Per camera how many bodies told of its ground.
-    pub(super) bodies: Vec<usize>,
+    pub(in crate::people) bodies: Vec<usize>,
     /// Per camera of the problem, [`super::contradiction::contradictions`].
-    pub(super) contradictions: Vec<f64>,
+    pub(in crate::people) contradictions: Vec<f64>,
     /// The clock of each camera.
-    pub(super) clocks: Vec<Clock>,
+    pub(in crate::people) clocks: Vec<Clock>,
 }
 
 /// All that a report is made of.
-pub(super) struct Found<'a> {
-    pub(super) request: &'a PeopleRequest,
-    pub(super) ticks_hz: f64,
-    pub(super) told: Told,
-    pub(super) adjusted: Adjusted,
-    pub(super) covariance: Option<Covariance>,
-    pub(super) alignment: Alignment,
-    pub(super) scale: Scale,
-    pub(super) standing: Standing,
-    pub(super) floor: Option<Floor>,
+pub(in crate::people) struct Found<'a> {
+    pub(in crate::people) request: &'a PeopleRequest,
+    pub(in crate::people) ticks_hz: f64,
+    pub(in crate::people) told: Told,
+    pub(in crate::people) adjusted: Adjusted,
+    pub(in crate::people) covariance: Option<Covariance>,
+    pub(in crate::people) alignment: Alignment,
+    pub(in crate::people) scale: Scale,
+    pub(in crate::people) standing: Standing,
+    pub(in crate::people) floor: Option<Floor>,
 }
 
 impl Found<'_> {
     /// The cameras in the venue.
-    pub(super) fn states(&self) -> Vec<CameraState> {
+    pub(in crate::people) fn states(&self) -> Vec<CameraState> {
         let venue = &self.alignment.venue_from_found;
         let each = self.adjusted.problem.cameras.iter();
         each.map(|camera| venue.apply_to_camera(&camera.state))
             .collect()
     }
 
-    pub(super) fn name(&self, index: usize) -> &str {
+    pub(in crate::people) fn name(&self, index: usize) -> &str {
         let camera = self.request.cameras.get(index);
         camera.map_or("", |camera| camera.name.as_str())
     }
@@ -94,7 +94,7 @@ impl Found<'_> {
 }
 
 /// What is said of what was found.
-pub(super) fn assess(found: &Found<'_>) -> Report {
+pub(in crate::people) fn assess(found: &Found<'_>) -> Report {
     let apart = halves(&found.adjusted.problem);
     let sights = sights(found);
     let mut cameras = camera_reports(found, &apart, &sights);
@@ -118,7 +118,7 @@ pub(super) fn assess(found: &Found<'_>) -> Report {
     }
 }
 
-pub(super) fn finding(
+pub(in crate::people) fn finding(
     camera: &str,
     cause: Cause,
     is_wrong: bool,
