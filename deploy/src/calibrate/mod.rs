@@ -1,11 +1,12 @@
-//! `farfield calibrate`: how cameras see and where they stand, found from pictures of a board and from a point that was
-//! carried through the field, or taken over from another program's files.
+//! `farfield calibrate`: how cameras see and where they stand, found from pictures of a board, from a point that was carried
+//! through the field, and from people who walk in it, or taken over from another program's files.
 
 mod ball;
 mod board;
 mod convert;
 mod judged;
 mod lenses;
+mod people;
 mod points;
 mod sheet;
 
@@ -47,6 +48,11 @@ enum CalibrateCommand {
         after_help = "Example: farfield calibrate points seen/*.txt --lens lenses.toml --distance north,south=24.1"
     )]
     Points(points::PointsArgs),
+    /// Where cameras stand, from people who walk in the field.
+    #[command(
+        after_help = "Example: farfield calibrate people keypoints/*.jsonl --rate-hz 50 --lens lenses.toml --distance north,south=24.1"
+    )]
+    People(people::PeopleArgs),
     /// Turn another program's calibration into ours, or ours into another's.
     #[command(after_help = "Example: farfield calibrate convert hall.qca.txt --out calibration")]
     Convert(convert::ConvertArgs),
@@ -67,6 +73,7 @@ impl CalibrateArgs {
             CalibrateCommand::Ball(args) => args.json,
             CalibrateCommand::Board(args) => args.json,
             CalibrateCommand::Points(args) => args.json,
+            CalibrateCommand::People(args) => args.json,
             CalibrateCommand::Convert(args) => args.json,
         }
     }
@@ -78,6 +85,7 @@ pub(crate) fn main(args: &CalibrateArgs) -> ExitCode {
         CalibrateCommand::Ball(args) => ball::from_ball(args).map(|()| Judged::Passes),
         CalibrateCommand::Board(args) => board::from_board(args).map(|()| Judged::Passes),
         CalibrateCommand::Points(args) => points::from_points(args),
+        CalibrateCommand::People(args) => people::from_people(args),
         CalibrateCommand::Convert(args) => convert::convert(args).map(|()| Judged::Passes),
     };
     match made {

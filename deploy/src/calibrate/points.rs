@@ -8,7 +8,7 @@ use anyhow::{bail, ensure};
 use clap::{Args, ValueEnum};
 use farfield_calibration::alignment::{Anchors, KnownDistance, Marks};
 use farfield_calibration::points::{
-    Lenses, PointCamera, PointRequest, Stage, Timing, calibrate, parse,
+    Lenses, PointCalibration, PointCamera, PointRequest, Stage, Timing, calibrate, parse,
 };
 use farfield_calibration::report::CameraReport;
 use farfield_node::process::{EXIT_FAILED, NodeError, say};
@@ -88,7 +88,7 @@ pub(super) struct PointsArgs {
 
 /// What is known of when frames were taken.
 #[derive(Debug, Clone, Copy, ValueEnum)]
-enum Clocks {
+pub(super) enum Clocks {
     Synchronised,
     Given,
     Unknown,
@@ -102,7 +102,7 @@ enum FreeLens {
     All,
 }
 
-fn rate(word: &str) -> Result<(Option<String>, f64), String> {
+pub(super) fn rate(word: &str) -> Result<(Option<String>, f64), String> {
     let expected = "HZ or NAME=HZ, for example 59.94 or north=59.94";
     if word.contains('=') {
         let (name, hz) = named(word, expected)?;
@@ -114,11 +114,11 @@ fn rate(word: &str) -> Result<(Option<String>, f64), String> {
     Ok((None, hz))
 }
 
-fn offset(word: &str) -> Result<(String, f64), String> {
+pub(super) fn offset(word: &str) -> Result<(String, f64), String> {
     named(word, "NAME=SECONDS, for example north=-0.35")
 }
 
-fn distance(word: &str) -> Result<KnownDistance, String> {
+pub(super) fn distance(word: &str) -> Result<KnownDistance, String> {
     let expected = "A,B=METRES, for example north,south=24.1";
     let (names, distance_m) = named::<f64>(word, expected)?;
     match names.split_once(',') {
@@ -131,7 +131,7 @@ fn distance(word: &str) -> Result<KnownDistance, String> {
     }
 }
 
-fn place(word: &str) -> Result<(String, [f64; 3]), String> {
+pub(super) fn place(word: &str) -> Result<(String, [f64; 3]), String> {
     let expected = "NAME=X,Y,Z in metres, for example north=0,12.5,4";
     let (name, place) = named::<String>(word, expected)?;
     let numbers: Result<Vec<f64>, _> = place.split(',').map(|it| it.trim().parse()).collect();
@@ -209,20 +209,45 @@ pub(super) fn from_points(args: &PointsArgs) -> Result<Judged, NodeError> {
         ));
     };
     let found = calibrate(&request, told).map_err(NodeError::refused)?;
-    let judged = JudgedCalibration::of(&found, &args.out);
+    let asked = Asked {
+        names: request.cameras.iter().map(|it| it.name.as_str()).collect(),
+        has_clocks: request.timing != Timing::Synchronised,
+    };
+    hand_over(&found, &asked, &args.out, args.json)
+}
+
+/// What was asked for, as far as it is said again.
+pub(super) struct Asked<'a> {
+    /// The names of all cameras.
+    pub(super) names: Vec<&'a str>,
+    /// Whether cameras have clocks of their own.
+    pub(super) has_clocks: bool,
+}
+
+/// Writes what was found and its sheet to `out`, or beside it where it does not pass, and says how good it is.
+///
+/// # Errors
+/// [`NodeError::Failed`] where the disk is in the way.
+pub(super) fn hand_over(
+    found: &PointCalibration,
+    asked: &Asked<'_>,
+    out: &Path,
+    is_json: bool,
+) -> Result<Judged, NodeError> {
+    let judged = JudgedCalibration::of(found, out);
     let out = if judged.passes() {
-        args.out.clone()
+        out.to_owned()
     } else {
-        args.out.with_extension("failed.toml")
+        out.with_extension("failed.toml")
     };
     let sheet = out.with_extension("html");
     write(&sheet, &sheet::html(&out, &judged))?;
     write(&out, &judged.text)?;
     let files = [out.as_path(), sheet.as_path()];
-    let text = if args.json {
-        json(&judged, &request, files)?
+    let text = if is_json {
+        json(&judged, asked, files)?
     } else {
-        lines(&judged, &request, files)
+        lines(&judged, asked, files)
     };
     output::print(&text).map_err(NodeError::Failed)?;
     if judged.passes() {
@@ -233,10 +258,9 @@ pub(super) fn from_points(args: &PointsArgs) -> Result<Judged, NodeError> {
 }
 
 /// The cameras that have no pose.
-fn without_pose<'a>(judged: &JudgedCalibration<'_>, request: &'a PointRequest) -> Vec<&'a str> {
-    let names = request.cameras.iter().map(|camera| camera.name.as_str());
+fn without_pose<'a>(judged: &JudgedCalibration<'_>, asked: &Asked<'a>) -> Vec<&'a str> {
     let has_none = |name: &&str| judged.found.cameras.iter().all(|it| it.name != *name);
-    names.filter(has_none).collect()
+    asked.names.iter().copied().filter(has_none).collect()
 }
 
 /// What is given of clocks must be asked for.
@@ -341,11 +365,11 @@ fn marks(path: &Path) -> anyhow::Result<Marks> {
 
 fn json(
     judged: &JudgedCalibration<'_>,
-    request: &PointRequest,
+    asked: &Asked<'_>,
     files: [&Path; 2],
 ) -> Result<String, NodeError> {
     let report = &judged.found.report;
-    let has_clocks = request.timing != Timing::Synchronised;
+    let has_clocks = asked.has_clocks;
     let cameras = report.cameras.iter().map(|it| Camera {
         name: &it.name,
         sights: it.sights,
@@ -372,7 +396,7 @@ fn json(
         error: (!passes).then_some(DOES_NOT_PASS),
         exit_code: if passes { 0 } else { EXIT_FAILED },
         cameras: cameras.collect(),
-        without_pose: without_pose(judged, request),
+        without_pose: without_pose(judged, asked),
         known_places_rms_m: report.anchors_rms_m,
         findings: findings.collect(),
         refused: &judged.refusals,
@@ -383,14 +407,14 @@ fn json(
     Ok(text + "\n")
 }
 
-fn lines(judged: &JudgedCalibration<'_>, request: &PointRequest, files: [&Path; 2]) -> String {
+fn lines(judged: &JudgedCalibration<'_>, asked: &Asked<'_>, files: [&Path; 2]) -> String {
     let report = &judged.found.report;
     let mut text = String::new();
     // Writing to a string does not fail.
     for camera in &report.cameras {
         writeln!(text, "camera {}: {}", camera.name, in_words(camera)).ok();
     }
-    for name in without_pose(judged, request) {
+    for name in without_pose(judged, asked) {
         writeln!(text, "camera {name}: no pose").ok();
     }
     if let Some(rms_m) = report.anchors_rms_m {
