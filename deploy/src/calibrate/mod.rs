@@ -5,6 +5,7 @@ mod ball;
 mod board;
 mod convert;
 mod judged;
+mod known;
 mod lenses;
 mod people;
 mod points;

@@ -5,14 +5,14 @@ use std::path::PathBuf;
 
 use anyhow::{bail, ensure};
 use clap::Args;
-use farfield_calibration::alignment::{Anchors, KnownDistance};
 use farfield_calibration::people::{PeopleCamera, PeopleRequest, PeopleStage, calibrate, parse};
 use farfield_calibration::points::Timing;
 use farfield_node::process::{NodeError, say};
 use farfield_proto::keypoints::COCO17;
 
+use super::known::KnownArgs;
 use super::lenses::{LensFile, lenses};
-use super::points::{Asked, Clocks, distance, hand_over, offset, place, rate};
+use super::points::{Asked, Clocks, hand_over, offset, rate};
 use super::{Judged, read, refuse_existing};
 
 /// What `farfield calibrate people` is told.
@@ -46,12 +46,8 @@ pub(super) struct PeopleArgs {
     /// Mean stature of the people, metres, in shoes: the scale, to 1 to 2 %, where nothing else tells it.
     #[arg(long, value_name = "METRES")]
     stature_m: Option<f64>,
-    /// Distance between two cameras: what tells the scale.
-    #[arg(long, value_name = "A,B=METRES", value_parser = distance)]
-    distance: Vec<KnownDistance>,
-    /// Where a camera is known to stand; three say scale, place and up.
-    #[arg(long, value_name = "NAME=X,Y,Z", value_parser = place, allow_hyphen_values = true)]
-    at: Vec<(String, [f64; 3])>,
+    #[command(flatten)]
+    known: KnownArgs,
     /// Seed of the random samples.
     #[arg(long, value_name = "N", default_value_t = 1, hide_short_help = true)]
     seed: u64,
@@ -121,10 +117,8 @@ fn request(args: &PeopleArgs) -> anyhow::Result<PeopleRequest> {
     }
     let known: Vec<&str> = seen.keys().map(String::as_str).collect();
     let rates = args.rate_hz.iter().filter_map(|(name, _)| name.as_ref());
-    let distances = args.distance.iter().flat_map(|it| [&it.first, &it.second]);
     let offsets = args.offset_s.iter().map(|(name, _)| name);
-    let places = args.at.iter().map(|(name, _)| name);
-    for name in rates.chain(distances).chain(offsets).chain(places) {
+    for name in rates.chain(offsets).chain(args.known.cameras()) {
         ensure!(
             known.contains(&name.as_str()),
             "unknown camera `{name}`, expected one of {}",
@@ -176,11 +170,7 @@ fn request(args: &PeopleArgs) -> anyhow::Result<PeopleRequest> {
         timing,
         stature_m: args.stature_m,
         seed: args.seed,
-        anchors: Anchors {
-            centers_m: args.at.clone(),
-            distances: args.distance.clone(),
-            ..Anchors::default()
-        },
+        anchors: args.known.anchors()?,
         ..PeopleRequest::new(cameras, rate_hz)
     })
 }

@@ -6,7 +6,6 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{bail, ensure};
 use clap::{Args, ValueEnum};
-use farfield_calibration::alignment::{Anchors, KnownDistance, Marks};
 use farfield_calibration::points::{
     Lenses, PointCalibration, PointCamera, PointRequest, Stage, Timing, calibrate, parse,
 };
@@ -15,6 +14,7 @@ use farfield_node::process::{EXIT_FAILED, NodeError, say};
 use serde::Serialize;
 
 use super::judged::{JudgedCalibration, halves};
+use super::known::KnownArgs;
 use super::lenses::{LensFile, lenses};
 use super::{Judged, named, read, refuse_existing, sheet, write};
 use crate::output;
@@ -48,17 +48,8 @@ pub(super) struct PointsArgs {
     /// Time of a camera's frame 0, seconds, on a clock that all share.
     #[arg(long, value_name = "NAME=S", value_parser = offset)]
     offset_s: Vec<(String, f64)>,
-    /// Distance between two cameras: what tells the scale.
-    #[arg(long, value_name = "A,B=METRES", value_parser = distance)]
-    distance: Vec<KnownDistance>,
-    /// Where a camera is known to stand; three say scale, place and up.
-    #[arg(long, value_name = "NAME=X,Y,Z", value_parser = place, allow_hyphen_values = true)]
-    at: Vec<(String, [f64; 3])>,
-    /// Marks clicked in pictures, and what they are: lines and corners of a court, places, lengths, the floor.
-    ///
-    /// A TOML file; `docs/calibration.md` says what it may hold.
-    #[arg(long, value_name = "FILE")]
-    marks: Option<PathBuf>,
+    #[command(flatten)]
+    known: KnownArgs,
     /// What of the lenses may move: none, focal, all.
     #[arg(
         long,
@@ -116,29 +107,6 @@ pub(super) fn rate(word: &str) -> Result<(Option<String>, f64), String> {
 
 pub(super) fn offset(word: &str) -> Result<(String, f64), String> {
     named(word, "NAME=SECONDS, for example north=-0.35")
-}
-
-pub(super) fn distance(word: &str) -> Result<KnownDistance, String> {
-    let expected = "A,B=METRES, for example north,south=24.1";
-    let (names, distance_m) = named::<f64>(word, expected)?;
-    match names.split_once(',') {
-        Some((first, second)) if distance_m > 0.0 => Ok(KnownDistance {
-            first: first.trim().to_owned(),
-            second: second.trim().to_owned(),
-            distance_m,
-        }),
-        _ => Err(format!("found `{word}`, expected {expected}")),
-    }
-}
-
-pub(super) fn place(word: &str) -> Result<(String, [f64; 3]), String> {
-    let expected = "NAME=X,Y,Z in metres, for example north=0,12.5,4";
-    let (name, place) = named::<String>(word, expected)?;
-    let numbers: Result<Vec<f64>, _> = place.split(',').map(|it| it.trim().parse()).collect();
-    match numbers.map(<[f64; 3]>::try_from) {
-        Ok(Ok(at_m)) => Ok((name, at_m)),
-        _ => Err(format!("found `{word}`, expected {expected}")),
-    }
 }
 
 /// What is said of a calibration that is written and should not be used.
@@ -303,10 +271,8 @@ fn request(args: &PointsArgs) -> anyhow::Result<PointRequest> {
         Ok(())
     };
     let rates = args.rate_hz.iter().filter_map(|(name, _)| name.as_ref());
-    let distances = args.distance.iter().flat_map(|it| [&it.first, &it.second]);
     let offsets = args.offset_s.iter().map(|(name, _)| name);
-    let places = args.at.iter().map(|(name, _)| name);
-    for name in rates.chain(distances).chain(offsets).chain(places) {
+    for name in rates.chain(offsets).chain(args.known.cameras()) {
         is_known(name)?;
     }
     let mut cameras = Vec::new();
@@ -335,7 +301,6 @@ fn request(args: &PointsArgs) -> anyhow::Result<PointRequest> {
             name,
         });
     }
-    let marks = args.marks.as_ref().map(|path| marks(path)).transpose()?;
     let timing = match args.clocks {
         Clocks::Synchronised => Timing::Synchronised,
         Clocks::Given => Timing::Clocks,
@@ -349,18 +314,9 @@ fn request(args: &PointsArgs) -> anyhow::Result<PointRequest> {
         },
         gate_px: args.gate_px,
         seed: args.seed,
-        anchors: Anchors {
-            centers_m: args.at.clone(),
-            distances: args.distance.clone(),
-            marks,
-        },
+        anchors: args.known.anchors()?,
         ..PointRequest::new(cameras, timing)
     })
-}
-
-/// What was clicked, and what it is.
-fn marks(path: &Path) -> anyhow::Result<Marks> {
-    Ok(Marks::parse(&read(path)?.text, path)?)
 }
 
 fn json(
@@ -461,22 +417,7 @@ mod tests {
     fn what_is_known_of_cameras_is_understood_or_said() {
         assert_eq!(rate("59.94"), Ok((None, 59.94)));
         assert_eq!(rate("north=25"), Ok((Some("north".to_owned()), 25.0)));
-        assert_eq!(
-            place("n=0,-12.5, 4"),
-            Ok(("n".to_owned(), [0.0, -12.5, 4.0]))
-        );
-        let known = distance("north,south=24.1").unwrap();
-        assert_eq!(
-            (known.first.as_str(), known.second.as_str()),
-            ("north", "south")
-        );
-        for wrong in [
-            rate("fast").unwrap_err(),
-            offset("0.3").unwrap_err(),
-            distance("north=3").unwrap_err(),
-            distance("a,b=-3").unwrap_err(),
-            place("n=1,2").unwrap_err(),
-        ] {
+        for wrong in [rate("fast").unwrap_err(), offset("0.3").unwrap_err()] {
             assert!(wrong.contains("expected"), "{wrong}");
         }
     }

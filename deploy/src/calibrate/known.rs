@@ -1,0 +1,97 @@
+//! What is known of a venue before its cameras are calibrated, as the command line says it.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use farfield_calibration::alignment::{Anchors, KnownDistance, Marks};
+
+use super::{named, read};
+
+/// What tells scale, place and up.
+#[derive(Debug, Args)]
+pub(super) struct KnownArgs {
+    /// Distance between two cameras: what tells the scale.
+    #[arg(long, value_name = "A,B=METRES", value_parser = distance)]
+    distance: Vec<KnownDistance>,
+    /// Where a camera is known to stand; three say scale, place and up.
+    #[arg(long, value_name = "NAME=X,Y,Z", value_parser = place, allow_hyphen_values = true)]
+    at: Vec<(String, [f64; 3])>,
+    /// Marks clicked in pictures, and what they are: lines and corners of a court, places, lengths, the floor.
+    ///
+    /// A TOML file; `docs/calibration.md` says what it may hold.
+    #[arg(long, value_name = "FILE")]
+    marks: Option<PathBuf>,
+}
+
+impl KnownArgs {
+    /// The cameras that are named.
+    pub(super) fn cameras(&self) -> impl Iterator<Item = &String> {
+        let distances = self.distance.iter().flat_map(|it| [&it.first, &it.second]);
+        distances.chain(self.at.iter().map(|(name, _)| name))
+    }
+
+    /// The same as calibrations take it.
+    ///
+    /// # Errors
+    /// When the file of marks cannot be read.
+    pub(super) fn anchors(&self) -> anyhow::Result<Anchors> {
+        let marks = self.marks.as_ref().map(|path| {
+            let marks = Marks::parse(&read(path)?.text, path)?;
+            anyhow::Ok(marks)
+        });
+        Ok(Anchors {
+            centers_m: self.at.clone(),
+            distances: self.distance.clone(),
+            marks: marks.transpose()?,
+            ..Anchors::default()
+        })
+    }
+}
+
+fn distance(word: &str) -> Result<KnownDistance, String> {
+    let expected = "A,B=METRES, for example north,south=24.1";
+    let (names, distance_m) = named::<f64>(word, expected)?;
+    match names.split_once(',') {
+        Some((first, second)) if distance_m > 0.0 => Ok(KnownDistance {
+            first: first.trim().to_owned(),
+            second: second.trim().to_owned(),
+            distance_m,
+        }),
+        _ => Err(format!("found `{word}`, expected {expected}")),
+    }
+}
+
+fn place(word: &str) -> Result<(String, [f64; 3]), String> {
+    let expected = "NAME=X,Y,Z in metres, for example north=0,12.5,4";
+    let (name, place) = named::<String>(word, expected)?;
+    let numbers: Result<Vec<f64>, _> = place.split(',').map(|it| it.trim().parse()).collect();
+    match numbers.map(<[f64; 3]>::try_from) {
+        Ok(Ok(at_m)) => Ok((name, at_m)),
+        _ => Err(format!("found `{word}`, expected {expected}")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn places_and_distances_are_understood_or_said() {
+        assert_eq!(
+            place("n=0,-12.5, 4"),
+            Ok(("n".to_owned(), [0.0, -12.5, 4.0]))
+        );
+        let known = distance("north,south=24.1").unwrap();
+        assert_eq!(
+            (known.first.as_str(), known.second.as_str()),
+            ("north", "south")
+        );
+        for wrong in [
+            distance("north=3").unwrap_err(),
+            distance("a,b=-3").unwrap_err(),
+            place("n=1,2").unwrap_err(),
+        ] {
+            assert!(wrong.contains("expected"), "{wrong}");
+        }
+    }
+}
