@@ -46,13 +46,12 @@ fn view(args: &ViewArgs) -> Result<Ending, NodeError> {
             .context("listening for signals")
             .map_err(NodeError::Failed)?;
         let server = PageServer::start(state, (args.at, &[]), None).await?;
-        server
-            .said
-            .iter()
-            .for_each(|line| say(format_args!("{line}")));
+        for line in &server.said {
+            say(format_args!("{line}"));
+        }
         say(format_args!("until Ctrl-C"));
         signals.next().await;
-        server.stop();
+        server.stop().await;
         Ok(Ending::Done)
     })
 }

@@ -32,6 +32,10 @@ const NAME: &str = "demo";
 
 /// Arguments of `farfield demo`.
 #[derive(Debug, clap::Args)]
+#[expect(
+    clippy::struct_excessive_bools,
+    reason = "each is a switch of the command line"
+)]
 pub(crate) struct DemoArgs {
     /// How many ticks to run.
     #[arg(long, value_name = "N", default_value_t = 300, conflicts_with = "forever",

@@ -19,11 +19,13 @@ use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::transport::Identity;
 use farfield_proto::venue::Venue;
 use tokio_util::sync::{CancellationToken, DropGuard};
+use tokio_util::task::TaskTracker;
 
 /// A page that is served until this is let go of.
 pub(crate) struct PageServer {
     /// What the operator is told of it, a line each.
     pub(crate) said: Vec<String>,
+    tasks: TaskTracker,
     stop: DropGuard,
 }
 
@@ -53,17 +55,20 @@ impl PageServer {
         if !is_local && let Some(code) = terminal_code(&url) {
             said.extend(code.lines().map(str::to_owned));
         }
-        let stop = CancellationToken::new();
-        tokio::spawn(server.serve(stop.clone()));
+        let (tasks, stop) = (TaskTracker::new(), CancellationToken::new());
+        tasks.spawn(server.serve(stop.clone()));
         Ok(Self {
             said,
+            tasks,
             stop: stop.drop_guard(),
         })
     }
 
-    /// Until it has been let go of.
-    pub(crate) fn stop(self) {
+    /// Tells those who look that it is over, and waits until they have left.
+    pub(crate) async fn stop(self) {
         drop(self.stop);
+        self.tasks.close();
+        self.tasks.wait().await;
     }
 }
 

@@ -108,7 +108,9 @@ impl RunWatch<'_> {
                 self.start_edges()?;
             }
             NodeEvent::Report(Report::Said(lines)) => {
-                lines.iter().for_each(|line| say(format_args!("{line}")));
+                for line in lines {
+                    say(format_args!("{line}"));
+                }
             }
             NodeEvent::Report(Report::Started { .. }) => self.started = true,
             NodeEvent::Report(Report::Tick(tick)) => {

@@ -12,11 +12,10 @@ use super::{read_or_refused, size, text};
 /// Keypoints of other programs of any content: told by their content and read, or refused.
 pub(super) fn imported_keypoints(bytes: &[u8]) -> String {
     let parsed = parse(bytes, Path::new("keypoints"), ParseOptions::default());
-    let mut became = read_or_refused(&parsed);
-    if let Ok(parsed) = parsed {
-        became.push_str(&format!(": {:?}", parsed.format));
+    match &parsed {
+        Ok(read) => format!("read: {:?}", read.format),
+        Err(_) => read_or_refused(&parsed),
     }
-    became
 }
 
 /// What was clicked in pictures, of any content: read or refused.
