@@ -205,7 +205,7 @@ fn changed(seen: &SeenBody, mistake: Mistake, partners: &Partners) -> SeenBody {
                 *pixel = middle + mistake.focal_factor * (*pixel - middle);
             }
         }
-        if mistake.turned_deg != [0.0; 3] {
+        if mistake.turned_deg.iter().any(|deg| deg.abs() > 0.0) {
             keypoint.pixel = turned(keypoint.pixel, mistake.turned_deg);
         }
         if mistake.mirrored != mistake.half_turned {
