@@ -6,7 +6,7 @@ use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use anyhow::Context as _;
+use anyhow::{Context as _, anyhow};
 use clap::Args;
 use farfield_fusion::node::recorded_venue;
 use farfield_fusion::pipeline::Pipeline;
@@ -25,9 +25,9 @@ use crate::signals::Signals;
 pub(crate) struct ViewArgs {
     /// The recording, an MCAP file.
     recording: PathBuf,
-    /// Where the page is served: an IP address of this machine and a port.
+    /// Where the page is served, on this machine alone.
     ///
-    /// Default: 127.0.0.1:7460.
+    /// An address of the loopback and a port; default: 127.0.0.1:7460.
     #[arg(long, value_name = "ADDRESS")]
     at: Option<SocketAddr>,
 }
@@ -39,6 +39,13 @@ pub(crate) fn main(args: &ViewArgs) -> ExitCode {
 }
 
 fn view(args: &ViewArgs) -> Result<Ending, NodeError> {
+    if let Some(at) = args.at.filter(|at| !at.ip().is_loopback()) {
+        let problem = anyhow!(
+            "--at: found {at}, expected an address of this machine alone: a recording has no keys; from elsewhere \
+             `ssh -L 7460:127.0.0.1:7460 HOST`"
+        );
+        return Err(NodeError::Refused(problem));
+    }
     let path = &args.recording;
     let state = state(path).map_err(NodeError::Refused)?;
     farfield_node::runtime::block_on(2, async {

@@ -21,6 +21,7 @@ use serde::Serialize;
 
 use super::lenses::{Lens, LensFile, lenses};
 use super::{refuse_existing, write};
+use crate::init::rate;
 use crate::init::recordings::{self, Recording, RecordingKind};
 use crate::output;
 
@@ -134,7 +135,8 @@ pub(super) fn from_ball(args: &BallArgs) -> Result<(), NodeError> {
             args.folder.display()
         )));
     }
-    for (it, text) in seen.iter().zip(&texts) {
+    // A camera that saw nothing has no file: `points` takes none that is empty.
+    for (it, text) in seen.iter().zip(&texts).filter(|(it, _)| it.sightings > 0) {
         write(&it.file, text)?;
     }
     let text = if args.json {
@@ -152,7 +154,7 @@ fn lines(seen: &[Seen]) -> String {
         let (camera, file) = (&it.camera, it.file.display());
         let (sightings, frames) = (it.sightings, it.frames);
         if it.sightings == 0 {
-            writeln!(text, "camera {camera}: not seen in {frames} frames, {file}").ok();
+            writeln!(text, "camera {camera}: not seen in {frames} frames").ok();
             continue;
         }
         let few = if it.sightings < FEW { ": too few" } else { "" };
@@ -190,7 +192,7 @@ impl LookingCamera {
             (ToldBy::Colour, Some(colour)) => Appearance::Colour(colour),
             (ToldBy::MovingColour, Some(colour)) => Appearance::MovingColour(colour),
             (by, None) => match self.learnt(args)? {
-                None => return Ok((0, Vec::new())),
+                None => return Ok((LEARNING_FRAMES as u64, Vec::new())),
                 Some(colour) if by == ToldBy::Colour => Appearance::Colour(colour),
                 Some(colour) => Appearance::MovingColour(colour),
             },
@@ -291,8 +293,10 @@ fn camera(recording: Recording, lens: &Lens) -> anyhow::Result<LookingCamera> {
     let calibration = lens.calibration(&recording.name)?;
     let calibration = Calibration::parse(&calibration, path)?;
     let quoted = |text: &str| toml::Value::from(text).to_string();
+    // Of numbered pictures nobody knows, and nothing depends on it.
+    let rate_hz = rate::of_videos(std::slice::from_ref(&recording))?.unwrap_or(30.0);
     let text = format!(
-        "name = \"ball\"\nrate_hz = 30.0\ncalibration = \"lens.toml\"\n[[viewpoint]]\nname = \"v\"\n[[viewpoint.camera]]\n\
+        "name = \"ball\"\nrate_hz = {rate_hz:?}\ncalibration = \"lens.toml\"\n[[viewpoint]]\nname = \"v\"\n[[viewpoint.camera]]\n\
          name = {}\nsource = {{ kind = \"{}\", path = {} }}\n",
         quoted(&recording.name),
         recording.kind_name(),

@@ -38,7 +38,7 @@ const NAME: &str = "demo";
 )]
 pub(crate) struct DemoArgs {
     /// How many ticks to run.
-    #[arg(long, value_name = "N", default_value_t = 300, conflicts_with = "forever",
+    #[arg(long, value_name = "N", default_value_t = 300, conflicts_with_all = ["forever", "page"],
           value_parser = clap::value_parser!(u32).range(1..))]
     pub(crate) ticks: u32,
     /// Run until Ctrl-C.
@@ -125,12 +125,11 @@ fn demo(args: &DemoArgs) -> Result<Ending, NodeError> {
     let script = DemoScript::choose(args).map_err(NodeError::Refused)?;
     let mut session = Session::open()?;
     if !args.is_endless() {
-        return show(args, &script, args.out.as_deref(), &mut session);
+        return show(args, &script, 1, &mut session);
     }
     for round in 1.. {
-        let out = args.out.as_deref().map(|out| out_of(out, round));
         let script = script.of_round(round);
-        if show(args, &script, out.as_deref(), &mut session)? == Ending::Interrupted {
+        if show(args, &script, round, &mut session)? == Ending::Interrupted {
             break;
         }
     }
@@ -146,14 +145,27 @@ fn out_of(out: &Path, round: u32) -> PathBuf {
     name.into()
 }
 
-/// Plays `script` once, and says how good it was.
+/// Where a round of many records, when the first does to `file`.
+fn recording_of(file: &Path, round: u32) -> PathBuf {
+    let ending = file.extension().map(ToOwned::to_owned);
+    let mut path = out_of(&file.with_extension(""), round);
+    if let Some(ending) = ending {
+        path.set_extension(ending);
+    }
+    path
+}
+
+/// Plays `script` once, as one `round` of many, and says how good it was.
 fn show(
     args: &DemoArgs,
     script: &DemoScript,
-    out: Option<&Path>,
+    round: u32,
     session: &mut Session,
 ) -> Result<Ending, NodeError> {
-    let claim = FolderClaim::take(out, NAME).map_err(NodeError::Refused)?;
+    let out = args.out.as_deref().map(|out| out_of(out, round));
+    let record = args.record.as_ref();
+    let record = record.map(|it| it.as_deref().map(|file| recording_of(file, round)));
+    let claim = FolderClaim::take(out.as_deref(), NAME).map_err(NodeError::Refused)?;
     let out = claim.folder();
     let (play, undo) = Play::stage(script, &out.join(VENUE)).map_err(NodeError::Failed)?;
     let (mut plan, networks) = run::check(RunArgs {
@@ -161,7 +173,7 @@ fn show(
         venue: play.venue.clone(),
         ticks: None,
         out: None,
-        record: args.record.clone(),
+        record,
         set: args.set.clone(),
         overlay: Some(args.overlay.clone().flatten()),
         listeners: args.listeners.clone(),
@@ -196,6 +208,14 @@ fn tell_score(out: &Path, truth: &Path, ticks: &Range<Tick>, rate_hz: f64) -> an
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn each_round_records_to_a_file_of_its_own() {
+        let file = Path::new("out/hall.v2.mcap");
+        assert_eq!(recording_of(file, 1), file);
+        assert_eq!(recording_of(file, 3), Path::new("out/hall.v2-3.mcap"));
+        assert_eq!(recording_of(Path::new("hall"), 2), Path::new("hall-2"));
+    }
 
     #[test]
     fn every_round_has_a_folder_of_its_own() {

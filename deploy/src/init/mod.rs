@@ -5,7 +5,7 @@
 
 mod matching;
 mod questions;
-mod rate;
+pub(crate) mod rate;
 pub(crate) mod recordings;
 mod seen_field;
 mod venue_text;

@@ -10,7 +10,7 @@ use super::recordings::{Recording, RecordingKind};
 ///
 /// # Errors
 /// When ffprobe is not there, or the file is no video.
-pub(super) fn of_videos(recordings: &[Recording]) -> anyhow::Result<Option<f64>> {
+pub(crate) fn of_videos(recordings: &[Recording]) -> anyhow::Result<Option<f64>> {
     let Some(video) = recordings.iter().find(|it| it.kind == RecordingKind::Video) else {
         return Ok(None);
     };

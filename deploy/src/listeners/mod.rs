@@ -5,16 +5,21 @@
 
 mod page;
 mod streams;
+mod thread;
 
 use std::net::SocketAddr;
 use std::process::ExitCode;
+use std::sync::Arc;
 
 use clap::Args;
-use farfield_fusion::node::{FusionArgs, Listeners, OpenListeners, Opening, RunAtItsStart};
-use farfield_node::process::NodeError;
-use farfield_streams::StreamSpec;
+use farfield_fusion::node::{
+    FusionArgs, Listeners, OpenListeners, Opening, RunAtItsStart, Wiretap,
+};
+use farfield_page::PageState;
+use farfield_streams::{StreamSpec, Streams};
 
 pub(crate) use self::page::{PageServer, page_skeleton};
+use self::thread::ServingThread;
 
 /// Who shall listen.
 #[derive(Debug, Clone, Default, Args)]
@@ -73,16 +78,62 @@ pub(crate) fn fusion(args: FusionCommandArgs) -> ExitCode {
 impl OpenListeners for ListenerArgs {
     fn open(self: Box<Self>, run: RunAtItsStart<'_>) -> Opening<'_> {
         Box::pin(async move {
-            let mut listeners = Listeners::default();
-            if let Some(address) = self.page {
-                page::listen(&run, (address, &self.page_name), &mut listeners).await?;
+            if self.page.is_none() && self.stream.is_empty() {
+                return Ok(Listeners::default());
             }
-            if !self.stream.is_empty() {
-                let streams = streams::listen(&run, &self.stream, &mut listeners).await;
-                streams.map_err(NodeError::refused)?;
+            let page = self.page.map(|address| page::PageOfRun::of(&run, address));
+            let page = page.transpose()?;
+            let (names, specs) = (self.page_name, self.stream);
+            let facts = streams::facts(&run);
+            let open = move || async move {
+                let (mut said, mut served) = (Vec::new(), Served::default());
+                if let Some(page) = page {
+                    let (state, server) = page.serve(&names).await?;
+                    said.extend(server.said.iter().cloned());
+                    served.page = Some(state);
+                    served.server = Some(server);
+                }
+                if !specs.is_empty() {
+                    let streams = streams::start(&specs, facts, &mut said).await?;
+                    served.streams = Some(streams);
+                }
+                let taps = (served.page.clone(), served.streams.clone());
+                Ok(((said, taps), served))
+            };
+            let (opened, thread) = ServingThread::start(open, Served::close).await?;
+            let (said, (page, streams)) = opened;
+            let mut wiretaps: Vec<Arc<dyn Wiretap>> = Vec::new();
+            if let Some(page) = page {
+                let thread = Arc::clone(&thread);
+                wiretaps.push(Arc::new(page::PageTap::new(page, thread)));
             }
-            Ok(listeners)
+            if let Some(streams) = streams {
+                wiretaps.push(Arc::new(streams::StreamTap::new(
+                    run.venue, streams, thread,
+                )));
+            }
+            Ok(Listeners { wiretaps, said })
         })
+    }
+}
+
+/// What the serving thread keeps until the run is over.
+#[derive(Default)]
+struct Served {
+    page: Option<Arc<PageState>>,
+    server: Option<PageServer>,
+    streams: Option<Arc<Streams>>,
+}
+
+impl Served {
+    async fn close(self) {
+        if let Some(server) = self.server {
+            server.stop().await;
+        }
+        // The taps have let go of them by then, or they end without goodbyes.
+        if let Some(streams) = self.streams.and_then(Arc::into_inner) {
+            streams.stop().await;
+        }
     }
 }
 

@@ -1,16 +1,17 @@
 //! The live page of a run, and of a recording.
 
 use std::collections::BTreeMap;
+use std::f64::consts::TAU;
 use std::net::SocketAddr;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError, Weak};
 
-use anyhow::Context as _;
-use farfield_fusion::body::skeleton::angles::is_translation;
+use anyhow::{Context as _, anyhow};
+use farfield_fusion::body::skeleton::angles::{FIRST_JOINT_ANGLE, is_translation};
 use farfield_fusion::body::skeleton::{ANGLE_NAMES, Joint, RangeOfMotion};
-use farfield_fusion::node::{CopiedMessage, CopiedStep, Listeners, RunAtItsStart, Wiretap};
+use farfield_fusion::node::{CopiedMessage, CopiedStep, RunAtItsStart, Wiretap};
 use farfield_node::process::NodeError;
 use farfield_page::qr::terminal_code;
-use farfield_page::server::Keys;
+use farfield_page::server::{Keys, ServerError};
 use farfield_page::{
     Action, ActionKind, Angle, AngleUnit, PageActions, PageOptions, PageState, Server,
     ServerOptions, Skeleton,
@@ -20,6 +21,13 @@ use farfield_proto::transport::Identity;
 use farfield_proto::venue::Venue;
 use tokio_util::sync::{CancellationToken, DropGuard};
 use tokio_util::task::TaskTracker;
+
+use super::thread::ServingThread;
+
+/// From which width on a range of motion is none, radians.
+const FULL_CIRCLE_RAD: f64 = TAU - 1e-3;
+/// Most people that are named.
+const MAX_NAMES: usize = 1024;
 
 /// A page that is served until this is let go of.
 pub(crate) struct PageServer {
@@ -37,19 +45,25 @@ impl PageServer {
     pub(crate) async fn start(
         state: Arc<PageState>,
         (address, names): (Option<SocketAddr>, &[String]),
-        identity: Option<&Identity>,
+        keys: Option<Keys>,
     ) -> Result<Self, NodeError> {
         let usual = ServerOptions::default();
         let address = address.unwrap_or(usual.address);
         let is_local = address.ip().is_loopback();
-        let keys = identity.filter(|_| !is_local).map(keys).transpose();
         let options = ServerOptions {
             address,
             names: names.to_vec(),
-            keys: keys.map_err(NodeError::Refused)?,
+            keys: keys.filter(|_| !is_local),
         };
         let server = Server::bind(state, options).await;
-        let server = server.map_err(NodeError::refused)?;
+        let server = server.map_err(|error| match error {
+            // What holds the port may let go of it; a service is started again.
+            ServerError::Listen { address, .. } => NodeError::Failed(anyhow!(
+                "{error}: end what listens there, or serve the page elsewhere (--page=127.0.0.1:{})",
+                address.port().wrapping_add(1)
+            )),
+            error => NodeError::refused(error),
+        })?;
         let url = server.url();
         let mut said = vec![format!("the live page: {url}")];
         if !is_local && let Some(code) = terminal_code(&url) {
@@ -72,30 +86,47 @@ impl PageServer {
     }
 }
 
-/// Serves the page of a run.
-pub(super) async fn listen(
-    run: &RunAtItsStart<'_>,
-    place: (Option<SocketAddr>, &[String]),
-    listeners: &mut Listeners,
-) -> Result<(), NodeError> {
-    let skeleton = page_skeleton(run.venue, run.keypoints);
-    let names = Arc::new(GivenNames::default());
-    let options = PageOptions {
-        actions: Some(Arc::clone(&names) as Arc<dyn PageActions>),
-        ..PageOptions::default()
-    };
-    let state = PageState::live(run.venue.clone(), skeleton, options);
-    let state = state
-        .context("starting the page's thread")
-        .map_err(NodeError::Failed)?;
-    names.page.get_or_init(|| Arc::downgrade(&state));
-    let server = PageServer::start(Arc::clone(&state), place, run.identity).await?;
-    listeners.said.extend(server.said.iter().cloned());
-    listeners.wiretaps.push(Arc::new(PageTap {
-        state,
-        _server: server,
-    }));
-    Ok(())
+/// The page of a run, before it is served.
+pub(super) struct PageOfRun {
+    state: Arc<PageState>,
+    address: Option<SocketAddr>,
+    keys: Option<Keys>,
+}
+
+impl PageOfRun {
+    /// Reads the keys, and starts what is fed.
+    pub(super) fn of(
+        run: &RunAtItsStart<'_>,
+        address: Option<SocketAddr>,
+    ) -> Result<Self, NodeError> {
+        let skeleton = page_skeleton(run.venue, run.keypoints);
+        let names = Arc::new(GivenNames::default());
+        let options = PageOptions {
+            actions: Some(Arc::clone(&names) as Arc<dyn PageActions>),
+            ..PageOptions::default()
+        };
+        let state = PageState::live(run.venue.clone(), skeleton, options);
+        let state = state
+            .context("starting the page's thread")
+            .map_err(NodeError::Failed)?;
+        names.page.get_or_init(|| Arc::downgrade(&state));
+        let keys = run.identity.map(keys).transpose();
+        Ok(Self {
+            state,
+            address,
+            keys: keys.map_err(NodeError::Refused)?,
+        })
+    }
+
+    /// Serves it to browsers that call this machine by one of `names`.
+    pub(super) async fn serve(
+        self,
+        names: &[String],
+    ) -> Result<(Arc<PageState>, PageServer), NodeError> {
+        let state = Arc::clone(&self.state);
+        let server = PageServer::start(self.state, (self.address, names), self.keys).await?;
+        Ok((state, server))
+    }
 }
 
 /// What people are called, for as long as the run lasts.
@@ -119,8 +150,10 @@ impl PageActions for GivenNames {
         let mut by_person = by_person.unwrap_or_else(PoisonError::into_inner);
         if name.is_empty() {
             by_person.remove(person);
-        } else {
+        } else if by_person.len() < MAX_NAMES || by_person.contains_key(person) {
             by_person.insert(*person, name.clone());
+        } else {
+            return Err(format!("{MAX_NAMES} people have names already"));
         }
         if let Some(page) = self.page.get().and_then(Weak::upgrade) {
             page.set_names(by_person.clone());
@@ -130,9 +163,18 @@ impl PageActions for GivenNames {
 }
 
 /// Gives the page what passes.
-struct PageTap {
+pub(super) struct PageTap {
     state: Arc<PageState>,
-    _server: PageServer,
+    _thread: Arc<ServingThread>,
+}
+
+impl PageTap {
+    pub(super) fn new(state: Arc<PageState>, thread: Arc<ServingThread>) -> Self {
+        Self {
+            state,
+            _thread: thread,
+        }
+    }
 }
 
 impl Wiretap for PageTap {
@@ -160,7 +202,9 @@ pub(crate) fn page_skeleton(venue: &Venue, keypoints: &KeypointSet) -> Skeleton 
         .then(|| RangeOfMotion::new(parameters.factor));
     let angles = ANGLE_NAMES.iter().enumerate().map(|(index, name)| {
         let range = ranges.as_ref().map(|ranges| ranges.reported_range(index));
-        let range = range.filter(|(lo, hi)| lo.is_finite() && hi.is_finite());
+        // Of the root, and of what goes all around, ranges are where the number begins again.
+        let is_joint = index >= FIRST_JOINT_ANGLE;
+        let range = range.filter(|(lo, hi)| is_joint && hi - lo < FULL_CIRCLE_RAD);
         Angle {
             name: (*name).to_owned(),
             unit: if is_translation(index) {

@@ -1,29 +1,49 @@
 //! Streams of a run in the protocols of other programs.
 
 use std::collections::BTreeMap;
-use std::sync::Arc;
+use std::sync::{Arc, Weak};
+use std::time::Duration;
 
-use farfield_fusion::node::{CopiedMessage, CopiedStep, Listeners, RunAtItsStart, Wiretap};
+use farfield_fusion::node::{CopiedMessage, CopiedStep, RunAtItsStart, Wiretap};
+use farfield_node::process::NodeError;
 use farfield_proto::key::Keys;
 use farfield_proto::message::PoseSet;
+use farfield_proto::venue::Venue;
 use farfield_proto::wire;
 use farfield_streams::{StreamError, StreamSpec, Streams, VenueFacts};
+use tokio::time::sleep;
+use tokio_util::task::TaskTracker;
+use tracing::warn;
 
-/// Starts the streams of a run.
-///
-/// # Errors
-/// The first whose address cannot be had.
-pub(super) async fn listen(
-    run: &RunAtItsStart<'_>,
-    specs: &[StreamSpec],
-    listeners: &mut Listeners,
-) -> Result<(), StreamError> {
-    let facts = VenueFacts {
+use super::thread::ServingThread;
+
+/// How often what went wrong with streams is logged.
+const TELL_EVERY: Duration = Duration::from_secs(5);
+
+/// What streams say of where poses come from.
+pub(super) fn facts(run: &RunAtItsStart<'_>) -> VenueFacts {
+    VenueFacts {
         venue: run.venue.name.clone(),
         rate_hz: run.venue.rate_hz,
         names: BTreeMap::new(),
-    };
-    let streams = Streams::start(specs, facts).await?;
+    }
+}
+
+/// Starts the streams of a run; what the operator is told of them goes to `said`.
+///
+/// # Errors
+/// The first whose address cannot be had.
+pub(super) async fn start(
+    specs: &[StreamSpec],
+    facts: VenueFacts,
+    said: &mut Vec<String>,
+) -> Result<Arc<Streams>, NodeError> {
+    let streams = Streams::start(specs, facts).await;
+    let streams = streams.map_err(|error| match error {
+        // What holds the port may let go of it; a service is started again.
+        StreamError::Open { .. } => NodeError::failed(error),
+        StreamError::Twice(_) => NodeError::refused(error),
+    })?;
     for stream in streams.report() {
         let what = if stream.spec.kind.is_server() {
             "waits for clients at"
@@ -36,21 +56,52 @@ pub(super) async fn listen(
             ""
         };
         let (name, address) = (stream.spec.kind.name(), stream.address);
-        listeners
-            .said
-            .push(format!("stream {name} {what} {address}{open}"));
+        said.push(format!("stream {name} {what} {address}{open}"));
     }
-    listeners.wiretaps.push(Arc::new(StreamTap {
-        streams,
-        pose_key: Keys::new(&run.venue.name).pose(),
-    }));
-    Ok(())
+    let streams = Arc::new(streams);
+    TaskTracker::new().spawn(tell_of_failures(Arc::downgrade(&streams)));
+    Ok(streams)
+}
+
+/// Task: logs what goes wrong with streams, until they are gone.
+async fn tell_of_failures(streams: Weak<Streams>) {
+    let mut told: Vec<u64> = Vec::new();
+    loop {
+        sleep(TELL_EVERY).await;
+        let Some(streams) = streams.upgrade() else {
+            return;
+        };
+        let report = streams.report();
+        told.resize(report.len(), 0);
+        for (stream, told) in report.iter().zip(&mut told) {
+            if stream.failed > *told {
+                *told = stream.failed;
+                let why = stream.last_error.as_deref().unwrap_or_default();
+                warn!(
+                    stream = stream.spec.kind.name(),
+                    failed = stream.failed,
+                    "{why}"
+                );
+            }
+        }
+    }
 }
 
 /// Gives the streams what fusion publishes of people.
-struct StreamTap {
-    streams: Streams,
+pub(super) struct StreamTap {
+    streams: Arc<Streams>,
     pose_key: String,
+    _thread: Arc<ServingThread>,
+}
+
+impl StreamTap {
+    pub(super) fn new(venue: &Venue, streams: Arc<Streams>, thread: Arc<ServingThread>) -> Self {
+        Self {
+            streams,
+            pose_key: Keys::new(&venue.name).pose(),
+            _thread: thread,
+        }
+    }
 }
 
 impl Wiretap for StreamTap {

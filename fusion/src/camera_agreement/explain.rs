@@ -142,7 +142,7 @@ impl Judge<'_> {
         } else {
             turned(&refit)
         };
-        let is_small = refit.turned_rad <= MOST_TURNED_RAD;
+        let is_small = refit.turned_rad() <= MOST_TURNED_RAD;
         is_small.then(|| (REFIT_HANDICAP * refit.ratio, vec![camera], cause))
     }
 
@@ -192,11 +192,10 @@ impl Judge<'_> {
         let refit = refit(&self.bursts, &self.lines, (camera, right))?;
         let scaled = (refit.focal_factor - 1.0).abs();
         let is_scaled = refit.ratio < CERTAIN_REFIT && scaled >= CERTAIN_FOCAL_LENGTH;
-        let turn = (CERTAIN_REFIT, CERTAIN_TURN_RAD);
-        let roll = (CERTAIN_ROLL, CERTAIN_ROLL_RAD);
-        let is_turned = [turn, roll]
-            .iter()
-            .any(|(ratio, least_rad)| refit.ratio < *ratio && refit.turned_rad >= *least_rad);
+        let is_aside = refit.ratio < CERTAIN_REFIT && refit.aside_rad >= CERTAIN_TURN_RAD;
+        let is_rolled = refit.ratio < CERTAIN_ROLL && refit.rolled_rad >= CERTAIN_ROLL_RAD;
+        // Where everybody goes one way, who is late shows them all aside.
+        let is_turned = (is_aside || is_rolled) && !self.is_clearly_late(camera);
         let cause = if is_scaled {
             focal_length(&refit)
         } else if is_turned && scaled < OTHER_FOCAL_LENGTH {
@@ -204,7 +203,7 @@ impl Judge<'_> {
         } else {
             return None;
         };
-        (refit.turned_rad <= MOST_TURNED_RAD).then_some((refit.ratio, cause))
+        (refit.turned_rad() <= MOST_TURNED_RAD).then_some((refit.ratio, cause))
     }
 }
 
@@ -223,6 +222,6 @@ fn focal_length(refit: &Refit) -> DisagreementCause {
 
 fn turned(refit: &Refit) -> DisagreementCause {
     DisagreementCause::Turned {
-        degrees: rounded(refit.turned_rad.to_degrees()),
+        degrees: rounded(refit.turned_rad().to_degrees()),
     }
 }

@@ -124,10 +124,6 @@ impl<'a> Judge<'a> {
         }
         self.find_what_agrees_by_chance(&mut report.disagreements, &mut told);
         // Those who are held to a camera that is wrong seem a little late: they are told of once it is mended.
-        let is_clear = |camera: usize| {
-            let shift = self.shifts[camera];
-            shift.is_some_and(|shift| shift.cost_after < FAR_EXPLAINS * shift.cost_before)
-        };
         let all_right = !told.contains(&true);
         for (camera, told) in told.iter_mut().enumerate() {
             let drift = || {
@@ -135,7 +131,9 @@ impl<'a> Judge<'a> {
                     .map(|ticks_per_minute| DisagreementCause::Drifts { ticks_per_minute })
             };
             let late = || {
-                let late = self.late(camera).filter(|_| all_right || is_clear(camera));
+                let late = self
+                    .late(camera)
+                    .filter(|_| all_right || self.is_clearly_late(camera));
                 late.map(|ticks| DisagreementCause::Late { ticks })
             };
             if !*told && let Some(cause) = drift().or_else(late) {
@@ -288,6 +286,14 @@ impl<'a> Judge<'a> {
         let is_told =
             shift.late_ticks.abs() >= LATE_TICKS && shift.cost_after < explains * shift.cost_before;
         self.known_late(camera).filter(|_| is_told)
+    }
+
+    /// Whether `camera` is late, and that explains most of what it is off.
+    pub(super) fn is_clearly_late(&self, camera: usize) -> bool {
+        let shift = self.shifts[camera];
+        let explains =
+            shift.is_some_and(|shift| shift.cost_after < FAR_EXPLAINS * shift.cost_before);
+        explains && self.late(camera).is_some()
     }
 
     /// By how many ticks `camera` is late, to a hundredth; `None` where nothing moved enough to tell, or the halves of the

@@ -13,6 +13,8 @@
 //! a run.
 
 mod explain;
+#[cfg(test)]
+mod fixture;
 mod geometry;
 mod judge;
 mod keypoint_order;

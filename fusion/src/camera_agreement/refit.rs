@@ -26,10 +26,20 @@ const ROUNDS: usize = 8;
 pub(super) struct Refit {
     /// True focal length as a factor of the calibrated one.
     pub(super) focal_factor: f64,
-    /// By how much the picture is turned or moved, radians at the camera: the largest of all axes.
-    pub(super) turned_rad: f64,
+    /// By how much the camera is turned to a side, radians: the angle between where people are expected and where they are
+    /// shown, in the middle of them. Not at the principal point, which may be far from anybody.
+    pub(super) aside_rad: f64,
+    /// By how much it is turned about where it looks, radians.
+    pub(super) rolled_rad: f64,
     /// What is left of the median distance in the picture, as a share of what it is without.
     pub(super) ratio: f64,
+}
+
+impl Refit {
+    /// The larger of both turns, radians.
+    pub(super) fn turned_rad(&self) -> f64 {
+        self.aside_rad.max(self.rolled_rad)
+    }
 }
 
 /// Fits `camera` to what the cameras that are `right` show of the same people; `None` where fewer than two of these do,
@@ -66,11 +76,14 @@ pub(super) fn refit(
         similarity = matrix.cholesky()?.solve(&vector);
     }
     let after_px = apart(&|v| applied(&similarity, v))?;
-    let [a, b, x, y] = similarity.into();
-    let (roll_rad, focal_px) = (libm::atan2(b, a).abs(), own.mean_focal_px());
+    let (a, b) = (similarity.x, similarity.y);
+    let middle_of = |axis: usize| upper_median(pairs.iter().map(|(v, _)| v[axis]).collect());
+    let middle = Vector2::new(middle_of(0)?, middle_of(1)?);
+    let ray = |at: Vector2<f64>| at.push(own.mean_focal_px());
     Some(Refit {
         focal_factor: libm::hypot(a, b),
-        turned_rad: roll_rad.max(libm::atan2(libm::hypot(x, y), focal_px)),
+        aside_rad: ray(applied(&similarity, &middle)).angle(&ray(middle)),
+        rolled_rad: libm::atan2(b, a).abs(),
         ratio: after_px / before_px.max(f64::MIN_POSITIVE),
     })
 }

@@ -97,9 +97,10 @@ async fn run(
         leave.clone(),
     ));
     reporter.listening(link.locators().await);
+    let listeners = open_listeners(config, &pipeline, listeners, &reporter).await?;
     let recording = record(config, session, &pipeline).map_err(NodeError::Failed)?;
     let recorder = recording.as_ref().map(RecordingThread::wiretap);
-    let wiretap = open_wiretaps(config, &pipeline, (recorder, listeners), &reporter).await?;
+    let wiretap = WiretapHandle::new(recorder.into_iter().chain(listeners));
     let interceptor = Interceptor::new(&config.venue, senders, wiretap);
     let mut summary = SummaryFile::in_folder(claim.folder());
     let mut ends = link.spawn(&tasks, &leave, &interceptor);
@@ -149,13 +150,13 @@ async fn run(
     outcome
 }
 
-/// The recorder, and whoever else listens.
-async fn open_wiretaps(
+/// Opens whoever listens beside the recorder; before there is a recording that a refusal would leave behind.
+async fn open_listeners(
     config: &FusionConfig,
     pipeline: &Pipeline,
-    (recorder, listeners): (Option<Arc<dyn Wiretap>>, Box<dyn OpenListeners>),
+    listeners: Box<dyn OpenListeners>,
     reporter: &Reporter,
-) -> Result<WiretapHandle, NodeError> {
+) -> Result<Vec<Arc<dyn Wiretap>>, NodeError> {
     let run = RunAtItsStart {
         venue: &config.venue,
         keypoints: pipeline.keypoints(),
@@ -164,9 +165,7 @@ async fn open_wiretaps(
     };
     let opened = listeners.open(run).await?;
     reporter.said(&opened.said);
-    Ok(WiretapHandle::new(
-        recorder.into_iter().chain(opened.wiretaps),
-    ))
+    Ok(opened.wiretaps)
 }
 
 /// Finishes the recording, and then the summary, which says what it has come to.

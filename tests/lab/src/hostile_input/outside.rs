@@ -11,7 +11,11 @@ use super::{read_or_refused, size, text};
 
 /// Keypoints of other programs of any content: told by their content and read, or refused.
 pub(super) fn imported_keypoints(bytes: &[u8]) -> String {
-    let parsed = parse(bytes, Path::new("keypoints"), ParseOptions::default());
+    let parsed = parse(
+        bytes,
+        Path::new("cam1_000001.json"),
+        ParseOptions::default(),
+    );
     match &parsed {
         Ok(read) => format!("read: {:?}", read.format),
         Err(_) => read_or_refused(&parsed),

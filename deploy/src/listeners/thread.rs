@@ -1,0 +1,81 @@
+//! The thread that pages and streams are served on: none of their work is done by the threads that carry fusion's messages.
+
+use std::sync::Arc;
+use std::thread::JoinHandle;
+
+use anyhow::{Context as _, anyhow};
+use farfield_node::process::NodeError;
+use tokio::runtime::Builder;
+use tokio::sync::oneshot;
+use tokio_util::sync::CancellationToken;
+
+/// A thread with a runtime of its own, which ends when this is let go of.
+#[derive(Debug)]
+pub(super) struct ServingThread {
+    stop: CancellationToken,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl ServingThread {
+    /// Runs `open` on a new thread, and what it has opened until this is let go of; then `close`.
+    ///
+    /// # Errors
+    /// What `open` says; when the system gives no thread.
+    pub(super) async fn start<T, K, Open, Close>(
+        open: impl FnOnce() -> Open + Send + 'static,
+        close: impl FnOnce(K) -> Close + Send + 'static,
+    ) -> Result<(T, Arc<Self>), NodeError>
+    where
+        T: Send + 'static,
+        Open: Future<Output = Result<(T, K), NodeError>>,
+        Close: Future<Output = ()>,
+    {
+        let stop = CancellationToken::new();
+        let (told, opened) = oneshot::channel();
+        let until = stop.clone();
+        let serve = move || {
+            let runtime = Builder::new_current_thread().enable_all().build();
+            let runtime = match runtime.context("starting the runtime of page and streams") {
+                Ok(runtime) => runtime,
+                Err(error) => {
+                    drop(told.send(Err(NodeError::Failed(error))));
+                    return;
+                }
+            };
+            runtime.block_on(async move {
+                match open().await {
+                    Err(error) => drop(told.send(Err(error))),
+                    Ok((opened, kept)) => {
+                        // Where nobody waits for it any more, it is over at once.
+                        if told.send(Ok(opened)).is_ok() {
+                            until.cancelled().await;
+                        }
+                        close(kept).await;
+                    }
+                }
+            });
+        };
+        let thread = std::thread::Builder::new().name("page-and-streams".to_owned());
+        let thread = thread
+            .spawn(serve)
+            .context("starting the thread of page and streams")
+            .map_err(NodeError::Failed)?;
+        let serving = Arc::new(Self {
+            stop,
+            thread: Some(thread),
+        });
+        let opened = opened.await;
+        let ended = || NodeError::Failed(anyhow!("the thread of page and streams has ended"));
+        Ok((opened.map_err(|_| ended())??, serving))
+    }
+}
+
+impl Drop for ServingThread {
+    fn drop(&mut self) {
+        self.stop.cancel();
+        if let Some(thread) = self.thread.take() {
+            // A thread that panicked has said so; each task of it ends within two seconds.
+            drop(thread.join());
+        }
+    }
+}

@@ -1,0 +1,249 @@
+//! A hall in which two people walk about, seen by four cameras of which some are not what the venue says: for tests.
+
+#![expect(clippy::cast_possible_wrap, reason = "a few hundred ticks")]
+
+use farfield_proto::camera::CameraModel;
+use farfield_proto::frames::Point;
+use nalgebra::{Rotation3, Vector3};
+
+use super::samples::{Burst, PassSample, SeenBody, SeenKeypoint, Trail};
+use super::*;
+use crate::body::fixture::{Noise, standing};
+use crate::sightings::fixture::{hall, looking_at};
+
+pub(super) const RATE_HZ: f64 = 60.0;
+pub(super) const TICKS: usize = 120;
+
+/// What is wrong with the pictures of a camera.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Mistake {
+    pub(super) late_ticks: i64,
+    /// Ticks more in each burst than in the one before.
+    pub(super) later_each_burst: i64,
+    /// The ticks of this burst alone are late.
+    pub(super) late_in_burst: Option<usize>,
+    pub(super) mirrored: bool,
+    pub(super) half_turned: bool,
+    /// Per keypoint the one that is written in its place.
+    pub(super) order: Option<[usize; 17]>,
+    /// Its focal length as a factor of the calibrated one; 0 is 1.
+    pub(super) focal_factor: f32,
+    /// By what it was turned about its axes (right, down, ahead) since it was calibrated, degrees.
+    pub(super) turned_deg: [f64; 3],
+    /// Which of the two people the camera shows alone.
+    pub(super) sees_only: Option<usize>,
+}
+
+/// The hall, what each camera shows (whose pictures, and what is wrong with them), and by how much all is scaled.
+pub(super) struct Hall {
+    pub(super) shows: [(usize, Mistake); 4],
+    pub(super) bursts: usize,
+    pub(super) scale: f64,
+    /// Whether each camera looks at one half of the field only.
+    pub(super) narrow: bool,
+    /// Whether nobody moves.
+    pub(super) still: bool,
+    /// Whether both walk the same way.
+    pub(super) one_way: bool,
+}
+
+impl Default for Hall {
+    fn default() -> Self {
+        Self {
+            shows: std::array::from_fn(|camera| (camera, Mistake::default())),
+            bursts: 2,
+            scale: 1.0,
+            narrow: false,
+            still: false,
+            one_way: false,
+        }
+    }
+}
+
+impl Hall {
+    pub(super) fn with(camera: usize, mistake: Mistake) -> Self {
+        let mut hall = Self::default();
+        hall.shows[camera].1 = mistake;
+        hall
+    }
+
+    #[expect(
+        clippy::too_many_lines,
+        reason = "one hall, from its cameras to its report"
+    )]
+    pub(super) fn report(&self) -> AgreementReport {
+        let mut hall = hall();
+        if self.narrow {
+            hall.cameras = narrow_cameras();
+        }
+        let mut noise = Noise(5);
+        let keypoints = KeypointSet::coco17();
+        let shape = [
+            standing(0.0, 0.0, 1.7, &mut noise),
+            standing(0.0, 0.0, 1.85, &mut noise),
+        ];
+        let judged = hall
+            .cameras
+            .iter()
+            .enumerate()
+            .map(|(i, (viewpoint, model))| JudgedCamera {
+                name: format!("cam{i}"),
+                viewpoint: *viewpoint,
+                size_px: model.size_px(),
+                lines: SightLines::of(model),
+            });
+        let cameras = AgreementCameras {
+            all: judged.collect(),
+            partners: partners(&keypoints),
+            rate_hz: RATE_HZ,
+            models: hall.cameras.clone(),
+            keypoints: keypoints.clone(),
+            field: Field {
+                min_m: [-4.0, -3.0, -0.3],
+                max_m: [4.0, 3.0, 2.6],
+                floor_m: 0.0,
+            },
+            births: BirthParameters::default(),
+        };
+        let partners = cameras.partners.clone();
+        let mut samples = Samples::new(RATE_HZ, 4);
+        let mut see = |camera: usize, person: usize, (burst, tick): (usize, usize)| -> SeenBody {
+            let (whose, mistake) = self.shows[camera];
+            let in_burst = mistake.late_in_burst.is_none_or(|of| of == burst);
+            let late =
+                mistake.late_ticks * i64::from(in_burst) + mistake.later_each_burst * burst as i64;
+            if mistake.sees_only.is_some_and(|only| only != person) {
+                return vec![None; 17];
+            }
+            let at = (burst * 600 + tick) as f64 - late as f64;
+            let at = if self.still { 0.0 } else { at };
+            let mut body = walking(&shape[person], person, at / RATE_HZ, self.scale);
+            if self.one_way {
+                // As fast as a run, within two seconds from one end of the hall to the other.
+                let along = Vector3::x() * (3.0 * (at.rem_euclid(600.0) / RATE_HZ - 1.0));
+                for point in &mut body {
+                    *point += along;
+                }
+            }
+            let seen: SeenBody = body
+                .iter()
+                .map(|p| pixel(&hall.cameras[whose].1, p, &mut noise))
+                .collect();
+            changed(&seen, mistake, &partners)
+        };
+        for burst in 0..self.bursts {
+            for tick in [0, 30, 60, 90] {
+                let bodies = |camera| {
+                    (0..2)
+                        .map(|person| see(camera, person, (burst, tick)))
+                        .collect()
+                };
+                samples.passes.push_back(Arc::new(PassSample {
+                    tick: Tick((burst * 600 + tick) as i64),
+                    of_camera: (0..4).map(bodies).collect(),
+                }));
+            }
+            let trails = (0..4).flat_map(|camera| (0..2).map(move |person| (camera, person)));
+            let trails = trails.map(|(camera, person)| {
+                let bodies: Vec<SeenBody> = (0..TICKS)
+                    .map(|tick| see(camera, person, (burst, tick)))
+                    .collect();
+                Trail::of(person as u32, camera, &bodies)
+            });
+            let trails = trails.collect();
+            samples.bursts.push_back(Arc::new(Burst {
+                first: Tick(burst as i64 * 600),
+                trails,
+            }));
+        }
+        AgreementSamples {
+            cameras: Arc::new(cameras),
+            samples,
+            statures_m: vec![1.75 * self.scale; 20],
+        }
+        .report()
+    }
+
+    /// The causes that are named, each with its cameras.
+    pub(super) fn causes(&self) -> Vec<(Vec<String>, DisagreementCause)> {
+        let disagreements = self.report().disagreements.into_iter();
+        disagreements.map(|d| (d.cameras, d.cause)).collect()
+    }
+}
+
+/// Four cameras beside the field, of which two see the half of one person, and two that of the other.
+fn narrow_cameras() -> Vec<(ViewpointIndex, CameraModel)> {
+    let places = [[-9.0, -2.8], [9.0, -2.2], [-9.0, 2.2], [9.0, 2.8]];
+    let camera = |(index, [x, y]): (usize, [f64; 2])| {
+        let aim_m = [0.0, if y < 0.0 { -1.4 } else { 1.4 }, 0.9];
+        let model = looking_at(&format!("narrow-{index}"), [x, y, 2.5], aim_m, 6000.0);
+        (ViewpointIndex(index as u16), model)
+    };
+    places.into_iter().enumerate().map(camera).collect()
+}
+
+/// A body that walks to and fro with swinging limbs.
+fn walking(shape: &[Vector3<f64>], person: usize, at_s: f64, scale: f64) -> Vec<Vector3<f64>> {
+    let side = if person == 0 { 1.0 } else { -1.0 };
+    let place = Vector3::new(side * (1.5 * libm::sin(0.9 * at_s)), side * 1.2, 0.0);
+    let swing = |k: usize| {
+        let phase = if k.is_multiple_of(2) { 0.0 } else { 3.0 };
+        let reach = if k >= 7 { 0.25 } else { 0.02 };
+        Vector3::new(reach * libm::sin(6.0 * at_s + phase), 0.0, 0.0)
+    };
+    let moved = shape.iter().enumerate();
+    moved.map(|(k, p)| scale * (p + place + swing(k))).collect()
+}
+
+fn pixel(model: &CameraModel, p: &Vector3<f64>, noise: &mut Noise) -> Option<SeenKeypoint> {
+    let pixel = model.project(Point::new((*p).into()))?;
+    let off = [noise.normal() * 2.0, noise.normal() * 2.0];
+    Some(SeenKeypoint {
+        pixel: [(pixel.x() + off[0]) as f32, (pixel.y() + off[1]) as f32],
+        score: 0.8,
+    })
+}
+
+fn changed(seen: &SeenBody, mistake: Mistake, partners: &Partners) -> SeenBody {
+    let of = |k: usize| {
+        let from = if mistake.mirrored { partners[k] } else { k };
+        let from = mistake.order.map_or(from, |order| order[from]);
+        let mut keypoint = seen[from]?;
+        if mistake.focal_factor > 0.0 {
+            let middle = [959.5, 599.5];
+            for (pixel, middle) in keypoint.pixel.iter_mut().zip(middle) {
+                *pixel = middle + mistake.focal_factor * (*pixel - middle);
+            }
+        }
+        if mistake.turned_deg.iter().any(|deg| deg.abs() > 0.0) {
+            keypoint.pixel = turned(keypoint.pixel, mistake.turned_deg);
+        }
+        if mistake.mirrored != mistake.half_turned {
+            keypoint.pixel[0] = 1919.0 - keypoint.pixel[0];
+        }
+        if mistake.half_turned {
+            keypoint.pixel[1] = 1199.0 - keypoint.pixel[1];
+        }
+        Some(keypoint)
+    };
+    (0..seen.len()).map(of).collect()
+}
+
+/// Where a camera of the hall shows what it showed at `pixel` before it was turned.
+fn turned(pixel: [f32; 2], by_deg: [f64; 3]) -> [f32; 2] {
+    let [x, y] = pixel.map(f64::from);
+    let ray = Vector3::new(x - 959.5, y - 599.5, 1000.0);
+    let turn = Rotation3::from_scaled_axis(Vector3::from(by_deg.map(f64::to_radians)));
+    let ray = turn.inverse() * ray;
+    [
+        (959.5 + 1000.0 * ray.x / ray.z) as f32,
+        (599.5 + 1000.0 * ray.y / ray.z) as f32,
+    ]
+}
+
+pub(super) fn names(cameras: &[usize]) -> Vec<String> {
+    cameras
+        .iter()
+        .map(|camera| format!("cam{camera}"))
+        .collect()
+}
