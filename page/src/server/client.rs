@@ -69,6 +69,8 @@ pub(super) struct Client {
     most_hz: Option<f64>,
     /// The tick that was sent last, and whether it came just then.
     sent: Option<(u32, Tick, bool)>,
+    /// Whether that one is due again, with what was chosen since.
+    is_due_again: bool,
     /// By [`Self::most_hz`] no tick is sent before this one.
     due_tick: f64,
     /// When it is looked for a tick of the past.
@@ -102,6 +104,7 @@ impl Client {
             angles: Vec::new(),
             most_hz: None,
             sent: None,
+            is_due_again: false,
             due_tick: f64::NEG_INFINITY,
             look_at: (!is_live).then(Instant::now),
             is_loading: !is_live,
@@ -182,6 +185,8 @@ impl Client {
         if let Some(ping) = self.flow.due_ping(now) {
             send(socket, Message::Ping(ping.to_vec().into())).await?;
         }
+        // Also when it is as it was: who hears nothing cannot know that the server is there.
+        self.told_playback = None;
         self.tell_playback(socket).await
     }
 
@@ -195,12 +200,11 @@ impl Client {
             Some(Err(_)) => {
                 return close(socket, close_code::SIZE, "not a message of the protocol").await;
             }
-            Some(Ok(Message::Pong(payload))) => {
-                self.flow.answered(&payload, self.now());
+            Some(Ok(Message::Pong(payload))) if self.flow.answered(&payload, self.now()) => {
                 return Ok(());
             }
-            // Whoever pings, or sends binary messages, is counted as who asks.
-            Some(Ok(Message::Ping(_) | Message::Binary(_))) => None,
+            // Whoever pings, answers what nobody asked, or sends binary messages, is counted as who asks.
+            Some(Ok(Message::Ping(_) | Message::Pong(_) | Message::Binary(_))) => None,
             Some(Ok(Message::Text(text))) => Some(text),
         };
         if !self.allowance.take(self.now()) {
@@ -250,7 +254,7 @@ impl Client {
             Wish::Pause => self.cursor.stay(at()?),
             Wish::Seek(tick) => {
                 let [first, last] = span.ok_or(nothing)?;
-                self.cursor.stay(tick.clamp(first, last));
+                self.cursor.stay(tick.min(last).max(first));
             }
             Wish::Step(ticks) => self.cursor.stay(at()? + ticks),
             Wish::Play { speed, repeat } => self.cursor.play(at()?, self.now(), speed, repeat),
@@ -280,7 +284,7 @@ impl Client {
 
     /// What was chosen belongs to the tick that is shown, too.
     fn show_again(&mut self) {
-        self.sent = self.sent.filter(|_| self.cursor.is_live());
+        self.is_due_again = !self.cursor.is_live();
     }
 
     async fn act(&self, action: Action) -> Result<(), String> {
@@ -365,7 +369,8 @@ impl Client {
             .period()
             .map(|period| Instant::now() + period.max(least));
         let mark = (frame.session, frame.tick, false);
-        if self.sent != Some(mark) {
+        let is_due_again = std::mem::take(&mut self.is_due_again);
+        if is_due_again || self.sent != Some(mark) {
             self.sent = Some(mark);
             let first = match self.form {
                 Form::Binary => Message::Binary(frame.as_history().into()),

@@ -57,15 +57,17 @@ impl Flow {
         self.sent.to_le_bytes()
     }
 
-    /// Notes an answer; one to what was never asked means nothing.
-    pub(super) fn answered(&mut self, payload: &[u8], now: Duration) {
+    /// Notes an answer; whether it is one: to what was never asked, or was answered before, it means nothing.
+    pub(super) fn answered(&mut self, payload: &[u8], now: Duration) -> bool {
         let Ok(number) = payload.try_into().map(u64::from_le_bytes) else {
-            return;
+            return false;
         };
-        if number <= self.sent {
-            self.answered = self.answered.max(number);
+        let is_answer = self.answered < number && number <= self.sent;
+        if is_answer {
+            self.answered = number;
             self.heard_at = now;
         }
+        is_answer
     }
 
     /// Whether the client does not answer any more.
@@ -133,9 +135,11 @@ mod tests {
     fn answers_to_what_was_not_asked_mean_nothing() {
         let mut flow = Flow::new(s(0));
         for payload in [&[][..], &[1; 3], &u64::MAX.to_le_bytes()] {
-            flow.answered(payload, s(1));
+            assert!(!flow.answered(payload, s(1)));
         }
         assert_eq!(flow.answered, 0);
+        let ping = flow.ping(s(2));
+        assert!(flow.answered(&ping, s(3)) && !flow.answered(&ping, s(4)));
     }
 
     #[test]

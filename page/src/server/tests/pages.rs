@@ -78,6 +78,46 @@ async fn every_page_goes_through_the_past_for_itself() {
 }
 
 #[tokio::test]
+async fn who_stays_at_a_tick_hears_every_second_that_the_server_is_there() {
+    let running = Running::live().await;
+    running.pass_and_wait([0, 40]).await;
+    let mut socket = running.open("/ws").await;
+    say(&mut socket, r#"{"do": "seek", "tick": 10}"#).await;
+    text(&mut socket, "playback", |message| message["tick"] == 10).await;
+    for _ in 0..3 {
+        // A page gives a server up that is silent for five.
+        let told = timeout(Duration::from_secs(4), next(&mut socket)).await;
+        assert!(told.is_ok(), "silent");
+    }
+    running.end().await;
+}
+
+#[tokio::test]
+async fn who_chooses_a_camera_in_the_past_stays_there() {
+    let running = Running::live().await;
+    running.pass_and_wait([0, 40]).await;
+    let mut socket = running.open("/ws").await;
+    say(&mut socket, r#"{"do": "seek", "tick": 10}"#).await;
+    tick_at(&mut socket, 10).await;
+    // Both are heard before the tick is sent again.
+    for request in [
+        r#"{"do": "camera", "camera": 1}"#,
+        r#"{"do": "step", "ticks": 1}"#,
+    ] {
+        socket.feed(Message::text(request)).await.unwrap();
+    }
+    socket.flush().await.unwrap();
+    loop {
+        let at = tick(&mut socket).await.tick;
+        assert!(at <= Tick(11), "{at}");
+        if at == Tick(11) {
+            break;
+        }
+    }
+    running.end().await;
+}
+
+#[tokio::test]
 async fn who_plays_into_the_newest_tick_follows() {
     let running = Running::live().await;
     running.pass_and_wait([0, 200]).await;

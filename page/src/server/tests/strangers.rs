@@ -235,6 +235,12 @@ async fn what_is_not_understood_is_answered_and_a_flood_is_ended() {
     }
     assert_eq!(closed(&mut socket).await, 1008);
     let mut socket = running.open("/ws").await;
+    for _ in 0..50 {
+        let pong = Message::Pong(b"unasked!".to_vec().into());
+        socket.send(pong).await.unwrap();
+    }
+    assert_eq!(closed(&mut socket).await, 1008);
+    let mut socket = running.open("/ws").await;
     say(&mut socket, &"x".repeat(5000)).await;
     assert_eq!(closed(&mut socket).await, 1009);
     running.end().await;
