@@ -10,7 +10,7 @@ const SUBPROTOCOL = "farfield.page.v1";
 const TOKEN_KEY = "farfield.token";
 const FIRST_RETRY_MS = 500;
 const LONGEST_RETRY_MS = 5000;
-/** A status comes every second: a server that is silent for longer than this is away, whatever the socket says. */
+/** The server says every second where it is in time: one that is silent for longer than this is away, whatever the socket says. */
 const SILENT_MS = 5000;
 const CONNECTING_MS = 15_000;
 const HTTP_TIMEOUT_MS = 8000;
@@ -51,6 +51,8 @@ export class Connection {
   private awaySince_ms = 0;
   private isAsleep = false;
   private nextRequest = 1;
+  /** Of the attempts to connect the newest: what an older one finds out means nothing any more. */
+  private attempt = 0;
   private venueText = "";
   private readonly pacer = new RequestPacer((request) => {
     if (this.isOpen) this.socket?.send(JSON.stringify(request));
@@ -64,14 +66,16 @@ export class Connection {
   async open(): Promise<void> {
     clearTimeout(this.timer);
     if (this.isAsleep || this.socket !== null) return;
+    const attempt = ++this.attempt;
     if (this.awaySince_ms === 0) this.receiver.state({ kind: "connecting" });
     try {
       const response = await this.get("/api/venue");
+      if (attempt !== this.attempt) return;
       if (response.status === 401 && this.token !== null) {
         // Fusion makes another token at every start; on its own machine reading needs none.
         this.token = null;
         remember("sessionStorage", TOKEN_KEY, "");
-        this.receiver.notice("Fusion has started anew. To name people and record, open the address that it printed.");
+        this.receiver.notice("Fusion has started anew. To do more than look, open the address that it printed.");
         return this.open();
       }
       if (response.status === 401) {
@@ -81,9 +85,11 @@ export class Connection {
       }
       if (!response.ok) throw new Error(`the server answers ${response.status}`);
       const text = await response.text();
+      if (attempt !== this.attempt) return;
       this.takeVenue(text);
       this.connect();
     } catch (error) {
+      if (attempt !== this.attempt) return;
       this.retryLater(error instanceof ProtocolError ? error.message : "fusion does not answer");
     }
   }
@@ -92,6 +98,7 @@ export class Connection {
   sleep(): void {
     if (this.isAsleep) return;
     this.isAsleep = true;
+    this.attempt++;
     clearTimeout(this.timer);
     this.socket?.close();
     this.socket = null;

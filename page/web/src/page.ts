@@ -35,7 +35,7 @@ import {
 } from "./protocol/ticks.ts";
 import type { Venue } from "./protocol/venue.ts";
 import { FieldScene } from "./scene/scene.ts";
-import { KEPT_EVENTS, isPast, nameOf, type Actions, type PageState } from "./state.ts";
+import { KEPT_EVENTS, eventsOf, isPast, nameOf, type Actions, type PageState } from "./state.ts";
 import type { Theme } from "./theme.ts";
 
 /** Panels are brought up to date so often; the scene at every frame. */
@@ -88,7 +88,7 @@ export class Page implements Actions {
         theme,
         showHelp: () => this.keyboard.toggle(),
         openTab: (at) => this.side.open(at),
-        toggleRecording: () => void this.header.toggleRecording(),
+        toggleRecording: venue.actions.has("record") ? () => void this.header.toggleRecording() : null,
         toolbar: () => this.toolbar,
         timeline: () => this.timeline,
         followNext: (step) => this.followNext(step),
@@ -203,7 +203,7 @@ export class Page implements Actions {
     // Ids of two sessions are unrelated: nothing of the one before may be blended or followed.
     if (this.newest !== null && sessionOf(view) !== sessionOf(this.newest)) {
       this.player.clear();
-      this.state.events = [];
+      this.state.events = eventsOf(this.state.events, sessionOf(view));
       this.follow(null);
     }
     this.newest = view;

@@ -15,7 +15,8 @@ export interface KeyTargets {
   openTab(at: number): void;
   followNext(step: number): void;
   escape(): void;
-  toggleRecording(): void;
+  /** `null`: this server records nothing. */
+  readonly toggleRecording: (() => void) | null;
   showHelp(): void;
 }
 
@@ -59,7 +60,7 @@ export function pageKeys(page: KeyTargets): Key[] {
     key("<", "<", "Time", "slower", () => page.timeline().faster(-1)),
     key(">", ">", "Time", "faster", () => page.timeline().faster(1)),
     key("o", "O", "Time", "loop about this moment", () => page.timeline().toggleLoop()),
-    key("r", "R", "Time", "start or stop a recording", () => page.toggleRecording()),
+    ...(page.toggleRecording === null ? [] : [key("r", "R", "Time", "start or stop a recording", page.toggleRecording)]),
     key("?", "?", "Time", "this list", () => page.showHelp()),
   ];
 }

@@ -50,6 +50,11 @@ export function isPast(state: PageState): boolean {
   return state.venue.mode === "live" && state.playback !== null && state.playback.state !== "live";
 }
 
+/** The events of a session: its first ones come before its first tick. */
+export function eventsOf(events: readonly IdentityEvent[], session: number): IdentityEvent[] {
+  return events.filter((event) => event.session === session);
+}
+
 /** How people call somebody. */
 export function nameOf(state: PageState, id: number): string {
   return state.names.get(id) ?? `Person ${id}`;

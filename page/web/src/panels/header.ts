@@ -61,7 +61,7 @@ export class Header {
     this.worst.set(milliseconds(whole?.p99_us ?? null));
     this.isRecording = state.status?.recording?.isRunning ?? false;
     const may = state.actions.has("record");
-    setHidden(this.record, !may && !this.isRecording);
+    setHidden(this.record, !state.venue.actions.has("record") || (!may && !this.isRecording));
     this.record.disabled = !may || state.connection.kind !== "open";
     setClass(this.record, "on", this.isRecording);
     setText(this.record, this.isRecording ? "Recording" : "Record");

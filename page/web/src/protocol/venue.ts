@@ -65,6 +65,8 @@ export interface Venue {
   readonly bones: readonly Bone[];
   readonly keypoints: readonly string[];
   readonly angles: readonly Angle[];
+  /** What the server can do beside showing, for who has the token. */
+  readonly actions: ReadonlySet<string>;
 }
 
 export function readVenue(json: unknown): Venue {
@@ -92,6 +94,7 @@ export function readVenue(json: unknown): Venue {
     bones: fields.list("bones", (value, path) => readBone(Fields.of(value, path), joints.length)),
     keypoints: fields.list("keypoints", textOf),
     angles: fields.list("angles", (value, path) => readAngle(Fields.of(value, path))),
+    actions: new Set(fields.list("actions", textOf)),
   };
 }
 
