@@ -138,7 +138,8 @@ fn an_edge_that_is_cut_off_is_red_in_words_with_a_remedy_and_comes_back() {
         .filter(|a| a.severity == Severity::Failed)
         .collect();
     let keys: Vec<_> = failed.iter().map(|alarm| alarm.key.as_str()).collect();
-    assert_eq!(keys, ["node/south-east", "link/south-east"]);
+    // One cause, one alarm.
+    assert_eq!(keys, ["node/south-east"]);
     assert!(
         failed[0]
             .text
@@ -181,6 +182,116 @@ fn a_black_camera_is_red_and_a_thin_link_a_warning_after_it() {
         "{thin:?}"
     );
     assert_eq!(status.links[1].state, Condition::Warning);
+}
+
+fn keys_of(known: &mut Known) -> Vec<String> {
+    let alarms = status_of(known).alarms;
+    alarms.into_iter().map(|alarm| alarm.key).collect()
+}
+
+#[test]
+fn edges_that_are_not_heard_are_missed_after_the_time_that_a_start_takes() {
+    let (mut known, synthetic) = (Known::new(context()), synthetic(1));
+    let fusion_only = |key: &str, _| !key.contains("/status/") || key.ends_with("/fusion");
+    tell(&mut known, &synthetic, [0, 60 * 9], fusion_only);
+    assert_eq!(keys_of(&mut known), [""; 0]);
+    tell(&mut known, &synthetic, [60 * 9, 60 * 11], fusion_only);
+    let keys = keys_of(&mut known);
+    assert_eq!(keys.len(), 4, "{keys:?}");
+    assert!(keys.iter().all(|key| key.starts_with("node/")), "{keys:?}");
+}
+
+#[test]
+fn a_link_that_was_never_heard_is_not_known_to_work() {
+    let (mut known, synthetic) = (Known::new(context()), synthetic(1));
+    // The last edge's link is down in seconds 12 to 18, and nothing was heard of it before.
+    let pass = |key: &str, _| !key.ends_with("/status/south-east");
+    tell(&mut known, &synthetic, [60 * 12, 60 * 14], pass);
+    let status = status_of(&mut known);
+    assert_eq!(status.links[3].state, Condition::Unknown);
+    assert_eq!(status.links[0].state, Condition::Works);
+}
+
+#[test]
+fn poses_that_never_come_are_missed_also_when_an_edge_is_dead() {
+    let (mut known, synthetic) = (Known::new(context()), synthetic(1));
+    let pass = |key: &str, tick| {
+        !key.ends_with("/pose") && (tick < 120 || !key.contains("/status/north-east"))
+    };
+    tell(&mut known, &synthetic, [0, 150], pass);
+    assert_eq!(keys_of(&mut known), [""; 0]);
+    tell(&mut known, &synthetic, [150, 60 * 7], pass);
+    let keys = keys_of(&mut known);
+    assert!(
+        ["poses", "node/north-east"]
+            .iter()
+            .all(|key| keys.iter().any(|k| k == key)),
+        "{keys:?}"
+    );
+    // Fusion's own silence is why there are none.
+    for _ in 0..20 {
+        known.wait(250_000);
+    }
+    let keys = keys_of(&mut known);
+    assert!(!keys.contains(&"poses".to_owned()), "{keys:?}");
+}
+
+#[test]
+fn of_an_edge_that_is_dead_no_cameras_are_told() {
+    let (mut known, synthetic) = (Known::new(context()), synthetic(1));
+    // Camera 2, of the second edge, is black in seconds 8 to 13 of 30.
+    let pass = |key: &str, tick| tick < 60 * 40 || !key.ends_with("/status/north-west");
+    tell(&mut known, &synthetic, [60 * 36, 60 * 40], pass);
+    assert_eq!(keys_of(&mut known), ["camera/north-west-left"]);
+    tell(&mut known, &synthetic, [60 * 40, 60 * 45], pass);
+    let keys = keys_of(&mut known);
+    assert!(keys.contains(&"node/north-west".to_owned()), "{keys:?}");
+    assert!(
+        !keys.iter().any(|key| key.starts_with("camera/")),
+        "{keys:?}"
+    );
+}
+
+#[test]
+fn an_edge_whose_clock_is_ahead_takes_no_room_from_the_others() {
+    let mut evidence = Evidence::default();
+    let synthetic = synthetic(1);
+    let passed = synthetic.messages(Tick(90));
+    let patches = passed.iter().filter(|(key, ..)| key.contains("/patch/"));
+    let sets: Vec<PatchSet> = patches
+        .map(|(_, bytes, _)| wire::decode(bytes).unwrap())
+        .filter(|set: &PatchSet| !set.persons.is_empty())
+        .collect();
+    let right = sets.first().unwrap();
+    evidence.of_tick(Tick(90));
+    for ahead in 0..300 {
+        let tick = Tick(500 + ahead);
+        evidence.take_patches(
+            &PatchSet {
+                tick,
+                ..right.clone()
+            },
+            0,
+        );
+    }
+    evidence.take_patches(
+        &PatchSet {
+            tick: Tick(91),
+            ..right.clone()
+        },
+        0,
+    );
+    for ahead in 300..310 {
+        let tick = Tick(500 + ahead);
+        evidence.take_patches(
+            &PatchSet {
+                tick,
+                ..right.clone()
+            },
+            0,
+        );
+    }
+    assert!(evidence.of_tick(Tick(91)).viewpoints_of(PersonId(1)) > 0);
 }
 
 #[test]

@@ -3,7 +3,7 @@
 use farfield_proto::id::ViewpointIndex;
 use farfield_proto::message::health::SystemClock;
 use farfield_proto::message::live::{CameraHealth, LiveStatus};
-use farfield_proto::tick::Micros;
+use farfield_proto::tick::{Micros, SECOND_US};
 
 use super::context::Context;
 use super::growth::Growth;
@@ -15,14 +15,16 @@ const ENDS_SOON_S: i64 = 30 * 86_400;
 const DAY_S: i64 = 86_400;
 /// An edge of which more ticks are missing a second is badly seen.
 const MISSING_PER_S: f64 = 2.0;
+/// Nodes of a venue are started one after another: how long after fusion was first heard nobody is missed, microseconds.
+const STARTING_US: Micros = 10 * SECOND_US;
 
 /// What alarms are found from.
 pub(super) struct Circumstances<'a> {
     pub(super) context: &'a Context,
     pub(super) nodes: &'a Nodes,
     pub(super) now_us: Micros,
-    /// How long ago the last poses came, microseconds; `None`: there were none yet.
-    pub(super) without_poses_us: Option<Micros>,
+    /// When the last poses came, microseconds of Unix time; `None`: there were none yet.
+    pub(super) last_poses_us: Option<Micros>,
     pub(super) recording: Option<&'a RecordingState>,
     pub(super) counts: PageCounts,
 }
@@ -79,7 +81,11 @@ impl Found<'_> {
         let subject = subject(context, node);
         let key = format!("node/{name}");
         let Some(heard) = nodes.get(node) else {
-            if nodes.fusion_live().is_some() {
+            let is_missed = nodes.get(None).is_some_and(|fusion| {
+                fusion.status.live.is_some()
+                    && now_us.saturating_sub(fusion.first_us) >= STARTING_US
+            });
+            if is_missed {
                 let remedy = format!(
                     "start it: `farfield edge VENUE --viewpoint {name}`; look at its power and network"
                 );
@@ -129,6 +135,14 @@ impl Found<'_> {
             self.say(Severity::Warning, key, &subject, text, remedy);
         }
         self.health(node, &subject);
+    }
+
+    /// Whether a node does not work, by the alarms so far.
+    fn has_failed(&self, node: Option<ViewpointIndex>) -> bool {
+        let key = format!("node/{}", self.of.context.node_name(node));
+        self.alarms
+            .iter()
+            .any(|alarm| alarm.severity == Severity::Failed && alarm.key == key)
     }
 
     /// What a node says of its clock, its keys and its disk.
@@ -220,7 +234,7 @@ impl Found<'_> {
                     format!("{name} is refused: {refused}"),
                     remedy,
                 );
-            } else if !link.live && is_heard {
+            } else if !link.live && is_heard && !self.has_failed(Some(viewpoint)) {
                 let remedy = "look at its network and its log; the others go on";
                 self.say(
                     Severity::Failed,
@@ -324,6 +338,10 @@ impl Found<'_> {
             let Some(said) = nodes.camera(context, index as u16) else {
                 continue;
             };
+            // What a node said before it failed is not how its cameras are; it is one cause, and one alarm.
+            if self.has_failed(Some(camera.viewpoint)) {
+                continue;
+            }
             let (what, remedy) = match said.health {
                 CameraHealth::Works => continue,
                 CameraHealth::Frozen => (
@@ -358,17 +376,21 @@ impl Found<'_> {
     }
 
     fn poses(&mut self) {
-        let fusion = self.of.nodes.get(None);
-        let is_live = fusion.is_some_and(|fusion| fusion.status.live.is_some());
-        let silent = self
+        // Fusion gives a tick's poses, of nobody if need be, as soon as ticks have a time.
+        let ticks_since_us = self
             .of
-            .without_poses_us
-            .filter(|us| is_live && *us >= SILENT_US);
-        let is_told = self
-            .alarms
-            .iter()
-            .any(|alarm| alarm.key.starts_with("node/"));
-        if let Some(us) = silent.filter(|_| !is_told) {
+            .nodes
+            .get(None)
+            .and_then(|fusion| fusion.ticks_since_us);
+        let Some(ticks_since_us) = ticks_since_us.filter(|_| !self.has_failed(None)) else {
+            return;
+        };
+        let since_us = self
+            .of
+            .last_poses_us
+            .map_or(ticks_since_us, |us| us.max(ticks_since_us));
+        let us = self.of.now_us.saturating_sub(since_us);
+        if us >= SILENT_US {
             let text = format!("there have been no poses for {} s", us / 1_000_000);
             let remedy = "look at fusion's log and at the machine's load";
             self.say(Severity::Failed, "poses".to_owned(), "poses", text, remedy);

@@ -76,7 +76,19 @@ impl Evidence {
             return None;
         }
         if self.ticks.len() >= MAX_TICKS && !self.ticks.contains_key(&tick) {
-            self.ticks.pop_first();
+            // The poses that are due next are the nearest; what is far ahead was made by a clock that is wrong.
+            if self.newest.is_some()
+                && self
+                    .ticks
+                    .last_key_value()
+                    .is_some_and(|(last, _)| tick > *last)
+            {
+                return None;
+            }
+            match self.newest {
+                Some(_) => self.ticks.pop_last(),
+                None => self.ticks.pop_first(),
+            };
         }
         Some(self.ticks.entry(tick).or_default())
     }

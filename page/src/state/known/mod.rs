@@ -246,13 +246,12 @@ impl Known {
             unreadable: self.unreadable,
             ..beside.counts
         };
-        let last_us = self.pose_times.back();
         let mut alarms = alarms::find(
             &Circumstances {
                 context: &self.context,
                 nodes: &self.nodes,
                 now_us,
-                without_poses_us: last_us.map(|last_us| now_us.saturating_sub(*last_us)),
+                last_poses_us: self.pose_times.back().copied(),
                 recording: beside.recording.as_ref(),
                 counts,
             },

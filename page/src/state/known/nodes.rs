@@ -28,6 +28,10 @@ pub(super) struct Nodes {
 pub(super) struct HeardNode {
     pub(super) status: Status,
     pub(super) at_us: Micros,
+    /// When it was heard for the first time.
+    pub(super) first_us: Micros,
+    /// Since when the process says that it is live, and when tick 0 was.
+    pub(super) ticks_since_us: Option<Micros>,
     /// The status before, of the same process, and when it came.
     before: Option<(Counts, Micros)>,
 }
@@ -93,11 +97,22 @@ impl HeardNode {
 impl Nodes {
     pub(super) fn take(&mut self, node: Option<ViewpointIndex>, status: Status, at_us: Micros) {
         let before = self.heard.get(&node);
+        let first_us = before.map_or(at_us, |before| before.first_us);
         let before = before.filter(|before| before.status.process == status.process);
+        let has_ticks = status
+            .live
+            .as_ref()
+            .is_some_and(|live| live.epoch_us.is_some());
+        let ticks_since_us = has_ticks.then(|| {
+            let since_us = before.and_then(|before| before.ticks_since_us);
+            since_us.unwrap_or(at_us)
+        });
         let before = before.map(|before| (Counts::of(&before.status), before.at_us));
         let heard = HeardNode {
             status,
             at_us,
+            first_us,
+            ticks_since_us,
             before,
         };
         self.heard.insert(node, heard);
@@ -208,7 +223,13 @@ impl Nodes {
             LinkLine {
                 viewpoint: viewpoint.0,
                 name: link.viewpoint.clone(),
-                state: state(viewpoint),
+                state: match state(viewpoint) {
+                    Condition::Failed => Condition::Failed,
+                    _ if !link.live && self.get(Some(viewpoint)).is_none() => Condition::Unknown,
+                    // The alarm may be the edge's.
+                    _ if !link.live => Condition::Failed,
+                    state => state,
+                },
                 live: link.live,
                 refused: link.refused.clone(),
                 round_trip_us: link.round_trip_us,
