@@ -105,7 +105,7 @@ impl Known {
             latency: LatencyWindow::default(),
             epoch_us: self.epoch_us,
             newest: None,
-            pose_times: VecDeque::new(),
+            pose_times: self.pose_times.back().copied().into_iter().collect(),
             now_us: self.now_us,
             since: self.since.clone(),
             growth: self.growth.clone(),
@@ -213,13 +213,28 @@ impl Known {
                 at_us.saturating_sub(capture_us),
             );
         }
+        self.note_poses(set.session, at_us);
+        let frame = Arc::new(Frame::new(&self.context, set, at_us, evidence));
+        self.newest = Some(Arc::clone(&frame));
+        News::Frame(frame)
+    }
+
+    /// Notes that poses came, where nobody wants to know which.
+    pub(crate) fn note_poses(&mut self, session: SessionId, at_us: Micros) {
+        self.enter(session);
+        self.now_us = self.now_us.max(at_us);
+        // A recording is entered a second before a part.
+        while self
+            .pose_times
+            .back()
+            .is_some_and(|last_us| *last_us > at_us)
+        {
+            self.pose_times.pop_back();
+        }
         if self.pose_times.len() >= MAX_POSE_TIMES {
             self.pose_times.pop_front();
         }
         self.pose_times.push_back(at_us);
-        let frame = Arc::new(Frame::new(&self.context, set, at_us, evidence));
-        self.newest = Some(Arc::clone(&frame));
-        News::Frame(frame)
     }
 
     fn events(&mut self, set: &IdentityEventSet, at_us: Micros) -> News {
@@ -239,13 +254,16 @@ impl Known {
         News::Events(lines.collect())
     }
 
-    /// How everything is; remembers since when each alarm is on.
-    pub(crate) fn status(&mut self, beside: &Beside) -> StatusDocument {
-        let now_us = self.now_us;
-        let counts = PageCounts {
+    fn counts(&self, beside: &Beside) -> PageCounts {
+        PageCounts {
             unreadable: self.unreadable,
             ..beside.counts
-        };
+        }
+    }
+
+    /// What is wrong; remembers since when each alarm is on.
+    pub(crate) fn note_alarms(&mut self, beside: &Beside) -> Vec<Alarm> {
+        let now_us = self.now_us;
         let mut alarms = alarms::find(
             &Circumstances {
                 context: &self.context,
@@ -253,7 +271,7 @@ impl Known {
                 now_us,
                 last_poses_us: self.pose_times.back().copied(),
                 recording: beside.recording.as_ref(),
-                counts,
+                counts: self.counts(beside),
             },
             &mut self.growth,
         );
@@ -265,6 +283,13 @@ impl Known {
             .map(|alarm| (alarm.key.clone(), alarm.since_us));
         self.since = keyed.collect();
         alarms.sort_by_key(|alarm| (alarm.severity, alarm.since_us));
+        alarms
+    }
+
+    /// How everything is; remembers since when each alarm is on.
+    pub(crate) fn status(&mut self, beside: &Beside) -> StatusDocument {
+        let alarms = self.note_alarms(beside);
+        let (now_us, counts) = (self.now_us, self.counts(beside));
         let since_us = now_us.saturating_sub(SECOND_US);
         // The last one stays: how long ago it came is asked for.
         while self.pose_times.len() > 1

@@ -21,6 +21,10 @@ use loader::Loader;
 
 /// Parts that may be asked for before the first is read.
 const MAX_WANTED: usize = 64;
+/// Most sessions of fusion in a recording.
+const MAX_SESSIONS: usize = 64;
+/// So many parts find room in memory in any case: the one that is shown, and those beside it.
+const PARTS_AT_ONCE: usize = 3;
 
 /// Where the messages of a recording come from: what `PageState::message` would have been given, by time.
 pub trait RecordedMessages: Send {
@@ -59,11 +63,21 @@ pub(crate) struct Recording {
 
 #[derive(Default)]
 struct Inner {
-    /// First and last tick of every part that has any, ascending.
-    index: Vec<IndexedPart>,
+    /// Where the ticks are, by the lower half of fusion's session: ticks of two sessions have nothing to do with each other.
+    sessions: BTreeMap<u32, IndexedSession>,
+    /// The session that is shown: the one with the most ticks so far.
+    shown: Option<u32>,
     is_indexed: bool,
     loaded: BTreeMap<usize, LoadedPart>,
     uses: u64,
+}
+
+/// Where the ticks of a session are.
+#[derive(Debug, Default)]
+struct IndexedSession {
+    ticks: u64,
+    /// First and last tick of every part that has any, ascending.
+    parts: Vec<IndexedPart>,
 }
 
 /// Where the ticks of a part are.
@@ -72,6 +86,14 @@ struct IndexedPart {
     first: Tick,
     last: Tick,
     part: usize,
+}
+
+/// The ticks of a session in a part.
+#[derive(Debug, Clone, Copy)]
+struct FoundTicks {
+    first: Tick,
+    last: Tick,
+    ticks: u64,
 }
 
 /// A part in memory.
@@ -83,14 +105,52 @@ struct LoadedPart {
 }
 
 impl Inner {
+    /// The parts of the session that is shown, ascending.
+    fn index(&self) -> &[IndexedPart] {
+        let shown = self.shown.and_then(|shown| self.sessions.get(&shown));
+        shown.map_or(&[], |session| &session.parts)
+    }
+
     /// Where in the index the part is that holds a tick, or the last before it, or the first.
     fn place(&self, tick: Tick) -> Option<usize> {
-        let after = self.index.partition_point(|indexed| indexed.first <= tick);
-        (!self.index.is_empty()).then(|| after.saturating_sub(1))
+        let index = self.index();
+        let after = index.partition_point(|indexed| indexed.first <= tick);
+        (!index.is_empty()).then(|| after.saturating_sub(1))
     }
 
     fn part(&self, tick: Tick) -> Option<usize> {
-        Some(self.index.get(self.place(tick)?)?.part)
+        Some(self.index().get(self.place(tick)?)?.part)
+    }
+
+    /// Notes the ticks of a session in the next part.
+    fn note(&mut self, part: usize, session: u32, found: FoundTicks) {
+        if self.sessions.len() >= MAX_SESSIONS && !self.sessions.contains_key(&session) {
+            return;
+        }
+        let indexed = self.sessions.entry(session).or_default();
+        indexed.ticks += found.ticks;
+        // Ticks that a file has twice are where they were first.
+        let first = indexed
+            .parts
+            .last()
+            .map_or(found.first, |before| found.first.max(before.last + 1));
+        if first <= found.last {
+            let last = found.last;
+            indexed.parts.push(IndexedPart { first, last, part });
+        }
+    }
+
+    /// Shows the session with the most ticks.
+    fn choose(&mut self) {
+        let most = self
+            .sessions
+            .iter()
+            .max_by_key(|(_, session)| session.ticks);
+        let shown = most.map(|(session, _)| *session);
+        if shown != self.shown {
+            self.shown = shown;
+            self.loaded.clear();
+        }
     }
 }
 
@@ -122,7 +182,8 @@ impl Recording {
 
     pub(crate) fn span(&self) -> Option<[Tick; 2]> {
         let inner = lock(&self.inner);
-        Some([inner.index.first()?.first, inner.index.last()?.last])
+        let index = inner.index();
+        Some([index.first()?.first, index.last()?.last])
     }
 
     pub(crate) fn is_loading(&self) -> bool {
@@ -132,8 +193,9 @@ impl Recording {
     /// A tick; its part and those beside it are asked for where they are not in memory.
     pub(crate) fn at(&self, tick: Tick) -> Found {
         let mut inner = lock(&self.inner);
-        inner.uses += 1;
-        let used = inner.uses;
+        // The part that is shown is used last.
+        inner.uses += 2;
+        let uses = inner.uses;
         let Some(place) = inner.place(tick) else {
             return if inner.is_indexed {
                 Found::Nothing
@@ -143,15 +205,16 @@ impl Recording {
         };
         // The part itself last: the newest wish is read first.
         for beside in [place.wrapping_sub(1), place + 1, place] {
-            let Some(part) = inner.index.get(beside).map(|indexed| indexed.part) else {
+            let Some(part) = inner.index().get(beside).map(|indexed| indexed.part) else {
                 continue;
             };
+            let used = if beside == place { uses } else { uses - 1 };
             match inner.loaded.get_mut(&part) {
                 Some(loaded) => loaded.used = used,
                 None => self.want(part),
             }
         }
-        let part = inner.index.get(place).map(|indexed| indexed.part);
+        let part = inner.index().get(place).map(|indexed| indexed.part);
         let loaded = part.and_then(|part| inner.loaded.get(&part));
         loaded.map_or(Found::Loading, |loaded| {
             loaded.history.at(tick).map_or(Found::Nothing, Found::Frame)
@@ -178,7 +241,7 @@ impl Recording {
     pub(crate) fn range(&self, [from, to]: [Tick; 2], most: usize) -> Vec<SharedFrame> {
         let inner = lock(&self.inner);
         let parts = inner
-            .index
+            .index()
             .iter()
             .filter(|indexed| indexed.first <= to && indexed.last >= from);
         let loaded = parts.filter_map(|indexed| inner.loaded.get(&indexed.part));
@@ -193,9 +256,23 @@ impl Recording {
         lock(&self.inner).loaded.contains_key(&part)
     }
 
-    /// Notes where the ticks of the next part are.
-    fn indexed(&self, indexed: Option<IndexedPart>) {
-        lock(&self.inner).index.extend(indexed);
+    /// Notes where the ticks of the next part are, by session.
+    fn indexed(&self, part: usize, found: &BTreeMap<u32, FoundTicks>) {
+        let mut inner = lock(&self.inner);
+        for (session, found) in found {
+            inner.note(part, *session, *found);
+        }
+        inner.choose();
+    }
+
+    /// The session that is shown.
+    fn shown(&self) -> Option<u32> {
+        lock(&self.inner).shown
+    }
+
+    /// Most memory of one part, bytes.
+    fn most_part_bytes(&self) -> usize {
+        self.most_bytes / PARTS_AT_ONCE
     }
 
     fn index_is_whole(&self) {
@@ -205,7 +282,7 @@ impl Recording {
     /// Takes a part into memory, and drops what was not used for the longest time where there is too much.
     fn loaded(&self, part: usize, history: History) {
         let mut inner = lock(&self.inner);
-        let used = inner.uses;
+        let used = inner.uses.saturating_sub(1);
         let bytes = history.bytes();
         let loaded = LoadedPart {
             history,
