@@ -1,11 +1,13 @@
 //! TOML with one table per camera: ours, aniposelib's, Pose2Sim's, FreeMoCap's (millimetres) and Caliscope's (`cam_id`, 3 x 3
 //! rotations).
 
+use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
 use farfield_proto::toml_file::{FileError, TomlFile};
 use nalgebra::Matrix3;
 use serde_json::Value;
+use toml::de::DeTable;
 
 use super::camera::{
     CameraRecord, FileUnit, LensModel, RawCamera, RawPose, RawSet, Remark, RemarkKind,
@@ -38,7 +40,10 @@ pub(super) fn read(
     let root = Node::root(*source, &value);
     let mut remarks = Vec::new();
     let mut cameras = Vec::new();
-    for (name, table) in tables(&root) {
+    let starts = starts(source.text);
+    let mut tables = tables(&root);
+    tables.sort_by_key(|(_, table)| starts.get(table.place()).copied());
+    for (name, table) in tables {
         if table.get("ignore").map_or(Ok(false), |flag| flag.flag())? {
             let text = "the file says `ignore`: left out";
             remarks.push(Remark::of_camera(RemarkKind::Assumed, &name, text));
@@ -56,6 +61,26 @@ pub(super) fn read(
         unit,
         remarks,
     })
+}
+
+/// Where every table begins in the text, bytes, by the names that lead to it: values of TOML are sorted by name, and some
+/// keypoints know their cameras by the order of the file alone.
+fn starts(text: &str) -> BTreeMap<Vec<String>, usize> {
+    let mut starts = BTreeMap::new();
+    // Text that is no TOML was refused before.
+    let Ok(root) = DeTable::parse(text) else {
+        return starts;
+    };
+    for (key, value) in root.get_ref() {
+        let place = vec![key.get_ref().to_string()];
+        for (inner, _) in value.get_ref().as_table().into_iter().flatten() {
+            let mut place = place.clone();
+            place.push(inner.get_ref().to_string());
+            starts.insert(place, inner.span().start);
+        }
+        starts.insert(place, key.span().start);
+    }
+    starts
 }
 
 /// Every table that describes a camera, with the camera's name.
@@ -200,4 +225,43 @@ pub(super) fn write(cameras: &[CameraRecord], format: Format) -> Result<String, 
         text.push_str("[metadata]\nadjusted = false\nerror = 0.0\n");
     }
     Ok(text)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+
+    fn names(text: &str) -> Vec<String> {
+        let source = Source {
+            path: Path::new("Calib.toml"),
+            text,
+        };
+        let read = read(&source, Format::Farfield, &ImportOptions::default());
+        let cameras = read.unwrap().cameras.into_iter();
+        cameras.map(|camera| camera.name).collect()
+    }
+
+    const FIELDS: &str = "size = [640, 480]\nmatrix = [[600, 0, 320], [0, 600, 240], [0, 0, 1]]\n\
+                          distortions = [0, 0, 0, 0]\nrotation = [0, 0, 0]\ntranslation = [0, 0, 1]\n";
+
+    #[test]
+    fn cameras_come_in_the_order_of_the_file_not_of_the_alphabet() {
+        let text = ["north", "metadata", "east", "Zenith"]
+            .map(|name| format!("[{name}]\n{FIELDS}"))
+            .concat();
+        assert_eq!(names(&text), ["north", "east", "Zenith"]);
+    }
+
+    #[test]
+    fn twelve_numbered_cameras_stay_in_their_order() {
+        let expected: Vec<String> = (0..12).map(|i| format!("cam_{i}")).collect();
+        let tables = |prefix: &str| -> String {
+            let all = (0..12).map(|i| format!("[{prefix}{i}]\n{FIELDS}"));
+            all.collect()
+        };
+        assert_eq!(names(&tables("cam_")), expected);
+        assert_eq!(names(&tables("cameras.")), expected);
+    }
 }

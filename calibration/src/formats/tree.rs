@@ -77,6 +77,11 @@ impl<'a> Node<'a> {
         self.value
     }
 
+    /// The names that lead to it, from the root.
+    pub(super) fn place(&self) -> &[String] {
+        &self.place
+    }
+
     pub(super) fn error(&self, problem: impl Into<String>) -> FileError {
         let error = self.source.error(problem);
         if self.place.is_empty() {
