@@ -10,8 +10,12 @@ use crate::report::RemarkReport;
 
 /// Fewer people than this say nothing of a camera.
 const FEWEST_PEOPLE: usize = 10;
-/// Keypoints of which none is farther from the corner than this are shares of a picture, not pixels.
+/// Keypoints of which none is farther from the corner than this are shares of a picture, not pixels ...
+///
+/// This and the next are those of the edge's `source/keypoints.rs`, so that what is imported is what a run takes.
 const SHARE_OF_PICTURE: f64 = 1.5;
+/// ... when there are as many as two people have.
+const FEWEST_POINTS: usize = 2 * COCO17.len();
 /// Networks guess a little beyond the edges: this share of a side does not count.
 const EDGE: f64 = 0.05;
 /// More keypoints outside than this share are said.
@@ -28,6 +32,17 @@ const MOST: f64 = 0.8;
 pub(super) fn look(camera: &CameraFrames, remarks: &mut Vec<RemarkReport>) -> Result<(), String> {
     let people = || camera.frames.values().flatten();
     let points = || people().flatten().flatten();
+    let [width, height] = camera.size_px.map(f64::from);
+    let farthest_px = points()
+        .map(|it| it.x_px.abs().max(it.y_px.abs()))
+        .fold(0.0, f64::max);
+    if points().count() >= FEWEST_POINTS && farthest_px <= SHARE_OF_PICTURE {
+        return Err(format!(
+            "camera `{}` ({}): all keypoints lie within {farthest_px:.2} pixels of the corner, as shares of a picture do; \
+             expected pixels of {width} x {height}",
+            camera.name, camera.source,
+        ));
+    }
     let n_people = people().count();
     if n_people < FEWEST_PEOPLE {
         if n_people == 0 {
@@ -42,16 +57,6 @@ pub(super) fn look(camera: &CameraFrames, remarks: &mut Vec<RemarkReport>) -> Re
     }
     let reach = |side: fn(&Candidate) -> f64| points().map(side).fold(0.0, f64::max);
     let (right, bottom) = (reach(|it| it.x_px), reach(|it| it.y_px));
-    let [width, height] = camera.size_px.map(f64::from);
-    if right.max(bottom) <= SHARE_OF_PICTURE {
-        return Err(format!(
-            "camera `{}` ({}): all keypoints lie within {:.2} pixels of the corner, as shares of a picture do; expected pixels \
-             of {width} x {height}",
-            camera.name,
-            camera.source,
-            right.max(bottom)
-        ));
-    }
     let mut doubt = |text: String| {
         remarks.push(RemarkReport::of_camera(
             RemarkKind::Doubtful,
@@ -192,5 +197,11 @@ mod tests {
         let camera = camera([640, 640], |x, y| (x / 640.0, y / 640.0));
         let refused = look(&camera, &mut Vec::new()).unwrap_err();
         assert!(refused.contains("shares of a picture"), "{refused}");
+        // Two people are enough, as for the edge; one is not.
+        let mut few = camera;
+        few.frames.retain(|at, _| *at < 2);
+        assert!(look(&few, &mut Vec::new()).is_err());
+        few.frames.retain(|at, _| *at < 1);
+        assert!(look(&few, &mut Vec::new()).is_ok());
     }
 }

@@ -10,14 +10,10 @@ use std::ops::Range;
 
 use farfield_calibration::formats::RemarkKind;
 
-use crate::person::{Frames, Person};
+use crate::person::{Frames, Person, span};
 use crate::report::RemarkReport;
 
 pub use self::scores::ScoreScale;
-
-/// Most frames of one import, with those that are missing: nine hours at 60 Hz. A number far beyond the others would make
-/// as many empty lines.
-const MAX_FRAMES: i64 = 2_000_000;
 
 /// What one camera saw, under its name in the calibration.
 #[derive(Debug, Clone, PartialEq)]
@@ -81,19 +77,14 @@ fn ticks(cameras: &[CameraFrames]) -> Result<Range<i64>, String> {
     let (Some(first), Some(last)) = (first, last) else {
         return Err("found no keypoints of any camera".to_owned());
     };
-    if last - first >= MAX_FRAMES {
-        return Err(format!(
-            "found frames from {first} to {last}, expected at most {MAX_FRAMES}: are the numbers in the names times, or \
-             something else than frames?"
-        ));
-    }
+    let ticks = span(*first, *last)?;
     if cameras
         .iter()
         .all(|it| it.frames.values().all(Vec::is_empty))
     {
         return Err("found nobody in any frame of any camera".to_owned());
     }
-    Ok(*first..last + 1)
+    Ok(ticks)
 }
 
 /// Frames that do not begin at 0, that cameras do not share, that are missing.
@@ -170,12 +161,28 @@ fn write_person(person: &Person, scale: ScoreScale, out: &mut impl Write) -> io:
             out.write_all(b",")?;
         }
         match keypoint {
-            // The shortest digits that are read as the same number.
-            Some(it) => write!(out, "[{},{},{}]", it.x_px, it.y_px, scale.applied(it.score))?,
+            Some(it) => {
+                let score = scale.applied(it.score);
+                for (before, number) in [("[", it.x_px), (",", it.y_px), (",", score)] {
+                    out.write_all(before.as_bytes())?;
+                    write_number(number, out)?;
+                }
+                out.write_all(b"]")?;
+            }
             None => out.write_all(b"null")?,
         }
     }
     out.write_all(b"]}")
+}
+
+/// The shortest digits that are read as the same number, without the hundreds of zeros that a tiny one begins with.
+fn write_number(number: f64, out: &mut impl Write) -> io::Result<()> {
+    const TINY: f64 = 1e-5;
+    if number != 0.0 && number.abs() < TINY {
+        write!(out, "{number:e}")
+    } else {
+        write!(out, "{number}")
+    }
 }
 
 /// How many people there are in how many frames of one camera: mean and largest.
@@ -188,7 +195,7 @@ pub(crate) fn people_per_frame(frames: &BTreeMap<i64, Vec<Person>>) -> (f64, usi
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::person::Candidate;
+    use crate::person::{Candidate, MAX_PEOPLE_OF_FRAME};
 
     fn camera(name: &str, frames: &[i64]) -> CameraFrames {
         let seen = Candidate {
@@ -234,8 +241,37 @@ mod tests {
     }
 
     #[test]
+    fn a_frame_of_as_many_people_as_it_may_have_is_a_line_that_a_run_reads() {
+        /// The edge refuses longer ones: `MAX_LINE_BYTES` of its `source/keypoints.rs`.
+        const LONGEST_LINE_BYTES: usize = 4 << 20;
+        for number in [
+            -1.234_567_890_123_456_7e-300,
+            -999_999.123_456_789_1,
+            1e-5 / 3.0,
+        ] {
+            let seen = Candidate {
+                x_px: number,
+                y_px: number,
+                score: number.abs().min(1.0),
+            };
+            let people = vec![[Some(seen); 17]; MAX_PEOPLE_OF_FRAME];
+            let mut camera = camera("a", &[]);
+            camera.frames.insert(0, people);
+            let mut line = Vec::new();
+            let scale = ScoreScale::of(std::slice::from_ref(&camera), &mut Vec::new());
+            write_lines(&camera.frames, &(0..1), scale, &mut line).unwrap();
+            assert!(line.len() < LONGEST_LINE_BYTES, "{}", line.len());
+            let read: serde_json::Value = serde_json::from_slice(&line).unwrap();
+            let x_px = read["persons"][7]["keypoints"][3][0].as_f64().unwrap();
+            assert!((x_px - number).abs() <= 1e-15 * number.abs(), "{x_px}");
+        }
+    }
+
+    #[test]
     fn numbers_that_count_no_frames_are_refused() {
         let said = assemble(&[camera("a", &[0, 20_240_501_120_000])]).unwrap_err();
+        assert!(said.contains("something else than frames"), "{said}");
+        let said = assemble(&[camera("a", &[i64::MIN, i64::MAX])]).unwrap_err();
         assert!(said.contains("something else than frames"), "{said}");
         let mut empty = camera("a", &[0]);
         empty.frames.insert(0, Vec::new());

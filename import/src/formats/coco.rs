@@ -79,7 +79,7 @@ pub(super) fn read_results(
         let at = |problem| FileError::new(path, problem).at_field(format!("[{i}].keypoints"));
         let person =
             json::flat_person(&mut content.keypoints, None, &entry.keypoints).map_err(at)?;
-        content.detections.frame(&camera, frame);
+        content.detections.frame(&camera, frame).map_err(at)?;
         if let Some(person) = person {
             content
                 .detections
@@ -104,7 +104,8 @@ pub(super) fn read_annotations(
         };
         let (camera, frame) = by_name(&image.file_name);
         let frame = frame.map_err(|problem| at("file_name", problem))?;
-        content.detections.frame(&camera, frame);
+        let noted = content.detections.frame(&camera, frame);
+        noted.map_err(|problem| at("file_name", problem))?;
         if images.insert(image.id, (camera, frame)).is_some() {
             return Err(at("id", format!("found {} twice", image.id)));
         }

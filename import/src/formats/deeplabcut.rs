@@ -158,7 +158,9 @@ fn frame(row: &Row, n_index: usize) -> Result<i64, String> {
         .map(|i| row.cell(i))
         .find(|it| !it.is_empty());
     let cell = last.unwrap_or("");
-    let number = cell.parse::<i64>().ok().filter(|it| it.abs() <= MAX_FRAME);
+    // No `abs`: the smallest number has none.
+    let number = cell.parse::<i64>().ok();
+    let number = number.filter(|it| (-MAX_FRAME..=MAX_FRAME).contains(it));
     number
         .or_else(|| frame_number::of_name(cell))
         .ok_or_else(|| format!("found `{cell}`, expected a frame or the name of its picture"))

@@ -40,7 +40,8 @@ pub(super) fn read(bytes: &[u8], path: &Path, content: &mut Content) -> Result<(
                 break;
             }
             let number = frame.cast_signed() as i64;
-            content.detections.frame(&key, number);
+            let noted = content.detections.frame(&key, number);
+            noted.map_err(|problem| whole(problem).at_field(format!("[{camera}, {frame}]")))?;
             let mapping = content.keypoints.by_count(count).map_err(whole)?;
             let person = mapping.person(|place| {
                 let at = |number: usize| array.at(&[camera, frame, place, number]);

@@ -35,7 +35,8 @@ pub(super) fn read(text: &str, path: &Path, content: &mut Content) -> Result<(),
         let row = row?;
         let wrong = |problem: String| row.error(path, problem);
         let frame = row.whole(frame_column, MAX_FRAME).map_err(wrong)?;
-        content.detections.frame(&CameraKey::OfFile, frame);
+        let noted = content.detections.frame(&CameraKey::OfFile, frame);
+        noted.map_err(wrong)?;
         let mapping = content.keypoints.by_names(&names).map_err(wrong)?;
         let person = mapping.person(|place| {
             let [x, y, score] = columns.get(place).copied().unwrap_or_default();

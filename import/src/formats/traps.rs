@@ -73,6 +73,11 @@ fn refusals_name_file_line_and_field() {
             &["a.csv:4", "found `two`, expected a number"],
         ),
         (
+            "scorer,n,n\nbodyparts,nose,nose\ncoords,x,y\n-9223372036854775808,1,2\n",
+            "a.csv",
+            &["a.csv:4", "found `-9223372036854775808`, expected a frame"],
+        ),
+        (
             "frame_idx,nose.x,nose.y\n0.5,1,2\n",
             "a.csv",
             &["a.csv:2", "found `0.5`, expected a whole number"],
@@ -205,6 +210,7 @@ proptest! {
                 "\"instance_info\"", "\"frame_id\"", "\"instances\"", "\"images\"", "\"annotations\"", "1", "-1e300", "NaN",
                 "\"7.jpg\"", "scorer", "bodyparts", "coords", "individuals", "x", "y", "nose", "sync_index", "cam_id",
                 "point_id", "img_loc_x", "img_loc_y", "frame_idx", "nose.x", "null", "9223372036854775807",
+                "-9223372036854775808", "scorer,n,n\nbodyparts,nose,nose\ncoords,x,y\n", ",",
             ][..]),
             0..60,
         ),
