@@ -1,7 +1,6 @@
 //! `farfield import FOLDER`: 2D keypoints of other programs as a venue of keypoints.
 
 use std::fmt::Write as _;
-use std::io::ErrorKind;
 use std::path::PathBuf;
 
 use clap::Args;
@@ -82,7 +81,7 @@ fn camera(word: &str) -> Result<(String, PathBuf), String> {
 /// Makes the venue, whole or not at all, and says what is in it.
 ///
 /// # Errors
-/// [`NodeError::Refused`] where files or options are in the way, [`NodeError::Failed`] where the disk is.
+/// [`NodeError::Refused`] where files or options are in the way, [`NodeError::Failed`] where nothing can be written.
 pub(crate) fn import_folder(args: &ImportArgs) -> Result<(), NodeError> {
     let request = ImportRequest {
         folder: args.folder.clone(),
@@ -104,9 +103,7 @@ pub(crate) fn import_folder(args: &ImportArgs) -> Result<(), NodeError> {
 
 fn node_error(error: ImportError) -> NodeError {
     match error {
-        ImportError::Io { ref source, .. } if source.kind() != ErrorKind::NotFound => {
-            NodeError::failed(error)
-        }
+        error @ ImportError::Write { .. } => NodeError::failed(error),
         error => NodeError::refused(error),
     }
 }
@@ -125,6 +122,9 @@ fn lines(report: &Report) -> String {
         report.rate_hz
     )
     .ok();
+    for file in &report.calibration {
+        writeln!(text, "calibration: {}", file.display()).ok();
+    }
     for camera in &report.cameras {
         writeln!(text, "{}", camera_line(camera)).ok();
     }
@@ -193,5 +193,43 @@ mod tests {
         for word in ["cam01", "=pose", "cam01="] {
             assert!(camera(word).unwrap_err().contains("NAME=FOLDER"), "{word}");
         }
+    }
+
+    #[test]
+    fn what_cannot_be_read_is_refused_and_what_cannot_be_written_fails() {
+        let source = || std::io::Error::from(std::io::ErrorKind::PermissionDenied);
+        let read = ImportError::Read {
+            doing: "reading",
+            path: PathBuf::from("a.json"),
+            source: source(),
+        };
+        let write = ImportError::Write {
+            doing: "writing",
+            path: PathBuf::from("a.jsonl"),
+            source: source(),
+        };
+        assert!(matches!(node_error(read), NodeError::Refused(_)));
+        assert!(matches!(node_error(write), NodeError::Failed(_)));
+    }
+
+    #[test]
+    fn the_report_names_the_calibration_that_was_taken() {
+        let report = Report {
+            format: "openpose",
+            calibration_format: "farfield",
+            calibration: vec![PathBuf::from("above/Calib.toml")],
+            venue: PathBuf::from("farfield/venue.toml"),
+            rate_hz: 50.0,
+            first_frame: 0,
+            frames: 20,
+            cameras: Vec::new(),
+            model: "COCO_17".to_owned(),
+            mapped: vec!["nose"],
+            missing: Vec::new(),
+            left_out: Vec::new(),
+            remarks: Vec::new(),
+        };
+        let text = lines(&report);
+        assert!(text.contains("calibration: above/Calib.toml"), "{text}");
     }
 }

@@ -14,9 +14,19 @@ pub enum ImportError {
     /// Something else of what was given is not as it should be.
     #[error("{0}")]
     Refused(String),
-    /// A file cannot be read or written.
+    /// What was named or found cannot be read.
     #[error("{doing} {}: {source}", path.display())]
-    Io {
+    Read {
+        /// What was tried.
+        doing: &'static str,
+        /// With which file.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// What was made cannot be written.
+    #[error("{doing} {}: {source}", path.display())]
+    Write {
         /// What was tried.
         doing: &'static str,
         /// With which file.
@@ -31,8 +41,16 @@ impl ImportError {
         Self::Refused(text.into())
     }
 
-    pub(crate) fn io(doing: &'static str, path: &Path, source: io::Error) -> Self {
-        Self::Io {
+    pub(crate) fn read(doing: &'static str, path: &Path, source: io::Error) -> Self {
+        Self::Read {
+            doing,
+            path: path.to_owned(),
+            source,
+        }
+    }
+
+    pub(crate) fn write(doing: &'static str, path: &Path, source: io::Error) -> Self {
+        Self::Write {
             doing,
             path: path.to_owned(),
             source,

@@ -58,22 +58,22 @@ pub(crate) fn is_file(path: &Path) -> bool {
 /// A folder with all the folders above it.
 pub(crate) fn full(folder: &Path) -> Result<PathBuf, ImportError> {
     let full = folder.canonicalize();
-    full.map_err(|source| ImportError::io("reading the folder", folder, source))
+    full.map_err(|source| ImportError::read("reading the folder", folder, source))
 }
 
 /// What lies in one folder.
 pub(crate) fn entries(folder: &Path) -> Result<Vec<PathBuf>, ImportError> {
     let read = fs::read_dir(folder)
-        .map_err(|source| ImportError::io("reading the folder", folder, source))?;
+        .map_err(|source| ImportError::read("reading the folder", folder, source))?;
     Ok(read.flatten().map(|entry| entry.path()).collect())
 }
 
 /// All of a file of at most `limit` bytes.
 pub(crate) fn read(path: &Path, limit: u64) -> Result<Vec<u8>, ImportError> {
     let mut bytes = Vec::new();
-    let file = File::open(path).map_err(|source| ImportError::io("opening", path, source))?;
+    let file = File::open(path).map_err(|source| ImportError::read("opening", path, source))?;
     let read = file.take(limit + 1).read_to_end(&mut bytes);
-    read.map_err(|source| ImportError::io("reading", path, source))?;
+    read.map_err(|source| ImportError::read("reading", path, source))?;
     if bytes.len() as u64 > limit {
         return Err(ImportError::refused(format!(
             "{}: found a file of more than {limit} bytes",
@@ -86,9 +86,9 @@ pub(crate) fn read(path: &Path, limit: u64) -> Result<Vec<u8>, ImportError> {
 /// The first bytes of a file, as text where they are.
 pub(crate) fn head(path: &Path, length: u64) -> Result<Vec<u8>, ImportError> {
     let mut bytes = Vec::new();
-    let file = File::open(path).map_err(|source| ImportError::io("opening", path, source))?;
+    let file = File::open(path).map_err(|source| ImportError::read("opening", path, source))?;
     let read = file.take(length).read_to_end(&mut bytes);
-    read.map_err(|source| ImportError::io("reading", path, source))?;
+    read.map_err(|source| ImportError::read("reading", path, source))?;
     Ok(bytes)
 }
 
@@ -110,11 +110,45 @@ pub(crate) struct NewFolder {
     made: PathBuf,
     out: PathBuf,
     is_named: bool,
+    parents: NewParents,
+}
+
+/// The folders above it that were not there, the innermost first; they are taken away again unless they are kept.
+#[derive(Debug, Default)]
+struct NewParents(Vec<PathBuf>);
+
+impl NewParents {
+    fn create(parent: &Path) -> Result<Self, ImportError> {
+        let is_new = |it: &&Path| !it.as_os_str().is_empty() && it.symlink_metadata().is_err();
+        let new = parent.ancestors().take_while(is_new);
+        let new = Self(new.map(Path::to_owned).collect());
+        fs::create_dir_all(parent)
+            .map_err(|source| ImportError::write("making", parent, source))?;
+        Ok(new)
+    }
+}
+
+impl Drop for NewParents {
+    fn drop(&mut self) {
+        for folder in &self.0 {
+            // Only an empty one goes, and not before those inside it.
+            if fs::remove_dir(folder).is_err() {
+                return;
+            }
+        }
+    }
 }
 
 impl NewFolder {
     /// Starts the folder `out`, where nothing is but perhaps an empty folder.
     pub(crate) fn create(out: &Path) -> Result<Self, ImportError> {
+        let is_link = |it: fs::Metadata| it.file_type().is_symlink();
+        if out.symlink_metadata().is_ok_and(is_link) {
+            return Err(ImportError::refused(format!(
+                "{} is a link, expected a folder to make: name where it leads, or another, with `--out DIR`",
+                out.display()
+            )));
+        }
         let is_empty = || fs::read_dir(out).is_ok_and(|mut it| it.next().is_none());
         if out.symlink_metadata().is_ok() && !is_empty() {
             return Err(ImportError::refused(format!(
@@ -127,14 +161,20 @@ impl NewFolder {
         })?;
         let parent = out.parent().filter(|it| !it.as_os_str().is_empty());
         let parent = parent.unwrap_or(Path::new("."));
-        fs::create_dir_all(parent).map_err(|source| ImportError::io("making", parent, source))?;
+        let parents = NewParents::create(parent)?;
         let made = parent.join(format!(".{}.tmp", name.to_string_lossy()));
-        // One that is there is another import's, or of one that was killed.
-        fs::create_dir(&made).map_err(|source| ImportError::io("making", &made, source))?;
+        fs::create_dir(&made).map_err(|source| match source.kind() {
+            io::ErrorKind::AlreadyExists => ImportError::refused(format!(
+                "{} is there: another import is writing it, or one was killed; where none is running, delete it",
+                made.display()
+            )),
+            _ => ImportError::write("making", &made, source),
+        })?;
         Ok(Self {
             made,
             out: out.to_owned(),
             is_named: false,
+            parents,
         })
     }
 
@@ -154,14 +194,16 @@ impl NewFolder {
             file.flush()?;
             file.get_ref().sync_all()
         };
-        written().map_err(|source| ImportError::io("writing", &path, source))
+        written().map_err(|source| ImportError::write("writing", &path, source))
     }
 
     /// Gives it its name.
     pub(crate) fn finish(mut self) -> Result<(), ImportError> {
-        fs::rename(&self.made, &self.out)
-            .map_err(|source| ImportError::io("naming the finished folder", &self.out, source))?;
+        fs::rename(&self.made, &self.out).map_err(|source| {
+            ImportError::write("naming the finished folder", &self.out, source)
+        })?;
         self.is_named = true;
+        self.parents.0.clear();
         Ok(())
     }
 }
@@ -198,6 +240,46 @@ mod tests {
         let said = NewFolder::create(&out).unwrap_err().to_string();
         assert!(said.contains("is there already"), "{said}");
         assert_eq!(fs::read_dir(at.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn what_a_killed_import_left_is_named_with_what_to_do() {
+        let at = tempfile::tempdir().unwrap();
+        let left = at.path().join(".venue.tmp");
+        fs::create_dir(&left).unwrap();
+        let refused = NewFolder::create(&at.path().join("venue")).unwrap_err();
+        assert!(matches!(refused, ImportError::Refused(_)));
+        let refused = refused.to_string();
+        assert!(
+            refused.contains(".venue.tmp") && refused.contains("delete it"),
+            "{refused}"
+        );
+        // It may be another's that still runs.
+        assert!(left.exists());
+    }
+
+    #[test]
+    fn parents_that_were_made_are_gone_again_unless_the_folder_is_named() {
+        let at = tempfile::tempdir().unwrap();
+        let out = at.path().join("a/b/venue");
+        drop(NewFolder::create(&out).unwrap());
+        assert_eq!(fs::read_dir(at.path()).unwrap().count(), 0);
+        fs::create_dir(at.path().join("a")).unwrap();
+        drop(NewFolder::create(&out).unwrap());
+        assert!(at.path().join("a").exists() && !at.path().join("a/b").exists());
+        NewFolder::create(&out).unwrap().finish().unwrap();
+        assert!(out.exists());
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_link_is_refused_before_anything_is_read() {
+        let at = tempfile::tempdir().unwrap();
+        let (to, out) = (at.path().join("empty"), at.path().join("venue"));
+        fs::create_dir(&to).unwrap();
+        std::os::unix::fs::symlink(&to, &out).unwrap();
+        let refused = NewFolder::create(&out).unwrap_err().to_string();
+        assert!(refused.contains("is a link"), "{refused}");
     }
 
     #[test]
