@@ -323,7 +323,7 @@ impl Client {
         self.sent = Some(mark);
         let first = match self.form {
             Form::Binary => Message::Binary(frame.encoded.clone().into()),
-            Form::Json => Message::Text(frame.json(true).into()),
+            Form::Json => Message::Text(self.shared.live_json(&frame).to_string().into()),
         };
         self.send_tick(socket, &frame, first).await
     }

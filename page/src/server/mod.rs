@@ -17,7 +17,8 @@ mod token;
 
 use std::io;
 use std::net::SocketAddr;
-use std::sync::Arc;
+use std::pin::pin;
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use hyper::server::conn::http1;
@@ -26,14 +27,15 @@ use hyper_util::service::TowerToHyperService;
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::Semaphore;
-use tokio::time::{sleep, timeout};
+use tokio::time::{Instant, sleep, timeout};
 use tokio_rustls::TlsAcceptor;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 use tracing::{debug, warn};
 
-use crate::state::PageState;
+use crate::state::{PageState, lock};
 use access::Access;
+use flow::Allowance;
 pub use tls::{Keys, KeysError};
 pub use token::Token;
 
@@ -43,6 +45,10 @@ const MAX_CONNECTIONS: usize = 128;
 pub(crate) const MAX_CLIENTS: usize = 32;
 /// How long a request's head, or a TLS handshake, may take.
 const HEAD_TIME: Duration = Duration::from_secs(10);
+/// How long a connection is asked for more; a web socket is no request, and goes on.
+const CONNECTION_TIME: Duration = Duration::from_mins(1);
+/// How long an answer may take that is under way then: its client may read slowly, or not at all.
+const ANSWER_TIME: Duration = Duration::from_secs(30);
 /// Longest head of a request, bytes.
 const MAX_HEAD_BYTES: usize = 16 << 10;
 /// After the system had no connection to give (too many files are open), it is asked again so much later.
@@ -169,6 +175,7 @@ impl Server {
             state: Arc::clone(&self.state),
             access: Arc::clone(&self.access),
             sockets: Arc::new(Semaphore::new(MAX_CLIENTS)),
+            series: SeriesAllowance::new(),
             tasks: tasks.clone(),
             stop: stop.clone(),
         };
@@ -206,8 +213,30 @@ pub(crate) struct Serving {
     pub(crate) state: Arc<PageState>,
     pub(crate) access: Arc<Access>,
     pub(crate) sockets: Arc<Semaphore>,
+    pub(crate) series: SeriesAllowance,
     pub(crate) tasks: TaskTracker,
     pub(crate) stop: CancellationToken,
+}
+
+/// How often the past of angles may be asked for, by all clients together: an answer goes through thousands of ticks.
+#[derive(Clone)]
+pub(crate) struct SeriesAllowance {
+    began: Instant,
+    left: Arc<Mutex<Allowance>>,
+}
+
+impl SeriesAllowance {
+    fn new() -> Self {
+        Self {
+            began: Instant::now(),
+            left: Arc::new(Mutex::new(Allowance::new(Duration::ZERO))),
+        }
+    }
+
+    /// Takes one; `false`: there was none left.
+    pub(crate) fn take(&self) -> bool {
+        lock(&self.left).take(self.began.elapsed())
+    }
 }
 
 /// One connection, from its handshake to its end.
@@ -217,26 +246,37 @@ async fn connection(stream: TcpStream, tls: Option<TlsAcceptor>, router: axum::R
         debug!(%error, "a connection keeps small messages back");
     }
     let Some(tls) = tls else {
-        return requests(stream, router).await;
+        return requests(stream, router, [CONNECTION_TIME, ANSWER_TIME]).await;
     };
     match timeout(HEAD_TIME, tls.accept(stream)).await {
-        Ok(Ok(stream)) => requests(stream, router).await,
+        Ok(Ok(stream)) => requests(stream, router, [CONNECTION_TIME, ANSWER_TIME]).await,
         Ok(Err(error)) => debug!(%error, "a TLS handshake failed"),
         Err(_) => debug!("a TLS handshake took too long"),
     }
 }
 
-async fn requests<S>(stream: S, router: axum::Router)
+/// Answers requests for so long; then the last answer has so long to be read.
+async fn requests<S>(stream: S, router: axum::Router, [ask_time, answer_time]: [Duration; 2])
 where
     S: AsyncRead + AsyncWrite + Send + Unpin + 'static,
 {
-    let served = http1::Builder::new()
+    let connection = http1::Builder::new()
         .timer(TokioTimer::new())
         .header_read_timeout(HEAD_TIME)
         .max_buf_size(MAX_HEAD_BYTES)
         .serve_connection(TokioIo::new(stream), TowerToHyperService::new(router))
-        .with_upgrades()
-        .await;
+        .with_upgrades();
+    let mut connection = pin!(connection);
+    let served = if let Ok(served) = timeout(ask_time, connection.as_mut()).await {
+        served
+    } else {
+        connection.as_mut().graceful_shutdown();
+        let Ok(served) = timeout(answer_time, connection).await else {
+            debug!("an answer was not read");
+            return;
+        };
+        served
+    };
     if let Err(error) = served {
         debug!(%error, "a connection ended");
     }

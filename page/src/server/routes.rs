@@ -127,6 +127,12 @@ async fn one_series(
     if let Err(refusal) = may_read(rights) {
         return refused(refusal);
     }
+    if !serving.series.take() {
+        return plain(
+            StatusCode::TOO_MANY_REQUESTS,
+            "the past of angles is asked for too often: wait a second",
+        );
+    }
     match series::parse(uri.query().unwrap_or_default()) {
         Ok(asked) => json(series::answer(serving.state.shared(), &asked)),
         Err(error) => plain(StatusCode::BAD_REQUEST, error.to_string()),

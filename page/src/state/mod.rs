@@ -63,6 +63,8 @@ pub(crate) struct Shared {
     pub(crate) venue_document: String,
     /// The newest tick: one slot, never a queue.
     pub(crate) newest: watch::Sender<Option<SharedFrame>>,
+    /// The newest tick that was asked for as JSON: it is made once for all who want it.
+    newest_json: Mutex<Option<(SharedFrame, Arc<str>)>>,
     pub(crate) status: watch::Sender<Arc<str>>,
     pub(crate) names: watch::Sender<Arc<BTreeMap<u32, String>>>,
     pub(crate) events: EventLog,
@@ -164,6 +166,7 @@ impl Shared {
             kinds,
             acting: Mutex::default(),
             newest: watch::Sender::new(None),
+            newest_json: Mutex::default(),
             status: watch::Sender::new(Arc::from("")),
             names: watch::Sender::new(Arc::default()),
             events: EventLog::default(),
@@ -172,6 +175,20 @@ impl Shared {
             clients: AtomicUsize::new(0),
             dropped: AtomicU64::new(0),
         })
+    }
+
+    /// A tick that came just now, as JSON.
+    pub(crate) fn live_json(&self, frame: &SharedFrame) -> Arc<str> {
+        // Who comes while it is made waits: that is shorter than to make it again.
+        let mut newest = lock(&self.newest_json);
+        match &*newest {
+            Some((of, json)) if Arc::ptr_eq(of, frame) => Arc::clone(json),
+            _ => {
+                let json: Arc<str> = frame.json(true).into();
+                *newest = Some((Arc::clone(frame), Arc::clone(&json)));
+                json
+            }
+        }
     }
 
     /// What a status is told of by others than the messages.

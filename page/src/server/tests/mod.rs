@@ -24,7 +24,7 @@ use tokio_tungstenite::{WebSocketStream, client_async};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
-use super::{Keys, MAX_CLIENTS, Server, ServerError, ServerOptions};
+use super::{Keys, MAX_CLIENTS, Server, ServerError, ServerOptions, requests};
 use crate::actions::{Action, ActionKind, PageActions};
 use crate::protocol::camera_view::CameraView;
 use crate::protocol::chosen_angles::ChosenAngles;

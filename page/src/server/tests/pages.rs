@@ -210,6 +210,20 @@ async fn the_past_of_an_angle_is_told() {
 }
 
 #[tokio::test]
+async fn a_tick_is_made_json_once_for_all_who_want_it() {
+    let running = Running::live().await;
+    let shared = running.state.shared();
+    running.pass_and_wait([0, 2]).await;
+    let newest = || shared.newest.borrow().clone().unwrap();
+    let first = shared.live_json(&newest());
+    assert!(Arc::ptr_eq(&first, &shared.live_json(&newest())));
+    running.pass_and_wait([2, 3]).await;
+    let told: Value = serde_json::from_str(&shared.live_json(&newest())).unwrap();
+    assert_eq!(told["tick"], 2);
+    running.end().await;
+}
+
+#[tokio::test]
 async fn a_server_that_stops_says_so() {
     let running = Running::live().await;
     let mut socket = running.open("/ws").await;

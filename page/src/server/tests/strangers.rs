@@ -247,6 +247,47 @@ async fn what_is_not_understood_is_answered_and_a_flood_is_ended() {
 }
 
 #[tokio::test]
+async fn the_past_of_angles_is_not_given_without_measure() {
+    let running = Running::live().await;
+    let asks = (0..100).map(|_| running.get("/api/series?person=1&angles=1", ""));
+    let answers = futures_util::future::join_all(asks).await;
+    let count = |wanted| {
+        answers
+            .iter()
+            .filter(|answer| code(answer) == wanted)
+            .count()
+    };
+    assert!(count("200") >= 40 && count("429") > 0, "{}", count("200"));
+    assert_eq!(count("200") + count("429"), 100);
+    running.end().await;
+}
+
+#[tokio::test]
+async fn who_does_not_read_its_answer_is_left_and_who_reads_slowly_is_not() {
+    let page = || {
+        let large = axum::routing::get(|| async { "x".repeat(200_000) });
+        axum::Router::new().route("/", large)
+    };
+    let times = [Duration::from_millis(100), Duration::from_millis(900)];
+    let request = b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n";
+    let (mut near, far) = tokio::io::duplex(1024);
+    near.write_all(request).await.unwrap();
+    timeout(PATIENCE, requests(far, page(), times))
+        .await
+        .expect("an end");
+    let (mut near, far) = tokio::io::duplex(1024);
+    near.write_all(request).await.unwrap();
+    let slowly = async {
+        tokio::time::sleep(2 * times[0]).await;
+        let mut answer = Vec::new();
+        near.read_to_end(&mut answer).await.unwrap();
+        answer.len()
+    };
+    let ((), read) = tokio::join!(requests(far, page(), times), slowly);
+    assert!(read > 200_000, "{read}");
+}
+
+#[tokio::test]
 async fn more_pages_than_there_is_room_for_are_told_so() {
     let running = Running::live().await;
     let mut open = Vec::new();
