@@ -18,6 +18,9 @@ pub struct ColourRange {
 const HUE_ABOUT_DEG: f64 = 16.0;
 const LEAST_SATURATION: f64 = 0.55;
 const LEAST_VALUE: f64 = 0.35;
+/// Saturation below which a colour is white or grey and its hue is noise, and the most that such a ball then has.
+const GREY: f64 = 0.2;
+const MOST_GREY: f64 = 0.3;
 /// What counts as a saturated colour while nothing is known: skin and wood are below it.
 const SATURATED: f64 = 0.55;
 const NOT_DARK: f64 = 0.25;
@@ -28,9 +31,16 @@ const SHIFT: u32 = 3;
 
 impl ColourRange {
     /// All colours that are like `rgb` under the light and in the shade of one ball: hue within 16 degrees, at least 0.55 of its
-    /// saturation, at least 0.35 of its value.
+    /// saturation, at least 0.35 of its value; of white and grey (saturation below 0.2) any hue, and a saturation of 0.3 at most.
     pub fn about(rgb: [u8; 3]) -> Self {
         let [hue, saturation, value] = hsv(rgb);
+        if saturation < GREY {
+            return Self {
+                hue_deg: [0.0, 360.0],
+                saturation: [0.0, MOST_GREY],
+                value: [LEAST_VALUE * value, 1.0],
+            };
+        }
         let turn = |deg: f64| if deg < 0.0 { deg + 360.0 } else { deg % 360.0 };
         Self {
             hue_deg: [turn(hue - HUE_ABOUT_DEG), turn(hue + HUE_ABOUT_DEG)],
@@ -186,6 +196,22 @@ mod tests {
         assert!(!red.contains([230, 120, 20]) && !red.contains([120, 110, 115]));
         let table = ColourTable::of(&red);
         assert!(table.contains(230, 10, 20) && !table.contains(20, 10, 230));
+    }
+
+    #[test]
+    fn a_white_ball_is_white_under_any_light_and_no_colour_is() {
+        let white = ColourRange::about([240, 238, 230]);
+        for like in [
+            [255, 255, 255],
+            [200, 205, 215],
+            [190, 180, 160],
+            [110, 112, 110],
+        ] {
+            assert!(white.contains(like), "{like:?}");
+        }
+        for other in [[240, 120, 20], [230, 220, 40], [40, 120, 60], [20, 20, 20]] {
+            assert!(!white.contains(other), "{other:?}");
+        }
     }
 
     #[test]

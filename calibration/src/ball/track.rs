@@ -1,5 +1,7 @@
 //! Which candidates over many frames are one thing that moves.
 
+use std::collections::BTreeSet;
+
 use farfield_proto::order_statistics::upper_median;
 
 use super::candidate::Candidate;
@@ -65,27 +67,28 @@ pub(super) fn choose(kept: &[(u64, Candidate)], choice: Choice) -> Vec<usize> {
     };
     let (score, colour) = (best.score, best.colour);
     let mut taken: Vec<usize> = Vec::new();
+    let mut taken_frames: BTreeSet<u64> = BTreeSet::new();
     for (_, it) in judged {
         let is_same = it.score >= SCORE_SHARE * score && apart(&it.colour, &colour) <= SAME_COLOUR;
         if !is_same {
             continue;
         }
-        let frame = |index: &usize| kept.get(*index).map(|(frame, _)| *frame);
-        let is_taken = |index: &usize| taken.binary_search_by_key(&frame(index), frame).is_ok();
-        let shared = it.own.iter().filter(|index| is_taken(index)).count();
+        let own = it.own.iter();
+        let own = own.filter_map(|index| Some((*index, kept.get(*index)?.0)));
+        let own: Vec<(usize, u64)> = own.collect();
+        let is_taken = |frame: &u64| taken_frames.contains(frame);
+        let shared = own.iter().filter(|(_, frame)| is_taken(frame)).count();
         // What is there at the same time is another thing.
         if shared > MOST_SHARED {
             continue;
         }
-        let new: Vec<usize> = it
-            .own
-            .iter()
-            .copied()
-            .filter(|index| !is_taken(index))
-            .collect();
-        taken.extend(new);
-        taken.sort_unstable();
+        for (index, frame) in own {
+            if taken_frames.insert(frame) {
+                taken.push(index);
+            }
+        }
     }
+    taken.sort_unstable();
     taken
 }
 
@@ -108,11 +111,8 @@ impl Judged {
     }
 }
 
-/// What is said of a track that is long enough and moved.
+/// What is said of a track that moved.
 fn judged(kept: &[(u64, Candidate)], track: &Track) -> Option<Judged> {
-    if track.own.len() < LEAST_FRAMES {
-        return None;
-    }
     let own: Vec<&Candidate> = track
         .own
         .iter()
@@ -148,7 +148,7 @@ fn judged(kept: &[(u64, Candidate)], track: &Track) -> Option<Judged> {
     })
 }
 
-/// Links candidates from frame to frame, the nearest to what is expected first.
+/// Links candidates from frame to frame, the nearest to what is expected first; what was seen in too few frames is not kept.
 fn tracks(kept: &[(u64, Candidate)]) -> Vec<Track> {
     let mut ended: Vec<Track> = Vec::new();
     let mut open: Vec<Track> = Vec::new();
@@ -157,9 +157,9 @@ fn tracks(kept: &[(u64, Candidate)]) -> Vec<Track> {
         let end = kept.partition_point(|(other, _)| other <= frame);
         let (going, done) = open
             .into_iter()
-            .partition(|t: &Track| frame - t.frame <= MOST_GAP);
+            .partition::<Vec<Track>, _>(|t| frame - t.frame <= MOST_GAP);
         open = going;
-        ended.extend(done);
+        ended.extend(done.into_iter().filter(Track::is_long));
         let mut pairs: Vec<(f64, usize, usize)> = Vec::new();
         for (index, (_, candidate)) in kept.iter().enumerate().take(end).skip(start) {
             for (number, track) in open.iter().enumerate() {
@@ -186,7 +186,7 @@ fn tracks(kept: &[(u64, Candidate)]) -> Vec<Track> {
         }
         start = end;
     }
-    ended.extend(open);
+    ended.extend(open.into_iter().filter(Track::is_long));
     ended
 }
 
@@ -200,6 +200,10 @@ impl Track {
             diameter_px: candidate.diameter_px,
             colour: candidate.colour,
         }
+    }
+
+    fn is_long(&self) -> bool {
+        self.own.len() >= LEAST_FRAMES
     }
 
     fn goes_to(&mut self, frame: u64, index: usize, candidate: &Candidate) {
