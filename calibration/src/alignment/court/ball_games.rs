@@ -28,8 +28,7 @@ pub(super) fn football(court: &mut Drawing) {
 }
 
 /// FIFA, law 1: goals 3 x 2 m; quarter circles of 6 m about the outer edge of each post (8 cm wide), joined by a line of 3.16 m;
-/// penalty marks at 6 and 10 m; centre circle of 3 m; corner arcs of 0.25 m; substitution zones from 5 to 10 m off the halfway
-/// line.
+/// penalty marks at 6 and 10 m; centre circle of 3 m; corner arcs of 0.25 m.
 pub(super) fn futsal(court: &mut Drawing) {
     let (goal, post, area) = (3.0, 0.08, 6.0);
     let outer = 0.5 * goal + post;
@@ -49,7 +48,7 @@ pub(super) fn futsal(court: &mut Drawing) {
 }
 
 /// IHF, rule 1: goals 3 x 2 m; goal area of 6 m and free-throw line of 9 m about the inner edges of the posts, each with a straight
-/// part of 3 m; 7 m line of 1 m, 4 m line of 0.15 m; substitution lines 4.5 m off the centre line.
+/// part of 3 m; 7 m line of 1 m, 4 m line of 0.15 m.
 pub(super) fn handball(court: &mut Drawing) {
     let (goal, area, free) = (3.0, 6.0, 9.0);
     let post = 0.5 * goal;

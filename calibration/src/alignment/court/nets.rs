@@ -8,7 +8,8 @@ pub(super) fn tennis(court: &mut Drawing) {
     let (singles, service) = (0.5 * 8.23, 6.4);
     let [x, y] = court.half_m;
     court.boundary("side_line", "base_line");
-    court.halfway("net", "net");
+    // No line is drawn there: it is where the net meets the ground.
+    court.halfway("net_foot", "net_foot");
     court.along_ends("singles_line", singles, 0.0, x);
     court.mark_at_four("singles_corner", 0.0, singles, 0.0);
     court.across_at("service_line", service, singles);
