@@ -227,7 +227,9 @@ fn finished(
     } else {
         7.0
     };
-    if rows < unknowns {
+    let agreeing = lengths.iter().filter(|l| fits(l)).count();
+    // Some few agree on something by chance.
+    if rows < unknowns || 2 * agreeing < lengths.len() {
         let named: Vec<&str> = sights
             .seen
             .iter()
@@ -235,7 +237,8 @@ fn finished(
             .take(8)
             .collect();
         return Err(format!(
-            "the clicked marks contradict each other: of {} too few agree ({}); look for exchanged names",
+            "the clicked marks contradict each other: of {} only {agreeing} agree ({}), expected half of them or more; look for \
+             exchanged names",
             sights.seen.len(),
             named.join(", ")
         ));

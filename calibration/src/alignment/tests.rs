@@ -228,6 +228,22 @@ fn a_mark_that_was_taken_for_another_is_named() {
 }
 
 #[test]
+fn marks_of_which_less_than_half_agree_are_refused() {
+    let truth = venue();
+    let cameras = moved(&truth, &elsewhere());
+    let mut marks = court_marks(&truth, &CORNERS, 0.5, 4);
+    // Five of nine are somewhere else, each elsewhere.
+    for (index, mark) in marks.known.iter_mut().enumerate().skip(4) {
+        if let Known::Place(at_m) = &mut mark.known {
+            at_m[0] += [3.0, -4.0, 6.0, -5.0, 2.0][index - 4];
+            at_m[1] += [-5.0, 2.0, 3.0, -3.0, 6.0][index - 4];
+        }
+    }
+    let said = fit(&marks, &cameras).unwrap_err();
+    assert!(said.contains("contradict each other"), "{said}");
+}
+
+#[test]
 fn one_click_in_one_camera_is_named() {
     let truth = venue();
     let cameras = moved(&truth, &elsewhere());
