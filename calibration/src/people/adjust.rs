@@ -80,6 +80,8 @@ pub(super) struct Adjusted {
     pub(super) points: Vec<PointOf>,
     /// Per camera of the problem the noise of its keypoints over the expected one.
     pub(super) noise: Vec<f64>,
+    /// Ticks that each one stands for at which persons were looked for.
+    pub(super) ticks_per_look: f64,
 }
 
 /// Cameras on their way, by their index in the request.
@@ -113,9 +115,10 @@ pub(super) fn settle(
     let mut last = None;
     for (number, round) in rounds.iter().enumerate() {
         let is_last = number + 1 == rounds.len();
-        let found = found_persons(views, current, round.gate, round.most);
+        let (found, ticks_per_look) = found_persons(views, current, round.gate, round.most);
         let freed = if is_last { lenses } else { Lenses::Given };
         let mut adjusted = problem(views, current, found, freed, noise)?;
+        adjusted.ticks_per_look = ticks_per_look;
         let limits = Limits {
             steps: round.steps,
             decrease: round.decrease,
@@ -155,13 +158,13 @@ fn bound(noise: &mut [f64], posed: &[usize]) {
     }
 }
 
-/// Persons at ticks that are evenly spread, as many as have about `most` keypoints.
+/// Persons at ticks that are evenly spread, as many as have about `most` keypoints, and how many ticks each of these stands for.
 fn found_persons(
     views: &[View],
     cameras: &[Option<CameraState>],
     gate: f64,
     most: usize,
-) -> Vec<Person> {
+) -> (Vec<Person>, f64) {
     let posed = views.iter().zip(cameras).filter(|(_, c)| c.is_some());
     let mut ticks: Vec<i64> = posed.flat_map(|(v, _)| v.ticks.keys().copied()).collect();
     ticks.sort_unstable();
@@ -181,7 +184,12 @@ fn found_persons(
     };
     let per_tick = keypoints(&at(&few)) as f64 / few.len().max(1) as f64;
     let count = (most as f64 / per_tick.max(0.1)).ceil() as usize;
-    at(&evenly(&ticks, count.max(10)))
+    let looked_at = evenly(&ticks, count.max(10));
+    // Where networks look at every fifth frame only, a frame stands for five.
+    let steps = ticks.windows(2).map(|pair| (pair[1] - pair[0]) as f64);
+    let usual_step = upper_median(steps.collect()).unwrap_or(1.0);
+    let per_look = usual_step * ticks.len() as f64 / looked_at.len().max(1) as f64;
+    (at(&looked_at), per_look)
 }
 
 fn evenly(all: &[i64], most: usize) -> Vec<i64> {
@@ -259,6 +267,7 @@ fn problem(
             loss: Loss::Cauchy(CAUCHY),
         },
         noise: vec![1.0; posed.len()],
+        ticks_per_look: 1.0,
         posed,
         persons,
         points,

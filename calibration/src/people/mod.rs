@@ -4,8 +4,6 @@
 //! upright bodies of a usual stature; paths of feet propose how two cameras stand to each other, and all keypoints of the
 //! bodies that fit decide; pairs become one rough world; then all cameras are adjusted to all keypoints of all bodies. Up
 //! and floor are those of feet; metres come from stature, a known distance or known places.
-//!
-//! It refuses to guess who is who: a body that fits two others equally well is left out.
 
 mod adjust;
 mod associate;

@@ -9,14 +9,14 @@ use super::error::PeopleError;
 use super::judged::assess::{DOUBTFUL_CONTRADICTION, DOUBTFUL_NOISE, Found, Told, assess};
 use super::judged::contradiction::contradictions;
 use super::plan::{BodyPlan, USUAL_STATURE_M, other_sides};
-use super::request::PeopleRequest;
+use super::request::{PeopleCamera, PeopleRequest};
 use super::start::clocks::{lags, refine};
 use super::start::floor_match::Feet;
 use super::start::graph::{Placed, places};
 use super::start::ground::{Ground, LEAST_BODIES, ground};
 use super::start::pair::{LEAST_MATCHED, Pair, Walkers, all_pairs, pair};
 use super::venue::{Standing, lay};
-use super::view::{Clock, Tracks, View};
+use super::view::{Clock, LEAST_RATE_HZ, Tracks, View};
 use crate::adjustment::{CameraState, covariance};
 use crate::alignment::Similarity;
 use crate::points::{
@@ -25,6 +25,9 @@ use crate::points::{
 
 /// Frame rates that are believed, 1/s.
 const RATES_HZ: [f64; 2] = [0.1, 1e5];
+/// Largest offset of a clock, either way, seconds (seconds since 1970 are 1.8e9), and largest number of a frame.
+const MOST_OFFSET_S: f64 = 1e10;
+const MOST_FRAME: f64 = 1e12;
 /// How far the number of a frame may be from a whole one.
 const WHOLE: f64 = 1e-6;
 /// Statures that are believed, metres.
@@ -162,6 +165,46 @@ fn clocks_of(request: &PeopleRequest, ticks_hz: f64) -> Vec<Clock> {
     each.collect()
 }
 
+/// That the clock of a camera can be used.
+fn check_clock(camera: &PeopleCamera, request: &PeopleRequest) -> Result<(), PeopleError> {
+    let refused = |text: String| Err(PeopleError::Request(CalibrationError::Request(text)));
+    let name = &camera.name;
+    let rate_hz = camera.rate_hz.unwrap_or(request.rate_hz);
+    if !(RATES_HZ[0]..=RATES_HZ[1]).contains(&rate_hz) {
+        return Err(PeopleError::Request(CalibrationError::Rate {
+            camera: name.clone(),
+            found: rate_hz,
+        }));
+    }
+    if request.timing != Timing::Synchronised && rate_hz < LEAST_RATE_HZ {
+        return refused(format!(
+            "camera `{name}`: found {rate_hz} frames per second, expected {LEAST_RATE_HZ} or more of cameras that are not \
+             synchronised: between its frames people go too far"
+        ));
+    }
+    let offset_s = camera.offset_s.unwrap_or(f64::NAN);
+    if request.timing == Timing::Clocks && !offset_s.is_finite() {
+        return Err(PeopleError::Request(CalibrationError::Offset {
+            camera: name.clone(),
+        }));
+    }
+    if request.timing == Timing::Clocks && offset_s.abs() > MOST_OFFSET_S {
+        return refused(format!(
+            "camera `{name}`: found an offset of {offset_s} s, expected {MOST_OFFSET_S:e} at most"
+        ));
+    }
+    let numbers = camera.frames.iter().map(|it| it.frame);
+    let huge = numbers
+        .filter(|it| it.is_finite())
+        .find(|it| it.abs() > MOST_FRAME);
+    match huge {
+        Some(found) => refused(format!(
+            "camera `{name}`: found frame {found}, expected {MOST_FRAME:e} at most"
+        )),
+        None => Ok(()),
+    }
+}
+
 fn check(request: &PeopleRequest) -> Result<(), PeopleError> {
     if request.cameras.len() < 2 {
         return Err(PeopleError::Request(CalibrationError::TooFewCameras {
@@ -175,19 +218,7 @@ fn check(request: &PeopleRequest) -> Result<(), PeopleError> {
                 camera: camera.name.clone(),
             }));
         }
-        let rate_hz = camera.rate_hz.unwrap_or(request.rate_hz);
-        if !(RATES_HZ[0]..=RATES_HZ[1]).contains(&rate_hz) {
-            return Err(PeopleError::Request(CalibrationError::Rate {
-                camera: camera.name.clone(),
-                found: rate_hz,
-            }));
-        }
-        let offset_s = camera.offset_s.unwrap_or(f64::NAN);
-        if request.timing == Timing::Clocks && !offset_s.is_finite() {
-            return Err(PeopleError::Request(CalibrationError::Offset {
-                camera: camera.name.clone(),
-            }));
-        }
+        check_clock(camera, request)?;
     }
     check_frames(request)?;
     if let Some(found) = request.stature_m
@@ -376,6 +407,8 @@ fn finish(
         scale,
         standing,
         floor,
+        named,
+        anchors,
     };
     let report = assess(&found);
     let cameras = found

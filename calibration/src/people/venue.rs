@@ -1,7 +1,7 @@
 //! From the world of the adjustment to the venue: up and floor by feet and upright bodies, metres by stature, places or a
 //! distance.
 
-use farfield_proto::order_statistics::upper_median;
+use farfield_proto::order_statistics::{percentile, upper_median};
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
 use super::adjust::Adjusted;
@@ -35,7 +35,7 @@ pub(super) struct Floor {
     pub(super) ankles: f64,
     /// Median distance of the ankles from their plane.
     pub(super) apart: f64,
-    /// Root mean square extents of where feet stood, along the floor: the longer, the shorter.
+    /// Extents of where feet stood along the floor, between their 10 and 90 %: along their main direction, and across it.
     pub(super) extent: [f64; 2],
     /// Angle between the mean of the bodies' axes and up, radians.
     pub(super) lean_rad: f64,
@@ -142,9 +142,16 @@ impl Standing {
             let d = d - up * up.dot(&d);
             spread += d * d.transpose() / count;
         }
-        let mut lengths = spread.symmetric_eigenvalues().map(|v| v.max(0.0).sqrt());
-        lengths.as_mut_slice().sort_by(f64::total_cmp);
-        [lengths[2], lengths[1]]
+        let eigen = spread.symmetric_eigen();
+        let along = eigen.eigenvectors.column(eigen.eigenvalues.imax());
+        let across = up.cross(&along);
+        let width = |axis: &Vector3<f64>| {
+            let mut at: Vec<f64> = self.ankles.iter().map(|ankle| ankle.dot(axis)).collect();
+            at.sort_by(f64::total_cmp);
+            let ends = percentile(&at, 0.1).zip(percentile(&at, 0.9));
+            ends.map_or(0.0, |(low, high)| high - low)
+        };
+        [width(&along.into_owned()), width(&across)]
     }
 
     /// Median stature, the unit of the adjustment.

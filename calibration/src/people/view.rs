@@ -15,8 +15,12 @@ use crate::adjustment::CameraState;
 const LEAST_SCORE: f64 = 0.15;
 /// Keypoints that a body needs to be looked at.
 const LEAST_KEYPOINTS: usize = 6;
-/// Time between two frames from which nothing is said of what was between them, seconds.
+/// Time between two frames from which nothing is said of what was between them: seconds, and frames where these are slower.
 const MOST_BETWEEN_S: f64 = 0.15;
+const MOST_BETWEEN_FRAMES: f64 = 1.5;
+/// Frames per second below which a camera that is not synchronised says nothing of what was between its frames: people have
+/// gone on too far.
+pub(super) const LEAST_RATE_HZ: f64 = 3.0;
 /// Share of the keypoints of a camera that may lie outside of its picture.
 const OUTSIDE_SHARE: f64 = 0.2;
 
@@ -144,6 +148,8 @@ impl Tracks {
                     });
                 }
                 let seen = detection.keypoints.iter().flatten();
+                // What was not seen is often given some place or other.
+                let seen = seen.filter(|keypoint| keypoint.score >= LEAST_SCORE);
                 all += seen.clone().count();
                 outside += seen.filter(|k| is_outside(k.px, camera.size_px)).count();
                 bodies.extend(body(detection, camera.size_px, &state, fold_radius));
@@ -234,19 +240,18 @@ fn by_tick(tracks: &[Vec<Tracked>], clock: &Clock) -> BTreeMap<i64, Vec<Body>> {
             }
             continue;
         };
+        let most_s = MOST_BETWEEN_S.max(MOST_BETWEEN_FRAMES / clock.rate_hz);
         let tick_of = |frame: f64| (frame / clock.rate_hz + clock.offset_s) * ticks_hz;
         for pair in track.windows(2) {
             let [a, b] = pair else { continue };
-            if (b.frame - a.frame) / clock.rate_hz > MOST_BETWEEN_S {
+            if (b.frame - a.frame) / clock.rate_hz > most_s {
                 continue;
             }
             let (from, to) = (tick_of(a.frame), tick_of(b.frame));
-            let mut tick = from.ceil();
-            while tick < to {
-                let share = (tick - from) / (to - from);
-                let own = ticks.entry(tick as i64).or_default();
+            for tick in from.ceil() as i64..to.ceil() as i64 {
+                let share = (tick as f64 - from) / (to - from);
+                let own = ticks.entry(tick).or_default();
                 own.push(numbered(between(&a.body, &b.body, share)));
-                tick += 1.0;
             }
         }
     }

@@ -6,7 +6,7 @@ use super::over_time::knocked_at;
 use super::refine::{bounded, noise_px};
 use super::request::{PointCamera, PointRequest};
 use crate::adjustment::{CameraState, Covariance, Problem};
-use crate::alignment::Alignment;
+use crate::alignment::{Alignment, Anchors};
 use crate::report::{CameraReport, Cause, Finding, Report};
 
 /// Residuals within this many standard deviations are used; less than these shares are doubtful, and wrong.
@@ -36,8 +36,10 @@ pub(super) struct Found<'a> {
     pub(super) posed: Vec<usize>,
     pub(super) covariance: Option<Covariance>,
     pub(super) alignment: Alignment,
-    /// The known place without which the others fit best, and to how many metres.
-    pub(super) odd_place: Option<(String, f64)>,
+    /// The cameras of the problem by name.
+    pub(super) named: Vec<(String, CameraState)>,
+    /// What is known of these.
+    pub(super) anchors: Anchors,
 }
 
 /// What is said of the cameras; [`super::venue`] has what is said of the whole.

@@ -9,6 +9,10 @@ use crate::alignment::Similarity;
 /// Sights of a camera that a half needs.
 const LEAST_SIGHTS: usize = 15;
 
+/// Where in the picture halves are compared besides its middle: towards each corner, as a share of the picture's sides. What
+/// turns about the axis of the camera moves nothing in the middle.
+const TOWARDS_CORNER: f64 = 0.35;
+
 /// How far two halves put a camera from each other.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Apart {
@@ -16,7 +20,8 @@ pub(crate) struct Apart {
     pub(crate) distance: f64,
     /// Their axes.
     pub(crate) turned_rad: f64,
-    /// What both draw of a point straight ahead of the first, at the usual depth; infinite where one draws it not.
+    /// The most that they draw a point apart that is at the usual depth of the first, ahead of it or
+    /// [`TOWARDS_CORNER`] of the picture off; infinite where one draws it not.
     pub(crate) px: f64,
 }
 
@@ -95,18 +100,37 @@ pub(crate) fn halves(problem: &Problem) -> Vec<Option<Apart>> {
                 .camera_from_world
                 .angle_to(&first[i].camera_from_world);
             let depth = depths.get(i).copied().flatten().unwrap_or(f64::NAN);
-            let ahead = Vector3::new(0.0, 0.0, depth);
-            let point = first[i].center_w + first[i].camera_from_world.inverse() * ahead;
-            let drawn = |state: &CameraState| state.project(&point, state.fold_radius());
-            let px = drawn(&first[i]).zip(drawn(&moved));
             Apart {
                 distance: (moved.center_w - first[i].center_w).norm(),
                 turned_rad: turned,
-                px: px.map_or(f64::INFINITY, |(a, b)| (a - b).norm()),
+                px: drawn_apart_px(&first[i], &moved, depth),
             }
         })
     });
     apart.collect()
+}
+
+/// [`Apart::px`] of two states of a camera, at `depth`.
+fn drawn_apart_px(first: &CameraState, second: &CameraState, depth: f64) -> f64 {
+    let fold_radius = first.fold_radius();
+    let of = &first.intrinsics;
+    // The principal point is about the middle of the picture.
+    let off = [of.cx_px, of.cy_px].map(|middle| 2.0 * TOWARDS_CORNER * middle);
+    let corners = [[-1.0, -1.0], [-1.0, 1.0], [1.0, -1.0], [1.0, 1.0]];
+    let towards = corners.iter().filter_map(|[x, y]| {
+        let px = [of.cx_px + x * off[0], of.cy_px + y * off[1]];
+        // What the lens does not draw there says nothing.
+        let bearing = first.bearing(px, fold_radius)?;
+        (bearing.z > 0.0).then(|| bearing * (depth / bearing.z))
+    });
+    let ahead = Vector3::new(0.0, 0.0, depth);
+    let each = std::iter::once(ahead).chain(towards).map(|seen| {
+        let point = first.center_w + first.camera_from_world.inverse() * seen;
+        let drawn = |state: &CameraState| state.project(&point, state.fold_radius());
+        let both = drawn(first).zip(drawn(second));
+        both.map_or(f64::INFINITY, |(a, b)| (a - b).norm())
+    });
+    each.fold(0.0, f64::max)
 }
 
 /// What orders an observation in time.
@@ -117,5 +141,33 @@ fn moment(problem: &Problem, observation: &crate::adjustment::Observation) -> f6
             let camera = problem.cameras.get(observation.camera);
             camera.map_or(0.0, |camera| camera.state.time_s(observation.frame))
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use farfield_proto::camera::{Distortion, Intrinsics};
+    use nalgebra::UnitQuaternion;
+
+    use super::*;
+
+    #[test]
+    fn halves_that_are_turned_about_the_axis_of_the_camera_are_apart() {
+        let intrinsics = Intrinsics {
+            fx_px: 1100.0,
+            fy_px: 1100.0,
+            cx_px: 960.0,
+            cy_px: 600.0,
+        };
+        let first = CameraState::at_origin(intrinsics, &Distortion::default());
+        let rolled = CameraState {
+            camera_from_world: UnitQuaternion::from_axis_angle(&Vector3::z_axis(), 0.01),
+            ..first
+        };
+        // 0.35 of the picture's sides off its middle.
+        let arm_px = libm::hypot(0.7 * 960.0, 0.7 * 600.0);
+        let px = drawn_apart_px(&first, &rolled, 8.0);
+        assert!((px - 0.01 * arm_px).abs() < 0.01, "{px}");
+        assert!(drawn_apart_px(&first, &first, 8.0) < 1e-9);
     }
 }

@@ -360,7 +360,8 @@ fn finish(
         problem: refined.problem,
         posed: refined.posed,
         alignment,
-        odd_place: anchors.odd_place(&named),
+        named,
+        anchors,
     };
     let mut report = assess(&found);
     report

@@ -3,9 +3,10 @@
 use farfield_proto::order_statistics::upper_median;
 use nalgebra::Vector3;
 
-use super::assess::{Found, finding, span_m, states};
+use super::assess::{Found, finding};
 use super::request::Timing;
 use crate::adjustment::CameraState;
+use crate::alignment::{Alignment, Anchors};
 use crate::report::{CameraReport, Cause, Finding};
 
 /// Distance of known places from where they were found that is doubtful: metres, and standard deviations of the places.
@@ -23,6 +24,48 @@ const MOST_NAMED: usize = 6;
 const WRONG_MARKS: f64 = 4.0;
 /// The z of a picture's upper edge below which a camera looks straight up or down, and says nothing of upright.
 const LEAST_UPRIGHT: f64 = 0.1;
+
+/// Cameras that were laid in their venue, and what is known of it: whatever they were calibrated from.
+pub(crate) struct Laid<'a> {
+    /// Those that have a pose, in the world of the adjustment.
+    pub(crate) cameras: &'a [(String, CameraState)],
+    /// What is known of them.
+    pub(crate) anchors: &'a Anchors,
+    pub(crate) alignment: &'a Alignment,
+}
+
+impl Laid<'_> {
+    /// The cameras in the venue.
+    fn states(&self) -> Vec<CameraState> {
+        let venue = &self.alignment.venue_from_found;
+        let each = self.cameras.iter();
+        each.map(|(_, state)| venue.apply_to_camera(state))
+            .collect()
+    }
+
+    /// The largest distance between two cameras.
+    fn span_m(&self) -> f64 {
+        let states = self.states();
+        let mut most: f64 = 0.0;
+        for a in &states {
+            for b in &states {
+                most = most.max((a.center_w - b.center_w).norm());
+            }
+        }
+        most
+    }
+}
+
+/// What is said of `laid` cameras, of which `cameras` tells how well they are known: whether they stand upright, and fit
+/// known places, distances and marks.
+pub(crate) fn of_anchors(laid: &Laid<'_>, cameras: &[CameraReport]) -> Vec<Finding> {
+    let mut findings = Vec::new();
+    findings.extend(upright(laid));
+    findings.extend(known_places(laid, cameras));
+    findings.extend(known_distances(laid));
+    findings.extend(marks(laid));
+    findings
+}
 
 /// What is said of the alignment, of all cameras together.
 pub(super) fn of_alignment(found: &Found<'_>, cameras: &[CameraReport]) -> Vec<Finding> {
@@ -57,10 +100,14 @@ pub(super) fn of_alignment(found: &Found<'_>, cameras: &[CameraReport]) -> Vec<F
             "give the places of three cameras or more (`--at`)",
         ));
     }
-    findings.extend(upright(found));
-    findings.extend(known_places(found, cameras));
-    findings.extend(known_distances(found));
-    findings.extend(marks(found));
+    findings.extend(of_anchors(
+        &Laid {
+            cameras: &found.named,
+            anchors: &found.anchors,
+            alignment: &found.alignment,
+        },
+        cameras,
+    ));
     let two = found.problem.cameras.len() == 2;
     if two && found.request.timing == Timing::Unknown {
         findings.push(finding(
@@ -77,11 +124,11 @@ pub(super) fn of_alignment(found: &Found<'_>, cameras: &[CameraReport]) -> Vec<F
 
 /// Cameras stand upright. Where the known places lie in a plane their mirror image fits them as well, and what then stands
 /// on its head is the cameras.
-fn upright(found: &Found<'_>) -> Option<Finding> {
-    if !found.alignment.has_floor {
+fn upright(laid: &Laid<'_>) -> Option<Finding> {
+    if !laid.alignment.has_floor {
         return None;
     }
-    let states = states(found);
+    let states = laid.states();
     let up = states
         .iter()
         .map(|state| (state.camera_from_world.inverse() * -Vector3::y()).z);
@@ -107,16 +154,16 @@ fn upright(found: &Found<'_>) -> Option<Finding> {
     })
 }
 
-fn known_places(found: &Found<'_>, cameras: &[CameraReport]) -> Option<Finding> {
-    let rms_m = found.alignment.rms_m?;
+fn known_places(laid: &Laid<'_>, cameras: &[CameraReport]) -> Option<Finding> {
+    let rms_m = laid.alignment.rms_m?;
     let sigmas = cameras.iter().map(|camera| camera.position_sigma_m);
     let usual_sigma_m = upper_median(sigmas.filter(|s| s.is_finite()).collect()).unwrap_or(0.0);
     let bar_m = DOUBTFUL_ANCHORS_M.max(ANCHORS_SIGMAS * usual_sigma_m);
-    let wrong_m = WRONG_ANCHORS_M.min(WRONG_ANCHORS_SHARE * span_m(found));
+    let wrong_m = WRONG_ANCHORS_M.min(WRONG_ANCHORS_SHARE * laid.span_m());
     if rms_m <= bar_m.min(wrong_m) {
         return None;
     }
-    let odd = found.odd_place.as_ref();
+    let odd = laid.anchors.odd_place(laid.cameras);
     let odd = odd.filter(|(_, left_m)| *left_m < ODD_SHARE * rms_m);
     let said = odd.map_or_else(String::new, |(name, left_m)| {
         format!("; without `{name}` the others fit to {left_m:.3} m")
@@ -132,23 +179,8 @@ fn known_places(found: &Found<'_>, cameras: &[CameraReport]) -> Option<Finding> 
 }
 
 /// Marks that were clicked beside the others.
-fn marks(found: &Found<'_>) -> Option<Finding> {
-    let named = found.posed.iter().zip(&found.problem.cameras);
-    let cameras: Vec<(String, CameraState)> = named
-        .filter_map(|(i, camera)| Some((found.request.cameras.get(*i)?.name.clone(), camera.state)))
-        .collect();
-    let has_pose = |name: &String| cameras.iter().any(|(other, _)| other == name);
-    let names = found.request.cameras.iter().map(|camera| &camera.name);
-    let without: Vec<&str> = names
-        .filter(|name| !has_pose(name))
-        .map(String::as_str)
-        .collect();
-    let fitted = found
-        .request
-        .anchors
-        .without(&without)
-        .fit_marks(&cameras)
-        .ok()??;
+fn marks(laid: &Laid<'_>) -> Option<Finding> {
+    let fitted = laid.anchors.fit_marks(laid.cameras).ok()??;
     let said: Vec<String> = fitted
         .outliers()
         .take(MOST_NAMED)
@@ -177,17 +209,14 @@ fn marks(found: &Found<'_>) -> Option<Finding> {
     })
 }
 
-fn known_distances(found: &Found<'_>) -> Vec<Finding> {
-    let states = states(found);
+fn known_distances(laid: &Laid<'_>) -> Vec<Finding> {
+    let states = laid.states();
     let center = |name: &String| {
-        let mut posed = found.posed.iter().zip(&states);
-        let it = posed.find(|(index, _)| {
-            let camera = found.request.cameras.get(**index);
-            camera.is_some_and(|camera| camera.name == *name)
-        });
+        let mut named = laid.cameras.iter().zip(&states);
+        let it = named.find(|((other, _), _)| other == name);
         it.map(|(_, state)| state.center_w)
     };
-    let each = found.request.anchors.distances.iter().filter_map(|known| {
+    let each = laid.anchors.distances.iter().filter_map(|known| {
         let here_m = (center(&known.first)? - center(&known.second)?).norm();
         let off = (here_m / known.distance_m - 1.0).abs();
         (off > WRONG_DISTANCE).then(|| {

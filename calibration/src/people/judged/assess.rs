@@ -5,13 +5,13 @@ use farfield_proto::order_statistics::upper_median;
 
 use super::findings::of_all;
 use crate::adjustment::{CameraState, Covariance};
-use crate::alignment::Alignment;
+use crate::alignment::{Alignment, Anchors};
 use crate::people::adjust::Adjusted;
 use crate::people::request::PeopleRequest;
 use crate::people::start::pair::Pair;
 use crate::people::venue::{Floor, Scale, Standing};
 use crate::people::view::Clock;
-use crate::points::{Apart, halves, knocked_at};
+use crate::points::{Apart, Laid, halves, knocked_at, of_anchors};
 use crate::report::{CameraReport, Cause, Finding, Report};
 
 /// Residuals within this many standard deviations are used; less than these shares are doubtful, and wrong.
@@ -29,13 +29,11 @@ const WRONG_CONTRADICTION: f64 = 0.5;
 /// Uncertainty of a place that is doubtful, and wrong, as a share of the distance between cameras.
 const DOUBTFUL_SIGMA: f64 = 0.005;
 const WRONG_SIGMA: f64 = 0.03;
-/// Halves disagree when they are so many standard deviations apart, and draw a point at the usual depth so many pixels
-/// apart: doubtful, and wrong.
+/// Halves disagree when they draw a point at the usual depth so many pixels apart: doubtful where it is also so many of
+/// their standard deviations, and wrong however uncertain they are.
 const HALVES_SIGMAS: f64 = 5.0;
 const DOUBTFUL_HALVES_PX: f64 = 2.0;
 const WRONG_HALVES_PX: f64 = 6.0;
-/// Halves that draw a point so far apart are wrong however uncertain they are.
-const HOPELESS_HALVES_PX: f64 = 15.0;
 /// Change of the focal length that is doubtful, and wrong.
 const DOUBTFUL_FOCAL: f64 = 0.02;
 const WRONG_FOCAL: f64 = 0.06;
@@ -64,6 +62,10 @@ pub(in crate::people) struct Found<'a> {
     pub(in crate::people) scale: Scale,
     pub(in crate::people) standing: Standing,
     pub(in crate::people) floor: Option<Floor>,
+    /// The cameras of the problem by name.
+    pub(in crate::people) named: Vec<(String, CameraState)>,
+    /// What is known of these.
+    pub(in crate::people) anchors: Anchors,
 }
 
 impl Found<'_> {
@@ -98,8 +100,18 @@ pub(in crate::people) fn assess(found: &Found<'_>) -> Report {
     let apart = halves(&found.adjusted.problem);
     let sights = sights(found);
     let mut cameras = camera_reports(found, &apart, &sights);
-    widen_sigmas(&mut cameras);
     let mut findings = of_all(found);
+    // Before they are widened by what halves are apart: then hardly any could be too far.
+    for (report, apart) in cameras.iter().zip(&apart) {
+        findings.extend(of_halves(report, *apart));
+    }
+    widen_sigmas(&mut cameras);
+    let laid = Laid {
+        cameras: &found.named,
+        anchors: &found.anchors,
+        alignment: &found.alignment,
+    };
+    findings.extend(of_anchors(&laid, &cameras));
     let span_m = found.span_m();
     for (index, report) in cameras.iter().enumerate() {
         let noise = found.adjusted.noise.get(index).copied().unwrap_or(f64::NAN);
@@ -107,7 +119,6 @@ pub(in crate::people) fn assess(found: &Found<'_>) -> Report {
         findings.extend(of_noise(&report.name, noise, usual));
         findings.extend(contradicting(report, found.told.contradictions.get(index)));
         findings.extend(of_camera(report, span_m, cameras.len()));
-        findings.extend(of_halves(report, apart.get(index).copied().flatten()));
         findings.extend(knocked(report, sights.get(index)));
     }
     findings.sort_by_key(|finding| !finding.is_wrong);
@@ -317,12 +328,12 @@ fn of_halves(report: &CameraReport, apart: Option<Apart>) -> Option<Finding> {
     // Each half is as uncertain as the whole times the root of two, and there are two.
     let is_far = report.halves_m > HALVES_SIGMAS * 2.0 * report.position_sigma_m;
     let is_turned = report.halves_deg > HALVES_SIGMAS * 2.0 * report.rotation_sigma_deg;
-    let is_hopeless = apart_px > HOPELESS_HALVES_PX;
-    (is_hopeless || (apart_px > DOUBTFUL_HALVES_PX && (is_far || is_turned))).then(|| {
+    let is_wrong = apart_px > WRONG_HALVES_PX;
+    (is_wrong || (apart_px > DOUBTFUL_HALVES_PX && (is_far || is_turned))).then(|| {
         finding(
             name,
             Cause::HalvesDisagree,
-            apart_px > WRONG_HALVES_PX,
+            is_wrong,
             format!(
                 "first and second half put it {:.3} m and {:.3} degrees apart, which moves a point by {apart_px:.1} px",
                 report.halves_m, report.halves_deg

@@ -1,7 +1,7 @@
 //! Cameras that see people elsewhere than the others do: what a camera's noise does not tell, because bodies that fit
 //! nobody take no part in it.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::Vector3;
 
@@ -13,7 +13,7 @@ use crate::people::view::View;
 const EDGE_SHARE: f64 = 0.1;
 
 /// Per camera of the problem: of the persons that others put well inside its picture, the share that it does not see there
-/// although it sees somebody whom nobody else does.
+/// although it sees somebody whom nobody else does. One whom nobody else sees stands for one who is missing, not for all.
 pub(in crate::people) fn contradictions(
     request: &PeopleRequest,
     views: &[View],
@@ -41,23 +41,26 @@ pub(in crate::people) fn contradictions(
                 })
             })
         };
-        let (mut contradicting, mut all) = (0, 0);
+        let mut seen_too = 0;
+        let mut missing: BTreeMap<i64, usize> = BTreeMap::new();
         for (person, body) in adjusted.persons.iter().zip(&bodies) {
             if person.members.iter().any(|(camera, _)| camera == index) {
-                all += 1;
+                seen_too += 1;
                 continue;
             }
             let seen: Vec<&Vector3<f64>> = body.iter().flatten().collect();
             if seen.is_empty() || !seen.iter().all(|at| is_inside(at)) {
                 continue;
             }
-            let own = view.ticks.get(&person.tick).map_or(0, Vec::len);
-            if (0..own).any(|body| !known.contains(&(person.tick, *index, body))) {
-                contradicting += 1;
-                all += 1;
-            }
+            *missing.entry(person.tick).or_default() += 1;
         }
-        f64::from(contradicting) / f64::from(all.max(1))
+        let contradicting = missing.iter().map(|(tick, missing)| {
+            let own = view.ticks.get(tick).map_or(0, Vec::len);
+            let is_unmatched = |body: &usize| !known.contains(&(*tick, *index, *body));
+            (0..own).filter(is_unmatched).count().min(*missing)
+        });
+        let contradicting: usize = contradicting.sum();
+        contradicting as f64 / (seen_too + contradicting).max(1) as f64
     });
     each.collect()
 }

@@ -1,8 +1,6 @@
 //! What speaks against a calibration from people as a whole: who was not connected, how people walked, the floor, the
 //! length of a metre.
 
-use std::collections::BTreeSet;
-
 use super::assess::{Found, finding};
 use crate::people::plan::USUAL_STATURE_M;
 use crate::people::start::ground::LEAST_BODIES;
@@ -14,9 +12,10 @@ use farfield_proto::order_statistics::{percentile, upper_median};
 const USUAL_PERSON_S: f64 = 60.0;
 const LEAST_PERSON_S: f64 = 8.0;
 /// Extent of where feet stood across their main direction: less than this share of that along it, and less than so many
-/// metres, is a straight walk.
+/// metres, is a straight walk; less than the other share is wrong, as is less than the metres.
 const LINE_SHARE: f64 = 0.12;
-const LINE_M: f64 = 0.25;
+const WRONG_LINE_SHARE: f64 = 0.05;
+const LINE_M: f64 = 0.6;
 /// Ratio of a camera's far to its near persons below which they all stand at one depth.
 const ONE_DEPTH: f64 = 1.15;
 /// Median distance of standing ankles from their plane that is doubtful, and wrong, metres.
@@ -25,30 +24,28 @@ const WRONG_FEET_M: f64 = 0.12;
 /// Mean lean of people that is doubtful, and wrong, degrees.
 const DOUBTFUL_LEAN_DEG: f64 = 4.0;
 const WRONG_LEAN_DEG: f64 = 12.0;
-/// Height of the floor, by feet, in a venue that known places fix: doubtful, and wrong, metres.
-const DOUBTFUL_FLOOR_M: f64 = 0.15;
-const WRONG_FLOOR_M: f64 = 0.5;
+/// Height of the floor, by feet, in a venue that known places fix: doubtful, and wrong, metres; and its tilt, degrees.
+const DOUBTFUL_FLOOR_M: f64 = 0.10;
+const WRONG_FLOOR_M: f64 = 0.20;
+const DOUBTFUL_TILT_DEG: f64 = 1.5;
+const WRONG_TILT_DEG: f64 = 3.0;
 /// Statures that are believed of a mean, metres.
 const STATURES_M: [f64; 2] = [1.2, 2.1];
 /// Difference of given and found stature that is doubtful.
 const DOUBTFUL_STATURE: f64 = 0.05;
-/// Share by which a known distance may be off.
-const WRONG_DISTANCE: f64 = 0.02;
-/// Distance of known places from where they were found that is doubtful, and wrong, metres.
-const DOUBTFUL_ANCHORS_M: f64 = 0.10;
-const WRONG_ANCHORS_M: f64 = 0.5;
 
 /// What is said of all cameras together.
 pub(in crate::people) fn of_all(found: &Found<'_>) -> Vec<Finding> {
     let mut findings = not_connected(found);
     findings.extend(degenerate(found));
+    findings.extend(only_two(found));
     findings.extend(too_few(found));
     findings.extend(straight_walk(found));
     findings.extend(one_depth(found));
     findings.extend(feet(found));
     findings.extend(under_floor(found));
     findings.extend(metres(found));
-    findings.extend(places(found));
+    findings.extend(known_floor(found));
     findings
 }
 
@@ -97,8 +94,34 @@ fn not_connected(found: &Found<'_>) -> Vec<Finding> {
     each.collect()
 }
 
+/// Of two cameras nothing can be checked against a third: halves cannot be laid on each other, and the distance, which is
+/// the unit, has no uncertainty.
+fn only_two(found: &Found<'_>) -> Option<Finding> {
+    (found.adjusted.posed.len() == 2).then(|| {
+        finding(
+            "",
+            Cause::HalvesUnchecked,
+            true,
+            "two cameras were calibrated, and nothing checks how they stand to each other"
+                .to_owned(),
+            "three cameras or more",
+            "add a camera, or calibrate two by a board or by points",
+        )
+    })
+}
+
 fn degenerate(found: &Found<'_>) -> Option<Finding> {
-    let direction = found.covariance.as_ref()?.degenerate.first()?;
+    let Some(covariance) = &found.covariance else {
+        return Some(finding(
+            "",
+            Cause::Uncertain,
+            true,
+            "how well the cameras are known could not be computed".to_owned(),
+            "people who fix every camera",
+            "let people walk across the whole field, near and far, on curves",
+        ));
+    };
+    let direction = covariance.degenerate.first()?;
     let named = direction.cameras.iter().filter_map(|(index, _)| {
         let asked = found.adjusted.posed.get(*index)?;
         Some(found.name(*asked))
@@ -117,15 +140,10 @@ fn degenerate(found: &Found<'_>) -> Option<Finding> {
     ))
 }
 
-/// How many persons there are at a tick that was looked at, times the seconds from the first to the last of these.
+/// Persons at the ticks that were looked at, times the seconds that each of these stands for: a tick without anybody counts
+/// nothing.
 fn person_seconds(found: &Found<'_>) -> f64 {
-    let persons = &found.adjusted.persons;
-    let ticks: BTreeSet<i64> = persons.iter().map(|it| it.tick).collect();
-    let (Some(first), Some(last)) = (ticks.first(), ticks.last()) else {
-        return 0.0;
-    };
-    let span_s = (last - first + 1) as f64 / found.ticks_hz;
-    persons.len() as f64 / ticks.len() as f64 * span_s
+    found.adjusted.persons.len() as f64 * found.adjusted.ticks_per_look / found.ticks_hz
 }
 
 fn too_few(found: &Found<'_>) -> Option<Finding> {
@@ -152,8 +170,8 @@ fn straight_walk(found: &Found<'_>) -> Option<Finding> {
         finding(
             "",
             Cause::Walk,
-            across_m < LINE_M,
-            format!("all walked along one line: {across_m:.2} m across it, {along_m:.2} m along it (root mean square)"),
+            across_m < LINE_M || across_m < WRONG_LINE_SHARE * along_m,
+            format!("all walked along one line: {across_m:.2} m across it, {along_m:.2} m along it (10 to 90 % of the steps)"),
             "walks that cover the field in both directions",
             "let people walk on curves over the whole field",
         )
@@ -309,68 +327,25 @@ fn statures(found: &Found<'_>) -> Option<Finding> {
     })
 }
 
-/// What was measured of the venue against what was found.
-fn places(found: &Found<'_>) -> Vec<Finding> {
-    let mut findings = Vec::new();
-    let states = found.states();
-    if let Some(rms_m) = found
-        .alignment
-        .rms_m
-        .filter(|rms_m| *rms_m > DOUBTFUL_ANCHORS_M)
-    {
-        findings.push(finding(
+/// The floor that known places make against the one that feet make.
+fn known_floor(found: &Found<'_>) -> Option<Finding> {
+    found.alignment.rms_m?;
+    let venue = &found.alignment.venue_from_found;
+    let heights = found.standing.ankles.iter().map(|it| venue.apply(it).z);
+    let ankle_m = upper_median(heights.collect()).unwrap_or(0.0);
+    let floor_m = ankle_m - crate::people::plan::ANKLE_HEIGHT * USUAL_STATURE_M;
+    let tilt_deg = found.floor.as_ref().map_or(0.0, |floor| {
+        let up = venue.rotation * floor.up;
+        up.angle(&nalgebra::Vector3::z()).to_degrees()
+    });
+    (floor_m.abs() > DOUBTFUL_FLOOR_M || tilt_deg > DOUBTFUL_TILT_DEG).then(|| {
+        finding(
             "",
             Cause::Anchors,
-            rms_m > WRONG_ANCHORS_M,
-            format!("the known places are {rms_m:.3} m from where they were found"),
-            "0.1 m or less",
-            "look for exchanged names, another unit, or a wrong number among them",
-        ));
-    }
-    if found.alignment.rms_m.is_some() {
-        let venue = &found.alignment.venue_from_found;
-        let heights = found.standing.ankles.iter().map(|it| venue.apply(it).z);
-        let ankle_m = upper_median(heights.collect()).unwrap_or(0.0);
-        let floor_m = ankle_m - crate::people::plan::ANKLE_HEIGHT * USUAL_STATURE_M;
-        let tilt = found.floor.as_ref().map_or(0.0, |floor| {
-            let up = venue.rotation * floor.up;
-            up.angle(&nalgebra::Vector3::z()).to_degrees()
-        });
-        if floor_m.abs() > DOUBTFUL_FLOOR_M || tilt > DOUBTFUL_LEAN_DEG {
-            findings.push(finding(
-                "",
-                Cause::Anchors,
-                floor_m.abs() > WRONG_FLOOR_M || tilt > WRONG_LEAN_DEG,
-                format!("people walk at a height of {floor_m:.2} m on ground that is tilted by {tilt:.1} degrees"),
-                "a level floor at zero",
-                "look at the heights of the known places, and for exchanged axes",
-            ));
-        }
-    }
-    let center = |name: &String| {
-        let mut posed = found.adjusted.posed.iter().zip(&states);
-        posed
-            .find(|(index, _)| found.name(**index) == name)
-            .map(|(_, state)| state.center_w)
-    };
-    for known in &found.request.anchors.distances {
-        let (Some(first), Some(second)) = (center(&known.first), center(&known.second)) else {
-            continue;
-        };
-        let here_m = (first - second).norm();
-        if (here_m / known.distance_m - 1.0).abs() > WRONG_DISTANCE {
-            findings.push(finding(
-                "",
-                Cause::Anchors,
-                true,
-                format!(
-                    "`{}` and `{}` are {here_m:.3} m apart in the result, which contradicts the given {:.3} m",
-                    known.first, known.second, known.distance_m
-                ),
-                "at most 2 % of difference",
-                "measure the distance again, and look at the known places and distances beside it",
-            ));
-        }
-    }
-    findings
+            floor_m.abs() > WRONG_FLOOR_M || tilt_deg > WRONG_TILT_DEG,
+            format!("people walk at a height of {floor_m:.2} m on ground that is tilted by {tilt_deg:.1} degrees"),
+            "a level floor at zero",
+            "look at the heights of the known places, and for exchanged axes",
+        )
+    })
 }
