@@ -122,6 +122,23 @@ fn parts(name: &str) -> Vec<Part> {
     parts
 }
 
+/// A name in parts, so that `cam_2` comes before `cam_10`.
+pub(crate) type NaturalKey = Vec<(usize, String)>;
+
+/// By the last number of a name, then by all of it; whether it has no number comes first.
+pub(crate) fn by_last_number(name: &str) -> (bool, NaturalKey) {
+    let parts = parts(name);
+    // Without leading zeros the longer number is the larger.
+    let key = |part: &Part| {
+        let length = if part.is_number { part.text.len() } else { 0 };
+        (length, part.text.clone())
+    };
+    let last = parts.iter().rev().find(|part| part.is_number);
+    let mut order: NaturalKey = last.map(key).into_iter().collect();
+    order.extend(parts.iter().map(key));
+    (last.is_none(), order)
+}
+
 /// Neighbouring runs of letters as one.
 fn joined(parts: &[Part]) -> Vec<Part> {
     let mut whole: Vec<Part> = Vec::new();

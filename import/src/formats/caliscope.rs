@@ -3,7 +3,7 @@
 //!
 //! Its trackers number `MediaPipe`'s 33 body landmarks from 0, hands and face from 100 on.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use farfield_proto::toml_file::FileError;
@@ -46,17 +46,12 @@ pub(super) fn read(text: &str, path: &Path, content: &mut Content) -> Result<(),
         let wrong = |problem: String| row.error(path, problem);
         point(&row, &columns, &mut bodies).map_err(wrong)?;
     }
-    let largest = bodies.values().filter_map(|body| body.keys().next_back());
-    let Some(largest) = largest.max() else {
+    let whole = |problem: String| FileError::new(path, problem);
+    let ids: BTreeSet<i64> = bodies.values().flat_map(BTreeMap::keys).copied().collect();
+    let Some(model) = model(&ids, content).map_err(whole)? else {
         return Ok(());
     };
-    let count = match largest {
-        0..=16 => Model::Coco17,
-        17..=25 => Model::Halpe26,
-        _ => Model::BlazePose,
-    }
-    .count();
-    let whole = |problem: String| FileError::new(path, problem);
+    let count = model.count();
     for ((camera, frame, _), body) in &bodies {
         let mapping = content.keypoints.by_count(count).map_err(whole)?;
         let person = mapping.person(|place| match body.get(&(place.cast_signed() as i64)) {
@@ -70,6 +65,40 @@ pub(super) fn read(text: &str, path: &Path, content: &mut Content) -> Result<(),
     }
     content.note("the file has no scores: keypoints were taken for certain (score 1)");
     Ok(())
+}
+
+/// Which keypoints the points of these ids are; `None` where there are none. What is not said is guessed, and doubted.
+///
+/// Of points that nobody saw there is no row: ids that stop short of 32 may be `MediaPipe`'s of somebody who sits at a
+/// table. Only where every id of a smaller model is there, and none beyond it, it is that one.
+fn model(ids: &BTreeSet<i64>, content: &mut Content) -> Result<Option<Model>, String> {
+    let Some(&largest) = ids.last() else {
+        return Ok(None);
+    };
+    if let Some(said) = content.keypoints.said(largest) {
+        return Ok(Some(said));
+    }
+    let last_of = |model: Model| model.count().cast_signed() as i64 - 1;
+    if largest > last_of(Model::BlazePose) {
+        return Err(format!(
+            "found point {largest}, which MediaPipe's body has not, expected ids up to {}: say which keypoints they are with \
+             `--keypoints MODEL`",
+            last_of(Model::BlazePose)
+        ));
+    }
+    let is_whole = |model: &Model| largest == last_of(*model) && ids.len() == model.count();
+    let smaller = [Model::Coco17, Model::Halpe26].into_iter().find(is_whole);
+    let model = smaller.unwrap_or(Model::BlazePose);
+    if largest == last_of(Model::BlazePose) {
+        content.note("the file does not name its points: they were taken for BLAZEPOSE, which counts to 32 as they do");
+    } else {
+        content.doubts.insert(format!(
+            "the file does not name its points, of which {largest} is the last: they were taken for {}; where that is wrong, \
+             say `--keypoints MODEL`",
+            model.name()
+        ));
+    }
+    Ok(Some(model))
 }
 
 fn columns(header: &Row) -> Result<Columns, String> {
@@ -119,4 +148,81 @@ fn point(
         ));
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::formats::{Format, ParseOptions, Parsed, parse};
+
+    /// One body that has these points, each at twice its id.
+    fn read(ids: impl IntoIterator<Item = i64>, options: ParseOptions) -> Result<Parsed, String> {
+        let rows = ids.into_iter().map(|id| format!("0,1,{id},{},5\n", 2 * id));
+        let text: String = rows.collect();
+        let text = format!("sync_index,cam_id,point_id,img_loc_x,img_loc_y\n{text}");
+        let options = ParseOptions {
+            format: Some(Format::Caliscope),
+            ..options
+        };
+        parse(text.as_bytes(), Path::new("xy.csv"), options).map_err(|error| error.to_string())
+    }
+
+    fn model_of(parsed: &Parsed) -> &str {
+        parsed.mapping.as_ref().map_or("", |it| it.name.as_str())
+    }
+
+    #[test]
+    fn a_model_is_guessed_by_all_ids_and_the_guess_is_doubted() {
+        let guessed = |ids: Vec<i64>| read(ids, ParseOptions::default()).unwrap();
+        let upper_body = guessed((0..23).collect());
+        assert_eq!(model_of(&upper_body), "BLAZEPOSE");
+        assert!(
+            upper_body
+                .doubts
+                .iter()
+                .any(|it| it.contains("22 is the last"))
+        );
+        // COCO's 17th without all of those before.
+        assert_eq!(model_of(&guessed((11..17).collect())), "BLAZEPOSE");
+        for (last, name) in [(16, "COCO_17"), (25, "HALPE_26")] {
+            let whole = guessed((0..=last).collect());
+            assert_eq!(model_of(&whole), name);
+            assert!(whole.doubts.iter().any(|it| it.contains(name)));
+        }
+        let whole = guessed((0..33).collect());
+        assert_eq!((model_of(&whole), whole.doubts.len()), ("BLAZEPOSE", 0));
+    }
+
+    #[test]
+    fn a_model_that_was_said_decides_whatever_the_ids() {
+        let asked = |model| ParseOptions {
+            model: Some(model),
+            ..ParseOptions::default()
+        };
+        let parsed = read(0..17, asked(Model::Halpe26)).unwrap();
+        assert_eq!((model_of(&parsed), parsed.doubts.len()), ("HALPE_26", 0));
+        let parsed = read(0..17, asked(Model::BlazePose)).unwrap();
+        assert_eq!(model_of(&parsed), "BLAZEPOSE");
+        let hinted = ParseOptions {
+            model_hint: Some(Model::Halpe26),
+            ..ParseOptions::default()
+        };
+        assert_eq!(model_of(&read(0..12, hinted).unwrap()), "HALPE_26");
+        // Settings of another recording do not stand against the file.
+        assert_eq!(model_of(&read(0..33, hinted).unwrap()), "BLAZEPOSE");
+    }
+
+    #[test]
+    fn ids_between_the_body_and_the_hands_are_refused_until_somebody_says_what_they_are() {
+        let refused = read(0..60, ParseOptions::default()).unwrap_err();
+        assert!(
+            refused.contains("found point 59") && refused.contains("--keypoints MODEL"),
+            "{refused}"
+        );
+        let asked = ParseOptions {
+            model: Some(Model::Halpe68),
+            ..ParseOptions::default()
+        };
+        assert_eq!(model_of(&read(0..60, asked).unwrap()), "HALPE_68");
+    }
 }

@@ -23,8 +23,20 @@ use farfield_proto::toml_file::FileError;
 use crate::keypoints::{Keypoints, Mapping, Model};
 use crate::person::Detections;
 
-/// Longest file that is read, bytes.
-pub(crate) const MAX_FILE_BYTES: u64 = 1 << 30;
+/// Longest table or array that is read, bytes.
+const MAX_FILE_BYTES: u64 = 1 << 30;
+/// Longest JSON that is read, bytes: what it says takes several times as much while it is read.
+const MAX_JSON_BYTES: u64 = 1 << 29;
+
+/// Longest file of this name that is read, bytes.
+pub(crate) fn max_bytes(path: &Path) -> u64 {
+    let ending = path.extension().unwrap_or_default();
+    if ending.eq_ignore_ascii_case("json") {
+        MAX_JSON_BYTES
+    } else {
+        MAX_FILE_BYTES
+    }
+}
 
 /// Whose file it is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -130,6 +142,8 @@ pub struct Parsed {
     pub mapping: Option<Mapping>,
     /// What was taken that the files do not say, and what of them was left out; sentences.
     pub notes: BTreeSet<String>,
+    /// What may be wrong; sentences.
+    pub doubts: BTreeSet<String>,
 }
 
 /// Reads one file.
@@ -159,6 +173,7 @@ struct Content {
     detections: Detections,
     keypoints: Keypoints,
     notes: BTreeSet<String>,
+    doubts: BTreeSet<String>,
 }
 
 impl Content {
@@ -172,10 +187,16 @@ impl Content {
 impl Reading {
     /// Nothing read yet.
     pub fn new(options: ParseOptions) -> Self {
+        Self::after(options, 0)
+    }
+
+    /// Nothing read yet of this source, and `n_people` of the import's other sources: an import may have so many only.
+    pub(crate) fn after(options: ParseOptions, n_people: usize) -> Self {
         Self {
             options,
             format: None,
             content: Content {
+                detections: Detections::after(n_people),
                 keypoints: Keypoints::new(options.model, options.model_hint),
                 ..Content::default()
             },
@@ -187,14 +208,10 @@ impl Reading {
     /// # Errors
     /// As [`parse`].
     pub fn read(&mut self, bytes: &[u8], path: &Path) -> Result<(), FileError> {
-        if bytes.len() as u64 > MAX_FILE_BYTES {
-            return Err(FileError::new(
-                path,
-                format!(
-                    "found {} bytes, expected at most {MAX_FILE_BYTES}",
-                    bytes.len()
-                ),
-            ));
+        let limit = max_bytes(path);
+        if bytes.len() as u64 > limit {
+            let problem = format!("found {} bytes, expected at most {limit}", bytes.len());
+            return Err(FileError::new(path, problem));
         }
         let format = match self.options.format.or(self.format) {
             Some(format) => format,
@@ -223,6 +240,7 @@ impl Reading {
             detections: self.content.detections,
             mapping: self.content.keypoints.settled().cloned(),
             notes: self.content.notes,
+            doubts: self.content.doubts,
         })
     }
 }

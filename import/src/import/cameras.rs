@@ -1,13 +1,13 @@
 //! Whose keypoints are which camera's of the calibration.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 
 use farfield_calibration::formats::{CameraRecord, Imported, RemarkKind};
 use farfield_proto::toml_file::unknown_name;
 
 use crate::assemble::CameraFrames;
 use crate::error::ImportError;
-use crate::matching::named_by;
+use crate::matching::{NaturalKey, by_last_number, named_by};
 use crate::person::{CameraKey, Frames};
 use crate::report::RemarkReport;
 
@@ -25,8 +25,20 @@ struct Seen {
 enum Name {
     /// The calibration's: the user has said so.
     Certain(String),
-    Like(String),
-    Nth(usize),
+    /// Names that may say it, the first that does.
+    Like(Vec<String>),
+    /// By its place alone, of so many.
+    Nth(usize, usize),
+}
+
+impl Name {
+    /// By the last number, as Pose2Sim has it, then by all of the names; what has no number comes last.
+    fn order(&self) -> Vec<(bool, NaturalKey)> {
+        let Self::Like(names) = self else {
+            return Vec::new();
+        };
+        names.iter().map(|name| by_last_number(name)).collect()
+    }
 }
 
 /// The frames of every camera that has some, in the order of the calibration.
@@ -35,7 +47,8 @@ pub(super) fn matched(
     calibration: &Imported,
     remarks: &mut Vec<RemarkReport>,
 ) -> Result<Vec<CameraFrames>, ImportError> {
-    let seen = seen(sources)?;
+    let mut seen = seen(sources)?;
+    seen.sort_by_cached_key(|it| it.name.order());
     let records = &calibration.cameras;
     let places = places(&seen, records, remarks)?;
     let mut taken: BTreeMap<usize, Seen> = BTreeMap::new();
@@ -77,22 +90,31 @@ fn seen(sources: Vec<Source>) -> Result<Vec<Seen>, ImportError> {
     for source in sources {
         let from = source.from.display().to_string();
         let cameras = source.parsed.detections.cameras;
-        if let (Some(camera), true) = (&source.camera, cameras.len() > 1) {
+        let count = cameras.len();
+        let is_nth = |key: &CameraKey| matches!(key, CameraKey::Nth(_));
+        let said = &source.cameras;
+        let is_in_order = said.len() == 1 || cameras.keys().all(is_nth);
+        let is_as_said = said.len() == count && is_in_order;
+        if !(said.is_empty() || is_as_said) {
             return Err(ImportError::refused(format!(
-                "{from}: found {} cameras in it, expected one for `--camera {camera}=...`: import its folder instead",
-                cameras.len()
+                "{from}: found {count} cameras in it, expected {} for `--camera {}=...`: import its folder instead, or, where \
+                 they have no names, say `--camera NAME={from}` once for each, in their order",
+                said.len(),
+                said.join("` and `")
             )));
         }
-        for (key, frames) in cameras {
-            let (name, from) = match (&source.camera, key) {
+        for (nth, (key, frames)) in cameras.into_iter().enumerate() {
+            let (name, from) = match (said.get(nth), key) {
                 (Some(camera), _) => (Name::Certain(camera.clone()), from.clone()),
-                (None, CameraKey::OfFile) => (Name::Like(source.name.clone()), from.clone()),
+                (None, CameraKey::OfFile) => (Name::Like(vec![source.name.clone()]), from.clone()),
                 (None, CameraKey::Named(name)) => {
                     let from = format!("{from}, {name}");
-                    (Name::Like(name), from)
+                    // The only folder of pictures may be called `images`: then the file's name says it.
+                    let other = (count == 1).then(|| source.name.clone());
+                    (Name::Like([name].into_iter().chain(other).collect()), from)
                 }
                 (None, CameraKey::Nth(place)) => {
-                    (Name::Nth(place), format!("{from}, camera {place}"))
+                    (Name::Nth(place, count), format!("{from}, camera {place}"))
                 }
             };
             all.push(Seen { name, from, frames });
@@ -110,43 +132,28 @@ fn places(
     let names: Vec<&str> = records.iter().map(|it| it.name.as_str()).collect();
     let mut found = Vec::new();
     for seen in seen {
-        found.push(match &seen.name {
-            Name::Certain(name) => {
-                let place = names.iter().position(|it| it == name);
-                Some(place.ok_or_else(|| {
-                    let text = unknown_name("camera of the calibration", name, &names);
-                    ImportError::refused(format!("`--camera`: {text}"))
-                })?)
-            }
-            Name::Like(name) => like(name, &names),
-            Name::Nth(place) if *place < names.len() => Some(*place),
-            Name::Nth(place) => {
-                return Err(ImportError::refused(format!(
-                    "{}: the calibration has {} cameras, expected at least {}",
-                    seen.from,
-                    names.len(),
-                    place + 1
-                )));
-            }
-        });
+        found.push(likeness(seen, &names)?);
     }
-    if seen.iter().any(|it| matches!(it.name, Name::Nth(_))) {
+    if seen.iter().any(|it| matches!(it.name, Name::Nth(..))) {
         let text = "the keypoints' cameras have no names: they were taken in the order of the calibration's";
         remarks.push(RemarkReport::of_all(RemarkKind::Assumed, text));
     }
-    let all: Option<Vec<usize>> = found.iter().copied().collect();
-    let distinct: BTreeSet<usize> = found.iter().flatten().copied().collect();
-    if let Some(all) = all {
-        said(seen, &names, &all, remarks);
+    let place = |it: &Likeness<'_>| match it {
+        Likeness::One(place, _) => Some(*place),
+        Likeness::Several | Likeness::None => None,
+    };
+    if let Some(all) = found.iter().map(place).collect::<Option<Vec<usize>>>() {
+        said(&found, &names, remarks);
         return Ok(all);
     }
-    if distinct.is_empty() && seen.len() == names.len() {
+    let is_none = |it: &Likeness<'_>| matches!(it, Likeness::None);
+    if found.iter().all(is_none) && seen.len() == names.len() {
         remarks.push(RemarkReport::of_all(
             RemarkKind::Doubtful,
             format!(
                 "no name of a camera is like one of the keypoints': they were taken in their order, as Pose2Sim does: {}; \
                  where that is wrong nobody will be found: say `--camera NAME=FOLDER`",
-                pairs(seen, &names, &(0..names.len()).collect::<Vec<_>>())
+                pairs(seen, &names)
             ),
         ));
         return Ok((0..names.len()).collect());
@@ -154,7 +161,7 @@ fn places(
     let unknown: Vec<&str> = seen
         .iter()
         .zip(&found)
-        .filter(|(_, place)| place.is_none())
+        .filter(|(_, found)| place(found).is_none())
         .map(|(seen, _)| seen.from.as_str())
         .collect();
     Err(ImportError::refused(format!(
@@ -165,27 +172,72 @@ fn places(
     )))
 }
 
+/// Which cameras of the calibration something may be of.
+enum Likeness<'a> {
+    /// The place of the only one, and the name by which it was found.
+    One(usize, Option<&'a str>),
+    Several,
+    None,
+}
+
+fn likeness<'a>(seen: &'a Seen, names: &[&str]) -> Result<Likeness<'a>, ImportError> {
+    match &seen.name {
+        Name::Certain(name) => {
+            let place = names.iter().position(|it| it == name);
+            let place = place.ok_or_else(|| {
+                let text = unknown_name("camera of the calibration", name, names);
+                ImportError::refused(format!("`--camera`: {text}"))
+            })?;
+            Ok(Likeness::One(place, None))
+        }
+        Name::Like(of) => {
+            let mut found = Likeness::None;
+            for name in of {
+                match like(name, names) {
+                    one @ Likeness::One(..) => return Ok(one),
+                    Likeness::Several => found = Likeness::Several,
+                    Likeness::None => {}
+                }
+            }
+            Ok(found)
+        }
+        // Of fewer nobody knows which is not there.
+        Name::Nth(place, count) if *count == names.len() => Ok(Likeness::One(*place, None)),
+        Name::Nth(_, count) => Err(ImportError::refused(format!(
+            "{}: its {count} cameras have no names, and the calibration has {}, expected as many: say whose each is with \
+             `--camera NAME=FILE`, once for each in the order of the file",
+            seen.from,
+            names.len()
+        ))),
+    }
+}
+
 /// The only camera whose name stands in `name`, or in whose name it stands.
-fn like(name: &str, names: &[&str]) -> Option<usize> {
-    let place = |camera: &str| names.iter().position(|it| *it == camera);
+fn like<'a>(name: &'a str, names: &[&str]) -> Likeness<'a> {
+    let place = |camera: &str| match names.iter().position(|it| *it == camera) {
+        Some(place) => Likeness::One(place, Some(name)),
+        None => Likeness::None,
+    };
     match named_by(names, name)[..] {
         [camera] => return place(camera),
         [] => {}
-        _ => return None,
+        _ => return Likeness::Several,
     }
     let mut around = names
         .iter()
         .filter(|camera| !named_by(&[name], camera).is_empty());
     match (around.next(), around.next()) {
         (Some(camera), None) => place(camera),
-        _ => None,
+        (Some(_), Some(_)) => Likeness::Several,
+        (None, _) => Likeness::None,
     }
 }
 
 /// Says which keypoints were taken for a camera of another name.
-fn said(seen: &[Seen], names: &[&str], places: &[usize], remarks: &mut Vec<RemarkReport>) {
-    for (seen, place) in seen.iter().zip(places) {
-        if let (Name::Like(name), Some(camera)) = (&seen.name, names.get(*place))
+fn said(found: &[Likeness<'_>], names: &[&str], remarks: &mut Vec<RemarkReport>) {
+    for found in found {
+        if let Likeness::One(place, Some(name)) = found
+            && let Some(camera) = names.get(*place)
             && name != camera
         {
             let text = format!("`{name}` was taken for it, by the name");
@@ -194,11 +246,11 @@ fn said(seen: &[Seen], names: &[&str], places: &[usize], remarks: &mut Vec<Remar
     }
 }
 
-fn pairs(seen: &[Seen], names: &[&str], places: &[usize]) -> String {
+fn pairs(seen: &[Seen], names: &[&str]) -> String {
     let pairs: Vec<String> = seen
         .iter()
-        .zip(places)
-        .map(|(seen, place)| format!("{} = {}", names.get(*place).unwrap_or(&""), seen.from))
+        .zip(names)
+        .map(|(seen, name)| format!("{name} = {}", seen.from))
         .collect();
     pairs.join(", ")
 }

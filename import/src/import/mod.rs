@@ -23,6 +23,7 @@ use crate::settings::Settings;
 use crate::venue_text::{VenueCamera, key_chunk, venue_text};
 
 use self::calibration::FoundCalibration;
+use self::sources::Source;
 
 /// What an import makes, in its folder.
 const VENUE: &str = "venue.toml";
@@ -74,15 +75,19 @@ pub fn import(request: &ImportRequest) -> Result<Report, ImportError> {
         model: request.model,
         model_hint: settings.model,
     };
+    let mut remarks = calibration.remarks();
     let sources = if request.cameras.is_empty() {
-        sources::found(&request.folder, &files, options)?
+        let names = calibration.imported.cameras.iter();
+        let names: Vec<&str> = names.map(|it| it.name.as_str()).collect();
+        sources::found(&request.folder, &files, options, &names, &mut remarks)?
     } else {
         sources::named(&request.cameras, options)?
     };
-    let mut remarks = calibration.remarks();
-    for source in &sources {
-        let notes = source.parsed.notes.iter();
+    for Source { parsed, .. } in &sources {
+        let notes = parsed.notes.iter();
         remarks.extend(notes.map(|note| RemarkReport::of_all(RemarkKind::Assumed, note)));
+        let doubts = parsed.doubts.iter();
+        remarks.extend(doubts.map(|doubt| RemarkReport::of_all(RemarkKind::Doubtful, doubt)));
     }
     let mappings: Vec<Mapping> = sources
         .iter()
@@ -273,3 +278,5 @@ fn report(
 
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod traps;

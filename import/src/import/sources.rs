@@ -2,12 +2,16 @@
 
 use std::path::{Path, PathBuf};
 
+use farfield_calibration::formats::RemarkKind;
 use farfield_proto::toml_file::FileError;
 
 use crate::error::ImportError;
 use crate::files;
 use crate::folder::{self, Candidates};
-use crate::formats::{Format, MAX_FILE_BYTES, ParseOptions, Parsed, Reading, recognised};
+use crate::formats::{Format, ParseOptions, Parsed, Reading, max_bytes, recognised};
+use crate::frame_number;
+use crate::matching::named_by;
+use crate::report::RemarkReport;
 
 /// So much of a table says whose it is, bytes.
 const HEAD: u64 = 1 << 16;
@@ -17,20 +21,27 @@ const HEAD: u64 = 1 << 16;
 pub(super) struct Source {
     /// What names its camera, where it is of one.
     pub(super) name: String,
-    /// The camera that the user has said it is of.
-    pub(super) camera: Option<String>,
+    /// The cameras that the user has said it is of, in its order.
+    pub(super) cameras: Vec<String>,
     /// The file or folder, for reports.
     pub(super) from: PathBuf,
     pub(super) parsed: Parsed,
 }
 
-/// What is at the places that were named, each of one camera.
+/// What is at the places that were named, each of one camera, or of several where it was named several times.
 pub(super) fn named(
     cameras: &[(String, PathBuf)],
     options: ParseOptions,
 ) -> Result<Vec<Source>, ImportError> {
-    let mut sources = Vec::new();
+    let mut places: Vec<(&PathBuf, Vec<String>)> = Vec::new();
     for (camera, path) in cameras {
+        match places.iter_mut().find(|(of, _)| *of == path) {
+            Some((_, cameras)) => cameras.push(camera.clone()),
+            None => places.push((path, vec![camera.clone()])),
+        }
+    }
+    let mut sources = Sources::new(options);
+    for (path, cameras) in places {
         let paths = if files::is_folder(path) {
             let mut paths = files::entries(path)?;
             paths.retain(|it| matches!(folder::ending(it).as_str(), "json" | "csv"));
@@ -41,42 +52,64 @@ pub(super) fn named(
         };
         if paths.is_empty() {
             return Err(ImportError::refused(format!(
-                "{}: found no keypoints for camera `{camera}`, expected JSON or CSV files",
-                path.display()
+                "{}: found no keypoints for camera `{}`, expected JSON or CSV files",
+                path.display(),
+                cameras.join("`, `")
             )));
         }
-        let parsed = read(&paths, path, options)?;
-        sources.push(Source {
-            name: camera.clone(),
-            camera: Some(camera.clone()),
-            from: path.clone(),
-            parsed,
-        });
+        let name = cameras.join(", ");
+        sources.add(&paths, path, name, cameras, options.format)?;
     }
-    Ok(sources)
+    Ok(sources.read)
 }
 
-/// What is in a folder.
+/// What is in a folder; `cameras` are the names that the calibration has.
 pub(super) fn found(
     place: &Path,
     listed: &[PathBuf],
     options: ParseOptions,
+    cameras: &[&str],
+    remarks: &mut Vec<RemarkReport>,
 ) -> Result<Vec<Source>, ImportError> {
     let candidates = folder::candidates(listed, place);
-    let mut sources = told_by(Trust::Content, &candidates, options)?;
-    if let (true, Some(_)) = (sources.is_empty(), options.format) {
+    let mut sources = Sources::new(options);
+    sources.fill(Trust::Content, &candidates)?;
+    if let (true, Some(_)) = (sources.read.is_empty(), options.format) {
         // The reader of the format that was asked for says what is wrong.
-        sources = told_by(Trust::Word, &candidates, options)?;
+        sources.fill(Trust::Word, &candidates)?;
     }
-    if sources.is_empty() {
+    let is_json = |source: &Source| folder::ending(&source.from) == "json";
+    let has_such = sources.read.iter().any(is_json);
+    let mut not_read = String::new();
+    for (path, error) in sources.broken {
+        // A camera's file that was cut off must not look like a camera without keypoints.
+        if has_such || is_named_after_one(&path, place, cameras) {
+            return Err(error.into());
+        }
+        not_read = format!("; not read: {error}");
+        let text = format!("{error}: it was taken for no keypoints, and left out");
+        remarks.push(RemarkReport::of_all(RemarkKind::Doubtful, text));
+    }
+    if sources.read.is_empty() {
         let names: Vec<&str> = Format::ALL.iter().map(|format| format.name()).collect();
         return Err(ImportError::refused(format!(
-            "found no 2D keypoints in {}, expected one of {}; say where they are with `--camera NAME=FOLDER`",
+            "found no 2D keypoints in {}, expected one of {}; say where they are with `--camera NAME=FOLDER`{not_read}",
             place.display(),
             names.join(", ")
         )));
     }
-    Ok(sources)
+    Ok(sources.read)
+}
+
+/// Whether a file, or the folder in `place` that it lies in, is called like one of `cameras`.
+fn is_named_after_one(path: &Path, place: &Path, cameras: &[&str]) -> bool {
+    let is_like = |name: String| {
+        let stands_in = |camera: &&str| !named_by(&[&name], camera).is_empty();
+        !named_by(cameras, &name).is_empty() || cameras.iter().any(stands_in)
+    };
+    let parent = path.parent().filter(|it| *it != place);
+    is_like(folder::camera_name(path, false))
+        || parent.is_some_and(|it| is_like(folder::camera_name(it, true)))
 }
 
 /// Why a file is taken for keypoints.
@@ -88,82 +121,124 @@ enum Trust {
     Word,
 }
 
-/// What of `candidates` is keypoints.
-fn told_by(
-    trust: Trust,
-    candidates: &Candidates,
+/// The sources of one import, as they are read.
+struct Sources {
     options: ParseOptions,
-) -> Result<Vec<Source>, ImportError> {
-    let mut sources = Vec::new();
-    for (parent, paths) in &candidates.json {
-        if let Some(paths) = a_file_per_frame(paths, trust, options)? {
-            sources.push(source(&paths, parent, true, options)?);
-            continue;
+    read: Vec<Source>,
+    /// JSON files that cannot be read, of which nobody knows whose they are.
+    broken: Vec<(PathBuf, FileError)>,
+    /// People of all that was read.
+    n_people: usize,
+}
+
+impl Sources {
+    fn new(options: ParseOptions) -> Self {
+        Self {
+            options,
+            read: Vec::new(),
+            broken: Vec::new(),
+            n_people: 0,
         }
-        for path in paths {
-            let bytes = files::read(path, MAX_FILE_BYTES)?;
-            if is_one(&bytes, path, trust, options) {
-                sources.push(source(std::slice::from_ref(path), path, false, options)?);
+    }
+
+    /// Reads what of `candidates` is keypoints.
+    fn fill(&mut self, trust: Trust, candidates: &Candidates) -> Result<(), ImportError> {
+        for (parent, paths) in &candidates.json {
+            if let Some(format) = self.a_file_per_frame(paths, trust)? {
+                let name = folder::camera_name(parent, true);
+                self.add(paths, parent, name, Vec::new(), Some(format))?;
+                continue;
+            }
+            for path in paths {
+                let bytes = files::read(path, max_bytes(path))?;
+                self.add_if_one(&bytes, path, trust)?;
             }
         }
-    }
-    for path in &candidates.single {
-        let head = files::head(path, HEAD)?;
-        if is_one(&head, path, trust, options) {
-            sources.push(source(std::slice::from_ref(path), path, false, options)?);
+        for path in &candidates.single {
+            let head = files::head(path, HEAD)?;
+            self.add_if_one(&head, path, trust)?;
         }
+        Ok(())
     }
-    Ok(sources)
+
+    /// Reads a file that is of the format that was asked for, or of any.
+    fn add_if_one(&mut self, bytes: &[u8], path: &Path, trust: Trust) -> Result<(), ImportError> {
+        let asked = self.options.format;
+        let is_one = if trust == Trust::Word {
+            asked.map(Format::ending) == Some(folder::ending(path).as_str())
+        } else {
+            match recognised(bytes, path) {
+                Ok(found) => found.is_some_and(|it| asked.is_none_or(|asked| asked == it)),
+                Err(error) => {
+                    self.broken.push((path.to_owned(), error));
+                    false
+                }
+            }
+        };
+        if is_one {
+            let name = folder::camera_name(path, false);
+            self.add(&[path.to_owned()], path, name, Vec::new(), asked)?;
+        }
+        Ok(())
+    }
+
+    /// The format of `paths` that are a frame each; `None` where they are not.
+    fn a_file_per_frame(
+        &self,
+        paths: &[PathBuf],
+        trust: Trust,
+    ) -> Result<Option<Format>, ImportError> {
+        if trust == Trust::Word {
+            return Ok(self.options.format.filter(|it| *it == Format::OpenPose));
+        }
+        let told = first_told(paths, self.options.format)?;
+        Ok(told.and_then(|(format, bytes)| match format {
+            Format::OpenPose => Some(format),
+            Format::MmPose if !has_frames(&bytes) => Some(format),
+            _ => None,
+        }))
+    }
+
+    /// Reads the files of one source.
+    fn add(
+        &mut self,
+        paths: &[PathBuf],
+        from: &Path,
+        name: String,
+        cameras: Vec<String>,
+        format: Option<Format>,
+    ) -> Result<(), ImportError> {
+        let options = ParseOptions {
+            format,
+            ..self.options
+        };
+        let parsed = read(paths, from, options, self.n_people)?;
+        self.n_people += parsed.detections.n_people();
+        self.read.push(Source {
+            name,
+            cameras,
+            from: from.to_owned(),
+            parsed,
+        });
+        Ok(())
+    }
 }
 
-/// Whether a file is of the format that was asked for, or of any.
-fn is_one(bytes: &[u8], path: &Path, trust: Trust, options: ParseOptions) -> bool {
-    if trust == Trust::Word {
-        let ending = options.format.map(Format::ending);
-        return ending == Some(folder::ending(path).as_str());
-    }
-    // Other programs keep settings in JSON; broken files of theirs are not ours to tell of.
-    let found = recognised(bytes, path).ok().flatten();
-    match options.format {
-        Some(asked) => found == Some(asked),
-        None => found.is_some(),
-    }
-}
-
-/// The files of `paths` that are a frame each; `None` where they are not.
-fn a_file_per_frame(
+/// The first of `paths` that says whose it is: not what is broken, not another program's, not an empty list.
+fn first_told(
     paths: &[PathBuf],
-    trust: Trust,
-    options: ParseOptions,
-) -> Result<Option<Vec<PathBuf>>, ImportError> {
-    if trust == Trust::Word {
-        let is_per_frame = options.format == Some(Format::OpenPose);
-        return Ok(is_per_frame.then(|| paths.to_vec()));
-    }
-    let Some(first) = paths.first() else {
-        return Ok(None);
-    };
-    let bytes = files::read(first, MAX_FILE_BYTES)?;
-    let format = match recognised(&bytes, first) {
-        Ok(format) => format,
-        // In a folder of hundreds the broken one is of the same kind as the others.
-        Err(error) if paths.len() > 1 => {
-            let other = paths.get(1).map_or(first, |it| it);
-            let bytes = files::read(other, MAX_FILE_BYTES)?;
-            match recognised(&bytes, other) {
-                Ok(Some(Format::OpenPose)) => return Err(error.into()),
-                _ => None,
-            }
+    asked: Option<Format>,
+) -> Result<Option<(Format, Vec<u8>)>, ImportError> {
+    for path in paths {
+        let bytes = files::read(path, max_bytes(path))?;
+        // What is broken among files of a frame each is told of when these are read.
+        if let Ok(Some(format)) = recognised(&bytes, path)
+            && asked.is_none_or(|asked| asked == format)
+        {
+            return Ok(Some((format, bytes)));
         }
-        Err(_) => None,
-    };
-    let of_one_frame = match format {
-        Some(Format::OpenPose) => true,
-        Some(Format::MmPose) => !has_frames(&bytes),
-        _ => false,
-    };
-    let is_asked = options.format.is_none_or(|asked| Some(asked) == format);
-    Ok((of_one_frame && is_asked).then(|| paths.to_vec()))
+    }
+    Ok(None)
 }
 
 /// Whether a file of `MMPose` says its frames.
@@ -173,26 +248,40 @@ fn has_frames(bytes: &[u8]) -> bool {
         .any(|it| it == b"\"frame_id\"")
 }
 
-fn source(
+fn read(
     paths: &[PathBuf],
     from: &Path,
-    is_folder: bool,
-    options: ParseOptions,
-) -> Result<Source, ImportError> {
-    Ok(Source {
-        name: folder::camera_name(from, is_folder),
-        camera: None,
-        from: from.to_owned(),
-        parsed: read(paths, from, options)?,
-    })
+    mut options: ParseOptions,
+    n_people: usize,
+) -> Result<Parsed, ImportError> {
+    let are_many = paths.len() > 1;
+    if are_many && options.format.is_none() {
+        options.format = first_told(paths, None)?.map(|(format, _)| format);
+    }
+    let mut reading = Reading::after(options, n_people);
+    let mut strays = Vec::new();
+    for path in paths {
+        let bytes = files::read(path, max_bytes(path))?;
+        match reading.read(&bytes, path) {
+            Ok(()) => {}
+            Err(_) if are_many && options.format.is_some() && is_stray(&bytes, path) => {
+                strays.push(path);
+            }
+            Err(error) => return Err(error.into()),
+        }
+    }
+    let parsed = reading.finish().filter(|_| strays.len() < paths.len());
+    let mut parsed = parsed.ok_or_else(|| FileError::new(from, "found no keypoints in it"))?;
+    for path in strays {
+        let text = format!("{}: no keypoints, left out", path.display());
+        parsed.doubts.insert(text);
+    }
+    Ok(parsed)
 }
 
-fn read(paths: &[PathBuf], from: &Path, options: ParseOptions) -> Result<Parsed, ImportError> {
-    let mut reading = Reading::new(options);
-    for path in paths {
-        let bytes = files::read(path, MAX_FILE_BYTES)?;
-        reading.read(&bytes, path)?;
-    }
-    let parsed = reading.finish();
-    parsed.ok_or_else(|| FileError::new(from, "found no keypoints in it").into())
+/// Whether a file is whole, of no format, and named after no frame: settings, say, beside the frames.
+fn is_stray(bytes: &[u8], path: &Path) -> bool {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let is_json = matches!(bytes.trim_ascii_start().first(), Some(b'{' | b'['));
+    is_json && frame_number::of_name(&name).is_none() && matches!(recognised(bytes, path), Ok(None))
 }

@@ -19,7 +19,7 @@ use crate::person::{Candidate, Frames, Person};
 use crate::report::Report;
 
 /// Two cameras, ours.
-const TWO_CAMERAS: &str = r#"
+pub(super) const TWO_CAMERAS: &str = r#"
 [int_cam01_img]
 name = "int_cam01_img"
 size = [640, 480]
@@ -47,19 +47,19 @@ fn standing(x_px: f64) -> Person {
     })
 }
 
-fn frames(range: std::ops::Range<i64>) -> Frames {
+pub(super) fn frames(range: std::ops::Range<i64>) -> Frames {
     range
         .map(|frame| (frame, vec![standing(100.0 + frame as f64)]))
         .collect()
 }
 
-fn write(path: &Path, bytes: &[u8]) {
+pub(super) fn write(path: &Path, bytes: &[u8]) {
     fs::create_dir_all(path.parent().unwrap()).unwrap();
     fs::write(path, bytes).unwrap();
 }
 
 /// A folder as Pose2Sim has it, of `cameras` with their frames.
-fn pose2sim(cameras: &[(&str, &Frames)], calibration: &str) -> TempDir {
+pub(super) fn pose2sim(cameras: &[(&str, &Frames)], calibration: &str) -> TempDir {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     write(
@@ -79,7 +79,7 @@ fn pose2sim(cameras: &[(&str, &Frames)], calibration: &str) -> TempDir {
     folder
 }
 
-fn request(folder: &Path) -> ImportRequest {
+pub(super) fn request(folder: &Path) -> ImportRequest {
     ImportRequest {
         folder: folder.to_owned(),
         ..ImportRequest::default()
@@ -87,7 +87,7 @@ fn request(folder: &Path) -> ImportRequest {
 }
 
 /// The people that a keypoint file of ours has, by tick.
-fn people_of(path: &Path) -> Frames {
+pub(super) fn people_of(path: &Path) -> Frames {
     let text = fs::read_to_string(path).unwrap();
     let mut frames = Frames::new();
     for line in text.lines() {
@@ -118,7 +118,7 @@ fn venue(report: &Report) -> Venue {
     Venue::parse(&text, &report.venue, calibration).unwrap()
 }
 
-fn said(report: &Report) -> String {
+pub(super) fn said(report: &Report) -> String {
     let texts: Vec<String> = report.remarks.iter().map(|it| format!("{it:?}")).collect();
     texts.join("\n")
 }

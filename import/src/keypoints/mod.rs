@@ -174,6 +174,12 @@ impl Keypoints {
         Ok(self.settled.get_or_insert(mapping))
     }
 
+    /// The model that was asked for; else the one that settings say, where it has a keypoint of the number `largest`.
+    pub(crate) fn said(&self, largest: i64) -> Option<Model> {
+        let has_it = |it: &Model| largest < it.count().cast_signed() as i64;
+        self.asked.or(self.hinted.filter(has_it))
+    }
+
     /// What the first person settled.
     pub(crate) fn settled(&self) -> Option<&Mapping> {
         self.settled.as_ref()
