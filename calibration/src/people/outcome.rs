@@ -90,7 +90,8 @@ pub fn calibrate(
     if request.timing == Timing::Unknown {
         progress(PeopleStage::Clocks);
         let walkers = walkers(&views, &grounds, &plan, stature_m);
-        for (clock, lag) in clocks.iter_mut().zip(lags(&walkers, request.seed)) {
+        let lags = lags(&walkers, request.seed).map_err(|pair| too_long(request, pair))?;
+        for (clock, lag) in clocks.iter_mut().zip(lags) {
             clock.offset_s += lag as f64 / ticks_hz;
         }
         views = views_at(&clocks);
@@ -282,6 +283,20 @@ fn walkers<'a>(
     let each = views.iter().zip(grounds);
     each.map(|(view, ground)| Some(Walkers::of(view, (*ground)?, plan, stature_m)))
         .collect()
+}
+
+/// Recordings of two cameras for which there are more lags than can be tried.
+fn too_long(request: &PeopleRequest, (first, second): (usize, usize)) -> PeopleError {
+    let name = |index: usize| {
+        let camera = request.cameras.get(index);
+        camera.map_or("", |camera| camera.name.as_str())
+    };
+    PeopleError::Request(CalibrationError::Request(format!(
+        "cameras `{}` and `{}`: recordings this long, or frame numbers this far apart, leave too many clocks to be tried; \
+         expected an hour and a half or less: cut them, or give rates and offsets",
+        name(first),
+        name(second)
+    )))
 }
 
 fn nothing_agrees(request: &PeopleRequest, pairs: &[Pair]) -> PeopleError {

@@ -3,12 +3,13 @@
 //! Whole seconds come from feet: the lag at which the floors of two cameras lie on each other best. What is left comes
 //! from the adjustment: a camera that is late sees everybody a little behind where they are, along their way.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 use nalgebra::{Matrix2, Vector2};
 use rayon::prelude::*;
 
-use super::floor_match::{Effort, Feet, motions};
+use super::floor_match::{Effort, Feet, motions, shared_ticks};
 use super::pair::Walkers;
 use crate::people::adjust::Adjusted;
 use crate::people::view::{Clock, View};
@@ -18,6 +19,10 @@ const COARSE_TICKS: i64 = 3;
 /// Share of the shorter recording that a lag must leave in common, and the least time, ticks.
 const LEAST_COMMON_SHARE: f64 = 0.35;
 const LEAST_COMMON_TICKS: f64 = 80.0;
+/// Of the shorter recording the busiest part of so many ticks is looked for in the longer one; and the most lags that are
+/// tried first, which an hour and a half needs.
+const WINDOW_TICKS: i64 = 1500;
+const MOST_LAGS: i64 = 20_000;
 /// Lags of which the neighbours are tried.
 const MOST_KEPT: usize = 3;
 /// What is believed of given rates, a share.
@@ -37,10 +42,23 @@ struct Lag {
 }
 
 /// Per camera the ticks to be added to its own so that all agree, from the pairs that agree best; zero where none do.
-pub(in crate::people) fn lags(walkers: &[Option<Walkers<'_>>], seed: u64) -> Vec<i64> {
+///
+/// # Errors
+/// Two cameras whose recordings are so long that there are too many lags to be tried.
+pub(in crate::people) fn lags(
+    walkers: &[Option<Walkers<'_>>],
+    seed: u64,
+) -> Result<Vec<i64>, (usize, usize)> {
     let indices: Vec<(usize, usize)> = (0..walkers.len())
         .flat_map(|i| (i + 1..walkers.len()).map(move |j| (i, j)))
         .collect();
+    for (first, second) in &indices {
+        if let (Some(a), Some(b)) = (&walkers[*first], &walkers[*second])
+            && Search::of(&a.feet, &b.feet).is_some_and(|it| it.count() > MOST_LAGS)
+        {
+            return Err((*first, *second));
+        }
+    }
     let found: Vec<Lag> = indices
         .into_par_iter()
         .filter_map(|(first, second)| {
@@ -54,7 +72,7 @@ pub(in crate::people) fn lags(walkers: &[Option<Walkers<'_>>], seed: u64) -> Vec
             })
         })
         .collect();
-    spread(walkers.len(), &found)
+    Ok(spread(walkers.len(), &found))
 }
 
 /// Prim's tree over the pairs, the best first.
@@ -80,28 +98,88 @@ fn spread(count: usize, lags: &[Lag]) -> Vec<i64> {
     ticks.into_iter().map(|it| it.unwrap_or(0)).collect()
 }
 
+/// Where two recordings are looked for in each other.
+struct Search<'a> {
+    a: Cow<'a, Feet>,
+    b: Cow<'a, Feet>,
+    /// Ticks of the shorter one.
+    shorter: f64,
+    /// The lags.
+    least: i64,
+    most: i64,
+}
+
+impl<'a> Search<'a> {
+    fn of(a: &'a Feet, b: &'a Feet) -> Option<Self> {
+        let ends = |feet: &Feet| Some((*feet.keys().next()?, *feet.keys().next_back()?));
+        let length = |feet: &Feet| ends(feet).map(|(from, to)| to - from);
+        let (a, b) = if length(b)? <= length(a)? {
+            (Cow::Borrowed(a), busiest(b))
+        } else {
+            (busiest(a), Cow::Borrowed(b))
+        };
+        let ((from_a, to_a), (from_b, to_b)) = (ends(&a)?, ends(&b)?);
+        let shorter = (to_a - from_a).min(to_b - from_b) as f64;
+        let common = (LEAST_COMMON_SHARE * shorter).max(LEAST_COMMON_TICKS) as i64;
+        Some(Self {
+            a,
+            b,
+            shorter,
+            least: from_a + common - to_b,
+            most: to_a - common - from_b,
+        })
+    }
+
+    /// How many lags are tried first.
+    fn count(&self) -> i64 {
+        (self.most - self.least) / COARSE_TICKS
+    }
+}
+
+/// The part of [`WINDOW_TICKS`] in which the most feet were seen.
+fn busiest(feet: &Feet) -> Cow<'_, Feet> {
+    let each: Vec<(i64, usize)> = feet.iter().map(|(tick, own)| (*tick, own.len())).collect();
+    let is_short = each
+        .first()
+        .zip(each.last())
+        .is_none_or(|(first, last)| last.0 - first.0 < WINDOW_TICKS);
+    if is_short {
+        return Cow::Borrowed(feet);
+    }
+    let (mut start, mut count) = (0, 0);
+    let (mut most, mut best) = (0, 0);
+    for (tick, own) in &each {
+        count += own;
+        while let Some((first, gone)) = each.get(start)
+            && tick - first >= WINDOW_TICKS
+        {
+            count -= gone;
+            start += 1;
+        }
+        if count > most {
+            most = count;
+            best = each.get(start).map_or(0, |it| it.0);
+        }
+    }
+    let window = feet.range(best..best + WINDOW_TICKS);
+    Cow::Owned(window.map(|(tick, own)| (*tick, own.clone())).collect())
+}
+
 /// The ticks to be added to those of `b`, and how well feet then agree.
 fn lag(a: &Feet, b: &Feet, seed: u64) -> Option<(i64, f64)> {
-    let ends = |feet: &Feet| Some((*feet.keys().next()?, *feet.keys().next_back()?));
-    let ((from_a, to_a), (from_b, to_b)) = (ends(a)?, ends(b)?);
-    let shorter = (to_a - from_a).min(to_b - from_b) as f64;
-    let common = (LEAST_COMMON_SHARE * shorter).max(LEAST_COMMON_TICKS) as i64;
-    let (least, most) = (from_a + common - to_b, to_a - common - from_b);
+    let search = Search::of(a, b)?;
+    let (a, b) = (search.a.as_ref(), search.b.as_ref());
     let score = |ticks: i64, effort: Effort| {
-        let moved: Feet = b
-            .iter()
-            .map(|(tick, feet)| (tick + ticks, feet.clone()))
-            .collect();
-        let best = motions(a, &moved, effort, seed)
+        let best = motions(a, b, ticks, effort, seed)
             .first()
             .map(|it| it.score)?;
         // Few common ticks agree by chance.
-        let shared = a.keys().filter(|tick| moved.contains_key(tick)).count();
-        Some(best * (shared as f64 / shorter.max(1.0)).min(1.0).sqrt())
+        let shared = shared_ticks(a, b, ticks).len();
+        Some(best * (shared as f64 / search.shorter.max(1.0)).min(1.0).sqrt())
     };
     let mut coarse: Vec<(i64, f64)> = Vec::new();
-    let mut ticks = least;
-    while ticks <= most {
+    let mut ticks = search.least;
+    while ticks <= search.most {
         coarse.extend(score(ticks, Effort::QUICK).map(|score| (ticks, score)));
         ticks += COARSE_TICKS;
     }
@@ -207,4 +285,47 @@ fn velocity_px(view: &View, tick: i64, body: usize, keypoint: usize) -> Option<V
         Some(Vector2::from(joint.px))
     };
     Some((at(tick + 1)? - at(tick - 1)?) / 2.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Three people on curves, ten times a second, from one tick to another, as a camera of another place sees them.
+    fn feet(ticks: std::ops::Range<i64>, since: i64) -> Feet {
+        let at = |tick: i64| {
+            let t = tick as f64 * 0.1;
+            let each = (0..3).map(|who: usize| {
+                let phase = 1.7 * who as f64;
+                // Nobody walks the same way twice.
+                let at = Vector2::new(
+                    3.0 * libm::sin(0.5 * t + phase) + libm::sin(0.0113 * t * t / 10.0 + phase),
+                    2.0 * libm::cos(0.37 * t + 2.0 * phase) + libm::cos(0.171 * t),
+                );
+                (who + 10 * (tick / 100) as usize, at)
+            });
+            each.collect()
+        };
+        ticks.map(|tick| (tick - since, at(tick))).collect()
+    }
+
+    #[test]
+    fn the_busiest_part_of_a_long_recording_is_found_in_a_longer_one() {
+        let (long, short) = (feet(0..5000, 0), feet(1000..3600, 700));
+        let search = Search::of(&long, &short).unwrap();
+        assert!(search.b.len() <= 1500 && search.a.len() == 5000);
+        assert_eq!(lag(&long, &short, 1).unwrap().0, 700);
+        assert_eq!(lag(&short, &long, 1).unwrap().0, -700);
+    }
+
+    #[test]
+    fn the_busiest_part_is_that_with_the_most_feet() {
+        let mut feet: Feet = (0..10_000).map(|tick| (tick, Vec::new())).collect();
+        for tick in 6000..6400 {
+            feet.insert(tick, vec![(0, Vector2::zeros())]);
+        }
+        let found = busiest(&feet);
+        assert!(found.len() <= 1500);
+        assert_eq!(found.values().map(Vec::len).sum::<usize>(), 400);
+    }
 }

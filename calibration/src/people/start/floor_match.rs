@@ -96,15 +96,27 @@ impl PlaneMotion {
     }
 }
 
-/// Motions that many feet agree with, the best first.
+/// The ticks of `a` that `b` has too, `late` before.
+pub(in crate::people) fn shared_ticks(a: &Feet, b: &Feet, late: i64) -> Vec<i64> {
+    let (Some(first), Some(last)) = (b.keys().next(), b.keys().next_back()) else {
+        return Vec::new();
+    };
+    let between = a.range(first + late..=last + late).map(|(tick, _)| *tick);
+    between
+        .filter(|tick| b.contains_key(&(tick - late)))
+        .collect()
+}
+
+/// Motions that many feet agree with, the best first; what `b` saw was `late` ticks later than it says.
 pub(in crate::people) fn motions(
     a: &Feet,
     b: &Feet,
+    late: i64,
     effort: Effort,
     seed: u64,
 ) -> Vec<PlaneMotion> {
-    let shared = shared_tracklets(a, b, effort.single);
-    let ticks: Vec<i64> = a.keys().filter(|t| b.contains_key(t)).copied().collect();
+    let ticks = shared_ticks(a, b, late);
+    let shared = shared_tracklets(a, b, late, &ticks, effort.single);
     if ticks.is_empty() {
         return Vec::new();
     }
@@ -131,7 +143,7 @@ pub(in crate::people) fn motions(
     }
     let mut scored: Vec<PlaneMotion> = found
         .into_iter()
-        .map(|it| settled(it, a, b, &ticks, 0))
+        .map(|it| settled(it, a, b, late, &ticks, 0))
         .collect();
     scored.sort_by(|x, y| y.score.total_cmp(&x.score));
     // Only the best are worth a second look.
@@ -147,7 +159,7 @@ pub(in crate::people) fn motions(
     }
     let mut kept: Vec<PlaneMotion> = kept
         .into_iter()
-        .map(|it| settled(it, a, b, &ticks, 3))
+        .map(|it| settled(it, a, b, late, &ticks, 3))
         .collect();
     kept.sort_by(|x, y| y.score.total_cmp(&x.score));
     kept.truncate(MOST_KEPT);
@@ -161,11 +173,17 @@ fn is_same(a: &PlaneMotion, b: &PlaneMotion) -> bool {
 }
 
 /// Feet of each pair of tracklets at the ticks that they share.
-fn shared_tracklets(a: &Feet, b: &Feet, most: usize) -> Vec<Vec<FootPair>> {
+fn shared_tracklets(
+    a: &Feet,
+    b: &Feet,
+    late: i64,
+    ticks: &[i64],
+    most: usize,
+) -> Vec<Vec<FootPair>> {
     let mut shared: BTreeMap<(usize, usize), Vec<FootPair>> = BTreeMap::new();
-    for (tick, own) in a {
-        for (i, at_a) in own {
-            for (j, at_b) in b.get(tick).into_iter().flatten() {
+    for tick in ticks {
+        for (i, at_a) in a.get(tick).into_iter().flatten() {
+            for (j, at_b) in b.get(&(tick - late)).into_iter().flatten() {
                 shared.entry((*i, *j)).or_default().push((*at_a, *at_b));
             }
         }
@@ -185,11 +203,12 @@ fn settled(
     mut motion: PlaneMotion,
     a: &Feet,
     b: &Feet,
+    late: i64,
     ticks: &[i64],
     rounds: usize,
 ) -> PlaneMotion {
     for round in 0..=rounds {
-        let (score, pairs) = votes(&motion, a, b, ticks);
+        let (score, pairs) = votes(&motion, a, b, late, ticks);
         motion.score = score;
         if round == rounds {
             break;
@@ -197,7 +216,7 @@ fn settled(
         let Some(next) = PlaneMotion::fit(&pairs, LEAST_SPREAD_M) else {
             break;
         };
-        let (score, _) = votes(&next, a, b, ticks);
+        let (score, _) = votes(&next, a, b, late, ticks);
         if score <= motion.score {
             break;
         }
@@ -207,11 +226,17 @@ fn settled(
 }
 
 /// How many feet agree, of those of the camera that sees fewer, and which.
-fn votes(motion: &PlaneMotion, a: &Feet, b: &Feet, ticks: &[i64]) -> (f64, Vec<FootPair>) {
+fn votes(
+    motion: &PlaneMotion,
+    a: &Feet,
+    b: &Feet,
+    late: i64,
+    ticks: &[i64],
+) -> (f64, Vec<FootPair>) {
     let (mut agreeing, mut possible) = (0.0, 0.0);
     let mut pairs = Vec::new();
     for tick in ticks {
-        let (Some(own), Some(others)) = (a.get(tick), b.get(tick)) else {
+        let (Some(own), Some(others)) = (a.get(tick), b.get(&(tick - late))) else {
             continue;
         };
         possible += own.len().min(others.len()) as f64;
@@ -260,7 +285,7 @@ mod tests {
                 b.entry(tick).or_default().push((3 - who, truth.apply(&at)));
             }
         }
-        let found = motions(&a, &b, Effort::FULL, 1);
+        let found = motions(&a, &b, 0, Effort::FULL, 1);
         let best = found.first().unwrap();
         let off = best.angle_rad - truth.angle_rad;
         assert!(libm::sin(off).abs() < 1e-6 && libm::cos(off) > 0.0);

@@ -129,7 +129,7 @@ pub(in crate::people) fn pair(
     stature_m: f64,
     seed: u64,
 ) -> Option<Pair> {
-    let proposals = motions(&a.feet, &b.feet, Effort::FULL, seed);
+    let proposals = motions(&a.feet, &b.feet, 0, Effort::FULL, seed);
     let found = proposals
         .iter()
         .filter_map(|motion| refined(a, b, motion, plan, stature_m, seed));
