@@ -234,3 +234,28 @@ pub(super) fn lay(
     alignment.has_floor = true;
     Ok((alignment, from))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_few_feet_beside_a_straight_walk_do_not_make_it_wide() {
+        let ankles = (0..200).map(|i: u32| {
+            // One in twenty was taken for another's.
+            let across = if i.is_multiple_of(20) {
+                4.0
+            } else {
+                0.1 * f64::from(i % 3)
+            };
+            Vector3::new(0.1 * f64::from(i), across, 0.0)
+        });
+        let standing = Standing {
+            ankles: ankles.collect(),
+            ..Standing::default()
+        };
+        let [along, across] = standing.extent(&Vector3::z());
+        assert!((along - 16.0).abs() < 0.2, "{along}");
+        assert!(across < 0.5, "{across}");
+    }
+}

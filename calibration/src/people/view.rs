@@ -274,3 +274,45 @@ fn between(a: &Body, b: &Body, share: f64) -> Body {
         tracklet: a.tracklet,
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn track(frames: u32) -> Vec<Tracked> {
+        let joints = Vec::new();
+        let body = Body {
+            joints,
+            tracklet: 0,
+        };
+        let each = (0..frames).map(|frame| Tracked {
+            frame: f64::from(frame),
+            body: body.clone(),
+        });
+        each.collect()
+    }
+
+    #[test]
+    fn slow_cameras_have_bodies_between_their_frames() {
+        for rate_hz in [LEAST_RATE_HZ, 5.0, 6.0, 7.0, 25.0] {
+            let clock = Clock {
+                rate_hz,
+                offset_s: 0.01,
+                ticks_hz: Some(rate_hz.min(10.0)),
+            };
+            let ticks = by_tick(&[track(50)], &clock);
+            let expected = 49.0 / rate_hz * rate_hz.min(10.0);
+            assert!((ticks.len() as f64 - expected).abs() <= 1.0, "{rate_hz}");
+        }
+    }
+
+    #[test]
+    fn an_offset_beyond_all_whole_numbers_ends() {
+        let clock = Clock {
+            rate_hz: 10.0,
+            offset_s: 1e18,
+            ticks_hz: Some(10.0),
+        };
+        assert!(by_tick(&[track(3)], &clock).len() <= 2);
+    }
+}

@@ -357,3 +357,37 @@ fn knocked(report: &CameraReport, sights: Option<&Vec<Residual>>) -> Option<Find
         "leave out what it saw before or after, or calibrate again",
     ))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn halves_that_draw_a_point_far_apart_are_wrong_however_uncertain_they_are() {
+        let report = CameraReport {
+            name: "north".to_owned(),
+            sights: 1000,
+            used_share: 1.0,
+            rms_px: 1.0,
+            noise_px: 1.0,
+            position_sigma_m: 10.0,
+            rotation_sigma_deg: 10.0,
+            focal_ratio: 1.0,
+            offset_s: 0.0,
+            rate_hz: 10.0,
+            halves_m: 0.1,
+            halves_deg: 0.5,
+        };
+        let of = |px: f64| {
+            let apart = Apart {
+                distance: 0.1,
+                turned_rad: 0.01,
+                px,
+            };
+            of_halves(&report, Some(apart))
+        };
+        assert!(of(WRONG_HALVES_PX + 0.1).is_some_and(|it| it.is_wrong));
+        assert!(of(WRONG_HALVES_PX - 0.1).is_none());
+        assert!(of_halves(&report, None).is_some_and(|it| it.cause == Cause::HalvesUnchecked));
+    }
+}

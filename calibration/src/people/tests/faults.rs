@@ -236,7 +236,7 @@ fn true_places_pass_and_those_that_lean_or_are_raised_or_of_which_one_is_off_do_
     assert!(is_said(&leaning, "", Cause::Anchors));
     let raised = with_places(|at| at + Vector3::z() * 0.35);
     assert!(is_said(&raised, "", Cause::Anchors));
-    // The first camera stands where y is largest of those with a positive x: one number is wrong by a metre.
+    // One number of one camera is wrong by a metre.
     let off = with_places(|at| {
         let by = if at.x > 3.0 && at.y > 0.0 { 1.0 } else { 0.0 };
         at + Vector3::x() * by
