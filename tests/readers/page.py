@@ -180,6 +180,8 @@ def scrubs(visit, folder):
     at = visit.counter("tick")
     page.wait_for_timeout(1000)
     check("it stays", visit.counter("tick") == at)
+    page.wait_for_timeout(8000)
+    check("a pause is no absence", "away" not in page.locator(".pill").inner_text())
     page.keyboard.press(".")
     check("a step is a tick", visit.until(lambda: visit.counter("tick") == at + 1) is not None, visit.counter("tick") - at)
     visit.shot(folder, "scrubbed")
