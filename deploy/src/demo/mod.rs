@@ -147,12 +147,12 @@ fn out_of(out: &Path, round: u32) -> PathBuf {
 
 /// Where a round of many records, when the first does to `file`.
 fn recording_of(file: &Path, round: u32) -> PathBuf {
-    let ending = file.extension().map(ToOwned::to_owned);
-    let mut path = out_of(&file.with_extension(""), round);
-    if let Some(ending) = ending {
-        path.set_extension(ending);
+    let mut name = out_of(Path::new(file.file_stem().unwrap_or_default()), round).into_os_string();
+    if let Some(ending) = file.extension() {
+        name.push(".");
+        name.push(ending);
     }
-    path
+    file.with_file_name(name)
 }
 
 /// Plays `script` once, as one `round` of many, and says how good it was.

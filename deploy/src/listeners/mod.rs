@@ -41,7 +41,9 @@ pub(crate) struct ListenerArgs {
     ///
     /// By the protocol of that name, to this machine or to ADDRESS: an IP address, with or without a port. Beyond this
     /// machine everybody who can reach it sees where people are: none of these protocols knows keys. See `docs/streams.md`.
-    #[arg(long, value_name = "NAME[=ADDRESS]")]
+    ///
+    /// As NAME, or NAME=ADDRESS.
+    #[arg(long, value_name = "NAME")]
     pub(crate) stream: Vec<StreamSpec>,
 }
 
