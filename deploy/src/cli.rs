@@ -18,16 +18,16 @@ use crate::check_venue::CheckArgs;
 use crate::demo::DemoArgs;
 use crate::doctor::DoctorArgs;
 use crate::evaluate::EvaluateArgs;
-use crate::export::ExportArgs;
-use crate::import::ImportArgs;
+use crate::exchange::export::ExportArgs;
+use crate::exchange::import::ImportArgs;
 use crate::init::InitArgs;
 use crate::listeners::FusionCommandArgs;
+use crate::listeners::view::ViewArgs;
 use crate::manual::{CompletionsArgs, ManArgs};
 use crate::parameters::ParametersArgs;
 use crate::run::RunArgs;
 use crate::simulate::SimulateArgs;
 use crate::status::StatusArgs;
-use crate::view::ViewArgs;
 
 /// Markerless motion capture for wide fields.
 ///

@@ -15,8 +15,7 @@ mod cli;
 mod demo;
 mod doctor;
 mod evaluate;
-mod export;
-mod import;
+mod exchange;
 mod init;
 mod keys;
 mod listeners;
@@ -33,7 +32,6 @@ mod signals;
 mod simulate;
 mod status;
 mod venue_folder;
-mod view;
 
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -64,13 +62,13 @@ pub fn main() -> ExitCode {
             exit_code_told(status::status(&args), Told::as_json_if(args.json))
         }
         FarfieldCommand::Replay(args) => farfield_fusion::node::replay(&args, output::print),
-        FarfieldCommand::View(args) => view::main(&args),
+        FarfieldCommand::View(args) => listeners::view::main(&args),
         FarfieldCommand::Check(args) => check_venue::main(&args),
         FarfieldCommand::Demo(args) => demo::main(&args),
         FarfieldCommand::Doctor(args) => doctor::main(&args),
         FarfieldCommand::Init(args) => init::main(&args),
         FarfieldCommand::Import(args) => exit_code_told(
-            done(import::import_folder(&args)),
+            done(exchange::import::import_folder(&args)),
             Told::as_json_if(args.json),
         ),
         FarfieldCommand::Simulate(args) => simulate::main(args),
@@ -86,9 +84,10 @@ pub fn main() -> ExitCode {
         FarfieldCommand::Parameters(args) => {
             exit_code_told(done(parameters::print(&args)), Told::as_json_if(args.json))
         }
-        FarfieldCommand::Export(args) => {
-            exit_code_told(done(export::export_run(&args)), Told::as_json_if(args.json))
-        }
+        FarfieldCommand::Export(args) => exit_code_told(
+            done(exchange::export::export_run(&args)),
+            Told::as_json_if(args.json),
+        ),
         FarfieldCommand::Evaluate(args) => {
             exit_code_told(done(evaluate::evaluate(&args)), Told::as_json_if(args.json))
         }

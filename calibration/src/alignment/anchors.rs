@@ -2,19 +2,14 @@
 
 use nalgebra::{Matrix3, Vector3};
 
+use super::click::{Click, camera, meeting};
 use super::floor::floor;
-use super::mark_fit::{FoundPlace, MarkFit, MarkFreedom, fit_marks};
-use super::marks::Marks;
+use super::mark_fit::{MarkFit, fit_marks};
+use super::marks::{FoundPlace, MarkFreedom, Marks};
 use super::similarity::{Similarity, SimilarityError, mirrored_rms, rms};
 use super::wand::wand_scale;
 use crate::adjustment::CameraState;
-use crate::geometry::triangulate;
 
-/// Where a camera, by name, saw something: distorted pixels.
-pub type Click = (String, [f64; 2]);
-
-/// Largest angle between a click and the point that all clicks agree on, radians.
-const CLICK_RAD: f64 = 0.02;
 /// A mirror image counts as one when it fits this much better, and the proper fit is worse than a share of the extent.
 const MIRROR_GAIN: f64 = 0.3;
 const MIRROR_SHARE: f64 = 0.01;
@@ -268,52 +263,4 @@ fn onto(found: &[Vector3<f64>], known: &[Vector3<f64>]) -> Result<Alignment, Str
         has_floor: true,
         rms_m: Some(left_m),
     })
-}
-
-pub(super) fn camera<'a>(
-    cameras: &'a [(String, CameraState)],
-    name: &str,
-) -> Result<&'a CameraState, String> {
-    let found = cameras.iter().find(|(other, _)| other == name);
-    found.map(|(_, state)| state).ok_or_else(|| {
-        let names: Vec<&str> = cameras.iter().map(|(name, _)| name.as_str()).collect();
-        format!(
-            "found camera `{name}`, expected one of {}",
-            names.join(", ")
-        )
-    })
-}
-
-pub(super) fn meeting(
-    cameras: &[(String, CameraState)],
-    clicks: &[Click],
-    what: &str,
-) -> Result<Vector3<f64>, String> {
-    let mut sights = Vec::new();
-    for (name, px) in clicks {
-        let state = camera(cameras, name)?;
-        let bearing = state.bearing(*px, state.fold_radius()).ok_or_else(|| {
-            format!(
-                "{what}: camera `{name}` draws nothing at ({}, {})",
-                px[0], px[1]
-            )
-        })?;
-        sights.push((state.center_w, state.camera_from_world.inverse() * bearing));
-    }
-    let (point, agreeing) = triangulate(&sights, CLICK_RAD).ok_or_else(|| {
-        format!(
-            "{what}: its clicks in {} cameras do not meet, expected at least two that do",
-            clicks.len()
-        )
-    })?;
-    if agreeing.len() < sights.len() {
-        let off = (0..sights.len())
-            .find(|i| !agreeing.contains(i))
-            .unwrap_or(0);
-        let name = clicks.get(off).map_or("", |(name, _)| name.as_str());
-        return Err(format!(
-            "{what}: its click in camera `{name}` does not meet the others"
-        ));
-    }
-    Ok(point)
 }

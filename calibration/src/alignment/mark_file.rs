@@ -26,7 +26,7 @@ use std::path::Path;
 use farfield_proto::toml_file::{FileError, Place, TomlFile, unknown_name};
 use serde::Deserialize;
 
-use super::anchors::Click;
+use super::click::Click;
 use super::court::Court;
 use super::marks::{ClickedLength, ClickedPoint, Known, KnownMark, Marks};
 

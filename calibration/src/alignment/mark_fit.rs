@@ -7,7 +7,7 @@
 use nalgebra::{SMatrix, SVector, UnitQuaternion, Vector3};
 
 use super::mark_start::start;
-use super::marks::{Known, Marks};
+use super::marks::{FoundPlace, Known, MarkFreedom, Marks};
 use super::sight::{Seen, Sights, across_m};
 use super::similarity::Similarity;
 use crate::adjustment::CameraState;
@@ -27,15 +27,6 @@ const BY: f64 = 1e-6;
 const NOT_DRAWN: f64 = 1e3;
 /// Least eigenvalue over the greatest, of the scaled normal matrix, of what is determined.
 const LEAST_EIGENVALUE: f64 = 1e-10;
-
-/// What may be changed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum MarkFreedom {
-    /// Place, turn and size.
-    Similarity,
-    /// Place and turn: the cameras are in metres already.
-    Rigid,
-}
 
 /// What is left of one click, place, point or length.
 #[derive(Debug, Clone, PartialEq)]
@@ -91,9 +82,6 @@ impl MarkFit {
         self.residuals.iter().filter(|it| it.is_outlier)
     }
 }
-
-/// A place that was found, and is known: its name, where it is in the world of the cameras, and in the venue.
-pub type FoundPlace = (String, Vector3<f64>, Vector3<f64>);
 
 /// Lays `cameras` on `marks`, and on `places` beside them.
 ///
@@ -230,18 +218,7 @@ fn finished(
     let agreeing = lengths.iter().filter(|l| fits(l)).count();
     // Some few agree on something by chance.
     if rows < unknowns || 2 * agreeing < lengths.len() {
-        let named: Vec<&str> = sights
-            .seen
-            .iter()
-            .map(|seen| seen.name.as_str())
-            .take(8)
-            .collect();
-        return Err(format!(
-            "the clicked marks contradict each other: of {} only {agreeing} agree ({}), expected half of them or more; look for \
-             exchanged names",
-            sights.seen.len(),
-            named.join(", ")
-        ));
+        return Err(contradiction(sights, agreeing));
     }
     // Never below one: few marks may agree by chance.
     let raise = (squares / (rows - unknowns).max(1.0)).max(1.0);
@@ -282,6 +259,18 @@ fn finished(
         rms_m: (good.iter().sum::<f64>() / good.len().max(1) as f64).sqrt(),
         residuals,
     })
+}
+
+/// What is said of marks of which only these many agree.
+fn contradiction(sights: &Sights<'_>, agreeing: usize) -> String {
+    let names = sights.seen.iter().map(|seen| seen.name.as_str());
+    let named: Vec<&str> = names.take(8).collect();
+    format!(
+        "the clicked marks contradict each other: of {} only {agreeing} agree ({}), expected half of them or more; look for \
+         exchanged names",
+        sights.seen.len(),
+        named.join(", ")
+    )
 }
 
 fn residual(sights: &Sights<'_>, seen: &Seen, fitted: &Similarity, sigmas: f64) -> MarkResidual {

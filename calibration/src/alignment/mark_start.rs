@@ -4,8 +4,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::{UnitQuaternion, Vector3};
 
-use super::mark_fit::MarkFreedom;
-use super::marks::Known;
+use super::marks::{Known, MarkFreedom};
 use super::sight::{Sights, What};
 use super::similarity::Similarity;
 use crate::adjustment::CameraState;

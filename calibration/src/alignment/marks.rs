@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::anchors::Click;
+use super::click::Click;
 use super::court::LineShape;
 
 /// Where something that was clicked is known to be.
@@ -103,3 +103,15 @@ impl Known {
         }
     }
 }
+
+/// What may be changed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum MarkFreedom {
+    /// Place, turn and size.
+    Similarity,
+    /// Place and turn: the cameras are in metres already.
+    Rigid,
+}
+
+/// A place that was found, and is known: its name, where it is in the world of the cameras, and in the venue.
+pub type FoundPlace = (String, Vector3<f64>, Vector3<f64>);

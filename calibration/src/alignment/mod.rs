@@ -5,6 +5,7 @@
 //! all of it; where nothing is known but lengths and the floor, [`wand_scale`] and [`floor`] say how long and which way is up.
 
 mod anchors;
+mod click;
 mod court;
 mod floor;
 mod mark_file;
@@ -15,11 +16,12 @@ mod sight;
 mod similarity;
 mod wand;
 
-pub use anchors::{Alignment, Anchors, Click, KnownDistance, KnownPoint};
+pub use anchors::{Alignment, Anchors, KnownDistance, KnownPoint};
+pub use click::Click;
 pub use court::{Court, CourtLine, CourtMark, LineShape};
 pub use floor::{Floor, floor};
-pub use mark_fit::{FoundPlace, MarkFit, MarkFreedom, MarkResidual, fit_marks};
-pub use marks::{ClickedLength, ClickedPoint, Known, KnownMark, Marks};
+pub use mark_fit::{MarkFit, MarkResidual, fit_marks};
+pub use marks::{ClickedLength, ClickedPoint, FoundPlace, Known, KnownMark, MarkFreedom, Marks};
 pub use similarity::{Similarity, SimilarityError, mirrored_rms, rms};
 pub use wand::{WandScale, wand_scale};
 

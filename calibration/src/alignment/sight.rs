@@ -2,10 +2,9 @@
 
 use nalgebra::{Matrix2, Vector2, Vector3};
 
-use super::anchors::{camera, meeting};
+use super::click::{camera, meeting};
 use super::court::LineShape;
-use super::mark_fit::FoundPlace;
-use super::marks::{ClickedPoint, Known, Marks};
+use super::marks::{ClickedPoint, FoundPlace, Known, Marks};
 use super::similarity::Similarity;
 use crate::adjustment::CameraState;
 

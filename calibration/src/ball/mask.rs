@@ -1,10 +1,10 @@
 //! Which pixels may be of the thing.
 
+use super::appearance::Appearance;
 use super::background::Background;
 use super::blobs::Blobs;
 use super::colour::ColourTable;
 use super::error::BallError;
-use super::finder::Appearance;
 use super::picture::{Picture, PixelLayout};
 
 /// What is asked of a pixel, with the room that it needs.

@@ -17,6 +17,7 @@
 //! that are there at the same time the rounder one is the ball. What is left out is left out: a camera that does not see the
 //! ball gives no sighting.
 
+mod appearance;
 mod background;
 mod blobs;
 mod candidate;
@@ -30,11 +31,12 @@ mod picture;
 mod round;
 mod track;
 
+pub use appearance::Appearance;
 pub use candidate::SMALLEST_OUTLINE_PX;
 pub use chart::{BallLens, outline_offset_px};
 pub use colour::{ColourRange, hsv};
 pub use error::BallError;
-pub use finder::{Appearance, BallFinder, BallRequest, BallSighting, sightings, sightings_text};
+pub use finder::{BallFinder, BallRequest, BallSighting, sightings, sightings_text};
 pub use picture::{Picture, PixelLayout};
 
 #[cfg(test)]

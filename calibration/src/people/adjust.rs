@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use super::associate::{Person, persons};
-use super::start::pair::{KEYPOINT_M, KEYPOINT_PX};
+use super::plan::{KEYPOINT_M, KEYPOINT_PX};
 use super::view::View;
 use crate::adjustment::{
     AdjustedCamera, Block, CameraState, Free, Limits, Loss, Observation, Path, Problem, adjust,

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use nalgebra::Vector3;
 
-use super::start::pair::{KEYPOINT_M, KEYPOINT_PX};
+use super::plan::{KEYPOINT_M, KEYPOINT_PX};
 use super::view::{Body, View};
 use crate::adjustment::CameraState;
 use crate::geometry::{Sight, triangulate};

@@ -3,6 +3,10 @@
 
 use farfield_proto::keypoints::KeypointSet;
 
+/// Usual noise of a keypoint on a body, metres, and in the picture, pixels.
+pub(super) const KEYPOINT_M: f64 = 0.025;
+pub(super) const KEYPOINT_PX: f64 = 1.0;
+
 /// Heights of standing people's joints, shares of the stature.
 pub(super) const ANKLE_HEIGHT: f64 = 0.039;
 const HIP_HEIGHT: f64 = 0.530;

@@ -1,6 +1,6 @@
 //! Bodies of one camera joined over time, only where it is clear who is who: a tracklet breaks rather than err.
 
-use super::view::Body;
+use nalgebra::Vector3;
 
 /// Time without a sight after which a tracklet ends, seconds.
 const MOST_GAP_S: f64 = 0.5;
@@ -11,6 +11,42 @@ const STEP_PER_S: f64 = 2.0;
 const CLEAR: f64 = 1.6;
 /// Keypoints that must be seen both before and after.
 const LEAST_SHARED: usize = 4;
+
+/// One keypoint.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Joint {
+    pub(super) px: [f64; 2],
+    /// Unit vector, camera axes.
+    pub(super) bearing: Vector3<f64>,
+    pub(super) score: f64,
+}
+
+/// One body in one picture.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Body {
+    pub(super) joints: Vec<Option<Joint>>,
+    /// Number of its tracklet in its camera.
+    pub(super) tracklet: usize,
+}
+
+impl Body {
+    /// The mean bearing of the keypoints of `indices` that were seen; `None` of none.
+    pub(super) fn bearing(&self, indices: &[usize]) -> Option<Vector3<f64>> {
+        let seen = indices.iter().filter_map(|i| self.joints.get(*i)?.as_ref());
+        let sum = seen.fold(Vector3::zeros(), |sum, joint| sum + joint.bearing);
+        sum.try_normalize(0.1)
+    }
+
+    /// As [`Self::bearing`], where all of them were seen.
+    pub(super) fn bearing_of_all(&self, indices: &[usize]) -> Option<Vector3<f64>> {
+        let has = |i: &usize| self.joints.get(*i).is_some_and(Option::is_some);
+        indices
+            .iter()
+            .all(has)
+            .then(|| self.bearing(indices))
+            .flatten()
+    }
+}
 
 /// A body in a frame.
 #[derive(Debug, Clone, PartialEq)]

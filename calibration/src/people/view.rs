@@ -4,10 +4,11 @@ use std::collections::BTreeMap;
 
 use farfield_proto::camera::{CameraError, CameraModel};
 use farfield_proto::frames::Transform;
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::Isometry3;
 
 use super::error::PeopleError;
 use super::request::{Detection, PeopleCamera};
+pub(super) use super::tracklet::{Body, Joint};
 use super::tracklet::{Tracked, tracklets};
 use crate::adjustment::CameraState;
 
@@ -23,42 +24,6 @@ const MOST_BETWEEN_FRAMES: f64 = 1.5;
 pub(super) const LEAST_RATE_HZ: f64 = 3.0;
 /// Share of the keypoints of a camera that may lie outside of its picture.
 const OUTSIDE_SHARE: f64 = 0.2;
-
-/// One keypoint.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Joint {
-    pub(super) px: [f64; 2],
-    /// Unit vector, camera axes.
-    pub(super) bearing: Vector3<f64>,
-    pub(super) score: f64,
-}
-
-/// One body in one picture.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) struct Body {
-    pub(super) joints: Vec<Option<Joint>>,
-    /// Number of its tracklet in its camera.
-    pub(super) tracklet: usize,
-}
-
-impl Body {
-    /// The mean bearing of the keypoints of `indices` that were seen; `None` of none.
-    pub(super) fn bearing(&self, indices: &[usize]) -> Option<Vector3<f64>> {
-        let seen = indices.iter().filter_map(|i| self.joints.get(*i)?.as_ref());
-        let sum = seen.fold(Vector3::zeros(), |sum, joint| sum + joint.bearing);
-        sum.try_normalize(0.1)
-    }
-
-    /// As [`Self::bearing`], where all of them were seen.
-    pub(super) fn bearing_of_all(&self, indices: &[usize]) -> Option<Vector3<f64>> {
-        let has = |i: &usize| self.joints.get(*i).is_some_and(Option::is_some);
-        indices
-            .iter()
-            .all(has)
-            .then(|| self.bearing(indices))
-            .flatten()
-    }
-}
 
 /// One camera and the bodies that it saw by tick.
 #[derive(Debug, Clone, PartialEq)]

@@ -94,11 +94,7 @@ pub(super) fn from_people(args: &PeopleArgs) -> Result<Judged, NodeError> {
 }
 
 fn request(args: &PeopleArgs) -> anyhow::Result<PeopleRequest> {
-    let timing = match args.clocks {
-        Clocks::Synchronised => Timing::Synchronised,
-        Clocks::Given => Timing::Clocks,
-        Clocks::Unknown => Timing::Unknown,
-    };
+    let timing = args.clocks.timing();
     ensure!(
         timing == Timing::Clocks || args.offset_s.is_empty(),
         "--offset-s: offsets are for --clocks given"

@@ -85,6 +85,17 @@ pub(super) enum Clocks {
     Unknown,
 }
 
+impl Clocks {
+    /// The same as calibrations take it.
+    pub(super) fn timing(self) -> Timing {
+        match self {
+            Self::Synchronised => Timing::Synchronised,
+            Self::Given => Timing::Clocks,
+            Self::Unknown => Timing::Unknown,
+        }
+    }
+}
+
 /// What of the lenses may move.
 #[derive(Debug, Clone, Copy, ValueEnum)]
 enum FreeLens {
@@ -301,11 +312,7 @@ fn request(args: &PointsArgs) -> anyhow::Result<PointRequest> {
             name,
         });
     }
-    let timing = match args.clocks {
-        Clocks::Synchronised => Timing::Synchronised,
-        Clocks::Given => Timing::Clocks,
-        Clocks::Unknown => Timing::Unknown,
-    };
+    let timing = args.clocks.timing();
     Ok(PointRequest {
         lenses: match args.free {
             FreeLens::None => Lenses::Given,

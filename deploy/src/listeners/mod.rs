@@ -6,6 +6,7 @@
 mod page;
 mod streams;
 mod thread;
+pub(crate) mod view;
 
 use std::net::SocketAddr;
 use std::process::ExitCode;
@@ -18,7 +19,7 @@ use farfield_fusion::node::{
 use farfield_page::PageState;
 use farfield_streams::{StreamSpec, Streams};
 
-pub(crate) use self::page::{PageServer, page_skeleton};
+use self::page::PageServer;
 use self::thread::ServingThread;
 
 /// Who shall listen.

@@ -30,9 +30,9 @@ const FULL_CIRCLE_RAD: f64 = TAU - 1e-3;
 const MAX_NAMES: usize = 1024;
 
 /// A page that is served until this is let go of.
-pub(crate) struct PageServer {
+pub(super) struct PageServer {
     /// What the operator is told of it, a line each.
-    pub(crate) said: Vec<String>,
+    pub(super) said: Vec<String>,
     tasks: TaskTracker,
     stop: DropGuard,
 }
@@ -42,7 +42,7 @@ impl PageServer {
     ///
     /// # Errors
     /// Keys that are missing or wrong, an address that cannot be had.
-    pub(crate) async fn start(
+    pub(super) async fn start(
         state: Arc<PageState>,
         (address, names): (Option<SocketAddr>, &[String]),
         keys: Option<Keys>,
@@ -79,7 +79,7 @@ impl PageServer {
     }
 
     /// Tells those who look that it is over, and waits until they have left.
-    pub(crate) async fn stop(self) {
+    pub(super) async fn stop(self) {
         drop(self.stop);
         self.tasks.close();
         self.tasks.wait().await;
@@ -191,7 +191,7 @@ impl Wiretap for PageTap {
 }
 
 /// The bodies of poses, for the page: names of joints, keypoints and angles, what hangs from what.
-pub(crate) fn page_skeleton(venue: &Venue, keypoints: &KeypointSet) -> Skeleton {
+pub(super) fn page_skeleton(venue: &Venue, keypoints: &KeypointSet) -> Skeleton {
     let joints = Joint::ALL.map(|joint| {
         let parent = joint.parent().map(Joint::index);
         (joint.name().to_owned(), parent)

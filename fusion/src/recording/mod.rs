@@ -10,20 +10,19 @@
 
 use mcap::records::Record;
 
-pub mod attached;
 pub mod channels;
 mod compression;
 pub mod expected;
 mod framing;
 pub mod holes;
-pub mod messages;
-mod placed;
 pub mod poses_json;
-pub mod reader;
+mod reading;
 mod renumber;
 pub mod replay;
 mod tick_ranges;
 pub mod writer;
+
+pub use self::reading::{attached, messages, reader};
 
 /// Profile of the files' header: what tells our recordings from other MCAP files.
 pub const PROFILE: &str = "farfield";

@@ -4,9 +4,9 @@ use nalgebra::Vector3;
 use rand::RngExt;
 
 use super::render::{Ball, ORANGE, SIZE_PX, Scene, ball_at, camera, lens_of, seeded};
+use crate::ball::Appearance;
 use crate::ball::blobs::Blobs;
 use crate::ball::candidate::{Candidate, Room, candidates};
-use crate::ball::finder::Appearance;
 use crate::ball::mask::Mask;
 use crate::ball::{BallLens, ColourRange, outline_offset_px};
 

@@ -1,7 +1,7 @@
 //! What speaks against a calibration from people as a whole: who was not connected, how people walked, the floor, the
 //! length of a metre.
 
-use super::assess::{Found, finding};
+use super::found::{Found, finding};
 use crate::people::plan::USUAL_STATURE_M;
 use crate::people::start::ground::LEAST_BODIES;
 use crate::people::venue::Scale;

@@ -3,3 +3,4 @@
 pub(super) mod assess;
 pub(super) mod contradiction;
 mod findings;
+mod found;

@@ -13,7 +13,7 @@ use super::ground::Ground;
 use crate::geometry::{
     RelativePose, TwoViews, refined_pose, relative_pose, sampson_rad, triangulate,
 };
-use crate::people::plan::{ANKLE_TO_SHOULDER, BodyPlan};
+use crate::people::plan::{ANKLE_TO_SHOULDER, BodyPlan, KEYPOINT_M, KEYPOINT_PX};
 use crate::people::view::{Body, View};
 use farfield_proto::order_statistics::upper_median;
 
@@ -26,9 +26,6 @@ const MOST_TICKS: usize = 120;
 /// Keypoints that two bodies must share, and their mean loss from which they are different bodies.
 const LEAST_KEYPOINTS: usize = 6;
 const MOST_BODY_LOSS: f64 = 0.5;
-/// Usual noise of a keypoint on a body, metres, and in the picture, pixels.
-pub(in crate::people) const KEYPOINT_M: f64 = 0.025;
-pub(in crate::people) const KEYPOINT_PX: f64 = 1.0;
 /// Gates of the rounds of pairing bodies, in standard deviations: starts are rough.
 const GATES: [f64; 4] = [16.0, 8.0, 4.0, 3.0];
 /// Distance of feet within which bodies may be the same: a sum, and a share of their distances from both cameras.

@@ -4,8 +4,8 @@
 
 use std::io::{Read, Seek, SeekFrom};
 
-use super::framing::{FramingError, PackedChunk, RecordPlace, unpack};
-use super::reader::RecordingError;
+use super::error::RecordingError;
+use crate::recording::framing::{FramingError, PackedChunk, RecordPlace, unpack};
 
 /// See [`MessagePosition::chunk`].
 const NO_CHUNK: u32 = u32::MAX;

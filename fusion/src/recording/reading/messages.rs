@@ -9,9 +9,10 @@ use std::ops::Range;
 use mcap::records::Record;
 
 use super::attached::Attached;
-use super::framing::{RecordPlace, walk};
+use super::error::RecordingError;
 use super::placed::{ChunkNumbers, MessagePosition, PlacedMessages};
-use super::reader::{RecordingError, topics};
+use super::reader::topics;
+use crate::recording::framing::{RecordPlace, walk};
 
 /// A message that is not read yet.
 #[derive(Debug, Clone, Copy)]

@@ -17,7 +17,7 @@ use farfield_page::{PageOptions, PageState, RecordedMessages};
 use farfield_proto::id::SessionId;
 use farfield_proto::tick::Micros;
 
-use crate::listeners::{PageServer, page_skeleton};
+use super::page::{PageServer, page_skeleton};
 use crate::signals::Signals;
 
 /// Arguments of `farfield view`.

@@ -17,30 +17,14 @@ use farfield_proto::wire;
 use mcap::records::Record;
 use serde::Deserialize;
 
-use super::PROFILE;
+pub use super::error::RecordingError;
+
 use super::attached::Attached;
-use super::channels::{Content, channels};
-use super::expected::ExpectedPeople;
-use super::framing::{FileEnd, FramingError, RecordPlace, walk};
 use super::placed::{ChunkNumbers, MessagePosition, PlacedMessages};
 use crate::identity::known::KnownPeople;
-
-/// Why a file cannot be replayed.
-#[derive(Debug, thiserror::Error)]
-pub enum RecordingError {
-    /// The file is none, or broken.
-    #[error(transparent)]
-    Framing(#[from] FramingError),
-    /// Another program's.
-    #[error("an MCAP file of profile {0:?}, not of \"{PROFILE}\"")]
-    Foreign(String),
-    /// It ends before it has said what it is a recording of.
-    #[error("it ends before its head does: nothing was recorded")]
-    NoHead,
-    /// A place that was a message is none any more.
-    #[error("byte {0}: the file has changed while it was read")]
-    Changed(u64),
-}
+use crate::recording::channels::{Content, channels};
+use crate::recording::expected::ExpectedPeople;
+use crate::recording::framing::{FileEnd, RecordPlace, walk};
 
 /// One recorded set, in the order in which the sets of a tick are wanted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]

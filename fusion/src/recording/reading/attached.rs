@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 
 use mcap::records::{AttachmentHeader, Metadata};
 
-use super::reader::RecordingError;
-use super::{CALIBRATION_FILE, CARD_FILE, FACTS, PROFILE, VENUE_FILE};
+use super::error::RecordingError;
+use crate::recording::{CALIBRATION_FILE, CARD_FILE, FACTS, PROFILE, VENUE_FILE};
 
 /// What a recording says of itself.
 #[derive(Debug, Clone, Default)]
