@@ -7,23 +7,19 @@ use super::refine::{bounded, noise_px};
 use super::request::{PointCamera, PointRequest};
 use crate::adjustment::{CameraState, Covariance, Problem};
 use crate::alignment::{Alignment, Anchors};
-use crate::report::{CameraReport, Cause, Finding, Report};
+use crate::report::{
+    CameraReport, Cause, Finding, Report, finding, other_focal_length, uncertain_place,
+};
 
 /// Residuals within this many standard deviations are used; less than these shares are doubtful, and wrong.
 const USED_SIGMAS: f64 = 4.0;
 const USUAL_SHARE: f64 = 0.8;
 const LEAST_SHARE: f64 = 0.6;
-/// Uncertainty of a place that is doubtful, and wrong, as a share of the distance between cameras.
-const DOUBTFUL_SIGMA: f64 = 0.005;
-const WRONG_SIGMA: f64 = 0.03;
 /// Halves disagree when they draw a point at the usual depth so many pixels apart: doubtful where it is also so many of
 /// their standard deviations, and wrong.
 const HALVES_SIGMAS: f64 = 5.0;
 const DOUBTFUL_HALVES_PX: f64 = 1.5;
 const WRONG_HALVES_PX: f64 = 3.0;
-/// Change of the focal length that is doubtful, and wrong.
-const DOUBTFUL_FOCAL: f64 = 0.02;
-const WRONG_FOCAL: f64 = 0.06;
 /// Noise that is doubtful, and wrong, pixels: not a share of the gate, which a user widens at will.
 const DOUBTFUL_NOISE_PX: f64 = 1.5;
 const WRONG_NOISE_PX: f64 = 3.0;
@@ -127,24 +123,6 @@ fn camera_reports(found: &Found<'_>, apart: &[Option<Apart>]) -> Vec<CameraRepor
     reports
 }
 
-pub(super) fn finding(
-    camera: &str,
-    cause: Cause,
-    is_wrong: bool,
-    found: String,
-    expected: &str,
-    remedy: &str,
-) -> Finding {
-    Finding {
-        camera: (!camera.is_empty()).then(|| camera.to_owned()),
-        cause,
-        is_wrong,
-        found,
-        expected: expected.to_owned(),
-        remedy: remedy.to_owned(),
-    }
-}
-
 fn not_connected(found: &Found<'_>) -> Vec<Finding> {
     let cameras = found.request.cameras.iter().enumerate();
     let without = cameras.filter(|(index, _)| !found.posed.contains(index));
@@ -205,31 +183,12 @@ fn of_camera(report: &CameraReport, apart_px: Option<f64>, span_m: f64) -> Vec<F
             "look at its lens, its clock and whether it was moved",
         ));
     }
-    let share = report.position_sigma_m / span_m;
-    if share.is_nan() || share > DOUBTFUL_SIGMA {
-        findings.push(finding(
-            name,
-            Cause::Uncertain,
-            share.is_nan() || share > WRONG_SIGMA,
-            format!("its place is known to {:.3} m", report.position_sigma_m),
-            &format!("{:.3} m or better", DOUBTFUL_SIGMA * span_m),
-            "carry the point near it and far from it, high and low, where other cameras see it too",
-        ));
-    }
-    let change = (report.focal_ratio - 1.0).abs();
-    if change > DOUBTFUL_FOCAL {
-        findings.push(finding(
-            name,
-            Cause::Focal,
-            change > WRONG_FOCAL,
-            format!(
-                "its focal length is {:.3} of the given one",
-                report.focal_ratio
-            ),
-            "within a hundredth or two",
-            "calibrate its lens again, at the zoom and focus that it has now",
-        ));
-    }
+    findings.extend(uncertain_place(
+        report,
+        span_m,
+        "carry the point near it and far from it, high and low, where other cameras see it too",
+    ));
+    findings.extend(other_focal_length(report));
     findings.extend(of_halves(report, apart_px));
     findings
 }

@@ -3,11 +3,11 @@
 use farfield_proto::order_statistics::upper_median;
 use nalgebra::Vector3;
 
-use super::assess::{Found, finding};
+use super::assess::Found;
 use super::request::Timing;
 use crate::adjustment::CameraState;
 use crate::alignment::{Alignment, Anchors};
-use crate::report::{CameraReport, Cause, Finding};
+use crate::report::{CameraReport, Cause, Finding, finding};
 
 /// Distance of known places from where they were found that is doubtful: metres, and standard deviations of the places.
 const DOUBTFUL_ANCHORS_M: f64 = 0.05;

@@ -74,3 +74,22 @@ impl fmt::Display for Finding {
         )
     }
 }
+
+/// A finding of a camera, or of all where `camera` is empty.
+pub(crate) fn finding(
+    camera: &str,
+    cause: Cause,
+    is_wrong: bool,
+    found: String,
+    expected: &str,
+    remedy: &str,
+) -> Finding {
+    Finding {
+        camera: (!camera.is_empty()).then(|| camera.to_owned()),
+        cause,
+        is_wrong,
+        found,
+        expected: expected.to_owned(),
+        remedy: remedy.to_owned(),
+    }
+}

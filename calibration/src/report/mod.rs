@@ -2,9 +2,12 @@
 
 mod field_map;
 mod finding;
+mod of_camera;
 
 pub use field_map::{FieldCamera, FieldCell, FieldGrid, field_map};
+pub(crate) use finding::finding;
 pub use finding::{Cause, Finding};
+pub(crate) use of_camera::{other_focal_length, uncertain_place};
 
 /// What is said of one camera.
 #[derive(Debug, Clone, PartialEq)]

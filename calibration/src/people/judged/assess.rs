@@ -4,9 +4,11 @@
 use farfield_proto::order_statistics::upper_median;
 
 use super::findings::of_all;
-pub(in crate::people) use super::found::{Found, Told, finding};
+pub(in crate::people) use super::found::{Found, Told};
 use crate::points::{Apart, Laid, halves, knocked_at, of_anchors};
-use crate::report::{CameraReport, Cause, Finding, Report};
+use crate::report::{
+    CameraReport, Cause, Finding, Report, finding, other_focal_length, uncertain_place,
+};
 
 /// Residuals within this many standard deviations are used; less than these shares are doubtful, and wrong.
 const USED_SIGMAS: f64 = 4.0;
@@ -20,17 +22,11 @@ const WRONG_NOISE_RATIO: f64 = 2.0;
 /// Share of persons that a camera sees elsewhere which is doubtful, and wrong.
 pub(in crate::people) const DOUBTFUL_CONTRADICTION: f64 = 0.25;
 const WRONG_CONTRADICTION: f64 = 0.5;
-/// Uncertainty of a place that is doubtful, and wrong, as a share of the distance between cameras.
-const DOUBTFUL_SIGMA: f64 = 0.005;
-const WRONG_SIGMA: f64 = 0.03;
 /// Halves disagree when they draw a point at the usual depth so many pixels apart: doubtful where it is also so many of
 /// their standard deviations, and wrong however uncertain they are.
 const HALVES_SIGMAS: f64 = 5.0;
 const DOUBTFUL_HALVES_PX: f64 = 2.0;
 const WRONG_HALVES_PX: f64 = 6.0;
-/// Change of the focal length that is doubtful, and wrong.
-const DOUBTFUL_FOCAL: f64 = 0.02;
-const WRONG_FOCAL: f64 = 0.06;
 
 /// What is said of what was found.
 pub(in crate::people) fn assess(found: &Found<'_>) -> Report {
@@ -201,32 +197,15 @@ fn of_camera(report: &CameraReport, span_m: f64, cameras: usize) -> Vec<Finding>
             "it was moved on the way, its clock is off, or its lens is not as given",
         ));
     }
-    let share = report.position_sigma_m / span_m;
     // Of two cameras alone the distance is the unit.
-    if cameras > 2 && (share.is_nan() || share > DOUBTFUL_SIGMA) {
-        findings.push(finding(
-            name,
-            Cause::Uncertain,
-            share.is_nan() || share > WRONG_SIGMA,
-            format!("its place is known to {:.3} m", report.position_sigma_m),
-            &format!("{:.3} m or better", DOUBTFUL_SIGMA * span_m),
+    if cameras > 2 {
+        findings.extend(uncertain_place(
+            report,
+            span_m,
             "let people walk near it and far from it, longer, where other cameras see them too",
         ));
     }
-    let change = (report.focal_ratio - 1.0).abs();
-    if change > DOUBTFUL_FOCAL {
-        findings.push(finding(
-            name,
-            Cause::Focal,
-            change > WRONG_FOCAL,
-            format!(
-                "its focal length is {:.3} of the given one",
-                report.focal_ratio
-            ),
-            "within a hundredth or two",
-            "calibrate its lens again, at the zoom and focus that it has now",
-        ));
-    }
+    findings.extend(other_focal_length(report));
     findings
 }
 

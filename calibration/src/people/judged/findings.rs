@@ -1,11 +1,11 @@
 //! What speaks against a calibration from people as a whole: who was not connected, how people walked, the floor, the
 //! length of a metre.
 
-use super::found::{Found, finding};
+use super::found::Found;
 use crate::people::plan::USUAL_STATURE_M;
 use crate::people::start::ground::LEAST_BODIES;
 use crate::people::venue::Scale;
-use crate::report::{Cause, Finding};
+use crate::report::{Cause, Finding, finding};
 use farfield_proto::order_statistics::{percentile, upper_median};
 
 /// Seconds of a person that two cameras see, summed over persons: less is doubtful, and wrong.

@@ -7,7 +7,6 @@ use crate::people::request::PeopleRequest;
 use crate::people::start::pair::Pair;
 use crate::people::venue::{Floor, Scale, Standing};
 use crate::people::view::Clock;
-use crate::report::{Cause, Finding};
 
 /// What was learnt on the way, by the index of the camera in the request.
 pub(in crate::people) struct Told {
@@ -63,23 +62,5 @@ impl Found<'_> {
             }
         }
         most
-    }
-}
-
-pub(in crate::people) fn finding(
-    camera: &str,
-    cause: Cause,
-    is_wrong: bool,
-    found: String,
-    expected: &str,
-    remedy: &str,
-) -> Finding {
-    Finding {
-        camera: (!camera.is_empty()).then(|| camera.to_owned()),
-        cause,
-        is_wrong,
-        found,
-        expected: expected.to_owned(),
-        remedy: remedy.to_owned(),
     }
 }
