@@ -19,7 +19,7 @@ use farfield_proto::venue::{Venue, VenueCamera};
 use rayon::iter::{IntoParallelRefIterator as _, ParallelIterator as _};
 use serde::Serialize;
 
-use super::lenses::{Lens, LensFile, lenses};
+use super::lenses::{Lens, LensFile, lens_of, lenses};
 use super::{refuse_existing, write};
 use crate::init::rate;
 use crate::init::recordings::{self, Recording, RecordingKind};
@@ -263,16 +263,8 @@ fn cameras(args: &BallArgs) -> anyhow::Result<Vec<LookingCamera>> {
         .into_iter()
         .filter(|it| it.kind != RecordingKind::Keypoints);
     let each = pictures.map(|recording| {
-        let Some(lens) = lenses.get(&recording.name) else {
-            let has: Vec<&str> = lenses.keys().map(String::as_str).collect();
-            bail!(
-                "{}: no lens of camera `{}`: found those of {}; give it by --lens {}=FILE",
-                recording.path.display(),
-                recording.name,
-                has.join(", "),
-                recording.name
-            );
-        };
+        let lens = lens_of(&lenses, &recording.name)
+            .with_context(|| recording.path.display().to_string())?;
         camera(recording, lens)
     });
     let cameras: Vec<LookingCamera> = each.collect::<anyhow::Result<_>>()?;

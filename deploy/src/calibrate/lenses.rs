@@ -66,6 +66,23 @@ impl Lens {
     }
 }
 
+/// The lens of the camera `name`.
+///
+/// # Errors
+/// Whose lenses there are instead.
+pub(super) fn lens_of<'a>(
+    lenses: &'a BTreeMap<String, Lens>,
+    name: &str,
+) -> anyhow::Result<&'a Lens> {
+    lenses.get(name).ok_or_else(|| {
+        let has: Vec<&str> = lenses.keys().map(String::as_str).collect();
+        anyhow!(
+            "no lens of camera `{name}`: found those of {}; give it by --lens {name}=FILE",
+            has.join(", ")
+        )
+    })
+}
+
 /// The lenses of all files by camera. The file of one camera may be given for one of another name.
 ///
 /// # Errors

@@ -4,11 +4,13 @@
 mod ball;
 mod board;
 mod convert;
+mod handed_over;
 mod judged;
 mod known;
 mod lenses;
 mod people;
 mod points;
+mod seen;
 mod sheet;
 
 use std::fs;

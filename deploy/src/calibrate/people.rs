@@ -1,19 +1,18 @@
 //! `farfield calibrate people`: where cameras stand, from people who walk in the field.
 
-use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use anyhow::{bail, ensure};
+use anyhow::bail;
 use clap::Args;
 use farfield_calibration::people::{PeopleCamera, PeopleRequest, PeopleStage, calibrate, parse};
 use farfield_calibration::points::Timing;
 use farfield_node::process::{NodeError, say};
 use farfield_proto::keypoints::COCO17;
 
+use super::handed_over::{Asked, hand_over};
 use super::known::KnownArgs;
-use super::lenses::{LensFile, lenses};
-use super::points::{Asked, Clocks, hand_over, offset, rate};
-use super::{Judged, read, refuse_existing};
+use super::seen::SeenArgs;
+use super::{Judged, refuse_existing};
 
 /// What `farfield calibrate people` is told.
 #[derive(Debug, Args)]
@@ -23,26 +22,8 @@ pub(super) struct PeopleArgs {
     /// COCO's 17 keypoints, distorted pixels; the file's name is the camera's. Nobody says who is whom.
     #[arg(required = true)]
     seen: Vec<PathBuf>,
-    /// Lenses: a calibration of any format, or NAME=FILE for one camera.
-    #[arg(long, value_name = "[NAME=]FILE", required = true)]
-    lens: Vec<LensFile>,
-    /// Frames per second: of all cameras, or NAME=HZ.
-    #[arg(long, value_name = "[NAME=]HZ", value_parser = rate, required = true)]
-    rate_hz: Vec<(Option<String>, f64)>,
-    /// Whether frames are of one moment: synchronised, given, unknown.
-    ///
-    /// synchronised: frames of one number; given: by --rate-hz and --offset-s; unknown: rates are right, offsets are looked
-    /// for.
-    #[arg(
-        long,
-        value_name = "HOW",
-        default_value = "synchronised",
-        hide_possible_values = true
-    )]
-    clocks: Clocks,
-    /// Time of a camera's frame 0, seconds, on a clock that all share.
-    #[arg(long, value_name = "NAME=S", value_parser = offset)]
-    offset_s: Vec<(String, f64)>,
+    #[command(flatten)]
+    cameras: SeenArgs,
     /// Mean stature of the people, metres, in shoes: the scale, to 1 to 2 %, where nothing else tells it.
     #[arg(long, value_name = "METRES")]
     stature_m: Option<f64>,
@@ -94,64 +75,25 @@ pub(super) fn from_people(args: &PeopleArgs) -> Result<Judged, NodeError> {
 }
 
 fn request(args: &PeopleArgs) -> anyhow::Result<PeopleRequest> {
-    let timing = args.clocks.timing();
-    ensure!(
-        timing == Timing::Clocks || args.offset_s.is_empty(),
-        "--offset-s: offsets are for --clocks given"
-    );
-    let lenses = lenses(&args.lens)?;
-    let mut seen = BTreeMap::new();
-    for path in &args.seen {
-        let name = path
-            .file_stem()
-            .and_then(|it| it.to_str())
-            .unwrap_or_default();
-        let frames = parse(&read(path)?.text, path, COCO17.len())?;
-        if seen.insert(name.to_owned(), frames).is_some() {
-            bail!("{}: two files are of camera `{name}`", path.display());
-        }
-    }
-    let known: Vec<&str> = seen.keys().map(String::as_str).collect();
-    let rates = args.rate_hz.iter().filter_map(|(name, _)| name.as_ref());
-    let offsets = args.offset_s.iter().map(|(name, _)| name);
-    for name in rates.chain(offsets).chain(args.known.cameras()) {
-        ensure!(
-            known.contains(&name.as_str()),
-            "unknown camera `{name}`, expected one of {}",
-            known.join(", ")
-        );
-    }
-    let of_all = args.rate_hz.iter().find(|(of, _)| of.is_none());
-    let own_rate = |name: &str| {
-        let own = args
-            .rate_hz
-            .iter()
-            .find(|(of, _)| of.as_deref() == Some(name));
-        own.or(of_all).map(|(_, hz)| *hz)
-    };
+    let read = |text: &str, path: &Path| Ok(parse(text, path, COCO17.len())?);
+    let seen = args.cameras.cameras(&args.seen, &args.known, read)?;
     let mut cameras = Vec::new();
-    for (name, frames) in seen {
-        let Some(lens) = lenses.get(&name) else {
-            let has: Vec<&str> = lenses.keys().map(String::as_str).collect();
-            bail!(
-                "no lens of camera `{name}`: found those of {}; give it by --lens {name}=FILE",
-                has.join(", ")
-            );
-        };
-        let Some(rate_hz) = own_rate(&name) else {
+    for it in seen {
+        let name = it.name;
+        let Some(rate_hz) = it.rate_hz else {
             bail!("no rate of camera `{name}`: give it by --rate-hz {name}=HZ");
         };
-        let offset_s = args.offset_s.iter().find(|(of, _)| *of == name);
         cameras.push(PeopleCamera {
-            size_px: lens.size_px,
-            intrinsics: lens.intrinsics,
-            distortion: lens.distortion,
+            size_px: it.lens.size_px,
+            intrinsics: it.lens.intrinsics,
+            distortion: it.lens.distortion,
             rate_hz: Some(rate_hz),
-            offset_s: offset_s.map(|(_, s)| *s),
-            frames,
+            offset_s: it.offset_s,
+            frames: it.seen,
             name,
         });
     }
+    let timing = args.cameras.timing();
     let rate_hz = cameras.first().and_then(|it| it.rate_hz).unwrap_or(1.0);
     let is_other = |it: &&PeopleCamera| it.rate_hz != Some(rate_hz);
     if timing == Timing::Synchronised

@@ -17,9 +17,10 @@ use farfield_fusion::node::{
     FusionArgs, Listeners, OpenListeners, Opening, RunAtItsStart, Wiretap,
 };
 use farfield_page::PageState;
-use farfield_streams::{StreamSpec, Streams};
+use farfield_streams::StreamSpec;
 
 use self::page::PageServer;
+use self::streams::RunningStreams;
 use self::thread::ServingThread;
 
 /// Who shall listen.
@@ -97,10 +98,10 @@ impl OpenListeners for ListenerArgs {
                     served.server = Some(server);
                 }
                 if !specs.is_empty() {
-                    let streams = streams::start(&specs, facts, &mut said).await?;
-                    served.streams = Some(streams);
+                    served.streams = Some(streams::start(&specs, facts, &mut said).await?);
                 }
-                let taps = (served.page.clone(), served.streams.clone());
+                let streams = served.streams.as_ref().map(|it| Arc::clone(&it.streams));
+                let taps = (served.page.clone(), streams);
                 Ok(((said, taps), served))
             };
             let (opened, thread) = ServingThread::start(open, Served::close).await?;
@@ -125,7 +126,7 @@ impl OpenListeners for ListenerArgs {
 struct Served {
     page: Option<Arc<PageState>>,
     server: Option<PageServer>,
-    streams: Option<Arc<Streams>>,
+    streams: Option<RunningStreams>,
 }
 
 impl Served {
@@ -133,8 +134,7 @@ impl Served {
         if let Some(server) = self.server {
             server.stop().await;
         }
-        // The taps have let go of them by then, or they end without goodbyes.
-        if let Some(streams) = self.streams.and_then(Arc::into_inner) {
+        if let Some(streams) = self.streams {
             streams.stop().await;
         }
     }

@@ -1,7 +1,7 @@
 //! Streams of a run in the protocols of other programs.
 
 use std::collections::BTreeMap;
-use std::sync::{Arc, Weak};
+use std::sync::Arc;
 use std::time::Duration;
 
 use farfield_fusion::node::{CopiedMessage, CopiedStep, RunAtItsStart, Wiretap};
@@ -12,6 +12,7 @@ use farfield_proto::venue::Venue;
 use farfield_proto::wire;
 use farfield_streams::{StreamError, StreamSpec, Streams, VenueFacts};
 use tokio::time::sleep;
+use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 use tracing::warn;
 
@@ -37,7 +38,7 @@ pub(super) async fn start(
     specs: &[StreamSpec],
     facts: VenueFacts,
     said: &mut Vec<String>,
-) -> Result<Arc<Streams>, NodeError> {
+) -> Result<RunningStreams, NodeError> {
     let streams = Streams::start(specs, facts).await;
     let streams = streams.map_err(|error| match error {
         // What holds the port may let go of it; a service is started again.
@@ -59,18 +60,42 @@ pub(super) async fn start(
         said.push(format!("stream {name} {what} {address}{open}"));
     }
     let streams = Arc::new(streams);
-    TaskTracker::new().spawn(tell_of_failures(Arc::downgrade(&streams)));
-    Ok(streams)
+    let (tasks, stop) = (TaskTracker::new(), CancellationToken::new());
+    let (until, told) = (stop.clone(), Arc::clone(&streams));
+    tasks.spawn(async move {
+        until.run_until_cancelled(tell_of_failures(&told)).await;
+    });
+    Ok(RunningStreams {
+        streams,
+        tasks,
+        stop,
+    })
 }
 
-/// Task: logs what goes wrong with streams, until they are gone.
-async fn tell_of_failures(streams: Weak<Streams>) {
+/// Streams, and who tells of their failures.
+pub(super) struct RunningStreams {
+    pub(super) streams: Arc<Streams>,
+    tasks: TaskTracker,
+    stop: CancellationToken,
+}
+
+impl RunningStreams {
+    /// Says goodbye to clients, where the tap has let go of the streams; else they end without.
+    pub(super) async fn stop(self) {
+        self.stop.cancel();
+        self.tasks.close();
+        self.tasks.wait().await;
+        if let Some(streams) = Arc::into_inner(self.streams) {
+            streams.stop().await;
+        }
+    }
+}
+
+/// Task: logs what goes wrong with streams.
+async fn tell_of_failures(streams: &Streams) {
     let mut told: Vec<u64> = Vec::new();
     loop {
         sleep(TELL_EVERY).await;
-        let Some(streams) = streams.upgrade() else {
-            return;
-        };
         let report = streams.report();
         told.resize(report.len(), 0);
         for (stream, told) in report.iter().zip(&mut told) {

@@ -1,0 +1,197 @@
+//! A calibration that was found, handed over: its files, and what is said of it.
+
+use std::fmt::Write as _;
+use std::path::Path;
+
+use farfield_calibration::points::PointCalibration;
+use farfield_calibration::report::CameraReport;
+use farfield_node::process::{EXIT_FAILED, NodeError, say};
+use serde::Serialize;
+
+use super::judged::{JudgedCalibration, halves};
+use super::{Judged, sheet, write};
+use crate::output;
+
+/// What is said of a calibration that is written and should not be used.
+const DOES_NOT_PASS: &str = "the calibration does not pass: its sheet says why";
+
+/// What is printed as JSON.
+#[derive(Debug, Serialize)]
+struct Found<'a> {
+    passes: bool,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    error: Option<&'static str>,
+    exit_code: u8,
+    cameras: Vec<Camera<'a>>,
+    without_pose: Vec<&'a str>,
+    known_places_rms_m: Option<f64>,
+    findings: Vec<FindingLine<'a>>,
+    /// Why a run would not take it.
+    refused: &'a [String],
+    /// What a run would say of it.
+    doubtful: &'a [String],
+    files: [&'a Path; 2],
+}
+
+#[derive(Debug, Serialize)]
+struct Camera<'a> {
+    name: &'a str,
+    sights: usize,
+    used_share: f64,
+    rms_px: f64,
+    position_sigma_mm: f64,
+    rotation_sigma_deg: f64,
+    halves_mm: f64,
+    halves_deg: f64,
+    focal_ratio: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    offset_s: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    rate_hz: Option<f64>,
+}
+
+#[derive(Debug, Serialize)]
+struct FindingLine<'a> {
+    camera: Option<&'a str>,
+    is_wrong: bool,
+    found: &'a str,
+    expected: &'a str,
+    remedy: &'a str,
+}
+
+/// What was asked for, as far as it is said again.
+pub(super) struct Asked<'a> {
+    /// The names of all cameras.
+    pub(super) names: Vec<&'a str>,
+    /// Whether cameras have clocks of their own.
+    pub(super) has_clocks: bool,
+}
+
+/// Writes what was found and its sheet to `out`, or beside it where it does not pass, and says how good it is.
+///
+/// # Errors
+/// [`NodeError::Failed`] where the disk is in the way.
+pub(super) fn hand_over(
+    found: &PointCalibration,
+    asked: &Asked<'_>,
+    out: &Path,
+    is_json: bool,
+) -> Result<Judged, NodeError> {
+    let judged = JudgedCalibration::of(found, out);
+    let out = if judged.passes() {
+        out.to_owned()
+    } else {
+        out.with_extension("failed.toml")
+    };
+    let sheet = out.with_extension("html");
+    write(&sheet, &sheet::html(&out, &judged))?;
+    write(&out, &judged.text)?;
+    let files = [out.as_path(), sheet.as_path()];
+    let text = if is_json {
+        json(&judged, asked, files)?
+    } else {
+        lines(&judged, asked, files)
+    };
+    output::print(&text).map_err(NodeError::Failed)?;
+    if judged.passes() {
+        return Ok(Judged::Passes);
+    }
+    say(format_args!("error: {DOES_NOT_PASS}"));
+    Ok(Judged::Fails)
+}
+
+/// The cameras that have no pose.
+fn without_pose<'a>(judged: &JudgedCalibration<'_>, asked: &Asked<'a>) -> Vec<&'a str> {
+    let has_none = |name: &&str| judged.found.cameras.iter().all(|it| it.name != *name);
+    asked.names.iter().copied().filter(has_none).collect()
+}
+
+fn json(
+    judged: &JudgedCalibration<'_>,
+    asked: &Asked<'_>,
+    files: [&Path; 2],
+) -> Result<String, NodeError> {
+    let report = &judged.found.report;
+    let has_clocks = asked.has_clocks;
+    let cameras = report.cameras.iter().map(|it| Camera {
+        name: &it.name,
+        sights: it.sights,
+        used_share: it.used_share,
+        rms_px: it.rms_px,
+        position_sigma_mm: 1000.0 * it.position_sigma_m,
+        rotation_sigma_deg: it.rotation_sigma_deg,
+        halves_mm: 1000.0 * it.halves_m,
+        halves_deg: it.halves_deg,
+        focal_ratio: it.focal_ratio,
+        offset_s: has_clocks.then_some(it.offset_s),
+        rate_hz: has_clocks.then_some(it.rate_hz),
+    });
+    let findings = report.findings.iter().map(|it| FindingLine {
+        camera: it.camera.as_deref(),
+        is_wrong: it.is_wrong,
+        found: &it.found,
+        expected: &it.expected,
+        remedy: &it.remedy,
+    });
+    let passes = judged.passes();
+    let document = Found {
+        passes,
+        error: (!passes).then_some(DOES_NOT_PASS),
+        exit_code: if passes { 0 } else { EXIT_FAILED },
+        cameras: cameras.collect(),
+        without_pose: without_pose(judged, asked),
+        known_places_rms_m: report.anchors_rms_m,
+        findings: findings.collect(),
+        refused: &judged.refusals,
+        doubtful: &judged.doubts,
+        files,
+    };
+    let text = serde_json::to_string_pretty(&document).map_err(NodeError::failed)?;
+    Ok(text + "\n")
+}
+
+fn lines(judged: &JudgedCalibration<'_>, asked: &Asked<'_>, files: [&Path; 2]) -> String {
+    let report = &judged.found.report;
+    let mut text = String::new();
+    // Writing to a string does not fail.
+    for camera in &report.cameras {
+        writeln!(text, "camera {}: {}", camera.name, in_words(camera)).ok();
+    }
+    for name in without_pose(judged, asked) {
+        writeln!(text, "camera {name}: no pose").ok();
+    }
+    if let Some(rms_m) = report.anchors_rms_m {
+        writeln!(
+            text,
+            "known places: {:.0} mm from where they were found",
+            1000.0 * rms_m
+        )
+        .ok();
+    }
+    for finding in &report.findings {
+        let word = if finding.is_wrong { "WRONG" } else { "warning" };
+        writeln!(text, "{word}: {finding}").ok();
+    }
+    for refusal in &judged.refusals {
+        writeln!(text, "WRONG: a run refuses it: {refusal}").ok();
+    }
+    for doubt in &judged.doubts {
+        writeln!(text, "warning: {doubt}").ok();
+    }
+    for path in files {
+        writeln!(text, "{}", path.display()).ok();
+    }
+    text
+}
+
+fn in_words(camera: &CameraReport) -> String {
+    format!(
+        "{:.2} px over {} sights, {:.0} % used; noise alone moves it by {:.1} mm and {:.3} degrees; halves of the data {}",
+        camera.rms_px,
+        camera.sights,
+        100.0 * camera.used_share,
+        1000.0 * camera.position_sigma_m,
+        camera.rotation_sigma_deg,
+        halves(camera)
+    )
+}
