@@ -276,7 +276,7 @@ fn cameras(args: &BallArgs) -> anyhow::Result<Vec<LookingCamera>> {
     Ok(cameras)
 }
 
-/// A camera of a venue of its own: recordings are opened as those of venues are.
+/// A camera of a venue of its own: recordings are opened as those of venues are. Its networks are never opened.
 fn camera(recording: Recording, lens: &Lens) -> anyhow::Result<LookingCamera> {
     let path = &recording.path;
     let looks = BallLens::new(lens.size_px, lens.intrinsics, lens.distortion);
@@ -288,8 +288,8 @@ fn camera(recording: Recording, lens: &Lens) -> anyhow::Result<LookingCamera> {
     // Of numbered pictures nobody knows, and nothing depends on it.
     let rate_hz = rate::of_videos(std::slice::from_ref(&recording))?.unwrap_or(30.0);
     let text = format!(
-        "name = \"ball\"\nrate_hz = {rate_hz:?}\ncalibration = \"lens.toml\"\n[[viewpoint]]\nname = \"v\"\n[[viewpoint.camera]]\n\
-         name = {}\nsource = {{ kind = \"{}\", path = {} }}\n",
+        "name = \"ball\"\nrate_hz = {rate_hz:?}\ncalibration = \"lens.toml\"\nnetwork = \"none.toml\"\ndetector = \"none.toml\"\n\
+         [[viewpoint]]\nname = \"v\"\n[[viewpoint.camera]]\nname = {}\nsource = {{ kind = \"{}\", path = {} }}\n",
         quoted(&recording.name),
         recording.kind_name(),
         quoted(&full.display().to_string())
