@@ -68,7 +68,9 @@ impl Mask {
                     expected_px,
                 });
             }
-            self.background.begin(width as usize, height as usize);
+            let per_pixel = if self.colours.is_some() { 3 } else { 1 };
+            self.background
+                .begin(per_pixel * width as usize, height as usize);
         }
         self.row.resize(width as usize, false);
         self.brightness.resize(width as usize, 0);
@@ -86,7 +88,12 @@ impl Mask {
                 *is_in = matches!(pixel, [r, g, b] if table.contains(*r, *g, *b));
             }
         }
-        if self.colours.is_some() && self.contrast.is_none() {
+        if self.colours.is_some() {
+            // By each of its colours: an orange ball is as bright as grey boards and grass.
+            if let Some(contrast) = self.contrast {
+                self.background
+                    .keep_moving::<3>(y as usize, bytes, contrast, &mut self.row);
+            }
             return;
         }
         match layout {
@@ -97,16 +104,13 @@ impl Mask {
                 }
             }
         }
-        if self.colours.is_none() {
-            let least = self.least_brightness;
-            for (is_in, brightness) in self.row.iter_mut().zip(&self.brightness) {
-                *is_in = *brightness >= least;
-            }
+        for (is_in, brightness) in self.row.iter_mut().zip(&self.brightness) {
+            *is_in = *brightness >= self.least_brightness;
         }
         if let Some(contrast) = self.contrast {
             let (mask, brightness) = (&mut self.row, &self.brightness);
             self.background
-                .keep_moving(y as usize, brightness, contrast, mask);
+                .keep_moving::<1>(y as usize, brightness, contrast, mask);
         }
     }
 }

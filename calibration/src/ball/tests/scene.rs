@@ -1,6 +1,6 @@
 //! One thing among others, over many frames.
 
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 
 use nalgebra::Vector3;
 
@@ -135,6 +135,28 @@ fn where_there_is_no_ball_there_is_no_sighting() {
     });
     let found = finder.finish();
     assert!(found.is_empty(), "{} sightings", found.len());
+}
+
+#[test]
+fn a_ball_as_bright_as_what_is_behind_it_is_found_by_its_colour_and_its_motion() {
+    let grey = (ORANGE[0] + 2.0 * ORANGE[1] + ORANGE[2]) / 4.0;
+    let boards = Scene {
+        background: [grey; 3],
+        texture: 8.0,
+        drawn: None,
+        ..scene()
+    };
+    let drawn: Arc<Vec<[f64; 3]>> = boards.background().into();
+    let mut finder = BallFinder::new(request(Appearance::MovingColour(orange()))).unwrap();
+    look(&mut finder, 0..80, |frame| Scene {
+        ball: Some(ball(frame)),
+        drawn: Some(drawn.clone()),
+        ..boards.clone()
+    });
+    let found = finder.finish();
+    let wrong = found.iter().filter(|it| off_px(it) > 1.0).count();
+    println!("{} of 80, {wrong} wrong", found.len());
+    assert!(found.len() > 72 && wrong == 0);
 }
 
 #[test]
