@@ -72,7 +72,7 @@ impl SampleFolder {
 }
 
 /// Says it on stdout itself: what is printed by a macro is shown of tests that fail alone, and this one passes.
-fn say_skipped(what: &str) {
+pub(crate) fn say_skipped(what: &str) {
     stdout()
         .write_all(format!("SKIPPED {what}\n").as_bytes())
         .unwrap();

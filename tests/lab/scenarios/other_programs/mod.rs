@@ -1,4 +1,6 @@
 //! What comes from other programs and goes to them: calibrations, and poses.
 
+mod ball;
 mod calibration;
 mod exports;
+mod import;

@@ -1,0 +1,131 @@
+//! A ball that was filmed: `farfield calibrate ball` finds it in recordings as a user has them.
+
+use std::fs;
+use std::path::Path;
+use std::process::Command;
+
+use image::{Rgb, RgbImage};
+
+use crate::data::say_skipped;
+use crate::farfield::{FinishedCommand, farfield};
+
+/// Frames of a recording.
+const FRAMES: u32 = 50;
+/// Size of a picture, pixels.
+const SIZE_PX: [u32; 2] = [320, 240];
+/// Radius of the ball, pixels.
+const RADIUS_PX: f64 = 11.0;
+/// A lens without distortion, as a user has it of a camera that stands nowhere yet.
+const LENS: &str = "[hall]\nname = \"hall\"\nsize = [320, 240]\n\
+    matrix = [[300.0, 0.0, 159.5], [0.0, 300.0, 119.5], [0.0, 0.0, 1.0]]\n\
+    distortions = [0.0, 0.0, 0.0, 0.0, 0.0]\n\
+    rotation = [0.0, 0.0, 0.0]\ntranslation = [0.0, 0.0, 0.0]\n";
+
+/// Where the ball's centre is in a frame, pixels.
+fn centre_px(frame: u32) -> [f64; 2] {
+    let turn = 0.1 * f64::from(frame);
+    [160.0 + 100.0 * turn.cos(), 120.0 + 70.0 * turn.sin()]
+}
+
+/// An orange ball in front of grey boards.
+fn picture(frame: u32) -> RgbImage {
+    let [x_px, y_px] = centre_px(frame);
+    RgbImage::from_fn(SIZE_PX[0], SIZE_PX[1], |column, row| {
+        let distance_px = (f64::from(column) - x_px).hypot(f64::from(row) - y_px);
+        let ball = (RADIUS_PX + 0.5 - distance_px).clamp(0.0, 1.0);
+        let dark = (column / 40 + row / 30) % 2 == 0;
+        let board = if dark { 90.0 } else { 120.0 };
+        Rgb([240.0, 120.0, 20.0].map(|level| (ball * level + (1.0 - ball) * board).round() as u8))
+    })
+}
+
+/// Numbered pictures in `folder`.
+fn write_pictures(folder: &Path) {
+    fs::create_dir_all(folder).unwrap();
+    for frame in 0..FRAMES {
+        let path = folder.join(format!("{frame:06}.png"));
+        picture(frame).save(path).unwrap();
+    }
+}
+
+/// Runs the command on what lies in `recordings` of `folder`.
+fn look(folder: &Path) -> FinishedCommand {
+    fs::write(folder.join("lens.toml"), LENS).unwrap();
+    let path = |name: &str| folder.join(name).display().to_string();
+    let [recordings, lens, out] = ["recordings", "lens.toml", "seen"].map(path);
+    farfield(&[
+        "calibrate",
+        "ball",
+        &recordings,
+        "--lens",
+        &lens,
+        "--out",
+        &out,
+    ])
+}
+
+/// Distances of what was found from the true centres, sorted, pixels.
+fn errors_px(seen: &Path) -> Vec<f64> {
+    let text = fs::read_to_string(seen).unwrap();
+    let lines = text.lines().skip(1).map(|line| {
+        let numbers: Vec<f64> = line.split(' ').map(|it| it.parse().unwrap()).collect();
+        let [x_px, y_px] = centre_px(numbers[0] as u32);
+        (numbers[1] - x_px).hypot(numbers[2] - y_px)
+    });
+    let mut errors_px: Vec<f64> = lines.collect();
+    errors_px.sort_by(f64::total_cmp);
+    errors_px
+}
+
+#[test]
+fn a_ball_in_numbered_pictures_is_found_below_the_pixel() {
+    let folder = tempfile::tempdir().unwrap();
+    write_pictures(&folder.path().join("recordings/hall"));
+    let done = look(folder.path());
+    assert_eq!(done.code, 0, "{}", done.stderr);
+    let errors_px = errors_px(&folder.path().join("seen/hall.txt"));
+    assert!(errors_px.len() as u32 >= FRAMES * 9 / 10, "{}", done.stdout);
+    let median_px = errors_px[errors_px.len() / 2];
+    assert!(median_px < 0.1, "{median_px} px at the median");
+    assert!(errors_px.last().is_some_and(|worst_px| *worst_px < 1.0));
+}
+
+#[test]
+fn a_ball_in_a_video_of_any_rate_is_found_in_the_right_frames() {
+    let folder = tempfile::tempdir().unwrap();
+    let recordings = folder.path().join("recordings");
+    write_pictures(&folder.path().join("pictures"));
+    fs::create_dir_all(&recordings).unwrap();
+    let made = Command::new("ffmpeg")
+        .args(["-nostdin", "-v", "error", "-framerate", "50", "-i"])
+        .arg(folder.path().join("pictures/%06d.png"))
+        .args(["-pix_fmt", "yuv420p", "-crf", "12", "-preset", "ultrafast"])
+        .arg(recordings.join("hall.mp4"))
+        .status();
+    if !made.is_ok_and(|status| status.success()) {
+        say_skipped("a ball in a video: no ffmpeg");
+        return;
+    }
+    let done = look(folder.path());
+    assert_eq!(done.code, 0, "{}", done.stderr);
+    let errors_px = errors_px(&folder.path().join("seen/hall.txt"));
+    assert!(errors_px.len() as u32 >= FRAMES * 9 / 10, "{}", done.stdout);
+    // From one frame to the next the ball goes 8 to 10 px: a frame too late would be far outside.
+    let median_px = errors_px[errors_px.len() / 2];
+    assert!(median_px < 0.5, "{median_px} px at the median");
+}
+
+#[test]
+fn recordings_without_a_ball_are_named_and_nothing_is_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let hall = folder.path().join("recordings/hall");
+    fs::create_dir_all(&hall).unwrap();
+    for frame in 0..10 {
+        let empty = RgbImage::from_pixel(SIZE_PX[0], SIZE_PX[1], Rgb([90, 90, 90]));
+        empty.save(hall.join(format!("{frame:06}.png"))).unwrap();
+    }
+    let refused = look(folder.path());
+    assert_ne!(refused.code, 0, "{}", refused.stdout);
+    assert!(refused.stderr.contains("hall"), "{}", refused.stderr);
+    assert!(!folder.path().join("seen/hall.txt").exists());
+}

@@ -1,0 +1,100 @@
+//! Keypoints that somebody has from another program: written here as that program writes them, imported, run.
+
+use std::fs;
+
+use serde_json::{Value, json};
+
+use crate::data::SampleFolder;
+use crate::farfield::{farfield, poses, run};
+
+/// Where OpenPose's BODY_25 has each of COCO's 17 keypoints (OpenPose's documentation, "Pose Output Format").
+const BODY_25_OF_COCO: [usize; 17] = [0, 16, 15, 18, 17, 5, 2, 6, 3, 7, 4, 12, 9, 13, 10, 14, 11];
+
+/// One frame of the sample as OpenPose writes it: x, y, confidence, flat; zeros where nothing was seen.
+fn as_openpose(line: &Value) -> Value {
+    let people = line["persons"].as_array().unwrap().iter().map(|person| {
+        let mut flat = vec![json!(0.0); 75];
+        let keypoints = person["keypoints"].as_array().unwrap();
+        for (keypoint, at) in keypoints.iter().zip(BODY_25_OF_COCO) {
+            if let Some(seen) = keypoint.as_array() {
+                flat[3 * at..3 * at + 3].clone_from_slice(seen);
+            }
+        }
+        json!({"person_id": [-1], "pose_keypoints_2d": flat})
+    });
+    json!({"version": 1.3, "people": people.collect::<Vec<_>>()})
+}
+
+/// The sample's calibration and its keypoints as a Pose2Sim project keeps them, in `project`.
+fn write_openpose_project(folder: &SampleFolder) {
+    for corner in ["north-east", "north-west", "south-west", "south-east"] {
+        let pose = folder.path(&format!("project/pose/{corner}_json"));
+        fs::create_dir_all(&pose).unwrap();
+        let text = fs::read_to_string(folder.path(&format!("{corner}.jsonl"))).unwrap();
+        for (frame, line) in text.lines().enumerate() {
+            let line = serde_json::from_str(line).unwrap();
+            let name = format!("{corner}_{frame:012}_keypoints.json");
+            fs::write(pose.join(name), as_openpose(&line).to_string()).unwrap();
+        }
+    }
+    fs::copy(
+        folder.path("calibration.toml"),
+        folder.path("project/Calib_hall.toml"),
+    )
+    .unwrap();
+}
+
+/// The largest distance between joints of the same people in the same ticks, metres.
+fn largest_difference_m(ours: &[Value], theirs: &[Value]) -> f64 {
+    let numbers = |pose: &Value| -> Vec<f64> {
+        let joints = pose["joints"].as_object().unwrap();
+        let each = joints.values().flat_map(|joint| joint.as_array().unwrap());
+        each.map(|number| number.as_f64().unwrap()).collect()
+    };
+    let pairs = ours.iter().zip(theirs).flat_map(|(a, b)| {
+        assert_eq!((&a["tick"], &a["person"]), (&b["tick"], &b["person"]));
+        numbers(a).into_iter().zip(numbers(b))
+    });
+    pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+}
+
+#[test]
+fn keypoints_of_openpose_give_the_poses_that_they_give_by_hand() {
+    let folder = SampleFolder::new();
+    // Other programs know no field: it is the cameras' rectangle in both.
+    folder.replace(
+        "venue.toml",
+        "[field]\nmin_m = [-4.0, -4.0, -0.3]\nmax_m = [4.0, 4.0, 2.4]\n",
+        "",
+    );
+    write_openpose_project(&folder);
+    let project = folder.path("project");
+    let imported = farfield(&[
+        "import",
+        project.to_str().unwrap(),
+        "--rate",
+        "30",
+        "--json",
+    ]);
+    assert_eq!(imported.code, 0, "{}", imported.stderr);
+
+    run(&folder.path("venue.toml"), &folder.path("by_hand"), &[]);
+    let venue = folder.path("project/farfield/venue.toml");
+    run(&venue, &folder.path("imported"), &[]);
+    let by_hand = poses(&folder.path("by_hand"));
+    let imported = poses(&folder.path("imported"));
+    assert_eq!(by_hand.len(), imported.len());
+    let difference_m = largest_difference_m(&by_hand, &imported);
+    assert!(difference_m < 1e-3, "{difference_m} m");
+}
+
+#[test]
+fn a_rate_that_nobody_said_is_asked_for_and_nothing_is_written() {
+    let folder = SampleFolder::new();
+    write_openpose_project(&folder);
+    let project = folder.path("project");
+    let refused = farfield(&["import", project.to_str().unwrap()]);
+    assert_eq!(refused.code, 2, "{}", refused.stdout);
+    assert!(refused.stderr.contains("--rate"), "{}", refused.stderr);
+    assert!(!project.join("farfield").exists());
+}
