@@ -1,0 +1,166 @@
+"""Reads what the nodes say to each other with nothing but docs/protocol.md: its golden bytes, and a whole recording.
+
+    pip install numpy blake3
+    python tests/readers/protocol.py RUN
+
+RUN is the folder of a run in lock-step that was recorded (`farfield demo --maps --record`). Exits with 1 where
+
+- a golden file of any version is not read to its last byte, or not written again as it was, or a patch gives other maps;
+- an example of the page is not a golden file, or is read as something else than the page says;
+- a message of the recording is not read, or its poses are not those of poses.jsonl, or a decision names a set that is not there.
+"""
+
+import collections
+import json
+import pathlib
+import re
+import sys
+
+import blake3
+
+import patch_codec
+import wire
+from mcap_file import Recording
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+PAGE, GOLDEN = ROOT / "docs/protocol.md", ROOT / "proto/golden"
+# Half of the last decimal of poses.jsonl, and what single precision adds; angles are rounded inward.
+POSITION, SIGMA, ANGLE = 0.6e-5, 0.6e-4, 1.1e-6
+EVERY_NTH_PATCH = 60
+
+
+def explained(name, data):
+    """A message as the page shows it: its bytes in order, and what each is."""
+    lines = []
+
+    def seen(at, end, path, kind, value):
+        shown = value.hex(" ") if isinstance(value, bytes) else json.dumps(value) if isinstance(value, str) and kind == "text" else value
+        lines.append((data[at:end].hex(" "), path or "", kind, shown))
+
+    wire.decode(name, data, seen)
+    return [f"{bytes_:24} {path + ': ' if path else ''}{kind} {value}".rstrip() for bytes_, path, kind, value in lines]
+
+
+def check_golden():
+    for version in wire.VERSIONS:
+        folder = GOLDEN / f"v{version}"
+        files = sorted(folder.glob("*.hex"))
+        assert {file.stem for file in files} == set(wire.MESSAGES), f"{folder}: other messages than this knows"
+        for file in files:
+            data = bytes.fromhex(file.read_text())
+            again = wire.encode(file.stem, wire.decode(file.stem, data), version)
+            assert again == data, f"{file}: written again it is {again.hex()}"
+            for end in range(len(data)):
+                try:
+                    wire.decode(file.stem, data[:end])
+                except (ValueError, UnicodeDecodeError):
+                    continue
+                raise AssertionError(f"{file}: its first {end} bytes are read as a whole message")
+        for level in range(7):
+            file = folder / f"patch_level_{level}.txt"
+            data, expected = file.read_text().split()
+            maps, found = patch_codec.decode(bytes.fromhex(data), 48, 64, 4)
+            digest = blake3.blake3(maps.astype("u1").tobytes()).hexdigest()
+            assert (digest, found) == (expected, level), f"{file}: other maps"
+    print(f"golden files of versions {list(wire.VERSIONS)}: {len(wire.MESSAGES)} messages and 7 patches each are read, and the messages written again")
+
+
+def check_page():
+    examples = re.findall(r"```text (\w+)\.hex\n(.*?)```", PAGE.read_text(), re.DOTALL)
+    assert {name for name, _ in examples} == set(wire.MESSAGES) - {"handout_request_list"}, "the page shows other messages"
+    for name, text in examples:
+        data = bytes.fromhex((GOLDEN / f"v5/{name}.hex").read_text())
+        expected = explained(name, data)
+        for shown, right in zip(text.splitlines(), expected):
+            if shown.strip() == "...":
+                break
+            assert shown == right, f"docs/protocol.md, {name}: {shown!r} should be {right!r}"
+        else:
+            assert len(text.splitlines()) == len(expected), f"docs/protocol.md, {name}: {len(expected)} lines expected"
+    subscriber = (ROOT / "examples/subscriber.py").read_text()
+    assert f"```python\n{subscriber}```" in PAGE.read_text(), "docs/protocol.md shows another examples/subscriber.py"
+    print(f"docs/protocol.md: {len(examples)} examples are the golden files, and the subscriber is the one in examples/")
+
+
+def check_pose(pose, line):
+    """Whether a person of the wire is that line of poses.jsonl; the line's own order of names is that of the numbers."""
+    near = lambda found, expected, most: len(found) == len(expected) and all(abs(f - e) <= most for f, e in zip(found, expected))
+    near_points = lambda found, named: len(found) == len(named) and all(near(f, e, POSITION) for f, e in zip(found, named.values()))
+    unobserved = [name for i, name in enumerate(line["angles"]) if pose["unobserved"] >> i & 1]
+    return {
+        "state": pose["state"] == line["state"],
+        "joints": near_points(pose["joints_m"], line["joints"]),
+        "keypoints": near_points(pose["keypoints_m"], line["keypoints"]),
+        "sigma_m": near(pose["sigma_m"], list(line.get("sigma_m", {}).values()), SIGMA),
+        "angles": near(pose["angles"], list(line["angles"].values()), ANGLE),
+        "unobserved": unobserved == line["unobserved"],
+        "views": pose["views"] == line["views"],
+    }
+
+
+def check_recording(run):
+    recording = Recording((run / "recording.mcap").read_bytes())
+    facts = recording.facts["farfield"]
+    venue, viewpoints = facts["venue"], facts["viewpoints"].split()
+    assert recording.profile == "farfield" and {"venue.toml", "calibration.toml"} <= set(recording.files)
+    lines = [json.loads(line) for line in (run / "poses.jsonl").read_text().splitlines()]
+    written = {(line["tick"], line["person"]): line for line in lines}
+    counts, sets, used, compared, as_json = collections.Counter(), set(), [], 0, {}
+    sequences, maps = collections.Counter(), collections.Counter()
+    for topic, encoding, log, publish, sequence, data in recording.messages:
+        assert topic.startswith(f"{venue}/"), topic
+        assert sequence == sequences[topic], f"{topic}: message {sequence} where {sequences[topic]} should be"
+        sequences[topic] += 1
+        key = topic.split("/")[1:]
+        if encoding == "json":
+            if key == ["pose", "json"]:
+                poses = json.loads(data)
+                as_json[poses["tick"]] = poses["persons"]
+            continue
+        assert encoding == "farfield-wire" and data[0] == int(facts["wire"]), topic
+        name = wire.BY_KEY[key[0] if key[0] != "fill" else key[2]]
+        message = wire.decode(name, data)
+        assert wire.encode(name, message, data[0]) == data, f"{topic}: written again it is something else"
+        counts[name] += 1
+        if name in ("patch_set", "sighting_set"):
+            assert viewpoints[message["viewpoint"]] == key[1], topic
+            sets.add((name, message["tick"], message["viewpoint"], message["part"]))
+        for patch in message["persons"] if name == "patch_set" else ():
+            counts["patch"] += 1
+            if counts["patch"] % EVERY_NTH_PATCH == 0:
+                size = patch["size"]
+                sides = [int(n) for n in size.split("x")] if isinstance(size, str) else size[1].values()
+                maps[patch_codec.decode(patch["maps"], *sides)[1]] += 1
+        if name == "decision":
+            used += [("patch_set", message["tick"], one["viewpoint"], one["part"]) for one in message["patches"]]
+            used += [("sighting_set", message["tick"], one["viewpoint"], one["part"]) for one in message["sightings"]]
+        for pose in message["persons"] if name == "pose_set" else ():
+            same = check_pose(pose, written[message["tick"], pose["person"]])
+            assert all(same.values()), f"tick {message['tick']}, person {pose['person']}: not the same: {[k for k, v in same.items() if not v]}"
+            compared += 1
+    missing = [one for one in used if one not in sets]
+    assert used and not missing, f"sets that were used and are not there: {missing[:3]}"
+    of_json = [written[tick, pose["person"]] == pose for tick, persons in as_json.items() for pose in persons]
+    assert len(of_json) == compared and all(of_json), "the poses as JSON are not those of poses.jsonl"
+    first = {}
+    for tick, person in sorted(written):
+        first.setdefault(person, tick)
+    people = {person for _, person in written}
+    assert compared and compared >= len(written) // 2 and maps, f"only {compared} poses and {sum(maps.values())} patches were compared"
+    assert set(counts) >= {"patch_set", "sighting_set", "box_set", "pose_set", "decision", "identity_events", "status"}, counts
+    print(f"recording: {dict(counts)} in {recording.chunks} chunks; {compared} poses of {len(people)} people are those of poses.jsonl "
+          f"({len(written) - compared} lines are of before their confirmation); maps decoded, by level: {dict(maps)}; {len(used)} used sets are there")
+
+
+if __name__ == "__main__":
+    if len(sys.argv) == 3 and sys.argv[1] == "explain":
+        print("\n".join(explained(sys.argv[2], bytes.fromhex((GOLDEN / f"v5/{sys.argv[2]}.hex").read_text()))))
+    elif len(sys.argv) != 2:
+        sys.exit(__doc__)
+    else:
+        try:
+            check_golden()
+            check_page()
+            check_recording(pathlib.Path(sys.argv[1]))
+        except (AssertionError, ValueError) as wrong:
+            sys.exit(f"{type(wrong).__name__}: {wrong}")

@@ -1,0 +1,161 @@
+"""The messages of the wire, versions 3 to 5, as docs/protocol.md says them: bytes to plain Python values, and back."""
+
+from postcard import BOOL, BYTES, F32, F64, I32, I64, TEXT, U8, U16, U32, U64, Array, Enum, List, Option, Raw, Struct
+
+VERSIONS = range(3, 6)
+MOST_BYTES = 1 << 20
+
+PAIR, I32_PAIR, POINT = Array(F32, 2), Array(I32, 2), Array(F32, 3)
+
+# Patches, from edge to fusion.
+ECHO = Struct("BoxEcho", sequence=U32, held_us=U32)
+TIMING = Struct("PatchTiming", sent_after_us=I32, clock_correction_us=I32, echo=Option(ECHO))
+GRID = Struct("CellGrid", origin_px=PAIR, step_px=PAIR, width=U16, height=U16)
+SHORT_GRID = Struct("short grid", origin_quarters=I32_PAIR, step_256ths=I32_PAIR)
+CROPS = Enum(
+    "crops",
+    one=Struct("one", grid=SHORT_GRID),
+    two=Struct("two", first=SHORT_GRID, second=SHORT_GRID, on_second=U64),
+    other=Struct("other", grids=List(GRID), crop_of_keypoint=BYTES),
+)
+SIZE = Enum("size", "48x64x17", "72x96x17", "40x56x17", other=Struct("other", width=U16, height=U16, keypoints=U8))
+PATCH = Struct("PersonPatch", person=U32, camera=U16, box_age=I64, capture_offset_us=I32, crops=CROPS, size=SIZE, maps=BYTES)
+PATCH_SET = Struct(
+    "PatchSet", session=U64, tick=I64, viewpoint=U16, part=U16, parts=U16, sighting_parts=U16, timing=Option(TIMING), persons=List(PATCH)
+)
+
+# Boxes, from fusion to edge.
+WHOLE = Struct(
+    "whole", camera=U16, center_4ths=I32_PAIR, size_4ths=I32_PAIR, torso_4ths=I32_PAIR, neck_4ths=I32_PAIR, rotation_512ths=I32,
+    center_rate_16ths=I32_PAIR, size_rate_16ths=I32_PAIR, rotation_rate_4096ths=I32,
+)
+BOX = Struct("BoundingBox", center_px=PAIR, size_px=PAIR, rotation_rad=F32)
+FULL = Struct("other", camera=U16, bounding_box=BOX, rate=BOX, torso_px=PAIR, neck_px=PAIR)
+PERSON_BOXES = Struct("PersonBoxes", person=U32, cameras=List(Enum("box", whole=WHOLE, other=FULL)))
+HEARD = Struct("HeardPatches", tick=I64, one_way_us=I32, bytes=U32)
+LIVE_BOXES = Struct("LiveBoxes", sequence=U32, epoch_us=U64, clock_correction_us=Option(I32), heard=Option(HEARD))
+BOX_SET_PARTS = {"part": U16, "parts": U16}
+BOX_SET_REST = {"order": Enum("order", "track", "end"), "live": Option(LIVE_BOXES), "detection_cameras": List(U16), "persons": List(PERSON_BOXES)}
+BOX_SET_HEAD = {"session": U64, "tick": I64, "viewpoint": U16}
+BOX_SET = Struct("BoxSet", **BOX_SET_HEAD, **BOX_SET_PARTS, **BOX_SET_REST)
+BOX_SET_3 = Struct("BoxSet", **BOX_SET_HEAD, **BOX_SET_REST)
+
+# Sightings, from edge to fusion; poses, events, decisions, from fusion to all.
+PEAK = Struct("KeypointPeak", position_px=PAIR, score=F32)
+SIGHTING = Struct("Sighting", camera=U16, score=F32, keypoints=List(Option(PEAK)))
+SIGHTING_SET = Struct("SightingSet", session=U64, tick=I64, viewpoint=U16, part=U16, parts=U16, sightings=List(SIGHTING))
+POSE = Struct(
+    "PersonPose", person=U32, state=Enum("state", "tentative", "tracked", "coasting"), joints_m=List(POINT), keypoints_m=List(POINT),
+    sigma_m=List(F32), angles=List(F32), unobserved=U64, views=U16,
+)
+POSE_SET = Struct("PoseSet", session=U64, tick=I64, persons=List(POSE))
+LIKENESS = Struct("Likeness", distance_m=F32, absence_s=F32, lengths_sigma=F32, log_ratio=F32, margin=Option(F32))
+REASON = Enum(
+    "reason",
+    contradicted=Struct("", seen=U32, missed=U32),
+    poster=Struct("", flat_m=F32, moved_m=F32),
+    not_seen_again=Struct("", missing_s=F32),
+    unseen=Struct("", unseen_s=F32),
+    one_view=Struct("", missing_s=F32),
+    outside_field=Struct("", at_m=POINT),
+    same_place=Struct("", other=U32, for_s=F32),
+    found_elsewhere=None,
+    given_by_hand=None,
+)
+CHANGE = Enum(
+    "change",
+    initiate=Struct("", views=U16),
+    given=None,
+    reinitiate=Struct("", moved_m=F32),
+    confirm=Struct("", seen_s=F32),
+    recognise=Struct("", old=U32, why=LIKENESS),
+    lose=Struct("", missing_s=F32),
+    find=Struct("", lost_s=F32),
+    revive=Struct("", why=LIKENESS),
+    step_back=Struct("", other=U32, distance_m=F32, since_s=F32),
+    drop=Struct("", reason=REASON),
+)
+EVENT = Struct("IdentityEvent", person=U32, wire_id=U32, change=CHANGE)
+EVENT_SET = Struct("IdentityEventSet", session=U64, tick=I64, events=List(EVENT))
+USED = Struct("UsedSet", viewpoint=U16, part=U16)
+DECISION = Struct("Decision", session=U64, first=I64, tick=I64, horizons_ticks=List(F64), patches=List(USED), sightings=List(USED))
+
+# Statuses, from every node to all.
+STAGE = Struct("StageTime", stage=TEXT, count=U64, total_us=U64, p50_us=U32, p99_us=U32, p999_us=U32, max_us=U32)
+CAMERA_3 = {"camera": U16, "health": Enum("health", "works", "frozen", "black", "silent", "failed"), "frames_per_s": F32, "capture_offset_us": I32}
+EDGE_LINK = Struct(
+    "EdgeLink", viewpoint=TEXT, live=BOOL, refused=Option(TEXT), round_trip_us=Option(U32), clock_offset_us=Option(I32), horizon_ticks=F32,
+    bytes_per_s=U32, late=U64, missing=U64, unreadable=U64,
+)
+
+
+def live_status(camera):
+    return Struct(
+        "LiveStatus", epoch_us=Option(U64), clock_correction_us=I32, quality=U8, persons_per_tick=Option(U16), every_nth_tick=U16,
+        bytes_per_s=U32, held_back=U64, missed_ticks=U64, cameras=List(Struct("CameraStatus", **camera)), edges=List(EDGE_LINK),
+        recording_failure=Option(TEXT),
+    )
+
+
+def status(release, camera, **more):
+    return Struct(
+        "Status", node=TEXT, process=U64, viewpoint=Option(U16), **release, ready=BOOL, venue_hash=TEXT, calibration_hash=TEXT,
+        network_hash=TEXT, backend=TEXT, ticks=Option(Array(I64, 2)), tick=Option(I64), unreadable=U64, failure=Option(TEXT),
+        stages=List(STAGE), live=Option(live_status(camera)), **more,
+    )
+
+
+SYSTEM_CLOCK = Struct("SystemClock", synchronised=BOOL, max_error_us=Option(U32), ahead_us=I64)
+LINK_HEALTH = Struct("LinkHealth", clock_uncertainty_us=Option(U32), clock_correction_us=Option(I32), dropped=U64)
+HEALTH = Struct(
+    "NodeHealth", system_clock=Option(SYSTEM_CLOCK), certificate_ends_s=Option(U64), follows=Option(U64), links=List(LINK_HEALTH), notices=List(TEXT)
+)
+STATUS_3 = status({}, CAMERA_3)
+STATUS_4 = status({"release": TEXT}, {**CAMERA_3, "reason": Option(TEXT)})
+STATUS_5 = status({"release": TEXT}, {**CAMERA_3, "reason": Option(TEXT)}, health=HEALTH)
+
+# Questions and answers.
+FILL_REQUEST = Struct("FillRequest", session=U64, **{"from": I64}, to=I64, max_bytes=U32)
+FILLED = Struct("Filled", to=I64, stored=List(Struct("StoredSet", kind=Enum("kind", "patches", "sightings"), bytes=BYTES)))
+REQUEST = Enum("HandoutRequest", "list", chunk=Struct("", file=U16, **{"from": U64}))
+FILE = Struct(
+    "SharedFile", kind=Enum("kind", "venue", "calibration", "network_card", "network", "detector_card", "detector"), path=TEXT, bytes=U64, blake3=Raw(32)
+)
+FILE_LIST = Struct("FileList", venue=TEXT, files=List(FILE))
+SIGNED_LIST = Struct("SignedList", list=BYTES, signature=Option(Struct("ListSignature", certificate=BYTES, ecdsa=BYTES)))
+CHUNK = Struct("Chunk", bytes=BYTES)
+
+# By the names of the files in proto/golden; where a version wrote otherwise, which.
+MESSAGES = {
+    "patch_set": PATCH_SET, "box_set": BOX_SET, "sighting_set": SIGHTING_SET, "pose_set": POSE_SET, "identity_events": EVENT_SET,
+    "decision": DECISION, "status": STATUS_5, "fill_request": FILL_REQUEST, "filled": FILLED, "handout_request": REQUEST,
+    "handout_request_list": REQUEST, "file_list": FILE_LIST, "signed_list": SIGNED_LIST, "chunk": CHUNK,
+}
+OLDER = {("box_set", 3): BOX_SET_3, ("status", 3): STATUS_3, ("status", 4): STATUS_4}
+# By the second part of a key, under the venue's name.
+BY_KEY = {
+    "patch": "patch_set", "sighting": "sighting_set", "box": "box_set", "pose": "pose_set", "smooth": "pose_set", "decision": "decision",
+    "event": "identity_events", "status": "status",
+}
+
+
+def decode(name, data, seen=lambda *_: None):
+    """The message in `data`, which must be all of it."""
+    if not data or len(data) > MOST_BYTES:
+        raise ValueError(f"{len(data)} bytes")
+    version = data[0]
+    if version not in VERSIONS:
+        raise ValueError(f"version {version}: this reads {VERSIONS.start} to {VERSIONS.stop - 1}")
+    seen(0, 1, "", "version", version)
+    try:
+        value, at = OLDER.get((name, version), MESSAGES[name]).read(data, 1, "", seen)
+    except IndexError:
+        raise ValueError("the bytes end before the message") from None
+    if at != len(data):
+        raise ValueError(f"{len(data) - at} bytes are left over")
+    return value
+
+
+def encode(name, value, version):
+    """The message as `version` writes it."""
+    return bytes([version]) + OLDER.get((name, version), MESSAGES[name]).write(value)
