@@ -2,6 +2,7 @@
 
     pip install numpy blake3
     python tests/readers/protocol.py RUN
+    python tests/readers/protocol.py page            # writes the page's examples anew, after a new version
 
 RUN is the folder of a run in lock-step that was recorded (`farfield demo --maps --record`). Exits with 1 where
 
@@ -27,6 +28,8 @@ PAGE, GOLDEN = ROOT / "docs/protocol.md", ROOT / "proto/golden"
 # Half of the last decimal of poses.jsonl, and what single precision adds; angles are rounded inward.
 POSITION, SIGMA, ANGLE = 0.6e-5, 0.6e-4, 1.1e-6
 EVERY_NTH_PATCH = 60
+EXAMPLE = re.compile(r"```text (\w+)\.hex\n(.*?)```", re.DOTALL)
+SUBSCRIBER = re.compile(r"(?<=```python\n)\"\"\"Prints where .*?(?=```)", re.DOTALL)
 
 
 def explained(name, data):
@@ -65,21 +68,30 @@ def check_golden():
     print(f"golden files of versions {list(wire.VERSIONS)}: {len(wire.MESSAGES)} messages and 7 patches each are read, and the messages written again")
 
 
+def page_as_it_should_be():
+    """The page with the newest version's golden files as examples, each cut where it is cut now; and which those are."""
+    names = []
+
+    def example(found):
+        name, shown = found[1], found[2].splitlines()
+        names.append(name)
+        lines = explained(name, bytes.fromhex((GOLDEN / f"v{wire.VERSIONS.stop - 1}/{name}.hex").read_text()))
+        if shown[-1] == "...":
+            lines = lines[: len(shown) - 1] + ["..."]
+        return "```text {}.hex\n{}\n```".format(name, "\n".join(lines))
+
+    text = EXAMPLE.sub(example, PAGE.read_text())
+    return SUBSCRIBER.sub(lambda _: (ROOT / "examples/subscriber.py").read_text(), text), names
+
+
 def check_page():
-    examples = re.findall(r"```text (\w+)\.hex\n(.*?)```", PAGE.read_text(), re.DOTALL)
-    assert {name for name, _ in examples} == set(wire.MESSAGES) - {"handout_request_list"}, "the page shows other messages"
-    for name, text in examples:
-        data = bytes.fromhex((GOLDEN / f"v5/{name}.hex").read_text())
-        expected = explained(name, data)
-        for shown, right in zip(text.splitlines(), expected):
-            if shown.strip() == "...":
-                break
-            assert shown == right, f"docs/protocol.md, {name}: {shown!r} should be {right!r}"
-        else:
-            assert len(text.splitlines()) == len(expected), f"docs/protocol.md, {name}: {len(expected)} lines expected"
-    subscriber = (ROOT / "examples/subscriber.py").read_text()
-    assert f"```python\n{subscriber}```" in PAGE.read_text(), "docs/protocol.md shows another examples/subscriber.py"
-    print(f"docs/protocol.md: {len(examples)} examples are the golden files, and the subscriber is the one in examples/")
+    expected, names = page_as_it_should_be()
+    for shown, right in zip(PAGE.read_text().splitlines(), expected.splitlines()):
+        assert shown == right, f"docs/protocol.md: {shown!r} should be {right!r}"
+    assert PAGE.read_text() == expected, "docs/protocol.md is cut off"
+    assert set(names) == set(wire.MESSAGES) - {"handout_request_list"}, "docs/protocol.md shows other messages"
+    assert SUBSCRIBER.search(expected), "docs/protocol.md does not show examples/subscriber.py"
+    print(f"docs/protocol.md: {len(names)} examples are the golden files, and the subscriber is the one in examples/")
 
 
 def check_pose(pose, line):
@@ -153,8 +165,8 @@ def check_recording(run):
 
 
 if __name__ == "__main__":
-    if len(sys.argv) == 3 and sys.argv[1] == "explain":
-        print("\n".join(explained(sys.argv[2], bytes.fromhex((GOLDEN / f"v5/{sys.argv[2]}.hex").read_text()))))
+    if sys.argv[1:] == ["page"]:
+        PAGE.write_text(page_as_it_should_be()[0])
     elif len(sys.argv) != 2:
         sys.exit(__doc__)
     else:
