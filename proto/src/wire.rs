@@ -13,7 +13,7 @@ use serde::de::DeserializeOwned;
 ///
 /// What each version's bytes are is pinned in `proto/golden/`, one folder a version, whose files are only ever added.
 /// A message that changes keeps its older forms in [`crate::message`], so that old recordings are read.
-pub const VERSION: u8 = 5;
+pub const VERSION: u8 = 6;
 /// The oldest version that is read: recordings are kept for years.
 pub const OLDEST_READ: u8 = 3;
 /// The oldest version that is written, for nodes that are not updated yet: the one before this.

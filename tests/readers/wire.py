@@ -1,8 +1,8 @@
-"""The messages of the wire, versions 3 to 5, as docs/protocol.md says them: bytes to plain Python values, and back."""
+"""The messages of the wire, versions 3 to 6, as docs/protocol.md says them: bytes to plain Python values, and back."""
 
 from postcard import BOOL, BYTES, F32, F64, I32, I64, TEXT, U8, U16, U32, U64, Array, Enum, List, Option, Raw, Struct
 
-VERSIONS = range(3, 6)
+VERSIONS = range(3, 7)
 MOST_BYTES = 1 << 20
 
 PAIR, I32_PAIR, POINT = Array(F32, 2), Array(I32, 2), Array(F32, 3)
@@ -113,6 +113,12 @@ HEALTH = Struct(
 STATUS_3 = status({}, CAMERA_3)
 STATUS_4 = status({"release": TEXT}, {**CAMERA_3, "reason": Option(TEXT)})
 STATUS_5 = status({"release": TEXT}, {**CAMERA_3, "reason": Option(TEXT)}, health=HEALTH)
+AGREEMENT = Struct(
+    "CameraAgreement", verdict=Enum("verdict", "unknown", "agrees", "disagrees"), keypoints=U64, distance_mm=Option(F64),
+    distance_px=Option(F64), late_ticks=Option(F64),
+)
+AGREEMENTS = List(Struct("AgreementOfCamera", camera=U16, agreement=AGREEMENT))
+STATUS_6 = status({"release": TEXT}, {**CAMERA_3, "reason": Option(TEXT)}, health=HEALTH, agreement=AGREEMENTS)
 
 # Questions and answers.
 FILL_REQUEST = Struct("FillRequest", session=U64, **{"from": I64}, to=I64, max_bytes=U32)
@@ -128,10 +134,10 @@ CHUNK = Struct("Chunk", bytes=BYTES)
 # By the names of the files in proto/golden; where a version wrote otherwise, which.
 MESSAGES = {
     "patch_set": PATCH_SET, "box_set": BOX_SET, "sighting_set": SIGHTING_SET, "pose_set": POSE_SET, "identity_events": EVENT_SET,
-    "decision": DECISION, "status": STATUS_5, "fill_request": FILL_REQUEST, "filled": FILLED, "handout_request": REQUEST,
+    "decision": DECISION, "status": STATUS_6, "fill_request": FILL_REQUEST, "filled": FILLED, "handout_request": REQUEST,
     "handout_request_list": REQUEST, "file_list": FILE_LIST, "signed_list": SIGNED_LIST, "chunk": CHUNK,
 }
-OLDER = {("box_set", 3): BOX_SET_3, ("status", 3): STATUS_3, ("status", 4): STATUS_4}
+OLDER = {("box_set", 3): BOX_SET_3, ("status", 3): STATUS_3, ("status", 4): STATUS_4, ("status", 5): STATUS_5}
 # By the second part of a key, under the venue's name.
 BY_KEY = {
     "patch": "patch_set", "sighting": "sighting_set", "box": "box_set", "pose": "pose_set", "smooth": "pose_set", "decision": "decision",

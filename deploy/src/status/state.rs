@@ -5,6 +5,7 @@ use std::time::Duration;
 use farfield_fusion::live::cameras::in_words;
 use farfield_node::clock;
 use farfield_proto::message::Status;
+use farfield_proto::message::agreement::{AgreementOfCamera, CameraAgreement};
 use farfield_proto::message::health::{LinkHealth, SystemClock};
 use farfield_proto::message::live::{CameraHealth, EdgeLink, LiveStatus};
 use farfield_proto::transport::FUSION;
@@ -102,6 +103,8 @@ pub(super) struct CameraState {
     /// In words, with the reason where one is known.
     pub(super) words: String,
     pub(super) frames_per_s: f32,
+    /// How it agrees with the other cameras, as fusion finds it.
+    pub(super) agreement: Option<CameraAgreement>,
 }
 
 impl VenueState {
@@ -119,7 +122,10 @@ impl VenueState {
                 .find(|(_, link)| link.viewpoint == name);
             let health = link.and_then(|(index, _)| fusion?.status.health.links.get(index));
             let row = Row::new(name, heard, now_s);
-            nodes.push(row.edge(venue, link.map(|(_, link)| link), health));
+            let mut edge = row.edge(venue, link.map(|(_, link)| link), health);
+            let found = fusion.map(|fusion| fusion.status.agreement.as_slice());
+            take_agreement(&mut edge.cameras, venue, found.unwrap_or_default());
+            nodes.push(edge);
         }
         Self {
             venue: venue.name.clone(),
@@ -286,6 +292,7 @@ impl<'a> Row<'a> {
                 health: camera.health,
                 words,
                 frames_per_s: camera.frames_per_s,
+                agreement: None,
             });
         }
     }
@@ -327,6 +334,17 @@ impl<'a> Row<'a> {
             self.worse(Mark::Warning);
             let notice = format!("{dropped} of its messages found no place at fusion");
             self.state.notices.push(notice);
+        }
+    }
+}
+
+/// Sets what fusion finds of how the cameras agree.
+fn take_agreement(cameras: &mut [CameraState], venue: &Venue, found: &[AgreementOfCamera]) {
+    for AgreementOfCamera { camera, agreement } in found {
+        let name = venue.camera(*camera).map(|known| known.model.name());
+        let mut own = cameras.iter_mut();
+        if let Some(camera) = own.find(|camera| Some(camera.name.as_str()) == name) {
+            camera.agreement = Some(*agreement);
         }
     }
 }

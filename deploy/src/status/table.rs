@@ -1,6 +1,7 @@
 //! The state of a venue as a table: one row a node, columns two blanks apart, whatever is long last.
 
 use super::state::{CameraState, ClockState, Mark, NodeState, PatchState, VenueState};
+use farfield_proto::message::agreement::CameraAgreement;
 use farfield_proto::message::live::CameraHealth;
 
 /// The columns, from the left; the last has what is not as it should be.
@@ -34,7 +35,26 @@ pub(super) fn text(state: &VenueState) -> String {
         text.push_str(line.trim_end());
         text.push('\n');
     }
+    text.push_str(&agreement(state));
     text
+}
+
+/// A line for every camera of which it is known how it agrees with the others, after an empty one.
+fn agreement(state: &VenueState) -> String {
+    let cameras = state.nodes.iter().flat_map(|node| &node.cameras);
+    let known = cameras.filter_map(|camera| Some((&camera.name, camera.agreement?)));
+    let known: Vec<_> = known.filter(|(_, it)| it.is_known()).collect();
+    let width = known.iter().map(|(name, _)| name.chars().count()).max();
+    let width = width.unwrap_or(0);
+    let line = |(name, agreement): (&String, CameraAgreement)| {
+        format!("camera {name:width$}  {}\n", agreement.words())
+    };
+    let lines: String = known.into_iter().map(line).collect();
+    if lines.is_empty() {
+        lines
+    } else {
+        format!("\n{lines}")
+    }
 }
 
 fn row(node: &NodeState) -> [String; HEAD.len()] {

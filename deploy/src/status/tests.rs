@@ -6,6 +6,7 @@ use std::time::Instant;
 use farfield_proto::calibration::Calibration;
 use farfield_proto::id::{CameraIndex, ViewpointIndex};
 use farfield_proto::message::StageTime;
+use farfield_proto::message::agreement::{AgreementOfCamera, AgreementVerdict, CameraAgreement};
 use farfield_proto::message::health::NodeHealth;
 use farfield_proto::message::live::CameraStatus;
 use farfield_proto::tick::Tick;
@@ -53,6 +54,7 @@ fn status(node: &str, tick: i64, live: LiveStatus) -> Status {
         stages: Vec::new(),
         live: Some(live),
         health: NodeHealth::default(),
+        agreement: Vec::new(),
     }
 }
 
@@ -167,6 +169,41 @@ fn a_venue_that_is_well_is_a_table_without_a_word_too_many() {
     let json = serde_json::to_value(&state).unwrap();
     assert_eq!(json["nodes"][1]["clock"]["offset_ms"], -2.25);
     assert_eq!(json["nodes"][1]["mark"], "ok");
+}
+
+#[test]
+fn how_each_camera_agrees_with_the_others_is_told_under_the_table() {
+    let mut heard = well();
+    let [mut fusion, ..] = statuses(160);
+    let compared = |camera, verdict, late_ticks| AgreementOfCamera {
+        camera: CameraIndex(camera),
+        agreement: CameraAgreement {
+            verdict,
+            keypoints: 900,
+            distance_mm: Some(61.0),
+            distance_px: Some(5.0),
+            late_ticks,
+        },
+    };
+    fusion.agreement = vec![
+        compared(0, AgreementVerdict::Agrees, None),
+        compared(1, AgreementVerdict::Disagrees, Some(2.5)),
+    ];
+    take(&mut heard, fusion, clock::now());
+    let state = VenueState::new(&venue(), &heard, NOW_S);
+    let text = table::text(&state);
+    let below: Vec<&str> = text.lines().skip(4).collect();
+    assert_eq!(
+        below,
+        [
+            "",
+            "camera c-ne  agrees with the others: 61 mm, 5 px apart at the median",
+            "camera c-nw  DISAGREES with the others: 61 mm, 5 px apart at the median, +2.5 ticks late",
+        ]
+    );
+    let json = serde_json::to_value(&state).unwrap();
+    let agreement = &json["nodes"][2]["cameras"][0]["agreement"];
+    assert_eq!(agreement["verdict"], "disagrees");
 }
 
 #[test]

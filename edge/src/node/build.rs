@@ -208,6 +208,7 @@ pub(super) fn build(config: &EdgeConfig) -> Result<Built, NodeError> {
                 .and_then(|validity| u64::try_from(validity.until_s).ok()),
             ..NodeHealth::default()
         },
+        agreement: Vec::new(),
     };
     Ok(Built { work, status })
 }

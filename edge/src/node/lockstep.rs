@@ -267,6 +267,7 @@ mod tests {
             stages: Vec::new(),
             live: None,
             health: NodeHealth::default(),
+            agreement: Vec::new(),
         }
     }
 

@@ -6,11 +6,11 @@
 
 use std::collections::BTreeMap;
 
+use farfield_proto::message::agreement::{AgreementVerdict, CameraAgreement};
+
 use super::geometry::SightLines;
 use super::pairs::{CameraRays, PairAgreement, Partners, PictureChange};
-use super::report::{
-    AgreementReport, AgreementVerdict, CameraAgreement, Disagreement, DisagreementCause,
-};
+use super::report::{AgreementReport, Disagreement, DisagreementCause};
 use super::samples::{Burst, PassSample, Samples, SeenBody};
 use super::time_shift::{KeypointHalf, Shift, shifts};
 use super::words;
@@ -317,13 +317,17 @@ impl<'a> Judge<'a> {
             Some((pair.median_m()?, pair.median_px(focal_px)?[side]))
         });
         let best = medians.min_by(|a, b| a.0.total_cmp(&b.0));
-        let best = best.filter(|(m, px)| m.is_finite() && px.is_finite());
+        let best =
+            best.filter(|(m, px)| ((1000.0 * m) as f32).is_finite() && (*px as f32).is_finite());
         CameraAgreement {
             verdict,
             keypoints,
-            distance_mm: best.map(|(m, _)| rounded(m * 1000.0)),
-            distance_px: best.map(|(_, px)| rounded(px)),
-            late_ticks: self.known_late(camera),
+            distance_mm: best.map(|(m, _)| rounded(m * 1000.0) as f32),
+            distance_px: best.map(|(_, px)| rounded(px) as f32),
+            late_ticks: self
+                .known_late(camera)
+                .map(|late| late as f32)
+                .filter(|late| late.is_finite()),
         }
     }
 

@@ -39,10 +39,7 @@ use farfield_proto::tick::Tick;
 use farfield_proto::venue::parameters::BirthParameters;
 use farfield_proto::venue::{Field, Venue};
 
-pub use self::report::{
-    AgreementReport, AgreementVerdict, CameraAgreement, Disagreement, DisagreementCause,
-    SightedReport,
-};
+pub use self::report::{AgreementReport, Disagreement, DisagreementCause, SightedReport};
 
 use self::geometry::SightLines;
 use self::judge::Judge;

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use farfield_proto::message::agreement::CameraAgreement;
 use serde::{Deserialize, Serialize};
 
 use crate::sightings::diagnosis::SightingDiagnosis;
@@ -34,10 +35,7 @@ pub struct SightedReport {
 impl AgreementReport {
     /// A line per camera, and a warning per disagreement, for people; empty where nothing could be compared.
     pub fn lines(&self) -> Vec<String> {
-        let cameras = self
-            .cameras
-            .iter()
-            .filter(|(_, camera)| camera.keypoints > 0);
+        let cameras = self.cameras.iter().filter(|(_, camera)| camera.is_known());
         let width = self.cameras.keys().map(String::len).max().unwrap_or(0);
         let mut lines: Vec<String> = cameras
             .map(|(name, camera)| format!("camera {name:width$}  {}", camera.words()))
@@ -51,53 +49,6 @@ impl AgreementReport {
         let warning = |d: &Disagreement| format!("warning: {}; {}", d.found, d.remedy);
         self.disagreements.iter().map(warning)
     }
-}
-
-impl CameraAgreement {
-    fn words(&self) -> String {
-        let verdict = match self.verdict {
-            AgreementVerdict::Unknown => "could not be compared",
-            AgreementVerdict::Agrees => "agrees with the others",
-            AgreementVerdict::Disagrees => "DISAGREES with the others",
-        };
-        let apart = match (self.distance_mm, self.distance_px) {
-            (Some(mm), Some(px)) => format!(": {mm:.0} mm, {px:.0} px apart at the median"),
-            _ => String::new(),
-        };
-        let late = self.late_ticks.filter(|late| late.abs() >= 0.05);
-        let late = late.map_or_else(String::new, |late| format!(", {late:+.1} ticks late"));
-        format!("{verdict}{apart}{late}")
-    }
-}
-
-/// How one camera agrees with the others.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
-pub struct CameraAgreement {
-    /// What is to be thought of it.
-    pub verdict: AgreementVerdict,
-    /// Keypoints that were compared with those of other cameras.
-    pub keypoints: u64,
-    /// How far its lines of sight pass those of the camera that it agrees with best, millimetres: the median; `None`
-    /// where nothing could be compared, or most lines would meet behind a camera.
-    pub distance_mm: Option<f64>,
-    /// The same in its picture, pixels.
-    pub distance_px: Option<f64>,
-    /// By how many ticks its pictures are late (negative: early) against those of the others; `None` where nothing
-    /// moved enough to tell.
-    pub late_ticks: Option<f64>,
-}
-
-/// What is to be thought of a camera.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum AgreementVerdict {
-    /// Nothing could be compared.
-    #[default]
-    Unknown,
-    /// It shows what the others show.
-    Agrees,
-    /// It does not.
-    Disagrees,
 }
 
 /// Something that does not fit, and what may be the cause.

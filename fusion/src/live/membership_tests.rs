@@ -36,6 +36,7 @@ fn status(node: &str, process: u64) -> Status {
         stages: Vec::new(),
         live: None,
         health: NodeHealth::default(),
+        agreement: Vec::new(),
     }
 }
 

@@ -27,6 +27,7 @@ pub(super) fn own_status(hashes: &VenueHash) -> Status {
         stages: Vec::new(),
         live: None,
         health: NodeHealth::default(),
+        agreement: Vec::new(),
     }
 }
 

@@ -418,5 +418,6 @@ fn node(name: &str, tick: Tick, live: LiveStatus, stages: &[(&str, u32)]) -> Sta
             follows: Some(SESSION),
             ..NodeHealth::default()
         },
+        agreement: Vec::new(),
     }
 }

@@ -1,6 +1,7 @@
 //! How a venue is: what the `status` message holds. Everything that is not known is `null`.
 
 use farfield_proto::message::StageTime;
+use farfield_proto::message::agreement::CameraAgreement;
 use farfield_proto::tick::Tick;
 use serde::Serialize;
 
@@ -208,6 +209,8 @@ pub struct CameraLine {
     pub capture_offset_us: Option<i32>,
     /// Why it gives no pictures.
     pub reason: Option<String>,
+    /// How it agrees with the other cameras; `None` where nothing could be compared.
+    pub agreement: Option<CameraAgreement>,
     /// Who was cropped from it at the newest tick.
     pub persons: Vec<u32>,
 }

@@ -2,11 +2,11 @@
 
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { healthOfCamera } from "../src/panels/cameras.ts";
+import { agreementInWords, healthOfCamera } from "../src/panels/cameras.ts";
 import { readText } from "../src/protocol/text.ts";
 import type { Status } from "../src/protocol/status.ts";
 
-function status(camera: string, link: string, refused: string | null = null): Status {
+function status(camera: string, link: string, refused: string | null = null, verdict: string | null = null): Status {
   const message = readText(
     JSON.stringify({
       type: "status",
@@ -14,7 +14,7 @@ function status(camera: string, link: string, refused: string | null = null): St
       alarms: [],
       nodes: [],
       links: [{ viewpoint: 2, name: "ne", state: link, refused }],
-      cameras: [{ camera: 5, name: "a", state: camera, persons: [] }],
+      cameras: [{ camera: 5, name: "a", state: camera, persons: [], agreement: verdict && { verdict } }],
       latency: null,
       recording: null,
     }),
@@ -31,6 +31,20 @@ test("a camera that works behind a link that works is good", () => {
 test("a camera whose edge is silent or refused is not good, whatever the edge said last", () => {
   assert.deepEqual(healthOfCamera(status("works", "failed"), 5, 2), ["failed", "nothing comes from its edge"]);
   assert.deepEqual(healthOfCamera(status("works", "failed", "another calibration"), 5, 2), ["failed", "its edge is refused"]);
+});
+
+test("a camera that works and shows something else than the others is a warning", () => {
+  assert.equal(healthOfCamera(status("works", "works", null, "disagrees"), 5, 2)[0], "warning");
+  assert.equal(healthOfCamera(status("works", "works", null, "agrees"), 5, 2)[0], "good");
+  assert.equal(healthOfCamera(status("black", "works", null, "disagrees"), 5, 2)[0], "failed");
+});
+
+test("how far a camera is from the others is told in millimetres, and its clock where it is off", () => {
+  const agreement = { verdict: "agrees", distance_mm: 14.2, distance_px: 2, late_ticks: -1.26 } as const;
+  assert.equal(agreementInWords(agreement), "14 mm from the others, 1.3 ticks early");
+  assert.equal(agreementInWords({ ...agreement, late_ticks: 0.01 }), "14 mm from the others");
+  assert.equal(agreementInWords({ ...agreement, distance_mm: null }), "");
+  assert.equal(agreementInWords(null), "");
 });
 
 test("a camera's own failure is told before its edge's", () => {

@@ -3,6 +3,7 @@
 //! A message that passed is valid in its form; whether it makes sense (a camera that exists, a session that lives) is
 //! for the node to decide.
 
+use super::agreement;
 use super::live::{LiveStatus, MAX_CLOCK_CORRECTION_US, MAX_EDGES};
 use super::older::{BoxSet3, Status3};
 use super::{
@@ -188,8 +189,8 @@ impl Message for Status {
     fn write(&self, version: u8, bytes: Vec<u8>) -> postcard::Result<Vec<u8>> {
         let bytes = postcard::to_extend(self, bytes)?;
         match version {
-            ..=4 => Ok(bytes),
-            _ => postcard::to_extend(&self.health, bytes),
+            ..=5 => postcard::to_extend(&self.health, bytes),
+            _ => postcard::to_extend(&self.agreement, postcard::to_extend(&self.health, bytes)?),
         }
     }
 
@@ -199,10 +200,19 @@ impl Message for Status {
                 postcard::take_from_bytes(bytes).map(|(status, rest)| (Status3::read(status), rest))
             }
             4 => postcard::take_from_bytes(bytes),
-            _ => {
+            5.. => {
                 let (status, rest) = postcard::take_from_bytes::<Self>(bytes)?;
                 let (health, rest) = postcard::take_from_bytes(rest)?;
-                Ok((Self { health, ..status }, rest))
+                let (agreement, rest) = match version {
+                    5 => (Vec::new(), rest),
+                    _ => postcard::take_from_bytes(rest)?,
+                };
+                let status = Self {
+                    health,
+                    agreement,
+                    ..status
+                };
+                Ok((status, rest))
             }
         }
     }
@@ -232,6 +242,7 @@ impl Message for Status {
         let in_order = self.ticks.is_none_or(|[first, end]| first <= end);
         ensure(in_order, "ticks that end before they begin")?;
         self.health.check()?;
+        agreement::check(&self.agreement)?;
         self.live.iter().try_for_each(check_live)
     }
 }

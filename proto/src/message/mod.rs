@@ -4,6 +4,7 @@
 //! [`decision::Decision`]; from every node: [`Status`]. On request: the venue's files ([`handout`]) and stored sets
 //! ([`fill`]).
 
+pub mod agreement;
 mod box_form;
 mod check;
 pub mod decision;
@@ -21,6 +22,7 @@ use serde::{Deserialize, Serialize};
 use crate::bounding_box::{BoundingBox, BoxRate};
 use crate::grid::CellGrid;
 use crate::id::{CameraIndex, PersonId, SessionId, ViewpointIndex};
+use crate::message::agreement::AgreementOfCamera;
 use crate::message::health::NodeHealth;
 use crate::message::live::{LiveBoxes, LiveStatus, PatchTiming};
 use crate::order_statistics::percentile;
@@ -254,6 +256,10 @@ pub struct Status {
     /// How it is otherwise; on the wire it follows the fields above.
     #[serde(skip)]
     pub health: NodeHealth,
+    /// Of live fusion: how the cameras agree, those of which it is known; on the wire it follows
+    /// [`health`](Self::health).
+    #[serde(skip)]
+    pub agreement: Vec<AgreementOfCamera>,
 }
 
 /// Most stages in one status.

@@ -101,6 +101,7 @@ impl Status3 {
             stages: self.stages,
             live: self.live.map(LiveStatus3::read),
             health: NodeHealth::default(),
+            agreement: Vec::new(),
         }
     }
 }

@@ -3,6 +3,7 @@
 use crate::bounding_box::{BoundingBox, BoxRate};
 use crate::grid::CellGrid;
 use crate::id::{CameraIndex, PersonId, SessionId, ViewpointIndex};
+use crate::message::agreement::{AgreementOfCamera, AgreementVerdict, CameraAgreement};
 use crate::message::health::{LinkHealth, NodeHealth, SystemClock};
 use crate::message::live::{
     BoxEcho, CameraHealth, CameraStatus, EdgeLink, HeardPatches, LiveBoxes, LiveStatus, PatchTiming,
@@ -212,5 +213,15 @@ pub(super) fn status() -> Status {
             }],
             notices: vec!["the disk is full".to_owned()],
         },
+        agreement: vec![AgreementOfCamera {
+            camera: CameraIndex(3),
+            agreement: CameraAgreement {
+                verdict: AgreementVerdict::Disagrees,
+                keypoints: 1_200,
+                distance_mm: Some(61.0),
+                distance_px: Some(4.5),
+                late_ticks: Some(-2.25),
+            },
+        }],
     }
 }

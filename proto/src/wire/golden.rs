@@ -100,14 +100,20 @@ fn the_bytes_of_every_message_stay_as_they_are_in_every_version() {
         .iter_mut()
         .flat_map(|live| &mut live.cameras);
     cameras.for_each(|camera| camera.reason = None);
-    let without_health = Status {
-        health: NodeHealth::default(),
+    let without_agreement = Status {
+        agreement: Vec::new(),
         ..status.clone()
     };
+    let without_health = Status {
+        health: NodeHealth::default(),
+        ..without_agreement.clone()
+    };
     without_reasons.health = NodeHealth::default();
+    without_reasons.agreement.clear();
     check_by_version("status", &status, |version| match version {
         ..=3 => &without_reasons,
         4 => &without_health,
+        5 => &without_agreement,
         _ => &status,
     });
     check("identity_events", &every_event());

@@ -7,6 +7,7 @@ use super::*;
 use crate::bounding_box::{BoundingBox, BoxRate};
 use crate::grid::CellGrid;
 use crate::id::{CameraIndex, PersonId, SessionId, ViewpointIndex};
+use crate::message::agreement::{AgreementOfCamera, CameraAgreement};
 use crate::message::decision::Decision;
 use crate::message::fill::{FillRequest, Filled};
 use crate::message::handout::{Chunk, FileList, HandoutRequest, SignedList};
@@ -287,6 +288,17 @@ fn any_status() -> impl Strategy<Value = Status> {
                     follows: viewpoint.map(|v| SessionId(v.into())),
                     ..NodeHealth::default()
                 },
+                agreement: vec![
+                    AgreementOfCamera {
+                        camera: CameraIndex(3),
+                        agreement: CameraAgreement {
+                            keypoints: process,
+                            late_ticks: tick.map(|t| t as f32),
+                            ..CameraAgreement::default()
+                        },
+                    };
+                    usize::from(failed)
+                ],
             }
         })
 }

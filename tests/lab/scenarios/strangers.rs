@@ -305,6 +305,7 @@ async fn an_edge_that_calls_itself_by_anothers_name_under_its_own_key_is_not_bel
         stages: Vec::new(),
         live: None,
         health: NodeHealth::default(),
+        agreement: Vec::new(),
     };
     let lie = async {
         loop {

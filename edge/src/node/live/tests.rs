@@ -180,6 +180,7 @@ impl Script {
                 ..LiveStatus::default()
             }),
             health: NodeHealth::default(),
+            agreement: Vec::new(),
         }
     }
 

@@ -5,6 +5,9 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use farfield_node::process::say;
+use farfield_proto::id::CameraIndex;
+use farfield_proto::message::agreement::{AgreementOfCamera, MAX_AGREEMENTS};
+use farfield_proto::venue::Venue;
 use tracing::debug;
 
 use crate::camera_agreement::{AgreementReport, AgreementSamples};
@@ -40,6 +43,19 @@ impl AgreementJudge {
         if self.newest.try_send(samples).is_err() {
             debug!("the agreement of the cameras is still being judged");
         }
+    }
+
+    /// How each camera of `venue` agrees, those of which anything is known.
+    pub(super) fn cameras(&self, venue: &Venue) -> Vec<AgreementOfCamera> {
+        let report = self.report.lock().unwrap_or_else(PoisonError::into_inner);
+        let cameras = (0..).zip(&venue.cameras).filter_map(|(index, camera)| {
+            let agreement = *report.cameras.get(camera.model.name())?;
+            agreement.is_known().then_some(AgreementOfCamera {
+                camera: CameraIndex(index),
+                agreement,
+            })
+        });
+        cameras.take(MAX_AGREEMENTS).collect()
     }
 
     /// Says once of everything that does not fit what it is, and what to do about it; returns what does not fit now.

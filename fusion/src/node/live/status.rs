@@ -31,6 +31,11 @@ impl LiveFusion<'_> {
                 ..LiveStatus::default()
             }),
             health: self.health(),
+            agreement: self
+                .agreement
+                .as_ref()
+                .map(|judge| judge.cameras(&config.venue))
+                .unwrap_or_default(),
             ..own_status(&config.venue.hashes)
         }
     }

@@ -104,6 +104,7 @@ impl Scripted {
             stages: Vec::new(),
             live: None,
             health: NodeHealth::default(),
+            agreement: Vec::new(),
         }
     }
 

@@ -289,6 +289,7 @@ pub(super) mod tests {
             stages: Vec::new(),
             live: None,
             health: NodeHealth::default(),
+            agreement: Vec::new(),
         }
     }
 

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use farfield_proto::id::ViewpointIndex;
 use farfield_proto::message::Status;
+use farfield_proto::message::agreement::CameraAgreement;
 use farfield_proto::message::health::LinkHealth;
 use farfield_proto::message::live::{CameraHealth, CameraStatus, EdgeLink, LiveStatus};
 use farfield_proto::tick::{Micros, SECOND_US};
@@ -135,6 +136,13 @@ impl Nodes {
     /// Fusion's live status.
     pub(super) fn fusion_live(&self) -> Option<&LiveStatus> {
         self.get(None)?.live()
+    }
+
+    /// How a camera agrees with the others, as fusion finds it; `None` where nothing is known.
+    fn agreement(&self, camera: u16) -> Option<CameraAgreement> {
+        let known = &self.get(None)?.status.agreement;
+        let own = known.iter().find(|known| known.camera.0 == camera)?;
+        own.agreement.is_known().then_some(own.agreement)
     }
 
     /// An edge's live status.
@@ -271,6 +279,7 @@ impl Nodes {
                 frames_per_s: said.map(|said| said.frames_per_s),
                 capture_offset_us: said.map(|said| said.capture_offset_us),
                 reason: said.and_then(|said| said.reason.clone()),
+                agreement: self.agreement(index),
                 persons: newest
                     .map(|frame| frame.persons_of(farfield_proto::id::CameraIndex(index)))
                     .unwrap_or_default(),

@@ -3,7 +3,7 @@
 import type { ChartColours } from "../charts/pen.ts";
 import { button, element, setClass, setHidden, setText } from "../dom.ts";
 import { LEVEL_SIGNS, type Level } from "../palette.ts";
-import type { CameraState, Status } from "../protocol/status.ts";
+import type { Agreement, CameraState, Status } from "../protocol/status.ts";
 import type { CameraView } from "../protocol/ticks.ts";
 import type { Camera } from "../protocol/venue.ts";
 import { nameOf, type Actions, type PageState } from "../state.ts";
@@ -21,10 +21,23 @@ const WORDS: Readonly<Record<CameraState, readonly [Level, string]>> = {
 
 /** How a camera is, with words. What an edge said last is worth nothing while nothing comes from it. */
 export function healthOfCamera(status: Status | null, camera: number, viewpoint: number): readonly [Level, string] {
-  const [level, words] = WORDS[status?.cameras.find((other) => other.camera === camera)?.state ?? "unknown"];
+  const said = status?.cameras.find((other) => other.camera === camera);
+  const [level, words] = WORDS[said?.state ?? "unknown"];
+  if (level !== "good") return [level, words];
   const link = status?.links.find((other) => other.viewpoint === viewpoint);
-  if (level !== "good" || link?.state !== "failed") return [level, words];
-  return ["failed", link.refused === null ? "nothing comes from its edge" : "its edge is refused"];
+  if (link?.state === "failed") {
+    return ["failed", link.refused === null ? "nothing comes from its edge" : "its edge is refused"];
+  }
+  if (said?.agreement?.verdict === "disagrees") return ["warning", "does not show what the others show"];
+  return [level, words];
+}
+
+/** How far a camera is from the others, in words; empty where nothing could be compared. */
+export function agreementInWords(agreement: Agreement | null): string {
+  if (agreement === null || agreement.distance_mm === null) return "";
+  const late = agreement.late_ticks ?? 0;
+  const clock = Math.abs(late) < 0.05 ? "" : `, ${fixed(Math.abs(late), 1)} ticks ${late > 0 ? "late" : "early"}`;
+  return `${fixed(agreement.distance_mm, 0)} mm from the others${clock}`;
 }
 
 class Tile {
@@ -55,9 +68,10 @@ class Tile {
     const status = this.page.status?.cameras.find((camera) => camera.camera === this.index);
     const [level, words] = healthOfCamera(this.page.status, this.index, this.camera.viewpoint);
     setText(this.lamp, LEVEL_SIGNS[level]);
-    for (const name of ["good", "failed", "unknown"]) setClass(this.lamp, name, name === level);
+    for (const name of ["good", "warning", "failed", "unknown"]) setClass(this.lamp, name, name === level);
     const rate_hz = fixed(status?.framesPerSecond ?? null, 0);
-    setText(this.rate, level === "failed" ? "" : `${rate_hz} frames/s`);
+    const apart = agreementInWords(status?.agreement ?? null);
+    setText(this.rate, level === "failed" ? "" : `${rate_hz} frames/s${apart && ` · ${apart}`}`);
     setText(this.state, level === "good" ? "" : words);
     this.state.title = status?.reason ?? words;
     setText(this.persons, this.personsText(status?.persons ?? [], level, status?.reason ?? null));

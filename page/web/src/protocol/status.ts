@@ -7,6 +7,9 @@ export type State = (typeof STATES)[number];
 export const CAMERA_STATES = ["works", "frozen", "black", "silent", "failed", "unknown"] as const;
 export type CameraState = (typeof CAMERA_STATES)[number];
 
+export const VERDICTS = ["unknown", "agrees", "disagrees"] as const;
+export type Verdict = (typeof VERDICTS)[number];
+
 export interface Alarm {
   readonly severity: "failed" | "warning";
   readonly key: string;
@@ -64,7 +67,17 @@ export interface CameraStatus {
   readonly framesPerSecond: number | null;
   readonly captureOffset_us: number | null;
   readonly reason: string | null;
+  /** Null where nothing could be compared. */
+  readonly agreement: Agreement | null;
   readonly persons: readonly number[];
+}
+
+/** How a camera agrees with the others. */
+export interface Agreement {
+  readonly verdict: Verdict;
+  readonly distance_mm: number | null;
+  readonly distance_px: number | null;
+  readonly late_ticks: number | null;
 }
 
 export interface Recording {
@@ -169,6 +182,18 @@ function readCamera(fields: Fields): CameraStatus {
     framesPerSecond: fields.numberOrNull("frames_per_s"),
     captureOffset_us: fields.numberOrNull("capture_offset_us"),
     reason: fields.textOrNull("reason"),
+    agreement: readAgreement(fields.objectOrNull("agreement")),
     persons: fields.list("persons", numberOf),
   };
+}
+
+function readAgreement(fields: Fields | null): Agreement | null {
+  return (
+    fields && {
+      verdict: fields.word("verdict", VERDICTS),
+      distance_mm: fields.numberOrNull("distance_mm"),
+      distance_px: fields.numberOrNull("distance_px"),
+      late_ticks: fields.numberOrNull("late_ticks"),
+    }
+  );
 }

@@ -4,6 +4,10 @@ use std::fs;
 use std::io::{BufRead as _, BufReader};
 use std::process::Stdio;
 
+use farfield_node::files::load_venue;
+use farfield_proto::message::agreement::{AgreementOfCamera, AgreementVerdict};
+use farfield_proto::transport::FUSION;
+
 use super::stage::{LiveStage, heard};
 use crate::farfield::{command, farfield};
 
@@ -71,7 +75,8 @@ fn the_status_shows_a_row_for_every_node_and_fails_when_one_is_missing_or_nobody
     let shown = show(&[]);
     assert_eq!(shown.code, 0, "{}\n{}", shown.stdout, shown.stderr);
     println!("{}", shown.stdout);
-    let rows: Vec<&str> = shown.stdout.lines().skip(1).collect();
+    let rows = shown.stdout.lines().skip(1);
+    let rows: Vec<&str> = rows.take_while(|row| !row.is_empty()).collect();
     assert_eq!(rows.len(), names.len(), "{}", shown.stdout);
     for name in &names {
         let row = rows.iter().find(|row| row.starts_with(&format!("{name} ")));
@@ -136,5 +141,29 @@ fn the_status_shows_a_row_for_every_node_and_fails_when_one_is_missing_or_nobody
     assert_eq!(shown.code, 1, "{}", shown.stderr);
     for word in ["nobody answers", &endpoint, "whether fusion runs"] {
         assert!(shown.stderr.contains(word), "{word}: {}", shown.stderr);
+    }
+}
+
+#[test]
+fn the_status_says_of_every_camera_how_it_agrees_with_the_others() {
+    let stage = LiveStage::open();
+    let venue = stage.folder.path().join("venue.toml");
+    let cameras = load_venue(&venue).unwrap().cameras;
+    let agrees = |it: &AgreementOfCamera| it.agreement.verdict == AgreementVerdict::Agrees;
+    stage.wait("fusion says that all cameras agree", |seen| {
+        let known = seen.statuses.get(FUSION).map(|status| &status.agreement);
+        known.is_some_and(|known| known.len() == cameras.len() && known.iter().all(agrees))
+    });
+    let endpoint = stage.live.endpoint();
+    let shown = farfield(&["status", venue.to_str().unwrap(), "--connect", &endpoint]);
+    assert_eq!(shown.code, 0, "{}\n{}", shown.stdout, shown.stderr);
+    for camera in &cameras {
+        let name = camera.model.name();
+        let line = shown.stdout.lines().find(|line| {
+            let words = line.strip_prefix("camera ");
+            words.is_some_and(|words| words.split(' ').next() == Some(name))
+        });
+        let line = line.unwrap_or_else(|| panic!("{name}: {}", shown.stdout));
+        assert!(line.contains("agrees with the others: "), "{line}");
     }
 }

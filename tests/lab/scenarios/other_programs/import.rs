@@ -7,10 +7,10 @@ use serde_json::{Value, json};
 use crate::data::SampleFolder;
 use crate::farfield::{farfield, poses, run};
 
-/// Where OpenPose's BODY_25 has each of COCO's 17 keypoints (OpenPose's documentation, "Pose Output Format").
+/// Where `OpenPose`'s `BODY_25` has each of COCO's 17 keypoints (`OpenPose`'s documentation, "Pose Output Format").
 const BODY_25_OF_COCO: [usize; 17] = [0, 16, 15, 18, 17, 5, 2, 6, 3, 7, 4, 12, 9, 13, 10, 14, 11];
 
-/// One frame of the sample as OpenPose writes it: x, y, confidence, flat; zeros where nothing was seen.
+/// One frame of the sample as `OpenPose` writes it: x, y, confidence, flat; zeros where nothing was seen.
 fn as_openpose(line: &Value) -> Value {
     let people = line["persons"].as_array().unwrap().iter().map(|person| {
         let mut flat = vec![json!(0.0); 75];

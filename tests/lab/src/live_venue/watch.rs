@@ -236,6 +236,7 @@ mod tests {
             stages: Vec::new(),
             live: None,
             health: NodeHealth::default(),
+            agreement: Vec::new(),
         }
     }
 

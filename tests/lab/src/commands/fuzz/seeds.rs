@@ -351,6 +351,7 @@ fn status() -> Status {
             ..LiveStatus::default()
         }),
         health: NodeHealth::default(),
+        agreement: Vec::new(),
     }
 }
 

@@ -245,6 +245,7 @@ fn status_of(venue: &Venue, index: usize, ticks: i64) -> Status {
             ..LiveStatus::default()
         }),
         health: NodeHealth::default(),
+        agreement: Vec::new(),
     }
 }
 
