@@ -18,6 +18,7 @@ import numpy as np
 from expected import PARENTS, Worst, Y_UP, angle_between_deg, poses, world_rotations
 
 MM, DEG = 1.0, 0.01
+BACKWARDS_DEG = 10.0  # A straight limb is found a little beyond.
 STEP = 7
 
 
@@ -55,7 +56,7 @@ def check_opensim(run, settled):
     run, settled = pathlib.Path(run), pathlib.Path(settled)
     by_person, rate_hz, first = poses(run)
     offsets = rest_offsets_m(settled / "poses.glb")
-    worst = Worst({"OpenSim joints mm": MM, "OpenSim reads of TRC mm": 0.05})
+    worst = Worst({"OpenSim joints mm": MM, "OpenSim reads of TRC mm": 0.05, "OpenSim knees, elbows backwards deg": BACKWARDS_DEG})
     for person, lines in by_person.items():
         model = opensim.Model(str(settled / f"model_{person}.osim"))
         state = model.initSystem()
@@ -90,12 +91,13 @@ def check_opensim(run, settled):
                     if name in line["joints"]:
                         worst.take("OpenSim reads of TRC mm", 1000 * np.linalg.norm(Y_UP @ line["joints"][name] - found))
         print(f"person {person}: model moved by MOT against TRC: median {np.median(apart):.2f} mm, largest {max(apart):.2f} mm")
-    inverse_kinematics(opensim, run, settled, next(iter(by_person)), by_person, rate_hz, first)
+    for person in by_person:
+        inverse_kinematics(opensim, run, settled, person, by_person, rate_hz, first, worst)
     return worst.failures()
 
 
-def inverse_kinematics(opensim, run, settled, person, by_person, rate_hz, first):
-    """Prints how far the angles that OpenSim finds for our markers are from ours; nothing is demanded of them."""
+def inverse_kinematics(opensim, run, settled, person, by_person, rate_hz, first, worst):
+    """Prints how far the angles that OpenSim finds for our markers are from ours; demanded is that knees and elbows bend forwards."""
     lines = by_person[person]
     lines = lines[len(lines) // 2 :][:60]
     tool = opensim.InverseKinematicsTool()
@@ -126,6 +128,8 @@ def inverse_kinematics(opensim, run, settled, person, by_person, rate_hz, first)
             apart, unit = 1000 * np.abs(theirs - ours), "mm"
         else:
             apart, unit = np.abs((theirs - np.degrees(ours) + 180) % 360 - 180), "deg"
+        if name.startswith(("knee_angle", "elbow_flex")):
+            worst.take("OpenSim knees, elbows backwards deg", max(0, -theirs.min()))
         n_guessed = sum(name in line["unobserved"] for line in lines)
         guessed = f" (flagged as not observed in {n_guessed} ticks)" if n_guessed else ""
         print(f"  {name:26} {np.median(apart):8.2f} {apart.max():8.2f} {unit}{guessed}")

@@ -202,7 +202,11 @@ fn push_joint(xml: &mut Xml, segment: &Segment, offsets: &Offsets) {
 fn push_coordinate(xml: &mut Xml, coordinate: &Coordinate) {
     xml.open_named("Coordinate", coordinate.name);
     let [low, high] = range_of(coordinate.name);
-    xml.leaf("default_value", "0");
+    // Where OpenSim's inverse kinematics starts: from a straight knee or elbow it may bend the limb backwards, turned by half
+    // a turn, which puts all markers where they are.
+    let hinges = ["knee_angle_", "elbow_flex_"];
+    let is_hinge = hinges.iter().any(|name| coordinate.name.starts_with(name));
+    xml.leaf("default_value", if is_hinge { "0.3" } else { "0" });
     xml.leaf("range", &format!("{low:.6} {high:.6}"));
     // What was measured is shown, also where a venue allows more.
     xml.leaf("clamped", "false");
