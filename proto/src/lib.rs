@@ -11,6 +11,7 @@
 pub mod bounding_box;
 pub mod calibration;
 pub mod camera;
+pub mod court;
 pub mod frames;
 pub mod grid;
 pub mod id;

@@ -1,7 +1,7 @@
 //! The file of what was clicked in pictures.
 //!
 //! ```toml
-//! court = "futsal"                 # marks and lines by name; `farfield_calibration::alignment::Court`
+//! court = "futsal"                 # marks and lines by name; `farfield_proto::court::Court`
 //! size_m = [38.0, 20.0]            # of the court, where it is not the usual one
 //! click_sigma_px = 1.0             # how well is clicked, and how well places are known; these are the defaults
 //! place_sigma_m = 0.005
@@ -23,11 +23,11 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
+use farfield_proto::court::Court;
 use farfield_proto::toml_file::{FileError, Place, TomlFile, unknown_name};
 use serde::Deserialize;
 
 use super::click::Click;
-use super::court::Court;
 use super::marks::{ClickedLength, ClickedPoint, Known, KnownMark, Marks};
 
 /// Most clicks of a file.

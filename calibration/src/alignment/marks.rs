@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use super::click::Click;
-use super::court::LineShape;
+use farfield_proto::court::LineShape;
 
 /// Where something that was clicked is known to be.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -1,9 +1,9 @@
 //! What was clicked, as residuals of a similarity.
 
+use farfield_proto::court::LineShape;
 use nalgebra::{Matrix2, Vector2, Vector3};
 
 use super::click::{camera, meeting};
-use super::court::LineShape;
 use super::marks::{ClickedPoint, FoundPlace, Known, Marks};
 use super::similarity::Similarity;
 use crate::adjustment::CameraState;

@@ -1,6 +1,7 @@
 //! Cameras laid on what was clicked in their pictures, with the truth beside it.
 
 use farfield_proto::camera::{Distortion, Intrinsics};
+use farfield_proto::court::{Court, LineShape};
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;

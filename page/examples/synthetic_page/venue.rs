@@ -122,7 +122,7 @@ pub(crate) fn venue() -> Venue {
     let mut text = format!(
         "name = \"synthetic\"\nrate_hz = {RATE_HZ:.1}\ncalibration = \"calibration.toml\"\n\
          [link]\nbudget_bytes_per_s = 250000.0\n\
-         [field]\nmin_m = [{:.1}, {:.1}, 0.0]\nmax_m = [{x:.1}, {y:.1}, 2.5]\n",
+         [field]\nmin_m = [{:.1}, {:.1}, 0.0]\nmax_m = [{x:.1}, {y:.1}, 2.5]\ncourt = \"volleyball\"\n",
         -x, -y
     );
     for (name, [x, y]) in VIEWPOINTS.iter().zip(corners) {

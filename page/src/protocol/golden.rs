@@ -1,4 +1,4 @@
-//! One example of every binary message, byte for byte, as `page/golden/` has it. `UPDATE_GOLDEN=1` writes the files anew:
+//! One example of every binary message and of the venue, byte for byte, as `page/golden/` has it. `UPDATE_GOLDEN=1` writes the files anew:
 //! only for a new kind of message, or together with a new version of the protocol.
 //!
 //! The examples are made by hand, with every field different from its neighbours, and written down a second time in
@@ -14,7 +14,10 @@ use farfield_proto::tick::Tick;
 
 use super::camera_view::{CameraView, ViewedPerson, ViewedSighting};
 use super::chosen_angles::ChosenAngles;
+use super::text::{ActionKind, Mode};
 use super::tick::{JointGrid, TickMessage, TickPerson};
+use super::venue;
+use crate::state::fixture::venue as made_up;
 
 const SESSION: u32 = 0x0102_0304;
 const TICK: Tick = Tick(1_000_000_007);
@@ -131,6 +134,17 @@ fn chosen_angles_have_the_bytes_that_they_always_had() {
     let encoded = chosen_angles().encode();
     check("chosen_angles.bin", &encoded);
     assert_eq!(ChosenAngles::decode(&encoded), Ok(chosen_angles()));
+}
+
+#[test]
+fn a_venue_is_told_as_it_always_was() {
+    let (venue, skeleton) = (made_up::venue(), made_up::skeleton());
+    let document = venue::document(&venue, &skeleton, Mode::Live, &[ActionKind::NamePerson]);
+    let release = format!("\"release\":\"{}\"", env!("CARGO_PKG_VERSION"));
+    assert!(document.contains(&release));
+    // The next release tells the same.
+    let document = document.replace(&release, "\"release\":\"0.0.0\"");
+    check("venue.json", format!("{document}\n").as_bytes());
 }
 
 #[test]

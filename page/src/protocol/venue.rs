@@ -1,5 +1,6 @@
 //! What does not change while a server runs: the answer of `/api/venue`.
 
+use farfield_proto::court::PlacedCourt;
 use farfield_proto::venue::{Field, Venue, VenueCamera};
 use serde::Serialize;
 
@@ -15,6 +16,7 @@ struct VenueDocument<'a> {
     mode: Mode,
     rate_hz: f64,
     field: FieldLines,
+    court: Option<CourtLines<'a>>,
     viewpoints: Vec<ViewpointLine<'a>>,
     cameras: Vec<CameraLines<'a>>,
     #[serde(flatten)]
@@ -39,6 +41,36 @@ impl From<Field> for FieldLines {
             min_m: field.min_m,
             max_m: field.max_m,
             floor_m: field.floor_m,
+        }
+    }
+}
+
+#[derive(Serialize)]
+struct CourtLines<'a> {
+    name: &'a str,
+    lines: Vec<PaintedLine<'a>>,
+}
+
+#[derive(Serialize)]
+struct PaintedLine<'a> {
+    name: &'a str,
+    /// World x and y, millimetres kept.
+    points_m: Vec<[f64; 2]>,
+}
+
+impl<'a> From<&'a PlacedCourt> for CourtLines<'a> {
+    fn from(placed: &'a PlacedCourt) -> Self {
+        let to_mm = |m: f64| (m * 1000.0).round() / 1000.0;
+        let lines = placed.court.lines.iter().map(|line| {
+            let points_m = placed.points_m(&line.shape).into_iter();
+            PaintedLine {
+                name: &line.name,
+                points_m: points_m.map(|at| at.map(to_mm)).collect(),
+            }
+        });
+        Self {
+            name: placed.court.name,
+            lines: lines.collect(),
         }
     }
 }
@@ -99,6 +131,7 @@ pub fn document(venue: &Venue, skeleton: &Skeleton, mode: Mode, actions: &[Actio
         mode,
         rate_hz: venue.rate_hz,
         field: venue.field.into(),
+        court: venue.court.as_ref().map(CourtLines::from),
         viewpoints: viewpoints.collect(),
         cameras: venue.cameras.iter().map(CameraLines::from).collect(),
         skeleton,

@@ -4,6 +4,7 @@ import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { join } from "node:path";
 import { test } from "node:test";
+import { readVenue } from "../src/protocol/venue.ts";
 import { COASTING, People, TRACKED, bitOf, readCameraView, readChosenAngles, unobservedOf } from "../src/protocol/ticks.ts";
 
 const folder = process.env["FARFIELD_GOLDEN"];
@@ -98,4 +99,14 @@ test("a message that is cut anywhere is refused, and nothing else happens", () =
       assert.throws(() => read(cut), { name: "Error" }, `${name} cut to ${length} bytes`);
     }
   }
+});
+
+test("a venue is read, with the lines of its court", () => {
+  const bytes = golden("venue.json");
+  const venue = readVenue(JSON.parse(new TextDecoder().decode(bytes)));
+  assert.equal(venue.cameras.length, 8);
+  assert.equal(venue.court?.name, "volleyball");
+  const lines = new Map(venue.court?.lines.map(({ name, points_m }) => [name, points_m]));
+  assert.deepEqual(lines.get("side_line_north"), [[-9, 4.5], [9, 4.5]]);
+  assert.deepEqual(lines.get("attack_line_west"), [[-3, -4.5], [-3, 4.5]]);
 });

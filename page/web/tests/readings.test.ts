@@ -6,7 +6,6 @@ import { readings } from "../src/angle_names.ts";
 import { AngleSeries } from "../src/charts/series.ts";
 import { roundStep } from "../src/charts/pen.ts";
 import { sigmaShare, viridis } from "../src/palette.ts";
-import { courtLines } from "../src/scene/court.ts";
 import { byteCount, clockTime, milliseconds } from "../src/units.ts";
 
 const angle = (name: string, unit: "rad" | "m" = "rad") => ({ name, unit, range: null });
@@ -41,15 +40,6 @@ test("the key of certainty is logarithmic and bounded", () => {
   assert.ok(Math.abs(sigmaShare(Math.sqrt(0.005 * 0.1)) - 0.5) < 1e-12);
   assert.equal(viridis(0), 0x414487);
   assert.equal(viridis(1), 0xfde725);
-});
-
-test("courts are as large as their rules say", () => {
-  const extent = (name: string, axis: 0 | 1): number =>
-    Math.max(...courtLines(name, false).flatMap((line) => [Math.abs(line[axis]), Math.abs(line[axis + 2] ?? 0)]));
-  assert.ok(Math.abs(2 * extent("basketball", 0) - 28) < 1e-9);
-  assert.ok(Math.abs(2 * extent("tennis", 1) - 10.97) < 1e-9);
-  assert.deepEqual(courtLines("no such court", false), []);
-  assert.deepEqual(courtLines("constructor", false), []);
 });
 
 test("times and sizes are short", () => {

@@ -2,12 +2,13 @@
 
 use std::collections::BTreeSet;
 
+use super::field::{court, field};
 use super::given::given_persons;
-use super::limits::{MAX_COORDINATE_M, tick};
+use super::limits::tick;
 use super::parameters::ParameterTables;
-use super::raw::{RawField, RawFusion, RawSecurity, RawVenue, RawViewpoint};
+use super::raw::{RawFusion, RawSecurity, RawVenue, RawViewpoint};
 use super::source::{source, timing};
-use super::{Endpoints, Field, Parameters, Security, Venue, VenueCamera, VenueHash, Viewpoint};
+use super::{Endpoints, Parameters, Security, Venue, VenueCamera, VenueHash, Viewpoint};
 use crate::calibration::Calibration;
 use crate::id::{CameraIndex, ViewpointIndex};
 use crate::key::is_key_chunk;
@@ -16,10 +17,6 @@ use crate::transport::endpoint::is_endpoint;
 use crate::transport::{FUSION, READER, RECORDER};
 use crate::wire::MAX_CAMERAS;
 
-/// How far the default field reaches beyond the cameras, metres.
-const FIELD_MARGIN_M: f64 = 5.0;
-/// Height range of the default field, metres.
-const FIELD_HEIGHT_M: [f64; 2] = [-0.3, 2.6];
 /// Largest rate, ticks per second.
 const MAX_RATE_HZ: f64 = 1000.0;
 /// Names that no viewpoint may have, and who has them.
@@ -62,6 +59,7 @@ pub(super) fn venue(
     parameters.check(file)?;
     Ok(Venue {
         field: field(file, raw.field.as_ref(), &cameras)?,
+        court: court(file, raw.field.as_ref())?,
         given_persons: given_persons(file, raw.person, raw.network.is_some())?,
         endpoints: endpoints(file, raw.fusion)?,
         security: security(file, raw.security)?,
@@ -204,71 +202,6 @@ fn check_no_network(
         );
         Err(file.error(&Place::field("network"), problem))
     })
-}
-
-fn field(
-    file: &TomlFile<'_>,
-    raw: Option<&RawField>,
-    cameras: &[VenueCamera],
-) -> Result<Field, FileError> {
-    let Some(&RawField {
-        min_m,
-        max_m,
-        floor_m,
-    }) = raw
-    else {
-        return Ok(default_field(cameras));
-    };
-    let place = Place::field("field");
-    for (name, corner) in [("min_m", min_m), ("max_m", max_m)] {
-        if let Some(wrong) = corner
-            .iter()
-            .find(|v| v.is_nan() || v.abs() > MAX_COORDINATE_M)
-        {
-            let problem = format!(
-                "found {wrong:?}, expected metres from {} to {MAX_COORDINATE_M}",
-                -MAX_COORDINATE_M
-            );
-            return Err(file.error(&place.key(name), problem));
-        }
-    }
-    if let Some(axis) = (0..3).find(|&axis| min_m[axis] >= max_m[axis]) {
-        let problem = format!(
-            "found {:?}, expected more than `min_m` ({:?})",
-            max_m[axis], min_m[axis]
-        );
-        return Err(file.error(&place.key("max_m").index(axis), problem));
-    }
-    let floor_m = floor_m.unwrap_or(0.0_f64.clamp(min_m[2], max_m[2]));
-    if !(min_m[2]..=max_m[2]).contains(&floor_m) {
-        let problem = format!(
-            "found {floor_m:?}, expected a height of the field, {:?} to {:?}",
-            min_m[2], max_m[2]
-        );
-        return Err(file.error(&place.key("floor_m"), problem));
-    }
-    Ok(Field {
-        min_m,
-        max_m,
-        floor_m,
-    })
-}
-
-fn default_field(cameras: &[VenueCamera]) -> Field {
-    let [low, high] = FIELD_HEIGHT_M;
-    let mut field = Field {
-        min_m: [f64::INFINITY, f64::INFINITY, low],
-        max_m: [f64::NEG_INFINITY, f64::NEG_INFINITY, high],
-        floor_m: 0.0,
-    };
-    for camera in cameras {
-        let center = camera.model.center().coordinates_m();
-        for axis in 0..2 {
-            field.min_m[axis] = field.min_m[axis].min(center[axis] - FIELD_MARGIN_M);
-            field.max_m[axis] = field.max_m[axis].max(center[axis] + FIELD_MARGIN_M);
-        }
-    }
-    field
 }
 
 fn endpoints(file: &TomlFile<'_>, raw: RawFusion) -> Result<Endpoints, FileError> {

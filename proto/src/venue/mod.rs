@@ -4,6 +4,7 @@
 //! 900. Text in, venue out: who opens the files is the caller.
 
 mod check;
+mod field;
 mod file;
 mod given;
 pub mod layout;
@@ -22,6 +23,7 @@ pub use source::{SimulatedContent, Source};
 
 use crate::calibration::Calibration;
 use crate::camera::CameraModel;
+use crate::court::PlacedCourt;
 use crate::id::{CameraIndex, ViewpointIndex};
 use crate::tick::Tick;
 use crate::toml_file::{FileError, TomlFile};
@@ -47,6 +49,8 @@ pub struct Venue {
     pub security: Security,
     /// Where people are tracked.
     pub field: Field,
+    /// The court that is painted on its floor.
+    pub court: Option<PlacedCourt>,
     /// The viewpoints in file order; a [`ViewpointIndex`] counts them.
     pub viewpoints: Vec<Viewpoint>,
     /// The cameras of all viewpoints in file order; a [`CameraIndex`] counts them.

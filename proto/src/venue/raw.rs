@@ -60,11 +60,14 @@ pub(super) struct RawSecurity {
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-#[expect(clippy::struct_field_names, reason = "the unit is in every name")]
 pub(super) struct RawField {
-    pub(super) min_m: [f64; 3],
-    pub(super) max_m: [f64; 3],
+    pub(super) min_m: Option<[f64; 3]>,
+    pub(super) max_m: Option<[f64; 3]>,
     pub(super) floor_m: Option<f64>,
+    pub(super) court: Option<String>,
+    pub(super) court_size_m: Option<[f64; 2]>,
+    pub(super) court_centre_m: Option<[f64; 2]>,
+    pub(super) court_turn_deg: Option<f64>,
 }
 
 #[derive(Debug, Deserialize)]

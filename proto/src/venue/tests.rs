@@ -163,6 +163,72 @@ fn without_a_field_people_are_tracked_around_the_cameras() {
 }
 
 #[test]
+fn a_court_lies_at_the_origin_or_where_the_file_says() {
+    let court = |more: &str| {
+        let from = "[12.0, 8.0, 2.5]";
+        let text = VENUE.replace(from, &format!("{from}\n{more}"));
+        parse(&text).unwrap().court
+    };
+    assert_eq!(court(""), None);
+    let usual = court("court = \"futsal\"").unwrap();
+    assert_eq!(
+        (usual.court.name, usual.court.size_m),
+        ("futsal", [40.0, 20.0])
+    );
+    assert_eq!((usual.centre_m, usual.turn_rad), ([0.0, 0.0], 0.0));
+    let placed = "court = \"futsal\"\ncourt_size_m = [38, 19]\ncourt_centre_m = [1.5, -2]\ncourt_turn_deg = 90";
+    let placed = court(placed).unwrap();
+    assert_eq!(
+        (placed.court.size_m, placed.centre_m),
+        ([38.0, 19.0], [1.5, -2.0])
+    );
+    assert!((placed.turn_rad - std::f64::consts::FRAC_PI_2).abs() < 1e-12);
+}
+
+#[test]
+fn a_court_may_be_named_where_no_box_is_given() {
+    let boxed = "min_m = [-12.0, -8.0, 0.0]\nmax_m = [12.0, 8.0, 2.5]";
+    let venue = parse(&VENUE.replace(boxed, "court = \"tennis\"")).unwrap();
+    assert_eq!(venue.court.unwrap().court.name, "tennis");
+    assert!((venue.field.min_m[0] + 12.0).abs() < 1e-9);
+}
+
+#[test]
+fn a_court_that_no_rule_knows_is_refused_with_those_that_are_known() {
+    let max = "max_m = [12.0, 8.0, 2.5]";
+    let refused = |more: &str, expected: &str| check(max, &format!("{max}\n{more}"), expected);
+    refused(
+        "court = \"curling\"",
+        "13: `field.court`: unknown court `curling`, expected one of `basketball`, `football`, `futsal`, `handball`, `tennis`, `volleyball`",
+    );
+    refused(
+        "court = \"fustal\"",
+        "13: `field.court`: unknown court `fustal`, did you mean `futsal`?",
+    );
+    refused(
+        "court = \"futsal\"\ncourt_size_m = [20, 40]",
+        "14: `field.court_size_m`: found a futsal court of 20 x 40 m, expected 25 to 42 m by 15 to 25 m (FIFA, Futsal Laws of the Game, law 1)",
+    );
+    refused(
+        "court = \"futsal\"\ncourt_centre_m = [0, inf]",
+        "14: `field.court_centre_m`: found inf, expected metres from -10000 to 10000",
+    );
+    refused(
+        "court = \"futsal\"\ncourt_turn_deg = nan",
+        "14: `field.court_turn_deg`: found NaN, expected degrees from -360 to 360",
+    );
+    refused(
+        "court_turn_deg = 90",
+        "13: `field.court_turn_deg`: found it without a court, expected a `court` that it is said of",
+    );
+    check(
+        max,
+        "",
+        "10: `field`: found no `max_m`, expected it beside `min_m`",
+    );
+}
+
+#[test]
 fn unknown_names_are_answered_with_the_nearest() {
     check(
         "rate_hz",

@@ -6,10 +6,12 @@ mod real;
 mod recorded;
 mod simulated;
 
+use farfield_proto::court::Court;
+
 use self::simulated::{Errors, Field, HALL, PITCH, SMALL, USUAL, cameras, request, worst};
 use super::*;
 use crate::adjustment::CameraState;
-use crate::alignment::{Court, Known, KnownDistance, KnownMark, Marks};
+use crate::alignment::{Known, KnownDistance, KnownMark, Marks};
 
 fn quiet(request: &PointRequest) -> Result<PointCalibration, CalibrationError> {
     calibrate(request, &mut |_| ())

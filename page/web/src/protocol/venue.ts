@@ -49,6 +49,18 @@ export interface Joint {
   readonly parent: number | null;
 }
 
+/** A line of the floor, as straight pieces. */
+export interface PaintedLine {
+  readonly name: string;
+  /** x and y in the world. */
+  readonly points_m: readonly (readonly [x: number, y: number])[];
+}
+
+export interface Court {
+  readonly name: string;
+  readonly lines: readonly PaintedLine[];
+}
+
 export interface Venue {
   readonly name: string;
   readonly release: string;
@@ -57,8 +69,8 @@ export interface Venue {
   readonly fieldMin_m: Vector;
   readonly fieldMax_m: Vector;
   readonly floor_m: number;
-  /** Name of the court whose lines are on the floor. */
-  readonly court: string | null;
+  /** The court whose lines are on the floor. */
+  readonly court: Court | null;
   readonly viewpoints: readonly Viewpoint[];
   readonly cameras: readonly Camera[];
   readonly joints: readonly Joint[];
@@ -76,6 +88,7 @@ export function readVenue(json: unknown): Venue {
     throw new ProtocolError(`the server speaks protocol ${protocol}, this page ${PROTOCOL}: load the page again`);
   }
   const field = fields.object("field");
+  const court = fields.objectOrNull("court");
   const joints = fields.list("joints", (value, path) => readJoint(Fields.of(value, path)));
   const cameras = fields.list("cameras", (value, path) => readCamera(Fields.of(value, path)));
   if (joints.length > MOST_JOINTS) throw new ProtocolError(`${joints.length} joints, expected at most ${MOST_JOINTS}`);
@@ -87,7 +100,7 @@ export function readVenue(json: unknown): Venue {
     fieldMin_m: metres(field, "min_m"),
     fieldMax_m: metres(field, "max_m"),
     floor_m: field.number("floor_m", -MOST_METRES, MOST_METRES),
-    court: fields.textOrNull("court"),
+    court: court === null ? null : readCourt(court),
     viewpoints: fields.list("viewpoints", (value, path) => readViewpoint(Fields.of(value, path), cameras.length)),
     cameras,
     joints,
@@ -99,8 +112,23 @@ export function readVenue(json: unknown): Venue {
 }
 
 function metres(fields: Fields, name: string): Vector {
-  const [x = 0, y = 0, z = 0] = fields.numbers(name, 3).map((m) => Math.min(MOST_METRES, Math.max(-MOST_METRES, m)));
+  const [x = 0, y = 0, z = 0] = fields.numbers(name, 3).map(bounded);
   return [x, y, z];
+}
+
+function bounded(m: number): number {
+  return Math.min(MOST_METRES, Math.max(-MOST_METRES, m));
+}
+
+function readCourt(fields: Fields): Court {
+  const readLine = (line: Fields): PaintedLine => ({
+    name: line.text("name"),
+    points_m: line.list("points_m", (value, path) => {
+      const [x = 0, y = 0] = Fields.of({ point: value }, path).numbers("point", 2).map(bounded);
+      return [x, y] as const;
+    }),
+  });
+  return { name: fields.text("name"), lines: fields.list("lines", (value, path) => readLine(Fields.of(value, path))) };
 }
 
 function readJoint(fields: Fields): Joint {

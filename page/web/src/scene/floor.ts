@@ -13,7 +13,9 @@ import {
 } from "three";
 import type { Venue } from "../protocol/venue.ts";
 import type { SceneColours } from "../theme.ts";
-import { courtLines, type Line } from "./court.ts";
+
+/** A painted line from one point to another. */
+type Line = readonly [x1: number, y1: number, x2: number, y2: number];
 
 /** The grid reaches beyond the field by this share of its larger side, and by at least so much, metres. */
 const BEYOND_SHARE = 0.35;
@@ -37,21 +39,23 @@ export class Floor {
     const [x1, y1] = venue.fieldMin_m;
     const [x2, y2] = venue.fieldMax_m;
     const z = venue.floor_m;
-    const size_m = Math.max(x2 - x1, y2 - y1, 1);
+    const court = (venue.court?.lines ?? []).flatMap((line) => pieces(line.points_m));
+    // The court may be larger than what is tracked of it.
+    let [left, right, near, far] = [x1, x2, y1, y2];
+    for (const [fromX, fromY, toX, toY] of court) {
+      [left, right] = [Math.min(left, fromX, toX), Math.max(right, fromX, toX)];
+      [near, far] = [Math.min(near, fromY, toY), Math.max(far, fromY, toY)];
+    }
+    const size_m = Math.max(right - left, far - near, 1);
     this.spacing_m = size_m <= MOST_LINES / 2 ? 1 : Math.ceil((2 * size_m) / MOST_LINES / 5) * 5;
     const beyond_m = Math.max(BEYOND_LEAST_M, BEYOND_SHARE * size_m);
     const step = this.spacing_m * COARSE_EVERY;
-    const low = [Math.floor((x1 - beyond_m) / step) * step, Math.floor((y1 - beyond_m) / step) * step] as const;
-    const high = [Math.ceil((x2 + beyond_m) / step) * step, Math.ceil((y2 + beyond_m) / step) * step] as const;
+    const low = [Math.floor((left - beyond_m) / step) * step, Math.floor((near - beyond_m) / step) * step] as const;
+    const high = [Math.ceil((right + beyond_m) / step) * step, Math.ceil((far + beyond_m) / step) * step] as const;
     this.addPlane([x1, y1], [x2, y2], z, this.inside, -4);
     this.addGrid(low, high, z + 0.002);
     this.addPaint(outlineOf(x1, y1, x2, y2), z + 0.008, PAINT_M, this.outline);
-    if (venue.court !== null) {
-      const lines = courtLines(venue.court, y2 - y1 > x2 - x1);
-      const [cx, cy] = [(x1 + x2) / 2, (y1 + y2) / 2];
-      const placed = lines.map(([a, b, c, d]): Line => [a + cx, b + cy, c + cx, d + cy]);
-      this.addPaint(placed, z + 0.006, PAINT_M, this.paint);
-    }
+    if (court.length > 0) this.addPaint(court, z + 0.006, PAINT_M, this.paint);
   }
 
   setTheme(colours: SceneColours): void {
@@ -127,6 +131,14 @@ export class Floor {
     segments.renderOrder = -1;
     this.group.add(mesh, segments);
   }
+}
+
+/** The straight pieces of a line through `points`. */
+function pieces(points: readonly (readonly [number, number])[]): Line[] {
+  return points.slice(1).map(([x, y], i): Line => {
+    const [fromX, fromY] = points[i] ?? [x, y];
+    return [fromX, fromY, x, y];
+  });
 }
 
 function outlineOf(x1: number, y1: number, x2: number, y2: number): Line[] {

@@ -93,6 +93,7 @@ pub fn venue_of(scene: &Scene, input: &Input, parameters: Parameters) -> Venue {
             max_m,
             floor_m: scene.floor_m(),
         },
+        court: None,
         viewpoints,
         cameras,
         given_persons,

@@ -1,4 +1,5 @@
-//! Courts as their rules draw them: marks and lines by name, so that nobody has to measure what is painted on the floor.
+//! Courts as their rules draw them: marks and lines by name, so that nobody has to measure what is painted on the floor,
+//! and who looks at people sees it under them.
 //!
 //! The origin is the middle of the court on the floor, x along its length, y across it, z up, metres. Seen as on a map, x to the
 //! right and y up: west is -x, east +x, south -y, north +y. So `corner_north_west` is (-length/2, width/2, 0). Which end is
@@ -10,9 +11,12 @@
 mod ball_games;
 mod drawing;
 mod nets;
+mod placed;
 
 use drawing::Drawing;
-use farfield_proto::toml_file::unknown_name;
+pub use placed::PlacedCourt;
+
+use crate::toml_file::unknown_name;
 
 /// A place of a court that has a name.
 #[derive(Debug, Clone, PartialEq)]
