@@ -148,6 +148,11 @@ impl FrameMaker {
         }
     }
 
+    /// People are called so from now on; who is not in `names` is `person_<id>`.
+    pub fn rename(&mut self, names: BTreeMap<PersonId, String>) {
+        self.facts.names = names;
+    }
+
     /// How many poses had not the numbers of the model, or some that are none, and were left out.
     pub fn unreadable(&self) -> u64 {
         self.unreadable
@@ -279,8 +284,17 @@ impl FrameMaker {
                 });
             }
         }
-        let ids = |people: &[RosterEntry]| people.iter().map(|e| e.id).collect::<Vec<_>>();
-        if ids(&people) != ids(&self.roster.people) {
+        for entry in &mut people {
+            let name = self.name(entry.id);
+            if name != entry.name {
+                entry.name = name;
+            }
+        }
+        let called = |people: &[RosterEntry]| {
+            let called = people.iter().map(|e| (e.id, Arc::clone(&e.name)));
+            called.collect::<Vec<_>>()
+        };
+        if called(&people) != called(&self.roster.people) {
             self.roster = Arc::new(Roster {
                 version: self.roster.version + 1,
                 people,
@@ -348,6 +362,21 @@ mod tests {
         poses.persons.swap(0, 1);
         let back = maker.frame(&poses).roster;
         assert_eq!((ids(&back), back.version), (vec![1, 2], 3));
+    }
+
+    #[test]
+    fn who_is_named_is_called_so_from_the_next_tick_on() {
+        let mut maker = FrameMaker::new(synthetic::facts());
+        let before = maker.frame(&synthetic::poses_at(2, 0));
+        maker.rename([(PersonId(2), "Anna".to_owned())].into());
+        let after = maker.frame(&synthetic::poses_at(2, 1));
+        let names = |frame: &Frame| -> Vec<String> {
+            let listed = frame.roster.people.iter().map(|it| it.name.to_string());
+            let there = frame.persons.iter().map(|it| it.name.to_string());
+            listed.chain(there).collect()
+        };
+        assert_eq!(names(&after), ["person_1", "Anna", "person_1", "Anna"]);
+        assert_ne!(before.roster.version, after.roster.version);
     }
 
     #[test]

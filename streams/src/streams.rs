@@ -1,11 +1,13 @@
 //! All streams of a run: started together, given a tick at a time, stopped together.
 
+use std::collections::BTreeMap;
 use std::io;
 use std::net::SocketAddr;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
+use farfield_proto::id::PersonId;
 use farfield_proto::message::PoseSet;
 use thiserror::Error;
 use tokio::sync::watch;
@@ -77,6 +79,7 @@ struct Newest {
 pub struct Streams {
     running: Vec<Running>,
     poses: watch::Sender<Newest>,
+    names: watch::Sender<BTreeMap<PersonId, String>>,
     slot: Arc<Slot>,
     unreadable: Arc<AtomicU64>,
     tasks: TaskTracker,
@@ -101,6 +104,7 @@ impl Streams {
         let mut streams = Self {
             running: Vec::new(),
             poses: watch::Sender::new(Newest::default()),
+            names: watch::Sender::new(facts.names.clone()),
             slot: Arc::new(Slot::new()),
             unreadable: Arc::default(),
             tasks: TaskTracker::new(),
@@ -147,6 +151,7 @@ impl Streams {
     /// Makes frames of the newest poses, away from who publishes them.
     fn make_frames(&self, mut maker: FrameMaker) {
         let (mut poses, slot) = (self.poses.subscribe(), Arc::clone(&self.slot));
+        let mut names = self.names.subscribe();
         let (stop, unreadable) = (self.stop.clone(), Arc::clone(&self.unreadable));
         self.tasks.spawn(async move {
             let mut last = 0;
@@ -155,6 +160,9 @@ impl Streams {
                     biased;
                     () = stop.cancelled() => break,
                     changed = poses.changed() => if changed.is_err() { break },
+                }
+                if names.has_changed().unwrap_or(false) {
+                    maker.rename(names.borrow_and_update().clone());
                 }
                 let newest = poses.borrow_and_update().clone();
                 if let Some(poses) = newest.poses {
@@ -173,6 +181,11 @@ impl Streams {
             newest.number += 1;
             newest.poses = Some(poses.into());
         });
+    }
+
+    /// Calls people so from the next poses on; who is not in `names` is `person_<id>`. Never waits.
+    pub fn set_names(&self, names: BTreeMap<PersonId, String>) {
+        self.names.send_replace(names);
     }
 
     /// Streams a frame that was made elsewhere. Never waits.

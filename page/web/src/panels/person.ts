@@ -75,7 +75,7 @@ export class PersonPanel {
       this.parts.push(part);
       partList.append(part.root);
     }
-    this.nameForm.append(this.name, element("button", { text: "Save", title: "Call this person so, here, until the run ends", attributes: { type: "submit" } }));
+    this.nameForm.append(this.name, element("button", { text: "Save", title: "Call this person so, on all pages, in streams and exports", attributes: { type: "submit" } }));
     this.nameForm.addEventListener("submit", (event) => {
       event.preventDefault();
       void this.giveName();
