@@ -24,6 +24,7 @@ pub use self::given::{check_given_keypoints, check_given_ticks};
 pub use self::listeners::{Listeners, NoListeners, OpenListeners, Opening, RunAtItsStart};
 pub use self::live_or_recorded::check_live_or_recorded;
 pub use self::output::claim::{FolderClaim, check_folder};
+pub use self::output::exporter::layout as pose_layout;
 pub use self::output::progress::{Body, LinkProgress, Progress, Report};
 pub use self::recorder_node::{RecordArgs, main as record};
 pub use self::recording::check_place;

@@ -1,7 +1,7 @@
 //! Recordings: MCAP files of everything that fusion received and sent, and of what it used for each tick.
 //!
 //! [`writer`] writes to whatever takes bytes, [`reader`] reads from whatever has them, [`replay`] solves a
-//! recording again, [`messages`] gives what passed, in time. No file is opened here, and no clock read: times come with the messages. A recording
+//! recording again, [`messages`] gives what passed, in time, [`published`] the poses. No file is opened here, and no clock read: times come with the messages. A recording
 //! holds no pictures: none ever reach fusion.
 //!
 //! Channels are Zenoh keys with the bytes as they travelled (message encoding `farfield-wire`); log time
@@ -22,7 +22,7 @@ pub mod replay;
 mod tick_ranges;
 pub mod writer;
 
-pub use self::reading::{attached, messages, reader};
+pub use self::reading::{attached, messages, published, reader};
 
 /// Profile of the files' header: what tells our recordings from other MCAP files.
 pub const PROFILE: &str = "farfield";

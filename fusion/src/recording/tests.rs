@@ -422,3 +422,37 @@ fn what_is_no_recording_has_no_messages() {
         }
     }
 }
+
+#[test]
+fn poses_are_read_as_they_were_published_each_tick_once_and_the_longest_session_first() {
+    let mut file = Vec::new();
+    let mut writer = RecordingWriter::create(&mut file, head()).unwrap();
+    let other = |tick| PoseSet {
+        session: SessionId(7),
+        ..poses(tick)
+    };
+    for set in [
+        other(100),
+        poses(1),
+        poses(2),
+        poses(2),
+        poses(1),
+        other(101),
+        poses(4),
+    ] {
+        put(&mut writer, "hall/pose", &set);
+    }
+    put(&mut writer, "hall/smooth", &poses(5));
+    writer.finish().unwrap();
+    let mut seen = Vec::new();
+    let published = super::published::published(&mut Cursor::new(&file), &mut |set| seen.push(set));
+    let published = published.unwrap();
+    assert_eq!(seen, [other(100), poses(1), poses(2), other(101), poses(4)]);
+    let ticks: Vec<_> = published
+        .sessions
+        .iter()
+        .map(|it| (it.session, it.span.map(|tick| tick.0), it.n))
+        .collect();
+    assert_eq!(ticks, [(SESSION, [1, 4], 3), (SessionId(7), [100, 101], 2)]);
+    assert!(published.end.whole && published.attached.file(VENUE_FILE).is_some());
+}

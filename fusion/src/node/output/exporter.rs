@@ -134,7 +134,7 @@ fn told(written: Result<(), &WriteError>, doing: &'static str) -> anyhow::Result
 }
 
 /// What the numbers of a pose of `venue` are called.
-pub(in crate::node) fn layout(venue: &Venue, keypoints: &KeypointSet) -> Layout {
+pub fn layout(venue: &Venue, keypoints: &KeypointSet) -> Layout {
     let parameters = &venue.parameters.range_of_motion;
     let range = RangeOfMotion::new(parameters.factor);
     Layout::of(keypoints, parameters.enabled.then_some(&range))

@@ -4,4 +4,5 @@ pub mod attached;
 mod error;
 pub mod messages;
 mod placed;
+pub mod published;
 pub mod reader;
