@@ -23,6 +23,10 @@ use farfield_proto::keypoints::KeypointSet;
 use crate::body::determined::{AngleEvidence, Determined};
 use crate::body::skeleton::{ANGLE_NAMES, Joint, RangeOfMotion, sites_of};
 
+/// The file of names and edits of people, which others write: in the folder of a run; beside a recording its name ends so, in the
+/// place of `mcap`.
+pub const EDITS: &str = "edits.jsonl";
+
 /// Rows that a head has room to count: years of them. It is written before they come.
 const MOST_ROWS: u64 = 9_999_999_999;
 

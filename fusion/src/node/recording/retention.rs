@@ -8,6 +8,7 @@ use std::time::Duration;
 use farfield_node::clock;
 use tracing::{debug, warn};
 
+use crate::export::EDITS;
 use crate::recording::venue_of;
 
 /// Bytes of a file's beginning that tell whose it is: header and metadata, with the longest names of the
@@ -16,7 +17,7 @@ const HEAD_BYTES: usize = 64 * 1024;
 
 /// Deletes the recordings of `venue` beside `current` that have not been written to for `days`; 0: none.
 /// Files of other programs stay, whatever they are called, and so do `current` and those of other venues,
-/// which have a word of their own on it.
+/// which have a word of their own on it. Names and edits beside a recording go with it.
 pub(super) fn delete_old(current: &Path, venue: &str, days: f64) -> Vec<PathBuf> {
     let Ok(keep) = Duration::try_from_secs_f64(days * 86_400.0) else {
         return Vec::new();
@@ -43,7 +44,11 @@ pub(super) fn delete_old(current: &Path, venue: &str, days: f64) -> Vec<PathBuf>
             continue;
         }
         match fs::remove_file(&path) {
-            Ok(()) => deleted.push(path),
+            Ok(()) => {
+                // Names of people are kept no longer than their poses. Most recordings have none.
+                drop(fs::remove_file(path.with_extension(EDITS)));
+                deleted.push(path);
+            }
             Err(error) => warn!(path = %path.display(), %error, "an old recording stays"),
         }
     }
@@ -118,12 +123,15 @@ mod tests {
             ("robot.mcap", &head("ros2", "hall"), 9),
             ("court.mcap", &head(PROFILE, "court"), 9),
             ("text.mcap", b"not even MCAP", 9),
+            ("old.edits.jsonl", b"", 1),
+            ("new.edits.jsonl", b"", 9),
         ] {
             file(&at(name), content, days);
         }
         assert!(delete_old(&at("current.mcap"), "hall", 0.0).is_empty());
         let deleted = delete_old(&at("current.mcap"), "hall", 7.0);
         assert_eq!(deleted, [at("old.mcap")]);
-        assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 6);
+        assert!(at("new.edits.jsonl").exists() && !at("old.edits.jsonl").exists());
+        assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 7);
     }
 }
