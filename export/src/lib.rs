@@ -5,6 +5,7 @@
 //! | module | what |
 //! | --- | --- |
 //! | [`run`] | a run folder, read line by line |
+//! | [`edits`] | names and edits of its people: an undoable list beside it |
 //! | [`skeleton`] | the one export skeleton, which every animated format shares |
 //! | [`axes`] | the units and axes that programs expect |
 //! | [`timeline`] | other rates; gaps kept or filled |
@@ -14,6 +15,7 @@
 
 pub mod axes;
 mod choice;
+pub mod edits;
 mod error;
 mod export;
 mod files;

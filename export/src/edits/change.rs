@@ -1,0 +1,260 @@
+//! One edit, as a line of the file.
+
+use std::fmt;
+
+use serde::{Deserialize, Serialize};
+
+/// Most characters of a name.
+pub const MOST_NAME_CHARACTERS: usize = 64;
+/// Most characters of the time of an edit.
+const MOST_TIME_CHARACTERS: usize = 40;
+
+/// An edit with its time.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Edit {
+    /// When it was made, for people: RFC 3339 as written by us. Edits are in force in the order of the file, whatever they say.
+    pub at: String,
+    /// What it changes.
+    pub change: Change,
+}
+
+/// What an edit changes. Persons are those of the poses, or new ones of earlier splits.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Change {
+    /// A person is called so; an empty name takes the name away.
+    Name {
+        /// Who.
+        person: u32,
+        /// At most [`MOST_NAME_CHARACTERS`], no control characters.
+        name: String,
+    },
+    /// Two ids are one person.
+    Merge {
+        /// The id that goes.
+        person: u32,
+        /// The id that both have from then on.
+        into: u32,
+    },
+    /// From a tick on an id is somebody else.
+    Split {
+        /// Who keeps the id before the tick.
+        person: u32,
+        /// The first tick of the other.
+        tick: i64,
+        /// The id of the other, which nobody had.
+        new: u32,
+    },
+    /// A person is left out.
+    Drop {
+        /// Who.
+        person: u32,
+    },
+    /// An earlier edit is taken back.
+    Undo {
+        /// Its number: its line in the file, from 1.
+        number: usize,
+    },
+}
+
+/// What may stand in a line.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Fields {
+    at: String,
+    edit: String,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    person: Option<u32>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    name: Option<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    into: Option<u32>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    tick: Option<i64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    new: Option<u32>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    number: Option<usize>,
+}
+
+/// The field that is wrong, where one is, and what was found and expected.
+pub(super) type Fault = (Option<&'static str>, String);
+
+impl Edit {
+    /// The edit of a line.
+    pub(super) fn read(line: &str) -> Result<Self, Fault> {
+        let fields: Fields = serde_json::from_str(line).map_err(|e| (None, e.to_string()))?;
+        let edit = Self {
+            change: fields.change()?,
+            at: fields.at,
+        };
+        edit.check()?;
+        Ok(edit)
+    }
+
+    /// Why it cannot be a line of the file, if it cannot.
+    pub(super) fn check(&self) -> Result<(), Fault> {
+        let is_time = self.at.chars().count() <= MOST_TIME_CHARACTERS
+            && !self.at.chars().any(char::is_control);
+        if !is_time {
+            let problem = format!("found {:?}, expected a time of day", self.at);
+            return Err((Some("at"), problem));
+        }
+        match &self.change {
+            Change::Name { name, .. } => {
+                check_name(name).map_err(|problem| (Some("name"), problem))
+            }
+            Change::Merge { person, into } if person == into => {
+                let problem = format!("found {into}, expected another than `person`");
+                Err((Some("into"), problem))
+            }
+            Change::Split { person, new, .. } if person == new => {
+                let problem = format!("found {new}, expected another than `person`");
+                Err((Some("new"), problem))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// The line, with its end.
+    pub fn line(&self) -> String {
+        let mut fields = Fields {
+            at: self.at.clone(),
+            edit: self.change.word().to_owned(),
+            person: None,
+            name: None,
+            into: None,
+            tick: None,
+            new: None,
+            number: None,
+        };
+        match &self.change {
+            Change::Name { person, name } => {
+                (fields.person, fields.name) = (Some(*person), Some(name.clone()));
+            }
+            Change::Merge { person, into } => {
+                (fields.person, fields.into) = (Some(*person), Some(*into));
+            }
+            Change::Split { person, tick, new } => {
+                (fields.person, fields.tick, fields.new) = (Some(*person), Some(*tick), Some(*new));
+            }
+            Change::Drop { person } => fields.person = Some(*person),
+            Change::Undo { number } => fields.number = Some(*number),
+        }
+        // Text and numbers always serialise.
+        let mut line = serde_json::to_string(&fields).unwrap_or_default();
+        line.push('\n');
+        line
+    }
+}
+
+/// Why nobody can be called `name`, if nobody can.
+///
+/// # Errors
+/// What was found and what is expected.
+pub fn check_name(name: &str) -> Result<(), String> {
+    let n = name.chars().count();
+    if n > MOST_NAME_CHARACTERS {
+        return Err(format!(
+            "found {n} characters, expected at most {MOST_NAME_CHARACTERS}"
+        ));
+    }
+    if name.chars().any(char::is_control) || name.trim() != name {
+        return Err(format!(
+            "found {name:?}, expected a name without control characters and blanks around it"
+        ));
+    }
+    Ok(())
+}
+
+impl Fields {
+    fn change(&self) -> Result<Change, Fault> {
+        let person = || self.need("person", self.person);
+        let change = match self.edit.as_str() {
+            "name" => Change::Name {
+                person: person()?,
+                name: self.need("name", self.name.clone())?,
+            },
+            "merge" => Change::Merge {
+                person: person()?,
+                into: self.need("into", self.into)?,
+            },
+            "split" => Change::Split {
+                person: person()?,
+                tick: self.need("tick", self.tick)?,
+                new: self.need("new", self.new)?,
+            },
+            "drop" => Change::Drop { person: person()? },
+            "undo" => Change::Undo {
+                number: self.need("number", self.number)?,
+            },
+            other => {
+                let problem =
+                    format!("found {other:?}, expected one of name, merge, split, drop, undo");
+                return Err((Some("edit"), problem));
+            }
+        };
+        self.check_no_more(&change)?;
+        Ok(change)
+    }
+
+    fn need<T>(&self, field: &'static str, value: Option<T>) -> Result<T, Fault> {
+        value.ok_or_else(|| {
+            let problem = format!("missing, expected with the edit `{}`", self.edit);
+            (Some(field), problem)
+        })
+    }
+
+    /// Refuses fields of another kind of edit: whoever wrote them meant something by them.
+    fn check_no_more(&self, change: &Change) -> Result<(), Fault> {
+        let wanted: &[&str] = match change {
+            Change::Name { .. } => &["person", "name"],
+            Change::Merge { .. } => &["person", "into"],
+            Change::Split { .. } => &["person", "tick", "new"],
+            Change::Drop { .. } => &["person"],
+            Change::Undo { .. } => &["number"],
+        };
+        let there = [
+            ("person", self.person.is_some()),
+            ("name", self.name.is_some()),
+            ("into", self.into.is_some()),
+            ("tick", self.tick.is_some()),
+            ("new", self.new.is_some()),
+            ("number", self.number.is_some()),
+        ];
+        let more = there
+            .into_iter()
+            .find(|(field, is_there)| *is_there && !wanted.contains(field));
+        more.map_or(Ok(()), |(field, _)| {
+            let problem = format!("found it with the edit `{}`, expected none", self.edit);
+            Err((Some(field), problem))
+        })
+    }
+}
+
+impl Change {
+    /// Its name in the file.
+    fn word(&self) -> &'static str {
+        match self {
+            Self::Name { .. } => "name",
+            Self::Merge { .. } => "merge",
+            Self::Split { .. } => "split",
+            Self::Drop { .. } => "drop",
+            Self::Undo { .. } => "undo",
+        }
+    }
+}
+
+impl fmt::Display for Change {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Name { person, name } if name.is_empty() => write!(f, "{person} has no name"),
+            Self::Name { person, name } => write!(f, "{person} is called {name}"),
+            Self::Merge { person, into } => write!(f, "{person} is {into}"),
+            Self::Split { person, tick, new } => {
+                write!(f, "{person} is {new} from tick {tick} on")
+            }
+            Self::Drop { person } => write!(f, "{person} is left out"),
+            Self::Undo { number } => write!(f, "edit {number} is undone"),
+        }
+    }
+}

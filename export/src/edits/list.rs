@@ -1,0 +1,167 @@
+//! The file of edits: a line each, only ever appended to.
+
+use std::path::{Path, PathBuf};
+
+use farfield_fusion::export::EDITS;
+use farfield_proto::toml_file::FileError;
+
+use super::change::{Change, Edit};
+use super::identities::Identities;
+use super::roll::Roll;
+
+/// Most lines that are read.
+const MOST_LINES: usize = 100_000;
+
+/// The edits of a file, in its order.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct EditList {
+    /// Each with its line, from 1, which is its number.
+    edits: Vec<(usize, Edit)>,
+    n_lines: usize,
+}
+
+/// Why an edit cannot be: which, and what stands against it.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("edit {number}: {problem}")]
+pub struct RefusedEdit {
+    /// Its number.
+    pub number: usize,
+    /// What was found and what was expected.
+    pub problem: String,
+}
+
+impl RefusedEdit {
+    /// The same, as a fault of the file at `path`.
+    pub fn in_file(self, path: &Path) -> FileError {
+        FileError::new(path, self.problem).at_line(self.number)
+    }
+}
+
+/// Where the edits of the run in `folder` are.
+pub fn of_run(folder: &Path) -> PathBuf {
+    folder.join(EDITS)
+}
+
+/// Where the edits of a recording are: beside it, `hall.edits.jsonl` for `hall.mcap`.
+pub fn of_recording(recording: &Path) -> PathBuf {
+    recording.with_extension(EDITS)
+}
+
+impl EditList {
+    /// The edits of `text`, the content of `path`; blank lines are left out.
+    ///
+    /// # Errors
+    /// The first line that is none, or takes back what is not in force.
+    pub fn parse(text: &str, path: &Path) -> Result<Self, FileError> {
+        let mut list = Self::default();
+        for line in text.lines() {
+            list.n_lines += 1;
+            let number = list.n_lines;
+            let at = |problem: String| FileError::new(path, problem).at_line(number);
+            if number > MOST_LINES {
+                let problem = format!("found more than {MOST_LINES} lines, expected edits");
+                return Err(at(problem));
+            }
+            if line.trim().is_empty() {
+                continue;
+            }
+            let edit = Edit::read(line).map_err(|(field, problem)| match field {
+                Some(field) => at(problem).at_field(field),
+                None => at(problem),
+            })?;
+            if let Change::Undo { number } = edit.change {
+                let undone = list.check_undo(number);
+                undone.map_err(|problem| at(problem).at_field("number"))?;
+            }
+            list.edits.push((number, edit));
+        }
+        Ok(list)
+    }
+
+    /// All edits with their numbers, undone ones and undos among them.
+    pub fn all(&self) -> impl DoubleEndedIterator<Item = (usize, &Edit)> {
+        self.edits.iter().map(|(number, edit)| (*number, edit))
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.edits.is_empty()
+    }
+
+    /// The numbers of those that were taken back.
+    fn undone(&self) -> std::collections::BTreeSet<usize> {
+        let undone = self.all().filter_map(|(_, edit)| match edit.change {
+            Change::Undo { number } => Some(number),
+            _ => None,
+        });
+        undone.collect()
+    }
+
+    /// What is in force, in order: without undos and what they took back.
+    pub fn in_force(&self) -> Vec<(usize, &Change)> {
+        let undone = self.undone();
+        self.all()
+            .filter(|(number, edit)| {
+                !undone.contains(number) && !matches!(edit.change, Change::Undo { .. })
+            })
+            .map(|(number, edit)| (number, &edit.change))
+            .collect()
+    }
+
+    /// The number of the next edit.
+    pub fn next_number(&self) -> usize {
+        self.n_lines + 1
+    }
+
+    /// The largest id that any edit names.
+    pub fn largest_id(&self) -> Option<u32> {
+        let of = |(_, edit): (usize, &Edit)| match edit.change {
+            Change::Name { person, .. } | Change::Drop { person } => Some(person),
+            Change::Merge { person, into } => Some(person.max(into)),
+            Change::Split { person, new, .. } => Some(person.max(new)),
+            Change::Undo { .. } => None,
+        };
+        self.all().filter_map(of).max()
+    }
+
+    /// The same with one more; who is there (`roll`) decides whether it can be, where that is known.
+    ///
+    /// # Errors
+    /// Why it cannot be: of this edit, or of a later one that an undo would leave without ground.
+    pub fn with(&self, edit: Edit, roll: Option<&Roll>) -> Result<Self, RefusedEdit> {
+        let number = self.next_number();
+        let refused = |problem| RefusedEdit { number, problem };
+        edit.check().map_err(|(_, problem)| refused(problem))?;
+        if let Change::Undo { number } = edit.change {
+            self.check_undo(number).map_err(refused)?;
+        }
+        let is_undo = matches!(edit.change, Change::Undo { .. });
+        let mut list = self.clone();
+        list.edits.push((number, edit));
+        list.n_lines = number;
+        match Identities::of(&list, roll) {
+            Err(fault) if is_undo => Err(refused(format!(
+                "{fault}: undo edit {} before",
+                fault.number
+            ))),
+            Err(fault) => Err(fault),
+            Ok(_) => Ok(list),
+        }
+    }
+
+    fn check_undo(&self, number: usize) -> Result<(), String> {
+        let edit = self.all().find(|(known, _)| *known == number);
+        match edit {
+            None => Err(format!(
+                "found {number}, expected the number of an edit before"
+            )),
+            Some((_, edit)) if matches!(edit.change, Change::Undo { .. }) => Err(format!(
+                "found {number}, which is an undo: expected an edit, make it again instead"
+            )),
+            Some(_) if self.undone().contains(&number) => {
+                Err(format!("found {number}, which is undone already"))
+            }
+            Some(_) => Ok(()),
+        }
+    }
+}
