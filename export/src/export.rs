@@ -2,10 +2,13 @@
 
 use std::collections::BTreeMap;
 use std::ops::Range;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use farfield_fusion::export::unfinished::Unfinished;
 
+use crate::called::{Called, people_of};
+use crate::edits::{EditList, Identities, RefusedEdit};
+use crate::edits_file::EditsFile;
 use crate::error::ExportError;
 use crate::files;
 use crate::formats::bvh::BvhWriter;
@@ -16,6 +19,7 @@ use crate::formats::parquet::ParquetWriter;
 use crate::formats::table::{TidyWriter, WideWriter, point_names};
 use crate::formats::trc_mot::{MotWriter, TrcWriter};
 use crate::options::{ExportRequest, Format, Options};
+use crate::profile::SubjectProfile;
 use crate::run::line::for_each_line;
 use crate::run::{PersonSurvey, PoseLine, RunFacts, Sample, Survey};
 use crate::subject::Subject;
@@ -109,18 +113,10 @@ pub fn export(
 struct Run<'a> {
     request: &'a ExportRequest,
     survey: Survey,
+    identities: Identities,
     clock: Clock,
     /// Who is exported, and what they are called.
     people: BTreeMap<u32, Called>,
-}
-
-/// What a person is called.
-#[derive(Debug, Clone, PartialEq, Eq)]
-struct Called {
-    /// In files, as it was given.
-    name: String,
-    /// In their names.
-    word: String,
 }
 
 impl<'a> Run<'a> {
@@ -136,14 +132,19 @@ impl<'a> Run<'a> {
         let facts = RunFacts::parse(&files::read_text(&request.summary)?, &request.summary)?;
         let clock = clock_of(&facts, options)?;
         let ticks = clock.first..clock.end;
-        let survey = Survey::of(files::open(&request.poses)?, &request.poses, &ticks)?;
-        let people = people_of(&survey, options, &ticks)?;
+        let (mut survey, identities) =
+            surveyed((&request.poses, request.edits.as_deref()), &ticks)?;
+        let people = people_of(&survey, options, identities.names(), &ticks)?;
+        for path in &request.subjects {
+            take_lengths(&mut survey, &people, path)?;
+        }
         for person in people.keys() {
             check_frames(*person, &clock_of_person(clock, survey.people.get(person)))?;
         }
         Ok(Self {
             request,
             survey,
+            identities,
             clock,
             people,
         })
@@ -321,8 +322,9 @@ impl<'a> Run<'a> {
         let mut resampler =
             Resampler::new(clock, options.gaps, options.longest_gap_s, options.rest);
         for_each_line(files::open(path)?, path, |text, number| {
-            let (tick, of) = PoseLine::parse_head(text, path, number)?;
-            if of != person || !(clock.first..clock.end).contains(&tick) {
+            let (tick, id) = PoseLine::parse_head(text, path, number)?;
+            let shown = self.identities.person_at(tick, id);
+            if shown != Some(person) || !(clock.first..clock.end).contains(&tick) {
                 return Ok(());
             }
             let line = PoseLine::parse(text, path, number)?;
@@ -390,90 +392,63 @@ fn check_frames(person: u32, clock: &Clock) -> Result<(), ExportError> {
     )))
 }
 
-/// Who is exported, and what they are called.
-fn people_of(
-    survey: &Survey,
-    options: &Options,
+/// Who is in a file of poses with edits beside it, and who they are.
+fn surveyed(
+    (poses, edits): (&Path, Option<&Path>),
     ticks: &Range<i64>,
-) -> Result<BTreeMap<u32, Called>, ExportError> {
-    let is_present = |person: &PersonSurvey| person.present.is_some();
-    let there = survey.people.iter().filter(|(_, it)| is_present(it));
-    let there: Vec<u32> = there.map(|(id, _)| *id).collect();
-    if let Some(person) = options
-        .called
-        .keys()
-        .find(|person| !survey.people.contains_key(person))
-    {
-        return Err(ExportError::Options(format!(
-            "found a name for person {person}, expected one of {:?}",
+) -> Result<(Survey, Identities), ExportError> {
+    let list = match edits {
+        Some(path) => EditsFile::at(path.to_owned()).read()?,
+        None => EditList::default(),
+    };
+    let of_file = |fault: RefusedEdit| fault.in_file(edits.unwrap_or(poses));
+    let identities = Identities::of(&list, None).map_err(of_file)?;
+    let survey = Survey::of(files::open(poses)?, poses, ticks, &identities)?;
+    // Now it is known who is there.
+    Identities::of(&list, Some(&survey.roll)).map_err(of_file)?;
+    Ok((survey, identities))
+}
+
+/// The profile of a person of the `poses` with `edits` beside them.
+///
+/// # Errors
+/// What of the files is wrong; when nobody of that id is there, or the person has no name.
+pub fn profile_of(poses: &Path, edits: &Path, person: u32) -> Result<SubjectProfile, ExportError> {
+    let (survey, identities) = surveyed((poses, Some(edits)), &(i64::MIN..i64::MAX))?;
+    let known = survey.people.get(&person).ok_or_else(|| {
+        ExportError::Options(format!(
+            "found person {person}, expected one of {:?}",
             survey.people.keys().collect::<Vec<_>>()
-        )));
-    }
-    let asked = if options.people.is_empty() {
-        &there
-    } else {
-        &options.people
-    };
-    let mut people = BTreeMap::<u32, Called>::new();
-    for person in asked {
-        if !there.contains(person) {
-            return Err(ExportError::Options(format!(
-                "found person {person}, expected one of {there:?}"
-            )));
-        }
-        if people.contains_key(person) {
-            continue;
-        }
-        let called = called(*person, options)?;
-        // Some systems do not tell capital letters apart.
-        let lower = called.word.to_lowercase();
-        let taken = people
-            .iter()
-            .find(|(_, it)| it.word.to_lowercase() == lower);
-        if let Some((other, _)) = taken {
-            return Err(ExportError::Options(format!(
-                "persons {other} and {person} are both called `{}` in names of files",
-                called.word
-            )));
-        }
-        people.insert(*person, called);
-    }
-    if people.is_empty() {
-        return Err(ExportError::Options(format!(
-            "nobody is there in ticks {}..{}",
-            ticks.start, ticks.end
-        )));
-    }
-    Ok(people)
+        ))
+    })?;
+    let name = identities.names().get(&person).ok_or_else(|| {
+        ExportError::Options(format!(
+            "found no name of person {person}, expected one: a profile is known by its name"
+        ))
+    })?;
+    Ok(SubjectProfile::of(known, name))
 }
 
-fn called(person: u32, options: &Options) -> Result<Called, ExportError> {
-    let Some(name) = options.called.get(&person) else {
-        let name = person.to_string();
-        return Ok(Called {
-            word: name.clone(),
-            name,
-        });
-    };
-    if name.trim().is_empty() || name.chars().any(char::is_control) {
-        return Err(ExportError::Options(format!(
-            "found {name:?} as the name of person {person}, expected letters"
-        )));
-    }
-    Ok(Called {
-        name: name.clone(),
-        word: file_word(name),
-    })
-}
-
-/// `name` as a part of a file's name: what is no letter, digit, `-` or `_` becomes `_`.
-fn file_word(name: &str) -> String {
-    let safe = |c: char| {
-        if c.is_alphanumeric() || c == '-' {
-            c
-        } else {
-            '_'
-        }
-    };
-    name.chars().take(64).map(safe).collect()
+/// Gives whoever is called as the profile at `path` says its lengths.
+fn take_lengths(
+    survey: &mut Survey,
+    people: &BTreeMap<u32, Called>,
+    path: &Path,
+) -> Result<(), ExportError> {
+    let profile = SubjectProfile::read(path)?;
+    let called = people
+        .iter()
+        .find(|(_, called)| called.name == profile.name);
+    let person = called.and_then(|(person, _)| survey.people.get_mut(person));
+    let person = person.ok_or_else(|| {
+        let names: Vec<&str> = people.values().map(|it| it.name.as_str()).collect();
+        ExportError::Options(format!(
+            "{}: nobody is called {}, expected one of {}",
+            path.display(),
+            profile.name,
+            names.join(", ")
+        ))
+    })?;
+    person.offsets = profile.offsets;
+    Ok(())
 }

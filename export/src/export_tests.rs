@@ -15,6 +15,8 @@ fn request(folder: &Path) -> ExportRequest {
     ExportRequest {
         poses: folder.join("poses.jsonl"),
         summary: folder.join("summary.json"),
+        edits: None,
+        subjects: Vec::new(),
         out: folder.join("out"),
         formats: Format::ALL.map(|(_, format)| format).to_vec(),
         options: Options::default(),
@@ -269,6 +271,62 @@ fn a_summary_cannot_make_files_endless() {
     let refused = run(&request).unwrap_err().to_string();
     assert!(
         refused.contains("frames of person 1, expected at most 10000000"),
+        "{refused}"
+    );
+}
+
+#[test]
+fn who_is_called_alike_is_told_apart_and_a_profile_gives_its_lengths() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut request = request(folder.path());
+    request.formats = vec![Format::Bvh];
+    let edits = crate::EditsFile::of_run(folder.path());
+    for (person, name) in [(1, "Ada"), (5, "ada"), (2, "Bo")] {
+        let name = name.to_owned();
+        let change = |_: &_| Ok(crate::edits::Change::Name { person, name });
+        edits.add("now", None, change).unwrap();
+    }
+    request.edits = Some(edits.path().to_owned());
+    let names = |written: &[Written]| -> Vec<String> {
+        let mut names: Vec<String> = bytes_of(written)
+            .into_iter()
+            .map(|(name, _)| name)
+            .collect();
+        names.sort();
+        names
+    };
+    let before = run(&request).unwrap();
+    assert_eq!(
+        names(&before),
+        ["poses_Ada_1.bvh", "poses_Bo.bvh", "poses_ada_5.bvh"]
+    );
+    let before = bytes_of(&before);
+
+    // Bo has the body of person 5 from now on.
+    let profile = crate::profile_of(&request.poses, edits.path(), 5).unwrap();
+    assert!(profile.sigma_m.iter().all(|sigma_m| *sigma_m < 1e-4));
+    let path = folder.path().join("subjects/bo.toml");
+    let bo = crate::SubjectProfile {
+        name: "Bo".to_owned(),
+        ..profile
+    };
+    bo.write(&path).unwrap();
+    assert!(bo.write(&path).is_err(), "it is there");
+    request.existing = Existing::Replace;
+    request.subjects = vec![path];
+    let after = bytes_of(&run(&request).unwrap());
+    let of = |files: &[(String, Vec<u8>)], name: &str| -> String {
+        let found = files.iter().find(|(known, _)| known == name).unwrap();
+        let text = String::from_utf8(found.1.clone()).unwrap();
+        let offsets = text.lines().take_while(|line| *line != "MOTION");
+        offsets.collect::<Vec<_>>().join("\n")
+    };
+    assert_eq!(of(&after, "poses_Bo.bvh"), of(&before, "poses_ada_5.bvh"));
+    assert_ne!(of(&before, "poses_Bo.bvh"), of(&before, "poses_ada_5.bvh"));
+    request.options.people = vec![1];
+    let refused = run(&request).unwrap_err().to_string();
+    assert!(
+        refused.ends_with("nobody is called Bo, expected one of Ada"),
         "{refused}"
     );
 }

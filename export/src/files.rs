@@ -1,7 +1,8 @@
-//! The one place of this crate that touches files: reading a run, and writing whole files or none.
+//! The one place of this crate that touches files: reading a run, writing whole files or none, adding lines.
 
 use std::fs::{self, File};
-use std::io::{self, BufReader, Read as _};
+use std::io::{self, BufReader, Read as _, Write as _};
+use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
 
 use farfield_fusion::export::unfinished::{Unfinished, temporary};
@@ -25,6 +26,75 @@ pub(crate) fn read_text(path: &Path) -> Result<String, ExportError> {
     let read = file.take(LARGEST_SUMMARY).read_to_string(&mut text);
     read.map_err(|source| ExportError::io(path, "reading", source))?;
     Ok(text)
+}
+
+/// The same of a file that may be missing: no text.
+pub(crate) fn read_text_if_there(path: &Path) -> Result<String, ExportError> {
+    match read_text(path) {
+        Err(ExportError::Io { source, .. }) if source.kind() == io::ErrorKind::NotFound => {
+            Ok(String::new())
+        }
+        read => read,
+    }
+}
+
+/// Adds the line that `make` makes of what stands in the file `path` (made where it is not there); others who add wait. Where the
+/// disk does not take all of it the file is as it was.
+pub(crate) fn append(
+    path: &Path,
+    make: impl FnOnce(&str) -> Result<String, ExportError>,
+) -> Result<(), ExportError> {
+    let failed = |source| ExportError::io(path, "writing", source);
+    let mut file = open_locked(path).map_err(failed)?;
+    let mut text = String::new();
+    let read = (&mut file).take(LARGEST_SUMMARY).read_to_string(&mut text);
+    read.map_err(|source| ExportError::io(path, "reading", source))?;
+    if text.len() as u64 >= LARGEST_SUMMARY {
+        return Err(failed(io::ErrorKind::FileTooLarge.into()));
+    }
+    let made = make(&text).and_then(|line| {
+        let begin = if text.is_empty() || text.ends_with('\n') {
+            ""
+        } else {
+            "\n"
+        };
+        let written = file.write_all(format!("{begin}{line}").as_bytes());
+        written.and_then(|()| file.sync_data()).map_err(failed)
+    });
+    if made.is_err() {
+        // What is left of a line would be in the way of all that come; nothing more can be done where this fails, too.
+        drop(file.set_len(text.len() as u64));
+        if text.is_empty() {
+            drop(fs::remove_file(path));
+        }
+    }
+    made
+}
+
+/// Opens a file to add to, when nobody else does.
+fn open_locked(path: &Path) -> io::Result<File> {
+    loop {
+        let file = File::options()
+            .read(true)
+            .append(true)
+            .create(true)
+            .open(path)?;
+        file.lock()?;
+        // Whoever had it before may have taken it away again.
+        if file.metadata()?.nlink() > 0 {
+            return Ok(file);
+        }
+    }
+}
+
+/// Writes the file `path`, which must not be there; its folder is made.
+pub(crate) fn write_new(path: &Path, content: &[u8]) -> Result<(), ExportError> {
+    check_target(path, Existing::Refuse)?;
+    if let Some(folder) = path.parent().filter(|it| !it.as_os_str().is_empty()) {
+        make_folder(folder)?;
+    }
+    let written = farfield_fusion::export::unfinished::write_whole(path, content);
+    written.map_err(|source| ExportError::io(path, "writing", source))
 }
 
 /// Makes the folder of the files.
@@ -79,8 +149,6 @@ pub(crate) fn name(file: Unfinished, named: &[PathBuf]) -> Result<(PathBuf, u64)
 
 #[cfg(test)]
 mod tests {
-    use std::io::Write as _;
-
     use super::*;
 
     #[test]

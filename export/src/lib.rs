@@ -14,21 +14,26 @@
 //! Equal runs and options give equal bytes.
 
 pub mod axes;
+mod called;
 mod choice;
 pub mod edits;
+mod edits_file;
 mod error;
 mod export;
 mod files;
 pub mod formats;
 mod options;
+mod profile;
 pub mod run;
 pub mod skeleton;
 mod subject;
 pub mod timeline;
 
+pub use edits_file::EditsFile;
 pub use error::ExportError;
-pub use export::{Progress, Written, export};
+pub use export::{Progress, Written, export, profile_of};
 pub use options::{Existing, ExportRequest, Format, Lengths, Options};
+pub use profile::SubjectProfile;
 pub use subject::Subject;
 
 #[cfg(test)]

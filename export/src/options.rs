@@ -128,9 +128,9 @@ pub enum Existing {
 /// How poses are written.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Options {
-    /// Who; empty: everybody.
+    /// Who, by the ids that edits give; empty: everybody.
     pub people: Vec<u32>,
-    /// What people are called in files and their names; others are called by their id.
+    /// What people are called in files and their names, whatever edits say; others are called as edits say, or by their id.
     pub called: BTreeMap<u32, String>,
     /// Which ticks, the end not among them; `None`: the whole run.
     pub ticks: Option<Range<i64>>,
@@ -187,6 +187,10 @@ pub struct ExportRequest {
     pub poses: PathBuf,
     /// The run's `summary.json`.
     pub summary: PathBuf,
+    /// Names and edits of the people; a file that is not there has none. `None`: poses as they are.
+    pub edits: Option<PathBuf>,
+    /// Profiles of people: whoever is called as one says has its lengths.
+    pub subjects: Vec<PathBuf>,
     /// Folder of the files; it is made where it is not there.
     pub out: PathBuf,
     /// What is written.

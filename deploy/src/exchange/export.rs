@@ -1,12 +1,13 @@
-//! `farfield export RUN`: the poses of a run in the formats of other programs.
+//! `farfield export RUN|RECORDING`: poses in the formats of other programs.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
+use std::fs;
 use std::io::ErrorKind;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-use anyhow::{anyhow, bail, ensure};
+use anyhow::{anyhow, bail};
 use clap::Args;
 use farfield_export::axes::Preset;
 use farfield_export::skeleton::{BoneNames, RestPose};
@@ -14,26 +15,23 @@ use farfield_export::timeline::Gaps;
 use farfield_export::{
     Existing, ExportError, ExportRequest, Format, Lengths, Options, Written, export,
 };
-use farfield_fusion::export::salvage::SMOOTH;
-use farfield_node::process::NodeError;
+use farfield_node::process::{NodeError, say};
 use farfield_proto::tick::{Tick, parse_range};
 use indicatif::{HumanBytes, ProgressBar};
 use serde::Serialize;
+use tempfile::TempDir;
 
+use super::place::{POSES, Place, SUMMARY};
+use super::recorded::RecordedRun;
 use crate::output;
-
-/// What a run calls its poses, and what it says of itself.
-const POSES: &str = "poses.jsonl";
-const SUMMARY: &str = "summary.json";
-/// Where files go, in the folder of the run.
-const FOLDER: &str = "export";
 
 /// What `farfield export` is told.
 #[derive(Debug, Args)]
 pub(crate) struct ExportArgs {
-    /// The folder of a run, or one of its poses.jsonl.
+    /// The folder of a run, its poses.jsonl, or a recording.
     ///
-    /// `RUN/smooth/poses.jsonl` are the smoothed poses. A recording is solved first: `farfield replay RECORDING --out RUN`.
+    /// `RUN/smooth/poses.jsonl` are the smoothed poses. Of a recording the poses are taken that were published; `farfield replay`
+    /// solves it again.
     run: PathBuf,
     /// What to write, with commas: glb,c3d,csv, or all.
     ///
@@ -41,6 +39,8 @@ pub(crate) struct ExportArgs {
     #[arg(long, value_delimiter = ',', required = true, value_name = "FORMAT", value_parser = formats)]
     format: Vec<Formats>,
     /// Folder for the files. Default: RUN/export.
+    ///
+    /// Of a recording `hall.mcap`: `hall-export` beside it.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Only these people, by id.
@@ -98,6 +98,16 @@ pub(crate) struct ExportArgs {
         default_value = "settled"
     )]
     lengths: Lengths,
+    /// The profile of a person, as `farfield people` saves it.
+    ///
+    /// Whoever is called as it says has its lengths in skeletons, not those that this run came to know.
+    #[arg(long, hide_short_help = true, value_name = "FILE")]
+    subject: Vec<PathBuf>,
+    /// Export people as they were found.
+    ///
+    /// Names and edits that `farfield people` or the page have left beside the run or recording are not looked at.
+    #[arg(long, hide_short_help = true)]
+    without_edits: bool,
     /// Replace files that are there already.
     #[arg(long)]
     replace: bool,
@@ -144,9 +154,53 @@ struct WrittenFile<'a> {
 /// [`NodeError::Refused`] where the run, the options or files that are there already are in the way, [`NodeError::Failed`]
 /// when a file cannot be written.
 pub(crate) fn export_run(args: &ExportArgs) -> Result<(), NodeError> {
-    let request = request(args).map_err(NodeError::Refused)?;
+    let place = Place::of(&args.run).map_err(NodeError::Refused)?;
+    let out = args.out.clone().unwrap_or_else(|| place.export_folder());
+    let is_new = !out.exists();
+    let read = recorded(&place, &out)?;
+    let request = request(
+        args,
+        &place,
+        (read.as_ref().map(TempDir::path), out.clone()),
+    );
+    let written = request
+        .map_err(NodeError::Refused)
+        .and_then(|request| write(args, &place, &request));
+    drop(read);
+    if is_new && written.is_err() {
+        // Made for what was read of a recording; one with files in it stays.
+        drop(fs::remove_dir(&out));
+    }
+    written
+}
+
+/// The poses of a recording as those of a run, in a folder that goes when they are exported.
+fn recorded(place: &Place, out: &Path) -> Result<Option<TempDir>, NodeError> {
+    let Place::Recording(path) = place else {
+        return Ok(None);
+    };
+    let recorded = RecordedRun::open(path).map_err(NodeError::Refused)?;
+    say(format_args!(
+        "{}: the poses as they were published, of each person from the confirmation on (a replay has what was before, too)",
+        path.display()
+    ));
+    recorded.as_run(out).map(Some).map_err(NodeError::Failed)
+}
+
+fn write(args: &ExportArgs, place: &Place, request: &ExportRequest) -> Result<(), NodeError> {
+    let edits = place.edits();
+    let n_edits = match request.edits {
+        Some(_) => edits.read().map_err(node_error)?.in_force().len(),
+        None => 0,
+    };
+    if n_edits > 0 {
+        say(format_args!(
+            "{}: {n_edits} names and edits in force (--without-edits leaves them out)",
+            edits.path().display()
+        ));
+    }
     let bar = ProgressBar::new(0).with_message("people and formats");
-    let written = export(&request, |step| {
+    let written = export(request, |step| {
         bar.set_length(step.of as u64);
         bar.set_position(step.done as u64);
     });
@@ -186,9 +240,17 @@ fn lines(written: &[Written]) -> String {
     text
 }
 
-fn request(args: &ExportArgs) -> anyhow::Result<ExportRequest> {
-    let (poses, folder) = poses_of(&args.run)?;
-    let summary = summary_of(&folder)?;
+/// What is asked for; `folder` holds what was read of a recording, `out` takes the files.
+fn request(
+    args: &ExportArgs,
+    place: &Place,
+    (folder, out): (Option<&Path>, PathBuf),
+) -> anyhow::Result<ExportRequest> {
+    let (poses, summary) = match (place, folder) {
+        (Place::Run { poses, summary, .. }, _) => (poses.clone(), summary.clone()),
+        (Place::Recording(_), Some(folder)) => (folder.join(POSES), folder.join(SUMMARY)),
+        (Place::Recording(path), None) => bail!("{}: nothing was read of it", path.display()),
+    };
     let mut formats: Vec<Format> = Vec::new();
     for format in args.format.iter().flat_map(|of| &of.0) {
         if !formats.contains(format) {
@@ -204,7 +266,9 @@ fn request(args: &ExportArgs) -> anyhow::Result<ExportRequest> {
     Ok(ExportRequest {
         poses,
         summary,
-        out: args.out.clone().unwrap_or_else(|| folder.join(FOLDER)),
+        edits: (!args.without_edits).then(|| place.edits().path().to_owned()),
+        subjects: args.subject.clone(),
+        out,
         formats,
         options: Options {
             people: args.person.clone(),
@@ -226,47 +290,7 @@ fn request(args: &ExportArgs) -> anyhow::Result<ExportRequest> {
     })
 }
 
-/// The poses, and the folder in which they are.
-fn poses_of(run: &Path) -> anyhow::Result<(PathBuf, PathBuf)> {
-    if run.extension().is_some_and(|it| it == "mcap") {
-        let run = run.display();
-        bail!(
-            "{run}: a recording is solved first: farfield replay {run} --out RUN, then farfield export RUN"
-        );
-    }
-    if run.is_dir() {
-        let poses = run.join(POSES);
-        ensure!(
-            poses.is_file(),
-            "{}: there is no {POSES} in it: expected the folder of a run",
-            run.display()
-        );
-        return Ok((poses, run.to_owned()));
-    }
-    ensure!(
-        run.is_file(),
-        "{}: there is nothing of this name: expected the folder of a run",
-        run.display()
-    );
-    let folder = run.parent().filter(|it| !it.as_os_str().is_empty());
-    Ok((run.to_owned(), folder.unwrap_or(Path::new(".")).to_owned()))
-}
-
-/// What the run says of itself: beside the poses, or above those that were smoothed.
-fn summary_of(folder: &Path) -> anyhow::Result<PathBuf> {
-    let above = folder.file_name().is_some_and(|name| name == SMOOTH);
-    let above = above.then(|| folder.join("..").join(SUMMARY));
-    let places = [Some(folder.join(SUMMARY)), above];
-    let found = places.into_iter().flatten().find(|path| path.is_file());
-    found.ok_or_else(|| {
-        anyhow!(
-            "{}: there is no {SUMMARY} beside the poses: it says at which rate they are",
-            folder.display()
-        )
-    })
-}
-
-fn node_error(error: ExportError) -> NodeError {
+pub(super) fn node_error(error: ExportError) -> NodeError {
     match error {
         ExportError::Exists { path } => NodeError::Refused(anyhow!(
             "{} is there already: --replace replaces it",
@@ -289,17 +313,6 @@ mod tests {
         for word in ["3", "=Ada", "x=Ada", "3=", "3= "] {
             assert!(called(word).unwrap_err().contains("ID=NAME"), "{word}");
         }
-    }
-
-    #[test]
-    fn a_recording_is_sent_to_replay_and_an_empty_folder_is_refused() {
-        let folder = tempfile::tempdir().unwrap();
-        let error = poses_of(Path::new("hall.mcap")).unwrap_err().to_string();
-        assert!(error.contains("farfield replay hall.mcap"), "{error}");
-        let error = poses_of(folder.path()).unwrap_err().to_string();
-        assert!(error.contains("there is no poses.jsonl"), "{error}");
-        let error = summary_of(folder.path()).unwrap_err().to_string();
-        assert!(error.contains("there is no summary.json"), "{error}");
     }
 
     #[test]

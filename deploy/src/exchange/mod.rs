@@ -2,3 +2,5 @@
 
 pub(crate) mod export;
 pub(crate) mod import;
+mod place;
+mod recorded;

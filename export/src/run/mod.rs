@@ -7,8 +7,10 @@ pub mod line;
 pub mod sample;
 pub mod summary;
 pub mod survey;
+pub mod table;
 
 pub use line::PoseLine;
 pub use sample::Sample;
 pub use summary::RunFacts;
 pub use survey::{PersonSurvey, Survey};
+pub use table::{PeopleTable, TableRow};

@@ -11,6 +11,7 @@ use farfield_proto::toml_file::FileError;
 use nalgebra::Vector3;
 
 use super::line::{PoseLine, for_each_line};
+use crate::edits::{Identities, Roll};
 use crate::skeleton::{Offsets, links_of};
 
 /// Width of a bin in which lengths are counted, metres.
@@ -18,7 +19,7 @@ const BIN_M: f64 = 1e-4;
 /// What positions are rounded to in `poses.jsonl`, metres.
 const GRAIN_M: f64 = 1e-5;
 /// Most people of a run, far above any that a field holds: what is kept per person is bounded.
-const MOST_PEOPLE: usize = 10_000;
+pub(crate) const MOST_PEOPLE: usize = 10_000;
 /// Most names of keypoints.
 const MOST_KEYPOINTS: usize = 512;
 /// Lengths beyond this are counted as it, metres.
@@ -27,10 +28,12 @@ const LONGEST_M: f64 = 3.0;
 /// Who is in a file of poses.
 #[derive(Debug, Clone, Default)]
 pub struct Survey {
-    /// Everybody, by id.
+    /// Everybody whom edits leave, by the id that they give.
     pub people: BTreeMap<u32, PersonSurvey>,
     /// Names of the keypoints, in the order in which they come first.
     pub keypoints: Vec<String>,
+    /// Who of the file is there when, by its own ids.
+    pub roll: Roll,
 }
 
 /// One person of a file.
@@ -41,6 +44,8 @@ pub struct PersonSurvey {
     /// The body's offsets: the median over all ticks of the file, component by component. While a run still learns a body they are
     /// those it settles on.
     pub offsets: Offsets,
+    /// How far the offsets of single ticks lie from them: one standard deviation per axis, metres, by [`Joint::index`].
+    pub sigma_m: [f64; N_JOINTS],
     /// The joint that each keypoint sits on, and where it sits from it, in the frame of the link that holds the joint (x forward, y
     /// left, z up in the neutral pose), metres: the mean over all ticks. Keypoints that sit on none are left out.
     pub sites_m: BTreeMap<String, (Joint, Vector3<f64>)>,
@@ -48,6 +53,7 @@ pub struct PersonSurvey {
 
 #[derive(Default)]
 struct Counting {
+    last: Option<i64>,
     present: Option<(i64, i64)>,
     n_ticks: u64,
     bins: Vec<[BTreeMap<i32, Bin>; 3]>,
@@ -62,11 +68,16 @@ struct Bin {
 
 impl Survey {
     /// Reads all lines of `file` (called `path`). Lengths and names are those of the whole file, whatever `ticks`, which
-    /// decide only who is present.
+    /// decide only who is present; `identities` say who is who.
     ///
     /// # Errors
-    /// The first line that is wrong, or out of order.
-    pub fn of(file: impl BufRead, path: &Path, ticks: &Range<i64>) -> Result<Self, FileError> {
+    /// The first line that is wrong, out of order, of somebody who is there already at its tick, or of an id that a split has made.
+    pub fn of(
+        file: impl BufRead,
+        path: &Path,
+        ticks: &Range<i64>,
+        identities: &Identities,
+    ) -> Result<Self, FileError> {
         let mut survey = Self::default();
         let mut people = BTreeMap::<u32, Counting>::new();
         let mut sites = BTreeMap::<String, Joint>::new();
@@ -93,7 +104,24 @@ impl Survey {
                     );
                 }
             }
-            let counting = people.entry(line.person).or_default();
+            survey.roll.add(line.tick, line.person);
+            if identities.has_made(line.person) {
+                return at(format!(
+                    "found person {}, an id that a split has made: expected nobody of it",
+                    line.person
+                ));
+            }
+            let Some(person) = identities.person_at(line.tick, line.person) else {
+                return Ok(());
+            };
+            let counting = people.entry(person).or_default();
+            if counting.last == Some(line.tick) {
+                return at(format!(
+                    "found person {} at tick {} a second time by the edits, expected one pose of a person",
+                    person, line.tick
+                ));
+            }
+            counting.last = Some(line.tick);
             counting.add(&line, &sites);
             if ticks.contains(&line.tick) {
                 let first = counting.present.map_or(line.tick, |(first, _)| first);
@@ -144,10 +172,14 @@ impl Counting {
 
     fn finish(self) -> PersonSurvey {
         let mut offsets = Offsets([Vector3::zeros(); N_JOINTS]);
-        for (offset_m, bins) in offsets.0.iter_mut().zip(&self.bins) {
+        let mut sigma_m = [0.0; N_JOINTS];
+        for ((offset_m, sigma_m), bins) in offsets.0.iter_mut().zip(&mut sigma_m).zip(&self.bins) {
+            let mut sum_m2 = 0.0;
             for (v, bins) in offset_m.iter_mut().zip(bins) {
                 *v = median_m(bins, self.n_ticks);
+                sum_m2 += squares_m2(bins, *v);
             }
+            *sigma_m = (sum_m2 / (3 * self.n_ticks.max(1)) as f64).sqrt();
         }
         let sites_m = self
             .sites
@@ -156,6 +188,7 @@ impl Counting {
         PersonSurvey {
             present: self.present,
             offsets,
+            sigma_m,
             sites_m: sites_m.collect(),
         }
     }
@@ -172,4 +205,13 @@ fn median_m(bins: &BTreeMap<i32, Bin>, n: u64) -> f64 {
         }
     }
     0.0
+}
+
+/// The sum of squared distances from `median_m`, as far as bins tell them apart.
+fn squares_m2(bins: &BTreeMap<i32, Bin>, median_m: f64) -> f64 {
+    let square = |bin: &Bin| {
+        let apart_m = bin.sum_m / bin.count as f64 - median_m;
+        bin.count as f64 * apart_m * apart_m
+    };
+    bins.values().map(square).sum()
 }

@@ -12,6 +12,8 @@ fn file(gaps: Gaps) -> Vec<u8> {
     let request = ExportRequest {
         poses: folder.path().join("poses.jsonl"),
         summary: folder.path().join("summary.json"),
+        edits: None,
+        subjects: Vec::new(),
         out: folder.path().to_owned(),
         formats: vec![Format::C3d],
         options: Options {

@@ -139,7 +139,8 @@ fn cylinder_kg_m2(mass_kg: f64, radius_m: f64, length_m: f64) -> [f64; 2] {
     [mass_kg * square / 2.0, across]
 }
 
-fn stature_m(offsets: &Offsets) -> f64 {
+/// From the soles to the top of the head, metres, of who stands upright.
+pub(crate) fn stature_m(offsets: &Offsets) -> f64 {
     let upward = [Joint::Spine, Joint::Neck, Joint::Head];
     let above_m: f64 = upward
         .iter()

@@ -87,7 +87,7 @@ fn what_cannot_be_exported_is_refused_and_leaves_nothing() {
         (vec![&out, "--format", "csv", "--ticks", "900..990"], "900"),
         (
             vec!["hall.mcap", "--format", "csv"],
-            "farfield replay hall.mcap",
+            "there is no such recording",
         ),
         (vec!["nowhere", "--format", "csv"], "nowhere"),
     ] {

@@ -1,0 +1,163 @@
+//! The file of names and edits beside a run or recording: read whole, and added to line by line.
+
+use std::path::{Path, PathBuf};
+
+use farfield_proto::toml_file::FileError;
+
+use crate::edits::{Change, Edit, EditList, RefusedEdit, Roll, list};
+use crate::error::ExportError;
+use crate::files;
+
+/// Where names and edits of a run or recording are; the file need not be there.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct EditsFile {
+    path: PathBuf,
+}
+
+impl EditsFile {
+    /// The one at `path`.
+    pub fn at(path: PathBuf) -> Self {
+        Self { path }
+    }
+
+    /// The one of the run in `folder`.
+    pub fn of_run(folder: &Path) -> Self {
+        Self::at(list::of_run(folder))
+    }
+
+    /// The one beside a recording.
+    pub fn of_recording(recording: &Path) -> Self {
+        Self::at(list::of_recording(recording))
+    }
+
+    /// Where it is.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// The edits; none where there is no file.
+    ///
+    /// # Errors
+    /// What of the file cannot be read, with its line.
+    pub fn read(&self) -> Result<EditList, ExportError> {
+        let text = files::read_text_if_there(&self.path)?;
+        Ok(EditList::parse(&text, &self.path)?)
+    }
+
+    /// Adds what `change` makes of the edits that are there, as made at `at` (RFC 3339), and gives them all. Several processes may do
+    /// so at once. What stands in the file stays as it is, also where the disk is full.
+    ///
+    /// # Errors
+    /// What of the file cannot be read or written; why the edit cannot be, by who is there (`roll`) where that is known.
+    pub fn add(
+        &self,
+        at: &str,
+        roll: Option<&Roll>,
+        change: impl FnOnce(&EditList) -> Result<Change, String>,
+    ) -> Result<EditList, ExportError> {
+        let mut edited = EditList::default();
+        files::append(&self.path, |text| {
+            let list = EditList::parse(text, &self.path)?;
+            let change = change(&list).map_err(ExportError::Options)?;
+            let edit = Edit {
+                at: at.to_owned(),
+                change,
+            };
+            let line = edit.line();
+            edited = list.with(edit, roll).map_err(|fault| self.refused(fault))?;
+            Ok(line)
+        })?;
+        Ok(edited)
+    }
+
+    /// What is refused because of an edit that stands there already is a fault of the file.
+    fn refused(&self, fault: RefusedEdit) -> ExportError {
+        let is_new = |list: EditList| fault.number >= list.next_number();
+        if self.read().is_ok_and(is_new) {
+            return ExportError::Options(fault.problem);
+        }
+        let fault: FileError = fault.in_file(&self.path);
+        fault.into()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use super::*;
+
+    fn name(person: u32, name: &str) -> Change {
+        Change::Name {
+            person,
+            name: name.to_owned(),
+        }
+    }
+
+    #[test]
+    fn lines_are_added_and_what_is_there_stays_as_it_is() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = EditsFile::of_run(folder.path());
+        assert!(file.read().unwrap().is_empty());
+        file.add("now", None, |_| Ok(name(3, "Anna"))).unwrap();
+        let before = fs::read_to_string(file.path()).unwrap();
+        // By hand, and without its end.
+        let by_hand = r#"{"at":"later","edit":"drop","person":9}"#;
+        fs::write(file.path(), format!("{before}\n{by_hand}")).unwrap();
+        let list = file.add("now", None, |list| {
+            assert_eq!(list.in_force().len(), 2);
+            Ok(name(4, "Bo"))
+        });
+        assert_eq!(list.unwrap(), file.read().unwrap());
+        let after = fs::read_to_string(file.path()).unwrap();
+        assert!(
+            after.starts_with(&format!("{before}\n{by_hand}\n")),
+            "{after}"
+        );
+        let numbers: Vec<usize> = file
+            .read()
+            .unwrap()
+            .all()
+            .map(|(number, _)| number)
+            .collect();
+        assert_eq!(numbers, [1, 3, 4]);
+    }
+
+    #[test]
+    fn an_edit_that_is_refused_leaves_no_trace() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = EditsFile::of_recording(&folder.path().join("hall.mcap"));
+        let refused = file.add("now", None, |_| Ok(Change::Undo { number: 1 }));
+        let told = refused.unwrap_err().to_string();
+        assert_eq!(told, "found 1, expected the number of an edit before");
+        assert!(!file.path().exists());
+        file.add("now", None, |_| Ok(Change::Drop { person: 9 }))
+            .unwrap();
+        let before = fs::read(file.path()).unwrap();
+        let refused = file.add("now", None, |_| Ok(name(9, "Bo"))).unwrap_err();
+        assert!(
+            refused.to_string().starts_with("found person 9, who"),
+            "{refused}"
+        );
+        assert_eq!(fs::read(file.path()).unwrap(), before);
+    }
+
+    #[test]
+    fn edits_of_several_who_edit_at_once_are_all_there() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = EditsFile::of_run(folder.path());
+        std::thread::scope(|scope| {
+            for person in 0..8 {
+                let file = &file;
+                scope.spawn(move || {
+                    for n in 0..10 {
+                        let called = format!("p{n}");
+                        file.add("now", None, |_| Ok(name(person, &called)))
+                            .unwrap();
+                    }
+                });
+            }
+        });
+        assert_eq!(file.read().unwrap().in_force().len(), 80);
+    }
+}
