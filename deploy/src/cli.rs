@@ -20,6 +20,7 @@ use crate::doctor::DoctorArgs;
 use crate::evaluate::EvaluateArgs;
 use crate::exchange::export::ExportArgs;
 use crate::exchange::import::ImportArgs;
+use crate::exchange::people::PeopleArgs;
 use crate::init::InitArgs;
 use crate::listeners::FusionCommandArgs;
 use crate::listeners::view::ViewArgs;
@@ -38,9 +39,9 @@ use crate::status::StatusArgs;
 #[command(
     name = "farfield",
     version,
-    after_help = "Example: farfield demo    (-h after a command: its options; --help: all of it)",
-    // As many commands as there are leave no rows for more, not even for an empty one.
-    help_template = "{about}\nUsage: {usage}\n{subcommands}{after-help}"
+    // As many commands as there are leave no rows for more, not even for the empty one that comes before `{after-help}`.
+    help_template = "{about}\nUsage: {usage}\n{subcommands}\n\
+                     Example: farfield demo    (-h after a command: its options; --help: all of it)"
 )]
 pub(crate) struct FarfieldCli {
     #[command(subcommand)]
@@ -110,6 +111,11 @@ pub(crate) enum FarfieldCommand {
     /// Animation, biomechanics, tables: BVH, glTF, C3D, CSV, Parquet, `OpenSim` models.
     #[command(after_help = "Example: farfield export out --format glb,c3d --name 1=Ada")]
     Export(ExportArgs),
+    /// List who is in a run or recording; name, merge, split people.
+    ///
+    /// What is done is a line in a file beside the run or recording, which exports heed, and can be undone.
+    #[command(after_help = "Example: farfield people out name 3 Anna")]
+    People(PeopleArgs),
     /// Show it all at work on simulated people, scored.
     ///
     /// People who do not exist, cameras that see them, every node of a venue around them, and how far the poses are from

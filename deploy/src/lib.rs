@@ -88,6 +88,10 @@ pub fn main() -> ExitCode {
             done(exchange::export::export_run(&args)),
             Told::as_json_if(args.json),
         ),
+        FarfieldCommand::People(args) => exit_code_told(
+            done(exchange::people::people(&args)),
+            Told::as_json_if(args.json),
+        ),
         FarfieldCommand::Evaluate(args) => {
             exit_code_told(done(evaluate::evaluate(&args)), Told::as_json_if(args.json))
         }

@@ -1,6 +1,7 @@
-//! Files of other programs: what they have found comes in, what we have found goes out.
+//! Files of other programs: what they have found comes in, what we have found goes out, with the names of people.
 
 pub(crate) mod export;
 pub(crate) mod import;
+pub(crate) mod people;
 mod place;
 mod recorded;

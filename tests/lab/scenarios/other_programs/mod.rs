@@ -4,3 +4,4 @@ mod ball;
 mod calibration;
 mod exports;
 mod import;
+mod people;
