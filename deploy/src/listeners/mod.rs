@@ -3,22 +3,26 @@
 //! Fusion knows neither; `farfield fusion` hands in what opens them. `farfield run` and `farfield demo` hand the same words on to
 //! the fusion that they start.
 
+mod names;
 mod page;
 mod streams;
 mod thread;
 pub(crate) mod view;
 
 use std::net::SocketAddr;
+use std::path::Path;
 use std::process::ExitCode;
 use std::sync::Arc;
 
 use clap::Args;
 use farfield_fusion::node::{
-    FusionArgs, Listeners, OpenListeners, Opening, RunAtItsStart, Wiretap,
+    CopiedMessage, CopiedStep, FusionArgs, Listeners, OpenListeners, Opening, RunAtItsStart,
+    Wiretap,
 };
 use farfield_page::PageState;
 use farfield_streams::StreamSpec;
 
+use self::names::GivenNames;
 use self::page::PageServer;
 use self::streams::RunningStreams;
 use self::thread::ServingThread;
@@ -85,7 +89,10 @@ impl OpenListeners for ListenerArgs {
             if self.page.is_none() && self.stream.is_empty() {
                 return Ok(Listeners::default());
             }
-            let page = self.page.map(|address| page::PageOfRun::of(&run, address));
+            let given = GivenNames::of_run(run.out, run.restarts.map(Path::to_owned));
+            let page = self
+                .page
+                .map(|address| page::PageOfRun::of(&run, address, &given));
             let page = page.transpose()?;
             let (names, specs) = (self.page_name, self.stream);
             let facts = streams::facts(&run);
@@ -106,7 +113,10 @@ impl OpenListeners for ListenerArgs {
             };
             let (opened, thread) = ServingThread::start(open, Served::close).await?;
             let (said, (page, streams)) = opened;
-            let mut wiretaps: Vec<Arc<dyn Wiretap>> = Vec::new();
+            if let Some(streams) = &streams {
+                given.tell_streams(streams);
+            }
+            let mut wiretaps: Vec<Arc<dyn Wiretap>> = vec![Arc::new(NamesTap(given))];
             if let Some(page) = page {
                 let thread = Arc::clone(&thread);
                 wiretaps.push(Arc::new(page::PageTap::new(page, thread)));
@@ -118,6 +128,25 @@ impl OpenListeners for ListenerArgs {
             }
             Ok(Listeners { wiretaps, said })
         })
+    }
+}
+
+/// Tells names what becomes of the run: messages are nothing to them.
+struct NamesTap(Arc<GivenNames>);
+
+impl Wiretap for NamesTap {
+    fn received(&self, _: CopiedMessage<'_>) {}
+
+    fn published(&self, _: CopiedMessage<'_>) {}
+
+    fn decided(&self, _: CopiedStep<'_>) {}
+
+    fn recording_begins(&self, path: &Path) {
+        self.0.recording_begins(path);
+    }
+
+    fn expected(&self, ids: &[u32]) {
+        self.0.expected(ids);
     }
 }
 

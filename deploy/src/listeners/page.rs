@@ -1,9 +1,8 @@
 //! The live page of a run, and of a recording.
 
-use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 use std::net::SocketAddr;
-use std::sync::{Arc, Mutex, OnceLock, PoisonError, Weak};
+use std::sync::Arc;
 
 use anyhow::{Context as _, anyhow};
 use farfield_fusion::body::skeleton::angles::{FIRST_JOINT_ANGLE, is_translation};
@@ -13,8 +12,7 @@ use farfield_node::process::NodeError;
 use farfield_page::qr::terminal_code;
 use farfield_page::server::{Keys, ServerError};
 use farfield_page::{
-    Action, ActionKind, Angle, AngleUnit, PageActions, PageOptions, PageState, Server,
-    ServerOptions, Skeleton,
+    Angle, AngleUnit, PageActions, PageOptions, PageState, Server, ServerOptions, Skeleton,
 };
 use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::transport::Identity;
@@ -22,12 +20,11 @@ use farfield_proto::venue::Venue;
 use tokio_util::sync::{CancellationToken, DropGuard};
 use tokio_util::task::TaskTracker;
 
+use super::names::GivenNames;
 use super::thread::ServingThread;
 
 /// From which width on a range of motion is none, radians.
 const FULL_CIRCLE_RAD: f64 = TAU - 1e-3;
-/// Most people that are named.
-const MAX_NAMES: usize = 1024;
 
 /// A page that is served until this is let go of.
 pub(super) struct PageServer {
@@ -98,18 +95,18 @@ impl PageOfRun {
     pub(super) fn of(
         run: &RunAtItsStart<'_>,
         address: Option<SocketAddr>,
+        names: &Arc<GivenNames>,
     ) -> Result<Self, NodeError> {
         let skeleton = page_skeleton(run.venue, run.keypoints);
-        let names = Arc::new(GivenNames::default());
         let options = PageOptions {
-            actions: Some(Arc::clone(&names) as Arc<dyn PageActions>),
+            actions: Some(Arc::clone(names) as Arc<dyn PageActions>),
             ..PageOptions::default()
         };
         let state = PageState::live(run.venue.clone(), skeleton, options);
         let state = state
             .context("starting the page's thread")
             .map_err(NodeError::Failed)?;
-        names.page.get_or_init(|| Arc::downgrade(&state));
+        names.tell_page(&state);
         let keys = run.identity.map(keys).transpose();
         Ok(Self {
             state,
@@ -126,39 +123,6 @@ impl PageOfRun {
         let state = Arc::clone(&self.state);
         let server = PageServer::start(self.state, (self.address, names), self.keys).await?;
         Ok((state, server))
-    }
-}
-
-/// What people are called, for as long as the run lasts.
-#[derive(Default)]
-struct GivenNames {
-    by_person: Mutex<BTreeMap<u32, String>>,
-    page: OnceLock<Weak<PageState>>,
-}
-
-impl PageActions for GivenNames {
-    fn kinds(&self) -> Vec<ActionKind> {
-        vec![ActionKind::NamePerson]
-    }
-
-    fn act(&self, action: &Action) -> Result<(), String> {
-        let Action::NamePerson { person, name } = action else {
-            return Err("recordings are started with the run, by `--record`".to_owned());
-        };
-        // What a thread that died left is whole: it is one map.
-        let by_person = self.by_person.lock();
-        let mut by_person = by_person.unwrap_or_else(PoisonError::into_inner);
-        if name.is_empty() {
-            by_person.remove(person);
-        } else if by_person.len() < MAX_NAMES || by_person.contains_key(person) {
-            by_person.insert(*person, name.clone());
-        } else {
-            return Err(format!("{MAX_NAMES} people have names already"));
-        }
-        if let Some(page) = self.page.get().and_then(Weak::upgrade) {
-            page.set_names(by_person.clone());
-        }
-        Ok(())
     }
 }
 

@@ -5,6 +5,7 @@ use std::io::BufReader;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::sync::Arc;
 
 use anyhow::{Context as _, anyhow};
 use clap::Args;
@@ -13,10 +14,11 @@ use farfield_fusion::pipeline::Pipeline;
 use farfield_fusion::recording::messages::MessagesInTime;
 use farfield_node::log::start_log;
 use farfield_node::process::{Ending, NodeError, exit_code, say};
-use farfield_page::{PageOptions, PageState, RecordedMessages};
+use farfield_page::{PageActions, PageOptions, PageState, RecordedMessages};
 use farfield_proto::id::SessionId;
 use farfield_proto::tick::Micros;
 
+use super::names::GivenNames;
 use super::page::{PageServer, page_skeleton};
 use crate::signals::Signals;
 
@@ -64,7 +66,7 @@ fn view(args: &ViewArgs) -> Result<Ending, NodeError> {
 }
 
 /// What the page shows of the recording at `path`.
-fn state(path: &Path) -> anyhow::Result<std::sync::Arc<PageState>> {
+fn state(path: &Path) -> anyhow::Result<Arc<PageState>> {
     let shown = path.display();
     let file = File::open(path).with_context(|| format!("opening {shown}"))?;
     let messages = MessagesInTime::open(BufReader::new(file));
@@ -80,8 +82,15 @@ fn state(path: &Path) -> anyhow::Result<std::sync::Arc<PageState>> {
         span_us,
         path: path.to_owned(),
     };
-    PageState::recording(venue, skeleton, Box::new(recorded), PageOptions::default())
-        .context("starting the page's thread")
+    let names = GivenNames::of_recording(path)?;
+    let options = PageOptions {
+        actions: Some(Arc::clone(&names) as Arc<dyn PageActions>),
+        ..PageOptions::default()
+    };
+    let state = PageState::recording(venue, skeleton, Box::new(recorded), options);
+    let state = state.context("starting the page's thread")?;
+    names.tell_page(&state);
+    Ok(state)
 }
 
 /// A recording as the page reads it.

@@ -3,6 +3,7 @@
 //! Fusion knows neither pages nor streams. The command around it does, and hands in what opens them: before the first
 //! message, by what is known of the run. Each listener is a [`Wiretap`]: it gets copies, and nobody waits for it.
 
+use std::path::Path;
 use std::pin::Pin;
 use std::sync::Arc;
 
@@ -24,6 +25,11 @@ pub struct RunAtItsStart<'a> {
     pub is_live: bool,
     /// By which keys fusion proves who it is; `None` without TLS.
     pub identity: Option<&'a Identity>,
+    /// The folder of its results.
+    pub out: &'a Path,
+    /// Where names of people can be kept for a fusion that is started again and gives them their old ids
+    /// ([`Wiretap::expected`]); `None` where none is.
+    pub restarts: Option<&'a Path>,
 }
 
 /// Whoever listens, opened.

@@ -1,5 +1,6 @@
 //! A fusion node from its arguments to its exit code.
 
+use std::path::Path;
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::time::Duration;
@@ -19,7 +20,7 @@ use tracing::warn;
 use super::config::{FusionArgs, FusionConfig};
 use super::handout;
 use super::listeners::{NoListeners, OpenListeners, RunAtItsStart};
-use super::live::{LiveContext, live};
+use super::live::{LiveContext, live, names_place};
 use super::lock_step::{Begin, Outside};
 use super::output::claim::FolderClaim;
 use super::output::progress::Reporter;
@@ -97,10 +98,14 @@ async fn run(
         leave.clone(),
     ));
     reporter.listening(link.locators().await);
-    let listeners = open_listeners(config, &pipeline, listeners, &reporter).await?;
+    let listeners =
+        open_listeners(config, &pipeline, listeners, (claim.folder(), &reporter)).await?;
     let recording = record(config, session, &pipeline).map_err(NodeError::Failed)?;
     let recorder = recording.as_ref().map(RecordingThread::wiretap);
     let wiretap = WiretapHandle::new(recorder.into_iter().chain(listeners));
+    if let Some(recording) = &recording {
+        wiretap.recording_begins(recording.file());
+    }
     let interceptor = Interceptor::new(&config.venue, senders, wiretap);
     let mut summary = SummaryFile::in_folder(claim.folder());
     let mut ends = link.spawn(&tasks, &leave, &interceptor);
@@ -155,13 +160,19 @@ async fn open_listeners(
     config: &FusionConfig,
     pipeline: &Pipeline,
     listeners: Box<dyn OpenListeners>,
-    reporter: &Reporter,
+    (out, reporter): (&Path, &Reporter),
 ) -> Result<Vec<Arc<dyn Wiretap>>, NodeError> {
+    // As people keep their ids: under a parent all nodes end together.
+    let names = names_place(&config.venue, out);
+    let restarts =
+        (config.mode == RunMode::Live && config.managed == Managed::No).then_some(&*names);
     let run = RunAtItsStart {
         venue: &config.venue,
         keypoints: pipeline.keypoints(),
         is_live: config.mode == RunMode::Live,
         identity: config.reach.identity.as_ref(),
+        out,
+        restarts,
     };
     let opened = listeners.open(run).await?;
     reporter.said(&opened.said);

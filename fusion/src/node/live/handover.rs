@@ -46,6 +46,11 @@ pub(super) fn place(venue: &Venue, out: &Path) -> PathBuf {
     folder.join(format!("{}.people.json", venue.name))
 }
 
+/// Where names of its people are kept, in the same folder: fusion itself knows none.
+pub(in crate::node) fn names_place(venue: &Venue, out: &Path) -> PathBuf {
+    place(venue, out).with_file_name(format!("{}.names.json", venue.name))
+}
+
 /// Who was there shortly before a run that begins like `start`; nobody where the file at `path` is missing, old, of
 /// other ticks or another venue file, or cannot be read, which is said.
 pub(super) fn read(path: &Path, venue: &Venue, start: &LiveStart) -> Option<KnownPeople> {

@@ -25,6 +25,8 @@ use farfield_proto::tick::Tick;
 use self::agreement::AgreementJudge;
 pub(super) use self::context::LiveContext;
 use self::handover::Handover;
+pub(super) use self::handover::names_place;
+
 use self::run::LiveFusion;
 use self::start::clock_start;
 use super::output::export_thread::{ExportThread, missing};
@@ -165,6 +167,8 @@ fn expect(
         let now_us = context.interceptor.clock.now_us();
         recording.queue().note(&topic, &json, now_us);
     }
+    let ids: Vec<u32> = expected.known.people.iter().map(|known| known.id).collect();
+    context.interceptor.wiretap.expected(&ids);
     pipeline.expect(&expected.known, first);
     Ok(())
 }

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 use std::io::{self, BufWriter};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
@@ -108,6 +108,11 @@ impl RecordingThread {
             room,
             thread: Some(thread.context("starting the recorder's thread")?),
         })
+    }
+
+    /// The file.
+    pub(in crate::node) fn file(&self) -> &Path {
+        &self.file
     }
 
     /// Where what passes is noted.

@@ -5,6 +5,7 @@
 //! horizons (where there are any), and the step.
 
 use std::fmt;
+use std::path::Path;
 use std::sync::Arc;
 
 use farfield_proto::message::PatchSet;
@@ -46,6 +47,12 @@ pub trait Wiretap: Send + Sync {
     /// The core steps a tick.
     fn decided(&self, decided: CopiedStep<'_>);
 
+    /// A recording of the run begins, a file at `path`.
+    fn recording_begins(&self, _path: &Path) {}
+
+    /// The people with these ids are known from the fusion before: whoever is recognised keeps the id.
+    fn expected(&self, _ids: &[u32]) {}
+
     /// Why it listens no more, if it does not.
     fn failure(&self) -> Option<String> {
         None
@@ -76,6 +83,18 @@ impl WiretapHandle {
     pub(in crate::node) fn decided(&self, decided: CopiedStep<'_>) {
         for wiretap in self.0.iter() {
             wiretap.decided(decided);
+        }
+    }
+
+    pub(in crate::node) fn recording_begins(&self, path: &Path) {
+        for wiretap in self.0.iter() {
+            wiretap.recording_begins(path);
+        }
+    }
+
+    pub(in crate::node) fn expected(&self, ids: &[u32]) {
+        for wiretap in self.0.iter() {
+            wiretap.expected(ids);
         }
     }
 }

@@ -1,0 +1,289 @@
+//! What pages call people: kept beside the run and its recording, as `farfield people` and exports read it, and told at once to
+//! whoever listens.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError, Weak};
+
+use anyhow::Context as _;
+use farfield_export::EditsFile;
+use farfield_export::edits::change::check_name;
+use farfield_export::edits::{Change, Identities};
+use farfield_fusion::export::unfinished::write_whole;
+use farfield_node::process::say;
+use farfield_page::{Action, ActionKind, PageActions, PageState};
+use farfield_proto::id::PersonId;
+use farfield_streams::Streams;
+
+use crate::exchange::people::time_of_day::now;
+
+/// Most people that are named.
+const MAX_NAMES: usize = 1024;
+/// Most bytes that are read of the names that an earlier fusion has left.
+const MOST_KEPT_BYTES: u64 = 1 << 20;
+
+/// What people of a run or recording are called.
+pub(super) struct GivenNames {
+    known: Mutex<Known>,
+    /// Names that a fusion of the same venue finds when it is started again; `None`: nothing is kept for it.
+    kept: Option<PathBuf>,
+    page: OnceLock<Weak<PageState>>,
+    streams: OnceLock<Weak<Streams>>,
+}
+
+struct Known {
+    by_person: BTreeMap<u32, String>,
+    /// Beside the run, and beside its recording: the same names go to all.
+    files: Vec<EditsFile>,
+}
+
+impl GivenNames {
+    /// Those of a run in the folder `out` that begins; a fusion that is started again finds them in `kept`.
+    pub(super) fn of_run(out: &Path, kept: Option<PathBuf>) -> Arc<Self> {
+        Self::new(vec![EditsFile::of_run(out)], BTreeMap::new(), kept)
+    }
+
+    /// Those of a recording, with what stands beside it.
+    ///
+    /// # Errors
+    /// What of the edits beside it is wrong.
+    pub(super) fn of_recording(path: &Path) -> anyhow::Result<Arc<Self>> {
+        let file = EditsFile::of_recording(path);
+        let names = names_of_poses(&file)?;
+        Ok(Self::new(vec![file], names, None))
+    }
+
+    fn new(
+        files: Vec<EditsFile>,
+        by_person: BTreeMap<u32, String>,
+        kept: Option<PathBuf>,
+    ) -> Arc<Self> {
+        Arc::new(Self {
+            known: Mutex::new(Known { by_person, files }),
+            kept,
+            page: OnceLock::new(),
+            streams: OnceLock::new(),
+        })
+    }
+
+    /// Tells `page` the names, now and whenever one changes.
+    pub(super) fn tell_page(&self, page: &Arc<PageState>) {
+        self.page.get_or_init(|| Arc::downgrade(page));
+        self.tell(&self.known());
+    }
+
+    /// Tells `streams` the names, now and whenever one changes.
+    pub(super) fn tell_streams(&self, streams: &Arc<Streams>) {
+        self.streams.get_or_init(|| Arc::downgrade(streams));
+        self.tell(&self.known());
+    }
+
+    /// A recording begins at `path`: it has the names so far, and gets those that come.
+    pub(super) fn recording_begins(&self, path: &Path) {
+        let mut known = self.known();
+        let file = EditsFile::of_recording(path);
+        let mut named = known.by_person.iter();
+        let written = named.try_for_each(|(person, name)| add(&file, *person, name));
+        if let Err(error) = written {
+            say(format_args!(
+                "names are not kept beside the recording: {error}"
+            ));
+        }
+        known.files.push(file);
+    }
+
+    /// People of the fusion before keep their ids, and so their names.
+    pub(super) fn expected(&self, ids: &[u32]) {
+        let Some(kept) = &self.kept else { return };
+        let names = match read_kept(kept) {
+            Ok(names) => names,
+            Err(error) => {
+                say(format_args!(
+                    "names of who was here before are lost: {error:#}"
+                ));
+                return;
+            }
+        };
+        for (person, name) in names {
+            if ids.contains(&person)
+                && let Err(error) = self.name(person, &name)
+            {
+                say(format_args!("the name of person {person} is lost: {error}"));
+            }
+        }
+    }
+
+    fn known(&self) -> MutexGuard<'_, Known> {
+        // What a thread that died left is whole: a map and a list.
+        self.known.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Calls a person by a name, or by none.
+    fn name(&self, person: u32, name: &str) -> Result<(), String> {
+        check_name(name)?;
+        let mut known = self.known();
+        let is_new = !known.by_person.contains_key(&person);
+        if is_new && !name.is_empty() && known.by_person.len() >= MAX_NAMES {
+            return Err(format!("{MAX_NAMES} people have names already"));
+        }
+        // What nobody could find again is not shown as if it were kept.
+        for file in &known.files {
+            add(file, person, name)?;
+        }
+        // Several ids may be one person by the edits.
+        let names = known.files.first().map(names_of_poses);
+        let names = names.transpose().map_err(|error| format!("{error:#}"))?;
+        known.by_person = names.unwrap_or_default();
+        if let Some(kept) = &self.kept {
+            keep(kept, &known.by_person)?;
+        }
+        self.tell(&known);
+        Ok(())
+    }
+
+    fn tell(&self, known: &Known) {
+        if let Some(page) = self.page.get().and_then(Weak::upgrade) {
+            page.set_names(known.by_person.clone());
+        }
+        if let Some(streams) = self.streams.get().and_then(Weak::upgrade) {
+            let names = known.by_person.iter();
+            let names = names.map(|(person, name)| (PersonId(*person), name.clone()));
+            streams.set_names(names.collect());
+        }
+    }
+}
+
+impl PageActions for GivenNames {
+    fn kinds(&self) -> Vec<ActionKind> {
+        vec![ActionKind::NamePerson]
+    }
+
+    fn act(&self, action: &Action) -> Result<(), String> {
+        match action {
+            Action::NamePerson { person, name } => self.name(*person, name.trim()),
+            _ => Err("recordings are started with the run, by `--record`".to_owned()),
+        }
+    }
+}
+
+/// What people are called in a recording with edits beside it, by the ids that are in it.
+fn names_of_poses(file: &EditsFile) -> anyhow::Result<BTreeMap<u32, String>> {
+    let identities = identities(file)?;
+    Ok(identities.names_of_poses(identities.edited_ids()))
+}
+
+fn identities(file: &EditsFile) -> anyhow::Result<Identities> {
+    let identities = Identities::of(&file.read()?, None);
+    Ok(identities.map_err(|fault| fault.in_file(file.path()))?)
+}
+
+/// Adds a name to the edits; whom they call by another id by that.
+fn add(file: &EditsFile, person: u32, name: &str) -> Result<(), String> {
+    let change = |list: &_| {
+        let identities = Identities::of(list, None).map_err(|fault| fault.to_string())?;
+        let whole = identities.whole(person);
+        Ok(Change::Name {
+            person: whole.ok_or_else(|| {
+                format!("person {person} was split or left out: `farfield people` names whom that has made")
+            })?,
+            name: name.to_owned(),
+        })
+    };
+    let added = file.add(&now(), None, change);
+    added.map(drop).map_err(|error| {
+        let error = anyhow::Error::from(error);
+        format!("the name is not kept: {error:#}")
+    })
+}
+
+fn keep(path: &Path, names: &BTreeMap<u32, String>) -> Result<(), String> {
+    let text = serde_json::to_string(names).map_err(|error| error.to_string())?;
+    let written = write_whole(path, text.as_bytes());
+    written.map_err(|error| format!("the name is not kept: writing {}: {error}", path.display()))
+}
+
+fn read_kept(path: &Path) -> anyhow::Result<BTreeMap<u32, String>> {
+    let reading = || format!("reading {}", path.display());
+    match fs::metadata(path) {
+        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(BTreeMap::new()),
+        metadata => anyhow::ensure!(
+            metadata.with_context(reading)?.len() <= MOST_KEPT_BYTES,
+            "{} has more than {MOST_KEPT_BYTES} bytes",
+            path.display()
+        ),
+    }
+    let text = fs::read_to_string(path).with_context(reading)?;
+    serde_json::from_str(&text).with_context(reading)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn named(person: u32, name: &str) -> Action {
+        Action::NamePerson {
+            person,
+            name: name.to_owned(),
+        }
+    }
+
+    fn names(file: &EditsFile) -> BTreeMap<u32, String> {
+        names_of_poses(file).unwrap()
+    }
+
+    #[test]
+    fn a_name_stands_beside_the_run_and_a_recording_that_begins_later() {
+        let folder = tempfile::tempdir().unwrap();
+        let recording = folder.path().join("hall.mcap");
+        let given = GivenNames::of_run(folder.path(), None);
+        given.act(&named(3, "Anna")).unwrap();
+        given.recording_begins(&recording);
+        given.act(&named(4, " Bo ")).unwrap();
+        given.act(&named(3, "")).unwrap();
+        let expected = BTreeMap::from([(4, "Bo".to_owned())]);
+        assert_eq!(names(&EditsFile::of_run(folder.path())), expected);
+        assert_eq!(names(&EditsFile::of_recording(&recording)), expected);
+        assert!(given.act(&named(4, "a\u{7}b")).is_err());
+        // Who looks at the recording sees them, and names on.
+        let seen = GivenNames::of_recording(&recording).unwrap();
+        seen.act(&named(5, "Cy")).unwrap();
+        assert_eq!(names(&EditsFile::of_recording(&recording)).len(), 2);
+    }
+
+    #[test]
+    fn a_name_that_cannot_be_kept_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let given = GivenNames::of_run(&folder.path().join("nowhere"), None);
+        let refused = given.act(&named(3, "Anna")).unwrap_err();
+        assert!(refused.contains("edits.jsonl"), "{refused}");
+        fs::write(folder.path().join("edits.jsonl"), "{\n").unwrap();
+        let given = GivenNames::of_run(folder.path(), None);
+        let refused = given.act(&named(3, "Anna")).unwrap_err();
+        assert!(refused.contains("edits.jsonl:1:"), "{refused}");
+    }
+
+    #[test]
+    fn who_keeps_the_id_over_a_restart_keeps_the_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let kept = folder.path().join("hall.names.json");
+        let runs = ["one", "two", "three"].map(|name| folder.path().join(name));
+        for run in &runs {
+            fs::create_dir(run).unwrap();
+        }
+        let first = GivenNames::of_run(&runs[0], Some(kept.clone()));
+        for (person, name) in [(3, "Anna"), (4, "Bo")] {
+            first.act(&named(person, name)).unwrap();
+        }
+        let again = GivenNames::of_run(&runs[1], Some(kept.clone()));
+        again.expected(&[4, 5]);
+        let expected = BTreeMap::from([(4, "Bo".to_owned())]);
+        assert_eq!(names(&EditsFile::of_run(&runs[1])), expected);
+        // Where nobody is expected ids mean others.
+        let anew = GivenNames::of_run(&runs[2], Some(kept));
+        anew.act(&named(3, "Cy")).unwrap();
+        let expected = BTreeMap::from([(3, "Cy".to_owned())]);
+        assert_eq!(names(&EditsFile::of_run(&runs[2])), expected);
+    }
+}
