@@ -109,9 +109,8 @@ pub(super) fn settle(
     for camera in &mut cameras {
         check_numbers(camera, source)?;
         make_focal_lengths_positive(camera, &mut remarks);
-        if let Some(pose) = &mut camera.pose {
-            *pose = reread(*pose, options.pose, options.camera_axes);
-        }
+        let pose = camera.pose.filter(|_| !options.only_lenses);
+        camera.pose = pose.map(|pose| reread(pose, options.pose, options.camera_axes));
     }
     unmirror(&mut cameras, options, source, &mut remarks)?;
     let metres = metres_per_unit(&cameras, raw.unit, options, &mut remarks);

@@ -136,6 +136,8 @@ pub struct ImportOptions {
     pub four_are_fisheye: bool,
     /// Width and height of the videos where they show the middle of the sensor only (Vicon), pixels.
     pub video_px: Option<[u32; 2]>,
+    /// Whether only lenses are asked for: poses are left out, and nothing is said of them.
+    pub only_lenses: bool,
 }
 
 /// What was read.

@@ -233,6 +233,16 @@ fn a_world_with_y_up_is_said_and_turned_when_asked() {
         .iter()
         .any(|r| r.kind == RemarkKind::Doubtful && r.text.contains("y is up there"));
     assert!(said, "{:?}", found.remarks);
+    let only_lenses = ImportOptions {
+        only_lenses: true,
+        ..ImportOptions::default()
+    };
+    let lenses = import(&files, &only_lenses).expect("read");
+    assert!(
+        lenses.remarks.is_empty(),
+        "a lens has no place: {:?}",
+        lenses.remarks
+    );
     let options = ImportOptions {
         up: Some(WorldAxis::Y),
         ..ImportOptions::default()

@@ -178,6 +178,7 @@ fn options(args: &ConvertArgs) -> ImportOptions {
         camera_axes: args.camera_axes,
         four_are_fisheye: args.four_are_fisheye,
         video_px: args.video_px,
+        only_lenses: false,
     }
 }
 

@@ -88,9 +88,13 @@ pub(super) fn lens_of<'a>(
 /// # Errors
 /// What cannot be read, or is of a lens that is not supported.
 pub(super) fn lenses(files: &[LensFile]) -> anyhow::Result<BTreeMap<String, Lens>> {
+    let options = ImportOptions {
+        only_lenses: true,
+        ..ImportOptions::default()
+    };
     let mut all = BTreeMap::new();
     for file in files {
-        let imported = import(&[read(&file.path)?], &ImportOptions::default())?;
+        let imported = import(&[read(&file.path)?], &options)?;
         for remark in &imported.remarks {
             say(format_args!(
                 "{}: {}: {remark}",
