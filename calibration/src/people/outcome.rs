@@ -444,11 +444,12 @@ fn finish(
             state,
         })
     });
-    Ok(PointCalibration {
+    let calibration = PointCalibration {
         cameras: cameras.collect(),
         path,
         report,
-    })
+    };
+    Ok(calibration.with_field(&found.alignment, &found.anchors))
 }
 
 /// Where people's feet were: the middle of the ankles of each person at each tick; frames are times at a rate of 1.

@@ -8,7 +8,8 @@ use super::request::{PointCamera, PointRequest};
 use crate::adjustment::{CameraState, Covariance, Problem};
 use crate::alignment::{Alignment, Anchors};
 use crate::report::{
-    CameraReport, Cause, Finding, Report, finding, other_focal_length, uncertain_place,
+    CameraReport, Cause, Finding, PictureCoverage, Report, empty_picture, finding,
+    other_focal_length, uncertain_place,
 };
 
 /// Residuals within this many standard deviations are used; less than these shares are doubtful, and wrong.
@@ -44,9 +45,8 @@ pub(super) fn assess(found: &Found<'_>) -> Report {
     let cameras = camera_reports(found, &apart);
     let mut findings = not_connected(found);
     let span_m = span_m(found);
-    for (index, (report, state)) in cameras.iter().zip(states(found)).enumerate() {
-        let apart_px = apart.get(index).copied().flatten().map(|it| it.px);
-        findings.extend(of_camera(report, apart_px, span_m));
+    for (report, state) in cameras.iter().zip(states(found)) {
+        findings.extend(of_camera(report, span_m));
         findings.extend(of_place(report, &state, found));
     }
     findings.extend(degenerate(found));
@@ -54,6 +54,7 @@ pub(super) fn assess(found: &Found<'_>) -> Report {
     Report {
         cameras,
         anchors_rms_m: found.alignment.rms_m,
+        field: None,
         findings,
     }
 }
@@ -93,12 +94,15 @@ fn camera_reports(found: &Found<'_>, apart: &[Option<Apart>]) -> Vec<CameraRepor
             continue;
         };
         let own = found.problem.observations.iter().zip(&residuals);
-        let own: Vec<Option<f64>> = own
+        let own: Vec<([f64; 2], Option<f64>)> = own
             .filter(|(it, _)| it.camera == index)
-            .map(|(_, length)| *length)
+            .map(|(it, length)| (it.px, *length))
             .collect();
         let fits = |length: &f64| *length < USED_SIGMAS * bounds[index];
-        let used: Vec<f64> = own.iter().flatten().copied().filter(fits).collect();
+        let used = own
+            .iter()
+            .filter_map(|(px, length)| Some((*px, (*length).filter(fits)?)));
+        let (used_px, used): (Vec<[f64; 2]>, Vec<f64>) = used.unzip();
         let squares: f64 = used.iter().map(|length| length * length).sum();
         let sigma = found
             .covariance
@@ -118,6 +122,9 @@ fn camera_reports(found: &Found<'_>, apart: &[Option<Apart>]) -> Vec<CameraRepor
             rate_hz: 1.0 / state.period_s,
             halves_m: half.map_or(f64::NAN, |it| it.distance * scale),
             halves_deg: half.map_or(f64::NAN, |it| it.turned_rad.to_degrees()),
+            halves_px: half.map_or(f64::NAN, |it| it.px),
+            halves_across_m: half.map_or(f64::NAN, |it| it.across * scale),
+            coverage: PictureCoverage::of(camera.size_px, used_px),
         });
     }
     reports
@@ -160,7 +167,7 @@ fn not_connected(found: &Found<'_>) -> Vec<Finding> {
     each.collect()
 }
 
-fn of_camera(report: &CameraReport, apart_px: Option<f64>, span_m: f64) -> Vec<Finding> {
+fn of_camera(report: &CameraReport, span_m: f64) -> Vec<Finding> {
     let mut findings = Vec::new();
     let name = &report.name;
     if report.used_share < USUAL_SHARE {
@@ -189,14 +196,16 @@ fn of_camera(report: &CameraReport, apart_px: Option<f64>, span_m: f64) -> Vec<F
         "carry the point near it and far from it, high and low, where other cameras see it too",
     ));
     findings.extend(other_focal_length(report));
-    findings.extend(of_halves(report, apart_px));
+    findings.extend(empty_picture(report, "carry the point"));
+    findings.extend(of_halves(report));
     findings
 }
 
-/// What the halves of the data say of a camera, which they draw `apart_px` pixels apart.
-fn of_halves(report: &CameraReport, apart_px: Option<f64>) -> Option<Finding> {
+/// What the halves of the data say of a camera.
+fn of_halves(report: &CameraReport) -> Option<Finding> {
     let name = &report.name;
-    let Some(apart_px) = apart_px.filter(|apart_px| apart_px.is_finite()) else {
+    let apart_px = report.halves_px;
+    if !apart_px.is_finite() {
         return Some(finding(
             name,
             Cause::HalvesUnchecked,
@@ -206,7 +215,7 @@ fn of_halves(report: &CameraReport, apart_px: Option<f64>) -> Option<Finding> {
             "15 sights or more in each half, in three cameras that do not stand on one line",
             "carry the point before it at the beginning and at the end",
         ));
-    };
+    }
     // Each half is as uncertain as the whole times the root of two, and there are two.
     let is_far = report.halves_m > HALVES_SIGMAS * 2.0 * report.position_sigma_m;
     let is_turned = report.halves_deg > HALVES_SIGMAS * 2.0 * report.rotation_sigma_deg;
@@ -217,8 +226,10 @@ fn of_halves(report: &CameraReport, apart_px: Option<f64>) -> Option<Finding> {
             Cause::HalvesDisagree,
             is_wrong,
             format!(
-                "first and second half put it {:.3} m and {:.3} degrees apart, which moves a point by {apart_px:.1} px",
-                report.halves_m, report.halves_deg
+                "first and second half put it {:.3} m and {:.3} degrees apart, which moves what it saw by {apart_px:.1} px, {:.0} mm",
+                report.halves_m,
+                report.halves_deg,
+                1000.0 * report.halves_across_m
             ),
             &format!("{DOUBTFUL_HALVES_PX:.1} px or less"),
             "it was moved on the way, its clock wanders, or its lens is not as given",

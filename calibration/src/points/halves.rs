@@ -1,7 +1,6 @@
 //! The first and the second half of the data, adjusted apart.
 
-use farfield_proto::order_statistics::upper_median;
-use nalgebra::Vector3;
+use farfield_proto::order_statistics::{percentile, upper_median};
 
 use crate::adjustment::{AdjustedCamera, Block, CameraState, Free, Limits, Path, Problem, adjust};
 use crate::alignment::Similarity;
@@ -9,9 +8,9 @@ use crate::alignment::Similarity;
 /// Sights of a camera that a half needs.
 const LEAST_SIGHTS: usize = 15;
 
-/// Where in the picture halves are compared besides its middle: towards each corner, as a share of the picture's sides. What
-/// turns about the axis of the camera moves nothing in the middle.
-const TOWARDS_CORNER: f64 = 0.35;
+/// Most sights of a camera at which halves are compared, and the share of these that is nearer than what is said.
+const MOST_COMPARED: usize = 1000;
+const NEARER: f64 = 0.95;
 
 /// How far two halves put a camera from each other.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -20,14 +19,16 @@ pub(crate) struct Apart {
     pub(crate) distance: f64,
     /// Their axes.
     pub(crate) turned_rad: f64,
-    /// The most that they draw a point apart that is at the usual depth of the first, ahead of it or
-    /// [`TOWARDS_CORNER`] of the picture off; infinite where one draws it not.
+    /// How far they draw a point apart where the camera saw points, pixels: 95 % of its sights are nearer. Infinite where one
+    /// draws it not. Nothing is said of parts of the picture where nothing was seen.
     pub(crate) px: f64,
+    /// The same where the point is, across the line of sight, in the unit of the problem.
+    pub(crate) across: f64,
 }
 
-/// Per camera the median depth of what it saw; `None` of nothing.
-fn depths(problem: &Problem) -> Vec<Option<f64>> {
-    let mut depths = vec![Vec::new(); problem.cameras.len()];
+/// Per camera where in its picture it saw something and how deep that is, of at most [`MOST_COMPARED`] of its sights.
+fn seen(problem: &Problem) -> Vec<Vec<([f64; 2], f64)>> {
+    let mut seen = vec![Vec::new(); problem.cameras.len()];
     for it in &problem.observations {
         let Some(camera) = problem.cameras.get(it.camera) else {
             continue;
@@ -37,11 +38,15 @@ fn depths(problem: &Problem) -> Vec<Option<f64>> {
             Path::Curve(spline) => spline.at(camera.state.time_s(it.frame)),
         };
         if let Some(point) = point {
-            let seen = camera.state.camera_from_world * (point - camera.state.center_w);
-            depths[it.camera].push(seen.z);
+            let at = camera.state.camera_from_world * (point - camera.state.center_w);
+            seen[it.camera].push((it.px, at.z));
         }
     }
-    depths.into_iter().map(upper_median).collect()
+    for own in &mut seen {
+        let step = own.len().div_ceil(MOST_COMPARED).max(1);
+        *own = own.iter().copied().step_by(step).collect();
+    }
+    seen
 }
 
 /// Per camera, how far the two halves put its centre from each other (in the unit of the problem) and turn it (radians),
@@ -92,45 +97,45 @@ pub(crate) fn halves(problem: &Problem) -> Vec<Option<Apart>> {
     let Ok(similarity) = Similarity::between(&centers(&second), &centers(&first)) else {
         return none;
     };
-    let depths = depths(problem);
+    let seen = seen(problem);
     let apart = (0..first.len()).map(|i| {
         both.contains(&i).then(|| {
             let moved = similarity.apply_to_camera(&second[i]);
             let turned = moved
                 .camera_from_world
                 .angle_to(&first[i].camera_from_world);
-            let depth = depths.get(i).copied().flatten().unwrap_or(f64::NAN);
+            let (px, across) = drawn_apart(&first[i], &moved, &seen[i]);
             Apart {
                 distance: (moved.center_w - first[i].center_w).norm(),
                 turned_rad: turned,
-                px: drawn_apart_px(&first[i], &moved, depth),
+                px,
+                across,
             }
         })
     });
     apart.collect()
 }
 
-/// [`Apart::px`] of two states of a camera, at `depth`.
-fn drawn_apart_px(first: &CameraState, second: &CameraState, depth: f64) -> f64 {
-    let fold_radius = first.fold_radius();
-    let of = &first.intrinsics;
-    // The principal point is about the middle of the picture.
-    let off = [of.cx_px, of.cy_px].map(|middle| 2.0 * TOWARDS_CORNER * middle);
-    let corners = [[-1.0, -1.0], [-1.0, 1.0], [1.0, -1.0], [1.0, 1.0]];
-    let towards = corners.iter().filter_map(|[x, y]| {
-        let px = [of.cx_px + x * off[0], of.cy_px + y * off[1]];
+/// [`Apart::px`] and [`Apart::across`] of two states of a camera that saw points there (pixels, depth).
+fn drawn_apart(first: &CameraState, second: &CameraState, seen: &[([f64; 2], f64)]) -> (f64, f64) {
+    let folds = [first.fold_radius(), second.fold_radius()];
+    let focal_px = (first.intrinsics.fx_px * first.intrinsics.fy_px).sqrt();
+    let apart = |(px, depth): &([f64; 2], f64)| {
         // What the lens does not draw there says nothing.
-        let bearing = first.bearing(px, fold_radius)?;
-        (bearing.z > 0.0).then(|| bearing * (depth / bearing.z))
-    });
-    let ahead = Vector3::new(0.0, 0.0, depth);
-    let each = std::iter::once(ahead).chain(towards).map(|seen| {
-        let point = first.center_w + first.camera_from_world.inverse() * seen;
-        let drawn = |state: &CameraState| state.project(&point, state.fold_radius());
-        let both = drawn(first).zip(drawn(second));
-        both.map_or(f64::INFINITY, |(a, b)| (a - b).norm())
-    });
-    each.fold(0.0, f64::max)
+        let bearing = first.bearing(*px, folds[0])?;
+        let ahead = bearing * (depth / bearing.z);
+        let point = first.center_w + first.camera_from_world.inverse() * ahead;
+        let drawn = first.project(&point, folds[0])?;
+        let other = second.project(&point, folds[1]);
+        let apart_px = other.map_or(f64::INFINITY, |other| (drawn - other).norm());
+        Some((apart_px, apart_px * depth / focal_px))
+    };
+    let (px, across): (Vec<f64>, Vec<f64>) = seen.iter().filter_map(apart).unzip();
+    let most = |mut all: Vec<f64>| {
+        all.sort_by(f64::total_cmp);
+        percentile(&all, NEARER).unwrap_or(f64::INFINITY)
+    };
+    (most(px), most(across))
 }
 
 /// What orders an observation in time.
@@ -147,7 +152,7 @@ fn moment(problem: &Problem, observation: &crate::adjustment::Observation) -> f6
 #[cfg(test)]
 mod tests {
     use farfield_proto::camera::{Distortion, Intrinsics};
-    use nalgebra::UnitQuaternion;
+    use nalgebra::{UnitQuaternion, Vector3};
 
     use super::*;
 
@@ -164,10 +169,13 @@ mod tests {
             camera_from_world: UnitQuaternion::from_axis_angle(&Vector3::z_axis(), 0.01),
             ..first
         };
-        // 0.35 of the picture's sides off its middle.
-        let arm_px = libm::hypot(0.7 * 960.0, 0.7 * 600.0);
-        let px = drawn_apart_px(&first, &rolled, 8.0);
-        assert!((px - 0.01 * arm_px).abs() < 0.01, "{px}");
-        assert!(drawn_apart_px(&first, &first, 8.0) < 1e-9);
+        // Turned about the axis, what is seen in the middle stays there.
+        let about = |x: f64, y: f64| vec![([960.0 + x, 600.0 + y], 8.0); 20];
+        let (px, across) = drawn_apart(&first, &rolled, &about(400.0, 300.0));
+        assert!((px - 0.01 * 500.0).abs() < 0.01, "{px}");
+        assert!((across - px * 8.0 / 1100.0).abs() < 1e-9, "{across}");
+        assert!(drawn_apart(&first, &rolled, &about(0.0, 0.0)).0 < 1e-9);
+        assert!(drawn_apart(&first, &first, &about(400.0, 300.0)).0 < 1e-9);
+        assert!(drawn_apart(&first, &first, &[]).0.is_infinite());
     }
 }

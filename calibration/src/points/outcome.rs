@@ -16,9 +16,9 @@ use super::request::{PointCamera, PointRequest, Timing};
 use super::venue::of_alignment;
 use super::view::{Track, View};
 use crate::adjustment::{CameraState, Path, Problem, covariance};
-use crate::alignment::{Anchors, Similarity};
+use crate::alignment::{Alignment, Anchors, Known, Similarity};
 use crate::formats::{CameraRecord, ExportError, Format, LensModel, export};
-use crate::report::Report;
+use crate::report::{FieldReport, Report, field_camera};
 
 /// Sightings that a camera needs.
 const LEAST_SIGHTINGS: usize = 20;
@@ -120,6 +120,27 @@ impl PointCalibration {
         let records: Vec<CameraRecord> = self.cameras.iter().map(FoundCamera::record).collect();
         let files = export(&records, Format::Farfield)?;
         Ok(files.into_iter().map(|file| file.text).collect())
+    }
+
+    /// With what is said of the field, where `alignment` gives it metres and a floor: it is where the point was, and the places
+    /// that are known.
+    pub(crate) fn with_field(mut self, alignment: &Alignment, anchors: &Anchors) -> Self {
+        if !(alignment.has_scale && alignment.has_floor) {
+            return self;
+        }
+        let cameras = self.cameras.iter().zip(&self.report.cameras);
+        let cameras = cameras.map(|(it, report)| field_camera(it.state, it.size_px, report));
+        let path = self.path.iter().map(|it| it.position_m);
+        let known = anchors.marks.iter().flat_map(|marks| &marks.known);
+        let known = known.filter_map(|it| match it.known {
+            Known::Place(at_m) => Some(at_m),
+            Known::OnLine(_) => None,
+        });
+        let field = FieldReport::of(&cameras.collect::<Vec<_>>(), path.chain(known));
+        let said = field.as_ref().and_then(FieldReport::finding);
+        self.report.findings.extend(said);
+        self.report.field = field;
+        self
     }
 }
 
@@ -377,11 +398,12 @@ fn finish(
             state: alignment.venue_from_found.apply_to_camera(&adjusted.state),
         })
     });
-    Ok(PointCalibration {
+    let calibration = PointCalibration {
         cameras: cameras.collect(),
         path: path(&found.problem, &alignment.venue_from_found),
         report,
-    })
+    };
+    Ok(calibration.with_field(&alignment, &found.anchors))
 }
 
 /// Where the point was at each moment that at least two cameras saw; along a curve, within each knot's span.

@@ -1,13 +1,18 @@
 //! What is said of a calibration: per camera numbers, and what speaks against it.
 
+mod coverage;
+mod field;
 mod field_map;
 mod finding;
 mod of_camera;
 
+pub use coverage::{PictureCoverage, PictureEdge};
+pub(crate) use field::field_camera;
+pub use field::{FIELD_SIGHT_PX, FieldReport};
 pub use field_map::{FieldCamera, FieldCell, FieldGrid, field_map};
 pub(crate) use finding::finding;
 pub use finding::{Cause, Finding};
-pub(crate) use of_camera::{other_focal_length, uncertain_place};
+pub(crate) use of_camera::{empty_picture, other_focal_length, uncertain_place};
 
 /// What is said of one camera.
 #[derive(Debug, Clone, PartialEq)]
@@ -36,6 +41,12 @@ pub struct CameraReport {
     pub halves_m: f64,
     /// And how far they turn it, degrees.
     pub halves_deg: f64,
+    /// How far they draw apart what it saw: 95 % of its sights by less, pixels.
+    pub halves_px: f64,
+    /// The same where the point is, across the line of sight, metres.
+    pub halves_across_m: f64,
+    /// Where in its picture the sights are that fit.
+    pub coverage: PictureCoverage,
 }
 
 /// What is said of all cameras.
@@ -45,6 +56,8 @@ pub struct Report {
     pub cameras: Vec<CameraReport>,
     /// Distance of the known places to where they were found, root mean square, metres.
     pub anchors_rms_m: Option<f64>,
+    /// How well which part of the field is known; `None` where nothing says how long a metre is or where the floor is.
+    pub field: Option<FieldReport>,
     /// What speaks against it, what is wrong first.
     pub findings: Vec<Finding>,
 }

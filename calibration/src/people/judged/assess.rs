@@ -5,9 +5,11 @@ use farfield_proto::order_statistics::upper_median;
 
 use super::findings::of_all;
 pub(in crate::people) use super::found::{Found, Told};
+use crate::adjustment::Observation;
 use crate::points::{Apart, Laid, halves, knocked_at, of_anchors};
 use crate::report::{
-    CameraReport, Cause, Finding, Report, finding, other_focal_length, uncertain_place,
+    CameraReport, Cause, Finding, PictureCoverage, Report, empty_picture, finding,
+    other_focal_length, uncertain_place,
 };
 
 /// Residuals within this many standard deviations are used; less than these shares are doubtful, and wrong.
@@ -22,11 +24,15 @@ const WRONG_NOISE_RATIO: f64 = 2.0;
 /// Share of persons that a camera sees elsewhere which is doubtful, and wrong.
 pub(in crate::people) const DOUBTFUL_CONTRADICTION: f64 = 0.25;
 const WRONG_CONTRADICTION: f64 = 0.5;
-/// Halves disagree when they draw a point at the usual depth so many pixels apart: doubtful where it is also so many of
-/// their standard deviations, and wrong however uncertain they are.
+/// Halves disagree when they draw what a camera saw so many pixels apart: doubtful where it is also so many of their standard
+/// deviations; wrong, however uncertain they are, where it is also so many metres in the field (two deviations of a keypoint: 25
+/// mm), or so many times what it is of the camera in the middle. Clothes and the side from which people are seen move all cameras
+/// alike, and where they stand near, pixels are millimetres; a knock moves one.
 const HALVES_SIGMAS: f64 = 5.0;
 const DOUBTFUL_HALVES_PX: f64 = 2.0;
 const WRONG_HALVES_PX: f64 = 6.0;
+const WRONG_HALVES_M: f64 = 0.05;
+const WRONG_HALVES_RATIO: f64 = 3.0;
 
 /// What is said of what was found.
 pub(in crate::people) fn assess(found: &Found<'_>) -> Report {
@@ -35,8 +41,10 @@ pub(in crate::people) fn assess(found: &Found<'_>) -> Report {
     let mut cameras = camera_reports(found, &apart, &sights);
     let mut findings = of_all(found);
     // Before they are widened by what halves are apart: then hardly any could be too far.
-    for (report, apart) in cameras.iter().zip(&apart) {
-        findings.extend(of_halves(report, *apart));
+    let halves_px = cameras.iter().map(|it| it.halves_px);
+    let usual_px = upper_median(halves_px.filter(|px| px.is_finite()).collect()).unwrap_or(0.0);
+    for report in &cameras {
+        findings.extend(of_halves(report, usual_px));
     }
     widen_sigmas(&mut cameras);
     let laid = Laid {
@@ -58,6 +66,7 @@ pub(in crate::people) fn assess(found: &Found<'_>) -> Report {
     Report {
         cameras,
         anchors_rms_m: found.alignment.rms_m,
+        field: None,
         findings,
     }
 }
@@ -108,8 +117,10 @@ fn camera_reports(
             .and_then(|c| c.cameras.get(index)?.as_ref());
         let half = apart.get(index).copied().flatten();
         let observations = found.adjusted.problem.observations.iter();
-        let sigmas = observations.filter(|it| it.camera == index);
-        let sigmas: Vec<f64> = sigmas.map(|it| it.sigma_px).collect();
+        let seen: Vec<&Observation> = observations.filter(|it| it.camera == index).collect();
+        let used_px = seen.iter().zip(own).filter(|(_, it)| is_used(**it));
+        let used_px = used_px.map(|(it, _)| it.px);
+        let sigmas: Vec<f64> = seen.iter().map(|it| it.sigma_px).collect();
         reports.push(CameraReport {
             name: camera.name.clone(),
             sights: own.len(),
@@ -123,6 +134,9 @@ fn camera_reports(
             rate_hz: clock.map_or(found.request.rate_hz, |it| it.rate_hz),
             halves_m: half.map_or(f64::NAN, |it| it.distance * scale),
             halves_deg: half.map_or(f64::NAN, |it| it.turned_rad.to_degrees()),
+            halves_px: half.map_or(f64::NAN, |it| it.px),
+            halves_across_m: half.map_or(f64::NAN, |it| it.across * scale),
+            coverage: PictureCoverage::of(camera.size_px, used_px),
         });
     }
     reports
@@ -206,13 +220,15 @@ fn of_camera(report: &CameraReport, span_m: f64, cameras: usize) -> Vec<Finding>
         ));
     }
     findings.extend(other_focal_length(report));
+    findings.extend(empty_picture(report, "let people walk"));
     findings
 }
 
-/// What the halves of the data say of a camera.
-fn of_halves(report: &CameraReport, apart: Option<Apart>) -> Option<Finding> {
+/// What the halves of the data say of a camera; they draw what the camera in the middle saw `usual_px` apart.
+fn of_halves(report: &CameraReport, usual_px: f64) -> Option<Finding> {
     let name = &report.name;
-    let Some(apart_px) = apart.map(|it| it.px).filter(|px| px.is_finite()) else {
+    let apart_px = report.halves_px;
+    if !apart_px.is_finite() {
         return Some(finding(
             name,
             Cause::HalvesUnchecked,
@@ -222,19 +238,23 @@ fn of_halves(report: &CameraReport, apart: Option<Apart>) -> Option<Finding> {
             "15 keypoints or more in each half, in three cameras that do not stand on one line",
             "let people walk before it at the beginning and at the end",
         ));
-    };
+    }
     // Each half is as uncertain as the whole times the root of two, and there are two.
     let is_far = report.halves_m > HALVES_SIGMAS * 2.0 * report.position_sigma_m;
     let is_turned = report.halves_deg > HALVES_SIGMAS * 2.0 * report.rotation_sigma_deg;
-    let is_wrong = apart_px > WRONG_HALVES_PX;
+    let is_odd = apart_px > WRONG_HALVES_RATIO * usual_px;
+    let is_wrong =
+        apart_px > WRONG_HALVES_PX && (is_odd || report.halves_across_m > WRONG_HALVES_M);
     (is_wrong || (apart_px > DOUBTFUL_HALVES_PX && (is_far || is_turned))).then(|| {
         finding(
             name,
             Cause::HalvesDisagree,
             is_wrong,
             format!(
-                "first and second half put it {:.3} m and {:.3} degrees apart, which moves a point by {apart_px:.1} px",
-                report.halves_m, report.halves_deg
+                "first and second half put it {:.3} m and {:.3} degrees apart, which moves what it saw by {apart_px:.1} px, {:.0} mm",
+                report.halves_m,
+                report.halves_deg,
+                1000.0 * report.halves_across_m
             ),
             &format!("{DOUBTFUL_HALVES_PX:.1} px or less"),
             "it was moved on the way, its clock wanders, or its lens is not as given",
@@ -275,17 +295,27 @@ mod tests {
             rate_hz: 10.0,
             halves_m: 0.1,
             halves_deg: 0.5,
+            halves_px: 1.0,
+            halves_across_m: 0.01,
+            coverage: PictureCoverage::default(),
         };
-        let of = |px: f64| {
-            let apart = Apart {
-                distance: 0.1,
-                turned_rad: 0.01,
-                px,
+        let of = |px: f64, across_m: f64, usual_px: f64| {
+            let report = CameraReport {
+                halves_px: px,
+                halves_across_m: across_m,
+                ..report.clone()
             };
-            of_halves(&report, Some(apart))
+            of_halves(&report, usual_px)
         };
-        assert!(of(WRONG_HALVES_PX + 0.1).is_some_and(|it| it.is_wrong));
-        assert!(of(WRONG_HALVES_PX - 0.1).is_none());
-        assert!(of_halves(&report, None).is_some_and(|it| it.cause == Cause::HalvesUnchecked));
+        let is_wrong =
+            |px, across_m, usual_px| of(px, across_m, usual_px).is_some_and(|it| it.is_wrong);
+        let (px, across_m) = (WRONG_HALVES_PX, WRONG_HALVES_M);
+        assert!(is_wrong(px + 0.1, across_m + 0.001, px));
+        assert!(!is_wrong(px - 0.1, across_m + 0.001, px));
+        // Near, and no worse than the others: millimetres.
+        assert!(!is_wrong(px + 0.1, across_m - 0.001, px));
+        // One that alone is apart was moved.
+        assert!(is_wrong(px + 0.1, 0.01, px / WRONG_HALVES_RATIO));
+        assert!(of(f64::NAN, 0.0, 1.0).is_some_and(|it| it.cause == Cause::HalvesUnchecked));
     }
 }

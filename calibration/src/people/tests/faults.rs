@@ -143,9 +143,15 @@ fn a_camera_that_runs_late_does_not_pass() {
 
 #[test]
 fn a_camera_that_was_knocked_half_way_is_named() {
+    // Two degrees to the side, and half a degree.
+    for by_px in [38.0, 9.6] {
+        knocked_half_way(by_px);
+    }
+}
+
+fn knocked_half_way(by_px: f64) {
     let truth = six();
     let mut request = request(&SMALL, &truth, &SHORT);
-    // Two degrees to the side.
     for frame in request.cameras[3]
         .frames
         .iter_mut()
@@ -156,7 +162,7 @@ fn a_camera_that_was_knocked_half_way_is_named() {
             .iter_mut()
             .flat_map(|it| it.keypoints.iter_mut());
         for keypoint in seen.flatten() {
-            keypoint.px[0] += 38.0;
+            keypoint.px[0] += by_px;
         }
     }
     let found = quiet(&request).unwrap();

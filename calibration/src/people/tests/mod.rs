@@ -20,7 +20,7 @@ fn found_states(found: &PointCalibration) -> Vec<CameraState> {
 fn say(found: &PointCalibration) {
     for c in &found.report.cameras {
         println!(
-            "  {}: {} sights, {:.0} % used, rms {:.2} px, noise {:.2} px, sigma {:.4} m {:.4} deg, halves {:.4} m {:.4} deg",
+            "  {}: {} sights, {:.0} % used, rms {:.2} px, noise {:.2} px, sigma {:.4} m {:.4} deg, halves {:.4} m {:.4} deg, {:.2} px {:.4} m; {:.0} % empty",
             c.name,
             c.sights,
             100.0 * c.used_share,
@@ -30,6 +30,9 @@ fn say(found: &PointCalibration) {
             c.rotation_sigma_deg,
             c.halves_m,
             c.halves_deg,
+            c.halves_px,
+            c.halves_across_m,
+            100.0 * c.coverage.empty_share(),
         );
     }
     for finding in &found.report.findings {
