@@ -99,7 +99,7 @@ pub(super) fn court(
         return Err(file.error(&place.key("court_centre_m"), coordinate_expected(*wrong)));
     }
     let turn_deg = raw.court_turn_deg.unwrap_or_default();
-    if !(turn_deg.abs() <= MAX_TURN_DEG) {
+    if turn_deg.is_nan() || turn_deg.abs() > MAX_TURN_DEG {
         let problem =
             format!("found {turn_deg:?}, expected degrees from -{MAX_TURN_DEG} to {MAX_TURN_DEG}");
         return Err(file.error(&place.key("court_turn_deg"), problem));
