@@ -49,20 +49,48 @@ pub fn parse(
     path: &Path,
     count: usize,
 ) -> Result<Vec<DetectedFrame>, KeypointFileError> {
-    let mut frames: Vec<DetectedFrame> = Vec::new();
-    for (index, line) in text.lines().enumerate() {
-        if line.trim().is_empty() {
-            continue;
-        }
-        let last = frames.last().map(|it| it.frame);
-        let frame = frame(line, count, last).map_err(|problem| KeypointFileError {
+    let mut lines = FrameLines::new(path, count);
+    let frames = text.lines().filter_map(|line| lines.next(line).transpose());
+    frames.collect()
+}
+
+/// The frames of a file, a line at a time: of one that does not fit into memory.
+#[derive(Debug, Clone)]
+pub struct FrameLines {
+    path: PathBuf,
+    count: usize,
+    line: usize,
+    last: Option<f64>,
+}
+
+impl FrameLines {
+    /// Of a file whose bodies have `count` keypoints; `path` is only named in errors.
+    pub fn new(path: &Path, count: usize) -> Self {
+        Self {
             path: path.to_owned(),
-            line: index + 1,
+            count,
+            line: 0,
+            last: None,
+        }
+    }
+
+    /// The frame of the next line; `None` of an empty one.
+    ///
+    /// # Errors
+    /// [`KeypointFileError`] as of [`parse`].
+    pub fn next(&mut self, line: &str) -> Result<Option<DetectedFrame>, KeypointFileError> {
+        self.line += 1;
+        if line.trim().is_empty() {
+            return Ok(None);
+        }
+        let frame = frame(line, self.count, self.last).map_err(|problem| KeypointFileError {
+            path: self.path.clone(),
+            line: self.line,
             problem,
         })?;
-        frames.push(frame);
+        self.last = Some(frame.frame);
+        Ok(Some(frame))
     }
-    Ok(frames)
 }
 
 fn frame(line: &str, count: usize, last: Option<f64>) -> Result<DetectedFrame, String> {

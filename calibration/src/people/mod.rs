@@ -14,14 +14,16 @@ mod outcome;
 mod plan;
 mod request;
 mod start;
+mod thinning;
 mod tracklet;
 mod venue;
 mod view;
 
 pub use error::PeopleError;
-pub use file::{KeypointFileError, parse};
+pub use file::{FrameLines, KeypointFileError, parse};
 pub use outcome::{PeopleStage, calibrate};
 pub use request::{DetectedFrame, Detection, Keypoint, PeopleCamera, PeopleRequest};
+pub use thinning::{MOST_BODIES, Thinning};
 
 #[cfg(test)]
 mod tests;

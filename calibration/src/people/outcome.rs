@@ -75,15 +75,17 @@ pub fn calibrate(
     let ticks_hz = ticks_hz(request);
     let mut clocks = clocks_of(request, ticks_hz);
     let tracks = request.cameras.iter().zip(&clocks);
-    let tracks: Vec<Tracks> = tracks
+    let mut tracks: Vec<Tracks> = tracks
         .map(|(camera, clock)| Tracks::of(camera, plan.count, clock.rate_hz))
         .collect::<Result<_, _>>()?;
+    let ready = (request.timing == Timing::Synchronised)
+        .then(|| tracks.drain(..).map(Tracks::into_view).collect());
     let views_at = |clocks: &[Clock]| {
         let each = tracks.iter().zip(clocks);
         each.map(|(tracks, clock)| tracks.view(clock))
             .collect::<Vec<View>>()
     };
-    let mut views = views_at(&clocks);
+    let mut views = ready.unwrap_or_else(|| views_at(&clocks));
     let stature_m = request.stature_m.unwrap_or(USUAL_STATURE_M);
     let (grounds, counts) = grounds(&views, &plan, stature_m);
     check_grounds(request, &grounds, &counts)?;

@@ -135,6 +135,22 @@ impl Tracks {
         })
     }
 
+    /// The bodies at their frames, which are ticks; takes no second copy of them.
+    pub(super) fn into_view(self) -> View {
+        let mut ticks: BTreeMap<i64, Vec<Body>> = BTreeMap::new();
+        for (number, track) in self.tracks.into_iter().enumerate() {
+            for mut it in track {
+                it.body.tracklet = number;
+                let own = ticks.entry(it.frame.round() as i64).or_default();
+                own.push(it.body);
+            }
+        }
+        View {
+            state: self.state,
+            ticks,
+        }
+    }
+
     /// The bodies at whole ticks of `clock`.
     pub(super) fn view(&self, clock: &Clock) -> View {
         View {

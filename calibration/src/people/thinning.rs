@@ -1,0 +1,160 @@
+//! Which frames of a long recording are kept, so that memory stays bounded: an adjustment looks at a few thousand keypoints
+//! of all, and tracklets need frames that follow each other, not all of them.
+
+use crate::points::Timing;
+
+/// Frames per second that are kept where frames of one number are of one moment, and where what is between two frames counts:
+/// feet swing with 50 m/s^2, which leaves 7 mm of a straight line between frames that are 1/30 s apart.
+const KEPT_HZ: f64 = 10.0;
+const KEPT_BETWEEN_HZ: f64 = 25.0;
+/// Length of the stretches of which some are left out, seconds.
+const STRETCH_S: f64 = 2.0;
+
+/// Bodies of all cameras together that fit into about 0.7 GB, 17 keypoints each.
+pub const MOST_BODIES: usize = 400_000;
+
+/// Which frames are kept.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Thinning {
+    rate_hz: f64,
+    offset_s: f64,
+    /// Every such frame.
+    stride: i64,
+    /// Of so many stretches the first; whatever was begun in the same moment is kept in all cameras alike.
+    stretches: i64,
+    /// Where nothing is known of clocks, stretches would not be the same: then all is kept until this time, seconds.
+    until_s: f64,
+    is_unknown: bool,
+}
+
+impl Thinning {
+    /// For a camera of `rate_hz` whose frame 0 is at `offset_s`: ten frames a second, 25 or more where clocks differ. Rates that
+    /// are none thin nothing.
+    pub fn new(rate_hz: f64, offset_s: f64, timing: Timing) -> Self {
+        let kept_hz = match timing {
+            Timing::Synchronised => KEPT_HZ,
+            Timing::Clocks | Timing::Unknown => KEPT_BETWEEN_HZ,
+        };
+        let stride = libm::floor(rate_hz / kept_hz);
+        Self {
+            rate_hz,
+            offset_s: if timing == Timing::Clocks {
+                offset_s
+            } else {
+                0.0
+            },
+            stride: if stride.is_finite() {
+                (stride as i64).max(1)
+            } else {
+                1
+            },
+            stretches: 1,
+            until_s: f64::INFINITY,
+            is_unknown: timing == Timing::Unknown,
+        }
+    }
+
+    /// Whether frame `number` is kept.
+    pub fn keeps(&self, number: f64) -> bool {
+        let time_s = number / self.rate_hz + self.offset_s;
+        if !time_s.is_finite() {
+            return true;
+        }
+        let stretch = libm::floor(time_s / STRETCH_S) as i64;
+        (number as i64).rem_euclid(self.stride) == 0
+            && stretch.rem_euclid(self.stretches) == 0
+            && time_s < self.until_s
+    }
+
+    /// Keeps about half as much; `last` is the number of the last frame so far, `first` of the first.
+    pub fn coarsen(&mut self, first: f64, last: f64) {
+        if self.is_unknown {
+            self.until_s = f64::midpoint(first, last) / self.rate_hz;
+        } else {
+            self.stretches = self.stretches.saturating_mul(2);
+        }
+    }
+
+    /// Keeps no more than `other`, of another camera, keeps.
+    pub fn follow(&mut self, other: &Self) {
+        self.stretches = self.stretches.max(other.stretches);
+        self.until_s = self.until_s.min(other.until_s);
+    }
+
+    /// What is kept, in words; `None` where all is.
+    pub fn in_words(&self) -> Option<String> {
+        let rate_hz = self.rate_hz / self.stride as f64;
+        let mut said = Vec::new();
+        if self.stride > 1 {
+            said.push(format!("{rate_hz:.1} frames a second"));
+        }
+        if self.stretches > 1 {
+            let of_s = STRETCH_S * self.stretches as f64;
+            said.push(format!("{STRETCH_S} s of every {of_s} s"));
+        }
+        if self.until_s.is_finite() {
+            said.push(format!("the time until {:.0} s", self.until_s));
+        }
+        (!said.is_empty()).then(|| said.join(", "))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn kept(thinning: &Thinning, frames: u32) -> Vec<u32> {
+        let frames = 0..frames;
+        frames.filter(|it| thinning.keeps(f64::from(*it))).collect()
+    }
+
+    #[test]
+    fn synchronised_cameras_keep_the_same_frames_ten_a_second() {
+        let thinning = Thinning::new(60.0, 3.3, Timing::Synchronised);
+        assert_eq!(kept(&thinning, 24), [0, 6, 12, 18]);
+        assert_eq!(thinning.in_words().unwrap(), "10.0 frames a second");
+        let slow = Thinning::new(12.0, 0.0, Timing::Synchronised);
+        assert_eq!(kept(&slow, 100).len(), 100);
+        assert!(slow.in_words().is_none());
+    }
+
+    #[test]
+    fn stretches_are_of_the_same_time_in_all_cameras() {
+        let mut first = Thinning::new(60.0, 0.0, Timing::Clocks);
+        let mut second = Thinning::new(30.0, 1.0, Timing::Clocks);
+        first.coarsen(0.0, 1000.0);
+        first.coarsen(0.0, 1000.0);
+        second.follow(&first);
+        let times = |thinning: &Thinning, hz: f64, offset_s: f64| -> Vec<f64> {
+            let kept = kept(thinning, 2000);
+            kept.iter()
+                .map(|it| f64::from(*it) / hz + offset_s)
+                .collect()
+        };
+        for time_s in times(&first, 60.0, 0.0)
+            .into_iter()
+            .chain(times(&second, 30.0, 1.0))
+        {
+            assert!(time_s.rem_euclid(8.0) < 2.0, "{time_s}");
+        }
+        assert!(second.in_words().unwrap().contains("2 s of every 8 s"));
+    }
+
+    #[test]
+    fn cameras_of_unknown_clocks_keep_the_beginning() {
+        let mut thinning = Thinning::new(30.0, 0.0, Timing::Unknown);
+        thinning.coarsen(0.0, 3000.0);
+        assert_eq!(kept(&thinning, 3000).len(), 1500);
+        thinning.coarsen(0.0, 1500.0);
+        assert_eq!(kept(&thinning, 3000).len(), 750);
+    }
+
+    #[test]
+    fn rates_that_are_none_thin_nothing() {
+        for rate_hz in [0.0, -1.0, f64::NAN, f64::INFINITY, 1e300] {
+            let thinning = Thinning::new(rate_hz, f64::NAN, Timing::Clocks);
+            assert!(thinning.keeps(0.0), "{rate_hz}");
+            let _kept = kept(&thinning, 100);
+        }
+    }
+}
