@@ -18,8 +18,9 @@ pub const MOST_BODIES: usize = 400_000;
 pub struct Thinning {
     rate_hz: f64,
     offset_s: f64,
-    /// Every such frame.
+    /// Every such frame, where not all are kept.
     stride: i64,
+    is_strided: bool,
     /// Of so many stretches the first; whatever was begun in the same moment is kept in all cameras alike.
     stretches: i64,
     /// Where nothing is known of clocks, stretches would not be the same: then all is kept until this time, seconds.
@@ -28,8 +29,8 @@ pub struct Thinning {
 }
 
 impl Thinning {
-    /// For a camera of `rate_hz` whose frame 0 is at `offset_s`: ten frames a second, 25 or more where clocks differ. Rates that
-    /// are none thin nothing.
+    /// For a camera of `rate_hz` whose frame 0 is at `offset_s`: all of them, until [`Self::coarsen`] says that it is too much.
+    /// Frames of rates that are none are not told apart.
     pub fn new(rate_hz: f64, offset_s: f64, timing: Timing) -> Self {
         let kept_hz = match timing {
             Timing::Synchronised => KEPT_HZ,
@@ -48,6 +49,7 @@ impl Thinning {
             } else {
                 1
             },
+            is_strided: false,
             stretches: 1,
             until_s: f64::INFINITY,
             is_unknown: timing == Timing::Unknown,
@@ -61,14 +63,20 @@ impl Thinning {
             return true;
         }
         let stretch = libm::floor(time_s / STRETCH_S) as i64;
-        (number as i64).rem_euclid(self.stride) == 0
+        (number as i64).rem_euclid(self.stride_now()) == 0
             && stretch.rem_euclid(self.stretches) == 0
             && time_s < self.until_s
     }
 
-    /// Keeps about half as much; `last` is the number of the last frame so far, `first` of the first.
+    fn stride_now(&self) -> i64 {
+        if self.is_strided { self.stride } else { 1 }
+    }
+
+    /// Keeps less: first ten frames a second, 25 or more where clocks differ, then half as much each time. `last` is the number of the last frame so far, `first` of the first.
     pub fn coarsen(&mut self, first: f64, last: f64) {
-        if self.is_unknown {
+        if !self.is_strided && self.stride > 1 {
+            self.is_strided = true;
+        } else if self.is_unknown {
             self.until_s = f64::midpoint(first, last) / self.rate_hz;
         } else {
             self.stretches = self.stretches.saturating_mul(2);
@@ -77,15 +85,16 @@ impl Thinning {
 
     /// Keeps no more than `other`, of another camera, keeps.
     pub fn follow(&mut self, other: &Self) {
+        self.is_strided |= other.is_strided;
         self.stretches = self.stretches.max(other.stretches);
         self.until_s = self.until_s.min(other.until_s);
     }
 
     /// What is kept, in words; `None` where all is.
     pub fn in_words(&self) -> Option<String> {
-        let rate_hz = self.rate_hz / self.stride as f64;
+        let rate_hz = self.rate_hz / self.stride_now() as f64;
         let mut said = Vec::new();
-        if self.stride > 1 {
+        if self.stride_now() > 1 {
             said.push(format!("{rate_hz:.1} frames a second"));
         }
         if self.stretches > 1 {
@@ -109,8 +118,11 @@ mod tests {
     }
 
     #[test]
-    fn synchronised_cameras_keep_the_same_frames_ten_a_second() {
-        let thinning = Thinning::new(60.0, 3.3, Timing::Synchronised);
+    fn synchronised_cameras_keep_all_or_the_same_frames_ten_a_second() {
+        let mut thinning = Thinning::new(60.0, 3.3, Timing::Synchronised);
+        assert_eq!(kept(&thinning, 24).len(), 24);
+        assert!(thinning.in_words().is_none());
+        thinning.coarsen(0.0, 23.0);
         assert_eq!(kept(&thinning, 24), [0, 6, 12, 18]);
         assert_eq!(thinning.in_words().unwrap(), "10.0 frames a second");
         let slow = Thinning::new(12.0, 0.0, Timing::Synchronised);
@@ -122,6 +134,7 @@ mod tests {
     fn stretches_are_of_the_same_time_in_all_cameras() {
         let mut first = Thinning::new(60.0, 0.0, Timing::Clocks);
         let mut second = Thinning::new(30.0, 1.0, Timing::Clocks);
+        first.coarsen(0.0, 1000.0);
         first.coarsen(0.0, 1000.0);
         first.coarsen(0.0, 1000.0);
         second.follow(&first);
