@@ -31,4 +31,4 @@ pub use outcome::{FoundCamera, PathPoint, PointCalibration, Stage, calibrate};
 pub use request::{Lenses, PointCamera, PointRequest, Timing};
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

@@ -1,6 +1,8 @@
 //! From keypoints of people to cameras, on simulated fields and recordings.
 
 mod faults;
+mod measured;
+mod planted;
 mod shelf;
 mod simulated;
 

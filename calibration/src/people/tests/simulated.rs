@@ -316,7 +316,7 @@ fn detection(
 }
 
 /// Standard normal (Box and Muller).
-fn gauss(rng: &mut ChaCha8Rng) -> f64 {
+pub(super) fn gauss(rng: &mut ChaCha8Rng) -> f64 {
     let radius = (-2.0 * libm::log(rng.random_range(1e-12..1.0))).sqrt();
     radius * libm::cos(std::f64::consts::TAU * rng.random_range(0.0..1.0))
 }

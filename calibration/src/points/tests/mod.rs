@@ -4,7 +4,7 @@ mod faults;
 mod pictures;
 mod real;
 mod recorded;
-mod simulated;
+pub(crate) mod simulated;
 
 use farfield_proto::court::Court;
 

@@ -11,18 +11,18 @@ use crate::points::{PointCamera, PointRequest, Sighting, Timing};
 
 /// A field with cameras around it.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Field {
-    pub(super) size_m: [f64; 2],
-    pub(super) cameras: usize,
-    pub(super) height_m: f64,
+pub(crate) struct Field {
+    pub(crate) size_m: [f64; 2],
+    pub(crate) cameras: usize,
+    pub(crate) height_m: f64,
     /// Distance of the cameras from the field's edge.
-    pub(super) away_m: f64,
-    pub(super) focal_px: f64,
+    pub(crate) away_m: f64,
+    pub(crate) focal_px: f64,
     /// Height of the ball above the floor, at most.
-    pub(super) ball_m: f64,
+    pub(crate) ball_m: f64,
 }
 
-pub(super) const SMALL: Field = Field {
+pub(crate) const SMALL: Field = Field {
     size_m: [5.0, 7.0],
     cameras: 8,
     height_m: 2.5,
@@ -30,7 +30,7 @@ pub(super) const SMALL: Field = Field {
     focal_px: 1100.0,
     ball_m: 2.2,
 };
-pub(super) const HALL: Field = Field {
+pub(crate) const HALL: Field = Field {
     size_m: [16.0, 24.0],
     cameras: 12,
     height_m: 4.0,
@@ -38,7 +38,7 @@ pub(super) const HALL: Field = Field {
     focal_px: 1200.0,
     ball_m: 2.4,
 };
-pub(super) const PITCH: Field = Field {
+pub(crate) const PITCH: Field = Field {
     size_m: [68.0, 105.0],
     cameras: 12,
     height_m: 12.0,
@@ -47,10 +47,10 @@ pub(super) const PITCH: Field = Field {
     ball_m: 2.5,
 };
 
-pub(super) const SIZE_PX: [u32; 2] = [1920, 1200];
+pub(crate) const SIZE_PX: [u32; 2] = [1920, 1200];
 
 /// Around the field, looking at its middle.
-pub(super) fn cameras(field: &Field) -> Vec<CameraState> {
+pub(crate) fn cameras(field: &Field) -> Vec<CameraState> {
     let half = field.size_m.map(|s| 0.5 * s + field.away_m);
     (0..field.cameras)
         .map(|i| {
@@ -92,7 +92,7 @@ fn looking(center: &Vector3<f64>, at: &Vector3<f64>) -> UnitQuaternion<f64> {
 }
 
 /// Where the ball is, over a duration of 100 s: carried to and fro over the whole field, raised and lowered.
-pub(super) fn ball(field: &Field, time_s: f64) -> Vector3<f64> {
+pub(crate) fn ball(field: &Field, time_s: f64) -> Vector3<f64> {
     let wave = |rate: f64, phase: f64| libm::sin(rate * time_s + phase);
     Vector3::new(
         0.48 * field.size_m[0] * (0.8 * wave(0.41, 0.0) + 0.2 * wave(1.3, 1.0)),
@@ -103,15 +103,15 @@ pub(super) fn ball(field: &Field, time_s: f64) -> Vector3<f64> {
 
 /// What is wrong with the sightings.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Errors {
-    pub(super) noise_px: f64,
-    pub(super) outlier_share: f64,
+pub(crate) struct Errors {
+    pub(crate) noise_px: f64,
+    pub(crate) outlier_share: f64,
     /// Share of its frames in which the last camera sees the ball.
-    pub(super) last_camera_share: f64,
-    pub(super) seed: u64,
+    pub(crate) last_camera_share: f64,
+    pub(crate) seed: u64,
 }
 
-pub(super) const USUAL: Errors = Errors {
+pub(crate) const USUAL: Errors = Errors {
     noise_px: 0.3,
     outlier_share: 0.1,
     last_camera_share: 1.0,
@@ -119,7 +119,7 @@ pub(super) const USUAL: Errors = Errors {
 };
 
 /// Sightings of `count` frames over 100 s, camera by camera on the clock that its state has.
-pub(super) fn request(
+pub(crate) fn request(
     field: &Field,
     states: &[CameraState],
     errors: &Errors,
@@ -187,13 +187,13 @@ fn sightings(
 }
 
 /// Standard normal (Box and Muller).
-pub(super) fn gauss(rng: &mut ChaCha8Rng) -> f64 {
+pub(crate) fn gauss(rng: &mut ChaCha8Rng) -> f64 {
     let radius = (-2.0 * libm::log(rng.random_range(1e-12..1.0))).sqrt();
     radius * libm::cos(std::f64::consts::TAU * rng.random_range(0.0..1.0))
 }
 
 /// Worst camera after similarity alignment of the centres: metres and degrees.
-pub(super) fn worst(found: &[CameraState], truth: &[CameraState]) -> (f64, f64) {
+pub(crate) fn worst(found: &[CameraState], truth: &[CameraState]) -> (f64, f64) {
     let centers = |states: &[CameraState]| states.iter().map(|s| s.center_w).collect::<Vec<_>>();
     let similarity = Similarity::between(&centers(found), &centers(truth)).unwrap();
     let each = found.iter().zip(truth).map(|(found, truth)| {
