@@ -5,23 +5,19 @@
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context as _, anyhow, bail, ensure};
+use anyhow::{Context as _, anyhow, ensure};
 use clap::{Args, ValueEnum};
 use farfield_calibration::ball::{
     Appearance, BallFinder, BallLens, BallRequest, BallSighting, ColourRange, Picture,
     sightings_text,
 };
-use farfield_edge::source::{FrameContent, RecordedSources, Sources as _};
 use farfield_node::process::{NodeError, say};
-use farfield_proto::calibration::Calibration;
-use farfield_proto::tick::Tick;
-use farfield_proto::venue::{Venue, VenueCamera};
 use rayon::iter::{IntoParallelRefIterator as _, ParallelIterator as _};
 use serde::Serialize;
 
 use super::lenses::{Lens, LensFile, lens_of, lenses};
+use super::recorded::OwnVenue;
 use super::{refuse_existing, write};
-use crate::init::rate;
 use crate::init::recordings::{self, Recording, RecordingKind};
 use crate::output;
 
@@ -172,7 +168,7 @@ fn lines(seen: &[Seen]) -> String {
 struct LookingCamera {
     recording: Recording,
     lens: BallLens,
-    venue: Venue,
+    venue: OwnVenue,
 }
 
 impl LookingCamera {
@@ -232,26 +228,12 @@ impl LookingCamera {
 
     /// Shows the finder the first frames, at most so many; how many there were.
     fn show(&self, finder: &mut BallFinder, most: usize) -> anyhow::Result<u64> {
-        let camera: &VenueCamera = self
-            .venue
-            .cameras
-            .first()
-            .context("a venue without cameras")?;
-        let mut source = RecordedSources.open(camera, &self.venue, Tick(0))?;
-        let mut frames = 0;
-        while (frames as usize) < most
-            && let Some(frame) = source.next_frame()?
-        {
-            let FrameContent::Image(image) = &frame.content else {
-                bail!("{}: found no pictures", self.recording.path.display());
-            };
+        let named = || self.recording.path.display().to_string();
+        self.venue.show(most, |number, image| {
             let picture = Picture::rgb8(image.as_raw(), [image.width(), image.height()]);
-            let number = u64::try_from(frame.tick.0).unwrap_or_default();
             let looked = picture.and_then(|picture| finder.look(number, &picture));
-            looked.with_context(|| self.recording.path.display().to_string())?;
-            frames += 1;
-        }
-        Ok(frames)
+            looked.with_context(named).map(|_| ())
+        })
     }
 }
 
@@ -276,29 +258,13 @@ fn cameras(args: &BallArgs) -> anyhow::Result<Vec<LookingCamera>> {
     Ok(cameras)
 }
 
-/// A camera of a venue of its own: recordings are opened as those of venues are. Its networks are never opened.
 fn camera(recording: Recording, lens: &Lens) -> anyhow::Result<LookingCamera> {
-    let path = &recording.path;
     let looks = BallLens::new(lens.size_px, lens.intrinsics, lens.distortion);
     let looks = looks.with_context(|| format!("the lens of camera {}", recording.name))?;
-    let full = std::path::absolute(path).with_context(|| path.display().to_string())?;
-    let calibration = lens.calibration(&recording.name)?;
-    let calibration = Calibration::parse(&calibration, path)?;
-    let quoted = |text: &str| toml::Value::from(text).to_string();
-    // Of numbered pictures nobody knows, and nothing depends on it.
-    let rate_hz = rate::of_videos(std::slice::from_ref(&recording))?.unwrap_or(30.0);
-    let text = format!(
-        "name = \"ball\"\nrate_hz = {rate_hz:?}\ncalibration = \"lens.toml\"\nnetwork = \"none.toml\"\ndetector = \"none.toml\"\n\
-         [[viewpoint]]\nname = \"v\"\n[[viewpoint.camera]]\nname = {}\nsource = {{ kind = \"{}\", path = {} }}\n",
-        quoted(&recording.name),
-        recording.kind_name(),
-        quoted(&full.display().to_string())
-    );
-    let venue = Venue::parse(&text, path, calibration)?;
     Ok(LookingCamera {
-        recording,
+        venue: OwnVenue::new(&recording, lens)?,
         lens: looks,
-        venue,
+        recording,
     })
 }
 

@@ -11,12 +11,15 @@ use farfield_calibration::board::{
     calibrate, detect_charuco, detect_chessboard,
 };
 use farfield_calibration::formats::{CameraRecord, Format, export};
-use farfield_node::process::NodeError;
+use farfield_node::process::{NodeError, say};
+use image::GrayImage;
 use rayon::iter::{IntoParallelRefIterator as _, ParallelIterator as _};
 use serde::Serialize;
 
+use super::board_video;
 use super::convert::{format, size};
 use super::{refuse_existing, write};
+use crate::init::recordings::VIDEOS;
 use crate::output;
 
 /// Most pictures of one camera.
@@ -27,7 +30,10 @@ const ENDINGS: [&str; 3] = ["jpg", "jpeg", "png"];
 /// What `farfield calibrate board` is told.
 #[derive(Debug, Args)]
 pub(super) struct BoardArgs {
-    /// Pictures of one camera (JPEG, PNG), or folders of them.
+    /// Pictures of one camera (JPEG, PNG), folders of them, or videos.
+    ///
+    /// Of a video the sharpest picture of every third of a second is looked at; of those with a board at most forty are
+    /// used, which differ the most.
     #[arg(required = true)]
     pictures: Vec<PathBuf>,
     /// A chessboard, by inner corners: 4x7 has 5 x 8 squares.
@@ -153,12 +159,35 @@ pub(super) fn from_board(args: &BoardArgs) -> Result<(), NodeError> {
 
 fn found(args: &BoardArgs) -> anyhow::Result<BoardCalibration> {
     let board = board(args)?;
-    let paths = pictures(&args.pictures)?;
+    let (videos, pictured): (Vec<PathBuf>, Vec<PathBuf>) = args
+        .pictures
+        .iter()
+        .cloned()
+        .partition(|path| is_video(path));
+    let paths = pictures(&pictured)?;
     let looked: Vec<Looked> = paths
         .par_iter()
         .map(|path| look(path, &board))
         .collect::<anyhow::Result<_>>()?;
-    let size_px = looked.first().map_or([0, 0], |first| first.size_px);
+    let mut views = Vec::new();
+    let mut filmed_px = None;
+    for path in &videos {
+        let filmed = board_video::look(path, |name, picture| detect(name, picture, &board))?;
+        let [frames, sharp, shown, used] = filmed.counts;
+        say(format_args!(
+            "{}: of {frames} pictures {sharp} were looked at, {shown} show the board, {used} are used",
+            path.display()
+        ));
+        views.extend(filmed.views);
+        let first_px = *filmed_px.get_or_insert(filmed.size_px);
+        ensure!(
+            first_px == filmed.size_px,
+            "{}: its pictures are not as large as those of the others: one camera at a time",
+            path.display()
+        );
+    }
+    let first = looked.first().map(|first| first.size_px);
+    let size_px = filmed_px.or(first).unwrap_or([0, 0]);
     if let Some(other) = looked.iter().find(|it| it.size_px != size_px) {
         let ([w, h], [other_w, other_h]) = (size_px, other.size_px);
         bail!(
@@ -166,7 +195,6 @@ fn found(args: &BoardArgs) -> anyhow::Result<BoardCalibration> {
             other.name
         );
     }
-    let mut views = Vec::new();
     let mut unseen = Vec::new();
     for it in looked {
         match it.view {
@@ -245,25 +273,35 @@ fn is_picture(path: &Path) -> bool {
     ending.is_some_and(|it| ENDINGS.contains(&it.to_ascii_lowercase().as_str()))
 }
 
+fn is_video(path: &Path) -> bool {
+    let ending = path.extension().and_then(|it| it.to_str());
+    let is_one = |ending: &str| VIDEOS.contains(&ending.to_ascii_lowercase().as_str());
+    ending.is_some_and(is_one)
+}
+
 fn look(path: &Path, board: &Board) -> anyhow::Result<Looked> {
     let name = path.display().to_string();
     let picture = image::open(path)
         .with_context(|| name.clone())?
         .into_luma8();
-    let grey = GrayPicture {
-        width: picture.width(),
-        height: picture.height(),
-        pixels: picture.as_raw(),
-    };
-    let view = match board {
-        Board::Chess(board) => detect_chessboard(&name, &grey, board),
-        Board::Charuco(board) => detect_charuco(&name, &grey, board),
-    };
+    let view = detect(&name, &picture, board);
     Ok(Looked {
         size_px: [picture.width(), picture.height()],
         name,
         view,
     })
+}
+
+fn detect(name: &str, picture: &GrayImage, board: &Board) -> Result<BoardView, DetectError> {
+    let grey = GrayPicture {
+        width: picture.width(),
+        height: picture.height(),
+        pixels: picture.as_raw(),
+    };
+    match board {
+        Board::Chess(board) => detect_chessboard(name, &grey, board),
+        Board::Charuco(board) => detect_charuco(name, &grey, board),
+    }
 }
 
 /// The parameters with their standard deviations.

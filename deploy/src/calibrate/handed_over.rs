@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use farfield_calibration::points::PointCalibration;
-use farfield_calibration::report::CameraReport;
+use farfield_calibration::report::{CameraReport, FieldReport, PictureEdge};
 use farfield_node::process::{EXIT_FAILED, NodeError, say};
 use serde::Serialize;
 
@@ -25,6 +25,7 @@ struct Found<'a> {
     cameras: Vec<Camera<'a>>,
     without_pose: Vec<&'a str>,
     known_places_rms_m: Option<f64>,
+    field: Option<Field>,
     findings: Vec<FindingLine<'a>>,
     /// Why a run would not take it.
     refused: &'a [String],
@@ -43,11 +44,59 @@ struct Camera<'a> {
     rotation_sigma_deg: f64,
     halves_mm: f64,
     halves_deg: f64,
+    /// How far the halves draw apart what it saw, 95 % of it by less; and in the field.
+    halves_px: f64,
+    halves_field_mm: f64,
+    /// Sights that fit, by where they are in the picture: rows from the upper edge, each from the left.
+    picture: &'a [[usize; 6]; 4],
+    picture_empty_share: f64,
+    empty_edges: Vec<&'static str>,
     focal_ratio: f64,
     #[serde(skip_serializing_if = "Option::is_none")]
     offset_s: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     rate_hz: Option<f64>,
+}
+
+/// The map of the field.
+#[derive(Debug, Serialize)]
+struct Field {
+    step_m: f64,
+    height_m: f64,
+    sight_sigma_px: f64,
+    seen_by_two_share: f64,
+    median_mm: Option<f64>,
+    share_95_mm: Option<f64>,
+    cells: Vec<Cell>,
+}
+
+#[derive(Debug, Serialize)]
+struct Cell {
+    x_m: f64,
+    y_m: f64,
+    cameras: usize,
+    sigma_mm: Option<f64>,
+}
+
+impl Field {
+    fn of(field: &FieldReport) -> Self {
+        let mm = |m: f64| 1000.0 * m;
+        let cells = field.cells.iter().map(|it| Cell {
+            x_m: it.position_m[0],
+            y_m: it.position_m[1],
+            cameras: it.cameras,
+            sigma_mm: it.sigma_m.map(mm),
+        });
+        Self {
+            step_m: field.step_m,
+            height_m: field.height_m,
+            sight_sigma_px: field.sight_sigma_px,
+            seen_by_two_share: field.share_seen_by(2),
+            median_mm: field.sigma_m(0.5).map(mm),
+            share_95_mm: field.sigma_m(0.95).map(mm),
+            cells: cells.collect(),
+        }
+    }
 }
 
 #[derive(Debug, Serialize)]
@@ -122,6 +171,16 @@ fn json(
         rotation_sigma_deg: it.rotation_sigma_deg,
         halves_mm: 1000.0 * it.halves_m,
         halves_deg: it.halves_deg,
+        halves_px: it.halves_px,
+        halves_field_mm: 1000.0 * it.halves_across_m,
+        picture: &it.coverage.cells,
+        picture_empty_share: it.coverage.empty_share(),
+        empty_edges: it
+            .coverage
+            .empty_edges()
+            .into_iter()
+            .map(PictureEdge::name)
+            .collect(),
         focal_ratio: it.focal_ratio,
         offset_s: has_clocks.then_some(it.offset_s),
         rate_hz: has_clocks.then_some(it.rate_hz),
@@ -141,6 +200,7 @@ fn json(
         cameras: cameras.collect(),
         without_pose: without_pose(judged, asked),
         known_places_rms_m: report.anchors_rms_m,
+        field: report.field.as_ref().map(Field::of),
         findings: findings.collect(),
         refused: &judged.refusals,
         doubtful: &judged.doubts,
@@ -167,6 +227,9 @@ fn lines(judged: &JudgedCalibration<'_>, asked: &Asked<'_>, files: [&Path; 2]) -
             1000.0 * rms_m
         )
         .ok();
+    }
+    if let Some(field) = &report.field {
+        writeln!(text, "{}", sheet::in_words(field)).ok();
     }
     for finding in &report.findings {
         let word = if finding.is_wrong { "WRONG" } else { "warning" };

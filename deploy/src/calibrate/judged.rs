@@ -70,11 +70,15 @@ fn venue_of_all(found: &PointCalibration, text: &str, path: &Path) -> Result<Ven
     Venue::parse(&venue, path, calibration).map_err(|error| error.to_string())
 }
 
-/// How far the halves of the data are apart, where both could be solved.
+/// How far the halves of the data are apart, and what of that is seen, where both could be solved.
 pub(super) fn halves(camera: &CameraReport) -> String {
     let (mm, degrees) = (1000.0 * camera.halves_m, camera.halves_deg);
     if mm.is_finite() && degrees.is_finite() {
-        format!("{mm:.1} mm, {degrees:.3} degrees apart")
+        format!(
+            "{mm:.1} mm, {degrees:.3} degrees apart ({:.1} px, {:.1} mm in the field)",
+            camera.halves_px,
+            1000.0 * camera.halves_across_m
+        )
     } else {
         "not checked".to_owned()
     }

@@ -3,6 +3,7 @@
 
 mod ball;
 mod board;
+mod board_video;
 mod convert;
 mod handed_over;
 mod judged;
@@ -10,8 +11,10 @@ mod known;
 mod lenses;
 mod people;
 mod points;
+mod recorded;
 mod seen;
 mod sheet;
+mod thin_files;
 
 use std::fs;
 use std::path::Path;

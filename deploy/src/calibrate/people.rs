@@ -4,14 +4,14 @@ use std::path::{Path, PathBuf};
 
 use anyhow::bail;
 use clap::Args;
-use farfield_calibration::people::{PeopleCamera, PeopleRequest, PeopleStage, calibrate, parse};
+use farfield_calibration::people::{PeopleCamera, PeopleRequest, PeopleStage, calibrate};
 use farfield_calibration::points::Timing;
 use farfield_node::process::{NodeError, say};
-use farfield_proto::keypoints::COCO17;
 
 use super::handed_over::{Asked, hand_over};
 use super::known::KnownArgs;
 use super::seen::SeenArgs;
+use super::thin_files::ThinFiles;
 use super::{Judged, refuse_existing};
 
 /// What `farfield calibrate people` is told.
@@ -75,8 +75,10 @@ pub(super) fn from_people(args: &PeopleArgs) -> Result<Judged, NodeError> {
 }
 
 fn request(args: &PeopleArgs) -> anyhow::Result<PeopleRequest> {
-    let read = |text: &str, path: &Path| Ok(parse(text, path, COCO17.len())?);
-    let seen = args.cameras.cameras(&args.seen, &args.known, read)?;
+    let mut thinned = ThinFiles::new(&args.cameras, args.seen.len());
+    let read = |name: &str, path: &Path| thinned.read(name, path);
+    let mut seen = args.cameras.cameras(&args.seen, &args.known, read)?;
+    thinned.level(&mut seen);
     let mut cameras = Vec::new();
     for it in seen {
         let name = it.name;

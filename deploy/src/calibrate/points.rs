@@ -12,7 +12,7 @@ use farfield_node::process::{NodeError, say};
 use super::handed_over::{Asked, hand_over};
 use super::known::KnownArgs;
 use super::seen::SeenArgs;
-use super::{Judged, refuse_existing};
+use super::{Judged, read, refuse_existing};
 
 /// What `farfield calibrate points` is told.
 #[derive(Debug, Args)]
@@ -96,7 +96,7 @@ fn request(args: &PointsArgs) -> anyhow::Result<PointRequest> {
         timing != Timing::Synchronised || !args.cameras.has_rates(),
         "--rate-hz says nothing of cameras that are synchronised: give --clocks given, or unknown"
     );
-    let read = |text: &str, path: &Path| Ok(parse(text, path)?);
+    let read = |_: &str, path: &Path| Ok(parse(&read(path)?.text, path)?);
     let seen = args.cameras.cameras(&args.seen, &args.known, read)?;
     let cameras = seen.into_iter().map(|it| PointCamera {
         name: it.name,

@@ -9,7 +9,7 @@ use farfield_calibration::points::Timing;
 
 use super::known::KnownArgs;
 use super::lenses::{Lens, LensFile, lens_of, lenses};
-use super::{named, read};
+use super::named;
 
 /// Lenses and clocks.
 #[derive(Debug, Args)]
@@ -57,12 +57,18 @@ impl SeenArgs {
         }
     }
 
+    /// Time of its frame 0, seconds, where that is said.
+    pub(super) fn offset_of(&self, name: &str) -> Option<f64> {
+        let found = self.offset_s.iter().find(|(of, _)| of == name);
+        found.map(|(_, s)| *s)
+    }
+
     /// Whether any rate is said.
     pub(super) fn has_rates(&self) -> bool {
         !self.rate_hz.is_empty()
     }
 
-    /// The cameras of these files, by name; what `known` and the clocks say must be of these.
+    /// The cameras of these files, by name, each as `read` reads it; what `known` and the clocks say must be of these.
     ///
     /// # Errors
     /// What cannot be read, two files of one camera, a camera without a lens or that nobody knows, offsets of clocks that are
@@ -71,7 +77,7 @@ impl SeenArgs {
         &self,
         files: &[PathBuf],
         known: &KnownArgs,
-        parse: impl Fn(&str, &Path) -> anyhow::Result<T>,
+        mut read: impl FnMut(&str, &Path) -> anyhow::Result<T>,
     ) -> anyhow::Result<Vec<SeenCamera<T>>> {
         ensure!(
             self.timing() == Timing::Clocks || self.offset_s.is_empty(),
@@ -84,10 +90,7 @@ impl SeenArgs {
                 .file_stem()
                 .and_then(|it| it.to_str())
                 .unwrap_or_default();
-            if seen
-                .insert(name.to_owned(), parse(&read(path)?.text, path)?)
-                .is_some()
-            {
+            if seen.insert(name.to_owned(), read(name, path)?).is_some() {
                 bail!("{}: two files are of camera `{name}`", path.display());
             }
         }
@@ -102,11 +105,10 @@ impl SeenArgs {
             );
         }
         let each = seen.into_iter().map(|(name, seen)| {
-            let offset_s = self.offset_s.iter().find(|(of, _)| *of == name);
             Ok(SeenCamera {
                 lens: lens_of(&lenses, &name)?.clone(),
                 rate_hz: self.rate_of(&name),
-                offset_s: offset_s.map(|(_, s)| *s),
+                offset_s: self.offset_of(&name),
                 seen,
                 name,
             })
@@ -115,7 +117,7 @@ impl SeenArgs {
     }
 
     /// Its own rate, else that of all cameras.
-    fn rate_of(&self, name: &str) -> Option<f64> {
+    pub(super) fn rate_of(&self, name: &str) -> Option<f64> {
         let find = |of: Option<&str>| self.rate_hz.iter().find(|(it, _)| it.as_deref() == of);
         find(Some(name)).or_else(|| find(None)).map(|(_, hz)| *hz)
     }

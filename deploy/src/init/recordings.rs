@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context as _, ensure};
 use farfield_node::process::say;
 
-const VIDEOS: [&str; 10] = [
+/// What videos' names end in.
+pub(crate) const VIDEOS: [&str; 10] = [
     "mp4", "mov", "mkv", "avi", "m4v", "webm", "mts", "m2ts", "mxf", "mpg",
 ];
 const PICTURES: [&str; 3] = ["png", "jpg", "jpeg"];

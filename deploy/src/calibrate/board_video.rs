@@ -1,0 +1,205 @@
+//! A board in a video: the sharpest picture of every third of a second is looked at, and of those that show the board the ones
+//! are used that differ the most.
+
+use std::path::Path;
+
+use anyhow::Context as _;
+use farfield_calibration::board::{BoardView, DetectError};
+use image::{GrayImage, RgbImage};
+use rayon::iter::{IntoParallelRefIterator as _, ParallelIterator as _};
+
+use super::recorded::OwnVenue;
+use crate::init::rate;
+use crate::init::recordings::{Recording, RecordingKind};
+
+/// Pictures per second that are looked at.
+const LOOKS_HZ: f64 = 3.0;
+/// Pictures of the board that are used: more cost time and tell nothing new.
+const MOST_USED: usize = 40;
+/// Pictures that are looked at together.
+const TOGETHER: usize = 8;
+/// Corners that are nearer to those of another picture, in pixels, are the same view: a board that was held still.
+const SAME_PX: f64 = 8.0;
+/// Rows and columns that are skipped where sharpness is measured.
+const SPARSE: usize = 3;
+
+/// What a video gave.
+pub(super) struct Filmed {
+    pub(super) size_px: [u32; 2],
+    pub(super) views: Vec<BoardView>,
+    /// How many pictures there were, were looked at, showed the board, and are used.
+    pub(super) counts: [usize; 4],
+}
+
+/// A video's pictures with a board, found by `detect` (name, picture).
+///
+/// # Errors
+/// What cannot be read, and a board that cannot be.
+pub(super) fn look(
+    path: &Path,
+    detect: impl Fn(&str, &GrayImage) -> Result<BoardView, DetectError> + Sync,
+) -> anyhow::Result<Filmed> {
+    let recording = Recording {
+        kind: RecordingKind::Video,
+        path: path.to_owned(),
+        name: "board".to_owned(),
+    };
+    let named = || path.display().to_string();
+    let rate_hz = rate::of_videos(std::slice::from_ref(&recording))?.unwrap_or(30.0);
+    let window = (rate_hz / LOOKS_HZ).round().max(1.0) as u64;
+    let (venue, size_px) = OwnVenue::of_any_lens(&recording).with_context(named)?;
+    let mut sharpest: Option<(f64, u64, GrayImage)> = None;
+    let mut waiting: Vec<(String, GrayImage)> = Vec::new();
+    let mut views: Vec<BoardView> = Vec::new();
+    let mut looked = 0;
+    let mut look_at = |waiting: &mut Vec<(String, GrayImage)>| -> anyhow::Result<()> {
+        looked += waiting.len();
+        let found: Vec<Result<BoardView, DetectError>> = waiting
+            .par_iter()
+            .map(|(name, picture)| detect(name, picture))
+            .collect();
+        waiting.clear();
+        for view in found {
+            match view {
+                Ok(view) => views.push(view),
+                Err(error @ (DetectError::Board(_) | DetectError::Bytes { .. })) => {
+                    return Err(error.into());
+                }
+                Err(_) => (),
+            }
+        }
+        Ok(())
+    };
+    let name = |frame: u64| format!("{}, picture {frame}", path.display());
+    let frames = venue.show(usize::MAX, |frame, picture| {
+        let picture = gray(&picture);
+        let sharpness = sharpness(&picture);
+        if sharpest.as_ref().is_none_or(|(most, ..)| sharpness > *most) {
+            sharpest = Some((sharpness, frame, picture));
+        }
+        if frame % window == window - 1
+            && let Some((_, frame, picture)) = sharpest.take()
+        {
+            waiting.push((name(frame), picture));
+        }
+        if waiting.len() >= TOGETHER {
+            look_at(&mut waiting)?;
+        }
+        Ok(())
+    });
+    let frames = frames.with_context(named)?;
+    waiting.extend(sharpest.map(|(_, frame, picture)| (name(frame), picture)));
+    look_at(&mut waiting)?;
+    let found = views.len();
+    let used = different(views, MOST_USED);
+    Ok(Filmed {
+        size_px,
+        counts: [frames as usize, looked, found, used.len()],
+        views: used,
+    })
+}
+
+fn gray(picture: &RgbImage) -> GrayImage {
+    image::imageops::grayscale(picture)
+}
+
+/// Mean squared Laplacian of a part of the pixels: motion and lack of focus lower it.
+fn sharpness(picture: &GrayImage) -> f64 {
+    let (width, height) = (picture.width() as usize, picture.height() as usize);
+    let pixels = picture.as_raw();
+    let at = |x: usize, y: usize| {
+        let pixel = pixels.get(y * width + x).copied().unwrap_or_default();
+        f64::from(pixel)
+    };
+    let (mut total, mut count) = (0.0, 0.0);
+    for y in (1..height.saturating_sub(1)).step_by(SPARSE) {
+        for x in (1..width.saturating_sub(1)).step_by(SPARSE) {
+            let around = at(x - 1, y) + at(x + 1, y) + at(x, y - 1) + at(x, y + 1);
+            let bend = around - 4.0 * at(x, y);
+            total += bend * bend;
+            count += 1.0;
+        }
+    }
+    total / f64::max(count, 1.0)
+}
+
+/// Of `views` at most so many, none twice: the first is the one with the most corners, each next the one that is farthest from all before.
+fn different(mut views: Vec<BoardView>, most: usize) -> Vec<BoardView> {
+    let mut used: Vec<BoardView> = Vec::new();
+    let first = views
+        .iter()
+        .enumerate()
+        .max_by_key(|(_, it)| it.pixels.len());
+    let mut next = first.map(|(index, _)| index);
+    let mut distances = vec![f64::INFINITY; views.len()];
+    while let Some(index) = next.filter(|_| used.len() < most) {
+        let view = views.swap_remove(index);
+        distances.swap_remove(index);
+        for (distance, other) in distances.iter_mut().zip(&views) {
+            *distance = distance.min(apart_px(&view, other));
+        }
+        used.push(view);
+        let farthest = distances
+            .iter()
+            .enumerate()
+            .max_by(|a, b| a.1.total_cmp(b.1));
+        let farthest = farthest.filter(|(_, apart_px)| **apart_px > SAME_PX);
+        next = farthest.map(|(index, _)| index);
+    }
+    used
+}
+
+/// How far the outermost corners of two views are apart in the picture, on average.
+fn apart_px(a: &BoardView, b: &BoardView) -> f64 {
+    let (a, b) = (outermost(a), outermost(b));
+    let each = a.iter().zip(&b);
+    let square = |v: f64| v * v;
+    let apart = each.map(|(a, b)| (square(a[0] - b[0]) + square(a[1] - b[1])).sqrt());
+    apart.sum::<f64>() / 4.0
+}
+
+/// Where the corners are that are outermost on the board, towards each of its four corners.
+fn outermost(view: &BoardView) -> [[f64; 2]; 4] {
+    [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]].map(|[x, y]| {
+        let along = |at: &[f64; 2]| x * at[0] + y * at[1];
+        let corners = view.board_m.iter().zip(&view.pixels);
+        let farthest = corners.max_by(|a, b| along(a.0).total_cmp(&along(b.0)));
+        farthest.map_or([0.0, 0.0], |(_, px)| *px)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn view(left: f64, size: f64) -> BoardView {
+        let board_m = vec![[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
+        let pixels = board_m.iter().map(|[x, y]| [left + size * x, size * y]);
+        BoardView {
+            name: format!("{left}"),
+            pixels: pixels.collect(),
+            board_m,
+        }
+    }
+
+    #[test]
+    fn views_that_differ_are_used_and_not_those_alike() {
+        let mut views: Vec<BoardView> = (0..50).map(|i| view(0.01 * f64::from(i), 100.0)).collect();
+        views.extend([view(500.0, 100.0), view(0.0, 400.0), view(900.0, 200.0)]);
+        let used = different(views.clone(), 4);
+        let has = |left: f64, size: f64| used.contains(&view(left, size));
+        assert!(used.len() == 4 && has(500.0, 100.0) && has(0.0, 400.0) && has(900.0, 200.0));
+        assert_eq!(different(views, 60).len(), 4);
+        assert!(different(Vec::new(), 60).is_empty());
+    }
+
+    #[test]
+    fn a_blurred_picture_is_less_sharp() {
+        let squares = GrayImage::from_fn(90, 60, |x, y| {
+            image::Luma([255 * ((x / 10 + y / 10) % 2) as u8])
+        });
+        let blurred = image::imageops::fast_blur(&squares, 3.0);
+        assert!(sharpness(&squares) > 10.0 * sharpness(&blurred));
+        assert!(sharpness(&GrayImage::new(1, 1)) < 1e-9);
+    }
+}
