@@ -5,3 +5,4 @@ mod calibration;
 mod exports;
 mod import;
 mod people;
+mod walked_calibration;

@@ -1,0 +1,215 @@
+//! A calibration from people, as a user makes one: three of them walk through the hall of the sample, and what a network saw of
+//! them is a file for each camera.
+
+use std::f64::consts::{PI, TAU};
+use std::fmt::Write as _;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use farfield_proto::calibration::Calibration;
+use farfield_proto::camera::CameraModel;
+use farfield_proto::frames::Point;
+use nalgebra::{Point3, Vector3};
+use serde_json::Value;
+
+use crate::data::SampleFolder;
+use crate::farfield::{FinishedCommand, farfield};
+
+/// Frames, ten a second.
+const FRAMES: u32 = 400;
+/// Statures, metres.
+const PEOPLE_M: [f64; 3] = [1.68, 1.83, 1.75];
+
+fn calibration(path: &Path) -> Calibration {
+    Calibration::parse(&fs::read_to_string(path).unwrap(), path).unwrap()
+}
+
+/// Where somebody is on the floor.
+fn place_m(who: usize, time_s: f64) -> Vector3<f64> {
+    let shift = 2.1 * who as f64;
+    let x = 2.2 * (0.37 * time_s + shift).sin() + 0.5 * (1.1 * time_s + shift).sin();
+    let y = 2.2 * (0.29 * time_s + 2.3 * shift).sin() + 0.5 * (0.9 * time_s).cos();
+    Vector3::new(x, y, 0.0)
+}
+
+/// COCO's 17 keypoints of a walking body, world, metres; lengths are shares of the stature.
+fn body_m(who: usize, time_s: f64) -> Vec<Vector3<f64>> {
+    let stature_m = PEOPLE_M[who];
+    let at = place_m(who, time_s);
+    let ahead = (place_m(who, time_s + 0.05) - place_m(who, time_s - 0.05)).normalize();
+    let left = Vector3::z().cross(&ahead);
+    let up = |share: f64| at + Vector3::z() * (share * stature_m);
+    let gait = TAU * 0.9 * time_s + who as f64;
+    let sides = [(1.0, gait), (-1.0, gait + PI)];
+    let both =
+        |joint: &dyn Fn(f64, f64) -> Vector3<f64>| sides.map(|(side, phase)| joint(side, phase));
+    let beside = |share: f64, aside_m: f64, swing_m: f64| {
+        both(&move |side, phase| {
+            up(share) + left * (side * aside_m) + ahead * (swing_m * phase.sin())
+        })
+    };
+    let lifted = |share: f64, swing_m: f64, lift_m: f64| {
+        both(&move |side, phase| {
+            let lift = Vector3::z() * (lift_m * phase.cos().max(0.0));
+            up(share) + left * (side * 0.08) + ahead * (swing_m * phase.sin()) + lift
+        })
+    };
+    let mut joints = vec![up(0.93) + ahead * 0.1];
+    for pair in [
+        beside(0.945, 0.03, 0.0).map(|it| it + ahead * 0.08),
+        beside(0.94, 0.075, 0.0),
+        beside(0.818, 0.19, 0.0),
+        beside(0.63, 0.23, -0.12),
+        beside(0.49, 0.24, -0.22),
+        beside(0.53, 0.085, 0.0),
+        lifted(0.285, 0.15, 0.08),
+        lifted(0.039, 0.3, 0.12),
+    ] {
+        joints.extend(pair);
+    }
+    joints
+}
+
+/// A share of the same wild number for the same place in the test.
+fn jitter(seed: f64) -> f64 {
+    let wild = 43758.5453 * (12.9898 * seed).sin();
+    wild - wild.floor() - 0.5
+}
+
+/// What a network makes of what `camera` saw: a line a frame, people in changing order.
+fn seen_by(camera: &CameraModel, number: usize) -> String {
+    let mut text = String::new();
+    for frame in 0..FRAMES {
+        let mut persons = Vec::new();
+        for turn in 0..PEOPLE_M.len() {
+            let who = (turn + frame as usize) % PEOPLE_M.len();
+            let joints = body_m(who, 0.1 * f64::from(frame)).into_iter().enumerate();
+            let keypoints = joints.map(|(index, at)| {
+                let pixel = camera.project(Point::new(Point3::from(at)));
+                let pixel = pixel.filter(|pixel| camera.sees(*pixel))?;
+                let pixel = camera.distort(pixel)?;
+                let seed = f64::from(frame) + 0.37 * index as f64 + 7.0 * (who + 5 * number) as f64;
+                Some([
+                    pixel.x() + 4.0 * jitter(seed),
+                    pixel.y() + 4.0 * jitter(seed + 0.5),
+                    0.9,
+                ])
+            });
+            let keypoints: Vec<Option<[f64; 3]>> = keypoints.collect();
+            if keypoints.iter().flatten().count() >= 8 {
+                persons.push(serde_json::json!({ "keypoints": keypoints }));
+            }
+        }
+        writeln!(
+            text,
+            "{}",
+            serde_json::json!({ "tick": frame, "persons": persons })
+        )
+        .unwrap();
+    }
+    text
+}
+
+/// The sample with a file of keypoints for each camera.
+struct Walked {
+    folder: SampleFolder,
+    files: Vec<PathBuf>,
+    truth: Calibration,
+}
+
+impl Walked {
+    fn new() -> Self {
+        let folder = SampleFolder::new();
+        let truth = calibration(&folder.path("calibration.toml"));
+        let mut files = Vec::new();
+        for (number, camera) in truth.cameras.values().enumerate() {
+            let path = folder.path(&format!("{}.jsonl", camera.name()));
+            fs::write(&path, seen_by(camera, number)).unwrap();
+            files.push(path);
+        }
+        Self {
+            folder,
+            files,
+            truth,
+        }
+    }
+
+    /// Runs the calibration with the true lenses.
+    fn calibrate(&self, more: &[&str]) -> FinishedCommand {
+        let lens = self.folder.path("calibration.toml");
+        let out = self.folder.path("found.toml");
+        let mut words = vec!["calibrate".to_owned(), "people".to_owned()];
+        words.extend(self.files.iter().map(|path| path.display().to_string()));
+        words.extend(["--lens".to_owned(), lens.display().to_string()]);
+        words.extend(["--out".to_owned(), out.display().to_string()]);
+        words.extend(more.iter().map(|word| (*word).to_owned()));
+        farfield(&words)
+    }
+
+    /// The first two cameras and their distance, metres.
+    fn distance(&self) -> (String, f64) {
+        let mut cameras = self.truth.cameras.values();
+        let (a, b) = (cameras.next().unwrap(), cameras.next().unwrap());
+        let apart = a.center().coordinates_m() - b.center().coordinates_m();
+        (format!("{},{}", a.name(), b.name()), apart.norm())
+    }
+}
+
+#[test]
+fn people_who_walk_through_the_hall_calibrate_its_cameras() {
+    let walked = Walked::new();
+    let (pair, distance_m) = walked.distance();
+    let known = format!("--distance={pair}={distance_m}");
+    let done = walked.calibrate(&["--rate-hz", "10", &known, "--json"]);
+    assert_eq!(done.code, 0, "{}\n{}", done.stdout, done.stderr);
+    let found = calibration(&walked.folder.path("found.toml"));
+    // Up, floor and metres are the venue's; where it lies on the floor is not known.
+    let pinhole = |of: &Calibration, name: &str| of.cameras[name].center().coordinates_m().coords;
+    for name in walked.truth.cameras.keys() {
+        let (here, there) = (pinhole(&found, name), pinhole(&walked.truth, name));
+        assert!((here.z - there.z).abs() < 0.1, "{name}: {here} {there}");
+        for other in walked.truth.cameras.keys() {
+            let apart_m = (here - pinhole(&found, other)).norm();
+            let true_m = (there - pinhole(&walked.truth, other)).norm();
+            println!(
+                "{name} to {other}: {:.1} mm off",
+                1000.0 * (apart_m - true_m)
+            );
+            assert!((apart_m - true_m).abs() < 0.03, "{name}, {other}");
+        }
+    }
+    let said: Value = serde_json::from_str(&done.stdout).unwrap();
+    assert!(
+        said["field"]["cells"].as_array().unwrap().len() > 50,
+        "{said}"
+    );
+    assert_eq!(said["cameras"][0]["picture"].as_array().unwrap().len(), 4);
+    let sheet = fs::read_to_string(walked.folder.path("found.html")).unwrap();
+    for expected in [
+        "It passes.",
+        "<h2>The field</h2>",
+        "What the pictures saw",
+        "url(#stripes)",
+    ] {
+        assert!(sheet.contains(expected), "{expected}");
+    }
+}
+
+#[test]
+fn people_whose_size_nobody_knows_do_not_pass_and_a_rate_is_asked_for() {
+    let walked = Walked::new();
+    let done = walked.calibrate(&["--rate-hz", "10"]);
+    assert_eq!(done.code, 1, "{}\n{}", done.stdout, done.stderr);
+    assert!(
+        done.stdout.contains("how long a metre is"),
+        "{}",
+        done.stdout
+    );
+    assert!(
+        !walked.folder.path("found.toml").exists(),
+        "it takes the place of none"
+    );
+    let done = walked.calibrate(&[]);
+    assert_eq!(done.code, 2, "{}", done.stderr);
+    assert!(done.stderr.contains("--rate-hz"), "{}", done.stderr);
+}
