@@ -17,7 +17,7 @@ use super::judged::{JudgedCalibration, halves};
 /// How the page looks, in the light and in the dark.
 const STYLE: &str = "body{font:16px/1.5 system-ui,sans-serif;margin:2rem auto;max-width:72rem;padding:0 1rem}\
     table{border-collapse:collapse;width:100%}th,td{text-align:right;padding:.3rem .6rem;border-bottom:1px solid #8884}\
-    td{white-space:nowrap}th:first-child,td:first-child{text-align:left}.wide{overflow-x:auto}.pass{color:#0a7d4d}.fail{color:#c0392b}svg{width:100%;height:auto}\
+    td{white-space:nowrap}td.words{white-space:normal}th:first-child,td:first-child{text-align:left}.wide{overflow-x:auto}.pass{color:#0a7d4d}.fail{color:#c0392b}svg{width:100%;height:auto}\
     .pair{display:grid;grid-template-columns:repeat(auto-fit,minmax(20rem,1fr));gap:1rem}figure{margin:0}.pictures{display:grid;\
     grid-template-columns:repeat(auto-fill,minmax(11rem,1fr));gap:1rem}figcaption{font-size:.9rem}\
     @media(prefers-color-scheme:dark){body{background:#14171a;color:#dde}.pass{color:#4cc38a}.fail{color:#ff7a6b}}";
@@ -74,7 +74,7 @@ fn table(page: &mut String, found: &PointCalibration) {
         writeln!(
             page,
             "<tr><td>{}</td><td>{}</td><td>{:.0} %</td><td>{:.2} px</td><td>{:.1} mm</td><td>{:.3}&deg;</td>\
-             <td>{}</td><td>&times; {:.4}</td><td>{:.4} s</td><td>{:.4} Hz</td></tr>",
+             <td class=\"words\">{}</td><td>&times; {:.4}</td><td>{:.4} s</td><td>{:.4} Hz</td></tr>",
             escaped(&it.name),
             it.sights,
             100.0 * it.used_share,
