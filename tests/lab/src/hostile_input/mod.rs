@@ -17,10 +17,11 @@ mod venue_texts;
 pub type Target = fn(&[u8]) -> String;
 
 /// The fuzz targets by name, in the order of the alphabet.
-pub const TARGETS: [(&str, Target); 19] = [
+pub const TARGETS: [(&str, Target); 20] = [
     ("calibration_text", venue_texts::calibration_text),
     ("clicked_marks_text", outside::clicked_marks_text),
     ("clip_text", texts::clip_text),
+    ("edits_text", outside::edits_text),
     (
         "foreign_calibration_text",
         foreign::foreign_calibration_text,

@@ -3,6 +3,8 @@
 use std::path::Path;
 
 use farfield_calibration::alignment::Marks;
+use farfield_export::SubjectProfile;
+use farfield_export::edits::{EditList, Identities, Roll};
 use farfield_import::formats::{ParseOptions, parse};
 use farfield_page::protocol::request;
 use farfield_streams::qtm::{Command, Incoming};
@@ -26,6 +28,28 @@ pub(super) fn imported_keypoints(bytes: &[u8]) -> String {
 pub(super) fn clicked_marks_text(bytes: &[u8]) -> String {
     let text = text(bytes);
     read_or_refused(&Marks::parse(text, Path::new("marks.toml")))
+}
+
+/// Names and edits of people, or a profile, of any content: read and applied, or refused.
+pub(super) fn edits_text(bytes: &[u8]) -> String {
+    let text = text(bytes);
+    let profile = SubjectProfile::parse(text, Path::new("anna.toml"));
+    let list = match EditList::parse(text, Path::new("edits.jsonl")) {
+        Ok(list) => list,
+        Err(error) if profile.is_err() => return read_or_refused::<(), _>(&Err(error)),
+        Err(_) => return "a profile".to_owned(),
+    };
+    let mut roll = Roll::default();
+    for tick in 0..9 {
+        roll.add(tick, if tick < 5 { 3 } else { 7 });
+    }
+    let applied = Identities::of(&list, Some(&roll));
+    if let Ok(identities) = &applied {
+        let shown = (0..9).map(|tick| identities.person_at(tick, if tick < 5 { 3 } else { 7 }));
+        let made = |person| person == 3 || person == 7 || identities.has_made(person);
+        assert!(shown.flatten().all(made), "a person whom nobody made");
+    }
+    read_or_refused(&applied)
 }
 
 /// What a browser says on a WebSocket, of any content: understood, or answered.
