@@ -24,6 +24,7 @@ use crate::run::line::for_each_line;
 use crate::run::{PersonSurvey, PoseLine, RunFacts, Sample, Survey};
 use crate::subject::Subject;
 use crate::timeline::{Clock, Frame, Resampler};
+use crate::together::write_mcap;
 
 /// Frame rates beyond these are refused, Hz.
 const RATES_HZ: std::ops::RangeInclusive<f64> = 0.5..=2000.0;
@@ -199,6 +200,14 @@ impl<'a> Run<'a> {
             Format::Glb => self.write_gltf(&subjects, file, Container::Binary, done),
             Format::Gltf => self.write_gltf(&subjects, file, Container::Json, done),
             Format::CsvTidy | Format::Parquet => self.write_table(format, &subjects, file, done),
+            Format::Mcap => {
+                let path = file.path().to_owned();
+                write_mcap(self.request, &subjects, (file, &path))?;
+                for _ in &subjects {
+                    done();
+                }
+                Ok(())
+            }
             _ => subjects.into_iter().try_for_each(|subject| {
                 self.write_person(format, subject, file)?;
                 done();
@@ -306,7 +315,7 @@ impl<'a> Run<'a> {
             }
             Format::Osim => write_model(file, &subject).map_err(error),
             // Of all people, which `write` has told from these.
-            Format::Glb | Format::Gltf | Format::CsvTidy | Format::Parquet => Ok(()),
+            Format::Glb | Format::Gltf | Format::CsvTidy | Format::Parquet | Format::Mcap => Ok(()),
         }
     }
 

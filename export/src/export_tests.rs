@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::Path;
 
-use crate::fixture::{poses_jsonl, summary_json};
+use crate::fixture::{camera, poses_jsonl, summary_json};
 use crate::{Existing, ExportError, ExportRequest, Format, Options, Written, export};
 
 const N_TICKS: i64 = 50;
@@ -17,6 +17,7 @@ fn request(folder: &Path) -> ExportRequest {
         summary: folder.join("summary.json"),
         edits: None,
         subjects: Vec::new(),
+        cameras: vec![camera()],
         out: folder.join("out"),
         formats: Format::ALL.map(|(_, format)| format).to_vec(),
         options: Options::default(),
@@ -329,4 +330,36 @@ fn who_is_called_alike_is_told_apart_and_a_profile_gives_its_lengths() {
         refused.ends_with("nobody is called Bo, expected one of Ada"),
         "{refused}"
     );
+}
+
+#[test]
+fn everybody_is_in_one_mcap_in_order_of_time_whoever_is_away() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut request = request(folder.path());
+    request.formats = vec!["foxglove".parse().unwrap()];
+    let written = run(&request).unwrap();
+    assert!(written[0].path.ends_with("poses.mcap"));
+    let bytes = fs::read(&written[0].path).unwrap();
+    let (mut last, mut of_two, mut topics) = (0, 0, std::collections::BTreeSet::new());
+    for message in mcap::MessageStream::new(&bytes).unwrap() {
+        let message = message.unwrap();
+        assert!(last <= message.log_time);
+        last = message.log_time;
+        of_two += u32::from(message.channel.topic == "/person_2/angles");
+        topics.insert(message.channel.topic.clone());
+    }
+    // Person 2 is away in ticks 20 to 29.
+    assert_eq!(of_two, 40);
+    assert_eq!(last, 816_666_667);
+    let topics: Vec<&str> = topics.iter().map(String::as_str).collect();
+    let expected = [
+        "/camera_corner/calibration",
+        "/people",
+        "/person_1/angles",
+        "/person_2/angles",
+        "/person_5/angles",
+        "/tf",
+        "/tf_static",
+    ];
+    assert_eq!(topics, expected);
 }

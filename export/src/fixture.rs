@@ -4,8 +4,10 @@ use farfield_fusion::body::skeleton::dof::{DofGroup, first_of};
 use farfield_fusion::body::skeleton::{
     ANGLE_NAMES, Joint, Kinematics, Pose, Proportions, Side, Skeleton, reported_angles,
 };
+use farfield_proto::camera::{CameraModel, Distortion, Intrinsics};
+use farfield_proto::frames::Transform;
 use farfield_proto::message::PersonState;
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
 use crate::run::{PoseLine, Sample};
 use crate::skeleton::RestPose;
@@ -120,4 +122,34 @@ pub(crate) fn summary_json(n_ticks: i64) -> String {
     format!(
         r#"{{"venue":"made-up","rate_hz":{RUN_HZ},"ticks":{{"first":0,"end":{n_ticks},"done":{n_ticks}}}}}"#
     )
+}
+
+/// A camera that stands in the field's corner and looks along the world's y.
+pub(crate) fn camera() -> CameraModel {
+    let intrinsics = Intrinsics {
+        fx_px: 900.0,
+        fy_px: 910.0,
+        cx_px: 480.0,
+        cy_px: 300.0,
+    };
+    let distortion = Distortion {
+        k1: -0.1,
+        ..Distortion::default()
+    };
+    // Rows: right, down, forward.
+    let turned =
+        Rotation3::from_matrix(&Matrix3::new(1.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0));
+    let world_from_camera = Isometry3::from_parts(
+        Translation3::new(2.0, -8.0, 3.0),
+        UnitQuaternion::from_rotation_matrix(&turned.inverse()),
+    );
+    let camera_from_world = Transform::new(world_from_camera.inverse());
+    CameraModel::new(
+        "corner",
+        [960, 600],
+        intrinsics,
+        distortion,
+        camera_from_world,
+    )
+    .unwrap()
 }

@@ -28,6 +28,7 @@ pub mod run;
 pub mod skeleton;
 mod subject;
 pub mod timeline;
+mod together;
 
 pub use edits_file::EditsFile;
 pub use error::ExportError;

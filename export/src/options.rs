@@ -5,6 +5,8 @@ use std::ops::Range;
 use std::path::PathBuf;
 use std::str::FromStr;
 
+use farfield_proto::camera::CameraModel;
+
 use crate::axes::Preset;
 use crate::skeleton::{BoneNames, RestPose};
 use crate::timeline::Gaps;
@@ -26,6 +28,8 @@ pub enum Format {
     CsvTidy,
     /// Parquet with a column per number, all people.
     Parquet,
+    /// MCAP of Foxglove's messages, all people.
+    Mcap,
     /// A scaled `OpenSim` model per person.
     Osim,
     /// TRC, one file a person: the markers of the model, as a run writes them.
@@ -36,7 +40,7 @@ pub enum Format {
 
 impl Format {
     /// Every format with its name on the command line.
-    pub const ALL: [(&'static str, Self); 10] = [
+    pub const ALL: [(&'static str, Self); 11] = [
         ("bvh", Self::Bvh),
         ("glb", Self::Glb),
         ("gltf", Self::Gltf),
@@ -44,6 +48,7 @@ impl Format {
         ("csv", Self::Csv),
         ("csv-tidy", Self::CsvTidy),
         ("parquet", Self::Parquet),
+        ("mcap", Self::Mcap),
         ("osim", Self::Osim),
         ("trc", Self::Trc),
         ("mot", Self::Mot),
@@ -65,6 +70,7 @@ impl Format {
             Self::Csv => format!("poses_{who}.csv"),
             Self::CsvTidy => "poses_tidy.csv".to_owned(),
             Self::Parquet => "poses.parquet".to_owned(),
+            Self::Mcap => "poses.mcap".to_owned(),
             Self::Trc => format!("poses_{who}.trc"),
             Self::Mot => format!("angles_{who}.mot"),
             Self::Osim => format!("model_{who}.osim"),
@@ -73,7 +79,10 @@ impl Format {
 
     /// Whether one file holds all people.
     pub const fn holds_all(self) -> bool {
-        matches!(self, Self::Glb | Self::Gltf | Self::CsvTidy | Self::Parquet)
+        matches!(
+            self,
+            Self::Glb | Self::Gltf | Self::CsvTidy | Self::Parquet | Self::Mcap
+        )
     }
 
     /// Whether it has a place for marks of what was filled.
@@ -86,6 +95,8 @@ impl FromStr for Format {
     type Err = String;
 
     fn from_str(name: &str) -> Result<Self, String> {
+        // Who has Foxglove looks for its name.
+        let name = if name == "foxglove" { "mcap" } else { name };
         crate::choice::named(name, &Self::ALL)
     }
 }
@@ -191,6 +202,8 @@ pub struct ExportRequest {
     pub edits: Option<PathBuf>,
     /// Profiles of people: whoever is called as one says has its lengths.
     pub subjects: Vec<PathBuf>,
+    /// The cameras of the venue, where they are known, for formats that show them.
+    pub cameras: Vec<CameraModel>,
     /// Folder of the files; it is made where it is not there.
     pub out: PathBuf,
     /// What is written.

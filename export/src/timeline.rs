@@ -151,8 +151,7 @@ impl Resampler {
     ) -> Result<(), E> {
         if let Some((last, before, _)) = self.samples.back().cloned() {
             let apart = tick - last;
-            let is_filled = self.gaps != Gaps::Keep
-                && (apart as f64 - SAME) / self.clock.run_hz <= self.longest_gap_s;
+            let is_filled = self.is_filled(apart);
             for missing in (last + 1..tick).take_while(|_| is_filled) {
                 let share = (missing - last) as f64 / apart as f64;
                 let weighted = [(1.0 - share, &before), (share, &sample)];
@@ -180,6 +179,31 @@ impl Resampler {
         Ok(())
     }
 
+    /// Hands out the frames that no pose of `tick` or later can change, where none before it is to come any more.
+    ///
+    /// # Errors
+    /// Those of `each`.
+    pub fn pass<E>(
+        &mut self,
+        tick: i64,
+        mut each: impl FnMut(Frame) -> Result<(), E>,
+    ) -> Result<(), E> {
+        if let Some(&(last, ..)) = self.samples.back()
+            && (tick - last <= 1 || self.is_filled(tick - last))
+        {
+            return Ok(());
+        }
+        while self.next < self.n_frames && self.clock.position(self.next) < tick as f64 - SAME {
+            each(self.take())?;
+        }
+        Ok(())
+    }
+
+    /// Whether a gap from a pose to one that is `apart` ticks later is filled.
+    fn is_filled(&self, apart: i64) -> bool {
+        self.gaps != Gaps::Keep && (apart as f64 - SAME) / self.clock.run_hz <= self.longest_gap_s
+    }
+
     /// Hands out the frames that are left.
     ///
     /// # Errors
@@ -191,7 +215,8 @@ impl Resampler {
         Ok(())
     }
 
-    fn take(&mut self) -> Frame {
+    /// Hands out the next frame, of what is known by now.
+    pub(crate) fn take(&mut self) -> Frame {
         let index = self.next;
         let position = self.clock.position(index);
         self.next += 1;

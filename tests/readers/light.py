@@ -1,6 +1,6 @@
 """Reads exports back with other people's readers and compares them with poses.jsonl.
 
-    pip install bvhio ezc3d c3d pygltflib pyarrow numpy
+    pip install bvhio ezc3d c3d pygltflib pyarrow numpy mcap mcap-protobuf-support foxglove-schemas-protobuf jsonschema
     python tests/readers/light.py RUN MEASURED SETTLED [VALIDATOR]
 
 RUN is the run's folder; MEASURED and SETTLED hold its exports in all formats with `lengths=measured` and
@@ -8,10 +8,12 @@ RUN is the run's folder; MEASURED and SETTLED hold its exports in all formats wi
 one check is left out, and said so. Bounds: joints 1 mm, rotations 0.01 degrees. Exits with 1 where one is not kept.
 """
 
+import json
 import pathlib
 import shutil
 import subprocess
 import sys
+import tomllib
 import warnings
 
 import numpy as np
@@ -204,6 +206,113 @@ def unit(angle):
     return "m" if angle in ("pelvis_tx", "pelvis_ty", "pelvis_tz") else "deg"
 
 
+def check_mcap(run, path, by_person, rate_hz, first, worst):
+    """By mcap and mcap-protobuf-support, which decode with the schemas in the file; and against those that Foxglove publishes."""
+    import jsonschema
+    from mcap.reader import make_reader
+    from mcap_protobuf.decoder import DecoderFactory
+
+    lines_at = {}
+    for person, lines in by_person.items():
+        for line in lines:
+            lines_at.setdefault(line["tick"], {})[person] = line
+    cameras, counts, validators, last = {}, {}, {}, 0
+    with open(path, "rb") as opened:
+        reader, decoder = make_reader(opened), DecoderFactory()
+        for schema, channel, message in reader.iter_messages():
+            worst.take("MCAP messages out of order", int(message.log_time < last))
+            last, tick = message.log_time, first + round(message.log_time * 1e-9 * rate_hz)
+            worst.take("MCAP times s", abs(message.log_time * 1e-9 - (tick - first) / rate_hz))
+            counts[channel.topic] = counts.get(channel.topic, 0) + 1
+            if channel.message_encoding == "json":
+                validator = validators.setdefault(schema.id, jsonschema.Draft202012Validator(json.loads(schema.data)))
+                said = json.loads(message.data)
+                worst.take("MCAP angles against their schema", sum(1 for _ in validator.iter_errors(said)))
+                check_mcap_angles(said, lines_at[tick][int(channel.topic.split("_")[1].split("/")[0])], worst)
+                continue
+            worst.take("MCAP messages that are not Foxglove's", published(schema, message.data))
+            decoded = decoder.decoder_for(channel.message_encoding, schema)(message.data)
+            if channel.topic == "/people":
+                check_mcap_people(decoded, lines_at.get(tick, {}), worst)
+            elif channel.topic == "/tf":
+                check_mcap_frames(decoded, lines_at.get(tick, {}), worst)
+            elif channel.topic == "/tf_static":
+                cameras |= {transform.child_frame_id: [transform] for transform in decoded.transforms}
+            else:
+                cameras[decoded.frame_id].append(decoded)
+        summary = reader.get_summary()
+        worst.take("MCAP messages that its index lacks", abs(summary.statistics.message_count - sum(counts.values())))
+    n_angles = sum(count for topic, count in counts.items() if topic.endswith("/angles"))
+    worst.take("MCAP poses missing", abs(n_angles - sum(map(len, by_person.values()))) + abs(counts["/tf"] - len(lines_at)))
+    check_mcap_cameras(run, cameras, worst)
+
+
+def published(schema, data):
+    """Whether Foxglove's own classes do not read these bytes, or find anything in them that they do not know."""
+    import importlib
+
+    from google.protobuf import unknown_fields
+
+    name = schema.name.removeprefix("foxglove.")
+    message = getattr(importlib.import_module(f"foxglove_schemas_protobuf.{name}_pb2"), name).FromString(data)
+
+    def has_unknown(message):
+        inner = [value for field, value in message.ListFields() if field.message_type]
+        inner = [one for value in inner for one in (value if hasattr(value, "append") else [value])]
+        return len(unknown_fields.UnknownFieldSet(message)) > 0 or any(map(has_unknown, inner))
+
+    return int(not message.ListFields() or has_unknown(message) or message.SerializeToString() != data)
+
+
+def check_mcap_people(update, lines, worst):
+    worst.take("MCAP people wrong", int({entity.id for entity in update.entities} != {f"person_{person}" for person in lines}))
+    for entity in update.entities:
+        joints = np.array(list(lines[int(entity.id.removeprefix("person_"))]["joints"].values()))
+        line = entity.lines[0]
+        found = np.array([[p.x, p.y, p.z] for p in line.points])
+        worst.take("MCAP joints mm", 1000 * np.abs(found - joints).max())
+        worst.take("MCAP limbs missing", abs(len(line.indices) - 2 * (len(joints) - 1)))
+        worst.take("MCAP labels wrong", int(entity.texts[0].text != entity.id or entity.frame_id != "world"))
+
+
+def check_mcap_frames(message, lines, worst):
+    for transform in message.transforms:
+        line = lines[int(transform.child_frame_id.removeprefix("person_"))]
+        at, q = transform.translation, transform.rotation
+        worst.take("MCAP joints mm", 1000 * np.linalg.norm(np.array([at.x, at.y, at.z]) - line["joints"]["pelvis"]))
+        worst.take("MCAP rotations deg", angle_between_deg(quaternion(q.x, q.y, q.z, q.w), local_rotations(line["angles"])["pelvis"]))
+
+
+def check_mcap_angles(said, line, worst):
+    known = {name for name in line["angles"] if name not in line["unobserved"] and unit(name) == "deg"}
+    worst.take("MCAP angles marked wrongly", len(known ^ set(said["angles_deg"])) + int(said["tick"] != line["tick"]))
+    for name in known & set(said["angles_deg"]):
+        apart = np.radians(said["angles_deg"][name]) - line["angles"][name]
+        worst.take("MCAP angles deg", abs(np.degrees(np.angle(np.exp(1j * apart)))))
+
+
+def check_mcap_cameras(run, cameras, worst):
+    """The axis of each camera, its place and its lens, from the calibration by a second route."""
+    calibration = pathlib.Path(run) / "venue" / "calibration.toml"
+    if not calibration.exists():
+        print("MCAP cameras: the run has no calibration beside it, not checked")
+        return
+    read = {f"camera_{c['name']}": c for c in tomllib.loads(calibration.read_text()).values() if isinstance(c, dict) and "matrix" in c}
+    worst.take("MCAP cameras missing", len(set(read) ^ set(cameras)))
+    for name, (transform, told) in cameras.items():
+        expected, q, at = read[name], transform.rotation, transform.translation
+        vector = np.array(expected["rotation"])
+        angle = np.linalg.norm(vector)
+        axis = vector / angle
+        cross = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
+        camera_from_world = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+        worst.take("MCAP rotations deg", angle_between_deg(quaternion(q.x, q.y, q.z, q.w), camera_from_world.T))
+        place = -camera_from_world.T @ np.array(expected["translation"])
+        worst.take("MCAP joints mm", 1000 * np.linalg.norm(np.array([at.x, at.y, at.z]) - place))
+        lens = np.abs(np.array(told.K).reshape(3, 3) - expected["matrix"]).max() + np.abs(np.array(told.D)[:5] - expected["distortions"][:5]).max()
+        worst.take("MCAP lenses", lens + abs(told.width - expected["size"][0]) + abs(told.height - expected["size"][1]))
+
+
 def check_validator(folders, validator, worst):
     if validator is None or shutil.which("node") is None:
         print("gltf-validator: Node or the package is not there, not checked")
@@ -225,6 +334,10 @@ def main(run, measured, settled, validator=None):
     bounds |= {"glTF inverse bind matrices mm": 1e-3, "glTF times s": 1e-4, "glTF sign flips": 0, "CSV angles deg": DEG}
     bounds |= {"CSV tidy rows missing": 0, "Parquet rows missing": 0, "Parquet points mm": MM}
     bounds |= {"CSV unobserved angles with a number": 0, "CSV tidy angles marked wrongly": 0, "Parquet angles marked wrongly": 0}
+    bounds |= {"MCAP joints mm": MM, "MCAP rotations deg": DEG, "MCAP angles deg": DEG, "MCAP times s": 1e-6, "MCAP lenses": 1e-6}
+    wrong = ("messages out of order", "angles against their schema", "messages that are not Foxglove's", "messages that its index lacks")
+    wrong += ("poses missing", "people wrong", "limbs missing", "labels wrong", "angles marked wrongly", "cameras missing")
+    bounds |= {f"MCAP {what}": 0 for what in wrong}
     worst = Worst(bounds)
     folders = {"measured": pathlib.Path(measured), "settled": pathlib.Path(settled)}
     for mode, folder in folders.items():
@@ -235,6 +348,7 @@ def main(run, measured, settled, validator=None):
         check_c3d(folder, by_person, first, worst)
         check_csv(folder, by_person, worst)
         check_parquet(folder, by_person, worst)
+        check_mcap(run, folder / "poses.mcap", by_person, rate_hz, first, worst)
     check_validator(folders.values(), validator, worst)
     if "gltf-validator issues" in worst.found:
         bounds["gltf-validator issues"] = 0

@@ -16,11 +16,13 @@ use farfield_export::{
     Existing, ExportError, ExportRequest, Format, Lengths, Options, Written, export,
 };
 use farfield_node::process::{NodeError, say};
+use farfield_proto::camera::CameraModel;
 use farfield_proto::tick::{Tick, parse_range};
 use indicatif::{HumanBytes, ProgressBar};
 use serde::Serialize;
 use tempfile::TempDir;
 
+use super::cameras;
 use super::place::{POSES, Place, SUMMARY};
 use super::recorded::RecordedRun;
 use crate::output;
@@ -35,7 +37,7 @@ pub(crate) struct ExportArgs {
     run: PathBuf,
     /// What to write, with commas: glb,c3d,csv, or all.
     ///
-    /// bvh, glb, gltf, c3d, csv, csv-tidy, parquet, osim, trc, mot. TRC and MOT of the whole run are written by the run itself.
+    /// bvh, glb, gltf, c3d, csv, csv-tidy, parquet, mcap (for Foxglove), osim, trc, mot. TRC and MOT of the whole run are written by the run itself.
     #[arg(long, value_delimiter = ',', required = true, value_name = "FORMAT", value_parser = formats)]
     format: Vec<Formats>,
     /// Folder for the files. Default: RUN/export.
@@ -108,6 +110,11 @@ pub(crate) struct ExportArgs {
     /// Names and edits that `farfield people` or the page have left beside the run or recording are not looked at.
     #[arg(long, hide_short_help = true)]
     without_edits: bool,
+    /// Venue file, whose cameras mcap shows.
+    ///
+    /// Default: venue/venue.toml in the folder of the run, as `farfield demo` leaves it; without one there are no cameras.
+    #[arg(long, hide_short_help = true, value_name = "VENUE")]
+    venue: Option<PathBuf>,
     /// Replace files that are there already.
     #[arg(long)]
     replace: bool,
@@ -158,11 +165,7 @@ pub(crate) fn export_run(args: &ExportArgs) -> Result<(), NodeError> {
     let out = args.out.clone().unwrap_or_else(|| place.export_folder());
     let is_new = !out.exists();
     let read = recorded(&place, &out)?;
-    let request = request(
-        args,
-        &place,
-        (read.as_ref().map(TempDir::path), out.clone()),
-    );
+    let request = request(args, &place, read.as_ref(), out.clone());
     let written = request
         .map_err(NodeError::Refused)
         .and_then(|request| write(args, &place, &request));
@@ -174,8 +177,15 @@ pub(crate) fn export_run(args: &ExportArgs) -> Result<(), NodeError> {
     written
 }
 
-/// The poses of a recording as those of a run, in a folder that goes when they are exported.
-fn recorded(place: &Place, out: &Path) -> Result<Option<TempDir>, NodeError> {
+/// What was read of a recording.
+struct ReadOut {
+    /// Its poses as those of a run, in a folder that goes when they are exported.
+    folder: TempDir,
+    cameras: Vec<CameraModel>,
+}
+
+/// Reads a recording out into a folder inside of `out`.
+fn recorded(place: &Place, out: &Path) -> Result<Option<ReadOut>, NodeError> {
     let Place::Recording(path) = place else {
         return Ok(None);
     };
@@ -184,7 +194,9 @@ fn recorded(place: &Place, out: &Path) -> Result<Option<TempDir>, NodeError> {
         "{}: the poses as they were published, of each person from the confirmation on (a replay has what was before, too)",
         path.display()
     ));
-    recorded.as_run(out).map(Some).map_err(NodeError::Failed)
+    let folder = recorded.as_run(out).map_err(NodeError::Failed)?;
+    let cameras = recorded.cameras();
+    Ok(Some(ReadOut { folder, cameras }))
 }
 
 fn write(args: &ExportArgs, place: &Place, request: &ExportRequest) -> Result<(), NodeError> {
@@ -240,23 +252,44 @@ fn lines(written: &[Written]) -> String {
     text
 }
 
-/// What is asked for; `folder` holds what was read of a recording, `out` takes the files.
+/// What is asked for; `read` was read of a recording, `out` takes the files.
 fn request(
     args: &ExportArgs,
     place: &Place,
-    (folder, out): (Option<&Path>, PathBuf),
+    read: Option<&ReadOut>,
+    out: PathBuf,
 ) -> anyhow::Result<ExportRequest> {
-    let (poses, summary) = match (place, folder) {
-        (Place::Run { poses, summary, .. }, _) => (poses.clone(), summary.clone()),
-        (Place::Recording(_), Some(folder)) => (folder.join(POSES), folder.join(SUMMARY)),
-        (Place::Recording(path), None) => bail!("{}: nothing was read of it", path.display()),
-    };
     let mut formats: Vec<Format> = Vec::new();
     for format in args.format.iter().flat_map(|of| &of.0) {
         if !formats.contains(format) {
             formats.push(*format);
         }
     }
+    let has_cameras = formats.contains(&Format::Mcap);
+    let (poses, summary, cameras) = match (place, read) {
+        (
+            Place::Run {
+                poses,
+                summary,
+                folder,
+            },
+            _,
+        ) => {
+            let given = args.venue.as_deref();
+            let cameras = has_cameras.then(|| cameras::of_run(given, folder, summary));
+            let cameras = cameras.transpose()?.unwrap_or_default();
+            (poses.clone(), summary.clone(), cameras)
+        }
+        (Place::Recording(path), _) if args.venue.is_some() => {
+            bail!("--venue: {} has its venue in it", path.display())
+        }
+        (Place::Recording(_), Some(read)) => {
+            let folder = read.folder.path();
+            let cameras = read.cameras.clone();
+            (folder.join(POSES), folder.join(SUMMARY), cameras)
+        }
+        (Place::Recording(path), None) => bail!("{}: nothing was read of it", path.display()),
+    };
     let mut called = BTreeMap::new();
     for (id, name) in &args.name {
         if called.insert(*id, name.clone()).is_some() {
@@ -264,6 +297,7 @@ fn request(
         }
     }
     Ok(ExportRequest {
+        cameras,
         poses,
         summary,
         edits: (!args.without_edits).then(|| place.edits().path().to_owned()),

@@ -11,6 +11,7 @@ use farfield_fusion::node::{pose_layout, recorded_venue};
 use farfield_fusion::pipeline::Pipeline;
 use farfield_fusion::recording::published::{Published, PublishedTicks, published};
 use farfield_node::process::say;
+use farfield_proto::camera::CameraModel;
 use farfield_proto::id::SessionId;
 use farfield_proto::message::PoseSet;
 use farfield_proto::tick::Tick;
@@ -68,6 +69,12 @@ impl RecordedRun {
     /// Ticks per second.
     pub(super) fn rate_hz(&self) -> f64 {
         self.venue.rate_hz
+    }
+
+    /// The cameras of its venue.
+    pub(super) fn cameras(&self) -> Vec<CameraModel> {
+        let cameras = self.venue.cameras.iter();
+        cameras.map(|camera| camera.model.clone()).collect()
     }
 
     /// Gives every tick to `visit`, in order.

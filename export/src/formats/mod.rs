@@ -2,6 +2,7 @@
 
 pub mod bvh;
 pub mod c3d;
+pub mod foxglove;
 pub mod gltf;
 pub mod osim;
 pub mod parquet;

@@ -14,6 +14,7 @@ fn file(gaps: Gaps) -> Vec<u8> {
         summary: folder.path().join("summary.json"),
         edits: None,
         subjects: Vec::new(),
+        cameras: Vec::new(),
         out: folder.path().to_owned(),
         formats: vec![Format::C3d],
         options: Options {
