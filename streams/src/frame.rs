@@ -8,6 +8,7 @@ use std::sync::Arc;
 
 use farfield_export::skeleton::{Angles, Motion, Offsets, RestPose, Rig, links_of};
 use farfield_fusion::body::skeleton::{Joint, N_ANGLES, N_JOINTS};
+use farfield_proto::camera::CameraModel;
 use farfield_proto::id::{PersonId, SessionId};
 use farfield_proto::message::{PersonPose, PersonState, PoseSet};
 use farfield_proto::tick::Tick;
@@ -29,6 +30,8 @@ pub struct VenueFacts {
     pub rate_hz: f64,
     /// What persons are called; who is not in it is `person_<id>`.
     pub names: BTreeMap<PersonId, String>,
+    /// The venue's cameras, for streams that show them.
+    pub cameras: Vec<CameraModel>,
 }
 
 /// The persons of one tick.

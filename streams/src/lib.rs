@@ -11,12 +11,15 @@
 //! | [`qtm`] | the real-time protocol of Qualisys Track Manager: TCP, XML, components |
 //! | [`vmc`] | Virtual Motion Capture: OSC over UDP, one person per port |
 //! | [`websocket`] | JSON for everybody else |
+//! | [`foxglove`] | Foxglove's WebSocket protocol, for its program and Lichtblick |
 //! | [`psn`] | PosiStageNet: where people are, for lighting desks |
 //! | [`ros`] | messages of ROS 2, for whoever has a way to send them |
 //!
 //! Encoders are pure: a frame in, bytes out. None of these protocols knows keys: streams keep to the loopback unless an
 //! address says otherwise ([`StreamSpec::leaves_this_machine`]).
 
+mod connection;
+pub mod foxglove;
 pub mod frame;
 pub mod psn;
 pub mod qtm;
@@ -29,6 +32,7 @@ mod streams;
 pub mod synthetic;
 mod udp;
 pub mod vmc;
+mod wall_clock;
 pub mod websocket;
 
 pub use frame::{Frame, FrameMaker, PersonFrame, Roster, RosterEntry, VenueFacts};

@@ -1,13 +1,16 @@
-//! What both TCP servers share: how they listen, how they write to a client that may hang.
+//! What TCP servers share: how they listen, how they take clients, how they write to one that may hang.
 
 use std::io;
 use std::net::SocketAddr;
 use std::time::Duration;
 
 use tokio::io::{AsyncWrite, AsyncWriteExt as _};
-use tokio::net::{TcpListener, TcpSocket};
+use tokio::net::{TcpListener, TcpSocket, TcpStream};
 use tokio::time::timeout;
 use tokio_util::sync::CancellationToken;
+
+use crate::shell::Shell;
+use crate::slot::Feed;
 
 /// Most clients of one stream.
 pub(crate) const MAX_CLIENTS: usize = 16;
@@ -32,6 +35,46 @@ pub(crate) fn listen(address: SocketAddr) -> io::Result<TcpListener> {
     socket.set_send_buffer_size(SEND_BUFFER)?;
     socket.bind(address)?;
     socket.listen(BACKLOG)
+}
+
+/// Takes clients for as long as streams run, [`MAX_CLIENTS`] at a time, and serves each in a task of its own.
+pub(crate) async fn take_clients<F>(
+    listener: TcpListener,
+    shell: Shell,
+    serve: impl Fn(TcpStream, Shell, Feed) -> F,
+) where
+    F: Future<Output = (Feed, io::Result<()>)> + Send + 'static,
+{
+    loop {
+        let (mut socket, peer) = match listener.accept().await {
+            Ok(taken) => taken,
+            Err(error) => {
+                shell.counters.failed(format!("taking a client: {error}"));
+                tokio::time::sleep(BREATH).await;
+                continue;
+            }
+        };
+        let Some(guard) = shell.counters.client(MAX_CLIENTS) else {
+            let why = format!("client {peer}: refused, {MAX_CLIENTS} are there");
+            shell.counters.failed(why);
+            drop(socket.shutdown().await);
+            continue;
+        };
+        let serving = serve(socket, shell.clone(), shell.feed.fresh());
+        let client = shell.clone();
+        shell.spawn_to_its_end(async move {
+            let (mut feed, served) = serving.await;
+            // Who is cut off because all stops is none that failed.
+            if let Err(error) = served.or_else(|error| match error.kind() {
+                io::ErrorKind::Interrupted => Ok(()),
+                _ => Err(error),
+            }) {
+                feed.miss();
+                client.counters.failed(format!("client {peer}: {error}"));
+            }
+            drop(guard);
+        });
+    }
 }
 
 /// Writes all bytes, unless the client takes none for [`STALL`] or the streams stop.

@@ -18,16 +18,19 @@ pub enum StreamKind {
     Vmc,
     /// JSON over WebSocket; a TCP server.
     WebSocket,
+    /// Foxglove's protocol over WebSocket; a TCP server.
+    Foxglove,
     /// PosiStageNet over UDP multicast, or to one receiver.
     Psn,
 }
 
 impl StreamKind {
     /// Every protocol with its name.
-    pub const ALL: [(&'static str, Self); 4] = [
+    pub const ALL: [(&'static str, Self); 5] = [
         ("qtm", Self::Qtm),
         ("vmc", Self::Vmc),
         ("websocket", Self::WebSocket),
+        ("foxglove", Self::Foxglove),
         ("psn", Self::Psn),
     ];
 
@@ -37,6 +40,7 @@ impl StreamKind {
             Self::Qtm => "qtm",
             Self::Vmc => "vmc",
             Self::WebSocket => "websocket",
+            Self::Foxglove => "foxglove",
             Self::Psn => "psn",
         }
     }
@@ -47,6 +51,7 @@ impl StreamKind {
             Self::Qtm => (Ipv4Addr::LOCALHOST, 22223),
             Self::Vmc => (Ipv4Addr::LOCALHOST, 39539),
             Self::WebSocket => (Ipv4Addr::LOCALHOST, 8765),
+            Self::Foxglove => (Ipv4Addr::LOCALHOST, 8766),
             Self::Psn => (Ipv4Addr::new(236, 10, 10, 10), 56565),
         };
         SocketAddr::new(IpAddr::V4(ip), port)
@@ -54,7 +59,7 @@ impl StreamKind {
 
     /// Whether it waits for clients at its address; the others send to it.
     pub const fn is_server(self) -> bool {
-        matches!(self, Self::Qtm | Self::WebSocket)
+        matches!(self, Self::Qtm | Self::WebSocket | Self::Foxglove)
     }
 }
 
@@ -74,7 +79,7 @@ pub struct StreamSpec {
 pub enum SpecError {
     /// No protocol of that name.
     #[error(
-        "stream `{found}`: found no stream of that name, expected one of qtm, vmc, websocket, psn"
+        "stream `{found}`: found no stream of that name, expected one of qtm, vmc, websocket, foxglove, psn"
     )]
     UnknownName {
         /// The name.
@@ -261,7 +266,7 @@ mod tests {
         let errors = [
             (
                 "qmt",
-                "stream `qmt`: found no stream of that name, expected one of qtm, vmc, websocket, psn",
+                "stream `qmt`: found no stream of that name, expected one of qtm, vmc, websocket, foxglove, psn",
             ),
             (
                 "qtm=here",
@@ -287,7 +292,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn what_is_printed_is_read_again(ip in any::<u32>(), port in 1u16..65520, kind in 0usize..4) {
+        fn what_is_printed_is_read_again(ip in any::<u32>(), port in 1u16..65520, kind in 0usize..5) {
             let address = SocketAddr::new(IpAddr::V4(ip.into()), port);
             let spec = StreamSpec { kind: StreamKind::ALL[kind].1, address, interface: None };
             prop_assert_eq!(spec.to_string().parse(), Ok(spec));

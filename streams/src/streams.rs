@@ -18,7 +18,7 @@ use crate::frame::{Frame, FrameMaker, VenueFacts};
 use crate::shell::Shell;
 use crate::slot::{Counters, Slot};
 use crate::spec::{StreamKind, StreamSpec};
-use crate::{psn, qtm, vmc, websocket};
+use crate::{foxglove, psn, qtm, vmc, websocket};
 
 /// How long streams may take to say goodbye to their clients.
 const GRACE: Duration = Duration::from_secs(2);
@@ -111,13 +111,13 @@ impl Streams {
             stop: CancellationToken::new(),
         };
         for spec in specs {
-            streams.open(*spec).await?;
+            streams.open(*spec, &facts).await?;
         }
         streams.make_frames(FrameMaker::new(facts));
         Ok(streams)
     }
 
-    async fn open(&mut self, spec: StreamSpec) -> Result<(), StreamError> {
+    async fn open(&mut self, spec: StreamSpec, facts: &VenueFacts) -> Result<(), StreamError> {
         let counters = Arc::new(Counters::default());
         let shell = Shell {
             tasks: self.tasks.clone(),
@@ -129,6 +129,13 @@ impl Streams {
             StreamKind::Qtm => qtm::serve(spec.address, shell).await,
             StreamKind::Vmc => vmc::send(spec.address, shell).await,
             StreamKind::WebSocket => websocket::serve(spec.address, &shell),
+            StreamKind::Foxglove => {
+                let venue = foxglove::Venue {
+                    name: facts.venue.clone(),
+                    cameras: facts.cameras.clone(),
+                };
+                foxglove::serve(spec.address, venue, &shell)
+            }
             StreamKind::Psn => psn::send(spec.address, spec.interface, &shell),
         };
         let address = opened.map_err(|source| StreamError::Open {

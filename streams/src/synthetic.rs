@@ -26,6 +26,7 @@ pub fn facts() -> VenueFacts {
         venue: "synthetic".to_owned(),
         rate_hz: RATE_HZ,
         names: BTreeMap::from([(PersonId(2), "Ada <& \"Zoë\">".to_owned())]),
+        cameras: Vec::new(),
     }
 }
 

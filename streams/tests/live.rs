@@ -136,6 +136,44 @@ async fn a_client_that_hangs_costs_others_no_frame() -> Outcome {
 }
 
 #[tokio::test]
+async fn who_speaks_foxgloves_protocol_is_told_of_channels_and_others_are_refused() -> Outcome {
+    let streams = started("foxglove=127.0.0.1:0").await?;
+    let address = report(&streams).address;
+    let ask = async |head: &str| -> Result<(TcpStream, String), Box<dyn Error>> {
+        let mut client = TcpStream::connect(address).await?;
+        let request = format!(
+            "GET / HTTP/1.1\r\nHost: {address}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n\
+             Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n{head}\r\n"
+        );
+        client.write_all(request.as_bytes()).await?;
+        let mut said = vec![0; 400];
+        let n = timeout(SOON, client.read(&mut said)).await??;
+        said.truncate(n);
+        Ok((client, String::from_utf8_lossy(&said).into_owned()))
+    };
+    let (_, said) = ask("").await?;
+    assert!(said.starts_with("HTTP/1.1 400"), "{said}");
+    let stranger = "Sec-WebSocket-Protocol: foxglove.sdk.v1\r\nOrigin: http://example.org\r\n";
+    let (_, said) = ask(stranger).await?;
+    assert!(said.starts_with("HTTP/1.1 403"), "{said}");
+    let own = "Sec-WebSocket-Protocol: other, foxglove.websocket.v1\r\nOrigin: https://app.foxglove.dev\r\n";
+    let (mut client, said) = ask(own).await?;
+    assert!(said.starts_with("HTTP/1.1 101"), "{said}");
+    assert!(
+        said.contains("sec-websocket-protocol: foxglove.websocket.v1\r\n"),
+        "{said}"
+    );
+    let mut more = vec![0; 20_000];
+    let n = timeout(SOON, client.read(&mut more)).await??;
+    let said = said + &String::from_utf8_lossy(&more[..n]);
+    assert!(
+        said.contains(r#"{"op":"serverInfo","name":"Farfield: synthetic""#),
+        "{said}"
+    );
+    Ok(())
+}
+
+#[tokio::test]
 async fn people_have_ports_of_their_own() -> Outcome {
     // Two ports beside each other that are free now.
     let (first, second) = loop {

@@ -1,11 +1,11 @@
 """Receives the live streams with other people's clients and compares them with the motion that is streamed.
 
-    pip install qtm-rt motioncapture python-osc websockets pypsn numpy
-    cargo run -p farfield-streams --example synthetic -- --truth TRUTH --seconds 90 qtm vmc websocket psn
+    pip install qtm-rt motioncapture python-osc websockets pypsn foxglove-schemas-protobuf numpy
+    cargo run -p farfield-streams --example synthetic -- --truth TRUTH --seconds 90 qtm vmc websocket foxglove psn
     python tests/readers/streams.py TRUTH [--seconds 5] [--only NAME,...] [--node-modules DIR]
 
-It starts nothing: the streams run, at their default addresses. DIR holds npm's qualisys-rt; without it, or without Node,
-that one client is left out, and said so. While the clients receive, one after another, two more are connected and read
+It starts nothing: the streams run, at their default addresses. DIR holds npm's qualisys-rt, @foxglove/ws-protocol and ws; without it,
+or without Node, their clients are left out, and said so. While the clients receive, one after another, two more are connected and read
 nothing. Bounds: what the numbers of each format can hold for positions; 1 mm for joints after the client's own forward
 kinematics, 0.01 degrees for rotations; at most every twentieth tick lost, as streams
 skip ticks where the machine has no time for them (alone on it, none is). Prints per client: frames, ticks a second, ticks lost, and how
@@ -14,6 +14,7 @@ long after its instant a tick arrived (P50, P99). Exits with 1 where a bound is 
 
 import argparse
 import asyncio
+import base64
 import json
 import os
 import shutil
@@ -262,6 +263,89 @@ def websocket(truth, seconds, worst):
             compare(worst, "angle rad", "WebSocket", max(abs(said["angles"][name] - angles[name]) for name in angles))
 
 
+FOXGLOVE = """
+const { FoxgloveClient } = require('@foxglove/ws-protocol'), { WebSocket } = require('ws');
+const client = new FoxgloveClient({ ws: new WebSocket('ws://127.0.0.1:8766', [FoxgloveClient.SUPPORTED_SUBPROTOCOL]) });
+const topics = new Map();
+client.on('error', error => { throw error; });
+client.on('advertise', channels => channels.forEach(channel => topics.set(client.subscribe(channel.id), channel)));
+client.on('message', event => {
+  const channel = topics.get(event.subscriptionId);
+  console.log(JSON.stringify([Date.now() / 1000, channel.topic, channel.schemaName, String(event.timestamp), Buffer.from(event.data.buffer, event.data.byteOffset, event.data.byteLength).toString('base64')]));
+});
+setTimeout(() => process.exit(), SECONDS * 1000);
+"""
+
+
+def foxglove(truth, seconds, worst, modules):
+    """Foxglove's own client (npm), and one of Python over websockets; decoded by the classes that Foxglove publishes."""
+    if modules and shutil.which("node"):
+        script = FOXGLOVE.replace("SECONDS", str(seconds))
+        ran = subprocess.run(["node", "-e", script], env={**os.environ, "NODE_PATH": modules}, capture_output=True, text=True, timeout=seconds + 20, check=True)
+        messages = [(at, topic, schema, int(stamp), base64.b64decode(data)) for at, topic, schema, stamp, data in map(json.loads, ran.stdout.splitlines())]
+        foxglove_messages("Foxglove, @foxglove/ws-protocol", truth, messages, worst)
+    else:
+        print("left out: npm's @foxglove/ws-protocol, no --node-modules or no Node")
+    foxglove_messages("Foxglove, websockets", truth, asyncio.run(foxglove_by_hand(seconds)), worst)
+
+
+async def foxglove_by_hand(seconds):
+    import websockets
+
+    messages, channels, end = [], {}, time.time() + seconds
+    async with websockets.connect(f"ws://{HOST}:8766", subprotocols=["foxglove.sdk.v1"]) as connection:
+        while time.time() < end:
+            message = await connection.recv()
+            if isinstance(message, str):
+                said = json.loads(message)
+                new = {channel["id"]: (channel["topic"], channel["schemaName"]) for channel in said.get("channels", [])}
+                channels |= new
+                if new:
+                    # The client's number of a subscription is that of the channel.
+                    await connection.send(json.dumps({"op": "subscribe", "subscriptions": [{"id": id, "channelId": id} for id in new]}))
+                continue
+            kind, subscription, stamp = struct.unpack_from("<BIQ", message)
+            assert kind == 1
+            messages.append((time.time(), *channels[subscription], stamp, message[13:]))
+    return messages
+
+
+def foxglove_messages(client, truth, messages, worst):
+    import importlib
+
+    received, ticks = Received(truth), {}
+    for arrived, topic, schema, stamp, data in messages:
+        if topic == "/person_1/angles":
+            tick = json.loads(data)["tick"]
+            ticks[stamp] = tick
+            received.ticks.append(tick)
+            received.delays_ms.append(1000 * (arrived - truth.start_s - tick / truth.rate_hz))
+    received.line(client, worst)
+    topics = {topic for _, topic, *_ in messages}
+    expected = {"/people", "/tf", *(f"/person_{i + 1}/angles" for i in range(truth.people))}
+    worst.bounds[f"{client}: topics missing"] = 0
+    worst.take(f"{client}: topics missing", len(expected - topics))
+    for _, topic, schema, stamp, data in messages:
+        tick = ticks.get(stamp)
+        if tick is None or tick % 7:
+            continue
+        if topic.endswith("/angles"):
+            person = int(topic.split("_")[1].split("/")[0]) - 1
+            angles = truth.angles[tick % len(truth.angles)][person]
+            for name, value in json.loads(data)["angles_deg"].items():
+                compare(worst, "deg", client, abs(np.degrees(np.angle(np.exp(1j * (np.radians(value) - angles[name]))))))
+            continue
+        name = schema.removeprefix("foxglove.")
+        message = getattr(importlib.import_module(f"foxglove_schemas_protobuf.{name}_pb2"), name).FromString(data)
+        for entity in getattr(message, "entities", ()):
+            joints = np.array([[p.x, p.y, p.z] for p in entity.lines[0].points])
+            compare(worst, "mm", client, 1000 * np.abs(joints - truth.at(tick)[int(entity.id.split("_")[1]) - 1]).max())
+        for transform in getattr(message, "transforms", ()):
+            person, t, q = int(transform.child_frame_id.split("_")[1]) - 1, transform.translation, transform.rotation
+            compare(worst, "mm", client, 1000 * np.linalg.norm(np.array([t.x, t.y, t.z]) - truth.joint(tick, person, "pelvis")))
+            compare(worst, "deg", client, angle_between_deg(rotation(q.x, q.y, q.z, q.w), truth.local(tick, person)["pelvis"]))
+
+
 def vmc(truth, seconds, worst):
     """python-osc: a port per person."""
     from pythonosc.dispatcher import Dispatcher
@@ -389,7 +473,7 @@ def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("truth")
     parser.add_argument("--seconds", type=float, default=5)
-    parser.add_argument("--only", default="qtm,motioncapture,node,websocket,vmc,psn")
+    parser.add_argument("--only", default="qtm,motioncapture,node,websocket,foxglove,vmc,psn")
     parser.add_argument("--node-modules")
     given = parser.parse_args()
     truth, worst = Truth(given.truth), Worst({})
@@ -397,8 +481,9 @@ def main():
     began = time.time()
     print("| client | frames | ticks/s | lost | P50 ms | P99 ms |\n| --- | --- | --- | --- | --- | --- |")
     for name in given.only.split(","):
-        more = (given.node_modules,) if name == "node" else ()
-        {"qtm": qtm, "motioncapture": motioncapture, "node": node, "websocket": websocket, "vmc": vmc, "psn": psn}[name](truth, given.seconds, worst, *more)
+        more = (given.node_modules,) if name in ("node", "foxglove") else ()
+        known = {"qtm": qtm, "motioncapture": motioncapture, "node": node, "websocket": websocket, "foxglove": foxglove, "vmc": vmc, "psn": psn}
+        known[name](truth, given.seconds, worst, *more)
     # Some seconds until the system's buffers are full, then ten.
     time.sleep(max(0.0, 25 - (time.time() - began)))
     worst.bounds["clients that hang and were not left"] = 0

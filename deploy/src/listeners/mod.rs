@@ -43,10 +43,11 @@ pub(crate) struct ListenerArgs {
     /// A name by which browsers call this machine, for the live page.
     #[arg(long, value_name = "NAME", requires = "page", hide_short_help = true)]
     pub(crate) page_name: Vec<String>,
-    /// Stream poses: qtm, vmc, websocket or psn.
+    /// Stream poses: qtm, vmc, websocket, foxglove, ...
     ///
-    /// By the protocol of that name, to this machine or to ADDRESS: an IP address, with or without a port. Beyond this
-    /// machine everybody who can reach it sees where people are: none of these protocols knows keys. See `docs/streams.md`.
+    /// qtm, vmc, websocket, foxglove or psn: by the protocol of that name, to this machine or to ADDRESS: an IP address, with
+    /// or without a port. Beyond this machine everybody who can reach it sees where people are: none of these protocols
+    /// knows keys. See `docs/streams.md`.
     ///
     /// As NAME, or NAME=ADDRESS.
     #[arg(long, value_name = "NAME")]

@@ -27,6 +27,12 @@ pub(super) fn facts(run: &RunAtItsStart<'_>) -> VenueFacts {
         venue: run.venue.name.clone(),
         rate_hz: run.venue.rate_hz,
         names: BTreeMap::new(),
+        cameras: run
+            .venue
+            .cameras
+            .iter()
+            .map(|it| it.model.clone())
+            .collect(),
     }
 }
 

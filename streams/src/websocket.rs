@@ -18,27 +18,26 @@
 use std::io;
 use std::net::SocketAddr;
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::Duration;
 
 use farfield_fusion::body::skeleton::{ANGLE_NAMES, Joint};
 use farfield_proto::message::PersonState;
 use serde::ser::{SerializeMap as _, SerializeSeq as _};
 use serde::{Serialize, Serializer};
-use tokio::io::AsyncWriteExt as _;
-use tokio::net::{TcpListener, TcpStream};
-use tokio::time::timeout;
+use tokio::net::TcpStream;
+use tokio_tungstenite::tungstenite::Message as WebSocketMessage;
 
+use crate::connection::{Connection, Etiquette, Received, accept_connection};
 use crate::frame::{Frame, PersonFrame};
-use crate::server::{BREATH, MAX_CLIENTS, STALL, listen};
+use crate::server::{listen, take_clients};
 use crate::shell::Shell;
 use crate::slot::Feed;
 
-mod connection;
-
-use connection::{Connection, Received, accept_connection};
-
-/// How long a client may take to say what it wants.
-const HANDSHAKE: Duration = Duration::from_secs(5);
+/// Nothing that a client sends is looked at.
+const ETIQUETTE: Etiquette = Etiquette {
+    max_incoming: 4096,
+    protocols: &[],
+    origins: &[],
+};
 
 /// The message of a frame.
 pub fn message(frame: &Frame) -> String {
@@ -180,78 +179,53 @@ pub(crate) fn serve(address: SocketAddr, shell: &Shell) -> io::Result<SocketAddr
     let listener = listen(address)?;
     let bound = listener.local_addr()?;
     let clients = shell.clone();
-    shell.spawn(async move { accept(listener, clients).await });
+    let encoded = Arc::new(Encoded::default());
+    shell.spawn(take_clients(
+        listener,
+        clients,
+        move |socket, shell, feed| serve_client(socket, Arc::clone(&encoded), shell, feed),
+    ));
     Ok(bound)
 }
 
-async fn accept(listener: TcpListener, shell: Shell) {
-    let encoded = Arc::new(Encoded::default());
-    loop {
-        let (mut socket, peer) = match listener.accept().await {
-            Ok(taken) => taken,
-            Err(error) => {
-                shell.counters.failed(format!("taking a client: {error}"));
-                tokio::time::sleep(BREATH).await;
-                continue;
-            }
-        };
-        let Some(guard) = shell.counters.client(MAX_CLIENTS) else {
-            let why = format!("client {peer}: refused, {MAX_CLIENTS} are there");
-            shell.counters.failed(why);
-            drop(socket.shutdown().await);
-            continue;
-        };
-        let (client, encoded) = (shell.clone(), Arc::clone(&encoded));
-        shell.spawn_to_its_end(async move {
-            let mut feed = client.feed.fresh();
-            let served = serve_client(socket, &encoded, &client, &mut feed).await;
-            if let Err(error) = served {
-                feed.miss();
-                client.counters.failed(format!("client {peer}: {error}"));
-            }
-            drop(guard);
-        });
-    }
+async fn serve_client(
+    socket: TcpStream,
+    encoded: Arc<Encoded>,
+    shell: Shell,
+    mut feed: Feed,
+) -> (Feed, io::Result<()>) {
+    let served = send_frames(socket, &encoded, &shell, &mut feed).await;
+    (feed, served)
 }
 
 /// Until the client leaves, or takes nothing for too long.
-async fn serve_client(
+async fn send_frames(
     socket: TcpStream,
     encoded: &Encoded,
     shell: &Shell,
     feed: &mut Feed,
 ) -> io::Result<()> {
-    socket.set_nodelay(true)?;
-    let connecting = timeout(HANDSHAKE, accept_connection(socket));
     let mut connection: Connection = tokio::select! {
         biased;
         () = shell.stop.cancelled() => return Ok(()),
-        connected = connecting => connected.map_err(|_| {
-            io::Error::new(io::ErrorKind::TimedOut, "did not ask within five seconds")
-        })??,
+        connected = accept_connection(socket, ETIQUETTE) => connected?,
     };
     feed.catch_up();
     loop {
         tokio::select! {
             biased;
             () = shell.stop.cancelled() => {
-                // A client that hangs does not hear it.
-                drop(timeout(BREATH, connection.close()).await);
+                connection.close().await;
                 return Ok(());
             }
             received = connection.receive() => match received? {
-                Received::Something => {}
+                Received::Text(_) | Received::Something => {}
                 Received::Goodbye => return Ok(()),
             },
             frame = feed.next() => {
                 let Some(frame) = frame else { return Ok(()) };
-                let text = encoded.of(&frame);
-                let sent = tokio::select! {
-                    biased;
-                    () = shell.stop.cancelled() => return Ok(()),
-                    sent = timeout(STALL, connection.send(&text)) => sent,
-                };
-                sent.map_err(|_| io::Error::new(io::ErrorKind::TimedOut, "took nothing for ten seconds"))??;
+                let text = WebSocketMessage::text(&*encoded.of(&frame));
+                connection.send([text], &shell.stop).await?;
                 shell.counters.sent();
             }
         }

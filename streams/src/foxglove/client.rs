@@ -1,0 +1,240 @@
+//! One client: what it has subscribed to, what it is told, pure.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use farfield_export::formats::foxglove::{Stamp, camera_calibration, camera_frames};
+use serde::Deserialize;
+use tokio_tungstenite::tungstenite::Message;
+
+use super::Venue;
+use super::channels::{Channel, advertise, lasting, server_info, unadvertise};
+use super::encoded::Encoded;
+use crate::frame::{Frame, Roster};
+
+/// Most subscriptions of a client.
+const MAX_SUBSCRIPTIONS: usize = 4096;
+/// The first byte of a message of a channel.
+const MESSAGE_DATA: u8 = 1;
+
+/// What a client may ask for; all else is not looked at.
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
+#[serde(tag = "op", rename_all = "camelCase")]
+pub enum Request {
+    /// Messages of channels.
+    Subscribe {
+        /// Which.
+        subscriptions: Vec<Subscription>,
+    },
+    /// No more of them.
+    #[serde(rename_all = "camelCase")]
+    Unsubscribe {
+        /// Numbers of subscriptions.
+        subscription_ids: Vec<u32>,
+    },
+}
+
+/// A subscription of a client.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub struct Subscription {
+    /// The client's own number of it.
+    pub id: u32,
+    /// Number of the channel.
+    pub channel_id: u32,
+}
+
+impl Request {
+    /// The request in a text; `None`: it is none.
+    pub fn parse(text: &str) -> Option<Self> {
+        serde_json::from_str(text).ok()
+    }
+}
+
+/// A client.
+#[derive(Debug, Default)]
+pub(super) struct Client {
+    /// Channels by the client's numbers.
+    subscriptions: BTreeMap<u32, Channel>,
+    /// Persons whose channels it was told of, and with which roster.
+    told: (Option<u64>, BTreeSet<u32>),
+}
+
+impl Client {
+    pub(super) fn has_subscribed(&self) -> bool {
+        !self.subscriptions.is_empty()
+    }
+
+    /// What a new client hears: who serves it, and the channels.
+    pub(super) fn welcome(&mut self, venue: &Venue, newest: Option<&Frame>) -> Vec<Message> {
+        let channels = advertise(venue, lasting(venue));
+        let mut said = vec![Message::text(server_info(venue)), Message::text(channels)];
+        if let Some(frame) = newest {
+            said.extend(self.tell_of_people(venue, &frame.roster));
+        }
+        said
+    }
+
+    /// The messages of channels that do not change, to who has just subscribed to them.
+    pub(super) fn answer(&mut self, text: &str, venue: &Venue, now: Stamp) -> Vec<Message> {
+        match Request::parse(text) {
+            Some(Request::Subscribe { subscriptions }) => subscriptions
+                .into_iter()
+                .filter_map(|asked| {
+                    let channel = Channel::of_id(asked.channel_id)?;
+                    if self.subscriptions.len() >= MAX_SUBSCRIPTIONS {
+                        return None;
+                    }
+                    self.subscriptions.insert(asked.id, channel);
+                    let message = match channel {
+                        Channel::CameraFrames => camera_frames(now, &venue.cameras),
+                        Channel::Calibration(camera) => {
+                            camera_calibration(now, venue.cameras.get(camera as usize)?)
+                        }
+                        _ => return None,
+                    };
+                    Some(data(asked.id, now, &message))
+                })
+                .collect(),
+            Some(Request::Unsubscribe { subscription_ids }) => {
+                for id in subscription_ids {
+                    self.subscriptions.remove(&id);
+                }
+                Vec::new()
+            }
+            None => Vec::new(),
+        }
+    }
+
+    /// What is said of a frame, and whether there is anything of people in it.
+    pub(super) fn frame(&mut self, venue: &Venue, encoded: &Encoded) -> (Vec<Message>, bool) {
+        let mut messages = self.tell_of_people(venue, &encoded.frame.roster);
+        let told = messages.len();
+        for (id, channel) in &self.subscriptions {
+            let message = match channel {
+                Channel::People => Some(encoded.people()),
+                Channel::Frames => Some(encoded.frames()),
+                Channel::Angles(person) => encoded.angles(*person),
+                Channel::CameraFrames | Channel::Calibration(_) => None,
+            };
+            messages.extend(message.map(|message| data(*id, encoded.stamp, message)));
+        }
+        let is_data = messages.len() > told;
+        (messages, is_data)
+    }
+
+    /// That channels of persons have come and gone since the last time.
+    fn tell_of_people(&mut self, venue: &Venue, roster: &Roster) -> Vec<Message> {
+        let (version, told) = &mut self.told;
+        if version.replace(roster.version) == Some(roster.version) {
+            return Vec::new();
+        }
+        let there: BTreeSet<u32> = roster.people.iter().map(|entry| entry.id.0).collect();
+        let before = std::mem::replace(told, there);
+        let come = told.difference(&before).map(|id| Channel::Angles(*id));
+        let gone = before.difference(told).map(|id| Channel::Angles(*id));
+        let (come, gone): (Vec<Channel>, Vec<Channel>) = (come.collect(), gone.collect());
+        let mut said = Vec::new();
+        if !gone.is_empty() {
+            self.subscriptions
+                .retain(|_, channel| !gone.contains(channel));
+            said.push(Message::text(unadvertise(gone)));
+        }
+        if !come.is_empty() {
+            said.push(Message::text(advertise(venue, come)));
+        }
+        said
+    }
+}
+
+/// A message of a channel: what it is, the client's number, Unix time in nanoseconds, and its bytes.
+fn data(subscription: u32, stamp: Stamp, message: &[u8]) -> Message {
+    let mut bytes = Vec::with_capacity(13 + message.len());
+    bytes.push(MESSAGE_DATA);
+    bytes.extend_from_slice(&subscription.to_le_bytes());
+    bytes.extend_from_slice(&stamp.nanos.to_le_bytes());
+    bytes.extend_from_slice(message);
+    Message::binary(bytes)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::super::encoded::Encoder;
+    use super::*;
+    use crate::frame::FrameMaker;
+    use crate::synthetic;
+
+    fn venue() -> Venue {
+        Venue {
+            name: "hall".to_owned(),
+            cameras: Vec::new(),
+        }
+    }
+
+    fn texts(messages: &[Message]) -> Vec<serde_json::Value> {
+        let texts = messages.iter().filter_map(|message| message.to_text().ok());
+        texts
+            .filter_map(|text| serde_json::from_str(text).ok())
+            .collect()
+    }
+
+    #[test]
+    fn a_client_gets_what_it_has_subscribed_to_and_is_told_who_comes() {
+        let (venue, encoder, mut client) = (venue(), Encoder::default(), Client::default());
+        let mut maker = FrameMaker::new(synthetic::facts());
+        let welcome = texts(&client.welcome(&venue, None));
+        assert_eq!(welcome[0]["op"], "serverInfo");
+        assert_eq!(welcome[1]["channels"][0]["topic"], "/people");
+        let request = r#"{"op":"subscribe","subscriptions":[{"id":7,"channelId":1},{"id":8,"channelId":65537}]}"#;
+        assert!(client.answer(request, &venue, encoder.now()).is_empty());
+        let frame = Arc::new(maker.frame(&synthetic::poses_at(1, 0)));
+        let (messages, is_data) = client.frame(&venue, &encoder.of(&frame));
+        assert!(is_data);
+        assert_eq!(
+            texts(&messages)[0]["channels"][0]["topic"],
+            "/person_1/angles"
+        );
+        let numbers: Vec<u8> = messages[1..]
+            .iter()
+            .map(|message| message.clone().into_data()[1])
+            .collect();
+        assert_eq!(numbers, [7, 8]);
+        // Nobody new, nothing said of it.
+        let frame = Arc::new(maker.frame(&synthetic::poses_at(1, 1)));
+        let (messages, _) = client.frame(&venue, &encoder.of(&frame));
+        assert!(texts(&messages).is_empty());
+        client.answer(
+            r#"{"op":"unsubscribe","subscriptionIds":[7,8]}"#,
+            &venue,
+            encoder.now(),
+        );
+        let frame = Arc::new(maker.frame(&synthetic::poses_at(1, 2)));
+        assert!(!client.frame(&venue, &encoder.of(&frame)).1);
+    }
+
+    #[test]
+    fn what_is_no_request_is_not_looked_at() {
+        for text in [
+            "",
+            "{}",
+            r#"{"op":"advertise","channels":[]}"#,
+            r#"{"op":"subscribe","subscriptions":[{"id":-1,"channelId":1}]}"#,
+        ] {
+            assert_eq!(Request::parse(text), None, "{text}");
+        }
+    }
+
+    #[test]
+    fn subscriptions_are_bounded() {
+        let (venue, encoder, mut client) = (venue(), Encoder::default(), Client::default());
+        for first in (0..10_000).step_by(100) {
+            let asked: Vec<_> = (first..first + 100)
+                .map(|id| serde_json::json!({"id": id, "channelId": 1}))
+                .collect();
+            let text = serde_json::json!({"op": "subscribe", "subscriptions": asked}).to_string();
+            client.answer(&text, &venue, encoder.now());
+        }
+        assert_eq!(client.subscriptions.len(), MAX_SUBSCRIPTIONS);
+    }
+}
