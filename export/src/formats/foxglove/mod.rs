@@ -8,8 +8,8 @@
 //! | [`calibration_topic`] | `foxglove.CameraCalibration` | lens and size of a camera |
 //! | [`angles_topic`] | `farfield.Angles`, JSON | a person's angles, to be plotted |
 //!
-//! Foxglove's own messages are protobuf, with the schemas that it publishes (crate `foxglove`): a body takes a third of
-//! what it does as JSON. Angles are JSON, whose fields a plot names. Metres, z up, right-handed; degrees in plots, and in
+//! Foxglove's own messages are protobuf, with the schemas that it publishes (crate `foxglove`): a body takes about
+//! half of what it does as JSON. Angles are JSON, whose fields a plot names. Metres, z up, right-handed; degrees in plots, and in
 //! messages quaternions.
 //!
 //! Source: <https://docs.foxglove.dev/docs/sdk/schemas>, <https://mcap.dev/spec/registry>.
