@@ -192,7 +192,7 @@ def scrubs(visit, folder):
     check("and is live again", is_live and visit.until(lambda: visit.counter("tick") > before) is not None)
 
 
-def records(visit):
+def records(visit, folder):
     record = visit.page.locator(".record")
     if not record.is_visible():
         print("left out: recording, which the server does not offer without a token")
@@ -201,6 +201,10 @@ def records(visit):
         record.click()
         is_so = visit.until(lambda: ("on" in (record.get_attribute("class") or "").split()) == is_running)
         check(f"a recording {'starts' if is_running else 'stops'}", is_so is not None)
+        if is_running:
+            told = visit.until(lambda: re.search(r"\d:\d\d · .*B", record.inner_text()) is not None)
+            check("for how long and how large is told", told is not None, record.inner_text())
+            visit.shot(folder, "recording")
 
 
 def refuses_strangers(url):
@@ -299,7 +303,7 @@ def visit_all(url, folder, people, server=None):
         looks_at_cameras(visit, folder)
         alarm_comes_and_goes(visit, folder)
         scrubs(visit, folder)
-        records(visit)
+        records(visit, folder)
         draws_quickly(visit)
         check("the token is not in the address bar", "token" not in visit.page.url, visit.page.url)
         check("no console errors", not visit.said, visit.said[:3] or "")

@@ -80,9 +80,13 @@ impl PageActions for Pretended {
             Action::StartRecording => (true, "synthetic_2026-03-01_18-30-05.mcap"),
             Action::StopRecording => (false, "synthetic_2026-03-01_18-30-05.mcap is whole"),
         };
+        let since_us = SystemTime::now().duration_since(UNIX_EPOCH);
+        let since_us = since_us.map(|at| at.as_micros()).map(i64::try_from);
         state.set_recording(Some(RecordingState {
             running,
             text: text.to_owned(),
+            since_us: since_us.ok().and_then(Result::ok),
+            bytes: Some(1 << 20),
         }));
         Ok(())
     }

@@ -2,7 +2,7 @@
 
 use farfield_proto::message::StageTime;
 use farfield_proto::message::agreement::CameraAgreement;
-use farfield_proto::tick::Tick;
+use farfield_proto::tick::{Micros, Tick};
 use serde::Serialize;
 
 use super::text::json;
@@ -255,6 +255,10 @@ pub struct RecordingState {
     pub running: bool,
     /// Its name, or what became of it.
     pub text: String,
+    /// When it began, microseconds of Unix time.
+    pub since_us: Option<Micros>,
+    /// Bytes on the disk.
+    pub bytes: Option<u64>,
 }
 
 /// What the page's own feed has lost.

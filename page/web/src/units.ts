@@ -34,6 +34,14 @@ export function clockTime(seconds: number): string {
   return `${sign}${minutes}:${String(whole % 60).padStart(2, "0")}.${tenths % 10}`;
 }
 
+/** Seconds as m:ss, or h:mm:ss. */
+export function wholeSeconds(seconds: number): string {
+  const whole = Math.floor(seconds);
+  const two = (n: number): string => String(n % 60).padStart(2, "0");
+  const [minutes, hours] = [Math.floor(whole / 60), Math.floor(whole / 3600)];
+  return hours > 0 ? `${hours}:${two(minutes)}:${two(whole)}` : `${minutes}:${two(whole)}`;
+}
+
 /** One or many: `count(1, "person", "people")`. */
 export function count(n: number, one: string, many: string): string {
   return `${n} ${n === 1 ? one : many}`;

@@ -4,9 +4,10 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 import { readings } from "../src/angle_names.ts";
 import { AngleSeries } from "../src/charts/series.ts";
+import { labelPlaces } from "../src/charts/latency_chart.ts";
 import { roundStep } from "../src/charts/pen.ts";
 import { sigmaShare, viridis } from "../src/palette.ts";
-import { byteCount, clockTime, milliseconds } from "../src/units.ts";
+import { byteCount, clockTime, milliseconds, wholeSeconds } from "../src/units.ts";
 
 const angle = (name: string, unit: "rad" | "m" = "rad") => ({ name, unit, range: null });
 
@@ -42,9 +43,21 @@ test("the key of certainty is logarithmic and bounded", () => {
   assert.equal(viridis(1), 0xfde725);
 });
 
+test("labels of two lines never lie on each other, however close the lines are", () => {
+  assert.deepEqual(labelPlaces(20, 60, 100), [18, 58]);
+  for (const [p99, p50] of [[50, 50], [50, 52], [50, 60], [3, 5], [97, 99], [0, 0]] as const) {
+    const [upper, lower] = labelPlaces(p99, p50, 100);
+    assert.ok(lower - upper >= 13 && upper >= 13 && lower <= 100, `${p99} ${p50}: ${upper} ${lower}`);
+  }
+  // One of them alone, where the other is not known.
+  assert.equal(labelPlaces(NaN, 60, 100)[1], 58);
+});
+
 test("times and sizes are short", () => {
   assert.equal(clockTime(-61.04), "−1:01.0");
   assert.equal(clockTime(59.96), "1:00.0");
+  assert.equal(wholeSeconds(59.9), "0:59");
+  assert.equal(wholeSeconds(3725), "1:02:05");
   assert.equal(milliseconds(null), "–");
   assert.equal(milliseconds(41_000), "41 ms");
   assert.equal(byteCount(125_000), "125 kB");

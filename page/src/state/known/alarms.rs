@@ -401,6 +401,7 @@ impl Found<'_> {
         if let Some(RecordingState {
             running: false,
             text,
+            ..
         }) = self.of.recording
             && text.starts_with("failed")
         {

@@ -7,6 +7,8 @@ import { Chart, roundStep, type ChartColours } from "./pen.ts";
 const KEPT = 180;
 const LEFT_PX = 44;
 const BOTTOM_PX = 16;
+/** Height of a label. */
+const LABEL_PX = 13;
 const P50_COLOUR = "#56b4e9";
 const P99_COLOUR = "#e69f00";
 
@@ -56,18 +58,28 @@ export class LatencyChart {
     pen.fillText("now", width - 4, height);
     drawLine(pen, this.p99_us, P99_COLOUR, x, y);
     drawLine(pen, this.p50_us, P50_COLOUR, x, y);
-    this.drawEnd(pen, this.p99_us, "P99", P99_COLOUR, y);
-    this.drawEnd(pen, this.p50_us, "P50", P50_COLOUR, y);
-  }
-
-  private drawEnd(pen: CanvasRenderingContext2D, us: number[], text: string, colour: string, y: (us: number) => number): void {
-    const last = us[us.length - 1];
-    if (last === undefined || !Number.isFinite(last)) return;
-    pen.fillStyle = colour;
+    const [p99_us, p50_us] = [this.p99_us.at(-1) ?? NaN, this.p50_us.at(-1) ?? NaN];
+    const [p99_y, p50_y] = labelPlaces(y(p99_us), y(p50_us), height - BOTTOM_PX);
     pen.textAlign = "right";
     pen.textBaseline = "bottom";
-    pen.fillText(text, this.chart.width - 6, y(last) - 2);
+    for (const [text, at, colour] of [["P99", p99_y, P99_COLOUR], ["P50", p50_y, P50_COLOUR]] as const) {
+      if (!Number.isFinite(at)) continue;
+      pen.fillStyle = colour;
+      pen.fillText(text, width - 6, at);
+    }
   }
+}
+
+/**
+ * Where the labels of two lines stand, by their lower edge: above their line, and where the lines are close the lower one below
+ * its line, so that neither label lies on the other. Inside the chart, from 0 to `bottom`. P99 is never below P50.
+ */
+export function labelPlaces(p99_y: number, p50_y: number, bottom: number): [number, number] {
+  const upper = Math.max(LABEL_PX, p99_y - 2);
+  const alone = p50_y - 2;
+  if (!(alone - upper < LABEL_PX)) return [upper, alone];
+  const lower = Math.max(p50_y + 2 + LABEL_PX, upper + LABEL_PX);
+  return lower <= bottom ? [upper, lower] : [bottom - LABEL_PX, bottom];
 }
 
 function drawLine(

@@ -3,14 +3,7 @@
 import { KeyedChildren, button, element, setClass, setHidden, setText } from "../dom.ts";
 import { LEVEL_SIGNS } from "../palette.ts";
 import type { PageState } from "../state.ts";
-
-interface Shown {
-  key: string;
-  isFailed: boolean;
-  text: string;
-  remedy: string;
-  since_us: number | null;
-}
+import { grouped, type Alarm, type AlarmGroup } from "./alarm_groups.ts";
 
 /** Alarms that are shown before somebody asks for all. */
 const FIRST_FEW = 3;
@@ -25,17 +18,37 @@ class Row {
   private readonly remedy = element("span", { class: "alarm-remedy" });
   private shownRemedy = "";
   private readonly since = element("span", { class: "alarm-since" });
+  private readonly each = element("ul", { class: "alarm-each" });
+  private readonly lines = new KeyedChildren(this.each, () => ({ root: element("li") }));
+  private readonly open = button("", "Show each of them", () => this.toggle(), "alarm-open");
 
   constructor() {
-    this.root.append(this.sign, element("div", { class: "alarm-words" }, this.text, this.remedy), this.since);
+    const words = element("div", { class: "alarm-words" }, this.text, this.remedy, this.each);
+    this.root.append(this.sign, words, this.open, this.since);
+    this.setOpen(false);
   }
 
-  fill(alarm: Shown, now_us: number): void {
+  fill(alarm: AlarmGroup, now_us: number): void {
+    setHidden(this.open, alarm.members.length === 0);
+    this.lines.update(
+      alarm.members.map((member) => member.key),
+      (line, i) => setText(line.root, sentence(alarm.members[i]?.text ?? "")),
+    );
     setClass(this.root, "failed", alarm.isFailed);
     setText(this.sign, alarm.isFailed ? LEVEL_SIGNS.failed : LEVEL_SIGNS.warning);
     setText(this.text, sentence(alarm.text));
     this.setRemedy(alarm.remedy === "" ? "" : sentence(alarm.remedy));
     setText(this.since, alarm.since_us === null ? "" : duration((now_us - alarm.since_us) / 1e6));
+  }
+
+  private toggle(): void {
+    this.setOpen(this.each.hidden);
+  }
+
+  private setOpen(isOpen: boolean): void {
+    setHidden(this.each, !isOpen);
+    setText(this.open, isOpen ? "Together" : "Each");
+    this.open.setAttribute("aria-expanded", isOpen ? "true" : "false");
   }
 
   /** Commands stand between backticks, and are set as such. */
@@ -62,7 +75,7 @@ export class AlarmStrip {
   }
 
   update(state: PageState): void {
-    const alarms = alarmsOf(state);
+    const alarms = grouped(alarmsOf(state));
     const few = this.areAllShown ? alarms : alarms.slice(0, FIRST_FEW);
     // By the server's clock, which the page's need not agree with; while one looks back, by the time that is shown.
     const then_us = state.status?.at_us ?? Date.now() * 1000;
@@ -91,8 +104,8 @@ export class AlarmStrip {
 }
 
 /** Alarms of the server, and before them what only the page can know: that the server is away. */
-function alarmsOf(state: PageState): Shown[] {
-  const own: Shown[] = [];
+function alarmsOf(state: PageState): Alarm[] {
+  const own: Alarm[] = [];
   const connection = state.connection;
   if (connection.kind === "away") {
     own.push({

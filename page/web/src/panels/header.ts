@@ -1,10 +1,11 @@
 // The bar on top: whose venue it is, whether all is well, the numbers that matter, recording, theme, help.
 
 import { button, element, setClass, setHidden, setText } from "../dom.ts";
+import type { Status } from "../protocol/status.ts";
 import { COASTING, TENTATIVE } from "../protocol/ticks.ts";
 import { isPast, type Actions, type PageState } from "../state.ts";
 import type { Theme } from "../theme.ts";
-import { UNKNOWN, count, fixed, milliseconds } from "../units.ts";
+import { UNKNOWN, byteCount, count, fixed, milliseconds, wholeSeconds } from "../units.ts";
 
 class Fact {
   readonly root: HTMLElement;
@@ -64,8 +65,8 @@ export class Header {
     setHidden(this.record, !state.venue.actions.has("record") || (!may && !this.isRecording));
     this.record.disabled = !may || state.connection.kind !== "open";
     setClass(this.record, "on", this.isRecording);
-    setText(this.record, this.isRecording ? "Recording" : "Record");
-    this.record.title = state.status?.recording?.text ?? "Start or stop a recording (R)";
+    setText(this.record, this.isRecording ? recordingText(state.status) : "Record");
+    this.record.title = recordingTitle(state.status);
   }
 
   async toggleRecording(): Promise<void> {
@@ -76,6 +77,25 @@ export class Header {
     const error = await this.actions.ask({ do: this.isRecording ? "stop_recording" : "start_recording" });
     this.actions.say(error ?? (this.isRecording ? "The recording is being closed." : "The recording begins."));
   }
+}
+
+/** Since when it goes on, and how large it is. */
+export function recordingText(status: Pick<Status, "at_us" | "recording"> | null): string {
+  const { since_us = null, bytes = null } = status?.recording ?? {};
+  const parts = ["Recording"];
+  const at_us = status?.at_us ?? null;
+  if (since_us !== null && at_us !== null) parts.push(wholeSeconds(Math.max(0, at_us - since_us) / 1e6));
+  if (bytes !== null) parts.push(byteCount(bytes));
+  return parts.join(" · ");
+}
+
+function recordingTitle(status: Status | null): string {
+  const recording = status?.recording ?? null;
+  const todo = "Start or stop a recording (R)";
+  if (recording?.text == null) return todo;
+  if (recording.isRunning) return `${todo}: ${recording.text}`;
+  const size = recording.bytes === null ? "" : `, ${byteCount(recording.bytes)}`;
+  return `${todo}. The last: ${recording.text}${size}`;
 }
 
 /** Number and name: those who are confirmed and seen, and how many are not. */

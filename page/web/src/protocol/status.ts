@@ -82,7 +82,11 @@ export interface Agreement {
 
 export interface Recording {
   readonly isRunning: boolean;
+  /** Its name, or what became of it. */
   readonly text: string | null;
+  /** When it began, microseconds of Unix time. */
+  readonly since_us: number | null;
+  readonly bytes: number | null;
 }
 
 export interface Status {
@@ -116,7 +120,12 @@ export function readStatus(fields: Fields): Status {
 }
 
 function readRecording(fields: Fields | null): Recording | null {
-  return fields && { isRunning: fields.flag("running"), text: fields.textOrNull("text") };
+  return fields && {
+    isRunning: fields.flag("running"),
+    text: fields.textOrNull("text"),
+    since_us: fields.numberOrNull("since_us"),
+    bytes: fields.numberOrNull("bytes"),
+  };
 }
 
 function readAlarm(fields: Fields): Alarm {

@@ -1,0 +1,44 @@
+// What is the same of many is said once.
+
+import assert from "node:assert/strict";
+import { test } from "node:test";
+import { grouped } from "../src/panels/alarm_groups.ts";
+
+const alarm = (key: string, text: string, isFailed = false, since_us: number | null = 5) => ({
+  key,
+  isFailed,
+  text,
+  remedy: "look at it",
+  since_us,
+});
+
+test("alarms of one kind on many boxes are one line, since the first of them", () => {
+  const [clocks, camera, ...rest] = grouped([
+    alarm("clock/ne", "the clock of ne is off by 12.5 ms", false, 30),
+    alarm("camera/ne_a", "camera ne_a is black", true),
+    alarm("clock/nw", "the clock of nw is off by 7 ms", false, 20),
+    alarm("clock/se", "the clock of se is off by 900 ms", false, null),
+  ]);
+  assert.deepEqual(rest, []);
+  assert.equal(clocks?.text, "3 clocks: ne, nw, se. The clock of ne is off by 12.5 ms");
+  assert.equal(clocks?.members.length, 3);
+  assert.equal(clocks?.since_us, 20);
+  assert.equal(camera?.key, "camera/ne_a");
+  assert.deepEqual(camera?.members, []);
+});
+
+test("what is not the same stays apart: another severity, another text, no name", () => {
+  const apart = [
+    alarm("node/a", "edge a is silent", true),
+    alarm("node/b", "edge b is silent", false),
+    alarm("node/c", "edge c runs another release", true),
+    alarm("poses", "no poses for 3 s", true),
+    alarm("here/away", "nothing comes", true),
+  ];
+  assert.equal(grouped(apart).length, apart.length);
+});
+
+test("many names are counted, not listed", () => {
+  const many = Array.from({ length: 20 }, (_, i) => alarm(`link/v${i}`, `link v${i} is over its budget`));
+  assert.match(grouped(many)[0]?.text ?? "", /^20 links: v0, v1, .*, v7 and 12 more\. Link v0 is over/);
+});
