@@ -13,7 +13,8 @@
 //! | [`websocket`] | JSON for everybody else |
 //! | [`foxglove`] | Foxglove's WebSocket protocol, for its program and Lichtblick |
 //! | [`psn`] | PosiStageNet: where people are, for lighting desks |
-//! | [`ros`] | messages of ROS 2, for whoever has a way to send them |
+//! | `over_zenoh` | JSON on a key, and ROS 2 by `rmw_zenoh`; with the feature `zenoh` |
+//! | [`ros`] | messages of ROS 2 |
 //!
 //! Encoders are pure: a frame in, bytes out. None of these protocols knows keys: streams keep to the loopback unless an
 //! address says otherwise ([`StreamSpec::leaves_this_machine`]).
@@ -21,6 +22,8 @@
 mod connection;
 pub mod foxglove;
 pub mod frame;
+#[cfg(feature = "zenoh")]
+mod over_zenoh;
 pub mod psn;
 pub mod qtm;
 pub mod ros;

@@ -20,17 +20,23 @@ pub enum StreamKind {
     WebSocket,
     /// Foxglove's protocol over WebSocket; a TCP server.
     Foxglove,
+    /// JSON on a key of Zenoh; a peer that others connect to.
+    Zenoh,
+    /// ROS 2 by `rmw_zenoh`; connects to the router of ROS 2.
+    Ros2,
     /// PosiStageNet over UDP multicast, or to one receiver.
     Psn,
 }
 
 impl StreamKind {
     /// Every protocol with its name.
-    pub const ALL: [(&'static str, Self); 5] = [
+    pub const ALL: [(&'static str, Self); 7] = [
         ("qtm", Self::Qtm),
         ("vmc", Self::Vmc),
         ("websocket", Self::WebSocket),
         ("foxglove", Self::Foxglove),
+        ("zenoh", Self::Zenoh),
+        ("ros2", Self::Ros2),
         ("psn", Self::Psn),
     ];
 
@@ -41,6 +47,8 @@ impl StreamKind {
             Self::Vmc => "vmc",
             Self::WebSocket => "websocket",
             Self::Foxglove => "foxglove",
+            Self::Zenoh => "zenoh",
+            Self::Ros2 => "ros2",
             Self::Psn => "psn",
         }
     }
@@ -52,6 +60,9 @@ impl StreamKind {
             Self::Vmc => (Ipv4Addr::LOCALHOST, 39539),
             Self::WebSocket => (Ipv4Addr::LOCALHOST, 8765),
             Self::Foxglove => (Ipv4Addr::LOCALHOST, 8766),
+            // Fusion itself may have 7447, Zenoh's usual one.
+            Self::Zenoh => (Ipv4Addr::LOCALHOST, 7448),
+            Self::Ros2 => (Ipv4Addr::LOCALHOST, 7447),
             Self::Psn => (Ipv4Addr::new(236, 10, 10, 10), 56565),
         };
         SocketAddr::new(IpAddr::V4(ip), port)
@@ -59,7 +70,10 @@ impl StreamKind {
 
     /// Whether it waits for clients at its address; the others send to it.
     pub const fn is_server(self) -> bool {
-        matches!(self, Self::Qtm | Self::WebSocket | Self::Foxglove)
+        matches!(
+            self,
+            Self::Qtm | Self::WebSocket | Self::Foxglove | Self::Zenoh
+        )
     }
 }
 
@@ -79,7 +93,7 @@ pub struct StreamSpec {
 pub enum SpecError {
     /// No protocol of that name.
     #[error(
-        "stream `{found}`: found no stream of that name, expected one of qtm, vmc, websocket, foxglove, psn"
+        "stream `{found}`: found no stream of that name, expected one of qtm, vmc, websocket, foxglove, zenoh, ros2, psn"
     )]
     UnknownName {
         /// The name.
@@ -150,7 +164,7 @@ impl StreamSpec {
             })
         };
         match (self.kind, self.address.port()) {
-            (StreamKind::Psn, 0) => refused("1 to 65535"),
+            (StreamKind::Psn | StreamKind::Zenoh | StreamKind::Ros2, 0) => refused("1 to 65535"),
             (StreamKind::Vmc, port) if port == 0 || port > u16::MAX - (VMC_PORTS - 1) => {
                 refused("1 to 65520: each person has a port, the first this one")
             }
@@ -266,7 +280,7 @@ mod tests {
         let errors = [
             (
                 "qmt",
-                "stream `qmt`: found no stream of that name, expected one of qtm, vmc, websocket, foxglove, psn",
+                "stream `qmt`: found no stream of that name, expected one of qtm, vmc, websocket, foxglove, zenoh, ros2, psn",
             ),
             (
                 "qtm=here",
@@ -292,7 +306,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn what_is_printed_is_read_again(ip in any::<u32>(), port in 1u16..65520, kind in 0usize..5) {
+        fn what_is_printed_is_read_again(ip in any::<u32>(), port in 1u16..65520, kind in 0usize..7) {
             let address = SocketAddr::new(IpAddr::V4(ip.into()), port);
             let spec = StreamSpec { kind: StreamKind::ALL[kind].1, address, interface: None };
             prop_assert_eq!(spec.to_string().parse(), Ok(spec));

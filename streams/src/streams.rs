@@ -15,6 +15,8 @@ use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
 use crate::frame::{Frame, FrameMaker, VenueFacts};
+#[cfg(feature = "zenoh")]
+use crate::over_zenoh;
 use crate::shell::Shell;
 use crate::slot::{Counters, Slot};
 use crate::spec::{StreamKind, StreamSpec};
@@ -136,6 +138,15 @@ impl Streams {
                 };
                 foxglove::serve(spec.address, venue, &shell)
             }
+            #[cfg(feature = "zenoh")]
+            StreamKind::Zenoh => over_zenoh::serve_json(spec.address, &facts.venue, &shell).await,
+            #[cfg(feature = "zenoh")]
+            StreamKind::Ros2 => over_zenoh::send_ros2(spec.address, &shell),
+            #[cfg(not(feature = "zenoh"))]
+            StreamKind::Zenoh | StreamKind::Ros2 => Err(io::Error::new(
+                io::ErrorKind::Unsupported,
+                "this program was built without Zenoh's streams",
+            )),
             StreamKind::Psn => psn::send(spec.address, spec.interface, &shell),
         };
         let address = opened.map_err(|source| StreamError::Open {

@@ -1,7 +1,7 @@
 """Receives the live streams with other people's clients and compares them with the motion that is streamed.
 
-    pip install qtm-rt motioncapture python-osc websockets pypsn foxglove-schemas-protobuf numpy
-    cargo run -p farfield-streams --example synthetic -- --truth TRUTH --seconds 90 qtm vmc websocket foxglove psn
+    pip install qtm-rt motioncapture python-osc websockets pypsn foxglove-schemas-protobuf eclipse-zenoh rosbags numpy
+    cargo run -p farfield-streams --example synthetic -- --truth TRUTH --seconds 90 qtm vmc websocket foxglove zenoh ros2 psn
     python tests/readers/streams.py TRUTH [--seconds 5] [--only NAME,...] [--node-modules DIR]
 
 It starts nothing: the streams run, at their default addresses. DIR holds npm's qualisys-rt, @foxglove/ws-protocol and ws; without it,
@@ -346,6 +346,80 @@ def foxglove_messages(client, truth, messages, worst):
             compare(worst, "deg", client, angle_between_deg(rotation(q.x, q.y, q.z, q.w), truth.local(tick, person)["pelvis"]))
 
 
+def zenoh(truth, seconds, worst):
+    """eclipse-zenoh, a client of the stream's peer."""
+    import zenoh as library
+
+    received, config = Received(truth), library.Config()
+    for key, value in {"mode": '"client"', "connect/endpoints": f'["tcp/{HOST}:7448"]', "scouting/multicast/enabled": "false"}.items():
+        config.insert_json5(key, value)
+    others = []
+
+    def take(sample):
+        message = json.loads(sample.payload.to_bytes())
+        received.take(message["tick"], message)
+        others.append(str(sample.key_expr) != "farfield/synthetic/poses" or str(sample.encoding) != "application/json")
+
+    with library.open(config) as session:
+        session.declare_subscriber("farfield/*/poses", take)
+        time.sleep(seconds)
+    received.line("Zenoh, eclipse-zenoh", worst)
+    worst.bounds["Zenoh: samples of another key or encoding"] = 0
+    worst.take("Zenoh: samples of another key or encoding", sum(others))
+    for tick, message in received.kept:
+        for person, said in enumerate(message["persons"]):
+            joints = np.array([said["joints_m"][name] for name in truth.names])
+            compare(worst, "mm", "Zenoh", 1000 * np.abs(joints - truth.at(tick)[person]).max())
+
+
+def ros2(truth, seconds, worst):
+    """A router of eclipse-zenoh in the place of rmw_zenohd; messages decoded by rosbags."""
+    import zenoh as library
+    from rosbags.typesys import Stores, get_typestore
+
+    types, samples, tokens, config = get_typestore(Stores.ROS2_JAZZY), [], set(), library.Config()
+    for key, value in {"mode": '"router"', "listen/endpoints": f'["tcp/{HOST}:7447"]', "scouting/multicast/enabled": "false"}.items():
+        config.insert_json5(key, value)
+    received = Received(truth)
+    with library.open(config) as session:
+        session.liveliness().declare_subscriber("@ros2_lv/**", lambda sample: tokens.add(str(sample.key_expr)), history=True)
+        session.declare_subscriber("0/**", lambda sample: samples.append((time.time(), str(sample.key_expr), sample.attachment.to_bytes(), sample.payload.to_bytes())))
+        # The stream looks for its router every two seconds.
+        time.sleep(seconds + 3)
+    wanted = {
+        f"0/{topic}/{package}::msg::dds_::{kind}_/{types.hash_rihs01(f'{package}/msg/{kind}')}": f"{package}/msg/{kind}"
+        for topic, package, kind in (("tf", "tf2_msgs", "TFMessage"), ("farfield/markers", "visualization_msgs", "MarkerArray"))
+    }
+    sequences = {}
+    for arrived, key, attachment, payload in samples:
+        sequence, stamp_ns, length = struct.unpack_from("<qqB", attachment)
+        worst.take("ROS 2: attachments that are wrong", int(len(attachment) != 33 or length != 16 or abs(stamp_ns * 1e-9 - arrived) > 5))
+        if key not in wanted:
+            worst.take("ROS 2: samples of another key", int(not key.endswith("/TypeHashNotSupported")))
+            continue
+        worst.take("ROS 2: sequences that go back", int(sequence <= sequences.get(key, 0)))
+        sequences[key] = sequence
+        if not key.startswith("0/tf/"):
+            continue
+        message = types.deserialize_cdr(payload, wanted[key])
+        # There is no tick in it: that of the pelvis of the first, whose way is known.
+        at = message.transforms[0].transform.translation
+        path = truth.joints_m[:, 0, truth.names.index("pelvis")]
+        tick = int(np.argmin(np.linalg.norm(path - [at.x, at.y, at.z], axis=1)))
+        compare(worst, "mm", "ROS 2 transforms", 1000 * np.linalg.norm(path[tick] - [at.x, at.y, at.z]))
+        worst.take("ROS 2: bones missing", abs(len(message.transforms) - 20 * truth.people))
+        now = (arrived - truth.start_s) * truth.rate_hz
+        ahead = round((now - tick) / len(truth.joints_m)) * len(truth.joints_m)
+        received.ticks.append(tick + ahead)
+        received.delays_ms.append(1000 * (now - tick - ahead) / truth.rate_hz)
+    received.line("ROS 2 by Zenoh, eclipse-zenoh and rosbags", worst)
+    expected = {"NN": 1, "MP": 2}
+    found = {kind: sum(f"/{kind}/" in token for token in tokens) for kind in expected}
+    worst.take("ROS 2: topics that the graph lacks", sum(not any(key.split("/", 1)[1].replace("/", "%", key.count("/") - 3) in token for token in tokens) for key in wanted) + int(found != expected))
+    worst.take("ROS 2: topics without messages", len(wanted) - len(sequences))
+    worst.bounds |= dict.fromkeys((f"ROS 2: {what}" for what in ("attachments that are wrong", "samples of another key", "sequences that go back", "bones missing", "topics that the graph lacks", "topics without messages")), 0)
+
+
 def vmc(truth, seconds, worst):
     """python-osc: a port per person."""
     from pythonosc.dispatcher import Dispatcher
@@ -473,7 +547,7 @@ def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("truth")
     parser.add_argument("--seconds", type=float, default=5)
-    parser.add_argument("--only", default="qtm,motioncapture,node,websocket,foxglove,vmc,psn")
+    parser.add_argument("--only", default="qtm,motioncapture,node,websocket,foxglove,zenoh,ros2,vmc,psn")
     parser.add_argument("--node-modules")
     given = parser.parse_args()
     truth, worst = Truth(given.truth), Worst({})
@@ -482,7 +556,7 @@ def main():
     print("| client | frames | ticks/s | lost | P50 ms | P99 ms |\n| --- | --- | --- | --- | --- | --- |")
     for name in given.only.split(","):
         more = (given.node_modules,) if name in ("node", "foxglove") else ()
-        known = {"qtm": qtm, "motioncapture": motioncapture, "node": node, "websocket": websocket, "foxglove": foxglove, "vmc": vmc, "psn": psn}
+        known = {"qtm": qtm, "motioncapture": motioncapture, "node": node, "websocket": websocket, "foxglove": foxglove, "zenoh": zenoh, "ros2": ros2, "vmc": vmc, "psn": psn}
         known[name](truth, given.seconds, worst, *more)
     # Some seconds until the system's buffers are full, then ten.
     time.sleep(max(0.0, 25 - (time.time() - began)))

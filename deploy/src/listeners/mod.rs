@@ -45,9 +45,9 @@ pub(crate) struct ListenerArgs {
     pub(crate) page_name: Vec<String>,
     /// Stream poses: qtm, vmc, websocket, foxglove, ...
     ///
-    /// qtm, vmc, websocket, foxglove or psn: by the protocol of that name, to this machine or to ADDRESS: an IP address, with
-    /// or without a port. Beyond this machine everybody who can reach it sees where people are: none of these protocols
-    /// knows keys. See `docs/streams.md`.
+    /// qtm, vmc, websocket, foxglove, zenoh, ros2 or psn: by the protocol of that name, to this machine or to ADDRESS: an IP
+    /// address, with or without a port. Beyond this machine everybody who can reach it sees where people are: none of these
+    /// protocols is given keys. See `docs/streams.md`.
     ///
     /// As NAME, or NAME=ADDRESS.
     #[arg(long, value_name = "NAME")]

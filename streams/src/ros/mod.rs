@@ -1,4 +1,4 @@
-//! Messages of ROS 2, as bytes: transforms of all bones, and markers that draw them. Nothing here sends them.
+//! Messages of ROS 2, as bytes: transforms of all bones, and markers that draw them.
 //!
 //! Sources: the message definitions of `tf2_msgs` and `visualization_msgs` (the same from Humble to Kilted), and REP 103 for
 //! units and axes, which are ours: metres, z up, right-handed.
