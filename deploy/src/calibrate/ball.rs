@@ -3,6 +3,8 @@
 //! Writes the files that `farfield calibrate points` takes.
 
 use std::fmt::Write as _;
+use std::fs;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, anyhow, ensure};
@@ -131,9 +133,13 @@ pub(super) fn from_ball(args: &BallArgs) -> Result<(), NodeError> {
             args.folder.display()
         )));
     }
-    // A camera that saw nothing has no file: `points` takes none that is empty.
-    for (it, text) in seen.iter().zip(&texts).filter(|(it, _)| it.sightings > 0) {
-        write(&it.file, text)?;
+    for (it, text) in seen.iter().zip(&texts) {
+        if it.sightings > 0 {
+            write(&it.file, text)?;
+        } else {
+            // `points` takes none that is empty, and what an earlier look left is not of this one.
+            remove(&it.file)?;
+        }
     }
     let text = if args.json {
         serde_json::to_string_pretty(&seen).map_err(NodeError::failed)? + "\n"
@@ -141,6 +147,18 @@ pub(super) fn from_ball(args: &BallArgs) -> Result<(), NodeError> {
         lines(&seen)
     };
     output::print(&text).map_err(NodeError::Failed)
+}
+
+/// Removes a file, if it is there.
+fn remove(path: &Path) -> Result<(), NodeError> {
+    match fs::remove_file(path) {
+        Err(error) if error.kind() != ErrorKind::NotFound => {
+            let error = anyhow::Error::new(error);
+            let error = error.context(format!("removing {}", path.display()));
+            Err(NodeError::Failed(error))
+        }
+        _ => Ok(()),
+    }
 }
 
 fn lines(seen: &[Seen]) -> String {
@@ -188,9 +206,9 @@ impl LookingCamera {
             (ToldBy::Colour, Some(colour)) => Appearance::Colour(colour),
             (ToldBy::MovingColour, Some(colour)) => Appearance::MovingColour(colour),
             (by, None) => match self.learnt(args)? {
-                None => return Ok((LEARNING_FRAMES as u64, Vec::new())),
-                Some(colour) if by == ToldBy::Colour => Appearance::Colour(colour),
-                Some(colour) => Appearance::MovingColour(colour),
+                (frames, None) => return Ok((frames, Vec::new())),
+                (_, Some(colour)) if by == ToldBy::Colour => Appearance::Colour(colour),
+                (_, Some(colour)) => Appearance::MovingColour(colour),
             },
         };
         let mut finder = self.finder(appearance, args)?;
@@ -198,11 +216,11 @@ impl LookingCamera {
         Ok((frames, finder.finish()))
     }
 
-    /// The colour of the most saturated round thing that moves.
-    fn learnt(&self, args: &BallArgs) -> anyhow::Result<Option<ColourRange>> {
+    /// How many frames were looked at, and the colour of the most saturated round thing that moves in them.
+    fn learnt(&self, args: &BallArgs) -> anyhow::Result<(u64, Option<ColourRange>)> {
         let any = Appearance::MovingColour(ColourRange::saturated());
         let mut finder = self.finder(any, args)?;
-        self.show(&mut finder, LEARNING_FRAMES)?;
+        let frames = self.show(&mut finder, LEARNING_FRAMES)?;
         let colour = finder.colour();
         let name = &self.recording.name;
         match &colour {
@@ -211,10 +229,10 @@ impl LookingCamera {
                 found.hue_deg[0], found.hue_deg[1]
             )),
             None => say(format_args!(
-                "camera {name}: nothing round, saturated and moving in the first {LEARNING_FRAMES} frames: give --colour"
+                "camera {name}: nothing round, saturated and moving in the first {frames} frames: give --colour"
             )),
         }
-        Ok(colour)
+        Ok((frames, colour))
     }
 
     fn finder(&self, appearance: Appearance, args: &BallArgs) -> anyhow::Result<BallFinder> {

@@ -1,6 +1,7 @@
 //! A ball that was filmed: `farfield calibrate ball` finds it in recordings as a user has them.
 
 use std::fs;
+use std::io::ErrorKind;
 use std::path::Path;
 use std::process::Command;
 
@@ -49,11 +50,12 @@ fn write_pictures(folder: &Path) {
 }
 
 /// Runs the command on what lies in `recordings` of `folder`.
-fn look(folder: &Path) -> FinishedCommand {
-    fs::write(folder.join("lens.toml"), LENS).unwrap();
+fn look(folder: &Path, more: &[&str]) -> FinishedCommand {
+    let lenses = LENS.to_owned() + &LENS.replace("hall", "stage");
+    fs::write(folder.join("lens.toml"), lenses).unwrap();
     let path = |name: &str| folder.join(name).display().to_string();
     let [recordings, lens, out] = ["recordings", "lens.toml", "seen"].map(path);
-    farfield(&[
+    let words = [
         "calibrate",
         "ball",
         &recordings,
@@ -61,7 +63,8 @@ fn look(folder: &Path) -> FinishedCommand {
         &lens,
         "--out",
         &out,
-    ])
+    ];
+    farfield(&[&words, more].concat())
 }
 
 /// Distances of what was found from the true centres, sorted, pixels.
@@ -81,7 +84,7 @@ fn errors_px(seen: &Path) -> Vec<f64> {
 fn a_ball_in_numbered_pictures_is_found_below_the_pixel() {
     let folder = tempfile::tempdir().unwrap();
     write_pictures(&folder.path().join("recordings/hall"));
-    let done = look(folder.path());
+    let done = look(folder.path(), &[]);
     assert_eq!(done.code, 0, "{}", done.stderr);
     let errors_px = errors_px(&folder.path().join("seen/hall.txt"));
     assert!(errors_px.len() as u32 >= FRAMES * 9 / 10, "{}", done.stdout);
@@ -101,18 +104,43 @@ fn a_ball_in_a_video_of_any_rate_is_found_in_the_right_frames() {
         .arg(folder.path().join("pictures/%06d.png"))
         .args(["-pix_fmt", "yuv420p", "-crf", "12", "-preset", "ultrafast"])
         .arg(recordings.join("hall.mp4"))
-        .status();
-    if !made.is_ok_and(|status| status.success()) {
-        say_skipped("a ball in a video: no ffmpeg");
-        return;
+        .output();
+    match made {
+        Err(error) if error.kind() == ErrorKind::NotFound => {
+            say_skipped("a ball in a video: no ffmpeg");
+            return;
+        }
+        made => {
+            let made = made.unwrap();
+            let said = String::from_utf8_lossy(&made.stderr);
+            assert!(made.status.success(), "{said}");
+        }
     }
-    let done = look(folder.path());
+    let done = look(folder.path(), &[]);
     assert_eq!(done.code, 0, "{}", done.stderr);
     let errors_px = errors_px(&folder.path().join("seen/hall.txt"));
     assert!(errors_px.len() as u32 >= FRAMES * 9 / 10, "{}", done.stdout);
     // From one frame to the next the ball goes 8 to 10 px: a frame too late would be far outside.
     let median_px = errors_px[errors_px.len() / 2];
     assert!(median_px < 0.5, "{median_px} px at the median");
+}
+
+#[test]
+fn a_camera_that_saw_no_ball_keeps_no_file_of_an_earlier_look() {
+    let folder = tempfile::tempdir().unwrap();
+    write_pictures(&folder.path().join("recordings/hall"));
+    let stage = folder.path().join("recordings/stage");
+    fs::create_dir_all(&stage).unwrap();
+    let empty = RgbImage::from_pixel(SIZE_PX[0], SIZE_PX[1], Rgb([90, 90, 90]));
+    empty.save(stage.join("000000.png")).unwrap();
+    fs::create_dir_all(folder.path().join("seen")).unwrap();
+    fs::write(folder.path().join("seen/stage.txt"), "frame x y\n").unwrap();
+    let done = look(folder.path(), &["--replace"]);
+    assert_eq!(done.code, 0, "{}", done.stderr);
+    let said = "camera stage: not seen in 1 frames";
+    assert!(done.stdout.contains(said), "{}", done.stdout);
+    assert!(folder.path().join("seen/hall.txt").exists());
+    assert!(!folder.path().join("seen/stage.txt").exists());
 }
 
 #[test]
@@ -124,8 +152,13 @@ fn recordings_without_a_ball_are_named_and_nothing_is_written() {
         let empty = RgbImage::from_pixel(SIZE_PX[0], SIZE_PX[1], Rgb([90, 90, 90]));
         empty.save(hall.join(format!("{frame:06}.png"))).unwrap();
     }
-    let refused = look(folder.path());
-    assert_ne!(refused.code, 0, "{}", refused.stdout);
-    assert!(refused.stderr.contains("hall"), "{}", refused.stderr);
+    let refused = look(folder.path(), &[]);
+    assert_eq!(refused.code, 2, "{}", refused.stdout);
+    for words in [
+        "camera hall: nothing round, saturated and moving in the first 10 frames",
+        "nothing that moves was found in any recording",
+    ] {
+        assert!(refused.stderr.contains(words), "{}", refused.stderr);
+    }
     assert!(!folder.path().join("seen/hall.txt").exists());
 }

@@ -48,6 +48,7 @@ fn write_openpose_project(folder: &SampleFolder) {
 fn largest_difference_m(ours: &[Value], theirs: &[Value]) -> f64 {
     let numbers = |pose: &Value| -> Vec<f64> {
         let joints = pose["joints"].as_object().unwrap();
+        assert_eq!(joints.len(), 29);
         let each = joints.values().flat_map(|joint| joint.as_array().unwrap());
         each.map(|number| number.as_f64().unwrap()).collect()
     };
@@ -83,7 +84,8 @@ fn keypoints_of_openpose_give_the_poses_that_they_give_by_hand() {
     run(&venue, &folder.path("imported"), &[]);
     let by_hand = poses(&folder.path("by_hand"));
     let imported = poses(&folder.path("imported"));
-    assert_eq!(by_hand.len(), imported.len());
+    // Two people in each of 120 frames.
+    assert_eq!((by_hand.len(), imported.len()), (240, 240));
     let difference_m = largest_difference_m(&by_hand, &imported);
     assert!(difference_m < 1e-3, "{difference_m} m");
 }
