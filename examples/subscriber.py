@@ -1,5 +1,5 @@
 """Prints where everybody is, tick by tick. pip install eclipse-zenoh; python subscriber.py VENUE [ENDPOINT]"""
-import json, struct, sys
+import json, signal, struct, sys
 import zenoh
 
 def number(data):  # What these bytes mean: docs/protocol.md
@@ -9,8 +9,11 @@ def number(data):  # What these bytes mean: docs/protocol.md
 def floats(data, width):
     return [struct.unpack(f"<{width}f", bytes(next(data) for _ in range(4 * width))) for _ in range(number(data))]
 
+if len(sys.argv) < 2:
+    sys.exit(__doc__)
+signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C ends it, also while it waits for fusion.
 config = zenoh.Config()
-for key, value in {"mode": "client", "connect/endpoints": sys.argv[2:] or ["tcp/127.0.0.1:7447"]}.items():
+for key, value in {"mode": "client", "connect/endpoints": sys.argv[2:] or ["tcp/127.0.0.1:7447"], "connect/timeout_ms": -1}.items():
     config.insert_json5(key, json.dumps(value))
 with zenoh.open(config) as session, session.declare_subscriber(f"{sys.argv[1]}/pose") as poses:
     print("tick person state x_m y_m z_m views", flush=True)

@@ -5,7 +5,7 @@
 
 FARFIELD is the program, RUN the folder of a run in lock-step that was recorded. Written from docs/protocol.md: the statuses
 by which a run begins, boxes in, patches and sightings out. Everything comes from the recording, venue and calibration, too.
-Exits with 1 where poses.jsonl differs.
+Exits with 1 where poses.jsonl differs, where fusion or an edge fails, and after three minutes.
 """
 
 import collections
@@ -16,6 +16,7 @@ import subprocess
 import sys
 import tempfile
 import threading
+import time
 
 import zenoh
 
@@ -24,6 +25,7 @@ from mcap_file import Recording
 from subscriber import free_port
 
 VERSION = wire.VERSIONS.stop - 1
+PATIENCE_S = 180
 QOS = {"congestion_control": zenoh.CongestionControl.BLOCK, "priority": zenoh.Priority.REAL_TIME, "express": True}
 
 
@@ -38,7 +40,7 @@ class PlayedEdge:
         self.messages = queue.SimpleQueue()
         self.subscriber = session.declare_subscriber(f"{venue}/box/{self.name}", lambda sample: self.messages.put(sample.payload.to_bytes()))
         self.token = session.liveliness().declare_token(f"{venue}/alive/{self.name}")
-        self.tick, self.spoken = None, VERSION
+        self.tick, self.spoken, self.is_done = None, VERSION, False
 
     def hear(self, status):
         """Fusion says how it is: it is spoken to in the newest version that both know."""
@@ -52,6 +54,7 @@ class PlayedEdge:
             "venue_hash": self.facts["venue_hash"], "calibration_hash": self.facts["calibration_hash"], "network_hash": "", "backend": "",
             "ticks": None, "tick": self.tick, "unreadable": 0, "failure": None, "stages": [], "live": None,
             "health": {"system_clock": None, "certificate_ends_s": None, "follows": None, "links": [], "notices": []},
+            "agreement": [],
         }
         self.publishers["status"].put(wire.encode("status", status, self.spoken), attachment=bytes([VERSION]))
 
@@ -73,6 +76,7 @@ class PlayedEdge:
                 message["session"] = boxes["session"]
                 self.publishers[name].put(wire.encode(name, message, self.spoken))
         self.say_status()
+        self.is_done = True
 
 
 def sets_of(recording):
@@ -109,11 +113,14 @@ def play(farfield, recording, folder):
             threads = [threading.Thread(target=edge.run, daemon=True) for edge in edges]
             for thread in threads:
                 thread.start()
-            for thread in threads:
-                thread.join(120)
+            deadline = time.monotonic() + PATIENCE_S
+            while any(thread.is_alive() for thread in threads) and not fusion.poll() and time.monotonic() < deadline:
+                time.sleep(0.05)
             for edge in edges:
                 edge.token.undeclare()
             statuses.undeclare()
+            if unfinished := [edge.name for edge in edges if not edge.is_done]:
+                sys.exit(f"fusion ended with {fusion.poll()} (None: it runs), these edges were not done: {unfinished}")
             if fusion.wait(60) != 0:
                 sys.exit(f"fusion ended with {fusion.returncode}")
     finally:

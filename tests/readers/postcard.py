@@ -4,6 +4,7 @@ A type has `read(data, at, path, seen)`, which gives value and next place and te
 Bytes that end too early are an IndexError, others that cannot be a ValueError.
 """
 
+import math
 import struct
 
 
@@ -66,7 +67,14 @@ def taken(data, at, length):
 
 def fixed(form):
     size = struct.calcsize(form)
-    return lambda data, at: (struct.unpack(form, taken(data, at, size))[0], at + size), lambda value: struct.pack(form, value)
+
+    def take(data, at):
+        (value,) = struct.unpack(form, taken(data, at, size))
+        if not math.isfinite(value):
+            raise ValueError(f"a number that is {value}")
+        return value, at + size
+
+    return take, lambda value: struct.pack(form, value)
 
 
 def one_byte(most):
@@ -86,13 +94,15 @@ F32, F64 = Leaf("f32", *fixed("<f")), Leaf("f64", *fixed("<d"))
 
 
 class Bytes:
-    """A length and so many bytes; text is UTF-8."""
+    """A length, `most` if that is bounded, and so many bytes; text is UTF-8."""
 
-    def __init__(self, name):
-        self.name = name
+    def __init__(self, name, most=None):
+        self.name, self.most = name, most
 
     def read(self, data, at, path, seen):
         length, start = U32.take(data, at)
+        if self.most is not None and length > self.most:
+            raise ValueError(f"{path}: {length} bytes where at most {self.most} may be")
         value = taken(data, start, length)
         value = value.decode() if self.name == "text" else value
         seen(at, start + length, path, self.name, value)
@@ -137,13 +147,15 @@ class Option:
 
 
 class List:
-    """A number and so many values."""
+    """A number, `most` if that is bounded, and so many values."""
 
-    def __init__(self, of):
-        self.of, self.name = of, f"[{of.name}]"
+    def __init__(self, of, most=None):
+        self.of, self.most, self.name = of, most, f"[{of.name}]"
 
     def read(self, data, at, path, seen):
         count, after = U32.take(data, at)
+        if self.most is not None and count > self.most:
+            raise ValueError(f"{path}: {count} values where at most {self.most} may be")
         if count > len(data) - after:
             raise ValueError(f"{path}: {count} values in {len(data) - after} bytes")
         seen(at, after, path, "count", count)

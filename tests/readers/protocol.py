@@ -7,12 +7,14 @@
 RUN is the folder of a run in lock-step that was recorded (`farfield demo --maps --record`). Exits with 1 where
 
 - a golden file of any version is not read to its last byte, or not written again as it was, or a patch gives other maps;
+- a message that breaks a bound is read;
 - an example of the page is not a golden file, or is read as something else than the page says;
 - a message of the recording is not read, or its poses are not those of poses.jsonl, or a decision names a set that is not there.
 """
 
 import collections
 import json
+import math
 import pathlib
 import re
 import sys
@@ -66,6 +68,41 @@ def check_golden():
             digest = blake3.blake3(maps.astype("u1").tobytes()).hexdigest()
             assert (digest, found) == (expected, level), f"{file}: other maps"
     print(f"golden files of versions {list(wire.VERSIONS)}: {len(wire.MESSAGES)} messages and 7 patches each are read, and the messages written again")
+
+
+def check_refused():
+    """Messages of the golden files, each with one thing that must not be: written, but not read again."""
+    def opened(name, *places):
+        """The message, and the part of it at the end of `places`."""
+        message = part = wire.decode(name, bytes.fromhex((GOLDEN / f"v{wire.VERSIONS.stop - 1}/{name}.hex").read_text()))
+        for place in places:
+            part = part[place]
+        return message, part
+
+    wrong = [
+        ("pose_set", ("persons", 0, "joints_m", 0), 1, math.nan), ("pose_set", ("persons", 0, "angles"), 0, math.inf),
+        ("pose_set", ("persons", 0), "sigma_m", [0.5] * 65), ("sighting_set", ("sightings", 0), "score", -math.inf),
+        ("decision", ("horizons_ticks",), 0, math.nan), ("decision", (), "horizons_ticks", [1.0] * 257),
+        ("status", ("agreement", 0, "agreement"), "late_ticks", math.nan), ("status", (), "node", "n" * 65),
+        ("status", (), "failure", "f" * 8193), ("status", ("health",), "notices", ["n"] * 17), ("status", ("health",), "notices", ["n" * 513]),
+        ("box_set", (), "detection_cameras", list(range(65))), ("chunk", (), "bytes", bytes(65_537)),
+        ("signed_list", (), "list", bytes(wire.MOST_BYTES)), ("filled", (), "stored", [{"kind": "patches", "bytes": b""}] * 4097),
+    ]
+    for name, places, field, value in wrong:
+        message, part = opened(name, *places)
+        part[field] = value
+        try:
+            wire.decode(name, wire.encode(name, message, wire.VERSIONS.stop - 1))
+        except ValueError:
+            continue
+        raise AssertionError(f"{name}: {field} is read as {str(value)[:40]}")
+    for data in (b"", b"\2\0", b"\7\0", b"\6\1\0\0\0"):
+        try:
+            wire.decode("chunk", data)
+        except ValueError:
+            continue
+        raise AssertionError(f"a chunk is read from {data.hex(' ')}")
+    print(f"{len(wrong) + 4} messages that break a bound are refused")
 
 
 def page_as_it_should_be():
@@ -172,6 +209,7 @@ if __name__ == "__main__":
     else:
         try:
             check_golden()
+            check_refused()
             check_page()
             check_recording(pathlib.Path(sys.argv[1]))
         except (AssertionError, ValueError) as wrong:

@@ -5,7 +5,7 @@
 
 FARFIELD is the program, VENUE a venue file whose sources need nothing but files, such as the one that `farfield demo --maps`
 leaves. The nodes talk over a port of the loopback. Everybody who was confirmed must be there, at every tick from the
-confirmation on, with the pelvis where poses.jsonl has it. Exits with 1 where that is not so.
+confirmation on, with the pelvis where poses.jsonl has it. Exits with 1 where that is not so, where a node fails, and after three minutes.
 """
 
 import json
@@ -15,9 +15,12 @@ import subprocess
 import sys
 import tempfile
 import threading
+import time
 import tomllib
 
 TICKS = 60
+PATIENCE_S = 180
+LAST_ROWS_S = 20  # From the end of the run to the last row.
 ROUNDING_M = 0.6e-5  # poses.jsonl has five decimals.
 SUBSCRIBER = pathlib.Path(__file__).parents[2] / "examples/subscriber.py"
 
@@ -28,45 +31,74 @@ def free_port():
         return found.getsockname()[1]
 
 
+def lines_of(stream):
+    """The lines that came so far; more come, whether somebody looks or not."""
+    lines = []
+    threading.Thread(target=lambda: lines.extend(stream), daemon=True).start()
+    return lines
+
+
+def wait_until(holds, what, deadline, started):
+    """Polls `holds`. A process that fails, or time that runs out, ends the test."""
+    while not holds():
+        for process in started:
+            if process.poll():
+                sys.exit(f"{' '.join(process.args[:4])} ended with {process.returncode}, before {what}")
+        if time.monotonic() > deadline:
+            sys.exit(f"{PATIENCE_S} s are over, before {what}")
+        time.sleep(0.05)
+
+
 def run(farfield, venue, out):
     """What the subscriber printed."""
     names = tomllib.loads(pathlib.Path(venue).read_text())
     endpoint = f"tcp/127.0.0.1:{free_port()}"
-    started = []
+    deadline, started, said = time.monotonic() + PATIENCE_S, [], []
 
     def start(*words, **how):
         # A node leaves when its standard input ends: it has a pipe that nobody closes.
-        started.append(subprocess.Popen([str(word) for word in words], stdin=subprocess.PIPE, **how))
+        started.append(subprocess.Popen([str(word) for word in words], stdin=subprocess.PIPE, text=True, **how))
         return started[-1]
 
     try:
-        fusion = start(farfield, "fusion", venue, "--listen", endpoint, "--ticks", f"0..{TICKS}", "--out", out, stderr=subprocess.PIPE, text=True)
-        for line in fusion.stderr:
-            if "listens on" in line:
-                break
+        fusion = start(farfield, "fusion", venue, "--listen", endpoint, "--ticks", f"0..{TICKS}", "--out", out, stderr=subprocess.PIPE)
+        said = lines_of(fusion.stderr)
+        wait_until(lambda: any("listens on" in line for line in said), "fusion listened", deadline, started)
         # Its first line says that it listens: the edges, and with them the first tick, come after.
-        subscriber = start(sys.executable, SUBSCRIBER, names["name"], endpoint, stdout=subprocess.PIPE, text=True)
-        head = subscriber.stdout.readline().split()
-        printed = []
-        reader = threading.Thread(target=lambda: printed.extend(line.split() for line in subscriber.stdout))
-        reader.start()
-        for viewpoint in names["viewpoint"]:
-            start(farfield, "edge", venue, "--viewpoint", viewpoint["name"], "--connect", endpoint)
-        fusion.stderr.read()
-        if fusion.wait(120) != 0:
-            sys.exit(f"fusion ended with {fusion.returncode}")
+        subscriber = start(sys.executable, SUBSCRIBER, names["name"], endpoint, stdout=subprocess.PIPE)
+        lines = lines_of(subscriber.stdout)
+        wait_until(lambda: lines, "the subscriber listened", deadline, started)
+        edges = [start(farfield, "edge", venue, "--viewpoint", one["name"], "--connect", endpoint) for one in names["viewpoint"]]
+        wait_until(lambda: all(node.poll() == 0 for node in [fusion, *edges]), "all nodes were done", deadline, started)
+        # Rows may still be on their way: whoever is there at the last tick must come.
+        last = {(line["tick"], line["person"]) for line in written_poses(out) if line["tick"] == TICKS - 1}
+        patience = time.monotonic() + LAST_ROWS_S
+        while time.monotonic() < patience and not last <= {(int(row["tick"]), int(row["person"])) for row in rows_of(lines)}:
+            time.sleep(0.05)
         subscriber.terminate()
-        reader.join(20)
+        subscriber.wait(20)
+    except SystemExit:
+        sys.stderr.writelines(list(said))
+        raise
     finally:
         for process in started:
             if process.poll() is None:
                 process.kill()
-    return [dict(zip(head, values, strict=True)) for values in printed]
+    return rows_of(lines)
+
+
+def rows_of(lines):
+    """The rows under the first line, by its names; of one that is not whole yet, nothing."""
+    head, *rows = [line.split() for line in list(lines) if line.endswith("\n")]
+    return [dict(zip(head, row, strict=True)) for row in rows]
+
+
+def written_poses(out):
+    return [json.loads(line) for line in (out / "poses.jsonl").read_text().splitlines()]
 
 
 def compare(printed, out):
-    lines = [json.loads(line) for line in (out / "poses.jsonl").read_text().splitlines()]
-    written = {(line["tick"], line["person"]): line for line in lines}
+    written = {(line["tick"], line["person"]): line for line in written_poses(out)}
     found = {(int(row["tick"]), int(row["person"])): row for row in printed}
     confirmed = {person: min(tick for tick, one in found if one == person) for _, person in found}
     due = {key for key in written if key[0] >= confirmed.get(key[1], TICKS)}

@@ -1,9 +1,15 @@
-"""The messages of the wire, versions 3 to 6, as docs/protocol.md says them: bytes to plain Python values, and back."""
+"""The messages of the wire, versions 3 to 6, as docs/protocol.md says them: bytes to plain Python values, and back.
 
-from postcard import BOOL, BYTES, F32, F64, I32, I64, TEXT, U8, U16, U32, U64, Array, Enum, List, Option, Raw, Struct
+Of the bounds that the page states this checks counts, lengths and that numbers are finite; what holds between fields it does not.
+"""
+
+from postcard import BOOL, BYTES, F32, F64, I32, I64, TEXT, U8, U16, U32, U64, Array, Bytes, Enum, List, Option, Raw, Struct
 
 VERSIONS = range(3, 7)
 MOST_BYTES = 1 << 20
+PERSONS, CAMERAS, VIEWPOINTS, KEYPOINTS, JOINTS = 256, 64, 256, 64, 64  # At most.
+NAME, SHORT, REASON_TEXT, LONG = (Bytes("text", most) for most in (64, 256, 512, 8192))
+PIECE = Bytes("bytes", 65_536)
 
 PAIR, I32_PAIR, POINT = Array(F32, 2), Array(I32, 2), Array(F32, 3)
 
@@ -16,12 +22,12 @@ CROPS = Enum(
     "crops",
     one=Struct("one", grid=SHORT_GRID),
     two=Struct("two", first=SHORT_GRID, second=SHORT_GRID, on_second=U64),
-    other=Struct("other", grids=List(GRID), crop_of_keypoint=BYTES),
+    other=Struct("other", grids=List(GRID, 4), crop_of_keypoint=Bytes("bytes", KEYPOINTS)),
 )
 SIZE = Enum("size", "48x64x17", "72x96x17", "40x56x17", other=Struct("other", width=U16, height=U16, keypoints=U8))
 PATCH = Struct("PersonPatch", person=U32, camera=U16, box_age=I64, capture_offset_us=I32, crops=CROPS, size=SIZE, maps=BYTES)
 PATCH_SET = Struct(
-    "PatchSet", session=U64, tick=I64, viewpoint=U16, part=U16, parts=U16, sighting_parts=U16, timing=Option(TIMING), persons=List(PATCH)
+    "PatchSet", session=U64, tick=I64, viewpoint=U16, part=U16, parts=U16, sighting_parts=U16, timing=Option(TIMING), persons=List(PATCH, PERSONS)
 )
 
 # Boxes, from fusion to edge.
@@ -31,24 +37,27 @@ WHOLE = Struct(
 )
 BOX = Struct("BoundingBox", center_px=PAIR, size_px=PAIR, rotation_rad=F32)
 FULL = Struct("other", camera=U16, bounding_box=BOX, rate=BOX, torso_px=PAIR, neck_px=PAIR)
-PERSON_BOXES = Struct("PersonBoxes", person=U32, cameras=List(Enum("box", whole=WHOLE, other=FULL)))
+PERSON_BOXES = Struct("PersonBoxes", person=U32, cameras=List(Enum("box", whole=WHOLE, other=FULL), CAMERAS))
 HEARD = Struct("HeardPatches", tick=I64, one_way_us=I32, bytes=U32)
 LIVE_BOXES = Struct("LiveBoxes", sequence=U32, epoch_us=U64, clock_correction_us=Option(I32), heard=Option(HEARD))
 BOX_SET_PARTS = {"part": U16, "parts": U16}
-BOX_SET_REST = {"order": Enum("order", "track", "end"), "live": Option(LIVE_BOXES), "detection_cameras": List(U16), "persons": List(PERSON_BOXES)}
+BOX_SET_REST = {
+    "order": Enum("order", "track", "end"), "live": Option(LIVE_BOXES), "detection_cameras": List(U16, CAMERAS),
+    "persons": List(PERSON_BOXES, PERSONS),
+}
 BOX_SET_HEAD = {"session": U64, "tick": I64, "viewpoint": U16}
 BOX_SET = Struct("BoxSet", **BOX_SET_HEAD, **BOX_SET_PARTS, **BOX_SET_REST)
 BOX_SET_3 = Struct("BoxSet", **BOX_SET_HEAD, **BOX_SET_REST)
 
 # Sightings, from edge to fusion; poses, events, decisions, from fusion to all.
 PEAK = Struct("KeypointPeak", position_px=PAIR, score=F32)
-SIGHTING = Struct("Sighting", camera=U16, score=F32, keypoints=List(Option(PEAK)))
-SIGHTING_SET = Struct("SightingSet", session=U64, tick=I64, viewpoint=U16, part=U16, parts=U16, sightings=List(SIGHTING))
+SIGHTING = Struct("Sighting", camera=U16, score=F32, keypoints=List(Option(PEAK), KEYPOINTS))
+SIGHTING_SET = Struct("SightingSet", session=U64, tick=I64, viewpoint=U16, part=U16, parts=U16, sightings=List(SIGHTING, 256))
 POSE = Struct(
-    "PersonPose", person=U32, state=Enum("state", "tentative", "tracked", "coasting"), joints_m=List(POINT), keypoints_m=List(POINT),
-    sigma_m=List(F32), angles=List(F32), unobserved=U64, views=U16,
+    "PersonPose", person=U32, state=Enum("state", "tentative", "tracked", "coasting"), joints_m=List(POINT, JOINTS),
+    keypoints_m=List(POINT, KEYPOINTS), sigma_m=List(F32, JOINTS), angles=List(F32, JOINTS), unobserved=U64, views=U16,
 )
-POSE_SET = Struct("PoseSet", session=U64, tick=I64, persons=List(POSE))
+POSE_SET = Struct("PoseSet", session=U64, tick=I64, persons=List(POSE, PERSONS))
 LIKENESS = Struct("Likeness", distance_m=F32, absence_s=F32, lengths_sigma=F32, log_ratio=F32, margin=Option(F32))
 REASON = Enum(
     "reason",
@@ -65,7 +74,7 @@ REASON = Enum(
 CHANGE = Enum(
     "change",
     initiate=Struct("", views=U16),
-    given=None,
+    give=None,
     reinitiate=Struct("", moved_m=F32),
     confirm=Struct("", seen_s=F32),
     recognise=Struct("", old=U32, why=LIKENESS),
@@ -76,15 +85,15 @@ CHANGE = Enum(
     drop=Struct("", reason=REASON),
 )
 EVENT = Struct("IdentityEvent", person=U32, wire_id=U32, change=CHANGE)
-EVENT_SET = Struct("IdentityEventSet", session=U64, tick=I64, events=List(EVENT))
+EVENT_SET = Struct("IdentityEventSet", session=U64, tick=I64, events=List(EVENT, 4096))
 USED = Struct("UsedSet", viewpoint=U16, part=U16)
-DECISION = Struct("Decision", session=U64, first=I64, tick=I64, horizons_ticks=List(F64), patches=List(USED), sightings=List(USED))
+DECISION = Struct("Decision", session=U64, first=I64, tick=I64, horizons_ticks=List(F64, VIEWPOINTS), patches=List(USED), sightings=List(USED))
 
 # Statuses, from every node to all.
-STAGE = Struct("StageTime", stage=TEXT, count=U64, total_us=U64, p50_us=U32, p99_us=U32, p999_us=U32, max_us=U32)
+STAGE = Struct("StageTime", stage=LONG, count=U64, total_us=U64, p50_us=U32, p99_us=U32, p999_us=U32, max_us=U32)
 CAMERA_3 = {"camera": U16, "health": Enum("health", "works", "frozen", "black", "silent", "failed"), "frames_per_s": F32, "capture_offset_us": I32}
 EDGE_LINK = Struct(
-    "EdgeLink", viewpoint=TEXT, live=BOOL, refused=Option(TEXT), round_trip_us=Option(U32), clock_offset_us=Option(I32), horizon_ticks=F32,
+    "EdgeLink", viewpoint=NAME, live=BOOL, refused=Option(LONG), round_trip_us=Option(U32), clock_offset_us=Option(I32), horizon_ticks=F32,
     bytes_per_s=U32, late=U64, missing=U64, unreadable=U64,
 )
 
@@ -92,44 +101,46 @@ EDGE_LINK = Struct(
 def live_status(camera):
     return Struct(
         "LiveStatus", epoch_us=Option(U64), clock_correction_us=I32, quality=U8, persons_per_tick=Option(U16), every_nth_tick=U16,
-        bytes_per_s=U32, held_back=U64, missed_ticks=U64, cameras=List(Struct("CameraStatus", **camera)), edges=List(EDGE_LINK),
-        recording_failure=Option(TEXT),
+        bytes_per_s=U32, held_back=U64, missed_ticks=U64, cameras=List(Struct("CameraStatus", **camera), CAMERAS),
+        edges=List(EDGE_LINK, VIEWPOINTS), recording_failure=Option(LONG),
     )
 
 
 def status(release, camera, **more):
     return Struct(
-        "Status", node=TEXT, process=U64, viewpoint=Option(U16), **release, ready=BOOL, venue_hash=TEXT, calibration_hash=TEXT,
-        network_hash=TEXT, backend=TEXT, ticks=Option(Array(I64, 2)), tick=Option(I64), unreadable=U64, failure=Option(TEXT),
-        stages=List(STAGE), live=Option(live_status(camera)), **more,
+        "Status", node=NAME, process=U64, viewpoint=Option(U16), **release, ready=BOOL, venue_hash=SHORT, calibration_hash=SHORT,
+        network_hash=SHORT, backend=LONG, ticks=Option(Array(I64, 2)), tick=Option(I64), unreadable=U64, failure=Option(LONG),
+        stages=List(STAGE, 32), live=Option(live_status(camera)), **more,
     )
 
 
 SYSTEM_CLOCK = Struct("SystemClock", synchronised=BOOL, max_error_us=Option(U32), ahead_us=I64)
 LINK_HEALTH = Struct("LinkHealth", clock_uncertainty_us=Option(U32), clock_correction_us=Option(I32), dropped=U64)
 HEALTH = Struct(
-    "NodeHealth", system_clock=Option(SYSTEM_CLOCK), certificate_ends_s=Option(U64), follows=Option(U64), links=List(LINK_HEALTH), notices=List(TEXT)
+    "NodeHealth", system_clock=Option(SYSTEM_CLOCK), certificate_ends_s=Option(U64), follows=Option(U64),
+    links=List(LINK_HEALTH, VIEWPOINTS), notices=List(REASON_TEXT, 16),
 )
 STATUS_3 = status({}, CAMERA_3)
-STATUS_4 = status({"release": TEXT}, {**CAMERA_3, "reason": Option(TEXT)})
-STATUS_5 = status({"release": TEXT}, {**CAMERA_3, "reason": Option(TEXT)}, health=HEALTH)
+STATUS_4 = status({"release": SHORT}, {**CAMERA_3, "reason": Option(REASON_TEXT)})
+STATUS_5 = status({"release": SHORT}, {**CAMERA_3, "reason": Option(REASON_TEXT)}, health=HEALTH)
 AGREEMENT = Struct(
     "CameraAgreement", verdict=Enum("verdict", "unknown", "agrees", "disagrees"), keypoints=U64, distance_mm=Option(F64),
     distance_px=Option(F64), late_ticks=Option(F64),
 )
-AGREEMENTS = List(Struct("AgreementOfCamera", camera=U16, agreement=AGREEMENT))
-STATUS_6 = status({"release": TEXT}, {**CAMERA_3, "reason": Option(TEXT)}, health=HEALTH, agreement=AGREEMENTS)
+AGREEMENTS = List(Struct("AgreementOfCamera", camera=U16, agreement=AGREEMENT), 1024)
+STATUS_6 = status({"release": SHORT}, {**CAMERA_3, "reason": Option(REASON_TEXT)}, health=HEALTH, agreement=AGREEMENTS)
 
 # Questions and answers.
 FILL_REQUEST = Struct("FillRequest", session=U64, **{"from": I64}, to=I64, max_bytes=U32)
-FILLED = Struct("Filled", to=I64, stored=List(Struct("StoredSet", kind=Enum("kind", "patches", "sightings"), bytes=BYTES)))
+FILLED = Struct("Filled", to=I64, stored=List(Struct("StoredSet", kind=Enum("kind", "patches", "sightings"), bytes=Bytes("bytes", MOST_BYTES)), 4096))
 REQUEST = Enum("HandoutRequest", "list", chunk=Struct("", file=U16, **{"from": U64}))
 FILE = Struct(
-    "SharedFile", kind=Enum("kind", "venue", "calibration", "network_card", "network", "detector_card", "detector"), path=TEXT, bytes=U64, blake3=Raw(32)
+    "SharedFile", kind=Enum("kind", "venue", "calibration", "network_card", "network", "detector_card", "detector"), path=Bytes("text", 1024), bytes=U64,
+    blake3=Raw(32),
 )
-FILE_LIST = Struct("FileList", venue=TEXT, files=List(FILE))
-SIGNED_LIST = Struct("SignedList", list=BYTES, signature=Option(Struct("ListSignature", certificate=BYTES, ecdsa=BYTES)))
-CHUNK = Struct("Chunk", bytes=BYTES)
+FILE_LIST = Struct("FileList", venue=TEXT, files=List(FILE, 16))
+SIGNED_LIST = Struct("SignedList", list=PIECE, signature=Option(Struct("ListSignature", certificate=PIECE, ecdsa=PIECE)))
+CHUNK = Struct("Chunk", bytes=PIECE)
 
 # By the names of the files in proto/golden; where a version wrote otherwise, which.
 MESSAGES = {
