@@ -124,10 +124,10 @@ STATUS_3 = status({}, CAMERA_3)
 STATUS_4 = status({"release": SHORT}, {**CAMERA_3, "reason": Option(REASON_TEXT)})
 STATUS_5 = status({"release": SHORT}, {**CAMERA_3, "reason": Option(REASON_TEXT)}, health=HEALTH)
 AGREEMENT = Struct(
-    "CameraAgreement", verdict=Enum("verdict", "unknown", "agrees", "disagrees"), keypoints=U64, distance_mm=Option(F64),
-    distance_px=Option(F64), late_ticks=Option(F64),
+    "CameraAgreement", verdict=Enum("verdict", "unknown", "agrees", "disagrees"), keypoints=U64, distance_mm=Option(F32),
+    distance_px=Option(F32), late_ticks=Option(F32),
 )
-AGREEMENTS = List(Struct("AgreementOfCamera", camera=U16, agreement=AGREEMENT), 1024)
+AGREEMENTS = List(Struct("AgreementOfCamera", camera=U16, agreement=AGREEMENT), 16_384)
 STATUS_6 = status({"release": SHORT}, {**CAMERA_3, "reason": Option(REASON_TEXT)}, health=HEALTH, agreement=AGREEMENTS)
 
 # Questions and answers.
