@@ -205,7 +205,8 @@ fn of_camera(report: &CameraReport, span_m: f64) -> Vec<Finding> {
 fn of_halves(report: &CameraReport) -> Option<Finding> {
     let name = &report.name;
     let apart_px = report.halves_px;
-    if !apart_px.is_finite() {
+    // What one half cannot draw at all is infinitely far off, and wrong; what nobody compared is no number.
+    if apart_px.is_nan() {
         return Some(finding(
             name,
             Cause::HalvesUnchecked,

@@ -133,7 +133,7 @@ fn drawn_apart(first: &CameraState, second: &CameraState, seen: &[([f64; 2], f64
     let (px, across): (Vec<f64>, Vec<f64>) = seen.iter().filter_map(apart).unzip();
     let most = |mut all: Vec<f64>| {
         all.sort_by(f64::total_cmp);
-        percentile(&all, NEARER).unwrap_or(f64::INFINITY)
+        percentile(&all, NEARER).unwrap_or(f64::NAN)
     };
     (most(px), most(across))
 }
@@ -176,6 +176,6 @@ mod tests {
         assert!((across - px * 8.0 / 1100.0).abs() < 1e-9, "{across}");
         assert!(drawn_apart(&first, &rolled, &about(0.0, 0.0)).0 < 1e-9);
         assert!(drawn_apart(&first, &first, &about(400.0, 300.0)).0 < 1e-9);
-        assert!(drawn_apart(&first, &first, &[]).0.is_infinite());
+        assert!(drawn_apart(&first, &first, &[]).0.is_nan());
     }
 }

@@ -136,7 +136,7 @@ impl PointCalibration {
             Known::Place(at_m) => Some(at_m),
             Known::OnLine(_) => None,
         });
-        let field = FieldReport::of(&cameras.collect::<Vec<_>>(), path.chain(known));
+        let field = FieldReport::of(&cameras.collect::<Vec<_>>(), path, known);
         let said = field.as_ref().and_then(FieldReport::finding);
         self.report.findings.extend(said);
         self.report.field = field;

@@ -32,12 +32,14 @@ pub struct FieldReport {
 }
 
 impl FieldReport {
-    /// The field is the hull of `places_m`, venue: where the point or people were, and what else is known to be in it.
+    /// The field is the hull of `places_m`, venue: where the point or people were (without the strays among them), and of
+    /// `known_m`, what else is known to be in it.
     /// `cameras` are in the venue too, and `reports` tell how well they are known. `None` where there is no field, or nothing is
     /// known of the cameras.
     pub(crate) fn of(
         cameras: &[FieldCamera],
         places_m: impl IntoIterator<Item = [f64; 3]>,
+        known_m: impl IntoIterator<Item = [f64; 3]>,
     ) -> Option<Self> {
         let known = |it: &&FieldCamera| {
             it.position_sigma_m.is_finite() && it.rotation_sigma_rad.is_finite()
@@ -53,6 +55,13 @@ impl FieldReport {
         let mut heights: Vec<f64> = places.iter().map(|at| at[2]).collect();
         heights.sort_by(f64::total_cmp);
         let middle_m = percentile(&heights, 0.5)?;
+        places.extend(known_m.into_iter().filter(is_number));
+        let span = |axis: usize| {
+            let along = places.iter().map(|at| at[axis]);
+            let least = along.clone().fold(f64::INFINITY, f64::min);
+            [least, along.fold(f64::NEG_INFINITY, f64::max)]
+        };
+        let [[least_x, most_x], [least_y, most_y]] = [span(0), span(1)];
         let is_of_people = (-MOST_BODY_M..MOST_BODY_M).contains(&middle_m);
         let extent_m = (most_x - least_x).max(most_y - least_y);
         let is_fine = |step: &f64| extent_m / step <= MOST_ALONG;
@@ -215,7 +224,7 @@ mod tests {
 
     #[test]
     fn the_field_is_where_somebody_was() {
-        let found = FieldReport::of(&from_above(), walked(4.0)).unwrap();
+        let found = FieldReport::of(&from_above(), walked(4.0), []).unwrap();
         assert!((found.step_m - 0.2).abs() < 1e-12 && (found.height_m - 1.0).abs() < 1e-12);
         assert!(
             found.cells.len() > 1400 && found.cells.len() <= 1600,
@@ -229,7 +238,7 @@ mod tests {
 
     #[test]
     fn where_fewer_than_two_cameras_see_is_said() {
-        let found = FieldReport::of(&from_above(), walked(9.0)).unwrap();
+        let found = FieldReport::of(&from_above(), walked(9.0), []).unwrap();
         assert!(found.share_seen_by(2) < 0.7);
         let said = found.finding().unwrap();
         assert!(
@@ -240,10 +249,10 @@ mod tests {
 
     #[test]
     fn nothing_walked_or_one_line_is_no_field() {
-        assert!(FieldReport::of(&from_above(), Vec::new()).is_none());
+        assert!(FieldReport::of(&from_above(), Vec::new(), []).is_none());
         let line = (0..100).map(|i| [f64::from(i) * 0.1, 1.0, 0.0]);
-        assert!(FieldReport::of(&from_above(), line).is_none());
-        assert!(FieldReport::of(&[], walked(4.0)).is_none());
+        assert!(FieldReport::of(&from_above(), line, []).is_none());
+        assert!(FieldReport::of(&[], walked(4.0), []).is_none());
     }
 
     #[test]

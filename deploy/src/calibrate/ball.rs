@@ -127,6 +127,9 @@ pub(super) fn from_ball(args: &BallArgs) -> Result<(), NodeError> {
         });
     }
     if seen.iter().all(|it| it.sightings == 0) {
+        for it in &seen {
+            remove(&it.file)?;
+        }
         return Err(NodeError::Refused(anyhow!(
             "{}: nothing that moves was found in any recording: say what tells it by --by and --colour, and how large it \
              appears by --diameter-px",

@@ -13,6 +13,8 @@ use super::seen::{SeenArgs, SeenCamera};
 
 /// Longest line that is read, bytes: a thousand people.
 const MAX_LINE_BYTES: u64 = 4 << 20;
+/// Times that a camera's frames are thinned for one more frame: each takes half of what is left of them.
+const MOST_COARSENINGS: usize = 64;
 
 /// The files of all cameras, of which the same times are kept.
 pub(super) struct ThinFiles<'a> {
@@ -37,7 +39,13 @@ impl<'a> ThinFiles<'a> {
     /// What cannot be read, with its line.
     pub(super) fn read(&mut self, name: &str, path: &Path) -> anyhow::Result<Vec<DetectedFrame>> {
         let cameras = self.cameras;
-        let rate_hz = cameras.rate_of(name).unwrap_or(f64::NAN);
+        let rate_hz = cameras.rate_of(name).with_context(|| {
+            format!("no rate of camera `{name}`: give it by --rate-hz {name}=HZ, or that of all by --rate-hz HZ")
+        })?;
+        ensure!(
+            rate_hz.is_finite() && rate_hz > 0.0,
+            "--rate-hz: found {rate_hz} Hz of camera `{name}`, expected more than 0"
+        );
         let offset_s = cameras.offset_of(name).unwrap_or(0.0);
         let mut thinning = Thinning::new(rate_hz, offset_s, cameras.timing());
         let named = || path.display().to_string();
@@ -65,17 +73,30 @@ impl<'a> ThinFiles<'a> {
             if !thinning.keeps(frame.frame) {
                 continue;
             }
+            // A frame in which nobody is says nothing, and takes room.
+            if frame.bodies.is_empty() {
+                continue;
+            }
             frame.bodies.shrink_to_fit();
             bodies += frame.bodies.len();
             frames.push(frame);
-            while bodies > self.most
-                && let (Some(first), Some(last)) = (frames.first(), frames.last())
-                && frames.len() > 1
-            {
+            for _ in 0..MOST_COARSENINGS {
+                let (Some(first), Some(last)) = (frames.first(), frames.last()) else {
+                    break;
+                };
+                if bodies <= self.most {
+                    break;
+                }
                 thinning.coarsen(first.frame, last.frame);
                 frames.retain(|it| thinning.keeps(it.frame));
                 bodies = frames.iter().map(|it| it.bodies.len()).sum();
             }
+            ensure!(
+                bodies <= self.most,
+                "{}: found more than {} bodies in a few seconds, expected those of a field of people",
+                path.display(),
+                self.most
+            );
         }
         self.kept.push((name.to_owned(), thinning, all));
         Ok(frames)
@@ -98,7 +119,7 @@ impl<'a> ThinFiles<'a> {
         }
         if let Some((words, kept, all)) = said {
             say(format_args!(
-                "keeping {words}: {kept} of {all} frames of a camera, more would tell nothing more"
+                "keeping {words}: {kept} of {all} frames of a camera, so that all fit into memory"
             ));
         }
     }

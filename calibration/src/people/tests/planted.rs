@@ -155,6 +155,8 @@ fn no_planted_fault_passes() {
     let truth = cameras(&field);
     let mut sound = request(&field, &truth, &walk);
     sound.stature_m = Some(MEAN_STATURE_M);
+    let plain = quiet(&sound).unwrap();
+    assert!(plain.report.passes(), "{:?}", plain.report.findings);
     let (mut passed, mut missed) = (Vec::new(), Vec::new());
     for (what, word, plant) in FAULTS {
         let mut request = sound.clone();

@@ -101,7 +101,7 @@ pub(super) fn field(page: &mut String, found: &PointCalibration) {
         square(page, &plan, field, cell, colour);
     }
     plan.end(page, &found.cameras);
-    page.push_str("<figcaption>How far off a point is: ");
+    page.push_str("<figcaption>Standard deviation of a point: ");
     for class in 0..=classes.0.len() {
         swatch(page, Some(classes.colour(class)), &classes.words(class));
     }
@@ -139,12 +139,13 @@ fn by_count(cameras: usize) -> Option<&'static str> {
 /// What is said of the whole field.
 pub(in crate::calibrate) fn in_words(field: &FieldReport) -> String {
     let two = (100.0 * field.share_seen_by(2)).floor();
-    let seen = format!("{two:.0} % of the field is seen by two cameras or more");
+    let seen =
+        format!("{two:.0} % of the field that was walked or marked is seen by two cameras or more");
     let sigma_mm = |share: f64| field.sigma_m(share).map(|it| 1000.0 * it);
     match sigma_mm(0.5).zip(sigma_mm(0.95)) {
         Some((middle, most)) => format!(
-            "A point that each camera sees to {} px is off by {middle:.1} mm at the median and {most:.1} mm at 95 %, {:.1} m above \
-             the floor; {seen}.",
+            "A point that each camera sees to {} px has a standard deviation of {middle:.1} mm or less in half of the field and of {most:.1} mm or \
+             less in 95 % of it, {:.1} m above the floor; {seen}.",
             field.sight_sigma_px, field.height_m
         ),
         None => format!("{seen}."),
@@ -229,9 +230,14 @@ mod tests {
     fn the_field_is_said_in_one_sentence() {
         let said = in_words(&with(&[2.0, 4.0, 6.0]));
         assert!(
-            said.contains("4.0 mm at the median and 6.0 mm at 95 %"),
+            said.contains(
+                "4.0 mm or less in half of the field and of 6.0 mm or less in 95 % of it"
+            ),
             "{said}"
         );
-        assert!(said.contains("100 % of the field is seen by two"), "{said}");
+        assert!(
+            said.contains("100 % of the field that was walked or marked is seen by two"),
+            "{said}"
+        );
     }
 }
