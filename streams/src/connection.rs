@@ -4,6 +4,7 @@ use std::io;
 use std::net::IpAddr;
 use std::time::Duration;
 
+use socket2::{SockRef, TcpKeepalive};
 use tokio::net::TcpStream;
 use tokio::time::timeout;
 use tokio_tungstenite::tungstenite::handshake::server::{
@@ -64,6 +65,11 @@ pub(crate) async fn accept_connection(
         .max_write_buffer_size(MAX_WAITING);
     let check = Check(etiquette);
     socket.set_nodelay(true)?;
+    // Who has gone without a word is let go of, also where nothing is said to him.
+    let keepalive = TcpKeepalive::new()
+        .with_time(Duration::from_secs(30))
+        .with_interval(Duration::from_secs(10));
+    SockRef::from(&socket).set_tcp_keepalive(&keepalive)?;
     let accepting = accept_hdr_async_with_config(socket, check, Some(config));
     match timeout(HANDSHAKE, accepting).await {
         Ok(accepted) => accepted.map(Connection).map_err(as_io),

@@ -14,6 +14,8 @@ use farfield_proto::message::{PersonPose, PersonState, PoseSet};
 use farfield_proto::tick::Tick;
 use nalgebra::Vector3;
 
+use crate::names::tell_apart;
+
 /// How long who has gone stays in the roster, seconds: who is lost for a while keeps label, skeleton and port.
 const ROSTER_S: f64 = 10.0;
 /// Over how long speeds are measured, seconds: a difference of single ticks is mostly the noise of the pose.
@@ -28,7 +30,7 @@ pub struct VenueFacts {
     pub venue: String,
     /// Ticks per second.
     pub rate_hz: f64,
-    /// What persons are called; who is not in it is `person_<id>`.
+    /// What persons are called; who is not in it is `person_<id>`, and who is called like another has the id besides.
     pub names: BTreeMap<PersonId, String>,
     /// The venue's cameras, for streams that show them.
     pub cameras: Vec<CameraModel>,
@@ -135,7 +137,8 @@ pub struct FrameMaker {
 
 impl FrameMaker {
     /// One that has seen no pose yet.
-    pub fn new(facts: VenueFacts) -> Self {
+    pub fn new(mut facts: VenueFacts) -> Self {
+        tell_apart(&mut facts.names);
         Self {
             venue: facts.venue.as_str().into(),
             facts,
@@ -151,8 +154,10 @@ impl FrameMaker {
         }
     }
 
-    /// People are called so from now on; who is not in `names` is `person_<id>`.
-    pub fn rename(&mut self, names: BTreeMap<PersonId, String>) {
+    /// People are called so from now on, with the id besides where that would be another's name too; who is not in `names`
+    /// is `person_<id>`.
+    pub fn rename(&mut self, mut names: BTreeMap<PersonId, String>) {
+        tell_apart(&mut names);
         self.facts.names = names;
     }
 
@@ -380,6 +385,9 @@ mod tests {
         };
         assert_eq!(names(&after), ["person_1", "Anna", "person_1", "Anna"]);
         assert_ne!(before.roster.version, after.roster.version);
+        maker.rename([1, 2].map(|id| (PersonId(id), "Anna".to_owned())).into());
+        let alike = maker.frame(&synthetic::poses_at(2, 2));
+        assert_eq!(names(&alike), ["Anna 1", "Anna 2", "Anna 1", "Anna 2"]);
     }
 
     #[test]

@@ -22,6 +22,7 @@
 mod connection;
 pub mod foxglove;
 pub mod frame;
+mod names;
 #[cfg(feature = "zenoh")]
 mod over_zenoh;
 pub mod psn;

@@ -17,12 +17,16 @@ impl WallClock {
     /// Unix time of a frame that is `elapsed_s` after the first one and comes `now`.
     pub(crate) fn stamp(&mut self, elapsed_s: f64, now: Duration) -> Duration {
         let elapsed = Duration::try_from_secs_f64(elapsed_s).unwrap_or_default();
-        let is_near = |zero: &Duration| (*zero + elapsed).abs_diff(now) <= MOST_APART;
+        // Never ahead of now: then stamps rise, also where a run is faster than time and begins anew again and again.
+        let is_near = |zero: &Duration| {
+            let late = now.checked_sub(zero.saturating_add(elapsed));
+            late.is_some_and(|late| late <= MOST_APART)
+        };
         let zero = self.zero.filter(is_near);
         let zero = *self
             .zero
             .insert(zero.unwrap_or_else(|| now.saturating_sub(elapsed)));
-        zero + elapsed
+        zero.saturating_add(elapsed)
     }
 }
 
@@ -36,6 +40,21 @@ pub(crate) fn since_1970() -> Duration {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn stamps_of_a_run_that_is_faster_than_time_rise_and_are_never_ahead_of_now() {
+        let mut clock = WallClock::default();
+        let mut last = Duration::ZERO;
+        for frame in 0..600 {
+            let now = Duration::from_secs(1000) + frame * Duration::from_millis(5);
+            let stamp = clock.stamp(f64::from(frame) / 30.0, now);
+            assert!(
+                last <= stamp && stamp <= now,
+                "{frame}: {stamp:?} at {now:?}"
+            );
+            last = stamp;
+        }
+    }
 
     #[test]
     fn stamps_go_with_the_venues_clock_and_begin_anew_where_it_stood_still() {

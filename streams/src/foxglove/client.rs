@@ -81,7 +81,10 @@ impl Client {
                 .into_iter()
                 .filter_map(|asked| {
                     let channel = Channel::of_id(asked.channel_id)?;
-                    if self.subscriptions.len() >= MAX_SUBSCRIPTIONS {
+                    // One number a channel: what is said to a client is not said to it a thousand times.
+                    let is_new = !self.subscriptions.contains_key(&asked.id)
+                        && !self.subscriptions.values().any(|it| *it == channel);
+                    if !is_new || self.subscriptions.len() >= MAX_SUBSCRIPTIONS {
                         return None;
                     }
                     self.subscriptions.insert(asked.id, channel);

@@ -142,6 +142,18 @@ fn publish(
     }
 }
 
+/// Those who connect say what they listen to, and get what we publish: nobody's poses are passed on but ours.
+const ONLY_LISTENERS: &str = r#"{
+    enabled: true,
+    default_permission: "deny",
+    rules: [
+        { id: "in", permission: "allow", flows: ["ingress"], messages: ["declare_subscriber"], key_exprs: ["**"] },
+        { id: "out", permission: "allow", flows: ["egress"], messages: ["put"], key_exprs: ["farfield/**"] },
+    ],
+    subjects: [{ id: "all" }],
+    policies: [{ rules: ["in", "out"], subjects: ["all"] }],
+}"#;
+
 /// A session that does nothing but `listen` at, or `connect` to, one address.
 fn config(mode: &str, way: &str, address: SocketAddr) -> zenoh::Result<Config> {
     let mut config = Config::default();
@@ -151,11 +163,17 @@ fn config(mode: &str, way: &str, address: SocketAddr) -> zenoh::Result<Config> {
         (&format!("{way}/endpoints"), &endpoints),
         ("scouting/multicast/enabled", "false"),
         ("scouting/gossip/enabled", "false"),
+        // Whoever listens has nothing to say but what he wants.
+        ("transport/link/rx/max_message_size", "65536"),
+        ("transport/unicast/max_sessions", "16"),
+        ("transport/unicast/accept_pending", "16"),
     ] {
         config.insert_json5(key, value)?;
     }
     if way == "connect" {
         config.insert_json5("listen/endpoints", "[]")?;
+    } else {
+        config.insert_json5("access_control", ONLY_LISTENERS)?;
     }
     Ok(config)
 }
