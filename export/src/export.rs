@@ -411,10 +411,10 @@ fn surveyed(
         None => EditList::default(),
     };
     let of_file = |fault: RefusedEdit| fault.in_file(edits.unwrap_or(poses));
-    let identities = Identities::of(&list, None).map_err(of_file)?;
+    let identities = list.identities(None).map_err(of_file)?;
     let survey = Survey::of(files::open(poses)?, poses, ticks, &identities)?;
     // Now it is known who is there.
-    Identities::of(&list, Some(&survey.roll)).map_err(of_file)?;
+    list.identities(Some(&survey.roll)).map_err(of_file)?;
     Ok((survey, identities))
 }
 

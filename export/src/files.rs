@@ -59,14 +59,21 @@ pub(crate) fn append(
             "\n"
         };
         let written = file.write_all(format!("{begin}{line}").as_bytes());
-        written.and_then(|()| file.sync_data()).map_err(failed)
-    });
-    if made.is_err() {
-        // What is left of a line would be in the way of all that come; nothing more can be done where this fails, too.
-        drop(file.set_len(text.len() as u64));
-        if text.is_empty() {
-            drop(fs::remove_file(path));
+        let written = written.and_then(|()| file.sync_data());
+        if written.is_err() {
+            // What is left of a line would be in the way of all that come; nothing more can be done where this fails, too.
+            drop(file.set_len(text.len() as u64));
         }
+        written.map_err(failed)
+    });
+    // An editor that knows nothing of the lock may have written meanwhile: only an empty file is taken away.
+    let is_empty = || file.metadata().is_ok_and(|it| it.len() == 0);
+    if made.is_err() && text.is_empty() && is_empty() {
+        drop(fs::remove_file(path));
+    }
+    if made.is_ok() && file.metadata().map_err(failed)?.nlink() == 0 {
+        let words = "it was replaced by another program meanwhile: say it again";
+        return Err(failed(io::Error::other(words)));
     }
     made
 }

@@ -17,16 +17,13 @@ struct Hashes {
     calibration_hash: Option<String>,
 }
 
-/// The cameras of the run with this `folder` and `summary`, where its venue is `given` or lies in its folder.
+/// The cameras of the run with this `summary`, where its venue is `given` or lies in its folder.
 ///
 /// # Errors
 /// When the venue or the summary cannot be read, or the venue that is given is of another calibration.
-pub(super) fn of_run(
-    given: Option<&Path>,
-    folder: &Path,
-    summary: &Path,
-) -> anyhow::Result<Vec<CameraModel>> {
-    let beside = folder.join(VENUE);
+pub(super) fn of_run(given: Option<&Path>, summary: &Path) -> anyhow::Result<Vec<CameraModel>> {
+    // Smoothed poses lie deeper in the folder of their run.
+    let beside = summary.parent().unwrap_or(Path::new(".")).join(VENUE);
     let Some(path) = given.or(beside.is_file().then_some(&*beside)) else {
         return Ok(Vec::new());
     };

@@ -164,7 +164,17 @@ pub(crate) fn export_run(args: &ExportArgs) -> Result<(), NodeError> {
     let place = Place::of(&args.run).map_err(NodeError::Refused)?;
     let out = args.out.clone().unwrap_or_else(|| place.export_folder());
     let is_new = !out.exists();
-    let read = recorded(&place, &out)?;
+    if args.venue.is_some() && matches!(place, Place::Recording(_)) {
+        return Err(NodeError::refused(anyhow!(
+            "--venue: {} has its venue in it",
+            args.run.display()
+        )));
+    }
+    let read = recorded(&place, &out).inspect_err(|_| {
+        if is_new {
+            drop(fs::remove_dir(&out));
+        }
+    })?;
     let request = request(args, &place, read.as_ref(), out.clone());
     let written = request
         .map_err(NodeError::Refused)
@@ -267,21 +277,11 @@ fn request(
     }
     let has_cameras = formats.contains(&Format::Mcap);
     let (poses, summary, cameras) = match (place, read) {
-        (
-            Place::Run {
-                poses,
-                summary,
-                folder,
-            },
-            _,
-        ) => {
+        (Place::Run { poses, summary, .. }, _) => {
             let given = args.venue.as_deref();
-            let cameras = has_cameras.then(|| cameras::of_run(given, folder, summary));
+            let cameras = has_cameras.then(|| cameras::of_run(given, summary));
             let cameras = cameras.transpose()?.unwrap_or_default();
             (poses.clone(), summary.clone(), cameras)
-        }
-        (Place::Recording(path), _) if args.venue.is_some() => {
-            bail!("--venue: {} has its venue in it", path.display())
         }
         (Place::Recording(_), Some(read)) => {
             let folder = read.folder.path();

@@ -1,7 +1,9 @@
 //! One edit, as a line of the file.
 
 use std::fmt;
+use std::path::Path;
 
+use farfield_proto::toml_file::FileError;
 use serde::{Deserialize, Serialize};
 
 /// Most characters of a name.
@@ -256,5 +258,22 @@ impl fmt::Display for Change {
             Self::Drop { person } => write!(f, "{person} is left out"),
             Self::Undo { number } => write!(f, "edit {number} is undone"),
         }
+    }
+}
+
+/// Why an edit cannot be: which, and what stands against it.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("edit {number}: {problem}")]
+pub struct RefusedEdit {
+    /// Its number.
+    pub number: usize,
+    /// What was found and what was expected.
+    pub problem: String,
+}
+
+impl RefusedEdit {
+    /// The same, as a fault of the file at `path`.
+    pub fn in_file(self, path: &Path) -> FileError {
+        FileError::new(path, self.problem).at_line(self.number)
     }
 }

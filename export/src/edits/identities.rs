@@ -3,9 +3,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 
-use super::change::Change;
-use super::list::{EditList, RefusedEdit};
-use super::roll::{Roll, common, ticks_in_words};
+use super::change::{Change, RefusedEdit};
+use super::roll::{PersonRoll, Roll, common, ticks_in_words};
 
 /// Who of the poses is whom. Without edits everybody is who they are.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
@@ -22,14 +21,13 @@ pub struct Identities {
 const BEGINNING: i64 = i64::MIN;
 
 impl Identities {
-    /// Applies what is in force, in order; where it is known who is there (`roll`), edits are held against it.
-    ///
-    /// # Errors
-    /// The first edit that has no ground: of somebody who is not there any more, or (by `roll`) never was, of two who are there at
-    /// one tick, of a new id that somebody has.
-    pub fn of(list: &EditList, roll: Option<&Roll>) -> Result<Self, RefusedEdit> {
+    /// Applies the changes that are `in_force`, with their numbers, in order; see [`EditList::identities`](super::EditList::identities).
+    pub(super) fn of(
+        in_force: &[(usize, &Change)],
+        roll: Option<&Roll>,
+    ) -> Result<Self, RefusedEdit> {
         let mut identities = Self::default();
-        for (number, change) in list.in_force() {
+        for &(number, change) in in_force {
             let refused = |problem| RefusedEdit { number, problem };
             if let Some(roll) = roll {
                 identities.check(change, roll).map_err(refused)?;
@@ -93,6 +91,47 @@ impl Identities {
             (both, *person)
         });
         clipped.filter(|(ticks, _)| !ticks.is_empty()).collect()
+    }
+
+    /// When each person is there of `roll` by these identities, stretches ascending; of a tick that two poses have, twice.
+    pub fn edited(&self, roll: &Roll) -> BTreeMap<u32, Vec<Range<i64>>> {
+        let mut people = BTreeMap::<u32, Vec<Range<i64>>>::new();
+        for (&id, stretches) in &roll.stretches {
+            for stretch in stretches {
+                for (ticks, person) in self.pieces(id, stretch) {
+                    if let Some(person) = person {
+                        people.entry(person).or_default().push(ticks);
+                    }
+                }
+            }
+        }
+        for stretches in people.values_mut() {
+            stretches.sort_by_key(|ticks| (ticks.start, ticks.end));
+        }
+        people
+    }
+
+    /// The table: everybody of `roll` by these identities.
+    pub fn people(&self, roll: &Roll) -> BTreeMap<u32, PersonRoll> {
+        let edited = self.edited(roll).into_iter();
+        let rows = edited.filter_map(|(person, stretches)| {
+            let (first, last) = (
+                stretches.first()?.start,
+                stretches.last()?.end.saturating_sub(1),
+            );
+            let ends = stretches.iter().map(|ticks| ticks.end);
+            let starts = stretches.iter().skip(1).map(|ticks| ticks.start);
+            let row = PersonRoll {
+                span: [first, last],
+                ticks: stretches
+                    .iter()
+                    .map(|ticks| ticks.end.abs_diff(ticks.start))
+                    .sum(),
+                gaps: ends.zip(starts).filter(|(end, start)| start > end).count(),
+            };
+            Some((person, row))
+        });
+        rows.collect()
     }
 
     /// Whether an edit can name `person`: an id that nothing is known of may be there.
@@ -188,7 +227,7 @@ impl Identities {
 
     /// Holds a change against who is there.
     fn check(&self, change: &Change, roll: &Roll) -> Result<(), String> {
-        let people = roll.edited(self);
+        let people = self.edited(roll);
         let stretches = |person: u32| {
             people.get(&person).map(Vec::as_slice).ok_or_else(|| {
                 let known: Vec<&u32> = people.keys().collect();
@@ -197,7 +236,12 @@ impl Identities {
         };
         match *change {
             Change::Name { person, .. } | Change::Drop { person } => {
-                stretches(person)?;
+                // The page names whom it shows; these poses may lack somebody of them, and lose nothing by that.
+                let is_elsewhere =
+                    !roll.has(person) && !self.made.contains(&person) && self.is_there(person);
+                if !is_elsewhere {
+                    stretches(person)?;
+                }
             }
             Change::Merge { person, into } => {
                 let both = common(stretches(person)?, stretches(into)?);
@@ -211,9 +255,12 @@ impl Identities {
             Change::Split { person, tick, new } => {
                 let own = stretches(person)?;
                 let span = own.first().zip(own.last());
-                let is_inside = span.is_some_and(|(a, b)| (a.start + 1..b.end).contains(&tick));
+                let is_inside =
+                    span.is_some_and(|(a, b)| (a.start.saturating_add(1)..b.end).contains(&tick));
                 if !is_inside {
-                    let (first, last) = span.map_or((0, 0), |(a, b)| (a.start + 1, b.end - 1));
+                    let (first, last) = span.map_or((0, 0), |(a, b)| {
+                        (a.start.saturating_add(1), b.end.saturating_sub(1))
+                    });
                     return Err(format!(
                         "found tick {tick}, expected one from {first} to {last}: both must be there"
                     ));

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use farfield_fusion::export::EDITS;
 use farfield_proto::toml_file::FileError;
 
-use super::change::{Change, Edit};
+use super::change::{Change, Edit, RefusedEdit};
 use super::identities::Identities;
 use super::roll::Roll;
 
@@ -18,23 +18,6 @@ pub struct EditList {
     /// Each with its line, from 1, which is its number.
     edits: Vec<(usize, Edit)>,
     n_lines: usize,
-}
-
-/// Why an edit cannot be: which, and what stands against it.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("edit {number}: {problem}")]
-pub struct RefusedEdit {
-    /// Its number.
-    pub number: usize,
-    /// What was found and what was expected.
-    pub problem: String,
-}
-
-impl RefusedEdit {
-    /// The same, as a fault of the file at `path`.
-    pub fn in_file(self, path: &Path) -> FileError {
-        FileError::new(path, self.problem).at_line(self.number)
-    }
 }
 
 /// Where the edits of the run in `folder` are.
@@ -108,6 +91,15 @@ impl EditList {
             .collect()
     }
 
+    /// What is in force applied, in order; where it is known who is there (`roll`), edits are held against it.
+    ///
+    /// # Errors
+    /// The first edit that has no ground: of somebody who is not there any more, or (by `roll`) never was, of two who are there at
+    /// one tick, of a new id that somebody has.
+    pub fn identities(&self, roll: Option<&Roll>) -> Result<Identities, RefusedEdit> {
+        Identities::of(&self.in_force(), roll)
+    }
+
     /// The number of the next edit.
     pub fn next_number(&self) -> usize {
         self.n_lines + 1
@@ -132,6 +124,22 @@ impl EditList {
         let number = self.next_number();
         let refused = |problem| RefusedEdit { number, problem };
         edit.check().map_err(|(_, problem)| refused(problem))?;
+        if number > MOST_LINES {
+            return Err(refused(format!(
+                "found {MOST_LINES} lines already, expected fewer"
+            )));
+        }
+        if let (Some(roll), Change::Name { person, .. } | Change::Drop { person }) =
+            (roll, &edit.change)
+        {
+            let there = self.identities(Some(roll))?.edited(roll);
+            if !there.contains_key(person) {
+                let known: Vec<&u32> = there.keys().collect();
+                return Err(refused(format!(
+                    "found person {person}, expected one of {known:?}"
+                )));
+            }
+        }
         if let Change::Undo { number } = edit.change {
             self.check_undo(number).map_err(refused)?;
         }
@@ -139,7 +147,7 @@ impl EditList {
         let mut list = self.clone();
         list.edits.push((number, edit));
         list.n_lines = number;
-        match Identities::of(&list, roll) {
+        match list.identities(roll) {
             Err(fault) if is_undo => Err(refused(format!(
                 "{fault}: undo edit {} before",
                 fault.number

@@ -9,9 +9,9 @@ pub mod identities;
 pub mod list;
 pub mod roll;
 
-pub use change::{Change, Edit};
+pub use change::{Change, Edit, RefusedEdit};
 pub use identities::Identities;
-pub use list::{EditList, RefusedEdit};
+pub use list::EditList;
 pub use roll::{PersonRoll, Roll};
 
 #[cfg(test)]

@@ -3,8 +3,6 @@
 use std::collections::BTreeMap;
 use std::ops::Range;
 
-use super::identities::Identities;
-
 /// Most stretches that are kept of a person; what comes and goes more often is counted as if it stayed.
 const MOST_STRETCHES: usize = 100_000;
 
@@ -12,7 +10,7 @@ const MOST_STRETCHES: usize = 100_000;
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Roll {
     /// Per person the stretches of ticks with a pose at each, ascending and apart.
-    stretches: BTreeMap<u32, Vec<Range<i64>>>,
+    pub(super) stretches: BTreeMap<u32, Vec<Range<i64>>>,
 }
 
 /// One person, as edits make it.
@@ -51,44 +49,6 @@ impl Roll {
     pub fn has(&self, id: u32) -> bool {
         self.stretches.contains_key(&id)
     }
-
-    /// When each person is there by `identities`, stretches ascending; of a tick that two poses have, twice.
-    pub fn edited(&self, identities: &Identities) -> BTreeMap<u32, Vec<Range<i64>>> {
-        let mut people = BTreeMap::<u32, Vec<Range<i64>>>::new();
-        for (&id, stretches) in &self.stretches {
-            for stretch in stretches {
-                for (ticks, person) in identities.pieces(id, stretch) {
-                    if let Some(person) = person {
-                        people.entry(person).or_default().push(ticks);
-                    }
-                }
-            }
-        }
-        for stretches in people.values_mut() {
-            stretches.sort_by_key(|ticks| (ticks.start, ticks.end));
-        }
-        people
-    }
-
-    /// The table: everybody by `identities`.
-    pub fn people(&self, identities: &Identities) -> BTreeMap<u32, PersonRoll> {
-        let edited = self.edited(identities).into_iter();
-        let rows = edited.filter_map(|(person, stretches)| {
-            let (first, last) = (stretches.first()?.start, stretches.last()?.end - 1);
-            let ends = stretches.iter().map(|ticks| ticks.end);
-            let starts = stretches.iter().skip(1).map(|ticks| ticks.start);
-            let row = PersonRoll {
-                span: [first, last],
-                ticks: stretches
-                    .iter()
-                    .map(|ticks| ticks.end.abs_diff(ticks.start))
-                    .sum(),
-                gaps: ends.zip(starts).filter(|(end, start)| start > end).count(),
-            };
-            Some((person, row))
-        });
-        rows.collect()
-    }
 }
 
 /// The stretches that lie in both lists.
@@ -112,7 +72,7 @@ pub(super) fn common(a: &[Range<i64>], b: &[Range<i64>]) -> Vec<Range<i64>> {
 /// Ticks in words: the first few stretches, and how many there are of all.
 pub(super) fn ticks_in_words(stretches: &[Range<i64>]) -> String {
     const TOLD: usize = 3;
-    let stretch = |ticks: &Range<i64>| match ticks.end - ticks.start {
+    let stretch = |ticks: &Range<i64>| match ticks.end.abs_diff(ticks.start) {
         1 => ticks.start.to_string(),
         _ => format!("{} to {}", ticks.start, ticks.end - 1),
     };

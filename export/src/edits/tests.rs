@@ -49,7 +49,7 @@ fn list(changes: impl IntoIterator<Item = Change>) -> EditList {
 
 fn refused(changes: &[Change]) -> String {
     let list = list(changes.iter().cloned());
-    Identities::of(&list, Some(&roll()))
+    list.identities(Some(&roll()))
         .unwrap_err()
         .in_file(Path::new("edits.jsonl"))
         .to_string()
@@ -58,12 +58,12 @@ fn refused(changes: &[Change]) -> String {
 #[test]
 fn two_ids_that_are_never_there_together_become_one_person() {
     let list = list([name(7, "Anna"), Change::Merge { person: 7, into: 3 }]);
-    let identities = Identities::of(&list, Some(&roll())).unwrap();
+    let identities = list.identities(Some(&roll())).unwrap();
     assert_eq!(identities.person_at(200, 7), Some(3));
     assert_eq!(identities.person_at(50, 3), Some(3));
     // Who has no name takes that of the other.
     assert_eq!(identities.names(), &[(3, "Anna".to_owned())].into());
-    let people = roll().people(&identities);
+    let people = identities.people(&roll());
     let expected = PersonRoll {
         span: [0, 299],
         ticks: 250,
@@ -98,7 +98,7 @@ fn a_split_gives_the_rest_another_id_which_can_be_named_and_merged() {
             new: 11,
         },
     ]);
-    let identities = Identities::of(&list, Some(&roll())).unwrap();
+    let identities = list.identities(Some(&roll())).unwrap();
     let at = |tick| identities.person_at(tick, 9);
     assert_eq!(
         [at(119), at(120), at(199), at(200)],
@@ -128,7 +128,7 @@ fn a_split_gives_the_rest_another_id_which_can_be_named_and_merged() {
             into: 9,
         },
     ];
-    let identities = Identities::of(&self::list(merged), Some(&roll())).unwrap();
+    let identities = self::list(merged).identities(Some(&roll())).unwrap();
     assert_eq!(identities.whole(9), Some(9));
 }
 
@@ -139,7 +139,7 @@ fn who_is_left_out_or_merged_cannot_be_edited_any_more() {
         Change::Merge { person: 7, into: 3 },
     ] {
         let list = list([gone.clone(), name(7, "Anna")]);
-        let told = Identities::of(&list, None).unwrap_err().to_string();
+        let told = list.identities(None).unwrap_err().to_string();
         assert!(
             told.starts_with("edit 2: found person 7, who is not there any more"),
             "{told}"
@@ -258,7 +258,7 @@ proptest! {
             list = list.with(edit(Change::Undo { number: last }), Some(&roll())).unwrap();
             prop_assert_eq!(list.in_force().len(), in_force.len() - 1);
         }
-        prop_assert_eq!(Identities::of(&list, Some(&roll())).unwrap(), Identities::default());
+        prop_assert_eq!(list.identities(Some(&roll())).unwrap(), Identities::default());
         for id in [3, 7, 9] {
             prop_assert_eq!(Identities::default().person_at(70, id), Some(id));
         }
@@ -267,10 +267,10 @@ proptest! {
     #[test]
     fn nobody_is_lost_but_who_is_left_out_and_nobody_is_there_twice(changes in prop::collection::vec(any_change(), 0..20)) {
         let changes = changes.into_iter().filter(|change| !matches!(change, Change::Drop { .. }));
-        let identities = Identities::of(&possible(changes.collect()), Some(&roll())).unwrap();
+        let identities = possible(changes.collect()).identities(Some(&roll())).unwrap();
         for tick in [0, 45, 99, 100, 149, 150, 299] {
             let there: Vec<u32> = [3, 7, 9].into_iter().filter(|&id| {
-                roll().edited(&Identities::default())[&id].iter().any(|ticks| ticks.contains(&tick))
+                Identities::default().edited(&roll())[&id].iter().any(|ticks| ticks.contains(&tick))
             }).collect();
             let mut shown: Vec<u32> = there.iter().filter_map(|&id| identities.person_at(tick, id)).collect();
             shown.sort_unstable();
@@ -284,7 +284,7 @@ proptest! {
         let written = possible(changes);
         let text: String = written.all().map(|(_, edit)| edit.line()).collect();
         let read = EditList::parse(&text, Path::new("edits.jsonl")).unwrap();
-        prop_assert_eq!(Identities::of(&read, None), Identities::of(&written, Some(&roll())));
+        prop_assert_eq!(read.identities(None), written.identities(Some(&roll())));
         prop_assert_eq!(read, written);
     }
 }

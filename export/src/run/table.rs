@@ -86,7 +86,7 @@ impl PeopleTable {
 
     /// The rows, by person.
     pub fn rows(&self, identities: &Identities) -> Vec<TableRow> {
-        let rows = self.roll.people(identities).into_iter();
+        let rows = identities.people(&self.roll).into_iter();
         let row = |(person, roll)| {
             let sigma = self.sigmas.get(&person);
             let sigma_m = sigma.map(|(sum, n)| sum / *n as f64);

@@ -68,8 +68,9 @@ fn write_moment<W: Write>(
         return Ok(());
     };
     let there = moment.iter().filter_map(|(person, frame)| {
+        let (sample, _) = frame.pose.as_ref()?;
         let subject = subjects.iter().find(|it| it.id == *person)?;
-        Some((subject, &frame.pose.as_ref()?.0))
+        Some((subject, sample))
     });
     let there: Vec<_> = there
         .map(|(subject, sample)| {

@@ -189,7 +189,7 @@ impl Known {
     fn of(place: &Place) -> Result<Self, NodeError> {
         let edits = place.edits();
         let list = edits.read().map_err(node_error)?;
-        let before = Identities::of(&list, None);
+        let before = list.identities(None);
         let before = before.map_err(|fault| NodeError::refused(fault.in_file(edits.path())))?;
         let (table, rate_hz) = table(place, &before).map_err(NodeError::Refused)?;
         let known = Self {
@@ -204,7 +204,7 @@ impl Known {
 
     /// The same with these edits, held against who is there.
     fn with(mut self, list: EditList) -> Result<Self, NodeError> {
-        let identities = Identities::of(&list, Some(&self.table.roll));
+        let identities = list.identities(Some(&self.table.roll));
         self.identities =
             identities.map_err(|fault| NodeError::refused(fault.in_file(self.edits.path())))?;
         self.list = list;

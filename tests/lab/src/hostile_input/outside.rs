@@ -4,7 +4,7 @@ use std::path::Path;
 
 use farfield_calibration::alignment::Marks;
 use farfield_export::SubjectProfile;
-use farfield_export::edits::{EditList, Identities, Roll};
+use farfield_export::edits::{EditList, Roll};
 use farfield_import::formats::{ParseOptions, parse};
 use farfield_page::protocol::request;
 use farfield_streams::qtm::{Command, Incoming};
@@ -43,7 +43,7 @@ pub(super) fn edits_text(bytes: &[u8]) -> String {
     for tick in 0..9 {
         roll.add(tick, if tick < 5 { 3 } else { 7 });
     }
-    let applied = Identities::of(&list, Some(&roll));
+    let applied = list.identities(Some(&roll));
     if let Ok(identities) = &applied {
         let shown = (0..9).map(|tick| identities.person_at(tick, if tick < 5 { 3 } else { 7 }));
         let made = |person| person == 3 || person == 7 || identities.has_made(person);
