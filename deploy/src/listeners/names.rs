@@ -10,8 +10,8 @@ use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError, Weak};
 use anyhow::Context as _;
 use farfield_export::EditsFile;
 use farfield_export::edits::change::check_name;
-use farfield_export::edits::{Change, Identities};
-use farfield_fusion::export::unfinished::write_whole;
+use farfield_export::edits::{Change, EditList, Identities};
+use farfield_fusion::export::unfinished::write_whole_again;
 use farfield_node::process::say;
 use farfield_page::{Action, ActionKind, PageActions, PageState};
 use farfield_proto::id::PersonId;
@@ -80,7 +80,7 @@ impl GivenNames {
         self.tell(&self.known());
     }
 
-    /// A recording begins at `path`: it has the names so far, and gets those that come.
+    /// A recording begins at `path`: it has the names so far, and gets those that come; none where they cannot be written.
     pub(super) fn recording_begins(&self, path: &Path) {
         let mut known = self.known();
         let file = EditsFile::of_recording(path);
@@ -90,26 +90,31 @@ impl GivenNames {
             say(format_args!(
                 "names are not kept beside the recording: {error}"
             ));
+            return;
         }
         known.files.push(file);
     }
 
-    /// People of the fusion before keep their ids, and so their names.
+    /// People of the fusion before keep their ids, and so their names; all other names of then are forgotten.
     pub(super) fn expected(&self, ids: &[u32]) {
         let Some(kept) = &self.kept else { return };
-        let names = match read_kept(kept) {
-            Ok(names) => names,
-            Err(error) => {
-                say(format_args!(
-                    "names of who was here before are lost: {error:#}"
-                ));
-                return;
-            }
-        };
+        let before = read_kept(kept).map_err(|error| {
+            say(format_args!(
+                "names of who was here before are lost: {error:#}"
+            ));
+        });
+        let mut names = before.clone().unwrap_or_default();
+        names.retain(|person, _| ids.contains(person));
+        // Ids of the others mean other people from now on, also to a fusion that is started after this one.
+        if before.as_ref() != Ok(&names)
+            && let Err(error) = keep(kept, &names)
+        {
+            say(format_args!(
+                "names of who was here before stay: {error}; remove the file"
+            ));
+        }
         for (person, name) in names {
-            if ids.contains(&person)
-                && let Err(error) = self.name(person, &name)
-            {
+            if let Err(error) = self.name(person, &name) {
                 say(format_args!("the name of person {person} is lost: {error}"));
             }
         }
@@ -128,18 +133,30 @@ impl GivenNames {
         if is_new && !name.is_empty() && known.by_person.len() >= MAX_NAMES {
             return Err(format!("{MAX_NAMES} people have names already"));
         }
-        // What nobody could find again is not shown as if it were kept.
-        for file in &known.files {
-            add(file, person, name)?;
+        // What nobody could find again is not shown as if it were kept. The first file decides: a name that it has is given.
+        if let Some((first, others)) = known.files.split_first() {
+            add(first, person, name)?;
+            for file in others {
+                if let Err(error) = add(file, person, name) {
+                    let path = file.path().display();
+                    say(format_args!(
+                        "{path} lacks a name of person {person}: {error}"
+                    ));
+                }
+            }
         }
         // Several ids may be one person by the edits.
         let names = known.files.first().map(names_of_poses);
         let names = names.transpose().map_err(|error| format!("{error:#}"))?;
         known.by_person = names.unwrap_or_default();
-        if let Some(kept) = &self.kept {
-            keep(kept, &known.by_person)?;
-        }
         self.tell(&known);
+        if let Some(kept) = &self.kept
+            && let Err(error) = keep(kept, &known.by_person)
+        {
+            say(format_args!(
+                "names are not kept for a fusion that is started again: {error}"
+            ));
+        }
         Ok(())
     }
 
@@ -175,14 +192,14 @@ fn names_of_poses(file: &EditsFile) -> anyhow::Result<BTreeMap<u32, String>> {
 }
 
 fn identities(file: &EditsFile) -> anyhow::Result<Identities> {
-    let identities = Identities::of(&file.read()?, None);
+    let identities = file.read()?.identities(None);
     Ok(identities.map_err(|fault| fault.in_file(file.path()))?)
 }
 
 /// Adds a name to the edits; whom they call by another id by that.
 fn add(file: &EditsFile, person: u32, name: &str) -> Result<(), String> {
-    let change = |list: &_| {
-        let identities = Identities::of(list, None).map_err(|fault| fault.to_string())?;
+    let change = |list: &EditList| {
+        let identities = list.identities(None).map_err(|fault| fault.to_string())?;
         let whole = identities.whole(person);
         Ok(Change::Name {
             person: whole.ok_or_else(|| {
@@ -200,8 +217,8 @@ fn add(file: &EditsFile, person: u32, name: &str) -> Result<(), String> {
 
 fn keep(path: &Path, names: &BTreeMap<u32, String>) -> Result<(), String> {
     let text = serde_json::to_string(names).map_err(|error| error.to_string())?;
-    let written = write_whole(path, text.as_bytes());
-    written.map_err(|error| format!("the name is not kept: writing {}: {error}", path.display()))
+    let written = write_whole_again(path, text.as_bytes());
+    written.map_err(|error| format!("writing {}: {error}", path.display()))
 }
 
 fn read_kept(path: &Path) -> anyhow::Result<BTreeMap<u32, String>> {
@@ -285,5 +302,41 @@ mod tests {
         anew.act(&named(3, "Cy")).unwrap();
         let expected = BTreeMap::from([(3, "Cy".to_owned())]);
         assert_eq!(names(&EditsFile::of_run(&runs[2])), expected);
+    }
+
+    #[test]
+    fn names_of_an_earlier_session_are_forgotten_when_ids_begin_anew() {
+        let folder = tempfile::tempdir().unwrap();
+        let kept = folder.path().join("hall.names.json");
+        let run = || GivenNames::of_run(folder.path(), Some(kept.clone()));
+        run().act(&named(3, "Anna")).unwrap();
+        run().expected(&[]);
+        assert_eq!(read_kept(&kept).unwrap(), BTreeMap::new());
+        fs::remove_file(folder.path().join("edits.jsonl")).unwrap();
+        let third = run();
+        third.expected(&[3]);
+        assert!(third.known().by_person.is_empty());
+        fs::write(&kept, "{\"3\": ").unwrap();
+        run().expected(&[3]);
+        assert_eq!(read_kept(&kept).unwrap(), BTreeMap::new());
+    }
+
+    #[test]
+    fn a_name_that_the_run_has_is_given_whatever_becomes_of_the_other_files() {
+        let folder = tempfile::tempdir().unwrap();
+        let kept = folder.path().join("hall.names.json");
+        // Of a fusion that was killed while it wrote.
+        fs::write(folder.path().join("hall.names.json.tmp"), "{").unwrap();
+        let given = GivenNames::of_run(folder.path(), Some(kept.clone()));
+        given.recording_begins(&folder.path().join("nowhere/a.mcap"));
+        given.act(&named(3, "Anna")).unwrap();
+        let expected = BTreeMap::from([(3, "Anna".to_owned())]);
+        assert_eq!(names(&EditsFile::of_run(folder.path())), expected);
+        assert_eq!(read_kept(&kept).unwrap(), expected);
+        let given = GivenNames::of_run(folder.path(), Some(folder.path().join("nowhere/b.json")));
+        given.act(&named(3, "Bo")).unwrap();
+        assert_eq!(given.known().by_person[&3], "Bo");
+        given.recording_begins(&folder.path().join("nowhere/a.mcap"));
+        assert_eq!(given.known().files.len(), 1);
     }
 }

@@ -265,6 +265,17 @@ pub fn write_whole(path: impl Into<PathBuf>, content: &[u8]) -> io::Result<()> {
     file.finish()
 }
 
+/// The same for a file that nobody else writes: what one who was killed has left under its temporary name is taken away.
+///
+/// # Errors
+/// As [`write_whole`].
+pub fn write_whole_again(path: &Path, content: &[u8]) -> io::Result<()> {
+    write_whole(path, content).or_else(|_| {
+        drop(fs::remove_file(temporary(path)));
+        write_whole(path, content)
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -333,6 +344,16 @@ mod tests {
         assert_eq!(refused.kind(), io::ErrorKind::AlreadyExists);
         first.finish().unwrap();
         assert_eq!(fs::read_to_string(&path).unwrap(), "first");
+    }
+
+    #[test]
+    fn what_one_who_was_killed_has_left_is_written_over() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.txt");
+        fs::write(temporary(&path), "half").unwrap();
+        write_whole_again(&path, b"whole").unwrap();
+        assert_eq!(names(folder.path()), ["a.txt"]);
+        assert_eq!(fs::read_to_string(&path).unwrap(), "whole");
     }
 
     #[test]

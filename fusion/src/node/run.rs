@@ -90,13 +90,7 @@ async fn run(
     let mut reporter = Reporter::new(config.managed, config.detail);
     let senders = Senders::new(&config.venue, clock::VenueClock::start());
     let link = open_link(config, &senders, (&others, place)).await?;
-    let (venue, handout) = (config.venue.name.clone(), Arc::clone(&config.handout));
-    tasks.spawn(handout::serve(
-        link.session(),
-        venue,
-        handout,
-        leave.clone(),
-    ));
+    hand_out(config, &link, &tasks, &leave);
     reporter.listening(link.locators().await);
     let listeners =
         open_listeners(config, &pipeline, listeners, (claim.folder(), &reporter)).await?;
@@ -153,6 +147,22 @@ async fn run(
     let closed = close(recording, summary).await;
     closed.map_err(NodeError::Failed)?;
     outcome
+}
+
+/// Lets edges fetch what the venue has for them, until they `leave`.
+fn hand_out(
+    config: &FusionConfig,
+    link: &FusionSession,
+    tasks: &TaskTracker,
+    leave: &CancellationToken,
+) {
+    let (venue, handout) = (config.venue.name.clone(), Arc::clone(&config.handout));
+    tasks.spawn(handout::serve(
+        link.session(),
+        venue,
+        handout,
+        leave.clone(),
+    ));
 }
 
 /// Opens whoever listens beside the recorder; before there is a recording that a refusal would leave behind.

@@ -11,10 +11,9 @@ use farfield_node::process::say;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::Venue;
 use serde::{Deserialize, Serialize};
-use tracing::debug;
 
 use super::start::LiveStart;
-use crate::export::unfinished::{temporary, write_whole};
+use crate::export::unfinished::write_whole_again;
 use crate::identity::known::KnownPeople;
 
 /// Longest file that is read, bytes.
@@ -147,14 +146,7 @@ fn write_all(path: &Path, files: &Receiver<HandoverFile>) {
 
 fn write(path: &Path, file: &HandoverFile) -> anyhow::Result<()> {
     let json = serde_json::to_vec(file).context("writing people as JSON")?;
-    let result = write_whole(path, &json);
-    if result.is_err() {
-        // A fusion that was killed while it wrote has left the beginning of one.
-        drop(fs::remove_file(temporary(path)));
-        debug!(path = %path.display(), "taking away what was half written");
-        return write_whole(path, &json).with_context(|| format!("writing {}", path.display()));
-    }
-    Ok(())
+    write_whole_again(path, &json).with_context(|| format!("writing {}", path.display()))
 }
 
 #[cfg(test)]

@@ -154,7 +154,11 @@ fn expect(
     context: &LiveContext<'_>,
     first: Tick,
 ) -> anyhow::Result<()> {
-    let Some(known) = known else { return Ok(()) };
+    let Some(known) = known else {
+        // Ids begin anew: what was kept by those of before means other people.
+        context.interceptor.wiretap.expected(&[]);
+        return Ok(());
+    };
     let expected = ExpectedPeople {
         session: context.session,
         known,

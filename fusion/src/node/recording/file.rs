@@ -7,10 +7,12 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context as _, anyhow, ensure};
 use farfield_node::clock;
 
+use crate::export::EDITS;
+
 /// Refuses a place that can take no recording. Makes nothing.
 ///
 /// # Errors
-/// Names the path: it is there and no folder, or the folder above it is not there.
+/// Names the path: it is there and no folder, edits of a recording of that name are, or the folder above it is not there.
 pub fn check_place(path: &Path) -> anyhow::Result<()> {
     if path.is_dir() {
         return Ok(());
@@ -19,6 +21,12 @@ pub fn check_place(path: &Path) -> anyhow::Result<()> {
     ensure!(
         fs::symlink_metadata(path).is_err(),
         "recording {shown}: the file is there already; name another, or a folder"
+    );
+    let edits = path.with_extension(EDITS);
+    ensure!(
+        fs::symlink_metadata(&edits).is_err(),
+        "recording {shown}: {} is there already, edits of another recording; remove it or name another",
+        edits.display()
     );
     let parent = match path.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent,
@@ -118,6 +126,15 @@ mod tests {
         );
         assert!(RecordingFile::make(&path, "hall").is_err());
         assert!(check_place(&dir.path().join("none/a.mcap")).is_err());
+    }
+
+    #[test]
+    fn a_recording_never_takes_over_the_edits_of_another() {
+        let dir = tempfile::tempdir().unwrap();
+        fs::write(dir.path().join("a.edits.jsonl"), "").unwrap();
+        let refused = check_place(&dir.path().join("a.mcap")).unwrap_err();
+        assert!(refused.to_string().contains("a.edits.jsonl"), "{refused}");
+        check_place(&dir.path().join("b.mcap")).unwrap();
     }
 
     #[test]

@@ -50,7 +50,8 @@ pub trait Wiretap: Send + Sync {
     /// A recording of the run begins, a file at `path`.
     fn recording_begins(&self, _path: &Path) {}
 
-    /// The people with these ids are known from the fusion before: whoever is recognised keeps the id.
+    /// The people with these ids are known from the fusion before: whoever is recognised keeps the id. With none, ids
+    /// begin anew.
     fn expected(&self, _ids: &[u32]) {}
 
     /// Why it listens no more, if it does not.
