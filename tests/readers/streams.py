@@ -347,7 +347,7 @@ def foxglove_messages(client, truth, messages, worst):
 
 
 def zenoh(truth, seconds, worst):
-    """eclipse-zenoh, a client of the stream's peer."""
+    """eclipse-zenoh, a client of the stream's peer; and a stranger beside it whose messages nobody may get."""
     import zenoh as library
 
     received, config = Received(truth), library.Config()
@@ -356,13 +356,17 @@ def zenoh(truth, seconds, worst):
     others = []
 
     def take(sample):
-        message = json.loads(sample.payload.to_bytes())
-        received.take(message["tick"], message)
         others.append(str(sample.key_expr) != "farfield/synthetic/poses" or str(sample.encoding) != "application/json")
+        if not others[-1]:
+            message = json.loads(sample.payload.to_bytes())
+            received.take(message["tick"], message)
 
-    with library.open(config) as session:
+    with library.open(config) as session, library.open(config) as stranger:
         session.declare_subscriber("farfield/*/poses", take)
-        time.sleep(seconds)
+        time.sleep(seconds / 2)
+        for key in ["farfield/synthetic/poses", "farfield/stranger/poses"]:
+            stranger.put(key, "{}")
+        time.sleep(seconds / 2)
     received.line("Zenoh, eclipse-zenoh", worst)
     worst.bounds["Zenoh: samples of another key or encoding"] = 0
     worst.take("Zenoh: samples of another key or encoding", sum(others))

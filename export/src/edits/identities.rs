@@ -22,15 +22,17 @@ const BEGINNING: i64 = i64::MIN;
 
 impl Identities {
     /// Applies the changes that are `in_force`, with their numbers, in order; see [`EditList::identities`](super::EditList::identities).
+    /// `ever_made`: all new ids of splits, of those that were undone too.
     pub(super) fn of(
         in_force: &[(usize, &Change)],
+        ever_made: &BTreeSet<u32>,
         roll: Option<&Roll>,
     ) -> Result<Self, RefusedEdit> {
         let mut identities = Self::default();
         for &(number, change) in in_force {
             let refused = |problem| RefusedEdit { number, problem };
             if let Some(roll) = roll {
-                identities.check(change, roll).map_err(refused)?;
+                identities.check(change, roll, ever_made).map_err(refused)?;
             }
             identities.apply(change).map_err(refused)?;
         }
@@ -226,7 +228,7 @@ impl Identities {
     }
 
     /// Holds a change against who is there.
-    fn check(&self, change: &Change, roll: &Roll) -> Result<(), String> {
+    fn check(&self, change: &Change, roll: &Roll, ever_made: &BTreeSet<u32>) -> Result<(), String> {
         let people = self.edited(roll);
         let stretches = |person: u32| {
             people.get(&person).map(Vec::as_slice).ok_or_else(|| {
@@ -238,7 +240,7 @@ impl Identities {
             Change::Name { person, .. } | Change::Drop { person } => {
                 // The page names whom it shows; these poses may lack somebody of them, and lose nothing by that.
                 let is_elsewhere =
-                    !roll.has(person) && !self.made.contains(&person) && self.is_there(person);
+                    !roll.has(person) && !ever_made.contains(&person) && self.is_there(person);
                 if !is_elsewhere {
                     stretches(person)?;
                 }

@@ -97,7 +97,12 @@ impl EditList {
     /// The first edit that has no ground: of somebody who is not there any more, or (by `roll`) never was, of two who are there at
     /// one tick, of a new id that somebody has.
     pub fn identities(&self, roll: Option<&Roll>) -> Result<Identities, RefusedEdit> {
-        Identities::of(&self.in_force(), roll)
+        let made = |(_, edit): (usize, &Edit)| match edit.change {
+            Change::Split { new, .. } => Some(new),
+            _ => None,
+        };
+        let ever_made = self.all().filter_map(made).collect();
+        Identities::of(&self.in_force(), &ever_made, roll)
     }
 
     /// The number of the next edit.

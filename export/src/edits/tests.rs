@@ -153,6 +153,18 @@ fn who_is_left_out_or_merged_cannot_be_edited_any_more() {
 }
 
 #[test]
+fn a_name_of_somebody_whom_the_poses_lack_is_borne_in_the_file_and_refused_anew() {
+    let list = list([name(77, "Anna"), name(3, "Bo")]);
+    let identities = list.identities(Some(&roll())).unwrap();
+    assert_eq!(identities.names().get(&3).map(String::as_str), Some("Bo"));
+    let undo = edit(Change::Undo { number: 1 });
+    assert_eq!(list.with(undo, Some(&roll())).unwrap().in_force().len(), 1);
+    let anew = list.with(edit(name(78, "Cy")), Some(&roll()));
+    let told = anew.unwrap_err().to_string();
+    assert!(told.contains("found person 78, expected one of"), "{told}");
+}
+
+#[test]
 fn an_undo_that_would_leave_a_later_edit_without_ground_is_refused() {
     let split = Change::Split {
         person: 9,

@@ -228,16 +228,22 @@ mod tests {
         }
     }
 
-    #[test]
-    fn subscriptions_are_bounded() {
+    /// How many subscriptions are kept of 10,000 to the channel that each number is given.
+    fn kept_of_many(channel_of: impl Fn(u32) -> u32) -> usize {
         let (venue, encoder, mut client) = (venue(), Encoder::default(), Client::default());
         for first in (0..10_000).step_by(100) {
             let asked: Vec<_> = (first..first + 100)
-                .map(|id| serde_json::json!({"id": id, "channelId": 1}))
+                .map(|id| serde_json::json!({"id": id, "channelId": channel_of(id)}))
                 .collect();
             let text = serde_json::json!({"op": "subscribe", "subscriptions": asked}).to_string();
             client.answer(&text, &venue, encoder.now());
         }
-        assert_eq!(client.subscriptions.len(), MAX_SUBSCRIPTIONS);
+        client.subscriptions.len()
+    }
+
+    #[test]
+    fn subscriptions_are_bounded_and_a_channel_is_said_once() {
+        assert_eq!(kept_of_many(|_| 1), 1);
+        assert_eq!(kept_of_many(|id| 65_537 + id), MAX_SUBSCRIPTIONS);
     }
 }
