@@ -13,7 +13,7 @@ use crate::shell::Shell;
 use crate::slot::Feed;
 
 /// Most clients of one stream.
-pub(crate) const MAX_CLIENTS: usize = 16;
+const MAX_CLIENTS: usize = 16;
 /// Who takes nothing for so long is left.
 pub(crate) const STALL: Duration = Duration::from_secs(10);
 /// What the system may hold back for one client, bytes (Linux doubles it): some frames, so that a slow client gets new
@@ -37,11 +37,13 @@ pub(crate) fn listen(address: SocketAddr) -> io::Result<TcpListener> {
     socket.listen(BACKLOG)
 }
 
-/// Takes clients for as long as streams run, [`MAX_CLIENTS`] at a time, and serves each in a task of its own.
+/// Takes clients for as long as streams run, [`MAX_CLIENTS`] at a time, and serves each in a task of its own. `refusal`: what
+/// one too many is told.
 pub(crate) async fn take_clients<F>(
     listener: TcpListener,
     shell: Shell,
-    serve: impl Fn(TcpStream, Shell, Feed) -> F,
+    refusal: Vec<u8>,
+    serve: impl Fn((TcpStream, SocketAddr), Shell, Feed) -> F,
 ) where
     F: Future<Output = (Feed, io::Result<()>)> + Send + 'static,
 {
@@ -57,10 +59,12 @@ pub(crate) async fn take_clients<F>(
         let Some(guard) = shell.counters.client(MAX_CLIENTS) else {
             let why = format!("client {peer}: refused, {MAX_CLIENTS} are there");
             shell.counters.failed(why);
+            // Fits into the empty buffer of a new connection, or is not said.
+            drop(socket.try_write(&refusal));
             drop(socket.shutdown().await);
             continue;
         };
-        let serving = serve(socket, shell.clone(), shell.feed.fresh());
+        let serving = serve((socket, peer), shell.clone(), shell.feed.fresh());
         let client = shell.clone();
         shell.spawn_to_its_end(async move {
             let (mut feed, served) = serving.await;

@@ -183,7 +183,8 @@ pub(crate) fn serve(address: SocketAddr, shell: &Shell) -> io::Result<SocketAddr
     shell.spawn(take_clients(
         listener,
         clients,
-        move |socket, shell, feed| serve_client(socket, Arc::clone(&encoded), shell, feed),
+        Vec::new(),
+        move |(socket, _), shell, feed| serve_client(socket, Arc::clone(&encoded), shell, feed),
     ));
     Ok(bound)
 }

@@ -54,7 +54,8 @@ pub(crate) fn serve(address: SocketAddr, venue: Venue, shell: &Shell) -> io::Res
     shell.spawn(take_clients(
         listener,
         clients,
-        move |socket, shell, feed| serve_client(socket, Arc::clone(&shared), shell, feed),
+        Vec::new(),
+        move |(socket, _), shell, feed| serve_client(socket, Arc::clone(&shared), shell, feed),
     ));
     Ok(bound)
 }

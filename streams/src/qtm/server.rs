@@ -4,12 +4,12 @@ use std::io;
 use std::net::SocketAddr;
 use std::sync::Arc;
 
-use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
-use tokio::net::{TcpListener, TcpStream, UdpSocket};
+use tokio::io::AsyncReadExt as _;
+use tokio::net::{TcpStream, UdpSocket};
 
 use super::session::Session;
 use super::wire::Incoming;
-use crate::server::{BREATH, MAX_CLIENTS, listen, write};
+use crate::server::{listen, take_clients, write};
 use crate::shell::Shell;
 use crate::slot::Feed;
 use crate::udp::send_all;
@@ -25,43 +25,27 @@ pub(crate) async fn serve(address: SocketAddr, shell: Shell) -> io::Result<Socke
     let udp = UdpSocket::bind(SocketAddr::new(bound.ip(), 0)).await?;
     let udp = Arc::new(udp);
     let clients = shell.clone();
-    shell.spawn(async move { accept(listener, udp, clients).await });
+    shell.spawn(take_clients(
+        listener,
+        clients,
+        Session::refusal("Too many clients"),
+        move |client, shell, feed| serve_client(client, Arc::clone(&udp), shell, feed),
+    ));
     Ok(bound)
 }
 
-async fn accept(listener: TcpListener, udp: Arc<UdpSocket>, shell: Shell) {
-    loop {
-        let (mut socket, peer) = match listener.accept().await {
-            Ok(taken) => taken,
-            Err(error) => {
-                shell.counters.failed(format!("taking a client: {error}"));
-                tokio::time::sleep(BREATH).await;
-                continue;
-            }
-        };
-        let Some(guard) = shell.counters.client(MAX_CLIENTS) else {
-            let why = format!("client {peer}: refused, {MAX_CLIENTS} are there");
-            shell.counters.failed(why);
-            // Fits into the empty buffer of a new connection, or is not said.
-            drop(socket.try_write(&Session::refusal("Too many clients")));
-            drop(socket.shutdown().await);
-            continue;
-        };
-        let (client, udp) = (shell.clone(), Arc::clone(&udp));
-        shell.spawn_to_its_end(async move {
-            let mut feed = client.feed.fresh();
-            let served = serve_client(socket, peer, &udp, &client, &mut feed).await;
-            if let Err(error) = served {
-                feed.miss();
-                client.counters.failed(format!("client {peer}: {error}"));
-            }
-            drop(guard);
-        });
-    }
+async fn serve_client(
+    (socket, peer): (TcpStream, SocketAddr),
+    udp: Arc<UdpSocket>,
+    shell: Shell,
+    mut feed: Feed,
+) -> (Feed, io::Result<()>) {
+    let served = answer_client(socket, peer, &udp, &shell, &mut feed).await;
+    (feed, served)
 }
 
 /// Until the client leaves, does what cannot be understood, or takes nothing for too long.
-async fn serve_client(
+async fn answer_client(
     mut socket: TcpStream,
     peer: SocketAddr,
     udp: &UdpSocket,

@@ -2,23 +2,19 @@
 //! board, from another program's file.
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use farfield_proto::calibration::Calibration;
 use farfield_proto::camera::CameraModel;
 use farfield_proto::frames::Point;
 use nalgebra::Point3;
 use serde_json::Value;
 
+use super::seen_hall::{SeenHall, calibration};
 use crate::data::{SampleFolder, recording};
-use crate::farfield::{FinishedCommand, farfield};
+use crate::farfield::farfield;
 
 /// Frames in which the light is carried.
 const FRAMES: u32 = 600;
-
-fn calibration(path: &Path) -> Calibration {
-    Calibration::parse(&fs::read_to_string(path).unwrap(), path).unwrap()
-}
 
 /// Where the light is, world, metres: all over the field, from knee to as high as an arm reaches.
 fn light_m(frame: u32) -> Point3<f64> {
@@ -54,60 +50,27 @@ fn seen_by(camera: &CameraModel, number: usize) -> String {
     text
 }
 
-/// The sample with a file a camera of what it saw of the light.
-struct CarriedLight {
-    folder: SampleFolder,
-    files: Vec<PathBuf>,
-    truth: Calibration,
+fn carried_light() -> SeenHall {
+    SeenHall::new("txt", seen_by)
 }
 
-impl CarriedLight {
-    fn new() -> Self {
-        let folder = SampleFolder::new();
-        let truth = calibration(&folder.path("calibration.toml"));
-        let mut files = Vec::new();
-        for (number, camera) in truth.cameras.values().enumerate() {
-            let path = folder.path(&format!("{}.txt", camera.name()));
-            fs::write(&path, seen_by(camera, number)).unwrap();
-            files.push(path);
-        }
-        Self {
-            folder,
-            files,
-            truth,
-        }
-    }
-
-    /// Runs the calibration with the true lenses.
-    fn calibrate(&self, more: &[&str]) -> FinishedCommand {
-        let lens = self.folder.path("calibration.toml");
-        let out = self.folder.path("found.toml");
-        let mut words = vec!["calibrate".to_owned(), "points".to_owned()];
-        words.extend(self.files.iter().map(|path| path.display().to_string()));
-        words.extend(["--lens".to_owned(), lens.display().to_string()]);
-        words.extend(["--out".to_owned(), out.display().to_string()]);
-        words.extend(more.iter().map(|word| (*word).to_owned()));
-        farfield(&words)
-    }
-
-    /// Where three of the cameras stand, as a user who has measured it says.
-    fn places(&self) -> Vec<String> {
-        let known = self.truth.cameras.values().take(3);
-        known
-            .map(|camera| {
-                let at_m = camera.center().coordinates_m();
-                format!("--at={}={},{},{}", camera.name(), at_m.x, at_m.y, at_m.z)
-            })
-            .collect()
-    }
+/// Where three of the cameras stand, as a user who has measured it says.
+fn places(hall: &SeenHall) -> Vec<String> {
+    let known = hall.truth.cameras.values().take(3);
+    known
+        .map(|camera| {
+            let at_m = camera.center().coordinates_m();
+            format!("--at={}={},{},{}", camera.name(), at_m.x, at_m.y, at_m.z)
+        })
+        .collect()
 }
 
 #[test]
 fn a_light_that_was_carried_through_the_hall_calibrates_its_cameras() {
-    let light = CarriedLight::new();
-    let places = light.places();
+    let light = carried_light();
+    let places = places(&light);
     let places: Vec<&str> = places.iter().map(String::as_str).collect();
-    let done = light.calibrate(&places);
+    let done = light.calibrate("points", &places);
     println!("{}", done.stdout);
     assert_eq!(done.code, 0, "{}\n{}", done.stdout, done.stderr);
     let found = calibration(&light.folder.path("found.toml"));
@@ -123,15 +86,15 @@ fn a_light_that_was_carried_through_the_hall_calibrates_its_cameras() {
         "{sheet}"
     );
 
-    let again = light.calibrate(&places);
+    let again = light.calibrate("points", &places);
     assert_eq!(again.code, 2, "{}", again.stdout);
     assert!(again.stderr.contains("--replace"), "{}", again.stderr);
 }
 
 #[test]
 fn a_calibration_without_a_length_is_written_and_does_not_pass() {
-    let light = CarriedLight::new();
-    let done = light.calibrate(&["--json"]);
+    let light = carried_light();
+    let done = light.calibrate("points", &["--json"]);
     assert_eq!(done.code, 1, "{}\n{}", done.stdout, done.stderr);
     // One document, whatever happens.
     let said: Value = serde_json::from_str(&done.stdout).unwrap();
@@ -149,9 +112,9 @@ fn a_calibration_without_a_length_is_written_and_does_not_pass() {
 
 #[test]
 fn what_cannot_be_calibrated_is_refused_by_name() {
-    let light = CarriedLight::new();
+    let light = carried_light();
     let refused = |more: &[&str], told: &str| {
-        let done = light.calibrate(more);
+        let done = light.calibrate("points", more);
         assert_eq!(done.code, 2, "{told}\n{}\n{}", done.stdout, done.stderr);
         assert!(done.stderr.contains(told), "{told}: {}", done.stderr);
         println!("{}", done.stderr.lines().last().unwrap());

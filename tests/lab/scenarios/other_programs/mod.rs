@@ -5,4 +5,5 @@ mod calibration;
 mod exports;
 mod import;
 mod people;
+mod seen_hall;
 mod walked_calibration;

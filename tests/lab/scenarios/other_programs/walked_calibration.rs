@@ -4,7 +4,6 @@
 use std::f64::consts::{PI, TAU};
 use std::fmt::Write as _;
 use std::fs;
-use std::path::{Path, PathBuf};
 
 use farfield_proto::calibration::Calibration;
 use farfield_proto::camera::CameraModel;
@@ -12,17 +11,12 @@ use farfield_proto::frames::Point;
 use nalgebra::{Point3, Vector3};
 use serde_json::Value;
 
-use crate::data::SampleFolder;
-use crate::farfield::{FinishedCommand, farfield};
+use super::seen_hall::{SeenHall, calibration};
 
 /// Frames, ten a second.
 const FRAMES: u32 = 400;
 /// Statures, metres.
 const PEOPLE_M: [f64; 3] = [1.68, 1.83, 1.75];
-
-fn calibration(path: &Path) -> Calibration {
-    Calibration::parse(&fs::read_to_string(path).unwrap(), path).unwrap()
-}
 
 /// Where somebody is on the floor.
 fn place_m(who: usize, time_s: f64) -> Vector3<f64> {
@@ -110,57 +104,24 @@ fn seen_by(camera: &CameraModel, number: usize) -> String {
     text
 }
 
-/// The sample with a file of keypoints for each camera.
-struct Walked {
-    folder: SampleFolder,
-    files: Vec<PathBuf>,
-    truth: Calibration,
+fn walked_hall() -> SeenHall {
+    SeenHall::new("jsonl", seen_by)
 }
 
-impl Walked {
-    fn new() -> Self {
-        let folder = SampleFolder::new();
-        let truth = calibration(&folder.path("calibration.toml"));
-        let mut files = Vec::new();
-        for (number, camera) in truth.cameras.values().enumerate() {
-            let path = folder.path(&format!("{}.jsonl", camera.name()));
-            fs::write(&path, seen_by(camera, number)).unwrap();
-            files.push(path);
-        }
-        Self {
-            folder,
-            files,
-            truth,
-        }
-    }
-
-    /// Runs the calibration with the true lenses.
-    fn calibrate(&self, more: &[&str]) -> FinishedCommand {
-        let lens = self.folder.path("calibration.toml");
-        let out = self.folder.path("found.toml");
-        let mut words = vec!["calibrate".to_owned(), "people".to_owned()];
-        words.extend(self.files.iter().map(|path| path.display().to_string()));
-        words.extend(["--lens".to_owned(), lens.display().to_string()]);
-        words.extend(["--out".to_owned(), out.display().to_string()]);
-        words.extend(more.iter().map(|word| (*word).to_owned()));
-        farfield(&words)
-    }
-
-    /// The first two cameras and their distance, metres.
-    fn distance(&self) -> (String, f64) {
-        let mut cameras = self.truth.cameras.values();
-        let (a, b) = (cameras.next().unwrap(), cameras.next().unwrap());
-        let apart = a.center().coordinates_m() - b.center().coordinates_m();
-        (format!("{},{}", a.name(), b.name()), apart.norm())
-    }
+/// The first two cameras and their distance, metres.
+fn distance(hall: &SeenHall) -> (String, f64) {
+    let mut cameras = hall.truth.cameras.values();
+    let (a, b) = (cameras.next().unwrap(), cameras.next().unwrap());
+    let apart = a.center().coordinates_m() - b.center().coordinates_m();
+    (format!("{},{}", a.name(), b.name()), apart.norm())
 }
 
 #[test]
 fn people_who_walk_through_the_hall_calibrate_its_cameras() {
-    let walked = Walked::new();
-    let (pair, distance_m) = walked.distance();
+    let walked = walked_hall();
+    let (pair, distance_m) = distance(&walked);
     let known = format!("--distance={pair}={distance_m}");
-    let done = walked.calibrate(&["--rate-hz", "10", &known, "--json"]);
+    let done = walked.calibrate("people", &["--rate-hz", "10", &known, "--json"]);
     assert_eq!(done.code, 0, "{}\n{}", done.stdout, done.stderr);
     let found = calibration(&walked.folder.path("found.toml"));
     // Up, floor and metres are the venue's; where it lies on the floor is not known.
@@ -197,8 +158,8 @@ fn people_who_walk_through_the_hall_calibrate_its_cameras() {
 
 #[test]
 fn people_whose_size_nobody_knows_do_not_pass_and_a_rate_is_asked_for() {
-    let walked = Walked::new();
-    let done = walked.calibrate(&["--rate-hz", "10"]);
+    let walked = walked_hall();
+    let done = walked.calibrate("people", &["--rate-hz", "10"]);
     assert_eq!(done.code, 1, "{}\n{}", done.stdout, done.stderr);
     assert!(
         done.stdout.contains("how long a metre is"),
@@ -209,7 +170,7 @@ fn people_whose_size_nobody_knows_do_not_pass_and_a_rate_is_asked_for() {
         !walked.folder.path("found.toml").exists(),
         "it takes the place of none"
     );
-    let done = walked.calibrate(&[]);
+    let done = walked.calibrate("people", &[]);
     assert_eq!(done.code, 2, "{}", done.stderr);
     assert!(done.stderr.contains("--rate-hz"), "{}", done.stderr);
 }
