@@ -61,7 +61,7 @@ export class FieldScene {
     const joint = (name: string): number => Math.max(0, venue.joints.findIndex((j) => j.name === name));
     [this.head, this.neck, this.pelvis] = [joint("head"), joint("neck"), joint("pelvis")];
     this.view = new View(venue, canvas);
-    this.bodies = new Bodies(figureOf(venue), venue.floor_m);
+    this.bodies = new Bodies(figureOf(venue), venue.floor_m, isSoftware);
     this.floor = new Floor(venue);
     this.frusta = new Frusta(venue);
     this.trails = new Trails(venue.floor_m, venue.rate_hz, this.pelvis);
