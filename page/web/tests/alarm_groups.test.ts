@@ -42,3 +42,11 @@ test("many names are counted, not listed", () => {
   const many = Array.from({ length: 20 }, (_, i) => alarm(`link/v${i}`, `link v${i} is over its budget`));
   assert.match(grouped(many)[0]?.text ?? "", /^20 links: v0, v1, .*, v7 and 12 more\. Link v0 is over/);
 });
+
+test("a remedy that names its own is said for all of a group, or left to each", () => {
+  const of = (name: string, remedy: string) => ({ ...alarm(`node/${name}`, `edge ${name} has not been heard`), remedy });
+  const remedyOf = (...remedies: string[]): string => grouped(remedies.map((remedy, i) => of(`v${i}`, remedy)))[0]?.remedy ?? "";
+  assert.equal(remedyOf("look at the switch", "look at the switch"), "look at the switch");
+  assert.equal(remedyOf("look at v0", "look at v1"), "look at NAME (for each, by its name)");
+  assert.match(remedyOf("look at v0", "call v1"), /open them/);
+});

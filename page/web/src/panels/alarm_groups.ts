@@ -48,12 +48,22 @@ export function grouped(alarms: readonly Alarm[]): AlarmGroup[] {
         key: `group/${likeness}`,
         isFailed: first.isFailed,
         text: `${members.length} ${KINDS[kind] ?? kind}: ${names}${rest}. ${upper(first.text)}`,
-        remedy: first.remedy,
+        remedy: sharedRemedy(members),
         since_us: since.length === 0 ? null : Math.min(...since),
         members,
       },
     ];
   });
+}
+
+/** What mends them all; where each names itself in it, in words that are true of all. */
+function sharedRemedy(members: readonly Alarm[]): string {
+  const [first] = members;
+  if (first === undefined) return "";
+  if (members.every((alarm) => alarm.remedy === first.remedy)) return first.remedy;
+  const plain = (alarm: Alarm): string => alarm.remedy.replaceAll(nameOf(alarm), "NAME");
+  if (members.every((alarm) => plain(alarm) === plain(first))) return `${plain(first)} (for each, by its name)`;
+  return "Each has a remedy of its own: open them.";
 }
 
 /** What two alarms have in common that say the same: all but whose it is, and how much. */
