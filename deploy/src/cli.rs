@@ -8,7 +8,7 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 use farfield_edge::node::EdgeArgs;
-use farfield_fusion::node::{RecordArgs, ReplayArgs};
+use farfield_fusion::node::RecordArgs;
 use farfield_node::process::{EXIT_REFUSED, say, say_json};
 
 use crate::bench::BenchArgs;
@@ -22,8 +22,8 @@ use crate::exchange::export::ExportArgs;
 use crate::exchange::import::ImportArgs;
 use crate::exchange::people::PeopleArgs;
 use crate::init::InitArgs;
-use crate::listeners::FusionCommandArgs;
 use crate::listeners::view::ViewArgs;
+use crate::listeners::{FusionCommandArgs, ReplayCommandArgs};
 use crate::manual::{CompletionsArgs, ManArgs};
 use crate::parameters::ParametersArgs;
 use crate::run::RunArgs;
@@ -91,7 +91,7 @@ pub(crate) enum FarfieldCommand {
     Status(StatusArgs),
     /// Solve a recording again, as it was or otherwise.
     #[command(after_help = "Example: farfield replay hall.mcap --set smoothing.cutoff_hz=3")]
-    Replay(ReplayArgs),
+    Replay(ReplayCommandArgs),
     /// Look at a recording in a browser.
     #[command(after_help = "Example: farfield view hall.mcap")]
     View(ViewArgs),

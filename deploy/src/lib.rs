@@ -61,7 +61,7 @@ pub fn main() -> ExitCode {
         FarfieldCommand::Status(args) => {
             exit_code_told(status::status(&args), Told::as_json_if(args.json))
         }
-        FarfieldCommand::Replay(args) => farfield_fusion::node::replay(&args, output::print),
+        FarfieldCommand::Replay(args) => listeners::replay(args),
         FarfieldCommand::View(args) => listeners::view::main(&args),
         FarfieldCommand::Check(args) => check_venue::main(&args),
         FarfieldCommand::Demo(args) => demo::main(&args),

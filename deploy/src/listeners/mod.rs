@@ -5,6 +5,7 @@
 
 mod names;
 mod page;
+mod record_button;
 mod streams;
 mod thread;
 pub(crate) mod view;
@@ -16,8 +17,8 @@ use std::sync::Arc;
 
 use clap::Args;
 use farfield_fusion::node::{
-    CopiedMessage, CopiedStep, FusionArgs, Listeners, OpenListeners, Opening, RunAtItsStart,
-    Wiretap,
+    CopiedMessage, CopiedStep, FusionArgs, Listeners, OpenListeners, Opening, ReplayArgs,
+    RunAtItsStart, Wiretap,
 };
 use farfield_page::PageState;
 use farfield_streams::StreamSpec;
@@ -79,6 +80,21 @@ pub(crate) struct FusionCommandArgs {
     listeners: ListenerArgs,
 }
 
+/// Arguments of `farfield replay`.
+#[derive(Debug, Args)]
+pub(crate) struct ReplayCommandArgs {
+    #[command(flatten)]
+    replay: ReplayArgs,
+    #[command(flatten)]
+    listeners: ListenerArgs,
+}
+
+/// Solves a recording again, heard by its listeners.
+pub(crate) fn replay(args: ReplayCommandArgs) -> ExitCode {
+    let listeners = Box::new(args.listeners);
+    farfield_fusion::node::replay(&args.replay, listeners, crate::output::print)
+}
+
 /// Runs a fusion node with its listeners.
 pub(crate) fn fusion(args: FusionCommandArgs) -> ExitCode {
     farfield_fusion::node::main_with(args.fusion, Box::new(args.listeners))
@@ -88,8 +104,9 @@ impl OpenListeners for ListenerArgs {
     fn open(self: Box<Self>, run: RunAtItsStart<'_>) -> Opening<'_> {
         Box::pin(async move {
             if self.page.is_none() && self.stream.is_empty() {
-                return Ok(Listeners::default());
+                return Ok(names_alone(&run));
             }
+            let is_looked_at = self.page.is_some();
             let given = GivenNames::of_run(run.out, run.restarts.map(Path::to_owned));
             let page = self
                 .page
@@ -127,8 +144,23 @@ impl OpenListeners for ListenerArgs {
                     run.venue, streams, thread,
                 )));
             }
-            Ok(Listeners { wiretaps, said })
+            Ok(Listeners {
+                wiretaps,
+                said,
+                is_looked_at,
+            })
         })
+    }
+}
+
+/// Nobody listens, but names that an earlier fusion has left still go on, or are forgotten, with the ids.
+fn names_alone(run: &RunAtItsStart<'_>) -> Listeners {
+    let kept = run.restarts.filter(|kept| kept.exists());
+    let given = kept.map(|kept| GivenNames::of_run(run.out, Some(kept.to_owned())));
+    let taps = given.map(|given| Arc::new(NamesTap(given)) as Arc<dyn Wiretap>);
+    Listeners {
+        wiretaps: taps.into_iter().collect(),
+        ..Listeners::default()
     }
 }
 

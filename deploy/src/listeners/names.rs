@@ -180,7 +180,7 @@ impl PageActions for GivenNames {
     fn act(&self, action: &Action) -> Result<(), String> {
         match action {
             Action::NamePerson { person, name } => self.name(*person, name.trim()),
-            _ => Err("recordings are started with the run, by `--record`".to_owned()),
+            _ => Err("only a live run can be recorded from here".to_owned()),
         }
     }
 }

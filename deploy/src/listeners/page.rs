@@ -7,7 +7,9 @@ use std::sync::Arc;
 use anyhow::{Context as _, anyhow};
 use farfield_fusion::body::skeleton::angles::{FIRST_JOINT_ANGLE, is_translation};
 use farfield_fusion::body::skeleton::{ANGLE_NAMES, Joint, RangeOfMotion};
-use farfield_fusion::node::{CopiedMessage, CopiedStep, RunAtItsStart, Wiretap};
+use farfield_fusion::node::{
+    CopiedMessage, CopiedStep, RecordingsOnDemand, RunAtItsStart, Wiretap,
+};
 use farfield_node::process::NodeError;
 use farfield_page::qr::terminal_code;
 use farfield_page::server::{Keys, ServerError};
@@ -21,6 +23,7 @@ use tokio_util::sync::{CancellationToken, DropGuard};
 use tokio_util::task::TaskTracker;
 
 use super::names::GivenNames;
+use super::record_button::{self, Operator};
 use super::thread::ServingThread;
 
 /// From which width on a range of motion is none, radians.
@@ -88,6 +91,7 @@ pub(super) struct PageOfRun {
     state: Arc<PageState>,
     address: Option<SocketAddr>,
     keys: Option<Keys>,
+    recordings: Option<Arc<RecordingsOnDemand>>,
 }
 
 impl PageOfRun {
@@ -98,8 +102,15 @@ impl PageOfRun {
         names: &Arc<GivenNames>,
     ) -> Result<Self, NodeError> {
         let skeleton = page_skeleton(run.venue, run.keypoints);
+        let mut actions = Arc::clone(names) as Arc<dyn PageActions>;
+        if let Some(recordings) = run.recordings {
+            actions = Arc::new(Operator {
+                names: actions,
+                recordings: Arc::clone(recordings),
+            });
+        }
         let options = PageOptions {
-            actions: Some(Arc::clone(names) as Arc<dyn PageActions>),
+            actions: Some(actions),
             ..PageOptions::default()
         };
         let state = PageState::live(run.venue.clone(), skeleton, options);
@@ -112,6 +123,7 @@ impl PageOfRun {
             state,
             address,
             keys: keys.map_err(NodeError::Refused)?,
+            recordings: run.recordings.cloned(),
         })
     }
 
@@ -122,6 +134,11 @@ impl PageOfRun {
     ) -> Result<(Arc<PageState>, PageServer), NodeError> {
         let state = Arc::clone(&self.state);
         let server = PageServer::start(self.state, (self.address, names), self.keys).await?;
+        if let Some(recordings) = self.recordings {
+            let told = record_button::tell(recordings, Arc::downgrade(&state));
+            let until = server.stop.token().clone();
+            server.tasks.spawn(until.run_until_cancelled_owned(told));
+        }
         Ok((state, server))
     }
 }

@@ -12,10 +12,11 @@ use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::transport::Identity;
 use farfield_proto::venue::Venue;
 
+use super::recording::RecordingsOnDemand;
 use super::session::wiretap::Wiretap;
 
 /// What listeners are told of a run before it begins.
-#[derive(Debug, Clone, Copy)]
+#[derive(Clone, Copy)]
 pub struct RunAtItsStart<'a> {
     /// The venue.
     pub venue: &'a Venue,
@@ -30,6 +31,8 @@ pub struct RunAtItsStart<'a> {
     /// Where names of people can be kept for a fusion that is started again and gives them their old ids
     /// ([`Wiretap::expected`]); `None` where none is.
     pub restarts: Option<&'a Path>,
+    /// What starts and stops recordings; `None` in lock-step.
+    pub recordings: Option<&'a Arc<RecordingsOnDemand>>,
 }
 
 /// Whoever listens, opened.
@@ -39,6 +42,9 @@ pub struct Listeners {
     pub wiretaps: Vec<Arc<dyn Wiretap>>,
     /// What the operator is told of them, a line each: where they can be reached.
     pub said: Vec<String>,
+    /// Whether somebody can look, and ask for something: recordings can be begun then, and a replay stays when all is over
+    /// until it is told to end.
+    pub is_looked_at: bool,
 }
 
 /// The listeners of a run, or what cannot be opened: the run does not begin then.

@@ -8,7 +8,7 @@ use std::time::Duration;
 use anyhow::Context as _;
 use farfield_node::clock;
 use farfield_node::log::start_log_with;
-use farfield_node::process::{Ending, Managed, NodeError, exit_code, stop_when_told};
+use farfield_node::process::{Ending, Managed, NodeError, exit_code, say, stop_when_told};
 use farfield_node::{runtime, session};
 use farfield_proto::id::SessionId;
 use farfield_proto::transport::FUSION;
@@ -19,13 +19,13 @@ use tracing::warn;
 
 use super::config::{FusionArgs, FusionConfig};
 use super::handout;
-use super::listeners::{NoListeners, OpenListeners, RunAtItsStart};
+use super::listeners::{Listeners, NoListeners, OpenListeners, RunAtItsStart};
 use super::live::{LiveContext, live, names_place};
 use super::lock_step::{Begin, Outside};
 use super::output::claim::FolderClaim;
 use super::output::progress::Reporter;
 use super::output::summary_file::SummaryFile;
-use super::recording::{RecordingFile, RecordingThread, head};
+use super::recording::{RecordingFile, RecordingThread, RecordingsOnDemand, head};
 use super::session::authentication_log;
 use super::session::interceptor::{Interceptor, Senders};
 use super::session::link::FusionSession;
@@ -92,14 +92,12 @@ async fn run(
     let link = open_link(config, &senders, (&others, place)).await?;
     hand_out(config, &link, &tasks, &leave);
     reporter.listening(link.locators().await);
-    let listeners =
-        open_listeners(config, &pipeline, listeners, (claim.folder(), &reporter)).await?;
+    let on_demand = on_demand(config, session, (&pipeline, claim.folder()));
+    let run = (&pipeline, claim.folder(), on_demand.as_ref());
+    let listeners = open_listeners(config, run, listeners, &reporter).await?;
+    let on_demand = on_demand.filter(|_| listeners.is_looked_at);
     let recording = record(config, session, &pipeline).map_err(NodeError::Failed)?;
-    let recorder = recording.as_ref().map(RecordingThread::wiretap);
-    let wiretap = WiretapHandle::new(recorder.into_iter().chain(listeners));
-    if let Some(recording) = &recording {
-        wiretap.recording_begins(recording.file());
-    }
+    let wiretap = wiretaps(recording.as_ref(), on_demand.as_ref(), listeners.wiretaps);
     let interceptor = Interceptor::new(&config.venue, senders, wiretap);
     let mut summary = SummaryFile::in_folder(claim.folder());
     let mut ends = link.spawn(&tasks, &leave, &interceptor);
@@ -131,6 +129,7 @@ async fn run(
                 out: claim.folder(),
                 summary: &mut summary,
                 recording: recording.as_ref(),
+                on_demand: on_demand.as_deref(),
                 interceptor: &interceptor,
                 ends: &mut ends,
                 reporter: &mut reporter,
@@ -143,6 +142,9 @@ async fn run(
     stop.cancel();
     if timeout(DRAIN, ends.close(&tasks, &leave)).await.is_err() {
         warn!("tasks still running, leaving anyway");
+    }
+    if let Some(on_demand) = on_demand {
+        end_on_demand(on_demand).await;
     }
     let closed = close(recording, summary).await;
     closed.map_err(NodeError::Failed)?;
@@ -168,10 +170,10 @@ fn hand_out(
 /// Opens whoever listens beside the recorder; before there is a recording that a refusal would leave behind.
 async fn open_listeners(
     config: &FusionConfig,
-    pipeline: &Pipeline,
+    (pipeline, out, recordings): (&Pipeline, &Path, Option<&Arc<RecordingsOnDemand>>),
     listeners: Box<dyn OpenListeners>,
-    (out, reporter): (&Path, &Reporter),
-) -> Result<Vec<Arc<dyn Wiretap>>, NodeError> {
+    reporter: &Reporter,
+) -> Result<Listeners, NodeError> {
     // As people keep their ids: under a parent all nodes end together.
     let names = names_place(&config.venue, out);
     let restarts =
@@ -183,10 +185,58 @@ async fn open_listeners(
         identity: config.reach.identity.as_ref(),
         out,
         restarts,
+        recordings,
     };
     let opened = listeners.open(run).await?;
     reporter.said(&opened.said);
-    Ok(opened.wiretaps)
+    Ok(opened)
+}
+
+/// Everybody who gets copies: the recorder, who records on demand, and `listeners`, who are told of recordings.
+fn wiretaps(
+    recording: Option<&RecordingThread>,
+    on_demand: Option<&Arc<RecordingsOnDemand>>,
+    listeners: Vec<Arc<dyn Wiretap>>,
+) -> WiretapHandle {
+    if let Some(on_demand) = on_demand {
+        on_demand.tell(&listeners);
+        if let Some(recording) = recording {
+            on_demand.leave_it_to(recording);
+        }
+    }
+    let recorder = recording.map(RecordingThread::wiretap);
+    let asked_for = on_demand.map(|it| Arc::clone(it) as Arc<dyn Wiretap>);
+    let wiretap = WiretapHandle::new(recorder.into_iter().chain(asked_for).chain(listeners));
+    if let Some(recording) = recording {
+        wiretap.recording_begins(recording.file());
+    }
+    wiretap
+}
+
+/// What starts and stops recordings of a live run, in `folder`.
+fn on_demand(
+    config: &FusionConfig,
+    session: SessionId,
+    (pipeline, folder): (&Pipeline, &Path),
+) -> Option<Arc<RecordingsOnDemand>> {
+    let venue = (&config.venue, config.venue_path.as_path());
+    let is_live = config.mode == RunMode::Live;
+    is_live.then(|| {
+        let keypoints = pipeline.keypoints();
+        let folder = folder.to_owned();
+        let recordings = RecordingsOnDemand::of_run(venue, keypoints, session, folder);
+        Arc::new(recordings)
+    })
+}
+
+/// Ends a recording that nobody has ended, and says where it is.
+async fn end_on_demand(on_demand: Arc<RecordingsOnDemand>) {
+    match tokio::task::spawn_blocking(move || on_demand.end()).await {
+        Ok(None) => {}
+        Ok(Some(Ok(last))) => say(format_args!("recorded in {}", last.file.display())),
+        Ok(Some(Err(error))) => say(format_args!("error: {error:#}")),
+        Err(error) => warn!(%error, "waiting for the recorder"),
+    }
 }
 
 /// Finishes the recording, and then the summary, which says what it has come to.

@@ -112,7 +112,11 @@ impl<R: Read + Seek> Replay<R> {
         };
         let far = leave_out_far(&mut part);
         let mut to_do = ticks(&part)?;
-        let first = part.decisions.first().map(|decision| decision.first);
+        // People who are told by place may be met in the middle of a run, whose beginning is nothing to them.
+        let first = part.decisions.first().map(|decision| match names {
+            PatchOwners::AsRecorded => decision.first,
+            PatchOwners::ByPlace => decision.tick,
+        });
         let boxes = first.or(to_do.first().copied());
         let boxes = boxes.map(|first| {
             pipeline.expect(&part.expected, first);

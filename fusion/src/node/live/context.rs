@@ -6,7 +6,7 @@ use farfield_proto::id::SessionId;
 use tokio_util::sync::CancellationToken;
 
 use super::super::config::FusionConfig;
-use super::super::recording::RecordingThread;
+use super::super::recording::{RecordingThread, RecordingsOnDemand};
 use crate::node::output::progress::Reporter;
 use crate::node::output::summary_file::SummaryFile;
 use crate::node::session::interceptor::Interceptor;
@@ -22,6 +22,8 @@ pub(in crate::node) struct LiveContext<'a> {
     pub(in crate::node) summary: &'a mut SummaryFile,
     /// Who records, if anybody does.
     pub(in crate::node) recording: Option<&'a RecordingThread>,
+    /// What starts and stops recordings while the run goes on, where somebody may.
+    pub(in crate::node) on_demand: Option<&'a RecordingsOnDemand>,
     pub(in crate::node) interceptor: &'a Interceptor,
     pub(in crate::node) ends: &'a mut FusionEnds,
     pub(in crate::node) reporter: &'a mut Reporter,

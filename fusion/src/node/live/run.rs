@@ -18,6 +18,7 @@ use farfield_proto::wire;
 use tokio::time::{MissedTickBehavior, interval, sleep_until};
 
 use super::super::config::FusionConfig;
+use super::super::recording::RecordingsOnDemand;
 use super::super::worker::{FusionWorker, Job};
 use super::agreement::AgreementJudge;
 use super::context::LiveContext;
@@ -108,6 +109,8 @@ pub(super) struct LiveFusion<'a> {
     /// The viewpoints of whom it was said that their certificate ends.
     pub(super) told_certificates: BTreeSet<String>,
     pub(super) handover: Option<Handover>,
+    /// Who records on demand, if anybody may be asked to.
+    pub(super) on_demand: Option<&'a RecordingsOnDemand>,
     /// Whether the cameras agree; `None` before the run.
     pub(super) agreement: Option<AgreementJudge>,
     /// What of them does not fit, in words.
@@ -178,6 +181,7 @@ impl<'a> LiveFusion<'a> {
             flood: FloodWatch::default(),
             told_certificates: BTreeSet::new(),
             handover: None,
+            on_demand: context.on_demand,
             agreement: None,
             disagreements: Vec::new(),
             disks: Vec::new(),

@@ -49,8 +49,13 @@ impl LiveFusion<'_> {
         if let Some(stages) = stages {
             self.core_stages = stages;
         }
-        if let (Some(handover), Some(people)) = (&self.handover, people) {
-            handover.keep(tick, people);
+        if let Some(people) = people {
+            if let Some(on_demand) = self.on_demand {
+                on_demand.knows(&people);
+            }
+            if let Some(handover) = &self.handover {
+                handover.keep(tick, people);
+            }
         }
         if let (Some(judge), Some(samples)) = (&self.agreement, agreement) {
             judge.judge(samples);

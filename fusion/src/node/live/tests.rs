@@ -272,6 +272,7 @@ async fn everybody_goes_on_while_one_babbles_one_is_refused_and_clocks_are_off()
         out: out.path(),
         summary: &mut summary,
         recording: None,
+        on_demand: None,
         interceptor: &interceptor,
         ends: &mut ends,
         reporter: &mut reporter,

@@ -3,6 +3,7 @@
 mod file;
 mod filler;
 mod head;
+mod on_demand;
 mod queue;
 mod retention;
 mod thread;
@@ -10,4 +11,5 @@ mod thread;
 pub(super) use self::file::RecordingFile;
 pub use self::file::check_place;
 pub(super) use self::head::head;
+pub use self::on_demand::{RecordingOnDemand, RecordingsOnDemand};
 pub(super) use self::thread::RecordingThread;

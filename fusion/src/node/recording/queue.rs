@@ -76,6 +76,11 @@ impl RecordingQueue {
         (this, notes)
     }
 
+    /// Says that the session's first boxes were of tick `first`, for a recording that begins later.
+    pub(super) fn begins_after(&self, first: Tick) {
+        self.first.get_or_init(|| first);
+    }
+
     /// What queue and writer share.
     pub(super) fn state(&self) -> &Arc<QueueState> {
         &self.state

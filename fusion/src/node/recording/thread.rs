@@ -151,22 +151,25 @@ impl RecordingThread {
         }
     }
 
+    /// As [`Self::finish_waiting`], without a thread that waits.
+    ///
+    /// # Errors
+    /// When the thread has panicked.
+    pub(in crate::node) async fn finish(self) -> anyhow::Result<RecordingSummary> {
+        let finished = tokio::task::spawn_blocking(move || self.finish_waiting()).await;
+        finished.context("waiting for the recorder")?
+    }
+
     /// Writes what has been noted so far and the file's end, and says what the recording has come to:
     /// what could not be written at the very end is a failure as well.
     ///
     /// # Errors
     /// When the thread has panicked.
-    pub(in crate::node) async fn finish(mut self) -> anyhow::Result<RecordingSummary> {
+    pub(super) fn finish_waiting(mut self) -> anyhow::Result<RecordingSummary> {
         self.room.stop();
-        let (queue, thread) = (Arc::clone(&self.queue), self.thread.take());
-        let finish = move || {
-            queue.end();
-            thread.map_or(Ok(()), JoinHandle::join)
-        };
-        let joined = tokio::task::spawn_blocking(finish).await;
-        joined
-            .context("waiting for the recorder")?
-            .map_err(|_| anyhow!("the recorder has panicked"))?;
+        self.queue.end();
+        let joined = self.thread.take().map_or(Ok(()), JoinHandle::join);
+        joined.map_err(|_| anyhow!("the recorder has panicked"))?;
         // Only now is everything written that there will be.
         self.holes.lock().over();
         Ok(self.so_far())

@@ -1,5 +1,6 @@
 //! `farfield replay`: solves a recording again, as it was or in another way.
 
+mod listening;
 mod report;
 mod venue;
 
@@ -17,10 +18,12 @@ use farfield_node::process::{
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
+use self::listening::Listening;
 use self::report::{Done, FileFacts};
 use self::venue::{Changes, replay_venue};
 pub use self::venue::{recorded_venue, with_values};
 use super::config::check_names;
+use super::listeners::OpenListeners;
 use super::output::claim::{FolderClaim, check_folder};
 use super::output::export_thread::{ExportThread, missing};
 use super::output::summary_file::SummaryFile;
@@ -29,6 +32,9 @@ use crate::export::summary::EventCounts;
 use crate::pipeline::Pipeline;
 use crate::recording::reader::{Recording, SessionPart};
 use crate::recording::replay::{Choice, PatchOwners, Replay};
+
+/// How long after the first boxes of a run nobody is known yet: edges have not yet looked.
+const JOINED_S: f64 = 0.5;
 
 /// Arguments of a replay.
 #[derive(Debug, Clone, clap::Args)]
@@ -75,13 +81,22 @@ pub struct ReplayArgs {
     pub json: bool,
 }
 
-/// Replays a recording to its end and says on standard error what went wrong.
-pub fn main(args: &ReplayArgs, print: fn(&str) -> anyhow::Result<()>) -> ExitCode {
+/// Replays a recording to its end and says on standard error what went wrong. Whom `listeners` opens gets the poses, at
+/// the venue's rate.
+pub fn main(
+    args: &ReplayArgs,
+    listeners: Box<dyn OpenListeners>,
+    print: fn(&str) -> anyhow::Result<()>,
+) -> ExitCode {
     start_log();
-    exit_code_told(replay(args, print), Told::as_json_if(args.json))
+    exit_code_told(replay(args, listeners, print), Told::as_json_if(args.json))
 }
 
-fn replay(args: &ReplayArgs, print: fn(&str) -> anyhow::Result<()>) -> Result<Ending, NodeError> {
+fn replay(
+    args: &ReplayArgs,
+    listeners: Box<dyn OpenListeners>,
+    print: fn(&str) -> anyhow::Result<()>,
+) -> Result<Ending, NodeError> {
     if let Some(out) = &args.out {
         check_folder(out).map_err(NodeError::Refused)?;
     }
@@ -97,34 +112,28 @@ fn replay(args: &ReplayArgs, print: fn(&str) -> anyhow::Result<()>) -> Result<En
         replay_venue(&args.file, recording.attached(), &changes).map_err(refused)?;
     check_names(&venue).map_err(refused)?;
     let as_it_was = changes.none() && !args.late && !part.decisions.is_empty();
-    let names = if as_it_was {
+    let joined = say_joined(&args.file, &part, venue.rate_hz);
+    let names = if as_it_was && !joined {
         PatchOwners::AsRecorded
     } else {
         PatchOwners::ByPlace
     };
-    let choice = if args.late {
-        Choice::All
-    } else {
-        Choice::Decided
-    };
-    if part.decisions.is_empty() && !args.late {
-        say(format_args!(
-            "{}: nobody recorded what fusion used for each tick; every set is used",
-            args.file.display()
-        ));
-    }
+    let choice = choice(args, &part);
     let file = FileFacts::of(&recording);
     let recorded = part.ticks;
     let mut pipeline = Pipeline::new(&venue, card.as_ref(), part.session);
     if args.smooth {
         pipeline.smooth_in_two_passes();
     }
-    let keypoints = pipeline.keypoints().clone();
+    let (keypoints, session) = (pipeline.keypoints().clone(), part.session);
     let replay = Replay::new(recording, part, pipeline, choice, names)
         .with_context(|| args.file.display().to_string())
         .map_err(refused)?;
     let span = replay.span().unwrap_or(recorded);
     let claim = FolderClaim::take(args.out.as_deref(), &venue.name).map_err(refused)?;
+    let (stop, runtime) = watch_signals().map_err(NodeError::Failed)?;
+    let of = (&venue, &keypoints, session);
+    let mut listening = Listening::open(&runtime, listeners, of, claim.folder())?;
     let exporter = ExportThread::start(claim.folder(), &venue, &keypoints, RunMode::LockStep)
         .map_err(NodeError::Failed)?;
     let mut file_of_summary = SummaryFile::in_folder(claim.folder());
@@ -134,8 +143,9 @@ fn replay(args: &ReplayArgs, print: fn(&str) -> anyhow::Result<()>) -> Result<En
         exporter,
         smooth: args.smooth,
         events: EventCounts::default(),
+        listening: &mut listening,
     }
-    .run()
+    .run(&stop)
     .map_err(NodeError::Failed)?;
     let summary = done.summary(&venue, span);
     file_of_summary
@@ -151,6 +161,11 @@ fn replay(args: &ReplayArgs, print: fn(&str) -> anyhow::Result<()>) -> Result<En
     if !args.json || done.exported.missing.is_none() {
         print(&text).map_err(NodeError::Failed)?;
     }
+    if done.ending == Ending::Done {
+        listening.stay(&runtime, &stop);
+    }
+    stop.cancel();
+    runtime.shutdown_background();
     match &done.exported.missing {
         Some(poses) => Err(NodeError::Failed(missing(poses))),
         None => Ok(done.ending),
@@ -188,6 +203,37 @@ fn open(path: &Path) -> anyhow::Result<Recording<BufReader<File>>> {
     Ok(recording)
 }
 
+/// Which sets are used.
+fn choice(args: &ReplayArgs, part: &SessionPart) -> Choice {
+    if args.late {
+        return Choice::All;
+    }
+    if part.decisions.is_empty() {
+        say(format_args!(
+            "{}: nobody recorded what fusion used for each tick; every set is used",
+            args.file.display()
+        ));
+    }
+    Choice::Decided
+}
+
+/// Whether `part` begins when people may have been known already, whom nobody can name then; says so.
+fn say_joined(file: &Path, part: &SessionPart, rate_hz: f64) -> bool {
+    let joined = part.decisions.first().filter(|decision| {
+        let ticks = decision.tick - decision.first;
+        ticks as f64 > JOINED_S * rate_hz
+    });
+    if let Some(decision) = joined {
+        say(format_args!(
+            "{}: it begins in the middle of a run, at tick {} (the run at {}): people are found anew, and keep their ids where they are recognised",
+            file.display(),
+            decision.tick,
+            decision.first
+        ));
+    }
+    joined.is_some()
+}
+
 /// The life of fusion that is asked for.
 fn choose(args: &ReplayArgs, sessions: &[SessionPart]) -> anyhow::Result<SessionPart> {
     let shown = args.file.display();
@@ -217,22 +263,23 @@ fn choose(args: &ReplayArgs, sessions: &[SessionPart]) -> anyhow::Result<Session
 }
 
 /// A replay under way.
-struct Solving {
+struct Solving<'a> {
     replay: Replay<BufReader<File>>,
     exporter: ExportThread,
     /// Whether the poses of two passes are written.
     smooth: bool,
     events: EventCounts,
+    listening: &'a mut Listening,
 }
 
-impl Solving {
-    fn run(mut self) -> anyhow::Result<Done> {
+impl Solving<'_> {
+    fn run(mut self, stop: &CancellationToken) -> anyhow::Result<Done> {
         let began = clock::now();
-        let (stop, runtime) = watch_signals()?;
         let mut ending = Ending::Done;
         while !self.exporter.has_failed()
             && let Some(output) = self.replay.step(&mut |_| {})?
         {
+            self.listening.tell(&output);
             let written = if self.smooth {
                 output.smoothed
             } else {
@@ -245,8 +292,6 @@ impl Solving {
                 break;
             }
         }
-        stop.cancel();
-        runtime.shutdown_background();
         let last = if self.smooth {
             self.replay.finish_smoothed()
         } else {

@@ -12,5 +12,6 @@ mod edges;
 mod fusion;
 mod hostile;
 mod links;
+mod page;
 mod recording;
 mod stage;

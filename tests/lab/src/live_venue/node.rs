@@ -27,7 +27,7 @@ pub struct NodeProcess {
 /// What a node has said.
 #[derive(Debug, Default)]
 struct NodeOutput {
-    /// The newest lines of its standard error.
+    /// The newest lines of its standard error, and of what it has reported in words.
     said: VecDeque<String>,
     /// The newest tick that it reported, and the persons at it.
     newest: Option<(i64, usize)>,
@@ -85,7 +85,7 @@ impl NodeProcess {
         self.heard().ticks
     }
 
-    /// The newest lines of its standard error.
+    /// The newest lines of its standard error, and of what it has reported in words.
     pub fn said(&self) -> String {
         let heard = self.heard();
         heard
@@ -151,6 +151,10 @@ impl NodeOutput {
         if let (Some(number), Some(persons)) = (tick["tick"].as_i64(), tick["persons"].as_u64()) {
             self.newest = Some((number, usize::try_from(persons).unwrap_or(usize::MAX)));
             self.ticks += 1;
+        }
+        // What its parent would tell the operator.
+        for line in report["said"].as_array().into_iter().flatten() {
+            self.said(line.as_str().unwrap_or_default().to_owned());
         }
     }
 }

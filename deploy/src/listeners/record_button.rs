@@ -1,0 +1,116 @@
+//! Recordings that pages start and stop, and what pages are told of them.
+
+use std::sync::{Arc, Weak};
+use std::time::Duration;
+
+use farfield_fusion::node::{RecordingOnDemand, RecordingsOnDemand};
+use farfield_page::protocol::status::RecordingState;
+use farfield_page::{Action, ActionKind, PageActions, PageState};
+use tokio::task::spawn_blocking;
+use tokio::time::interval;
+
+/// How often pages are told how it stands.
+const TELL_EVERY: Duration = Duration::from_millis(500);
+
+/// Does what pages ask for: names by `names`, recordings by who records the run.
+pub(super) struct Operator {
+    pub(super) names: Arc<dyn PageActions>,
+    pub(super) recordings: Arc<RecordingsOnDemand>,
+}
+
+impl PageActions for Operator {
+    fn kinds(&self) -> Vec<ActionKind> {
+        let mut kinds = self.names.kinds();
+        kinds.push(ActionKind::Record);
+        kinds
+    }
+
+    fn act(&self, action: &Action) -> Result<(), String> {
+        let done = match action {
+            Action::StartRecording => self.recordings.start().map(drop),
+            Action::StopRecording => self.recordings.stop().map(drop),
+            Action::NamePerson { .. } => return self.names.act(action),
+        };
+        done.map_err(|error| format!("{error:#}"))
+    }
+}
+
+/// Task: tells `page` how it stands with recordings, for as long as there is a page.
+pub(super) async fn tell(recordings: Arc<RecordingsOnDemand>, page: Weak<PageState>) {
+    let mut due = interval(TELL_EVERY);
+    loop {
+        due.tick().await;
+        // A disk that hangs must not hold the page up.
+        let asked = Arc::clone(&recordings);
+        let Ok(now) = spawn_blocking(move || asked.now()).await else {
+            return;
+        };
+        let Some(page) = page.upgrade() else { return };
+        page.set_recording(now.map(|recording| state(&recording)));
+    }
+}
+
+fn state(recording: &RecordingOnDemand) -> RecordingState {
+    let name = recording.file.file_name().unwrap_or_default();
+    let name = name.to_string_lossy();
+    let lost = match recording.lost {
+        0 => String::new(),
+        lost => format!(", which lacks {lost} messages: the disk is too slow"),
+    };
+    let text = match &recording.failure {
+        Some(failure) => format!("failed: {failure}"),
+        None if recording.is_running => format!("{name}{lost}"),
+        None => format!("{}{lost}", recording.file.display()),
+    };
+    RecordingState {
+        running: recording.is_running,
+        text,
+        since_us: Some(recording.since_us),
+        bytes: Some(recording.bytes),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn recording() -> RecordingOnDemand {
+        RecordingOnDemand {
+            file: "out/hall_2026-03-01_18-30-05.mcap".into(),
+            is_running: true,
+            since_us: 7,
+            bytes: 1024,
+            lost: 0,
+            failure: None,
+        }
+    }
+
+    #[test]
+    fn a_recording_is_told_by_name_while_it_runs_and_by_place_when_it_is_whole() {
+        let told = state(&recording());
+        assert!(told.running);
+        assert_eq!(told.text, "hall_2026-03-01_18-30-05.mcap");
+        assert_eq!((told.since_us, told.bytes), (Some(7), Some(1024)));
+        let whole = state(&RecordingOnDemand {
+            is_running: false,
+            ..recording()
+        });
+        assert_eq!(whole.text, "out/hall_2026-03-01_18-30-05.mcap");
+    }
+
+    #[test]
+    fn what_is_lost_and_what_failed_is_said() {
+        let lossy = state(&RecordingOnDemand {
+            lost: 3,
+            ..recording()
+        });
+        assert!(lossy.text.contains("lacks 3 messages"), "{}", lossy.text);
+        let failed = state(&RecordingOnDemand {
+            is_running: false,
+            failure: Some("the disk is full".to_owned()),
+            ..recording()
+        });
+        // The page makes an alarm of it by its first word.
+        assert_eq!(failed.text, "failed: the disk is full");
+    }
+}

@@ -1,0 +1,279 @@
+//! The page of a live run: what a browser gets, and what an operator does with it.
+
+use std::io::{Read as _, Write as _};
+use std::net::TcpStream;
+use std::path::Path;
+use std::process::Command;
+use std::time::Duration;
+
+use farfield_lab::live_venue::NodeProcess;
+use farfield_node::clock;
+use serde_json::{Value, json};
+use tokio_tungstenite::tungstenite::client::IntoClientRequest as _;
+use tokio_tungstenite::tungstenite::{Message, WebSocket, client};
+
+use super::stage::{LiveStage, PEOPLE};
+
+/// Far above what a loaded machine takes for anything that is waited for.
+const PATIENCE: Duration = Duration::from_mins(1);
+
+/// A page as a program has it: with a token it may act.
+struct Page {
+    socket: WebSocket<TcpStream>,
+    requests: u64,
+}
+
+/// Where a page is, and the token of its address.
+struct Address {
+    authority: String,
+    token: String,
+}
+
+impl Address {
+    /// As fusion has said it.
+    fn of(stage: &LiveStage) -> Self {
+        let said = stage.live.fusion.as_ref().unwrap().said();
+        Self::in_words(&said)
+    }
+
+    fn in_words(said: &str) -> Self {
+        let found = said.split_whitespace().find_map(|word| {
+            let (authority, token) = word.strip_prefix("http://")?.split_once("/#token=")?;
+            Some(Self {
+                authority: authority.to_owned(),
+                token: token.to_owned(),
+            })
+        });
+        found.unwrap_or_else(|| panic!("no address of a page in:\n{said}"))
+    }
+
+    /// The status line and the body of an answer.
+    fn get(&self, path: &str, host: &str) -> (String, String) {
+        let mut socket = TcpStream::connect(&self.authority).unwrap();
+        socket.set_read_timeout(Some(PATIENCE)).unwrap();
+        let request = format!("GET {path} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n");
+        socket.write_all(request.as_bytes()).unwrap();
+        let mut answer = Vec::new();
+        socket.read_to_end(&mut answer).unwrap();
+        let answer = String::from_utf8_lossy(&answer).into_owned();
+        let (head, body) = answer.split_once("\r\n\r\n").unwrap();
+        (head.lines().next().unwrap().to_owned(), body.to_owned())
+    }
+
+    fn open(&self, token: Option<&str>) -> Page {
+        let url = format!("ws://{}/ws/json", self.authority);
+        let mut request = url.into_client_request().unwrap();
+        if let Some(token) = token {
+            let value = format!("Bearer {token}").parse().unwrap();
+            request.headers_mut().insert("Authorization", value);
+        }
+        let socket = TcpStream::connect(&self.authority).unwrap();
+        socket.set_read_timeout(Some(PATIENCE)).unwrap();
+        let (socket, _) = client(request, socket).unwrap();
+        Page {
+            socket,
+            requests: 0,
+        }
+    }
+}
+
+impl Page {
+    /// The next message that is as wanted.
+    fn wait(&mut self, what: &str, is_wanted: impl Fn(&Value) -> bool) -> Value {
+        let until = clock::now() + PATIENCE;
+        let mut last = Value::Null;
+        while clock::now() < until {
+            let Message::Text(text) = self.socket.read().unwrap() else {
+                continue;
+            };
+            let value: Value = serde_json::from_str(&text).unwrap();
+            if is_wanted(&value) {
+                return value;
+            }
+            if value["type"] != "tick" {
+                last = value;
+            }
+        }
+        panic!("{what}: not within {PATIENCE:?}; the last but ticks: {last}");
+    }
+
+    /// Asks for something, and returns the answer.
+    fn ask(&mut self, mut message: Value) -> Value {
+        self.requests += 1;
+        let number = self.requests;
+        message["request"] = json!(number);
+        self.socket
+            .send(Message::text(message.to_string()))
+            .unwrap();
+        self.wait("an answer", |it| {
+            it["type"] == "answer" && it["request"] == number
+        })
+    }
+
+    /// The next status with a recording as wanted.
+    fn recording(&mut self, what: &str, is_wanted: impl Fn(&Value) -> bool) -> Value {
+        let is_status = |it: &Value| it["type"] == "status" && is_wanted(&it["recording"]);
+        self.wait(what, is_status)["recording"].clone()
+    }
+}
+
+fn files_of(folder: &Path, ending: &str) -> Vec<String> {
+    let files = std::fs::read_dir(folder).unwrap();
+    let files = files.map(|entry| entry.unwrap().path().to_str().unwrap().to_owned());
+    let mut files: Vec<String> = files.filter(|path| path.ends_with(ending)).collect();
+    files.sort();
+    files
+}
+
+/// What a command of ours says, and whether it ended well.
+fn farfield(words: &[&str]) -> (bool, String) {
+    let program = env!("CARGO_BIN_EXE_lab");
+    let output = Command::new(program).args(words).output().unwrap();
+    let said = [output.stdout, output.stderr].concat();
+    (
+        output.status.success(),
+        String::from_utf8_lossy(&said).into_owned(),
+    )
+}
+
+#[test]
+fn a_browser_gets_the_page_of_a_live_run_and_the_people_on_it() {
+    let mut stage = LiveStage::prepare(&[], "");
+    let out = stage.out("first");
+    stage.start_with(&out, &["--page=127.0.0.1:0"]);
+    let address = Address::of(&stage);
+    let (status, body) = address.get("/", &address.authority);
+    assert!(status.contains(" 200 "), "{status}");
+    assert!(body.contains("<script"), "{body}");
+    let (status, _) = address.get("/api/venue", "stranger.example");
+    assert!(status.contains(" 421 "), "another host: {status}");
+    let (_, venue) = address.get("/api/venue", &address.authority);
+    let venue: Value = serde_json::from_str(&venue).unwrap();
+    assert_eq!(venue["venue"], "stage");
+    assert_eq!(venue["mode"], "live");
+    assert_eq!(venue["cameras"].as_array().unwrap().len(), 8);
+    let mut page = address.open(None);
+    let ids = stage.ids();
+    let tick = page.wait("everybody on the page", |it| {
+        let persons = it["persons"].as_array();
+        it["type"] == "tick" && persons.is_some_and(|persons| persons.len() == PEOPLE)
+    });
+    for person in tick["persons"].as_array().unwrap() {
+        let id = person["id"].as_u64().unwrap();
+        assert!(ids.contains(&u32::try_from(id).unwrap()), "{id}, {ids:?}");
+    }
+    // One that is killed is told as soon as it is missed.
+    stage.live.edges[0].take().unwrap().kill().unwrap();
+    let status = page.wait("an alarm about the edge", |it| {
+        let alarms = it["alarms"].as_array();
+        alarms.is_some_and(|alarms| alarms.iter().any(|alarm| alarm["severity"] == "failed"))
+    });
+    assert!(!status["alarms"][0]["remedy"].as_str().unwrap().is_empty());
+    stage.finish("first");
+}
+
+#[test]
+fn a_recording_is_started_and_stopped_from_the_page() {
+    let mut stage = LiveStage::prepare(&[], "");
+    let out = stage.out("first");
+    stage.start_with(&out, &["--page=127.0.0.1:0"]);
+    stage.go_on(2.0);
+    let address = Address::of(&stage);
+    let mut stranger = address.open(None);
+    let refused = stranger.ask(json!({"do": "start_recording"}));
+    assert_eq!(refused["ok"], false, "without a token: {refused}");
+    let mut page = address.open(Some(&address.token));
+    let early = page.ask(json!({"do": "stop_recording"}));
+    assert_eq!(early["ok"], false, "there is none: {early}");
+
+    let ids: Vec<u32> = stage.ids().into_iter().collect();
+    let named = json!({"do": "name_person", "person": ids[0], "name": "Anna"});
+    assert_eq!(page.ask(named)["ok"], true);
+    let started = page.ask(json!({"do": "start_recording"}));
+    assert_eq!(started["ok"], true, "{started}");
+    let running = page.recording("it runs", |it| {
+        it["running"] == true && it["bytes"].as_u64() > Some(10_000)
+    });
+    let name = running["text"].as_str().unwrap();
+    assert!(name.starts_with("stage_"), "{name}");
+    let twice = page.ask(json!({"do": "start_recording"}));
+    let error = twice["error"].as_str().unwrap();
+    assert!(error.contains(name), "it goes on already: {error}");
+    stage.go_on(3.0);
+    let stopped = page.ask(json!({"do": "stop_recording"}));
+    assert_eq!(stopped["ok"], true, "{stopped}");
+    page.recording("it is whole", |it| it["running"] == false);
+
+    // The next is another file; one that nobody stops is whole when the run is.
+    let started = page.ask(json!({"do": "start_recording"}));
+    assert_eq!(started["ok"], true, "{started}");
+    stage.go_on(1.0);
+    stage.finish("first");
+    let recordings = files_of(&out, ".mcap");
+    assert_eq!(recordings.len(), 2, "{recordings:?}");
+
+    for (i, recording) in recordings.iter().enumerate() {
+        let solved = stage.out(&format!("solved{i}"));
+        let (is_done, said) = farfield(&["replay", recording, "--out", solved.to_str().unwrap()]);
+        assert!(is_done, "{said}");
+        assert!(said.contains("in the middle of a run"), "{said}");
+        assert!(!said.contains("cut off"), "{said}");
+        // The second is over before anybody can be found: that takes a detection pass.
+        let found = if i == 0 { ids.as_slice() } else { &[] };
+        let poses = std::fs::read_to_string(solved.join("poses.jsonl")).unwrap();
+        for id in found {
+            let person = format!("\"person\":{id},");
+            assert!(poses.contains(&person), "{id} is known again\n{said}");
+        }
+    }
+    let (is_done, people) = farfield(&["people", &recordings[0]]);
+    assert!(is_done && people.contains("Anna"), "{people}");
+
+    shows(&ids, &["view", &recordings[0], "--at=127.0.0.1:0"]);
+    let out = stage.out("looked at");
+    let to = out.to_str().unwrap();
+    let words = ["replay", &recordings[0], "--page=127.0.0.1:0", "--out", to];
+    let said = shows(&ids, &words);
+    assert!(out.join("summary.json").is_file(), "{said}");
+}
+
+/// Whether a command serves a page with all of `ids` on it until it is interrupted; returns what it said.
+fn shows(ids: &[u32], words: &[&str]) -> String {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_lab"));
+    command.args(words);
+    let mut shown = NodeProcess::start("page", command).unwrap();
+    let until = clock::now() + PATIENCE;
+    while !shown.said().contains("Ctrl-C") {
+        assert!(clock::now() < until, "{words:?}: {}", shown.said());
+        if shown.said().contains("#token=") && words[0] == "replay" {
+            // It is looked at while it is solved.
+            break;
+        }
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    let mut page = Address::in_words(&shown.said()).open(None);
+    page.wait("everybody", |it| {
+        let persons = it["persons"].as_array().into_iter().flatten();
+        let there: Vec<u64> = persons.filter_map(|person| person["id"].as_u64()).collect();
+        ids.iter().all(|id| there.contains(&u64::from(*id)))
+    });
+    while !shown.said().contains("Ctrl-C") {
+        assert!(clock::now() < until, "{words:?}: {}", shown.said());
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    let pid = shown.pid().to_string();
+    assert!(
+        Command::new("kill")
+            .args(["-INT", &pid])
+            .status()
+            .unwrap()
+            .success()
+    );
+    let status = shown.wait(PATIENCE).unwrap();
+    assert!(
+        status.is_some_and(|status| status.success()),
+        "{status:?}: {}",
+        shown.said()
+    );
+    shown.said()
+}
