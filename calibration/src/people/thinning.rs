@@ -23,8 +23,12 @@ pub struct Thinning {
     is_strided: bool,
     /// Of so many stretches the first; whatever was begun in the same moment is kept in all cameras alike.
     stretches: i64,
-    /// Where nothing is known of clocks, stretches would not be the same: then all is kept until this time, seconds.
+    /// Where nothing is known of clocks, stretches would not be the same: then all is kept for so long from the first frame on,
+    /// seconds.
     until_s: f64,
+    /// Number of the first frame, where clocks are not known: numbers of cameras may begin anywhere, and recordings that were
+    /// started by hand begin within minutes.
+    begin: f64,
     is_unknown: bool,
 }
 
@@ -52,7 +56,15 @@ impl Thinning {
             is_strided: false,
             stretches: 1,
             until_s: f64::INFINITY,
+            begin: 0.0,
             is_unknown: timing == Timing::Unknown,
+        }
+    }
+
+    /// Says the number of the recording's first frame, from which time counts where clocks are not known.
+    pub fn begin(&mut self, number: f64) {
+        if self.is_unknown && number.is_finite() {
+            self.begin = number;
         }
     }
 
@@ -65,7 +77,7 @@ impl Thinning {
         let stretch = libm::floor(time_s / STRETCH_S) as i64;
         (number as i64).rem_euclid(self.stride_now()) == 0
             && stretch.rem_euclid(self.stretches) == 0
-            && time_s < self.until_s
+            && (number - self.begin) / self.rate_hz < self.until_s
     }
 
     fn stride_now(&self) -> i64 {
@@ -77,7 +89,7 @@ impl Thinning {
         if !self.is_strided && self.stride > 1 {
             self.is_strided = true;
         } else if self.is_unknown {
-            self.until_s = f64::midpoint(first, last) / self.rate_hz;
+            self.until_s = (f64::midpoint(first, last) - self.begin) / self.rate_hz;
         } else {
             self.stretches = self.stretches.saturating_mul(2);
         }
@@ -102,7 +114,7 @@ impl Thinning {
             said.push(format!("{STRETCH_S} s of every {of_s} s"));
         }
         if self.until_s.is_finite() {
-            said.push(format!("the time until {:.0} s", self.until_s));
+            said.push(format!("the first {:.0} s of each recording", self.until_s));
         }
         (!said.is_empty()).then(|| said.join(", "))
     }
@@ -160,6 +172,27 @@ mod tests {
         assert_eq!(kept(&thinning, 3000).len(), 1500);
         thinning.coarsen(0.0, 1500.0);
         assert_eq!(kept(&thinning, 3000).len(), 750);
+    }
+
+    #[test]
+    fn cameras_of_unknown_clocks_keep_their_own_beginning_whatever_number_it_has() {
+        let mut early = Thinning::new(30.0, 0.0, Timing::Unknown);
+        let mut late = Thinning::new(60.0, 0.0, Timing::Unknown);
+        early.begin(0.0);
+        late.begin(900_000.0);
+        early.coarsen(0.0, 3000.0);
+        late.follow(&early);
+        let frames = (900_000..906_000).filter(|it| late.keeps(f64::from(*it)));
+        // 50 s at 60 Hz, every second frame.
+        assert_eq!(frames.count(), 3000 / late.stride_now() as usize);
+        late.coarsen(900_000.0, 902_000.0);
+        late.coarsen(900_000.0, 902_000.0);
+        assert!(late.keeps(900_000.0) && !late.keeps(901_100.0));
+        assert!(late.in_words().unwrap().contains("s of each recording"));
+        // Where clocks are known numbers count as they are.
+        let mut given = Thinning::new(30.0, 0.0, Timing::Clocks);
+        given.begin(900_000.0);
+        assert_eq!(given, Thinning::new(30.0, 0.0, Timing::Clocks));
     }
 
     #[test]

@@ -69,6 +69,9 @@ impl<'a> ThinFiles<'a> {
             let Some(mut frame) = lines.next(&line)? else {
                 continue;
             };
+            if all == 0 {
+                thinning.begin(frame.frame);
+            }
             all += 1;
             if !thinning.keeps(frame.frame) {
                 continue;
