@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context as _, anyhow, bail, ensure};
+use anyhow::{Context as _, anyhow, ensure};
 use clap::Args;
 use farfield_calibration::board::{
     BoardCalibration, BoardView, Charuco, Chessboard, Coefficients, DetectError, GrayPicture,
@@ -30,7 +30,7 @@ const ENDINGS: [&str; 3] = ["jpg", "jpeg", "png"];
 /// What `farfield calibrate board` is told.
 #[derive(Debug, Args)]
 pub(super) struct BoardArgs {
-    /// Pictures of one camera (JPEG, PNG), folders of them, or videos.
+    /// Pictures of one camera (JPEG, PNG), videos, or folders of them.
     ///
     /// Of a video the sharpest picture of every third of a second is looked at; of those with a board at most forty are
     /// used, which differ the most.
@@ -92,7 +92,7 @@ enum Board {
 }
 
 /// A picture in which it was looked for.
-struct Looked {
+struct LookedAt {
     name: String,
     size_px: [u32; 2],
     view: Result<BoardView, DetectError>,
@@ -159,62 +159,84 @@ pub(super) fn from_board(args: &BoardArgs) -> Result<(), NodeError> {
 
 fn found(args: &BoardArgs) -> anyhow::Result<BoardCalibration> {
     let board = board(args)?;
-    let (videos, pictured): (Vec<PathBuf>, Vec<PathBuf>) = args
-        .pictures
-        .iter()
-        .cloned()
-        .partition(|path| is_video(path));
-    let paths = pictures(&pictured)?;
-    let looked: Vec<Looked> = paths
+    let all = recorded(&args.pictures)?;
+    let (videos, paths): (Vec<PathBuf>, Vec<PathBuf>) =
+        all.into_iter().partition(|path| is_video(path));
+    let looked: Vec<LookedAt> = paths
         .par_iter()
         .map(|path| look(path, &board))
         .collect::<anyhow::Result<_>>()?;
-    let mut views = Vec::new();
-    let mut filmed_px = None;
+    let mut gathered = Gathered::default();
     for path in &videos {
         let filmed = board_video::look(path, |name, picture| detect(name, picture, &board))?;
-        let [frames, sharp, shown, used] = filmed.counts;
         say(format_args!(
-            "{}: of {frames} pictures {sharp} were looked at, {shown} show the board, {used} are used",
-            path.display()
+            "{}: of {} pictures {} were looked at, {} show the board, {} are used",
+            path.display(),
+            filmed.pictures,
+            filmed.looked,
+            filmed.shown,
+            filmed.views.len()
         ));
-        views.extend(filmed.views);
-        let first_px = *filmed_px.get_or_insert(filmed.size_px);
-        ensure!(
-            first_px == filmed.size_px,
-            "{}: its pictures are not as large as those of the others: one camera at a time",
-            path.display()
-        );
+        gathered.is_as_large(&path.display().to_string(), filmed.size_px)?;
+        gathered.looked += filmed.looked;
+        gathered.shown += filmed.shown;
+        gathered.views.extend(filmed.views);
     }
-    let first = looked.first().map(|first| first.size_px);
-    let size_px = filmed_px.or(first).unwrap_or([0, 0]);
-    if let Some(other) = looked.iter().find(|it| it.size_px != size_px) {
-        let ([w, h], [other_w, other_h]) = (size_px, other.size_px);
-        bail!(
-            "{}: found a picture of {other_w}x{other_h}, expected {w}x{h} as of the others: one camera at a time",
-            other.name
-        );
-    }
-    let mut unseen = Vec::new();
     for it in looked {
+        gathered.is_as_large(&it.name, it.size_px)?;
+        gathered.looked += 1;
         match it.view {
-            Ok(view) => views.push(view),
+            Ok(view) => {
+                gathered.shown += 1;
+                gathered.views.push(view);
+            }
             Err(error @ (DetectError::Board(_) | DetectError::Bytes { .. })) => {
                 return Err(anyhow!(error));
             }
-            Err(error) => unseen.push((it.name, error.to_string())),
+            Err(error) => gathered.unseen.push((it.name, error.to_string())),
         }
     }
-    let calibrated = calibrate(size_px, &views, args.coefficients);
+    let size_px = gathered.first.map_or([0, 0], |(_, size_px)| size_px);
+    let calibrated = calibrate(size_px, &gathered.views, args.coefficients);
+    let (shown, looked) = (gathered.shown, gathered.looked);
     let mut found = calibrated.map_err(|error| {
-        let seen = views.len();
         anyhow!(
-            "{error} (the board was found in {seen} of {} pictures)",
-            seen + unseen.len()
+            "{error} (the board was found in {shown} of the {looked} pictures that were looked at)"
         )
     })?;
-    found.left_out.extend(unseen);
+    found.left_out.extend(gathered.unseen);
     Ok(found)
+}
+
+/// What pictures and videos of one camera gave.
+#[derive(Default)]
+struct Gathered {
+    /// The first of them, and how large its pictures are.
+    first: Option<(String, [u32; 2])>,
+    views: Vec<BoardView>,
+    /// Pictures without a board, and why.
+    unseen: Vec<(String, String)>,
+    looked: usize,
+    shown: usize,
+}
+
+impl Gathered {
+    /// Refuses pictures that are not as large as those before.
+    fn is_as_large(&mut self, name: &str, size_px: [u32; 2]) -> anyhow::Result<()> {
+        let first = self.first.get_or_insert_with(|| (name.to_owned(), size_px));
+        let ([w, h], [other_w, other_h]) = (first.1, size_px);
+        let remedy = if [other_h, other_w] == [w, h] {
+            "the camera was turned on its side: hold it as it will stand"
+        } else {
+            "one camera at a time, with the settings that it will have"
+        };
+        ensure!(
+            first.1 == size_px,
+            "{name}: found pictures of {other_w}x{other_h}, expected {w}x{h} as of {}: {remedy}",
+            first.0
+        );
+        Ok(())
+    }
 }
 
 fn board(args: &BoardArgs) -> anyhow::Result<Board> {
@@ -238,21 +260,21 @@ fn board(args: &BoardArgs) -> anyhow::Result<Board> {
     }
 }
 
-/// The pictures that are meant, folders opened, in the order of their names.
-fn pictures(paths: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
+/// The pictures and videos that are meant, folders opened, in the order of their names.
+fn recorded(paths: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
     let mut all = Vec::new();
     for path in paths {
         if path.is_dir() {
             let mut inside = Vec::new();
             for entry in fs::read_dir(path).with_context(|| path.display().to_string())? {
-                let picture = entry.with_context(|| path.display().to_string())?.path();
-                if is_picture(&picture) {
-                    inside.push(picture);
+                let entry = entry.with_context(|| path.display().to_string())?.path();
+                if is_picture(&entry) || is_video(&entry) {
+                    inside.push(entry);
                 }
             }
             ensure!(
                 !inside.is_empty(),
-                "{}: found no picture in it, expected JPEG or PNG files",
+                "{}: found no picture in it, expected JPEG or PNG files, or videos",
                 path.display()
             );
             inside.sort();
@@ -279,13 +301,13 @@ fn is_video(path: &Path) -> bool {
     ending.is_some_and(is_one)
 }
 
-fn look(path: &Path, board: &Board) -> anyhow::Result<Looked> {
+fn look(path: &Path, board: &Board) -> anyhow::Result<LookedAt> {
     let name = path.display().to_string();
     let picture = image::open(path)
         .with_context(|| name.clone())?
         .into_luma8();
     let view = detect(&name, &picture, board);
-    Ok(Looked {
+    Ok(LookedAt {
         size_px: [picture.width(), picture.height()],
         name,
         view,

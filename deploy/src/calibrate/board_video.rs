@@ -3,17 +3,16 @@
 
 use std::path::Path;
 
-use anyhow::Context as _;
+use anyhow::bail;
 use farfield_calibration::board::{BoardView, DetectError};
-use image::{GrayImage, RgbImage};
+use farfield_edge::source::{FrameContent, open_video_alone};
+use image::GrayImage;
 use rayon::iter::{IntoParallelRefIterator as _, ParallelIterator as _};
-
-use super::recorded::OwnVenue;
-use crate::init::rate;
-use crate::init::recordings::{Recording, RecordingKind};
 
 /// Pictures per second that are looked at.
 const LOOKS_HZ: f64 = 3.0;
+/// Pictures per second of a video that does not say.
+const USUAL_HZ: f64 = 30.0;
 /// Pictures of the board that are used: more cost time and tell nothing new.
 const MOST_USED: usize = 40;
 /// Pictures that are looked at together.
@@ -26,12 +25,18 @@ const SPARSE: usize = 3;
 /// What a video gave.
 pub(super) struct Filmed {
     pub(super) size_px: [u32; 2],
+    /// The views that are used.
     pub(super) views: Vec<BoardView>,
-    /// How many pictures there were, were looked at, showed the board, and are used.
-    pub(super) counts: [usize; 4],
+    /// Pictures that there were.
+    pub(super) pictures: usize,
+    /// Pictures that were looked at.
+    pub(super) looked: usize,
+    /// Pictures that showed the board.
+    pub(super) shown: usize,
 }
 
-/// A video's pictures with a board, found by `detect` (name, picture).
+/// A video's pictures with a board, found by `detect` (name, picture), whatever the video's size and rate: a board needs
+/// none, and phones keep none.
 ///
 /// # Errors
 /// What cannot be read, and a board that cannot be.
@@ -39,21 +44,61 @@ pub(super) fn look(
     path: &Path,
     detect: impl Fn(&str, &GrayImage) -> Result<BoardView, DetectError> + Sync,
 ) -> anyhow::Result<Filmed> {
-    let recording = Recording {
-        kind: RecordingKind::Video,
-        path: path.to_owned(),
-        name: "board".to_owned(),
-    };
-    let named = || path.display().to_string();
-    let rate_hz = rate::of_videos(std::slice::from_ref(&recording))?.unwrap_or(30.0);
-    let window = (rate_hz / LOOKS_HZ).round().max(1.0) as u64;
-    let (venue, size_px) = OwnVenue::of_any_lens(&recording).with_context(named)?;
-    let mut sharpest: Option<(f64, u64, GrayImage)> = None;
+    let (info, mut source) = open_video_alone(path)?;
+    let rate_hz = info.rate_hz.unwrap_or(USUAL_HZ);
+    let window = (rate_hz / LOOKS_HZ).round().max(1.0) as usize;
+    let mut looked = Looked::default();
+    let mut sharpest: Option<(f64, usize, GrayImage)> = None;
     let mut waiting: Vec<(String, GrayImage)> = Vec::new();
-    let mut views: Vec<BoardView> = Vec::new();
-    let mut looked = 0;
-    let mut look_at = |waiting: &mut Vec<(String, GrayImage)>| -> anyhow::Result<()> {
-        looked += waiting.len();
+    let name = |picture: usize| format!("{}, picture {picture}", path.display());
+    let mut pictures = 0;
+    let mut size_px = info.size_px.unwrap_or_default();
+    while let Some(frame) = source.next_frame()? {
+        let FrameContent::Image(picture) = frame.content else {
+            bail!("{}: found no pictures", path.display());
+        };
+        size_px = [picture.width(), picture.height()];
+        let picture = image::imageops::grayscale(&picture);
+        let sharpness = sharpness(&picture);
+        if sharpest.as_ref().is_none_or(|(most, ..)| sharpness > *most) {
+            sharpest = Some((sharpness, pictures, picture));
+        }
+        pictures += 1;
+        if pictures % window == 0
+            && let Some((_, number, picture)) = sharpest.take()
+        {
+            waiting.push((name(number), picture));
+        }
+        if waiting.len() >= TOGETHER {
+            looked.at(&mut waiting, &detect)?;
+        }
+    }
+    waiting.extend(sharpest.map(|(_, number, picture)| (name(number), picture)));
+    looked.at(&mut waiting, &detect)?;
+    Ok(Filmed {
+        size_px,
+        pictures,
+        looked: looked.pictures,
+        shown: looked.views.len(),
+        views: different(looked.views, MOST_USED),
+    })
+}
+
+/// What was looked at so far.
+#[derive(Default)]
+struct Looked {
+    pictures: usize,
+    views: Vec<BoardView>,
+}
+
+impl Looked {
+    /// Looks at what is waiting, and empties it.
+    fn at(
+        &mut self,
+        waiting: &mut Vec<(String, GrayImage)>,
+        detect: &(impl Fn(&str, &GrayImage) -> Result<BoardView, DetectError> + Sync),
+    ) -> anyhow::Result<()> {
+        self.pictures += waiting.len();
         let found: Vec<Result<BoardView, DetectError>> = waiting
             .par_iter()
             .map(|(name, picture)| detect(name, picture))
@@ -61,7 +106,7 @@ pub(super) fn look(
         waiting.clear();
         for view in found {
             match view {
-                Ok(view) => views.push(view),
+                Ok(view) => self.views.push(view),
                 Err(error @ (DetectError::Board(_) | DetectError::Bytes { .. })) => {
                     return Err(error.into());
                 }
@@ -69,38 +114,7 @@ pub(super) fn look(
             }
         }
         Ok(())
-    };
-    let name = |frame: u64| format!("{}, picture {frame}", path.display());
-    let frames = venue.show(usize::MAX, |frame, picture| {
-        let picture = gray(&picture);
-        let sharpness = sharpness(&picture);
-        if sharpest.as_ref().is_none_or(|(most, ..)| sharpness > *most) {
-            sharpest = Some((sharpness, frame, picture));
-        }
-        if frame % window == window - 1
-            && let Some((_, frame, picture)) = sharpest.take()
-        {
-            waiting.push((name(frame), picture));
-        }
-        if waiting.len() >= TOGETHER {
-            look_at(&mut waiting)?;
-        }
-        Ok(())
-    });
-    let frames = frames.with_context(named)?;
-    waiting.extend(sharpest.map(|(_, frame, picture)| (name(frame), picture)));
-    look_at(&mut waiting)?;
-    let found = views.len();
-    let used = different(views, MOST_USED);
-    Ok(Filmed {
-        size_px,
-        counts: [frames as usize, looked, found, used.len()],
-        views: used,
-    })
-}
-
-fn gray(picture: &RgbImage) -> GrayImage {
-    image::imageops::grayscale(picture)
+    }
 }
 
 /// Mean squared Laplacian of a part of the pixels: motion and lack of focus lower it.

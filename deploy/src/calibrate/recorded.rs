@@ -3,7 +3,6 @@
 use anyhow::{Context as _, bail};
 use farfield_edge::source::{FrameContent, RecordedSources, Sources as _};
 use farfield_proto::calibration::Calibration;
-use farfield_proto::camera::{Distortion, Intrinsics};
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::{Venue, VenueCamera};
 use image::RgbImage;
@@ -41,24 +40,13 @@ impl OwnVenue {
         Ok(Self { venue })
     }
 
-    /// Of a video of a camera of which nothing is known, and the size of its pictures: any lens does to look at them.
+    /// How many frames it has.
     ///
     /// # Errors
-    /// As [`Self::new`].
-    pub(super) fn of_any_lens(recording: &Recording) -> anyhow::Result<(Self, [u32; 2])> {
-        let size_px = rate::size_px(&recording.path)?;
-        let [width, height] = size_px.map(f64::from);
-        let lens = Lens {
-            size_px,
-            intrinsics: Intrinsics {
-                fx_px: width,
-                fy_px: width,
-                cx_px: 0.5 * (width - 1.0),
-                cy_px: 0.5 * (height - 1.0),
-            },
-            distortion: Distortion::default(),
-        };
-        Ok((Self::new(recording, &lens)?, size_px))
+    /// What cannot be read.
+    pub(super) fn frames(&self) -> anyhow::Result<u64> {
+        let ticks = RecordedSources.probe(self.camera()?, &self.venue)?.ticks;
+        Ok(ticks.map_or(0, |ticks| (ticks.end - ticks.start).unsigned_abs()))
     }
 
     fn camera(&self) -> anyhow::Result<&VenueCamera> {

@@ -16,7 +16,7 @@ pub(crate) fn of_videos(recordings: &[Recording]) -> anyhow::Result<Option<f64>>
         return Ok(None);
     };
     let path = &video.path;
-    let (said, complaint) = asked(path, "stream=avg_frame_rate", "say `--rate HZ`")?;
+    let (said, complaint) = asked(path)?;
     match said.lines().next().and_then(fraction) {
         Some(rate_hz) => Ok(Some(rate_hz)),
         None => bail!(
@@ -26,35 +26,16 @@ pub(crate) fn of_videos(recordings: &[Recording]) -> anyhow::Result<Option<f64>>
     }
 }
 
-/// Width and height of a video's pictures.
-///
-/// # Errors
-/// When ffprobe is not there, or the file is no video.
-pub(crate) fn size_px(path: &Path) -> anyhow::Result<[u32; 2]> {
-    let (said, complaint) = asked(path, "stream=width,height", "give pictures")?;
-    let sides = said.lines().next().and_then(|line| line.split_once(','));
-    let side = |word: &str| word.trim().trim_end_matches(',').parse::<u32>().ok();
-    match sides.and_then(|(width, height)| Some([side(width)?, side(height)?])) {
-        Some(size_px) if !size_px.contains(&0) => Ok(size_px),
-        _ => bail!(
-            "{} does not say how large its pictures are: {complaint}",
-            path.display()
-        ),
-    }
-}
-
-/// What ffprobe says of `entries` of the first video stream, and what it complains of; `else_do` is what helps without it.
-fn asked(path: &Path, entries: &str, else_do: &str) -> anyhow::Result<(String, String)> {
+/// What ffprobe says of the rate of the first video stream, and what it complains of.
+fn asked(path: &Path) -> anyhow::Result<(String, String)> {
     let mut input = std::ffi::OsString::from("file:");
     input.push(path);
     let output = Command::new("ffprobe")
-        .args(["-v", "error", "-select_streams", "v:0", "-show_entries", entries, "-of", "csv=p=0"])
+        .args(["-v", "error", "-select_streams", "v:0", "-show_entries", "stream=avg_frame_rate", "-of", "csv=p=0"])
         .arg(input)
         .stdin(Stdio::null())
         .output()
-        .with_context(|| {
-            format!("starting `ffprobe`, to read the videos: install ffmpeg (`apt install ffmpeg`), or {else_do}")
-        })?;
+        .context("starting `ffprobe`, to read the videos: install ffmpeg (`apt install ffmpeg`), or say `--rate HZ`")?;
     let said = String::from_utf8_lossy(&output.stdout).into_owned();
     Ok((
         said,

@@ -84,8 +84,8 @@ pub enum SourceError {
     },
     /// The images are not of the size that the camera was calibrated for.
     #[error(
-        "{at}: its images have {}x{} pixels, the calibration's `size` of this camera is {}x{}",
-        found_px[0], found_px[1], expected_px[0], expected_px[1]
+        "{at}: its images have {}x{} pixels, the calibration's `size` of this camera is {}x{}{}",
+        found_px[0], found_px[1], expected_px[0], expected_px[1], turned(*found_px, *expected_px)
     )]
     PixelSize {
         /// Which source.
@@ -254,6 +254,15 @@ pub enum SourceError {
     Endless,
 }
 
+/// The end of a sentence on pictures that are the wrong way up.
+fn turned(found_px: [u32; 2], expected_px: [u32; 2]) -> &'static str {
+    if found_px[0] != found_px[1] && found_px == [expected_px[1], expected_px[0]] {
+        ": they are turned on their side (a phone that was held upright?); the lens must be calibrated as the camera stands"
+    } else {
+        ""
+    }
+}
+
 /// `value` with so many decimals, and in few digits where it is beyond all measure.
 fn rounded(value: f64, decimals: usize) -> String {
     if value.abs() < 1e9 {
@@ -266,6 +275,25 @@ fn rounded(value: f64, decimals: usize) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn pictures_on_their_side_are_recognised() {
+        let said = |found_px| {
+            let at = SourceOrigin {
+                camera: "a".to_owned(),
+                place: "a.mp4".to_owned(),
+            };
+            let expected_px = [1920, 1080];
+            SourceError::PixelSize {
+                at,
+                found_px,
+                expected_px,
+            }
+            .to_string()
+        };
+        assert!(said([1080, 1920]).contains("turned on their side"));
+        assert!(said([1280, 720]).ends_with("of this camera is 1920x1080"));
+    }
 
     #[test]
     fn huge_rates_are_named_in_few_digits() {

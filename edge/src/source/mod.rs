@@ -300,6 +300,19 @@ pub fn open(
     }
 }
 
+/// Opens a video of which nothing is expected: any size, any rate, also one that varies; turned as its container says. Its
+/// first frame is tick 0. For who looks at pictures and does not ask when they were taken.
+///
+/// # Errors
+/// [`SourceError`] where it cannot be read, or was cut.
+#[cfg(feature = "node")]
+pub fn open_video_alone(
+    path: &std::path::Path,
+) -> Result<(SourceInfo, Box<dyn FrameSource>), SourceError> {
+    let (info, source) = video::open_alone(path)?;
+    Ok((info, Box::new(source)))
+}
+
 #[cfg(not(all(feature = "node", feature = "v4l")))]
 fn not_built(expected: ExpectedSource, kind: &'static str, feature: &'static str) -> SourceError {
     SourceError::NotBuilt {

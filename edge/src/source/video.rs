@@ -71,9 +71,9 @@ fn by_timecode<'a>(
     Ok(Cow::Owned(expected))
 }
 
-/// Whether the recording is whole and fits the calibration and the venue.
-fn check(stream: &VideoStream, expected: &ExpectedSource) -> Result<(), SourceError> {
-    let at = || expected.at.clone();
+/// Whether the recording is whole.
+fn check_whole(stream: &VideoStream, at: &SourceOrigin) -> Result<(), SourceError> {
+    let at = || at.clone();
     if let Some(announced) = stream
         .announced
         .filter(|&announced| stream.packets < announced)
@@ -90,6 +90,13 @@ fn check(stream: &VideoStream, expected: &ExpectedSource) -> Result<(), SourceEr
         let problem = format!("it has no frames{}", stream.said);
         return Err(SourceError::Unreadable { at: at(), problem });
     }
+    Ok(())
+}
+
+/// Whether the recording is whole and fits the calibration and the venue.
+fn check(stream: &VideoStream, expected: &ExpectedSource) -> Result<(), SourceError> {
+    let at = || expected.at.clone();
+    check_whole(stream, &expected.at)?;
     expected.check_size(stream.size_px)?;
     if let Some(found_hz) = stream.rate_hz
         && (found_hz / expected.rate_hz - 1.0).abs() > RATE_TOLERANCE
@@ -135,7 +142,48 @@ pub(super) fn open(
     from: Tick,
 ) -> Result<VideoSource, SourceError> {
     let ticks = probe(path, &expected)?.ticks.unwrap_or(from..from);
-    let skip = expected.skip(&ticks, from)?;
+    open_ticks(path, expected, from, &ticks)
+}
+
+/// A video by itself, of whatever size, rate and timecode: its first frame is tick 0.
+pub(super) fn open_alone(path: &Path) -> Result<(SourceInfo, VideoSource), SourceError> {
+    let name = path.file_stem().unwrap_or_default();
+    let at = SourceOrigin {
+        camera: name.to_string_lossy().into_owned(),
+        place: path.display().to_string(),
+    };
+    if let Err(problem) = std::fs::File::open(path) {
+        let problem = problem.to_string();
+        return Err(SourceError::NotThere { at, problem });
+    }
+    let stream = ffprobe::read_stream(path, &at)?;
+    check_whole(&stream, &at)?;
+    let expected = ExpectedSource {
+        at,
+        size_px: stream.size_px,
+        // Nobody asks when its frames were taken.
+        rate_hz: 1.0,
+        first_tick: Tick(0),
+        tick_from: TickFrom::Clock,
+    };
+    let ticks = expected.ticks(stream.frames)?;
+    let info = SourceInfo {
+        ticks: Some(ticks.clone()),
+        size_px: Some(stream.size_px),
+        rate_hz: stream.rate_hz,
+        labels: stream.labels,
+    };
+    Ok((info, open_ticks(path, expected, ticks.start, &ticks)?))
+}
+
+/// The frames from tick `from` on of a recording that has `ticks`.
+fn open_ticks(
+    path: &Path,
+    expected: ExpectedSource,
+    from: Tick,
+    ticks: &std::ops::Range<Tick>,
+) -> Result<VideoSource, SourceError> {
+    let skip = expected.skip(ticks, from)?;
     let (ffmpeg, stdout) = Ffmpeg::spawn(ffmpeg::file_input(path), skip, &expected.at)?;
     let mut source = VideoSource::new(ffmpeg, stdout, expected, from, WhenFull::Wait)?;
     source.read = skip;

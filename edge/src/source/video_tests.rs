@@ -275,6 +275,12 @@ fn a_variable_rate_is_refused_with_the_frame() {
         said.contains("variable frame rate") && said.contains("between frames 4 and 5"),
         "{said}"
     );
+    // Who asks only for pictures has them all.
+    let (info, source) = open_alone(&clip).unwrap();
+    assert_eq!(info.size_px, Some(SIZE_PX));
+    let alone = images(source);
+    assert_eq!(info.ticks, Some(Tick(0)..Tick(20)));
+    assert_eq!((alone.len(), alone[0].0), (20, 0));
 }
 
 #[test]

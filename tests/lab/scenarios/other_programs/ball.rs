@@ -70,7 +70,10 @@ fn look(folder: &Path, more: &[&str]) -> FinishedCommand {
 /// Distances of what was found from the true centres, sorted, pixels.
 fn errors_px(seen: &Path) -> Vec<f64> {
     let text = fs::read_to_string(seen).unwrap();
-    let lines = text.lines().skip(1).map(|line| {
+    // A line above names the columns, one below says of what they are.
+    let lines = text.lines();
+    let lines = lines.filter(|line| line.starts_with(|it: char| it.is_ascii_digit()));
+    let lines = lines.map(|line| {
         let numbers: Vec<f64> = line.split(' ').map(|it| it.parse().unwrap()).collect();
         let [x_px, y_px] = centre_px(numbers[0] as u32);
         (numbers[1] - x_px).hypot(numbers[2] - y_px)

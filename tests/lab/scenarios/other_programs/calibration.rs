@@ -2,7 +2,9 @@
 //! board, from another program's file.
 
 use std::fs;
+use std::io::ErrorKind;
 use std::path::Path;
+use std::process::Command;
 
 use farfield_proto::camera::CameraModel;
 use farfield_proto::frames::Point;
@@ -10,7 +12,7 @@ use nalgebra::Point3;
 use serde_json::Value;
 
 use super::seen_hall::{SeenHall, calibration};
-use crate::data::{SampleFolder, recording};
+use crate::data::{SampleFolder, recording, say_skipped};
 use crate::farfield::farfield;
 
 /// Frames in which the light is carried.
@@ -200,4 +202,82 @@ fn pictures_of_a_chessboard_tell_a_lens() {
         "{}",
         done.stderr
     );
+}
+
+#[test]
+fn a_video_of_a_chessboard_from_a_phone_held_upright_tells_a_lens() {
+    let needed = "data/pose2sim/single/intrinsics/int_cam01_img";
+    let Some(pictures) = recording("a video of a chessboard", needed) else {
+        return;
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let film = |args: &[&str], name: &str| {
+        let filmed = Command::new("ffmpeg")
+            .args(["-nostdin", "-v", "error"])
+            .args(args)
+            .arg(name)
+            .current_dir(folder.path())
+            .status();
+        match filmed {
+            Err(error) if error.kind() == ErrorKind::NotFound => false,
+            filmed => filmed.unwrap().success(),
+        }
+    };
+    // Pictures that come slower and slower, as no run would take them.
+    let shown = fs::read_dir(&pictures).unwrap();
+    let shown = shown.map(|entry| entry.unwrap().path().display().to_string());
+    let mut shown: Vec<String> = shown.filter(|path| path.ends_with("_int.jpg")).collect();
+    shown.sort();
+    let shown = shown.iter().enumerate();
+    let shown = shown.map(|(i, path)| format!("file '{path}'\nduration 0.{}\n", i + 2));
+    let shown: String = shown.take(8).collect();
+    fs::write(folder.path().join("shown.txt"), shown).unwrap();
+    let varying = ["-f", "concat", "-safe", "0", "-i", "shown.txt"];
+    let slower = ["-fps_mode", "passthrough", "-bf", "0"];
+    let codec = ["-c:v", "libx264", "-crf", "10", "-pix_fmt", "yuv420p"];
+    fs::create_dir(folder.path().join("videos")).unwrap();
+    if !film(&[&varying[..], &slower, &codec].concat(), "level.mp4") {
+        say_skipped("a video of a chessboard: no ffmpeg with libx264");
+        return;
+    }
+    let turned = ["-i", "level.mp4", "-c", "copy"];
+    let how = ["-metadata:s:v:0", "rotate=90"];
+    assert!(film(
+        &[turned.as_slice(), how.as_slice()].concat(),
+        "videos/upright.mp4"
+    ));
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    let look = |recorded: &[&str], board: &str| {
+        let words = [
+            "calibrate",
+            "board",
+            "--camera",
+            "phone",
+            "--json",
+            "--replace",
+        ];
+        let out = path("lens");
+        let more = ["--chessboard", board, "--square-mm", "60", "--out", &out];
+        farfield(&[&words[..], &more, recorded].concat())
+    };
+    let [videos, level] = [path("videos"), path("level.mp4")];
+    let done = look(&[&videos], "4x7");
+    assert_eq!(done.code, 0, "{}\n{}", done.stdout, done.stderr);
+    let said: Value = serde_json::from_str(&done.stdout).unwrap();
+    assert!(said["rms_px"].as_f64().unwrap() < 0.5, "{said}");
+
+    let refused = look(&[&videos], "3x4");
+    assert_eq!(refused.code, 2, "{}", refused.stdout);
+    let counted = "found in 0 of the 7 pictures that were looked at";
+    assert!(refused.stderr.contains(counted), "{}", refused.stderr);
+
+    // Where this ffmpeg writes how the phone was held, both videos together are of no one camera.
+    let as_it_lay = look(&[&level], "4x7");
+    let as_it_lay: Value = serde_json::from_str(&as_it_lay.stdout).unwrap();
+    if said["size_px"] != as_it_lay["size_px"] {
+        let refused = look(&[&level, &videos], "4x7");
+        assert_eq!(refused.code, 2, "{}", refused.stdout);
+        let why = "the camera was turned on its side";
+        assert!(refused.stderr.contains(why), "{}", refused.stderr);
+    }
 }
