@@ -202,8 +202,12 @@ impl Reader<'_> {
                 clicks: clicks.clone(),
             })
         });
+        let known: Vec<KnownMark> = known.collect();
+        // One that is only named says nothing of where it is.
+        let is_clicked = |_: &&Court| known.iter().any(|it| self.of_court(&it.name).is_some());
         let marks = Marks {
-            known: known.collect(),
+            court: self.court.as_ref().filter(is_clicked).cloned(),
+            known,
             floor: self.floor(&clicks)?,
             lengths: self.lengths(&clicks)?,
             click_sigma_px: self.sigma(
@@ -362,6 +366,7 @@ door_post = [7, 7]
         let marks = read(SOUND).unwrap();
         let names: Vec<&str> = marks.known.iter().map(|it| it.name.as_str()).collect();
         assert_eq!(names, ["corner_north_west", "door_post", "touchline_north"]);
+        assert_eq!(marks.court.as_ref().map(|it| it.name), Some("futsal"));
         assert_eq!(marks.known[0].known, Known::Place([-20.0, 10.0, 0.0]));
         assert_eq!(marks.known[2].clicks.len(), 2);
         assert_eq!(marks.floor[0].clicks.len(), 2);

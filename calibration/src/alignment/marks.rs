@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use super::click::Click;
-use farfield_proto::court::LineShape;
+use farfield_proto::court::{Court, LineShape};
 
 /// Where something that was clicked is known to be.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -46,6 +46,8 @@ pub struct ClickedLength {
 /// All that was clicked.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Marks {
+    /// The court whose marks or lines were clicked: the venue is laid out as it is.
+    pub court: Option<Court>,
     /// What is known to be somewhere.
     pub known: Vec<KnownMark>,
     /// Points on the floor.

@@ -89,6 +89,7 @@ fn clicks(cameras: &Cameras, at_m: [f64; 3], sigma_px: f64, rng: &mut ChaCha8Rng
 
 fn no_marks() -> Marks {
     Marks {
+        court: None,
         known: Vec::new(),
         floor: Vec::new(),
         lengths: Vec::new(),

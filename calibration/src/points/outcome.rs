@@ -122,8 +122,8 @@ impl PointCalibration {
         Ok(files.into_iter().map(|file| file.text).collect())
     }
 
-    /// With what is said of the field, where `alignment` gives it metres and a floor: it is where the point was, and the places
-    /// that are known.
+    /// With what is said of the field, where `alignment` gives it metres and a floor: it is where the point was, the places
+    /// that are known, and the court that was clicked.
     pub(crate) fn with_field(mut self, alignment: &Alignment, anchors: &Anchors) -> Self {
         if !(alignment.has_scale && alignment.has_floor) {
             return self;
@@ -136,7 +136,8 @@ impl PointCalibration {
             Known::Place(at_m) => Some(at_m),
             Known::OnLine(_) => None,
         });
-        let field = FieldReport::of(&cameras.collect::<Vec<_>>(), path, known);
+        let court = anchors.marks.as_ref().and_then(|it| it.court.as_ref());
+        let field = FieldReport::of(&cameras.collect::<Vec<_>>(), path, known, court);
         let said = field.as_ref().and_then(FieldReport::finding);
         self.report.findings.extend(said);
         self.report.field = field;

@@ -2,6 +2,7 @@
 
 use super::finding::finding;
 use super::{CameraReport, Cause, FieldCamera, FieldCell, FieldGrid, Finding, field_map};
+use farfield_proto::court::Court;
 use farfield_proto::order_statistics::percentile;
 
 /// The sight that the map is of: a keypoint that each camera sees to a pixel, so that maps can be compared.
@@ -21,6 +22,8 @@ const BLIND: f64 = 0.02;
 /// How well the field is known.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FieldReport {
+    /// The court that is part of it; `None` where it is only where somebody was.
+    pub court: Option<Court>,
     /// Side of a cell, metres.
     pub step_m: f64,
     /// Height of the map over the floor, metres.
@@ -33,13 +36,14 @@ pub struct FieldReport {
 
 impl FieldReport {
     /// The field is the hull of `places_m`, venue: where the point or people were (without the strays among them), and of
-    /// `known_m`, what else is known to be in it.
+    /// `known_m`, what else is known to be in it, the whole of `court` too: there anybody can be.
     /// `cameras` are in the venue too, and `reports` tell how well they are known. `None` where there is no field, or nothing is
     /// known of the cameras.
     pub(crate) fn of(
         cameras: &[FieldCamera],
         places_m: impl IntoIterator<Item = [f64; 3]>,
         known_m: impl IntoIterator<Item = [f64; 3]>,
+        court: Option<&Court>,
     ) -> Option<Self> {
         let known = |it: &&FieldCamera| {
             it.position_sigma_m.is_finite() && it.rotation_sigma_rad.is_finite()
@@ -56,6 +60,7 @@ impl FieldReport {
         heights.sort_by(f64::total_cmp);
         let middle_m = percentile(&heights, 0.5)?;
         places.extend(known_m.into_iter().filter(is_number));
+        places.extend(court.into_iter().flat_map(corners_m));
         let span = |axis: usize| {
             let along = places.iter().map(|at| at[axis]);
             let least = along.clone().fold(f64::INFINITY, f64::min);
@@ -77,7 +82,8 @@ impl FieldReport {
         let hull = hull(places.iter().map(|at| [at[0], at[1]]).collect());
         let mut cells = field_map(&cameras, &grid, FIELD_SIGHT_PX).ok()?;
         cells.retain(|cell| is_inside(&hull, [cell.position_m[0], cell.position_m[1]]));
-        (!cells.is_empty() && !cameras.is_empty()).then_some(Self {
+        (!cells.is_empty() && !cameras.is_empty()).then(|| Self {
+            court: court.cloned(),
             step_m,
             height_m: grid.height_m,
             sight_sigma_px: FIELD_SIGHT_PX,
@@ -139,6 +145,12 @@ pub(crate) fn field_camera(
         position_sigma_m: per_axis(report.position_sigma_m),
         rotation_sigma_rad: per_axis(report.rotation_sigma_deg.to_radians()),
     }
+}
+
+/// Where the corners of a court are, venue.
+fn corners_m(court: &Court) -> [[f64; 3]; 4] {
+    let [x, y] = court.size_m.map(|side_m| 0.5 * side_m);
+    [[-x, -y, 0.0], [x, -y, 0.0], [x, y, 0.0], [-x, y, 0.0]]
 }
 
 /// Least and greatest coordinate along an axis, strays left out.
@@ -224,7 +236,7 @@ mod tests {
 
     #[test]
     fn the_field_is_where_somebody_was() {
-        let found = FieldReport::of(&from_above(), walked(4.0), []).unwrap();
+        let found = FieldReport::of(&from_above(), walked(4.0), [], None).unwrap();
         assert!((found.step_m - 0.2).abs() < 1e-12 && (found.height_m - 1.0).abs() < 1e-12);
         assert!(
             found.cells.len() > 1400 && found.cells.len() <= 1600,
@@ -237,8 +249,21 @@ mod tests {
     }
 
     #[test]
+    fn a_court_is_field_wherever_nobody_was() {
+        let volleyball = Court::of("volleyball", None).unwrap();
+        let walked_m = walked(4.0);
+        let found = FieldReport::of(&from_above(), walked_m, [], Some(&volleyball)).unwrap();
+        // 18 x 9 m, of which the two cameras share about 13 m.
+        let area_m2 = found.cells.len() as f64 * found.step_m * found.step_m;
+        assert!((area_m2 - 162.0).abs() < 20.0, "{area_m2}");
+        let share = found.share_seen_by(2);
+        assert!(share > 0.5 && share < 0.9, "{share}");
+        assert_eq!(found.court.map(|it| it.name), Some("volleyball"));
+    }
+
+    #[test]
     fn where_fewer_than_two_cameras_see_is_said() {
-        let found = FieldReport::of(&from_above(), walked(9.0), []).unwrap();
+        let found = FieldReport::of(&from_above(), walked(9.0), [], None).unwrap();
         assert!(found.share_seen_by(2) < 0.7);
         let said = found.finding().unwrap();
         assert!(
@@ -249,10 +274,10 @@ mod tests {
 
     #[test]
     fn nothing_walked_or_one_line_is_no_field() {
-        assert!(FieldReport::of(&from_above(), Vec::new(), []).is_none());
+        assert!(FieldReport::of(&from_above(), Vec::new(), [], None).is_none());
         let line = (0..100).map(|i| [f64::from(i) * 0.1, 1.0, 0.0]);
-        assert!(FieldReport::of(&from_above(), line, []).is_none());
-        assert!(FieldReport::of(&[], walked(4.0), []).is_none());
+        assert!(FieldReport::of(&from_above(), line, [], None).is_none());
+        assert!(FieldReport::of(&[], walked(4.0), [], None).is_none());
     }
 
     #[test]

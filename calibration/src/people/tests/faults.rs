@@ -269,6 +269,7 @@ fn floor_marks(truth: &[CameraState], moved: fn(usize, Vector3<f64>) -> Vector3<
         }
     });
     Marks {
+        court: None,
         known: known.collect(),
         floor: Vec::new(),
         lengths: Vec::new(),

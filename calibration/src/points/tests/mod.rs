@@ -100,6 +100,7 @@ fn clicked_marks_lay_the_cameras_on_the_court_and_a_wrong_one_is_named() {
     known[3].clicks[2].1[1] += 60.0;
     let (name, camera) = (known[3].name.clone(), known[3].clicks[2].0.clone());
     request.anchors.marks = Some(Marks {
+        court: None,
         known,
         floor: Vec::new(),
         lengths: Vec::new(),

@@ -6,7 +6,6 @@ use farfield_calibration::points::PointCalibration;
 use farfield_calibration::report::{CameraReport, PictureEdge};
 
 use super::escaped;
-use super::field::STRIPES;
 
 /// Side of a cell, pixels of the page.
 const CELL_PX: f64 = 24.0;
@@ -32,7 +31,7 @@ pub(super) fn coverage(page: &mut String, found: &PointCalibration) {
         // Writing to a string does not fail.
         writeln!(
             page,
-            "<figure><svg viewBox=\"0 0 {:.1} {:.1}\" role=\"img\" aria-label=\"sights in the picture of {}\">{STRIPES}",
+            "<figure><svg viewBox=\"0 0 {:.1} {:.1}\" role=\"img\" aria-label=\"sights in the picture of {}\">",
             columns * side[0],
             rows * side[1],
             escaped(&report.name)

@@ -12,15 +12,21 @@ use super::plan::{Plan, seen_from_above};
 const COLOURS: [&str; 7] = [
     "#00224e", "#35456c", "#5b636f", "#7d7c78", "#a59c74", "#cfbb5c", "#fee838",
 ];
-/// What is seen by too few: stripes, which are no colour.
-pub(super) const STRIPES: &str = "<defs><pattern id=\"stripes\" width=\"6\" height=\"6\" patternUnits=\"userSpaceOnUse\" \
+/// What is seen by too few: stripes, which are no colour. Once on the page, for all that is drawn on it; what is not displayed at
+/// all would draw nothing.
+pub(super) const STRIPES: &str = "<svg aria-hidden=\"true\" style=\"position:absolute;width:0;height:0\"><defs><pattern id=\"stripes\" width=\"6\" height=\"6\" patternUnits=\"userSpaceOnUse\" \
     patternTransform=\"rotate(45)\"><rect width=\"6\" height=\"6\" fill=\"#fff\"/><rect width=\"2.5\" height=\"6\" fill=\"#b3261e\"/>\
-    </pattern></defs>";
+    </pattern></defs></svg>\n";
 /// Upper ends of the classes of the map, millimetres.
 const CLASSES_MM: [f64; 25] = [
     0.2, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 15.0, 20.0, 25.0, 30.0, 40.0,
     50.0, 75.0, 100.0, 150.0, 200.0, 300.0, 500.0, 1000.0,
 ];
+
+/// What the maps mean, and what to do about them.
+const MEANING: &str = "A joint is off by about as much as the map says where the network is right to a pixel, by three times as much where it \
+    is right to three. Where that is too much, bring a camera nearer or give it a longer lens, or set one up that looks across what the \
+    others look along. In stripes nobody can be measured: turn a camera there, or leave that part out.";
 
 /// The classes that a field needs: their upper ends, the last without one.
 struct Classes(Vec<f64>);
@@ -91,15 +97,20 @@ pub(super) fn field(page: &mut String, found: &PointCalibration) {
         return;
     };
     // Writing to a string does not fail.
-    writeln!(page, "<h2>The field</h2>\n<p>{}</p>", in_words(field)).ok();
+    writeln!(
+        page,
+        "<h2>The field</h2>\n<p>{}</p>\n<p>{MEANING}</p>",
+        in_words(field)
+    )
+    .ok();
     page.push_str("<div class=\"pair\">\n<figure>");
     let classes = Classes::of(field);
     plan.begin(page, "how sure a point is where");
-    page.push_str(STRIPES);
     for cell in &field.cells {
         let colour = cell.sigma_m.map(|it| classes.colour(classes.class(it)));
         square(page, &plan, field, cell, colour);
     }
+    plan.court(page, field.court.as_ref());
     plan.end(page, &found.cameras);
     page.push_str("<figcaption>Standard deviation of a point: ");
     for class in 0..=classes.0.len() {
@@ -108,10 +119,10 @@ pub(super) fn field(page: &mut String, found: &PointCalibration) {
     swatch(page, None, "not known: fewer than two cameras");
     page.push_str("</figcaption></figure>\n<figure>");
     plan.begin(page, "how many cameras see each place");
-    page.push_str(STRIPES);
     for cell in &field.cells {
         square(page, &plan, field, cell, by_count(cell.cameras));
     }
+    plan.court(page, field.court.as_ref());
     plan.end(page, &found.cameras);
     page.push_str("<figcaption>Cameras that see it: ");
     swatch(page, None, "0 or 1");
@@ -139,8 +150,14 @@ fn by_count(cameras: usize) -> Option<&'static str> {
 /// What is said of the whole field.
 pub(in crate::calibrate) fn in_words(field: &FieldReport) -> String {
     let two = (100.0 * field.share_seen_by(2)).floor();
-    let seen =
-        format!("{two:.0} % of the field that was walked or marked is seen by two cameras or more");
+    let of = match &field.court {
+        Some(court) => format!(
+            "the {} court and of where somebody was beside it",
+            court.name
+        ),
+        None => "where somebody was or a mark is (beyond it nothing is said)".to_owned(),
+    };
+    let seen = format!("{two:.0} % of {of} is seen by two cameras or more");
     let sigma_mm = |share: f64| field.sigma_m(share).map(|it| 1000.0 * it);
     match sigma_mm(0.5).zip(sigma_mm(0.95)) {
         Some((middle, most)) => format!(
@@ -181,9 +198,8 @@ fn square(
 fn swatch(page: &mut String, colour: Option<&str>, words: &str) {
     write!(
         page,
-        "<span style=\"white-space:nowrap\"><svg viewBox=\"0 0 14 14\" style=\"width:.9em;height:.9em;vertical-align:-.1em\">{}\
+        "<span style=\"white-space:nowrap\"><svg viewBox=\"0 0 14 14\" style=\"width:.9em;height:.9em;vertical-align:-.1em\">\
          <rect width=\"14\" height=\"14\" fill=\"{}\" stroke=\"#888\"/></svg> {words}</span> &ensp; ",
-        if colour.is_none() { STRIPES } else { "" },
         colour.unwrap_or("url(#stripes)")
     )
     .ok();
@@ -191,6 +207,8 @@ fn swatch(page: &mut String, colour: Option<&str>, words: &str) {
 
 #[cfg(test)]
 mod tests {
+    use farfield_proto::court::Court;
+
     use super::*;
 
     fn with(sigmas_mm: &[f64]) -> FieldReport {
@@ -200,6 +218,7 @@ mod tests {
             sigma_m: Some(mm / 1000.0),
         });
         FieldReport {
+            court: None,
             step_m: 1.0,
             height_m: 1.0,
             sight_sigma_px: 1.0,
@@ -236,8 +255,17 @@ mod tests {
             "{said}"
         );
         assert!(
-            said.contains("100 % of the field that was walked or marked is seen by two"),
+            said.contains("100 % of where somebody was or a mark is (beyond it nothing is said) is seen by two"),
             "{said}"
+        );
+        let court = Court::of("futsal", None).ok();
+        let of_court = in_words(&FieldReport {
+            court,
+            ..with(&[2.0])
+        });
+        assert!(
+            of_court.contains("100 % of the futsal court and of where somebody was beside it"),
+            "{of_court}"
         );
     }
 }

@@ -12,15 +12,17 @@ use farfield_calibration::points::PointCalibration;
 
 pub(super) use field::in_words;
 
+use field::STRIPES;
+
 use super::judged::{JudgedCalibration, halves};
 
 /// How the page looks, in the light and in the dark.
 const STYLE: &str = "body{font:16px/1.5 system-ui,sans-serif;margin:2rem auto;max-width:72rem;padding:0 1rem}\
     table{border-collapse:collapse;width:100%}th,td{text-align:right;padding:.3rem .6rem;border-bottom:1px solid #8884}\
-    td{white-space:nowrap}td.words{white-space:normal}th:first-child,td:first-child{text-align:left}.wide{overflow-x:auto}.pass{color:#0a7d4d}.fail{color:#c0392b}svg{width:100%;height:auto}\
+    td{white-space:nowrap}td.words{white-space:normal}th:first-child,td:first-child{text-align:left}.wide{overflow-x:auto}.pass{color:#0a7d4d}.warn{color:#8a5a00}.fail{color:#c0392b}svg{width:100%;height:auto}\
     .pair{display:grid;grid-template-columns:repeat(auto-fit,minmax(20rem,1fr));gap:1rem}figure{margin:0}.pictures{display:grid;\
     grid-template-columns:repeat(auto-fill,minmax(11rem,1fr));gap:1rem}figcaption{font-size:.9rem}\
-    @media(prefers-color-scheme:dark){body{background:#14171a;color:#dde}.pass{color:#4cc38a}.fail{color:#ff7a6b}}";
+    @media(prefers-color-scheme:dark){body{background:#14171a;color:#dde}.pass{color:#4cc38a}.warn{color:#e5b567}.fail{color:#ff7a6b}}";
 
 /// The sheet of the calibration that is written to `path`.
 pub(super) fn html(path: &Path, judged: &JudgedCalibration<'_>) -> String {
@@ -32,7 +34,7 @@ pub(super) fn html(path: &Path, judged: &JudgedCalibration<'_>) -> String {
         ("fail", "It does not pass.")
     };
     let mut page = format!(
-        "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><title>Calibration {name}</title><style>{STYLE}</style>\n\
+        "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><title>Calibration {name}</title><style>{STYLE}</style>\n{STRIPES}\
          <h1>Calibration {name}</h1>\n<p class=\"{class}\"><strong>{verdict}</strong></p>\n"
     );
     findings(&mut page, judged);

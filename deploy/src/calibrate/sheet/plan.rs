@@ -4,6 +4,8 @@ use std::fmt::Write as _;
 
 use farfield_calibration::points::{FoundCamera, PointCalibration};
 
+use farfield_proto::court::{Court, PlacedCourt};
+
 use super::escaped;
 
 /// Side of a plan, pixels of the page, and its margin.
@@ -64,6 +66,26 @@ impl Plan {
         .ok();
     }
 
+    /// The lines of a court, which is about the origin of the venue.
+    pub(super) fn court(&self, page: &mut String, court: Option<&Court>) {
+        let Some(court) = court else { return };
+        let placed = PlacedCourt {
+            court: court.clone(),
+            centre_m: [0.0; 2],
+            turn_rad: 0.0,
+        };
+        page.push_str("<g fill=\"none\" stroke=\"currentColor\" stroke-opacity=\".7\">\n");
+        for line in &court.lines {
+            page.push_str("<polyline points=\"");
+            for at_m in placed.points_m(&line.shape) {
+                let [x, y] = self.px(at_m);
+                write!(page, "{x:.1},{y:.1} ").ok();
+            }
+            writeln!(page, "\"><title>{}</title></polyline>", escaped(&line.name)).ok();
+        }
+        page.push_str("</g>\n");
+    }
+
     /// Cameras and the scale, and the end of the drawing.
     pub(super) fn end(&self, page: &mut String, cameras: &[FoundCamera]) {
         for camera in cameras {
@@ -119,11 +141,18 @@ pub(super) fn path(page: &mut String, found: &PointCalibration) {
         .filter(|at| at.iter().all(|v| v.is_finite()))
         .collect();
     let cameras = found.cameras.iter().map(|camera| seen_from_above(camera).0);
-    let Some(plan) = Plan::of(path.iter().copied().chain(cameras)) else {
+    let field = found.report.field.as_ref();
+    let court = field.and_then(|field| field.court.as_ref());
+    let corners = court.into_iter().flat_map(|court| {
+        let [x, y] = court.size_m.map(|side_m| 0.5 * side_m);
+        [[-x, -y], [x, y]]
+    });
+    let Some(plan) = Plan::of(path.iter().copied().chain(cameras).chain(corners)) else {
         return;
     };
     page.push_str("<h2>From above</h2>\n");
     plan.begin(page, "cameras and path from above");
+    plan.court(page, court);
     for at in path {
         let [x, y] = plan.px(at);
         writeln!(
@@ -157,6 +186,20 @@ mod tests {
                 "{extent_m}"
             );
         }
+    }
+
+    #[test]
+    fn a_court_is_drawn_where_it_lies() {
+        let court = Court::of("futsal", None).unwrap();
+        let plan = Plan::of([[-20.0, -10.0], [20.0, 10.0]]).unwrap();
+        let mut page = String::new();
+        plan.court(&mut page, Some(&court));
+        let [x, y] = plan.px([-20.0, 10.0]);
+        assert!(page.contains(&format!("{x:.1},{y:.1} ")), "{page}");
+        assert!(page.contains("<title>touchline_north</title>"), "{page}");
+        let mut none = String::new();
+        plan.court(&mut none, None);
+        assert!(none.is_empty());
     }
 
     #[test]
