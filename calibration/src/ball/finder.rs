@@ -42,6 +42,9 @@ pub struct BallSighting {
     pub score: f64,
 }
 
+/// Raise it whenever other sightings come of the same pictures: what was found with another one is looked for again.
+pub const FINDER_REVISION: u32 = 1;
+
 /// Most frames with something in them, and most candidates of one.
 const MOST_FRAMES: usize = 2_000_000;
 const MOST_KEPT: usize = 8;

@@ -36,7 +36,9 @@ pub use candidate::SMALLEST_OUTLINE_PX;
 pub use chart::{BallLens, outline_offset_px};
 pub use colour::{ColourRange, hsv};
 pub use error::BallError;
-pub use finder::{BallFinder, BallRequest, BallSighting, sightings, sightings_text};
+pub use finder::{
+    BallFinder, BallRequest, BallSighting, FINDER_REVISION, sightings, sightings_text,
+};
 pub use picture::{Picture, PixelLayout};
 
 #[cfg(test)]

@@ -1,16 +1,43 @@
 //! A calibration that was found, handed over: its files, and what is said of it.
 
 use std::fmt::Write as _;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
+use clap::Args;
 use farfield_calibration::points::PointCalibration;
 use farfield_calibration::report::{CameraReport, FieldReport, PictureEdge};
 use farfield_node::process::{EXIT_FAILED, NodeError, say};
 use serde::Serialize;
 
 use super::judged::{JudgedCalibration, halves};
-use super::{Judged, sheet, write};
+use super::{Judged, refuse_existing, sheet, write};
 use crate::output;
+
+/// Where a calibration goes, and how it is told.
+#[derive(Debug, Args)]
+pub(super) struct FoundArgs {
+    /// The calibration to write; its sheet goes beside it, as HTML.
+    ///
+    /// One that does not pass is called NAME.failed.toml instead, and takes the place of none.
+    #[arg(long, value_name = "FILE", default_value = "calibration.toml")]
+    pub(super) out: PathBuf,
+    /// Replace files that are there already.
+    #[arg(long)]
+    pub(super) replace: bool,
+    /// Print what was found, or what went wrong, as JSON.
+    #[arg(long)]
+    pub(super) json: bool,
+}
+
+impl FoundArgs {
+    /// Refuses to write over a calibration and its sheet.
+    pub(super) fn refuse_existing(&self) -> Result<(), NodeError> {
+        for path in [&self.out, &self.out.with_extension("html")] {
+            refuse_existing(path, self.replace)?;
+        }
+        Ok(())
+    }
+}
 
 /// What is said of a calibration that is written and should not be used.
 const DOES_NOT_PASS: &str = "the calibration does not pass: its sheet says why";
@@ -64,6 +91,8 @@ struct Field {
     step_m: f64,
     height_m: f64,
     sight_sigma_px: f64,
+    /// The court that is part of it; else it is only where somebody was.
+    court: Option<&'static str>,
     seen_by_two_share: f64,
     median_mm: Option<f64>,
     share_95_mm: Option<f64>,
@@ -91,6 +120,7 @@ impl Field {
             step_m: field.step_m,
             height_m: field.height_m,
             sight_sigma_px: field.sight_sigma_px,
+            court: field.court.as_ref().map(|it| it.name),
             seen_by_two_share: field.share_seen_by(2),
             median_mm: field.sigma_m(0.5).map(mm),
             share_95_mm: field.sigma_m(0.95).map(mm),
@@ -116,27 +146,26 @@ pub(super) struct Asked<'a> {
     pub(super) has_clocks: bool,
 }
 
-/// Writes what was found and its sheet to `out`, or beside it where it does not pass, and says how good it is.
+/// Writes what was found and its sheet to `told.out`, or beside it where it does not pass, and says how good it is.
 ///
 /// # Errors
 /// [`NodeError::Failed`] where the disk is in the way.
 pub(super) fn hand_over(
     found: &PointCalibration,
     asked: &Asked<'_>,
-    out: &Path,
-    is_json: bool,
+    told: &FoundArgs,
 ) -> Result<Judged, NodeError> {
-    let judged = JudgedCalibration::of(found, out);
+    let judged = JudgedCalibration::of(found, &told.out);
     let out = if judged.passes() {
-        out.to_owned()
+        told.out.clone()
     } else {
-        out.with_extension("failed.toml")
+        told.out.with_extension("failed.toml")
     };
     let sheet = out.with_extension("html");
     write(&sheet, &sheet::html(&out, &judged))?;
     write(&out, &judged.text)?;
     let files = [out.as_path(), sheet.as_path()];
-    let text = if is_json {
+    let text = if told.json {
         json(&judged, asked, files)?
     } else {
         lines(&judged, asked, files)

@@ -1,6 +1,7 @@
 //! `farfield calibrate`: how cameras see and where they stand, found from pictures of a board, from a point that was carried
 //! through the field, and from people who walk in it, or taken over from another program's files.
 
+mod all;
 mod ball;
 mod board;
 mod board_video;
@@ -23,7 +24,7 @@ use std::process::ExitCode;
 use anyhow::{Context as _, anyhow};
 use clap::{Args, Subcommand};
 use farfield_calibration::formats::TextFile;
-use farfield_fusion::export::unfinished::write_whole;
+use farfield_fusion::export::unfinished::write_whole_again;
 use farfield_node::process::{EXIT_FAILED, NodeError, Told, exit_code_told};
 
 /// Largest file that is read as text, bytes.
@@ -39,6 +40,11 @@ pub(crate) struct CalibrateArgs {
 /// One way to a calibration.
 #[derive(Debug, Subcommand)]
 enum CalibrateCommand {
+    /// Where cameras stand, from recordings of a ball: `ball` and `points` in one go.
+    #[command(
+        after_help = "Example: farfield calibrate all recordings/ --lens lenses.toml --distance north,south=24.1"
+    )]
+    All(all::AllArgs),
     /// How a camera sees, from pictures of a chessboard or a Charuco board.
     #[command(
         after_help = "Example: farfield calibrate board pictures/ --chessboard 4x7 --square-mm 60 --camera cam01"
@@ -76,10 +82,11 @@ enum Judged {
 impl CalibrateArgs {
     fn is_json(&self) -> bool {
         match &self.command {
+            CalibrateCommand::All(args) => args.found.json,
             CalibrateCommand::Ball(args) => args.json,
             CalibrateCommand::Board(args) => args.json,
-            CalibrateCommand::Points(args) => args.json,
-            CalibrateCommand::People(args) => args.json,
+            CalibrateCommand::Points(args) => args.found.json,
+            CalibrateCommand::People(args) => args.found.json,
             CalibrateCommand::Convert(args) => args.json,
         }
     }
@@ -88,6 +95,7 @@ impl CalibrateArgs {
 /// Makes the calibration that is asked for: exit code 1 where it does not pass, 2 where the input cannot carry one.
 pub(crate) fn main(args: &CalibrateArgs) -> ExitCode {
     let made = match &args.command {
+        CalibrateCommand::All(args) => all::from_recordings(args),
         CalibrateCommand::Ball(args) => ball::from_ball(args).map(|()| Judged::Passes),
         CalibrateCommand::Board(args) => board::from_board(args).map(|()| Judged::Passes),
         CalibrateCommand::Points(args) => points::from_points(args),
@@ -127,11 +135,11 @@ fn refuse_existing(path: &Path, replace: bool) -> Result<(), NodeError> {
     Ok(())
 }
 
-/// Writes a text file whole or not at all, and makes its folder.
+/// Writes a text file whole or not at all, and makes its folder. What a killed command left of it does not stand in the way.
 fn write(path: &Path, text: &str) -> Result<(), NodeError> {
     let folder = path.parent().filter(|it| !it.as_os_str().is_empty());
     let made = folder.map_or(Ok(()), fs::create_dir_all);
-    let written = made.and_then(|()| write_whole(path, text.as_bytes()));
+    let written = made.and_then(|()| write_whole_again(path, text.as_bytes()));
     let written = written.with_context(|| format!("writing {}", path.display()));
     written.map_err(NodeError::Failed)
 }

@@ -8,11 +8,11 @@ use farfield_calibration::people::{PeopleCamera, PeopleRequest, PeopleStage, cal
 use farfield_calibration::points::Timing;
 use farfield_node::process::{NodeError, say};
 
-use super::handed_over::{Asked, hand_over};
+use super::Judged;
+use super::handed_over::{Asked, FoundArgs, hand_over};
 use super::known::KnownArgs;
 use super::seen::SeenArgs;
 use super::thin_files::ThinFiles;
-use super::{Judged, refuse_existing};
 
 /// What `farfield calibrate people` is told.
 #[derive(Debug, Args)]
@@ -32,17 +32,8 @@ pub(super) struct PeopleArgs {
     /// Seed of the random samples.
     #[arg(long, value_name = "N", default_value_t = 1, hide_short_help = true)]
     seed: u64,
-    /// The calibration to write; its sheet goes beside it, as HTML.
-    ///
-    /// One that does not pass is called NAME.failed.toml instead, and takes the place of none.
-    #[arg(long, value_name = "FILE", default_value = "calibration.toml")]
-    out: PathBuf,
-    /// Replace files that are there already.
-    #[arg(long)]
-    replace: bool,
-    /// Print what was found, or what went wrong, as JSON.
-    #[arg(long)]
-    pub(super) json: bool,
+    #[command(flatten)]
+    pub(super) found: FoundArgs,
 }
 
 /// Finds the cameras, writes calibration and sheet, and says how good they are.
@@ -51,9 +42,7 @@ pub(super) struct PeopleArgs {
 /// [`NodeError::Refused`] where the input cannot carry a calibration, [`NodeError::Failed`] where the disk is in the way.
 pub(super) fn from_people(args: &PeopleArgs) -> Result<Judged, NodeError> {
     let request = request(args).map_err(NodeError::Refused)?;
-    for path in [&args.out, &args.out.with_extension("html")] {
-        refuse_existing(path, args.replace)?;
-    }
+    args.found.refuse_existing()?;
     let told = &mut |stage: PeopleStage| {
         say(format_args!(
             "{}",
@@ -71,7 +60,7 @@ pub(super) fn from_people(args: &PeopleArgs) -> Result<Judged, NodeError> {
         names: request.cameras.iter().map(|it| it.name.as_str()).collect(),
         has_clocks: request.timing != Timing::Synchronised,
     };
-    hand_over(&found, &asked, &args.out, args.json)
+    hand_over(&found, &asked, &args.found)
 }
 
 fn request(args: &PeopleArgs) -> anyhow::Result<PeopleRequest> {

@@ -9,10 +9,10 @@ use farfield_calibration::points::{
 };
 use farfield_node::process::{NodeError, say};
 
-use super::handed_over::{Asked, hand_over};
+use super::handed_over::{Asked, FoundArgs, hand_over};
 use super::known::KnownArgs;
 use super::seen::SeenArgs;
-use super::{Judged, read, refuse_existing};
+use super::{Judged, read};
 
 /// What `farfield calibrate points` is told.
 #[derive(Debug, Args)]
@@ -24,7 +24,16 @@ pub(super) struct PointsArgs {
     #[arg(required = true)]
     seen: Vec<PathBuf>,
     #[command(flatten)]
-    cameras: SeenArgs,
+    asked: AskedArgs,
+    #[command(flatten)]
+    pub(super) found: FoundArgs,
+}
+
+/// What is known beforehand, and what is to be found.
+#[derive(Debug, Args)]
+pub(super) struct AskedArgs {
+    #[command(flatten)]
+    pub(super) cameras: SeenArgs,
     #[command(flatten)]
     known: KnownArgs,
     /// What of the lenses may move: none, focal, all.
@@ -41,17 +50,6 @@ pub(super) struct PointsArgs {
     /// Seed of the random samples.
     #[arg(long, value_name = "N", default_value_t = 1, hide_short_help = true)]
     seed: u64,
-    /// The calibration to write; its sheet goes beside it, as HTML.
-    ///
-    /// One that does not pass is called NAME.failed.toml instead, and takes the place of none.
-    #[arg(long, value_name = "FILE", default_value = "calibration.toml")]
-    out: PathBuf,
-    /// Replace files that are there already.
-    #[arg(long)]
-    replace: bool,
-    /// Print what was found, or what went wrong, as JSON.
-    #[arg(long)]
-    pub(super) json: bool,
 }
 
 /// What of the lenses may move.
@@ -67,11 +65,22 @@ enum FreeLens {
 /// # Errors
 /// [`NodeError::Refused`] where the input cannot carry a calibration, [`NodeError::Failed`] where the disk is in the way.
 pub(super) fn from_points(args: &PointsArgs) -> Result<Judged, NodeError> {
-    let request = request(args).map_err(NodeError::Refused)?;
-    for path in [&args.out, &args.out.with_extension("html")] {
-        refuse_existing(path, args.replace)?;
-    }
-    let told = &mut |stage: Stage| {
+    solve(&args.seen, &args.asked, &args.found)
+}
+
+/// The same from the files `seen`.
+///
+/// # Errors
+/// As [`from_points`].
+pub(super) fn solve(
+    seen: &[PathBuf],
+    asked: &AskedArgs,
+    told: &FoundArgs,
+) -> Result<Judged, NodeError> {
+    let request = request(seen, asked).map_err(NodeError::Refused)?;
+    told.refuse_existing()?;
+    let has_clocks = request.timing != Timing::Synchronised;
+    let progress = &mut |stage: Stage| {
         say(format_args!(
             "{}",
             match stage {
@@ -82,22 +91,22 @@ pub(super) fn from_points(args: &PointsArgs) -> Result<Judged, NodeError> {
             }
         ));
     };
-    let found = calibrate(&request, told).map_err(NodeError::refused)?;
+    let found = calibrate(&request, progress).map_err(NodeError::refused)?;
     let asked = Asked {
         names: request.cameras.iter().map(|it| it.name.as_str()).collect(),
-        has_clocks: request.timing != Timing::Synchronised,
+        has_clocks,
     };
-    hand_over(&found, &asked, &args.out, args.json)
+    hand_over(&found, &asked, told)
 }
 
-fn request(args: &PointsArgs) -> anyhow::Result<PointRequest> {
+fn request(seen: &[PathBuf], args: &AskedArgs) -> anyhow::Result<PointRequest> {
     let timing = args.cameras.timing();
     ensure!(
         timing != Timing::Synchronised || !args.cameras.has_rates(),
         "--rate-hz says nothing of cameras that are synchronised: give --clocks given, or unknown"
     );
     let read = |_: &str, path: &Path| Ok(parse(&read(path)?.text, path)?);
-    let seen = args.cameras.cameras(&args.seen, &args.known, read)?;
+    let seen = args.cameras.cameras(seen, &args.known, read)?;
     let cameras = seen.into_iter().map(|it| PointCamera {
         name: it.name,
         size_px: it.lens.size_px,

@@ -15,7 +15,7 @@ use super::named;
 #[derive(Debug, Args)]
 pub(super) struct SeenArgs {
     /// Lenses: a calibration of any format, or NAME=FILE for one camera.
-    #[arg(long, value_name = "[NAME=]FILE", required = true)]
+    #[arg(long, value_name = "[NAME=]FILE")]
     lens: Vec<LensFile>,
     /// Whether frames are of one moment: synchronised, given, unknown.
     ///
@@ -32,7 +32,7 @@ pub(super) struct SeenArgs {
     #[arg(long, value_name = "[NAME=]HZ", value_parser = rate)]
     rate_hz: Vec<(Option<String>, f64)>,
     /// Time of a camera's frame 0, seconds, on a clock that all share.
-    #[arg(long, value_name = "NAME=S", value_parser = offset)]
+    #[arg(long, value_name = "NAME=S", value_parser = offset, hide_short_help = true)]
     offset_s: Vec<(String, f64)>,
 }
 
@@ -55,6 +55,14 @@ impl SeenArgs {
             Clocks::Given => Timing::Clocks,
             Clocks::Unknown => Timing::Unknown,
         }
+    }
+
+    /// The lenses of all cameras that have one.
+    ///
+    /// # Errors
+    /// As [`lenses`].
+    pub(super) fn lenses(&self) -> anyhow::Result<BTreeMap<String, Lens>> {
+        lenses(&self.lens)
     }
 
     /// Time of its frame 0, seconds, where that is said.
@@ -83,7 +91,11 @@ impl SeenArgs {
             self.timing() == Timing::Clocks || self.offset_s.is_empty(),
             "--offset-s: offsets are for --clocks given"
         );
-        let lenses = lenses(&self.lens)?;
+        ensure!(
+            !self.lens.is_empty(),
+            "no lens: give those of all cameras by --lens FILE, or of each by --lens NAME=FILE"
+        );
+        let lenses = self.lenses()?;
         let mut seen = BTreeMap::new();
         for path in files {
             let name = path
@@ -94,16 +106,7 @@ impl SeenArgs {
                 bail!("{}: two files are of camera `{name}`", path.display());
             }
         }
-        let has: Vec<&str> = seen.keys().map(String::as_str).collect();
-        let rates = self.rate_hz.iter().filter_map(|(name, _)| name.as_ref());
-        let offsets = self.offset_s.iter().map(|(name, _)| name);
-        for name in rates.chain(offsets).chain(known.cameras()) {
-            ensure!(
-                has.contains(&name.as_str()),
-                "unknown camera `{name}`, expected one of {}",
-                has.join(", ")
-            );
-        }
+        self.check_names(known, seen.keys().map(String::as_str))?;
         let each = seen.into_iter().map(|(name, seen)| {
             Ok(SeenCamera {
                 lens: lens_of(&lenses, &name)?.clone(),
@@ -114,6 +117,33 @@ impl SeenArgs {
             })
         });
         each.collect()
+    }
+
+    /// Refuses what is said of cameras that are not among `has`.
+    ///
+    /// # Errors
+    /// The name that nobody knows.
+    pub(super) fn check_names<'a>(
+        &self,
+        known: &KnownArgs,
+        has: impl Iterator<Item = &'a str>,
+    ) -> anyhow::Result<()> {
+        let has: Vec<&str> = has.collect();
+        let rates = self.rate_hz.iter().filter_map(|(name, _)| name.as_ref());
+        let offsets = self.offset_s.iter().map(|(name, _)| name);
+        for name in rates.chain(offsets).chain(known.cameras()) {
+            ensure!(
+                has.contains(&name.as_str()),
+                "unknown camera `{name}`, expected one of {}",
+                has.join(", ")
+            );
+        }
+        Ok(())
+    }
+
+    /// Whether any offset is said.
+    pub(super) fn has_offsets(&self) -> bool {
+        !self.offset_s.is_empty()
     }
 
     /// Its own rate, else that of all cameras.

@@ -77,7 +77,7 @@ pub(crate) fn find(folder: &Path, videos: Option<&Path>) -> anyhow::Result<Vec<R
 }
 
 /// What is in a folder, by name.
-pub(super) fn entries(folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
+pub(crate) fn entries(folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
     let read = std::fs::read_dir(folder)
         .with_context(|| format!("reading the folder {}", folder.display()))?;
     let mut entries: Vec<PathBuf> = read.flatten().map(|entry| entry.path()).collect();

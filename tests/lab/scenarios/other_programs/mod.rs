@@ -1,5 +1,6 @@
 //! What comes from other programs and goes to them: calibrations, and poses.
 
+mod all_stages;
 mod ball;
 mod calibration;
 mod exports;
