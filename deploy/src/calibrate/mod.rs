@@ -13,6 +13,7 @@ mod lenses;
 mod people;
 mod points;
 mod recorded;
+mod recorded_people;
 mod seen;
 mod sheet;
 mod thin_files;

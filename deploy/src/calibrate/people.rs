@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::bail;
+use anyhow::{bail, ensure};
 use clap::Args;
 use farfield_calibration::people::{PeopleCamera, PeopleRequest, PeopleStage, calibrate};
 use farfield_calibration::points::Timing;
@@ -11,15 +11,17 @@ use farfield_node::process::{NodeError, say};
 use super::Judged;
 use super::handed_over::{Asked, FoundArgs, hand_over};
 use super::known::KnownArgs;
+use super::recorded_people::{self, is_recording};
 use super::seen::SeenArgs;
 use super::thin_files::ThinFiles;
 
 /// What `farfield calibrate people` is told.
 #[derive(Debug, Args)]
 pub(super) struct PeopleArgs {
-    /// Whom each camera saw: NAME.jsonl, a frame on each line, as keypoint venues have them.
+    /// Whom each camera saw: NAME.jsonl, as keypoint venues have them; or one recording (.mcap).
     ///
-    /// COCO's 17 keypoints, distorted pixels; the file's name is the camera's. Nobody says who is whom.
+    /// A frame on each line, COCO's 17 keypoints, distorted pixels; the file's name is the camera's. Nobody says who is whom.
+    /// A recording of fusion's has cameras, lenses and rate in it; a lens that is given counts before its own.
     #[arg(required = true)]
     seen: Vec<PathBuf>,
     #[command(flatten)]
@@ -64,6 +66,37 @@ pub(super) fn from_people(args: &PeopleArgs) -> Result<Judged, NodeError> {
 }
 
 fn request(args: &PeopleArgs) -> anyhow::Result<PeopleRequest> {
+    let request = match args.seen.iter().find(|path| is_recording(path)) {
+        Some(recording) => of_recording(args, recording)?,
+        None => of_files(args)?,
+    };
+    Ok(PeopleRequest {
+        stature_m: args.stature_m,
+        seed: args.seed,
+        anchors: args.known.anchors()?,
+        ..request
+    })
+}
+
+/// What a recording of fusion's own messages has of them.
+fn of_recording(args: &PeopleArgs, path: &Path) -> anyhow::Result<PeopleRequest> {
+    let shown = path.display();
+    ensure!(
+        args.seen.len() == 1,
+        "{shown} is a recording of all cameras, expected it alone"
+    );
+    ensure!(
+        !args.cameras.has_rates() && !args.cameras.has_offsets(),
+        "{shown} is a recording, which knows its rate: leave out --rate-hz and --offset-s"
+    );
+    let lenses = args.cameras.lenses()?;
+    let request = recorded_people::request(path, &lenses, args.cameras.timing())?;
+    let names = request.cameras.iter().map(|it| it.name.as_str());
+    args.cameras.check_names(&args.known, names)?;
+    Ok(request)
+}
+
+fn of_files(args: &PeopleArgs) -> anyhow::Result<PeopleRequest> {
     let mut thinned = ThinFiles::new(&args.cameras, args.seen.len());
     let read = |name: &str, path: &Path| thinned.read(name, path);
     let mut seen = args.cameras.cameras(&args.seen, &args.known, read)?;
@@ -97,9 +130,6 @@ fn request(args: &PeopleArgs) -> anyhow::Result<PeopleRequest> {
     }
     Ok(PeopleRequest {
         timing,
-        stature_m: args.stature_m,
-        seed: args.seed,
-        anchors: args.known.anchors()?,
         ..PeopleRequest::new(cameras, rate_hz)
     })
 }

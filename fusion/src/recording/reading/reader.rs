@@ -138,6 +138,14 @@ impl<R: Read + Seek> Recording<R> {
         self.lost
     }
 
+    /// The ticks of a session of which there are sets, in order.
+    pub fn ticks(&self, session: SessionId) -> Vec<Tick> {
+        let own = self.sets.iter().filter(|set| set.session == session);
+        let mut ticks: Vec<Tick> = own.map(|set| set.tick).collect();
+        ticks.dedup();
+        ticks
+    }
+
     /// Every recorded set of a tick, by kind, viewpoint and part; of two that are the same part, the one
     /// that came by itself, and first.
     ///
