@@ -92,6 +92,8 @@ impl GivenNames {
             ));
             return;
         }
+        // One at a time goes on: one that has ended has the names of those who were in it.
+        known.files.truncate(1);
         known.files.push(file);
     }
 

@@ -28,7 +28,7 @@ impl PageActions for Operator {
     fn act(&self, action: &Action) -> Result<(), String> {
         let done = match action {
             Action::StartRecording => self.recordings.start().map(drop),
-            Action::StopRecording => self.recordings.stop().map(drop),
+            Action::StopRecording => self.recordings.stop(),
             Action::NamePerson { .. } => return self.names.act(action),
         };
         done.map_err(|error| format!("{error:#}"))

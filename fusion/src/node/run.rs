@@ -143,10 +143,10 @@ async fn run(
     if timeout(DRAIN, ends.close(&tasks, &leave)).await.is_err() {
         warn!("tasks still running, leaving anyway");
     }
+    let closed = close(recording, summary).await;
     if let Some(on_demand) = on_demand {
         end_on_demand(on_demand).await;
     }
-    let closed = close(recording, summary).await;
     closed.map_err(NodeError::Failed)?;
     outcome
 }
@@ -233,8 +233,10 @@ fn on_demand(
 async fn end_on_demand(on_demand: Arc<RecordingsOnDemand>) {
     match tokio::task::spawn_blocking(move || on_demand.end()).await {
         Ok(None) => {}
-        Ok(Some(Ok(last))) => say(format_args!("recorded in {}", last.file.display())),
-        Ok(Some(Err(error))) => say(format_args!("error: {error:#}")),
+        Ok(Some(last)) => match last.failure {
+            None => say(format_args!("recorded in {}", last.file.display())),
+            Some(failure) => say(format_args!("error: {failure}")),
+        },
         Err(error) => warn!(%error, "waiting for the recorder"),
     }
 }

@@ -267,12 +267,25 @@ fn leave_out_far(part: &mut SessionPart) -> u64 {
     }
     let decisions = std::mem::take(&mut part.decisions);
     let n = decisions.len();
+    part.decisions = longest_stretch(&decisions).to_vec();
+    (n - part.decisions.len()) as u64
+}
+
+fn longest_stretch(decisions: &[Decision]) -> &[Decision] {
     let is_near = |a: &Decision, b: &Decision| (b.tick - a.tick).unsigned_abs() <= MAX_EMPTY;
     let stretches = decisions.chunk_by(is_near);
     // Of two that are equally long, the first.
     let longest = stretches.rev().max_by_key(|stretch| stretch.len());
-    part.decisions = longest.unwrap_or_default().to_vec();
-    (n - part.decisions.len()) as u64
+    longest.unwrap_or_default()
+}
+
+/// The decision with which a replay of `part` begins: the first of those that are not left out.
+pub fn first_decision(part: &SessionPart) -> Option<&Decision> {
+    if is_too_long(part, span(part)) {
+        longest_stretch(&part.decisions).first()
+    } else {
+        part.decisions.first()
+    }
 }
 
 fn span(part: &SessionPart) -> [Tick; 2] {
@@ -330,6 +343,7 @@ mod tests {
     fn decisions_far_from_all_others_are_left_out() {
         for far in [[i64::MIN, 0, 1, 2], [0, 1, 2, 1 << 40], [0, 1, 2, i64::MAX]] {
             let mut part = part(&far);
+            assert_eq!(first_decision(&part).map(|it| it.tick), Some(Tick(0)));
             assert_eq!(leave_out_far(&mut part), 1);
             assert_eq!(ticks(&part).unwrap(), [0, 1, 2].map(Tick));
         }

@@ -9,6 +9,7 @@ use farfield_proto::transport::FUSION;
 use super::run::LiveFusion;
 use crate::live::Micros;
 use crate::live::edge::Edge;
+use crate::node::recording::RecordingsOnDemand;
 
 impl LiveFusion<'_> {
     /// Weighs the clocks of all systems, and says when it is this machine's that seems wrong.
@@ -112,7 +113,9 @@ impl LiveFusion<'_> {
                 "another fusion of this venue is there: {other}; end one of the two"
             ));
         }
-        for notice in self.disks.iter().filter_map(|disk| disk.notice()) {
+        let recorded = self.on_demand.and_then(RecordingsOnDemand::notice);
+        let waiting = self.disks.iter().filter_map(|disk| disk.notice());
+        for notice in waiting.chain(recorded) {
             health.notice(notice);
         }
         let now_s = clock::unix_s();

@@ -173,6 +173,9 @@ fn expect(
     }
     let ids: Vec<u32> = expected.known.people.iter().map(|known| known.id).collect();
     context.interceptor.wiretap.expected(&ids);
+    if let Some(on_demand) = context.on_demand {
+        on_demand.knows(&expected.known);
+    }
     pipeline.expect(&expected.known, first);
     Ok(())
 }

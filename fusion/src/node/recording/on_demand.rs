@@ -6,6 +6,7 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError, RwLock, Weak};
+use std::thread::JoinHandle;
 
 use anyhow::{Context as _, anyhow, ensure};
 use farfield_node::clock;
@@ -21,6 +22,7 @@ use super::head::head;
 use super::queue::RecordingQueue;
 use super::thread::RecordingThread;
 use crate::identity::known::KnownPeople;
+use crate::node::output::wait_for_disk_room::WaitForDiskRoom;
 use crate::node::session::mode::RunMode;
 use crate::node::session::wiretap::{CopiedMessage, CopiedStep, Wiretap};
 use crate::recording::channels;
@@ -39,11 +41,18 @@ pub struct RecordingsOnDemand {
     first: OnceLock<Tick>,
     /// Who is there, as of the last second.
     people: Mutex<Option<KnownPeople>>,
-    /// Who is told of recordings that begin; they may know this one, and must not be kept by it.
+    /// Who is told of recordings that begin; they may know this one, and must not be kept by it. Empty before the run.
     listeners: OnceLock<Vec<Weak<dyn Wiretap>>>,
-    /// Where messages go; apart from the recording itself, so that nobody waits for one that begins or ends.
-    queue: RwLock<Option<Arc<RecordingQueue>>>,
+    /// The one that goes on, for those who must not wait for one that begins or ends.
+    current: RwLock<Option<Current>>,
     recording: Mutex<Known>,
+}
+
+/// What is needed of the one that goes on at every message.
+struct Current {
+    file: PathBuf,
+    queue: Arc<RecordingQueue>,
+    room: Arc<WaitForDiskRoom>,
 }
 
 /// What is known of recordings.
@@ -51,6 +60,8 @@ pub struct RecordingsOnDemand {
 struct Known {
     running: Option<Running>,
     last: Option<RecordingOnDemand>,
+    /// Those that have been stopped and are not whole yet: a disk may hang.
+    closing: Vec<JoinHandle<()>>,
     /// The recording that goes on from the beginning of the run to its end.
     of_run: Option<OfRun>,
     /// Whether the run is over.
@@ -64,7 +75,7 @@ struct Running {
 
 struct OfRun {
     file: PathBuf,
-    wiretap: Arc<dyn Wiretap>,
+    queue: Arc<RecordingQueue>,
     since_us: Micros,
 }
 
@@ -103,7 +114,7 @@ impl RecordingsOnDemand {
             first: OnceLock::new(),
             people: Mutex::default(),
             listeners: OnceLock::new(),
-            queue: RwLock::default(),
+            current: RwLock::default(),
             recording: Mutex::default(),
         }
     }
@@ -112,12 +123,12 @@ impl RecordingsOnDemand {
     pub(in crate::node) fn leave_it_to(&self, recording: &RecordingThread) {
         self.known().of_run = Some(OfRun {
             file: recording.so_far().file,
-            wiretap: recording.wiretap(),
+            queue: recording.queue(),
             since_us: now_us(),
         });
     }
 
-    /// Tells `listeners` of every recording that begins. Called once.
+    /// Tells `listeners` of every recording that begins; none begins before. Called once.
     pub(in crate::node) fn tell(&self, listeners: &[Arc<dyn Wiretap>]) {
         self.listeners
             .get_or_init(|| listeners.iter().map(Arc::downgrade).collect());
@@ -128,127 +139,161 @@ impl RecordingsOnDemand {
         *whole(self.people.lock()) = Some(people.clone());
     }
 
+    /// What the operator must know of the one that goes on: that its disk is full, or too slow. Never waits.
+    pub(in crate::node) fn notice(&self) -> Option<String> {
+        let current = whole(self.current.read());
+        let current = current.as_ref()?;
+        current.room.notice().or_else(|| {
+            let lost = Some(current.queue.state().lost()).filter(|lost| *lost > 0)?;
+            let file = current.file.display();
+            Some(format!(
+                "{file} lacks {lost} messages: the disk is too slow"
+            ))
+        })
+    }
+
     /// Begins one, in a new file named after venue and time.
     ///
     /// # Errors
-    /// When one goes on already, or none can be written.
+    /// When one goes on already, the run has not begun or is over, or none can be written: nothing is left behind then.
     pub fn start(&self) -> anyhow::Result<PathBuf> {
         let mut known = self.known();
         ensure!(!known.is_over, "the run is over");
-        if let Some(of_run) = &known.of_run {
+        let listeners = self.listeners.get();
+        let listeners = listeners.context("the run has not begun yet: try again")?;
+        if let Some(of_run) = &known.of_run
+            && of_run.queue.failure().is_none()
+        {
             return Err(anyhow!(
                 "{} goes on since the run began (`--record`)",
                 of_run.file.display()
             ));
         }
-        if let Some(running) = &known.running {
-            let file = running.thread.so_far().file;
-            return Err(anyhow!("{} goes on already", file.display()));
+        known.of_run = None;
+        if let Some(running) = known.running.take() {
+            let so_far = running.thread.so_far();
+            if so_far.failure.is_none() {
+                known.running = Some(running);
+                return Err(anyhow!("{} goes on already", so_far.file.display()));
+            }
+            // Its writer has ended, and said why.
+            known.last = Some(running.finish());
         }
-        let head = self.head.as_ref().map_err(|error| anyhow!("{error}"))?;
-        let head = Head {
-            started_ns: u64::try_from(clock::unix_time().as_nanos()).unwrap_or(u64::MAX),
-            ..head.clone()
-        };
-        let file = RecordingFile::make(&self.folder, &self.venue)?;
-        let (session, mode) = (self.session, RunMode::Live);
-        let thread = RecordingThread::start(file, head, session, mode, &self.parameters)?;
+        let people = self.people_as_json()?;
+        let thread = self.open()?;
         let queue = thread.queue();
         if let Some(first) = self.first.get() {
             queue.begins_after(*first);
         }
-        self.note_people(&queue)?;
-        *whole(self.queue.write()) = Some(queue);
-        let file = thread.so_far().file;
-        for listener in self.listeners.get().into_iter().flatten() {
-            if let Some(listener) = listener.upgrade() {
-                listener.recording_begins(&file);
-            }
+        if let Some(people) = people {
+            queue.note(&channels::expected(&self.venue), &people, now_us());
         }
+        let file = thread.so_far().file;
+        *whole(self.current.write()) = Some(Current {
+            file: file.clone(),
+            queue,
+            room: thread.disk_room(),
+        });
         known.running = Some(Running {
             thread,
             since_us: now_us(),
         });
+        for listener in listeners.iter().filter_map(Weak::upgrade) {
+            listener.recording_begins(&file);
+        }
         Ok(file)
     }
 
-    /// Ends the one that goes on, and waits until its file is whole.
+    /// Ends the one that goes on. Its file is whole when a thread of its own has written what is left.
     ///
     /// # Errors
-    /// When none goes on, or it has failed.
-    pub fn stop(&self) -> anyhow::Result<RecordingOnDemand> {
+    /// When none goes on that can be ended, or the system has no thread.
+    pub fn stop(self: &Arc<Self>) -> anyhow::Result<()> {
         let mut known = self.known();
-        if let Some(of_run) = &known.of_run {
-            return Err(anyhow!(
-                "{} ends with the run (`--record`)",
-                of_run.file.display()
-            ));
-        }
-        let running = known.running.take().context("no recording goes on")?;
-        *whole(self.queue.write()) = None;
-        let summary = running.thread.finish_waiting()?;
-        let last = RecordingOnDemand {
-            is_running: false,
-            since_us: running.since_us,
-            bytes: bytes_of(&summary.file),
-            lost: summary.lost,
-            failure: summary.failure,
-            file: summary.file,
+        let Some(running) = known.running.take() else {
+            return Err(match &known.of_run {
+                Some(of_run) => anyhow!("{} ends with the run (`--record`)", of_run.file.display()),
+                None => anyhow!("no recording goes on"),
+            });
         };
-        known.last = Some(last.clone());
-        match &last.failure {
-            Some(failure) => Err(anyhow!("{failure}")),
-            None => Ok(last),
-        }
+        *whole(self.current.write()) = None;
+        known.last = Some(RecordingOnDemand {
+            is_running: false,
+            ..running.now()
+        });
+        known.closing.retain(|closing| !closing.is_finished());
+        let this = Arc::clone(self);
+        let thread = std::thread::Builder::new().name("recorder's end".to_owned());
+        let closing = thread.spawn(move || {
+            let last = running.finish();
+            this.known().last = Some(last);
+        });
+        known.closing.push(closing.context("ending the recording")?);
+        Ok(())
     }
 
-    /// Ends the one that goes on, if any; none begins any more.
-    pub(in crate::node) fn end(&self) -> Option<anyhow::Result<RecordingOnDemand>> {
+    /// Ends the one that goes on, if any, waits for those that are being ended, and returns the last; none begins any more.
+    pub(in crate::node) fn end(&self) -> Option<RecordingOnDemand> {
         let mut known = self.known();
         known.is_over = true;
-        let is_running = known.running.is_some();
+        let (running, closing) = (known.running.take(), std::mem::take(&mut known.closing));
+        *whole(self.current.write()) = None;
         drop(known);
-        is_running.then(|| self.stop())
+        let last = running.map(Running::finish);
+        for closing in closing {
+            // One that panicked has said so.
+            drop(closing.join());
+        }
+        let mut known = self.known();
+        if last.is_some() {
+            known.last = last;
+        }
+        known.last.clone()
     }
 
     /// How it stands with the one that goes on, else with the last; `None`: there was none.
     pub fn now(&self) -> Option<RecordingOnDemand> {
         let known = self.known();
         if let Some(of_run) = &known.of_run {
-            let failure = of_run.wiretap.failure();
+            let failure = of_run.queue.failure();
             return Some(RecordingOnDemand {
                 bytes: bytes_of(&of_run.file),
                 file: of_run.file.clone(),
                 is_running: failure.is_none(),
                 since_us: of_run.since_us,
-                lost: 0,
+                lost: of_run.queue.state().lost(),
                 failure,
             });
         }
-        let running = known.running.as_ref().map(|running| {
-            let so_far = running.thread.so_far();
-            RecordingOnDemand {
-                bytes: bytes_of(&so_far.file),
-                file: so_far.file,
-                is_running: so_far.failure.is_none(),
-                since_us: running.since_us,
-                lost: so_far.lost,
-                failure: so_far.failure,
-            }
-        });
+        let running = known.running.as_ref().map(Running::now);
         running.or_else(|| known.last.clone())
     }
 
-    /// Notes who is there, as a session does that expects people of the one before.
-    fn note_people(&self, queue: &RecordingQueue) -> anyhow::Result<()> {
+    /// A new recording under way; nothing is left of one that cannot be begun.
+    fn open(&self) -> anyhow::Result<RecordingThread> {
+        let head = self.head.as_ref().map_err(|error| anyhow!("{error}"))?;
+        let head = Head {
+            started_ns: u64::try_from(clock::unix_time().as_nanos()).unwrap_or(u64::MAX),
+            ..head.clone()
+        };
+        let file = RecordingFile::make(&self.folder, &self.venue)?;
+        let path = file.path.clone();
+        let (session, mode) = (self.session, RunMode::Live);
+        let started = RecordingThread::start(file, head, session, mode, &self.parameters);
+        if started.is_err() {
+            drop(std::fs::remove_file(path));
+        }
+        started
+    }
+
+    /// Who is there, as a session notes it that expects people of the one before.
+    fn people_as_json(&self) -> anyhow::Result<Option<Vec<u8>>> {
         let Some(known) = whole(self.people.lock()).clone() else {
-            return Ok(());
+            return Ok(None);
         };
         let session = self.session;
         let json = serde_json::to_vec(&ExpectedPeople { session, known });
-        let json = json.context("writing people as JSON")?;
-        queue.note(&channels::expected(&self.venue), &json, now_us());
-        Ok(())
+        json.context("writing people as JSON").map(Some)
     }
 
     fn known(&self) -> MutexGuard<'_, Known> {
@@ -256,7 +301,38 @@ impl RecordingsOnDemand {
     }
 
     fn with_queue<T>(&self, tell: impl FnOnce(&RecordingQueue) -> T) -> Option<T> {
-        whole(self.queue.read()).as_deref().map(tell)
+        let current = whole(self.current.read());
+        current.as_ref().map(|current| tell(&current.queue))
+    }
+}
+
+impl Running {
+    fn now(&self) -> RecordingOnDemand {
+        let so_far = self.thread.so_far();
+        RecordingOnDemand {
+            bytes: bytes_of(&so_far.file),
+            file: so_far.file,
+            is_running: so_far.failure.is_none(),
+            since_us: self.since_us,
+            lost: so_far.lost,
+            failure: so_far.failure,
+        }
+    }
+
+    /// Waits until the file is whole.
+    fn finish(self) -> RecordingOnDemand {
+        let before = self.now();
+        let (failure, lost) = match self.thread.finish_waiting() {
+            Ok(summary) => (summary.failure, summary.lost),
+            Err(error) => (Some(format!("{error:#}")), before.lost),
+        };
+        RecordingOnDemand {
+            is_running: false,
+            bytes: bytes_of(&before.file),
+            lost,
+            failure,
+            ..before
+        }
     }
 }
 
@@ -290,4 +366,73 @@ fn bytes_of(file: &Path) -> u64 {
 
 fn now_us() -> Micros {
     Micros::try_from(clock::unix_time().as_micros()).unwrap_or(Micros::MAX)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+
+    use super::*;
+
+    fn recordings(folder: &Path) -> Arc<RecordingsOnDemand> {
+        Arc::new(RecordingsOnDemand {
+            venue: "hall".to_owned(),
+            folder: folder.to_owned(),
+            session: SessionId(7),
+            parameters: RecordingParameters::default(),
+            head: Ok(Head {
+                venue: "hall".to_owned(),
+                viewpoints: vec!["ne".to_owned()],
+                rate_hz: 60.0,
+                started_ns: 1,
+                files: Vec::new(),
+                facts: BTreeMap::new(),
+                json_poses: None,
+            }),
+            first: OnceLock::new(),
+            people: Mutex::default(),
+            listeners: OnceLock::new(),
+            current: RwLock::default(),
+            recording: Mutex::default(),
+        })
+    }
+
+    #[test]
+    fn one_at_a_time_goes_on_and_all_are_whole_when_the_run_is() {
+        let folder = tempfile::tempdir().unwrap();
+        let recordings = recordings(folder.path());
+        let early = recordings.start().unwrap_err();
+        assert!(early.to_string().contains("not begun"), "{early}");
+        recordings.tell(&[]);
+        assert!(recordings.stop().is_err(), "there is none");
+        let first = recordings.start().unwrap();
+        let twice = recordings.start().unwrap_err().to_string();
+        assert!(twice.contains(first.to_str().unwrap()), "{twice}");
+        assert!(recordings.now().is_some_and(|now| now.is_running));
+        recordings.stop().unwrap();
+        assert!(recordings.now().is_some_and(|now| !now.is_running));
+        let second = recordings.start().unwrap();
+        assert_ne!(first, second);
+        let last = recordings.end().unwrap();
+        assert_eq!((last.file, last.failure), (second.clone(), None));
+        assert!(recordings.start().is_err(), "the run is over");
+        for file in [first, second] {
+            let bytes = std::fs::read(file).unwrap();
+            assert!(bytes.ends_with(mcap::MAGIC), "whole");
+        }
+    }
+
+    #[test]
+    fn one_that_cannot_be_begun_leaves_nothing_and_can_be_tried_again() {
+        let folder = tempfile::tempdir().unwrap();
+        let missing = folder.path().join("gone");
+        let recordings = recordings(&missing);
+        recordings.tell(&[]);
+        assert!(recordings.start().is_err());
+        assert!(recordings.now().is_none());
+        std::fs::create_dir(&missing).unwrap();
+        let file = recordings.start().unwrap();
+        assert!(file.starts_with(&missing), "{}", file.display());
+        assert!(recordings.end().is_some());
+    }
 }

@@ -17,6 +17,11 @@ use crate::node::listeners::{Listeners, OpenListeners, RunAtItsStart};
 use crate::node::session::wiretap::CopiedMessage;
 use crate::pipeline::StepOutput;
 
+/// However slow a venue is, a tick is told after so long.
+const LONGEST_TICK: Duration = Duration::from_secs(1);
+/// How often is looked whether to stop while the time of a tick is waited for.
+const LOOK_EVERY: Duration = Duration::from_millis(100);
+
 /// Those who listen to a replay.
 pub(super) struct Listening {
     listeners: Listeners,
@@ -25,6 +30,7 @@ pub(super) struct Listening {
     tick_lasts: Duration,
     /// When the next tick may be told.
     due: Instant,
+    waited: Duration,
 }
 
 impl Listening {
@@ -55,8 +61,10 @@ impl Listening {
             listeners,
             keys: Keys::new(&venue.name),
             session,
-            tick_lasts: Duration::from_secs_f64(1.0 / venue.rate_hz),
+            tick_lasts: Duration::try_from_secs_f64(1.0 / venue.rate_hz)
+                .map_or(LONGEST_TICK, |lasts| lasts.min(LONGEST_TICK)),
             due: clock::now(),
+            waited: Duration::ZERO,
         })
     }
 
@@ -65,15 +73,26 @@ impl Listening {
         !self.listeners.wiretaps.is_empty()
     }
 
-    /// Tells what a tick came to, once it is time for it.
-    pub(super) fn tell(&mut self, output: &StepOutput) {
+    /// How long was waited for the times of ticks.
+    pub(super) fn waited(&self) -> Duration {
+        self.waited
+    }
+
+    /// Tells what a tick came to, once it is time for it, or at once when `stop` says so.
+    pub(super) fn tell(&mut self, output: &StepOutput, stop: &CancellationToken) {
         if !self.is_anybody() {
             return;
         }
-        let now = clock::now();
-        if let Some(early) = self.due.checked_duration_since(now) {
-            std::thread::sleep(early);
+        let began = clock::now();
+        let mut now = began;
+        while let Some(early) = self.due.checked_duration_since(now)
+            && !early.is_zero()
+            && !stop.is_cancelled()
+        {
+            std::thread::sleep(early.min(LOOK_EVERY));
+            now = clock::now();
         }
+        self.waited += now - began;
         // Who is slower than the venue does not hurry afterwards.
         self.due = self.due.max(now) + self.tick_lasts;
         let (session, tick) = (self.session, output.poses.tick);

@@ -15,6 +15,7 @@ use farfield_node::log::start_log;
 use farfield_node::process::{
     Ending, Managed, NodeError, Told, exit_code_told, say, stop_when_told,
 };
+use farfield_proto::tick::Tick;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
@@ -31,10 +32,12 @@ use super::session::mode::RunMode;
 use crate::export::summary::EventCounts;
 use crate::pipeline::Pipeline;
 use crate::recording::reader::{Recording, SessionPart};
-use crate::recording::replay::{Choice, PatchOwners, Replay};
+use crate::recording::replay::{Choice, PatchOwners, Replay, first_decision};
 
-/// How long after the first boxes of a run nobody is known yet: edges have not yet looked.
-const JOINED_S: f64 = 0.5;
+/// How long after the first boxes of a run nobody is known yet, seconds: edges have not yet looked.
+const NOBODY_YET_S: f64 = 0.5;
+/// How long nobody can have come, been confirmed and gone again, seconds.
+const NOBODY_GONE_S: f64 = 5.0;
 
 /// Arguments of a replay.
 #[derive(Debug, Clone, clap::Args)]
@@ -101,7 +104,7 @@ fn replay(
         check_folder(out).map_err(NodeError::Refused)?;
     }
     let refused = |error| NodeError::Refused(error);
-    let recording = open(&args.file).map_err(refused)?;
+    let mut recording = open(&args.file).map_err(refused)?;
     let part = choose(args, recording.sessions()).map_err(refused)?;
     let changes = Changes {
         venue: args.venue.as_deref(),
@@ -112,8 +115,15 @@ fn replay(
         replay_venue(&args.file, recording.attached(), &changes).map_err(refused)?;
     check_names(&venue).map_err(refused)?;
     let as_it_was = changes.none() && !args.late && !part.decisions.is_empty();
-    let joined = say_joined(&args.file, &part, venue.rate_hz);
-    let names = if as_it_was && !joined {
+    let joined = joined(&mut recording, &part, venue.rate_hz).map_err(refused)?;
+    if let Some(tick) = joined {
+        say(format_args!(
+            "{}: it begins in the middle of a run, at tick {tick}: people are found anew, and keep their ids where they are \
+             recognised",
+            args.file.display()
+        ));
+    }
+    let names = if as_it_was && joined.is_none() {
         PatchOwners::AsRecorded
     } else {
         PatchOwners::ByPlace
@@ -161,7 +171,7 @@ fn replay(
     if !args.json || done.exported.missing.is_none() {
         print(&text).map_err(NodeError::Failed)?;
     }
-    if done.ending == Ending::Done {
+    if done.ending == Ending::Done && done.exported.missing.is_none() {
         listening.stay(&runtime, &stop);
     }
     stop.cancel();
@@ -217,21 +227,27 @@ fn choice(args: &ReplayArgs, part: &SessionPart) -> Choice {
     Choice::Decided
 }
 
-/// Whether `part` begins when people may have been known already, whom nobody can name then; says so.
-fn say_joined(file: &Path, part: &SessionPart, rate_hz: f64) -> bool {
-    let joined = part.decisions.first().filter(|decision| {
-        let ticks = decision.tick - decision.first;
-        ticks as f64 > JOINED_S * rate_hz
-    });
-    if let Some(decision) = joined {
-        say(format_args!(
-            "{}: it begins in the middle of a run, at tick {} (the run at {}): people are found anew, and keep their ids where they are recognised",
-            file.display(),
-            decision.tick,
-            decision.first
-        ));
-    }
-    joined.is_some()
+/// The first tick of `part`, where people may have been known before it, whom nobody can name then.
+///
+/// # Errors
+/// What of the recording cannot be read.
+fn joined(
+    recording: &mut Recording<BufReader<File>>,
+    part: &SessionPart,
+    rate_hz: f64,
+) -> anyhow::Result<Option<Tick>> {
+    let Some(decision) = first_decision(part) else {
+        return Ok(None);
+    };
+    let began_s = (decision.tick - decision.first) as f64 / rate_hz;
+    let poses = recording.poses(part.session, decision.tick)?;
+    let is_empty = poses.is_some_and(|poses| poses.persons.is_empty());
+    let nobody_s = if is_empty {
+        NOBODY_GONE_S
+    } else {
+        NOBODY_YET_S
+    };
+    Ok((began_s > nobody_s).then_some(decision.tick))
 }
 
 /// The life of fusion that is asked for.
@@ -279,7 +295,7 @@ impl Solving<'_> {
         while !self.exporter.has_failed()
             && let Some(output) = self.replay.step(&mut |_| {})?
         {
-            self.listening.tell(&output);
+            self.listening.tell(&output, stop);
             let written = if self.smooth {
                 output.smoothed
             } else {
@@ -304,7 +320,10 @@ impl Solving<'_> {
             events: self.events,
             agreement: self.replay.agreement().report(),
             exported: self.exporter.finish(last, Vec::new())?,
-            elapsed_s: clock::now().duration_since(began).as_secs_f64(),
+            elapsed_s: clock::now()
+                .duration_since(began)
+                .saturating_sub(self.listening.waited())
+                .as_secs_f64(),
         })
     }
 }

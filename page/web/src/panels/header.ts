@@ -74,8 +74,11 @@ export class Header {
       this.actions.say("Recording needs the address with the token that fusion printed.");
       return;
     }
-    const error = await this.actions.ask({ do: this.isRecording ? "stop_recording" : "start_recording" });
-    this.actions.say(error ?? (this.isRecording ? "The recording is being closed." : "The recording begins."));
+    const isEnd = this.isRecording;
+    const error = await this.actions.ask({ do: isEnd ? "stop_recording" : "start_recording" });
+    this.actions.say(error ?? (isEnd ? "The recording is being closed." : "The recording begins."));
+    // Until the next status says so.
+    if (error === null) this.isRecording = !isEnd;
   }
 }
 
