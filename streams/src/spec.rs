@@ -6,6 +6,8 @@ use std::str::FromStr;
 
 use thiserror::Error;
 
+use crate::udp::is_of_this_machine;
+
 /// Ports that the stream of avatars may take from its first: one per person.
 pub const VMC_PORTS: u16 = 16;
 
@@ -133,6 +135,13 @@ pub enum SpecError {
     },
 }
 
+impl SpecError {
+    /// Whether it is the name that is wrong; else it is the address.
+    pub fn is_of_name(&self) -> bool {
+        matches!(self, Self::UnknownName { .. })
+    }
+}
+
 impl StreamSpec {
     /// The stream of that protocol where it goes by default: nowhere but this machine.
     pub const fn new(kind: StreamKind) -> Self {
@@ -155,39 +164,18 @@ impl StreamSpec {
         }
     }
 
-    fn checked(self) -> Result<Self, SpecError> {
-        let refused = |expected| {
-            Err(SpecError::NoPort {
-                stream: self.kind.name(),
-                found: self.address.port(),
-                expected,
-            })
-        };
-        match (self.kind, self.address.port()) {
-            (StreamKind::Psn | StreamKind::Zenoh | StreamKind::Ros2, 0) => refused("1 to 65535"),
-            (StreamKind::Vmc, port) if port == 0 || port > u16::MAX - (VMC_PORTS - 1) => {
-                refused("1 to 65520: each person has a port, the first this one")
-            }
-            _ => Ok(self),
-        }
-    }
-}
-
-impl FromStr for StreamSpec {
-    type Err = SpecError;
-
-    fn from_str(text: &str) -> Result<Self, SpecError> {
-        let (name, address) = match text.split_once('=') {
-            Some((name, address)) => (name, Some(address)),
-            None => (text, None),
-        };
+    /// The stream `name`, where it goes by default or to `given`.
+    ///
+    /// # Errors
+    /// [`SpecError`], by the name or by the address.
+    pub fn of(name: &str, given: Option<&str>) -> Result<Self, SpecError> {
         let kind = StreamKind::ALL.iter().find(|(known, _)| *known == name);
         let Some(&(stream, kind)) = kind else {
             return Err(SpecError::UnknownName {
                 found: name.to_owned(),
             });
         };
-        let Some(given) = address else {
+        let Some(given) = given else {
             return Ok(Self::new(kind));
         };
         let (address, interface) = match given.split_once('@') {
@@ -220,6 +208,43 @@ impl FromStr for StreamSpec {
             interface,
         }
         .checked()
+    }
+
+    /// Whether this stream is a client that would take a server of ours, which listens at `listening`, for its own.
+    pub fn takes_for_its_own(&self, listening: SocketAddr) -> bool {
+        let (there, own) = (self.address.ip(), listening.ip());
+        let is_there = own == there
+            || own.is_unspecified() && is_of_this_machine(there)
+            || there.is_unspecified();
+        self.kind == StreamKind::Ros2 && self.address.port() == listening.port() && is_there
+    }
+
+    fn checked(self) -> Result<Self, SpecError> {
+        let refused = |expected| {
+            Err(SpecError::NoPort {
+                stream: self.kind.name(),
+                found: self.address.port(),
+                expected,
+            })
+        };
+        match (self.kind, self.address.port()) {
+            (StreamKind::Psn | StreamKind::Zenoh | StreamKind::Ros2, 0) => refused("1 to 65535"),
+            (StreamKind::Vmc, port) if port == 0 || port > u16::MAX - (VMC_PORTS - 1) => {
+                refused("1 to 65520: each person has a port, the first this one")
+            }
+            _ => Ok(self),
+        }
+    }
+}
+
+impl FromStr for StreamSpec {
+    type Err = SpecError;
+
+    fn from_str(text: &str) -> Result<Self, SpecError> {
+        match text.split_once('=') {
+            Some((name, address)) => Self::of(name, Some(address)),
+            None => Self::of(text, None),
+        }
     }
 }
 
@@ -267,6 +292,21 @@ mod tests {
         for text in ["qtm=[::1]:1", "qtm=::1", "vmc=127.0.0.2:9", "psn=127.0.0.1"] {
             assert!(!read(text).unwrap().leaves_this_machine(), "{text}");
         }
+    }
+
+    #[test]
+    fn ros_2_is_not_looked_for_where_fusion_listens() {
+        let takes = |text: &str, listening: &str| {
+            let spec = read(text).unwrap();
+            spec.takes_for_its_own(listening.parse().unwrap())
+        };
+        assert!(takes("ros2", "127.0.0.1:7447"));
+        assert!(takes("ros2", "0.0.0.0:7447"));
+        assert!(takes("ros2=127.0.0.1:7449", "0.0.0.0:7449"));
+        assert!(!takes("ros2=127.0.0.1:7449", "127.0.0.1:7447"));
+        // A documentation address is nobody's (RFC 5737).
+        assert!(!takes("ros2=192.0.2.1:7447", "0.0.0.0:7447"));
+        assert!(!takes("zenoh=127.0.0.1:7447", "127.0.0.1:7447"));
     }
 
     #[test]

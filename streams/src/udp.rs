@@ -14,6 +14,11 @@ pub(crate) fn any_address(address: SocketAddr) -> IpAddr {
     }
 }
 
+/// Whether `ip` is one of this machine's addresses: those can be bound to.
+pub(crate) fn is_of_this_machine(ip: IpAddr) -> bool {
+    ip.is_loopback() || std::net::UdpSocket::bind((ip, 0)).is_ok()
+}
+
 /// Sends datagrams. Where the system takes none, the stream waits and skips frames meanwhile. That nobody listens is no
 /// failure.
 pub(crate) async fn send_all(

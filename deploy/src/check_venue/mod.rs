@@ -1,7 +1,7 @@
 //! `farfield check`: whether a venue can be run, in seconds and without a run. Every file is read, every source opened,
 //! and what every camera sees is drawn.
 //!
-//! Read (what cannot be read at all is refused) -> files, calibration -> sources, time -> networks, keys -> pictures.
+//! Read (what cannot be read at all is refused) -> files, calibration -> sources, time -> networks, keys, streams -> pictures.
 
 mod networks;
 mod opened;
@@ -22,6 +22,7 @@ use farfield_proto::venue::Venue;
 use farfield_sim::simulated::VenueSources;
 
 use crate::keys::look_at_keys;
+use crate::listeners::wanted::look_at_streams;
 use crate::report_lines::{ReportForm, ReportLines, Verdict};
 
 use self::opened::open_all;
@@ -81,6 +82,7 @@ pub(crate) fn check(
     time::look_at_time(&venue, path, &opened, report);
     networks::look_at_networks(&venue, path, report);
     look_at_keys(&venue, path, farfield_node::clock::unix_s(), report);
+    look_at_streams(&venue, report);
     let out = out.map_or_else(
         || Path::new("farfield-out").join(format!("check-{}", venue.name)),
         Path::to_path_buf,

@@ -9,6 +9,7 @@ mod record_button;
 mod streams;
 mod thread;
 pub(crate) mod view;
+pub(crate) mod wanted;
 
 use std::net::SocketAddr;
 use std::path::Path;
@@ -20,6 +21,7 @@ use farfield_fusion::node::{
     CopiedMessage, CopiedStep, FusionArgs, Listeners, OpenListeners, Opening, ReplayArgs,
     RunAtItsStart, Wiretap,
 };
+use farfield_node::process::NodeError;
 use farfield_page::PageState;
 use farfield_streams::StreamSpec;
 
@@ -48,7 +50,7 @@ pub(crate) struct ListenerArgs {
     ///
     /// qtm, vmc, websocket, foxglove, zenoh, ros2 or psn: by the protocol of that name, to this machine or to ADDRESS: an IP
     /// address, with or without a port. Beyond this machine everybody who can reach it sees where people are: none of these
-    /// protocols is given keys. See `docs/streams.md`.
+    /// protocols is given keys. Streams of that NAME in the venue file (`[[stream]]`) are left out then. See `docs/streams.md`.
     ///
     /// As NAME, or NAME=ADDRESS.
     #[arg(long, value_name = "NAME")]
@@ -103,7 +105,9 @@ pub(crate) fn fusion(args: FusionCommandArgs) -> ExitCode {
 impl OpenListeners for ListenerArgs {
     fn open(self: Box<Self>, run: RunAtItsStart<'_>) -> Opening<'_> {
         Box::pin(async move {
-            if self.page.is_none() && self.stream.is_empty() {
+            let specs = wanted::streams(run.venue, &self.stream).map_err(NodeError::refused)?;
+            wanted::check_ros2(&specs, run.listens_at).map_err(NodeError::Refused)?;
+            if self.page.is_none() && specs.is_empty() {
                 return Ok(names_alone(&run));
             }
             let is_looked_at = self.page.is_some();
@@ -112,7 +116,7 @@ impl OpenListeners for ListenerArgs {
                 .page
                 .map(|address| page::PageOfRun::of(&run, address, &given));
             let page = page.transpose()?;
-            let (names, specs) = (self.page_name, self.stream);
+            let names = self.page_name;
             let facts = streams::facts(&run);
             let open = move || async move {
                 let (mut said, mut served) = (Vec::new(), Served::default());

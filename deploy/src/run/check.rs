@@ -21,7 +21,7 @@ use farfield_sim::simulated::VenueSources;
 
 use super::args::{RunArgs, TickList};
 use super::values::changed_venue;
-use crate::listeners::ListenerArgs;
+use crate::listeners::{ListenerArgs, wanted};
 use crate::recorded_rates::odd_rates;
 
 /// How far apart recordings of different rates may be at the end of a run, ticks.
@@ -100,6 +100,7 @@ pub(crate) fn check(args: RunArgs) -> Result<(RunPlan, Networks), NodeError> {
     let sources = VenueSources::default();
     check_names(&venue).map_err(NodeError::Refused)?;
     check_own_recordings(&venue, &args.venue).map_err(NodeError::Refused)?;
+    wanted::streams(&venue, &args.listeners.stream).map_err(NodeError::refused)?;
     if let Some(out) = &args.out {
         check_folder(out).map_err(NodeError::Refused)?;
     }

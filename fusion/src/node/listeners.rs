@@ -33,6 +33,8 @@ pub struct RunAtItsStart<'a> {
     pub restarts: Option<&'a Path>,
     /// What starts and stops recordings; `None` in lock-step.
     pub recordings: Option<&'a Arc<RecordingsOnDemand>>,
+    /// Where fusion listens, as Zenoh's endpoints.
+    pub listens_at: &'a [String],
 }
 
 /// Whoever listens, opened.
@@ -61,7 +63,16 @@ pub trait OpenListeners: Send {
 pub struct NoListeners;
 
 impl OpenListeners for NoListeners {
-    fn open(self: Box<Self>, _: RunAtItsStart<'_>) -> Opening<'_> {
-        Box::pin(async { Ok(Listeners::default()) })
+    fn open(self: Box<Self>, run: RunAtItsStart<'_>) -> Opening<'_> {
+        let mut listeners = Listeners::default();
+        let asked = run.venue.streams.iter().map(|stream| stream.to.as_str());
+        let asked: Vec<&str> = asked.collect();
+        if !asked.is_empty() {
+            listeners.said.push(format!(
+                "streams of the venue file are not opened ({}): `farfield fusion` opens them",
+                asked.join(", ")
+            ));
+        }
+        Box::pin(async { Ok(listeners) })
     }
 }

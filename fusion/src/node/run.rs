@@ -186,6 +186,7 @@ async fn open_listeners(
         out,
         restarts,
         recordings,
+        listens_at: &config.reach.endpoints,
     };
     let opened = listeners.open(run).await?;
     reporter.said(&opened.said);

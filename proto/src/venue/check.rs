@@ -8,6 +8,7 @@ use super::limits::tick;
 use super::parameters::ParameterTables;
 use super::raw::{RawFusion, RawSecurity, RawVenue, RawViewpoint};
 use super::source::{source, timing};
+use super::stream::streams;
 use super::{Endpoints, Parameters, Security, Venue, VenueCamera, VenueHash, Viewpoint};
 use crate::calibration::Calibration;
 use crate::id::{CameraIndex, ViewpointIndex};
@@ -61,6 +62,7 @@ pub(super) fn venue(
         field: field(file, raw.field.as_ref(), &cameras)?,
         court: court(file, raw.field.as_ref())?,
         given_persons: given_persons(file, raw.person, raw.network.is_some())?,
+        streams: streams(file, raw.stream)?,
         endpoints: endpoints(file, raw.fusion)?,
         security: security(file, raw.security)?,
         calibration_path: path(file, "calibration", &raw.calibration)?,

@@ -13,6 +13,7 @@ pub mod parameters;
 mod raw;
 pub mod same_files;
 mod source;
+mod stream;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -20,6 +21,7 @@ use std::path::{Path, PathBuf};
 pub use file::VenueFile;
 pub use parameters::Parameters;
 pub use source::{SimulatedContent, Source};
+pub use stream::{StreamField, VenueStream};
 
 use crate::calibration::Calibration;
 use crate::camera::CameraModel;
@@ -57,6 +59,8 @@ pub struct Venue {
     pub cameras: Vec<VenueCamera>,
     /// People given by hand.
     pub given_persons: Vec<GivenPerson>,
+    /// Where live poses shall go for other programs: opened by the command that runs fusion, by nobody else.
+    pub streams: Vec<VenueStream>,
     /// The tunable parts of the method.
     pub parameters: Parameters,
     /// What tells this venue from any other.

@@ -29,6 +29,8 @@ pub(super) struct RawVenue {
     #[serde(default)]
     pub(super) person: Vec<RawPerson>,
     #[serde(default)]
+    pub(super) stream: Vec<RawStream>,
+    #[serde(default)]
     pub(super) smoothing: SmoothingUser,
     #[serde(default)]
     pub(super) range_of_motion: RangeOfMotionUser,
@@ -92,4 +94,11 @@ pub(super) struct RawCamera {
 pub(super) struct RawPerson {
     pub(super) tick: i64,
     pub(super) keypoints_m: BTreeMap<String, [f64; 3]>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct RawStream {
+    pub(super) to: String,
+    pub(super) address: Option<String>,
 }

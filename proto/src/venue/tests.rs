@@ -3,6 +3,7 @@
 mod layout;
 mod people;
 mod sources;
+mod streams;
 
 use std::path::Path;
 

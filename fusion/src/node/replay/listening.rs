@@ -44,6 +44,11 @@ impl Listening {
         (venue, keypoints, session): (&Venue, &KeypointSet, SessionId),
         out: &Path,
     ) -> Result<Self, NodeError> {
+        // Streams of the venue file are for what happens now; a replay has those that it was told.
+        let venue = &Venue {
+            streams: Vec::new(),
+            ..venue.clone()
+        };
         let run = RunAtItsStart {
             venue,
             keypoints,
@@ -51,6 +56,7 @@ impl Listening {
             identity: None,
             out,
             restarts: None,
+            listens_at: &[],
             recordings: None,
         };
         let listeners = runtime.block_on(listeners.open(run))?;

@@ -97,6 +97,7 @@ pub fn venue_of(scene: &Scene, input: &Input, parameters: Parameters) -> Venue {
         viewpoints,
         cameras,
         given_persons,
+        streams: Vec::new(),
         parameters,
         hashes: VenueHash {
             venue: String::new(),

@@ -1,0 +1,180 @@
+//! Which streams a run has: those of its venue file, and those of the command line in place of them.
+
+use std::net::SocketAddr;
+
+use anyhow::bail;
+use farfield_proto::toml_file::FileError;
+use farfield_proto::venue::{StreamField, Venue};
+use farfield_streams::{StreamKind, StreamSpec};
+
+use crate::report_lines::ReportLines;
+
+/// The group of the lines of `farfield check`.
+const STREAMS: &str = "streams";
+
+/// The streams of a run of `venue` whose command line says `given`: one there stands for all of its protocol in the file.
+///
+/// # Errors
+/// The first of the file that is none, with line and field; also one that `given` stands for.
+pub(crate) fn streams(venue: &Venue, given: &[StreamSpec]) -> Result<Vec<StreamSpec>, FileError> {
+    let mut wanted = Vec::new();
+    for stream in &venue.streams {
+        let spec = StreamSpec::of(&stream.to, stream.address.as_deref());
+        let spec = spec.map_err(|error| {
+            let field = if error.is_of_name() {
+                StreamField::To
+            } else {
+                StreamField::Address
+            };
+            stream.error(field, error.to_string())
+        })?;
+        if wanted.contains(&spec) {
+            let problem = format!("found a second stream {spec}, expected one");
+            return Err(stream.error(StreamField::To, problem));
+        }
+        wanted.push(spec);
+    }
+    wanted.retain(|spec| !given.iter().any(|it| it.kind == spec.kind));
+    wanted.extend(given);
+    Ok(wanted)
+}
+
+/// Refuses to look for the router of ROS 2 where fusion itself listens, at `listens_at` (Zenoh's endpoints): the messages would go into
+/// its own session, and ROS 2 get none.
+///
+/// # Errors
+/// What is there, and what else to say.
+pub(super) fn check_ros2(specs: &[StreamSpec], listens_at: &[String]) -> anyhow::Result<()> {
+    let by_tcp = listens_at.iter().filter_map(|endpoint| {
+        let (protocol, rest) = endpoint.split_once('/')?;
+        let address = rest.split(['?', '#']).next().unwrap_or_default();
+        let address = address.parse::<SocketAddr>();
+        matches!(protocol, "tcp" | "tls").then_some(address.ok()?)
+    });
+    for listening in by_tcp {
+        if let Some(spec) = specs.iter().find(|it| it.takes_for_its_own(listening)) {
+            bail!(
+                "stream `ros2`: found fusion itself at {}, expected the router of ROS 2; let the router listen at another port and say so \
+                 (ZENOH_CONFIG_OVERRIDE='listen/endpoints=[\"tcp/[::]:7449\"]' ros2 run rmw_zenoh_cpp rmw_zenohd, --stream ros2={}:7449), \
+                 or let fusion listen elsewhere (--listen)",
+                spec.address,
+                spec.address.ip()
+            );
+        }
+    }
+    Ok(())
+}
+
+/// Says which streams a run of `venue` has.
+pub(crate) fn look_at_streams(venue: &Venue, report: &mut ReportLines) {
+    let wanted = match streams(venue, &[]) {
+        Ok(wanted) => wanted,
+        Err(error) => {
+            let names = StreamKind::ALL.map(|(name, _)| name).join(", ");
+            let remedy = format!("to = one of {names}; address = \"IP\" or \"IP:PORT\"");
+            report.fail(STREAMS, error.to_string(), remedy);
+            return;
+        }
+    };
+    for spec in wanted {
+        let (name, address) = (spec.kind.name(), spec.address);
+        let what = if spec.kind.is_server() {
+            "clients connect to"
+        } else {
+            "sent to"
+        };
+        if spec.leaves_this_machine() {
+            report.warn(
+                STREAMS,
+                format!("{name}: {what} {address}: whoever can reach it sees where people are, it has no keys"),
+                "without `address` it keeps to this machine",
+            );
+        } else {
+            report.ok(STREAMS, format!("{name}: {what} {address}"));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+    use crate::report_lines::Verdict;
+
+    fn venue(streams: &str) -> Venue {
+        let sample = Path::new(env!("CARGO_MANIFEST_DIR")).join("venue.sample.toml");
+        let text = std::fs::read_to_string(&sample).unwrap();
+        let (before, after) = text.split_once("[[stream]]").unwrap();
+        let after = &after[after.find("\n\n").unwrap()..];
+        farfield_node::files::parse_venue(&format!("{before}{streams}{after}"), &sample).unwrap()
+    }
+
+    fn read(specs: &[&str]) -> Vec<StreamSpec> {
+        specs.iter().map(|it| it.parse().unwrap()).collect()
+    }
+
+    #[test]
+    fn the_command_line_stands_for_all_of_its_protocol_in_the_file() {
+        let venue = venue(
+            "[[stream]]\nto = \"vmc\"\n[[stream]]\nto = \"vmc\"\naddress = \"10.0.0.9\"\n[[stream]]\nto = \"qtm\"",
+        );
+        let wanted = |given: &[&str]| streams(&venue, &read(given)).unwrap();
+        assert_eq!(wanted(&[]), read(&["vmc", "vmc=10.0.0.9", "qtm"]));
+        let given = ["vmc=10.0.0.1", "psn"];
+        assert_eq!(wanted(&given), read(&["qtm", "vmc=10.0.0.1", "psn"]));
+    }
+
+    #[test]
+    fn what_is_no_stream_is_refused_with_file_line_and_field() {
+        for (text, expected) in [
+            (
+                "to = \"natnet\"",
+                ".to`: stream `natnet`: found no stream of that name",
+            ),
+            (
+                "to = \"vmc\"\naddress = \"10.0.0.9:65530\"",
+                ".address`: stream `vmc`: found port 65530",
+            ),
+            (
+                "to = \"vmc\"\n[[stream]]\nto = \"vmc\"\naddress = \"127.0.0.1:39539\"",
+                "[1].to`: found a second stream vmc=127.0.0.1:39539",
+            ),
+        ] {
+            let venue = venue(&format!("[[stream]]\n{text}"));
+            let told = streams(&venue, &[]).unwrap_err().to_string();
+            assert!(told.contains("venue.sample.toml:"), "{told}");
+            assert!(told.contains(expected), "{told}");
+            let mut report = ReportLines::default();
+            look_at_streams(&venue, &mut report);
+            assert_eq!(report.lines()[0].verdict, Verdict::Failed);
+        }
+    }
+
+    #[test]
+    fn streams_that_leave_this_machine_are_a_warning() {
+        let venue =
+            venue("[[stream]]\nto = \"vmc\"\n[[stream]]\nto = \"vmc\"\naddress = \"10.0.0.9\"");
+        let mut report = ReportLines::default();
+        look_at_streams(&venue, &mut report);
+        let verdicts = report.lines().iter().map(|line| line.verdict);
+        assert_eq!(
+            verdicts.collect::<Vec<_>>(),
+            [Verdict::Ok, Verdict::Warning]
+        );
+    }
+
+    #[test]
+    fn the_router_of_ros_2_is_not_looked_for_where_fusion_listens() {
+        let check = |specs: &[&str], at: &str| check_ros2(&read(specs), &[at.to_owned()]);
+        let told = check(&["qtm", "ros2"], "tcp/127.0.0.1:7447").unwrap_err();
+        assert!(
+            told.to_string().contains("--stream ros2=127.0.0.1:7449"),
+            "{told}"
+        );
+        assert!(check(&["ros2"], "tcp/0.0.0.0:7447?x=1").is_err());
+        // By UDP nobody else is kept from that port.
+        assert!(check(&["ros2"], "quic/0.0.0.0:7447").is_ok());
+        assert!(check(&["ros2=127.0.0.1:7449"], "tcp/0.0.0.0:7447").is_ok());
+    }
+}
