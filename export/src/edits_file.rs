@@ -40,7 +40,7 @@ impl EditsFile {
     /// # Errors
     /// What of the file cannot be read, with its line.
     pub fn read(&self) -> Result<EditList, ExportError> {
-        let text = files::read_text_if_there(&self.path)?;
+        let text = files::read_lines_if_there(&self.path)?;
         Ok(EditList::parse(&text, &self.path)?)
     }
 
@@ -121,6 +121,36 @@ mod tests {
             .map(|(number, _)| number)
             .collect();
         assert_eq!(numbers, [1, 3, 4]);
+    }
+
+    #[test]
+    fn half_a_last_line_is_as_if_it_had_not_been_written() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = EditsFile::of_run(folder.path());
+        file.add("now", None, |_| Ok(name(3, "Anna"))).unwrap();
+        let before = fs::read(file.path()).unwrap();
+        let second = Edit {
+            at: "later".to_owned(),
+            change: name(4, "Žofia"),
+        };
+        let second = second.line().into_bytes();
+        // Wherever it is broken off, also inside a letter.
+        for end in 1..second.len() - 1 {
+            fs::write(file.path(), [&before, &second[..end]].concat()).unwrap();
+            let list = file.read().unwrap();
+            assert!(list.has_torn_line(), "{end}");
+            assert_eq!(list.in_force().len(), 1);
+            let added = file.add("now", None, |_| Ok(name(5, "Bo"))).unwrap();
+            assert_eq!(added, file.read().unwrap());
+            let numbers: Vec<usize> = added.all().map(|(number, _)| number).collect();
+            assert_eq!(numbers, [1, 2]);
+            assert!(fs::read(file.path()).unwrap().starts_with(&before));
+        }
+        // What somebody has written by hand is not half a line.
+        for by_hand in ["an edit", r#"{"at":"later","edit":"drop","person":"x"}"#] {
+            fs::write(file.path(), [&before, by_hand.as_bytes()].concat()).unwrap();
+            assert!(file.read().is_err(), "{by_hand}");
+        }
     }
 
     #[test]

@@ -5,6 +5,7 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use farfield_fusion::export::unfinished::Unfinished;
+use farfield_proto::toml_file::FileError;
 
 use crate::called::{Called, people_of};
 use crate::edits::{EditList, Identities, RefusedEdit};
@@ -136,8 +137,18 @@ impl<'a> Run<'a> {
         let (mut survey, identities) =
             surveyed((&request.poses, request.edits.as_deref()), &ticks)?;
         let people = people_of(&survey, options, identities.names(), &ticks)?;
+        let mut owners = BTreeMap::new();
         for path in &request.subjects {
-            take_lengths(&mut survey, &people, path)?;
+            let profile = SubjectProfile::read(path)?;
+            if let Some(other) = owners.insert(profile.name.clone(), path) {
+                let problem = format!(
+                    "found \"{}\", who has the profile {} too, expected one of each name",
+                    profile.name,
+                    other.display()
+                );
+                return Err(FileError::new(path, problem).at_field("name").into());
+            }
+            take_lengths(&mut survey, &people, (path, profile))?;
         }
         for person in people.keys() {
             check_frames(*person, &clock_of_person(clock, survey.people.get(person)))?;
@@ -442,13 +453,21 @@ pub fn profile_of(poses: &Path, edits: &Path, person: u32) -> Result<SubjectProf
 fn take_lengths(
     survey: &mut Survey,
     people: &BTreeMap<u32, Called>,
-    path: &Path,
+    (path, profile): (&Path, SubjectProfile),
 ) -> Result<(), ExportError> {
-    let profile = SubjectProfile::read(path)?;
-    let called = people
+    let mut called = people
         .iter()
-        .find(|(_, called)| called.name == profile.name);
-    let person = called.and_then(|(person, _)| survey.people.get_mut(person));
+        .filter(|(_, called)| called.name == profile.name)
+        .map(|(person, _)| person);
+    let (person, other) = (called.next(), called.next());
+    if let Some((person, other)) = person.zip(other) {
+        return Err(ExportError::Options(format!(
+            "{}: found persons {person} and {other} who are called {}, expected one",
+            path.display(),
+            profile.name
+        )));
+    }
+    let person = person.and_then(|person| survey.people.get_mut(person));
     let person = person.ok_or_else(|| {
         let names: Vec<&str> = people.values().map(|it| it.name.as_str()).collect();
         ExportError::Options(format!(

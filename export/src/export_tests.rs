@@ -324,6 +324,16 @@ fn who_is_called_alike_is_told_apart_and_a_profile_gives_its_lengths() {
     };
     assert_eq!(of(&after, "poses_Bo.bvh"), of(&before, "poses_ada_5.bvh"));
     assert_ne!(of(&before, "poses_Bo.bvh"), of(&before, "poses_ada_5.bvh"));
+    // Two bodies for one name.
+    let second = folder.path().join("subjects/bo-again.toml");
+    fs::copy(&request.subjects[0], &second).unwrap();
+    request.subjects.push(second);
+    let refused = run(&request).unwrap_err().to_string();
+    assert!(
+        refused.contains("bo-again.toml: `name`: found \"Bo\", who has the profile "),
+        "{refused}"
+    );
+    request.subjects.pop();
     request.options.people = vec![1];
     let refused = run(&request).unwrap_err().to_string();
     assert!(

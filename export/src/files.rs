@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 
 use farfield_fusion::export::unfinished::{Unfinished, temporary};
 
+use crate::edits::list::whole_lines;
 use crate::error::ExportError;
 use crate::options::Existing;
 
@@ -28,41 +29,60 @@ pub(crate) fn read_text(path: &Path) -> Result<String, ExportError> {
     Ok(text)
 }
 
-/// The same of a file that may be missing: no text.
-pub(crate) fn read_text_if_there(path: &Path) -> Result<String, ExportError> {
-    match read_text(path) {
+/// The same of a file that lines are added to and that may be missing: no text. Half a letter at its end is left out.
+pub(crate) fn read_lines_if_there(path: &Path) -> Result<String, ExportError> {
+    match open(path) {
         Err(ExportError::Io { source, .. }) if source.kind() == io::ErrorKind::NotFound => {
             Ok(String::new())
         }
-        read => read,
+        Err(error) => Err(error),
+        Ok(file) => read_lines(file).map_err(|source| ExportError::io(path, "reading", source)),
     }
 }
 
+fn read_lines(file: impl io::Read) -> io::Result<String> {
+    let mut bytes = Vec::new();
+    file.take(LARGEST_SUMMARY).read_to_end(&mut bytes)?;
+    String::from_utf8(bytes).or_else(|error| {
+        let (end, is_cut_off) = (
+            error.utf8_error().valid_up_to(),
+            error.utf8_error().error_len().is_none(),
+        );
+        let mut bytes = error.into_bytes();
+        if is_cut_off {
+            bytes.truncate(end);
+        }
+        String::from_utf8(bytes).map_err(|error| io::Error::new(io::ErrorKind::InvalidData, error))
+    })
+}
+
 /// Adds the line that `make` makes of what stands in the file `path` (made where it is not there); others who add wait. Where the
-/// disk does not take all of it the file is as it was.
+/// disk does not take all of it the file is as it was; half a line at its end goes.
 pub(crate) fn append(
     path: &Path,
     make: impl FnOnce(&str) -> Result<String, ExportError>,
 ) -> Result<(), ExportError> {
     let failed = |source| ExportError::io(path, "writing", source);
     let mut file = open_locked(path).map_err(failed)?;
-    let mut text = String::new();
-    let read = (&mut file).take(LARGEST_SUMMARY).read_to_string(&mut text);
-    read.map_err(|source| ExportError::io(path, "reading", source))?;
+    let text = read_lines(&mut file).map_err(|source| ExportError::io(path, "reading", source))?;
     if text.len() as u64 >= LARGEST_SUMMARY {
         return Err(failed(io::ErrorKind::FileTooLarge.into()));
     }
     let made = make(&text).and_then(|line| {
-        let begin = if text.is_empty() || text.ends_with('\n') {
+        let kept = whole_lines(&text);
+        let begin = if kept.is_empty() || kept.ends_with('\n') {
             ""
         } else {
             "\n"
         };
+        if kept.len() < text.len() {
+            file.set_len(kept.len() as u64).map_err(failed)?;
+        }
         let written = file.write_all(format!("{begin}{line}").as_bytes());
         let written = written.and_then(|()| file.sync_data());
         if written.is_err() {
             // What is left of a line would be in the way of all that come; nothing more can be done where this fails, too.
-            drop(file.set_len(text.len() as u64));
+            drop(file.set_len(kept.len() as u64));
         }
         written.map_err(failed)
     });

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
+use std::ops::RangeInclusive;
 use std::path::Path;
 
 use farfield_fusion::body::skeleton::{Joint, N_JOINTS};
@@ -16,8 +17,10 @@ use crate::formats::osim::stature_m;
 use crate::run::PersonSurvey;
 use crate::skeleton::Offsets;
 
-/// Links longer than this are none of a person, metres.
+/// Links longer than this are none of a person, metres; nor do lengths of one link differ by more.
 const LONGEST_M: f64 = 2.0;
+/// Statures that people have, metres.
+const STATURES_M: RangeInclusive<f64> = 0.4..=2.8;
 
 /// What is kept of a person.
 #[derive(Debug, Clone, PartialEq)]
@@ -45,9 +48,31 @@ struct Fields {
 #[expect(clippy::struct_field_names, reason = "the names are those of the file")]
 struct LinkFields {
     offset_m: [f64; 3],
-    #[expect(dead_code, reason = "for people: it follows from the offset")]
+    /// For people: it follows from the offset.
     length_m: f64,
     sigma_m: f64,
+}
+
+impl LinkFields {
+    /// The field that no link of a person has, and what was found and expected.
+    fn check(&self) -> Result<(), (&'static str, String)> {
+        let is_length = |length_m: f64| length_m > 0.0 && length_m <= LONGEST_M;
+        let expected = format!("expected a length above 0 and up to {LONGEST_M} m");
+        if !is_length(Vector3::from(self.offset_m).norm()) {
+            return Err(("offset_m", format!("found {:?}, {expected}", self.offset_m)));
+        }
+        if !is_length(self.length_m) {
+            return Err(("length_m", format!("found {:?}, {expected}", self.length_m)));
+        }
+        if !(0.0..=LONGEST_M).contains(&self.sigma_m) {
+            let problem = format!(
+                "found {:?}, expected metres from 0 to {LONGEST_M}",
+                self.sigma_m
+            );
+            return Err(("sigma_m", problem));
+        }
+        Ok(())
+    }
 }
 
 impl SubjectProfile {
@@ -73,6 +98,15 @@ impl SubjectProfile {
             return Err(file.error(&Place::field("name"), problem));
         }
         check_name(&fields.name).map_err(|problem| file.error(&Place::field("name"), problem))?;
+        if !STATURES_M.contains(&fields.stature_m) {
+            let problem = format!(
+                "found {:?}, expected metres from {} to {}",
+                fields.stature_m,
+                STATURES_M.start(),
+                STATURES_M.end()
+            );
+            return Err(file.error(&Place::field("stature_m"), problem));
+        }
         let links = Place::field("link");
         let unknown = fields.link.keys().find(|name| {
             let joint = Joint::from_name(name);
@@ -92,11 +126,8 @@ impl SubjectProfile {
             let link = fields.link.get(joint.name());
             let link = link.ok_or_else(|| file.error(&place, "missing, expected every link"))?;
             let offset_m = Vector3::from(link.offset_m);
-            let is_length = offset_m.norm() <= LONGEST_M;
-            if !is_length {
-                let problem = format!("found {:?}, expected at most {LONGEST_M} m", link.offset_m);
-                return Err(file.error(&place.key("offset_m"), problem));
-            }
+            link.check()
+                .map_err(|(field, problem)| file.error(&place.key(field), problem))?;
             offsets.0[joint.index()] = offset_m;
             sigma_m[joint.index()] = link.sigma_m;
         }
@@ -195,6 +226,41 @@ mod tests {
             "[link.spine]\noffset_m = [9",
         );
         assert!(told.contains("`link.spine.offset_m`: found"), "{told}");
+        for (from, to, expected) in [
+            (
+                "stature_m = 1.7500",
+                "stature_m = 0.3",
+                ":3: `stature_m`: found 0.3, expected metres from 0.4 to 2.8",
+            ),
+            (
+                "stature_m = 1.7500",
+                "stature_m = nan",
+                ":3: `stature_m`: found NaN",
+            ),
+            (
+                "sigma_m = 0.00000",
+                "sigma_m = -0.1",
+                "`link.spine.sigma_m`: found -0.1",
+            ),
+            (
+                "sigma_m = 0.00000",
+                "sigma_m = inf",
+                "`link.spine.sigma_m`: found inf",
+            ),
+            (
+                "length_m = ",
+                "length_m = -",
+                "`link.spine.length_m`: found -",
+            ),
+            (
+                "name = \"Anna",
+                "name = \"\\u202eAnna",
+                "`name`: found \"\\u{202e}Anna",
+            ),
+        ] {
+            let told = refused(from, to);
+            assert!(told.contains(expected), "{told}");
+        }
         let told = refused("name = ", "name = \"\" # ");
         assert!(told.contains("`name`: found none"), "{told}");
     }

@@ -212,7 +212,7 @@ fn recorded(place: &Place, out: &Path) -> Result<Option<ReadOut>, NodeError> {
 fn write(args: &ExportArgs, place: &Place, request: &ExportRequest) -> Result<(), NodeError> {
     let edits = place.edits();
     let n_edits = match request.edits {
-        Some(_) => edits.read().map_err(node_error)?.in_force().len(),
+        Some(_) => place.read_edits().map_err(node_error)?.in_force().len(),
         None => 0,
     };
     if n_edits > 0 {

@@ -3,8 +3,10 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{anyhow, bail, ensure};
-use farfield_export::EditsFile;
+use farfield_export::edits::EditList;
+use farfield_export::{EditsFile, ExportError};
 use farfield_fusion::export::salvage::SMOOTH;
+use farfield_node::process::say;
 
 /// What a run calls its poses, and what it says of itself.
 pub(super) const POSES: &str = "poses.jsonl";
@@ -59,6 +61,22 @@ impl Place {
             }
             Self::Recording(path) => EditsFile::of_recording(path),
         }
+    }
+
+    /// Reads [`Self::edits`], and says when half a line of them is left out.
+    ///
+    /// # Errors
+    /// As [`EditsFile::read`].
+    pub(super) fn read_edits(&self) -> Result<EditList, ExportError> {
+        let edits = self.edits();
+        let list = edits.read()?;
+        if list.has_torn_line() {
+            say(format_args!(
+                "{}: its last line was not written to its end, and is left out; the next edit takes its place",
+                edits.path().display()
+            ));
+        }
+        Ok(list)
     }
 
     /// Where exports go if nobody says otherwise.

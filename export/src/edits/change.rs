@@ -8,6 +8,11 @@ use serde::{Deserialize, Serialize};
 
 /// Most characters of a name.
 pub const MOST_NAME_CHARACTERS: usize = 64;
+/// Characters that are not seen and turn the text around them, or end its line: a name with them shows as another.
+const TURNS_TEXT: [char; 14] = [
+    '\u{61c}', '\u{200e}', '\u{200f}', '\u{2028}', '\u{2029}', '\u{202a}', '\u{202b}', '\u{202c}',
+    '\u{202d}', '\u{202e}', '\u{2066}', '\u{2067}', '\u{2068}', '\u{2069}',
+];
 /// Most characters of the time of an edit.
 const MOST_TIME_CHARACTERS: usize = 40;
 
@@ -160,7 +165,8 @@ pub fn check_name(name: &str) -> Result<(), String> {
             "found {n} characters, expected at most {MOST_NAME_CHARACTERS}"
         ));
     }
-    if name.chars().any(char::is_control) || name.trim() != name {
+    let is_unseen = |c: char| c.is_control() || TURNS_TEXT.contains(&c);
+    if name.chars().any(is_unseen) || name.trim() != name {
         return Err(format!(
             "found {name:?}, expected a name without control characters and blanks around it"
         ));

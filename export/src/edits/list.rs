@@ -1,5 +1,6 @@
 //! The file of edits: a line each, only ever appended to.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use farfield_fusion::export::EDITS;
@@ -17,7 +18,10 @@ const MOST_LINES: usize = 100_000;
 pub struct EditList {
     /// Each with its line, from 1, which is its number.
     edits: Vec<(usize, Edit)>,
+    /// The numbers of those that were taken back.
+    undone: BTreeSet<usize>,
     n_lines: usize,
+    has_torn_line: bool,
 }
 
 /// Where the edits of the run in `folder` are.
@@ -30,14 +34,28 @@ pub fn of_recording(recording: &Path) -> PathBuf {
     recording.with_extension(EDITS)
 }
 
+/// What of `text` was written to its end. A last line without its end that is the beginning of an edit was broken off as it was written, as
+/// when the power fails: it is as if it had not been.
+pub(crate) fn whole_lines(text: &str) -> &str {
+    let begin = text.rfind('\n').map_or(0, |at| at + 1);
+    let (before, last) = text.split_at_checked(begin).unwrap_or((text, ""));
+    let read = serde_json::from_str::<serde::de::IgnoredAny>(last);
+    let is_torn = last.starts_with('{') && read.is_err_and(|error| error.is_eof());
+    if is_torn { before } else { text }
+}
+
 impl EditList {
-    /// The edits of `text`, the content of `path`; blank lines are left out.
+    /// The edits of `text`, the content of `path`; blank lines are left out, and a last one that is torn ([`Self::has_torn_line`]).
     ///
     /// # Errors
     /// The first line that is none, or takes back what is not in force.
     pub fn parse(text: &str, path: &Path) -> Result<Self, FileError> {
-        let mut list = Self::default();
-        for line in text.lines() {
+        let whole = whole_lines(text);
+        let mut list = Self {
+            has_torn_line: whole.len() < text.len(),
+            ..Self::default()
+        };
+        for line in whole.lines() {
             list.n_lines += 1;
             let number = list.n_lines;
             let at = |problem: String| FileError::new(path, problem).at_line(number);
@@ -55,6 +73,7 @@ impl EditList {
             if let Change::Undo { number } = edit.change {
                 let undone = list.check_undo(number);
                 undone.map_err(|problem| at(problem).at_field("number"))?;
+                list.undone.insert(number);
             }
             list.edits.push((number, edit));
         }
@@ -66,26 +85,21 @@ impl EditList {
         self.edits.iter().map(|(number, edit)| (*number, edit))
     }
 
+    /// Whether the file ends with half a line, which was left out: the next one takes its place.
+    pub fn has_torn_line(&self) -> bool {
+        self.has_torn_line
+    }
+
     /// Whether there are none.
     pub fn is_empty(&self) -> bool {
         self.edits.is_empty()
     }
 
-    /// The numbers of those that were taken back.
-    fn undone(&self) -> std::collections::BTreeSet<usize> {
-        let undone = self.all().filter_map(|(_, edit)| match edit.change {
-            Change::Undo { number } => Some(number),
-            _ => None,
-        });
-        undone.collect()
-    }
-
     /// What is in force, in order: without undos and what they took back.
     pub fn in_force(&self) -> Vec<(usize, &Change)> {
-        let undone = self.undone();
         self.all()
             .filter(|(number, edit)| {
-                !undone.contains(number) && !matches!(edit.change, Change::Undo { .. })
+                !self.undone.contains(number) && !matches!(edit.change, Change::Undo { .. })
             })
             .map(|(number, edit)| (number, &edit.change))
             .collect()
@@ -148,8 +162,13 @@ impl EditList {
         if let Change::Undo { number } = edit.change {
             self.check_undo(number).map_err(refused)?;
         }
-        let is_undo = matches!(edit.change, Change::Undo { .. });
         let mut list = self.clone();
+        // It is written in the place of half a line.
+        list.has_torn_line = false;
+        let is_undo = match edit.change {
+            Change::Undo { number } => list.undone.insert(number),
+            _ => false,
+        };
         list.edits.push((number, edit));
         list.n_lines = number;
         match list.identities(roll) {
@@ -163,15 +182,17 @@ impl EditList {
     }
 
     fn check_undo(&self, number: usize) -> Result<(), String> {
-        let edit = self.all().find(|(known, _)| *known == number);
-        match edit {
+        let edit = self
+            .edits
+            .binary_search_by_key(&number, |(known, _)| *known);
+        match edit.ok().and_then(|index| self.edits.get(index)) {
             None => Err(format!(
                 "found {number}, expected the number of an edit before"
             )),
             Some((_, edit)) if matches!(edit.change, Change::Undo { .. }) => Err(format!(
                 "found {number}, which is an undo: expected an edit, make it again instead"
             )),
-            Some(_) if self.undone().contains(&number) => {
+            Some(_) if self.undone.contains(&number) => {
                 Err(format!("found {number}, which is undone already"))
             }
             Some(_) => Ok(()),

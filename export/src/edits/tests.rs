@@ -236,6 +236,20 @@ fn a_line_that_is_none_is_named_with_its_field() {
     assert!(check_name(&"a".repeat(65)).is_err());
 }
 
+#[test]
+fn as_many_undos_as_a_file_holds_are_read() {
+    let half = 50_000;
+    let named = (0..half).map(|n| Change::Name {
+        person: 3,
+        name: format!("p{n}"),
+    });
+    let undone = (1..=half).rev().map(|number| Change::Undo { number });
+    let text: String = named.chain(undone).map(|it| edit(it).line()).collect();
+    let list = EditList::parse(&text, Path::new("edits.jsonl")).unwrap();
+    assert_eq!(list.all().count(), 2 * half);
+    assert!(list.in_force().is_empty());
+}
+
 fn any_change() -> impl Strategy<Value = Change> {
     let id = 1_u32..12;
     prop_oneof![

@@ -188,7 +188,7 @@ fn print(known: &Known, number: Option<usize>, json: bool) -> Result<(), NodeErr
 impl Known {
     fn of(place: &Place) -> Result<Self, NodeError> {
         let edits = place.edits();
-        let list = edits.read().map_err(node_error)?;
+        let list = place.read_edits().map_err(node_error)?;
         let before = list.identities(None);
         let before = before.map_err(|fault| NodeError::refused(fault.in_file(edits.path())))?;
         let (table, rate_hz) = table(place, &before).map_err(NodeError::Refused)?;
