@@ -22,6 +22,7 @@ pub mod endpoint;
 mod exposure;
 mod generations;
 mod json;
+pub mod words;
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;

@@ -29,14 +29,14 @@ const GRACE: Duration = Duration::from_secs(2);
 #[derive(Debug, Error)]
 pub enum StreamError {
     /// The address cannot be had.
-    #[error("stream `{spec}`: {problem}: {source}")]
+    #[error("stream `{spec}`: {problem}: {why}")]
     Open {
         /// The stream.
         spec: StreamSpec,
         /// What was tried.
         problem: &'static str,
         /// What the system says.
-        source: io::Error,
+        why: io::Error,
     },
     /// Two streams of one protocol at one address.
     #[error("stream `{0}`: found twice, expected once")]
@@ -149,14 +149,14 @@ impl Streams {
             )),
             StreamKind::Psn => psn::send(spec.address, spec.interface, &shell),
         };
-        let address = opened.map_err(|source| StreamError::Open {
+        let address = opened.map_err(|why| StreamError::Open {
             spec,
             problem: if spec.kind.is_server() {
                 "cannot listen there"
             } else {
                 "cannot send there"
             },
-            source,
+            why,
         })?;
         self.running.push(Running {
             spec,

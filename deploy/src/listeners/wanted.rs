@@ -1,9 +1,10 @@
 //! Which streams a run has: those of its venue file, and those of the command line in place of them.
 
-use std::net::SocketAddr;
+use std::net::{IpAddr, SocketAddr};
 
 use anyhow::bail;
 use farfield_proto::toml_file::FileError;
+use farfield_proto::transport::endpoint;
 use farfield_proto::venue::{StreamField, Venue};
 use farfield_streams::{StreamKind, StreamSpec};
 
@@ -45,11 +46,10 @@ pub(crate) fn streams(venue: &Venue, given: &[StreamSpec]) -> Result<Vec<StreamS
 /// # Errors
 /// What is there, and what else to say.
 pub(super) fn check_ros2(specs: &[StreamSpec], listens_at: &[String]) -> anyhow::Result<()> {
-    let by_tcp = listens_at.iter().filter_map(|endpoint| {
-        let (protocol, rest) = endpoint.split_once('/')?;
-        let address = rest.split(['?', '#']).next().unwrap_or_default();
-        let address = address.parse::<SocketAddr>();
-        matches!(protocol, "tcp" | "tls").then_some(address.ok()?)
+    let by_tcp = listens_at.iter().filter_map(|at| {
+        let ip = endpoint::host(at).parse::<IpAddr>().ok()?;
+        let address = SocketAddr::new(ip, endpoint::port(at)?);
+        matches!(endpoint::scheme(at), "tcp" | "tls").then_some(address)
     });
     for listening in by_tcp {
         if let Some(spec) = specs.iter().find(|it| it.takes_for_its_own(listening)) {

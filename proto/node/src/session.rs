@@ -5,6 +5,7 @@
 use std::thread;
 
 use anyhow::{Context as _, anyhow};
+use farfield_proto::transport::words::without_places;
 use farfield_proto::transport::{EdgeTransport, FusionTransport, ZenohSetting};
 use farfield_proto::wire::VERSION;
 use tracing::warn;
@@ -191,33 +192,4 @@ fn config(settings: Vec<ZenohSetting>) -> anyhow::Result<zenoh::Config> {
 #[expect(clippy::needless_pass_by_value, reason = "what `map_err` takes")]
 pub fn zenoh_error(error: zenoh::Error) -> anyhow::Error {
     anyhow!(without_places(&error.to_string()))
-}
-
-/// Zenoh's words without the places in its own source, ` at FILE.rs:LINE.`, which help no operator.
-fn without_places(text: &str) -> String {
-    let mut parts = text.split(" at ");
-    let mut kept = parts.next().unwrap_or_default().to_owned();
-    for part in parts {
-        let end = part.find(|c: char| c.is_whitespace() || c == ']');
-        let (word, rest) = part.split_at(end.unwrap_or(part.len()));
-        if word.contains(".rs:") {
-            kept.push_str(rest);
-        } else {
-            kept.push_str(" at ");
-            kept.push_str(part);
-        }
-    }
-    kept
-}
-
-#[cfg(test)]
-mod tests {
-    #[test]
-    fn zenohs_words_are_shown_without_places_in_its_source() {
-        let said = "Can not create a new TCP listener at [::]:1: [tcp: Address in use (os error 98) at /r/src/a-1/unicast.rs:367.] at /r/src/b-2/tcp.rs:12. - Caused by x";
-        assert_eq!(
-            super::without_places(said),
-            "Can not create a new TCP listener at [::]:1: [tcp: Address in use (os error 98)] - Caused by x"
-        );
-    }
 }

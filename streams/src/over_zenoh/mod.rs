@@ -15,6 +15,7 @@ use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
 
+use farfield_proto::transport::words::without_places;
 use tokio::sync::mpsc::error::TryRecvError;
 use tokio::sync::{mpsc, oneshot};
 use zenoh::{Config, Session, Wait as _};
@@ -70,7 +71,7 @@ pub(crate) fn send_ros2(address: SocketAddr, shell: &Shell) -> io::Result<Socket
                 Ok(session) => break session,
                 Err(error) if !was_said => {
                     was_said = true;
-                    counters.failed(format!("no router at {address} yet: {error}"));
+                    counters.failed(format!("no router at {address} yet: {}", as_io(error)));
                 }
                 Err(_) => {}
             }
@@ -131,14 +132,14 @@ fn publish(
             while let Some(frame) = frames.blocking_recv() {
                 match publisher.publish(&frame) {
                     Ok(()) => counters.sent(),
-                    Err(error) => counters.failed(error.to_string()),
+                    Err(error) => counters.failed(as_io(error).to_string()),
                 }
             }
         }
-        Err(error) => counters.failed(error.to_string()),
+        Err(error) => counters.failed(as_io(error).to_string()),
     }
     if let Err(error) = session.close().wait() {
-        counters.failed(error.to_string());
+        counters.failed(as_io(error).to_string());
     }
 }
 
@@ -180,5 +181,5 @@ fn config(mode: &str, way: &str, address: SocketAddr) -> zenoh::Result<Config> {
 
 #[expect(clippy::needless_pass_by_value, reason = "what `map_err` takes")]
 fn as_io(error: zenoh::Error) -> io::Error {
-    io::Error::other(error.to_string())
+    io::Error::other(without_places(&error.to_string()))
 }
