@@ -14,7 +14,7 @@ use farfield_proto::message::{PersonPose, PersonState, PoseSet};
 use farfield_proto::tick::Tick;
 use nalgebra::Vector3;
 
-use crate::names::tell_apart;
+use crate::people::names::tell_apart;
 
 /// How long who has gone stays in the roster, seconds: who is lost for a while keeps label, skeleton and port.
 const ROSTER_S: f64 = 10.0;
@@ -101,6 +101,13 @@ pub struct RosterEntry {
     pub name: Arc<str>,
     /// The body as it was measured when the person came.
     pub offsets: Offsets,
+}
+
+impl Roster {
+    /// The people's ids, in order.
+    pub fn ids(&self) -> impl Iterator<Item = PersonId> + Clone {
+        self.people.iter().map(|entry| entry.id)
+    }
 }
 
 impl Frame {
@@ -339,7 +346,7 @@ mod tests {
     use crate::synthetic;
 
     fn ids(roster: &Roster) -> Vec<u32> {
-        roster.people.iter().map(|entry| entry.id.0).collect()
+        roster.ids().map(|PersonId(id)| id).collect()
     }
 
     #[test]

@@ -7,6 +7,7 @@
 //!
 //! | module | what |
 //! | --- | --- |
+//! | [`people`] | names that differ, places that are kept |
 //! | [`frame`] | what all streams draw from: a tick's persons, the export skeleton's pose, the roster |
 //! | [`qtm`] | the real-time protocol of Qualisys Track Manager: TCP, XML, components |
 //! | [`vmc`] | Virtual Motion Capture: OSC over UDP, one person per port |
@@ -22,9 +23,9 @@
 mod connection;
 pub mod foxglove;
 pub mod frame;
-mod names;
 #[cfg(feature = "zenoh")]
 mod over_zenoh;
+pub mod people;
 pub mod psn;
 pub mod qtm;
 pub mod ros;

@@ -11,18 +11,17 @@
 //! The first person goes to the first port, 39539 by default, the next to the next, up to [`VMC_PORTS`]. A person keeps the
 //! port for as long as it is in the roster. Who is not there is not sent.
 
-use std::collections::BTreeMap;
 use std::io;
 use std::net::SocketAddr;
 
 use farfield_export::axes::{Axes, Preset};
 use farfield_export::skeleton::{Bone, BoneNames};
-use farfield_proto::id::PersonId;
 use nalgebra::{UnitQuaternion, Vector3};
 use rosc::{OscBundle, OscMessage, OscPacket, OscTime, OscType, encoder};
 use tokio::net::UdpSocket;
 
-use crate::frame::{Frame, PersonFrame, Roster};
+use crate::frame::{Frame, PersonFrame};
+use crate::people::places::Places;
 use crate::shell::Shell;
 use crate::spec::VMC_PORTS;
 use crate::udp::{any_address, send_all};
@@ -84,48 +83,15 @@ fn posed(address: &str, name: &str, at: &Vector3<f64>, turned: &UnitQuaternion<f
     message(address, args)
 }
 
-/// Which person has which port.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct Ports(BTreeMap<PersonId, u16>);
-
-impl Ports {
-    /// Gives people of the roster who have none the lowest free port; takes those of people who are not in it any more.
-    pub fn assign(&mut self, roster: &Roster) {
-        let is_there = |id: &PersonId| roster.people.iter().any(|entry| entry.id == *id);
-        self.0.retain(|id, _| is_there(id));
-        for entry in &roster.people {
-            let free = (0..VMC_PORTS).find(|port| !self.0.values().any(|taken| taken == port));
-            if let Some(port) = free {
-                self.0.entry(entry.id).or_insert(port);
-            }
-        }
-    }
-
-    /// The port of a person, counted from the first; `None` where there were none left.
-    pub fn of(&self, id: PersonId) -> Option<u16> {
-        self.0.get(&id).copied()
-    }
-
-    /// How many ports are sent to.
-    pub fn len(&self) -> usize {
-        self.0.len()
-    }
-
-    /// Whether none is sent to.
-    pub fn is_empty(&self) -> bool {
-        self.0.is_empty()
-    }
-}
-
 /// Sends to `first`, the port of the first person.
 pub(crate) async fn send(first: SocketAddr, shell: Shell) -> io::Result<SocketAddr> {
     let socket = UdpSocket::bind(SocketAddr::new(any_address(first), 0)).await?;
     let mut feed = shell.feed.fresh();
     let counters = std::sync::Arc::clone(&shell.counters);
     shell.spawn(async move {
-        let mut ports = Ports::default();
+        let mut ports = Places::new(VMC_PORTS);
         while let Some(frame) = feed.next().await {
-            ports.assign(&frame.roster);
+            ports.assign(frame.roster.ids());
             counters.set_clients(ports.len());
             for person in frame.confirmed() {
                 let Some(port) = ports.of(person.id) else {
@@ -148,13 +114,13 @@ pub(crate) async fn send(first: SocketAddr, shell: Shell) -> io::Result<SocketAd
 
 #[cfg(test)]
 mod tests {
-    use std::sync::Arc;
+    use std::collections::BTreeMap;
 
     use farfield_fusion::body::skeleton::{Pose, reported_angles};
     use nalgebra::Quaternion;
 
     use super::*;
-    use crate::frame::{FrameMaker, RosterEntry};
+    use crate::frame::FrameMaker;
     use crate::synthetic;
 
     fn messages(frame: &Frame, person: &PersonFrame) -> Vec<OscMessage> {
@@ -231,35 +197,5 @@ mod tests {
             };
             assert!((by.angle().to_degrees() - expected).abs() < 1e-3, "{name}");
         }
-    }
-
-    #[test]
-    fn a_person_keeps_its_port_and_others_take_those_that_are_free() {
-        let entry = |id: u32| RosterEntry {
-            id: PersonId(id),
-            name: "x".into(),
-            offsets: Arc::unwrap_or_clone(synthetic::frame(0)).roster.people[0]
-                .offsets
-                .clone(),
-        };
-        let roster = |ids: &[u32]| Roster {
-            version: 0,
-            people: ids.iter().map(|id| entry(*id)).collect(),
-        };
-        let mut ports = Ports::default();
-        ports.assign(&roster(&[5, 3, 9]));
-        let of = |ports: &Ports, id| ports.of(PersonId(id));
-        assert_eq!(
-            [5, 3, 9].map(|id| of(&ports, id)),
-            [Some(0), Some(1), Some(2)]
-        );
-        ports.assign(&roster(&[5, 9, 4]));
-        assert_eq!(
-            [5, 9, 4, 3].map(|id| of(&ports, id)),
-            [Some(0), Some(2), Some(1), None]
-        );
-        let many: Vec<u32> = (100..130).collect();
-        ports.assign(&roster(&many));
-        assert_eq!(ports.len(), 16);
     }
 }
