@@ -58,6 +58,7 @@ fn truth(people: u32, start_s: f64) -> serde_json::Value {
     let ticks: Vec<_> = (0..synthetic::PERIOD).map(tick).collect();
     serde_json::json!({
         "start_s": start_s, "rate_hz": synthetic::RATE_HZ, "joints": names, "angles": ANGLE_NAMES.as_slice(), "ticks": ticks,
+        "cameras": synthetic::CAMERAS.as_slice(),
     })
 }
 

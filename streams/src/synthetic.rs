@@ -8,10 +8,12 @@ use farfield_fusion::body::skeleton::dof::{DofGroup, first_of};
 use farfield_fusion::body::skeleton::{
     Kinematics, Pose, Proportions, Side, Skeleton, reported_angles,
 };
+use farfield_proto::camera::{CameraModel, Distortion, Intrinsics};
+use farfield_proto::frames::Transform;
 use farfield_proto::id::{PersonId, SessionId};
 use farfield_proto::message::{PersonPose, PersonState, PoseSet};
 use farfield_proto::tick::Tick;
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
 use crate::frame::{Frame, FrameMaker, VenueFacts};
 
@@ -26,8 +28,24 @@ pub fn facts() -> VenueFacts {
         venue: "synthetic".to_owned(),
         rate_hz: RATE_HZ,
         names: BTreeMap::from([(PersonId(2), "Ada <& \"Zoë\">".to_owned())]),
-        cameras: Vec::new(),
+        cameras: CAMERAS.iter().filter_map(camera).collect(),
     }
+}
+
+/// Cameras of the made-up venue: names, and where they stand, metres.
+pub const CAMERAS: [(&str, [f64; 3]); 2] = [("south", [1.0, -8.0, 2.5]), ("east", [9.0, 2.0, 3.0])];
+
+/// A camera that stands there, not turned, without a lens.
+fn camera((name, at_m): &(&str, [f64; 3])) -> Option<CameraModel> {
+    let intrinsics = Intrinsics {
+        fx_px: 900.0,
+        fy_px: 900.0,
+        cx_px: 640.0,
+        cy_px: 360.0,
+    };
+    let camera_from_world = Isometry3::new(-Vector3::from(*at_m), Vector3::zeros());
+    let place = Transform::new(camera_from_world);
+    CameraModel::new(*name, [1280, 720], intrinsics, Distortion::default(), place).ok()
 }
 
 /// How a person walks: a circle of 2 m in four seconds, arms and legs swinging once a second.

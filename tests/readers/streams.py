@@ -55,6 +55,7 @@ class Truth:
         self.joints_m = np.array([[person["joints_m"] for person in tick] for tick in read["ticks"]])
         self.angles = [[dict(zip(self.angle_names, person["angles"])) for person in tick] for tick in read["ticks"]]
         self.people = self.joints_m.shape[1]
+        self.cameras = read["cameras"]
         self.rotations = {}
 
     def at(self, tick):
@@ -310,9 +311,28 @@ async def foxglove_by_hand(seconds):
     return messages
 
 
-def foxglove_messages(client, truth, messages, worst):
+def foxglove_message(schema, data):
     import importlib
 
+    name = schema.removeprefix("foxglove.")
+    return getattr(importlib.import_module(f"foxglove_schemas_protobuf.{name}_pb2"), name).FromString(data)
+
+
+def foxglove_camera(client, truth, message, seen, worst):
+    """Where the cameras are, and how they see."""
+    places = dict(truth.cameras)
+    for transform in getattr(message, "transforms", ()):
+        name = transform.child_frame_id.removeprefix("camera_")
+        t = transform.translation
+        seen[f"{name} in space"] += 1
+        compare(worst, "mm", client, 1000 * np.linalg.norm(np.array([t.x, t.y, t.z]) - places[name]))
+    if hasattr(message, "K"):
+        seen[message.frame_id.removeprefix("camera_")] += 1
+        worst.bounds[f"{client}: cameras that see otherwise"] = 0
+        worst.take(f"{client}: cameras that see otherwise", int((message.width, message.height, list(message.K)) != (1280, 720, [900, 0, 640, 0, 900, 360, 0, 0, 1])))
+
+
+def foxglove_messages(client, truth, messages, worst):
     received, ticks = Received(truth), {}
     for arrived, topic, schema, stamp, data in messages:
         if topic == "/person_1/angles":
@@ -325,25 +345,34 @@ def foxglove_messages(client, truth, messages, worst):
     expected = {"/people", "/tf", *(f"/person_{i + 1}/angles" for i in range(truth.people))}
     worst.bounds[f"{client}: topics missing"] = 0
     worst.take(f"{client}: topics missing", len(expected - topics))
+    # Checks that nothing comes to cannot fail.
+    seen = dict.fromkeys(["people", "frames", "angles", *(name for name, _ in truth.cameras), *(f"{name} in space" for name, _ in truth.cameras)], 0)
     for _, topic, schema, stamp, data in messages:
+        if "camera" in topic or topic == "/tf_static":
+            foxglove_camera(client, truth, foxglove_message(schema, data), seen, worst)
+            continue
         tick = ticks.get(stamp)
         if tick is None or tick % 7:
             continue
         if topic.endswith("/angles"):
             person = int(topic.split("_")[1].split("/")[0]) - 1
             angles = truth.angles[tick % len(truth.angles)][person]
+            seen["angles"] += 1
             for name, value in json.loads(data)["angles_deg"].items():
                 compare(worst, "deg", client, abs(np.degrees(np.angle(np.exp(1j * (np.radians(value) - angles[name]))))))
             continue
-        name = schema.removeprefix("foxglove.")
-        message = getattr(importlib.import_module(f"foxglove_schemas_protobuf.{name}_pb2"), name).FromString(data)
+        message = foxglove_message(schema, data)
         for entity in getattr(message, "entities", ()):
+            seen["people"] += 1
             joints = np.array([[p.x, p.y, p.z] for p in entity.lines[0].points])
             compare(worst, "mm", client, 1000 * np.abs(joints - truth.at(tick)[int(entity.id.split("_")[1]) - 1]).max())
         for transform in getattr(message, "transforms", ()):
+            seen["frames"] += 1
             person, t, q = int(transform.child_frame_id.split("_")[1]) - 1, transform.translation, transform.rotation
             compare(worst, "mm", client, 1000 * np.linalg.norm(np.array([t.x, t.y, t.z]) - truth.joint(tick, person, "pelvis")))
             compare(worst, "deg", client, angle_between_deg(rotation(q.x, q.y, q.z, q.w), truth.local(tick, person)["pelvis"]))
+    worst.bounds[f"{client}: kinds of messages that never came"] = 0
+    worst.take(f"{client}: kinds of messages that never came", sum(n == 0 for n in seen.values()))
 
 
 def zenoh(truth, seconds, worst):

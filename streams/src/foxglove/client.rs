@@ -171,7 +171,7 @@ mod tests {
     fn venue() -> Venue {
         Venue {
             name: "hall".to_owned(),
-            cameras: Vec::new(),
+            cameras: synthetic::facts().cameras,
         }
     }
 
@@ -188,7 +188,31 @@ mod tests {
         let mut maker = FrameMaker::new(synthetic::facts());
         let welcome = texts(&client.welcome(&venue, None));
         assert_eq!(welcome[0]["op"], "serverInfo");
-        assert_eq!(welcome[1]["channels"][0]["topic"], "/people");
+        let channels = welcome[1]["channels"].as_array().unwrap();
+        let topics: Vec<&str> = channels
+            .iter()
+            .filter_map(|channel| channel["topic"].as_str())
+            .collect();
+        assert_eq!(topics[0], "/people");
+        assert_eq!(topics.len(), 3 + synthetic::CAMERAS.len(), "{topics:?}");
+        // What does not change is sent at once to who asks for it.
+        let request = r#"{"op":"subscribe","subscriptions":[{"id":1,"channelId":3}]}"#;
+        let cameras = client.answer(request, &venue, encoder.now());
+        let [cameras] = &cameras[..] else {
+            panic!("{cameras:?}")
+        };
+        let cameras = cameras.clone().into_data();
+        for (name, _) in synthetic::CAMERAS {
+            let is_there = cameras
+                .windows(name.len())
+                .any(|part| part == name.as_bytes());
+            assert!(is_there, "{name}");
+        }
+        client.answer(
+            r#"{"op":"unsubscribe","subscriptionIds":[1]}"#,
+            &venue,
+            encoder.now(),
+        );
         let request = r#"{"op":"subscribe","subscriptions":[{"id":7,"channelId":1},{"id":8,"channelId":65537}]}"#;
         assert!(client.answer(request, &venue, encoder.now()).is_empty());
         let frame = Arc::new(maker.frame(&synthetic::poses_at(1, 0)));
