@@ -15,6 +15,7 @@
 //! | [`foxglove`] | Foxglove's WebSocket protocol, for its program and Lichtblick |
 //! | [`psn`] | PosiStageNet: where people are, for lighting desks |
 //! | `over_zenoh` | JSON on a key, and ROS 2 by `rmw_zenoh`; with the feature `zenoh` |
+//! | [`lsl`] | Lab Streaming Layer, for recorders of laboratories |
 //! | [`ros`] | messages of ROS 2 |
 //!
 //! Encoders are pure: a frame in, bytes out. None of these protocols knows keys: streams keep to the loopback unless an
@@ -23,6 +24,7 @@
 mod connection;
 pub mod foxglove;
 pub mod frame;
+pub mod lsl;
 #[cfg(feature = "zenoh")]
 mod over_zenoh;
 pub mod people;

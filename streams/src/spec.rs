@@ -28,11 +28,13 @@ pub enum StreamKind {
     Ros2,
     /// PosiStageNet over UDP multicast, or to one receiver.
     Psn,
+    /// Lab Streaming Layer: an outlet that inlets find by UDP; a TCP server.
+    Lsl,
 }
 
 impl StreamKind {
     /// Every protocol with its name.
-    pub const ALL: [(&'static str, Self); 7] = [
+    pub const ALL: [(&'static str, Self); 8] = [
         ("qtm", Self::Qtm),
         ("vmc", Self::Vmc),
         ("websocket", Self::WebSocket),
@@ -40,6 +42,7 @@ impl StreamKind {
         ("zenoh", Self::Zenoh),
         ("ros2", Self::Ros2),
         ("psn", Self::Psn),
+        ("lsl", Self::Lsl),
     ];
 
     /// Its name.
@@ -52,6 +55,7 @@ impl StreamKind {
             Self::Zenoh => "zenoh",
             Self::Ros2 => "ros2",
             Self::Psn => "psn",
+            Self::Lsl => "lsl",
         }
     }
 
@@ -66,6 +70,7 @@ impl StreamKind {
             Self::Zenoh => (Ipv4Addr::LOCALHOST, 7448),
             Self::Ros2 => (Ipv4Addr::LOCALHOST, 7447),
             Self::Psn => (Ipv4Addr::new(236, 10, 10, 10), 56565),
+            Self::Lsl => (Ipv4Addr::LOCALHOST, 16572),
         };
         SocketAddr::new(IpAddr::V4(ip), port)
     }
@@ -74,7 +79,7 @@ impl StreamKind {
     pub const fn is_server(self) -> bool {
         matches!(
             self,
-            Self::Qtm | Self::WebSocket | Self::Foxglove | Self::Zenoh
+            Self::Qtm | Self::WebSocket | Self::Foxglove | Self::Zenoh | Self::Lsl
         )
     }
 }
@@ -95,7 +100,7 @@ pub struct StreamSpec {
 pub enum SpecError {
     /// No protocol of that name.
     #[error(
-        "stream `{found}`: found no stream of that name, expected one of qtm, vmc, websocket, foxglove, zenoh, ros2, psn"
+        "stream `{found}`: found no stream of that name, expected one of qtm, vmc, websocket, foxglove, zenoh, ros2, psn, lsl"
     )]
     UnknownName {
         /// The name.
@@ -122,6 +127,14 @@ pub enum SpecError {
         stream: &'static str,
         /// What stands behind `@`.
         found: String,
+    },
+    /// An address of another kind than the protocol's.
+    #[error("stream `{stream}`: found the address {found}, expected an IPv4 address")]
+    NoIpv4 {
+        /// The protocol's name.
+        stream: &'static str,
+        /// The address.
+        found: IpAddr,
     },
     /// A port that cannot be sent to.
     #[error("stream `{stream}`: found port {found}, expected {expected}")]
@@ -227,6 +240,12 @@ impl StreamSpec {
                 expected,
             })
         };
+        if self.kind == StreamKind::Lsl && self.address.is_ipv6() {
+            return Err(SpecError::NoIpv4 {
+                stream: self.kind.name(),
+                found: self.address.ip(),
+            });
+        }
         match (self.kind, self.address.port()) {
             (StreamKind::Psn | StreamKind::Zenoh | StreamKind::Ros2, 0) => refused("1 to 65535"),
             (StreamKind::Vmc, port) if port == 0 || port > u16::MAX - (VMC_PORTS - 1) => {
@@ -320,7 +339,7 @@ mod tests {
         let errors = [
             (
                 "qmt",
-                "stream `qmt`: found no stream of that name, expected one of qtm, vmc, websocket, foxglove, zenoh, ros2, psn",
+                "stream `qmt`: found no stream of that name, expected one of qtm, vmc, websocket, foxglove, zenoh, ros2, psn, lsl",
             ),
             (
                 "qtm=here",
@@ -329,6 +348,10 @@ mod tests {
             (
                 "vmc=127.0.0.1:65530",
                 "stream `vmc`: found port 65530, expected 1 to 65520: each person has a port, the first this one",
+            ),
+            (
+                "lsl=[::1]:16572",
+                "stream `lsl`: found the address ::1, expected an IPv4 address",
             ),
             (
                 "psn=127.0.0.1:0",

@@ -20,7 +20,7 @@ use crate::over_zenoh;
 use crate::shell::Shell;
 use crate::slot::{Counters, Slot};
 use crate::spec::{StreamKind, StreamSpec};
-use crate::{foxglove, psn, qtm, vmc, websocket};
+use crate::{foxglove, lsl, psn, qtm, vmc, websocket};
 
 /// How long streams may take to say goodbye to their clients.
 const GRACE: Duration = Duration::from_secs(2);
@@ -148,6 +148,7 @@ impl Streams {
                 "this program was built without Zenoh's streams",
             )),
             StreamKind::Psn => psn::send(spec.address, spec.interface, &shell),
+            StreamKind::Lsl => lsl::serve(spec.address, facts, &shell).await,
         };
         let address = opened.map_err(|why| StreamError::Open {
             spec,

@@ -204,3 +204,84 @@ async fn people_have_ports_of_their_own() -> Outcome {
     assert!(first.try_recv(&mut datagram).is_err());
     Ok(())
 }
+
+/// The value of a field in the XML of a stream.
+fn field(xml: &str, name: &str) -> Option<String> {
+    let (_, rest) = xml.split_once(&format!("<{name}>"))?;
+    Some(rest.split_once('<')?.0.to_owned())
+}
+
+async fn asked_of_lsl(
+    address: std::net::SocketAddr,
+    request: &str,
+) -> Result<Vec<u8>, Box<dyn Error>> {
+    let mut client = TcpStream::connect(address).await?;
+    client.write_all(request.as_bytes()).await?;
+    let mut answer = Vec::new();
+    timeout(SOON, client.read_to_end(&mut answer)).await??;
+    Ok(answer)
+}
+
+#[tokio::test]
+async fn an_inlet_of_lsl_finds_the_stream_its_clock_and_its_samples() -> Outcome {
+    let streams = started("lsl=127.0.0.1:0").await?;
+    let address = report(&streams).address;
+    let full = String::from_utf8(asked_of_lsl(address, "LSL:fullinfo\r\n").await?)?;
+    assert!(full.contains("<label>p8_head_z</label>"), "{full}");
+    let uid = field(&full, "uid").ok_or("no uid")?;
+    let service: u16 = field(&full, "v4service_port").ok_or("no port")?.parse()?;
+
+    let inlet = UdpSocket::bind("127.0.0.1:0").await?;
+    let mut bytes = [0; 4096];
+    let own = inlet.local_addr()?.port();
+    for (query, is_meant) in [("type='EEG'", false), ("type='MoCap'", true)] {
+        let query = format!("LSL:shortinfo\r\n{query}\r\n{own} {is_meant}\r\n");
+        inlet
+            .send_to(query.as_bytes(), ("127.0.0.1", service))
+            .await?;
+    }
+    let n = timeout(SOON, inlet.recv(&mut bytes)).await??;
+    let found = String::from_utf8(bytes[..n].to_vec())?;
+    assert!(found.starts_with("true\r\n<?xml"), "{found}");
+    assert_eq!(field(&found, "uid"), Some(uid.clone()));
+    inlet
+        .send_to(b"LSL:timedata\r\n7 1.5\r\n", ("127.0.0.1", service))
+        .await?;
+    let n = timeout(SOON, inlet.recv(&mut bytes)).await??;
+    let times = String::from_utf8(bytes[..n].to_vec())?;
+    let times: Vec<f64> = times
+        .split_whitespace()
+        .map(str::parse)
+        .collect::<Result<_, _>>()?;
+    assert!(
+        matches!(times[..], [7.0, 1.5, came, left] if 0.0 < came && came <= left),
+        "{times:?}"
+    );
+
+    let other = asked_of_lsl(address, "LSL:streamfeed/110 another\r\n\r\n").await?;
+    assert_eq!(other, b"LSL/110 404 Not found\r\n\r\n");
+    assert!(
+        asked_of_lsl(address, "GET / HTTP/1.1\r\n\r\n")
+            .await?
+            .is_empty()
+    );
+
+    let mut client = TcpStream::connect(address).await?;
+    let request =
+        format!("LSL:streamfeed/110 {uid}\r\nValue-Size: 4\r\nData-Protocol-Version: 110\r\n\r\n");
+    client.write_all(request.as_bytes()).await?;
+    let sample = 9 + 4 * farfield_streams::lsl::sample::N_CHANNELS;
+    let mut head = Vec::new();
+    while !head.ends_with(b"\r\n\r\n") {
+        head.push(timeout(SOON, client.read_u8()).await??);
+    }
+    let mut known = vec![0; 2 * sample];
+    timeout(SOON, client.read_exact(&mut known)).await??;
+    streams.poses(synthetic::poses_at(2, 30));
+    let mut first = vec![0; sample];
+    timeout(SOON, client.read_exact(&mut first)).await??;
+    assert_eq!(first[9..13], 30.0_f32.to_le_bytes());
+    assert_eq!(first[13..17], 1.0_f32.to_le_bytes());
+    streams.stop().await;
+    Ok(())
+}

@@ -1,7 +1,7 @@
 """Receives the live streams with other people's clients and compares them with the motion that is streamed.
 
-    pip install qtm-rt motioncapture python-osc websockets pypsn foxglove-schemas-protobuf eclipse-zenoh rosbags numpy
-    cargo run -p farfield-streams --example synthetic -- --truth TRUTH --seconds 90 qtm vmc websocket foxglove zenoh ros2 psn
+    pip install qtm-rt motioncapture python-osc websockets pypsn foxglove-schemas-protobuf eclipse-zenoh rosbags pylsl numpy
+    cargo run -p farfield-streams --example synthetic -- --truth TRUTH --seconds 90 qtm vmc websocket foxglove zenoh ros2 psn lsl
     python tests/readers/streams.py TRUTH [--seconds 5] [--only NAME,...] [--node-modules DIR]
 
 It starts nothing: the streams run, at their default addresses. DIR holds npm's qualisys-rt, @foxglove/ws-protocol and ws; without it,
@@ -22,6 +22,7 @@ import socket
 import struct
 import subprocess
 import sys
+import tempfile
 import time
 import xml.etree.ElementTree as tree
 
@@ -545,6 +546,79 @@ def psn(truth, seconds, worst):
             compare(worst, "m/s", "PosiStageNet", np.abs(np.array(list(tracker.speed)) - speed).max())
 
 
+def lsl(truth, seconds, worst):
+    """pylsl with its own liblsl: found by what it is, received with stamps; once more by an inlet that knows the first version only."""
+    import pylsl
+
+    found = pylsl.resolve_bypred("type='MoCap' and starts-with(name, 'farfield-')", timeout=5)
+    worst.bounds |= {"LSL streams that were not found": 0, "LSL streams found by what they are not": 0}
+    worst.take("LSL streams that were not found", abs(len(found) - 1))
+    worst.take("LSL streams found by what they are not", len(pylsl.resolve_bypred("type='EEG' and starts-with(name, 'farfield-')", timeout=1)))
+    inlet = pylsl.StreamInlet(found[0], max_buflen=1)
+    info = inlet.info(5)
+    channel, labels, kinds = info.desc().child("channels").child("channel"), [], []
+    while not channel.empty():
+        labels.append(channel.child_value("label"))
+        kinds.append((channel.child_value("type"), channel.child_value("unit")))
+        channel = channel.next_sibling()
+    expected = ["tick"]
+    for place in range(1, 9):
+        expected += [f"p{place}_id", f"p{place}_seen"] + [f"p{place}_{joint}_{axis}" for joint in truth.names for axis in "xyz"]
+    worst.bounds |= {"LSL channels that are not the joints": 0, "LSL channels without metres": 0, "LSL rate": 0}
+    worst.take("LSL channels that are not the joints", sum(a != b for a, b in zip(labels, expected)) + abs(len(labels) - len(expected)))
+    worst.take("LSL channels without metres", sum(kind != (f"Position{label[-1].upper()}", "meters") for label, kind in zip(labels, kinds) if label[-2:] in ("_x", "_y", "_z")))
+    worst.take("LSL rate", abs(info.nominal_srate() - truth.rate_hz))
+    inlet.open_stream(5)
+    received, stamps, end = Received(truth), [], time.time() + seconds
+    while time.time() < end:
+        sample, stamp = inlet.pull_sample(2)
+        if sample:
+            received.take(int(sample[0]), sample)
+            stamps.append((int(sample[0]), stamp))
+    # The clock of the outlet, by the packets that are meant for that, against this one.
+    began_s = truth.start_s - (time.time() - pylsl.local_clock())
+    off_s = [stamp + inlet.time_correction(5) - began_s - tick / truth.rate_hz for tick, stamp in stamps]
+    received.line("LSL, pylsl", worst)
+    worst.bounds |= {"LSL stamps off s": 0.25, "LSL stamps that are uneven s": 0.02}
+    worst.take("LSL stamps off s", np.abs(off_s).max())
+    # Stamps are never ahead of their clock: the first frames may move them back to who is least late.
+    worst.take("LSL stamps that are uneven s", np.ptp([stamp - tick / truth.rate_hz for tick, stamp in stamps]))
+    for _, sample in received.kept:
+        lsl_sample(truth, sample, worst)
+    inlet.close_stream()
+    # liblsl reads how to speak when it is loaded.
+    with tempfile.NamedTemporaryFile("w", suffix=".cfg") as config:
+        config.write("[tuning]\nUseProtocolVersion = 100\n")
+        config.flush()
+        ran = subprocess.run([sys.executable, "-c", LSL_OLD], env={**os.environ, "LSLAPICFG": config.name}, capture_output=True, text=True, timeout=60, check=True)
+    samples = [json.loads(line) for line in ran.stdout.splitlines() if line.startswith("[")]
+    worst.bounds["LSL samples missing in version 1.00"] = 0
+    worst.take("LSL samples missing in version 1.00", 20 - len(samples))
+    for sample in samples:
+        lsl_sample(truth, sample, worst)
+
+
+LSL_OLD = """
+import json, pylsl
+assert pylsl.protocol_version() == 100
+inlet = pylsl.StreamInlet(pylsl.resolve_bypred("starts-with(name, 'farfield-')", timeout=5)[0], max_buflen=1)
+for _ in range(20):
+    print(json.dumps(inlet.pull_sample(5)[0]))
+"""
+
+
+def lsl_sample(truth, sample, worst):
+    expected = truth.at(int(sample[0]))
+    blocks = np.array(sample[1:]).reshape(8, -1)
+    worst.bounds["LSL places that are wrong"] = 0
+    there = min(truth.people, 8)
+    ids = [*range(1, there + 1), *[0] * (8 - there)]
+    worst.take("LSL places that are wrong", int((blocks[:, 0] != ids).sum() + (blocks[:, 1] != (np.array(ids) > 0)).sum()))
+    joints = blocks[:there, 2:].reshape(there, -1, 3)
+    compare(worst, "mm", "LSL", 1000 * np.abs(joints - expected[:there]).max())
+    worst.take("LSL places that are wrong", int(np.isfinite(blocks[there:, 2:]).sum()))
+
+
 def hanging_clients():
     """Two clients that ask for everything and read nothing."""
     def connect(port):
@@ -580,7 +654,7 @@ def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("truth")
     parser.add_argument("--seconds", type=float, default=5)
-    parser.add_argument("--only", default="qtm,motioncapture,node,websocket,foxglove,zenoh,ros2,vmc,psn")
+    parser.add_argument("--only", default="qtm,motioncapture,node,websocket,foxglove,zenoh,ros2,vmc,psn,lsl")
     parser.add_argument("--node-modules")
     given = parser.parse_args()
     truth, worst = Truth(given.truth), Worst({})
@@ -589,7 +663,7 @@ def main():
     print("| client | frames | ticks/s | lost | P50 ms | P99 ms |\n| --- | --- | --- | --- | --- | --- |")
     for name in given.only.split(","):
         more = (given.node_modules,) if name in ("node", "foxglove") else ()
-        known = {"qtm": qtm, "motioncapture": motioncapture, "node": node, "websocket": websocket, "foxglove": foxglove, "zenoh": zenoh, "ros2": ros2, "vmc": vmc, "psn": psn}
+        known = {"qtm": qtm, "motioncapture": motioncapture, "node": node, "websocket": websocket, "foxglove": foxglove, "zenoh": zenoh, "ros2": ros2, "vmc": vmc, "psn": psn, "lsl": lsl}
         known[name](truth, given.seconds, worst, *more)
     # Some seconds until the system's buffers are full, then ten.
     time.sleep(max(0.0, 25 - (time.time() - began)))

@@ -48,7 +48,7 @@ pub(crate) struct ListenerArgs {
     pub(crate) page_name: Vec<String>,
     /// Stream poses: qtm, vmc, websocket, foxglove, ...
     ///
-    /// qtm, vmc, websocket, foxglove, zenoh, ros2 or psn: by the protocol of that name, to this machine or to ADDRESS: an IP
+    /// qtm, vmc, websocket, foxglove, zenoh, ros2, psn or lsl: by the protocol of that name, to this machine or to ADDRESS: an IP
     /// address, with or without a port. Beyond this machine everybody who can reach it sees where people are: none of these
     /// protocols is given keys. Streams of that NAME in the venue file (`[[stream]]`) are left out then. See `docs/streams.md`.
     ///

@@ -17,7 +17,7 @@ mod venue_texts;
 pub type Target = fn(&[u8]) -> String;
 
 /// The fuzz targets by name, in the order of the alphabet.
-pub const TARGETS: [(&str, Target); 20] = [
+pub const TARGETS: [(&str, Target); 22] = [
     ("calibration_text", venue_texts::calibration_text),
     ("clicked_marks_text", outside::clicked_marks_text),
     ("clip_text", texts::clip_text),
@@ -26,8 +26,10 @@ pub const TARGETS: [(&str, Target); 20] = [
         "foreign_calibration_text",
         foreign::foreign_calibration_text,
     ),
+    ("foxglove_request_text", outside::foxglove_request_text),
     ("imported_keypoints", outside::imported_keypoints),
     ("keypoints_text", texts::keypoints_text),
+    ("lsl_requests", outside::lsl_requests),
     ("maps_file", recorded::maps_file),
     ("model_card_text", texts::model_card_text),
     ("page_request_text", outside::page_request_text),

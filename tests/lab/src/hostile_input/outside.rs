@@ -7,9 +7,13 @@ use farfield_export::SubjectProfile;
 use farfield_export::edits::{EditList, Roll};
 use farfield_import::formats::{ParseOptions, parse};
 use farfield_page::protocol::request;
+use farfield_streams::foxglove;
+use farfield_streams::lsl::query::is_met;
+use farfield_streams::lsl::request::{Datagram, Request};
+use farfield_streams::lsl::{self, info::Info};
 use farfield_streams::qtm::{Command, Incoming};
 
-use super::{read_or_refused, size, text};
+use super::{read_or_refused, refused, size, text};
 
 /// Keypoints of other programs of any content: told by their content and read, or refused.
 pub(super) fn imported_keypoints(bytes: &[u8]) -> String {
@@ -76,4 +80,57 @@ pub(super) fn qtm_packets(bytes: &[u8]) -> String {
     }
     let understood = became.matches('+').count();
     format!("{} of {}", size(understood), size(became.len()))
+}
+
+/// What a client of Foxglove's protocol says, of any content: a request, or nothing that is looked at.
+pub(super) fn foxglove_request_text(bytes: &[u8]) -> String {
+    match foxglove::Request::parse(text(bytes)) {
+        Some(foxglove::Request::Subscribe { subscriptions }) => {
+            format!("subscribes to {}", size(subscriptions.len()))
+        }
+        Some(foxglove::Request::Unsubscribe { subscription_ids }) => {
+            format!("leaves {}", size(subscription_ids.len()))
+        }
+        None => "nothing".to_owned(),
+    }
+}
+
+/// What an inlet of Lab Streaming Layer sends, of any content: as a datagram, and by TCP in pieces; with what it looks for.
+pub(super) fn lsl_requests(bytes: &[u8]) -> String {
+    let info = Info {
+        venue: "hall".to_owned(),
+        rate_hz: 60.0,
+        uid: "01234567-89ab-cdef-0123-456789abcdef".to_owned(),
+        hostname: "lab".to_owned(),
+        created_at_s: 1.0,
+        data_port: 16572,
+        service_port: 16572,
+    };
+    let datagram = match Datagram::parse(bytes) {
+        Some(Datagram::ShortInfo { query, .. }) => {
+            format!("is it: {}", is_met(query, &info.fields()))
+        }
+        Some(Datagram::TimeData { wave, t0_s }) => {
+            let said = lsl::request::time_answer(wave, t0_s, [0.0, 0.5]);
+            assert_eq!(said.split_whitespace().count(), 4, "{said}");
+            "the time".to_owned()
+        }
+        None => "nothing".to_owned(),
+    };
+    let mut incoming = lsl::request::Incoming::default();
+    for piece in bytes.chunks(7) {
+        let asked = match incoming.push(piece) {
+            Ok(None) => continue,
+            Ok(Some(Request::FullInfo)) => "all".to_owned(),
+            Ok(Some(Request::ShortInfo(query))) => is_met(&query, &info.fields()).to_string(),
+            Ok(Some(Request::Feed(feed))) => {
+                let answer = feed.answer(&info.uid);
+                assert!(answer.head.len() < 1024, "a long answer");
+                format!("samples {:?}", answer.data_version)
+            }
+            Err(error) => refused(&error),
+        };
+        return format!("{datagram}, {asked}");
+    }
+    format!("{datagram}, more")
 }
