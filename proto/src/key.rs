@@ -39,6 +39,16 @@ impl Keys {
         self.sighting("*")
     }
 
+    /// Thumbnails of the cameras of a viewpoint.
+    pub fn thumbnail(&self, viewpoint: &str) -> String {
+        format!("{}/thumbnail/{viewpoint}", self.venue)
+    }
+
+    /// Thumbnails of all viewpoints.
+    pub fn thumbnails(&self) -> String {
+        self.thumbnail("*")
+    }
+
     /// Poses of a tick.
     pub fn pose(&self) -> String {
         format!("{}/pose", self.venue)
@@ -120,6 +130,7 @@ mod tests {
         assert_eq!(keys.patch("ne"), "hall-3/patch/ne");
         assert_eq!(keys.sightings(), "hall-3/sighting/*");
         assert_eq!(keys.fill("ne"), "hall-3/fill/ne");
+        assert_eq!(keys.thumbnail("ne"), "hall-3/thumbnail/ne");
         assert_eq!(keys.smooth(), "hall-3/smooth");
         assert_eq!(keys.config(), "hall-3/config");
         assert_eq!(keys.event(), "hall-3/event");

@@ -32,7 +32,7 @@ use json::{list, quoted};
 use crate::transport::endpoint::scheme;
 
 pub use access::{FUSION, READER, RECORDER, common_name, generation_of, reader};
-pub use exposure::{Exposure, ExposureError};
+pub use exposure::{Exposure, ExposureError, is_loopback};
 pub use generations::{GENERATIONS_FILE, Generations};
 
 /// What Zenoh and the protocols below it add to a message, bytes. Counted on the loopback of a namespace with an

@@ -12,7 +12,9 @@ use serde::de::DeserializeOwned;
 /// Version of the messages; any change of their fields or of the patch codec raises it.
 ///
 /// What each version's bytes are is pinned in `proto/golden/`, one folder a version, whose files are only ever added.
-/// A message that changes keeps its older forms in [`crate::message`], so that old recordings are read.
+/// A message that changes keeps its older forms in [`crate::message`], so that old recordings are read. A new kind of
+/// message under a key of its own changes no other, and may come within a version: who does not know it does not
+/// subscribe to it.
 pub const VERSION: u8 = 6;
 /// The oldest version that is read: recordings are kept for years.
 pub const OLDEST_READ: u8 = 3;

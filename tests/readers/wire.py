@@ -89,6 +89,9 @@ EVENT_SET = Struct("IdentityEventSet", session=U64, tick=I64, events=List(EVENT,
 USED = Struct("UsedSet", viewpoint=U16, part=U16)
 DECISION = Struct("Decision", session=U64, first=I64, tick=I64, horizons_ticks=List(F64, VIEWPOINTS), patches=List(USED), sightings=List(USED))
 
+# Thumbnails, from edge to fusion: for people to look at.
+THUMBNAIL = Struct("Thumbnail", session=U64, tick=I64, viewpoint=U16, camera=U16, jpeg=Bytes("bytes", 24_576))
+
 # Statuses, from every node to all.
 STAGE = Struct("StageTime", stage=LONG, count=U64, total_us=U64, p50_us=U32, p99_us=U32, p999_us=U32, max_us=U32)
 CAMERA_3 = {"camera": U16, "health": Enum("health", "works", "frozen", "black", "silent", "failed"), "frames_per_s": F32, "capture_offset_us": I32}
@@ -146,13 +149,15 @@ CHUNK = Struct("Chunk", bytes=PIECE)
 MESSAGES = {
     "patch_set": PATCH_SET, "box_set": BOX_SET, "sighting_set": SIGHTING_SET, "pose_set": POSE_SET, "identity_events": EVENT_SET,
     "decision": DECISION, "status": STATUS_6, "fill_request": FILL_REQUEST, "filled": FILLED, "handout_request": REQUEST,
-    "handout_request_list": REQUEST, "file_list": FILE_LIST, "signed_list": SIGNED_LIST, "chunk": CHUNK,
+    "handout_request_list": REQUEST, "file_list": FILE_LIST, "signed_list": SIGNED_LIST, "chunk": CHUNK, "thumbnail": THUMBNAIL,
 }
+# Messages that older versions had not.
+SINCE = {"thumbnail": 6}
 OLDER = {("box_set", 3): BOX_SET_3, ("status", 3): STATUS_3, ("status", 4): STATUS_4, ("status", 5): STATUS_5}
 # By the second part of a key, under the venue's name.
 BY_KEY = {
     "patch": "patch_set", "sighting": "sighting_set", "box": "box_set", "pose": "pose_set", "smooth": "pose_set", "decision": "decision",
-    "event": "identity_events", "status": "status",
+    "event": "identity_events", "status": "status", "thumbnail": "thumbnail",
 }
 
 

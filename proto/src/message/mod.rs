@@ -1,8 +1,8 @@
 //! The messages that nodes send to each other. Framing, bounds and versions are in [`crate::wire`].
 //!
-//! From edge to fusion: [`PatchSet`], [`SightingSet`]; from fusion to edge: [`BoxSet`]; from fusion to all: [`PoseSet`],
-//! [`decision::Decision`]; from every node: [`Status`]. On request: the venue's files ([`handout`]) and stored sets
-//! ([`fill`]).
+//! From edge to fusion: [`PatchSet`], [`SightingSet`], and [`thumbnail::Thumbnail`] for people to look at; from fusion
+//! to edge: [`BoxSet`]; from fusion to all: [`PoseSet`], [`decision::Decision`]; from every node: [`Status`]. On request:
+//! the venue's files ([`handout`]) and stored sets ([`fill`]).
 
 pub mod agreement;
 mod box_form;
@@ -16,6 +16,7 @@ pub mod live;
 mod older;
 pub mod parts;
 mod patch_form;
+pub mod thumbnail;
 
 use serde::{Deserialize, Serialize};
 

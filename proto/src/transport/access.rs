@@ -14,7 +14,7 @@ pub const FUSION: &str = "fusion";
 /// What the common names of all readers begin with: they may subscribe to poses, events and statuses, and publish nothing.
 pub const READER: &str = "reader";
 
-/// The recorder node's name: it may subscribe to everything, and publishes nothing.
+/// The recorder node's name: it may subscribe to everything but thumbnails, and publishes nothing.
 pub const RECORDER: &str = "recorder";
 
 /// The common name in the certificate of `node`, of this generation: under the venue's name, so that an authority that
@@ -76,8 +76,9 @@ const WATCH_TOKENS: [&str; 2] = ["declare_liveliness_subscriber", "liveliness_qu
 const QUERY: [&str; 1] = ["query"];
 const ANSWER: [&str; 2] = ["reply", "declare_queryable"];
 
-/// One allowance.
+/// One allowance, or a refusal, which counts more.
 struct Rule<'a> {
+    permission: &'static str,
     flow: &'static str,
     messages: &'a [&'static str],
     keys: Vec<String>,
@@ -90,6 +91,7 @@ fn rules<const N: usize, const M: usize>(
 ) -> Vec<Rule<'static>> {
     let of = |flow| {
         move |(messages, keys)| Rule {
+            permission: "allow",
             flow,
             messages,
             keys,
@@ -106,6 +108,7 @@ fn of_edge(keys: &Keys, viewpoint: &str) -> Vec<Rule<'static>> {
     let published = vec![
         keys.patch(viewpoint),
         keys.sighting(viewpoint),
+        keys.thumbnail(viewpoint),
         keys.status(viewpoint),
     ];
     let received = vec![keys.boxes(viewpoint), keys.status(FUSION)];
@@ -122,7 +125,12 @@ fn of_edge(keys: &Keys, viewpoint: &str) -> Vec<Rule<'static>> {
             (&PUBLISH, received),
             (
                 &SUBSCRIBE,
-                vec![keys.patches(), keys.sightings(), keys.statuses()],
+                vec![
+                    keys.patches(),
+                    keys.sightings(),
+                    keys.thumbnails(),
+                    keys.statuses(),
+                ],
             ),
             (&DECLARE_TOKEN, vec![keys.alive(FUSION)]),
             (&WATCH_TOKENS, vec![keys.all_alive()]),
@@ -147,9 +155,9 @@ fn of_reader(keys: &Keys) -> Vec<Rule<'static>> {
     )
 }
 
-/// What the recorder may do at fusion.
+/// What the recorder may do at fusion: it gets everything but pictures.
 fn of_recorder(keys: &Keys) -> Vec<Rule<'static>> {
-    rules(
+    let mut rules = rules(
         [
             (&SUBSCRIBE, vec![keys.all()]),
             (&WATCH_TOKENS, vec![keys.all_alive()]),
@@ -158,7 +166,14 @@ fn of_recorder(keys: &Keys) -> Vec<Rule<'static>> {
             (&PUBLISH, vec![keys.all()]),
             (&DECLARE_TOKEN, vec![keys.all_alive()]),
         ],
-    )
+    );
+    rules.push(Rule {
+        permission: "deny",
+        flow: "egress",
+        messages: &PUBLISH,
+        keys: vec![keys.thumbnails()],
+    });
+    rules
 }
 
 /// What another fusion of the venue may do at fusion: find out that there is one, and which.
@@ -259,41 +274,39 @@ pub(super) fn at_edge(venue: &str, generations: &Generations) -> ZenohSetting {
 /// `old` are names that may do nothing: without a subject of their own Zenoh does not say whom it denies something.
 fn setting(venue: &str, subjects: &[Subject], old: &[String]) -> ZenohSetting {
     let (mut rules, mut names, mut policies) = (Vec::new(), Vec::new(), Vec::new());
-    let mut add =
-        |id: &str, permission: &str, of: &[String], allowed: &[(&str, &[&str], &[String])]| {
-            let mut ids = Vec::new();
-            for (flow, messages, keys) in allowed {
-                let rule = format!("{id} {}", ids.len());
-                rules.push(format!(
-                    "{{id:{},permission:{},flows:[{}],messages:{},key_exprs:{}}}",
-                    quoted(&rule),
-                    quoted(permission),
-                    quoted(flow),
-                    list(messages),
-                    list(keys),
-                ));
-                ids.push(rule);
-            }
-            names.push(format!(
-                "{{id:{},cert_common_names:{}}}",
-                quoted(id),
-                list(of)
+    let mut add = |id: &str, of: &[String], own: &[Rule<'_>]| {
+        let mut ids = Vec::new();
+        for rule in own {
+            let name = format!("{id} {}", ids.len());
+            rules.push(format!(
+                "{{id:{},permission:{},flows:[{}],messages:{},key_exprs:{}}}",
+                quoted(&name),
+                quoted(rule.permission),
+                quoted(rule.flow),
+                list(rule.messages),
+                list(&rule.keys),
             ));
-            policies.push(format!("{{rules:{},subjects:{}}}", list(&ids), list(&[id])));
-        };
+            ids.push(name);
+        }
+        names.push(format!(
+            "{{id:{},cert_common_names:{}}}",
+            quoted(id),
+            list(of)
+        ));
+        policies.push(format!("{{rules:{},subjects:{}}}", list(&ids), list(&[id])));
+    };
     for Subject { id, names, rules } in subjects {
-        let allowed: Vec<_> = rules
-            .iter()
-            .map(|rule| (rule.flow, rule.messages, rule.keys.as_slice()))
-            .collect();
-        add(id, "allow", names, &allowed);
+        add(id, names, rules);
     }
     if !old.is_empty() {
-        let all = [Keys::new(venue).all()];
-        let denied =
-            ["ingress", "egress"].map(|flow| (flow, ALL_MESSAGES.as_slice(), all.as_slice()));
+        let denied = ["ingress", "egress"].map(|flow| Rule {
+            permission: "deny",
+            flow,
+            messages: &ALL_MESSAGES,
+            keys: vec![Keys::new(venue).all()],
+        });
         // No node has a blank in its name.
-        add("too old", "deny", old, &denied);
+        add("too old", old, &denied);
     }
     let value = format!(
         "{{enabled:true,default_permission:\"deny\",rules:[{}],subjects:[{}],policies:[{}]}}",
@@ -315,7 +328,12 @@ mod tests {
             if rule.flow == "ingress" && rule.messages == PUBLISH {
                 assert_eq!(
                     rule.keys,
-                    ["hall/patch/ne", "hall/sighting/ne", "hall/status/ne"]
+                    [
+                        "hall/patch/ne",
+                        "hall/sighting/ne",
+                        "hall/thumbnail/ne",
+                        "hall/status/ne"
+                    ]
                 );
             }
             let deletes = rule.flow == "ingress" && rule.messages.contains(&"delete");
@@ -352,11 +370,35 @@ mod tests {
     }
 
     #[test]
+    fn thumbnails_go_to_nobody_but_fusion_itself() {
+        let keys = Keys::new("hall");
+        let sent = |rules: Vec<Rule<'_>>| -> Vec<(&str, Vec<String>)> {
+            let out = |rule: &Rule<'_>| rule.flow == "egress" && rule.messages == PUBLISH;
+            let out = rules.into_iter().filter(out);
+            out.map(|rule| (rule.permission, rule.keys)).collect()
+        };
+        let others = [
+            of_edge(&keys, "ne"),
+            of_reader(&keys),
+            of_other_fusion(&keys),
+        ];
+        for (_, keys) in others.into_iter().flat_map(sent) {
+            assert!(
+                keys.iter()
+                    .all(|key| !key.contains("thumbnail") && !key.contains("**"))
+            );
+        }
+        // What the recorder gets is all but them: what is denied counts more.
+        let recorder = sent(of_recorder(&keys));
+        assert!(recorder.contains(&("deny", vec!["hall/thumbnail/*".to_owned()])));
+    }
+
+    #[test]
     fn names_of_one_venue_are_none_of_another() {
         let (_, access) = at_fusion("hall", &["ne"], &Generations::default());
         assert!(access.contains(r#"["hall/ne","hall/ne/1","#), "{access}");
         assert!(access.contains(r#"["hall/reader"]"#), "{access}");
-        assert!(!access.contains("deny\",flows"), "{access}");
+        assert!(!access.contains("too old"), "{access}");
     }
 
     /// The common names of the subject `id` in a setting.

@@ -84,7 +84,7 @@ impl Exposure {
 }
 
 /// Whether an endpoint is for this machine alone. A name other than `localhost` may mean anything.
-fn is_loopback(endpoint: &str) -> bool {
+pub fn is_loopback(endpoint: &str) -> bool {
     let host = host(endpoint);
     host == "localhost"
         || host

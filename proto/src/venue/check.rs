@@ -231,8 +231,14 @@ fn security(file: &TomlFile<'_>, raw: RawSecurity) -> Result<Security, FileError
         }
         Ok(file.resolve(&name))
     };
+    if raw.pictures && raw.allow_plaintext {
+        let place = Place::field("security").key("pictures");
+        let problem = "pictures leave an edge over TLS only: take out `allow_plaintext`, or say `pictures = false`";
+        return Err(file.error(&place, problem));
+    }
     Ok(Security {
         certificates: raw.certificates.map(folder).transpose()?,
         allow_plaintext: raw.allow_plaintext,
+        pictures: raw.pictures,
     })
 }

@@ -16,13 +16,9 @@ use crate::toml_file::{FileError, Place, TomlFile, nearest};
 
 /// The layout of venue files that is read and written today.
 ///
-/// 1: every parameter stood in its table, two of them were counted in ticks, and `[security]` had `pictures`.
+/// 1: every parameter stood in its table, two of them were counted in ticks, and `[security] pictures` meant nothing.
 /// 2: all but the users' stand under `[tuning]`, in seconds.
 pub const LAYOUT: u32 = 2;
-
-/// What is said of `[security] pictures`, which was never read.
-const NO_PICTURES: &str =
-    "there is no such switch: pictures never leave an edge; take the line out";
 
 /// How it begins what is said of something that moved.
 const IS_NOW: &str = "it is now ";
@@ -101,10 +97,6 @@ pub(super) fn check(file: &TomlFile<'_>) -> Result<(), FileError> {
                 None => wrong.push(file.error(&place, unknown(table, key))),
             }
         }
-    }
-    let pictures = Place::field("security").key("pictures");
-    if file.has(&pictures) {
-        wrong.push(file.error(&pictures, NO_PICTURES));
     }
     let first = wrong.into_iter().min_by_key(|error| error.line);
     first.map_or(Ok(()), |mut error| {
@@ -187,6 +179,7 @@ pub fn translated<'a>(text: &'a str, path: &Path, layout: u32) -> Result<Cow<'a,
         !(is_empty && TABLES.iter().any(|(name, _)| *name == table))
     });
     if let Some(security) = root.get_mut("security").and_then(Value::as_table_mut) {
+        // No edge of that time sent any, whatever it said.
         security.remove("pictures");
     }
     let written = toml::to_string(&root);

@@ -83,6 +83,9 @@ pub struct Security {
     pub certificates: Option<PathBuf>,
     /// Whether nodes may talk to other machines without TLS.
     pub allow_plaintext: bool,
+    /// Whether small pictures of the cameras may leave the edges, for people to look at; never without TLS but on one
+    /// machine.
+    pub pictures: bool,
 }
 
 /// The box in which people are tracked, world, metres.

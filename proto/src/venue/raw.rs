@@ -58,6 +58,7 @@ pub(super) struct RawFusion {
 pub(super) struct RawSecurity {
     pub(super) certificates: Option<String>,
     pub(super) allow_plaintext: bool,
+    pub(super) pictures: bool,
 }
 
 #[derive(Debug, Deserialize)]

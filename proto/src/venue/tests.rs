@@ -138,6 +138,33 @@ fn a_whole_venue_is_read() {
 }
 
 #[test]
+fn pictures_stay_where_they_are_unless_the_file_says_otherwise_and_go_over_tls_only() {
+    let security = |lines: &str| {
+        let text = VENUE.replace("[field]", &format!("[security]\n{lines}\n[field]"));
+        parse(&text).map(|venue| venue.security)
+    };
+    assert!(!parse(VENUE).unwrap().security.pictures);
+    assert!(!security("certificates = \"certs\"").unwrap().pictures);
+    assert!(
+        !security("allow_plaintext = true\npictures = false")
+            .unwrap()
+            .pictures
+    );
+    assert!(
+        security("certificates = \"certs\"\npictures = true")
+            .unwrap()
+            .pictures
+    );
+    // Without keys nodes keep to one machine, and so do pictures.
+    assert!(security("pictures = true").unwrap().pictures);
+    let refused = security("allow_plaintext = true\npictures = true").unwrap_err();
+    assert_eq!(
+        refused.to_string(),
+        "venues/hall.toml:12: `security.pictures`: pictures leave an edge over TLS only: take out `allow_plaintext`, or say `pictures = false`"
+    );
+}
+
+#[test]
 fn a_field_that_says_no_floor_has_it_at_0_or_as_near_as_it_reaches() {
     let floor_m = |from: &str, to: &str| parse(&VENUE.replace(from, to)).unwrap().field.floor_m;
     assert!(floor_m("2.5]", "2.5]").abs() < 1e-12);

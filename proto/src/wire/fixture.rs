@@ -8,6 +8,8 @@ use crate::message::health::{LinkHealth, NodeHealth, SystemClock};
 use crate::message::live::{
     BoxEcho, CameraHealth, CameraStatus, EdgeLink, HeardPatches, LiveBoxes, LiveStatus, PatchTiming,
 };
+use crate::message::thumbnail::Thumbnail;
+use crate::message::thumbnail::tests::jpeg;
 use crate::message::{
     BoxSet, CameraBox, KeypointPeak, Order, PatchSet, PersonBoxes, PersonPatch, PersonPose,
     PersonState, PoseSet, Sighting, SightingSet, StageTime, Status,
@@ -131,6 +133,16 @@ pub(super) fn pose_set() -> PoseSet {
         session: SessionId(9),
         tick: Tick(64),
         persons: vec![pose],
+    }
+}
+
+pub(super) fn thumbnail() -> Thumbnail {
+    Thumbnail {
+        session: SessionId(9),
+        tick: Tick(300),
+        viewpoint: ViewpointIndex(1),
+        camera: CameraIndex(3),
+        jpeg: jpeg(320, 180),
     }
 }
 

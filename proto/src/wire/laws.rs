@@ -2,7 +2,7 @@
 
 use proptest::prelude::*;
 
-use super::fixture::stage;
+use super::fixture::{stage, thumbnail};
 use super::*;
 use crate::bounding_box::{BoundingBox, BoxRate};
 use crate::grid::CellGrid;
@@ -14,6 +14,7 @@ use crate::message::handout::{Chunk, FileList, HandoutRequest, SignedList};
 use crate::message::health::NodeHealth;
 use crate::message::identity_event::IdentityEventSet;
 use crate::message::live::{BoxEcho, HeardPatches, LiveBoxes, LiveStatus, PatchTiming};
+use crate::message::thumbnail::{MAX_THUMBNAIL_BYTES, Thumbnail};
 use crate::message::{
     BoxSet, CameraBox, KeypointPeak, MAX_CAPTURE_OFFSET_US, MAX_CROPS, Order, PatchSet,
     PersonBoxes, PersonPatch, PersonPose, PersonState, PoseSet, Sighting, SightingSet, Status,
@@ -37,6 +38,7 @@ fn decode_all(bytes: &[u8]) {
     drop((decode::<SignedList>(bytes), decode::<Chunk>(bytes)));
     drop((decode::<FillRequest>(bytes), decode::<Filled>(bytes)));
     drop((decode::<Decision>(bytes), decode::<IdentityEventSet>(bytes)));
+    drop(decode::<Thumbnail>(bytes));
 }
 
 fn px() -> impl Strategy<Value = [f32; 2]> {
@@ -327,6 +329,38 @@ proptest! {
     #[test]
     fn statuses_come_back(message in any_status()) {
         check_round_trip(&message);
+    }
+
+    #[test]
+    fn thumbnails_come_back_whatever_their_pixels_are(
+        head in any::<(u64, i64, u16, u16)>(),
+        pixels in prop::collection::vec(any::<u8>(), 0..2000),
+    ) {
+        let whole = thumbnail();
+        let message = Thumbnail {
+            session: SessionId(head.0),
+            tick: Tick(head.1),
+            viewpoint: ViewpointIndex(head.2),
+            camera: CameraIndex(head.3),
+            jpeg: [whole.jpeg, pixels].concat(),
+        };
+        check_round_trip(&message);
+    }
+
+    #[test]
+    fn a_thumbnail_of_any_bytes_is_read_only_within_its_bounds(
+        begins in any::<bool>(),
+        bytes in prop::collection::vec(any::<u8>(), 0..300),
+        more in 0..2 * MAX_THUMBNAIL_BYTES,
+    ) {
+        let begin: &[u8] = if begins { &[0xff, 0xd8, 0xff, 0xc0] } else { &[] };
+        let mut jpeg = [begin, &bytes].concat();
+        jpeg.resize(jpeg.len() + more, 0);
+        let read = decode::<Thumbnail>(&encode(&Thumbnail { jpeg, ..thumbnail() }));
+        if let Ok(message) = read {
+            prop_assert!(message.jpeg.len() <= MAX_THUMBNAIL_BYTES);
+            prop_assert!(message.jpeg.starts_with(&[0xff, 0xd8, 0xff]));
+        }
     }
 
     #[test]

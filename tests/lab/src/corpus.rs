@@ -171,9 +171,9 @@ mod tests {
         let corpus = Corpus::from([
             entry(found('a'), b""),
             entry(found('b'), b"\x00\xff"),
-            entry(found('c'), b"\x0d\xff"),
+            entry(found('c'), b"\x0e\xff"),
             entry(found('d'), &vec![0; 20_000]),
-            entry("seed".to_owned(), b"\x0d\xff"),
+            entry("seed".to_owned(), b"\x0e\xff"),
         ]);
         let kept: Vec<String> = minimised(&corpus)
             .into_keys()

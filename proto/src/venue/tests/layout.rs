@@ -55,15 +55,6 @@ fn an_unknown_field_of_a_table_is_answered_with_the_place_of_the_nearest() {
     );
 }
 
-#[test]
-fn a_switch_for_pictures_is_refused_with_the_reason() {
-    check(
-        TUNED,
-        "[security]\npictures = false",
-        "34: `security.pictures`: there is no such switch: pictures never leave an edge; take the line out",
-    );
-}
-
 /// The venue of these tests as layout 1 had it, with `parameters` in their tables.
 fn in_layout_1(parameters: &str) -> String {
     VENUE.replace(TUNED, parameters)
@@ -87,6 +78,7 @@ fn a_recorded_venue_of_the_old_layout_is_read_as_it_was_meant() {
         venue.security.certificates.as_deref(),
         Some(Path::new("hall.mcap/certs"))
     );
+    assert!(!venue.security.pictures);
     // It is known by the text that was recorded, and is otherwise the venue that it would be today.
     let today = Venue::parse(VENUE, path, calibration()).unwrap();
     assert_eq!(

@@ -4,6 +4,7 @@ use farfield_proto::message::decision::Decision;
 use farfield_proto::message::fill::{FillRequest, Filled};
 use farfield_proto::message::handout::{Chunk, FileList, HandoutRequest, SignedList};
 use farfield_proto::message::identity_event::IdentityEventSet;
+use farfield_proto::message::thumbnail::Thumbnail;
 use farfield_proto::message::{BoxSet, PatchSet, PoseSet, SightingSet, Status};
 use farfield_proto::patch::{CompressionLevel, Decoder, EncodedMaps, Encoder, Maps};
 use farfield_proto::wire::{Message, decode, encode};
@@ -50,7 +51,7 @@ pub(super) fn wire_decode(bytes: &[u8]) -> String {
     let Some((kind, bytes)) = bytes.split_first() else {
         return "nothing".to_owned();
     };
-    let kind = kind % 13;
+    let kind = kind % 14;
     let became = match kind {
         0 => decoded::<PatchSet>(bytes),
         1 => decoded::<BoxSet>(bytes),
@@ -64,7 +65,8 @@ pub(super) fn wire_decode(bytes: &[u8]) -> String {
         9 => decoded::<FileList>(bytes),
         10 => decoded::<SignedList>(bytes),
         11 => decoded::<Chunk>(bytes),
-        _ => decoded::<IdentityEventSet>(bytes),
+        12 => decoded::<IdentityEventSet>(bytes),
+        _ => decoded::<Thumbnail>(bytes),
     };
     format!("{kind}: {became}")
 }

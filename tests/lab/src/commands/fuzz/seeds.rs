@@ -25,6 +25,7 @@ use farfield_proto::message::identity_event::{
     Change, DropReason, IdentityEvent, IdentityEventSet, Likeness,
 };
 use farfield_proto::message::live::{BoxEcho, LiveBoxes, LiveStatus, PatchTiming};
+use farfield_proto::message::thumbnail::Thumbnail;
 use farfield_proto::message::{
     BoxSet, CameraBox, KeypointPeak, Order, PatchSet, PersonBoxes, PersonPatch, PersonPose,
     PersonState, PoseSet, Sighting, SightingSet, Status,
@@ -193,7 +194,22 @@ fn messages() -> anyhow::Result<Vec<(&'static str, Vec<u8>)>> {
         whole("signed_list", &signed)?,
         whole("chunk", &chunk)?,
         whole("identity_events", &identity_events())?,
+        whole("thumbnail", &thumbnail())?,
     ])
+}
+
+/// The head of a picture of 320 x 180, and the end of one.
+fn thumbnail() -> Thumbnail {
+    let head = [
+        0xff, 0xd8, 0xff, 0xe0, 0, 4, 1, 2, 0xff, 0xc0, 0, 11, 8, 0, 180, 1, 64, 1, 1, 0x11, 0,
+    ];
+    Thumbnail {
+        session: SESSION,
+        tick: TICK,
+        viewpoint: VIEWPOINT,
+        camera: CameraIndex(3),
+        jpeg: [&head[..], &[0xff, 0xd9]].concat(),
+    }
 }
 
 fn identity_events() -> IdentityEventSet {

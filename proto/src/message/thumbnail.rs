@@ -1,0 +1,153 @@
+//! A small picture of a camera, for people to look at, where the venue lets pictures leave the edge
+//! ([`crate::venue::Security::pictures`]).
+//!
+//! Fusion computes nothing from it, decodes it never, and records it never: it is passed on to who looks. What is
+//! checked here is what a browser could be harmed by: how many bytes there are, that they begin as a JPEG file does, and
+//! how many pixels they say they have.
+
+use serde::{Deserialize, Serialize};
+
+use crate::id::{CameraIndex, SessionId, ViewpointIndex};
+use crate::tick::Tick;
+use crate::wire::Message;
+
+/// Most bytes of the picture.
+pub const MAX_THUMBNAIL_BYTES: usize = 24 * 1024;
+/// Most pixels of its width, and of its height.
+pub const MAX_THUMBNAIL_PX: u16 = 320;
+/// How often an edge makes one of each of its cameras, at most.
+pub const THUMBNAILS_PER_S: u32 = 1;
+
+/// Edge to fusion: what one camera saw at a tick, small, without the distortion of its lens.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Thumbnail {
+    /// The session that the edge follows.
+    pub session: SessionId,
+    /// The tick of the picture.
+    pub tick: Tick,
+    /// The sender's viewpoint.
+    pub viewpoint: ViewpointIndex,
+    /// The camera.
+    pub camera: CameraIndex,
+    /// The picture as a JPEG file: the camera's whole undistorted image, shrunk.
+    pub jpeg: Vec<u8>,
+}
+
+impl Message for Thumbnail {
+    fn check(&self) -> Result<(), &'static str> {
+        if self.jpeg.len() > MAX_THUMBNAIL_BYTES {
+            return Err("a thumbnail of more bytes than one may have");
+        }
+        match jpeg_size_px(&self.jpeg) {
+            None => Err("a thumbnail that is no JPEG file"),
+            Some(size_px)
+                if size_px
+                    .iter()
+                    .all(|side| (1..=MAX_THUMBNAIL_PX).contains(side)) =>
+            {
+                Ok(())
+            }
+            Some(_) => Err("a thumbnail of an impossible size"),
+        }
+    }
+}
+
+/// Width and height of a JPEG file, by its frame header (ITU-T T.81, B.2.2); `None` where it is none, or one that is
+/// neither baseline nor progressive. Nothing else of the file is looked at.
+fn jpeg_size_px(file: &[u8]) -> Option<[u16; 2]> {
+    /// Start of image.
+    const BEGIN: [u8; 2] = [0xff, 0xd8];
+    let mut rest = file.strip_prefix(&BEGIN)?;
+    // Each segment is at least two bytes of length: the loop ends with the file.
+    loop {
+        let [0xff, marker, high, low, body @ ..] = rest else {
+            return None;
+        };
+        let length = usize::from(u16::from_be_bytes([*high, *low])).checked_sub(2)?;
+        match marker {
+            // Frames of sequential and progressive Huffman coding, which is what browsers show.
+            0xc0..=0xc2 => {
+                let [_precision, h0, h1, w0, w1, ..] = body.get(..length)? else {
+                    return None;
+                };
+                return Some([
+                    u16::from_be_bytes([*w0, *w1]),
+                    u16::from_be_bytes([*h0, *h1]),
+                ]);
+            }
+            // Tables, application data and comments, which may stand before the frame.
+            0xc4 | 0xdb | 0xdd | 0xe0..=0xef | 0xfe => rest = body.get(length..)?,
+            _ => return None,
+        }
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+    use crate::wire::{WireError, decode, encode};
+
+    /// The head of a baseline JPEG file of this size; no browser would find a picture in it.
+    pub(crate) fn jpeg(width: u16, height: u16) -> Vec<u8> {
+        let mut file = vec![0xff, 0xd8, 0xff, 0xe0, 0, 4, 1, 2, 0xff, 0xc0, 0, 11, 8];
+        file.extend(height.to_be_bytes());
+        file.extend(width.to_be_bytes());
+        file.extend([1, 1, 0x11, 0, 0xff, 0xd9]);
+        file
+    }
+
+    fn thumbnail(jpeg: Vec<u8>) -> Thumbnail {
+        Thumbnail {
+            session: SessionId(9),
+            tick: Tick(-4),
+            viewpoint: ViewpointIndex(1),
+            camera: CameraIndex(3),
+            jpeg,
+        }
+    }
+
+    fn refused(jpeg: Vec<u8>) -> &'static str {
+        match decode::<Thumbnail>(&encode(&thumbnail(jpeg))) {
+            Err(WireError::Invalid(why)) => why,
+            other => panic!("{other:?}"),
+        }
+    }
+
+    #[test]
+    fn a_thumbnail_comes_back() {
+        for size in [(1, 1), (320, 180), (240, 320)] {
+            let message = thumbnail(jpeg(size.0, size.1));
+            assert_eq!(decode(&encode(&message)), Ok(message));
+        }
+    }
+
+    #[test]
+    fn what_is_no_jpeg_file_too_long_or_too_large_is_refused() {
+        assert!(refused(Vec::new()).contains("no JPEG"));
+        assert!(refused(b"\x89PNG\r\n\x1a\n".to_vec()).contains("no JPEG"));
+        assert!(refused(b"<svg onload=alert(1)>".to_vec()).contains("no JPEG"));
+        for size in [(321, 180), (65_535, 65_535), (320, 0), (0, 180)] {
+            assert!(refused(jpeg(size.0, size.1)).contains("size"), "{size:?}");
+        }
+        let mut long = jpeg(320, 180);
+        long.resize(MAX_THUMBNAIL_BYTES + 1, 0);
+        assert!(refused(long).contains("more bytes"));
+    }
+
+    #[test]
+    fn a_file_whose_segments_lead_nowhere_is_refused() {
+        let whole = jpeg(320, 180);
+        for end in 0..whole.len() - 8 {
+            assert!(refused(whole[..end].to_vec()).contains("no JPEG"), "{end}");
+        }
+        // A segment that is shorter than its own length, one of a length that is not there, and an end before the frame.
+        for segment in [
+            [0xff, 0xe0, 0, 1],
+            [0xff, 0xe0, 0xff, 0xff],
+            [0xff, 0xd9, 0, 4],
+        ] {
+            let file = [&[0xff, 0xd8], segment.as_slice(), &whole[2..]].concat();
+            assert!(refused(file).contains("no JPEG"), "{segment:x?}");
+        }
+    }
+}
